@@ -1,0 +1,15 @@
+"""The configuration: one file in, one frozen, validated object out. Units are in every name or description."""
+
+from mmw.config.channel import ChannelConfig
+from mmw.config.compute import ComputeConfig
+from mmw.config.load import ConfigError, load_config
+from mmw.config.model import Config, FramesConfig
+from mmw.config.output import OutputConfig
+from mmw.config.scenario import RsuConfig, ScenarioConfig, TrafficConfig
+from mmw.config.sensors import DepthConfig, ImuConfig, LidarConfig, MountConfig, SensorConfig
+
+__all__ = [
+    "ChannelConfig", "ComputeConfig", "Config", "ConfigError", "DepthConfig", "FramesConfig", "ImuConfig",
+    "LidarConfig", "MountConfig", "OutputConfig", "RsuConfig", "ScenarioConfig", "SensorConfig", "TrafficConfig",
+    "load_config",
+]  # fmt: skip

@@ -1,0 +1,39 @@
+"""`channel`: the radio links and how their paths are traced. Defaults are the paper's ray-tracing parameters."""
+
+from typing import Literal
+
+from pydantic import Field, field_validator
+
+from mmw.config.section import Section, Vec3
+
+
+class ChannelConfig(Section):
+    """Line of sight and first-order specular reflection on every link."""
+
+    enabled: bool = Field(True, description="trace radio channels at all (true or false)")
+    carriers_hz: tuple[float, ...] = Field((28e9, 4.9e9), description="carrier frequencies, all from one trace [Hz]")
+    links: tuple[Literal["v2i", "v2v"], ...] = Field(
+        ("v2i",), description="`v2i`: every RSU to every CAV (downlink); `v2v`: every ordered pair of CAVs (list)"
+    )
+    rays: int = Field(1_000_000, ge=1000, le=2**24, description="rays launched from each transmitter and frame (count)")
+    candidates: Literal["launch", "exhaustive"] = Field(
+        "launch",
+        description="how reflecting surfaces are found: by launched rays, or every surface for every link (mode)",
+    )
+    max_depth: int = Field(1, ge=0, le=1, description="most reflections on a path (count)")
+    pattern: Literal["dipole", "iso"] = Field("dipole", description="element pattern of both ends (name)")
+    polarization: Literal["V", "H"] = Field("V", description="polarisation of both ends (name)")
+    antenna_position_m: dict[Literal["cav", "rsu"], Vec3] = Field(
+        default_factory=lambda: {"cav": (0.0, 0.0, 2.5), "rsu": (0.0, 0.0, 4.0)},
+        description="antenna in the agent's frame, the LiDAR's place by default, x forward, y left, z up [m]",
+    )
+
+    @field_validator("carriers_hz")
+    @classmethod
+    def _carriers(cls, value: tuple[float, ...]) -> tuple[float, ...]:
+        for carrier in value:
+            if not 1e8 <= carrier <= 1e12:
+                raise ValueError(f"{carrier:g} Hz is outside 1e8 to 1e12 Hz; carriers are in hertz, for example 28.0e9")
+        if not value or len(set(value)) != len(value):
+            raise ValueError(f"{list(value)}: give at least one carrier, each once")
+        return value

@@ -1,0 +1,72 @@
+"""The whole configuration."""
+
+import hashlib
+import json
+from typing import Any
+
+from pydantic import Field, field_validator, model_validator
+
+from mmw.config.channel import ChannelConfig
+from mmw.config.compute import ComputeConfig
+from mmw.config.output import OutputConfig
+from mmw.config.scenario import ScenarioConfig
+from mmw.config.section import Name, Section
+from mmw.config.sensors import SensorConfig, default_sensors
+
+SHIPPED_WEATHERS = ("sunny", "rainy", "foggy")
+
+
+class FramesConfig(Section):
+    """Which frames of every scenario are made; frame n is n / 100 s after the start."""
+
+    start: int = Field(0, ge=0, description="first frame (frame number, 1/100 s)")
+    count: int = Field(1000, ge=1, le=1_000_000, description="frames to make (count)")
+
+    @property
+    def stop(self) -> int:
+        """One past the last frame."""
+        return self.start + self.count
+
+
+class Config(Section):
+    """One configuration file."""
+
+    scenarios: tuple[ScenarioConfig, ...] = Field(description="worlds, traffic and agents (list)")
+    weathers: tuple[Name, ...] = Field(("sunny",), description="weather variants of the town to make (list)")
+    frames: FramesConfig = Field(default_factory=FramesConfig, description="frames of every scenario (section)")
+    seed: int = Field(42, ge=0, lt=2**31, description="seeds traffic and sensor noise (number)")
+    sensors: tuple[SensorConfig, ...] = Field(default_factory=default_sensors, description="the agents' sensors (list)")
+    channel: ChannelConfig = Field(default_factory=ChannelConfig, description="radio links (section)")
+    output: OutputConfig = Field(default_factory=OutputConfig, description="the dataset folder (section)")
+    compute: ComputeConfig = Field(default_factory=ComputeConfig, description="device and batches (section)")
+
+    @field_validator("scenarios")
+    @classmethod
+    def _scenario_names(cls, value: tuple[ScenarioConfig, ...]) -> tuple[ScenarioConfig, ...]:
+        if not value:
+            raise ValueError("an empty list makes nothing; describe at least one scenario")
+        names = [scenario.name for scenario in value]
+        if len(set(names)) != len(names):
+            raise ValueError(f"{names} names a scenario twice; give each its own name")
+        return value
+
+    @model_validator(mode="after")
+    def _unique(self) -> "Config":
+        sensors = [sensor.name for sensor in self.sensors]
+        if len(set(sensors)) != len(sensors):
+            raise ValueError(f"sensors are named {sensors}; give each its own name")
+        if not self.weathers:
+            raise ValueError("weathers is empty; name at least one, for example [sunny]")
+        if len(set(self.weathers)) != len(self.weathers):
+            raise ValueError(f"weathers = {list(self.weathers)} names one twice")
+        return self
+
+    def identity(self) -> dict[str, Any]:
+        """Return what decides the bytes of the data: everything but `output.dir` and `compute`."""
+        data = self.model_dump(mode="json")
+        del data["compute"], data["output"]["dir"]
+        return data
+
+    def sha256(self) -> str:
+        """Return the SHA-256 of the identity, as sorted compact JSON."""
+        return hashlib.sha256(json.dumps(self.identity(), sort_keys=True, separators=(",", ":")).encode()).hexdigest()

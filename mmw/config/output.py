@@ -1,0 +1,16 @@
+"""`output`: where the tables go and how they are cut into files."""
+
+from pydantic import Field
+
+from mmw.config.section import Section
+
+
+class OutputConfig(Section):
+    """The dataset folder and its shards."""
+
+    dir: str = Field(
+        "out/dataset", description="dataset folder, relative to the working directory; `--out` replaces it (path)"
+    )
+    shard_frames: int = Field(
+        100, ge=1, le=10_000, description="frames in one shard: the unit of writing and resuming (count)"
+    )

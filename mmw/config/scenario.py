@@ -1,0 +1,74 @@
+"""`scenarios`: which world, which traffic, which of the vehicles are connected, where the roadside units stand."""
+
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from mmw.config.section import Name, PrimName, Section, Vec3
+
+
+class RsuConfig(Section):
+    """One roadside unit: a fixed agent with sensors and a transmitter."""
+
+    name: PrimName = Field("rsu_1", description="agent name of the unit; the `agent` key of its rows (name)")
+    position_m: Vec3 = Field(description="foot of the unit in the world frame, x east, y north, z up [m]")
+    yaw_deg: float = Field(0.0, ge=-360, le=360, description="heading of the unit, counter-clockwise from east [deg]")
+
+
+class TrafficConfig(Section):
+    """The moving vehicles of a scenario made by mmw's own traffic engine (an intelligent-driver model)."""
+
+    vehicle_count: int = Field(20, ge=1, le=500, description="vehicles in the scenario, CAVs included (count)")
+    spawn_center_m: Vec3 = Field(description="x_spawn: vehicles take the spawn points nearest to it, world frame [m]")
+    cav_ranks: tuple[int, ...] = Field(
+        (5, 6, 12),
+        description="r: zero-based ranks, by distance to `spawn_center_m`, of the vehicles that become CAVs (rank)",
+    )
+    warmup_s: float = Field(1.0, ge=1.0, le=60, description="simulated before frame 0, so that suspensions settle [s]")
+
+    @model_validator(mode="after")
+    def _ranks_exist(self) -> "TrafficConfig":
+        for rank in self.cav_ranks:
+            if not 0 <= rank < self.vehicle_count:
+                raise ValueError(
+                    f"cav_ranks holds {rank}; ranks count from 0 to vehicle_count - 1 = {self.vehicle_count - 1}"
+                )
+        if len(set(self.cav_ranks)) != len(self.cav_ranks):
+            raise ValueError(f"cav_ranks = {list(self.cav_ranks)} names a vehicle twice; give each rank once")
+        return self
+
+
+class ScenarioConfig(Section):
+    """One scenario: either a shipped town with generated traffic, or an animated USD stage of the user's own."""
+
+    name: Name = Field(description="the `scenario` key of every row (name)")
+    town: str | None = Field(
+        None, description="a shipped town, such as `town03`, or the path of a town asset (name or path)"
+    )
+    stage: str | None = Field(
+        None, description="an animated USD stage to trace as it is, instead of `town` and `traffic` (path)"
+    )
+    traffic: TrafficConfig | None = Field(None, description="moving vehicles; needed with `town` (section)")
+    rsus: tuple[RsuConfig, ...] = Field((), description="roadside units (list)")
+    actor_roles: dict[str, Literal["cav", "vehicle", "rsu"]] = Field(
+        default_factory=dict,
+        description="with `stage`: prim path -> role, where the stage has no `mmw:actor:role` (map)",
+    )
+    material_map: dict[str, str] = Field(
+        default_factory=dict,
+        description="prim path glob -> radio material (`itu_concrete`, ...) for prims without `mmw:radio:*` (map)",
+    )
+    description: str = Field("", description="what is there, for people (text)")
+
+    @model_validator(mode="after")
+    def _one_world(self) -> "ScenarioConfig":
+        if (self.town is None) == (self.stage is None):
+            raise ValueError("give exactly one of `town` and `stage`")
+        if self.town is not None and self.traffic is None:
+            raise ValueError("`town` needs `traffic` (vehicle_count, spawn_center_m, cav_ranks)")
+        if self.stage is not None and self.traffic is not None:
+            raise ValueError("`stage` brings its own motion; remove `traffic`")
+        names = [rsu.name for rsu in self.rsus]
+        if len(set(names)) != len(names):
+            raise ValueError(f"rsus = {names} names a unit twice; give each its own name")
+        return self

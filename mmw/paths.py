@@ -1,0 +1,29 @@
+"""Where the shipped configurations and USD assets are, in a checkout and in an installed wheel."""
+
+from importlib.resources import files
+from pathlib import Path
+
+
+def configs_dir() -> Path:
+    """Return the folder of the shipped configuration files."""
+    return Path(str(files("mmw.configs") / "quickstart.yaml")).parent
+
+
+def assets_dir() -> Path:
+    """Return the folder of the shipped USD assets (`towns/`, `vehicles/`, `materials/`)."""
+    return Path(str(files("mmw.assets") / "usd"))
+
+
+def town_path(name: str) -> Path:
+    """Return the interface layer of a shipped town.
+
+    Raises:
+        ValueError: If no shipped town has this name; the message lists those that exist.
+    """
+    path = assets_dir() / "towns" / name / f"{name}.usda"
+    if not path.is_file():
+        known = ", ".join(sorted(p.name for p in (assets_dir() / "towns").iterdir() if p.is_dir()))
+        raise ValueError(
+            f"town = {name!r}; shipped towns are: {known}; name one of them, or give `stage:` your own USD file"
+        )
+    return path
