@@ -1,0 +1,165 @@
+"""Surfaces: the plane pieces of a triangle mesh, which are what mirrors a radio wave.
+
+A surface is a maximal set of faces that lie in one plane, hang together over edges, and have one object and material.
+"""
+
+from itertools import product
+
+import numpy as np
+
+WELD_M = 2.0e-4
+"""Vertices closer than half of this on every axis [m] are one vertex, also when the mesh stores them apart."""
+
+PLANE_M = 1.0e-3
+"""Farthest that a vertex of a surface may lie from its plane [m]."""
+
+ANGLE_RAD = 1.0e-4
+"""Largest angle between neighbouring faces of a surface [rad]; float32 vertices of a 0.1 m face at 100 m give 1e-4."""
+
+
+def find_surfaces(points: np.ndarray, faces: np.ndarray, object_id: np.ndarray, material: np.ndarray) -> np.ndarray:
+    """Return the surface of every face.
+
+    Both windings count as the same plane. A face without area is a surface of its own. Surfaces are numbered in the
+    order of their first faces.
+
+    Args:
+        points: Vertices [m], shape [N, 3].
+        faces: Vertex indices, shape [M, 3].
+        object_id: Object of each face, shape [M].
+        material: Material of each face, shape [M].
+
+    Returns:
+        Surface of each face, 0 to K - 1, shape [M], int32.
+    """
+    if len(faces) == 0:
+        return np.zeros(0, dtype=np.int32)
+    corners = points[faces].astype(np.float64)
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    twice_area = np.linalg.norm(cross, axis=1)
+    has_area = twice_area > 1e-12
+    normal = np.where(has_area[:, None], cross / np.maximum(twice_area, 1e-300)[:, None], 0.0)
+    first, second = _neighbours(_weld(points)[faces], object_id, material)
+    keep = has_area[first] & has_area[second]
+    keep &= np.linalg.norm(np.cross(normal[first], normal[second]), axis=1) < ANGLE_RAD
+    first, second = first[keep], second[keep]
+    keep = _plane_distance(corners, corners[first, 0], normal[first], second) < PLANE_M
+    keep &= _plane_distance(corners, corners[second, 0], normal[second], first) < PLANE_M
+    first, second = first[keep], second[keep]
+    surface = np.arange(len(faces))
+    while len(first):
+        label = _components(len(faces), first, second)
+        own = np.unique(np.concatenate([first, second]))
+        fits, is_bent = np.ones(len(faces), dtype=bool), np.zeros(len(faces), dtype=bool)
+        fits[own], is_bent[own] = _plane_fit(label[own], corners[own], normal[own], twice_area[own])
+        surface[own] = np.where(is_bent[own], own, label[own])
+        keep = is_bent[first] & (fits[first] == fits[second])
+        first, second = first[keep], second[keep]
+    return np.unique(surface, return_inverse=True)[1].astype(np.int32)
+
+
+def _weld(points: np.ndarray) -> np.ndarray:
+    """Return a vertex index for every point, the same for points that are closer than `WELD_M` / 2 on every axis.
+
+    Points in one cell of a grid are one vertex. Eight grids, moved by half a cell on some of the axes, make sure that
+    two close points share a cell of at least one.
+    """
+    ends_a, ends_b = [], []
+    index = np.arange(len(points))
+    for shift in product((0.19, 0.69), repeat=3):
+        cell = np.floor(points / WELD_M + np.array(shift)).astype(np.int64).astype(np.uint64)
+        key = (cell[:, 0] * _HASH + cell[:, 1]) * _HASH + cell[:, 2]
+        _, first, inverse = np.unique(key, return_index=True, return_inverse=True)
+        other = first[inverse]
+        moved = other != index
+        ends_a.append(index[moved])
+        ends_b.append(other[moved])
+    return _components(len(points), np.concatenate(ends_a), np.concatenate(ends_b))
+
+
+_HASH = np.uint64(0x9E3779B97F4A7C15)
+"""Odd multiplier near 2^64 divided by the golden ratio: spreads cells over 64 bits. Source: Knuth, TAOCP 3, 6.4."""
+
+
+def _neighbours(faces: np.ndarray, object_id: np.ndarray, material: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the pairs of faces that share an edge, an object and a material; each array has shape [pairs]."""
+    edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    face = np.repeat(np.arange(len(faces)), 3)
+    real = edges[:, 0] != edges[:, 1]
+    edges, face = edges[real], face[real]
+    columns = (edges[:, 0], edges[:, 1], object_id[face], material[face])
+    order = np.lexsort(columns)
+    face = face[order]
+    same_as_next = np.ones(max(len(face) - 1, 0), dtype=bool)
+    for column in columns:
+        ordered = column[order]
+        same_as_next &= ordered[1:] == ordered[:-1]
+    first, second = [], []
+    row = np.flatnonzero(same_as_next)
+    step = 1
+    while len(row):  # rows whose edge continues for `step` more rows; two at most in a clean mesh
+        first.append(face[row])
+        second.append(face[row + step])
+        row = row[row + step < len(face) - 1]
+        row = row[same_as_next[row + step]]
+        step += 1
+    if not first:
+        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
+    return np.concatenate(first), np.concatenate(second)
+
+
+def _components(count: int, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Return the lowest index of the connected component of every node of an undirected graph, shape [count]."""
+    label = np.arange(count)
+    while True:
+        a, b = label[first], label[second]
+        apart = a != b
+        if not apart.any():
+            return label
+        first, second, a, b = first[apart], second[apart], a[apart], b[apart]
+        np.minimum.at(label, np.maximum(a, b), np.minimum(a, b))
+        jumped = label[label]
+        while not np.array_equal(jumped, label):
+            label, jumped = jumped, jumped[jumped]
+
+
+def _plane_distance(corners: np.ndarray, origin: np.ndarray, normal: np.ndarray, face: np.ndarray) -> np.ndarray:
+    """Return how far the farthest corner of each face lies from a plane [m]; one plane a face."""
+    return np.abs(np.einsum("pcx,px->pc", corners[face] - origin[:, None], normal)).max(axis=1, initial=0.0)
+
+
+def _plane_fit(
+    label: np.ndarray, corners: np.ndarray, normal: np.ndarray, area: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Find the components in which many small bends have added up to a curve, and the flat piece of each to cut out.
+
+    A component is flat if it fits its mean plane. A bent one is cut around a face in its middle: the faces that fit the
+    plane of that face stay together, the others will be looked at again.
+
+    Args:
+        label: Component of each face, shape [M].
+        corners: Vertices of each face [m], shape [M, 3, 3].
+        normal: Unit normal of each face, shape [M, 3].
+        area: Weight of each face, shape [M].
+
+    Returns:
+        Whether the face fits the plane of its component's middle face, and whether its component is bent; both [M].
+    """
+    group = np.unique(label, return_inverse=True)[1]
+    count, face = int(group.max()) + 1, np.arange(len(label))
+    largest = np.zeros(count)
+    np.maximum.at(largest, group, area)
+    total = np.bincount(group, area, count)
+    centre = corners.mean(axis=1)
+    mean = np.stack([np.bincount(group, area * centre[:, k], count) / total for k in range(3)], axis=1)
+    away = np.linalg.norm(centre - mean[group], axis=1)
+    away[area < 0.5 * largest[group]] = np.inf  # a small face has a poor normal
+    order = np.lexsort((away, group))
+    middle = order[np.searchsorted(group[order], np.arange(count))]
+    turned = np.where(np.einsum("fx,fx->f", normal, normal[middle[group]])[:, None] < 0.0, -normal, normal)
+    mean_normal = np.stack([np.bincount(group, area * turned[:, k], count) for k in range(3)], axis=1)
+    mean_normal /= np.linalg.norm(mean_normal, axis=1, keepdims=True)
+    off_mean = _plane_distance(corners, mean[group], mean_normal[group], face) > PLANE_M
+    fits = _plane_distance(corners, centre[middle[group]], normal[middle[group]], face) <= PLANE_M
+    is_bent = (np.bincount(group, off_mean, count) > 0) & (np.bincount(group, ~fits, count) > 0)
+    return fits, is_bent[group]

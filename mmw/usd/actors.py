@@ -1,0 +1,193 @@
+"""Actors of a stage: which prims move or carry sensors, and where they are in every frame."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from pxr import Usd, UsdGeom
+
+from mmw.poses import continuous, quaternion_from_matrix
+from mmw.usd.extract import FoundMesh, MeshReader, semantic_label
+from mmw.usd.shapes import SHAPES
+
+ROLES = ("cav", "vehicle", "rsu")
+
+RIGID_TOLERANCE = 1.0e-4
+"""Largest change of an actor's scale or shear over the frames [-]; float32 rotations change it by 1e-7."""
+
+
+@dataclass(frozen=True)
+class FoundActor:
+    """One actor prim, before its meshes are known."""
+
+    prim: Usd.Prim
+    path: str
+    name: str
+    role: str
+    label: str
+    model_name: str
+    size: tuple[float, float, float] | None
+    """Length, width and height [m], None where the prim does not say."""
+    center: tuple[float, float, float] | None
+
+
+def find_actors(stage: Usd.Stage, roles: Mapping[str, str]) -> list[FoundActor]:
+    """Return the actors in the stage's order.
+
+    An actor is a prim with `mmw:actor:role`, a prim that `roles` names, or a moving prim with a mesh below it; below an
+    actor nothing else is one. A moving prim without a role is a vehicle.
+
+    Args:
+        stage: The stage.
+        roles: Prim path -> role.
+
+    Raises:
+        ValueError: If `roles` names a prim that does not exist, a role is unknown, or two actors have one name.
+    """
+    for path in roles:
+        if not stage.GetPrimAtPath(path):
+            raise ValueError(
+                f"actor_roles: {path} is not a prim of {stage.GetRootLayer().identifier}; correct the path"
+            )
+    found = []
+    walk = iter(Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()))
+    next(walk)  # the root of all prims
+    for prim in walk:
+        role = roles.get(str(prim.GetPath())) or _value(prim, "mmw:actor:role")
+        if role is None and _moves(prim) and _has_mesh(prim):
+            role = "vehicle"
+        if role is None:
+            continue
+        walk.PruneChildren()
+        if role not in ROLES:
+            raise ValueError(f"{prim.GetPath()}: mmw:actor:role = {role!r}; one of {', '.join(ROLES)} is needed")
+        model_name = str(_value(prim, "mmw:actor:model") or prim.GetName())
+        size, center = _triple(prim, "mmw:actor:size"), _triple(prim, "mmw:actor:center")
+        label = semantic_label(prim)
+        found.append(FoundActor(prim, str(prim.GetPath()), prim.GetName(), str(role), label, model_name, size, center))
+    seen: dict[str, FoundActor] = {}
+    for actor in found:
+        if actor.name in seen:
+            raise ValueError(
+                f"{actor.path} and {seen[actor.name].path} are both called {actor.name!r}; "
+                "actors need names of their own; rename one prim"
+            )
+        seen[actor.name] = actor
+    return found
+
+
+def actor_poses(actors: list[FoundActor], times: np.ndarray, metres: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Return where the actors are.
+
+    A pose is rigid, so the constant scale of an actor's transform, if it has one, goes into its model: model points
+    times the actor's stretch are in its rigid frame.
+
+    Args:
+        actors: The actors.
+        times: Time code of each frame, shape [F].
+        metres: Stage world to ours, row vectors, shape [4, 4].
+
+    Returns:
+        Poses [F, V, 7], NaN where an actor is invisible, and the stretch of each actor, row vectors, [4, 4] each.
+
+    Raises:
+        ValueError: If an actor's scale changes over the frames, or is zero.
+    """
+    if not actors:
+        return np.zeros((len(times), 0, 7)), []
+    matrices = np.empty((len(times), len(actors), 4, 4))
+    cache = UsdGeom.XformCache()
+    for row, time in enumerate(times):
+        cache.SetTime(time)
+        for column, actor in enumerate(actors):
+            matrices[row, column] = cache.GetLocalToWorldTransform(actor.prim)
+    # Both sides change their frame: the actor's own axes become ours (z up, metres) too.
+    matrices = np.linalg.inv(metres) @ matrices @ metres
+    rigid = _orthonormal(matrices[..., :3, :3], actors)
+    stretch = matrices[..., :3, :3] @ np.swapaxes(rigid, -1, -2)
+    change = np.abs(stretch - stretch[:1]).max(axis=(0, 2, 3), initial=0.0)
+    for actor, by in zip(actors, change, strict=True):
+        if by > RIGID_TOLERANCE:
+            raise ValueError(
+                f"{actor.path}: its scale changes by {by:.2g} over the frames; actors are rigid; "
+                "remove the scale animation"
+            )
+    poses = np.empty((len(times), len(actors), 7))
+    poses[..., :3] = matrices[..., 3, :3]
+    # Row vectors: the matrix is the transpose of the usual rotation.
+    poses[..., 3:] = continuous(quaternion_from_matrix(np.swapaxes(rigid, -1, -2)))
+    for column, actor in enumerate(actors):
+        if _visibility_varies(actor.prim):
+            image = UsdGeom.Imageable(actor.prim)
+            hidden = [image.ComputeVisibility(time) == UsdGeom.Tokens.invisible for time in times]
+            poses[hidden, column] = np.nan
+    stretches = []
+    for column in range(len(actors)):
+        own = np.eye(4)
+        if np.abs(stretch[0, column] - np.eye(3)).max() > RIGID_TOLERANCE:
+            own[:3, :3] = stretch[0, column]
+        stretches.append(own)
+    return poses, stretches
+
+
+def model_matrix(meshes: MeshReader, mesh: FoundMesh, actor: Usd.Prim) -> np.ndarray:
+    """Return mesh space to actor space, row vectors, stage units, shape [4, 4].
+
+    Raises:
+        ValueError: If something between the mesh and its actor moves.
+    """
+    prim = mesh.anchor
+    while prim != actor:
+        if _moves(prim):
+            raise ValueError(
+                f"{prim.GetPath()}: moves inside the actor {actor.GetPath()}; an actor is one rigid body; "
+                "remove the inner animation, or move the prim out of the actor"
+            )
+        prim = prim.GetParent()
+    to_actor = meshes.relative(mesh.anchor, actor)
+    return to_actor if mesh.to_anchor is None else mesh.to_anchor @ to_actor
+
+
+def _orthonormal(linear: np.ndarray, actors: list[FoundActor]) -> np.ndarray:
+    """Return the rotation part of row-vector matrices [F, V, 3, 3]: rows made orthonormal in order, right-handed."""
+    x = linear[..., 0, :]
+    y = linear[..., 1, :]
+    lengths = np.linalg.norm(x, axis=-1, keepdims=True)
+    y = y - x * (np.sum(x * y, axis=-1, keepdims=True) / np.maximum(lengths, 1e-300) ** 2)
+    widths = np.linalg.norm(y, axis=-1, keepdims=True)
+    for column in np.flatnonzero((np.minimum(lengths, widths) < 1e-12).any(axis=(0, 2))):
+        raise ValueError(f"{actors[column].path}: its scale is zero; an actor needs a size; set the scale")
+    x, y = x / lengths, y / widths
+    return np.stack([x, y, np.cross(x, y)], axis=-2)
+
+
+def _value(prim: Usd.Prim, name: str) -> Any:
+    attribute = prim.GetAttribute(name)
+    return attribute.Get() if attribute else None
+
+
+def _triple(prim: Usd.Prim, name: str) -> tuple[float, float, float] | None:
+    value = _value(prim, name)
+    if value is None:
+        return None
+    # float32 on the stage; seven digits give back the decimal numbers that were written
+    x, y, z = (float(f"{float(v):.7g}") for v in value)
+    return x, y, z
+
+
+def _moves(prim: Usd.Prim) -> bool:
+    return prim.IsA(UsdGeom.Xformable) and UsdGeom.Xformable(prim).TransformMightBeTimeVarying()
+
+
+def _has_mesh(prim: Usd.Prim) -> bool:
+    below = Usd.PrimRange(prim, Usd.TraverseInstanceProxies())
+    return any(p.IsA(UsdGeom.Mesh) or p.GetTypeName() in (*SHAPES, "PointInstancer") for p in below)
+
+
+def _visibility_varies(prim: Usd.Prim) -> bool:
+    while prim and not prim.IsPseudoRoot():
+        if prim.IsA(UsdGeom.Imageable) and UsdGeom.Imageable(prim).GetVisibilityAttr().ValueMightBeTimeVarying():
+            return True
+        prim = prim.GetParent()
+    return False

@@ -1,0 +1,236 @@
+"""Triangle meshes of any USD stage: n-gons, shapes, instances, point instancers, subsets, units, axes, handedness."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from pxr import Usd, UsdGeom, UsdShade, Vt
+
+from mmw.usd.semantics import CARLA_TAG, TAXONOMY
+from mmw.usd.shapes import SHAPES
+from mmw.usd.triangulate import triangulate
+
+SKIPPED_PURPOSES = (UsdGeom.Tokens.proxy, UsdGeom.Tokens.guide)
+"""Purposes that are no geometry of the world: stand-ins and construction aids."""
+
+
+@dataclass(frozen=True)
+class Triangles:
+    """A mesh prim as triangles, in its own space and the stage's units."""
+
+    points: np.ndarray
+    """Vertices, shape [N, 3], float64."""
+    faces: np.ndarray
+    """Triangles, counter-clockwise seen from the front, shape [M, 3], int32."""
+    polygon: np.ndarray
+    """Polygon of the prim that each triangle is cut from, shape [M], int32."""
+
+
+@dataclass(frozen=True)
+class FoundMesh:
+    """One use of a mesh prim. A point instancer uses its prototypes' meshes many times."""
+
+    prim: Usd.Prim
+    """The Mesh prim, or a Cube, Sphere, ...; an instance proxy where it is inside an instance."""
+    anchor: Usd.Prim
+    """The prim itself, or the point instancer that places it."""
+    to_anchor: np.ndarray | None
+    """Mesh space to the anchor's space, row vectors, shape [4, 4]; None for the identity."""
+
+
+@dataclass
+class MeshReader:
+    """Reads mesh prims; a prototype is cut into triangles once, however often it is used.
+
+    Attributes:
+        stage: The stage.
+        time: When the static parts are read.
+    """
+
+    stage: Usd.Stage
+    time: Usd.TimeCode
+    _triangles: dict[str, Triangles] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.xforms = UsdGeom.XformCache(self.time)
+
+    def meshes(self) -> Iterator[FoundMesh]:
+        """Yield every mesh and shape that is visible and no proxy or guide, in the stage's order."""
+        walk = iter(Usd.PrimRange(self.stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()))
+        for prim in walk:
+            if is_hidden(prim):
+                walk.PruneChildren()
+            elif prim.IsA(UsdGeom.PointInstancer):
+                walk.PruneChildren()
+                yield from self._instanced(UsdGeom.PointInstancer(prim))
+            elif _is_geometry(prim):
+                yield FoundMesh(prim, prim, None)
+
+    def _instanced(self, instancer: UsdGeom.PointInstancer) -> Iterator[FoundMesh]:
+        """Yield the meshes that a point instancer places."""
+        prim = instancer.GetPrim()
+        roots = [self.stage.GetPrimAtPath(path) for path in instancer.GetPrototypesRel().GetForwardedTargets()]
+        index = instancer.GetProtoIndicesAttr().Get(self.time)
+        places = instancer.ComputeInstanceTransformsAtTime(
+            self.time, self.time, UsdGeom.PointInstancer.IncludeProtoXform, UsdGeom.PointInstancer.IgnoreMask
+        )
+        if not index or not places or not all(roots):
+            return
+        kept = instancer.ComputeMaskAtTime(self.time) or [True] * len(index)
+        meshes = [self._prototype_meshes(root) for root in roots]
+        for k, place, keep in zip(index, places, kept, strict=True):
+            if keep:
+                for mesh, to_root in meshes[k]:
+                    yield FoundMesh(mesh, prim, to_root @ np.array(place))
+
+    def _prototype_meshes(self, root: Usd.Prim) -> list[tuple[Usd.Prim, np.ndarray]]:
+        found = []
+        walk = iter(Usd.PrimRange(root, Usd.TraverseInstanceProxies()))
+        for prim in walk:
+            if is_hidden(prim):
+                walk.PruneChildren()
+            elif prim.IsA(UsdGeom.PointInstancer):
+                raise ValueError(
+                    f"{prim.GetPath()}: a point instancer inside a prototype of another one; one level of point "
+                    "instancing is read; turn the inner one into references"
+                )
+            elif _is_geometry(prim):
+                found.append((prim, self.relative(prim, root)))
+        return found
+
+    def relative(self, prim: Usd.Prim, ancestor: Usd.Prim) -> np.ndarray:
+        """Return prim space to ancestor space, row vectors, [4, 4]: the same bits for equal parts of equal things."""
+        if prim == ancestor:
+            return np.eye(4)
+        matrix, is_reset = self.xforms.ComputeRelativeTransform(prim, ancestor)
+        if is_reset:
+            matrix = matrix * self.xforms.GetLocalToWorldTransform(ancestor).GetInverse()
+        return np.array(matrix)
+
+    def to_world(self, prim: Usd.Prim) -> np.ndarray:
+        """Return prim space to the stage's world, row vectors, stage units, shape [4, 4]."""
+        return np.array(self.xforms.GetLocalToWorldTransform(prim))
+
+    def triangles(self, prim: Usd.Prim) -> Triangles:
+        """Return a mesh prim as triangles.
+
+        Raises:
+            ValueError: If its points move against each other, or its topology is broken.
+        """
+        source = prim.GetPrimInPrototype() if prim.IsInstanceProxy() else prim
+        key = str(source.GetPath())
+        if key not in self._triangles:
+            self._triangles[key] = self._read(UsdGeom.Mesh(prim)) if prim.IsA(UsdGeom.Mesh) else _read_shape(prim)
+        return self._triangles[key]
+
+    def _read(self, mesh: UsdGeom.Mesh) -> Triangles:
+        path = mesh.GetPath()
+        if mesh.GetPointsAttr().ValueMightBeTimeVarying() or mesh.GetFaceVertexIndicesAttr().ValueMightBeTimeVarying():
+            raise ValueError(
+                f"{path}: its points change over time; meshes are traced as rigid bodies; "
+                "remove the point animation or bake the mesh at one time"
+            )
+        points = mesh.GetPointsAttr().Get(self.time)
+        counts = _integers(mesh.GetFaceVertexCountsAttr().Get(self.time))
+        indices = _integers(mesh.GetFaceVertexIndicesAttr().Get(self.time))
+        points = np.array(points if points is not None else [], dtype=np.float64).reshape(-1, 3)
+        if counts.sum() != len(indices) or (len(indices) and not 0 <= indices.min() <= indices.max() < len(points)):
+            raise ValueError(
+                f"{path}: {len(counts)} faces ask for {counts.sum()} corners, {len(indices)} are given, over "
+                f"{len(points)} points; repair the mesh in the tool that made it"
+            )
+        if not np.isfinite(points).all():
+            raise ValueError(f"{path}: a point is not finite; repair the mesh in the tool that made it")
+        faces, polygon = triangulate(points, counts, indices, _integers(mesh.GetHoleIndicesAttr().Get()))
+        if mesh.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded:
+            faces = faces[:, ::-1]
+        return Triangles(points, np.ascontiguousarray(faces, dtype=np.int32), polygon.astype(np.int32))
+
+
+def _integers(values: Vt.IntArray | None) -> np.ndarray:
+    return np.array([] if values is None else values, dtype=np.int64)
+
+
+def _is_geometry(prim: Usd.Prim) -> bool:
+    if not (prim.IsA(UsdGeom.Mesh) or prim.GetTypeName() in SHAPES):
+        return False
+    return UsdGeom.Imageable(prim).ComputePurpose() not in SKIPPED_PURPOSES
+
+
+def _read_shape(prim: Usd.Prim) -> Triangles:
+    points, faces = SHAPES[prim.GetTypeName()](prim)
+    return Triangles(points, faces, np.arange(len(faces), dtype=np.int32))
+
+
+def is_hidden(prim: Usd.Prim) -> bool:
+    """Return whether a prim and all below it are invisible at all times."""
+    if not prim.IsA(UsdGeom.Imageable):
+        return False
+    visibility = UsdGeom.Imageable(prim).GetVisibilityAttr()
+    return not visibility.ValueMightBeTimeVarying() and visibility.Get() == UsdGeom.Tokens.invisible
+
+
+def to_metres(stage: Usd.Stage) -> np.ndarray:
+    """Return the stage's world to ours (z up, metres), row vectors, shape [4, 4].
+
+    Raises:
+        ValueError: If the stage's up axis is neither Y nor Z.
+    """
+    up = UsdGeom.GetStageUpAxis(stage)
+    if up == UsdGeom.Tokens.z:
+        turn = np.eye(3)
+    elif up == UsdGeom.Tokens.y:
+        turn = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])  # (x, y, z) -> (x, -z, y)
+    else:
+        raise ValueError(f"{stage.GetRootLayer().identifier}: upAxis = {up}; Y and Z are read; turn the stage")
+    matrix = np.eye(4)
+    matrix[:3, :3] = turn * UsdGeom.GetStageMetersPerUnit(stage)
+    return matrix
+
+
+def place(triangles: Triangles, matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return points and faces of a mesh in another space; a mirrored transform turns the faces over, as it must."""
+    points = triangles.points @ matrix[:3, :3] + matrix[3, :3]
+    return points, triangles.faces[:, ::-1] if np.linalg.det(matrix[:3, :3]) < 0.0 else triangles.faces
+
+
+def bound_materials(prim: Usd.Prim, polygon: np.ndarray) -> tuple[list[Usd.Prim | None], np.ndarray]:
+    """Return the materials of a mesh prim and which one each triangle has.
+
+    The binding of purpose `radio` counts where there is one, else the one for all purposes.
+
+    Args:
+        prim: The Mesh prim.
+        polygon: Polygon of each triangle, shape [M].
+
+    Returns:
+        Material prims (None for "no material"), and an index into them for each triangle, shape [M].
+    """
+    materials: list[Usd.Prim | None] = [_bound(prim)]
+    index = np.zeros(len(polygon), dtype=np.int32)
+    subsets = UsdShade.MaterialBindingAPI(prim).GetMaterialBindSubsets()
+    if not subsets:
+        return materials, index
+    for subset in subsets:
+        if subset.GetElementTypeAttr().Get() == UsdGeom.Tokens.face:
+            inside = np.isin(polygon, _integers(subset.GetIndicesAttr().Get()))
+            index[inside] = len(materials)
+            materials.append(_bound(subset.GetPrim()))
+    used, index = np.unique(index, return_inverse=True)
+    return [materials[k] for k in used], index.astype(np.int32)
+
+
+def _bound(prim: Usd.Prim) -> Usd.Prim | None:
+    material = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial("radio")[0]
+    return material.GetPrim() if material else None
+
+
+def semantic_label(prim: Usd.Prim) -> str:
+    """Return the nearest known semantic class of a prim and its ancestors, `unlabeled` where there is none."""
+    while prim and not prim.IsPseudoRoot():
+        attribute = prim.GetAttribute(f"semantics:labels:{TAXONOMY}")
+        for label in (attribute.Get() if attribute else None) or ():
+            if label in CARLA_TAG:
+                return str(label)
+        prim = prim.GetParent()
+    return "unlabeled"

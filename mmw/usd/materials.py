@@ -1,0 +1,159 @@
+"""Material prims of a stage to `mmw.materials.Material`, whatever the stage says about radio."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from typing import Any
+
+from pxr import Usd, UsdShade
+
+from mmw.materials import LIDAR_REFLECTANCE_905NM, Material, RadioMaterial, lidar_reflectance
+from mmw.usd.schema import RADIO_ATTRIBUTES
+
+NONVISUAL = "omni:simready:nonvisual:"
+"""Prefix of the SimReady attributes of a Material prim."""
+
+NO_COLOR = (0.5, 0.5, 0.5)
+"""Diffuse colour of a material that gives none as a number [-]."""
+
+_PLASTIC = RadioMaterial("constant", relative_permittivity=2.5, conductivity=0.001)
+_RUBBER = RadioMaterial("constant", relative_permittivity=3.0, conductivity=0.0001)
+
+
+def _itu(*rows: str) -> dict[str, RadioMaterial]:
+    return {
+        name: RadioMaterial("itu", itu=row) for row, names in (r.split(": ") for r in rows) for name in names.split()
+    }
+
+
+RADIO_OF_BASE = {
+    **_itu(
+        "itu_very_dry_ground: asphalt", "itu_concrete: concrete", "itu_brick: brick", "itu_marble: stone marble",
+        "itu_glass: clear_glass one_way_mirror plexiglass fiberglass", "itu_wood: wood bark",
+        "itu_metal: aluminum steel iron", "itu_medium_dry_ground: leaf_grass soil dirt grass",
+    ),
+    "plastic": _PLASTIC,
+    "rubber": _RUBBER,
+}  # fmt: skip
+"""SimReady non-visual base token -> radio description: the nearest row of ITU-R P.2040, by substance."""
+
+RADIO_OF_LABEL = _itu(
+    "itu_concrete: building wall sidewalk bridge", "itu_very_dry_ground: road road_line",
+    "itu_medium_dry_ground: terrain ground", "itu_wood: vegetation",
+    "itu_metal: pole guard_rail fence traffic_light traffic_sign car truck bus train motorcycle bicycle rail_track",
+)  # fmt: skip
+"""Semantic class -> radio description, the last resort for a bound material that says nothing about itself."""
+
+
+@dataclass(frozen=True)
+class MaterialUse:
+    """One material as the scene uses it: ids are given to these, so they must not depend on the weather."""
+
+    name: str
+    prim_path: str
+    """Material prim; empty for a mesh without one that the material map describes."""
+    fallback: RadioMaterial | None
+    """What the material map, the name, the non-visual base or the label say; None where `mmw:radio:*` must."""
+
+
+def resolve_material(
+    mesh_path: str, label: str, material: Usd.Prim | None, material_map: Mapping[str, str]
+) -> MaterialUse | None:
+    """Decide where the radio description of a mesh comes from; the first that exists counts.
+
+    `mmw:radio:*` of the bound material; the user's map, by glob of the mesh's prim path; a material name that is or
+    holds an `itu_...` row; its non-visual base; the semantic class.
+
+    Args:
+        mesh_path: Prim path of the mesh.
+        label: Its semantic class.
+        material: Its bound material, or None.
+        material_map: Glob of prim paths -> row such as `itu_concrete`.
+
+    Returns:
+        The use, or None where nothing describes the mesh.
+    """
+    path = str(material.GetPath()) if material else ""
+    name = material.GetName() if material else ""
+    if material and _has_radio(material):
+        return MaterialUse(name, path, None)
+    for pattern, row in material_map.items():
+        if fnmatchcase(mesh_path, pattern):
+            return MaterialUse(name or row, path, RadioMaterial("itu", itu=row))
+    if not material:
+        return None
+    row = re.search(r"itu_[a-z_]*[a-z]", name)  # also inside a longer name, such as mat_itu_concrete_001
+    if row:
+        return MaterialUse(name, path, RadioMaterial("itu", itu=row[0]))
+    fallback = RADIO_OF_BASE.get(_value(material, NONVISUAL + "base", "none")) or RADIO_OF_LABEL.get(label)
+    return MaterialUse(name, path, fallback) if fallback else None
+
+
+def read_material(stage: Usd.Stage, use: MaterialUse) -> Material:
+    """Return a material as the stage describes it now, that is in the weather that is selected now.
+
+    Raises:
+        ValueError: If its `mmw:radio:*` attributes contradict themselves or are out of range.
+    """
+    if not use.prim_path and use.fallback is not None:
+        return Material(use.name, use.fallback, "none", lidar_reflectance("none"), NO_COLOR)
+    prim = stage.GetPrimAtPath(use.prim_path)
+    base = str(_value(prim, NONVISUAL + "base", "none"))
+    color = _diffuse_color(prim)
+    reflectance = lidar_reflectance(
+        base if base in LIDAR_REFLECTANCE_905NM else "none",
+        str(_value(prim, NONVISUAL + "coating", "none")),
+        tuple(_value(prim, NONVISUAL + "attributes", None) or ()),
+        color,
+    )
+    radio = use.fallback if use.fallback is not None else _read_radio(prim)
+    return Material(use.name, radio, base, reflectance, color)
+
+
+def _has_radio(prim: Usd.Prim) -> bool:
+    attribute = prim.GetAttribute(RADIO_ATTRIBUTES["model"].name)
+    return bool(attribute) and attribute.HasAuthoredValue()
+
+
+def _value(prim: Usd.Prim, name: str, default: Any) -> Any:
+    attribute = prim.GetAttribute(name)
+    value = attribute.Get() if attribute else None
+    return default if value is None else value
+
+
+def _read_radio(prim: Usd.Prim) -> RadioMaterial:
+    where = prim.GetPath()
+    fallback = RadioMaterial("constant")
+    values = {}
+    for field, attribute in RADIO_ATTRIBUTES.items():
+        value = _value(prim, attribute.name, getattr(fallback, field))
+        # The attributes are float32; seven digits give back the decimal number that was written.
+        values[field] = float(f"{value:.7g}") if isinstance(value, float) else str(value)
+    radio = RadioMaterial(**values)
+    if radio.model not in ("itu", "constant"):
+        raise ValueError(f"{where}: mmw:radio:model = {radio.model!r}; itu or constant is needed")
+    if radio.model == "itu" and not radio.itu:
+        raise ValueError(f"{where}: mmw:radio:itu is empty; model itu needs a row such as itu_concrete")
+    if radio.model == "constant" and (radio.relative_permittivity < 1.0 or radio.conductivity < 0.0):
+        raise ValueError(
+            f"{where}: relativePermittivity = {radio.relative_permittivity:g}, conductivity = "
+            f"{radio.conductivity:g} S/m; at least 1 and 0 are needed"
+        )
+    if radio.thickness < 0.0 or not 0.0 <= radio.scattering <= 1.0 or not 0.0 <= radio.xpd <= 1.0:
+        raise ValueError(
+            f"{where}: thickness = {radio.thickness:g} m, scattering = {radio.scattering:g}, xpd = {radio.xpd:g}; "
+            "a thickness of at least 0 and the others within 0 to 1 are needed"
+        )
+    return radio
+
+
+def _diffuse_color(prim: Usd.Prim) -> tuple[float, float, float]:
+    """Return the diffuse colour where the surface shader gives it as a number, else a middle grey."""
+    shader = UsdShade.Material(prim).ComputeSurfaceSource()[0]
+    port = shader.GetInput("diffuseColor") if shader else None
+    value = port.Get() if port and not port.HasConnectedSource() else None
+    if value is None:
+        return NO_COLOR
+    red, green, blue = (float(f"{float(channel):.7g}") for channel in value)
+    return red, green, blue

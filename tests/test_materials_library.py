@@ -1,0 +1,132 @@
+"""The schema and the material library: what is authored, what USD accepts, and what the sensors read from it."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from pxr import Sdf, Usd, UsdShade
+
+import mmw
+from mmw.materials import LIDAR_REFLECTANCE_905NM, RadioMaterial, lidar_reflectance
+from mmw.paths import assets_dir
+from mmw.usd import schema
+from mmw.usd.library import LIBRARY, NONVISUAL, PAINTS, MaterialSpec, author_material, build_materials
+from mmw.usd.validate import validate_stage
+
+SHIPPED = assets_dir() / "materials" / "materials.usda"
+
+NAMES = [
+    "asphalt", "road_marking", "concrete_sidewalk", "curb", "grass", "soil",
+    "marble_facade", "concrete_facade", "brick_facade", "glass_facade", "window_glass", "concrete_roof", "tile_roof",
+    "metal_fascia", "concrete_structure",
+    "metal_pole", "wood", "foliage", "bark", "plastic", "sign_face", "traffic_light_metal",
+    "car_paint_red", "car_paint_blue", "car_paint_white", "car_paint_black", "car_paint_silver", "car_paint_green",
+    "car_glass", "car_rubber", "car_light_front", "car_light_rear", "car_trim",
+]  # fmt: skip
+
+PAPER_ROWS = {
+    "marble_facade": "itu_marble", "concrete_roof": "itu_concrete", "tile_roof": "itu_concrete",
+    "glass_facade": "itu_glass", "brick_facade": "itu_brick", "asphalt": "itu_very_dry_ground",
+    "grass": "itu_medium_dry_ground", "car_paint_red": "itu_metal", "traffic_light_metal": "itu_metal",
+}  # fmt: skip
+
+
+def run_python(code: str) -> str:
+    """Run code in a process of its own: the table of USD schemas is built once a process."""
+    root = Path(mmw.__file__).parents[1]
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=root)
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def shipped() -> Usd.Stage:
+    return Usd.Stage.Open(str(SHIPPED))
+
+
+def test_schema_applies_to_materials_only_and_resolves_fallbacks():
+    output = run_python(
+        "from mmw.usd.schema import RADIO_API, RADIO_ATTRIBUTES, register\n"
+        "register(); register()\n"
+        "from pxr import Usd, UsdShade\n"
+        "stage = Usd.Stage.CreateInMemory()\n"
+        "material = UsdShade.Material.Define(stage, '/material').GetPrim()\n"
+        "mesh = stage.DefinePrim('/mesh', 'Mesh')\n"
+        "api = Usd.SchemaRegistry.GetTypeFromName(RADIO_API)\n"
+        "print(*(bool(prim.CanApplyAPI(api)) for prim in (material, mesh)))\n"
+        "print(material.ApplyAPI(RADIO_API), material.HasAPI(RADIO_API))\n"
+        "names = {a.name for a in RADIO_ATTRIBUTES.values()}\n"
+        "print(names <= set(material.GetPropertyNames()))\n"
+        "print(material.GetAttribute('mmw:radio:relativePermittivity').Get())\n"
+    )
+    assert output.split() == ["True", "False", "True", "True", "True", "1.0"]
+
+
+def test_library_holds_every_name_once_and_validates():
+    stage = Usd.Stage.Open(str(SHIPPED))
+    assert sorted(prim.GetName() for prim in stage.GetDefaultPrim().GetChildren()) == sorted(NAMES) == sorted(LIBRARY)
+    assert validate_stage(stage) == []
+
+
+def test_rebuild_equals_the_committed_library(tmp_path):
+    build_materials(tmp_path / "materials.usda")
+    assert (tmp_path / "materials.usda").read_bytes() == SHIPPED.read_bytes()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_value_is_authored(shipped, name):
+    prim = shipped.GetPrimAtPath(f"/Materials/{name}")
+    assert prim.GetPrimTypeInfo().GetAppliedAPISchemas() == [schema.RADIO_API]
+    for attribute in schema.RADIO_ATTRIBUTES.values():
+        assert prim.GetAttribute(attribute.name).HasAuthoredValue(), attribute.name
+        assert prim.GetAttribute(attribute.name).GetTypeName() == attribute.type_name
+    model, row = prim.GetAttribute("mmw:radio:model").Get(), prim.GetAttribute("mmw:radio:itu").Get()
+    assert (model == "itu") == row.startswith("itu_") and model in ("itu", "constant")
+    assert prim.GetAttribute(f"{NONVISUAL}base").Get() in LIDAR_REFLECTANCE_905NM
+    assert prim.GetAttribute(f"{NONVISUAL}coating").Get() in ("none", "paint", "clearcoat", "paint_clearcoat")
+    shader = UsdShade.Material(prim).ComputeSurfaceSource()[0]
+    assert shader.GetIdAttr().Get() == "UsdPreviewSurface"
+    assert all(0.0 <= channel <= 1.0 for channel in shader.GetInput("diffuseColor").Get())
+
+
+@pytest.mark.parametrize(("name", "row"), PAPER_ROWS.items())
+def test_radio_rows_are_those_of_the_paper(shipped, name, row):
+    assert shipped.GetPrimAtPath(f"/Materials/{name}").GetAttribute("mmw:radio:itu").Get() == row
+
+
+def test_authored_numbers_read_back(tmp_path):
+    stage = Usd.Stage.CreateNew(str(tmp_path / "one.usda"))
+    radio = RadioMaterial(
+        "constant", relative_permittivity=4.5, conductivity=0.25, thickness=0.125, scattering=0.5, xpd=0.75
+    )
+    material = author_material(stage, "/Slab", MaterialSpec(radio, "plastic", (0.5, 0.25, 0.125), 0.5))
+    read = {name: material.GetPrim().GetAttribute(a.name).Get() for name, a in schema.RADIO_ATTRIBUTES.items()}
+    assert RadioMaterial(**read) == radio
+    assert material.GetPrim().GetAttribute("mmw:radio:model").GetVariability() == Sdf.VariabilityUniform
+
+
+def test_paint_decides_lidar_reflectance():
+    reflectance = {p: _reflectance(f"car_paint_{p}") for p in PAINTS}
+    assert reflectance["black"] < 0.1 < reflectance["green"] < reflectance["red"] < reflectance["white"] < 0.8
+    assert lidar_reflectance("asphalt") == LIDAR_REFLECTANCE_905NM["asphalt"]
+    assert lidar_reflectance("aluminum", "paint", ("retroreflective",)) == LIDAR_REFLECTANCE_905NM["retroreflective"]
+    assert lidar_reflectance("steel", "paint", (), (0, 0, 0)) == 0.05
+    assert lidar_reflectance("steel", "paint", (), (0, 1, 0)) == pytest.approx(0.80)
+
+
+def _reflectance(name: str) -> float:
+    spec = LIBRARY[name]
+    return lidar_reflectance(spec.base, spec.coating, spec.attributes, spec.color)
+
+
+def test_unknown_base_token_says_which_are_known():
+    with pytest.raises(ValueError, match=r"'chocolate'.*asphalt"):
+        lidar_reflectance("chocolate")
+
+
+def test_validation_names_the_prim_that_is_wrong():
+    stage = Usd.Stage.CreateInMemory()
+    stage.DefinePrim("/thing", "Xform").CreateRelationship("material:binding").AddTarget("/nowhere")
+    findings = validate_stage(stage)
+    assert any("/thing" in line and "MissingMaterialBindingAPI" in line for line in findings)
+    assert any("upAxis" in line for line in findings)
