@@ -1,0 +1,1 @@
+"""Towns: a declarative YAML description becomes a lane graph and USD geometry."""

@@ -1,0 +1,64 @@
+"""What traffic needs of a built town: its lanes and the surface that wheels stand on. Core dependencies only."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from pxr import Tf, Usd
+
+from mmw.town.lane_prims import read_lanes
+from mmw.town.lanes import LaneGraph
+from mmw.usd.extract import MeshReader, place, semantic_label, to_metres
+
+DRIVABLE_LABELS = ("road", "road_line")
+"""Semantic classes of the meshes that vehicles drive on."""
+
+
+@dataclass(frozen=True)
+class Town:
+    """A town asset, as far as traffic needs it."""
+
+    path: Path
+    lanes: LaneGraph
+    points: np.ndarray
+    """Vertices of the drivable surface, town frame [m], shape [N, 3], float64."""
+    faces: np.ndarray
+    """Its triangles, shape [M, 3], int32."""
+
+
+def open_town(path: str | Path) -> Town:
+    """Read lanes and drivable surface of a town asset.
+
+    Raises:
+        ValueError: If the file cannot be read, or has no lanes or no mesh of class road.
+    """
+    path = Path(path)
+    try:
+        stage = Usd.Stage.Open(str(path))
+    except Tf.ErrorException as error:
+        raise ValueError(
+            f"{path}: not a readable USD file ({str(error).strip().splitlines()[-1]}); give a town asset"
+        ) from None
+    root = stage.GetDefaultPrim()
+    if not root:
+        raise ValueError(f"{path}: has no default prim; a town asset names its root as defaultPrim")
+    lanes_path = root.GetPath().AppendChild("Lanes")
+    if not stage.GetPrimAtPath(lanes_path):
+        raise ValueError(
+            f"{path}: has no {lanes_path}; traffic needs lanes; use `mmw town`, or give an animated `stage`"
+        )
+    lanes = read_lanes(stage, str(lanes_path))
+    reader, metres = MeshReader(stage, Usd.TimeCode.Default()), to_metres(stage)
+    points, faces, count = [], [], 0
+    for mesh in reader.meshes():
+        if semantic_label(mesh.anchor) in DRIVABLE_LABELS:
+            to_anchor = np.eye(4) if mesh.to_anchor is None else mesh.to_anchor
+            placed, triangles = place(reader.triangles(mesh.prim), to_anchor @ reader.to_world(mesh.anchor) @ metres)
+            points.append(placed)
+            faces.append(triangles + count)
+            count += len(placed)
+    if not count:
+        raise ValueError(
+            f"{path}: no mesh has the class {' or '.join(DRIVABLE_LABELS)}; vehicles need a road to stand on"
+        )
+    return Town(path, lanes, np.concatenate(points), np.concatenate(faces).astype(np.int32))

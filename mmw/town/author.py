@@ -1,0 +1,212 @@
+"""Town parts and lane graph -> USD: an interface layer with weather variants over a payload with the geometry.
+
+The weather variants override attributes of the ground's Material prims. A variant loses to an opinion of its own layer
+stack but beats references and payloads, so the interface layer holds no opinion of its own on what a variant sets:
+materials come by reference, geometry by payload.
+"""
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from pxr import Gf, Kind, Sdf, Usd, UsdGeom, Vt
+
+from mmw.paths import assets_dir
+from mmw.town.block_description import TownWeather
+from mmw.town.lane_prims import write_lanes
+from mmw.town.lanes import LaneGraph
+from mmw.town.parts import MeshPart
+from mmw.usd import schema
+from mmw.usd.library import LIBRARY
+from mmw.usd.semantics import CARLA_TAG, TAXONOMY
+
+ROOT = Sdf.Path("/Town")
+GROUND_MATERIALS = ("asphalt", "road_marking", "concrete_sidewalk", "curb", "grass", "soil")
+"""Materials that rain and fog make wet."""
+
+PAYLOAD = "geometry.usdc"
+WET_DARKENING = 0.45  # share of the diffuse colour that full wetness takes [-], design value
+WET_SMOOTHING = 0.65  # share of the roughness that full wetness takes [-], design value
+
+
+def _metadata(stage: Usd.Stage) -> None:
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+
+
+def _define(layer: Sdf.Layer, path: Sdf.Path, type_name: str, kind: str = "") -> Sdf.PrimSpec:
+    spec = Sdf.CreatePrimInLayer(layer, path)
+    spec.specifier, spec.typeName = Sdf.SpecifierDef, type_name
+    if kind:
+        spec.kind = kind
+    return spec
+
+
+def _set(spec: Sdf.PrimSpec, name: str, type_name: Sdf.ValueTypeName, value: object, uniform: bool = False) -> None:
+    variability = Sdf.VariabilityUniform if uniform else Sdf.VariabilityVarying
+    Sdf.AttributeSpec(spec, name, type_name, variability).default = value
+
+
+def _apply(spec: Sdf.PrimSpec, schema_name: str) -> None:
+    applied = spec.GetInfo("apiSchemas").prependedItems if spec.HasInfo("apiSchemas") else []
+    spec.SetInfo("apiSchemas", Sdf.TokenListOp.Create(prependedItems=[*applied, schema_name]))
+
+
+def _label(spec: Sdf.PrimSpec, label: str) -> None:
+    if label not in CARLA_TAG:
+        raise ValueError(f"{spec.path}: label {label!r}; labels are: {', '.join(CARLA_TAG)}; use one of them")
+    _apply(spec, f"SemanticsLabelsAPI:{TAXONOMY}")
+    _set(spec, f"semantics:labels:{TAXONOMY}", Sdf.ValueTypeNames.TokenArray, Vt.TokenArray([label]))
+
+
+def _author_mesh(layer: Sdf.Layer, path: Sdf.Path, part: MeshPart) -> Sdf.PrimSpec:
+    if layer.GetPrimAtPath(path):
+        raise ValueError(f"part {part.path!r} is given twice; give each mesh its own path")
+    if part.material not in LIBRARY:
+        known = ", ".join(sorted(LIBRARY))
+        raise ValueError(f"{path}: material {part.material!r}; the library holds {known}; use one of them")
+    points = np.ascontiguousarray(part.points, np.float32)
+    faces = np.ascontiguousarray(part.faces, np.int32)
+    spec, types = _define(layer, path, "Mesh"), Sdf.ValueTypeNames
+    extent = np.stack([points.min(axis=0), points.max(axis=0)])
+    _apply(spec, "MaterialBindingAPI")
+    _set(spec, "extent", types.Float3Array, Vt.Vec3fArray.FromNumpy(extent))
+    _set(spec, "faceVertexCounts", types.IntArray, Vt.IntArray.FromNumpy(np.full(len(faces), 3, np.int32)))
+    _set(spec, "faceVertexIndices", types.IntArray, Vt.IntArray.FromNumpy(faces.ravel()))
+    _set(spec, "points", types.Point3fArray, Vt.Vec3fArray.FromNumpy(points))
+    _set(spec, "subdivisionScheme", types.Token, "none", uniform=True)
+    binding = Sdf.RelationshipSpec(spec, "material:binding", custom=False)
+    binding.targetPathList.explicitItems = [ROOT.AppendPath(f"Materials/{part.material}")]
+    return spec
+
+
+def _author_groups(layer: Sdf.Layer, parts: Sequence[MeshPart]) -> None:
+    """Write groups, components and meshes; a label that holds for a whole group stands on the group."""
+    groups: dict[str, dict[str, list[MeshPart]]] = {}
+    for part in parts:
+        names = part.path.split("/")
+        if len(names) < 2 or not all(Sdf.Path.IsValidIdentifier(name) for name in names):
+            raise ValueError(f"part {part.path!r}: not a prim path; `Group/name` or `Group/component/mesh` is needed")
+        groups.setdefault(names[0], {}).setdefault(names[1], []).append(part)
+    for group, members in groups.items():
+        path = ROOT.AppendChild(group)
+        spec = _define(layer, path, "Xform", Kind.Tokens.group)
+        labels = {part.label for member in members.values() for part in member}
+        shared = labels.pop() if len(labels) == 1 else ""
+        if shared:
+            _label(spec, shared)
+        for name, member in members.items():
+            _author_component(layer, path.AppendChild(name), member, shared)
+
+
+def _author_component(layer: Sdf.Layer, path: Sdf.Path, parts: Sequence[MeshPart], inherited: str) -> None:
+    """Write one component with its meshes, or a single mesh that stands directly in its group."""
+    label = parts[0].label
+    if len(parts[0].path.split("/")) == 2:
+        specs = [_author_mesh(layer, ROOT.AppendPath(part.path), part) for part in parts]
+        owner = specs[0]
+    else:
+        owner = _define(layer, path, "Xform", Kind.Tokens.component)
+        for part in parts:
+            mesh = _author_mesh(layer, ROOT.AppendPath(part.path), part)
+            if part.label != label:
+                _label(mesh, part.label)
+    if label != inherited:
+        _label(owner, label)
+
+
+def _author_weather(stage: Usd.Stage, weather: Mapping[str, TownWeather]) -> None:
+    """Write the variant set `weather`; the first weather is selected."""
+    prim = stage.GetPrimAtPath(ROOT)
+    variants = prim.GetVariantSets().AddVariantSet("weather")
+    for name, state in weather.items():
+        variants.AddVariant(name)
+        variants.SetVariantSelection(name)
+        with variants.GetVariantEditContext():
+            numbers = {"rainRate": (state.rain_rate_mm_h, "Rain rate [mm/h]."), "visibility": (state.visibility_m, "")}
+            numbers["visibility"] = (state.visibility_m, "Meteorological optical range [m].")
+            for key, (value, doc) in numbers.items():
+                attribute = prim.CreateAttribute(f"mmw:weather:{key}", Sdf.ValueTypeNames.Float)
+                attribute.Set(value)
+                attribute.SetDocumentation(doc)
+            for material in GROUND_MATERIALS:
+                _author_wet_ground(stage, material, state)
+    variants.SetVariantSelection(next(iter(weather)))
+
+
+def _author_wet_ground(stage: Usd.Stage, material: str, state: TownWeather) -> None:
+    spec = LIBRARY[material]
+    path = ROOT.AppendPath(f"Materials/{material}")
+    if state.ground_itu:
+        prim = stage.OverridePrim(path)
+        for key, value in (("model", "itu"), ("itu", state.ground_itu)):
+            attribute = schema.RADIO_ATTRIBUTES[key]
+            prim.CreateAttribute(attribute.name, attribute.type_name, False, attribute.variability).Set(value)
+    if state.wetness:
+        shader = stage.OverridePrim(path.AppendChild("Preview"))
+        color = Gf.Vec3f(*(round(c * (1 - WET_DARKENING * state.wetness), 4) for c in spec.color))
+        shader.CreateAttribute("inputs:diffuseColor", Sdf.ValueTypeNames.Color3f, False).Set(color)
+        roughness = round(spec.roughness * (1 - WET_SMOOTHING * state.wetness), 4)
+        shader.CreateAttribute("inputs:roughness", Sdf.ValueTypeNames.Float, False).Set(roughness)
+
+
+def write_town(
+    out_dir: str | Path,
+    name: str,
+    parts: Sequence[MeshPart],
+    lanes: LaneGraph,
+    weather: Mapping[str, TownWeather],
+    materials: str | Path | None = None,
+) -> Path:
+    """Write `<name>.usda` (interface) and `geometry.usdc` (payload); the same input gives the same bytes.
+
+    Args:
+        out_dir: Folder of the town asset; made if missing.
+        name: Name of the town and of the interface layer.
+        parts: All meshes, in the town frame; prims are written in this order.
+        lanes: Lane graph.
+        weather: Variant name -> state; the first is the default.
+        materials: The material library; the shipped one by default. It is referenced by relative path.
+
+    Returns:
+        Path of the interface layer.
+
+    Raises:
+        ValueError: If a part has an unknown material or label, an invalid path, or the path of another part.
+    """
+    schema.register()
+    out_dir = Path(out_dir).resolve()
+    out_dir.mkdir(parents=True, exist_ok=True)
+    materials = Path(materials or assets_dir() / "materials" / "materials.usda").resolve()
+
+    geometry = Sdf.Layer.CreateAnonymous(PAYLOAD)
+    stage = Usd.Stage.Open(geometry)
+    _metadata(stage)
+    with Sdf.ChangeBlock():
+        _define(geometry, ROOT, "Xform")
+        _author_groups(geometry, parts)
+    stage.SetDefaultPrim(stage.GetPrimAtPath(ROOT))
+    write_lanes(stage, str(ROOT.AppendChild("Lanes")), lanes)
+    geometry.Export(str(out_dir / PAYLOAD))
+
+    layer = Sdf.Layer.CreateAnonymous(f"{name}.usda")
+    stage = Usd.Stage.Open(layer)
+    _metadata(stage)
+    root = UsdGeom.Xform.Define(stage, ROOT).GetPrim()
+    stage.SetDefaultPrim(root)
+    Usd.ModelAPI(root).SetKind(Kind.Tokens.assembly)
+    Usd.ModelAPI(root).SetAssetName(name)
+    every = np.concatenate([part.points for part in parts]).astype(np.float32)
+    extent = Vt.Vec3fArray.FromNumpy(np.stack([every.min(axis=0), every.max(axis=0)]))
+    UsdGeom.ModelAPI.Apply(root).SetExtentsHint(extent)
+    UsdGeom.Scope.Define(stage, ROOT.AppendChild("Materials"))
+    _author_weather(stage, weather)
+
+    del stage  # the arcs are relative to the file that does not exist yet, so nothing may compose them here
+    layer.GetPrimAtPath(ROOT).payloadList.Prepend(Sdf.Payload(f"./{PAYLOAD}", ROOT))
+    reference = Sdf.Reference(Path(os.path.relpath(materials, out_dir)).as_posix(), "/Materials")
+    layer.GetPrimAtPath(ROOT.AppendChild("Materials")).referenceList.Prepend(reference)
+    path = out_dir / f"{name}.usda"
+    layer.Export(str(path))
+    return path

@@ -1,0 +1,152 @@
+"""Sections `blocks`, `buildings`, `props` and `weather` of a town's YAML: what stands between the roads."""
+
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from mmw.config.section import Name, Section
+
+Vec2 = tuple[float, float]
+Span = tuple[float, float]
+
+
+class BuildingStyle(Section):
+    """How one kind of building looks and how much ground it takes."""
+
+    facade: str = Field("marble_facade", description="material of the walls (material name)")
+    glass: str = Field("window_glass", description="material of the windows (material name)")
+    roof: str = Field("concrete_roof", description="material of the roof (material name)")
+    door: str = Field("wood", description="material of the entrance (material name)")
+    windows: Literal["punched", "ribbon", "curtain"] = Field("punched", description="layout of the windows (token)")
+    roof_form: Literal["flat", "gable", "hip"] = Field("flat", description="form of the roof (token)")
+    storeys: tuple[int, int] = Field((3, 5), description="fewest and most storeys (count)")
+    storey_m: float = Field(3.4, gt=2, lt=8, description="height of an upper storey [m]")
+    ground_storey_m: float = Field(4.2, gt=2, lt=10, description="height of the ground storey [m]")
+    bay_m: float = Field(4.5, gt=1, lt=20, description="width of a window bay, adjusted so that whole bays fit [m]")
+    window_fraction: float = Field(0.55, gt=0, lt=1, description="part of a bay's width that is window (fraction)")
+    sill_m: float = Field(0.9, ge=0, lt=3, description="wall below the windows of a storey [m]")
+    head_m: float = Field(0.6, gt=0, lt=3, description="wall above the windows of a storey [m]")
+    parapet_m: float = Field(0.9, ge=0.1, lt=3, description="height of the parapet of a flat roof [m]")
+    pitch: float = Field(0.7, gt=0, lt=2, description="rise over run of a pitched roof (fraction)")
+    front_m: Span = Field((16, 28), description="shortest and longest street front [m]")
+    depth_m: Span = Field((12, 18), description="shallowest and deepest plan [m]")
+    gap_m: float = Field(4.0, ge=1, description="least distance to the next building [m]")
+    setback_m: float = Field(4.5, ge=3, description="distance from the road corridor to the front [m]")
+    podium_storeys: int = Field(0, ge=0, description="storeys of a wider base below a tower; 0 for none (count)")
+
+
+class District(Section):
+    """A disc of the town with its own mix of styles; the first district that holds a lot decides."""
+
+    name: Name = Field(description="name of the district (name)")
+    center: Vec2 = Field(description="centre of the disc, x east, y north [m]")
+    radius_m: float = Field(gt=0, description="radius of the disc [m]")
+    styles: dict[str, float] = Field(description="style -> weight (fraction)")
+    coverage: float = Field(1.0, ge=0, le=1, description="part of the possible lots that are built on (fraction)")
+
+
+class OpenSpace(Section):
+    """A disc that no building is put on; trees may be scattered over it."""
+
+    center: Vec2 = Field(description="centre of the disc, x east, y north [m]")
+    radius_m: float = Field(gt=0, description="radius of the disc [m]")
+    trees: int = Field(0, ge=0, description="trees scattered over the disc (count)")
+
+
+class BlocksSection(Section):
+    """Automatic buildings along every street front."""
+
+    seed: int = Field(1, ge=0, description="seed of sizes, styles and scatter (number)")
+    reach_m: float = Field(60.0, ge=0, description="how far from the roads anything is built [m]")
+    most_fall_m: float = Field(3.5, gt=0, description="largest height difference of the ground under one building [m]")
+    styles: dict[str, BuildingStyle] = Field(default_factory=dict, description="name -> style (map)")
+    districts: tuple[District, ...] = Field((), description="mixes of styles; order matters (list)")
+    open_spaces: tuple[OpenSpace, ...] = Field((), description="parks and squares (list)")
+
+    @model_validator(mode="after")
+    def _styles_exist(self) -> "BlocksSection":
+        for district in self.districts:
+            for style in district.styles:
+                if style not in self.styles:
+                    known = ", ".join(sorted(self.styles))
+                    raise ValueError(f"district {district.name!r} uses style {style!r}; styles are: {known}")
+        return self
+
+
+class PlacedBuilding(Section):
+    """A building put where the author wants it."""
+
+    name: Name = Field(description="name of the prim (name)")
+    style: str = Field(description="one of `blocks.styles` (name)")
+    center: Vec2 = Field(description="centre of the plan, x east, y north [m]")
+    size_m: Vec2 = Field(description="street front and depth [m]")
+    yaw_deg: float = Field(
+        0.0, description="direction of the front's outward normal, counter-clockwise from east [deg]"
+    )
+    storeys: int = Field(4, ge=1, description="storeys (count)")
+
+
+class PlacedProp(Section):
+    """One prop put where the author wants it."""
+
+    kind: str = Field(description="kind of prop, such as `bus_shelter` (name)")
+    at: Vec2 = Field(description="position, x east, y north [m]")
+    yaw_deg: float = Field(0.0, description="direction of the prop's front, counter-clockwise from east [deg]")
+
+
+class PropRow(Section):
+    """One kind of prop repeated along all kerbs."""
+
+    kind: str = Field(description="kind of prop, such as `street_lamp` (name)")
+    every_m: float = Field(gt=2, description="distance from one to the next [m]")
+    offset_m: float = Field(description="distance from the kerb, outward; must leave the carriageway free [m]")
+    clear_m: float = Field(1.0, ge=0, description="least distance to buildings and to other props [m]")
+    start_m: float = Field(0.0, ge=0, description="distance of the first one from the start of its kerb [m]")
+    jitter_m: float = Field(0.0, ge=0, description="largest shift along the kerb, either way [m]")
+
+
+class PropsSection(Section):
+    """Street furniture and trees."""
+
+    rows: tuple[PropRow, ...] = Field((), description="rows along the kerbs, earlier rows have the right of way (list)")
+    placed: tuple[PlacedProp, ...] = Field((), description="single props (list)")
+    signalled: tuple[str, ...] = Field((), description="junctions with a traffic light at every approach (names)")
+    give_way: tuple[str, ...] = Field((), description="junctions with signs on lanes that give way (names)")
+    scattered_trees: int = Field(0, ge=0, description="trees over the open land between buildings (count)")
+    fences: bool = Field(False, description="whether houses get a fence along the street (flag)")
+
+
+class TownWeather(Section):
+    """One weather variant of the town."""
+
+    rain_rate_mm_h: float = Field(0.0, ge=0, description="rain rate [mm/h]")
+    visibility_m: float = Field(20_000.0, gt=0, description="meteorological optical range [m]")
+    ground_itu: str = Field("", description="radio material of the ground; empty keeps the library's (name)")
+    wetness: float = Field(0.0, ge=0, le=1, description="0 dry to 1 wet: ground is darker, smoother (fraction)")
+
+
+SHIPPED_WEATHER = {
+    "sunny": TownWeather(),
+    "rainy": TownWeather(rain_rate_mm_h=25, visibility_m=1_080, ground_itu="itu_wet_ground", wetness=1),
+    "foggy": TownWeather(visibility_m=75, ground_itu="itu_wet_ground", wetness=0.5),
+}
+"""Rain rate of a heavy shower (WMO: 10 to 50 mm/h) with the optical range that its drops leave; moderate fog."""
+
+
+class BlockDescription(Section):
+    """Everything of a town that is not road or terrain."""
+
+    blocks: BlocksSection = Field(default_factory=BlocksSection, description="automatic buildings (section)")
+    buildings: tuple[PlacedBuilding, ...] = Field((), description="buildings placed by hand (list)")
+    props: PropsSection = Field(default_factory=PropsSection, description="street furniture (section)")
+    weather: dict[Name, TownWeather] = Field(
+        default_factory=lambda: dict(SHIPPED_WEATHER), description="variants (map)"
+    )
+
+    @model_validator(mode="after")
+    def _styles_exist(self) -> "BlockDescription":
+        for building in self.buildings:
+            if building.style not in self.blocks.styles:
+                known = ", ".join(sorted(self.blocks.styles))
+                raise ValueError(f"building {building.name!r} uses style {building.style!r}; styles are: {known}")
+        return self

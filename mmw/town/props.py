@@ -1,0 +1,262 @@
+"""Street furniture and plants, each a small mesh of simple shapes with about the right size, and of few faces.
+
+Frame of every prop: origin on the ground, x to its front (the street, or the drivers whom a sign speaks to), z up.
+"""
+
+from collections.abc import Callable, Sequence
+from functools import cache
+
+import numpy as np
+
+from mmw.town.parts import MeshPart
+from mmw.town.solids import Mesh, ball, beam, box, circle, lathe, merge, place, prism, weld
+
+Piece = tuple[str, Mesh, str, str]
+"""Name, mesh, material and semantic label of one part of a prop; the first part's label is that of the prop."""
+
+PropMaker = Callable[[np.random.Generator], list[Piece]]
+
+ROOT = 0.6  # how far posts and trunks reach into the ground, so that nothing floats on a slope [m]
+
+
+def _pole(height: float, radius: float, top: float | None = None, sides: int = 5) -> Mesh:
+    return lathe([(radius, -ROOT), (top or radius, height)], sides)
+
+
+def _upright(mesh: Mesh) -> Mesh:
+    """Return a mesh made in the plane z = const turned so that its upward side looks along +x."""
+    turn = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    return Mesh(mesh.points @ turn.T, mesh.faces)
+
+
+def street_lamp(rng: np.random.Generator) -> list[Piece]:
+    """Return a lamp post of 8 m with an arm over the kerb."""
+    post = merge([_pole(8.0, 0.12, 0.06), beam((0, 0, 7.9), (1.6, 0, 8.3), 0.08)])
+    return [
+        ("post", post, "metal_pole", "pole"),
+        ("lantern", box((0.75, 0.28, 0.12), (1.85, 0, 8.33)), "plastic", "pole"),
+    ]
+
+
+def broadleaf_tree(rng: np.random.Generator) -> list[Piece]:
+    """Return a street tree, 6 to 8 m tall, with a crown of at most 1.7 m radius."""
+    height, crown = rng.uniform(6.0, 8.0), rng.uniform(1.3, 1.7)
+    below = 2.4
+    middle = 0.5 * (below + height)
+    foliage = ball((crown, crown, 0.5 * (height - below)), (0, 0, middle), 6, 4)
+    return [
+        ("trunk", lathe([(0.17, -ROOT), (0.11, below + 0.5)], 5), "bark", "vegetation"),
+        ("crown", foliage, "foliage", "vegetation"),
+    ]
+
+
+def oak(rng: np.random.Generator) -> list[Piece]:
+    """Return a broad tree for open land, 8 to 12 m tall."""
+    height, crown = rng.uniform(8.0, 12.0), rng.uniform(2.6, 3.8)
+    lobes = [ball((crown, crown, 0.3 * height), (0, 0, 0.66 * height), 8, 5)]
+    angle = rng.uniform(0, 2 * np.pi)
+    offset = 0.55 * crown * np.array([np.cos(angle), np.sin(angle)])
+    lobes.append(ball((0.7 * crown, 0.7 * crown, 0.2 * height), (*offset, 0.5 * height), 7, 4))
+    return [
+        ("trunk", lathe([(0.32, -ROOT), (0.2, 0.45 * height)], 6), "bark", "vegetation"),
+        ("crown", merge(lobes), "foliage", "vegetation"),
+    ]
+
+
+def spruce(rng: np.random.Generator) -> list[Piece]:
+    """Return a conifer of three stacked cones, 7 to 12 m tall."""
+    height, radius = rng.uniform(7.0, 12.0), rng.uniform(1.5, 2.2)
+    cones = [
+        lathe([(radius * (1 - 0.22 * i), height * (0.14 + 0.25 * i)), (0.0, height * (0.55 + 0.225 * i))], 7)
+        for i in range(3)
+    ]
+    return [
+        ("trunk", lathe([(0.2, -ROOT), (0.15, 0.2 * height)], 6), "bark", "vegetation"),
+        ("crown", merge(cones), "foliage", "vegetation"),
+    ]
+
+
+def hedge(rng: np.random.Generator) -> list[Piece]:
+    """Return a clipped hedge, 4 m along y."""
+    return [("leaves", box((0.7, 4.0, 1.1 + ROOT), (0, 0, 0.5 * (1.1 - ROOT))), "foliage", "vegetation")]
+
+
+def bench(rng: np.random.Generator) -> list[Piece]:
+    """Return a park bench of 1.8 m."""
+    slats = [box((0.45, 1.8, 0.06), (0.0, 0, 0.45)), box((0.06, 1.8, 0.35), (-0.24, 0, 0.72))]
+    legs = [box((0.4, 0.08, 0.42 + ROOT), (0, y, 0.5 * (0.42 - ROOT))) for y in (-0.7, 0.7)]
+    return [("seat", merge(slats), "wood", "static"), ("legs", merge(legs), "metal_pole", "static")]
+
+
+def litter_bin(rng: np.random.Generator) -> list[Piece]:
+    """Return a litter bin."""
+    return [
+        ("body", lathe([(0.22, -0.2), (0.27, 0.85)], 6), "plastic", "static"),
+        ("lid", lathe([(0.30, 0.85), (0.30, 0.92), (0.0, 1.02)], 6), "metal_pole", "static"),
+    ]
+
+
+def hydrant(rng: np.random.Generator) -> list[Piece]:
+    """Return a fire hydrant."""
+    body = lathe([(0.15, -0.2), (0.15, 0.5), (0.19, 0.55), (0.0, 0.8)], 6)
+    return [("body", merge([body, beam((0, -0.24, 0.42), (0, 0.24, 0.42), 0.12)]), "metal_pole", "static")]
+
+
+def bollard(rng: np.random.Generator) -> list[Piece]:
+    """Return a bollard of 0.95 m."""
+    return [("body", lathe([(0.08, -0.3), (0.08, 0.85), (0.0, 0.95)], 6), "metal_pole", "pole")]
+
+
+def _sign(outline: np.ndarray, height: float) -> list[Piece]:
+    """Return a post that carries a plate with the given outline (y, z) about its middle [m]."""
+    plate = _upright(prism(outline, 0.0, 0.03))
+    return [
+        ("plate", place(plate, (0.045, 0, height)), "sign_face", "traffic_sign"),
+        ("post", lathe([(0.04, -ROOT), (0.04, height + 0.3)], 6), "metal_pole", "pole"),
+    ]
+
+
+def give_way_sign(rng: np.random.Generator) -> list[Piece]:
+    """Return a triangle that stands on its tip."""
+    return _sign(circle(0.52, 3, -0.5 * np.pi), 2.4)
+
+
+def stop_sign(rng: np.random.Generator) -> list[Piece]:
+    """Return an octagon."""
+    return _sign(circle(0.42, 8, np.pi / 8), 2.4)
+
+
+def speed_sign(rng: np.random.Generator) -> list[Piece]:
+    """Return a disc."""
+    return _sign(circle(0.35, 12), 2.3)
+
+
+def street_name_sign(rng: np.random.Generator) -> list[Piece]:
+    """Return two name plates across each other."""
+    plates = [box((0.03, 1.0, 0.22), (0, 0.45, 2.7)), box((1.0, 0.03, 0.22), (0.45, 0, 2.95))]
+    return [
+        ("plate", merge(plates), "sign_face", "traffic_sign"),
+        ("post", lathe([(0.04, -ROOT), (0.04, 3.1)], 6), "metal_pole", "pole"),
+    ]
+
+
+def _lights(at: Sequence[float]) -> tuple[Mesh, Mesh]:
+    """Return the case and the three lenses of a signal head that looks along +x."""
+    case = box((0.28, 0.36, 1.05), at)
+    lenses = [box((0.06, 0.22, 0.22), (at[0] + 0.165, at[1], at[2] + dz)) for dz in (-0.32, 0.0, 0.32)]
+    return case, merge(lenses)
+
+
+def traffic_light(rng: np.random.Generator) -> list[Piece]:
+    """Return a signal at the kerb with a second head on an arm of 4 m over the lanes (towards -y, bottom at 5.6 m)."""
+    near, near_lenses = _lights((0.15, 0, 3.0))
+    far, far_lenses = _lights((0.15, -4.0, 6.15))
+    post = merge([_pole(6.6, 0.11, 0.08), beam((0, 0, 6.4), (0, -4.2, 6.5), 0.1)])
+    return [
+        ("heads", merge([near, far]), "traffic_light_metal", "traffic_light"),
+        ("lenses", merge([near_lenses, far_lenses]), "plastic", "traffic_light"),
+        ("post", post, "metal_pole", "pole"),
+    ]
+
+
+def bus_shelter(rng: np.random.Generator) -> list[Piece]:
+    """Return a shelter of 4 x 1.4 m, open to the street."""
+    posts = [box((0.1, 0.1, 2.4 + ROOT), (x, y, 0.5 * (2.4 - ROOT))) for x in (-0.65, 0.55) for y in (-1.9, 1.9)]
+    panes = [box((0.03, 3.7, 1.9), (-0.65, 0, 1.25)), box((1.1, 0.03, 1.9), (-0.05, 1.9, 1.25))]
+    seat = [box((0.4, 3.0, 0.06), (-0.4, 0, 0.5)), *(box((0.06, 0.06, 0.47), (-0.4, y, 0.235)) for y in (-1.2, 1.2))]
+    return [
+        ("frame", merge([*posts, box((1.5, 4.2, 0.12), (0.0, 0, 2.46))]), "metal_pole", "static"),
+        ("panes", merge(panes), "window_glass", "static"),
+        ("seat", merge(seat), "wood", "static"),
+    ]
+
+
+def kiosk(rng: np.random.Generator) -> list[Piece]:
+    """Return a newspaper kiosk of 3 x 2.4 m."""
+    body = box((2.4, 3.0, 2.5 + ROOT), (0, 0, 0.5 * (2.5 - ROOT)))
+    return [
+        ("body", body, "wood", "building"),
+        ("window", box((0.06, 2.2, 1.0), (1.22, 0, 1.5)), "window_glass", "building"),
+        ("roof", box((3.0, 3.6, 0.15), (0.1, 0, 2.575)), "metal_fascia", "building"),
+    ]
+
+
+def fence(rng: np.random.Generator) -> list[Piece]:
+    """Return a fence panel, 4 m along y, with a post at its left end."""
+    boards = box((0.03, 3.96, 0.75), (0.0, 0, 0.55))
+    post = box((0.1, 0.1, 1.1 + ROOT), (0, -2.0, 0.5 * (1.1 - ROOT)))
+    return [("panel", merge([post, boards]), "wood", "fence")]
+
+
+def monument(rng: np.random.Generator) -> list[Piece]:
+    """Return the roundabout's monument: a stepped base, a column of 8 m and a metal ball; 9.6 m in all."""
+    steps = [
+        lathe([(4.5 - 0.9 * i, -ROOT if i == 0 else 0.35 * i), (4.5 - 0.9 * i, 0.35 * (i + 1))], 16) for i in range(3)
+    ]
+    column = lathe([(1.3, 1.05), (1.3, 1.5), (0.9, 1.7), (0.75, 7.6), (1.1, 7.8), (1.1, 8.1)], 12)
+    return [
+        ("base", merge(steps), "concrete_structure", "static"),
+        ("column", column, "marble_facade", "static"),
+        ("ball", ball((0.8, 0.8, 0.8), (0, 0, 8.85), 10, 6), "metal_fascia", "static"),
+    ]
+
+
+def gas_station(rng: np.random.Generator) -> list[Piece]:
+    """Return a forecourt of 30 x 22 m with a canopy of 22 x 14 m, 5 m clear, four pumps and a shop behind it."""
+    columns = [box((0.5, 0.5, 5.2), (x, y, 2.4)) for x in (0.0, 7.0) for y in (-7.0, 7.0)]
+    islands = [box((1.2, 6.0, 0.25), (x, y, 0.075)) for x in (0.0, 7.0) for y in (-5.0, 5.0)]
+    pumps = [box((0.6, 1.1, 1.7), (x, y, 1.0)) for x in (0.0, 7.0) for y in (-4.0, 4.0)]
+    shop = box((6.0, 14.0, 3.9), (-9.5, 0, 1.65))
+    panes = [box((0.1, 4.0, 2.2), (-6.5, y, 1.5)) for y in (-4.5, 0.0, 4.5)]
+    return [
+        ("canopy", box((14.0, 22.0, 0.9), (3.5, 0, 5.45)), "metal_fascia", "building"),
+        ("columns", merge(columns), "metal_pole", "building"),
+        ("islands", merge(islands), "concrete_structure", "building"),
+        ("pumps", merge(pumps), "plastic", "static"),
+        ("shop", shop, "concrete_facade", "building"),
+        ("panes", merge(panes), "window_glass", "building"),
+        ("shop_roof", box((6.6, 14.6, 0.3), (-9.5, 0, 3.75)), "concrete_roof", "building"),
+        ("paving", box((24.0, 30.0, 0.1 + ROOT), (-1.0, 0, 0.5 * (0.1 - ROOT))), "concrete_sidewalk", "sidewalk"),
+    ]
+
+
+PROPS: dict[str, PropMaker] = {
+    maker.__name__: maker
+    for maker in (
+        street_lamp, broadleaf_tree, oak, spruce, hedge, bench, litter_bin, hydrant, bollard, give_way_sign, stop_sign,
+        speed_sign, street_name_sign, traffic_light, bus_shelter, kiosk, fence, monument, gas_station,
+    )
+}  # fmt: skip
+"""Kind -> maker."""
+
+PLANTS = ("broadleaf_tree", "oak", "spruce")
+"""Kinds whose size is random."""
+
+
+def build_prop(name: str, kind: str, at: Sequence[float], yaw: float, rng: np.random.Generator) -> list[MeshPart]:
+    """Return the meshes of one prop.
+
+    Args:
+        name: Name of the prim under `Props`.
+        kind: A key of `PROPS`.
+        at: Position on the ground in the town frame [m], shape [3].
+        yaw: Direction of the prop's x axis, counter-clockwise from east [rad].
+        rng: Varies the size of plants.
+
+    Raises:
+        ValueError: If the kind is unknown.
+    """
+    if kind not in PROPS:
+        raise ValueError(f"prop {name!r}: kind {kind!r}; known kinds are: {', '.join(sorted(PROPS))}; use one of them")
+    pieces = PROPS[kind](rng) if kind in PLANTS else _fixed(kind)
+    return [
+        MeshPart(f"Props/{name}/{piece}", *place(mesh, at, yaw), material, label)
+        for piece, mesh, material, label in pieces
+    ]
+
+
+@cache
+def _fixed(kind: str) -> tuple[Piece, ...]:
+    """Return the pieces of a prop that is the same everywhere."""
+    pieces = PROPS[kind](np.random.default_rng(0))
+    return tuple((piece, weld(mesh), material, label) for piece, mesh, material, label in pieces)

@@ -1,0 +1,201 @@
+"""Simple shapes as points and triangles with outward normals: boxes, prisms, tapered cylinders, balls, wall grids."""
+
+import itertools
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import mapbox_earcut
+import numpy as np
+
+
+class Mesh(NamedTuple):
+    """Triangles without a material."""
+
+    points: np.ndarray
+    """Vertices [m], shape [N, 3], float64."""
+    faces: np.ndarray
+    """Triangles, counter-clockwise seen from outside, shape [M, 3], int32."""
+
+
+EMPTY = Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32))
+"""No triangles."""
+
+
+def merge(meshes: Iterable[Mesh]) -> Mesh:
+    """Return all triangles in one mesh, in order; vertices are not welded."""
+    meshes = [mesh for mesh in meshes if len(mesh.faces)]
+    if not meshes:
+        return EMPTY
+    offsets = np.cumsum([0] + [len(mesh.points) for mesh in meshes[:-1]])
+    faces = [mesh.faces + offset for mesh, offset in zip(meshes, offsets, strict=True)]
+    return Mesh(np.concatenate([mesh.points for mesh in meshes]), np.concatenate(faces).astype(np.int32))
+
+
+def place(mesh: Mesh, at: Sequence[float], yaw: float = 0.0) -> Mesh:
+    """Return the mesh turned about z by `yaw` [rad], then moved so that its origin comes to `at` [m], shape [3]."""
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    turn = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    return Mesh(mesh.points @ turn + np.asarray(at, float), mesh.faces)
+
+
+def weld(mesh: Mesh) -> Mesh:
+    """Return the mesh with vertices closer than a micrometre joined, so that neighbouring faces share their edges."""
+    if not len(mesh.faces):
+        return mesh
+    _, first, joined = np.unique(np.round(mesh.points * 1e6), axis=0, return_index=True, return_inverse=True)
+    order = np.argsort(first)  # in order of first use, which does not depend on the last bit of a coordinate
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    return Mesh(mesh.points[first[order]], rank[joined.reshape(-1)][mesh.faces].astype(np.int32))
+
+
+def quads(points: np.ndarray, corners: Sequence[Sequence[int]] | np.ndarray) -> Mesh:
+    """Return quadrilaterals `corners` (counter-clockwise from outside, indices into `points`), two triangles each."""
+    four = np.asarray(corners, np.int32).reshape(-1, 4)
+    faces = np.stack([four[:, [0, 1, 2]], four[:, [0, 2, 3]]], axis=1).reshape(-1, 3)
+    return Mesh(np.asarray(points, float), faces.astype(np.int32))
+
+
+def box(size: Sequence[float], center: Sequence[float], bottom: bool = True) -> Mesh:
+    """Return an axis-aligned box of `size` [m] around `center` [m]; without its underside if `bottom` is false."""
+    corners = np.array([[x, y, z] for z in (-0.5, 0.5) for y in (-0.5, 0.5) for x in (-0.5, 0.5)])
+    sides = [[0, 1, 5, 4], [1, 3, 7, 5], [3, 2, 6, 7], [2, 0, 4, 6], [4, 5, 7, 6]]
+    return quads(corners * np.asarray(size) + np.asarray(center), [*sides, [0, 2, 3, 1]] if bottom else sides)
+
+
+def triangulate(ring: np.ndarray) -> np.ndarray:
+    """Return triangles over a simple counter-clockwise polygon `ring`, shape [K, 2]; faces shape [M, 3], upward."""
+    ends = np.array([len(ring)], np.uint32)
+    faces = mapbox_earcut.triangulate_float64(np.ascontiguousarray(ring, float), ends).reshape(-1, 3).astype(np.int32)
+    a, b, c = (ring[faces[:, i]] for i in range(3))
+    (abx, aby), (acx, acy) = (b - a).T, (c - a).T
+    faces[abx * acy - aby * acx < 0] = faces[abx * acy - aby * acx < 0][:, ::-1]
+    return faces
+
+
+def flat(ring: np.ndarray, z: float) -> Mesh:
+    """Return an upward polygon at height `z` [m] over the counter-clockwise `ring`, shape [K, 2]."""
+    return Mesh(np.column_stack([ring, np.full(len(ring), float(z))]), triangulate(ring))
+
+
+def prism(ring: np.ndarray, z0: float, z1: float, bottom: bool = True, top: bool = True) -> Mesh:
+    """Return the counter-clockwise `ring`, shape [K, 2], extruded from `z0` to `z1` [m]."""
+    count = len(ring)
+    low = np.column_stack([ring, np.full(count, float(z0))])
+    high = np.column_stack([ring, np.full(count, float(z1))])
+    following = np.roll(np.arange(count), -1)
+    sides = np.column_stack([np.arange(count), following, following + count, np.arange(count) + count])
+    caps = triangulate(ring)
+    parts = [quads(np.concatenate([low, high]), sides)]
+    if top:
+        parts.append(Mesh(high, caps))
+    if bottom:
+        parts.append(Mesh(low, caps[:, ::-1]))
+    return merge(parts)
+
+
+def circle(radius: float, sides: int, turn: float = 0.0) -> np.ndarray:
+    """Return a regular counter-clockwise polygon on a circle of `radius` [m] about the origin, shape [sides, 2]."""
+    angle = turn + 2 * np.pi * np.arange(sides) / sides
+    return radius * np.column_stack([np.cos(angle), np.sin(angle)])
+
+
+def lathe(profile: Sequence[tuple[float, float]], sides: int, center: Sequence[float] = (0.0, 0.0)) -> Mesh:
+    """Return a solid of revolution about a vertical axis.
+
+    Args:
+        profile: (radius, z) from the bottom up [m]; a radius of 0 closes to a point, any other end is capped.
+        sides: Number of sides, >= 3.
+        center: Position (x, y) of the axis [m].
+    """
+    points: list[np.ndarray] = []
+    rings: list[np.ndarray] = []
+    for radius, z in profile:
+        start = sum(len(p) for p in points)
+        ring = circle(radius, sides) if radius > 0 else np.zeros((1, 2))
+        points.append(np.column_stack([ring + np.asarray(center), np.full(len(ring), float(z))]))
+        rings.append(start + np.arange(len(ring)))
+    faces: list[np.ndarray] = []
+    for low, high in itertools.pairwise(rings):
+        if len(low) == 1:
+            faces.append(np.column_stack([np.roll(high, -1), high, np.full(sides, low[0])]))
+        elif len(high) == 1:
+            faces.append(np.column_stack([low, np.roll(low, -1), np.full(sides, high[0])]))
+        else:
+            faces.append(np.column_stack([low, np.roll(low, -1), np.roll(high, -1)]))
+            faces.append(np.column_stack([low, np.roll(high, -1), high]))
+    fan = np.column_stack([np.zeros(sides - 2, int), np.arange(1, sides - 1), np.arange(2, sides)])
+    if len(rings[0]) > 1:
+        faces.append(rings[0][fan[:, ::-1]])
+    if len(rings[-1]) > 1:
+        faces.append(rings[-1][fan])
+    return Mesh(np.concatenate(points), np.concatenate(faces).astype(np.int32))
+
+
+def ball(radii: Sequence[float], center: Sequence[float], sides: int = 7, rows: int = 4) -> Mesh:
+    """Return an ellipsoid of few faces with half-axes `radii` [m] around `center` [m]."""
+    angle = np.pi * np.arange(rows + 1) / rows
+    radius = np.sin(angle)
+    radius[[0, -1]] = 0.0
+    mesh = lathe(list(zip(radius, -np.cos(angle), strict=True)), sides)
+    return Mesh(mesh.points * np.asarray(radii) + np.asarray(center), mesh.faces)
+
+
+def beam(start: Sequence[float], end: Sequence[float], thickness: float) -> Mesh:
+    """Return a square bar of `thickness` [m] from `start` to `end` [m], capped at both ends."""
+    a, b = np.asarray(start, float), np.asarray(end, float)
+    along = (b - a) / np.linalg.norm(b - a)
+    side = np.cross(along, [0.0, 0.0, 1.0] if abs(along[2]) < 0.9 else [1.0, 0.0, 0.0])
+    side *= 0.5 * thickness / np.linalg.norm(side)
+    up = np.cross(along, side)
+    ring = [side + up, -side + up, -side - up, side - up]
+    points = np.array([a + c for c in ring] + [b + c for c in ring])
+    return quads(points, [[0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7], [3, 2, 1, 0], [4, 5, 6, 7]])
+
+
+def wall_cells(
+    start: Sequence[float] | np.ndarray,
+    end: Sequence[float] | np.ndarray,
+    across: np.ndarray,
+    heights: np.ndarray,
+    kinds: np.ndarray,
+) -> dict[int, Mesh]:
+    """Return a vertical wall cut into a grid of cells, one mesh for each kind of cell.
+
+    The cells lie in one plane and share their edges, so their areas add up to the wall and no seam is left open.
+
+    Args:
+        start: Foot (x, y) of the left end, seen from outside [m].
+        end: Foot (x, y) of the right end, seen from outside [m].
+        across: Cell borders along the wall as fractions, increasing from 0 to 1, shape [C + 1].
+        heights: Cell borders upward [m], increasing, shape [H + 1].
+        kinds: Kind of every cell, shape [H, C]; negative cells are left out.
+
+    Returns:
+        Kind -> mesh, with the vertices that it uses.
+    """
+    left, right = np.asarray(start, float), np.asarray(end, float)
+    feet = left + across[:, None] * (right - left)
+    feet[-1] = right
+    columns = len(across)
+    points = np.column_stack([np.tile(feet, (len(heights), 1)), np.repeat(heights, columns)])
+    row, column = np.meshgrid(np.arange(len(heights) - 1), np.arange(columns - 1), indexing="ij")
+    corner = row * columns + column
+    corners = np.stack([corner, corner + 1, corner + columns + 1, corner + columns], axis=-1)
+    meshes = {}
+    for kind in np.unique(kinds[kinds >= 0]):
+        used, faces = np.unique(corners[kinds == kind], return_inverse=True)
+        meshes[int(kind)] = quads(points[used], faces.reshape(-1, 4))
+    return meshes
+
+
+def area(mesh: Mesh) -> float:
+    """Return the area of all triangles [m^2]."""
+    a, b, c = (mesh.points[mesh.faces[:, i]] for i in range(3))
+    return float(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
+
+
+def volume(mesh: Mesh) -> float:
+    """Return the enclosed volume [m^3] of a closed mesh; positive when its normals point outward."""
+    a, b, c = (mesh.points[mesh.faces[:, i]] for i in range(3))
+    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)

@@ -1,0 +1,135 @@
+"""Turn rules: which lane leads to which across a junction, on which curve, and who goes first."""
+
+import numpy as np
+
+from mmw.town.description import Junction
+from mmw.town.junctions import MARGIN, Arm, blend
+from mmw.town.lanes import Lane
+from mmw.town.roads import RoadBody
+
+STRAIGHT = np.radians(35)
+"""Turns below this angle count as straight on [rad]."""
+RANK = {"straight": 3, "right": 2, "left": 1, "back": 0}
+"""Among roads of one priority, who goes first where traffic keeps to the right."""
+LEAST_RADIUS = 5.5
+"""Least radius of a way through a junction [m]: about the turning radius of a car's outer front wheel."""
+CONCENTRIC = np.radians(60)
+"""Right turns sharper than this run at a constant distance from the kerb [rad], so that long vehicles stay off it."""
+ARC_STEP = np.radians(1.5)
+"""Largest change of heading from one point of a way to the next [rad]."""
+
+
+def kind_of_turn(turn: float) -> str:
+    """Return `straight`, `left` or `right` for a change of heading [rad], positive to the left."""
+    if abs(turn) < STRAIGHT:
+        return "straight"
+    return "left" if turn > 0 else "right"
+
+
+def incoming(body: RoadBody, is_start: bool) -> list[Lane]:
+    """Return the lanes of a road that end at its start or at its end, from the middle outward."""
+    count = len(body.section.forward)
+    return list(body.lanes[count:] if is_start else body.lanes[:count])
+
+
+def outgoing(body: RoadBody, is_start: bool) -> list[Lane]:
+    """Return the lanes of a road that begin at its start or at its end, from the middle outward."""
+    return incoming(body, not is_start)
+
+
+def choose_turns(
+    arms: list[Arm], lanes_in: list[int], lanes_out: list[int], settings: Junction
+) -> list[tuple[int, int, int, int, str]]:
+    """Return every way through a junction.
+
+    The left lane turns left, the right lane turns right, every lane goes straight on into the lane of the same place.
+    A lane that these rules leave without a way, or that none leads to, gets the nearest one.
+
+    Args:
+        arms: Arms, counter-clockwise.
+        lanes_in: Lanes of every arm that lead to the node.
+        lanes_out: Lanes of every arm that lead away.
+        settings: Settings of this junction.
+
+    Returns:
+        Arm and lane before, arm and lane after, kind of turn.
+    """
+    found: dict[tuple[int, int, int, int], str] = {}
+    heading = [arm.outward(0.0) for arm in arms]
+    for i in range(len(arms)):
+        n = lanes_in[i]
+        options = []
+        for j in range(len(arms)):
+            if lanes_out[j] == 0 or n == 0 or (i == j and not settings.uturn):
+                continue
+            turn = float((heading[j] - heading[i]) % (2 * np.pi) - np.pi)
+            options.append((j, turn, "back" if i == j else kind_of_turn(turn)))
+        ahead = [option for option in options if option[2] != "back"]
+        for j, _, kind in options:
+            m = lanes_out[j]
+            if kind == "back":
+                found[(i, 0, j, 0)] = kind
+            elif settings.parallel or kind == "straight" or len(ahead) == 1:
+                for k in range(n):
+                    found[(i, k, j, min(k, m - 1))] = kind
+                for k in range(n, m):
+                    found[(i, n - 1, j, k)] = kind
+            elif kind == "left":
+                found[(i, 0, j, 0)] = kind
+            else:
+                found[(i, n - 1, j, m - 1)] = kind
+        for k in range(n):
+            if ahead and not any(a == i and lane == k for a, lane, _, _ in found):
+                j, _, kind = max(ahead, key=lambda option: option[1])
+                found[(i, k, j, min(k, lanes_out[j] - 1))] = kind
+    for j in range(len(arms)):
+        for k in range(lanes_out[j]):
+            fed = [way for way in found if way[2] == j]
+            if fed and not any(way[3] == k for way in fed):
+                nearest = max(fed, key=lambda way: (RANK[found[way]], -abs(way[3] - k), way))
+                found[(nearest[0], nearest[1], j, k)] = found[nearest]
+    return [(*way, kind) for way, kind in sorted(found.items())]
+
+
+def build_turns(
+    node: str, arms: list[Arm], trims: list[float], bodies: dict[str, RoadBody], settings: Junction
+) -> list[tuple[str, Lane]]:
+    """Return the ways through a junction as lanes, each with the name of the lane that leads to it.
+
+    Raises:
+        ValueError: If a lane ends here without a way on, or a way is too tight for a car.
+    """
+    before = [incoming(bodies[arm.road.id], arm.is_start) for arm in arms]
+    after = [outgoing(bodies[arm.road.id], arm.is_start) for arm in arms]
+    ways = choose_turns(arms, [len(lanes) for lanes in before], [len(lanes) for lanes in after], settings)
+    for i, lanes in enumerate(before):
+        for k, lane in enumerate(lanes):
+            if not any(way[0] == i and way[1] == k for way in ways):
+                raise ValueError(f"node {node!r}: lane {lane.name!r} ends here; join a road that leads on")
+    made = []
+    for i, k, j, m, kind in ways:
+        first, last = before[i][k], after[j][m]
+        h0, h1 = arms[i].outward(trims[i]) + np.pi, arms[j].outward(trims[j])
+        p0, p1 = first.points[-1], last.points[0]
+        bend = float((h0 - h1) % (2 * np.pi))  # to the right
+        lead = MARGIN if CONCENTRIC < bend < np.pi else 0.0
+        curve = blend(p0[:2], h0, p1[:2], h1, ARC_STEP, 1.0, lead)
+        if curve.radius < LEAST_RADIUS and kind != "back":
+            raise ValueError(
+                f"node {node!r}: the way from {first.name!r} to {last.name!r} has a radius of {curve.radius:.1f} m; "
+                f"{LEAST_RADIUS} m or more are needed; increase corner_radius or the angle between the roads"
+            )
+        points = np.column_stack([curve.xy, np.linspace(p0[2], p1[2], len(curve.xy))])
+        points[0], points[-1] = p0, p1
+        priority = 10 * arms[i].road.priority + RANK[kind]
+        lane = Lane(
+            f"{node}_{first.name}_{last.name}",
+            points,
+            min(first.width, last.width),
+            min(first.speed, last.speed),
+            node,
+            priority,
+            (last.name,),
+        )
+        made.append((first.name, lane))
+    return made
