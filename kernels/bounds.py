@@ -1,0 +1,43 @@
+"""World boxes of vehicle instances, from their poses and the boxes of their models."""
+
+import warp as wp
+
+wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
+
+BOX_PADDING = wp.constant(1.0e-3)
+"""Boxes grow by this on every side [m], so that float32 rounding never puts a face outside its box."""
+
+
+@wp.kernel
+def instance_bounds_kernel(
+    pose: wp.array2d[wp.transformf],
+    is_present: wp.array2d[wp.bool],
+    model_lower: wp.array[wp.vec3],
+    model_upper: wp.array[wp.vec3],
+    # out
+    lower_out: wp.array[wp.vec3],
+    upper_out: wp.array[wp.vec3],
+    group_out: wp.array[int],
+):
+    """Write the box and the group of every instance of every slot; item = slot * V + instance.
+
+    An absent instance gets an empty box in group S, which no slot reads. Launch: dim=(S, V).
+    """
+    slot, instance = wp.tid()
+    item = slot * pose.shape[1] + instance
+    if not is_present[slot, instance]:
+        lower_out[item] = wp.vec3()
+        upper_out[item] = wp.vec3()
+        group_out[item] = pose.shape[0]
+        return
+    half = 0.5 * (model_upper[instance] - model_lower[instance])
+    middle = 0.5 * (model_upper[instance] + model_lower[instance])
+    to_scene = pose[slot, instance]
+    rotation = wp.quat_to_matrix(wp.transform_get_rotation(to_scene))
+    centre = wp.transform_point(to_scene, middle)
+    reach = wp.vec3()
+    for axis in range(3):
+        reach[axis] = wp.dot(wp.abs(rotation[axis]), half) + BOX_PADDING
+    lower_out[item] = centre - reach
+    upper_out[item] = centre + reach
+    group_out[item] = slot

@@ -1,0 +1,48 @@
+"""Geometry that kernels share: launch directions, and planes in float64."""
+
+import warp as wp
+
+wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
+
+GOLDEN_RATIO_INVERSE = wp.constant(wp.float64(0.6180339887498949))
+"""1 / golden ratio."""
+
+
+@wp.func
+def fibonacci_direction(ray: int, ray_count: int) -> wp.vec3:
+    """Return direction `ray` of `ray_count` > 1 spread evenly over the sphere by the Fibonacci lattice.
+
+    Source: R. Swinbank and R. J. Purser, Q. J. R. Meteorol. Soc. 132 (2006); the same lattice as Sionna RT 2.2.
+    """
+    turn = wp.float64(ray) * GOLDEN_RATIO_INVERSE
+    azimuth = wp.float64(2.0) * wp.float64(wp.PI) * (turn - wp.floor(turn))
+    z = wp.float64(1.0) - wp.float64(2.0) * wp.float64(ray) / wp.float64(ray_count - 1)
+    across = wp.sqrt(wp.max(wp.float64(1.0) - z * z, wp.float64(0.0)))
+    return wp.vec3(wp.float32(across * wp.cos(azimuth)), wp.float32(across * wp.sin(azimuth)), wp.float32(z))
+
+
+@wp.func
+def reflection_point(tx: wp.vec3d, rx: wp.vec3d, normal: wp.vec3d, offset: wp.float64) -> wp.vec3d:
+    """Return where the plane normal . p = offset mirrors `tx` to `rx`; both lie off it, on one side.
+
+    It divides tx - rx, projected on the plane, in the ratio of the two heights: the image method written so that equal
+    heights and grazing rays lose no digits, and so that swapping the ends gives the same point.
+    """
+    tx_height = wp.dot(normal, tx) - offset
+    rx_height = wp.dot(normal, rx) - offset
+    tx_foot = tx - tx_height * normal
+    rx_foot = rx - rx_height * normal
+    return (rx_height * tx_foot + tx_height * rx_foot) / (tx_height + rx_height)
+
+
+@wp.func
+def is_inside(point: wp.vec3d, a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, margin: wp.float64) -> bool:
+    """Return whether a point, seen along the triangle's normal, is in the triangle or within `margin` [m] of it."""
+    normal = wp.cross(b - a, c - a)
+    reach = -margin * wp.length(normal)
+    return (
+        wp.dot(wp.cross(b - a, point - a), normal) >= reach * wp.length(b - a)
+        and wp.dot(wp.cross(c - b, point - b), normal) >= reach * wp.length(c - b)
+        and wp.dot(wp.cross(a - c, point - c), normal) >= reach * wp.length(a - c)
+        and reach < wp.float64(0.0)
+    )

@@ -1,0 +1,96 @@
+"""Types that host and kernels share: sentinels, the scene, views and hits."""
+
+import warp as wp
+
+MISS_ID = wp.constant(-1)
+"""The one spelling of "nothing": object, material, surface, face and instance of a miss."""
+
+
+@wp.struct
+class Scene:
+    """Everything a ray can meet, for the frames of one batch. A slot is the position of a frame in its batch."""
+
+    town: wp.uint64
+    """wp.Mesh id of the static town, scene frame."""
+    has_town: wp.bool
+    """False for a scene without static geometry."""
+    town_material: wp.array[int]
+    """Material id of each town face, shape [M]."""
+    town_object: wp.array[int]
+    """Object id of each town face, shape [M]."""
+    town_surface: wp.array[int]
+    """Surface id of each town face, shape [M]."""
+    instances: wp.uint64
+    """wp.Bvh id over instance boxes, grouped by slot; item = slot * V + instance."""
+    group_root: wp.array[int]
+    """BVH root of each slot, shape [S]; -1 where the slot has no instance present."""
+    instance_count: int
+    """V: instances of a slot, present or not."""
+    instance_pose: wp.array2d[wp.transformf]
+    """Instance to scene frame, shape [S, V]."""
+    instance_mesh: wp.array[wp.uint64]
+    """wp.Mesh id of the instance's model, local frame, shape [V]."""
+    instance_object: wp.array[int]
+    """Object id, shape [V]."""
+    instance_face_offset: wp.array[int]
+    """First face of the instance's model in `model_*`, shape [V]."""
+    instance_surface_offset: wp.array[int]
+    """Surface id of the instance = this offset + local surface, shape [V]."""
+    model_material: wp.array[int]
+    """Material id of each face of all models, one after the other."""
+    model_surface: wp.array[int]
+    """Local surface index of each face of all models."""
+
+
+@wp.struct
+class Views:
+    """Sensor poses: one row a view."""
+
+    slot: wp.array[int]
+    """Slot of the view's frame, shape [A]."""
+    pose: wp.array[wp.transformf]
+    """Sensor to scene frame, shape [A]."""
+    ignore: wp.array[int]
+    """Instance that the view does not see, -1 for none, shape [A]."""
+
+
+@wp.struct
+class Hit:
+    """The nearest surface on a ray."""
+
+    t: float
+    """Distance along the unit direction [m], inf for a miss."""
+    object_id: int
+    material_id: int
+    surface: int
+    face: int
+    instance: int
+    """Instance index, -1 for the town or a miss (tell them apart by `object_id`)."""
+    normal: wp.vec3
+    """Unit geometric normal in the scene frame, turned against the ray."""
+
+
+@wp.struct
+class Nearest:
+    """What a ray meets first, before its ids are looked up."""
+
+    t: float
+    """Distance along the unit direction [m], inf for a miss."""
+    face: int
+    """Face of the town, or of the instance's model; -1 for a miss."""
+    instance: int
+    """Instance index, -1 for the town or a miss."""
+    normal: wp.vec3
+    """Unit geometric normal after the winding, in the frame of the mesh (town: scene, instance: local)."""
+
+
+@wp.struct
+class MeshHit:
+    """The nearest face of one mesh on a ray."""
+
+    t: float
+    """Distance along the unit direction [m], inf for a miss."""
+    face: int
+    """Face index, -1 for a miss."""
+    normal: wp.vec3
+    """Unit geometric normal in the mesh's frame, turned against the ray."""

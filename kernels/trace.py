@@ -1,0 +1,191 @@
+"""Ray queries against the town and the vehicles of one frame. The only file that touches a BVH or a mesh query.
+
+A ray asks the static town first, which tightens `t_max`; then the vehicles of its own frame. The vehicles of all frames
+of a batch share one `wp.Bvh`; each frame is one group of it, and the query starts at the root of that group.
+
+- Directions are unit vectors. A surface is met where 0 <= t < t_max; exactly 0 happens only to an origin that lies on
+  the surface, so a ray that leaves a surface starts a little off it.
+- Instances move rigidly, so `t` in the instance's frame is `t` in the scene.
+- `wp.bvh_get_group_root` gives -1 for a frame without vehicles, and a query reads -1 as "the whole tree", that is
+  everybody's vehicles. Every query here is guarded by the root.
+- A BVH query keeps its stack in shared memory, one stack a thread: two queries alive in one thread would overwrite each
+  other. Launch kernels that call these functions with `block_dim=64`, so that the stacks of a block fit (8 KiB).
+- Equal distances go to the town, then to the lower instance index, so the answer does not depend on the tree, and the
+  tree may depend on the batch.
+"""
+
+import warp as wp
+
+from mmw.kernels.structs import MISS_ID, Hit, MeshHit, Nearest, Scene
+
+wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
+
+TIE_REACH = wp.constant(1.000001)
+"""A later instance is searched to this multiple of the distance so far, so that equal distances are seen."""
+
+
+@wp.func
+def nearest_surface(scene: Scene, slot: int, origin: wp.vec3, direction: wp.vec3, t_max: float, ignore: int) -> Nearest:
+    """Return what the ray meets first, without ids: the cheap form of `closest_hit` for kernels that need few of them.
+
+    Args:
+        scene: Town and vehicles.
+        slot: Position of the ray's frame in the batch.
+        origin: Start of the ray, scene frame [m].
+        direction: Unit direction, scene frame.
+        t_max: Length of the ray [m].
+        ignore: Instance that the ray passes through, -1 for none.
+    """
+    near = Nearest()
+    near.t = t_max
+    near.face = MISS_ID
+    near.instance = MISS_ID
+    if scene.has_town:
+        town = wp.mesh_query_ray(scene.town, origin, direction, t_max)
+        if town.result:
+            near.t = town.t
+            near.face = town.face
+            near.normal = town.normal
+    root = scene.group_root[slot]
+    if root >= 0:  # -1 would search every frame's vehicles
+        first = slot * scene.instance_count
+        item = wp.int32(0)
+        query = wp.bvh_query_ray(scene.instances, origin, direction, root)
+        while wp.bvh_query_next(query, item, near.t):
+            instance = item - first
+            if instance != ignore:
+                to_local = wp.transform_inverse(scene.instance_pose[slot, instance])
+                body = wp.mesh_query_ray(
+                    scene.instance_mesh[instance],
+                    wp.transform_point(to_local, origin),
+                    wp.transform_vector(to_local, direction),
+                    near.t * TIE_REACH,
+                )
+                if body.result and (body.t < near.t or (body.t == near.t and instance < near.instance)):
+                    near.t = body.t
+                    near.face = body.face
+                    near.instance = instance
+                    near.normal = body.normal
+    if near.face < 0:
+        near.t = wp.inf
+    return near
+
+
+@wp.func
+def object_of(scene: Scene, near: Nearest) -> int:
+    """Return the object id of what `nearest_surface` found, -1 for a miss."""
+    object_id = wp.int32(MISS_ID)
+    if near.face >= 0:
+        if near.instance < 0:
+            object_id = scene.town_object[near.face]
+        else:
+            object_id = scene.instance_object[near.instance]
+    return object_id
+
+
+@wp.func
+def closest_hit(scene: Scene, slot: int, origin: wp.vec3, direction: wp.vec3, t_max: float, ignore: int) -> Hit:
+    """Return what the ray meets first, with every id and the normal; see `nearest_surface` for the arguments."""
+    near = nearest_surface(scene, slot, origin, direction, t_max, ignore)
+    hit = Hit()
+    hit.t = near.t
+    hit.face = near.face
+    hit.instance = near.instance
+    hit.object_id = MISS_ID
+    hit.material_id = MISS_ID
+    hit.surface = MISS_ID
+    if near.face >= 0:
+        normal = near.normal
+        if near.instance < 0:
+            hit.object_id = scene.town_object[near.face]
+            hit.material_id = scene.town_material[near.face]
+            hit.surface = scene.town_surface[near.face]
+        else:
+            face = scene.instance_face_offset[near.instance] + near.face
+            hit.object_id = scene.instance_object[near.instance]
+            hit.material_id = scene.model_material[face]
+            hit.surface = scene.instance_surface_offset[near.instance] + scene.model_surface[face]
+            normal = wp.transform_vector(scene.instance_pose[slot, near.instance], normal)
+        if wp.dot(normal, direction) > 0.0:
+            normal = -normal
+        hit.normal = normal
+    return hit
+
+
+@wp.func
+def is_blocked(scene: Scene, slot: int, origin: wp.vec3, direction: wp.vec3, t_max: float, ignore: int) -> bool:
+    """Return whether anything lies on the ray before `t_max`; see `nearest_surface` for the arguments."""
+    blocked = wp.bool(False)
+    if scene.has_town:
+        blocked = wp.mesh_query_ray_anyhit(scene.town, origin, direction, t_max)
+    root = scene.group_root[slot]
+    if root >= 0 and not blocked:  # -1 would search every frame's vehicles
+        first = slot * scene.instance_count
+        item = wp.int32(0)
+        query = wp.bvh_query_ray(scene.instances, origin, direction, root)
+        while not blocked and wp.bvh_query_next(query, item, t_max):
+            instance = item - first
+            if instance != ignore:
+                to_local = wp.transform_inverse(scene.instance_pose[slot, instance])
+                blocked = wp.mesh_query_ray_anyhit(
+                    scene.instance_mesh[instance],
+                    wp.transform_point(to_local, origin),
+                    wp.transform_vector(to_local, direction),
+                    t_max,
+                )
+    return blocked
+
+
+@wp.func
+def closest_mesh_hit(mesh: wp.uint64, origin: wp.vec3, direction: wp.vec3, t_max: float) -> MeshHit:
+    """Return the nearest face of one mesh, such as the drivable surface under a wheel.
+
+    Args:
+        mesh: Id of a `wp.Mesh`.
+        origin: Start of the ray in the mesh's frame [m].
+        direction: Unit direction in the mesh's frame.
+        t_max: Length of the ray [m].
+    """
+    hit = MeshHit()
+    hit.t = wp.inf
+    hit.face = MISS_ID
+    found = wp.mesh_query_ray(mesh, origin, direction, t_max)
+    if found.result:
+        hit.t = found.t
+        hit.face = found.face
+        hit.normal = found.normal
+        if wp.dot(hit.normal, direction) > 0.0:
+            hit.normal = -hit.normal
+    return hit
+
+
+@wp.kernel
+def group_root_kernel(
+    instances: wp.uint64,
+    # out
+    group_root_out: wp.array[int],
+):
+    """Look up the root of each slot's group, -1 for a slot without vehicles. Launch: dim=S, after every build."""
+    slot = wp.tid()
+    group_root_out[slot] = wp.bvh_get_group_root(instances, slot)
+
+
+@wp.kernel
+def cast_kernel(
+    scene: Scene,
+    slot: wp.array[int],
+    origin: wp.array[wp.vec3],
+    direction: wp.array[wp.vec3],
+    t_max: float,
+    ignore: wp.array[int],
+    # out
+    hit_out: wp.array[Hit],
+    is_blocked_out: wp.array[wp.bool],
+):
+    """Trace rays that are given one by one: the plain door to the tracer, for tests and tools.
+
+    Launch: dim=R, block_dim=64.
+    """
+    ray = wp.tid()
+    hit_out[ray] = closest_hit(scene, slot[ray], origin[ray], direction[ray], t_max, ignore[ray])
+    is_blocked_out[ray] = is_blocked(scene, slot[ray], origin[ray], direction[ray], t_max, ignore[ray])

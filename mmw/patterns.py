@@ -1,0 +1,85 @@
+"""Ray patterns in the sensor frame (x forward, y left, z up): pure NumPy, float64."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+
+def lidar_elevations(channels: int, upper_fov_deg: float, lower_fov_deg: float) -> np.ndarray:
+    """Return the elevation of every channel [rad], shape [channels]; channel 0 is the highest.
+
+    Evenly spaced, `upper - i (upper - lower) / (channels - 1)`; a single channel looks along the upper limit.
+
+    Source: CARLA 0.9.15 `sensor.lidar.ray_cast`.
+    """
+    step = (upper_fov_deg - lower_fov_deg) / max(channels - 1, 1)
+    return np.radians(upper_fov_deg - step * np.arange(channels))
+
+
+def lidar_azimuths(points_per_channel: int) -> np.ndarray:
+    """Return the azimuth of every firing of one turn [rad], counter-clockwise from forward, shape [points_per_channel].
+
+    The first firing points backwards (pi) and the turn runs clockwise seen from above: backwards, left, forwards,
+    right. That is CARLA's sweep from -180 deg with growing yaw, written in our frame, where y points left. All
+    channels fire at the same azimuths.
+
+    Source: CARLA 0.9.15 `sensor.lidar.ray_cast` with one turn a tick.
+    """
+    return math.pi - 2.0 * math.pi * np.arange(points_per_channel) / points_per_channel
+
+
+def lidar_directions(channels: int, points_per_channel: int, upper_fov_deg: float, lower_fov_deg: float) -> np.ndarray:
+    """Return the unit direction of every LiDAR ray, shape [channels * points_per_channel, 3].
+
+    Channel-major: ray r belongs to channel (ring) `r // points_per_channel` and firing `r % points_per_channel`.
+    """
+    elevation = lidar_elevations(channels, upper_fov_deg, lower_fov_deg)[:, None]
+    azimuth = lidar_azimuths(points_per_channel)[None, :]
+    x = np.cos(elevation) * np.cos(azimuth)
+    y = np.cos(elevation) * np.sin(azimuth)
+    z = np.broadcast_to(np.sin(elevation), x.shape)
+    return np.stack([x, y, z], axis=-1).reshape(-1, 3)
+
+
+@dataclass(frozen=True)
+class Pinhole:
+    """Intrinsics of an ideal pinhole camera with square pixels.
+
+    Column u counts to the right, row v downwards, both from 0; the centre of pixel (u, v) is at (u + 0.5, v + 0.5) and
+    the optical axis meets the image at (cx, cy) = (W / 2, H / 2), between the middle pixels of an even-sized image.
+    Code that puts pixel centres at whole numbers (OpenCV) uses cx - 0.5 and cy - 0.5 with the same image.
+    """
+
+    width: int
+    height: int
+    fx: float
+    """Focal length, equal in both directions [px]."""
+
+    @property
+    def cx(self) -> float:
+        """Column of the optical axis [px], pixel edges at whole numbers."""
+        return self.width / 2.0
+
+    @property
+    def cy(self) -> float:
+        """Row of the optical axis [px], pixel edges at whole numbers."""
+        return self.height / 2.0
+
+
+def pinhole(width: int, height: int, fov_deg: float) -> Pinhole:
+    """Return the camera whose image edges span the horizontal field of view: fx = W / (2 tan(fov / 2)).
+
+    Source: CARLA 0.9.15 `sensor.camera.*` (`fov`).
+    """
+    return Pinhole(width, height, width / (2.0 * math.tan(math.radians(fov_deg) / 2.0)))
+
+
+def pinhole_directions(camera: Pinhole) -> np.ndarray:
+    """Return the direction through every pixel centre, scaled so that x (the optical axis) is 1, shape [H, W, 3]."""
+    y = -(np.arange(camera.width) + 0.5 - camera.cx) / camera.fx
+    z = -(np.arange(camera.height) + 0.5 - camera.cy) / camera.fx
+    directions = np.ones((camera.height, camera.width, 3))
+    directions[..., 1] = y[None, :]
+    directions[..., 2] = z[:, None]
+    return directions

@@ -1,0 +1,193 @@
+"""The scene on the device: the static town as one mesh, vehicles as instances grouped by frame."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import warp as wp
+
+from mmw.kernels import bounds, structs, trace
+from mmw.scene_arrays import MODEL_NONE, Actor, Model, SceneArrays, SceneObject
+from mmw.scene_reader import read_stage
+
+__all__ = ["Actor", "Model", "Scene", "SceneArrays", "SceneObject", "instance_actors", "read_stage"]
+
+REBASE_BEYOND_M = 2000.0
+"""A town that reaches further from the world origin [m] is traced about its middle; float32 resolves 0.12 mm here."""
+
+LEAF_SIZE = 2
+"""Triangles in a leaf of a mesh tree; more of them in a leaf trace rays more slowly."""
+
+
+def instance_actors(arrays: SceneArrays) -> np.ndarray:
+    """Return the actor index of every instance: the actors that have a model, in their order. Shape [V], int32."""
+    return np.array([i for i, actor in enumerate(arrays.actors) if actor.model != MODEL_NONE], dtype=np.int32)
+
+
+def scene_origin(points: np.ndarray) -> np.ndarray:
+    """Return the world position of the scene frame's origin [m], shape [3]: zero unless the town is far away."""
+    if len(points) == 0 or np.abs(points).max() <= REBASE_BEYOND_M:
+        return np.zeros(3)
+    return np.round(0.5 * (points.min(axis=0) + points.max(axis=0)))
+
+
+class Scene:
+    """Town and vehicles on one device, for a batch of frames at a time.
+
+    The scene frame is the world frame moved by `origin`: a position in it is the world position minus `origin`, which
+    is zero for every town within 2 km of the world's origin. A slot is the position of a frame in the batch.
+
+    Attributes:
+        arrays: The host arrays.
+        device: Warp device name.
+        struct: What kernels take.
+        origin: World position of the scene frame's origin [m], shape [3], float64.
+        instance_actor: Actor index of each instance, shape [V].
+        actor_instance: Instance index of each actor, -1 for none, shape [n_actors].
+        surface_count: Number of surfaces of town and instances.
+        surface_offset: First surface id of each instance, shape [V].
+        batch_frames: The frames that are loaded, one a slot.
+    """
+
+    def __init__(
+        self,
+        arrays: SceneArrays,
+        device: str,
+        max_slots: int,
+        *,
+        mesh_constructor: str | None = None,
+        instance_constructor: str | None = None,
+        leaf_size: int = LEAF_SIZE,
+    ):
+        """Build the meshes on the device; `load_batch` brings the vehicles.
+
+        Args:
+            arrays: The scene on the host.
+            device: Warp device name.
+            max_slots: Frames in the largest batch, > 0.
+            mesh_constructor: Tree builder of town and models; the default is cuBQL on CUDA and SAH on the CPU.
+            instance_constructor: Tree builder over instances; the default is LBVH on CUDA and SAH on the CPU.
+            leaf_size: Triangles in a leaf of a mesh tree, > 0.
+
+        Raises:
+            ValueError: If `max_slots` is not positive.
+        """
+        if max_slots < 1:
+            raise ValueError(f"max_slots = {max_slots}; a scene needs at least one slot")
+        self.arrays = arrays
+        self.device = device
+        self.max_slots = max_slots
+        self.batch_frames: tuple[int, ...] = ()
+        self.origin = scene_origin(arrays.points)
+        self._mesh_constructor = mesh_constructor or ("cubql" if wp.get_device(device).is_cuda else "sah")
+        self._leaf_size = leaf_size
+        self._instance_constructor = instance_constructor
+        self.instance_actor = instance_actors(arrays)
+        self.actor_instance = np.full(len(arrays.actors), -1, dtype=np.int32)
+        self.actor_instance[self.instance_actor] = np.arange(len(self.instance_actor), dtype=np.int32)
+        self.struct = structs.Scene()
+        self._load_town()
+        self._load_models()
+
+    @property
+    def slots(self) -> int:
+        """Number of loaded slots."""
+        return len(self.batch_frames)
+
+    def _array(self, values: np.ndarray, dtype: type) -> wp.array:
+        return wp.array(values, dtype=dtype, device=self.device)
+
+    def _mesh(self, points: np.ndarray, faces: np.ndarray) -> wp.Mesh:
+        return wp.Mesh(
+            points=self._array(points.astype(np.float32), wp.vec3),
+            indices=self._array(faces.astype(np.int32).ravel(), wp.int32),
+            bvh_constructor=self._mesh_constructor,
+            bvh_leaf_size=self._leaf_size,
+        )
+
+    def _load_town(self) -> None:
+        arrays, struct = self.arrays, self.struct
+        self.town_mesh = self._mesh(arrays.points - self.origin, arrays.faces) if len(arrays.faces) else None
+        struct.has_town = self.town_mesh is not None
+        struct.town = self.town_mesh.id if self.town_mesh is not None else 0
+        struct.town_material = self._array(arrays.material, wp.int32)
+        struct.town_object = self._array(arrays.object_id, wp.int32)
+        struct.town_surface = self._array(arrays.surface, wp.int32)
+
+    def _load_models(self) -> None:
+        arrays, struct = self.arrays, self.struct
+        self.model_meshes = [self._mesh(model.points, model.faces) for model in arrays.models]
+        actors = [arrays.actors[i] for i in self.instance_actor]
+        model = np.array([actor.model for actor in actors], dtype=np.int32)
+        face_offset = np.cumsum([0] + [len(m.faces) for m in arrays.models])
+        surfaces = np.array([int(m.surface.max()) + 1 for m in arrays.models], dtype=np.int64)
+        ends = arrays.town_surface_count + np.cumsum(surfaces[model] if len(model) else [], dtype=np.int64)
+        self.surface_offset = np.concatenate([[arrays.town_surface_count], ends])[:-1].astype(np.int32)
+        self.surface_count = int(ends[-1]) if len(ends) else arrays.town_surface_count
+        struct.instance_count = len(actors)
+        struct.instance_mesh = self._array(
+            np.array([self.model_meshes[i].id for i in model], dtype=np.uint64), wp.uint64
+        )
+        struct.instance_object = self._array(np.array([a.object_id for a in actors], dtype=np.int32), wp.int32)
+        struct.instance_face_offset = self._array(face_offset[model].astype(np.int32), wp.int32)
+        struct.instance_surface_offset = self._array(self.surface_offset, wp.int32)
+        none = [np.zeros(0, np.int32)]
+        struct.model_material = self._array(np.concatenate(none + [m.material for m in arrays.models]), wp.int32)
+        struct.model_surface = self._array(np.concatenate(none + [m.surface for m in arrays.models]), wp.int32)
+        lower = np.array([m.points.min(axis=0) for m in arrays.models]).reshape(-1, 3)[model]
+        upper = np.array([m.points.max(axis=0) for m in arrays.models]).reshape(-1, 3)[model]
+        self._model_lower = self._array(lower.astype(np.float32), wp.vec3)
+        self._model_upper = self._array(upper.astype(np.float32), wp.vec3)
+        slots, instances = self.max_slots, len(actors)
+        self._is_present = wp.zeros((slots, instances), dtype=wp.bool, device=self.device)
+        self._lower = wp.zeros(slots * instances, dtype=wp.vec3, device=self.device)
+        self._upper = wp.zeros(slots * instances, dtype=wp.vec3, device=self.device)
+        self._group = wp.full(slots * instances, slots, dtype=wp.int32, device=self.device)
+        struct.instance_pose = wp.zeros((slots, instances), dtype=wp.transformf, device=self.device)
+        struct.group_root = wp.full(slots, -1, dtype=wp.int32, device=self.device)
+        self._instances: wp.Bvh | None = None
+
+    def load_batch(self, frames: Sequence[int]) -> None:
+        """Put frames into slots: slot s holds `frames[s]`. The same frame may be in several slots.
+
+        Args:
+            frames: Frame numbers, 1 to `max_slots` of them.
+
+        Raises:
+            ValueError: If there are none or too many, or the scene does not cover one.
+        """
+        if not 1 <= len(frames) <= self.max_slots:
+            raise ValueError(f"batch of {len(frames)} frames; this scene holds 1 to {self.max_slots} at a time")
+        rows = [self.arrays.frame_row(int(frame)) for frame in frames]
+        self.batch_frames = tuple(int(frame) for frame in frames)
+        if self.struct.instance_count == 0:
+            return
+        pose = self.arrays.poses[rows][:, self.instance_actor]
+        is_present = np.zeros((self.max_slots, pose.shape[1]), dtype=bool)
+        is_present[: len(rows)] = np.isfinite(pose).all(axis=2)
+        on_device = np.zeros((self.max_slots, pose.shape[1], 7), dtype=np.float32)
+        on_device[..., 6] = 1.0
+        pose = np.concatenate([pose[..., :3] - self.origin, pose[..., 3:]], axis=2)
+        on_device[: len(rows)] = np.where(is_present[: len(rows), :, None], pose, on_device[: len(rows)])
+        self.struct.instance_pose.assign(on_device)
+        self._is_present.assign(is_present)
+        self._build_instances()
+
+    def _build_instances(self) -> None:
+        struct = self.struct
+        wp.launch(
+            bounds.instance_bounds_kernel,
+            dim=struct.instance_pose.shape,
+            inputs=[struct.instance_pose, self._is_present, self._model_lower, self._model_upper],
+            outputs=[self._lower, self._upper, self._group],
+            device=self.device,
+        )
+        # A new tree every time: rebuilding in place keeps the groups that the tree was made with.
+        tree = wp.Bvh(self._lower, self._upper, constructor=self._instance_constructor, groups=self._group)
+        self._instances, struct.instances = tree, tree.id
+        wp.launch(
+            trace.group_root_kernel,
+            dim=self.max_slots,
+            inputs=[tree.id],
+            outputs=[struct.group_root],
+            device=self.device,
+        )

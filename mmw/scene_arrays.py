@@ -1,0 +1,109 @@
+"""The scene on the host: plain arrays, made by `read_stage` from a USD stage or by tests from code."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mmw.materials import Material
+
+MODEL_NONE = -1
+"""`Actor.model` of an actor without geometry, such as a roadside unit that is only a pose."""
+
+
+@dataclass(frozen=True)
+class Model:
+    """One vehicle shape, shared by all actors that look the same, in the actor's frame."""
+
+    name: str
+    points: np.ndarray
+    """Vertices in the frame of the actor [m], shape [N, 3], float64."""
+    faces: np.ndarray
+    """Triangles, counter-clockwise seen from outside, shape [M, 3], int32."""
+    material: np.ndarray
+    """Material id of each face, shape [M], int32."""
+    surface: np.ndarray
+    """Local surface index of each face, 0 to K - 1, shape [M], int32."""
+
+
+@dataclass(frozen=True)
+class SceneObject:
+    """What an `object_id` means."""
+
+    object_id: int
+    prim_path: str
+    label: str
+    """Semantic class, a key of `CARLA_TAG`."""
+    tag: int
+    """CARLA tag of the label."""
+    materials: tuple[str, ...]
+    """Names of the materials on its faces, sorted."""
+    actor: str = ""
+    """Name of the actor, empty for the static town."""
+
+
+@dataclass(frozen=True)
+class Actor:
+    """One thing that moves, or carries sensors."""
+
+    name: str
+    role: str
+    """`cav`, `vehicle` or `rsu`."""
+    prim_path: str
+    model: int
+    """Index into `SceneArrays.models`, -1 for an actor without geometry."""
+    object_id: int
+    size: tuple[float, float, float]
+    """Length, width and height of the box [m]."""
+    center: tuple[float, float, float]
+    """Middle of the box in the actor's frame [m]."""
+    label: str
+
+
+@dataclass(frozen=True)
+class SceneArrays:
+    """One scenario: a static town, models, and where the actors are in every frame. World frame, metres."""
+
+    points: np.ndarray
+    """Town vertices [m], shape [N, 3], float64."""
+    faces: np.ndarray
+    """Town triangles, shape [M, 3], int32."""
+    material: np.ndarray
+    """Material id of each town face, shape [M], int32."""
+    object_id: np.ndarray
+    """Object id of each town face, shape [M], int32."""
+    surface: np.ndarray
+    """Surface id of each town face, 0 to Ns - 1, shape [M], int32."""
+    models: tuple[Model, ...]
+    actors: tuple[Actor, ...]
+    frames: range
+    """Frames that `poses` covers."""
+    poses: np.ndarray
+    """Actor-to-world (x, y, z, qx, qy, qz, qw), shape [F, V, 7], float64; NaN where an actor is absent."""
+    materials: dict[str, tuple[Material, ...]]
+    """Weather -> materials by id; an id means the same prim in every weather."""
+    objects: tuple[SceneObject, ...] = field(default=())
+    """Objects by id."""
+
+    def __post_init__(self) -> None:
+        shape = (len(self.frames), len(self.actors), 7)
+        if self.poses.shape != shape:
+            raise ValueError(f"poses have shape {self.poses.shape}; the scene's frames and actors need {shape}")
+        for name in ("material", "object_id", "surface"):
+            if len(getattr(self, name)) != len(self.faces):
+                raise ValueError(f"{name} has {len(getattr(self, name))} rows; the town has {len(self.faces)} faces")
+
+    @property
+    def town_surface_count(self) -> int:
+        """Ns, the number of surfaces of the static town."""
+        return int(self.surface.max()) + 1 if len(self.surface) else 0
+
+    def frame_row(self, frame: int) -> int:
+        """Return the row of `poses` that holds a frame.
+
+        Raises:
+            ValueError: If the scene does not cover the frame.
+        """
+        if frame not in self.frames:
+            first, last = self.frames[0] if self.frames else "none", self.frames[-1] if self.frames else "none"
+            raise ValueError(f"frame {frame} is not in the scene, which covers {first} to {last}; read more frames")
+        return self.frames.index(frame)

@@ -1,0 +1,306 @@
+"""Read a scenario stage, mmw's or the user's own, into `SceneArrays`."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from pxr import Kind, Tf, Usd, UsdGeom
+
+from mmw.constants import FRAME_RATE_HZ
+from mmw.materials import Material
+from mmw.scene_arrays import MODEL_NONE, Actor, Model, SceneArrays, SceneObject
+from mmw.surfaces import find_surfaces
+from mmw.usd.actors import FoundActor, actor_poses, find_actors, model_matrix
+from mmw.usd.extract import FoundMesh, MeshReader, bound_materials, place, semantic_label, to_metres
+from mmw.usd.materials import MaterialUse, read_material, resolve_material
+from mmw.usd.schema import register
+from mmw.usd.semantics import CARLA_TAG
+
+WEATHER = "weather"
+"""Name of the variant set that changes materials."""
+
+
+Triple = tuple[float, float, float]
+
+
+@dataclass
+class _Part:
+    """Triangles of one mesh prim, in metres, in the world or in an actor's frame."""
+
+    points: np.ndarray
+    faces: np.ndarray
+    use: np.ndarray  # index into _Reader.uses, one a face
+    label: str
+    object_path: str
+    object_label: str
+
+
+@dataclass
+class _Reader:
+    """What is gathered while a stage is read."""
+
+    meshes: MeshReader
+    metres: np.ndarray
+    material_map: Mapping[str, str]
+    uses: dict[MaterialUse, int] = field(default_factory=dict)
+    unresolved: dict[str, None] = field(default_factory=dict)
+
+    def part(self, mesh: FoundMesh, matrix: np.ndarray) -> _Part | None:
+        """Return a mesh in metres, placed by a matrix from its own space; None if it has no triangle."""
+        triangles = self.meshes.triangles(mesh.prim)
+        if len(triangles.faces) == 0:
+            return None
+        points, faces = place(triangles, matrix)
+        materials, index = bound_materials(mesh.prim, triangles.polygon)
+        path, label = str(mesh.prim.GetPath()), semantic_label(mesh.prim)
+        ids = []
+        for material in materials:
+            use = resolve_material(path, label, material, self.material_map)
+            if use is None:
+                bound = f"material {material.GetPath()}" if material else "no material"
+                self.unresolved[f"{path} ({bound})"] = None
+            ids.append(-1 if use is None else self.uses.setdefault(use, len(self.uses)))
+        thing = _object_prim(mesh.anchor)
+        thing_label = label if thing == mesh.prim else semantic_label(thing)
+        return _Part(
+            points, faces, np.array(ids, dtype=np.int32)[index], label, str(thing.GetPath()),
+            label if thing_label == "unlabeled" else thing_label,
+        )  # fmt: skip
+
+
+def read_stage(
+    path: str | Path,
+    frames: range,
+    weathers: Sequence[str],
+    *,
+    margin: int = 0,
+    roles: Mapping[str, str] | None = None,
+    material_map: Mapping[str, str] | None = None,
+) -> SceneArrays:
+    """Read town, actors, poses and materials of a stage.
+
+    A mesh under a prim that moves, or that has `mmw:actor:role` cav or vehicle, belongs to the topmost such prim; every
+    other mesh is static town. Frame n is n / 100 s after the stage's start. Meshes that are invisible, or of purpose
+    proxy or guide, are left out; an actor is absent in the frames in which it is invisible.
+
+    Args:
+        path: USD file.
+        frames: Frames to read.
+        weathers: Weathers to read materials for; variants of the stage's variant sets called `weather`.
+        margin: Frames to read beyond `frames` on each side where the stage has them, for derivatives at the ends.
+        roles: Prim path -> cav, vehicle or rsu, for stages without `mmw:actor:role`.
+        material_map: Glob of mesh prim paths -> row such as `itu_concrete`, for meshes without radio material.
+
+    Returns:
+        The scene in the world frame (z up, metres).
+
+    Raises:
+        ValueError: If the file is missing, unreadable or empty; if a frame or weather is not in it; if a mesh has no
+            material, deforms, or moves inside its actor.
+    """
+    stage = _open(Path(path))
+    name = str(path)
+    frames, times = _frame_times(stage, name, frames, margin)
+    switches = _weather_prims(stage)
+    _check_weathers(switches, name, weathers)
+    if weathers:
+        _select(stage, switches, weathers[0])
+    metres = to_metres(stage)
+    reader = _Reader(MeshReader(stage, Usd.TimeCode(times[0])), metres, material_map or {})
+    actors = find_actors(stage, roles or {})
+    actor_of = {actor.path: row for row, actor in enumerate(actors) if actor.role != "rsu"}
+    poses, stretches = actor_poses(actors, times, metres)
+
+    static, moving = [], [[] for _ in actors]
+    for mesh in reader.meshes.meshes():
+        row = _owner(mesh.anchor, actor_of)
+        if row is None:
+            part = reader.part(mesh, _to_anchor(mesh) @ reader.meshes.to_world(mesh.anchor) @ metres)
+            static += [part] if part and _is_visible(mesh, times[0]) else []
+        else:
+            matrix = model_matrix(reader.meshes, mesh, actors[row].prim) @ metres @ stretches[row]
+            part = reader.part(mesh, matrix)
+            moving[row] += [part] if part else []
+    if reader.unresolved:
+        listed = "\n  ".join(reader.unresolved)
+        raise ValueError(
+            f"{name}: {len(reader.unresolved)} prims have no radio material; bind one with mmw:radio:* attributes, or "
+            f"give `material_map` (prim path glob -> itu_concrete, ...):\n  {listed}"
+        )
+    if not static and not any(moving):
+        raise ValueError(
+            f"{name}: the stage has no visible mesh; a scene needs at least one; check purpose and visibility"
+        )
+    materials, ids = _materials(stage, switches, list(reader.uses), weathers)
+    return _assemble(static, actors, moving, frames, poses, materials, ids)
+
+
+def _open(path: Path) -> Usd.Stage:
+    if not path.is_file():
+        raise ValueError(f"{path}: no such file; give the path of a USD stage")
+    register()
+    try:
+        stage = Usd.Stage.Open(str(path))
+    except Tf.ErrorException as error:
+        reason = str(error).strip().splitlines()[-1]
+        raise ValueError(f"{path}: USD cannot read it ({reason}); give a .usd, .usda, .usdc or .usdz file") from error
+    errors = stage.GetCompositionErrors()
+    if errors:
+        listed = "\n  ".join(str(error) for error in errors[:8])
+        raise ValueError(
+            f"{path}: {len(errors)} references do not resolve; every layer is needed; repair the paths:\n  {listed}"
+        )
+    return stage
+
+
+def _frame_times(stage: Usd.Stage, name: str, frames: range, margin: int) -> tuple[range, np.ndarray]:
+    """Return the frames to read, margins included, and the time code of each."""
+    if len(frames) == 0:
+        raise ValueError(f"{name}: no frames are asked for; at least one is needed")
+    rate, start, last = stage.GetTimeCodesPerSecond(), 0.0, frames[-1]
+    if stage.HasAuthoredTimeCodeRange():
+        start = stage.GetStartTimeCode()
+        last = int(np.floor((stage.GetEndTimeCode() - start) / rate * FRAME_RATE_HZ + 1e-6))
+        outside = [frame for frame in (frames[0], frames[-1]) if not 0 <= frame <= last]
+        if outside:
+            raise ValueError(
+                f"{name}: frame {outside[0]} is outside the stage, which holds frames 0 to {last} "
+                f"({stage.GetEndTimeCode() - start:g} time codes at {rate:g} a second); ask for frames within"
+            )
+    frames = range(max(frames[0] - margin, 0), min(frames[-1] + margin, last) + 1)
+    return frames, start + np.array(frames, dtype=np.float64) / FRAME_RATE_HZ * rate
+
+
+def _weather_prims(stage: Usd.Stage) -> list[Usd.Prim]:
+    return [prim for prim in stage.Traverse() if prim.HasVariantSets() and prim.GetVariantSets().HasVariantSet(WEATHER)]
+
+
+def _check_weathers(switches: list[Usd.Prim], name: str, weathers: Sequence[str]) -> None:
+    for prim in switches:
+        known = prim.GetVariantSet(WEATHER).GetVariantNames()
+        for weather in weathers:
+            if weather not in known:
+                raise ValueError(
+                    f"{name}: weather {weather!r} is not a variant of {prim.GetPath()}; it has {', '.join(known)}; "
+                    "name one of them, or author the variant"
+                )
+
+
+def _select(stage: Usd.Stage, switches: list[Usd.Prim], weather: str) -> None:
+    """Select a weather in the session layer, which leaves the files as they are."""
+    with Usd.EditContext(stage, stage.GetSessionLayer()):
+        for path in [prim.GetPath() for prim in switches]:
+            stage.GetPrimAtPath(path).GetVariantSet(WEATHER).SetVariantSelection(weather)
+
+
+def _owner(prim: Usd.Prim, actor_of: Mapping[str, int]) -> int | None:
+    """Return the actor that a mesh belongs to: the topmost of its ancestors that is one."""
+    for prefix in prim.GetPath().GetPrefixes():
+        if str(prefix) in actor_of:
+            return actor_of[str(prefix)]
+    return None
+
+
+def _to_anchor(mesh: FoundMesh) -> np.ndarray:
+    return np.eye(4) if mesh.to_anchor is None else mesh.to_anchor
+
+
+def _is_visible(mesh: FoundMesh, time: float) -> bool:
+    return UsdGeom.Imageable(mesh.prim).ComputeVisibility(time) != UsdGeom.Tokens.invisible
+
+
+def _materials(
+    stage: Usd.Stage, switches: list[Usd.Prim], uses: list[MaterialUse], weathers: Sequence[str]
+) -> tuple[dict[str, tuple[Material, ...]], np.ndarray]:
+    """Return materials by weather and id, and the id of each use. Uses that agree in every weather share an id."""
+    columns = {}
+    for weather in weathers:
+        _select(stage, switches, weather)
+        columns[weather] = [read_material(stage, use) for use in uses]
+    rows = [tuple(column[k] for column in columns.values()) for k in range(len(uses))]
+    if not weathers:
+        return {}, np.arange(len(uses), dtype=np.int32)
+    order = sorted(range(len(uses)), key=lambda k: (uses[k].name, uses[k].prim_path))
+    unique = list(dict.fromkeys(rows[k] for k in order))
+    ids = np.array([unique.index(row) for row in rows], dtype=np.int32)
+    return {weather: tuple(row[w] for row in unique) for w, weather in enumerate(weathers)}, ids
+
+
+def _object_prim(prim: Usd.Prim) -> Usd.Prim:
+    """Return the nearest component that holds a prim, or the prim itself."""
+    here = prim
+    while here and not here.IsPseudoRoot():
+        if Kind.Registry.IsA(Usd.ModelAPI(here).GetKind(), Kind.Tokens.component):
+            return here
+        here = here.GetParent()
+    return prim
+
+
+def _join(parts: list[_Part], ids: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return points, faces and material ids of several parts as one mesh."""
+    offsets = np.cumsum([0] + [len(part.points) for part in parts])
+    points = np.concatenate([np.zeros((0, 3))] + [part.points for part in parts])
+    shifted = [part.faces + offset for part, offset in zip(parts, offsets[:-1], strict=True)]
+    faces = np.concatenate([np.zeros((0, 3), dtype=np.int32), *shifted]).astype(np.int32)
+    material = np.concatenate([np.zeros(0, dtype=np.int32)] + [ids[part.use] for part in parts]).astype(np.int32)
+    return points, faces, material
+
+
+def _assemble(
+    static: list[_Part],
+    found: list[FoundActor],
+    moving: list[list[_Part]],
+    frames: range,
+    poses: np.ndarray,
+    materials: dict[str, tuple[Material, ...]],
+    ids: np.ndarray,
+) -> SceneArrays:
+    names = [material.name for material in next(iter(materials.values()), ())] or [""] * (int(ids.max(initial=0)) + 1)
+
+    def used(values: np.ndarray) -> tuple[str, ...]:
+        return tuple(sorted({names[k] for k in np.unique(values)}))
+
+    points, faces, material = _join(static, ids)
+    label_of = {part.object_path: part.object_label for part in reversed(static)}
+    index_of = {path: k for k, path in enumerate(sorted(label_of))}
+    counts = [len(part.faces) for part in static]
+    object_id = np.repeat(np.array([index_of[part.object_path] for part in static], dtype=np.int32), counts)
+    objects = []
+    order = np.argsort(object_id, kind="stable")
+    rows_of = np.split(order, np.searchsorted(object_id[order], np.arange(1, len(index_of))))
+    for (path, k), rows in zip(index_of.items(), rows_of, strict=False):
+        objects.append(SceneObject(k, path, label_of[path], CARLA_TAG[label_of[path]], used(material[rows])))
+
+    models: list[Model] = []
+    model_of: dict[tuple, int] = {}
+    actors = []
+    for actor, parts in zip(found, moving, strict=True):
+        label, model, used_names = actor.label, MODEL_NONE, ()
+        if parts:
+            model_points, model_faces, model_material = _join(parts, ids)
+            key = (model_points.tobytes(), model_faces.tobytes(), model_material.tobytes())
+            if key not in model_of:
+                model_of[key] = len(models)
+                surface = find_surfaces(model_points, model_faces, np.zeros_like(model_material), model_material)
+                models.append(Model(actor.model_name, model_points, model_faces, model_material, surface))
+            model = model_of[key]
+            used_names = used(model_material)
+            label = parts[0].label if label == "unlabeled" else label
+        size, center = _box(actor, models[model].points if parts else None)
+        path, object_index = actor.path, len(objects)
+        actors.append(Actor(actor.name, actor.role, path, model, object_index, size, center, label))
+        objects.append(SceneObject(object_index, path, label, CARLA_TAG[label], used_names, actor.name))
+    surface = find_surfaces(points, faces, object_id, material)
+    return SceneArrays(
+        points, faces, material, object_id, surface, tuple(models), tuple(actors), frames, poses, materials,
+        tuple(objects),
+    )  # fmt: skip
+
+
+def _box(actor: FoundActor, points: np.ndarray | None) -> tuple[Triple, Triple]:
+    """Return size and middle of an actor's box [m]: what its attributes say, else what its mesh spans."""
+    low, high = (points.min(axis=0), points.max(axis=0)) if points is not None else (np.zeros(3), np.zeros(3))
+    length, width, height = (high - low).tolist()
+    x, y, z = (0.5 * (low + high)).tolist()
+    return actor.size or (length, width, height), actor.center or (x, y, z)

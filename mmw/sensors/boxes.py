@@ -1,0 +1,89 @@
+"""Ground truth: the 3-D box of every vehicle in every frame, and how many LiDAR returns lie on it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mmw.poses import compose, make_pose, normalize, quaternion_to_ypr, rotate
+from mmw.scene_arrays import SceneArrays
+from mmw.sensors.kinematics import Motion, differentiate
+
+VEHICLE_ROLES = ("cav", "vehicle")
+"""Actors that have a box."""
+
+
+@dataclass(frozen=True)
+class Boxes:
+    """Boxes in the world frame; rows are ordered by frame, then by actor. N is the number of boxes."""
+
+    frame: np.ndarray
+    """Frame number, shape [N], int64."""
+    actor: np.ndarray
+    """Index in `SceneArrays.actors`, shape [N], int32."""
+    object_id: np.ndarray
+    """Object id, shape [N], int32."""
+    pose: np.ndarray
+    """Box to world, origin in the middle of the box, axes along length, width, height, shape [N, 7], float64."""
+    ypr: np.ndarray
+    """Yaw, pitch (nose down positive) and roll [rad], R = Rz Ry Rx, shape [N, 3]."""
+    size: np.ndarray
+    """Length, width, height [m], shape [N, 3]."""
+    velocity: np.ndarray
+    """Velocity of the middle of the box, world frame [m/s], shape [N, 3]."""
+    world_rate: np.ndarray
+    """Angular velocity, world frame [rad/s], shape [N, 3]."""
+
+
+def make_boxes(arrays: SceneArrays, frames: Sequence[int], motion: Motion | None = None) -> Boxes:
+    """Return the boxes of all vehicles that are present.
+
+    Args:
+        arrays: The scene on the host.
+        frames: Frames of the batch.
+        motion: `differentiate(arrays.poses)`, if at hand.
+
+    Raises:
+        ValueError: If the scene does not cover a frame.
+    """
+    rows = np.array([arrays.frame_row(int(frame)) for frame in frames], dtype=np.int64)
+    if motion is None:
+        motion = differentiate(arrays.poses)
+    actors = np.array([i for i, actor in enumerate(arrays.actors) if actor.role in VEHICLE_ROLES], dtype=np.int32)
+    frame = np.repeat(np.asarray(frames, dtype=np.int64), len(actors))
+    row, actor = np.repeat(rows, len(actors)), np.tile(actors, len(rows))
+    is_present = np.isfinite(arrays.poses[row, actor]).all(axis=1)
+    frame, row, actor = frame[is_present], row[is_present], actor[is_present]
+
+    pose = arrays.poses[row, actor]
+    q = normalize(pose[:, 3:])
+    center = np.array([arrays.actors[i].center for i in actor], dtype=np.float64).reshape(-1, 3)
+    upright = np.array([0.0, 0.0, 0.0, 1.0])
+    rate = motion.world_rate[row, actor]
+    return Boxes(
+        frame=frame,
+        actor=actor,
+        object_id=np.array([arrays.actors[i].object_id for i in actor], dtype=np.int32),
+        pose=compose(make_pose(pose[:, :3], q), make_pose(center, upright)),
+        ypr=quaternion_to_ypr(q),
+        size=np.array([arrays.actors[i].size for i in actor], dtype=np.float64).reshape(-1, 3),
+        velocity=motion.velocity[row, actor] + np.cross(rate, rotate(q, center)),
+        world_rate=rate,
+    )
+
+
+def count_returns(offsets: np.ndarray, object_id: np.ndarray, wanted: Sequence[int]) -> np.ndarray:
+    """Return how many LiDAR returns of each view lie on each wanted object, shape [A, K], int32.
+
+    Args:
+        offsets: First return of every view, and the number of returns, shape [A + 1].
+        object_id: Object of every return, shape [N], >= 0.
+        wanted: K different object ids.
+    """
+    view_count, kinds = len(offsets) - 1, len(wanted)
+    highest = max(int(object_id.max(initial=-1)), *wanted, -1)
+    column_of = np.full(highest + 1, kinds, dtype=np.int64)
+    column_of[np.asarray(wanted, dtype=np.int64)] = np.arange(kinds)
+    view = np.repeat(np.arange(view_count), np.diff(offsets))
+    counts = np.bincount(view * (kinds + 1) + column_of[object_id], minlength=view_count * (kinds + 1))
+    return counts.reshape(view_count, kinds + 1)[:, :kinds].astype(np.int32)

@@ -1,0 +1,141 @@
+"""Float64 NumPy oracles: the slow, plain way to get what the kernels compute."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mmw.poses import rotate, transform_points
+from mmw.scene import instance_actors
+from mmw.scene_arrays import SceneArrays
+
+
+@dataclass(frozen=True)
+class OracleScene:
+    """Every triangle of one frame in the world frame: town first, then the instances that are present."""
+
+    corners: np.ndarray  # [M, 3, 3]
+    object_id: np.ndarray
+    material: np.ndarray
+    surface: np.ndarray
+    face: np.ndarray
+    instance: np.ndarray
+
+
+@dataclass(frozen=True)
+class OracleHits:
+    """What each ray meets first; t = inf and ids -1 for a miss. Shapes [R], normal [R, 3]."""
+
+    t: np.ndarray
+    object_id: np.ndarray
+    material: np.ndarray
+    surface: np.ndarray
+    face: np.ndarray
+    instance: np.ndarray
+    normal: np.ndarray
+    next_t: np.ndarray
+    """Distance of the second triangle on the ray, so that a test can set near ties apart."""
+
+
+def oracle_scene(arrays: SceneArrays, frame: int) -> OracleScene:
+    """Return the triangles of a frame."""
+    count = len(arrays.faces)
+    columns = [
+        [arrays.points[arrays.faces]], [arrays.object_id], [arrays.material], [arrays.surface],
+        [np.arange(count)], [np.full(count, -1)],
+    ]  # fmt: skip
+    offset = arrays.town_surface_count
+    row = arrays.frame_row(frame)
+    for instance, index in enumerate(instance_actors(arrays)):
+        actor, pose = arrays.actors[index], arrays.poses[row, index]
+        model = arrays.models[actor.model]
+        if np.isfinite(pose).all():
+            many = len(model.faces)
+            values = (
+                transform_points(pose, model.points)[model.faces], np.full(many, actor.object_id), model.material,
+                offset + model.surface, np.arange(many), np.full(many, instance),
+            )  # fmt: skip
+            for column, value in zip(columns, values, strict=True):
+                column.append(value)
+        offset += int(model.surface.max()) + 1
+    return OracleScene(*(np.concatenate(column) for column in columns))
+
+
+def triangle_distances(origin: np.ndarray, direction: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Return where each ray meets each triangle [m], shape [R, M], inf where it does not; both sides count.
+
+    Source: T. Möller, B. Trumbore, "Fast, minimum storage ray/triangle intersection", J. Graphics Tools 2(1), 1997.
+    """
+    edge_1, edge_2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    p = np.cross(direction[:, None], edge_2[None])
+    determinant = np.einsum("rmx,mx->rm", p, edge_1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        inverse = 1.0 / determinant
+        s = origin[:, None] - corners[None, :, 0]
+        u = np.einsum("rmx,rmx->rm", s, p) * inverse
+        q = np.cross(s, edge_1[None])
+        v = np.einsum("rmx,rx->rm", q, direction) * inverse
+        t = np.einsum("rmx,mx->rm", q, edge_2) * inverse
+        meets = (np.abs(determinant) > 1e-14) & (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (t > 0.0)
+    return np.where(meets, t, np.inf)
+
+
+def cast_rays(
+    arrays: SceneArrays,
+    frame: int,
+    origin: np.ndarray,
+    direction: np.ndarray,
+    t_max: float = np.inf,
+    ignore: np.ndarray | int = -1,
+) -> OracleHits:
+    """Return what rays meet first in one frame.
+
+    Args:
+        arrays: The scene.
+        frame: Frame number.
+        origin: World frame [m], shape [R, 3].
+        direction: Unit, world frame, shape [R, 3].
+        t_max: Length of the rays [m].
+        ignore: Instance that a ray does not see, -1 for none; one number or shape [R].
+    """
+    scene = oracle_scene(arrays, frame)
+    origin = np.broadcast_to(np.asarray(origin, dtype=np.float64), direction.shape)
+    ignore = np.broadcast_to(ignore, len(direction))
+    rows, many = [], max(len(scene.corners), 1)
+    step = max(1, 1_000_000 // many)
+    for start in range(0, len(direction), step):
+        part = slice(start, start + step)
+        t = triangle_distances(origin[part], direction[part], scene.corners)
+        t[(scene.instance[None] == ignore[part, None]) & (ignore[part, None] >= 0)] = np.inf
+        t[t >= t_max] = np.inf
+        t = np.concatenate([t, np.full((len(t), 2), np.inf)], axis=1)
+        face = np.argmin(t, axis=1)
+        near = t[np.arange(len(t)), face]
+        rows.append((np.where(np.isfinite(near), face, -1), near, np.partition(t, 1, axis=1)[:, 1]))
+    face, t, next_t = (np.concatenate(column) for column in zip(*rows, strict=True))
+    edge = np.diff(scene.corners[face], axis=1) if len(scene.corners) else np.zeros((len(face), 2, 3))
+    normal = np.cross(edge[:, 0], edge[:, 1])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    normal *= np.where(np.einsum("rx,rx->r", normal, direction) > 0.0, -1.0, 1.0)[:, None]
+    normal[face < 0] = 0.0
+
+    def of_face(values: np.ndarray) -> np.ndarray:
+        return np.where(face >= 0, np.append(values, -1)[face], -1)
+
+    return OracleHits(
+        t, of_face(scene.object_id), of_face(scene.material), of_face(scene.surface), of_face(scene.face),
+        of_face(scene.instance), normal, next_t,
+    )  # fmt: skip
+
+
+def sphere_directions(count: int) -> np.ndarray:
+    """Return unit directions spread over the sphere on a Fibonacci lattice, shape [count, 3]."""
+    index = np.arange(count) + 0.5
+    z = 1.0 - 2.0 * index / count
+    angle = 2.0 * np.pi * index / ((1.0 + np.sqrt(5.0)) / 2.0)
+    radius = np.sqrt(1.0 - z * z)
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=1)
+
+
+def sensor_rays(pose: np.ndarray, direction_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return world origins and directions, each [R, 3], of sensor-frame directions at one pose."""
+    return np.broadcast_to(pose[:3], direction_s.shape), rotate(pose[3:], direction_s)

@@ -1,0 +1,161 @@
+"""Depth camera: pinhole, planar depth, centimetres, and every pixel against a float64 brute-force oracle."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mmw.config import DepthConfig, MountConfig
+from mmw.patterns import pinhole, pinhole_directions
+from mmw.scene import Scene
+from mmw.scene_arrays import SceneArrays
+from mmw.sensors.depth import depth_to_metres, trace_depth
+from mmw.views import make_views
+from tests.oracles import cast_rays, sensor_rays
+from tests.scenes import ABSENT, arrays_from_parts, closed_box, ground_part, random_triangles, two_cars, wall_part
+from tests.test_lidar import is_ambiguous, loaded
+
+AT_ORIGIN = {"rsu": MountConfig(), "cav": MountConfig()}
+
+
+def camera(**changes) -> DepthConfig:
+    return DepthConfig(**{"width_px": 60, "height_px": 44, "mount": AT_ORIGIN} | changes)
+
+
+def with_rsu(arrays: SceneArrays, pose) -> SceneArrays:
+    """Return the town of a scene with one roadside unit at a pose."""
+    unit = arrays_from_parts([], actors=[("rsu_1", "rsu", -1)])
+    actor = replace(unit.actors[0], object_id=len(arrays.objects))
+    return replace(arrays, actors=(actor,), poses=np.array(pose, dtype=float).reshape(1, 1, 7))
+
+
+def test_paper_camera() -> None:
+    intrinsics = pinhole(640, 480, 110.0)
+    assert intrinsics.fx == pytest.approx(224.0664, abs=1e-4)
+    assert (intrinsics.cx, intrinsics.cy) == (320.0, 240.0)
+    directions = pinhole_directions(intrinsics)
+    assert directions.shape == (480, 640, 3)
+    np.testing.assert_array_equal(directions[..., 0], 1.0)
+    # Top left looks left (+y) and up (+z); the image is symmetric about its middle.
+    assert directions[0, 0, 1] > 0 and directions[0, 0, 2] > 0
+    np.testing.assert_allclose(directions[::-1, ::-1, 1:], -directions[..., 1:], atol=1e-15)
+    # Edges of the image, half a pixel outside the outer centres, span the field of view.
+    edge = directions[0, 0, 1] + 0.5 / intrinsics.fx
+    assert 2 * np.degrees(np.arctan(edge)) == pytest.approx(110.0)
+
+
+def test_depth_is_planar_not_radial(device: str) -> None:
+    arrays = with_rsu(closed_box(10.0), (0, 0, 0, 0, 0, 0, 1))
+    config = camera(fov_deg=90.0, height_px=60)
+    batch = trace_depth(loaded(arrays, device), make_views(arrays, [0], config), config, with_details=True)
+    # The front wall of the cube fills this image exactly: one depth everywhere, although corner rays are longer.
+    np.testing.assert_array_equal(batch.depth, 500)
+    np.testing.assert_allclose(batch.depth_m, 5.0, atol=1e-5)
+    assert batch.depth.dtype == np.uint16
+
+
+def test_rows_run_down_and_columns_to_the_right(device: str) -> None:
+    parts = [ground_part(), wall_part("left", (20.0, 1.0), (20.0, 30.0), 30.0)]
+    arrays = arrays_from_parts(parts, actors=[("rsu_1", "rsu", -1)])
+    config = camera(mount={"rsu": MountConfig(position_m=(0, 0, 2.0))})
+    image = trace_depth(loaded(arrays, device), make_views(arrays, [0], config), config).depth[0]
+    assert image[-1, 30] > 0 and image[0, -1] == 0  # ground below, sky above on the right
+    assert image[21, 0] == 2000 and image[21, -1] == 0  # wall on the left only
+
+
+def check_against_oracle(arrays: SceneArrays, device: str, config: DepthConfig, frames: list[int]) -> None:
+    views = make_views(arrays, frames, config)
+    batch = trace_depth(loaded(arrays, device, frames), views, config, with_details=True)
+    through = pinhole_directions(pinhole(config.width_px, config.height_px, config.fov_deg)).reshape(-1, 3)
+    stretch = np.linalg.norm(through, axis=1)
+    ambiguous = 0
+    for view in range(len(views)):
+        frame = int(views.frame[view])
+        origin, direction = sensor_rays(views.pose[view], through / stretch[:, None])
+        hits = cast_rays(arrays, frame, origin, direction)
+        depth = hits.t / stretch
+        is_near = depth < config.range_m
+        depth, object_id = np.where(is_near, depth, np.inf), np.where(is_near, hits.object_id, -1)
+        found, found_object = batch.depth_m[view].ravel(), batch.object_id[view].ravel()
+        with np.errstate(invalid="ignore"):
+            is_same = (found_object == object_id) & ~(np.abs(found - depth) > 1e-3)
+        odd = np.flatnonzero(~is_same)
+        if len(odd):
+            clear = ~is_ambiguous(arrays, frame, origin[odd], direction[odd], np.inf)
+            clear &= np.abs(hits.t[odd] / stretch[odd] - config.range_m) > 1e-3
+            assert not clear.any(), (view, odd[clear], found[odd[clear]], depth[odd[clear]])
+        ambiguous += len(odd)
+        stored = depth_to_metres(batch.depth[view].ravel()).astype(float)
+        with np.errstate(invalid="ignore"):
+            assert np.all((np.isinf(stored) & np.isinf(depth)) | (np.abs(stored - depth) < 0.006) | ~is_same)
+    assert ambiguous <= 2e-3 * batch.depth.size, ambiguous
+
+
+def test_street_with_cars_equals_the_oracle(device: str) -> None:
+    arrays = two_cars(3)
+    mount = {
+        "rsu": MountConfig(position_m=(0, 0, -1.0), pitch_deg=8),
+        "cav": MountConfig(position_m=(2.31, 0.02, 1.23)),
+    }
+    check_against_oracle(arrays, device, camera(on=("cav", "rsu"), mount=mount), [0, 2])
+
+
+def test_triangle_soup_equals_the_oracle(device: str) -> None:
+    arrays = random_triangles(3, 200, vehicles=3, frames=2)
+    arrays = replace(arrays, actors=tuple(replace(actor, role="cav") for actor in arrays.actors))
+    check_against_oracle(arrays, device, camera(on=("cav",), range_m=25.0), [1, 0])
+
+
+def test_centimetres_round_to_nearest(device: str) -> None:
+    for distance, expected in ((7.004, 700), (7.006, 701), (0.008, 1), (0.002, 1), (655.34, 65534), (656.0, 0)):
+        half = 3.0 * max(distance, 1.0)
+        wall = wall_part("wall", (distance, half), (distance, -half), half)
+        below = replace(wall, points=wall.points - [0, 0, half / 2])
+        arrays = arrays_from_parts([below], actors=[("rsu_1", "rsu", -1)])
+        config = camera(width_px=8, height_px=8, fov_deg=20.0, range_m=655.35)
+        image = trace_depth(loaded(arrays, device), make_views(arrays, [0], config), config).depth
+        np.testing.assert_array_equal(image, expected)
+
+
+def test_depth_beyond_range_is_no_return(device: str) -> None:
+    arrays = with_rsu(closed_box(10.0), (0, 0, 0, 0, 0, 0, 1))
+    config = camera(fov_deg=90.0, range_m=4.99)
+    batch = trace_depth(loaded(arrays, device), make_views(arrays, [0], config), config, with_details=True)
+    np.testing.assert_array_equal(batch.depth, 0)
+    np.testing.assert_array_equal(batch.object_id, -1)
+    assert np.isinf(batch.depth_m).all() and np.isinf(depth_to_metres(batch.depth)).all()
+
+
+@pytest.mark.parametrize(("width", "height"), [(8, 8), (9, 15), (17, 8), (60, 44)])
+def test_image_size_need_not_be_whole_tiles(device: str, width: int, height: int) -> None:
+    arrays = with_rsu(closed_box(10.0), (0, 0, 0, 0, 0, 0, 1))
+    config = camera(width_px=width, height_px=height)
+    batch = trace_depth(loaded(arrays, device), make_views(arrays, [0], config), config)
+    assert batch.depth.shape == (1, height, width)
+    assert batch.depth.min() > 0 and batch.depth.max() <= 500
+    assert batch.object_id is None and batch.depth_m is None
+
+
+def test_batches_do_not_change_a_byte(device: str) -> None:
+    arrays = two_cars(4)
+    config = camera(
+        on=("cav", "rsu"), mount={"rsu": MountConfig(pitch_deg=10), "cav": MountConfig(position_m=(3, 0, 1))}
+    )
+    whole = trace_depth(loaded(arrays, device), make_views(arrays, range(4), config), config).depth
+    for frames in ([2], [3, 1]):
+        part = trace_depth(loaded(arrays, device, frames), make_views(arrays, frames, config), config).depth
+        np.testing.assert_array_equal(part.reshape(len(frames), 2, 44, 60), whole.reshape(4, 2, 44, 60)[frames])
+
+
+def test_frame_without_vehicles_and_no_views(device: str) -> None:
+    arrays = two_cars(2)
+    arrays.poses[1, :2] = ABSENT
+    config = camera(mount={"rsu": MountConfig(pitch_deg=20)})
+    batch = trace_depth(loaded(arrays, device), make_views(arrays, [0, 1], config), config, with_details=True)
+    vehicles = [actor.object_id for actor in arrays.actors[:2]]
+    assert np.isin(batch.object_id[0], vehicles).sum() == 0 or not np.isin(batch.object_id[1], vehicles).any()
+    assert not np.isin(batch.object_id[1], vehicles).any()
+    nobody = camera(on=())
+    scene = Scene(arrays, device, 1)
+    scene.load_batch([0])
+    assert trace_depth(scene, make_views(arrays, [0], nobody), nobody).depth.shape == (0, 44, 60)

@@ -1,0 +1,253 @@
+"""LiDAR: the pattern, every return against a float64 brute-force oracle, sameness over batches, intensity."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mmw.config import LidarConfig, MountConfig
+from mmw.patterns import lidar_azimuths, lidar_directions, lidar_elevations
+from mmw.poses import transform_points
+from mmw.scene import Scene
+from mmw.scene_arrays import SceneArrays
+from mmw.sensors.lidar import LidarBatch, shade_lidar, trace_lidar, trace_lidar_hits
+from mmw.views import Views, make_views
+from tests.oracles import cast_rays, sensor_rays
+from tests.scenes import ABSENT, arrays_from_parts, closed_box, ground_part, random_triangles, two_cars, wall_part
+
+SMALL = LidarConfig(channels=16, points_per_channel=90)
+AMBIGUOUS_ANGLE = 1e-6
+"""A ray is ambiguous if the oracle's object changes when the ray turns by this [rad]."""
+
+
+def loaded(arrays: SceneArrays, device: str, frames=None) -> Scene:
+    frames = list(arrays.frames) if frames is None else frames
+    scene = Scene(arrays, device, len(frames))
+    scene.load_batch(frames)
+    return scene
+
+
+def directions_of(config: LidarConfig) -> np.ndarray:
+    return lidar_directions(config.channels, config.points_per_channel, config.upper_fov_deg, config.lower_fov_deg)
+
+
+def is_ambiguous(
+    arrays: SceneArrays, frame: int, origin: np.ndarray, direction: np.ndarray, t_max: float
+) -> np.ndarray:
+    """Whether the oracle meets another object when a ray turns by `AMBIGUOUS_ANGLE` in one of eight ways, shape [R]."""
+    here = cast_rays(arrays, frame, origin, direction, t_max).object_id
+    side = np.cross(direction, np.where(np.abs(direction[:, 2:]) < 0.9, [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]))
+    side /= np.linalg.norm(side, axis=1, keepdims=True)
+    other = np.cross(direction, side)
+    found = np.zeros(len(direction), dtype=bool)
+    for angle in np.arange(8) * np.pi / 4:
+        turned = direction + AMBIGUOUS_ANGLE * (np.cos(angle) * side + np.sin(angle) * other)
+        turned /= np.linalg.norm(turned, axis=1, keepdims=True)
+        found |= cast_rays(arrays, frame, origin, turned, t_max).object_id != here
+    return found
+
+
+def assert_equals_oracle(arrays: SceneArrays, device: str, config: LidarConfig, views: Views, most: float) -> None:
+    """Compare every ray of every view; `most` bounds the share of ambiguous rays."""
+    frames = list(dict.fromkeys(views.frame.tolist()))
+    hits = trace_lidar_hits(loaded(arrays, device, frames), views, config)
+    pattern = directions_of(config)
+    ranges, rays = hits.points.range.numpy(), hits.points.ray.numpy()
+    cosines, materials = hits.points.cos_incidence.numpy(), hits.points.material_id.numpy()
+    ambiguous = 0
+    for view in range(len(views)):
+        part = slice(hits.offsets[view], hits.offsets[view + 1])
+        origin, direction = sensor_rays(views.pose[view], pattern)
+        expected = cast_rays(arrays, int(views.frame[view]), origin, direction, config.range_m)
+        found_t, found_object = np.full(len(pattern), np.inf), np.full(len(pattern), -1)
+        found_t[rays[part]], found_object[rays[part]] = ranges[part], hits.object_id[part]
+        with np.errstate(invalid="ignore"):
+            is_same = (found_object == expected.object_id) & ~(np.abs(found_t - expected.t) > 1e-3)
+        odd = np.flatnonzero(~is_same)
+        if len(odd):
+            clear = ~is_ambiguous(arrays, int(views.frame[view]), origin[odd], direction[odd], config.range_m)
+            # The end of the range is an edge like any other.
+            clear &= np.abs(expected.t[odd] - config.range_m) > 1e-3
+            assert not clear.any(), (view, odd[clear], found_t[odd[clear]], expected.t[odd[clear]])
+        ambiguous += len(odd)
+        here = rays[part][is_same[rays[part]]]
+        rows = np.flatnonzero(is_same[rays[part]]) + part.start
+        cosine = -np.einsum("rx,rx->r", expected.normal, direction)[here]
+        np.testing.assert_allclose(cosines[rows], cosine, atol=1e-5)
+        np.testing.assert_array_equal(materials[rows], expected.material[here])
+        exact = pattern[here] * expected.t[here, None]
+        assert np.linalg.norm(hits.xyz[:, rows].T - exact, axis=1).max(initial=0.0) < 1e-3  # stored return, 1 mm
+    assert ambiguous <= most * len(views) * len(pattern), ambiguous
+
+
+def test_pattern_is_the_papers() -> None:
+    pattern = directions_of(LidarConfig()).reshape(64, 469, 3)
+    np.testing.assert_allclose(np.linalg.norm(pattern, axis=-1), 1.0, atol=1e-15)
+    elevation = np.degrees(np.arcsin(pattern[..., 2]))
+    np.testing.assert_allclose(elevation, np.broadcast_to((2.0 - np.arange(64) * 27.0 / 63.0)[:, None], (64, 469)))
+    azimuth = np.degrees(np.arctan2(pattern[..., 1], pattern[..., 0]))
+    step = (azimuth[:, :-1] - azimuth[:, 1:] + 180.0) % 360.0 - 180.0
+    np.testing.assert_allclose(step, 360.0 / 469.0, atol=1e-9)
+
+
+def test_turn_starts_backwards_and_goes_by_the_left() -> None:
+    azimuth = lidar_azimuths(4)
+    np.testing.assert_allclose(azimuth, [np.pi, np.pi / 2, 0.0, -np.pi / 2], atol=1e-15)
+    assert len(set(np.round(lidar_azimuths(469) % (2 * np.pi), 9))) == 469
+    np.testing.assert_allclose(np.degrees(lidar_elevations(1, 3.0, -20.0)), [3.0])
+    np.testing.assert_allclose(np.degrees(lidar_elevations(2, 3.0, -20.0)), [3.0, -20.0])
+
+
+def test_street_with_cars_equals_the_oracle(device: str) -> None:
+    arrays = two_cars(3)
+    assert_equals_oracle(arrays, device, SMALL, make_views(arrays, [0, 2], SMALL), most=2e-3)
+
+
+def test_full_pattern_equals_the_oracle(device: str) -> None:
+    arrays = two_cars(1)
+    config = LidarConfig(on=("cav",))
+    assert_equals_oracle(arrays, device, config, make_views(arrays, [0], config), most=2e-3)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_triangle_soup_equals_the_oracle(device: str, seed: int) -> None:
+    arrays = random_triangles(seed, 200, vehicles=4, frames=2)
+    arrays = replace(arrays, actors=tuple(replace(actor, role="cav") for actor in arrays.actors))
+    config = LidarConfig(
+        on=("cav",), channels=24, points_per_channel=60, upper_fov_deg=80, lower_fov_deg=-80, range_m=30,
+        mount={"cav": MountConfig(position_m=(0.3, -0.2, 0.4), yaw_deg=20, pitch_deg=30, roll_deg=-40)},
+    )  # fmt: skip
+    assert_equals_oracle(arrays, device, config, make_views(arrays, [0, 1], config), most=2e-3)
+
+
+def test_closed_room_returns_every_ray(device: str) -> None:
+    arrays = closed_box(10.0)
+    views = Views(np.zeros(1, int), np.zeros(1, np.int32), np.zeros(1, np.int32), np.array([[1.0, 2, 0.5, 0, 0, 0, 1]]),
+                  np.full(1, -1, np.int32))  # fmt: skip
+    hits = trace_lidar_hits(loaded(arrays, device), views, LidarConfig())
+    np.testing.assert_array_equal(hits.offsets, [0, 64 * 469])
+    np.testing.assert_array_equal(hits.points.ray.numpy(), np.arange(64 * 469))
+    world = hits.xyz.T + np.array([1.0, 2.0, 0.5])
+    assert np.abs(np.abs(world).max(axis=1) - 5.0).max() < 1e-3
+
+
+def test_points_lie_on_the_grid_in_channel_order(device: str) -> None:
+    arrays = two_cars(1)
+    config = LidarConfig()
+    batch = trace_lidar(loaded(arrays, device), make_views(arrays, [0], config), config, arrays.materials["sunny"])
+    for values, steps in ((batch.x, 1024), (batch.y, 1024), (batch.z, 1024), (batch.intensity, 256)):
+        assert values.dtype == np.float32
+        np.testing.assert_array_equal(values * steps, np.round(values * steps))
+    assert batch.ring.dtype == np.uint8
+    for start, stop in zip(batch.offsets[:-1], batch.offsets[1:], strict=True):
+        assert np.all(np.diff(batch.ring[start:stop].astype(int)) >= 0)
+    assert batch.offsets[-1] == len(batch.x) == len(batch.intensity) == len(batch.ring) == len(batch.object_id)
+    # Ring 0 looks up by 2 deg, ring 63 down by 25 deg.
+    assert np.all(batch.z[batch.ring == 0] > 0) and np.all(batch.z[batch.ring == 63] < 0)
+
+
+def test_own_roof_is_seen(device: str) -> None:
+    arrays = two_cars(1)
+    low = LidarConfig(
+        on=("cav",), channels=1, points_per_channel=8, upper_fov_deg=-60, lower_fov_deg=-60,
+        mount={"cav": MountConfig(position_m=(0, 0, 1.7))},
+    )  # fmt: skip
+    batch = trace_lidar(loaded(arrays, device), make_views(arrays, [0], low), low, arrays.materials["sunny"])
+    np.testing.assert_array_equal(batch.object_id, arrays.actors[0].object_id)
+
+
+def test_intensity_is_reflectance_times_cosine(device: str) -> None:
+    arrays = arrays_from_parts([wall_part("wall", (-30.0, 20.0), (30.0, 20.0), 30.0)], actors=[("rsu_1", "rsu", -1)])
+    config = LidarConfig(channels=9, points_per_channel=72, upper_fov_deg=40, lower_fov_deg=0)
+    hits = trace_lidar_hits(loaded(arrays, device), make_views(arrays, [0], config), config)
+    dry = arrays.materials["sunny"]
+    wet = tuple(replace(material, lidar_reflectance=0.5 * material.lidar_reflectance) for material in dry)
+    unit = hits.xyz / np.linalg.norm(hits.xyz, axis=0)
+    for materials in (dry, wet):
+        batch = shade_lidar(hits, materials)
+        # The wall is square to y, so the cosine of incidence is the y part of the direction.
+        expected = materials[0].lidar_reflectance * unit[1]
+        assert np.abs(batch.intensity - expected).max() < 0.5 / 256 + 2e-4
+    assert len(hits.ring) > 50
+    assert shade_lidar(hits, dry).x.base is hits.xyz
+
+
+def test_batches_do_not_change_a_byte(device: str) -> None:
+    arrays = two_cars(5)
+    whole = trace_lidar(loaded(arrays, device), make_views(arrays, range(5), SMALL), SMALL, arrays.materials["sunny"])
+    for frames in ([3], [4, 0], [1, 2, 3]):
+        part = trace_lidar(
+            loaded(arrays, device, frames), make_views(arrays, frames, SMALL), SMALL, arrays.materials["sunny"]
+        )
+        for slot, frame in enumerate(frames):
+            assert cloud(part, 2 * slot) == cloud(whole, 2 * frame)
+            assert cloud(part, 2 * slot + 1) == cloud(whole, 2 * frame + 1)
+
+
+def cloud(batch: LidarBatch, view: int) -> list[bytes]:
+    part = slice(batch.offsets[view], batch.offsets[view + 1])
+    names = ("x", "y", "z", "intensity", "ring", "object_id")
+    return [np.ascontiguousarray(getattr(batch, name)[part]).tobytes() for name in names]
+
+
+def test_frame_without_vehicles_sees_none(device: str) -> None:
+    arrays = two_cars(3)
+    arrays.poses[1, :2] = ABSENT
+    batch = trace_lidar(loaded(arrays, device), make_views(arrays, range(3), SMALL), SMALL, arrays.materials["sunny"])
+    vehicles = [actor.object_id for actor in arrays.actors[:2]]
+    # Views: cav and rsu in frame 0, the rsu alone in frame 1, both in frame 2.
+    seen = [
+        np.isin(batch.object_id[a:b], vehicles).sum() for a, b in zip(batch.offsets, batch.offsets[1:], strict=False)
+    ]
+    assert len(seen) == 5 and seen[2] == 0 and seen[0] > 0 and seen[3] > 0
+
+
+def test_nothing_in_range_and_no_views(device: str) -> None:
+    arrays = arrays_from_parts([ground_part()], actors=[("rsu_1", "rsu", -1)])
+    materials = arrays.materials["sunny"]
+    sky = LidarConfig(channels=2, points_per_channel=10, upper_fov_deg=30, lower_fov_deg=10)
+    batch = trace_lidar(loaded(arrays, device), make_views(arrays, [0], sky), sky, materials)
+    np.testing.assert_array_equal(batch.offsets, [0, 0])
+    assert len(batch.x) == 0
+    nobody = SMALL.model_copy(update={"on": ("cav",)})
+    batch = trace_lidar(loaded(arrays, device), make_views(arrays, [0], nobody), nobody, materials)
+    np.testing.assert_array_equal(batch.offsets, [0])
+    assert len(batch.intensity) == 0
+
+
+def test_range_ends_where_the_config_says(device: str) -> None:
+    arrays = arrays_from_parts([wall_part("wall", (-30.0, 20.0), (30.0, 20.0), 30.0)], actors=[("rsu_1", "rsu", -1)])
+    counts = []
+    for range_m in (19.9, 20.1, 25.0):
+        config = LidarConfig(channels=1, points_per_channel=360, upper_fov_deg=0, range_m=range_m, lower_fov_deg=0)
+        hits = trace_lidar_hits(loaded(arrays, device), make_views(arrays, [0], config), config)
+        assert np.all(hits.points.range.numpy() < range_m)
+        counts.append(hits.offsets[-1])
+    # Half angle acos(20 / range) to both sides of y, in whole degrees, plus the middle.
+    assert counts == [0, 2 * 5 + 1, 2 * 36 + 1]
+
+
+def test_more_rays_than_can_be_counted_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    arrays = two_cars(1)
+    views = make_views(arrays, [0], SMALL)
+    monkeypatch.setattr("mmw.sensors.lidar.MOST_RAYS", 2 * 16 * 90 - 1)
+    with pytest.raises(ValueError, match=r"lower compute\.batch_frames"):
+        trace_lidar_hits(loaded(arrays, "cpu"), views, SMALL)
+
+
+def test_shading_needs_materials(device: str) -> None:
+    arrays = two_cars(1)
+    hits = trace_lidar_hits(loaded(arrays, device), make_views(arrays, [0], SMALL), SMALL)
+    with pytest.raises(ValueError, match="no materials"):
+        shade_lidar(hits, ())
+
+
+def test_returns_lie_on_the_surface_of_their_object() -> None:
+    arrays = two_cars(2)
+    views = make_views(arrays, [1], SMALL)
+    batch = trace_lidar(loaded(arrays, "cpu", [1]), views, SMALL, arrays.materials["sunny"])
+    part = slice(batch.offsets[1], batch.offsets[2])
+    xyz = np.stack([batch.x[part], batch.y[part], batch.z[part]], axis=1)
+    world = transform_points(views.pose[1], xyz)
+    road = next(o.object_id for o in arrays.objects if o.prim_path.endswith("street"))
+    assert np.abs(world[batch.object_id[part] == road, 2]).max() < 1.5e-3

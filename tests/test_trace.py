@@ -1,0 +1,267 @@
+"""The tracer against a float64 brute-force oracle, and the traps of a grouped tree."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+import warp as wp
+
+from mmw.kernels import structs, trace
+from mmw.scene import Scene
+from mmw.scene_arrays import SceneArrays
+from tests.oracles import cast_rays, sphere_directions
+from tests.scenes import (
+    ABSENT,
+    arrays_from_parts,
+    box_model,
+    closed_box,
+    ground_and_wall,
+    ground_part,
+    pose,
+    random_triangles,
+    two_cars,
+)
+
+
+@dataclass
+class Hits:
+    t: np.ndarray
+    object_id: np.ndarray
+    material_id: np.ndarray
+    surface: np.ndarray
+    face: np.ndarray
+    instance: np.ndarray
+    normal: np.ndarray
+    is_blocked: np.ndarray
+
+    def assert_equals(self, other: "Hits") -> None:
+        for name, value in vars(self).items():
+            np.testing.assert_array_equal(value, getattr(other, name), err_msg=name)
+
+
+def cast(scene: Scene, slot, origin, direction, t_max: float = 1.0e4, ignore=-1) -> Hits:
+    """Trace rays on the scene's device; `slot`, `origin` and `ignore` broadcast to the rays of `direction`."""
+    direction = np.atleast_2d(np.asarray(direction, dtype=np.float64))
+    count = len(direction)
+    origin = np.broadcast_to(np.asarray(origin, dtype=np.float64) - scene.origin, (count, 3))
+    device = scene.device
+    hit = wp.zeros(count, dtype=structs.Hit, device=device)
+    blocked = wp.zeros(count, dtype=wp.bool, device=device)
+    inputs = [
+        scene.struct,
+        wp.array(np.broadcast_to(slot, count).astype(np.int32), dtype=int, device=device),
+        wp.array(origin.astype(np.float32), dtype=wp.vec3, device=device),
+        wp.array(direction.astype(np.float32), dtype=wp.vec3, device=device),
+        t_max,
+        wp.array(np.broadcast_to(ignore, count).astype(np.int32), dtype=int, device=device),
+    ]
+    wp.launch(trace.cast_kernel, dim=count, inputs=inputs, outputs=[hit, blocked], device=device, block_dim=64)
+    rows = hit.numpy()
+    return Hits(**{name: rows[name].copy() for name in rows.dtype.names}, is_blocked=blocked.numpy())
+
+
+def loaded(arrays: SceneArrays, device: str, frames=None, max_slots: int | None = None) -> Scene:
+    frames = list(arrays.frames) if frames is None else frames
+    scene = Scene(arrays, device, max_slots or len(frames))
+    scene.load_batch(frames)
+    return scene
+
+
+def random_rays(seed: int, count: int, half: float = 20.0) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    direction = rng.normal(size=(count, 3))
+    direction = direction / np.linalg.norm(direction, axis=1, keepdims=True)
+    return rng.uniform(-half, half, (count, 3)).astype(np.float32).astype(float), direction.astype(np.float32).astype(
+        float
+    )
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_hits_equal_the_oracle(device: str, seed: int) -> None:
+    arrays = random_triangles(seed, vehicles=40, frames=3)
+    scene = loaded(arrays, device)
+    origin, direction = random_rays(seed, 600)
+    seen = 0
+    for slot, frame in enumerate(arrays.frames):
+        found = cast(scene, slot, origin, direction)
+        wanted = cast_rays(arrays, frame, origin, direction)
+        # A ray within float32 of an edge may pass on either side: at most one in a hundred differs in any way.
+        clear = np.isclose(found.t, wanted.t, rtol=0.0, atol=1e-3)
+        assert (~clear).mean() < 0.01
+        alone = clear & ((wanted.next_t > wanted.t + 1e-3) | ~np.isfinite(wanted.t))
+        assert alone.mean() > 0.95
+        for name, ours in (("object_id", "object_id"), ("material", "material_id"), ("surface", "surface")):
+            np.testing.assert_array_equal(getattr(found, ours)[alone], getattr(wanted, name)[alone], err_msg=name)
+        np.testing.assert_array_equal(found.face[alone], wanted.face[alone])
+        np.testing.assert_array_equal(found.instance[alone], wanted.instance[alone])
+        np.testing.assert_allclose(found.normal[alone], wanted.normal[alone], atol=2e-4)
+        np.testing.assert_array_equal(found.is_blocked, np.isfinite(found.t))
+        seen += int((found.instance[alone] >= 0).sum())
+    assert seen > 50, "rays must meet vehicles, or the test shows nothing"
+
+
+def test_t_max_ends_the_ray(device: str) -> None:
+    scene = loaded(ground_and_wall(), device)
+    origin, down = (0.0, 0.0, 5.0), (0.0, 0.0, -1.0)
+    short, long = cast(scene, 0, origin, down, 4.999), cast(scene, 0, origin, down, 5.001)
+    assert (
+        short.t[0] == np.inf and short.object_id[0] == short.face[0] == short.surface[0] == short.material_id[0] == -1
+    )
+    assert not short.is_blocked[0]
+    assert long.is_blocked[0]
+    np.testing.assert_allclose(long.t[0], 5.0, atol=1e-6)
+
+
+def test_t_max_ends_the_ray_at_a_vehicle(device: str) -> None:
+    arrays = arrays_from_parts([], [box_model("car")], [("veh", "vehicle", 0)], [[pose(10.0, 0.0)]])
+    scene = loaded(arrays, device)
+    front = 10.0 - 2.25
+    assert not cast(scene, 0, (0, 0, 1), (1, 0, 0), front - 1e-3).is_blocked[0]
+    assert cast(scene, 0, (0, 0, 1), (1, 0, 0), front - 1e-3).t[0] == np.inf
+    assert cast(scene, 0, (0, 0, 1), (1, 0, 0), front + 1e-3).is_blocked[0]
+
+
+def test_every_ray_of_a_closed_box_hits(device: str) -> None:
+    found = cast(loaded(closed_box(), device), 0, (0.3, -0.2, 0.1), sphere_directions(5000))
+    assert np.isfinite(found.t).all()
+    assert set(found.surface) == set(range(6))
+
+
+def test_normal_faces_the_ray_from_either_side(device: str) -> None:
+    scene = loaded(ground_and_wall(), device)
+    above = cast(scene, 0, (0, 0, 5), (0, 0, -1))
+    below = cast(scene, 0, (0, 0, -5), (0, 0, 1))
+    np.testing.assert_allclose(above.normal[0], [0, 0, 1], atol=1e-6)
+    np.testing.assert_allclose(below.normal[0], [0, 0, -1], atol=1e-6)
+
+
+def test_ignored_instance_is_transparent(device: str) -> None:
+    arrays = two_cars()
+    scene = loaded(arrays, device)
+    start = np.array([-20.0, -3.0, 0.75])  # inside cav_1 of frame 0
+    inside = cast(scene, 0, start, (1, 0, 0))
+    assert inside.instance[0] == 0 and inside.object_id[0] == arrays.actors[0].object_id
+    through = cast(scene, 0, start, (0, -1, 0), ignore=0)
+    assert through.instance[0] == -1
+    np.testing.assert_allclose(through.t[0], 7.0, atol=1e-5)
+    assert cast(scene, 0, start, (0, -1, 0), 5.0, ignore=-1).is_blocked[0]
+    assert not cast(scene, 0, start, (0, -1, 0), 5.0, ignore=0).is_blocked[0]
+
+
+def test_surface_ids_are_global(device: str) -> None:
+    arrays = two_cars(1)
+    scene = loaded(arrays, device)
+    assert scene.surface_count == arrays.town_surface_count + 12
+    np.testing.assert_array_equal(scene.surface_offset, arrays.town_surface_count + np.array([0, 6]))
+    hit = cast(scene, 0, (20.0, 3.0, 10.0), (0, 0, -1))
+    assert hit.instance[0] == 1
+    assert scene.surface_offset[1] <= hit.surface[0] < scene.surface_offset[1] + 6
+
+
+def frame_of_its_own(frames: int = 5) -> SceneArrays:
+    """One car, which is present in frame 2 only; no town."""
+    rows = [[ABSENT] for _ in range(frames)]
+    rows[2] = [pose(10.0, 0.0)]
+    return arrays_from_parts([], [box_model("car")], [("veh", "vehicle", 0)], rows)
+
+
+def test_root_minus_one_of_an_empty_frame_is_not_the_whole_tree(device: str) -> None:
+    """`wp.bvh_get_group_root` gives -1 for a frame without vehicles; a query would read that as all vehicles."""
+    scene = loaded(frame_of_its_own(), device)
+    roots = scene.struct.group_root.numpy()
+    np.testing.assert_array_equal(roots[[0, 1, 3, 4]], -1)
+    assert roots[2] >= 0
+    found = cast(scene, np.arange(5), (0, 0, 0.75), np.tile([1.0, 0, 0], (5, 1)))
+    np.testing.assert_array_equal(np.isfinite(found.t), [False, False, True, False, False])
+    np.testing.assert_array_equal(found.is_blocked, [False, False, True, False, False])
+
+
+def test_roots_are_fetched_again_for_every_batch(device: str) -> None:
+    scene = Scene(frame_of_its_own(), device, 5)
+    for frames in ([2, 0], [0, 2], [0, 1, 3], [2, 2, 2, 2, 2], [2]):
+        scene.load_batch(frames)
+        found = cast(scene, np.arange(len(frames)), (0, 0, 0.75), np.tile([1.0, 0, 0], (len(frames), 1)))
+        np.testing.assert_array_equal(np.isfinite(found.t), [frame == 2 for frame in frames], err_msg=str(frames))
+
+
+def test_absent_instance_is_not_at_the_origin(device: str) -> None:
+    rows = [[pose(10.0, 0.0), ABSENT]]
+    actors = [("a", "vehicle", 0), ("b", "vehicle", 0)]
+    scene = loaded(arrays_from_parts([ground_part()], [box_model("car")], actors, rows), device)
+    found = cast(scene, 0, (0, 0, 20), (0, 0, -1))
+    assert found.instance[0] == -1
+    np.testing.assert_allclose(found.t[0], 20.0, atol=1e-5)
+
+
+def test_scene_without_anything(device: str) -> None:
+    found = cast(loaded(arrays_from_parts([]), device), 0, (0, 0, 0), sphere_directions(16))
+    assert not np.isfinite(found.t).any() and not found.is_blocked.any()
+
+
+def test_batch_equals_single_frames(device: str) -> None:
+    arrays = random_triangles(5, vehicles=8, frames=6)
+    origin, direction = random_rays(5, 300)
+    together = loaded(arrays, device)
+    for slot, frame in enumerate(arrays.frames):
+        cast(together, slot, origin, direction).assert_equals(
+            cast(loaded(arrays, device, [frame]), 0, origin, direction)
+        )
+
+
+def test_two_runs_are_bit_equal(device: str) -> None:
+    arrays = random_triangles(6, vehicles=8, frames=2)
+    origin, direction = random_rays(6, 400)
+    first = cast(loaded(arrays, device), 1, origin, direction)
+    first.assert_equals(cast(loaded(arrays, device), 1, origin, direction))
+
+
+def test_equal_distances_go_to_the_lower_instance_whatever_the_batch(device: str) -> None:
+    """Cars in the same place: the tree of another batch meets them in another order, the answer must not change."""
+    rng = np.random.default_rng(0)
+    rows = np.array([[pose(*rng.uniform(-30, 30, 2)) for _ in range(12)] for _ in range(4)])
+    rows[:, 7] = rows[:, 3]
+    rows[:, 9] = rows[:, 3]
+    actors = [(f"veh_{v}", "vehicle", 0) for v in range(12)]
+    arrays = arrays_from_parts([], [box_model("car")], actors, rows)
+    for frames in ([0, 1, 2, 3], [2], [3, 2]):
+        scene = loaded(arrays, device, frames)
+        for slot, frame in enumerate(frames):
+            found = cast(scene, slot, rows[frame, 3, :3] + [0, 0, 10], (0, 0, -1))
+            assert found.instance[0] == 3
+
+
+def test_town_far_from_the_origin_is_rebased(device: str) -> None:
+    near = random_triangles(8, vehicles=4, frames=1)
+    shift = np.array([500_000.0, 4_000_000.0, 100.0])
+    poses = near.poses.copy()
+    poses[..., :3] += shift
+    far = replace(near, points=near.points + shift, poses=poses)
+    origin, direction = random_rays(8, 300)
+    scene = loaded(far, device)
+    assert np.abs(scene.origin - shift).max() < 30.0
+    found, wanted = cast(scene, 0, origin + shift, direction), cast(loaded(near, device), 0, origin, direction)
+    same = found.object_id == wanted.object_id
+    assert same.mean() > 0.99
+    np.testing.assert_allclose(found.t[same], wanted.t[same], atol=1e-3)
+
+
+def test_mesh_hit_is_the_nearest_face(device: str) -> None:
+    mesh = loaded(ground_and_wall(), device).town_mesh
+    out = wp.zeros(2, dtype=structs.MeshHit, device=device)
+    wp.launch(drop_kernel, dim=2, inputs=[mesh.id], outputs=[out], device=device)
+    rows = out.numpy()
+    np.testing.assert_allclose(rows["t"], [3.0, np.inf])
+    np.testing.assert_array_equal(rows["face"] >= 0, [True, False])
+    np.testing.assert_allclose(rows["normal"][0], [0, 0, 1], atol=1e-6)
+
+
+@wp.kernel
+def drop_kernel(
+    mesh: wp.uint64,
+    # out
+    hit_out: wp.array[structs.MeshHit],
+):
+    index = wp.tid()
+    hit_out[index] = trace.closest_mesh_hit(
+        mesh, wp.vec3(1000.0 * float(index), 2.0, 3.0), wp.vec3(0.0, 0.0, -1.0), 50.0
+    )
