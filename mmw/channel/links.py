@@ -1,0 +1,103 @@
+"""Who talks to whom: one row a link and frame, with both antennas where they are."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mmw.channel.motion import actor_rates
+from mmw.channel.vectors import cross, rotate
+from mmw.config import ChannelConfig
+from mmw.config.section import Vec3
+from mmw.poses import normalize, quaternion_to_matrix
+from mmw.scene_arrays import SceneArrays
+
+LINK_V2I = 0
+"""`Links.kind` of a downlink from a roadside unit to a CAV."""
+LINK_V2V = 1
+"""`Links.kind` of a link between two CAVs."""
+LINK_KINDS = ("v2i", "v2v")
+"""Name of each kind."""
+
+
+@dataclass(frozen=True)
+class Ends:
+    """One side of every link, world frame."""
+
+    position: np.ndarray
+    """Phase centre of the antenna [m], shape [L, 3], float64."""
+    rotation: np.ndarray
+    """Antenna-to-world rotation, shape [L, 3, 3], float64."""
+    velocity: np.ndarray
+    """Velocity of the antenna [m/s], shape [L, 3], float64."""
+
+
+@dataclass(frozen=True)
+class Links:
+    """Transmitter-receiver pairs, one row a pair and frame; rows are in the order of frames, kinds and actors."""
+
+    frame: np.ndarray
+    """Frame number, shape [L], int32."""
+    slot: np.ndarray
+    """Position of the frame in the batch, shape [L], int32."""
+    kind: np.ndarray
+    """`LINK_V2I` or `LINK_V2V`, shape [L], int8."""
+    tx_actor: np.ndarray
+    """Actor index of the transmitter, shape [L], int32."""
+    rx_actor: np.ndarray
+    """Actor index of the receiver, shape [L], int32."""
+    tx: Ends
+    rx: Ends
+
+    def __len__(self) -> int:
+        return len(self.frame)
+
+
+def make_links(arrays: SceneArrays, frames: Sequence[int], config: ChannelConfig) -> Links:
+    """Return the links of a batch of frames.
+
+    Args:
+        arrays: The scene on the host.
+        frames: Frames of the batch; slot s is `frames[s]`.
+        config: Which links there are, and where antennas sit on their agents.
+
+    Returns:
+        Every configured pair of present agents: RSU -> CAV for `v2i`, every ordered pair of CAVs for `v2v`.
+
+    Raises:
+        ValueError: If the scene does not cover a frame.
+    """
+    actors = arrays.actors
+    cavs = [i for i, actor in enumerate(actors) if actor.role == "cav"]
+    rsus = [i for i, actor in enumerate(actors) if actor.role == "rsu"]
+    pairs = [(LINK_V2I, t, r) for t in rsus for r in cavs] if "v2i" in config.links else []
+    if "v2v" in config.links:
+        pairs += [(LINK_V2V, t, r) for t in cavs for r in cavs if t != r]
+    pair = np.array(pairs, dtype=np.int32).reshape(-1, 3)
+    rows = np.array([arrays.frame_row(int(frame)) for frame in frames], dtype=np.int64)
+    poses = arrays.poses[rows]
+    is_here = np.asarray(np.isfinite(poses).all(axis=2))
+    slot, column = np.nonzero(is_here[:, pair[:, 1]] & is_here[:, pair[:, 2]])
+    kind, tx_actor, rx_actor = pair[column].T
+    velocity, rate = actor_rates(arrays, rows)
+    places: Mapping[str, Vec3] = {**config.antenna_position_m}
+    mount = np.array([places.get(actor.role, (0.0, 0.0, 0.0)) for actor in actors]).reshape(-1, 3)
+
+    def ends(actor: np.ndarray) -> Ends:
+        rotation = quaternion_to_matrix(normalize(poses[slot, actor, 3:]))
+        lever = rotate(rotation, mount[actor])
+        return Ends(
+            position=poses[slot, actor, :3] + lever,
+            rotation=rotation,
+            velocity=velocity[slot, actor] + cross(rate[slot, actor], lever),
+        )
+
+    return Links(
+        frame=np.array(frames, dtype=np.int32)[slot],
+        slot=slot.astype(np.int32),
+        kind=kind.astype(np.int8),
+        tx_actor=tx_actor,
+        rx_actor=rx_actor,
+        tx=ends(tx_actor),
+        rx=ends(rx_actor),
+    )

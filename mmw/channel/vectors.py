@@ -1,0 +1,54 @@
+"""Float64 vector algebra on rows, written out by component so that a row's bits never depend on its neighbours."""
+
+import numpy as np
+
+
+def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the scalar product over the last axis, shape [..., 3] -> [...]."""
+    return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
+
+
+def norm(a: np.ndarray) -> np.ndarray:
+    """Return the length over the last axis, shape [..., 3] -> [...]."""
+    return np.sqrt(dot(a, a))
+
+
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the vector product over the last axis, shape [..., 3]."""
+    return np.stack(
+        [
+            a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1],
+            a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2],
+            a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0],
+        ],
+        axis=-1,
+    )
+
+
+def rotate(rotation: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """Return `rotation` times `vector`, shapes [..., 3, 3] and [..., 3]."""
+    return np.stack([dot(rotation[..., i, :], vector) for i in range(3)], axis=-1)
+
+
+def unrotate(rotation: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """Return the transpose of `rotation` times `vector`, shapes [..., 3, 3] and [..., 3]."""
+    return np.stack([dot(rotation[..., :, i], vector) for i in range(3)], axis=-1)
+
+
+def direction_angles(direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return zenith from +z in [0, pi] and azimuth from +x in (-pi, pi] of directions, shape [..., 3] -> [...].
+
+    The azimuth of a direction within 1e-9 of the z axis is 0.
+    """
+    across = np.sqrt(direction[..., 0] ** 2 + direction[..., 1] ** 2)
+    theta = np.arctan2(across, direction[..., 2])
+    phi = np.where(across < 1e-9, 0.0, np.arctan2(direction[..., 1], direction[..., 0]))
+    return theta, phi
+
+
+def spherical_basis(theta: np.ndarray, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the unit vectors of growing zenith and growing azimuth, shape [...] -> [..., 3] each."""
+    sin_t, cos_t, sin_p, cos_p = np.sin(theta), np.cos(theta), np.sin(phi), np.cos(phi)
+    theta_hat = np.stack([cos_t * cos_p, cos_t * sin_p, -sin_t], axis=-1)
+    phi_hat = np.stack([-sin_p, cos_p, np.zeros_like(phi)], axis=-1)
+    return theta_hat, phi_hat
