@@ -1,0 +1,95 @@
+"""Where a vehicle goes: a chain of lanes, joined to one line."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mmw.town.lanes import Lane, LaneGraph
+
+PATH_STEP = 0.1
+"""Spacing of path samples [m]."""
+
+EXTENSION = 14.0
+"""Straight run before the first and after the last lane [m]: support for filters and for the axle behind."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """Joined centre lines, sampled every `PATH_STEP` of plan length; station 0 is the start of the first lane."""
+
+    lanes: tuple[str, ...]
+    """Names in driving order."""
+    ends: np.ndarray
+    """Station where each lane ends [m], shape [lanes]."""
+    station: np.ndarray
+    """Station of every sample [m], shape [N]; from -EXTENSION to the end plus EXTENSION."""
+    points: np.ndarray
+    """Samples in the world frame [m], shape [N, 3], as the lanes give them."""
+
+
+def living_lanes(graph: LaneGraph) -> frozenset[str]:
+    """Return the lanes from which a vehicle can go on for ever, so that it never has to stop at a dead end."""
+    alive = set(graph.lanes)
+    while True:
+        dead = [name for name in alive if not any(s in alive for s in graph.lanes[name].successors)]
+        if not dead:
+            return frozenset(alive)
+        alive.difference_update(dead)
+
+
+def choose_lanes(
+    graph: LaneGraph, first: str, length: float, generator: np.random.Generator, is_open: Callable[[str], bool]
+) -> list[str]:
+    """Return a random chain of lanes, each successor as likely as the others.
+
+    Every successor draws a number and the lowest open one wins. So closing a lane changes only the chains that would
+    have used it, and a longer chain begins like a shorter one.
+
+    Args:
+        graph: The lanes.
+        first: Name of the lane that the vehicle stands on.
+        length: Plan length to cover after the first lane [m].
+        generator: Source of the draws, fresh for every call.
+        is_open: Whether the vehicle may use the lane with this name. A lane without an open successor ends the chain.
+    """
+    chain = [first]
+    covered = 0.0
+    while covered < length:
+        successors = graph.lanes[chain[-1]].successors
+        draws = zip(generator.random(len(successors)), successors, strict=True)
+        open_draws = [draw for draw in draws if is_open(draw[1])]
+        if not open_draws:
+            break
+        chain.append(min(open_draws)[1])
+        covered += plan_length(graph.lanes[chain[-1]])
+    return chain
+
+
+def plan_length(lane: Lane) -> float:
+    """Return the length of a lane seen from above [m]."""
+    return float(np.linalg.norm(np.diff(lane.points[:, :2], axis=0), axis=1).sum())
+
+
+def join_lanes(lanes: Sequence[Lane]) -> Line:
+    """Return the centre lines of successive lanes as one line with equally spaced samples."""
+    points = np.concatenate([np.asarray(lane.points, np.float64) for lane in lanes])
+    counts = np.cumsum([len(lane.points) for lane in lanes])
+    step = np.linalg.norm(np.diff(points[:, :2], axis=0), axis=1)
+    along = np.concatenate([[0.0], np.cumsum(step)])
+    ends = along[counts - 1]
+    keep = np.concatenate([[True], step > 1e-6])
+    points, along = points[keep], along[keep]
+    head = points[0] - EXTENSION * _direction(points[0], points[1])
+    tail = points[-1] + EXTENSION * _direction(points[-2], points[-1])
+    points = np.concatenate([[head], points, [tail]])
+    along = np.concatenate([[-EXTENSION], along, [along[-1] + EXTENSION]])
+    count = int(np.floor((along[-1] - along[0]) / PATH_STEP)) + 1
+    station = along[0] + PATH_STEP * np.arange(count)
+    sampled = np.stack([np.interp(station, along, points[:, axis]) for axis in range(3)], axis=1)
+    return Line(tuple(lane.name for lane in lanes), ends, station, sampled)
+
+
+def _direction(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    step = end - start
+    return step / np.hypot(step[0], step[1])
