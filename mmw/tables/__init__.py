@@ -1,0 +1,1 @@
+"""The dataset's tables: their schemas, and how shards are written, listed and verified."""

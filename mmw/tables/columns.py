@@ -1,0 +1,151 @@
+"""Columns in, checked Arrow table out: the one gate between the tracer's arrays and the files."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from mmw.tables.parquet import arrow_schema
+from mmw.tables.schemas import IMAGE, TableSpec, table_spec
+
+
+def table_from_columns(name: str, columns: Mapping[str, Any]) -> pa.Table:
+    """Return a table of the given columns: cast to the schema, checked, and sorted by its key.
+
+    Args:
+        name: Table name.
+        columns: Every column of the table by name. A column is a NumPy array, an Arrow array, a sequence, or one scalar
+            (text, number or truth value) that stands for all rows. A list column is a sequence of arrays, one a row, or
+            an Arrow list array. An image column is a sequence of `(bytes, path)` pairs, None for no image.
+
+    Raises:
+        ValueError: If a column is missing or unknown, lengths differ, a value does not fit its type, a value that must
+            be there is null, a number is not finite, or two rows have the same key.
+    """
+    spec = table_spec(name)
+    names = [field.name for field in spec.columns]
+    missing = [column for column in names if column not in columns]
+    unknown = [column for column in columns if column not in names]
+    if missing or unknown:
+        raise ValueError(
+            f"table {name!r}: missing columns {missing}, unknown columns {unknown}; give exactly {', '.join(names)}"
+        )
+    lengths = {column: len(values) for column, values in columns.items() if not _is_scalar(values)}
+    if len(set(lengths.values())) > 1:
+        raise ValueError(f"table {name!r}: columns have lengths {lengths}; every column needs one value a row")
+    rows = next(iter(lengths.values()), 1)
+    arrays = [_cast(name, field, columns[field.name], rows) for field in spec.columns]
+    return sort_rows(spec, pa.Table.from_arrays(arrays, schema=arrow_schema(name)))
+
+
+def check_table(name: str, table: pa.Table) -> pa.Table:
+    """Return a table that came as Arrow, after the same checks as `table_from_columns`."""
+    return table_from_columns(name, {column: table.column(column) for column in table.column_names})
+
+
+def sort_rows(spec: TableSpec, table: pa.Table) -> pa.Table:
+    """Return the rows sorted by the table's key, untouched where they are already.
+
+    Raises:
+        ValueError: If two rows have the same key.
+    """
+    if table.num_rows < 2:
+        return table
+    keys = pa.table({column: _plain(table.column(column)) for column in spec.key})
+    numbered = keys.append_column(" row", pa.array(np.arange(table.num_rows)))
+    order = numbered.sort_by([(column, "ascending") for column in spec.key]).column(" row").to_numpy()
+    if not np.array_equal(order, np.arange(len(order))):
+        table, keys = table.take(order), keys.take(order)
+    for index, field in enumerate(table.schema):
+        if pa.types.is_dictionary(field.type):  # order of first appearance, whatever order the rows came in
+            table = table.set_column(index, field, _to_names(table.column(index).combine_chunks()))
+    same = np.ones(table.num_rows - 1, dtype=bool)
+    for column in spec.key:
+        values = keys.column(column).to_numpy()
+        same &= values[1:] == values[:-1]
+    if same.any():
+        row = keys.slice(int(np.argmax(same)), 1).to_pylist()[0]
+        raise ValueError(
+            f"table {spec.name!r}: {int(same.sum())} rows repeat a key, the first {row}; a key names one row"
+        )
+    return table
+
+
+def frame_rows(table: pa.Table) -> int:
+    """Return the largest number of rows of one frame; 0 for an empty table."""
+    if not table.num_rows:
+        return 0
+    return int(np.unique(table.column("frame").to_numpy(), return_counts=True)[1].max())
+
+
+def _plain(values: pa.ChunkedArray) -> pa.ChunkedArray:
+    return values.cast(pa.string()) if pa.types.is_dictionary(values.type) else values
+
+
+def _is_scalar(values: Any) -> bool:
+    return isinstance(values, (str, bytes, bool, int, float, np.generic))
+
+
+def _cast(table: str, field: pa.Field, values: Any, rows: int) -> pa.Array:
+    where = f"table {table!r}, column {field.name!r}"
+    try:
+        array = _to_arrow(field.type, values, rows)
+    except (pa.ArrowInvalid, pa.ArrowTypeError, pa.ArrowNotImplementedError, TypeError, OverflowError) as error:
+        raise ValueError(f"{where}: {error}; the column holds {field.type}") from error
+    if array.null_count and not field.nullable:
+        row = int(np.argmax(array.is_null().to_numpy(zero_copy_only=False)))
+        raise ValueError(f"{where}: row {row} is null; every row needs a value")
+    leaf = array.flatten() if pa.types.is_list(array.type) else array
+    if leaf.null_count and leaf is not array:
+        raise ValueError(f"{where}: a list holds a null; every element needs a value")
+    if pa.types.is_floating(leaf.type):
+        finite = np.isfinite(leaf.drop_null().to_numpy(zero_copy_only=False))
+        if not finite.all():
+            raise ValueError(f"{where}: {int((~finite).sum())} values are not finite; leave the row out or give null")
+    return array
+
+
+def _to_arrow(type_: pa.DataType, values: Any, rows: int) -> pa.Array:
+    if _is_scalar(values):
+        values = pa.array([values.item() if isinstance(values, np.generic) else values] * rows)
+    if isinstance(values, pa.ChunkedArray):
+        values = values.combine_chunks()
+    if isinstance(values, pa.ChunkedArray):  # no chunk at all
+        values = pa.array([], type_)
+    if pa.types.is_dictionary(type_):
+        return _to_names(values)
+    if type_.equals(IMAGE):
+        return values.cast(type_) if isinstance(values, pa.Array) else _to_images(values)
+    if pa.types.is_list(type_) and not isinstance(values, pa.Array):
+        return _to_lists(type_, values)
+    if isinstance(values, pa.Array):
+        return values.cast(type_)
+    if isinstance(values, np.ndarray) and values.dtype != object:
+        return pa.array(values).cast(type_)
+    return pa.array(values, type=type_)
+
+
+def _to_names(values: Any) -> pa.Array:
+    """Return names with a dictionary in order of first appearance, so that equal rows give equal bytes."""
+    if isinstance(values, pa.Array):
+        return values.cast(pa.string()).dictionary_encode()
+    if isinstance(values, np.ndarray):
+        values = values.tolist()
+    return pa.array(values, type=pa.string()).dictionary_encode()
+
+
+def _to_images(values: Sequence[tuple[bytes, str] | None]) -> pa.Array:
+    return pa.array([None if pair is None else {"bytes": pair[0], "path": pair[1]} for pair in values], type=IMAGE)
+
+
+def _to_lists(type_: pa.DataType, values: Sequence[Any]) -> pa.Array:
+    element = type_.value_type
+    if pa.types.is_string(element):
+        return pa.array([list(row) for row in values], type=type_)
+    arrays = [np.asarray(row).reshape(-1) for row in values]
+    offsets = np.zeros(len(arrays) + 1, dtype=np.int32)
+    np.cumsum([len(row) for row in arrays], out=offsets[1:])
+    filled = [row for row in arrays if len(row)]
+    flat = np.concatenate(filled) if filled else np.zeros(0, dtype=element.to_pandas_dtype())
+    return pa.ListArray.from_arrays(pa.array(offsets), pa.array(flat).cast(element), type=type_)

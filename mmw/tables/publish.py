@@ -1,0 +1,59 @@
+"""Files that are there completely or not at all: temporary name, flush to disk, rename, flush the folder."""
+
+import errno
+import os
+import shutil
+from pathlib import Path
+
+
+class OutOfSpaceError(RuntimeError):
+    """The disk is full. Nothing that was published before is touched, and a rerun resumes."""
+
+
+def temporary_path(path: Path) -> Path:
+    """Return the name that a file has until it is complete; readers skip it (leading dot, no `.parquet` at the end)."""
+    return path.with_name(f".{path.name}.tmp")
+
+
+def publish_bytes(path: Path, data: bytes | memoryview) -> None:
+    """Write a file so that a reader, a kill or a power cut sees all of it or nothing.
+
+    Args:
+        path: Final name; an existing file is replaced.
+        data: The whole content.
+
+    Raises:
+        OutOfSpaceError: If the disk or the quota is full; the temporary file is removed.
+    """
+    temporary = temporary_path(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with temporary.open("wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(path)
+        flush_folder(path.parent)
+    except OSError as error:
+        temporary.unlink(missing_ok=True)
+        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+            raise OutOfSpaceError(_no_space(path, len(data))) from error
+        raise
+
+
+def flush_folder(folder: Path) -> None:
+    """Flush a folder's entries to disk, so that a rename survives a power cut."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def _no_space(path: Path, size: int) -> str:
+    folder = next(parent for parent in path.parents if parent.is_dir())
+    free = shutil.disk_usage(folder).free
+    return (
+        f"{folder}: no space left for {path.name}: {size:,} bytes needed, {free:,} bytes free; "
+        "free some space, or give --out another folder, and run the same command again: it resumes"
+    )
