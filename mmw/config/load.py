@@ -1,15 +1,14 @@
 """File + overrides -> Config. Every problem becomes one line that names the file, the key, the value and the cure."""
 
-import difflib
-import json
 import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import yaml
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 
+from mmw.config.explain import problem_line
 from mmw.config.model import Config
 
 
@@ -81,7 +80,7 @@ def load_config(path: str | Path, overrides: Sequence[str] = (), patch: dict[str
     try:
         return Config.model_validate(data)
     except ValidationError as error:
-        raise ConfigError([_problem(path, data, item) for item in error.errors()]) from None
+        raise ConfigError([problem_line(path, item) for item in error.errors()]) from None
 
 
 def _set(data: Any, key: str, value: Any, where: str) -> None:
@@ -105,74 +104,6 @@ def _set(data: Any, key: str, value: Any, where: str) -> None:
                 data = data[part]
         else:
             raise ConfigError([f"{where}: {here} = {data!r} has no keys below it; check the key"])
-
-
-def _problem(path: Path, data: Any, error: Any) -> str:
-    location = [
-        part for part in error["loc"] if part not in ("lidar", "depth", "imu") or _has(data, error["loc"], part)
-    ]
-    key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in location).lstrip(".") or "the file"
-    message = error["msg"].removeprefix("Value error, ")
-    kind = error["type"]
-    if kind == "extra_forbidden":
-        known = _known_keys(location[:-1])
-        near = difflib.get_close_matches(str(location[-1]), known, n=1)
-        cure = f"did you mean `{near[0]}`?" if near else f"known keys here: {', '.join(known)}"
-        return f"{path}: {key} = {_short(error['input'])}: unknown key; {cure}"
-    if kind == "missing":
-        return f"{path}: {key}: missing; add it ({_describe(location) or message})"
-    found = "" if isinstance(error["input"], dict | list) else f" = {_short(error['input'])}"
-    described = _describe(location)
-    return f"{path}: {key}{found}: {message[0].lower() + message[1:]}" + (f"; {described}" if described else "")
-
-
-def _has(data: Any, loc: tuple[Any, ...], tag: str) -> bool:
-    """Whether `tag` is a key of the file rather than the name of a sensor type that pydantic puts into locations."""
-    for part in loc[: loc.index(tag)]:
-        try:
-            data = data[part]
-        except (KeyError, IndexError, TypeError):
-            return False
-    return isinstance(data, dict) and tag in data
-
-
-def _section(location: Sequence[Any]) -> type[BaseModel] | None:
-    from mmw.config import scenario, sensors
-    from mmw.config.model import FramesConfig
-
-    if not location:
-        return Config
-    head, rest = location[0], [part for part in location[1:] if not isinstance(part, int)]
-    if head == "scenarios":
-        inner = {"traffic": scenario.TrafficConfig, "rsus": scenario.RsuConfig}
-        return inner.get(rest[0]) if rest else scenario.ScenarioConfig
-    if head == "sensors":
-        return sensors.MountConfig if rest else None
-    simple = {"frames": FramesConfig} | {
-        name: info.annotation for name, info in Config.model_fields.items() if name in ("channel", "output", "compute")
-    }
-    return simple.get(head) if not rest else None
-
-
-def _known_keys(location: Sequence[Any]) -> list[str]:
-    if location and location[0] == "sensors" and not [p for p in location[1:] if not isinstance(p, int)]:
-        from mmw.config.sensors import DepthConfig, ImuConfig, LidarConfig
-
-        return sorted({name for model in (LidarConfig, DepthConfig, ImuConfig) for name in model.model_fields})
-    section = _section(location)
-    return sorted(section.model_fields) if section else []
-
-
-def _describe(location: Sequence[Any]) -> str:
-    names = [part for part in location if isinstance(part, str)]
-    section = _section(list(location[:-1])) if names else None
-    field = section.model_fields.get(names[-1]) if section else None
-    return (field.description or "") if field else ""
-
-
-def _short(value: Any) -> str:
-    text = json.dumps(value, default=str)
-    return text if len(text) <= 60 else text[:57] + "..."
 
 
 def json_schema() -> dict[str, Any]:

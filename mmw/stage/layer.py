@@ -65,7 +65,7 @@ def animate(prim: Sdf.PrimSpec, poses: np.ndarray) -> None:
 
     Positions stay float64. Neighbouring quaternions have a positive product, so that viewers turn the short way.
     """
-    is_there: np.ndarray = np.isfinite(poses).all(axis=1)
+    is_there = np.all(np.isfinite(poses), axis=1)
     frames = np.flatnonzero(is_there)
     position = poses[is_there, :3].tolist()
     turn = continuous(normalize(poses[is_there, 3:])).tolist()

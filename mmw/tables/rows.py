@@ -37,7 +37,7 @@ def _split(columns: Sequence[str], values: np.ndarray) -> Columns:
 def frame_rows(arrays: SceneArrays, frames: Sequence[int], seed: int) -> Columns:
     """Return the `frames` table: one row a frame."""
     rows = [arrays.frame_row(frame) for frame in frames]
-    is_present: np.ndarray = np.isfinite(arrays.poses[rows]).all(axis=2)
+    is_present = np.all(np.isfinite(arrays.poses[rows]), axis=2)
     role = np.array([actor.role for actor in arrays.actors])
     frame = np.asarray(frames, dtype=np.int32)
     return {

@@ -1,0 +1,96 @@
+"""Kernels that trace one ray a thread and keep distance and object: what a sensor does, without its physics."""
+
+import warp as wp
+
+from mmw.kernels.geometry import fibonacci_direction
+from mmw.kernels.structs import Scene, Views
+from mmw.kernels.trace import nearest_surface, object_of
+
+wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
+
+T_MAX = wp.constant(1000.0)
+TILE = wp.constant(8)
+
+
+@wp.kernel
+def sphere_kernel(
+    scene: Scene,
+    views: Views,
+    ray_count: int,
+    arm: int,
+    # out
+    t_out: wp.array2d[float],
+    object_out: wp.array2d[int],
+):
+    """Trace a Fibonacci lattice around each view's position.
+
+    With `arm` 1, neighbouring threads take neighbouring indices, which lie 137.5 deg apart. With `arm` a Fibonacci
+    number they take every `arm`-th index, which lie side by side along a spiral. Launch: dim=(A, R).
+    """
+    view, thread = wp.tid()
+    full = ray_count // arm
+    left = ray_count - full * arm  # the first `left` spirals have one ray more
+    spiral = wp.int32(0)
+    step = wp.int32(0)
+    if thread < left * (full + 1):
+        spiral = thread // (full + 1)
+        step = thread - spiral * (full + 1)
+    else:
+        behind = thread - left * (full + 1)
+        spiral = left + behind // full
+        step = behind % full
+    ray = step * arm + spiral
+    direction = fibonacci_direction(ray, ray_count)
+    origin = wp.transform_get_translation(views.pose[view])
+    near = nearest_surface(scene, views.slot[view], origin, direction, T_MAX, views.ignore[view])
+    t_out[view, ray] = near.t
+    object_out[view, ray] = object_of(scene, near)
+
+
+@wp.kernel
+def camera_kernel(
+    scene: Scene,
+    views: Views,
+    width: int,
+    focal: float,
+    # out
+    t_out: wp.array2d[float],
+    object_out: wp.array2d[int],
+):
+    """Trace the pixel centres of a pinhole camera in 8 x 8 tiles. Launch: dim=(A, H * W), H and W multiples of 8."""
+    view, thread = wp.tid()
+    tile = thread // (TILE * TILE)
+    lane = thread % (TILE * TILE)
+    columns = width // TILE
+    v = (tile // columns) * TILE + lane // TILE
+    u = (tile % columns) * TILE + lane % TILE
+    height = t_out.shape[1] // width
+    pose = views.pose[view]
+    through = wp.vec3(
+        1.0, (0.5 * float(width) - float(u) - 0.5) / focal, (0.5 * float(height) - float(v) - 0.5) / focal
+    )
+    direction = wp.transform_vector(pose, wp.normalize(through))
+    origin = wp.transform_get_translation(pose)
+    near = nearest_surface(scene, views.slot[view], origin, direction, T_MAX, views.ignore[view])
+    pixel = v * width + u
+    t_out[view, pixel] = near.t
+    object_out[view, pixel] = object_of(scene, near)
+
+
+@wp.kernel
+def lidar_kernel(
+    scene: Scene,
+    views: Views,
+    direction_s: wp.array[wp.vec3],
+    # out
+    t_out: wp.array2d[float],
+    object_out: wp.array2d[int],
+):
+    """Trace a table of directions, channel after channel. Launch: dim=(A, R)."""
+    view, ray = wp.tid()
+    pose = views.pose[view]
+    direction = wp.transform_vector(pose, direction_s[ray])
+    origin = wp.transform_get_translation(pose)
+    near = nearest_surface(scene, views.slot[view], origin, direction, T_MAX, views.ignore[view])
+    t_out[view, ray] = near.t
+    object_out[view, ray] = object_of(scene, near)

@@ -1,0 +1,80 @@
+"""The `mmw` command. Each subcommand calls one function."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the `mmw` command and return its exit code."""
+    argv = list(sys.argv[1:] if argv is None else argv)
+    if argv and argv[0] == "run":
+        from mmw.run import main as run_main
+
+        return run_main(argv[1:], prog="mmw run")
+    parser = argparse.ArgumentParser(
+        prog="mmw", description="Multimodal wireless datasets from one configuration file."
+    )
+    commands = parser.add_subparsers(dest="command", required=True)
+    commands.add_parser("run", help="make a dataset (same as python -m mmw.run)")
+    town = commands.add_parser("town", help="build a town from its YAML description (needs mmw[author])")
+    town.add_argument("description", type=Path, help="the town's YAML file")
+    town.add_argument("--out", type=Path, help="folder for the built asset; the description's own by default")
+    check = commands.add_parser("check", help="check a USD stage with OpenUSD's validators")
+    check.add_argument("stage", type=Path, help="USD file")
+    verify = commands.add_parser("verify", help="check every file of a dataset against its markers")
+    verify.add_argument("dataset", type=Path, help="dataset folder")
+    pictures = commands.add_parser(
+        "pictures", help="draw a dataset: town, street, LiDAR, depth, link (needs mmw[plot])"
+    )
+    pictures.add_argument("dataset", type=Path, help="dataset folder")
+    pictures.add_argument("--out", type=Path, default=Path("pictures"), help="folder for the PNG files")
+    pictures.add_argument("--scenario", default="", help="scenario; the first by default")
+    pictures.add_argument("--agent", default="cav_1", help="agent that is followed")
+    pictures.add_argument("--frame", type=int, default=-1, help="frame; the first by default")
+    arguments = parser.parse_args(argv)
+    try:
+        return {"town": _town, "check": _check, "verify": _verify, "pictures": _pictures}[arguments.command](arguments)
+    except ValueError as error:
+        print(f"mmw: {error}", file=sys.stderr)
+        return 2
+
+
+def _town(arguments: argparse.Namespace) -> int:
+    from mmw.town.build import build_town
+
+    print(build_town(arguments.description, arguments.out or arguments.description.parent))
+    return 0
+
+
+def _check(arguments: argparse.Namespace) -> int:
+    from pxr import Usd
+
+    from mmw.usd.validate import validate_stage
+
+    if not arguments.stage.is_file():
+        raise ValueError(f"{arguments.stage}: no such file; give an existing USD stage")
+    problems = validate_stage(Usd.Stage.Open(str(arguments.stage)))
+    print("\n".join(problems) if problems else f"{arguments.stage}: no problem found")
+    return 1 if problems else 0
+
+
+def _verify(arguments: argparse.Namespace) -> int:
+    from mmw.tables.verify import verify
+
+    findings = verify(arguments.dataset)
+    print("\n".join(map(str, findings)) if findings else f"{arguments.dataset}: every file is there and unchanged")
+    return 1 if findings else 0
+
+
+def _pictures(arguments: argparse.Namespace) -> int:
+    from mmw.viewing.gallery import make_gallery
+
+    options = {"scenario": arguments.scenario, "agent": arguments.agent, "frame": arguments.frame}
+    print(*make_gallery(arguments.dataset, arguments.out, **options), sep="\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

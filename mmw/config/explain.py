@@ -1,0 +1,83 @@
+"""What pydantic found wrong with a configuration, as one line: file, key, value, and the cure."""
+
+import difflib
+import json
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, get_args
+
+from pydantic import BaseModel
+from pydantic_core import ErrorDetails
+
+from mmw.config.model import Config
+
+Key = tuple[str | int, ...]
+
+
+def problem_line(path: Path, error: ErrorDetails) -> str:
+    """Return one line for one error of a configuration file."""
+    models, key = _walk(error["loc"])
+    where = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in key).lstrip(".") or "the file"
+    if error["type"] == "extra_forbidden":
+        known = sorted({name for model in models for name in model.model_fields})
+        near = difflib.get_close_matches(str(key[-1]), known, n=1)
+        cure = f"did you mean `{near[0]}`?" if near else f"known keys here: {', '.join(known)}"
+        return f"{path}: {where} = {_short(error['input'])}: unknown key; {cure}"
+    described = _description(models, key)
+    if error["type"] == "missing":
+        return f"{path}: {where}: missing; add it" + (f" ({described})" if described else "")
+    message = error["msg"].removeprefix("Value error, ")
+    found = "" if isinstance(error["input"], dict | list) else f" = {_short(error['input'])}"
+    return f"{path}: {where}{found}: {message[0].lower() + message[1:]}" + (f"; {described}" if described else "")
+
+
+def _walk(location: Sequence[str | int]) -> tuple[list[type[BaseModel]], Key]:
+    """Follow an error's location through the models.
+
+    Pydantic puts the type of a sensor into the location, which is no key of the file; it is left out here.
+
+    Returns:
+        The models that may hold the last key, and the location as the user wrote it.
+    """
+    models: list[type[BaseModel]] = [Config]
+    inside: list[type[BaseModel]] = [Config]
+    key: list[str | int] = []
+    for part in location:
+        tagged = [model for model in inside if _tag(model) == part]
+        if tagged and key and isinstance(key[-1], int):
+            inside = tagged
+            continue
+        key.append(part)
+        if isinstance(part, int):
+            continue
+        models = inside
+        inside = [found for model in models if part in model.model_fields for found in _models_in(model, str(part))]
+    return models if key and isinstance(key[-1], str) else inside, tuple(key)
+
+
+def _tag(model: type[BaseModel]) -> Any:
+    field = model.model_fields.get("type")
+    return field.default if field else None
+
+
+def _models_in(model: type[BaseModel], name: str) -> Iterator[type[BaseModel]]:
+    """Yield the sections that a field holds, in lists, maps and unions too."""
+
+    def find(annotation: Any) -> Iterator[type[BaseModel]]:
+        if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+            yield annotation
+        for argument in get_args(annotation):
+            yield from find(argument)
+
+    yield from find(model.model_fields[name].annotation)
+
+
+def _description(models: list[type[BaseModel]], key: Key) -> str:
+    names = [part for part in key if isinstance(part, str)]
+    fields = [model.model_fields[names[-1]] for model in models if names and names[-1] in model.model_fields]
+    return (fields[0].description or "") if fields else ""
+
+
+def _short(value: Any) -> str:
+    text = json.dumps(value, default=str)
+    return text if len(text) <= 60 else text[:57] + "..."

@@ -1,0 +1,257 @@
+"""The run: for each scenario, for each shard, for each batch of frames: launch every sensor, collect rows, hand over.
+
+Geometry is traced once a batch; what differs between weathers is evaluated on the hits. Shards are encoded and
+written by threads while the device traces the next one.
+"""
+
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from mmw.channel.links import make_links
+from mmw.channel.solver import check_channel_materials, solve_paths
+from mmw.channel.surface_table import SurfaceTable, make_surface_table
+from mmw.compute.device import device_name
+from mmw.config import Config, DepthConfig, ImuConfig, LidarConfig, ScenarioConfig
+from mmw.prepare import buried_mounts, prepare_scenario, read_scenario, versions
+from mmw.report import Clock, Console, closing_summary
+from mmw.scene import Scene
+from mmw.scene_arrays import SceneArrays
+from mmw.sensors.boxes import make_boxes
+from mmw.sensors.depth import trace_depth
+from mmw.sensors.imu import make_imu
+from mmw.sensors.kinematics import Motion, differentiate
+from mmw.sensors.lidar import shade_lidar, trace_lidar_hits
+from mmw.tables import rows
+from mmw.tables.columns import sort_rows, table_from_columns
+from mmw.tables.encode import encode_depth
+from mmw.tables.manifest import finalize, pending_scenarios, pending_shards, prepare_root
+from mmw.tables.schemas import table_spec
+from mmw.tables.writer import ShardKey, write_scenario, write_shard
+from mmw.views import make_views
+
+SHARDS_IN_FLIGHT = 2
+"""Groups of shards that may wait for the writers before tracing pauses: what bounds memory."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """Everything that stays the same while one scenario is traced."""
+
+    config: Config
+    scenario: ScenarioConfig
+    arrays: SceneArrays
+    motion: Motion
+    scene: Scene
+    surfaces: SurfaceTable | None
+    pool: ThreadPoolExecutor
+    clock: Clock
+
+
+Rows = dict[str, dict[str, list[Any]]]
+"""Weather -> table -> columns of each batch; a future where a thread still encodes."""
+
+
+def run(config: Config, *, base: Path, device: str, overwrite: bool, console: Console) -> None:
+    """Make the dataset of a configuration, or what is missing of it.
+
+    Args:
+        config: The configuration.
+        base: Folder that relative paths in it start from.
+        device: Warp device name.
+        overwrite: Replace a dataset that another configuration made.
+        console: Where progress goes.
+
+    Raises:
+        ValueError: If the folder belongs to another configuration, or a scenario cannot be made or read.
+        OutOfSpaceError: If the disk is full; the same command resumes.
+    """
+    root = Path(config.output.dir)
+    made_with = versions(config, base, device)
+    prepare_root(root, config.identity(), config.sha256(), made_with, overwrite)
+    meta = {
+        "config_sha256": config.sha256(),
+        "mmw_version": made_with["mmw"],
+        "git_sha": made_with["git"],
+        "device": device_name(device),
+    }
+    keys = {scenario.name: shard_keys(config, scenario.name) for scenario in config.scenarios}
+    pending = {name: pending_shards(root, all_keys) for name, all_keys in keys.items()}
+    frames = {name: sum(key.frame_end - key.frame_begin for key in some) for name, some in pending.items()}
+    total = config.frames.count * len(config.weathers) * len(config.scenarios)
+    console.begin(total, total - sum(frames.values()))
+    if console.done:
+        rest = "making the rest" if console.done < total else "nothing to make"
+        console.say(f"{root}: {console.done} of {total} frames are there already; {rest}")
+    with ThreadPoolExecutor(config.compute.writer_threads, thread_name_prefix="mmw-writer") as pool:
+        try:
+            for scenario in config.scenarios:
+                if pending[scenario.name] or pending_scenarios(root, [scenario.name]):
+                    _run_scenario(config, scenario, base, root, device, pending[scenario.name], pool, meta, console)
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+    with console.clock.stage("manifest"):
+        result = finalize(root)
+    console.summary(closing_summary(root, config, device_name(device), result, console.clock, sum(frames.values())))
+
+
+def shard_keys(config: Config, scenario: str) -> list[ShardKey]:
+    """Return all shards of a scenario: weathers x pieces of `output.shard_frames` frames."""
+    step = config.output.shard_frames
+    return [
+        ShardKey(scenario, weather, begin, min(begin + step, config.frames.stop))
+        for begin in range(config.frames.start, config.frames.stop, step)
+        for weather in config.weathers
+    ]
+
+
+def _run_scenario(
+    config: Config,
+    scenario: ScenarioConfig,
+    base: Path,
+    root: Path,
+    device: str,
+    pending: Sequence[ShardKey],
+    pool: ThreadPoolExecutor,
+    meta: dict[str, Any],
+    console: Console,
+) -> None:
+    clock = console.clock
+    with clock.stage("traffic and stage"):
+        stage = prepare_scenario(config, scenario, base, root)
+    with clock.stage("scene"):
+        arrays = read_scenario(config, scenario, stage)
+        for line in buried_mounts(arrays, config):
+            console.warn_once(line)
+        write_scenario(root, scenario.name, rows.static_rows(arrays, config, scenario), meta)
+        if not pending:
+            return
+        scene = Scene(arrays, device, max_slots=min(config.compute.batch_frames, config.output.shard_frames))
+        surfaces = None
+        if config.channel.enabled:
+            surfaces = make_surface_table(scene)
+            check_channel_materials(arrays.materials, np.unique(surfaces.material_id), config.channel)
+    job = Job(config, scenario, arrays, differentiate(arrays.poses), scene, surfaces, pool, clock)
+    writing: list[list[Future[Any]]] = []
+    for begin, end, weathers in _groups(pending):
+        collected = _trace_shard(job, begin, end, weathers, console)
+        writing.append(
+            [
+                pool.submit(_write, root, ShardKey(scenario.name, weather, begin, end), collected[weather], meta)
+                for weather in weathers
+            ]
+        )
+        while len(writing) > SHARDS_IN_FLIGHT:
+            _wait(writing.pop(0), clock)
+    for group in writing:
+        _wait(group, clock)
+
+
+def _groups(pending: Sequence[ShardKey]) -> Iterator[tuple[int, int, list[str]]]:
+    """Yield pending shards of the same frames together, so that they are traced once for all their weathers."""
+    by_frames: dict[tuple[int, int], list[str]] = defaultdict(list)
+    for key in pending:
+        by_frames[key.frame_begin, key.frame_end].append(key.weather)
+    for (begin, end), weathers in by_frames.items():
+        yield begin, end, weathers
+
+
+def _wait(group: list[Future[Any]], clock: Clock) -> None:
+    with clock.stage("waiting for writers"):
+        for future in group:
+            future.result()
+
+
+def _trace_shard(job: Job, begin: int, end: int, weathers: Sequence[str], console: Console) -> Rows:
+    """Trace the frames of a shard in batches and return their rows in every weather."""
+    collected: Rows = {weather: defaultdict(list) for weather in weathers}
+    step = job.scene.max_slots
+    for first in range(begin, end, step):
+        frames = range(first, min(first + step, end))
+        with job.clock.stage("batch set-up"):
+            job.scene.load_batch(frames)
+        _ground_truth(job, frames, collected)
+        for sensor in job.config.sensors:
+            if isinstance(sensor, LidarConfig):
+                _lidar(job, sensor, frames, collected)
+            elif isinstance(sensor, DepthConfig):
+                _depth(job, sensor, frames, collected)
+            elif isinstance(sensor, ImuConfig):
+                _imu(job, sensor, frames, collected)
+        if job.surfaces is not None:
+            _channel(job, job.surfaces, frames, collected)
+        console.advance(len(frames) * len(weathers), job.scenario.name)
+    return collected
+
+
+def _ground_truth(job: Job, frames: Sequence[int], collected: Rows) -> None:
+    with job.clock.stage("ground truth"):
+        tables = {
+            "frames": rows.frame_rows(job.arrays, frames, job.config.seed),
+            "poses": rows.pose_rows(job.arrays, frames, job.motion),
+            "boxes": rows.box_rows(job.arrays, make_boxes(job.arrays, frames, job.motion)),
+        }
+        _collect(collected, tables)
+
+
+def _lidar(job: Job, sensor: LidarConfig, frames: Sequence[int], collected: Rows) -> None:
+    views = make_views(job.arrays, frames, sensor)
+    with job.clock.stage(sensor.name, len(views) * sensor.channels * sensor.points_per_channel):
+        hits = trace_lidar_hits(job.scene, views, sensor)
+        for weather, tables in collected.items():
+            points = shade_lidar(hits, job.arrays.materials[weather])
+            tables["lidar"].append(rows.lidar_rows(job.arrays, sensor.name, views, points))
+    with job.clock.stage("ground truth"):
+        _collect(collected, {"box_visibility": rows.visibility_rows(job.arrays, sensor.name, views, hits)})
+
+
+def _depth(job: Job, sensor: DepthConfig, frames: Sequence[int], collected: Rows) -> None:
+    views = make_views(job.arrays, frames, sensor)
+    with job.clock.stage(sensor.name, len(views) * sensor.width_px * sensor.height_px):
+        images = trace_depth(job.scene, views, sensor).depth
+    encoded = [job.pool.submit(encode_depth, image) for image in images]
+    for weather, tables in collected.items():
+        tables["depth"].append(rows.depth_rows(job.arrays, sensor.name, views, encoded, job.scenario.name, weather))
+
+
+def _imu(job: Job, sensor: ImuConfig, frames: Sequence[int], collected: Rows) -> None:
+    with job.clock.stage(sensor.name):
+        samples = make_imu(job.arrays, frames, sensor, job.config.seed, job.scenario.name)
+        _collect(collected, {"imu": rows.imu_rows(job.arrays, sensor.name, samples)})
+
+
+def _channel(job: Job, surfaces: SurfaceTable, frames: Sequence[int], collected: Rows) -> None:
+    config = job.config.channel
+    with job.clock.stage("channel"):
+        links = make_links(job.arrays, frames, config)
+        materials = {weather: job.arrays.materials[weather] for weather in collected}
+        paths = solve_paths(job.scene, links, config, materials, surfaces)
+        for weather, tables in collected.items():
+            tables["links"].append(rows.link_rows(job.arrays, links, paths, weather))
+            tables["paths"].append(rows.path_rows(job.arrays, links, paths, weather))
+    if config.candidates == "launch":
+        sources = len(np.unique(np.stack([links.slot, links.tx_actor]), axis=1).T) if len(links) else 0
+        job.clock.rays["channel"] += sources * config.rays
+
+
+def _collect(collected: Rows, tables: dict[str, dict[str, Any]]) -> None:
+    for by_table in collected.values():
+        for name, columns in tables.items():
+            by_table[name].append(columns)
+
+
+def _write(root: Path, key: ShardKey, tables: dict[str, list[dict[str, Any]]], meta: dict[str, Any]) -> None:
+    """Turn the batches of a shard into Arrow tables and publish them. Runs in a writer thread."""
+    ready: dict[str, pa.Table] = {}
+    fixed = {"scenario": key.scenario, "weather": key.weather}
+    for name, batches in tables.items():
+        parts = [table_from_columns(name, {**fixed, **rows.resolved(columns)}) for columns in batches]
+        ready[name] = sort_rows(table_spec(name), pa.concat_tables(parts).unify_dictionaries().combine_chunks())
+    write_shard(root, key, ready, meta)

@@ -1,0 +1,161 @@
+"""What the user sees: a progress bar on a terminal, one line a batch elsewhere, a summary at the end."""
+
+import sys
+import time
+from collections import defaultdict
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from rich.console import Console as RichConsole
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from mmw.config import Config
+
+
+class Clock:
+    """Seconds and rays by stage name; stages add up over batches."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = defaultdict(float)
+        self.rays: dict[str, int] = defaultdict(int)
+        self.start = time.perf_counter()
+
+    @contextmanager
+    def stage(self, name: str, rays: int = 0) -> Iterator[None]:
+        """Add the time of the enclosed block, and its rays, to a stage."""
+        begin = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[name] += time.perf_counter() - begin
+            self.rays[name] += rays
+
+    @property
+    def elapsed(self) -> float:
+        """Seconds since the clock was made."""
+        return time.perf_counter() - self.start
+
+
+class Console:
+    """Progress and messages on standard error, so that standard output stays clean for the summary."""
+
+    def __init__(self) -> None:
+        self._rich = RichConsole(stderr=True, highlight=False, soft_wrap=True)
+        self._progress: Progress | None = None
+        self._task = None
+        self._warned: set[str] = set()
+        self.total = self.done = 0
+        self.clock = Clock()
+
+    def __enter__(self) -> "Console":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._progress:
+            self._progress.stop()
+
+    def say(self, text: str) -> None:
+        """Print one line above the bar."""
+        self._rich.print(text, markup=False)
+
+    def warn_once(self, text: str) -> None:
+        """Print a warning the first time it is given."""
+        if text not in self._warned:
+            self._warned.add(text)
+            self.say(f"note: {text}")
+
+    def begin(self, total: int, done: int) -> None:
+        """Start counting scenario-weather-frames; `done` of `total` are there from an earlier run."""
+        self.total, self.done = total, done
+        self.clock = Clock()
+        self._fresh = 0
+        if self._rich.is_terminal:
+            self._progress = Progress(
+                TextColumn("{task.description}"),
+                BarColumn(),
+                TextColumn("{task.completed:,.0f}/{task.total:,.0f} frames"),
+                TextColumn("{task.fields[speed]}"),
+                TimeElapsedColumn(),
+                TextColumn("left"),
+                TimeRemainingColumn(),
+                console=self._rich,
+            )
+            self._task = self._progress.add_task("tracing", total=total, completed=done, speed="")
+            self._progress.start()
+
+    def advance(self, frames: int, where: str) -> None:
+        """Count traced frames and show the speed."""
+        self.done += frames
+        self._fresh += frames
+        rays = sum(self.clock.rays.values())
+        speed = f"{self._fresh / self.clock.elapsed:.1f} frames/s, {si(rays / self.clock.elapsed)}rays/s"
+        if self._progress and self._task is not None:
+            self._progress.update(self._task, completed=self.done, description=where, speed=speed)
+        else:
+            left = (self.total - self.done) * self.clock.elapsed / max(self._fresh, 1)
+            self.say(f"{where}: {self.done}/{self.total} frames, {speed}, {left:.0f} s left")
+
+    def summary(self, text: str) -> None:
+        """Print the closing summary on standard output."""
+        if self._progress:
+            self._progress.stop()
+            self._progress = None
+        sys.stderr.flush()
+        print(text, flush=True)
+
+
+def si(value: float) -> str:
+    """Return a number with an SI prefix: 2.31 G, 4.5 M, 12 k."""
+    for limit, letter in ((1e9, "G"), (1e6, "M"), (1e3, "k")):
+        if abs(value) >= limit:
+            return f"{value / limit:.2f} {letter}"
+    return f"{value:.0f} "
+
+
+def closing_summary(root: Path, config: Config, device: str, result: dict[str, Any], clock: Clock, frames: int) -> str:
+    """Return what a run prints last: what was made, where, how fast, and a query to paste.
+
+    Args:
+        root: Dataset folder.
+        config: The configuration.
+        device: The device's name for people.
+        result: What `finalize` returned: rows and bytes of every table.
+        clock: Seconds and rays of every stage.
+        frames: Scenario-weather-frames that this run traced.
+    """
+    lines = [
+        f"{frames} frames in {clock.elapsed:.1f} s on {device} -> {root}",
+        "",
+        "  table            rows       bytes",
+    ]
+    for name, entry in result["tables"].items():
+        lines.append(f"  {name:<14} {entry['rows']:>8,} {si(entry['bytes']):>10}B")
+    lines += [
+        f"  {'all':<14} {result['rows']:>8,} {si(result['bytes']):>10}B",
+        "",
+        "  stage                seconds          rays/s",
+    ]
+    for name, seconds in clock.seconds.items():
+        rays = clock.rays[name]
+        speed = f"{si(rays / seconds) if seconds > 0 else 0:>12}rays/s" if rays else ""
+        lines.append(f"  {name:<20} {seconds:>7.2f} {speed}")
+    lines += ["", "query it (pip install duckdb pandas):", example_query(root, config)]
+    return "\n".join(lines)
+
+
+def example_query(root: Path, config: Config) -> str:
+    """Return one DuckDB query over the dataset, as a shell command."""
+    if config.channel.enabled:
+        query = (
+            "SELECT frame, agent, peer, carrier_hz / 1e9 AS ghz, path_count, round(gain_db, 1) AS gain_db, "
+            f"round(p.x, 1) AS x, round(p.y, 1) AS y FROM '{root}/links/**/*.parquet' "
+            f"JOIN '{root}/poses/**/*.parquet' p USING (scenario, weather, frame, agent) ORDER BY ALL LIMIT 8"
+        )
+    else:
+        query = f"SELECT * FROM '{root}/poses/**/*.parquet' ORDER BY frame, agent LIMIT 8"
+    return f'{Path(sys.executable)} -c "import duckdb; print(duckdb.sql(\\"{query}\\"))"'

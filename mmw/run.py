@@ -1,0 +1,113 @@
+"""`python -m mmw.run --config FILE [key=value ...]`: parse, load, check, hand over to the pipeline; nothing else.
+
+Exit codes: 0 done, 2 bad configuration or input (one line a problem), 1 failure while running (a rerun resumes).
+"""
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from mmw.config import Config, ConfigError, load_config
+from mmw.config.load import json_schema, to_yaml
+
+
+def parser(prog: str = "python -m mmw.run") -> argparse.ArgumentParser:
+    """Return the command line's parser."""
+    result = argparse.ArgumentParser(
+        prog=prog, description="Make a multimodal wireless dataset from one configuration file."
+    )
+    result.add_argument("--config", required=False, metavar="FILE", help="configuration file (YAML)")
+    result.add_argument(
+        "overrides", nargs="*", metavar="key=value", help="replace values: frames.count=10 sensors.0.range_m=80"
+    )
+    result.add_argument("--out", metavar="DIR", help="dataset folder (output.dir)")
+    result.add_argument("--device", metavar="NAME", help="auto, cpu or cuda:N (compute.device)")
+    result.add_argument(
+        "--batch-frames", type=int, metavar="N", help="frames traced in one launch (compute.batch_frames)"
+    )
+    result.add_argument("--overwrite", action="store_true", help="replace a dataset that another configuration made")
+    result.add_argument("--dry-run", action="store_true", help="say what would be made (frames, rays, bytes) and stop")
+    result.add_argument(
+        "--print-config", action="store_true", help="print the resolved configuration with every default and stop"
+    )
+    result.add_argument(
+        "--print-schema", action="store_true", help="print the JSON Schema of the configuration and stop"
+    )
+    return result
+
+
+def main(argv: Sequence[str] | None = None, prog: str = "python -m mmw.run") -> int:
+    """Run the command line and return its exit code."""
+    arguments = parser(prog).parse_intermixed_args(argv)
+    if arguments.print_schema:
+        print(json.dumps(json_schema(), indent=2))
+        return 0
+    if not arguments.config:
+        return _fail(["--config FILE is missing; a first one to try is configs/quickstart.yaml"])
+    patch = {
+        key: value
+        for key, value in (
+            ("output.dir", arguments.out),
+            ("compute.device", arguments.device),
+            ("compute.batch_frames", arguments.batch_frames),
+        )
+        if value is not None
+    }
+    try:
+        config = load_config(arguments.config, arguments.overrides, patch)
+    except ConfigError as error:
+        return _fail(error.problems)
+    if arguments.print_config:
+        print(to_yaml(config), end="")
+        return 0
+    return execute(config, base=Path(arguments.config).parent, dry_run=arguments.dry_run, overwrite=arguments.overwrite)
+
+
+def execute(config: Config, *, base: Path, dry_run: bool = False, overwrite: bool = False) -> int:
+    """Make (or with `dry_run` describe) the dataset of a configuration and return the exit code.
+
+    Args:
+        config: Validated configuration.
+        base: Folder that relative `town` and `stage` paths start from: the configuration file's.
+        dry_run: Print what would be made, and stop.
+        overwrite: Replace a dataset that another configuration made.
+    """
+    from mmw.compute.device import choose_device
+    from mmw.pipeline import run
+    from mmw.plan import check_inputs, describe_plan
+    from mmw.report import Console
+    from mmw.tables.writer import OutOfSpaceError
+
+    try:
+        device = choose_device(config.compute.device)
+        check_inputs(config, base)
+        if dry_run:
+            print(describe_plan(config, base, device))
+            return 0
+        with Console() as console:
+            run(config, base=base, device=device, overwrite=overwrite, console=console)
+    except ConfigError as error:
+        return _fail(error.problems)
+    except ValueError as error:
+        return _fail(str(error).splitlines())
+    except OutOfSpaceError as error:
+        return _fail([str(error)], code=1)
+    except OSError as error:
+        return _fail(
+            [f"{error.filename or config.output.dir}: {error.strerror or error}; the same command resumes"], code=1
+        )
+    except KeyboardInterrupt:
+        return _fail(["interrupted; every finished shard is kept and the same command resumes"], code=1)
+    return 0
+
+
+def _fail(problems: Sequence[str], code: int = 2) -> int:
+    for problem in problems:
+        print(f"mmw: {problem}", file=sys.stderr)
+    return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,167 @@
+"""Configuration: what is accepted, and the one clear line for everything that is not."""
+
+import json
+from pathlib import Path
+
+import jsonschema
+import pytest
+import yaml
+
+from mmw.config import Config, ConfigError, load_config
+from mmw.config.load import json_schema, to_yaml
+from mmw.paths import configs_dir
+from mmw.run import main
+
+BASE = """
+scenarios:
+  - name: s1
+    town: town03
+    traffic: {vehicle_count: 20, spawn_center_m: [0, 0, 0], cav_ranks: [1, 2, 3]}
+    rsus: [{position_m: [1, 2, 3]}]
+frames: {count: 10}
+sensors:
+  - {type: lidar}
+  - {type: depth}
+"""
+
+
+@pytest.fixture
+def config_file(tmp_path: Path) -> Path:
+    path = tmp_path / "c.yaml"
+    path.write_text(BASE)
+    return path
+
+
+def test_defaults_are_the_papers_tables(config_file: Path) -> None:
+    config = load_config(config_file)
+    lidar, depth = config.sensors
+    assert (lidar.channels * lidar.points_per_channel, lidar.range_m, lidar.upper_fov_deg, lidar.lower_fov_deg) == (
+        30016,
+        120,
+        2,
+        -25,
+    )
+    assert (depth.width_px, depth.height_px, depth.fov_deg, depth.on) == (640, 480, 110, ("rsu",))
+    assert config.channel.carriers_hz == (28e9, 4.9e9)
+    assert (config.channel.rays, config.channel.max_depth, config.channel.pattern, config.channel.polarization) == (
+        10**6,
+        1,
+        "dipole",
+        "V",
+    )
+
+
+def test_overrides_reach_lists_and_new_sections(config_file: Path) -> None:
+    config = load_config(
+        config_file,
+        ["sensors.0.range_m=80", "channel.rays=1e5", "channel.carriers_hz=[28e9]", "scenarios.0.rsus.0.yaw_deg=-90"],
+    )
+    assert config.sensors[0].range_m == 80
+    assert config.channel.rays == 100_000
+    assert config.channel.carriers_hz == (28e9,)
+    assert config.scenarios[0].rsus[0].yaw_deg == -90
+
+
+@pytest.mark.parametrize(
+    ("override", "key", "cure"),
+    [
+        ("sensors.0.chanels=4", "sensors[0].chanels", "did you mean `channels`"),
+        ("scenarios.0.twon=x", "scenarios[0].twon", "did you mean `town`"),
+        ("frame.count=3", "frame", "did you mean `frames`"),
+        ("frames.count=0", "frames.count = 0", "greater than or equal to 1"),
+        ("sensors.1.fov_deg=190", "sensors[1].fov_deg = 190", "less than 180"),
+        ("sensors.0.upper_fov_deg=-80", "sensors[0]", "swap them"),
+        ("channel.carriers_hz=[28]", "channel.carriers_hz", "hertz"),
+        ("scenarios.0.traffic.cav_ranks=[99]", "scenarios[0].traffic", "ranks count from 0 to"),
+        ("scenarios=[]", "scenarios", "at least one"),
+        ("sensors.0.type=sonar", "sensors[0]", "'lidar'"),
+        ("sensors.7.range_m=3", "sensors", "list of 2"),
+        ("nonsense", "override 'nonsense'", "key=value"),
+        ("scenarios.0.stage=x.usda", "scenarios[0]", "exactly one"),
+        ("compute.batch_frames=0", "compute.batch_frames = 0", "frames traced in one launch"),
+    ],
+)
+def test_bad_values_give_one_clear_line_and_exit_code_2(
+    config_file: Path, override: str, key: str, cure: str, capsys: pytest.CaptureFixture
+) -> None:
+    with pytest.raises(ConfigError) as error:
+        load_config(config_file, [override])
+    assert len(error.value.problems) == 1
+    assert key in error.value.problems[0]
+    assert cure in error.value.problems[0]
+    assert main(["--config", str(config_file), override]) == 2
+    assert key in capsys.readouterr().err
+
+
+def test_every_problem_gets_its_line(config_file: Path) -> None:
+    with pytest.raises(ConfigError) as error:
+        load_config(config_file, ["frames.count=0", "seed=-1", "sensors.0.range_m=-1"])
+    assert len(error.value.problems) == 3
+
+
+@pytest.mark.parametrize(
+    ("text", "part"),
+    [("a: [1", "not valid YAML"), ("- 1", "a mapping"), ("frames: {count: 1}\nframes: {count: 2}", "given twice")],
+)
+def test_unreadable_files(tmp_path: Path, text: str, part: str) -> None:
+    path = tmp_path / "bad.yaml"
+    path.write_text(text)
+    with pytest.raises(ConfigError, match=part):
+        load_config(path)
+
+
+def test_missing_file_and_missing_option(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    assert main(["--config", str(tmp_path / "no.yaml")]) == 2
+    assert "no such file" in capsys.readouterr().err
+    assert main([]) == 2
+    assert "--config" in capsys.readouterr().err
+
+
+def test_unknown_device_is_exit_code_2(config_file: Path, capsys: pytest.CaptureFixture) -> None:
+    assert main(["--config", str(config_file), "--device", "cuda:99", "--dry-run"]) == 2
+    assert "cuda:99" in capsys.readouterr().err
+
+
+def test_unknown_town_and_missing_stage_are_exit_code_2(config_file: Path, capsys: pytest.CaptureFixture) -> None:
+    assert main(["--config", str(config_file), "scenarios.0.town=atlantis", "--dry-run"]) == 2
+    assert "shipped towns are" in capsys.readouterr().err
+    config_file.write_text("scenarios: [{name: s, stage: nowhere.usda}]")
+    assert main(["--config", str(config_file), "--dry-run"]) == 2
+    assert "nowhere.usda" in capsys.readouterr().err
+
+
+def test_dry_run_counts_rays(config_file: Path, capsys: pytest.CaptureFixture) -> None:
+    assert main(["--config", str(config_file), "--dry-run", "--device", "cpu"]) == 0
+    text = capsys.readouterr().out
+    assert "3 CAV + 1 RSU" in text
+    assert "1.43 M" in text  # 4 x 30,016 + 307,200 + 1,000,000
+
+
+def test_printed_config_is_a_config_again(config_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    assert main(["--config", str(config_file), "--print-config", "--out", "elsewhere"]) == 0
+    text = capsys.readouterr().out
+    again = tmp_path / "again.yaml"
+    again.write_text(text)
+    assert load_config(again) == load_config(config_file, [], {"output.dir": "elsewhere"})
+    assert yaml.safe_load(text)["output"]["dir"] == "elsewhere"
+
+
+def test_identity_ignores_place_and_machine(config_file: Path) -> None:
+    one = load_config(config_file)
+    assert one.sha256() == load_config(config_file, ["output.dir=b", "compute.batch_frames=7"]).sha256()
+    assert one.sha256() != load_config(config_file, ["seed=7"]).sha256()
+
+
+def test_shipped_schema_is_current_and_shipped_configs_follow_it() -> None:
+    schema = json.loads((configs_dir() / "mmw.schema.json").read_text())
+    assert schema == json.loads(json.dumps(json_schema()))
+    shipped = sorted(configs_dir().glob("*.yaml"))
+    assert {"quickstart.yaml", "town03_roundabout.yaml", "town03_t_junction_slope.yaml"} <= {p.name for p in shipped}
+    for path in shipped:
+        jsonschema.validate(json.loads(load_config(path).model_dump_json()), schema)
+        assert path.read_text().startswith("# yaml-language-server: $schema=./mmw.schema.json")
+
+
+def test_yaml_round_trip() -> None:
+    config = load_config(configs_dir() / "quickstart.yaml")
+    assert Config.model_validate(yaml.safe_load(to_yaml(config))) == config

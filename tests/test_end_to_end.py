@@ -1,0 +1,260 @@
+"""The product: one configuration in, one dataset out; killed, resumed, batched or repeated, the rows are the same."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import duckdb
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from pxr import Usd, UsdGeom
+
+from mmw.paths import configs_dir
+from mmw.run import main
+from mmw.tables import publish
+from mmw.tables.schemas import TABLES
+from mmw.tables.verify import verify
+
+SMALL = [
+    "frames.count=6",
+    "output.shard_frames=2",
+    "channel.rays=20_000",
+    "channel.links=[v2i, v2v]",
+    "weathers=[sunny, rainy]",
+    "sensors=[{type: lidar, channels: 8, points_per_channel: 64}, "
+    "{type: depth, width_px: 64, height_px: 48}, {type: imu}]",
+]
+CONFIG = str(configs_dir() / "quickstart.yaml")
+
+
+def command(out: Path, *extra: str) -> list[str]:
+    return ["--config", CONFIG, *SMALL, *extra, "--out", str(out), "--device", "cpu"]
+
+
+def rows_of(root: Path) -> dict[str, pa.Table]:
+    """Every Parquet file of a dataset by its path; the manifest, which holds times, is left out."""
+    files = sorted(p for p in root.rglob("*.parquet") if not p.name.startswith("_"))
+    return {str(p.relative_to(root)): pq.ParquetFile(p).read() for p in files}
+
+
+def assert_same_rows(one: Path, other: Path) -> None:
+    first, second = rows_of(one), rows_of(other)
+    assert list(first) == list(second)
+    for path, table in first.items():
+        assert table.num_rows == second[path].num_rows, path
+        assert table.equals(second[path]), path
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    root = tmp_path_factory.mktemp("run") / "dataset"
+    assert main(command(root)) == 0
+    return root
+
+
+def test_every_table_is_there_and_complete(dataset: Path) -> None:
+    connection = duckdb.connect()
+    counts = {
+        name: connection.sql(f"SELECT count(*) FROM '{dataset}/{name}/**/*.parquet'").fetchall()[0][0]
+        for name in TABLES
+    }
+    frames, weathers, carriers, cavs, rsus = 6, 2, 2, 3, 1
+    assert counts["frames"] == frames * weathers
+    assert counts["poses"] == counts["lidar"] == frames * weathers * (cavs + rsus)
+    assert counts["depth"] == frames * weathers * rsus
+    assert counts["imu"] == frames * weathers * cavs
+    assert counts["boxes"] == frames * weathers * 20
+    assert counts["links"] == frames * weathers * carriers * (cavs * rsus + cavs * (cavs - 1))
+    assert counts["paths"] > counts["links"]
+    assert counts["sensors"] == cavs * 3 + rsus * 3
+    assert verify(dataset) == []
+
+
+def test_object_ids_mean_the_same_in_every_table(dataset: Path) -> None:
+    connection = duckdb.connect()
+    known = f"SELECT object_id FROM '{dataset}/objects/**/*.parquet'"
+    for query in (
+        f"SELECT unnest(object_id) AS o FROM '{dataset}/lidar/**/*.parquet'",
+        f"SELECT unnest(objects) AS o FROM '{dataset}/paths/**/*.parquet'",
+        f"SELECT object_id AS o FROM '{dataset}/boxes/**/*.parquet'",
+    ):
+        assert connection.sql(f"SELECT count(*) FROM ({query}) WHERE o NOT IN ({known})").fetchall() == [(0,)]
+    cars = f"SELECT object_id FROM '{dataset}/objects/**/*.parquet' WHERE actor IS NOT NULL AND label <> 'unlabeled'"
+    assert connection.sql(
+        f"SELECT count(*) FROM '{dataset}/boxes/**/*.parquet' WHERE object_id NOT IN ({cars})"
+    ).fetchall() == [(0,)]
+
+
+def test_rain_changes_the_ground_and_not_the_paths(dataset: Path) -> None:
+    paths = f"'{dataset}/paths/**/*.parquet'"
+    same, changed = duckdb.sql(
+        f"""SELECT bool_and(s.tau_s = r.tau_s), count(*) FILTER (WHERE s.a_re <> r.a_re)
+        FROM {paths} s JOIN {paths} r USING (scenario, frame, agent, peer, carrier_hz, path)
+        WHERE s.weather = 'sunny' AND r.weather = 'rainy'"""
+    ).fetchall()[0]
+    assert same
+    assert changed > 0
+
+
+def test_the_stage_is_kept_and_opens_elsewhere(dataset: Path) -> None:
+    stage = Usd.Stage.Open(str(dataset / "stages" / "town03_roundabout.usdc"))
+    assert stage.GetTimeCodesPerSecond() == 100
+    assert not stage.GetCompositionErrors()
+    assert UsdGeom.Xformable(stage.GetPrimAtPath("/World/Actors/cav_1")).GetTimeSamples()
+
+
+def test_provenance(dataset: Path) -> None:
+    head = json.loads((dataset / "dataset.json").read_text())
+    assert head["config"]["seed"] == 42
+    assert head["versions"]["packages"]["warp-lang"]
+    assert set(head["versions"]["sources"]["town03_roundabout"]) == {"town03.usda", "geometry.usdc"}
+    table = pq.read_schema(next((dataset / "paths").rglob("*.parquet")))
+    assert table.metadata[b"mmw.config_sha256"].decode() == head["config_sha256"]
+
+
+def test_batch_size_does_not_change_a_row(dataset: Path, tmp_path: Path) -> None:
+    assert main(command(tmp_path / "d", "--batch-frames", "1")) == 0
+    assert_same_rows(dataset, tmp_path / "d")
+
+
+def test_killed_and_resumed_equals_undisturbed(dataset: Path, tmp_path: Path) -> None:
+    root = tmp_path / "d"
+    arguments = [sys.executable, "-m", "mmw.run", *command(root)]
+    markers = root / "_shards"
+    for wanted in (0, 1, 3):
+        process = subprocess.Popen(arguments, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        deadline = time.monotonic() + 120
+        while process.poll() is None and time.monotonic() < deadline:
+            if (root / "dataset.json").exists() and len(list(markers.glob("*.json"))) > wanted:
+                break
+            time.sleep(0.01)
+        os.kill(process.pid, signal.SIGKILL)
+        process.wait()
+    assert main(command(root)) == 0
+    assert verify(root) == []
+    assert_same_rows(dataset, root)
+
+
+def test_a_finished_dataset_is_left_alone(dataset: Path) -> None:
+    before = {p: p.stat().st_mtime_ns for p in dataset.rglob("part-*.parquet")}
+    assert main(command(dataset)) == 0
+    assert before == {p: p.stat().st_mtime_ns for p in dataset.rglob("part-*.parquet")}
+
+
+def test_another_configuration_is_refused(dataset: Path, capsys: pytest.CaptureFixture) -> None:
+    assert main(command(dataset, "seed=7")) == 2
+    text = capsys.readouterr().err
+    assert "--overwrite" in text
+    assert "seed" in text
+
+
+def test_full_disk_is_exit_code_1_and_resumable(
+    dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    root = tmp_path / "d"
+    real, calls = os.fsync, []
+
+    def full(descriptor: int) -> None:
+        calls.append(descriptor)
+        if len(calls) > 40:
+            raise OSError(28, "No space left on device")
+        real(descriptor)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(publish.os, "fsync", full)
+        assert main(command(root)) == 1
+    assert "resume" in capsys.readouterr().err
+    assert main(command(root)) == 0
+    assert_same_rows(dataset, root)
+
+
+USER_STAGE = """#usda 1.0
+(
+    defaultPrim = "World"
+    endTimeCode = 9
+    metersPerUnit = 1
+    startTimeCode = 0
+    timeCodesPerSecond = 100
+    upAxis = "Z"
+)
+
+def Xform "World"
+{
+    def Mesh "Ground"
+    {
+        int[] faceVertexCounts = [4]
+        int[] faceVertexIndices = [0, 1, 2, 3]
+        point3f[] points = [(-50, -50, 0), (50, -50, 0), (50, 50, 0), (-50, 50, 0)]
+    }
+    def Xform "Ego"
+    {
+        double3 xformOp:translate.timeSamples = { 0: (0, 0, 0), 9: (0.9, 0, 0) }
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+        def Cube "Body"
+        {
+        }
+        def Mesh "Plate"
+        {
+            int[] faceVertexCounts = [4]
+            int[] faceVertexIndices = [0, 1, 2, 3]
+            point3f[] points = [(-2, -1, 1), (2, -1, 1), (2, 1, 1), (-2, 1, 1)]
+        }
+    }
+    def Xform "Mast"
+    {
+        double3 xformOp:translate = (20, 5, 0)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }
+}
+"""
+USER_CONFIG = """
+scenarios:
+  - name: mine
+    stage: mine.usda
+    actor_roles: {/World/Ego: cav, /World/Mast: rsu}
+    material_map: {"/World/*": itu_concrete}
+frames: {count: 10}
+sensors: [{type: lidar, channels: 8, points_per_channel: 64}, {type: imu}]
+channel: {rays: 10_000}
+"""
+
+
+@pytest.fixture
+def own_world(tmp_path: Path) -> Path:
+    (tmp_path / "mine.usda").write_text(USER_STAGE)
+    (tmp_path / "mine.yaml").write_text(USER_CONFIG)
+    return tmp_path
+
+
+def test_a_stage_of_ones_own_runs_through_the_same_path(own_world: Path) -> None:
+    assert main(["--config", str(own_world / "mine.yaml"), "--out", str(own_world / "d"), "--device", "cpu"]) == 0
+    kinds = duckdb.sql(
+        f"SELECT kind, count(*) FROM '{own_world}/d/paths/**/*.parquet' GROUP BY kind ORDER BY kind"
+    ).fetchall()
+    assert kinds == [("los", 20), ("specular", 20)]
+    speed = duckdb.sql(
+        f"SELECT min(vx), max(vx) FROM '{own_world}/d/poses/**/*.parquet' WHERE agent = 'Ego'"
+    ).fetchall()[0]
+    assert speed == pytest.approx((10, 10))
+
+
+@pytest.mark.parametrize(
+    ("change", "part"),
+    [
+        ("frames.count=500", "outside the stage"),
+        ("scenarios.0.material_map={}", "no radio material"),
+        ("scenarios.0.stage=nowhere.usda", "no such file"),
+        ("scenarios.0.actor_roles={/World/Nobody: cav}", "/World/Nobody"),
+        ("channel.carriers_hz=[105e9]", "105"),
+    ],
+)
+def test_bad_stages_are_exit_code_2(own_world: Path, change: str, part: str, capsys: pytest.CaptureFixture) -> None:
+    assert (
+        main(["--config", str(own_world / "mine.yaml"), change, "--out", str(own_world / "d"), "--device", "cpu"]) == 2
+    )
+    assert part in capsys.readouterr().err
