@@ -4,7 +4,7 @@ import warp as wp
 
 from mmw.kernels.geometry import fibonacci_direction
 from mmw.kernels.structs import Scene, Views
-from mmw.kernels.trace import nearest_surface, object_of
+from mmw.kernels.trace import TRACE_REGISTERS, nearest_surface, object_of
 
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
 
@@ -12,7 +12,7 @@ T_MAX = wp.constant(1000.0)
 TILE = wp.constant(8)
 
 
-@wp.kernel
+@wp.kernel(cuda_max_registers=TRACE_REGISTERS)
 def sphere_kernel(
     scene: Scene,
     views: Views,
@@ -47,7 +47,7 @@ def sphere_kernel(
     object_out[view, ray] = object_of(scene, near)
 
 
-@wp.kernel
+@wp.kernel(cuda_max_registers=TRACE_REGISTERS)
 def camera_kernel(
     scene: Scene,
     views: Views,
@@ -77,17 +77,19 @@ def camera_kernel(
     object_out[view, pixel] = object_of(scene, near)
 
 
-@wp.kernel
+@wp.kernel(cuda_max_registers=TRACE_REGISTERS)
 def lidar_kernel(
     scene: Scene,
     views: Views,
     direction_s: wp.array[wp.vec3],
+    order: wp.array[int],
     # out
     t_out: wp.array2d[float],
     object_out: wp.array2d[int],
 ):
-    """Trace a table of directions, channel after channel. Launch: dim=(A, R)."""
-    view, ray = wp.tid()
+    """Trace a table of directions; thread i takes ray `order[i]`. Launch: dim=(A, R)."""
+    view, thread = wp.tid()
+    ray = order[thread]
     pose = views.pose[view]
     direction = wp.transform_vector(pose, direction_s[ray])
     origin = wp.transform_get_translation(pose)

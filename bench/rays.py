@@ -27,7 +27,7 @@ from bench import first_hit
 from bench.scenes import grid_town, shipped_town, with_vehicles
 from mmw import __version__
 from mmw.kernels import structs
-from mmw.patterns import lidar_directions, pinhole
+from mmw.patterns import lidar_directions, lidar_order, pinhole
 from mmw.poses import compose, pose_from_mount
 from mmw.scene import Scene
 from mmw.scene_arrays import SceneArrays
@@ -66,8 +66,9 @@ class Result:
     """First launch, with compilation unless Warp's cache had the kernel."""
 
 
-CAMERA = pinhole(640, 480, 90.0)
-LIDAR = lidar_directions(64, 469, 10.0, -30.0)
+CAMERA = pinhole(640, 480, 110.0)
+LIDAR_PATTERN = (64, 469)
+LIDAR = lidar_directions(*LIDAR_PATTERN, 2.0, -25.0)
 PRESETS = (
     Preset("sphere", 1, 1_000_000, 100_000),
     Preset("camera", 4, CAMERA.width * CAMERA.height, CAMERA.width * CAMERA.height),
@@ -76,8 +77,8 @@ PRESETS = (
 
 MOUNTS = {
     "sphere": pose_from_mount((0.0, 0.0, 4.0)),
-    "camera": pose_from_mount((1.0, 0.0, 1.9)),
-    "lidar": pose_from_mount((0.0, 0.0, 1.9)),
+    "camera": pose_from_mount((1.5, 0.0, 2.4)),
+    "lidar": pose_from_mount((0.0, 0.0, 2.5)),
 }
 """Where the rays start, on a vehicle's body frame."""
 
@@ -93,6 +94,12 @@ def make_views(arrays: SceneArrays, preset: Preset, device: str) -> structs.View
     views.pose = wp.array(pose.astype(np.float32), dtype=wp.transformf, device=device)
     views.ignore = wp.array(ignore, dtype=wp.int32, device=device)
     return views
+
+
+def lidar_tables(device: str) -> list[wp.array]:
+    """Return directions and tracing order of the LiDAR pattern on a device."""
+    directions = wp.array(LIDAR.astype(np.float32), dtype=wp.vec3, device=device)
+    return [directions, wp.array(lidar_order(*LIDAR_PATTERN), dtype=wp.int32, device=device)]
 
 
 def time_launches(launch: Callable[[], None], device: str, repeats: int) -> list[float]:
@@ -130,7 +137,7 @@ def measure(scene: Scene, views: structs.Views, preset: Preset, levels: str, opt
     kernels = {
         "sphere": (first_hit.sphere_kernel, [rays, options.sphere_arm]),
         "camera": (first_hit.camera_kernel, [CAMERA.width, CAMERA.fx]),
-        "lidar": (first_hit.lidar_kernel, [wp.array(LIDAR.astype(np.float32), dtype=wp.vec3, device=device)]),
+        "lidar": (first_hit.lidar_kernel, lidar_tables(device)),
     }
     kernel, values = kernels[preset.name]
 
@@ -201,7 +208,7 @@ def parse(arguments: list[str]) -> argparse.Namespace:
     parser.add_argument("--instance-constructor", choices=("sah", "lbvh", "median"), help="tree over vehicles")
     parser.add_argument("--leaf-size", type=int, default=2, help="triangles in a leaf of a mesh tree")
     parser.add_argument("--sphere-arm", type=int, default=987, help="1: rays in lattice order; 987: along spirals")
-    parser.add_argument("--max-registers", type=int, help="registers of a thread on CUDA (free if absent)")
+    parser.add_argument("--max-registers", type=int, help="registers of a thread on CUDA (as in the sensors if absent)")
     options = parser.parse_args(arguments)
     if options.frames is None:
         options.frames = 64 if wp.get_device(options.device).is_cuda else 2

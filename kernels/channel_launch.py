@@ -4,12 +4,12 @@ import warp as wp
 
 from mmw.kernels.geometry import fibonacci_direction
 from mmw.kernels.structs import MISS_ID, Scene
-from mmw.kernels.trace import nearest_surface
+from mmw.kernels.trace import TRACE_REGISTERS, nearest_surface
 
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
 
 
-@wp.kernel
+@wp.kernel(cuda_max_registers=TRACE_REGISTERS)
 def launch_kernel(
     scene: Scene,
     slot: wp.array[int],

@@ -16,10 +16,12 @@ MIN_LEG = wp.constant(wp.float64(0.01))
 """Shortest leg of a path [m]; nearer than this the far field means nothing. Source: Sionna RT 2.2 uses the same."""
 LIFT = wp.constant(wp.float64(2e-6))
 """A leg starts off its surface by this times (5 m + largest coordinate): 16 roundings of float32."""
+COVER_SHARE = wp.constant(wp.float64(0.75))
+"""Share of the lift, from its upper end, that is searched for a surface that lies on the reflecting one."""
 LINKS_AT_ONCE = wp.constant(8)
 """Links that one thread tests against its surface: the plane is read once for them."""
 END_SLACK = wp.constant(wp.float64(6e-6))
-"""Share of a leg's far end that is not searched for obstacles."""
+"""Share of a leg at each antenna that is not searched for obstacles: an antenna may lie on a surface."""
 
 
 @wp.struct
@@ -67,16 +69,30 @@ def largest(v: wp.vec3d) -> wp.float64:
 
 
 @wp.func
+def single(v: wp.vec3d) -> wp.vec3:
+    """Return a vector in the precision of the tracer."""
+    return wp.vec3(wp.float32(v[0]), wp.float32(v[1]), wp.float32(v[2]))
+
+
+@wp.func
+def is_covered(
+    scene: Scene, slot: int, start: wp.vec3d, normal: wp.vec3d, lift: wp.float64, origin: wp.vec3d, surface: int
+) -> bool:
+    """Return whether another surface lies between a point of reflection and `start`, its legs' start above it."""
+    reach = wp.float32(lift * COVER_SHARE)
+    hit = closest_hit(scene, slot, single(start - origin), -single(normal), reach, MISS_ID)
+    return hit.surface != MISS_ID and hit.surface != surface
+
+
+@wp.func
 def has_leg(scene: Scene, slot: int, start: wp.vec3d, end: wp.vec3d, origin: wp.vec3d, surface: int) -> bool:
     """Return whether nothing stands between two points; `surface` itself, being flat, cannot stand in its own light."""
     leg = end - start
     length = wp.length(leg)
     if not length > MIN_LEG:
         return False
-    local = start - origin
-    place = wp.vec3(wp.float32(local[0]), wp.float32(local[1]), wp.float32(local[2]))
-    unit = leg / length
-    direction = wp.normalize(wp.vec3(wp.float32(unit[0]), wp.float32(unit[1]), wp.float32(unit[2])))
+    place = single(start - origin)
+    direction = wp.normalize(single(leg / length))
     left = wp.float32(length * (wp.float64(1.0) - END_SLACK))
     is_clear = not is_blocked(scene, slot, place, direction, left, MISS_ID)
     tries = wp.int32(4)
@@ -108,7 +124,9 @@ def sight_kernel(
     """
     link = wp.tid()
     world = scene.instance_count
-    is_clear = has_leg(scene, ends.slot[link], ends.tx[link, world], ends.rx[link, world], origin, MISS_ID)
+    tx = ends.tx[link, world]
+    rx = ends.rx[link, world]
+    is_clear = has_leg(scene, ends.slot[link], tx + END_SLACK * (rx - tx), rx, origin, MISS_ID)
     is_clear_out[link] = wp.where(is_clear, wp.uint8(1), wp.uint8(0))
 
 
@@ -208,10 +226,12 @@ def refine_kernel(
             if carrier < world:
                 point = wp.transform_point(pose[slot, carrier], point)
                 normal = wp.transform_vector(pose[slot, carrier], normal)
-            local = point - origin
-            start = point + LIFT * (wp.float64(5.0) + largest(local)) * normal
-            if has_leg(scene, slot, start, ends.tx[link, world], origin, surface) and has_leg(
-                scene, slot, start, ends.rx[link, world], origin, surface
+            lift = LIFT * (wp.float64(5.0) + largest(point - origin))
+            start = point + lift * normal
+            if (
+                not is_covered(scene, slot, start, normal, lift, origin, surface)
+                and has_leg(scene, slot, start, ends.tx[link, world], origin, surface)
+                and has_leg(scene, slot, start, ends.rx[link, world], origin, surface)
             ):
                 is_path_out[pair] = wp.uint8(1)
                 vertex_out[pair] = point

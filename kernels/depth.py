@@ -2,8 +2,8 @@
 
 import warp as wp
 
-from mmw.kernels.structs import MISS_ID, Scene, Views
-from mmw.kernels.trace import nearest_surface
+from mmw.kernels.structs import Scene, Views
+from mmw.kernels.trace import TRACE_REGISTERS, nearest_surface, object_of
 
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
 
@@ -39,7 +39,7 @@ class DepthImages:
     """Object in the pixel, -1 for none."""
 
 
-@wp.kernel
+@wp.kernel(cuda_max_registers=TRACE_REGISTERS)
 def depth_kernel(
     scene: Scene,
     views: Views,
@@ -70,11 +70,5 @@ def depth_kernel(
         centimetres = wp.uint16(int(wp.clamp(wp.rint(depth * 100.0), 1.0, 65535.0)))
     images_out.depth[view, v, u] = centimetres
     if images_out.object_id.shape[0] > 0:
-        object_id = MISS_ID
-        if near.face >= 0:
-            if near.instance < 0:
-                object_id = scene.town_object[near.face]
-            else:
-                object_id = scene.instance_object[near.instance]
-        images_out.object_id[view, v, u] = object_id
+        images_out.object_id[view, v, u] = object_of(scene, near)
         images_out.depth_m[view, v, u] = depth

@@ -3,7 +3,7 @@
 import warp as wp
 
 from mmw.kernels.structs import Scene, Views
-from mmw.kernels.trace import closest_hit
+from mmw.kernels.trace import TRACE_REGISTERS, closest_hit
 
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
 
@@ -44,17 +44,19 @@ class LidarPoints:
     material_id: wp.array[int]
 
 
-@wp.kernel
+@wp.kernel(cuda_max_registers=TRACE_REGISTERS)
 def lidar_kernel(
     scene: Scene,
     views: Views,
     direction_s: wp.array[wp.vec3],
+    order: wp.array[int],
     t_max: float,
     # out
     rays_out: LidarRays,
 ):
-    """Find the first surface on every ray. Launch: dim=(A, R), block_dim=64."""
-    view, ray = wp.tid()
+    """Find the first surface on every ray; thread i takes ray `order[i]`. Launch: dim=(A, R), block_dim=64."""
+    view, thread = wp.tid()
+    ray = order[thread]
     pose = views.pose[view]
     direction = wp.transform_vector(pose, direction_s[ray])
     hit = closest_hit(scene, views.slot[view], wp.transform_get_translation(pose), direction, t_max, views.ignore[view])

@@ -31,7 +31,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     pictures.add_argument("dataset", type=Path, help="dataset folder")
     pictures.add_argument("--out", type=Path, default=Path("pictures"), help="folder for the PNG files")
     pictures.add_argument("--scenario", default="", help="scenario; the first by default")
-    pictures.add_argument("--agent", default="cav_1", help="agent that is followed")
+    pictures.add_argument("--agent", default="", help="agent that is followed; the first CAV by default")
     pictures.add_argument("--frame", type=int, default=-1, help="frame; the first by default")
     arguments = parser.parse_args(argv)
     try:
@@ -39,6 +39,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     except ValueError as error:
         print(f"mmw: {error}", file=sys.stderr)
         return 2
+    except ImportError as error:
+        print(f"mmw: {error}; install the extra that `mmw --help` names for this command", file=sys.stderr)
+        return 1
+    except OSError as error:
+        print(f"mmw: {error.filename}: {error.strerror}", file=sys.stderr)
+        return 1
 
 
 def _town(arguments: argparse.Namespace) -> int:
@@ -49,13 +55,19 @@ def _town(arguments: argparse.Namespace) -> int:
 
 
 def _check(arguments: argparse.Namespace) -> int:
-    from pxr import Usd
+    from pxr import Tf, Usd
 
     from mmw.usd.validate import validate_stage
 
     if not arguments.stage.is_file():
         raise ValueError(f"{arguments.stage}: no such file; give an existing USD stage")
-    problems = validate_stage(Usd.Stage.Open(str(arguments.stage)))
+    try:
+        stage = Usd.Stage.Open(str(arguments.stage))
+    except Tf.ErrorException:
+        raise ValueError(
+            f"{arguments.stage}: USD cannot read it; give an intact .usd, .usda, .usdc or .usdz file"
+        ) from None
+    problems = validate_stage(stage)
     print("\n".join(problems) if problems else f"{arguments.stage}: no problem found")
     return 1 if problems else 0
 

@@ -42,6 +42,16 @@ def lidar_directions(channels: int, points_per_channel: int, upper_fov_deg: floa
     return np.stack([x, y, z], axis=-1).reshape(-1, 3)
 
 
+def lidar_order(channels: int, points_per_channel: int) -> np.ndarray:
+    """Return the ray indices in the order in which threads take them, shape [channels * points_per_channel], int32.
+
+    Blocks of 8 channels x 4 firings stay together, about 3 x 3 deg of the usual pattern, so that the 32 threads of a
+    warp walk through the same part of the trees. The order decides speed only: results are stored by ray index.
+    """
+    channel, firing = np.divmod(np.arange(channels * points_per_channel), points_per_channel)
+    return np.lexsort((channel, firing, firing // 4, channel // 8)).astype(np.int32)
+
+
 @dataclass(frozen=True)
 class Pinhole:
     """Intrinsics of an ideal pinhole camera with square pixels.

@@ -19,7 +19,9 @@ from mmw.channel.solver import check_channel_materials, solve_paths
 from mmw.channel.surface_table import SurfaceTable, make_surface_table
 from mmw.compute.device import device_name
 from mmw.config import Config, DepthConfig, ImuConfig, LidarConfig, ScenarioConfig
-from mmw.prepare import buried_mounts, prepare_scenario, read_scenario, versions
+from mmw.notes import notes
+from mmw.prepare import prepare_scenario, read_scenario
+from mmw.provenance import keep_config, versions
 from mmw.report import Clock, Console, closing_summary
 from mmw.scene import Scene
 from mmw.scene_arrays import SceneArrays
@@ -37,7 +39,8 @@ from mmw.tables.writer import ShardKey, write_scenario, write_shard
 from mmw.views import make_views
 
 SHARDS_IN_FLIGHT = 2
-"""Groups of shards that may wait for the writers before tracing pauses: what bounds memory."""
+"""Groups of shards (one a weather) that may always wait for the writers; with more threads than weathers, as many as
+keep the threads busy. Tracing pauses beyond that, which bounds memory to about 0.5 GB a group."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +58,7 @@ class Job:
 
 
 Rows = dict[str, dict[str, list[Any]]]
-"""Weather -> table -> columns of each batch; a future where a thread still encodes."""
+"""Weather -> table -> columns of each batch, or the future of them where a thread still works on it."""
 
 
 def run(config: Config, *, base: Path, device: str, overwrite: bool, console: Console) -> None:
@@ -75,6 +78,7 @@ def run(config: Config, *, base: Path, device: str, overwrite: bool, console: Co
     root = Path(config.output.dir)
     made_with = versions(config, base, device)
     prepare_root(root, config.identity(), config.sha256(), made_with, overwrite)
+    keep_config(config, base, root)
     meta = {
         "config_sha256": config.sha256(),
         "mmw_version": made_with["mmw"],
@@ -128,7 +132,7 @@ def _run_scenario(
         stage = prepare_scenario(config, scenario, base, root)
     with clock.stage("scene"):
         arrays = read_scenario(config, scenario, stage)
-        for line in buried_mounts(arrays, config):
+        for line in notes(arrays, config):
             console.warn_once(line)
         write_scenario(root, scenario.name, rows.static_rows(arrays, config, scenario), meta)
         if not pending:
@@ -148,7 +152,7 @@ def _run_scenario(
                 for weather in weathers
             ]
         )
-        while len(writing) > SHARDS_IN_FLIGHT:
+        while len(writing) > max(SHARDS_IN_FLIGHT, config.compute.writer_threads // len(config.weathers)):
             _wait(writing.pop(0), clock)
     for group in writing:
         _wait(group, clock)
@@ -208,8 +212,8 @@ def _lidar(job: Job, sensor: LidarConfig, frames: Sequence[int], collected: Rows
         for weather, tables in collected.items():
             points = shade_lidar(hits, job.arrays.materials[weather])
             tables["lidar"].append(rows.lidar_rows(job.arrays, sensor.name, views, points))
-    with job.clock.stage("ground truth"):
-        _collect(collected, {"box_visibility": rows.visibility_rows(job.arrays, sensor.name, views, hits)})
+    seen = job.pool.submit(rows.visibility_rows, job.arrays, sensor.name, views, hits)
+    _collect(collected, {"box_visibility": seen})
 
 
 def _depth(job: Job, sensor: DepthConfig, frames: Sequence[int], collected: Rows) -> None:
@@ -241,17 +245,18 @@ def _channel(job: Job, surfaces: SurfaceTable, frames: Sequence[int], collected:
         job.clock.rays["channel"] += sources * config.rays
 
 
-def _collect(collected: Rows, tables: dict[str, dict[str, Any]]) -> None:
+def _collect(collected: Rows, tables: dict[str, Any]) -> None:
     for by_table in collected.values():
         for name, columns in tables.items():
             by_table[name].append(columns)
 
 
-def _write(root: Path, key: ShardKey, tables: dict[str, list[dict[str, Any]]], meta: dict[str, Any]) -> None:
+def _write(root: Path, key: ShardKey, tables: dict[str, list[Any]], meta: dict[str, Any]) -> None:
     """Turn the batches of a shard into Arrow tables and publish them. Runs in a writer thread."""
     ready: dict[str, pa.Table] = {}
     fixed = {"scenario": key.scenario, "weather": key.weather}
     for name, batches in tables.items():
-        parts = [table_from_columns(name, {**fixed, **rows.resolved(columns)}) for columns in batches]
+        ended = [columns.result() if isinstance(columns, Future) else columns for columns in batches]
+        parts = [table_from_columns(name, {**fixed, **rows.resolved(columns)}) for columns in ended]
         ready[name] = sort_rows(table_spec(name), pa.concat_tables(parts).unify_dictionaries().combine_chunks())
     write_shard(root, key, ready, meta)

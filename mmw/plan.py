@@ -1,22 +1,38 @@
 """What a configuration asks for, before anything is traced: inputs that must exist, frames, rays and bytes."""
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from pxr import Tf, Usd
+
+from mmw.channel.materials import PERMITTIVITY, PREFIX
 from mmw.config import Config, ConfigError, DepthConfig, ImuConfig, LidarConfig, ScenarioConfig
 from mmw.paths import town_path
 from mmw.report import si
+from mmw.tables.schemas import TABLES
+from mmw.usd.actors import find_actors
 
-LIDAR_BYTES_PER_RAY = 2.2
-"""Bytes of one LiDAR ray in the tables, misses included; measured on town03 (bench/README.md)."""
+FRAMED_TABLES = sum(table.framed for table in TABLES.values())
 
-DEPTH_BYTES_PER_PIXEL = 0.09
-"""Bytes of one depth pixel as 16-bit PNG; measured on town03 (bench/README.md)."""
+USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 
-PATH_BYTES = 160.0
-"""Bytes of one radio path for one carrier; measured on town03 (bench/README.md)."""
+LIDAR_BYTES_PER_RAY = 3.85
+"""Bytes of one LiDAR ray in the tables, misses included: 114 to 118 kB for a sweep of 30,016 rays on town03."""
 
-PATHS_PER_LINK = 8
-"""Paths of a link at first order, about what the shipped scenarios have."""
+DEPTH_BYTES_PER_PIXEL = 0.1
+"""Bytes of one depth pixel as 16-bit PNG: 28 to 32 kB for an image of 640 x 480 on town03."""
+
+PATH_BYTES = 134.0
+"""Bytes of one radio path at one carrier, measured on town03."""
+
+PATHS_PER_LINK = 2.5
+"""Paths of a link at first order, measured on town03; a link without any counts too."""
+
+ROW_BYTES = {"poses": 80.0, "boxes": 60.0, "imu": 60.0, "links": 25.0}
+"""Bytes of one row of the small tables, measured on town03."""
+
+FILE_BYTES = 12_000.0
+"""Bytes of a Parquet file without rows: schema with units and meanings, and statistics; 6 to 27 kB by table."""
 
 
 def scenario_source(scenario: ScenarioConfig, base: Path) -> Path:
@@ -35,7 +51,7 @@ def scenario_source(scenario: ScenarioConfig, base: Path) -> Path:
             )
         return path
     town = scenario.town or ""
-    if town.endswith((".usd", ".usda", ".usdc", ".usdz")):
+    if is_town_file(scenario):
         path = base / town
         if not path.is_file():
             raise ValueError(
@@ -48,70 +64,133 @@ def scenario_source(scenario: ScenarioConfig, base: Path) -> Path:
         raise ValueError(f"scenario {scenario.name!r}: {error}") from None
 
 
+def is_town_file(scenario: ScenarioConfig) -> bool:
+    """Return whether a scenario's town is a file of the user's rather than a shipped town's name."""
+    return scenario.town is not None and scenario.town.endswith(USD_SUFFIXES)
+
+
 def check_inputs(config: Config, base: Path) -> None:
-    """Check everything that can be checked without opening a USD file.
+    """Check everything that can be checked before traffic runs: files, weathers of towns, names of materials.
 
     Raises:
         ConfigError: With one line for each problem.
     """
     problems = []
     for scenario in config.scenarios:
+        where = f"scenario {scenario.name!r}"
         try:
-            scenario_source(scenario, base)
+            _check_source(scenario, scenario_source(scenario, base), config.weathers)
         except ValueError as error:
             problems.append(str(error))
+        for glob, row in scenario.material_map.items():
+            if row.removeprefix(PREFIX) not in PERMITTIVITY:
+                known = ", ".join(PREFIX + name for name in PERMITTIVITY)
+                problems.append(
+                    f"{where}: material_map[{glob!r}] = {row!r}: no such radio material; use one of {known}"
+                )
         if config.channel.enabled and "v2i" in config.channel.links and scenario.town and not scenario.rsus:
             problems.append(
-                f"scenario {scenario.name!r}: channel.links has v2i but there are no rsus; add one, or use links: [v2v]"
+                f"{where}: channel.links = {list(config.channel.links)} has v2i but there are no rsus; add one, or use "
+                "channel.links: [v2v]"
             )
     if problems:
         raise ConfigError(problems)
 
 
-def agent_counts(config: Config, scenario: ScenarioConfig) -> dict[str, int]:
-    """Return how many agents of each role a scenario has, as far as the file says."""
-    cavs = len(scenario.traffic.cav_ranks) if scenario.traffic else list(scenario.actor_roles.values()).count("cav")
-    return {"cav": cavs, "rsu": len(scenario.rsus)}
+def _check_source(scenario: ScenarioConfig, source: Path, weathers: Sequence[str]) -> None:
+    """Open a stage or town without its payloads, and look for the weathers of a town.
+
+    Raises:
+        ValueError: If USD cannot read the file, or the town has no such weather.
+    """
+    key, value = ("stage", scenario.stage) if scenario.stage is not None else ("town", scenario.town)
+    where = f"scenario {scenario.name!r}: {key} = {value!r}"
+    try:
+        stage = Usd.Stage.Open(str(source), Usd.Stage.LoadNone)
+    except Tf.ErrorException:
+        raise ValueError(
+            f"{where}: USD cannot read {source}; give an intact .usd, .usda, .usdc or .usdz file"
+        ) from None
+    root = stage.GetDefaultPrim()
+    known = root.GetVariantSet("weather").GetVariantNames() if root else []
+    for weather in weathers if scenario.town is not None and known else ():
+        if weather not in known:
+            raise ValueError(f"weathers holds {weather!r}: {value} has {', '.join(known)}; name one of them")
+
+
+def agent_counts(scenario: ScenarioConfig, base: Path) -> dict[str, int]:
+    """Return how many CAVs, roadside units and vehicles (CAVs included) a scenario has.
+
+    Raises:
+        ValueError: If a stage of the user's own cannot be read, or `actor_roles` does not fit it.
+    """
+    if scenario.traffic is not None:
+        counts = {"cav": len(scenario.traffic.cav_ranks), "rsu": 0, "vehicles": scenario.traffic.vehicle_count}
+    else:
+        found = find_actors(Usd.Stage.Open(str(scenario_source(scenario, base))), scenario.actor_roles)
+        roles = [actor.role for actor in found]
+        counts = {"cav": roles.count("cav"), "rsu": roles.count("rsu"), "vehicles": len(roles) - roles.count("rsu")}
+    return {**counts, "rsu": counts["rsu"] + len(scenario.rsus)}
 
 
 def describe_plan(config: Config, base: Path, device: str) -> str:
-    """Return the text of `--dry-run`: frames, rays and bytes of every scenario, and where they would go."""
+    """Return the text of `--dry-run`: frames, rays and bytes of every scenario, and where they would go.
+
+    Raises:
+        ValueError: If a stage of the user's own cannot be read.
+    """
     lines = [
         f"{len(config.scenarios)} scenario(s) x {len(config.weathers)} weather(s) x "
         f"{config.frames.count} frames on {device}"
     ]
     total_rays = total_bytes = 0.0
+    shards = -(-config.frames.count // config.output.shard_frames)
     for scenario in config.scenarios:
-        counts = agent_counts(config, scenario)
-        rays, size = {}, 0.0
-        for sensor in config.sensors:
-            agents = sum(counts[role] for role in sensor.on)
-            if isinstance(sensor, LidarConfig):
-                rays[sensor.name] = agents * sensor.channels * sensor.points_per_channel
-                size += rays[sensor.name] * LIDAR_BYTES_PER_RAY
-            elif isinstance(sensor, DepthConfig):
-                rays[sensor.name] = agents * sensor.width_px * sensor.height_px
-                size += rays[sensor.name] * DEPTH_BYTES_PER_PIXEL
-            elif isinstance(sensor, ImuConfig):
-                size += agents * 60
-        if config.channel.enabled:
-            senders, links = 0, 0
-            if "v2i" in config.channel.links:
-                senders, links = senders + counts["rsu"], links + counts["rsu"] * counts["cav"]
-            if "v2v" in config.channel.links:
-                senders, links = senders + counts["cav"], links + counts["cav"] * max(counts["cav"] - 1, 0)
-            rays["channel"] = senders * config.channel.rays if config.channel.candidates == "launch" else 0
-            size += links * len(config.channel.carriers_hz) * PATHS_PER_LINK * PATH_BYTES
+        counts = agent_counts(scenario, base)
+        rays, size = frame_cost(config, counts)
         frame_rays = sum(rays.values())
         total_rays += frame_rays * config.frames.count
-        total_bytes += size * config.frames.count * len(config.weathers)
+        total_bytes += (size * config.frames.count + shards * FRAMED_TABLES * FILE_BYTES) * len(config.weathers)
+        each = ", ".join(f"{name} {si(count).strip()}" for name, count in rays.items())
         lines.append(
-            f"  {scenario.name}: {scenario_source(scenario, base).name}, {counts['cav']} CAV + {counts['rsu']} RSU, "
-            f"{si(frame_rays)}rays a frame ("
-            + ", ".join(f"{name} {si(count).strip()}" for name, count in rays.items())
-            + ")"
+            f"  {scenario.name}: {scenario_source(scenario, base).name}, {counts['cav']} CAV + {counts['rsu']} RSU "
+            f"among {counts['vehicles']} vehicles, {si(frame_rays)}rays a frame" + (f" ({each})" if each else "")
         )
+    if config.channel.enabled and config.channel.candidates == "exhaustive":
+        lines.append("  channel: no rays; every surface is tried for every link")
     lines.append(
-        f"total: {si(total_rays)}rays traced once for all weathers, about {si(total_bytes)}B in {config.output.dir}"
+        f"total: {si(total_rays)}rays traced once for all weathers, tables of about {si(total_bytes)}B "
+        f"in {config.output.dir}"
     )
     return "\n".join(lines)
+
+
+def frame_cost(config: Config, counts: Mapping[str, int]) -> tuple[dict[str, int], float]:
+    """Return the rays of each sensor and of the channel in one frame, and the bytes of its rows in one weather.
+
+    Args:
+        config: The configuration.
+        counts: What `agent_counts` returns.
+    """
+    rays: dict[str, int] = {}
+    size = (counts["cav"] + counts["rsu"]) * ROW_BYTES["poses"] + counts["vehicles"] * ROW_BYTES["boxes"]
+    for sensor in config.sensors:
+        agents = sum(counts[role] for role in sensor.on)
+        if isinstance(sensor, LidarConfig):
+            rays[sensor.name] = agents * sensor.channels * sensor.points_per_channel
+            size += rays[sensor.name] * LIDAR_BYTES_PER_RAY
+        elif isinstance(sensor, DepthConfig):
+            rays[sensor.name] = agents * sensor.width_px * sensor.height_px
+            size += rays[sensor.name] * DEPTH_BYTES_PER_PIXEL
+        elif isinstance(sensor, ImuConfig):
+            size += agents * ROW_BYTES["imu"]
+    if config.channel.enabled:
+        senders = links = 0
+        if "v2i" in config.channel.links:
+            senders, links = counts["rsu"], counts["rsu"] * counts["cav"]
+        if "v2v" in config.channel.links:
+            senders, links = senders + counts["cav"], links + counts["cav"] * max(counts["cav"] - 1, 0)
+        if config.channel.candidates == "launch":
+            rays["channel"] = senders * config.channel.rays
+        size += links * len(config.channel.carriers_hz) * (ROW_BYTES["links"] + PATHS_PER_LINK * PATH_BYTES)
+    return rays, size

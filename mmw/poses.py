@@ -71,18 +71,6 @@ def quaternion_log(q: ArrayLike) -> np.ndarray:
     return q[..., :3] * scale
 
 
-def slerp(a: ArrayLike, b: ArrayLike, fraction: ArrayLike) -> np.ndarray:
-    """Return rotations between a (fraction 0) and b (fraction 1) on the shortest arc, shape [..., 4].
-
-    Args:
-        a: Unit quaternions, shape [..., 4].
-        b: Unit quaternions, shape [..., 4].
-        fraction: Shape [...], may lie outside 0 to 1 (extrapolation at constant rate).
-    """
-    fraction = np.asarray(fraction, dtype=np.float64)[..., None]
-    return multiply(a, quaternion_exp(fraction * quaternion_log(multiply(conjugate(a), b))))
-
-
 def angle_between(a: ArrayLike, b: ArrayLike) -> np.ndarray:
     """Return the angle between two rotations [rad], 0 to pi, shape [...]."""
     return np.linalg.norm(quaternion_log(multiply(conjugate(a), b)), axis=-1)
@@ -195,20 +183,6 @@ def pose_to_matrix(pose: ArrayLike) -> np.ndarray:
     matrix[..., :3, 3] = pose[..., :3]
     matrix[..., 3, 3] = 1.0
     return matrix
-
-
-def pose_from_matrix(matrix: ArrayLike) -> np.ndarray:
-    """Return poses of homogeneous column-vector matrices [..., 4, 4] without scale, shape [..., 7]."""
-    matrix = np.asarray(matrix, dtype=np.float64)
-    return make_pose(matrix[..., :3, 3], quaternion_from_matrix(matrix[..., :3, :3]))
-
-
-def interpolate(a: ArrayLike, b: ArrayLike, fraction: ArrayLike) -> np.ndarray:
-    """Return poses between a and b: straight line in position, slerp in rotation, shape [..., 7]."""
-    a, b = np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64)
-    step = np.asarray(fraction, dtype=np.float64)[..., None]
-    position = a[..., :3] + step * (b[..., :3] - a[..., :3])
-    return make_pose(position, slerp(a[..., 3:], b[..., 3:], fraction))
 
 
 def continuous(q: ArrayLike) -> np.ndarray:

@@ -1,5 +1,7 @@
 """What the user sees: a progress bar on a terminal, one line a batch elsewhere, a summary at the end."""
 
+import json
+import shlex
 import sys
 import time
 from collections import defaultdict
@@ -10,9 +12,13 @@ from types import TracebackType
 from typing import Any
 
 from rich.console import Console as RichConsole
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Column
 
 from mmw.config import Config
+
+SET_UP = ("traffic and stage", "scene")
+"""Stages that come once a scenario: they would spoil the speed and the time left."""
 
 
 class Clock:
@@ -76,16 +82,16 @@ class Console:
         self._fresh = 0
         if self._rich.is_terminal:
             self._progress = Progress(
-                TextColumn("{task.description}"),
-                BarColumn(),
-                TextColumn("{task.completed:,.0f}/{task.total:,.0f} frames"),
-                TextColumn("{task.fields[speed]}"),
-                TimeElapsedColumn(),
-                TextColumn("left"),
-                TimeRemainingColumn(),
+                # A long scenario name gives way, so that numbers stay readable on 80 columns.
+                TextColumn("{task.description}", table_column=Column(overflow="ellipsis", min_width=8)),
+                BarColumn(bar_width=10, table_column=Column(min_width=10)),
+                TextColumn("{task.completed:,.0f}/{task.total:,.0f}", table_column=Column(no_wrap=True)),
+                TextColumn("{task.fields[speed]}", table_column=Column(no_wrap=True)),
+                TimeRemainingColumn(compact=True, table_column=Column(no_wrap=True)),
+                TextColumn("left", table_column=Column(no_wrap=True)),
                 console=self._rich,
             )
-            self._task = self._progress.add_task("tracing", total=total, completed=done, speed="")
+            self._task = self._progress.add_task("setting up", total=total, completed=done, speed="")
             self._progress.start()
 
     def advance(self, frames: int, where: str) -> None:
@@ -93,11 +99,12 @@ class Console:
         self.done += frames
         self._fresh += frames
         rays = sum(self.clock.rays.values())
-        speed = f"{self._fresh / self.clock.elapsed:.1f} frames/s, {si(rays / self.clock.elapsed)}rays/s"
+        elapsed = max(self.clock.elapsed - sum(self.clock.seconds.get(name, 0.0) for name in SET_UP), 1e-9)
+        speed = f"{self._fresh / elapsed:.1f} frames/s, {si(rays / elapsed)}rays/s"
         if self._progress and self._task is not None:
             self._progress.update(self._task, completed=self.done, description=where, speed=speed)
         else:
-            left = (self.total - self.done) * self.clock.elapsed / max(self._fresh, 1)
+            left = (self.total - self.done) * elapsed / max(self._fresh, 1)
             self.say(f"{where}: {self.done}/{self.total} frames, {speed}, {left:.0f} s left")
 
     def summary(self, text: str) -> None:
@@ -144,18 +151,19 @@ def closing_summary(root: Path, config: Config, device: str, result: dict[str, A
         rays = clock.rays[name]
         speed = f"{si(rays / seconds) if seconds > 0 else 0:>12}rays/s" if rays else ""
         lines.append(f"  {name:<20} {seconds:>7.2f} {speed}")
-    lines += ["", "query it (pip install duckdb pandas):", example_query(root, config)]
+    lines += ["", "query it (pip install duckdb):", example_query(root, config)]
     return "\n".join(lines)
 
 
 def example_query(root: Path, config: Config) -> str:
-    """Return one DuckDB query over the dataset, as a shell command."""
+    """Return one DuckDB query over the dataset, as a line to paste into a shell."""
     if config.channel.enabled:
         query = (
             "SELECT frame, agent, peer, carrier_hz / 1e9 AS ghz, path_count, round(gain_db, 1) AS gain_db, "
-            f"round(p.x, 1) AS x, round(p.y, 1) AS y FROM '{root}/links/**/*.parquet' "
-            f"JOIN '{root}/poses/**/*.parquet' p USING (scenario, weather, frame, agent) ORDER BY ALL LIMIT 8"
+            "round(x, 1) AS x, round(y, 1) AS y FROM links JOIN poses USING (scenario, weather, frame, agent) "
+            "ORDER BY ALL LIMIT 8"
         )
     else:
-        query = f"SELECT * FROM '{root}/poses/**/*.parquet' ORDER BY frame, agent LIMIT 8"
-    return f'{Path(sys.executable)} -c "import duckdb; print(duckdb.sql(\\"{query}\\"))"'
+        query = "SELECT frame, agent, x, y, z FROM poses ORDER BY ALL LIMIT 8"
+    code = f"from mmw.dataset import connect; print(connect({json.dumps(str(root))}).sql({json.dumps(query)}))"
+    return f"{shlex.quote(sys.executable)} -c {shlex.quote(code)}"

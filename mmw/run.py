@@ -16,18 +16,29 @@ from mmw.config.load import json_schema, to_yaml
 def parser(prog: str = "python -m mmw.run") -> argparse.ArgumentParser:
     """Return the command line's parser."""
     result = argparse.ArgumentParser(
-        prog=prog, description="Make a multimodal wireless dataset from one configuration file."
+        prog=prog,
+        description="Make a multimodal wireless dataset from one configuration file.",
+        epilog="A first run, without a GPU: %(prog)s --config configs/quickstart.yaml --out out/first. The same "
+        "command again resumes. Exit codes: 0 done, 2 bad configuration or input, 1 failure while running.",
     )
-    result.add_argument("--config", required=False, metavar="FILE", help="configuration file (YAML)")
     result.add_argument(
-        "overrides", nargs="*", metavar="key=value", help="replace values: frames.count=10 sensors.0.range_m=80"
+        "--config", required=False, metavar="FILE", help="configuration file (YAML), such as configs/quickstart.yaml"
+    )
+    result.add_argument(
+        "overrides",
+        nargs="*",
+        metavar="key=value",
+        help="replace values; list items by number, values as YAML: frames.count=10 sensors.0.range_m=80 "
+        "'weathers=[sunny, rainy]'",
     )
     result.add_argument("--out", metavar="DIR", help="dataset folder (output.dir)")
     result.add_argument("--device", metavar="NAME", help="auto, cpu or cuda:N (compute.device)")
     result.add_argument(
         "--batch-frames", type=int, metavar="N", help="frames traced in one launch (compute.batch_frames)"
     )
-    result.add_argument("--overwrite", action="store_true", help="replace a dataset that another configuration made")
+    result.add_argument(
+        "--overwrite", action="store_true", help="remove the data that is in the folder, and make it anew"
+    )
     result.add_argument("--dry-run", action="store_true", help="say what would be made (frames, rays, bytes) and stop")
     result.add_argument(
         "--print-config", action="store_true", help="print the resolved configuration with every default and stop"
@@ -62,24 +73,29 @@ def main(argv: Sequence[str] | None = None, prog: str = "python -m mmw.run") -> 
     if arguments.print_config:
         print(to_yaml(config), end="")
         return 0
-    return execute(config, base=Path(arguments.config).parent, dry_run=arguments.dry_run, overwrite=arguments.overwrite)
+    try:
+        return execute(config, Path(arguments.config), dry_run=arguments.dry_run, overwrite=arguments.overwrite)
+    except KeyboardInterrupt:
+        return _fail(["interrupted; every finished shard is kept and the same command resumes"], code=1)
 
 
-def execute(config: Config, *, base: Path, dry_run: bool = False, overwrite: bool = False) -> int:
+def execute(config: Config, path: Path, *, dry_run: bool = False, overwrite: bool = False) -> int:
     """Make (or with `dry_run` describe) the dataset of a configuration and return the exit code.
 
     Args:
         config: Validated configuration.
-        base: Folder that relative `town` and `stage` paths start from: the configuration file's.
+        path: The configuration file: relative `town` and `stage` paths start from its folder, messages name it.
         dry_run: Print what would be made, and stop.
         overwrite: Replace a dataset that another configuration made.
     """
     from mmw.compute.device import choose_device
     from mmw.pipeline import run
     from mmw.plan import check_inputs, describe_plan
+    from mmw.provenance import check_continuation, versions
     from mmw.report import Console
     from mmw.tables.writer import OutOfSpaceError
 
+    base = path.parent
     try:
         device = choose_device(config.compute.device)
         check_inputs(config, base)
@@ -87,19 +103,20 @@ def execute(config: Config, *, base: Path, dry_run: bool = False, overwrite: boo
             print(describe_plan(config, base, device))
             return 0
         with Console() as console:
+            if not overwrite:
+                for line in check_continuation(Path(config.output.dir), config, versions(config, base, device)):
+                    console.warn_once(line)
             run(config, base=base, device=device, overwrite=overwrite, console=console)
     except ConfigError as error:
-        return _fail(error.problems)
+        return _fail([f"{path}: {problem}" for problem in error.problems])
     except ValueError as error:
-        return _fail(str(error).splitlines())
+        return _fail([str(error)])
     except OutOfSpaceError as error:
         return _fail([str(error)], code=1)
     except OSError as error:
         return _fail(
             [f"{error.filename or config.output.dir}: {error.strerror or error}; the same command resumes"], code=1
         )
-    except KeyboardInterrupt:
-        return _fail(["interrupted; every finished shard is kept and the same command resumes"], code=1)
     return 0
 
 

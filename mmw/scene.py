@@ -6,6 +6,7 @@ import numpy as np
 import warp as wp
 
 from mmw.kernels import bounds, structs, trace
+from mmw.poses import make_pose, normalize
 from mmw.scene_arrays import MODEL_NONE, Actor, Model, SceneArrays, SceneObject
 from mmw.scene_reader import read_stage
 
@@ -42,7 +43,6 @@ class Scene:
         struct: What kernels take.
         origin: World position of the scene frame's origin [m], shape [3], float64.
         instance_actor: Actor index of each instance, shape [V].
-        actor_instance: Instance index of each actor, -1 for none, shape [n_actors].
         surface_count: Number of surfaces of town and instances.
         surface_offset: First surface id of each instance, shape [V].
         batch_frames: The frames that are loaded, one a slot.
@@ -82,8 +82,6 @@ class Scene:
         self._leaf_size = leaf_size
         self._instance_constructor = instance_constructor
         self.instance_actor = instance_actors(arrays)
-        self.actor_instance = np.full(len(arrays.actors), -1, dtype=np.int32)
-        self.actor_instance[self.instance_actor] = np.arange(len(self.instance_actor), dtype=np.int32)
         self.struct = structs.Scene()
         self._load_town()
         self._load_models()
@@ -166,7 +164,7 @@ class Scene:
         is_present[: len(rows)] = np.isfinite(pose).all(axis=2)
         on_device = np.zeros((self.max_slots, pose.shape[1], 7), dtype=np.float32)
         on_device[..., 6] = 1.0
-        pose = np.concatenate([pose[..., :3] - self.origin, pose[..., 3:]], axis=2)
+        pose = make_pose(pose[..., :3] - self.origin, normalize(pose[..., 3:]))
         on_device[: len(rows)] = np.where(is_present[: len(rows), :, None], pose, on_device[: len(rows)])
         self.struct.instance_pose.assign(on_device)
         self._is_present.assign(is_present)

@@ -76,7 +76,7 @@ class SceneArrays:
     models: tuple[Model, ...]
     actors: tuple[Actor, ...]
     frames: range
-    """Frames that `poses` covers."""
+    """Frames that `poses` covers, consecutive: derivatives take neighbouring rows as 1/100 s apart."""
     poses: np.ndarray
     """Actor-to-world (x, y, z, qx, qy, qz, qw), shape [F, V, 7], float64; NaN where an actor is absent."""
     materials: dict[str, tuple[Material, ...]]
@@ -88,6 +88,8 @@ class SceneArrays:
         shape = (len(self.frames), len(self.actors), 7)
         if self.poses.shape != shape:
             raise ValueError(f"poses have shape {self.poses.shape}; the scene's frames and actors need {shape}")
+        if self.frames.step != 1:
+            raise ValueError(f"frames in steps of {self.frames.step}; poses are 1/100 s apart; give every frame")
         for name in ("material", "object_id", "surface"):
             if len(getattr(self, name)) != len(self.faces):
                 raise ValueError(f"{name} has {len(getattr(self, name))} rows; the town has {len(self.faces)} faces")

@@ -169,7 +169,7 @@ def _frame_times(stage: Usd.Stage, name: str, frames: range, margin: int) -> tup
                 f"({stage.GetEndTimeCode() - start:g} time codes at {rate:g} a second); ask for frames within"
             )
     frames = range(max(frames[0] - margin, 0), min(frames[-1] + margin, last) + 1)
-    return frames, start + np.array(frames, dtype=np.float64) / FRAME_RATE_HZ * rate
+    return frames, start + np.array(frames, dtype=np.float64) * rate / FRAME_RATE_HZ  # whole time codes stay whole
 
 
 def _weather_prims(stage: Usd.Stage) -> list[Usd.Prim]:

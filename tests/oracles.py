@@ -60,23 +60,54 @@ def oracle_scene(arrays: SceneArrays, frame: int) -> OracleScene:
     return OracleScene(*(np.concatenate(column) for column in columns))
 
 
-def triangle_distances(origin: np.ndarray, direction: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Return where each ray meets each triangle [m], shape [R, M], inf where it does not; both sides count.
+def triangle_hits(
+    origin: np.ndarray, direction: np.ndarray, corners: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return ray, triangle and distance [m] of every meeting of a ray and a triangle; both sides count.
+
+    Every ray is tried against every triangle whose bounding sphere it comes near; spheres of `GROUP` neighbours in the
+    list are asked first.
 
     Source: T. Möller, B. Trumbore, "Fast, minimum storage ray/triangle intersection", J. Graphics Tools 2(1), 1997.
     """
-    edge_1, edge_2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    p = np.cross(direction[:, None], edge_2[None])
-    determinant = np.einsum("rmx,mx->rm", p, edge_1)
+    ray, triangle = _near_pairs(origin, direction, corners)
+    a, b, c = np.moveaxis(corners[triangle], 1, 0)
+    edge_1, edge_2 = b - a, c - a
+    p = np.cross(direction[ray], edge_2)
+    determinant = np.einsum("px,px->p", p, edge_1)
     with np.errstate(divide="ignore", invalid="ignore"):
         inverse = 1.0 / determinant
-        s = origin[:, None] - corners[None, :, 0]
-        u = np.einsum("rmx,rmx->rm", s, p) * inverse
-        q = np.cross(s, edge_1[None])
-        v = np.einsum("rmx,rx->rm", q, direction) * inverse
-        t = np.einsum("rmx,mx->rm", q, edge_2) * inverse
+        s = origin[ray] - a
+        u = np.einsum("px,px->p", s, p) * inverse
+        q = np.cross(s, edge_1)
+        v = np.einsum("px,px->p", q, direction[ray]) * inverse
+        t = np.einsum("px,px->p", q, edge_2) * inverse
         meets = (np.abs(determinant) > 1e-14) & (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (t > 0.0)
-    return np.where(meets, t, np.inf)
+    return ray[meets], triangle[meets], t[meets]
+
+
+GROUP = 32
+"""Triangles that share a sphere in the first, coarse test."""
+
+
+def _near_pairs(origin: np.ndarray, direction: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the (ray, triangle) pairs that come near each other: all that meet, and some more."""
+    middle = corners.mean(axis=1)
+    reach = np.linalg.norm(corners - middle[:, None], axis=2).max(axis=1, initial=0.0) + 1e-6
+    starts = np.arange(0, len(corners), GROUP)
+    group_middle = middle[starts]
+    away = np.linalg.norm(middle - np.repeat(group_middle, GROUP, axis=0)[: len(corners)], axis=1)
+    group_reach = np.maximum.reduceat(away + reach, starts) if len(starts) else reach
+    to_group = group_middle - origin[:, None]
+    along = np.einsum("rgx,rx->rg", to_group, direction)
+    ray, group = np.nonzero(np.einsum("rgx,rgx->rg", to_group, to_group) <= along**2 + (group_reach + 1e-3) ** 2)
+    ray = np.repeat(ray, GROUP)
+    triangle = (group[:, None] * GROUP + np.arange(GROUP)).ravel()
+    ray, triangle = ray[triangle < len(corners)], triangle[triangle < len(corners)]
+    to_triangle = middle[triangle] - origin[ray]
+    along = np.einsum("px,px->p", to_triangle, direction[ray])
+    near = np.einsum("px,px->p", to_triangle, to_triangle) <= along**2 + (reach[triangle] + 1e-3) ** 2
+    return ray[near], triangle[near]
 
 
 def cast_rays(
@@ -100,18 +131,21 @@ def cast_rays(
     scene = oracle_scene(arrays, frame)
     origin = np.broadcast_to(np.asarray(origin, dtype=np.float64), direction.shape)
     ignore = np.broadcast_to(ignore, len(direction))
-    rows, many = [], max(len(scene.corners), 1)
-    step = max(1, 1_000_000 // many)
+    found, step = [], max(256, 1_000_000 // max(len(scene.corners), 1))
     for start in range(0, len(direction), step):
         part = slice(start, start + step)
-        t = triangle_distances(origin[part], direction[part], scene.corners)
-        t[(scene.instance[None] == ignore[part, None]) & (ignore[part, None] >= 0)] = np.inf
-        t[t >= t_max] = np.inf
-        t = np.concatenate([t, np.full((len(t), 2), np.inf)], axis=1)
-        face = np.argmin(t, axis=1)
-        near = t[np.arange(len(t)), face]
-        rows.append((np.where(np.isfinite(near), face, -1), near, np.partition(t, 1, axis=1)[:, 1]))
-    face, t, next_t = (np.concatenate(column) for column in zip(*rows, strict=True))
+        ray, triangle, distance = triangle_hits(origin[part], direction[part], scene.corners)
+        found.append((ray + start, triangle, distance))
+    none = (np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros(0))
+    ray, triangle, distance = (np.concatenate(column) for column in zip(none, *found, strict=True))
+    keep = (distance < t_max) & ((ignore[ray] < 0) | (scene.instance[triangle] != ignore[ray]))
+    order = np.flatnonzero(keep)[np.lexsort((triangle[keep], distance[keep], ray[keep]))]
+    ray, triangle, distance = ray[order], triangle[order], distance[order]
+    first = np.searchsorted(ray, np.arange(len(direction)))
+    ray, triangle, distance = np.append(ray, [-1, -1]), np.append(triangle, [-1, -1]), np.append(distance, [np.inf] * 2)
+    own, second = ray[first] == np.arange(len(direction)), ray[first + 1] == np.arange(len(direction))
+    face, t = np.where(own, triangle[first], -1), np.where(own, distance[first], np.inf)
+    next_t = np.where(own & second, distance[first + 1], np.inf)
     edge = np.diff(scene.corners[face], axis=1) if len(scene.corners) else np.zeros((len(face), 2, 3))
     normal = np.cross(edge[:, 0], edge[:, 1])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)

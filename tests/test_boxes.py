@@ -37,7 +37,6 @@ def test_velocity_is_that_of_the_middle() -> None:
     measured = (boxes.pose[2:, :3] - boxes.pose[:-2, :3]) / 0.02
     np.testing.assert_allclose(boxes.velocity[1:-1], measured, atol=1e-4)
     assert np.linalg.norm(boxes.velocity[5] - differentiate(arrays.poses).velocity[5, 0]) > 0.9
-    np.testing.assert_allclose(boxes.world_rate, np.tile([0, 0, 0.8], (20, 1)), atol=0.05)
 
 
 def test_rows_are_the_vehicles_that_are_present() -> None:

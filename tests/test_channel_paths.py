@@ -205,6 +205,15 @@ def legs_are_clear(
     return answers[0], np.all(np.array(answers) == answers[0], axis=0)
 
 
+def test_antenna_on_a_surface_sees_the_same_as_it_is_seen(device: str) -> None:
+    """An antenna exactly on the ground has the line of sight, and no reflection by that ground, both ways."""
+    poses = np.array([[pose(-20, 0, 0.0), pose(20, 0.3, 1.5)]])
+    arrays = arrays_from_parts([ground_part()], actors=[("cav_1", "cav", -1), ("cav_2", "cav", -1)], poses=poses)
+    paths = solve(arrays, ChannelConfig(candidates="exhaustive", links=("v2v",), **POINTS), device, [0])
+    assert paths.link.tolist() == [0, 1] and paths.kind.tolist() == [PATH_LOS, PATH_LOS]
+    assert paths.tau[0] == pytest.approx(paths.tau[1], rel=1e-15)
+
+
 @pytest.mark.parametrize("lift", [0.0, 1e-5, 2e-3, 5e-3])
 def test_marking_on_a_road_reflects_once(lift: float, device: str) -> None:
     """A marking in or just above the plane of its road: one reflection, by the marking."""
@@ -216,6 +225,24 @@ def test_marking_on_a_road_reflects_once(lift: float, device: str) -> None:
     paths = solve(arrays, config, device, [0])
     assert paths.kind.tolist() == [PATH_LOS, PATH_SPECULAR]
     assert arrays.materials["sunny"][paths.material_id[1]].name == "metal_pole"
+
+
+@pytest.mark.parametrize("lift", [0.0, 5e-4, 1.2e-3, 3e-3])
+@pytest.mark.parametrize("far", [450.0, 1900.0])
+def test_thin_sheet_far_from_the_origin_reflects_once(far: float, lift: float, device: str) -> None:
+    """Far out, where legs start higher above their surface, a sheet on a small plate still hides its reflection."""
+    plate = quad_part(
+        "plate", [(far - 9, -1, 0), (far + 9, -1, 0), (far + 9, 1, 0), (far - 9, 1, 0)], "asphalt", "road"
+    )
+    sheet = ground_part(40.0, z=lift, material="metal_pole")
+    sheet = replace(sheet, points=sheet.points + np.array([far, 0.0, 0.0]))
+    actors = [("rsu_1", "rsu", -1), ("cav_1", "cav", -1)]
+    arrays = arrays_from_parts([plate, sheet], actors=actors, poses=np.array([[pose(far - 9, 0), pose(far + 9, 0)]]))
+    config = ChannelConfig(candidates="exhaustive", antenna_position_m={"cav": (0, 0, 1.6), "rsu": (0, 0, 6.0)})
+    paths = solve(arrays, config, device, [0])
+    assert paths.kind.tolist() == [PATH_LOS, PATH_SPECULAR]
+    if lift > 1e-3:
+        assert abs(paths.vertex[1, 2] - lift) < 1e-12  # the sheet's, though the plate is smaller
 
 
 def test_many_triangles_of_one_plane_reflect_once(device: str) -> None:
@@ -276,8 +303,9 @@ def test_links_of_another_batch(device: str) -> None:
     arrays = two_cars(2)
     scene = Scene(arrays, device, 1)
     scene.load_batch([0])
-    with pytest.raises(ValueError, match="links reach slot 1"):
-        solve_paths(scene, make_links(arrays, [0, 1], EXHAUSTIVE), EXHAUSTIVE, arrays.materials)
+    for frames, message in (([0, 1], "link 1: frame 1 in slot 1"), ([1], "link 0: frame 1 in slot 0")):
+        with pytest.raises(ValueError, match=message):
+            solve_paths(scene, make_links(arrays, frames, EXHAUSTIVE), EXHAUSTIVE, arrays.materials)
 
 
 @pytest.mark.parametrize("ray_count", [997, 1000, 4096])

@@ -62,6 +62,41 @@ def test_overrides_reach_lists_and_new_sections(config_file: Path) -> None:
     assert config.scenarios[0].rsus[0].yaw_deg == -90
 
 
+def test_overrides_reach_into_defaults_that_the_file_leaves_out(tmp_path: Path) -> None:
+    path = tmp_path / "short.yaml"
+    path.write_text("scenarios: [{name: s, stage: s.usda}]")
+    changes = [
+        "sensors.0.range_m=80",
+        "sensors.0.mount.cav.position_m.2=1.9",
+        "sensors.1.on=[cav]",
+        "channel.carriers_hz.1=3.5e9",
+        "channel.antenna_position_m.rsu.2=9",
+    ]
+    config, default = load_config(path, changes), load_config(path)
+    lidar, depth, imu = config.sensors
+    assert (lidar.range_m, lidar.channels, lidar.mount["cav"].position_m) == (80, 64, (0, 0, 1.9))
+    assert lidar.mount["rsu"] == default.sensors[0].mount["rsu"]
+    assert (depth.on, imu) == (("cav",), default.sensors[2])
+    assert config.channel.carriers_hz == (28e9, 3.5e9)
+    assert config.channel.antenna_position_m == {"cav": (0, 0, 2.5), "rsu": (0, 0, 9)}
+
+
+def test_on_is_a_key_and_a_role_without_a_mount_keeps_its_default(tmp_path: Path) -> None:
+    path = tmp_path / "on.yaml"
+    path.write_text(
+        "scenarios: [{name: s, stage: s.usda}]\n"
+        "sensors:\n  - {type: lidar, on: [cav, rsu], mount: {cav: {position_m: [0, 0, 1.8]}}}\n"
+        "channel: {antenna_position_m: {cav: [0, 0, 1.5]}}\n"
+    )
+    config = load_config(path)
+    assert config.sensors[0].on == ("cav", "rsu")
+    assert {role: mount.position_m for role, mount in config.sensors[0].mount.items()} == {
+        "cav": (0, 0, 1.8),
+        "rsu": (0, 0, 4.0),
+    }
+    assert config.channel.antenna_position_m == {"cav": (0, 0, 1.5), "rsu": (0, 0, 4.0)}
+
+
 @pytest.mark.parametrize(
     ("override", "key", "cure"),
     [
@@ -79,6 +114,18 @@ def test_overrides_reach_lists_and_new_sections(config_file: Path) -> None:
         ("nonsense", "override 'nonsense'", "key=value"),
         ("scenarios.0.stage=x.usda", "scenarios[0]", "exactly one"),
         ("compute.batch_frames=0", "compute.batch_frames = 0", "frames traced in one launch"),
+        ("seed='42'", 'seed = "42"', "whole number is needed, without quotes"),
+        ("channel.enabled=yes", 'channel.enabled = "yes"', "true or false"),
+        ("sensors=", "sensors = null", "a list is needed"),
+        ("channel=", "channel = null", "a section of keys is needed"),
+        ("frames.count=[1", "override 'frames.count=[1'", "not valid YAML"),
+        ("frames..count=1", "override 'frames..count=1'", "part of the key is empty"),
+        ("seed.x=1", "override 'seed.x=1'", "42 has no keys below it"),
+        ("scenarios.0.rsus.0.position_m=[1, 2]", "scenarios[0].rsus[0].position_m", "world frame"),
+        ("scenarios.0.rsus.0.position_m=[1, 2, 3, 4]", "position_m", "holds 4 values; 3 are needed"),
+        ("scenarios.0.rsus.0.name=veh_003", "veh_003", "rename it"),
+        ("scenarios.0.actor_roles={/World/A: cav}", "scenarios[0]", "goes with `stage`"),
+        ("sensors.0.name=antenna", "antenna", "rename one"),
     ],
 )
 def test_bad_values_give_one_clear_line_and_exit_code_2(
@@ -87,6 +134,7 @@ def test_bad_values_give_one_clear_line_and_exit_code_2(
     with pytest.raises(ConfigError) as error:
         load_config(config_file, [override])
     assert len(error.value.problems) == 1
+    assert "\n" not in error.value.problems[0]
     assert key in error.value.problems[0]
     assert cure in error.value.problems[0]
     assert main(["--config", str(config_file), override]) == 2
@@ -110,6 +158,11 @@ def test_unreadable_files(tmp_path: Path, text: str, part: str) -> None:
         load_config(path)
 
 
+def test_a_folder_is_no_configuration(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    assert main(["--config", str(tmp_path)]) == 2
+    assert "directory" in capsys.readouterr().err
+
+
 def test_missing_file_and_missing_option(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     assert main(["--config", str(tmp_path / "no.yaml")]) == 2
     assert "no such file" in capsys.readouterr().err
@@ -128,6 +181,29 @@ def test_unknown_town_and_missing_stage_are_exit_code_2(config_file: Path, capsy
     config_file.write_text("scenarios: [{name: s, stage: nowhere.usda}]")
     assert main(["--config", str(config_file), "--dry-run"]) == 2
     assert "nowhere.usda" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("change", "part"),
+    [
+        ("weathers=[sunny, snowy]", "foggy, rainy, sunny"),
+        ("scenarios.0.town=torn.usda", "USD cannot read"),
+        ("scenarios.0.material_map={/World/*: itu_cheese}", "itu_concrete"),
+        ("scenarios.0.rsus=[]", "[v2v]"),
+    ],
+)
+def test_inputs_are_checked_before_anything_is_made(
+    config_file: Path, change: str, part: str, capsys: pytest.CaptureFixture
+) -> None:
+    (config_file.parent / "torn.usda").write_text("no USD file {")
+    out = config_file.parent / "out"
+    for more in (["--dry-run"], []):
+        assert main(["--config", str(config_file), change, "--out", str(out), "--device", "cpu", *more]) == 2
+        text = capsys.readouterr().err
+        assert part in text
+        assert text.startswith(f"mmw: {config_file}: ")
+        assert text.count("mmw: ") == text.count("\n") == 1
+    assert not out.exists()
 
 
 def test_dry_run_counts_rays(config_file: Path, capsys: pytest.CaptureFixture) -> None:

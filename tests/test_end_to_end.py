@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -14,7 +15,11 @@ import pyarrow.parquet as pq
 import pytest
 from pxr import Usd, UsdGeom
 
+from mmw.config import load_config
+from mmw.dataset import open_dataset
 from mmw.paths import configs_dir
+from mmw.plan import frame_cost
+from mmw.report import example_query
 from mmw.run import main
 from mmw.tables import publish
 from mmw.tables.schemas import TABLES
@@ -146,6 +151,52 @@ def test_a_finished_dataset_is_left_alone(dataset: Path) -> None:
     assert before == {p: p.stat().st_mtime_ns for p in dataset.rglob("part-*.parquet")}
 
 
+def test_dry_run_foresees_the_bytes(dataset: Path, capsys: pytest.CaptureFixture) -> None:
+    """Sizes of single files dominate in this small dataset; the constants for rays and pixels come from a full run."""
+    config = load_config(CONFIG, [*SMALL, "channel.candidates=launch"])
+    rays, _ = frame_cost(config, {"cav": 3, "rsu": 1, "vehicles": 20})
+    assert rays == {"lidar": 4 * 8 * 64, "depth": 64 * 48, "channel": 4 * 20_000}
+    assert main(command(dataset, "--dry-run")) == 0
+    number, unit = re.search(r"tables of about ([\d.]+) (\w)B", capsys.readouterr().out).groups()
+    real = sum(path.stat().st_size for path in dataset.rglob("part-*.parquet"))
+    assert real / 1.5 < float(number) * {"k": 1e3, "M": 1e6}[unit] < real * 1.5
+
+
+def test_the_query_of_the_summary_can_be_pasted(tmp_path: Path) -> None:
+    """Also where the folder has spaces and both quotes in its name."""
+    root = tmp_path / """it's a "test" $HOME"""
+    config = load_config(CONFIG, ["frames.count=2", "sensors=[]", "channel.candidates=exhaustive"])
+    assert main(["--config", CONFIG, "frames.count=2", "sensors=[]", "--out", str(root), "--device", "cpu"]) == 0
+    line = example_query(root, config)
+    shown = subprocess.run(["sh", "-c", line], capture_output=True, text=True, check=True, cwd=Path(CONFIG).parents[1])
+    assert "rsu_1" in shown.stdout
+
+
+def test_nothing_but_ground_truth(tmp_path: Path) -> None:
+    root = tmp_path / "d"
+    extra = ["sensors=[]", "channel.enabled=false", "frames.count=1"]
+    assert main(["--config", CONFIG, *extra, "--out", str(root), "--device", "cpu"]) == 0
+    assert open_dataset(root).read("poses").num_rows == 4
+    assert open_dataset(root).read("sensors").num_rows == 0
+
+
+@pytest.mark.parametrize(
+    ("change", "part"),
+    [
+        ("scenarios.0.traffic.spawn_center_m=[1e6, 0, 0]", "from the nearest lane"),
+        ("scenarios.0.traffic.vehicle_count=500", "traffic.vehicle_count = 500"),
+        ("--out=FILE/below", "is a file"),
+    ],
+)
+def test_impossible_wishes_are_exit_code_2(
+    tmp_path: Path, change: str, part: str, capsys: pytest.CaptureFixture
+) -> None:
+    (tmp_path / "f").write_text("")
+    change = change.replace("FILE", str(tmp_path / "f"))
+    assert main([*command(tmp_path / "d"), change]) == 2
+    assert part in capsys.readouterr().err
+
+
 def test_another_configuration_is_refused(dataset: Path, capsys: pytest.CaptureFixture) -> None:
     assert main(command(dataset, "seed=7")) == 2
     text = capsys.readouterr().err
@@ -258,3 +309,63 @@ def test_bad_stages_are_exit_code_2(own_world: Path, change: str, part: str, cap
         main(["--config", str(own_world / "mine.yaml"), change, "--out", str(own_world / "d"), "--device", "cpu"]) == 2
     )
     assert part in capsys.readouterr().err
+
+
+def make_own(own_world: Path, out: str, *changes: str, config: str = "mine.yaml") -> int:
+    return main(["--config", str(own_world / config), *changes, "--out", str(own_world / out), "--device", "cpu"])
+
+
+def test_the_stored_configuration_makes_the_same_data(own_world: Path) -> None:
+    assert make_own(own_world, "d", "channel.carriers_hz=[28e9]", "seed=7") == 0
+    assert make_own(own_world, "again", config="d/config.yaml") == 0
+    assert_same_rows(own_world / "d", own_world / "again")
+    stored = load_config(own_world / "d" / "config.yaml")
+    assert (stored.seed, stored.channel.rays) == (7, 10_000)
+    assert Path(stored.scenarios[0].stage) == (own_world / "mine.usda").resolve()
+
+
+def test_roadside_units_of_the_file_stand_on_an_own_stage(own_world: Path) -> None:
+    """The same world, y up and in centimetres: the configured unit is where the file says, in metres and z up."""
+    rsus = "scenarios.0.rsus=[{name: gate, position_m: [5, -8, 1], yaw_deg: 90}]"
+    turned = USER_STAGE.replace('upAxis = "Z"', 'upAxis = "Y"').replace("metersPerUnit = 1", "metersPerUnit = 0.01")
+    flat = "(-5000, 0, 5000), (5000, 0, 5000), (5000, 0, -5000), (-5000, 0, -5000)"
+    turned = turned.replace("(-50, -50, 0), (50, -50, 0), (50, 50, 0), (-50, 50, 0)", flat)
+    (own_world / "turned.usda").write_text(turned.replace("(0.9, 0, 0)", "(90, 0, 0)"))
+    for name in ("mine.usda", "turned.usda"):
+        assert make_own(own_world, f"{name}.d", rsus, f"scenarios.0.stage={name}") == 0
+        poses = open_dataset(own_world / f"{name}.d").read("poses", agent="gate")
+        assert poses.num_rows == 10
+        pose = [poses.column(c)[3].as_py() for c in ("x", "y", "z", "qx", "qy", "qz", "qw", "vx")]
+        assert pose == pytest.approx([5, -8, 1, 0, 0, 0.5**0.5, 0.5**0.5, 0], abs=1e-9)
+        links = open_dataset(own_world / f"{name}.d").read("links", agent="Ego")
+        assert set(links.column("peer").to_pylist()) == {"gate", "Mast"}
+    assert (own_world / "mine.usda").read_text() == USER_STAGE
+
+
+def test_a_unit_under_the_ground_is_noted(own_world: Path, capsys: pytest.CaptureFixture) -> None:
+    assert make_own(own_world, "d", "scenarios.0.rsus=[{name: gate, position_m: [5, -8, -9]}]") == 0
+    text = capsys.readouterr().err
+    assert "gate: antenna is 5.0 m below the ground" in text
+    assert "Mast" not in text
+
+
+def test_going_on_with_other_versions_is_noted_and_with_another_stage_refused(
+    own_world: Path, capsys: pytest.CaptureFixture
+) -> None:
+    assert make_own(own_world, "d") == 0
+    path = own_world / "d" / "dataset.json"
+    path.write_text(path.read_text().replace('"numpy": "', '"numpy": "0.1.'))
+    capsys.readouterr()
+    assert make_own(own_world, "d") == 0
+    assert "begun with numpy '0.1." in capsys.readouterr().err
+    (own_world / "mine.usda").write_text(USER_STAGE.replace("(0.9, 0, 0)", "(0.8, 0, 0)"))
+    assert make_own(own_world, "d") == 2
+    assert "mine.usda changed" in capsys.readouterr().err
+    assert make_own(own_world, "d", "--overwrite") == 0
+
+
+def test_a_wrong_first_try_does_not_block_the_folder(own_world: Path) -> None:
+    assert make_own(own_world, "d", "frames.count=500") == 2
+    assert make_own(own_world, "d") == 0
+    assert load_config(own_world / "d" / "config.yaml").frames.count == 10
+    assert verify(own_world / "d") == []

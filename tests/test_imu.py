@@ -16,7 +16,7 @@ from mmw.poses import (
     rotate,
 )
 from mmw.sensors.imu import imu_noise, integrate_imu, make_imu, measure
-from mmw.sensors.kinematics import differentiate
+from mmw.sensors.kinematics import differentiate, differentiate_rows
 from tests.scenes import ABSENT, two_cars
 
 G = np.array([0.0, 0.0, GRAVITY])
@@ -173,6 +173,20 @@ def test_every_stay_is_differentiated_alone() -> None:
         for name in ("velocity", "acceleration", "body_rate", "world_rate"):
             np.testing.assert_array_equal(getattr(m, name)[stay, 1], getattr(alone, name))
     np.testing.assert_array_equal(m.velocity[:, 0], differentiate(drive(40)).velocity)
+
+
+@pytest.mark.parametrize("rows", [[0], [400], [3, 1], [398, 200, 203], [0, 400], []])
+def test_derivatives_of_some_rows_are_those_of_the_whole(rows: list[int]) -> None:
+    poses = np.stack([drive(401), drive(401)], axis=1)
+    poses[:199, 1] = poses[204:, 1] = np.nan
+    at = np.array(rows, dtype=np.int64)
+    whole, some = differentiate(poses), differentiate_rows(poses, at)
+    for name in ("velocity", "acceleration", "body_rate", "world_rate"):
+        np.testing.assert_array_equal(getattr(some, name), getattr(whole, name)[at])
+
+
+def test_recording_without_frames_has_no_derivatives() -> None:
+    assert differentiate(np.zeros((0, 2, 7))).velocity.shape == (0, 2, 3)
 
 
 def test_noise_does_not_depend_on_the_frames_asked_for() -> None:

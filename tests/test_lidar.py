@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mmw.config import LidarConfig, MountConfig
-from mmw.patterns import lidar_azimuths, lidar_directions, lidar_elevations
+from mmw.patterns import lidar_azimuths, lidar_directions, lidar_elevations, lidar_order
 from mmw.poses import transform_points
 from mmw.scene import Scene
 from mmw.scene_arrays import SceneArrays
@@ -251,3 +251,12 @@ def test_returns_lie_on_the_surface_of_their_object() -> None:
     world = transform_points(views.pose[1], xyz)
     road = next(o.object_id for o in arrays.objects if o.prim_path.endswith("street"))
     assert np.abs(world[batch.object_id[part] == road, 2]).max() < 1.5e-3
+
+
+@pytest.mark.parametrize(("channels", "points"), [(64, 469), (8, 64), (1, 1), (3, 5)])
+def test_tracing_order_takes_every_ray_once(channels: int, points: int) -> None:
+    order = lidar_order(channels, points)
+    np.testing.assert_array_equal(np.sort(order), np.arange(channels * points))
+    if channels % 8 == 0 and points >= 4:  # a warp of 32 threads is a block of 8 channels x 4 firings
+        channel, firing = np.divmod(order[:32], points)
+        assert (np.ptp(channel), np.ptp(firing)) == (7, 3)

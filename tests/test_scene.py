@@ -1,6 +1,7 @@
 """Reading scenario stages, and the scene on the device."""
 
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -189,6 +190,31 @@ def test_invisible_actor_is_absent(tmp_path: Path) -> None:
     assert arrays.actors[0].model == 0
 
 
+def test_actor_that_is_always_invisible_is_never_there(tmp_path: Path) -> None:
+    stage = user_stage(tmp_path / "user.usda")
+    UsdGeom.Imageable(stage.GetPrimAtPath("/World/cart")).CreateVisibilityAttr("invisible")
+    stage.Save()
+    arrays = read_stage(tmp_path / "user.usda", range(3), ["sunny"])
+    assert np.isnan(arrays.poses).all()
+
+
+def test_frames_fall_exactly_on_their_time_codes(tmp_path: Path) -> None:
+    """Positions to the bit, and an actor that appears in a frame is there in that frame, not one later."""
+    stage = new_stage(tmp_path / "user.usda")
+    stage.SetTimeCodesPerSecond(100)
+    way = np.random.default_rng(0).uniform(-300.0, 300.0, (60, 3))
+    actor = animate(stage, "/World/cart", way)
+    add_box(stage, "/World/cart/body", (4, 2, 1.5), material=add_material(stage, "/World/paint", "itu_metal"))
+    visibility = UsdGeom.Imageable(actor.GetPrim()).CreateVisibilityAttr()
+    for frame in range(60):
+        visibility.Set("invisible" if frame in (28, 56) else "inherited", frame)
+    stage.Save()
+    arrays = read_stage(tmp_path / "user.usda", range(60), [])
+    present = np.isfinite(arrays.poses).all(axis=2)[:, 0]
+    assert np.flatnonzero(~present).tolist() == [28, 56]
+    np.testing.assert_array_equal(arrays.poses[present, 0, :3], way[present])
+
+
 def test_radio_binding_comes_before_the_visual_one(tmp_path: Path) -> None:
     from tests.stages import bind
 
@@ -319,7 +345,6 @@ def test_instances_skip_actors_without_a_model() -> None:
     poses[..., 6] = 1.0
     scene = Scene(arrays_from_parts([ground_part()], [box_model("car")], actors, poses), "cpu", 1)
     np.testing.assert_array_equal(scene.instance_actor, [1, 3])
-    np.testing.assert_array_equal(scene.actor_instance, [-1, 0, -1, 1])
     assert scene.arrays.actors[3].object_id == scene.struct.instance_object.numpy()[1]
 
 
@@ -343,3 +368,21 @@ def test_boxes_hold_the_posed_models(device: str) -> None:
                 corners = models[v % 2].points @ turn.T + poses[slot, v, :3]
                 np.testing.assert_allclose(lower[slot, v], corners.min(axis=0) - 1e-3, atol=2e-5)
                 np.testing.assert_allclose(upper[slot, v], corners.max(axis=0) + 1e-3, atol=2e-5)
+
+
+def test_length_of_a_quaternion_does_not_scale_a_vehicle(device: str) -> None:
+    arrays = two_cars(1)
+    long = arrays.poses.copy()
+    long[..., 3:] *= 3.0
+    reach = []
+    for poses in (arrays.poses, long):
+        scene = Scene(replace(arrays, poses=poses), device, 1)
+        scene.load_batch([0])
+        reach.append(scene.struct.instance_pose.numpy())
+    np.testing.assert_array_equal(reach[0], reach[1])
+
+
+def test_frames_are_consecutive() -> None:
+    arrays = two_cars(3)
+    with pytest.raises(ValueError, match="frames in steps of 2; poses are 1/100 s apart"):
+        replace(arrays, frames=range(0, 6, 2))

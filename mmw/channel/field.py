@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mmw.channel.fresnel import reflection
-from mmw.channel.vectors import cross, direction_angles, dot, norm, spherical_basis
+from mmw.channel.vectors import direction_angles, dot, norm, spherical_basis
 from mmw.constants import SPEED_OF_LIGHT
 
 
@@ -55,7 +55,7 @@ def path_geometry(tx: np.ndarray, rx: np.ndarray, vertex: np.ndarray, normal: np
 
     safe_normal = np.where(is_los[:, None], [0.0, 0.0, 1.0], normal)
     te_axis = _perpendicular(departure, safe_normal)
-    parallel_in, parallel_out = cross(departure, te_axis), cross(-arrival, te_axis)
+    parallel_in, parallel_out = np.cross(departure, te_axis), np.cross(-arrival, te_axis)
     te, tm = np.empty((len(tx), 2, 2)), np.empty((len(tx), 2, 2))
     for row in range(2):
         for column in range(2):
@@ -80,10 +80,10 @@ def path_geometry(tx: np.ndarray, rx: np.ndarray, vertex: np.ndarray, normal: np
 
 def _perpendicular(direction: np.ndarray, normal: np.ndarray) -> np.ndarray:
     """Return the unit TE axis, direction x normal; any axis across the ray at normal incidence. Shape [P, 3]."""
-    axis = cross(direction, normal)
+    axis = np.cross(direction, normal)
     is_normal = dot(axis, axis) < 1e-12
     other = np.where(np.abs(direction[:, :1]) < 0.9, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
-    axis = np.where(is_normal[:, None], cross(direction, other), axis)
+    axis = np.where(is_normal[:, None], np.cross(direction, other), axis)
     return axis / norm(axis)[:, None]
 
 

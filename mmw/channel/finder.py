@@ -10,7 +10,7 @@ from mmw.channel.surface_table import SurfaceTable
 from mmw.channel.vectors import norm
 from mmw.config import ChannelConfig
 from mmw.kernels.channel_launch import launch_kernel
-from mmw.kernels.channel_refine import LINKS_AT_ONCE, LinkEnds, cull_kernel, refine_kernel, sight_kernel
+from mmw.kernels.channel_refine import LIFT, LINKS_AT_ONCE, LinkEnds, cull_kernel, refine_kernel, sight_kernel
 from mmw.poses import invert, make_pose, normalize, transform_points
 from mmw.scene import Scene
 
@@ -21,7 +21,7 @@ RAYS_AT_ONCE = 2**30
 """Most rays in one kernel launch."""
 
 SAME_POINT_M = 1e-3
-"""Two reflections of one link closer than this are one: coincident or almost coincident surfaces, seen twice."""
+"""Two reflections of one link closer than this, or than a leg's lift, are one: coincident surfaces, seen twice."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ def find_paths(scene: Scene, links: Links, config: ChannelConfig, table: Surface
         vertex=np.concatenate(vertex),
         normal=np.concatenate(normal),
     )
-    return _take(found, _distinct(found, links, table.area))
+    return _take(found, _distinct(found, links, table.area, scene.origin))
 
 
 def _chunks(first_link: np.ndarray, surface_count: int, rays: int) -> list[tuple[int, int]]:
@@ -220,26 +220,27 @@ def _refine(
     return kept, vertex.numpy()[kept], normal.numpy()[kept]
 
 
-def _distinct(found: FoundPaths, links: Links, area: np.ndarray) -> np.ndarray:
+def _distinct(found: FoundPaths, links: Links, area: np.ndarray, origin: np.ndarray) -> np.ndarray:
     """Return the rows to keep, sorted by (link, kind, surface).
 
-    Of reflections of one link within `SAME_POINT_M`, the one on the smallest surface stays (a marking lies on its
-    road), and the lowest surface id among equals.
+    Of reflections of one link in one place (see `SAME_POINT_M`), the one on the smallest surface stays (a marking lies
+    on its road), and the lowest surface id among equals.
     """
     reflected = np.nonzero(found.surface >= 0)[0]
     length = np.zeros(len(found.link))
     at = found.vertex[reflected]
     length[reflected] = norm(at - links.tx.position[found.link[reflected]])
     length[reflected] += norm(at - links.rx.position[found.link[reflected]])
+    apart = np.maximum(SAME_POINT_M, LIFT.value * (5.0 + np.abs(found.vertex - origin).max(axis=1)))
     rank = reflected[np.lexsort((length[reflected], found.link[reflected]))]
     dropped = np.zeros(len(found.link), dtype=bool)
     for step in range(1, len(rank)):
         one, other = rank[:-step], rank[step:]
-        near = (found.link[one] == found.link[other]) & (length[other] - length[one] <= 2.0 * SAME_POINT_M)
+        near = (found.link[one] == found.link[other]) & (length[other] - length[one] <= 2.0 * apart[one])
         if not near.any():
             break
         one, other = one[near], other[near]
-        same = norm(found.vertex[one] - found.vertex[other]) <= SAME_POINT_M
+        same = norm(found.vertex[one] - found.vertex[other]) <= apart[one]
         one, other = one[same], other[same]
         area_one, area_other = area[found.surface[one]], area[found.surface[other]]
         is_first = np.where(area_one == area_other, found.surface[one] < found.surface[other], area_one < area_other)

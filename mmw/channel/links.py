@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmw.channel.motion import actor_rates
-from mmw.channel.vectors import cross, rotate
+from mmw.channel.vectors import rotate
 from mmw.config import ChannelConfig
 from mmw.config.section import Vec3
 from mmw.poses import normalize, quaternion_to_matrix
 from mmw.scene_arrays import SceneArrays
+from mmw.sensors.kinematics import differentiate_rows
 
 LINK_V2I = 0
 """`Links.kind` of a downlink from a roadside unit to a CAV."""
@@ -79,7 +79,7 @@ def make_links(arrays: SceneArrays, frames: Sequence[int], config: ChannelConfig
     is_here = np.asarray(np.isfinite(poses).all(axis=2))
     slot, column = np.nonzero(is_here[:, pair[:, 1]] & is_here[:, pair[:, 2]])
     kind, tx_actor, rx_actor = pair[column].T
-    velocity, rate = actor_rates(arrays, rows)
+    motion = differentiate_rows(arrays.poses, rows)
     places: Mapping[str, Vec3] = {**config.antenna_position_m}
     mount = np.array([places.get(actor.role, (0.0, 0.0, 0.0)) for actor in actors]).reshape(-1, 3)
 
@@ -89,7 +89,7 @@ def make_links(arrays: SceneArrays, frames: Sequence[int], config: ChannelConfig
         return Ends(
             position=poses[slot, actor, :3] + lever,
             rotation=rotation,
-            velocity=velocity[slot, actor] + cross(rate[slot, actor], lever),
+            velocity=motion.velocity[slot, actor] + np.cross(motion.world_rate[slot, actor], lever),
         )
 
     return Links(

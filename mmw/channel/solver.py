@@ -7,14 +7,14 @@ from mmw.channel.field import PathGeometry, combine, path_geometry, polarimetric
 from mmw.channel.finder import FoundPaths, find_paths
 from mmw.channel.links import Links
 from mmw.channel.materials import permittivity_table
-from mmw.channel.motion import actor_rates
 from mmw.channel.paths import PATH_LOS, PATH_SPECULAR, Paths
 from mmw.channel.surface_table import SurfaceTable, make_surface_table
-from mmw.channel.vectors import cross, dot
+from mmw.channel.vectors import dot
 from mmw.config import ChannelConfig
 from mmw.constants import SPEED_OF_LIGHT
 from mmw.materials import Material
 from mmw.scene import Scene
+from mmw.sensors.kinematics import differentiate_rows
 
 
 def check_channel_materials(
@@ -59,13 +59,18 @@ def solve_paths(
         The paths, sorted by (link, kind, surface).
 
     Raises:
-        ValueError: If a material has no permittivity at a carrier, or a link is outside the batch.
+        ValueError: If a material has no permittivity at a carrier, or a link's frame is not in its slot of the scene.
 
     Source: image method with ray-launched candidates, first order; frequencies and angles as in `docs/channel.md`.
     """
-    if len(links) and int(links.slot.max()) >= scene.slots:
+    loaded = np.array(scene.batch_frames, dtype=np.int64)
+    is_loaded = links.slot < len(loaded)
+    is_loaded[is_loaded] = loaded[links.slot[is_loaded]] == links.frame[is_loaded]
+    if not is_loaded.all():
+        row = int(np.argmin(is_loaded))
         raise ValueError(
-            f"links reach slot {int(links.slot.max())}; the scene's batch has {scene.slots}; load its frames"
+            f"link {row}: frame {links.frame[row]} in slot {links.slot[row]}; the scene holds frames "
+            f"{list(scene.batch_frames[:8])}; call load_batch with the frames that the links were made for"
         )
     table = make_surface_table(scene) if table is None else table
     check_channel_materials(materials, np.unique(table.material_id), config)
@@ -143,10 +148,10 @@ def _range_rate(
     path = path[table.owner[found.surface[path]] >= 0] if len(path) else path
     if len(path):
         rows = np.array([scene.arrays.frame_row(frame) for frame in scene.batch_frames], dtype=np.int64)
-        velocity, turn = actor_rates(scene.arrays, rows)
+        motion = differentiate_rows(scene.arrays.poses, rows)
         slot = links.slot[found.link[path]]
         actor = scene.instance_actor[table.owner[found.surface[path]]]
         arm = found.vertex[path] - scene.arrays.poses[rows[slot], actor, :3]
-        moving = velocity[slot, actor] + cross(turn[slot, actor], arm)
+        moving = motion.velocity[slot, actor] + np.cross(motion.world_rate[slot, actor], arm)
         rate[path] += dot(moving, geometry.departure[path] + geometry.arrival[path])
     return rate

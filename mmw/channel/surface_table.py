@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from mmw.channel.vectors import cross, dot, norm
+from mmw.channel.vectors import dot, norm
 from mmw.kernels.channel_refine import Surfaces
 from mmw.scene import Scene
 
@@ -105,10 +105,11 @@ def _mean_planes(triangle: np.ndarray, row_of: np.ndarray, first: np.ndarray) ->
     """Return unit normal, offset and area of each row of triangles, weighted by area."""
     if len(first) == 0:
         return np.zeros((0, 3)), np.zeros(0), np.zeros(0)
-    doubled = cross(triangle[:, 1] - triangle[:, 0], triangle[:, 2] - triangle[:, 0])
+    doubled = np.cross(triangle[:, 1] - triangle[:, 0], triangle[:, 2] - triangle[:, 0])
     weight = norm(doubled)
     largest = np.zeros(len(first), dtype=np.int64)
-    largest[row_of[np.argsort(weight, kind="stable")]] = np.argsort(weight, kind="stable")  # the last one written stays
+    order = np.argsort(weight, kind="stable")
+    largest[row_of[order]] = order  # the last one written stays
     sign = np.where(dot(doubled, doubled[largest[row_of]]) < 0.0, -1.0, 1.0)
     total = np.add.reduceat(doubled * sign[:, None], first)
     area = np.add.reduceat(weight, first)

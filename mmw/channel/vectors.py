@@ -13,18 +13,6 @@ def norm(a: np.ndarray) -> np.ndarray:
     return np.sqrt(dot(a, a))
 
 
-def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the vector product over the last axis, shape [..., 3]."""
-    return np.stack(
-        [
-            a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1],
-            a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2],
-            a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0],
-        ],
-        axis=-1,
-    )
-
-
 def rotate(rotation: np.ndarray, vector: np.ndarray) -> np.ndarray:
     """Return `rotation` times `vector`, shapes [..., 3, 3] and [..., 3]."""
     return np.stack([dot(rotation[..., i, :], vector) for i in range(3)], axis=-1)

@@ -25,8 +25,14 @@ class ChannelConfig(Section):
     polarization: Literal["V", "H"] = Field("V", description="polarisation of both ends (name)")
     antenna_position_m: dict[Literal["cav", "rsu"], Vec3] = Field(
         default_factory=lambda: {"cav": (0.0, 0.0, 2.5), "rsu": (0.0, 0.0, 4.0)},
-        description="antenna in the agent's frame, the LiDAR's place by default, x forward, y left, z up [m]",
+        description="antenna in the agent's frame, x forward, y left, z up; the LiDAR's place by default, also for a "
+        "role that is left out [m]",
     )
+
+    @field_validator("antenna_position_m")
+    @classmethod
+    def _every_role(cls, value: dict[str, Vec3]) -> dict[str, Vec3]:
+        return {**cls.model_fields["antenna_position_m"].get_default(call_default_factory=True), **value}
 
     @field_validator("carriers_hz")
     @classmethod

@@ -12,4 +12,4 @@ class ComputeConfig(Section):
     batch_frames: int = Field(
         50, ge=1, le=1024, description="frames traced in one launch; `--batch-frames` replaces it (count)"
     )
-    writer_threads: int = Field(4, ge=1, le=64, description="threads that encode and write shards (count)")
+    writer_threads: int = Field(8, ge=1, le=64, description="threads that encode and write shards (count)")

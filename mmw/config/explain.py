@@ -13,6 +13,21 @@ from mmw.config.model import Config
 
 Key = tuple[str | int, ...]
 
+_NEEDED = {
+    "tuple_type": "a list is needed, such as [1, 2]",
+    "list_type": "a list is needed, such as [1, 2]",
+    "model_type": "a section of keys is needed; fill it, or remove the key to have its defaults",
+    "model_attributes_type": "a section of keys is needed; fill it, or remove the key to have its defaults",
+    "dict_type": "a map of keys and values is needed; fill it, or remove the key",
+    "int_type": "a whole number is needed, without quotes",
+    "int_from_float": "a whole number is needed",
+    "float_type": "a number is needed, without quotes",
+    "bool_type": "true or false is needed, without quotes",
+    "string_type": "text is needed; put it in quotes if it looks like a number",
+    "union_tag_not_found": "`type` is missing; say which sensor it is: lidar, depth or imu",
+}
+"""What to say instead of pydantic's words about Python types, by its error type."""
+
 
 def problem_line(path: Path, error: ErrorDetails) -> str:
     """Return one line for one error of a configuration file."""
@@ -24,9 +39,20 @@ def problem_line(path: Path, error: ErrorDetails) -> str:
         cure = f"did you mean `{near[0]}`?" if near else f"known keys here: {', '.join(known)}"
         return f"{path}: {where} = {_short(error['input'])}: unknown key; {cure}"
     described = _description(models, key)
+    if error["type"] == "missing" and not isinstance(key[-1], str):  # a tuple that is too short
+        where, count = where.rpartition("[")[0], int(key[-1])
+        return f"{path}: {where}: holds {count} or fewer values; more are needed" + (
+            f"; {described}" if described else ""
+        )
     if error["type"] == "missing":
         return f"{path}: {where}: missing; add it" + (f" ({described})" if described else "")
-    message = error["msg"].removeprefix("Value error, ")
+    message = _NEEDED.get(error["type"]) or error["msg"].removeprefix("Value error, ")
+    message = message.replace("Input should be", "must be")
+    context = error.get("ctx", {})
+    if error["type"] == "too_long":
+        message = f"holds {context.get('actual_length')} values; {context.get('max_length')} are needed"
+    if error["type"] == "union_tag_invalid":
+        message = f"type = {_short(context.get('tag'))} is unknown; one of {context.get('expected_tags')} is needed"
     found = "" if isinstance(error["input"], dict | list) else f" = {_short(error['input'])}"
     return f"{path}: {where}{found}: {message[0].lower() + message[1:]}" + (f"; {described}" if described else "")
 
@@ -43,7 +69,7 @@ def _walk(location: Sequence[str | int]) -> tuple[list[type[BaseModel]], Key]:
     inside: list[type[BaseModel]] = [Config]
     key: list[str | int] = []
     for part in location:
-        tagged = [model for model in inside if _tag(model) == part]
+        tagged = [model for model in inside if tag_of(model) == part]
         if tagged and key and isinstance(key[-1], int):
             inside = tagged
             continue
@@ -51,16 +77,17 @@ def _walk(location: Sequence[str | int]) -> tuple[list[type[BaseModel]], Key]:
         if isinstance(part, int):
             continue
         models = inside
-        inside = [found for model in models if part in model.model_fields for found in _models_in(model, str(part))]
-    return models if key and isinstance(key[-1], str) else inside, tuple(key)
+        inside = [found for model in models if part in model.model_fields for found in models_in(model, str(part))]
+    return inside if inside and key and isinstance(key[-1], int) else models, tuple(key)
 
 
-def _tag(model: type[BaseModel]) -> Any:
+def tag_of(model: type[BaseModel]) -> Any:
+    """Return the `type` that a section of a union is known by; None for other sections."""
     field = model.model_fields.get("type")
     return field.default if field else None
 
 
-def _models_in(model: type[BaseModel], name: str) -> Iterator[type[BaseModel]]:
+def models_in(model: type[BaseModel], name: str) -> Iterator[type[BaseModel]]:
     """Yield the sections that a field holds, in lists, maps and unions too."""
 
     def find(annotation: Any) -> Iterator[type[BaseModel]]:

@@ -1,5 +1,6 @@
 """File + overrides -> Config. Every problem becomes one line that names the file, the key, the value and the cure."""
 
+import json
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,6 +11,7 @@ from pydantic import ValidationError
 
 from mmw.config.explain import problem_line
 from mmw.config.model import Config
+from mmw.config.override import set_value
 
 
 class ConfigError(ValueError):
@@ -21,9 +23,15 @@ class ConfigError(ValueError):
 
 
 class _Loader(yaml.SafeLoader):
-    """YAML 1.1 as PyYAML reads it, except that `28e9` is a number and a key given twice is an error."""
+    """YAML as people read it: `28e9` is a number, `on` is a key and no boolean, a key given twice is an error."""
 
 
+_BOOL, _TIMESTAMP = "tag:yaml.org,2002:bool", "tag:yaml.org,2002:timestamp"
+_Loader.yaml_implicit_resolvers = {
+    first: [(tag, pattern) for tag, pattern in resolvers if tag not in (_BOOL, _TIMESTAMP)]
+    for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
+}
+_Loader.add_implicit_resolver(_BOOL, re.compile(r"^(?:true|True|TRUE|false|False|FALSE)$"), list("tTfF"))
 _Loader.add_implicit_resolver(
     "tag:yaml.org,2002:float",
     re.compile(r"^[-+]?(?:[0-9][0-9_]*)(?:\.[0-9_]*)?[eE][-+]?[0-9]+$"),
@@ -59,51 +67,51 @@ def load_config(path: str | Path, overrides: Sequence[str] = (), patch: dict[str
     except FileNotFoundError:
         raise ConfigError([f"{path}: no such file; give --config an existing YAML file"]) from None
     except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError([f"{path}: cannot be read ({error}); give --config a readable YAML file"]) from None
+        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
+        raise ConfigError([f"{path}: cannot be read ({reason}); give --config a readable YAML file"]) from None
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         where = f"{path}:{mark.line + 1}:{mark.column + 1}" if mark else str(path)
-        raise ConfigError([f"{where}: not valid YAML: {getattr(error, 'problem', error)}; correct that line"]) from None
+        raise ConfigError([f"{where}: not valid YAML: {_reason(error)}; correct that line"]) from None
     if not isinstance(data, dict):
-        raise ConfigError([f"{path}: holds {type(data).__name__}; a mapping with the key `scenarios` is needed"])
+        kind = {"NoneType": "nothing", "str": "only text", "list": "a list"}.get(type(data).__name__, "no keys")
+        raise ConfigError([f"{path}: holds {kind}; a mapping with the key `scenarios` is needed"])
     for item in overrides:
         key, sign, text = item.partition("=")
         if not sign or not key:
             raise ConfigError([f"override {item!r}: write it as key=value, for example frames.count=10"])
         try:
-            value = yaml.load(text, Loader=_Loader)
+            set_value(data, key, yaml.load(text, Loader=_Loader))
         except yaml.YAMLError as error:
-            raise ConfigError([f"override {item!r}: the value is not valid YAML ({error}); quote it"]) from None
-        _set(data, key, value, f"override {item!r}")
+            raise ConfigError(
+                [f"override {item!r}: the value is not valid YAML ({_reason(error)}); quote it, or close its brackets"]
+            ) from None
+        except ValueError as error:
+            raise ConfigError([f"override {item!r}: {error}"]) from None
     for key, value in (patch or {}).items():
-        _set(data, key, value, f"option for {key}")
+        try:
+            set_value(data, key, value)
+        except ValueError as error:
+            raise ConfigError([f"option for {key}: {error}"]) from None
     try:
-        return Config.model_validate(data)
+        # As JSON, strictly: lists become tuples, but the text "42" is no number and 1 is not true.
+        return Config.model_validate_json(json.dumps(_whole(data), default=str), strict=True)
     except ValidationError as error:
         raise ConfigError([problem_line(path, item) for item in error.errors()]) from None
 
 
-def _set(data: Any, key: str, value: Any, where: str) -> None:
-    parts = key.split(".")
-    for depth, part in enumerate(parts):
-        last = depth == len(parts) - 1
-        here = ".".join(parts[:depth]) or "the file"
-        if isinstance(data, list):
-            if not part.isdigit() or int(part) >= len(data):
-                raise ConfigError([f"{where}: {here} is a list of {len(data)}; index it with 0 to {len(data) - 1}"])
-            if last:
-                data[int(part)] = value
-            else:
-                data = data[int(part)]
-        elif isinstance(data, dict):
-            if last:
-                data[part] = value
-            else:
-                if data.get(part) is None:
-                    data[part] = {}
-                data = data[part]
-        else:
-            raise ConfigError([f"{where}: {here} = {data!r} has no keys below it; check the key"])
+def _reason(error: yaml.YAMLError) -> str:
+    """Return what is wrong with a piece of YAML in one line."""
+    return " ".join(str(getattr(error, "problem", None) or error).split())
+
+
+def _whole(value: Any) -> Any:
+    """Return a file's content with whole numbers as integers: `1e6` rays are a count too."""
+    if isinstance(value, dict):
+        return {key: _whole(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_whole(item) for item in value]
+    return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
 def json_schema() -> dict[str, Any]:

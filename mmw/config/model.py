@@ -13,8 +13,6 @@ from mmw.config.scenario import ScenarioConfig
 from mmw.config.section import Name, Section
 from mmw.config.sensors import SensorConfig, default_sensors
 
-SHIPPED_WEATHERS = ("sunny", "rainy", "foggy")
-
 
 class FramesConfig(Section):
     """Which frames of every scenario are made; frame n is n / 100 s after the start."""
@@ -55,6 +53,9 @@ class Config(Section):
         sensors = [sensor.name for sensor in self.sensors]
         if len(set(sensors)) != len(sensors):
             raise ValueError(f"sensors are named {sensors}; give each its own name")
+        prims = [name.replace("-", "_") for name in sensors]  # their names in the USD stage, beside the antenna
+        if len(set(prims) | {"antenna"}) != len(prims) + 1:
+            raise ValueError(f"sensors are named {sensors}; `antenna` is taken, and `-` counts as `_`; rename one")
         if not self.weathers:
             raise ValueError("weathers is empty; name at least one, for example [sunny]")
         if len(set(self.weathers)) != len(self.weathers):

@@ -1,5 +1,6 @@
 """`scenarios`: which world, which traffic, which of the vehicles are connected, where the roadside units stand."""
 
+import re
 from typing import Literal
 
 from pydantic import Field, model_validator
@@ -71,4 +72,9 @@ class ScenarioConfig(Section):
         names = [rsu.name for rsu in self.rsus]
         if len(set(names)) != len(names):
             raise ValueError(f"rsus = {names} names a unit twice; give each its own name")
+        taken = [name for name in names if re.fullmatch(r"(cav|veh)_\d+", name)]
+        if taken and self.town is not None:
+            raise ValueError(f"rsus holds {taken[0]!r}, a name of generated vehicles; rename it, for example rsu_1")
+        if self.town is not None and self.actor_roles:
+            raise ValueError("`actor_roles` goes with `stage`; vehicles of generated traffic have roles; remove it")
         return self

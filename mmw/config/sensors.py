@@ -2,7 +2,7 @@
 
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from mmw.config.section import Name, Section, Vec3
 
@@ -21,7 +21,14 @@ class MountConfig(Section):
 class _Sensor(Section):
     name: Name = Field(description="unique among the sensors; the `sensor` or `camera` key of its rows (name)")
     on: tuple[Role, ...] = Field(description="agents that carry it: `cav`, `rsu` (list)")
-    mount: dict[Role, MountConfig] = Field(default_factory=dict, description="mount for each role (map)")
+    mount: dict[Role, MountConfig] = Field(
+        default_factory=dict, description="mount for each role; a role that is left out keeps its default (map)"
+    )
+
+    @field_validator("mount")
+    @classmethod
+    def _every_role(cls, value: dict[Role, MountConfig]) -> dict[Role, MountConfig]:
+        return {**cls.model_fields["mount"].get_default(call_default_factory=True), **value}
 
     def mount_on(self, role: Role) -> MountConfig:
         """Return the mount for a role; the agent's origin where the file gives none."""
@@ -39,7 +46,7 @@ class LidarConfig(_Sensor):
             "cav": MountConfig(position_m=(0, 0, 2.5)),
             "rsu": MountConfig(position_m=(0, 0, 4.0)),
         },
-        description="mount for each role (map)",
+        description="mount for each role; a role that is left out keeps its default (map)",
     )
     channels: int = Field(64, ge=1, le=256, description="laser channels, index 0 the highest (count)")
     points_per_channel: int = Field(469, ge=1, le=8192, description="azimuth steps of a turn (count)")
@@ -67,7 +74,7 @@ class DepthConfig(_Sensor):
             "rsu": MountConfig(position_m=(0, 0, 3.9)),
             "cav": MountConfig(position_m=(1.5, 0, 2.4)),
         },
-        description="mount for each role (map)",
+        description="mount for each role; a role that is left out keeps its default (map)",
     )
     width_px: int = Field(640, ge=8, le=8192, description="image width [px]")
     height_px: int = Field(480, ge=8, le=8192, description="image height [px]")

@@ -31,8 +31,6 @@ class Boxes:
     """Length, width, height [m], shape [N, 3]."""
     velocity: np.ndarray
     """Velocity of the middle of the box, world frame [m/s], shape [N, 3]."""
-    world_rate: np.ndarray
-    """Angular velocity, world frame [rad/s], shape [N, 3]."""
 
 
 def make_boxes(arrays: SceneArrays, frames: Sequence[int], motion: Motion | None = None) -> Boxes:
@@ -59,7 +57,6 @@ def make_boxes(arrays: SceneArrays, frames: Sequence[int], motion: Motion | None
     q = normalize(pose[:, 3:])
     center = np.array([arrays.actors[i].center for i in actor], dtype=np.float64).reshape(-1, 3)
     upright = np.array([0.0, 0.0, 0.0, 1.0])
-    rate = motion.world_rate[row, actor]
     return Boxes(
         frame=frame,
         actor=actor,
@@ -67,8 +64,7 @@ def make_boxes(arrays: SceneArrays, frames: Sequence[int], motion: Motion | None
         pose=compose(make_pose(pose[:, :3], q), make_pose(center, upright)),
         ypr=quaternion_to_ypr(q),
         size=np.array([arrays.actors[i].size for i in actor], dtype=np.float64).reshape(-1, 3),
-        velocity=motion.velocity[row, actor] + np.cross(rate, rotate(q, center)),
-        world_rate=rate,
+        velocity=motion.velocity[row, actor] + np.cross(motion.world_rate[row, actor], rotate(q, center)),
     )
 
 

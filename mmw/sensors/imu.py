@@ -24,7 +24,7 @@ from mmw.config import ImuConfig
 from mmw.constants import FRAME_DT, GRAVITY
 from mmw.poses import compose, conjugate, multiply, normalize, quaternion_exp, rotate
 from mmw.scene_arrays import SceneArrays
-from mmw.sensors.kinematics import differentiate
+from mmw.sensors.kinematics import differentiate, window
 from mmw.views import mount_pose, sensor_actors
 
 GRAVITY_W = np.array([0.0, 0.0, GRAVITY])
@@ -56,7 +56,8 @@ def make_imu(arrays: SceneArrays, frames: Sequence[int], config: ImuConfig, seed
     """Return the IMU samples of every agent that carries the sensor.
 
     Args:
-        arrays: The scene on the host; its whole recording is differentiated, so give all batches the same one.
+        arrays: The scene on the host; the frames around `frames` are differentiated too, so give all batches the same
+            recording.
         frames: Frames of the batch.
         config: Mount and noise.
         seed: Seed of the run.
@@ -66,13 +67,14 @@ def make_imu(arrays: SceneArrays, frames: Sequence[int], config: ImuConfig, seed
         ValueError: If the scene does not cover a frame.
     """
     rows = np.array([arrays.frame_row(int(frame)) for frame in frames], dtype=np.int64)
+    part = window(rows)
     actors = sensor_actors(arrays, config)
     true = np.full((2, len(rows), len(actors), 3), np.nan)
     noise = np.zeros((2, len(rows), len(actors), 3))
     for column, index in enumerate(actors):
         actor = arrays.actors[index]
-        accel, gyro = measure(arrays.poses[:, index], mount_pose(config, actor.role))
-        true[:, :, column] = accel[rows], gyro[rows]
+        accel, gyro = measure(arrays.poses[part, index], mount_pose(config, actor.role))
+        true[:, :, column] = accel[rows - part.start], gyro[rows - part.start]
         noise[:, :, column] = imu_noise(config, frames, seed, scenario, actor.name)
     frame = np.repeat(np.asarray(frames, dtype=np.int64), len(actors))
     actor = np.tile(actors, len(rows))

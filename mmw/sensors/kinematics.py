@@ -17,6 +17,7 @@ pace. The formulas above, and both identities, then hold there too. A recording 
 Source: L. Verlet, Phys. Rev. 159 (1967); rotation vectors as in J. Solà (2017), section 4.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,14 +54,40 @@ def differentiate(poses: np.ndarray, dt: float = FRAME_DT) -> Motion:
     is_present = np.isfinite(poses).all(axis=-1)
     if poses.size and is_present.all():
         return _differentiate_stay(poses, dt)
-    bodies = poses.reshape(len(poses), -1, 7)
+    bodies = poses.reshape(len(poses), math.prod(poses.shape[1:-1]), 7)
     out = np.full((4, len(poses), bodies.shape[1], 3), np.nan)
-    for body, presence in enumerate(is_present.reshape(len(poses), -1).T):
+    for body, presence in enumerate(is_present.reshape(bodies.shape[:2]).T):
         edges = np.flatnonzero(np.diff(np.concatenate([[False], presence, [False]])))
         for start, stop in edges.reshape(-1, 2):
             motion = _differentiate_stay(bodies[start:stop, body], dt)
             out[:, start:stop, body] = motion.velocity, motion.acceleration, motion.body_rate, motion.world_rate
     return Motion(*out.reshape(4, *poses.shape[:-1], 3))
+
+
+REACH_FRAMES = 4
+"""Frames on either side that hold all that the derivatives of a frame depend on: an open end takes the nearest four."""
+
+
+def window(rows: np.ndarray) -> slice:
+    """Return the part of a recording that gives some of its rows, in any order, the derivatives of the whole."""
+    first, last = (int(rows.min()), int(rows.max())) if len(rows) else (0, 0)
+    return slice(max(first - REACH_FRAMES, 0), last + REACH_FRAMES + 1)
+
+
+def differentiate_rows(poses: np.ndarray, rows: np.ndarray, dt: float = FRAME_DT) -> Motion:
+    """Return the derivatives at some frames of a recording, to the bit those of `differentiate`, at the cost of a part.
+
+    Args:
+        poses: Body-to-world in consecutive frames, shape [F, ..., 7], float64; NaN where absent.
+        rows: Rows of `poses`, in any order, shape [S].
+        dt: Time between frames [s].
+
+    Returns:
+        Derivatives, shape [S, ..., 3].
+    """
+    part = window(rows)
+    motion, at = differentiate(poses[part], dt), rows - part.start
+    return Motion(motion.velocity[at], motion.acceleration[at], motion.body_rate[at], motion.world_rate[at])
 
 
 def _differentiate_stay(poses: np.ndarray, dt: float) -> Motion:

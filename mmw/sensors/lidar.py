@@ -12,7 +12,7 @@ import warp as wp
 from mmw.config import LidarConfig
 from mmw.kernels import lidar, structs
 from mmw.materials import Material
-from mmw.patterns import lidar_directions
+from mmw.patterns import lidar_directions, lidar_order
 from mmw.scene import Scene
 from mmw.views import Views
 
@@ -87,7 +87,8 @@ def trace_lidar_hits(scene: Scene, views: Views, config: LidarConfig) -> LidarHi
     if len(views) == 0:
         return _hits(np.zeros(1, dtype=np.int32), _allocate_points(0, device))
     direction_s = wp.array(directions.astype(np.float32), dtype=wp.vec3, device=device)
-    rays = _trace(scene, on_device, direction_s, config.range_m)
+    order = wp.array(lidar_order(config.channels, config.points_per_channel), dtype=wp.int32, device=device)
+    rays = _trace(scene, on_device, direction_s, order, config.range_m)
     hits_up_to = wp.empty_like(rays.is_hit)
     wp.utils.array_scan(rays.is_hit.flatten(), hits_up_to.flatten(), inclusive=True)
     ends = hits_up_to[:, len(directions) - 1].contiguous().numpy()
@@ -103,7 +104,7 @@ def trace_lidar_hits(scene: Scene, views: Views, config: LidarConfig) -> LidarHi
     return _hits(offsets, points)
 
 
-def _trace(scene: Scene, views: structs.Views, direction_s: wp.array, t_max: float) -> lidar.LidarRays:
+def _trace(scene: Scene, views: structs.Views, direction_s: wp.array, order: wp.array, t_max: float) -> lidar.LidarRays:
     shape = (views.slot.shape[0], direction_s.shape[0])
     rays = lidar.LidarRays()
     for name, dtype in (("is_hit", int), ("range", float), ("cos_incidence", float), ("object_id", int)):
@@ -112,7 +113,7 @@ def _trace(scene: Scene, views: structs.Views, direction_s: wp.array, t_max: flo
     wp.launch(
         lidar.lidar_kernel,
         dim=shape,
-        inputs=[scene.struct, views, direction_s, t_max],
+        inputs=[scene.struct, views, direction_s, order, t_max],
         outputs=[rays],
         device=scene.device,
         block_dim=BLOCK_DIM,

@@ -2,6 +2,7 @@
 
 import io
 import json
+import os
 import shutil
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
@@ -12,7 +13,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from mmw.tables.publish import publish_bytes, temporary_path
+from mmw.tables.publish import FULL, OutOfSpaceError, publish_bytes, temporary_path
 from mmw.tables.schemas import SCHEMA_VERSION, TABLES
 from mmw.tables.writer import MARKERS, META_KEYS, ShardKey, marker_path
 
@@ -20,6 +21,8 @@ DATASET = "dataset.json"
 """Whose folder it is: configuration, its hash, versions."""
 MANIFEST = "_manifest.parquet"
 CARD = "README.md"
+CONFIG = "config.yaml"
+"""The resolved configuration as a file that `--config` takes again; written by whoever has it (`mmw.provenance`)."""
 FOLDERS = (MARKERS, *TABLES, "stages", "assets")
 """Folders that a run makes; `--overwrite` removes these and nothing else."""
 
@@ -46,6 +49,8 @@ def prepare_root(
 ) -> None:
     """Make a dataset folder, or take up an unfinished one of the same configuration.
 
+    A folder of another configuration without a finished shard, after a wrong first try for example, is taken over.
+
     Args:
         root: Dataset folder; made if it does not exist.
         config_identity: What decides the data (`Config.identity`).
@@ -54,14 +59,14 @@ def prepare_root(
         overwrite: Remove the data that is there, also another configuration's.
 
     Raises:
-        ValueError: If the folder belongs to another configuration or schema version, or holds something else.
+        ValueError: If the folder belongs to another configuration or schema version, holds something else, or cannot be
+            made or written.
         OutOfSpaceError: If the disk is full.
     """
     root = Path(root)
-    if root.exists() and not root.is_dir():
-        raise ValueError(f"{root}: is a file; the dataset needs a folder; give another --out")
+    _check_writable(root)
     if (root / DATASET).is_file():
-        if overwrite:
+        if overwrite or _is_other_and_empty(root, config_sha256):
             _remove_data(root)
         else:
             _check_same(root, config_identity, config_sha256)
@@ -158,7 +163,7 @@ def dataset_card(head: Mapping[str, Any], tables: Mapping[str, Mapping[str, int]
         "# Multimodal wireless dataset",
         "",
         f"Made with mmw {head['versions'].get('mmw', '')}".rstrip() + f", schema {head['schema_version']}, "
-        f"configuration `{head['config_sha256'][:12]}` (the whole of it is in `{DATASET}`).",
+        f"configuration `{head['config_sha256'][:12]}` (the whole of it is in `{DATASET}`; `{CONFIG}` makes it again).",
         "",
         "| table | one row is | rows | MB |",
         "|---|---|---:|---:|",
@@ -203,8 +208,26 @@ def _remove_data(root: Path) -> None:
     for folder in (root / name for name in FOLDERS):
         if folder.is_dir():
             shutil.rmtree(folder)
-    for name in (MANIFEST, CARD):
+    for name in (MANIFEST, CARD, CONFIG):
         (root / name).unlink(missing_ok=True)
+
+
+def _check_writable(root: Path) -> None:
+    there = next(path for path in (root, *root.absolute().parents) if path.exists())
+    if not there.is_dir():
+        raise ValueError(f"{root}: {there} is a file; the dataset needs a folder; give another --out")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise ValueError(f"{root}: {there} cannot be written to; give another --out, or change its permissions")
+    try:
+        root.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        if error.errno in FULL:
+            raise OutOfSpaceError(f"{root}: no space left to make it; free some space and run again") from error
+        raise ValueError(f"{root}: cannot be made ({error.strerror}); give another --out") from error
+
+
+def _is_other_and_empty(root: Path, sha256: str) -> bool:
+    return read_dataset(root)["config_sha256"] != sha256 and not read_markers(root)
 
 
 def _check_same(root: Path, identity: Mapping[str, Any], sha256: str) -> None:

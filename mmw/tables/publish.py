@@ -5,6 +5,9 @@ import os
 import shutil
 from pathlib import Path
 
+FULL = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))
+"""What the system says of a full disk, and where quotas exist of a full quota."""
+
 
 class OutOfSpaceError(RuntimeError):
     """The disk is full. Nothing that was published before is touched, and a rerun resumes."""
@@ -36,13 +39,15 @@ def publish_bytes(path: Path, data: bytes | memoryview) -> None:
         flush_folder(path.parent)
     except OSError as error:
         temporary.unlink(missing_ok=True)
-        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+        if error.errno in FULL:
             raise OutOfSpaceError(_no_space(path, len(data))) from error
         raise
 
 
 def flush_folder(folder: Path) -> None:
-    """Flush a folder's entries to disk, so that a rename survives a power cut."""
+    """Flush a folder's entries to disk, so that a rename survives a power cut. Windows has no such call."""
+    if os.name == "nt":
+        return
     handle = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(handle)

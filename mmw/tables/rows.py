@@ -11,7 +11,7 @@ import pyarrow as pa
 from mmw.channel.links import LINK_KINDS, Links
 from mmw.channel.paths import PATH_KINDS, PATH_LOS, Paths
 from mmw.config import Config, DepthConfig, ScenarioConfig
-from mmw.constants import FRAME_DT
+from mmw.constants import FRAME_RATE_HZ
 from mmw.patterns import pinhole
 from mmw.poses import normalize
 from mmw.scene_arrays import SceneArrays
@@ -19,6 +19,7 @@ from mmw.sensors.boxes import VEHICLE_ROLES, Boxes, count_returns
 from mmw.sensors.imu import ImuBatch
 from mmw.sensors.kinematics import Motion
 from mmw.sensors.lidar import LidarBatch, LidarHits
+from mmw.tables.schemas import table_spec
 from mmw.views import Views, mount_pose
 
 Columns = dict[str, Any]
@@ -42,7 +43,7 @@ def frame_rows(arrays: SceneArrays, frames: Sequence[int], seed: int) -> Columns
     frame = np.asarray(frames, dtype=np.int32)
     return {
         "frame": frame,
-        "time_s": frame * FRAME_DT,
+        "time_s": frame / FRAME_RATE_HZ,
         "cav_count": is_present[:, role == "cav"].sum(axis=1),
         "rsu_count": is_present[:, role == "rsu"].sum(axis=1),
         "vehicle_count": is_present[:, (role == "cav") | (role == "vehicle")].sum(axis=1),
@@ -295,7 +296,8 @@ def _sensor_rows(arrays: SceneArrays, config: Config) -> Columns:
             pose = np.array([*position, 0.0, 0.0, 0.0, 1.0])
             params = json.dumps({"pattern": config.channel.pattern, "polarization": config.channel.polarization})
             rows.append(_sensor_row(actor.name, "antenna", "antenna", pose, params, None))
-    return {name: [row[name] for row in rows] for name in rows[0]} if rows else {}
+    names = [column.name for column in table_spec("sensors").columns if column.name != "scenario"]
+    return {name: [row[name] for row in rows] for name in names}
 
 
 def _sensor_row(agent: str, sensor: str, type_: str, pose: np.ndarray, params: str, camera: Any) -> Columns:

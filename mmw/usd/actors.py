@@ -118,10 +118,9 @@ def actor_poses(actors: list[FoundActor], times: np.ndarray, metres: np.ndarray)
     # Row vectors: the matrix is the transpose of the usual rotation.
     poses[..., 3:] = continuous(quaternion_from_matrix(np.swapaxes(rigid, -1, -2)))
     for column, actor in enumerate(actors):
-        if _visibility_varies(actor.prim):
-            image = UsdGeom.Imageable(actor.prim)
-            hidden = [image.ComputeVisibility(time) == UsdGeom.Tokens.invisible for time in times]
-            poses[hidden, column] = np.nan
+        image, asked = UsdGeom.Imageable(actor.prim), times if _visibility_varies(actor.prim) else times[:1]
+        hidden = np.array([image.ComputeVisibility(time) == UsdGeom.Tokens.invisible for time in asked])
+        poses[np.broadcast_to(hidden, len(times)), column] = np.nan
     stretches = []
     for column in range(len(actors)):
         own = np.eye(4)

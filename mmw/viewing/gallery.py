@@ -4,15 +4,19 @@ from pathlib import Path
 
 import numpy as np
 
+from mmw.compute.device import choose_device
+from mmw.config import load_config
+from mmw.dataset import open_dataset
+from mmw.prepare import stored_stage
 from mmw.scene import Scene
 from mmw.scene_reader import read_stage
-from mmw.tables.manifest import read_dataset
+from mmw.tables.manifest import CONFIG, read_dataset
 from mmw.viewing.plots import plot_depth, plot_lidar, plot_link, read_rows
 from mmw.viewing.preview import look, map_view
 
 
 def make_gallery(
-    root: Path, out: Path, *, scenario: str = "", agent: str = "cav_1", frame: int = -1, device: str = "cpu"
+    root: Path, out: Path, *, scenario: str = "", agent: str = "", frame: int = -1, device: str = "cpu"
 ) -> list[Path]:
     """Write pictures of one scenario of a dataset, in its first weather.
 
@@ -20,25 +24,35 @@ def make_gallery(
         root: Dataset folder.
         out: Folder for the PNG files.
         scenario: Scenario name; the first one if empty.
-        agent: Whose LiDAR and link are shown, and who is followed in the street view.
+        agent: Whose LiDAR and link are shown, and who is followed in the street view; the first CAV if empty.
         frame: Frame to show; the first one if negative.
         device: Warp device that renders.
 
     Returns:
-        The files written.
+        The files written; none for a table that the dataset does not have.
 
     Raises:
         ValueError: If the folder is no dataset, or it does not hold the scenario, agent or frame.
     """
-    config = read_dataset(root)["config"]
-    scenario = scenario or config["scenarios"][0]["name"]
-    weather, carriers = config["weathers"][0], config["channel"]["carriers_hz"]
-    frame = config["frames"]["start"] if frame < 0 else frame
-    stage = root / "stages" / f"{scenario}.usdc"
-    arrays = read_stage(stage, range(frame, frame + 1), [weather])
-    scene = Scene(arrays, device, 1)
+    read_dataset(root)
+    config = load_config(root / CONFIG)
+    names = [found.name for found in config.scenarios]
+    if scenario and scenario not in names:
+        raise ValueError(f"{root}: has no scenario {scenario!r}; it has {', '.join(names)}")
+    found = config.scenarios[names.index(scenario) if scenario else 0]
+    scenario, weather, carriers = found.name, config.weathers[0], config.channel.carriers_hz
+    frame = config.frames.start if frame < 0 else frame
+    arrays = read_stage(
+        stored_stage(root, found),
+        range(frame, frame + 1),
+        [weather],
+        roles=found.actor_roles,
+        material_map=found.material_map,
+    )
+    scene = Scene(arrays, choose_device(device), 1)
     scene.load_batch([frame])
     names = [actor.name for actor in arrays.actors]
+    agent = agent or next((actor.name for actor in arrays.actors if actor.role == "cav"), "")
     if agent not in names:
         raise ValueError(f"{root}: scenario {scenario!r} has no agent {agent!r}; it has {', '.join(names[:8])}, ...")
     out.mkdir(parents=True, exist_ok=True)
@@ -51,8 +65,12 @@ def make_gallery(
     side = np.array([-heading[1], heading[0], 0.0])
     eye = pose[:3] - 9.0 * heading + 2.5 * side + (0, 0, 3.2)
     look(scene, weather, eye, pose[:3] + 12.0 * heading + (0, 0, 1.0), samples=3).save(files["street"])
-    plot_lidar(root, scenario, weather, frame, agent, files["lidar"])
-    depth_agent = read_rows(root, "depth", ["agent"], scenario=scenario, weather=weather, frame=frame)["agent"][0]
-    plot_depth(root, scenario, weather, frame, depth_agent, files["depth"])
-    plot_link(root, scenario, weather, agent, carriers[0], files["link"])
-    return list(files.values())
+    tables = open_dataset(root).tables
+    if "lidar" in tables:
+        plot_lidar(root, scenario, weather, frame, agent, files["lidar"])
+    if "depth" in tables:
+        owner = read_rows(root, "depth", ["agent"], scenario=scenario, weather=weather, frame=frame)["agent"][0]
+        plot_depth(root, scenario, weather, frame, owner, files["depth"])
+    if "links" in tables:
+        plot_link(root, scenario, weather, agent, carriers[0], files["link"])
+    return [path for path in files.values() if path.is_file()]

@@ -1,0 +1,119 @@
+"""Where a dataset comes from: the configuration kept with it, versions, hashes, and what a resumed run must match."""
+
+import hashlib
+import platform
+import subprocess
+from collections.abc import Mapping
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from mmw import __version__
+from mmw.compute.device import device_name
+from mmw.config import Config
+from mmw.config.load import to_yaml
+from mmw.plan import is_town_file, scenario_source
+from mmw.tables.manifest import CONFIG, DATASET, read_dataset, read_markers
+from mmw.tables.publish import publish_bytes
+
+
+def keep_config(config: Config, base: Path, root: Path) -> None:
+    """Write the resolved configuration, every default included, as `config.yaml` into the dataset.
+
+    `python -m mmw.run --config <dataset>/config.yaml --out <other>` makes the same rows again. Paths of stages and of
+    towns that are not shipped are absolute in it. A file that is there stays.
+    """
+    if (root / CONFIG).is_file():
+        return
+    data = config.model_dump(mode="json")
+    for written, scenario in zip(data["scenarios"], config.scenarios, strict=True):
+        source = str(scenario_source(scenario, base).resolve())
+        if scenario.stage is not None:
+            written["stage"] = source
+        elif is_town_file(scenario):
+            written["town"] = source
+    text = (
+        "# The configuration that made this dataset, every default written out.\n"
+        "# To make the same data again: python -m mmw.run --config THIS_FILE --out ANOTHER_FOLDER\n"
+    )
+    publish_bytes(root / CONFIG, (text + to_yaml(Config.model_validate(data))).encode())
+
+
+def check_continuation(root: Path, config: Config, now: Mapping[str, Any]) -> list[str]:
+    """Compare what goes on with a dataset to what began it.
+
+    Args:
+        root: Dataset folder; nothing is compared if it holds no data of this configuration.
+        config: The configuration.
+        now: What `versions` returns today.
+
+    Returns:
+        One line for everything that differs: versions, device, town files.
+
+    Raises:
+        ValueError: If a user's own stage has changed: its old and new frames would be mixed.
+    """
+    if not (root / DATASET).is_file() or not read_markers(root):
+        return []
+    head = read_dataset(root)
+    if head["config_sha256"] != config.sha256():
+        return []
+    before, notes = head["versions"], []
+    for scenario in config.scenarios:
+        old, new = (made.get("sources", {}).get(scenario.name, {}) for made in (before, now))
+        changed = sorted(name for name in old.keys() | new.keys() if old.get(name) != new.get(name))
+        if changed and scenario.stage is not None:
+            raise ValueError(
+                f"{root}: scenario {scenario.name!r}: {', '.join(changed)} changed since the dataset was begun; "
+                "use --overwrite to make it again, or another --out"
+            )
+        notes += [f"{root}: {name} changed since; the dataset goes on with its own copy" for name in changed]
+    old, new = ({**made, **made.get("packages", {})} for made in (before, now))
+    for name in ("mmw", "git", "device", *before.get("packages", {})):
+        if old.get(name) != new.get(name):
+            notes.append(f"{root}: begun with {name} {old.get(name)!r}, goes on with {new.get(name)!r}")
+    return notes
+
+
+def versions(config: Config, base: Path, device: str) -> dict[str, Any]:
+    """Return what makes the data: versions, revision, device, and the hashes of towns and stages."""
+    packages = {}
+    for name in ("warp-lang", "numpy", "usd-core", "pyarrow", "pydantic", "trimesh", "pillow"):
+        try:
+            packages[name] = version(name)
+        except PackageNotFoundError:
+            packages[name] = "unknown"
+    sources = {}
+    for scenario in config.scenarios:
+        source = scenario_source(scenario, base)
+        payload = source.parent / "geometry.usdc"
+        sources[scenario.name] = {path.name: sha256(path) for path in (source, payload) if path.is_file()}
+    return {
+        "mmw": __version__,
+        "git": git_revision(),
+        "python": platform.python_version(),
+        "packages": packages,
+        "device": device_name(device),
+        "sources": sources,
+    }
+
+
+def git_revision() -> str:
+    """Return the checkout's commit, with `+` if files differ from it; empty outside a checkout."""
+    root = Path(__file__).resolve().parent.parent
+    if not (root / ".git").exists():
+        return ""
+
+    def git(*arguments: str) -> str:
+        result = subprocess.run(["git", "-C", str(root), *arguments], capture_output=True, text=True, check=False)
+        return result.stdout.strip() if result.returncode == 0 else ""
+
+    return git("rev-parse", "--short=12", "HEAD") + (
+        "+" if git("status", "--porcelain", "--untracked-files=no") else ""
+    )
+
+
+def sha256(path: Path) -> str:
+    """Return the SHA-256 of a file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
