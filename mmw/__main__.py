@@ -33,6 +33,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     pictures.add_argument("--scenario", default="", help="scenario; the first by default")
     pictures.add_argument("--agent", default="", help="agent that is followed; the first CAV by default")
     pictures.add_argument("--frame", type=int, default=-1, help="frame; the first by default")
+    pictures.add_argument("--samples", type=int, default=2, help="rays a pixel in each direction, 1 is fastest")
+    pictures.add_argument("--device", default="auto", help="auto, cpu or cuda:N")
     arguments = parser.parse_args(argv)
     try:
         return {"town": _town, "check": _check, "verify": _verify, "pictures": _pictures}[arguments.command](arguments)
@@ -83,7 +85,7 @@ def _verify(arguments: argparse.Namespace) -> int:
 def _pictures(arguments: argparse.Namespace) -> int:
     from mmw.viewing.gallery import make_gallery
 
-    options = {"scenario": arguments.scenario, "agent": arguments.agent, "frame": arguments.frame}
+    options = {name: value for name, value in vars(arguments).items() if name not in ("command", "dataset", "out")}
     print(*make_gallery(arguments.dataset, arguments.out, **options), sep="\n")
     return 0
 

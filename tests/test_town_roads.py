@@ -257,7 +257,8 @@ def test_town03_has_the_places_of_the_scenarios(town03: TownDescription, network
         z = network.centre_lines[name][:, 2]
         assert 6.4 <= np.ptp(z) <= 8.01
     extent = np.array(network.carriageway.bounds)
-    np.testing.assert_allclose(extent, [-158, -202, 244, 206], atol=6)
+    # CARLA's town ends at y 206; ours goes on, so that the hill road is level again before it turns.
+    np.testing.assert_allclose(extent, [-158, -202, 244, 241], atol=6)
     count = sum(len(part.faces) for part in (*network.parts, *network.terrain))
     assert 40_000 <= count <= 90_000
 

@@ -61,7 +61,10 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_pictures_of_a_dataset(dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
-    assert main(["pictures", str(dataset), "--out", str(tmp_path), "--agent", "cav_2", "--frame", "1"]) == 0
+    assert (
+        main(["pictures", str(dataset), "--out", str(tmp_path), "--agent", "cav_2", "--frame", "1", "--samples", "1"])
+        == 0
+    )
     files = [Path(line) for line in capsys.readouterr().out.splitlines()]
     assert {file.stem.removeprefix("town03_roundabout_") for file in files} == {
         "above", "close", "street", "lidar", "depth", "link",
@@ -74,6 +77,7 @@ def test_unknown_agent_frame_and_folder_are_named(dataset: Path, tmp_path: Path,
     for arguments, part in (
         ([str(dataset), "--agent", "cav_9"], "cav_9"),
         ([str(dataset), "--frame", "77"], "77"),
+        ([str(dataset), "--samples", "0"], "samples"),
         ([str(tmp_path)], "dataset.json"),
     ):
         assert main(["pictures", *arguments, "--out", str(tmp_path / "p")]) == 2

@@ -19,6 +19,7 @@ Meshes = defaultdict[str, list[Mesh]]
 WALL, GLASS, DOOR = 0, 1, 2
 PARAPET_THICKNESS = 0.3
 CORNICE = (0.25, 0.35)  # overhang, height [m]
+BELT = (0.12, 0.14)  # overhang, half the height [m]
 ROOF_THICKNESS = 0.2
 EAVES = 0.45
 DOOR_WIDTH = 1.5
@@ -176,6 +177,16 @@ def _flat_roof(style: BuildingStyle, width: float, depth: float, top: float, out
     out["roof"].append(flat(rectangle(width, depth, PARAPET_THICKNESS), top))
 
 
+def _belt(width: float, depth: float, level: float, out: Meshes) -> None:
+    """Add a stone belt around the walls at the floor of the first storey."""
+    reach, half = BELT
+    rings = [(0.0, level - half), (reach, level - half), (reach, level + half), (0.0, level + half)]
+    points = np.concatenate([np.column_stack([rectangle(width, depth, -r), np.full(4, z)]) for r, z in rings])
+    corner, following = np.arange(4), np.roll(np.arange(4), -1)
+    strips = [np.column_stack([corner, following, following + 4, corner + 4]) + 4 * k for k in range(3)]
+    out["structure"].append(quads(points, np.concatenate(strips)))
+
+
 def _gable_roof(style: BuildingStyle, width: float, depth: float, top: float, out: Meshes) -> None:
     """Add a pitched roof along the longer side and the wall triangles under its ends."""
     turned = depth > width
@@ -231,11 +242,9 @@ def _equipment(width: float, depth: float, top: float, rng: np.random.Generator,
         if order == 0:
             out["structure"].append(box((min(3.2, room), min(4.0, room), 2.6), (x, y, top + 1.3), bottom=False))
         elif order == 3:
-            legs = [
-                box((0.2, 0.2, 1.2), (x + i, y + j, top + 0.6), bottom=False) for i in (-0.7, 0.7) for j in (-0.7, 0.7)
-            ]
-            tank = lathe([(1.1, top + 1.2), (1.1, top + 3.0), (0.0, top + 3.6)], 8, (x, y))
-            out["metal"] += [*legs, tank]
+            stand = box((1.2, 1.2, 1.2), (x, y, top + 0.6), bottom=False)
+            tank = lathe([(1.1, top + 1.2), (1.1, top + 3.0), (0.0, top + 3.6)], 7, (x, y))
+            out["metal"] += [stand, tank]
         else:
             out["metal"].append(box((min(2.4, room), min(1.6, room), 1.3), (x, y, top + 0.65), bottom=False))
 
@@ -291,6 +300,8 @@ def build_building(
     width, depth, floor = site.width, site.depth, site.floor
     is_flat = style.roof_form == "flat"
     crown = style.parapet_m if is_flat else 0.0
+    if is_flat and style.windows == "punched":
+        _belt(width, depth, floor + style.ground_storey_m, out)
     base = min(style.podium_storeys, storeys - 1) if style.podium_storeys else storeys
     _walls(style, width, depth, base, site.foot, floor, crown, True, out)
     _entrance(style, width, depth, site.foot, floor, out)

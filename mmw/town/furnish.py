@@ -14,10 +14,12 @@ from mmw.town.blocks import Lot, start_west
 from mmw.town.ground import Ground
 from mmw.town.lanes import Lane, LaneGraph
 from mmw.town.parts import MeshPart
-from mmw.town.props import build_prop
+from mmw.town.props import FENCE_LENGTH, build_prop
 from mmw.town.solids import Mesh, merge
 
 KERB_CLEARANCE = 0.3  # least distance of a prop's foot to the carriageway [m]
+LARGE_AREA = 20.0
+"""Plan of a prop above which others keep clear of all of it, not only of its middle [m^2]."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +62,14 @@ class Furniture:
         self._feet[len(self.spots)] = xy
         self.spots.append(Spot(kind, xy, round(float(yaw), 4), row))
         return True
+
+    def reserve(self, spot: Spot) -> None:
+        """Keep every further spot off the plan of a large prop, such as a forecourt."""
+        parts = build_prop("reserved", spot.kind, (*spot.xy, 0.0), spot.yaw, np.random.default_rng(0))
+        plan = shapely.convex_hull(shapely.MultiPoint(np.concatenate([part.points for part in parts])[:, :2]))
+        if plan.area > LARGE_AREA:
+            self._plans = np.append(self._plans, plan)
+            shapely.prepare(self._plans)
 
     def to_street(self, xy: Sequence[float]) -> float:
         """Return the direction from a point to the nearest kerb [rad]."""
@@ -154,10 +164,11 @@ def add_fences(furniture: Furniture, lots: Sequence[Lot], styles: set[str]) -> N
         along = np.array([math.cos(site.yaw), math.sin(site.yaw)])
         outward = np.array([along[1], -along[0]])
         middle = np.asarray(site.center) + outward * (0.5 * site.depth + 3.2)
-        for offset in np.arange(3.4, 0.5 * site.width + 3.5, 4.0):
+        for offset in np.arange(1.4 + 0.5 * FENCE_LENGTH, 0.5 * site.width + 3.5, FENCE_LENGTH):
             for side in (-1, 1):
-                xy = middle + along * side * offset
-                furniture.add("fence", xy, math.atan2(outward[1], outward[0]), 2.1, 1.0, row)
+                xy, half = middle + along * side * offset, along * 0.5 * FENCE_LENGTH
+                if not shapely.dwithin(furniture.carriageway, shapely.LineString([xy - half, xy + half]), 1.0):
+                    furniture.add("fence", xy, math.atan2(outward[1], outward[0]), 0.5 * FENCE_LENGTH, 1.0, row)
 
 
 def furnish(
@@ -189,6 +200,7 @@ def furnish(
             raise ValueError(
                 f"props: {placed.kind!r} at {placed.at}: on the carriageway, in a building or off the ground"
             )
+        furniture.reserve(furniture.spots[-1])
     add_at_approaches(furniture, "traffic_light", approaches(lanes, section.signalled), 0.6, 0.5)
     add_at_approaches(furniture, "give_way_sign", approaches(lanes, section.give_way, True), 0.7, 1.5)
     for row in section.rows:

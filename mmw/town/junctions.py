@@ -1,5 +1,6 @@
 """Junctions: where the arms end, the kerbs round the corners, and the level pad between them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,6 +8,7 @@ import shapely
 
 from mmw.town.alignment import Alignment
 from mmw.town.description import Junction, Road
+from mmw.town.pad_paint import through_lines
 from mmw.town.parts import MeshPart
 from mmw.town.roads import RoadBody
 from mmw.town.section import CrossSection
@@ -220,21 +222,53 @@ def build_pad(node: str, arms: list[Arm], trims: list[float], bodies: dict[str, 
         corners.append(Chain(f"{node}_corner{k}", table))
         outline.append(table[:, 0, :2])
     border = np.concatenate(outline)
-    surface = Surface()
-    surface.add_points(np.column_stack([border, np.full(len(border), corners[0].table[0, 0, 2])]))
-    surface.add_faces("asphalt", triangulate(border, node))
-    parts = surface.parts({"asphalt": (f"Roads/junction_{node}/asphalt", "road")})
+    lines = _through_lines(arms, trims, bodies)
+    surface, level = Surface(), corners[0].table[0, 0, 2]
+    every = np.concatenate([border, *lines])
+    surface.add_points(np.column_stack([every, np.full(len(every), level)]))
+    surface.add_faces("asphalt", triangulate(border, node, lines))
+    first_point = len(border)
+    for line in lines:
+        surface.add_faces("road_marking", first_point + triangulate(line, node))
+        first_point += len(line)
+    parts = surface.parts(
+        {
+            "asphalt": (f"Roads/junction_{node}/asphalt", "road"),
+            "road_marking": (f"Roads/junction_{node}/marking", "road_line"),
+        }
+    )
     parts += chain_parts(f"junction_{node}", corners)
     return Pad(node, tuple(parts), tuple(corners), border)
 
 
-def triangulate(border: np.ndarray, name: str) -> np.ndarray:
+def _through_lines(arms: list[Arm], trims: list[float], bodies: dict[str, RoadBody]) -> list[np.ndarray]:
+    """Return the outlines of the paint of a one-way road that enters by one arm and leaves by another; else none."""
+    oneway = [k for k, arm in enumerate(arms) if not arm.section.backward]
+    before = [k for k in oneway if not arms[k].is_start]
+    after = [k for k in oneway if arms[k].is_start]
+    if len(before) != 1 or len(after) != 1 or arms[before[0]].section.profile != arms[after[0]].section.profile:
+        return []
+    i, j = before[0], after[0]
+    p0 = bodies[arms[i].road.id].centre_line[-1, :2]
+    p1 = bodies[arms[j].road.id].centre_line[0, :2]
+    curve = blend(p0, arms[i].outward(trims[i]) + np.pi, p1, arms[j].outward(trims[j]), np.radians(1.0), 0.5)
+    count = len(arms)
+    return through_lines(arms[i].section, curve.xy, curve.heading, ((j + 1) % count != i, (i + 1) % count != j))
+
+
+def triangulate(border: np.ndarray, name: str, holes: Sequence[np.ndarray] = ()) -> np.ndarray:
     """Return triangles that fill a simple polygon and use all of its vertices, facing up, shape [M, 3].
+
+    Args:
+        border: Outer border [m], shape [N, 2].
+        name: Name of the junction, for messages.
+        holes: Borders of the parts that stay empty [m], each [K, 2]; their vertices follow those of `border`.
 
     Raises:
         ValueError: If the border crosses itself.
     """
-    polygon = shapely.Polygon(border)
+    polygon = shapely.Polygon(border, holes)
+    border = np.concatenate([border, *holes])
     if not polygon.is_valid:
         raise ValueError(
             f"junction {name!r}: the kerbs of its arms cross ({shapely.is_valid_reason(polygon)}); "

@@ -1,6 +1,7 @@
 """The road network: every road, junction and lane of a town, the ground between them, and what must hold for them."""
 
 from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
 from functools import cached_property
 
 import numpy as np
@@ -80,7 +81,8 @@ def build_network(description: TownDescription) -> RoadNetwork:
         arms[name] = sort_arms(arms[name])
         trims[name] = find_trims(name, arms[name], chosen[name].corner_radius or description.corner_radius)
         for arm, trim in zip(arms[name], trims[name], strict=True):
-            ends[arm.key] = _end(arm, arms[name], trim, chosen[name])
+            is_signalled = any(fnmatchcase(name, pattern) for pattern in description.props.signalled)
+            ends[arm.key] = _end(arm, arms[name], trim, chosen[name], is_signalled)
     bodies: dict[str, RoadBody] = {}
     for road in roads:
         pair = (ends[road.id, True], ends[road.id, False])
@@ -119,10 +121,13 @@ def _align(road: Road, nodes: dict[str, tuple[float, float, float]]) -> Alignmen
     return make_alignment(points, np.array([corner[2] for corner in road.via]), road.id)
 
 
-def _end(arm: Arm, arms: list[Arm], trim: float, settings: Junction) -> RoadEnd:
-    """Paint across the end of an arm: none where the road only bends or on a ring, no stop line on a main road."""
+def _end(arm: Arm, arms: list[Arm], trim: float, settings: Junction, is_signalled: bool) -> RoadEnd:
+    """Paint across the end of an arm: none where the road only bends or on a ring, no stop line on a main road.
+
+    Where there are traffic lights, every arm has a stop line.
+    """
     has_lanes_in = not arm.is_start or len(arm.section.backward) > 0
     highest = max(other.road.priority for other in arms)
     is_plain = len(arms) == 2 or not arm.section.backward
-    waits = arm.road.priority < highest or all(other.road.priority == highest for other in arms)
+    waits = is_signalled or arm.road.priority < highest or all(other.road.priority == highest for other in arms)
     return RoadEnd(trim, settings.crosswalks and not is_plain, has_lanes_in and waits and not is_plain)

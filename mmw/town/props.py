@@ -17,6 +17,8 @@ Piece = tuple[str, Mesh, str, str]
 PropMaker = Callable[[np.random.Generator], list[Piece]]
 
 ROOT = 0.6  # how far posts and trunks reach into the ground, so that nothing floats on a slope [m]
+FENCE_LENGTH = 6.0
+"""Length of a fence panel [m]; design value."""
 
 
 def _pole(height: float, radius: float, top: float | None = None, sides: int = 5) -> Mesh:
@@ -43,9 +45,11 @@ def broadleaf_tree(rng: np.random.Generator) -> list[Piece]:
     height, crown = rng.uniform(6.0, 8.0), rng.uniform(1.3, 1.7)
     below = 2.4
     middle = 0.5 * (below + height)
-    foliage = ball((crown, crown, 0.5 * (height - below)), (0, 0, middle), 6, 4)
+    tall = height - below
+    shape = [(0.0, below), (0.82 * crown, below + 0.22 * tall), (crown, below + 0.5 * tall), (0.0, height)]
+    foliage = lathe(shape, 5)
     return [
-        ("trunk", lathe([(0.17, -ROOT), (0.11, below + 0.5)], 5), "bark", "vegetation"),
+        ("trunk", lathe([(0.18, -ROOT), (0.0, middle)], 4), "bark", "vegetation"),
         ("crown", foliage, "foliage", "vegetation"),
     ]
 
@@ -53,12 +57,12 @@ def broadleaf_tree(rng: np.random.Generator) -> list[Piece]:
 def oak(rng: np.random.Generator) -> list[Piece]:
     """Return a broad tree for open land, 8 to 12 m tall."""
     height, crown = rng.uniform(8.0, 12.0), rng.uniform(2.6, 3.8)
-    lobes = [ball((crown, crown, 0.3 * height), (0, 0, 0.66 * height), 8, 5)]
+    lobes = [ball((crown, crown, 0.3 * height), (0, 0, 0.66 * height), 7, 4)]
     angle = rng.uniform(0, 2 * np.pi)
     offset = 0.55 * crown * np.array([np.cos(angle), np.sin(angle)])
-    lobes.append(ball((0.7 * crown, 0.7 * crown, 0.2 * height), (*offset, 0.5 * height), 7, 4))
+    lobes.append(ball((0.7 * crown, 0.7 * crown, 0.2 * height), (*offset, 0.5 * height), 6, 3))
     return [
-        ("trunk", lathe([(0.32, -ROOT), (0.2, 0.45 * height)], 6), "bark", "vegetation"),
+        ("trunk", lathe([(0.32, -ROOT), (0.0, 0.7 * height)], 5), "bark", "vegetation"),
         ("crown", merge(lobes), "foliage", "vegetation"),
     ]
 
@@ -84,21 +88,21 @@ def hedge(rng: np.random.Generator) -> list[Piece]:
 def bench(rng: np.random.Generator) -> list[Piece]:
     """Return a park bench of 1.8 m."""
     slats = [box((0.45, 1.8, 0.06), (0.0, 0, 0.45)), box((0.06, 1.8, 0.35), (-0.24, 0, 0.72))]
-    legs = [box((0.4, 0.08, 0.42 + ROOT), (0, y, 0.5 * (0.42 - ROOT))) for y in (-0.7, 0.7)]
-    return [("seat", merge(slats), "wood", "static"), ("legs", merge(legs), "metal_pole", "static")]
+    foot = box((0.34, 1.2, 0.42 + ROOT), (0, 0, 0.5 * (0.42 - ROOT)))
+    return [("seat", merge(slats), "wood", "static"), ("foot", foot, "concrete_structure", "static")]
 
 
 def litter_bin(rng: np.random.Generator) -> list[Piece]:
     """Return a litter bin."""
     return [
         ("body", lathe([(0.22, -0.2), (0.27, 0.85)], 6), "plastic", "static"),
-        ("lid", lathe([(0.30, 0.85), (0.30, 0.92), (0.0, 1.02)], 6), "metal_pole", "static"),
+        ("lid", lathe([(0.30, 0.85), (0.0, 1.02)], 6), "metal_pole", "static"),
     ]
 
 
 def hydrant(rng: np.random.Generator) -> list[Piece]:
     """Return a fire hydrant."""
-    body = lathe([(0.15, -0.2), (0.15, 0.5), (0.19, 0.55), (0.0, 0.8)], 6)
+    body = lathe([(0.14, -0.2), (0.19, 0.55), (0.0, 0.8)], 6)
     return [("body", merge([body, beam((0, -0.24, 0.42), (0, 0.24, 0.42), 0.12)]), "metal_pole", "static")]
 
 
@@ -107,28 +111,37 @@ def bollard(rng: np.random.Generator) -> list[Piece]:
     return [("body", lathe([(0.08, -0.3), (0.08, 0.85), (0.0, 0.95)], 6), "metal_pole", "pole")]
 
 
-def _sign(outline: np.ndarray, height: float) -> list[Piece]:
-    """Return a post that carries a plate with the given outline (y, z) about its middle [m]."""
-    plate = _upright(prism(outline, 0.0, 0.03))
-    return [
-        ("plate", place(plate, (0.045, 0, height)), "sign_face", "traffic_sign"),
-        ("post", lathe([(0.04, -ROOT), (0.04, height + 0.3)], 6), "metal_pole", "pole"),
+def _sign(outline: np.ndarray, height: float, inner: float) -> list[Piece]:
+    """Return a post that carries a red plate with a white field.
+
+    Args:
+        outline: Border of the plate (y, z) about its middle [m], shape [K, 2].
+        height: Height of the plate's middle [m].
+        inner: Size of the white field, as a share of the plate's; 0 for none.
+    """
+    pieces = [
+        ("plate", place(_upright(prism(outline, 0.0, 0.03)), (0.045, 0, height)), "car_paint_red", "traffic_sign"),
+        ("post", lathe([(0.04, -ROOT), (0.04, height + 0.3)], 5), "metal_pole", "pole"),
     ]
+    if inner:
+        field = _upright(prism(inner * outline, 0.01, 0.045))
+        pieces.insert(1, ("field", place(field, (0.045, 0, height)), "sign_face", "traffic_sign"))
+    return pieces
 
 
 def give_way_sign(rng: np.random.Generator) -> list[Piece]:
     """Return a triangle that stands on its tip."""
-    return _sign(circle(0.52, 3, -0.5 * np.pi), 2.4)
+    return _sign(circle(0.52, 3, -0.5 * np.pi), 2.4, 0.68)
 
 
 def stop_sign(rng: np.random.Generator) -> list[Piece]:
     """Return an octagon."""
-    return _sign(circle(0.42, 8, np.pi / 8), 2.4)
+    return _sign(circle(0.42, 8, np.pi / 8), 2.4, 0.0)
 
 
 def speed_sign(rng: np.random.Generator) -> list[Piece]:
-    """Return a disc."""
-    return _sign(circle(0.35, 12), 2.3)
+    """Return a disc of eight sides."""
+    return _sign(circle(0.35, 8, np.pi / 8), 2.3, 0.76)
 
 
 def street_name_sign(rng: np.random.Generator) -> list[Piece]:
@@ -140,21 +153,21 @@ def street_name_sign(rng: np.random.Generator) -> list[Piece]:
     ]
 
 
-def _lights(at: Sequence[float]) -> tuple[Mesh, Mesh]:
-    """Return the case and the three lenses of a signal head that looks along +x."""
+def _lights(at: Sequence[float]) -> tuple[Mesh, Mesh, Mesh]:
+    """Return the case, the red lens, and the two dark lenses below it, of a signal head that looks along +x."""
     case = box((0.28, 0.36, 1.05), at)
-    lenses = [box((0.06, 0.22, 0.22), (at[0] + 0.165, at[1], at[2] + dz)) for dz in (-0.32, 0.0, 0.32)]
-    return case, merge(lenses)
+    lenses = [box((0.06, 0.24, 0.24), (at[0] + 0.165, at[1], at[2] + dz)) for dz in (0.32, 0.0, -0.32)]
+    return case, lenses[0], merge(lenses[1:])
 
 
 def traffic_light(rng: np.random.Generator) -> list[Piece]:
     """Return a signal at the kerb with a second head on an arm of 4 m over the lanes (towards -y, bottom at 5.6 m)."""
-    near, near_lenses = _lights((0.15, 0, 3.0))
-    far, far_lenses = _lights((0.15, -4.0, 6.15))
+    heads = [_lights((0.15, 0, 3.0)), _lights((0.15, -4.0, 6.15))]
     post = merge([_pole(6.6, 0.11, 0.08), beam((0, 0, 6.4), (0, -4.2, 6.5), 0.1)])
     return [
-        ("heads", merge([near, far]), "traffic_light_metal", "traffic_light"),
-        ("lenses", merge([near_lenses, far_lenses]), "plastic", "traffic_light"),
+        ("heads", merge(case for case, _, _ in heads), "traffic_light_metal", "traffic_light"),
+        ("red", merge(red for _, red, _ in heads), "car_light_rear", "traffic_light"),
+        ("dark", merge(dark for _, _, dark in heads), "plastic", "traffic_light"),
         ("post", post, "metal_pole", "pole"),
     ]
 
@@ -182,10 +195,8 @@ def kiosk(rng: np.random.Generator) -> list[Piece]:
 
 
 def fence(rng: np.random.Generator) -> list[Piece]:
-    """Return a fence panel, 4 m along y, with a post at its left end."""
-    boards = box((0.03, 3.96, 0.75), (0.0, 0, 0.55))
-    post = box((0.1, 0.1, 1.1 + ROOT), (0, -2.0, 0.5 * (1.1 - ROOT)))
-    return [("panel", merge([post, boards]), "wood", "fence")]
+    """Return a board fence, 6 m along y."""
+    return [("panel", box((0.05, FENCE_LENGTH, 1.0 + ROOT), (0.0, 0, 0.5 * (1.0 - ROOT))), "wood", "fence")]
 
 
 def monument(rng: np.random.Generator) -> list[Piece]:
@@ -216,7 +227,7 @@ def gas_station(rng: np.random.Generator) -> list[Piece]:
         ("shop", shop, "concrete_facade", "building"),
         ("panes", merge(panes), "window_glass", "building"),
         ("shop_roof", box((6.6, 14.6, 0.3), (-9.5, 0, 3.75)), "concrete_roof", "building"),
-        ("paving", box((24.0, 30.0, 0.1 + ROOT), (-1.0, 0, 0.5 * (0.1 - ROOT))), "concrete_sidewalk", "sidewalk"),
+        ("paving", box((24.0, 30.0, 0.04 + ROOT), (-1.0, 0, 0.5 * (0.04 - ROOT))), "concrete_sidewalk", "sidewalk"),
     ]
 
 

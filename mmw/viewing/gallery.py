@@ -16,7 +16,14 @@ from mmw.viewing.preview import look, map_view
 
 
 def make_gallery(
-    root: Path, out: Path, *, scenario: str = "", agent: str = "", frame: int = -1, device: str = "cpu"
+    root: Path,
+    out: Path,
+    *,
+    scenario: str = "",
+    agent: str = "",
+    frame: int = -1,
+    samples: int = 2,
+    device: str = "auto",
 ) -> list[Path]:
     """Write pictures of one scenario of a dataset, in its first weather.
 
@@ -26,7 +33,8 @@ def make_gallery(
         scenario: Scenario name; the first one if empty.
         agent: Whose LiDAR and link are shown, and who is followed in the street view; the first CAV if empty.
         frame: Frame to show; the first one if negative.
-        device: Warp device that renders.
+        samples: Rays a pixel in each direction, for the rendered pictures.
+        device: Warp device that renders: `auto`, `cpu` or `cuda:N`.
 
     Returns:
         The files written; none for a table that the dataset does not have.
@@ -34,6 +42,8 @@ def make_gallery(
     Raises:
         ValueError: If the folder is no dataset, or it does not hold the scenario, agent or frame.
     """
+    if samples < 1:
+        raise ValueError(f"samples = {samples}; a pixel needs at least 1 ray in each direction")
     read_dataset(root)
     config = load_config(root / CONFIG)
     names = [found.name for found in config.scenarios]
@@ -58,13 +68,15 @@ def make_gallery(
     out.mkdir(parents=True, exist_ok=True)
     low, high = arrays.points[:, :2].min(axis=0), arrays.points[:, :2].max(axis=0)
     files = {name: out / f"{scenario}_{name}.png" for name in ("above", "close", "street", "lidar", "depth", "link")}
-    map_view(scene, weather, (low + high) / 2, float((high - low).max()), width=1200).save(files["above"])
+    map_view(scene, weather, (low + high) / 2, float((high - low).max()), width=1200, samples=samples).save(
+        files["above"]
+    )
     pose = arrays.poses[0, names.index(agent)]
-    map_view(scene, weather, pose[:2], 120.0, width=1000).save(files["close"])
+    map_view(scene, weather, pose[:2], 120.0, width=1000, samples=samples).save(files["close"])
     heading = np.array([1 - 2 * (pose[4] ** 2 + pose[5] ** 2), 2 * (pose[3] * pose[4] + pose[5] * pose[6]), 0.0])
     side = np.array([-heading[1], heading[0], 0.0])
     eye = pose[:3] - 9.0 * heading + 2.5 * side + (0, 0, 3.2)
-    look(scene, weather, eye, pose[:3] + 12.0 * heading + (0, 0, 1.0), samples=3).save(files["street"])
+    look(scene, weather, eye, pose[:3] + 12.0 * heading + (0, 0, 1.0), samples=samples).save(files["street"])
     tables = open_dataset(root).tables
     if "lidar" in tables:
         plot_lidar(root, scenario, weather, frame, agent, files["lidar"])
