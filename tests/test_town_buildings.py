@@ -316,6 +316,18 @@ def test_furniture_leaves_the_carriageway_free_and_is_repeatable():
     assert np.mean(over) > 0.9  # lanterns hang over the road
 
 
+def test_nothing_stands_on_the_forecourt_of_a_gas_station():
+    carriageway, _, ground = cross()
+    rows = [{"kind": "broadleaf_tree", "every_m": 5, "offset_m": 4.0, "clear_m": 1.0}]
+    placed = [{"kind": "gas_station", "at": [40, 19], "yaw_deg": 270}]
+    parts = furnish(describe(rows=rows, placed=placed), carriageway, LaneGraph(), [], [], ground)
+    paving = next(part for part in parts if part.path.endswith("gas_station_001/paving")).points
+    plan = shapely.convex_hull(shapely.MultiPoint(paving[:, :2]))
+    trunks = [part.points[:, :2].mean(axis=0) for part in parts if part.path.endswith("trunk")]
+    distance = shapely.distance(shapely.points(np.array(trunks)), plan)
+    assert len(trunks) > 20 and 1.0 <= distance.min() < 6.0  # the row would run across it
+
+
 def test_prop_on_the_road_is_refused():
     carriageway, _, ground = cross()
     description = describe(placed=[{"kind": "bench", "at": [0, 0]}])

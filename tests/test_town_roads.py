@@ -1,4 +1,4 @@
-"""Roads, junctions, roundabouts, terrain: alignment laws, a closed surface, lanes on the mesh, and what is refused."""
+"""Roads, junctions, roundabouts, terrain: a closed surface, lanes on the mesh, and what is refused."""
 
 from pathlib import Path
 from typing import Any
@@ -9,12 +9,9 @@ import shapely
 import yaml
 
 from mmw.paths import assets_dir
-from mmw.town.alignment import make_alignment, make_elevation
-from mmw.town.description import Profile, TownDescription, load_town
+from mmw.town.description import TownDescription, load_town
 from mmw.town.network import RoadNetwork, build_network
 from mmw.town.parts import MeshPart
-from mmw.town.section import make_section
-from mmw.town.strips import zipper
 
 TOWN03 = assets_dir() / "towns" / "town03" / "town03.yaml"
 
@@ -67,76 +64,6 @@ def brute_height(triangles: np.ndarray, xy: np.ndarray) -> np.ndarray:
             z = a[hit, 2] + u[hit] * (b[hit, 2] - a[hit, 2]) + v[hit] * (c[hit, 2] - a[hit, 2])
             out[k] = z.max()
     return out
-
-
-# Alignment and elevation
-
-
-def test_alignment_is_an_arc_of_its_radius() -> None:
-    line = make_alignment(np.array([[0.0, 0], [50, 0], [50, 60]]), np.array([20.0]), "r")
-    assert line.length == pytest.approx(30 + 10 * np.pi + 40)
-    s = np.linspace(0, line.length, 4001)
-    xy, heading, _ = line.at(s)
-    np.testing.assert_allclose(xy[[0, -1]], [[0, 0], [50, 60]], atol=1e-12)
-    bend = (s > 30) & (s < 30 + 10 * np.pi)
-    np.testing.assert_allclose(np.hypot(xy[bend, 0] - 30, xy[bend, 1] - 20), 20, rtol=1e-12)
-    step = np.diff(xy, axis=0)
-    middle = 0.5 * (heading[1:] + heading[:-1])
-    np.testing.assert_allclose(np.arctan2(step[:, 1], step[:, 0]), middle, atol=3e-4)  # tangent everywhere, no kink
-    np.testing.assert_allclose(np.linalg.norm(step, axis=1), s[1], rtol=1e-6)  # the station is the arc length
-
-
-@pytest.mark.parametrize(
-    ("points", "radii", "message"),
-    [
-        ([[0, 0], [10, 0], [10, 10]], [20], "too short for the arcs"),
-        ([[0, 0], [0, 0]], [], "points coincide"),
-        ([[0, 0], [10, 0], [0, 0.1]], [1], "split it"),
-    ],
-)
-def test_alignment_refuses(points: list[list[float]], radii: list[float], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        make_alignment(np.array(points, dtype=float), np.array(radii, dtype=float), "r")
-
-
-def test_elevation_is_flat_at_the_ends_and_smooth_between() -> None:
-    profile = make_elevation(100, (8, 0), (15, 20), ((50, 6),), 12, "r")
-    s = np.linspace(0, 100, 100_001)
-    z = profile.at(s)
-    assert np.all(z[s <= 15] == 8)
-    assert np.all(np.abs(z[s >= 80]) < 1e-12)
-    grade = np.diff(z) / np.diff(s)
-    assert np.max(np.abs(grade)) <= profile.steepest + 1e-9
-    assert np.max(np.abs(np.diff(grade))) / s[1] == pytest.approx(profile.steepest / 12, rel=0.35)  # bounded curvature
-    assert profile.at(np.array([50.0]))[0] != 6.0  # the corner is rounded
-    assert np.all(profile.is_curved(np.array([22.0, 52, 70])))
-    assert not np.any(profile.is_curved(np.array([5.0, 35, 95])))
-
-
-# Strips
-
-
-def test_section_is_symmetric_and_as_wide_as_its_lanes() -> None:
-    section = make_section("p", Profile(lanes=2, width=3.5, shoulder=0.5, centre=3.5))
-    assert section.half == pytest.approx(1.75 + 7 + 0.5)
-    np.testing.assert_allclose(section.breaks, -section.breaks[::-1], atol=1e-12)
-    assert np.all(np.diff(section.breaks) > 0)
-    assert section.forward == pytest.approx((-3.5, -7.0))
-    assert section.backward == pytest.approx((3.5, 7.0))
-    assert len(section.paint) == len(section.breaks) - 1
-
-
-def test_zipper_fills_the_strip_with_every_vertex() -> None:
-    rng = np.random.default_rng(0)
-    t0 = np.concatenate([[-4], np.sort(rng.uniform(-4, 4, 6)), [4]])
-    t1 = np.concatenate([[-4], np.sort(rng.uniform(-4, 4, 3)), [4]])
-    points = np.concatenate([np.stack([np.zeros(8), t0], axis=1), np.stack([np.full(5, 2.0), t1], axis=1)])
-    faces = zipper(np.arange(8), t0, np.arange(8, 13), t1)
-    a, b, c = (points[faces[:, k]] for k in range(3))
-    area = 0.5 * ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
-    assert np.all(area > 0)
-    assert area.sum() == pytest.approx(16)
-    assert sorted(set(faces.ravel())) == list(range(13))
 
 
 # The shipped town
@@ -272,6 +199,33 @@ def test_paint_and_asphalt_share_the_carriageway(network: RoadNetwork) -> None:
             area[part.label] += 0.5 * float(normal[:, 2].sum())
     assert sum(area.values()) == pytest.approx(network.carriageway.area, rel=1e-6)
     assert 0.02 < area["road_line"] / sum(area.values()) < 0.12
+
+
+def painted(network: RoadNetwork, xy: np.ndarray) -> np.ndarray:
+    lines = shapely.union_all(
+        shapely.polygons(corners_of([part for part in network.parts if part.label == "road_line"])[:, :, :2])
+    )
+    shapely.prepare(lines)
+    return shapely.contains_xy(lines, xy[:, 0], xy[:, 1])
+
+
+def test_lines_of_the_ring_go_on_across_its_junctions(network: RoadNetwork) -> None:
+    angle = 2 * np.pi * np.arange(3600) / 3600
+    for radius, least, most, longest in ((27.75, 0.3, 0.6, 5.5), (24.25, 0.9, 1.0, 1.5), (31.25, 0.3, 0.7, 3.0)):
+        ring = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1) - 0.5
+        paint = painted(network, ring)
+        assert least < paint.mean() < most
+        gap = np.diff(np.flatnonzero(paint), append=np.flatnonzero(paint)[0] + len(paint)) * radius * 2 * np.pi / 3600
+        assert gap.max() < longest
+
+
+def test_every_arm_of_a_signalled_junction_has_a_stop_line(network: RoadNetwork, town03: TownDescription) -> None:
+    assert "T1" in town03.props.signalled
+    for road in ("x1_t1", "t1_c3", "t1_n3"):  # the last two are of the highest priority
+        lane = next(lane for name, lane in network.lanes.lanes.items() if name == f"{road}_{'bf'[road == 'x1_t1']}0")
+        along = np.stack([np.interp(lane.length - np.linspace(3.5, 4.5, 11), lane.station, lane.points[:, k])
+                          for k in range(2)], axis=1)  # fmt: skip
+        assert painted(network, along).any()
 
 
 def test_terrain_stays_outside_the_corridor_and_between_its_heights(network: RoadNetwork) -> None:

@@ -46,7 +46,7 @@ def broadleaf_tree(rng: np.random.Generator) -> list[Piece]:
     below = 2.4
     middle = 0.5 * (below + height)
     tall = height - below
-    shape = [(0.0, below), (0.82 * crown, below + 0.22 * tall), (crown, below + 0.5 * tall), (0.0, height)]
+    shape = [(0.0, below), (crown, below + 0.3 * tall), (0.78 * crown, below + 0.74 * tall), (0.0, height)]
     foliage = lathe(shape, 5)
     return [
         ("trunk", lathe([(0.18, -ROOT), (0.0, middle)], 4), "bark", "vegetation"),
@@ -60,7 +60,7 @@ def oak(rng: np.random.Generator) -> list[Piece]:
     lobes = [ball((crown, crown, 0.3 * height), (0, 0, 0.66 * height), 7, 4)]
     angle = rng.uniform(0, 2 * np.pi)
     offset = 0.55 * crown * np.array([np.cos(angle), np.sin(angle)])
-    lobes.append(ball((0.7 * crown, 0.7 * crown, 0.2 * height), (*offset, 0.5 * height), 6, 3))
+    lobes.append(ball((0.7 * crown, 0.7 * crown, 0.2 * height), (*offset, 0.5 * height), 5, 3))
     return [
         ("trunk", lathe([(0.32, -ROOT), (0.0, 0.7 * height)], 5), "bark", "vegetation"),
         ("crown", merge(lobes), "foliage", "vegetation"),
@@ -95,8 +95,8 @@ def bench(rng: np.random.Generator) -> list[Piece]:
 def litter_bin(rng: np.random.Generator) -> list[Piece]:
     """Return a litter bin."""
     return [
-        ("body", lathe([(0.22, -0.2), (0.27, 0.85)], 6), "plastic", "static"),
-        ("lid", lathe([(0.30, 0.85), (0.0, 1.02)], 6), "metal_pole", "static"),
+        ("body", lathe([(0.22, -0.2), (0.27, 0.85)], 5), "plastic", "static"),
+        ("lid", lathe([(0.30, 0.85), (0.0, 1.02)], 5), "metal_pole", "static"),
     ]
 
 
@@ -112,20 +112,22 @@ def bollard(rng: np.random.Generator) -> list[Piece]:
 
 
 def _sign(outline: np.ndarray, height: float, inner: float) -> list[Piece]:
-    """Return a post that carries a red plate with a white field.
+    """Return a post that carries a metal plate, red on its front, with a white field.
 
     Args:
         outline: Border of the plate (y, z) about its middle [m], shape [K, 2].
         height: Height of the plate's middle [m].
         inner: Size of the white field, as a share of the plate's; 0 for none.
     """
+    red = _upright(prism(0.98 * outline, 0.01, 0.03))
     pieces = [
-        ("plate", place(_upright(prism(outline, 0.0, 0.03)), (0.045, 0, height)), "car_paint_red", "traffic_sign"),
+        ("plate", place(_upright(prism(outline, 0.0, 0.02)), (0.045, 0, height)), "metal_pole", "traffic_sign"),
+        ("red", place(red, (0.045, 0, height)), "car_paint_red", "traffic_sign"),
         ("post", lathe([(0.04, -ROOT), (0.04, height + 0.3)], 5), "metal_pole", "pole"),
     ]
     if inner:
-        field = _upright(prism(inner * outline, 0.01, 0.045))
-        pieces.insert(1, ("field", place(field, (0.045, 0, height)), "sign_face", "traffic_sign"))
+        field = _upright(prism(inner * outline, 0.02, 0.04))
+        pieces.insert(2, ("field", place(field, (0.045, 0, height)), "sign_face", "traffic_sign"))
     return pieces
 
 

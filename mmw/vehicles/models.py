@@ -16,7 +16,7 @@ class Wheels:
     """Rim radius [m]."""
     track: float
     """Distance between the middles of the left and the right tyre [m]."""
-    spokes: int = 6
+    spokes: int = 5
     rear_width: float = 0.0
     """Width of a rear wheel, where it is a twin; 0 for `width`. The outer side stays in line with the front wheel."""
 
@@ -282,7 +282,7 @@ BLUEPRINTS: dict[str, Blueprint] = {
         ("white", "silver", "red", "blue", "black", "green"),
     ),
     "box_truck": Blueprint(
-        "truck", 7.10, 2.30, 3.20, 4.00, Wheels(0.40, 0.235, 0.255, 1.76, 6, 0.50), (_CAB,),
+        "truck", 7.10, 2.30, 3.20, 4.00, Wheels(0.40, 0.235, 0.255, 1.76, 5, 0.50), (_CAB,),
         (Block((-4.0, -1.15, 1.0), (1.32, 1.15, 3.2), "body", 0.04),
          Block((-3.9, -0.42, 0.60), (1.9, 0.42, 1.02), "trim", 0.02),
          Block((-3.97, -1.08, 0.50), (-3.87, 1.08, 0.64), "trim", 0.02),
@@ -298,7 +298,7 @@ BLUEPRINTS: dict[str, Blueprint] = {
         ("white", "silver", "red", "blue", "black", "green"),
     ),
     "city_bus": Blueprint(
-        "bus", 12.0, 2.55, 3.05, 5.90, Wheels(0.48, 0.28, 0.30, 2.16, 6, 0.56), (_BUS,),
+        "bus", 12.0, 2.55, 3.05, 5.90, Wheels(0.48, 0.28, 0.30, 2.16, 5, 0.56), (_BUS,),
         (Block((5.15, 1.10, 2.42), (5.62, 1.40, 2.47), "trim", 0.015, True),
          Block((5.52, 1.30, 1.86), (5.62, 1.50, 2.46), "trim", 0.03, True),
          Block((-4.6, -0.8, 2.98), (-1.6, 0.8, 3.045), "trim", 0.02),

@@ -142,7 +142,7 @@ def _hull_faces(points: np.ndarray) -> np.ndarray:
     return np.array(faces, dtype=np.int32)
 
 
-def wheel(radius: float, width: float, rim: float, spokes: int, segments: int = 24) -> Shape:
+def wheel(radius: float, width: float, rim: float, spokes: int, segments: int = 20) -> Shape:
     """Return one wheel about the y axis, outer side at +y, centred on the origin: a tyre and a dished rim with spokes.
 
     Args:
@@ -167,9 +167,9 @@ def wheel(radius: float, width: float, rim: float, spokes: int, segments: int = 
     # (radius, y, y between the spokes) from the hub's outer centre over the tread to the inner centre.
     profile = [
         (0.0, half - 0.035, 0.0), (0.30 * rim, half - 0.045, 0.0), (0.34 * rim, half - 0.045, 0.085),
-        (0.86 * rim, half - 0.022, 0.085), (0.90 * rim, half - 0.022, 0.0), (rim, half - 0.012, 0.0),
-        (radius - shoulder, half, 0.0), (radius, half - shoulder, 0.0), (radius, shoulder - half, 0.0),
-        (radius - shoulder, -half, 0.0), (rim, 0.01 - half, 0.0), (0.0, 0.05 - half, 0.0),
+        (0.88 * rim, half - 0.022, 0.085), (0.93 * rim, half - 0.022, 0.0), (rim, half - 0.012, 0.0),
+        (radius - shoulder, half, 0.0), (radius, half - shoulder, 0.0), (radius, -half, 0.0), (rim, -half, 0.0),
+        (0.0, -half, 0.0),
     ]  # fmt: skip
     angle = 2 * np.pi * np.arange(segments + 1) / segments - np.pi / 2
     is_gap = ((np.arange(segments + 1) * 2 * spokes + segments) // segments) % 2 == 0
@@ -179,7 +179,7 @@ def wheel(radius: float, width: float, rim: float, spokes: int, segments: int = 
     grid[..., 0] = np.cos(angle)[:, None] * ring
     grid[..., 1] = y - np.where(is_gap[:, None], dent, 0.0)
     grid[..., 2] = np.sin(angle)[:, None] * ring
-    return weld(quads(grid, lambda _, b: "trim" if b < 5 or b > 9 else "rubber"))
+    return weld(quads(grid, lambda _, b: "trim" if b < 5 or b > 8 else "rubber"))
 
 
 def corner_normals(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
