@@ -150,7 +150,7 @@ def closing_summary(root: Path, config: Config, device: str, result: dict[str, A
     for name, seconds in clock.seconds.items():
         rays = clock.rays[name]
         speed = f"{si(rays / seconds) if seconds > 0 else 0:>12}rays/s" if rays else ""
-        lines.append(f"  {name:<20} {seconds:>7.2f} {speed}")
+        lines.append(f"  {name:<20} {seconds:>7.2f} {speed}".rstrip())
     lines += ["", "query it (pip install duckdb):", example_query(root, config)]
     return "\n".join(lines)
 

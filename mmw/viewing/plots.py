@@ -85,7 +85,7 @@ def plot_link(root: Path, scenario: str, weather: str, agent: str, carrier_hz: f
     top.scatter(time[is_los], gain[is_los], s=5, color="tab:green", label="line of sight")
     top.scatter(time[~is_los], gain[~is_los], s=5, color="tab:red", label="blocked")
     top.set(ylabel="path gain [dB]")
-    top.legend(loc="lower right")
+    top.legend(loc="lower left")
     points = middle.scatter(path_time, np.array(paths["tau_s"]) * 1e9, **shade)
     middle.set(ylabel="delay [ns]")
     bottom.scatter(path_time, paths["doppler_hz"], **shade)
