@@ -298,8 +298,10 @@ def change(**parts: Any) -> dict[str, Any]:
         (change(nodes={"B": [30, 0, 0], "C": [30, 90, 0]}), "road 'ab': 30.0 m from node to node; its junctions need"),
         (change(profiles={"street": {"lanes": 1, "width": 2.5, "shoulder": 0.2, "centre": 0}}) | {"corner_radius": 3},
          "(has a radius of|from a kerb)"),
+        (small_town() | {"props": {"signalled": ["A", "Q"]}}, "signalled = 'Q': names no junction; junctions are A, B"),
+        (small_town() | {"props": {"give_way": ["A*", "rb_*"]}}, r"give_way = 'rb_\*': names no junction"),
     ],
-    ids=["grade", "dead-end", "crossing", "angle", "short", "tight"],
+    ids=["grade", "dead-end", "crossing", "angle", "short", "tight", "signals", "signs"],
 )  # fmt: skip
 def test_what_cannot_be_built_is_refused(town: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):

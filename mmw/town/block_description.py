@@ -1,5 +1,7 @@
 """Sections `blocks`, `buildings`, `props` and `weather` of a town's YAML: what stands between the roads."""
 
+from collections.abc import Sequence
+from fnmatch import fnmatchcase
 from typing import Literal
 
 from pydantic import Field, model_validator
@@ -8,6 +10,11 @@ from mmw.config.section import Name, Section
 
 Vec2 = tuple[float, float]
 Span = tuple[float, float]
+
+
+def is_named(name: str, patterns: Sequence[str]) -> bool:
+    """Return whether a name is one of `patterns`, in which `*` stands for anything."""
+    return any(fnmatchcase(name, pattern) for pattern in patterns)
 
 
 class BuildingStyle(Section):

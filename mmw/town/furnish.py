@@ -4,12 +4,11 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from fnmatch import fnmatchcase
 
 import numpy as np
 import shapely
 
-from mmw.town.block_description import BlockDescription, PropRow
+from mmw.town.block_description import BlockDescription, PropRow, is_named
 from mmw.town.blocks import Lot, start_west
 from mmw.town.ground import Ground
 from mmw.town.lanes import Lane, LaneGraph
@@ -104,7 +103,7 @@ def approaches(lanes: LaneGraph, patterns: Sequence[str], yielding: bool = False
         ways = [lanes.lanes[name] for name in lane.successors if lanes.lanes[name].junction]
         if yielding and any(way.priority == highest[way.junction] for way in ways):
             return False
-        return any(fnmatchcase(way.junction, pattern) for way in ways for pattern in patterns)
+        return any(is_named(way.junction, patterns) for way in ways)
 
     return [lane for _, lane in sorted(lanes.lanes.items()) if not lane.junction and enters(lane)]
 

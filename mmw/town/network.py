@@ -1,13 +1,13 @@
 """The road network: every road, junction and lane of a town, the ground between them, and what must hold for them."""
 
 from dataclasses import dataclass, field, replace
-from fnmatch import fnmatchcase
 from functools import cached_property
 
 import numpy as np
 import shapely
 
 from mmw.town.alignment import Alignment, make_alignment, make_elevation
+from mmw.town.block_description import PropsSection, is_named
 from mmw.town.checks import check_clearance, check_connected, check_grade, check_lanes
 from mmw.town.description import Junction, Road, TownDescription
 from mmw.town.ground import Ground
@@ -77,11 +77,12 @@ def build_network(description: TownDescription) -> RoadNetwork:
     trims: dict[str, list[float]] = {}
     ends: dict[tuple[str, bool], RoadEnd] = {}
     chosen = {name: settings.get(name, Junction()) for name in nodes}
+    _check_names(description.props, list(nodes))
     for name in nodes:
+        is_signalled = is_named(name, description.props.signalled)
         arms[name] = sort_arms(arms[name])
         trims[name] = find_trims(name, arms[name], chosen[name].corner_radius or description.corner_radius)
         for arm, trim in zip(arms[name], trims[name], strict=True):
-            is_signalled = any(fnmatchcase(name, pattern) for pattern in description.props.signalled)
             ends[arm.key] = _end(arm, arms[name], trim, chosen[name], is_signalled)
     bodies: dict[str, RoadBody] = {}
     for road in roads:
@@ -119,6 +120,13 @@ def build_network(description: TownDescription) -> RoadNetwork:
 def _align(road: Road, nodes: dict[str, tuple[float, float, float]]) -> Alignment:
     points = np.array([nodes[road.start][:2], *(corner[:2] for corner in road.via), nodes[road.end][:2]])
     return make_alignment(points, np.array([corner[2] for corner in road.via]), road.id)
+
+
+def _check_names(props: PropsSection, nodes: list[str]) -> None:
+    for key, patterns in (("signalled", props.signalled), ("give_way", props.give_way)):
+        for pattern in patterns:
+            if not any(is_named(node, [pattern]) for node in nodes):
+                raise ValueError(f"props.{key} = {pattern!r}: names no junction; junctions are {', '.join(nodes)}")
 
 
 def _end(arm: Arm, arms: list[Arm], trim: float, settings: Junction, is_signalled: bool) -> RoadEnd:
