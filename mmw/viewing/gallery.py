@@ -7,6 +7,7 @@ import numpy as np
 from mmw.compute.device import choose_device
 from mmw.config import load_config
 from mmw.dataset import open_dataset
+from mmw.poses import rotate
 from mmw.prepare import stored_stage
 from mmw.scene import Scene
 from mmw.scene_reader import read_stage
@@ -68,12 +69,11 @@ def make_gallery(
     out.mkdir(parents=True, exist_ok=True)
     low, high = arrays.points[:, :2].min(axis=0), arrays.points[:, :2].max(axis=0)
     files = {name: out / f"{scenario}_{name}.png" for name in ("above", "close", "street", "lidar", "depth", "link")}
-    map_view(scene, weather, (low + high) / 2, float((high - low).max()), width=1200, samples=samples).save(
-        files["above"]
-    )
+    town = map_view(scene, weather, (low + high) / 2, float((high - low).max()), width=1200, samples=samples)
+    town.save(files["above"])
     pose = arrays.poses[0, names.index(agent)]
     map_view(scene, weather, pose[:2], 120.0, width=1000, samples=samples).save(files["close"])
-    heading = np.array([1 - 2 * (pose[4] ** 2 + pose[5] ** 2), 2 * (pose[3] * pose[4] + pose[5] * pose[6]), 0.0])
+    heading = rotate(pose[3:], (1.0, 0.0, 0.0)) * (1.0, 1.0, 0.0)
     side = np.array([-heading[1], heading[0], 0.0])
     eye = pose[:3] - 9.0 * heading + 2.5 * side + (0, 0, 3.2)
     look(scene, weather, eye, pose[:3] + 12.0 * heading + (0, 0, 1.0), samples=samples).save(files["street"])
