@@ -1,12 +1,64 @@
-"""Shooting: which surfaces can a transmitter see? The candidates of the image method."""
+"""Shooting: which chains of surfaces do the rays of a transmitter meet? The candidates of the image method.
+
+A chain is a node of a tree: its last surface and its parent, the chain before. The first level is a table of bytes, one
+for each transmitter and surface; deeper nodes live in a hash table keyed by (level, surface, parent), so that equal
+chains are one node and different chains never are. Which cell a node gets depends on the order of the threads; the set
+of nodes does not.
+"""
 
 import warp as wp
 
 from mmw.kernels.geometry import fibonacci_direction
 from mmw.kernels.structs import MISS_ID, Scene
-from mmw.kernels.trace import TRACE_REGISTERS, nearest_surface
+from mmw.kernels.trace import TRACE_REGISTERS, nearest_surface, surface_of, world_normal
 
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
+
+EMPTY_CELL = wp.constant(wp.uint64(0))
+"""Key of a free cell; no node has it, because its level is at least 2."""
+SURFACE_BITS = wp.constant(wp.uint64(28))
+"""Bits of a key that hold the surface; the parent has 32 below, the level 4 above."""
+PROBES = wp.constant(256)
+"""Cells that are tried for a node before the table counts as full."""
+BOUNCE_LIFT = wp.constant(wp.float32(4e-6))
+"""A ray goes on at this times (5 m + largest coordinate) off the surface that it met."""
+
+
+@wp.func
+def cell_of(key: wp.uint64, mask: int) -> int:
+    """Return the home cell of a key. Source: multiplicative hashing, Knuth, TAOCP 3, section 6.4."""
+    mixed = (key ^ (key >> wp.uint64(29))) * wp.uint64(0x9E3779B97F4A7C15)
+    return wp.int32((mixed ^ (mixed >> wp.uint64(32))) & wp.uint64(0x7FFFFFFF)) & mask
+
+
+@wp.func
+def insert_chain(chains: wp.array[wp.uint64], parent: int, surface: int, level: int) -> int:
+    """Return the cell of a chain, which it gets now if it has none; -1 if the table is full.
+
+    Args:
+        chains: Keys, a power of two of them.
+        parent: Code of the chain before.
+        surface: Surface that is added.
+        level: Number of surfaces of the chain, 2 to 15.
+    """
+    key = (
+        wp.uint64(parent) | (wp.uint64(surface) << wp.uint64(32)) | (wp.uint64(level) << (wp.uint64(32) + SURFACE_BITS))
+    )
+    mask = chains.shape[0] - 1
+    cell = cell_of(key, mask)
+    result = wp.int32(-1)
+    tries = wp.int32(0)
+    while tries < PROBES and result < 0:
+        found = chains[cell]
+        if found == EMPTY_CELL:
+            found = wp.atomic_cas(chains, cell, EMPTY_CELL, key)
+            if found == EMPTY_CELL:
+                result = cell
+        if found == key:
+            result = cell
+        cell = (cell + 1) & mask
+        tries = tries + 1
+    return result
 
 
 @wp.kernel(cuda_max_registers=TRACE_REGISTERS)
@@ -14,31 +66,64 @@ def launch_kernel(
     scene: Scene,
     slot: wp.array[int],
     origin: wp.array[wp.vec3],
+    is_open: wp.array[wp.uint8],
     ray_count: int,
     stride: int,
     row_count: int,
+    depth: int,
+    passes: int,
     # out
     is_seen_out: wp.array2d[wp.uint8],
+    chains_out: wp.array[wp.uint64],
+    is_full_out: wp.array[int],
 ):
-    """Mark every surface that a launched ray meets first. All writers write 1, so their order does not matter.
+    """Follow each ray over `depth` surfaces and note every chain of reflections that it makes.
 
-    Rays whose numbers differ by `stride`, a Fibonacci number, are neighbours on the sphere: threads take them one after
-    the other, so that a block's rays stay together.
+    Bit k of `passes` lets the ray go through the surface that it meets as its k-th instead of off it. All writers of a
+    byte write 1, so their order does not matter. Rays whose numbers differ by `stride`, a Fibonacci number, are
+    neighbours on the sphere: threads take them one after the other, so that a block's rays stay together.
 
     Launch: dim=(A, row_count * stride), block_dim=64; A transmitters, one a slot and actor, and row_count * stride at
-    least the number of rays. `is_seen_out` starts as zeros, shape [A, G].
+    least the number of rays. `is_seen_out` starts as zeros, shape [A, G], as do `chains_out` and `is_full_out`, which
+    becomes 1 where a node found no cell. `is_open` has a byte a surface.
     """
     source, thread = wp.tid()
     ray = (thread % row_count) * stride + thread // row_count
     if ray >= ray_count:
         return
     direction = fibonacci_direction(ray, ray_count)
-    near = nearest_surface(scene, slot[source], origin[source], direction, wp.inf, MISS_ID)
-    if near.face >= 0:
-        surface = wp.int32(0)
-        if near.instance < 0:
-            surface = scene.town_surface[near.face]
+    place = origin[source]
+    parent = wp.int32(-1)
+    level = wp.int32(1)
+    met = wp.int32(0)
+    while met < depth:
+        near = nearest_surface(scene, slot[source], place, direction, wp.inf, MISS_ID)
+        if near.face < 0:
+            met = depth
         else:
-            face = scene.instance_face_offset[near.instance] + near.face
-            surface = scene.instance_surface_offset[near.instance] + scene.model_surface[face]
-        is_seen_out[source, surface] = wp.uint8(1)
+            surface = surface_of(scene, near)
+            code = source * is_seen_out.shape[1] + surface
+            if level == 1:
+                is_seen_out[source, surface] = wp.uint8(1)
+            else:
+                cell = insert_chain(chains_out, parent, surface, level)
+                code = is_seen_out.shape[0] * is_seen_out.shape[1] + cell
+                if cell < 0:
+                    is_full_out[0] = 1
+                    met = depth
+            met = met + 1
+            if met < depth:
+                normal = world_normal(scene, slot[source], near)
+                if wp.dot(normal, direction) > 0.0:
+                    normal = -normal
+                place = place + near.t * direction
+                lift = BOUNCE_LIFT * (5.0 + wp.max(wp.abs(place)))
+                if (passes >> (met - 1)) & 1 == 0:
+                    parent = code
+                    level = level + 1
+                    direction = wp.normalize(direction - 2.0 * wp.dot(normal, direction) * normal)
+                    place = place + lift * normal
+                elif is_open[surface] == wp.uint8(0):
+                    met = depth
+                else:
+                    place = place - lift * normal

@@ -1,77 +1,61 @@
-"""Image method in float64 and visibility: from candidate surfaces to exact points of reflection."""
+"""From candidate chains to exact paths: points of interaction in float64, and every leg between them traced."""
 
 import warp as wp
 
-from mmw.kernels.geometry import is_inside, reflection_point
+from mmw.kernels.channel_surfaces import (
+    LinkEnds,
+    Plane,
+    Surfaces,
+    is_mirror,
+    largest,
+    mean_plane,
+    mirror_point,
+    mirrored,
+    single,
+    triangle_at,
+    triangle_plane,
+)
+from mmw.kernels.channel_wedges import Wedges, edge_point, edge_world, is_outside
 from mmw.kernels.structs import MISS_ID, Scene
 from mmw.kernels.trace import closest_hit, is_blocked
 
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
 
-EDGE_MARGIN = wp.constant(wp.float64(1e-9))
-"""A point this close to a triangle's edge is in the triangle [m]: no gap opens between neighbours."""
-BOX_MARGIN = wp.constant(wp.float64(1e-6))
-"""Slack of the box test, which only has to be generous [m]."""
+SPECULAR = wp.constant(1)
+"""Interaction: mirror reflection. The numbers are those of Sionna RT."""
+TRANSMISSION = wp.constant(4)
+"""Interaction: straight through a slab."""
+DIFFRACTION = wp.constant(8)
+"""Interaction: around a wedge."""
+
 MIN_LEG = wp.constant(wp.float64(0.01))
 """Shortest leg of a path [m]; nearer than this the far field means nothing. Source: Sionna RT 2.2 uses the same."""
 LIFT = wp.constant(wp.float64(2e-6))
 """A leg starts off its surface by this times (5 m + largest coordinate): 16 roundings of float32."""
+EDGE_LIFTS = wp.constant(wp.float64(4.0))
+"""A leg starts off an edge by this many lifts, along the middle of the two outward normals."""
 COVER_SHARE = wp.constant(wp.float64(0.75))
 """Share of the lift, from its upper end, that is searched for a surface that lies on the reflecting one."""
-LINKS_AT_ONCE = wp.constant(8)
-"""Links that one thread tests against its surface: the plane is read once for them."""
 END_SLACK = wp.constant(wp.float64(6e-6))
 """Share of a leg at each antenna that is not searched for obstacles: an antenna may lie on a surface."""
 
 
 @wp.struct
-class Surfaces:
-    """Flat surfaces of town and instances; geometry rows are in the frame of what carries them, float64."""
+class Trials:
+    """Candidate paths: a link and what it meets, from transmitter to receiver."""
 
-    row: wp.array[int]
-    """Geometry row of each surface, shape [G]."""
-    carrier: wp.array[int]
-    """Instance that carries the surface, V (the number of instances) for the town, shape [G]."""
-    normal: wp.array[wp.vec3d]
-    """Mean plane of each row: unit normal, shape [K]."""
-    offset: wp.array[wp.float64]
-    """Mean plane of each row: normal . p [m], shape [K]."""
-    lower: wp.array[wp.vec3d]
-    """Low corner of the row's box [m], shape [K]."""
-    upper: wp.array[wp.vec3d]
-    """High corner of the row's box [m], shape [K]."""
-    first: wp.array[int]
-    """First triangle of each row, shape [K]."""
-    triangle_count: wp.array[int]
-    """Triangles of each row, shape [K]."""
-    corner: wp.array[wp.vec3d]
-    """Corners of all triangles [m], shape [3 T]."""
-
-
-@wp.struct
-class LinkEnds:
-    """Both ends of every link in the frame of every instance, and in the world frame (column V), float64."""
-
-    slot: wp.array[int]
-    """Slot of the link's frame, shape [L]."""
-    source: wp.array[int]
-    """Row of the link's transmitter among the launched ones, shape [L]."""
-    tx: wp.array2d[wp.vec3d]
-    """Transmitter [m], shape [L, V + 1]."""
-    rx: wp.array2d[wp.vec3d]
-    """Receiver [m], shape [L, V + 1]."""
-
-
-@wp.func
-def largest(v: wp.vec3d) -> wp.float64:
-    """Return the largest magnitude among the components."""
-    return wp.max(wp.max(wp.abs(v[0]), wp.abs(v[1])), wp.abs(v[2]))
-
-
-@wp.func
-def single(v: wp.vec3d) -> wp.vec3:
-    """Return a vector in the precision of the tracer."""
-    return wp.vec3(wp.float32(v[0]), wp.float32(v[1]), wp.float32(v[2]))
+    link: wp.array[int]
+    """Link of each candidate, shape [C]."""
+    step: wp.array2d[int]
+    """What it meets: a surface id, -2 - wedge id, or -1 behind the end, shape [C, D]."""
+    image: wp.array2d[wp.vec3d]
+    """Scratch: image of the end that a step belongs to, before its surface [m], shape [C, D]."""
+    normal: wp.array2d[wp.vec3d]
+    """Scratch: plane of each step, shape [C, D]."""
+    offset: wp.array2d[wp.float64]
+    """Scratch: plane of each step, shape [C, D]."""
+    point: wp.array2d[wp.vec3d]
+    """Scratch: point of each step [m], shape [C, D]."""
 
 
 @wp.func
@@ -85,96 +69,179 @@ def is_covered(
 
 
 @wp.func
-def has_leg(scene: Scene, slot: int, start: wp.vec3d, end: wp.vec3d, origin: wp.vec3d, surface: int) -> bool:
-    """Return whether nothing stands between two points; `surface` itself, being flat, cannot stand in its own light."""
-    leg = end - start
-    length = wp.length(leg)
-    if not length > MIN_LEG:
-        return False
-    place = single(start - origin)
-    direction = wp.normalize(single(leg / length))
-    left = wp.float32(length * (wp.float64(1.0) - END_SLACK))
-    is_clear = not is_blocked(scene, slot, place, direction, left, MISS_ID)
-    tries = wp.int32(4)
-    while not is_clear and tries > 0:  # rarely entered: a surface that is flat to its tolerance only, at grazing angles
-        hit = closest_hit(scene, slot, place, direction, left, MISS_ID)
-        if hit.surface == MISS_ID:
-            is_clear = True
-        elif hit.surface == surface:
-            step = hit.t + 1e-5 * (1.0 + hit.t)
-            place = place + step * direction
-            left = left - step
-            tries = tries - 1
-        else:
-            tries = 0
-    return is_clear
-
-
-@wp.kernel
-def sight_kernel(
-    scene: Scene,
-    ends: LinkEnds,
-    origin: wp.vec3d,
-    # out
-    is_clear_out: wp.array[wp.uint8],
-):
-    """Test the line of sight of every link; `origin` is the world position of the scene frame's origin.
-
-    Launch: dim=L, block_dim=64.
-    """
-    link = wp.tid()
-    world = scene.instance_count
-    tx = ends.tx[link, world]
-    rx = ends.rx[link, world]
-    is_clear = has_leg(scene, ends.slot[link], tx + END_SLACK * (rx - tx), rx, origin, MISS_ID)
-    is_clear_out[link] = wp.where(is_clear, wp.uint8(1), wp.uint8(0))
+def is_own(surface: int, own: wp.vec4i) -> bool:
+    """Return whether a surface is one of those on which a leg begins or ends."""
+    return surface == own[0] or surface == own[1] or surface == own[2] or surface == own[3]
 
 
 @wp.func
-def is_mirror(normal: wp.vec3d, offset: wp.float64, tx: wp.vec3d, rx: wp.vec3d) -> bool:
-    """Return whether both ends lie on one side of a plane, off it. False for the NaN pose of an absent instance."""
-    tx_height = wp.dot(normal, tx) - offset
-    rx_height = wp.dot(normal, rx) - offset
-    return tx_height * rx_height > wp.float64(0.0) and wp.abs(tx_height + rx_height) > wp.float64(1e-9)
+def plane_at(trials: Trials, trial: int, step: int) -> Plane:
+    """Return the plane of a step."""
+    plane = Plane()
+    plane.normal = trials.normal[trial, step]
+    plane.offset = trials.offset[trial, step]
+    return plane
 
 
-@wp.kernel
-def cull_kernel(
-    ends: LinkEnds,
-    surfaces: Surfaces,
-    first_link: int,
-    first_source: int,
-    is_seen: wp.array2d[wp.uint8],
-    # out
-    is_candidate_out: wp.array2d[wp.uint8],
-):
-    """Keep the (link, surface) pairs whose point of reflection falls into the surface's box.
+@wp.func
+def find_points(
+    trials: Trials,
+    wedges: Wedges,
+    pose: wp.array2d[wp.transformd],
+    slot: int,
+    trial: int,
+    steps: int,
+    edge: int,
+    tx: wp.vec3d,
+    rx: wp.vec3d,
+) -> bool:
+    """Write the points of all steps by the image method, and return whether there are any.
 
-    A thread takes one surface and `LINKS_AT_ONCE` links. `is_seen` has a row for each source from `first_source`.
-    Launch: dim=(ceil(L / LINKS_AT_ONCE), G).
+    Images of the transmitter go up to the wedge at step `edge` (`steps` if there is none), images of the receiver down
+    to it; the point on the wedge follows from both, the reflections from the point.
     """
-    block, surface = wp.tid()
-    plane = surfaces.row[surface]
-    normal = surfaces.normal[plane]
-    offset = surfaces.offset[plane]
-    carrier = surfaces.carrier[surface]
-    row = block * LINKS_AT_ONCE
-    stop = wp.min(row + LINKS_AT_ONCE, is_candidate_out.shape[0])
-    while row < stop:
-        link = first_link + row
-        keep = wp.uint8(0)
-        if is_seen[ends.source[link] - first_source, surface] != wp.uint8(0):
-            tx = ends.tx[link, carrier]
-            rx = ends.rx[link, carrier]
-            if is_mirror(normal, offset, tx, rx):
-                point = reflection_point(tx, rx, normal, offset)
-                low = point - surfaces.lower[plane]
-                high = surfaces.upper[plane] - point
-                slack = -BOX_MARGIN * (wp.float64(1.0) + largest(point))
-                if wp.min(low) >= slack and wp.min(high) >= slack:
-                    keep = wp.uint8(1)
-        is_candidate_out[row, surface] = keep
-        row = row + 1
+    image = tx
+    for k in range(edge):
+        trials.image[trial, k] = image
+        image = mirrored(image, plane_at(trials, trial, k))
+    target = rx
+    is_open = wp.bool(True)
+    if edge < steps:
+        back = rx
+        step = steps - 1
+        while step > edge:
+            trials.image[trial, step] = back
+            back = mirrored(back, plane_at(trials, trial, step))
+            step = step - 1
+        wedge = -2 - trials.step[trial, edge]
+        ends = edge_world(wedges, pose, slot, wedge)
+        found = edge_point(ends, image, back)
+        is_open = found[3] > wp.float64(0.0)
+        target = wp.vec3d(found[0], found[1], found[2])
+        trials.point[trial, edge] = target
+        on = target
+        step = edge + 1
+        while is_open and step < steps:
+            plane = plane_at(trials, trial, step)
+            is_open = is_mirror(plane.normal, plane.offset, trials.image[trial, step], on)
+            if is_open:
+                on = mirror_point(plane, trials.image[trial, step], on)
+                trials.point[trial, step] = on
+            step = step + 1
+    step = edge - 1
+    while is_open and step >= 0:
+        plane = plane_at(trials, trial, step)
+        is_open = is_mirror(plane.normal, plane.offset, trials.image[trial, step], target)
+        if is_open:
+            target = mirror_point(plane, trials.image[trial, step], target)
+            trials.point[trial, step] = target
+        step = step - 1
+    return is_open
+
+
+@wp.func
+def find_exact_points(
+    trials: Trials,
+    surfaces: Surfaces,
+    wedges: Wedges,
+    pose: wp.array2d[wp.transformd],
+    slot: int,
+    trial: int,
+    steps: int,
+    edge: int,
+    tx: wp.vec3d,
+    rx: wp.vec3d,
+) -> bool:
+    """Write the exact points of all steps, and return whether there are any.
+
+    The mean planes of the surfaces pick the triangles, without gaps at inner edges; the planes of those triangles then
+    give the points.
+    """
+    for k in range(steps):
+        if k != edge:
+            plane = mean_plane(surfaces, pose, slot, trials.step[trial, k])
+            trials.normal[trial, k] = plane.normal
+            trials.offset[trial, k] = plane.offset
+    is_open = find_points(trials, wedges, pose, slot, trial, steps, edge, tx, rx)
+    step = wp.int32(0)
+    while is_open and step < steps:
+        if step != edge:
+            surface = trials.step[trial, step]
+            corner = triangle_at(surfaces, pose, slot, surface, trials.point[trial, step])
+            is_open = corner >= 0
+            if is_open:
+                plane = triangle_plane(surfaces, pose, slot, surface, corner)
+                trials.normal[trial, step] = plane.normal
+                trials.offset[trial, step] = plane.offset
+        step = step + 1
+    if is_open and steps > 0:
+        is_open = find_points(trials, wedges, pose, slot, trial, steps, edge, tx, rx)
+    return is_open
+
+
+@wp.func
+def walk_leg(
+    scene: Scene,
+    surfaces: Surfaces,
+    pose: wp.array2d[wp.transformd],
+    origin: wp.vec3d,
+    slot: int,
+    begin: wp.vec3d,
+    end: wp.vec3d,
+    start: wp.vec3d,
+    stop: wp.vec3d,
+    own: wp.vec4i,
+    trial: int,
+    filled: int,
+    room: int,
+    kind_out: wp.array2d[int],
+    surface_out: wp.array2d[int],
+    vertex_out: wp.array2d[wp.vec3d],
+    normal_out: wp.array2d[wp.vec3d],
+) -> int:
+    """Trace a leg; write the slabs that it passes through, `room` at most; return how many rows are filled, or -1.
+
+    `begin` and `end` are its true ends, `start` and `stop` the same lifted off what they lie on. The surfaces of `own`,
+    being flat, cannot stand in the leg's own way.
+    """
+    leg = stop - start
+    length = wp.length(leg)
+    if not length > MIN_LEG:
+        return -1
+    place = single(start - origin)
+    direction = wp.normalize(single(leg / length))
+    left = wp.float32(length)
+    if not is_blocked(scene, slot, place, direction, left, MISS_ID):
+        return filled
+    written = filled
+    passed = wp.int32(MISS_ID)
+    tries = wp.int32(16)
+    while tries > 0:
+        hit = closest_hit(scene, slot, place, direction, left, MISS_ID)
+        if hit.surface == MISS_ID:
+            return written
+        if not is_own(hit.surface, own) and hit.surface != passed:
+            if written - filled >= room or surfaces.is_open[hit.surface] == wp.uint8(0):
+                return -1
+            passed = hit.surface
+            at = start + wp.float64(length - wp.float64(left) + wp.float64(hit.t)) * (leg / length)
+            plane = mean_plane(surfaces, pose, slot, passed)
+            corner = triangle_at(surfaces, pose, slot, passed, at)
+            if corner >= 0:
+                plane = triangle_plane(surfaces, pose, slot, passed, corner)
+            share = (plane.offset - wp.dot(plane.normal, begin)) / wp.dot(plane.normal, end - begin)
+            if wp.dot(plane.normal, end - begin) > wp.float64(0.0):
+                plane.normal = -plane.normal
+            kind_out[trial, written] = TRANSMISSION
+            surface_out[trial, written] = passed
+            vertex_out[trial, written] = begin + share * (end - begin)
+            normal_out[trial, written] = plane.normal
+            written = written + 1
+        step = hit.t + 1e-5 * (1.0 + hit.t)
+        place = place + step * direction
+        left = left - step
+        tries = tries - 1
+    return -1
 
 
 @wp.kernel
@@ -182,57 +249,109 @@ def refine_kernel(
     scene: Scene,
     ends: LinkEnds,
     surfaces: Surfaces,
+    wedges: Wedges,
     pose: wp.array2d[wp.transformd],
     origin: wp.vec3d,
-    pair_link: wp.array[int],
-    pair_surface: wp.array[int],
+    trials: Trials,
+    passes: int,
     # out
-    is_path_out: wp.array[wp.uint8],
-    vertex_out: wp.array[wp.vec3d],
-    normal_out: wp.array[wp.vec3d],
+    order_out: wp.array[int],
+    kind_out: wp.array2d[int],
+    surface_out: wp.array2d[int],
+    vertex_out: wp.array2d[wp.vec3d],
+    normal_out: wp.array2d[wp.vec3d],
 ):
-    """Find the triangle that reflects, take the exact point on its plane, and test both legs.
+    """Find the exact points of each candidate and trace its legs, through up to `passes` slabs on the way.
 
-    The mean plane of the surface picks the triangle, without gaps at inner edges; the plane of that triangle then gives
-    point and normal. Launch: dim=C, block_dim=64.
+    Rows of the outputs hold the interactions from transmitter to receiver, -1 and 0 behind the end. `order_out` is
+    their number, -1 where there is no path. `surface_out` of a diffraction is its wedge. A normal is turned to the side
+    that the wave comes from; that of a diffraction is zero. `origin` is the world position of the scene frame's origin.
+    Launch: dim=C, block_dim=64.
     """
-    pair = wp.tid()
-    link = pair_link[pair]
-    surface = pair_surface[pair]
+    trial = wp.tid()
+    link = trials.link[trial]
     slot = ends.slot[link]
-    carrier = surfaces.carrier[surface]
-    world = scene.instance_count
-    row = surfaces.row[surface]
-    tx = ends.tx[link, carrier]
-    rx = ends.rx[link, carrier]
-    point = reflection_point(tx, rx, surfaces.normal[row], surfaces.offset[row])
-    corner = 3 * surfaces.first[row]
-    last = corner + 3 * surfaces.triangle_count[row]
-    is_path_out[pair] = wp.uint8(0)
-    is_found = wp.bool(False)
-    while corner < last and not is_found:
-        is_found = is_inside(
-            point, surfaces.corner[corner], surfaces.corner[corner + 1], surfaces.corner[corner + 2], EDGE_MARGIN
+    world = ends.tx.shape[1] - 1
+    tx = ends.tx[link, world]
+    rx = ends.rx[link, world]
+    order_out[trial] = -1
+    steps = wp.int32(0)
+    edge = wp.int32(-1)
+    while steps < trials.step.shape[1] and trials.step[trial, steps] != MISS_ID:
+        if trials.step[trial, steps] < MISS_ID:
+            edge = steps
+        steps = steps + 1
+    if edge < 0:
+        edge = steps
+    if not find_exact_points(trials, surfaces, wedges, pose, slot, trial, steps, edge, tx, rx):
+        return
+    depth = kind_out.shape[1]
+    room = wp.min(depth - steps, passes)
+    filled = wp.int32(0)
+    begin = tx
+    start = tx
+    own = wp.vec4i(MISS_ID, MISS_ID, MISS_ID, MISS_ID)
+    for k in range(steps + 1):
+        end = rx
+        stop = rx
+        away = wp.vec3d()
+        own[2] = MISS_ID
+        own[3] = MISS_ID
+        if k < steps:
+            end = trials.point[trial, k]
+            lift = LIFT * (wp.float64(5.0) + largest(end - origin))
+            if k == edge:
+                wedge = -2 - trials.step[trial, k]
+                own[2] = wedges.surface_0[wedge]
+                own[3] = wedges.surface_n[wedge]
+                after = rx
+                if k + 1 < steps:
+                    after = trials.point[trial, k + 1]
+                ends_w = edge_world(wedges, pose, slot, wedge)
+                if not (is_outside(ends_w, begin) and is_outside(ends_w, after)):
+                    return
+                stop = end + EDGE_LIFTS * lift * ends_w.away
+            else:
+                own[2] = trials.step[trial, k]
+                away = trials.normal[trial, k]
+                if wp.dot(away, begin) < trials.offset[trial, k]:
+                    away = -away
+                stop = end + lift * away
+                if is_covered(scene, slot, stop, away, lift, origin, own[2]):
+                    return
+        if k == 0:
+            start = start + END_SLACK * (end - start)
+        if k == steps:
+            stop = stop + END_SLACK * (begin - stop)
+        filled = walk_leg(
+            scene,
+            surfaces,
+            pose,
+            origin,
+            slot,
+            begin,
+            end,
+            start,
+            stop,
+            own,
+            trial,
+            filled,
+            room - (filled - k),
+            kind_out,
+            surface_out,
+            vertex_out,
+            normal_out,
         )
-        corner = corner + 3
-    if is_found:
-        a = surfaces.corner[corner - 3]
-        normal = wp.normalize(wp.cross(surfaces.corner[corner - 2] - a, surfaces.corner[corner - 1] - a))
-        offset = wp.dot(normal, a)
-        if is_mirror(normal, offset, tx, rx):
-            point = reflection_point(tx, rx, normal, offset)
-            if wp.dot(normal, tx) < offset:
-                normal = -normal
-            if carrier < world:
-                point = wp.transform_point(pose[slot, carrier], point)
-                normal = wp.transform_vector(pose[slot, carrier], normal)
-            lift = LIFT * (wp.float64(5.0) + largest(point - origin))
-            start = point + lift * normal
-            if (
-                not is_covered(scene, slot, start, normal, lift, origin, surface)
-                and has_leg(scene, slot, start, ends.tx[link, world], origin, surface)
-                and has_leg(scene, slot, start, ends.rx[link, world], origin, surface)
-            ):
-                is_path_out[pair] = wp.uint8(1)
-                vertex_out[pair] = point
-                normal_out[pair] = normal
+        if filled < 0:
+            return
+        if k < steps:
+            kind_out[trial, filled] = wp.where(k == edge, DIFFRACTION, SPECULAR)
+            surface_out[trial, filled] = wp.where(k == edge, -2 - trials.step[trial, k], trials.step[trial, k])
+            vertex_out[trial, filled] = end
+            normal_out[trial, filled] = away
+            filled = filled + 1
+        begin = end
+        start = stop
+        own[0] = own[2]
+        own[1] = own[3]
+    order_out[trial] = filled

@@ -9,7 +9,7 @@ GOLDEN_RATIO_INVERSE = wp.constant(wp.float64(0.6180339887498949))
 
 
 @wp.func
-def fibonacci_direction(ray: int, ray_count: int) -> wp.vec3:
+def fibonacci_direction_64(ray: int, ray_count: int) -> wp.vec3d:
     """Return direction `ray` of `ray_count` > 1 spread evenly over the sphere by the Fibonacci lattice.
 
     Source: R. Swinbank and R. J. Purser, Q. J. R. Meteorol. Soc. 132 (2006); the same lattice as Sionna RT 2.2.
@@ -18,7 +18,14 @@ def fibonacci_direction(ray: int, ray_count: int) -> wp.vec3:
     azimuth = wp.float64(2.0) * wp.float64(wp.PI) * (turn - wp.floor(turn))
     z = wp.float64(1.0) - wp.float64(2.0) * wp.float64(ray) / wp.float64(ray_count - 1)
     across = wp.sqrt(wp.max(wp.float64(1.0) - z * z, wp.float64(0.0)))
-    return wp.vec3(wp.float32(across * wp.cos(azimuth)), wp.float32(across * wp.sin(azimuth)), wp.float32(z))
+    return wp.vec3d(across * wp.cos(azimuth), across * wp.sin(azimuth), z)
+
+
+@wp.func
+def fibonacci_direction(ray: int, ray_count: int) -> wp.vec3:
+    """Return the same direction in the precision of the tracer."""
+    direction = fibonacci_direction_64(ray, ray_count)
+    return wp.vec3(wp.float32(direction[0]), wp.float32(direction[1]), wp.float32(direction[2]))
 
 
 @wp.func

@@ -88,6 +88,28 @@ def object_of(scene: Scene, near: Nearest) -> int:
 
 
 @wp.func
+def surface_of(scene: Scene, near: Nearest) -> int:
+    """Return the surface id of what `nearest_surface` found, -1 for a miss."""
+    surface = wp.int32(MISS_ID)
+    if near.face >= 0:
+        if near.instance < 0:
+            surface = scene.town_surface[near.face]
+        else:
+            face = scene.instance_face_offset[near.instance] + near.face
+            surface = scene.instance_surface_offset[near.instance] + scene.model_surface[face]
+    return surface
+
+
+@wp.func
+def world_normal(scene: Scene, slot: int, near: Nearest) -> wp.vec3:
+    """Return the unit normal of what `nearest_surface` found, after the winding, in the scene frame."""
+    normal = near.normal
+    if near.instance >= 0:
+        normal = wp.transform_vector(scene.instance_pose[slot, near.instance], normal)
+    return normal
+
+
+@wp.func
 def closest_hit(scene: Scene, slot: int, origin: wp.vec3, direction: wp.vec3, t_max: float, ignore: int) -> Hit:
     """Return what the ray meets first, with every id and the normal; see `nearest_surface` for the arguments."""
     near = nearest_surface(scene, slot, origin, direction, t_max, ignore)
@@ -95,24 +117,16 @@ def closest_hit(scene: Scene, slot: int, origin: wp.vec3, direction: wp.vec3, t_
     hit.t = near.t
     hit.face = near.face
     hit.instance = near.instance
-    hit.object_id = MISS_ID
+    hit.object_id = object_of(scene, near)
     hit.material_id = MISS_ID
-    hit.surface = MISS_ID
+    hit.surface = surface_of(scene, near)
     if near.face >= 0:
-        normal = near.normal
         if near.instance < 0:
-            hit.object_id = scene.town_object[near.face]
             hit.material_id = scene.town_material[near.face]
-            hit.surface = scene.town_surface[near.face]
         else:
-            face = scene.instance_face_offset[near.instance] + near.face
-            hit.object_id = scene.instance_object[near.instance]
-            hit.material_id = scene.model_material[face]
-            hit.surface = scene.instance_surface_offset[near.instance] + scene.model_surface[face]
-            normal = wp.transform_vector(scene.instance_pose[slot, near.instance], normal)
-        if wp.dot(normal, direction) > 0.0:
-            normal = -normal
-        hit.normal = normal
+            hit.material_id = scene.model_material[scene.instance_face_offset[near.instance] + near.face]
+        normal = world_normal(scene, slot, near)
+        hit.normal = wp.where(wp.dot(normal, direction) > 0.0, -normal, normal)
     return hit
 
 

@@ -4,15 +4,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+ScatteringPattern = Literal["lambertian", "directive", "backscattering"]
+
 
 @dataclass(frozen=True)
 class RadioMaterial:
     """Electromagnetic description of a surface; the permittivity at a carrier follows in `mmw.channel.materials`."""
 
     model: Literal["itu", "constant"]
-    """`itu`: a named row of ITU-R P.2040 or of the paper; `constant`: the two numbers below at every frequency."""
+    """`itu`: a named row of ITU-R P.2040, of P.527, or of the paper, or `itu_pec`; `constant`: the two numbers below at
+    every frequency."""
     itu: str = ""
-    """Row name with its prefix, such as `itu_concrete`; empty for `constant`."""
+    """Row name with its prefix, such as `itu_concrete`; `itu_pec` is the perfect conductor; empty for `constant`."""
     relative_permittivity: float = 1.0
     """Real part of the relative permittivity, for `constant` [-]."""
     conductivity: float = 0.0
@@ -23,6 +26,17 @@ class RadioMaterial:
     """Scattering coefficient S, 0 to 1 [-]."""
     xpd: float = 0.0
     """Cross-polarisation coefficient of scattering, 0 to 1 [-]."""
+    scattering_pattern: ScatteringPattern = "lambertian"
+    """Where scattered power goes: `lambertian` cos theta_s around the normal; `directive` a lobe around the reflected
+    direction; `backscattering` that lobe and one back to where the wave came from."""
+    alpha_r: int = 4
+    """Exponent of the lobe around the reflection, at least 1 [-]; a larger one is narrower."""
+    alpha_i: int = 4
+    """Exponent of the lobe back to the source, at least 1 [-]; only `backscattering` has it."""
+    lobe_share: float = 1.0
+    """Share Lambda of the lobe around the reflection in `backscattering`, 0 to 1 [-].
+
+    Source of the patterns: Degli-Esposti et al., IEEE Trans. Antennas Propag. 55(1), 2007."""
 
 
 @dataclass(frozen=True)

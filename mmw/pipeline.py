@@ -140,7 +140,7 @@ def _run_scenario(
         scene = Scene(arrays, device, max_slots=min(config.compute.batch_frames, config.output.shard_frames))
         surfaces = None
         if config.channel.enabled:
-            surfaces = make_surface_table(scene)
+            surfaces = make_surface_table(scene, wedges=config.channel.diffraction)
             check_channel_materials(arrays.materials, np.unique(surfaces.material_id), config.channel)
     job = Job(config, scenario, arrays, differentiate(arrays.poses), scene, surfaces, pool, clock)
     writing: list[list[Future[Any]]] = []
@@ -236,7 +236,8 @@ def _channel(job: Job, surfaces: SurfaceTable, frames: Sequence[int], collected:
     with job.clock.stage("channel"):
         links = make_links(job.arrays, frames, config)
         materials = {weather: job.arrays.materials[weather] for weather in collected}
-        paths = solve_paths(job.scene, links, config, materials, surfaces)
+        air = {weather: job.config.air[weather].weather(weather) for weather in collected}
+        paths = solve_paths(job.scene, links, config, materials, surfaces, air)
         for weather, tables in collected.items():
             tables["links"].append(rows.link_rows(job.arrays, links, paths, weather))
             tables["paths"].append(rows.path_rows(job.arrays, links, paths, weather))

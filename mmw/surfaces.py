@@ -39,7 +39,7 @@ def find_surfaces(points: np.ndarray, faces: np.ndarray, object_id: np.ndarray, 
     twice_area = np.linalg.norm(cross, axis=1)
     has_area = twice_area > 1e-12
     normal = np.where(has_area[:, None], cross / np.maximum(twice_area, 1e-300)[:, None], 0.0)
-    first, second = _neighbours(_weld(points)[faces], object_id, material)
+    first, second = _neighbours(weld(points)[faces], object_id, material)
     keep = has_area[first] & has_area[second]
     keep &= np.linalg.norm(np.cross(normal[first], normal[second]), axis=1) < ANGLE_RAD
     first, second = first[keep], second[keep]
@@ -58,7 +58,7 @@ def find_surfaces(points: np.ndarray, faces: np.ndarray, object_id: np.ndarray, 
     return np.unique(surface, return_inverse=True)[1].astype(np.int32)
 
 
-def _weld(points: np.ndarray) -> np.ndarray:
+def weld(points: np.ndarray) -> np.ndarray:
     """Return a vertex index for every point, the same for points that are closer than `WELD_M` / 2 on every axis.
 
     Points in one cell of a grid are one vertex. Eight grids, moved by half a cell on some of the axes, make sure that

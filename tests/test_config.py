@@ -126,6 +126,8 @@ def test_on_is_a_key_and_a_role_without_a_mount_keeps_its_default(tmp_path: Path
         ("scenarios.0.rsus.0.name=veh_003", "veh_003", "rename it"),
         ("scenarios.0.actor_roles={/World/A: cav}", "scenarios[0]", "goes with `stage`"),
         ("sensors.0.name=antenna", "antenna", "rename one"),
+        ("weathers=[monsoon]", "weathers holds 'monsoon'", "describe it here"),
+        ("air.rainy.relative_humidity=60", "air.rainy.relative_humidity = 60", "less than or equal to 1"),
     ],
 )
 def test_bad_values_give_one_clear_line_and_exit_code_2(
@@ -186,7 +188,8 @@ def test_unknown_town_and_missing_stage_are_exit_code_2(config_file: Path, capsy
 @pytest.mark.parametrize(
     ("change", "part"),
     [
-        ("weathers=[sunny, snowy]", "foggy, rainy, sunny"),
+        ("weathers=[sunny, snowy]", "presets are sunny, light_rain, rainy"),
+        ("weathers=[sunny, heavy_rain]", "foggy, rainy, sunny"),
         ("scenarios.0.town=torn.usda", "USD cannot read"),
         ("scenarios.0.material_map={/World/*: itu_cheese}", "itu_concrete"),
         ("scenarios.0.rsus=[]", "[v2v]"),

@@ -12,6 +12,7 @@ from mmw.materials import LIDAR_REFLECTANCE_905NM, RadioMaterial, lidar_reflecta
 from mmw.paths import assets_dir
 from mmw.usd import schema
 from mmw.usd.library import LIBRARY, NONVISUAL, PAINTS, MaterialSpec, author_material, build_materials
+from mmw.usd.materials import read_material, resolve_material
 from mmw.usd.validate import validate_stage
 
 SHIPPED = assets_dir() / "materials" / "materials.usda"
@@ -97,12 +98,36 @@ def test_radio_rows_are_those_of_the_paper(shipped, name, row):
 def test_authored_numbers_read_back(tmp_path):
     stage = Usd.Stage.CreateNew(str(tmp_path / "one.usda"))
     radio = RadioMaterial(
-        "constant", relative_permittivity=4.5, conductivity=0.25, thickness=0.125, scattering=0.5, xpd=0.75
-    )
+        "constant", relative_permittivity=4.5, conductivity=0.25, thickness=0.125, scattering=0.5, xpd=0.75,
+        scattering_pattern="backscattering", alpha_r=3, alpha_i=2, lobe_share=0.75,
+    )  # fmt: skip
     material = author_material(stage, "/Slab", MaterialSpec(radio, "plastic", (0.5, 0.25, 0.125), 0.5))
     read = {name: material.GetPrim().GetAttribute(a.name).Get() for name, a in schema.RADIO_ATTRIBUTES.items()}
     assert RadioMaterial(**read) == radio
     assert material.GetPrim().GetAttribute("mmw:radio:model").GetVariability() == Sdf.VariabilityUniform
+    use = resolve_material("/mesh", "", material.GetPrim(), {})
+    assert use is not None and read_material(stage, use).radio == radio
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (
+            {"scattering_pattern": "cosine"},
+            "'cosine'; one of lambertian, directive, backscattering",
+        ),
+        ({"alpha_r": 0}, "alphaR = 0, alphaI = 4"),
+        ({"lobe_share": 1.5}, "lobeShare = 1.5; exponents of at least 1 and a share within 0 to 1"),
+    ],
+)
+def test_scattering_out_of_range(changes: dict, message: str) -> None:
+    stage = Usd.Stage.CreateInMemory()
+    radio = RadioMaterial("itu", itu="itu_brick", **changes)
+    material = author_material(stage, "/Wall", MaterialSpec(radio, "brick", (0.5, 0.5, 0.5), 0.5))
+    use = resolve_material("/mesh", "", material.GetPrim(), {})
+    assert use is not None
+    with pytest.raises(ValueError, match=message):
+        read_material(stage, use)
 
 
 def test_paint_decides_lidar_reflectance():

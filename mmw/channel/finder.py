@@ -1,253 +1,289 @@
 """Geometry of all paths of a batch: candidates, image method, visibility, and no path twice."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import warp as wp
 
+from mmw.channel.candidates import Candidates, Sources, bent_candidates, reflected_candidates
+from mmw.channel.finder_diffuse import find_diffuse
 from mmw.channel.links import Links
+from mmw.channel.paths import DIFFRACTION
 from mmw.channel.surface_table import SurfaceTable
 from mmw.channel.vectors import norm
+from mmw.channel.wedge_table import WedgeTable
 from mmw.config import ChannelConfig
-from mmw.kernels.channel_launch import launch_kernel
-from mmw.kernels.channel_refine import LIFT, LINKS_AT_ONCE, LinkEnds, cull_kernel, refine_kernel, sight_kernel
+from mmw.kernels.channel_refine import LIFT, Trials, refine_kernel
+from mmw.kernels.channel_surfaces import LinkEnds
+from mmw.kernels.channel_wedges import cull_wedge_kernel
 from mmw.poses import invert, make_pose, normalize, transform_points
 from mmw.scene import Scene
 
-PAIRS_AT_ONCE = 2**27
-"""Most (link, surface) or (transmitter, surface) pairs at once: one byte each, on the device and on the host."""
-
-RAYS_AT_ONCE = 2**30
-"""Most rays in one kernel launch."""
+TRIALS_AT_ONCE = 2**20
+"""Most candidates that are refined at once, about 400 bytes each at depth 3."""
 
 SAME_POINT_M = 1e-3
-"""Two reflections of one link closer than this, or than a leg's lift, are one: coincident surfaces, seen twice."""
+"""Two interactions of one link closer than this, or than a leg's lift, are one: coincident surfaces, seen twice."""
 
 
 @dataclass(frozen=True)
 class FoundPaths:
-    """Geometry of the paths of a batch, sorted by (link, kind, surface)."""
+    """Geometry of the paths of a batch, sorted by (link, order, kinds, surfaces)."""
 
     link: np.ndarray
     """Shape [P], int32."""
+    order: np.ndarray
+    """Interactions of each path, shape [P], int32."""
+    kind: np.ndarray
+    """Kind of each interaction, 0 behind the last, shape [P, D], int32; D is at least 1."""
     surface: np.ndarray
-    """Global surface id, -1 for the line of sight, shape [P], int32."""
+    """Global surface id of each interaction, wedge id for a diffraction, -1 behind the last, shape [P, D], int32."""
     vertex: np.ndarray
-    """Shape [P, 3], NaN for the line of sight."""
+    """Shape [P, D, 3], NaN behind the last."""
     normal: np.ndarray
-    """Shape [P, 3], NaN for the line of sight."""
+    """Unit normal, turned to where the wave comes from, 0 for a diffraction, NaN behind the last, shape [P, D, 3]."""
+
+    ray: np.ndarray
+    """Ray that met the rough patch of a diffuse path, -1 for the others, shape [P], int32."""
+
+    def __len__(self) -> int:
+        return len(self.link)
+
+    def take(self, rows: np.ndarray) -> "FoundPaths":
+        """Return some of the paths."""
+        return FoundPaths(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
 
 
 def find_paths(scene: Scene, links: Links, config: ChannelConfig, table: SurfaceTable) -> FoundPaths:
-    """Return the geometry of all paths: candidates, image method, visibility, duplicates removed.
+    """Return the geometry of all paths: candidates, image method, visibility, no duplicates; and diffuse paths.
 
     Args:
         scene: The scene with the batch of the links loaded.
         links: The links.
-        config: Rays, candidate mode and depth.
-        table: Surfaces of the scene.
+        config: Rays, candidate mode, depth, and which interactions are wanted.
+        table: Surfaces of the scene, with their wedges if diffraction is wanted.
+
+    Raises:
+        ValueError: If there are too many chains to try.
     """
-    device = scene.device
-    keys, first_use, source = np.unique(
-        np.stack([links.slot, links.tx_actor], axis=1), axis=0, return_index=True, return_inverse=True
-    )
-    source = source.reshape(-1).astype(np.int32)
-    order = np.argsort(source, kind="stable")  # links of one transmitter together
-    pose = _instance_poses(scene)
-    ends = _link_ends(links, order, source, pose, device)
-    is_clear = wp.zeros(len(links), dtype=wp.uint8, device=device)
+    pose = instance_poses(scene)
+    poses = wp.array(pose, dtype=wp.transformd, device=scene.device)
+    order, sources, ends = _sorted_ends(links, links.tx.position, links.rx.position, pose, scene.device)
+    found = [_none(max(1, config.max_depth))]
     if len(links):
-        wp.launch(
-            sight_kernel,
-            dim=len(links),
-            inputs=[scene.struct, ends, wp.vec3d(*scene.origin)],
-            outputs=[is_clear],
-            device=device,
-            block_dim=64,
-        )
-    link = [np.nonzero(is_clear.numpy())[0]]
-    surface = [np.full(len(link[0]), -1)]
-    vertex, normal = [np.full((len(link[0]), 3), np.nan)], [np.full((len(link[0]), 3), np.nan)]
-    if config.max_depth > 0 and len(table) and len(links):
-        poses = wp.array(pose if pose.size else np.zeros((1, 1, 7)), dtype=wp.transformd, device=device)
-        tx_origin = links.tx.position[first_use] - scene.origin
-        first_link = np.searchsorted(source[order], np.arange(len(keys) + 1))
-        for begin, end in _chunks(first_link, len(table), config.rays):
-            seen = _candidates(scene, keys[begin:end, 0], tx_origin[begin:end], config, len(table))
-            pair_link, pair_surface = _cull(ends, table, seen, begin, first_link[begin], first_link[end])
-            kept, points, normals = _refine(scene, ends, table, poses, pair_link, pair_surface)
-            link.append(pair_link[kept])
-            surface.append(pair_surface[kept])
-            vertex.append(points)
-            normal.append(normals)
-    found = FoundPaths(
-        link=order[np.concatenate(link)].astype(np.int32),
-        surface=np.concatenate(surface).astype(np.int32),
-        vertex=np.concatenate(vertex),
-        normal=np.concatenate(normal),
-    )
-    return _take(found, _distinct(found, links, table.area, scene.origin))
+        for link, step in _candidates(scene, links, order, ends, poses, sources, table, config):
+            for begin in range(0, len(link), TRIALS_AT_ONCE):
+                part = slice(begin, begin + TRIALS_AT_ONCE)
+                found.append(_refine(scene, ends, table, poses, link[part], step[part], config))
+        if config.diffuse and len(table):
+            found += [FoundPaths(*part) for part in find_diffuse(scene, ends, poses, sources, table, config)]
+    paths = FoundPaths(*(np.concatenate(column) for column in zip(*(_columns(f) for f in found), strict=True)))
+    paths = FoundPaths(order[paths.link].astype(np.int32), *_columns(paths)[1:])
+    return paths.take(_distinct(paths, links, table.area, scene.origin))
 
 
-def _chunks(first_link: np.ndarray, surface_count: int, rays: int) -> list[tuple[int, int]]:
-    """Return ranges of transmitters that keep memory and launch sizes bounded; always at least one transmitter."""
-    chunks, begin = [], 0
-    while begin < len(first_link) - 1:
-        end = begin + 1
-        while (
-            end < len(first_link) - 1
-            and (first_link[end + 1] - first_link[begin]) * surface_count <= PAIRS_AT_ONCE
-            and (end + 1 - begin) * surface_count <= PAIRS_AT_ONCE
-            and (end + 1 - begin) * rays <= RAYS_AT_ONCE
-        ):
-            end += 1
-        chunks.append((begin, end))
-        begin = end
-    return chunks
+def _sorted_ends(
+    links: Links, tx: np.ndarray, rx: np.ndarray, pose: np.ndarray, device: str
+) -> tuple[np.ndarray, Sources, LinkEnds]:
+    """Return an order of the links that brings those of one transmitter together, the transmitters, and the ends."""
+    keys = np.concatenate([links.slot[:, None], tx], axis=1)
+    _, first_use, source = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    source = source.reshape(-1).astype(np.int32)
+    order = np.argsort(source, kind="stable")
+    first_link = np.searchsorted(source[order], np.arange(len(first_use) + 1)).astype(np.int32)
+    sources = Sources(links.slot[first_use].astype(np.int32), tx[first_use], first_link)
+    return order, sources, _link_ends(links.slot[order], source[order], tx[order], rx[order], pose, device)
 
 
-def _instance_poses(scene: Scene) -> np.ndarray:
+def _columns(found: FoundPaths) -> list[np.ndarray]:
+    return [getattr(found, name) for name in found.__dataclass_fields__]
+
+
+def _none(depth: int) -> FoundPaths:
+    ints = np.zeros((0, depth), dtype=np.int32)
+    points = np.zeros((0, depth, 3))
+    return FoundPaths(ints[:, 0], ints[:, 0], ints, ints, points, points, ints[:, 0])
+
+
+def instance_poses(scene: Scene) -> np.ndarray:
     """Return instance-to-world poses with unit quaternions, shape [S, V, 7]; NaN for absent instances."""
     rows = [scene.arrays.frame_row(frame) for frame in scene.batch_frames]
     pose = scene.arrays.poses[rows][:, scene.instance_actor]
     return make_pose(pose[..., :3], normalize(pose[..., 3:]))
 
 
-def _link_ends(links: Links, order: np.ndarray, source: np.ndarray, pose: np.ndarray, device: str) -> LinkEnds:
-    """Return the ends of links for kernels, in the given order, in the frames of all instances and in the world."""
-    inverse = invert(pose)[links.slot[order]]
+def _link_ends(
+    slot: np.ndarray, source: np.ndarray, tx: np.ndarray, rx: np.ndarray, pose: np.ndarray, device: str
+) -> LinkEnds:
+    """Return the ends of links for kernels, in the frames of all instances and in the world."""
+    inverse = invert(pose)[slot]
     ends = LinkEnds()
-    ends.slot = wp.array(links.slot[order], dtype=wp.int32, device=device)
-    ends.source = wp.array(source[order], dtype=wp.int32, device=device)
-    for name, side in (("tx", links.tx), ("rx", links.rx)):
-        world = side.position[order][:, None]
+    ends.slot = wp.array(slot, dtype=wp.int32, device=device)
+    ends.source = wp.array(source, dtype=wp.int32, device=device)
+    for name, world in (("tx", tx[:, None]), ("rx", rx[:, None])):
         local = np.concatenate([transform_points(inverse, world), world], axis=1)
         setattr(ends, name, wp.array(local, dtype=wp.vec3d, device=device))
     return ends
 
 
-def _candidates(scene: Scene, slot: np.ndarray, origin: np.ndarray, config: ChannelConfig, surfaces: int) -> wp.array:
-    """Return which surfaces each transmitter may reflect at, one byte each, shape [A, G]."""
-    if config.candidates == "exhaustive":
-        return wp.full((len(slot), surfaces), 1, dtype=wp.uint8, device=scene.device)
-    return launch_candidates(scene, slot, origin, config.rays, surfaces)
+def _candidates(
+    scene: Scene,
+    links: Links,
+    order: np.ndarray,
+    ends: LinkEnds,
+    pose: wp.array,
+    sources: Sources,
+    table: SurfaceTable,
+    config: ChannelConfig,
+) -> Iterator[Candidates]:
+    """Yield everything worth an exact look."""
+    depth = max(1, config.max_depth)
+    if config.los:
+        yield np.arange(len(links), dtype=np.int32), np.full((len(links), depth), -1, dtype=np.int32)
+    if config.max_depth == 0 or not len(table):
+        return
+    if config.specular:
+        yield from reflected_candidates(scene, ends, pose, sources, table, config)
+    if config.diffraction and len(table.wedges):
+        yield from _wedge_candidates(links, order, pose, table.wedges, depth, scene.device)
+        if config.specular and depth > 1:
+            yield from _bent_behind(scene, links, order, pose, table, config)
 
 
-def launch_candidates(scene: Scene, slot: np.ndarray, origin: np.ndarray, rays: int, surface_count: int) -> wp.array:
-    """Return which surfaces the rays of each transmitter meet, one byte each, shape [A, G].
-
-    Args:
-        scene: The scene with its batch loaded.
-        slot: Slot of each transmitter, shape [A].
-        origin: Transmitters in the scene frame [m], shape [A, 3].
-        rays: Rays of each transmitter, > 1.
-        surface_count: Surfaces of the scene.
-    """
-    device, stride = scene.device, neighbor_stride(rays)
-    row_count = -(-rays // stride)
-    seen = wp.zeros((len(slot), surface_count), dtype=wp.uint8, device=device)
-    wp.launch(
-        launch_kernel,
-        dim=(len(slot), row_count * stride),
-        inputs=[
-            scene.struct,
-            wp.array(slot, dtype=wp.int32, device=device),
-            wp.array(origin.astype(np.float32), dtype=wp.vec3, device=device),
-            rays,
-            stride,
-            row_count,
-        ],
-        outputs=[seen],
-        device=device,
-        block_dim=64,
-    )
-    return seen
+def _bent_behind(
+    scene: Scene, links: Links, order: np.ndarray, pose: wp.array, table: SurfaceTable, config: ChannelConfig
+) -> Iterator[Candidates]:
+    """Yield the candidates of a diffraction and then reflections: what the receivers' rays meet, read backwards."""
+    back, sources, ends = _sorted_ends(links, links.rx.position, links.tx.position, instance_poses(scene), scene.device)
+    rank = np.empty(len(order), dtype=np.int32)
+    rank[order] = np.arange(len(order))
+    for link, step in bent_candidates(scene, ends, pose, sources, table, config):
+        count = (step != -1).sum(axis=1)
+        column = count[:, None] - 1 - np.arange(step.shape[1])
+        turned = np.where(column >= 0, np.take_along_axis(step, np.maximum(column, 0), axis=1), -1)
+        yield rank[back[link]], turned.astype(np.int32)
 
 
-def neighbor_stride(ray_count: int) -> int:
-    """Return the Fibonacci number F that makes rays i and i + F of the lattice close neighbours.
-
-    Their azimuths differ by 2 pi / (sqrt(5) F) and their heights by 2 F / N, which are alike at F^2 = pi N / sqrt(5).
-    """
-    before, stride = 1, 2
-    while stride * stride < np.pi * ray_count / np.sqrt(5.0):
-        before, stride = stride, before + stride
-    return before
-
-
-def _cull(
-    ends: LinkEnds, table: SurfaceTable, seen: wp.array, first_source: int, begin: int, end: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (link, surface) pairs worth refining, in order, shape [C] each."""
-    is_candidate = wp.empty((int(end - begin), len(table)), dtype=wp.uint8, device=seen.device)
-    wp.launch(
-        cull_kernel,
-        dim=(-(-int(end - begin) // LINKS_AT_ONCE), len(table)),
-        inputs=[ends, table.device, int(begin), int(first_source), seen],
-        outputs=[is_candidate],
-        device=seen.device,
-    )
-    link, surface = np.divmod(np.flatnonzero(is_candidate.numpy().view(np.bool_)), len(table))
-    return link + begin, surface
+def _wedge_candidates(
+    links: Links, order: np.ndarray, pose: wp.array, wedges: WedgeTable, depth: int, device: str
+) -> Iterator[Candidates]:
+    """Yield the candidates of one diffraction and nothing else: every wedge for every link."""
+    at_once = max(1, 2**26 // len(wedges))
+    for begin in range(0, len(order), at_once):
+        rows = order[begin : begin + at_once]
+        is_candidate = wp.empty((len(rows), len(wedges)), dtype=wp.uint8, device=device)
+        wp.launch(
+            cull_wedge_kernel,
+            dim=is_candidate.shape,
+            inputs=[
+                wp.array(links.slot[rows], dtype=wp.int32, device=device),
+                wp.array(links.tx.position[rows], dtype=wp.vec3d, device=device),
+                wp.array(links.rx.position[rows], dtype=wp.vec3d, device=device),
+                wedges.device,
+                pose,
+            ],
+            outputs=[is_candidate],
+            device=device,
+        )
+        link, wedge = np.divmod(np.flatnonzero(is_candidate.numpy().view(np.bool_)), len(wedges))
+        step = np.full((len(link), depth), -1, dtype=np.int32)
+        step[:, 0] = -2 - wedge
+        yield (link + begin).astype(np.int32), step
 
 
 def _refine(
-    scene: Scene, ends: LinkEnds, table: SurfaceTable, pose: wp.array, link: np.ndarray, surface: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return which pairs are paths, shape [C], and point and normal of those, shape [P, 3] each."""
-    device, count = scene.device, len(link)
-    if count == 0:
-        return np.zeros(0, dtype=bool), np.zeros((0, 3)), np.zeros((0, 3))
-    is_path = wp.empty(count, dtype=wp.uint8, device=device)
-    vertex, normal = (wp.empty(count, dtype=wp.vec3d, device=device) for _ in range(2))
+    scene: Scene,
+    ends: LinkEnds,
+    table: SurfaceTable,
+    pose: wp.array,
+    link: np.ndarray,
+    step: np.ndarray,
+    config: ChannelConfig,
+) -> FoundPaths:
+    """Return the candidates that are paths; `link` still counts in the order of the sources."""
+    device, shape = scene.device, step.shape
+    trials = Trials()
+    trials.link = wp.array(link, dtype=wp.int32, device=device)
+    trials.step = wp.array(step, dtype=wp.int32, device=device)
+    trials.image, trials.normal, trials.point = (wp.empty(shape, dtype=wp.vec3d, device=device) for _ in range(3))
+    trials.offset = wp.empty(shape, dtype=wp.float64, device=device)
+    order = wp.empty(len(link), dtype=wp.int32, device=device)
+    kind = wp.zeros(shape, dtype=wp.int32, device=device)
+    surface = wp.full(shape, -1, dtype=wp.int32, device=device)
+    vertex, normal = (wp.empty(shape, dtype=wp.vec3d, device=device) for _ in range(2))
     wp.launch(
         refine_kernel,
-        dim=count,
+        dim=len(link),
         inputs=[
             scene.struct,
             ends,
             table.device,
+            table.wedges.device,
             pose,
             wp.vec3d(*scene.origin),
-            wp.array(link, dtype=wp.int32, device=device),
-            wp.array(surface, dtype=wp.int32, device=device),
+            trials,
+            config.max_depth if config.refraction else 0,
         ],
-        outputs=[is_path, vertex, normal],
+        outputs=[order, kind, surface, vertex, normal],
         device=device,
         block_dim=64,
     )
-    kept = is_path.numpy().view(np.bool_)
-    return kept, vertex.numpy()[kept], normal.numpy()[kept]
+    orders = order.numpy()
+    kept = np.flatnonzero(orders >= 0)
+    is_there = np.arange(shape[1]) < orders[kept, None]
+    return FoundPaths(
+        link=link[kept],
+        order=orders[kept],
+        kind=np.where(is_there, kind.numpy()[kept], 0),
+        surface=np.where(is_there, surface.numpy()[kept], -1),
+        vertex=np.where(is_there[..., None], vertex.numpy()[kept], np.nan),
+        normal=np.where(is_there[..., None], normal.numpy()[kept], np.nan),
+        ray=np.full(len(kept), -1, dtype=np.int32),
+    )
 
 
 def _distinct(found: FoundPaths, links: Links, area: np.ndarray, origin: np.ndarray) -> np.ndarray:
-    """Return the rows to keep, sorted by (link, kind, surface).
+    """Return the rows to keep, sorted by (link, order, kinds, surfaces).
 
-    Of reflections of one link in one place (see `SAME_POINT_M`), the one on the smallest surface stays (a marking lies
-    on its road), and the lowest surface id among equals.
+    Of paths of one link with the same interactions in the same places (see `SAME_POINT_M`), the one on the smallest
+    surfaces stays (a marking lies on its road), and the lowest surface ids among equals.
     """
-    reflected = np.nonzero(found.surface >= 0)[0]
-    length = np.zeros(len(found.link))
-    at = found.vertex[reflected]
-    length[reflected] = norm(at - links.tx.position[found.link[reflected]])
-    length[reflected] += norm(at - links.rx.position[found.link[reflected]])
-    apart = np.maximum(SAME_POINT_M, LIFT.value * (5.0 + np.abs(found.vertex - origin).max(axis=1)))
-    rank = reflected[np.lexsort((length[reflected], found.link[reflected]))]
-    dropped = np.zeros(len(found.link), dtype=bool)
-    for step in range(1, len(rank)):
-        one, other = rank[:-step], rank[step:]
-        near = (found.link[one] == found.link[other]) & (length[other] - length[one] <= 2.0 * apart[one])
+    length = path_lengths(links.tx.position[found.link], links.rx.position[found.link], found)
+    reach = np.nanmax(np.abs(found.vertex - origin), axis=(1, 2), initial=0.0)
+    apart = np.maximum(SAME_POINT_M, LIFT.value * (5.0 + reach))
+    is_bent = found.kind == DIFFRACTION
+    size = np.where(is_bent | (found.surface < 0), 0.0, np.append(area, 0.0)[np.where(is_bent, -1, found.surface)])
+    size = size.sum(axis=1)
+    columns = range(found.kind.shape[1] - 1, -1, -1)  # the last key sorts first
+    keys = [found.ray, *(values[:, k] for values in (found.surface, found.kind) for k in columns)]
+    rank = np.lexsort((*keys, found.order, found.link))
+    place = np.empty(len(found), dtype=np.int64)
+    place[rank] = np.arange(len(found))
+    near_rank = np.lexsort((length, found.order, found.link))
+    dropped = np.zeros(len(found), dtype=bool)
+    for step in range(1, len(near_rank)):
+        one, other = near_rank[:-step], near_rank[step:]
+        near = (found.link[one] == found.link[other]) & (found.order[one] == found.order[other])
+        near &= (length[other] - length[one] <= 2.0 * apart[one] * found.order[one]) & (found.order[one] > 0)
+        near &= (found.ray[one] < 0) & (found.ray[other] < 0)
         if not near.any():
             break
         one, other = one[near], other[near]
-        same = norm(found.vertex[one] - found.vertex[other]) <= apart[one]
+        same = (found.kind[one] == found.kind[other]).all(axis=1)
+        same &= (np.nan_to_num(norm(found.vertex[one] - found.vertex[other])) <= apart[one, None]).all(axis=1)
         one, other = one[same], other[same]
-        area_one, area_other = area[found.surface[one]], area[found.surface[other]]
-        is_first = np.where(area_one == area_other, found.surface[one] < found.surface[other], area_one < area_other)
+        is_first = np.where(size[one] == size[other], place[one] < place[other], size[one] < size[other])
         dropped[np.where(is_first, other, one)] = True
-    keep = np.nonzero(~dropped)[0]
-    return keep[np.lexsort((found.surface[keep], found.link[keep]))]
+    return rank[~dropped[rank]]
 
 
-def _take(found: FoundPaths, rows: np.ndarray) -> FoundPaths:
-    return FoundPaths(found.link[rows], found.surface[rows], found.vertex[rows], found.normal[rows])
+def path_lengths(tx: np.ndarray, rx: np.ndarray, found: FoundPaths) -> np.ndarray:
+    """Return the lengths of paths between ends of shape [P, 3], in metres, shape [P]."""
+    length, before = np.zeros(len(found)), tx
+    for k in range(found.kind.shape[1]):
+        is_there = (k < found.order)[:, None]
+        point = np.where(is_there, found.vertex[:, k], before)
+        length += norm(point - before)
+        before = point
+    return length + norm(rx - before)

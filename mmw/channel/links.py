@@ -31,6 +31,10 @@ class Ends:
     velocity: np.ndarray
     """Velocity of the antenna [m/s], shape [L, 3], float64."""
 
+    def take(self, rows: np.ndarray) -> "Ends":
+        """Return the ends of some links."""
+        return Ends(self.position[rows], self.rotation[rows], self.velocity[rows])
+
 
 @dataclass(frozen=True)
 class Links:
@@ -51,6 +55,14 @@ class Links:
 
     def __len__(self) -> int:
         return len(self.frame)
+
+    def take(self, rows: np.ndarray) -> "Links":
+        """Return some of the links."""
+        return Links(
+            *(getattr(self, name)[rows] for name in ("frame", "slot", "kind", "tx_actor", "rx_actor")),
+            tx=self.tx.take(rows),
+            rx=self.rx.take(rows),
+        )
 
 
 def make_links(arrays: SceneArrays, frames: Sequence[int], config: ChannelConfig) -> Links:

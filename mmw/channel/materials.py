@@ -1,23 +1,27 @@
-"""Permittivity of surfaces: the table of Recommendation ITU-R P.2040-4, the paper's grounds at 28 GHz, and constants.
+"""Permittivity of surfaces: the table of Recommendation ITU-R P.2040-4, the paper's grounds at 28 GHz, soils and water
+of ITU-R P.527-6, the perfect conductor, and constants.
 
-Every row is `eps_r = a f^b`, `sigma = c f^d` with f in GHz and sigma in S/m, inside its own frequency range. Outside
-all ranges of a name there is no value: nothing is extrapolated.
+A row of P.2040 is `eps_r = a f^b`, `sigma = c f^d` with f in GHz and sigma in S/m, inside its own frequency range.
+Outside all ranges of a name there is no value: nothing is extrapolated.
 
 Source: ITU-R P.2040-4, section 3, table 3; for the grounds from 26.5 to 29.5 GHz the constants of the
-Multimodal-Wireless paper, which takes them from ITU-R P.527-5.
+Multimodal-Wireless paper, which takes them from ITU-R P.527-5; for soils and water `mmw.channel.ground`.
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
+from mmw.channel.ground import MAX_GHZ, MIN_GHZ, Soil, soil_permittivity, water_permittivity
 from mmw.constants import VACUUM_PERMITTIVITY
 from mmw.materials import Material, RadioMaterial
 
 P2040 = "ITU-R P.2040-4, table 3"
 P527 = "ITU-R P.527-5, as constants of the Multimodal-Wireless paper at 28 GHz"
+P527_MODEL = "ITU-R P.527-6, section 5"
 PREFIX = "itu_"
 """Material names carry this in files; the table's names do not."""
 
@@ -38,6 +42,34 @@ class PermittivityRow:
     """Exponent of the conductivity [-]."""
     source: str = P2040
 
+    def at(self, carrier_hz: float) -> complex:
+        """Return the complex relative permittivity at a frequency [Hz]."""
+        ghz = carrier_hz / 1e9
+        return complex_permittivity(self.a * ghz**self.b, self.c * ghz**self.d, carrier_hz)
+
+
+@dataclass(frozen=True)
+class ModelRow:
+    """One line of the table: a model of its own in one frequency range."""
+
+    min_ghz: float
+    max_ghz: float
+    model: Callable[[float], complex]
+    """Frequency [Hz] -> complex relative permittivity."""
+    source: str
+
+    def at(self, carrier_hz: float) -> complex:
+        """Return the complex relative permittivity at a frequency [Hz]."""
+        return self.model(carrier_hz)
+
+
+def complex_permittivity(eps_r: float, sigma: float, carrier_hz: float) -> complex:
+    """Return eps_r - j sigma / (2 pi f eps_0), sigma in S/m, for the time convention e^{+jwt}.
+
+    Source: ITU-R P.2040-4, equation 9.
+    """
+    return complex(eps_r, -sigma / (2.0 * math.pi * carrier_hz * VACUUM_PERMITTIVITY))
+
 
 def _rows(*lines: tuple[float, float, float, float, float, float]) -> tuple[PermittivityRow, ...]:
     return tuple(PermittivityRow(*line) for line in lines)
@@ -47,9 +79,35 @@ def _paper_ground(eps_r: float, sigma: float) -> PermittivityRow:
     return PermittivityRow(26.5, 29.5, eps_r, 0.0, sigma, 0.0, P527)
 
 
+def _soils() -> dict[str, tuple[ModelRow, ...]]:
+    """Return the four example soils of P.527 at 23 C, dry (0.07 of the volume is water) and wet (0.5)."""
+    textures = {
+        # name: sand [%], clay [%], specific gravity, bulk density [g/cm3], where the model of the dry soil starts [GHz]
+        "sandy_loam": (51.52, 13.42, 2.66, 1.6006, MIN_GHZ),
+        "loam": (41.96, 8.53, 2.70, 1.5781, MIN_GHZ),
+        "silty_loam": (30.63, 13.48, 2.59, 1.5750, MIN_GHZ),
+        "silty_clay": (5.02, 47.38, 2.56, 1.4758, 1.3),
+    }
+    rows = {}
+    for state, moisture in (("dry", 0.07), ("wet", 0.5)):
+        for name, (sand, clay, gravity, density, dry_from) in textures.items():
+            model = partial(soil_permittivity, soil=Soil(sand, clay, moisture, 23.0, gravity, density))
+            rows[f"{state}_{name}"] = (ModelRow(dry_from if state == "dry" else MIN_GHZ, MAX_GHZ, model, P527_MODEL),)
+    return rows
+
+
+def _water(temperature_c: float, salinity_g_kg: float) -> tuple[ModelRow, ...]:
+    model = partial(water_permittivity, temperature_c=temperature_c, salinity_g_kg=salinity_g_kg)
+    return (ModelRow(MIN_GHZ, MAX_GHZ, model, P527_MODEL),)
+
+
+def _conductor(carrier_hz: float) -> complex:
+    return complex(1.0, -math.inf)
+
+
 VERY_DRY_28, MEDIUM_DRY_28, WET_28 = _paper_ground(2.5, 0.03), _paper_ground(3.0, 0.4), _paper_ground(3.0, 2.5)
 
-PERMITTIVITY: dict[str, tuple[PermittivityRow, ...]] = {
+PERMITTIVITY: dict[str, tuple[PermittivityRow | ModelRow, ...]] = {
     # name: (GHz from, GHz to, a, b, c, d), ...
     "vacuum": _rows((0.001, 100, 1, 0, 0, 0)),
     "concrete": _rows((1, 100, 5.24, 0, 0.0462, 0.7822), (110, 330, 5.17, 0, 0.0145, 1.09)),
@@ -91,11 +149,16 @@ PERMITTIVITY: dict[str, tuple[PermittivityRow, ...]] = {
     "very_dry_grnd_28": (VERY_DRY_28,),  # the paper's own names of its 28 GHz grounds
     "medium_dry_grnd_28": (MEDIUM_DRY_28,),
     "wet_grnd_28": (WET_28,),
+    **_soils(),
+    "fresh_water": _water(20.0, 0.0),
+    "sea_water": _water(20.0, 35.0),  # 35 g/kg of salt, the open sea
+    "pec": (ModelRow(0.0, math.inf, _conductor, "perfect electric conductor, no Recommendation"),),
 }
-"""Rows by name; where ranges overlap the first row that holds the frequency counts."""
+"""Rows by name; where ranges overlap the first row that holds the frequency counts. `pec` reflects everything at every
+frequency: its permittivity is infinite, which `mmw.channel.fresnel` knows."""
 
 
-def permittivity_row(name: str, carrier_hz: float, used_by: str = "") -> PermittivityRow:
+def permittivity_row(name: str, carrier_hz: float, used_by: str = "") -> PermittivityRow | ModelRow:
     """Return the row of a named material that holds a carrier frequency.
 
     Args:
@@ -123,19 +186,16 @@ def permittivity_row(name: str, carrier_hz: float, used_by: str = "") -> Permitt
 
 
 def relative_permittivity(radio: RadioMaterial, carrier_hz: float, used_by: str = "") -> complex:
-    """Return the complex relative permittivity eps_r - j sigma / (2 pi f eps_0), for the time convention e^{+jwt}.
+    """Return the complex relative permittivity of a material, for e^{+jwt}; 1 - j inf for a perfect conductor.
 
     Raises:
         ValueError: If a named material has no data at this frequency.
 
-    Source: ITU-R P.2040-4, equations 9, 28 and 29.
+    Source: ITU-R P.2040-4, equations 9, 28 and 29; ITU-R P.527-6 for soils and water.
     """
     if radio.model == "constant":
-        eps_r, sigma = radio.relative_permittivity, radio.conductivity
-    else:
-        row, ghz = permittivity_row(radio.itu, carrier_hz, used_by), carrier_hz / 1e9
-        eps_r, sigma = row.a * ghz**row.b, row.c * ghz**row.d
-    return complex(eps_r, -sigma / (2.0 * math.pi * carrier_hz * VACUUM_PERMITTIVITY))
+        return complex_permittivity(radio.relative_permittivity, radio.conductivity, carrier_hz)
+    return permittivity_row(radio.itu, carrier_hz, used_by).at(carrier_hz)
 
 
 def permittivity_table(

@@ -6,41 +6,64 @@ import numpy as np
 
 from mmw.constants import SPEED_OF_LIGHT
 
-PATH_LOS = 0
-"""`Paths.kind` of the line of sight."""
-PATH_SPECULAR = 1
-"""`Paths.kind` of one specular reflection."""
-PATH_KINDS = ("los", "specular")
-"""Name of each kind."""
+SPECULAR, DIFFUSE, TRANSMISSION, DIFFRACTION = 1, 2, 4, 8
+"""What a wave does on its way; the numbers are those of Sionna RT. 0 stands behind the last interaction."""
+
+INTERACTIONS = {SPECULAR: "specular", DIFFUSE: "diffuse", TRANSMISSION: "transmission", DIFFRACTION: "diffraction"}
+"""Name of each interaction."""
+
+PATH_KINDS = ("los", "specular", "transmission", "diffuse", "diffraction")
+"""Name of each kind of path."""
+
+PATH_LOS, PATH_SPECULAR, PATH_TRANSMISSION, PATH_DIFFUSE, PATH_DIFFRACTION = range(5)
+"""`Paths.kind`: a path is of the last kind, in this order, that any of its interactions is."""
+
+LOSSES = ("rain_db", "fog_db", "gas_db")
+"""Losses of the air along a path, one table column each."""
+
+
+def path_kinds(interaction: np.ndarray) -> np.ndarray:
+    """Return the kind of each path from its interactions, shape [P, D] -> [P], int8."""
+    kind = np.full(len(interaction), PATH_LOS, dtype=np.int8)
+    for number, code in enumerate((SPECULAR, TRANSMISSION, DIFFUSE, DIFFRACTION), start=1):
+        kind[(interaction == code).any(axis=1)] = number
+    return kind
 
 
 @dataclass(frozen=True)
 class Paths:
-    """One row a path, sorted by (link, kind, surface). World frame, metres, seconds, radians, time convention e^{+jwt}.
+    """One row a path, sorted by (link, order, kinds, surfaces). World frame, metres, seconds, radians, e^{+jwt}.
 
-    A path is the same path in the next frame if transmitter, receiver and surface are the same. A link without any
-    path is there with `count` 0. A path in a null of a pattern is there with gain 0.
+    A link without any path is there with `count` 0. A path in a null of a pattern is there with gain 0.
 
     The coefficients `a` hold no carrier phase: the complex gain at frequency f is `a exp(-2 pi j f tau)`, and `tau`
-    is absolute (length over the speed of light, float64), so nothing is lost.
+    is absolute (length over the speed of light, float64), so nothing is lost. They hold the losses of the air.
     """
 
     carriers_hz: np.ndarray
     """Carrier frequencies [Hz], shape [C]."""
     link: np.ndarray
     """Row of `Links`, shape [P], int32."""
+    path_id: np.ndarray
+    """What the path is in every frame: a hash of transmitter, receiver and what it meets in turn, shape [P], int64.
+    A diffuse path also hashes its ray, so it lives in one frame only."""
     kind: np.ndarray
-    """`PATH_LOS` or `PATH_SPECULAR`, shape [P], int8."""
+    """Row of `PATH_KINDS`, shape [P], int8."""
+    order: np.ndarray
+    """Number of interactions, shape [P], int8."""
+    interaction: np.ndarray
+    """Each interaction from transmitter to receiver, a key of `INTERACTIONS` or 0, shape [P, D], int8."""
     surface: np.ndarray
-    """Global surface id of the reflection, -1 for the line of sight, shape [P], int32."""
+    """Global surface of each interaction (of a diffraction: its wedge), -1 behind the last, shape [P, D], int32."""
     object_id: np.ndarray
-    """Object that reflects, -1 for the line of sight, shape [P], int32."""
+    """Object of each interaction, -1 behind the last, shape [P, D], int32."""
     material_id: np.ndarray
-    """Material that reflects, -1 for the line of sight, shape [P], int32."""
+    """Material of each interaction (of a diffraction: of its first face), -1 behind the last, shape [P, D], int32."""
     vertex: np.ndarray
-    """Point of reflection [m], shape [P, 3], float64; NaN for the line of sight."""
+    """Point of each interaction [m], NaN behind the last, shape [P, D, 3], float64."""
     normal: np.ndarray
-    """Unit normal there, turned to the ends, shape [P, 3]; NaN for the line of sight."""
+    """Unit normal there, turned to where the wave comes from, shape [P, D, 3]; NaN behind the last, 0 for a
+    diffraction."""
     tau: np.ndarray
     """Absolute delay [s], shape [P], float64."""
     theta_t: np.ndarray
@@ -60,6 +83,8 @@ class Paths:
     in the world's (theta, phi) basis at arrival and departure; it holds lambda / (4 pi length), but no pattern."""
     a: dict[str, np.ndarray]
     """Weather -> coefficient F_r^T transfer F_t with the configured antennas, shape [P, C], complex128."""
+    loss_db: dict[str, dict[str, np.ndarray]]
+    """Weather -> `rain_db`, `fog_db`, `gas_db` -> loss of the air that `transfer` and `a` hold [dB], shape [P, C]."""
 
     def __len__(self) -> int:
         return len(self.link)
@@ -73,3 +98,31 @@ class Paths:
     def index(self) -> np.ndarray:
         """Number of each path within its link, from 0, shape [P], int32."""
         return (np.arange(len(self)) - (np.cumsum(self.count) - self.count)[self.link]).astype(np.int32)
+
+
+def path_ids(tx_actor: np.ndarray, rx_actor: np.ndarray, interaction: np.ndarray, surface: np.ndarray) -> np.ndarray:
+    """Return a 63-bit hash of transmitter, receiver and interactions of each path, shape [P], int64.
+
+    Args:
+        tx_actor: Actor index of the transmitter, shape [P].
+        rx_actor: Actor index of the receiver, shape [P].
+        interaction: Shape [P, D]; columns of zeros behind the last interaction change nothing.
+        surface: Shape [P, D].
+
+    Source: the finaliser of SplitMix64, G. L. Steele et al., OOPSLA 2014, applied word by word.
+    """
+    value = np.zeros(len(tx_actor), dtype=np.uint64)
+    for word in (tx_actor, rx_actor):
+        value = _mixed(value, word)
+    for column in range(interaction.shape[1]):
+        is_there = interaction[:, column] != 0
+        added = _mixed(_mixed(value, interaction[:, column]), surface[:, column])
+        value = np.where(is_there, added, value)
+    return (value >> np.uint64(1)).astype(np.int64)
+
+
+def _mixed(value: np.ndarray, word: np.ndarray) -> np.ndarray:
+    z = (value ^ word.astype(np.int64).astype(np.uint64)) + np.uint64(0x9E3779B97F4A7C15)
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return z ^ (z >> np.uint64(31))

@@ -1,20 +1,29 @@
 """Paths of every link of a batch, with gains for all weathers and carriers of one trace."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from mmw.channel.antennas import antenna_field
-from mmw.channel.field import PathGeometry, combine, path_geometry, polarimetric_transfer
-from mmw.channel.finder import FoundPaths, find_paths
+from mmw.channel.attenuation import path_loss_db
+from mmw.channel.diffraction import WedgeHits, is_lit
+from mmw.channel.diffuse import RoughHits
+from mmw.channel.field import PathGeometry, combine, path_geometry
+from mmw.channel.finder import FoundPaths, find_paths, instance_poses
+from mmw.channel.gains import Interactions, path_transfer
 from mmw.channel.links import Links
 from mmw.channel.materials import permittivity_table
-from mmw.channel.paths import PATH_LOS, PATH_SPECULAR, Paths
+from mmw.channel.paths import DIFFRACTION, DIFFUSE, LOSSES, Paths, path_ids, path_kinds
+from mmw.channel.reciprocity import one_way, read_both_ways
 from mmw.channel.surface_table import SurfaceTable, make_surface_table
-from mmw.channel.vectors import dot
+from mmw.channel.vectors import dot, norm
 from mmw.config import ChannelConfig
 from mmw.constants import SPEED_OF_LIGHT
 from mmw.materials import Material
+from mmw.poses import rotate
 from mmw.scene import Scene
 from mmw.sensors.kinematics import differentiate_rows
+from mmw.weather import Weather
 
 
 def check_channel_materials(
@@ -43,55 +52,71 @@ def solve_paths(
     config: ChannelConfig,
     materials: dict[str, tuple[Material, ...]],
     table: SurfaceTable | None = None,
+    air: Mapping[str, Weather] | None = None,
 ) -> Paths:
-    """Return the line of sight and all first-order specular paths of the links, for every weather and carrier.
+    """Return the paths of the links, for every weather and carrier.
 
-    Geometry is found once: weather only changes materials. Neither the batch nor the device changes the set of paths.
+    Geometry is found once: weather only changes materials and air, and a link and its reverse share it. Neither the
+    batch nor the device changes the set of paths.
 
     Args:
         scene: The scene with the batch of the links loaded.
         links: Links whose `slot` is a slot of the scene's batch.
-        config: Carriers, rays, candidate mode, depth, pattern and polarisation.
+        config: Carriers, rays, candidate mode, depth, interactions, pattern and polarisation.
         materials: Weather -> materials by id, for the weathers that are wanted.
         table: Surfaces of the scene, from `make_surface_table`; made here when not given.
+        air: Weather -> state of the air; a weather that is not there has air that weakens nothing.
 
     Returns:
-        The paths, sorted by (link, kind, surface).
+        The paths, sorted by (link, order, kinds, surfaces).
 
     Raises:
-        ValueError: If a material has no permittivity at a carrier, or a link's frame is not in its slot of the scene.
+        ValueError: If a material has no permittivity at a carrier, a link's frame is not in its slot of the scene, or
+            the table lacks wedges that diffraction needs.
 
-    Source: image method with ray-launched candidates, first order; frequencies and angles as in `docs/channel.md`.
+    Source: image method with ray-launched candidates; frequencies and angles as in `docs/channel.md`.
     """
-    loaded = np.array(scene.batch_frames, dtype=np.int64)
-    is_loaded = links.slot < len(loaded)
-    is_loaded[is_loaded] = loaded[links.slot[is_loaded]] == links.frame[is_loaded]
-    if not is_loaded.all():
-        row = int(np.argmin(is_loaded))
-        raise ValueError(
-            f"link {row}: frame {links.frame[row]} in slot {links.slot[row]}; the scene holds frames "
-            f"{list(scene.batch_frames[:8])}; call load_batch with the frames that the links were made for"
-        )
-    table = make_surface_table(scene) if table is None else table
+    _check_links(scene, links)
+    table = make_surface_table(scene, wedges=config.diffraction) if table is None else table
+    if config.diffraction and not table.has_wedges:
+        raise ValueError("channel.diffraction: the surface table has no wedges; make it with wedges=True")
     check_channel_materials(materials, np.unique(table.material_id), config)
+    if config.diffuse:  # the rays of one end do not sample the patches as those of the other end
+        return _solve(scene, links, config, materials, table, air)
+    traced, reverse_of = one_way(links)
+    if len(traced) == len(links):
+        return _solve(scene, links, config, materials, table, air)
+    return read_both_ways(_solve(scene, links.take(traced), config, materials, table, air), links, traced, reverse_of)
+
+
+def _solve(
+    scene: Scene,
+    links: Links,
+    config: ChannelConfig,
+    materials: dict[str, tuple[Material, ...]],
+    table: SurfaceTable,
+    air: Mapping[str, Weather] | None,
+) -> Paths:
+    """Return the paths of links of which none is the reverse of another."""
     found = find_paths(scene, links, config, table)
-    tx, rx = links.tx.position[found.link], links.rx.position[found.link]
-    geometry = path_geometry(tx, rx, found.vertex, found.normal)
-    is_reflected = found.surface >= 0
-    surface = np.where(is_reflected, found.surface, 0)
-    if len(table):
-        material_id = np.where(is_reflected, table.material_id[surface], -1)
-        object_id = np.where(is_reflected, table.object_id[surface], -1)
-    else:
-        material_id = object_id = np.full(len(surface), -1)
-    transfer, a = _gains(links, config, materials, found.link, geometry, material_id)
+    geometry, met = _geometry(scene, links, table, found, config)
+    if config.diffraction and not config.diffraction_lit_region:
+        keep = np.ones(len(found), dtype=bool)
+        keep[met.wedges.path[is_lit(geometry, met.wedges)]] = False
+        found = found.take(np.nonzero(keep)[0])
+        geometry, met = _geometry(scene, links, table, found, config)
+    transfer, a, loss_db = _gains(links, config, materials, air, found, geometry, met)
+    is_there = found.kind != 0
     return Paths(
         carriers_hz=np.array(config.carriers_hz),
         link=found.link,
-        kind=np.where(is_reflected, PATH_SPECULAR, PATH_LOS).astype(np.int8),
+        path_id=_path_ids(links, found),
+        kind=path_kinds(found.kind),
+        order=found.order.astype(np.int8),
+        interaction=found.kind.astype(np.int8),
         surface=found.surface,
-        object_id=object_id.astype(np.int32),
-        material_id=material_id.astype(np.int32),
+        object_id=_looked_up(table.object_id, _faces(found, table), is_there),
+        material_id=met.material_id,
         vertex=found.vertex,
         normal=found.normal,
         tau=geometry.length / SPEED_OF_LIGHT,
@@ -103,55 +128,128 @@ def solve_paths(
         count=np.bincount(found.link, minlength=len(links)).astype(np.int32),
         transfer=transfer,
         a=a,
+        loss_db=loss_db,
     )
+
+
+def _check_links(scene: Scene, links: Links) -> None:
+    loaded = np.array(scene.batch_frames, dtype=np.int64)
+    is_loaded = links.slot < len(loaded)
+    is_loaded[is_loaded] = loaded[links.slot[is_loaded]] == links.frame[is_loaded]
+    if not is_loaded.all():
+        row = int(np.argmin(is_loaded))
+        raise ValueError(
+            f"link {row}: frame {links.frame[row]} in slot {links.slot[row]}; the scene holds frames "
+            f"{list(scene.batch_frames[:8])}; call load_batch with the frames that the links were made for"
+        )
+
+
+def _path_ids(links: Links, found: FoundPaths) -> np.ndarray:
+    surface = found.surface
+    if (found.ray >= 0).any():  # a patch is known by its ray, in the column of the last interaction
+        surface = surface.copy()
+        rough = np.nonzero(found.ray >= 0)[0]
+        surface[rough, found.order[rough] - 1] = found.ray[rough]
+    return path_ids(links.tx_actor[found.link], links.rx_actor[found.link], found.kind, surface)
+
+
+def _faces(found: FoundPaths, table: SurfaceTable) -> np.ndarray:
+    """Return the surface of each interaction, for a diffraction the first face of its wedge, shape [P, D]."""
+    if not len(table.wedges):
+        return found.surface
+    is_bent = found.kind == DIFFRACTION
+    return np.where(is_bent, table.wedges.surface_0[np.where(is_bent, found.surface, 0)], found.surface)
+
+
+def _looked_up(values: np.ndarray, row: np.ndarray, is_there: np.ndarray) -> np.ndarray:
+    """Return values[row] where there is something, -1 elsewhere, int32."""
+    if not len(values):
+        return np.full(row.shape, -1, dtype=np.int32)
+    return np.where(is_there, values[np.where(is_there, row, 0)], -1).astype(np.int32)
+
+
+def _geometry(
+    scene: Scene, links: Links, table: SurfaceTable, found: FoundPaths, config: ChannelConfig
+) -> tuple[PathGeometry, Interactions]:
+    """Return the geometry of found paths, and what they meet."""
+    wedges = _wedge_hits(scene, links, table, found)
+    edge = np.zeros_like(found.vertex)
+    edge[wedges.path, wedges.step] = wedges.edge
+    tx, rx = links.tx.position[found.link], links.rx.position[found.link]
+    geometry = path_geometry(tx, rx, found.kind, found.vertex, found.normal, edge)
+    path, step = np.nonzero(found.kind == DIFFUSE)
+    rough = RoughHits(path, step, found.normal[path, step], np.full(len(path), 4.0 * np.pi / config.diffuse_rays))
+    sides = (wedges.surface_0, wedges.surface_n)
+    return geometry, Interactions(
+        material_id=_looked_up(table.material_id, _faces(found, table), found.kind != 0),
+        wedges=wedges,
+        wedge_material=np.stack([table.material_id[side] for side in sides], axis=1).reshape(-1, 2),
+        rough=rough,
+    )
+
+
+def _wedge_hits(scene: Scene, links: Links, table: SurfaceTable, found: FoundPaths) -> WedgeHits:
+    path, step = np.nonzero(found.kind == DIFFRACTION)
+    wedge, wedges = found.surface[path, step], table.wedges
+    vectors = [wedges.end[wedge] - wedges.begin[wedge], wedges.normal_0[wedge], wedges.normal_n[wedge]]
+    moved = np.nonzero(wedges.carrier[wedge] < len(scene.instance_actor))[0]
+    if len(moved):
+        turn = instance_poses(scene)[links.slot[found.link[path[moved]]], wedges.carrier[wedge[moved]], 3:]
+        for vector in vectors:
+            vector[moved] = rotate(turn, vector[moved])
+    vectors[0] = vectors[0] / norm(vectors[0])[:, None]
+    return WedgeHits(path, step, *vectors, wedges.surface_0[wedge], wedges.surface_n[wedge])
 
 
 def _gains(
     links: Links,
     config: ChannelConfig,
     materials: dict[str, tuple[Material, ...]],
-    link: np.ndarray,
+    air: Mapping[str, Weather] | None,
+    found: FoundPaths,
     geometry: PathGeometry,
-    material_id: np.ndarray,
-) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Return transfer [P, C, 2, 2] and coefficient [P, C] of every weather."""
-    sent = antenna_field(geometry.departure, links.tx.rotation[link], config.pattern, config.polarization)
-    received = antenna_field(geometry.arrival, links.rx.rotation[link], config.pattern, config.polarization)
-    transfer, a = {}, {}
-    is_reflected, used = material_id >= 0, np.unique(material_id[material_id >= 0])
-    row = np.where(is_reflected, material_id, 0)
+    met: Interactions,
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], dict[str, dict[str, np.ndarray]]]:
+    """Return transfer [P, C, 2, 2], coefficient [P, C] and losses of the air [P, C] of every weather."""
+    sent = antenna_field(geometry.departure, links.tx.rotation[found.link], config.pattern, config.polarization)
+    received = antenna_field(geometry.arrival, links.rx.rotation[found.link], config.pattern, config.polarization)
+    elevation = np.pi / 2 - geometry.theta_t
+    tilt = 0.0 if config.polarization == "H" else np.pi / 2
+    transfer, a, loss_db = {}, {}, {}
     for weather, by_id in materials.items():
-        permittivity = permittivity_table(by_id, config.carriers_hz, used)
-        thickness = np.array([material.radio.thickness for material in by_id] or [0.0])
-        scattering = np.array([material.radio.scattering for material in by_id] or [0.0])
-        transfer[weather] = np.zeros((len(link), len(config.carriers_hz), 2, 2), dtype=np.complex128)
-        a[weather] = np.zeros((len(link), len(config.carriers_hz)), dtype=np.complex128)
-        for column, carrier in enumerate(config.carriers_hz):
-            eta = permittivity[row, column] if len(by_id) else np.ones(len(link), dtype=np.complex128)
-            matrix = polarimetric_transfer(geometry, is_reflected, eta, thickness[row], scattering[row], carrier)
-            transfer[weather][:, column] = matrix
-            a[weather][:, column] = combine(received, matrix, sent)[:, 0, 0]
-    return transfer, a
+        if air is None or weather not in air:
+            loss_db[weather] = {name: np.zeros((len(found), len(config.carriers_hz))) for name in LOSSES}
+        else:
+            loss_db[weather] = path_loss_db(air[weather], config.carriers_hz, geometry.length, elevation, tilt)
+        left = 10.0 ** (-sum(loss_db[weather].values()) / 20.0)
+        transfer[weather] = path_transfer(geometry, met, by_id, config.carriers_hz) * left[:, :, None, None]
+        columns = [combine(received, transfer[weather][:, c], sent)[:, 0, 0] for c in range(len(config.carriers_hz))]
+        a[weather] = np.stack(columns, axis=1)
+    return transfer, a, loss_db
 
 
 def _range_rate(
     scene: Scene, links: Links, table: SurfaceTable, found: FoundPaths, geometry: PathGeometry
 ) -> np.ndarray:
-    """Return d(length)/dt of each path [m/s] from the velocities of both ends and of the reflecting point, shape [P].
+    """Return d(length)/dt of each path [m/s] from the velocities of both ends and of every point on the way, shape [P].
 
-    Source: first-order Doppler, Sionna RT 2.2 technical report; the reflecting body is rigid, so the velocity of its
-    point is v + w x r.
+    Source: first-order Doppler, Sionna RT 2.2 technical report; the bodies are rigid, so the velocity of a point is
+    v + w x r.
     """
     rate = -dot(links.tx.velocity[found.link], geometry.departure)
     rate -= dot(links.rx.velocity[found.link], geometry.arrival)
-    path = np.nonzero(found.surface >= 0)[0]
-    path = path[table.owner[found.surface[path]] >= 0] if len(path) else path
+    if not len(table) or not len(scene.instance_actor):
+        return rate
+    is_there = found.kind != 0
+    owner = _looked_up(table.owner, _faces(found, table), is_there)
+    path, step = np.nonzero(owner >= 0)
     if len(path):
         rows = np.array([scene.arrays.frame_row(frame) for frame in scene.batch_frames], dtype=np.int64)
         motion = differentiate_rows(scene.arrays.poses, rows)
         slot = links.slot[found.link[path]]
-        actor = scene.instance_actor[table.owner[found.surface[path]]]
-        arm = found.vertex[path] - scene.arrays.poses[rows[slot], actor, :3]
+        actor = scene.instance_actor[owner[path, step]]
+        arm = found.vertex[path, step] - scene.arrays.poses[rows[slot], actor, :3]
         moving = motion.velocity[slot, actor] + np.cross(motion.world_rate[slot, actor], arm)
-        rate[path] += dot(moving, geometry.departure[path] + geometry.arrival[path])
+        turned = geometry.direction[path, step] - geometry.direction[path, step + 1]
+        np.add.at(rate, path, dot(moving, turned))
     return rate

@@ -1,12 +1,13 @@
 """Every flat surface of a scene: its plane, box and triangles in float64, in the frame of whatever carries it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import warp as wp
 
 from mmw.channel.vectors import dot, norm
-from mmw.kernels.channel_refine import Surfaces
+from mmw.channel.wedge_table import WedgeTable, make_wedge_table
+from mmw.kernels.channel_surfaces import Surfaces
 from mmw.scene import Scene
 
 
@@ -38,18 +39,27 @@ class SurfaceTable:
     """Triangles of each row, shape [K], int32."""
     triangle: np.ndarray
     """Corners [m], triangles in the order of rows, shape [T, 3, 3]."""
+    is_open: np.ndarray
+    """Whether a wave passes through the surface in some weather: its material is a slab, shape [G], bool."""
     device: Surfaces
     """The same for kernels."""
+    wedges: WedgeTable
+    """Convex edges between the surfaces; none unless they were asked for."""
+    has_wedges: bool
+    """Whether wedges were asked for."""
+    sizes: dict[str, int] = field(default_factory=dict)
+    """Sizes of the candidate tables that were enough so far, so that the next batch starts with them."""
 
     def __len__(self) -> int:
         return len(self.row)
 
 
-def make_surface_table(scene: Scene) -> SurfaceTable:
+def make_surface_table(scene: Scene, *, wedges: bool = False) -> SurfaceTable:
     """Return the surfaces of a scene; make it once and use it for every batch.
 
     Args:
         scene: The scene; nothing of its batch is used.
+        wedges: Whether their convex edges are wanted, for diffraction.
     """
     arrays = scene.arrays
     town_count = arrays.town_surface_count
@@ -98,7 +108,19 @@ def make_surface_table(scene: Scene) -> SurfaceTable:
         "triangle_count": triangle_count.astype(np.int32),
         "triangle": triangle,
     }
-    return SurfaceTable(**table, device=_to_device(table, lower, upper, len(scene.instance_actor), scene.device))
+    table["is_open"] = _slabs(scene)[table["material_id"]]
+    return SurfaceTable(
+        **table,
+        device=_to_device(table, lower, upper, len(scene.instance_actor), scene.device),
+        wedges=make_wedge_table(scene, enabled=wedges),
+        has_wedges=wedges,
+    )
+
+
+def _slabs(scene: Scene) -> np.ndarray:
+    """Return which materials are slabs, and so let something through, in some weather, by material id."""
+    by_weather = [[material.radio.thickness > 0.0 for material in some] for some in scene.arrays.materials.values()]
+    return np.any(by_weather, axis=0) if by_weather else np.zeros(0, dtype=bool)
 
 
 def _mean_planes(triangle: np.ndarray, row_of: np.ndarray, first: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -133,6 +155,7 @@ def _to_device(
         ("first", table["first"], wp.int32),
         ("triangle_count", table["triangle_count"], wp.int32),
         ("corner", table["triangle"].reshape(-1, 3), wp.vec3d),
+        ("is_open", table["is_open"], wp.uint8),
     ):
         setattr(surfaces, name, wp.array(values, dtype=dtype, device=device))
     return surfaces

@@ -7,9 +7,10 @@ from mmw.config.model import Config, FramesConfig
 from mmw.config.output import OutputConfig
 from mmw.config.scenario import RsuConfig, ScenarioConfig, TrafficConfig
 from mmw.config.sensors import DepthConfig, ImuConfig, LidarConfig, MountConfig, SensorConfig
+from mmw.config.weather import AirConfig
 
 __all__ = [
-    "ChannelConfig", "ComputeConfig", "Config", "ConfigError", "DepthConfig", "FramesConfig", "ImuConfig",
+    "AirConfig", "ChannelConfig", "ComputeConfig", "Config", "ConfigError", "DepthConfig", "FramesConfig", "ImuConfig",
     "LidarConfig", "MountConfig", "OutputConfig", "RsuConfig", "ScenarioConfig", "SensorConfig", "TrafficConfig",
     "load_config",
 ]  # fmt: skip

@@ -8,7 +8,7 @@ from mmw.config.section import Section, Vec3
 
 
 class ChannelConfig(Section):
-    """Line of sight and first-order specular reflection on every link."""
+    """Paths on every link: line of sight, chains of specular reflections, and what else is switched on."""
 
     enabled: bool = Field(True, description="trace radio channels at all (true or false)")
     carriers_hz: tuple[float, ...] = Field((28e9, 4.9e9), description="carrier frequencies, all from one trace [Hz]")
@@ -20,7 +20,22 @@ class ChannelConfig(Section):
         "launch",
         description="how reflecting surfaces are found: by launched rays, or every surface for every link (mode)",
     )
-    max_depth: int = Field(1, ge=0, le=1, description="most reflections on a path (count)")
+    max_depth: int = Field(1, ge=0, le=8, description="most interactions on a path (count)")
+    los: bool = Field(True, description="the line of sight (true or false)")
+    specular: bool = Field(True, description="mirror reflections (true or false)")
+    refraction: bool = Field(
+        False, description="straight through slabs, materials with a thickness, on any leg (true or false)"
+    )
+    diffraction: bool = Field(False, description="around one convex edge of a path, UTD (true or false)")
+    diffraction_lit_region: bool = Field(
+        True, description="diffracted paths also where the source or its reflection is seen (true or false)"
+    )
+    diffuse: bool = Field(
+        False, description="scattering at one rough surface, materials with a scattering coefficient (true or false)"
+    )
+    diffuse_rays: int = Field(
+        1000, ge=2, le=2**24, description="rays that look for rough surfaces; each gives a path a link (count)"
+    )
     pattern: Literal["dipole", "iso"] = Field("dipole", description="element pattern of both ends (name)")
     polarization: Literal["V", "H"] = Field("V", description="polarisation of both ends (name)")
     antenna_position_m: dict[Literal["cav", "rsu"], Vec3] = Field(

@@ -77,7 +77,8 @@ def _walk(location: Sequence[str | int]) -> tuple[list[type[BaseModel]], Key]:
         if isinstance(part, int):
             continue
         models = inside
-        inside = [found for model in models if part in model.model_fields for found in models_in(model, str(part))]
+        holders = [model for model in models if part in model.model_fields]  # none: the part is the key of a map
+        inside = [found for model in holders for found in models_in(model, str(part))] if holders else models
     return inside if inside and key and isinstance(key[-1], int) else models, tuple(key)
 
 

@@ -4,7 +4,7 @@ import hashlib
 import json
 from typing import Any
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from mmw.config.channel import ChannelConfig
 from mmw.config.compute import ComputeConfig
@@ -12,6 +12,7 @@ from mmw.config.output import OutputConfig
 from mmw.config.scenario import ScenarioConfig
 from mmw.config.section import Name, Section
 from mmw.config.sensors import SensorConfig, default_sensors
+from mmw.config.weather import AirConfig, resolve_air
 
 
 class FramesConfig(Section):
@@ -31,6 +32,11 @@ class Config(Section):
 
     scenarios: tuple[ScenarioConfig, ...] = Field(description="worlds, traffic and agents (list)")
     weathers: tuple[Name, ...] = Field(("sunny",), description="weather variants of the town to make (list)")
+    air: dict[Name, AirConfig] = Field(
+        default_factory=dict,
+        validate_default=True,
+        description="weather -> its physical values; presets need no entry, other names do (map)",
+    )
     frames: FramesConfig = Field(default_factory=FramesConfig, description="frames of every scenario (section)")
     seed: int = Field(42, ge=0, lt=2**31, description="seeds traffic and sensor noise (number)")
     sensors: tuple[SensorConfig, ...] = Field(default_factory=default_sensors, description="the agents' sensors (list)")
@@ -47,6 +53,12 @@ class Config(Section):
         if len(set(names)) != len(names):
             raise ValueError(f"{names} names a scenario twice; give each its own name")
         return value
+
+    @field_validator("air")
+    @classmethod
+    def _known_weathers(cls, value: dict[str, AirConfig], info: ValidationInfo) -> dict[str, AirConfig]:
+        weathers = info.data.get("weathers")  # absent if it is wrong itself, which is said elsewhere
+        return value if weathers is None else resolve_air(value, weathers)
 
     @model_validator(mode="after")
     def _unique(self) -> "Config":

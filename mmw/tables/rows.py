@@ -208,12 +208,12 @@ def path_rows(arrays: SceneArrays, links: Links, paths: Paths, weather: str) -> 
     path, carrier = np.repeat(np.arange(count), carriers), np.tile(np.arange(carriers), count)
     link = paths.link[path]
     a, transfer = paths.a[weather][path, carrier], paths.transfer[weather][path, carrier]
-    is_reflected = paths.kind[path] != PATH_LOS
-    offsets = pa.array(np.concatenate([[0], np.cumsum(is_reflected)]).astype(np.int32))
+    is_there = paths.interaction[path] != 0
+    offsets = np.concatenate([[0], np.cumsum(is_there.sum(axis=1))]).astype(np.int32)
 
     def lists(values: np.ndarray, width: int = 1) -> pa.Array:
-        flat = pa.array(np.ascontiguousarray(values[path][is_reflected]).reshape(-1))
-        ends = offsets if width == 1 else pa.array(offsets.to_numpy() * np.int32(width))
+        flat = pa.array(np.ascontiguousarray(values[path][is_there]).reshape(-1))
+        ends = pa.array(offsets * np.int32(width))
         return pa.ListArray.from_arrays(ends, flat, type=pa.list_(pa.field("element", flat.type, nullable=False)))
 
     matrix = {
@@ -228,8 +228,9 @@ def path_rows(arrays: SceneArrays, links: Links, paths: Paths, weather: str) -> 
         "peer": _names(arrays, links.tx_actor[link]),
         "carrier_hz": paths.carriers_hz[carrier],
         "path": paths.index[path],
+        "path_id": paths.path_id[path],
         "kind": np.array(PATH_KINDS, dtype=object)[paths.kind[path]],
-        "order": is_reflected.astype(np.int8),
+        "order": paths.order[path],
         "tau_s": paths.tau[path],
         "a_re": np.ascontiguousarray(a.real),
         "a_im": np.ascontiguousarray(a.imag),
@@ -239,6 +240,8 @@ def path_rows(arrays: SceneArrays, links: Links, paths: Paths, weather: str) -> 
         "aoa_az": paths.phi_r[path],
         "aoa_ze": paths.theta_r[path],
         "doppler_hz": paths.doppler_hz[path, carrier],
+        **{name: values[path, carrier].astype(np.float32) for name, values in paths.loss_db[weather].items()},
+        "interactions": lists(paths.interaction),
         "vertices": lists(paths.vertex, 3),
         "objects": lists(paths.object_id),
         "materials": lists(paths.material_id),
@@ -271,6 +274,10 @@ def static_rows(arrays: SceneArrays, config: Config, scenario: ScenarioConfig) -
                 name: np.array([getattr(r, name) for r in radio], dtype=np.float64)
                 for name in ("relative_permittivity", "conductivity", "thickness", "scattering", "xpd")
             },
+            "scattering_pattern": [r.scattering_pattern for r in radio],
+            "alpha_r": np.array([r.alpha_r for r in radio], dtype=np.int16),
+            "alpha_i": np.array([r.alpha_i for r in radio], dtype=np.int16),
+            "lobe_share": np.array([r.lobe_share for r in radio], dtype=np.float64),
             "nonvisual_base": [m.nonvisual_base for _, _, m in materials],
             "lidar_reflectance": np.array([m.lidar_reflectance for _, _, m in materials]),
             "color": [np.array(m.color, dtype=np.float32) for _, _, m in materials],

@@ -204,7 +204,10 @@ _PATHS = TableSpec(
     (
         *_LINK,
         _column("path", I16, "index", "number of the path in its link, from 0; equal for all carriers and weathers"),
-        _column("kind", NAME, "", "los or specular"),
+        _column(
+            "path_id", I64, "id", "the same in every frame, carrier and weather; a diffuse path lives in one frame"
+        ),
+        _column("kind", NAME, "", "los, specular, transmission, diffuse or diffraction: the last of these on its way"),
         _column("order", I8, "count", "interactions on the way"),
         _column("tau_s", F64, "s", "absolute delay: path length over the speed of light"),
         *(
@@ -235,13 +238,23 @@ _PATHS = TableSpec(
             "aoa_ze", F64, "rad", "zenith angle of arrival at `agent`, towards the last vertex, world frame, 0 to pi"
         ),
         _column("doppler_hz", F64, "Hz", "Doppler shift; positive while the path gets shorter"),
+        *(
+            _column(f"{name}_db", F32, "dB", f"loss by {word} that a and t hold; 10^(dB/20) times them is without it")
+            for name, word in (("rain", "rain"), ("fog", "fog"), ("gas", "oxygen and water vapour"))
+        ),
+        _column(
+            "interactions", _list(I8), "-", "each interaction: 1 specular, 2 diffuse, 4 transmission, 8 diffraction"
+        ),
         _column(
             "vertices", _list(F64), "m", "x, y, z of each interaction in turn, from `peer` to `agent`, world frame"
         ),
         _column("objects", _list(I32), "id", "object of each interaction, a row of `objects`"),
         _column("materials", _list(I32), "id", "material of each interaction, a row of `materials`"),
         _column(
-            "surfaces", _list(I32), "id", "surface of each interaction; they identify a path of the link over frames"
+            "surfaces",
+            _list(I32),
+            "id",
+            "surface (of a diffraction: edge) of each interaction, the same in every frame",
         ),
     ),
     ("frame", "agent", "peer", "carrier_hz", "path"),
@@ -297,6 +310,10 @@ _MATERIALS = TableSpec(
         _column("thickness", F64, "m", "slab thickness; 0 = half-space"),
         _column("scattering", F64, "-", "scattering coefficient, 0 to 1"),
         _column("xpd", F64, "-", "cross-polarisation coefficient of scattering, 0 to 1"),
+        _column("scattering_pattern", NAME, "", "lambertian, directive or backscattering"),
+        _column("alpha_r", I16, "-", "exponent of the lobe around the reflection"),
+        _column("alpha_i", I16, "-", "exponent of the lobe back to the source"),
+        _column("lobe_share", F64, "-", "share of the lobe around the reflection, 0 to 1"),
         _column("nonvisual_base", NAME, "", "SimReady non-visual base token"),
         _column("lidar_reflectance", F64, "-", "diffuse reflectance at 905 nm, 0 to 1"),
         _column("color", _list(F32), "-", "linear diffuse colour: red, green, blue, 0 to 1"),

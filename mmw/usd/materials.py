@@ -4,11 +4,11 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from typing import Any
+from typing import Any, get_args
 
 from pxr import Usd, UsdShade
 
-from mmw.materials import LIDAR_REFLECTANCE_905NM, Material, RadioMaterial, lidar_reflectance
+from mmw.materials import LIDAR_REFLECTANCE_905NM, Material, RadioMaterial, ScatteringPattern, lidar_reflectance
 from mmw.usd.schema import RADIO_ATTRIBUTES
 
 NONVISUAL = "omni:simready:nonvisual:"
@@ -127,9 +127,10 @@ def _read_radio(prim: Usd.Prim) -> RadioMaterial:
     fallback = RadioMaterial("constant")
     values = {}
     for field, attribute in RADIO_ATTRIBUTES.items():
-        value = _value(prim, attribute.name, getattr(fallback, field))
+        default = getattr(fallback, field)
+        value = _value(prim, attribute.name, default)
         # The attributes are float32; seven digits give back the decimal number that was written.
-        values[field] = float(f"{value:.7g}") if isinstance(value, float) else str(value)
+        values[field] = float(f"{value:.7g}") if isinstance(default, float) else type(default)(value)
     radio = RadioMaterial(**values)
     if radio.model not in ("itu", "constant"):
         raise ValueError(f"{where}: mmw:radio:model = {radio.model!r}; itu or constant is needed")
@@ -144,6 +145,16 @@ def _read_radio(prim: Usd.Prim) -> RadioMaterial:
         raise ValueError(
             f"{where}: thickness = {radio.thickness:g} m, scattering = {radio.scattering:g}, xpd = {radio.xpd:g}; "
             "a thickness of at least 0 and the others within 0 to 1 are needed"
+        )
+    if radio.scattering_pattern not in get_args(ScatteringPattern):
+        raise ValueError(
+            f"{where}: mmw:radio:scatteringPattern = {radio.scattering_pattern!r}; one of "
+            f"{', '.join(get_args(ScatteringPattern))} is needed"
+        )
+    if radio.alpha_r < 1 or radio.alpha_i < 1 or not 0.0 <= radio.lobe_share <= 1.0:
+        raise ValueError(
+            f"{where}: alphaR = {radio.alpha_r}, alphaI = {radio.alpha_i}, lobeShare = {radio.lobe_share:g}; "
+            "exponents of at least 1 and a share within 0 to 1 are needed"
         )
     return radio
 

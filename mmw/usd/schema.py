@@ -34,6 +34,12 @@ RADIO_ATTRIBUTES = {
     "thickness": RadioAttribute("mmw:radio:thickness", Sdf.ValueTypeNames.Float, Sdf.VariabilityVarying),
     "scattering": RadioAttribute("mmw:radio:scattering", Sdf.ValueTypeNames.Float, Sdf.VariabilityVarying),
     "xpd": RadioAttribute("mmw:radio:xpd", Sdf.ValueTypeNames.Float, Sdf.VariabilityVarying),
+    "scattering_pattern": RadioAttribute(
+        "mmw:radio:scatteringPattern", Sdf.ValueTypeNames.Token, Sdf.VariabilityUniform
+    ),
+    "alpha_r": RadioAttribute("mmw:radio:alphaR", Sdf.ValueTypeNames.Int, Sdf.VariabilityVarying),
+    "alpha_i": RadioAttribute("mmw:radio:alphaI", Sdf.ValueTypeNames.Int, Sdf.VariabilityVarying),
+    "lobe_share": RadioAttribute("mmw:radio:lobeShare", Sdf.ValueTypeNames.Float, Sdf.VariabilityVarying),
 }
 """Field of `mmw.materials.RadioMaterial` -> attribute of the Material prim."""
 

@@ -1,0 +1,251 @@
+"""Chains of surfaces: images of the transmitter, and the (link, chain) pairs that are worth an exact look."""
+
+import warp as wp
+
+from mmw.kernels.channel_launch import EMPTY_CELL, SURFACE_BITS
+from mmw.kernels.channel_surfaces import (
+    BOX_MARGIN,
+    LinkEnds,
+    Plane,
+    Surfaces,
+    in_box,
+    is_mirror,
+    largest,
+    mean_plane,
+    mirror_point,
+    mirrored,
+)
+from mmw.kernels.geometry import reflection_point
+
+wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
+
+LINKS_AT_ONCE = wp.constant(8)
+"""Links that one thread tests against its surface: the plane is read once for them."""
+LINK_BITS = wp.constant(31)
+"""Links of a source that one pass over the chains tests: the bits of its answer."""
+
+
+@wp.struct
+class Chains:
+    """The tree of chains of a launch; codes below `first` are (source, surface) pairs, the others cells."""
+
+    key: wp.array[wp.uint64]
+    """(level, surface, parent) of each cell, 0 where it is free, shape [N]."""
+    first: int
+    """Code of cell 0: the number of (source, surface) pairs."""
+    surface_count: int
+    """G."""
+    source: wp.array[int]
+    """Source of each chain, shape [N]."""
+    image: wp.array[wp.vec3d]
+    """Image of the transmitter before the chain's last surface, world frame [m], shape [N]."""
+    normal: wp.array[wp.vec3d]
+    """Mean plane of the last surface in the world: unit normal, shape [N]."""
+    offset: wp.array[wp.float64]
+    """Mean plane of the last surface in the world: normal . p [m], shape [N]."""
+
+
+@wp.func
+def chain_surface(key: wp.uint64) -> int:
+    """Return the last surface of a chain."""
+    return wp.int32((key >> wp.uint64(32)) & ((wp.uint64(1) << SURFACE_BITS) - wp.uint64(1)))
+
+
+@wp.func
+def chain_parent(key: wp.uint64) -> int:
+    """Return the code of the chain before."""
+    return wp.int32(key & wp.uint64(0x7FFFFFFF))
+
+
+@wp.func
+def chain_level(key: wp.uint64) -> int:
+    """Return the number of surfaces of a chain."""
+    return wp.int32(key >> (wp.uint64(32) + SURFACE_BITS))
+
+
+@wp.kernel
+def cull_kernel(
+    ends: LinkEnds,
+    surfaces: Surfaces,
+    first_link: int,
+    first_source: int,
+    is_seen: wp.array2d[wp.uint8],
+    # out
+    is_candidate_out: wp.array2d[wp.uint8],
+):
+    """Keep the (link, surface) pairs whose point of reflection falls into the surface's box.
+
+    A thread takes one surface and `LINKS_AT_ONCE` links. `is_seen` has a row for each source from `first_source`.
+    Launch: dim=(ceil(L / LINKS_AT_ONCE), G).
+    """
+    block, surface = wp.tid()
+    plane = surfaces.row[surface]
+    normal = surfaces.normal[plane]
+    offset = surfaces.offset[plane]
+    carrier = surfaces.carrier[surface]
+    row = block * LINKS_AT_ONCE
+    stop = wp.min(row + LINKS_AT_ONCE, is_candidate_out.shape[0])
+    while row < stop:
+        link = first_link + row
+        keep = wp.uint8(0)
+        if is_seen[ends.source[link] - first_source, surface] != wp.uint8(0):
+            tx = ends.tx[link, carrier]
+            rx = ends.rx[link, carrier]
+            if is_mirror(normal, offset, tx, rx):
+                point = reflection_point(tx, rx, normal, offset)
+                low = point - surfaces.lower[plane]
+                high = surfaces.upper[plane] - point
+                slack = -BOX_MARGIN * (wp.float64(1.0) + largest(point))
+                if wp.min(low) >= slack and wp.min(high) >= slack:
+                    keep = wp.uint8(1)
+        is_candidate_out[row, surface] = keep
+        row = row + 1
+
+
+@wp.kernel
+def image_kernel(
+    surfaces: Surfaces,
+    pose: wp.array2d[wp.transformd],
+    slot: wp.array[int],
+    tx: wp.array[wp.vec3d],
+    level: int,
+    chains: Chains,
+    # out
+    source_out: wp.array[int],
+    image_out: wp.array[wp.vec3d],
+    normal_out: wp.array[wp.vec3d],
+    offset_out: wp.array[wp.float64],
+):
+    """Work out plane and image of the chains of one level; those of the level before must be there.
+
+    `slot` and `tx` [m, world frame] have a row a source. The outputs are the arrays of `chains`. Launch: dim=N.
+    """
+    cell = wp.tid()
+    key = chains.key[cell]
+    if key == EMPTY_CELL or chain_level(key) != level:
+        return
+    parent = chain_parent(key)
+    source = wp.int32(0)
+    image = wp.vec3d()
+    before = Plane()
+    if parent < chains.first:
+        source = parent // chains.surface_count
+        image = tx[source]
+        before = mean_plane(surfaces, pose, slot[source], parent % chains.surface_count)
+    else:
+        source = chains.source[parent - chains.first]
+        image = chains.image[parent - chains.first]
+        before.normal = chains.normal[parent - chains.first]
+        before.offset = chains.offset[parent - chains.first]
+    own = mean_plane(surfaces, pose, slot[source], chain_surface(key))
+    source_out[cell] = source
+    image_out[cell] = mirrored(image, before)
+    normal_out[cell] = own.normal
+    offset_out[cell] = own.offset
+
+
+@wp.func
+def points_open(
+    ends: LinkEnds,
+    surfaces: Surfaces,
+    pose: wp.array2d[wp.transformd],
+    chains: Chains,
+    last: int,
+    link: int,
+    end: wp.vec3d,
+) -> bool:
+    """Return whether the chain with code `last`, read from its last surface to the first, reflects inside their boxes
+    what goes from the transmitter of a link to the point `end`."""
+    slot = ends.slot[link]
+    target = end
+    code = last
+    is_open = wp.bool(True)
+    while is_open and code >= chains.first:
+        at = code - chains.first
+        key = chains.key[at]
+        normal = chains.normal[at]
+        image = chains.image[at]
+        is_open = is_mirror(normal, chains.offset[at], image, target)
+        if is_open:
+            target = reflection_point(image, target, normal, chains.offset[at])
+            is_open = in_box(surfaces, pose, slot, chain_surface(key), target)
+        code = chain_parent(key)
+    if is_open:
+        surface = code % chains.surface_count
+        plane = mean_plane(surfaces, pose, slot, surface)
+        tx = ends.tx[link, ends.tx.shape[1] - 1]
+        is_open = is_mirror(plane.normal, plane.offset, tx, target)
+        if is_open:
+            is_open = in_box(surfaces, pose, slot, surface, mirror_point(plane, tx, target))
+    return is_open
+
+
+@wp.kernel
+def cull_chain_kernel(
+    ends: LinkEnds,
+    surfaces: Surfaces,
+    pose: wp.array2d[wp.transformd],
+    first_link: wp.array[int],
+    block: int,
+    chains: Chains,
+    # out
+    links_out: wp.array[int],
+    count_out: wp.array[int],
+):
+    """Find which links of its source a chain could serve; bit b of `links_out` is link `block` * LINK_BITS + b of it.
+
+    `first_link` has one entry more than there are sources. Launch: dim=N.
+    """
+    cell = wp.tid()
+    bits = wp.int32(0)
+    count = wp.int32(0)
+    if chains.key[cell] != EMPTY_CELL:
+        source = chains.source[cell]
+        begin = first_link[source] + block * LINK_BITS
+        stop = wp.min(first_link[source + 1], begin + LINK_BITS)
+        link = begin
+        while link < stop:
+            rx = ends.rx[link, ends.rx.shape[1] - 1]
+            if points_open(ends, surfaces, pose, chains, chains.first + cell, link, rx):
+                bits = bits | (1 << (link - begin))
+                count = count + 1
+            link = link + 1
+    links_out[cell] = bits
+    count_out[cell] = count
+
+
+@wp.kernel
+def fill_chain_kernel(
+    first_link: wp.array[int],
+    block: int,
+    chains: Chains,
+    links: wp.array[int],
+    end: wp.array[int],
+    # out
+    link_out: wp.array[int],
+    surface_out: wp.array2d[int],
+):
+    """Write the (link, chain) pairs that `cull_chain_kernel` kept; `end` is the inclusive sum of its counts.
+
+    A chain is written from transmitter to receiver, -1 behind its end. Launch: dim=N.
+    """
+    cell = wp.tid()
+    bits = links[cell]
+    if bits == 0:
+        return
+    begin = first_link[chains.source[cell]] + block * LINK_BITS
+    place = end[cell]
+    bit = LINK_BITS - 1
+    while bit >= 0:
+        if (bits >> bit) & 1 == 1:
+            place = place - 1
+            link_out[place] = begin + bit
+            code = chains.first + cell
+            position = chain_level(chains.key[cell]) - 1
+            while code >= chains.first:
+                key = chains.key[code - chains.first]
+                surface_out[place, position] = chain_surface(key)
+                code = chain_parent(key)
+                position = position - 1
+            surface_out[place, 0] = code % chains.surface_count
+        bit = bit - 1

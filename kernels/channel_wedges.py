@@ -1,0 +1,112 @@
+"""Wedges: convex edges between two flat surfaces, and where a wave bends around them."""
+
+import warp as wp
+
+wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
+
+EDGE_SLACK = wp.constant(wp.float64(1e-9))
+"""A point this close beyond an end of an edge is on it [m]: no gap opens between the edges of one line."""
+
+
+@wp.struct
+class Wedges:
+    """Straight convex edges of town and instances, in the frame of what carries them, float64."""
+
+    carrier: wp.array[int]
+    """Instance that carries the wedge, V for the town, shape [E]."""
+    begin: wp.array[wp.vec3d]
+    """One end of the edge [m], shape [E]."""
+    end: wp.array[wp.vec3d]
+    """Other end [m], shape [E]."""
+    normal_0: wp.array[wp.vec3d]
+    """Outward normal of one face, shape [E]."""
+    normal_n: wp.array[wp.vec3d]
+    """Outward normal of the other face, shape [E]."""
+    surface_0: wp.array[int]
+    """Surface of the first face, shape [E]."""
+    surface_n: wp.array[int]
+    """Surface of the second face, shape [E]."""
+    first: wp.array[int]
+    """First entry of each surface in `of_surface`, and the number of entries, shape [G + 1]."""
+    of_surface: wp.array[int]
+    """The wedges of each surface, one surface after the other, shape [2 E]."""
+
+
+@wp.struct
+class Edge:
+    """One wedge in the world frame."""
+
+    begin: wp.vec3d
+    along: wp.vec3d
+    """Unit vector from `begin` to the other end."""
+    length: wp.float64
+    normal_0: wp.vec3d
+    normal_n: wp.vec3d
+    away: wp.vec3d
+    """Unit vector from the edge into the open, between the two normals."""
+
+
+@wp.func
+def edge_world(wedges: Wedges, pose: wp.array2d[wp.transformd], slot: int, wedge: int) -> Edge:
+    """Return a wedge in the world frame; `pose` has a column an instance."""
+    begin = wedges.begin[wedge]
+    end = wedges.end[wedge]
+    edge = Edge()
+    edge.normal_0 = wedges.normal_0[wedge]
+    edge.normal_n = wedges.normal_n[wedge]
+    carrier = wedges.carrier[wedge]
+    if carrier < pose.shape[1]:
+        begin = wp.transform_point(pose[slot, carrier], begin)
+        end = wp.transform_point(pose[slot, carrier], end)
+        edge.normal_0 = wp.transform_vector(pose[slot, carrier], edge.normal_0)
+        edge.normal_n = wp.transform_vector(pose[slot, carrier], edge.normal_n)
+    edge.begin = begin
+    edge.length = wp.length(end - begin)
+    edge.along = (end - begin) / edge.length
+    edge.away = wp.normalize(edge.normal_0 + edge.normal_n)
+    return edge
+
+
+@wp.func
+def edge_point(edge: Edge, tx: wp.vec3d, rx: wp.vec3d) -> wp.vec4d:
+    """Return the point of the edge on the shortest way from `tx` to `rx` over it, and 1; 0 if that is off the edge.
+
+    Turning both ends about the edge into one plane makes the way a straight line (Fermat; the law of diffraction).
+    Source: J. B. Keller, Geometrical theory of diffraction, J. Opt. Soc. Am. 52 (1962), section 2.
+    """
+    tx_along = wp.dot(edge.along, tx - edge.begin)
+    rx_along = wp.dot(edge.along, rx - edge.begin)
+    tx_away = wp.length(tx - edge.begin - tx_along * edge.along)
+    rx_away = wp.length(rx - edge.begin - rx_along * edge.along)
+    at = (tx_along * rx_away + rx_along * tx_away) / (tx_away + rx_away)
+    is_on = at >= -EDGE_SLACK and at <= edge.length + EDGE_SLACK and wp.min(tx_away, rx_away) > wp.float64(1e-6)
+    point = edge.begin + at * edge.along
+    return wp.vec4d(point[0], point[1], point[2], wp.where(is_on, wp.float64(1.0), wp.float64(0.0)))
+
+
+@wp.func
+def is_outside(edge: Edge, point: wp.vec3d) -> bool:
+    """Return whether a point lies in front of one of the two faces, that is, not inside the wedge."""
+    to_point = point - edge.begin
+    return wp.dot(edge.normal_0, to_point) > wp.float64(1e-9) or wp.dot(edge.normal_n, to_point) > wp.float64(1e-9)
+
+
+@wp.kernel
+def cull_wedge_kernel(
+    slot: wp.array[int],
+    tx: wp.array[wp.vec3d],
+    rx: wp.array[wp.vec3d],
+    wedges: Wedges,
+    pose: wp.array2d[wp.transformd],
+    # out
+    is_candidate_out: wp.array2d[wp.uint8],
+):
+    """Keep the (link, wedge) pairs whose point of diffraction is on the edge, with both ends outside the wedge.
+
+    `slot`, `tx` and `rx` have a row a link. Launch: dim=(L, E).
+    """
+    link, wedge = wp.tid()
+    edge = edge_world(wedges, pose, slot[link], wedge)
+    is_bent = is_outside(edge, tx[link]) and is_outside(edge, rx[link])
+    is_bent = is_bent and edge_point(edge, tx[link], rx[link])[3] > wp.float64(0.0)
+    is_candidate_out[link, wedge] = wp.where(is_bent, wp.uint8(1), wp.uint8(0))

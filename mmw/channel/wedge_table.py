@@ -1,0 +1,151 @@
+"""Every convex edge between two flat surfaces of a scene: what a wave can bend around."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+
+from mmw.channel.vectors import dot, norm
+from mmw.kernels.channel_wedges import Wedges
+from mmw.scene import Scene
+from mmw.surfaces import weld
+
+MIN_BEND_RAD = 0.05
+"""Smallest angle between the normals of a wedge's faces [rad]; flatter edges, as on a rounded bonnet, bend nothing that
+the facets do not reflect."""
+
+SAME_PLACE_M = 1e-3
+"""Pieces of an edge that meet within this [m] are one edge."""
+
+
+@dataclass(frozen=True)
+class WedgeTable:
+    """Wedges of the town and of every instance, by global id 0 to E - 1, in the frame of what carries them."""
+
+    carrier: np.ndarray
+    """Instance, V for the town, shape [E], int32."""
+    begin: np.ndarray
+    """One end of the edge [m], shape [E, 3]."""
+    end: np.ndarray
+    """Other end [m], shape [E, 3]."""
+    normal_0: np.ndarray
+    """Outward normal of one face, shape [E, 3]."""
+    normal_n: np.ndarray
+    """Outward normal of the other face, shape [E, 3]."""
+    surface_0: np.ndarray
+    """Global surface of the first face, shape [E], int32."""
+    surface_n: np.ndarray
+    """Global surface of the second face, shape [E], int32."""
+    device: Wedges
+    """The same for kernels."""
+
+    def __len__(self) -> int:
+        return len(self.carrier)
+
+
+def make_wedge_table(scene: Scene, *, enabled: bool) -> WedgeTable:
+    """Return the wedges of a scene, or none if `enabled` is false.
+
+    Args:
+        scene: The scene; nothing of its batch is used.
+        enabled: Whether diffraction is wanted.
+    """
+    arrays = scene.arrays
+    town = len(scene.instance_actor)
+    columns = []
+    if enabled:
+        columns.append((np.int32(town), 0, *find_wedges(arrays.points, arrays.faces, arrays.surface)))
+        of_model = [find_wedges(model.points, model.faces, model.surface) for model in arrays.models]
+        for instance, actor in enumerate(scene.instance_actor):
+            wedges = of_model[arrays.actors[actor].model]
+            columns.append((np.int32(instance), int(scene.surface_offset[instance]), *wedges))
+    parts = {name: [np.zeros((0, 3))] for name in ("begin", "end", "normal_0", "normal_n")}
+    ids = {name: [np.zeros(0, np.int32)] for name in ("carrier", "surface_0", "surface_n")}
+    for carrier, offset, begin, end, normal_0, normal_n, surface_0, surface_n in columns:
+        for name, values in zip(parts, (begin, end, normal_0, normal_n), strict=True):
+            parts[name].append(values)
+        ids["carrier"].append(np.full(len(begin), carrier))
+        ids["surface_0"].append(surface_0 + offset)
+        ids["surface_n"].append(surface_n + offset)
+    table = {name: np.concatenate(values) for name, values in parts.items()}
+    numbers = {name: np.concatenate(values).astype(np.int32) for name, values in ids.items()}
+    device = Wedges()
+    for name, values in table.items():
+        setattr(device, name, wp.array(values, dtype=wp.vec3d, device=scene.device))
+    for name, values in numbers.items():
+        setattr(device, name, wp.array(values, dtype=wp.int32, device=scene.device))
+    face = np.concatenate([numbers["surface_0"], numbers["surface_n"]])
+    order = np.argsort(face, kind="stable")
+    first = np.searchsorted(face[order], np.arange(scene.surface_count + 1))
+    device.first = wp.array(first, dtype=wp.int32, device=scene.device)
+    device.of_surface = wp.array(order % max(len(face) // 2, 1), dtype=wp.int32, device=scene.device)
+    return WedgeTable(**numbers, **table, device=device)
+
+
+def find_wedges(points: np.ndarray, faces: np.ndarray, surface: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Return the convex edges that two flat surfaces of a mesh share.
+
+    Faces are counter-clockwise seen from outside, so that convex and concave edges can be told apart; an edge between
+    faces that disagree about the outside, or with one or three faces, is none.
+
+    Args:
+        points: Vertices [m], shape [N, 3].
+        faces: Vertex indices, shape [M, 3].
+        surface: Surface of each face, shape [M].
+
+    Returns:
+        begin, end, normal_0, normal_n, each [E, 3], and surface_0, surface_n, each [E]; sorted by the surfaces.
+    """
+    none = (*(np.zeros((0, 3)) for _ in range(4)), *(np.zeros(0, np.int32) for _ in range(2)))
+    if len(faces) == 0:
+        return none
+    vertex = weld(points)[faces]
+    edges = vertex[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    face, opposite = np.repeat(np.arange(len(faces)), 3), faces[:, [2, 0, 1]].reshape(-1)
+    is_forward = edges[:, 0] < edges[:, 1]
+    order = np.lexsort((edges.max(axis=1), edges.min(axis=1)))
+    low, high = edges.min(axis=1)[order], edges.max(axis=1)[order]
+    starts = np.flatnonzero(np.append(True, (low[1:] != low[:-1]) | (high[1:] != high[:-1])))
+    sizes = np.diff(np.append(starts, len(order)))
+    pair = starts[(sizes == 2) & (low[starts] != high[starts])]
+    one, two = order[pair], order[pair + 1]
+    keep = (is_forward[one] != is_forward[two]) & (surface[face[one]] != surface[face[two]])
+    one, two = one[keep], two[keep]
+    corner = points[faces].astype(np.float64)
+    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    length = norm(normal)
+    normal /= np.where(length > 0.0, length, 1.0)[:, None]
+    n0, nn = normal[face[one]], normal[face[two]]
+    at = points[edges[one, 0]]
+    depth = dot(n0, points[opposite[two]] - at)
+    keep = (norm(np.cross(n0, nn)) > np.sin(MIN_BEND_RAD)) & (depth < 0.0)
+    keep &= (length[face[one]] > 0.0) & (length[face[two]] > 0.0)
+    if not keep.any():
+        return none
+    one, two, n0, nn = one[keep], two[keep], n0[keep], nn[keep]
+    s0, sn = surface[face[one]], surface[face[two]]
+    swap = s0 > sn
+    s0, sn = np.where(swap, sn, s0), np.where(swap, s0, sn)
+    n0, nn = np.where(swap[:, None], nn, n0), np.where(swap[:, None], n0, nn)
+    return _joined(points[edges[one, 0]], points[edges[one, 1]], n0, nn, s0, sn)
+
+
+def _joined(
+    begin: np.ndarray, end: np.ndarray, n0: np.ndarray, nn: np.ndarray, s0: np.ndarray, sn: np.ndarray
+) -> tuple[np.ndarray, ...]:
+    """Return the edges with pieces that lie one behind the other between the same two surfaces made one."""
+    group = np.unique(np.stack([s0, sn], axis=1), axis=0, return_inverse=True)[1].reshape(-1)
+    lead = np.unique(group, return_index=True)[1][group]  # the two planes of a pair have one line in common
+    along = (end - begin)[lead]
+    along /= norm(along)[:, None]
+    low, high = dot(begin - begin[lead], along), dot(end - begin[lead], along)
+    flip = low > high
+    begin, end = np.where(flip[:, None], end, begin), np.where(flip[:, None], begin, end)
+    low, high = np.minimum(low, high), np.maximum(low, high)
+    order = np.lexsort((low, group))
+    group, low, high = group[order], low[order], high[order]
+    is_new = np.append(True, (group[1:] != group[:-1]) | (low[1:] > high[:-1] + SAME_PLACE_M))
+    first = np.flatnonzero(is_new)
+    last = np.append(first[1:], len(order)) - 1
+    head, tail = order[first], order[last]
+    return begin[head], end[tail], n0[head], nn[head], s0[head].astype(np.int32), sn[head].astype(np.int32)

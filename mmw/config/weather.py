@@ -1,0 +1,75 @@
+"""`air`: the physical values behind the names of `weathers`."""
+
+from dataclasses import asdict, replace
+from typing import Literal
+
+from pydantic import Field
+
+from mmw.config.section import Section
+from mmw.weather import LIMITS, PRESETS, FogType, Weather
+
+PresetName = Literal["sunny", "light_rain", "rainy", "heavy_rain", "light_fog", "foggy", "heavy_fog"]
+
+
+def _bounds(name: str) -> dict[str, float]:
+    low, high = LIMITS[name]
+    return {"ge": low, "le": high}
+
+
+class AirConfig(Section):
+    """One weather. What is left out comes from `preset`, else from the preset of the same name, else is clear air."""
+
+    preset: PresetName | None = Field(None, description="preset that fills in what is left out (name)")
+    rain_mm_h: float | None = Field(None, **_bounds("rain_mm_h"), description="rain rate [mm/h]")
+    visibility_m: float | None = Field(
+        None,
+        **_bounds("visibility_m"),
+        description="meteorological optical range that fog or haze leaves, without the rain's share [m]",
+    )
+    fog_type: FogType | None = Field(
+        None, description="drop sizes of the fog: the water that a visibility means (name)"
+    )
+    lwc_g_m3: float | None = Field(
+        None,
+        **_bounds("lwc_g_m3"),
+        description="liquid water content of the fog; left out, it follows from visibility and fog type [g/m3]",
+    )
+    temperature_c: float | None = Field(
+        None, **_bounds("temperature_c"), description="temperature of air and drops [C]"
+    )
+    pressure_hpa: float | None = Field(None, **_bounds("pressure_hpa"), description="air pressure [hPa]")
+    relative_humidity: float | None = Field(
+        None, **_bounds("relative_humidity"), description="water vapour over that of saturated air, 0 to 1 [-]"
+    )
+
+    def weather(self, name: str) -> Weather:
+        """Return the physical values of this weather.
+
+        Args:
+            name: Its name in `weathers`.
+        """
+        base = PRESETS[self.preset] if self.preset else PRESETS.get(name, Weather())
+        return replace(base, **self.model_dump(exclude={"preset"}, exclude_none=True))
+
+
+def resolve_air(air: dict[str, AirConfig], weathers: tuple[str, ...]) -> dict[str, AirConfig]:
+    """Return every value of every weather that is made, so that a dataset says what its weather was.
+
+    Args:
+        air: The section as the user gave it. Presets that are not made are dropped from it.
+        weathers: Names of the weathers to make.
+
+    Raises:
+        ValueError: If a weather is neither in the section nor a preset, or the section describes one that is neither
+            made nor a preset.
+    """
+    for name in weathers:
+        if name not in air and name not in PRESETS:
+            raise ValueError(
+                f"weathers holds {name!r}, of which nothing is known; presets are {', '.join(PRESETS)}; use one of "
+                f"them, or describe it here, for example {{{name}: {{rain_mm_h: 10}}}}"
+            )
+    for name in air:
+        if name not in weathers and name not in PRESETS:
+            raise ValueError(f"{name!r} is described, but weathers = {list(weathers)}; add it there, or remove it here")
+    return {name: AirConfig(**asdict(air.get(name, AirConfig()).weather(name))) for name in weathers}

@@ -1,0 +1,108 @@
+"""The weather as physical values: what falls, what floats and what the air is. Every sensor derives its own from it."""
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+FogType = Literal["strong_advection", "moderate_advection", "strong_spray", "radiation", "chu_hogg"]
+
+FOG_WATER_G_M2: dict[str, float] = {
+    "strong_advection": 38.80,
+    "moderate_advection": 30.90,
+    "strong_spray": 11.26,
+    "radiation": 5.427,
+    "chu_hogg": 12.83,
+}
+"""Liquid water content [g/m3] times meteorological optical range [m], by fog type: for one drop-size distribution both
+scale with the number of drops. From Mie theory at 550 nm with n = 1.333, contrast threshold 5 %.
+
+Source: modified gamma distributions of Rasshofer, Spies and Spies, Adv. Radio Sci. 9, 2011 (`radiation` is its moderate
+spray); Chu and Hogg, Bell Syst. Tech. J. 47, 1968."""
+
+FOG_VISIBILITY_M = 1_000.0
+"""Fog is what lowers the visibility below this [m]; clearer air holds haze, which is no liquid water. Source: WMO."""
+
+LIMITS = {
+    "rain_mm_h": (0.0, 250.0),
+    "visibility_m": (10.0, 100_000.0),
+    "lwc_g_m3": (0.0, 10.0),
+    "temperature_c": (-20.0, 50.0),
+    "pressure_hpa": (300.0, 1100.0),
+    "relative_humidity": (0.0, 1.0),
+}
+"""Smallest and largest value of each number of a `Weather`, in its unit."""
+
+
+@dataclass(frozen=True)
+class Weather:
+    """One weather, the same everywhere and in all frames of a scenario. The defaults are clear air."""
+
+    rain_mm_h: float = 0.0
+    """Rain rate [mm/h]."""
+    visibility_m: float = 20_000.0
+    """Meteorological optical range (5 % contrast) that fog or haze leaves, without what the rain takes [m]."""
+    fog_type: FogType = "moderate_advection"
+    """Drop-size distribution of the fog; it decides how much water a visibility means."""
+    lwc_g_m3: float | None = None
+    """Liquid water content of the fog [g/m3]; None derives it from visibility and fog type."""
+    temperature_c: float = 15.0
+    """Temperature of air and drops [C]."""
+    pressure_hpa: float = 1013.25
+    """Air pressure, water vapour included [hPa]."""
+    relative_humidity: float = 0.58
+    """Water vapour over that of saturated air, 0 to 1 [-]; 0.58 at 15 C is the 7.5 g/m3 of ITU's standard air."""
+
+    def __post_init__(self) -> None:
+        for name, (low, high) in LIMITS.items():
+            value = getattr(self, name)
+            if value is not None and not low <= value <= high:
+                raise ValueError(f"weather: {name} = {value:g}; {low:g} to {high:g} is needed; correct it")
+        if self.fog_type not in FOG_WATER_G_M2:
+            raise ValueError(
+                f"weather: fog_type = {self.fog_type!r}; one of {', '.join(FOG_WATER_G_M2)} is needed; choose one"
+            )
+
+    @property
+    def liquid_water_g_m3(self) -> float:
+        """Liquid water content of the fog [g/m3]; 0 without fog."""
+        if self.lwc_g_m3 is not None:
+            return self.lwc_g_m3
+        return FOG_WATER_G_M2[self.fog_type] / self.visibility_m if self.visibility_m < FOG_VISIBILITY_M else 0.0
+
+    @property
+    def vapour_pressure_hpa(self) -> float:
+        """Partial pressure of the water vapour [hPa].
+
+        Source: ITU-R P.453-14, section 1 (saturation over liquid water, after Buck).
+        """
+        t = self.temperature_c
+        enhancement = 1.0 + 1e-4 * (7.2 + self.pressure_hpa * (0.0320 + 5.9e-6 * t**2))
+        saturated = enhancement * 6.1121 * math.exp((18.678 - t / 234.5) * t / (t + 257.14))
+        return self.relative_humidity * saturated
+
+    @property
+    def water_vapour_g_m3(self) -> float:
+        """Water vapour density [g/m3]. Source: ITU-R P.676-13, equation 4."""
+        return 216.7 * self.vapour_pressure_hpa / (self.temperature_c + 273.15)
+
+    @property
+    def dry_pressure_hpa(self) -> float:
+        """Pressure of the air without its water vapour [hPa]."""
+        return self.pressure_hpa - self.vapour_pressure_hpa
+
+
+def _wet(rain_mm_h: float = 0.0, visibility_m: float = 20_000.0) -> Weather:
+    return Weather(rain_mm_h, visibility_m, temperature_c=10.0, relative_humidity=1.0)
+
+
+PRESETS: dict[str, Weather] = {
+    "sunny": Weather(),
+    "light_rain": _wet(5.0),
+    "rainy": _wet(25.0),
+    "heavy_rain": _wet(50.0),
+    "light_fog": _wet(visibility_m=200.0),
+    "foggy": _wet(visibility_m=75.0),
+    "heavy_fog": _wet(visibility_m=50.0),
+}
+"""Weather name -> values. Rain and fog come with saturated air of 10 C. Design values; 25 mm/h is a heavy shower (WMO:
+10 to 50 mm/h)."""
