@@ -1,1 +1,50 @@
-"""Radio channel: links, path finding (line of sight and first-order specular reflection), antennas and materials."""
+"""Radio channel: links, paths, antennas and materials; and what users make of stored paths: arrays, CSI and beams.
+
+The names below are loaded when they are first used, so that `import mmw.channel` stays light.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from mmw.channel.antennas import PatternTable as PatternTable
+    from mmw.channel.array_response import plane_wave_error as plane_wave_error
+    from mmw.channel.array_response import rotations_from_poses as rotations_from_poses
+    from mmw.channel.array_response import synthesize as synthesize
+    from mmw.channel.arrays import AntennaArray as AntennaArray
+    from mmw.channel.arrays import ula as ula
+    from mmw.channel.arrays import upa as upa
+    from mmw.channel.codebook import beam_gains as beam_gains
+    from mmw.channel.codebook import best_beams as best_beams
+    from mmw.channel.codebook import dft_codebook as dft_codebook
+    from mmw.channel.codebook import normalized_gain as normalized_gain
+    from mmw.channel.csi import complex_gain as complex_gain
+    from mmw.channel.csi import frequency_response as frequency_response
+    from mmw.channel.csi import impulse_response as impulse_response
+    from mmw.channel.csi import subcarrier_frequencies as subcarrier_frequencies
+    from mmw.channel.csi import taps as taps
+    from mmw.channel.path_rows import LINK_COLUMNS as LINK_COLUMNS
+    from mmw.channel.path_rows import PATH_COLUMNS as PATH_COLUMNS
+    from mmw.channel.path_rows import PathRows as PathRows
+
+_HOME = {
+    "PatternTable": "antennas",
+    **dict.fromkeys(("plane_wave_error", "rotations_from_poses", "synthesize"), "array_response"),
+    **dict.fromkeys(("AntennaArray", "ula", "upa"), "arrays"),
+    **dict.fromkeys(("beam_gains", "best_beams", "dft_codebook", "normalized_gain"), "codebook"),
+    **dict.fromkeys(
+        ("complex_gain", "frequency_response", "impulse_response", "subcarrier_frequencies", "taps"), "csi"
+    ),
+    **dict.fromkeys(("LINK_COLUMNS", "PATH_COLUMNS", "PathRows"), "path_rows"),
+}
+"""Name -> module of this package that defines it."""
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *_HOME])

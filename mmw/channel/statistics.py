@@ -1,0 +1,159 @@
+"""Large-scale and dispersion statistics of links, from the powers of their paths.
+
+Every function returns one value a link, shape [L], and NaN for a link without path (or whose paths all have power 0).
+`power` is the power of each path, shape [P]; |a|^2 of the dataset's own antennas when not given. For arrays give
+`antenna_power(synthesize(...))`. Paths are taken as resolved: powers add, phases do not matter.
+"""
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from mmw.channel.path_rows import PathRows
+
+
+def antenna_power(a: np.ndarray) -> np.ndarray:
+    """Return the mean of |a|^2 over all pairs of antennas, shape [P, N_r, N_t] -> [P]."""
+    return np.mean(np.abs(a) ** 2, axis=(1, 2))
+
+
+def _power(paths: PathRows, power: np.ndarray | None) -> np.ndarray:
+    if power is None:
+        return np.abs(paths.a) ** 2
+    if np.shape(power) != (len(paths),):
+        raise ValueError(f"power has shape {np.shape(power)}; it has one value a path, [{len(paths)}]")
+    return np.asarray(power, dtype=np.float64)
+
+
+def _total(paths: PathRows, values: np.ndarray) -> np.ndarray:
+    """Return the sum over the paths of each link, shape [L]."""
+    return np.bincount(paths.link, weights=values, minlength=paths.link_count)
+
+
+def _weights(paths: PathRows, power: np.ndarray | None) -> np.ndarray:
+    """Return the share of each path in the power of its link, shape [P]; NaN where that is 0."""
+    power = _power(paths, power)
+    total = _total(paths, power)
+    return power / np.where(total > 0, total, np.nan)[paths.link]
+
+
+def _moments(paths: PathRows, values: np.ndarray, power: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    """Return mean and standard deviation of a value of the paths, weighted by power, shape [L] each."""
+    weight = _weights(paths, power)
+    is_empty = paths.path_count == 0
+    mean = np.where(is_empty, np.nan, _total(paths, weight * values))
+    spread = np.sqrt(_total(paths, weight * (values - mean[paths.link]) ** 2))
+    return mean, np.where(is_empty, np.nan, spread)
+
+
+def path_loss_db(paths: PathRows, power: np.ndarray | None = None) -> np.ndarray:
+    """Return -10 log10 of the sum of the powers of the paths [dB], patterns included, shape [L].
+
+    It is minus `gain_db` of table `links`. Source: ITU-R P.1407, section 2.2.1 (total power).
+    """
+    total = _total(paths, _power(paths, power))
+    return -10 * np.log10(np.where(total > 0, total, np.nan))
+
+
+def k_factor(paths: PathRows, power: np.ndarray | None = None) -> np.ndarray:
+    """Return the Rician K-factor: power of the line of sight over that of all other paths, linear, shape [L].
+
+    Infinite if there is the line of sight alone, 0 without it. Source: 3GPP TR 38.901, equation 7.5-30.
+    """
+    power = _power(paths, power)
+    sight = _total(paths, np.where(paths.is_los, power, 0.0))
+    rest = _total(paths, np.where(paths.is_los, 0.0, power))
+    alone = np.where(sight > 0, np.inf, np.nan)
+    return np.where(rest > 0, sight / np.where(rest > 0, rest, 1.0), alone)
+
+
+def mean_delay(paths: PathRows, power: np.ndarray | None = None) -> np.ndarray:
+    """Return the mean absolute delay weighted by power [s], shape [L]. Source: ITU-R P.1407, section 2.2.2."""
+    return _moments(paths, paths.tau, power)[0]
+
+
+def rms_delay_spread(paths: PathRows, power: np.ndarray | None = None) -> np.ndarray:
+    """Return the standard deviation of the delay weighted by power [s], shape [L].
+
+    Source: ITU-R P.1407, section 2.2.3.
+    """
+    return _moments(paths, paths.tau, power)[1]
+
+
+def mean_doppler(paths: PathRows, power: np.ndarray | None = None) -> np.ndarray:
+    """Return the mean Doppler shift weighted by power [Hz], shape [L]. Source: as `doppler_spread`."""
+    return _moments(paths, paths.doppler_hz, power)[0]
+
+
+def doppler_spread(paths: PathRows, power: np.ndarray | None = None) -> np.ndarray:
+    """Return the standard deviation of the Doppler shift weighted by power [Hz], shape [L].
+
+    Source: A. F. Molisch, Wireless Communications, 2nd edition, chapter 6 (moments of the Doppler spectrum).
+    """
+    return _moments(paths, paths.doppler_hz, power)[1]
+
+
+def azimuth_spread(paths: PathRows, end: Literal["tx", "rx"], power: np.ndarray | None = None) -> np.ndarray:
+    """Return the circular spread of the azimuths of departure (`tx`) or arrival (`rx`) [rad], shape [L].
+
+    AS = sqrt(-2 ln (|sum P e^{j phi}| / sum P)): 0 for one direction, without bound where directions cancel. It does
+    not depend on where azimuths start. Source: 3GPP TR 38.901, Annex A.1, equation A-1.
+    """
+    return _circular_spread(paths, _angle(end, paths.phi_t, paths.phi_r), power)
+
+
+def zenith_spread(paths: PathRows, end: Literal["tx", "rx"], power: np.ndarray | None = None) -> np.ndarray:
+    """Return the circular spread of the zenith angles of departure (`tx`) or arrival (`rx`) [rad], shape [L].
+
+    Source: 3GPP TR 38.901, Annex A.1, equation A-1, which holds for zenith angles too.
+    """
+    return _circular_spread(paths, _angle(end, paths.theta_t, paths.theta_r), power)
+
+
+def _angle(end: str, departure: np.ndarray, arrival: np.ndarray) -> np.ndarray:
+    if end not in ("tx", "rx"):
+        raise ValueError(f"end = {end!r}; it is tx or rx")
+    return departure if end == "tx" else arrival
+
+
+def _circular_spread(paths: PathRows, angle: np.ndarray, power: np.ndarray | None) -> np.ndarray:
+    weight = _weights(paths, power)
+    mean = np.arctan2(_total(paths, weight * np.sin(angle)), _total(paths, weight * np.cos(angle)))
+    # About the mean direction the sum is real: 1 - |sum| keeps its digits however small the spread is.
+    lost = 2 * _total(paths, weight * np.sin(0.5 * (angle - mean[paths.link])) ** 2)
+    is_empty = paths.path_count == 0
+    with np.errstate(divide="ignore"):
+        spread = np.sqrt(-2 * np.log1p(-np.minimum(lost, 1.0)))
+    return np.where(is_empty, np.nan, spread)
+
+
+def frequency_correlation(paths: PathRows, spacings_hz: ArrayLike, power: np.ndarray | None = None) -> np.ndarray:
+    """Return |sum P e^{-j 2 pi df tau}| / sum P of frequencies that lie df apart, shape [L, K].
+
+    Source: the Fourier transform of the power delay profile (uncorrelated scattering); ITU-R P.1407, section 4.2.1.
+    """
+    weight = _weights(paths, power)
+    columns = []
+    for spacing in np.atleast_1d(np.asarray(spacings_hz, dtype=np.float64)):
+        phase = 2 * np.pi * spacing * paths.tau
+        columns.append(np.hypot(_total(paths, weight * np.cos(phase)), _total(paths, weight * np.sin(phase))))
+    return np.where((paths.path_count == 0)[:, None], np.nan, np.stack(columns, axis=1))
+
+
+def coherence_bandwidth(paths: PathRows, level: float = 0.5, power: np.ndarray | None = None) -> np.ndarray:
+    """Return the coherence bandwidth from the rms delay spread [Hz], shape [L]; infinite for a single path.
+
+    1 / (5 sigma) for a correlation of 0.5, 1 / (50 sigma) for 0.9: rules of thumb, right to a factor of a few.
+    `frequency_correlation` gives the correlation itself.
+
+    Raises:
+        ValueError: If the level is neither.
+
+    Source: T. S. Rappaport, Wireless Communications, 2nd edition, equations 5.38 and 5.39.
+    """
+    if level not in (0.5, 0.9):
+        raise ValueError(f"coherence_bandwidth: level = {level}; the rules hold for 0.5 and 0.9")
+    spread = rms_delay_spread(paths, power)
+    with np.errstate(divide="ignore"):
+        return 1.0 / ((5.0 if level == 0.5 else 50.0) * spread)
