@@ -13,11 +13,16 @@ def main(argv: Sequence[str] | None = None) -> int:
         from mmw.run import main as run_main
 
         return run_main(argv[1:], prog="mmw run")
+    if argv and argv[0] == "radiomap":
+        from mmw.radio_map_command import main as map_main
+
+        return map_main(argv[1:], prog="mmw radiomap")
     parser = argparse.ArgumentParser(
         prog="mmw", description="Multimodal wireless datasets from one configuration file."
     )
     commands = parser.add_subparsers(dest="command", required=True)
     commands.add_parser("run", help="make a dataset (same as python -m mmw.run)")
+    commands.add_parser("radiomap", help="trace path gain, RSS and SINR over the roads (picture: needs mmw[plot])")
     town = commands.add_parser("town", help="build a town from its YAML description (needs mmw[author])")
     town.add_argument("description", type=Path, help="the town's YAML file")
     town.add_argument("--out", type=Path, help="folder for the built asset; the description's own by default")

@@ -19,7 +19,7 @@ SOURCES = sorted(
 KERNELS = sorted((ROOT / "kernels").glob("*.py"))
 
 LAYERS = [
-    {"mmw.constants", "mmw.paths", "mmw.materials", "mmw.poses"},
+    {"mmw.constants", "mmw.paths", "mmw.materials", "mmw.poses", "mmw.weather"},
     {"mmw.config"},
     {"mmw.kernels"},
     {"mmw.usd", "mmw.surfaces"},
@@ -36,7 +36,7 @@ LAYERS = [
     {"mmw.compute", "mmw.report"},
     {"mmw.plan", "mmw.provenance", "mmw.notes"},
     {"mmw.prepare"},
-    {"mmw.viewing"},
+    {"mmw.viewing", "mmw.radio_map_command"},
     {"mmw.pipeline"},
     {"mmw.run", "mmw.__main__"},
 ]
