@@ -1,8 +1,8 @@
-"""Rough patches: where the rays of a transmitter meet surfaces, in float64, and which receivers see the patch."""
+"""Rough patches: where the rays of one end of a link meet surfaces, in float64, and which other ends see the patch."""
 
 import warp as wp
 
-from mmw.kernels.channel_refine import END_SLACK, LIFT, walk_leg
+from mmw.kernels.channel_refine import END_SLACK, LIFT, SPECULAR, TRANSMISSION, walk_leg
 from mmw.kernels.channel_surfaces import LinkEnds, Surfaces, largest, mean_plane, single, triangle_at, triangle_plane
 from mmw.kernels.geometry import fibonacci_direction_64
 from mmw.kernels.structs import MISS_ID, Scene
@@ -18,23 +18,27 @@ def scatter_kernel(
     pose: wp.array2d[wp.transformd],
     origin: wp.vec3d,
     slot: wp.array[int],
-    tx: wp.array[wp.vec3d],
+    start: wp.array[wp.vec3d],
     ray_count: int,
+    is_mirroring: int,
+    passes: int,
     # out
+    kind_out: wp.array3d[int],
     surface_out: wp.array3d[int],
     point_out: wp.array3d[wp.vec3d],
     normal_out: wp.array3d[wp.vec3d],
 ):
-    """Follow each ray from mirror to mirror and write what it meets: surface, exact point and normal against the ray.
+    """Follow each ray and write what it meets: surface, exact point, normal against the ray, and how it goes on.
 
-    The outputs have a row a source, ray and interaction, surface -1 from where a ray meets nothing. `origin` is the
-    world position of the scene frame's origin; `tx` are in the world frame [m].
+    It goes on as a mirror reflection, through the slab where bit k of `passes` is set for its k-th surface, or not at
+    all. The outputs have a row a source, ray and interaction, surface -1 from where a ray meets nothing. `origin` is
+    the world position of the scene frame's origin; `start` is in the world frame [m].
     Launch: dim=(A, ray_count), block_dim=64.
     """
     source, ray = wp.tid()
     depth = surface_out.shape[2]
     own_slot = slot[source]
-    place = tx[source]
+    place = start[source]
     begin = place
     direction = fibonacci_direction_64(ray, ray_count)
     met = wp.int32(0)
@@ -54,11 +58,19 @@ def scatter_kernel(
             if is_open:
                 normal = wp.where(along > wp.float64(0.0), -plane.normal, plane.normal)
                 place = place + (plane.offset - wp.dot(plane.normal, place)) / along * direction
+                lift = LIFT * (wp.float64(5.0) + largest(place - origin))
                 surface_out[source, ray, met] = surface
                 point_out[source, ray, met] = place
                 normal_out[source, ray, met] = normal
-                direction = wp.normalize(direction - wp.float64(2.0) * wp.dot(normal, direction) * normal)
-                begin = place + LIFT * (wp.float64(5.0) + largest(place - origin)) * normal
+                if (passes >> met) & 1 == 1:
+                    kind_out[source, ray, met] = TRANSMISSION
+                    is_open = surfaces.is_open[surface] != wp.uint8(0)
+                    begin = place - lift * normal
+                else:
+                    kind_out[source, ray, met] = SPECULAR
+                    is_open = is_mirroring == 1
+                    direction = wp.normalize(direction - wp.float64(2.0) * wp.dot(normal, direction) * normal)
+                    begin = place + lift * normal
                 met = met + 1
     while met < depth:
         surface_out[source, ray, met] = MISS_ID
@@ -76,44 +88,44 @@ def connect_kernel(
     surface: wp.array[int],
     point: wp.array[wp.vec3d],
     normal: wp.array[wp.vec3d],
-    scratch: wp.array2d[int],
-    scratch_points: wp.array2d[wp.vec3d],
+    room: wp.array[int],
     # out
-    is_seen_out: wp.array[wp.uint8],
+    count_out: wp.array[int],
+    kind_out: wp.array2d[int],
+    surface_out: wp.array2d[int],
+    vertex_out: wp.array2d[wp.vec3d],
+    normal_out: wp.array2d[wp.vec3d],
 ):
-    """Test whether the receiver of a link sees a patch, from the side of its normal; the scratch arrays stay unused.
+    """Go from a patch straight to the far end (`rx`) of a link, on the side of the patch's normal.
 
-    Launch: dim=B, block_dim=64.
+    `count_out` is the number of slabs on the way, at most `room` of the row, -1 where the end does not see the patch;
+    the slabs themselves fill the other outputs, from the patch on. Launch: dim=B, block_dim=64.
     """
     row = wp.tid()
     world = ends.tx.shape[1] - 1
     rx = ends.rx[link[row], world]
     begin = point[row]
-    is_seen = wp.dot(normal[row], rx - begin) > wp.float64(0.0)
-    if is_seen:
+    count_out[row] = -1
+    if wp.dot(normal[row], rx - begin) > wp.float64(0.0):
         start = begin + LIFT * (wp.float64(5.0) + largest(begin - origin)) * normal[row]
         stop = rx + END_SLACK * (begin - rx)
         own = wp.vec4i(surface[row], MISS_ID, MISS_ID, MISS_ID)
-        is_seen = (
-            walk_leg(
-                scene,
-                surfaces,
-                pose,
-                origin,
-                ends.slot[link[row]],
-                begin,
-                rx,
-                start,
-                stop,
-                own,
-                0,
-                0,
-                0,
-                scratch,
-                scratch,
-                scratch_points,
-                scratch_points,
-            )
-            == 0
+        count_out[row] = walk_leg(
+            scene,
+            surfaces,
+            pose,
+            origin,
+            ends.slot[link[row]],
+            begin,
+            rx,
+            start,
+            stop,
+            own,
+            row,
+            0,
+            room[row],
+            kind_out,
+            surface_out,
+            vertex_out,
+            normal_out,
         )
-    is_seen_out[row] = wp.where(is_seen, wp.uint8(1), wp.uint8(0))

@@ -27,7 +27,9 @@ class RoughHits:
     normal: np.ndarray
     """Unit normal, turned to where the wave comes from, shape [B, 3]."""
     solid_angle: np.ndarray
-    """Solid angle of the ray that met the patch, seen from the transmitter [sr], shape [B]."""
+    """Solid angle of the ray that met the patch, seen from the end that sent it [sr], shape [B]."""
+    is_backward: np.ndarray
+    """Whether that end is the receiver, shape [B]."""
 
 
 def scattering_pattern(radio: RadioMaterial, k_in: np.ndarray, k_out: np.ndarray, normal: np.ndarray) -> np.ndarray:
@@ -73,11 +75,24 @@ def lobe_integral(exponent: int, cosine: np.ndarray) -> np.ndarray:
 
 
 def rough_spreading(geometry: PathGeometry, hits: RoughHits) -> np.ndarray:
-    """Return sqrt(solid angle) / length behind the patch of each diffuse reflection, shape [B]."""
-    behind = np.zeros(len(hits.path))
+    """Return what the spreading leaves of each diffuse path [1/m], shape [B].
+
+    A patch dA that a wave meets at theta_i and leaves at theta_s takes dA cos theta_i of it. Seen from the transmitter,
+    whose ray has the solid angle dW = dA cos theta_i / d_t^2, that is sqrt(dW) / d_r; seen from the receiver, whose ray
+    has dW = dA cos theta_s / d_r^2, it is sqrt(dW cos theta_i / cos theta_s) / d_t; d_t and d_r are the lengths of the
+    path before and behind the patch.
+
+    Source: Degli-Esposti et al. 2007, equation 2.
+    """
+    before, behind = np.zeros(len(hits.path)), np.zeros(len(hits.path))
     for k in range(geometry.leg.shape[1]):
-        behind += np.where(k > hits.step, geometry.leg[hits.path, k], 0.0)
-    return np.sqrt(hits.solid_angle) / np.where(behind > 0.0, behind, 1.0)
+        leg = geometry.leg[hits.path, k]
+        before += np.where(k <= hits.step, leg, 0.0)
+        behind += np.where(k > hits.step, leg, 0.0)
+    cosine_in = np.abs(dot(geometry.direction[hits.path, hits.step], hits.normal))
+    cosine_out = np.maximum(np.abs(dot(geometry.direction[hits.path, hits.step + 1], hits.normal)), 1e-12)
+    turned = np.sqrt(cosine_in / cosine_out) / before
+    return np.sqrt(hits.solid_angle) * np.where(hits.is_backward, turned, 1.0 / behind)
 
 
 def rough_matrices(

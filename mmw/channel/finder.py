@@ -7,7 +7,7 @@ import numpy as np
 import warp as wp
 
 from mmw.channel.candidates import Candidates, Sources, bent_candidates, reflected_candidates
-from mmw.channel.finder_diffuse import find_diffuse
+from mmw.channel.finder_diffuse import Patches, find_patches
 from mmw.channel.links import Links
 from mmw.channel.paths import DIFFRACTION
 from mmw.channel.surface_table import SurfaceTable
@@ -45,7 +45,8 @@ class FoundPaths:
     """Unit normal, turned to where the wave comes from, 0 for a diffraction, NaN behind the last, shape [P, D, 3]."""
 
     ray: np.ndarray
-    """Ray that met the rough patch of a diffuse path, -1 for the others, shape [P], int32."""
+    """Ray that met the rough patch of a diffuse path: r for the transmitter's, -2 - r for the receiver's, -1 for the
+    other paths, shape [P], int32."""
 
     def __len__(self) -> int:
         return len(self.link)
@@ -77,7 +78,7 @@ def find_paths(scene: Scene, links: Links, config: ChannelConfig, table: Surface
                 part = slice(begin, begin + TRIALS_AT_ONCE)
                 found.append(_refine(scene, ends, table, poses, link[part], step[part], config))
         if config.diffuse and len(table):
-            found += [FoundPaths(*part) for part in find_diffuse(scene, ends, poses, sources, table, config)]
+            found += _rough(scene, links, order, ends, poses, sources, table, config)
     paths = FoundPaths(*(np.concatenate(column) for column in zip(*(_columns(f) for f in found), strict=True)))
     paths = FoundPaths(order[paths.link].astype(np.int32), *_columns(paths)[1:])
     return paths.take(_distinct(paths, links, table.area, scene.origin))
@@ -155,14 +156,45 @@ def _bent_behind(
     scene: Scene, links: Links, order: np.ndarray, pose: wp.array, table: SurfaceTable, config: ChannelConfig
 ) -> Iterator[Candidates]:
     """Yield the candidates of a diffraction and then reflections: what the receivers' rays meet, read backwards."""
-    back, sources, ends = _sorted_ends(links, links.rx.position, links.tx.position, instance_poses(scene), scene.device)
-    rank = np.empty(len(order), dtype=np.int32)
-    rank[order] = np.arange(len(order))
+    back, sources, ends, rank = _reversed_ends(scene, links, order)
     for link, step in bent_candidates(scene, ends, pose, sources, table, config):
         count = (step != -1).sum(axis=1)
         column = count[:, None] - 1 - np.arange(step.shape[1])
         turned = np.where(column >= 0, np.take_along_axis(step, np.maximum(column, 0), axis=1), -1)
         yield rank[back[link]], turned.astype(np.int32)
+
+
+def _rough(
+    scene: Scene,
+    links: Links,
+    order: np.ndarray,
+    ends: LinkEnds,
+    pose: wp.array,
+    sources: Sources,
+    table: SurfaceTable,
+    config: ChannelConfig,
+) -> list[FoundPaths]:
+    """Return the diffuse paths: what the transmitters' rays find, and, with mirrors, the receivers'."""
+    found = [
+        _patched(p, p.link, p.ray) for p in find_patches(scene, ends, pose, sources, table, config, needs_mirror=False)
+    ]
+    if config.specular and config.max_depth > 1:
+        back, sources, ends, rank = _reversed_ends(scene, links, order)
+        for patches in find_patches(scene, ends, pose, sources, table, config, needs_mirror=True):
+            found.append(_patched(patches.turned(), rank[back[patches.link]], -2 - patches.ray))
+    return found
+
+
+def _patched(p: Patches, link: np.ndarray, ray: np.ndarray) -> FoundPaths:
+    return FoundPaths(link.astype(np.int32), p.order, p.kind, p.surface, p.vertex, p.normal, ray.astype(np.int32))
+
+
+def _reversed_ends(scene: Scene, links: Links, order: np.ndarray) -> tuple[np.ndarray, Sources, LinkEnds, np.ndarray]:
+    """Return what `_sorted_ends` does for the links read backwards, and each link's place in `order`."""
+    back, sources, ends = _sorted_ends(links, links.rx.position, links.tx.position, instance_poses(scene), scene.device)
+    rank = np.empty(len(order), dtype=np.int32)
+    rank[order] = np.arange(len(order))
+    return back, sources, ends, rank
 
 
 def _wedge_candidates(
@@ -266,7 +298,7 @@ def _distinct(found: FoundPaths, links: Links, area: np.ndarray, origin: np.ndar
         one, other = near_rank[:-step], near_rank[step:]
         near = (found.link[one] == found.link[other]) & (found.order[one] == found.order[other])
         near &= (length[other] - length[one] <= 2.0 * apart[one] * found.order[one]) & (found.order[one] > 0)
-        near &= (found.ray[one] < 0) & (found.ray[other] < 0)
+        near &= (found.ray[one] == -1) & (found.ray[other] == -1)
         if not near.any():
             break
         one, other = one[near], other[near]

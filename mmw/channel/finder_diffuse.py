@@ -1,10 +1,16 @@
-"""Geometry of diffuse paths: a ray that a rough surface scatters, after mirrors or none, straight to the receiver."""
+"""Geometry of diffuse paths: one rough patch a path, with mirrors before or behind it, and slabs anywhere.
+
+Rays of the transmitter go from mirror to mirror; every rough surface that they meet scatters straight to the receivers.
+Rays of the receivers do the same backwards, for paths with mirrors behind the patch.
+"""
+
+from dataclasses import dataclass
 
 import numpy as np
 import warp as wp
 
 from mmw.channel.candidates import Sources
-from mmw.channel.paths import DIFFUSE, SPECULAR
+from mmw.channel.paths import DIFFUSE, SPECULAR, TRANSMISSION
 from mmw.channel.surface_table import SurfaceTable
 from mmw.config import ChannelConfig
 from mmw.kernels.channel_scatter import connect_kernel, scatter_kernel
@@ -12,40 +18,81 @@ from mmw.kernels.channel_surfaces import LinkEnds
 from mmw.scene import Scene
 
 HITS_AT_ONCE = 2**24
-"""Most (source, ray, interaction) rows at once, about 56 bytes each."""
-
-Found = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+"""Most (source, ray, interaction) rows at once, about 60 bytes each."""
 
 
-def find_diffuse(
-    scene: Scene, ends: LinkEnds, pose: wp.array, sources: Sources, table: SurfaceTable, config: ChannelConfig
-) -> list[Found]:
-    """Return the diffuse paths of a batch.
+@dataclass(frozen=True)
+class Patches:
+    """Paths over rough patches, from the end whose rays met them: B of them, D interactions at most."""
 
-    Each of `channel.diffuse_rays` rays goes from mirror to mirror; every rough surface that it meets on the way
-    scatters to every receiver that sees the patch.
+    link: np.ndarray
+    """Link, in the order of the sources, shape [B], int32."""
+    order: np.ndarray
+    """Interactions, shape [B], int32."""
+    kind: np.ndarray
+    """Kind of each interaction, 0 behind the last, shape [B, D], int32."""
+    surface: np.ndarray
+    """Surface of each interaction, -1 behind the last, shape [B, D], int32."""
+    vertex: np.ndarray
+    """Shape [B, D, 3], NaN behind the last."""
+    normal: np.ndarray
+    """Turned to where the rays came from, shape [B, D, 3], NaN behind the last."""
+    ray: np.ndarray
+    """Number of the ray, shape [B], int32."""
+
+    def turned(self) -> "Patches":
+        """Return the same paths from the other end; the normal of a patch looks to both ends, as a mirror's does."""
+        column = self.order[:, None] - 1 - np.arange(self.kind.shape[1])
+        is_there, column = column >= 0, np.maximum(column, 0)
+        rows = np.arange(len(self.link))[:, None]
+        kind = np.where(is_there, self.kind[rows, column], 0)
+        normal = self.normal[rows, column] * np.where(kind == TRANSMISSION, -1.0, 1.0)[..., None]
+        gap = is_there[..., None]
+        return Patches(
+            self.link,
+            self.order,
+            kind,
+            np.where(is_there, self.surface[rows, column], -1),
+            np.where(gap, self.vertex[rows, column], np.nan),
+            np.where(gap, normal, np.nan),
+            self.ray,
+        )
+
+
+def find_patches(
+    scene: Scene,
+    ends: LinkEnds,
+    pose: wp.array,
+    sources: Sources,
+    table: SurfaceTable,
+    config: ChannelConfig,
+    *,
+    needs_mirror: bool,
+) -> list[Patches]:
+    """Return the diffuse paths that the rays of one end of the links find, a part that fits into memory at a time.
 
     Args:
         scene: The scene with the batch loaded.
-        ends: Ends of the links, sorted by source.
+        ends: Ends of the links, sorted by source; `tx` are the sources.
         pose: Instance-to-world poses on the device, shape [S, V].
-        sources: The transmitters.
+        sources: Where the rays start.
         table: Surfaces of the scene.
-        config: Rays, depth, and whether there are mirrors on the way.
-
-    Returns:
-        Parts of (link, order, kind [., D], surface [., D], vertex [., D, 3], normal [., D, 3], ray); links still count
-        in the order of the sources.
+        config: Rays, depth, and what there is on the way.
+        needs_mirror: Keep only paths with a mirror between source and patch.
     """
-    depth = config.max_depth if config.specular else 1
     is_rough = _rough_surfaces(scene, table)
-    if not is_rough.any() or config.max_depth == 0:
+    if not is_rough.any() or config.max_depth < (2 if needs_mirror else 1):
         return []
-    found = []
+    depth = config.max_depth if config.specular or config.refraction else 1
+    patterns = 2 ** (depth - 1) if config.refraction and table.is_open.any() else 1
     step = max(1, HITS_AT_ONCE // (config.diffuse_rays * depth))
+    found = []
     for begin in range(0, len(sources), step):
         part = sources.part(begin, min(begin + step, len(sources)))
-        found.append(_scatter(scene, ends, pose, part, table, is_rough, config, depth))
+        for passes in range(patterns):
+            hits = _follow(scene, pose, part, table, config, depth, passes)
+            chosen = _chosen(hits, is_rough, passes, needs_mirror)
+            found.append(_connect(scene, ends, pose, part, table, config, hits, chosen))
     return found
 
 
@@ -57,19 +104,22 @@ def _rough_surfaces(scene: Scene, table: SurfaceTable) -> np.ndarray:
     return np.any(by_weather, axis=0)[table.material_id]
 
 
-def _scatter(
+Hits = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+"""Kind, surface [A, R, D], point and normal [A, R, D, 3] of what rays meet; surface -1 behind the last."""
+
+
+def _follow(
     scene: Scene,
-    ends: LinkEnds,
     pose: wp.array,
     sources: Sources,
     table: SurfaceTable,
-    is_rough: np.ndarray,
     config: ChannelConfig,
     depth: int,
-) -> Found:
+    passes: int,
+) -> Hits:
     device, shape = scene.device, (len(sources), config.diffuse_rays, depth)
-    surface = wp.empty(shape, dtype=wp.int32, device=device)
-    point, normal = (wp.empty(shape, dtype=wp.vec3d, device=device) for _ in range(2))
+    kind, surface = (wp.zeros(shape, dtype=wp.int32, device=device) for _ in range(2))
+    point, normal = (wp.zeros(shape, dtype=wp.vec3d, device=device) for _ in range(2))
     wp.launch(
         scatter_kernel,
         dim=shape[:2],
@@ -81,19 +131,52 @@ def _scatter(
             wp.array(sources.slot, dtype=wp.int32, device=device),
             wp.array(sources.position, dtype=wp.vec3d, device=device),
             config.diffuse_rays,
+            int(config.specular),
+            passes,
         ],
-        outputs=[surface, point, normal],
+        outputs=[kind, surface, point, normal],
         device=device,
         block_dim=64,
     )
-    surfaces, points, normals = surface.numpy(), point.numpy(), normal.numpy()
-    source, ray, step = np.nonzero((surfaces >= 0) & is_rough[np.maximum(surfaces, 0)])
+    return kind.numpy(), surface.numpy(), point.numpy(), normal.numpy()
+
+
+def _chosen(hits: Hits, is_rough: np.ndarray, passes: int, needs_mirror: bool) -> tuple[np.ndarray, ...]:
+    """Return source, ray and interaction of the hits that scatter.
+
+    A hit before the last slab of `passes` is met with fewer slabs too, and counts there.
+    """
+    kind, surface = hits[:2]
+    scatters = (surface >= 0) & is_rough[np.maximum(surface, 0)]
+    scatters[:, :, : passes.bit_length()] = False
+    if needs_mirror:
+        mirrors = np.cumsum(kind == SPECULAR, axis=2)
+        scatters[:, :, 0] = False
+        scatters[:, :, 1:] &= mirrors[:, :, :-1] > 0
+    return np.nonzero(scatters)
+
+
+def _connect(
+    scene: Scene,
+    ends: LinkEnds,
+    pose: wp.array,
+    sources: Sources,
+    table: SurfaceTable,
+    config: ChannelConfig,
+    hits: Hits,
+    chosen: tuple[np.ndarray, ...],
+) -> Patches:
+    """Return the paths from the chosen hits to the far ends that see them."""
+    device, width = scene.device, config.max_depth
+    source, ray, step = chosen
     links = np.diff(sources.first_link)[source]
     row = np.repeat(np.arange(len(source)), links)
-    number = np.arange(len(row)) - np.repeat(np.cumsum(links) - links, links)
-    link = (sources.first_link[:-1][source[row]] + number).astype(np.int32)
+    link = sources.first_link[:-1][source[row]] + np.arange(len(row)) - np.repeat(np.cumsum(links) - links, links)
     at = (source[row], ray[row], step[row])
-    is_seen = wp.empty(len(row), dtype=wp.uint8, device=device)
+    room = (width - 1 - step[row]) if config.refraction else np.zeros(len(row))
+    count = wp.empty(len(row), dtype=wp.int32, device=device)
+    kind, surface = (wp.zeros((len(row), width), dtype=wp.int32, device=device) for _ in range(2))
+    vertex, normal = (wp.zeros((len(row), width), dtype=wp.vec3d, device=device) for _ in range(2))
     wp.launch(
         connect_kernel,
         dim=len(row),
@@ -104,29 +187,39 @@ def _scatter(
             pose,
             wp.vec3d(*scene.origin),
             wp.array(link, dtype=wp.int32, device=device),
-            wp.array(surfaces[at], dtype=wp.int32, device=device),
-            wp.array(points[at], dtype=wp.vec3d, device=device),
-            wp.array(normals[at], dtype=wp.vec3d, device=device),
-            wp.empty((1, 1), dtype=wp.int32, device=device),
-            wp.empty((1, 1), dtype=wp.vec3d, device=device),
+            *(
+                wp.array(h[at], dtype=t, device=device)
+                for h, t in zip(hits[1:], (wp.int32, wp.vec3d, wp.vec3d), strict=True)
+            ),
+            wp.array(room, dtype=wp.int32, device=device),
         ],
-        outputs=[is_seen],
+        outputs=[count, kind, surface, vertex, normal],
         device=device,
         block_dim=64,
     )
-    kept = np.flatnonzero(is_seen.numpy())
-    order = step[row[kept]] + 1
-    own = (source[row[kept]], ray[row[kept]])
-    column = np.arange(max(1, config.max_depth))
-    used = np.minimum(column, depth - 1)
+    counts = count.numpy()
+    kept = np.flatnonzero(counts >= 0)
+    own, met = (source[row[kept]], ray[row[kept]]), step[row[kept]]
+    column = np.arange(width)
+    before = np.minimum(column, hits[0].shape[2] - 1)
+    behind = np.maximum(column - met[:, None] - 1, 0)
+    is_before, is_patch = column < met[:, None], column == met[:, None]
+    order = met + 1 + counts[kept]
     is_there = column < order[:, None]
-    kind = np.where(column == order[:, None] - 1, DIFFUSE, SPECULAR)
-    return (
-        link[kept],
-        order.astype(np.int32),
-        np.where(is_there, kind, 0).astype(np.int32),
-        np.where(is_there, surfaces[own][:, used], -1).astype(np.int32),
-        np.where(is_there[..., None], points[own][:, used], np.nan),
-        np.where(is_there[..., None], normals[own][:, used], np.nan),
-        ray[row[kept]].astype(np.int32),
+
+    def along(of_rays: np.ndarray, of_legs: np.ndarray, nothing: float) -> np.ndarray:
+        wide = (...,) + (None,) * (of_rays.ndim - 3)
+        first = of_rays[own][:, before]
+        last = of_legs[kept][np.arange(len(kept))[:, None], behind]
+        return np.where(is_there[wide], np.where((is_before | is_patch)[wide], first, last), nothing)
+
+    kinds = np.where(is_patch, DIFFUSE, along(hits[0], kind.numpy(), 0))
+    return Patches(
+        link=link[kept].astype(np.int32),
+        order=order.astype(np.int32),
+        kind=kinds.astype(np.int32),
+        surface=along(hits[1], surface.numpy(), -1).astype(np.int32),
+        vertex=along(hits[2], vertex.numpy(), np.nan),
+        normal=along(hits[3], normal.numpy(), np.nan),
+        ray=ray[row[kept]].astype(np.int32),
     )

@@ -146,10 +146,10 @@ def _check_links(scene: Scene, links: Links) -> None:
 
 def _path_ids(links: Links, found: FoundPaths) -> np.ndarray:
     surface = found.surface
-    if (found.ray >= 0).any():  # a patch is known by its ray, in the column of the last interaction
+    rough, step = np.nonzero(found.kind == DIFFUSE)
+    if len(rough):  # a patch is known by its ray
         surface = surface.copy()
-        rough = np.nonzero(found.ray >= 0)[0]
-        surface[rough, found.order[rough] - 1] = found.ray[rough]
+        surface[rough, step] = found.ray[rough]
     return path_ids(links.tx_actor[found.link], links.rx_actor[found.link], found.kind, surface)
 
 
@@ -178,7 +178,8 @@ def _geometry(
     tx, rx = links.tx.position[found.link], links.rx.position[found.link]
     geometry = path_geometry(tx, rx, found.kind, found.vertex, found.normal, edge)
     path, step = np.nonzero(found.kind == DIFFUSE)
-    rough = RoughHits(path, step, found.normal[path, step], np.full(len(path), 4.0 * np.pi / config.diffuse_rays))
+    solid_angle = np.full(len(path), 4.0 * np.pi / config.diffuse_rays)
+    rough = RoughHits(path, step, found.normal[path, step], solid_angle, found.ray[path] < -1)
     sides = (wedges.surface_0, wedges.surface_n)
     return geometry, Interactions(
         material_id=_looked_up(table.material_id, _faces(found, table), found.kind != 0),
