@@ -142,11 +142,11 @@ def test_radio_paths_equal_brute_force(arrays: SceneArrays, scene: Scene) -> Non
             assert is_clear(arrays, frame, tx, rx[None], np.array([-1]))[0] == (PATH_LOS in paths.kind[own])
             wanted = mirror_points(arrays, frame, oracle, tx, rx)
             own &= paths.kind != PATH_LOS
-            assert set(paths.surface[own].tolist()) <= set(wanted)
-            points = paths.vertex[own]
+            assert set(paths.surface[own, 0].tolist()) <= set(wanted)
+            points = paths.vertex[own, 0]
             for surface, point in wanted.items():  # of coincident surfaces one reflects, at the same point
                 assert len(points) and np.linalg.norm(points - point, axis=1).min() < 1e-3, (link, surface, point)
-            for surface, point in zip(paths.surface[own].tolist(), points, strict=True):
+            for surface, point in zip(paths.surface[own, 0].tolist(), points, strict=True):
                 np.testing.assert_allclose(point, wanted[surface], rtol=0.0, atol=1e-9)
             reflections += len(points)
     assert reflections > 6

@@ -6,6 +6,7 @@ from pathlib import Path
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade
 
 from mmw.materials import RadioMaterial
+from mmw.paths import assets_dir
 from mmw.usd import schema
 
 ROOT = "/Materials"
@@ -57,6 +58,9 @@ _DRY_GROUND = _itu("itu_very_dry_ground")
 _MEDIUM_GROUND = _itu("itu_medium_dry_ground")
 _METAL = _itu("itu_metal")
 _GLASS = _itu("itu_glass")
+_WINDOW = RadioMaterial("itu", itu="itu_glass", thickness=0.006)
+_CURTAIN_WALL = RadioMaterial("itu", itu="itu_glass", thickness=0.010)
+_CAR_WINDOW = RadioMaterial("itu", itu="itu_glass", thickness=0.005)
 _WOOD = _itu("itu_wood")
 _CONCRETE = _itu("itu_concrete")
 _PLASTIC = _constant(2.5, 0.001)
@@ -74,8 +78,8 @@ LIBRARY: dict[str, MaterialSpec] = {
     "marble_facade": MaterialSpec(_itu("itu_marble"), "marble", (0.58, 0.55, 0.50), 0.45),
     "concrete_facade": MaterialSpec(_CONCRETE, "concrete", (0.40, 0.39, 0.37), 0.80),
     "brick_facade": MaterialSpec(_itu("itu_brick"), "brick", (0.30, 0.11, 0.07), 0.85),
-    "glass_facade": MaterialSpec(_GLASS, "one_way_mirror", (0.05, 0.09, 0.12), 0.05),
-    "window_glass": MaterialSpec(_GLASS, "clear_glass", (0.03, 0.045, 0.055), 0.05),
+    "glass_facade": MaterialSpec(_CURTAIN_WALL, "one_way_mirror", (0.05, 0.09, 0.12), 0.05),
+    "window_glass": MaterialSpec(_WINDOW, "clear_glass", (0.03, 0.045, 0.055), 0.05),
     "concrete_roof": MaterialSpec(_CONCRETE, "concrete", (0.26, 0.26, 0.25), 0.90),
     "tile_roof": MaterialSpec(_CONCRETE, "brick", (0.25, 0.09, 0.05), 0.80),
     "metal_fascia": MaterialSpec(_METAL, "aluminum", (0.55, 0.56, 0.58), 0.35, 0.8),
@@ -96,7 +100,7 @@ LIBRARY: dict[str, MaterialSpec] = {
     "car_paint_silver": _paint((0.48, 0.49, 0.50), 0.5),
     "car_paint_green": _paint((0.02, 0.13, 0.06)),
     "car_glass": MaterialSpec(
-        _GLASS, "clear_glass", (0.02, 0.024, 0.028), 0.05, opacity=0.85, attributes=("visually_transparent",)
+        _CAR_WINDOW, "clear_glass", (0.02, 0.024, 0.028), 0.05, opacity=0.85, attributes=("visually_transparent",)
     ),
     "car_rubber": MaterialSpec(_RUBBER, "rubber", (0.018, 0.018, 0.019), 0.90),
     "car_light_front": MaterialSpec(_GLASS, "plexiglass", (0.42, 0.44, 0.46), 0.15),
@@ -104,7 +108,9 @@ LIBRARY: dict[str, MaterialSpec] = {
     "car_trim": MaterialSpec(_METAL, "aluminum", (0.06, 0.06, 0.065), 0.40, 0.4, coating="paint"),
 }
 """Material name -> description. Colours, roughness and the two constant permittivities (plastic 2.5, rubber 3.0) are
-design values. Radio rows: facades, roofs, ground, vehicles and traffic lights after the paper's table of materials."""
+design values, as are the thicknesses of the three panes of glass, the only materials that let a wave through; all
+others are half-spaces. Radio rows: facades, roofs, ground, vehicles and traffic lights after the paper's table of
+materials."""
 
 
 def author_material(stage: Usd.Stage, path: str, spec: MaterialSpec) -> UsdShade.Material:
@@ -163,3 +169,7 @@ def build_materials(path: str | Path) -> None:
         author_material(stage, f"{ROOT}/{name}", spec)
     Path(path).parent.mkdir(parents=True, exist_ok=True)
     stage.GetRootLayer().Export(str(path))
+
+
+if __name__ == "__main__":
+    build_materials(assets_dir() / "materials" / "materials.usda")

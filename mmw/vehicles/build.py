@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 from pxr import Gf, Kind, Sdf, Usd, UsdGeom, Vt
 
+from mmw.paths import assets_dir
 from mmw.usd.semantics import TAXONOMY
 from mmw.vehicles.body import build_skin
 from mmw.vehicles.models import BLUEPRINTS, Block, Blueprint
@@ -175,3 +176,7 @@ def declared_box(blueprint: Blueprint, shape: Shape) -> tuple[np.ndarray, np.nda
     middle = (shape.points[:, 0].min() + shape.points[:, 0].max()) / 2
     half = np.array([blueprint.length, blueprint.width]) / 2
     return np.array([middle - half[0], -half[1], 0.0]), np.array([middle + half[0], half[1], blueprint.height])
+
+
+if __name__ == "__main__":
+    print(*build_vehicles(assets_dir() / "vehicles"), sep="\n")
