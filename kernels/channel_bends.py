@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from mmw.kernels.channel_chains import Chains, chain_level, chain_parent, chain_surface, points_open
+from mmw.kernels.channel_chains import Chains, chain_level, chain_parent, chain_plane, points_open
 from mmw.kernels.channel_launch import EMPTY_CELL
 from mmw.kernels.channel_surfaces import LinkEnds, Surfaces
 from mmw.kernels.channel_wedges import Wedges, edge_point, edge_world, is_outside
@@ -21,7 +21,7 @@ def could_bend(
     wedge: int,
     link: int,
 ) -> bool:
-    """Return whether a wedge bends what a chain without its last surface reflects towards the receiver of a link."""
+    """Return whether a wedge bends what a chain without its last plane reflects towards the receiver of a link."""
     world = ends.tx.shape[1] - 1
     rx = ends.rx[link, world]
     edge = edge_world(wedges, pose, ends.slot[link], wedge)
@@ -46,7 +46,7 @@ def count_bent_kernel(
     # out
     count_out: wp.array[int],
 ):
-    """Count the (link, wedge) pairs that each chain could serve; the wedges are those of its last surface.
+    """Count the (link, wedge) pairs that each chain could serve; the wedges are those of its last plane.
 
     `first_link` has one entry more than there are sources. Launch: dim=N.
     """
@@ -54,10 +54,10 @@ def count_bent_kernel(
     count = wp.int32(0)
     if chains.key[cell] != EMPTY_CELL:
         source = chains.source[cell]
-        surface = chain_surface(chains.key[cell])
-        for place in range(wedges.first[surface], wedges.first[surface + 1]):
+        plane = chain_plane(chains.key[cell])
+        for place in range(wedges.first[plane], wedges.first[plane + 1]):
             for link in range(first_link[source], first_link[source + 1]):
-                if could_bend(ends, surfaces, wedges, pose, chains, cell, wedges.of_surface[place], link):
+                if could_bend(ends, surfaces, wedges, pose, chains, cell, wedges.of_plane[place], link):
                     count = count + 1
     count_out[cell] = count
 
@@ -85,10 +85,10 @@ def fill_bent_kernel(
         return
     row = end[cell] - count[cell]
     source = chains.source[cell]
-    surface = chain_surface(chains.key[cell])
-    for place in range(wedges.first[surface], wedges.first[surface + 1]):
+    plane = chain_plane(chains.key[cell])
+    for place in range(wedges.first[plane], wedges.first[plane + 1]):
         for link in range(first_link[source], first_link[source + 1]):
-            wedge = wedges.of_surface[place]
+            wedge = wedges.of_plane[place]
             if could_bend(ends, surfaces, wedges, pose, chains, cell, wedge, link):
                 link_out[row] = link
                 code = chains.first + cell
@@ -98,8 +98,8 @@ def fill_bent_kernel(
                 position = position - 1
                 while code >= chains.first:
                     key = chains.key[code - chains.first]
-                    step_out[row, position] = chain_surface(key)
+                    step_out[row, position] = chain_plane(key)
                     code = chain_parent(key)
                     position = position - 1
-                step_out[row, 0] = code % chains.surface_count
+                step_out[row, 0] = code % chains.plane_count
                 row = row + 1

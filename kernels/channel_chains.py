@@ -1,16 +1,15 @@
-"""Chains of surfaces: images of the transmitter, and the (link, chain) pairs that are worth an exact look."""
+"""Chains of planes: images of the transmitter, and the (link, chain) pairs that are worth an exact look."""
 
 import warp as wp
 
-from mmw.kernels.channel_launch import EMPTY_CELL, SURFACE_BITS
+from mmw.kernels.channel_launch import EMPTY_CELL, PLANE_BITS
 from mmw.kernels.channel_surfaces import (
-    BOX_MARGIN,
     LinkEnds,
     Plane,
     Surfaces,
     in_box,
+    in_plane_box,
     is_mirror,
-    largest,
     mean_plane,
     mirror_point,
     mirrored,
@@ -27,28 +26,28 @@ LINK_BITS = wp.constant(31)
 
 @wp.struct
 class Chains:
-    """The tree of chains of a launch; codes below `first` are (source, surface) pairs, the others cells."""
+    """The tree of chains of a launch; codes below `first` are (source, plane) pairs, the others cells."""
 
     key: wp.array[wp.uint64]
-    """(level, surface, parent) of each cell, 0 where it is free, shape [N]."""
+    """(level, plane, parent) of each cell, 0 where it is free, shape [N]."""
     first: int
-    """Code of cell 0: the number of (source, surface) pairs."""
-    surface_count: int
-    """G."""
+    """Code of cell 0: the number of (source, plane) pairs."""
+    plane_count: int
+    """K."""
     source: wp.array[int]
     """Source of each chain, shape [N]."""
     image: wp.array[wp.vec3d]
-    """Image of the transmitter before the chain's last surface, world frame [m], shape [N]."""
+    """Image of the transmitter before the chain's last plane, world frame [m], shape [N]."""
     normal: wp.array[wp.vec3d]
-    """Mean plane of the last surface in the world: unit normal, shape [N]."""
+    """Mean plane of the last plane in the world: unit normal, shape [N]."""
     offset: wp.array[wp.float64]
-    """Mean plane of the last surface in the world: normal . p [m], shape [N]."""
+    """Mean plane of the last plane in the world: normal . p [m], shape [N]."""
 
 
 @wp.func
-def chain_surface(key: wp.uint64) -> int:
-    """Return the last surface of a chain."""
-    return wp.int32((key >> wp.uint64(32)) & ((wp.uint64(1) << SURFACE_BITS) - wp.uint64(1)))
+def chain_plane(key: wp.uint64) -> int:
+    """Return the last plane of a chain."""
+    return wp.int32((key >> wp.uint64(32)) & ((wp.uint64(1) << PLANE_BITS) - wp.uint64(1)))
 
 
 @wp.func
@@ -59,8 +58,8 @@ def chain_parent(key: wp.uint64) -> int:
 
 @wp.func
 def chain_level(key: wp.uint64) -> int:
-    """Return the number of surfaces of a chain."""
-    return wp.int32(key >> (wp.uint64(32) + SURFACE_BITS))
+    """Return the number of planes of a chain."""
+    return wp.int32(key >> (wp.uint64(32) + PLANE_BITS))
 
 
 @wp.kernel
@@ -75,7 +74,8 @@ def cull_kernel(
 ):
     """Keep the (link, surface) pairs whose point of reflection falls into the surface's box.
 
-    A thread takes one surface and `LINKS_AT_ONCE` links. `is_seen` has a row for each source from `first_source`.
+    A thread takes one surface and `LINKS_AT_ONCE` links. `is_seen` has a row for each source from `first_source`, a
+    column a plane.
     Launch: dim=(ceil(L / LINKS_AT_ONCE), G).
     """
     block, surface = wp.tid()
@@ -83,20 +83,18 @@ def cull_kernel(
     normal = surfaces.normal[plane]
     offset = surfaces.offset[plane]
     carrier = surfaces.carrier[surface]
+    own_plane = surfaces.plane[surface]
     row = block * LINKS_AT_ONCE
     stop = wp.min(row + LINKS_AT_ONCE, is_candidate_out.shape[0])
     while row < stop:
         link = first_link + row
         keep = wp.uint8(0)
-        if is_seen[ends.source[link] - first_source, surface] != wp.uint8(0):
+        if is_seen[ends.source[link] - first_source, own_plane] != wp.uint8(0):
             tx = ends.tx[link, carrier]
             rx = ends.rx[link, carrier]
             if is_mirror(normal, offset, tx, rx):
                 point = reflection_point(tx, rx, normal, offset)
-                low = point - surfaces.lower[plane]
-                high = surfaces.upper[plane] - point
-                slack = -BOX_MARGIN * (wp.float64(1.0) + largest(point))
-                if wp.min(low) >= slack and wp.min(high) >= slack:
+                if in_box(surfaces.lower[plane], surfaces.upper[plane], point):
                     keep = wp.uint8(1)
         is_candidate_out[row, surface] = keep
         row = row + 1
@@ -129,15 +127,15 @@ def image_kernel(
     image = wp.vec3d()
     before = Plane()
     if parent < chains.first:
-        source = parent // chains.surface_count
+        source = parent // chains.plane_count
         image = tx[source]
-        before = mean_plane(surfaces, pose, slot[source], parent % chains.surface_count)
+        before = mean_plane(surfaces, pose, slot[source], surfaces.lead[parent % chains.plane_count])
     else:
         source = chains.source[parent - chains.first]
         image = chains.image[parent - chains.first]
         before.normal = chains.normal[parent - chains.first]
         before.offset = chains.offset[parent - chains.first]
-    own = mean_plane(surfaces, pose, slot[source], chain_surface(key))
+    own = mean_plane(surfaces, pose, slot[source], surfaces.lead[chain_plane(key)])
     source_out[cell] = source
     image_out[cell] = mirrored(image, before)
     normal_out[cell] = own.normal
@@ -154,7 +152,7 @@ def points_open(
     link: int,
     end: wp.vec3d,
 ) -> bool:
-    """Return whether the chain with code `last`, read from its last surface to the first, reflects inside their boxes
+    """Return whether the chain with code `last`, read from its last plane to the first, reflects inside their boxes
     what goes from the transmitter of a link to the point `end`."""
     slot = ends.slot[link]
     target = end
@@ -168,15 +166,15 @@ def points_open(
         is_open = is_mirror(normal, chains.offset[at], image, target)
         if is_open:
             target = reflection_point(image, target, normal, chains.offset[at])
-            is_open = in_box(surfaces, pose, slot, chain_surface(key), target)
+            is_open = in_plane_box(surfaces, pose, slot, chain_plane(key), target)
         code = chain_parent(key)
     if is_open:
-        surface = code % chains.surface_count
-        plane = mean_plane(surfaces, pose, slot, surface)
+        first = code % chains.plane_count
+        plane = mean_plane(surfaces, pose, slot, surfaces.lead[first])
         tx = ends.tx[link, ends.tx.shape[1] - 1]
         is_open = is_mirror(plane.normal, plane.offset, tx, target)
         if is_open:
-            is_open = in_box(surfaces, pose, slot, surface, mirror_point(plane, tx, target))
+            is_open = in_plane_box(surfaces, pose, slot, first, mirror_point(plane, tx, target))
     return is_open
 
 
@@ -223,7 +221,7 @@ def fill_chain_kernel(
     end: wp.array[int],
     # out
     link_out: wp.array[int],
-    surface_out: wp.array2d[int],
+    plane_out: wp.array2d[int],
 ):
     """Write the (link, chain) pairs that `cull_chain_kernel` kept; `end` is the inclusive sum of its counts.
 
@@ -244,8 +242,8 @@ def fill_chain_kernel(
             position = chain_level(chains.key[cell]) - 1
             while code >= chains.first:
                 key = chains.key[code - chains.first]
-                surface_out[place, position] = chain_surface(key)
+                plane_out[place, position] = chain_plane(key)
                 code = chain_parent(key)
                 position = position - 1
-            surface_out[place, 0] = code % chains.surface_count
+            plane_out[place, 0] = code % chains.plane_count
         bit = bit - 1

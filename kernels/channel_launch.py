@@ -1,8 +1,9 @@
-"""Shooting: which chains of surfaces do the rays of a transmitter meet? The candidates of the image method.
+"""Shooting: which chains of planes do the rays of a transmitter meet? The candidates of the image method.
 
-A chain is a node of a tree: its last surface and its parent, the chain before. The first level is a table of bytes, one
-for each transmitter and surface; deeper nodes live in a hash table keyed by (level, surface, parent), so that equal
-chains are one node and different chains never are. Which cell a node gets depends on the order of the threads; the set
+Coplanar surfaces have one image, so a ray that meets one of them stands for all. A chain is a node of a tree: its last
+plane and its parent, the chain before. The first level is a table of bytes, one for each transmitter and plane; deeper
+nodes live in a hash table keyed by (level, plane, parent), so that equal chains are one node and different chains never
+are. Which cell a node gets depends on the order of the threads; the set
 of nodes does not.
 """
 
@@ -16,8 +17,8 @@ wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "
 
 EMPTY_CELL = wp.constant(wp.uint64(0))
 """Key of a free cell; no node has it, because its level is at least 2."""
-SURFACE_BITS = wp.constant(wp.uint64(28))
-"""Bits of a key that hold the surface; the parent has 32 below, the level 4 above."""
+PLANE_BITS = wp.constant(wp.uint64(28))
+"""Bits of a key that hold the plane; the parent has 32 below, the level 4 above."""
 PROBES = wp.constant(256)
 """Cells that are tried for a node before the table counts as full."""
 BOUNCE_LIFT = wp.constant(wp.float32(4e-6))
@@ -32,18 +33,16 @@ def cell_of(key: wp.uint64, mask: int) -> int:
 
 
 @wp.func
-def insert_chain(chains: wp.array[wp.uint64], parent: int, surface: int, level: int) -> int:
+def insert_chain(chains: wp.array[wp.uint64], parent: int, plane: int, level: int) -> int:
     """Return the cell of a chain, which it gets now if it has none; -1 if the table is full.
 
     Args:
         chains: Keys, a power of two of them.
         parent: Code of the chain before.
-        surface: Surface that is added.
-        level: Number of surfaces of the chain, 2 to 15.
+        plane: Plane that is added.
+        level: Number of planes of the chain, 2 to 15.
     """
-    key = (
-        wp.uint64(parent) | (wp.uint64(surface) << wp.uint64(32)) | (wp.uint64(level) << (wp.uint64(32) + SURFACE_BITS))
-    )
+    key = wp.uint64(parent) | (wp.uint64(plane) << wp.uint64(32)) | (wp.uint64(level) << (wp.uint64(32) + PLANE_BITS))
     mask = chains.shape[0] - 1
     cell = cell_of(key, mask)
     result = wp.int32(-1)
@@ -66,6 +65,7 @@ def launch_kernel(
     scene: Scene,
     slot: wp.array[int],
     origin: wp.array[wp.vec3],
+    plane: wp.array[int],
     is_open: wp.array[wp.uint8],
     ray_count: int,
     stride: int,
@@ -77,15 +77,16 @@ def launch_kernel(
     chains_out: wp.array[wp.uint64],
     is_full_out: wp.array[int],
 ):
-    """Follow each ray over `depth` surfaces and note every chain of reflections that it makes.
+    """Follow each ray over `depth` surfaces and note every chain of planes that reflects it.
 
     Bit k of `passes` lets the ray go through the surface that it meets as its k-th instead of off it. All writers of a
     byte write 1, so their order does not matter. Rays whose numbers differ by `stride`, a Fibonacci number, are
     neighbours on the sphere: threads take them one after the other, so that a block's rays stay together.
 
     Launch: dim=(A, row_count * stride), block_dim=64; A transmitters, one a slot and actor, and row_count * stride at
-    least the number of rays. `is_seen_out` starts as zeros, shape [A, G], as do `chains_out` and `is_full_out`, which
-    becomes 1 where a node found no cell. `is_open` has a byte a surface.
+    least the number of rays. `is_seen_out` starts as zeros, shape [A, K], as do `chains_out` and `is_full_out`, which
+    becomes 1 where a node found no cell. `plane` and `is_open` have an entry a
+    surface.
     """
     source, thread = wp.tid()
     ray = (thread % row_count) * stride + thread // row_count
@@ -102,11 +103,12 @@ def launch_kernel(
             met = depth
         else:
             surface = surface_of(scene, near)
-            code = source * is_seen_out.shape[1] + surface
+            own = plane[surface]
+            code = source * is_seen_out.shape[1] + own
             if level == 1:
-                is_seen_out[source, surface] = wp.uint8(1)
+                is_seen_out[source, own] = wp.uint8(1)
             else:
-                cell = insert_chain(chains_out, parent, surface, level)
+                cell = insert_chain(chains_out, parent, own, level)
                 code = is_seen_out.shape[0] * is_seen_out.shape[1] + cell
                 if cell < 0:
                     is_full_out[0] = 1

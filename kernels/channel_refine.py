@@ -12,6 +12,7 @@ from mmw.kernels.channel_surfaces import (
     mirror_point,
     mirrored,
     single,
+    surface_at,
     triangle_at,
     triangle_plane,
 )
@@ -47,7 +48,9 @@ class Trials:
     link: wp.array[int]
     """Link of each candidate, shape [C]."""
     step: wp.array2d[int]
-    """What it meets: a surface id, -2 - wedge id, or -1 behind the end, shape [C, D]."""
+    """What it meets: a surface id (or plane id), -2 - wedge id, or -1 behind the end, shape [C, D]."""
+    is_plane: wp.bool
+    """Whether steps are planes, of which the point picks the surface; `step` then takes the surfaces that are found."""
     image: wp.array2d[wp.vec3d]
     """Scratch: image of the end that a step belongs to, before its surface [m], shape [C, D]."""
     normal: wp.array2d[wp.vec3d]
@@ -154,25 +157,34 @@ def find_exact_points(
 ) -> bool:
     """Write the exact points of all steps, and return whether there are any.
 
-    The mean planes of the surfaces pick the triangles, without gaps at inner edges; the planes of those triangles then
-    give the points.
+    The mean planes of the surfaces pick surfaces and triangles, without gaps at inner edges; the planes of those
+    triangles then give the points.
     """
     for k in range(steps):
         if k != edge:
-            plane = mean_plane(surfaces, pose, slot, trials.step[trial, k])
+            surface = trials.step[trial, k]
+            if trials.is_plane:
+                surface = surfaces.lead[surface]
+            plane = mean_plane(surfaces, pose, slot, surface)
             trials.normal[trial, k] = plane.normal
             trials.offset[trial, k] = plane.offset
     is_open = find_points(trials, wedges, pose, slot, trial, steps, edge, tx, rx)
     step = wp.int32(0)
     while is_open and step < steps:
         if step != edge:
-            surface = trials.step[trial, step]
-            corner = triangle_at(surfaces, pose, slot, surface, trials.point[trial, step])
-            is_open = corner >= 0
+            if trials.is_plane:
+                trials.step[trial, step] = surface_at(
+                    surfaces, pose, slot, trials.step[trial, step], trials.point[trial, step]
+                )
+            is_open = trials.step[trial, step] >= 0
             if is_open:
-                plane = triangle_plane(surfaces, pose, slot, surface, corner)
-                trials.normal[trial, step] = plane.normal
-                trials.offset[trial, step] = plane.offset
+                surface = trials.step[trial, step]
+                corner = triangle_at(surfaces, pose, slot, surface, trials.point[trial, step])
+                is_open = corner >= 0
+                if is_open:
+                    plane = triangle_plane(surfaces, pose, slot, surface, corner)
+                    trials.normal[trial, step] = plane.normal
+                    trials.offset[trial, step] = plane.offset
         step = step + 1
     if is_open and steps > 0:
         is_open = find_points(trials, wedges, pose, slot, trial, steps, edge, tx, rx)

@@ -36,6 +36,18 @@ class Surfaces:
     """Corners of all triangles [m], shape [3 T]."""
     is_open: wp.array[wp.uint8]
     """1 where a wave can pass through the surface in some weather, shape [G]."""
+    plane: wp.array[int]
+    """Plane that each surface lies in: coplanar surfaces of one carrier have one, shape [G]."""
+    lead: wp.array[int]
+    """Largest surface of each plane, whose mean plane stands for it, shape [K]."""
+    plane_lower: wp.array[wp.vec3d]
+    """Low corner of the box of each plane's surfaces, in the carrier's frame [m], shape [K]."""
+    plane_upper: wp.array[wp.vec3d]
+    """High corner of that box [m], shape [K]."""
+    first_member: wp.array[int]
+    """First entry of each plane in `member`, and the number of entries, shape [K + 1]."""
+    member: wp.array[int]
+    """Surfaces of each plane, the smallest first, one plane after the other, shape [G]."""
 
 
 @wp.struct
@@ -118,19 +130,23 @@ def to_carrier(point: wp.vec3d, pose: wp.array2d[wp.transformd], slot: int, carr
 
 
 @wp.func
-def in_box(surfaces: Surfaces, pose: wp.array2d[wp.transformd], slot: int, surface: int, point: wp.vec3d) -> bool:
-    """Return whether a world point lies in the box of a surface, or very near it."""
-    row = surfaces.row[surface]
-    local = to_carrier(point, pose, slot, surfaces.carrier[surface])
-    slack = -BOX_MARGIN * (wp.float64(1.0) + largest(local))
-    return wp.min(local - surfaces.lower[row]) >= slack and wp.min(surfaces.upper[row] - local) >= slack
+def in_box(low: wp.vec3d, high: wp.vec3d, point: wp.vec3d) -> bool:
+    """Return whether a point lies in a box, or very near it."""
+    slack = -BOX_MARGIN * (wp.float64(1.0) + largest(point))
+    return wp.min(point - low) >= slack and wp.min(high - point) >= slack
 
 
 @wp.func
-def triangle_at(surfaces: Surfaces, pose: wp.array2d[wp.transformd], slot: int, surface: int, point: wp.vec3d) -> int:
-    """Return the first corner of the triangle of a surface that holds a world point, -1 if none does."""
+def in_plane_box(surfaces: Surfaces, pose: wp.array2d[wp.transformd], slot: int, plane: int, point: wp.vec3d) -> bool:
+    """Return whether a world point lies in the box of a plane's surfaces, or very near it."""
+    local = to_carrier(point, pose, slot, surfaces.carrier[surfaces.lead[plane]])
+    return in_box(surfaces.plane_lower[plane], surfaces.plane_upper[plane], local)
+
+
+@wp.func
+def local_triangle(surfaces: Surfaces, surface: int, local: wp.vec3d) -> int:
+    """Return the first corner of the triangle of a surface that holds a point in its own frame, -1 if none does."""
     row = surfaces.row[surface]
-    local = to_carrier(point, pose, slot, surfaces.carrier[surface])
     corner = 3 * surfaces.first[row]
     last = corner + 3 * surfaces.triangle_count[row]
     found = wp.int32(-1)
@@ -140,6 +156,29 @@ def triangle_at(surfaces: Surfaces, pose: wp.array2d[wp.transformd], slot: int, 
         ):
             found = corner
         corner = corner + 3
+    return found
+
+
+@wp.func
+def triangle_at(surfaces: Surfaces, pose: wp.array2d[wp.transformd], slot: int, surface: int, point: wp.vec3d) -> int:
+    """Return the first corner of the triangle of a surface that holds a world point, -1 if none does."""
+    return local_triangle(surfaces, surface, to_carrier(point, pose, slot, surfaces.carrier[surface]))
+
+
+@wp.func
+def surface_at(surfaces: Surfaces, pose: wp.array2d[wp.transformd], slot: int, plane: int, point: wp.vec3d) -> int:
+    """Return the smallest surface of a plane that holds a world point, -1 if none does."""
+    local = to_carrier(point, pose, slot, surfaces.carrier[surfaces.lead[plane]])
+    place = surfaces.first_member[plane]
+    last = surfaces.first_member[plane + 1]
+    found = wp.int32(-1)
+    while place < last and found < 0:
+        surface = surfaces.member[place]
+        row = surfaces.row[surface]
+        is_near = in_box(surfaces.lower[row], surfaces.upper[row], local)
+        if is_near and local_triangle(surfaces, surface, local) >= 0:
+            found = surface
+        place = place + 1
     return found
 
 

@@ -27,9 +27,9 @@ class Wedges:
     surface_n: wp.array[int]
     """Surface of the second face, shape [E]."""
     first: wp.array[int]
-    """First entry of each surface in `of_surface`, and the number of entries, shape [G + 1]."""
-    of_surface: wp.array[int]
-    """The wedges of each surface, one surface after the other, shape [2 E]."""
+    """First entry of each plane in `of_plane`, and the number of entries, shape [K + 1]."""
+    of_plane: wp.array[int]
+    """The wedges at the surfaces of each plane, one plane after the other, shape [2 E]."""
 
 
 @wp.struct

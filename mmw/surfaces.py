@@ -48,7 +48,7 @@ def find_surfaces(points: np.ndarray, faces: np.ndarray, object_id: np.ndarray, 
     first, second = first[keep], second[keep]
     surface = np.arange(len(faces))
     while len(first):
-        label = _components(len(faces), first, second)
+        label = components(len(faces), first, second)
         own = np.unique(np.concatenate([first, second]))
         fits, is_bent = np.ones(len(faces), dtype=bool), np.zeros(len(faces), dtype=bool)
         fits[own], is_bent[own] = _plane_fit(label[own], corners[own], normal[own], twice_area[own])
@@ -74,7 +74,7 @@ def weld(points: np.ndarray) -> np.ndarray:
         moved = other != index
         ends_a.append(index[moved])
         ends_b.append(other[moved])
-    return _components(len(points), np.concatenate(ends_a), np.concatenate(ends_b))
+    return components(len(points), np.concatenate(ends_a), np.concatenate(ends_b))
 
 
 _HASH = np.uint64(0x9E3779B97F4A7C15)
@@ -108,7 +108,7 @@ def _neighbours(faces: np.ndarray, object_id: np.ndarray, material: np.ndarray) 
     return np.concatenate(first), np.concatenate(second)
 
 
-def _components(count: int, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+def components(count: int, first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Return the lowest index of the connected component of every node of an undirected graph, shape [count]."""
     label = np.arange(count)
     while True:

@@ -1,4 +1,4 @@
-"""Which chains of surfaces could carry a path of a link: by launched rays, or by trying every one."""
+"""Which chains of planes could carry a path of a link: by launched rays, or by trying every one."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from mmw.kernels.channel_chains import (
     fill_chain_kernel,
     image_kernel,
 )
-from mmw.kernels.channel_launch import SURFACE_BITS, launch_kernel
+from mmw.kernels.channel_launch import PLANE_BITS, launch_kernel
 from mmw.kernels.channel_surfaces import LinkEnds
 from mmw.scene import Scene
 
@@ -57,9 +57,9 @@ class Sources:
         return Sources(self.slot[begin:end], self.position[begin:end], self.first_link[begin : end + 1])
 
 
-Candidates = tuple[np.ndarray, np.ndarray]
-"""Links, shape [C], and what they meet from transmitter to receiver, shape [C, D], int32: a surface, -2 - wedge, or -1
-behind the end."""
+Candidates = tuple[np.ndarray, np.ndarray, bool]
+"""Links, shape [C]; what they meet from transmitter to receiver, shape [C, D], int32: a surface or a plane, -2 - wedge,
+or -1 behind the end; and whether it is planes."""
 
 
 class TableFull(Exception):
@@ -136,10 +136,10 @@ def _chunks(first_link: np.ndarray, surface_count: int, config: ChannelConfig) -
 def _chains(
     scene: Scene, sources: Sources, table: SurfaceTable, config: ChannelConfig
 ) -> tuple[wp.array, wp.array | None]:
-    """Return the first surfaces, one byte each, shape [A, G], and the keys of longer chains, shape [N], if wanted."""
+    """Return the first planes, one byte each, shape [A, K], and the keys of longer chains, shape [N], if wanted."""
     if config.candidates == "exhaustive":
-        is_seen = wp.full((len(sources), len(table)), 1, dtype=wp.uint8, device=scene.device)
-        keys = every_chain(len(sources), len(table), config.max_depth) if config.max_depth > 1 else None
+        is_seen = wp.full((len(sources), table.plane_count), 1, dtype=wp.uint8, device=scene.device)
+        keys = every_chain(len(sources), table.plane_count, config.max_depth) if config.max_depth > 1 else None
         return is_seen, None if keys is None else wp.array(keys, dtype=wp.uint64, device=scene.device)
     origin = sources.position - scene.origin
     if config.max_depth == 1:
@@ -190,12 +190,12 @@ def launch_rays(
         patterns: Which of its surfaces a ray goes through instead of off them, one launch a bit pattern.
 
     Returns:
-        Which surfaces are met first, one byte each, shape [A, G]; the keys of chains of two surfaces and more, shape
-        [N]; and whether some chain found no cell.
+        Which planes are met first, one byte each, shape [A, K]; the keys of chains of two planes and more, shape [N];
+        and whether some chain found no cell.
     """
     device, stride = scene.device, neighbor_stride(rays)
     row_count = -(-rays // stride)
-    is_seen = wp.zeros((len(slot), len(table)), dtype=wp.uint8, device=device)
+    is_seen = wp.zeros((len(slot), table.plane_count), dtype=wp.uint8, device=device)
     keys = wp.zeros(cells, dtype=wp.uint64, device=device)
     is_full = wp.zeros(1, dtype=wp.int32, device=device)
     slots = wp.array(slot, dtype=wp.int32, device=device)
@@ -204,7 +204,18 @@ def launch_rays(
         wp.launch(
             launch_kernel,
             dim=(len(slot), row_count * stride),
-            inputs=[scene.struct, slots, origins, table.device.is_open, rays, stride, row_count, depth, passes],
+            inputs=[
+                scene.struct,
+                slots,
+                origins,
+                table.device.plane,
+                table.device.is_open,
+                rays,
+                stride,
+                row_count,
+                depth,
+                passes,
+            ],
             outputs=[is_seen, keys, is_full],
             device=device,
             block_dim=64,
@@ -223,25 +234,25 @@ def neighbor_stride(ray_count: int) -> int:
     return before
 
 
-def every_chain(sources: int, surfaces: int, depth: int) -> np.ndarray:
-    """Return the keys of all chains of 2 to `depth` surfaces without the same one twice in a row, shape [N], uint64.
+def every_chain(sources: int, planes: int, depth: int) -> np.ndarray:
+    """Return the keys of all chains of 2 to `depth` planes without the same one twice in a row, shape [N], uint64.
 
     Raises:
         ValueError: If there are more than `PAIRS_AT_ONCE`.
     """
-    count = sources * surfaces * sum((surfaces - 1) ** k for k in range(1, depth))
+    count = sources * planes * sum((planes - 1) ** k for k in range(1, depth))
     if count > PAIRS_AT_ONCE:
         raise ValueError(
-            f"channel.candidates = 'exhaustive' with max_depth = {depth}: {surfaces} surfaces make {count} chains, the "
+            f"channel.candidates = 'exhaustive' with max_depth = {depth}: {planes} planes make {count} chains, the "
             f"most is {PAIRS_AT_ONCE}; use candidates: launch, or a lower depth"
         )
-    parent = np.arange(sources * surfaces)
-    last, filled, keys = parent % surfaces, sources * surfaces, []
+    parent = np.arange(sources * planes)
+    last, filled, keys = parent % planes, sources * planes, []
     for level in range(2, depth + 1):
-        code, surface = np.repeat(parent, surfaces), np.tile(np.arange(surfaces), len(parent))
-        keep = np.repeat(last, surfaces) != surface
-        code, last = code[keep].astype(np.uint64), surface[keep]
-        top = np.uint64(level) << np.uint64(32 + SURFACE_BITS.value)
+        code, plane = np.repeat(parent, planes), np.tile(np.arange(planes), len(parent))
+        keep = np.repeat(last, planes) != plane
+        code, last = code[keep].astype(np.uint64), plane[keep]
+        top = np.uint64(level) << np.uint64(32 + PLANE_BITS.value)
         keys.append(top | (last.astype(np.uint64) << np.uint64(32)) | code)
         parent = filled + np.arange(len(last))
         filled += len(last)
@@ -264,14 +275,14 @@ def _single(
     link, surface = np.divmod(np.flatnonzero(is_candidate.numpy().view(np.bool_)), len(table))
     step = np.full((len(link), depth), -1, dtype=np.int32)
     step[:, 0] = surface
-    return (link + begin).astype(np.int32), step
+    return (link + begin).astype(np.int32), step, False
 
 
 def _tree(pose: wp.array, sources: Sources, table: SurfaceTable, keys: wp.array, depth: int) -> Chains:
     """Return the chains with planes and images of the transmitters."""
     device, cells = keys.device, keys.shape[0]
     chains = Chains()
-    chains.key, chains.first, chains.surface_count = keys, len(sources) * len(table), len(table)
+    chains.key, chains.first, chains.plane_count = keys, len(sources) * table.plane_count, table.plane_count
     chains.source = wp.empty(cells, dtype=wp.int32, device=device)
     chains.image, chains.normal = (wp.empty(cells, dtype=wp.vec3d, device=device) for _ in range(2))
     chains.offset = wp.empty(cells, dtype=wp.float64, device=device)
@@ -315,7 +326,7 @@ def _reflected(
             outputs=[link, step],
             device=device,
         )
-        yield link.numpy(), step.numpy()
+        yield link.numpy(), step.numpy(), True
 
 
 def _bent(
@@ -333,7 +344,7 @@ def _bent(
     link = wp.empty(total, dtype=wp.int32, device=device)
     step = wp.full((total, depth), -1, dtype=wp.int32, device=device)
     wp.launch(fill_bent_kernel, dim=cells, inputs=[*inputs, count, end], outputs=[link, step], device=device)
-    yield link.numpy(), step.numpy()
+    yield link.numpy(), step.numpy(), True
 
 
 def _summed(count: wp.array) -> tuple[wp.array, int]:

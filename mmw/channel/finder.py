@@ -73,10 +73,10 @@ def find_paths(scene: Scene, links: Links, config: ChannelConfig, table: Surface
     order, sources, ends = _sorted_ends(links, links.tx.position, links.rx.position, pose, scene.device)
     found = [_none(max(1, config.max_depth))]
     if len(links):
-        for link, step in _candidates(scene, links, order, ends, poses, sources, table, config):
+        for link, step, is_plane in _candidates(scene, links, order, ends, poses, sources, table, config):
             for begin in range(0, len(link), TRIALS_AT_ONCE):
                 part = slice(begin, begin + TRIALS_AT_ONCE)
-                found.append(_refine(scene, ends, table, poses, link[part], step[part], config))
+                found.append(_refine(scene, ends, table, poses, link[part], step[part], is_plane, config))
         if config.diffuse and len(table):
             found += _rough(scene, links, order, ends, poses, sources, table, config)
     paths = FoundPaths(*(np.concatenate(column) for column in zip(*(_columns(f) for f in found), strict=True)))
@@ -141,7 +141,7 @@ def _candidates(
     """Yield everything worth an exact look."""
     depth = max(1, config.max_depth)
     if config.los:
-        yield np.arange(len(links), dtype=np.int32), np.full((len(links), depth), -1, dtype=np.int32)
+        yield np.arange(len(links), dtype=np.int32), np.full((len(links), depth), -1, dtype=np.int32), False
     if config.max_depth == 0 or not len(table):
         return
     if config.specular:
@@ -157,11 +157,11 @@ def _bent_behind(
 ) -> Iterator[Candidates]:
     """Yield the candidates of a diffraction and then reflections: what the receivers' rays meet, read backwards."""
     back, sources, ends, rank = _reversed_ends(scene, links, order)
-    for link, step in bent_candidates(scene, ends, pose, sources, table, config):
+    for link, step, is_plane in bent_candidates(scene, ends, pose, sources, table, config):
         count = (step != -1).sum(axis=1)
         column = count[:, None] - 1 - np.arange(step.shape[1])
         turned = np.where(column >= 0, np.take_along_axis(step, np.maximum(column, 0), axis=1), -1)
-        yield rank[back[link]], turned.astype(np.int32)
+        yield rank[back[link]], turned.astype(np.int32), is_plane
 
 
 def _rough(
@@ -221,7 +221,7 @@ def _wedge_candidates(
         link, wedge = np.divmod(np.flatnonzero(is_candidate.numpy().view(np.bool_)), len(wedges))
         step = np.full((len(link), depth), -1, dtype=np.int32)
         step[:, 0] = -2 - wedge
-        yield (link + begin).astype(np.int32), step
+        yield (link + begin).astype(np.int32), step, False
 
 
 def _refine(
@@ -231,6 +231,7 @@ def _refine(
     pose: wp.array,
     link: np.ndarray,
     step: np.ndarray,
+    is_plane: bool,
     config: ChannelConfig,
 ) -> FoundPaths:
     """Return the candidates that are paths; `link` still counts in the order of the sources."""
@@ -238,6 +239,7 @@ def _refine(
     trials = Trials()
     trials.link = wp.array(link, dtype=wp.int32, device=device)
     trials.step = wp.array(step, dtype=wp.int32, device=device)
+    trials.is_plane = is_plane
     trials.image, trials.normal, trials.point = (wp.empty(shape, dtype=wp.vec3d, device=device) for _ in range(3))
     trials.offset = wp.empty(shape, dtype=wp.float64, device=device)
     order = wp.empty(len(link), dtype=wp.int32, device=device)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import warp as wp
 
+from mmw.channel.coplanar import group_coplanar
 from mmw.channel.vectors import dot, norm
 from mmw.channel.wedge_table import WedgeTable, make_wedge_table
 from mmw.kernels.channel_surfaces import Surfaces
@@ -39,6 +40,10 @@ class SurfaceTable:
     """Triangles of each row, shape [K], int32."""
     triangle: np.ndarray
     """Corners [m], triangles in the order of rows, shape [T, 3, 3]."""
+    plane: np.ndarray
+    """Plane of each surface, 0 to K - 1; coplanar surfaces of one carrier have one, shape [G], int32."""
+    plane_count: int
+    """K."""
     is_open: np.ndarray
     """Whether a wave passes through the surface in some weather: its material is a slab, shape [G], bool."""
     device: Surfaces
@@ -109,12 +114,24 @@ def make_surface_table(scene: Scene, *, wedges: bool = False) -> SurfaceTable:
         "triangle": triangle,
     }
     table["is_open"] = _slabs(scene)[table["material_id"]]
+    part = np.repeat(np.arange(len(counts)), counts)
+    of_row = group_coplanar(normal, offset, lower, upper, area, part)
+    table["plane"] = _planes(of_row[row_all], table["owner"])
+    plane_count = int(table["plane"].max()) + 1 if len(row_all) else 0
     return SurfaceTable(
         **table,
         device=_to_device(table, lower, upper, len(scene.instance_actor), scene.device),
-        wedges=make_wedge_table(scene, enabled=wedges),
+        plane_count=plane_count,
+        wedges=make_wedge_table(scene, table["plane"], enabled=wedges),
         has_wedges=wedges,
     )
+
+
+def _planes(group: np.ndarray, owner: np.ndarray) -> np.ndarray:
+    """Return a number for every pair of group and carrier, in the order of first surfaces, shape [G], int32."""
+    key = (owner.astype(np.int64) + 1) * (int(group.max(initial=0)) + 1) + group
+    _, first, inverse = np.unique(key, return_index=True, return_inverse=True)
+    return np.argsort(np.argsort(first))[inverse.reshape(-1)].astype(np.int32)
 
 
 def _slabs(scene: Scene) -> np.ndarray:
@@ -144,6 +161,11 @@ def _mean_planes(triangle: np.ndarray, row_of: np.ndarray, first: np.ndarray) ->
 def _to_device(
     table: dict[str, np.ndarray], lower: np.ndarray, upper: np.ndarray, instance_count: int, device: str
 ) -> Surfaces:
+    row, plane = table["row"], table["plane"]
+    member = np.lexsort((table["area"], plane))
+    first_member = np.searchsorted(plane[member], np.arange(int(plane.max(initial=-1)) + 2))
+    plane_lower = np.minimum.reduceat(lower[row[member]], first_member[:-1]) if len(row) else np.zeros((0, 3))
+    plane_upper = np.maximum.reduceat(upper[row[member]], first_member[:-1]) if len(row) else np.zeros((0, 3))
     surfaces = Surfaces()
     for name, values, dtype in (
         ("row", table["row"], wp.int32),
@@ -156,6 +178,12 @@ def _to_device(
         ("triangle_count", table["triangle_count"], wp.int32),
         ("corner", table["triangle"].reshape(-1, 3), wp.vec3d),
         ("is_open", table["is_open"], wp.uint8),
+        ("plane", plane, wp.int32),
+        ("lead", member[first_member[1:] - 1], wp.int32),
+        ("plane_lower", plane_lower, wp.vec3d),
+        ("plane_upper", plane_upper, wp.vec3d),
+        ("first_member", first_member, wp.int32),
+        ("member", member, wp.int32),
     ):
         setattr(surfaces, name, wp.array(values, dtype=dtype, device=device))
     return surfaces

@@ -43,11 +43,12 @@ class WedgeTable:
         return len(self.carrier)
 
 
-def make_wedge_table(scene: Scene, *, enabled: bool) -> WedgeTable:
+def make_wedge_table(scene: Scene, plane: np.ndarray, *, enabled: bool) -> WedgeTable:
     """Return the wedges of a scene, or none if `enabled` is false.
 
     Args:
         scene: The scene; nothing of its batch is used.
+        plane: Plane of every surface of the scene, shape [G].
         enabled: Whether diffraction is wanted.
     """
     arrays = scene.arrays
@@ -74,11 +75,11 @@ def make_wedge_table(scene: Scene, *, enabled: bool) -> WedgeTable:
         setattr(device, name, wp.array(values, dtype=wp.vec3d, device=scene.device))
     for name, values in numbers.items():
         setattr(device, name, wp.array(values, dtype=wp.int32, device=scene.device))
-    face = np.concatenate([numbers["surface_0"], numbers["surface_n"]])
+    face = plane[np.concatenate([numbers["surface_0"], numbers["surface_n"]])]
     order = np.argsort(face, kind="stable")
-    first = np.searchsorted(face[order], np.arange(scene.surface_count + 1))
+    first = np.searchsorted(face[order], np.arange(int(plane.max(initial=-1)) + 2))
     device.first = wp.array(first, dtype=wp.int32, device=scene.device)
-    device.of_surface = wp.array(order % max(len(face) // 2, 1), dtype=wp.int32, device=scene.device)
+    device.of_plane = wp.array(order % max(len(face) // 2, 1), dtype=wp.int32, device=scene.device)
     return WedgeTable(**numbers, **table, device=device)
 
 
