@@ -36,7 +36,9 @@ class ChannelConfig(Section):
     diffuse_rays: int = Field(
         1000, ge=2, le=2**24, description="rays that look for rough surfaces; each gives a path a link (count)"
     )
-    pattern: Literal["dipole", "iso"] = Field("dipole", description="element pattern of both ends (name)")
+    pattern: Literal["dipole", "iso", "hw_dipole", "tr38901"] = Field(
+        "dipole", description="element pattern of both ends; tr38901 looks along the agent's x (name)"
+    )
     polarization: Literal["V", "H"] = Field("V", description="polarisation of both ends (name)")
     antenna_position_m: dict[Literal["cav", "rsu"], Vec3] = Field(
         default_factory=lambda: {"cav": (0.0, 0.0, 2.5), "rsu": (0.0, 0.0, 4.0)},
