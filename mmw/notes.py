@@ -26,12 +26,12 @@ def missing_links(arrays: SceneArrays, config: Config) -> list[str]:
 
 
 def clear_air(config: Config) -> list[str]:
-    """Return what this version leaves out of bad weather: it changes radio materials, not optics."""
+    """Return what this version leaves out of bad weather: it changes the radio link, not optics."""
     wet = [weather for weather in config.weathers if weather != "sunny"]
     optical = [sensor.name for sensor in config.sensors if isinstance(sensor, LidarConfig | DepthConfig)]
     if not wet or not optical:
         return []
-    return [f"{', '.join(optical)} see clear air in {', '.join(wet)}; weather changes materials only in this version"]
+    return [f"{', '.join(optical)} see clear air in {', '.join(wet)}; weather changes the radio link only in this version"]
 
 
 def blind_mounts(arrays: SceneArrays, config: Config) -> list[str]:
