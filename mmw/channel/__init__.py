@@ -23,9 +23,14 @@ if TYPE_CHECKING:
     from mmw.channel.csi import impulse_response as impulse_response
     from mmw.channel.csi import subcarrier_frequencies as subcarrier_frequencies
     from mmw.channel.csi import taps as taps
+    from mmw.channel.elements import element_links as element_links
     from mmw.channel.path_rows import LINK_COLUMNS as LINK_COLUMNS
     from mmw.channel.path_rows import PATH_COLUMNS as PATH_COLUMNS
     from mmw.channel.path_rows import PathRows as PathRows
+    from mmw.channel.path_rows import rows_from_paths as rows_from_paths
+    from mmw.channel.tracks import PathTracks as PathTracks
+    from mmw.channel.tracks import tracks_from_paths as tracks_from_paths
+    from mmw.channel.tracks import tracks_from_table as tracks_from_table
 
 _HOME = {
     "PatternTable": "antennas",
@@ -35,7 +40,9 @@ _HOME = {
     **dict.fromkeys(
         ("complex_gain", "frequency_response", "impulse_response", "subcarrier_frequencies", "taps"), "csi"
     ),
-    **dict.fromkeys(("LINK_COLUMNS", "PATH_COLUMNS", "PathRows"), "path_rows"),
+    "element_links": "elements",
+    **dict.fromkeys(("LINK_COLUMNS", "PATH_COLUMNS", "PathRows", "rows_from_paths"), "path_rows"),
+    **dict.fromkeys(("PathTracks", "tracks_from_paths", "tracks_from_table"), "tracks"),
 }
 """Name -> module of this package that defines it."""
 

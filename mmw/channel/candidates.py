@@ -9,6 +9,7 @@ import warp as wp
 from mmw.channel.surface_table import SurfaceTable
 from mmw.config import ChannelConfig
 from mmw.kernels.channel_bends import count_bent_kernel, fill_bent_kernel
+from mmw.kernels.channel_between import Tails, join_kernel
 from mmw.kernels.channel_chains import (
     LINK_BITS,
     LINKS_AT_ONCE,
@@ -66,10 +67,28 @@ class TableFull(Exception):
     """The table of chains is too small for this launch."""
 
 
+@dataclass(frozen=True)
+class Backward:
+    """The links read backwards, for chains that start at the receivers."""
+
+    ends: LinkEnds
+    """Ends, sorted by receiver; `tx` are the receivers."""
+    sources: Sources
+    """The receivers."""
+    place: np.ndarray
+    """Place of each link, in the order of the transmitters, among the links read backwards, shape [L], int32."""
+
+
 def reflected_candidates(
-    scene: Scene, ends: LinkEnds, pose: wp.array, sources: Sources, table: SurfaceTable, config: ChannelConfig
+    scene: Scene,
+    ends: LinkEnds,
+    pose: wp.array,
+    sources: Sources,
+    table: SurfaceTable,
+    config: ChannelConfig,
+    backward: Backward | None = None,
 ) -> Iterator[Candidates]:
-    """Yield chains of reflections, and chains with a diffraction behind them, that are worth an exact look.
+    """Yield chains of reflections, and with diffraction those that have a wedge among or behind them.
 
     Args:
         scene: The scene with the batch loaded.
@@ -78,17 +97,21 @@ def reflected_candidates(
         sources: The transmitters.
         table: Surfaces of the scene.
         config: Candidate mode, rays, depth, interactions.
+        backward: The links read backwards, for diffraction.
 
     Raises:
         ValueError: If there are too many chains to try them all, or to keep them.
     """
+    depth = config.max_depth
     for part, begin, is_seen, keys in _launches(scene, sources, table, config):
-        yield _single(ends, part, begin, table, is_seen, config.max_depth)
+        yield _single(ends, part, begin, table, is_seen, depth)
         if keys is not None:
-            chains = _tree(pose, part, table, keys, config.max_depth)
-            yield from _reflected(ends, pose, part, table, chains, config.max_depth)
-            if config.diffraction and len(table.wedges):
-                yield from _bent(ends, pose, part, table, chains, config.max_depth)
+            chains = _tree(pose, part, table, keys, depth)
+            yield from _reflected(ends, pose, part, table, chains, depth)
+            if backward is not None:
+                yield from _bent(ends, pose, part, table, chains, depth)
+                if depth > 2:
+                    yield from _between(scene, ends, pose, part, table, chains, config, backward)
 
 
 def bent_candidates(
@@ -345,6 +368,54 @@ def _bent(
     step = wp.full((total, depth), -1, dtype=wp.int32, device=device)
     wp.launch(fill_bent_kernel, dim=cells, inputs=[*inputs, count, end], outputs=[link, step], device=device)
     yield link.numpy(), step.numpy(), True
+
+
+def _between(
+    scene: Scene,
+    ends: LinkEnds,
+    pose: wp.array,
+    sources: Sources,
+    table: SurfaceTable,
+    chains: Chains,
+    config: ChannelConfig,
+    backward: Backward,
+) -> Iterator[Candidates]:
+    """Yield the candidates with reflections on both sides of a wedge."""
+    device, cells, depth = scene.device, chains.key.shape[0], config.max_depth
+    tails = Tails()
+    tails.ends = backward.ends
+    tails.link = wp.array(backward.place, dtype=wp.int32, device=device)
+    for part, begin, _, keys in _launches(scene, backward.sources, table, config):
+        tails.chains = _tree(pose, part, table, keys, depth)
+        key, cell = _by_last_plane(tails.chains, depth)
+        tails.key = wp.array(key, dtype=wp.int64, device=device)
+        tails.cell = wp.array(cell, dtype=wp.int32, device=device)
+        source = np.searchsorted(backward.sources.first_link, backward.place, side="right") - 1 - begin
+        source = np.where((source >= 0) & (source < len(part)), source, -1)
+        tails.source = wp.array(source, dtype=wp.int32, device=device)
+        first_link = wp.array(sources.first_link, dtype=wp.int32, device=device)
+        inputs = [ends, table.device, table.wedges.device, pose, first_link, chains, tails, depth]
+        count = wp.zeros(cells, dtype=wp.int32, device=device)
+        link, step = wp.empty(1, dtype=wp.int32, device=device), wp.empty((1, depth), dtype=wp.int32, device=device)
+        wp.launch(join_kernel, dim=cells, inputs=[*inputs, False, count], outputs=[count, link, step], device=device)
+        end, total = _summed(count)
+        if total == 0:
+            continue
+        link = wp.empty(total, dtype=wp.int32, device=device)
+        step = wp.full((total, depth), -1, dtype=wp.int32, device=device)
+        wp.launch(join_kernel, dim=cells, inputs=[*inputs, True, end], outputs=[count, link, step], device=device)
+        yield link.numpy(), step.numpy(), True
+
+
+def _by_last_plane(chains: Chains, depth: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return source * K + last plane and cell of the chains that leave room for a wedge and one more, sorted by both."""
+    keys, source = chains.key.numpy(), chains.source.numpy()
+    level = keys >> np.uint64(32 + PLANE_BITS.value)
+    cell = np.flatnonzero((level > 0) & (level < depth))
+    plane = (keys[cell] >> np.uint64(32)) & np.uint64(2**PLANE_BITS.value - 1)
+    key = source[cell].astype(np.int64) * chains.plane_count + plane.astype(np.int64)
+    order = np.lexsort((keys[cell], key))
+    return key[order], cell[order]
 
 
 def _summed(count: wp.array) -> tuple[wp.array, int]:

@@ -121,7 +121,7 @@ def frequency_response(
         weights /= len(frequencies)
     else:
         weights = np.exp(-2j * np.pi * tau[:, None] * frequencies)
-    response = _sum(a, paths, turn[..., None] * weights.reshape(len(paths), *(1,) * (turn.ndim - 1), -1))
+    response = _sum(a, paths, turn[..., None] * weights.reshape(len(paths), *(1,) * (turn.ndim - 1), weights.shape[1]))
     if normalize:
         axes = tuple(range(1, response.ndim))
         scale = np.sqrt(np.mean(np.abs(response) ** 2, axis=axes, keepdims=True))
@@ -164,7 +164,7 @@ def taps(
         raise ValueError(f"taps: l_min = {l_min}, l_max = {l_max}, W = {bandwidth_hz:g} Hz; l_min <= l_max and W > 0")
     turn = _rotation(a, paths, carrier_hz, np.asarray(time_s, dtype=np.float64), carrier_phase, normalize_delays)
     shape = np.sinc(np.arange(l_min, l_max + 1) - bandwidth_hz * delays(paths, normalize_delays)[:, None])
-    return _sum(a, paths, turn[..., None] * shape.reshape(len(paths), *(1,) * (turn.ndim - 1), -1))
+    return _sum(a, paths, turn[..., None] * shape.reshape(len(paths), *(1,) * (turn.ndim - 1), shape.shape[1]))
 
 
 def impulse_response(

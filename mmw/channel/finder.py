@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from mmw.channel.candidates import Candidates, Sources, bent_candidates, reflected_candidates
+from mmw.channel.candidates import Backward, Candidates, Sources, bent_candidates, reflected_candidates
 from mmw.channel.finder_diffuse import Patches, find_patches
 from mmw.channel.links import Links
 from mmw.channel.paths import DIFFRACTION
@@ -144,24 +144,28 @@ def _candidates(
         yield np.arange(len(links), dtype=np.int32), np.full((len(links), depth), -1, dtype=np.int32), False
     if config.max_depth == 0 or not len(table):
         return
+    bends = config.diffraction and len(table.wedges) > 0
+    backward = None
+    if bends and config.specular and depth > 1:
+        back, sources_b, ends_b, rank = _reversed_ends(scene, links, order)
+        place = np.empty(len(order), dtype=np.int32)
+        place[rank[back]] = np.arange(len(order))
+        backward = Backward(ends_b, sources_b, place)
     if config.specular:
-        yield from reflected_candidates(scene, ends, pose, sources, table, config)
-    if config.diffraction and len(table.wedges):
+        yield from reflected_candidates(scene, ends, pose, sources, table, config, backward)
+    if bends:
         yield from _wedge_candidates(links, order, pose, table.wedges, depth, scene.device)
-        if config.specular and depth > 1:
-            yield from _bent_behind(scene, links, order, pose, table, config)
+    if backward is not None:
+        number = np.argsort(backward.place)
+        for link, step, is_plane in bent_candidates(scene, backward.ends, pose, backward.sources, table, config):
+            yield number[link], _turned(step), is_plane
 
 
-def _bent_behind(
-    scene: Scene, links: Links, order: np.ndarray, pose: wp.array, table: SurfaceTable, config: ChannelConfig
-) -> Iterator[Candidates]:
-    """Yield the candidates of a diffraction and then reflections: what the receivers' rays meet, read backwards."""
-    back, sources, ends, rank = _reversed_ends(scene, links, order)
-    for link, step, is_plane in bent_candidates(scene, ends, pose, sources, table, config):
-        count = (step != -1).sum(axis=1)
-        column = count[:, None] - 1 - np.arange(step.shape[1])
-        turned = np.where(column >= 0, np.take_along_axis(step, np.maximum(column, 0), axis=1), -1)
-        yield rank[back[link]], turned.astype(np.int32), is_plane
+def _turned(step: np.ndarray) -> np.ndarray:
+    """Return steps from the other end, shape [C, D]."""
+    column = (step != -1).sum(axis=1)[:, None] - 1 - np.arange(step.shape[1])
+    turned = np.where(column >= 0, np.take_along_axis(step, np.maximum(column, 0), axis=1), -1)
+    return turned.astype(np.int32)
 
 
 def _rough(

@@ -1,5 +1,6 @@
 """Paths of any number of links at one carrier, as flat arrays made from rows of the tables `paths` and `links`."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -7,6 +8,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import ArrayLike
+
+from mmw.channel.links import Links
+from mmw.channel.paths import PATH_LOS, Paths
 
 LINK_COLUMNS = ("scenario", "weather", "frame", "agent", "peer", "carrier_hz")
 """Columns that name a link at a carrier, in both tables."""
@@ -170,6 +174,54 @@ class PathRows:
             phi_r=number("aoa_az"),
             doppler_hz=number("doppler_hz"),
         )
+
+
+def rows_from_paths(
+    links: Links,
+    paths: Paths,
+    weather: str,
+    carrier_hz: float,
+    actors: Sequence[str] | None = None,
+    scenario: str = "",
+) -> PathRows:
+    """Return paths in memory, of one weather and carrier, as the same arrays that rows of a dataset give.
+
+    Args:
+        links: Links of the paths.
+        paths: Paths of `solve_paths`; `row` of the result counts these.
+        weather: Weather of the gains.
+        carrier_hz: Carrier of the gains [Hz].
+        actors: Name of each actor, for `agent` and `peer`; None takes actor indices as text.
+        scenario: Name of the scenario.
+
+    Raises:
+        ValueError: If weather or carrier are not there.
+    """
+    if weather not in paths.a:
+        raise ValueError(f"rows_from_paths: weather = {weather!r}; the paths have {', '.join(paths.a)}")
+    column = np.flatnonzero(paths.carriers_hz == carrier_hz)
+    if not len(column):
+        known = ", ".join(f"{carrier:g}" for carrier in paths.carriers_hz)
+        raise ValueError(f"rows_from_paths: carrier_hz = {carrier_hz:g}; the paths have {known} Hz")
+    keys = np.empty(len(links), dtype=KEY_TYPE)
+    keys["scenario"], keys["weather"], keys["frame"] = scenario, weather, links.frame
+    for name, actor in (("agent", links.rx_actor), ("peer", links.tx_actor)):
+        keys[name] = [str(index) if actors is None else actors[index] for index in actor]
+    return PathRows(
+        carrier_hz=float(carrier_hz),
+        keys=keys,
+        link=paths.link.astype(np.int64),
+        row=np.arange(len(paths)),
+        is_los=paths.kind == PATH_LOS,
+        tau=paths.tau,
+        transfer=paths.transfer[weather][:, column[0]],
+        a=paths.a[weather][:, column[0]],
+        theta_t=paths.theta_t,
+        phi_t=paths.phi_t,
+        theta_r=paths.theta_r,
+        phi_r=paths.phi_r,
+        doppler_hz=paths.doppler_hz[:, column[0]],
+    )
 
 
 def _names_of(table: Any) -> list[str]:
