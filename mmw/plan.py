@@ -6,7 +6,7 @@ from pathlib import Path
 from pxr import Tf, Usd
 
 from mmw.channel.materials import PERMITTIVITY, PREFIX
-from mmw.config import Config, ConfigError, DepthConfig, ImuConfig, LidarConfig, ScenarioConfig
+from mmw.config import ChannelConfig, Config, ConfigError, DepthConfig, ImuConfig, LidarConfig, ScenarioConfig
 from mmw.paths import town_path
 from mmw.report import si
 from mmw.tables.schemas import TABLES
@@ -26,7 +26,13 @@ PATH_BYTES = 134.0
 """Bytes of one radio path at one carrier, measured on town03."""
 
 PATHS_PER_LINK = 2.5
-"""Paths of a link at first order, measured on town03; a link without any counts too."""
+"""Paths of a link at first order, measured on town03; a link without any counts too. Every order more adds about one."""
+
+BENT_PATHS_PER_LINK = 118.0
+"""Diffracted paths of a link at first order, measured on town03; every order more makes 3.3 times as many."""
+
+PATCHES_PER_RAY = 0.4
+"""Diffuse paths of a link for each of `channel.diffuse_rays` and order; rough ground below a mast gives 0.38."""
 
 ROW_BYTES = {"poses": 80.0, "boxes": 60.0, "imu": 60.0, "links": 25.0}
 """Bytes of one row of the small tables, measured on town03."""
@@ -192,5 +198,16 @@ def frame_cost(config: Config, counts: Mapping[str, int]) -> tuple[dict[str, int
             senders, links = senders + counts["cav"], links + counts["cav"] * max(counts["cav"] - 1, 0)
         if config.channel.candidates == "launch":
             rays["channel"] = senders * config.channel.rays
-        size += links * len(config.channel.carriers_hz) * (ROW_BYTES["links"] + PATHS_PER_LINK * PATH_BYTES)
+        size += links * len(config.channel.carriers_hz) * (ROW_BYTES["links"] + _paths(config.channel) * PATH_BYTES)
     return rays, size
+
+
+def _paths(channel: ChannelConfig) -> float:
+    """Return how many paths a link has, about."""
+    order = channel.max_depth
+    count = PATHS_PER_LINK + max(order - 1, 0)
+    if channel.diffraction and order:
+        count += BENT_PATHS_PER_LINK * 3.3 ** (order - 1)
+    if channel.diffuse:
+        count += PATCHES_PER_RAY * channel.diffuse_rays * order
+    return count
