@@ -117,16 +117,16 @@ def join_kernel(
                     while receiver >= 0 and item < tails.key.shape[0] and tails.key[item] == wanted:
                         tail = tails.cell[item]
                         tail_level = chain_level(tails.chains.key[tail])
-                        if chain_level(key) + tail_level - 1 <= depth:
-                            if could_join(ends, surfaces, wedges, pose, chains, tails, cell, wedge, tail, link):
-                                if is_writing:
-                                    link_out[row + count] = link
-                                    edge = chain_level(key) - 1
-                                    step_out[row + count, edge] = -2 - wedge
-                                    write_chain(chains, chain_parent(key), row + count, edge - 1, -1, step_out)
-                                    last = chain_parent(tails.chains.key[tail])
-                                    write_chain(tails.chains, last, row + count, edge + 1, 1, step_out)
-                                count = count + 1
+                        fits = chain_level(key) + tail_level - 1 <= depth
+                        if fits and could_join(ends, surfaces, wedges, pose, chains, tails, cell, wedge, tail, link):
+                            if is_writing:
+                                link_out[row + count] = link
+                                edge = chain_level(key) - 1
+                                step_out[row + count, edge] = -2 - wedge
+                                write_chain(chains, chain_parent(key), row + count, edge - 1, -1, step_out)
+                                last = chain_parent(tails.chains.key[tail])
+                                write_chain(tails.chains, last, row + count, edge + 1, 1, step_out)
+                            count = count + 1
                         item = item + 1
     if not is_writing:
         count_out[cell] = count

@@ -12,7 +12,7 @@ SAME_PLANE_M = 1e-4
 own [m]: less than float32 rays resolve in a town."""
 
 REACH_M = 100.0
-"""Distance over which the tilt between two normals is measured against `SAME_PLANE_M` in the first, coarse search [m]."""
+"""Distance over which the tilt of two normals is measured against `SAME_PLANE_M` in the first, coarse search [m]."""
 
 
 def group_coplanar(

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from mmw.channel.candidates import Backward, Candidates, Sources, bent_candidates, reflected_candidates
+from mmw.channel.candidates import Sources
+from mmw.channel.chains import Backward, Candidates, bent_candidates, reflected_candidates
 from mmw.channel.finder_diffuse import Patches, find_patches
 from mmw.channel.links import Links
 from mmw.channel.paths import DIFFRACTION
