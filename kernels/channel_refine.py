@@ -2,6 +2,15 @@
 
 import warp as wp
 
+from mmw.kernels.channel_legs import (
+    DIFFRACTION,
+    EDGE_LIFTS,
+    END_SLACK,
+    LIFT,
+    SPECULAR,
+    is_covered,
+    walk_leg,
+)
 from mmw.kernels.channel_surfaces import (
     LinkEnds,
     Plane,
@@ -11,34 +20,14 @@ from mmw.kernels.channel_surfaces import (
     mean_plane,
     mirror_point,
     mirrored,
-    single,
     surface_at,
     triangle_at,
     triangle_plane,
 )
 from mmw.kernels.channel_wedges import Wedges, edge_point, edge_world, is_outside
 from mmw.kernels.structs import MISS_ID, Scene
-from mmw.kernels.trace import closest_hit, is_blocked
 
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
-
-SPECULAR = wp.constant(1)
-"""Interaction: mirror reflection. The numbers are those of Sionna RT."""
-TRANSMISSION = wp.constant(4)
-"""Interaction: straight through a slab."""
-DIFFRACTION = wp.constant(8)
-"""Interaction: around a wedge."""
-
-MIN_LEG = wp.constant(wp.float64(0.01))
-"""Shortest leg of a path [m]; nearer than this the far field means nothing. Source: Sionna RT 2.2 uses the same."""
-LIFT = wp.constant(wp.float64(2e-6))
-"""A leg starts off its surface by this times (5 m + largest coordinate): 16 roundings of float32."""
-EDGE_LIFTS = wp.constant(wp.float64(4.0))
-"""A leg starts off an edge by this many lifts, along the middle of the two outward normals."""
-COVER_SHARE = wp.constant(wp.float64(0.75))
-"""Share of the lift, from its upper end, that is searched for a surface that lies on the reflecting one."""
-END_SLACK = wp.constant(wp.float64(6e-6))
-"""Share of a leg at each antenna that is not searched for obstacles: an antenna may lie on a surface."""
 
 
 @wp.struct
@@ -59,22 +48,6 @@ class Trials:
     """Scratch: plane of each step, shape [C, D]."""
     point: wp.array2d[wp.vec3d]
     """Scratch: point of each step [m], shape [C, D]."""
-
-
-@wp.func
-def is_covered(
-    scene: Scene, slot: int, start: wp.vec3d, normal: wp.vec3d, lift: wp.float64, origin: wp.vec3d, surface: int
-) -> bool:
-    """Return whether another surface lies between a point of reflection and `start`, its legs' start above it."""
-    reach = wp.float32(lift * COVER_SHARE)
-    hit = closest_hit(scene, slot, single(start - origin), -single(normal), reach, MISS_ID)
-    return hit.surface != MISS_ID and hit.surface != surface
-
-
-@wp.func
-def is_own(surface: int, own: wp.vec4i) -> bool:
-    """Return whether a surface is one of those on which a leg begins or ends."""
-    return surface == own[0] or surface == own[1] or surface == own[2] or surface == own[3]
 
 
 @wp.func
@@ -189,71 +162,6 @@ def find_exact_points(
     if is_open and steps > 0:
         is_open = find_points(trials, wedges, pose, slot, trial, steps, edge, tx, rx)
     return is_open
-
-
-@wp.func
-def walk_leg(
-    scene: Scene,
-    surfaces: Surfaces,
-    pose: wp.array2d[wp.transformd],
-    origin: wp.vec3d,
-    slot: int,
-    begin: wp.vec3d,
-    end: wp.vec3d,
-    start: wp.vec3d,
-    stop: wp.vec3d,
-    own: wp.vec4i,
-    trial: int,
-    filled: int,
-    room: int,
-    kind_out: wp.array2d[int],
-    surface_out: wp.array2d[int],
-    vertex_out: wp.array2d[wp.vec3d],
-    normal_out: wp.array2d[wp.vec3d],
-) -> int:
-    """Trace a leg; write the slabs that it passes through, `room` at most; return how many rows are filled, or -1.
-
-    `begin` and `end` are its true ends, `start` and `stop` the same lifted off what they lie on. The surfaces of `own`,
-    being flat, cannot stand in the leg's own way.
-    """
-    leg = stop - start
-    length = wp.length(leg)
-    if not length > MIN_LEG:
-        return -1
-    place = single(start - origin)
-    direction = wp.normalize(single(leg / length))
-    left = wp.float32(length)
-    if not is_blocked(scene, slot, place, direction, left, MISS_ID):
-        return filled
-    written = filled
-    passed = wp.int32(MISS_ID)
-    tries = wp.int32(16)
-    while tries > 0:
-        hit = closest_hit(scene, slot, place, direction, left, MISS_ID)
-        if hit.surface == MISS_ID:
-            return written
-        if not is_own(hit.surface, own) and hit.surface != passed:
-            if written - filled >= room or surfaces.is_open[hit.surface] == wp.uint8(0):
-                return -1
-            passed = hit.surface
-            at = start + wp.float64(length - wp.float64(left) + wp.float64(hit.t)) * (leg / length)
-            plane = mean_plane(surfaces, pose, slot, passed)
-            corner = triangle_at(surfaces, pose, slot, passed, at)
-            if corner >= 0:
-                plane = triangle_plane(surfaces, pose, slot, passed, corner)
-            share = (plane.offset - wp.dot(plane.normal, begin)) / wp.dot(plane.normal, end - begin)
-            if wp.dot(plane.normal, end - begin) > wp.float64(0.0):
-                plane.normal = -plane.normal
-            kind_out[trial, written] = TRANSMISSION
-            surface_out[trial, written] = passed
-            vertex_out[trial, written] = begin + share * (end - begin)
-            normal_out[trial, written] = plane.normal
-            written = written + 1
-        step = hit.t + 1e-5 * (1.0 + hit.t)
-        place = place + step * direction
-        left = left - step
-        tries = tries - 1
-    return -1
 
 
 @wp.kernel

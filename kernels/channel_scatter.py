@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from mmw.kernels.channel_refine import END_SLACK, LIFT, SPECULAR, TRANSMISSION, walk_leg
+from mmw.kernels.channel_legs import END_SLACK, LIFT, MIN_LEG, SPECULAR, TRANSMISSION, walk_leg
 from mmw.kernels.channel_surfaces import LinkEnds, Surfaces, largest, mean_plane, single, triangle_at, triangle_plane
 from mmw.kernels.geometry import fibonacci_direction_64
 from mmw.kernels.structs import MISS_ID, Scene
@@ -54,10 +54,11 @@ def scatter_kernel(
             if corner >= 0:
                 plane = triangle_plane(surfaces, pose, own_slot, surface, corner)
             along = wp.dot(plane.normal, direction)
-            is_open = wp.abs(along) > wp.float64(1e-6)
+            leg = (plane.offset - wp.dot(plane.normal, place)) / along
+            is_open = wp.abs(along) > wp.float64(1e-6) and leg > MIN_LEG
             if is_open:
                 normal = wp.where(along > wp.float64(0.0), -plane.normal, plane.normal)
-                place = place + (plane.offset - wp.dot(plane.normal, place)) / along * direction
+                place = place + leg * direction
                 lift = LIFT * (wp.float64(5.0) + largest(place - origin))
                 surface_out[source, ray, met] = surface
                 point_out[source, ray, met] = place

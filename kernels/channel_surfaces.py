@@ -11,6 +11,9 @@ EDGE_MARGIN = wp.constant(wp.float64(1e-9))
 BOX_MARGIN = wp.constant(wp.float64(1e-6))
 """Slack of the box test, which only has to be generous [m]."""
 
+NEAR = wp.constant(wp.vec3d(1e-3, 1e-3, 1e-3))
+"""What a traced point may lie off its surface's box [m]."""
+
 
 @wp.struct
 class Surfaces:
@@ -163,6 +166,15 @@ def local_triangle(surfaces: Surfaces, surface: int, local: wp.vec3d) -> int:
 def triangle_at(surfaces: Surfaces, pose: wp.array2d[wp.transformd], slot: int, surface: int, point: wp.vec3d) -> int:
     """Return the first corner of the triangle of a surface that holds a world point, -1 if none does."""
     return local_triangle(surfaces, surface, to_carrier(point, pose, slot, surfaces.carrier[surface]))
+
+
+@wp.func
+def holds(surfaces: Surfaces, pose: wp.array2d[wp.transformd], slot: int, surface: int, point: wp.vec3d) -> bool:
+    """Return whether a surface holds a world point that lies in its plane."""
+    local = to_carrier(point, pose, slot, surfaces.carrier[surface])
+    row = surfaces.row[surface]
+    is_near = in_box(surfaces.lower[row] - NEAR, surfaces.upper[row] + NEAR, local)
+    return is_near and local_triangle(surfaces, surface, local) >= 0
 
 
 @wp.func

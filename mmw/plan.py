@@ -26,7 +26,7 @@ PATH_BYTES = 134.0
 """Bytes of one radio path at one carrier, measured on town03."""
 
 PATHS_PER_LINK = 2.5
-"""Paths of a link at first order, measured on town03; a link without any counts too. Every order more adds about one."""
+"""Paths of a link at first order, measured on town03; a link without any counts too. Every order more adds one."""
 
 BENT_PATHS_PER_LINK = 118.0
 """Diffracted paths of a link at first order, measured on town03; every order more makes 3.3 times as many."""

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mmw.channel.finder import find_paths, launch_candidates
+from mmw.channel.candidates import launch_rays
+from mmw.channel.finder import find_paths
 from mmw.channel.links import LINK_V2I, LINK_V2V, make_links
 from mmw.channel.paths import PATH_LOS, PATH_SPECULAR, Paths
 from mmw.channel.solver import solve_paths
@@ -32,7 +33,8 @@ POINTS = {"antenna_position_m": {"cav": (0.0, 0.0, 0.0), "rsu": (0.0, 0.0, 0.0)}
 
 
 GEOMETRY = (
-    "kind", "surface", "object_id", "vertex", "tau", "theta_t", "phi_t", "theta_r", "phi_r", "range_rate",
+    "kind", "order", "interaction", "surface", "object_id", "material_id", "vertex", "normal", "tau",
+    "theta_t", "phi_t", "theta_r", "phi_r", "range_rate", "path_id",
 )  # fmt: skip
 
 
@@ -43,7 +45,7 @@ def solve(arrays: SceneArrays, config: ChannelConfig, device: str, frames: list[
 
 
 def identities(paths: Paths) -> set[tuple[int, int]]:
-    return set(zip(paths.link.tolist(), paths.surface.tolist(), strict=True))
+    return set(zip(paths.link.tolist(), paths.surface[:, 0].tolist(), strict=True))
 
 
 def test_links_are_ordered_by_frame_kind_and_actor() -> None:
@@ -169,7 +171,7 @@ def test_against_brute_force(device: str) -> None:
             clear_t, sure_t = legs_are_clear(arrays, point, np.broadcast_to(tx, point.shape), scene.surface)
             clear_r, sure_r = legs_are_clear(arrays, point, np.broadcast_to(rx, point.shape), scene.surface)
             sure = sure_t & sure_r & (np.abs(margin) > 1e-4) & (np.abs(heights).min(axis=0) > 1e-3)
-            own = set(paths.surface[(paths.link == link) & (paths.kind == PATH_SPECULAR)].tolist())
+            own = set(paths.surface[(paths.link == link) & (paths.kind == PATH_SPECULAR), 0].tolist())
             wanted = set(scene.surface[able & clear_t & clear_r & sure].tolist())
             doubtful = set(scene.surface[able & ~sure].tolist())
             assert wanted <= own
@@ -224,7 +226,7 @@ def test_marking_on_a_road_reflects_once(lift: float, device: str) -> None:
     config = ChannelConfig(candidates="exhaustive", antenna_position_m={"cav": (0, 0, 3.0), "rsu": (0, 0, 3.0)})
     paths = solve(arrays, config, device, [0])
     assert paths.kind.tolist() == [PATH_LOS, PATH_SPECULAR]
-    assert arrays.materials["sunny"][paths.material_id[1]].name == "metal_pole"
+    assert arrays.materials["sunny"][paths.material_id[1, 0]].name == "metal_pole"
 
 
 @pytest.mark.parametrize("lift", [0.0, 5e-4, 1.2e-3, 3e-3])
@@ -242,7 +244,7 @@ def test_thin_sheet_far_from_the_origin_reflects_once(far: float, lift: float, d
     paths = solve(arrays, config, device, [0])
     assert paths.kind.tolist() == [PATH_LOS, PATH_SPECULAR]
     if lift > 1e-3:
-        assert abs(paths.vertex[1, 2] - lift) < 1e-12  # the sheet's, though the plate is smaller
+        assert abs(paths.vertex[1, 0, 2] - lift) < 1e-12  # the sheet's, though the plate is smaller
 
 
 def test_many_triangles_of_one_plane_reflect_once(device: str) -> None:
@@ -279,7 +281,7 @@ def test_weathers_share_geometry(device: str) -> None:
     scene.load_batch([0])
     links = make_links(arrays, [0], EXHAUSTIVE)
     paths = solve_paths(scene, links, EXHAUSTIVE, {"sunny": arrays.materials["sunny"], "rainy": tuple(wet)})
-    on_ground = paths.material_id == 0
+    on_ground = paths.material_id[:, 0] == 0
     assert on_ground.any() and not on_ground.all()
     changed = np.abs(paths.a["sunny"] - paths.a["rainy"]).max(axis=1) > 0
     np.testing.assert_array_equal(changed, on_ground)
@@ -291,7 +293,7 @@ def test_depth_zero_is_line_of_sight_only(device: str) -> None:
     scene.load_batch([0])
     config = ChannelConfig(max_depth=0)
     found = find_paths(scene, make_links(arrays, [0], config), config, make_surface_table(scene))
-    assert (found.surface == -1).all()
+    assert len(found) > 0 and (found.order == 0).all() and (found.surface == -1).all() and (found.kind == 0).all()
 
 
 def test_carrier_without_material_data(device: str) -> None:
@@ -315,7 +317,7 @@ def test_every_ray_of_the_lattice_is_launched_once(ray_count: int, device: str) 
     scene = Scene(arrays, device, 1)
     scene.load_batch([0])
     table, source = make_surface_table(scene), arrays.poses[:, -2, :3]
-    seen = launch_candidates(scene, np.zeros(1, np.int32), source, ray_count, len(table)).numpy()[0]
+    seen = launch_rays(scene, np.zeros(1, np.int32), source, ray_count, table)[0].numpy()[0]
     index = np.arange(ray_count)
     z, azimuth = 1 - 2 * index / (ray_count - 1), 2 * np.pi * (index * (np.sqrt(5) - 1) / 2 % 1)
     across = np.sqrt(1 - z**2)

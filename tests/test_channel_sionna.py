@@ -143,6 +143,7 @@ def channel_config(config: dict, candidates: str, rays: int) -> ChannelConfig:
         refraction=solver.get("refraction", False),
         diffraction=solver.get("diffraction", False),
         diffraction_lit_region=solver.get("diffraction_lit_region", True),
+        diffraction_model="sionna",
         diffuse=solver.get("diffuse_reflection", False),
         diffuse_rays=solver.get("samples_per_src", 1000),
         pattern="iso",

@@ -189,12 +189,15 @@ def _between(
     tails = Tails()
     tails.ends = backward.ends
     tails.link = wp.array(backward.place, dtype=wp.int32, device=device)
-    for part, begin, _, keys in launches(scene, backward.sources, table, config):
+    receiver = np.searchsorted(backward.sources.first_link, backward.place, side="right") - 1
+    used = receiver[sources.first_link[0] : sources.first_link[-1]]  # sorted by slot, as the transmitters are
+    low, high = int(used.min()), int(used.max()) + 1
+    for part, begin, _, keys in launches(scene, backward.sources.part(low, high), table, config):
         tails.chains = _tree(pose, part, table, keys, depth)
         key, cell = _by_last_plane(tails.chains, depth)
         tails.key = wp.array(key, dtype=wp.int64, device=device)
         tails.cell = wp.array(cell, dtype=wp.int32, device=device)
-        source = np.searchsorted(backward.sources.first_link, backward.place, side="right") - 1 - begin
+        source = receiver - low - begin
         source = np.where((source >= 0) & (source < len(part)), source, -1)
         tails.source = wp.array(source, dtype=wp.int32, device=device)
         first_link = wp.array(sources.first_link, dtype=wp.int32, device=device)

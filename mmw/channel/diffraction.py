@@ -5,6 +5,7 @@ ITU-R P.526-15, section 4.4, and Sionna RT 2.2's technical report for faces of f
 """
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -12,6 +13,9 @@ from mmw.channel.field import PathGeometry, perpendicular
 from mmw.channel.fresnel import reflection
 from mmw.channel.vectors import dot
 from mmw.constants import SPEED_OF_LIGHT
+
+DiffractionModel = Literal["utd", "sionna"]
+"""How the four terms of the theory and the reflection matrices of the faces are put together; see `wedge_matrices`."""
 
 SERIES_BELOW = 6.0
 """Arguments below this take the power series of the transition function, others its continued fraction."""
@@ -87,8 +91,14 @@ def wedge_matrices(
     thickness: np.ndarray,
     scattering: np.ndarray,
     carrier_hz: float,
+    model: DiffractionModel,
 ) -> np.ndarray:
     """Return the matrix of each diffraction in the bases of `geometry`, shape [Q, 2, 2], complex128.
+
+    `utd`: -(D1 + D2) + R_0 D4 + R_n D3, which is exact for a perfect conductor (to the order of the theory) and makes
+    the whole field continuous across the shadow and reflection boundaries of any material. `sionna`: R_0 (D1 - D4) +
+    R_n (D2 - D3) with R_n = -1 where the second face is dark, as Sionna RT 2.2 computes it; it is continuous across the
+    shadow boundary only.
 
     Args:
         geometry: The paths.
@@ -97,6 +107,7 @@ def wedge_matrices(
         thickness: Slab thickness of both faces, 0 for a half-space [m], shape [Q, 2].
         scattering: Scattering coefficient S of both faces, shape [Q, 2].
         carrier_hz: Carrier frequency [Hz].
+        model: Which of the two.
     """
     k_in = geometry.direction[hits.path, hits.step]
     swap, phi_in, phi_out, n = _angles(geometry, hits)
@@ -117,9 +128,12 @@ def wedge_matrices(
         )
     swapped = swap[:, None, None]
     r_0, r_n = np.where(swapped, faces[1], faces[0]), np.where(swapped, faces[0], faces[1])
+    d1, d2, d3, d4 = (d[:, None, None] for d in (d1, d2, d3, d4))
+    if model == "utd":
+        return r_0 * d4 + r_n * d3 - np.eye(2) * (d1 + d2)
     is_dark = (n * np.pi > np.pi + phi_in)[:, None, None]
     r_n = np.where(is_dark, -np.eye(2), r_n)
-    return r_0 * (d1 - d4)[:, None, None] + r_n * (d2 - d3)[:, None, None]
+    return r_0 * (d1 - d4) + r_n * (d2 - d3)
 
 
 def _sides(geometry: PathGeometry, hits: WedgeHits) -> tuple[np.ndarray, np.ndarray]:

@@ -15,7 +15,8 @@ from mmw.channel.surface_table import SurfaceTable
 from mmw.channel.vectors import norm
 from mmw.channel.wedge_table import WedgeTable
 from mmw.config import ChannelConfig
-from mmw.kernels.channel_refine import LIFT, Trials, refine_kernel
+from mmw.kernels.channel_legs import LIFT
+from mmw.kernels.channel_refine import Trials, refine_kernel
 from mmw.kernels.channel_surfaces import LinkEnds
 from mmw.kernels.channel_wedges import cull_wedge_kernel
 from mmw.poses import invert, make_pose, normalize, transform_points
@@ -299,13 +300,13 @@ def _distinct(found: FoundPaths, links: Links, area: np.ndarray, origin: np.ndar
     rank = np.lexsort((*keys, found.order, found.link))
     place = np.empty(len(found), dtype=np.int64)
     place[rank] = np.arange(len(found))
-    near_rank = np.lexsort((length, found.order, found.link))
+    exact = np.flatnonzero(found.ray == -1)
+    near_rank = exact[np.lexsort((length[exact], found.order[exact], found.link[exact]))]
     dropped = np.zeros(len(found), dtype=bool)
     for step in range(1, len(near_rank)):
         one, other = near_rank[:-step], near_rank[step:]
         near = (found.link[one] == found.link[other]) & (found.order[one] == found.order[other])
         near &= (length[other] - length[one] <= 2.0 * apart[one] * found.order[one]) & (found.order[one] > 0)
-        near &= (found.ray[one] == -1) & (found.ray[other] == -1)
         if not near.any():
             break
         one, other = one[near], other[near]

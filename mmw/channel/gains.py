@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmw.channel.diffraction import WedgeHits, wedge_matrices, wedge_spreading
+from mmw.channel.diffraction import DiffractionModel, WedgeHits, wedge_matrices, wedge_spreading
 from mmw.channel.diffuse import RoughHits, rough_columns, rough_matrices, rough_spreading
 from mmw.channel.field import PathGeometry, plane_matrices, polarimetric_transfer
 from mmw.channel.materials import permittivity_table
@@ -41,6 +41,7 @@ def path_transfer(
     met: Interactions,
     materials: tuple[Material, ...],
     carriers_hz: tuple[float, ...],
+    model: DiffractionModel = "utd",
 ) -> np.ndarray:
     """Return the 2x2 polarimetric transfer of every path at every carrier, without carrier phase.
 
@@ -49,6 +50,7 @@ def path_transfer(
         met: What they meet.
         materials: Materials of the weather by id.
         carriers_hz: Carrier frequencies [Hz].
+        model: How wedges diffract.
 
     Returns:
         Shape [P, C, 2, 2], complex128.
@@ -72,7 +74,7 @@ def path_transfer(
         if len(met.wedges.path):
             faces = met.wedge_material
             matrices[met.wedges.path, met.wedges.step] = wedge_matrices(
-                geometry, met.wedges, eta[faces], thickness[faces], scattering[faces], carrier
+                geometry, met.wedges, eta[faces], thickness[faces], scattering[faces], carrier, model
             )
         scale = None
         if len(met.rough.path):

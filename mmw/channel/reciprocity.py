@@ -42,8 +42,8 @@ def one_way(links: Links) -> tuple[np.ndarray, np.ndarray]:
 def read_both_ways(paths: Paths, links: Links, traced: np.ndarray, reverse_of: np.ndarray) -> Paths:
     """Return the paths of all links from those of the traced ones.
 
-    The transfer backwards is the transpose, and with equal antennas at both ends the coefficient is the same: mirrors,
-    slabs and wedges are reciprocal.
+    The transfer backwards is the transpose, and with equal antennas at both ends the coefficient is the same: mirrors
+    and slabs are reciprocal. Not for diffraction and diffuse scattering, whose models tell the ends apart.
 
     Args:
         paths: Paths of the traced links; `link` counts among them.

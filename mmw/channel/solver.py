@@ -81,7 +81,7 @@ def solve_paths(
     if config.diffraction and not table.has_wedges:
         raise ValueError("channel.diffraction: the surface table has no wedges; make it with wedges=True")
     check_channel_materials(materials, np.unique(table.material_id), config)
-    if config.diffuse:  # the rays of one end do not sample the patches as those of the other end
+    if config.diffuse or config.diffraction:  # neither is the same backwards: rays start at one end, and so do faces
         return _solve(scene, links, config, materials, table, air)
     traced, reverse_of = one_way(links)
     if len(traced) == len(links):
@@ -223,7 +223,9 @@ def _gains(
         else:
             loss_db[weather] = path_loss_db(air[weather], config.carriers_hz, geometry.length, elevation, tilt)
         left = 10.0 ** (-sum(loss_db[weather].values()) / 20.0)
-        transfer[weather] = path_transfer(geometry, met, by_id, config.carriers_hz) * left[:, :, None, None]
+        transfer[weather] = (
+            path_transfer(geometry, met, by_id, config.carriers_hz, config.diffraction_model) * left[:, :, None, None]
+        )
         columns = [combine(received, transfer[weather][:, c], sent)[:, 0, 0] for c in range(len(config.carriers_hz))]
         a[weather] = np.stack(columns, axis=1)
     return transfer, a, loss_db

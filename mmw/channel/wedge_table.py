@@ -119,7 +119,7 @@ def find_wedges(points: np.ndarray, faces: np.ndarray, surface: np.ndarray) -> t
     n0, nn = normal[face[one]], normal[face[two]]
     at = points[edges[one, 0]]
     depth = dot(n0, points[opposite[two]] - at)
-    keep = (norm(np.cross(n0, nn)) > np.sin(MIN_BEND_RAD)) & (depth < 0.0)
+    keep = (dot(n0, nn) < np.cos(MIN_BEND_RAD)) & (depth < 0.0)
     keep &= (length[face[one]] > 0.0) & (length[face[two]] > 0.0)
     if not keep.any():
         return none
