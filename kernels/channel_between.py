@@ -4,8 +4,17 @@ import warp as wp
 
 from mmw.kernels.channel_chains import Chains, chain_level, chain_parent, chain_plane, points_open
 from mmw.kernels.channel_launch import EMPTY_CELL
-from mmw.kernels.channel_surfaces import LinkEnds, Surfaces
-from mmw.kernels.channel_wedges import Wedges, edge_point, edge_world
+from mmw.kernels.channel_surfaces import (
+    LinkEnds,
+    Plane,
+    Surfaces,
+    is_mirror,
+    largest,
+    mean_plane,
+    mirror_point,
+    to_carrier,
+)
+from mmw.kernels.channel_wedges import Edge, Wedges, edge_point, edge_world
 
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
 
@@ -29,20 +38,60 @@ class Tails:
 
 
 @wp.func
+def could_light(
+    ends: LinkEnds,
+    surfaces: Surfaces,
+    pose: wp.array2d[wp.transformd],
+    chains: Chains,
+    code: int,
+    link: int,
+    edge: Edge,
+) -> bool:
+    """Return whether the last plane of a chain could mirror the transmitter of a link to some point of an edge.
+
+    Generous: the points for both ends of the edge span a box, which has to meet that of the plane.
+    """
+    slot = ends.slot[link]
+    own = wp.int32(0)
+    plane = Plane()
+    image = ends.tx[link, ends.tx.shape[1] - 1]
+    if code >= chains.first:
+        at = code - chains.first
+        own = chain_plane(chains.key[at])
+        plane.normal = chains.normal[at]
+        plane.offset = chains.offset[at]
+        image = chains.image[at]
+    else:
+        own = code % chains.plane_count
+        plane = mean_plane(surfaces, pose, slot, surfaces.lead[own])
+    far = edge.begin + edge.length * edge.along
+    is_begin = is_mirror(plane.normal, plane.offset, image, edge.begin)
+    is_far = is_mirror(plane.normal, plane.offset, image, far)
+    could = is_begin or is_far
+    if is_begin and is_far:
+        carrier = surfaces.carrier[surfaces.lead[own]]
+        one = to_carrier(mirror_point(plane, image, edge.begin), pose, slot, carrier)
+        other = to_carrier(mirror_point(plane, image, far), pose, slot, carrier)
+        slack = wp.float64(1e-6) * (wp.float64(1.0) + wp.max(largest(one), largest(other)))
+        low = wp.min(one, other) - surfaces.plane_upper[own]
+        high = surfaces.plane_lower[own] - wp.max(one, other)
+        could = wp.max(low) <= slack and wp.max(high) <= slack
+    return could
+
+
+@wp.func
 def could_join(
     ends: LinkEnds,
     surfaces: Surfaces,
-    wedges: Wedges,
     pose: wp.array2d[wp.transformd],
     chains: Chains,
     tails: Tails,
     cell: int,
-    wedge: int,
+    edge: Edge,
     tail: int,
     link: int,
 ) -> bool:
-    """Return whether a wedge bends what one chain, without its last plane, brings into what the other one takes on."""
-    edge = edge_world(wedges, pose, ends.slot[link], wedge)
+    """Return whether an edge bends what one chain, without its last plane, brings into what the other one takes on."""
     found = edge_point(edge, chains.image[cell], tails.chains.image[tail])
     is_open = found[3] > wp.float64(0.0)
     if is_open:
@@ -106,9 +155,15 @@ def join_kernel(
             row = end[cell] - count_out[cell]
         source = chains.source[cell]
         plane = chain_plane(key)
+        lit_by = chain_parent(key)
         for place in range(wedges.first[plane], wedges.first[plane + 1]):
             wedge = wedges.of_plane[place]
-            for link in range(first_link[source], first_link[source + 1]):
+            first = first_link[source]
+            edge = edge_world(wedges, pose, ends.slot[first], wedge)
+            stop = first_link[source + 1]
+            if not could_light(ends, surfaces, pose, chains, lit_by, first, edge):
+                stop = first
+            for link in range(first, stop):
                 receiver = tails.source[link]
                 for face in range(2):
                     surface = wp.where(face == 0, wedges.surface_0[wedge], wedges.surface_n[wedge])
@@ -118,14 +173,14 @@ def join_kernel(
                         tail = tails.cell[item]
                         tail_level = chain_level(tails.chains.key[tail])
                         fits = chain_level(key) + tail_level - 1 <= depth
-                        if fits and could_join(ends, surfaces, wedges, pose, chains, tails, cell, wedge, tail, link):
+                        if fits and could_join(ends, surfaces, pose, chains, tails, cell, edge, tail, link):
                             if is_writing:
                                 link_out[row + count] = link
-                                edge = chain_level(key) - 1
-                                step_out[row + count, edge] = -2 - wedge
-                                write_chain(chains, chain_parent(key), row + count, edge - 1, -1, step_out)
+                                column = chain_level(key) - 1
+                                step_out[row + count, column] = -2 - wedge
+                                write_chain(chains, lit_by, row + count, column - 1, -1, step_out)
                                 last = chain_parent(tails.chains.key[tail])
-                                write_chain(tails.chains, last, row + count, edge + 1, 1, step_out)
+                                write_chain(tails.chains, last, row + count, column + 1, 1, step_out)
                             count = count + 1
                         item = item + 1
     if not is_writing:
