@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 from scipy.special import fresnel, hankel2, wofz
 
 from mmw.channel.diffraction import transition
@@ -293,8 +291,7 @@ def boxes(seed: int, radio: RadioMaterial, town: int) -> tuple[SceneArrays, tupl
 
 
 @pytest.mark.parametrize(("town", "depth", "refraction"), [(2, 2, False), (1, 2, True), (0, 3, False)])
-@settings(max_examples=4, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(seed=st.integers(0, 10_000))
+@pytest.mark.parametrize("seed", range(4))
 def test_diffraction_against_brute_force(town: int, depth: int, refraction: bool, seed: int, device: str) -> None:
     """Every edge by golden section, alone and with reflections before and behind it, through walls or not."""
     radio = RadioMaterial("constant", relative_permittivity=4.0, conductivity=0.1, thickness=0.02)
