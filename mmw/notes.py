@@ -31,7 +31,7 @@ def clear_air(config: Config) -> list[str]:
     optical = [sensor.name for sensor in config.sensors if isinstance(sensor, LidarConfig | DepthConfig)]
     if not wet or not optical:
         return []
-    return [f"{', '.join(optical)} see clear air in {', '.join(wet)}; weather changes the radio link only in this version"]
+    return [f"{', '.join(optical)} see clear air in {', '.join(wet)}; in this version weather changes the radio only"]
 
 
 def blind_mounts(arrays: SceneArrays, config: Config) -> list[str]:

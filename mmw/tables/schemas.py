@@ -187,7 +187,7 @@ _LINKS = TableSpec(
     (
         *_LINK,
         _column("link", NAME, "", "v2i (from an RSU) or v2v (between CAVs)"),
-        _column("path_count", I16, "count", "paths found, 0 or more"),
+        _column("path_count", I32, "count", "paths found, 0 or more"),
         _column("is_los", pa.bool_(), "", "true if the line of sight is free"),
         _column("gain_db", F64, "dB", "10 log10 of the sum of |a|^2 over the paths" + _NO_PATH, nullable=True),
         _column("mean_delay_s", F64, "s", "mean of tau weighted by |a|^2" + _NO_PATH, nullable=True),
@@ -203,7 +203,7 @@ _PATHS = TableSpec(
     "One propagation path of one radio link at one carrier.",
     (
         *_LINK,
-        _column("path", I16, "index", "number of the path in its link, from 0; equal for all carriers and weathers"),
+        _column("path", I32, "index", "number of the path in its link, from 0; equal for all carriers and weathers"),
         _column(
             "path_id", I64, "id", "the same in every frame, carrier and weather; a diffuse path lives in one frame"
         ),
