@@ -24,6 +24,7 @@ from tests.scenes import (
     pose,
     quad_part,
     random_triangles,
+    street_canyon,
     two_cars,
     wall_part,
 )
@@ -325,3 +326,32 @@ def test_every_ray_of_the_lattice_is_launched_once(ray_count: int, device: str) 
     wanted = np.bincount(hits.surface[hits.surface >= 0], minlength=len(table))
     assert (seen[wanted > 1] == 1).all() and (wanted > 1).any()  # surfaces met by one ray only may be met at an edge
     assert (wanted[seen == 1] > 0).mean() > 0.99
+
+
+@pytest.mark.parametrize("mode", ["launch", "exhaustive"])
+def test_every_transmitter_has_its_own_paths(mode: str, device: str) -> None:
+    """Two roadside units and two cars in one solve: the paths of each link are those that it has alone."""
+    models = (box_model("sedan", material=3),)
+    actors = [("cav_1", "cav", 0), ("cav_2", "cav", 0), ("rsu_1", "rsu", -1), ("rsu_2", "rsu", -1)]
+    poses = np.array([[pose(-20, -3), pose(25, 3, yaw=np.pi), pose(0, 9, 5), pose(60, -9, 7)]])
+    arrays = street_canyon(models, actors, poses)
+    config = ChannelConfig(candidates=mode, rays=20_000, max_depth=2, links=("v2i", "v2v"))
+    scene = Scene(arrays, device, 1)
+    scene.load_batch([0])
+    links = make_links(arrays, [0], config)
+    assert len(links) == 6 and {(2, 0), (3, 0), (2, 1), (3, 1), (0, 1), (1, 0)} == set(
+        zip(links.tx_actor.tolist(), links.rx_actor.tolist(), strict=True)
+    )
+    together = solve_paths(scene, links, config, arrays.materials)
+    assert len(set(together.path_id.tolist())) == len(together) and (together.count > 3).all()
+    for link in range(len(links)):
+        alone = solve_paths(scene, links.take(np.array([link])), config, arrays.materials)
+        own = together.link == link
+        if links.tx_actor[link] < links.rx_actor[link] or links.kind[link] == LINK_V2I:
+            for name in ("path_id", "interaction", "surface", "tau", "theta_t"):
+                np.testing.assert_array_equal(getattr(together, name)[own], getattr(alone, name))
+            np.testing.assert_array_equal(together.a["sunny"][own], alone.a["sunny"])
+        elif mode == "exhaustive":  # read backwards from its reverse, which rays of one end found
+            np.testing.assert_array_equal(together.path_id[own], alone.path_id)
+            np.testing.assert_allclose(together.tau[own], alone.tau, rtol=1e-13)
+            np.testing.assert_allclose(together.transfer["sunny"][own], alone.transfer["sunny"], rtol=1e-9, atol=1e-15)
