@@ -1,4 +1,4 @@
-"""Wedges: convex edges between two flat surfaces, and where a wave bends around them."""
+"""Wedges: convex edges between two flat surfaces or of an open sheet, and where a wave bends around them."""
 
 import warp as wp
 
@@ -22,6 +22,8 @@ class Wedges:
     """Outward normal of one face, shape [E]."""
     normal_n: wp.array[wp.vec3d]
     """Outward normal of the other face, shape [E]."""
+    away: wp.array[wp.vec3d]
+    """Unit vector across the edge into the open, between the two normals, shape [E]."""
     surface_0: wp.array[int]
     """Surface of the first face, shape [E]."""
     surface_n: wp.array[int]
@@ -43,7 +45,7 @@ class Edge:
     normal_0: wp.vec3d
     normal_n: wp.vec3d
     away: wp.vec3d
-    """Unit vector from the edge into the open, between the two normals."""
+    """Unit vector across the edge into the open, between the two normals."""
 
 
 @wp.func
@@ -54,16 +56,17 @@ def edge_world(wedges: Wedges, pose: wp.array2d[wp.transformd], slot: int, wedge
     edge = Edge()
     edge.normal_0 = wedges.normal_0[wedge]
     edge.normal_n = wedges.normal_n[wedge]
+    edge.away = wedges.away[wedge]
     carrier = wedges.carrier[wedge]
     if carrier < pose.shape[1]:
         begin = wp.transform_point(pose[slot, carrier], begin)
         end = wp.transform_point(pose[slot, carrier], end)
         edge.normal_0 = wp.transform_vector(pose[slot, carrier], edge.normal_0)
         edge.normal_n = wp.transform_vector(pose[slot, carrier], edge.normal_n)
+        edge.away = wp.transform_vector(pose[slot, carrier], edge.away)
     edge.begin = begin
     edge.length = wp.length(end - begin)
     edge.along = (end - begin) / edge.length
-    edge.away = wp.normalize(edge.normal_0 + edge.normal_n)
     return edge
 
 

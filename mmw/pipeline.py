@@ -140,7 +140,9 @@ def _run_scenario(
         scene = Scene(arrays, device, max_slots=min(config.compute.batch_frames, config.output.shard_frames))
         surfaces = None
         if config.channel.enabled:
-            surfaces = make_surface_table(scene, wedges=config.channel.diffraction)
+            surfaces = make_surface_table(
+                scene, wedges=config.channel.diffraction, sheets=config.channel.diffraction_sheets
+            )
             check_channel_materials(arrays.materials, np.unique(surfaces.material_id), config.channel)
     job = Job(config, scenario, arrays, differentiate(arrays.poses), scene, surfaces, pool, clock)
     writing: list[list[Future[Any]]] = []

@@ -196,17 +196,12 @@ def test_field_is_continuous_as_a_face_gets_dark(radio: RadioMaterial, dipole: s
     assert np.linalg.norm(totals[1] - totals[0]) < 0.03 * np.linalg.norm(direct)
 
 
-@pytest.mark.parametrize("polarization", ["soft", "hard"])
-@pytest.mark.parametrize(("inner_deg", "source_deg"), [(4, 60), (30, 110), (60, 30), (90, 50), (90, 130), (120, 100)])
-def test_conducting_wedge_against_eigenfunctions(
-    inner_deg: float, source_deg: float, polarization: str, device: str
-) -> None:
-    """The solver's paths, as waves of a line source, against the exact series, all around the wedge."""
-    n, source = 2 - inner_deg / 180, np.radians(source_deg)
-    near, far = 4.0, 5.0
-    angles = np.linspace(0.03, n * np.pi - 0.03, 40)
-    rx = [around(near, angle) for angle in angles]
-    _, paths = solve(wedge_scene(np.radians(inner_deg), CONDUCTOR, around(far, source), rx), BENT, device)
+NEAR, FAR = 4.0, 5.0
+"""Distances of receivers and source from the edge, in the comparisons with the series [m]."""
+
+
+def series_errors(paths: Paths, angles: np.ndarray, n: float, source: float, polarization: str) -> list[float]:
+    """Return how far the paths, as waves of a line source, are from the exact series at each angle, over the direct."""
     keep, axis = at_the_edge(paths), 0 if polarization == "soft" else 1
     sign = 1.0 if polarization == "soft" else -1.0  # phi looks the other way at the far end
     errors = []
@@ -216,12 +211,26 @@ def test_conducting_wedge_against_eigenfunctions(
             gain = sign * paths.transfer["sunny"][p, 0, axis, axis] * 2 * WAVE  # over lambda / (4 pi)
             length = paths.tau[p] * SPEED_OF_LIGHT
             if paths.kind[p] == PATH_DIFFRACTION:
-                coefficient = gain * np.sqrt(far * near * (far + near))
-                total += hankel2(0, WAVE * far) * coefficient * np.exp(-1j * WAVE * near) / np.sqrt(near)
+                coefficient = gain * np.sqrt(FAR * NEAR * (FAR + NEAR))
+                total += hankel2(0, WAVE * FAR) * coefficient * np.exp(-1j * WAVE * NEAR) / np.sqrt(NEAR)
             else:
                 total += gain * length * hankel2(0, WAVE * length)
-        exact = wedge_field(n, WAVE, near, angle, far, source, soft=polarization == "soft")
-        errors.append(abs(total - exact) / abs(hankel2(0, WAVE * (near + far))))
+        exact = wedge_field(n, WAVE, NEAR, angle, FAR, source, soft=polarization == "soft")
+        errors.append(abs(total - exact) / abs(hankel2(0, WAVE * (NEAR + FAR))))
+    return errors
+
+
+@pytest.mark.parametrize("polarization", ["soft", "hard"])
+@pytest.mark.parametrize(("inner_deg", "source_deg"), [(4, 60), (30, 110), (60, 30), (90, 50), (90, 130), (120, 100)])
+def test_conducting_wedge_against_eigenfunctions(
+    inner_deg: float, source_deg: float, polarization: str, device: str
+) -> None:
+    """The solver's paths, as waves of a line source, against the exact series, all around the wedge."""
+    n, source = 2 - inner_deg / 180, np.radians(source_deg)
+    angles = np.linspace(0.03, n * np.pi - 0.03, 40)
+    rx = [around(NEAR, angle) for angle in angles]
+    _, paths = solve(wedge_scene(np.radians(inner_deg), CONDUCTOR, around(FAR, source), rx), BENT, device)
+    errors = series_errors(paths, angles, n, source, polarization)
     assert max(errors) < 0.005, f"{max(errors):.3f} at {np.degrees(angles[int(np.argmax(errors))]):.0f} degrees"
 
 
@@ -239,6 +248,34 @@ def test_knife_edge(device: str) -> None:
         length = np.linalg.norm(np.subtract(rx[link], arrays.poses[0, 0, :3]))
         free = np.exp(-1j * WAVE * length) / (2 * WAVE * length)
         assert abs(abs(total[2] / free) - abs(knife[link])) < 0.03
+
+
+def test_edges_of_open_sheets() -> None:
+    """A sheet has its outline, in whole edges however it is cut; a closed body has none but its own."""
+    points, faces = np.array([[0, 0, 0], [4, 0, 0], [4, 3, 0], [0, 3, 0.0]]), np.array([[0, 1, 2], [0, 2, 3]])
+    for mesh in ((points, faces), split(points, faces)):
+        begin, end, n0, nn, away, *_ = find_wedges(*mesh, surfaces_of(*mesh), sheets=True)
+        assert sorted(np.round(np.linalg.norm(end - begin, axis=1), 9)) == [3.0, 3.0, 4.0, 4.0]
+        np.testing.assert_allclose(n0, -nn)
+        assert (np.einsum("ex,ex->e", away, 0.5 * (begin + end) - [2, 1.5, 0]) > 1.0).all()
+        assert len(find_wedges(*mesh, surfaces_of(*mesh))[0]) == 0
+    box = box_mesh((2.0, 3.0, 4.0))
+    assert len(find_wedges(*box, surfaces_of(*box), sheets=True)[0]) == 12
+
+
+@pytest.mark.parametrize("polarization", ["soft", "hard"])
+@pytest.mark.parametrize("source_deg", [35, 120])
+def test_conducting_sheet_against_eigenfunctions(source_deg: float, polarization: str, device: str) -> None:
+    """The edge of a conducting half-plane, all around it: the sheet lies in the half-plane of angle 0."""
+    angles, source = np.linspace(0.03, 2 * np.pi - 0.03, 40), np.radians(source_deg)
+    corners = np.array([[0, 0, -300], [300, 0, -300], [300, 0, 300], [0, 0, 300.0]])
+    sheet = MeshPart("sheet", corners, np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32), "wall", "building")
+    actors = [("rsu_1", "rsu", -1), *((f"cav_{k}", "cav", -1) for k in range(len(angles)))]
+    poses = [[pose(*around(FAR, source)), *(pose(*around(NEAR, angle)) for angle in angles)]]
+    materials = {"wall": Material("wall", CONDUCTOR, "none", 0.3, (0.5,) * 3)}
+    arrays = arrays_from_parts([sheet], actors=actors, poses=poses, materials=materials)
+    _, paths = solve(arrays, BENT.model_copy(update={"diffraction_sheets": True}), device)
+    assert max(series_errors(paths, angles, 2.0, source, polarization)) < 0.005
 
 
 def test_lit_region_can_be_left_out(device: str) -> None:

@@ -35,6 +35,8 @@ class WedgeHits:
     """Outward normal of one face, shape [Q, 3]."""
     normal_n: np.ndarray
     """Outward normal of the other face, shape [Q, 3]."""
+    away: np.ndarray
+    """Unit vector across the edge into the open, shape [Q, 3]."""
     surface_0: np.ndarray
     """Surface of the first face, shape [Q]."""
     surface_n: np.ndarray
@@ -157,7 +159,7 @@ def _angles(geometry: PathGeometry, hits: WedgeHits) -> tuple[np.ndarray, np.nda
     n0 = np.where(swap[:, None], hits.normal_n, hits.normal_0)
     nn = np.where(swap[:, None], hits.normal_0, hits.normal_n)
     across = np.cross(n0, hits.edge)
-    across = np.where((dot(nn, across) > 0.0)[:, None], -across, across)  # in the 0-face, away from the edge
+    across = np.where((dot(hits.away, across) > 0.0)[:, None], -across, across)  # in the 0-face, away from the edge
 
     def angle(direction: np.ndarray) -> np.ndarray:
         value = np.arctan2(dot(direction, n0), dot(direction, across))

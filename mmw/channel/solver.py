@@ -77,7 +77,8 @@ def solve_paths(
     Source: image method with ray-launched candidates; frequencies and angles as in `docs/channel.md`.
     """
     _check_links(scene, links)
-    table = make_surface_table(scene, wedges=config.diffraction) if table is None else table
+    if table is None:
+        table = make_surface_table(scene, wedges=config.diffraction, sheets=config.diffraction_sheets)
     if config.diffraction and not table.has_wedges:
         raise ValueError("channel.diffraction: the surface table has no wedges; make it with wedges=True")
     check_channel_materials(materials, np.unique(table.material_id), config)
@@ -192,7 +193,12 @@ def _geometry(
 def _wedge_hits(scene: Scene, links: Links, table: SurfaceTable, found: FoundPaths) -> WedgeHits:
     path, step = np.nonzero(found.kind == DIFFRACTION)
     wedge, wedges = found.surface[path, step], table.wedges
-    vectors = [wedges.end[wedge] - wedges.begin[wedge], wedges.normal_0[wedge], wedges.normal_n[wedge]]
+    vectors = [
+        wedges.end[wedge] - wedges.begin[wedge],
+        wedges.normal_0[wedge],
+        wedges.normal_n[wedge],
+        wedges.away[wedge],
+    ]
     moved = np.nonzero(wedges.carrier[wedge] < len(scene.instance_actor))[0]
     if len(moved):
         turn = instance_poses(scene)[links.slot[found.link[path[moved]]], wedges.carrier[wedge[moved]], 3:]

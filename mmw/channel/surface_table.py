@@ -59,12 +59,13 @@ class SurfaceTable:
         return len(self.row)
 
 
-def make_surface_table(scene: Scene, *, wedges: bool = False) -> SurfaceTable:
+def make_surface_table(scene: Scene, *, wedges: bool = False, sheets: bool = False) -> SurfaceTable:
     """Return the surfaces of a scene; make it once and use it for every batch.
 
     Args:
         scene: The scene; nothing of its batch is used.
         wedges: Whether their convex edges are wanted, for diffraction.
+        sheets: Whether the edges of open sheets count among them.
     """
     arrays = scene.arrays
     town_count = arrays.town_surface_count
@@ -122,7 +123,7 @@ def make_surface_table(scene: Scene, *, wedges: bool = False) -> SurfaceTable:
         **table,
         device=_to_device(table, lower, upper, len(scene.instance_actor), scene.device),
         plane_count=plane_count,
-        wedges=make_wedge_table(scene, table["plane"], enabled=wedges),
+        wedges=make_wedge_table(scene, table["plane"], enabled=wedges, sheets=sheets),
         has_wedges=wedges,
     )
 

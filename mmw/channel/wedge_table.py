@@ -1,4 +1,4 @@
-"""Every convex edge between two flat surfaces of a scene: what a wave can bend around."""
+"""Convex edges between the flat surfaces of a scene, and edges of open sheets: what a wave can bend around."""
 
 from dataclasses import dataclass
 
@@ -31,7 +31,9 @@ class WedgeTable:
     normal_0: np.ndarray
     """Outward normal of one face, shape [E, 3]."""
     normal_n: np.ndarray
-    """Outward normal of the other face, shape [E, 3]."""
+    """Outward normal of the other face, of a sheet the opposite one, shape [E, 3]."""
+    away: np.ndarray
+    """Unit vector across the edge into the open, between the two normals, shape [E, 3]."""
     surface_0: np.ndarray
     """Global surface of the first face, shape [E], int32."""
     surface_n: np.ndarray
@@ -43,27 +45,28 @@ class WedgeTable:
         return len(self.carrier)
 
 
-def make_wedge_table(scene: Scene, plane: np.ndarray, *, enabled: bool) -> WedgeTable:
+def make_wedge_table(scene: Scene, plane: np.ndarray, *, enabled: bool, sheets: bool) -> WedgeTable:
     """Return the wedges of a scene, or none if `enabled` is false.
 
     Args:
         scene: The scene; nothing of its batch is used.
         plane: Plane of every surface of the scene, shape [G].
         enabled: Whether diffraction is wanted.
+        sheets: Whether the edges of open sheets are wanted too.
     """
     arrays = scene.arrays
     town = len(scene.instance_actor)
     columns = []
     if enabled:
-        columns.append((np.int32(town), 0, *find_wedges(arrays.points, arrays.faces, arrays.surface)))
-        of_model = [find_wedges(model.points, model.faces, model.surface) for model in arrays.models]
+        columns.append((np.int32(town), 0, *find_wedges(arrays.points, arrays.faces, arrays.surface, sheets=sheets)))
+        of_model = [find_wedges(model.points, model.faces, model.surface, sheets=sheets) for model in arrays.models]
         for instance, actor in enumerate(scene.instance_actor):
             wedges = of_model[arrays.actors[actor].model]
             columns.append((np.int32(instance), int(scene.surface_offset[instance]), *wedges))
-    parts = {name: [np.zeros((0, 3))] for name in ("begin", "end", "normal_0", "normal_n")}
+    parts = {name: [np.zeros((0, 3))] for name in ("begin", "end", "normal_0", "normal_n", "away")}
     ids = {name: [np.zeros(0, np.int32)] for name in ("carrier", "surface_0", "surface_n")}
-    for carrier, offset, begin, end, normal_0, normal_n, surface_0, surface_n in columns:
-        for name, values in zip(parts, (begin, end, normal_0, normal_n), strict=True):
+    for carrier, offset, begin, end, normal_0, normal_n, away, surface_0, surface_n in columns:
+        for name, values in zip(parts, (begin, end, normal_0, normal_n, away), strict=True):
             parts[name].append(values)
         ids["carrier"].append(np.full(len(begin), carrier))
         ids["surface_0"].append(surface_0 + offset)
@@ -83,21 +86,24 @@ def make_wedge_table(scene: Scene, plane: np.ndarray, *, enabled: bool) -> Wedge
     return WedgeTable(**numbers, **table, device=device)
 
 
-def find_wedges(points: np.ndarray, faces: np.ndarray, surface: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Return the convex edges that two flat surfaces of a mesh share.
+def find_wedges(
+    points: np.ndarray, faces: np.ndarray, surface: np.ndarray, *, sheets: bool = False
+) -> tuple[np.ndarray, ...]:
+    """Return the convex edges that two flat surfaces of a mesh share, and on request those that one face has alone.
 
     Faces are counter-clockwise seen from outside, so that convex and concave edges can be told apart; an edge between
-    faces that disagree about the outside, or with one or three faces, is none.
+    faces that disagree about the outside, or with three faces, is none.
 
     Args:
         points: Vertices [m], shape [N, 3].
         faces: Vertex indices, shape [M, 3].
         surface: Surface of each face, shape [M].
+        sheets: Whether an edge with one face is the edge of an open sheet, with a face on both sides.
 
     Returns:
-        begin, end, normal_0, normal_n, each [E, 3], and surface_0, surface_n, each [E]; sorted by the surfaces.
+        begin, end, normal_0, normal_n, away, each [E, 3], and surface_0, surface_n, each [E]; sorted by the surfaces.
     """
-    none = (*(np.zeros((0, 3)) for _ in range(4)), *(np.zeros(0, np.int32) for _ in range(2)))
+    none = (*(np.zeros((0, 3)) for _ in range(5)), *(np.zeros(0, np.int32) for _ in range(2)))
     if len(faces) == 0:
         return none
     vertex = weld(points)[faces]
@@ -108,45 +114,66 @@ def find_wedges(points: np.ndarray, faces: np.ndarray, surface: np.ndarray) -> t
     low, high = edges.min(axis=1)[order], edges.max(axis=1)[order]
     starts = np.flatnonzero(np.append(True, (low[1:] != low[:-1]) | (high[1:] != high[:-1])))
     sizes = np.diff(np.append(starts, len(order)))
-    pair = starts[(sizes == 2) & (low[starts] != high[starts])]
-    one, two = order[pair], order[pair + 1]
-    keep = (is_forward[one] != is_forward[two]) & (surface[face[one]] != surface[face[two]])
-    one, two = one[keep], two[keep]
+    real = low[starts] != high[starts]
     corner = points[faces].astype(np.float64)
     normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     length = norm(normal)
     normal /= np.where(length > 0.0, length, 1.0)[:, None]
-    n0, nn = normal[face[one]], normal[face[two]]
-    at = points[edges[one, 0]]
-    depth = dot(n0, points[opposite[two]] - at)
-    keep = (dot(n0, nn) < np.cos(MIN_BEND_RAD)) & (depth < 0.0)
+    pair = starts[(sizes == 2) & real]
+    one, two = order[pair], order[pair + 1]
+    keep = (is_forward[one] != is_forward[two]) & (surface[face[one]] != surface[face[two]])
     keep &= (length[face[one]] > 0.0) & (length[face[two]] > 0.0)
-    if not keep.any():
-        return none
+    one, two = one[keep], two[keep]
+    n0, nn = normal[face[one]], normal[face[two]]
+    depth = dot(n0, points[opposite[two]] - points[edges[one, 0]])
+    keep = (dot(n0, nn) < np.cos(MIN_BEND_RAD)) & (depth < 0.0)
     one, two, n0, nn = one[keep], two[keep], n0[keep], nn[keep]
+    away = (n0 + nn) / norm(n0 + nn)[:, None]
     s0, sn = surface[face[one]], surface[face[two]]
     swap = s0 > sn
     s0, sn = np.where(swap, sn, s0), np.where(swap, s0, sn)
     n0, nn = np.where(swap[:, None], nn, n0), np.where(swap[:, None], n0, nn)
-    return _joined(points[edges[one, 0]], points[edges[one, 1]], n0, nn, s0, sn)
+    if sheets:
+        open_edge = order[starts[(sizes == 1) & real]]
+        open_edge = open_edge[length[face[open_edge]] > 0.0]
+        own = normal[face[open_edge]]
+        out = np.cross(points[edges[open_edge, 1]] - points[edges[open_edge, 0]], own)
+        out /= norm(out)[:, None]
+        one = np.concatenate([one, open_edge])
+        n0, nn = np.concatenate([n0, own]), np.concatenate([nn, -own])
+        away = np.concatenate([away, out])
+        s0, sn = (np.concatenate([s, surface[face[open_edge]]]) for s in (s0, sn))
+    if len(one) == 0:
+        return none
+    return _joined(points[edges[one, 0]], points[edges[one, 1]], n0, nn, away, s0, sn)
 
 
 def _joined(
-    begin: np.ndarray, end: np.ndarray, n0: np.ndarray, nn: np.ndarray, s0: np.ndarray, sn: np.ndarray
+    begin: np.ndarray,
+    end: np.ndarray,
+    n0: np.ndarray,
+    nn: np.ndarray,
+    away: np.ndarray,
+    s0: np.ndarray,
+    sn: np.ndarray,
 ) -> tuple[np.ndarray, ...]:
-    """Return the edges with pieces that lie one behind the other between the same two surfaces made one."""
-    group = np.unique(np.stack([s0, sn], axis=1), axis=0, return_inverse=True)[1].reshape(-1)
-    lead = np.unique(group, return_index=True)[1][group]  # the two planes of a pair have one line in common
-    along = (end - begin)[lead]
-    along /= norm(along)[:, None]
-    low, high = dot(begin - begin[lead], along), dot(end - begin[lead], along)
-    flip = low > high
+    """Return the edges with pieces that lie one behind the other on one line, between the same surfaces, made one."""
+    along = (end - begin) / norm(end - begin)[:, None]
+    lead = np.argmax(np.abs(along) > 1e-6, axis=1)
+    flip = along[np.arange(len(along)), lead] < 0.0
     begin, end = np.where(flip[:, None], end, begin), np.where(flip[:, None], begin, end)
-    low, high = np.minimum(low, high), np.maximum(low, high)
+    along = np.where(flip[:, None], -along, along)
+    foot = begin - dot(begin, along)[:, None] * along
+    line = np.round(np.concatenate([along * 1e3, foot / SAME_PLACE_M], axis=1)).astype(np.int64)
+    is_sheet = (s0 == sn)[:, None]  # a sheet has many edges, two surfaces have one line in common
+    group = np.unique(np.column_stack([s0, sn, np.where(is_sheet, line, 0)]), axis=0, return_inverse=True)[1]
+    group = group.reshape(-1)
+    ahead = along[np.unique(group, return_index=True)[1]][group]
+    low, high = dot(begin, ahead), dot(end, ahead)
     order = np.lexsort((low, group))
     group, low, high = group[order], low[order], high[order]
     is_new = np.append(True, (group[1:] != group[:-1]) | (low[1:] > high[:-1] + SAME_PLACE_M))
     first = np.flatnonzero(is_new)
     last = np.append(first[1:], len(order)) - 1
     head, tail = order[first], order[last]
-    return begin[head], end[tail], n0[head], nn[head], s0[head].astype(np.int32), sn[head].astype(np.int32)
+    return begin[head], end[tail], n0[head], nn[head], away[head], s0[head].astype(np.int32), sn[head].astype(np.int32)
