@@ -15,7 +15,7 @@ import numpy as np
 import pyarrow as pa
 
 from mmw.channel.links import make_links
-from mmw.channel.solver import check_channel_materials, solve_paths
+from mmw.channel.solver import check_channel_materials, launched_rays, solve_paths
 from mmw.channel.surface_table import SurfaceTable, make_surface_table
 from mmw.compute.device import device_name
 from mmw.config import Config, DepthConfig, ImuConfig, LidarConfig, ScenarioConfig
@@ -243,9 +243,7 @@ def _channel(job: Job, surfaces: SurfaceTable, frames: Sequence[int], collected:
         for weather, tables in collected.items():
             tables["links"].append(rows.link_rows(job.arrays, links, paths, weather))
             tables["paths"].append(rows.path_rows(job.arrays, links, paths, weather))
-    if config.candidates == "launch":
-        sources = len(np.unique(np.stack([links.slot, links.tx_actor]), axis=1).T) if len(links) else 0
-        job.clock.rays["channel"] += sources * config.rays
+    job.clock.rays["channel"] += launched_rays(links, config)
 
 
 def _collect(collected: Rows, tables: dict[str, Any]) -> None:

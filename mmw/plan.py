@@ -191,13 +191,16 @@ def frame_cost(config: Config, counts: Mapping[str, int]) -> tuple[dict[str, int
         elif isinstance(sensor, ImuConfig):
             size += agents * ROW_BYTES["imu"]
     if config.channel.enabled:
-        senders = links = 0
-        if "v2i" in config.channel.links:
-            senders, links = counts["rsu"], counts["rsu"] * counts["cav"]
-        if "v2v" in config.channel.links:
-            senders, links = senders + counts["cav"], links + counts["cav"] * max(counts["cav"] - 1, 0)
-        if config.channel.candidates == "launch":
-            rays["channel"] = senders * config.channel.rays
+        channel, half = config.channel, 0.5
+        if channel.diffraction or channel.diffuse:
+            half = 1.0  # the two directions of a pair share nothing
+        senders, links = 0.0, 0
+        if "v2i" in channel.links:
+            senders, links = float(counts["rsu"]), counts["rsu"] * counts["cav"]
+        if "v2v" in channel.links and counts["cav"] > 1:
+            senders, links = senders + half * counts["cav"], links + counts["cav"] * (counts["cav"] - 1)
+        if channel.candidates == "launch":
+            rays["channel"] = int(senders * channel.rays)
         size += links * len(config.channel.carriers_hz) * (ROW_BYTES["links"] + _paths(config.channel) * PATH_BYTES)
     return rays, size
 

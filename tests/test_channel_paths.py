@@ -9,7 +9,7 @@ from mmw.channel.candidates import launch_rays
 from mmw.channel.finder import find_paths
 from mmw.channel.links import LINK_V2I, LINK_V2V, make_links
 from mmw.channel.paths import PATH_LOS, PATH_SPECULAR, Paths
-from mmw.channel.solver import solve_paths
+from mmw.channel.solver import launched_rays, solve_paths
 from mmw.channel.surface_table import make_surface_table
 from mmw.config import ChannelConfig
 from mmw.scene import Scene
@@ -342,16 +342,24 @@ def test_every_transmitter_has_its_own_paths(mode: str, device: str) -> None:
     assert len(links) == 6 and {(2, 0), (3, 0), (2, 1), (3, 1), (0, 1), (1, 0)} == set(
         zip(links.tx_actor.tolist(), links.rx_actor.tolist(), strict=True)
     )
+    assert launched_rays(links, config) == (2 * 20_000 + 2 * 10_000 if mode == "launch" else 0)
     together = solve_paths(scene, links, config, arrays.materials)
     assert len(set(together.path_id.tolist())) == len(together) and (together.count > 3).all()
     for link in range(len(links)):
         alone = solve_paths(scene, links.take(np.array([link])), config, arrays.materials)
         own = together.link == link
-        if links.tx_actor[link] < links.rx_actor[link] or links.kind[link] == LINK_V2I:
+        if links.kind[link] == LINK_V2I or (mode == "exhaustive" and links.tx_actor[link] < links.rx_actor[link]):
             for name in ("path_id", "interaction", "surface", "tau", "theta_t"):
                 np.testing.assert_array_equal(getattr(together, name)[own], getattr(alone, name))
             np.testing.assert_array_equal(together.a["sunny"][own], alone.a["sunny"])
-        elif mode == "exhaustive":  # read backwards from its reverse, which rays of one end found
+        elif mode == "exhaustive":  # read backwards from its reverse
             np.testing.assert_array_equal(together.path_id[own], alone.path_id)
             np.testing.assert_allclose(together.tau[own], alone.tau, rtol=1e-13)
             np.testing.assert_allclose(together.transfer["sunny"][own], alone.transfer["sunny"], rtol=1e-9, atol=1e-15)
+        else:  # both ends launch half of the rays, and both directions have what either met
+            assert set(together.path_id[own].tolist()) >= set(alone.path_id[alone.order < 2].tolist())
+    if mode == "launch":
+        there, back = ((links.kind == LINK_V2V) & (links.tx_actor == k) for k in (0, 1))
+        ways = [together.link == np.flatnonzero(way)[0] for way in (there, back)]
+        assert ways[0].sum() == ways[1].sum() > 5
+        np.testing.assert_allclose(np.sort(together.tau[ways[0]]), np.sort(together.tau[ways[1]]), rtol=0)

@@ -58,7 +58,9 @@ class FoundPaths:
         return FoundPaths(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
 
 
-def find_paths(scene: Scene, links: Links, config: ChannelConfig, table: SurfaceTable) -> FoundPaths:
+def find_paths(
+    scene: Scene, links: Links, config: ChannelConfig, table: SurfaceTable, is_pair: np.ndarray | None = None
+) -> FoundPaths:
     """Return the geometry of all paths: candidates, image method, visibility, no duplicates; and diffuse paths.
 
     Args:
@@ -66,16 +68,18 @@ def find_paths(scene: Scene, links: Links, config: ChannelConfig, table: Surface
         links: The links.
         config: Rays, candidate mode, depth, and which interactions are wanted.
         table: Surfaces of the scene, with their wedges if diffraction is wanted.
+        is_pair: Links that stand for both directions, whose two ends share the rays, shape [L]; None for none.
 
     Raises:
         ValueError: If there are too many chains to try.
     """
     pose = instance_poses(scene)
     poses = wp.array(pose, dtype=wp.transformd, device=scene.device)
-    order, sources, ends = _sorted_ends(links, links.tx.position, links.rx.position, pose, scene.device)
+    order, sources, ends = _sorted_ends(links.slot, links.tx.position, links.rx.position, pose, scene.device)
+    is_pair = np.zeros(len(links), dtype=bool) if is_pair is None else is_pair
     found = [_none(max(1, config.max_depth))]
     if len(links):
-        for link, step, is_plane in _candidates(scene, links, order, ends, poses, sources, table, config):
+        for link, step, is_plane in _candidates(scene, links, order, ends, poses, sources, table, config, is_pair):
             for begin in range(0, len(link), TRIALS_AT_ONCE):
                 part = slice(begin, begin + TRIALS_AT_ONCE)
                 found.append(_refine(scene, ends, table, poses, link[part], step[part], is_plane, config))
@@ -87,16 +91,16 @@ def find_paths(scene: Scene, links: Links, config: ChannelConfig, table: Surface
 
 
 def _sorted_ends(
-    links: Links, tx: np.ndarray, rx: np.ndarray, pose: np.ndarray, device: str
+    slot: np.ndarray, tx: np.ndarray, rx: np.ndarray, pose: np.ndarray, device: str
 ) -> tuple[np.ndarray, Sources, LinkEnds]:
     """Return an order of the links that brings those of one transmitter together, the transmitters, and the ends."""
-    keys = np.concatenate([links.slot[:, None], tx], axis=1)
+    keys = np.concatenate([slot[:, None], tx], axis=1)
     _, first_use, source = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     source = source.reshape(-1).astype(np.int32)
     order = np.argsort(source, kind="stable")
     first_link = np.searchsorted(source[order], np.arange(len(first_use) + 1)).astype(np.int32)
-    sources = Sources(links.slot[first_use].astype(np.int32), tx[first_use], first_link)
-    return order, sources, _link_ends(links.slot[order], source[order], tx[order], rx[order], pose, device)
+    sources = Sources(slot[first_use].astype(np.int32), tx[first_use], first_link)
+    return order, sources, _link_ends(slot[order], source[order], tx[order], rx[order], pose, device)
 
 
 def _columns(found: FoundPaths) -> list[np.ndarray]:
@@ -139,6 +143,7 @@ def _candidates(
     sources: Sources,
     table: SurfaceTable,
     config: ChannelConfig,
+    is_pair: np.ndarray,
 ) -> Iterator[Candidates]:
     """Yield everything worth an exact look."""
     depth = max(1, config.max_depth)
@@ -153,7 +158,9 @@ def _candidates(
         place = np.empty(len(order), dtype=np.int32)
         place[rank[back]] = np.arange(len(order))
         backward = Backward(ends_b, sources_b, place)
-    if config.specular:
+    if config.specular and config.candidates == "launch" and is_pair.any():
+        yield from _shared_reflections(scene, links, order, pose, table, config, is_pair)
+    elif config.specular:
         yield from reflected_candidates(scene, ends, pose, sources, table, config, backward)
     if bends:
         yield from _wedge_candidates(links, order, pose, table.wedges, depth, scene.device)
@@ -161,6 +168,35 @@ def _candidates(
         number = np.argsort(backward.place)
         for link, step, is_plane in bent_candidates(scene, backward.ends, pose, backward.sources, table, config):
             yield number[link], _turned(step), is_plane
+
+
+def _shared_reflections(
+    scene: Scene,
+    links: Links,
+    order: np.ndarray,
+    pose: wp.array,
+    table: SurfaceTable,
+    config: ChannelConfig,
+    is_pair: np.ndarray,
+) -> Iterator[Candidates]:
+    """Yield the chains of reflections of links of which some stand for both directions.
+
+    Both ends of such a link launch half of the rays, and what either meets serves the link.
+    """
+    rank = np.empty(len(order), dtype=np.int32)
+    rank[order] = np.arange(len(order))
+    poses = instance_poses(scene)
+    half = config.model_copy(update={"rays": max(config.rays // 2, 2)})
+    for rows, both, own in ((np.flatnonzero(~is_pair), 1, config), (np.flatnonzero(is_pair), 2, half)):
+        if not len(rows):
+            continue
+        tx, rx = links.tx.position[rows], links.rx.position[rows]
+        tx, rx = (np.concatenate([tx, rx]), np.concatenate([rx, tx])) if both == 2 else (tx, rx)
+        sorted_rows, sources, ends = _sorted_ends(np.tile(links.slot[rows], both), tx, rx, poses, scene.device)
+        for link, step, is_plane in reflected_candidates(scene, ends, pose, sources, table, own):
+            row = sorted_rows[link]
+            turned = np.where((row >= len(rows))[:, None], _turned(step), step)
+            yield rank[rows[row % len(rows)]], turned, is_plane
 
 
 def _turned(step: np.ndarray) -> np.ndarray:
@@ -197,7 +233,8 @@ def _patched(p: Patches, link: np.ndarray, ray: np.ndarray) -> FoundPaths:
 
 def _reversed_ends(scene: Scene, links: Links, order: np.ndarray) -> tuple[np.ndarray, Sources, LinkEnds, np.ndarray]:
     """Return what `_sorted_ends` does for the links read backwards, and each link's place in `order`."""
-    back, sources, ends = _sorted_ends(links, links.rx.position, links.tx.position, instance_poses(scene), scene.device)
+    poses, device = instance_poses(scene), scene.device
+    back, sources, ends = _sorted_ends(links.slot, links.rx.position, links.tx.position, poses, device)
     rank = np.empty(len(order), dtype=np.int32)
     rank[order] = np.arange(len(order))
     return back, sources, ends, rank

@@ -87,7 +87,31 @@ def solve_paths(
     traced, reverse_of = one_way(links)
     if len(traced) == len(links):
         return _solve(scene, links, config, materials, table, air)
-    return read_both_ways(_solve(scene, links.take(traced), config, materials, table, air), links, traced, reverse_of)
+    is_pair = np.zeros(len(traced), dtype=bool)
+    is_pair[reverse_of[reverse_of >= 0]] = True
+    paths = _solve(scene, links.take(traced), config, materials, table, air, is_pair)
+    return read_both_ways(paths, links, traced, reverse_of)
+
+
+def launched_rays(links: Links, config: ChannelConfig) -> int:
+    """Return how many rays look for the reflections of links: `channel.rays` a transmitter, half for each of a pair.
+
+    Args:
+        links: The links.
+        config: Candidate mode, rays, interactions.
+    """
+    if config.candidates != "launch" or not config.specular or config.max_depth == 0 or len(links) == 0:
+        return 0
+    is_pair = np.zeros(len(links), dtype=bool)
+    if not (config.diffuse or config.diffraction):
+        traced, reverse_of = one_way(links)
+        is_pair[reverse_of >= 0] = True
+        is_pair[traced[reverse_of[reverse_of >= 0]]] = True
+    ends = np.stack([links.slot, links.tx_actor], axis=1)
+    return sum(
+        len(np.unique(ends[rows], axis=0)) * rays
+        for rows, rays in ((~is_pair, config.rays), (is_pair, config.rays // 2))
+    )
 
 
 def _solve(
@@ -97,9 +121,10 @@ def _solve(
     materials: dict[str, tuple[Material, ...]],
     table: SurfaceTable,
     air: Mapping[str, Weather] | None,
+    is_pair: np.ndarray | None = None,
 ) -> Paths:
-    """Return the paths of links of which none is the reverse of another."""
-    found = find_paths(scene, links, config, table)
+    """Return the paths of links of which none is the reverse of another; those of `is_pair` stand for both."""
+    found = find_paths(scene, links, config, table, is_pair)
     geometry, met = _geometry(scene, links, table, found, config)
     if config.diffraction and not config.diffraction_lit_region:
         keep = np.ones(len(found), dtype=bool)

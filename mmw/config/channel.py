@@ -15,7 +15,12 @@ class ChannelConfig(Section):
     links: tuple[Literal["v2i", "v2v"], ...] = Field(
         ("v2i",), description="`v2i`: every RSU to every CAV (downlink); `v2v`: every ordered pair of CAVs (list)"
     )
-    rays: int = Field(1_000_000, ge=1000, le=2**24, description="rays launched from each transmitter and frame (count)")
+    rays: int = Field(
+        1_000_000,
+        ge=1000,
+        le=2**24,
+        description="rays launched from each transmitter and frame; both ends of a V2V pair share them (count)",
+    )
     candidates: Literal["launch", "exhaustive"] = Field(
         "launch",
         description="how reflecting surfaces are found: by launched rays, or every surface for every link (mode)",
