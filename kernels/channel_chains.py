@@ -67,37 +67,66 @@ def cull_kernel(
     ends: LinkEnds,
     surfaces: Surfaces,
     first_link: int,
+    link_count: int,
     first_source: int,
     is_seen: wp.array2d[wp.uint8],
     # out
-    is_candidate_out: wp.array2d[wp.uint8],
+    links_out: wp.array2d[int],
+    count_out: wp.array2d[int],
 ):
-    """Keep the (link, surface) pairs whose point of reflection falls into the surface's box.
+    """Find which links could use which surface: their point of reflection falls into the surface's box.
 
-    A thread takes one surface and `LINKS_AT_ONCE` links. `is_seen` has a row for each source from `first_source`, a
-    column a plane.
-    Launch: dim=(ceil(L / LINKS_AT_ONCE), G).
+    A thread takes one surface and `LINKS_AT_ONCE` links; bit b of `links_out` is link block * LINKS_AT_ONCE + b after
+    `first_link`. `is_seen` has a row for each source from `first_source`, a column a plane.
+    Launch: dim=(ceil(link_count / LINKS_AT_ONCE), G).
     """
     block, surface = wp.tid()
-    plane = surfaces.row[surface]
-    normal = surfaces.normal[plane]
-    offset = surfaces.offset[plane]
+    row = surfaces.row[surface]
+    normal = surfaces.normal[row]
+    offset = surfaces.offset[row]
     carrier = surfaces.carrier[surface]
-    own_plane = surfaces.plane[surface]
-    row = block * LINKS_AT_ONCE
-    stop = wp.min(row + LINKS_AT_ONCE, is_candidate_out.shape[0])
-    while row < stop:
-        link = first_link + row
-        keep = wp.uint8(0)
-        if is_seen[ends.source[link] - first_source, own_plane] != wp.uint8(0):
-            tx = ends.tx[link, carrier]
-            rx = ends.rx[link, carrier]
-            if is_mirror(normal, offset, tx, rx):
-                point = reflection_point(tx, rx, normal, offset)
-                if in_box(surfaces.lower[plane], surfaces.upper[plane], point):
-                    keep = wp.uint8(1)
-        is_candidate_out[row, surface] = keep
-        row = row + 1
+    plane = surfaces.plane[surface]
+    bits = wp.int32(0)
+    count = wp.int32(0)
+    for bit in range(LINKS_AT_ONCE):
+        number = block * LINKS_AT_ONCE + bit
+        if number < link_count:
+            link = first_link + number
+            if is_seen[ends.source[link] - first_source, plane] != wp.uint8(0):
+                tx = ends.tx[link, carrier]
+                rx = ends.rx[link, carrier]
+                if is_mirror(normal, offset, tx, rx):
+                    point = reflection_point(tx, rx, normal, offset)
+                    if in_box(surfaces.lower[row], surfaces.upper[row], point):
+                        bits = bits | (1 << bit)
+                        count = count + 1
+    links_out[block, surface] = bits
+    count_out[block, surface] = count
+
+
+@wp.kernel
+def fill_kernel(
+    first_link: int,
+    links: wp.array2d[int],
+    end: wp.array2d[int],
+    # out
+    link_out: wp.array[int],
+    step_out: wp.array2d[int],
+):
+    """Write the (link, surface) pairs that `cull_kernel` kept; `end` is the inclusive sum of its counts.
+
+    Launch: dim as `cull_kernel`.
+    """
+    block, surface = wp.tid()
+    bits = links[block, surface]
+    place = end[block, surface]
+    bit = LINKS_AT_ONCE - 1
+    while bits != 0 and bit >= 0:
+        if (bits >> bit) & 1 == 1:
+            place = place - 1
+            link_out[place] = first_link + block * LINKS_AT_ONCE + bit
+            step_out[place, 0] = surface
+        bit = bit - 1
 
 
 @wp.kernel

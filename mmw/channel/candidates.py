@@ -12,7 +12,7 @@ from mmw.kernels.channel_launch import PLANE_BITS, launch_kernel
 from mmw.scene import Scene
 
 PAIRS_AT_ONCE = 2**27
-"""Most (link, surface) or (transmitter, surface) pairs at once: one byte each, on the device and on the host."""
+"""Most (link, surface) or (transmitter, plane) pairs at once: about one byte each on the device."""
 
 RAYS_AT_ONCE = 2**30
 """Most rays in one kernel launch."""

@@ -18,6 +18,7 @@ from mmw.kernels.channel_chains import (
     cull_chain_kernel,
     cull_kernel,
     fill_chain_kernel,
+    fill_kernel,
     image_kernel,
 )
 from mmw.kernels.channel_launch import PLANE_BITS
@@ -90,19 +91,21 @@ def _single(
     ends: LinkEnds, sources: Sources, first_source: int, table: SurfaceTable, is_seen: wp.array, depth: int
 ) -> Candidates:
     """Return the candidates of one reflection."""
-    begin, end = int(sources.first_link[0]), int(sources.first_link[-1])
-    is_candidate = wp.empty((end - begin, len(table)), dtype=wp.uint8, device=is_seen.device)
+    begin, stop, device = int(sources.first_link[0]), int(sources.first_link[-1]), is_seen.device
+    dim = (-(-(stop - begin) // LINKS_AT_ONCE), len(table))
+    links, count = (wp.empty(dim, dtype=wp.int32, device=device) for _ in range(2))
     wp.launch(
         cull_kernel,
-        dim=(-(-(end - begin) // LINKS_AT_ONCE), len(table)),
-        inputs=[ends, table.device, begin, first_source, is_seen],
-        outputs=[is_candidate],
-        device=is_seen.device,
+        dim=dim,
+        inputs=[ends, table.device, begin, stop - begin, first_source, is_seen],
+        outputs=[links, count],
+        device=device,
     )
-    link, surface = np.divmod(np.flatnonzero(is_candidate.numpy().view(np.bool_)), len(table))
-    step = np.full((len(link), depth), -1, dtype=np.int32)
-    step[:, 0] = surface
-    return (link + begin).astype(np.int32), step, False
+    end, total = _summed(count.flatten())
+    link = wp.empty(max(total, 1), dtype=wp.int32, device=device)
+    step = wp.full((max(total, 1), depth), -1, dtype=wp.int32, device=device)
+    wp.launch(fill_kernel, dim=dim, inputs=[begin, links, end.reshape(dim)], outputs=[link, step], device=device)
+    return link.numpy()[:total], step.numpy()[:total], False
 
 
 def _tree(pose: wp.array, sources: Sources, table: SurfaceTable, keys: wp.array, depth: int) -> Chains:
