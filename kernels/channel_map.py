@@ -128,7 +128,7 @@ def complex_quotient(a: wp.vec2d, b: wp.vec2d) -> wp.vec2d:
 
 @wp.func
 def complex_root(a: wp.vec2d) -> wp.vec2d:
-    """Return the principal square root, with a real part >= 0."""
+    """Return the square root with a real part >= 0; of a negative number the one of a wave that dies out, -j."""
     zero = wp.float64(0.0)
     half = wp.sqrt(wp.float64(0.5) * (wp.length(a) + wp.abs(a[0])))
     root = wp.vec2d(zero, zero)
@@ -137,7 +137,7 @@ def complex_root(a: wp.vec2d) -> wp.vec2d:
         if a[0] >= zero:
             root = wp.vec2d(half, other)
         else:
-            root = wp.vec2d(wp.abs(other), wp.where(a[1] < zero, -half, half))
+            root = wp.vec2d(wp.abs(other), wp.where(a[1] > zero, half, -half))
     return root
 
 

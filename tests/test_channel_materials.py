@@ -81,6 +81,28 @@ def test_perfect_conductor_reflects_everything_exactly() -> None:
     assert relative_permittivity(RadioMaterial("itu", itu="itu_pec"), 1.0).imag == -np.inf  # at any frequency
 
 
+@pytest.mark.parametrize("zero", [0.0, -0.0])
+def test_total_reflection(zero: float) -> None:
+    """Beyond the critical angle of a rarer medium all comes back, late by the phase of the wave that dies out in it.
+
+    Source: Born and Wolf, Principles of Optics, section 1.5.4; a thin layer of it lets some through.
+    """
+    cosine = np.cos(np.radians(np.linspace(30.5, 89.0, 50)))
+    eta, carrier = np.full(50, complex(0.25, zero)), 28e9
+    decay = np.sqrt(1.0 - cosine**2 - 0.25)
+    te, tm = reflection(eta, cosine, np.zeros(50), carrier)
+    np.testing.assert_allclose(te, np.exp(2j * np.arctan(decay / cosine)), atol=1e-12)
+    np.testing.assert_allclose(tm, np.exp(2j * np.arctan(decay / (0.25 * cosine))), atol=1e-12)
+    for thickness, bound in ((0.001, 1.0), (0.2, 1e-3)):
+        for through, back in zip(
+            transmission(eta, cosine, np.full(50, thickness), carrier),
+            reflection(eta, cosine, np.full(50, thickness), carrier),
+            strict=True,
+        ):
+            np.testing.assert_allclose(np.abs(through) ** 2 + np.abs(back) ** 2, 1.0, atol=1e-9)
+            assert 0.0 < np.abs(through[10:40]).max() < bound
+
+
 def test_brewster_angle() -> None:
     te, tm = reflection(np.array([4.0 + 0j]), np.cos(np.arctan([2.0])), np.zeros(1), 1e9)
     assert abs(tm[0]) < 1e-15

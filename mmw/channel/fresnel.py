@@ -66,6 +66,7 @@ def _slab(
     conductor = np.isinf(permittivity)
     eta = np.where(conductor, 1.0, permittivity)
     inner = np.sqrt(eta - (1.0 - cosine**2))
+    inner = np.where(inner.imag > 0.0, -inner, inner)  # the wave dies out inside, also without any loss
     exponent = -2j * np.pi * thickness * carrier_hz / SPEED_OF_LIGHT * inner
     through = (thickness > 0.0) & ~(exponent.real < -OPAQUE_NEPER)
     one_way = np.where(through, np.exp(np.where(through, exponent, 0.0)), 0.0)
