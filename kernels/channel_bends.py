@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from mmw.kernels.channel_chains import Chains, chain_level, chain_parent, chain_plane, points_open
+from mmw.kernels.channel_chains import Chains, chain_level, chain_parent, chain_plane, points_open, write_chain
 from mmw.kernels.channel_launch import EMPTY_CELL
 from mmw.kernels.channel_surfaces import LinkEnds, Surfaces
 from mmw.kernels.channel_wedges import Wedges, edge_point, edge_world, is_outside
@@ -36,70 +36,43 @@ def could_bend(
 
 
 @wp.kernel
-def count_bent_kernel(
+def bend_kernel(
     ends: LinkEnds,
     surfaces: Surfaces,
     wedges: Wedges,
     pose: wp.array2d[wp.transformd],
     first_link: wp.array[int],
     chains: Chains,
-    # out
-    count_out: wp.array[int],
-):
-    """Count the (link, wedge) pairs that each chain could serve; the wedges are those of its last plane.
-
-    `first_link` has one entry more than there are sources. Launch: dim=N.
-    """
-    cell = wp.tid()
-    count = wp.int32(0)
-    if chains.key[cell] != EMPTY_CELL:
-        source = chains.source[cell]
-        plane = chain_plane(chains.key[cell])
-        for place in range(wedges.first[plane], wedges.first[plane + 1]):
-            for link in range(first_link[source], first_link[source + 1]):
-                if could_bend(ends, surfaces, wedges, pose, chains, cell, wedges.of_plane[place], link):
-                    count = count + 1
-    count_out[cell] = count
-
-
-@wp.kernel
-def fill_bent_kernel(
-    ends: LinkEnds,
-    surfaces: Surfaces,
-    wedges: Wedges,
-    pose: wp.array2d[wp.transformd],
-    first_link: wp.array[int],
-    chains: Chains,
-    count: wp.array[int],
+    is_writing: wp.bool,
     end: wp.array[int],
     # out
+    count_out: wp.array[int],
     link_out: wp.array[int],
     step_out: wp.array2d[int],
 ):
-    """Write the pairs that `count_bent_kernel` counted; `end` is the inclusive sum of its counts.
+    """Count the (link, wedge) pairs that each chain could serve, or write them; the wedges are those of its last plane.
 
-    Launch: dim=N.
+    `first_link` has one entry more than there are sources. Writing needs `end`, the inclusive sum of the counts, and
+    leaves `count_out` as it is; counting leaves the other outputs as they are. Launch: dim=N.
     """
     cell = wp.tid()
-    if count[cell] == 0:
-        return
-    row = end[cell] - count[cell]
-    source = chains.source[cell]
-    plane = chain_plane(chains.key[cell])
-    for place in range(wedges.first[plane], wedges.first[plane + 1]):
-        for link in range(first_link[source], first_link[source + 1]):
+    key = chains.key[cell]
+    count = wp.int32(0)
+    if key != EMPTY_CELL:
+        row = wp.int32(0)
+        if is_writing:
+            row = end[cell] - count_out[cell]
+        source = chains.source[cell]
+        plane = chain_plane(key)
+        for place in range(wedges.first[plane], wedges.first[plane + 1]):
             wedge = wedges.of_plane[place]
-            if could_bend(ends, surfaces, wedges, pose, chains, cell, wedge, link):
-                link_out[row] = link
-                code = chains.first + cell
-                position = chain_level(chains.key[cell]) - 1
-                step_out[row, position] = -2 - wedge
-                code = chain_parent(chains.key[cell])
-                position = position - 1
-                while code >= chains.first:
-                    key = chains.key[code - chains.first]
-                    step_out[row, position] = chain_plane(key)
-                    code = chain_parent(key)
-                    position = position - 1
-                step_out[row, 0] = code % chains.plane_count
-                row = row + 1
+            for link in range(first_link[source], first_link[source + 1]):
+                if could_bend(ends, surfaces, wedges, pose, chains, cell, wedge, link):
+                    if is_writing:
+                        link_out[row + count] = link
+                        column = chain_level(key) - 1
+                        step_out[row + count, column] = -2 - wedge
+                        write_chain(chains, chain_parent(key), row + count, column - 1, -1, step_out)
+                    count = count + 1
+    if not is_writing:
+        count_out[cell] = count

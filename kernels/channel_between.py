@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from mmw.kernels.channel_chains import Chains, chain_level, chain_parent, chain_plane, points_open
+from mmw.kernels.channel_chains import Chains, chain_level, chain_parent, chain_plane, points_open, write_chain
 from mmw.kernels.channel_launch import EMPTY_CELL
 from mmw.kernels.channel_surfaces import (
     LinkEnds,
@@ -101,26 +101,6 @@ def could_join(
             last = chain_parent(tails.chains.key[tail])
             is_open = points_open(tails.ends, surfaces, pose, tails.chains, last, tails.link[link], point)
     return is_open
-
-
-@wp.func
-def write_chain(
-    chains: Chains,
-    code: int,
-    row: int,
-    place: int,
-    step: int,
-    step_out: wp.array2d[int],
-):
-    """Write the planes of a chain from its last one on, from column `place` in the direction `step`."""
-    at = code
-    column = place
-    while at >= chains.first:
-        key = chains.key[at - chains.first]
-        step_out[row, column] = chain_plane(key)
-        at = chain_parent(key)
-        column = column + step
-    step_out[row, column] = at % chains.plane_count
 
 
 @wp.kernel

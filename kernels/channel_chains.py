@@ -207,6 +207,26 @@ def points_open(
     return is_open
 
 
+@wp.func
+def write_chain(
+    chains: Chains,
+    code: int,
+    row: int,
+    place: int,
+    step: int,
+    step_out: wp.array2d[int],
+):
+    """Write the planes of a chain from its last one on, from column `place` in the direction `step`."""
+    at = code
+    column = place
+    while at >= chains.first:
+        key = chains.key[at - chains.first]
+        step_out[row, column] = chain_plane(key)
+        at = chain_parent(key)
+        column = column + step
+    step_out[row, column] = at % chains.plane_count
+
+
 @wp.kernel
 def cull_chain_kernel(
     ends: LinkEnds,
@@ -267,12 +287,6 @@ def fill_chain_kernel(
         if (bits >> bit) & 1 == 1:
             place = place - 1
             link_out[place] = begin + bit
-            code = chains.first + cell
-            position = chain_level(chains.key[cell]) - 1
-            while code >= chains.first:
-                key = chains.key[code - chains.first]
-                plane_out[place, position] = chain_plane(key)
-                code = chain_parent(key)
-                position = position - 1
-            plane_out[place, 0] = code % chains.plane_count
+            last = chain_level(chains.key[cell]) - 1
+            write_chain(chains, chains.first + cell, place, last, -1, plane_out)
         bit = bit - 1

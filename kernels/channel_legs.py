@@ -35,6 +35,20 @@ END_SLACK = wp.constant(wp.float64(6e-6))
 """Share of a leg at each antenna that is not searched for obstacles: an antenna may lie on a surface."""
 
 
+@wp.struct
+class Met:
+    """What paths meet in turn, from transmitter to receiver: rows that the tracing of legs fills."""
+
+    kind: wp.array2d[int]
+    """Kind of each interaction, shape [C, D]."""
+    surface: wp.array2d[int]
+    """Surface of each interaction, of a diffraction its wedge, shape [C, D]."""
+    vertex: wp.array2d[wp.vec3d]
+    """Point of each interaction [m], shape [C, D]."""
+    normal: wp.array2d[wp.vec3d]
+    """Unit normal there, turned to the side that the wave comes from, 0 for a diffraction, shape [C, D]."""
+
+
 @wp.func
 def is_covered(
     scene: Scene, slot: int, start: wp.vec3d, normal: wp.vec3d, lift: wp.float64, origin: wp.vec3d, surface: int
@@ -63,10 +77,7 @@ def pass_slab(
     trial: int,
     filled: int,
     limit: int,
-    kind_out: wp.array2d[int],
-    surface_out: wp.array2d[int],
-    vertex_out: wp.array2d[wp.vec3d],
-    normal_out: wp.array2d[wp.vec3d],
+    met: Met,
 ) -> int:
     """Write that the leg from `begin` to `end` goes through a surface at about `near`; return the new number of rows.
 
@@ -80,10 +91,10 @@ def pass_slab(
         plane = triangle_plane(surfaces, pose, slot, surface, corner)
     along = wp.dot(plane.normal, end - begin)
     share = (plane.offset - wp.dot(plane.normal, begin)) / along
-    kind_out[trial, filled] = TRANSMISSION
-    surface_out[trial, filled] = surface
-    vertex_out[trial, filled] = begin + share * (end - begin)
-    normal_out[trial, filled] = wp.where(along > wp.float64(0.0), -plane.normal, plane.normal)
+    met.kind[trial, filled] = TRANSMISSION
+    met.surface[trial, filled] = surface
+    met.vertex[trial, filled] = begin + share * (end - begin)
+    met.normal[trial, filled] = wp.where(along > wp.float64(0.0), -plane.normal, plane.normal)
     return filled + 1
 
 
@@ -102,10 +113,7 @@ def walk_leg(
     trial: int,
     filled: int,
     room: int,
-    kind_out: wp.array2d[int],
-    surface_out: wp.array2d[int],
-    vertex_out: wp.array2d[wp.vec3d],
-    normal_out: wp.array2d[wp.vec3d],
+    met: Met,
 ) -> int:
     """Trace a leg; write the slabs that it passes through, `room` at most; return how many rows are filled, or -1.
 
@@ -149,10 +157,7 @@ def walk_leg(
                 trial,
                 written,
                 limit,
-                kind_out,
-                surface_out,
-                vertex_out,
-                normal_out,
+                met,
             )
             plane = surfaces.plane[passed]
             member = surfaces.first_member[plane]
@@ -170,10 +175,7 @@ def walk_leg(
                         trial,
                         written,
                         limit,
-                        kind_out,
-                        surface_out,
-                        vertex_out,
-                        normal_out,
+                        met,
                     )
                 member = member + 1
             back = closest_hit(scene, slot, single(place - origin), -direction, wp.float32(step), MISS_ID)
@@ -191,10 +193,7 @@ def walk_leg(
                     trial,
                     written,
                     limit,
-                    kind_out,
-                    surface_out,
-                    vertex_out,
-                    normal_out,
+                    met,
                 )
         tries = tries - 1
     return -1

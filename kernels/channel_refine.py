@@ -8,6 +8,7 @@ from mmw.kernels.channel_legs import (
     END_SLACK,
     LIFT,
     SPECULAR,
+    Met,
     is_covered,
     walk_leg,
 )
@@ -176,16 +177,12 @@ def refine_kernel(
     passes: int,
     # out
     order_out: wp.array[int],
-    kind_out: wp.array2d[int],
-    surface_out: wp.array2d[int],
-    vertex_out: wp.array2d[wp.vec3d],
-    normal_out: wp.array2d[wp.vec3d],
+    met_out: Met,
 ):
     """Find the exact points of each candidate and trace its legs, through up to `passes` slabs on the way.
 
-    Rows of the outputs hold the interactions from transmitter to receiver, -1 and 0 behind the end. `order_out` is
-    their number, -1 where there is no path. `surface_out` of a diffraction is its wedge. A normal is turned to the side
-    that the wave comes from; that of a diffraction is zero. `origin` is the world position of the scene frame's origin.
+    `order_out` is the number of rows of `met_out` that are filled, -1 where there is no path. `origin` is the world
+    position of the scene frame's origin.
     Launch: dim=C, block_dim=64.
     """
     trial = wp.tid()
@@ -205,7 +202,7 @@ def refine_kernel(
         edge = steps
     if not find_exact_points(trials, surfaces, wedges, pose, slot, trial, steps, edge, tx, rx):
         return
-    depth = kind_out.shape[1]
+    depth = met_out.kind.shape[1]
     room = wp.min(depth - steps, passes)
     filled = wp.int32(0)
     begin = tx
@@ -257,18 +254,15 @@ def refine_kernel(
             trial,
             filled,
             room - (filled - k),
-            kind_out,
-            surface_out,
-            vertex_out,
-            normal_out,
+            met_out,
         )
         if filled < 0:
             return
         if k < steps:
-            kind_out[trial, filled] = wp.where(k == edge, DIFFRACTION, SPECULAR)
-            surface_out[trial, filled] = wp.where(k == edge, -2 - trials.step[trial, k], trials.step[trial, k])
-            vertex_out[trial, filled] = end
-            normal_out[trial, filled] = away
+            met_out.kind[trial, filled] = wp.where(k == edge, DIFFRACTION, SPECULAR)
+            met_out.surface[trial, filled] = wp.where(k == edge, -2 - trials.step[trial, k], trials.step[trial, k])
+            met_out.vertex[trial, filled] = end
+            met_out.normal[trial, filled] = away
             filled = filled + 1
         begin = end
         start = stop

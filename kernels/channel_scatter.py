@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from mmw.kernels.channel_legs import END_SLACK, LIFT, MIN_LEG, SPECULAR, TRANSMISSION, walk_leg
+from mmw.kernels.channel_legs import END_SLACK, LIFT, MIN_LEG, SPECULAR, TRANSMISSION, Met, walk_leg
 from mmw.kernels.channel_surfaces import LinkEnds, Surfaces, largest, mean_plane, single, triangle_at, triangle_plane
 from mmw.kernels.geometry import fibonacci_direction_64
 from mmw.kernels.structs import MISS_ID, Scene
@@ -92,15 +92,12 @@ def connect_kernel(
     room: wp.array[int],
     # out
     count_out: wp.array[int],
-    kind_out: wp.array2d[int],
-    surface_out: wp.array2d[int],
-    vertex_out: wp.array2d[wp.vec3d],
-    normal_out: wp.array2d[wp.vec3d],
+    met_out: Met,
 ):
     """Go from a patch straight to the far end (`rx`) of a link, on the side of the patch's normal.
 
     `count_out` is the number of slabs on the way, at most `room` of the row, -1 where the end does not see the patch;
-    the slabs themselves fill the other outputs, from the patch on. Launch: dim=B, block_dim=64.
+    the slabs themselves fill `met_out`, from the patch on. Launch: dim=B, block_dim=64.
     """
     row = wp.tid()
     world = ends.tx.shape[1] - 1
@@ -125,8 +122,5 @@ def connect_kernel(
             row,
             0,
             room[row],
-            kind_out,
-            surface_out,
-            vertex_out,
-            normal_out,
+            met_out,
         )

@@ -9,7 +9,7 @@ import warp as wp
 from mmw.channel.candidates import Sources, launches
 from mmw.channel.surface_table import SurfaceTable
 from mmw.config import ChannelConfig
-from mmw.kernels.channel_bends import count_bent_kernel, fill_bent_kernel
+from mmw.kernels.channel_bends import bend_kernel
 from mmw.kernels.channel_between import Tails, join_kernel
 from mmw.kernels.channel_chains import (
     LINK_BITS,
@@ -165,15 +165,21 @@ def _bent(
     """Yield the candidates of reflections and then a diffraction at an edge of the surface that the rays met next."""
     device, cells = chains.key.device, chains.key.shape[0]
     first_link = wp.array(sources.first_link, dtype=wp.int32, device=device)
-    count = wp.empty(cells, dtype=wp.int32, device=device)
     inputs = [ends, table.device, table.wedges.device, pose, first_link, chains]
-    wp.launch(count_bent_kernel, dim=cells, inputs=inputs, outputs=[count], device=device)
+    yield from _counted_then_written(bend_kernel, inputs, cells, depth, device)
+
+
+def _counted_then_written(kernel: wp.Kernel, inputs: list, cells: int, depth: int, device: str) -> Iterator[Candidates]:
+    """Yield what a kernel writes that first counts: its last inputs say which of the two, and the sums of the counts."""
+    count = wp.zeros(cells, dtype=wp.int32, device=device)
+    link, step = wp.empty(1, dtype=wp.int32, device=device), wp.empty((1, depth), dtype=wp.int32, device=device)
+    wp.launch(kernel, dim=cells, inputs=[*inputs, False, count], outputs=[count, link, step], device=device)
     end, total = _summed(count)
     if total == 0:
         return
     link = wp.empty(total, dtype=wp.int32, device=device)
     step = wp.full((total, depth), -1, dtype=wp.int32, device=device)
-    wp.launch(fill_bent_kernel, dim=cells, inputs=[*inputs, count, end], outputs=[link, step], device=device)
+    wp.launch(kernel, dim=cells, inputs=[*inputs, True, end], outputs=[count, link, step], device=device)
     yield link.numpy(), step.numpy(), True
 
 
@@ -205,16 +211,7 @@ def _between(
         tails.source = wp.array(source, dtype=wp.int32, device=device)
         first_link = wp.array(sources.first_link, dtype=wp.int32, device=device)
         inputs = [ends, table.device, table.wedges.device, pose, first_link, chains, tails, depth]
-        count = wp.zeros(cells, dtype=wp.int32, device=device)
-        link, step = wp.empty(1, dtype=wp.int32, device=device), wp.empty((1, depth), dtype=wp.int32, device=device)
-        wp.launch(join_kernel, dim=cells, inputs=[*inputs, False, count], outputs=[count, link, step], device=device)
-        end, total = _summed(count)
-        if total == 0:
-            continue
-        link = wp.empty(total, dtype=wp.int32, device=device)
-        step = wp.full((total, depth), -1, dtype=wp.int32, device=device)
-        wp.launch(join_kernel, dim=cells, inputs=[*inputs, True, end], outputs=[count, link, step], device=device)
-        yield link.numpy(), step.numpy(), True
+        yield from _counted_then_written(join_kernel, inputs, cells, depth, device)
 
 
 def _by_last_plane(chains: Chains, depth: int) -> tuple[np.ndarray, np.ndarray]:

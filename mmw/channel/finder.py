@@ -10,6 +10,7 @@ from mmw.channel.candidates import Sources
 from mmw.channel.chains import Backward, Candidates, bent_candidates, reflected_candidates
 from mmw.channel.finder_diffuse import Patches, find_patches
 from mmw.channel.links import Links
+from mmw.channel.met_rows import met_rows
 from mmw.channel.paths import DIFFRACTION
 from mmw.channel.surface_table import SurfaceTable
 from mmw.channel.vectors import norm
@@ -286,9 +287,7 @@ def _refine(
     trials.image, trials.normal, trials.point = (wp.empty(shape, dtype=wp.vec3d, device=device) for _ in range(3))
     trials.offset = wp.empty(shape, dtype=wp.float64, device=device)
     order = wp.empty(len(link), dtype=wp.int32, device=device)
-    kind = wp.zeros(shape, dtype=wp.int32, device=device)
-    surface = wp.full(shape, -1, dtype=wp.int32, device=device)
-    vertex, normal = (wp.empty(shape, dtype=wp.vec3d, device=device) for _ in range(2))
+    met = met_rows(shape, device)
     wp.launch(
         refine_kernel,
         dim=len(link),
@@ -302,7 +301,7 @@ def _refine(
             trials,
             config.max_depth if config.refraction else 0,
         ],
-        outputs=[order, kind, surface, vertex, normal],
+        outputs=[order, met],
         device=device,
         block_dim=64,
     )
@@ -312,10 +311,10 @@ def _refine(
     return FoundPaths(
         link=link[kept],
         order=orders[kept],
-        kind=np.where(is_there, kind.numpy()[kept], 0),
-        surface=np.where(is_there, surface.numpy()[kept], -1),
-        vertex=np.where(is_there[..., None], vertex.numpy()[kept], np.nan),
-        normal=np.where(is_there[..., None], normal.numpy()[kept], np.nan),
+        kind=np.where(is_there, met.kind.numpy()[kept], 0),
+        surface=np.where(is_there, met.surface.numpy()[kept], -1),
+        vertex=np.where(is_there[..., None], met.vertex.numpy()[kept], np.nan),
+        normal=np.where(is_there[..., None], met.normal.numpy()[kept], np.nan),
         ray=np.full(len(kept), -1, dtype=np.int32),
     )
 

@@ -10,6 +10,7 @@ import numpy as np
 import warp as wp
 
 from mmw.channel.candidates import Sources
+from mmw.channel.met_rows import met_rows
 from mmw.channel.paths import DIFFUSE, SPECULAR, TRANSMISSION
 from mmw.channel.surface_table import SurfaceTable
 from mmw.config import ChannelConfig
@@ -175,8 +176,7 @@ def _connect(
     at = (source[row], ray[row], step[row])
     room = (width - 1 - step[row]) if config.refraction else np.zeros(len(row))
     count = wp.empty(len(row), dtype=wp.int32, device=device)
-    kind, surface = (wp.zeros((len(row), width), dtype=wp.int32, device=device) for _ in range(2))
-    vertex, normal = (wp.zeros((len(row), width), dtype=wp.vec3d, device=device) for _ in range(2))
+    met = met_rows((len(row), width), device)
     wp.launch(
         connect_kernel,
         dim=len(row),
@@ -193,33 +193,33 @@ def _connect(
             ),
             wp.array(room, dtype=wp.int32, device=device),
         ],
-        outputs=[count, kind, surface, vertex, normal],
+        outputs=[count, met],
         device=device,
         block_dim=64,
     )
     counts = count.numpy()
     kept = np.flatnonzero(counts >= 0)
-    own, met = (source[row[kept]], ray[row[kept]]), step[row[kept]]
+    own, last = (source[row[kept]], ray[row[kept]]), step[row[kept]]
     column = np.arange(width)
     before = np.minimum(column, hits[0].shape[2] - 1)
-    behind = np.maximum(column - met[:, None] - 1, 0)
-    is_before, is_patch = column < met[:, None], column == met[:, None]
-    order = met + 1 + counts[kept]
+    behind = np.maximum(column - last[:, None] - 1, 0)
+    is_before, is_patch = column < last[:, None], column == last[:, None]
+    order = last + 1 + counts[kept]
     is_there = column < order[:, None]
 
     def along(of_rays: np.ndarray, of_legs: np.ndarray, nothing: float) -> np.ndarray:
         wide = (...,) + (None,) * (of_rays.ndim - 3)
         first = of_rays[own][:, before]
-        last = of_legs[kept][np.arange(len(kept))[:, None], behind]
-        return np.where(is_there[wide], np.where((is_before | is_patch)[wide], first, last), nothing)
+        behind_it = of_legs[kept][np.arange(len(kept))[:, None], behind]
+        return np.where(is_there[wide], np.where((is_before | is_patch)[wide], first, behind_it), nothing)
 
-    kinds = np.where(is_patch, DIFFUSE, along(hits[0], kind.numpy(), 0))
+    kinds = np.where(is_patch, DIFFUSE, along(hits[0], met.kind.numpy(), 0))
     return Patches(
         link=link[kept].astype(np.int32),
         order=order.astype(np.int32),
         kind=kinds.astype(np.int32),
-        surface=along(hits[1], surface.numpy(), -1).astype(np.int32),
-        vertex=along(hits[2], vertex.numpy(), np.nan),
-        normal=along(hits[3], normal.numpy(), np.nan),
+        surface=along(hits[1], met.surface.numpy(), -1).astype(np.int32),
+        vertex=along(hits[2], met.vertex.numpy(), np.nan),
+        normal=along(hits[3], met.normal.numpy(), np.nan),
         ray=ray[row[kept]].astype(np.int32),
     )
