@@ -191,9 +191,8 @@ def frame_cost(config: Config, counts: Mapping[str, int]) -> tuple[dict[str, int
         elif isinstance(sensor, ImuConfig):
             size += agents * ROW_BYTES["imu"]
     if config.channel.enabled:
-        channel, half = config.channel, 0.5
-        if channel.diffraction or channel.diffuse:
-            half = 1.0  # the two directions of a pair share nothing
+        channel = config.channel
+        half = 0.5 if channel.is_reciprocal else 1.0  # the ends of a pair share the rays
         senders, links = 0.0, 0
         if "v2i" in channel.links:
             senders, links = float(counts["rsu"]), counts["rsu"] * counts["cav"]

@@ -170,7 +170,7 @@ def _bent(
 
 
 def _counted_then_written(kernel: wp.Kernel, inputs: list, cells: int, depth: int, device: str) -> Iterator[Candidates]:
-    """Yield what a kernel writes that first counts: its last inputs say which of the two, and the sums of the counts."""
+    """Yield what a kernel writes that counts first; its last inputs say which of both, and the sums of the counts."""
     count = wp.zeros(cells, dtype=wp.int32, device=device)
     link, step = wp.empty(1, dtype=wp.int32, device=device), wp.empty((1, depth), dtype=wp.int32, device=device)
     wp.launch(kernel, dim=cells, inputs=[*inputs, False, count], outputs=[count, link, step], device=device)

@@ -14,7 +14,6 @@ from mmw.channel.met_rows import met_rows
 from mmw.channel.paths import DIFFRACTION
 from mmw.channel.surface_table import SurfaceTable
 from mmw.channel.vectors import norm
-from mmw.channel.wedge_table import WedgeTable
 from mmw.config import ChannelConfig
 from mmw.kernels.channel_legs import LIFT
 from mmw.kernels.channel_refine import Trials, refine_kernel
@@ -74,34 +73,49 @@ def find_paths(
     Raises:
         ValueError: If there are too many chains to try.
     """
-    pose = instance_poses(scene)
-    poses = wp.array(pose, dtype=wp.transformd, device=scene.device)
-    order, sources, ends = _sorted_ends(links.slot, links.tx.position, links.rx.position, pose, scene.device)
+    search = _Search(scene, links, config, table)
     is_pair = np.zeros(len(links), dtype=bool) if is_pair is None else is_pair
     found = [_none(max(1, config.max_depth))]
     if len(links):
-        for link, step, is_plane in _candidates(scene, links, order, ends, poses, sources, table, config, is_pair):
+        for link, step, is_plane in _candidates(search, is_pair):
             for begin in range(0, len(link), TRIALS_AT_ONCE):
                 part = slice(begin, begin + TRIALS_AT_ONCE)
-                found.append(_refine(scene, ends, table, poses, link[part], step[part], is_plane, config))
+                found.append(_refine(search, link[part], step[part], is_plane))
         if config.diffuse and len(table):
-            found += _rough(scene, links, order, ends, poses, sources, table, config)
+            found += _rough(search)
     paths = FoundPaths(*(np.concatenate(column) for column in zip(*(_columns(f) for f in found), strict=True)))
-    paths = FoundPaths(order[paths.link].astype(np.int32), *_columns(paths)[1:])
+    paths = FoundPaths(search.order[paths.link].astype(np.int32), *_columns(paths)[1:])
     return paths.take(_distinct(paths, links, table.area, scene.origin))
 
 
-def _sorted_ends(
-    slot: np.ndarray, tx: np.ndarray, rx: np.ndarray, pose: np.ndarray, device: str
-) -> tuple[np.ndarray, Sources, LinkEnds]:
-    """Return an order of the links that brings those of one transmitter together, the transmitters, and the ends."""
-    keys = np.concatenate([slot[:, None], tx], axis=1)
-    _, first_use, source = np.unique(keys, axis=0, return_index=True, return_inverse=True)
-    source = source.reshape(-1).astype(np.int32)
-    order = np.argsort(source, kind="stable")
-    first_link = np.searchsorted(source[order], np.arange(len(first_use) + 1)).astype(np.int32)
-    sources = Sources(slot[first_use].astype(np.int32), tx[first_use], first_link)
-    return order, sources, _link_ends(slot[order], source[order], tx[order], rx[order], pose, device)
+class _Search:
+    """What every step of a search needs: the links in the order of their transmitters, and the poses of the batch."""
+
+    def __init__(self, scene: Scene, links: Links, config: ChannelConfig, table: SurfaceTable):
+        self.scene, self.links, self.config, self.table = scene, links, config, table
+        self.pose = instance_poses(scene)
+        self.poses = wp.array(self.pose, dtype=wp.transformd, device=scene.device)
+        self.order, self.sources, self.ends = self.sorted(links.slot, links.tx.position, links.rx.position)
+        self.rank = np.empty(len(links), dtype=np.int32)  # place of each link in that order
+        self.rank[self.order] = np.arange(len(links))
+
+    def sorted(self, slot: np.ndarray, tx: np.ndarray, rx: np.ndarray) -> tuple[np.ndarray, Sources, LinkEnds]:
+        """Return an order of links that brings those of one transmitter together, the transmitters, and the ends."""
+        keys = np.concatenate([slot[:, None], tx], axis=1)
+        _, first_use, source = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+        source = source.reshape(-1).astype(np.int32)
+        order = np.argsort(source, kind="stable")
+        first_link = np.searchsorted(source[order], np.arange(len(first_use) + 1)).astype(np.int32)
+        sources = Sources(slot[first_use].astype(np.int32), tx[first_use], first_link)
+        ends = _link_ends(slot[order], source[order], tx[order], rx[order], self.pose, self.scene.device)
+        return order, sources, ends
+
+    def backward(self) -> Backward:
+        """Return the links read backwards."""
+        back, sources, ends = self.sorted(self.links.slot, self.links.rx.position, self.links.tx.position)
+        place = np.empty(len(back), dtype=np.int32)
+        place[self.rank[back]] = np.arange(len(back))
+        return Backward(ends, sources, place)
 
 
 def _columns(found: FoundPaths) -> list[np.ndarray]:
@@ -135,69 +149,49 @@ def _link_ends(
     return ends
 
 
-def _candidates(
-    scene: Scene,
-    links: Links,
-    order: np.ndarray,
-    ends: LinkEnds,
-    pose: wp.array,
-    sources: Sources,
-    table: SurfaceTable,
-    config: ChannelConfig,
-    is_pair: np.ndarray,
-) -> Iterator[Candidates]:
+def _candidates(search: _Search, is_pair: np.ndarray) -> Iterator[Candidates]:
     """Yield everything worth an exact look."""
+    config, table, count = search.config, search.table, len(search.links)
     depth = max(1, config.max_depth)
     if config.los:
-        yield np.arange(len(links), dtype=np.int32), np.full((len(links), depth), -1, dtype=np.int32), False
+        yield np.arange(count, dtype=np.int32), np.full((count, depth), -1, dtype=np.int32), False
     if config.max_depth == 0 or not len(table):
         return
     bends = config.diffraction and len(table.wedges) > 0
-    backward = None
-    if bends and config.specular and depth > 1:
-        back, sources_b, ends_b, rank = _reversed_ends(scene, links, order)
-        place = np.empty(len(order), dtype=np.int32)
-        place[rank[back]] = np.arange(len(order))
-        backward = Backward(ends_b, sources_b, place)
+    backward = search.backward() if bends and config.specular and depth > 1 else None
     if config.specular and config.candidates == "launch" and is_pair.any():
-        yield from _shared_reflections(scene, links, order, pose, table, config, is_pair)
+        yield from _shared_reflections(search, is_pair)
     elif config.specular:
-        yield from reflected_candidates(scene, ends, pose, sources, table, config, backward)
+        yield from reflected_candidates(
+            search.scene, search.ends, search.poses, search.sources, table, config, backward
+        )
     if bends:
-        yield from _wedge_candidates(links, order, pose, table.wedges, depth, scene.device)
+        yield from _wedge_candidates(search)
     if backward is not None:
         number = np.argsort(backward.place)
-        for link, step, is_plane in bent_candidates(scene, backward.ends, pose, backward.sources, table, config):
+        behind = bent_candidates(search.scene, backward.ends, search.poses, backward.sources, table, config)
+        for link, step, is_plane in behind:
             yield number[link], _turned(step), is_plane
 
 
-def _shared_reflections(
-    scene: Scene,
-    links: Links,
-    order: np.ndarray,
-    pose: wp.array,
-    table: SurfaceTable,
-    config: ChannelConfig,
-    is_pair: np.ndarray,
-) -> Iterator[Candidates]:
+def _shared_reflections(search: _Search, is_pair: np.ndarray) -> Iterator[Candidates]:
     """Yield the chains of reflections of links of which some stand for both directions.
 
     Both ends of such a link launch half of the rays, and what either meets serves the link.
     """
-    rank = np.empty(len(order), dtype=np.int32)
-    rank[order] = np.arange(len(order))
-    poses = instance_poses(scene)
+    links, config = search.links, search.config
     half = config.model_copy(update={"rays": max(config.rays // 2, 2)})
     for rows, both, own in ((np.flatnonzero(~is_pair), 1, config), (np.flatnonzero(is_pair), 2, half)):
         if not len(rows):
             continue
         tx, rx = links.tx.position[rows], links.rx.position[rows]
         tx, rx = (np.concatenate([tx, rx]), np.concatenate([rx, tx])) if both == 2 else (tx, rx)
-        sorted_rows, sources, ends = _sorted_ends(np.tile(links.slot[rows], both), tx, rx, poses, scene.device)
-        for link, step, is_plane in reflected_candidates(scene, ends, pose, sources, table, own):
+        sorted_rows, sources, ends = search.sorted(np.tile(links.slot[rows], both), tx, rx)
+        found = reflected_candidates(search.scene, ends, search.poses, sources, search.table, own)
+        for link, step, is_plane in found:
             row = sorted_rows[link]
             turned = np.where((row >= len(rows))[:, None], _turned(step), step)
-            yield rank[rows[row % len(rows)]], turned, is_plane
+            yield search.rank[rows[row % len(rows)]], turned, is_plane
 
 
 def _turned(step: np.ndarray) -> np.ndarray:
@@ -207,24 +201,16 @@ def _turned(step: np.ndarray) -> np.ndarray:
     return turned.astype(np.int32)
 
 
-def _rough(
-    scene: Scene,
-    links: Links,
-    order: np.ndarray,
-    ends: LinkEnds,
-    pose: wp.array,
-    sources: Sources,
-    table: SurfaceTable,
-    config: ChannelConfig,
-) -> list[FoundPaths]:
+def _rough(search: _Search) -> list[FoundPaths]:
     """Return the diffuse paths: what the transmitters' rays find, and, with mirrors, the receivers'."""
-    found = [
-        _patched(p, p.link, p.ray) for p in find_patches(scene, ends, pose, sources, table, config, needs_mirror=False)
-    ]
+    scene, poses, table, config = search.scene, search.poses, search.table, search.config
+    ahead = find_patches(scene, search.ends, poses, search.sources, table, config, needs_mirror=False)
+    found = [_patched(patches, patches.link, patches.ray) for patches in ahead]
     if config.specular and config.max_depth > 1:
-        back, sources, ends, rank = _reversed_ends(scene, links, order)
-        for patches in find_patches(scene, ends, pose, sources, table, config, needs_mirror=True):
-            found.append(_patched(patches.turned(), rank[back[patches.link]], -2 - patches.ray))
+        backward = search.backward()
+        number = np.argsort(backward.place)
+        behind = find_patches(scene, backward.ends, poses, backward.sources, table, config, needs_mirror=True)
+        found += [_patched(patches.turned(), number[patches.link], -2 - patches.ray) for patches in behind]
     return found
 
 
@@ -232,22 +218,12 @@ def _patched(p: Patches, link: np.ndarray, ray: np.ndarray) -> FoundPaths:
     return FoundPaths(link.astype(np.int32), p.order, p.kind, p.surface, p.vertex, p.normal, ray.astype(np.int32))
 
 
-def _reversed_ends(scene: Scene, links: Links, order: np.ndarray) -> tuple[np.ndarray, Sources, LinkEnds, np.ndarray]:
-    """Return what `_sorted_ends` does for the links read backwards, and each link's place in `order`."""
-    poses, device = instance_poses(scene), scene.device
-    back, sources, ends = _sorted_ends(links.slot, links.rx.position, links.tx.position, poses, device)
-    rank = np.empty(len(order), dtype=np.int32)
-    rank[order] = np.arange(len(order))
-    return back, sources, ends, rank
-
-
-def _wedge_candidates(
-    links: Links, order: np.ndarray, pose: wp.array, wedges: WedgeTable, depth: int, device: str
-) -> Iterator[Candidates]:
+def _wedge_candidates(search: _Search) -> Iterator[Candidates]:
     """Yield the candidates of one diffraction and nothing else: every wedge for every link."""
+    links, wedges, device = search.links, search.table.wedges, search.scene.device
     at_once = max(1, 2**26 // len(wedges))
-    for begin in range(0, len(order), at_once):
-        rows = order[begin : begin + at_once]
+    for begin in range(0, len(links), at_once):
+        rows = search.order[begin : begin + at_once]
         is_candidate = wp.empty((len(rows), len(wedges)), dtype=wp.uint8, device=device)
         wp.launch(
             cull_wedge_kernel,
@@ -257,28 +233,20 @@ def _wedge_candidates(
                 wp.array(links.tx.position[rows], dtype=wp.vec3d, device=device),
                 wp.array(links.rx.position[rows], dtype=wp.vec3d, device=device),
                 wedges.device,
-                pose,
+                search.poses,
             ],
             outputs=[is_candidate],
             device=device,
         )
         link, wedge = np.divmod(np.flatnonzero(is_candidate.numpy().view(np.bool_)), len(wedges))
-        step = np.full((len(link), depth), -1, dtype=np.int32)
+        step = np.full((len(link), max(1, search.config.max_depth)), -1, dtype=np.int32)
         step[:, 0] = -2 - wedge
         yield (link + begin).astype(np.int32), step, False
 
 
-def _refine(
-    scene: Scene,
-    ends: LinkEnds,
-    table: SurfaceTable,
-    pose: wp.array,
-    link: np.ndarray,
-    step: np.ndarray,
-    is_plane: bool,
-    config: ChannelConfig,
-) -> FoundPaths:
+def _refine(search: _Search, link: np.ndarray, step: np.ndarray, is_plane: bool) -> FoundPaths:
     """Return the candidates that are paths; `link` still counts in the order of the sources."""
+    scene, table, config = search.scene, search.table, search.config
     device, shape = scene.device, step.shape
     trials = Trials()
     trials.link = wp.array(link, dtype=wp.int32, device=device)
@@ -293,10 +261,10 @@ def _refine(
         dim=len(link),
         inputs=[
             scene.struct,
-            ends,
+            search.ends,
             table.device,
             table.wedges.device,
-            pose,
+            search.poses,
             wp.vec3d(*scene.origin),
             trials,
             config.max_depth if config.refraction else 0,

@@ -82,7 +82,7 @@ def solve_paths(
     if config.diffraction and not table.has_wedges:
         raise ValueError("channel.diffraction: the surface table has no wedges; make it with wedges=True")
     check_channel_materials(materials, np.unique(table.material_id), config)
-    if config.diffuse or config.diffraction:  # neither is the same backwards: rays start at one end, and so do faces
+    if not config.is_reciprocal:
         return _solve(scene, links, config, materials, table, air)
     traced, reverse_of = one_way(links)
     if len(traced) == len(links):
@@ -103,7 +103,7 @@ def launched_rays(links: Links, config: ChannelConfig) -> int:
     if config.candidates != "launch" or not config.specular or config.max_depth == 0 or len(links) == 0:
         return 0
     is_pair = np.zeros(len(links), dtype=bool)
-    if not (config.diffuse or config.diffraction):
+    if config.is_reciprocal:
         traced, reverse_of = one_way(links)
         is_pair[reverse_of >= 0] = True
         is_pair[traced[reverse_of[reverse_of >= 0]]] = True

@@ -5,7 +5,6 @@ the Doppler shift are continuous over frames. Coefficients hold no carrier phase
 linearly. `docs/tracks.md` says how far that is from the truth.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any, Literal
@@ -301,29 +300,13 @@ def tracks_from_table(table: Any, carrier_hz: float | None = None, links: Any = 
     return tracks_from_rows(paths, path_id.astype(np.int64)[paths.row])
 
 
-def tracks_from_paths(
-    links: Links,
-    paths: Paths,
-    weather: str,
-    carrier_hz: float,
-    actors: Sequence[str] | None = None,
-    scenario: str = "",
-) -> PathTracks:
-    """Return the tracks of paths in memory, of one weather and carrier.
-
-    Args:
-        links: Links of the paths.
-        paths: Paths of `solve_paths`; `row` of the tracks counts these.
-        weather: Weather of the gains.
-        carrier_hz: Carrier of the gains [Hz].
-        actors: Name of each actor, for `agent` and `peer`; None takes actor indices as text.
-        scenario: Name of the scenario.
+def tracks_from_paths(links: Links, paths: Paths, *args: Any, **names: Any) -> PathTracks:
+    """Return the tracks of paths in memory, of one weather and carrier; the arguments are those of `rows_from_paths`.
 
     Raises:
         ValueError: If weather or carrier are not there, or a path is twice in a frame of a link.
     """
-    rows = rows_from_paths(links, paths, weather, carrier_hz, actors, scenario)
-    return tracks_from_rows(rows, paths.path_id)
+    return tracks_from_rows(rows_from_paths(links, paths, *args, **names), paths.path_id)
 
 
 def tracks_from_rows(paths: PathRows, path_id: np.ndarray) -> PathTracks:

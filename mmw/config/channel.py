@@ -59,6 +59,11 @@ class ChannelConfig(Section):
         "role that is left out [m]",
     )
 
+    @property
+    def is_reciprocal(self) -> bool:
+        """Whether a link and its reverse have one transfer: wedges tell the ends apart, diffuse rays start at one."""
+        return not (self.diffraction or self.diffuse)
+
     @field_validator("antenna_position_m")
     @classmethod
     def _every_role(cls, value: dict[str, Vec3]) -> dict[str, Vec3]:
