@@ -17,15 +17,22 @@ def main(argv: Sequence[str] | None = None) -> int:
         from mmw.radio_map_command import main as map_main
 
         return map_main(argv[1:], prog="mmw radiomap")
+    if argv and argv[0] == "town":
+        from mmw.town_command import main as town_main
+
+        return town_main(argv[1:], prog="mmw town")
+    if argv and argv[0] == "import":
+        from mmw.import_command import main as import_main
+
+        return import_main(argv[1:], prog="mmw import")
     parser = argparse.ArgumentParser(
         prog="mmw", description="Multimodal wireless datasets from one configuration file."
     )
     commands = parser.add_subparsers(dest="command", required=True)
     commands.add_parser("run", help="make a dataset (same as python -m mmw.run)")
     commands.add_parser("radiomap", help="trace path gain, RSS and SINR over the roads (picture: needs mmw[plot])")
-    town = commands.add_parser("town", help="build a town from its YAML description (needs mmw[author])")
-    town.add_argument("description", type=Path, help="the town's YAML file")
-    town.add_argument("--out", type=Path, help="folder for the built asset; the description's own by default")
+    commands.add_parser("town", help="build, check and draw towns (building needs mmw[author])")
+    commands.add_parser("import", help="make a town of a Mitsuba, OpenDRIVE, OSM, glTF, OBJ, PLY, STL or USD file")
     check = commands.add_parser("check", help="check a USD stage with OpenUSD's validators")
     check.add_argument("stage", type=Path, help="USD file")
     verify = commands.add_parser("verify", help="check every file of a dataset against its markers")
@@ -42,7 +49,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     pictures.add_argument("--device", default="auto", help="auto, cpu or cuda:N")
     arguments = parser.parse_args(argv)
     try:
-        return {"town": _town, "check": _check, "verify": _verify, "pictures": _pictures}[arguments.command](arguments)
+        return {"check": _check, "verify": _verify, "pictures": _pictures}[arguments.command](arguments)
     except ValueError as error:
         print(f"mmw: {error}", file=sys.stderr)
         return 2
@@ -52,13 +59,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     except OSError as error:
         print(f"mmw: {error.filename}: {error.strerror}", file=sys.stderr)
         return 1
-
-
-def _town(arguments: argparse.Namespace) -> int:
-    from mmw.town.build import build_town
-
-    print(build_town(arguments.description, arguments.out or arguments.description.parent))
-    return 0
 
 
 def _check(arguments: argparse.Namespace) -> int:

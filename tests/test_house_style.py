@@ -25,6 +25,7 @@ LAYERS = [
     {"mmw.usd", "mmw.surfaces"},
     {"mmw.vehicles"},
     {"mmw.town"},
+    {"mmw.importers"},
     {"mmw.traffic"},
     {"mmw.stage"},
     {"mmw.scene_arrays"},
@@ -36,7 +37,7 @@ LAYERS = [
     {"mmw.compute", "mmw.report"},
     {"mmw.plan", "mmw.provenance", "mmw.notes"},
     {"mmw.prepare"},
-    {"mmw.viewing", "mmw.radio_map_command"},
+    {"mmw.viewing", "mmw.radio_map_command", "mmw.town_command", "mmw.import_command"},
     {"mmw.pipeline"},
     {"mmw.run", "mmw.__main__"},
 ]

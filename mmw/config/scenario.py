@@ -17,8 +17,11 @@ class RsuConfig(Section):
 
 
 class TrafficConfig(Section):
-    """The moving vehicles of a scenario made by mmw's own traffic engine (an intelligent-driver model)."""
+    """The moving vehicles of a scenario, and who of them is connected."""
 
+    engine: Literal["idm", "sumo", "file"] = Field(
+        "idm", description="mmw's own engine, SUMO (needs mmw[sumo]), or a table of trajectories (token)"
+    )
     vehicle_count: int = Field(20, ge=1, le=500, description="vehicles in the scenario, CAVs included (count)")
     spawn_center_m: Vec3 = Field(description="x_spawn: vehicles take the spawn points nearest to it, world frame [m]")
     cav_ranks: tuple[int, ...] = Field(
@@ -26,6 +29,17 @@ class TrafficConfig(Section):
         description="r: zero-based ranks, by distance to `spawn_center_m`, of the vehicles that become CAVs (rank)",
     )
     warmup_s: float = Field(1.0, ge=1.0, le=60, description="simulated before frame 0, so that suspensions settle [s]")
+    lane_changes: bool = Field(True, description="whether vehicles change lanes; engine idm (flag)")
+    signals: bool = Field(
+        False, description="whether traffic lights work; the paper's traffic ignores them; engine idm (flag)"
+    )
+    pedestrian_count: int = Field(0, ge=0, le=500, description="people walking on the sidewalks (count)")
+    trajectories: str | None = Field(
+        None, description="engine file: Parquet, CSV or SUMO FCD table of who is where when (path)"
+    )
+    cav_ids: tuple[str, ...] = Field(
+        (), description="engine file: ids of the vehicles that become CAVs; by `cav_ranks` if empty (names)"
+    )
 
     @model_validator(mode="after")
     def _ranks_exist(self) -> "TrafficConfig":

@@ -92,8 +92,8 @@ def build_town(description_path: str | Path, out_dir: str | Path, materials: str
     return TownReport(path, dict(meshes), dict(triangles), count["Buildings"], count["Props"], len(lanes.lanes), size)
 
 
-def build_shipped_town(name: str) -> TownReport:
-    """Rebuild a shipped town in place: the command `mmw town build NAME`.
+def build_shipped_town(name: str, out_dir: str | Path | None = None) -> TownReport:
+    """Rebuild a shipped town, in place unless another folder is given.
 
     Raises:
         ValueError: If no town of this name has a description.
@@ -102,4 +102,4 @@ def build_shipped_town(name: str) -> TownReport:
     if not (folder / f"{name}.yaml").is_file():
         known = ", ".join(sorted(path.parent.name for path in folder.parent.glob("*/*.yaml")))
         raise ValueError(f"town = {name!r}: no description; shipped towns are: {known}; name one of them")
-    return build_town(folder / f"{name}.yaml", folder)
+    return build_town(folder / f"{name}.yaml", out_dir or folder)

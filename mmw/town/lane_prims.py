@@ -10,6 +10,9 @@ SPEED = "mmw:lane:speed"
 JUNCTION = "mmw:lane:junction"
 PRIORITY = "mmw:lane:priority"
 SUCCESSORS = "mmw:lane:successors"
+LEFT = "mmw:lane:left"
+RIGHT = "mmw:lane:right"
+SIGNAL = "mmw:lane:signal"
 
 
 def write_lanes(stage: Usd.Stage, path: str, graph: LaneGraph) -> None:
@@ -49,6 +52,9 @@ def _write_lane(layer: Sdf.Layer, path: str, lane: Lane) -> None:
         (JUNCTION, types.String, lane.junction, None),
         (PRIORITY, types.Int, lane.priority, None),
         (SUCCESSORS, types.StringArray, Vt.StringArray(lane.successors), None),
+        (LEFT, types.String, lane.left, None),
+        (RIGHT, types.String, lane.right, None),
+        (SIGNAL, types.String, lane.signal, None),
     ):
         is_custom = name.startswith("mmw:")
         attribute = Sdf.AttributeSpec(spec, name, kind, variability or Sdf.VariabilityVarying, is_custom)
@@ -90,6 +96,7 @@ def read_lanes(stage: Usd.Stage, root_path: str) -> LaneGraph:
             values[JUNCTION],
             int(values[PRIORITY]),
             tuple(values[SUCCESSORS]),
+            *(prim.GetAttribute(name).Get() or "" for name in (LEFT, RIGHT, SIGNAL)),
         )
     if not lanes:
         raise ValueError(f"{where}: no lanes below {root_path}; rebuild the town with its lanes")

@@ -23,6 +23,12 @@ class Lane:
     """In a junction, the higher number goes first (a ring before its arms, a main road before a side road)."""
     successors: tuple[str, ...] = ()
     """Names of the lanes that begin where this one ends."""
+    left: str = ""
+    """Name of the lane beside it, to the left and in the same direction, that vehicles may change to; empty if none."""
+    right: str = ""
+    """The same to the right."""
+    signal: str = ""
+    """In a junction with traffic lights, the phase that shows this way green, such as `a`; empty without lights."""
 
     @cached_property
     def station(self) -> np.ndarray:
@@ -53,6 +59,9 @@ class LaneGraph:
             for name in lane.successors:
                 if name not in self.lanes:
                     raise ValueError(f"lane {lane.name!r} leads to {name!r}, which does not exist; rebuild the town")
+            for side in (lane.left, lane.right):
+                if side and side not in self.lanes:
+                    raise ValueError(f"lane {lane.name!r} lies beside {side!r}, which does not exist; rebuild the town")
 
     @cached_property
     def predecessors(self) -> dict[str, tuple[str, ...]]:

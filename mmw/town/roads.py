@@ -183,7 +183,17 @@ def build_road(
     for letter, offsets, order in (("f", section.forward, slice(None)), ("b", section.backward, slice(None, None, -1))):
         for k, t in enumerate(offsets):
             points = np.column_stack([xy + t * left, z])[order]
-            lanes.append(Lane(f"{road.id}_{letter}{k}", densify(points, LANE_STEP), section.width, road.speed))
+            beside = [f"{road.id}_{letter}{n}" if 0 <= n < len(offsets) else "" for n in (k - 1, k + 1)]
+            lanes.append(
+                Lane(
+                    f"{road.id}_{letter}{k}",
+                    densify(points, LANE_STEP),
+                    section.width,
+                    road.speed,
+                    left=beside[0],
+                    right=beside[1],
+                )
+            )
     line = np.column_stack([xy, z])
     return RoadBody(road, section, tuple(parts), sides[0], sides[1], line, tuple(lanes))
 
