@@ -85,10 +85,10 @@ def run(config: Config, *, base: Path, device: str, overwrite: bool, console: Co
         "git_sha": made_with["git"],
         "device": device_name(device),
     }
-    keys = {scenario.name: shard_keys(config, scenario.name) for scenario in config.scenarios}
+    keys = {scenario.name: shard_keys(config, scenario) for scenario in config.scenarios}
     pending = {name: pending_shards(root, all_keys) for name, all_keys in keys.items()}
     frames = {name: sum(key.frame_end - key.frame_begin for key in some) for name, some in pending.items()}
-    total = config.frames.count * len(config.weathers) * len(config.scenarios)
+    total = config.frame_total
     console.begin(total, total - sum(frames.values()))
     if console.done:
         rest = "making the rest" if console.done < total else "nothing to make"
@@ -106,12 +106,12 @@ def run(config: Config, *, base: Path, device: str, overwrite: bool, console: Co
     console.summary(closing_summary(root, config, device_name(device), result, console.clock, sum(frames.values())))
 
 
-def shard_keys(config: Config, scenario: str) -> list[ShardKey]:
+def shard_keys(config: Config, scenario: ScenarioConfig) -> list[ShardKey]:
     """Return all shards of a scenario: weathers x pieces of `output.shard_frames` frames."""
-    step = config.output.shard_frames
+    step, frames = config.output.shard_frames, config.frames_of(scenario)
     return [
-        ShardKey(scenario, weather, begin, min(begin + step, config.frames.stop))
-        for begin in range(config.frames.start, config.frames.stop, step)
+        ShardKey(scenario.name, weather, begin, min(begin + step, frames.stop))
+        for begin in range(frames.start, frames.stop, step)
         for weather in config.weathers
     ]
 

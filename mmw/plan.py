@@ -7,14 +7,13 @@ from pxr import Tf, Usd
 
 from mmw.channel.materials import PERMITTIVITY, PREFIX
 from mmw.config import ChannelConfig, Config, ConfigError, DepthConfig, ImuConfig, LidarConfig, ScenarioConfig
+from mmw.config.scenario import TOWN_SUFFIXES
 from mmw.paths import town_path
 from mmw.report import si
 from mmw.tables.schemas import TABLES
 from mmw.usd.actors import find_actors
 
 FRAMED_TABLES = sum(table.framed for table in TABLES.values())
-
-USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 
 LIDAR_BYTES_PER_RAY = 3.85
 """Bytes of one LiDAR ray in the tables, misses included: 114 to 118 kB for a sweep of 30,016 rays on town03."""
@@ -72,7 +71,7 @@ def scenario_source(scenario: ScenarioConfig, base: Path) -> Path:
 
 def is_town_file(scenario: ScenarioConfig) -> bool:
     """Return whether a scenario's town is a file of the user's rather than a shipped town's name."""
-    return scenario.town is not None and scenario.town.endswith(USD_SUFFIXES)
+    return scenario.town is not None and scenario.town.endswith(TOWN_SUFFIXES)
 
 
 def check_inputs(config: Config, base: Path) -> None:
@@ -146,17 +145,18 @@ def describe_plan(config: Config, base: Path, device: str) -> str:
         ValueError: If a stage of the user's own cannot be read.
     """
     lines = [
-        f"{len(config.scenarios)} scenario(s) x {len(config.weathers)} weather(s) x "
-        f"{config.frames.count} frames on {device}"
+        f"{len(config.scenarios)} scenario(s) x {len(config.weathers)} weather(s), "
+        f"{config.frame_total} frames in all on {device}"
     ]
     total_rays = total_bytes = 0.0
-    shards = -(-config.frames.count // config.output.shard_frames)
     for scenario in config.scenarios:
         counts = agent_counts(scenario, base)
         rays, size = frame_cost(config, counts)
         frame_rays = sum(rays.values())
-        total_rays += frame_rays * config.frames.count
-        total_bytes += (size * config.frames.count + shards * FRAMED_TABLES * FILE_BYTES) * len(config.weathers)
+        frame_count = config.frames_of(scenario).count
+        shards = -(-frame_count // config.output.shard_frames)
+        total_rays += frame_rays * frame_count
+        total_bytes += (size * frame_count + shards * FRAMED_TABLES * FILE_BYTES) * len(config.weathers)
         each = ", ".join(f"{name} {si(count).strip()}" for name, count in rays.items())
         lines.append(
             f"  {scenario.name}: {scenario_source(scenario, base).name}, {counts['cav']} CAV + {counts['rsu']} RSU "

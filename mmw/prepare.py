@@ -113,7 +113,7 @@ def make_tracks(
             town.lanes,
             (town.points, town.faces),
             catalog,
-            frame_count=config.frames.stop + 1,
+            frame_count=config.frames_of(scenario).stop + 1,
             vehicle_count=traffic.vehicle_count,
             spawn_center=traffic.spawn_center_m,
             cav_ranks=traffic.cav_ranks,
@@ -130,9 +130,10 @@ def read_scenario(config: Config, scenario: ScenarioConfig, stage: Path) -> Scen
     Raises:
         ValueError: If the stage cannot be used, or does not cover the frames.
     """
+    frames = config.frames_of(scenario)
     return read_stage(
         stage,
-        range(config.frames.start, config.frames.stop),
+        range(frames.start, frames.stop),
         config.weathers,
         margin=1,
         roles=scenario.actor_roles,

@@ -155,7 +155,7 @@ def run(arguments: argparse.Namespace) -> list[str]:
     device = choose_device(arguments.device or config.compute.device)
     scenario = _scenario(config, arguments.scenario)
     check_inputs(config.model_copy(update={"scenarios": (scenario,)}), path.parent)
-    frame = config.frames.start if arguments.frame is None else arguments.frame
+    frame = config.frames_of(scenario).start if arguments.frame is None else arguments.frame
     arrays = _arrays(config, scenario, frame, path.parent)
     weather, channel = config.weathers[0], config.channel
     transmitters = actor_transmitters(
@@ -268,9 +268,10 @@ def _scenario(config: Config, name: str) -> ScenarioConfig:
 
 def _arrays(config: Config, scenario: ScenarioConfig, frame: int, base: Path) -> SceneArrays:
     """Read one frame of the stage of a scenario: a dataset's own, or one made for the purpose."""
-    if not config.frames.start <= frame < config.frames.stop:
+    frames = config.frames_of(scenario)
+    if not frames.start <= frame < frames.stop:
         raise ValueError(
-            f"--frame {frame}: the configuration has frames {config.frames.start} to {config.frames.stop - 1}; "
+            f"--frame {frame}: the configuration has frames {frames.start} to {frames.stop - 1}; "
             "give one of them, or frames.count=..."
         )
     with tempfile.TemporaryDirectory(prefix="mmw_radio_map_") as folder:

@@ -3,9 +3,9 @@
 from mmw.config.channel import ChannelConfig
 from mmw.config.compute import ComputeConfig
 from mmw.config.load import ConfigError, load_config
-from mmw.config.model import Config, FramesConfig
+from mmw.config.model import Config
 from mmw.config.output import OutputConfig
-from mmw.config.scenario import RsuConfig, ScenarioConfig, TrafficConfig
+from mmw.config.scenario import FramesConfig, RsuConfig, ScenarioConfig, TrafficConfig
 from mmw.config.sensors import DepthConfig, ImuConfig, LidarConfig, MountConfig, SensorConfig
 from mmw.config.weather import AirConfig
 

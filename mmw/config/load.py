@@ -10,6 +10,7 @@ import yaml
 from pydantic import ValidationError
 
 from mmw.config.explain import problem_line
+from mmw.config.include import include_scenarios
 from mmw.config.model import Config
 from mmw.config.override import set_value
 
@@ -62,20 +63,13 @@ def load_config(path: str | Path, overrides: Sequence[str] = (), patch: dict[str
         ConfigError: If the file, an override or a value cannot be used.
     """
     path = Path(path)
+    data = _read(path)
     try:
-        data = yaml.load(path.read_text(encoding="utf-8"), Loader=_Loader)
-    except FileNotFoundError:
-        raise ConfigError([f"{path}: no such file; give --config an existing YAML file"]) from None
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
-        raise ConfigError([f"{path}: cannot be read ({reason}); give --config a readable YAML file"]) from None
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f"{path}:{mark.line + 1}:{mark.column + 1}" if mark else str(path)
-        raise ConfigError([f"{where}: not valid YAML: {_reason(error)}; correct that line"]) from None
-    if not isinstance(data, dict):
-        kind = {"NoneType": "nothing", "str": "only text", "list": "a list"}.get(type(data).__name__, "no keys")
-        raise ConfigError([f"{path}: holds {kind}; a mapping with the key `scenarios` is needed"])
+        data = include_scenarios(data, path, _read)
+    except ConfigError:
+        raise
+    except ValueError as error:
+        raise ConfigError([f"{path}: {error}"]) from None
     for item in overrides:
         key, sign, text = item.partition("=")
         if not sign or not key:
@@ -100,6 +94,25 @@ def load_config(path: str | Path, overrides: Sequence[str] = (), patch: dict[str
         raise ConfigError([problem_line(path, item) for item in error.errors()]) from None
 
 
+def _read(path: Path) -> dict[str, Any]:
+    """Return the content of a configuration file."""
+    try:
+        data = yaml.load(path.read_text(encoding="utf-8"), Loader=_Loader)
+    except FileNotFoundError:
+        raise ConfigError([f"{path}: no such file; give an existing YAML file"]) from None
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
+        raise ConfigError([f"{path}: cannot be read ({reason}); give a readable YAML file"]) from None
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f"{path}:{mark.line + 1}:{mark.column + 1}" if mark else str(path)
+        raise ConfigError([f"{where}: not valid YAML: {_reason(error)}; correct that line"]) from None
+    if not isinstance(data, dict):
+        kind = {"NoneType": "nothing", "str": "only text", "list": "a list"}.get(type(data).__name__, "no keys")
+        raise ConfigError([f"{path}: holds {kind}; a mapping with the key `scenarios` is needed"])
+    return data
+
+
 def _reason(error: yaml.YAMLError) -> str:
     """Return what is wrong with a piece of YAML in one line."""
     return " ".join(str(getattr(error, "problem", None) or error).split())
@@ -116,7 +129,11 @@ def _whole(value: Any) -> Any:
 
 def json_schema() -> dict[str, Any]:
     """Return the JSON Schema of the file format, for editors; `configs/mmw.schema.json` is its committed copy."""
-    return Config.model_json_schema() | {
+    schema = Config.model_json_schema()
+    items = schema["properties"]["scenarios"]
+    path = {"type": "string", "description": "another configuration file, whose scenarios and frames are taken (path)"}
+    items["items"] = {"anyOf": [items["items"], path]}
+    return schema | {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "mmw configuration",
     }

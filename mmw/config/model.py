@@ -9,22 +9,10 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 from mmw.config.channel import ChannelConfig
 from mmw.config.compute import ComputeConfig
 from mmw.config.output import OutputConfig
-from mmw.config.scenario import ScenarioConfig
+from mmw.config.scenario import FramesConfig, ScenarioConfig
 from mmw.config.section import Name, Section
 from mmw.config.sensors import SensorConfig, default_sensors
 from mmw.config.weather import AirConfig, resolve_air
-
-
-class FramesConfig(Section):
-    """Which frames of every scenario are made; frame n is n / 100 s after the start."""
-
-    start: int = Field(0, ge=0, description="first frame (frame number, 1/100 s)")
-    count: int = Field(1000, ge=1, le=1_000_000, description="frames to make (count)")
-
-    @property
-    def stop(self) -> int:
-        """One past the last frame."""
-        return self.start + self.count
 
 
 class Config(Section):
@@ -37,7 +25,9 @@ class Config(Section):
         validate_default=True,
         description="weather -> its physical values; presets need no entry, other names do (map)",
     )
-    frames: FramesConfig = Field(default_factory=FramesConfig, description="frames of every scenario (section)")
+    frames: FramesConfig | None = Field(
+        None, description="frames of every scenario; each scenario's own `frames` if absent (section)"
+    )
     seed: int = Field(42, ge=0, lt=2**31, description="seeds traffic and sensor noise (number)")
     sensors: tuple[SensorConfig, ...] = Field(default_factory=default_sensors, description="the agents' sensors (list)")
     channel: ChannelConfig = Field(default_factory=ChannelConfig, description="radio links (section)")
@@ -73,6 +63,15 @@ class Config(Section):
         if len(set(self.weathers)) != len(self.weathers):
             raise ValueError(f"weathers = {list(self.weathers)} names one twice")
         return self
+
+    def frames_of(self, scenario: ScenarioConfig) -> FramesConfig:
+        """Return the frames that are made of a scenario."""
+        return self.frames or scenario.frames or FramesConfig()
+
+    @property
+    def frame_total(self) -> int:
+        """Frames of all scenarios and weathers together."""
+        return len(self.weathers) * sum(self.frames_of(scenario).count for scenario in self.scenarios)
 
     def identity(self) -> dict[str, Any]:
         """Return what decides the bytes of the data: everything but `output.dir` and `compute`."""

@@ -7,6 +7,21 @@ from pydantic import Field, model_validator
 
 from mmw.config.section import Name, PrimName, Section, Vec3
 
+TOWN_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
+"""A `town` that ends like this is a file of the user's, any other a shipped town's name."""
+
+
+class FramesConfig(Section):
+    """A stretch of a scenario; frame n is n / 100 s after its start."""
+
+    start: int = Field(0, ge=0, description="first frame (frame number, 1/100 s)")
+    count: int = Field(1000, ge=1, le=1_000_000, description="frames to make (count)")
+
+    @property
+    def stop(self) -> int:
+        """One past the last frame."""
+        return self.start + self.count
+
 
 class RsuConfig(Section):
     """One roadside unit: a fixed agent with sensors and a transmitter."""
@@ -65,6 +80,9 @@ class ScenarioConfig(Section):
     )
     traffic: TrafficConfig | None = Field(None, description="moving vehicles; needed with `town` (section)")
     rsus: tuple[RsuConfig, ...] = Field((), description="roadside units (list)")
+    frames: FramesConfig | None = Field(
+        None, description="frames of this scenario; `frames` of the configuration wins; 1000 without either (section)"
+    )
     actor_roles: dict[str, Literal["cav", "vehicle", "rsu"]] = Field(
         default_factory=dict,
         description="with `stage`: prim path -> role, where the stage has no `mmw:actor:role` (map)",

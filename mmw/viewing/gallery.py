@@ -52,7 +52,7 @@ def make_gallery(
         raise ValueError(f"{root}: has no scenario {scenario!r}; it has {', '.join(names)}")
     found = config.scenarios[names.index(scenario) if scenario else 0]
     scenario, weather, carriers = found.name, config.weathers[0], config.channel.carriers_hz
-    frame = config.frames.start if frame < 0 else frame
+    frame = config.frames_of(found).start if frame < 0 else frame
     arrays = read_stage(
         stored_stage(root, found),
         range(frame, frame + 1),

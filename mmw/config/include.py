@@ -1,0 +1,61 @@
+"""Scenarios from other files: an entry of `scenarios` that is a path stands for the scenarios of that configuration."""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from mmw.config.scenario import TOWN_SUFFIXES
+
+
+def include_scenarios(data: dict[str, Any], path: Path, read: Callable[[Path], dict[str, Any]]) -> dict[str, Any]:
+    """Return a configuration's content in which every path under `scenarios` is replaced by what it names.
+
+    An included scenario brings its frames along (its own, else those of its file). Weathers, sensors, channel, output
+    and compute are those of the including file. Relative paths in it start from its own file's folder.
+
+    Args:
+        data: Content of the configuration.
+        path: Its file.
+        read: Reads the content of a file, and raises the error to show if it cannot.
+
+    Raises:
+        ValueError: If an included file holds no list of scenarios, or includes further files.
+    """
+    entries = data.get("scenarios")
+    if not isinstance(entries, list) or not any(isinstance(entry, str) for entry in entries):
+        return data
+    scenarios: list[Any] = []
+    for entry in entries:
+        scenarios += _included(entry, path, read) if isinstance(entry, str) else [entry]
+    return data | {"scenarios": scenarios}
+
+
+def _included(entry: str, path: Path, read: Callable[[Path], dict[str, Any]]) -> list[Any]:
+    file = path.parent / entry
+    content = read(file)
+    found = content.get("scenarios")
+    if not isinstance(found, list) or not all(isinstance(item, dict) for item in found):
+        raise ValueError(
+            f"scenarios: {entry!r}: holds no list of described scenarios; name a file that describes its own"
+        )
+    frames = {"frames": content["frames"]} if content.get("frames") is not None else {}
+    return [_moved(frames | item, Path(entry).parent) for item in found]
+
+
+def _moved(scenario: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Return a scenario whose relative paths start one folder further out."""
+    moved = dict(scenario)
+
+    def move(owner: dict[str, Any], key: str) -> None:
+        value = owner.get(key)
+        if isinstance(value, str) and not Path(value).is_absolute():
+            owner[key] = Path(os.path.normpath(folder / value)).as_posix()
+
+    move(moved, "stage")
+    if str(moved.get("town", "")).endswith(TOWN_SUFFIXES):
+        move(moved, "town")
+    if isinstance(moved.get("traffic"), dict):
+        moved["traffic"] = dict(moved["traffic"])
+        move(moved["traffic"], "trajectories")
+    return moved
