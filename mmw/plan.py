@@ -124,17 +124,29 @@ def _check_source(scenario: ScenarioConfig, source: Path, weathers: Sequence[str
 
 
 def agent_counts(scenario: ScenarioConfig, base: Path) -> dict[str, int]:
-    """Return how many CAVs, roadside units and vehicles (CAVs included) a scenario has.
+    """Return how many CAVs, roadside units, vehicles (CAVs included) and boxes a scenario has.
 
     Raises:
         ValueError: If a stage of the user's own cannot be read, or `actor_roles` does not fit it.
     """
     if scenario.traffic is not None:
-        counts = {"cav": len(scenario.traffic.cav_ranks), "rsu": 0, "vehicles": scenario.traffic.vehicle_count}
+        boxed = scenario.traffic.vehicle_count + scenario.traffic.pedestrian_count
+        counts = {
+            "cav": len(scenario.traffic.cav_ranks),
+            "rsu": 0,
+            "vehicles": scenario.traffic.vehicle_count,
+            "boxes": boxed,
+        }
     else:
         found = find_actors(Usd.Stage.Open(str(scenario_source(scenario, base))), scenario.actor_roles)
         roles = [actor.role for actor in found]
-        counts = {"cav": roles.count("cav"), "rsu": roles.count("rsu"), "vehicles": len(roles) - roles.count("rsu")}
+        boxed = len(roles) - roles.count("rsu")
+        counts = {
+            "cav": roles.count("cav"),
+            "rsu": roles.count("rsu"),
+            "vehicles": boxed - roles.count("pedestrian"),
+            "boxes": boxed,
+        }
     return {**counts, "rsu": counts["rsu"] + len(scenario.rsus)}
 
 
@@ -179,7 +191,7 @@ def frame_cost(config: Config, counts: Mapping[str, int]) -> tuple[dict[str, int
         counts: What `agent_counts` returns.
     """
     rays: dict[str, int] = {}
-    size = (counts["cav"] + counts["rsu"]) * ROW_BYTES["poses"] + counts["vehicles"] * ROW_BYTES["boxes"]
+    size = (counts["cav"] + counts["rsu"]) * ROW_BYTES["poses"] + counts["boxes"] * ROW_BYTES["boxes"]
     for sensor in config.sensors:
         agents = sum(counts[role] for role in sensor.on)
         if isinstance(sensor, LidarConfig):

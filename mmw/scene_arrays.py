@@ -47,7 +47,7 @@ class Actor:
 
     name: str
     role: str
-    """`cav`, `vehicle` or `rsu`."""
+    """`cav`, `vehicle`, `rsu` or `pedestrian`."""
     prim_path: str
     model: int
     """Index into `SceneArrays.models`, -1 for an actor without geometry."""

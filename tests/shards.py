@@ -50,6 +50,7 @@ def make_shard(key: ShardKey, points: int = 50, height: int = 6, width: int = 8)
             "cav_count": 3,
             "rsu_count": 1,
             "vehicle_count": 5,
+            "pedestrian_count": 0,
             "seed": 42,
         },
         "poses": {

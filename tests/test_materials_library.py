@@ -24,6 +24,7 @@ NAMES = [
     "metal_pole", "wood", "foliage", "bark", "plastic", "sign_face", "traffic_light_metal",
     "car_paint_red", "car_paint_blue", "car_paint_white", "car_paint_black", "car_paint_silver", "car_paint_green",
     "car_glass", "car_rubber", "car_light_front", "car_light_rear", "car_trim",
+    "skin", "hair", "cloth_navy", "cloth_grey", "cloth_red", "cloth_ochre", "cloth_white", "cloth_dark",
 ]  # fmt: skip
 
 PAPER_ROWS = {

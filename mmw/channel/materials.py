@@ -1,5 +1,5 @@
 """Permittivity of surfaces: the table of Recommendation ITU-R P.2040-4, the paper's grounds at 28 GHz, soils and water
-of ITU-R P.527-6, the perfect conductor, and constants.
+of ITU-R P.527-6, human skin, the perfect conductor, and constants.
 
 A row of P.2040 is `eps_r = a f^b`, `sigma = c f^d` with f in GHz and sigma in S/m, inside its own frequency range.
 Outside all ranges of a name there is no value: nothing is extrapolated.
@@ -16,6 +16,9 @@ from functools import partial
 import numpy as np
 
 from mmw.channel.ground import MAX_GHZ, MIN_GHZ, Soil, soil_permittivity, water_permittivity
+from mmw.channel.tissue import MAX_GHZ as TISSUE_MAX_GHZ
+from mmw.channel.tissue import MIN_GHZ as TISSUE_MIN_GHZ
+from mmw.channel.tissue import tissue_permittivity
 from mmw.constants import VACUUM_PERMITTIVITY
 from mmw.materials import Material, RadioMaterial
 
@@ -152,6 +155,7 @@ PERMITTIVITY: dict[str, tuple[PermittivityRow | ModelRow, ...]] = {
     **_soils(),
     "fresh_water": _water(20.0, 0.0),
     "sea_water": _water(20.0, 35.0),  # 35 g/kg of salt, the open sea
+    "skin": (ModelRow(TISSUE_MIN_GHZ, TISSUE_MAX_GHZ, tissue_permittivity, "Gabriel et al. 1996, dry skin"),),
     "pec": (ModelRow(0.0, math.inf, _conductor, "perfect electric conductor, no Recommendation"),),
 }
 """Rows by name; where ranges overlap the first row that holds the frequency counts. `pec` reflects everything at every

@@ -83,7 +83,7 @@ class ScenarioConfig(Section):
     frames: FramesConfig | None = Field(
         None, description="frames of this scenario; `frames` of the configuration wins; 1000 without either (section)"
     )
-    actor_roles: dict[str, Literal["cav", "vehicle", "rsu"]] = Field(
+    actor_roles: dict[str, Literal["cav", "vehicle", "rsu", "pedestrian"]] = Field(
         default_factory=dict,
         description="with `stage`: prim path -> role, where the stage has no `mmw:actor:role` (map)",
     )

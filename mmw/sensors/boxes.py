@@ -1,4 +1,4 @@
-"""Ground truth: the 3-D box of every vehicle in every frame, and how many LiDAR returns lie on it."""
+"""Ground truth: the 3-D box of every vehicle and pedestrian in every frame, and how many LiDAR returns lie on it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from mmw.poses import compose, make_pose, normalize, quaternion_to_ypr, rotate
 from mmw.scene_arrays import SceneArrays
 from mmw.sensors.kinematics import Motion, differentiate
 
-VEHICLE_ROLES = ("cav", "vehicle")
+BOX_ROLES = ("cav", "vehicle", "pedestrian")
 """Actors that have a box."""
 
 
@@ -34,7 +34,7 @@ class Boxes:
 
 
 def make_boxes(arrays: SceneArrays, frames: Sequence[int], motion: Motion | None = None) -> Boxes:
-    """Return the boxes of all vehicles that are present.
+    """Return the boxes of all vehicles and pedestrians that are present.
 
     Args:
         arrays: The scene on the host.
@@ -47,7 +47,7 @@ def make_boxes(arrays: SceneArrays, frames: Sequence[int], motion: Motion | None
     rows = np.array([arrays.frame_row(int(frame)) for frame in frames], dtype=np.int64)
     if motion is None:
         motion = differentiate(arrays.poses)
-    actors = np.array([i for i, actor in enumerate(arrays.actors) if actor.role in VEHICLE_ROLES], dtype=np.int32)
+    actors = np.array([i for i, actor in enumerate(arrays.actors) if actor.role in BOX_ROLES], dtype=np.int32)
     frame = np.repeat(np.asarray(frames, dtype=np.int64), len(actors))
     row, actor = np.repeat(rows, len(actors)), np.tile(actors, len(rows))
     is_present = np.isfinite(arrays.poses[row, actor]).all(axis=1)

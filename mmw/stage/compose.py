@@ -20,14 +20,15 @@ from pxr import Gf, Sdf
 from mmw.config import DepthConfig, ImuConfig, LidarConfig
 from mmw.constants import FRAME_RATE_HZ
 from mmw.stage.assets import collect_assets
-from mmw.stage.layer import animate, author, define, new_layer, place, save_layer
+from mmw.stage.layer import animate, author, define, new_layer, place
 from mmw.stage.sensors import write_sensors
 from mmw.traffic import VehicleTrack
+from mmw.usd.save import save_layer
 from mmw.usd.semantics import TAXONOMY
-from mmw.vehicles.catalog import VehicleModel
+from mmw.vehicles.catalog import ActorModel
 
-ROLES = ("cav", "vehicle")
-"""Roles of vehicles; roadside units have `rsu`."""
+ROLES = ("cav", "vehicle", "pedestrian")
+"""Roles of what moves; roadside units have `rsu`."""
 
 
 def compose_scenario(
@@ -35,7 +36,7 @@ def compose_scenario(
     *,
     town_path: str | Path,
     tracks: Sequence[VehicleTrack],
-    catalog: Mapping[str, VehicleModel],
+    catalog: Mapping[str, ActorModel],
     rsus: Sequence[tuple[str, np.ndarray]],
     sensors: Sequence[LidarConfig | DepthConfig | ImuConfig],
     weather: str,
@@ -51,8 +52,8 @@ def compose_scenario(
     Args:
         path: Stage to write, a `.usdc` or `.usda` file; one that is there is replaced.
         town_path: Interface layer of the town.
-        tracks: Vehicles; all with the same number of poses. A NaN pose means that the vehicle is not there.
-        catalog: Vehicle models by name.
+        tracks: Vehicles and people; all with the same number of poses. A NaN pose means that the vehicle is not there.
+        catalog: Models of vehicles and people by name.
         rsus: Names of roadside units and their poses in the world, shape [7].
         sensors: Sensors that agents carry.
         weather: Variant of the town that is selected in the file.
@@ -82,7 +83,7 @@ def compose_scenario(
         prim.variantSelections["weather"] = weather
         define(layer, "/World/Actors", kind="group")
         for track in tracks:
-            _write_vehicle(layer, track, models[track.model], shape_of[track.model])
+            _write_actor(layer, track, models[track.model], shape_of[track.model])
             if track.role == "cav":
                 write_sensors(layer, f"/World/Actors/{track.name}", "cav", sensors, antenna_position_m or {})
         define(layer, "/World/RSU", kind="group")
@@ -96,12 +97,12 @@ def compose_scenario(
     return path
 
 
-def _write_vehicle(layer: Sdf.Layer, track: VehicleTrack, model: VehicleModel, asset: str) -> None:
+def _write_actor(layer: Sdf.Layer, track: VehicleTrack, model: ActorModel, asset: str) -> None:
     path = f"/World/Actors/{track.name}"
     if track.role not in ROLES:
-        raise ValueError(f"vehicle {track.name!r}: role = {track.role!r}; one of {', '.join(ROLES)} is needed")
+        raise ValueError(f"actor {track.name!r}: role = {track.role!r}; one of {', '.join(ROLES)} is needed")
     if track.paint not in model.paints:
-        raise ValueError(f"vehicle {track.name!r}: paint = {track.paint!r}; {model.name} has {', '.join(model.paints)}")
+        raise ValueError(f"actor {track.name!r}: paint = {track.paint!r}; {model.name} has {', '.join(model.paints)}")
     prim = define(layer, path, kind="group")
     animate(prim, track.poses)
     kind = Sdf.ValueTypeNames
@@ -121,9 +122,9 @@ def _label(prim: Sdf.PrimSpec, label: str) -> None:
     author(prim, f"semantics:labels:{TAXONOMY}", Sdf.ValueTypeNames.TokenArray, [label], custom=False)
 
 
-def _model(catalog: Mapping[str, VehicleModel], name: str) -> VehicleModel:
+def _model(catalog: Mapping[str, ActorModel], name: str) -> ActorModel:
     if name not in catalog:
-        raise ValueError(f"vehicle model {name!r} is not known; the models are {', '.join(catalog)}; name one of them")
+        raise ValueError(f"model {name!r} is not known; the models are {', '.join(catalog)}; name one of them")
     return catalog[name]
 
 
@@ -136,7 +137,7 @@ def _frame_count(tracks: Sequence[VehicleTrack]) -> int:
     for track in tracks:
         if np.shape(track.poses) != (counts[0], 7) or not np.isfinite(track.poses).all(axis=1).any():
             raise ValueError(
-                f"vehicle {track.name!r}: poses have shape {np.shape(track.poses)}; [F, 7], not all NaN, is needed"
+                f"actor {track.name!r}: poses have shape {np.shape(track.poses)}; [F, 7], not all NaN, is needed"
             )
     return counts[0]
 

@@ -15,7 +15,7 @@ from mmw.constants import FRAME_RATE_HZ
 from mmw.patterns import pinhole
 from mmw.poses import normalize
 from mmw.scene_arrays import SceneArrays
-from mmw.sensors.boxes import VEHICLE_ROLES, Boxes, count_returns
+from mmw.sensors.boxes import BOX_ROLES, Boxes, count_returns
 from mmw.sensors.imu import ImuBatch
 from mmw.sensors.kinematics import Motion
 from mmw.sensors.lidar import LidarBatch, LidarHits
@@ -47,6 +47,7 @@ def frame_rows(arrays: SceneArrays, frames: Sequence[int], seed: int) -> Columns
         "cav_count": is_present[:, role == "cav"].sum(axis=1),
         "rsu_count": is_present[:, role == "rsu"].sum(axis=1),
         "vehicle_count": is_present[:, (role == "cav") | (role == "vehicle")].sum(axis=1),
+        "pedestrian_count": is_present[:, role == "pedestrian"].sum(axis=1),
         "seed": np.full(len(frame), seed),
     }
 
@@ -120,7 +121,7 @@ def lidar_rows(arrays: SceneArrays, sensor: str, views: Views, points: LidarBatc
 
 def visibility_rows(arrays: SceneArrays, sensor: str, views: Views, hits: LidarHits) -> Columns:
     """Return rows of the `box_visibility` table for one LiDAR: every vehicle that a sweep has a return from."""
-    vehicles = np.array([i for i, actor in enumerate(arrays.actors) if actor.role in VEHICLE_ROLES], dtype=np.int32)
+    vehicles = np.array([i for i, actor in enumerate(arrays.actors) if actor.role in BOX_ROLES], dtype=np.int32)
     object_id = np.array([arrays.actors[i].object_id for i in vehicles], dtype=np.int32)
     counts = count_returns(hits.offsets, hits.object_id, object_id)
     view, column = np.nonzero(counts)

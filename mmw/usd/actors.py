@@ -11,7 +11,7 @@ from mmw.poses import continuous, quaternion_from_matrix
 from mmw.usd.extract import FoundMesh, MeshReader, semantic_label
 from mmw.usd.shapes import SHAPES
 
-ROLES = ("cav", "vehicle", "rsu")
+ROLES = ("cav", "vehicle", "rsu", "pedestrian")
 
 RIGID_TOLERANCE = 1.0e-4
 """Largest change of an actor's scale or shear over the frames [-]; float32 rotations change it by 1e-7."""

@@ -64,6 +64,7 @@ _CAR_WINDOW = RadioMaterial("itu", itu="itu_glass", thickness=0.005)
 _WOOD = _itu("itu_wood")
 _CONCRETE = _itu("itu_concrete")
 _PLASTIC = _constant(2.5, 0.001)
+_SKIN = _itu("itu_skin")
 _RUBBER = _constant(3.0, 0.0001)
 
 LIBRARY: dict[str, MaterialSpec] = {
@@ -105,6 +106,15 @@ LIBRARY: dict[str, MaterialSpec] = {
     "car_rubber": MaterialSpec(_RUBBER, "rubber", (0.018, 0.018, 0.019), 0.90),
     "car_light_front": MaterialSpec(_GLASS, "plexiglass", (0.42, 0.44, 0.46), 0.15),
     "car_light_rear": MaterialSpec(_GLASS, "plexiglass", (0.22, 0.004, 0.006), 0.20, attributes=("retroreflective",)),
+    # People: clothing is too thin to matter to radio waves, so skin decides.
+    "skin": MaterialSpec(_SKIN, "none", (0.38, 0.21, 0.14), 0.55),
+    "hair": MaterialSpec(_SKIN, "none", (0.03, 0.02, 0.015), 0.70),
+    "cloth_navy": MaterialSpec(_SKIN, "none", (0.025, 0.04, 0.12), 0.90),
+    "cloth_grey": MaterialSpec(_SKIN, "none", (0.20, 0.20, 0.21), 0.90),
+    "cloth_red": MaterialSpec(_SKIN, "none", (0.35, 0.03, 0.03), 0.90),
+    "cloth_ochre": MaterialSpec(_SKIN, "none", (0.40, 0.24, 0.05), 0.90),
+    "cloth_white": MaterialSpec(_SKIN, "none", (0.65, 0.65, 0.62), 0.90),
+    "cloth_dark": MaterialSpec(_SKIN, "none", (0.035, 0.035, 0.04), 0.90),
     "car_trim": MaterialSpec(_METAL, "aluminum", (0.06, 0.06, 0.065), 0.40, 0.4, coating="paint"),
 }
 """Material name -> description. Colours, roughness and the two constant permittivities (plastic 2.5, rubber 3.0) are

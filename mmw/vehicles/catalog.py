@@ -1,7 +1,9 @@
-"""The vehicle models that traffic may use: their dimensions and paints, read from the USD assets."""
+"""The models of vehicles and people that traffic may use: dimensions and paints, read from the USD assets."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from pxr import Usd, UsdSemantics
 
@@ -10,9 +12,8 @@ from mmw.usd.semantics import TAXONOMY
 
 
 @dataclass(frozen=True)
-class VehicleModel:
-    """One vehicle asset, without its geometry. Body frame: x forward, y left, z up, origin on the ground midway
-    between the axles."""
+class ActorModel:
+    """One asset that moves, without its geometry. Body frame: x forward, y left, z up, origin on the ground."""
 
     name: str
     """Name of the asset and of its root prim."""
@@ -22,12 +23,6 @@ class VehicleModel:
     """Semantic class, a key of `mmw.usd.semantics.CARLA_TAG`."""
     paints: tuple[str, ...]
     """Variants of the set `paint`; the asset's own selection first."""
-    wheelbase: float
-    """Distance between the axles [m]."""
-    track: float
-    """Distance between the middles of the left and the right tyres [m]."""
-    wheel_radius: float
-    """Tyre radius [m]."""
     length: float
     """Length of the box [m]."""
     width: float
@@ -36,6 +31,18 @@ class VehicleModel:
     """Height of the box above the ground [m]."""
     center: tuple[float, float, float]
     """Centre of the box in the body frame [m]."""
+
+
+@dataclass(frozen=True)
+class VehicleModel(ActorModel):
+    """A vehicle; its origin lies midway between the axles."""
+
+    wheelbase: float
+    """Distance between the axles [m]."""
+    track: float
+    """Distance between the middles of the left and the right tyres [m]."""
+    wheel_radius: float
+    """Tyre radius [m]."""
 
 
 def load_catalog(directory: str | Path | None = None) -> dict[str, VehicleModel]:
@@ -51,19 +58,41 @@ def load_catalog(directory: str | Path | None = None) -> dict[str, VehicleModel]
         ValueError: If the folder holds no vehicle, or an asset lacks its label, its paints or one of its dimensions.
     """
     folder = assets_dir() / "vehicles" if directory is None else Path(directory)
+    return {path.stem: _read_vehicle(path) for path in _assets(folder, "vehicles")}
+
+
+def load_figures(directory: str | Path | None = None) -> dict[str, ActorModel]:
+    """Read every figure `<name>/<name>.usda` of a folder, the shipped ones when left out, sorted by name.
+
+    Raises:
+        ValueError: If the folder holds no figure, or an asset lacks its label, its paints or one of its dimensions.
+    """
+    folder = assets_dir() / "pedestrians" if directory is None else Path(directory)
+    return {
+        path.stem: ActorModel(**_read_model(path, "mmw:pedestrian:", {})) for path in _assets(folder, "pedestrians")
+    }
+
+
+def _assets(folder: Path, what: str) -> list[Path]:
     assets = sorted(path for path in folder.glob("*/*.usda") if path.stem == path.parent.name)
     if not assets:
         raise ValueError(
-            f"vehicles: no <name>/<name>.usda in {folder}; one is needed; build them with mmw.vehicles.build"
+            f"{what}: no <name>/<name>.usda in {folder}; one is needed; build them with mmw.vehicles.build"
         )
-    return {path.stem: _read_model(path) for path in assets}
+    return assets
 
 
-def _read_model(path: Path) -> VehicleModel:
+def _read_vehicle(path: Path) -> VehicleModel:
+    own = {"wheelbase": "wheelbase", "track": "track", "wheel_radius": "wheelRadius"}
+    return VehicleModel(**_read_model(path, "mmw:vehicle:", own))
+
+
+def _read_model(path: Path, prefix: str, own: Mapping[str, str]) -> dict[str, Any]:
+    """Return the arguments of `ActorModel`, and of a further field for each key of `own`, which names its attribute."""
     stage = Usd.Stage.Open(str(path), Usd.Stage.LoadNone)
     root = stage.GetDefaultPrim()
     if not root:
-        raise ValueError(f"{path}: no defaultPrim; the vehicle's root prim is needed; set it on the layer")
+        raise ValueError(f"{path}: no defaultPrim; the asset's root prim is needed; set it on the layer")
     labels = UsdSemantics.LabelsAPI(root, TAXONOMY).GetLabelsAttr()
     label = labels.Get() if labels else None
     variants = root.GetVariantSet("paint")
@@ -72,20 +101,16 @@ def _read_model(path: Path) -> VehicleModel:
         found = f"label {list(label or [])}, paints {list(paints)}"
         raise ValueError(f"{path}: {found}; a class label and a variant set `paint` are needed; author them on {root}")
     selected = variants.GetVariantSelection()
-    x, y, z = _dimension(path, root, "center")
-    return VehicleModel(
-        name=path.stem,
-        asset=path.resolve(),
-        label=str(label[0]),
-        paints=tuple(sorted(paints, key=lambda paint: (paint != selected, paint))),
-        wheelbase=_metres(_dimension(path, root, "wheelbase")),
-        track=_metres(_dimension(path, root, "track")),
-        wheel_radius=_metres(_dimension(path, root, "wheelRadius")),
-        length=_metres(_dimension(path, root, "length")),
-        width=_metres(_dimension(path, root, "width")),
-        height=_metres(_dimension(path, root, "height")),
-        center=(_metres(x), _metres(y), _metres(z)),
-    )
+    x, y, z = _dimension(path, root, f"{prefix}center")
+    return {
+        "name": path.stem,
+        "asset": path.resolve(),
+        "label": str(label[0]),
+        "paints": tuple(sorted(paints, key=lambda paint: (paint != selected, paint))),
+        **{key: _metres(_dimension(path, root, prefix + key)) for key in ("length", "width", "height")},
+        **{key: _metres(_dimension(path, root, prefix + name)) for key, name in own.items()},
+        "center": (_metres(x), _metres(y), _metres(z)),
+    }
 
 
 def _metres(value: float) -> float:
@@ -94,8 +119,8 @@ def _metres(value: float) -> float:
 
 
 def _dimension(path: Path, root: Usd.Prim, name: str):
-    attribute = root.GetAttribute(f"mmw:vehicle:{name}")
+    attribute = root.GetAttribute(name)
     value = attribute.Get() if attribute else None
     if value is None:
-        raise ValueError(f"{path}: no value of mmw:vehicle:{name} on {root.GetPath()}; needed in metres; author it")
+        raise ValueError(f"{path}: no value of {name} on {root.GetPath()}; needed in metres; author it")
     return value

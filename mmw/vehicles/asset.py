@@ -1,0 +1,126 @@
+"""The USD asset of a vehicle or a figure: a geometry payload below an interface layer with paint variants."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from pxr import Gf, Kind, Sdf, Usd, UsdGeom, Vt
+
+from mmw.usd.semantics import TAXONOMY
+from mmw.vehicles.shapes import Shape, corner_normals
+
+MATERIALS_ASSET = "../../materials/materials.usda"
+"""The material library, seen from an asset's folder."""
+
+
+@dataclass(frozen=True)
+class AssetSpec:
+    """What an asset says beside its geometry."""
+
+    label: str
+    """Semantic class."""
+    materials: Mapping[str, str]
+    """Part of the shape -> material of the library; `<paint>` in it stands for the variant's name."""
+    paints: Sequence[str]
+    """Variants; the first is selected."""
+    prefix: str
+    """Prefix of the dimensions, such as `mmw:vehicle:`."""
+    dimensions: Mapping[str, float]
+    """Name -> length [m]; length, width and height of the box are needed."""
+    center: Sequence[float]
+    """Middle of the box in the body frame [m], shape [3]."""
+
+
+def write_asset(name: str, shape: Shape, spec: AssetSpec, out_dir: str | Path) -> Path:
+    """Write `<name>.usda` and `geometry.usdc`, return the path of the first; the same input gives the same bytes."""
+    folder = Path(out_dir)
+    folder.mkdir(parents=True, exist_ok=True)
+    geometry = _geometry_stage(name, shape, spec)  # the stage keeps its layer alive
+    geometry.GetRootLayer().Export(str(folder / "geometry.usdc"))
+    path = folder / f"{name}.usda"
+    _interface_layer(name, shape, spec).Export(str(path))
+    return path
+
+
+def _geometry_stage(model: str, shape: Shape, spec: AssetSpec) -> Usd.Stage:
+    """Return the payload: one Mesh a part, with a normal at every face corner.
+
+    Numbers are rounded to the micrometre, so that the last bit of a platform's cosine does not show in the file.
+    """
+    stage = Usd.Stage.CreateInMemory("geometry.usdc")
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, f"/{model}").GetPrim())
+    normals = np.round(corner_normals(shape.points, shape.faces), 6) + 0.0
+    for part in spec.materials:
+        chosen = shape.parts == part
+        if not chosen.any():
+            continue
+        used, faces = np.unique(shape.faces[chosen], return_inverse=True)
+        points = (np.round(shape.points[used], 6) + 0.0).astype(np.float32)
+        mesh = UsdGeom.Mesh.Define(stage, f"/{model}/{part}")
+        mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(points))
+        mesh.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(chosen.sum(), 3, dtype=np.int32)))
+        mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(faces.reshape(-1).astype(np.int32)))
+        mesh.CreateNormalsAttr(Vt.Vec3fArray.FromNumpy(normals[chosen].reshape(-1, 3).astype(np.float32)))
+        mesh.SetNormalsInterpolation(UsdGeom.Tokens.faceVarying)
+        mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+        mesh.CreateExtentAttr(Vt.Vec3fArray.FromNumpy(np.stack([points.min(axis=0), points.max(axis=0)])))
+    return stage
+
+
+def _interface_layer(model: str, shape: Shape, spec: AssetSpec) -> Sdf.Layer:
+    """Return the interface layer: payload, label, dimensions, material bindings and the paint variants.
+
+    It is written spec by spec, not through a stage, because its relative paths resolve only once it is in its place.
+    """
+    layer = Sdf.Layer.CreateAnonymous(f"{model}.usda")
+    layer.pseudoRoot.SetInfo("upAxis", "Z")
+    layer.pseudoRoot.SetInfo("metersPerUnit", 1.0)
+    layer.defaultPrim = model
+    root = Sdf.PrimSpec(layer, model, Sdf.SpecifierDef, "Xform")
+    root.SetInfo("kind", Kind.Tokens.component)
+    root.SetInfo("assetInfo", {"name": model})
+    root.SetInfo("apiSchemas", Sdf.TokenListOp.Create([f"SemanticsLabelsAPI:{TAXONOMY}", "GeomModelAPI"]))
+    root.payloadList.Prepend(Sdf.Payload("./geometry.usdc"))
+    _author(root, f"semantics:labels:{TAXONOMY}", Sdf.ValueTypeNames.TokenArray, [spec.label], custom=False)
+    extent = np.stack([shape.points.min(axis=0), shape.points.max(axis=0)]).astype(np.float32)
+    _author(root, "extentsHint", Sdf.ValueTypeNames.Float3Array, Vt.Vec3fArray.FromNumpy(extent), custom=False)
+
+    for name, value in spec.dimensions.items():
+        _author(root, f"{spec.prefix}{name}", Sdf.ValueTypeNames.Float, value)
+    _author(root, f"{spec.prefix}center", Sdf.ValueTypeNames.Float3, Gf.Vec3f(*map(float, spec.center)))
+
+    scope = Sdf.PrimSpec(root, "Materials", Sdf.SpecifierDef, "Scope")
+    for part, material in spec.materials.items():
+        if "<paint>" not in material and (shape.parts == part).any():
+            _bind(root, scope, part, material)
+    root.SetInfo("variantSetNames", Sdf.StringListOp.Create(["paint"]))
+    root.variantSelections["paint"] = spec.paints[0]
+    paints = Sdf.VariantSetSpec(root, "paint")
+    for paint in spec.paints:
+        variant = Sdf.VariantSpec(paints, paint).primSpec
+        for part, material in spec.materials.items():
+            if "<paint>" in material:
+                _bind(variant, _child(variant, "Materials"), part, material.replace("<paint>", paint))
+    return layer
+
+
+def _child(parent: Sdf.PrimSpec, name: str) -> Sdf.PrimSpec:
+    return Sdf.PrimSpec(parent, name, Sdf.SpecifierOver)
+
+
+def _author(prim: Sdf.PrimSpec, name: str, kind: Sdf.ValueTypeName, value: object, custom: bool = True) -> None:
+    variability = Sdf.VariabilityVarying
+    attribute = Sdf.AttributeSpec(prim, name, kind, variability, custom)
+    attribute.default = value
+
+
+def _bind(root: Sdf.PrimSpec, scope: Sdf.PrimSpec, part: str, material: str) -> None:
+    """Reference one material of the library below `scope` and bind it to one mesh of the vehicle."""
+    _child(scope, material).referenceList.Prepend(Sdf.Reference(MATERIALS_ASSET, f"/Materials/{material}"))
+    mesh = _child(root, part)
+    mesh.SetInfo("apiSchemas", Sdf.TokenListOp.Create(["MaterialBindingAPI"]))
+    binding = Sdf.RelationshipSpec(mesh, "material:binding", custom=False)
+    binding.targetPathList.explicitItems = [f"/{root.path.GetPrimPath().name}/Materials/{material}"]
