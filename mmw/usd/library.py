@@ -8,9 +8,13 @@ from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade
 from mmw.materials import RadioMaterial
 from mmw.paths import assets_dir
 from mmw.usd import schema
+from mmw.usd.textures import TILES, Tile, write_tile
 
 ROOT = "/Materials"
 """Prim that holds the library's Material prims."""
+
+TEXTURES = "textures"
+"""Folder of the texture tiles beside the library."""
 
 NONVISUAL = "omni:simready:nonvisual:"
 """Prefix of the SimReady attributes that LiDAR and radar simulators read from a Material prim."""
@@ -123,7 +127,7 @@ others are half-spaces. Radio rows: facades, roofs, ground, vehicles and traffic
 materials."""
 
 
-def author_material(stage: Usd.Stage, path: str, spec: MaterialSpec) -> UsdShade.Material:
+def author_material(stage: Usd.Stage, path: str, spec: MaterialSpec, tile: Tile | None = None) -> UsdShade.Material:
     """Write one Material prim: UsdPreviewSurface, SimReady non-visual attributes and `MmwRadioMaterialAPI`.
 
     Every attribute is authored, so a reader without the schema's plugin sees the same values.
@@ -132,6 +136,7 @@ def author_material(stage: Usd.Stage, path: str, spec: MaterialSpec) -> UsdShade
         stage: Stage to write to, at its edit target.
         path: Path of the Material prim; an existing prim is overwritten.
         spec: The description.
+        tile: Texture of the diffuse colour, `textures/<name>.png` beside the layer; the colour itself without one.
 
     Returns:
         The material.
@@ -148,6 +153,8 @@ def author_material(stage: Usd.Stage, path: str, spec: MaterialSpec) -> UsdShade
     }  # fmt: skip
     for name, value in scalars.items():
         shader.CreateInput(name, Sdf.ValueTypeNames.Float).Set(value)
+    if tile:
+        _author_texture(stage, path, shader.GetInput("diffuseColor"), tile)
     output = shader.CreateOutput("surface", Sdf.ValueTypeNames.Token)
     material.CreateSurfaceOutput().ConnectToSource(output)
 
@@ -163,8 +170,33 @@ def author_material(stage: Usd.Stage, path: str, spec: MaterialSpec) -> UsdShade
     return material
 
 
+def _author_texture(stage: Usd.Stage, path: str, color: UsdShade.Input, tile: Tile) -> None:
+    """Connect a texture to a colour, repeated every `size_m` of `st`, which town meshes give in metres.
+
+    The colour keeps its own value too, the texture's mean, for readers that draw no textures.
+    """
+    kinds = Sdf.ValueTypeNames
+    name = Sdf.Path(path).name
+    reader = UsdShade.Shader.Define(stage, f"{path}/St")
+    reader.CreateIdAttr("UsdPrimvarReader_float2")
+    reader.CreateInput("varname", kinds.String).Set("st")
+    scale = UsdShade.Shader.Define(stage, f"{path}/Repeat")
+    scale.CreateIdAttr("UsdTransform2d")
+    scale.CreateInput("in", kinds.Float2).ConnectToSource(reader.CreateOutput("result", kinds.Float2))
+    scale.CreateInput("scale", kinds.Float2).Set(Gf.Vec2f(1.0 / tile.size_m))
+    texture = UsdShade.Shader.Define(stage, f"{path}/Texture")
+    texture.CreateIdAttr("UsdUVTexture")
+    texture.CreateInput("file", kinds.Asset).Set(Sdf.AssetPath(f"./{TEXTURES}/{name}.png"))
+    texture.CreateInput("st", kinds.Float2).ConnectToSource(scale.CreateOutput("result", kinds.Float2))
+    texture.CreateInput("sourceColorSpace", kinds.Token).Set("sRGB")
+    for axis in ("wrapS", "wrapT"):
+        texture.CreateInput(axis, kinds.Token).Set("repeat")
+    texture.CreateInput("scale", kinds.Float4).Set(Gf.Vec4f(1.0))
+    color.ConnectToSource(texture.CreateOutput("rgb", kinds.Float3))
+
+
 def build_materials(path: str | Path) -> None:
-    """Write the whole library as one layer; the same library gives the same bytes.
+    """Write the whole library as one layer with its textures beside it; the same library gives the same bytes.
 
     Args:
         path: File to write, `assets/usd/materials/materials.usda` for the shipped one.
@@ -176,7 +208,9 @@ def build_materials(path: str | Path) -> None:
     root = UsdGeom.Scope.Define(stage, ROOT).GetPrim()
     stage.SetDefaultPrim(root)
     for name, spec in LIBRARY.items():
-        author_material(stage, f"{ROOT}/{name}", spec)
+        author_material(stage, f"{ROOT}/{name}", spec, TILES.get(name))
+        if name in TILES:
+            write_tile(Path(path).parent / TEXTURES / f"{name}.png", TILES[name], spec.color)
     Path(path).parent.mkdir(parents=True, exist_ok=True)
     stage.GetRootLayer().Export(str(path))
 

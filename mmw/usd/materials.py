@@ -160,10 +160,14 @@ def _read_radio(prim: Usd.Prim) -> RadioMaterial:
 
 
 def _diffuse_color(prim: Usd.Prim) -> tuple[float, float, float]:
-    """Return the diffuse colour where the surface shader gives it as a number, else a middle grey."""
+    """Return the diffuse colour where the surface shader has it as a number, else a middle grey.
+
+    Beside a texture the number is its mean in our own materials; other tools leave one there that means nothing, so a
+    connected colour counts only where the radio schema shows that the material is ours.
+    """
     shader = UsdShade.Material(prim).ComputeSurfaceSource()[0]
     port = shader.GetInput("diffuseColor") if shader else None
-    value = port.Get() if port and not port.HasConnectedSource() else None
+    value = port.Get() if port and (_has_radio(prim) or not port.HasConnectedSource()) else None
     if value is None:
         return NO_COLOR
     red, green, blue = (float(f"{float(channel):.7g}") for channel in value)

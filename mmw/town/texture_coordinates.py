@@ -1,0 +1,44 @@
+"""Texture coordinates of town meshes: metres along the surface, upright on walls, on the map on level ground."""
+
+import numpy as np
+
+LEVEL = 0.9
+"""A face whose normal's vertical share exceeds this takes its coordinates from the map."""
+
+GRID_M = 1.0e-3
+"""Coordinates are rounded to this [m]."""
+
+
+def texture_coordinates(points: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+    """Return texture coordinates in metres, the same scale on every face, without a seam inside a plane.
+
+    On level faces they are x and y. On all others s runs horizontally, to the right seen from the front, and t up the
+    slope.
+
+    Args:
+        points: Vertices [m], shape [N, 3].
+        faces: Triangles, shape [M, 3].
+
+    Returns:
+        Coordinates (s, t) [m], float32: one a vertex, shape [N, 2], and None; or, where a vertex needs several, the
+        different ones, shape [K, 2], and the index of each corner into them, shape [3 M], int32.
+    """
+    corners = points[faces]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    normal = np.round(normal, 5)  # neighbouring faces of one plane agree
+    flat = np.abs(normal[:, 2]) > LEVEL
+    across = np.stack([-normal[:, 1], normal[:, 0], np.zeros(len(normal))], axis=1)
+    across = np.where(flat[:, None], (1.0, 0.0, 0.0), across)
+    across = across / np.linalg.norm(across, axis=1, keepdims=True)
+    upward = np.where(flat[:, None], (0.0, 1.0, 0.0), np.cross(normal, across))
+    st = np.stack([np.einsum("fcx,fx->fc", corners, axis) for axis in (across, upward)], axis=-1)
+    steps = np.round(st.reshape(-1, 2) / GRID_M).astype(np.int64)
+    vertex = faces.reshape(-1).astype(np.int64)
+    keyed, first, inverse = np.unique(np.column_stack([vertex, steps]), axis=0, return_index=True, return_inverse=True)
+    if len(keyed) == len(points) and np.array_equal(keyed[:, 0], np.arange(len(points))):
+        return (keyed[:, 1:] * GRID_M).astype(np.float32), None
+    order = np.argsort(first)  # by first use
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    return (keyed[order, 1:] * GRID_M).astype(np.float32), rank[inverse.reshape(-1)].astype(np.int32)
