@@ -1,5 +1,7 @@
 """Texture tiles, how materials use them, and the coordinates of town meshes."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -19,12 +21,15 @@ def linear(srgb: np.ndarray) -> np.ndarray:
     return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
 
 
+def pixels(path: str | Path) -> np.ndarray:
+    with Image.open(path) as image:
+        return np.asarray(image.convert("RGB"))
+
+
 @pytest.mark.parametrize("name", TILES)
 def test_tile_is_what_the_builder_makes_and_its_mean_is_the_color(name: str, tmp_path) -> None:
     write_tile(tmp_path / "tile.png", TILES[name], LIBRARY[name].color)
-    made, shipped = (
-        np.asarray(Image.open(path).convert("RGB")) for path in (tmp_path / "tile.png", FOLDER / f"{name}.png")
-    )
+    made, shipped = pixels(tmp_path / "tile.png"), pixels(FOLDER / f"{name}.png")
     assert np.abs(made.astype(int) - shipped.astype(int)).max() <= 1
     assert linear(shipped.astype(float)).mean(axis=(0, 1)) == pytest.approx(LIBRARY[name].color, rel=0.03)
     assert (FOLDER / f"{name}.png").stat().st_size < 60_000
@@ -51,7 +56,7 @@ def test_materials_use_their_tiles_and_readers_see_the_mean() -> None:
         if name in TILES:
             source = color.GetConnectedSources()[0][0].source.GetPrim()
             file = source.GetAttribute("inputs:file").Get()
-            assert file.resolvedPath and Image.open(file.resolvedPath).size == (SIZE, SIZE)
+            assert file.resolvedPath and pixels(file.resolvedPath).shape == (SIZE, SIZE, 3)
             scale = stage.GetPrimAtPath(f"/Materials/{name}/Repeat").GetAttribute("inputs:scale").Get()
             assert scale[0] == pytest.approx(1.0 / TILES[name].size_m)
         assert read_material(stage, MaterialUse(name, str(prim.GetPath()), None)).color == pytest.approx(spec.color)
