@@ -23,6 +23,13 @@ def make_graph() -> LaneGraph:
     )
 
 
+def metric_stage() -> Usd.Stage:
+    stage = Usd.Stage.CreateInMemory()
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    return stage
+
+
 def test_station_is_arc_length() -> None:
     lane = make_graph().lanes["a_f0"]
     np.testing.assert_allclose(lane.station, [0, 1, 1 + np.hypot(1, 0.5)], rtol=1e-15)
@@ -47,7 +54,7 @@ def test_unknown_successor_is_an_error() -> None:
 
 
 def test_usd_round_trip_keeps_everything() -> None:
-    graph, stage = make_graph(), Usd.Stage.CreateInMemory()
+    graph, stage = make_graph(), metric_stage()
     write_lanes(stage, "/Town/Lanes", graph)
     again = read_lanes(stage, "/Town")
     assert sorted(again.lanes) == sorted(graph.lanes)
@@ -71,13 +78,22 @@ def test_lane_prims_are_guides_with_extent() -> None:
 
 
 def test_lanes_follow_the_transform_of_the_town() -> None:
-    stage = Usd.Stage.CreateInMemory()
+    stage = metric_stage()
     town = UsdGeom.Xform.Define(stage, "/World/Town")
     town.AddTranslateOp().Set(Gf.Vec3d(100, 0, 5))
     town.AddRotateZOp().Set(90)
     write_lanes(stage, "/World/Town/Lanes", make_graph())
     points = read_lanes(stage, "/World/Town").lanes["b_f0"].points
     np.testing.assert_allclose(points, [[99, 3, 6.5], [97, 3, 6.5]], atol=1e-9)
+
+
+def test_lanes_of_a_stage_in_centimetres_with_y_up_are_in_metres_with_z_up() -> None:
+    stage = Usd.Stage.CreateInMemory()
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
+    UsdGeom.SetStageMetersPerUnit(stage, 0.01)
+    ahead = np.array([[100.0, 50, 0], [100, 50, -300]])
+    write_lanes(stage, "/Town/Lanes", LaneGraph({"a": Lane("a", ahead, 3.5, 10.0, successors=("a",))}))
+    np.testing.assert_allclose(read_lanes(stage, "/Town").lanes["a"].points, [[1, 0, 0.5], [1, 3, 0.5]], atol=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import shapely
 import trimesh
-from pxr import Usd
+from pxr import Usd, UsdGeom
 
 from mmw.channel.materials import relative_permittivity
 from mmw.channel.tissue import tissue_permittivity
@@ -97,6 +97,8 @@ def test_walk_line_breaks_off_where_nobody_can_pass() -> None:
 
 def test_walks_survive_usd() -> None:
     stage = Usd.Stage.CreateInMemory()
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
     walks = walk_lines([sidewalk(20.0, 2.0)], [shapely.box(18.0, -1.0, 25.0, 1.0)])
     write_walks(stage, "/Town/Walks", walks)
     (read,) = read_walks(stage, "/Town/Walks")

@@ -1,7 +1,7 @@
 """The YAML file of a town: cross-sections, nodes, roads, junctions, roundabouts, terrain; blocks and props besides."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import yaml
 from pydantic import Field, ValidationError, model_validator
@@ -19,12 +19,49 @@ class Profile(Section):
     lanes: int = Field(1, ge=1, le=4, description="lanes a direction (count)")
     width: float = Field(3.5, ge=2.5, le=6, description="width of a lane [m]")
     shoulder: float = Field(0.5, ge=0.2, le=4, description="paved strip outside the outermost lane [m]")
-    centre: float = Field(0.0, ge=0, le=6, description="painted strip between the directions [m]")
+    centre: float = Field(0.0, ge=0, le=6, description="strip between the directions [m]")
+    median: Literal["painted", "grass", "concrete"] = Field(
+        "painted", description="the strip between the directions: paint, or top of a kerbed island (token)"
+    )
     kerb_height: float = Field(0.14, ge=0, le=0.3, description="height of the kerb; 0 for none [m]")
     kerb_width: float = Field(0.15, ge=0, le=0.5, description="width of the kerb stone; 0 for none [m]")
     walk: float = Field(2.0, ge=0, le=8, description="width of the sidewalk; 0 for none [m]")
     verge: float = Field(0.5, ge=0, le=5, description="grass outside the sidewalk, level with it [m]")
     oneway: bool = Field(False, description="all lanes run along the reference line (flag)")
+
+    @model_validator(mode="after")
+    def _median_fits(self) -> "Profile":
+        least = 1.0 + 2 * self.kerb_width
+        if self.median != "painted" and (self.oneway or self.centre < least or self.kerb_height == 0):
+            raise ValueError(
+                f"median: {self.median} with centre {self.centre} m, kerb_height {self.kerb_height} m, oneway "
+                f"{self.oneway}; an island needs two directions, centre of {least} m or more and a kerb; correct one"
+            )
+        return self
+
+
+class Bridge(Section):
+    """The part of a road that is a structure: between walls where it is low, on piers where it is high."""
+
+    start: float | None = Field(
+        None, alias="from", description="station where the structure begins; the start of the road if absent [m]"
+    )
+    end: float | None = Field(None, alias="to", description="station where it ends; the end if absent [m]")
+    deck: float = Field(1.2, ge=0.5, le=4, description="thickness from the carriageway to the soffit [m]")
+    parapet: float = Field(1.1, ge=0.4, le=4, description="height of the parapets above the kerb [m]")
+    piers_every: float = Field(25.0, ge=10, le=100, description="distance of the piers, about [m]")
+    columns: Literal["round", "square"] = Field("round", description="cross-section of the columns (token)")
+    column_width: float = Field(1.4, ge=0.5, le=4, description="diameter or side of a column [m]")
+    fill_below: float = Field(3.0, ge=2, le=12, description="least height above the ground without walls and fill [m]")
+
+    @model_validator(mode="after")
+    def _has_room(self) -> "Bridge":
+        if self.fill_below < self.deck + 1:
+            raise ValueError(
+                f"fill_below {self.fill_below} m with a deck of {self.deck} m leaves no space below; "
+                f"{self.deck + 1} m or more is needed; raise fill_below"
+            )
+        return self
 
 
 class Road(Section):
@@ -38,6 +75,7 @@ class Road(Section):
     via: tuple[Vec3, ...] = Field((), description="corner points and the radius that rounds each: x, y, radius [m]")
     z: tuple[tuple[float, float], ...] = Field((), description="changes of grade on the way: station, height [m]")
     priority: int = Field(0, ge=0, le=9, description="the road of higher number goes first at junctions (number)")
+    bridge: Bridge | None = Field(None, description="the part that is a bridge or an elevated road (section)")
 
 
 class Junction(Section):

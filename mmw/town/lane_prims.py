@@ -4,6 +4,7 @@ import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom, Vt
 
 from mmw.town.lanes import Lane, LaneGraph
+from mmw.usd.extract import to_metres
 
 WIDTH = "mmw:lane:width"
 SPEED = "mmw:lane:speed"
@@ -13,6 +14,7 @@ SUCCESSORS = "mmw:lane:successors"
 LEFT = "mmw:lane:left"
 RIGHT = "mmw:lane:right"
 SIGNAL = "mmw:lane:signal"
+STOP = "mmw:lane:stop"
 
 
 def write_lanes(stage: Usd.Stage, path: str, graph: LaneGraph) -> None:
@@ -55,6 +57,7 @@ def _write_lane(layer: Sdf.Layer, path: str, lane: Lane) -> None:
         (LEFT, types.String, lane.left, None),
         (RIGHT, types.String, lane.right, None),
         (SIGNAL, types.String, lane.signal, None),
+        (STOP, types.Float, lane.stop, None),
     ):
         is_custom = name.startswith("mmw:")
         attribute = Sdf.AttributeSpec(spec, name, kind, variability or Sdf.VariabilityVarying, is_custom)
@@ -62,7 +65,7 @@ def _write_lane(layer: Sdf.Layer, path: str, lane: Lane) -> None:
 
 
 def read_lanes(stage: Usd.Stage, root_path: str) -> LaneGraph:
-    """Return the lanes at or below a prim, in the frame of the stage.
+    """Return the lanes at or below a prim, in metres with z up, whatever the axes and units of the stage.
 
     Args:
         stage: A town, or a scenario that references one.
@@ -75,7 +78,7 @@ def read_lanes(stage: Usd.Stage, root_path: str) -> LaneGraph:
     where = stage.GetRootLayer().identifier
     if not root:
         raise ValueError(f"{where}: no prim {root_path}; the lanes of a town are needed there; give the right path")
-    transforms = UsdGeom.XformCache()
+    transforms, metres = UsdGeom.XformCache(), to_metres(stage)
     lanes = {}
     for prim in Usd.PrimRange(root):
         if not prim.IsA(UsdGeom.BasisCurves) or not prim.HasAttribute(WIDTH):
@@ -87,6 +90,7 @@ def read_lanes(stage: Usd.Stage, root_path: str) -> LaneGraph:
             found = f"no {', '.join(missing)}" if missing else "fewer than two points"
             raise ValueError(f"{where}: lane {prim.GetPath()} has {found}; all are needed; write it with write_lanes")
         matrix = np.array(transforms.GetLocalToWorldTransform(prim), dtype=np.float64)
+        matrix = matrix @ metres
         xyz = np.array(points, dtype=np.float64) @ matrix[:3, :3] + matrix[3, :3]
         lanes[prim.GetName()] = Lane(
             prim.GetName(),
@@ -97,6 +101,7 @@ def read_lanes(stage: Usd.Stage, root_path: str) -> LaneGraph:
             int(values[PRIORITY]),
             tuple(values[SUCCESSORS]),
             *(prim.GetAttribute(name).Get() or "" for name in (LEFT, RIGHT, SIGNAL)),
+            *([float(prim.GetAttribute(STOP).Get())] if prim.HasAttribute(STOP) else []),
         )
     if not lanes:
         raise ValueError(f"{where}: no lanes below {root_path}; rebuild the town with its lanes")

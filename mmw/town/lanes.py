@@ -29,6 +29,8 @@ class Lane:
     """The same to the right."""
     signal: str = ""
     """In a junction with traffic lights, the phase that shows this way green, such as `a`; empty without lights."""
+    stop: float = 1.2
+    """Vehicles that have to wait stop with the bumper this far before the end of the lane [m]: behind the stop line."""
 
     @cached_property
     def station(self) -> np.ndarray:

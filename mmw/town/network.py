@@ -8,8 +8,8 @@ import shapely
 
 from mmw.town.alignment import Alignment, make_alignment, make_elevation
 from mmw.town.block_description import PropsSection, is_named
-from mmw.town.checks import check_clearance, check_connected, check_grade, check_lanes
-from mmw.town.description import Junction, Road, TownDescription
+from mmw.town.checks import check_clearance, check_connected, check_crossings, check_grade, check_lanes
+from mmw.town.description import Junction, Road, Terrain, TownDescription
 from mmw.town.ground import Ground
 from mmw.town.junctions import Arm, build_pad, find_trims, sort_arms
 from mmw.town.lanes import LaneGraph
@@ -19,6 +19,18 @@ from mmw.town.roads import RoadBody, RoadEnd, build_road
 from mmw.town.roundabouts import expand_roundabouts
 from mmw.town.section import make_section
 from mmw.town.strips import Chain
+from mmw.town.structures import (
+    Structure,
+    Walls,
+    end_lines,
+    find_walls,
+    ground_chains,
+    islands_of,
+    kerb_lines,
+    plan_of,
+)
+from mmw.town.structures_piers import add_piers
+from mmw.town.structures_solid import build_solid
 from mmw.town.terrain import mesh_terrain
 from mmw.town.turns import build_turns
 
@@ -31,20 +43,35 @@ class RoadNetwork:
     """Roads, sidewalks, junctions and lanes of a town."""
 
     parts: list[MeshPart]
-    """Meshes of `Roads/...`, `Sidewalks/...` and the verges, `Terrain/verge_...`."""
+    """Meshes of `Roads/...`, `Sidewalks/...` and the verges, `Terrain/verge_...`, on the ground."""
     lanes: LaneGraph
     carriageway: shapely.Geometry
-    """Drivable area in plan, between the kerbs."""
+    """Drivable area on the ground in plan, between the kerbs."""
     corridor: shapely.Geometry
-    """Carriageway, kerbs, sidewalks and verges in plan: nothing is built here."""
+    """Carriageway, kerbs, sidewalks, verges and the fill of bridges in plan: nothing is built here."""
     centre_lines: dict[str, np.ndarray]
     """Road -> its reference line between the junctions [m], shape [N, 3]."""
     kerbs: list[np.ndarray]
-    """Closed kerb lines at road level, the carriageway on the left, not repeating the first point [m], each [N, 3]."""
+    """Closed kerb lines on the ground, the carriageway on the left, not repeating the first point [m], each [N, 3]; at
+    the end of a bridge they run straight across the road."""
     terrain: list[MeshPart]
     """Ground outside the corridor."""
     junction_outlines: dict[str, np.ndarray] = field(default_factory=dict)
     """Node -> border of its carriageway, counter-clockwise [m], shape [N, 2]."""
+    edges: list[np.ndarray] = field(default_factory=list)
+    """Closed loops of kerb foot, kerb top, inner and outer edge of the sidewalk, and verge [m], each [N, 5, 3]."""
+    structures: tuple[Structure, ...] = ()
+    """Bridges and elevated roads, in the order of the roads."""
+
+    @property
+    def structure_parts(self) -> list[MeshPart]:
+        """Meshes of `Bridges/...`; they are no ground."""
+        return [part for structure in self.structures for part in structure.parts]
+
+    @cached_property
+    def overhead(self) -> shapely.Geometry:
+        """Plan of all structures with their piers and walls; empty without any. Whatever is tall keeps clear."""
+        return shapely.union_all([structure.cover for structure in self.structures])
 
     @cached_property
     def _ground(self) -> Ground:
@@ -65,7 +92,8 @@ def build_network(description: TownDescription) -> RoadNetwork:
 
     Raises:
         ValueError: If the description cannot be built: roads too short for their junctions, a grade above 0.20, roads
-            that overlap or cross with less than 5 m between them, a way too tight or too close to a kerb, a dead end.
+            that overlap or cross on the ground, a bridge that begins above the ground, leaves less than 5 m of
+            clearance or finds no place for a pier, a way too tight or too close to a kerb, a dead end.
     """
     nodes, roads, settings = expand_roundabouts(description)
     sections = {name: make_section(name, profile) for name, profile in description.profiles.items()}
@@ -93,28 +121,86 @@ def build_network(description: TownDescription) -> RoadNetwork:
         elevation = make_elevation(length, heights, flat, road.z, description.vertical_curve, road.id)
         check_grade(road.id, elevation)
         bodies[road.id] = build_road(road, sections[road.profile], alignments[road.id], elevation, pair)
-    check_clearance(bodies)
+    check_crossings(bodies)
     parts = [part for body in bodies.values() for part in body.parts]
-    chains: list[Chain] = [chain for body in bodies.values() for chain in (body.right, body.left)]
+    corners: list[Chain] = []
     lanes = {lane.name: lane for body in bodies.values() for lane in body.lanes}
     outlines = {}
     for name in nodes:
         pad = build_pad(name, arms[name], trims[name], bodies, chosen[name])
         parts += pad.parts
-        chains += pad.corners
+        corners += pad.corners
         outlines[name] = pad.outline
-        for before, lane in build_turns(name, arms[name], trims[name], bodies, chosen[name]):
+        is_signalled = is_named(name, description.props.signalled)
+        for before, lane in build_turns(name, arms[name], trims[name], bodies, chosen[name], pad, is_signalled):
             lanes[lane.name] = lane
             lanes[before] = replace(lanes[before], successors=(*lanes[before].successors, lane.name))
-    loops = link_chains(chains)
+    bridges = [body for body in bodies.values() if body.cut is not None]
+    walls, loops = _ground_loops(description.terrain, bodies, corners, parts)
+    islands = [island for body in bodies.values() for island in islands_of(body)]
     carriageway, corridor = enclosed(loops, 0), enclosed(loops, 4)
+    if islands:
+        carriageway = shapely.difference(carriageway, shapely.union_all(islands))
     graph = LaneGraph(dict(sorted(lanes.items())))
-    check_lanes(graph, carriageway)
+    caps = [cap for body in bridges for cap in end_lines(body)]
+    own = {lane.name: kerb_lines(body) for body in bridges for lane in body.lanes}
+    check_lanes(graph, shapely.difference(shapely.boundary(carriageway), shapely.union_all(caps)), own)
     check_connected(graph)
-    terrain = mesh_terrain([loop[:, 4] for loop in loops], description.terrain.spacing, description.terrain.margin)
+    terrain = _terrain(description.terrain, loops, bridges)
+    structures = _build_bridges(bridges, walls, (carriageway, corridor), Ground([*parts, *terrain]))
+    check_clearance(structures, _surfaces(parts))
     lines = {name: body.centre_line for name, body in bodies.items()}
-    kerbs = [loop[:, 0] for loop in loops]
-    return RoadNetwork(parts, graph, carriageway, corridor, lines, kerbs, terrain, outlines)
+    kerbs = [loop[:, 0][np.any(loop[:, 0] != np.roll(loop[:, 0], 1, axis=0), axis=1)] for loop in loops]
+    return RoadNetwork(parts, graph, carriageway, corridor, lines, kerbs, terrain, outlines, loops, structures)
+
+
+def _terrain(settings: Terrain, loops: list[np.ndarray], bridges: list[RoadBody]) -> list[MeshPart]:
+    cover = [plan_of(body) for body in bridges]
+    return mesh_terrain([loop[:, 4] for loop in loops], settings.spacing, settings.margin, cover)
+
+
+def _ground_loops(
+    settings: Terrain, bodies: dict[str, RoadBody], corners: list[Chain], parts: list[MeshPart]
+) -> tuple[dict[str, Walls], list[np.ndarray]]:
+    """Return where bridges are filled, and the closed edges of roads, junctions and fills.
+
+    How far a bridge is filled depends on the ground below it: a first terrain is closed straight across its ends.
+    """
+    bridges = [body for body in bodies.values() if body.cut is not None]
+    walls: dict[str, Walls] = {}
+    for _ in range(2 if bridges else 1):
+        chains = [chain for name, body in bodies.items() for chain in ground_chains(body, walls.get(name))]
+        loops = link_chains([*chains, *corners])
+        if bridges and not walls:
+            ground = Ground([*parts, *_terrain(settings, loops, bridges)])
+            walls = {body.road.id: find_walls(body, ground) for body in bridges}
+    return walls, loops
+
+
+def _build_bridges(
+    bridges: list[RoadBody],
+    walls: dict[str, Walls],
+    areas: tuple[shapely.Geometry, shapely.Geometry],
+    ground: Ground,
+) -> tuple[Structure, ...]:
+    """Return the bridges with piers that keep clear of carriageway and corridor, the two areas, and of each other."""
+    made = []
+    solids = {body.road.id: build_solid(body, walls[body.road.id]) for body in bridges}
+    for body in bridges:
+        name = body.road.id
+        others = [solid.plan for other, solid in solids.items() if other != name]
+        blocked = shapely.union_all([areas[1], *others])
+        made.append(add_piers(body, solids[name], walls[name], blocked, areas[0], ground))
+    return tuple(made)
+
+
+def _surfaces(parts: list[MeshPart]) -> dict[str, np.ndarray]:
+    """Return the triangles of every road and junction on the ground by its name."""
+    found: dict[str, list[np.ndarray]] = {}
+    for part in parts:
+        if part.label in ("road", "road_line"):
+            found.setdefault(part.path.split("/")[1], []).append(part.points[part.faces])
+    return {name: np.concatenate(triangles) for name, triangles in found.items()}
 
 
 def _align(road: Road, nodes: dict[str, tuple[float, float, float]]) -> Alignment:

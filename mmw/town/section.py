@@ -10,6 +10,10 @@ LINE_WIDTH = 0.15
 """Width of a painted line [m]; design value, within the 0.10 to 0.20 m that road authorities use."""
 BAR_WIDTH = 0.5
 """Width of a bar of a zebra crossing, and of the gap between two [m]; design value."""
+MEDIAN_GAP = 0.3
+"""From the middle of the line along a raised median to its kerb [m]; design value."""
+MEDIAN_TOP = {"grass": "grass", "concrete": "concrete_sidewalk"}
+"""Material of the top of a raised median."""
 EDGE_STRIPS = (("curb", "curb"), ("curb", "curb"), ("walk", "concrete_sidewalk"), ("verge", "grass"))
 """Strips outward from the kerb line (face, top, sidewalk, verge): name and material."""
 
@@ -35,6 +39,19 @@ class CrossSection:
     """Width of a lane [m]."""
     edge: np.ndarray
     """Offset outward from the kerb line and height above the road of the edge strips' borders [m], shape [5, 2]."""
+    island: np.ndarray
+    """Lateral positions of the borders of a raised median's top, ascending, first and last at its kerbs [m], shape [4];
+    shape [0] without one. The kerbs are also among `breaks`."""
+    island_height: float = 0.0
+    """Height of the raised median above the road [m]."""
+    island_top: str = ""
+    """Material of its top; empty without one."""
+
+    @property
+    def island_breaks(self) -> tuple[int, int]:
+        """Positions among `breaks` of the right and of the left kerb of the raised median."""
+        right, left = np.searchsorted(self.breaks, self.island[[0, -1]])
+        return int(right), int(left)
 
 
 def make_section(name: str, profile: Profile) -> CrossSection:
@@ -64,6 +81,13 @@ def make_section(name: str, profile: Profile) -> CrossSection:
         paint += ["", kind]
     breaks.append(half)
     paint.append("")
+    island = np.zeros(0)
+    if profile.median != "painted":
+        foot, top = 0.5 * profile.centre - MEDIAN_GAP, 0.5 * profile.centre - MEDIAN_GAP - profile.kerb_width
+        island = np.array([-foot, -top, top, foot])
+        middle = int(np.searchsorted(breaks, 0.0))
+        breaks[middle:middle] = [-foot, foot]
+        paint[middle:middle] = ["", ""]
     count = int((2 * half - 0.4) / (2 * BAR_WIDTH)) * 2 - 1  # bars and the gaps between them
     inner = BAR_WIDTH * (np.arange(count + 1) - 0.5 * count)
     offset = np.cumsum([0.0, 0.0, profile.kerb_width, profile.walk, profile.verge])
@@ -78,4 +102,7 @@ def make_section(name: str, profile: Profile) -> CrossSection:
         backward,
         w,
         np.stack([offset, height], axis=1),
+        island,
+        profile.kerb_height if len(island) else 0.0,
+        MEDIAN_TOP.get(profile.median, ""),
     )

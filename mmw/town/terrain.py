@@ -1,5 +1,6 @@
 """Terrain: a height field between the roads that ends exactly at the outer vertices of their verges."""
 
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -25,7 +26,9 @@ def build_terrain(description: TownDescription, network: "RoadNetwork") -> list[
     return list(network.terrain)
 
 
-def mesh_terrain(loops: list[np.ndarray], spacing: float, margin: float) -> list[MeshPart]:
+def mesh_terrain(
+    loops: list[np.ndarray], spacing: float, margin: float, cover: Sequence[shapely.Geometry] = ()
+) -> list[MeshPart]:
     """Return the ground outside closed road edges.
 
     Args:
@@ -33,11 +36,13 @@ def mesh_terrain(loops: list[np.ndarray], spacing: float, margin: float) -> list
             counter-clockwise [m], each [N, 3].
         spacing: Size of the grid [m].
         margin: How far the ground reaches beyond the outermost road [m].
+        cover: Plans of bridges, which the ground reaches beyond as well.
     """
     outer = [loop for loop in loops if signed_area(loop[:, :2]) > 0]
     parts = []
     for k, loop in enumerate(outer):
-        frame = _frame(loop, spacing, margin)
+        reach = [loop[:, :2], *(shapely.get_coordinates(plan) for plan in cover)]
+        frame = _frame(np.concatenate(reach), spacing, margin)
         parts.append(_mesh_block(f"Terrain/surroundings_{k:02d}", loop, frame, spacing))
     blocks = [loop for loop in loops if signed_area(loop[:, :2]) < 0]
     order = sorted(blocks, key=lambda loop: tuple(np.round(loop[:, :2].mean(axis=0), 3)))
@@ -46,9 +51,9 @@ def mesh_terrain(loops: list[np.ndarray], spacing: float, margin: float) -> list
     return parts
 
 
-def _frame(loop: np.ndarray, spacing: float, margin: float) -> np.ndarray:
+def _frame(inside: np.ndarray, spacing: float, margin: float) -> np.ndarray:
     """Points on the rectangle round the town, counter-clockwise [m], shape [N, 2]."""
-    low, high = loop[:, :2].min(axis=0) - margin, loop[:, :2].max(axis=0) + margin
+    low, high = inside.min(axis=0) - margin, inside.max(axis=0) + margin
     corners = np.array([low, [high[0], low[1]], high, [low[0], high[1]], low])
     sides = []
     for a, b in pairwise(corners):

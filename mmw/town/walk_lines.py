@@ -5,6 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 import shapely
 
+from mmw.town.ground import Ground
+from mmw.town.parts import MeshPart
 from mmw.town.walks import Walk
 
 STEP = 0.5
@@ -18,6 +20,9 @@ BODY_ROOM = 0.42
 
 SIDESTEP = 0.5
 """Largest move aside per metre of way [-]."""
+
+HEADROOM = 2.1
+"""Whatever is higher above the ground than this is in nobody's way [m]."""
 
 SHORTEST = 15.0
 """Walk lines shorter than this are left out [m]."""
@@ -51,6 +56,16 @@ def walk_lines(tables: Sequence[np.ndarray], obstacles: Sequence[shapely.Geometr
     return walks
 
 
+def standing(parts: Sequence[MeshPart], ground: Ground) -> list[shapely.Geometry]:
+    """Return the plans of parts as far as they are in the way of people: what is below `HEADROOM` above the ground."""
+    plans = []
+    for part in parts:
+        low = part.points[part.points[:, 2] < ground.height(part.points[:, 0], part.points[:, 1]) + HEADROOM]
+        if len(low):
+            plans.append(shapely.convex_hull(shapely.MultiPoint(low[:, :2])))
+    return plans
+
+
 def _directed(points: np.ndarray, number: int) -> np.ndarray:
     """Return the points in one of the two directions, every second line the other way."""
     return points if number % 2 == 0 else points[::-1]
@@ -78,7 +93,7 @@ def _lateral(inner: np.ndarray, outer: np.ndarray, obstacles: shapely.STRtree) -
     blocked = np.unique(obstacles.query(points, predicate="dwithin", distance=BODY_ROOM)[0])
     free.reshape(-1)[blocked] = False
     # The cheapest way through the free cells of the rows: away from the middle costs, and so does moving aside.
-    reach = np.maximum(1, np.floor(SIDESTEP * STEP / np.maximum(width, 1e-6) * 20)).astype(int)
+    reach = np.clip(np.floor(SIDESTEP * STEP / np.maximum(width, 1e-6) * 20), 1, 20).astype(int)
     return _cheapest(free, (offsets - 0.5) ** 2, int(np.median(reach)))
 
 

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom, Vt
 
+from mmw.usd.extract import to_metres
+
 CLOSED = "mmw:walk:closed"
 
 
@@ -34,17 +36,18 @@ def write_walks(stage: Usd.Stage, path: str, walks: Sequence[Walk]) -> None:
 
 
 def read_walks(stage: Usd.Stage, root_path: str) -> list[Walk]:
-    """Return the walks below a prim in the frame of the stage, sorted by name; none if the prim does not exist."""
+    """Return the walks below a prim in metres with z up, sorted by name; none if the prim does not exist."""
     root = stage.GetPrimAtPath(root_path)
     if not root:
         return []
-    transforms = UsdGeom.XformCache()
+    transforms, metres = UsdGeom.XformCache(), to_metres(stage)
     walks = []
     for prim in Usd.PrimRange(root):
         if not prim.IsA(UsdGeom.BasisCurves) or not prim.HasAttribute(CLOSED):
             continue
         matrix = np.array(transforms.GetLocalToWorldTransform(prim), dtype=np.float64)
         points = np.array(UsdGeom.BasisCurves(prim).GetPointsAttr().Get(), dtype=np.float64)
+        matrix = matrix @ metres
         xyz = points @ matrix[:3, :3] + matrix[3, :3]
         walks.append(Walk(prim.GetName(), xyz, bool(prim.GetAttribute(CLOSED).Get())))
     return sorted(walks, key=lambda walk: walk.name)
