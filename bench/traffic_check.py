@@ -1,8 +1,14 @@
 """Check simulated traffic in several seeds: `python -m bench.traffic_check --town town03 --seeds 10`.
 
 One line a seed: the least gap between two vehicles' boxes, the largest jerk, how far a tyre is from the ground,
-vehicles that stood for 20 s or more, the longest standstill, the mean speed, how far a body is from its lane, the
-largest sideways acceleration, the hardest braking, and the wall time.
+vehicles that stood for more than 8 s without a cause, the longest standstill, the mean speed, how far a body is from
+the nearest lane, vehicles that left their lane, the largest sideways acceleration, the hardest braking, changes of
+lanes, and the wall time.
+
+A vehicle has a cause to stand if it waits for green, for its leader, for those who cross, or for room behind a
+junction, and this chain ends at a red light or at a vehicle that moves (`mmw/traffic/standing.py`). It has left its
+lane if its origin is farther than half a lane from the middle of every lane: in a change of lanes the body is at most
+that far from the nearer one.
 """
 
 import argparse
@@ -15,12 +21,17 @@ import numpy as np
 
 from mmw.constants import FRAME_RATE_HZ
 from mmw.town.lanes import LaneGraph
-from mmw.traffic import VehicleTrack, simulate
+from mmw.traffic import VehicleTrack
 from mmw.traffic.pose import make_shape, wheel_points
+from mmw.traffic.simulation import run_traffic
+from mmw.traffic.standing import STANDING
 from mmw.traffic.wheels import Ground
 
-STUCK_S = 20.0
-"""A vehicle that stands this long counts as stuck [s]."""
+STUCK_S = 8.0
+"""A vehicle that stands longer than this without a cause counts as stuck [s]."""
+
+LANE_SLACK = 0.05
+"""Beyond half a lane's width, this much is not yet off the lane [m]."""
 
 PAIR_REACH = 25.0
 """Pairs of vehicles farther apart than this are not looked at [m]."""
@@ -37,13 +48,15 @@ class Measures:
     max_wheel_error: float
     """Largest vertical distance between a tyre's contact point and the ground [m]."""
     stuck: int
-    """Vehicles that stood for 20 s or more (count)."""
+    """Vehicles that stood for more than 8 s without a cause (count)."""
     longest_stop: float
     """Longest standstill [s]."""
     mean_speed: float
     """[m/s]."""
     max_offset: float
     """Largest distance of the body's origin from the nearest lane's centre line [m]."""
+    departed: int
+    """Vehicles whose origin was farther than half a lane from every lane's centre line (count)."""
     max_lateral: float
     """Largest sideways acceleration [m/s^2]."""
     max_braking: float
@@ -56,7 +69,14 @@ def measure(
     drivable: tuple[np.ndarray, np.ndarray],
     catalog: Mapping[str, Any],
 ) -> Measures:
-    """Return what a scenario's tracks show."""
+    """Return what a scenario's tracks show.
+
+    Args:
+        tracks: Vehicles; without `waits` no cause of their standing is known.
+        graph: The town's lanes.
+        drivable: Vertices and triangles that wheels may stand on.
+        catalog: Vehicle models by name.
+    """
     poses = np.stack([track.poses for track in tracks])
     position = poses[:, :, :3]
     velocity = np.diff(position, axis=1) * FRAME_RATE_HZ
@@ -76,14 +96,19 @@ def measure(
     aside = acceleration[..., 1] * np.cos(heading) - acceleration[..., 0] * np.sin(heading)
     along = acceleration[..., 0] * np.cos(heading) + acceleration[..., 1] * np.sin(heading)
     stop = max(longest_run(row < 0.05) for row in speed) / FRAME_RATE_HZ
+    stands = speed < STANDING
+    waits = [np.zeros(len(track.poses), bool) if track.waits is None else track.waits for track in tracks]
+    idle = stands & ~np.stack(waits)[:, :-1]
+    offset = lane_offset(position[:, ::10].reshape(-1, 3), graph).reshape(len(tracks), -1, 2)
     return Measures(
         min_gap=round(min_gap(tracks, catalog), 3),
         max_jerk=round(float(np.abs(jerk).max()), 2),
         max_wheel_error=round(error, 4),
-        stuck=sum(longest_run(row < 0.05) >= STUCK_S * FRAME_RATE_HZ for row in speed),
+        stuck=sum(longest_run(row) > STUCK_S * FRAME_RATE_HZ for row in idle),
         longest_stop=stop,
         mean_speed=round(float(speed.mean()), 2),
-        max_offset=round(float(lane_offset(position[:, ::10].reshape(-1, 3), graph).max()), 3),
+        max_offset=round(float(offset[..., 0].max()), 3),
+        departed=int((offset[..., 0] > 0.5 * offset[..., 1] + LANE_SLACK).any(axis=1).sum()),
         max_lateral=round(float(np.abs(aside).max()), 2),
         max_braking=round(float(-along.min()), 2),
     )
@@ -96,10 +121,11 @@ def longest_run(mask: np.ndarray) -> int:
 
 
 def lane_offset(points: np.ndarray, graph: LaneGraph) -> np.ndarray:
-    """Return the horizontal distance of points from the nearest lane's centre line [m], shape [R]."""
+    """Return the horizontal distance of points from the nearest lane's centre line and its width [m], shape [R, 2]."""
     starts = np.concatenate([lane.points[:-1] for lane in graph.lanes.values()])
     ends = np.concatenate([lane.points[1:] for lane in graph.lanes.values()])
-    out = np.empty(len(points))
+    width = np.concatenate([np.full(len(lane.points) - 1, lane.width) for lane in graph.lanes.values()])
+    out = np.empty((len(points), 2))
     cell = np.floor(points[:, :2] / 50).astype(int)
     for key in np.unique(cell, axis=0):
         rows = np.flatnonzero((cell == key).all(axis=1))
@@ -110,7 +136,8 @@ def lane_offset(points: np.ndarray, graph: LaneGraph) -> np.ndarray:
             share = np.clip((to[..., :2] * step[:, :2]).sum(-1) / (step[:, :2] ** 2).sum(-1).clip(1e-9), 0, 1)
             miss = to - share[..., None] * step
             far = np.where(np.abs(miss[..., 2]) < 2, np.hypot(miss[..., 0], miss[..., 1]), np.inf)
-            out[part] = far.min(axis=1)
+            best = far.argmin(axis=1)
+            out[part] = np.column_stack([far[np.arange(len(part)), best], width[near][best]])
     return out
 
 
@@ -178,6 +205,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--center", type=float, nargs=3, default=(0.0, 0.0, 0.0), help="spawn centre, x y z [m]")
     parser.add_argument("--frames", type=int, default=1000, help="frames at 100 Hz")
     parser.add_argument("--warmup", type=float, default=1.0, help="warm-up [s]")
+    parser.add_argument("--signals", action="store_true", help="traffic lights work")
+    parser.add_argument("--no-lane-changes", action="store_true", help="everybody stays on the lane")
     options = parser.parse_args(arguments)
     stage = Usd.Stage.Open(str(town_path(options.town)))
     root = str(stage.GetDefaultPrim().GetPath())
@@ -186,7 +215,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     catalog = load_catalog()
     for seed in range(options.seeds):
         start = time.perf_counter()
-        tracks = simulate(
+        outcome = run_traffic(
             graph,
             drivable,
             catalog,
@@ -196,12 +225,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
             cav_ranks=(),
             warmup_s=options.warmup,
             seed=seed,
+            lane_changes=not options.no_lane_changes,
+            signals=options.signals,
         )
         wall = time.perf_counter() - start
-        row = asdict(measure(tracks, graph, drivable, catalog))
+        row = asdict(measure(outcome.tracks, graph, drivable, catalog))
+        row |= {"changes": len(outcome.changes), "wall_s": wall}
         if seed == 0:
-            print("seed " + " ".join(f"{name:>15}" for name in [*row, "wall_s"]))
-        print(f"{seed:4d} " + " ".join(f"{value:15.3f}" for value in [*row.values(), wall]), flush=True)
+            print("seed " + " ".join(f"{name:>15}" for name in row))
+        print(f"{seed:4d} " + " ".join(f"{value:15.3f}" for value in row.values()), flush=True)
 
 
 def read_drivable(stage) -> tuple[np.ndarray, np.ndarray]:

@@ -11,7 +11,9 @@ from mmw.config.scenario import TOWN_SUFFIXES
 from mmw.paths import town_path
 from mmw.report import si
 from mmw.tables.schemas import TABLES
+from mmw.traffic.sumo import check_sumo
 from mmw.usd.actors import find_actors
+from mmw.usd.material_map import unknown_names
 
 FRAMED_TABLES = sum(table.framed for table in TABLES.values())
 
@@ -74,6 +76,23 @@ def is_town_file(scenario: ScenarioConfig) -> bool:
     return scenario.town is not None and scenario.town.endswith(TOWN_SUFFIXES)
 
 
+def trajectory_file(scenario: ScenarioConfig, base: Path) -> Path | None:
+    """Return the table of a scenario's recorded vehicles; None if its traffic is generated.
+
+    Raises:
+        ValueError: If the file does not exist.
+    """
+    if scenario.traffic is None or scenario.traffic.trajectories is None:
+        return None
+    path = base / scenario.traffic.trajectories
+    if not path.is_file():
+        raise ValueError(
+            f"scenario {scenario.name!r}: traffic.trajectories = {scenario.traffic.trajectories!r}: no such file "
+            f"({path}); give a .parquet, .csv or .xml table"
+        )
+    return path
+
+
 def check_inputs(config: Config, base: Path) -> None:
     """Check everything that can be checked before traffic runs: files, weathers of towns, names of materials.
 
@@ -87,12 +106,18 @@ def check_inputs(config: Config, base: Path) -> None:
             _check_source(scenario, scenario_source(scenario, base), config.weathers)
         except ValueError as error:
             problems.append(str(error))
-        for glob, row in scenario.material_map.items():
-            if row.removeprefix(PREFIX) not in PERMITTIVITY:
-                known = ", ".join(PREFIX + name for name in PERMITTIVITY)
-                problems.append(
-                    f"{where}: material_map[{glob!r}] = {row!r}: no such radio material; use one of {known}"
-                )
+        try:
+            trajectory_file(scenario, base)
+        except ValueError as error:
+            problems.append(str(error))
+        if scenario.traffic is not None and scenario.traffic.engine == "sumo":
+            try:
+                check_sumo()
+            except ValueError as error:
+                problems.append(f"{where}: traffic.{error}")
+        for pattern, entry in scenario.material_map.items():
+            rows = [PREFIX + name for name in PERMITTIVITY]
+            problems += unknown_names(f"{where}: material_map[{pattern!r}]", entry, rows)
         if config.channel.enabled and "v2i" in config.channel.links and scenario.town and not scenario.rsus:
             problems.append(
                 f"{where}: channel.links = {list(config.channel.links)} has v2i but there are no rsus; add one, or use "
@@ -130,9 +155,10 @@ def agent_counts(scenario: ScenarioConfig, base: Path) -> dict[str, int]:
         ValueError: If a stage of the user's own cannot be read, or `actor_roles` does not fit it.
     """
     if scenario.traffic is not None:
-        boxed = scenario.traffic.vehicle_count + scenario.traffic.pedestrian_count
+        parked = find_actors(Usd.Stage.Open(str(scenario_source(scenario, base))), {})  # they belong to the town
+        boxed = scenario.traffic.vehicle_count + scenario.traffic.pedestrian_count + len(parked)
         counts = {
-            "cav": len(scenario.traffic.cav_ranks),
+            "cav": len(scenario.traffic.cav_ids or scenario.traffic.cav_ranks),
             "rsu": 0,
             "vehicles": scenario.traffic.vehicle_count,
             "boxes": boxed,

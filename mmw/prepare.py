@@ -4,8 +4,6 @@ import json
 from collections.abc import Mapping
 from pathlib import Path
 
-import numpy as np
-
 from mmw import __version__
 from mmw.config import Config, ScenarioConfig
 from mmw.plan import scenario_source
@@ -17,11 +15,9 @@ from mmw.stage.compose import compose_scenario
 from mmw.stage.overlay import overlay_rsus
 from mmw.tables.publish import publish_bytes
 from mmw.town.asset import open_town
-from mmw.traffic import VehicleTrack, simulate
-from mmw.vehicles.catalog import VehicleModel, load_catalog
-
-FAR_FROM_LANES = 500.0
-"""A spawn centre farther than this from every lane is taken for a mistake [m]."""
+from mmw.traffic import VehicleTrack
+from mmw.traffic.engines import run_engine
+from mmw.vehicles.catalog import VehicleModel, load_catalog, load_figures
 
 STAGES = "stages"
 """Folder of the scenario stages in a dataset."""
@@ -46,13 +42,13 @@ def prepare_scenario(config: Config, scenario: ScenarioConfig, base: Path, root:
     if note.is_file() and path.is_file() and json.loads(note.read_text())["sha256"] == sha256(path):
         return path
     catalog = load_catalog()
-    tracks = make_tracks(config, scenario, source, catalog)
+    tracks = make_tracks(config, scenario, source, catalog, base)
     path.parent.mkdir(parents=True, exist_ok=True)
     compose_scenario(
         path,
         town_path=source,
         tracks=tracks,
-        catalog=catalog,
+        catalog={**catalog, **load_figures()},
         rsus=rsus,
         sensors=config.sensors,
         weather=config.weathers[0],
@@ -84,42 +80,26 @@ def stored_stage(root: Path, scenario: ScenarioConfig) -> Path:
 
 
 def make_tracks(
-    config: Config, scenario: ScenarioConfig, source: Path, catalog: Mapping[str, VehicleModel]
+    config: Config, scenario: ScenarioConfig, source: Path, catalog: Mapping[str, VehicleModel], base: Path
 ) -> list[VehicleTrack]:
-    """Return the poses of a scenario's generated traffic.
+    """Return the poses of a scenario's traffic, generated or recorded.
 
     Args:
         config: The configuration.
         scenario: One of its scenarios that has a town.
         source: The town asset.
         catalog: Vehicle models by name.
+        base: Folder that the path of a trajectory file starts from.
 
     Raises:
-        ValueError: If the town has no lanes, the spawn centre is far from them, or there is no room for the vehicles.
+        ValueError: If the town and the traffic do not go together, see `run_engine`.
     """
     town, traffic, where = open_town(source), scenario.traffic, f"scenario {scenario.name!r}: traffic"
     if traffic is None:
         raise ValueError(f"{where}: is missing; `town` needs it (vehicle_count, spawn_center_m, cav_ranks)")
-    points = np.concatenate([lane.points for lane in town.lanes.lanes.values()])
-    low, high = points.min(axis=0), points.max(axis=0)
-    away = np.linalg.norm(points[:, :2] - traffic.spawn_center_m[:2], axis=1).min()
-    if away > FAR_FROM_LANES:
-        raise ValueError(
-            f"{where}.spawn_center_m = {list(traffic.spawn_center_m)}: {away:.0f} m from the nearest lane; lanes of "
-            f"{source.name} reach from ({low[0]:.0f}, {low[1]:.0f}) to ({high[0]:.0f}, {high[1]:.0f}) m; choose a place"
-        )
     try:
-        return simulate(
-            town.lanes,
-            (town.points, town.faces),
-            catalog,
-            frame_count=config.frames_of(scenario).stop + 1,
-            vehicle_count=traffic.vehicle_count,
-            spawn_center=traffic.spawn_center_m,
-            cav_ranks=traffic.cav_ranks,
-            warmup_s=traffic.warmup_s,
-            seed=config.seed,
-        )
+        frame_count = config.frames_of(scenario).stop + 1
+        return run_engine(town, traffic, catalog, base=base, frame_count=frame_count, seed=config.seed)
     except ValueError as error:
         raise ValueError(f"{where}.{error}") from error
 

@@ -12,7 +12,7 @@ from mmw import __version__
 from mmw.compute.device import device_name
 from mmw.config import Config
 from mmw.config.load import to_yaml
-from mmw.plan import is_town_file, scenario_source
+from mmw.plan import is_town_file, scenario_source, trajectory_file
 from mmw.tables.manifest import CONFIG, DATASET, read_dataset, read_markers
 from mmw.tables.publish import publish_bytes
 
@@ -20,8 +20,8 @@ from mmw.tables.publish import publish_bytes
 def keep_config(config: Config, base: Path, root: Path) -> None:
     """Write the resolved configuration, every default included, as `config.yaml` into the dataset.
 
-    `python -m mmw.run --config <dataset>/config.yaml --out <other>` makes the same rows again. Paths of stages and of
-    towns that are not shipped are absolute in it. A file that is there stays.
+    `python -m mmw.run --config <dataset>/config.yaml --out <other>` makes the same rows again. Paths of stages, of
+    trajectories and of towns that are not shipped are absolute in it. A file that is there stays.
     """
     if (root / CONFIG).is_file():
         return
@@ -32,6 +32,9 @@ def keep_config(config: Config, base: Path, root: Path) -> None:
             written["stage"] = source
         elif is_town_file(scenario):
             written["town"] = source
+        table = trajectory_file(scenario, base)
+        if table is not None:
+            written["traffic"]["trajectories"] = str(table.resolve())
     text = (
         "# The configuration that made this dataset, every default written out.\n"
         "# To make the same data again: python -m mmw.run --config THIS_FILE --out ANOTHER_FOLDER\n"
@@ -76,7 +79,7 @@ def check_continuation(root: Path, config: Config, now: Mapping[str, Any]) -> li
 
 
 def versions(config: Config, base: Path, device: str) -> dict[str, Any]:
-    """Return what makes the data: versions, revision, device, and the hashes of towns and stages."""
+    """Return what makes the data: versions, revision, device, and the hashes of towns, stages and trajectories."""
     packages = {}
     for name in ("warp-lang", "numpy", "usd-core", "pyarrow", "pydantic", "trimesh", "pillow"):
         try:
@@ -87,7 +90,8 @@ def versions(config: Config, base: Path, device: str) -> dict[str, Any]:
     for scenario in config.scenarios:
         source = scenario_source(scenario, base)
         payload = source.parent / "geometry.usdc"
-        sources[scenario.name] = {path.name: sha256(path) for path in (source, payload) if path.is_file()}
+        files = (source, payload, trajectory_file(scenario, base))
+        sources[scenario.name] = {path.name: sha256(path) for path in files if path is not None and path.is_file()}
     return {
         "mmw": __version__,
         "git": git_revision(),

@@ -74,7 +74,9 @@ def make_town(
             for index in range(count):
                 aside = (index + 0.5 - (0.5 * count if oneway else 0)) * width
                 name = f"r{number}_{'fb'[way]}{index}"
-                lanes[name] = Lane(name, _lift(_offset(points, aside), height), width, speed)
+                beside = [f"r{number}_{'fb'[way]}{n}" if 0 <= n < count else "" for n in (index - 1, index + 1)]
+                line = _lift(_offset(points, aside), height)
+                lanes[name] = Lane(name, line, width, speed, left=beside[0], right=beside[1])
                 into[head].append((number, index, count, name, priority))
                 out[tail].append((number, index, count, name, priority))
     for node in nodes:
@@ -131,6 +133,27 @@ def crossroad(height: Height = flat) -> LaneGraph:
         via = arc((0, 0), 90.0, 90 * index, 90 * index + 90)
         roads.append((corners[index], corners[index + 1], 1, False, via, 1))
     return make_town(nodes, roads, height=height)
+
+
+def with_lights(graph: LaneGraph, node: str, phases: dict[str, str]) -> LaneGraph:
+    """Return a town with traffic lights at a node; `phases` maps the roads that lead to it to their phases."""
+    lanes = {}
+    for name, lane in graph.lanes.items():
+        is_lit = lane.junction == node
+        lanes[name] = replace(lane, signal=phases[name.split(":")[1].split("_")[0]]) if is_lit else lane
+    return LaneGraph(lanes)
+
+
+def oval(length: float = 300.0, count: int = 2, speed: float = 14.0) -> LaneGraph:
+    """Return a one-way circuit of two straights and two bends of 40 m radius, lanes side by side all the way."""
+    nodes = {"A": (0.0, 0.0), "B": (length, 0.0), "C": (length, 80.0), "D": (0.0, 80.0)}
+    roads = [
+        ("A", "B", count, True, [], 0),
+        ("B", "C", count, True, arc((length, 40.0), 40.0, -90, 90), 0),
+        ("C", "D", count, True, [], 0),
+        ("D", "A", count, True, arc((0.0, 40.0), 40.0, 90, 270), 0),
+    ]
+    return make_town(nodes, roads, trim=5.0, speed=speed)
 
 
 def roundabout() -> LaneGraph:

@@ -8,6 +8,7 @@ from pxr import Tf, Usd
 
 from mmw.town.lane_prims import read_lanes
 from mmw.town.lanes import LaneGraph
+from mmw.town.walks import Walk, read_walks
 from mmw.usd.extract import MeshReader, place, semantic_label, to_metres
 
 DRIVABLE_LABELS = ("road", "road_line")
@@ -20,17 +21,20 @@ class Town:
 
     path: Path
     lanes: LaneGraph
+    """Empty if the asset has none; recorded vehicles need none."""
     points: np.ndarray
     """Vertices of the drivable surface, town frame [m], shape [N, 3], float64."""
     faces: np.ndarray
     """Its triangles, shape [M, 3], int32."""
+    walks: tuple[Walk, ...] = ()
+    """Where people walk."""
 
 
 def open_town(path: str | Path) -> Town:
     """Read lanes and drivable surface of a town asset.
 
     Raises:
-        ValueError: If the file cannot be read, or has no lanes or no mesh of class road.
+        ValueError: If the file cannot be read, its lanes are not whole, or it has no mesh of class road.
     """
     path = Path(path)
     try:
@@ -43,11 +47,7 @@ def open_town(path: str | Path) -> Town:
     if not root:
         raise ValueError(f"{path}: has no default prim; a town asset names its root as defaultPrim")
     lanes_path = root.GetPath().AppendChild("Lanes")
-    if not stage.GetPrimAtPath(lanes_path):
-        raise ValueError(
-            f"{path}: has no {lanes_path}; traffic needs lanes; use `mmw town`, or give an animated `stage`"
-        )
-    lanes = read_lanes(stage, str(lanes_path))
+    lanes = read_lanes(stage, str(lanes_path)) if stage.GetPrimAtPath(lanes_path) else LaneGraph()
     reader, metres = MeshReader(stage, Usd.TimeCode.Default()), to_metres(stage)
     points, faces, count = [], [], 0
     for mesh in reader.meshes():
@@ -61,4 +61,5 @@ def open_town(path: str | Path) -> Town:
         raise ValueError(
             f"{path}: no mesh has the class {' or '.join(DRIVABLE_LABELS)}; vehicles need a road to stand on"
         )
-    return Town(path, lanes, np.concatenate(points), np.concatenate(faces).astype(np.int32))
+    walks = tuple(read_walks(stage, str(root.GetPath().AppendChild("Walks"))))
+    return Town(path, lanes, np.concatenate(points), np.concatenate(faces).astype(np.int32), walks)

@@ -1,11 +1,15 @@
 """Turn rules: which lane leads to which across a junction, on which curve, and who goes first."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from mmw.town.description import Junction
-from mmw.town.junctions import MARGIN, Arm, blend
+from mmw.town.junctions import MARGIN, Arm, Pad, blend
 from mmw.town.lanes import Lane
+from mmw.town.phases import assign_phases
 from mmw.town.roads import RoadBody
+from mmw.town.uturns import KERB_CLEARANCE, LEAST, turn_back
 
 STRAIGHT = np.radians(35)
 """Turns below this angle count as straight on [rad]."""
@@ -40,7 +44,7 @@ def outgoing(body: RoadBody, is_start: bool) -> list[Lane]:
 def choose_turns(
     arms: list[Arm], lanes_in: list[int], lanes_out: list[int], settings: Junction
 ) -> list[tuple[int, int, int, int, str]]:
-    """Return every way through a junction.
+    """Return every way through a junction but those back into the same arm.
 
     The left lane turns left, the right lane turns right, every lane goes straight on into the lane of the same place.
     A lane that these rules leave without a way, or that none leads to, gets the nearest one.
@@ -60,16 +64,13 @@ def choose_turns(
         n = lanes_in[i]
         options = []
         for j in range(len(arms)):
-            if lanes_out[j] == 0 or n == 0 or (i == j and not settings.uturn):
+            if lanes_out[j] == 0 or n == 0 or i == j:
                 continue
             turn = float((heading[j] - heading[i]) % (2 * np.pi) - np.pi)
-            options.append((j, turn, "back" if i == j else kind_of_turn(turn)))
-        ahead = [option for option in options if option[2] != "back"]
+            options.append((j, turn, kind_of_turn(turn)))
         for j, _, kind in options:
             m = lanes_out[j]
-            if kind == "back":
-                found[(i, 0, j, 0)] = kind
-            elif settings.parallel or kind == "straight" or len(ahead) == 1:
+            if settings.parallel or kind == "straight" or len(options) == 1:
                 for k in range(n):
                     found[(i, k, j, min(k, m - 1))] = kind
                 for k in range(n, m):
@@ -79,8 +80,8 @@ def choose_turns(
             else:
                 found[(i, n - 1, j, m - 1)] = kind
         for k in range(n):
-            if ahead and not any(a == i and lane == k for a, lane, _, _ in found):
-                j, _, kind = max(ahead, key=lambda option: option[1])
+            if options and not any(a == i and lane == k for a, lane, _, _ in found):
+                j, _, kind = max(options, key=lambda option: option[1])
                 found[(i, k, j, min(k, lanes_out[j] - 1))] = kind
     for j in range(len(arms)):
         for k in range(lanes_out[j]):
@@ -92,12 +93,28 @@ def choose_turns(
 
 
 def build_turns(
-    node: str, arms: list[Arm], trims: list[float], bodies: dict[str, RoadBody], settings: Junction
+    node: str,
+    arms: list[Arm],
+    trims: list[float],
+    bodies: dict[str, RoadBody],
+    settings: Junction,
+    pad: Pad,
+    is_signalled: bool,
 ) -> list[tuple[str, Lane]]:
     """Return the ways through a junction as lanes, each with the name of the lane that leads to it.
 
+    Args:
+        node: Name of the node.
+        arms: Arms, counter-clockwise.
+        trims: Distance of every arm's end from the node [m].
+        bodies: Roads as built.
+        settings: Settings of this junction.
+        pad: The junction's ground; ways back stay on it.
+        is_signalled: Whether it has traffic lights; then every way names the phase of its arm.
+
     Raises:
-        ValueError: If a lane ends here without a way on, or a way is too tight for a car.
+        ValueError: If a lane ends here without a way on, a way is too tight for a car, or vehicles may turn back but
+            have no room for it at any arm.
     """
     before = [incoming(bodies[arm.road.id], arm.is_start) for arm in arms]
     after = [outgoing(bodies[arm.road.id], arm.is_start) for arm in arms]
@@ -106,6 +123,8 @@ def build_turns(
         for k, lane in enumerate(lanes):
             if not any(way[0] == i and way[1] == k for way in ways):
                 raise ValueError(f"node {node!r}: lane {lane.name!r} ends here; join a road that leads on")
+    heading = [arm.outward(0.0) for arm in arms]
+    phases = assign_phases(heading, [len(lanes) for lanes in before]) if is_signalled else [""] * len(arms)
     made = []
     for i, k, j, m, kind in ways:
         first, last = before[i][k], after[j][m]
@@ -114,22 +133,59 @@ def build_turns(
         bend = float((h0 - h1) % (2 * np.pi))  # to the right
         lead = MARGIN if CONCENTRIC < bend < np.pi else 0.0
         curve = blend(p0[:2], h0, p1[:2], h1, ARC_STEP, 1.0, lead)
-        if curve.radius < LEAST_RADIUS and kind != "back":
+        if curve.radius < LEAST_RADIUS:
             raise ValueError(
                 f"node {node!r}: the way from {first.name!r} to {last.name!r} has a radius of {curve.radius:.1f} m; "
                 f"{LEAST_RADIUS} m or more are needed; increase corner_radius or the angle between the roads"
             )
-        points = np.column_stack([curve.xy, np.linspace(p0[2], p1[2], len(curve.xy))])
-        points[0], points[-1] = p0, p1
-        priority = 10 * arms[i].road.priority + RANK[kind]
-        lane = Lane(
-            f"{node}_{first.name}_{last.name}",
-            points,
-            min(first.width, last.width),
-            min(first.speed, last.speed),
-            node,
-            priority,
-            (last.name,),
-        )
-        made.append((first.name, lane))
+        made.append(_way(node, first, last, curve.xy, 10 * arms[i].road.priority + RANK[kind], phases[i]))
+    if settings.uturn:
+        back = _ways_back(node, arms, trims, before, after, pad, phases)
+        if not back:
+            raise ValueError(
+                f"node {node!r}: uturn: true, but no arm has room to turn back; {LEAST} m of radius and "
+                f"{KERB_CLEARANCE} m from the kerbs are needed; increase corner_radius or `centre`, or remove uturn"
+            )
+        made += back
     return made
+
+
+def _ways_back(
+    node: str,
+    arms: list[Arm],
+    trims: list[float],
+    before: Sequence[Sequence[Lane]],
+    after: Sequence[Sequence[Lane]],
+    pad: Pad,
+    phases: list[str],
+) -> list[tuple[str, Lane]]:
+    """Return the ways from the innermost lane of an arm back into the same arm, where there is room."""
+    kerbs = [corner.table[:, 0, :2] for corner in pad.corners]
+    made = []
+    for i, arm in enumerate(arms):
+        if not before[i] or not after[i]:
+            continue
+        first, heading = before[i][0], arm.outward(trims[i]) + np.pi
+        exits = [lane.points[0, :2] for lane in after[i]]
+        found = turn_back(first.points[-1, :2], heading, exits, pad.outline, kerbs, ARC_STEP)
+        if found is not None:
+            lane, xy = found
+            made.append(_way(node, first, after[i][lane], xy, 10 * arm.road.priority + RANK["back"], phases[i]))
+    return made
+
+
+def _way(node: str, first: Lane, last: Lane, xy: np.ndarray, priority: int, phase: str) -> tuple[str, Lane]:
+    p0, p1 = first.points[-1], last.points[0]
+    points = np.column_stack([xy, np.linspace(p0[2], p1[2], len(xy))])
+    points[0], points[-1] = p0, p1
+    lane = Lane(
+        f"{node}_{first.name}_{last.name}",
+        points,
+        min(first.width, last.width),
+        min(first.speed, last.speed),
+        node,
+        priority,
+        (last.name,),
+        signal=phase,
+    )
+    return first.name, lane

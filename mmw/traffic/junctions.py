@@ -144,6 +144,8 @@ class Passage:
     """Name, first and last station of every connection [m]."""
     start: float
     """Station where the first connection begins [m]."""
+    stop: float
+    """Station where the front bumper waits for it [m]."""
     first_segment: int
     """Index of the first connection in the path's lanes."""
     exit_lane: str
@@ -167,6 +169,12 @@ class Request:
     """Whether the lane behind the junction can take the vehicle now."""
     will_have_room: bool = True
     """Whether it can once those who move there, or have been let in, have moved on."""
+    takers: tuple[int, ...] = ()
+    """Vehicles that are on that lane or on the way to it."""
+    has_green: bool = False
+    """Whether a traffic light shows green; then neither priority nor waiting changes the order."""
+    gives_way: bool = False
+    """Whether it turns left on green, and so waits for oncoming traffic however long it has waited."""
 
 
 @dataclass(frozen=True)
@@ -181,11 +189,17 @@ class Held:
 
 
 def grant_requests(
-    table: ConflictTable, requests: list[Request], held: list[Held], station: list[float], time: float
+    table: ConflictTable,
+    requests: list[Request],
+    held: list[Held],
+    station: list[float],
+    time: float,
+    blockers: dict[int, list[int]],
 ) -> list[int]:
     """Decide who may enter, and write it into `held`.
 
     Who has waited through more periods of `PATIENCE` seconds goes first, then higher priority, then who asked first.
+    On green, those who turn left come last, and the others in the order in which they asked.
     Who has waited `HOLD_AFTER` seconds in vain keeps out later ones: those who would take the same room, and those in
     conflict, unless the exit is blocked by a standing vehicle, which may itself wait for one of them.
 
@@ -195,40 +209,53 @@ def grant_requests(
         held: Connections in use; granted ones are appended.
         station: Front axle's station of every vehicle [m].
         time: Now [s].
+        blockers: Vehicle -> those that it waits for; who is in the way of a refused request is added.
 
     Returns:
         Vehicles that were granted their passage, in order. Vehicles without room are skipped until `BLOCK_AFTER`.
     """
 
     def rank(request: Request) -> tuple:
-        waited = time - request.passage.asked_at
         passage = request.passage
+        if request.has_green:
+            return 0, request.gives_way, passage.asked_at, request.vehicle
+        waited = time - passage.asked_at
         return -int(waited / PATIENCE), -passage.priority, passage.asked_at, request.vehicle
 
     granted: list[int] = []
-    kept_free: list[tuple[str, Shape]] = []
-    kept_exits: set[str] = set()
+    kept_free: list[tuple[str, Shape, int]] = []
+    kept_exits: dict[str, int] = {}
     for request in sorted(requests, key=rank):
         wanted = [name for name, _, _ in request.passage.connections]
         exit_lane = request.passage.exit_lane
         waited = time - request.passage.asked_at
-        free = (request.has_room and exit_lane not in kept_exits) or waited >= BLOCK_AFTER
-        free = free and all(
-            station[hold.vehicle] - hold.start > table.last_conflict(hold.name, hold.shape, name, request.shape)
+        before: list[int] = []
+        if waited < BLOCK_AFTER:
+            before += [kept_exits[exit_lane]] if exit_lane in kept_exits else []
+            before += [] if request.has_room else request.takers
+        crowded = bool(before) or not (request.has_room or waited >= BLOCK_AFTER)
+        before += [
+            hold.vehicle
             for hold in held
             if hold.vehicle != request.vehicle
-            for name in wanted
-        )
-        free = free and not any(
-            table.last_conflict(name, request.shape, other, shape) > -np.inf
-            for other, shape in kept_free
-            for name in wanted
-        )
-        if free:
+            and any(
+                station[hold.vehicle] - hold.start <= table.last_conflict(hold.name, hold.shape, name, request.shape)
+                for name in wanted
+            )
+        ]
+        before += [
+            vehicle
+            for other, shape, vehicle in kept_free
+            if any(table.last_conflict(name, request.shape, other, shape) > -np.inf for name in wanted)
+        ]
+        if not before and not crowded:
             held += [Held(request.vehicle, request.shape, *connection) for connection in request.passage.connections]
             granted.append(request.vehicle)
-        elif waited >= HOLD_AFTER:
-            kept_exits |= {exit_lane} - {""}
+            continue
+        blockers.setdefault(request.vehicle, []).extend(before)
+        if waited >= HOLD_AFTER and not request.gives_way:
+            if exit_lane:
+                kept_exits.setdefault(exit_lane, request.vehicle)
             if request.will_have_room:
-                kept_free += [(name, request.shape) for name in wanted]
+                kept_free += [(name, request.shape, request.vehicle) for name in wanted]
     return granted

@@ -87,6 +87,8 @@ def walk_people(
     duration = frame_count / FRAME_RATE_HZ
     paths = [_smooth(walk) for walk in walks]
     places = _places(paths, duration)
+    if not walks:
+        raise ValueError("pedestrian_count: the town has no walk lines (prims below Walks); use 0, or a town with them")
     if len(places) < count:
         raise ValueError(
             f"pedestrian_count = {count}: the town's sidewalks have {len(places)} places; ask for at most that many"

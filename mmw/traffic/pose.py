@@ -28,6 +28,9 @@ TILT_SIGMA = 0.3
 GROUND_REACH = 3.5
 """The road is looked at from this far behind the starting place, as support of the low pass [m]."""
 
+GROUND_SUPPORT = 75
+"""Samples before a place that its height depends on, twice the reach of the low pass and some more."""
+
 MAX_FLOAT = 0.0195
 """A tyre may be this far above or inside the ground [m], lean under `LEAN_ACCELERATION` included."""
 
@@ -44,6 +47,10 @@ Vehicles, 4th ed., section 1.6 (about 250 kN/m under about 4 kN)."""
 MASS_HEIGHT = 0.38
 """Height of the centre of mass as a share of the vehicle's height. Source: passenger cars 0.35-0.41, Heydinger et al.,
 Measured Vehicle Inertial Parameters, SAE 1999-01-1336."""
+
+REWORK = 60
+"""Samples before the place where a line leaves another one that are worked out anew: the Gaussian of `PATH_SIGMA`
+reaches 50 samples, and the spline between samples a few more."""
 
 MAX_STEER = 0.7
 """Largest angle between the front wheels' way and the body [rad]; sharper turns are left to shorter vehicles."""
@@ -108,19 +115,32 @@ class Track:
     """Angle between the front axle's way and the body [rad], shape [N]."""
 
 
-def follow_line(line: Line, shape: Shape) -> Track:
+def follow_line(line: Line, shape: Shape, before: Track | None = None, row: int = 0) -> Track:
     """Return how a body moves whose front axle follows a line and whose rear axle does not slip sideways.
+
+    Args:
+        line: The line.
+        shape: The body.
+        before: The body's way along another line that is the same up to sample `row`, if there is one; its samples up
+            to `REWORK` before that row are taken over bit by bit.
+        row: Last sample that both lines share.
 
     Source: kinematic bicycle, heading' = sin(path - heading) / wheelbase (Rajamani, Vehicle Dynamics and Control, 2nd
     ed., section 2.2), integrated over the station with the midpoint rule.
     """
-    front = gaussian_smooth(line.points[:, :2], PATH_SIGMA / PATH_STEP)
-    tangent = np.gradient(front, PATH_STEP, axis=0)
+    keep = 0 if before is None else max(0, row - REWORK)
+    support = max(0, keep - REWORK)
+    front = gaussian_smooth(line.points[support:, :2], PATH_SIGMA / PATH_STEP)
+    tangent = np.gradient(front, PATH_STEP, axis=0)[keep - support :]
+    front = front[keep - support :]
     way = np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0]))
     gain = np.linalg.norm(tangent, axis=1) * PATH_STEP / shape.wheelbase
+    theta = float(way[0])
+    if before is not None:
+        theta = float(before.heading[keep])
+        way += 2 * np.pi * round((theta + float(before.steer[keep]) - float(way[0])) / (2 * np.pi))
     middle = (0.5 * (way[1:] + way[:-1])).tolist()
     step = (0.5 * (gain[1:] + gain[:-1])).tolist()
-    theta = float(way[0])
     heading = [theta]
     for path, angle, share in zip(way.tolist(), middle, step, strict=False):
         half = theta + 0.5 * share * sin(path - theta)
@@ -129,7 +149,16 @@ def follow_line(line: Line, shape: Shape) -> Track:
     heading = np.array(heading)
     forward = np.stack([np.cos(heading), np.sin(heading)], axis=1)
     center = front - 0.5 * shape.wheelbase * forward
-    return Track(line, shape, front, heading, center, way - heading)
+    if before is None:
+        return Track(line, shape, front, heading, center, way - heading)
+    return Track(
+        line,
+        shape,
+        np.concatenate([before.front[:keep], front]),
+        np.concatenate([before.heading[:keep], heading]),
+        np.concatenate([before.center[:keep], center]),
+        np.concatenate([before.steer[:keep], way - heading]),
+    )
 
 
 @dataclass(frozen=True)
@@ -141,20 +170,26 @@ class Stance:
     """Middle x, y, heading, height [m, m, rad, m] and slopes forward and to the left, shape [N, 6]."""
 
 
-def stand_on_ground(track: Track, ground: Ground, start: float) -> tuple[Stance | None, float, str]:
+def stand_on_ground(
+    track: Track, ground: Ground, start: float, before: Stance | None = None, row: int = 0
+) -> tuple[Stance | None, float, str]:
     """Drop the four wheels on the road along a track and lay the body through them.
 
     Args:
         track: The body's way seen from above.
         ground: The drivable surface.
         start: Station of the front axle where the vehicle starts [m]; the road is also needed a little before.
+        before: The stance on a line that is the same up to sample `row`, if there is one, as in `follow_line`.
+        row: Last sample that both lines share.
 
     Returns:
         The stance, NaN and nothing; or None, the first station at which the body cannot stand [m], and why.
     """
     line, shape = track.line, track.shape
     last = line.ends[-1] - PATH_STEP
+    keep = 0 if before is None else max(0, row - REWORK)
     rows = np.flatnonzero((line.station >= start - GROUND_REACH) & (line.station <= last))
+    rows = rows[rows >= keep - GROUND_SUPPORT]
     forward = np.stack([np.cos(track.heading), np.sin(track.heading)], axis=1)[rows]
     left = np.stack([-forward[:, 1], forward[:, 0]], axis=1)
     behind = np.interp(line.station[rows] - shape.wheelbase, line.station, line.points[:, 2])
@@ -183,9 +218,11 @@ def stand_on_ground(track: Track, ground: Ground, start: float) -> tuple[Stance 
     if floating.any():
         where = float(line.station[rows[np.argmax(floating)]])
         return None, where, "the road is too uneven under the four wheels"
-    before, after = rows[0], len(line.station) - 1 - rows[-1]
-    whole = np.pad(smooth, ((before, after), (0, 0)), mode="edge")
-    return Stance(track, np.column_stack([track.center, track.heading, whole])), np.nan, ""
+    whole = np.pad(smooth, ((rows[0], len(line.station) - 1 - rows[-1]), (0, 0)), mode="edge")
+    columns = np.column_stack([track.center, track.heading, whole])
+    if before is not None:
+        columns[:keep] = before.columns[:keep]
+    return Stance(track, columns), np.nan, ""
 
 
 def _follow(columns: np.ndarray, sigma: float) -> np.ndarray:

@@ -90,6 +90,30 @@ def join_lanes(lanes: Sequence[Lane]) -> Line:
     return Line(tuple(lane.name for lane in lanes), ends, station, sampled)
 
 
+def branch_line(line: Line, row: int, points: np.ndarray, names: Sequence[str], last: Sequence[int]) -> Line:
+    """Return a line that is the same as another up to a sample, and goes on through other points.
+
+    Args:
+        line: The line up to `row`.
+        row: Last sample that is kept.
+        points: How it goes on; the first point is that sample [m], shape [N, 3].
+        names: Lanes from the first one that ends after `row`.
+        last: Index in `points` where each of these lanes ends.
+    """
+    step = np.linalg.norm(np.diff(points[:, :2], axis=0), axis=1)
+    along = line.station[row] + np.concatenate([[0.0], np.cumsum(step)])
+    kept = int(np.searchsorted(line.ends, line.station[row], side="right"))
+    ends = np.concatenate([line.ends[:kept], along[np.asarray(last)]])
+    keep = np.concatenate([[True], step > 1e-6])
+    points, along = points[keep], along[keep]
+    points = np.concatenate([points, [points[-1] + EXTENSION * _direction(points[-2], points[-1])]])
+    along = np.append(along, along[-1] + EXTENSION)
+    count = int(np.floor((along[-1] - line.station[0]) / PATH_STEP)) + 1
+    station = line.station[0] + PATH_STEP * np.arange(count)
+    onward = np.stack([np.interp(station[row + 1 :], along, points[:, axis]) for axis in range(3)], axis=1)
+    return Line((*line.lanes[:kept], *names), ends, station, np.concatenate([line.points[: row + 1], onward]))
+
+
 def _direction(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     step = end - start
     return step / np.hypot(step[0], step[1])

@@ -7,13 +7,15 @@ from typing import Any
 import numpy as np
 
 from mmw.constants import FRAME_RATE_HZ
-from mmw.town.lanes import Lane, LaneGraph
-from mmw.traffic.idm import STEP, Car, Engine, find_passages
-from mmw.traffic.pose import MAX_STEER, Shape, Stance, Track, follow_line, make_shape, sample_poses, stand_on_ground
-from mmw.traffic.route import choose_lanes, join_lanes, living_lanes, plan_length
+from mmw.town.lanes import LaneGraph
+from mmw.traffic.driver import STEP
+from mmw.traffic.fleet import Fleet, seeded
+from mmw.traffic.idm import Engine
+from mmw.traffic.lane_change import LaneChanges
+from mmw.traffic.pose import make_shape, sample_poses
+from mmw.traffic.signals import make_plans
 from mmw.traffic.smooth import gaussian_smooth
-from mmw.traffic.spawn import Places, SpawnPoint, draw_models, nearest_points, spawn_points
-from mmw.traffic.speed import speed_limit
+from mmw.traffic.spawn import nearest_points, spawn_points
 from mmw.traffic.wheels import Ground
 
 SETTLE_S = 1.5
@@ -21,15 +23,6 @@ SETTLE_S = 1.5
 
 STATION_SIGMA = 0.12
 """Gaussian on the station over time, standard deviation [s]."""
-
-DRIVER_FACTOR = (0.85, 1.0)
-"""Range of the drivers' share of the speed limit."""
-
-DRIVER_HEADWAY = (1.0, 1.5)
-"""Range of the drivers' time gap [s]."""
-
-RUN_OUT = 80.0
-"""Routes go on this far beyond what the fastest vehicle can cover, so that nobody brakes for their end [m]."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +37,19 @@ class VehicleTrack:
     poses: np.ndarray
     """Body to world (x, y, z, qx, qy, qz, qw) at 100 Hz, shape [F, 7], float64; the body's origin is the ground point
     midway between the axles."""
+    waits: np.ndarray | None = None
+    """Whether it stands with a cause (`mmw.traffic.standing`), shape [F]; None where the engine does not say so."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The motion of a scenario's vehicles, and what lies behind it."""
+
+    tracks: list[VehicleTrack]
+    changes: list[tuple[float, str, str, str]]
+    """Changes of lanes: time of the decision since frame 0 [s], vehicle, lane before, lane after."""
+    routes: dict[str, tuple[str, ...]]
+    """Vehicle -> lanes of its path, those beyond the last frame included."""
 
 
 def simulate(
@@ -57,9 +63,43 @@ def simulate(
     cav_ranks: Sequence[int],
     warmup_s: float,
     seed: int,
+    lane_changes: bool = True,
+    signals: bool = False,
     device: str = "cpu",
 ) -> list[VehicleTrack]:
-    """Return the motion of all vehicles of a scenario.
+    """Return the motion of all vehicles of a scenario; `run_traffic` says what the arguments mean."""
+    return run_traffic(
+        graph,
+        drivable,
+        catalog,
+        frame_count=frame_count,
+        vehicle_count=vehicle_count,
+        spawn_center=spawn_center,
+        cav_ranks=cav_ranks,
+        warmup_s=warmup_s,
+        seed=seed,
+        lane_changes=lane_changes,
+        signals=signals,
+        device=device,
+    ).tracks
+
+
+def run_traffic(
+    graph: LaneGraph,
+    drivable: tuple[np.ndarray, np.ndarray],
+    catalog: Mapping[str, Any],
+    *,
+    frame_count: int,
+    vehicle_count: int,
+    spawn_center: Sequence[float],
+    cav_ranks: Sequence[int],
+    warmup_s: float,
+    seed: int,
+    lane_changes: bool = True,
+    signals: bool = False,
+    device: str = "cpu",
+) -> Outcome:
+    """Return the motion of all vehicles of a scenario, and what they decided.
 
     Args:
         graph: The town's lanes.
@@ -71,46 +111,62 @@ def simulate(
         cav_ranks: Zero-based ranks by distance to `spawn_center` of the vehicles that are CAVs.
         warmup_s: Simulated before frame 0 [s].
         seed: Same seed, same motion.
+        lane_changes: Whether vehicles change to the lane beside them.
+        signals: Whether traffic lights work; without them, priorities count everywhere.
         device: Warp device of the wheel drops.
 
     Returns:
-        `cav_1`, `cav_2`... in the order of `cav_ranks`, then `veh_001`, `veh_002`... by distance.
+        Tracks `cav_1`, `cav_2`... in the order of `cav_ranks`, then `veh_001`, `veh_002`... by distance;
+        changes of lanes and routes.
 
     Raises:
-        ValueError: If a rank does not exist, the town has too few places, or no model can drive from a place without
-            leaving the road.
+        ValueError: If a rank does not exist, the town has too few places, no model can drive from a place without
+            leaving the road, or lights are asked for where there are none.
     """
     if len(set(cav_ranks)) != len(cav_ranks) or any(not 0 <= rank < vehicle_count for rank in cav_ranks):
         raise ValueError(
             f"cav_ranks = {list(cav_ranks)}: ranks must differ and lie in 0..{vehicle_count - 1}; correct them"
         )
-    duration = 2 * SETTLE_S + warmup_s + frame_count / FRAME_RATE_HZ
-    fleet = _Fleet(graph, Ground(*drivable, device=device), [make_shape(catalog[n]) for n in sorted(catalog)], duration)
+    plans = make_plans(graph, seed) if signals else {}
+    if signals and not plans:
+        raise ValueError(
+            "signals = true: no junction of the town has traffic lights; lanes with a phase (`mmw:lane:signal`) are "
+            "needed; name junctions in the town's props.signalled, or set signals: false"
+        )
+    before = SETTLE_S + warmup_s
+    duration = before + SETTLE_S + frame_count / FRAME_RATE_HZ
+    shapes = [make_shape(catalog[name]) for name in sorted(catalog)]
+    fleet = Fleet(graph, Ground(*drivable, device=device), shapes, duration, seed)
     points = nearest_points(spawn_points(graph, fleet.alive), spawn_center, vehicle_count)
     cars, paints = [], []
     for rank, point in enumerate(points):
-        generator = _generator(seed, rank, 0)
-        cars.append(fleet.add(point, rank in cav_ranks, generator, (seed, rank, 1)))
+        generator = seeded(seed, rank, 0)
+        cars.append(fleet.add(point, rank, rank in cav_ranks, generator))
         choices = tuple(catalog[cars[-1].shape.name].paints)
         paints.append(choices[int(generator.integers(len(choices)))])
-    lead = round((SETTLE_S + warmup_s) / STEP)
+    lead = round(before / STEP)
     steps = lead + int(np.ceil((frame_count / FRAME_RATE_HZ + SETTLE_S) / STEP))
-    station, speed = Engine(graph, cars).run(steps)
+    changes = LaneChanges(graph, fleet.beside, fleet.change) if lane_changes else None
+    station, speed, waits = Engine(graph, cars, changes, plans, -before).run(steps)
     smooth = _resample(station, speed)
-    first = lead * round(STEP * FRAME_RATE_HZ)
+    per_step = round(STEP * FRAME_RATE_HZ)
+    frames = slice(lead * per_step, lead * per_step + frame_count)
     order = [*cav_ranks, *(rank for rank in range(vehicle_count) if rank not in set(cav_ranks))]
-    tracks = []
+    tracks, names = [], {}
     for position, rank in enumerate(order):
         is_cav = position < len(cav_ranks)
         name = f"cav_{position + 1}" if is_cav else f"veh_{position - len(cav_ranks) + 1:03d}"
-        poses = sample_poses(cars[rank].stance, smooth[:, rank])[first : first + frame_count]
+        poses = sample_poses(cars[rank].plan.stance, smooth[:, rank])[frames]
         role = "cav" if is_cav else "vehicle"
-        tracks.append(VehicleTrack(name, role, cars[rank].shape.name, paints[rank], poses))
-    return tracks
-
-
-def _generator(*key: int) -> np.random.Generator:
-    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(key)))
+        cause = np.repeat(waits[:, rank], per_step)[frames]
+        tracks.append(VehicleTrack(name, role, cars[rank].shape.name, paints[rank], poses, cause))
+        names[rank] = name
+    done = [] if changes is None else changes.done
+    return Outcome(
+        tracks,
+        [(time - before, names[rank], lane, other) for time, rank, lane, other in done],
+        {names[rank]: cars[rank].line.lanes for rank in order},
+    )
 
 
 def _resample(station: np.ndarray, speed: np.ndarray) -> np.ndarray:
@@ -122,85 +178,3 @@ def _resample(station: np.ndarray, speed: np.ndarray) -> np.ndarray:
     fine = s0 + t * v0 + t**2 * (3 * (s1 - s0) - 2 * v0 - v1) + t**3 * (2 * (s0 - s1) + v0 + v1)
     fine = np.concatenate([fine.reshape(-1, station.shape[1]), station[-1:]])
     return gaussian_smooth(fine, STATION_SIGMA * FRAME_RATE_HZ)
-
-
-class _Fleet:
-    """Puts vehicles on the road, each with a route that its body can drive."""
-
-    def __init__(self, graph: LaneGraph, ground: Ground, shapes: list[Shape], duration: float) -> None:
-        self.graph = graph
-        self.ground = ground
-        self.shapes = shapes
-        self.duration = duration
-        alive = living_lanes(graph)
-        self.has_circuit = bool(alive)
-        self.alive = alive or frozenset(graph.lanes)
-        self.places = Places(graph)
-        self.closed: set[tuple[str, str]] = set()
-        """(model, lane) pairs that the model cannot drive without leaving the road."""
-
-    def add(self, point: SpawnPoint, is_cav: bool, generator: np.random.Generator, key: tuple[int, ...]) -> Car:
-        """Place a vehicle; `generator` draws the driver and the model, `key` seeds the route."""
-        factor, headway = generator.uniform(*DRIVER_FACTOR), generator.uniform(*DRIVER_HEADWAY)
-        reason = "no model has room between its neighbours"
-        for shape in draw_models(self.shapes, is_cav, generator):
-            if not self.places.fits(point, shape):
-                continue
-            stance, why = self._find_route(point, shape, key)
-            if stance is not None:
-                self.places.take(point, shape)
-                line = stance.track.line
-                limit = speed_limit(stance, self.graph, factor).tolist()
-                start = point.station + 0.5 * shape.wheelbase
-                return Car(stance, limit, start, headway, find_passages(line, self.graph, shape))
-            reason = why
-        x, y, z = point.position
-        raise ValueError(
-            f"spawn point on lane {point.lane!r} at ({x:.1f}, {y:.1f}, {z:.1f}) m: {reason}; every vehicle needs a way "
-            "that keeps its wheels on the road; widen the road there, or add a shorter vehicle model"
-        )
-
-    def _find_route(self, point: SpawnPoint, shape: Shape, key: tuple[int, ...]) -> tuple[Stance | None, str]:
-        """Return a stance along a route that the model can drive, or None and what stood in the way.
-
-        A route is driven from end to end before it is accepted. The connection that fails is closed for the model.
-        """
-        fastest = max(lane.speed for lane in self.graph.lanes.values())
-        need = fastest * self.duration + RUN_OUT
-        why = "no way on"
-
-        def is_open(name: str) -> bool:
-            return name in self.alive and (shape.name, name) not in self.closed
-
-        while is_open(point.lane):
-            names = choose_lanes(self.graph, point.lane, need, _generator(*key), is_open)
-            lanes = [self.graph.lanes[name] for name in names]
-            if sum(plan_length(lane) for lane in lanes[1:]) < need and self.has_circuit:
-                self.closed.add((shape.name, names[-1]))
-                continue
-            track = follow_line(join_lanes(lanes), shape)
-            start = point.station + 0.5 * shape.wheelbase
-            steep = np.flatnonzero((np.abs(track.steer) > MAX_STEER) & (track.line.station >= start))
-            if len(steep):
-                lost, what = float(track.line.station[steep[0]]), "the bend is too tight"
-            else:
-                stance, lost, what = stand_on_ground(track, self.ground, start)
-                if stance is not None:
-                    return stance, ""
-            self.closed.add((shape.name, names[_culprit(lanes, track, lost)]))
-            row = int(np.searchsorted(track.line.station, lost))
-            why = f"{what} for model {shape.name!r} near ({track.front[row, 0]:.1f}, {track.front[row, 1]:.1f}) m"
-        return None, why
-
-
-def _culprit(lanes: list[Lane], track: Track, lost: float) -> int:
-    """Return the index of the lane to blame for what happens at a station: the junction just before, or the lane."""
-    ends = track.line.ends
-    index = min(int(np.searchsorted(ends, lost, side="right")), len(ends) - 1)
-    reach = lost - track.shape.behind - 6.0
-    for back in range(index, -1, -1):
-        if lanes[back].junction:
-            return back
-        if back and ends[back - 1] < reach:
-            break
-    return index

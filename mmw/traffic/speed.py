@@ -25,13 +25,16 @@ LOWEST_SPEED = 1.5
 """A place that asks for less is driven at this speed [m/s]."""
 
 
-def speed_limit(stance: Stance, graph: LaneGraph, factor: float) -> np.ndarray:
+def speed_limit(
+    stance: Stance, graph: LaneGraph, factor: float, slow: tuple[float, float, float] | None = None
+) -> np.ndarray:
     """Return the speed that a driver wants at every sample of a path.
 
     Args:
         stance: Where the body stands along the path.
         graph: Lanes with their limits.
         factor: The driver's share of the lane's limit.
+        slow: First and last station [m] of a stretch with a limit of its own, and that limit [m/s].
 
     Returns:
         Speed [m/s], shape [N]; it falls by at most `CURVE_BRAKING` and says nothing about speeding up.
@@ -50,6 +53,9 @@ def speed_limit(stance: Stance, graph: LaneGraph, factor: float) -> np.ndarray:
     comfort = np.minimum(comfort, np.cbrt(PATH_JERK / (np.hypot(third[:, 0], third[:, 1]) + tiny)))
     comfort = np.minimum(comfort, np.cbrt(VERTICAL_JERK / (np.abs(third[:, 2]) + tiny)))
     speed = np.minimum(speed, np.maximum(comfort, LOWEST_SPEED))
+    if slow is not None:
+        inside = (line.station >= slow[0]) & (line.station <= slow[1])
+        speed = np.where(inside, np.minimum(speed, slow[2]), speed)
     ramp = 2 * CURVE_BRAKING * line.station
     reachable = np.minimum.accumulate((speed**2 + ramp)[::-1])[::-1] - ramp
     return np.sqrt(np.maximum(reachable, 0.0))

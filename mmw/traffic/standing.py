@@ -1,0 +1,38 @@
+"""Why vehicles stand: whether the chain of those that one waits for ends at a red light or at somebody who moves."""
+
+from collections.abc import Mapping, Sequence
+from collections.abc import Set as AbstractSet
+
+STANDING = 0.5
+"""A vehicle slower than this counts as standing [m/s]."""
+
+
+def find_causes(speed: Sequence[float], blockers: Mapping[int, Sequence[int]], at_red: AbstractSet[int]) -> list[bool]:
+    """Return which vehicles stand with a cause.
+
+    A standing vehicle has a cause if it waits for green, if somebody it waits for moves, or if somebody it waits for
+    stands with a cause. So the tail of a queue has the cause of its head, and vehicles that wait for each other in a
+    circle have none.
+
+    Args:
+        speed: Speed of every vehicle [m/s].
+        blockers: Vehicle -> those it waits for: its leader in a queue, those who cross or are about to, those who take
+            the room behind the junction.
+        at_red: Vehicles that wait for green.
+
+    Returns:
+        One value a vehicle; False for those who move.
+    """
+    stands = [value < STANDING for value in speed]
+    found = [stands[index] and index in at_red for index in range(len(speed))]
+    waiting: dict[int, list[int]] = {}
+    fresh = [index for index in range(len(speed)) if found[index] or not stands[index]]
+    for index, others in blockers.items():
+        for other in others:
+            waiting.setdefault(other, []).append(index)
+    while fresh:
+        for index in waiting.get(fresh.pop(), ()):
+            if stands[index] and not found[index]:
+                found[index] = True
+                fresh.append(index)
+    return found
