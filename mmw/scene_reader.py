@@ -5,14 +5,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from pxr import Kind, Tf, Usd, UsdGeom
+from pxr import Tf, Usd, UsdGeom
 
 from mmw.constants import FRAME_RATE_HZ
 from mmw.materials import Material
 from mmw.scene_arrays import MODEL_NONE, Actor, Model, SceneArrays, SceneObject
 from mmw.surfaces import find_surfaces
 from mmw.usd.actors import FoundActor, actor_poses, find_actors, model_matrix
-from mmw.usd.extract import FoundMesh, MeshReader, bound_materials, place, semantic_label, to_metres
+from mmw.usd.extract import FoundMesh, MeshReader, bound_materials, component_of, place, semantic_label, to_metres
+from mmw.usd.material_map import MaterialMap, find_entry
 from mmw.usd.materials import MaterialUse, read_material, resolve_material
 from mmw.usd.schema import register
 from mmw.usd.semantics import CARLA_TAG
@@ -42,7 +43,7 @@ class _Reader:
 
     meshes: MeshReader
     metres: np.ndarray
-    material_map: Mapping[str, str]
+    material_map: MaterialMap
     uses: dict[MaterialUse, int] = field(default_factory=dict)
     unresolved: dict[str, None] = field(default_factory=dict)
 
@@ -54,6 +55,8 @@ class _Reader:
         points, faces = place(triangles, matrix)
         materials, index = bound_materials(mesh.prim, triangles.polygon)
         path, label = str(mesh.prim.GetPath()), semantic_label(mesh.prim)
+        if label == "unlabeled":
+            label = _mapped_label(self.material_map, path, materials)
         ids = []
         for material in materials:
             use = resolve_material(path, label, material, self.material_map)
@@ -61,12 +64,18 @@ class _Reader:
                 bound = f"material {material.GetPath()}" if material else "no material"
                 self.unresolved[f"{path} ({bound})"] = None
             ids.append(-1 if use is None else self.uses.setdefault(use, len(self.uses)))
-        thing = _object_prim(mesh.anchor)
+        thing = component_of(mesh.anchor)
         thing_label = label if thing == mesh.prim else semantic_label(thing)
         return _Part(
             points, faces, np.array(ids, dtype=np.int32)[index], label, str(thing.GetPath()),
             label if thing_label == "unlabeled" else thing_label,
         )  # fmt: skip
+
+
+def _mapped_label(material_map: MaterialMap, path: str, materials: Sequence[Usd.Prim | None]) -> str:
+    """Return the class that the material map gives a mesh without one, by its path or its first material's name."""
+    entry = find_entry(material_map, path, materials[0].GetName() if materials[0] else "")
+    return entry.label if entry is not None and entry.label is not None else "unlabeled"
 
 
 def read_stage(
@@ -76,7 +85,7 @@ def read_stage(
     *,
     margin: int = 0,
     roles: Mapping[str, str] | None = None,
-    material_map: Mapping[str, str] | None = None,
+    material_map: MaterialMap | None = None,
 ) -> SceneArrays:
     """Read town, actors, poses and materials of a stage.
 
@@ -90,7 +99,8 @@ def read_stage(
         weathers: Weathers to read materials for; variants of the stage's variant sets called `weather`.
         margin: Frames to read beyond `frames` on each side where the stage has them, for derivatives at the ends.
         roles: Prim path -> cav, vehicle or rsu, for stages without `mmw:actor:role`.
-        material_map: Glob of mesh prim paths -> row such as `itu_concrete`, for meshes without radio material.
+        material_map: Glob of mesh prim paths or material names -> what a mesh is that has no radio material, or no
+            class.
 
     Returns:
         The scene in the world frame (z up, metres).
@@ -225,16 +235,6 @@ def _materials(
     unique = list(dict.fromkeys(rows[k] for k in order))
     ids = np.array([unique.index(row) for row in rows], dtype=np.int32)
     return {weather: tuple(row[w] for row in unique) for w, weather in enumerate(weathers)}, ids
-
-
-def _object_prim(prim: Usd.Prim) -> Usd.Prim:
-    """Return the nearest component that holds a prim, or the prim itself."""
-    here = prim
-    while here and not here.IsPseudoRoot():
-        if Kind.Registry.IsA(Usd.ModelAPI(here).GetKind(), Kind.Tokens.component):
-            return here
-        here = here.GetParent()
-    return prim
 
 
 def _join(parts: list[_Part], ids: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

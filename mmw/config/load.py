@@ -23,24 +23,24 @@ class ConfigError(ValueError):
         self.problems = list(problems)
 
 
-class _Loader(yaml.SafeLoader):
+class Loader(yaml.SafeLoader):
     """YAML as people read it: `28e9` is a number, `on` is a key and no boolean, a key given twice is an error."""
 
 
 _BOOL, _TIMESTAMP = "tag:yaml.org,2002:bool", "tag:yaml.org,2002:timestamp"
-_Loader.yaml_implicit_resolvers = {
+Loader.yaml_implicit_resolvers = {
     first: [(tag, pattern) for tag, pattern in resolvers if tag not in (_BOOL, _TIMESTAMP)]
     for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
 }
-_Loader.add_implicit_resolver(_BOOL, re.compile(r"^(?:true|True|TRUE|false|False|FALSE)$"), list("tTfF"))
-_Loader.add_implicit_resolver(
+Loader.add_implicit_resolver(_BOOL, re.compile(r"^(?:true|True|TRUE|false|False|FALSE)$"), list("tTfF"))
+Loader.add_implicit_resolver(
     "tag:yaml.org,2002:float",
     re.compile(r"^[-+]?(?:[0-9][0-9_]*)(?:\.[0-9_]*)?[eE][-+]?[0-9]+$"),
     list("-+0123456789"),
 )
 
 
-def _mapping(loader: _Loader, node: yaml.MappingNode) -> dict[Any, Any]:
+def _mapping(loader: Loader, node: yaml.MappingNode) -> dict[Any, Any]:
     keys = [loader.construct_object(key) for key, _ in node.value]
     for key in keys:
         if keys.count(key) > 1:
@@ -48,7 +48,7 @@ def _mapping(loader: _Loader, node: yaml.MappingNode) -> dict[Any, Any]:
     return loader.construct_mapping(node, deep=True)
 
 
-_Loader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping)
+Loader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping)
 
 
 def load_config(path: str | Path, overrides: Sequence[str] = (), patch: dict[str, Any] | None = None) -> Config:
@@ -75,7 +75,7 @@ def load_config(path: str | Path, overrides: Sequence[str] = (), patch: dict[str
         if not sign or not key:
             raise ConfigError([f"override {item!r}: write it as key=value, for example frames.count=10"])
         try:
-            set_value(data, key, yaml.load(text, Loader=_Loader))
+            set_value(data, key, yaml.load(text, Loader=Loader))
         except yaml.YAMLError as error:
             raise ConfigError(
                 [f"override {item!r}: the value is not valid YAML ({_reason(error)}); quote it, or close its brackets"]
@@ -97,7 +97,7 @@ def load_config(path: str | Path, overrides: Sequence[str] = (), patch: dict[str
 def _read(path: Path) -> dict[str, Any]:
     """Return the content of a configuration file."""
     try:
-        data = yaml.load(path.read_text(encoding="utf-8"), Loader=_Loader)
+        data = yaml.load(path.read_text(encoding="utf-8"), Loader=Loader)
     except FileNotFoundError:
         raise ConfigError([f"{path}: no such file; give an existing YAML file"]) from None
     except (OSError, UnicodeDecodeError) as error:

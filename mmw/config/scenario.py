@@ -5,6 +5,7 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
+from mmw.config.material_map import MaterialEntry
 from mmw.config.section import Name, PrimName, Section, Vec3
 
 TOWN_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
@@ -57,7 +58,24 @@ class TrafficConfig(Section):
     )
 
     @model_validator(mode="after")
+    def _engine_fits(self) -> "TrafficConfig":
+        if self.engine == "file" and self.trajectories is None:
+            raise ValueError("engine = 'file' needs `trajectories`, a .parquet, .csv or .xml table; give its path")
+        for key in ("trajectories", "cav_ids"):
+            if self.engine != "file" and getattr(self, key):
+                raise ValueError(
+                    f"`{key}` goes with engine: file; engine is {self.engine!r}; remove it, or change engine"
+                )
+        if self.engine != "idm" and self.signals:
+            raise ValueError(f"signals goes with engine: idm; engine is {self.engine!r}; remove it, or change engine")
+        if len(set(self.cav_ids)) != len(self.cav_ids):
+            raise ValueError(f"cav_ids = {list(self.cav_ids)} names a vehicle twice; give each id once")
+        return self
+
+    @model_validator(mode="after")
     def _ranks_exist(self) -> "TrafficConfig":
+        if self.cav_ids:  # they say who is connected
+            return self
         for rank in self.cav_ranks:
             if not 0 <= rank < self.vehicle_count:
                 raise ValueError(
@@ -87,9 +105,10 @@ class ScenarioConfig(Section):
         default_factory=dict,
         description="with `stage`: prim path -> role, where the stage has no `mmw:actor:role` (map)",
     )
-    material_map: dict[str, str] = Field(
+    material_map: dict[str, MaterialEntry] = Field(
         default_factory=dict,
-        description="prim path glob -> radio material (`itu_concrete`, ...) for prims without `mmw:radio:*` (map)",
+        description="glob of prim path or material name -> radio material (`itu_concrete`), or an entry of a material "
+        "map, for prims without `mmw:radio:*` (map)",
     )
     description: str = Field("", description="what is there, for people (text)")
 

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 
+from mmw.materials import RadioMaterial
 from mmw.town.lanes import LaneGraph
 from mmw.town.parts import MeshPart
 
@@ -13,20 +14,24 @@ class ForeignMaterial:
     name: str
     """Name of the Material prim, an identifier."""
     source: str
-    """Name in the source file, which the patterns of a material map are matched against too."""
-    color: tuple[float, float, float] = (0.5, 0.5, 0.5)
-    """Diffuse colour, linear sRGB, 0 to 1."""
+    """Name in the source file, which the patterns of a material map are matched against too; empty for a mesh that has
+    no material."""
+    color: tuple[float, float, float] | None = None
+    """Diffuse colour, linear sRGB, 0 to 1; None where the source gives none."""
     opacity: float = 1.0
+    """1 for opaque [-]."""
     metallic: float = 0.0
+    """0 for a dielectric, 1 for a bare metal [-]."""
     roughness: float = 0.8
-    itu: str = ""
-    """Radio material that the source itself names, such as `itu_concrete`; empty if it names none."""
-    thickness: float = 0.0
-    """Thickness as a slab [m]; 0 for a half-space."""
-    scattering: float = 0.0
-    """Scattering coefficient S, 0 to 1."""
-    xpd: float = 0.0
-    """Cross-polarised share of the scattered power, 0 to 1."""
+    """GGX roughness of the picture, 0 to 1 [-]."""
+    radio: RadioMaterial | None = None
+    """What the source itself says about radio; None if it says nothing."""
+    base: str = ""
+    """SimReady base token, a key of `mmw.materials.LIDAR_REFLECTANCE_905NM`; empty to take that of the radio row."""
+    coating: str = "none"
+    """SimReady coating token."""
+    attributes: tuple[str, ...] = ("none",)
+    """SimReady attribute tokens."""
 
 
 @dataclass(frozen=True)
@@ -42,3 +47,5 @@ class World:
     """Lanes that vehicles can drive on; None if the source has none."""
     notes: tuple[str, ...] = ()
     """What was left out or assumed, one line each, for people."""
+    components: frozenset[str] = frozenset()
+    """Paths that the source itself declares as one thing each; others are told from the hierarchy."""

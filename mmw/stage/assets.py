@@ -7,7 +7,7 @@ from pathlib import Path
 from pxr import UsdUtils
 
 from mmw.paths import assets_dir
-from mmw.stage.layer import reload_layer
+from mmw.usd.save import reload_layer
 
 
 def collect_assets(sources: Iterable[Path], folder: Path) -> dict[Path, Path]:

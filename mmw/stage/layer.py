@@ -1,17 +1,14 @@
 """Writing a USD layer spec by spec: much faster than through a stage, and relative asset paths stay as they are."""
 
-import errno
-import os
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pxr import Gf, Sdf, Tf, UsdGeom
+from pxr import Gf, Sdf, UsdGeom
 
 from mmw.poses import continuous, normalize
 
-IDENTITY_ORIENT = Gf.Quatf(1.0, 0.0, 0.0, 0.0)
+IDENTITY_ORIENT = Gf.Quatd(1.0, 0.0, 0.0, 0.0)
 
 
 def new_layer(name: str, meta: Mapping[str, Any], frame_rate: float, frame_count: int) -> Sdf.Layer:
@@ -56,7 +53,7 @@ def place(prim: Sdf.PrimSpec, pose: np.ndarray) -> None:
     """Put a prim at a pose, shape [7], relative to its parent."""
     x, y, z, qx, qy, qz, qw = np.concatenate([pose[:3], normalize(pose[3:])]).tolist()
     author(prim, "xformOp:translate", Sdf.ValueTypeNames.Double3, Gf.Vec3d(x, y, z), custom=False)
-    author(prim, "xformOp:orient", Sdf.ValueTypeNames.Quatf, Gf.Quatf(qw, qx, qy, qz), custom=False)
+    author(prim, "xformOp:orient", Sdf.ValueTypeNames.Quatd, Gf.Quatd(qw, qx, qy, qz), custom=False)
     _order(prim)
 
 
@@ -69,13 +66,13 @@ def animate(prim: Sdf.PrimSpec, poses: np.ndarray) -> None:
     frames = np.flatnonzero(is_there)
     position = poses[is_there, :3].tolist()
     turn = continuous(normalize(poses[is_there, 3:])).tolist()
-    double3, quatf = Sdf.ValueTypeNames.Double3, Sdf.ValueTypeNames.Quatf
+    double3, quatd = Sdf.ValueTypeNames.Double3, Sdf.ValueTypeNames.Quatd
     translate = Sdf.AttributeSpec(prim, "xformOp:translate", double3, declaresCustom=False).path
-    orient = Sdf.AttributeSpec(prim, "xformOp:orient", quatf, declaresCustom=False).path
+    orient = Sdf.AttributeSpec(prim, "xformOp:orient", quatd, declaresCustom=False).path
     layer = prim.layer
     for frame, (x, y, z), (qx, qy, qz, qw) in zip(frames.tolist(), position, turn, strict=True):
         layer.SetTimeSample(translate, frame, Gf.Vec3d(x, y, z))
-        layer.SetTimeSample(orient, frame, Gf.Quatf(qw, qx, qy, qz))
+        layer.SetTimeSample(orient, frame, Gf.Quatd(qw, qx, qy, qz))
     _order(prim)
     if not is_there.all():
         token = Sdf.ValueTypeNames.Token
@@ -84,38 +81,6 @@ def animate(prim: Sdf.PrimSpec, poses: np.ndarray) -> None:
         for frame in changes.tolist():
             state = UsdGeom.Tokens.inherited if is_there[frame] else UsdGeom.Tokens.invisible
             layer.SetTimeSample(visibility, frame, state)
-
-
-def save_layer(layer: Sdf.Layer, path: Path) -> None:
-    """Write a layer to a file that is there completely or not at all, and refresh it where it is open.
-
-    Raises:
-        OSError: If it cannot be written; the file that was there before stays.
-    """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.stem}.tmp{path.suffix}")  # the suffix tells USD the format
-    try:
-        try:
-            is_written = layer.Export(str(temporary))
-        except Tf.ErrorException as error:
-            # USD reports a full disk as text, followed by hundreds of lines about the torn file.
-            code = errno.ENOSPC if os.strerror(errno.ENOSPC) in str(error) else errno.EIO
-            raise OSError(code, os.strerror(code), str(path)) from None
-        if not is_written:
-            raise OSError(errno.EIO, os.strerror(errno.EIO), str(path))
-        with temporary.open("rb+") as file:
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
-    reload_layer(path)
-
-
-def reload_layer(path: Path) -> None:
-    """Make USD read a file again that it may hold in memory."""
-    opened = Sdf.Layer.Find(str(path))
-    if opened:
-        opened.Reload(force=True)
 
 
 def _order(prim: Sdf.PrimSpec) -> None:

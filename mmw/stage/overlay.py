@@ -7,8 +7,9 @@ import numpy as np
 from pxr import Gf, Sdf, Usd
 
 from mmw.poses import pose_to_matrix
-from mmw.stage.layer import author, define, save_layer
+from mmw.stage.layer import author, define
 from mmw.usd.extract import to_metres
+from mmw.usd.save import save_layer
 
 ROOT = "/RSU"
 """Where the units go: beside the user's own root prims, so that no transform of theirs moves them."""

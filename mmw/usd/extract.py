@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
-from pxr import Usd, UsdGeom, UsdShade, Vt
+from pxr import Kind, Usd, UsdGeom, UsdShade, Vt
 
 from mmw.usd.semantics import CARLA_TAG, TAXONOMY
 from mmw.usd.shapes import SHAPES
@@ -223,6 +223,16 @@ def bound_materials(prim: Usd.Prim, polygon: np.ndarray) -> tuple[list[Usd.Prim 
 def _bound(prim: Usd.Prim) -> Usd.Prim | None:
     material = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial("radio")[0]
     return material.GetPrim() if material else None
+
+
+def component_of(prim: Usd.Prim) -> Usd.Prim:
+    """Return the nearest component that holds a prim, or the prim itself."""
+    here = prim
+    while here and not here.IsPseudoRoot():
+        if Kind.Registry.IsA(Usd.ModelAPI(here).GetKind(), Kind.Tokens.component):
+            return here
+        here = here.GetParent()
+    return prim
 
 
 def semantic_label(prim: Usd.Prim) -> str:

@@ -1,14 +1,14 @@
 """Material prims of a stage to `mmw.materials.Material`, whatever the stage says about radio."""
 
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass
-from fnmatch import fnmatchcase
 from typing import Any, get_args
 
 from pxr import Usd, UsdShade
 
 from mmw.materials import LIDAR_REFLECTANCE_905NM, Material, RadioMaterial, ScatteringPattern, lidar_reflectance
+from mmw.usd.library import LIBRARY
+from mmw.usd.material_map import MaterialMap, find_entry, mapped_radio
 from mmw.usd.schema import RADIO_ATTRIBUTES
 
 NONVISUAL = "omni:simready:nonvisual:"
@@ -55,21 +55,25 @@ class MaterialUse:
     """Material prim; empty for a mesh without one that the material map describes."""
     fallback: RadioMaterial | None
     """What the material map, the name, the non-visual base or the label say; None where `mmw:radio:*` must."""
+    library: str = ""
+    """Material of the library that the material map names, for LiDAR and look too; empty if it names none."""
+    color: tuple[float, float, float] | None = None
+    """Colour that the material map gives; None for the material's own."""
 
 
 def resolve_material(
-    mesh_path: str, label: str, material: Usd.Prim | None, material_map: Mapping[str, str]
+    mesh_path: str, label: str, material: Usd.Prim | None, material_map: MaterialMap
 ) -> MaterialUse | None:
     """Decide where the radio description of a mesh comes from; the first that exists counts.
 
-    `mmw:radio:*` of the bound material; the user's map, by glob of the mesh's prim path; a material name that is or
-    holds an `itu_...` row; its non-visual base; the semantic class.
+    `mmw:radio:*` of the bound material; the user's map, by glob of the mesh's prim path or of the material's name; a
+    material name that is or holds an `itu_...` row; its non-visual base; the semantic class.
 
     Args:
         mesh_path: Prim path of the mesh.
         label: Its semantic class.
         material: Its bound material, or None.
-        material_map: Glob of prim paths -> row such as `itu_concrete`.
+        material_map: Glob of prim paths or material names -> what the mesh is.
 
     Returns:
         The use, or None where nothing describes the mesh.
@@ -78,16 +82,22 @@ def resolve_material(
     name = material.GetName() if material else ""
     if material and _has_radio(material):
         return MaterialUse(name, path, None)
-    for pattern, row in material_map.items():
-        if fnmatchcase(mesh_path, pattern):
-            return MaterialUse(name or row, path, RadioMaterial("itu", itu=row))
-    if not material:
-        return None
+    fallback = _said_by(material, name, label) if material else None
+    entry = find_entry(material_map, mesh_path, name)
+    if entry is not None:
+        fallback = mapped_radio(entry, fallback)
+        if fallback is not None:
+            name = entry.material or name or entry.radio or "mapped"
+            return MaterialUse(name, path, fallback, entry.material or "", entry.color)
+    return MaterialUse(name, path, fallback) if fallback else None
+
+
+def _said_by(material: Usd.Prim, name: str, label: str) -> RadioMaterial | None:
+    """Return the radio description by name, non-visual base or semantic class, without `mmw:radio:*`."""
     row = re.search(r"itu_[a-z_]*[a-z]", name)  # also inside a longer name, such as mat_itu_concrete_001
     if row:
-        return MaterialUse(name, path, RadioMaterial("itu", itu=row[0]))
-    fallback = RADIO_OF_BASE.get(_value(material, NONVISUAL + "base", "none")) or RADIO_OF_LABEL.get(label)
-    return MaterialUse(name, path, fallback) if fallback else None
+        return RadioMaterial("itu", itu=row[0])
+    return RADIO_OF_BASE.get(_value(material, NONVISUAL + "base", "none")) or RADIO_OF_LABEL.get(label)
 
 
 def read_material(stage: Usd.Stage, use: MaterialUse) -> Material:
@@ -96,8 +106,12 @@ def read_material(stage: Usd.Stage, use: MaterialUse) -> Material:
     Raises:
         ValueError: If its `mmw:radio:*` attributes contradict themselves or are out of range.
     """
+    if use.library:
+        spec = LIBRARY[use.library]
+        reflectance = lidar_reflectance(spec.base, spec.coating, spec.attributes, spec.color)
+        return Material(use.name, spec.radio, spec.base, reflectance, spec.color)
     if not use.prim_path and use.fallback is not None:
-        return Material(use.name, use.fallback, "none", lidar_reflectance("none"), NO_COLOR)
+        return Material(use.name, use.fallback, "none", lidar_reflectance("none"), use.color or NO_COLOR)
     prim = stage.GetPrimAtPath(use.prim_path)
     base = str(_value(prim, NONVISUAL + "base", "none"))
     color = _diffuse_color(prim)
@@ -108,7 +122,7 @@ def read_material(stage: Usd.Stage, use: MaterialUse) -> Material:
         color,
     )
     radio = use.fallback if use.fallback is not None else _read_radio(prim)
-    return Material(use.name, radio, base, reflectance, color)
+    return Material(use.name, radio, base, reflectance, use.color or color)
 
 
 def _has_radio(prim: Usd.Prim) -> bool:
@@ -132,6 +146,16 @@ def _read_radio(prim: Usd.Prim) -> RadioMaterial:
         # The attributes are float32; seven digits give back the decimal number that was written.
         values[field] = float(f"{value:.7g}") if isinstance(default, float) else type(default)(value)
     radio = RadioMaterial(**values)
+    check_radio(str(where), radio)
+    return radio
+
+
+def check_radio(where: str, radio: RadioMaterial) -> None:
+    """Check the numbers of a radio description.
+
+    Raises:
+        ValueError: If they contradict themselves or are out of range.
+    """
     if radio.model not in ("itu", "constant"):
         raise ValueError(f"{where}: mmw:radio:model = {radio.model!r}; itu or constant is needed")
     if radio.model == "itu" and not radio.itu:
@@ -156,7 +180,6 @@ def _read_radio(prim: Usd.Prim) -> RadioMaterial:
             f"{where}: alphaR = {radio.alpha_r}, alphaI = {radio.alpha_i}, lobeShare = {radio.lobe_share:g}; "
             "exponents of at least 1 and a share within 0 to 1 are needed"
         )
-    return radio
 
 
 def _diffuse_color(prim: Usd.Prim) -> tuple[float, float, float]:

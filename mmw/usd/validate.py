@@ -1,29 +1,50 @@
 """Check a stage with USD's own validators; `usd-core` ships neither `usdchecker` nor a compliance checker."""
 
+from dataclasses import dataclass
+
 from pxr import Usd, UsdValidation
 
 from mmw.usd import schema
 
 
-def validate_stage(stage: Usd.Stage) -> list[str]:
-    """Return what USD's validators find wrong with a stage, after composition.
+@dataclass(frozen=True, order=True)
+class Problem:
+    """One finding of USD's validators."""
+
+    severity: str
+    """`error`, `warn` or `info`."""
+    site: str
+    """Prims, properties or layers that it is about, separated by commas."""
+    message: str
+    validator: str
+    """Name of the error, such as `usdShadeValidators:...MissingMaterialBindingAPI`."""
+
+    def __str__(self) -> str:
+        """Return one line for people."""
+        return f"{self.severity}: {self.site}: {self.message} [{self.validator}]"
+
+
+def find_problems(stage: Usd.Stage) -> list[Problem]:
+    """Return what USD's validators find wrong with a stage, after composition; an empty list for a clean stage.
 
     Args:
         stage: The stage, with its payloads loaded.
-
-    Returns:
-        One line a finding: severity, validator, site and message; an empty list for a clean stage.
     """
     schema.register()
     validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
     findings = UsdValidation.ValidationContext(validators).Validate(stage)
-    return sorted(_line(finding) for finding in findings if not finding.HasNoError())
+    return sorted(_problem(finding) for finding in findings if not finding.HasNoError())
 
 
-def _line(finding: UsdValidation.ValidationError) -> str:
+def validate_stage(stage: Usd.Stage) -> list[str]:
+    """Return the problems of `find_problems`, one line each."""
+    return [str(problem) for problem in find_problems(stage)]
+
+
+def _problem(finding: UsdValidation.ValidationError) -> Problem:
     sites = ", ".join(_site_name(site) for site in finding.GetSites())
     severity = str(finding.GetType()).rsplit(".", 1)[-1].lower()
-    return f"{severity}: {sites}: {finding.GetMessage()} [{finding.GetName()}]"
+    return Problem(severity, sites, finding.GetMessage(), str(finding.GetName()))
 
 
 def _site_name(site: UsdValidation.ValidationErrorSite) -> str:

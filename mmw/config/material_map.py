@@ -1,0 +1,67 @@
+"""Material maps: pattern -> what a surface is, for worlds that say too little about their materials."""
+
+from typing import Any
+
+from pydantic import ConfigDict, Field, model_validator
+
+from mmw.config.section import Section, Vec3
+
+
+def _or_name(schema: dict[str, Any]) -> None:
+    """Add the short form of an entry to its JSON Schema."""
+    body = dict(schema)
+    schema.clear()
+    schema["anyOf"] = [{"type": "string"}, body]
+
+
+class MaterialEntry(Section):
+    """What the meshes are that a pattern matches; text instead is the name of a radio material."""
+
+    model_config = ConfigDict(json_schema_extra=_or_name)
+
+    material: str | None = Field(None, description="material of the library: radio, LiDAR and look (material name)")
+    radio: str | None = Field(None, description="radio material, such as itu_brick or itu_pec (name)")
+    relative_permittivity: float | None = Field(
+        None, ge=1, description="real part, the same at every frequency, instead of `radio` (ratio)"
+    )
+    conductivity: float | None = Field(None, ge=0, description="goes with `relative_permittivity` [S/m]")
+    thickness: float | None = Field(None, ge=0, description="of a slab; 0 for a half-space [m]")
+    scattering: float | None = Field(None, ge=0, le=1, description="scattering coefficient S (fraction)")
+    xpd: float | None = Field(None, ge=0, le=1, description="cross-polarised share of the scattered power (fraction)")
+    label: str | None = Field(None, description="semantic class (label)")
+    color: Vec3 | None = Field(None, description="linear diffuse colour, 0 to 1 (fraction)")
+    roughness: float | None = Field(None, ge=0, le=1, description="roughness of the picture (fraction)")
+    metallic: float | None = Field(None, ge=0, le=1, description="0 dielectric, 1 bare metal (fraction)")
+    opacity: float | None = Field(None, ge=0, le=1, description="1 for opaque (fraction)")
+
+    @property
+    def changes(self) -> dict[str, object]:
+        """What is said about a material of one's own: every key that is given but `material` and `label`."""
+        return self.model_dump(exclude_none=True, exclude={"material", "label"})
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_name(cls, value: Any) -> Any:
+        if isinstance(value, str):
+            return {"radio": value}
+        if isinstance(value, dict) and isinstance(value.get("color"), list):
+            # A validator that runs first leaves JSON behind, and strict Python takes no list for a tuple.
+            return {**value, "color": tuple(value["color"])}
+        return value
+
+    @model_validator(mode="after")
+    def _one_material(self) -> "MaterialEntry":
+        if self.material is not None and self.changes:
+            raise ValueError(
+                f"`material` = {self.material!r} brings all properties; remove {', '.join(self.changes)}, or name "
+                "`radio` instead of it"
+            )
+        if self.radio is not None and self.relative_permittivity is not None:
+            raise ValueError("`radio` and `relative_permittivity` are both given; keep one")
+        if self.conductivity is not None and self.relative_permittivity is None:
+            raise ValueError("`conductivity` needs `relative_permittivity`; add it")
+        if self.color is not None and not all(0.0 <= value <= 1.0 for value in self.color):
+            raise ValueError(f"color = {list(self.color)}; three numbers from 0 to 1 are needed")
+        if not self.model_dump(exclude_none=True):
+            raise ValueError("says nothing; give material, radio or label")
+        return self

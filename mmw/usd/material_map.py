@@ -1,0 +1,52 @@
+"""Entries of a material map, applied: which one a mesh has, and what it makes of a radio description."""
+
+from collections.abc import Collection, Mapping
+from dataclasses import replace
+from fnmatch import fnmatchcase
+
+from mmw.config.material_map import MaterialEntry
+from mmw.materials import RadioMaterial
+from mmw.usd.library import LIBRARY
+from mmw.usd.semantics import CARLA_TAG
+
+MaterialMap = Mapping[str, MaterialEntry | str]
+"""Pattern -> entry; text is the name of a radio material."""
+
+
+def find_pattern(material_map: MaterialMap, *names: str) -> str:
+    """Return the first pattern that matches one of some names, empty if none does."""
+    return next((pattern for pattern in material_map if any(fnmatchcase(name, pattern) for name in names if name)), "")
+
+
+def find_entry(material_map: MaterialMap, *names: str) -> MaterialEntry | None:
+    """Return the entry of the first pattern that matches one of some names."""
+    pattern = find_pattern(material_map, *names)
+    return MaterialEntry.model_validate(material_map[pattern]) if pattern else None
+
+
+def mapped_radio(entry: MaterialEntry, known: RadioMaterial | None) -> RadioMaterial | None:
+    """Return a radio description after an entry.
+
+    Args:
+        entry: The entry.
+        known: What is known without it; None if nothing is.
+    """
+    if entry.material is not None:
+        return LIBRARY[entry.material].radio
+    if entry.radio is not None:
+        known = RadioMaterial("itu", itu=entry.radio)
+    elif entry.relative_permittivity is not None:
+        conductivity = entry.conductivity or 0.0
+        known = RadioMaterial("constant", relative_permittivity=entry.relative_permittivity, conductivity=conductivity)
+    slab = entry.model_dump(include={"thickness", "scattering", "xpd"}, exclude_none=True)
+    return replace(known, **slab) if known is not None else None
+
+
+def unknown_names(where: str, entry: MaterialEntry, radio_rows: Collection[str]) -> list[str]:
+    """Return a line for each name of an entry that does not exist."""
+    known_names = (("material", LIBRARY), ("radio", radio_rows), ("label", CARLA_TAG))
+    return [
+        f"{where}: {key} = {value!r} is unknown; use one of {', '.join(sorted(known))}"
+        for key, known in known_names
+        if (value := getattr(entry, key)) is not None and value not in known
+    ]

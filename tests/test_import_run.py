@@ -1,0 +1,133 @@
+"""The product on imported worlds: one frame with every sensor, with the right bounds and materials in the tables."""
+
+import io
+from pathlib import Path
+
+import duckdb
+import numpy as np
+import pytest
+from PIL import Image
+
+from mmw.import_command import main as import_main
+from mmw.run import main as run_main
+from tests.import_files import HIGH, HOUSE_HIGH, HOUSE_LOW, LOW, write_glb, write_mitsuba, write_obj
+from tests.test_import_usd import write_stage
+
+CAMERA_X = 1.5
+STAGE = """#usda 1.0
+(
+    defaultPrim = "World"
+    metersPerUnit = 1
+    upAxis = "Z"
+    startTimeCode = 0
+    endTimeCode = 9
+    timeCodesPerSecond = 100
+)
+
+def Xform "World"
+{
+    def "Place" (references = @./town/world.usda@)
+    {
+    }
+    def Xform "Ego"
+    {
+        double3 xformOp:translate.timeSamples = { 0: (-3, 6, 0), 9: (-2.1, 6, 0) }
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+        def Cube "Body"
+        {
+            double size = 1
+            double3 xformOp:translate = (0, 0, 0.6)
+            uniform token[] xformOpOrder = ["xformOp:translate"]
+        }
+    }
+}
+"""
+CONFIG = f"""
+scenarios:
+  - name: mine
+    stage: mine.usda
+    actor_roles: {{/World/Ego: cav}}
+    material_map: {{"/World/Ego/*": itu_metal}}
+    rsus: [{{name: rsu_1, position_m: [-12, 8, 0]}}]
+weathers: [sunny, rainy]
+frames: {{start: 4, count: 1}}
+sensors:
+  - {{type: lidar, channels: 16, points_per_channel: 180, on: [cav]}}
+  - {{type: depth, width_px: 48, height_px: 32, on: [cav], mount: {{cav: {{position_m: [{CAMERA_X}, 0, 2]}}}}}}
+  - {{type: imu}}
+channel: {{rays: 10_000}}
+"""
+MAP = """
+"*ground*": {material: asphalt, label: road}
+"*": {radio: itu_brick, thickness: 0.3, label: building}
+"""
+
+
+def write_source(folder: Path, kind: str) -> tuple[Path, bool]:
+    """Write a world and return it, and whether it needs a material map."""
+    folder.mkdir()
+    if kind.startswith("mitsuba"):
+        return write_mitsuba(folder, kind.partition("-")[2]), False
+    if kind == "usd-cm-y-up":
+        write_stage(folder / "w.usda", up="Y", metres_per_unit=0.01).Save()
+        return folder / "w.usda", True
+    return (write_glb if kind == "glb" else write_obj)(folder / f"w.{kind}"), True
+
+
+@pytest.mark.parametrize("kind", ["mitsuba-new", "mitsuba-old", "glb", "obj", "usd-cm-y-up"])
+def test_an_imported_world_runs(tmp_path: Path, kind: str) -> None:
+    source, has_map = write_source(tmp_path / "source", kind)
+    (tmp_path / "map.yaml").write_text(MAP)
+    (tmp_path / "mine.usda").write_text(STAGE)
+    (tmp_path / "mine.yaml").write_text(CONFIG)
+    extra = ["--materials", str(tmp_path / "map.yaml")] if has_map else []
+    assert import_main([str(source), "--out", str(tmp_path / "town" / "world.usda"), *extra]) == 0
+    assert run_main(["--config", str(tmp_path / "mine.yaml"), "--out", str(tmp_path / "d"), "--device", "cpu"]) == 0
+
+    def rows(query: str) -> list[tuple]:
+        return duckdb.sql(query.replace("FROM ", f"FROM '{tmp_path}/d/").replace("/*", "/**/*.parquet'")).fetchall()
+
+    objects = {path.rpartition("/")[2]: (number, label, names) for number, path, label, names in rows(
+        "SELECT object_id, prim_path, label, materials FROM objects/* WHERE actor IS NULL")}  # fmt: skip
+    house, ground = _things(objects)
+    assert len(objects) == 2
+    rows_of = dict(rows("SELECT name, itu FROM materials/* WHERE weather = 'rainy'"))
+    if has_map:
+        assert (house[1], ground[1]) == ("building", "road")
+        assert rows_of[ground[2][0]] == "itu_wet_ground"
+    else:
+        assert rows_of[ground[2][0]] == "itu_concrete"
+    assert rows_of[house[2][0]] == "itu_brick"
+
+    # the LiDAR, whose axes are the world's, sees the west and the south wall of the house, and ground
+    (x, y, z, ids), = rows("SELECT x, y, z, object_id FROM lidar/* WHERE weather = 'sunny'")  # fmt: skip
+    mount = np.array(rows("SELECT x, y, z FROM sensors/* WHERE sensor = 'lidar'")[0])
+    at = np.array(rows("SELECT x, y, z FROM poses/* WHERE agent = 'Ego'")[0])
+    points, ids = np.stack([x, y, z], axis=1) + mount + at, np.array(ids)
+    assert np.allclose(at, (-2.6, 6, 0))
+    assert (points >= np.array(LOW) - 0.01).all()
+    assert (points <= np.array(HIGH) + 0.01).all()
+    assert np.abs(points[ids == ground[0], 2]).max() < 0.01
+    walls = points[ids == house[0]]
+    assert len(walls) > 20
+    assert np.abs(walls[:, 0] - HOUSE_LOW[0]).max() < 0.01  # from (-2.6, 6) only the west wall is in sight
+    assert walls[:, 1].min() >= HOUSE_LOW[1] - 0.01
+    assert walls[:, 1].max() <= HOUSE_HIGH[1] + 0.01
+
+    (png,), = rows("SELECT image FROM depth/* WHERE weather = 'sunny'")  # fmt: skip
+    depth = np.asarray(Image.open(io.BytesIO(png["bytes"])), dtype=np.float64) * 0.01
+    wall = np.abs(depth - (HOUSE_LOW[0] - at[0] - CAMERA_X)) < 0.011
+    assert 0.05 < wall.mean() < 0.5  # the wall spans 8 m of the 22 m that 110 degrees see at 8.1 m
+
+    (ax, az), = rows("SELECT ax_true, az_true FROM imu/* WHERE weather = 'sunny'")  # fmt: skip
+    assert (ax, az) == pytest.approx((0, 9.81), abs=0.01)
+    kinds = rows("SELECT kind, objects FROM paths/* WHERE weather = 'sunny' AND \"order\" < 2")
+    assert ("los", []) in kinds
+    assert ("specular", [ground[0]]) in kinds
+    assert ("specular", [house[0]]) in kinds
+
+
+def _things(objects: dict) -> tuple[tuple, tuple]:
+    """Return house and ground: what has walls stands as a component or a mesh of its own."""
+    ground = next(value for name, value in objects.items() if "ground" in name)
+    return next(value for value in objects.values() if value is not ground), ground
