@@ -31,10 +31,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     commands = parser.add_subparsers(dest="command", required=True)
     commands.add_parser("run", help="make a dataset (same as python -m mmw.run)")
     commands.add_parser("radiomap", help="trace path gain, RSS and SINR over the roads (picture: needs mmw[plot])")
-    commands.add_parser("town", help="build, check and draw towns (building needs mmw[author])")
+    commands.add_parser("town", help="build, check and draw towns (building needs mmw[author], drawing mmw[plot])")
     commands.add_parser("import", help="make a town of a Mitsuba, OpenDRIVE, OSM, glTF, OBJ, PLY, STL or USD file")
-    check = commands.add_parser("check", help="check a USD stage with OpenUSD's validators")
-    check.add_argument("stage", type=Path, help="USD file")
     verify = commands.add_parser("verify", help="check every file of a dataset against its markers")
     verify.add_argument("dataset", type=Path, help="dataset folder")
     pictures = commands.add_parser(
@@ -49,7 +47,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     pictures.add_argument("--device", default="auto", help="auto, cpu or cuda:N")
     arguments = parser.parse_args(argv)
     try:
-        return {"check": _check, "verify": _verify, "pictures": _pictures}[arguments.command](arguments)
+        return {"verify": _verify, "pictures": _pictures}[arguments.command](arguments)
     except ValueError as error:
         print(f"mmw: {error}", file=sys.stderr)
         return 2
@@ -59,24 +57,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     except OSError as error:
         print(f"mmw: {error.filename}: {error.strerror}", file=sys.stderr)
         return 1
-
-
-def _check(arguments: argparse.Namespace) -> int:
-    from pxr import Tf, Usd
-
-    from mmw.usd.validate import validate_stage
-
-    if not arguments.stage.is_file():
-        raise ValueError(f"{arguments.stage}: no such file; give an existing USD stage")
-    try:
-        stage = Usd.Stage.Open(str(arguments.stage))
-    except Tf.ErrorException:
-        raise ValueError(
-            f"{arguments.stage}: USD cannot read it; give an intact .usd, .usda, .usdc or .usdz file"
-        ) from None
-    problems = validate_stage(stage)
-    print("\n".join(problems) if problems else f"{arguments.stage}: no problem found")
-    return 1 if problems else 0
 
 
 def _verify(arguments: argparse.Namespace) -> int:

@@ -1,6 +1,7 @@
 """`mmw town`: build, check and draw towns."""
 
 import argparse
+import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,9 +14,26 @@ def main(argv: Sequence[str], prog: str = "mmw town") -> int:
     build = commands.add_parser("build", help="build a town from its YAML description (needs mmw[author])")
     build.add_argument("description", help="the town's YAML file, or the name of a shipped town")
     build.add_argument("--out", type=Path, help="folder for the built asset; the description's own by default")
+    check = commands.add_parser("check", help="check a town, or any USD stage; exit code 1 if there are errors")
+    check.add_argument("stage", help="USD file, or the name of a shipped town")
+    check.add_argument("--json", action="store_true", help="print the findings as one JSON object")
+    check.add_argument("--all", action="store_true", help="list hidden faces that touch one by one")
+    check.add_argument(
+        "--material-map", action="append", default=[], metavar="GLOB=ROW",
+        help="radio material for meshes without one, such as '/World/Wall*=itu_concrete'; may be repeated",
+    )  # fmt: skip
+    render = commands.add_parser("render", help="draw a town: from above, three streets, its lanes (needs mmw[plot])")
+    render.add_argument("stage", help="USD file, or the name of a shipped town")
+    render.add_argument("--out", type=Path, default=Path("pictures"), help="folder for the PNG files")
+    render.add_argument(
+        "--at", nargs=4, type=float, action="append", default=[], metavar=("X", "Y", "Z", "YAW"),
+        help="eye of a street view [m] and its direction [deg, counter-clockwise from east]; up to three times",
+    )  # fmt: skip
+    render.add_argument("--samples", type=int, default=2, help="rays a pixel in each direction, 1 is fastest")
+    render.add_argument("--device", default="auto", help="auto, cpu or cuda:N")
     arguments = parser.parse_args(argv)
     try:
-        return {"build": _build}[arguments.command](arguments)
+        return {"build": _build, "check": _check, "render": _render}[arguments.command](arguments)
     except ValueError as error:
         print(f"mmw: {error}", file=sys.stderr)
         return 2
@@ -35,4 +53,37 @@ def _build(arguments: argparse.Namespace) -> int:
         print(build_town(path, arguments.out or path.parent))
     else:
         print(build_shipped_town(arguments.description, arguments.out))
+    return 0
+
+
+def _check(arguments: argparse.Namespace) -> int:
+    from mmw.compute.device import choose_device
+    from mmw.inspect.check import check_stage, stage_path
+
+    choose_device("cpu")  # and keep Warp's own lines out of the output
+    wrong = [entry for entry in arguments.material_map if "=" not in entry]
+    if wrong:
+        raise ValueError(f"--material-map {wrong[0]}: GLOB=ROW is needed, such as '/World/Wall*=itu_concrete'")
+    rows = dict(entry.rsplit("=", 1) for entry in arguments.material_map)
+    report = check_stage(stage_path(arguments.stage), rows)
+    if arguments.json:
+        counts = {f"{severity}s": report.count(severity) for severity in ("error", "warning")}
+        records = [finding.record() for finding in report.findings]
+        print(json.dumps({"stage": str(report.path), **counts, "findings": records}, indent=1))
+    else:
+        hidden = [finding for finding in report.findings if finding.rule == "touching" and not arguments.all]
+        print(*(finding for finding in report.findings if finding not in hidden), sep="\n")
+        if hidden:
+            print(f"info: touching: {len(hidden)} pairs of prims share hidden faces; --all lists them")
+        print(report.summary)
+    return 1 if report.count("error") else 0
+
+
+def _render(arguments: argparse.Namespace) -> int:
+    from mmw.inspect.check import stage_path
+    from mmw.viewing.town_pictures import draw_town
+
+    path, views = stage_path(arguments.stage), [tuple(view) for view in arguments.at]
+    files = draw_town(path, arguments.out, views=views, samples=arguments.samples, device=arguments.device)
+    print(*files, sep="\n")
     return 0

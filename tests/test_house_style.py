@@ -27,6 +27,7 @@ LAYERS = [
     {"mmw.town"},
     {"mmw.importers"},
     {"mmw.traffic"},
+    {"mmw.inspect"},
     {"mmw.stage"},
     {"mmw.scene_arrays"},
     {"mmw.scene_actors", "mmw.scene_reader", "mmw.scene"},

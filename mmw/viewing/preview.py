@@ -12,6 +12,14 @@ from mmw.scene import Scene
 SUN = (0.45, 0.35, 0.82)
 """Direction of the sun, roughly south-east at 55 deg; not normalised."""
 
+HAZE_M = 2500.0
+"""Distance over which the air takes 63 % of the contrast of a picture [m]: a clear day, a little thickened; design
+value. Maps have none."""
+
+MIRROR = {"clear_glass": 0.12, "one_way_mirror": 0.35, "mirror": 0.9}
+"""Non-visual base -> reflectance at normal incidence in pictures [-]; design values, other materials are matt. A window
+mirrors more than its first surface (4 %), because the room behind it is dark."""
+
 
 def look(
     scene: Scene,
@@ -87,26 +95,26 @@ def _lens(
     lens.eye = wp.vec3(*(eye - scene.origin))
     lens.forward, lens.right, lens.down = wp.vec3(*forward), wp.vec3(*right), wp.vec3(*down)
     lens.is_parallel = is_parallel
-    lens.t_max = 2000.0
+    lens.t_max = 5000.0
     return lens
 
 
 def _render(
     scene: Scene, weather: str, lens: preview.Lens, width: int, height: int, samples: int, slot: int
 ) -> Image.Image:
-    color = np.array([material.color for material in scene.arrays.materials[weather]], dtype=np.float32)
+    materials = scene.arrays.materials[weather]
+    light = preview.Light()
+    light.sun = wp.normalize(wp.vec3(*SUN))
+    light.haze_m = HAZE_M if not lens.is_parallel else 1.0e9
+    color = np.array([material.color for material in materials], dtype=np.float32)
+    light.color = wp.array(color, dtype=wp.vec3, device=scene.device)
+    mirror = np.array([MIRROR.get(material.nonvisual_base, 0.0) for material in materials], dtype=np.float32)
+    light.mirror = wp.array(mirror, dtype=float, device=scene.device)
     image = wp.empty((height, width), dtype=wp.vec3, device=scene.device)
     wp.launch(
         preview.preview_kernel,
         dim=(height, width),
-        inputs=[
-            scene.struct,
-            slot,
-            lens,
-            wp.normalize(wp.vec3(*SUN)),
-            wp.array(color, dtype=wp.vec3, device=scene.device),
-            samples,
-        ],
+        inputs=[scene.struct, slot, lens, light, samples],
         outputs=[image],
         device=scene.device,
         block_dim=64,

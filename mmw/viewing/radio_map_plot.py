@@ -46,7 +46,7 @@ def plot_radio_map(result: RadioMap, arrays: SceneArrays, frame: int, out: Path,
         ("RSS of the strongest transmitter [dBm]", "SINR of the strongest transmitter [dB]"),
         strict=True,
     ):
-        _draw_scene(axes, arrays, frame)
+        draw_scene(axes, arrays, frame)
         _draw_cells(figure, axes, plan[server >= 0], values[server >= 0], label)
         x, y = result.transmitters.position[:, 0], result.transmitters.position[:, 1]
         axes.plot(x, y, "^", color="red", markersize=8, markeredgecolor="white", zorder=5)
@@ -71,7 +71,7 @@ def _draw_cells(figure: Any, axes: Any, plan: np.ndarray, values: np.ndarray, la
     figure.colorbar(cells, ax=axes, label=label, extend="min", shrink=0.9)
 
 
-def _draw_scene(axes: Any, arrays: SceneArrays, frame: int) -> None:
+def draw_scene(axes: Any, arrays: SceneArrays, frame: int) -> None:
     """Draw buildings as grey areas below the cells, and the vehicles of a frame as outlines over them."""
     from matplotlib.collections import PolyCollection
 
