@@ -234,11 +234,33 @@ def test_identity_ignores_place_and_machine(config_file: Path) -> None:
 def test_shipped_schema_is_current_and_shipped_configs_follow_it() -> None:
     schema = json.loads((configs_dir() / "mmw.schema.json").read_text())
     assert schema == json.loads(json.dumps(json_schema()))
-    shipped = sorted(configs_dir().glob("*.yaml"))
-    assert {"quickstart.yaml", "town03_roundabout.yaml", "town03_t_junction_slope.yaml"} <= {p.name for p in shipped}
-    for path in shipped:
+    top, scenarios = sorted(configs_dir().glob("*.yaml")), sorted(configs_dir().glob("scenarios/*.yaml"))
+    assert [path.name for path in top] == ["full.yaml", "quickstart.yaml"] and len(scenarios) == 16
+    for path in (*top, *scenarios):
+        jsonschema.validate(yaml.safe_load(path.read_text()), schema)
         jsonschema.validate(json.loads(load_config(path).model_dump_json()), schema)
-        assert path.read_text().startswith("# yaml-language-server: $schema=./mmw.schema.json")
+        folder = "." if path in top else ".."
+        assert path.read_text().startswith(f"# yaml-language-server: $schema={folder}/mmw.schema.json")
+
+
+def test_the_full_configuration_is_the_papers() -> None:
+    """Sixteen scenarios of 8 to 13 s at 100 Hz with 50 CAVs in three weathers: 16,900 frames a weather."""
+    config = load_config(configs_dir() / "full.yaml")
+    lengths = {
+        "town03_roundabout": 10, "town03_gas_station": 8, "town03_t_junction_slope": 10, "town03_crossroad_slope": 10,
+        "town03_five_way": 11, "town05_dual_skybridges": 11, "town05_ring_road": 13, "town05_t_junction_overpass": 10,
+        "town05_cbd_crossroad": 12, "town05_parking_lot": 11, "town07_single_lane": 10, "town07_crossroad": 12,
+        "town10_crossroad": 10, "town10_curvy_road": 10, "town10_h_road": 10, "town10_wide_skybridge": 11,
+    }  # fmt: skip
+    assert {s.name: config.frames_of(s).count / 100 for s in config.scenarios} == lengths
+    assert config.weathers == ("sunny", "rainy", "foggy") and config.frame_total == 3 * 16_900
+    assert sum(len(s.traffic.cav_ranks) for s in config.scenarios if s.traffic) == 50
+    assert all(20 <= s.traffic.vehicle_count <= 40 and len(s.rsus) == 1 for s in config.scenarios if s.traffic)
+    cavs = {s.name: len(s.traffic.cav_ranks) for s in config.scenarios if s.traffic}
+    assert {name for name, count in cavs.items() if count == 4} == {
+        "town05_t_junction_overpass",
+        "town05_cbd_crossroad",
+    }
 
 
 def test_yaml_round_trip() -> None:

@@ -10,7 +10,8 @@ import shapely
 from mmw.town import solids
 from mmw.town.block_description import BlockDescription, BuildingStyle
 from mmw.town.blocks import Lot, find_blocks, place_lots, start_west
-from mmw.town.buildings import GLASS, WALL, Site, build_building, facade_cells, height_of
+from mmw.town.buildings import Site, build_building
+from mmw.town.facades import GLASS, WALL, facade_cells, height_of
 from mmw.town.furnish import Furniture, add_at_approaches, approaches, furnish
 from mmw.town.ground import Ground
 from mmw.town.lanes import Lane, LaneGraph
@@ -244,7 +245,7 @@ def test_prop_is_closed_rooted_and_described(kind):
         assert part.material in LIBRARY and part.label in CARLA_TAG
     low = min(part.points[:, 2].min() for part in parts)
     assert low < 5.0 - 0.1  # reaches into the ground
-    assert max(part.points[:, 2].max() for part in parts) < 5 + 13
+    assert max(part.points[:, 2].max() for part in parts) < 5 + 20
     assert sum(len(part.faces) for part in parts) < 700
 
 
@@ -316,13 +317,13 @@ def test_furniture_leaves_the_carriageway_free_and_is_repeatable():
     assert np.mean(over) > 0.9  # lanterns hang over the road
 
 
-def test_nothing_stands_on_the_forecourt_of_a_gas_station():
+def test_nothing_stands_below_the_canopy_of_a_gas_station():
     carriageway, _, ground = cross()
     rows = [{"kind": "broadleaf_tree", "every_m": 5, "offset_m": 4.0, "clear_m": 1.0}]
-    placed = [{"kind": "gas_station", "at": [40, 19], "yaw_deg": 270}]
+    placed = [{"kind": "gas_canopy", "at": [40, 19], "yaw_deg": 270}]
     parts = furnish(describe(rows=rows, placed=placed), carriageway, LaneGraph(), [], [], ground)
-    paving = next(part for part in parts if part.path.endswith("gas_station_001/paving")).points
-    plan = shapely.convex_hull(shapely.MultiPoint(paving[:, :2]))
+    canopy = next(part for part in parts if part.path.endswith("gas_canopy_001/canopy")).points
+    plan = shapely.convex_hull(shapely.MultiPoint(canopy[:, :2]))
     trunks = [part.points[:, :2].mean(axis=0) for part in parts if part.path.endswith("trunk")]
     distance = shapely.distance(shapely.points(np.array(trunks)), plan)
     assert len(trunks) > 20 and 1.0 <= distance.min() < 6.0  # the row would run across it

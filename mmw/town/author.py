@@ -16,10 +16,17 @@ from mmw.paths import assets_dir
 from mmw.town.block_description import TownWeather
 from mmw.town.lane_prims import write_lanes
 from mmw.town.lanes import LaneGraph
+from mmw.town.parked_prims import write_parked
+from mmw.town.parking import ParkedCar
 from mmw.town.parts import MeshPart
+from mmw.town.texture_coordinates import texture_coordinates
+from mmw.town.walks import Walk, write_walks
 from mmw.usd import schema
 from mmw.usd.library import LIBRARY
-from mmw.usd.semantics import CARLA_TAG, TAXONOMY
+from mmw.usd.save import save_layers
+from mmw.usd.specs import new_mesh, new_prim, set_label, set_texture_coordinates
+from mmw.usd.textures import TILES
+from mmw.vehicles.catalog import load_catalog
 
 ROOT = Sdf.Path("/Town")
 GROUND_MATERIALS = ("asphalt", "road_marking", "concrete_sidewalk", "curb", "grass", "soil")
@@ -35,50 +42,16 @@ def _metadata(stage: Usd.Stage) -> None:
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
 
 
-def _define(layer: Sdf.Layer, path: Sdf.Path, type_name: str, kind: str = "") -> Sdf.PrimSpec:
-    spec = Sdf.CreatePrimInLayer(layer, path)
-    spec.specifier, spec.typeName = Sdf.SpecifierDef, type_name
-    if kind:
-        spec.kind = kind
-    return spec
-
-
-def _set(spec: Sdf.PrimSpec, name: str, type_name: Sdf.ValueTypeName, value: object, uniform: bool = False) -> None:
-    variability = Sdf.VariabilityUniform if uniform else Sdf.VariabilityVarying
-    Sdf.AttributeSpec(spec, name, type_name, variability).default = value
-
-
-def _apply(spec: Sdf.PrimSpec, schema_name: str) -> None:
-    applied = spec.GetInfo("apiSchemas").prependedItems if spec.HasInfo("apiSchemas") else []
-    spec.SetInfo("apiSchemas", Sdf.TokenListOp.Create(prependedItems=[*applied, schema_name]))
-
-
-def _label(spec: Sdf.PrimSpec, label: str) -> None:
-    if label not in CARLA_TAG:
-        raise ValueError(f"{spec.path}: label {label!r}; labels are: {', '.join(CARLA_TAG)}; use one of them")
-    _apply(spec, f"SemanticsLabelsAPI:{TAXONOMY}")
-    _set(spec, f"semantics:labels:{TAXONOMY}", Sdf.ValueTypeNames.TokenArray, Vt.TokenArray([label]))
-
-
 def _author_mesh(layer: Sdf.Layer, path: Sdf.Path, part: MeshPart) -> Sdf.PrimSpec:
     if layer.GetPrimAtPath(path):
         raise ValueError(f"part {part.path!r} is given twice; give each mesh its own path")
     if part.material not in LIBRARY:
         known = ", ".join(sorted(LIBRARY))
         raise ValueError(f"{path}: material {part.material!r}; the library holds {known}; use one of them")
-    points = np.ascontiguousarray(part.points, np.float32)
-    faces = np.ascontiguousarray(part.faces, np.int32)
-    spec, types = _define(layer, path, "Mesh"), Sdf.ValueTypeNames
-    extent = np.stack([points.min(axis=0), points.max(axis=0)])
-    _apply(spec, "MaterialBindingAPI")
-    _set(spec, "extent", types.Float3Array, Vt.Vec3fArray.FromNumpy(extent))
-    _set(spec, "faceVertexCounts", types.IntArray, Vt.IntArray.FromNumpy(np.full(len(faces), 3, np.int32)))
-    _set(spec, "faceVertexIndices", types.IntArray, Vt.IntArray.FromNumpy(faces.ravel()))
-    _set(spec, "points", types.Point3fArray, Vt.Vec3fArray.FromNumpy(points))
-    _set(spec, "subdivisionScheme", types.Token, "none", uniform=True)
-    binding = Sdf.RelationshipSpec(spec, "material:binding", custom=False)
-    binding.targetPathList.explicitItems = [ROOT.AppendPath(f"Materials/{part.material}")]
-    return spec
+    mesh = new_mesh(layer, path, part.points, part.faces, ROOT.AppendPath(f"Materials/{part.material}"))
+    if part.material in TILES:
+        set_texture_coordinates(mesh, *texture_coordinates(part.points, part.faces))
+    return mesh
 
 
 def _author_groups(layer: Sdf.Layer, parts: Sequence[MeshPart]) -> None:
@@ -91,11 +64,11 @@ def _author_groups(layer: Sdf.Layer, parts: Sequence[MeshPart]) -> None:
         groups.setdefault(names[0], {}).setdefault(names[1], []).append(part)
     for group, members in groups.items():
         path = ROOT.AppendChild(group)
-        spec = _define(layer, path, "Xform", Kind.Tokens.group)
+        spec = new_prim(layer, path, "Xform", Kind.Tokens.group)
         labels = {part.label for member in members.values() for part in member}
         shared = labels.pop() if len(labels) == 1 else ""
         if shared:
-            _label(spec, shared)
+            set_label(spec, shared)
         for name, member in members.items():
             _author_component(layer, path.AppendChild(name), member, shared)
 
@@ -107,17 +80,19 @@ def _author_component(layer: Sdf.Layer, path: Sdf.Path, parts: Sequence[MeshPart
         specs = [_author_mesh(layer, ROOT.AppendPath(part.path), part) for part in parts]
         owner = specs[0]
     else:
-        owner = _define(layer, path, "Xform", Kind.Tokens.component)
+        owner = new_prim(layer, path, "Xform", Kind.Tokens.component)
         for part in parts:
             mesh = _author_mesh(layer, ROOT.AppendPath(part.path), part)
             if part.label != label:
-                _label(mesh, part.label)
+                set_label(mesh, part.label)
     if label != inherited:
-        _label(owner, label)
+        set_label(owner, label)
 
 
-def _author_weather(stage: Usd.Stage, weather: Mapping[str, TownWeather]) -> None:
-    """Write the variant set `weather`; the first weather is selected."""
+def author_weather(
+    stage: Usd.Stage, weather: Mapping[str, TownWeather], materials: Sequence[str] = GROUND_MATERIALS
+) -> None:
+    """Write the variant set `weather`, which makes the given library materials wet; the first weather is selected."""
     prim = stage.GetPrimAtPath(ROOT)
     variants = prim.GetVariantSets().AddVariantSet("weather")
     for name, state in weather.items():
@@ -130,7 +105,7 @@ def _author_weather(stage: Usd.Stage, weather: Mapping[str, TownWeather]) -> Non
                 attribute = prim.CreateAttribute(f"mmw:weather:{key}", Sdf.ValueTypeNames.Float)
                 attribute.Set(value)
                 attribute.SetDocumentation(doc)
-            for material in GROUND_MATERIALS:
+            for material in materials:
                 _author_wet_ground(stage, material, state)
     variants.SetVariantSelection(next(iter(weather)))
 
@@ -149,6 +124,11 @@ def _author_wet_ground(stage: Usd.Stage, material: str, state: TownWeather) -> N
         shader.CreateAttribute("inputs:diffuseColor", Sdf.ValueTypeNames.Color3f, False).Set(color)
         roughness = round(spec.roughness * (1 - WET_SMOOTHING * state.wetness), 4)
         shader.CreateAttribute("inputs:roughness", Sdf.ValueTypeNames.Float, False).Set(roughness)
+        if material in TILES:
+            texture = stage.OverridePrim(path.AppendChild("Texture"))
+            shade = round(1 - WET_DARKENING * state.wetness, 4)
+            scale = Gf.Vec4f(shade, shade, shade, 1.0)
+            texture.CreateAttribute("inputs:scale", Sdf.ValueTypeNames.Float4, False).Set(scale)
 
 
 def write_town(
@@ -158,6 +138,8 @@ def write_town(
     lanes: LaneGraph,
     weather: Mapping[str, TownWeather],
     materials: str | Path | None = None,
+    parked: Sequence[ParkedCar] = (),
+    walks: Sequence[Walk] = (),
 ) -> Path:
     """Write `<name>.usda` (interface) and `geometry.usdc` (payload); the same input gives the same bytes.
 
@@ -168,12 +150,15 @@ def write_town(
         lanes: Lane graph.
         weather: Variant name -> state; the first is the default.
         materials: The material library; the shipped one by default. It is referenced by relative path.
+        parked: Parked cars, which reference the shipped vehicles by relative path.
+        walks: Where people walk.
 
     Returns:
         Path of the interface layer.
 
     Raises:
         ValueError: If a part has an unknown material or label, an invalid path, or the path of another part.
+        OSError: If a file cannot be written; files that were there before stay.
     """
     schema.register()
     out_dir = Path(out_dir).resolve()
@@ -184,11 +169,14 @@ def write_town(
     stage = Usd.Stage.Open(geometry)
     _metadata(stage)
     with Sdf.ChangeBlock():
-        _define(geometry, ROOT, "Xform")
+        new_prim(geometry, ROOT, "Xform")
         _author_groups(geometry, parts)
+        if parked:
+            write_parked(geometry, ROOT.AppendChild("Parked"), parked, load_catalog(), out_dir)
     stage.SetDefaultPrim(stage.GetPrimAtPath(ROOT))
     write_lanes(stage, str(ROOT.AppendChild("Lanes")), lanes)
-    geometry.Export(str(out_dir / PAYLOAD))
+    write_walks(stage, str(ROOT.AppendChild("Walks")), walks)
+    del stage
 
     layer = Sdf.Layer.CreateAnonymous(f"{name}.usda")
     stage = Usd.Stage.Open(layer)
@@ -201,12 +189,12 @@ def write_town(
     extent = Vt.Vec3fArray.FromNumpy(np.stack([every.min(axis=0), every.max(axis=0)]))
     UsdGeom.ModelAPI.Apply(root).SetExtentsHint(extent)
     UsdGeom.Scope.Define(stage, ROOT.AppendChild("Materials"))
-    _author_weather(stage, weather)
+    author_weather(stage, weather)
 
     del stage  # the arcs are relative to the file that does not exist yet, so nothing may compose them here
     layer.GetPrimAtPath(ROOT).payloadList.Prepend(Sdf.Payload(f"./{PAYLOAD}", ROOT))
     reference = Sdf.Reference(Path(os.path.relpath(materials, out_dir)).as_posix(), "/Materials")
     layer.GetPrimAtPath(ROOT.AppendChild("Materials")).referenceList.Prepend(reference)
     path = out_dir / f"{name}.usda"
-    layer.Export(str(path))
+    save_layers({out_dir / PAYLOAD: geometry, path: layer})
     return path

@@ -7,6 +7,7 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from mmw.config.section import Name, Section
+from mmw.town.place_description import ParkingLot, PavedArea, Skybridge, StreetBays
 
 Vec2 = tuple[float, float]
 Span = tuple[float, float]
@@ -40,6 +41,23 @@ class BuildingStyle(Section):
     gap_m: float = Field(4.0, ge=1, description="least distance to the next building [m]")
     setback_m: float = Field(4.5, ge=3, description="distance from the road corridor to the front [m]")
     podium_storeys: int = Field(0, ge=0, description="storeys of a wider base below a tower; 0 for none (count)")
+    plans: tuple[Literal["rectangle", "l_shape", "corner_cut"], ...] = Field(
+        ("rectangle",), min_length=1, description="forms of the plan, one is drawn for each building (tokens)"
+    )
+    mullion_m: float = Field(0.0, ge=0, lt=1, description="frame between the panes of a curtain wall; 0 for none [m]")
+    plant_room: bool = Field(False, description="one plant room on the roof instead of single units (flag)")
+    shop_front: bool = Field(False, description="glass along the ground storey's front, sign and awning (flag)")
+    balconies: bool = Field(False, description="balconies on the street front of punched facades (flag)")
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> "BuildingStyle":
+        if self.roof_form != "flat" and self.plans != ("rectangle",):
+            raise ValueError(f"roof_form {self.roof_form!r} with plans {self.plans}; only a flat roof covers them")
+        if self.mullion_m and self.windows != "curtain":
+            raise ValueError(f"mullion_m with windows {self.windows!r}; only a curtain wall has mullions")
+        if self.balconies and self.windows != "punched":
+            raise ValueError(f"balconies with windows {self.windows!r}; balconies belong to punched windows")
+        return self
 
 
 class District(Section):
@@ -110,6 +128,16 @@ class PropRow(Section):
     clear_m: float = Field(1.0, ge=0, description="least distance to buildings and to other props [m]")
     start_m: float = Field(0.0, ge=0, description="distance of the first one from the start of its kerb [m]")
     jitter_m: float = Field(0.0, ge=0, description="largest shift along the kerb, either way [m]")
+    along: tuple[str, ...] = Field(("*",), description="roads whose kerbs have the row, with * for anything (names)")
+
+
+class PropLine(Section):
+    """One kind of prop end to end along a line, such as a fence around a field."""
+
+    kind: Literal["fence", "field_fence", "hedge", "guard_rail"] = Field(description="kind of panel (token)")
+    points: tuple[Vec2, ...] = Field(
+        min_length=2, description="corners of the line; gaps stay at carriageways and buildings [m]"
+    )
 
 
 class PropsSection(Section):
@@ -117,6 +145,7 @@ class PropsSection(Section):
 
     rows: tuple[PropRow, ...] = Field((), description="rows along the kerbs, earlier rows have the right of way (list)")
     placed: tuple[PlacedProp, ...] = Field((), description="single props (list)")
+    lines: tuple[PropLine, ...] = Field((), description="fences, hedges and guard rails along lines (list)")
     signalled: tuple[str, ...] = Field((), description="junctions with a traffic light at every approach (names)")
     give_way: tuple[str, ...] = Field((), description="junctions with signs on lanes that give way (names)")
     scattered_trees: int = Field(0, ge=0, description="trees over the open land between buildings (count)")
@@ -146,6 +175,10 @@ class BlockDescription(Section):
     blocks: BlocksSection = Field(default_factory=BlocksSection, description="automatic buildings (section)")
     buildings: tuple[PlacedBuilding, ...] = Field((), description="buildings placed by hand (list)")
     props: PropsSection = Field(default_factory=PropsSection, description="street furniture (section)")
+    skybridges: tuple[Skybridge, ...] = Field((), description="walkways between buildings, over roads (list)")
+    lots: tuple[ParkingLot, ...] = Field((), description="car parks (list)")
+    bays: tuple[StreetBays, ...] = Field((), description="cars parked along kerbs (list)")
+    paved: tuple[PavedArea, ...] = Field((), description="parts of the terrain with another surface (list)")
     weather: dict[Name, TownWeather] = Field(
         default_factory=lambda: dict(SHIPPED_WEATHER), description="variants (map)"
     )

@@ -2,13 +2,13 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
 from shapely.geometry.polygon import orient
 
-from mmw.town.block_description import BlockDescription, BuildingStyle, District
+from mmw.town.block_description import BlockDescription, BuildingStyle, District, PlacedBuilding
 from mmw.town.buildings import Site
 from mmw.town.ground import Ground
 
@@ -16,6 +16,8 @@ STEP = 2.0  # how far the search for the next lot moves along the street [m]
 FLOOR_STEP = 0.15  # floor above the highest ground at the front [m]
 MOST_BURIED = 1.5  # how far the ground behind a building may lie above its floor [m]
 FOOT_DEPTH = 0.6  # foundation below the lowest ground [m]
+TOUCH = 0.02  # buildings placed by hand that are closer than this touch each other [m]
+JOINT = 0.01  # how far the walls of a touching building stand back, so that no two lie in one plane [m]
 
 
 @dataclass(frozen=True)
@@ -26,6 +28,8 @@ class Lot:
     style: str
     storeys: int
     site: Site
+    is_joined: bool = False
+    """Whether it shares an edge with another building."""
 
     @property
     def outline(self) -> shapely.Polygon:
@@ -148,6 +152,57 @@ def _try_lot(
     return None
 
 
+def place_by_hand(buildings: Sequence[PlacedBuilding], corridor: shapely.Geometry, ground: Ground) -> list[Lot]:
+    """Return the buildings that the author put in certain places.
+
+    They may share edges: then the walls of both stand back by a joint of 1 cm.
+
+    Args:
+        buildings: The buildings.
+        corridor: Roads with their walks.
+        ground: Height of the ground.
+
+    Raises:
+        ValueError: If one reaches into a road, off the ground or into another one.
+    """
+    lots: list[Lot] = []
+    for placed in buildings:
+        site = _site(ground, placed.center, math.radians(placed.yaw_deg + 90), *placed.size_m, np.inf)
+        if site is None or shapely.intersects(corridor, shapely.Polygon(site.ring)):
+            raise ValueError(f"building {placed.name!r} at {placed.center}: on a road or off the ground; move it")
+        lots.append(Lot(placed.name, placed.style, placed.storeys, site))
+    plans = np.array([lot.outline for lot in lots], object)
+    for k, lot in enumerate(lots):
+        near = np.flatnonzero(shapely.dwithin(plans, plans[k], TOUCH))
+        inner = shapely.buffer(plans[k], -TOUCH, join_style="mitre")
+        for other in near[(near != k) & shapely.intersects(plans[near], inner)]:
+            raise ValueError(
+                f"buildings {lot.name!r} and {lots[other].name!r} overlap; edge to edge is allowed; move one"
+            )
+        if len(near) > 1:
+            width, depth = lot.site.width - 2 * JOINT, lot.site.depth - 2 * JOINT
+            lots[k] = replace(lot, site=replace(lot.site, width=width, depth=depth), is_joined=True)
+    return lots
+
+
+def forecourt_bounds(lot: Lot, by_hand: Sequence[Lot], areas: Sequence[shapely.Geometry]) -> list[shapely.Geometry]:
+    """Return what the paving around a building placed by hand leaves free: roads, other paving and earlier neighbours.
+
+    Args:
+        lot: The building; one along a street has room for its paving, and the result is empty.
+        by_hand: All buildings placed by hand, in order.
+        areas: Roads with their walks, car parks and other paved areas.
+    """
+    if lot not in by_hand:
+        return []
+    paved = shapely.Polygon(lot.site.paved)
+    before = by_hand[: by_hand.index(lot)]
+    others = [shapely.Polygon(other.site.paved) for other in before]
+    others += [other.outline for other in by_hand if other is not lot]
+    near = [area for area in (*areas, *others) if shapely.dwithin(area, paved, JOINT)]
+    return [shapely.buffer(area, JOINT, join_style="mitre") for area in near]
+
+
 def place_lots(
     description: BlockDescription,
     corridor: shapely.Geometry,
@@ -168,19 +223,15 @@ def place_lots(
         The lots, and the blocks that they are on.
 
     Raises:
-        ValueError: If a hand-placed building reaches into a road or off the ground.
+        ValueError: If a hand-placed building reaches into a road, off the ground or into another one.
     """
     blocks_section, styles = description.blocks, description.blocks.styles
     blocks = find_blocks(corridor, shapely.buffer(land, -4.0), blocks_section.reach_m)
     open_spaces = [shapely.Point(s.center).buffer(s.radius_m) for s in blocks_section.open_spaces]
     plots = _Plots(corridor, [*keep_free, *open_spaces])
-    lots = []
-    for placed in description.buildings:
-        site = _site(ground, placed.center, math.radians(placed.yaw_deg + 90), *placed.size_m, np.inf)
-        if site is None or shapely.intersects(corridor, shapely.Polygon(site.ring)):
-            raise ValueError(f"building {placed.name!r} at {placed.center}: on a road or off the ground; move it")
-        lots.append(Lot(placed.name, placed.style, placed.storeys, site))
-        plots.take(site)
+    lots = place_by_hand(description.buildings, corridor, ground)
+    for lot in lots:
+        plots.take(lot.site)
     rng = np.random.default_rng(blocks_section.seed)
     for block in blocks:
         for ring in map(start_west, (block.exterior, *block.interiors)):

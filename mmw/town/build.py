@@ -9,15 +9,21 @@ import shapely
 
 from mmw.paths import assets_dir
 from mmw.town.author import PAYLOAD, write_town
-from mmw.town.blocks import place_lots
+from mmw.town.blocks import forecourt_bounds, place_by_hand, place_lots
 from mmw.town.buildings import build_building
 from mmw.town.description import TownDescription, load_town
 from mmw.town.furnish import furnish
 from mmw.town.ground import Ground
 from mmw.town.lanes import LaneGraph
 from mmw.town.network import build_network
+from mmw.town.parking import ParkedCar, find_parking, park_all
 from mmw.town.parts import MeshPart
+from mmw.town.paving import area_regions, pave
+from mmw.town.skybridges import TOUCH, build_skybridge, find_span
 from mmw.town.terrain import build_terrain
+from mmw.town.walk_lines import standing, walk_lines
+from mmw.town.walks import Walk
+from mmw.vehicles.catalog import load_catalog
 
 
 @dataclass(frozen=True)
@@ -33,6 +39,7 @@ class TownReport:
     buildings: int
     props: int
     lanes: int
+    parked: int
     size: int
     """Bytes of the interface layer and its payload."""
 
@@ -40,30 +47,67 @@ class TownReport:
         """Return one line for people."""
         groups = ", ".join(f"{group} {count:,}" for group, count in self.triangles.items())
         return (
-            f"{self.path}: {self.buildings} buildings, {self.props} props, {self.lanes} lanes, "
-            f"{sum(self.triangles.values()):,} triangles ({groups}), {self.size / 1e6:.2f} MB"
+            f"{self.path}: {self.buildings} buildings, {self.props} props, {self.lanes} lanes, {self.parked} parked "
+            f"cars, {sum(self.triangles.values()):,} triangles ({groups}), {self.size / 1e6:.2f} MB"
         )
 
 
-def town_parts(description: TownDescription) -> tuple[list[MeshPart], LaneGraph]:
-    """Return all meshes of a town, ground first, and its lane graph.
+@dataclass(frozen=True)
+class TownParts:
+    """A town before it is written."""
+
+    meshes: list[MeshPart]
+    """All meshes, ground first."""
+    lanes: LaneGraph
+    parked: list[ParkedCar]
+    walks: list[Walk]
+
+
+def town_parts(description: TownDescription) -> TownParts:
+    """Return what a town consists of.
 
     Raises:
         ValueError: If the description cannot be built; the message says where.
     """
     network = build_network(description)
-    parts = [*network.parts, *build_terrain(description, network)]
+    terrain = build_terrain(description, network)
+    parking = find_parking(description, network, terrain)
+    terrain = pave(terrain, [*parking.regions, *area_regions(description.paved)])
+    parts = [*network.parts, *terrain]
     ground = Ground(parts)
     carriageway, corridor = (shapely.normalize(area) for area in (network.carriageway, network.corridor))
     islands = [shapely.Point(ring.centre[:2]).buffer(ring.radius) for ring in description.roundabouts]
     every = np.concatenate([part.points for part in parts])
     land = shapely.box(*every[:, :2].min(axis=0), *every[:, :2].max(axis=0))
-    lots, blocks = place_lots(description, corridor, land, ground, islands)
+
+    by_hand = [lot.outline for lot in place_by_hand(description.buildings, corridor, ground)]
+    below = shapely.union_all([carriageway, network.overhead])
+    surfaces = Ground([*parts, *network.structure_parts]) if network.structures else ground
+    spans = [find_span(bridge, below, by_hand, surfaces) for bridge in description.skybridges]
+    columns = [column for span in spans for column in span.column_plans]
+    above = [*(span.plan for span in spans), *([] if network.overhead.is_empty else [network.overhead])]
+    paved = [*parking.blocks, *(shapely.Polygon(area.outline) for area in description.paved)]
+
+    lots, blocks = place_lots(description, corridor, land, ground, [*islands, *above, *columns, *paved])
     for number, lot in enumerate(lots):
         rng = np.random.default_rng([description.blocks.seed, 2, number])
-        parts += build_building(lot.name, description.blocks.styles[lot.style], lot.site, lot.storeys, rng)
-    parts += furnish(description, carriageway, network.lanes, lots, blocks, ground)
-    return parts, network.lanes
+        style = description.blocks.styles[lot.style]
+        if any(shapely.dwithin(span.plan, lot.outline, TOUCH) for span in spans):
+            style = style.model_copy(update={"balconies": False})  # they would reach into the bridge
+        keep_off = forecourt_bounds(lot, lots[: len(by_hand)], [corridor, *paved, *columns])
+        parts += build_building(lot.name, style, lot.site, lot.storeys, rng, keep_off, lot.is_joined)
+    parts += network.structure_parts
+    for span in spans:
+        parts += build_skybridge(span, ground)
+    solid = [*columns, *(structure.supports for structure in network.structures)]
+    solid += [bay.outline for bay in parking.bays]
+    props = furnish(
+        description, carriageway, network.lanes, lots, blocks, ground, solid, [*above, *paved], network.centre_lines
+    )
+    supports = [structure.supports for structure in network.structures]
+    walks = walk_lines(network.edges, [*standing(props, ground), *columns, *supports])
+    parked = park_all(parking, load_catalog() if parking.groups else {}, ground)
+    return TownParts([*parts, *props], network.lanes, parked, walks)
 
 
 def build_town(description_path: str | Path, out_dir: str | Path, materials: str | Path | None = None) -> TownReport:
@@ -78,8 +122,11 @@ def build_town(description_path: str | Path, out_dir: str | Path, materials: str
         ValueError: If the description is wrong or cannot be built.
     """
     description = load_town(description_path)
-    parts, lanes = town_parts(description)
-    path = write_town(out_dir, description.name, parts, lanes, description.weather, materials)
+    town = town_parts(description)
+    parts = town.meshes
+    path = write_town(
+        out_dir, description.name, parts, town.lanes, description.weather, materials, town.parked, town.walks
+    )
     meshes: Counter[str] = Counter()
     triangles: Counter[str] = Counter()
     for part in parts:
@@ -89,7 +136,16 @@ def build_town(description_path: str | Path, out_dir: str | Path, materials: str
     components = {tuple(part.path.split("/")[:2]) for part in parts}
     count = Counter(group for group, _ in components)
     size = path.stat().st_size + (path.parent / PAYLOAD).stat().st_size
-    return TownReport(path, dict(meshes), dict(triangles), count["Buildings"], count["Props"], len(lanes.lanes), size)
+    return TownReport(
+        path,
+        dict(meshes),
+        dict(triangles),
+        count["Buildings"],
+        count["Props"],
+        len(town.lanes.lanes),
+        len(town.parked),
+        size,
+    )
 
 
 def build_shipped_town(name: str, out_dir: str | Path | None = None) -> TownReport:

@@ -2,23 +2,28 @@
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 import shapely
 
-from mmw.town.block_description import BlockDescription, PropRow, is_named
+from mmw.town.block_description import BlockDescription, PlacedProp, PropLine, PropRow, is_named
 from mmw.town.blocks import Lot, start_west
 from mmw.town.ground import Ground
 from mmw.town.lanes import Lane, LaneGraph
 from mmw.town.parts import MeshPart
-from mmw.town.props import FENCE_LENGTH, build_prop
+from mmw.town.props import FENCE_LENGTH, PANEL_LENGTH, build_prop
 from mmw.town.solids import Mesh, merge
 
 KERB_CLEARANCE = 0.3  # least distance of a prop's foot to the carriageway [m]
 LARGE_AREA = 20.0
 """Plan of a prop above which others keep clear of all of it, not only of its middle [m^2]."""
+HEADROOM = 4.5
+"""What is higher than this above the ground may stand over a carriageway [m]: the height that trucks are given."""
+PANEL_GAP = 0.02
+"""Least gap between two panels of a line [m], so that their ends do not lie in one plane."""
 
 
 @dataclass(frozen=True)
@@ -62,21 +67,52 @@ class Furniture:
         self.spots.append(Spot(kind, xy, round(float(yaw), 4), row))
         return True
 
-    def reserve(self, spot: Spot) -> None:
-        """Keep every further spot off the plan of a large prop, such as a forecourt."""
-        parts = build_prop("reserved", spot.kind, (*spot.xy, 0.0), spot.yaw, np.random.default_rng(0))
-        plan = shapely.convex_hull(shapely.MultiPoint(np.concatenate([part.points for part in parts])[:, :2]))
-        if plan.area > LARGE_AREA:
-            self._plans = np.append(self._plans, plan)
-            shapely.prepare(self._plans)
+    def keep_off(self, plans: Sequence[shapely.Geometry]) -> None:
+        """Keep every further spot off some areas."""
+        self._plans = np.append(self._plans, np.array(plans, object))
+        shapely.prepare(self._plans)
+
+    def place(self, prop: PlacedProp) -> None:
+        """Take the spot of a prop that is placed by hand. What stands on the ground keeps off roads and buildings.
+
+        Parts above the headroom of trucks, such as a canopy, may reach over a carriageway.
+
+        Raises:
+            ValueError: If a part stands on the carriageway, in a building, in a bay or off the ground.
+        """
+        spot = Spot(prop.kind, (round(prop.at[0], 2), round(prop.at[1], 2)), round(math.radians(prop.yaw_deg), 4))
+        where = f"props: {prop.kind!r} at {prop.at}"
+        low, whole = _plan_of(spot, HEADROOM), _plan_of(spot, math.inf)
+        if np.isnan(self.ground.height(*shapely.get_coordinates(low).T)).any():
+            raise ValueError(f"{where}: off the ground; move it into the town")
+        if shapely.dwithin(self.carriageway, low, 0.1):
+            raise ValueError(f"{where}: on the carriageway; move it aside by its size")
+        crowded = (np.hypot(*(self._feet[: len(self.spots)] - spot.xy).T) < KERB_CLEARANCE).any()
+        if crowded or shapely.intersects(self._plans, low).any():
+            raise ValueError(f"{where}: in a building, a bay or another prop; move it away")
+        if len(self.spots) == len(self._feet):
+            self._feet = np.concatenate([self._feet, np.zeros_like(self._feet)])
+        self._feet[len(self.spots)] = spot.xy
+        self.spots.append(spot)
+        if shapely.convex_hull(whole).area > LARGE_AREA:
+            self.keep_off([shapely.convex_hull(whole)])
 
     def to_street(self, xy: Sequence[float]) -> float:
         """Return the direction from a point to the nearest kerb [rad]."""
         kerb = shapely.get_coordinates(shapely.shortest_line(shapely.Point(xy), self.carriageway))[1]
         return math.atan2(kerb[1] - xy[1], kerb[0] - xy[0])
 
-    def add_row(self, row: PropRow, rng: np.random.Generator) -> None:
-        """Take spots along a line at a constant distance from all kerbs."""
+    def add_row(self, row: PropRow, rng: np.random.Generator, roads: Mapping[str, np.ndarray]) -> None:
+        """Take spots along a line at a constant distance from the kerbs.
+
+        Args:
+            row: The row.
+            rng: Shifts the spots.
+            roads: Road -> its reference line [m], [N, 3]; a spot belongs to the nearest one.
+        """
+        names = list(roads)
+        lines = np.array([shapely.LineString(roads[name][:, :2]) for name in names], object)
+        chosen = np.array([is_named(name, row.along) for name in names], bool)
         area = shapely.normalize(shapely.buffer(self.carriageway, row.offset_m, quad_segs=8))
         for part in shapely.get_parts(area):
             for ring in map(start_west, (part.exterior, *part.interiors)):
@@ -84,7 +120,17 @@ class Furniture:
                     shifted = (station + rng.uniform(-row.jitter_m, row.jitter_m)) % ring.length
                     xy = shapely.get_coordinates(ring.interpolate(shifted))[0]
                     kerb = min(KERB_CLEARANCE, row.offset_m - 0.05)
+                    if not chosen.all() and not chosen[np.argmin(shapely.distance(lines, shapely.Point(xy)))]:
+                        continue
                     self.add(row.kind, xy, self.to_street(xy), row.clear_m, kerb)
+
+
+def _plan_of(spot: Spot, below: float) -> shapely.Geometry:
+    """Return the plan of the faces of a prop that reach below a height above its ground [m]."""
+    parts = build_prop("plan", spot.kind, (*spot.xy, 0.0), spot.yaw, np.random.default_rng(0))
+    corners = np.concatenate([part.points[part.faces] for part in parts])
+    faces = np.asarray(shapely.polygons(corners[corners[:, :, 2].min(axis=1) < below][:, :, :2]))
+    return shapely.union_all(shapely.buffer(faces[shapely.area(faces) > 1e-6], 0.0))
 
 
 def approaches(lanes: LaneGraph, patterns: Sequence[str], yielding: bool = False) -> list[Lane]:
@@ -155,7 +201,11 @@ def add_trees(
 
 
 def add_fences(furniture: Furniture, lots: Sequence[Lot], styles: set[str]) -> None:
-    """Take fence panels along the street in front of houses of the given styles, with a gap at the door."""
+    """Take fence panels along the street in front of houses of the given styles, with a gap at the door.
+
+    A panel that would run through one of another house is left out.
+    """
+    taken = np.array([], object)
     for row, lot in enumerate(lots):
         if lot.style not in styles:
             continue
@@ -163,11 +213,31 @@ def add_fences(furniture: Furniture, lots: Sequence[Lot], styles: set[str]) -> N
         along = np.array([math.cos(site.yaw), math.sin(site.yaw)])
         outward = np.array([along[1], -along[0]])
         middle = np.asarray(site.center) + outward * (0.5 * site.depth + 3.2)
-        for offset in np.arange(1.4 + 0.5 * FENCE_LENGTH, 0.5 * site.width + 3.5, FENCE_LENGTH):
+        own = []
+        for offset in np.arange(1.4 + 0.5 * FENCE_LENGTH, 0.5 * site.width + 3.5, FENCE_LENGTH + PANEL_GAP):
             for side in (-1, 1):
                 xy, half = middle + along * side * offset, along * 0.5 * FENCE_LENGTH
-                if not shapely.dwithin(furniture.carriageway, shapely.LineString([xy - half, xy + half]), 1.0):
-                    furniture.add("fence", xy, math.atan2(outward[1], outward[0]), 0.5 * FENCE_LENGTH, 1.0, row)
+                panel = shapely.LineString([xy - half, xy + half])
+                is_free = not shapely.dwithin(taken, panel, 0.1).any()
+                if is_free and not shapely.dwithin(furniture.carriageway, panel, 1.0):
+                    yaw = math.atan2(outward[1], outward[0])
+                    own += [panel] * furniture.add("fence", xy, yaw, 0.5 * FENCE_LENGTH, 1.0, row)
+        taken = np.append(taken, np.array(own, object))
+
+
+def add_line(furniture: Furniture, line: PropLine, row: int) -> None:
+    """Take panels end to end along a line, as one prop; a gap stays at roads, buildings and other props."""
+    length = PANEL_LENGTH[line.kind]
+    for a, b in pairwise(np.array(line.points, float)):
+        side = float(np.linalg.norm(b - a))
+        count = int(side / (length + PANEL_GAP))
+        along = (b - a) / side
+        for k in range(count):
+            middle = a + along * (k + 0.5) * side / count
+            ends = [middle - 0.5 * length * along, middle + 0.5 * length * along]
+            if not shapely.dwithin(furniture.carriageway, shapely.LineString(ends), KERB_CLEARANCE):
+                yaw = math.atan2(-along[0], along[1])  # the panel's y axis runs along the line
+                furniture.add(line.kind, middle, yaw, 0.45 * length, KERB_CLEARANCE, row)
 
 
 def furnish(
@@ -177,6 +247,9 @@ def furnish(
     lots: Sequence[Lot],
     blocks: Sequence[shapely.Polygon],
     ground: Ground,
+    solid: Sequence[shapely.Geometry] = (),
+    keep_free: Sequence[shapely.Geometry] = (),
+    roads: Mapping[str, np.ndarray] | None = None,
 ) -> list[MeshPart]:
     """Return all props of a town, named `<kind>_NNN` in the order in which they were placed.
 
@@ -187,6 +260,9 @@ def furnish(
         lots: Buildings that props keep clear of.
         blocks: Land for scattered trees.
         ground: Heights.
+        solid: Further areas that nothing stands in, such as bays and the columns of bridges.
+        keep_free: Areas that only props placed by hand stand in, such as car parks and the plans of bridges.
+        roads: Road -> its reference line [m], [N, 3], for rows along certain roads.
 
     Raises:
         ValueError: If a prop placed by hand stands on the carriageway, in a building or off the ground.
@@ -194,16 +270,16 @@ def furnish(
     section = description.props
     rng = np.random.default_rng([description.blocks.seed, 1])
     furniture = Furniture(carriageway, lots, ground)
+    furniture.keep_off(solid)
     for placed in section.placed:
-        if not furniture.add(placed.kind, placed.at, math.radians(placed.yaw_deg), 0.4, 0.1):
-            raise ValueError(
-                f"props: {placed.kind!r} at {placed.at}: on the carriageway, in a building or off the ground"
-            )
-        furniture.reserve(furniture.spots[-1])
+        furniture.place(placed)
+    furniture.keep_off(keep_free)
+    for number, line in enumerate(section.lines):
+        add_line(furniture, line, len(lots) + number)
     add_at_approaches(furniture, "traffic_light", approaches(lanes, section.signalled), 0.6, 0.5)
     add_at_approaches(furniture, "give_way_sign", approaches(lanes, section.give_way, True), 0.7, 1.5)
     for row in section.rows:
-        furniture.add_row(row, rng)
+        furniture.add_row(row, rng, roads or {})
     if section.fences:
         pitched = {name for name, style in description.blocks.styles.items() if style.roof_form != "flat"}
         add_fences(furniture, lots, pitched)

@@ -3,37 +3,28 @@
 Frame of every prop: origin on the ground, x to its front (the street, or the drivers whom a sign speaks to), z up.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
 
+from mmw.town.farm import barn, field_fence, hay_bales, silo, water_tower, wooden_barn
+from mmw.town.gas_station import gas_canopy, gas_shop, price_sign
 from mmw.town.parts import MeshPart
+from mmw.town.pieces import ROOT, Piece, PropMaker, pole, upright
 from mmw.town.solids import Mesh, ball, beam, box, circle, lathe, merge, place, prism, weld
+from mmw.town.street_props import advertising_column, cycle_rack, guard_rail, planter
 
-Piece = tuple[str, Mesh, str, str]
-"""Name, mesh, material and semantic label of one part of a prop; the first part's label is that of the prop."""
-
-PropMaker = Callable[[np.random.Generator], list[Piece]]
-
-ROOT = 0.6  # how far posts and trunks reach into the ground, so that nothing floats on a slope [m]
 FENCE_LENGTH = 6.0
 """Length of a fence panel [m]; design value."""
 
-
-def _pole(height: float, radius: float, top: float | None = None, sides: int = 5) -> Mesh:
-    return lathe([(radius, -ROOT), (top or radius, height)], sides)
-
-
-def _upright(mesh: Mesh) -> Mesh:
-    """Return a mesh made in the plane z = const turned so that its upward side looks along +x."""
-    turn = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-    return Mesh(mesh.points @ turn.T, mesh.faces)
+PANEL_LENGTH = {"fence": FENCE_LENGTH, "field_fence": FENCE_LENGTH, "hedge": 4.0, "guard_rail": 4.0}
+"""Kinds that stand end to end, and the length of one [m]."""
 
 
 def street_lamp(rng: np.random.Generator) -> list[Piece]:
     """Return a lamp post of 8 m with an arm over the kerb."""
-    post = merge([_pole(8.0, 0.12, 0.06), beam((0, 0, 7.9), (1.6, 0, 8.3), 0.08)])
+    post = merge([pole(8.0, 0.12, 0.06), beam((0, 0, 7.9), (1.6, 0, 8.3), 0.08)])
     return [
         ("post", post, "metal_pole", "pole"),
         ("lantern", box((0.75, 0.28, 0.12), (1.85, 0, 8.33)), "plastic", "pole"),
@@ -87,7 +78,7 @@ def hedge(rng: np.random.Generator) -> list[Piece]:
 
 def bench(rng: np.random.Generator) -> list[Piece]:
     """Return a park bench of 1.8 m."""
-    slats = [box((0.45, 1.8, 0.06), (0.0, 0, 0.45)), box((0.06, 1.8, 0.35), (-0.24, 0, 0.72))]
+    slats = [box((0.45, 1.8, 0.06), (0.0, 0, 0.45)), box((0.06, 1.76, 0.44), (-0.21, 0, 0.69))]
     foot = box((0.34, 1.2, 0.42 + ROOT), (0, 0, 0.5 * (0.42 - ROOT)))
     return [("seat", merge(slats), "wood", "static"), ("foot", foot, "concrete_structure", "static")]
 
@@ -119,14 +110,14 @@ def _sign(outline: np.ndarray, height: float, inner: float) -> list[Piece]:
         height: Height of the plate's middle [m].
         inner: Size of the white field, as a share of the plate's; 0 for none.
     """
-    red = _upright(prism(0.98 * outline, 0.01, 0.03))
+    red = upright(prism(0.98 * outline, 0.01, 0.03))
     pieces = [
-        ("plate", place(_upright(prism(outline, 0.0, 0.02)), (0.045, 0, height)), "metal_pole", "traffic_sign"),
+        ("plate", place(upright(prism(outline, 0.0, 0.02)), (0.045, 0, height)), "metal_pole", "traffic_sign"),
         ("red", place(red, (0.045, 0, height)), "car_paint_red", "traffic_sign"),
         ("post", lathe([(0.04, -ROOT), (0.04, height + 0.3)], 5), "metal_pole", "pole"),
     ]
     if inner:
-        field = _upright(prism(inner * outline, 0.02, 0.04))
+        field = upright(prism(inner * outline, 0.02, 0.04))
         pieces.insert(2, ("field", place(field, (0.045, 0, height)), "sign_face", "traffic_sign"))
     return pieces
 
@@ -165,7 +156,7 @@ def _lights(at: Sequence[float]) -> tuple[Mesh, Mesh, Mesh]:
 def traffic_light(rng: np.random.Generator) -> list[Piece]:
     """Return a signal at the kerb with a second head on an arm of 4 m over the lanes (towards -y, bottom at 5.6 m)."""
     heads = [_lights((0.15, 0, 3.0)), _lights((0.15, -4.0, 6.15))]
-    post = merge([_pole(6.6, 0.11, 0.08), beam((0, 0, 6.4), (0, -4.2, 6.5), 0.1)])
+    post = merge([pole(6.6, 0.11, 0.08), beam((0, 0, 6.4), (0, -4.2, 6.5), 0.1)])
     return [
         ("heads", merge(case for case, _, _ in heads), "traffic_light_metal", "traffic_light"),
         ("red", merge(red for _, red, _ in heads), "car_light_rear", "traffic_light"),
@@ -214,35 +205,18 @@ def monument(rng: np.random.Generator) -> list[Piece]:
     ]
 
 
-def gas_station(rng: np.random.Generator) -> list[Piece]:
-    """Return a forecourt of 30 x 22 m with a canopy of 22 x 14 m, 5 m clear, four pumps and a shop behind it."""
-    columns = [box((0.5, 0.5, 5.2), (x, y, 2.4)) for x in (0.0, 7.0) for y in (-7.0, 7.0)]
-    islands = [box((1.2, 6.0, 0.25), (x, y, 0.075)) for x in (0.0, 7.0) for y in (-5.0, 5.0)]
-    pumps = [box((0.6, 1.1, 1.7), (x, y, 1.0)) for x in (0.0, 7.0) for y in (-4.0, 4.0)]
-    shop = box((6.0, 14.0, 3.9), (-9.5, 0, 1.65))
-    panes = [box((0.1, 4.0, 2.2), (-6.5, y, 1.5)) for y in (-4.5, 0.0, 4.5)]
-    return [
-        ("canopy", box((14.0, 22.0, 0.9), (3.5, 0, 5.45)), "metal_fascia", "building"),
-        ("columns", merge(columns), "metal_pole", "building"),
-        ("islands", merge(islands), "concrete_structure", "building"),
-        ("pumps", merge(pumps), "plastic", "static"),
-        ("shop", shop, "concrete_facade", "building"),
-        ("panes", merge(panes), "window_glass", "building"),
-        ("shop_roof", box((6.6, 14.6, 0.3), (-9.5, 0, 3.75)), "concrete_roof", "building"),
-        ("paving", box((24.0, 30.0, 0.04 + ROOT), (-1.0, 0, 0.5 * (0.04 - ROOT))), "concrete_sidewalk", "sidewalk"),
-    ]
-
-
 PROPS: dict[str, PropMaker] = {
     maker.__name__: maker
     for maker in (
         street_lamp, broadleaf_tree, oak, spruce, hedge, bench, litter_bin, hydrant, bollard, give_way_sign, stop_sign,
-        speed_sign, street_name_sign, traffic_light, bus_shelter, kiosk, fence, monument, gas_station,
+        speed_sign, street_name_sign, traffic_light, bus_shelter, kiosk, fence, monument, gas_canopy, gas_shop,
+        price_sign, silo, barn, wooden_barn, hay_bales, field_fence, water_tower, advertising_column, planter,
+        cycle_rack, guard_rail,
     )
 }  # fmt: skip
 """Kind -> maker."""
 
-PLANTS = ("broadleaf_tree", "oak", "spruce")
+VARIED = ("broadleaf_tree", "oak", "spruce", "silo")
 """Kinds whose size is random."""
 
 
@@ -254,14 +228,14 @@ def build_prop(name: str, kind: str, at: Sequence[float], yaw: float, rng: np.ra
         kind: A key of `PROPS`.
         at: Position on the ground in the town frame [m], shape [3].
         yaw: Direction of the prop's x axis, counter-clockwise from east [rad].
-        rng: Varies the size of plants.
+        rng: Varies the size of plants and silos.
 
     Raises:
         ValueError: If the kind is unknown.
     """
     if kind not in PROPS:
         raise ValueError(f"prop {name!r}: kind {kind!r}; known kinds are: {', '.join(sorted(PROPS))}; use one of them")
-    pieces = PROPS[kind](rng) if kind in PLANTS else _fixed(kind)
+    pieces = PROPS[kind](rng) if kind in VARIED else _fixed(kind)
     return [
         MeshPart(f"Props/{name}/{piece}", *place(mesh, at, yaw), material, label)
         for piece, mesh, material, label in pieces
