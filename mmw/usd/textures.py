@@ -156,7 +156,7 @@ def _rough(seed: int, slope: float) -> Callable[[], np.ndarray]:
 
 
 def _grey(dark: float, light: float) -> tuple[tuple[float, tuple[float, float, float]], ...]:
-    return ((0.0, (dark,) * 3), (1.0, (light,) * 3))
+    return ((0.0, (dark, dark, dark)), (1.0, (light, light, light)))
 
 
 Tones = tuple[tuple[float, tuple[float, float, float]], ...]
@@ -164,7 +164,7 @@ Tones = tuple[tuple[float, tuple[float, float, float]], ...]
 
 def _with_joints(joint: tuple[float, float, float], dark: float, light: float) -> Tones:
     """Tones of stones from dark to light, and of the joints between them."""
-    return ((0.0, joint), (0.1, joint), (0.15, (dark,) * 3), (1.0, (light,) * 3))
+    return ((0.0, joint), (0.1, joint), (0.15, (dark, dark, dark)), (1.0, (light, light, light)))
 
 
 TILES: Mapping[str, Tile] = {
