@@ -77,6 +77,7 @@ def census(arrays: SceneArrays, weather: str, frames: Sequence[int], device: str
                 for kind in reflector_kinds(
                     arrays.objects[paths.object_id[path, 0]],
                     arrays.materials[weather][paths.material_id[path, 0]].name,
+                    paths.vertex[path, 0, 2] > max(links.tx.position[row, 2], links.rx.position[row, 2]),
                 )
             }
             reflected.setdefault(key, Counter()).update(seen)
@@ -116,9 +117,10 @@ def blocker_kind(thing: SceneObject) -> str:
     return {"skybridges": "skybridge", "bridges": "bridge"}.get(group, thing.label)
 
 
-def reflector_kinds(thing: SceneObject, material: str) -> list[str]:
-    """Return what a reflection counts as: the kind of object, and glass besides where the face is a pane."""
-    return [blocker_kind(thing), *(["glass"] if material in GLASS else [])]
+def reflector_kinds(thing: SceneObject, material: str, is_above: bool) -> list[str]:
+    """Return what a reflection counts as: the kind of object, besides glass where the face is a pane, and a soffit
+    where it happens above both ends."""
+    return [blocker_kind(thing), *(["glass"] if material in GLASS else []), *(["soffit"] if is_above else [])]
 
 
 def is_parked(thing: SceneObject) -> bool:

@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from mmw.config import TrafficConfig
 from mmw.constants import FRAME_RATE_HZ
 from mmw.town.lanes import LaneGraph
 from mmw.traffic import VehicleTrack
@@ -213,20 +214,23 @@ def main(arguments: Sequence[str] | None = None) -> None:
     graph = read_lanes(stage, f"{root}/Lanes")
     drivable = read_drivable(stage)
     catalog = load_catalog()
+    traffic = TrafficConfig(
+        vehicle_count=options.vehicles,
+        spawn_center_m=tuple(options.center),
+        cav_ranks=(),
+        warmup_s=options.warmup,
+        lane_changes=not options.no_lane_changes,
+        signals=options.signals,
+    )
     for seed in range(options.seeds):
         start = time.perf_counter()
         outcome = run_traffic(
             graph,
             drivable,
             catalog,
+            traffic,
             frame_count=options.frames,
-            vehicle_count=options.vehicles,
-            spawn_center=options.center,
-            cav_ranks=(),
-            warmup_s=options.warmup,
             seed=seed,
-            lane_changes=not options.no_lane_changes,
-            signals=options.signals,
         )
         wall = time.perf_counter() - start
         row = asdict(measure(outcome.tracks, graph, drivable, catalog))

@@ -5,6 +5,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from mmw.command import run_command
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the `mmw` command and return its exit code."""
@@ -32,8 +34,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     commands.add_parser("run", help="make a dataset (same as python -m mmw.run)")
     commands.add_parser("radiomap", help="trace path gain, RSS and SINR over the roads (picture: needs mmw[plot])")
     commands.add_parser("town", help="build, check and draw towns (building needs mmw[author], drawing mmw[plot])")
-    commands.add_parser("import", help="make a town of a Mitsuba, OpenDRIVE, OSM, glTF, OBJ, PLY, STL or USD file")
-    verify = commands.add_parser("verify", help="check every file of a dataset against its markers")
+    commands.add_parser(
+        "import", help="make a town of a Mitsuba, OpenDRIVE, OSM (mmw[author]), glTF, OBJ, PLY, STL or USD file"
+    )
+    verify = commands.add_parser("verify", help="check every file of a dataset against its hash")
     verify.add_argument("dataset", type=Path, help="dataset folder")
     pictures = commands.add_parser(
         "pictures", help="draw a dataset: town, street, LiDAR, depth, link (needs mmw[plot])"
@@ -46,17 +50,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     pictures.add_argument("--samples", type=int, default=2, help="rays a pixel in each direction, 1 is fastest")
     pictures.add_argument("--device", default="auto", help="auto, cpu or cuda:N")
     arguments = parser.parse_args(argv)
-    try:
-        return {"verify": _verify, "pictures": _pictures}[arguments.command](arguments)
-    except ValueError as error:
-        print(f"mmw: {error}", file=sys.stderr)
-        return 2
-    except ImportError as error:
-        print(f"mmw: {error}; install the extra that `mmw --help` names for this command", file=sys.stderr)
-        return 1
-    except OSError as error:
-        print(f"mmw: {error.filename}: {error.strerror}", file=sys.stderr)
-        return 1
+    work = {"verify": _verify, "pictures": _pictures}[arguments.command]
+    return run_command(lambda: work(arguments), "mmw[plot]")
 
 
 def _verify(arguments: argparse.Namespace) -> int:

@@ -1,12 +1,12 @@
 """`mmw import`: a world of another tool becomes a town asset."""
 
 import argparse
-import sys
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-from mmw.channel.materials import PERMITTIVITY, PREFIX
+from mmw.channel.materials import RADIO_ROWS
+from mmw.command import run_command
 from mmw.importers import mesh_files, usd_stage
 from mmw.importers.asset import asset_files, write_world
 from mmw.importers.material_map import apply_material_map, load_material_map
@@ -14,41 +14,41 @@ from mmw.importers.meshes import UNITS, bounds, check_world, identifier
 from mmw.importers.mitsuba import read_mitsuba
 from mmw.importers.world import World
 
-RADIO_ROWS = tuple(PREFIX + name for name in PERMITTIVITY)
-"""Radio materials that exist."""
-
 NO_OPTIONS = (".xodr", ".osm", ".osm.xml")
 """Formats that define their axes and units."""
 
 KNOWN = (".xml (Mitsuba, Sionna)", *mesh_files.SUFFIXES, *usd_stage.SUFFIXES, *NO_OPTIONS)
 
+TALLEST_M = 500.0
+"""A world that is higher is noted, for it may be one in centimetres [m]; design value, over most skyscrapers."""
+
 
 def main(argv: Sequence[str], prog: str = "mmw import") -> int:
     """Run `mmw import` and return its exit code."""
-    parser = argparse.ArgumentParser(prog=prog, description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog=prog,
+        description="Make a town asset, a USD file, of a world from another tool, and say what came out and what to do "
+        "next.",
+        epilog="OpenDRIVE and OpenStreetMap need mmw[author]; their files say axes and units themselves. Exit codes: 0 "
+        "done, 2 a file or an option that cannot be used, 1 failure while running.",
+    )
     parser.add_argument("file", type=Path, help=f"world to import: {', '.join(KNOWN)}")
     parser.add_argument("--out", type=Path, required=True, help="folder for the asset, or its .usda file")
-    parser.add_argument("--materials", type=Path, help="material map, a YAML file (docs/import.md)")
-    parser.add_argument("--up", choices=("y", "z"), default="", help="axis that points up, where the format is silent")
-    parser.add_argument("--unit", choices=tuple(UNITS), default="", help="unit of the file, where the format is silent")
+    parser.add_argument("--materials", type=Path, metavar="MAP", help="material map, a YAML file (docs/import.md)")
+    parser.add_argument("--up", choices=("y", "z"), default="", help="axis that points up; the format's by default")
+    parser.add_argument("--unit", choices=tuple(UNITS), default="", help="unit of the file; the format's by default")
     parser.add_argument(
         "--origin", type=float, nargs=3, default=(0.0, 0.0, 0.0), metavar=("X", "Y", "Z"),
         help="point of the world, z up, in metres, that becomes the origin",
     )  # fmt: skip
     parser.add_argument("--overwrite", action="store_true", help="replace an asset that is there")
     arguments = parser.parse_args(argv)
-    try:
+
+    def work() -> int:
         print("\n".join(import_world(arguments)))
         return 0
-    except ValueError as error:
-        print(f"mmw: {error}", file=sys.stderr)
-        return 2
-    except ImportError as error:
-        print(f"mmw: {error}; install the extra that `mmw --help` names for this command", file=sys.stderr)
-        return 1
-    except OSError as error:
-        print(f"mmw: {error.filename}: {error.strerror}", file=sys.stderr)
-        return 1
+
+    return run_command(work, "mmw[author]")
 
 
 def import_world(arguments: argparse.Namespace) -> list[str]:
@@ -127,6 +127,10 @@ def describe(world: World) -> list[str]:
             f"note: {labels['unlabeled']:,} meshes have no semantic class; `label` in a material map gives one"
         )
     lines.append(f"lanes: {len(world.lanes.lanes):,}" if world.lanes else "lanes: none")
+    if (high - low)[2] > TALLEST_M:
+        lines.append(
+            f"note: {(high - low)[2]:.0f} m high; if its unit is no metre, say so with --unit (cm, mm, in, ft)"
+        )
     return lines + [f"note: {note}" for note in world.notes]
 
 

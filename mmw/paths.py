@@ -14,6 +14,11 @@ def assets_dir() -> Path:
     return Path(str(files("mmw.assets") / "usd"))
 
 
+def shipped_towns() -> list[str]:
+    """Return the names of the shipped towns, sorted."""
+    return sorted(path.name for path in (assets_dir() / "towns").iterdir() if path.is_dir())
+
+
 def town_path(name: str) -> Path:
     """Return the interface layer of a shipped town.
 
@@ -22,8 +27,7 @@ def town_path(name: str) -> Path:
     """
     path = assets_dir() / "towns" / name / f"{name}.usda"
     if not path.is_file():
-        known = ", ".join(sorted(p.name for p in (assets_dir() / "towns").iterdir() if p.is_dir()))
         raise ValueError(
-            f"town = {name!r}; shipped towns are: {known}; name one of them, or give `stage:` your own USD file"
+            f"town = {name!r}; shipped towns are: {', '.join(shipped_towns())}; name one of them, or give a USD file"
         )
     return path

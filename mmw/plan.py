@@ -3,9 +3,9 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from pxr import Tf, Usd
+from pxr import Usd
 
-from mmw.channel.materials import PERMITTIVITY, PREFIX
+from mmw.channel.materials import RADIO_ROWS
 from mmw.config import ChannelConfig, Config, ConfigError, DepthConfig, ImuConfig, LidarConfig, ScenarioConfig
 from mmw.config.scenario import TOWN_SUFFIXES
 from mmw.paths import town_path
@@ -14,6 +14,7 @@ from mmw.tables.schemas import TABLES
 from mmw.traffic.sumo import check_sumo
 from mmw.usd.actors import find_actors
 from mmw.usd.material_map import unknown_names
+from mmw.usd.open import open_stage
 
 FRAMED_TABLES = sum(table.framed for table in TABLES.values())
 
@@ -116,8 +117,7 @@ def check_inputs(config: Config, base: Path) -> None:
             except ValueError as error:
                 problems.append(f"{where}: traffic.{error}")
         for pattern, entry in scenario.material_map.items():
-            rows = [PREFIX + name for name in PERMITTIVITY]
-            problems += unknown_names(f"{where}: material_map[{pattern!r}]", entry, rows)
+            problems += unknown_names(f"{where}: material_map[{pattern!r}]", entry, RADIO_ROWS)
         if config.channel.enabled and "v2i" in config.channel.links and scenario.town and not scenario.rsus:
             problems.append(
                 f"{where}: channel.links = {list(config.channel.links)} has v2i but there are no rsus; add one, or use "
@@ -134,13 +134,10 @@ def _check_source(scenario: ScenarioConfig, source: Path, weathers: Sequence[str
         ValueError: If USD cannot read the file, or the town has no such weather.
     """
     key, value = ("stage", scenario.stage) if scenario.stage is not None else ("town", scenario.town)
-    where = f"scenario {scenario.name!r}: {key} = {value!r}"
     try:
-        stage = Usd.Stage.Open(str(source), Usd.Stage.LoadNone)
-    except Tf.ErrorException:
-        raise ValueError(
-            f"{where}: USD cannot read {source}; give an intact .usd, .usda, .usdc or .usdz file"
-        ) from None
+        stage = open_stage(source, Usd.Stage.LoadNone)
+    except ValueError as error:
+        raise ValueError(f"scenario {scenario.name!r}: {key} = {value!r}: {error}") from None
     root = stage.GetDefaultPrim()
     known = root.GetVariantSet("weather").GetVariantNames() if root else []
     for weather in weathers if scenario.town is not None and known else ():

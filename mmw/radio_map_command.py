@@ -5,7 +5,6 @@ Exit codes: 0 done, 2 bad configuration or input (one line a problem), 1 failure
 
 import argparse
 import json
-import sys
 import tempfile
 import time
 from collections.abc import Sequence
@@ -21,6 +20,7 @@ from mmw import __version__
 from mmw.channel.arrays import AntennaArray
 from mmw.channel.measuring import MeasuringSurface, plane_grid, road_grid
 from mmw.channel.radio_map import RadioMap, RadioMapConfig, Transmitters, actor_transmitters, radio_map
+from mmw.command import fail
 from mmw.compute.device import choose_device, device_name
 from mmw.config import Config, ConfigError, ScenarioConfig, load_config
 from mmw.plan import check_inputs
@@ -115,24 +115,18 @@ def main(argv: Sequence[str] | None = None, prog: str = "mmw radiomap") -> int:
         for line in run(arguments):
             print(line)
     except ConfigError as error:
-        return _fail(error.problems)
+        return fail(error.problems)
     except ValueError as error:
-        return _fail([str(error)])
+        return fail([str(error)])
     except OutOfSpaceError as error:
-        return _fail([str(error)], code=1)
+        return fail([str(error)], code=1)
     except KeyboardInterrupt:
-        return _fail(["interrupted; nothing was written"], code=1)
+        return fail(["interrupted; nothing was written"], code=1)
     except ImportError as error:
-        return _fail([f"{error}; the picture needs mmw[plot]: install it, or give --table-only"], code=1)
+        return fail([f"{error}; the picture needs mmw[plot]: install it, or give --table-only"], code=1)
     except OSError as error:
-        return _fail([f"{error.filename or arguments.out}: {error.strerror or error}"], code=1)
+        return fail([f"{error.filename or arguments.out}: {error.strerror or error}"], code=1)
     return 0
-
-
-def _fail(problems: Sequence[str], code: int = 2) -> int:
-    for problem in problems:
-        print(f"mmw: {problem}", file=sys.stderr)
-    return code
 
 
 def run(arguments: argparse.Namespace) -> list[str]:

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from mmw.command import fail
 from mmw.config import Config, ConfigError, load_config
 from mmw.config.load import json_schema, to_yaml
 
@@ -56,7 +57,7 @@ def main(argv: Sequence[str] | None = None, prog: str = "python -m mmw.run") -> 
         print(json.dumps(json_schema(), indent=2))
         return 0
     if not arguments.config:
-        return _fail(["--config FILE is missing; a first one to try is configs/quickstart.yaml"])
+        return fail(["--config FILE is missing; a first one to try is configs/quickstart.yaml"])
     patch = {
         key: value
         for key, value in (
@@ -69,14 +70,14 @@ def main(argv: Sequence[str] | None = None, prog: str = "python -m mmw.run") -> 
     try:
         config = load_config(arguments.config, arguments.overrides, patch)
     except ConfigError as error:
-        return _fail(error.problems)
+        return fail(error.problems)
     if arguments.print_config:
         print(to_yaml(config), end="")
         return 0
     try:
         return execute(config, Path(arguments.config), dry_run=arguments.dry_run, overwrite=arguments.overwrite)
     except KeyboardInterrupt:
-        return _fail(["interrupted; every finished shard is kept and the same command resumes"], code=1)
+        return fail(["interrupted; every finished shard is kept and the same command resumes"], code=1)
 
 
 def execute(config: Config, path: Path, *, dry_run: bool = False, overwrite: bool = False) -> int:
@@ -108,22 +109,16 @@ def execute(config: Config, path: Path, *, dry_run: bool = False, overwrite: boo
                     console.warn_once(line)
             run(config, base=base, device=device, overwrite=overwrite, console=console)
     except ConfigError as error:
-        return _fail([f"{path}: {problem}" for problem in error.problems])
+        return fail([f"{path}: {problem}" for problem in error.problems])
     except ValueError as error:
-        return _fail([str(error)])
+        return fail([str(error)])
     except OutOfSpaceError as error:
-        return _fail([str(error)], code=1)
+        return fail([str(error)], code=1)
     except OSError as error:
-        return _fail(
+        return fail(
             [f"{error.filename or config.output.dir}: {error.strerror or error}; the same command resumes"], code=1
         )
     return 0
-
-
-def _fail(problems: Sequence[str], code: int = 2) -> int:
-    for problem in problems:
-        print(f"mmw: {problem}", file=sys.stderr)
-    return code
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from pxr import Tf, Usd, UsdGeom
+from pxr import Usd, UsdGeom
 
 from mmw.constants import FRAME_RATE_HZ
 from mmw.materials import Material
@@ -15,7 +15,7 @@ from mmw.usd.actors import FoundActor, actor_poses, find_actors, model_matrix
 from mmw.usd.extract import FoundMesh, MeshReader, bound_materials, component_of, place, semantic_label, to_metres
 from mmw.usd.material_map import MaterialMap, find_entry
 from mmw.usd.materials import MaterialUse, read_material, resolve_material
-from mmw.usd.schema import register
+from mmw.usd.open import check_references, open_stage
 from mmw.usd.semantics import CARLA_TAG
 
 WEATHER = "weather"
@@ -109,7 +109,8 @@ def read_stage(
         ValueError: If the file is missing, unreadable or empty; if a frame or weather is not in it; if a mesh has no
             material, deforms, or moves inside its actor.
     """
-    stage = _open(Path(path))
+    stage = open_stage(Path(path))
+    check_references(stage, Path(path))
     name = str(path)
     frames, times = _frame_times(stage, name, frames, margin)
     switches = _weather_prims(stage)
@@ -144,24 +145,6 @@ def read_stage(
         )
     materials, ids = _materials(stage, switches, list(reader.uses), weathers)
     return _assemble(static, actors, moving, frames, poses, materials, ids)
-
-
-def _open(path: Path) -> Usd.Stage:
-    if not path.is_file():
-        raise ValueError(f"{path}: no such file; give the path of a USD stage")
-    register()
-    try:
-        stage = Usd.Stage.Open(str(path))
-    except Tf.ErrorException as error:
-        reason = str(error).strip().splitlines()[-1]
-        raise ValueError(f"{path}: USD cannot read it ({reason}); give a .usd, .usda, .usdc or .usdz file") from error
-    errors = stage.GetCompositionErrors()
-    if errors:
-        listed = "\n  ".join(str(error) for error in errors[:8])
-        raise ValueError(
-            f"{path}: {len(errors)} references do not resolve; every layer is needed; repair the paths:\n  {listed}"
-        )
-    return stage
 
 
 def _frame_times(stage: Usd.Stage, name: str, frames: range, margin: int) -> tuple[range, np.ndarray]:

@@ -2,19 +2,27 @@
 
 import argparse
 import json
-import sys
 from collections.abc import Sequence
 from pathlib import Path
+
+from mmw.command import run_command
 
 
 def main(argv: Sequence[str], prog: str = "mmw town") -> int:
     """Run a subcommand of `mmw town` and return its exit code."""
-    parser = argparse.ArgumentParser(prog=prog, description=__doc__)
+    parser = argparse.ArgumentParser(prog=prog, description="Build, check and draw towns.")
     commands = parser.add_subparsers(dest="command", required=True)
-    build = commands.add_parser("build", help="build a town from its YAML description (needs mmw[author])")
+    build = commands.add_parser(
+        "build", help="build a town from its YAML description (needs mmw[author])",
+        description="Build the USD asset of a town from its YAML description (docs/towns.md). Needs mmw[author].",
+    )  # fmt: skip
     build.add_argument("description", help="the town's YAML file, or the name of a shipped town")
     build.add_argument("--out", type=Path, help="folder for the built asset; the description's own by default")
-    check = commands.add_parser("check", help="check a town, or any USD stage; exit code 1 if there are errors")
+    check = commands.add_parser(
+        "check", help="check a town, or any USD stage; exit code 1 if there are errors",
+        description="List what is wrong with a town, or any USD stage: where, and what to do (docs/town-check.md). "
+        "Exit codes: 0 no errors, 1 errors, 2 a file that cannot be read.",
+    )  # fmt: skip
     check.add_argument("stage", help="USD file, or the name of a shipped town")
     check.add_argument("--json", action="store_true", help="print the findings as one JSON object")
     check.add_argument("--all", action="store_true", help="list hidden faces that touch one by one")
@@ -22,7 +30,10 @@ def main(argv: Sequence[str], prog: str = "mmw town") -> int:
         "--material-map", action="append", default=[], metavar="GLOB=ROW",
         help="radio material for meshes without one, such as '/World/Wall*=itu_concrete'; may be repeated",
     )  # fmt: skip
-    render = commands.add_parser("render", help="draw a town: from above, three streets, its lanes (needs mmw[plot])")
+    render = commands.add_parser(
+        "render", help="draw a town: from above, three streets, its lanes (needs mmw[plot])",
+        description="Draw a town, or any USD stage, as PNG: from above, three streets, and the map of its lanes.",
+    )  # fmt: skip
     render.add_argument("stage", help="USD file, or the name of a shipped town")
     render.add_argument("--out", type=Path, default=Path("pictures"), help="folder for the PNG files")
     render.add_argument(
@@ -32,31 +43,24 @@ def main(argv: Sequence[str], prog: str = "mmw town") -> int:
     render.add_argument("--samples", type=int, default=2, help="rays a pixel in each direction, 1 is fastest")
     render.add_argument("--device", default="auto", help="auto, cpu or cuda:N")
     arguments = parser.parse_args(argv)
-    try:
-        return {"build": _build, "check": _check, "render": _render}[arguments.command](arguments)
-    except ValueError as error:
-        print(f"mmw: {error}", file=sys.stderr)
-        return 2
-    except ImportError as error:
-        print(f"mmw: {error}; install the extra that `mmw --help` names for this command", file=sys.stderr)
-        return 1
-    except OSError as error:
-        print(f"mmw: {error.filename}: {error.strerror}", file=sys.stderr)
-        return 1
+    work = {"build": _build, "check": _check, "render": _render}[arguments.command]
+    return run_command(lambda: work(arguments), "mmw[author]" if arguments.command == "build" else "mmw[plot]")
 
 
 def _build(arguments: argparse.Namespace) -> int:
+    from mmw.channel.materials import RADIO_ROWS
     from mmw.town.build import build_shipped_town, build_town
 
     path = Path(arguments.description)
     if path.suffix in (".yaml", ".yml"):
-        print(build_town(path, arguments.out or path.parent))
+        print(build_town(path, arguments.out or path.parent, radio_rows=RADIO_ROWS))
     else:
         print(build_shipped_town(arguments.description, arguments.out))
     return 0
 
 
 def _check(arguments: argparse.Namespace) -> int:
+    from mmw.channel.materials import RADIO_ROWS
     from mmw.compute.device import choose_device
     from mmw.inspect.check import check_stage, stage_path
 
@@ -65,7 +69,10 @@ def _check(arguments: argparse.Namespace) -> int:
     if wrong:
         raise ValueError(f"--material-map {wrong[0]}: GLOB=ROW is needed, such as '/World/Wall*=itu_concrete'")
     rows = dict(entry.rsplit("=", 1) for entry in arguments.material_map)
-    report = check_stage(stage_path(arguments.stage), rows)
+    for glob, row in rows.items():
+        if row not in RADIO_ROWS:
+            raise ValueError(f"--material-map {glob}={row}: no radio material; use one of {', '.join(RADIO_ROWS)}")
+    report = check_stage(stage_path(arguments.stage), rows, RADIO_ROWS)
     if arguments.json:
         counts = {f"{severity}s": report.count(severity) for severity in ("error", "warning")}
         records = [finding.record() for finding in report.findings]

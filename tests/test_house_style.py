@@ -2,6 +2,8 @@
 
 import ast
 import re
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
@@ -35,7 +37,7 @@ LAYERS = [
     {"mmw.channel", "mmw.sensors"},
     {"mmw.tables"},
     {"mmw.dataset"},
-    {"mmw.compute", "mmw.report"},
+    {"mmw.compute", "mmw.report", "mmw.command"},
     {"mmw.plan", "mmw.provenance", "mmw.notes"},
     {"mmw.prepare"},
     {"mmw.viewing", "mmw.radio_map_command", "mmw.town_command", "mmw.import_command"},
@@ -196,3 +198,15 @@ def test_packages_list_every_folder_with_files() -> None:
                 inner = path.parent.relative_to(ROOT / folder).parts
                 needed.add(".".join((prefix, *inner)))
     assert listed == needed
+
+
+def test_core_dependencies_are_enough() -> None:
+    """Running shipped towns, checking towns and importing meshes needs no extra."""
+    code = (
+        "import sys\n"
+        "for name in ('shapely', 'scipy', 'mapbox_earcut', 'matplotlib', 'libsumo', 'duckdb', 'pandas'):\n"
+        "    sys.modules[name] = None\n"
+        "import mmw.__main__, mmw.import_command, mmw.inspect.check, mmw.pipeline, mmw.radio_map_command, mmw.run\n"
+        "import mmw.town_command, mmw.traffic.engines\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)

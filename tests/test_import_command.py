@@ -167,6 +167,15 @@ def test_labels_stand_as_high_as_they_hold(tmp_path: Path) -> None:
     }  # fmt: skip
 
 
+def test_centimetres_taken_for_metres_are_noted(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    source = write_obj(tmp_path / "w.obj", scale=100.0)
+    (tmp_path / "map.yaml").write_text('"*": itu_concrete')
+    for unit, is_noted in (("m", True), ("cm", False)):
+        options = ["--materials", str(tmp_path / "map.yaml"), "--unit", unit]
+        assert main([str(source), "--out", str(tmp_path / unit), *options]) == 0
+        assert ("note: 600 m high; if its unit is no metre" in capsys.readouterr().out) == is_noted
+
+
 @pytest.mark.parametrize(
     ("options", "part"),
     [
@@ -179,7 +188,7 @@ def test_labels_stand_as_high_as_they_hold(tmp_path: Path) -> None:
         (["w.obj", "--unit", "km"], "larger than 20 km"),
         (["w.obj", "--unit", "mm"], "smaller than 1 m"),
         (["w.obj"], "no radio material"),
-        (["w.obj", "--materials", "nowhere.yaml"], "cannot be read"),
+        (["w.obj", "--materials", "nowhere.yaml"], "no such file"),
         (["w.obj", "--origin", "0", "0", "30000"], "30000.*--origin|--origin 0 0 -30000"),
     ],
 )

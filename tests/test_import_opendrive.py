@@ -11,8 +11,8 @@ from mmw.importers.opendrive_shape import make_shape
 from mmw.importers.opendrive_xml import read_document
 from mmw.importers.world import World
 from mmw.town.parts import MeshPart
-from mmw.traffic import simulate
-from tests.traffic_towns import CATALOG
+from mmw.traffic import run_traffic
+from tests.traffic_towns import CATALOG, demand
 from tests.xodr_files import (
     ARM,
     LANE,
@@ -241,10 +241,14 @@ def test_lane_graph_of_the_junction(town: World) -> None:
 def test_vehicles_drive_on_it(town: World) -> None:
     assert town.lanes is not None
     road_points, road_faces = of(town, "road", "road_line")
-    tracks = simulate(
-        town.lanes, (road_points, road_faces), CATALOG, frame_count=500, vehicle_count=4, spawn_center=(40.0, 0.0, 0.0),
-        cav_ranks=[0, 1], warmup_s=1.0, seed=3,
-    )  # fmt: skip
+    tracks = run_traffic(
+        town.lanes,
+        (road_points, road_faces),
+        CATALOG,
+        **demand(
+            frame_count=500, vehicle_count=4, spawn_center_m=(40.0, 0.0, 0.0), cav_ranks=[0, 1], warmup_s=1.0, seed=3
+        ),
+    ).tracks
     graph = shapely.MultiLineString([lane_.points[:, :2] for lane_ in town.lanes.lanes.values()])
     for track in tracks:
         assert np.linalg.norm(track.poses[-1, :2] - track.poses[0, :2]) > 5.0

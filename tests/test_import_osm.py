@@ -173,6 +173,19 @@ def test_default_origin_heights_and_parts(tmp_path: Path) -> None:
         12.0, 12.5, pytest.approx(12.192), pytest.approx(2.2352), None, None]  # fmt: skip
 
 
+def test_the_box_that_was_asked_for_gives_the_origin(tmp_path: Path) -> None:
+    """An export holds its ways as a whole: here a power line that goes on for 8 km."""
+    town = quarter()
+    town.way([(100, 0), (8000, 100)], {"power": "line"})
+    low, high = to_degrees(-50.0, -40.0), to_degrees(150.0, 40.0)
+    box = '<bounds minlat="{}" minlon="{}" maxlat="{}" maxlon="{}"/>'.format(*low, *high)
+    world = read(tmp_path, town.text().replace('<osm version="0.6">', f'<osm version="0.6">{box}'), None)
+    points = np.concatenate([part.points for part in parts_of(world, "Buildings/")])
+    np.testing.assert_allclose((points[:, 0].min(), points[:, 0].max()), (-60 - 50, 70 - 50), atol=0.06)
+    with pytest.raises(ValueError, match="<bounds> are 48, , , ; degrees are needed"):
+        read(tmp_path, town.text().replace('<osm version="0.6">', '<osm version="0.6"><bounds minlat="48"/>'), None)
+
+
 def test_clipped_ways_and_multipolygons_are_told(tmp_path: Path) -> None:
     text = quarter().text()
     cut = text.replace('<nd ref="1"/>', '<nd ref="77777"/>')  # the first house reaches beyond the extract

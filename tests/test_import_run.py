@@ -127,6 +127,63 @@ def test_an_imported_world_runs(tmp_path: Path, kind: str) -> None:
     assert ("specular", [house[0]]) in kinds
 
 
+RECORDED = """
+scenarios:
+  - name: recorded
+    town: town/world.usda
+    traffic: {engine: file, trajectories: drive.csv, cav_ids: [ego, probe], spawn_center_m: [0, 0, 0]}
+    rsus: [{name: rsu_1, position_m: [18, -2, 0], yaw_deg: 180}]
+frames: {count: 1}
+sensors:
+  - {type: lidar, channels: 16, points_per_channel: 180, on: [cav]}
+  - {type: depth, width_px: 48, height_px: 32}
+  - {type: imu}
+channel: {links: [v2i, v2v], candidates: exhaustive}
+"""
+
+
+def test_recorded_vehicles_drive_on_a_town_without_lanes(tmp_path: Path) -> None:
+    """Three vehicles drive east at 8 m/s on the ground of a GLB, 12 m apart; the last one to the west."""
+    write_glb(tmp_path / "w.glb")
+    (tmp_path / "map.yaml").write_text(MAP)
+    (tmp_path / "recorded.yaml").write_text(RECORDED)
+    starts = {
+        "ego": (-15.0, -6.0, 8.0),
+        "probe": (-3.0, -6.0, 8.0),
+        "lead": (9.0, -6.0, 8.0),
+        "van": (-12.0, 0.0, -5.0),
+    }
+    times = np.arange(0.0, 0.51, 0.1).tolist()
+    lines = [f"{t:.1f},{name},{x + v * t:.3f},{y}" for name, (x, y, v) in starts.items() for t in times]
+    (tmp_path / "drive.csv").write_text("\n".join(["t,id,x,y", *lines]))
+    town = tmp_path / "town" / "world.usda"
+    assert import_main([str(tmp_path / "w.glb"), "--out", str(town), "--materials", str(tmp_path / "map.yaml")]) == 0
+    assert run_main(["--config", str(tmp_path / "recorded.yaml"), "--out", str(tmp_path / "d"), "--device", "cpu"]) == 0
+
+    def rows(query: str) -> list[tuple]:
+        return duckdb.sql(query.replace("FROM ", f"FROM '{tmp_path}/d/").replace("/*", "/**/*.parquet'")).fetchall()
+
+    poses = {agent: row for agent, *row in rows("SELECT agent, x, y, z, qz, vx, vy, vz FROM poses/*")}
+    assert set(poses) == {"cav_1", "cav_2", "rsu_1"}
+    for agent, x in (("cav_1", -15.0), ("cav_2", -3.0)):
+        assert poses[agent][0] == pytest.approx(x, abs=0.2)  # the origin lies between the axles, x and y in the middle
+        assert poses[agent][1:] == pytest.approx((-6.0, 0.0, 0.0, 8.0, 0.0, 0.0), abs=0.02)
+    bodies = rows("SELECT label, COUNT(*) FROM objects/* WHERE actor LIKE 'cav%' OR actor LIKE 'veh%' GROUP BY label")
+    assert sum(count for _, count in bodies) == 4
+    (ground,), (house,) = (rows(f"SELECT object_id FROM objects/* WHERE label = '{n}'") for n in ("road", "building"))
+    kinds = rows('SELECT agent, peer, kind, objects FROM paths/* WHERE "order" < 2')
+    for link in (("cav_1", "rsu_1"), ("cav_2", "rsu_1"), ("cav_1", "cav_2"), ("cav_2", "cav_1")):
+        assert (*link, "los", []) in kinds
+        assert (*link, "specular", [ground[0]]) in kinds
+    assert ("cav_2", "rsu_1", "specular", [house[0]]) in kinds
+    assert rows("SELECT agent FROM depth/*") == [("rsu_1",)]
+    (z, ids), = rows("SELECT z, object_id FROM lidar/* WHERE agent = 'cav_1'")  # fmt: skip
+    (mount,), = rows("SELECT z FROM sensors/* WHERE agent = 'cav_1' AND sensor = 'lidar'")  # fmt: skip
+    on_ground = np.array(ids) == ground[0]
+    assert on_ground.sum() > 100
+    assert np.abs(np.array(z)[on_ground] + mount).max() < 0.01
+
+
 def _things(objects: dict) -> tuple[tuple, tuple]:
     """Return house and ground: what has walls stands as a component or a mesh of its own."""
     ground = next(value for name, value in objects.items() if "ground" in name)

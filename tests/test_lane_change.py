@@ -28,7 +28,7 @@ from mmw.traffic.pose import follow_line, make_shape, sample_poses, stand_on_gro
 from mmw.traffic.simulation import Outcome, run_traffic
 from mmw.traffic.spawn import SpawnPoint
 from mmw.traffic.wheels import Ground
-from tests.traffic_towns import CATALOG, oval, surface
+from tests.traffic_towns import CATALOG, demand, oval, surface
 
 SEDAN = make_shape(CATALOG["sedan"])
 DT = 0.01
@@ -213,7 +213,10 @@ def test_a_slow_vehicle_is_overtaken(circuit, ground):
 def run(graph: LaneGraph, **options) -> Outcome:
     """Return the outcome of traffic on the circuit."""
     return run_traffic(
-        graph, surface(graph), CATALOG, cav_ranks=(), warmup_s=1.0, spawn_center=(150.0, 0.0, 0.0), **options
+        graph,
+        surface(graph),
+        CATALOG,
+        **demand(cav_ranks=(), warmup_s=1.0, spawn_center_m=(150.0, 0.0, 0.0), **options),
     )
 
 

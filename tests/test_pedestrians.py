@@ -5,15 +5,23 @@ import pytest
 import shapely
 import trimesh
 from pxr import Usd, UsdGeom
+from scipy.spatial import cKDTree
 
 from mmw.channel.materials import relative_permittivity
 from mmw.channel.tissue import tissue_permittivity
+from mmw.config import load_config
 from mmw.constants import VACUUM_PERMITTIVITY
 from mmw.materials import RadioMaterial
-from mmw.paths import assets_dir
+from mmw.paths import assets_dir, configs_dir, town_path
+from mmw.prepare import prepare_scenario, read_scenario
+from mmw.scene_reader import read_stage
+from mmw.sensors.boxes import make_boxes
+from mmw.tables.rows import frame_rows
+from mmw.town.asset import open_town
 from mmw.town.walk_lines import BODY_ROOM, KERB_ROOM, STEP, walk_lines
 from mmw.town.walks import Walk, read_walks, write_walks
 from mmw.traffic.pedestrians import PERSONAL_SPACE, WALKING_SPEED, walk_people
+from mmw.traffic.wheels import Ground
 from mmw.usd.validate import validate_stage
 from mmw.vehicles.build import build_figures
 from mmw.vehicles.catalog import load_figures
@@ -144,3 +152,39 @@ def test_same_seed_same_people_and_a_clear_word_about_too_many() -> None:
     assert any(not np.array_equal(a.poses, b.poses) for a, b in zip(first, other, strict=True))
     with pytest.raises(ValueError, match=r"pedestrian_count = 500: .* have 37 places"):
         walk_people(walks, load_figures(), frame_count=50, count=500, center=(0, 0, 0), seed=4)
+
+
+@pytest.mark.parametrize("name", ["town03", "town05", "town07", "town10"])
+def test_people_of_a_shipped_town_walk_on_its_sidewalks_past_its_props(name: str) -> None:
+    """Every metre of the walk lines has a sidewalk under it, nothing that stands within a forearm, and no road."""
+    town = open_town(town_path(name))
+    assert len(town.walks) >= 4 and len({walk.name for walk in town.walks}) == len(town.walks)
+    arrays = read_stage(town_path(name), range(1), ["sunny"])
+    label = np.array([thing.label for thing in arrays.objects])[arrays.object_id]
+    points = np.concatenate([walk.points[::2] for walk in town.walks])
+    pavement = Ground(arrays.points, arrays.faces[label == "sidewalk"]).heights(points)
+    assert np.abs(pavement - points[:, 2]).max() < 0.03  # NaN fails too
+    assert np.isnan(Ground(town.points, town.faces).heights(points)).all()  # nothing to drive on
+    props = np.isin(label, ["pole", "traffic_light", "traffic_sign", "vegetation", "static"])
+    low = arrays.points[arrays.faces[props]].reshape(-1, 3)
+    tree = cKDTree(low[:, :2])
+    for index, near in enumerate(tree.query_ball_point(points[:, :2], 0.3)):
+        height = low[near, 2] - points[index, 2]
+        assert not ((height > 0.1) & (height < 2.0)).any(), points[index]
+
+
+def test_pedestrians_of_a_scenario_have_boxes_and_are_counted(tmp_path) -> None:
+    config = load_config(
+        configs_dir() / "quickstart.yaml",
+        ["frames.count=2", "scenarios.0.traffic.vehicle_count=9", "scenarios.0.traffic.pedestrian_count=6"],
+    )
+    stage = prepare_scenario(config, config.scenarios[0], configs_dir(), tmp_path)
+    arrays = read_scenario(config, config.scenarios[0], stage)
+    people = [actor for actor in arrays.actors if actor.role == "pedestrian"]
+    assert [actor.name for actor in people] == [f"ped_{k:03d}" for k in range(1, 7)]
+    assert {actor.label for actor in people} == {"pedestrian"}
+    boxes = make_boxes(arrays, [0, 1])
+    mine = np.isin(boxes.actor, [arrays.actors.index(actor) for actor in people])
+    assert mine.sum() == 12 and (boxes.size[mine, 2] > 1.2).all()
+    assert (np.linalg.norm(boxes.velocity[mine], axis=1) > 0.3).all()
+    assert frame_rows(arrays, [0, 1], 42)["pedestrian_count"].tolist() == [6, 6]

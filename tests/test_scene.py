@@ -301,7 +301,7 @@ def spoil_reference(stage: Usd.Stage) -> None:
         (spoil_names, "are both called 'cart'"),
         (spoil_indices, "/World/floor: 1 faces ask for 4 corners"),
         (spoil_meshes, "no visible mesh"),
-        (spoil_reference, "references do not resolve"),
+        (spoil_reference, "references or payloads do not resolve"),
     ],
 )
 def test_stage_that_cannot_be_traced(tmp_path: Path, spoil, message: str) -> None:

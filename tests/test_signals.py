@@ -14,7 +14,7 @@ from mmw.traffic.junctions import ConflictTable
 from mmw.traffic.pose import make_shape
 from mmw.traffic.signals import ALL_RED, GREEN, make_plans, must_stop, signal_states, turns_left
 from mmw.traffic.simulation import Outcome, run_traffic
-from tests.traffic_towns import CATALOG, crossroad, surface, with_lights
+from tests.traffic_towns import CATALOG, crossroad, demand, surface, with_lights
 
 SEDAN = make_shape(CATALOG["sedan"])
 PHASES = {"r0": "a", "r2": "a", "r1": "b", "r3": "b"}
@@ -29,7 +29,10 @@ def lit() -> LaneGraph:
 def run(graph: LaneGraph, **changes) -> Outcome:
     options = {"frame_count": 4000, "vehicle_count": 20, "seed": 1, "signals": True}
     return run_traffic(
-        graph, surface(graph), CATALOG, spawn_center=(0.0, 0.0, 0.0), cav_ranks=(), warmup_s=1.0, **(options | changes)
+        graph,
+        surface(graph),
+        CATALOG,
+        **demand(spawn_center_m=(0.0, 0.0, 0.0), cav_ranks=(), warmup_s=1.0, **(options | changes)),
     )
 
 

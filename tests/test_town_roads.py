@@ -311,7 +311,7 @@ def test_what_cannot_be_built_is_refused(town: dict[str, Any], message: str) -> 
 @pytest.mark.parametrize(
     ("edit", "message"),
     [
-        ({"profil": {}}, "profil = {}: Extra inputs"),
+        ({"profil": {}}, "profil = {}: unknown key; did you mean `profiles`"),
         ({"corner_radius": 1}, "corner_radius = 1: .*greater than or equal to 3"),
         ({"junctions": {"Q": {}}}, "'Q' is no node"),
         ({"roads": [{"id": "r", "from": "A", "to": "Z", "profile": "street"}]}, "road 'r': to = 'Z'; nodes are: A, B"),
@@ -332,5 +332,5 @@ def test_loading_a_missing_or_broken_file(tmp_path: Path) -> None:
         load_town(tmp_path / "none.yaml")
     path = tmp_path / "town.yaml"
     path.write_text("a: [1")
-    with pytest.raises(ValueError, match="not YAML"):
+    with pytest.raises(ValueError, match="not valid YAML"):
         load_town(path)

@@ -12,8 +12,8 @@ from mmw.town.checks import overlap_gaps
 from mmw.town.description import TownDescription
 from mmw.town.network import RoadNetwork, build_network
 from mmw.town.parts import MeshPart
-from mmw.traffic import simulate
-from tests.traffic_towns import CATALOG
+from mmw.traffic import run_traffic
+from tests.traffic_towns import CATALOG, demand
 
 DECK, PARAPET, WALL = 1.2, 1.1, 0.3
 
@@ -286,10 +286,12 @@ def drives(network: RoadNetwork) -> Iterator[Any]:
         np.concatenate([part.faces + first for part, first in zip(parts, offset[:-1], strict=True)]),
     )
     for seed, center in ((1, (130.0, 80.0, 7.4)), (2, (130.0, 80.0, 0.0))):
-        tracks = simulate(
-            network.lanes, mesh, CATALOG, frame_count=1000, vehicle_count=20, spawn_center=center, cav_ranks=(),
-            warmup_s=1.0, seed=seed,
-        )  # fmt: skip
+        tracks = run_traffic(
+            network.lanes,
+            mesh,
+            CATALOG,
+            **demand(frame_count=1000, vehicle_count=20, spawn_center_m=center, cav_ranks=(), warmup_s=1.0, seed=seed),
+        ).tracks
         yield tracks, measure(tracks, network.lanes, mesh, CATALOG)
 
 

@@ -7,14 +7,13 @@ import pytest
 
 from bench.traffic_check import measure, min_gap
 from mmw.town.lanes import Lane, LaneGraph
-from mmw.traffic import VehicleTrack, simulate
+from mmw.traffic import VehicleTrack, run_traffic
 from mmw.traffic.junctions import ConflictTable, Held, Passage, Request, boxes_overlap, grant_requests
 from mmw.traffic.pose import make_shape
 from mmw.traffic.route import choose_lanes, living_lanes
-from mmw.traffic.simulation import run_traffic
 from mmw.traffic.spawn import nearest_points, spawn_points
 from mmw.traffic.standing import find_causes
-from tests.traffic_towns import CATALOG, crossroad, flat, grid, hill, roundabout, surface
+from tests.traffic_towns import CATALOG, crossroad, demand, flat, grid, hill, roundabout, surface
 
 SEDAN = make_shape(CATALOG["sedan"])
 TRUCK = make_shape(CATALOG["box_truck"])
@@ -25,12 +24,12 @@ def run(graph: LaneGraph, height=flat, **changes) -> list[VehicleTrack]:
     options = {
         "frame_count": 400,
         "vehicle_count": 14,
-        "spawn_center": (0.0, 0.0, 0.0),
+        "spawn_center_m": (0.0, 0.0, 0.0),
         "cav_ranks": (5, 2),
         "warmup_s": 1.0,
         "seed": 1,
     }
-    return simulate(graph, surface(graph, height), CATALOG, **(options | changes))
+    return run_traffic(graph, surface(graph, height), CATALOG, **demand(**(options | changes))).tracks
 
 
 @pytest.fixture(scope="module")
@@ -73,9 +72,11 @@ def test_every_vehicle_obeys_the_laws_in_every_frame(town):
 def test_nobody_waits_for_ever():
     graph = crossroad(hill)
     outcome = run_traffic(
-        graph, surface(graph, hill), CATALOG, frame_count=4000, vehicle_count=20, spawn_center=(0, 0, 0),
-        cav_ranks=(), warmup_s=1.0, seed=2,
-    )  # fmt: skip
+        graph,
+        surface(graph, hill),
+        CATALOG,
+        **demand(frame_count=4000, vehicle_count=20, spawn_center_m=(0, 0, 0), cav_ranks=(), warmup_s=1.0, seed=2),
+    )
     tracks = outcome.tracks
     found = measure(tracks, graph, surface(graph, hill), CATALOG)
     assert found.stuck == 0 and found.longest_stop < 20.0
@@ -118,10 +119,12 @@ def test_same_seed_same_motion_whatever_the_order_of_lanes_and_models(cross):
     turned = LaneGraph(dict(reversed(cross.lanes.items())))
     catalog = dict(reversed(CATALOG.items()))
     mesh = surface(cross)
-    again = simulate(
-        turned, mesh, catalog, frame_count=400, vehicle_count=14, spawn_center=(0, 0, 0), cav_ranks=(5, 2),
-        warmup_s=1.0, seed=1,
-    )  # fmt: skip
+    again = run_traffic(
+        turned,
+        mesh,
+        catalog,
+        **demand(frame_count=400, vehicle_count=14, spawn_center_m=(0, 0, 0), cav_ranks=(5, 2), warmup_s=1.0, seed=1),
+    ).tracks
     for one, two in zip(tracks, again, strict=True):
         assert (one.name, one.model, one.paint) == (two.name, two.model, two.paint)
         np.testing.assert_array_equal(one.poses, two.poses)
@@ -268,7 +271,9 @@ def test_bad_input_is_told(cross):
     points, faces = surface(cross)
     island = (points[faces].mean(axis=1)[:, 0]) < 20.0
     with pytest.raises(ValueError, match=r"spawn point on lane .* leaves the drivable surface for model"):
-        simulate(
-            cross, (points, faces[island]), CATALOG, frame_count=10, vehicle_count=14, spawn_center=(60.0, 0, 0),
-            cav_ranks=(), warmup_s=1.0, seed=0,
-        )  # fmt: skip
+        run_traffic(
+            cross,
+            (points, faces[island]),
+            CATALOG,
+            **demand(frame_count=10, vehicle_count=14, spawn_center_m=(60.0, 0, 0), cav_ranks=(), warmup_s=1.0, seed=0),
+        )

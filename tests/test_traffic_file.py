@@ -23,7 +23,7 @@ from mmw.traffic.recorded import choose_model, replay_file
 from mmw.traffic.replay import replay
 from mmw.traffic.trajectories import REFERENCES, Trajectory, read_trajectories
 from mmw.traffic.wheels import Ground
-from tests.traffic_towns import CATALOG
+from tests.traffic_towns import CATALOG, demand
 
 SEDAN = make_shape(CATALOG["sedan"])
 SHAPES = [make_shape(model) for model in CATALOG.values()]
@@ -289,16 +289,26 @@ def test_ranks_ids_and_presence(tmp_path: Path):
     rows = [(name, t, 8 * t - 10 * k, 4.0 * k) for k, name in enumerate("abcd") for t in np.arange(0, 2.01, 0.1)]
     rows += [("late", t, 9 * t, -8.0) for t in np.arange(1.0, 2.01, 0.1)]
     path = write_table(tmp_path / "t.csv", rows)
-    options = {"frame_count": 200, "vehicle_count": 9, "spawn_center": (-30.0, 12.0, 0.0), "cav_ids": (), "seed": 1}
-    tracks = replay_file(path, plane(), CATALOG, cav_ranks=(1,), **options)
+    options = {
+        "engine": "file",
+        "trajectories": "t.csv",
+        "frame_count": 200,
+        "vehicle_count": 9,
+        "spawn_center_m": (-30.0, 12.0, 0.0),
+        "cav_ids": (),
+        "seed": 1,
+    }
+    tracks = replay_file(path, plane(), CATALOG, **demand(cav_ranks=(1,), **options))
     assert [track.name for track in tracks] == ["cav_1", "veh_001", "veh_002", "veh_003", "veh_004"]
     assert tracks[0].role == "cav"
     assert tracks[0].poses[0, 1] == pytest.approx(8.0, abs=0.01)  # c is the second nearest, d the nearest
     assert tracks[1].poses[0, 1] == pytest.approx(12.0, abs=0.01)
     assert np.isnan(tracks[4].poses[:100]).all()
-    named = replay_file(path, plane(), CATALOG, cav_ranks=(), **options | {"cav_ids": ("a", "d"), "vehicle_count": 3})
+    named = replay_file(
+        path, plane(), CATALOG, **demand(cav_ranks=(), **options | {"cav_ids": ("a", "d"), "vehicle_count": 3})
+    )
     assert [round(float(track.poses[0, 1])) for track in named] == [0, 12, 8]
-    fewer = replay_file(path, plane(), CATALOG, cav_ranks=(1,), **options | {"vehicle_count": 3})
+    fewer = replay_file(path, plane(), CATALOG, **demand(cav_ranks=(1,), **options | {"vehicle_count": 3}))
     for track, same in zip(fewer, tracks, strict=False):  # other vehicles change nothing
         assert (track.name, track.model, track.paint) == (same.name, same.model, same.paint)
         assert np.array_equal(track.poses, same.poses, equal_nan=True)
@@ -308,9 +318,9 @@ def test_ranks_ids_and_presence(tmp_path: Path):
         ({"frame_count": 300}, r"CAV 'c' is there from 0.00 to 2.00 s"),
     ):
         with pytest.raises(ValueError, match=match):
-            replay_file(path, plane(), CATALOG, cav_ranks=(1,), **options | changes)
+            replay_file(path, plane(), CATALOG, **demand(cav_ranks=(1,), **options | changes))
     with pytest.raises(ValueError, match=r"cav_ranks holds 7: the file has 5 vehicles"):
-        replay_file(path, plane(), CATALOG, cav_ranks=(7,), **options)
+        replay_file(path, plane(), CATALOG, **demand(cav_ranks=(7,), **options))
 
 
 CONFIG = """

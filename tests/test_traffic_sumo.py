@@ -17,7 +17,7 @@ from mmw.traffic import VehicleTrack, sumo
 from mmw.traffic.sumo import simulate_sumo
 from mmw.traffic.sumo_network import SumoNetwork, make_network
 from mmw.traffic.sumo_routes import lane_limits
-from tests.traffic_towns import CATALOG, arc, crossroad, hill, make_town, roundabout, surface
+from tests.traffic_towns import CATALOG, arc, crossroad, demand, hill, make_town, roundabout, surface
 
 needs_sumo = pytest.mark.skipif(
     find_spec("libsumo") is None, reason="libsumo is not installed: pip install 'mmw[sumo]'"
@@ -161,12 +161,12 @@ def drive(graph: LaneGraph, height=None, **changes) -> tuple[list[VehicleTrack],
     options = {
         "frame_count": 1000,
         "vehicle_count": 14,
-        "spawn_center": (0.0, 0.0, 0.0),
+        "spawn_center_m": (0.0, 0.0, 0.0),
         "cav_ranks": (5, 2),
         "warmup_s": 1.0,
         "seed": 1,
     }
-    return simulate_sumo(graph, drivable, CATALOG, **(options | changes)), drivable
+    return simulate_sumo(graph, drivable, CATALOG, **demand(**(options | changes))), drivable
 
 
 @needs_sumo
@@ -213,9 +213,18 @@ def test_sumo_on_the_roundabout_of_town03():
     town, catalog = open_town(town_path("town03")), load_catalog()
     drivable = (town.points, town.faces)
     tracks = simulate_sumo(
-        town.lanes, drivable, catalog, frame_count=1001, vehicle_count=40, spawn_center=(-0.5, -0.5, 0.0),
-        cav_ranks=(1, 4, 8), warmup_s=1.0, seed=42,
-    )  # fmt: skip
+        town.lanes,
+        drivable,
+        catalog,
+        **demand(
+            frame_count=1001,
+            vehicle_count=40,
+            spawn_center_m=(-0.5, -0.5, 0.0),
+            cav_ranks=(1, 4, 8),
+            warmup_s=1.0,
+            seed=42,
+        ),
+    )
     found = measure(tracks, town.lanes, drivable, catalog)
     assert found.max_jerk < 10.0
     assert found.max_lateral < 2.6

@@ -11,7 +11,7 @@ from mmw.town.description import TownDescription
 from mmw.town.network import RoadNetwork, build_network
 from mmw.town.uturns import KERB_CLEARANCE, LEAST, loop, turn_back
 from mmw.traffic.simulation import run_traffic
-from tests.traffic_towns import CATALOG
+from tests.traffic_towns import CATALOG, demand
 
 STEP = np.radians(1.5)
 
@@ -114,9 +114,13 @@ def test_vehicles_turn_back():
     done = 0
     for seed in range(2):
         outcome = run_traffic(
-            network.lanes, mesh, CATALOG, frame_count=2500, vehicle_count=20, spawn_center=(0, 0, 0), cav_ranks=(),
-            warmup_s=1.0, seed=seed,
-        )  # fmt: skip
+            network.lanes,
+            mesh,
+            CATALOG,
+            **demand(
+                frame_count=2500, vehicle_count=20, spawn_center_m=(0, 0, 0), cav_ranks=(), warmup_s=1.0, seed=seed
+            ),
+        )
         laws = measure(outcome.tracks, network.lanes, mesh, CATALOG)
         assert laws.min_gap > 0.4 and laws.max_jerk < 10.0 and laws.departed == 0 and laws.stuck == 0
         assert laws.max_wheel_error < 0.02 and laws.max_lateral < 2.5

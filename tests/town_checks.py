@@ -72,7 +72,7 @@ def assert_valid_and_of_size(stage: Usd.Stage, name: str) -> None:
         assert bound.GetAttribute("mmw:radio:itu").Get() or bound.GetAttribute("mmw:radio:model").Get() == "constant"
         assert deepest_label(prim) in CARLA_TAG, prim.GetPath()
     assert 150_000 < triangles < 250_000
-    assert sum((folder_of(name) / file).stat().st_size for file in (PAYLOAD, f"{name}.usda")) < 5_000_000
+    assert sum((folder_of(name) / file).stat().st_size for file in (PAYLOAD, f"{name}.usda")) < 6_000_000
 
 
 def material_of(prim: Usd.Prim) -> Usd.Prim:

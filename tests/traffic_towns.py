@@ -2,9 +2,11 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
+from mmw.config import TrafficConfig
 from mmw.town.lanes import Lane, LaneGraph
 
 
@@ -197,3 +199,9 @@ def surface(graph: LaneGraph, height: Height = flat, step: float = 1.5) -> tuple
     corner = (np.arange(len(x) - 1)[:, None] * len(y) + np.arange(len(y) - 1)).ravel()
     a, b, c, d = corner, corner + len(y), corner + len(y) + 1, corner + 1
     return vertices, np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]).astype(np.int32)
+
+
+def demand(**options: Any) -> dict[str, Any]:
+    """Return the arguments of an engine: `traffic` of the keys of a `TrafficConfig`, and the others as they are."""
+    own = {key: value for key, value in options.items() if key in TrafficConfig.model_fields}
+    return {"traffic": TrafficConfig(**own), **{key: value for key, value in options.items() if key not in own}}

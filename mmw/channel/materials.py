@@ -161,6 +161,9 @@ PERMITTIVITY: dict[str, tuple[PermittivityRow | ModelRow, ...]] = {
 """Rows by name; where ranges overlap the first row that holds the frequency counts. `pec` reflects everything at every
 frequency: its permittivity is infinite, which `mmw.channel.fresnel` knows."""
 
+RADIO_ROWS = tuple(PREFIX + name for name in PERMITTIVITY)
+"""Names of all rows as materials give them."""
+
 
 def permittivity_row(name: str, carrier_hz: float, used_by: str = "") -> PermittivityRow | ModelRow:
     """Return the row of a named material that holds a carrier frequency.
@@ -176,7 +179,7 @@ def permittivity_row(name: str, carrier_hz: float, used_by: str = "") -> Permitt
     where = f"material {used_by or name!r}" + (f" ({name})" if used_by else "")
     rows = PERMITTIVITY.get(name.removeprefix(PREFIX))
     if rows is None:
-        known = ", ".join(PREFIX + key for key in PERMITTIVITY)
+        known = ", ".join(RADIO_ROWS)
         raise ValueError(f"{where}: {name!r} is not a radio material; use one of {known}, or the model `constant`")
     ghz = carrier_hz / 1e9
     for row in rows:

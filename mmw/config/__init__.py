@@ -2,12 +2,13 @@
 
 from mmw.config.channel import ChannelConfig
 from mmw.config.compute import ComputeConfig
-from mmw.config.load import ConfigError, load_config
+from mmw.config.load import load_config
 from mmw.config.model import Config
 from mmw.config.output import OutputConfig
 from mmw.config.scenario import FramesConfig, RsuConfig, ScenarioConfig, TrafficConfig
 from mmw.config.sensors import DepthConfig, ImuConfig, LidarConfig, MountConfig, SensorConfig
 from mmw.config.weather import AirConfig
+from mmw.config.yaml_file import ConfigError
 
 __all__ = [
     "AirConfig", "ChannelConfig", "ComputeConfig", "Config", "ConfigError", "DepthConfig", "FramesConfig", "ImuConfig",

@@ -1,4 +1,4 @@
-"""What pydantic found wrong with a configuration, as one line: file, key, value, and the cure."""
+"""What pydantic found wrong with a file, as one line: file, key, value, and the cure."""
 
 import difflib
 import json
@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Any, get_args
 
 from pydantic import BaseModel
+from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
-
-from mmw.config.model import Config
 
 Key = tuple[str | int, ...]
 
@@ -29,12 +28,12 @@ _NEEDED = {
 """What to say instead of pydantic's words about Python types, by its error type."""
 
 
-def problem_line(path: Path, error: ErrorDetails) -> str:
-    """Return one line for one error of a configuration file."""
-    models, key = _walk(error["loc"])
+def problem_line(path: Path, error: ErrorDetails, root: type[BaseModel]) -> str:
+    """Return one line for one error of a file whose content is a `root`."""
+    models, key = _walk(error["loc"], root)
     where = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in key).lstrip(".") or "the file"
     if error["type"] == "extra_forbidden":
-        known = sorted({name for model in models for name in model.model_fields})
+        known = sorted({name for model in models for name in keys_of(model)})
         near = difflib.get_close_matches(str(key[-1]), known, n=1)
         cure = f"did you mean `{near[0]}`?" if near else f"known keys here: {', '.join(known)}"
         return f"{path}: {where} = {_short(error['input'])}: unknown key; {cure}"
@@ -57,7 +56,7 @@ def problem_line(path: Path, error: ErrorDetails) -> str:
     return f"{path}: {where}{found}: {message[0].lower() + message[1:]}" + (f"; {described}" if described else "")
 
 
-def _walk(location: Sequence[str | int]) -> tuple[list[type[BaseModel]], Key]:
+def _walk(location: Sequence[str | int], root: type[BaseModel]) -> tuple[list[type[BaseModel]], Key]:
     """Follow an error's location through the models.
 
     Pydantic puts the type of a sensor into the location, which is no key of the file; it is left out here.
@@ -65,8 +64,8 @@ def _walk(location: Sequence[str | int]) -> tuple[list[type[BaseModel]], Key]:
     Returns:
         The models that may hold the last key, and the location as the user wrote it.
     """
-    models: list[type[BaseModel]] = [Config]
-    inside: list[type[BaseModel]] = [Config]
+    models: list[type[BaseModel]] = [root]
+    inside: list[type[BaseModel]] = [root]
     key: list[str | int] = []
     for part in location:
         tagged = [model for model in inside if tag_of(model) == part]
@@ -77,9 +76,14 @@ def _walk(location: Sequence[str | int]) -> tuple[list[type[BaseModel]], Key]:
         if isinstance(part, int):
             continue
         models = inside
-        holders = [model for model in models if part in model.model_fields]  # none: the part is the key of a map
+        holders = [model for model in models if part in keys_of(model)]  # none: the part is the key of a map
         inside = [found for model in holders for found in models_in(model, str(part))] if holders else models
     return inside if inside and key and isinstance(key[-1], int) else models, tuple(key)
+
+
+def keys_of(model: type[BaseModel]) -> dict[str, FieldInfo]:
+    """Return the fields of a section by their keys in the file."""
+    return {field.alias or name: field for name, field in model.model_fields.items()}
 
 
 def tag_of(model: type[BaseModel]) -> Any:
@@ -97,12 +101,12 @@ def models_in(model: type[BaseModel], name: str) -> Iterator[type[BaseModel]]:
         for argument in get_args(annotation):
             yield from find(argument)
 
-    yield from find(model.model_fields[name].annotation)
+    yield from find(keys_of(model)[name].annotation)
 
 
 def _description(models: list[type[BaseModel]], key: Key) -> str:
     names = [part for part in key if isinstance(part, str)]
-    fields = [model.model_fields[names[-1]] for model in models if names and names[-1] in model.model_fields]
+    fields = [keys_of(model)[names[-1]] for model in models if names and names[-1] in keys_of(model)]
     return (fields[0].description or "") if fields else ""
 
 

@@ -1,54 +1,17 @@
 """File + overrides -> Config. Every problem becomes one line that names the file, the key, the value and the cure."""
 
-import json
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import yaml
-from pydantic import ValidationError
 
-from mmw.config.explain import problem_line
 from mmw.config.include import include_scenarios
 from mmw.config.model import Config
 from mmw.config.override import set_value
+from mmw.config.yaml_file import ConfigError, Loader, read_yaml, reason_of, validated
 
-
-class ConfigError(ValueError):
-    """A configuration that cannot be used; `problems` holds one line for each problem."""
-
-    def __init__(self, problems: Sequence[str]) -> None:
-        super().__init__("\n".join(problems))
-        self.problems = list(problems)
-
-
-class Loader(yaml.SafeLoader):
-    """YAML as people read it: `28e9` is a number, `on` is a key and no boolean, a key given twice is an error."""
-
-
-_BOOL, _TIMESTAMP = "tag:yaml.org,2002:bool", "tag:yaml.org,2002:timestamp"
-Loader.yaml_implicit_resolvers = {
-    first: [(tag, pattern) for tag, pattern in resolvers if tag not in (_BOOL, _TIMESTAMP)]
-    for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
-}
-Loader.add_implicit_resolver(_BOOL, re.compile(r"^(?:true|True|TRUE|false|False|FALSE)$"), list("tTfF"))
-Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float",
-    re.compile(r"^[-+]?(?:[0-9][0-9_]*)(?:\.[0-9_]*)?[eE][-+]?[0-9]+$"),
-    list("-+0123456789"),
-)
-
-
-def _mapping(loader: Loader, node: yaml.MappingNode) -> dict[Any, Any]:
-    keys = [loader.construct_object(key) for key, _ in node.value]
-    for key in keys:
-        if keys.count(key) > 1:
-            raise yaml.constructor.ConstructorError(None, None, f"the key {key!r} is given twice", node.start_mark)
-    return loader.construct_mapping(node, deep=True)
-
-
-Loader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping)
+_NEEDED = "a mapping with the key `scenarios`"
 
 
 def load_config(path: str | Path, overrides: Sequence[str] = (), patch: dict[str, Any] | None = None) -> Config:
@@ -77,8 +40,9 @@ def load_config(path: str | Path, overrides: Sequence[str] = (), patch: dict[str
         try:
             set_value(data, key, yaml.load(text, Loader=Loader))
         except yaml.YAMLError as error:
+            reason = reason_of(error)
             raise ConfigError(
-                [f"override {item!r}: the value is not valid YAML ({_reason(error)}); quote it, or close its brackets"]
+                [f"override {item!r}: the value is not valid YAML ({reason}); quote it, or close its brackets"]
             ) from None
         except ValueError as error:
             raise ConfigError([f"override {item!r}: {error}"]) from None
@@ -87,44 +51,12 @@ def load_config(path: str | Path, overrides: Sequence[str] = (), patch: dict[str
             set_value(data, key, value)
         except ValueError as error:
             raise ConfigError([f"option for {key}: {error}"]) from None
-    try:
-        # As JSON, strictly: lists become tuples, but the text "42" is no number and 1 is not true.
-        return Config.model_validate_json(json.dumps(_whole(data), default=str), strict=True)
-    except ValidationError as error:
-        raise ConfigError([problem_line(path, item) for item in error.errors()]) from None
+    return validated(Config, data, path)
 
 
 def _read(path: Path) -> dict[str, Any]:
     """Return the content of a configuration file."""
-    try:
-        data = yaml.load(path.read_text(encoding="utf-8"), Loader=Loader)
-    except FileNotFoundError:
-        raise ConfigError([f"{path}: no such file; give an existing YAML file"]) from None
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
-        raise ConfigError([f"{path}: cannot be read ({reason}); give a readable YAML file"]) from None
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f"{path}:{mark.line + 1}:{mark.column + 1}" if mark else str(path)
-        raise ConfigError([f"{where}: not valid YAML: {_reason(error)}; correct that line"]) from None
-    if not isinstance(data, dict):
-        kind = {"NoneType": "nothing", "str": "only text", "list": "a list"}.get(type(data).__name__, "no keys")
-        raise ConfigError([f"{path}: holds {kind}; a mapping with the key `scenarios` is needed"])
-    return data
-
-
-def _reason(error: yaml.YAMLError) -> str:
-    """Return what is wrong with a piece of YAML in one line."""
-    return " ".join(str(getattr(error, "problem", None) or error).split())
-
-
-def _whole(value: Any) -> Any:
-    """Return a file's content with whole numbers as integers: `1e6` rays are a count too."""
-    if isinstance(value, dict):
-        return {key: _whole(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_whole(item) for item in value]
-    return int(value) if isinstance(value, float) and value.is_integer() else value
+    return read_yaml(path, _NEEDED)
 
 
 def json_schema() -> dict[str, Any]:

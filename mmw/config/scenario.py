@@ -44,8 +44,8 @@ class TrafficConfig(Section):
         (5, 6, 12),
         description="r: zero-based ranks, by distance to `spawn_center_m`, of the vehicles that become CAVs (rank)",
     )
-    warmup_s: float = Field(1.0, ge=1.0, le=60, description="simulated before frame 0, so that suspensions settle [s]")
-    lane_changes: bool = Field(True, description="whether vehicles change lanes; engine idm (flag)")
+    warmup_s: float = Field(1.0, ge=1.0, le=60, description="simulated before frame 0; engines idm and sumo [s]")
+    lane_changes: bool = Field(True, description="whether vehicles change lanes; engines idm and sumo (flag)")
     signals: bool = Field(
         False, description="whether traffic lights work; the paper's traffic ignores them; engine idm (flag)"
     )

@@ -5,19 +5,15 @@ variant of the interface layer can override both.
 """
 
 import os
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
-from pxr import Kind, Sdf, Usd, UsdGeom, Vt
+from pxr import Kind, Sdf, Usd, UsdGeom
 
-from mmw.config.material_map import MaterialEntry
-from mmw.importers.material_map import apply_material_map
-from mmw.importers.meshes import bounds, check_world
 from mmw.importers.world import ForeignMaterial, World
 from mmw.paths import assets_dir
-from mmw.town.author import GROUND_MATERIALS, ROOT, author_weather
+from mmw.town.author import GROUND_MATERIALS, ROOT, interface_layer, metres_z_up
 from mmw.town.block_description import SHIPPED_WEATHER
 from mmw.town.lane_prims import write_lanes
 from mmw.town.parts import MeshPart
@@ -56,31 +52,25 @@ def write_world(
     world: World,
     out: str | Path,
     name: str,
-    material_map: Mapping[str, MaterialEntry] | None = None,
     *,
-    radio_rows: Collection[str] | None = None,
     overwrite: bool = False,
 ) -> Path:
     """Write an interface layer and its payload, `<name>_geometry.usdc`: both or none, the same input the same bytes.
 
     Args:
-        world: The world.
+        world: The world, after `check_world` and `apply_material_map`.
         out: Folder of the asset, made if missing, or the interface layer itself, a `.usda`, `.usd` or `.usdc` file.
         name: Name of the asset, and of the interface layer in a folder.
-        material_map: Pattern -> what the meshes are.
-        radio_rows: Radio materials that exist; None to leave that to the run.
         overwrite: Whether files that are there are replaced.
 
     Returns:
         Path of the interface layer.
 
     Raises:
-        ValueError: If the world is empty, of an unlikely size, or has a mesh without radio material; if a file exists.
+        ValueError: If a material has no radio description, a path cannot be a prim's, or a file exists.
         OSError: If a file cannot be written; what was there before stays.
     """
     schema.register()
-    check_world(name, world)
-    world = apply_material_map(name, world, material_map or {}, radio_rows)
     path, payload = asset_files(out, name)
     for file in (path, payload):
         if file.exists() and not overwrite:
@@ -97,16 +87,11 @@ def asset_files(out: str | Path, name: str) -> tuple[Path, Path]:
     return path, path.with_name(f"{path.stem}_geometry.usdc")
 
 
-def _metadata(stage: Usd.Stage) -> None:
-    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
-    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
-
-
 def _geometry(world: World) -> Sdf.Layer:
     """Return the payload: meshes, lanes and the source's own materials."""
     layer = Sdf.Layer.CreateAnonymous("geometry.usdc")
     stage = Usd.Stage.Open(layer)
-    _metadata(stage)
+    metres_z_up(stage)
     stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, ROOT).GetPrim())
     UsdGeom.Scope.Define(stage, ROOT.AppendChild("Materials"))
     used = {part.material for part in world.parts}
@@ -196,28 +181,12 @@ def _kind(node: _Node, depth: int, components: Collection[str]) -> str:
 
 
 def _interface(world: World, path: Path, payload: Path, name: str) -> Sdf.Layer:
-    """Return the layer that users refer to: metadata, weather variants, library materials, payload."""
-    layer = Sdf.Layer.CreateAnonymous(f"{name}.usda")
-    stage = Usd.Stage.Open(layer)
-    _metadata(stage)
-    root = UsdGeom.Xform.Define(stage, ROOT).GetPrim()
-    stage.SetDefaultPrim(root)
-    Usd.ModelAPI(root).SetKind(Kind.Tokens.assembly)
-    Usd.ModelAPI(root).SetAssetName(name)
-    extent = Vt.Vec3fArray.FromNumpy(np.stack(bounds(world)).astype(np.float32))
-    UsdGeom.ModelAPI.Apply(root).SetExtentsHint(extent)
-    UsdGeom.Scope.Define(stage, ROOT.AppendChild("Materials"))
-    library = sorted(_library_materials(world))
-    author_weather(stage, SHIPPED_WEATHER, [name for name in GROUND_MATERIALS if name in library])
-
-    del stage  # the arcs are relative to files that do not exist yet, so nothing may compose them here
-    layer.GetPrimAtPath(ROOT).payloadList.Prepend(Sdf.Payload(f"./{payload.name}", ROOT))
+    """Return the layer that users refer to, with its library materials."""
+    library = sorted({part.material for part in world.parts if part.material not in world.materials})
+    wet = [material for material in GROUND_MATERIALS if material in library]
+    layer = interface_layer(name, world.parts, payload.name, SHIPPED_WEATHER, wet)
     source = Path(os.path.relpath(assets_dir() / "materials" / "materials.usda", path.parent)).as_posix()
     for material in library:
         spec = new_prim(layer, ROOT.AppendPath(f"Materials/{material}"), "Material")
         spec.referenceList.Prepend(Sdf.Reference(source, f"/Materials/{material}"))
     return layer
-
-
-def _library_materials(world: World) -> Iterator[str]:
-    return iter({part.material for part in world.parts if part.material not in world.materials})

@@ -1,16 +1,13 @@
 """The material map of an import: a YAML file that says what the materials of a foreign world are."""
 
-import difflib
 import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-import yaml
-from pydantic import ValidationError
-
-from mmw.config.load import Loader
+from mmw.config import ConfigError
 from mmw.config.material_map import MaterialEntry
+from mmw.config.yaml_file import read_yaml, validated
 from mmw.importers.meshes import identifier
 from mmw.importers.world import ForeignMaterial, World
 from mmw.materials import RadioMaterial
@@ -18,6 +15,9 @@ from mmw.town.parts import MeshPart
 from mmw.usd.library import LIBRARY
 from mmw.usd.material_map import find_pattern, mapped_radio, unknown_names
 from mmw.usd.materials import check_radio
+
+NEEDED = 'a map of patterns, such as "*wall*": {radio: itu_brick}'
+"""What the file of a material map holds."""
 
 
 def load_material_map(path: str | Path, radio_rows: Collection[str]) -> dict[str, MaterialEntry]:
@@ -30,40 +30,24 @@ def load_material_map(path: str | Path, radio_rows: Collection[str]) -> dict[str
         radio_rows: Radio materials that exist, such as `itu_brick`.
 
     Raises:
-        ValueError: If the file cannot be read, or with one line for each unknown key, material, row or label.
+        ConfigError: If the file cannot be read, or with one line for each unknown key, material, row or label.
     """
     path = Path(path)
-    try:
-        data = yaml.load(path.read_text(encoding="utf-8"), Loader=Loader)
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read ({error.strerror}); give an existing material map") from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path}: not valid YAML: {' '.join(str(error).split())}; correct the file") from None
-    if not isinstance(data, dict) or not data:
-        raise ValueError(f'{path}: holds no entries; lines such as "*wall*": {{radio: itu_brick}} are needed')
+    data = read_yaml(path, NEEDED)
+    if not data:
+        raise ValueError(f"{path}: holds no entries; {NEEDED} is needed")
     problems, entries = [], {}
     for pattern, value in data.items():
-        where = f"{path}: {str(pattern)!r}"
         try:
-            entries[str(pattern)] = MaterialEntry.model_validate(value)
-        except ValidationError as error:
-            problems += [_problem(where, item) for item in error.errors()]
-        else:
-            problems += unknown_names(where, entries[str(pattern)], radio_rows)
+            entry = validated(MaterialEntry, value, path, (str(pattern),))
+        except ConfigError as error:
+            problems += error.problems
+            continue
+        entries[str(pattern)] = entry
+        problems += unknown_names(f"{path}: {str(pattern)!r}", entry, radio_rows)
     if problems:
-        raise ValueError("\n".join(problems))
+        raise ConfigError(problems)
     return entries
-
-
-def _problem(where: str, error: Mapping) -> str:
-    key = ".".join(map(str, error["loc"]))
-    if error["type"] == "extra_forbidden":
-        known = ", ".join(MaterialEntry.model_fields)
-        near = difflib.get_close_matches(key, MaterialEntry.model_fields, n=1)
-        return f"{where}: {key}: unknown key; {f'did you mean `{near[0]}`? ' if near else ''}known keys: {known}"
-    if error["type"] in ("model_type", "model_attributes_type", "dict_type"):
-        return f"{where}: a map such as {{radio: itu_brick}} is needed, or the name of a radio material"
-    return f"{where}: {key + ': ' if key else ''}{error['msg'].removeprefix('Value error, ')}"
 
 
 @dataclass

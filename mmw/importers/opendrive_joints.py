@@ -20,24 +20,21 @@ def end_section(road: RoadRecord, contact: str) -> Section:
 
 
 def find_joints(document: Document) -> dict[End, list[End]]:
-    """Return the ends of driven lanes that meet, both ways.
+    """Return the ends of driven lanes that meet, both ways. A link to a junction that is not there joins nothing.
 
     Raises:
-        ValueError: If a link names a road, junction or lane that does not exist.
+        ValueError: If a link names a road or lane that does not exist.
     """
     joints: dict[End, list[End]] = defaultdict(list)
     for road in document.roads.values():
         for contact, link in (("start", road.predecessor), ("end", road.successor)):
-            if link is None:
+            if link is None or link.kind != "road":
                 continue
-            table = document.roads if link.kind == "road" else document.junctions
-            if link.target not in table:
+            if link.target not in document.roads:
                 raise ValueError(
-                    f"{document.path}: road {road.id!r}: its {contact} is linked to {link.kind} {link.target!r}, which "
+                    f"{document.path}: road {road.id!r}: its {contact} is linked to road {link.target!r}, which "
                     "does not exist; export the whole network, or remove the link"
                 )
-            if link.kind != "road":
-                continue
             for lane in end_section(road, contact).lanes.values():
                 other = lane.predecessor if contact == "start" else lane.successor
                 if lane.kind in DRIVEN and other is not None:
@@ -60,6 +57,15 @@ def find_joints(document: Document) -> dict[End, list[End]]:
                         )
                         _join(document, joints, *ends)
     return joints
+
+
+def lost_junctions(document: Document) -> list[str]:
+    """Return a note if roads are linked to junctions that the file does not have, as SUMO writes dead ends."""
+    links = [link for road in document.roads.values() for link in (road.predecessor, road.successor)]
+    lost = [link.target for link in links if link and link.kind != "road" and link.target not in document.junctions]
+    if not lost:
+        return []
+    return [f"{len(lost)} roads end at junctions that the file does not have, such as {lost[0]!r}: dead ends"]
 
 
 def _join(document: Document, joints: dict[End, list[End]], first: End, second: End) -> None:

@@ -21,6 +21,10 @@ LARGEST_HOLE = 30.0
 """Gaps between the roads of a junction below this area are paved [m^2]; design value, a small traffic island."""
 SNAP = 2e-3
 """Vertices of the seams with the roads are taken over within this distance [m]."""
+LEAST_OVERLAP = 1e-3
+"""Less than this of a junction lies on the roads outside by rounding only [m^2]; design value."""
+LEAST_HEIGHT = 1e-4
+"""Triangles that are lower are left out [m]: in single precision, a kilometre from the origin, they have no area."""
 EVERY = 0.25
 """Distance of the samples that a point is related to a road by [m]."""
 
@@ -57,9 +61,9 @@ def build_junction(name: str, shapes: list[RoadShape], seams: np.ndarray, outsid
     if len(seams):
         corners = shapely.multipoints(seams[:, :2])
         paved, walk, green = (shapely.snap(area, corners, SNAP) for area in (paved, walk, green))
-    paved, walk, green = (shapely.make_valid(area) for area in (paved, walk, green))
+    paved, walk, green = (_repair(area) for area in (paved, walk, green))
     overlap = shapely.intersection(shapely.union_all([paved, walk, green]), outside)
-    if overlap.area > 0.01:
+    if overlap.area > LEAST_OVERLAP:
         paved, walk, green = (shapely.difference(area, outside, grid_size=1e-4) for area in (paved, walk, green))
     walk = shapely.difference(walk, paved, grid_size=1e-4)
     green = shapely.difference(green, shapely.union(paved, walk), grid_size=1e-4)
@@ -90,9 +94,22 @@ def _areas(shape: RoadShape) -> list[tuple[str, shapely.Geometry]]:
         for kind, low, high in runs:
             if np.max(high - low) < 1e-3:
                 continue
-            ring = np.concatenate([shape.place(s, low)[:, :2], shape.place(s, high)[::-1, :2]])
-            found.append((kind, shapely.make_valid(shapely.Polygon(ring))))
+            found.append((kind, _strip(shape.place(s, low)[:, :2], shape.place(s, high)[:, :2])))
     return found
+
+
+def _strip(low: np.ndarray, high: np.ndarray) -> shapely.Geometry:
+    """Return the area between two borders, each [N, 2]; in tight turns its ring crosses itself."""
+    whole = shapely.Polygon(np.concatenate([low, high[::-1]]))
+    if whole.is_valid:
+        return whole
+    cells = shapely.polygons(np.stack([low[:-1], low[1:], high[1:], high[:-1]], axis=1))
+    return shapely.union_all(shapely.make_valid(cells), grid_size=1e-4)
+
+
+def _repair(area: shapely.Geometry) -> shapely.Geometry:
+    """Return the valid areas of a geometry; a spike that snapping folds flat becomes a line, which has none."""
+    return shapely.union_all(polygons(shapely.make_valid(area), 0.0))
 
 
 def _fill(area: shapely.Geometry) -> shapely.Geometry:
@@ -155,6 +172,8 @@ def _add_area(sheet: Sheet, material: str, area: shapely.Geometry, ways: list[_W
     a, b, c = (triangles[:, k] for k in range(3))
     area2 = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
     triangles = np.where((area2 < 0)[:, None, None], triangles[:, ::-1], triangles)
+    longest = np.sqrt(np.max([((p - q) ** 2).sum(axis=1) for p, q in ((a, b), (b, c), (c, a))], axis=0))
+    triangles = triangles[np.abs(area2) > LEAST_HEIGHT * longest]
     xy, faces = np.unique(triangles.reshape(-1, 2), axis=0, return_inverse=True)
     index = sheet.surface.add_points(np.column_stack([xy, _blend(ways, xy) + dz]))
     sheet.surface.add_faces(material, index[faces.reshape(-1)].reshape(-1, 3))

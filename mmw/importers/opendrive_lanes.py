@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mmw.importers.opendrive_edges import Sheets
-from mmw.importers.opendrive_joints import DRIVEN, End, find_joints
+from mmw.importers.opendrive_joints import DRIVEN, End, find_joints, lost_junctions
 from mmw.importers.opendrive_shape import RoadShape
 from mmw.importers.opendrive_strips import mark_spans
 from mmw.importers.opendrive_xml import Document, LaneRecord, Section
@@ -24,6 +24,8 @@ DEFAULT_SPEED = 50 / 3.6
 """Speed limit where the file gives none [m/s]; design value, the limit in towns of most countries."""
 LARGEST_GAP = 0.5
 """Ends of lanes that meet are moved together over gaps up to this [m]."""
+BACK = np.radians(150)
+"""A way through a junction that turns by more than this leads back [rad]; design value."""
 FADE = 10.0
 """Length over which the end of a lane is moved [m]; design value."""
 
@@ -65,7 +67,7 @@ def build_lanes(
     chains = [chain for key, shape in shapes.items() for chain in _chains(shape, names[key])]
     if not chains:
         return None, ["no driving lanes: vehicles cannot drive here"]
-    notes: list[str] = []
+    notes = lost_junctions(document)
     place = {}  # road id, section, lane number -> chain
     for chain in chains:
         for k, number in enumerate(chain.numbers):
@@ -74,6 +76,11 @@ def build_lanes(
     links = {chain.name: _successors(chain, place, joints, last) for chain in chains}
     points = {chain.name: _points(chain) for chain in chains}
     junctions = {chain.name: chain.shape.road.junction for chain in chains}
+    loose = _loose_turns(points, links, junctions)
+    if loose:
+        chains = [chain for chain in chains if chain.name not in loose]
+        links = {chain.name: [other for other in links[chain.name] if other not in loose] for chain in chains}
+        notes.append(f"{len(loose)} ways back left out, over {LARGEST_GAP} m from what they link: {_list(loose)}")
     dropped = _meet(document, points, links, junctions, {c.name: c for c in chains})
     if dropped:
         notes.append(f"{dropped} links between lanes that lie side by side were left out")
@@ -211,7 +218,7 @@ def _rank(points: np.ndarray, is_left_hand: bool) -> int:
     turn = float(heading[-1] - heading[0]) * (-1 if is_left_hand else 1)
     if abs(turn) < STRAIGHT:
         return RANK["straight"]
-    if abs(turn) > np.radians(150):
+    if abs(turn) > BACK:
         return RANK["back"]
     return RANK["left" if turn > 0 else "right"]
 
@@ -245,6 +252,28 @@ def _may_change(chain: Chain, step: int) -> bool:
             allowed += length * permitted
         allowed += section.end - section.start - covered
     return allowed > 0.5 * total
+
+
+def _loose_turns(
+    points: Mapping[str, np.ndarray], links: Mapping[str, list[str]], junctions: Mapping[str, str]
+) -> list[str]:
+    """Return the ways back through junctions that do not fit their links; SUMO gives these a shape of few corners."""
+    gaps: dict[str, float] = {}
+    turns: dict[str, list[np.ndarray]] = {}
+    for name, following in links.items():
+        for other in following:
+            gap = float(np.linalg.norm(points[other][0] - points[name][-1]))
+            for inner, outer in ((name, points[other][:2]), (other, points[name][-2:])):
+                if junctions[inner] and gap > gaps.get(inner, 0.0):
+                    gaps[inner] = gap
+                if junctions[inner]:
+                    turns.setdefault(inner, []).append(np.diff(outer[:, :2], axis=0)[0])
+    found = []
+    for name in sorted(gaps):
+        steps = [step / np.linalg.norm(step) for step in turns[name]]
+        if gaps[name] > LARGEST_GAP and min(float(a @ b) for a in steps for b in steps) < np.cos(BACK):
+            found.append(name)
+    return found
 
 
 def _meet(

@@ -74,7 +74,7 @@ def read_extract(path: Path, origin: tuple[float, float] | None) -> Extract:
 
     Args:
         path: The file.
-        origin: Latitude and longitude of (0, 0) [deg]; the middle of the nodes if None.
+        origin: Latitude and longitude of (0, 0) [deg]; the middle of the extract's `bounds` if None, or of its nodes.
 
     Raises:
         ValueError: If it is no OSM file, a node has no position on the earth, or the extract is too large.
@@ -93,6 +93,7 @@ def read_extract(path: Path, origin: tuple[float, float] | None) -> Extract:
     position = np.array([_position(node, path) for node in nodes])
     low, high = position.min(axis=0), position.max(axis=0)
     if origin is None:
+        low, high = _box(root, path) or (low, high)  # openstreetmap.org gives ways as a whole, far beyond the box
         origin = tuple(np.round(0.5 * (low + high), 6).tolist())
     elif not (abs(origin[0]) <= 90 and abs(origin[1]) <= 180):
         raise ValueError(
@@ -129,6 +130,22 @@ def read_extract(path: Path, origin: tuple[float, float] | None) -> Extract:
             f"{LARGEST / 1e3:.0f} km or less are needed; cut out a smaller area"
         )
     return extract
+
+
+def _box(root: ElementTree.Element, path: Path) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return the lowest and the highest latitude and longitude that were asked for [deg]; None if not given."""
+    box = root.find("bounds")
+    if box is None:
+        return None
+    corners = [box.get(key, "") for key in ("minlat", "minlon", "maxlat", "maxlon")]
+    try:
+        values = np.array([float(value) for value in corners])
+    except ValueError:
+        values = np.full(4, np.nan)
+    low, high = values[:2], values[2:]
+    if not ((np.abs(values) <= [90, 180, 90, 180]).all() and (low <= high).all()):
+        raise ValueError(f"{path}: <bounds> are {', '.join(corners)}; degrees are needed; correct or remove the line")
+    return low, high
 
 
 def _position(node: ElementTree.Element, path: Path) -> tuple[float, float]:

@@ -10,16 +10,16 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from pxr import Kind, Tf, Usd, UsdGeom, UsdShade
+from pxr import Kind, Usd, UsdGeom, UsdShade
 
 from mmw.importers.meshes import PartsList, PrimNames, identifier
 from mmw.importers.world import ForeignMaterial, World
 from mmw.materials import RadioMaterial
-from mmw.town.lane_prims import WIDTH, read_lanes
+from mmw.town.lane_prims import has_lanes, read_lanes
 from mmw.town.lanes import LaneGraph
 from mmw.usd.extract import FoundMesh, MeshReader, bound_materials, component_of, place, semantic_label, to_metres
 from mmw.usd.materials import NONVISUAL, MaterialUse, read_material, resolve_material
-from mmw.usd.schema import register
+from mmw.usd.open import check_references, open_stage
 
 SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 
@@ -35,7 +35,9 @@ def read_usd(path: str | Path, *, unit_m: float = 0.0, origin: Sequence[float] =
     Raises:
         ValueError: If the file cannot be read, a layer is missing, or a mesh is broken.
     """
-    stage = _open(Path(path))
+    path = Path(path)
+    stage = open_stage(path)
+    check_references(stage, path)
     start = stage.GetStartTimeCode() if stage.HasAuthoredTimeCodeRange() else 0.0
     meshes, metres = MeshReader(stage, Usd.TimeCode(start)), to_metres(stage)
     if unit_m:
@@ -50,25 +52,6 @@ def read_usd(path: str | Path, *, unit_m: float = 0.0, origin: Sequence[float] =
     lanes = _lanes(stage, stretch, np.asarray(origin, float))
     notes = (*_notes(stage), *reader.notes(), *reader.parts.notes())
     return World(reader.parts.parts, reader.materials, lanes, notes, frozenset(reader.components))
-
-
-def _open(path: Path) -> Usd.Stage:
-    if not path.is_file():
-        raise ValueError(f"{path}: no such file; give the path of a USD stage")
-    register()
-    try:
-        stage = Usd.Stage.Open(str(path))
-    except Tf.ErrorException as error:
-        reason = str(error).strip().splitlines()[-1].strip()
-        raise ValueError(f"{path}: USD cannot read it ({reason}); give an intact USD file") from None
-    errors = stage.GetCompositionErrors()
-    if errors:
-        listed = "\n  ".join(" ".join(str(error).split()) for error in errors[:8])
-        raise ValueError(
-            f"{path}: {len(errors)} references or payloads do not resolve; every layer is needed; repair the paths:"
-            f"\n  {listed}"
-        )
-    return stage
 
 
 def _is_visible(prim: Usd.Prim, time: float) -> bool:
@@ -167,7 +150,7 @@ def _value(prim: Usd.Prim, name: str, default: object) -> object:
 
 def _lanes(stage: Usd.Stage, stretch: float, origin: np.ndarray) -> LaneGraph | None:
     """Return the lanes of a stage that has some, z up and in metres; `stretch` corrects the stage's unit."""
-    if not any(prim.HasAttribute(WIDTH) for prim in stage.Traverse()):
+    if not has_lanes(stage):
         return None
     lanes = read_lanes(stage, "/").lanes
     return LaneGraph({name: replace(lane, points=stretch * lane.points - origin) for name, lane in lanes.items()})

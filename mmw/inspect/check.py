@@ -1,7 +1,7 @@
 """Check a stage by every rule."""
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -50,18 +50,21 @@ def stage_path(name: str) -> Path:
     return Path(name) if Path(name).suffix else town_path(name)
 
 
-def check_stage(path: Path, material_map: Mapping[str, str] | None = None) -> Report:
+def check_stage(
+    path: Path, material_map: Mapping[str, str] | None = None, radio_rows: Collection[str] | None = None
+) -> Report:
     """Check a town, or any other stage.
 
     Args:
         path: USD file.
         material_map: Glob of mesh prim paths -> row such as `itu_concrete`, as in a scenario.
+        radio_rows: Radio materials that exist; None to leave that to the run.
 
     Raises:
         ValueError: If USD cannot read the file.
     """
     world = open_world(path)
-    found = [*world.problems, *_usd_findings(world), *material_findings(world, material_map or {})]
+    found = [*world.problems, *_usd_findings(world), *material_findings(world, material_map or {}, radio_rows)]
     found += [*size_findings(world), *lane_findings(world)]
     if world.faces.size:
         pieces = find_pieces(world)

@@ -76,8 +76,11 @@ def _grade(lane: Lane) -> list[Finding]:
     return [Finding("error", "grade", f"lane {lane.name}", text, "lengthen the slope", as_place(lane.points[k]))]
 
 
-def probes(lane: Lane) -> tuple[np.ndarray, np.ndarray]:
-    """Return where a lane asks for a road: points [R, 3] at the height of its middle, and distance from it [R] [m]."""
+def probes(lane: Lane, *, is_joined: tuple[bool, bool] = (True, True)) -> tuple[np.ndarray, np.ndarray]:
+    """Return where a lane asks for a road: points [R, 3] at the height of its middle, and distance from it [R] [m].
+
+    Where no other lane joins its start or its end, the road ends there too, so it is probed to a little inside only.
+    """
     half = lane.width / 2.0 - EDGE_M if not lane.junction else min(lane.width / 2.0 - EDGE_M, HALF_SWEPT_M)
     count = max(int(np.ceil(lane.length / ALONG_M)), 1)
     along = np.linspace(0.0, lane.length, count + 1)
@@ -87,6 +90,8 @@ def probes(lane: Lane) -> tuple[np.ndarray, np.ndarray]:
     seam = np.concatenate([fine, lane.length - fine])
     stations = np.concatenate([np.repeat(along, len(across)), np.repeat(seam, 5)])
     offset = np.concatenate([np.tile(across, len(along)), np.tile(np.linspace(-half, half, 5), len(seam))])
+    first, last = (0.0 if joined else min(EDGE_M, lane.length / 2.0) for joined in is_joined)
+    stations = np.clip(stations, first, lane.length - last)
     point = np.stack([np.interp(stations, lane.station, lane.points[:, k]) for k in range(3)], axis=1)
     segment = np.clip(np.searchsorted(lane.station, stations, "right") - 1, 0, len(lane.points) - 2)
     heading = lane.headings[segment]
@@ -98,7 +103,8 @@ def probes(lane: Lane) -> tuple[np.ndarray, np.ndarray]:
 def _holes(world: World) -> list[Finding]:
     assert world.lanes is not None
     lanes = list(world.lanes.lanes.values())
-    each = [probes(lane) for lane in lanes]
+    before = world.lanes.predecessors
+    each = [probes(lane, is_joined=(bool(before[lane.name]), bool(lane.successors))) for lane in lanes]
     point, offset = (np.concatenate(column) for column in zip(*each, strict=True))
     owner = np.repeat(np.arange(len(lanes)), [len(points) for points, _ in each])
     height = Ground(world.points, world.faces[world.drivable]).heights(point)

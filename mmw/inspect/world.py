@@ -7,16 +7,16 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from pxr import Tf, Usd
+from pxr import Usd
 
 from mmw.inspect.findings import Finding
 from mmw.inspect.rays import RayMesh
 from mmw.town.asset import DRIVABLE_LABELS
-from mmw.town.lane_prims import WIDTH, read_lanes
+from mmw.town.lane_prims import has_lanes, read_lanes
 from mmw.town.lanes import LaneGraph
 from mmw.usd.actors import find_actors
 from mmw.usd.extract import MeshReader, bound_materials, component_of, place, semantic_label, to_metres
-from mmw.usd.schema import register
+from mmw.usd.open import open_stage
 
 GROUND_LABELS = (*DRIVABLE_LABELS, "sidewalk", "terrain", "ground", "water", "bridge")
 """Semantic classes that things stand on."""
@@ -121,14 +121,8 @@ def open_world(path: Path) -> World:
     Raises:
         ValueError: If there is no such file, or USD cannot read it.
     """
-    if not path.is_file():
-        raise ValueError(f"{path}: no such file; give an existing USD stage, or the name of a shipped town")
-    register()
     start = time.perf_counter()
-    try:
-        stage = Usd.Stage.Open(str(path))
-    except Tf.ErrorException:
-        raise ValueError(f"{path}: USD cannot read it; give an intact .usd, .usda, .usdc or .usdz file") from None
+    stage = open_stage(path)
     open_s = time.perf_counter() - start
     problems = [
         Finding("error", "files", "", str(error).strip().splitlines()[-1], "repair the path")
@@ -205,7 +199,7 @@ def _ancestors(prim: Usd.Prim) -> Iterator[Usd.Prim]:
 
 
 def _read_lanes(stage: Usd.Stage) -> tuple[LaneGraph | None, list[Finding]]:
-    if not any(prim.HasAttribute(WIDTH) for prim in stage.Traverse()):
+    if not has_lanes(stage):
         return None, []
     try:
         return read_lanes(stage, "/"), []

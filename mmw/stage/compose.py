@@ -15,16 +15,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pxr import Gf, Sdf
+from pxr import Sdf
 
 from mmw.config import DepthConfig, ImuConfig, LidarConfig
 from mmw.constants import FRAME_RATE_HZ
 from mmw.stage.assets import collect_assets
-from mmw.stage.layer import animate, author, define, new_layer, place
+from mmw.stage.layer import animate, define, new_layer, place
 from mmw.stage.sensors import write_sensors
 from mmw.traffic import VehicleTrack
 from mmw.usd.save import save_layer
-from mmw.usd.semantics import TAXONOMY
+from mmw.usd.specs import set_label, set_value
+from mmw.vehicles.actor_prims import describe_actor
 from mmw.vehicles.catalog import ActorModel
 
 ROLES = ("cav", "vehicle", "pedestrian")
@@ -90,36 +91,21 @@ def compose_scenario(
         for name, pose in rsus:
             prim = define(layer, f"/World/RSU/{name}", kind="component")
             place(prim, np.asarray(pose, dtype=np.float64))
-            author(prim, "mmw:actor:role", Sdf.ValueTypeNames.Token, "rsu")
-            _label(prim, "static")
+            set_value(prim, "mmw:actor:role", Sdf.ValueTypeNames.Token, "rsu")
+            set_label(prim, "static")
             write_sensors(layer, f"/World/RSU/{name}", "rsu", sensors, antenna_position_m or {})
     save_layer(layer, path)
     return path
 
 
 def _write_actor(layer: Sdf.Layer, track: VehicleTrack, model: ActorModel, asset: str) -> None:
-    path = f"/World/Actors/{track.name}"
     if track.role not in ROLES:
         raise ValueError(f"actor {track.name!r}: role = {track.role!r}; one of {', '.join(ROLES)} is needed")
     if track.paint not in model.paints:
         raise ValueError(f"actor {track.name!r}: paint = {track.paint!r}; {model.name} has {', '.join(model.paints)}")
-    prim = define(layer, path, kind="group")
+    prim = define(layer, f"/World/Actors/{track.name}", kind="group")
     animate(prim, track.poses)
-    kind = Sdf.ValueTypeNames
-    author(prim, "mmw:actor:role", kind.Token, track.role)
-    author(prim, "mmw:actor:model", kind.String, model.name)
-    author(prim, "mmw:actor:size", kind.Float3, Gf.Vec3f(model.length, model.width, model.height))
-    author(prim, "mmw:actor:center", kind.Float3, Gf.Vec3f(*model.center))
-    _label(prim, model.label)
-    body = define(layer, f"{path}/Model")
-    body.referenceList.Prepend(Sdf.Reference(asset))
-    body.variantSelections["paint"] = track.paint
-    body.instanceable = True
-
-
-def _label(prim: Sdf.PrimSpec, label: str) -> None:
-    prim.SetInfo("apiSchemas", Sdf.TokenListOp.Create(prependedItems=[f"SemanticsLabelsAPI:{TAXONOMY}"]))
-    author(prim, f"semantics:labels:{TAXONOMY}", Sdf.ValueTypeNames.TokenArray, [label], custom=False)
+    describe_actor(prim, track.role, model, asset, track.paint)
 
 
 def _model(catalog: Mapping[str, ActorModel], name: str) -> ActorModel:

@@ -1,14 +1,13 @@
-"""Writing a USD layer spec by spec: much faster than through a stage, and relative asset paths stay as they are."""
+"""The layer of a scenario: its metadata, prims with names of their own, and what moves."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from pxr import Gf, Sdf, UsdGeom
 
 from mmw.poses import continuous, normalize
-
-IDENTITY_ORIENT = Gf.Quatd(1.0, 0.0, 0.0, 0.0)
+from mmw.usd.specs import new_prim, set_op_order, set_pose
 
 
 def new_layer(name: str, meta: Mapping[str, Any], frame_rate: float, frame_count: int) -> Sdf.Layer:
@@ -25,7 +24,7 @@ def new_layer(name: str, meta: Mapping[str, Any], frame_rate: float, frame_count
 
 
 def define(layer: Sdf.Layer, path: str, type_name: str = "Xform", kind: str = "") -> Sdf.PrimSpec:
-    """Return a new prim of a type, below a parent that exists.
+    """Return a new prim of a type.
 
     Raises:
         ValueError: If the name cannot be a prim name, or is taken.
@@ -35,26 +34,12 @@ def define(layer: Sdf.Layer, path: str, type_name: str = "Xform", kind: str = ""
         raise ValueError(f"{name!r} cannot be the name of a USD prim; letters, digits and _ are allowed; rename it")
     if layer.GetPrimAtPath(path):
         raise ValueError(f"{name!r} is there twice below {parent or '/'}; prims need names of their own; rename one")
-    above = layer.GetPrimAtPath(parent) if parent else layer.pseudoRoot
-    prim = Sdf.PrimSpec(above, name, Sdf.SpecifierDef, type_name)
-    if kind:
-        prim.kind = kind
-    return prim
-
-
-def author(prim: Sdf.PrimSpec, name: str, type_name: Sdf.ValueTypeName, value: Any, *, custom: bool = True) -> None:
-    """Give a prim an attribute with a value; `custom` is False for attributes of a USD schema."""
-    uniform = name == "xformOpOrder"
-    variability = Sdf.VariabilityUniform if uniform else Sdf.VariabilityVarying
-    Sdf.AttributeSpec(prim, name, type_name, variability, declaresCustom=custom).default = value
+    return new_prim(layer, Sdf.Path(path), type_name, kind)
 
 
 def place(prim: Sdf.PrimSpec, pose: np.ndarray) -> None:
     """Put a prim at a pose, shape [7], relative to its parent."""
-    x, y, z, qx, qy, qz, qw = np.concatenate([pose[:3], normalize(pose[3:])]).tolist()
-    author(prim, "xformOp:translate", Sdf.ValueTypeNames.Double3, Gf.Vec3d(x, y, z), custom=False)
-    author(prim, "xformOp:orient", Sdf.ValueTypeNames.Quatd, Gf.Quatd(qw, qx, qy, qz), custom=False)
-    _order(prim)
+    set_pose(prim, np.concatenate([pose[:3], normalize(pose[3:])]))
 
 
 def animate(prim: Sdf.PrimSpec, poses: np.ndarray) -> None:
@@ -73,7 +58,7 @@ def animate(prim: Sdf.PrimSpec, poses: np.ndarray) -> None:
     for frame, (x, y, z), (qx, qy, qz, qw) in zip(frames.tolist(), position, turn, strict=True):
         layer.SetTimeSample(translate, frame, Gf.Vec3d(x, y, z))
         layer.SetTimeSample(orient, frame, Gf.Quatd(qw, qx, qy, qz))
-    _order(prim)
+    set_op_order(prim, "xformOp:translate", "xformOp:orient")
     if not is_there.all():
         token = Sdf.ValueTypeNames.Token
         visibility = Sdf.AttributeSpec(prim, "visibility", token, declaresCustom=False).path
@@ -81,11 +66,6 @@ def animate(prim: Sdf.PrimSpec, poses: np.ndarray) -> None:
         for frame in changes.tolist():
             state = UsdGeom.Tokens.inherited if is_there[frame] else UsdGeom.Tokens.invisible
             layer.SetTimeSample(visibility, frame, state)
-
-
-def _order(prim: Sdf.PrimSpec) -> None:
-    order: Sequence[str] = ["xformOp:translate", "xformOp:orient"]
-    author(prim, "xformOpOrder", Sdf.ValueTypeNames.TokenArray, order, custom=False)
 
 
 def _plain(value: Any) -> Any:

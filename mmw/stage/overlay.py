@@ -7,9 +7,10 @@ import numpy as np
 from pxr import Gf, Sdf, Usd
 
 from mmw.poses import pose_to_matrix
-from mmw.stage.layer import author, define
+from mmw.stage.layer import define
 from mmw.usd.extract import to_metres
 from mmw.usd.save import save_layer
+from mmw.usd.specs import set_op_order, set_value
 
 ROOT = "/RSU"
 """Where the units go: beside the user's own root prims, so that no transform of theirs moves them."""
@@ -52,8 +53,8 @@ def overlay_rsus(path: str | Path, source: str | Path, rsus: Sequence[tuple[str,
         matrix = metres @ pose_to_matrix(pose).T @ np.linalg.inv(metres)
         prim = define(layer, f"{ROOT}/{name}", kind="component")
         kinds = Sdf.ValueTypeNames
-        author(prim, "xformOp:transform", kinds.Matrix4d, Gf.Matrix4d(matrix.tolist()), custom=False)
-        author(prim, "xformOpOrder", kinds.TokenArray, ["!resetXformStack!", "xformOp:transform"], custom=False)
-        author(prim, "mmw:actor:role", kinds.Token, "rsu")
+        set_value(prim, "xformOp:transform", kinds.Matrix4d, Gf.Matrix4d(matrix.tolist()))
+        set_op_order(prim, "!resetXformStack!", "xformOp:transform")
+        set_value(prim, "mmw:actor:role", kinds.Token, "rsu")
     save_layer(layer, path)
     return path

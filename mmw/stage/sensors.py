@@ -9,7 +9,8 @@ from pxr import Gf, Sdf
 
 from mmw.config import DepthConfig, ImuConfig, LidarConfig
 from mmw.poses import IDENTITY_POSE, compose, pose_from_mount
-from mmw.stage.layer import author, define, place
+from mmw.stage.layer import define, place
+from mmw.usd.specs import set_value
 
 SENSOR_TO_CAMERA = np.array([0.0, 0.0, 0.0, 0.5, -0.5, -0.5, 0.5])
 """USD camera (x right, y up, looking along -z) to sensor (x forward, y left, z up), as a pose."""
@@ -48,13 +49,13 @@ def write_sensors(
         else:
             prim = define(layer, path)
             place(prim, pose)
-        author(prim, "mmw:sensor:type", Sdf.ValueTypeNames.Token, sensor.type)
+        set_value(prim, "mmw:sensor:type", Sdf.ValueTypeNames.Token, sensor.type)
         settings = json.dumps(sensor.model_dump(mode="json", exclude={"mount", "on"}), sort_keys=True)
-        author(prim, "mmw:sensor:config", Sdf.ValueTypeNames.String, settings)
+        set_value(prim, "mmw:sensor:config", Sdf.ValueTypeNames.String, settings)
     if role in antenna_position_m:
         prim = define(layer, f"{agent_path}/Sensors/antenna")
         place(prim, np.concatenate([antenna_position_m[role], IDENTITY_POSE[3:]]))
-        author(prim, "mmw:sensor:type", Sdf.ValueTypeNames.Token, "antenna")
+        set_value(prim, "mmw:sensor:type", Sdf.ValueTypeNames.Token, "antenna")
 
 
 def prim_name(name: str) -> str:
@@ -65,7 +66,7 @@ def prim_name(name: str) -> str:
 def _lens(prim: Sdf.PrimSpec, sensor: DepthConfig) -> None:
     focal = APERTURE_MM / (2.0 * math.tan(math.radians(sensor.fov_deg) / 2.0))
     kind = Sdf.ValueTypeNames
-    author(prim, "focalLength", kind.Float, focal, custom=False)
-    author(prim, "horizontalAperture", kind.Float, APERTURE_MM, custom=False)
-    author(prim, "verticalAperture", kind.Float, APERTURE_MM * sensor.height_px / sensor.width_px, custom=False)
-    author(prim, "clippingRange", kind.Float2, Gf.Vec2f(0.01, sensor.range_m), custom=False)
+    set_value(prim, "focalLength", kind.Float, focal)
+    set_value(prim, "horizontalAperture", kind.Float, APERTURE_MM)
+    set_value(prim, "verticalAperture", kind.Float, APERTURE_MM * sensor.height_px / sensor.width_px)
+    set_value(prim, "clippingRange", kind.Float2, Gf.Vec2f(0.01, sensor.range_m))

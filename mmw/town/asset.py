@@ -4,12 +4,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from pxr import Tf, Usd
+from pxr import Usd
 
 from mmw.town.lane_prims import read_lanes
 from mmw.town.lanes import LaneGraph
 from mmw.town.walks import Walk, read_walks
 from mmw.usd.extract import MeshReader, place, semantic_label, to_metres
+from mmw.usd.open import open_stage
 
 DRIVABLE_LABELS = ("road", "road_line")
 """Semantic classes of the meshes that vehicles drive on."""
@@ -37,12 +38,7 @@ def open_town(path: str | Path) -> Town:
         ValueError: If the file cannot be read, its lanes are not whole, or it has no mesh of class road.
     """
     path = Path(path)
-    try:
-        stage = Usd.Stage.Open(str(path))
-    except Tf.ErrorException as error:
-        raise ValueError(
-            f"{path}: not a readable USD file ({str(error).strip().splitlines()[-1]}); give a town asset"
-        ) from None
+    stage = open_stage(path)
     root = stage.GetDefaultPrim()
     if not root:
         raise ValueError(f"{path}: has no default prim; a town asset names its root as defaultPrim")
@@ -59,7 +55,7 @@ def open_town(path: str | Path) -> Town:
             count += len(placed)
     if not count:
         raise ValueError(
-            f"{path}: no mesh has the class {' or '.join(DRIVABLE_LABELS)}; vehicles need a road to stand on"
+            f"{path}: no mesh has the class {' or '.join(DRIVABLE_LABELS)}; vehicles need a road to stand on; label it"
         )
     walks = tuple(read_walks(stage, str(root.GetPath().AppendChild("Walks"))))
     return Town(path, lanes, np.concatenate(points), np.concatenate(faces).astype(np.int32), walks)

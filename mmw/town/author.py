@@ -16,8 +16,7 @@ from mmw.paths import assets_dir
 from mmw.town.block_description import TownWeather
 from mmw.town.lane_prims import write_lanes
 from mmw.town.lanes import LaneGraph
-from mmw.town.parked_prims import write_parked
-from mmw.town.parking import ParkedCar
+from mmw.town.parked_prims import ParkedCar, write_parked
 from mmw.town.parts import MeshPart
 from mmw.town.texture_coordinates import texture_coordinates
 from mmw.town.walks import Walk, write_walks
@@ -37,7 +36,8 @@ WET_DARKENING = 0.45  # share of the diffuse colour that full wetness takes [-],
 WET_SMOOTHING = 0.65  # share of the roughness that full wetness takes [-], design value
 
 
-def _metadata(stage: Usd.Stage) -> None:
+def metres_z_up(stage: Usd.Stage) -> None:
+    """Write axes and unit of every town."""
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
 
@@ -89,9 +89,7 @@ def _author_component(layer: Sdf.Layer, path: Sdf.Path, parts: Sequence[MeshPart
         set_label(owner, label)
 
 
-def author_weather(
-    stage: Usd.Stage, weather: Mapping[str, TownWeather], materials: Sequence[str] = GROUND_MATERIALS
-) -> None:
+def _author_weather(stage: Usd.Stage, weather: Mapping[str, TownWeather], materials: Sequence[str]) -> None:
     """Write the variant set `weather`, which makes the given library materials wet; the first weather is selected."""
     prim = stage.GetPrimAtPath(ROOT)
     variants = prim.GetVariantSets().AddVariantSet("weather")
@@ -99,9 +97,10 @@ def author_weather(
         variants.AddVariant(name)
         variants.SetVariantSelection(name)
         with variants.GetVariantEditContext():
-            numbers = {"rainRate": (state.rain_rate_mm_h, "Rain rate [mm/h]."), "visibility": (state.visibility_m, "")}
-            numbers["visibility"] = (state.visibility_m, "Meteorological optical range [m].")
-            for key, (value, doc) in numbers.items():
+            for key, value, doc in (
+                ("rainRate", state.rain_rate_mm_h, "Rain rate [mm/h]."),
+                ("visibility", state.visibility_m, "Meteorological optical range [m]."),
+            ):
                 attribute = prim.CreateAttribute(f"mmw:weather:{key}", Sdf.ValueTypeNames.Float)
                 attribute.Set(value)
                 attribute.SetDocumentation(doc)
@@ -129,6 +128,35 @@ def _author_wet_ground(stage: Usd.Stage, material: str, state: TownWeather) -> N
             shade = round(1 - WET_DARKENING * state.wetness, 4)
             scale = Gf.Vec4f(shade, shade, shade, 1.0)
             texture.CreateAttribute("inputs:scale", Sdf.ValueTypeNames.Float4, False).Set(scale)
+
+
+def interface_layer(
+    name: str, parts: Sequence[MeshPart], payload: str, weather: Mapping[str, TownWeather], wet: Sequence[str]
+) -> Sdf.Layer:
+    """Return the layer that users refer to, without its materials: metadata, payload, weather variants.
+
+    Args:
+        name: Name of the asset.
+        parts: All meshes, for the extent.
+        payload: File name of the payload, which will lie beside the layer.
+        weather: Variant name -> state; the first is the default.
+        wet: Library materials that the weather makes wet.
+    """
+    layer = Sdf.Layer.CreateAnonymous(f"{name}.usda")
+    stage = Usd.Stage.Open(layer)
+    metres_z_up(stage)
+    root = UsdGeom.Xform.Define(stage, ROOT).GetPrim()
+    stage.SetDefaultPrim(root)
+    Usd.ModelAPI(root).SetKind(Kind.Tokens.assembly)
+    Usd.ModelAPI(root).SetAssetName(name)
+    corners = [[part.points.min(axis=0), part.points.max(axis=0)] for part in parts]
+    extent = np.stack([np.min(corners, axis=(0, 1)), np.max(corners, axis=(0, 1))]).astype(np.float32)
+    UsdGeom.ModelAPI.Apply(root).SetExtentsHint(Vt.Vec3fArray.FromNumpy(extent))
+    UsdGeom.Scope.Define(stage, ROOT.AppendChild("Materials"))
+    _author_weather(stage, weather, wet)
+    del stage  # the payload is relative to a file that does not exist yet, so nothing may compose it here
+    layer.GetPrimAtPath(ROOT).payloadList.Prepend(Sdf.Payload(f"./{payload}", ROOT))
+    return layer
 
 
 def write_town(
@@ -167,32 +195,18 @@ def write_town(
 
     geometry = Sdf.Layer.CreateAnonymous(PAYLOAD)
     stage = Usd.Stage.Open(geometry)
-    _metadata(stage)
+    metres_z_up(stage)
     with Sdf.ChangeBlock():
         new_prim(geometry, ROOT, "Xform")
         _author_groups(geometry, parts)
-        if parked:
-            write_parked(geometry, ROOT.AppendChild("Parked"), parked, load_catalog(), out_dir)
     stage.SetDefaultPrim(stage.GetPrimAtPath(ROOT))
     write_lanes(stage, str(ROOT.AppendChild("Lanes")), lanes)
     write_walks(stage, str(ROOT.AppendChild("Walks")), walks)
     del stage
+    if parked:  # with references relative to the file, so after the stage that would compose them
+        write_parked(geometry, ROOT.AppendChild("Parked"), parked, load_catalog(), out_dir)
 
-    layer = Sdf.Layer.CreateAnonymous(f"{name}.usda")
-    stage = Usd.Stage.Open(layer)
-    _metadata(stage)
-    root = UsdGeom.Xform.Define(stage, ROOT).GetPrim()
-    stage.SetDefaultPrim(root)
-    Usd.ModelAPI(root).SetKind(Kind.Tokens.assembly)
-    Usd.ModelAPI(root).SetAssetName(name)
-    every = np.concatenate([part.points for part in parts]).astype(np.float32)
-    extent = Vt.Vec3fArray.FromNumpy(np.stack([every.min(axis=0), every.max(axis=0)]))
-    UsdGeom.ModelAPI.Apply(root).SetExtentsHint(extent)
-    UsdGeom.Scope.Define(stage, ROOT.AppendChild("Materials"))
-    author_weather(stage, weather)
-
-    del stage  # the arcs are relative to the file that does not exist yet, so nothing may compose them here
-    layer.GetPrimAtPath(ROOT).payloadList.Prepend(Sdf.Payload(f"./{PAYLOAD}", ROOT))
+    layer = interface_layer(name, parts, PAYLOAD, weather, GROUND_MATERIALS)
     reference = Sdf.Reference(Path(os.path.relpath(materials, out_dir)).as_posix(), "/Materials")
     layer.GetPrimAtPath(ROOT.AppendChild("Materials")).referenceList.Prepend(reference)
     path = out_dir / f"{name}.usda"

@@ -16,6 +16,7 @@ STEP = 2.0  # how far the search for the next lot moves along the street [m]
 FLOOR_STEP = 0.15  # floor above the highest ground at the front [m]
 MOST_BURIED = 1.5  # how far the ground behind a building may lie above its floor [m]
 FOOT_DEPTH = 0.6  # foundation below the lowest ground [m]
+MOST_TURN = math.radians(50)  # between the two ends of a front; more is a street corner [rad]
 TOUCH = 0.02  # buildings placed by hand that are closer than this touch each other [m]
 JOINT = 0.01  # how far the walls of a touching building stand back, so that no two lie in one plane [m]
 
@@ -127,6 +128,14 @@ def _front(ring: shapely.LinearRing, start: float, width: float) -> tuple[np.nda
     return ends.mean(axis=0), math.atan2(along[1], along[0]), np.array([-along[1], along[0]])
 
 
+def _turn(ring: shapely.LinearRing, start: float, width: float) -> float:
+    """Return how much a ring turns between the ends of a front [rad], without sign."""
+    stations = np.array([start, start + 0.1, start + width - 0.1, start + width])
+    a, b, c, d = shapely.get_coordinates(shapely.line_interpolate_point(ring, stations))
+    first, last = complex(*(b - a)), complex(*(d - c))
+    return abs(float(np.angle(last * first.conjugate())))
+
+
 def _try_lot(
     ring: shapely.LinearRing,
     station: float,
@@ -139,7 +148,7 @@ def _try_lot(
 ) -> Site | None:
     """Return a plan at a station of a street front, moved back and made shallower until it fits."""
     width, depth = size
-    if station + width > ring.length:
+    if station + width > ring.length or _turn(ring, station, width) > MOST_TURN:
         return None
     middle, yaw, inward = _front(ring, station, width)
     for back, shallow in ((0.0, 1.0), (0.0, 0.75), (2.0, 1.0), (2.0, 0.75), (5.0, 0.75)):

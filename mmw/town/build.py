@@ -1,14 +1,16 @@
 """Build a town asset: YAML description -> roads, terrain, buildings, props -> USD."""
 
 from collections import Counter
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import shapely
 
-from mmw.paths import assets_dir
+from mmw.paths import assets_dir, shipped_towns
 from mmw.town.author import PAYLOAD, write_town
+from mmw.town.block_description import TownWeather
 from mmw.town.blocks import forecourt_bounds, place_by_hand, place_lots
 from mmw.town.buildings import build_building
 from mmw.town.description import TownDescription, load_town
@@ -16,7 +18,8 @@ from mmw.town.furnish import furnish
 from mmw.town.ground import Ground
 from mmw.town.lanes import LaneGraph
 from mmw.town.network import build_network
-from mmw.town.parking import ParkedCar, find_parking, park_all
+from mmw.town.parked_prims import ParkedCar
+from mmw.town.parking import find_parking, park_all
 from mmw.town.parts import MeshPart
 from mmw.town.paving import area_regions, pave
 from mmw.town.skybridges import TOUCH, build_skybridge, find_span
@@ -110,23 +113,33 @@ def town_parts(description: TownDescription) -> TownParts:
     return TownParts([*parts, *props], network.lanes, parked, walks)
 
 
-def build_town(description_path: str | Path, out_dir: str | Path, materials: str | Path | None = None) -> TownReport:
+def build_town(
+    description_path: str | Path,
+    out_dir: str | Path,
+    materials: str | Path | None = None,
+    *,
+    radio_rows: Collection[str] | None = None,
+) -> TownReport:
     """Build a town from its YAML file and write `<name>.usda` and `geometry.usdc`.
 
     Args:
         description_path: The YAML file.
         out_dir: Folder of the town asset.
         materials: The material library to reference; the shipped one by default.
+        radio_rows: Radio materials that exist, such as `itu_wet_ground`; None to leave that to the run.
 
     Raises:
         ValueError: If the description is wrong or cannot be built.
     """
     description = load_town(description_path)
-    town = town_parts(description)
-    parts = town.meshes
-    path = write_town(
-        out_dir, description.name, parts, town.lanes, description.weather, materials, town.parked, town.walks
-    )
+    name, weather = description.name, description.weather
+    try:
+        _check_rows(weather, radio_rows)
+        town = town_parts(description)
+        parts = town.meshes
+        path = write_town(out_dir, name, parts, town.lanes, weather, materials, town.parked, town.walks)
+    except ValueError as error:
+        raise ValueError(f"{description_path}: {error}") from None
     meshes: Counter[str] = Counter()
     triangles: Counter[str] = Counter()
     for part in parts:
@@ -148,14 +161,22 @@ def build_town(description_path: str | Path, out_dir: str | Path, materials: str
     )
 
 
+def _check_rows(weather: Mapping[str, TownWeather], radio_rows: Collection[str] | None) -> None:
+    for name, state in weather.items():
+        if state.ground_itu and radio_rows is not None and state.ground_itu not in radio_rows:
+            raise ValueError(
+                f"weather.{name}.ground_itu = {state.ground_itu!r} is unknown; use one of {', '.join(radio_rows)}"
+            )
+
+
 def build_shipped_town(name: str, out_dir: str | Path | None = None) -> TownReport:
     """Rebuild a shipped town, in place unless another folder is given.
 
     Raises:
         ValueError: If no town of this name has a description.
     """
+    if name not in shipped_towns():
+        known = ", ".join(shipped_towns())
+        raise ValueError(f"town = {name!r}; shipped towns are: {known}; name one of them, or give a YAML file")
     folder = assets_dir() / "towns" / name
-    if not (folder / f"{name}.yaml").is_file():
-        known = ", ".join(sorted(path.parent.name for path in folder.parent.glob("*/*.yaml")))
-        raise ValueError(f"town = {name!r}: no description; shipped towns are: {known}; name one of them")
     return build_town(folder / f"{name}.yaml", out_dir or folder)

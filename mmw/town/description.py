@@ -3,10 +3,10 @@
 from pathlib import Path
 from typing import Annotated, Literal
 
-import yaml
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
 from mmw.config.section import Name, Section, Vec3
+from mmw.config.yaml_file import read_yaml, validated
 from mmw.town.block_description import BlockDescription
 
 Identifier = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$", max_length=40)]
@@ -151,25 +151,9 @@ def load_town(path: str | Path) -> TownDescription:
     """Return the description that a town's YAML file holds.
 
     Raises:
-        ValueError: If the file does not exist, is not YAML, or holds a wrong key or value; one line a problem, with
+        ConfigError: If the file does not exist, is not YAML, or holds a wrong key or value; one line a problem, with
             file, key, value, and what is needed.
     """
     path = Path(path)
-    if not path.is_file():
-        raise ValueError(f"{path}: no such file; give the path of a town's YAML file")
-    try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except yaml.YAMLError as error:
-        raise ValueError(f"{path}: not YAML: {' '.join(str(error).split())}; correct the file") from error
-    if not isinstance(data, dict):
-        raise ValueError(f"{path}: holds {type(data).__name__}; a map with profiles, nodes and roads is needed")
-    try:
-        return TownDescription.model_validate({key: value for key, value in data.items() if value is not None})
-    except ValidationError as error:
-        lines = []
-        for problem in error.errors():
-            where = ".".join(str(part) for part in problem["loc"]) or "town"
-            found = "" if problem["type"] in ("missing", "value_error") else f" = {problem['input']!r:.60}"
-            message = problem["msg"].removeprefix("Value error, ")
-            lines.append(f"{path}: {where}{found}: {message}; correct this key of the town")
-        raise ValueError("\n".join(lines)) from error
+    data = read_yaml(path, "a map with name, profiles, nodes and roads")
+    return validated(TownDescription, {key: value for key, value in data.items() if value is not None}, path)

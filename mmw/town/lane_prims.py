@@ -1,10 +1,11 @@
 """Lanes in USD: one BasisCurves prim a lane, so that a stage alone is enough to drive on."""
 
 import numpy as np
-from pxr import Gf, Sdf, Usd, UsdGeom, Vt
+from pxr import Sdf, Usd, UsdGeom, Vt
 
 from mmw.town.lanes import Lane, LaneGraph
 from mmw.usd.extract import to_metres
+from mmw.usd.specs import new_prim, set_value
 
 WIDTH = "mmw:lane:width"
 SPEED = "mmw:lane:speed"
@@ -39,29 +40,27 @@ def write_lanes(stage: Usd.Stage, path: str, graph: LaneGraph) -> None:
 
 
 def _write_lane(layer: Sdf.Layer, path: str, lane: Lane) -> None:
-    spec = Sdf.CreatePrimInLayer(layer, path)
-    spec.specifier, spec.typeName = Sdf.SpecifierDef, "BasisCurves"
+    spec, types = new_prim(layer, Sdf.Path(path), "BasisCurves"), Sdf.ValueTypeNames
     points = np.ascontiguousarray(lane.points, dtype=np.float32)
-    low, high = points.min(axis=0), points.max(axis=0)
-    types, uniform = Sdf.ValueTypeNames, Sdf.VariabilityUniform
-    for name, kind, value, variability in (
-        ("type", types.Token, "linear", uniform),
-        ("curveVertexCounts", types.IntArray, Vt.IntArray([len(points)]), Sdf.VariabilityVarying),
-        ("points", types.Point3fArray, Vt.Vec3fArray.FromNumpy(points), Sdf.VariabilityVarying),
-        ("extent", types.Float3Array, Vt.Vec3fArray([Gf.Vec3f(*low.tolist()), Gf.Vec3f(*high.tolist())]), None),
-        (WIDTH, types.Float, lane.width, None),
-        (SPEED, types.Float, lane.speed, None),
-        (JUNCTION, types.String, lane.junction, None),
-        (PRIORITY, types.Int, lane.priority, None),
-        (SUCCESSORS, types.StringArray, Vt.StringArray(lane.successors), None),
-        (LEFT, types.String, lane.left, None),
-        (RIGHT, types.String, lane.right, None),
-        (SIGNAL, types.String, lane.signal, None),
-        (STOP, types.Float, lane.stop, None),
-    ):
-        is_custom = name.startswith("mmw:")
-        attribute = Sdf.AttributeSpec(spec, name, kind, variability or Sdf.VariabilityVarying, is_custom)
-        attribute.default = value
+    extent = np.stack([points.min(axis=0), points.max(axis=0)])
+    set_value(spec, "type", types.Token, "linear", uniform=True)
+    set_value(spec, "curveVertexCounts", types.IntArray, Vt.IntArray([len(points)]))
+    set_value(spec, "points", types.Point3fArray, Vt.Vec3fArray.FromNumpy(points))
+    set_value(spec, "extent", types.Float3Array, Vt.Vec3fArray.FromNumpy(extent))
+    set_value(spec, WIDTH, types.Float, lane.width)
+    set_value(spec, SPEED, types.Float, lane.speed)
+    set_value(spec, JUNCTION, types.String, lane.junction)
+    set_value(spec, PRIORITY, types.Int, lane.priority)
+    set_value(spec, SUCCESSORS, types.StringArray, Vt.StringArray(lane.successors))
+    set_value(spec, LEFT, types.String, lane.left)
+    set_value(spec, RIGHT, types.String, lane.right)
+    set_value(spec, SIGNAL, types.String, lane.signal)
+    set_value(spec, STOP, types.Float, lane.stop)
+
+
+def has_lanes(stage: Usd.Stage) -> bool:
+    """Return whether a stage has a lane anywhere."""
+    return any(prim.IsA(UsdGeom.BasisCurves) and prim.HasAttribute(WIDTH) for prim in stage.Traverse())
 
 
 def read_lanes(stage: Usd.Stage, root_path: str) -> LaneGraph:

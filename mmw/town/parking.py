@@ -12,6 +12,7 @@ from mmw.town.description import Profile, TownDescription
 from mmw.town.ground import Ground
 from mmw.town.lanes import LaneGraph
 from mmw.town.network import RoadNetwork
+from mmw.town.parked_prims import ParkedCar
 from mmw.town.parts import MeshPart
 from mmw.town.paving import Region, outline_of
 from mmw.town.place_description import ParkingLot, StreetBays
@@ -50,18 +51,6 @@ class Bay:
     def outline(self) -> shapely.Polygon:
         """Plan in the town frame."""
         return rectangle_at(self.center, self.yaw, self.depth, self.width)
-
-
-@dataclass(frozen=True)
-class ParkedCar:
-    """One car that never moves."""
-
-    name: str
-    model: str
-    """A key of the vehicle catalog."""
-    paint: str
-    pose: np.ndarray
-    """Body to town frame, origin on the ground midway between the axles, shape [7]."""
 
 
 @dataclass(frozen=True)

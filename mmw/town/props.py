@@ -234,7 +234,7 @@ def build_prop(name: str, kind: str, at: Sequence[float], yaw: float, rng: np.ra
         ValueError: If the kind is unknown.
     """
     if kind not in PROPS:
-        raise ValueError(f"prop {name!r}: kind {kind!r}; known kinds are: {', '.join(sorted(PROPS))}; use one of them")
+        raise ValueError(f"props: kind {kind!r}; known kinds are: {', '.join(sorted(PROPS))}; use one of them")
     pieces = PROPS[kind](rng) if kind in VARIED else _fixed(kind)
     return [
         MeshPart(f"Props/{name}/{piece}", *place(mesh, at, yaw), material, label)

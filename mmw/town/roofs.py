@@ -72,7 +72,7 @@ def gable_roof(style: BuildingStyle, width: float, depth: float, top: float, out
 
 
 def hip_roof(style: BuildingStyle, width: float, depth: float, top: float, out: Meshes) -> None:
-    """Add a roof that slopes to all four sides, with a level soffit under its eaves."""
+    """Add a roof that slopes to all four sides, with a level soffit under its eaves; over a square a pyramid."""
     turned = depth > width
     long, short = (max(width, depth), min(width, depth))
     low = rectangle(long, short, -EAVES)
@@ -80,11 +80,12 @@ def hip_roof(style: BuildingStyle, width: float, depth: float, top: float, out: 
     ridge = 0.5 * (long - short)
     points = np.vstack(
         [np.column_stack([low, np.full(4, z)]) for z in (top, top + ROOF_THICKNESS)]
-        + [[[x, 0.0, top + ROOF_THICKNESS + style.pitch * run] for x in (-ridge, ridge)]]
+        + [[[x, 0.0, top + ROOF_THICKNESS + style.pitch * run] for x in (-ridge, ridge)][: 2 if ridge else 1]]
     )
     fascia = [[0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7], [0, 3, 2, 1]]
-    slopes = quads(points, [*fascia, [4, 5, 9, 8], [6, 7, 8, 9]])
-    ends = Mesh(points, np.array([[5, 6, 9], [7, 4, 8]], np.int32))
+    slopes = quads(points, [*fascia, [4, 5, 9, 8], [6, 7, 8, 9]] if ridge else fascia)
+    rises = [[5, 6, 9], [7, 4, 8]] if ridge else [[4, 5, 8], [5, 6, 8], [6, 7, 8], [7, 4, 8]]
+    ends = Mesh(points, np.array(rises, np.int32))
     out["roof"].append(place(merge([slopes, ends]), (0, 0, 0), 0.5 * np.pi if turned else 0.0))
 
 

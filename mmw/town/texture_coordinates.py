@@ -27,7 +27,7 @@ def texture_coordinates(points: np.ndarray, faces: np.ndarray) -> tuple[np.ndarr
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
     normal = np.round(normal, 5)  # neighbouring faces of one plane agree
-    flat = np.abs(normal[:, 2]) > LEVEL
+    flat = (np.abs(normal[:, 2]) > LEVEL) | ~normal.any(axis=1)  # a face without area has no slope
     across = np.stack([-normal[:, 1], normal[:, 0], np.zeros(len(normal))], axis=1)
     across = np.where(flat[:, None], (1.0, 0.0, 0.0), across)
     across = across / np.linalg.norm(across, axis=1, keepdims=True)

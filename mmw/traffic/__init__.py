@@ -1,5 +1,5 @@
-"""Moving vehicles: spawning, car following, junctions, and bodies that stand on their wheels."""
+"""What moves: vehicles of three engines, as bodies that stand on their wheels, and pedestrians."""
 
-from mmw.traffic.simulation import VehicleTrack, simulate
+from mmw.traffic.simulation import VehicleTrack, run_traffic
 
-__all__ = ["VehicleTrack", "simulate"]
+__all__ = ["VehicleTrack", "run_traffic"]

@@ -10,7 +10,7 @@ from mmw.config import TrafficConfig
 from mmw.town.asset import Town
 from mmw.traffic.pedestrians import walk_people
 from mmw.traffic.recorded import replay_file
-from mmw.traffic.simulation import VehicleTrack, simulate
+from mmw.traffic.simulation import VehicleTrack, run_traffic
 from mmw.traffic.sumo import simulate_sumo
 from mmw.vehicles.catalog import load_figures
 
@@ -54,30 +54,12 @@ def _drive(
     """Return the motion of the vehicles."""
     drivable = (town.points, town.faces)
     if traffic.engine == "file":
-        return replay_file(
-            base / (traffic.trajectories or ""),
-            drivable,
-            catalog,
-            frame_count=frame_count,
-            vehicle_count=traffic.vehicle_count,
-            spawn_center=traffic.spawn_center_m,
-            cav_ranks=traffic.cav_ranks,
-            cav_ids=traffic.cav_ids,
-            seed=seed,
-        )
+        path = base / (traffic.trajectories or "")
+        return replay_file(path, drivable, catalog, traffic, frame_count=frame_count, seed=seed)
     _check_center(town, traffic)
-    who: dict[str, Any] = {
-        "frame_count": frame_count,
-        "vehicle_count": traffic.vehicle_count,
-        "spawn_center": traffic.spawn_center_m,
-        "cav_ranks": traffic.cav_ranks,
-        "warmup_s": traffic.warmup_s,
-        "lane_changes": traffic.lane_changes,
-        "seed": seed,
-    }
     if traffic.engine == "sumo":
-        return simulate_sumo(town.lanes, drivable, catalog, **who)
-    return simulate(town.lanes, drivable, catalog, **who, signals=traffic.signals)
+        return simulate_sumo(town.lanes, drivable, catalog, traffic, frame_count=frame_count, seed=seed)
+    return run_traffic(town.lanes, drivable, catalog, traffic, frame_count=frame_count, seed=seed).tracks
 
 
 def _check_center(town: Town, traffic: TrafficConfig) -> None:

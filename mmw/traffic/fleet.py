@@ -9,7 +9,7 @@ from mmw.traffic.car import Car, Change, Plan, find_passages, lane_begins
 from mmw.traffic.lane_change import CLEAR_SHARE, Beside, Wanted
 from mmw.traffic.pose import MAX_STEER, Shape, Stance, Track, follow_line, stand_on_ground
 from mmw.traffic.route import choose_lanes, join_lanes, living_lanes, plan_length
-from mmw.traffic.spawn import Places, SpawnPoint, draw_models
+from mmw.traffic.spawn import Places, SpawnPoint, draw_models, seeded
 from mmw.traffic.speed import speed_limit
 from mmw.traffic.wheels import Ground
 
@@ -21,11 +21,6 @@ DRIVER_HEADWAY = (1.0, 1.5)
 
 RUN_OUT = 80.0
 """Routes go on this far beyond what the fastest vehicle can cover, so that nobody brakes for their end [m]."""
-
-
-def seeded(*key: int) -> np.random.Generator:
-    """Return a generator of its own for a key."""
-    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(key)))
 
 
 class Fleet:

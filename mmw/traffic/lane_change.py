@@ -10,7 +10,7 @@ from mmw.town.lanes import Lane, LaneGraph
 from mmw.traffic.car import ROOM, Car, Mark, Plan, count_entered
 from mmw.traffic.driver import STANDSTILL_GAP, asking_distance, follow_leader
 from mmw.traffic.junctions import Held
-from mmw.traffic.route import EXTENSION, PATH_STEP, Line, branch_line
+from mmw.traffic.route import EXTENSION, PATH_STEP, Line, branch_line, plan_stations
 
 POLITENESS = 0.25
 """MOBIL: weight of what others gain or lose. Source: Kesting, Treiber, Helbing 2007: 0.2 to 0.5 are realistic."""
@@ -151,12 +151,6 @@ class Beside:
         ends = new.ends.tolist()
         begins = [*car.begins[: car.segment + 1], reached - float(there[-1]), *ends[car.segment + 1 : -1]]
         return new, begins
-
-
-def plan_stations(lane: Lane) -> np.ndarray:
-    """Return the length of a lane up to each of its points, seen from above [m], shape [N]."""
-    step = np.linalg.norm(np.diff(lane.points[:, :2], axis=0), axis=1)
-    return np.concatenate([[0.0], np.cumsum(step)])
 
 
 def _project(lane: Lane, other: Lane) -> tuple[np.ndarray, np.ndarray]:

@@ -13,6 +13,7 @@ from mmw.constants import FRAME_RATE_HZ
 from mmw.town.walks import Walk
 from mmw.traffic.simulation import VehicleTrack
 from mmw.traffic.smooth import gaussian_smooth
+from mmw.traffic.spawn import seeded
 from mmw.vehicles.catalog import ActorModel
 
 WALKING_SPEED = (0.9, 1.6)
@@ -98,7 +99,7 @@ def walk_people(
     chosen = [places[index] for index in np.lexsort((np.arange(len(places)), distance))[:count]]
     speeds, models, paints = [], [], []
     for rank in range(count):
-        generator = np.random.Generator(np.random.PCG64(np.random.SeedSequence((seed, rank, 2))))
+        generator = seeded(seed, rank, 2)
         speeds.append(float(generator.uniform(*WALKING_SPEED)))
         models.append(_draw_figure(figures, generator))
         paints.append(figures[models[-1]].paints[int(generator.integers(len(figures[models[-1]].paints)))])

@@ -6,12 +6,13 @@ from typing import Any
 
 import numpy as np
 
+from mmw.config import TrafficConfig
 from mmw.constants import FRAME_DT
 from mmw.traffic.decks import Decks
 from mmw.traffic.pose import Shape, make_shape
 from mmw.traffic.replay import LONGEST_GAP, replay
 from mmw.traffic.simulation import VehicleTrack
-from mmw.traffic.spawn import draw_models
+from mmw.traffic.spawn import draw_models, seeded
 from mmw.traffic.trajectories import Trajectory, read_trajectories
 from mmw.traffic.wheels import Ground
 
@@ -23,12 +24,9 @@ def replay_file(
     path: Path,
     drivable: tuple[np.ndarray, np.ndarray],
     catalog: Mapping[str, Any],
+    traffic: TrafficConfig,
     *,
     frame_count: int,
-    vehicle_count: int,
-    spawn_center: Sequence[float],
-    cav_ranks: Sequence[int],
-    cav_ids: Sequence[str],
     seed: int,
     device: str = "cpu",
 ) -> list[VehicleTrack]:
@@ -38,11 +36,9 @@ def replay_file(
         path: Table of trajectories, see `read_trajectories`.
         drivable: Vertices [m], shape [N, 3], and triangles, shape [M, 3], of what wheels may stand on.
         catalog: Vehicle models by name.
+        traffic: At most `vehicle_count` vehicles are taken: those nearest to `spawn_center_m`, and all of `cav_ids`,
+            which are the CAVs; where it is empty, `cav_ranks` says which are.
         frame_count: F, frames at 100 Hz.
-        vehicle_count: At most so many vehicles are taken: those nearest to `spawn_center`, and all of `cav_ids`.
-        spawn_center: Middle of the scenario, world frame [m].
-        cav_ranks: Ranks of the CAVs by distance to `spawn_center`, where `cav_ids` is empty.
-        cav_ids: Ids of the CAVs.
         seed: Same seed, same models and paints where the table leaves them open.
         device: Warp device of the wheel drops.
 
@@ -57,12 +53,12 @@ def replay_file(
     where = f"trajectories = {path.name!r}"
     try:
         found = read_trajectories(path)
-        ranked = _rank(found, spawn_center, frame_count)
-        cavs = _choose_cavs(ranked, cav_ids, cav_ranks)
+        ranked = _rank(found, traffic.spawn_center_m, frame_count)
+        cavs = _choose_cavs(ranked, traffic.cav_ids, traffic.cav_ranks)
         for cav in cavs:
             _check_presence(cav, frame_count)
         taken = {cav.id for cav in cavs}
-        rest = [vehicle for vehicle in ranked if vehicle.id not in taken][: max(0, vehicle_count - len(cavs))]
+        rest = [vehicle for vehicle in ranked if vehicle.id not in taken][: max(0, traffic.vehicle_count - len(cavs))]
         return place_vehicles(cavs, rest, drivable, catalog, frame_count=frame_count, seed=seed, device=device)
     except ValueError as error:
         text = str(error)
@@ -94,7 +90,7 @@ def place_vehicles(
     for vehicle in (*cavs, *others):
         is_cav = len(tracks) < len(cavs)
         # the id is the key, so that other vehicles of the file change nothing
-        generator = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, *vehicle.id.encode()])))
+        generator = seeded(seed, *vehicle.id.encode())
         shape = choose_model(vehicle, shapes, catalog, is_cav, generator)
         paints = tuple(catalog[shape.name].paints)
         paint = paints[int(generator.integers(len(paints)))]

@@ -66,6 +66,12 @@ def choose_lanes(
     return chain
 
 
+def plan_stations(lane: Lane) -> np.ndarray:
+    """Return the length of a lane up to each of its points, seen from above [m], shape [N]."""
+    step = np.linalg.norm(np.diff(lane.points[:, :2], axis=0), axis=1)
+    return np.concatenate([[0.0], np.cumsum(step)])
+
+
 def plan_length(lane: Lane) -> float:
     """Return the length of a lane seen from above [m]."""
     return float(np.linalg.norm(np.diff(lane.points[:, :2], axis=0), axis=1).sum())

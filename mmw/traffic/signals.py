@@ -8,6 +8,7 @@ from math import ceil, pi
 import numpy as np
 
 from mmw.town.lanes import Lane, LaneGraph
+from mmw.traffic.spawn import seeded
 
 GREEN = 12.0
 """Green of every phase [s]; design value, 6 to 8 vehicles a lane."""
@@ -68,7 +69,7 @@ def make_plans(graph: LaneGraph, seed: int) -> dict[str, SignalPlan]:
     for junction in sorted(found):
         phases = tuple(sorted(found[junction]))
         amber = max(LEAST_AMBER, ceil(10 * (REACTION + fastest[junction] / (2 * AMBER_BRAKING))) / 10)
-        generator = np.random.Generator(np.random.PCG64([seed, zlib.crc32(junction.encode())]))
+        generator = seeded(seed, zlib.crc32(junction.encode()))
         cycle = len(phases) * (GREEN + amber + ALL_RED)
         plans[junction] = SignalPlan(phases, amber, float(generator.uniform(0, cycle)))
     return plans

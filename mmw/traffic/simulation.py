@@ -1,21 +1,22 @@
 """From a town's lanes to the 6-DoF poses of all its vehicles."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from mmw.config import TrafficConfig
 from mmw.constants import FRAME_RATE_HZ
 from mmw.town.lanes import LaneGraph
 from mmw.traffic.driver import STEP
-from mmw.traffic.fleet import Fleet, seeded
+from mmw.traffic.fleet import Fleet
 from mmw.traffic.idm import Engine
 from mmw.traffic.lane_change import LaneChanges
 from mmw.traffic.pose import make_shape, sample_poses
 from mmw.traffic.signals import make_plans
 from mmw.traffic.smooth import gaussian_smooth
-from mmw.traffic.spawn import nearest_points, spawn_points
+from mmw.traffic.spawn import nearest_points, seeded, spawn_points
 from mmw.traffic.wheels import Ground
 
 SETTLE_S = 1.5
@@ -31,7 +32,7 @@ class VehicleTrack:
 
     name: str
     role: str
-    """`cav` or `vehicle`."""
+    """`cav`, `vehicle` or `pedestrian`."""
     model: str
     paint: str
     poses: np.ndarray
@@ -52,51 +53,14 @@ class Outcome:
     """Vehicle -> lanes of its path, those beyond the last frame included."""
 
 
-def simulate(
-    graph: LaneGraph,
-    drivable: tuple[np.ndarray, np.ndarray],
-    catalog: Mapping[str, Any],
-    *,
-    frame_count: int,
-    vehicle_count: int,
-    spawn_center: Sequence[float],
-    cav_ranks: Sequence[int],
-    warmup_s: float,
-    seed: int,
-    lane_changes: bool = True,
-    signals: bool = False,
-    device: str = "cpu",
-) -> list[VehicleTrack]:
-    """Return the motion of all vehicles of a scenario; `run_traffic` says what the arguments mean."""
-    return run_traffic(
-        graph,
-        drivable,
-        catalog,
-        frame_count=frame_count,
-        vehicle_count=vehicle_count,
-        spawn_center=spawn_center,
-        cav_ranks=cav_ranks,
-        warmup_s=warmup_s,
-        seed=seed,
-        lane_changes=lane_changes,
-        signals=signals,
-        device=device,
-    ).tracks
-
-
 def run_traffic(
     graph: LaneGraph,
     drivable: tuple[np.ndarray, np.ndarray],
     catalog: Mapping[str, Any],
+    traffic: TrafficConfig,
     *,
     frame_count: int,
-    vehicle_count: int,
-    spawn_center: Sequence[float],
-    cav_ranks: Sequence[int],
-    warmup_s: float,
     seed: int,
-    lane_changes: bool = True,
-    signals: bool = False,
     device: str = "cpu",
 ) -> Outcome:
     """Return the motion of all vehicles of a scenario, and what they decided.
@@ -105,14 +69,9 @@ def run_traffic(
         graph: The town's lanes.
         drivable: Vertices [m], shape [N, 3], and triangles, shape [M, 3], of what wheels may stand on.
         catalog: Vehicle models by name, each with `name, paints, wheelbase, track, length, width, height, center`.
+        traffic: How many vehicles, where, which are CAVs, warm-up, changes of lanes, traffic lights.
         frame_count: F, frames at 100 Hz.
-        vehicle_count: V, vehicles in all; they take the spawn points nearest to `spawn_center`.
-        spawn_center: Middle of the traffic, world frame [m].
-        cav_ranks: Zero-based ranks by distance to `spawn_center` of the vehicles that are CAVs.
-        warmup_s: Simulated before frame 0 [s].
         seed: Same seed, same motion.
-        lane_changes: Whether vehicles change to the lane beside them.
-        signals: Whether traffic lights work; without them, priorities count everywhere.
         device: Warp device of the wheel drops.
 
     Returns:
@@ -120,24 +79,21 @@ def run_traffic(
         changes of lanes and routes.
 
     Raises:
-        ValueError: If a rank does not exist, the town has too few places, no model can drive from a place without
-            leaving the road, or lights are asked for where there are none.
+        ValueError: If the town has too few places, no model can drive from a place without leaving the road, or lights
+            are asked for where there are none.
     """
-    if len(set(cav_ranks)) != len(cav_ranks) or any(not 0 <= rank < vehicle_count for rank in cav_ranks):
-        raise ValueError(
-            f"cav_ranks = {list(cav_ranks)}: ranks must differ and lie in 0..{vehicle_count - 1}; correct them"
-        )
-    plans = make_plans(graph, seed) if signals else {}
-    if signals and not plans:
+    cav_ranks, vehicle_count = traffic.cav_ranks, traffic.vehicle_count
+    plans = make_plans(graph, seed) if traffic.signals else {}
+    if traffic.signals and not plans:
         raise ValueError(
             "signals = true: no junction of the town has traffic lights; lanes with a phase (`mmw:lane:signal`) are "
             "needed; name junctions in the town's props.signalled, or set signals: false"
         )
-    before = SETTLE_S + warmup_s
+    before = SETTLE_S + traffic.warmup_s
     duration = before + SETTLE_S + frame_count / FRAME_RATE_HZ
     shapes = [make_shape(catalog[name]) for name in sorted(catalog)]
     fleet = Fleet(graph, Ground(*drivable, device=device), shapes, duration, seed)
-    points = nearest_points(spawn_points(graph, fleet.alive), spawn_center, vehicle_count)
+    points = nearest_points(spawn_points(graph, fleet.alive), traffic.spawn_center_m, vehicle_count)
     cars, paints = [], []
     for rank, point in enumerate(points):
         generator = seeded(seed, rank, 0)
@@ -146,7 +102,7 @@ def run_traffic(
         paints.append(choices[int(generator.integers(len(choices)))])
     lead = round(before / STEP)
     steps = lead + int(np.ceil((frame_count / FRAME_RATE_HZ + SETTLE_S) / STEP))
-    changes = LaneChanges(graph, fleet.beside, fleet.change) if lane_changes else None
+    changes = LaneChanges(graph, fleet.beside, fleet.change) if traffic.lane_changes else None
     station, speed, waits = Engine(graph, cars, changes, plans, -before).run(steps)
     smooth = _resample(station, speed)
     per_step = round(STEP * FRAME_RATE_HZ)

@@ -7,7 +7,7 @@ import numpy as np
 
 from mmw.town.lanes import Lane, LaneGraph
 from mmw.traffic.pose import Shape
-from mmw.traffic.route import plan_length
+from mmw.traffic.route import plan_length, plan_stations
 
 SPACING = 12.0
 """Distance between spawn points along a lane [m]."""
@@ -41,6 +41,11 @@ MODEL_WEIGHT: Mapping[str, float] = {
 OTHER_WEIGHT = 0.1
 
 
+def seeded(*key: int) -> np.random.Generator:
+    """Return a generator of its own for a key."""
+    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(key)))
+
+
 @dataclass(frozen=True)
 class SpawnPoint:
     """A place on a lane for the middle between the axles."""
@@ -71,7 +76,7 @@ def spawn_points(graph: LaneGraph, usable: frozenset[str]) -> list[SpawnPoint]:
 
 
 def _position(lane: Lane, station: float) -> tuple[float, float, float]:
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(lane.points[:, :2], axis=0), axis=1))])
+    along = plan_stations(lane)
     x, y, z = (float(np.interp(station, along, lane.points[:, axis])) for axis in range(3))
     return x, y, z
 

@@ -12,49 +12,25 @@ from typing import Any
 
 import numpy as np
 
+from mmw.config import TrafficConfig
 from mmw.constants import FRAME_RATE_HZ
 from mmw.town.lanes import LaneGraph
 from mmw.traffic import sumo_worker
+from mmw.traffic.driver import ACCELERATION, BRAKING, HARDEST_BRAKING, STANDSTILL_GAP, STEP
+from mmw.traffic.fleet import DRIVER_FACTOR, DRIVER_HEADWAY, RUN_OUT
 from mmw.traffic.pose import make_shape
 from mmw.traffic.recorded import place_vehicles
 from mmw.traffic.route import PATH_STEP
-from mmw.traffic.simulation import VehicleTrack
-from mmw.traffic.spawn import nearest_points, spawn_points
+from mmw.traffic.simulation import SETTLE_S, VehicleTrack
+from mmw.traffic.spawn import nearest_points, seeded, spawn_points
 from mmw.traffic.sumo_network import SumoNetwork, make_network
 from mmw.traffic.sumo_routes import Drivers, SumoVehicle, entry_speeds, lane_limits
 from mmw.traffic.trajectories import Trajectory
 from mmw.traffic.wheels import Ground
 
-STEP = 0.05
-"""Time step of SUMO [s]."""
-
-SETTLE_S = 1.5
-"""Simulated before the warm-up and after the last frame, as support of the filters in time [s]."""
-
-RUN_OUT = 80.0
-"""Routes go on this far beyond what the fastest vehicle can cover [m]."""
-
-ACCELERATION = 1.8
-"""Of the car-following model IDM in SUMO [m/s^2]; the same as in mmw's own engine, like the next ones."""
-
-BRAKING = 2.0
-"""Comfortable deceleration [m/s^2]."""
-
-EMERGENCY_BRAKING = 6.0
-"""Hardest deceleration [m/s^2]."""
-
-STANDSTILL_GAP = 2.0
-"""Gap between bumpers at rest [m]."""
-
 IMPATIENCE = 0.5
 """Share to which drivers who give way count on the others' braking [-]; with 0 they also wait for vehicles far away
 that wait themselves."""
-
-DRIVER_FACTOR = (0.85, 1.0)
-"""Range of the drivers' share of the speed limit."""
-
-DRIVER_HEADWAY = (1.0, 1.5)
-"""Range of the drivers' time gap [s]."""
 
 CHANGE_S = 4.0
 """A lane change takes this long [s]."""
@@ -78,29 +54,21 @@ def simulate_sumo(
     graph: LaneGraph,
     drivable: tuple[np.ndarray, np.ndarray],
     catalog: Mapping[str, Any],
+    traffic: TrafficConfig,
     *,
     frame_count: int,
-    vehicle_count: int,
-    spawn_center: Sequence[float],
-    cav_ranks: Sequence[int],
-    warmup_s: float,
     seed: int,
-    lane_changes: bool = True,
     device: str = "cpu",
 ) -> list[VehicleTrack]:
-    """Return the motion of all vehicles of a scenario, as `simulate` does, driven by SUMO.
+    """Return the motion of all vehicles of a scenario, as `run_traffic` does, driven by SUMO.
 
     Args:
         graph: The town's lanes.
         drivable: Vertices [m], shape [N, 3], and triangles, shape [M, 3], of what wheels may stand on.
         catalog: Vehicle models by name.
+        traffic: How many vehicles, where, which are CAVs, warm-up, changes of lanes.
         frame_count: F, frames at 100 Hz.
-        vehicle_count: V, vehicles in all; they take the spawn points nearest to `spawn_center`.
-        spawn_center: Middle of the traffic, world frame [m].
-        cav_ranks: Zero-based ranks by distance to `spawn_center` of the vehicles that are CAVs.
-        warmup_s: Simulated before frame 0 [s].
         seed: Same seed, same motion.
-        lane_changes: Whether vehicles change lanes.
         device: Warp device of the wheel drops.
 
     Returns:
@@ -111,14 +79,15 @@ def simulate_sumo(
             cannot stand on the road.
     """
     check_sumo()
+    cav_ranks, vehicle_count, warmup_s = traffic.cav_ranks, traffic.vehicle_count, traffic.warmup_s
     duration = 2 * SETTLE_S + warmup_s + frame_count / FRAME_RATE_HZ
     fastest = max(lane.speed for lane in graph.lanes.values())
     shapes = [make_shape(catalog[name]) for name in sorted(catalog)]
     drivers = Drivers(graph, Ground(*drivable, device=device), shapes, fastest * duration + RUN_OUT)
-    points = nearest_points(spawn_points(graph, drivers.alive), spawn_center, vehicle_count)
+    points = nearest_points(spawn_points(graph, drivers.alive), traffic.spawn_center_m, vehicle_count)
     vehicles, headways, factors = [], [], []
     for rank, point in enumerate(points):
-        generator = np.random.Generator(np.random.PCG64(np.random.SeedSequence((seed, rank, 0))))
+        generator = seeded(seed, rank, 0)
         factors.append(generator.uniform(*DRIVER_FACTOR))
         headways.append(generator.uniform(*DRIVER_HEADWAY))
         vehicles.append(drivers.add(point, rank in cav_ranks, generator, (seed, rank, 1)))
@@ -129,9 +98,9 @@ def simulate_sumo(
         place = Path(folder)
         network.write(place / "town.net.xml")
         starts = entry_speeds(vehicles, graph, limits, 0.6 * BRAKING)
-        _write_routes(place / "town.rou.xml", network, vehicles, starts, factors, headways, lane_changes)
+        _write_routes(place / "town.rou.xml", network, vehicles, starts, factors, headways, traffic.lane_changes)
         job = {
-            "options": _options(place, seed, lane_changes),
+            "options": _options(place, seed, traffic.lane_changes),
             "vehicles": names,
             "steps": int(np.ceil(duration / STEP)),
             "limits": {
@@ -216,7 +185,7 @@ def _write_routes(
             carFollowModel="IDM",
             accel=str(ACCELERATION),
             decel=str(BRAKING),
-            emergencyDecel=str(EMERGENCY_BRAKING),
+            emergencyDecel=str(HARDEST_BRAKING),
             tau=f"{headways[rank]:.3f}",
             speedFactor=f"{factors[rank]:.4f}",
             **({} if lane_changes else never),

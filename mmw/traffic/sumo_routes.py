@@ -8,9 +8,9 @@ import numpy as np
 
 from mmw.town.lanes import Lane, LaneGraph
 from mmw.traffic.pose import GROUND_SIGMA, MAX_STEER, PATH_SIGMA, Shape, follow_line, stand_on_ground
-from mmw.traffic.route import PATH_STEP, choose_lanes, join_lanes, living_lanes, plan_length
+from mmw.traffic.route import PATH_STEP, choose_lanes, join_lanes, living_lanes, plan_length, plan_stations
 from mmw.traffic.smooth import gaussian_smooth
-from mmw.traffic.spawn import Places, SpawnPoint, draw_models
+from mmw.traffic.spawn import Places, SpawnPoint, draw_models, seeded
 from mmw.traffic.speed import (
     CURVE_BRAKING,
     LATERAL_ACCELERATION,
@@ -23,7 +23,6 @@ from mmw.traffic.wheels import Ground
 
 LEAD_IN = 25.0
 """A way across a junction is tried out from this far before it to this far behind it [m]."""
-
 
 REACH = 12.0
 """Neighbouring lanes count for the bend of a lane up to this far [m]."""
@@ -70,9 +69,8 @@ class Drivers:
         """
         for shape in draw_models(self.shapes, is_cav, generator):
             if self.places.fits(point, shape):
-                draws = np.random.Generator(np.random.PCG64(np.random.SeedSequence(list(key))))
                 is_open = partial(self._is_open, shape)
-                lanes = choose_lanes(self.graph, point.lane, self.length, draws, is_open)
+                lanes = choose_lanes(self.graph, point.lane, self.length, seeded(*key), is_open)
                 if sum(plan_length(self.graph.lanes[name]) for name in lanes[1:]) >= self.length:
                     self.places.take(point, shape)
                     return SumoVehicle(shape, point, tuple(lanes))
@@ -120,7 +118,7 @@ class Drivers:
 
 def _piece(lane: Lane, length: float) -> Lane:
     """Return the first points of a lane up to a length [m], or the last ones if it is negative; at least two."""
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(lane.points[:, :2], axis=0), axis=1))])
+    along = plan_stations(lane)
     if length < 0.0:
         return replace(lane, points=lane.points[min(int(np.searchsorted(along, along[-1] + length)), len(along) - 2) :])
     return replace(lane, points=lane.points[: max(int(np.searchsorted(along, length)) + 1, 2)])

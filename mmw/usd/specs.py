@@ -1,9 +1,9 @@
-"""Prims written spec by spec, inside an `Sdf.ChangeBlock`: a town of thousands of meshes takes a second."""
+"""Prims written spec by spec: much faster than through a stage, and relative asset paths stay as they are."""
 
 from typing import Any
 
 import numpy as np
-from pxr import Sdf, Vt
+from pxr import Gf, Sdf, Vt
 
 from mmw.usd.semantics import CARLA_TAG, TAXONOMY
 
@@ -18,9 +18,25 @@ def new_prim(layer: Sdf.Layer, path: Sdf.Path, type_name: str, kind: str = "") -
 
 
 def set_value(spec: Sdf.PrimSpec, name: str, type_name: Sdf.ValueTypeName, value: Any, uniform: bool = False) -> None:
-    """Give a prim an attribute of its schema with a value."""
+    """Give a prim an attribute with a value; all but `mmw:*` belong to a USD schema."""
     variability = Sdf.VariabilityUniform if uniform else Sdf.VariabilityVarying
-    Sdf.AttributeSpec(spec, name, type_name, variability).default = value
+    Sdf.AttributeSpec(spec, name, type_name, variability, name.startswith("mmw:")).default = value
+
+
+def set_pose(spec: Sdf.PrimSpec, pose: np.ndarray) -> None:
+    """Put a prim at a pose (x, y, z, qx, qy, qz, qw) relative to its parent, shape [7], of a unit quaternion.
+
+    Both are float64: USD takes the arc cosine of w, which in float32 is off by up to 3e-4 rad for small turns.
+    """
+    x, y, z, qx, qy, qz, qw = pose.tolist()
+    set_value(spec, "xformOp:translate", Sdf.ValueTypeNames.Double3, Gf.Vec3d(x, y, z))
+    set_value(spec, "xformOp:orient", Sdf.ValueTypeNames.Quatd, Gf.Quatd(qw, qx, qy, qz))
+    set_op_order(spec, "xformOp:translate", "xformOp:orient")
+
+
+def set_op_order(spec: Sdf.PrimSpec, *names: str) -> None:
+    """Write which transforms a prim has, the outermost first."""
+    set_value(spec, "xformOpOrder", Sdf.ValueTypeNames.TokenArray, names, uniform=True)
 
 
 def apply_api(spec: Sdf.PrimSpec, schema_name: str) -> None:

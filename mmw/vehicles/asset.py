@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from pxr import Gf, Kind, Sdf, Usd, UsdGeom, Vt
 
-from mmw.usd.semantics import TAXONOMY
+from mmw.usd.specs import apply_api, set_label, set_value
 from mmw.vehicles.shapes import Shape, corner_normals
 
 MATERIALS_ASSET = "../../materials/materials.usda"
@@ -82,15 +82,15 @@ def _interface_layer(model: str, shape: Shape, spec: AssetSpec) -> Sdf.Layer:
     root = Sdf.PrimSpec(layer, model, Sdf.SpecifierDef, "Xform")
     root.SetInfo("kind", Kind.Tokens.component)
     root.SetInfo("assetInfo", {"name": model})
-    root.SetInfo("apiSchemas", Sdf.TokenListOp.Create([f"SemanticsLabelsAPI:{TAXONOMY}", "GeomModelAPI"]))
+    set_label(root, spec.label)
+    apply_api(root, "GeomModelAPI")
     root.payloadList.Prepend(Sdf.Payload("./geometry.usdc"))
-    _author(root, f"semantics:labels:{TAXONOMY}", Sdf.ValueTypeNames.TokenArray, [spec.label], custom=False)
     extent = np.stack([shape.points.min(axis=0), shape.points.max(axis=0)]).astype(np.float32)
-    _author(root, "extentsHint", Sdf.ValueTypeNames.Float3Array, Vt.Vec3fArray.FromNumpy(extent), custom=False)
+    set_value(root, "extentsHint", Sdf.ValueTypeNames.Float3Array, Vt.Vec3fArray.FromNumpy(extent))
 
     for name, value in spec.dimensions.items():
-        _author(root, f"{spec.prefix}{name}", Sdf.ValueTypeNames.Float, value)
-    _author(root, f"{spec.prefix}center", Sdf.ValueTypeNames.Float3, Gf.Vec3f(*map(float, spec.center)))
+        set_value(root, f"{spec.prefix}{name}", Sdf.ValueTypeNames.Float, value)
+    set_value(root, f"{spec.prefix}center", Sdf.ValueTypeNames.Float3, Gf.Vec3f(*map(float, spec.center)))
 
     scope = Sdf.PrimSpec(root, "Materials", Sdf.SpecifierDef, "Scope")
     for part, material in spec.materials.items():
@@ -111,16 +111,10 @@ def _child(parent: Sdf.PrimSpec, name: str) -> Sdf.PrimSpec:
     return Sdf.PrimSpec(parent, name, Sdf.SpecifierOver)
 
 
-def _author(prim: Sdf.PrimSpec, name: str, kind: Sdf.ValueTypeName, value: object, custom: bool = True) -> None:
-    variability = Sdf.VariabilityVarying
-    attribute = Sdf.AttributeSpec(prim, name, kind, variability, custom)
-    attribute.default = value
-
-
 def _bind(root: Sdf.PrimSpec, scope: Sdf.PrimSpec, part: str, material: str) -> None:
     """Reference one material of the library below `scope` and bind it to one mesh of the vehicle."""
     _child(scope, material).referenceList.Prepend(Sdf.Reference(MATERIALS_ASSET, f"/Materials/{material}"))
     mesh = _child(root, part)
-    mesh.SetInfo("apiSchemas", Sdf.TokenListOp.Create(["MaterialBindingAPI"]))
+    apply_api(mesh, "MaterialBindingAPI")
     binding = Sdf.RelationshipSpec(mesh, "material:binding", custom=False)
     binding.targetPathList.explicitItems = [f"/{root.path.GetPrimPath().name}/Materials/{material}"]

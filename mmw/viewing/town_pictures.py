@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import warp as wp
 from PIL import Image
-from pxr import Tf, Usd
 
 from mmw.compute.device import choose_device
 from mmw.inspect.world import open_world
@@ -15,6 +14,7 @@ from mmw.kernels.trace import cast_kernel
 from mmw.scene import Scene
 from mmw.scene_reader import WEATHER, read_stage
 from mmw.town.lanes import LaneGraph
+from mmw.usd.open import open_stage
 from mmw.viewing.lane_map import plot_lanes
 from mmw.viewing.preview import look, map_view
 
@@ -97,10 +97,7 @@ def selected_weather(path: Path) -> str:
     Raises:
         ValueError: If USD cannot read the file.
     """
-    try:
-        stage = Usd.Stage.Open(str(path))
-    except Tf.ErrorException:
-        raise ValueError(f"{path}: USD cannot read it; give an intact .usd, .usda, .usdc or .usdz file") from None
+    stage = open_stage(path)
     for prim in stage.Traverse():
         if prim.HasVariantSets() and prim.GetVariantSets().HasVariantSet(WEATHER):
             return prim.GetVariantSet(WEATHER).GetVariantSelection() or prim.GetVariantSet(WEATHER).GetVariantNames()[0]
