@@ -85,6 +85,11 @@ def percent(share: float) -> str:
     return "<1 %" if 0 < share < 0.005 else f"{100 * share:.0f} %"
 
 
+def metres(height: float) -> str:
+    """Return a height to the decimetre, zero without a sign."""
+    return f"{round(height, 1) + 0.0:.1f}"
+
+
 def shares(found: Mapping[str, float]) -> str:
     """Return shares as text, the largest first."""
     ordered = sorted(found.items(), key=lambda item: (-item[1], item[0]))
@@ -117,7 +122,7 @@ def markdown(reports: Sequence[ScenarioReport]) -> str:
             lines.append(
                 f"| {report.name if number == 0 else ''} | {link.rsu} - {link.cav} | {percent(link.los_share)} | "
                 f"{shares(link.blockers)} | {low} / {mean:.1f} / {high} | {shares(link.reflectors)} | "
-                f"{link.height_m[0]:.1f} to {link.height_m[1]:.1f} |"
+                f"{metres(link.height_m[0])} to {metres(link.height_m[1])} |"
             )
     lines += [
         "",

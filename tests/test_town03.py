@@ -146,7 +146,9 @@ def test_radio_paths_equal_brute_force(arrays: SceneArrays, scene: Scene) -> Non
     for frame in FRAMES:
         oracle = oracle_scene(arrays, frame)
         here = np.flatnonzero(links.frame == frame)
-        for link in here[np.argsort(paths.count[here], kind="stable")][[0, -7, -6, -5, -4, -3, -2, -1]]:  # poor and rich
+        for link in here[np.argsort(paths.count[here], kind="stable")][
+            [0, -7, -6, -5, -4, -3, -2, -1]
+        ]:  # poor and rich
             tx, rx = links.tx.position[link], links.rx.position[link]
             own = paths.link == link
             assert is_clear(arrays, frame, tx, rx[None], np.array([-1]))[0] == (PATH_LOS in paths.kind[own])
