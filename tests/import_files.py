@@ -72,7 +72,7 @@ def write_glb(path: Path) -> Path:
         mesh = trimesh.Trimesh(points, faces, process=False, visual=TextureVisuals(material=material))
         place = np.eye(4) if parent == "block" else to_y_up
         scene.add_geometry(mesh, node_name=name, geom_name=f"{name}_mesh", parent_node_name=parent, transform=place)
-    path.write_bytes(scene.export(file_type="glb"))  # type: ignore[arg-type]
+    path.write_bytes(scene.export(file_type="glb"))
     return path
 
 

@@ -59,7 +59,7 @@ def test_mirrored_instances_and_meshes_above_others(tmp_path: Path) -> None:
     mirror = np.diag([-1.0, 1, 1, 1])
     mirror[0, 3] = 30
     scene.graph.update("three", "world", matrix=mirror, geometry="box")
-    (tmp_path / "a.glb").write_bytes(scene.export(file_type="glb"))  # type: ignore[arg-type]
+    (tmp_path / "a.glb").write_bytes(scene.export(file_type="glb"))
     world = read_meshes(tmp_path / "a.glb")
     # trimesh cannot mirror an instance of a mesh, so its GLB holds that mesh twice
     assert [part.path.rpartition("/")[0] for part in world.parts] == ["Model/one", "Model", "Model/one"]
@@ -78,7 +78,7 @@ def test_a_texture_leaves_its_mean_colour(tmp_path: Path) -> None:
     points, faces = box_mesh((4, 4, 4))
     visual = TextureVisuals(uv=np.zeros((8, 2)), material=material)
     mesh = trimesh.Trimesh(points, faces, process=False, visual=visual)
-    (tmp_path / "a.glb").write_bytes(trimesh.Scene(mesh).export(file_type="glb"))  # type: ignore[arg-type]
+    (tmp_path / "a.glb").write_bytes(trimesh.Scene(mesh).export(file_type="glb"))
     world = read_meshes(tmp_path / "a.glb")
     assert world.materials["tiles"].color == pytest.approx(linear((0.5, 0, 0)), abs=0.002)
     assert "its texture the mean colour" in world.notes[0]

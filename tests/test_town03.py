@@ -26,8 +26,8 @@ from tests.test_channel_paths import edge_distance
 from tests.test_lidar import directions_of, is_ambiguous
 from tests.traffic_towns import demand
 
-FRAMES = [0, 1000]
-"""Frames that are compared: the first and the last of ten seconds."""
+FRAMES = [0, 250, 500, 1000]
+"""Frames that are compared: the first and the last of ten seconds, and two between."""
 RAYS = 300
 TOUCH_M = 1e-3
 """A leg may meet another surface this close to its end, where both surfaces meet, and is still clear [m]."""
@@ -138,7 +138,7 @@ def test_depth_equals_the_oracle(arrays: SceneArrays, scene: Scene) -> None:
 
 def test_radio_paths_equal_brute_force(arrays: SceneArrays, scene: Scene) -> None:
     """Every triangle mirrors the transmitter, both legs are traced in float64: the same surfaces, the same points."""
-    high = {"cav": (0.0, 0.0, 5.0), "rsu": (0.0, 0.0, 9.0)}  # above the roofs of vehicles, for more reflections
+    high = {"cav": (0.0, 0.0, 5.0), "rsu": (0.0, 0.0, 14.0)}  # above the roofs of vehicles, for more reflections
     config = ChannelConfig(candidates="exhaustive", links=("v2i", "v2v"), antenna_position_m=high)
     links = make_links(arrays, FRAMES, config)
     paths = solve_paths(scene, links, config, arrays.materials)
@@ -146,9 +146,7 @@ def test_radio_paths_equal_brute_force(arrays: SceneArrays, scene: Scene) -> Non
     for frame in FRAMES:
         oracle = oracle_scene(arrays, frame)
         here = np.flatnonzero(links.frame == frame)
-        for link in here[np.argsort(paths.count[here], kind="stable")][
-            [0, -7, -6, -5, -4, -3, -2, -1]
-        ]:  # poor and rich
+        for link in here[np.argsort(paths.count[here], kind="stable")][[0, -4, -3, -2, -1]]:  # poor and rich
             tx, rx = links.tx.position[link], links.rx.position[link]
             own = paths.link == link
             assert is_clear(arrays, frame, tx, rx[None], np.array([-1]))[0] == (PATH_LOS in paths.kind[own])
@@ -161,7 +159,7 @@ def test_radio_paths_equal_brute_force(arrays: SceneArrays, scene: Scene) -> Non
             for surface, point in zip(paths.surface[own, 0].tolist(), points, strict=True):
                 np.testing.assert_allclose(point, wanted[surface], rtol=0.0, atol=1e-9)
             reflections += len(points)
-    assert reflections >= 4
+    assert reflections > 6
 
 
 def mirror_points(

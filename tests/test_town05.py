@@ -7,29 +7,21 @@ from pxr import Usd
 
 from mmw.config import load_config
 from mmw.paths import configs_dir
-from mmw.town.description import load_town
 from mmw.town.lanes import LaneGraph
-from mmw.town.network import RoadNetwork, build_network
+from mmw.town.network import RoadNetwork
 from tests import town_checks as checks
 
 NAME = "town05"
-SCENARIOS = (
-    "town05_cbd_crossroad",
-    "town05_dual_skybridges",
-    "town05_parking_lot",
-    "town05_ring_road",
-    "town05_t_junction_overpass",
-)
 
 
 @pytest.fixture(scope="module")
 def network() -> RoadNetwork:
-    return build_network(load_town(checks.folder_of(NAME) / f"{NAME}.yaml"))
+    return checks.network_of(NAME)
 
 
 @pytest.fixture(scope="module")
 def stage() -> Usd.Stage:
-    return checks.open_town_stage(NAME)
+    return checks.stage_of(NAME)
 
 
 @pytest.fixture(scope="module")
@@ -55,23 +47,6 @@ def heights_above(prim: Usd.Prim, xy: tuple[float, float]) -> np.ndarray:
         inside = (u >= 0) & (v >= 0) & (u + v <= 1)
         found.append((a[:, 2] + u * first[:, 2] + v * second[:, 2])[inside])
     return np.sort(np.concatenate(found))
-
-
-def test_committed_files_are_what_the_description_builds(tmp_path):
-    checks.assert_rebuilt(NAME, tmp_path)
-
-
-def test_asset_is_valid_and_within_the_budget(stage):
-    checks.assert_valid_and_of_size(stage, NAME)
-    assert len(stage.GetPrimAtPath("/Town/Buildings").GetChildren()) > 120
-
-
-def test_opens_quickly():
-    assert checks.seconds_to_open(NAME) < 3.0
-
-
-def test_every_lane_can_be_reached(lanes):
-    assert len(lanes.lanes) > 500
 
 
 def test_extent_is_that_of_the_table(network):
@@ -167,27 +142,10 @@ def test_glass_stands_on_all_four_corners_of_the_business_crossroad(stage):
     assert set(corners) == {(-1, -1), (-1, 1), (1, -1), (1, 1)}, corners
 
 
-def test_no_building_touches_a_road_or_floats(stage, network):
-    checks.assert_buildings_stand(stage, network)
-
-
-def test_no_prop_stands_in_a_lane_or_floats(stage, network):
-    checks.assert_props_stand(stage, network)
-
-
-@pytest.mark.parametrize("name", SCENARIOS)
-def test_scenario_is_complete(name, network, stage):
-    """The config is valid, and the roadside unit stands beside the road or on the parapet, in nothing solid."""
-    config = load_config(configs_dir() / "scenarios" / f"{name}.yaml")
-    (scenario,) = config.scenarios
-    assert scenario.name == name and scenario.town == NAME and len(scenario.rsus) == 1
-    assert config.frames is not None and config.frames.start == 0 and config.frames.count >= 1000
-    assert scenario.traffic is not None and len(scenario.traffic.cav_ranks) >= 2
+def test_the_unit_of_the_ring_road_stands_on_the_parapet(stage):
+    (scenario,) = load_config(configs_dir() / "scenarios" / "town05_ring_road.yaml").scenarios
     at = scenario.rsus[0].position_m
-    if name == "town05_ring_road":
-        parapet = checks.points_of(stage.GetPrimAtPath("/Town/Bridges/ring/parapet"))
-        near = parapet[np.abs(parapet[:, 1] - at[1]) < 15]  # the deck is straight here
-        west = near[near[:, 0] < -239, 0]
-        assert west.min() < at[0] < west.max() and abs(at[2] - near[:, 2].max()) < 0.02  # the unit stands on its top
-    else:
-        checks.assert_unit_stands_free(at, stage, network)
+    parapet = checks.points_of(stage.GetPrimAtPath("/Town/Bridges/ring/parapet"))
+    near = parapet[np.abs(parapet[:, 1] - at[1]) < 15]  # the deck is straight here
+    west = near[near[:, 0] < -239, 0]
+    assert west.min() < at[0] < west.max() and abs(at[2] - near[:, 2].max()) < 0.02

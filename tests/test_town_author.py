@@ -1,30 +1,23 @@
 """Town assets: the USD that is written, and the shipped Town03 against a rebuild from its description."""
 
-import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
-import shapely
 from pxr import Kind, Usd, UsdGeom, UsdSemantics, UsdShade
 
-from mmw.paths import assets_dir
 from mmw.town.author import GROUND_MATERIALS, PAYLOAD, write_town
 from mmw.town.block_description import SHIPPED_WEATHER, TownWeather
-from mmw.town.build import build_shipped_town, build_town
-from mmw.town.description import load_town
-from mmw.town.lane_prims import read_lanes
+from mmw.town.build import build_shipped_town
 from mmw.town.lanes import LaneGraph
-from mmw.town.network import RoadNetwork, build_network
 from mmw.town.parts import MeshPart
 from mmw.town.props import build_prop
 from mmw.town.solids import box
 from mmw.usd import schema
 from mmw.usd.library import LIBRARY
-from mmw.usd.semantics import CARLA_TAG
 from mmw.usd.validate import validate_stage
+from tests import town_checks as checks
 
-TOWN = assets_dir() / "towns" / "town03"
 ITU, ROUGHNESS = "mmw:radio:itu", "Preview.inputs:roughness"
 
 
@@ -160,101 +153,11 @@ def test_unknown_shipped_town_is_refused():
         build_shipped_town("atlantis")
 
 
-@pytest.fixture(scope="module")
-def rebuilt(tmp_path_factory) -> Path:
-    """Build Town03 again, beside a copy of the material library, as in the assets folder."""
-    root = tmp_path_factory.mktemp("usd")
-    (root / "materials").mkdir()
-    materials = shutil.copy(assets_dir() / "materials" / "materials.usda", root / "materials")
-    return build_town(TOWN / "town03.yaml", root / "towns" / "town03", materials).path
-
-
-@pytest.fixture(scope="module")
-def network() -> RoadNetwork:
-    return build_network(load_town(TOWN / "town03.yaml"))
-
-
-@pytest.fixture(scope="module")
-def town03() -> Usd.Stage:
-    return open_stage(TOWN / "town03.usda")
-
-
-def test_shipped_town03_is_what_its_description_builds(rebuilt):
-    """The same prims and properties everywhere, arrays within 0.1 mm; mostly the same bytes, and then at once."""
-    ours, theirs = (path.read_text().splitlines() for path in (rebuilt, TOWN / "town03.usda"))
-    assert [line for line in ours if "extentsHint" not in line] == [
-        line for line in theirs if "extentsHint" not in line
-    ]
-    if (rebuilt.parent / PAYLOAD).read_bytes() == (TOWN / PAYLOAD).read_bytes():
-        return
-    ours, theirs = (Usd.Stage.Open(str(path / PAYLOAD)) for path in (rebuilt.parent, TOWN))
-    assert [p.GetPath() for p in ours.TraverseAll()] == [p.GetPath() for p in theirs.TraverseAll()]
-    for prim in ours.TraverseAll():
-        other = theirs.GetPrimAtPath(prim.GetPath())
-        assert prim.GetTypeName() == other.GetTypeName()
-        assert prim.GetPropertyNames() == other.GetPropertyNames()
-        for attribute in prim.GetAttributes():
-            a, b = attribute.Get(), other.GetAttribute(attribute.GetName()).Get()
-            if attribute.GetName() in ("points", "extent"):
-                assert np.allclose(a, b, rtol=0, atol=1e-4), attribute.GetPath()
-            else:
-                assert a == b, attribute.GetPath()
-        for relation in prim.GetRelationships():
-            assert relation.GetTargets() == other.GetRelationship(relation.GetName()).GetTargets()
-
-
-def test_shipped_town03_is_valid_and_of_real_size(town03):
-    assert validate_stage(town03) == []
-    meshes = [UsdGeom.Mesh(prim) for prim in town03.Traverse() if prim.IsA(UsdGeom.Mesh)]
-    triangles = sum(len(mesh.GetFaceVertexCountsAttr().Get()) for mesh in meshes)
-    assert 100_000 < triangles < 250_000
-    assert sum((TOWN / file).stat().st_size for file in (PAYLOAD, "town03.usda")) < 6_000_000
-    assert len(town03.GetPrimAtPath("/Town/Buildings").GetChildren()) > 100
-    for mesh in meshes:
-        prim = mesh.GetPrim()
-        bound = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()[0].GetPrim()
-        assert bound.GetAttribute(ITU).Get() or bound.GetAttribute("mmw:radio:model").Get() == "constant"
-        assert deepest_label(prim) in CARLA_TAG
-    assert len(read_lanes(town03, "/Town").lanes) > 100
-
-
-def points_below(stage: Usd.Stage, group: str):
-    """Yield (component prim, all its points [N, 3]) of a group."""
-    for component in stage.GetPrimAtPath(f"/Town/{group}").GetChildren():
-        meshes = [UsdGeom.Mesh(prim) for prim in Usd.PrimRange(component) if prim.IsA(UsdGeom.Mesh)]
-        yield component, np.concatenate([np.array(mesh.GetPointsAttr().Get(), np.float64) for mesh in meshes])
-
-
-def test_no_building_of_town03_touches_a_road_or_floats(town03, network):
-    plans = []
-    for component, points in points_below(town03, "Buildings"):
-        plan = shapely.convex_hull(shapely.multipoints(points[:, :2]))
-        assert not plan.intersects(network.corridor), component.GetPath()
-        feet = points[points[:, 2] < points[:, 2].min() + 1e-3]
-        assert np.all(feet[:, 2] < network.height(*feet[:, :2].T) - 0.3), component.GetPath()
-        plans.append(plan)
-    tree = shapely.STRtree(plans)
-    first, second = tree.query(plans, predicate="intersects")
-    assert np.all(first == second)
-
-
-def test_no_prop_of_town03_stands_in_a_lane_or_floats(town03, network):
-    driven = shapely.union_all(
-        [shapely.LineString(lane.points[:, :2]).buffer(0.5 * lane.width) for lane in network.lanes.lanes.values()]
-    )
-    shapely.prepare(driven)
-    for component, points in points_below(town03, "Props"):
-        ground = network.height(*points[:, :2].T)
-        low = points[points[:, 2] < ground + 4.5]  # a double-decker is 4.4 m tall
-        assert not shapely.intersects_xy(driven, *low[:, :2].T).any(), component.GetPath()
-        assert (points[:, 2] < ground).any(), component.GetPath()
-
-
-def test_reflectors_stand_around_the_roundabout_and_the_t_junction(town03):
+def test_reflectors_stand_around_the_roundabout_and_the_t_junction():
     """Within 60 m of either spot, facades look at it from three sides or more."""
     for spot in ((-0.5, -0.5), (150.0, 133.0)):
         seen = set()
-        for _, points in points_below(town03, "Buildings"):
+        for _, points in checks.components(checks.stage_of("town03"), "Buildings"):
             offset = points[:, :2].mean(axis=0) - spot
             if np.linalg.norm(offset) < 60:
                 seen.add(int(np.degrees(np.arctan2(offset[1], offset[0])) // 90))
