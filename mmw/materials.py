@@ -52,6 +52,10 @@ class Material:
     """Diffuse reflectance at 905 nm, 0 to 1 [-]."""
     color: tuple[float, float, float]
     """Linear diffuse colour, 0 to 1 [-]."""
+    coating: str = "none"
+    """SimReady coating token: none, paint, clearcoat or paint_clearcoat."""
+    is_retroreflective: bool = False
+    """Whether the surface sends light back to where it came from."""
 
 
 LIDAR_REFLECTANCE_905NM = {

@@ -7,58 +7,36 @@ written by threads while the device traces the next one.
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
-from mmw.channel.links import make_links
-from mmw.channel.solver import check_channel_materials, launched_rays, solve_paths
-from mmw.channel.surface_table import SurfaceTable, make_surface_table
+from mmw.channel.solver import check_channel_materials
+from mmw.channel.surface_table import make_surface_table
 from mmw.compute.device import device_name
-from mmw.config import Config, DepthConfig, ImuConfig, LidarConfig, ScenarioConfig
+from mmw.config import Config, ScenarioConfig
 from mmw.notes import notes
 from mmw.prepare import prepare_scenario, read_scenario
 from mmw.provenance import keep_config, versions
+from mmw.recording.channel import record_channel
+from mmw.recording.ground_truth import record_ground_truth
+from mmw.recording.job import Job, Rows
+from mmw.recording.sensors import record_sensor
 from mmw.report import Clock, Console, closing_summary
 from mmw.scene import Scene
-from mmw.scene_arrays import SceneArrays
-from mmw.sensors.boxes import make_boxes
-from mmw.sensors.depth import trace_depth
-from mmw.sensors.imu import make_imu
-from mmw.sensors.kinematics import Motion, differentiate
-from mmw.sensors.lidar import shade_lidar, trace_lidar_hits
-from mmw.tables import rows
+from mmw.sensors.kinematics import differentiate
 from mmw.tables.columns import sort_rows, table_from_columns
-from mmw.tables.encode import encode_depth
 from mmw.tables.manifest import finalize, pending_scenarios, pending_shards, prepare_root
+from mmw.tables.rows.common import resolved
+from mmw.tables.rows.world import static_rows
 from mmw.tables.schemas import table_spec
 from mmw.tables.writer import ShardKey, write_scenario, write_shard
-from mmw.views import make_views
 
 SHARDS_IN_FLIGHT = 2
 """Groups of shards (one a weather) that may always wait for the writers; with more threads than weathers, as many as
 keep the threads busy. Tracing pauses beyond that, which bounds memory to about 0.5 GB a group."""
-
-
-@dataclass(frozen=True)
-class Job:
-    """Everything that stays the same while one scenario is traced."""
-
-    config: Config
-    scenario: ScenarioConfig
-    arrays: SceneArrays
-    motion: Motion
-    scene: Scene
-    surfaces: SurfaceTable | None
-    pool: ThreadPoolExecutor
-    clock: Clock
-
-
-Rows = dict[str, dict[str, list[Any]]]
-"""Weather -> table -> columns of each batch, or the future of them where a thread still works on it."""
 
 
 def run(config: Config, *, base: Path, device: str, overwrite: bool, console: Console) -> None:
@@ -134,7 +112,7 @@ def _run_scenario(
         arrays = read_scenario(config, scenario, stage)
         for line in notes(arrays, config):
             console.warn_once(line)
-        write_scenario(root, scenario.name, rows.static_rows(arrays, config, scenario), meta)
+        write_scenario(root, scenario.name, static_rows(arrays, config, scenario), meta)
         if not pending:
             return
         scene = Scene(arrays, device, max_slots=min(config.compute.batch_frames, config.output.shard_frames))
@@ -183,73 +161,13 @@ def _trace_shard(job: Job, begin: int, end: int, weathers: Sequence[str], consol
         frames = range(first, min(first + step, end))
         with job.clock.stage("batch set-up"):
             job.scene.load_batch(frames)
-        _ground_truth(job, frames, collected)
+        record_ground_truth(job, frames, collected)
         for sensor in job.config.sensors:
-            if isinstance(sensor, LidarConfig):
-                _lidar(job, sensor, frames, collected)
-            elif isinstance(sensor, DepthConfig):
-                _depth(job, sensor, frames, collected)
-            elif isinstance(sensor, ImuConfig):
-                _imu(job, sensor, frames, collected)
+            record_sensor(job, sensor, frames, collected)
         if job.surfaces is not None:
-            _channel(job, job.surfaces, frames, collected)
+            record_channel(job, job.surfaces, frames, collected)
         console.advance(len(frames) * len(weathers), job.scenario.name)
     return collected
-
-
-def _ground_truth(job: Job, frames: Sequence[int], collected: Rows) -> None:
-    with job.clock.stage("ground truth"):
-        tables = {
-            "frames": rows.frame_rows(job.arrays, frames, job.config.seed),
-            "poses": rows.pose_rows(job.arrays, frames, job.motion),
-            "boxes": rows.box_rows(job.arrays, make_boxes(job.arrays, frames, job.motion)),
-        }
-        _collect(collected, tables)
-
-
-def _lidar(job: Job, sensor: LidarConfig, frames: Sequence[int], collected: Rows) -> None:
-    views = make_views(job.arrays, frames, sensor)
-    with job.clock.stage(sensor.name, len(views) * sensor.channels * sensor.points_per_channel):
-        hits = trace_lidar_hits(job.scene, views, sensor)
-        for weather, tables in collected.items():
-            points = shade_lidar(hits, job.arrays.materials[weather])
-            tables["lidar"].append(rows.lidar_rows(job.arrays, sensor.name, views, points))
-    seen = job.pool.submit(rows.visibility_rows, job.arrays, sensor.name, views, hits)
-    _collect(collected, {"box_visibility": seen})
-
-
-def _depth(job: Job, sensor: DepthConfig, frames: Sequence[int], collected: Rows) -> None:
-    views = make_views(job.arrays, frames, sensor)
-    with job.clock.stage(sensor.name, len(views) * sensor.width_px * sensor.height_px):
-        images = trace_depth(job.scene, views, sensor).depth
-    encoded = [job.pool.submit(encode_depth, image) for image in images]
-    for weather, tables in collected.items():
-        tables["depth"].append(rows.depth_rows(job.arrays, sensor.name, views, encoded, job.scenario.name, weather))
-
-
-def _imu(job: Job, sensor: ImuConfig, frames: Sequence[int], collected: Rows) -> None:
-    with job.clock.stage(sensor.name):
-        samples = make_imu(job.arrays, frames, sensor, job.config.seed, job.scenario.name)
-        _collect(collected, {"imu": rows.imu_rows(job.arrays, sensor.name, samples)})
-
-
-def _channel(job: Job, surfaces: SurfaceTable, frames: Sequence[int], collected: Rows) -> None:
-    config = job.config.channel
-    with job.clock.stage("channel"):
-        links = make_links(job.arrays, frames, config)
-        materials = {weather: job.arrays.materials[weather] for weather in collected}
-        air = {weather: job.config.air[weather].weather(weather) for weather in collected}
-        paths = solve_paths(job.scene, links, config, materials, surfaces, air)
-        for weather, tables in collected.items():
-            tables["links"].append(rows.link_rows(job.arrays, links, paths, weather))
-            tables["paths"].append(rows.path_rows(job.arrays, links, paths, weather))
-    job.clock.rays["channel"] += launched_rays(links, config)
-
-
-def _collect(collected: Rows, tables: dict[str, Any]) -> None:
-    for by_table in collected.values():
-        for name, columns in tables.items():
-            by_table[name].append(columns)
 
 
 def _write(root: Path, key: ShardKey, tables: dict[str, list[Any]], meta: dict[str, Any]) -> None:
@@ -258,6 +176,6 @@ def _write(root: Path, key: ShardKey, tables: dict[str, list[Any]], meta: dict[s
     fixed = {"scenario": key.scenario, "weather": key.weather}
     for name, batches in tables.items():
         ended = [columns.result() if isinstance(columns, Future) else columns for columns in batches]
-        parts = [table_from_columns(name, {**fixed, **rows.resolved(columns)}) for columns in ended]
+        parts = [table_from_columns(name, {**fixed, **resolved(columns)}) for columns in ended]
         ready[name] = sort_rows(table_spec(name), pa.concat_tables(parts).unify_dictionaries().combine_chunks())
     write_shard(root, key, ready, meta)

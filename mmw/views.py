@@ -9,9 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from mmw.config import DepthConfig, ImuConfig, LidarConfig
+from mmw.config import SensorSection
 from mmw.kernels import structs
 from mmw.poses import compose, normalize, pose_from_mount
+from mmw.random_keys import random_keys
 from mmw.scene import Scene
 from mmw.scene_arrays import SceneArrays
 
@@ -68,18 +69,18 @@ class Views:
         return self.to_device(scene.device, scene.origin)
 
 
-def sensor_actors(arrays: SceneArrays, sensor: LidarConfig | DepthConfig | ImuConfig) -> np.ndarray:
+def sensor_actors(arrays: SceneArrays, sensor: SensorSection) -> np.ndarray:
     """Return the indices of the actors that carry a sensor, in the scene's order, shape [n], int32."""
     return np.array([i for i, actor in enumerate(arrays.actors) if actor.role in sensor.on], dtype=np.int32)
 
 
-def mount_pose(sensor: LidarConfig | DepthConfig | ImuConfig, role: str) -> np.ndarray:
+def mount_pose(sensor: SensorSection, role: str) -> np.ndarray:
     """Return the sensor-to-agent pose of a sensor on agents of a role (`cav` or `rsu`), shape [7]."""
     mount = sensor.mount_on(role)  # type: ignore[arg-type]
     return pose_from_mount(mount.position_m, mount.yaw_deg, mount.pitch_deg, mount.roll_deg)
 
 
-def make_views(arrays: SceneArrays, frames: Sequence[int], sensor: LidarConfig | DepthConfig | ImuConfig) -> Views:
+def make_views(arrays: SceneArrays, frames: Sequence[int], sensor: SensorSection) -> Views:
     """Return where a sensor is in each frame: pose of its agent x mount.
 
     Nothing is ignored: like CARLA's, a sensor sees its own vehicle, so a ray that starts above a roof may end on it.
@@ -107,3 +108,15 @@ def make_views(arrays: SceneArrays, frames: Sequence[int], sensor: LidarConfig |
     mount = np.array([mounts[arrays.actors[i].role] for i in actor]).reshape(-1, 7)
     pose = np.concatenate([pose[:, :3], normalize(pose[:, 3:])], axis=1)
     return Views(frame, slot, actor, compose(pose, mount), np.full(len(frame), -1, dtype=np.int32))
+
+
+def view_keys(arrays: SceneArrays, views: Views, *stream: str | int) -> np.ndarray:
+    """Return the key of each view's random numbers, shape [A, 2], uint32.
+
+    Args:
+        arrays: The scene on the host, for the names of the agents.
+        views: The views.
+        stream: What else names the stream: seed, scenario, weather, sensor.
+    """
+    names = [arrays.actors[actor].name for actor in views.actor]
+    return random_keys((*stream, name, int(frame)) for name, frame in zip(names, views.frame, strict=True))

@@ -29,6 +29,15 @@ LIMITS = {
     "temperature_c": (-20.0, 50.0),
     "pressure_hpa": (300.0, 1100.0),
     "relative_humidity": (0.0, 1.0),
+    "wetness": (0.0, 1.0),
+    "puddles": (0.0, 1.0),
+    "wind_m_s": (0.0, 60.0),
+    "wind_from_deg": (0.0, 360.0),
+    "cloudiness": (0.0, 1.0),
+    "sun_altitude_deg": (-90.0, 90.0),
+    "sun_azimuth_deg": (0.0, 360.0),
+    "fog_start_m": (0.0, 10_000.0),
+    "fog_falloff_per_m": (0.0, 10.0),
 }
 """Smallest and largest value of each number of a `Weather`, in its unit."""
 
@@ -52,6 +61,25 @@ class Weather:
     relative_humidity: float = 0.58
     """Water vapour over that of saturated air, 0 to 1 [-]; 0.58 at 15 C is the 7.5 g/m3 of ITU's standard air."""
 
+    wetness: float = 0.0
+    """Water in the pores of the ground and of walls, 0 dry to 1 soaked [-]."""
+    puddles: float = 0.0
+    """Share of level ground under standing water, 0 to 1 [-]."""
+    wind_m_s: float = 2.0
+    """Wind speed [m/s]."""
+    wind_from_deg: float = 270.0
+    """Where the wind comes from, clockwise from north [deg]: 270 is a west wind."""
+    cloudiness: float = 0.1
+    """Share of the sky under clouds, 0 to 1 [-]."""
+    sun_altitude_deg: float = 65.0
+    """Height of the sun above the horizon [deg]."""
+    sun_azimuth_deg: float = 180.0
+    """Direction of the sun, clockwise from north [deg]."""
+    fog_start_m: float = 0.0
+    """Distance from a camera at which fog begins [m]: a look of CARLA's, for pictures only."""
+    fog_falloff_per_m: float = 0.0
+    """Decay of the fog's density with height [1/m], 0 for none: a look of CARLA's, for pictures only."""
+
     def __post_init__(self) -> None:
         for name, (low, high) in LIMITS.items():
             value = getattr(self, name)
@@ -68,6 +96,12 @@ class Weather:
         if self.lwc_g_m3 is not None:
             return self.lwc_g_m3
         return FOG_WATER_G_M2[self.fog_type] / self.visibility_m if self.visibility_m < FOG_VISIBILITY_M else 0.0
+
+    @property
+    def wind(self) -> tuple[float, float, float]:
+        """Velocity of the air, world frame [m/s]: where it blows to, x east, y north, z up."""
+        angle = math.radians(self.wind_from_deg)
+        return -self.wind_m_s * math.sin(angle), -self.wind_m_s * math.cos(angle), 0.0
 
     @property
     def vapour_pressure_hpa(self) -> float:
@@ -91,18 +125,26 @@ class Weather:
         return self.pressure_hpa - self.vapour_pressure_hpa
 
 
-def _wet(rain_mm_h: float = 0.0, visibility_m: float = 20_000.0) -> Weather:
-    return Weather(rain_mm_h, visibility_m, temperature_c=10.0, relative_humidity=1.0)
+def _rain(rain_mm_h: float) -> Weather:
+    return Weather(
+        rain_mm_h, temperature_c=10.0, relative_humidity=1.0, wetness=1.0, puddles=0.5, wind_m_s=5.0, cloudiness=1.0
+    )
+
+
+def _fog(visibility_m: float) -> Weather:
+    return Weather(
+        visibility_m=visibility_m, temperature_c=10.0, relative_humidity=1.0, wetness=0.5, wind_m_s=1.0, cloudiness=1.0
+    )
 
 
 PRESETS: dict[str, Weather] = {
     "sunny": Weather(),
-    "light_rain": _wet(5.0),
-    "rainy": _wet(25.0),
-    "heavy_rain": _wet(50.0),
-    "light_fog": _wet(visibility_m=200.0),
-    "foggy": _wet(visibility_m=75.0),
-    "heavy_fog": _wet(visibility_m=50.0),
+    "light_rain": _rain(5.0),
+    "rainy": _rain(25.0),
+    "heavy_rain": _rain(50.0),
+    "light_fog": _fog(200.0),
+    "foggy": _fog(75.0),
+    "heavy_fog": _fog(50.0),
 }
-"""Weather name -> values. Rain and fog come with saturated air of 10 C. Design values; 25 mm/h is a heavy shower (WMO:
-10 to 50 mm/h)."""
+"""Weather name -> values. Rain and fog come with saturated air of 10 C and an overcast sky. Design values; 25 mm/h is a
+heavy shower (WMO: 10 to 50 mm/h)."""

@@ -19,7 +19,7 @@ from mmw.constants import FRAME_DT, SPEED_OF_LIGHT
 from mmw.poses import pose_from_ypr
 from mmw.scene import Scene
 from mmw.scene_arrays import SceneArrays
-from mmw.tables.rows import link_rows, path_rows
+from mmw.tables.rows.radio import link_rows, path_rows
 from tests.path_tables import CARRIER, path_table, sight
 from tests.scenes import box_model, pose, street_canyon
 

@@ -21,7 +21,7 @@ SOURCES = sorted(
 KERNELS = sorted((ROOT / "kernels").glob("*.py"))
 
 LAYERS = [
-    {"mmw.constants", "mmw.paths", "mmw.materials", "mmw.poses", "mmw.weather"},
+    {"mmw.constants", "mmw.paths", "mmw.materials", "mmw.poses", "mmw.weather", "mmw.optics", "mmw.random_keys"},
     {"mmw.config"},
     {"mmw.kernels"},
     {"mmw.usd", "mmw.surfaces"},
@@ -41,6 +41,7 @@ LAYERS = [
     {"mmw.plan", "mmw.provenance", "mmw.notes"},
     {"mmw.prepare"},
     {"mmw.viewing", "mmw.radio_map_command", "mmw.town_command", "mmw.import_command"},
+    {"mmw.recording"},
     {"mmw.pipeline"},
     {"mmw.run", "mmw.__main__"},
 ]
@@ -151,6 +152,12 @@ def config_models() -> list[type[BaseModel]]:
     return seen
 
 
+UNIT_OF_SUFFIX = {
+    "_per_m": "[1/m]", "_m_s": "[m/s]", "_m": "[m]", "_deg": "[deg]", "_hz": "[Hz]", "_s": "[s]", "_px": "[px]",
+}  # fmt: skip
+"""End of a field's name -> unit at the end of its description; the first that fits counts."""
+
+
 def test_config_fields_say_their_unit() -> None:
     models = config_models()
     assert len(models) >= 10
@@ -160,9 +167,8 @@ def test_config_fields_say_their_unit() -> None:
                 continue
             assert info.description, f"{model.__name__}.{name} has no description"
             assert re.search(r"[\[(][^\])]+[\])]$", info.description), f"{model.__name__}.{name} must end with its unit"
-            for suffix, unit in (("_m", "[m]"), ("_deg", "[deg]"), ("_hz", "[Hz]"), ("_s", "[s]"), ("_px", "[px]")):
-                if name.endswith(suffix):
-                    assert info.description.endswith(unit), f"{model.__name__}.{name} must end with {unit}"
+            unit = next((unit for suffix, unit in UNIT_OF_SUFFIX.items() if name.endswith(suffix)), "")
+            assert info.description.endswith(unit), f"{model.__name__}.{name} must end with {unit}"
 
 
 def test_table_columns_have_unit_and_meaning() -> None:

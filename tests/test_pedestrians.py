@@ -16,7 +16,7 @@ from mmw.paths import assets_dir, configs_dir, town_path
 from mmw.prepare import prepare_scenario, read_scenario
 from mmw.scene_reader import read_stage
 from mmw.sensors.boxes import make_boxes
-from mmw.tables.rows import frame_rows
+from mmw.tables.rows.world import frame_rows
 from mmw.town.asset import open_town
 from mmw.town.walk_lines import BODY_ROOM, KERB_ROOM, STEP, walk_lines
 from mmw.town.walks import Walk, read_walks, write_walks

@@ -12,7 +12,8 @@ from mmw.constants import SPEED_OF_LIGHT
 from mmw.poses import conjugate, pose_from_ypr, rotate
 from mmw.scene import Scene
 from mmw.sensors.kinematics import differentiate
-from mmw.tables.rows import frame_rows, link_rows, path_rows, pose_rows
+from mmw.tables.rows.radio import link_rows, path_rows
+from mmw.tables.rows.world import frame_rows, pose_rows
 from tests.scenes import arrays_from_parts, pose, two_cars, wall_part
 
 

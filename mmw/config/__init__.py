@@ -2,16 +2,22 @@
 
 from mmw.config.channel import ChannelConfig
 from mmw.config.compute import ComputeConfig
+from mmw.config.depth import DepthConfig
+from mmw.config.gnss import GnssConfig
+from mmw.config.imu import ImuConfig
+from mmw.config.lidar import LidarConfig
 from mmw.config.load import load_config
 from mmw.config.model import Config
 from mmw.config.output import OutputConfig
+from mmw.config.radar import RadarConfig
 from mmw.config.scenario import FramesConfig, RsuConfig, ScenarioConfig, TrafficConfig
-from mmw.config.sensors import DepthConfig, ImuConfig, LidarConfig, MountConfig, SensorConfig
+from mmw.config.sensor import MountConfig, SensorSection
+from mmw.config.sensors import SensorConfig
 from mmw.config.weather import AirConfig
 from mmw.config.yaml_file import ConfigError
 
 __all__ = [
-    "AirConfig", "ChannelConfig", "ComputeConfig", "Config", "ConfigError", "DepthConfig", "FramesConfig", "ImuConfig",
-    "LidarConfig", "MountConfig", "OutputConfig", "RsuConfig", "ScenarioConfig", "SensorConfig", "TrafficConfig",
-    "load_config",
+    "AirConfig", "ChannelConfig", "ComputeConfig", "Config", "ConfigError", "DepthConfig", "FramesConfig", "GnssConfig",
+    "ImuConfig", "LidarConfig", "MountConfig", "OutputConfig", "RadarConfig", "RsuConfig", "ScenarioConfig",
+    "SensorConfig", "SensorSection", "TrafficConfig", "load_config",
 ]  # fmt: skip

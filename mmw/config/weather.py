@@ -42,6 +42,34 @@ class AirConfig(Section):
         None, **_bounds("relative_humidity"), description="water vapour over that of saturated air, 0 to 1 [-]"
     )
 
+    wetness: float | None = Field(
+        None, **_bounds("wetness"), description="water in the pores of ground and walls, 0 dry to 1 soaked [-]"
+    )
+    puddles: float | None = Field(
+        None, **_bounds("puddles"), description="share of level ground under standing water, 0 to 1 [-]"
+    )
+    wind_m_s: float | None = Field(None, **_bounds("wind_m_s"), description="wind speed [m/s]")
+    wind_from_deg: float | None = Field(
+        None, **_bounds("wind_from_deg"), description="where the wind comes from, clockwise from north [deg]"
+    )
+    cloudiness: float | None = Field(
+        None, **_bounds("cloudiness"), description="share of the sky under clouds, 0 to 1 [-]"
+    )
+    sun_altitude_deg: float | None = Field(
+        None, **_bounds("sun_altitude_deg"), description="height of the sun above the horizon [deg]"
+    )
+    sun_azimuth_deg: float | None = Field(
+        None, **_bounds("sun_azimuth_deg"), description="direction of the sun, clockwise from north [deg]"
+    )
+    fog_start_m: float | None = Field(
+        None, **_bounds("fog_start_m"), description="distance from a camera at which fog begins, for pictures only [m]"
+    )
+    fog_falloff_per_m: float | None = Field(
+        None,
+        **_bounds("fog_falloff_per_m"),
+        description="decay of the fog with height above the ground, for pictures only [1/m]",
+    )
+
     def weather(self, name: str) -> Weather:
         """Return the physical values of this weather.
 

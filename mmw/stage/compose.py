@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from pxr import Sdf
 
-from mmw.config import DepthConfig, ImuConfig, LidarConfig
+from mmw.config import SensorSection
 from mmw.constants import FRAME_RATE_HZ
 from mmw.stage.assets import collect_assets
 from mmw.stage.layer import animate, define, new_layer, place
@@ -39,7 +39,7 @@ def compose_scenario(
     tracks: Sequence[VehicleTrack],
     catalog: Mapping[str, ActorModel],
     rsus: Sequence[tuple[str, np.ndarray]],
-    sensors: Sequence[LidarConfig | DepthConfig | ImuConfig],
+    sensors: Sequence[SensorSection],
     weather: str,
     meta: Mapping[str, Any],
     antenna_position_m: Mapping[str, Sequence[float]] | None = None,

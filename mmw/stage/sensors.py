@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from pxr import Gf, Sdf
 
-from mmw.config import DepthConfig, ImuConfig, LidarConfig
+from mmw.config import DepthConfig, SensorSection
 from mmw.poses import IDENTITY_POSE, compose, pose_from_mount
 from mmw.stage.layer import define, place
 from mmw.usd.specs import set_value
@@ -23,7 +23,7 @@ def write_sensors(
     layer: Sdf.Layer,
     agent_path: str,
     role: str,
-    sensors: Sequence[LidarConfig | DepthConfig | ImuConfig],
+    sensors: Sequence[SensorSection],
     antenna_position_m: Mapping[str, Sequence[float]],
 ) -> None:
     """Write `Sensors` below an agent: a Camera for each depth camera, an Xform for everything else.

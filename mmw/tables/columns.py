@@ -7,7 +7,8 @@ import numpy as np
 import pyarrow as pa
 
 from mmw.tables.parquet import arrow_schema
-from mmw.tables.schemas import IMAGE, TableSpec, table_spec
+from mmw.tables.schema.columns import IMAGE, TableSpec
+from mmw.tables.schemas import table_spec
 
 
 def table_from_columns(name: str, columns: Mapping[str, Any]) -> pa.Table:

@@ -5,7 +5,7 @@ import io
 import numpy as np
 from PIL import Image
 
-from mmw.tables.schemas import DEPTH_STEP_M
+from mmw.tables.schema.columns import DEPTH_STEP_M
 
 PNG_LEVEL = 1
 """zlib level of depth images: half the time of level 6, half as large again."""

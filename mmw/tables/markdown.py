@@ -10,7 +10,7 @@ def schema_markdown() -> str:
     lines = [
         "# Tables",
         "",
-        "This page is made from `mmw/tables/schemas.py` by `mmw.tables.markdown.schema_markdown`; "
+        "This page is made from `mmw/tables/schema/` by `mmw.tables.markdown.schema_markdown`; "
         "`MMW_UPDATE_GOLDEN=1 pytest tests/test_tables.py` writes it again.",
         "",
         f"Schema version {SCHEMA_VERSION}. World frame: x east, y north, z up; metres, seconds, radians. Zenith angles "

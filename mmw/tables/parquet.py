@@ -5,7 +5,8 @@ from typing import Any
 
 import pyarrow as pa
 
-from mmw.tables.schemas import IMAGE, SCHEMA_VERSION, column_text, table_spec
+from mmw.tables.schema.columns import IMAGE
+from mmw.tables.schemas import SCHEMA_VERSION, column_text, table_spec
 
 
 def arrow_schema(name: str, meta: dict[str, str] | None = None) -> pa.Schema:

@@ -109,20 +109,19 @@ def read_material(stage: Usd.Stage, use: MaterialUse) -> Material:
     if use.library:
         spec = LIBRARY[use.library]
         reflectance = lidar_reflectance(spec.base, spec.coating, spec.attributes, spec.color)
-        return Material(use.name, spec.radio, spec.base, reflectance, spec.color)
+        is_retro = "retroreflective" in spec.attributes
+        return Material(use.name, spec.radio, spec.base, reflectance, spec.color, spec.coating, is_retro)
     if not use.prim_path and use.fallback is not None:
         return Material(use.name, use.fallback, "none", lidar_reflectance("none"), use.color or NO_COLOR)
     prim = stage.GetPrimAtPath(use.prim_path)
     base = str(_value(prim, NONVISUAL + "base", "none"))
+    coating = str(_value(prim, NONVISUAL + "coating", "none"))
+    attributes = tuple(_value(prim, NONVISUAL + "attributes", None) or ())
     color = _diffuse_color(prim)
-    reflectance = lidar_reflectance(
-        base if base in LIDAR_REFLECTANCE_905NM else "none",
-        str(_value(prim, NONVISUAL + "coating", "none")),
-        tuple(_value(prim, NONVISUAL + "attributes", None) or ()),
-        color,
-    )
+    reflectance = lidar_reflectance(base if base in LIDAR_REFLECTANCE_905NM else "none", coating, attributes, color)
     radio = use.fallback if use.fallback is not None else _read_radio(prim)
-    return Material(use.name, radio, base, reflectance, use.color or color)
+    is_retro = "retroreflective" in attributes
+    return Material(use.name, radio, base, reflectance, use.color or color, coating, is_retro)
 
 
 def _has_radio(prim: Usd.Prim) -> bool:

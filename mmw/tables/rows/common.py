@@ -1,0 +1,39 @@
+"""What the row makers share: columns by name, names of agents, lists of a sweep, images that threads still encode."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from mmw.scene_arrays import SceneArrays
+
+Columns = dict[str, Any]
+"""Columns of one table by name: arrays, Arrow arrays, or one scalar for all rows."""
+
+AGENT_ROLES = ("cav", "rsu")
+"""Roles that carry sensors."""
+
+
+def names(arrays: SceneArrays, actor: np.ndarray) -> np.ndarray:
+    """Return the names of actors given by their indices."""
+    return np.array([a.name for a in arrays.actors], dtype=object)[actor]
+
+
+def split(columns: Sequence[str], values: np.ndarray) -> Columns:
+    """Return the columns of a matrix by name, contiguous."""
+    return {name: np.ascontiguousarray(values[:, i]) for i, name in enumerate(columns)}
+
+
+def lists(offsets: np.ndarray, values: np.ndarray) -> pa.ListArray:
+    """Return an Arrow list column without nulls: row a holds `values[offsets[a]:offsets[a + 1]]`."""
+    flat = pa.array(np.ascontiguousarray(values))
+    type_ = pa.list_(pa.field("element", flat.type, nullable=False))
+    return pa.ListArray.from_arrays(pa.array(offsets), flat, type=type_)
+
+
+def resolved(columns: Columns) -> Columns:
+    """Return columns with every image that a thread was encoding."""
+    if "image" not in columns:
+        return columns
+    return {**columns, "image": [(image.result(), path) for image, path in columns["image"]]}

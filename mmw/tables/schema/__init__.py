@@ -1,0 +1,1 @@
+"""The specification of every table, by what it describes."""

@@ -1,0 +1,63 @@
+"""What the specifications of tables are put together from: types, columns with unit and meaning, the shared keys."""
+
+from dataclasses import dataclass
+
+import pyarrow as pa
+
+DEPTH_STEP_M = 0.01
+"""Metres in one count of a stored depth image."""
+
+TEXT = pa.string()
+NAME = pa.dictionary(pa.int32(), pa.string())
+"""Type of names; an int32 index is what pyarrow infers for partition folders."""
+IMAGE = pa.struct([pa.field("bytes", pa.binary()), pa.field("path", pa.string())])
+"""An encoded image, as Hugging Face datasets spell it."""
+I8, I16, I32, I64, F32, F64 = pa.int8(), pa.int16(), pa.int32(), pa.int64(), pa.float32(), pa.float64()
+
+
+def list_of(element: pa.DataType) -> pa.DataType:
+    """Return the type of a list column whose elements are never null."""
+    return pa.list_(pa.field("element", element, nullable=False))
+
+
+def column(name: str, type_: pa.DataType, unit: str, doc: str, *, nullable: bool = False) -> pa.Field:
+    """Return a column with its unit (empty for none) and meaning."""
+    return pa.field(name, type_, nullable=nullable, metadata={"unit": unit, "doc": doc} if unit else {"doc": doc})
+
+
+def xyz(names: str, type_: pa.DataType, unit: str, doc: str) -> list[pa.Field]:
+    """Return one column for each of the space-separated names; `{}` in the text becomes the axis."""
+    return [column(name, type_, unit, doc.format(axis)) for name, axis in zip(names.split(), "xyz", strict=True)]
+
+
+def quaternion(doc: str) -> list[pa.Field]:
+    """Return the four columns of a unit quaternion."""
+    return [column(f"q{axis}", F64, "-", f"{axis} part of the unit quaternion {doc}") for axis in "xyzw"]
+
+
+@dataclass(frozen=True)
+class TableSpec:
+    """One table."""
+
+    name: str
+    doc: str
+    """What one row is, in one sentence."""
+    columns: tuple[pa.Field, ...]
+    key: tuple[str, ...]
+    """Columns that together name a row; rows are sorted by them, in this order."""
+    framed: bool = True
+    """True: a file a shard. False: a file a scenario."""
+    frames_per_group: int = 0
+    """Frames in one Parquet row group, what a reader must fetch for one row; 0 leaves groups of 65,536 rows."""
+    level: int = 3
+    """zstd level."""
+
+
+SCENARIO = column("scenario", NAME, "", "scenario name")
+WEATHER = column("weather", NAME, "", "weather name, a variant of the town")
+FRAME = column("frame", I32, "1/100 s", "frame number; time is frame / 100 s after the start of the scenario")
+AGENT = column("agent", NAME, "", "agent that owns the row: a CAV such as cav_1, or an RSU such as rsu_1")
+SENSOR = column("sensor", NAME, "", "sensor name; joins `sensors` on (scenario, agent, sensor)")
+OBJECT = column("object_id", I32, "id", "object, a row of `objects`; one number for the object in every table")
+FRAMED = (SCENARIO, WEATHER, FRAME)
+OWNED = (*FRAMED, AGENT)
