@@ -6,7 +6,7 @@ from pathlib import Path
 
 from mmw import __version__
 from mmw.config import Config, ScenarioConfig
-from mmw.plan import scenario_source
+from mmw.plan import scenario_source, weather_variants
 from mmw.poses import pose_from_mount
 from mmw.provenance import sha256
 from mmw.scene_arrays import SceneArrays
@@ -18,6 +18,7 @@ from mmw.town.asset import open_town
 from mmw.traffic import VehicleTrack
 from mmw.traffic.engines import run_engine
 from mmw.vehicles.catalog import VehicleModel, load_catalog, load_figures
+from mmw.weather import choose_variant
 
 STAGES = "stages"
 """Folder of the scenario stages in a dataset."""
@@ -41,6 +42,7 @@ def prepare_scenario(config: Config, scenario: ScenarioConfig, base: Path, root:
     path, note = root / STAGES / f"{scenario.name}.usdc", root / STAGES / f"{scenario.name}.json"
     if note.is_file() and path.is_file() and json.loads(note.read_text())["sha256"] == sha256(path):
         return path
+    names = config.variants[config.weathers[0]]
     catalog = load_catalog()
     tracks = make_tracks(config, scenario, source, catalog, base)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -51,7 +53,7 @@ def prepare_scenario(config: Config, scenario: ScenarioConfig, base: Path, root:
         catalog={**catalog, **load_figures()},
         rsus=rsus,
         sensors=config.sensors,
-        weather=config.weathers[0],
+        weather=choose_variant(names, weather_variants(source)) or names[0],
         meta={"mmw": __version__, "scenario": scenario.name, "seed": config.seed},
         antenna_position_m=config.channel.antenna_position_m if config.channel.enabled else None,
         assets=root / "assets",
@@ -114,7 +116,7 @@ def read_scenario(config: Config, scenario: ScenarioConfig, stage: Path) -> Scen
     return read_stage(
         stage,
         range(frames.start, frames.stop),
-        config.weathers,
+        config.variants,
         margin=1,
         roles=scenario.actor_roles,
         material_map=scenario.material_map,

@@ -274,7 +274,7 @@ def _arrays(config: Config, scenario: ScenarioConfig, frame: int, base: Path) ->
         return read_stage(
             stage,
             range(frame, frame + 1),
-            config.weathers[:1],
+            {weather: config.variants[weather] for weather in config.weathers[:1]},
             roles=scenario.actor_roles,
             material_map=scenario.material_map,
         )

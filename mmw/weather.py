@@ -1,6 +1,7 @@
 """The weather as physical values: what falls, what floats and what the air is. Every sensor derives its own from it."""
 
 import math
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -38,8 +39,14 @@ LIMITS = {
     "sun_azimuth_deg": (0.0, 360.0),
     "fog_start_m": (0.0, 10_000.0),
     "fog_falloff_per_m": (0.0, 10.0),
+    "scattering_intensity": (0.0, 100.0),
+    "mie_scattering_scale": (0.0, 100.0),
+    "rayleigh_scattering_scale": (0.0, 100.0),
 }
 """Smallest and largest value of each number of a `Weather`, in its unit."""
+
+WET_GROUND = 0.25
+"""Wetness, or share of puddles, from which the ground counts as wet [-]: half of the wetness in fog. Design value."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +86,15 @@ class Weather:
     """Distance from a camera at which fog begins [m]: a look of CARLA's, for pictures only."""
     fog_falloff_per_m: float = 0.0
     """Decay of the fog's density with height [1/m], 0 for none: a look of CARLA's, for pictures only."""
+    scattering_intensity: float = 1.0
+    """Light that fog scatters towards a camera, over the natural one [-]: a look of CARLA's, for pictures only."""
+    mie_scattering_scale: float = 0.03
+    """CARLA's haze of the sky [-], with its default; for pictures only."""
+    rayleigh_scattering_scale: float = 0.0331
+    """CARLA's blue of the sky [-], with its default; for pictures only."""
+
+    variant: str | None = None
+    """Variant of the stage's materials; None leaves the choice to `variants`."""
 
     def __post_init__(self) -> None:
         for name, (low, high) in LIMITS.items():
@@ -89,6 +105,26 @@ class Weather:
             raise ValueError(
                 f"weather: fog_type = {self.fog_type!r}; one of {', '.join(FOG_WATER_G_M2)} is needed; choose one"
             )
+
+    def variants(self, name: str) -> tuple[str, ...]:
+        """Return the variants of a stage's materials that can stand for this weather, the best first.
+
+        It is `variant` alone if that is given. Else it is the weather's own name, and then, on dry ground, `sunny`; on
+        wet ground `rainy` and `foggy`, in this order in rain and in the other without rain.
+
+        Args:
+            name: Its name in `weathers`.
+        """
+        if self.variant is not None:
+            return (self.variant,)
+        if not self.has_wet_ground:
+            return (name, "sunny")
+        return (name, "rainy", "foggy") if self.rain_mm_h > 0.0 else (name, "foggy", "rainy")
+
+    @property
+    def has_wet_ground(self) -> bool:
+        """Whether the ground is wet or under puddles, so that its materials are the wet ones."""
+        return max(self.wetness, self.puddles) >= WET_GROUND
 
     @property
     def liquid_water_g_m3(self) -> float:
@@ -123,6 +159,16 @@ class Weather:
     def dry_pressure_hpa(self) -> float:
         """Pressure of the air without its water vapour [hPa]."""
         return self.pressure_hpa - self.vapour_pressure_hpa
+
+
+def choose_variant(variants: Sequence[str], known: Collection[str]) -> str | None:
+    """Return the first of the variants that a stage has; None if it has none of them.
+
+    Args:
+        variants: Candidates, the best first; see `Weather.variants`.
+        known: Names of the stage's variants.
+    """
+    return next((variant for variant in variants if variant in known), None)
 
 
 def _rain(rain_mm_h: float) -> Weather:

@@ -73,7 +73,7 @@ def test_overrides_reach_into_defaults_that_the_file_leaves_out(tmp_path: Path) 
         "channel.antenna_position_m.rsu.2=9",
     ]
     config, default = load_config(path, changes), load_config(path)
-    lidar, depth, imu = config.sensors
+    lidar, depth, imu = config.sensors[:3]
     assert (lidar.range_m, lidar.channels, lidar.mount["cav"].position_m) == (80, 64, (0, 0, 1.9))
     assert lidar.mount["rsu"] == default.sensors[0].mount["rsu"]
     assert (depth.on, imu) == (("cav",), default.sensors[2])
@@ -189,7 +189,7 @@ def test_unknown_town_and_missing_stage_are_exit_code_2(config_file: Path, capsy
     ("change", "part"),
     [
         ("weathers=[sunny, snowy]", "presets are sunny, light_rain, rainy"),
-        ("weathers=[sunny, heavy_rain]", "foggy, rainy, sunny"),
+        ("air.sunny.variant=snowy", "foggy, rainy, sunny, none of snowy; set air.sunny.variant"),
         ("scenarios.0.town=torn.usda", "USD cannot read"),
         ("scenarios.0.material_map={/World/*: itu_cheese}", "itu_concrete"),
         ("scenarios.0.rsus=[]", "[v2v]"),

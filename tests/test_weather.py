@@ -1,18 +1,28 @@
 """The physical weather: derived values against tables, and the section `air` of the configuration."""
 
 import csv
+import re
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import get_args
 
 import pytest
+import yaml
 
 from mmw.config import ConfigError, load_config
 from mmw.config.load import to_yaml
 from mmw.config.weather import PresetName
+from mmw.optics import rain_visibility, visibility
+from mmw.paths import town_path
+from mmw.plan import check_inputs
+from mmw.scene_reader import read_stage
 from mmw.town.block_description import SHIPPED_WEATHER
-from mmw.weather import FOG_WATER_G_M2, PRESETS, FogType, Weather
+from mmw.weather import FOG_WATER_G_M2, PRESETS, FogType, Weather, choose_variant
+from tests.stages import write_town
 
 FOG = Path(__file__).parent / "reference" / "weather" / "mie_fog_water.csv"
+GUIDE = Path(__file__).parent.parent / "docs" / "weather.md"
 
 
 def test_liquid_water_of_fog_equals_mie_theory() -> None:
@@ -52,11 +62,72 @@ def test_clear_air_is_the_standard_air_of_itu() -> None:
 def test_presets_are_ordered_and_agree_with_the_towns() -> None:
     assert PRESETS["light_rain"].rain_mm_h < PRESETS["rainy"].rain_mm_h < PRESETS["heavy_rain"].rain_mm_h
     assert PRESETS["light_fog"].visibility_m > PRESETS["foggy"].visibility_m > PRESETS["heavy_fog"].visibility_m
-    assert set(SHIPPED_WEATHER) <= set(PRESETS)
-    for name, town in SHIPPED_WEATHER.items():
-        assert PRESETS[name].rain_mm_h == town.rain_rate_mm_h
-    assert PRESETS["foggy"].visibility_m == SHIPPED_WEATHER["foggy"].visibility_m
+    towns = {name: (t.rain_rate_mm_h, t.visibility_m, t.wetness) for name, t in SHIPPED_WEATHER.items()}
+    assert towns == {"sunny": (0, 20_000, 0), "rainy": (25, 1080, 1), "foggy": (0, 75, 0.5)}  # as built into them
+    assert [t.ground_itu for t in SHIPPED_WEATHER.values()] == ["", "itu_wet_ground", "itu_wet_ground"]
     assert get_args(PresetName) == tuple(PRESETS)
+
+
+@pytest.mark.parametrize(("rain", "metres"), [(5.0, 2968), (25.0, 1078), (50.0, 697), (100.0, 450)])
+def test_rain_veil(rain: float, metres: float) -> None:
+    assert rain_visibility(rain) == pytest.approx(metres, rel=1e-3)  # Mie theory over Marshall and Palmer's drops
+    both = visibility(Weather(rain, visibility_m=500.0))
+    assert both == pytest.approx(1 / (1 / metres + 1 / 500), rel=1e-3)
+    assert visibility(Weather(visibility_m=75.0)) == pytest.approx(75.0) and rain_visibility(0.0) == float("inf")
+
+
+@pytest.mark.parametrize(
+    ("weather", "candidates"),
+    [
+        (Weather(), ("mine", "sunny")),
+        (Weather(rain_mm_h=4.0, wetness=0.2), ("mine", "sunny")),
+        (Weather(rain_mm_h=4.0, wetness=0.25), ("mine", "rainy", "foggy")),
+        (Weather(puddles=0.3), ("mine", "foggy", "rainy")),
+        (PRESETS["heavy_fog"], ("mine", "foggy", "rainy")),
+        (Weather(wetness=1.0, variant="snowy"), ("snowy",)),
+    ],
+)
+def test_variants_follow_from_the_state(weather: Weather, candidates: Sequence[str]) -> None:
+    assert weather.variants("mine") == candidates
+
+
+def test_the_first_variant_that_is_there_is_chosen() -> None:
+    assert choose_variant(("mine", "rainy", "foggy"), ["sunny", "foggy", "rainy"]) == "rainy"
+    assert choose_variant(("mine", "rainy", "foggy"), ["mine", "rainy"]) == "mine"
+    assert choose_variant(("mine", "sunny"), ["dry", "wet"]) is None
+
+
+def test_every_preset_reads_a_shipped_town() -> None:
+    arrays = read_stage(town_path("town10"), range(1), {name: w.variants(name) for name, w in PRESETS.items()})
+    assert tuple(arrays.materials) == tuple(PRESETS)
+    ground = {name: next(m for m in made if m.name == "asphalt").radio.itu for name, made in arrays.materials.items()}
+    assert {name for name, itu in ground.items() if itu == "itu_very_dry_ground"} == {"sunny"}
+    assert {itu for name, itu in ground.items() if name != "sunny"} == {"itu_wet_ground"}
+
+
+def test_a_stage_without_a_fitting_variant_names_the_cure(tmp_path: Path) -> None:
+    town = write_town(tmp_path / "town.usda")  # sunny and rainy
+    arrays = read_stage(town, range(1), {"mist": PRESETS["foggy"].variants("mist")})
+    assert arrays.materials["mist"][0].radio.itu == "itu_wet_ground"
+    with pytest.raises(ValueError, match=r"'polar' .* none of snowy; set air.polar.variant to one that it has"):
+        read_stage(town, range(1), {"sunny": ("sunny",), "polar": ("snowy",)})
+    path = tmp_path / "c.yaml"
+    traffic = "{vehicle_count: 2, spawn_center_m: [0, 0, 0], cav_ranks: [1]}"
+    path.write_text(f"scenarios: [{{name: s, town: town.usda, traffic: {traffic}}}]\nchannel: {{enabled: false}}\n")
+    check_inputs(load_config(path, ["weathers=[mist]", "air.mist={preset: foggy}"]), tmp_path)
+    with pytest.raises(ConfigError, match=r"weathers holds 'polar'.* set air.polar.variant to one that it has"):
+        check_inputs(load_config(path, ["weathers=[polar]", "air.polar={variant: snowy}"]), tmp_path)
+    check_inputs(load_config(path, ["weathers=[polar]", "air.polar={variant: rainy}"]), tmp_path)
+
+
+def test_examples_of_the_guide_load(tmp_path: Path) -> None:
+    blocks = re.findall(r"```yaml\n(.*?)```", GUIDE.read_text(), re.DOTALL)
+    assert len(blocks) >= 2
+    for block in blocks:
+        path = tmp_path / "c.yaml"
+        path.write_text("scenarios: [{name: s, stage: s.usda}]\n" + block)
+        config = load_config(path)
+        assert set(yaml.safe_load(block)["air"]) <= set(config.air)
 
 
 @pytest.mark.parametrize(
@@ -101,8 +172,9 @@ def test_given_values_replace_those_of_the_preset(config_file: Path) -> None:
     )
     weathers = {name: air.weather(name) for name, air in config.air.items()}
     assert tuple(weathers) == config.weathers
-    assert weathers["rainy"] == Weather(40.0, temperature_c=10.0, relative_humidity=1.0)
-    assert weathers["monsoon"] == Weather(50.0, temperature_c=28.0, relative_humidity=1.0)
+    assert weathers["rainy"] == replace(PRESETS["rainy"], rain_mm_h=40.0)
+    assert weathers["monsoon"] == replace(PRESETS["heavy_rain"], temperature_c=28.0)
+    assert (weathers["monsoon"].wetness, weathers["monsoon"].rain_mm_h) == (1.0, 50.0)
     assert weathers["night_fog"].liquid_water_g_m3 == pytest.approx(5.427 / 75)
     assert weathers["haze"] == Weather(visibility_m=3000.0)
 

@@ -19,7 +19,7 @@ class Config(Section):
     """One configuration file."""
 
     scenarios: tuple[ScenarioConfig, ...] = Field(description="worlds, traffic and agents (list)")
-    weathers: tuple[Name, ...] = Field(("sunny",), description="weather variants of the town to make (list)")
+    weathers: tuple[Name, ...] = Field(("sunny",), description="weathers to make (list)")
     air: dict[Name, AirConfig] = Field(
         default_factory=dict,
         validate_default=True,
@@ -61,12 +61,17 @@ class Config(Section):
         if not self.weathers:
             raise ValueError("weathers is empty; name at least one, for example [sunny]")
         if len(set(self.weathers)) != len(self.weathers):
-            raise ValueError(f"weathers = {list(self.weathers)} names one twice")
+            raise ValueError(f"weathers = {list(self.weathers)} names one twice; name each once")
         return self
 
     def frames_of(self, scenario: ScenarioConfig) -> FramesConfig:
         """Return the frames that are made of a scenario."""
         return self.frames or scenario.frames or FramesConfig()
+
+    @property
+    def variants(self) -> dict[str, tuple[str, ...]]:
+        """Weather -> variants of a stage's materials that can stand for it, the best first."""
+        return {name: air.weather(name).variants(name) for name, air in self.air.items()}
 
     @property
     def frame_total(self) -> int:

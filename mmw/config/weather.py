@@ -5,6 +5,8 @@ from typing import Literal
 
 from pydantic import Field
 
+from mmw.carla_weather import from_carla
+from mmw.config.carla_weather import CarlaWeather
 from mmw.config.section import Section
 from mmw.weather import LIMITS, PRESETS, FogType, Weather
 
@@ -17,9 +19,21 @@ def _bounds(name: str) -> dict[str, float]:
 
 
 class AirConfig(Section):
-    """One weather. What is left out comes from `preset`, else from the preset of the same name, else is clear air."""
+    """One weather. What is left out comes from `preset`, else from the preset of the same name, else is clear air.
+
+    The parameters of `carla` go between: they replace what the preset says, and every other key replaces what they say.
+    """
 
     preset: PresetName | None = Field(None, description="preset that fills in what is left out (name)")
+    carla: CarlaWeather = Field(
+        None, description="CARLA's weather parameters, or the name of one of its presets (section or name)"
+    )
+    variant: str | None = Field(
+        None,
+        min_length=1,
+        description="variant of the stage's materials; left out, it is the one of the weather's own name, else one "
+        "for wet or dry ground (name)",
+    )
     rain_mm_h: float | None = Field(None, **_bounds("rain_mm_h"), description="rain rate [mm/h]")
     visibility_m: float | None = Field(
         None,
@@ -69,6 +83,15 @@ class AirConfig(Section):
         **_bounds("fog_falloff_per_m"),
         description="decay of the fog with height above the ground, for pictures only [1/m]",
     )
+    scattering_intensity: float | None = Field(
+        None, **_bounds("scattering_intensity"), description="light that fog scatters, for pictures only [-]"
+    )
+    mie_scattering_scale: float | None = Field(
+        None, **_bounds("mie_scattering_scale"), description="haze of the sky, for pictures only [-]"
+    )
+    rayleigh_scattering_scale: float | None = Field(
+        None, **_bounds("rayleigh_scattering_scale"), description="blue of the sky, for pictures only [-]"
+    )
 
     def weather(self, name: str) -> Weather:
         """Return the physical values of this weather.
@@ -77,7 +100,13 @@ class AirConfig(Section):
             name: Its name in `weathers`.
         """
         base = PRESETS[self.preset] if self.preset else PRESETS.get(name, Weather())
-        return replace(base, **self.model_dump(exclude={"preset"}, exclude_none=True))
+        given = self.model_dump(exclude={"preset", "carla"}, exclude_none=True)
+        if self.carla is not None:
+            start = replace(base, fog_type=self.fog_type or base.fog_type)
+            mapped = from_carla(self.carla.model_dump(exclude_none=True), start)
+            # A given visibility is fog or haze again, not CARLA's dust, and its water follows from it.
+            base = mapped if self.visibility_m is None else replace(mapped, lwc_g_m3=base.lwc_g_m3)
+        return replace(base, **given)
 
 
 def resolve_air(air: dict[str, AirConfig], weathers: tuple[str, ...]) -> dict[str, AirConfig]:

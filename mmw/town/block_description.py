@@ -7,7 +7,9 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from mmw.config.section import Name, Section
+from mmw.optics import rain_visibility
 from mmw.town.place_description import ParkingLot, PavedArea, Skybridge, StreetBays
+from mmw.weather import PRESETS, Weather
 
 Vec2 = tuple[float, float]
 Span = tuple[float, float]
@@ -161,12 +163,18 @@ class TownWeather(Section):
     wetness: float = Field(0.0, ge=0, le=1, description="0 dry to 1 wet: ground is darker, smoother (fraction)")
 
 
-SHIPPED_WEATHER = {
-    "sunny": TownWeather(),
-    "rainy": TownWeather(rain_rate_mm_h=25, visibility_m=1_080, ground_itu="itu_wet_ground", wetness=1),
-    "foggy": TownWeather(visibility_m=75, ground_itu="itu_wet_ground", wetness=0.5),
-}
-"""Rain rate of a heavy shower (WMO: 10 to 50 mm/h) with the optical range that its drops leave; moderate fog."""
+def _variant(weather: Weather) -> TownWeather:
+    """Return the variant of a preset; its visibility is what the drops of rain leave, to 10 m, else what fog leaves."""
+    return TownWeather(
+        rain_rate_mm_h=weather.rain_mm_h,
+        visibility_m=round(rain_visibility(weather.rain_mm_h), -1) if weather.rain_mm_h else weather.visibility_m,
+        ground_itu="itu_wet_ground" if weather.has_wet_ground else "",
+        wetness=weather.wetness,
+    )
+
+
+SHIPPED_WEATHER = {name: _variant(PRESETS[name]) for name in ("sunny", "rainy", "foggy")}
+"""Weather variants of the shipped towns, from the presets of the same names."""
 
 
 class BlockDescription(Section):
