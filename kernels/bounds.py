@@ -1,4 +1,4 @@
-"""World boxes of vehicle instances, from their poses and the boxes of their models."""
+"""World boxes of vehicle instances, from their poses, the boxes of their models and their motion during a sweep."""
 
 import warp as wp
 
@@ -14,6 +14,9 @@ def instance_bounds_kernel(
     is_present: wp.array2d[wp.bool],
     model_lower: wp.array[wp.vec3],
     model_upper: wp.array[wp.vec3],
+    velocity: wp.array2d[wp.vec3],
+    rate: wp.array2d[wp.vec3],
+    sweep_s: float,
     # out
     lower_out: wp.array[wp.vec3],
     upper_out: wp.array[wp.vec3],
@@ -21,7 +24,10 @@ def instance_bounds_kernel(
 ):
     """Write the box and the group of every instance of every slot; item = slot * V + instance.
 
-    An absent instance gets an empty box in group S, which no slot reads. Launch: dim=(S, V).
+    The box holds the instance wherever it is from `sweep_s` before the frame to the frame (`motion.moved_pose`): it is
+    stretched along the way of the origin, and widened by the furthest that turning by |w| `sweep_s` brings any corner
+    of the model. A sweep of 0 leaves the box of the frame. An absent instance gets an empty box in group S, which no
+    slot reads. Launch: dim=(S, V).
     """
     slot, instance = wp.tid()
     item = slot * pose.shape[1] + instance
@@ -38,6 +44,10 @@ def instance_bounds_kernel(
     reach = wp.vec3()
     for axis in range(3):
         reach[axis] = wp.dot(wp.abs(rotation[axis]), half) + BOX_PADDING
-    lower_out[item] = centre - reach
-    upper_out[item] = centre + reach
+    far = wp.length(wp.abs(middle) + half)  # distance of the furthest corner of the box from the instance's origin
+    turned = wp.min(wp.length(rate[slot, instance]) * sweep_s, 2.0) * far  # an arc is longer than its chord
+    way = -velocity[slot, instance] * sweep_s
+    wide = wp.vec3(turned, turned, turned)
+    lower_out[item] = centre - reach + wp.min(way, wp.vec3()) - wide
+    upper_out[item] = centre + reach + wp.max(way, wp.vec3()) + wide
     group_out[item] = slot

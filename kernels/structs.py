@@ -28,6 +28,10 @@ class Scene:
     """V: instances of a slot, present or not."""
     instance_pose: wp.array2d[wp.transformf]
     """Instance to scene frame, shape [S, V]."""
+    instance_velocity: wp.array2d[wp.vec3]
+    """Velocity of the instance's origin in the scene frame [m/s], shape [S, V]; zero where it is absent."""
+    instance_rate: wp.array2d[wp.vec3]
+    """Angular velocity of the instance about the axes of the scene frame [rad/s], shape [S, V]; zero where absent."""
     instance_mesh: wp.array[wp.uint64]
     """wp.Mesh id of the instance's model, local frame, shape [V]."""
     instance_object: wp.array[int]
@@ -40,6 +44,10 @@ class Scene:
     """Material id of each face of all models, one after the other."""
     model_surface: wp.array[int]
     """Local surface index of each face of all models."""
+    model_wheel: wp.array[int]
+    """Row of `wheels` that each face of all models turns with, -1 for a face that is fixed to its body."""
+    wheels: wp.array[wp.vec4]
+    """Wheels of all models, one after the other: centre x, y, z in the model's frame [m] and radius [m], shape [W]."""
 
 
 @wp.struct

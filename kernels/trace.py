@@ -10,12 +10,15 @@ of a batch share one `wp.Bvh`; each frame is one group of it, and the query star
   everybody's vehicles. Every query here is guarded by the root.
 - A BVH query keeps its stack in shared memory, one stack a thread: two queries alive in one thread would overwrite each
   other. Launch kernels that call these functions with `block_dim=64`, so that the stacks of a block fit (8 KiB).
+- Within a rolling sweep the vehicles are asked where they are at the instant of the ray (`closest_hit_at`); their boxes
+  in the tree then hold their way during the sweep (`Scene.sweep_s` on the host).
 - Equal distances go to the town, then to the lower instance index, so the answer does not depend on the tree, and the
   tree may depend on the batch.
 """
 
 import warp as wp
 
+from mmw.kernels.motion import instance_pose_at
 from mmw.kernels.structs import MISS_ID, Hit, MeshHit, Nearest, Scene
 
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
@@ -76,6 +79,59 @@ def nearest_surface(scene: Scene, slot: int, origin: wp.vec3, direction: wp.vec3
 
 
 @wp.func
+def nearest_surface_at(
+    scene: Scene, slot: int, origin: wp.vec3, direction: wp.vec3, t_max: float, ignore: int, time_offset: float
+) -> Nearest:
+    """Return what a ray of a rolling sweep meets first: every instance is where it is at the instant of the ray.
+
+    The walk is that of `nearest_surface`, written out a second time so that rays of a still scene pay nothing for it.
+
+    Args:
+        scene: Town and vehicles.
+        slot: Position of the ray's frame in the batch.
+        origin: Start of the ray, scene frame [m].
+        direction: Unit direction, scene frame.
+        t_max: Length of the ray [m].
+        ignore: Instance that the ray passes through, -1 for none.
+        time_offset: Time of the ray after its frame [s], from -`Scene.sweep_s` to 0: outside of it the boxes of the
+            tree do not hold the instances.
+    """
+    near = Nearest()
+    near.t = t_max
+    near.face = MISS_ID
+    near.instance = MISS_ID
+    if scene.has_town:
+        town = wp.mesh_query_ray(scene.town, origin, direction, t_max)
+        if town.result:
+            near.t = town.t
+            near.face = town.face
+            near.normal = town.normal
+    root = scene.group_root[slot]
+    if root >= 0:  # -1 would search every frame's vehicles
+        first = slot * scene.instance_count
+        item = wp.int32(0)
+        query = wp.bvh_query_ray(scene.instances, origin, direction, root)
+        while wp.bvh_query_next(query, item, near.t):
+            instance = item - first
+            if instance != ignore:
+                to_local = wp.transform_inverse(instance_pose_at(scene, slot, instance, time_offset))
+                body = wp.mesh_query_ray(
+                    scene.instance_mesh[instance],
+                    wp.transform_point(to_local, origin),
+                    wp.transform_vector(to_local, direction),
+                    near.t * TIE_REACH,
+                )
+                if body.result and (body.t < near.t or (body.t == near.t and instance < near.instance)):
+                    near.t = body.t
+                    near.face = body.face
+                    near.instance = instance
+                    near.normal = body.normal
+    if near.face < 0:
+        near.t = wp.inf
+    return near
+
+
+@wp.func
 def object_of(scene: Scene, near: Nearest) -> int:
     """Return the object id of what `nearest_surface` found, -1 for a miss."""
     object_id = wp.int32(MISS_ID)
@@ -110,9 +166,17 @@ def world_normal(scene: Scene, slot: int, near: Nearest) -> wp.vec3:
 
 
 @wp.func
-def closest_hit(scene: Scene, slot: int, origin: wp.vec3, direction: wp.vec3, t_max: float, ignore: int) -> Hit:
-    """Return what the ray meets first, with every id and the normal; see `nearest_surface` for the arguments."""
-    near = nearest_surface(scene, slot, origin, direction, t_max, ignore)
+def world_normal_at(scene: Scene, slot: int, near: Nearest, time_offset: float) -> wp.vec3:
+    """Return the unit normal of what `nearest_surface_at` found, after the winding, in the scene frame."""
+    normal = near.normal
+    if near.instance >= 0:
+        normal = wp.transform_vector(instance_pose_at(scene, slot, near.instance, time_offset), normal)
+    return normal
+
+
+@wp.func
+def hit_of(scene: Scene, near: Nearest, normal: wp.vec3, direction: wp.vec3) -> Hit:
+    """Return what `nearest_surface` found with every id, and its normal (scene frame) turned against the ray."""
     hit = Hit()
     hit.t = near.t
     hit.face = near.face
@@ -125,9 +189,24 @@ def closest_hit(scene: Scene, slot: int, origin: wp.vec3, direction: wp.vec3, t_
             hit.material_id = scene.town_material[near.face]
         else:
             hit.material_id = scene.model_material[scene.instance_face_offset[near.instance] + near.face]
-        normal = world_normal(scene, slot, near)
         hit.normal = wp.where(wp.dot(normal, direction) > 0.0, -normal, normal)
     return hit
+
+
+@wp.func
+def closest_hit(scene: Scene, slot: int, origin: wp.vec3, direction: wp.vec3, t_max: float, ignore: int) -> Hit:
+    """Return what the ray meets first, with every id and the normal; see `nearest_surface` for the arguments."""
+    near = nearest_surface(scene, slot, origin, direction, t_max, ignore)
+    return hit_of(scene, near, world_normal(scene, slot, near), direction)
+
+
+@wp.func
+def closest_hit_at(
+    scene: Scene, slot: int, origin: wp.vec3, direction: wp.vec3, t_max: float, ignore: int, time_offset: float
+) -> Hit:
+    """Return what a ray of a rolling sweep meets first, with every id and the normal; see `nearest_surface_at`."""
+    near = nearest_surface_at(scene, slot, origin, direction, t_max, ignore, time_offset)
+    return hit_of(scene, near, world_normal_at(scene, slot, near, time_offset), direction)
 
 
 @wp.func
@@ -207,3 +286,23 @@ def cast_kernel(
     ray = wp.tid()
     hit_out[ray] = closest_hit(scene, slot[ray], origin[ray], direction[ray], t_max, ignore[ray])
     is_blocked_out[ray] = is_blocked(scene, slot[ray], origin[ray], direction[ray], t_max, ignore[ray])
+
+
+@wp.kernel
+def cast_at_kernel(
+    scene: Scene,
+    slot: wp.array[int],
+    origin: wp.array[wp.vec3],
+    direction: wp.array[wp.vec3],
+    t_max: float,
+    ignore: wp.array[int],
+    time_offset: wp.array[float],
+    # out
+    hit_out: wp.array[Hit],
+):
+    """Trace rays of a rolling sweep that are given one by one, each with its time after its frame [s].
+
+    Launch: dim=R, block_dim=64.
+    """
+    ray = wp.tid()
+    hit_out[ray] = closest_hit_at(scene, slot[ray], origin[ray], direction[ray], t_max, ignore[ray], time_offset[ray])

@@ -6,6 +6,7 @@ import numpy as np
 import warp as wp
 
 from mmw.kernels import bounds, structs, trace
+from mmw.kinematics import differentiate
 from mmw.poses import make_pose, normalize
 from mmw.scene_arrays import MODEL_NONE, Actor, Model, SceneArrays, SceneObject
 from mmw.scene_reader import read_stage
@@ -46,6 +47,7 @@ class Scene:
         surface_count: Number of surfaces of town and instances.
         surface_offset: First surface id of each instance, shape [V].
         batch_frames: The frames that are loaded, one a slot.
+        sweep_s: How long before each frame instances can be traced where they were then [s].
     """
 
     def __init__(
@@ -54,6 +56,7 @@ class Scene:
         device: str,
         max_slots: int,
         *,
+        sweep_s: float = 0.0,
         mesh_constructor: str | None = None,
         instance_constructor: str | None = None,
         leaf_size: int = LEAF_SIZE,
@@ -64,24 +67,31 @@ class Scene:
             arrays: The scene on the host.
             device: Warp device name.
             max_slots: Frames in the largest batch, > 0.
+            sweep_s: Longest sweep before a frame that rays will be traced in by `closest_hit_at` [s], >= 0.
             mesh_constructor: Tree builder of town and models; the default is cuBQL on CUDA and SAH on the CPU.
             instance_constructor: Tree builder over instances; the default is LBVH on CUDA and SAH on the CPU.
             leaf_size: Triangles in a leaf of a mesh tree, > 0.
 
         Raises:
-            ValueError: If `max_slots` is not positive.
+            ValueError: If `max_slots` is not positive, or `sweep_s` is negative or not finite.
         """
         if max_slots < 1:
             raise ValueError(f"max_slots = {max_slots}; a scene needs at least one slot")
+        if not 0.0 <= sweep_s < np.inf:
+            raise ValueError(f"sweep_s = {sweep_s}; a scene needs a time of 0 s or more; give the length of one sweep")
         self.arrays = arrays
         self.device = device
         self.max_slots = max_slots
+        self.sweep_s = sweep_s
         self.batch_frames: tuple[int, ...] = ()
         self.origin = scene_origin(arrays.points)
         self._mesh_constructor = mesh_constructor or ("cubql" if wp.get_device(device).is_cuda else "sah")
         self._leaf_size = leaf_size
         self._instance_constructor = instance_constructor
         self.instance_actor = instance_actors(arrays)
+        # Of the whole recording, once: what a batch cuts out of it does not depend on the batch.
+        motion = differentiate(arrays.poses[:, self.instance_actor])
+        self._velocity, self._rate = motion.velocity, motion.world_rate
         self.struct = structs.Scene()
         self._load_town()
         self._load_models()
@@ -131,6 +141,12 @@ class Scene:
         none = [np.zeros(0, np.int32)]
         struct.model_material = self._array(np.concatenate(none + [m.material for m in arrays.models]), wp.int32)
         struct.model_surface = self._array(np.concatenate(none + [m.surface for m in arrays.models]), wp.int32)
+        wheels = np.cumsum([0] + [len(m.wheels) for m in arrays.models])
+        wheel = [np.where(m.wheel >= 0, m.wheel + k, -1) for m, k in zip(arrays.models, wheels[:-1], strict=True)]
+        struct.model_wheel = self._array(np.concatenate(none + wheel).astype(np.int32), wp.int32)
+        struct.wheels = self._array(
+            np.concatenate([np.zeros((0, 4))] + [m.wheels for m in arrays.models]).astype(np.float32), wp.vec4
+        )
         lower = np.array([m.points.min(axis=0) for m in arrays.models]).reshape(-1, 3)[model]
         upper = np.array([m.points.max(axis=0) for m in arrays.models]).reshape(-1, 3)[model]
         self._model_lower = self._array(lower.astype(np.float32), wp.vec3)
@@ -141,6 +157,8 @@ class Scene:
         self._upper = wp.zeros(slots * instances, dtype=wp.vec3, device=self.device)
         self._group = wp.full(slots * instances, slots, dtype=wp.int32, device=self.device)
         struct.instance_pose = wp.zeros((slots, instances), dtype=wp.transformf, device=self.device)
+        struct.instance_velocity = wp.zeros((slots, instances), dtype=wp.vec3, device=self.device)
+        struct.instance_rate = wp.zeros((slots, instances), dtype=wp.vec3, device=self.device)
         struct.group_root = wp.full(slots, -1, dtype=wp.int32, device=self.device)
         self._instances: wp.Bvh | None = None
 
@@ -168,6 +186,13 @@ class Scene:
         on_device[: len(rows)] = np.where(is_present[: len(rows), :, None], pose, on_device[: len(rows)])
         self.struct.instance_pose.assign(on_device)
         self._is_present.assign(is_present)
+        for derivative, target in (
+            (self._velocity, self.struct.instance_velocity),
+            (self._rate, self.struct.instance_rate),
+        ):
+            in_slots = np.zeros((self.max_slots, pose.shape[1], 3), dtype=np.float32)
+            in_slots[: len(rows)] = np.where(is_present[: len(rows), :, None], derivative[rows], 0.0)
+            target.assign(in_slots)
         self._build_instances()
 
     def _build_instances(self) -> None:
@@ -175,7 +200,15 @@ class Scene:
         wp.launch(
             bounds.instance_bounds_kernel,
             dim=struct.instance_pose.shape,
-            inputs=[struct.instance_pose, self._is_present, self._model_lower, self._model_upper],
+            inputs=[
+                struct.instance_pose,
+                self._is_present,
+                self._model_lower,
+                self._model_upper,
+                struct.instance_velocity,
+                struct.instance_rate,
+                self.sweep_s,
+            ],
             outputs=[self._lower, self._upper, self._group],
             device=self.device,
         )

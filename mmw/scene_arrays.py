@@ -23,6 +23,27 @@ class Model:
     """Material id of each face, shape [M], int32."""
     surface: np.ndarray
     """Local surface index of each face, 0 to K - 1, shape [M], int32."""
+    wheels: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))
+    """Wheels: centre x, y, z in the frame of the actor [m] and radius [m], shape [W, 4], float64. A wheel turns about
+    the actor's y axis through its centre."""
+    wheel: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
+    """Wheel of each face, -1 for a face that is fixed to the body, shape [M], int32; left out, no face turns."""
+
+    def __post_init__(self) -> None:
+        if len(self.wheel) == 0:
+            object.__setattr__(self, "wheel", np.full(len(self.faces), -1, dtype=np.int32))
+        if len(self.wheel) != len(self.faces):
+            raise ValueError(
+                f"model {self.name}: wheel has {len(self.wheel)} rows; the model has {len(self.faces)} faces; "
+                "give every face a wheel, or -1"
+            )
+        if self.wheel.max(initial=-1) >= len(self.wheels) or self.wheel.min(initial=0) < -1:
+            raise ValueError(
+                f"model {self.name}: wheel {self.wheel.max(initial=-1)} of a face; the model has {len(self.wheels)} "
+                "wheels; number them from 0, or -1 for none"
+            )
+        if not (self.wheels[:, 3] > 0.0).all():
+            raise ValueError(f"model {self.name}: a wheel's radius is not above 0 m; give the radius of its tyre")
 
 
 @dataclass(frozen=True)

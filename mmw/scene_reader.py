@@ -17,6 +17,8 @@ from mmw.usd.material_map import MaterialMap, find_entry
 from mmw.usd.materials import MaterialUse, read_material, resolve_material
 from mmw.usd.open import check_references, open_stage
 from mmw.usd.semantics import CARLA_TAG
+from mmw.usd.wheels import mesh_wheels
+from mmw.weather import choose_variant
 
 WEATHER = "weather"
 """Name of the variant set that changes materials."""
@@ -35,6 +37,8 @@ class _Part:
     label: str
     object_path: str
     object_label: str
+    wheels: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))  # of an actor: centre and radius
+    wheel: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int32))  # of each face, -1 for none
 
 
 @dataclass
@@ -71,6 +75,13 @@ class _Reader:
             label if thing_label == "unlabeled" else thing_label,
         )  # fmt: skip
 
+    def moving_part(self, mesh: FoundMesh, matrix: np.ndarray) -> _Part | None:
+        """Return a mesh of an actor with its wheels, placed in the actor's frame; None if it has no triangle."""
+        part = self.part(mesh, matrix)
+        if part is not None:
+            part.wheels, part.wheel = mesh_wheels(mesh.prim, self.meshes.triangles(mesh.prim), matrix)
+        return part
+
 
 def _mapped_label(material_map: MaterialMap, path: str, materials: Sequence[Usd.Prim | None]) -> str:
     """Return the class that the material map gives a mesh without one, by its path or its first material's name."""
@@ -81,7 +92,7 @@ def _mapped_label(material_map: MaterialMap, path: str, materials: Sequence[Usd.
 def read_stage(
     path: str | Path,
     frames: range,
-    weathers: Sequence[str],
+    weathers: Sequence[str] | Mapping[str, Sequence[str]],
     *,
     margin: int = 0,
     roles: Mapping[str, str] | None = None,
@@ -96,7 +107,8 @@ def read_stage(
     Args:
         path: USD file.
         frames: Frames to read.
-        weathers: Weathers to read materials for; variants of the stage's variant sets called `weather`.
+        weathers: Weathers to read materials for, each a variant of the stage's variant sets called `weather`; or
+            weather -> variants that can stand for it, of which each set takes the first that it has.
         margin: Frames to read beyond `frames` on each side where the stage has them, for derivatives at the ends.
         roles: Prim path -> cav, vehicle or rsu, for stages without `mmw:actor:role`.
         material_map: Glob of mesh prim paths or material names -> what a mesh is that has no radio material, or no
@@ -114,9 +126,10 @@ def read_stage(
     name = str(path)
     frames, times = _frame_times(stage, name, frames, margin)
     switches = _weather_prims(stage)
-    _check_weathers(switches, name, weathers)
-    if weathers:
-        _select(stage, switches, weathers[0])
+    variants = dict(weathers) if isinstance(weathers, Mapping) else {weather: (weather,) for weather in weathers}
+    _check_weathers(switches, name, variants)
+    for names in list(variants.values())[:1]:
+        _select(stage, switches, names)
     metres = to_metres(stage)
     reader = _Reader(MeshReader(stage, Usd.TimeCode(times[0])), metres, material_map or {})
     actors = find_actors(stage, roles or {})
@@ -131,7 +144,7 @@ def read_stage(
             static += [part] if part and _is_visible(mesh, times[0]) else []
         else:
             matrix = model_matrix(reader.meshes, mesh, actors[row].prim) @ metres @ stretches[row]
-            part = reader.part(mesh, matrix)
+            part = reader.moving_part(mesh, matrix)
             moving[row] += [part] if part else []
     if reader.unresolved:
         listed = "\n  ".join(reader.unresolved)
@@ -143,7 +156,7 @@ def read_stage(
         raise ValueError(
             f"{name}: the stage has no visible mesh; a scene needs at least one; check purpose and visibility"
         )
-    materials, ids = _materials(stage, switches, list(reader.uses), weathers)
+    materials, ids = _materials(stage, switches, list(reader.uses), variants)
     return _assemble(static, actors, moving, frames, poses, materials, ids)
 
 
@@ -169,22 +182,23 @@ def _weather_prims(stage: Usd.Stage) -> list[Usd.Prim]:
     return [prim for prim in stage.Traverse() if prim.HasVariantSets() and prim.GetVariantSets().HasVariantSet(WEATHER)]
 
 
-def _check_weathers(switches: list[Usd.Prim], name: str, weathers: Sequence[str]) -> None:
+def _check_weathers(switches: list[Usd.Prim], name: str, variants: Mapping[str, Sequence[str]]) -> None:
     for prim in switches:
         known = prim.GetVariantSet(WEATHER).GetVariantNames()
-        for weather in weathers:
-            if weather not in known:
+        for weather, names in variants.items():
+            if choose_variant(names, known) is None:
                 raise ValueError(
-                    f"{name}: weather {weather!r} is not a variant of {prim.GetPath()}; it has {', '.join(known)}; "
-                    "name one of them, or author the variant"
+                    f"{name}: weather {weather!r} is not a variant of {prim.GetPath()}; it has {', '.join(known)}, "
+                    f"none of {', '.join(names)}; set air.{weather}.variant to one that it has, or author the variant"
                 )
 
 
-def _select(stage: Usd.Stage, switches: list[Usd.Prim], weather: str) -> None:
-    """Select a weather in the session layer, which leaves the files as they are."""
+def _select(stage: Usd.Stage, switches: list[Usd.Prim], names: Sequence[str]) -> None:
+    """Select in each set the first variant that it has, in the session layer, which leaves the files as they are."""
     with Usd.EditContext(stage, stage.GetSessionLayer()):
         for path in [prim.GetPath() for prim in switches]:
-            stage.GetPrimAtPath(path).GetVariantSet(WEATHER).SetVariantSelection(weather)
+            variants = stage.GetPrimAtPath(path).GetVariantSet(WEATHER)
+            variants.SetVariantSelection(choose_variant(names, variants.GetVariantNames()) or names[0])
 
 
 def _owner(prim: Usd.Prim, actor_of: Mapping[str, int]) -> int | None:
@@ -204,20 +218,20 @@ def _is_visible(mesh: FoundMesh, time: float) -> bool:
 
 
 def _materials(
-    stage: Usd.Stage, switches: list[Usd.Prim], uses: list[MaterialUse], weathers: Sequence[str]
+    stage: Usd.Stage, switches: list[Usd.Prim], uses: list[MaterialUse], variants: Mapping[str, Sequence[str]]
 ) -> tuple[dict[str, tuple[Material, ...]], np.ndarray]:
     """Return materials by weather and id, and the id of each use. Uses that agree in every weather share an id."""
     columns = {}
-    for weather in weathers:
-        _select(stage, switches, weather)
+    for weather, names in variants.items():
+        _select(stage, switches, names)
         columns[weather] = [read_material(stage, use) for use in uses]
     rows = [tuple(column[k] for column in columns.values()) for k in range(len(uses))]
-    if not weathers:
+    if not variants:
         return {}, np.arange(len(uses), dtype=np.int32)
     order = sorted(range(len(uses)), key=lambda k: (uses[k].name, uses[k].prim_path))
     unique = list(dict.fromkeys(rows[k] for k in order))
     ids = np.array([unique.index(row) for row in rows], dtype=np.int32)
-    return {weather: tuple(row[w] for row in unique) for w, weather in enumerate(weathers)}, ids
+    return {weather: tuple(row[w] for row in unique) for w, weather in enumerate(variants)}, ids
 
 
 def _join(parts: list[_Part], ids: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -228,6 +242,16 @@ def _join(parts: list[_Part], ids: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
     faces = np.concatenate([np.zeros((0, 3), dtype=np.int32), *shifted]).astype(np.int32)
     material = np.concatenate([np.zeros(0, dtype=np.int32)] + [ids[part.use] for part in parts]).astype(np.int32)
     return points, faces, material
+
+
+def _join_wheels(parts: list[_Part]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the wheels of several parts, and the wheel of each face; equal centre and radius make one wheel."""
+    row_of: dict[tuple[float, ...], int] = {}
+    columns = []
+    for part in parts:
+        rows = [row_of.setdefault(tuple(wheel), len(row_of)) for wheel in part.wheels.tolist()]
+        columns.append(np.array([*rows, -1], dtype=np.int32)[part.wheel])
+    return np.array(list(row_of), dtype=np.float64).reshape(-1, 4), np.concatenate(columns)
 
 
 def _assemble(
@@ -262,11 +286,13 @@ def _assemble(
         label, model, used_names = actor.label, MODEL_NONE, ()
         if parts:
             model_points, model_faces, model_material = _join(parts, ids)
-            key = (model_points.tobytes(), model_faces.tobytes(), model_material.tobytes())
+            wheels, wheel = _join_wheels(parts)
+            values = (model_points, model_faces, model_material, wheels, wheel)
+            key = tuple(value.tobytes() for value in values)
             if key not in model_of:
                 model_of[key] = len(models)
                 surface = find_surfaces(model_points, model_faces, np.zeros_like(model_material), model_material)
-                models.append(Model(actor.model_name, model_points, model_faces, model_material, surface))
+                models.append(Model(actor.model_name, *values[:3], surface, wheels, wheel))
             model = model_of[key]
             used_names = used(model_material)
             label = parts[0].label if label == "unlabeled" else label

@@ -7,6 +7,7 @@ import numpy as np
 import trimesh
 
 from mmw.materials import LIDAR_REFLECTANCE_905NM, Material, RadioMaterial
+from mmw.poses import make_pose, multiply, quaternion_exp
 from mmw.scene_arrays import Actor, Model, SceneArrays, SceneObject
 from mmw.surfaces import find_surfaces
 from mmw.town.parts import MeshPart
@@ -37,6 +38,19 @@ def material(name: str) -> Material:
 def pose(x: float, y: float, z: float = 0.0, yaw: float = 0.0) -> tuple[float, ...]:
     """Return a level pose with yaw [rad] as (x, y, z, qx, qy, qz, qw)."""
     return (x, y, z, 0.0, 0.0, float(np.sin(yaw / 2)), float(np.cos(yaw / 2)))
+
+
+def moving_poses(start: np.ndarray, velocity: np.ndarray, rate: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Return poses [T, V, 7] of bodies that keep their velocity and angular velocity, both in the world frame [V, 3].
+
+    Args:
+        start: Poses at time 0, shape [V, 7].
+        velocity: Velocity of the origins [m/s].
+        rate: Angular velocity [rad/s].
+        times: Times [s], shape [T].
+    """
+    time = np.asarray(times, dtype=np.float64)[:, None, None]
+    return make_pose(start[:, :3] + velocity * time, multiply(quaternion_exp(rate * time), start[:, 3:]))
 
 
 def box_mesh(size: Sequence[float], center: Sequence[float] = (0.0, 0.0, 0.0)) -> tuple[np.ndarray, np.ndarray]:

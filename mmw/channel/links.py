@@ -8,9 +8,9 @@ import numpy as np
 from mmw.channel.vectors import rotate
 from mmw.config import ChannelConfig
 from mmw.config.section import Vec3
+from mmw.kinematics import differentiate_rows
 from mmw.poses import normalize, quaternion_to_matrix
 from mmw.scene_arrays import SceneArrays
-from mmw.sensors.kinematics import differentiate_rows
 
 LINK_V2I = 0
 """`Links.kind` of a downlink from a roadside unit to a CAV."""

@@ -19,10 +19,10 @@ from mmw.channel.surface_table import SurfaceTable, make_surface_table
 from mmw.channel.vectors import dot, norm
 from mmw.config import ChannelConfig
 from mmw.constants import SPEED_OF_LIGHT
+from mmw.kinematics import differentiate_rows
 from mmw.materials import Material
 from mmw.poses import rotate
 from mmw.scene import Scene
-from mmw.sensors.kinematics import differentiate_rows
 from mmw.weather import Weather
 
 

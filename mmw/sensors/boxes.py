@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mmw.kinematics import Motion, differentiate
 from mmw.poses import compose, make_pose, normalize, quaternion_to_ypr, rotate
 from mmw.scene_arrays import SceneArrays
-from mmw.sensors.kinematics import Motion, differentiate
 
 BOX_ROLES = ("cav", "vehicle", "pedestrian")
 """Actors that have a box."""
@@ -66,20 +66,3 @@ def make_boxes(arrays: SceneArrays, frames: Sequence[int], motion: Motion | None
         size=np.array([arrays.actors[i].size for i in actor], dtype=np.float64).reshape(-1, 3),
         velocity=motion.velocity[row, actor] + np.cross(motion.world_rate[row, actor], rotate(q, center)),
     )
-
-
-def count_returns(offsets: np.ndarray, object_id: np.ndarray, wanted: Sequence[int]) -> np.ndarray:
-    """Return how many LiDAR returns of each view lie on each wanted object, shape [A, K], int32.
-
-    Args:
-        offsets: First return of every view, and the number of returns, shape [A + 1].
-        object_id: Object of every return, shape [N], >= 0.
-        wanted: K different object ids.
-    """
-    view_count, kinds = len(offsets) - 1, len(wanted)
-    highest = max(int(object_id.max(initial=-1)), *wanted, -1)
-    column_of = np.full(highest + 1, kinds, dtype=np.int64)
-    column_of[np.asarray(wanted, dtype=np.int64)] = np.arange(kinds)
-    view = np.repeat(np.arange(view_count), np.diff(offsets))
-    counts = np.bincount(view * (kinds + 1) + column_of[object_id], minlength=view_count * (kinds + 1))
-    return counts.reshape(view_count, kinds + 1)[:, :kinds].astype(np.int32)

@@ -8,10 +8,25 @@ import numpy as np
 from pxr import Gf, Kind, Sdf, Usd, UsdGeom, Vt
 
 from mmw.usd.specs import apply_api, set_label, set_value
+from mmw.usd.wheels import WHEEL_CENTER, WHEEL_FAMILY, WHEEL_RADIUS
 from mmw.vehicles.shapes import Shape, corner_normals
 
 MATERIALS_ASSET = "../../materials/materials.usda"
 """The material library, seen from an asset's folder."""
+
+
+@dataclass(frozen=True)
+class WheelSpec:
+    """One wheel of a vehicle."""
+
+    name: str
+    """Name of its GeomSubset in every mesh that has faces of it."""
+    center: Sequence[float]
+    """Centre in the body frame [m], shape [3]."""
+    radius: float
+    """Radius of the tyre [m]."""
+    faces: range
+    """Its faces in the shape."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +45,8 @@ class AssetSpec:
     """Name -> length [m]; length, width and height of the box are needed."""
     center: Sequence[float]
     """Middle of the box in the body frame [m], shape [3]."""
+    wheels: Sequence[WheelSpec] = ()
+    """Wheels of a vehicle; none for a figure."""
 
 
 def write_asset(name: str, shape: Shape, spec: AssetSpec, out_dir: str | Path) -> Path:
@@ -67,7 +84,22 @@ def _geometry_stage(model: str, shape: Shape, spec: AssetSpec) -> Usd.Stage:
         mesh.SetNormalsInterpolation(UsdGeom.Tokens.faceVarying)
         mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
         mesh.CreateExtentAttr(Vt.Vec3fArray.FromNumpy(np.stack([points.min(axis=0), points.max(axis=0)])))
+        for wheel in spec.wheels:
+            _write_wheel(mesh, wheel, np.flatnonzero(chosen))
     return stage
+
+
+def _write_wheel(mesh: UsdGeom.Mesh, wheel: WheelSpec, faces: np.ndarray) -> None:
+    """Write the GeomSubset of a wheel in a mesh of some faces of the shape, unless none of them is the wheel's."""
+    inside = np.flatnonzero((faces >= wheel.faces.start) & (faces < wheel.faces.stop))
+    if len(inside) == 0:
+        return
+    indices = Vt.IntArray.FromNumpy(inside.astype(np.int32))
+    subset = UsdGeom.Subset.CreateGeomSubset(mesh, wheel.name, UsdGeom.Tokens.face, indices, WHEEL_FAMILY)
+    UsdGeom.Subset.SetFamilyType(mesh, WHEEL_FAMILY, UsdGeom.Tokens.nonOverlapping)
+    prim = subset.GetPrim()
+    prim.CreateAttribute(WHEEL_CENTER, Sdf.ValueTypeNames.Float3).Set(Gf.Vec3f(*map(float, wheel.center)))
+    prim.CreateAttribute(WHEEL_RADIUS, Sdf.ValueTypeNames.Float).Set(wheel.radius)
 
 
 def _interface_layer(model: str, shape: Shape, spec: AssetSpec) -> Sdf.Layer:

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from mmw.paths import assets_dir
-from mmw.vehicles.asset import AssetSpec, write_asset
+from mmw.vehicles.asset import AssetSpec, WheelSpec, write_asset
 from mmw.vehicles.body import build_skin
 from mmw.vehicles.figures import FIGURES, build_figure
 from mmw.vehicles.models import BLUEPRINTS, Block, Blueprint
@@ -38,7 +38,7 @@ def build_shape(model: str) -> Shape:
     shapes = [build_skin(body) for body in blueprint.bodies]
     for block in blueprint.blocks:
         shapes += _block(block)
-    return join(shapes + _wheels(blueprint))
+    return join(shapes + [shape for shape, _, _ in _wheels(blueprint)])
 
 
 def _block(block: Block) -> list[Shape]:
@@ -46,16 +46,33 @@ def _block(block: Block) -> list[Shape]:
     return [one, one.mirrored()] if block.mirror else [one]
 
 
-def _wheels(blueprint: Blueprint) -> list[Shape]:
+def _wheels(blueprint: Blueprint) -> list[tuple[Shape, str, tuple[float, float, float]]]:
+    """Return shape, name and centre [m] of every wheel, all in the body frame."""
     wheels = blueprint.wheels
     front = wheel(wheels.radius, wheels.width, wheels.rim, wheels.spokes)
     rear = wheel(wheels.radius, wheels.rear_width or wheels.width, wheels.rim, wheels.spokes)
     inward = ((wheels.rear_width or wheels.width) - wheels.width) / 2
-    left = [
-        front.moved((blueprint.wheelbase / 2, wheels.track / 2, wheels.radius)),
-        rear.moved((-blueprint.wheelbase / 2, wheels.track / 2 - inward, wheels.radius)),
+    places = (
+        ("front", front, (blueprint.wheelbase / 2, wheels.track / 2, wheels.radius)),
+        ("rear", rear, (-blueprint.wheelbase / 2, wheels.track / 2 - inward, wheels.radius)),
+    )
+    left = [(shape.moved(center), f"wheel_{axle}_left", center) for axle, shape, center in places]
+    right = [
+        (shape.moved(center).mirrored(), f"wheel_{axle}_right", (center[0], -center[1], center[2]))
+        for axle, shape, center in places
     ]
-    return left + [one.mirrored() for one in left]
+    return left + right
+
+
+def _wheel_specs(blueprint: Blueprint, face_count: int) -> list[WheelSpec]:
+    """Return the wheels of a model of so many faces, of which the wheels are the last."""
+    wheels = _wheels(blueprint)
+    first = face_count - sum(len(shape.faces) for shape, _, _ in wheels)
+    specs = []
+    for shape, name, center in wheels:
+        specs.append(WheelSpec(name, center, blueprint.wheels.radius, range(first, first + len(shape.faces))))
+        first += len(shape.faces)
+    return specs
 
 
 def build_vehicle(model: str, out_dir: str | Path) -> Path:
@@ -78,7 +95,8 @@ def build_vehicle(model: str, out_dir: str | Path) -> Path:
         "length": blueprint.length, "width": blueprint.width, "height": blueprint.height,
     }  # fmt: skip
     center = ((low + high) / 2).tolist()
-    spec = AssetSpec(blueprint.label, PART_MATERIAL, blueprint.paints, "mmw:vehicle:", dimensions, center)
+    wheels = _wheel_specs(blueprint, len(shape.faces))
+    spec = AssetSpec(blueprint.label, PART_MATERIAL, blueprint.paints, "mmw:vehicle:", dimensions, center, wheels)
     return write_asset(model, shape, spec, out_dir)
 
 

@@ -8,11 +8,11 @@ import numpy as np
 
 from mmw.config import Config, DepthConfig, ScenarioConfig
 from mmw.constants import FRAME_RATE_HZ
+from mmw.kinematics import Motion
 from mmw.patterns import pinhole
 from mmw.poses import normalize
 from mmw.scene_arrays import SceneArrays
 from mmw.sensors.boxes import Boxes
-from mmw.sensors.kinematics import Motion
 from mmw.tables.rows.common import AGENT_ROLES, Columns, names, split
 from mmw.tables.schemas import table_spec
 from mmw.views import mount_pose
