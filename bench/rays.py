@@ -26,8 +26,9 @@ import warp as wp
 from bench import first_hit
 from bench.scenes import grid_town, shipped_town, with_vehicles
 from mmw import __version__
+from mmw.config import LidarConfig
 from mmw.kernels import structs
-from mmw.patterns import lidar_directions, lidar_order, pinhole
+from mmw.patterns import lidar_order, lidar_pattern, pinhole
 from mmw.poses import compose, pose_from_mount
 from mmw.scene import Scene
 from mmw.scene_arrays import SceneArrays
@@ -68,7 +69,7 @@ class Result:
 
 CAMERA = pinhole(640, 480, 110.0)
 LIDAR_PATTERN = (64, 469)
-LIDAR = lidar_directions(*LIDAR_PATTERN, 2.0, -25.0)
+LIDAR = lidar_pattern(LidarConfig())
 PRESETS = (
     Preset("sphere", 1, 1_000_000, 100_000),
     Preset("camera", 4, CAMERA.width * CAMERA.height, CAMERA.width * CAMERA.height),

@@ -7,8 +7,9 @@ import warp as wp
 from bench import first_hit
 from bench.rays import PRESETS, make_views
 from bench.scenes import grid_town, with_vehicles
+from mmw.config import LidarConfig
 from mmw.kernels import structs
-from mmw.patterns import lidar_directions, pinhole, pinhole_directions
+from mmw.patterns import lidar_pattern, pinhole, pinhole_directions
 from mmw.scene import Scene
 from tests.scenes import two_cars
 
@@ -64,4 +65,4 @@ def test_measured_scene_is_large_enough() -> None:
     assert np.isfinite(arrays.poses).all()
     for preset in PRESETS:
         assert len(make_views(arrays, preset, "cpu").slot) == 2 * preset.views_per_frame
-    assert lidar_directions(64, 469, 2.0, -25.0).shape == (PRESETS[2].rays_per_view, 3)
+    assert lidar_pattern(LidarConfig()).shape == (PRESETS[2].rays_per_view, 3)

@@ -1,17 +1,20 @@
-"""LiDAR: the pattern, every return against a float64 brute-force oracle, sameness over batches, intensity."""
+"""LiDAR: the pattern, every hit against a float64 brute-force oracle, sameness over batches and weathers."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 
 from mmw.config import LidarConfig, MountConfig
-from mmw.patterns import lidar_azimuths, lidar_directions, lidar_elevations, lidar_order
+from mmw.config.lidar_parts import LidarOpticsConfig
+from mmw.constants import FRAME_DT
+from mmw.patterns import carla_points_per_channel, lidar_azimuths, lidar_elevations, lidar_order, lidar_pattern
 from mmw.poses import transform_points
 from mmw.scene import Scene
 from mmw.scene_arrays import SceneArrays
 from mmw.sensors.lidar import LidarBatch, shade_lidar, trace_lidar, trace_lidar_hits
-from mmw.views import Views, make_views
+from mmw.views import Views, make_views, view_keys
+from mmw.weather import PRESETS, Weather
 from tests.oracles import cast_rays, sensor_rays
 from tests.scenes import ABSENT, arrays_from_parts, closed_box, ground_part, random_triangles, two_cars, wall_part
 
@@ -22,13 +25,19 @@ AMBIGUOUS_ANGLE = 1e-6
 
 def loaded(arrays: SceneArrays, device: str, frames=None) -> Scene:
     frames = list(arrays.frames) if frames is None else frames
-    scene = Scene(arrays, device, len(frames))
+    scene = Scene(arrays, device, len(frames), sweep_s=FRAME_DT)
     scene.load_batch(frames)
     return scene
 
 
-def directions_of(config: LidarConfig) -> np.ndarray:
-    return lidar_directions(config.channels, config.points_per_channel, config.upper_fov_deg, config.lower_fov_deg)
+def sweeps(
+    arrays: SceneArrays, device: str, frames, config: LidarConfig, air: str | Weather = "sunny", seed: int = 1
+) -> LidarBatch:
+    """Point clouds of some frames; the name of the weather, or `special`, is part of the key of the noise."""
+    name, weather = (air, PRESETS[air]) if isinstance(air, str) else ("special", air)
+    views = make_views(arrays, frames, config)
+    keys = view_keys(arrays, views, seed, "test", name, config.name)
+    return trace_lidar(loaded(arrays, device, frames), views, config, arrays.materials["sunny"], weather, keys)
 
 
 def is_ambiguous(
@@ -51,51 +60,56 @@ def assert_equals_oracle(arrays: SceneArrays, device: str, config: LidarConfig, 
     """Compare every ray of every view; `most` bounds the share of ambiguous rays."""
     frames = list(dict.fromkeys(views.frame.tolist()))
     hits = trace_lidar_hits(loaded(arrays, device, frames), views, config)
-    pattern = directions_of(config)
-    ranges, rays = hits.points.range.numpy(), hits.points.ray.numpy()
-    cosines, materials = hits.points.cos_incidence.numpy(), hits.points.material_id.numpy()
+    pattern = lidar_pattern(config)
+    ranges, objects = hits.rays.range.numpy(), hits.rays.object_id.numpy()
+    cosines, materials = hits.rays.cos_incidence.numpy(), hits.rays.material_id.numpy()
     ambiguous = 0
     for view in range(len(views)):
-        part = slice(hits.offsets[view], hits.offsets[view + 1])
         origin, direction = sensor_rays(views.pose[view], pattern)
         expected = cast_rays(arrays, int(views.frame[view]), origin, direction, config.range_m)
-        found_t, found_object = np.full(len(pattern), np.inf), np.full(len(pattern), -1)
-        found_t[rays[part]], found_object[rays[part]] = ranges[part], hits.object_id[part]
         with np.errstate(invalid="ignore"):
-            is_same = (found_object == expected.object_id) & ~(np.abs(found_t - expected.t) > 1e-3)
+            is_same = (objects[view] == expected.object_id) & ~(np.abs(ranges[view] - expected.t) > 1e-3)
         odd = np.flatnonzero(~is_same)
         if len(odd):
             clear = ~is_ambiguous(arrays, int(views.frame[view]), origin[odd], direction[odd], config.range_m)
             # The end of the range is an edge like any other.
             clear &= np.abs(expected.t[odd] - config.range_m) > 1e-3
-            assert not clear.any(), (view, odd[clear], found_t[odd[clear]], expected.t[odd[clear]])
+            assert not clear.any(), (view, odd[clear], ranges[view][odd[clear]], expected.t[odd[clear]])
         ambiguous += len(odd)
-        here = rays[part][is_same[rays[part]]]
-        rows = np.flatnonzero(is_same[rays[part]]) + part.start
+        here = np.flatnonzero(is_same & (objects[view] >= 0))
         cosine = -np.einsum("rx,rx->r", expected.normal, direction)[here]
-        np.testing.assert_allclose(cosines[rows], cosine, atol=1e-5)
-        np.testing.assert_array_equal(materials[rows], expected.material[here])
-        exact = pattern[here] * expected.t[here, None]
-        assert np.linalg.norm(hits.xyz[:, rows].T - exact, axis=1).max(initial=0.0) < 1e-3  # stored return, 1 mm
+        np.testing.assert_allclose(cosines[view][here], cosine, atol=1e-5)
+        np.testing.assert_array_equal(materials[view][here], expected.material[here])
     assert ambiguous <= most * len(views) * len(pattern), ambiguous
 
 
 def test_pattern_is_the_papers() -> None:
-    pattern = directions_of(LidarConfig()).reshape(64, 469, 3)
+    pattern = lidar_pattern(LidarConfig()).reshape(64, 469, 3)
+    assert pattern.shape[0] * pattern.shape[1] == 30_016
     np.testing.assert_allclose(np.linalg.norm(pattern, axis=-1), 1.0, atol=1e-15)
     elevation = np.degrees(np.arcsin(pattern[..., 2]))
-    np.testing.assert_allclose(elevation, np.broadcast_to((2.0 - np.arange(64) * 27.0 / 63.0)[:, None], (64, 469)))
-    azimuth = np.degrees(np.arctan2(pattern[..., 1], pattern[..., 0]))
-    step = (azimuth[:, :-1] - azimuth[:, 1:] + 180.0) % 360.0 - 180.0
-    np.testing.assert_allclose(step, 360.0 / 469.0, atol=1e-9)
+    wanted = np.broadcast_to((2.0 - np.arange(64) * 27.0 / 63.0)[:, None], (64, 469))
+    np.testing.assert_allclose(elevation, wanted, rtol=0, atol=1e-6)
+    yaw = np.degrees(np.arctan2(-pattern[..., 1], pattern[..., 0]))  # CARLA's, clockwise
+    wanted = np.broadcast_to(np.arange(469) * 360.0 / 469.0 - 180.0, (64, 469))
+    np.testing.assert_allclose((yaw - wanted + 180.0) % 360.0 - 180.0, 0.0, atol=1e-6)
 
 
 def test_turn_starts_backwards_and_goes_by_the_left() -> None:
     azimuth = lidar_azimuths(4)
     np.testing.assert_allclose(azimuth, [np.pi, np.pi / 2, 0.0, -np.pi / 2], atol=1e-15)
     assert len(set(np.round(lidar_azimuths(469) % (2 * np.pi), 9))) == 469
+    np.testing.assert_allclose(np.degrees(lidar_azimuths(3, 90.0)), [45.0, 15.0, -15.0], atol=1e-12)
     np.testing.assert_allclose(np.degrees(lidar_elevations(1, 3.0, -20.0)), [3.0])
     np.testing.assert_allclose(np.degrees(lidar_elevations(2, 3.0, -20.0)), [3.0, -20.0])
+
+
+def test_points_of_a_turn_follow_from_carlas_numbers() -> None:
+    assert carla_points_per_channel(3_000_000, 64) == 469
+    assert carla_points_per_channel(56_000, 32, 0.1) == 175  # CARLA's default sensor at 10 Hz
+    assert carla_points_per_channel(150, 1) == 2  # 1.5 goes away from zero
+    with pytest.raises(ValueError, match="raise points_per_second"):
+        carla_points_per_channel(3_000, 64)
 
 
 def test_street_with_cars_equals_the_oracle(device: str) -> None:
@@ -124,24 +138,28 @@ def test_closed_room_returns_every_ray(device: str) -> None:
     arrays = closed_box(10.0)
     views = Views(np.zeros(1, int), np.zeros(1, np.int32), np.zeros(1, np.int32), np.array([[1.0, 2, 0.5, 0, 0, 0, 1]]),
                   np.full(1, -1, np.int32))  # fmt: skip
-    hits = trace_lidar_hits(loaded(arrays, device), views, LidarConfig())
-    np.testing.assert_array_equal(hits.offsets, [0, 64 * 469])
-    np.testing.assert_array_equal(hits.points.ray.numpy(), np.arange(64 * 469))
-    world = hits.xyz.T + np.array([1.0, 2.0, 0.5])
+    config = LidarConfig(optics={"range_resolution_m": 0})
+    keys = np.zeros((1, 2), np.uint32)
+    batch = trace_lidar(loaded(arrays, device), views, config, arrays.materials["sunny"], PRESETS["sunny"], keys)
+    np.testing.assert_array_equal(batch.offsets, [0, 64 * 469])
+    np.testing.assert_array_equal(batch.ring, np.repeat(np.arange(64), 469))
+    world = np.stack([batch.x, batch.y, batch.z], axis=1) + np.array([1.0, 2.0, 0.5])
     assert np.abs(np.abs(world).max(axis=1) - 5.0).max() < 1e-3
+    unit = lidar_pattern(config)
+    across = np.cross(unit, np.stack([batch.x, batch.y, batch.z], axis=1))
+    assert np.linalg.norm(across, axis=1).max() < 1e-3  # ray by ray
 
 
 def test_points_lie_on_the_grid_in_channel_order(device: str) -> None:
-    arrays = two_cars(1)
-    config = LidarConfig()
-    batch = trace_lidar(loaded(arrays, device), make_views(arrays, [0], config), config, arrays.materials["sunny"])
+    batch = sweeps(two_cars(1), device, [0], LidarConfig(returns="dual"), "rainy")
     for values, steps in ((batch.x, 1024), (batch.y, 1024), (batch.z, 1024), (batch.intensity, 256)):
         assert values.dtype == np.float32
         np.testing.assert_array_equal(values * steps, np.round(values * steps))
-    assert batch.ring.dtype == np.uint8
+    assert batch.ring.dtype == batch.label.dtype == batch.return_number.dtype == np.uint8
     for start, stop in zip(batch.offsets[:-1], batch.offsets[1:], strict=True):
         assert np.all(np.diff(batch.ring[start:stop].astype(int)) >= 0)
-    assert batch.offsets[-1] == len(batch.x) == len(batch.intensity) == len(batch.ring) == len(batch.object_id)
+    for field in fields(batch)[1:]:
+        assert len(getattr(batch, field.name)) == batch.offsets[-1]
     # Ring 0 looks up by 2 deg, ring 63 down by 25 deg.
     assert np.all(batch.z[batch.ring == 0] > 0) and np.all(batch.z[batch.ring == 63] < 0)
 
@@ -152,48 +170,53 @@ def test_own_roof_is_seen(device: str) -> None:
         on=("cav",), channels=1, points_per_channel=8, upper_fov_deg=-60, lower_fov_deg=-60,
         mount={"cav": MountConfig(position_m=(0, 0, 1.7))},
     )  # fmt: skip
-    batch = trace_lidar(loaded(arrays, device), make_views(arrays, [0], low), low, arrays.materials["sunny"])
+    batch = sweeps(arrays, device, [0], low)
     np.testing.assert_array_equal(batch.object_id, arrays.actors[0].object_id)
 
 
-def test_intensity_is_reflectance_times_cosine(device: str) -> None:
-    arrays = arrays_from_parts([wall_part("wall", (-30.0, 20.0), (30.0, 20.0), 30.0)], actors=[("rsu_1", "rsu", -1)])
-    config = LidarConfig(channels=9, points_per_channel=72, upper_fov_deg=40, lower_fov_deg=0)
-    hits = trace_lidar_hits(loaded(arrays, device), make_views(arrays, [0], config), config)
-    dry = arrays.materials["sunny"]
-    wet = tuple(replace(material, lidar_reflectance=0.5 * material.lidar_reflectance) for material in dry)
-    unit = hits.xyz / np.linalg.norm(hits.xyz, axis=0)
-    for materials in (dry, wet):
-        batch = shade_lidar(hits, materials)
-        # The wall is square to y, so the cosine of incidence is the y part of the direction.
-        expected = materials[0].lidar_reflectance * unit[1]
-        assert np.abs(batch.intensity - expected).max() < 0.5 / 256 + 2e-4
-    assert len(hits.ring) > 50
-    assert shade_lidar(hits, dry).x.base is hits.xyz
-
-
-def test_batches_do_not_change_a_byte(device: str) -> None:
+@pytest.mark.parametrize("config", [
+    SMALL,
+    SMALL.model_copy(update={"returns": "dual"}),
+    SMALL.model_copy(update={"mode": "compat"}),
+    SMALL.model_copy(update={"rolling": True, "deskew": True}),
+], ids=["physical", "dual", "compat", "rolling"])  # fmt: skip
+@pytest.mark.parametrize("air", [Weather(rain_mm_h=25, wetness=1), PRESETS["foggy"]], ids=["rain", "fog"])
+def test_batches_do_not_change_a_byte(device: str, air: Weather, config: LidarConfig) -> None:
     arrays = two_cars(5)
-    whole = trace_lidar(loaded(arrays, device), make_views(arrays, range(5), SMALL), SMALL, arrays.materials["sunny"])
+    whole = sweeps(arrays, device, range(5), config, air)
     for frames in ([3], [4, 0], [1, 2, 3]):
-        part = trace_lidar(
-            loaded(arrays, device, frames), make_views(arrays, frames, SMALL), SMALL, arrays.materials["sunny"]
-        )
+        part = sweeps(arrays, device, frames, config, air)
         for slot, frame in enumerate(frames):
             assert cloud(part, 2 * slot) == cloud(whole, 2 * frame)
             assert cloud(part, 2 * slot + 1) == cloud(whole, 2 * frame + 1)
 
 
+def test_other_seeds_and_weathers_draw_other_noise(device: str) -> None:
+    arrays = two_cars(1)
+    one, same, other = (sweeps(arrays, device, [0], SMALL, "rainy", seed) for seed in (1, 1, 2))
+    assert cloud(one, 0) == cloud(same, 0) and cloud(one, 0) != cloud(other, 0)
+
+
+def test_weathers_of_one_trace_are_those_of_traces_of_their_own(device: str) -> None:
+    arrays = two_cars(2)
+    views = make_views(arrays, [0, 1], SMALL)
+    hits = trace_lidar_hits(loaded(arrays, device), views, SMALL)
+    for name in ("sunny", "rainy", "foggy", "sunny"):
+        keys = view_keys(arrays, views, 1, "test", name, SMALL.name)
+        batch = shade_lidar(hits, arrays.materials["sunny"], PRESETS[name], keys)
+        alone = sweeps(arrays, device, [0, 1], SMALL, name)
+        assert [cloud(batch, view) for view in range(4)] == [cloud(alone, view) for view in range(4)]
+
+
 def cloud(batch: LidarBatch, view: int) -> list[bytes]:
     part = slice(batch.offsets[view], batch.offsets[view + 1])
-    names = ("x", "y", "z", "intensity", "ring", "object_id")
-    return [np.ascontiguousarray(getattr(batch, name)[part]).tobytes() for name in names]
+    return [np.ascontiguousarray(getattr(batch, field.name)[part]).tobytes() for field in fields(batch)[1:]]
 
 
 def test_frame_without_vehicles_sees_none(device: str) -> None:
     arrays = two_cars(3)
     arrays.poses[1, :2] = ABSENT
-    batch = trace_lidar(loaded(arrays, device), make_views(arrays, range(3), SMALL), SMALL, arrays.materials["sunny"])
+    batch = sweeps(arrays, device, range(3), SMALL)
     vehicles = [actor.object_id for actor in arrays.actors[:2]]
     # Views: cav and rsu in frame 0, the rsu alone in frame 1, both in frame 2.
     seen = [
@@ -204,13 +227,12 @@ def test_frame_without_vehicles_sees_none(device: str) -> None:
 
 def test_nothing_in_range_and_no_views(device: str) -> None:
     arrays = arrays_from_parts([ground_part()], actors=[("rsu_1", "rsu", -1)])
-    materials = arrays.materials["sunny"]
     sky = LidarConfig(channels=2, points_per_channel=10, upper_fov_deg=30, lower_fov_deg=10)
-    batch = trace_lidar(loaded(arrays, device), make_views(arrays, [0], sky), sky, materials)
+    batch = sweeps(arrays, device, [0], sky)
     np.testing.assert_array_equal(batch.offsets, [0, 0])
     assert len(batch.x) == 0
     nobody = SMALL.model_copy(update={"on": ("cav",)})
-    batch = trace_lidar(loaded(arrays, device), make_views(arrays, [0], nobody), nobody, materials)
+    batch = sweeps(arrays, device, [0], nobody, "foggy")
     np.testing.assert_array_equal(batch.offsets, [0])
     assert len(batch.intensity) == 0
 
@@ -221,8 +243,9 @@ def test_range_ends_where_the_config_says(device: str) -> None:
     for range_m in (19.9, 20.1, 25.0):
         config = LidarConfig(channels=1, points_per_channel=360, upper_fov_deg=0, range_m=range_m, lower_fov_deg=0)
         hits = trace_lidar_hits(loaded(arrays, device), make_views(arrays, [0], config), config)
-        assert np.all(hits.points.range.numpy() < range_m)
-        counts.append(hits.offsets[-1])
+        ranges = hits.rays.range.numpy()
+        assert np.all(ranges[np.isfinite(ranges)] < range_m)
+        counts.append(int(np.isfinite(ranges).sum()))
     # Half angle acos(20 / range) to both sides of y, in whole degrees, plus the middle.
     assert counts == [0, 2 * 5 + 1, 2 * 36 + 1]
 
@@ -230,22 +253,25 @@ def test_range_ends_where_the_config_says(device: str) -> None:
 def test_more_rays_than_can_be_counted_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     arrays = two_cars(1)
     views = make_views(arrays, [0], SMALL)
-    monkeypatch.setattr("mmw.sensors.lidar.MOST_RAYS", 2 * 16 * 90 - 1)
+    monkeypatch.setattr("mmw.sensors.lidar.MOST_RETURNS", 2 * 16 * 90 - 1)
     with pytest.raises(ValueError, match=r"lower compute\.batch_frames"):
         trace_lidar_hits(loaded(arrays, "cpu"), views, SMALL)
 
 
-def test_shading_needs_materials(device: str) -> None:
+def test_shading_needs_materials_and_keys(device: str) -> None:
     arrays = two_cars(1)
     hits = trace_lidar_hits(loaded(arrays, device), make_views(arrays, [0], SMALL), SMALL)
     with pytest.raises(ValueError, match="no materials"):
-        shade_lidar(hits, ())
+        shade_lidar(hits, (), PRESETS["sunny"], np.zeros((2, 2), np.uint32))
+    with pytest.raises(ValueError, match="use view_keys"):
+        shade_lidar(hits, arrays.materials["sunny"], PRESETS["sunny"], np.zeros((1, 2), np.uint32))
 
 
 def test_returns_lie_on_the_surface_of_their_object() -> None:
     arrays = two_cars(2)
-    views = make_views(arrays, [1], SMALL)
-    batch = trace_lidar(loaded(arrays, "cpu", [1]), views, SMALL, arrays.materials["sunny"])
+    exact = SMALL.model_copy(update={"optics": LidarOpticsConfig(range_resolution_m=0)})
+    views = make_views(arrays, [1], exact)
+    batch = sweeps(arrays, "cpu", [1], exact)
     part = slice(batch.offsets[1], batch.offsets[2])
     xyz = np.stack([batch.x[part], batch.y[part], batch.z[part]], axis=1)
     world = transform_points(views.pose[1], xyz)

@@ -8,13 +8,13 @@ from mmw.channel.paths import PATH_LOS
 from mmw.channel.solver import solve_paths
 from mmw.config import ChannelConfig, DepthConfig, LidarConfig, MountConfig
 from mmw.constants import GRAVITY
+from mmw.kinematics import differentiate
 from mmw.paths import town_path
-from mmw.patterns import pinhole, pinhole_directions
+from mmw.patterns import lidar_pattern, pinhole, pinhole_directions
 from mmw.poses import angle_between, compose, pose_from_mount, pose_from_ypr
 from mmw.scene import Scene, SceneArrays, read_stage
 from mmw.sensors.depth import trace_depth
 from mmw.sensors.imu import integrate_imu, measure
-from mmw.sensors.kinematics import differentiate
 from mmw.sensors.lidar import trace_lidar_hits
 from mmw.stage.compose import compose_scenario
 from mmw.town.asset import open_town
@@ -23,7 +23,7 @@ from mmw.vehicles.catalog import load_catalog
 from mmw.views import Views, make_views
 from tests.oracles import OracleScene, cast_rays, oracle_scene, sensor_rays
 from tests.test_channel_paths import edge_distance
-from tests.test_lidar import directions_of, is_ambiguous
+from tests.test_lidar import is_ambiguous
 from tests.traffic_towns import demand
 
 FRAMES = [0, 250, 500, 1000]
@@ -114,10 +114,8 @@ def test_lidar_equals_the_oracle(arrays: SceneArrays, scene: Scene) -> None:
     config = LidarConfig()
     views = make_views(arrays, FRAMES, config)
     hits = trace_lidar_hits(scene, views, config)
-    pattern = directions_of(config)
-    found_t, found = np.full((len(views), len(pattern)), np.inf), np.full((len(views), len(pattern)), -1)
-    at = np.repeat(np.arange(len(views)), np.diff(hits.offsets)), hits.points.ray.numpy()
-    found_t[at], found[at] = hits.points.range.numpy(), hits.object_id
+    pattern = lidar_pattern(config)
+    found_t, found = hits.rays.range.numpy(), hits.rays.object_id.numpy()
     assert_equals_oracle(arrays, views, pattern, np.full(len(pattern), config.range_m), found_t, found)
 
 

@@ -3,19 +3,28 @@
 from collections.abc import Sequence
 
 from mmw.config import LidarConfig
-from mmw.recording.job import Job, Rows, collect
+from mmw.random_keys import random_key
+from mmw.recording.job import Job, Rows
 from mmw.sensors.lidar import shade_lidar, trace_lidar_hits
-from mmw.tables.rows.lidar import lidar_rows, visibility_rows
-from mmw.views import make_views
+from mmw.sensors.lidar_flow import scene_flow
+from mmw.tables.rows.lidar import lidar_rows, seen_rows
+from mmw.views import make_views, view_keys
 
 
 def record_lidar(job: Job, sensor: LidarConfig, frames: Sequence[int], collected: Rows) -> None:
-    """Add the sweeps of one LiDAR."""
+    """Add the sweeps of one LiDAR, and how many of its points lie on each actor.
+
+    In `compat` the random numbers are the same in every weather, because weather does nothing there.
+    """
     views = make_views(job.arrays, frames, sensor)
+    seed, scenario = job.config.seed, job.scenario.name
     with job.clock.stage(sensor.name, len(views) * sensor.channels * sensor.points_per_channel):
-        hits = trace_lidar_hits(job.scene, views, sensor)
-        for weather, tables in collected.items():
-            points = shade_lidar(hits, job.arrays.materials[weather])
-            tables["lidar"].append(lidar_rows(job.arrays, sensor.name, views, points))
-    seen = job.pool.submit(visibility_rows, job.arrays, sensor.name, views, hits)
-    collect(collected, {"box_visibility": seen})
+        hits = trace_lidar_hits(job.scene, views, sensor, job.motion)
+        for name, tables in collected.items():
+            keys = view_keys(job.arrays, views, seed, scenario, name if sensor.mode == "physical" else "", sensor.name)
+            points = shade_lidar(
+                hits, job.arrays.materials[name], job.weather(name), keys, random_key(seed, scenario, name, "fog")
+            )
+            flow = scene_flow(job.arrays, views, points) if sensor.scene_flow else None
+            tables["lidar"].append(lidar_rows(job.arrays, sensor.name, views, points, flow))
+            tables["box_visibility"].append(job.pool.submit(seen_rows, job.arrays, sensor.name, views, points))

@@ -1,4 +1,4 @@
-"""LiDAR: one turn a frame, first return of every ray, intensity from material and incidence in clear air."""
+"""LiDAR: one turn a frame; geometry traced once, returns found in every weather."""
 
 # Warp's structs and small number types are objects, not classes, to a type checker.
 # pyright: reportGeneralTypeIssues=false, reportArgumentType=false
@@ -10,42 +10,32 @@ import numpy as np
 import warp as wp
 
 from mmw.config import LidarConfig
-from mmw.kernels import lidar, structs
+from mmw.constants import FRAME_DT
+from mmw.kernels import lidar
+from mmw.kinematics import Motion, differentiate
 from mmw.materials import Material
-from mmw.patterns import lidar_directions, lidar_order
+from mmw.patterns import lidar_order, lidar_pattern
 from mmw.scene import Scene
+from mmw.sensors.host import to_host
+from mmw.sensors.lidar_returns import LidarHits, shade_on_device
+from mmw.sensors.sweep import view_twists
 from mmw.views import Views
+from mmw.weather import Weather
 
 BLOCK_DIM = 64
 """Threads of a block for kernels that query a BVH, whose stacks lie in shared memory."""
 
-MOST_RAYS = 2**31 - 1
-"""Rays of one batch: returns are counted in 32 bits."""
-
-
-@dataclass(frozen=True)
-class LidarHits:
-    """What the rays of a batch met; geometry only, so it serves every weather.
-
-    A views, N returns in all. The returns of view a are rows `offsets[a]` to `offsets[a + 1]`, channel by channel from
-    the top, in firing order; rays without a return have no row.
-    """
-
-    offsets: np.ndarray
-    """First return of every view, and N, shape [A + 1], int32."""
-    xyz: np.ndarray
-    """Positions in the sensor frame, x forward, y left, z up, on a grid of 1/1024 m, shape [3, N], float32."""
-    ring: np.ndarray
-    """Channel, 0 the highest, shape [N], uint8."""
-    object_id: np.ndarray
-    """Object that was hit, shape [N], int32."""
-    points: lidar.LidarPoints
-    """The same and `range`, `ray`, `cos_incidence`, `material_id` on the device, shape [N]."""
+MOST_RETURNS = 2**31 - 1
+"""Returns of one batch: they are counted in 32 bits."""
 
 
 @dataclass(frozen=True)
 class LidarBatch:
-    """Point clouds of a batch in one weather. The returns of view a are rows `offsets[a]` to `offsets[a + 1]`."""
+    """Point clouds of a batch in one weather.
+
+    A views, N returns in all. The returns of view a are rows `offsets[a]` to `offsets[a + 1]`, channel by channel from
+    the top, in firing order, of one ray the strongest before the last; rays without a return have no row.
+    """
 
     offsets: np.ndarray
     """First return of every view, and N, shape [A + 1], int32."""
@@ -56,124 +46,110 @@ class LidarBatch:
     z: np.ndarray
     """Up in the sensor frame, on a grid of 1/1024 m, shape [N], float32."""
     intensity: np.ndarray
-    """Reflectance at 905 nm x cosine of incidence, 0 to 1 on a grid of 1/256, shape [N], float32."""
+    """0 to 1 on a grid of 1/256, shape [N], float32: received power x range^2, in `compat` exp(-rate d)."""
     ring: np.ndarray
     """Channel, 0 the highest, shape [N], uint8."""
     object_id: np.ndarray
-    """Object that was hit, shape [N], int32."""
+    """Object that was met, -1 for rain and fog, shape [N], int32."""
+    label: np.ndarray
+    """0 surface, 1 rain, 2 fog, shape [N], uint8."""
+    time_offset: np.ndarray
+    """Time of firing after the frame's instant [s], -0.01 to 0, shape [N], float32; 0 for a still picture."""
+    return_number: np.ndarray
+    """0 the strongest or only return of its ray, 1 the last one of two, shape [N], uint8."""
 
 
-def trace_lidar_hits(scene: Scene, views: Views, config: LidarConfig) -> LidarHits:
-    """Return the first surface on every ray of every view, as a list of the rays that met one.
+def trace_lidar_hits(scene: Scene, views: Views, config: LidarConfig, motion: Motion | None = None) -> LidarHits:
+    """Return the first surface on every ray of every view.
 
     Args:
-        scene: Town and vehicles, with the views' frames loaded.
+        scene: Town and vehicles, with the views' frames loaded; for a rolling sweep made with `sweep_s=FRAME_DT`.
         views: Sensor poses, A rows.
         config: Pattern and range.
+        motion: `differentiate(scene.arrays.poses)`, if at hand; only a rolling sweep looks at it.
 
     Raises:
-        ValueError: If a view's frame is not loaded in the scene, or the batch has more rays than 32 bits can count.
+        ValueError: If a view's frame is not loaded in the scene, or 32 bits cannot count the batch's returns.
     """
     device = scene.device
-    directions = lidar_directions(
-        config.channels, config.points_per_channel, config.upper_fov_deg, config.lower_fov_deg
-    )
-    if len(views) * len(directions) > MOST_RAYS:
+    directions = lidar_pattern(config)
+    shape = len(views), len(directions)
+    if len(views) * len(directions) * (2 if config.returns == "dual" else 1) > MOST_RETURNS:
         raise ValueError(
-            f"LiDAR batch of {len(views)} views x {len(directions)} rays; one launch holds {MOST_RAYS} rays; "
+            f"LiDAR batch of {len(views)} views x {len(directions)} rays; one launch holds {MOST_RETURNS} returns; "
             "lower compute.batch_frames"
         )
-    on_device = views.for_scene(scene)
-    if len(views) == 0:
-        return _hits(np.zeros(1, dtype=np.int32), _allocate_points(0, device))
-    direction_s = wp.array(directions.astype(np.float32), dtype=wp.vec3, device=device)
-    order = wp.array(lidar_order(config.channels, config.points_per_channel), dtype=wp.int32, device=device)
-    rays = _trace(scene, on_device, direction_s, order, config.range_m)
-    hits_up_to = wp.empty_like(rays.is_hit)
-    wp.utils.array_scan(rays.is_hit.flatten(), hits_up_to.flatten(), inclusive=True)
-    ends = hits_up_to[:, len(directions) - 1].contiguous().numpy()
-    offsets = np.concatenate([np.zeros(1, dtype=np.int32), ends])
-    points = _allocate_points(int(offsets[-1]), device)
-    wp.launch(
-        lidar.gather_kernel,
-        dim=rays.is_hit.shape,
-        inputs=[rays, hits_up_to, direction_s, config.points_per_channel],
-        outputs=[points],
-        device=device,
-    )
-    return _hits(offsets, points)
-
-
-def _trace(scene: Scene, views: structs.Views, direction_s: wp.array, order: wp.array, t_max: float) -> lidar.LidarRays:
-    shape = (views.slot.shape[0], direction_s.shape[0])
     rays = lidar.LidarRays()
-    for name, dtype in (("is_hit", int), ("range", float), ("cos_incidence", float), ("object_id", int)):
-        setattr(rays, name, wp.empty(shape, dtype=dtype, device=scene.device))
-    rays.material_id = wp.empty(shape, dtype=int, device=scene.device)
-    wp.launch(
-        lidar.lidar_kernel,
-        dim=shape,
-        inputs=[scene.struct, views, direction_s, order, t_max],
-        outputs=[rays],
-        device=scene.device,
-        block_dim=BLOCK_DIM,
+    for name, dtype in (("range", float), ("cos_incidence", float), ("object_id", int), ("material_id", int)):
+        setattr(rays, name, wp.empty(shape, dtype=dtype, device=device))
+    hits = LidarHits(
+        config,
+        rays,
+        views.for_scene(scene),
+        _sweep(scene, views, config, motion),
+        wp.array(views.frame * FRAME_DT, dtype=wp.float32, device=device),
+        wp.array(directions.astype(np.float32), dtype=wp.vec3, device=device),
+        device,
     )
-    return rays
+    if len(views):
+        order = wp.array(lidar_order(config.channels, config.points_per_channel), dtype=wp.int32, device=device)
+        kernel, sweep = (lidar.rolling_kernel, [hits.sweep]) if config.rolling else (lidar.lidar_kernel, [])
+        wp.launch(
+            kernel,
+            dim=shape,
+            inputs=[scene.struct, hits.views, *sweep, hits.direction_s, order, config.range_m],
+            outputs=[rays],
+            device=device,
+            block_dim=BLOCK_DIM,
+        )
+    return hits
 
 
-def _allocate_points(count: int, device: str) -> lidar.LidarPoints:
-    points = lidar.LidarPoints()
-    points.xyz = wp.empty((3, count), dtype=float, device=device)
-    for name, dtype in (
-        ("range", float),
-        ("cos_incidence", float),
-        ("ray", int),
-        ("ring", wp.uint8),
-        ("object_id", int),
-        ("material_id", int),
-    ):
-        setattr(points, name, wp.empty(count, dtype=dtype, device=device))
-    return points
+def _sweep(scene: Scene, views: Views, config: LidarConfig, motion: Motion | None) -> lidar.Sweep:
+    sweep = lidar.Sweep()
+    sweep.points_per_channel = config.points_per_channel
+    if config.rolling:
+        twists = view_twists(scene.arrays, motion or differentiate(scene.arrays.poses), views)
+        sweep.duration_s = FRAME_DT
+        sweep.velocity, sweep.rate = (
+            wp.array(twist.astype(np.float32), dtype=wp.vec3, device=scene.device) for twist in twists
+        )
+    return sweep
 
 
-def _hits(offsets: np.ndarray, points: lidar.LidarPoints) -> LidarHits:
-    return LidarHits(offsets, points.xyz.numpy(), points.ring.numpy(), points.object_id.numpy(), points)
-
-
-def shade_lidar(hits: LidarHits, materials: Sequence[Material]) -> LidarBatch:
+def shade_lidar(
+    hits: LidarHits,
+    materials: Sequence[Material],
+    weather: Weather,
+    keys: np.ndarray,
+    patch_key: tuple[int, int] = (0, 0),
+) -> LidarBatch:
     """Return the point clouds of traced hits in one weather.
-
-    Intensity is the diffuse reflectance of the surface at 905 nm times the cosine of incidence: what a LiDAR reports
-    that compensates for range, in clear air, looking at a Lambert surface. The coordinates are those of `hits`, shared
-    and not copied.
 
     Args:
         hits: What the rays met.
         materials: Materials by id, as they are in the weather (`SceneArrays.materials[weather]`).
+        weather: Physical values of the weather; `compat` looks at neither.
+        keys: Key of each view's random numbers (`mmw.views.view_keys`), shape [A, 2], uint32.
+        patch_key: Key of the patches of fog, one for all sensors and frames of a scenario (`random_key`).
 
     Raises:
-        ValueError: If there are no materials.
-
-    Source: LiDAR equation of a Lambert target that fills the beam, P ~ rho cos(theta) / R^2, times R^2; for example
-    W. Wagner, "Radiometric calibration of small-footprint full-waveform airborne laser scanner measurements", 2010.
+        ValueError: If there are no materials, or not one key a view.
     """
-    if not materials:
-        raise ValueError("shade_lidar: no materials; every id of the scene needs one; pass arrays.materials[weather]")
-    points = hits.points
-    device = points.material_id.device
-    reflectance = np.array([material.lidar_reflectance for material in materials], dtype=np.float32)
-    intensity = wp.empty(points.material_id.shape[0], dtype=float, device=device)
-    wp.launch(
-        lidar.shade_kernel,
-        dim=intensity.shape,
-        inputs=[points.material_id, points.cos_incidence, wp.array(reflectance, dtype=float, device=device)],
-        outputs=[intensity],
-        device=device,
-    )
-    x, y, z = hits.xyz
-    return LidarBatch(hits.offsets, x, y, z, intensity.numpy(), hits.ring, hits.object_id)
+    offsets, points = shade_on_device(hits, materials, weather, keys, patch_key)
+    count = int(offsets[-1])
+    values, object_id, marks, time_offset = to_host([points.values, points.object_id, points.marks, points.time_offset])
+    x, y, z, intensity = values
+    ring, label, *number = marks
+    return LidarBatch(
+        offsets, x, y, z, intensity, ring, object_id, label,
+        time_offset if hits.config.rolling else np.zeros(count, dtype=np.float32),
+        number[0] if number else np.zeros(count, dtype=np.uint8),
+    )  # fmt: skip
 
 
-def trace_lidar(scene: Scene, views: Views, config: LidarConfig, materials: Sequence[Material]) -> LidarBatch:
+def trace_lidar(
+    scene: Scene, views: Views, config: LidarConfig, materials: Sequence[Material], weather: Weather, keys: np.ndarray
+) -> LidarBatch:
     """Return the point clouds of every view in one weather: `trace_lidar_hits`, then `shade_lidar`."""
-    return shade_lidar(trace_lidar_hits(scene, views, config), materials)
+    return shade_lidar(trace_lidar_hits(scene, views, config), materials, weather, keys)

@@ -1,38 +1,52 @@
-"""Rows of the LiDAR table, and of what LiDARs see."""
+"""Rows of the LiDAR table."""
 
 import numpy as np
+import pyarrow as pa
 
 from mmw.scene_arrays import SceneArrays
-from mmw.sensors.boxes import BOX_ROLES, count_returns
-from mmw.sensors.lidar import LidarBatch, LidarHits
+from mmw.sensors.lidar import LidarBatch
 from mmw.tables.rows.common import Columns, lists, names
+from mmw.tables.rows.visibility import point_rows
+from mmw.tables.schema.columns import F32, list_of
 from mmw.views import Views
 
+LISTS = ("x", "y", "z", "intensity", "ring", "object_id", "label", "time_offset", "return_number")
+"""Columns with one value a return."""
 
-def lidar_rows(arrays: SceneArrays, sensor: str, views: Views, points: LidarBatch) -> Columns:
-    """Return rows of the `lidar` table for one sensor: one sweep a row."""
+
+def lidar_rows(
+    arrays: SceneArrays, sensor: str, views: Views, points: LidarBatch, flow: np.ndarray | None = None
+) -> Columns:
+    """Return rows of the `lidar` table for one sensor: one sweep a row.
+
+    Args:
+        arrays: The scene on the host.
+        sensor: Sensor name.
+        views: Its views, A rows.
+        points: Its returns, N in all.
+        flow: Scene flow of the returns [m], shape [3, N]; null columns if absent.
+    """
+    none = pa.nulls(len(views), list_of(F32))
     return {
         "frame": views.frame.astype(np.int32),
         "agent": names(arrays, views.actor),
         "sensor": sensor,
         "point_count": np.diff(points.offsets).astype(np.int32),
+        **{name: lists(points.offsets, getattr(points, name)) for name in LISTS},
         **{
-            name: lists(points.offsets, getattr(points, name))
-            for name in ("x", "y", "z", "intensity", "ring", "object_id")
+            f"flow_{axis}": none if flow is None else lists(points.offsets, flow[index])
+            for index, axis in enumerate("xyz")
         },
     }
 
 
-def visibility_rows(arrays: SceneArrays, sensor: str, views: Views, hits: LidarHits) -> Columns:
-    """Return rows of the `box_visibility` table for one LiDAR: every vehicle that a sweep has a return from."""
-    vehicles = np.array([i for i, actor in enumerate(arrays.actors) if actor.role in BOX_ROLES], dtype=np.int32)
-    object_id = np.array([arrays.actors[i].object_id for i in vehicles], dtype=np.int32)
-    counts = count_returns(hits.offsets, hits.object_id, object_id)
-    view, column = np.nonzero(counts)
-    return {
-        "frame": views.frame[view].astype(np.int32),
-        "agent": names(arrays, views.actor[view]),
-        "sensor": sensor,
-        "object_id": object_id[column],
-        "lidar_points": counts[view, column],
-    }
+def surface_points(points: LidarBatch) -> tuple[np.ndarray, np.ndarray]:
+    """Return the first point of every view, shape [A + 1], and the object of every point, of surfaces alone."""
+    is_surface = points.label == 0
+    up_to = np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(is_surface)])
+    return up_to[points.offsets], points.object_id[is_surface]
+
+
+def seen_rows(arrays: SceneArrays, sensor: str, views: Views, points: LidarBatch) -> Columns:
+    """Return rows of `box_visibility`: how many returns of surfaces lie on each actor."""
+    return point_rows(arrays, sensor, views, "lidar_points", *surface_points(points))

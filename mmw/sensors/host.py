@@ -1,0 +1,68 @@
+"""Arrays from the device to the host, through page-locked memory that is used again."""
+
+import weakref
+from collections import deque
+from collections.abc import Sequence
+
+import numpy as np
+import warp as wp
+
+POOL_BYTES = 4 << 30
+"""Page-locked memory of a process at most [bytes]: arrays beyond that come through ordinary memory, about ten times as
+slowly. One batch of 64 frames of four LiDARs of 30,016 rays takes 0.17 GB in one weather."""
+
+ROUND_BYTES = 1 << 20
+"""Buffers are whole numbers of this [bytes]."""
+
+_free: deque[wp.array] = deque()
+"""Buffers that nobody looks at. Finalizers append to it in any thread."""
+
+_allocated = 0
+"""Size of all buffers [bytes]; arrays are copied by one thread."""
+
+
+def to_host(arrays: Sequence[wp.array]) -> list[np.ndarray]:
+    """Return device arrays as NumPy arrays, after one wait for all of them.
+
+    From a GPU they come through page-locked buffers, which the arrays are views of; a buffer is free again when the
+    last view of it is gone. Arrays of the CPU are shared, not copied.
+
+    Args:
+        arrays: Contiguous arrays on one device.
+    """
+    if not arrays or not wp.get_device(arrays[0].device).is_cuda:
+        return [array.numpy() for array in arrays]
+    pinned = [_pinned(array) for array in arrays]
+    wp.synchronize_stream(arrays[0].device)
+    return [array.numpy() if view is None else view for array, view in zip(arrays, pinned, strict=True)]
+
+
+def _pinned(array: wp.array) -> np.ndarray | None:
+    """Start the copy of an array to a page-locked buffer and return its view; None if the pool is full."""
+    size = array.size * wp.types.type_size_in_bytes(array.dtype)
+    if size == 0:
+        return None
+    buffer = _take(size)
+    if buffer is None:
+        return None
+    source = wp.array(ptr=array.ptr, shape=size, dtype=wp.uint8, device=array.device)
+    wp.copy(buffer, source, count=size)
+    whole = buffer.numpy()
+    weakref.finalize(whole, _free.append, buffer)
+    return whole[:size].view(wp.dtype_to_numpy(array.dtype)).reshape(array.shape)
+
+
+def _take(size: int) -> wp.array | None:
+    """Return a free buffer that holds some bytes and not twice as many, or a new one; None if the pool is full."""
+    global _allocated
+    free = [_free.popleft() for _ in range(len(_free))]
+    fitting = min((b for b in free if size <= b.size <= 2 * size + ROUND_BYTES), key=lambda b: b.size, default=None)
+    needed = -(-size // ROUND_BYTES) * ROUND_BYTES
+    if fitting is None:
+        while free and _allocated + needed > POOL_BYTES:  # make room: buffers of the wrong size go
+            _allocated -= free.pop(0).size
+    _free.extend(buffer for buffer in free if buffer is not fitting)
+    if fitting is None and _allocated + needed <= POOL_BYTES:
+        fitting = wp.empty(needed, dtype=wp.uint8, device="cpu", pinned=True)
+        _allocated += needed
+    return fitting
