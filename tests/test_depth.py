@@ -1,15 +1,26 @@
 """Depth camera: pinhole, planar depth, centimetres, and every pixel against a float64 brute-force oracle."""
 
+from collections import defaultdict
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pytest
 
-from mmw.config import DepthConfig, MountConfig
+from mmw.config import Config, DepthConfig, MountConfig, load_config
+from mmw.kinematics import differentiate
 from mmw.patterns import pinhole, pinhole_directions
+from mmw.recording.images import record_depth
+from mmw.recording.job import Job, Rows
+from mmw.report import Clock
 from mmw.scene import Scene
 from mmw.scene_arrays import SceneArrays
 from mmw.sensors.depth import depth_to_metres, trace_depth
+from mmw.tables.columns import table_from_columns
+from mmw.tables.encode import decode_depth, decode_instance, decode_semantic
+from mmw.tables.rows.common import resolved
 from mmw.views import make_views
 from tests.oracles import cast_rays, sensor_rays
 from tests.scenes import ABSENT, arrays_from_parts, closed_box, ground_part, random_triangles, two_cars, wall_part
@@ -159,3 +170,119 @@ def test_frame_without_vehicles_and_no_views(device: str) -> None:
     scene = Scene(arrays, device, 1)
     scene.load_batch([0])
     assert trace_depth(scene, make_views(arrays, [0], nobody), nobody).depth.shape == (0, 44, 60)
+
+
+def test_float_format_reaches_beyond_the_image(device: str) -> None:
+    wall = wall_part("wall", (800.0, 3000.0), (800.0, -3000.0), 3000.0)
+    below = replace(wall, points=wall.points - [0, 0, 1500.0])
+    arrays = arrays_from_parts([below], actors=[("rsu_1", "rsu", -1)])
+    config = camera(width_px=8, height_px=8, fov_deg=20.0, range_m=2000.0, format="float32")
+    batch = trace_depth(loaded(arrays, device), make_views(arrays, [0], config), config, with_details=True)
+    np.testing.assert_allclose(batch.depth_m, 800.0, rtol=1e-6)
+    np.testing.assert_array_equal(batch.depth, 0)  # 16 bits end at 655.35 m
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"fov_deg": 0}, "fov_deg"),
+        ({"fov_deg": 180}, "fov_deg"),
+        ({"format": "png8"}, "png16"),
+        ({"range_m": 655.36}, "format: float32"),
+        ({"range_m": 0}, "range_m"),
+        ({"width_px": 7}, "width_px"),
+        ({"segmentation": "perhaps"}, "segmentation"),
+        ({"boxes": True}, "boxes"),
+    ],
+)
+def test_bad_settings_are_refused(change: dict, words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        camera(**change)
+
+
+def test_defaults_are_the_papers() -> None:
+    config = DepthConfig()
+    assert (config.on, config.format, config.range_m) == (("rsu",), "png16", 655.0)
+    assert (config.segmentation, config.boxes_2d) == (False, True)
+
+
+CAV_CAMERA = """
+scenarios: [{name: street, town: town03, traffic: {vehicle_count: 3, spawn_center_m: [0, 0, 0], cav_ranks: [1]}}]
+weathers: [sunny, rainy]
+channel: {enabled: false}
+sensors:
+  - {type: depth, name: front, on: [cav], width_px: 64, height_px: 40, format: float32, segmentation: true,
+     mount: {cav: {position_m: [2.31, 0.02, 1.23]}}}
+"""
+
+
+def record(config: Config, arrays: SceneArrays, device: str, frames: list[int]) -> Rows:
+    with ThreadPoolExecutor(1) as pool:
+        scene, motion = loaded(arrays, device, frames), differentiate(arrays.poses)
+        job = Job(config, config.scenarios[0], arrays, motion, scene, None, pool, Clock())
+        rows: Rows = {weather: defaultdict(list) for weather in config.weathers}
+        record_depth(job, config.sensors[0], frames, rows)
+    return rows
+
+
+def tables_of(rows: Rows, weather: str) -> dict[str, pa.Table]:
+    key = {"scenario": "street", "weather": weather}
+    ended = {
+        name: [b.result() if isinstance(b, Future) else b for b in batches] for name, batches in rows[weather].items()
+    }
+    return {name: table_from_columns(name, {**key, **resolved(batch)}) for name, (batch,) in ended.items()}
+
+
+def test_vehicle_carries_a_depth_camera_by_configuration(device: str, tmp_path: Path) -> None:
+    (tmp_path / "c.yaml").write_text(CAV_CAMERA)
+    config, arrays, frames = load_config(tmp_path / "c.yaml"), two_cars(4), [1, 3]
+    rows = record(config, arrays, device, frames)
+    found = {weather: tables_of(rows, weather) for weather in config.weathers}
+    tables = found["sunny"]
+    assert set(tables) == {"depth", "segmentation", "boxes_2d", "box_visibility"}
+    sensor = config.sensors[0]
+    views = make_views(arrays, frames, sensor)
+    expected = trace_depth(loaded(arrays, device, frames), views, sensor, with_details=True)
+    depth = tables["depth"].to_pylist()
+    assert [(row["frame"], row["agent"], row["sensor"]) for row in depth] == [
+        (1, "cav_1", "front"),
+        (3, "cav_1", "front"),
+    ]
+    for view, row in enumerate(depth):
+        metres = np.array(row["depth_m"], dtype=np.float32).reshape(40, 64)
+        np.testing.assert_array_equal(np.where(metres == 0, np.inf, metres), expected.depth_m[view])
+        stored = decode_depth(row["image"]["bytes"])
+        np.testing.assert_allclose(stored, depth_to_metres(expected.depth[view]), rtol=2e-7)
+        assert row["image"]["path"] == f"street/sunny/cav_1/{views.frame[view]:06d}_front.png"
+    for view, row in enumerate(tables["segmentation"].to_pylist()):
+        np.testing.assert_array_equal(decode_instance(row["instance"]["bytes"]), expected.object_id[view])
+        assert set(np.unique(decode_semantic(row["semantic"]["bytes"]))) <= {o.tag for o in arrays.objects} | {11}
+        assert row["semantic"]["path"].endswith("_front_semantic.png")
+    # The other car comes towards the camera, and its pixels are counted once for all.
+    van = arrays.actors[1].object_id
+    pixels = [(expected.object_id[view] == van).sum() for view in range(2)]
+    boxes = [row for row in tables["boxes_2d"].to_pylist() if row["object_id"] == van]
+    seen = [row for row in tables["box_visibility"].to_pylist() if row["object_id"] == van]
+    assert [row["pixels"] for row in boxes] == [row["pixels"] for row in seen] == pixels and min(pixels) > 0
+    # Depth does not know the weather: but for the names, every table is the same in rain.
+    for name, table in tables.items():
+        rainy = found["rainy"][name]
+        for column in set(table.column_names) - {"weather"}:
+            cells = zip(table.column(column).to_pylist(), rainy.column(column).to_pylist(), strict=True)
+            for dry, wet in cells:
+                assert (dry["bytes"] == wet["bytes"]) if isinstance(dry, dict) else dry == wet, (name, column)
+
+
+def test_plain_camera_writes_images_alone(device: str, tmp_path: Path) -> None:
+    (tmp_path / "c.yaml").write_text(CAV_CAMERA.replace("format: float32, segmentation: true", "boxes_2d: false"))
+    tables = tables_of(record(load_config(tmp_path / "c.yaml"), two_cars(2), device, [0]), "sunny")
+    assert set(tables) == {"depth"}
+    assert tables["depth"].column("depth_m").null_count == 1
+
+
+def test_floats_that_no_column_holds_are_refused(tmp_path: Path) -> None:
+    large = CAV_CAMERA.replace("width_px: 64, height_px: 40", "width_px: 8192, height_px: 8192")
+    (tmp_path / "c.yaml").write_text(large)
+    config = load_config(tmp_path / "c.yaml")
+    with pytest.raises(ValueError, match=r"sensor 'front'.*output.shard_frames: 31 or less"):
+        record(config, two_cars(2), "cpu", [0])

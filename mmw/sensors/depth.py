@@ -1,4 +1,8 @@
-"""Depth camera: planar depth images in 16-bit centimetres."""
+"""Depth camera: planar depth images in 16-bit centimetres, and the object in every pixel, from one launch.
+
+Depth does not depend on the weather: CARLA's does not either, and a model of a time-of-flight camera in rain or fog is
+not part of this sensor. One image serves every weather.
+"""
 
 # Warp's structs and small number types are objects, not classes, to a type checker.
 # pyright: reportGeneralTypeIssues=false, reportArgumentType=false
@@ -10,12 +14,10 @@ import warp as wp
 
 from mmw.config import DepthConfig
 from mmw.kernels import depth as kernels
-from mmw.patterns import pinhole
+from mmw.patterns import Pinhole, pinhole
 from mmw.scene import Scene
+from mmw.sensors.camera import BLOCK_DIM, device_camera, tiles
 from mmw.views import Views
-
-TILE = 8
-"""Pixels on a side of a block's square."""
 
 CENTIMETRES = 0.01
 """Metres of one step of the image."""
@@ -33,12 +35,52 @@ class DepthBatch:
     """Object in each pixel, -1 where nothing is in range, shape [A, H, W], int32; only on request."""
 
 
-def trace_depth(scene: Scene, views: Views, config: DepthConfig, *, with_details: bool = False) -> DepthBatch:
-    """Return a depth image of every view.
+def intrinsics_of(config: DepthConfig) -> Pinhole:
+    """Return the intrinsics of a depth camera."""
+    return pinhole(config.width_px, config.height_px, config.fov_deg)
+
+
+def trace_depth_images(
+    scene: Scene, views: Views, config: DepthConfig, *, with_metres: bool, with_objects: bool
+) -> kernels.DepthImages:
+    """Return images of every view, on the scene's device.
 
     One ray goes through the centre of every pixel, (u + 0.5, v + 0.5) with the optical axis at (W / 2, H / 2). Depth
     is measured along the optical axis, so a wall square to it has one depth everywhere. Depths beyond `range_m` are 0;
-    depths below 5 mm read 1 cm, since 0 means no return.
+    depths below 5 mm read 1 cm, since 0 means no return. Centimetres beyond 655.35 m, which only `format: float32`
+    reaches, are 0 too.
+
+    Args:
+        scene: Town and vehicles, with the views' frames loaded.
+        views: Camera poses (x along the optical axis, y left, z up), A rows.
+        config: Image size, field of view and range.
+        with_metres: Fill `depth_m`, which is empty otherwise.
+        with_objects: Fill `object_id`, which is empty otherwise.
+
+    Raises:
+        ValueError: If a view's frame is not loaded in the scene.
+    """
+    on_device = views.for_scene(scene)
+    intrinsics = intrinsics_of(config)
+    shape, none = (len(views), config.height_px, config.width_px), (0, 0, 0)
+    images = kernels.DepthImages()
+    images.depth = wp.empty(shape, dtype=wp.uint16, device=scene.device)
+    images.depth_m = wp.empty(shape if with_metres else none, dtype=float, device=scene.device)
+    images.object_id = wp.empty(shape if with_objects else none, dtype=int, device=scene.device)
+    if len(views):
+        wp.launch(
+            kernels.depth_kernel,
+            dim=tiles(len(views), intrinsics),
+            inputs=[scene.struct, on_device, device_camera(intrinsics, config.range_m)],
+            outputs=[images],
+            device=scene.device,
+            block_dim=BLOCK_DIM,
+        )
+    return images
+
+
+def trace_depth(scene: Scene, views: Views, config: DepthConfig, *, with_details: bool = False) -> DepthBatch:
+    """Return a depth image of every view; see `trace_depth_images`.
 
     Args:
         scene: Town and vehicles, with the views' frames loaded.
@@ -49,38 +91,10 @@ def trace_depth(scene: Scene, views: Views, config: DepthConfig, *, with_details
     Raises:
         ValueError: If a view's frame is not loaded in the scene.
     """
-    on_device = views.for_scene(scene)
-    shape = (len(views), config.height_px, config.width_px)
-    detail_shape = shape if with_details else (0, 0, 0)
-    images = kernels.DepthImages()
-    images.depth = wp.empty(shape, dtype=wp.uint16, device=scene.device)
-    images.depth_m = wp.empty(detail_shape, dtype=float, device=scene.device)
-    images.object_id = wp.empty(detail_shape, dtype=int, device=scene.device)
-    if len(views):
-        wp.launch(
-            kernels.depth_kernel,
-            dim=(len(views), -(-config.height_px // TILE), -(-config.width_px // TILE), TILE * TILE),
-            inputs=[scene.struct, on_device, _camera(config)],
-            outputs=[images],
-            device=scene.device,
-            block_dim=TILE * TILE,
-        )
-    depth = images.depth.numpy()
+    images = trace_depth_images(scene, views, config, with_metres=with_details, with_objects=with_details)
     if not with_details:
-        return DepthBatch(depth)
-    return DepthBatch(depth, images.depth_m.numpy(), images.object_id.numpy())
-
-
-def _camera(config: DepthConfig) -> kernels.Camera:
-    intrinsics = pinhole(config.width_px, config.height_px, config.fov_deg)
-    camera = kernels.Camera()
-    camera.width = intrinsics.width
-    camera.height = intrinsics.height
-    camera.fx = intrinsics.fx
-    camera.cx = intrinsics.cx
-    camera.cy = intrinsics.cy
-    camera.range = config.range_m
-    return camera
+        return DepthBatch(images.depth.numpy())
+    return DepthBatch(images.depth.numpy(), images.depth_m.numpy(), images.object_id.numpy())
 
 
 def depth_to_metres(depth: np.ndarray) -> np.ndarray:

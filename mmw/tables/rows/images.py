@@ -1,27 +1,107 @@
-"""Rows of the tables of images."""
+"""Rows of the tables of images, and of what they frame."""
 
 from collections.abc import Sequence
 from concurrent.futures import Future
 
 import numpy as np
+import pyarrow as pa
 
+from mmw.patterns import Pinhole
 from mmw.scene_arrays import SceneArrays
-from mmw.tables.rows.common import Columns, names
+from mmw.sensors.boxes import Boxes
+from mmw.sensors.boxes_2d import VisiblePixels, project_boxes
+from mmw.sensors.visibility import boxed_actors
+from mmw.tables.rows.common import Columns, lists, names
+from mmw.tables.schema.columns import F32, list_of
 from mmw.views import Views
+
+Images = Sequence[Future[bytes]]
+"""One encoded image a view, which a thread may still be at."""
 
 
 def depth_rows(
-    arrays: SceneArrays, sensor: str, views: Views, images: Sequence[Future[bytes]], scenario: str, weather: str
+    arrays: SceneArrays, sensor: str, views: Views, images: Images, metres: pa.Array, scenario: str, weather: str
 ) -> Columns:
-    """Return rows of the `depth` table for one sensor: one image a row, which a thread may still be encoding."""
-    agents = names(arrays, views.actor)
-    paths = [
-        f"{scenario}/{weather}/{agent}/{frame:06d}_{sensor}.png"
-        for agent, frame in zip(agents, views.frame, strict=True)
-    ]
+    """Return rows of the `depth` table for one sensor: one image a row; `metres` is what `metre_lists` returns."""
     return {
-        "frame": views.frame.astype(np.int32),
-        "agent": agents,
-        "sensor": sensor,
-        "image": list(zip(images, paths, strict=True)),
+        **_owned(arrays, sensor, views),
+        "image": _files(arrays, sensor, views, images, scenario, weather),
+        "depth_m": metres,
     }
+
+
+def metre_lists(views: Views, depth_m: np.ndarray | None) -> pa.Array:
+    """Return the `depth_m` column: one list of depths [m] a row, 0 for no return; null in every row without images.
+
+    Args:
+        views: The views, A rows.
+        depth_m: Depth [m], inf for no return, shape [A, H, W], float32.
+    """
+    if depth_m is None:
+        return pa.nulls(len(views), list_of(F32))
+    flat = np.where(np.isfinite(depth_m), depth_m, np.float32(0.0)).reshape(len(views), -1)
+    return lists(np.arange(len(views) + 1, dtype=np.int32) * np.int32(flat.shape[1]), flat.reshape(-1))
+
+
+def segmentation_rows(
+    arrays: SceneArrays,
+    sensor: str,
+    views: Views,
+    instance: Images,
+    semantic: Images,
+    scenario: str,
+    weather: str,
+) -> Columns:
+    """Return rows of the `segmentation` table for one sensor."""
+    return {
+        **_owned(arrays, sensor, views),
+        "instance": _files(arrays, f"{sensor}_instance", views, instance, scenario, weather),
+        "semantic": _files(arrays, f"{sensor}_semantic", views, semantic, scenario, weather),
+    }
+
+
+def box_2d_rows(
+    arrays: SceneArrays, sensor: str, views: Views, camera: Pinhole, boxes: Boxes, visible: VisiblePixels
+) -> Columns:
+    """Return rows of the `boxes_2d` table for one camera.
+
+    Args:
+        arrays: The scene on the host.
+        sensor: Sensor name.
+        views: The views, A rows.
+        camera: Intrinsics.
+        boxes: 3-D boxes of the same frames.
+        visible: Pixels of the boxed actors, in the order of `boxed_actors`.
+    """
+    found = project_boxes(camera, views, boxes)
+    place_of = np.full(len(arrays.actors), -1, dtype=np.int64)
+    wanted = boxed_actors(arrays.actors)
+    place_of[wanted] = np.arange(len(wanted))
+    place = place_of[boxes.actor[found.box]]
+    pixels, bounds = visible.pixels[found.view, place], visible.bounds[found.view, place]
+    edges = ("u_min", "v_min", "u_max", "v_max")
+    return {
+        "frame": views.frame[found.view].astype(np.int32),
+        "agent": names(arrays, views.actor[found.view]),
+        "sensor": sensor,
+        "object_id": boxes.object_id[found.box],
+        "pixels": pixels,
+        **{name: pa.array(bounds[:, i], mask=pixels == 0) for i, name in enumerate(edges)},
+        **{f"amodal_{name}": found.amodal[:, i].astype(np.float32) for i, name in enumerate(edges)},
+        "truncation": found.truncation.astype(np.float32),
+        "distance": found.distance.astype(np.float32),
+    }
+
+
+def _owned(arrays: SceneArrays, sensor: str, views: Views) -> Columns:
+    return {"frame": views.frame.astype(np.int32), "agent": names(arrays, views.actor), "sensor": sensor}
+
+
+def _files(
+    arrays: SceneArrays, stem: str, views: Views, images: Images, scenario: str, weather: str
+) -> list[tuple[Future[bytes], str]]:
+    paths = [
+        f"{scenario}/{weather}/{agent}/{frame:06d}_{stem}.png"
+        for agent, frame in zip(names(arrays, views.actor), views.frame, strict=True)
+    ]
+    return list(zip(images, paths, strict=True))
