@@ -1,10 +1,11 @@
-"""IMU and kinematics: analytic motions, the inverse integrator, noise."""
+"""IMU and kinematics: analytic motions, the inverse integrator, CARLA's axes and habits."""
 
 import numpy as np
 import pytest
 
 from mmw.config import ImuConfig, MountConfig
 from mmw.constants import FRAME_DT, GRAVITY
+from mmw.kinematics import differentiate, differentiate_rows
 from mmw.poses import (
     IDENTITY_POSE,
     angle_between,
@@ -13,11 +14,14 @@ from mmw.poses import (
     make_pose,
     pose_from_mount,
     pose_from_ypr,
+    quaternion_to_matrix,
+    quaternion_to_ypr,
     rotate,
 )
-from mmw.sensors.imu import imu_noise, integrate_imu, make_imu, measure
-from mmw.sensors.kinematics import differentiate, differentiate_rows
-from tests.scenes import ABSENT, two_cars
+from mmw.scene_arrays import SceneArrays
+from mmw.sensors.imu import ImuBatch, integrate_imu, make_imu, measure
+from mmw.sensors.imu_noise import imu_errors
+from tests.scenes import ABSENT, arrays_from_parts, ground_part, two_cars
 
 G = np.array([0.0, 0.0, GRAVITY])
 
@@ -189,51 +193,141 @@ def test_recording_without_frames_has_no_derivatives() -> None:
     assert differentiate(np.zeros((0, 2, 7))).velocity.shape == (0, 2, 3)
 
 
-def test_noise_does_not_depend_on_the_frames_asked_for() -> None:
-    config = ImuConfig()
-    whole = np.concatenate(imu_noise(config, range(1000), 42, "town", "cav_1"), axis=1)
-    for frames in (range(100, 200), [999, 3, 3, 500], range(1), range(0)):
-        part = np.concatenate(imu_noise(config, frames, 42, "town", "cav_1"), axis=1)
-        np.testing.assert_array_equal(part, whole[list(frames)])
-
-
-def test_noise_differs_between_streams() -> None:
-    def first(seed=42, scenario="town", agent="cav_1", name="imu") -> np.ndarray:
-        return imu_noise(ImuConfig(name=name), range(4), seed, scenario, agent)[0]
-
-    variants = [first(), first(seed=43), first(scenario="tower"), first(agent="cav_2"), first(name="imu_2")]
-    for i, one in enumerate(variants):
-        for other in variants[:i]:
-            assert not np.any(one == other)
-
-
-def test_noise_statistics() -> None:
-    count = 40_000
-    accel, gyro = imu_noise(ImuConfig(), range(count), 7, "town", "cav_1")
-    scaled = np.concatenate([accel / 0.1, (gyro - 0.001) / 0.002], axis=1)
-    # Five standard errors of mean, variance and correlation of independent normal deviates.
-    assert np.abs(scaled.mean(axis=0)).max() < 5 / np.sqrt(count)
-    assert np.abs(scaled.var(axis=0) - 1).max() < 5 * np.sqrt(2 / count)
-    assert np.abs(np.corrcoef(scaled.T) - np.eye(6)).max() < 5 / np.sqrt(count)
-    assert np.abs(np.mean(scaled[1:] * scaled[:-1], axis=0)).max() < 5 / np.sqrt(count)
-    assert abs(np.mean(np.abs(scaled) > 1.959964) - 0.05) < 0.005
-
-
-def test_batch_rows_order_truth_and_noise() -> None:
+def test_batch_rows_order_truth_and_errors() -> None:
     arrays = two_cars(8)
     config = ImuConfig(mount={"cav": MountConfig(position_m=(0.5, 0.0, 1.0))})
     whole = make_imu(arrays, range(8), config, 42, "canyon")
     np.testing.assert_array_equal(whole.frame, np.arange(8))
     np.testing.assert_array_equal(whole.actor, 0)
-    part = make_imu(arrays, [5, 2], config, 42, "canyon")
-    for name in ("accel", "gyro", "accel_true", "gyro_true"):
-        np.testing.assert_array_equal(getattr(part, name), getattr(whole, name)[[5, 2]])
     np.testing.assert_allclose(whole.accel_true, np.tile(G, (8, 1)), atol=1e-9)
-    noise = imu_noise(config, range(8), 42, "canyon", "cav_1")
-    np.testing.assert_allclose(whole.accel - whole.accel_true, noise[0], atol=1e-14)
-    np.testing.assert_allclose(whole.gyro - whole.gyro_true, noise[1], atol=1e-14)
+    errors = imu_errors(config, range(8), 42, "canyon", ["cav_1"])
+    np.testing.assert_allclose(whole.accel - whole.accel_true, errors.noise[0, 0], atol=1e-14)
+    np.testing.assert_allclose(whole.gyro - whole.gyro_true, errors.noise[1, 0] + 0.001, atol=1e-14)
+    np.testing.assert_array_equal(whole.accel_bias, 0.0)
+    np.testing.assert_array_equal(whole.gyro_bias, 0.001)
     silent = make_imu(arrays, range(8), ImuConfig(accel_noise_std=0, gyro_noise_std=0, gyro_bias=0), 42, "canyon")
     np.testing.assert_array_equal(silent.accel, silent.accel_true)
+
+
+@pytest.mark.parametrize("mode", ["compat", "physical"])
+@pytest.mark.parametrize("lag", [0, 1])
+@pytest.mark.parametrize("handedness", ["right", "left"])
+def test_rows_do_not_depend_on_the_batch(mode: str, lag: int, handedness: str) -> None:
+    arrays = driving(drive(60), circle(15.0, 9.0, 60))
+    arrays.poses[20:23, 1] = ABSENT
+    config = ImuConfig(
+        mode=mode, accel_lag_frames=lag, handedness=handedness, bias_correlation_s=None if lag else 5.0,
+        accel_scale_std=0.01, misalignment_std_deg=0.5, mount={"cav": MountConfig(position_m=(1, 2, 3), yaw_deg=30)},
+    )  # fmt: skip
+    whole = rows_of(make_imu(arrays, range(60), config, 1, "s"))
+    assert len(whole) == 117
+    parts = {}
+    for frames in ([40, 3], range(4, 40), [0], range(41, 60), [2, 1], []):
+        parts |= rows_of(make_imu(arrays, frames, config, 1, "s"))
+    assert parts.keys() == whole.keys()
+    for key, row in whole.items():
+        np.testing.assert_array_equal(parts[key], row)
+
+
+def rows_of(batch: ImuBatch) -> dict[tuple[int, int], np.ndarray]:
+    names = ("accel", "gyro", "accel_true", "gyro_true", "accel_bias", "gyro_bias", "compass")
+    values = np.column_stack([getattr(batch, name) for name in names])
+    return {(int(f), int(a)): row for f, a, row in zip(batch.frame, batch.actor, values, strict=True)}
+
+
+def driving(*poses: np.ndarray) -> SceneArrays:
+    """CAVs on the given poses, and nothing else."""
+    agents = [(f"cav_{i + 1}", "cav", -1) for i in range(len(poses))]
+    return arrays_from_parts([ground_part()], (), agents, np.stack(poses, axis=1))
+
+
+def carla_rates(poses: np.ndarray) -> np.ndarray:
+    """CARLA's gyroscope for small angles, (-d roll, -d pitch, +d yaw) / dt in the signs of its Rotator.
+
+    Its yaw turns right, its pitch lifts the nose, its roll drops the right side: our -yaw, -pitch and +roll.
+    """
+    yaw, pitch, roll = quaternion_to_ypr(poses[:, 3:]).T
+    rotator = np.stack([roll, -pitch, -yaw], axis=1)
+    return np.gradient(rotator, FRAME_DT, axis=0) * [-1.0, -1.0, 1.0]
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_left_handed_rates_have_carlas_signs(axis: int) -> None:
+    angles = np.zeros((3, 30))
+    angles[axis] = 0.02 * times(30)  # yaw, pitch, roll: small, so that order does not matter
+    poses = pose_from_ypr(np.zeros((30, 3)), *angles)
+    quiet = ImuConfig(handedness="left", gyro_noise_std=0, gyro_bias=0)
+    left = make_imu(driving(poses), range(30), quiet, 1, "s")
+    right = make_imu(driving(poses), range(30), quiet.model_copy(update={"handedness": "right"}), 1, "s")
+    np.testing.assert_allclose(left.gyro, carla_rates(poses), atol=1e-9)
+    np.testing.assert_allclose(right.gyro, np.tile(np.eye(3)[2 - axis] * 0.02, (30, 1)), atol=1e-9)
+
+
+def test_left_handed_forces() -> None:
+    config = ImuConfig(handedness="left", accel_noise_std=0)
+    # A left turn accelerates to the left: +y of ours, -y of CARLA's. Rest reads +9.81 on z in both.
+    turn = make_imu(driving(circle(15.0, 9.0, 50)), range(5, 45), config, 1, "s")
+    np.testing.assert_allclose(turn.accel, np.tile([0.0, -5.4, GRAVITY], (40, 1)), atol=1e-4)
+    np.testing.assert_allclose(turn.gyro_true, np.tile([0.0, 0.0, -0.6], (40, 1)), atol=1e-9)
+    # Left side up by 0.1 rad: the support pushes along the body's left.
+    bank = pose_from_ypr(np.zeros((9, 3)), 0.0, 0.0, np.full(9, 0.1))
+    rest = make_imu(driving(bank), range(9), config, 1, "s")
+    np.testing.assert_allclose(rest.accel, np.tile([0, -GRAVITY * np.sin(0.1), GRAVITY * np.cos(0.1)], (9, 1)))
+    # Mirroring the world by hand gives the same: CARLA's positions are (x, -y, z), its turns are mirrored too.
+    poses = drive(100)
+    batch = make_imu(driving(poses), range(100), config, 1, "s")
+    mirror = np.diag([1.0, -1.0, 1.0])
+    rotation = mirror @ quaternion_to_matrix(poses[:, 3:]) @ mirror  # sensor to world, both left-handed
+    acceleration = (poses[2:, :3] - 2 * poses[1:-1, :3] + poses[:-2, :3]) @ mirror / FRAME_DT**2 + G
+    force = np.einsum("fji,fj->fi", rotation[1:-1], acceleration)
+    np.testing.assert_allclose(batch.accel[1:-1], force, atol=1e-8)
+    # In coordinates v = w x r holds with the same rule for the cross product, so R^T dR/dt is w's matrix there too.
+    turning = np.einsum("fji,fjk->fik", rotation[1:-1], rotation[2:] - rotation[:-2]) / (2 * FRAME_DT)
+    rate = np.stack([turning[:, 2, 1], turning[:, 0, 2], turning[:, 1, 0]], axis=1)
+    np.testing.assert_allclose(batch.gyro_true[1:-1], rate, atol=2e-3)
+
+
+def test_carlas_accelerometer_is_one_frame_late() -> None:
+    poses = drive(40)
+    config = ImuConfig(accel_lag_frames=1, accel_noise_std=0, gyro_noise_std=0, gyro_bias=0)
+    late = make_imu(driving(poses), range(40), config, 1, "s")
+    # CARLA: second difference of the last three positions, in the axes of now.
+    second = (poses[2:, :3] - 2 * poses[1:-1, :3] + poses[:-2, :3]) / FRAME_DT**2
+    np.testing.assert_allclose(late.accel[2:], rotate(conjugate(poses[2:, 3:]), second + G), atol=1e-8)
+    np.testing.assert_allclose(late.accel[0], late.accel_true[0], atol=1e-12)
+    assert np.abs(late.accel - late.accel_true)[1:].max() > 0.01
+    np.testing.assert_allclose(late.gyro, late.gyro_true, atol=1e-12)
+
+
+def test_compass_is_clockwise_from_north() -> None:
+    yaw = np.radians([90.0, 0.0, -90.0, 180.0, 89.0, 91.0])  # north, east, south, west, just east and west of north
+    arrays = driving(*(np.tile(pose_from_ypr((0, 0, 0), angle, 0.1, 0.2), (3, 1)) for angle in yaw))
+    found = np.degrees(make_imu(arrays, [1], ImuConfig(), 1, "s").compass)
+    np.testing.assert_allclose(found, [0, 90, 180, 270, 1, 359], atol=1e-9)
+    rear = ImuConfig(mount={"cav": MountConfig(yaw_deg=180.0)})
+    np.testing.assert_allclose(
+        np.degrees(make_imu(arrays, [1], rear, 1, "s").compass[:4]), [180, 270, 0, 90], atol=1e-9
+    )
+
+
+def test_scale_and_misalignment_turn_and_stretch_the_true_reading() -> None:
+    config = ImuConfig(
+        mode="physical", accel_noise_density=0, gyro_noise_density=0, accel_random_walk=0, gyro_random_walk=0,
+        gyro_bias=0, accel_scale_std=0.02, gyro_scale_std=0.05, misalignment_std_deg=1.0,
+    )  # fmt: skip
+    batch = make_imu(driving(drive(30)), range(30), config, 3, "s")
+    for read, true, spread in (
+        (batch.accel, batch.accel_true, 0.02),
+        (batch.gyro, batch.gyro_true, 0.05),
+    ):
+        matrix, _, rank, _ = np.linalg.lstsq(true, read, rcond=None)
+        np.testing.assert_allclose(true @ matrix, read, atol=1e-12)
+        scale = np.linalg.norm(matrix.T, axis=1)  # rows of D = diag(1 + s) R
+        turn = matrix.T / scale[:, None]
+        assert rank == 3
+        np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-9)
+        assert 0 < np.abs(scale - 1).max() < 4 * spread
+        assert 0 < np.arccos((np.trace(turn) - 1) / 2) < np.radians(6.0)
 
 
 def test_absent_agents_have_no_rows() -> None:

@@ -2,14 +2,22 @@
 
 from collections.abc import Sequence
 
-from mmw.config import ImuConfig
+from mmw.config import GnssConfig, ImuConfig
 from mmw.recording.job import Job, Rows, collect
+from mmw.sensors.gnss import make_gnss
 from mmw.sensors.imu import make_imu
-from mmw.tables.rows.inertial import imu_rows
+from mmw.tables.rows.inertial import gnss_rows, imu_rows
 
 
 def record_imu(job: Job, sensor: ImuConfig, frames: Sequence[int], collected: Rows) -> None:
     """Add the samples of one IMU."""
     with job.clock.stage(sensor.name):
         samples = make_imu(job.arrays, frames, sensor, job.config.seed, job.scenario.name)
-        collect(collected, {"imu": imu_rows(job.arrays, sensor.name, samples)})
+        collect(collected, {"imu": imu_rows(job.arrays, sensor, samples)})
+
+
+def record_gnss(job: Job, sensor: GnssConfig, frames: Sequence[int], collected: Rows) -> None:
+    """Add the samples of one satellite navigation receiver."""
+    with job.clock.stage(sensor.name):
+        samples = make_gnss(job.arrays, frames, sensor, job.config.seed, job.scenario.name)
+        collect(collected, {"gnss": gnss_rows(job.arrays, sensor.name, samples)})

@@ -1,20 +1,25 @@
-"""Inertial measurement unit: specific force and angular rate from float64 poses, noise, and the inverse integrator.
+"""Inertial measurement unit: specific force and angular rate from float64 poses, and the inverse integrator.
 
 A sample at frame k is the reading at the instant of frame k, in the sensor frame (x forward, y left, z up):
 
     specific force  f_k = R_k^-1 (a_k + g z)    rest on level ground reads (0, 0, +9.81)
     angular rate    w_k
+    compass         heading of the sensor's x axis, clockwise from north
 
-where a_k and w_k are the central differences of `mmw.sensors.kinematics`, taken of the mounted sensor, so lever arms
+where a_k and w_k are the central differences of `mmw.kinematics`, taken of the mounted sensor, so lever arms
 are exact. `integrate_imu` inverts them. The first and last frame of a recording rest on an extrapolated neighbour.
 
-The readings do not depend on which frames are asked for, as long as the same recording is given. Noise is a function of
-(seed, scenario, agent, sensor, frame) alone.
+Two of CARLA's habits are options. `handedness: left` reports in its axes (x forward, y right, z up): forces become
+(fx, -fy, fz), rates (-wx, wy, -wz). `accel_lag_frames: 1` is its late accelerometer, which turns the acceleration of
+the frame before into the sensor as it stands now: R_k^-1 (a_(k-1) + g z); an agent's first frame has none before it
+and reads its own. The noise-free columns have no lag.
+
+The readings do not depend on which frames are asked for, as long as the same recording is given. Errors are those of
+`mmw.sensors.imu_noise`.
 
 Source: sign and frame as CARLA 0.9.15 `sensor.other.imu`, in a right-handed frame.
 """
 
-import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -22,21 +27,23 @@ import numpy as np
 
 from mmw.config import ImuConfig
 from mmw.constants import FRAME_DT, GRAVITY
+from mmw.kinematics import differentiate, window
 from mmw.poses import compose, conjugate, multiply, normalize, quaternion_exp, rotate
 from mmw.scene_arrays import SceneArrays
-from mmw.sensors.kinematics import differentiate, window
+from mmw.sensors.geodesy import sensor_heading
+from mmw.sensors.imu_noise import imu_errors
 from mmw.views import mount_pose, sensor_actors
 
 GRAVITY_W = np.array([0.0, 0.0, GRAVITY])
 """What a resting accelerometer feels, world frame [m/s^2]."""
 
-BLOCKS_PER_FRAME = 2
-"""Philox counter steps of one frame: two blocks of four 64-bit numbers, which make eight normal deviates."""
+LEFT_HANDED = np.array([[1.0, -1.0, 1.0], [-1.0, 1.0, -1.0]])
+"""Factors of a force and of a rate from y left to y right: mirrored polar and axial vectors. Its own inverse."""
 
 
 @dataclass(frozen=True)
 class ImuBatch:
-    """IMU samples of a batch, in the sensor frame, shape [A] or [A, 3]; rows are ordered by frame, then by actor."""
+    """IMU samples of a batch in the axes of `ImuConfig.handedness`, ordered by frame, then by actor; [A] or [A, 3]."""
 
     frame: np.ndarray
     """Frame number, shape [A], int64."""
@@ -47,9 +54,15 @@ class ImuBatch:
     gyro: np.ndarray
     """Angular rate as measured [rad/s]."""
     accel_true: np.ndarray
-    """Specific force without noise [m/s^2]."""
+    """Specific force without errors and lag [m/s^2]."""
     gyro_true: np.ndarray
-    """Angular rate without noise and bias [rad/s]."""
+    """Angular rate without errors [rad/s]."""
+    accel_bias: np.ndarray
+    """Bias in the measured specific force [m/s^2]."""
+    gyro_bias: np.ndarray
+    """Bias in the measured angular rate [rad/s]."""
+    compass: np.ndarray
+    """True heading of the sensor's x axis, clockwise from north, in [0, 2 pi), shape [A] [rad]."""
 
 
 def make_imu(arrays: SceneArrays, frames: Sequence[int], config: ImuConfig, seed: int, scenario: str) -> ImuBatch:
@@ -59,7 +72,7 @@ def make_imu(arrays: SceneArrays, frames: Sequence[int], config: ImuConfig, seed
         arrays: The scene on the host; the frames around `frames` are differentiated too, so give all batches the same
             recording.
         frames: Frames of the batch.
-        config: Mount and noise.
+        config: Mount, axes and errors.
         seed: Seed of the run.
         scenario: Name of the scenario.
 
@@ -67,62 +80,53 @@ def make_imu(arrays: SceneArrays, frames: Sequence[int], config: ImuConfig, seed
         ValueError: If the scene does not cover a frame.
     """
     rows = np.array([arrays.frame_row(int(frame)) for frame in frames], dtype=np.int64)
-    part = window(rows)
+    lag = config.accel_lag_frames
+    part = window(np.concatenate([rows, np.maximum(rows - lag, 0)]))
     actors = sensor_actors(arrays, config)
-    true = np.full((2, len(rows), len(actors), 3), np.nan)
-    noise = np.zeros((2, len(rows), len(actors), 3))
+    shape = (2, len(actors), len(rows), 3)
+    true, compass = np.full(shape, np.nan), np.full(shape[1:3], np.nan)
+    late = np.full(shape, np.nan) if lag else true
     for column, index in enumerate(actors):
-        actor = arrays.actors[index]
-        accel, gyro = measure(arrays.poses[part, index], mount_pose(config, actor.role))
-        true[:, :, column] = accel[rows - part.start], gyro[rows - part.start]
-        noise[:, :, column] = imu_noise(config, frames, seed, scenario, actor.name)
-    frame = np.repeat(np.asarray(frames, dtype=np.int64), len(actors))
-    actor = np.tile(actors, len(rows))
-    true, noise = true.reshape(2, -1, 3), noise.reshape(2, -1, 3)
-    keep = np.isfinite(true).all(axis=(0, 2))
-    true, noise = true[:, keep], noise[:, keep]
-    return ImuBatch(frame[keep], actor[keep], *(true + noise), *true)
+        poses, mount, at = arrays.poses[part, index], mount_pose(config, arrays.actors[index].role), rows - part.start
+        true[:, column] = np.stack(measure(poses, mount))[:, at]
+        if lag:
+            late[:, column] = np.stack(measure(poses, mount, lag=lag))[:, at]
+        compass[column] = sensor_heading(multiply(normalize(poses[at, 3:]), mount[3:]))
+    if config.handedness == "left":
+        true, late = (values * LEFT_HANDED[:, None, None] for values in (true, late))
+    errors = imu_errors(config, frames, seed, scenario, [arrays.actors[index].name for index in actors])
+    distorted = np.sum(errors.distortion[:, :, None] * late[..., None, :], axis=-1)
+    read = distorted + errors.bias + errors.noise
+    keep = np.isfinite(true).all(axis=(0, 3)).T.ravel()
+
+    def samples(values: np.ndarray) -> np.ndarray:  # [..., A, F, 3] to [..., rows, 3], by frame
+        return np.swapaxes(values, -3, -2).reshape(*values.shape[:-3], -1, 3)[..., keep, :]
+
+    frame = np.repeat(np.asarray(frames, dtype=np.int64), len(actors))[keep]
+    actor = np.tile(actors, len(rows))[keep]
+    return ImuBatch(frame, actor, *samples(read), *samples(true), *samples(errors.bias), compass.T.ravel()[keep])
 
 
-def measure(poses: np.ndarray, mount: np.ndarray, dt: float = FRAME_DT) -> tuple[np.ndarray, np.ndarray]:
+def measure(poses: np.ndarray, mount: np.ndarray, dt: float = FRAME_DT, lag: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """Return what a perfect IMU reads at every frame.
 
     Args:
         poses: Agent-to-world in consecutive frames, shape [F, 7], float64; NaN where absent.
         mount: Sensor-to-agent pose, shape [7].
         dt: Time between frames [s].
+        lag: Frames by which the acceleration is late, 0 or 1.
 
     Returns:
-        Specific force [m/s^2] and angular rate [rad/s] in the sensor frame, shape [F, 3] each; NaN where absent.
+        Specific force [m/s^2] and angular rate [rad/s] in the sensor frame (y left), shape [F, 3] each; NaN where
+        absent.
     """
     sensor = compose(np.concatenate([poses[..., :3], normalize(poses[..., 3:])], axis=-1), mount)
     motion = differentiate(sensor, dt)
-    return rotate(conjugate(sensor[..., 3:]), motion.acceleration + GRAVITY_W), motion.body_rate
-
-
-def imu_noise(
-    config: ImuConfig, frames: Sequence[int], seed: int, scenario: str, agent: str
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the accelerometer noise [m/s^2] and the gyroscope noise with bias [rad/s], shape [F, 3] each.
-
-    Every frame owns fixed places of a counter-based generator keyed by (seed, scenario, agent, sensor), so its noise is
-    the same whichever frames are asked for.
-
-    Source: Philox4x64-10, J. Salmon et al., "Parallel random numbers: as easy as 1, 2, 3" (2011); normal deviates by
-    G. Box and M. Muller (1958).
-    """
-    if len(frames) == 0:
-        return np.zeros((0, 3)), np.zeros((0, 3))
-    first, last = min(frames), max(frames)
-    words = [seed, *(zlib.crc32(name.encode()) for name in (scenario, agent, config.name))]
-    key = [words[0] << 32 | words[1], words[2] << 32 | words[3]]
-    generator = np.random.Philox(key=np.array(key, dtype=np.uint64), counter=first * BLOCKS_PER_FRAME)
-    bits = generator.random_raw((last - first + 1) * BLOCKS_PER_FRAME * 4).reshape(-1, 4, 2)[np.asarray(frames) - first]
-    # 53-bit uniforms in (0, 1]: the logarithm never meets zero.
-    uniform = ((bits >> np.uint64(11)).astype(np.float64) + 1.0) * 2.0**-53
-    radius, angle = np.sqrt(-2.0 * np.log(uniform[..., 0])), 2.0 * np.pi * uniform[..., 1]
-    normal = np.concatenate([radius * np.cos(angle), radius * np.sin(angle)], axis=-1)
-    return config.accel_noise_std * normal[:, :3], config.gyro_bias + config.gyro_noise_std * normal[:, 4:7]
+    acceleration = motion.acceleration
+    if lag:
+        before = np.concatenate([acceleration[:1], acceleration[:-1]])
+        acceleration = np.where(np.isnan(before), acceleration, before)
+    return rotate(conjugate(sensor[..., 3:]), acceleration + GRAVITY_W), motion.body_rate
 
 
 def integrate_imu(
