@@ -16,7 +16,10 @@ import pyarrow as pa
 from mmw.channel.solver import check_channel_materials
 from mmw.channel.surface_table import make_surface_table
 from mmw.compute.device import device_name
-from mmw.config import Config, ScenarioConfig
+from mmw.config import Config, LidarConfig, ScenarioConfig
+from mmw.constants import FRAME_DT
+from mmw.kinematics import differentiate
+from mmw.mounts import check_mounts
 from mmw.notes import notes
 from mmw.prepare import prepare_scenario, read_scenario
 from mmw.provenance import keep_config, versions
@@ -26,7 +29,6 @@ from mmw.recording.job import Job, Rows
 from mmw.recording.sensors import record_sensor
 from mmw.report import Clock, Console, closing_summary
 from mmw.scene import Scene
-from mmw.sensors.kinematics import differentiate
 from mmw.tables.columns import sort_rows, table_from_columns
 from mmw.tables.manifest import finalize, pending_scenarios, pending_shards, prepare_root
 from mmw.tables.rows.common import resolved
@@ -110,12 +112,15 @@ def _run_scenario(
         stage = prepare_scenario(config, scenario, base, root)
     with clock.stage("scene"):
         arrays = read_scenario(config, scenario, stage)
-        for line in notes(arrays, config):
+        for line in notes(arrays, config, scenario):
             console.warn_once(line)
         write_scenario(root, scenario.name, static_rows(arrays, config, scenario), meta)
         if not pending:
             return
-        scene = Scene(arrays, device, max_slots=min(config.compute.batch_frames, config.output.shard_frames))
+        sweeps = any(isinstance(sensor, LidarConfig) and sensor.rolling for sensor in config.sensors)
+        slots = min(config.compute.batch_frames, config.output.shard_frames)
+        scene = Scene(arrays, device, max_slots=slots, sweep_s=FRAME_DT if sweeps else 0.0)
+        check_mounts(scene, config)
         surfaces = None
         if config.channel.enabled:
             surfaces = make_surface_table(

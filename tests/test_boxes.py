@@ -3,12 +3,14 @@
 import numpy as np
 
 from mmw.config import LidarConfig
+from mmw.kinematics import differentiate
 from mmw.poses import invert, pose_from_ypr, quaternion_from_ypr, transform_points
 from mmw.scene import Scene
-from mmw.sensors.boxes import count_returns, make_boxes
-from mmw.sensors.kinematics import differentiate
+from mmw.sensors.boxes import make_boxes
 from mmw.sensors.lidar import trace_lidar
+from mmw.sensors.visibility import count_returns
 from mmw.views import make_views
+from mmw.weather import Weather
 from tests.scenes import ABSENT, box_model, street_canyon, two_cars
 
 
@@ -68,9 +70,10 @@ def test_returns_on_a_vehicle_lie_in_its_box() -> None:
     arrays = two_cars(2)
     scene = Scene(arrays, "cpu", 2)
     scene.load_batch([0, 1])
-    config = LidarConfig(channels=16, points_per_channel=180)
+    config = LidarConfig(channels=16, points_per_channel=180, optics={"range_resolution_m": 0})
     views = make_views(arrays, [0, 1], config)
-    batch = trace_lidar(scene, views, config, arrays.materials["sunny"])
+    keys = np.zeros((len(views), 2), np.uint32)
+    batch = trace_lidar(scene, views, config, arrays.materials["sunny"], Weather(), keys)
     boxes = make_boxes(arrays, [0, 1])
     ids = boxes.object_id[:2]
     counts = count_returns(batch.offsets, batch.object_id, ids)

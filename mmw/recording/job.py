@@ -6,10 +6,10 @@ from typing import Any
 
 from mmw.channel.surface_table import SurfaceTable
 from mmw.config import Config, ScenarioConfig
+from mmw.kinematics import Motion
 from mmw.report import Clock
 from mmw.scene import Scene
 from mmw.scene_arrays import SceneArrays
-from mmw.sensors.kinematics import Motion
 from mmw.weather import Weather
 
 
