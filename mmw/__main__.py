@@ -40,7 +40,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     verify = commands.add_parser("verify", help="check every file of a dataset against its hash")
     verify.add_argument("dataset", type=Path, help="dataset folder")
     pictures = commands.add_parser(
-        "pictures", help="draw a dataset: town, street, LiDAR, depth, link (needs mmw[plot])"
+        "pictures", help="draw a dataset: town, street, every sensor, weathers side by side, a link (needs mmw[plot])"
     )
     pictures.add_argument("dataset", type=Path, help="dataset folder")
     pictures.add_argument("--out", type=Path, default=Path("pictures"), help="folder for the PNG files")

@@ -23,10 +23,23 @@ if TYPE_CHECKING:
 LIDAR_POINTS = """
 CREATE OR REPLACE VIEW lidar_points AS
 SELECT scenario, weather, frame, agent, sensor, unnest(x) AS x, unnest(y) AS y, unnest(z) AS z,
-       unnest(intensity) AS intensity, unnest(ring) AS ring, unnest(object_id) AS object_id
+       unnest(intensity) AS intensity, unnest(ring) AS ring, unnest(object_id) AS object_id, unnest(label) AS label,
+       unnest(time_offset) AS time_offset, unnest(return_number) AS return_number
 FROM lidar
 """
 """A view with one row a LiDAR return, sensor frame."""
+
+RADAR_POINTS = """
+CREATE OR REPLACE VIEW radar_points AS
+SELECT scenario, weather, frame, agent, sensor, unnest(range) AS range, unnest(azimuth) AS azimuth,
+       unnest(elevation) AS elevation, unnest(velocity) AS velocity, unnest(power_db) AS power_db,
+       unnest(snr_db) AS snr_db, unnest(rcs_dbsm) AS rcs_dbsm, unnest(object_id) AS object_id, unnest(label) AS label
+FROM radar
+"""
+"""A view with one row a radar point, sensor frame; power, SNR and RCS are null where the sensor is CARLA's."""
+
+POINT_VIEWS = {"lidar": LIDAR_POINTS, "radar": RADAR_POINTS}
+"""Table -> the view that takes its lists apart."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +108,8 @@ class Dataset:
         return self.arrow(table).to_table(columns=list(columns) if columns else None, filter=expression)
 
     def connect(self) -> "duckdb.DuckDBPyConnection":
-        """Return a DuckDB connection with one view a table, and `lidar_points` with one row a LiDAR return.
+        """Return a DuckDB connection with one view a table, and `lidar_points` and `radar_points` with
+        one row a point.
 
         Raises:
             ValueError: If the folder holds no table.
@@ -114,8 +128,9 @@ class Dataset:
                 f"CREATE VIEW {name} AS SELECT * FROM "
                 f"read_parquet('{files}', hive_partitioning = true, hive_types_autocast = false)"
             )
-        if "lidar" in self.tables:
-            connection.execute(LIDAR_POINTS)
+        for name, view in POINT_VIEWS.items():
+            if name in self.tables:
+                connection.execute(view)
         return connection
 
 
@@ -131,7 +146,7 @@ def open_dataset(root: str | Path) -> Dataset:
 
 
 def connect(root: str | Path) -> "duckdb.DuckDBPyConnection":
-    """Return a DuckDB connection to the dataset in a folder: one view a table, and `lidar_points`."""
+    """Return a DuckDB connection to the dataset in a folder: one view a table, `lidar_points` and `radar_points`."""
     return open_dataset(root).connect()
 
 

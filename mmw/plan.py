@@ -1,28 +1,57 @@
 """What a configuration asks for, before anything is traced: inputs that must exist, frames, rays and bytes."""
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from pxr import Usd
 
 from mmw.channel.materials import RADIO_ROWS
-from mmw.config import ChannelConfig, Config, ConfigError, DepthConfig, ImuConfig, LidarConfig, ScenarioConfig
+from mmw.config import (
+    ChannelConfig,
+    Config,
+    ConfigError,
+    DepthConfig,
+    GnssConfig,
+    ImuConfig,
+    LidarConfig,
+    RadarConfig,
+    ScenarioConfig,
+)
 from mmw.config.scenario import TOWN_SUFFIXES
 from mmw.paths import town_path
 from mmw.report import si
+from mmw.sensors.radar import ray_count
 from mmw.tables.schemas import TABLES
 from mmw.traffic.sumo import check_sumo
 from mmw.usd.actors import find_actors
 from mmw.usd.material_map import unknown_names
 from mmw.usd.open import open_stage
+from mmw.weather import choose_variant
 
 FRAMED_TABLES = sum(table.framed for table in TABLES.values())
 
-LIDAR_BYTES_PER_RAY = 3.85
-"""Bytes of one LiDAR ray in the tables, misses included: 114 to 118 kB for a sweep of 30,016 rays on town03."""
+LIDAR_BYTES_PER_RAY = 4.5
+"""Bytes of one LiDAR ray in the tables, misses included: 114 to 118 kB for a sweep of 30,016 rays on town03, and 0.6
+bytes a ray more for the noise of the range, in sun, rain and fog alike; dual returns take up to 1.6 times as much."""
 
 DEPTH_BYTES_PER_PIXEL = 0.1
 """Bytes of one depth pixel as 16-bit PNG: 28 to 32 kB for an image of 640 x 480 on town03."""
+
+DEPTH_FLOAT_BYTES_PER_PIXEL = 0.9
+"""Bytes of one depth pixel before rounding, `format: float32`: 275 kB for an image of 640 x 480 on town03."""
+
+SEGMENTATION_BYTES_PER_PIXEL = 0.06
+"""Bytes of one pixel in both segmentation images: 17 to 20 kB for 640 x 480 on town03."""
+
+RADAR_BYTES_PER_RAY = {"compat": 8.8, "dense": 24.0}
+"""Bytes of one radar ray where rays are stored, misses included, measured on town03."""
+
+MAP_PIXEL_BYTES, IQ_SAMPLE_BYTES = 4.0, 8.0
+"""Bytes of a pixel of a radar map, float32, and of a sample, complex64."""
+
+BOXES_2D_PER_VIEW = 0.2
+"""Share of the boxed actors that one camera frames, measured on town03."""
 
 PATH_BYTES = 134.0
 """Bytes of one radio path at one carrier, measured on town03."""
@@ -36,7 +65,7 @@ BENT_PATHS_PER_LINK = 118.0
 PATCHES_PER_RAY = 0.4
 """Diffuse paths of a link for each of `channel.diffuse_rays` and order; rough ground below a mast gives 0.38."""
 
-ROW_BYTES = {"poses": 80.0, "boxes": 60.0, "imu": 60.0, "links": 25.0}
+ROW_BYTES = {"poses": 80.0, "boxes": 60.0, "imu": 70.0, "gnss": 48.0, "links": 25.0, "boxes_2d": 20.0, "radar": 9_000.0}
 """Bytes of one row of the small tables, measured on town03."""
 
 FILE_BYTES = 12_000.0
@@ -104,7 +133,7 @@ def check_inputs(config: Config, base: Path) -> None:
     for scenario in config.scenarios:
         where = f"scenario {scenario.name!r}"
         try:
-            _check_source(scenario, scenario_source(scenario, base), config.weathers)
+            _check_source(scenario, scenario_source(scenario, base), config.variants)
         except ValueError as error:
             problems.append(str(error))
         try:
@@ -127,22 +156,34 @@ def check_inputs(config: Config, base: Path) -> None:
         raise ConfigError(problems)
 
 
-def _check_source(scenario: ScenarioConfig, source: Path, weathers: Sequence[str]) -> None:
-    """Open a stage or town without its payloads, and look for the weathers of a town.
+def _check_source(scenario: ScenarioConfig, source: Path, variants: Mapping[str, Sequence[str]]) -> None:
+    """Open a stage or town without its payloads, and look for a variant of a town for each weather.
 
     Raises:
-        ValueError: If USD cannot read the file, or the town has no such weather.
+        ValueError: If USD cannot read the file, or the town has no variant for a weather.
     """
     key, value = ("stage", scenario.stage) if scenario.stage is not None else ("town", scenario.town)
     try:
-        stage = open_stage(source, Usd.Stage.LoadNone)
+        known = weather_variants(source)
     except ValueError as error:
         raise ValueError(f"scenario {scenario.name!r}: {key} = {value!r}: {error}") from None
+    for weather, names in variants.items() if scenario.town is not None and known else ():
+        if choose_variant(names, known) is None:
+            raise ValueError(
+                f"weathers holds {weather!r}: {value} has the variants {', '.join(known)}, none of {', '.join(names)}; "
+                f"set air.{weather}.variant to one that it has"
+            )
+
+
+def weather_variants(source: Path) -> list[str]:
+    """Return the weather variants of a town or stage; none if its default prim has no such variant set.
+
+    Raises:
+        ValueError: If USD cannot read the file.
+    """
+    stage = open_stage(source, Usd.Stage.LoadNone)  # its prims live as long as it does
     root = stage.GetDefaultPrim()
-    known = root.GetVariantSet("weather").GetVariantNames() if root else []
-    for weather in weathers if scenario.town is not None and known else ():
-        if weather not in known:
-            raise ValueError(f"weathers holds {weather!r}: {value} has {', '.join(known)}; name one of them")
+    return root.GetVariantSet("weather").GetVariantNames() if root else []
 
 
 def agent_counts(scenario: ScenarioConfig, base: Path) -> dict[str, int]:
@@ -222,9 +263,21 @@ def frame_cost(config: Config, counts: Mapping[str, int]) -> tuple[dict[str, int
             size += rays[sensor.name] * LIDAR_BYTES_PER_RAY
         elif isinstance(sensor, DepthConfig):
             rays[sensor.name] = agents * sensor.width_px * sensor.height_px
-            size += rays[sensor.name] * DEPTH_BYTES_PER_PIXEL
+            size += rays[sensor.name] * _bytes_per_pixel(sensor)
+            if sensor.boxes_2d:
+                size += agents * BOXES_2D_PER_VIEW * counts["boxes"] * ROW_BYTES["boxes_2d"]
+        elif isinstance(sensor, RadarConfig):
+            rays[sensor.name] = agents * ray_count(sensor)
+            stored = "compat" if sensor.mode == "compat" else sensor.output
+            if stored in RADAR_BYTES_PER_RAY:
+                size += rays[sensor.name] * RADAR_BYTES_PER_RAY[stored]
+            else:
+                size += agents * ROW_BYTES["radar"]
+            size += agents * _radar_extra_bytes(sensor)
         elif isinstance(sensor, ImuConfig):
             size += agents * ROW_BYTES["imu"]
+        elif isinstance(sensor, GnssConfig):
+            size += agents * ROW_BYTES["gnss"] / sensor.period_frames
     if config.channel.enabled:
         channel = config.channel
         half = 0.5 if channel.is_reciprocal else 1.0  # the ends of a pair share the rays
@@ -237,6 +290,23 @@ def frame_cost(config: Config, counts: Mapping[str, int]) -> tuple[dict[str, int
             rays["channel"] = int(senders * channel.rays)
         size += links * len(config.channel.carriers_hz) * (ROW_BYTES["links"] + _paths(config.channel) * PATH_BYTES)
     return rays, size
+
+
+def _bytes_per_pixel(sensor: DepthConfig) -> float:
+    """Return the bytes of one pixel of a depth camera in all its images."""
+    size = DEPTH_BYTES_PER_PIXEL
+    if sensor.format == "float32":
+        size += DEPTH_FLOAT_BYTES_PER_PIXEL
+    if sensor.segmentation:
+        size += SEGMENTATION_BYTES_PER_PIXEL
+    return size
+
+
+def _radar_extra_bytes(sensor: RadarConfig) -> float:
+    """Return the bytes of the maps and samples of one view of a radar; noise does not compress."""
+    columns = {"range_azimuth": sensor.azimuth_antennas, "range_doppler": sensor.chirps}
+    pixels = sum(columns[kind] for kind in sensor.maps) * (sensor.range_cells + 1)
+    return pixels * MAP_PIXEL_BYTES + (math.prod(sensor.iq_shape) * IQ_SAMPLE_BYTES if sensor.iq else 0.0)
 
 
 def _paths(channel: ChannelConfig) -> float:

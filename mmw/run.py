@@ -13,6 +13,9 @@ from mmw.command import fail
 from mmw.config import Config, ConfigError, load_config
 from mmw.config.load import json_schema, to_yaml
 
+OUT_OF_MEMORY = "Failed to allocate"
+"""How Warp's error about a full device or host begins."""
+
 
 def parser(prog: str = "python -m mmw.run") -> argparse.ArgumentParser:
     """Return the command line's parser."""
@@ -117,6 +120,16 @@ def execute(config: Config, path: Path, *, dry_run: bool = False, overwrite: boo
     except OSError as error:
         return fail(
             [f"{error.filename or config.output.dir}: {error.strerror or error}; the same command resumes"], code=1
+        )
+    except (MemoryError, RuntimeError) as error:
+        if isinstance(error, RuntimeError) and OUT_OF_MEMORY not in str(error):
+            raise
+        return fail(
+            [
+                f"memory is full with {config.compute.batch_frames} frames a launch ({error}); every finished shard is "
+                "kept; the same command with a smaller --batch-frames resumes"
+            ],
+            code=1,
         )
     return 0
 

@@ -3,8 +3,10 @@
 import zlib
 
 import numpy as np
+import pyarrow as pa
 
-from mmw.tables.encode import encode_depth
+from mmw.tables.encode import encode_depth, encode_instance, encode_semantic
+from mmw.tables.schema.columns import F32, list_of
 from mmw.tables.writer import ShardKey
 
 AGENTS = ("cav_1", "cav_2", "cav_3", "rsu_1")
@@ -26,6 +28,58 @@ def normal(rng: np.random.Generator, rows: int, names: str) -> dict:
     return {name: rng.normal(size=rows) for name in names.split()}
 
 
+def point_lists(rng: np.random.Generator, sizes: list[int], names: str) -> dict:
+    """Return one float list column for each of the space-separated names; row k holds `sizes[k]` numbers."""
+    return {name: [np.float32(rng.normal(size=size)) for size in sizes] for name in names.split()}
+
+
+def lists_or_null(rows: list) -> pa.Array:
+    """Return a float list column whose None rows are null."""
+    return pa.array(rows, list_of(F32))
+
+
+def visibility_columns(rng: np.random.Generator, agents: dict) -> dict:
+    """Return what each agent's LiDAR, radar, camera and antenna have of vehicle 14, at most one row a sensor and agent:
+    a sensor knows its own column alone, and the antenna's line is free or blocked by the town."""
+    known = {"lidar": "lidar_points", "radar": "radar_points", "depth": "pixels"}
+    sensors = [*known, "antenna"]
+    rows = len(agents["frame"])
+    each = np.tile(sensors, rows)
+    counts = rng.integers(1, 9, len(each)).tolist()
+    is_free = [bool(count % 2) if sensor == "antenna" else None for sensor, count in zip(each, counts, strict=True)]
+    return {
+        **{name: np.repeat(values, len(sensors)) for name, values in agents.items()},
+        "sensor": each,
+        "object_id": 14,
+        **{
+            column: [count if by == sensor else None for by, count in zip(each, counts, strict=True)]
+            for sensor, column in known.items()
+        },
+        "is_los": is_free,
+        "blocker_id": [0 if free is False else None for free in is_free],
+    }
+
+
+def radar_columns(rng: np.random.Generator, agents: dict, points: int) -> dict:
+    """Return samples of two radars an agent: `radar`, and CARLA's `radar_2`, which knows no power."""
+    sensors = ("radar", "radar_2")
+    sizes = rng.integers(0, points + 1, len(sensors) * len(agents["frame"])).tolist()
+    is_known = np.tile([True, False], len(agents["frame"]))
+    powers = point_lists(rng, sizes, "power_db snr_db rcs_dbsm")
+    return {
+        **{name: np.repeat(values, len(sensors)) for name, values in agents.items()},
+        "sensor": np.tile(sensors, len(agents["frame"])),
+        "point_count": sizes,
+        **point_lists(rng, sizes, "range azimuth elevation velocity"),
+        **{
+            name: lists_or_null([row if known else None for row, known in zip(rows, is_known, strict=True)])
+            for name, rows in powers.items()
+        },
+        "object_id": [rng.integers(-1, 15, size) for size in sizes],
+        "label": [rng.integers(0, 3, size) for size in sizes],
+    }
+
+
 def make_shard(key: ShardKey, points: int = 50, height: int = 6, width: int = 8) -> dict:
     """Return columns of every framed table for four agents; V2I links at two carriers, CAV 3 without any path."""
     frames = np.arange(key.frame_begin, key.frame_end)
@@ -37,6 +91,7 @@ def make_shard(key: ShardKey, points: int = 50, height: int = 6, width: int = 8)
     rsus = owned(key, AGENTS[3:])
     clouds = [rng.normal(0, 30, (rng.integers(0, points + 1), 3)) for _ in range(rows)]
     depths = [np.where(rng.random((height, width)) < 0.2, 0.0, rng.uniform(0, 600, (height, width))) for _ in frames]
+    seen = [rng.integers(-1, 15, (height, width), dtype=np.int32) for _ in frames]
     links = {name: np.repeat(values, 2) for name, values in cavs.items()}
     carriers = np.tile([4.9e9, 28e9], 3 * count)
     has_path = links["agent"] != "cav_3"
@@ -66,16 +121,19 @@ def make_shard(key: ShardKey, points: int = 50, height: int = 6, width: int = 8)
             "agent": np.tile(np.array(["cav_1", "cav_2", "cav_3", None, None], dtype=object), count),
             **normal(rng, 5 * count, "x y z yaw pitch roll length width height vx vy vz"),
         },
-        "box_visibility": {
-            **agents,
-            "sensor": "lidar",
-            "object_id": 14,
-            "lidar_points": rng.integers(1, 9, rows),
-        },
+        "box_visibility": visibility_columns(rng, agents),
         "imu": {
             **cavs,
             "sensor": "imu",
+            "handedness": "right",
             **normal(rng, 3 * count, "ax ay az gx gy gz ax_true ay_true az_true gx_true gy_true gz_true"),
+            **normal(rng, 3 * count, "ax_bias ay_bias az_bias gx_bias gy_bias gz_bias compass"),
+        },
+        "gnss": {
+            **cavs,
+            "sensor": "gnss",
+            **normal(rng, 3 * count, "latitude_deg longitude_deg altitude_m v_east v_north v_up speed heading"),
+            **normal(rng, 3 * count, "latitude_true_deg longitude_true_deg altitude_true_m"),
         },
         "lidar": {
             **agents,
@@ -88,6 +146,15 @@ def make_shard(key: ShardKey, points: int = 50, height: int = 6, width: int = 8)
             "intensity": [np.float32(rng.integers(0, 257, len(cloud)) / 256) for cloud in clouds],
             "ring": [np.sort(rng.integers(0, 64, len(cloud))) for cloud in clouds],
             "object_id": [rng.integers(0, 15, len(cloud)) for cloud in clouds],
+            "label": [rng.integers(0, 3, len(cloud)) for cloud in clouds],
+            "time_offset": [np.float32(rng.uniform(-0.01, 0.0, len(cloud))) for cloud in clouds],
+            "return_number": [rng.integers(0, 2, len(cloud)) for cloud in clouds],
+            **{
+                f"flow_{axis}": lists_or_null(
+                    [np.float32(rng.normal(size=len(cloud))) if k % 4 else None for k, cloud in enumerate(clouds)]
+                )
+                for axis in "xyz"
+            },
         },
         "depth": {
             **rsus,
@@ -96,6 +163,47 @@ def make_shard(key: ShardKey, points: int = 50, height: int = 6, width: int = 8)
                 (encode_depth(np.uint16(depth * 100)), f"rsu_1_{frame:06d}.png")
                 for frame, depth in zip(frames, depths, strict=True)
             ],
+            "depth_m": lists_or_null([np.float32(depth.ravel()) if k % 2 else None for k, depth in enumerate(depths)]),
+        },
+        "radar": radar_columns(rng, agents, points),
+        "radar_maps": {
+            **rsus,
+            "sensor": "radar",
+            "kind": "range_azimuth",
+            "rows": 2,
+            "columns": 3,
+            **normal(rng, count, "row_first row_step column_first column_step"),
+            "values": [rng.normal(-120, 5, 6).astype(np.float32) for _ in frames],
+        },
+        "radar_iq": {
+            **rsus,
+            "sensor": "radar",
+            "antennas": 2,
+            "chirps": 1,
+            "samples": 3,
+            **{name: [rng.normal(size=6).astype(np.float32) for _ in frames] for name in "iq"},
+        },
+        "segmentation": {
+            **rsus,
+            "sensor": "depth",
+            "instance": [
+                (encode_instance(ids), f"rsu_1_{frame:06d}_i.png") for frame, ids in zip(frames, seen, strict=True)
+            ],
+            "semantic": [
+                (encode_semantic(ids, np.arange(17, dtype=np.uint8)), f"rsu_1_{frame:06d}_s.png")
+                for frame, ids in zip(frames, seen, strict=True)
+            ],
+        },
+        "boxes_2d": {
+            **rsus,
+            "sensor": "depth",
+            "object_id": 14,
+            "pixels": np.arange(count) % 3,
+            **{
+                name: [value if k % 3 else None for k, value in enumerate(rng.integers(0, 640, count).tolist())]
+                for name in ("u_min", "v_min", "u_max", "v_max")
+            },
+            **normal(rng, count, "amodal_u_min amodal_v_min amodal_u_max amodal_v_max truncation distance"),
         },
         "links": {
             **links,

@@ -13,6 +13,7 @@ from PIL import Image
 
 from mmw.dataset import connect, open_dataset
 from mmw.tables.manifest import finalize, prepare_root
+from mmw.tables.schemas import TABLES
 from mmw.tables.writer import ShardKey, write_scenario, write_shard
 from tests.shards import IDENTITY, META, make_shard, make_statics
 
@@ -42,7 +43,8 @@ def test_views_hold_every_row_once(root):
     views = {
         name for (name,) in connection.execute("SELECT view_name FROM duckdb_views() WHERE NOT internal").fetchall()
     }
-    assert views == {*open_dataset(root).tables, "lidar_points"} and len(views) == 13
+    assert open_dataset(root).tables == tuple(TABLES)
+    assert views == {*TABLES, "lidar_points", "radar_points"}
     for table in open_dataset(root).tables:
         (count,) = connection.execute(f"SELECT count(*) FROM {table}").fetchone()
         assert count == open_dataset(root).arrow(table).count_rows()
@@ -73,14 +75,42 @@ def test_tables_join_on_the_key(root):
 
 def test_lidar_points_view_has_one_row_a_return(root):
     shard = make_shard(KEYS[1])["lidar"]
-    query = (
-        "SELECT x, y, z, intensity, ring, object_id FROM lidar_points WHERE scenario = 'town_a' AND weather = 'rainy' "
-    )
+    names = ("x", "y", "z", "intensity", "ring", "object_id", "label", "time_offset", "return_number")
+    query = f"SELECT {', '.join(names)} FROM lidar_points WHERE scenario = 'town_a' AND weather = 'rainy' "
     rows = connect(root).execute(query + "AND frame = 6 AND agent = 'cav_2'").fetchnumpy()
-    for name in ("x", "y", "z", "intensity", "ring", "object_id"):
+    for name in names:
         np.testing.assert_array_equal(rows[name], shard[name][9])
     (points,) = connect(root).execute("SELECT count(*) FROM lidar_points").fetchone()
     assert points == sum(sum(make_shard(key)["lidar"]["point_count"]) for key in KEYS)
+
+
+@pytest.mark.parametrize("sensor", ["radar", "radar_2"])
+def test_radar_points_view_has_one_row_a_point_and_null_where_nothing_is_known(root, sensor):
+    shard, row = make_shard(KEYS[1])["radar"], 2 * 9 + (sensor == "radar_2")
+    query = "SELECT * FROM radar_points WHERE scenario = 'town_a' AND weather = 'rainy' AND frame = 6 AND "
+    rows = connect(root).sql(f"{query} agent = 'cav_2' AND sensor = '{sensor}'").to_arrow_table()
+    assert rows.num_rows == shard["point_count"][row] > 0
+    for name in ("range", "azimuth", "elevation", "velocity", "object_id", "label"):
+        np.testing.assert_array_equal(rows.column(name), shard[name][row])
+    for name in ("power_db", "snr_db", "rcs_dbsm"):
+        given = shard[name].to_pylist()[row]
+        assert rows.column(name).to_pylist() == ([None] * rows.num_rows if sensor == "radar_2" else given)
+    (points,) = connect(root).execute("SELECT count(*) FROM radar_points").fetchone()
+    assert points == sum(sum(make_shard(key)["radar"]["point_count"]) for key in KEYS)
+
+
+def test_visibility_says_what_each_kind_of_sensor_knows(root):
+    query = """
+        SELECT sensor, count(*) = count(lidar_points), count(*) = count(radar_points), count(*) = count(pixels),
+               count(*) = count(is_los), count(blocker_id) = count(*) FILTER (WHERE NOT is_los)
+        FROM box_visibility GROUP BY sensor ORDER BY sensor
+    """
+    assert connect(root).execute(query).fetchall() == [
+        ("antenna", False, False, False, True, True),
+        ("depth", False, False, True, False, True),
+        ("lidar", True, False, False, False, True),
+        ("radar", False, True, False, False, True),
+    ]
 
 
 def test_arrow_reads_only_what_is_asked(root):

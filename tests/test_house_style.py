@@ -21,7 +21,8 @@ SOURCES = sorted(
 KERNELS = sorted((ROOT / "kernels").glob("*.py"))
 
 LAYERS = [
-    {"mmw.constants", "mmw.paths", "mmw.materials", "mmw.poses", "mmw.weather", "mmw.optics", "mmw.random_keys"},
+    {"mmw.constants", "mmw.paths", "mmw.materials", "mmw.poses", "mmw.kinematics"}
+    | {"mmw.weather", "mmw.carla_weather", "mmw.optics", "mmw.lidar_optics", "mmw.random_keys"},
     {"mmw.config"},
     {"mmw.kernels"},
     {"mmw.usd", "mmw.surfaces"},
@@ -38,7 +39,7 @@ LAYERS = [
     {"mmw.tables"},
     {"mmw.dataset"},
     {"mmw.compute", "mmw.report", "mmw.command"},
-    {"mmw.plan", "mmw.provenance", "mmw.notes"},
+    {"mmw.plan", "mmw.provenance", "mmw.notes", "mmw.mounts"},
     {"mmw.prepare"},
     {"mmw.viewing", "mmw.radio_map_command", "mmw.town_command", "mmw.import_command"},
     {"mmw.recording"},

@@ -9,9 +9,9 @@ from mmw.channel.links import make_links
 from mmw.channel.solver import solve_paths
 from mmw.config import ChannelConfig
 from mmw.constants import SPEED_OF_LIGHT
+from mmw.kinematics import differentiate
 from mmw.poses import conjugate, pose_from_ypr, rotate
 from mmw.scene import Scene
-from mmw.sensors.kinematics import differentiate
 from mmw.tables.rows.radio import link_rows, path_rows
 from mmw.tables.rows.world import frame_rows, pose_rows
 from tests.scenes import arrays_from_parts, pose, two_cars, wall_part

@@ -90,8 +90,10 @@ def test_values_survive_the_file(name, tmp_path):
         elif pa.types.is_list(field.type) and not pa.types.is_string(field.type.value_type):
             kind = np.float32 if field.type.value_type == pa.float32() else np.float64
             stored = back.column(field.name).to_pylist()
-            for old, new in zip(values, stored, strict=True):
-                np.testing.assert_array_equal(np.asarray(new), np.asarray(old, dtype=kind))
+            for old, new in zip(values.to_pylist() if isinstance(values, pa.Array) else values, stored, strict=True):
+                assert (old is None) == (new is None), field.name
+                if old is not None:
+                    np.testing.assert_array_equal(np.asarray(new), np.asarray(old, dtype=kind))
 
 
 @pytest.mark.parametrize(

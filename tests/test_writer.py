@@ -21,11 +21,13 @@ from mmw.tables import publish
 from mmw.tables.columns import sort_rows, table_from_columns
 from mmw.tables.manifest import finalize, pending_scenarios, pending_shards, prepare_root, read_markers
 from mmw.tables.parquet import arrow_schema
-from mmw.tables.schemas import table_spec
+from mmw.tables.schemas import TABLES, table_spec
 from mmw.tables.verify import verify
 from mmw.tables.writer import OutOfSpaceError, ShardKey, marker_path, table_path, write_scenario, write_shard
 from tests.shards import IDENTITY, META, make_shard, make_statics
 
+FILES = 6 * sum(table.framed for table in TABLES.values()) + 3
+"""Parquet files of the six shards below, each with every framed table, and of the scenario's three static tables."""
 KEYS = [ShardKey("town_a", weather, begin, begin + 5) for weather in ("rainy", "sunny") for begin in (0, 5, 10)]
 
 
@@ -83,7 +85,7 @@ def test_lidar_row_group_is_one_frame(root):
 def test_same_rows_same_bytes(root, tmp_path):
     write_all(tmp_path / "again")
     first, second = parquet_bytes(root), parquet_bytes(tmp_path / "again")
-    assert len(first) == 6 * 9 + 3 and first == second
+    assert len(first) == FILES and first == second
 
 
 def test_threads_write_the_same_as_one(root, tmp_path):
@@ -180,7 +182,7 @@ def test_verify_finds_everything(root):
 def test_finalize_lists_and_counts(root):
     summary = finalize(root)
     manifest = pq.read_table(root / "_manifest.parquet").to_pylist()
-    assert len(manifest) == summary["files"] == 6 * 9 + 3
+    assert len(manifest) == summary["files"] == FILES
     assert {row["path"] for row in manifest} == set(parquet_bytes(root))
     assert summary["tables"]["poses"]["rows"] == 6 * 5 * 4
     assert summary["bytes"] == sum(len(data) for data in parquet_bytes(root).values())

@@ -13,8 +13,6 @@ from pydantic_core import ErrorDetails
 Key = tuple[str | int, ...]
 
 _NEEDED = {
-    "tuple_type": "a list is needed, such as [1, 2]",
-    "list_type": "a list is needed, such as [1, 2]",
     "model_type": "a section of keys is needed; fill it, or remove the key to have its defaults",
     "model_attributes_type": "a section of keys is needed; fill it, or remove the key to have its defaults",
     "dict_type": "a map of keys and values is needed; fill it, or remove the key",
@@ -23,14 +21,14 @@ _NEEDED = {
     "float_type": "a number is needed, without quotes",
     "bool_type": "true or false is needed, without quotes",
     "string_type": "text is needed; put it in quotes if it looks like a number",
-    "union_tag_not_found": "`type` is missing; say which sensor it is: lidar, depth or imu",
 }
 """What to say instead of pydantic's words about Python types, by its error type."""
 
 
 def problem_line(path: Path, error: ErrorDetails, root: type[BaseModel]) -> str:
     """Return one line for one error of a file whose content is a `root`."""
-    models, key = _walk(error["loc"], root)
+    is_key = error["loc"][-1:] == ("[key]",)  # pydantic's word for the key of a map
+    models, key = _walk(error["loc"][:-1] if is_key else error["loc"], root)
     where = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in key).lstrip(".") or "the file"
     if error["type"] == "extra_forbidden":
         known = sorted({name for model in models for name in keys_of(model)})
@@ -48,11 +46,21 @@ def problem_line(path: Path, error: ErrorDetails, root: type[BaseModel]) -> str:
     message = _NEEDED.get(error["type"]) or error["msg"].removeprefix("Value error, ")
     message = message.replace("Input should be", "must be")
     context = error.get("ctx", {})
+    if error["type"] in ("tuple_type", "list_type"):
+        example = "1, 2" if isinstance(error["input"], dict | list | None) else error["input"]
+        message = f"a list is needed, such as [{example}]"
+    if error["type"] == "string_pattern_mismatch":
+        others = "`_` and `-`" if "_-" in str(context.get("pattern")) else "`_`"
+        message = f"a name is needed: a letter, then letters, digits, {others}"
     if error["type"] == "too_long":
-        message = f"holds {context.get('actual_length')} values; {context.get('max_length')} are needed"
+        most = "" if _is_fixed(models, key) else "at most "
+        message = f"holds {context.get('actual_length')} values; {most}{context.get('max_length')} are needed"
+    if error["type"] == "union_tag_not_found":
+        tags = [str(tag) for tag in map(tag_of, models) if tag]
+        message = f"`type` is missing; say which sensor it is: {', '.join(tags[:-1])} or {tags[-1]}"
     if error["type"] == "union_tag_invalid":
         message = f"type = {_short(context.get('tag'))} is unknown; one of {context.get('expected_tags')} is needed"
-    found = "" if isinstance(error["input"], dict | list) else f" = {_short(error['input'])}"
+    found = "" if is_key or isinstance(error["input"], dict | list) else f" = {_short(error['input'])}"
     return f"{path}: {where}{found}: {message[0].lower() + message[1:]}" + (f"; {described}" if described else "")
 
 
@@ -104,10 +112,21 @@ def models_in(model: type[BaseModel], name: str) -> Iterator[type[BaseModel]]:
     yield from find(keys_of(model)[name].annotation)
 
 
-def _description(models: list[type[BaseModel]], key: Key) -> str:
+def _field(models: list[type[BaseModel]], key: Key) -> FieldInfo | None:
     names = [part for part in key if isinstance(part, str)]
     fields = [keys_of(model)[names[-1]] for model in models if names and names[-1] in keys_of(model)]
-    return (fields[0].description or "") if fields else ""
+    return fields[0] if fields else None
+
+
+def _description(models: list[type[BaseModel]], key: Key) -> str:
+    field = _field(models, key)
+    return (field.description or "") if field else ""
+
+
+def _is_fixed(models: list[type[BaseModel]], key: Key) -> bool:
+    """Return whether a list has a number of values of its own, such as a point's three, and no upper limit."""
+    field = _field(models, key)
+    return field is None or not any(hasattr(rule, "max_length") for rule in field.metadata)
 
 
 def _short(value: Any) -> str:

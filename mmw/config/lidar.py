@@ -86,6 +86,11 @@ class LidarConfig(SensorSection):
             table = self.elevations_deg
             implied = {"channels": len(table), "upper_fov_deg": table[0], "lower_fov_deg": table[-1]}
             self.__dict__.update({key: value for key, value in implied.items() if key not in self.model_fields_set})
+        if self.elevations_deg is None and self.channels > 1 and self.lower_fov_deg == self.upper_fov_deg:
+            raise ValueError(
+                f"upper_fov_deg = lower_fov_deg = {self.upper_fov_deg:g} with channels = {self.channels}; that is no "
+                "field of view; set them apart, or use channels: 1"
+            )
         if self.lower_fov_deg > self.upper_fov_deg:
             raise ValueError(
                 f"lower_fov_deg = {self.lower_fov_deg} lies above upper_fov_deg = {self.upper_fov_deg}; swap them"

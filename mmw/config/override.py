@@ -58,5 +58,22 @@ def _default(owners: list[type[BaseModel]], name: str) -> Any:
     for owner in owners:
         default = owner.model_fields[name].get_default(call_default_factory=True)
         if default is not PydanticUndefined and default is not None:
-            return to_jsonable_python(default)
+            return _as_file(default)
     return {}
+
+
+def _as_file(value: Any) -> Any:
+    """Return a value as the shortest file that gives it: of sections what is set, and their `type`.
+
+    What depends on another key, such as a LiDAR's channels on its table of elevations, is then still free.
+    """
+    if isinstance(value, BaseModel):
+        given = {
+            name: _as_file(getattr(value, name)) for name in type(value).model_fields if name in value.model_fields_set
+        }
+        return {"type": tag_of(type(value)), **given} if tag_of(type(value)) else given
+    if isinstance(value, dict):
+        return {key: _as_file(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_as_file(item) for item in value]
+    return to_jsonable_python(value)

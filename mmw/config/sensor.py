@@ -8,14 +8,28 @@ from mmw.config.section import Name, Section, Vec3
 
 Role = Literal["cav", "rsu"]
 
+MOST_OFFSET_M = 1000.0
+"""Largest offset of a sensor from its agent along an axis [m]. Design value."""
+
 
 class MountConfig(Section):
     """Where a sensor sits on its agent: x forward, y left, z up from the agent's origin on the ground."""
 
-    position_m: Vec3 = Field((0.0, 0.0, 0.0), description="offset in the agent's frame, x forward, y left, z up [m]")
+    position_m: Vec3 = Field(
+        (0.0, 0.0, 0.0), description="offset in the agent's frame, x forward, y left, z up, at most 1000 each [m]"
+    )
     yaw_deg: float = Field(0.0, ge=-360, le=360, description="turn about z, counter-clockwise seen from above [deg]")
     pitch_deg: float = Field(0.0, ge=-90, le=90, description="turn about y after yaw, nose down positive [deg]")
     roll_deg: float = Field(0.0, ge=-180, le=180, description="turn about x after pitch [deg]")
+
+    @field_validator("position_m")
+    @classmethod
+    def _near(cls, value: Vec3) -> Vec3:
+        if any(abs(part) > MOST_OFFSET_M for part in value):
+            raise ValueError(
+                f"{list(value)} is more than {MOST_OFFSET_M:g} m from the agent; metres are needed; lower it"
+            )
+        return value
 
 
 class SensorSection(Section):
@@ -27,6 +41,13 @@ class SensorSection(Section):
     mount: dict[Role, MountConfig] = Field(
         default_factory=dict, description="mount for each role; a role that is left out keeps its default (map)"
     )
+
+    @field_validator("on")
+    @classmethod
+    def _once(cls, value: tuple[Role, ...]) -> tuple[Role, ...]:
+        if len(set(value)) != len(value):
+            raise ValueError(f"{list(value)} names a role twice; name each once")
+        return value
 
     @field_validator("mount")
     @classmethod

@@ -15,4 +15,4 @@ SensorConfig = Annotated[LidarConfig | DepthConfig | ImuConfig | RadarConfig | G
 
 def default_sensors() -> tuple[LidarConfig | DepthConfig | ImuConfig | RadarConfig | GnssConfig, ...]:
     """Return the paper's suite, as far as this version traces it."""
-    return (LidarConfig(), DepthConfig(), ImuConfig())
+    return (LidarConfig(), DepthConfig(), ImuConfig(), GnssConfig(), RadarConfig())

@@ -71,7 +71,7 @@ def trace_sight(scene: Scene, frames: Sequence[int], antenna_position_m: Mapping
     others = boxed_actors(arrays.actors)
     slot, agent, actor = (grid.ravel() for grid in np.meshgrid(np.arange(len(frames)), agents, others, indexing="ij"))
     rows = np.array([arrays.frame_row(int(frame)) for frame in frames], dtype=np.int64)
-    is_here = np.isfinite(arrays.poses[rows]).all(axis=2)
+    is_here = np.asarray(np.isfinite(arrays.poses[rows]).all(axis=2))
     keep = (agent != actor) & is_here[slot, agent] & is_here[slot, actor]
     slot, agent, actor = slot[keep], agent[keep], actor[keep]
     antenna = np.array([antenna_position_m.get(a.role, (0.0, 0.0, 0.0)) for a in arrays.actors]).reshape(-1, 3)

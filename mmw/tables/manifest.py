@@ -227,7 +227,8 @@ def _check_writable(root: Path) -> None:
 
 
 def _is_other_and_empty(root: Path, sha256: str) -> bool:
-    return read_dataset(root)["config_sha256"] != sha256 and not read_markers(root)
+    has_frames = any(marker["frame_begin"] is not None for marker in read_markers(root))
+    return read_dataset(root)["config_sha256"] != sha256 and not has_frames
 
 
 def _check_same(root: Path, identity: Mapping[str, Any], sha256: str) -> None:

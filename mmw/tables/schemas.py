@@ -11,7 +11,7 @@ the row and is the receiver of `links` and `paths`; `peer` is the transmitter.
 
 import pyarrow as pa
 
-from mmw.tables.schema import images, inertial, lidar, radio, world
+from mmw.tables.schema import images, inertial, lidar, radar, radar_maps, radio, world
 from mmw.tables.schema.columns import TableSpec
 
 SCHEMA_VERSION = "2.0"
@@ -25,8 +25,14 @@ TABLES: dict[str, TableSpec] = {
         world.BOXES,
         world.BOX_VISIBILITY,
         inertial.IMU,
+        inertial.GNSS,
         lidar.LIDAR,
         images.DEPTH,
+        radar.RADAR,
+        radar_maps.RADAR_MAPS,
+        radar_maps.RADAR_IQ,
+        images.SEGMENTATION,
+        images.BOXES_2D,
         radio.LINKS,
         radio.PATHS,
         world.OBJECTS,

@@ -1,6 +1,7 @@
-"""One set of pictures of a dataset: the town from above, a street, a LiDAR scan, a depth image, a link over time."""
+"""One set of pictures of a dataset: the town from above, a street, every sensor, weathers side by side, a link."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,8 +13,14 @@ from mmw.prepare import stored_stage
 from mmw.scene import Scene
 from mmw.scene_reader import read_stage
 from mmw.tables.manifest import CONFIG, read_dataset
-from mmw.viewing.plots import plot_depth, plot_lidar, plot_link, read_rows
+from mmw.viewing.plots import plot_camera, plot_depth, plot_lidar, plot_link, plot_radar, read_rows
 from mmw.viewing.preview import look, map_view
+from mmw.viewing.weather_plots import plot_lidar_weathers, plot_radar_weathers
+
+PICTURES = (
+    "above", "close", "street", "lidar", "lidar_weathers", "radar", "radar_weathers", "depth", "camera", "link",
+)  # fmt: skip
+"""Names of the pictures."""
 
 
 def make_gallery(
@@ -26,13 +33,14 @@ def make_gallery(
     samples: int = 2,
     device: str = "auto",
 ) -> list[Path]:
-    """Write pictures of one scenario of a dataset, in its first weather.
+    """Write pictures of one scenario of a dataset, in its first weather, and LiDAR and radar in all of them.
 
     Args:
         root: Dataset folder.
         out: Folder for the PNG files.
         scenario: Scenario name; the first one if empty.
-        agent: Whose LiDAR and link are shown, and who is followed in the street view; the first CAV if empty.
+        agent: Whose sensors and link are shown, and who is followed in the street view; the first CAV if empty. Of a
+            sensor that it does not carry the first agent's is shown.
         frame: Frame to show; the first one if negative.
         samples: Rays a pixel in each direction, for the rendered pictures.
         device: Warp device that renders: `auto`, `cpu` or `cuda:N`.
@@ -56,7 +64,7 @@ def make_gallery(
     arrays = read_stage(
         stored_stage(root, found),
         range(frame, frame + 1),
-        [weather],
+        {weather: config.variants[weather]},
         roles=found.actor_roles,
         material_map=found.material_map,
     )
@@ -68,7 +76,7 @@ def make_gallery(
         raise ValueError(f"{root}: scenario {scenario!r} has no agent {agent!r}; it has {', '.join(names[:8])}, ...")
     out.mkdir(parents=True, exist_ok=True)
     low, high = arrays.points[:, :2].min(axis=0), arrays.points[:, :2].max(axis=0)
-    files = {name: out / f"{scenario}_{name}.png" for name in ("above", "close", "street", "lidar", "depth", "link")}
+    files = {name: out / f"{scenario}_{name}.png" for name in PICTURES}
     town = map_view(scene, weather, (low + high) / 2, float((high - low).max()), width=1200, samples=samples)
     town.save(files["above"])
     pose = arrays.poses[0, names.index(agent)]
@@ -78,11 +86,22 @@ def make_gallery(
     eye = pose[:3] - 9.0 * heading + 2.5 * side + (0, 0, 3.2)
     look(scene, weather, eye, pose[:3] + 12.0 * heading + (0, 0, 1.0), samples=samples).save(files["street"])
     tables = open_dataset(root).tables
-    if "lidar" in tables:
-        plot_lidar(root, scenario, weather, frame, agent, files["lidar"])
-    if "depth" in tables:
-        owner = read_rows(root, "depth", ["agent"], scenario=scenario, weather=weather, frame=frame)["agent"][0]
-        plot_depth(root, scenario, weather, frame, owner, files["depth"])
+    at = {"scenario": scenario, "weather": weather, "frame": frame}
+    for table, plot in (("lidar", plot_lidar), ("radar", plot_radar), ("depth", plot_depth)):
+        if table in tables:
+            plot(root, scenario, weather, frame, _owner(root, table, agent, at), files[table])
+    if {"depth", "segmentation", "boxes_2d"} <= set(tables):
+        plot_camera(root, scenario, weather, frame, _owner(root, "segmentation", agent, at), files["camera"])
+    for table, plot in (("lidar", plot_lidar_weathers), ("radar", plot_radar_weathers)):
+        if table in tables and len(config.weathers) > 1:
+            owner = _owner(root, table, agent, at)
+            plot(root, scenario, config.weathers, frame, owner, files[f"{table}_weathers"])
     if "links" in tables:
         plot_link(root, scenario, weather, agent, carriers[0], files["link"])
     return [path for path in files.values() if path.is_file()]
+
+
+def _owner(root: Path, table: str, agent: str, at: dict[str, Any]) -> str:
+    """Return the agent if the table has a row of it in a frame, else the first that has one."""
+    owners = read_rows(root, table, ["agent"], **at)["agent"]
+    return agent if agent in owners else owners[0]

@@ -1,6 +1,7 @@
 """What the row makers share: columns by name, names of agents, lists of a sweep, images that threads still encode."""
 
 from collections.abc import Sequence
+from concurrent.futures import Future
 from typing import Any
 
 import numpy as np
@@ -33,7 +34,16 @@ def lists(offsets: np.ndarray, values: np.ndarray) -> pa.ListArray:
 
 
 def resolved(columns: Columns) -> Columns:
-    """Return columns with every image that a thread was encoding."""
-    if "image" not in columns:
-        return columns
-    return {**columns, "image": [(image.result(), path) for image, path in columns["image"]]}
+    """Return columns with every image that a thread was encoding: (future of the bytes, path) becomes (bytes, path)."""
+    return {
+        name: [_image(cell) for cell in values] if _is_images(values) else values for name, values in columns.items()
+    }
+
+
+def _is_images(values: Any) -> bool:
+    return isinstance(values, list) and bool(values) and isinstance(values[0], tuple)
+
+
+def _image(cell: tuple[Future[bytes] | bytes, str]) -> tuple[bytes, str]:
+    image, path = cell
+    return (image.result() if isinstance(image, Future) else image), path

@@ -54,7 +54,9 @@ class TableSpec:
 
 
 SCENARIO = column("scenario", NAME, "", "scenario name")
-WEATHER = column("weather", NAME, "", "weather name, a variant of the town")
+WEATHER = column(
+    "weather", NAME, "", "weather name, one of `weathers`; its physical values are in `air` of the configuration"
+)
 FRAME = column("frame", I32, "1/100 s", "frame number; time is frame / 100 s after the start of the scenario")
 AGENT = column("agent", NAME, "", "agent that owns the row: a CAV such as cav_1, or an RSU such as rsu_1")
 SENSOR = column("sensor", NAME, "", "sensor name; joins `sensors` on (scenario, agent, sensor)")

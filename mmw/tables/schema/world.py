@@ -56,19 +56,19 @@ POSES = TableSpec(
 
 BOXES = TableSpec(
     "boxes",
-    "Ground-truth box of one vehicle, connected or not.",
+    "Ground-truth box of one vehicle or person, connected or not.",
     (
         *FRAMED,
         OBJECT,
-        column("category", NAME, "", "semantic label, such as car, truck or bus"),
-        column("agent", NAME, "", "agent name if the vehicle is connected; null otherwise", nullable=True),
+        column("category", NAME, "", "semantic label, such as car, truck, bus or pedestrian"),
+        column("agent", NAME, "", "agent name if the actor is a connected vehicle; null otherwise", nullable=True),
         *xyz("x y z", F64, "m", "{} of the box centre, world frame"),
         column("yaw", F64, "rad", "turn about z, counter-clockwise from east; applied first (R = Rz Ry Rx)"),
         column("pitch", F64, "rad", "turn about the turned y, nose down positive; applied second"),
         column("roll", F64, "rad", "turn about the turned x; applied last"),
-        column("length", F32, "m", "size along the vehicle's x"),
-        column("width", F32, "m", "size along the vehicle's y"),
-        column("height", F32, "m", "size along the vehicle's z"),
+        column("length", F32, "m", "size along the actor's x"),
+        column("width", F32, "m", "size along the actor's y"),
+        column("height", F32, "m", "size along the actor's z"),
         *xyz("vx vy vz", F64, "m/s", "{} of the velocity of the box centre, world frame"),
     ),
     ("frame", "object_id"),
@@ -76,12 +76,25 @@ BOXES = TableSpec(
 
 BOX_VISIBILITY = TableSpec(
     "box_visibility",
-    "One vehicle that one LiDAR sweep has returns from; a vehicle without a return has no row.",
+    "What one sensor, or the antenna, of one agent has of one actor. What a sensor sees nothing of has no row; "
+    "an antenna has a row for every actor.",
     (
         *OWNED,
         SENSOR,
         OBJECT,
-        column("lidar_points", I32, "count", "returns on the vehicle, 1 or more"),
+        column("lidar_points", I32, "count", "LiDAR returns on the actor; null for other sensors", nullable=True),
+        column("radar_points", I32, "count", "radar points on the actor; null for other sensors", nullable=True),
+        column("pixels", I32, "count", "pixels that show the actor; null where it is no camera", nullable=True),
+        column(
+            "is_los",
+            pa.bool_(),
+            "",
+            "of the antenna: true if nothing else stands on the line to the middle of the box; null for sensors",
+            nullable=True,
+        ),
+        column(
+            "blocker_id", I32, "id", "of the antenna: the first object on that line, null if it is free", nullable=True
+        ),
     ),
     ("frame", "agent", "sensor", "object_id"),
 )
@@ -109,7 +122,7 @@ SENSORS = TableSpec(
         SCENARIO,
         AGENT,
         column("sensor", NAME, "", "sensor name"),
-        column("type", NAME, "", "lidar, depth, imu or antenna"),
+        column("type", NAME, "", "lidar, depth, imu, radar, gnss or antenna"),
         *xyz("x y z", F64, "m", "{} of the mount, agent's frame"),
         *quaternion("sensor to agent (both x forward, y left, z up)"),
         column("fx", F64, "px", "horizontal focal length; null if not a camera", nullable=True),
