@@ -1,7 +1,9 @@
 """LiDAR returns: CARLA's statistics, reflectance, wetness, detection, range noise, strongest, last and dual returns."""
 
+import csv
 import dataclasses
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,6 +21,7 @@ from mmw.weather import PRESETS, Weather
 from tests.scenes import arrays_from_parts, ground_part, two_cars, wall_part
 from tests.test_lidar import loaded
 
+SOFT_ECHO = Path(__file__).parent / "reference" / "weather" / "lidar_fog_soft_echo.csv"
 FREE = {"range_resolution_m": 0}
 """Optics without range noise."""
 HAZE = Weather(visibility_m=2_000.0)
@@ -260,3 +263,28 @@ def test_echo_of_the_sky(device: str, monkeypatch: pytest.MonkeyPatch) -> None:
     for returns in ("strongest", "last", "dual"):
         _, rows, count = found(arrays, device, LidarConfig(returns=returns, **pattern), Weather())
         assert count[0, 0] == 1 and rows[0, 0, 0]["label"] == 1
+
+
+def test_a_dark_wall_is_lost_in_fog_where_the_table_says(device: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A wall of 10 % is seen 1 % nearer than its farthest range in the reference table, and lost 1 % beyond it."""
+    fog = {float(row["MOR_m"]): row for row in csv.DictReader(SOFT_ECHO.read_text().splitlines())}
+    checked = 0
+    for row in fog.values():
+        alpha = float(row["alpha_1/m"])
+        for column, reflectance, reference_m in (
+            ("0.9/120^2", 0.9, 120),
+            ("0.1/50^2", 0.1, 50),
+            ("0.1/120^2", 0.1, 120),
+        ):
+            power = reflectance / reference_m**2
+            air = air_from_tables(alpha, power, None, None, (0.0, 0.0, 0.0), (0, 0), device)
+            monkeypatch.setattr(lidar_returns, "make_air", lambda *_, air=air: air)
+            farthest = float(row[f"Rmax_10pct_m[Pmin={column}]"])
+            for share, seen in ((0.99, 1), (1.01, 0)):
+                wall = wall_part("wall", (-30.0, share * farthest), (30.0, share * farthest), 10.0)
+                arrays = plain(arrays_from_parts([wall], actors=[("rsu_1", "rsu", -1)]), 0.1)
+                fan = {"channels": 1, "points_per_channel": 4, "upper_fov_deg": 0, "lower_fov_deg": 0, "range_m": 200}
+                config = LidarConfig(**fan, detection="absolute", optics={"min_power": power})
+                assert found(arrays, device, config, Weather())[2].sum() == seen, (row["MOR_m"], column, share)
+                checked += 1
+    assert checked == 60
