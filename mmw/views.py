@@ -76,7 +76,7 @@ def sensor_actors(arrays: SceneArrays, sensor: SensorSection) -> np.ndarray:
 
 def mount_pose(sensor: SensorSection, role: str) -> np.ndarray:
     """Return the sensor-to-agent pose of a sensor on agents of a role (`cav` or `rsu`), shape [7]."""
-    mount = sensor.mount_on(role)  # type: ignore[arg-type]
+    mount = sensor.mount_on(role)
     return pose_from_mount(mount.position_m, mount.yaw_deg, mount.pitch_deg, mount.roll_deg)
 
 

@@ -1,7 +1,15 @@
 """Fixtures for every test."""
 
+from typing import TYPE_CHECKING
+
 import pytest
 import warp as wp
+
+if TYPE_CHECKING:
+    from pxr import Usd
+
+    from mmw.town.lanes import LaneGraph
+    from mmw.town.network import RoadNetwork
 
 wp.config.log_level = wp.LOG_WARNING
 
@@ -12,3 +20,27 @@ DEVICES = ["cpu", *(["cuda:0"] if wp.get_cuda_device_count() else [])]
 def device(request: pytest.FixtureRequest) -> str:
     """Name of a Warp device: the CPU always, the first GPU where there is one."""
     return request.param
+
+
+@pytest.fixture(scope="module")
+def network(request: pytest.FixtureRequest) -> "RoadNetwork":
+    """Roads of the shipped town that the test module calls NAME, from its description."""
+    from tests import town_checks
+
+    return town_checks.network_of(request.module.NAME)
+
+
+@pytest.fixture(scope="module")
+def stage(request: pytest.FixtureRequest) -> "Usd.Stage":
+    """The committed stage of that town."""
+    from tests import town_checks
+
+    return town_checks.stage_of(request.module.NAME)
+
+
+@pytest.fixture(scope="module")
+def lanes(stage: "Usd.Stage") -> "LaneGraph":
+    """Its lanes, which all hang together."""
+    from tests import town_checks
+
+    return town_checks.assert_connected(stage)

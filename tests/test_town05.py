@@ -7,26 +7,9 @@ from pxr import Usd
 
 from mmw.config import load_config
 from mmw.paths import configs_dir
-from mmw.town.lanes import LaneGraph
-from mmw.town.network import RoadNetwork
 from tests import town_checks as checks
 
 NAME = "town05"
-
-
-@pytest.fixture(scope="module")
-def network() -> RoadNetwork:
-    return checks.network_of(NAME)
-
-
-@pytest.fixture(scope="module")
-def stage() -> Usd.Stage:
-    return checks.stage_of(NAME)
-
-
-@pytest.fixture(scope="module")
-def lanes(stage) -> LaneGraph:
-    return checks.assert_connected(stage)
 
 
 def heights_above(prim: Usd.Prim, xy: tuple[float, float]) -> np.ndarray:

@@ -3,29 +3,11 @@
 import numpy as np
 import pytest
 import shapely
-from pxr import Usd
 
 from mmw.town.description import load_town
-from mmw.town.lanes import LaneGraph
-from mmw.town.network import RoadNetwork
 from tests import town_checks as checks
 
 NAME = "town07"
-
-
-@pytest.fixture(scope="module")
-def network() -> RoadNetwork:
-    return checks.network_of(NAME)
-
-
-@pytest.fixture(scope="module")
-def stage() -> Usd.Stage:
-    return checks.stage_of(NAME)
-
-
-@pytest.fixture(scope="module")
-def lanes(stage) -> LaneGraph:
-    return checks.assert_connected(stage)
 
 
 def test_extent_and_junctions_are_those_of_the_table(network):

@@ -54,6 +54,7 @@ class SensorSection(Section):
     def _every_role(cls, value: dict[Role, MountConfig]) -> dict[Role, MountConfig]:
         return {**cls.model_fields["mount"].get_default(call_default_factory=True), **value}
 
-    def mount_on(self, role: Role) -> MountConfig:
+    def mount_on(self, role: str) -> MountConfig:
         """Return the mount for a role; the agent's origin where the file gives none."""
-        return self.mount.get(role, MountConfig())
+        mounts: dict[str, MountConfig] = {**self.mount}
+        return mounts.get(role, MountConfig())

@@ -39,7 +39,7 @@ def write_sensors(
     for sensor in sensors:
         if role not in sensor.on:
             continue
-        mount = sensor.mount_on(role)  # type: ignore[arg-type]
+        mount = sensor.mount_on(role)
         pose = pose_from_mount(mount.position_m, mount.yaw_deg, mount.pitch_deg, mount.roll_deg)
         path = f"{agent_path}/Sensors/{prim_name(sensor.name)}"
         if isinstance(sensor, DepthConfig):

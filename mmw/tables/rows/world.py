@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from mmw.config import Config, DepthConfig, ScenarioConfig
+from mmw.config.section import Vec3
 from mmw.constants import FRAME_RATE_HZ
 from mmw.kinematics import Motion
 from mmw.patterns import pinhole
@@ -109,6 +110,7 @@ def static_rows(arrays: SceneArrays, config: Config, scenario: ScenarioConfig) -
 
 
 def _sensor_rows(arrays: SceneArrays, config: Config) -> Columns:
+    antennas: dict[str, Vec3] = {**config.channel.antenna_position_m}
     rows: list[Columns] = []
     for actor in arrays.actors:
         if actor.role not in AGENT_ROLES:
@@ -122,8 +124,7 @@ def _sensor_rows(arrays: SceneArrays, config: Config) -> Columns:
                 params = json.dumps(sensor.model_dump(mode="json"), sort_keys=True)
                 rows.append(_sensor_row(actor.name, sensor.name, sensor.type, pose, params, camera))
         if config.channel.enabled:
-            position = config.channel.antenna_position_m.get(actor.role, (0.0, 0.0, 0.0))  # type: ignore[call-overload]
-            pose = np.array([*position, 0.0, 0.0, 0.0, 1.0])
+            pose = np.array([*antennas.get(actor.role, (0.0, 0.0, 0.0)), 0.0, 0.0, 0.0, 1.0])
             params = json.dumps({"pattern": config.channel.pattern, "polarization": config.channel.polarization})
             rows.append(_sensor_row(actor.name, "antenna", "antenna", pose, params, None))
     keys = [column.name for column in table_spec("sensors").columns if column.name != "scenario"]
