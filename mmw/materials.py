@@ -5,6 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from mmw.looks import GREY, Look
+
 ScatteringPattern = Literal["lambertian", "directive", "backscattering"]
 
 
@@ -57,6 +59,8 @@ class Material:
     """SimReady coating token: none, paint, clearcoat or paint_clearcoat."""
     is_retroreflective: bool = False
     """Whether the surface sends light back to where it came from."""
+    look: Look = GREY
+    """How it looks to the RGB camera."""
 
 
 LIDAR_REFLECTANCE_905NM = {

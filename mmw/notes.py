@@ -1,12 +1,15 @@
 """What a user should know before a run: settings that are allowed and most likely not meant. One line each."""
 
-from mmw.config import Config, GnssConfig, ScenarioConfig
+from mmw.config import Config, GnssConfig, RgbConfig, ScenarioConfig, SensorSection
 from mmw.scene_arrays import SceneArrays
 
 
 def notes(arrays: SceneArrays, config: Config, scenario: ScenarioConfig) -> list[str]:
     """Return every note on a scenario."""
-    return [*missing_links(arrays, config), *missing_carriers(arrays, config), *missing_samples(config, scenario)]
+    lines = [*missing_links(arrays, config), *missing_carriers(arrays, config), *missing_samples(config, scenario)]
+    if any(isinstance(sensor, RgbConfig) for sensor in config.sensors):
+        lines += arrays.look_notes
+    return lines
 
 
 def missing_links(arrays: SceneArrays, config: Config) -> list[str]:
@@ -33,12 +36,18 @@ def missing_carriers(arrays: SceneArrays, config: Config) -> list[str]:
 
 
 def missing_samples(config: Config, scenario: ScenarioConfig) -> list[str]:
-    """Return one line for each receiver whose samples all fall between the frames that are made."""
+    """Return one line for each receiver or camera whose samples all fall between the frames that are made."""
     frames = config.frames_of(scenario)
     return [
-        f"sensors: {sensor.name} samples frames 0, {sensor.period_frames}, {2 * sensor.period_frames}, ...; none of "
+        f"sensors: {sensor.name} samples frames 0, {period}, {2 * period}, ...; none of "
         f"{frames.start} to {frames.stop - 1} is one: no rows of it"
-        for sensor in config.sensors
-        if isinstance(sensor, GnssConfig)
-        and -(-frames.start // sensor.period_frames) * sensor.period_frames >= frames.stop
+        for sensor, period in ((sensor, period_frames(sensor)) for sensor in config.sensors)
+        if -(-frames.start // period) * period >= frames.stop
     ]
+
+
+def period_frames(sensor: SensorSection) -> int:
+    """Return the frames from one sample of a sensor to the next; 1 for sensors that have no rate of their own."""
+    if isinstance(sensor, GnssConfig):
+        return sensor.period_frames
+    return sensor.every_frames if isinstance(sensor, RgbConfig) else 1

@@ -28,8 +28,13 @@ class Model:
     the actor's y axis through its centre."""
     wheel: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
     """Wheel of each face, -1 for a face that is fixed to the body, shape [M], int32; left out, no face turns."""
+    uv: np.ndarray = field(default_factory=lambda: np.zeros((0, 3, 2), dtype=np.float32))
+    """Texture coordinates of the corners of each face, shape [M, 3, 2], float32; zeros where there are none."""
+    normals: np.ndarray = field(default_factory=lambda: np.zeros((0, 3, 3), dtype=np.float32))
+    """Unit normals at the corners of each face in the actor's frame, shape [M, 3, 3], float32; zeros: it is flat."""
 
     def __post_init__(self) -> None:
+        _fill_corners(self, f"model {self.name}")
         if len(self.wheel) == 0:
             object.__setattr__(self, "wheel", np.full(len(self.faces), -1, dtype=np.int32))
         if len(self.wheel) != len(self.faces):
@@ -44,6 +49,18 @@ class Model:
             )
         if not (self.wheels[:, 3] > 0.0).all():
             raise ValueError(f"model {self.name}: a wheel's radius is not above 0 m; give the radius of its tyre")
+
+
+def _fill_corners(shape: "Model | SceneArrays", where: str) -> None:
+    """Give faces whose texture coordinates or normals are left out zeros, and check that no face lacks them."""
+    for name, values in (("uv", 2), ("normals", 3)):
+        found, needed = getattr(shape, name), (len(shape.faces), 3, values)
+        if len(found) == 0:
+            object.__setattr__(shape, name, np.zeros(needed, dtype=np.float32))
+        elif found.shape != needed:
+            raise ValueError(
+                f"{where}: {name} has shape {found.shape}; its faces need {needed}; give every corner a row, or none"
+            )
 
 
 @dataclass(frozen=True)
@@ -104,8 +121,15 @@ class SceneArrays:
     """Weather -> materials by id; an id means the same prim in every weather."""
     objects: tuple[SceneObject, ...] = field(default=())
     """Objects by id."""
+    uv: np.ndarray = field(default_factory=lambda: np.zeros((0, 3, 2), dtype=np.float32))
+    """Texture coordinates of the corners of each town face, shape [M, 3, 2], float32; zeros where there are none."""
+    normals: np.ndarray = field(default_factory=lambda: np.zeros((0, 3, 3), dtype=np.float32))
+    """Unit normals at the corners of each town face, world frame, shape [M, 3, 3], float32; zeros: it is flat."""
+    look_notes: tuple[str, ...] = ()
+    """What a user of the RGB camera should know of the stage's materials, one line each."""
 
     def __post_init__(self) -> None:
+        _fill_corners(self, "the town")
         shape = (len(self.frames), len(self.actors), 7)
         if self.poses.shape != shape:
             raise ValueError(f"poses have shape {self.poses.shape}; the scene's frames and actors need {shape}")

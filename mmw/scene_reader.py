@@ -1,7 +1,7 @@
 """Read a scenario stage, mmw's or the user's own, into `SceneArrays`."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,17 @@ from mmw.materials import Material
 from mmw.scene_arrays import MODEL_NONE, Actor, Model, SceneArrays, SceneObject
 from mmw.surfaces import find_surfaces
 from mmw.usd.actors import FoundActor, actor_poses, find_actors, model_matrix
-from mmw.usd.extract import FoundMesh, MeshReader, bound_materials, component_of, place, semantic_label, to_metres
+from mmw.usd.corners import NO_CORNERS, Corners, display_color, place_corners
+from mmw.usd.extract import (
+    FoundMesh,
+    MeshReader,
+    Triangles,
+    bound_materials,
+    component_of,
+    place,
+    to_metres,
+)
+from mmw.usd.looks import DEFAULT_PRIMVAR, texture_primvar
 from mmw.usd.material_map import MaterialMap, find_entry
 from mmw.usd.materials import MaterialUse, read_material, resolve_material
 from mmw.usd.open import check_references, open_stage
@@ -39,6 +49,7 @@ class _Part:
     object_label: str
     wheels: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))  # of an actor: centre and radius
     wheel: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int32))  # of each face, -1 for none
+    corners: Corners = NO_CORNERS
 
 
 @dataclass
@@ -50,6 +61,39 @@ class _Reader:
     material_map: MaterialMap
     uses: dict[MaterialUse, int] = field(default_factory=dict)
     unresolved: dict[str, None] = field(default_factory=dict)
+    notes: dict[str, None] = field(default_factory=dict)
+    first_mesh: dict[MaterialUse, str] = field(default_factory=dict)
+    _shading: dict[str, tuple[str, bool]] = field(default_factory=dict)
+
+    def shading(self, material: Usd.Prim | None) -> tuple[str, bool]:
+        """Return the primvar that a material's textures read, and whether its surface shader is read."""
+        path = str(material.GetPath()) if material else ""
+        if path not in self._shading:
+            self._shading[path] = texture_primvar(material) if material else (DEFAULT_PRIMVAR, False)
+        return self._shading[path]
+
+    def corners(
+        self,
+        prim: Usd.Prim,
+        triangles: Triangles,
+        matrix: np.ndarray,
+        materials: Sequence[Usd.Prim | None],
+        index: np.ndarray,
+    ) -> tuple[Corners, list[bool]]:
+        """Return texture coordinates and normals of a placed mesh, and which of its materials has coordinates there."""
+        names = [self.shading(material)[0] for material in materials]
+        of_name = {name: self.meshes.corners(prim, triangles, name) for name in names}
+        for own in of_name.values():
+            self.notes.update((line, None) for line in own.notes)
+        first = of_name[names[0]]
+        if len(of_name) > 1:  # its materials read different coordinates
+            uv = np.zeros((len(index), 3, 2), dtype=np.float32)
+            for k, name in enumerate(names):
+                own = of_name[name].uv
+                if own is not None:
+                    uv[index == k] = own[index == k]
+            first = Corners(uv, first.normals)
+        return place_corners(first, matrix), [of_name[name].uv is not None for name in names]
 
     def part(self, mesh: FoundMesh, matrix: np.ndarray) -> _Part | None:
         """Return a mesh in metres, placed by a matrix from its own space; None if it has no triangle."""
@@ -58,21 +102,27 @@ class _Reader:
             return None
         points, faces = place(triangles, matrix)
         materials, index = bound_materials(mesh.prim, triangles.polygon)
-        path, label = str(mesh.prim.GetPath()), semantic_label(mesh.prim)
+        path, label = str(mesh.prim.GetPath()), self.meshes.label(mesh.prim)
         if label == "unlabeled":
             label = _mapped_label(self.material_map, path, materials)
+        corners, has_uv = self.corners(mesh.prim, triangles, matrix, materials, index)
         ids = []
-        for material in materials:
+        for material, is_there in zip(materials, has_uv, strict=True):
             use = resolve_material(path, label, material, self.material_map)
             if use is None:
                 bound = f"material {material.GetPath()}" if material else "no material"
                 self.unresolved[f"{path} ({bound})"] = None
+            else:
+                color = None if self.shading(material)[1] else display_color(mesh.prim)
+                if not is_there or color is not None:
+                    use = replace(use, has_uv=is_there, display_color=color)
+                    self.first_mesh.setdefault(use, path)
             ids.append(-1 if use is None else self.uses.setdefault(use, len(self.uses)))
         thing = component_of(mesh.anchor)
-        thing_label = label if thing == mesh.prim else semantic_label(thing)
+        thing_label = label if thing == mesh.prim else self.meshes.label(thing)
         return _Part(
             points, faces, np.array(ids, dtype=np.int32)[index], label, str(thing.GetPath()),
-            label if thing_label == "unlabeled" else thing_label,
+            label if thing_label == "unlabeled" else thing_label, corners=corners,
         )  # fmt: skip
 
     def moving_part(self, mesh: FoundMesh, matrix: np.ndarray) -> _Part | None:
@@ -140,7 +190,7 @@ def read_stage(
     for mesh in reader.meshes.meshes():
         row = _owner(mesh.anchor, actor_of)
         if row is None:
-            part = reader.part(mesh, _to_anchor(mesh) @ reader.meshes.to_world(mesh.anchor) @ metres)
+            part = reader.part(mesh, _to_world(mesh, reader.meshes) @ metres)
             static += [part] if part and _is_visible(mesh, times[0]) else []
         else:
             matrix = model_matrix(reader.meshes, mesh, actors[row].prim) @ metres @ stretches[row]
@@ -156,8 +206,8 @@ def read_stage(
         raise ValueError(
             f"{name}: the stage has no visible mesh; a scene needs at least one; check purpose and visibility"
         )
-    materials, ids = _materials(stage, switches, list(reader.uses), variants)
-    return _assemble(static, actors, moving, frames, poses, materials, ids)
+    materials, ids = _materials(stage, switches, reader, variants)
+    return _assemble(static, actors, moving, frames, poses, materials, ids, tuple(reader.notes))
 
 
 def _frame_times(stage: Usd.Stage, name: str, frames: range, margin: int) -> tuple[range, np.ndarray]:
@@ -203,14 +253,18 @@ def _select(stage: Usd.Stage, switches: list[Usd.Prim], names: Sequence[str]) ->
 
 def _owner(prim: Usd.Prim, actor_of: Mapping[str, int]) -> int | None:
     """Return the actor that a mesh belongs to: the topmost of its ancestors that is one."""
-    for prefix in prim.GetPath().GetPrefixes():
-        if str(prefix) in actor_of:
-            return actor_of[str(prefix)]
+    path, end = str(prim.GetPath()), 0
+    while actor_of and end >= 0:
+        end = path.find("/", end + 1)
+        found = actor_of.get(path if end < 0 else path[:end])
+        if found is not None:
+            return found
     return None
 
 
-def _to_anchor(mesh: FoundMesh) -> np.ndarray:
-    return np.eye(4) if mesh.to_anchor is None else mesh.to_anchor
+def _to_world(mesh: FoundMesh, meshes: MeshReader) -> np.ndarray:
+    world = meshes.to_world(mesh.anchor)
+    return world if mesh.to_anchor is None else mesh.to_anchor @ world
 
 
 def _is_visible(mesh: FoundMesh, time: float) -> bool:
@@ -218,13 +272,19 @@ def _is_visible(mesh: FoundMesh, time: float) -> bool:
 
 
 def _materials(
-    stage: Usd.Stage, switches: list[Usd.Prim], uses: list[MaterialUse], variants: Mapping[str, Sequence[str]]
+    stage: Usd.Stage, switches: list[Usd.Prim], reader: _Reader, variants: Mapping[str, Sequence[str]]
 ) -> tuple[dict[str, tuple[Material, ...]], np.ndarray]:
     """Return materials by weather and id, and the id of each use. Uses that agree in every weather share an id."""
-    columns = {}
+    columns, uses = {}, list(reader.uses)
     for weather, names in variants.items():
         _select(stage, switches, names)
-        columns[weather] = [read_material(stage, use) for use in uses]
+        columns[weather] = [read_material(stage, use, reader.notes) for use in uses]
+        for use, material in zip(uses, columns[weather], strict=True):
+            if material.look.textures and not material.look.has_uv:
+                reader.notes[
+                    f"material {material.look.prim_path}: mesh {reader.first_mesh[use]} has no texture coordinates; "
+                    "each texture is drawn as its mean there"
+                ] = None
     rows = [tuple(column[k] for column in columns.values()) for k in range(len(uses))]
     if not variants:
         return {}, np.arange(len(uses), dtype=np.int32)
@@ -242,6 +302,21 @@ def _join(parts: list[_Part], ids: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
     faces = np.concatenate([np.zeros((0, 3), dtype=np.int32), *shifted]).astype(np.int32)
     material = np.concatenate([np.zeros(0, dtype=np.int32)] + [ids[part.use] for part in parts]).astype(np.int32)
     return points, faces, material
+
+
+def _join_corners(parts: list[_Part]) -> tuple[np.ndarray, np.ndarray]:
+    """Return texture coordinates and normals of the faces of several parts, zeros where a part has none."""
+    count = sum(len(part.faces) for part in parts)
+    uv, normals = np.zeros((count, 3, 2), dtype=np.float32), np.zeros((count, 3, 3), dtype=np.float32)
+    first = 0
+    for part in parts:
+        rows = slice(first, first + len(part.faces))
+        if part.corners.uv is not None:
+            uv[rows] = part.corners.uv
+        if part.corners.normals is not None:
+            normals[rows] = part.corners.normals
+        first = rows.stop
+    return uv, normals
 
 
 def _join_wheels(parts: list[_Part]) -> tuple[np.ndarray, np.ndarray]:
@@ -262,11 +337,12 @@ def _assemble(
     poses: np.ndarray,
     materials: dict[str, tuple[Material, ...]],
     ids: np.ndarray,
+    look_notes: tuple[str, ...],
 ) -> SceneArrays:
     names = [material.name for material in next(iter(materials.values()), ())] or [""] * (int(ids.max(initial=0)) + 1)
 
-    def used(values: np.ndarray) -> tuple[str, ...]:
-        return tuple(sorted({names[k] for k in np.unique(values)}))
+    def used(values: Iterable[int]) -> tuple[str, ...]:
+        return tuple(sorted({names[k] for k in set(values)}))
 
     points, faces, material = _join(static, ids)
     label_of = {part.object_path: part.object_label for part in reversed(static)}
@@ -274,10 +350,10 @@ def _assemble(
     counts = [len(part.faces) for part in static]
     object_id = np.repeat(np.array([index_of[part.object_path] for part in static], dtype=np.int32), counts)
     objects = []
-    order = np.argsort(object_id, kind="stable")
-    rows_of = np.split(order, np.searchsorted(object_id[order], np.arange(1, len(index_of))))
-    for (path, k), rows in zip(index_of.items(), rows_of, strict=False):
-        objects.append(SceneObject(k, path, label_of[path], CARLA_TAG[label_of[path]], used(material[rows])))
+    pairs = np.unique(object_id * np.int64(len(names)) + material)  # object and material, once each
+    own = np.split(pairs % len(names), np.searchsorted(pairs // len(names), np.arange(1, len(index_of))))
+    for (path, k), ids_of in zip(index_of.items(), own, strict=False):
+        objects.append(SceneObject(k, path, label_of[path], CARLA_TAG[label_of[path]], used(ids_of.tolist())))
 
     models: list[Model] = []
     model_of: dict[tuple, int] = {}
@@ -287,14 +363,15 @@ def _assemble(
         if parts:
             model_points, model_faces, model_material = _join(parts, ids)
             wheels, wheel = _join_wheels(parts)
-            values = (model_points, model_faces, model_material, wheels, wheel)
+            uv, normals = _join_corners(parts)
+            values = (model_points, model_faces, model_material, wheels, wheel, uv, normals)
             key = tuple(value.tobytes() for value in values)
             if key not in model_of:
                 model_of[key] = len(models)
                 surface = find_surfaces(model_points, model_faces, np.zeros_like(model_material), model_material)
-                models.append(Model(actor.model_name, *values[:3], surface, wheels, wheel))
+                models.append(Model(actor.model_name, *values[:3], surface, *values[3:]))
             model = model_of[key]
-            used_names = used(model_material)
+            used_names = used(model_material.tolist())
             label = parts[0].label if label == "unlabeled" else label
         size, center = _box(actor, models[model].points if parts else None)
         path, object_index = actor.path, len(objects)
@@ -303,7 +380,7 @@ def _assemble(
     surface = find_surfaces(points, faces, object_id, material)
     return SceneArrays(
         points, faces, material, object_id, surface, tuple(models), tuple(actors), frames, poses, materials,
-        tuple(objects),
+        tuple(objects), *_join_corners(static), look_notes,
     )  # fmt: skip
 
 

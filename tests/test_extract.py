@@ -37,8 +37,9 @@ def area(points: np.ndarray, faces: np.ndarray) -> float:
 
 
 def cut(points: np.ndarray, polygons: list[list[int]], holes: tuple[int, ...] = ()) -> tuple[np.ndarray, np.ndarray]:
-    counts = np.array([len(polygon) for polygon in polygons])
-    return triangulate(points, counts, np.concatenate(polygons).astype(int), np.array(holes, dtype=int))
+    counts, indices = np.array([len(polygon) for polygon in polygons]), np.concatenate(polygons).astype(int)
+    corners, polygon = triangulate(points, counts, indices, np.array(holes, dtype=int))
+    return indices[corners], polygon
 
 
 def shoelace(flat: np.ndarray) -> float:

@@ -21,8 +21,8 @@ SOURCES = sorted(
 KERNELS = sorted((ROOT / "kernels").glob("*.py"))
 
 LAYERS = [
-    {"mmw.constants", "mmw.paths", "mmw.materials", "mmw.poses", "mmw.kinematics"}
-    | {"mmw.weather", "mmw.carla_weather", "mmw.optics", "mmw.lidar_optics", "mmw.random_keys"},
+    {"mmw.constants", "mmw.paths", "mmw.looks", "mmw.materials", "mmw.poses", "mmw.kinematics"}
+    | {"mmw.weather", "mmw.carla_weather", "mmw.optics", "mmw.lidar_optics", "mmw.lens", "mmw.random_keys"},
     {"mmw.config"},
     {"mmw.kernels"},
     {"mmw.usd", "mmw.surfaces"},
@@ -41,7 +41,7 @@ LAYERS = [
     {"mmw.compute", "mmw.report", "mmw.command"},
     {"mmw.plan", "mmw.provenance", "mmw.notes", "mmw.mounts"},
     {"mmw.prepare"},
-    {"mmw.viewing", "mmw.radio_map_command", "mmw.town_command", "mmw.import_command"},
+    {"mmw.viewing", "mmw.radio_map_command", "mmw.town_command", "mmw.import_command", "mmw.view_command"},
     {"mmw.recording"},
     {"mmw.pipeline"},
     {"mmw.run", "mmw.__main__"},

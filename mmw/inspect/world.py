@@ -136,7 +136,7 @@ def open_world(path: Path) -> World:
 
 def _read_parts(stage: Usd.Stage, metres: np.ndarray) -> tuple[list[Part], list[Finding]]:
     start = stage.GetStartTimeCode() if stage.HasAuthoredTimeCodeRange() else 0.0
-    reader, problems, parts = MeshReader(stage, Usd.TimeCode(start)), [], []
+    reader, problems, parts = MeshReader(stage, Usd.TimeCode(start), keeps_flat=True), [], []
     actors = {}
     try:
         actors = {actor.path: actor for actor in find_actors(stage, {}) if actor.role != "rsu"}

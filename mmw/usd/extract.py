@@ -6,12 +6,17 @@ from dataclasses import dataclass, field
 import numpy as np
 from pxr import Kind, Usd, UsdGeom, UsdShade, Vt
 
+from mmw.usd.corners import NO_CORNERS, Corners, is_mirror, read_corners
 from mmw.usd.semantics import CARLA_TAG, TAXONOMY
 from mmw.usd.shapes import SHAPES
 from mmw.usd.triangulate import triangulate
 
 SKIPPED_PURPOSES = (UsdGeom.Tokens.proxy, UsdGeom.Tokens.guide)
 """Purposes that are no geometry of the world: stand-ins and construction aids."""
+
+
+LEAST_SLIMNESS = 1e-9
+"""Height of a triangle over its length below which it has no area [-]: a hundredth of the step of float32."""
 
 
 @dataclass(frozen=True)
@@ -24,6 +29,8 @@ class Triangles:
     """Triangles, counter-clockwise seen from the front, shape [M, 3], int32."""
     polygon: np.ndarray
     """Polygon of the prim that each triangle is cut from, shape [M], int32."""
+    corners: np.ndarray
+    """Row of `faceVertexIndices` of each corner, shape [M, 3], int32; a shape's corners are merely counted."""
 
 
 @dataclass(frozen=True)
@@ -45,11 +52,15 @@ class MeshReader:
     Attributes:
         stage: The stage.
         time: When the static parts are read.
+        keeps_flat: Keep triangles without area, for who looks for them.
     """
 
     stage: Usd.Stage
     time: Usd.TimeCode
+    keeps_flat: bool = False
     _triangles: dict[str, Triangles] = field(default_factory=dict)
+    _corners: dict[tuple[int, str], Corners] = field(default_factory=dict)
+    _labels: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.xforms = UsdGeom.XformCache(self.time)
@@ -111,6 +122,15 @@ class MeshReader:
         """Return prim space to the stage's world, row vectors, stage units, shape [4, 4]."""
         return np.array(self.xforms.GetLocalToWorldTransform(prim))
 
+    def label(self, prim: Usd.Prim) -> str:
+        """Return what `semantic_label` does; what an ancestor says is looked up once for all below it."""
+        path = str(prim.GetPath())
+        if path not in self._labels:
+            own = _own_label(prim)
+            parent = prim.GetParent()
+            self._labels[path] = own or (self.label(parent) if parent else "unlabeled")
+        return self._labels[path]
+
     def triangles(self, prim: Usd.Prim) -> Triangles:
         """Return a mesh prim as triangles.
 
@@ -123,16 +143,32 @@ class MeshReader:
             self._triangles[key] = self._read(UsdGeom.Mesh(prim)) if prim.IsA(UsdGeom.Mesh) else _read_shape(prim)
         return self._triangles[key]
 
+    def corners(self, prim: Usd.Prim, cut: Triangles, name: str) -> Corners:
+        """Return texture coordinates and normals at the corners of a mesh prim's triangles.
+
+        Args:
+            prim: The Mesh prim, or a shape, which has none.
+            cut: What `triangles` returned for it.
+            name: Primvar of the texture coordinates that its material reads.
+        """
+        key = id(cut), name  # `_triangles` keeps it, so its id stays its own
+        if key not in self._corners:
+            is_mesh = prim.IsA(UsdGeom.Mesh)
+            read = read_corners(prim, name, cut.faces, cut.polygon, cut.corners, self.time) if is_mesh else NO_CORNERS
+            self._corners[key] = read
+        return self._corners[key]
+
     def _read(self, mesh: UsdGeom.Mesh) -> Triangles:
         path = mesh.GetPath()
-        if mesh.GetPointsAttr().ValueMightBeTimeVarying() or mesh.GetFaceVertexIndicesAttr().ValueMightBeTimeVarying():
+        at, corner = mesh.GetPointsAttr(), mesh.GetFaceVertexIndicesAttr()
+        if at.ValueMightBeTimeVarying() or corner.ValueMightBeTimeVarying():
             raise ValueError(
                 f"{path}: its points change over time; meshes are traced as rigid bodies; "
                 "remove the point animation or bake the mesh at one time"
             )
-        points = mesh.GetPointsAttr().Get(self.time)
+        points = at.Get(self.time)
         counts = _integers(mesh.GetFaceVertexCountsAttr().Get(self.time))
-        indices = _integers(mesh.GetFaceVertexIndicesAttr().Get(self.time))
+        indices = _integers(corner.Get(self.time))
         points = np.array(points if points is not None else [], dtype=np.float64).reshape(-1, 3)
         if counts.sum() != len(indices) or (len(indices) and not 0 <= indices.min() <= indices.max() < len(points)):
             raise ValueError(
@@ -141,10 +177,16 @@ class MeshReader:
             )
         if not np.isfinite(points).all():
             raise ValueError(f"{path}: a point is not finite; repair the mesh in the tool that made it")
-        faces, polygon = triangulate(points, counts, indices, _integers(mesh.GetHoleIndicesAttr().Get()))
+        corners, polygon = triangulate(points, counts, indices, _integers(mesh.GetHoleIndicesAttr().Get()))
         if mesh.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded:
-            faces = faces[:, ::-1]
-        return Triangles(points, np.ascontiguousarray(faces, dtype=np.int32), polygon.astype(np.int32))
+            corners = corners[:, ::-1]
+        if not self.keeps_flat:  # what has no area is nowhere: no ray can say how it is met
+            edge = points[indices[corners[:, 1:]]] - points[indices[corners[:, :1]]]
+            area = np.linalg.norm(np.cross(edge[:, 0], edge[:, 1]), axis=1)
+            has_area = area > LEAST_SLIMNESS * np.einsum("mkx,mkx->m", edge, edge)
+            corners, polygon = corners[has_area], polygon[has_area]
+        corners = np.ascontiguousarray(corners, dtype=np.int32)
+        return Triangles(points, indices[corners].astype(np.int32), polygon.astype(np.int32), corners)
 
 
 def _integers(values: Vt.IntArray | None) -> np.ndarray:
@@ -159,7 +201,8 @@ def _is_geometry(prim: Usd.Prim) -> bool:
 
 def _read_shape(prim: Usd.Prim) -> Triangles:
     points, faces = SHAPES[prim.GetTypeName()](prim)
-    return Triangles(points, faces, np.arange(len(faces), dtype=np.int32))
+    corners = np.arange(faces.size, dtype=np.int32).reshape(-1, 3)
+    return Triangles(points, faces, np.arange(len(faces), dtype=np.int32), corners)
 
 
 def is_hidden(prim: Usd.Prim) -> bool:
@@ -191,7 +234,7 @@ def to_metres(stage: Usd.Stage) -> np.ndarray:
 def place(triangles: Triangles, matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return points and faces of a mesh in another space; a mirrored transform turns the faces over, as it must."""
     points = triangles.points @ matrix[:3, :3] + matrix[3, :3]
-    return points, triangles.faces[:, ::-1] if np.linalg.det(matrix[:3, :3]) < 0.0 else triangles.faces
+    return points, triangles.faces[:, ::-1] if is_mirror(matrix) else triangles.faces
 
 
 def bound_materials(prim: Usd.Prim, polygon: np.ndarray) -> tuple[list[Usd.Prim | None], np.ndarray]:
@@ -238,9 +281,20 @@ def component_of(prim: Usd.Prim) -> Usd.Prim:
 def semantic_label(prim: Usd.Prim) -> str:
     """Return the nearest known semantic class of a prim and its ancestors, `unlabeled` where there is none."""
     while prim and not prim.IsPseudoRoot():
-        attribute = prim.GetAttribute(f"semantics:labels:{TAXONOMY}")
-        for label in (attribute.Get() if attribute else None) or ():
-            if label in CARLA_TAG:
-                return str(label)
+        label = _own_label(prim)
+        if label:
+            return label
         prim = prim.GetParent()
     return "unlabeled"
+
+
+def _own_label(prim: Usd.Prim) -> str:
+    """Return the first known semantic class that a prim itself has, empty for none."""
+    attribute = prim.GetAttribute(_LABELS)
+    for label in (attribute.Get() if attribute else None) or ():
+        if label in CARLA_TAG:
+            return str(label)
+    return ""
+
+
+_LABELS = f"semantics:labels:{TAXONOMY}"

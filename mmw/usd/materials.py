@@ -1,13 +1,17 @@
 """Material prims of a stage to `mmw.materials.Material`, whatever the stage says about radio."""
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any, get_args
 
 from pxr import Usd, UsdShade
 
+from mmw.looks import Look
 from mmw.materials import LIDAR_REFLECTANCE_905NM, Material, RadioMaterial, ScatteringPattern, lidar_reflectance
-from mmw.usd.library import LIBRARY
+from mmw.paths import assets_dir
+from mmw.usd.library import LIBRARY, ROOT
+from mmw.usd.looks import Notes, read_look
 from mmw.usd.material_map import MaterialMap, find_entry, mapped_radio
 from mmw.usd.schema import RADIO_ATTRIBUTES
 
@@ -59,6 +63,10 @@ class MaterialUse:
     """Material of the library that the material map names, for LiDAR and look too; empty if it names none."""
     color: tuple[float, float, float] | None = None
     """Colour that the material map gives; None for the material's own."""
+    display_color: tuple[float, float, float] | None = None
+    """Colour of the mesh, drawn where no surface shader of a material is read; None for no such colour."""
+    has_uv: bool = True
+    """Whether the mesh has texture coordinates."""
 
 
 def resolve_material(
@@ -100,8 +108,13 @@ def _said_by(material: Usd.Prim, name: str, label: str) -> RadioMaterial | None:
     return RADIO_OF_BASE.get(_value(material, NONVISUAL + "base", "none")) or RADIO_OF_LABEL.get(label)
 
 
-def read_material(stage: Usd.Stage, use: MaterialUse) -> Material:
+def read_material(stage: Usd.Stage, use: MaterialUse, notes: Notes | None = None) -> Material:
     """Return a material as the stage describes it now, that is in the weather that is selected now.
+
+    Args:
+        stage: The stage.
+        use: The material as a mesh uses it.
+        notes: Takes what a user of the RGB camera should know.
 
     Raises:
         ValueError: If its `mmw:radio:*` attributes contradict themselves or are out of range.
@@ -110,9 +123,11 @@ def read_material(stage: Usd.Stage, use: MaterialUse) -> Material:
         spec = LIBRARY[use.library]
         reflectance = lidar_reflectance(spec.base, spec.coating, spec.attributes, spec.color)
         is_retro = "retroreflective" in spec.attributes
-        return Material(use.name, spec.radio, spec.base, reflectance, spec.color, spec.coating, is_retro)
+        look = replace(library_look(use.library), has_uv=use.has_uv)
+        return Material(use.name, spec.radio, spec.base, reflectance, spec.color, spec.coating, is_retro, look)
     if not use.prim_path and use.fallback is not None:
-        return Material(use.name, use.fallback, "none", lidar_reflectance("none"), use.color or NO_COLOR)
+        color = use.color or use.display_color or NO_COLOR
+        return Material(use.name, use.fallback, "none", lidar_reflectance("none"), color, look=Look(color=color))
     prim = stage.GetPrimAtPath(use.prim_path)
     base = str(_value(prim, NONVISUAL + "base", "none"))
     coating = str(_value(prim, NONVISUAL + "coating", "none"))
@@ -121,7 +136,19 @@ def read_material(stage: Usd.Stage, use: MaterialUse) -> Material:
     reflectance = lidar_reflectance(base if base in LIDAR_REFLECTANCE_905NM else "none", coating, attributes, color)
     radio = use.fallback if use.fallback is not None else _read_radio(prim)
     is_retro = "retroreflective" in attributes
-    return Material(use.name, radio, base, reflectance, use.color or color, coating, is_retro)
+    look = replace(read_look(prim, {} if notes is None else notes, use.display_color), has_uv=use.has_uv)
+    if use.color:
+        look = replace(look, color=use.color, color_texture=None)
+    if not look.textures:
+        look = replace(look, has_uv=True)
+    return Material(use.name, radio, base, reflectance, use.color or color, coating, is_retro, look)
+
+
+@cache
+def library_look(name: str) -> Look:
+    """Return how a material of the shipped library looks."""
+    stage = Usd.Stage.Open(str(assets_dir() / "materials" / "materials.usda"))
+    return read_look(stage.GetPrimAtPath(f"{ROOT}/{name}"), {})
 
 
 def _has_radio(prim: Usd.Prim) -> bool:

@@ -6,7 +6,7 @@ import numpy as np
 def triangulate(
     points: np.ndarray, counts: np.ndarray, indices: np.ndarray, holes: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Cut every polygon of a mesh into triangles of the same winding.
+    """Cut every polygon of a mesh into triangles of the same winding, whose corners are corners of the polygons.
 
     Args:
         points: Vertices, shape [N, 3].
@@ -15,24 +15,25 @@ def triangulate(
         holes: Polygons that are no geometry.
 
     Returns:
-        Triangles, shape [M, 3], and the polygon of each, shape [M], in the order of the polygons.
+        Triangles as rows of `indices`, shape [M, 3] (their vertices are `indices[triangles]`), and the polygon of each,
+        shape [M], in the order of the polygons.
     """
     if len(holes) == 0 and (counts == 3).all():
-        return indices.reshape(-1, 3), np.arange(len(counts))
+        return np.arange(len(indices)).reshape(-1, 3), np.arange(len(counts))
     starts = np.concatenate([[0], np.cumsum(counts)])[:-1]
     is_hole = np.zeros(len(counts), dtype=bool)
     is_hole[holes[(holes >= 0) & (holes < len(counts))]] = True
     faces, polygons = [np.zeros((0, 3), dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
     for count in np.unique(counts[counts >= 3]):
         polygon = np.flatnonzero((counts == count) & ~is_hole)
-        corner = indices[starts[polygon][:, None] + np.arange(count)]
-        convex = _is_convex(points[corner]) if count > 3 else np.ones(len(polygon), dtype=bool)
+        corner = starts[polygon][:, None] + np.arange(count)
+        convex = _is_convex(points[indices[corner]]) if count > 3 else np.ones(len(polygon), dtype=bool)
         k = np.arange(1, count - 1)
         fan = np.stack(np.broadcast_arrays(corner[convex, :1], corner[convex][:, k], corner[convex][:, k + 1]), axis=2)
         faces.append(fan.reshape(-1, 3))
         polygons.append(np.repeat(polygon[convex], count - 2))
         for row in np.flatnonzero(~convex):
-            ears = _clip_ears(points[corner[row]])
+            ears = _clip_ears(points[indices[corner[row]]])
             faces.append(corner[row][ears])
             polygons.append(np.full(len(ears), polygon[row]))
     polygon = np.concatenate(polygons)
