@@ -1,10 +1,12 @@
-"""Depth camera: distance along the optical axis of a pinhole camera, and the object in every pixel."""
+"""Depth camera: distance along the optical axis, and the object in every pixel, of what a camera sees."""
 
 import warp as wp
 
-from mmw.kernels.camera import Camera, through_point, tile_column, tile_row
-from mmw.kernels.structs import Scene, Views
-from mmw.kernels.trace import TRACE_REGISTERS, nearest_surface, object_of
+from mmw.kernels.camera import Camera, camera_ray, tile_column, tile_row
+from mmw.kernels.looks import Samples
+from mmw.kernels.structs import MISS_ID, Scene
+from mmw.kernels.trace import object_of
+from mmw.kernels.visibility import sample_row, seen_again
 
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
 
@@ -24,15 +26,16 @@ class DepthImages:
     """Object in the pixel, -1 for none."""
 
 
-@wp.kernel(cuda_max_registers=TRACE_REGISTERS)
+@wp.kernel
 def depth_kernel(
     scene: Scene,
-    views: Views,
     camera: Camera,
+    samples: Samples,
+    range: float,
     # out
     images_out: DepthImages,
 ):
-    """Trace one ray through the centre of every pixel.
+    """Read depth and object of every pixel from what its centre sees, as far as `range` [m] along the optical axis.
 
     Launch: dim=(A, ceil(H / 8), ceil(W / 8), 64), block_dim=64.
     """
@@ -41,13 +44,12 @@ def depth_kernel(
     u = tile_column(across, lane)
     if u >= camera.width or v >= camera.height:
         return
-    pose = views.pose[view]
-    through = through_point(camera, float(u) + 0.5, float(v) + 0.5)
-    stretch = wp.length(through)
-    direction = wp.transform_vector(pose, through / stretch)
-    origin = wp.transform_get_translation(pose)
-    near = nearest_surface(scene, views.slot[view], origin, direction, camera.range * stretch, views.ignore[view])
-    depth = near.t / stretch
+    near = seen_again(samples, sample_row(camera, view, u, v))
+    ray = camera_ray(camera, float(u) + 0.5, float(v) + 0.5)
+    depth = near.t * ray[0]
+    if depth > range:
+        near.face = MISS_ID
+        near.instance = MISS_ID
     centimetres = wp.rint(depth * 100.0)
     if near.face < 0 or centimetres > MOST_CENTIMETRES:
         centimetres = 0.0
@@ -56,6 +58,6 @@ def depth_kernel(
         centimetres = wp.max(centimetres, 1.0)
     images_out.depth[view, v, u] = wp.uint16(int(centimetres))
     if images_out.depth_m.shape[0] > 0:
-        images_out.depth_m[view, v, u] = depth
+        images_out.depth_m[view, v, u] = wp.where(near.face < 0, wp.inf, depth)
     if images_out.object_id.shape[0] > 0:
         images_out.object_id[view, v, u] = object_of(scene, near)

@@ -32,6 +32,12 @@ class Scene:
     """Velocity of the instance's origin in the scene frame [m/s], shape [S, V]; zero where it is absent."""
     instance_rate: wp.array2d[wp.vec3]
     """Angular velocity of the instance about the axes of the scene frame [rad/s], shape [S, V]; zero where absent."""
+    instance_present: wp.array2d[wp.bool]
+    """Whether the instance is in the scene, shape [S, V]."""
+    instance_middle: wp.array[wp.vec3]
+    """Middle of a sphere about the instance's model, in its frame [m], shape [V]."""
+    instance_reach: wp.array[float]
+    """Radius of that sphere [m], shape [V]."""
     instance_mesh: wp.array[wp.uint64]
     """wp.Mesh id of the instance's model, local frame, shape [V]."""
     instance_object: wp.array[int]
@@ -48,6 +54,16 @@ class Scene:
     """Row of `wheels` that each face of all models turns with, -1 for a face that is fixed to its body."""
     wheels: wp.array[wp.vec4]
     """Wheels of all models, one after the other: centre x, y, z in the model's frame [m] and radius [m], shape [W]."""
+
+
+@wp.struct
+class Candidates:
+    """The only instances that some rays can meet, by group of rays."""
+
+    count: wp.array[int]
+    """Number of them, shape [G]."""
+    instance: wp.array2d[wp.int16]
+    """Their numbers, rising, shape [G, V]."""
 
 
 @wp.struct

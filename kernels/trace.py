@@ -19,7 +19,7 @@ of a batch share one `wp.Bvh`; each frame is one group of it, and the query star
 import warp as wp
 
 from mmw.kernels.motion import instance_pose_at
-from mmw.kernels.structs import MISS_ID, Hit, MeshHit, Nearest, Scene
+from mmw.kernels.structs import MISS_ID, Candidates, Hit, MeshHit, Nearest, Scene
 
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
 
@@ -129,6 +129,77 @@ def nearest_surface_at(
     if near.face < 0:
         near.t = wp.inf
     return near
+
+
+@wp.func
+def nearest_surface_among(
+    scene: Scene, slot: int, origin: wp.vec3, direction: wp.vec3, t_max: float, ignore: int, candidates: Candidates,
+    group: int,
+) -> Nearest:  # fmt: skip
+    """Return what the ray meets first, where all instances that it can meet are known: `nearest_surface` without a walk
+    through the tree of instances.
+
+    Args:
+        scene: Town and vehicles.
+        slot: Position of the ray's frame in the batch.
+        origin: Start of the ray, scene frame [m].
+        direction: Unit direction, scene frame.
+        t_max: Length of the ray [m].
+        ignore: Instance that the ray passes through, -1 for none.
+        candidates: Instances by group of rays.
+        group: Group of the ray.
+    """
+    near = Nearest()
+    near.t = t_max
+    near.face = MISS_ID
+    near.instance = MISS_ID
+    if scene.has_town:
+        town = wp.mesh_query_ray(scene.town, origin, direction, t_max)
+        if town.result:
+            near.t = town.t
+            near.face = town.face
+            near.normal = town.normal
+    for k in range(candidates.count[group]):
+        instance = int(candidates.instance[group, k])
+        if instance != ignore:
+            to_local = wp.transform_inverse(scene.instance_pose[slot, instance])
+            body = wp.mesh_query_ray(
+                scene.instance_mesh[instance],
+                wp.transform_point(to_local, origin),
+                wp.transform_vector(to_local, direction),
+                near.t,
+            )
+            if body.result and body.t < near.t:
+                near.t = body.t
+                near.face = body.face
+                near.instance = instance
+                near.normal = body.normal
+    if near.face < 0:
+        near.t = wp.inf
+    return near
+
+
+@wp.func
+def is_blocked_among(
+    scene: Scene, slot: int, origin: wp.vec3, direction: wp.vec3, t_max: float, candidates: Candidates, group: int
+) -> bool:
+    """Return whether anything lies on the ray before `t_max`; see `nearest_surface_among`. A negative group has no
+    instances."""
+    blocked = wp.bool(False)
+    if scene.has_town:
+        blocked = wp.mesh_query_ray_anyhit(scene.town, origin, direction, t_max)
+    if group >= 0 and not blocked:
+        for k in range(candidates.count[group]):
+            if not blocked:
+                instance = int(candidates.instance[group, k])
+                to_local = wp.transform_inverse(scene.instance_pose[slot, instance])
+                blocked = wp.mesh_query_ray_anyhit(
+                    scene.instance_mesh[instance],
+                    wp.transform_point(to_local, origin),
+                    wp.transform_vector(to_local, direction),
+                    t_max,
+                )
+    return blocked
 
 
 @wp.func

@@ -2,12 +2,12 @@
 
 import functools
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from mmw.config import LidarConfig
 from mmw.constants import FRAME_DT
+from mmw.lens import Distortion, Intrinsics, focal_length
 
 
 def lidar_elevations(channels: int, upper_fov_deg: float, lower_fov_deg: float) -> np.ndarray:
@@ -98,43 +98,22 @@ def lidar_order(channels: int, points_per_channel: int) -> np.ndarray:
     return order
 
 
-@dataclass(frozen=True)
-class Pinhole:
-    """Intrinsics of an ideal pinhole camera with square pixels.
+def pinhole(width: int, height: int, fov_deg: float) -> Intrinsics:
+    """Return the pinhole with square pixels and the optical axis in the middle whose image edges span a field of view.
 
-    Column u counts to the right, row v downwards, both from 0; the centre of pixel (u, v) is at (u + 0.5, v + 0.5) and
-    the optical axis meets the image at (cx, cy) = (W / 2, H / 2), between the middle pixels of an even-sized image.
-    Code that puts pixel centres at whole numbers (OpenCV) uses cx - 0.5 and cy - 0.5 with the same image.
+    Args:
+        width: Image width [px].
+        height: Image height [px].
+        fov_deg: Horizontal field of view: fx = fy = W / (2 tan(fov / 2)) [deg].
     """
-
-    width: int
-    height: int
-    fx: float
-    """Focal length, equal in both directions [px]."""
-
-    @property
-    def cx(self) -> float:
-        """Column of the optical axis [px], pixel edges at whole numbers."""
-        return self.width / 2.0
-
-    @property
-    def cy(self) -> float:
-        """Row of the optical axis [px], pixel edges at whole numbers."""
-        return self.height / 2.0
+    focal = focal_length(Distortion(), width, fov_deg)
+    return Intrinsics(width, height, focal, focal, 0.5 * width, 0.5 * height)
 
 
-def pinhole(width: int, height: int, fov_deg: float) -> Pinhole:
-    """Return the camera whose image edges span the horizontal field of view: fx = W / (2 tan(fov / 2)).
-
-    Source: CARLA 0.9.15 `sensor.camera.*` (`fov`).
-    """
-    return Pinhole(width, height, width / (2.0 * math.tan(math.radians(fov_deg) / 2.0)))
-
-
-def pinhole_directions(camera: Pinhole) -> np.ndarray:
-    """Return the direction through every pixel centre, scaled so that x (the optical axis) is 1, shape [H, W, 3]."""
+def pinhole_directions(camera: Intrinsics) -> np.ndarray:
+    """Return the direction through every pixel centre of a pinhole, x (the optical axis) is 1, shape [H, W, 3]."""
     y = -(np.arange(camera.width) + 0.5 - camera.cx) / camera.fx
-    z = -(np.arange(camera.height) + 0.5 - camera.cy) / camera.fx
+    z = -(np.arange(camera.height) + 0.5 - camera.cy) / camera.fy
     directions = np.ones((camera.height, camera.width, 3))
     directions[..., 1] = y[None, :]
     directions[..., 2] = z[:, None]

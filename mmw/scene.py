@@ -152,7 +152,11 @@ class Scene:
         self._model_lower = self._array(lower.astype(np.float32), wp.vec3)
         self._model_upper = self._array(upper.astype(np.float32), wp.vec3)
         slots, instances = self.max_slots, len(actors)
-        self._is_present = wp.zeros((slots, instances), dtype=wp.bool, device=self.device)
+        struct.instance_present = wp.zeros((slots, instances), dtype=wp.bool, device=self.device)
+        struct.instance_middle = self._array((0.5 * (lower + upper)).astype(np.float32), wp.vec3)
+        # A little more than the half diagonal, for what rounding moves.
+        reach = 0.5001 * np.linalg.norm(upper - lower, axis=1) + 1e-3
+        struct.instance_reach = self._array(reach.astype(np.float32), wp.float32)
         self._lower = wp.zeros(slots * instances, dtype=wp.vec3, device=self.device)
         self._upper = wp.zeros(slots * instances, dtype=wp.vec3, device=self.device)
         self._group = wp.full(slots * instances, slots, dtype=wp.int32, device=self.device)
@@ -185,7 +189,7 @@ class Scene:
         pose = make_pose(pose[..., :3] - self.origin, normalize(pose[..., 3:]))
         on_device[: len(rows)] = np.where(is_present[: len(rows), :, None], pose, on_device[: len(rows)])
         self.struct.instance_pose.assign(on_device)
-        self._is_present.assign(is_present)
+        self.struct.instance_present.assign(is_present)
         for derivative, target in (
             (self._velocity, self.struct.instance_velocity),
             (self._rate, self.struct.instance_rate),
@@ -202,7 +206,7 @@ class Scene:
             dim=struct.instance_pose.shape,
             inputs=[
                 struct.instance_pose,
-                self._is_present,
+                struct.instance_present,
                 self._model_lower,
                 self._model_upper,
                 struct.instance_velocity,

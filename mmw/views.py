@@ -26,7 +26,8 @@ class Views:
     slot: np.ndarray
     """Position of the frame in its batch, shape [A], int32."""
     actor: np.ndarray
-    """Index of the agent in `SceneArrays.actors`, shape [A], int32."""
+    """Index of the agent in `SceneArrays.actors`, -1 for a view that nobody carries and that stands still, shape [A],
+    int32."""
     pose: np.ndarray
     """Sensor to world, shape [A, 7], float64."""
     ignore: np.ndarray
@@ -34,6 +35,10 @@ class Views:
 
     def __len__(self) -> int:
         return len(self.frame)
+
+    def take(self, rows: np.ndarray | slice) -> "Views":
+        """Return some of the views, given by their rows."""
+        return Views(self.frame[rows], self.slot[rows], self.actor[rows], self.pose[rows], self.ignore[rows])
 
     def to_device(self, device: str, origin: np.ndarray | None = None) -> structs.Views:
         """Return the views as kernels take them.
@@ -108,6 +113,12 @@ def make_views(arrays: SceneArrays, frames: Sequence[int], sensor: SensorSection
     mount = np.array([mounts[arrays.actors[i].role] for i in actor]).reshape(-1, 7)
     pose = np.concatenate([pose[:, :3], normalize(pose[:, 3:])], axis=1)
     return Views(frame, slot, actor, compose(pose, mount), np.full(len(frame), -1, dtype=np.int32))
+
+
+def join_views(parts: Sequence[Views]) -> Views:
+    """Return the views of several sensors in one table, one after the other; at least one part."""
+    columns = zip(*((p.frame, p.slot, p.actor, p.pose, p.ignore) for p in parts), strict=True)
+    return Views(*(np.concatenate(column) for column in columns))
 
 
 def view_keys(arrays: SceneArrays, views: Views, *stream: str | int) -> np.ndarray:

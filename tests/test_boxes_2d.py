@@ -8,7 +8,8 @@ import pytest
 import warp as wp
 
 from mmw.config import MountConfig
-from mmw.patterns import Pinhole, pinhole
+from mmw.lens import Intrinsics
+from mmw.patterns import pinhole
 from mmw.poses import IDENTITY_POSE, compose, transform_points
 from mmw.sensors.boxes import Boxes, make_boxes
 from mmw.sensors.boxes_2d import project_boxes, visible_pixels
@@ -51,7 +52,7 @@ def random_boxes(count: int, seed: int) -> Boxes:
     return boxes_at(pose, rng.uniform(0.3, 6.0, (count, 3)))
 
 
-def framed_by_rays(intrinsics: Pinhole, to_camera: np.ndarray, size: np.ndarray, step: float) -> np.ndarray | None:
+def framed_by_rays(intrinsics: Intrinsics, to_camera: np.ndarray, size: np.ndarray, step: float) -> np.ndarray | None:
     """Return the rectangle of those points of the image, `step` px apart, whose ray meets the box 1 cm deep or more."""
     u, v = np.meshgrid(np.arange(0, intrinsics.width + step, step), np.arange(0, intrinsics.height + step, step))
     u, v = u.ravel(), v.ravel()
@@ -129,7 +130,7 @@ def test_boxes_before_the_camera_equal_their_sampled_surface() -> None:
 
 def test_known_boxes() -> None:
     """fx = 100 px, W = 200, H = 100: the numbers are by hand."""
-    intrinsics = Pinhole(200, 100, 100.0)
+    intrinsics = Intrinsics(200, 100, 100.0, 100.0, 100.0, 50.0)
     pose = [
         level(10.5, 0.0, 0.0),  # front at 10 m, 2 m wide and high: 10 px to each side of the middle
         level(10.5, 10.0, 0.0),  # its left half is outside: front from u = -10 to 10
@@ -153,7 +154,7 @@ def test_known_boxes() -> None:
 
 def test_box_partly_behind_the_camera() -> None:
     """A lorry that stands beside the camera, 2 m to its left, from 6 m behind to 4 m ahead, eyes at half its height."""
-    intrinsics = Pinhole(200, 100, 100.0)
+    intrinsics = Intrinsics(200, 100, 100.0, 100.0, 100.0, 50.0)
     found = project_boxes(intrinsics, views_at(), boxes_at(np.array([level(-1.0, 3.0, 0.0)]), np.array([[10, 2, 3.0]])))
     # Its near side, y = 2, ends 4 m ahead at u = 50, half a metre of image high: v = 50 -+ 37.5; at the left edge,
     # 2 m ahead, it is 75 px high to each side, more than the image.
@@ -166,7 +167,7 @@ def test_box_partly_behind_the_camera() -> None:
 
 def test_side_of_a_box_through_the_camera() -> None:
     """A box on the right, whose side lies 1 mm left of the eye: the near plane, 1 cm ahead, cuts it at u = 100 - 10."""
-    intrinsics = Pinhole(200, 100, 100.0)
+    intrinsics = Intrinsics(200, 100, 100.0, 100.0, 100.0, 50.0)
     found = project_boxes(intrinsics, views_at(), boxes_at(np.array([level(0, -0.999, 0)]), np.array([[2, 2, 2.0]])))
     np.testing.assert_allclose(found.amodal, [[90, 0, 200, 100]])
 

@@ -12,7 +12,7 @@ import pytest
 from mmw.config import Config, DepthConfig, MountConfig, load_config
 from mmw.kinematics import differentiate
 from mmw.patterns import pinhole, pinhole_directions
-from mmw.recording.images import record_depth
+from mmw.recording.cameras import record_cameras
 from mmw.recording.job import Job, Rows
 from mmw.report import Clock
 from mmw.scene import Scene
@@ -221,7 +221,7 @@ def record(config: Config, arrays: SceneArrays, device: str, frames: list[int]) 
         scene, motion = loaded(arrays, device, frames), differentiate(arrays.poses)
         job = Job(config, config.scenarios[0], arrays, motion, scene, None, pool, Clock())
         rows: Rows = {weather: defaultdict(list) for weather in config.weathers}
-        record_depth(job, config.sensors[0], frames, rows)
+        record_cameras(job, frames, rows)
     return rows
 
 

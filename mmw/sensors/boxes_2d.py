@@ -10,9 +10,10 @@ import numpy as np
 import warp as wp
 
 from mmw.kernels import boxes_2d as kernels
-from mmw.patterns import Pinhole
+from mmw.lens import Intrinsics
 from mmw.poses import compose, invert, rotate, transform_points
 from mmw.sensors.boxes import Boxes
+from mmw.sensors.lens import project, unproject
 from mmw.views import Views
 
 STRIP = 16
@@ -24,6 +25,13 @@ image. Design value."""
 
 CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 """Corners of a box of unit size."""
+
+STEPS = 16
+"""Pieces of an edge behind a lens that bends it. Design value: within 0.1 px of the curve in an image of 640 px."""
+
+ASTERN_RAD = np.radians(170.0)
+"""Angle from the optical axis beyond which a fisheye's image of an edge is left out: straight behind it would jump from
+one side to the other. Design value, beyond the widest lens."""
 
 EDGES = np.array([(i, i | bit) for bit in (1, 2, 4) for i in range(8) if not i & bit])
 """Corner numbers of the twelve edges of a box."""
@@ -88,12 +96,13 @@ def visible_pixels(object_id: wp.array, wanted: Sequence[int] | np.ndarray) -> V
     return VisiblePixels(pixels.numpy(), np.concatenate([lower.numpy(), upper.numpy()], axis=2))
 
 
-def project_boxes(camera: Pinhole, views: Views, boxes: Boxes) -> Boxes2d:
+def project_boxes(camera: Intrinsics, views: Views, boxes: Boxes) -> Boxes2d:
     """Return where the 3-D boxes of each view's frame lie in its image.
 
     A box is cut at the near plane (`NEAR_M`) and at the four sides of the image, not only its rectangle, so `amodal`
     is the tight rectangle around what is framed. There is a row for every box of which a part is framed, the view's
-    own vehicle included, however far away, and whether anything stands before it or not.
+    own vehicle included, however far away, and whether anything stands before it or not. A fisheye sees what is beside
+    and behind it too, so nothing is cut at the near plane there.
 
     Args:
         camera: Intrinsics.
@@ -104,15 +113,16 @@ def project_boxes(camera: Pinhole, views: Views, boxes: Boxes) -> Boxes2d:
     to_camera = invert(views.pose[view])
     middle = transform_points(to_camera, boxes.pose[box, :3])
     # A ball around the box that lies behind the near plane: nothing to project, and that is about half of them.
-    ahead = middle[:, 0] + 0.5 * np.linalg.norm(boxes.size[box], axis=1) > NEAR_M
+    is_fisheye = camera.distortion.model == "fisheye"
+    ahead = (middle[:, 0] + 0.5 * np.linalg.norm(boxes.size[box], axis=1) > NEAR_M) | is_fisheye
     view, box, to_camera, middle = view[ahead], box[ahead], to_camera[ahead], middle[ahead]
     local = CORNERS * boxes.size[box][:, None, :]
     corners = transform_points(to_camera[:, None], transform_points(boxes.pose[box][:, None], local))
-    is_behind = corners[..., 0] < NEAR_M
+    is_behind = (corners[..., 0] < NEAR_M) & (not is_fisheye)
     is_cut = is_behind.any(axis=1) & ~is_behind.all(axis=1)
     whole, framed = np.empty((len(box), 4)), np.empty((len(box), 4))
     for rows, segments in ((~is_cut, _edges), (is_cut, _cut_edges)):
-        whole[rows], framed[rows] = _rectangles(camera, *segments(corners[rows]))
+        whole[rows], framed[rows] = _rectangles(camera, *segments(corners[rows], is_behind[rows]))
     framed = _with_image_corners(camera, framed, views.pose[view], boxes.pose[box], boxes.size[box])
     is_framed = (framed[:, 2] > framed[:, 0]) & (framed[:, 3] > framed[:, 1])
     kept = framed[is_framed]
@@ -121,19 +131,19 @@ def project_boxes(camera: Pinhole, views: Views, boxes: Boxes) -> Boxes2d:
     return Boxes2d(view[is_framed], box[is_framed], kept, np.clip(1.0 - share, 0.0, 1.0), distance)
 
 
-def _edges(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _edges(corners: np.ndarray, is_behind: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the edges of boxes that lie on one side of the near plane: start, end [N, 12, 3], and whether in front."""
     start, end = corners[:, EDGES[:, 0]], corners[:, EDGES[:, 1]]
-    return start, end, start[..., 0] >= NEAR_M
+    return start, end, ~is_behind[:, EDGES[:, 0]]
 
 
-def _cut_edges(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _cut_edges(corners: np.ndarray, is_behind: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return segments that outline boxes in front of the near plane: start, end [N, S, 3], and whether they exist.
 
     These are the edges, cut at the plane, and what joins any two places where edges meet it.
     """
     a, b = corners[:, EDGES[:, 0]], corners[:, EDGES[:, 1]]
-    is_front_a, is_front_b = a[..., 0] >= NEAR_M, b[..., 0] >= NEAR_M
+    is_front_a, is_front_b = ~is_behind[:, EDGES[:, 0]], ~is_behind[:, EDGES[:, 1]]
     meets = is_front_a != is_front_b
     along = np.where(meets, b[..., 0] - a[..., 0], 1.0)
     cut = a + (b - a) * ((NEAR_M - a[..., 0]) / along)[..., None]
@@ -149,22 +159,40 @@ def _cut_edges(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def _rectangles(
-    camera: Pinhole, start: np.ndarray, end: np.ndarray, exists: np.ndarray
+    camera: Intrinsics, start: np.ndarray, end: np.ndarray, exists: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the rectangles around all segments and around what the image frames of them, shape [N, 4] each."""
-    a, b = _project(camera, start), _project(camera, end)
+    if camera.distortion.model == "pinhole":
+        a, b = _project(camera, start), _project(camera, end)
+    else:
+        a, b, exists = _project_curves(camera, start, end, exists)
     u0, v0, u1, v1, is_framed = _clip(camera, a, b, exists)
     return _bounds(*a, *b, exists), _bounds(u0, v0, u1, v1, is_framed)
 
 
-def _project(camera: Pinhole, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _project(camera: Intrinsics, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return column and row [px] of points in the sensor frame; no meaning behind the near plane."""
     depth = np.maximum(points[..., 0], NEAR_M)
-    return camera.cx - camera.fx * points[..., 1] / depth, camera.cy - camera.fx * points[..., 2] / depth
+    return camera.cx - camera.fx * points[..., 1] / depth, camera.cy - camera.fy * points[..., 2] / depth
+
+
+def _project_curves(
+    camera: Intrinsics, start: np.ndarray, end: np.ndarray, exists: np.ndarray
+) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray], np.ndarray]:
+    """Return segments through a lens that bends them, in `STEPS` straight pieces: both ends, and whether they exist."""
+    count, pieces = len(start), start.shape[1] * STEPS
+    share = np.linspace(0.0, 1.0, STEPS + 1)[:, None]
+    points = start[:, :, None] + share * (end - start)[:, :, None]
+    aside = np.hypot(points[..., 1], points[..., 2])
+    is_seen = np.arctan2(aside, points[..., 0]) < ASTERN_RAD
+    image = np.nan_to_num(project(camera, points), posinf=0.0, neginf=0.0)
+    exists = exists[..., None] & is_seen[..., :-1] & is_seen[..., 1:]
+    a, b = image[:, :, :-1].reshape(count, pieces, 2), image[:, :, 1:].reshape(count, pieces, 2)
+    return (a[..., 0], a[..., 1]), (b[..., 0], b[..., 1]), exists.reshape(count, pieces)
 
 
 def _clip(
-    camera: Pinhole, start: tuple[np.ndarray, np.ndarray], end: tuple[np.ndarray, np.ndarray], exists: np.ndarray
+    camera: Intrinsics, start: tuple[np.ndarray, np.ndarray], end: tuple[np.ndarray, np.ndarray], exists: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return the part of each segment that lies in the image: u and v of both ends, and whether there is one.
 
@@ -203,21 +231,23 @@ def _bounds(u0: np.ndarray, v0: np.ndarray, u1: np.ndarray, v1: np.ndarray, exis
 
 
 def _with_image_corners(
-    camera: Pinhole, bounds: np.ndarray, view_pose: np.ndarray, box_pose: np.ndarray, size: np.ndarray
+    camera: Intrinsics, bounds: np.ndarray, view_pose: np.ndarray, box_pose: np.ndarray, size: np.ndarray
 ) -> np.ndarray:
     """Return rectangles [N, 4] grown to those corners of the image whose rays meet the box before it ends.
 
     Only there can the image frame a part of a box beyond all its edges: a box that fills a corner, or everything.
     """
     u, v = np.array([0.0, 1.0, 0.0, 1.0]) * camera.width, np.array([0.0, 0.0, 1.0, 1.0]) * camera.height
-    through = np.stack([np.ones(4), (camera.cx - u) / camera.fx, (camera.cy - v) / camera.fx], axis=1)
+    through = unproject(camera, np.stack([u, v], axis=1))
+    if camera.distortion.model != "fisheye":
+        through /= through[:, :1]  # a ray's parameter is its depth
     to_box = compose(invert(box_pose), view_pose)
     origin, direction = to_box[:, :3], rotate(to_box[:, None, 3:], through)
     direction = np.where(direction == 0.0, np.finfo(np.float64).tiny, direction)
     with np.errstate(over="ignore"):
         a = (-0.5 * size - origin)[:, None] / direction
         b = (0.5 * size - origin)[:, None] / direction
-    enter = np.maximum(np.minimum(a, b).max(axis=2), NEAR_M)  # a ray's parameter is its depth
+    enter = np.maximum(np.minimum(a, b).max(axis=2), NEAR_M)
     meets = enter <= np.maximum(a, b).min(axis=2)
     grown = bounds.copy()
     for column, values, fold in ((0, u, np.minimum), (1, v, np.minimum), (2, u, np.maximum), (3, v, np.maximum)):

@@ -1,7 +1,9 @@
 """What every camera sensor shares: its intrinsics on the device, and the launch of one thread a pixel."""
 
+import warp as wp
+
 from mmw.kernels import camera as kernels
-from mmw.patterns import Pinhole
+from mmw.lens import MODELS, Intrinsics
 
 TILE = 8
 """Pixels on a side of a block's square."""
@@ -10,23 +12,33 @@ BLOCK_DIM = TILE * TILE
 """Threads of a block: one a pixel of its square."""
 
 
-def device_camera(intrinsics: Pinhole, range_m: float) -> kernels.Camera:
-    """Return a pinhole camera as kernels take it.
+def device_camera(intrinsics: Intrinsics, range_m: float) -> kernels.Camera:
+    """Return a camera as kernels take it.
 
     Args:
-        intrinsics: Size and focal length.
+        intrinsics: Size, focal lengths, principal point and lens.
         range_m: Longest depth [m].
+
+    Raises:
+        ValueError: If the lens is not one to one in the image.
     """
+    lens = intrinsics.distortion
     camera = kernels.Camera()
     camera.width = intrinsics.width
     camera.height = intrinsics.height
     camera.fx = intrinsics.fx
+    camera.fy = intrinsics.fy
     camera.cx = intrinsics.cx
     camera.cy = intrinsics.cy
     camera.range = range_m
+    camera.model = MODELS.index(lens.model)
+    camera.radial = wp.vec4(*lens.radial)
+    camera.rational = wp.vec3(*lens.rational)
+    camera.tangential = wp.vec2(*lens.tangential)
+    camera.reach = intrinsics.reach()
     return camera
 
 
-def tiles(views: int, intrinsics: Pinhole) -> tuple[int, int, int, int]:
+def tiles(views: int, intrinsics: Intrinsics) -> tuple[int, int, int, int]:
     """Return the launch of one thread a pixel, in blocks of `BLOCK_DIM`: (views, tile rows, tile columns, lanes)."""
     return (views, -(-intrinsics.height // TILE), -(-intrinsics.width // TILE), BLOCK_DIM)

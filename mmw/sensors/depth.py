@@ -10,13 +10,13 @@ not part of this sensor. One image serves every weather.
 from dataclasses import dataclass
 
 import numpy as np
-import warp as wp
 
 from mmw.config import DepthConfig
 from mmw.kernels import depth as kernels
-from mmw.patterns import Pinhole, pinhole
+from mmw.lens import Intrinsics
+from mmw.patterns import pinhole
 from mmw.scene import Scene
-from mmw.sensors.camera import BLOCK_DIM, device_camera, tiles
+from mmw.sensors.visibility_buffer import depth_images, trace_samples
 from mmw.views import Views
 
 CENTIMETRES = 0.01
@@ -35,7 +35,7 @@ class DepthBatch:
     """Object in each pixel, -1 where nothing is in range, shape [A, H, W], int32; only on request."""
 
 
-def intrinsics_of(config: DepthConfig) -> Pinhole:
+def intrinsics_of(config: DepthConfig) -> Intrinsics:
     """Return the intrinsics of a depth camera."""
     return pinhole(config.width_px, config.height_px, config.fov_deg)
 
@@ -60,23 +60,8 @@ def trace_depth_images(
     Raises:
         ValueError: If a view's frame is not loaded in the scene.
     """
-    on_device = views.for_scene(scene)
-    intrinsics = intrinsics_of(config)
-    shape, none = (len(views), config.height_px, config.width_px), (0, 0, 0)
-    images = kernels.DepthImages()
-    images.depth = wp.empty(shape, dtype=wp.uint16, device=scene.device)
-    images.depth_m = wp.empty(shape if with_metres else none, dtype=float, device=scene.device)
-    images.object_id = wp.empty(shape if with_objects else none, dtype=int, device=scene.device)
-    if len(views):
-        wp.launch(
-            kernels.depth_kernel,
-            dim=tiles(len(views), intrinsics),
-            inputs=[scene.struct, on_device, device_camera(intrinsics, config.range_m)],
-            outputs=[images],
-            device=scene.device,
-            block_dim=BLOCK_DIM,
-        )
-    return images
+    buffer = trace_samples(scene, views, intrinsics_of(config), config.range_m, with_surfaces=False)
+    return depth_images(buffer, with_metres=with_metres, with_objects=with_objects)
 
 
 def trace_depth(scene: Scene, views: Views, config: DepthConfig, *, with_details: bool = False) -> DepthBatch:

@@ -37,6 +37,12 @@ def to_host(arrays: Sequence[wp.array]) -> list[np.ndarray]:
     return [array.numpy() if view is None else view for array, view in zip(arrays, pinned, strict=True)]
 
 
+def numpy_type(array: wp.array) -> tuple[np.dtype, tuple[int, ...]]:
+    """Return the NumPy type of an array's numbers, and the shape of an element: empty, or that of a vector."""
+    scalar = getattr(array.dtype, "_wp_scalar_type_", array.dtype)
+    return np.dtype(wp.dtype_to_numpy(scalar)), getattr(array.dtype, "_shape_", ())
+
+
 def _pinned(array: wp.array) -> np.ndarray | None:
     """Start the copy of an array to a page-locked buffer and return its view; None if the pool is full."""
     size = array.size * wp.types.type_size_in_bytes(array.dtype)
@@ -49,7 +55,8 @@ def _pinned(array: wp.array) -> np.ndarray | None:
     wp.copy(buffer, source, count=size)
     whole = buffer.numpy()
     weakref.finalize(whole, _free.append, buffer)
-    return whole[:size].view(wp.dtype_to_numpy(array.dtype)).reshape(array.shape)
+    kind, element = numpy_type(array)
+    return whole[:size].view(kind).reshape(*array.shape, *element)
 
 
 def _take(size: int) -> wp.array | None:

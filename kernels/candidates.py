@@ -1,0 +1,124 @@
+"""Which instances the rays of a part of an image, or those to the sun, can meet at all.
+
+Rays of a camera's tile lie in a cone; a sphere about each instance that the cone misses cannot be met. Rays to the sun
+are parallel: seen along them, an instance covers a disc, and a grid square to them tells which discs lie where.
+"""
+
+import warp as wp
+
+from mmw.kernels.camera import TILE, Camera, camera_ray
+from mmw.kernels.structs import Candidates, Scene, Views
+
+wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
+
+SLACK = wp.constant(0.002)
+"""Half angle that cones are wider than they are [rad], for rounding; design value, 100 steps of float32 and more."""
+
+
+@wp.func
+def middle_of(scene: Scene, slot: int, instance: int) -> wp.vec3:
+    """Return the middle of the sphere about an instance, scene frame [m]."""
+    return wp.transform_point(scene.instance_pose[slot, instance], scene.instance_middle[instance])
+
+
+@wp.kernel
+def tile_candidates_kernel(
+    scene: Scene,
+    views: Views,
+    camera: Camera,
+    # out
+    candidates_out: Candidates,
+):
+    """List the instances that rays of each tile can meet.
+
+    Launch: dim=(A, tile rows, tile columns); group (view * rows + row) * columns + column.
+    """
+    view, down, across = wp.tid()
+    rows = (camera.height + TILE - 1) // TILE
+    columns = (camera.width + TILE - 1) // TILE
+    group = (view * rows + down) * columns + across
+    u = float(across * TILE)
+    v = float(down * TILE)
+    side = float(TILE)
+    axis = camera_ray(camera, u + 0.5 * side, v + 0.5 * side)
+    cosine = wp.min(
+        wp.min(wp.dot(axis, camera_ray(camera, u, v)), wp.dot(axis, camera_ray(camera, u + side, v))),
+        wp.min(wp.dot(axis, camera_ray(camera, u, v + side)), wp.dot(axis, camera_ray(camera, u + side, v + side))),
+    )
+    # The corners are the farthest points of a tile: lines stay nearly straight over 8 pixels.
+    half = 1.05 * wp.acos(wp.clamp(cosine, -1.0, 1.0)) + SLACK
+    pose = views.pose[view]
+    slot = views.slot[view]
+    eye = wp.transform_get_translation(pose)
+    axis = wp.transform_vector(pose, axis)
+    count = wp.int32(0)
+    for instance in range(scene.instance_count):
+        if scene.instance_present[slot, instance]:
+            offset = middle_of(scene, slot, instance) - eye
+            distance = wp.length(offset)
+            reach = scene.instance_reach[instance]
+            is_met = distance <= reach
+            if not is_met:
+                angle = wp.acos(wp.clamp(wp.dot(axis, offset) / distance, -1.0, 1.0))
+                is_met = angle <= half + wp.asin(wp.min(reach / distance, 1.0))
+            if is_met:
+                candidates_out.instance[group, count] = wp.int16(instance)
+                count += 1
+    candidates_out.count[group] = count
+
+
+@wp.struct
+class SunGrid:
+    """A grid square to the sun's direction, with one layer a slot: cells hold the instances that shade points there."""
+
+    across: wp.vec3
+    """Unit vector along columns, square to the sun."""
+    along: wp.vec3
+    """Unit vector along rows, square to both."""
+    low: wp.vec2
+    """Corner of the first cell [m]."""
+    cell: float
+    """Side of a cell [m]."""
+    columns: int
+    rows: int
+    margin: float
+    """What discs are wider than the instances [m]: rays go to all of the sun's disc."""
+
+
+@wp.func
+def sun_group(grid: SunGrid, slot: int, point: wp.vec3) -> int:
+    """Return the cell of a point as a group of `Candidates`, -1 outside of the grid, where nothing is shaded."""
+    column = int(wp.floor((wp.dot(grid.across, point) - grid.low[0]) / grid.cell))
+    row = int(wp.floor((wp.dot(grid.along, point) - grid.low[1]) / grid.cell))
+    if column < 0 or row < 0 or column >= grid.columns or row >= grid.rows:
+        return -1
+    return (slot * grid.rows + row) * grid.columns + column
+
+
+@wp.kernel
+def sun_candidates_kernel(
+    scene: Scene,
+    grid: SunGrid,
+    # out
+    candidates_out: Candidates,
+):
+    """List the instances that can shade points of each cell.
+
+    Launch: dim=(slots, rows, columns).
+    """
+    slot, row, column = wp.tid()
+    group = (slot * grid.rows + row) * grid.columns + column
+    x = grid.low[0] + (float(column) + 0.5) * grid.cell
+    y = grid.low[1] + (float(row) + 0.5) * grid.cell
+    half = 0.5 * grid.cell
+    count = wp.int32(0)
+    for instance in range(scene.instance_count):
+        if scene.instance_present[slot, instance]:
+            middle = middle_of(scene, slot, instance)
+            apart_x = wp.max(wp.abs(wp.dot(grid.across, middle) - x) - half, 0.0)
+            apart_y = wp.max(wp.abs(wp.dot(grid.along, middle) - y) - half, 0.0)
+            reach = scene.instance_reach[instance] + grid.margin
+            if apart_x * apart_x + apart_y * apart_y <= reach * reach:
+                candidates_out.instance[group, count] = wp.int16(instance)
+                count += 1
+    candidates_out.count[group] = count

@@ -1,0 +1,246 @@
+"""RGB camera: pictures of a batch of views in every weather, from one visibility.
+
+1. `trace_samples` finds what every pixel sees; `with_extras` sends more rays through pixels on edges.
+2. `rgb_light` reads the surfaces' textures, traces the sun's shadows, how much sky every pixel sees, and one mirrored
+   ray where something mirrors. None of it depends on the weather, but for where the sun stands and what it wets.
+3. Each weather shades what was traced, and its pictures are developed: exposure, tone map, noise, sRGB.
+"""
+
+# Warp's structs and small number types are objects, not classes, to a type checker.
+# pyright: reportGeneralTypeIssues=false, reportArgumentType=false
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+
+from mmw.config import RgbConfig
+from mmw.constants import FRAME_DT
+from mmw.kernels import looks, shade
+from mmw.kernels.wet import Wet
+from mmw.kinematics import Motion, differentiate
+from mmw.scene import Scene
+from mmw.sensors.appearance import AppearanceArrays
+from mmw.sensors.camera import BLOCK_DIM
+from mmw.sensors.develop import develop, lens_drops, make_exposure
+from mmw.sensors.image_motion import device_twists, image_motion
+from mmw.sensors.lamps import load_brakes, make_lamps
+from mmw.sensors.rgb_light import (
+    MirrorRays,
+    gather_light,
+    read_surfaces,
+    shade_samples,
+    sun_rays,
+    trace_mirror_sun,
+    trace_mirrors,
+    trace_sky,
+    trace_sun,
+)
+from mmw.sensors.sky import bake, ground_radiance, make_air, make_sky, mean_radiance
+from mmw.sensors.streaks import drop_light, make_rain, streak_cover
+from mmw.sensors.sweep import view_twists
+from mmw.sensors.visibility_buffer import SampleBuffer, with_extras
+from mmw.sensors.wet import make_wet
+from mmw.weather import Weather
+
+DARK_KLUX = 1.0
+"""Illuminance of level ground by sun and sky below which the light that lamps cast is drawn [klux]: a dipped beam gives
+some 0.02 klux on a road 20 m ahead. Design value."""
+
+
+@dataclass(frozen=True)
+class RgbImages:
+    """Pictures of a batch in one weather, on the device."""
+
+    rgb: wp.array
+    """sRGB, shape [A, H, W, 3], uint8; row 0 is the top, column 0 the left."""
+    exposure: wp.array
+    """Factor on luminance that makes 1 white [1/(kcd/m2)], shape [A], float32."""
+
+
+class RgbCamera:
+    """Renders camera views of one scene in several weathers.
+
+    Attributes:
+        notes: What a user should know of textures, one line each.
+    """
+
+    def __init__(self, scene: Scene, weathers: Mapping[str, Weather], *, seed: int = 0, debug: bool = False):
+        """Load textures and bake the skies.
+
+        Args:
+            scene: Town and vehicles.
+            weathers: Weather name -> values; the scene was read for each of them.
+            seed: Of the clouds.
+            debug: Draw what has a missing texture in magenta.
+
+        Raises:
+            ValueError: If the scene was not read for a weather, or a texture cannot be decoded.
+        """
+        self._scene = scene
+        self._seed = seed
+        self._weathers = dict(weathers)
+        self._motion: Motion | None = None
+        self._lit_frames: tuple[int, ...] | None = None
+        appearance = AppearanceArrays(scene, debug=debug)
+        self.notes = appearance.notes
+        ground = float(scene.arrays.points[:, 2].min() - scene.origin[2]) if len(scene.arrays.points) else 0.0
+        self._shading: dict[str, shade.Weather] = {}
+        self._is_dark = {name: bake(weather, seed).horizontal_klux < DARK_KLUX for name, weather in weathers.items()}
+        for name, weather in weathers.items():
+            struct = shade.Weather()
+            struct.appearance = appearance.for_weather(name)
+            struct.sky = make_sky(weather, scene.device, seed)
+            struct.air = make_air(weather, scene.device, ground, seed)
+            struct.wet = make_wet(weather, scene.origin)
+            struct.lamps = make_lamps(scene, name, weather)
+            struct.glow = wp.vec3(*ground_radiance(weather, seed))
+            self._shading[name] = struct
+        groups: dict[tuple, list[str]] = {}
+        for name in weathers:
+            groups.setdefault(tuple(material.look for material in scene.arrays.materials[name]), []).append(name)
+        self._groups = list(groups.values())
+
+    @property
+    def cut_outs(self) -> "shade.Appearance | None":
+        """Appearance for `trace_samples` where a material has holes, else None."""
+        first = next(iter(self._shading.values())).appearance
+        return first if first.has_holes else None
+
+    def render(
+        self,
+        buffer: SampleBuffer,
+        config: RgbConfig,
+        keys: Mapping[str, np.ndarray],
+        lens_keys: np.ndarray | None = None,
+    ) -> dict[str, RgbImages]:
+        """Return the pictures of the views in each weather.
+
+        Args:
+            buffer: What the pixels see.
+            config: Rays to send, and how light becomes a picture.
+            keys: Weather -> random numbers of each view, shape [A, 2], uint32 (`mmw.views.view_keys`): noise, streaks.
+            lens_keys: Random numbers of each view's lens, shape [A, 2], uint32, the same in every frame; needed for
+                `lens_drops` alone.
+        """
+        device = self._scene.device
+        image, motion, drops = config.image, None, None
+        twists = device_twists(self._twists(buffer), device)
+        if image.motion_blur:
+            motion = image_motion(buffer, twists)
+        if image.lens_drops:
+            if lens_keys is None:
+                raise ValueError("lens_drops: the lenses have no keys; every lens needs its own; pass lens_keys")
+            drops = lens_drops(wp.array(lens_keys, dtype=wp.vec2ui, device=device), image.lens_drops, buffer.intrinsics)
+        images = {}
+        for name, radiance in self.radiance(buffer, config).items():
+            weather, sky = self._weathers[name], self._shading[name].sky
+            exposure = make_exposure(image.exposure, radiance, sky.exposure)
+            key = wp.array(keys[name], dtype=wp.vec2ui, device=device)
+            cover, of_drop = None, None
+            if image.streaks and weather.rain_mm_h > 0.0:
+                rain = make_rain(weather, image, buffer.intrinsics)
+                cover = streak_cover(buffer.on_device, twists, key, buffer.camera, buffer.samples.t, rain)
+                of_drop = drop_light(wp.vec3(*mean_radiance(weather, self._seed)))
+            rgb = develop(
+                radiance, image, buffer.intrinsics, exposure,
+                keys=key, motion=motion, cover=cover, drop_light=of_drop,
+                drops=drops if weather.rain_mm_h > 0.0 else None,
+            )  # fmt: skip
+            images[name] = RgbImages(rgb, exposure)
+        return images
+
+    def normals(self, buffer: SampleBuffer) -> wp.array:
+        """Return the interpolated normal in each pixel's centre without normal maps, shape [A, H, W], vec3.
+
+        Sensor frame (x along the optical axis, y left, z up), towards the camera; zero where nothing is seen.
+        """
+        images = wp.empty(buffer.shape, dtype=wp.vec3, device=self._scene.device)
+        if images.size:
+            appearance = next(iter(self._shading.values())).appearance
+            wp.launch(
+                shade.normal_kernel, dim=buffer.launch,
+                inputs=[self._scene.struct, appearance, buffer.on_device, buffer.camera, buffer.samples],
+                outputs=[images], device=self._scene.device, block_dim=BLOCK_DIM,
+            )  # fmt: skip
+        return images
+
+    def flow(self, buffer: SampleBuffer) -> wp.array:
+        """Return how far what each pixel's centre shows moves until the next frame [px], shape [A, H, W], vec2."""
+        return image_motion(buffer, device_twists(self._twists(buffer), self._scene.device))
+
+    def _twists(self, buffer: SampleBuffer) -> tuple[np.ndarray, np.ndarray]:
+        if self._motion is None:
+            self._motion = differentiate(self._scene.arrays.poses)
+        carried = np.flatnonzero(buffer.views.actor >= 0)
+        velocity, rate = np.zeros((2, len(buffer.views), 3))
+        velocity[carried], rate[carried] = view_twists(self._scene.arrays, self._motion, buffer.views.take(carried))
+        return velocity, rate
+
+    def _load_batch(self) -> None:
+        """Bring the brake lights of the loaded frames."""
+        if self._scene.batch_frames != self._lit_frames:
+            brakes = load_brakes(self._scene)
+            for weather in self._shading.values():
+                weather.lamps.brake = brakes
+            self._lit_frames = self._scene.batch_frames
+
+    def radiance(self, buffer: SampleBuffer, config: RgbConfig) -> dict[str, wp.array]:
+        """Return the luminance that reaches every pixel in each weather [kcd/m2], shape [A, H, W], vec3, on the device.
+
+        Args:
+            buffer: What the pixels see.
+            config: Rays to send.
+        """
+        self._load_batch()
+        device = self._scene.device
+        if not len(buffer.views):
+            return {name: wp.empty(buffer.shape, dtype=wp.vec3, device=device) for name in self._shading}
+        buffer = with_extras(buffer, config.samples)
+        time = wp.array(buffer.views.frame * FRAME_DT, dtype=float, device=device)
+        sky_light = trace_sky(buffer) if config.sky_light else None
+        images = {}
+        for names in self._groups:
+            first = self._shading[names[0]]
+            found = read_surfaces(buffer, first.appearance)
+            rays = trace_mirrors(buffer, first.appearance, self._wettest(names), found, is_on=config.reflections)
+            lights: dict[tuple[float, ...], tuple[shade.Light, shade.Mirrors]] = {}
+            for name in names:
+                weather = self._shading[name]
+                sun = tuple(weather.sky.sun_direction) if any(weather.sky.sun_illuminance) else ()
+                if sun not in lights:
+                    with_sun = bool(sun) and config.shadows
+                    lights[sun] = _light(buffer, weather, found, rays, sky_light, with_sun=with_sun)
+                with_lamps = self._is_dark[name] and weather.lamps.beam_count + weather.lamps.street_count > 0
+                images[name] = shade_samples(buffer, weather, time, found, *lights[sun], with_lamps=with_lamps)
+        return {name: images[name] for name in self._shading}
+
+    def _wettest(self, names: Sequence[str]) -> Wet:
+        """Return water that is nowhere less than in any of some weathers: it decides where mirrored rays are sent."""
+        wet = make_wet(self._weathers[names[0]], self._scene.origin)
+        wet.wetness = max(self._weathers[name].wetness for name in names)
+        wet.puddles = max(self._weathers[name].puddles for name in names)
+        return wet
+
+
+def _light(
+    buffer: SampleBuffer,
+    weather: shade.Weather,
+    found: looks.Surfaces,
+    rays: MirrorRays,
+    sky_light: wp.array | None,
+    *,
+    with_sun: bool,
+) -> tuple[shade.Light, shade.Mirrors]:
+    """Return the light of one place of the sun."""
+    light, mirrors = shade.Light(), shade.Mirrors()
+    rays_to_sun = sun_rays(buffer.scene, weather.sky) if with_sun else None
+    sun = trace_sun(buffer, rays_to_sun) if rays_to_sun is not None else None
+    light.sun, light.sky = gather_light(buffer, sun, sky_light)
+    light.mirror = rays.number
+    mirrors.row, mirrors.samples, mirrors.surfaces = rays.mirrors.row, rays.mirrors.samples, rays.mirrors.surfaces
+    mirrors.sun = rays.mirrors.sun
+    if rays_to_sun is not None:
+        mirrors.sun = trace_mirror_sun(buffer, weather.appearance, found, rays, rays_to_sun)
+    return light, mirrors

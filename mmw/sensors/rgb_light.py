@@ -1,0 +1,259 @@
+"""What reaches the samples of a batch of pictures, traced once for all weathers: surfaces, light, mirrored rays."""
+
+# Warp's structs and small number types are objects, not classes, to a type checker.
+# pyright: reportGeneralTypeIssues=false, reportArgumentType=false
+
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+
+from mmw.kernels import candidates, light_filter, lighting, looks, mirror, shade, structs, surfaces
+from mmw.kernels.sky import Sky
+from mmw.kernels.wet import Wet
+from mmw.scene import Scene
+from mmw.sensors.camera import BLOCK_DIM, TILE
+from mmw.sensors.visibility_buffer import SampleBuffer, empty_candidates, empty_samples, flagged_rows
+
+SUN_CELL_M = 16.0
+"""Side of the cells of the grid square to the sun [m]. Design value: some lengths of a car."""
+
+SUN_GRID_RANGE_M = 500.0
+"""Distance between an instance and what it shades [m] up to which the whole of the sun's disc counts: the shadow of
+what is farther away is too soft to be seen."""
+
+SKY_STEP = int(lighting.SKY_STEP)
+"""Pixels between rays to the sky."""
+
+SMOOTH_REACH = (1, 4)
+"""Rays apart that the passes of the sky's filter average; the first takes all of 4 x 4 directions once. Design
+values."""
+
+
+def all_threads(buffer: SampleBuffer) -> int:
+    """Return the threads that work on all samples of a buffer."""
+    return buffer.threads + len(buffer.samples.t) - buffer.extras.first
+
+
+def read_surfaces(buffer: SampleBuffer, appearance: looks.Appearance) -> looks.Surfaces:
+    """Return colours, roughness and normals of what every sample shows."""
+    found = _empty_surfaces(len(buffer.samples.t), appearance, buffer.scene.device)
+    _launch(
+        buffer, surfaces.surface_kernel, all_threads(buffer),
+        [buffer.scene.struct, appearance, *_seen(buffer)], [found],
+    )  # fmt: skip
+    return found
+
+
+@dataclass(frozen=True)
+class SunRays:
+    """The sun of a weather, with the instances that shade each cell of a grid square to it."""
+
+    sky: Sky
+    grid: candidates.SunGrid
+    met: structs.Candidates
+
+    @property
+    def inputs(self) -> list:
+        """What kernels that look for the sun take."""
+        return [self.sky.sun_direction, self.sky.sun_radius, self.grid, self.met]
+
+
+def sun_rays(scene: Scene, sky: Sky) -> SunRays:
+    """Return the rays to the sun of the loaded batch of a scene."""
+    to_sun = np.array(sky.sun_direction, dtype=np.float64)
+    across = np.cross((0.0, 0.0, 1.0) if abs(to_sun[2]) < 0.9 else (1.0, 0.0, 0.0), to_sun)
+    across /= np.linalg.norm(across)
+    plane = np.stack([across, np.cross(to_sun, across)])
+    struct = scene.struct
+    reach = struct.instance_reach.numpy()
+    poses = struct.instance_pose.numpy()[: scene.slots]
+    is_present = struct.instance_present.numpy()[: scene.slots]
+    grid = candidates.SunGrid()
+    grid.across, grid.along = wp.vec3(*plane[0]), wp.vec3(*plane[1])
+    grid.margin = 2.0 * float(sky.sun_radius) * SUN_GRID_RANGE_M
+    grid.cell, grid.low, grid.columns, grid.rows = SUN_CELL_M, wp.vec2(), 0, 0
+    if is_present.any():
+        # Spheres about the origins hold those about the middles.
+        around = float((reach + np.linalg.norm(struct.instance_middle.numpy(), axis=1)).max()) + grid.margin
+        places = poses[is_present][:, :3] @ plane.T
+        low, high = places.min(axis=0) - around, places.max(axis=0) + around
+        grid.low = wp.vec2(*low)
+        grid.columns, grid.rows = (int(n) for n in np.ceil((high - low) / SUN_CELL_M))
+    met = empty_candidates(scene.slots * grid.rows * grid.columns, scene)
+    if grid.columns:
+        wp.launch(
+            candidates.sun_candidates_kernel, dim=(scene.slots, grid.rows, grid.columns), inputs=[struct, grid],
+            outputs=[met], device=scene.device,
+        )  # fmt: skip
+    return SunRays(sky, grid, met)
+
+
+def trace_sun(buffer: SampleBuffer, sun: SunRays) -> wp.array:
+    """Return the share of the sun in sight of every sample, before it is smoothed, in 255ths."""
+    light = wp.empty(len(buffer.samples.t), dtype=wp.uint8, device=buffer.scene.device)
+    views, height, width = buffer.shape
+    half = (views, -(-height // TILE), -(-width // (2 * TILE)), BLOCK_DIM)
+    further = len(buffer.samples.t) - buffer.extras.first
+    for kernel, dim in (
+        (lighting.sun_kernel, half), (lighting.sun_between_kernel, half), (lighting.extra_sun_kernel, further),
+    ):  # fmt: skip
+        _launch(buffer, kernel, dim, [buffer.scene.struct, *_seen(buffer), *sun.inputs], [light])
+    return light
+
+
+def trace_sky(buffer: SampleBuffer) -> wp.array:
+    """Return the share of the sky in sight, in 255ths, at every `SKY_STEP`-th pixel of every such line."""
+    views, height, width = buffer.shape
+    part = (views, -(-height // SKY_STEP), -(-width // SKY_STEP))
+    device = buffer.scene.device
+    rays = wp.empty(part, dtype=wp.uint8, device=device)
+    launch = (views, -(-part[1] // TILE), -(-part[2] // TILE), BLOCK_DIM)
+    seen = [buffer.on_device, buffer.camera, buffer.samples]
+    _launch(buffer, lighting.sky_kernel, launch, [buffer.scene.struct, *seen], [rays])
+    for reach in SMOOTH_REACH:
+        smooth = wp.empty(part, dtype=wp.uint8, device=device)
+        _launch(buffer, light_filter.smooth_sky_kernel, launch, [*seen, rays, reach], [smooth])
+        rays = smooth
+    return rays
+
+
+def gather_light(buffer: SampleBuffer, sun: wp.array | None, sky: wp.array | None) -> tuple[wp.array, wp.array]:
+    """Return sun and sky of every sample; the sky of pixel centres alone. What is None is empty.
+
+    Args:
+        buffer: What the pixels see.
+        sun: From `trace_sun`.
+        sky: From `trace_sky`.
+    """
+    device = buffer.scene.device
+    rays = wp.empty((0, 0, 0), dtype=wp.uint8, device=device) if sky is None else sky
+    no_sun = wp.empty(0, dtype=wp.uint8, device=device)
+    smooth_sun = no_sun if sun is None else wp.clone(sun)
+    smooth_sky = wp.empty(0 if sky is None else buffer.extras.first, dtype=wp.uint8, device=device)
+    if sun is not None or sky is not None:
+        _launch(
+            buffer, light_filter.gather_kernel, buffer.launch,
+            [buffer.on_device, buffer.camera, buffer.samples, no_sun if sun is None else sun, rays, sun is not None],
+            [smooth_sun, smooth_sky],
+        )  # fmt: skip
+    return smooth_sun, smooth_sky
+
+
+@dataclass(frozen=True)
+class MirrorRays:
+    """Mirrored rays of a buffer and what they meet."""
+
+    number: wp.array
+    """Mirrored ray of each sample, -1 for none; empty where none was sent."""
+    mirrors: shade.Mirrors
+    """Without the sun, which depends on where it stands: see `trace_mirror_sun`."""
+
+    def __len__(self) -> int:
+        return len(self.mirrors.row)
+
+
+def trace_mirrors(
+    buffer: SampleBuffer, appearance: looks.Appearance, wet: Wet, found: looks.Surfaces, *, is_on: bool
+) -> MirrorRays:
+    """Return the mirrored rays of a buffer.
+
+    Args:
+        buffer: What the pixels see.
+        appearance: Looks.
+        wet: Water of the wettest weather.
+        found: Surfaces of the samples.
+        is_on: Send rays at all.
+    """
+    device = buffer.scene.device
+    count = len(buffer.samples.t) if is_on else 0
+    rays = shade.Mirrors()
+    number = wp.full(count, -1, dtype=int, device=device)
+    rays.row = wp.empty(0, dtype=int, device=device)
+    if count:
+        inputs = [appearance, wet, *_seen(buffer), found]
+        rays.row = flagged_rows(buffer, all_threads(buffer), mirror.mirror_ray_kernel, inputs)
+    rays.samples = empty_samples(len(rays.row), device, with_surfaces=True)
+    rays.surfaces = _empty_surfaces(len(rays.row), appearance, device)
+    rays.sun = wp.empty(0, dtype=wp.uint8, device=device)
+    of_mirror = [*_seen(buffer), found, rays.row]
+    scene = buffer.scene.struct
+    _launch(buffer, mirror.mirror_number_kernel, len(rays.row), [rays.row], [number])
+    _launch(buffer, mirror.mirror_trace_kernel, len(rays.row), [scene, appearance, *of_mirror], [rays.samples])
+    _launch(
+        buffer, mirror.mirror_surface_kernel, len(rays.row), [scene, appearance, *of_mirror, rays.samples],
+        [rays.surfaces],
+    )  # fmt: skip
+    return MirrorRays(number, rays)
+
+
+def trace_mirror_sun(
+    buffer: SampleBuffer, appearance: looks.Appearance, found: looks.Surfaces, rays: MirrorRays, light: SunRays
+) -> wp.array:
+    """Return 255 where the sun lights what a mirrored ray meets, else 0."""
+    sun = wp.empty(len(rays), dtype=wp.uint8, device=buffer.scene.device)
+    _launch(
+        buffer, mirror.mirror_sun_kernel, len(rays),
+        [
+            buffer.scene.struct, appearance, *_seen(buffer), found, rays.mirrors.row, rays.mirrors.samples,
+            *light.inputs,
+        ],
+        [sun],
+    )  # fmt: skip
+    return sun
+
+
+def shade_samples(
+    buffer: SampleBuffer,
+    weather: shade.Weather,
+    time: wp.array,
+    found: looks.Surfaces,
+    light: shade.Light,
+    mirrors: shade.Mirrors,
+    *,
+    with_lamps: bool,
+) -> wp.array:
+    """Return the luminance that reaches every pixel [kcd/m2], shape [A, H, W], vec3.
+
+    Args:
+        buffer: What the pixels see.
+        weather: The weather.
+        time: Of each view's frame [s], shape [A].
+        found: Surfaces of the samples.
+        light: Light that reaches them.
+        mirrors: What mirrored rays meet.
+        with_lamps: Add the light that lamps cast.
+    """
+    device, scene = buffer.scene.device, buffer.scene.struct
+    image = wp.empty(len(mirrors.row), dtype=wp.vec3, device=device)
+    radiance = wp.empty(len(buffer.samples.t), dtype=wp.vec3, device=device)
+    extras = buffer.extras
+    _launch(
+        buffer, shade.mirror_shade_kernel, len(mirrors.row), [scene, weather, *_seen(buffer), found, mirrors], [image]
+    )
+    seen = [scene, weather, buffer.on_device, time, buffer.camera, extras, buffer.samples, found]
+    _launch(buffer, shade.shade_kernel, all_threads(buffer), [*seen, light, image], [radiance])
+    if with_lamps:
+        _launch(buffer, shade.lamp_kernel, all_threads(buffer), seen, [radiance])
+    if len(extras.row):
+        wp.launch(shade.resolve_kernel, dim=len(extras.row), inputs=[extras], outputs=[radiance], device=device)
+    return radiance[: extras.first].reshape(buffer.shape)
+
+
+def _seen(buffer: SampleBuffer) -> list:
+    return [buffer.on_device, buffer.camera, buffer.extras, buffer.samples]
+
+
+def _launch(buffer: SampleBuffer, kernel: wp.Kernel, dim: int | tuple[int, ...], inputs: list, outputs: list) -> None:
+    if not isinstance(dim, int) or dim:
+        wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=buffer.scene.device, block_dim=BLOCK_DIM)
+
+
+def _empty_surfaces(count: int, appearance: looks.Appearance, device: str) -> looks.Surfaces:
+    found = looks.Surfaces()
+    found.material = wp.empty(count, dtype=int, device=device)
+    found.color = wp.empty(count, dtype=wp.uint64, device=device)
+    found.normal = wp.empty(count, dtype=wp.uint32, device=device)
+    found.more = wp.empty(count, dtype=wp.uint32, device=device)
+    found.emission = wp.empty(count if appearance.has_emission_textures else 0, dtype=wp.uint64, device=device)
+    return found
