@@ -13,7 +13,7 @@ from mmw.kernels import sight
 from mmw.poses import make_pose, normalize, transform_points
 from mmw.scene import Scene
 
-BLIND_TYPES = ("lidar", "depth", "radar")
+BLIND_TYPES = ("lidar", "rgb", "depth", "radar")
 """Sensors that have to be in the open; inertial ones and receivers belong into the body or under its skin."""
 
 RAYS = 64

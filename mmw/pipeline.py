@@ -26,7 +26,7 @@ from mmw.provenance import keep_config, versions
 from mmw.recording.channel import record_channel
 from mmw.recording.ground_truth import record_ground_truth
 from mmw.recording.job import Job, Rows
-from mmw.recording.sensors import record_sensor
+from mmw.recording.sensors import record_sensors
 from mmw.report import Clock, Console, closing_summary
 from mmw.scene import Scene
 from mmw.tables.columns import sort_rows, table_from_columns
@@ -128,6 +128,8 @@ def _run_scenario(
             )
             check_channel_materials(arrays.materials, np.unique(surfaces.material_id), config.channel)
     job = Job(config, scenario, arrays, differentiate(arrays.poses), scene, surfaces, pool, clock)
+    for line in job.texture_notes():
+        console.warn_once(line)
     writing: list[list[Future[Any]]] = []
     for begin, end, weathers in _groups(pending):
         collected = _trace_shard(job, begin, end, weathers, console)
@@ -167,8 +169,7 @@ def _trace_shard(job: Job, begin: int, end: int, weathers: Sequence[str], consol
         with job.clock.stage("batch set-up"):
             job.scene.load_batch(frames)
         record_ground_truth(job, frames, collected)
-        for sensor in job.config.sensors:
-            record_sensor(job, sensor, frames, collected)
+        record_sensors(job, frames, collected)
         if job.surfaces is not None:
             record_channel(job, job.surfaces, frames, collected)
         console.advance(len(frames) * len(weathers), job.scenario.name)

@@ -16,6 +16,7 @@ from mmw.config import (
     ImuConfig,
     LidarConfig,
     RadarConfig,
+    RgbConfig,
     ScenarioConfig,
 )
 from mmw.config.scenario import TOWN_SUFFIXES
@@ -40,6 +41,12 @@ DEPTH_BYTES_PER_PIXEL = 0.1
 
 DEPTH_FLOAT_BYTES_PER_PIXEL = 0.9
 """Bytes of one depth pixel before rounding, `format: float32`: 275 kB for an image of 640 x 480 on town03."""
+
+RGB_BYTES_PER_PIXEL = {"jpeg": 0.35, "png": 1.4}
+"""Bytes of one RGB pixel, at the default quality."""
+
+NORMALS_BYTES_PER_PIXEL, FLOW_BYTES_PER_PIXEL = 0.1, 0.6
+"""Bytes of one pixel of normals and of flow."""
 
 SEGMENTATION_BYTES_PER_PIXEL = 0.06
 """Bytes of one pixel in both segmentation images: 17 to 20 kB for 640 x 480 on town03."""
@@ -261,11 +268,12 @@ def frame_cost(config: Config, counts: Mapping[str, int]) -> tuple[dict[str, int
         if isinstance(sensor, LidarConfig):
             rays[sensor.name] = agents * sensor.channels * sensor.points_per_channel
             size += rays[sensor.name] * LIDAR_BYTES_PER_RAY
-        elif isinstance(sensor, DepthConfig):
-            rays[sensor.name] = agents * sensor.width_px * sensor.height_px
+        elif isinstance(sensor, DepthConfig | RgbConfig):
+            views = agents / (sensor.every_frames if isinstance(sensor, RgbConfig) else 1)
+            rays[sensor.name] = round(views * sensor.width_px * sensor.height_px)
             size += rays[sensor.name] * _bytes_per_pixel(sensor)
             if sensor.boxes_2d:
-                size += agents * BOXES_2D_PER_VIEW * counts["boxes"] * ROW_BYTES["boxes_2d"]
+                size += views * BOXES_2D_PER_VIEW * counts["boxes"] * ROW_BYTES["boxes_2d"]
         elif isinstance(sensor, RadarConfig):
             rays[sensor.name] = agents * ray_count(sensor)
             stored = "compat" if sensor.mode == "compat" else sensor.output
@@ -292,11 +300,13 @@ def frame_cost(config: Config, counts: Mapping[str, int]) -> tuple[dict[str, int
     return rays, size
 
 
-def _bytes_per_pixel(sensor: DepthConfig) -> float:
-    """Return the bytes of one pixel of a depth camera in all its images."""
-    size = DEPTH_BYTES_PER_PIXEL
-    if sensor.format == "float32":
-        size += DEPTH_FLOAT_BYTES_PER_PIXEL
+def _bytes_per_pixel(sensor: DepthConfig | RgbConfig) -> float:
+    """Return the bytes of one pixel of a camera in all its images."""
+    if isinstance(sensor, RgbConfig):
+        size = RGB_BYTES_PER_PIXEL[sensor.format]
+        size += sensor.normals * NORMALS_BYTES_PER_PIXEL + sensor.flow * FLOW_BYTES_PER_PIXEL
+    else:
+        size = DEPTH_BYTES_PER_PIXEL + (sensor.format == "float32") * DEPTH_FLOAT_BYTES_PER_PIXEL
     if sensor.segmentation:
         size += SEGMENTATION_BYTES_PER_PIXEL
     return size

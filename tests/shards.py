@@ -5,8 +5,15 @@ import zlib
 import numpy as np
 import pyarrow as pa
 
-from mmw.tables.encode import encode_depth, encode_instance, encode_semantic
-from mmw.tables.schema.columns import F32, list_of
+from mmw.tables.encode import (
+    encode_depth,
+    encode_flow,
+    encode_instance,
+    encode_normals,
+    encode_rgb,
+    encode_semantic,
+)
+from mmw.tables.schema.columns import F32, F64, list_of
 from mmw.tables.writer import ShardKey
 
 AGENTS = ("cav_1", "cav_2", "cav_3", "rsu_1")
@@ -156,6 +163,16 @@ def make_shard(key: ShardKey, points: int = 50, height: int = 6, width: int = 8)
                 for axis in "xyz"
             },
         },
+        "rgb": {
+            **agents,
+            "sensor": "front",
+            "image": [
+                (encode_rgb(rng.integers(0, 256, (height, width, 3), dtype=np.uint8), "png", 95), f"{k}.png")
+                for k in range(rows)
+            ],
+            "format": "png",
+            **normal(rng, rows, "exposure ev100"),
+        },
         "depth": {
             **rsus,
             "sensor": "depth",
@@ -192,6 +209,21 @@ def make_shard(key: ShardKey, points: int = 50, height: int = 6, width: int = 8)
             "semantic": [
                 (encode_semantic(ids, np.arange(17, dtype=np.uint8)), f"rsu_1_{frame:06d}_s.png")
                 for frame, ids in zip(frames, seen, strict=True)
+            ],
+        },
+        "normals": {
+            **rsus,
+            "sensor": "front",
+            "image": [
+                (encode_normals(np.full((height, width, 3), (0.0, 0.6, 0.8), np.float32)), f"{k}_n.png")
+                for k in range(count)
+            ],
+        },
+        "flow": {
+            **rsus,
+            "sensor": "front",
+            "image": [
+                (encode_flow(np.float32(rng.normal(size=(height, width, 2)))), f"{k}_f.png") for k in range(count)
             ],
         },
         "boxes_2d": {
@@ -263,6 +295,8 @@ def make_statics() -> dict:
             **{name: [None, 224.0] for name in ("fx", "fy", "cx", "cy")},
             "width": [None, 640],
             "height": [None, 480],
+            "lens": [None, "fisheye"],
+            "coefficients": pa.array([None, [0.1, -0.02, 0.003, 0.0]], list_of(F64)),
             "params": "{}",
         },
         "materials": {

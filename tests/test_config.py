@@ -9,6 +9,7 @@ import yaml
 
 from mmw.config import Config, ConfigError, load_config
 from mmw.config.load import json_schema, to_yaml
+from mmw.config.yaml_file import Loader
 from mmw.paths import configs_dir
 from mmw.run import main
 
@@ -237,7 +238,7 @@ def test_shipped_schema_is_current_and_shipped_configs_follow_it() -> None:
     top, scenarios = sorted(configs_dir().glob("*.yaml")), sorted(configs_dir().glob("scenarios/*.yaml"))
     assert [path.name for path in top] == ["full.yaml", "quickstart.yaml"] and len(scenarios) == 16
     for path in (*top, *scenarios):
-        jsonschema.validate(yaml.safe_load(path.read_text()), schema)
+        jsonschema.validate(yaml.load(path.read_text(), Loader), schema)
         jsonschema.validate(json.loads(load_config(path).model_dump_json()), schema)
         folder = "." if path in top else ".."
         assert path.read_text().startswith(f"# yaml-language-server: $schema={folder}/mmw.schema.json")

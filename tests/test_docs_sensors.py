@@ -14,9 +14,12 @@ from mmw.config import (
     LidarConfig,
     MountConfig,
     RadarConfig,
+    RgbConfig,
     SensorSection,
     load_config,
 )
+from mmw.config.image import ExposureConfig, ImageConfig, NoiseConfig
+from mmw.config.lens import LensConfig
 from mmw.config.lidar_parts import CarlaLidarConfig, LidarOpticsConfig
 from mmw.lidar_optics import PRESETS
 from mmw.tables.schemas import table_spec
@@ -26,6 +29,7 @@ GUIDE = ROOT / "docs" / "sensors.md"
 HEADINGS = {
     "LiDAR": LidarConfig,
     "Radar": RadarConfig,
+    "RGB camera": RgbConfig,
     "Depth, segmentation, 2-D boxes": DepthConfig,
     "IMU": ImuConfig,
     "GNSS": GnssConfig,
@@ -72,13 +76,16 @@ def test_every_fragment_of_the_guide_loads(tmp_path: Path) -> None:
         assert len(config.sensors) == len(yaml.safe_load(block)["sensors"])
         types |= {(sensor.type, getattr(sensor, "mode", "")) for sensor in config.sensors}
     both = {(name, mode) for name in ("lidar", "radar", "imu", "gnss") for mode in ("compat", "physical")}
-    assert types == both | {("depth", "")}
+    assert types == both | {("depth", ""), ("rgb", "")}
 
 
 @pytest.mark.parametrize("heading", HEADINGS)
 def test_the_guide_names_every_key(heading: str) -> None:
     text = chapter(heading)
     keys = set(HEADINGS[heading].model_fields) - set(SensorSection.model_fields) - {"mode"}
+    if heading == "RGB camera":
+        for section in (LensConfig, ImageConfig, ExposureConfig, NoiseConfig):
+            keys |= set(section.model_fields)
     if heading == "LiDAR":
         keys |= set(LidarOpticsConfig.model_fields) | set(CarlaLidarConfig.model_fields)
     assert {key for key in keys if not re.search(rf"`{key}[:`]", text)} == set()
@@ -91,7 +98,7 @@ def test_the_guide_names_the_keys_that_all_sensors_share() -> None:
 
 @pytest.mark.parametrize(
     ("heading", "least"),
-    [("LiDAR", 8), ("Radar", 19), ("Depth, segmentation, 2-D boxes", 4), ("IMU", 14), ("GNSS", 15)],
+    [("LiDAR", 8), ("Radar", 19), ("RGB camera", 15), ("Depth, segmentation, 2-D boxes", 4), ("IMU", 14), ("GNSS", 15)],
 )
 def test_the_defaults_of_the_guide_are_those_of_the_code(heading: str, least: int) -> None:
     section: BaseModel = HEADINGS[heading]()

@@ -81,6 +81,50 @@ sensors:
     segmentation: true
     mount: {rsu: {position_m: [0, 0, 3.9], yaw_deg: 180, pitch_deg: 10, roll_deg: 2}}
   - {type: depth, name: plain, boxes_2d: false, width_px: 16, height_px: 16}
+  - type: rgb
+    name: colour
+    on: [cav]
+    every_frames: 2
+    width_px: 48
+    height_px: 32
+    fov_deg: 90
+    range_m: 2000
+    samples: 9
+    shadows: false
+    sky_light: false
+    reflections: false
+    format: png
+    jpeg_quality: 80
+    segmentation: true
+    boxes_2d: false
+    normals: true
+    flow: true
+    debug: true
+    mount: {cav: {position_m: [1, 0, 2.2], yaw_deg: 10, pitch_deg: 5}}
+    lens:
+      model: brown_conrady
+      k1: -0.05
+      k2: 0.01
+      k3: -0.001
+      k4: 0.02
+      k5: 0.003
+      k6: 0.0004
+      p1: 0.001
+      p2: -0.002
+      fx_px: 30
+      fy_px: 31
+      cx_px: 23
+      cy_px: 17
+    image:
+      exposure: {mode: auto, ev_compensation: 0.5, min_ev100: 0, max_ev100: 16}
+      shutter_ms: 8
+      motion_blur: true
+      tone_map: none
+      noise: {enabled: true, full_well: 5000, read_noise: 5}
+      vignette: 0.3
+      streak_strength: 2
+      lens_drops: 6
+  - {type: rgb, name: still, width_px: 16, height_px: 16, image: {streaks: false, exposure: {ev100: 13}}}
   - type: imu
     name: physical_imu
     on: [cav, rsu]
@@ -156,10 +200,13 @@ ROWS = {
     "imu": VIEWS * 3,
     "lidar": VIEWS * 3,
     "depth": VIEWS * 3,
+    "rgb": 1 + VIEWS * 2,  # one frame of two, and CAV and roadside unit
+    "normals": 1,
+    "flow": 1,
     "radar": VIEWS * 4,
     "radar_maps": VIEWS * 2,
     "radar_iq": VIEWS,
-    "segmentation": VIEWS * 2,
+    "segmentation": VIEWS * 2 + 1,
     "gnss": VIEWS + 2,  # 25 samples a second: frame 4, not 3
 }
 """Rows of one weather: two frames, one CAV, one roadside unit."""
@@ -222,6 +269,10 @@ def test_every_mode_leaves_its_mark(dataset: Path) -> None:
     assert one("SELECT DISTINCT sensor FROM radar WHERE power_db IS NULL") == ["carla"]
     assert one("SELECT DISTINCT sensor FROM lidar WHERE flow_x IS NULL") == ["compat"]
     assert one("SELECT DISTINCT sensor FROM depth WHERE depth_m IS NULL") == ["plain"]
+    assert one("SELECT DISTINCT sensor FROM rgb WHERE format = 'png'") == ["colour"]
+    assert one("SELECT frame FROM rgb WHERE sensor = 'colour' AND weather = 'mine'") == [4]
+    assert one("SELECT DISTINCT round(ev100, 3) FROM rgb WHERE sensor = 'still'") == [13.0]
+    assert one("SELECT DISTINCT sensor FROM sensors WHERE lens = 'brown_conrady'") == ["colour"]
     assert one("SELECT DISTINCT sensor FROM imu WHERE handedness = 'left'") == ["physical_imu"]
     assert one("SELECT DISTINCT weather FROM lidar_points WHERE label = 2 AND sensor = 'compat'") == []
     assert "foggy" in one("SELECT DISTINCT weather FROM lidar_points WHERE label = 2")

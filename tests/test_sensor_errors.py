@@ -10,7 +10,7 @@ import warp as wp
 
 from mmw.config import load_config
 from mmw.notes import notes
-from mmw.recording import images
+from mmw.recording import cameras
 from mmw.run import main
 from tests.scenes import two_cars
 from tests.test_end_to_end import USER_CONFIG, USER_STAGE
@@ -96,7 +96,7 @@ SENSORS = [
     for keys, place, cure in cases
 ]
 OTHERS = [
-    ("sensors=[{name: x}]", "sensors[0]", "`type` is missing", "lidar, depth, imu, radar or gnss"),
+    ("sensors=[{name: x}]", "sensors[0]", "`type` is missing", "lidar, rgb, depth, imu, radar or gnss"),
     ("sensors=[{type: sonar}]", "sensors[0]", 'type = "sonar"', "'radar', 'gnss'"),
     ("sensors=[{type: lidar}, {type: lidar}]", "sensors", "['lidar', 'lidar']", "its own name"),
     ("sensors.0.type=radar", "sensors", "'radar', 'depth', 'imu', 'gnss', 'radar'", "its own name"),
@@ -147,13 +147,14 @@ def make_own(own_world: Path, sensor: str, *changes: str) -> int:
     return main(["--config", str(own_world / "mine.yaml"), *settings, "--out", str(own_world / "d")])
 
 
-@pytest.mark.parametrize("kind", ["lidar", "depth", "radar"])
+@pytest.mark.parametrize("kind", ["lidar", "rgb", "depth", "radar"])
 def test_a_sensor_inside_a_mesh_is_refused(own_world: Path, kind: str, capsys: pytest.CaptureFixture) -> None:
     """The vehicle is a closed box from 1 m below its origin to 1 m above, the plate on it at 1 m."""
     sensor = f"{{type: {kind}, on: [cav], mount: {{cav: {{position_m: [0, 0, %s]}}}}}}"
     assert make_own(own_world, sensor % 0.5) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith(f"mmw: Ego: {kind} at (0.0, 0.0, 0.5) m is inside its own body in frame 0; ")
+    name = "front" if kind == "rgb" else kind
+    assert line.startswith(f"mmw: Ego: {name} at (0.0, 0.0, 0.5) m is inside its own body in frame 0; ")
     assert line.endswith("raise or move its mount")
 
 
@@ -203,7 +204,7 @@ def test_too_many_frames_a_launch_is_exit_code_1_and_resumable(
     own_world: Path, use: Callable[[], None], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:
     with monkeypatch.context() as patch:
-        patch.setattr(images, "trace_depth_images", lambda *_, **__: use())
+        patch.setattr(cameras, "trace_samples", lambda *_, **__: use())
         assert make_own(own_world, "{type: depth, width_px: 8, height_px: 8}", "compute.batch_frames=7") == 1
     (line,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("mmw: ")]
     assert "memory is full with 7 frames a launch" in line and "a smaller --batch-frames resumes" in line
@@ -214,8 +215,8 @@ def test_a_sensor_of_the_defaults_takes_a_table_of_elevations(config_file: Path)
     """An override puts the default sensors into the file: only what it says is set, so the table says the channels."""
     lidar = load_config(config_file, ["sensors.0.elevations_deg=[2, 0, -3]"]).sensors[0]
     assert (lidar.channels, lidar.upper_fov_deg, lidar.lower_fov_deg) == (3, 2, -3)
-    changed = load_config(config_file, ["sensors.0.type=radar", "sensors.0.name=front"])
-    assert [(sensor.type, sensor.name) for sensor in changed.sensors[:2]] == [("radar", "front"), ("depth", "depth")]
+    changed = load_config(config_file, ["sensors.0.type=radar", "sensors.0.name=bumper"])
+    assert [(sensor.type, sensor.name) for sensor in changed.sensors[:2]] == [("radar", "bumper"), ("depth", "depth")]
 
 
 def test_what_gives_no_rows_is_noted(config_file: Path) -> None:

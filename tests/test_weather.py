@@ -62,8 +62,8 @@ def test_clear_air_is_the_standard_air_of_itu() -> None:
 def test_presets_are_ordered_and_agree_with_the_towns() -> None:
     assert PRESETS["light_rain"].rain_mm_h < PRESETS["rainy"].rain_mm_h < PRESETS["heavy_rain"].rain_mm_h
     assert PRESETS["light_fog"].visibility_m > PRESETS["foggy"].visibility_m > PRESETS["heavy_fog"].visibility_m
-    towns = {name: (t.rain_rate_mm_h, t.visibility_m, t.wetness) for name, t in SHIPPED_WEATHER.items()}
-    assert towns == {"sunny": (0, 20_000, 0), "rainy": (25, 1080, 1), "foggy": (0, 75, 0.5)}  # as built into them
+    towns = {name: (t.rain_rate_mm_h, t.visibility_m) for name, t in SHIPPED_WEATHER.items()}
+    assert towns == {"sunny": (0, 20_000), "rainy": (25, 1080), "foggy": (0, 75)}  # as built into them
     assert [t.ground_itu for t in SHIPPED_WEATHER.values()] == ["", "itu_wet_ground", "itu_wet_ground"]
     assert get_args(PresetName) == tuple(PRESETS)
 

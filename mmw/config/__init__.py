@@ -10,6 +10,7 @@ from mmw.config.load import load_config
 from mmw.config.model import Config
 from mmw.config.output import OutputConfig
 from mmw.config.radar import RadarConfig
+from mmw.config.rgb import RgbConfig
 from mmw.config.scenario import FramesConfig, RsuConfig, ScenarioConfig, TrafficConfig
 from mmw.config.sensor import MountConfig, SensorSection
 from mmw.config.sensors import SensorConfig
@@ -18,6 +19,6 @@ from mmw.config.yaml_file import ConfigError
 
 __all__ = [
     "AirConfig", "ChannelConfig", "ComputeConfig", "Config", "ConfigError", "DepthConfig", "FramesConfig", "GnssConfig",
-    "ImuConfig", "LidarConfig", "MountConfig", "OutputConfig", "RadarConfig", "RsuConfig", "ScenarioConfig",
-    "SensorConfig", "SensorSection", "TrafficConfig", "load_config",
+    "ImuConfig", "LidarConfig", "MountConfig", "OutputConfig", "RadarConfig", "RgbConfig", "RsuConfig",
+    "ScenarioConfig", "SensorConfig", "SensorSection", "TrafficConfig", "load_config",
 ]  # fmt: skip

@@ -9,10 +9,13 @@ from mmw.config.gnss import GnssConfig
 from mmw.config.imu import ImuConfig
 from mmw.config.lidar import LidarConfig
 from mmw.config.radar import RadarConfig
+from mmw.config.rgb import RgbConfig, paper_cameras
 
-SensorConfig = Annotated[LidarConfig | DepthConfig | ImuConfig | RadarConfig | GnssConfig, Field(discriminator="type")]
+SensorConfig = Annotated[
+    LidarConfig | RgbConfig | DepthConfig | ImuConfig | RadarConfig | GnssConfig, Field(discriminator="type")
+]
 
 
-def default_sensors() -> tuple[LidarConfig | DepthConfig | ImuConfig | RadarConfig | GnssConfig, ...]:
-    """Return the paper's suite, as far as this version traces it."""
-    return (LidarConfig(), DepthConfig(), ImuConfig(), GnssConfig(), RadarConfig())
+def default_sensors() -> tuple[LidarConfig | RgbConfig | DepthConfig | ImuConfig | RadarConfig | GnssConfig, ...]:
+    """Return the paper's suite."""
+    return (LidarConfig(), DepthConfig(), ImuConfig(), GnssConfig(), RadarConfig(), *paper_cameras())

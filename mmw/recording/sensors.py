@@ -3,8 +3,8 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from mmw.config import DepthConfig, GnssConfig, ImuConfig, LidarConfig, RadarConfig, SensorSection
-from mmw.recording.images import record_depth
+from mmw.config import GnssConfig, ImuConfig, LidarConfig, RadarConfig, SensorSection
+from mmw.recording.cameras import record_cameras
 from mmw.recording.inertial import record_gnss, record_imu
 from mmw.recording.job import Job, Rows
 from mmw.recording.lidar import record_lidar
@@ -12,14 +12,17 @@ from mmw.recording.radar import record_radar
 
 RECORDERS: dict[type[SensorSection], Callable[[Job, Any, Sequence[int], Rows], None]] = {
     LidarConfig: record_lidar,
-    DepthConfig: record_depth,
     ImuConfig: record_imu,
     GnssConfig: record_gnss,
     RadarConfig: record_radar,
 }
-"""Section of the configuration -> what traces it: (job, section, frames of the batch, rows to add to)."""
+"""Section of the configuration -> what traces it: (job, section, frames of the batch, rows to add to). Cameras share
+their rays and have `record_cameras`."""
 
 
-def record_sensor(job: Job, sensor: SensorSection, frames: Sequence[int], collected: Rows) -> None:
-    """Trace one sensor in a batch of frames and add its rows."""
-    RECORDERS[type(sensor)](job, sensor, frames, collected)
+def record_sensors(job: Job, frames: Sequence[int], collected: Rows) -> None:
+    """Trace every sensor in a batch of frames and add its rows."""
+    record_cameras(job, frames, collected)
+    for sensor in job.config.sensors:
+        if type(sensor) in RECORDERS:
+            RECORDERS[type(sensor)](job, sensor, frames, collected)

@@ -1,13 +1,13 @@
 """The sensors of an agent as prims, so that a USD viewer can look through its cameras and see where everything sits."""
 
 import json
-import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 from pxr import Gf, Sdf
 
-from mmw.config import DepthConfig, SensorSection
+from mmw.config import DepthConfig, RgbConfig, SensorSection
+from mmw.config.lens import LensConfig
 from mmw.poses import IDENTITY_POSE, compose, pose_from_mount
 from mmw.stage.layer import define, place
 from mmw.usd.specs import set_value
@@ -26,7 +26,7 @@ def write_sensors(
     sensors: Sequence[SensorSection],
     antenna_position_m: Mapping[str, Sequence[float]],
 ) -> None:
-    """Write `Sensors` below an agent: a Camera for each depth camera, an Xform for everything else.
+    """Write `Sensors` below an agent: a Camera for each RGB or depth camera, an Xform for everything else.
 
     Args:
         layer: The layer.
@@ -42,7 +42,7 @@ def write_sensors(
         mount = sensor.mount_on(role)
         pose = pose_from_mount(mount.position_m, mount.yaw_deg, mount.pitch_deg, mount.roll_deg)
         path = f"{agent_path}/Sensors/{prim_name(sensor.name)}"
-        if isinstance(sensor, DepthConfig):
+        if isinstance(sensor, RgbConfig | DepthConfig):
             prim = define(layer, path, "Camera")
             place(prim, compose(pose, SENSOR_TO_CAMERA))
             _lens(prim, sensor)
@@ -63,10 +63,17 @@ def prim_name(name: str) -> str:
     return name.replace("-", "_")
 
 
-def _lens(prim: Sdf.PrimSpec, sensor: DepthConfig) -> None:
-    focal = APERTURE_MM / (2.0 * math.tan(math.radians(sensor.fov_deg) / 2.0))
+def _lens(prim: Sdf.PrimSpec, sensor: RgbConfig | DepthConfig) -> None:
+    """Write the camera as a pinhole: a USD camera has no distortion, so that of a lens is left out."""
+    lens = sensor.lens if isinstance(sensor, RgbConfig) else LensConfig()
+    camera = lens.intrinsics(sensor.width_px, sensor.height_px, sensor.fov_deg)
     kind = Sdf.ValueTypeNames
-    set_value(prim, "focalLength", kind.Float, focal)
+    set_value(prim, "focalLength", kind.Float, APERTURE_MM * camera.fx / camera.width)
     set_value(prim, "horizontalAperture", kind.Float, APERTURE_MM)
-    set_value(prim, "verticalAperture", kind.Float, APERTURE_MM * sensor.height_px / sensor.width_px)
+    set_value(prim, "verticalAperture", kind.Float, APERTURE_MM * camera.height / camera.width * camera.fx / camera.fy)
+    offset = APERTURE_MM / camera.width
+    if camera.cx != 0.5 * camera.width or camera.cy != 0.5 * camera.height:
+        set_value(prim, "horizontalApertureOffset", kind.Float, offset * (0.5 * camera.width - camera.cx))
+        down = offset * camera.fx / camera.fy
+        set_value(prim, "verticalApertureOffset", kind.Float, down * (camera.cy - 0.5 * camera.height))
     set_value(prim, "clippingRange", kind.Float2, Gf.Vec2f(0.01, sensor.range_m))

@@ -14,7 +14,7 @@ import pyarrow as pa
 from mmw.tables.schema import images, inertial, lidar, radar, radar_maps, radio, world
 from mmw.tables.schema.columns import TableSpec
 
-SCHEMA_VERSION = "2.0"
+SCHEMA_VERSION = "2.1"
 """Major number: readers must change. Minor number: columns or tables were added."""
 
 TABLES: dict[str, TableSpec] = {
@@ -27,11 +27,14 @@ TABLES: dict[str, TableSpec] = {
         inertial.IMU,
         inertial.GNSS,
         lidar.LIDAR,
+        images.RGB,
         images.DEPTH,
         radar.RADAR,
         radar_maps.RADAR_MAPS,
         radar_maps.RADAR_IQ,
         images.SEGMENTATION,
+        images.NORMALS,
+        images.FLOW,
         images.BOXES_2D,
         radio.LINKS,
         radio.PATHS,

@@ -6,10 +6,12 @@ from concurrent.futures import Future
 import numpy as np
 import pyarrow as pa
 
-from mmw.patterns import Pinhole
+from mmw.config import RgbConfig
+from mmw.lens import Intrinsics
 from mmw.scene_arrays import SceneArrays
 from mmw.sensors.boxes import Boxes
 from mmw.sensors.boxes_2d import VisiblePixels, project_boxes
+from mmw.sensors.develop import SATURATION
 from mmw.sensors.visibility import boxed_actors
 from mmw.tables.rows.common import Columns, lists, names
 from mmw.tables.schema.columns import F32, list_of
@@ -17,6 +19,48 @@ from mmw.views import Views
 
 Images = Sequence[Future[bytes]]
 """One encoded image a view, which a thread may still be at."""
+
+SUFFIX = {"jpeg": "jpg", "png": "png"}
+"""Format -> end of a file's name."""
+
+
+def rgb_rows(
+    arrays: SceneArrays,
+    sensor: RgbConfig,
+    views: Views,
+    images: Images,
+    exposure: np.ndarray,
+    scenario: str,
+    weather: str,
+) -> Columns:
+    """Return rows of the `rgb` table for one sensor.
+
+    Args:
+        arrays: The scene on the host.
+        sensor: The camera.
+        views: Its views, A rows.
+        images: Encoded in the camera's format.
+        exposure: Factor from luminance [kcd/m2] to display linear, where 1 is white, shape [A].
+        scenario: Scenario name.
+        weather: Weather name.
+    """
+    return {
+        **_owned(arrays, sensor.name, views),
+        "image": _files(arrays, sensor.name, views, images, scenario, weather, SUFFIX[sensor.format]),
+        "format": sensor.format,
+        "exposure": exposure.astype(np.float32),
+        "ev100": np.log2(1000.0 / (SATURATION * exposure.astype(np.float64))).astype(np.float32),
+    }
+
+
+def file_rows(
+    arrays: SceneArrays, sensor: str, kind: str, views: Views, images: Images, scenario: str, weather: str
+) -> Columns:
+    """Return rows of a table of one PNG file a row, `normals` or `flow`, whose name `kind` is."""
+    return {
+        **_owned(arrays, sensor, views),
+        "image": _files(arrays, f"{sensor}_{kind}", views, images, scenario, weather),
+    }
 
 
 def depth_rows(
@@ -61,7 +105,7 @@ def segmentation_rows(
 
 
 def box_2d_rows(
-    arrays: SceneArrays, sensor: str, views: Views, camera: Pinhole, boxes: Boxes, visible: VisiblePixels
+    arrays: SceneArrays, sensor: str, views: Views, camera: Intrinsics, boxes: Boxes, visible: VisiblePixels
 ) -> Columns:
     """Return rows of the `boxes_2d` table for one camera.
 
@@ -98,10 +142,10 @@ def _owned(arrays: SceneArrays, sensor: str, views: Views) -> Columns:
 
 
 def _files(
-    arrays: SceneArrays, stem: str, views: Views, images: Images, scenario: str, weather: str
+    arrays: SceneArrays, stem: str, views: Views, images: Images, scenario: str, weather: str, suffix: str = "png"
 ) -> list[tuple[Future[bytes], str]]:
     paths = [
-        f"{scenario}/{weather}/{agent}/{frame:06d}_{stem}.png"
+        f"{scenario}/{weather}/{agent}/{frame:06d}_{stem}.{suffix}"
         for agent, frame in zip(names(arrays, views.actor), views.frame, strict=True)
     ]
     return list(zip(images, paths, strict=True))

@@ -2,21 +2,25 @@
 
 import json
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
-from mmw.config import Config, DepthConfig, ScenarioConfig
+from mmw.config import Config, DepthConfig, RgbConfig, ScenarioConfig, SensorSection
+from mmw.config.lens import USED, LensConfig
 from mmw.config.section import Vec3
 from mmw.constants import FRAME_RATE_HZ
 from mmw.kinematics import Motion
-from mmw.patterns import pinhole
 from mmw.poses import normalize
 from mmw.scene_arrays import SceneArrays
 from mmw.sensors.boxes import Boxes
 from mmw.tables.rows.common import AGENT_ROLES, Columns, names, split
+from mmw.tables.schema.columns import F64, list_of
 from mmw.tables.schemas import table_spec
 from mmw.views import mount_pose
+
+CAMERA_COLUMNS = ("fx", "fy", "cx", "cy", "width", "height", "lens", "coefficients")
+"""Columns of the table `sensors` that are null for what is no camera."""
 
 
 def frame_rows(arrays: SceneArrays, frames: Sequence[int], seed: int) -> Columns:
@@ -117,22 +121,29 @@ def _sensor_rows(arrays: SceneArrays, config: Config) -> Columns:
             continue
         for sensor in config.sensors:
             if actor.role in sensor.on:
-                camera = None
-                if isinstance(sensor, DepthConfig):
-                    camera = pinhole(sensor.width_px, sensor.height_px, sensor.fov_deg)
                 pose = mount_pose(sensor, actor.role)
                 params = json.dumps(sensor.model_dump(mode="json"), sort_keys=True)
-                rows.append(_sensor_row(actor.name, sensor.name, sensor.type, pose, params, camera))
+                rows.append(_sensor_row(actor.name, sensor.name, sensor.type, pose, params, _camera(sensor)))
         if config.channel.enabled:
             pose = np.array([*antennas.get(actor.role, (0.0, 0.0, 0.0)), 0.0, 0.0, 0.0, 1.0])
             params = json.dumps({"pattern": config.channel.pattern, "polarization": config.channel.polarization})
-            rows.append(_sensor_row(actor.name, "antenna", "antenna", pose, params, None))
+            rows.append(_sensor_row(actor.name, "antenna", "antenna", pose, params, {}))
     keys = [column.name for column in table_spec("sensors").columns if column.name != "scenario"]
-    return {key: [row[key] for row in rows] for key in keys}
+    columns: Columns = {key: [row[key] for row in rows] for key in keys}
+    return {**columns, "coefficients": pa.array(columns["coefficients"], list_of(F64))}
 
 
-def _sensor_row(agent: str, sensor: str, type_: str, pose: np.ndarray, params: str, camera: Any) -> Columns:
+def _camera(sensor: SensorSection) -> Columns:
+    """Return the columns that only cameras have; none for other sensors."""
+    if not isinstance(sensor, RgbConfig | DepthConfig):
+        return {}
+    lens = sensor.lens if isinstance(sensor, RgbConfig) else LensConfig()
+    camera = lens.intrinsics(sensor.width_px, sensor.height_px, sensor.fov_deg)
+    numbers = {name: getattr(camera, name) for name in ("fx", "fy", "cx", "cy", "width", "height")}
+    return {**numbers, "lens": lens.model, "coefficients": [getattr(lens, name) for name in USED[lens.model]]}
+
+
+def _sensor_row(agent: str, sensor: str, type_: str, pose: np.ndarray, params: str, camera: Columns) -> Columns:
     place = dict(zip(("x", "y", "z", "qx", "qy", "qz", "qw"), map(float, pose), strict=True))
-    names = {"fx": "fx", "fy": "fx", "cx": "cx", "cy": "cy", "width": "width", "height": "height"}  # square pixels
-    image = {name: getattr(camera, attribute) if camera else None for name, attribute in names.items()}
+    image = {name: camera.get(name) for name in CAMERA_COLUMNS}
     return {"agent": agent, "sensor": sensor, "type": type_, **place, **image, "params": params}

@@ -1,6 +1,22 @@
 """Tables of images, and of what they frame."""
 
-from mmw.tables.schema.columns import F32, I32, IMAGE, OBJECT, OWNED, SENSOR, TableSpec, column, list_of
+from mmw.tables.schema.columns import F32, I32, IMAGE, NAME, OBJECT, OWNED, SENSOR, TableSpec, column, list_of
+
+RGB = TableSpec(
+    "rgb",
+    "One image of an RGB camera.",
+    (
+        *OWNED,
+        SENSOR,
+        column("image", IMAGE, "", "8-bit sRGB colours, a JPEG or PNG file; row 0 is the top"),
+        column("format", NAME, "", "jpeg or png"),
+        column("exposure", F32, "m2/kcd", "factor from luminance [kcd/m2] to display linear, where 1 is white"),
+        column("ev100", F32, "-", "the same as exposure value at ISO 100: white = 1.2 * 2^EV100 cd/m2"),
+    ),
+    ("frame", "agent", "sensor"),
+    frames_per_group=4,
+    level=1,
+)
 
 DEPTH = TableSpec(
     "depth",
@@ -31,12 +47,50 @@ DEPTH = TableSpec(
 
 SEGMENTATION = TableSpec(
     "segmentation",
-    "What each pixel of one depth image shows, from the same rays.",
+    "What each pixel of one depth or RGB image shows, from the same rays.",
     (
         *OWNED,
         SENSOR,
         column("instance", IMAGE, "", "16-bit PNG; object_id = value - 1, a row of `objects`; 0 = nothing hit"),
         column("semantic", IMAGE, "", "8-bit PNG of CARLA tags as in `objects`; 11 (sky) = nothing hit"),
+    ),
+    ("frame", "agent", "sensor"),
+    frames_per_group=4,
+    level=1,
+)
+
+NORMALS = TableSpec(
+    "normals",
+    "Normals of the surfaces that the pixel centres of one RGB image show, from the same rays.",
+    (
+        *OWNED,
+        SENSOR,
+        column(
+            "image",
+            IMAGE,
+            "",
+            "8-bit PNG; red, green, blue = x, y, z of the unit normal in the sensor frame (x forward, y left, z up), "
+            "towards the camera: (value - 128) / 127; 0, 0, 0 = nothing hit",
+        ),
+    ),
+    ("frame", "agent", "sensor"),
+    frames_per_group=4,
+    level=1,
+)
+
+FLOW = TableSpec(
+    "flow",
+    "Optical flow from one RGB image to the next frame (10 ms), from the same rays: own motion and that of actors.",
+    (
+        *OWNED,
+        SENSOR,
+        column(
+            "image",
+            IMAGE,
+            "",
+            "16-bit RGB PNG as KITTI's: u = (red - 32768) / 64 px to the right, v = (green - 32768) / 64 px down; "
+            "blue = 1, or 0 for none (512 px and more)",
+        ),
     ),
     ("frame", "agent", "sensor"),
     frames_per_group=4,

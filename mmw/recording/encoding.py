@@ -1,0 +1,33 @@
+"""Images on their way to the threads that encode them: as many as fit, so that a fast device does not fill memory."""
+
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from typing import Any
+
+import numpy as np
+
+MOST_WAITING_BYTES = 2 << 30
+"""Images that may wait for a thread [bytes]: 2,300 RGB images of 640 x 480. Design value, half of the page-locked
+memory that they are copied through (`mmw.sensors.host.POOL_BYTES`)."""
+
+
+class Encoder:
+    """Hands images to a pool of threads; the caller waits while too many bytes wait for it."""
+
+    def __init__(self, pool: ThreadPoolExecutor) -> None:
+        """Use a pool, which others may use too."""
+        self._pool = pool
+        self._waiting: deque[tuple[Future[bytes], int]] = deque()
+        self._bytes = 0
+
+    def submit(self, encode: Callable[..., bytes], image: np.ndarray, *settings: Any) -> Future[bytes]:
+        """Return the future of `encode(image, *settings)`, a file's bytes."""
+        while self._waiting and (self._bytes + image.nbytes > MOST_WAITING_BYTES or self._waiting[0][0].done()):
+            future, size = self._waiting.popleft()
+            wait([future])  # what it raises, it raises where its bytes are wanted
+            self._bytes -= size
+        future = self._pool.submit(encode, image, *settings)
+        self._waiting.append((future, image.nbytes))
+        self._bytes += image.nbytes
+        return future

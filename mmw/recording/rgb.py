@@ -1,0 +1,96 @@
+"""RGB images of a batch, in every weather from the same rays; normals and flow, which no weather changes."""
+
+from collections.abc import Callable
+
+import numpy as np
+import warp as wp
+
+from mmw.config import RgbConfig
+from mmw.random_keys import random_keys
+from mmw.recording.job import Job, Rows
+from mmw.recording.launches import Launch, images_of
+from mmw.sensors.host import to_host
+from mmw.sensors.visibility_buffer import SampleBuffer
+from mmw.tables.encode import encode_flow, encode_normals, encode_rgb
+from mmw.tables.rows.images import file_rows, rgb_rows
+from mmw.views import view_keys
+
+
+def record_rgb(job: Job, launch: Launch, buffer: SampleBuffer, collected: Rows) -> None:
+    """Add the images of the RGB cameras of a launch, which have equal settings.
+
+    Args:
+        job: The job.
+        launch: Its views and cameras.
+        buffer: What the pixels see.
+        collected: Rows to add to.
+    """
+    shots = [(shot, shot.sensor) for shot in launch.shots if isinstance(shot.sensor, RgbConfig)]
+    weathers = tuple(collected)
+    images = {weather: np.zeros((0, *buffer.shape[1:], 3), dtype=np.uint8) for weather in weathers}
+    exposure = {weather: np.zeros(0) for weather in weathers}
+    if len(launch.views):
+        config = shots[0][1]
+        with job.clock.stage(launch.name):
+            keys = {weather: _keys(job, launch, weather) for weather in job.config.weathers}
+            found = job.rgb_camera(config.debug).render(buffer, config, keys, _lens_keys(job, launch))
+            pixels = to_host([found[weather].rgb for weather in weathers])
+            images = dict(zip(weathers, pixels, strict=True))
+            exposure = {weather: found[weather].exposure.numpy() for weather in weathers}
+    for weather, tables in collected.items():
+        for shot, sensor in shots:
+            with job.clock.stage("waiting for encoders"):
+                encoded = [
+                    job.encoder.submit(encode_rgb, images[weather][row], sensor.format, sensor.jpeg_quality)
+                    for row in shot.rows
+                ]
+            views = launch.views.take(shot.rows)
+            own = exposure[weather][shot.rows]
+            tables["rgb"].append(rgb_rows(job.arrays, sensor, views, encoded, own, job.scenario.name, weather))
+
+
+def record_surfaces(job: Job, launch: Launch, buffer: SampleBuffer, collected: Rows) -> None:
+    """Add normals and flow of the RGB cameras of a launch, where they ask for them."""
+    config = next(shot.sensor for shot in launch.shots if isinstance(shot.sensor, RgbConfig))
+    camera = job.rgb_camera(config.debug)
+    if config.normals:
+        with job.clock.stage("normals"):
+            images = camera.normals(buffer)
+        _record_files(job, launch, "normals", images, encode_normals, collected)
+    if config.flow:
+        with job.clock.stage("flow"):
+            images = camera.flow(buffer)
+        _record_files(job, launch, "flow", images, encode_flow, collected)
+
+
+def _record_files(
+    job: Job, launch: Launch, table: str, images: wp.array, encode: Callable[..., bytes], collected: Rows
+) -> None:
+    for shot in launch.rgb:
+        views = launch.views.take(shot.rows)
+        encoded = [job.encoder.submit(encode, image) for image in images_of(images, shot)]
+        for weather, tables in collected.items():
+            rows = file_rows(job.arrays, shot.sensor.name, table, views, encoded, job.scenario.name, weather)
+            tables[table].append(rows)
+
+
+def _keys(job: Job, launch: Launch, weather: str) -> np.ndarray:
+    """Return the key of each view's random numbers in one weather, shape [A, 2], uint32.
+
+    They are named after the camera, so that they do not depend on which cameras share a launch.
+    """
+    keys = np.zeros((len(launch.views), 2), dtype=np.uint32)
+    for shot in launch.rgb:
+        views = launch.views.take(shot.rows)
+        keys[shot.rows] = view_keys(job.arrays, views, job.config.seed, job.scenario.name, weather, shot.sensor.name)
+    return keys
+
+
+def _lens_keys(job: Job, launch: Launch) -> np.ndarray:
+    """Return the key of each view's lens, the same in every frame and weather, shape [A, 2], uint32."""
+    keys = np.zeros((len(launch.views), 2), dtype=np.uint32)
+    for shot in launch.rgb:
+        agents = [job.arrays.actors[actor].name for actor in launch.views.actor[shot.rows]]
+        stream = (job.config.seed, job.scenario.name, shot.sensor.name, "lens")
+        keys[shot.rows] = random_keys((*stream, agent) for agent in agents)
+    return keys
