@@ -8,6 +8,7 @@ import pytest
 import trimesh
 from pxr import Sdf, Usd, UsdGeom, UsdShade
 
+from mmw.inspect.coplanar import find_overlaps
 from mmw.paths import assets_dir
 from mmw.usd.library import PAINTS
 from mmw.usd.semantics import CARLA_TAG
@@ -15,11 +16,13 @@ from mmw.usd.validate import validate_stage
 from mmw.vehicles.build import build_shape, build_vehicle
 from mmw.vehicles.catalog import load_catalog
 from mmw.vehicles.models import BLUEPRINTS
-from mmw.vehicles.shapes import Shape, box, corner_normals, weld, wheel
+from mmw.vehicles.panel import Panel, build_panel, cast
+from mmw.vehicles.shapes import Shape, box, corner_normals, pod, weld
+from mmw.vehicles.wheel import wheel
 
 FOLDER = assets_dir() / "vehicles"
 MODELS = sorted(BLUEPRINTS)
-PARTS = {"body", "glass", "rubber", "lights_front", "lights_rear", "trim"}
+PARTS = {"body", "glass", "rubber", "rims", "trim", "gloss", "lights_front", "lights_rear", "lights_amber", "plates"}
 
 
 def open_model(model: str) -> Usd.Stage:
@@ -60,6 +63,14 @@ def test_every_component_is_closed_and_turned_outward(model):
 
 
 @pytest.mark.parametrize("model", MODELS)
+def test_no_two_faces_lie_in_one_plane_and_overlap(model):
+    corners = all_triangles(open_model(model))
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(cross, axis=1)
+    assert len(find_overlaps(corners, cross / length[:, None], 0.5 * length).area) == 0
+
+
+@pytest.mark.parametrize("model", MODELS)
 def test_no_part_floats(model):
     mesh, component = components(all_triangles(open_model(model)))
     boxes = []
@@ -95,8 +106,10 @@ def test_shading_normals_follow_the_faces(model):
 def test_size_is_the_declared_one_within_a_centimetre(model):
     stage, declared = open_model(model), load_catalog()[model]
     named = meshes(stage)
-    corners = np.concatenate([triangles(mesh).reshape(-1, 3) for name, mesh in named.items() if name != "trim"])
-    low, high = corners.min(axis=0), corners.max(axis=0)  # mirrors are trim, and outside the box
+    corners = np.concatenate(
+        [triangles(mesh).reshape(-1, 3) for name, mesh in named.items() if name not in ("trim", "mirror")]
+    )
+    low, high = corners.min(axis=0), corners.max(axis=0)  # mirrors are outside the box, and their shells are trim
     assert abs(high[1] - low[1] - declared.width) < 0.01
     every = all_triangles(stage).reshape(-1, 3)
     assert abs(np.ptp(every[:, 0]) - declared.length) < 0.01
@@ -134,7 +147,8 @@ def test_asset_is_a_labelled_component_that_validates_in_every_paint(model):
     assert set(meshes(stage)) >= PARTS
     assert validate_stage(stage) == []
     for paint in PAINTS:
-        root.GetVariantSet("paint").SetVariantSelection(paint)
+        with Usd.EditContext(stage, stage.GetSessionLayer()):  # a town that another test has open shares the layer
+            root.GetVariantSet("paint").SetVariantSelection(paint)
         for name, mesh in meshes(stage).items():
             material = UsdShade.MaterialBindingAPI(mesh.GetPrim()).ComputeBoundMaterial()[0]
             assert material and material.GetPrim().GetAttribute("mmw:radio:model").HasAuthoredValue()
@@ -155,7 +169,7 @@ def test_rebuild_equals_the_committed_asset(model, tmp_path):
 @pytest.mark.parametrize("model", MODELS)
 def test_triangle_count_and_flat_panels(model):
     corners = all_triangles(open_model(model))
-    assert 2000 <= len(corners) <= 6000
+    assert 5000 <= len(corners) <= 9000
     mesh, _ = components(corners)
     flat = mesh.face_adjacency[mesh.face_adjacency_angles < 1e-3]
     panel = trimesh.graph.connected_component_labels(flat, node_count=len(corners))
@@ -209,7 +223,7 @@ def test_wheel_stands_on_a_vertex_and_needs_matching_spokes():
     assert trimesh.Trimesh(shape.points, shape.faces, process=False).is_watertight
     assert math.isclose(shape.points[:, 2].min(), -0.3, abs_tol=1e-12)
     with pytest.raises(ValueError, match="spokes"):
-        wheel(0.3, 0.2, 0.2, 6)
+        wheel(0.3, 0.2, 0.2, 7)
 
 
 def test_corner_normals_smooth_below_the_crease_only():
@@ -226,3 +240,66 @@ def test_weld_drops_faces_without_area():
     points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 0, 0]])
     welded = weld(Shape(points, np.array([[0, 1, 2], [1, 3, 2]], dtype=np.int32), np.array(["a", "b"])))
     assert len(welded.points) == 3 and len(welded.faces) == 1 and welded.parts.tolist() == ["a"]
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_lamps_burn_and_plates_read_from_left_to_right(model):
+    stage = open_model(model)
+    named = meshes(stage)
+    for part, lamp in (("lights_front", "headlight"), ("lights_rear", "taillight")):
+        material = UsdShade.MaterialBindingAPI(named[part].GetPrim()).ComputeBoundMaterial()[0]
+        assert material.GetPrim().GetAttribute("mmw:lamp").Get() == lamp
+        assert max(material.ComputeSurfaceSource()[0].GetInput("emissiveColor").Get()) >= 1.0
+        x = triangles(named[part])[..., 0]
+        assert x.min() > 0.0 if lamp == "headlight" else x.max() < 0.0
+    corners = triangles(named["plates"])
+    st = np.array(UsdGeom.PrimvarsAPI(named["plates"]).GetPrimvar("st").ComputeFlattened()).reshape(-1, 3, 2)
+    seen = np.ptp(st, axis=1).min(axis=1) > 0.0  # faces of the picture; the walls behind it have none
+    assert st.min() >= 0.0 and st.max() <= 1.0
+    for side in (1.0, -1.0):
+        chosen = seen & (side * corners[:, 0, 0] > 0.0)
+        y, z = corners[chosen][..., 1].ravel(), corners[chosen][..., 2].ravel()
+        u, v = st[chosen][..., 0].ravel(), st[chosen][..., 1].ravel()
+        assert np.corrcoef(side * y, u)[0, 1] > 0.999 and np.corrcoef(z, v)[0, 1] > 0.99
+        assert 0.5 < np.ptp(y) < 0.53 and 0.10 < np.ptp(z) < 0.13
+
+
+@pytest.mark.parametrize("side", ["front", "rear", "left", "right", "top"])
+@pytest.mark.parametrize("radius", [0.0, 0.05])
+def test_panel_on_a_box_is_closed_and_lies_before_it(side, radius):
+    skin = box((-2.0, -1.0, 0.0), (2.0, 1.0, 1.5), "body")
+    corners = ((-0.3, 0.4), (0.4, 0.4), (0.4, 0.9), (-0.3, 0.9))
+    shape = build_panel(Panel(side, corners, "gloss", 0.01, radius, (3, 2), picture=(0.0, 0.0, 1.0, 1.0)), skin)
+    mesh = trimesh.Trimesh(shape.points, shape.faces, process=False)
+    assert mesh.is_watertight and mesh.volume > 0.0
+    axis, reach = {"front": (0, 2.0), "rear": (0, -2.0), "left": (1, 1.0), "right": (1, -1.0), "top": (2, 1.5)}[side]
+    sign = np.sign(reach)
+    face = np.isclose(shape.points[shape.faces][..., axis], reach + 0.01 * sign).all(axis=1)
+    cut = (4.0 - 2.0 * math.sqrt(2.0)) * radius**2  # an eighth of a circle is one chord
+    assert mesh.area_faces[face].sum() == pytest.approx(0.7 * 0.5 - cut, rel=2e-3)
+    assert (sign * mesh.face_normals[face, axis]).min() > 0.999
+    coordinates = shape.coordinates()
+    assert np.ptp(coordinates[face].reshape(-1, 2), axis=0) == pytest.approx(1.0) and not coordinates[~face].any()
+
+
+def test_panel_stands_before_a_skin_that_bends_between_its_points():
+    angle = np.linspace(-1.2, 1.2, 25)
+    arc = np.stack([2.0 + 0.5 * np.cos(angle), 0.5 * np.sin(angle)], axis=1)
+    points = np.concatenate([np.column_stack([arc, np.zeros(25)]), np.column_stack([arc, np.ones(25)])])
+    index = np.arange(24)
+    faces = np.concatenate([np.stack([index, index + 1, index + 26], 1), np.stack([index, index + 26, index + 25], 1)])
+    skin = Shape(points, faces.astype(np.int32), np.full(48, "body"))
+    corners = ((-0.3, 0.3), (0.3, 0.3), (0.3, 0.6), (-0.3, 0.6))
+    panel = build_panel(Panel("front", corners, "gloss", 0.004, cells=(2, 1)), skin)
+    y, z = (axis.ravel() for axis in np.meshgrid(np.linspace(-0.29, 0.29, 23), np.linspace(0.31, 0.59, 5)))
+    start, inward = np.column_stack([np.full(len(y), 10.0), y, z]), np.tile([-1.0, 0.0, 0.0], (len(y), 1))
+    assert (cast(skin, start, inward) - cast(panel, start, inward)).min() > 0.001
+    with pytest.raises(ValueError, match="beyond the skin"):
+        build_panel(Panel("front", ((-0.3, 0.3), (0.9, 0.3), (0.9, 0.6), (-0.3, 0.6)), "gloss"), skin)
+
+
+def test_pod_is_closed_outward_and_fills_its_box():
+    shape = pod((0.0, 0.0, 0.0), (0.2, 0.3, 0.4), "trim")
+    mesh = trimesh.Trimesh(shape.points, shape.faces, process=False)
+    assert mesh.is_watertight and 0.5 * 0.024 < mesh.volume < 0.024
+    assert shape.points.min() >= -1e-9 and np.all(shape.points <= np.array([0.2, 0.3, 0.4]) + 1e-9)

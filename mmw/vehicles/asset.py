@@ -82,11 +82,23 @@ def _geometry_stage(model: str, shape: Shape, spec: AssetSpec) -> Usd.Stage:
         mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(faces.reshape(-1).astype(np.int32)))
         mesh.CreateNormalsAttr(Vt.Vec3fArray.FromNumpy(normals[chosen].reshape(-1, 3).astype(np.float32)))
         mesh.SetNormalsInterpolation(UsdGeom.Tokens.faceVarying)
+        _write_coordinates(mesh, shape.coordinates()[chosen].reshape(-1, 2))
         mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
         mesh.CreateExtentAttr(Vt.Vec3fArray.FromNumpy(np.stack([points.min(axis=0), points.max(axis=0)])))
         for wheel in spec.wheels:
             _write_wheel(mesh, wheel, np.flatnonzero(chosen))
     return stage
+
+
+def _write_coordinates(mesh: UsdGeom.Mesh, st: np.ndarray) -> None:
+    """Write the texture coordinates of all face corners, shape [C, 2], unless all are zero."""
+    if not st.any():
+        return
+    kind = Sdf.ValueTypeNames.TexCoord2fArray
+    variable = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar("st", kind, UsdGeom.Tokens.faceVarying)
+    values, indices = np.unique(np.round(st, 6) + 0.0, axis=0, return_inverse=True)
+    variable.Set(Vt.Vec2fArray.FromNumpy(values.astype(np.float32)))
+    variable.SetIndices(Vt.IntArray.FromNumpy(indices.reshape(-1).astype(np.int32)))
 
 
 def _write_wheel(mesh: UsdGeom.Mesh, wheel: WheelSpec, faces: np.ndarray) -> None:
@@ -145,7 +157,8 @@ def _child(parent: Sdf.PrimSpec, name: str) -> Sdf.PrimSpec:
 
 def _bind(root: Sdf.PrimSpec, scope: Sdf.PrimSpec, part: str, material: str) -> None:
     """Reference one material of the library below `scope` and bind it to one mesh of the vehicle."""
-    _child(scope, material).referenceList.Prepend(Sdf.Reference(MATERIALS_ASSET, f"/Materials/{material}"))
+    if material not in scope.nameChildren:  # two parts may share one
+        _child(scope, material).referenceList.Prepend(Sdf.Reference(MATERIALS_ASSET, f"/Materials/{material}"))
     mesh = _child(root, part)
     apply_api(mesh, "MaterialBindingAPI")
     binding = Sdf.RelationshipSpec(mesh, "material:binding", custom=False)

@@ -1,4 +1,6 @@
-"""The skin of a vehicle as one closed loft along x: wheel arches cut out, windows and lights flush in it."""
+"""The skin of a vehicle as one closed loft along x: wheel arches cut out, windows flush in it."""
+
+from itertools import pairwise
 
 import numpy as np
 
@@ -7,14 +9,18 @@ from mmw.vehicles.shapes import Shape, join, quads, weld
 
 _LOW, _LIP, _MID, _CHAR, _WAIST, _SHOULDER, _GLASS_LOW, _GLASS_HIGH, _RAIL = range(9)
 _ROWS = 9
-_ARCH_SAMPLES = 11
+_ARCH_SAMPLES = 13
 _SEAM = 0.004
+_COWL = 0.07
+"""Width of the dark strip at the foot of the windshield [m]."""
+_STEP = 0.2
+"""Curved stretches of the centre line get a cross-section at least this often [m]."""
 _FADE = 0.5
 """Length over which the bow and the lean of nose and tail fade out [m]."""
 
 
 def build_skin(body: Body) -> Shape:
-    """Return the skin of a vehicle: closed, outward, with parts body, glass, trim, lights_front and lights_rear.
+    """Return the skin of a vehicle: closed, outward, with parts body, glass, gloss and trim.
 
     A half section (y >= 0) runs from the bottom centre outward along the floor, up the side and inward over the top.
     The sections are joined along x, mirrored, and closed by a lattice at the nose and one at the tail. Everything
@@ -39,7 +45,8 @@ def _stations(body: Body) -> np.ndarray:
     values += [value for key in (body.top, body.belt, body.plan, body.floor) for value, _ in key]
     values += [edge for window in body.windows for edge in window]
     values += [seam + side for seam in body.seams for side in (-_SEAM, _SEAM)]
-    values += [body.front - body.light_wrap, body.rear + body.light_wrap]
+    values += [screen[0] - _COWL for screen in body.screens[:1]]
+    values += _curved(body)
     if body.bed:
         values += [body.bed[0], body.bed[0] - 0.02, body.bed[1], body.bed[1] + 0.02]
     for axle in body.axles:
@@ -51,9 +58,44 @@ def _stations(body: Body) -> np.ndarray:
     return values[keep][::-1]
 
 
+def _curved(body: Body) -> list[float]:
+    """Return the x of further cross-sections where the centre line bends: between its points, but not in a screen."""
+    values: list[float] = []
+    keys = sorted(x for x, _ in body.top)
+    for start, end in pairwise(keys):
+        middle, parts = (start + end) / 2, int((end - start) / _STEP) + 1
+        linear = (_at(body.top, start) + _at(body.top, end)) / 2
+        if parts > 1 and not _inside(middle, body.screens) and abs(_height(body, middle) - linear) > 0.002:
+            values += np.linspace(start, end, min(parts, 3) + 1)[1:-1].tolist()
+    return values
+
+
 def _at(table: tuple[tuple[float, float], ...], x: float) -> float:
     keys, values = zip(*sorted(table), strict=True)
     return float(np.interp(x, keys, values))
+
+
+def _height(body: Body, x: float) -> float:
+    """Return the height of the centre line [m]: straight in the screens and the load bed, a smooth curve elsewhere.
+
+    Source: Fritsch and Carlson, Monotone Piecewise Cubic Interpolation, SIAM J. Numer. Anal. 17 (1980), 238-246, with
+    the harmonic mean of the neighbours as slope: it never overshoots.
+    """
+    keys, heights = (np.array(column) for column in zip(*sorted(body.top), strict=True))
+    if _inside(x, body.screens) or body.bed or not keys[0] < x < keys[-1]:
+        return float(np.interp(x, keys, heights))
+    secant = np.diff(heights) / np.diff(keys)
+    slope = np.zeros(len(keys))
+    product = secant[:-1] * secant[1:]
+    rising = product > 0.0
+    slope[1:-1][rising] = 2.0 * product[rising] / (secant[:-1] + secant[1:])[rising]
+    slope[0], slope[-1] = secant[0], secant[-1]
+    k = int(np.clip(np.searchsorted(keys, x) - 1, 0, len(keys) - 2))
+    width = keys[k + 1] - keys[k]
+    share = (x - keys[k]) / width
+    blend = share * share * (3.0 - 2.0 * share)
+    ends = slope[k] * share * (1.0 - share) ** 2 - slope[k + 1] * share**2 * (1.0 - share)
+    return float(heights[k] + blend * (heights[k + 1] - heights[k]) + width * ends)
 
 
 def _low_edge(body: Body, x: float) -> float:
@@ -68,7 +110,7 @@ def _low_edge(body: Body, x: float) -> float:
 
 def _section(body: Body, x: float, is_end: bool) -> np.ndarray:
     """Return the half section at x, bottom centre to top centre [m], shape [K, 3]."""
-    top = _at(body.top, x)
+    top = _height(body, x)
     shoulder = min(_at(body.belt, x), top - body.crown)
     low, floor = _low_edge(body, x), _at(body.floor, x)
     plan = _at(body.plan, x)
@@ -91,7 +133,7 @@ def _section(body: Body, x: float, is_end: bool) -> np.ndarray:
         rows[row] = sill_y - body.tumblehome * max(z - shoulder - ledge, 0.0), z
 
     roof_y = fractions[::-1] * rows[_RAIL, 0]
-    drop = np.interp(fractions[::-1], (0.0, fractions[1], 1.0), (0.0, 0.0, 1.0))
+    drop = np.maximum((fractions[::-1] - fractions[1]) / (1.0 - fractions[1]), 0.0) ** 2
     roof_z = top - (top - rail) * drop
     if body.bed and body.bed[1] + 0.01 < x < body.bed[0] - 0.01:
         roof_z[2:] = body.bed[2]
@@ -154,16 +196,17 @@ def _part_of_section(body: Body, x: float, segment: int, doors: tuple[tuple[floa
         if row == _GLASS_LOW:
             if _inside(x, body.windows):
                 return "glass"
-            return "trim" if _inside(x, body.pillars) else "body"
-        if x > body.front - body.light_wrap and row in body.light_rows[0]:
-            return "lights_front"
-        if x < body.rear + body.light_wrap and row in body.light_rows[1]:
-            return "lights_rear"
+            return "gloss" if _inside(x, body.pillars) else "body"
+        if row == _SHOULDER and _inside(x, body.windows + body.pillars):
+            return "gloss"
         return "body"
     column = columns - 2 - (row - (_ROWS - 1))
     if body.bed and body.bed[1] < x < body.bed[0] and column < columns - 2:
         return "trim"
-    return "glass" if column < columns - 2 and _inside(x, body.screens) else "body"
+    is_screen = column < columns - 2 and _inside(x, body.screens)
+    if is_screen and x > body.screens[0][0] - _COWL:
+        return "gloss"
+    return "glass" if is_screen else "body"
 
 
 def _part_of_cap(parts: tuple[tuple[int, int, int, int, str], ...], column: int, row: int) -> str:

@@ -7,20 +7,25 @@ import numpy as np
 from mmw.paths import assets_dir
 from mmw.vehicles.asset import AssetSpec, WheelSpec, write_asset
 from mmw.vehicles.body import build_skin
-from mmw.vehicles.figures import FIGURES, build_figure
+from mmw.vehicles.figures import FIGURES, Figure, build_figure
 from mmw.vehicles.models import BLUEPRINTS, Block, Blueprint
-from mmw.vehicles.shapes import Shape, box, join, wheel
+from mmw.vehicles.panel import build_panel
+from mmw.vehicles.shapes import Shape, box, join, pod
+from mmw.vehicles.wheel import wheel
 
 PART_MATERIAL = {
-    "body": "car_paint_<paint>", "glass": "car_glass", "rubber": "car_rubber", "lights_front": "car_light_front",
-    "lights_rear": "car_light_rear", "trim": "car_trim", "plates": "sign_face",
+    "body": "car_paint_<paint>", "glass": "car_glass", "rubber": "car_rubber", "rims": "car_rim", "trim": "car_trim",
+    "gloss": "car_gloss", "mirror": "car_mirror", "lights_front": "car_light_front", "lights_rear": "car_light_rear",
+    "lights_brake": "car_light_brake", "lights_clear": "car_light_clear", "lights_amber": "car_light_amber",
+    "plates": "car_plate", "lettering": "truck_lettering", "sign": "bus_sign",
 }  # fmt: skip
 """Mesh of a vehicle -> material of the library."""
 
 FIGURE_MATERIAL = {
-    "shirt": "cloth_<paint>", "trousers": "cloth_dark", "skin": "skin", "hair": "hair", "rubber": "car_rubber"
+    "shirt": "cloth_<paint>", "trousers": "<trousers>", "skin": "<skin>", "hair": "<hair>", "eyes": "hair",
+    "lips": "lips", "rubber": "car_rubber",
 }  # fmt: skip
-"""Mesh of a figure -> material of the library."""
+"""Mesh of a figure -> material of the library, or the field of `Figure` that names it."""
 
 
 def build_shape(model: str) -> Shape:
@@ -37,13 +42,24 @@ def build_shape(model: str) -> Shape:
     blueprint = BLUEPRINTS[model]
     shapes = [build_skin(body) for body in blueprint.bodies]
     for block in blueprint.blocks:
-        shapes += _block(block)
+        if not block.is_pod:
+            shapes += _block(block)
+    for panel in blueprint.panels:
+        shapes += _pair(build_panel(panel, join(shapes)), panel.mirror)
+    for block in blueprint.blocks:
+        if block.is_pod:
+            shapes += _block(block)
     return join(shapes + [shape for shape, _, _ in _wheels(blueprint)])
 
 
 def _block(block: Block) -> list[Shape]:
-    one = box(block.low, block.high, block.part, block.bevel)
-    return [one, one.mirrored()] if block.mirror else [one]
+    if block.is_pod:
+        return _pair(pod(block.low, block.high, block.part), block.mirror)
+    return _pair(box(block.low, block.high, block.part, block.bevel), block.mirror)
+
+
+def _pair(one: Shape, has_mirror_image: bool) -> list[Shape]:
+    return [one, one.mirrored()] if has_mirror_image else [one]
 
 
 def _wheels(blueprint: Blueprint) -> list[tuple[Shape, str, tuple[float, float, float]]]:
@@ -113,9 +129,15 @@ def build_figures(out_dir: str | Path) -> list[Path]:
         low, high = shape.points.min(axis=0), shape.points.max(axis=0)
         dimensions = dict(zip(("length", "width", "height"), (high - low).tolist(), strict=True))
         center = (0.5 * (low + high)).tolist()
-        spec = AssetSpec("pedestrian", FIGURE_MATERIAL, figure.colors, "mmw:pedestrian:", dimensions, center)
+        materials = {part: _figure_material(figure, material) for part, material in FIGURE_MATERIAL.items()}
+        spec = AssetSpec("pedestrian", materials, figure.colors, "mmw:pedestrian:", dimensions, center)
         made.append(write_asset(name, shape, spec, Path(out_dir) / name))
     return made
+
+
+def _figure_material(figure: Figure, material: str) -> str:
+    chosen = {"<trousers>": figure.trousers, "<skin>": figure.skin, "<hair>": figure.hair}
+    return chosen.get(material, material)
 
 
 def declared_box(blueprint: Blueprint, shape: Shape) -> tuple[np.ndarray, np.ndarray]:

@@ -2,6 +2,20 @@
 
 from dataclasses import dataclass
 
+from mmw.vehicles.details import (
+    BUS_PANELS,
+    TRUCK_PANELS,
+    Back,
+    Face,
+    back_panels,
+    band,
+    face_panels,
+    plates,
+    side_marker,
+    wipers,
+)
+from mmw.vehicles.panel import Panel
+
 Table = tuple[tuple[float, float], ...]
 """Pairs (where, value), interpolated linearly and held beyond the ends."""
 
@@ -70,11 +84,7 @@ class Body:
     """Height of the lowest crease of the side."""
     char_z: float = 0.64
     """Height of the character line: the widest row."""
-    light_wrap: float = 0.2
-    """How far the lights reach around the corner."""
-    light_rows: tuple[tuple[int, ...], tuple[int, ...]] = ((3, 4), (4,))
-    """Rows of the front and the rear lights on the side; row r lies between breakpoints r and r + 1 of the section."""
-    columns: tuple[float, ...] = (0.0, 0.45, 0.64, 0.86, 1.0)
+    columns: tuple[float, ...] = (0.0, 0.45, 0.66, 0.82, 0.93, 1.0)
     """Lattice lines across hood, roof and ends, as shares of the half width; flat up to the second."""
     nose: tuple[float, Table] = (0.14, ((0.2, 0.05), (0.38, 0.0), (0.5, 0.0), (0.64, 0.03), (0.76, 0.10)))
     """Bow in plan, and set-back by height, of the nose."""
@@ -91,7 +101,7 @@ class Body:
 
 @dataclass(frozen=True)
 class Block:
-    """A bevelled box added to the skin."""
+    """A box added to the skin, its edges bevelled or rounded."""
 
     low: tuple[float, float, float]
     high: tuple[float, float, float]
@@ -99,6 +109,8 @@ class Block:
     bevel: float = 0.0
     mirror: bool = False
     """True for a second one at -y."""
+    is_pod: bool = False
+    """True for a shell with rounded sides, on which no panel lies."""
 
 
 @dataclass(frozen=True)
@@ -115,12 +127,14 @@ class Blueprint:
     wheels: Wheels
     bodies: tuple[Body, ...]
     blocks: tuple[Block, ...] = ()
-    paints: tuple[str, ...] = ("red", "blue", "white", "black", "silver", "green")
+    panels: tuple[Panel, ...] = ()
+    """On the bodies, on the blocks that are no pods, and on the panels before."""
+    paints: tuple[str, ...] = ("red", "blue", "white", "black", "silver", "green", "grey", "graphite")
     """Paint variants; the first one is the default."""
 
 
-_FRONT_CAR = ((0, 4, 0, 1, "trim"), (0, 3, 1, 2, "trim"), (0, 2, 3, 5, "trim"), (2, 4, 3, 5, "lights_front"))
-_REAR_CAR = ((0, 4, 0, 2, "trim"), (2, 4, 3, 5, "lights_rear"))
+_FRONT_CAR = ((0, 5, 0, 1, "trim"),)
+_REAR_CAR = ((0, 5, 0, 2, "trim"),)
 
 _SEDAN = Body(
     front=2.265, rear=-2.435, half_width=0.925, axles=(1.4, -1.4), axle_height=0.325, arch_radius=0.365, well_y=0.66,
@@ -133,7 +147,7 @@ _SEDAN = Body(
     side=((0.18, 0.94), (0.38, 0.975), (0.64, 1.0), (1.0, 0.955)),
     screens=((1.05, 0.22), (-1.1, -1.80)), windows=((0.78, -0.16), (-0.22, -1.02), (-1.07, -1.42)),
     pillars=((-0.16, -0.22), (-1.02, -1.07)), seams=(0.98, -0.19, -1.02), tumblehome=0.42,
-    nose_parts=_FRONT_CAR, tail_parts=_REAR_CAR, light_rows=((3, 4), (3, 4)),
+    nose_parts=_FRONT_CAR, tail_parts=_REAR_CAR,
 )  # fmt: skip
 
 _HATCHBACK = Body(
@@ -147,7 +161,7 @@ _HATCHBACK = Body(
     side=((0.17, 0.94), (0.38, 0.975), (0.66, 1.0), (1.0, 0.955)),
     screens=((1.02, 0.25), (-1.56, -1.96)), windows=((0.76, -0.22), (-0.28, -1.0), (-1.08, -1.36)),
     pillars=((-0.22, -0.28),), seams=(0.96, -0.25, -1.02), tumblehome=0.38, mid_z=0.38, char_z=0.66,
-    nose_parts=_FRONT_CAR, tail_parts=_REAR_CAR, light_rows=((3, 4), (3, 4)), light_wrap=0.18,
+    nose_parts=_FRONT_CAR, tail_parts=_REAR_CAR,
     nose=(0.14, ((0.2, 0.04), (0.38, 0.0), (0.5, 0.0), (0.66, 0.03), (0.79, 0.09))),
     tail=(0.12, ((0.2, 0.05), (0.38, 0.0), (0.66, 0.0), (0.7, 0.02), (1.0, 0.06))),
 )  # fmt: skip
@@ -163,8 +177,8 @@ _SUV = Body(
     screens=((1.08, 0.42), (-1.98, -2.25)), windows=((0.82, -0.22), (-0.28, -1.1), (-1.17, -1.82)),
     pillars=((-0.22, -0.28), (-1.1, -1.17)), seams=(0.93, -0.25, -1.04), tumblehome=0.32, lip=0.1, mid_z=0.48,
     char_z=0.80,
-    nose_parts=((0, 4, 0, 1, "trim"), (0, 3, 1, 2, "trim"), (0, 2, 2, 5, "trim"), (2, 4, 4, 5, "lights_front")),
-    tail_parts=((0, 4, 0, 2, "trim"), (2, 4, 3, 5, "lights_rear")), light_rows=((4,), (3, 4)),
+    nose_parts=_FRONT_CAR,
+    tail_parts=_REAR_CAR,
     nose=(0.14, ((0.3, 0.05), (0.48, 0.0), (0.65, 0.0), (0.80, 0.02), (0.97, 0.08))),
     tail=(0.10, ((0.3, 0.04), (0.48, 0.0), (0.80, 0.0), (0.84, 0.02), (1.1, 0.06))),
 )  # fmt: skip
@@ -181,10 +195,10 @@ _PICKUP = Body(
     screens=((1.30, 0.65), (-0.76, -0.98)), windows=((1.02, 0.12), (0.06, -0.66)),
     pillars=((0.12, 0.06),), seams=(1.08, 0.09, -0.74, -0.99), tumblehome=0.34, crown=0.03, lip=0.07, mid_z=0.56,
     char_z=0.86, columns=(0.0, 0.62, 0.645, 0.87, 0.90, 1.0), bed=(-1.08, -2.70, 0.66), roof_crown=0.05,
-    nose_parts=((0, 5, 0, 1, "trim"), (0, 3, 1, 2, "trim"), (0, 1, 2, 5, "trim"), (1, 5, 4, 5, "lights_front")),
-    tail_parts=((0, 5, 0, 2, "trim"), (3, 5, 3, 5, "lights_rear")), light_rows=((4,), (3, 4)),
+    nose_parts=_FRONT_CAR,
+    tail_parts=_REAR_CAR,
     nose=(0.12, ((0.4, 0.05), (0.56, 0.0), (0.75, 0.0), (0.86, 0.02), (1.05, 0.08))),
-    tail=(0.0, ((0.45, 0.03), (0.56, 0.0), (1.1, 0.01))), light_wrap=0.12,
+    tail=(0.0, ((0.45, 0.03), (0.56, 0.0), (1.1, 0.01))),
 )  # fmt: skip
 
 _VAN = Body(
@@ -197,10 +211,10 @@ _VAN = Body(
     side=((0.2, 0.955), (0.42, 0.985), (0.74, 1.0), (1.14, 0.985)),
     screens=((1.78, 1.08),), windows=((1.50, 1.06), (1.02, 0.42)), pillars=((1.06, 1.02),),
     seams=(1.34, 0.34, -0.66, -2.3), tumblehome=0.17, roof_crown=0.07, lip=0.06, mid_z=0.42, char_z=0.74, frame=0.12,
-    nose_parts=((0, 4, 0, 1, "trim"), (0, 3, 1, 2, "trim"), (0, 2, 3, 5, "trim"), (2, 4, 4, 5, "lights_front")),
-    tail_parts=((0, 4, 0, 2, "trim"), (3, 4, 3, 5, "lights_rear"), (0, 3, 6, 7, "glass")), light_rows=((4,), (3, 4)),
+    nose_parts=_FRONT_CAR,
+    tail_parts=(*_REAR_CAR, (0, 4, 6, 7, "glass")),
     nose=(0.14, ((0.3, 0.05), (0.42, 0.0), (0.6, 0.0), (0.74, 0.03), (0.96, 0.10))),
-    tail=(0.02, ((0.3, 0.03), (0.42, 0.0), (0.74, 0.0), (0.8, 0.015), (1.2, 0.03), (1.9, 0.07))), light_wrap=0.12,
+    tail=(0.02, ((0.3, 0.03), (0.42, 0.0), (0.74, 0.0), (0.8, 0.015), (1.2, 0.03), (1.9, 0.07))),
 )  # fmt: skip
 
 _CAB = Body(
@@ -212,8 +226,7 @@ _CAB = Body(
     side=((0.42, 0.97), (0.65, 0.99), (0.95, 1.0), (1.3, 0.985)),
     screens=((3.0, 2.70),), windows=((2.84, 1.78),), seams=(2.76, 1.66), tumblehome=0.13, ledge=0.015, lip=0.08,
     mid_z=0.65, char_z=0.92, roof_crown=0.07,
-    nose_parts=((0, 4, 0, 1, "trim"), (0, 2, 3, 4, "trim"), (0, 3, 1, 2, "trim"), (2, 4, 2, 3, "lights_front")),
-    light_rows=((2,), ()), light_wrap=0.05,
+    nose_parts=_FRONT_CAR,
     nose=(0.10, ((0.42, 0.02), (0.6, 0.0), (0.9, 0.0), (1.3, 0.05))), tail=(0.0, ((0.0, 0.0), (3.0, 0.0))),
 )  # fmt: skip
 
@@ -228,82 +241,97 @@ _BUS = Body(
     windows=((5.34, 4.05), (3.98, 2.45), (2.38, 0.85), (0.78, -0.75), (-0.82, -2.35), (-2.42, -3.95), (-4.02, -5.5)),
     pillars=((4.05, 3.98), (2.45, 2.38), (0.85, 0.78), (-0.75, -0.82), (-2.35, -2.42), (-3.95, -4.02)),
     right_doors=((5.22, 4.66), (4.62, 4.06), (0.70, 0.10), (0.06, -0.54)), tumblehome=0.04, roof_crown=0.12,
-    ledge=0.012, frame=0.42, lip=0.06, mid_z=0.6, char_z=0.85, columns=(0.0, 0.4, 0.72, 0.92, 1.0),
-    nose_parts=((0, 4, 0, 1, "trim"), (2, 4, 2, 3, "lights_front"), (0, 4, 4, 7, "glass"), (0, 3, 7, 8, "trim")),
-    tail_parts=((0, 4, 0, 1, "trim"), (0, 3, 2, 4, "trim"), (3, 4, 2, 5, "lights_rear"), (0, 3, 6, 7, "glass")),
-    light_rows=((2,), ()), light_wrap=0.1,
+    ledge=0.012, frame=0.42, lip=0.06, mid_z=0.6, char_z=0.85, columns=(0.0, 0.4, 0.7, 0.86, 0.95, 1.0),
+    nose_parts=((0, 5, 0, 1, "trim"), (0, 5, 4, 7, "glass"), (0, 4, 7, 8, "gloss")),
+    tail_parts=((0, 5, 0, 1, "trim"), (0, 4, 6, 7, "glass")),
     nose=(0.16, ((0.36, 0.03), (0.6, 0.0), (1.2, 0.0), (2.9, 0.14))),
     tail=(0.06, ((0.4, 0.04), (0.6, 0.0), (1.2, 0.0), (2.9, 0.06))),
 )  # fmt: skip
 
 
-def _mirrors(x: float, y: float, z: float, size: float = 1.0) -> tuple[Block, Block]:
-    """Return a pair of door mirrors whose inner end is at (x, y, z), and the stems that hold them."""
-    head = Block((x - 0.1 * size, y, z), (x + 0.1 * size, y + 0.19 * size, z + 0.14 * size), "trim", 0.03 * size, True)
-    return head, Block((x - 0.05, y - 0.09, z - 0.01), (x + 0.05, y + 0.05, z + 0.04), "trim", 0.015, True)
+def _mirrors(x: float, y: float, z: float, size: float = 1.0) -> tuple[Block, ...]:
+    """Return a pair of door mirrors whose inner end is at (x, y, z), their glass, and the stems that hold them."""
+    rear, width, height = x - 0.1 * size, 0.2 * size, 0.145 * size
+    low, high = (y + 0.2 * width, z + 0.2 * height), (y + 0.8 * width, z + 0.8 * height)
+    return (
+        Block((rear, y, z), (x + 0.1 * size, y + width, z + height), "trim", 0.0, True, True),
+        Block((rear, *low), (x, *high), "mirror", 0.0, True),
+        Block((x - 0.05, y - 0.09, z - 0.01), (x + 0.05, y + 0.05, z + 0.04), "trim", 0.015, True),
+    )
 
 
 def _handle(x: float, y: float, z: float) -> Block:
     """Return a pair of door handles that end at half width y."""
-    return Block((x - 0.09, y - 0.04, z), (x + 0.09, y, z + 0.03), "trim", 0.008, True)
+    return Block((x - 0.1, y - 0.05, z), (x + 0.1, y, z + 0.032), "gloss", 0.008, True)
 
 
-def _plate(x: float, z: float, depth: float = 0.03) -> Block:
-    """Return a number plate with its outer face at x; `depth` is negative for one at the rear."""
-    return Block((min(x, x - depth), -0.26, z), (max(x, x - depth), 0.26, z + 0.11), "plates")
-
+_WORK_PAINTS = ("white", "silver", "red", "blue", "black", "green", "grey", "graphite")
+_BUS_PAINTS = ("blue", "red", "white", "silver", "green", "black", "grey", "graphite")
 
 BLUEPRINTS: dict[str, Blueprint] = {
     "sedan": Blueprint(
         "car", 4.71, 1.85, 1.45, 2.80, Wheels(0.325, 0.22, 0.225, 1.58), (_SEDAN,),
-        (*_mirrors(0.80, 0.87, 0.93), _handle(0.11, 0.922, 0.80), _handle(-0.71, 0.922, 0.81),
-         _plate(2.272, 0.42), _plate(-2.42, 0.70, -0.05)),
+        (*_mirrors(0.80, 0.87, 0.93), _handle(0.11, 0.925, 0.80), _handle(-0.71, 0.925, 0.81)),
+        (*face_panels(Face(0.66, 0.20, (0.40, 0.59, 0.635, 0.115), (0.36, 0.56, 0.695), (0.56, 0.27, 0.375))),
+         *back_panels(Back(0.68, 0.18, (0.40, 0.25, 0.70, 0.87), (0.17, 0.955, 0.975), (0.66, 0.60))),
+         *plates(0, 0.41, 0.72), *wipers(0.985, 0.70, 0.05), side_marker(1.86, 0.70)),
     ),
     "hatchback": Blueprint(
-        "car", 4.29, 1.79, 1.46, 2.63, Wheels(0.316, 0.205, 0.215, 1.54), (_HATCHBACK,),
-        (*_mirrors(0.79, 0.84, 0.96), _handle(0.06, 0.892, 0.82), _handle(-0.70, 0.892, 0.83),
-         _plate(2.172, 0.42), _plate(-2.115, 0.74, -0.05)),
+        "car", 4.29, 1.79, 1.46, 2.63, Wheels(0.316, 0.205, 0.215, 1.54, 6), (_HATCHBACK,),
+        (*_mirrors(0.79, 0.84, 0.96), _handle(0.06, 0.895, 0.82), _handle(-0.70, 0.895, 0.83)),
+        (*face_panels(Face(0.62, 0.20, (0.40, 0.60, 0.66, 0.135), (0.33, 0.58, 0.70), (0.54, 0.27, 0.385))),
+         *back_panels(Back(0.66, 0.17, (0.50, 0.24, 0.70, 0.92), (0.2, 1.355, 1.372), (0.62, 0.52))),
+         *plates(1, 0.43, 0.60), *wipers(0.955, 0.68, 0.05), side_marker(1.78, 0.72)),
     ),
     "suv": Blueprint(
         "car", 4.66, 1.88, 1.69, 2.70, Wheels(0.36, 0.235, 0.24, 1.61), (_SUV,),
-        (*_mirrors(0.86, 0.88, 1.10, 1.1), _handle(0.05, 0.938, 0.95), _handle(-0.78, 0.938, 0.96),
-         Block((-1.7, 0.60, 1.58), (0.1, 0.64, 1.68), "trim", 0.012, True),
-         _plate(2.277, 0.52), _plate(-2.375, 0.86, -0.05)),
+        (*_mirrors(0.86, 0.88, 1.10, 1.1), _handle(0.05, 0.94, 0.95), _handle(-0.78, 0.94, 0.96),
+         Block((-1.7, 0.60, 1.58), (0.1, 0.64, 1.68), "trim", 0.012, True)),
+        (*face_panels(Face(0.68, 0.20, (0.47, 0.79, 0.83, 0.10), (0.42, 0.66, 0.89), (0.58, 0.35, 0.46))),
+         *back_panels(Back(0.72, 0.18, (0.46, 0.25, 0.86, 1.03), (0.22, 1.575, 1.592), (0.68, 0.64))),
+         *plates(2, 0.50, 0.72), *wipers(1.015, 0.72, 0.05), side_marker(1.85, 0.90)),
     ),
     "pickup": Blueprint(
-        "car", 5.33, 1.86, 1.82, 3.09, Wheels(0.385, 0.255, 0.24, 1.57), (_PICKUP,),
-        (*_mirrors(1.06, 0.87, 1.17, 1.2), _handle(0.34, 0.928, 1.0), _handle(-0.50, 0.928, 1.0),
-         _plate(2.537, 0.62), _plate(-2.795, 0.70, -0.05)),
+        "car", 5.33, 1.86, 1.82, 3.09, Wheels(0.385, 0.255, 0.24, 1.57, 6), (_PICKUP,),
+        (*_mirrors(1.06, 0.87, 1.17, 1.2), _handle(0.34, 0.93, 1.0), _handle(-0.50, 0.93, 1.0)),
+        (*face_panels(Face(0.68, 0.19, (0.50, 0.85, 0.885, 0.13), (0.45, 0.72, 0.98), (0.60, 0.44, 0.55))),
+         *back_panels(Back(0.80, 0.10, (0.73, 0.10, 0.78, 1.05), (0.2, 1.07, 1.09), (0.70, 0.60))),
+         *plates(3, 0.585, 0.65), *wipers(1.235, 0.70, 0.06), side_marker(2.05, 0.96)),
     ),
     "van": Blueprint(
-        "car", 5.14, 1.93, 1.91, 3.20, Wheels(0.335, 0.215, 0.215, 1.64), (_VAN,),
-        (*_mirrors(1.50, 0.92, 1.16, 1.3), _handle(0.52, 0.962, 0.98), _handle(0.16, 0.962, 0.98),
-         _plate(2.482, 0.47), _plate(-2.66, 0.62, -0.05)),
-        ("white", "silver", "red", "blue", "black", "green"),
+        "car", 5.14, 1.93, 1.91, 3.20, Wheels(0.335, 0.215, 0.215, 1.64, 6), (_VAN,),
+        (*_mirrors(1.50, 0.92, 1.16, 1.3), _handle(0.52, 0.965, 0.98), _handle(0.16, 0.965, 0.98)),
+        (*face_panels(Face(0.70, 0.20, (0.46, 0.70, 0.755, 0.145), (0.42, 0.62, 0.80), (0.60, 0.32, 0.44))),
+         *back_panels(Back(0.88, 0.08, (0.82, 0.10, 0.78, 1.15), (0.2, 1.855, 1.875), (0.84, 0.50))),
+         band("rear", (-0.004, 0.004), (0.52, 1.10), "trim", 0.003, cells=(1, 3)),
+         *plates(4, 0.47, 0.58), *wipers(1.72, 0.72, 0.07), side_marker(2.09, 0.90)),
+        _WORK_PAINTS,
     ),
     "box_truck": Blueprint(
-        "truck", 7.10, 2.30, 3.20, 4.00, Wheels(0.40, 0.235, 0.255, 1.76, 5, 0.50), (_CAB,),
+        "truck", 7.10, 2.30, 3.20, 4.00, Wheels(0.40, 0.235, 0.255, 1.76, 6, 0.50), (_CAB,),
         (Block((-4.0, -1.15, 1.0), (1.32, 1.15, 3.2), "body", 0.04),
          Block((-3.9, -0.42, 0.60), (1.9, 0.42, 1.02), "trim", 0.02),
          Block((-3.97, -1.08, 0.50), (-3.87, 1.08, 0.64), "trim", 0.02),
-         Block((-3.99, -0.9, 0.64), (-3.90, 0.9, 1.02), "trim", 0.01),
-         Block((-4.0, 0.62, 0.74), (-3.96, 0.88, 0.90), "lights_rear", 0.0, True),
+         Block((-3.99, -0.9, 0.62), (-3.88, 0.9, 1.03), "trim", 0.01),
          Block((-1.1, 0.86, 0.48), (1.1, 0.96, 0.62), "trim", 0.02, True),
          Block((-0.5, 0.36, 0.50), (0.7, 0.88, 0.92), "trim", 0.04, True),
          Block((-0.9, 0.40, 0.80), (-0.84, 0.9, 1.02), "trim", 0.01, True),
          Block((0.9, 0.40, 0.55), (0.96, 0.9, 1.02), "trim", 0.01, True),
          Block((2.78, 0.98, 1.40), (2.84, 1.30, 1.44), "trim", 0.01, True),
-         Block((2.74, 1.18, 1.30), (2.86, 1.38, 1.72), "trim", 0.03, True),
-         _handle(1.82, 1.017, 1.12), _plate(3.1, 0.68), _plate(-4.0, 0.70, -0.02)),
-        ("white", "silver", "red", "blue", "black", "green"),
+         Block((2.74, 1.18, 1.30), (2.86, 1.38, 1.72), "trim", 0.0, True, True),
+         Block((2.738, 1.21, 1.36), (2.80, 1.35, 1.66), "mirror", 0.0, True),
+         _handle(1.82, 1.02, 1.12)),
+        TRUCK_PANELS + plates(5, 0.67, 0.70) + wipers(2.985, 0.72, 0.04) + (side_marker(2.72, 1.0),),
+        _WORK_PAINTS,
     ),
     "city_bus": Blueprint(
-        "bus", 12.0, 2.55, 3.05, 5.90, Wheels(0.48, 0.28, 0.30, 2.16, 5, 0.56), (_BUS,),
+        "bus", 12.0, 2.55, 3.05, 5.90, Wheels(0.48, 0.28, 0.30, 2.16, 10, 0.56), (_BUS,),
         (Block((5.15, 1.10, 2.42), (5.62, 1.40, 2.47), "trim", 0.015, True),
-         Block((5.52, 1.30, 1.86), (5.62, 1.50, 2.46), "trim", 0.03, True),
-         Block((-4.6, -0.8, 2.98), (-1.6, 0.8, 3.045), "trim", 0.02),
-         _plate(5.65, 0.62), _plate(-6.355, 0.66, -0.02)),
-        ("blue", "red", "white", "silver", "green", "black"),
+         Block((5.52, 1.30, 1.86), (5.62, 1.50, 2.46), "trim", 0.0, True, True),
+         Block((5.516, 1.33, 1.95), (5.57, 1.47, 2.37), "mirror", 0.0, True),
+         Block((-4.6, -0.8, 2.98), (-1.6, 0.8, 3.045), "trim", 0.02)),
+        BUS_PANELS + plates(6, 0.60, 0.64),
+        _BUS_PAINTS,
     ),
 }  # fmt: skip
 """Model name -> dimensions."""

@@ -1,7 +1,7 @@
 """Closed triangle shapes that vehicles are put together from: boxes, wheels, and the shading normals of any mesh."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -23,14 +23,21 @@ class Shape:
     """Triangles, counter-clockwise seen from outside, shape [M, 3], int32."""
     parts: np.ndarray
     """Part name of each face, shape [M], str."""
+    st: np.ndarray | None = None
+    """Texture coordinates of each corner of each face, shape [M, 3, 2]; None for zeros."""
 
     def moved(self, offset: Sequence[float]) -> "Shape":
         """Return the shape shifted by `offset` [m], shape [3]."""
-        return Shape(self.points + np.asarray(offset, dtype=np.float64), self.faces, self.parts)
+        return replace(self, points=self.points + np.asarray(offset, dtype=np.float64))
 
     def mirrored(self) -> "Shape":
         """Return the mirror image in the plane y = 0, its faces still turned outward."""
-        return Shape(self.points * [1.0, -1.0, 1.0], self.faces[:, ::-1].copy(), self.parts)
+        st = None if self.st is None else self.st[:, ::-1].copy()
+        return Shape(self.points * [1.0, -1.0, 1.0], self.faces[:, ::-1].copy(), self.parts, st)
+
+    def coordinates(self) -> np.ndarray:
+        """Return the texture coordinates, zeros where there are none, shape [M, 3, 2]."""
+        return np.zeros((len(self.faces), 3, 2)) if self.st is None else self.st
 
 
 def join(shapes: Sequence[Shape]) -> Shape:
@@ -40,6 +47,7 @@ def join(shapes: Sequence[Shape]) -> Shape:
         np.concatenate([shape.points for shape in shapes]),
         np.concatenate([shape.faces + offset for shape, offset in zip(shapes, offsets, strict=True)]).astype(np.int32),
         np.concatenate([shape.parts for shape in shapes]),
+        np.concatenate([shape.coordinates() for shape in shapes]),
     )
 
 
@@ -50,7 +58,7 @@ def weld(shape: Shape) -> Shape:
     faces = inverse.reshape(-1)[shape.faces]
     points = shape.points[first]
     distinct = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
-    return Shape(points, faces[distinct].astype(np.int32), shape.parts[distinct])
+    return Shape(points, faces[distinct].astype(np.int32), shape.parts[distinct], shape.coordinates()[distinct])
 
 
 def quads(grid: np.ndarray, part: Callable[[int, int], str]) -> Shape:
@@ -142,44 +150,31 @@ def _hull_faces(points: np.ndarray) -> np.ndarray:
     return np.array(faces, dtype=np.int32)
 
 
-def wheel(radius: float, width: float, rim: float, spokes: int, segments: int = 20) -> Shape:
-    """Return one wheel about the y axis, outer side at +y, centred on the origin: a tyre and a dished rim with spokes.
+def pod(low: Sequence[float], high: Sequence[float], part: str, segments: int = 10, rings: int = 5) -> Shape:
+    """Return a closed box with rounded sides, a superellipsoid, such as the shell of a mirror.
 
     Args:
-        radius: Tyre radius [m]; a vertex lies exactly at the lowest point.
-        width: Tyre width [m].
-        rim: Rim radius [m].
-        spokes: Number of spokes; it divides `segments` into an even number of parts.
-        segments: Facets around the axis.
-
-    Returns:
-        A closed shape with parts `rubber` and `trim`.
-
-    Raises:
-        ValueError: If the spokes do not divide the facets.
+        low: Least corner [m], shape [3].
+        high: Greatest corner [m], shape [3].
+        part: Part name of every face.
+        segments: Facets around the x axis.
+        rings: Facets from the front to the rear end.
     """
-    if segments % (2 * spokes):
-        raise ValueError(
-            f"wheel: {spokes} spokes on {segments} segments; needed is a multiple of {2 * spokes}; change one"
-        )
-    half = width / 2
-    shoulder = min(0.03, radius - rim)
-    # (radius, y, y between the spokes) from the hub's outer centre over the tread to the inner centre.
-    profile = [
-        (0.0, half - 0.035, 0.0), (0.30 * rim, half - 0.045, 0.0), (0.34 * rim, half - 0.045, 0.085),
-        (0.88 * rim, half - 0.022, 0.085), (0.93 * rim, half - 0.022, 0.0), (rim, half - 0.012, 0.0),
-        (radius - shoulder, half, 0.0), (radius, half - shoulder, 0.0), (radius, -half, 0.0), (rim, -half, 0.0),
-        (0.0, -half, 0.0),
-    ]  # fmt: skip
-    angle = 2 * np.pi * np.arange(segments + 1) / segments - np.pi / 2
-    is_gap = ((np.arange(segments + 1) * 2 * spokes + segments) // segments) % 2 == 0
-    ring, y, dent = (np.array(column) for column in zip(*profile, strict=True))
-    angle[-1] = angle[0]
-    grid = np.empty((segments + 1, len(profile), 3))
-    grid[..., 0] = np.cos(angle)[:, None] * ring
-    grid[..., 1] = y - np.where(is_gap[:, None], dent, 0.0)
-    grid[..., 2] = np.sin(angle)[:, None] * ring
-    return weld(quads(grid, lambda _, b: "trim" if b < 5 or b > 8 else "rubber"))
+    centre = (np.asarray(low, dtype=np.float64) + high) / 2
+    half = (np.asarray(high, dtype=np.float64) - low) / 2
+    around = 2 * np.pi * (np.arange(segments + 1) + 0.5) / segments
+    around[-1] = around[0]
+    along = np.pi * np.arange(rings + 1) / rings
+
+    def bulge(value: np.ndarray) -> np.ndarray:
+        return np.sign(value) * np.sqrt(np.abs(np.where(np.abs(value) < 1e-12, 0.0, value)))
+
+    grid = np.empty((segments + 1, rings + 1, 3))
+    ring = bulge(np.sin(along))
+    grid[..., 0] = bulge(np.cos(along))
+    grid[..., 1] = bulge(np.sin(around))[:, None] * ring
+    grid[..., 2] = bulge(np.cos(around))[:, None] * ring
+    return weld(quads(centre + half * grid, lambda _, __: part))
 
 
 def corner_normals(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
