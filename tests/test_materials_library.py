@@ -18,13 +18,19 @@ from mmw.usd.validate import validate_stage
 SHIPPED = assets_dir() / "materials" / "materials.usda"
 
 NAMES = [
-    "asphalt", "road_marking", "concrete_sidewalk", "curb", "grass", "soil",
-    "marble_facade", "concrete_facade", "brick_facade", "glass_facade", "window_glass", "concrete_roof", "tile_roof",
+    "asphalt", "road_marking", "concrete_sidewalk", "curb", "grass", "soil", "manhole_cover", "drain_grate",
+    "marble_facade", "concrete_facade", "brick_facade", "glass_facade", "window_glass", "clear_pane",
+    "concrete_roof", "tile_roof",
     "metal_fascia", "concrete_structure",
-    "metal_pole", "wood", "foliage", "bark", "plastic", "sign_face", "traffic_light_metal",
+    "metal_pole", "wood", "foliage", "foliage_light", "foliage_dark", "bark", "plastic", "sign_face", "shop_sign",
+    "traffic_light_metal", "street_lamp_lens", "signal_red", "signal_amber", "signal_green",
     "car_paint_red", "car_paint_blue", "car_paint_white", "car_paint_black", "car_paint_silver", "car_paint_green",
-    "car_glass", "car_rubber", "car_light_front", "car_light_rear", "car_trim",
-    "skin", "hair", "cloth_navy", "cloth_grey", "cloth_red", "cloth_ochre", "cloth_white", "cloth_dark",
+    "car_paint_grey", "car_paint_graphite",
+    "car_glass", "car_rubber", "car_light_front", "car_light_rear", "car_light_brake", "car_light_clear",
+    "car_light_amber", "car_trim", "car_gloss", "car_mirror", "car_rim", "car_plate", "truck_lettering", "bus_sign",
+    "skin", "skin_light", "skin_dark", "lips", "hair", "hair_brown", "hair_fair",
+    "cloth_navy", "cloth_grey", "cloth_red", "cloth_ochre", "cloth_white", "cloth_olive", "cloth_teal", "cloth_dark",
+    "cloth_denim", "cloth_beige",
 ]  # fmt: skip
 
 PAPER_ROWS = {

@@ -1,5 +1,6 @@
 """Texture tiles, how materials use them, and the coordinates of town meshes."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +12,13 @@ from mmw.paths import assets_dir
 from mmw.town.texture_coordinates import GRID_M, texture_coordinates
 from mmw.usd.library import LIBRARY, TEXTURES
 from mmw.usd.materials import MaterialUse, read_material
-from mmw.usd.textures import SIZE, TILES, tile_pixels, write_tile
+from mmw.usd.pictures import PICTURES, mean_color
+from mmw.usd.textures import TILES, normal_pixels, roughness_scale, tile_pixels, write_tile
+from mmw.usd.town_pictures import TOWN_PICTURES
 
 FOLDER = assets_dir() / "materials" / TEXTURES
+OWN = [name for name, tile in TILES.items() if not tile.file]
+ALL_PICTURES = {**PICTURES, **TOWN_PICTURES}
 
 
 def linear(srgb: np.ndarray) -> np.ndarray:
@@ -26,17 +31,63 @@ def pixels(path: str | Path) -> np.ndarray:
         return np.asarray(image.convert("RGB"))
 
 
-@pytest.mark.parametrize("name", TILES)
+@pytest.mark.parametrize("name", OWN)
 def test_tile_is_what_the_builder_makes_and_its_mean_is_the_color(name: str, tmp_path) -> None:
     write_tile(tmp_path / "tile.png", TILES[name], LIBRARY[name].color)
     made, shipped = pixels(tmp_path / "tile.png"), pixels(FOLDER / f"{name}.png")
     assert np.abs(made.astype(int) - shipped.astype(int)).max() <= 1
     assert linear(shipped.astype(float)).mean(axis=(0, 1)) == pytest.approx(LIBRARY[name].color, rel=0.03)
-    assert (FOLDER / f"{name}.png").stat().st_size < 60_000
     assert shipped.std() > 1.0
+    if TILES[name].relief:
+        normals = pixels(FOLDER / f"{name}_normal.png")
+        assert np.abs(pixels(tmp_path / "tile_normal.png").astype(int) - normals.astype(int)).max() <= 4
+        vector = 2.0 * normals / 255.0 - 1.0
+        assert np.linalg.norm(vector, axis=2) == pytest.approx(1.0, abs=0.03) and vector[..., 2].min() > 0.0
+        assert np.abs(vector[..., :2].mean(axis=(0, 1))).max() < 0.1  # nearly level; roof tiles lean on the next row
+        assert vector[..., :2].std() > 0.01
 
 
-@pytest.mark.parametrize("name", TILES)
+def test_all_files_together_are_small_and_used() -> None:
+    files = {path.name for path in FOLDER.iterdir()}
+    expected = {f"{name}.png" for name in (*OWN, *ALL_PICTURES)}
+    expected |= {f"{name}_normal.png" for name in OWN if TILES[name].relief}
+    expected |= {f"{name}_light.png" for name, picture in ALL_PICTURES.items() if picture.light}
+    assert files == expected
+    assert sum(path.stat().st_size for path in FOLDER.iterdir()) < 6_500_000
+
+
+@pytest.mark.parametrize("name", [name for name, tile in TILES.items() if tile.file])
+def test_a_tinted_tile_has_the_color_of_its_material(name: str) -> None:
+    tile = TILES[name]
+    tinted = np.array(tile.tint) * LIBRARY[tile.file].color
+    assert tinted == pytest.approx(LIBRARY[name].color, rel=1e-6)
+
+
+@pytest.mark.parametrize("name", TOWN_PICTURES)
+def test_color_of_a_picture_is_its_mean_and_the_file_is_what_is_drawn(name: str) -> None:
+    assert LIBRARY[name].color == pytest.approx(mean_color(TOWN_PICTURES[name]), abs=2e-3)
+    assert np.abs(pixels(FOLDER / f"{name}.png").astype(int) - TOWN_PICTURES[name].draw().astype(int)).max() <= 1
+
+
+def test_normals_lean_away_from_a_slope() -> None:
+    """A tile whose surface rises to the right has normals that point left; one that rises upward, down."""
+    for axis in (0, 1):
+        slope = np.zeros((2, 8, 8))
+        slope[axis] = 0.5
+        vector = 2.0 * normal_pixels(replace(TILES["bark"], relief=lambda s=slope: s)) / 255.0 - 1.0
+        assert vector[..., axis] == pytest.approx(-0.5 / np.sqrt(1.25), abs=0.02)
+        assert vector[..., 1 - axis] == pytest.approx(0.0, abs=0.02)
+
+
+@pytest.mark.parametrize("name", [name for name, tile in TILES.items() if tile.roughness])
+def test_mean_roughness_is_that_of_the_material(name: str) -> None:
+    scale, bias = roughness_scale(TILES[name], LIBRARY[name].color, LIBRARY[name].roughness)
+    found = scale * pixels(FOLDER / f"{name}.png")[..., 0] / 255.0 + bias
+    assert found.mean() == pytest.approx(LIBRARY[name].roughness, abs=0.01)
+    assert 0.2 < found.min() < found.max() <= 1.3 and found.std() > 0.004
+
+
+@pytest.mark.parametrize("name", OWN)
 def test_tile_has_no_seam(name: str) -> None:
     """Steps across the border are not larger than the largest steps inside, up to a joint's."""
     index, palette = tile_pixels(TILES[name], LIBRARY[name].color)
@@ -52,11 +103,11 @@ def test_materials_use_their_tiles_and_readers_see_the_mean() -> None:
     for name, spec in LIBRARY.items():
         prim = stage.GetPrimAtPath(f"/Materials/{name}")
         color = UsdShade.Material(prim).ComputeSurfaceSource()[0].GetInput("diffuseColor")
-        assert color.HasConnectedSource() == (name in TILES)
+        assert color.HasConnectedSource() == (name in TILES or name in ALL_PICTURES)
         if name in TILES:
             source = color.GetConnectedSources()[0][0].source.GetPrim()
             file = source.GetAttribute("inputs:file").Get()
-            assert file.resolvedPath and pixels(file.resolvedPath).shape == (SIZE, SIZE, 3)
+            assert file.resolvedPath and pixels(file.resolvedPath).shape[2] == 3
             scale = stage.GetPrimAtPath(f"/Materials/{name}/Repeat").GetAttribute("inputs:scale").Get()
             assert scale[0] == pytest.approx(1.0 / TILES[name].size_m)
         assert read_material(stage, MaterialUse(name, str(prim.GetPath()), None)).color == pytest.approx(spec.color)

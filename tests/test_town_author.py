@@ -18,7 +18,7 @@ from mmw.usd.library import LIBRARY
 from mmw.usd.validate import validate_stage
 from tests import town_checks as checks
 
-ITU, ROUGHNESS = "mmw:radio:itu", "Preview.inputs:roughness"
+ITU = "mmw:radio:itu"
 
 
 def small_town() -> list[MeshPart]:
@@ -101,11 +101,6 @@ def test_weather_variant_wins_over_the_library(asset, weather):
         spec, path = LIBRARY[material], f"/Town/Materials/{material}"
         wanted = spec.radio.itu if weather == "sunny" else "itu_wet_ground"
         assert value(stage, f"{path}.{ITU}") == wanted
-        roughness, color = value(stage, f"{path}/{ROUGHNESS}"), value(stage, f"{path}/Preview.inputs:diffuseColor")
-        if weather == "sunny":
-            assert roughness == pytest.approx(spec.roughness) and np.allclose(color, spec.color)
-        else:
-            assert roughness < spec.roughness and np.all(np.array(color) < spec.color)
     assert value(stage, f"/Town/Materials/marble_facade.{ITU}") == "itu_marble"
     assert validate_stage(stage) == []
 
@@ -117,9 +112,14 @@ def test_weather_can_be_the_users_own(tmp_path):
     assert value(stage, f"/Town/Materials/asphalt.{ITU}") == "itu_concrete"
 
 
-def test_rainy_and_foggy_are_equally_wet_for_radio_but_not_for_cameras(asset):
-    rough = [value(open_stage(asset, w), f"/Town/Materials/asphalt/{ROUGHNESS}") for w in ("sunny", "foggy", "rainy")]
-    assert rough[0] > rough[1] > rough[2] > 0
+def test_no_weather_changes_a_look(asset):
+    """A camera darkens and smooths what is wet itself, from the state of the weather."""
+    looks = []
+    for weather in SHIPPED_WEATHER:
+        stage = open_stage(asset, weather)
+        shaders = [prim for prim in stage.Traverse() if prim.IsA(UsdShade.Shader)]
+        looks.append({str(a.GetPath()): repr(a.Get()) for prim in shaders for a in prim.GetAttributes()})
+    assert len(looks[0]) > 100 and all(look == looks[0] for look in looks[1:])
 
 
 def test_same_parts_give_the_same_bytes(tmp_path):

@@ -87,16 +87,17 @@ def test_weld_keeps_the_order_of_first_use():
 
 @pytest.mark.parametrize("windows", ["punched", "ribbon", "curtain"])
 @pytest.mark.parametrize("door", [False, True])
-def test_facade_cells_fill_the_wall_exactly_and_share_their_edges(windows, door):
+@pytest.mark.parametrize("is_plain", [False, True])
+def test_facade_cells_fill_the_wall_exactly_and_share_their_edges(windows, door, is_plain):
     style = BuildingStyle(windows=windows)
     grid = facade_cells(style, 23.0, 5, -1.5, 0.0, 0.9, door, True)
-    meshes = solids.wall_cells((3, 1), (3 + 23 * 0.6, 1 + 23 * 0.8), *grid)
+    meshes = solids.wall_cells((3, 1), (3 + 23 * 0.6, 1 + 23 * 0.8), *grid, is_plain=is_plain)
     top = height_of(style, 5) + 0.9
     assert sum(solids.area(mesh) for mesh in meshes.values()) == pytest.approx(23.0 * (top + 1.5), rel=1e-12)
     whole = solids.merge(meshes.values())
     assert np.allclose(normals(whole), [0.8, -0.6, 0])
-    corners = 2 * (len(grid[0]) + len(grid[1]) - 2)
-    assert open_edges(whole) == 2 * corners // 2  # only the outline of the wall is open: no T-vertex, no gap
+    outline = 4 if is_plain else 2 * (len(grid[0]) + len(grid[1]) - 2)
+    assert open_edges(whole) == outline  # only the outline of the wall is open: no T-vertex, no gap
     assert 0.1 < solids.area(meshes[GLASS]) / solids.area(whole) < 0.95
     assert meshes[WALL].points[:, 2].min() == -1.5
     assert set(meshes) == ({0, 1, 2} if door else {0, 1})

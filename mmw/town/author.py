@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from pxr import Gf, Kind, Sdf, Usd, UsdGeom, Vt
+from pxr import Kind, Sdf, Usd, UsdGeom, Vt
 
 from mmw.paths import assets_dir
 from mmw.town.block_description import TownWeather
@@ -18,22 +18,22 @@ from mmw.town.lane_prims import write_lanes
 from mmw.town.lanes import LaneGraph
 from mmw.town.parked_prims import ParkedCar, write_parked
 from mmw.town.parts import MeshPart
-from mmw.town.texture_coordinates import texture_coordinates
+from mmw.town.picture_coordinates import picture_coordinates
+from mmw.town.smooth_normals import part_normals
+from mmw.town.texture_coordinates import indexed, texture_coordinates
 from mmw.town.walks import Walk, write_walks
 from mmw.usd import schema
 from mmw.usd.library import LIBRARY
 from mmw.usd.save import save_layers
-from mmw.usd.specs import new_mesh, new_prim, set_label, set_texture_coordinates
+from mmw.usd.specs import new_mesh, new_prim, set_label, set_normals, set_texture_coordinates
 from mmw.usd.textures import TILES
 from mmw.vehicles.catalog import load_catalog
 
 ROOT = Sdf.Path("/Town")
 GROUND_MATERIALS = ("asphalt", "road_marking", "concrete_sidewalk", "curb", "grass", "soil")
-"""Materials that rain and fog make wet."""
+"""Materials whose radio attributes the weather variants override."""
 
 PAYLOAD = "geometry.usdc"
-WET_DARKENING = 0.45  # share of the diffuse colour that full wetness takes [-], design value
-WET_SMOOTHING = 0.65  # share of the roughness that full wetness takes [-], design value
 
 
 def metres_z_up(stage: Usd.Stage) -> None:
@@ -49,8 +49,14 @@ def _author_mesh(layer: Sdf.Layer, path: Sdf.Path, part: MeshPart) -> Sdf.PrimSp
         known = ", ".join(sorted(LIBRARY))
         raise ValueError(f"{path}: material {part.material!r}; the library holds {known}; use one of them")
     mesh = new_mesh(layer, path, part.points, part.faces, ROOT.AppendPath(f"Materials/{part.material}"))
-    if part.material in TILES:
+    corners = picture_coordinates(part)
+    if corners is not None:
+        set_texture_coordinates(mesh, *indexed(corners.reshape(-1, 2)))
+    elif part.material in TILES:
         set_texture_coordinates(mesh, *texture_coordinates(part.points, part.faces))
+    normals = part_normals(part)
+    if normals is not None:
+        set_normals(mesh, normals)
     return mesh
 
 
@@ -90,7 +96,10 @@ def _author_component(layer: Sdf.Layer, path: Sdf.Path, parts: Sequence[MeshPart
 
 
 def _author_weather(stage: Usd.Stage, weather: Mapping[str, TownWeather], materials: Sequence[str]) -> None:
-    """Write the variant set `weather`, which makes the given library materials wet; the first weather is selected."""
+    """Write the variant set `weather`, which gives materials the radio row of wet ground; the first one is selected.
+
+    Looks are the same in all variants: a camera darkens and smooths what is wet itself.
+    """
     prim = stage.GetPrimAtPath(ROOT)
     variants = prim.GetVariantSets().AddVariantSet("weather")
     for name, state in weather.items():
@@ -104,30 +113,16 @@ def _author_weather(stage: Usd.Stage, weather: Mapping[str, TownWeather], materi
                 attribute = prim.CreateAttribute(f"mmw:weather:{key}", Sdf.ValueTypeNames.Float)
                 attribute.Set(value)
                 attribute.SetDocumentation(doc)
-            for material in materials:
-                _author_wet_ground(stage, material, state)
+            for material in materials if state.ground_itu else ():
+                _author_ground(stage, material, state.ground_itu)
     variants.SetVariantSelection(next(iter(weather)))
 
 
-def _author_wet_ground(stage: Usd.Stage, material: str, state: TownWeather) -> None:
-    spec = LIBRARY[material]
-    path = ROOT.AppendPath(f"Materials/{material}")
-    if state.ground_itu:
-        prim = stage.OverridePrim(path)
-        for key, value in (("model", "itu"), ("itu", state.ground_itu)):
-            attribute = schema.RADIO_ATTRIBUTES[key]
-            prim.CreateAttribute(attribute.name, attribute.type_name, False, attribute.variability).Set(value)
-    if state.wetness:
-        shader = stage.OverridePrim(path.AppendChild("Preview"))
-        color = Gf.Vec3f(*(round(c * (1 - WET_DARKENING * state.wetness), 4) for c in spec.color))
-        shader.CreateAttribute("inputs:diffuseColor", Sdf.ValueTypeNames.Color3f, False).Set(color)
-        roughness = round(spec.roughness * (1 - WET_SMOOTHING * state.wetness), 4)
-        shader.CreateAttribute("inputs:roughness", Sdf.ValueTypeNames.Float, False).Set(roughness)
-        if material in TILES:
-            texture = stage.OverridePrim(path.AppendChild("Texture"))
-            shade = round(1 - WET_DARKENING * state.wetness, 4)
-            scale = Gf.Vec4f(shade, shade, shade, 1.0)
-            texture.CreateAttribute("inputs:scale", Sdf.ValueTypeNames.Float4, False).Set(scale)
+def _author_ground(stage: Usd.Stage, material: str, itu: str) -> None:
+    prim = stage.OverridePrim(ROOT.AppendPath(f"Materials/{material}"))
+    for key, value in (("model", "itu"), ("itu", itu)):
+        attribute = schema.RADIO_ATTRIBUTES[key]
+        prim.CreateAttribute(attribute.name, attribute.type_name, False, attribute.variability).Set(value)
 
 
 def interface_layer(
@@ -140,7 +135,7 @@ def interface_layer(
         parts: All meshes, for the extent.
         payload: File name of the payload, which will lie beside the layer.
         weather: Variant name -> state; the first is the default.
-        wet: Library materials that the weather makes wet.
+        wet: Library materials whose radio attributes the weather overrides.
     """
     layer = Sdf.Layer.CreateAnonymous(f"{name}.usda")
     stage = Usd.Stage.Open(layer)

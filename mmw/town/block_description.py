@@ -150,6 +150,7 @@ class PropsSection(Section):
     lines: tuple[PropLine, ...] = Field((), description="fences, hedges and guard rails along lines (list)")
     signalled: tuple[str, ...] = Field((), description="junctions with a traffic light at every approach (names)")
     give_way: tuple[str, ...] = Field((), description="junctions with signs on lanes that give way (names)")
+    crown_detail: int = Field(3, ge=2, le=4, description="fineness of crowns near roads; 2 for many trees (number)")
     scattered_trees: int = Field(0, ge=0, description="trees over the open land between buildings (count)")
     fences: bool = Field(False, description="whether houses get a fence along the street (flag)")
 
@@ -160,7 +161,6 @@ class TownWeather(Section):
     rain_rate_mm_h: float = Field(0.0, ge=0, description="rain rate [mm/h]")
     visibility_m: float = Field(20_000.0, gt=0, description="meteorological optical range [m]")
     ground_itu: str = Field("", description="radio material of the ground; empty keeps the library's (name)")
-    wetness: float = Field(0.0, ge=0, le=1, description="0 dry to 1 wet: ground is darker, smoother (fraction)")
 
 
 def _variant(weather: Weather) -> TownWeather:
@@ -169,7 +169,6 @@ def _variant(weather: Weather) -> TownWeather:
         rain_rate_mm_h=weather.rain_mm_h,
         visibility_m=round(rain_visibility(weather.rain_mm_h), -1) if weather.rain_mm_h else weather.visibility_m,
         ground_itu="itu_wet_ground" if weather.has_wet_ground else "",
-        wetness=weather.wetness,
     )
 
 

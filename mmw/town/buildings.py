@@ -70,7 +70,7 @@ def _walls(
     for side, (start, end) in enumerate(zip(ring, np.roll(ring, -1, axis=0), strict=True)):
         length = float(np.linalg.norm(end - start))
         grid = facade_cells(style, length, storeys, foot, floor, crown, ground and side == 0, ground)
-        meshes = wall_cells(start, end, *grid)
+        meshes = wall_cells(start, end, *grid, is_plain=True)
         for kind, name in ((WALL, "facade"), (GLASS, "glass"), (DOOR, "door")):
             if kind in meshes:
                 out[name].append(meshes[kind])
@@ -160,7 +160,7 @@ def build_building(
         balconies(style, plan, floor, base, rng, out)
     material = {
         "facade": style.facade, "glass": style.glass, "door": style.door, "roof": style.roof, "chimney": "brick_facade",
-        "structure": "concrete_structure", "metal": "metal_fascia", "awning": awning, "sign": "plastic",
+        "structure": "concrete_structure", "metal": "metal_fascia", "awning": awning, "sign": "shop_sign",
         "forecourt": "concrete_sidewalk",
     }  # fmt: skip
     label = {"forecourt": "sidewalk"}

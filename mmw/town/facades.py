@@ -58,13 +58,14 @@ def facade_cells(
         ground: Whether the lowest storey has the height of a ground storey.
 
     Returns:
-        Borders across (fractions) [C + 1], heights [m] [H + 1], kinds `WALL | GLASS | DOOR` [H, C].
+        Borders across (fractions) [C + 1], heights [m] [H + 1], kinds `WALL | GLASS | DOOR` [H, C]; the lowest row
+        ends at the floor where there is a door, else at the sill.
     """
     across, windows = window_columns(style, width)
     entrance = -1
     if door:
         across, windows, entrance = _with_door(across, windows, width)
-    heights = [foot, floor]
+    heights = [foot, floor] if door else [foot]  # without one, nothing tells the wall below the floor from that above
     level = floor
     for storey in range(storeys):
         tall = style.ground_storey_m if ground and storey == 0 else style.storey_m
@@ -74,7 +75,7 @@ def facade_cells(
         level += tall
     heights.append(level + crown)
     kinds = np.full((len(heights) - 1, len(across) - 1), WALL)
-    kinds[2:-1:2] = np.where(windows, GLASS, WALL)
+    kinds[2 if door else 1 : -1 : 2] = np.where(windows, GLASS, WALL)
     if door and style.shop_front:
         kinds[2, 1:-1] = GLASS
     if door:

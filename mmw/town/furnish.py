@@ -22,6 +22,9 @@ LARGE_AREA = 20.0
 """Plan of a prop above which others keep clear of all of it, not only of its middle [m^2]."""
 HEADROOM = 4.5
 """What is higher than this above the ground may stand over a carriageway [m]: the height that trucks are given."""
+FAR_M = 15.0
+"""Distance from the carriageway beyond which a tree's crown is one step coarser, `COARSEST` at least [m]."""
+COARSEST = 2
 PANEL_GAP = 0.02
 """Least gap between two panels of a line [m], so that their ends do not lie in one plane."""
 
@@ -288,11 +291,15 @@ def furnish(
         add_trees(furniture, [area], space.trees, 3.0, rng)
     rest = [shapely.difference(block, shapely.union_all(spaces)) for block in blocks]
     add_trees(furniture, rest, section.scattered_trees, 4.5, rng)
-    return _build(furniture.spots, ground, rng)
+    return _build(furniture.spots, ground, rng, section.crown_detail, carriageway)
 
 
-def _build(spots: Sequence[Spot], ground: Ground, rng: np.random.Generator) -> list[MeshPart]:
-    """Return the meshes of all spots; the members of a row share one prop."""
+def _build(
+    spots: Sequence[Spot], ground: Ground, rng: np.random.Generator, detail: int, carriageway: shapely.Geometry
+) -> list[MeshPart]:
+    """Return the meshes of all spots; the members of a row share one prop, and trees far from roads are coarser."""
+    at = shapely.points(np.array([spot.xy for spot in spots]).reshape(-1, 2))
+    is_far = np.asarray(shapely.distance(at, carriageway)) > FAR_M
     counts: Counter[str] = Counter()
     names: dict[tuple[str, int], str] = {}
     heights = ground.height(*np.array([spot.xy for spot in spots]).reshape(-1, 2).T)
@@ -302,7 +309,8 @@ def _build(spots: Sequence[Spot], ground: Ground, rng: np.random.Generator) -> l
         if key not in names:
             counts[spot.kind] += 1
             names[key] = f"{spot.kind}_{counts[spot.kind]:03d}"
-        for part in build_prop(names[key], spot.kind, (*spot.xy, float(z)), spot.yaw, rng):
+        fine = max(detail - 1, COARSEST) if is_far[number] else detail
+        for part in build_prop(names[key], spot.kind, (*spot.xy, float(z)), spot.yaw, rng, fine):
             parts.setdefault(part.path, []).append(part)
     return [
         replace(same[0], **merge(Mesh(part.points, part.faces) for part in same)._asdict())

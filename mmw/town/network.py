@@ -15,6 +15,7 @@ from mmw.town.junctions import Arm, build_pad, find_trims, sort_arms
 from mmw.town.lanes import LaneGraph
 from mmw.town.loops import enclosed, link_chains
 from mmw.town.parts import MeshPart
+from mmw.town.road_details import add_road_details
 from mmw.town.roads import RoadBody, RoadEnd, build_road
 from mmw.town.roundabouts import expand_roundabouts
 from mmw.town.section import make_section
@@ -151,6 +152,7 @@ def build_network(description: TownDescription) -> RoadNetwork:
     check_clearance(structures, _surfaces(parts))
     lines = {name: body.centre_line for name, body in bodies.items()}
     kerbs = [loop[:, 0][np.any(loop[:, 0] != np.roll(loop[:, 0], 1, axis=0), axis=1)] for loop in loops]
+    parts = add_road_details(parts, bodies, graph)
     return RoadNetwork(parts, graph, carriageway, corridor, lines, kerbs, terrain, outlines, loops, structures)
 
 

@@ -13,7 +13,8 @@ from mmw.town.gas_station import gas_canopy, gas_shop, price_sign
 from mmw.town.parts import MeshPart
 from mmw.town.pieces import ROOT, Piece, PropMaker, pole, upright
 from mmw.town.solids import Mesh, ball, beam, box, circle, lathe, merge, place, prism, weld
-from mmw.town.street_props import advertising_column, cycle_rack, guard_rail, planter
+from mmw.town.street_props import advertising_column, cycle_rack, guard_rail
+from mmw.town.trees import broadleaf_tree, hedge, oak, planter, spruce
 
 FENCE_LENGTH = 6.0
 """Length of a fence panel [m]; design value."""
@@ -24,56 +25,12 @@ PANEL_LENGTH = {"fence": FENCE_LENGTH, "field_fence": FENCE_LENGTH, "hedge": 4.0
 
 def street_lamp(rng: np.random.Generator) -> list[Piece]:
     """Return a lamp post of 8 m with an arm over the kerb."""
-    post = merge([pole(8.0, 0.12, 0.06), beam((0, 0, 7.9), (1.6, 0, 8.3), 0.08)])
+    post = lathe([(0.17, -ROOT), (0.17, 0.9), (0.11, 1.0), (0.06, 8.0)], 6)
     return [
-        ("post", post, "metal_pole", "pole"),
-        ("lantern", box((0.75, 0.28, 0.12), (1.85, 0, 8.33)), "plastic", "pole"),
+        ("post", merge([post, beam((0, 0, 7.9), (1.6, 0, 8.3), 0.08)]), "metal_pole", "pole"),
+        ("lantern", box((0.75, 0.28, 0.10), (1.85, 0, 8.34)), "traffic_light_metal", "pole"),
+        ("lens", box((0.55, 0.20, 0.04), (1.88, 0, 8.28)), "street_lamp_lens", "pole"),
     ]
-
-
-def broadleaf_tree(rng: np.random.Generator) -> list[Piece]:
-    """Return a street tree, 6 to 8 m tall, with a crown of at most 1.7 m radius."""
-    height, crown = rng.uniform(6.0, 8.0), rng.uniform(1.3, 1.7)
-    below = 2.4
-    middle = 0.5 * (below + height)
-    tall = height - below
-    shape = [(0.0, below), (crown, below + 0.3 * tall), (0.78 * crown, below + 0.74 * tall), (0.0, height)]
-    foliage = lathe(shape, 5)
-    return [
-        ("trunk", lathe([(0.18, -ROOT), (0.0, middle)], 4), "bark", "vegetation"),
-        ("crown", foliage, "foliage", "vegetation"),
-    ]
-
-
-def oak(rng: np.random.Generator) -> list[Piece]:
-    """Return a broad tree for open land, 8 to 12 m tall."""
-    height, crown = rng.uniform(8.0, 12.0), rng.uniform(2.6, 3.8)
-    lobes = [ball((crown, crown, 0.3 * height), (0, 0, 0.66 * height), 7, 4)]
-    angle = rng.uniform(0, 2 * np.pi)
-    offset = 0.55 * crown * np.array([np.cos(angle), np.sin(angle)])
-    lobes.append(ball((0.7 * crown, 0.7 * crown, 0.2 * height), (*offset, 0.5 * height), 5, 3))
-    return [
-        ("trunk", lathe([(0.32, -ROOT), (0.0, 0.7 * height)], 5), "bark", "vegetation"),
-        ("crown", merge(lobes), "foliage", "vegetation"),
-    ]
-
-
-def spruce(rng: np.random.Generator) -> list[Piece]:
-    """Return a conifer of three stacked cones, 7 to 12 m tall."""
-    height, radius = rng.uniform(7.0, 12.0), rng.uniform(1.5, 2.2)
-    cones = [
-        lathe([(radius * (1 - 0.22 * i), height * (0.14 + 0.25 * i)), (0.0, height * (0.55 + 0.225 * i))], 7)
-        for i in range(3)
-    ]
-    return [
-        ("trunk", lathe([(0.2, -ROOT), (0.15, 0.2 * height)], 6), "bark", "vegetation"),
-        ("crown", merge(cones), "foliage", "vegetation"),
-    ]
-
-
-def hedge(rng: np.random.Generator) -> list[Piece]:
-    """Return a clipped hedge, 4 m along y."""
-    return [("leaves", box((0.7, 4.0, 1.1 + ROOT), (0, 0, 0.5 * (1.1 - ROOT))), "foliage", "vegetation")]
 
 
 def bench(rng: np.random.Generator) -> list[Piece]:
@@ -102,65 +59,103 @@ def bollard(rng: np.random.Generator) -> list[Piece]:
     return [("body", lathe([(0.08, -0.3), (0.08, 0.85), (0.0, 0.95)], 6), "metal_pole", "pole")]
 
 
-def _sign(outline: np.ndarray, height: float, inner: float) -> list[Piece]:
-    """Return a post that carries a metal plate, red on its front, with a white field.
+def _sign(name: str, outline: np.ndarray, height: float) -> list[Piece]:
+    """Return a post that carries a metal plate with a sign on its front.
 
     Args:
+        name: Sign, one of `mmw.usd.town_pictures.SIGNS`.
         outline: Border of the plate (y, z) about its middle [m], shape [K, 2].
         height: Height of the plate's middle [m].
-        inner: Size of the white field, as a share of the plate's; 0 for none.
     """
-    red = upright(prism(0.98 * outline, 0.01, 0.03))
-    pieces = [
+    face = upright(prism(0.98 * outline, 0.01, 0.03))
+    return [
         ("plate", place(upright(prism(outline, 0.0, 0.02)), (0.045, 0, height)), "metal_pole", "traffic_sign"),
-        ("red", place(red, (0.045, 0, height)), "car_paint_red", "traffic_sign"),
+        (name, place(face, (0.045, 0, height)), "sign_face", "traffic_sign"),
         ("post", lathe([(0.04, -ROOT), (0.04, height + 0.3)], 5), "metal_pole", "pole"),
     ]
-    if inner:
-        field = upright(prism(inner * outline, 0.02, 0.04))
-        pieces.insert(2, ("field", place(field, (0.045, 0, height)), "sign_face", "traffic_sign"))
-    return pieces
+
+
+def _rectangle(width: float, height: float) -> np.ndarray:
+    return 0.5 * np.array([[-width, -height], [width, -height], [width, height], [-width, height]])
 
 
 def give_way_sign(rng: np.random.Generator) -> list[Piece]:
     """Return a triangle that stands on its tip."""
-    return _sign(circle(0.52, 3, -0.5 * np.pi), 2.4, 0.68)
+    return _sign("give_way", circle(0.52, 3, -0.5 * np.pi), 2.4)
 
 
 def stop_sign(rng: np.random.Generator) -> list[Piece]:
     """Return an octagon."""
-    return _sign(circle(0.42, 8, np.pi / 8), 2.4, 0.0)
+    return _sign("stop", circle(0.42, 8, np.pi / 8), 2.4)
 
 
 def speed_sign(rng: np.random.Generator) -> list[Piece]:
-    """Return a disc of eight sides."""
-    return _sign(circle(0.35, 8, np.pi / 8), 2.3, 0.76)
+    """Return a round sign of 50 km/h."""
+    return _sign("speed_50", circle(0.35, 12, np.pi / 12), 2.3)
+
+
+def slow_sign(rng: np.random.Generator) -> list[Piece]:
+    """Return a round sign of 30 km/h."""
+    return _sign("speed_30", circle(0.35, 12, np.pi / 12), 2.3)
+
+
+def no_entry_sign(rng: np.random.Generator) -> list[Piece]:
+    """Return a round sign with a bar."""
+    return _sign("no_entry", circle(0.35, 12, np.pi / 12), 2.3)
+
+
+def priority_sign(rng: np.random.Generator) -> list[Piece]:
+    """Return a square that stands on its corner."""
+    return _sign("priority", circle(0.42, 4, 0.0), 2.4)
+
+
+def parking_sign(rng: np.random.Generator) -> list[Piece]:
+    """Return a blue square with a P."""
+    return _sign("parking", _rectangle(0.6, 0.6), 2.4)
+
+
+def crossing_sign(rng: np.random.Generator) -> list[Piece]:
+    """Return a blue square that shows a person on a zebra crossing."""
+    return _sign("crossing", _rectangle(0.6, 0.6), 2.4)
+
+
+def one_way_sign(rng: np.random.Generator) -> list[Piece]:
+    """Return a blue square with an arrow."""
+    return _sign("one_way", _rectangle(0.6, 0.6), 2.4)
 
 
 def street_name_sign(rng: np.random.Generator) -> list[Piece]:
     """Return two name plates across each other."""
-    plates = [box((0.03, 1.0, 0.22), (0, 0.45, 2.7)), box((1.0, 0.03, 0.22), (0.45, 0, 2.95))]
     return [
-        ("plate", merge(plates), "sign_face", "traffic_sign"),
+        ("mill_street", box((0.03, 1.0, 0.22), (0, 0.45, 2.7)), "sign_face", "traffic_sign"),
+        ("linden_road", box((1.0, 0.03, 0.22), (0.45, 0, 2.95)), "sign_face", "traffic_sign"),
         ("post", lathe([(0.04, -ROOT), (0.04, 3.1)], 6), "metal_pole", "pole"),
     ]
 
 
-def _lights(at: Sequence[float]) -> tuple[Mesh, Mesh, Mesh]:
-    """Return the case, the red lens, and the two dark lenses below it, of a signal head that looks along +x."""
-    case = box((0.28, 0.36, 1.05), at)
-    lenses = [box((0.06, 0.24, 0.24), (at[0] + 0.165, at[1], at[2] + dz)) for dz in (0.32, 0.0, -0.32)]
-    return case, lenses[0], merge(lenses[1:])
+def _lights(at: Sequence[float]) -> tuple[Mesh, list[Mesh]]:
+    """Return the case with visors, and the lenses from the top, of a signal head that looks along +x."""
+    x, y, z = at
+    angle = np.radians([-15.0, 55.0, 125.0, 195.0])
+    arc = np.column_stack([np.cos(angle), np.sin(angle)])
+    visor = upright(prism(np.concatenate([0.14 * arc, 0.125 * arc[::-1]]), 0.13, 0.33))
+    lens = upright(prism(circle(0.11, 8, np.pi / 8), 0.12, 0.165))
+    lamps = [(x, y, z + dz) for dz in (0.32, 0.0, -0.32)]
+    return merge([box((0.28, 0.36, 1.05), at), *(place(visor, lamp) for lamp in lamps)]), [
+        place(lens, lamp) for lamp in lamps
+    ]
 
 
 def traffic_light(rng: np.random.Generator) -> list[Piece]:
     """Return a signal at the kerb with a second head on an arm of 4 m over the lanes (towards -y, bottom at 5.6 m)."""
-    heads = [_lights((0.15, 0, 3.0)), _lights((0.15, -4.0, 6.15))]
+    cases, lenses = zip(_lights((0.15, 0, 3.0)), _lights((0.15, -4.0, 6.15)), strict=True)
     post = merge([pole(6.6, 0.11, 0.08), beam((0, 0, 6.4), (0, -4.2, 6.5), 0.1)])
     return [
-        ("heads", merge(case for case, _, _ in heads), "traffic_light_metal", "traffic_light"),
-        ("red", merge(red for _, red, _ in heads), "car_light_rear", "traffic_light"),
-        ("dark", merge(dark for _, _, dark in heads), "plastic", "traffic_light"),
+        ("heads", merge(cases), "traffic_light_metal", "traffic_light"),
+        *(
+            (color, merge(lens[k] for lens in lenses), f"signal_{color}", "traffic_light")
+            for k, color in enumerate(("red", "amber", "green"))
+        ),
         ("post", post, "metal_pole", "pole"),
     ]
 
@@ -172,7 +167,7 @@ def bus_shelter(rng: np.random.Generator) -> list[Piece]:
     seat = [box((0.4, 3.0, 0.06), (-0.4, 0, 0.5)), *(box((0.06, 0.06, 0.47), (-0.4, y, 0.235)) for y in (-1.2, 1.2))]
     return [
         ("frame", merge([*posts, box((1.5, 4.2, 0.12), (0.0, 0, 2.46))]), "metal_pole", "static"),
-        ("panes", merge(panes), "window_glass", "static"),
+        ("panes", merge(panes), "clear_pane", "static"),
         ("seat", merge(seat), "wood", "static"),
     ]
 
@@ -209,18 +204,27 @@ PROPS: dict[str, PropMaker] = {
     maker.__name__: maker
     for maker in (
         street_lamp, broadleaf_tree, oak, spruce, hedge, bench, litter_bin, hydrant, bollard, give_way_sign, stop_sign,
-        speed_sign, street_name_sign, traffic_light, bus_shelter, kiosk, fence, monument, gas_canopy, gas_shop,
+        speed_sign, slow_sign, no_entry_sign, priority_sign, parking_sign, crossing_sign, one_way_sign,
+        street_name_sign, traffic_light, bus_shelter, kiosk, fence, monument, gas_canopy, gas_shop,
         price_sign, silo, barn, wooden_barn, hay_bales, field_fence, water_tower, advertising_column, planter,
         cycle_rack, guard_rail,
     )
 }  # fmt: skip
 """Kind -> maker."""
 
-VARIED = ("broadleaf_tree", "oak", "spruce", "silo")
+TREES = {maker.__name__: maker for maker in (broadleaf_tree, oak, spruce)}
+"""Kinds whose fineness can be chosen."""
+
+VARIED = (*TREES, "silo")
 """Kinds whose size is random."""
 
+CROWN_DETAIL = 3
+"""Fineness of the crowns of trees: 180 triangles for a broad-leaved one; 2 gives 80."""
 
-def build_prop(name: str, kind: str, at: Sequence[float], yaw: float, rng: np.random.Generator) -> list[MeshPart]:
+
+def build_prop(
+    name: str, kind: str, at: Sequence[float], yaw: float, rng: np.random.Generator, detail: int = CROWN_DETAIL
+) -> list[MeshPart]:
     """Return the meshes of one prop.
 
     Args:
@@ -229,13 +233,17 @@ def build_prop(name: str, kind: str, at: Sequence[float], yaw: float, rng: np.ra
         at: Position on the ground in the town frame [m], shape [3].
         yaw: Direction of the prop's x axis, counter-clockwise from east [rad].
         rng: Varies the size of plants and silos.
+        detail: Fineness of the crowns of trees, as `CROWN_DETAIL`.
 
     Raises:
         ValueError: If the kind is unknown.
     """
     if kind not in PROPS:
         raise ValueError(f"props: kind {kind!r}; known kinds are: {', '.join(sorted(PROPS))}; use one of them")
-    pieces = PROPS[kind](rng) if kind in VARIED else _fixed(kind)
+    if kind in TREES:
+        pieces = TREES[kind](rng, detail)
+    else:
+        pieces = PROPS[kind](rng) if kind in VARIED else _fixed(kind)
     return [
         MeshPart(f"Props/{name}/{piece}", *place(mesh, at, yaw), material, label)
         for piece, mesh, material, label in pieces

@@ -159,6 +159,7 @@ def wall_cells(
     across: np.ndarray,
     heights: np.ndarray,
     kinds: np.ndarray,
+    is_plain: bool = False,
 ) -> dict[int, Mesh]:
     """Return a vertical wall cut into a grid of cells, one mesh for each kind of cell.
 
@@ -170,6 +171,8 @@ def wall_cells(
         across: Cell borders along the wall as fractions, increasing from 0 to 1, shape [C + 1].
         heights: Cell borders upward [m], increasing, shape [H + 1].
         kinds: Kind of every cell, shape [H, C]; negative cells are left out.
+        is_plain: Whether the border of the wall has no vertices but its four corners, if all outer cells are of one
+            kind: for a wall that shares no edge of cells with another mesh.
 
     Returns:
         Kind -> mesh, with the vertices that it uses.
@@ -182,11 +185,33 @@ def wall_cells(
     row, column = np.meshgrid(np.arange(len(heights) - 1), np.arange(columns - 1), indexing="ij")
     corner = row * columns + column
     corners = np.stack([corner, corner + 1, corner + columns + 1, corner + columns], axis=-1)
+    is_ring = np.ones(kinds.shape, bool)
+    is_ring[1:-1, 1:-1] = False
+    ring = np.zeros((0, 3), int)
+    frame = int(kinds[0, 0])
+    if is_plain and min(kinds.shape) > 2 and frame >= 0 and (kinds[is_ring] == frame).all():
+        ring = _ring(np.arange(len(points)).reshape(-1, columns))
     meshes = {}
-    for kind in np.unique(kinds[kinds >= 0]):
-        used, faces = np.unique(corners[kinds == kind], return_inverse=True)
-        meshes[int(kind)] = quads(points[used], faces.reshape(-1, 4))
+    for kind in np.unique(kinds[kinds >= 0]).tolist():
+        cells = corners[(kinds == kind) & ~(is_ring & (len(ring) > 0))]
+        pairs = np.stack([cells[:, [0, 1, 2]], cells[:, [0, 2, 3]]], axis=1).reshape(-1, 3)
+        used, faces = np.unique(np.concatenate([pairs, ring if kind == frame else ring[:0]]), return_inverse=True)
+        meshes[kind] = Mesh(points[used], faces.reshape(-1, 3).astype(np.int32))
     return meshes
+
+
+def _ring(index: np.ndarray) -> np.ndarray:
+    """Return triangles between the corners of a grid of vertices [H, C] and all vertices next to its border, [N, 3]."""
+    inner = index[1:-1, 1:-1]
+    sides = (inner[0], inner[:, -1], inner[-1, ::-1], inner[::-1, 0])  # counter-clockwise, from the foot
+    ends = (index[0, 0], index[0, -1], index[-1, -1], index[-1, 0])
+    faces = []
+    for side, first, last in zip(sides, ends, (*ends[1:], ends[0]), strict=True):
+        middle = len(side) // 2
+        faces += [(side[k], first, side[k + 1]) for k in range(middle)]
+        faces += [(side[middle], first, last)]
+        faces += [(side[k], last, side[k + 1]) for k in range(middle, len(side) - 1)]
+    return np.array(faces)
 
 
 def area(mesh: Mesh) -> float:

@@ -1,9 +1,9 @@
-"""Small things along city streets: advertising columns, planters, cycle racks, guard rails."""
+"""Small things along city streets: advertising columns, cycle racks, guard rails."""
 
 import numpy as np
 
 from mmw.town.pieces import ROOT, Piece
-from mmw.town.solids import ball, box, lathe, merge
+from mmw.town.solids import box, lathe, merge
 
 
 def advertising_column(rng: np.random.Generator) -> list[Piece]:
@@ -12,14 +12,6 @@ def advertising_column(rng: np.random.Generator) -> list[Piece]:
         ("body", lathe([(0.62, 0.25), (0.62, 3.05)], 10), "plastic", "static"),
         ("base", lathe([(0.70, -ROOT), (0.70, 0.3)], 10), "concrete_structure", "static"),
         ("cap", lathe([(0.78, 3.0), (0.78, 3.15), (0.0, 3.5)], 10), "metal_pole", "static"),
-    ]
-
-
-def planter(rng: np.random.Generator) -> list[Piece]:
-    """Return a round concrete tub with a shrub."""
-    return [
-        ("tub", lathe([(0.55, -0.2), (0.75, 0.65)], 8), "concrete_structure", "static"),
-        ("shrub", ball((0.68, 0.68, 0.55), (0.0, 0.0, 0.9), 7, 4), "foliage", "vegetation"),
     ]
 
 

@@ -8,6 +8,9 @@ LEVEL = 0.9
 GRID_M = 1.0e-3
 """Coordinates are rounded to this [m]."""
 
+PICTURE_GRID = 1.0 / 4096.0
+"""Coordinates of pictures are rounded to this."""
+
 
 def texture_coordinates(points: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
     """Return texture coordinates in metres, the same scale on every face, without a seam inside a plane.
@@ -38,7 +41,19 @@ def texture_coordinates(points: np.ndarray, faces: np.ndarray) -> tuple[np.ndarr
     keyed, first, inverse = np.unique(np.column_stack([vertex, steps]), axis=0, return_index=True, return_inverse=True)
     if len(keyed) == len(points) and np.array_equal(keyed[:, 0], np.arange(len(points))):
         return (keyed[:, 1:] * GRID_M).astype(np.float32), None
-    order = np.argsort(first)  # by first use
+    return _by_first_use(keyed[:, 1:] * GRID_M, first, inverse)
+
+
+def indexed(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the different ones of the coordinates of all corners [C, 2], shape [K, 2], float32, and an index [C]."""
+    steps = np.round(corners / PICTURE_GRID).astype(np.int64)
+    keyed, first, inverse = np.unique(steps, axis=0, return_index=True, return_inverse=True)
+    return _by_first_use(keyed * PICTURE_GRID, first, inverse)
+
+
+def _by_first_use(values: np.ndarray, first: np.ndarray, inverse: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return values in the order of their first use, float32, and the index of each use, int32."""
+    order = np.argsort(first)
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
-    return (keyed[order, 1:] * GRID_M).astype(np.float32), rank[inverse.reshape(-1)].astype(np.int32)
+    return values[order].astype(np.float32), rank[inverse.reshape(-1)].astype(np.int32)

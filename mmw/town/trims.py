@@ -11,12 +11,13 @@ from mmw.town.pieces import upright
 from mmw.town.plans import Plan
 from mmw.town.roofs import Meshes
 from mmw.town.solids import Mesh, box, prism, quads
+from mmw.usd.town_pictures import SHOP_ASPECT
 
 BELT = (0.12, 0.14)  # overhang, half the height [m]
 SUNK = 0.05  # how far an attached body reaches into the wall [m]
 AWNING = (1.3, 0.4)
 """Reach and drop of a shop's awning [m]; design values."""
-SIGN_REACH = 0.2
+SIGN_REACH, SIGN_GAP = 0.2, 0.12
 BALCONY = (1.3, 0.18, 1.0)
 """Reach, thickness of the slab and height of the parapet of a balcony [m]; design values."""
 RAIL = 0.1
@@ -56,7 +57,7 @@ def entrance(style: BuildingStyle, plan: Plan, foot: float, floor: float, out: M
 
 
 def shop_front(style: BuildingStyle, plan: Plan, floor: float, out: Meshes) -> None:
-    """Add a sign and an awning over the windows of the ground storey, on the front."""
+    """Add signboards and an awning over the windows of the ground storey, on the front."""
     (start, front), (end, _) = plan.ring()[:2]
     head = floor + style.ground_storey_m - style.head_m
     x0, x1 = start + 0.35, end - 0.35
@@ -67,9 +68,11 @@ def shop_front(style: BuildingStyle, plan: Plan, floor: float, out: Meshes) -> N
     out["awning"].append(upright(prism(section + np.array([front, head]), x0, x1)))
     tall = style.head_m - 0.24
     if tall > 0.15:
-        size = (x1 - x0, SIGN_REACH + SUNK, tall)
-        middle = (0.5 * (x0 + x1), front - 0.5 * (SIGN_REACH - SUNK), head + 0.07 + 0.5 * tall)
-        out["sign"].append(box(size, middle))
+        count = max(1, round((x1 - x0) / (SHOP_ASPECT * tall)))
+        for k in range(count):
+            size = ((x1 - x0) / count - SIGN_GAP, SIGN_REACH + SUNK, tall)
+            x = x0 + (k + 0.5) * (x1 - x0) / count
+            out["sign"].append(box(size, (x, front - 0.5 * (SIGN_REACH - SUNK), head + 0.07 + 0.5 * tall)))
 
 
 def balconies(

@@ -98,3 +98,10 @@ def set_texture_coordinates(mesh: Sdf.PrimSpec, st: np.ndarray, index: np.ndarra
     if index is not None:
         indices = Vt.IntArray.FromNumpy(np.ascontiguousarray(index, np.int32))
         set_value(mesh, "primvars:st:indices", Sdf.ValueTypeNames.IntArray, indices)
+
+
+def set_normals(mesh: Sdf.PrimSpec, normals: np.ndarray) -> None:
+    """Write the normals of a mesh: one a vertex, shape [N, 3], or one a corner of its triangles, shape [M, 3, 3]."""
+    array = Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(normals.reshape(-1, 3), np.float32))
+    set_value(mesh, "normals", Sdf.ValueTypeNames.Normal3fArray, array)
+    mesh.attributes["normals"].SetInfo("interpolation", "vertex" if normals.ndim == 2 else "faceVarying")
