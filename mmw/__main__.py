@@ -23,6 +23,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         from mmw.town_command import main as town_main
 
         return town_main(argv[1:], prog="mmw town")
+    if argv and argv[0] == "view":
+        from mmw.view_command import main as view_main
+
+        return view_main(argv[1:], prog="mmw view")
     if argv and argv[0] == "import":
         from mmw.import_command import main as import_main
 
@@ -34,6 +38,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     commands.add_parser("run", help="make a dataset (same as python -m mmw.run)")
     commands.add_parser("radiomap", help="trace path gain, RSS and SINR over the roads (picture: needs mmw[plot])")
     commands.add_parser("town", help="build, check and draw towns (building needs mmw[author], drawing mmw[plot])")
+    commands.add_parser("view", help="take one picture of a configuration or a town, without a run")
     commands.add_parser(
         "import", help="make a town of a Mitsuba, OpenDRIVE, OSM (mmw[author]), glTF, OBJ, PLY, STL or USD file"
     )
@@ -43,11 +48,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         "pictures", help="draw a dataset: town, street, every sensor, weathers side by side, a link (needs mmw[plot])"
     )
     pictures.add_argument("dataset", type=Path, help="dataset folder")
-    pictures.add_argument("--out", type=Path, default=Path("pictures"), help="folder for the PNG files")
+    pictures.add_argument("--out", type=Path, default=Path("pictures"), help="folder for the files")
     pictures.add_argument("--scenario", default="", help="scenario; the first by default")
     pictures.add_argument("--agent", default="", help="agent that is followed; the first CAV by default")
     pictures.add_argument("--frame", type=int, default=-1, help="frame; the first by default")
-    pictures.add_argument("--samples", type=int, default=2, help="rays a pixel in each direction, 1 is fastest")
+    pictures.add_argument("--samples", type=int, default=4, choices=(1, 4, 9), help="rays in a pixel on an edge")
     pictures.add_argument("--device", default="auto", help="auto, cpu or cuda:N")
     arguments = parser.parse_args(argv)
     work = {"verify": _verify, "pictures": _pictures}[arguments.command]

@@ -32,15 +32,15 @@ def main(argv: Sequence[str], prog: str = "mmw town") -> int:
     )  # fmt: skip
     render = commands.add_parser(
         "render", help="draw a town: from above, three streets, its lanes (needs mmw[plot])",
-        description="Draw a town, or any USD stage, as PNG: from above, three streets, and the map of its lanes.",
+        description="Draw a town, or any USD stage, by the RGB camera, from above and in three streets, and its lanes.",
     )  # fmt: skip
     render.add_argument("stage", help="USD file, or the name of a shipped town")
-    render.add_argument("--out", type=Path, default=Path("pictures"), help="folder for the PNG files")
+    render.add_argument("--out", type=Path, default=Path("pictures"), help="folder for the files")
     render.add_argument(
         "--at", nargs=4, type=float, action="append", default=[], metavar=("X", "Y", "Z", "YAW"),
         help="eye of a street view [m] and its direction [deg, counter-clockwise from east]; up to three times",
     )  # fmt: skip
-    render.add_argument("--samples", type=int, default=2, help="rays a pixel in each direction, 1 is fastest")
+    render.add_argument("--samples", type=int, default=4, choices=(1, 4, 9), help="rays in a pixel on an edge")
     render.add_argument("--device", default="auto", help="auto, cpu or cuda:N")
     arguments = parser.parse_args(argv)
     work = {"build": _build, "check": _check, "render": _render}[arguments.command]

@@ -11,6 +11,7 @@ from mmw.__main__ import main
 from mmw.paths import configs_dir
 from mmw.poses import pose_from_mount, transform_points
 from mmw.run import main as run
+from mmw.viewing import gallery
 from mmw.viewing.plots import POSE, plot_radar, read_rows, sensor_pose
 
 
@@ -30,9 +31,11 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_pictures_of_every_sensor_and_weather(
-    dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The radar is on the roadside unit, where there is no LiDAR, and has no power: both are drawn without."""
+    monkeypatch.setattr(gallery, "MAP_PX", 96)
+    monkeypatch.setattr(gallery, "STREET_PX", (96, 54))
     assert main(["pictures", str(dataset), "--out", str(tmp_path), "--agent", "cav_2", "--samples", "1"]) == 0
     files = [Path(line) for line in capsys.readouterr().out.splitlines()]
     assert {file.stem.removeprefix("town03_roundabout_") for file in files} == {

@@ -3,24 +3,44 @@
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from mmw.compute.device import choose_device
 from mmw.config import load_config
 from mmw.dataset import open_dataset
-from mmw.poses import rotate
 from mmw.prepare import stored_stage
 from mmw.scene import Scene
 from mmw.scene_reader import read_stage
 from mmw.tables.manifest import CONFIG, read_dataset
-from mmw.viewing.plots import plot_camera, plot_depth, plot_lidar, plot_link, plot_radar, read_rows
-from mmw.viewing.preview import look, map_view
+from mmw.viewing.jpeg import save_jpeg
+from mmw.viewing.plots import (
+    plot_camera,
+    plot_depth,
+    plot_lidar,
+    plot_link,
+    plot_radar,
+    plot_rgb,
+    read_rows,
+    segmented_cameras,
+)
+from mmw.viewing.preview import Pictures, follow_view, map_frame, street_camera
 from mmw.viewing.weather_plots import plot_lidar_weathers, plot_radar_weathers
 
 PICTURES = (
-    "above", "close", "street", "lidar", "lidar_weathers", "radar", "radar_weathers", "depth", "camera", "link",
+    "above", "close", "street", "lidar", "lidar_weathers", "radar", "radar_weathers", "rgb", "depth", "camera",
+    "link",
 )  # fmt: skip
 """Names of the pictures."""
+
+RENDERED = ("above", "close", "street")
+"""Those that the RGB camera takes, as JPEG files."""
+
+MAP_PX = 1200
+"""Side of the maps [px]."""
+
+STREET_PX = (1280, 720)
+"""Width and height of the street view [px]."""
+
+MOST_BYTES = 400_000
+"""Size of one of them at most [bytes]. Design value."""
 
 
 def make_gallery(
@@ -30,19 +50,19 @@ def make_gallery(
     scenario: str = "",
     agent: str = "",
     frame: int = -1,
-    samples: int = 2,
+    samples: int = 4,
     device: str = "auto",
 ) -> list[Path]:
     """Write pictures of one scenario of a dataset, in its first weather, and LiDAR and radar in all of them.
 
     Args:
         root: Dataset folder.
-        out: Folder for the PNG files.
+        out: Folder for the files.
         scenario: Scenario name; the first one if empty.
         agent: Whose sensors and link are shown, and who is followed in the street view; the first CAV if empty. Of a
             sensor that it does not carry the first agent's is shown.
         frame: Frame to show; the first one if negative.
-        samples: Rays a pixel in each direction, for the rendered pictures.
+        samples: Rays in a pixel on an edge, for the rendered pictures: 1, 4 or 9.
         device: Warp device that renders: `auto`, `cpu` or `cuda:N`.
 
     Returns:
@@ -51,8 +71,6 @@ def make_gallery(
     Raises:
         ValueError: If the folder is no dataset, or it does not hold the scenario, agent or frame.
     """
-    if samples < 1:
-        raise ValueError(f"samples = {samples}; a pixel needs at least 1 ray in each direction")
     read_dataset(root)
     config = load_config(root / CONFIG)
     names = [found.name for found in config.scenarios]
@@ -75,23 +93,25 @@ def make_gallery(
     if agent not in names:
         raise ValueError(f"{root}: scenario {scenario!r} has no agent {agent!r}; it has {', '.join(names[:8])}, ...")
     out.mkdir(parents=True, exist_ok=True)
-    low, high = arrays.points[:, :2].min(axis=0), arrays.points[:, :2].max(axis=0)
-    files = {name: out / f"{scenario}_{name}.png" for name in PICTURES}
-    town = map_view(scene, weather, (low + high) / 2, float((high - low).max()), width=1200, samples=samples)
-    town.save(files["above"])
+    files = {name: out / f"{scenario}_{name}.{'jpg' if name in RENDERED else 'png'}" for name in PICTURES}
+    pictures = Pictures(scene, {weather: config.air[weather].weather(weather)}, seed=config.seed)
     pose = arrays.poses[0, names.index(agent)]
-    map_view(scene, weather, pose[:2], 120.0, width=1000, samples=samples).save(files["close"])
-    heading = rotate(pose[3:], (1.0, 0.0, 0.0)) * (1.0, 1.0, 0.0)
-    side = np.array([-heading[1], heading[0], 0.0])
-    eye = pose[:3] - 9.0 * heading + 2.5 * side + (0, 0, 3.2)
-    look(scene, weather, eye, pose[:3] + 12.0 * heading + (0, 0, 1.0), samples=samples).save(files["street"])
+    town = pictures.map_view(weather, *map_frame(scene), width=MAP_PX, samples=samples)
+    close = pictures.map_view(weather, pose[:2], 120.0, width=MAP_PX, samples=samples)
+    street = pictures.look(weather, *follow_view(pose), street_camera(*STREET_PX, samples))
+    for name, image in zip(RENDERED, (town, close, street), strict=True):
+        save_jpeg(image, files[name], MOST_BYTES)
     tables = open_dataset(root).tables
     at = {"scenario": scenario, "weather": weather, "frame": frame}
     for table, plot in (("lidar", plot_lidar), ("radar", plot_radar), ("depth", plot_depth)):
         if table in tables:
             plot(root, scenario, weather, frame, _owner(root, table, agent, at), files[table])
-    if {"depth", "segmentation", "boxes_2d"} <= set(tables):
-        plot_camera(root, scenario, weather, frame, _owner(root, "segmentation", agent, at), files["camera"])
+    cameras = [owner for owner, _ in segmented_cameras(root, **at)]
+    if cameras:
+        plot_camera(root, scenario, weather, frame, agent if agent in cameras else cameras[0], files["camera"])
+    if "rgb" in tables:
+        owner = _owner(root, "rgb", agent, {"scenario": scenario, "weather": weather})
+        plot_rgb(root, scenario, config.weathers, frame, owner, files["rgb"])
     for table, plot in (("lidar", plot_lidar_weathers), ("radar", plot_radar_weathers)):
         if table in tables and len(config.weathers) > 1:
             owner = _owner(root, table, agent, at)

@@ -1,13 +1,15 @@
 """Plots of a dataset with matplotlib (extra `plot`): a LiDAR scan, a radar sample, images, a radio link over time."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow.dataset as ds
+from PIL import Image
 
 from mmw.poses import compose, invert, pose_from_ypr, transform_points
-from mmw.tables.encode import decode_depth, decode_instance
+from mmw.tables.encode import decode_depth, decode_instance, decode_rgb
 
 RADAR_LABELS = (("object", "o"), ("rain clutter", "s"), ("false alarm", "X"))
 """Names and markers of `radar.label`."""
@@ -151,13 +153,21 @@ def plot_radar(root: Path, scenario: str, weather: str, frame: int, agent: str, 
     figure.savefig(out, dpi=100)
 
 
+def segmented_cameras(root: Path, **where: Any) -> list[tuple[str, str]]:
+    """Return agent and name of the depth cameras that have a segmentation too, among rows with the given keys."""
+    found = [find_rows(root, table, ["agent", "sensor"], **where) for table in ("depth", "segmentation")]
+    depth, segmentation = (list(zip(rows["agent"], rows["sensor"], strict=True)) for rows in found)
+    return [camera for camera in depth if camera in segmentation]
+
+
 def plot_camera(root: Path, scenario: str, weather: str, frame: int, agent: str, out: Path) -> None:
     """Draw one depth image, its instance image and the 2-D boxes; solid: visible pixels, dashed: the whole body."""
     from matplotlib.colors import LogNorm, hsv_to_rgb
     from matplotlib.figure import Figure
     from matplotlib.patches import Rectangle
 
-    key = {"scenario": scenario, "weather": weather, "frame": frame, "agent": agent}
+    key: dict[str, Any] = {"scenario": scenario, "weather": weather, "frame": frame, "agent": agent}
+    key["sensor"] = segmented_cameras(root, **key)[0][1]
     depth = decode_depth(read_rows(root, "depth", ["image"], **key)["image"][0]["bytes"])
     instance = decode_instance(read_rows(root, "segmentation", ["instance"], **key)["instance"][0]["bytes"])
     # Steps of the golden ratio give neighbours in number unlike hues.
@@ -199,6 +209,44 @@ def plot_depth(root: Path, scenario: str, weather: str, frame: int, agent: str, 
     figure.colorbar(image, ax=axes, label="depth along the optical axis [m]", shrink=0.8)
     axes.set_title(f"{scenario}, {weather}, {agent}, frame {frame}")
     figure.savefig(out, dpi=100)
+
+
+def plot_rgb(root: Path, scenario: str, weathers: Sequence[str], frame: int, agent: str, out: Path) -> None:
+    """Write the images of all RGB cameras of an agent side by side, a row for each weather, as they are stored.
+
+    Args:
+        root: Dataset folder.
+        scenario: Scenario name.
+        weathers: Weathers from top to bottom.
+        frame: Frame; where a camera has none, its last image before it is taken, or else its first.
+        agent: Whose cameras.
+        out: PNG file.
+
+    Raises:
+        ValueError: If the agent has no RGB image in a weather.
+    """
+    rows = []
+    for weather in weathers:
+        key = {"scenario": scenario, "weather": weather, "agent": agent}
+        taken = read_rows(root, "rgb", ["sensor", "frame"], **key)
+        of_sensor: dict[str, list[int]] = {}
+        for sensor, number in zip(taken["sensor"], taken["frame"], strict=True):
+            of_sensor.setdefault(sensor, []).append(number)
+        images = []
+        for sensor, frames in of_sensor.items():
+            number = max((n for n in frames if n <= frame), default=min(frames))
+            cell = read_rows(root, "rgb", ["image"], **key, sensor=sensor, frame=number)["image"][0]
+            images.append(Image.fromarray(decode_rgb(cell["bytes"])))
+        rows.append(images)
+    width = max(sum(image.width for image in images) for images in rows)
+    heights = [max(image.height for image in images) for images in rows]
+    sheet = Image.new("RGB", (width, sum(heights)))
+    for images, top in zip(rows, np.cumsum([0, *heights[:-1]]).tolist(), strict=True):
+        left = 0
+        for image in images:
+            sheet.paste(image, (left, top))
+            left += image.width
+    sheet.save(out)
 
 
 def plot_link(root: Path, scenario: str, weather: str, agent: str, carrier_hz: float, out: Path) -> None:

@@ -1,132 +1,217 @@
-"""Preview pictures of a scene: from above or from an eye, coloured by material. For people, not a sensor."""
+"""Pictures of a scene for people, by the RGB camera: from an eye, from any camera, or from straight above."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
-import warp as wp
 from PIL import Image
 
-from mmw.kernels import preview
+from mmw.config import RgbConfig
+from mmw.lens import Intrinsics
+from mmw.poses import pose_from_ypr, rotate
+from mmw.random_keys import random_keys
 from mmw.scene import Scene
+from mmw.sensors.lens import intrinsics_of
+from mmw.sensors.rgb import RgbCamera
+from mmw.sensors.visibility_buffer import trace_samples
+from mmw.views import Views
+from mmw.weather import Weather
 
-SUN = (0.45, 0.35, 0.82)
-"""Direction of the sun, roughly south-east at 55 deg; not normalised."""
+MAP_HEIGHT = 10.0
+"""Height of the eye of a map over its middle, in sides of the map [-]: at the edge of any map a roof 30 m up is drawn
+1.5 m too far out. Design value: float32 still resolves millimetres from the 5 to 10 km above a town."""
 
-HAZE_M = 2500.0
-"""Distance over which the air takes 63 % of the contrast of a picture [m]: a clear day, a little thickened; design
-value. Maps have none."""
+MAP_VISIBILITY_M = 20_000.0
+"""Visibility of the air of a map, whose haze ends right over the ground besides [m]. Design value."""
 
-MIRROR = {"clear_glass": 0.12, "one_way_mirror": 0.35, "mirror": 0.9}
-"""Non-visual base -> reflectance at normal incidence in pictures [-]; design values, other materials are matt. A window
-mirrors more than its first surface (4 %), because the room behind it is dark."""
+MAP_FALLOFF_PER_M = 10.0
+"""Decay of that haze with height [1/m]. Design value."""
+
+STREET_FOV_DEG = 70.0
+"""Horizontal field of view of pictures from an eye [deg]. Design value."""
 
 
-def look(
-    scene: Scene,
-    weather: str,
-    eye: Sequence[float],
-    target: Sequence[float],
-    *,
-    fov_deg: float = 70.0,
-    width: int = 1280,
-    height: int = 720,
-    samples: int = 2,
-    slot: int = 0,
-) -> Image.Image:
-    """Return a pinhole picture of the scene.
+def street_camera(width: int = 1280, height: int = 720, samples: int = 4, fov_deg: float = STREET_FOV_DEG) -> RgbConfig:
+    """Return a camera for pictures from an eye: a pinhole.
 
     Args:
-        scene: Scene with a batch loaded.
-        weather: Weather whose colours are used.
-        eye: Position in the world [m].
-        target: Point that is in the middle of the picture [m]; not straight above or below the eye.
-        fov_deg: Horizontal field of view [deg].
         width: Image width [px].
         height: Image height [px].
-        samples: Rays a pixel in each direction.
-        slot: Slot of the frame.
+        samples: Rays in a pixel on an edge: 1, 4 or 9.
+        fov_deg: Horizontal field of view [deg].
+
+    Raises:
+        ValueError: If one of them is not possible.
     """
-    eye_w, forward = np.asarray(eye, float), np.asarray(target, float) - np.asarray(eye, float)
-    forward /= np.linalg.norm(forward)
-    right = np.cross(forward, (0.0, 0.0, 1.0))
-    right /= np.linalg.norm(right)
-    pixel = 2.0 * np.tan(np.radians(fov_deg) / 2.0) / width
-    lens = _lens(scene, eye_w, forward, right * pixel, np.cross(forward, right) * pixel, is_parallel=False)
-    return _render(scene, weather, lens, width, height, samples, slot)
+    return RgbConfig(width_px=width, height_px=height, samples=samples, fov_deg=fov_deg)
 
 
-def map_view(
-    scene: Scene,
-    weather: str,
-    center: Sequence[float],
-    size_m: float,
-    *,
-    width: int = 1280,
-    samples: int = 2,
-    slot: int = 0,
-) -> Image.Image:
-    """Return a square map: the scene from straight above, north up.
+def look_pose(eye: Sequence[float] | np.ndarray, target: Sequence[float] | np.ndarray) -> np.ndarray:
+    """Return the pose of a camera at `eye` that looks at `target`, shape [7].
+
+    It does not roll; straight above the target north is up.
+
+    Raises:
+        ValueError: If the target is where the eye is.
+    """
+    way = np.asarray(target, dtype=float) - np.asarray(eye, dtype=float)
+    level, length = float(np.hypot(way[0], way[1])), float(np.linalg.norm(way))
+    if not length > 0.0:
+        raise ValueError(f"eye and target are both {list(map(float, eye))}; a view needs a direction; move one of them")
+    yaw = np.arctan2(way[1], way[0]) if level > 1e-9 * length else 0.5 * np.pi
+    return pose_from_ypr(eye, yaw, np.arctan2(-way[2], level))
+
+
+def follow_view(pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the eye that follows an actor, over its left shoulder, and the point that it looks at, both [3].
 
     Args:
-        scene: Scene with a batch loaded.
-        weather: Weather whose colours are used.
-        center: x and y of the middle, world frame [m].
-        size_m: Side of the map [m].
-        width: Side of the image [px].
-        samples: Rays a pixel in each direction.
-        slot: Slot of the frame.
+        pose: Of the actor, to the world, shape [7].
     """
-    eye = np.array([center[0], center[1], 300.0])
-    pixel = size_m / width
-    lens = _lens(scene, eye, (0, 0, -1), (pixel, 0, 0), (0, -pixel, 0), is_parallel=True)
-    return _render(scene, weather, lens, width, width, samples, slot)
+    heading = rotate(pose[3:], (1.0, 0.0, 0.0)) * (1.0, 1.0, 0.0)
+    side = np.array([-heading[1], heading[0], 0.0])
+    return pose[:3] - 9.0 * heading + 2.5 * side + (0.0, 0.0, 3.2), pose[:3] + 12.0 * heading + (0.0, 0.0, 1.0)
 
 
-def _lens(
-    scene: Scene,
-    eye: np.ndarray,
-    forward: Sequence[float],
-    right: Sequence[float],
-    down: Sequence[float],
-    *,
-    is_parallel: bool,
-) -> preview.Lens:
-    lens = preview.Lens()
-    lens.eye = wp.vec3(*(eye - scene.origin))
-    lens.forward, lens.right, lens.down = wp.vec3(*forward), wp.vec3(*right), wp.vec3(*down)
-    lens.is_parallel = is_parallel
-    lens.t_max = 5000.0
-    return lens
+def map_frame(scene: Scene) -> tuple[np.ndarray, float]:
+    """Return the middle [m], shape [2], and the side [m] of a map of the whole town."""
+    low, high = scene.arrays.points[:, :2].min(axis=0), scene.arrays.points[:, :2].max(axis=0)
+    return 0.5 * (low + high), float((high - low).max())
 
 
-def _render(
-    scene: Scene, weather: str, lens: preview.Lens, width: int, height: int, samples: int, slot: int
-) -> Image.Image:
-    materials = scene.arrays.materials[weather]
-    light = preview.Light()
-    light.sun = wp.normalize(wp.vec3(*SUN))
-    light.haze_m = HAZE_M if not lens.is_parallel else 1.0e9
-    color = np.array([material.color for material in materials], dtype=np.float32)
-    light.color = wp.array(color, dtype=wp.vec3, device=scene.device)
-    mirror = np.array([MIRROR.get(material.nonvisual_base, 0.0) for material in materials], dtype=np.float32)
-    light.mirror = wp.array(mirror, dtype=float, device=scene.device)
-    image = wp.empty((height, width), dtype=wp.vec3, device=scene.device)
-    wp.launch(
-        preview.preview_kernel,
-        dim=(height, width),
-        inputs=[scene.struct, slot, lens, light, samples],
-        outputs=[image],
-        device=scene.device,
-        block_dim=64,
-    )
-    return Image.fromarray(to_srgb(image.numpy()))
+class Pictures:
+    """Takes pictures of a scene. Textures and skies are loaded once."""
 
+    def __init__(self, scene: Scene, weathers: Mapping[str, Weather], *, seed: int = 0):
+        """Load textures and bake the skies.
 
-def to_srgb(linear: np.ndarray) -> np.ndarray:
-    """Return linear colour as 8-bit sRGB, values above 1 clipped.
+        Args:
+            scene: Town and vehicles, with a batch loaded.
+            weathers: Weather name -> values; the scene was read for each of them.
+            seed: Of clouds and rain.
 
-    Source: IEC 61966-2-1.
-    """
-    value = np.clip(linear, 0.0, 1.0)
-    encoded = np.where(value <= 0.0031308, 12.92 * value, 1.055 * np.power(value, 1.0 / 2.4) - 0.055)
-    return np.rint(encoded * 255.0).astype(np.uint8)
+        Raises:
+            ValueError: If the scene was not read for a weather, or a texture cannot be decoded.
+        """
+        self._scene = scene
+        self._weathers = dict(weathers)
+        self._seed = seed
+
+    @cached_property
+    def _camera(self) -> RgbCamera:
+        return RgbCamera(self._scene, self._weathers, seed=self._seed)
+
+    @cached_property
+    def _map_camera(self) -> RgbCamera:
+        """The same under air that is clear from high up."""
+        clear = {
+            name: replace(
+                weather,
+                rain_mm_h=0.0,
+                visibility_m=max(weather.visibility_m, MAP_VISIBILITY_M),
+                lwc_g_m3=None,
+                fog_start_m=0.0,
+                fog_falloff_per_m=MAP_FALLOFF_PER_M,
+            )
+            for name, weather in self._weathers.items()
+        }
+        return RgbCamera(self._scene, clear, seed=self._seed)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a user should know of the textures, one line each."""
+        return tuple(self._camera.notes)
+
+    def look(
+        self,
+        weather: str,
+        eye: Sequence[float] | np.ndarray,
+        target: Sequence[float] | np.ndarray,
+        config: RgbConfig,
+        *,
+        slot: int = 0,
+    ) -> Image.Image:
+        """Return a picture from an eye that nobody carries.
+
+        Args:
+            weather: One of the weathers.
+            eye: Position in the world [m].
+            target: Point in the middle of the picture [m]; not the eye itself.
+            config: The camera, such as a `street_camera`.
+            slot: Slot of the frame.
+
+        Raises:
+            ValueError: If the target is where the eye is.
+        """
+        views = self._standing(look_pose(eye, target), slot)
+        return Image.fromarray(self.take(views, config)[weather][0])
+
+    def map_view(
+        self, weather: str, center: Sequence[float] | np.ndarray, size_m: float, *,
+        width: int = 1280, samples: int = 4, slot: int = 0,
+    ) -> Image.Image:  # fmt: skip
+        """Return a square map: the scene from high above, north up, without fog and rain.
+
+        Args:
+            weather: One of the weathers, for the sun and the ground.
+            center: x and y of the middle, world frame [m].
+            size_m: Side of the map at the ground [m].
+            width: Side of the image [px].
+            samples: Rays in a pixel on an edge: 1, 4 or 9.
+            slot: Slot of the frame.
+        """
+        ground = float(self._scene.arrays.points[:, 2].min()) if len(self._scene.arrays.points) else 0.0
+        height = MAP_HEIGHT * size_m
+        eye = np.array([center[0], center[1], ground + height])
+        views = self._standing(look_pose(eye, eye - (0.0, 0.0, 1.0)), slot)
+        focal = width * MAP_HEIGHT
+        intrinsics = Intrinsics(width, width, focal, focal, 0.5 * width, 0.5 * width)
+        config = RgbConfig(width_px=width, height_px=width, samples=samples)
+        return Image.fromarray(self._render(self._map_camera, views, intrinsics, 1.01 * height, config)[weather][0])
+
+    def take(
+        self,
+        views: Views,
+        config: RgbConfig,
+        keys: Mapping[str, np.ndarray] | None = None,
+        lens_keys: np.ndarray | None = None,
+    ) -> dict[str, np.ndarray]:
+        """Return what a camera sees from several views, weather -> sRGB, shape [A, H, W, 3], uint8.
+
+        Args:
+            views: Where it looks from.
+            config: The camera.
+            keys: Weather -> random numbers of each view, shape [A, 2], uint32; by weather and frame alone if absent.
+            lens_keys: Random numbers of each view's lens, shape [A, 2], uint32; the same for all if absent.
+        """
+        return self._render(self._camera, views, intrinsics_of(config), config.range_m, config, keys, lens_keys)
+
+    def _render(
+        self,
+        camera: RgbCamera,
+        views: Views,
+        intrinsics: Intrinsics,
+        range_m: float,
+        config: RgbConfig,
+        keys: Mapping[str, np.ndarray] | None = None,
+        lens_keys: np.ndarray | None = None,
+    ) -> dict[str, np.ndarray]:
+        buffer = trace_samples(self._scene, views, intrinsics, range_m, camera.cut_outs)
+        if keys is None:
+            keys = {
+                name: random_keys((self._seed, name, int(frame), row) for row, frame in enumerate(views.frame))
+                for name in self._weathers
+            }
+        if lens_keys is None:
+            lens_keys = random_keys((self._seed, "lens") for _ in range(len(views)))
+        return {name: images.rgb.numpy() for name, images in camera.render(buffer, config, keys, lens_keys).items()}
+
+    def _standing(self, pose: np.ndarray, slot: int) -> Views:
+        return Views(
+            frame=np.array([self._scene.batch_frames[slot]], dtype=np.int64),
+            slot=np.array([slot], dtype=np.int32),
+            actor=np.array([-1], dtype=np.int32),
+            pose=pose[None],
+            ignore=np.array([-1], dtype=np.int32),
+        )

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import warp as wp
-from PIL import Image
 
 from mmw.compute.device import choose_device
 from mmw.inspect.world import open_world
@@ -15,8 +14,10 @@ from mmw.scene import Scene
 from mmw.scene_reader import WEATHER, read_stage
 from mmw.town.lanes import LaneGraph
 from mmw.usd.open import open_stage
+from mmw.viewing.jpeg import save_jpeg
 from mmw.viewing.lane_map import plot_lanes
-from mmw.viewing.preview import look, map_view
+from mmw.viewing.preview import Pictures, map_frame, street_camera
+from mmw.weather import PRESETS, Weather
 
 STREETS = 3
 """Street views of a town."""
@@ -41,23 +42,27 @@ MOST_CANDIDATES = 240
 
 FOV_DEG = 75.0
 
+MOST_BYTES = 190_000
+"""Size of a JPEG file at most [bytes], so that documents stay small. Design value."""
+
 View = tuple[float, float, float, float]
 """Eye x, y, z [m], and the direction of view, counter-clockwise from east [deg]."""
 
 
 def draw_town(
-    path: Path, out: Path, *, views: Sequence[View] = (), samples: int = 2, device: str = "auto"
+    path: Path, out: Path, *, views: Sequence[View] = (), samples: int = 4, device: str = "auto"
 ) -> list[Path]:
-    """Write the pictures of a town, or of any other stage at its start.
+    """Write the pictures of a town, or of any other stage at its start, as the RGB camera sees it.
 
-    The files are `<name>_above.png`, `<name>_street1.png` to `3`, and, for a stage with lanes, `<name>_lanes.png`.
-    Equal stages give equal pictures. Without given views, those that see most distinct objects are taken.
+    The files are `<name>_above.jpg`, `<name>_street1.jpg` to `3`, and, for a stage with lanes, `<name>_lanes.png`.
+    Equal stages give equal pictures. Without given views, those that see most distinct objects are taken. The stage's
+    selected weather is drawn, with the values of the preset of its name.
 
     Args:
         path: USD file.
-        out: Folder for the PNG files.
+        out: Folder for the files.
         views: Street views instead of the chosen ones, at most three.
-        samples: Rays a pixel in each direction.
+        samples: Rays in a pixel on an edge: 1, 4 or 9.
         device: Warp device that renders: `auto`, `cpu` or `cuda:N`.
 
     Returns:
@@ -66,25 +71,23 @@ def draw_town(
     Raises:
         ValueError: If the stage cannot be read, a mesh has no radio material, or there are more than three views.
     """
-    if samples < 1:
-        raise ValueError(f"samples = {samples}; a pixel needs at least 1 ray in each direction")
     if len(views) > STREETS:
         raise ValueError(f"{len(views)} views are given; a town has {STREETS}; leave some out")
     weather = selected_weather(path)
     arrays = read_stage(path, range(1), [weather])
     scene = Scene(arrays, choose_device(device), 1)
     scene.load_batch([0])
+    pictures = Pictures(scene, {weather: PRESETS.get(weather, Weather())})
     lanes = open_world(path).lanes
     out.mkdir(parents=True, exist_ok=True)
-    low, high = arrays.points[:, :2].min(axis=0), arrays.points[:, :2].max(axis=0)
-    files = [out / f"{path.stem}_above.png"]
-    size = float((high - low).max())
-    _save(map_view(scene, weather, (low + high) / 2, size, width=WIDTH_PX, samples=samples), files[0])
+    files = [out / f"{path.stem}_above.jpg"]
+    above = pictures.map_view(weather, *map_frame(scene), width=WIDTH_PX, samples=samples)
+    save_jpeg(above, files[0], MOST_BYTES)
+    camera = street_camera(WIDTH_PX, HEIGHT_PX, samples, FOV_DEG)
     for number, view in enumerate(views or choose_views(scene, lanes), start=1):
-        eye, way = np.array(view[:3]), _direction(view[3])
-        image = look(scene, weather, eye, eye + way, fov_deg=FOV_DEG, width=WIDTH_PX, height=HEIGHT_PX, samples=samples)
-        files.append(out / f"{path.stem}_street{number}.png")
-        _save(image, files[-1])
+        eye, way = np.array(view[:3]), view_direction(view[3])
+        files.append(out / f"{path.stem}_street{number}.jpg")
+        save_jpeg(pictures.look(weather, eye, eye + way, camera), files[-1], MOST_BYTES)
     if lanes is not None:
         files.append(out / f"{path.stem}_lanes.png")
         plot_lanes(lanes, arrays, path.stem, files[-1])
@@ -149,7 +152,7 @@ def _ring(scene: Scene) -> list[View]:
 def _score(scene: Scene, view: np.ndarray) -> float:
     """Return how many objects a view sees, and three for every semantic class; less where something is close by."""
     u, v = np.meshgrid(np.linspace(-1.0, 1.0, GRID[0]), np.linspace(-1.0, 1.0, GRID[1]))
-    forward, half = _direction(view[3]), np.tan(np.radians(FOV_DEG) / 2.0)
+    forward, half = view_direction(view[3]), np.tan(np.radians(FOV_DEG) / 2.0)
     right = np.array([forward[1], -forward[0], 0.0]) / np.hypot(*forward[:2])
     up = np.cross(right, forward)
     way = forward + half * (u[..., None] * right + HEIGHT_PX / WIDTH_PX * v[..., None] * up)
@@ -179,13 +182,8 @@ def _cast(scene: Scene, origin: np.ndarray, way: np.ndarray, t_max: float) -> tu
     return found["t"].astype(np.float64), found["object_id"]
 
 
-def _direction(yaw_deg: float) -> np.ndarray:
+def view_direction(yaw_deg: float) -> np.ndarray:
     """Return a unit direction that falls a little, so that the road takes half of the picture and more."""
     yaw, rise = np.radians(yaw_deg), -0.03
     way = np.array([np.cos(yaw), np.sin(yaw), rise])
     return way / np.linalg.norm(way)
-
-
-def _save(image: Image.Image, path: Path) -> None:
-    """Write a PNG of 256 colours without dither, a third of the bytes: shaded surfaces have few."""
-    image.quantize(256, dither=Image.Dither.NONE).save(path, optimize=True)
