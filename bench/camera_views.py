@@ -1,0 +1,82 @@
+"""Scenes and views that the camera benchmarks share: a scenario's town and traffic, the paper's cameras."""
+
+import tempfile
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from bench.scenes import grid_town, with_vehicles
+from mmw.config import RgbConfig, load_config
+from mmw.config.rgb import paper_cameras
+from mmw.prepare import prepare_scenario, read_scenario
+from mmw.recording.launches import Launch, make_launches
+from mmw.scene import Scene
+from mmw.scene_arrays import SceneArrays
+from mmw.sensors.rgb import RgbCamera
+from mmw.weather import PRESETS
+
+SCENARIOS = {
+    "town03": "town03_roundabout",
+    "town05": "town05_cbd_crossroad",
+    "town07": "town07_crossroad",
+    "town10": "town10_crossroad",
+}
+"""Town -> the shipped scenario that stands for it."""
+
+CARRIERS = 3
+"""Vehicles with cameras in the procedural town, as many as a scenario has."""
+
+
+def camera_scene(name: str, frames: int, vehicles: int, weathers: Sequence[str]) -> SceneArrays:
+    """Return a scene with moving vehicles.
+
+    Args:
+        name: `grid`, the procedural town with its 40 vehicles, or a town of `SCENARIOS`, with the real models and the
+            traffic of its scenario.
+        frames: Frames from 0 on.
+        vehicles: Vehicles of a scenario.
+        weathers: Presets.
+
+    Raises:
+        ValueError: If the scenario cannot be made with so many vehicles.
+    """
+    if name == "grid":
+        arrays = with_vehicles(grid_town(), frames)
+        actors = tuple(replace(a, role="cav") if i < CARRIERS else a for i, a in enumerate(arrays.actors))
+        return replace(arrays, actors=actors, materials=dict.fromkeys(weathers, arrays.materials["sunny"]))
+    path = Path(__file__).resolve().parent.parent / "configs" / "scenarios" / f"{SCENARIOS[name]}.yaml"
+    config = load_config(
+        path,
+        [
+            f"frames.count={frames}", f"weathers=[{', '.join(weathers)}]",
+            f"scenarios.0.traffic.vehicle_count={vehicles}",
+        ],
+    )  # fmt: skip
+    scenario = config.scenarios[0]
+    with tempfile.TemporaryDirectory(prefix="mmw_bench_") as folder:
+        return read_scenario(config, scenario, prepare_scenario(config, scenario, path.parent, Path(folder)))
+
+
+def rgb_camera(scene: Scene, weathers: Sequence[str]) -> RgbCamera:
+    """Return what renders images of a scene in some presets."""
+    return RgbCamera(scene, {name: PRESETS[name] for name in weathers}, seed=0)
+
+
+def launch_of(arrays: SceneArrays, frames: int, settings: RgbConfig, most_views: int | None = None) -> Launch:
+    """Return the views of the paper's cameras in all frames: four on each CAV, one on each roadside unit.
+
+    Args:
+        arrays: The scene.
+        frames: Frames from 0 on.
+        settings: Everything about the cameras but who carries them and where.
+        most_views: Take only so many views, the first of them.
+    """
+    cameras = [
+        settings.model_copy(update={"name": camera.name, "on": camera.on, "mount": camera.mount})
+        for camera in paper_cameras()
+    ]
+    (launch,) = make_launches(arrays, cameras, range(frames))
+    if most_views is not None and most_views < len(launch.views):
+        side = settings.width_px * settings.height_px
+        launch = next(iter(launch.pieces(most_views * side)))
+    return launch
