@@ -6,8 +6,8 @@ wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "
 
 
 @wp.func
-def pack_unit(vector: wp.vec3) -> wp.uint32:
-    """Return a unit vector in 32 bits, within 4e-5: its octahedral projection in steps of 2 / 65,534.
+def octahedral(vector: wp.vec3) -> wp.vec2:
+    """Return the octahedral projection of a vector, -1 to 1 each: the lower half is folded outwards.
 
     Source: Z. H. Cigolle et al., "A Survey of Efficient Representations for Independent Unit Vectors", JCGT 3(2), 2014.
     """
@@ -18,8 +18,15 @@ def pack_unit(vector: wp.vec3) -> wp.uint32:
         folded = (1.0 - wp.abs(y)) * wp.where(x >= 0.0, 1.0, -1.0)
         y = (1.0 - wp.abs(x)) * wp.where(y >= 0.0, 1.0, -1.0)
         x = folded
-    a = wp.uint32(int(wp.rint(x * 32767.0)) + 32768)
-    b = wp.uint32(int(wp.rint(y * 32767.0)) + 32768)
+    return wp.vec2(x, y)
+
+
+@wp.func
+def pack_unit(vector: wp.vec3) -> wp.uint32:
+    """Return a unit vector in 32 bits, within 4e-5: its octahedral projection in steps of 2 / 65,534."""
+    at = octahedral(vector)
+    a = wp.uint32(int(wp.rint(at[0] * 32767.0)) + 32768)
+    b = wp.uint32(int(wp.rint(at[1] * 32767.0)) + 32768)
     return (a << wp.uint32(16)) | b
 
 

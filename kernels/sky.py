@@ -6,6 +6,8 @@ They are baked on the host, once a weather (`mmw.sensors.sky.make_sky`).
 
 import warp as wp
 
+from mmw.kernels.packing import octahedral
+
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": True})
 
 BLURS = wp.constant(5)
@@ -45,22 +47,6 @@ def lerp3(a: wp.vec3, b: wp.vec3, t: float) -> wp.vec3:
 
 
 @wp.func
-def map_coordinates(direction: wp.vec3) -> wp.vec2:
-    """Return the octahedral coordinates of a direction, -1 to 1 each: the lower half is folded outwards.
-
-    Source: Z. H. Cigolle et al., "A Survey of Efficient Representations for Independent Unit Vectors", JCGT 3(2), 2014.
-    """
-    scale = 1.0 / (wp.abs(direction[0]) + wp.abs(direction[1]) + wp.abs(direction[2]))
-    x = direction[0] * scale
-    y = direction[1] * scale
-    if direction[2] < 0.0:
-        folded = (1.0 - wp.abs(y)) * wp.where(x >= 0.0, 1.0, -1.0)
-        y = (1.0 - wp.abs(x)) * wp.where(y >= 0.0, 1.0, -1.0)
-        x = folded
-    return wp.vec2(x, y)
-
-
-@wp.func
 def texel(texels: wp.array2d[wp.uint64], row: int, column: int) -> wp.vec3:
     """Return a texel."""
     value = wp.cast(texels[row, column], wp.vec4h)
@@ -69,7 +55,7 @@ def texel(texels: wp.array2d[wp.uint64], row: int, column: int) -> wp.vec3:
 
 @wp.func
 def sample_map(texels: wp.array2d[wp.uint64], at: wp.vec2) -> wp.vec3:
-    """Return the bilinear value of an octahedral map, shape [N + 2, N + 2], at coordinates of `map_coordinates`.
+    """Return the bilinear value of an octahedral map, shape [N + 2, N + 2], at coordinates of `octahedral`.
 
     Its border repeats what lies beyond the edges, so that nothing is asked about them here.
     """
@@ -94,7 +80,7 @@ def sky_radiance(sky: Sky, direction: wp.vec3, roughness: float) -> wp.vec3:
         direction: Unit vector away from the viewer, scene frame; of a glossy surface the mirrored one.
         roughness: 0 sharp, else mean over the GGX lobe of that perceptual roughness (alpha = roughness^2), up to 1.
     """
-    at = map_coordinates(direction)
+    at = octahedral(direction)
     level = wp.clamp(roughness, 0.0, 1.0) * float(BLURS)
     if level <= 0.0:
         return sample_map(sky.map, at) * sky.scale
@@ -116,7 +102,7 @@ def sky_irradiance(sky: Sky, normal: wp.vec3) -> wp.vec3:
         sky: The sky.
         normal: Unit normal of the plane, scene frame.
     """
-    return sample_map(sky.blurred[BLURS], map_coordinates(normal)) * (sky.scale * wp.PI)
+    return sample_map(sky.blurred[BLURS], octahedral(normal)) * (sky.scale * wp.PI)
 
 
 @wp.func

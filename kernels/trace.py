@@ -32,6 +32,22 @@ TIE_REACH = wp.constant(1.000001)
 
 
 @wp.func
+def nearest_in_town(scene: Scene, origin: wp.vec3, direction: wp.vec3, t_max: float) -> Nearest:
+    """Return what the ray meets first of the static town; its `t` is `t_max` for a miss."""
+    near = Nearest()
+    near.t = t_max
+    near.face = MISS_ID
+    near.instance = MISS_ID
+    if scene.has_town:
+        town = wp.mesh_query_ray(scene.town, origin, direction, t_max)
+        if town.result:
+            near.t = town.t
+            near.face = town.face
+            near.normal = town.normal
+    return near
+
+
+@wp.func
 def nearest_surface(scene: Scene, slot: int, origin: wp.vec3, direction: wp.vec3, t_max: float, ignore: int) -> Nearest:
     """Return what the ray meets first, without ids: the cheap form of `closest_hit` for kernels that need few of them.
 
@@ -43,16 +59,7 @@ def nearest_surface(scene: Scene, slot: int, origin: wp.vec3, direction: wp.vec3
         t_max: Length of the ray [m].
         ignore: Instance that the ray passes through, -1 for none.
     """
-    near = Nearest()
-    near.t = t_max
-    near.face = MISS_ID
-    near.instance = MISS_ID
-    if scene.has_town:
-        town = wp.mesh_query_ray(scene.town, origin, direction, t_max)
-        if town.result:
-            near.t = town.t
-            near.face = town.face
-            near.normal = town.normal
+    near = nearest_in_town(scene, origin, direction, t_max)
     root = scene.group_root[slot]
     if root >= 0:  # -1 would search every frame's vehicles
         first = slot * scene.instance_count
@@ -96,16 +103,7 @@ def nearest_surface_at(
         time_offset: Time of the ray after its frame [s], from -`Scene.sweep_s` to 0: outside of it the boxes of the
             tree do not hold the instances.
     """
-    near = Nearest()
-    near.t = t_max
-    near.face = MISS_ID
-    near.instance = MISS_ID
-    if scene.has_town:
-        town = wp.mesh_query_ray(scene.town, origin, direction, t_max)
-        if town.result:
-            near.t = town.t
-            near.face = town.face
-            near.normal = town.normal
+    near = nearest_in_town(scene, origin, direction, t_max)
     root = scene.group_root[slot]
     if root >= 0:  # -1 would search every frame's vehicles
         first = slot * scene.instance_count
@@ -149,16 +147,7 @@ def nearest_surface_among(
         candidates: Instances by group of rays.
         group: Group of the ray.
     """
-    near = Nearest()
-    near.t = t_max
-    near.face = MISS_ID
-    near.instance = MISS_ID
-    if scene.has_town:
-        town = wp.mesh_query_ray(scene.town, origin, direction, t_max)
-        if town.result:
-            near.t = town.t
-            near.face = town.face
-            near.normal = town.normal
+    near = nearest_in_town(scene, origin, direction, t_max)
     for k in range(candidates.count[group]):
         instance = int(candidates.instance[group, k])
         if instance != ignore:
