@@ -1,5 +1,7 @@
 """Scenes and views that the camera benchmarks share: a scenario's town and traffic, the paper's cameras."""
 
+import atexit
+import shutil
 import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
@@ -53,13 +55,21 @@ def camera_scene(name: str, frames: int, vehicles: int, weathers: Sequence[str])
         ],
     )  # fmt: skip
     scenario = config.scenarios[0]
-    with tempfile.TemporaryDirectory(prefix="mmw_bench_") as folder:
-        return read_scenario(config, scenario, prepare_scenario(config, scenario, path.parent, Path(folder)))
+    folder = tempfile.mkdtemp(prefix="mmw_bench_")
+    atexit.register(shutil.rmtree, folder)  # the camera reads textures from it later
+    return read_scenario(config, scenario, prepare_scenario(config, scenario, path.parent, Path(folder)))
 
 
 def rgb_camera(scene: Scene, weathers: Sequence[str]) -> RgbCamera:
-    """Return what renders images of a scene in some presets."""
-    return RgbCamera(scene, {name: PRESETS[name] for name in weathers}, seed=0)
+    """Return what renders images of a scene in some presets.
+
+    Raises:
+        ValueError: If a texture is missing: images without it are cheaper.
+    """
+    camera = RgbCamera(scene, {name: PRESETS[name] for name in weathers}, seed=0)
+    if camera.notes:
+        raise ValueError(f"textures: {camera.notes[0]}; a benchmark needs all of them")
+    return camera
 
 
 def launch_of(arrays: SceneArrays, frames: int, settings: RgbConfig, most_views: int | None = None) -> Launch:

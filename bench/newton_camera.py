@@ -8,7 +8,8 @@ mesh of all worlds and the vehicles of each frame as the bodies of one world; ea
   packed sRGB. mmw: materials, textures, sky, tone map; one sample a pixel, no sky rays, no reflections, no shadows.
 - `shadow`: the same with shadows of that light.
 
-newton gets every constructor and tile size asked for, without textures and with fast math, and its best time counts.
+newton runs as it comes (its own constructor, order of pixels and block size) and with every constructor and tile size
+asked for; both ratios are printed, over that and over the best of them. Always without textures and with fast math.
 Neither culls back faces: single walls are seen from both sides. Times are medians, from launch to the end of the
 device's work, with images that stay on the device.
 """
@@ -47,6 +48,8 @@ RANGE_M = 1000.0
 CLOSE_M, CLOSE_SHARE = 0.01, 0.99
 """Depths agree where they differ by less [m], and in so many of the pixels."""
 GREY = (0.4, 0.4, 0.4)
+AS_IT_COMES = "default"
+"""Constructor and tile that are newton's own choice."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +66,10 @@ class Result:
     mmw_images_per_s: float
     newton_images_per_s: float
     ratio: float
-    """mmw's images a second over newton's."""
+    """mmw's images a second over newton's best."""
+    newton_default_images_per_s: float
+    """newton as it comes."""
+    ratio_to_default: float
 
 
 def load_newton() -> Any:
@@ -89,7 +95,7 @@ class Newton:
             scene: Our scene, with a batch loaded.
             views: Its views.
             intrinsics: A pinhole in the middle of the image.
-            constructor: Tree builder of the meshes.
+            constructor: Tree builder of the meshes, or `AS_IT_COMES`.
         """
         self.newton, self.shape = newton, (len(views), intrinsics.height, intrinsics.width)
         self.model, self.state = self._model(scene, constructor)
@@ -107,7 +113,8 @@ class Newton:
     def _model(self, scene: Scene, constructor: str) -> tuple[Any, Any]:
         newton, arrays = self.newton, scene.arrays
         builder = newton.ModelBuilder(up_axis=newton.Axis.Z)
-        builder.default_bvh_cfg.mesh_constructor = constructor
+        if constructor != AS_IT_COMES:
+            builder.default_bvh_cfg.mesh_constructor = constructor
         cfg = newton.ModelBuilder.ShapeConfig(density=0.0, has_shape_collision=False, has_particle_collision=False)
         town = newton.Mesh(arrays.points - scene.origin, arrays.faces.ravel(), compute_inertia=False)
         builder.add_shape_mesh(-1, mesh=town, cfg=cfg, color=GREY)
@@ -123,13 +130,22 @@ class Newton:
         model = builder.finalize(device=scene.device, skip_all_validations=True)
         return model, model.state()
 
-    def render(self, mode: str, tile: tuple[int, int], image: wp.array) -> None:
-        """Render all views of a batch into an image, float32 for depth and packed uint32 for colour."""
+    def render(self, mode: str, tile: str, image: wp.array) -> None:
+        """Render all views of a batch into an image, float32 for depth and packed uint32 for colour.
+
+        `tile` is its width and height, as in 8x8, or `AS_IT_COMES`.
+        """
         camera = self.newton.sensors.SensorCamera
+        order: dict[str, Any] = {}
+        if tile != AS_IT_COMES:
+            width, height = (int(side) for side in tile.split("x"))
+            order = {
+                "render_order": camera.RenderOrder.TILED, "tile_width": width, "tile_height": height,
+                "block_dim": width * height,
+            }  # fmt: skip
         config = camera.RenderConfig(
             enable_shadows=mode == "shadow", enable_backface_culling=False, enable_particles=False,
-            render_order=camera.RenderOrder.TILED, tile_width=tile[0], tile_height=tile[1],
-            block_dim=tile[0] * tile[1], max_distance=RANGE_M,
+            max_distance=RANGE_M, **order,
         )  # fmt: skip
         image_of = {"forward_depth_image" if mode == "depth" else "color_image": image}
         self.camera.update(
@@ -185,19 +201,21 @@ def compare(newton: Any, scene: Scene, launch: Launch, options: argparse.Namespa
         ValueError: If the depths do not agree.
     """
     best = dict.fromkeys(MODES, (float("inf"), ""))
+    default_s = dict.fromkeys(MODES, float("nan"))
     own = {mode: ours(scene, launch, mode, options.weather) for mode in MODES}
     depth = own["depth"]().depth_m.numpy()
-    for constructor in options.constructors.split(","):
+    for constructor in [AS_IT_COMES, *options.constructors.split(",")]:
         theirs = Newton(newton, scene, launch.views, launch.intrinsics, constructor)
         theirs.light(PRESETS[options.weather])
         for mode in MODES:
             image = theirs.empty(mode)
-            for text in options.tiles.split(","):
-                width, height = (int(side) for side in text.split("x"))
-                given = (mode, (width, height), image)
+            for text in [AS_IT_COMES] if constructor == AS_IT_COMES else options.tiles.split(","):
+                given = (mode, text, image)
                 seconds = seconds_of(
                     lambda theirs=theirs, given=given: theirs.render(*given), scene.device, options.repeats
                 )
+                if constructor == AS_IT_COMES:
+                    default_s[mode] = seconds
                 best[mode] = min(best[mode], (seconds, f"{constructor} {text}"))
             if mode == "depth":
                 share = share_close(depth, image.numpy())
@@ -213,8 +231,11 @@ def compare(newton: Any, scene: Scene, launch: Launch, options: argparse.Namespa
         mmw_s, (newton_s, settings) = seconds_of(own[mode], scene.device, options.repeats), best[mode]
         count = len(launch.views)
         results.append(
-            Result(mode, count, mmw_s, newton_s, settings, count / mmw_s, count / newton_s, newton_s / mmw_s)
-        )
+            Result(
+                mode, count, mmw_s, newton_s, settings, count / mmw_s, count / newton_s, newton_s / mmw_s,
+                count / default_s[mode], default_s[mode] / mmw_s,
+            )
+        )  # fmt: skip
     return results
 
 
@@ -268,7 +289,7 @@ def main(arguments: list[str]) -> None:
             f"{options.scene}: {len(arrays.faces):,} triangles, {len(scene.instance_actor)} vehicles, "
             f"{len(launch.views)} views of {options.width} x {options.height}"
         )
-        print("mode      mmw images/s  newton images/s  ratio  newton's best")
+        print("mode      mmw images/s  newton as it comes  ratio  newton's best  ratio")
     for result in compare(newton, scene, launch, options):
         print(json.dumps({**asdict(result), **about}) if options.format == "json" else line(result), flush=True)
 
@@ -276,7 +297,8 @@ def main(arguments: list[str]) -> None:
 def line(result: Result) -> str:
     """Return one row of the table."""
     return (
-        f"{result.mode:8} {result.mmw_images_per_s:13.1f} {result.newton_images_per_s:16.1f} {result.ratio:6.2f}  "
+        f"{result.mode:8} {result.mmw_images_per_s:13.1f} {result.newton_default_images_per_s:19.1f} "
+        f"{result.ratio_to_default:6.2f} {result.newton_images_per_s:14.1f} {result.ratio:6.2f}  "
         f"{result.newton_settings}"
     )
 

@@ -35,16 +35,16 @@ from mmw.views import view_keys
 
 STAGES = {
     "visibility": ("visibility", "tile_candidates"),
-    "edges": ("edge", "flagged"),
-    "mirrors": ("mirror",),
+    "edges": ("edge", "flag", "guess", "source"),
+    "mirrors": ("mirror", "sends_ray"),
     "smoothing": ("smooth", "gather"),
     "light": ("sun", "sky", "light"),
     "develop": ("develop", "meter", "exposure"),
-    "shade": ("shade", "surface", "lamp", "resolve"),
+    "shade": ("shade", "surface", "lamp", "resolve", "put_back"),
 }
 """Stage -> parts of the names of its kernels; the first stage that fits counts. Another kernel is its own stage."""
 
-TRACING = re.compile(r"visibility|extra_sun|^sun_(between_)?kernel|^sky_|mirror_(trace|sun)")
+TRACING = re.compile(r"visibility|further_sun|^sun_(between_)?kernel|^sky_|mirror_(trace|sun)")
 """Names of kernels that cast one ray a thread."""
 
 

@@ -85,6 +85,19 @@ class SunGrid:
     """What discs are wider than the instances [m]: rays go to all of the sun's disc."""
 
 
+@wp.struct
+class Sun:
+    """The sun of a weather, and which instances shade what from it."""
+
+    direction: wp.vec3
+    """Unit direction to the middle of its disc."""
+    radius: float
+    """Angular radius of the disc [rad]."""
+    grid: SunGrid
+    candidates: Candidates
+    """Instances that shade points of each cell of the grid."""
+
+
 @wp.func
 def sun_group(grid: SunGrid, slot: int, point: wp.vec3) -> int:
     """Return the cell of a point as a group of `Candidates`, -1 outside of the grid, where nothing is shaded."""

@@ -4,9 +4,10 @@ import warp as wp
 
 from mmw.kernels.camera import Camera, camera_ray, tile_column, tile_row
 from mmw.kernels.looks import Samples
+from mmw.kernels.picture import sample_row
 from mmw.kernels.structs import MISS_ID, Scene
 from mmw.kernels.trace import object_of
-from mmw.kernels.visibility import sample_row, seen_again
+from mmw.kernels.visibility import seen_again
 
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
 

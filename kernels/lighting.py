@@ -1,4 +1,4 @@
-"""Light that reaches what a camera sees, the same in every weather with the same sun: shadows, open sky, mirrored rays.
+"""Light that reaches what a camera sees, the same in every weather with the same sun: shadows and open sky.
 
 Every second pixel sends a ray to the sun, the others where their neighbours disagree, and every ninth one to the sky.
 Neighbours take other directions out of 16, the same in every frame, and filters that stop at edges average them: soft
@@ -7,13 +7,13 @@ shadows without noise that moves.
 
 import warp as wp
 
-from mmw.kernels.camera import Camera, tile_column, tile_row
-from mmw.kernels.candidates import SunGrid, sun_group
-from mmw.kernels.looks import Extras, Samples
+from mmw.kernels.camera import tile_column, tile_row
+from mmw.kernels.candidates import Sun, sun_group
+from mmw.kernels.noise import uniform4
 from mmw.kernels.packing import unpack_unit
-from mmw.kernels.structs import Candidates, Scene, Views
+from mmw.kernels.picture import Picture, ray_at, ray_of, row_of_thread, sample_row
+from mmw.kernels.structs import Scene
 from mmw.kernels.trace import TRACE_REGISTERS, is_blocked, is_blocked_among
-from mmw.kernels.visibility import Place, pixel_direction, place_of, sample_row
 
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": True})
 
@@ -35,26 +35,6 @@ body of a car over its wheels. Design value."""
 
 
 @wp.func
-def hash_unit(x: int, y: int, salt: int) -> wp.vec2:
-    """Return two numbers in [0, 1) that depend on a pixel and nothing else.
-
-    Source: hash pcg3d of M. Jarzynski and M. Olano, "Hash Functions for GPU Rendering", JCGT 9(3), 2020.
-    """
-    a = wp.uint32(x) * wp.uint32(1664525) + wp.uint32(1013904223)
-    b = wp.uint32(y) * wp.uint32(1664525) + wp.uint32(1013904223)
-    c = wp.uint32(salt) * wp.uint32(1664525) + wp.uint32(1013904223)
-    a += b * c
-    b += c * a
-    c += a * b
-    a = a ^ (a >> wp.uint32(16))
-    b = b ^ (b >> wp.uint32(16))
-    c = c ^ (c >> wp.uint32(16))
-    a += b * c
-    b += c * a
-    return wp.vec2(float(a >> wp.uint32(8)) * 5.9604644775390625e-08, float(b >> wp.uint32(8)) * 5.9604644775390625e-08)
-
-
-@wp.func
 def stratum_point(u: int, v: int, salt: int) -> wp.vec2:
     """Return a pixel's point of the unit disc: 4 x 4 neighbours have one in each of 16 cells of equal area.
 
@@ -65,12 +45,12 @@ def stratum_point(u: int, v: int, salt: int) -> wp.vec2:
     row = (v % 2) * 2 + (v // 2) % 2
     column = (column + row) % 4
     # Within its cell a point moves from square to square by a sequence that fills it evenly (R2 and R3).
-    jitter = hash_unit(u % 4, v % 4, salt)
+    start = uniform4(wp.vec2ui(wp.uint32(u % 4), wp.uint32(v % 4)), salt, 0)
     block_u = float(u // 4)
     block_v = float(v // 4)
     jitter = wp.vec2(
-        wp.frac(jitter[0] + 0.754877666 * block_u + 0.569840291 * block_v),
-        wp.frac(jitter[1] + 0.819172513 * block_u + 0.671043607 * block_v),
+        wp.frac(start[0] + 0.754877666 * block_u + 0.569840291 * block_v),
+        wp.frac(start[1] + 0.819172513 * block_u + 0.671043607 * block_v),
     )
     a = 2.0 * (float(column) + jitter[0]) / 4.0 - 1.0
     b = 2.0 * (float(row) + jitter[1]) / 4.0 - 1.0
@@ -103,10 +83,7 @@ def lift(point: wp.vec3, normal: wp.vec3, t: float) -> wp.vec3:
 
 
 @wp.func
-def sees_sun(
-    scene: Scene, slot: int, start: wp.vec3, normal: wp.vec3, sun: wp.vec3, radius: float, point: wp.vec2,
-    grid: SunGrid, candidates: Candidates,
-) -> wp.bool:  # fmt: skip
+def sees_sun(scene: Scene, slot: int, start: wp.vec3, normal: wp.vec3, sun: Sun, point: wp.vec2) -> wp.bool:
     """Return whether a point of the sun's disc is in sight.
 
     Args:
@@ -114,18 +91,14 @@ def sees_sun(
         slot: Slot of the frame.
         start: Where the ray starts, scene frame [m].
         normal: Unit normal of the face.
-        sun: Unit direction to the sun's middle.
-        radius: Angular radius of the sun [rad].
+        sun: The sun.
         point: Point of the unit disc.
-        grid: Cells square to the sun.
-        candidates: Instances that shade them.
     """
-    direction = wp.normalize(sun + radius * across(sun, point))
+    direction = wp.normalize(sun.direction + sun.radius * across(sun.direction, point))
     is_lit = wp.dot(normal, direction) > 0.0
     if is_lit:
-        is_lit = not is_blocked_among(
-            scene, slot, start, direction, SUN_FAR_M, candidates, sun_group(grid, slot, start)
-        )
+        group = sun_group(sun.grid, slot, start)
+        is_lit = not is_blocked_among(scene, slot, start, direction, SUN_FAR_M, sun.candidates, group)
     return is_lit
 
 
@@ -140,56 +113,33 @@ def sees_sky(scene: Scene, slot: int, start: wp.vec3, normal: wp.vec3, point: wp
 
 
 @wp.func
-def row_beside(camera: Camera, extras: Extras, samples: Samples, row: int, place: Place) -> int:
-    """Return the row of the pixel about a further sample that shows the same surface, its own first; -1 for none."""
-    pixel = extras.row[(row - extras.first) // extras.offset.shape[0]]
-    offset = extras.offset[(row - extras.first) % extras.offset.shape[0]]
-    surface = samples.surface[row]
-    line = pixel // camera.width
-    u = pixel - line * camera.width
-    v = line - place.view * camera.height
-    found = wp.int32(-1)
-    for k in range(4):
-        x = u + wp.where(k % 2 == 1, wp.where(offset[0] > 0.0, 1, -1), 0)
-        y = v + wp.where(k >= 2, wp.where(offset[1] > 0.0, 1, -1), 0)
-        if found < 0 and x >= 0 and y >= 0 and x < camera.width and y < camera.height:
-            beside = sample_row(camera, place.view, x, y)
-            if samples.surface[beside] == surface:
-                found = beside
-    return found
+def faces_sun(picture: Picture, sun: Sun, row: int) -> wp.bool:
+    """Return whether a sample shows a surface that some point of the sun's disc can light."""
+    is_facing = wp.bool(False)
+    if picture.samples.t[row] < wp.inf:
+        is_facing = wp.dot(unpack_unit(picture.samples.normal[row]), sun.direction) > -sun.radius
+    return is_facing
 
 
 @wp.func
-def sun_of_row(
-    scene: Scene, views: Views, camera: Camera, extras: Extras, samples: Samples, sun: wp.vec3, sun_radius: float,
-    grid: SunGrid, candidates: Candidates, row: int,
-) -> wp.bool:  # fmt: skip
+def sun_of_row(scene: Scene, picture: Picture, sun: Sun, row: int) -> wp.bool:
     """Return whether the ray that a sample sends to the sun arrives."""
-    t = samples.t[row]
     is_lit = wp.bool(False)
-    if t < wp.inf:
-        normal = unpack_unit(samples.normal[row])
-        if wp.dot(normal, sun) > -sun_radius:
-            place = place_of(camera, extras, row)
-            pose = views.pose[place.view]
-            point = wp.transform_get_translation(pose) + t * pixel_direction(camera, pose, place.u, place.v)
-            stratum = stratum_point(int(place.u), int(place.v), 3)
-            start = lift(point, normal, t)
-            is_lit = sees_sun(scene, views.slot[place.view], start, normal, sun, sun_radius, stratum, grid, candidates)
+    if faces_sun(picture, sun, row):
+        t = picture.samples.t[row]
+        normal = unpack_unit(picture.samples.normal[row])
+        ray = ray_of(picture, row)
+        stratum = stratum_point(int(ray.u), int(ray.v), 3)
+        start = lift(ray.origin + t * ray.direction, normal, t)
+        is_lit = sees_sun(scene, ray.slot, start, normal, sun, stratum)
     return is_lit
 
 
 @wp.kernel(cuda_max_registers=TRACE_REGISTERS)
 def sun_kernel(
     scene: Scene,
-    views: Views,
-    camera: Camera,
-    extras: Extras,
-    samples: Samples,
-    sun: wp.vec3,
-    sun_radius: float,
-    grid: SunGrid,
-    candidates: Candidates,
+    picture: Picture,
+    sun: Sun,
     # out
     sun_out: wp.array[wp.uint8],
 ):
@@ -200,92 +150,72 @@ def sun_kernel(
     view, down, aside, lane = wp.tid()
     v = tile_row(down, lane)
     u = 2 * tile_column(aside, lane) + v % 2
-    if u >= camera.width or v >= camera.height:
+    if u >= picture.camera.width or v >= picture.camera.height:
         return
-    row = sample_row(camera, view, u, v)
-    is_lit = sun_of_row(scene, views, camera, extras, samples, sun, sun_radius, grid, candidates, row)
-    sun_out[row] = wp.where(is_lit, wp.uint8(255), wp.uint8(0))
+    row = sample_row(picture.camera, view, u, v)
+    sun_out[row] = wp.where(sun_of_row(scene, picture, sun, row), wp.uint8(255), wp.uint8(0))
 
 
 @wp.kernel(cuda_max_registers=TRACE_REGISTERS)
 def sun_between_kernel(
     scene: Scene,
-    views: Views,
-    camera: Camera,
-    extras: Extras,
-    samples: Samples,
-    sun: wp.vec3,
-    sun_radius: float,
-    grid: SunGrid,
-    candidates: Candidates,
+    picture: Picture,
+    sun: Sun,
     # out
     sun_out: wp.array[wp.uint8],
 ):
-    """Fill in the other pixels: those whose four neighbours on their surface agree take their value.
+    """Fill in the other pixels: those that face the sun take the value of their four neighbours where these agree.
 
-    The others, at edges of shadows and surfaces, send a ray of their own.
+    The others, at edges of shadows, send a ray of their own. Neighbours that face away from the sun or show the sky say
+    nothing.
 
     Launch: dim=(A, ceil(H / 8), ceil(W / 16), 64), block_dim=64.
     """
     view, down, aside, lane = wp.tid()
     v = tile_row(down, lane)
     u = 2 * tile_column(aside, lane) + 1 - v % 2
-    if u >= camera.width or v >= camera.height:
+    if u >= picture.camera.width or v >= picture.camera.height:
         return
-    row = sample_row(camera, view, u, v)
-    surface = samples.surface[row]
-    agree = wp.int32(0)
+    row = sample_row(picture.camera, view, u, v)
+    asked = wp.int32(0)
     lit = wp.int32(0)
-    for side in range(4):
-        x = u + wp.where(side == 0, 1, 0) - wp.where(side == 1, 1, 0)
-        y = v + wp.where(side == 2, 1, 0) - wp.where(side == 3, 1, 0)
-        if x >= 0 and y >= 0 and x < camera.width and y < camera.height:
-            beside = sample_row(camera, view, x, y)
-            if samples.surface[beside] == surface:
-                agree += 1
-                lit += int(sun_out[beside])
-    is_lit = wp.bool(lit > 0)
-    if agree < 4 or (lit > 0 and lit < 4 * 255):
-        is_lit = sun_of_row(scene, views, camera, extras, samples, sun, sun_radius, grid, candidates, row)
+    is_lit = faces_sun(picture, sun, row)
+    if is_lit:
+        for side in range(4):
+            x = u + wp.where(side == 0, 1, 0) - wp.where(side == 1, 1, 0)
+            y = v + wp.where(side == 2, 1, 0) - wp.where(side == 3, 1, 0)
+            if x >= 0 and y >= 0 and x < picture.camera.width and y < picture.camera.height:
+                beside = sample_row(picture.camera, view, x, y)
+                if faces_sun(picture, sun, beside):
+                    asked += 1
+                    lit += wp.where(sun_out[beside] > wp.uint8(0), 1, 0)
+        is_lit = lit > 0
+        if asked < 2 or (lit > 0 and lit < asked):
+            is_lit = sun_of_row(scene, picture, sun, row)
     sun_out[row] = wp.where(is_lit, wp.uint8(255), wp.uint8(0))
 
 
 @wp.kernel(cuda_max_registers=TRACE_REGISTERS)
-def extra_sun_kernel(
+def further_sun_kernel(
     scene: Scene,
-    views: Views,
-    camera: Camera,
-    extras: Extras,
-    samples: Samples,
-    sun: wp.vec3,
-    sun_radius: float,
-    grid: SunGrid,
-    candidates: Candidates,
+    picture: Picture,
+    sun: Sun,
+    thread_offset: int,
     # out
     sun_out: wp.array[wp.uint8],
 ):
-    """Fill in the further samples: those on the surface of a pixel beside them take its value.
+    """Send one ray to the sun from every further sample that is shaded: 255 where it arrives, else 0.
 
-    The others send a ray of their own.
-
-    Launch: dim=further samples, block_dim=64.
+    Launch: dim=further samples that are shaded, block_dim=64.
     """
-    row = wp.tid() + extras.first
-    beside = row_beside(camera, extras, samples, row, place_of(camera, extras, row))
-    is_lit = wp.bool(False)
-    if beside >= 0:
-        is_lit = sun_out[beside] > wp.uint8(0)
-    else:
-        is_lit = sun_of_row(scene, views, camera, extras, samples, sun, sun_radius, grid, candidates, row)
-    sun_out[row] = wp.where(is_lit, wp.uint8(255), wp.uint8(0))
+    row = row_of_thread(picture, wp.tid() + thread_offset)
+    sun_out[row] = wp.where(sun_of_row(scene, picture, sun, row), wp.uint8(255), wp.uint8(0))
 
 
 @wp.kernel(cuda_max_registers=TRACE_REGISTERS)
 def sky_kernel(
     scene: Scene,
-    views: Views,
-    camera: Camera,
-    samples: Samples,
+    picture: Picture,
     # out
     sky_out: wp.array3d[wp.uint8],
 ):
@@ -300,13 +230,12 @@ def sky_kernel(
         return
     u = SKY_STEP * j
     v = SKY_STEP * i
-    row = sample_row(camera, view, u, v)
-    t = samples.t[row]
+    row = sample_row(picture.camera, view, u, v)
+    t = picture.samples.t[row]
     is_open = wp.bool(True)
     if t < wp.inf:
-        pose = views.pose[view]
-        normal = unpack_unit(samples.normal[row])
-        point = wp.transform_get_translation(pose)
-        point += t * pixel_direction(camera, pose, float(u) + 0.5, float(v) + 0.5)
-        is_open = sees_sky(scene, views.slot[view], lift(point, normal, t), normal, stratum_point(j, i, 2))
+        ray = ray_at(picture, view, float(u) + 0.5, float(v) + 0.5)
+        normal = unpack_unit(picture.samples.normal[row])
+        start = lift(ray.origin + t * ray.direction, normal, t)
+        is_open = sees_sky(scene, ray.slot, start, normal, stratum_point(j, i, 2))
     sky_out[view, i, j] = wp.where(is_open, wp.uint8(255), wp.uint8(0))

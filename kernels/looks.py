@@ -107,6 +107,19 @@ class Extras:
     """Row of the pixel's centre, shape [E]."""
     offset: wp.array[wp.vec2]
     """Place of the k-th ray from the pixel's centre [px], shape [K]."""
+    source: wp.array[int]
+    """Row whose light each further ray brings, shape [E * K]: that of a pixel beside it which shows the same, or its
+    own."""
+    shaded: wp.array[int]
+    """Rows of those that bring their own."""
+
+
+MATT = wp.constant(wp.uint8(0))
+"""Gloss of a surface that mirrors nothing sharply while it is dry."""
+COATED = wp.constant(wp.uint8(1))
+"""Gloss of a smooth clear coat over a rougher base."""
+SMOOTH = wp.constant(wp.uint8(2))
+"""Gloss of smooth glass and metal."""
 
 
 @wp.struct
@@ -122,6 +135,8 @@ class Surfaces:
     """Metallic and opacity: two halves in one word."""
     emission: wp.array[wp.uint64]
     """Emission, like `color`, of looks with an emission texture; empty where no look has one."""
+    gloss: wp.array[wp.uint8]
+    """`MATT`, `COATED` or `SMOOTH`."""
 
 
 @wp.struct

@@ -1,42 +1,81 @@
-"""One mirrored ray from what reflects sharply: glass, clear coats, bare smooth metal, and water on the ground."""
+"""One mirrored ray from what reflects sharply: glass, clear coats, bare smooth metal, and water on the ground.
+
+Every second pixel sends one, as on a chessboard, and the others show the mean of their neighbours' images; pixels with
+too few alike neighbours, further samples and wet ground send their own. Where water stands depends on the weather, and
+no picture may depend on the other weathers that are made with it.
+"""
 
 import warp as wp
 
-from mmw.kernels.camera import Camera
-from mmw.kernels.candidates import SunGrid
+from mmw.kernels.candidates import Sun
 from mmw.kernels.lighting import lift, sees_sun, stratum_point
-from mmw.kernels.looks import Appearance, Extras, Look, Samples, Surfaces
+from mmw.kernels.looks import COATED, MATT, SMOOTH, Appearance, Look, Samples, Surfaces
 from mmw.kernels.packing import unpack_unit
-from mmw.kernels.structs import Candidates, Scene, Views
+from mmw.kernels.picture import Picture, SampleRay, ray_of, row_of_thread
+from mmw.kernels.structs import Scene
 from mmw.kernels.surfaces import read_surface, write_surface
 from mmw.kernels.surfel import surfel_of
 from mmw.kernels.trace import TRACE_REGISTERS, nearest_surface
-from mmw.kernels.visibility import pixel_direction, place_of, row_of_thread, store
-from mmw.kernels.wet import WATER_REFLECTANCE, Wet, wetted
+from mmw.kernels.visibility import store
+from mmw.kernels.wet import WATER_REFLECTANCE, Wet, smoothstep, wetted
 
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": True})
 
-SMOOTH = wp.constant(0.25)
-"""Roughness below which glass and metal mirror their surroundings sharply [-]. Design value."""
+COAT_REFLECTANCE = wp.constant(0.04)
+"""Light that a clear coat mirrors straight back [-]: a refractive index of 1.5."""
 
-MOST_ROUGH_COAT = wp.constant(0.2)
-"""Roughness of a clear coat below which it mirrors its surroundings sharply [-]. Design value."""
+LEAST_COAT_SHARE = wp.constant(0.045)
+"""Share of the light that a coat must mirror for a ray to be worth it [-]: from 45 deg aslant on. Design value."""
 
-LEAST_SHARE = wp.constant(0.03)
-"""Share of the light that must be mirrored for a ray to be worth it [-]. Design value."""
+FULL_COAT_SHARE = wp.constant(0.1)
+"""Share from which the ray alone counts; in between the blurred sky fades out [-]. Design value."""
 
 LEAST_WATER_SHARE = wp.constant(0.03)
-"""The same for the film on wet ground, whose sky is drawn without a ray: 0.03 is what water mirrors to an eye
-37 deg above it; at four times it the ray alone counts. Design value."""
+"""The same for the film on wet ground: what water mirrors to an eye 37 deg above it [-]. Design value."""
+
+FULL_WATER_SHARE = wp.constant(0.12)
+"""Share of water's mirrored light from which the ray alone counts [-]. Design value."""
 
 MIRROR_FAR_M = wp.constant(1.0e3)
 """Length of a mirrored ray [m]."""
 
-SKY = wp.constant(-1)
-"""Face of a mirrored ray that meets nothing."""
+ALIKE = wp.constant(0.95)
+"""Cosine between the normals of neighbours that can show the mean of each other's images [-]. Design value."""
 
-NOT_TRACED = wp.constant(-2)
-"""Face where no mirrored ray was sent."""
+LEAST_ALIKE = wp.constant(2)
+"""Neighbours whose images make up that of a pixel between them. Design value."""
+
+
+NO_MIRROR = wp.constant(wp.uint8(0))
+WATER = wp.constant(wp.uint8(1))
+SHARP = wp.constant(wp.uint8(2))
+"""What a sample mirrors by: nothing, water in some weather, its own smooth surface."""
+
+
+@wp.struct
+class Mirrors:
+    """Mirrored rays and what they meet."""
+
+    row: wp.array[int]
+    """Sample that each was sent from."""
+    samples: Samples
+    surfaces: Surfaces
+    sun: wp.array[wp.uint8]
+    """255 where the sun lights what was met, else 0; empty where it always does."""
+
+
+@wp.struct
+class MirrorRay:
+    """A mirrored ray."""
+
+    source: SampleRay
+    """The ray that was mirrored."""
+    t: float
+    """Distance from the camera to the mirror [m]."""
+    start: wp.vec3
+    """Where it starts, scene frame [m]."""
+    direction: wp.vec3
+    """Unit direction, scene frame."""
 
 
 @wp.func
@@ -56,11 +95,19 @@ def footprint_on(normal: wp.vec3, direction: wp.vec3, width: float) -> float:
 
 
 @wp.func
-def is_sharp(look: Look, roughness: float, metallic: float, opacity: float) -> wp.bool:
-    """Return whether a dry surface mirrors sharply: smooth glass and metal, and clear coats."""
-    if (opacity < 0.999 or metallic > 0.5) and roughness < SMOOTH:
-        return True
-    return look.clearcoat > LEAST_SHARE and look.clearcoat_roughness < MOST_ROUGH_COAT
+def schlick(reflectance: float, normal: wp.vec3, to_viewer: wp.vec3) -> float:
+    """Return the share of the light that a surface mirrors.
+
+    Source: C. Schlick, "An inexpensive BRDF model for physically-based rendering", 1994.
+    """
+    x = 1.0 - wp.clamp(wp.dot(normal, to_viewer), 0.0, 1.0)
+    return reflectance + (1.0 - reflectance) * x * x * x * x * x
+
+
+@wp.func
+def coat_weight(look: Look, normal: wp.vec3, to_viewer: wp.vec3) -> float:
+    """Return how much of what a sharp coat mirrors comes by a ray of its own, 0 to 1; the rest is the blurred sky."""
+    return smoothstep(LEAST_COAT_SHARE, FULL_COAT_SHARE, look.clearcoat * schlick(COAT_REFLECTANCE, normal, to_viewer))
 
 
 @wp.func
@@ -69,58 +116,120 @@ def water_weight(film: float, normal: wp.vec3, to_viewer: wp.vec3) -> float:
 
     The rest is the blurred sky. It rises smoothly, so that no line shows where rays begin.
     """
-    x = 1.0 - wp.clamp(wp.dot(normal, to_viewer), 0.0, 1.0)
-    share = film * (WATER_REFLECTANCE + (1.0 - WATER_REFLECTANCE) * x * x * x * x * x)
-    weight = wp.clamp((share - LEAST_WATER_SHARE) / (3.0 * LEAST_WATER_SHARE), 0.0, 1.0)
-    return weight * weight * (3.0 - 2.0 * weight)
+    return smoothstep(LEAST_WATER_SHARE, FULL_WATER_SHARE, film * schlick(WATER_REFLECTANCE, normal, to_viewer))
 
 
 @wp.func
-def mirror_normal(sharp: wp.bool, shading_normal: wp.vec3, face_normal: wp.vec3) -> wp.vec3:
-    """Return the normal that a ray is mirrored about: water lies flat over a rough surface."""
-    return wp.where(sharp, shading_normal, face_normal)
+def mirror_ray(picture: Picture, surfaces: Surfaces, row: int) -> MirrorRay:
+    """Return the mirrored ray of a sample. It does not depend on the weather: water lies flat over a rough surface."""
+    ray = MirrorRay()
+    ray.source = ray_of(picture, row)
+    ray.t = picture.samples.t[row]
+    face_normal = unpack_unit(picture.samples.normal[row])
+    normal = face_normal
+    if surfaces.gloss[row] != MATT:
+        normal = unpack_unit(surfaces.normal[row])
+    ray.start = lift(ray.source.origin + ray.t * ray.source.direction, face_normal, ray.t)
+    ray.direction = mirrored(ray.source.direction, normal, face_normal)
+    return ray
 
 
 @wp.kernel
-def mirror_ray_kernel(
+def mirror_kind_kernel(
     appearance: Appearance,
     wet: Wet,
-    views: Views,
-    camera: Camera,
-    extras: Extras,
-    samples: Samples,
+    picture: Picture,
     surfaces: Surfaces,
     # out
-    is_mirror_out: wp.array[int],
+    kind_out: wp.array[wp.uint8],
 ):
-    """Find the samples that mirror: 1 for those.
+    """Find the samples that mirror: `SHARP`, `WATER` or `NO_MIRROR` in their rows.
 
-    Launch: dim=threads of all tiles and further samples, block_dim=64; a thread's flag stands at its number.
+    Launch: dim=threads of all tiles and further samples that are shaded, block_dim=64.
     """
-    thread = wp.tid()
-    row = row_of_thread(camera, views.slot.shape[0], thread)
-    is_mirror_out[thread] = 0
+    row = row_of_thread(picture, wp.tid())
     if row < 0:
         return
-    t = samples.t[row]
-    if t == wp.inf:
-        return
-    look = appearance.looks[surfaces.material[row]]
-    more = wp.cast(surfaces.more[row], wp.vec2h)
-    color = wp.cast(surfaces.color[row], wp.vec4h)
-    sharp = is_sharp(look, float(color[3]), float(more[0]), float(more[1]))
-    if not sharp and wet.wetness + wet.puddles > 0.0:
-        normal = unpack_unit(samples.normal[row])
-        if normal[2] > 0.2:  # film and puddles lie on what faces upwards
-            place = place_of(camera, extras, row)
-            pose = views.pose[place.view]
-            direction = pixel_direction(camera, pose, place.u, place.v)
-            point = wp.transform_get_translation(pose) + t * direction
-            surfel = read_surface(appearance, surfaces, row, point, normal)
-            footprint = footprint_on(normal, direction, t / camera.fx)
-            film = wetted(wet, look, surfel, 0.0, footprint).film
-            sharp = water_weight(film, normal, -direction) > 0.0
-    is_mirror_out[thread] = wp.where(sharp, 1, 0)
+    kind = NO_MIRROR
+    if picture.samples.face[row] >= 0:
+        gloss = surfaces.gloss[row]
+        if gloss == SMOOTH:
+            kind = SHARP
+        elif gloss == COATED:
+            look = appearance.looks[surfaces.material[row]]
+            if coat_weight(look, unpack_unit(surfaces.normal[row]), -ray_of(picture, row).direction) > 0.0:
+                kind = SHARP
+        elif wet.wetness + wet.puddles > 0.0:
+            normal = unpack_unit(picture.samples.normal[row])
+            if normal[2] > 0.2:  # film and puddles lie on what faces upwards
+                t = picture.samples.t[row]
+                ray = ray_of(picture, row)
+                look = appearance.looks[surfaces.material[row]]
+                surfel = read_surface(appearance, surfaces, row, ray.origin + t * ray.direction, normal)
+                footprint = footprint_on(normal, ray.direction, t / picture.camera.fx)
+                film = wetted(wet, look, surfel, 0.0, footprint).film
+                if water_weight(film, normal, -ray.direction) > 0.0:
+                    kind = WATER
+    kind_out[row] = kind
+
+
+@wp.func
+def row_next_to(picture: Picture, row: int, side: int) -> int:
+    """Return the row of the pixel to the right, to the left, below or above a pixel; -1 outside of the image."""
+    camera = picture.camera
+    line = row // camera.width
+    u = row - line * camera.width
+    v = line % camera.height
+    if side == 0:
+        return wp.where(u + 1 < camera.width, row + 1, -1)
+    if side == 1:
+        return wp.where(u > 0, row - 1, -1)
+    if side == 2:
+        return wp.where(v + 1 < camera.height, row + camera.width, -1)
+    return wp.where(v > 0, row - camera.width, -1)
+
+
+@wp.func
+def alike_beside(picture: Picture, surfaces: Surfaces, row: int, side: int) -> int:
+    """Return the row of the pixel on one side of a pixel if both show one material, bent alike; else -1."""
+    beside = row_next_to(picture, row, side)
+    if beside < 0:
+        return -1
+    if surfaces.material[row] != surfaces.material[beside]:
+        return -1
+    if wp.dot(unpack_unit(surfaces.normal[row]), unpack_unit(surfaces.normal[beside])) < ALIKE:
+        return -1
+    return beside
+
+
+@wp.kernel
+def sends_ray_kernel(
+    picture: Picture,
+    surfaces: Surfaces,
+    kind: wp.array[wp.uint8],
+    # out
+    sends_ray_out: wp.array[wp.uint8],
+):
+    """Choose the samples that send a mirrored ray: 1 for those, else 0.
+
+    Launch: dim=threads of all tiles and further samples that are shaded, block_dim=64; a thread's flag stands at its
+    number.
+    """
+    thread = wp.tid()
+    row = row_of_thread(picture, thread)
+    sends = wp.bool(False)
+    if row >= 0:
+        sends = kind[row] != NO_MIRROR
+        line = row // picture.camera.width
+        is_odd = (row - line * picture.camera.width + line) % 2 == 1
+        if kind[row] == SHARP and row < picture.extras.first and is_odd:
+            alike = wp.int32(0)
+            for side in range(4):
+                beside = alike_beside(picture, surfaces, row, side)
+                if beside >= 0:
+                    alike += wp.where(kind[beside] == SHARP, 1, 0)
+            sends = alike < LEAST_ALIKE
+    sends_ray_out[thread] = wp.where(sends, wp.uint8(1), wp.uint8(0))
 
 
 @wp.kernel
@@ -135,64 +244,64 @@ def mirror_number_kernel(
 
 
 @wp.func
-def mirror_direction(
-    appearance: Appearance, samples: Samples, surfaces: Surfaces, row: int, direction: wp.vec3
-) -> wp.vec3:
-    """Return the direction of the mirrored ray of a sample, scene frame; it does not depend on the weather."""
-    look = appearance.looks[surfaces.material[row]]
-    more = wp.cast(surfaces.more[row], wp.vec2h)
-    color = wp.cast(surfaces.color[row], wp.vec4h)
-    sharp = is_sharp(look, float(color[3]), float(more[0]), float(more[1]))
-    normal = unpack_unit(samples.normal[row])
-    return mirrored(direction, mirror_normal(sharp, unpack_unit(surfaces.normal[row]), normal), normal)
+def mirror_image(
+    picture: Picture, surfaces: Surfaces, number: wp.array[int], image: wp.array[wp.vec3], row: int
+) -> wp.vec4:
+    """Return what a sample mirrors [kcd/m2], and fourth 1, or 0 where no ray was sent for it.
 
-
-@wp.func
-def mirror_start(views: Views, samples: Samples, row: int, view: int, direction: wp.vec3) -> wp.vec3:
-    """Return where the mirrored ray of a sample starts, scene frame [m]."""
-    t = samples.t[row]
-    point = wp.transform_get_translation(views.pose[view]) + t * direction
-    return lift(point, unpack_unit(samples.normal[row]), t)
+    Args:
+        picture: The images.
+        surfaces: What their samples show.
+        number: Mirrored ray of each sample, -1 for none.
+        image: What mirrored rays bring [kcd/m2].
+        row: The sample.
+    """
+    total = wp.vec3()
+    count = wp.float32(0.0)
+    ray = number[row]
+    if ray >= 0:
+        total = image[ray]
+        count = wp.float32(1.0)
+    elif row < picture.extras.first:
+        for side in range(4):
+            beside = alike_beside(picture, surfaces, row, side)
+            if beside >= 0:
+                ray = number[beside]
+                if ray >= 0:
+                    total += image[ray]
+                    count += 1.0
+    if count == 0.0:
+        return wp.vec4()
+    return wp.vec4(total[0] / count, total[1] / count, total[2] / count, 1.0)
 
 
 @wp.kernel(cuda_max_registers=TRACE_REGISTERS)
 def mirror_trace_kernel(
     scene: Scene,
-    appearance: Appearance,
-    views: Views,
-    camera: Camera,
-    extras: Extras,
-    samples: Samples,
+    picture: Picture,
     surfaces: Surfaces,
     row: wp.array[int],
     # out
-    mirrored_out: Samples,
+    samples_out: Samples,
 ):
     """Trace mirrored rays.
 
     Launch: dim=mirrored rays, block_dim=64.
     """
-    ray = wp.tid()
-    source = row[ray]
-    place = place_of(camera, extras, source)
-    direction = pixel_direction(camera, views.pose[place.view], place.u, place.v)
-    start = mirror_start(views, samples, source, place.view, direction)
-    away = mirror_direction(appearance, samples, surfaces, source, direction)
-    slot = views.slot[place.view]
-    store(scene, slot, nearest_surface(scene, slot, start, away, MIRROR_FAR_M, -1), away, ray, mirrored_out)
+    number = wp.tid()
+    ray = mirror_ray(picture, surfaces, row[number])
+    slot = ray.source.slot
+    near = nearest_surface(scene, slot, ray.start, ray.direction, MIRROR_FAR_M, -1)
+    store(scene, slot, near, ray.direction, number, samples_out)
 
 
-@wp.kernel
+@wp.kernel(cuda_max_registers=80)
 def mirror_surface_kernel(
     scene: Scene,
     appearance: Appearance,
-    views: Views,
-    camera: Camera,
-    extras: Extras,
-    samples: Samples,
+    picture: Picture,
     surfaces: Surfaces,
-    row: wp.array[int],
-    mirrored_samples: Samples,
+    mirrors: Mirrors,
     # out
     surfaces_out: Surfaces,
 ):
@@ -200,37 +309,26 @@ def mirror_surface_kernel(
 
     Launch: dim=mirrored rays, block_dim=64.
     """
-    ray = wp.tid()
-    face = mirrored_samples.face[ray]
+    number = wp.tid()
+    face = mirrors.samples.face[number]
     if face < 0:
         return
-    source = row[ray]
-    place = place_of(camera, extras, source)
-    direction = pixel_direction(camera, views.pose[place.view], place.u, place.v)
-    start = mirror_start(views, samples, source, place.view, direction)
-    away = mirror_direction(appearance, samples, surfaces, source, direction)
+    ray = mirror_ray(picture, surfaces, mirrors.row[number])
+    t = mirrors.samples.t[number]
     surfel = surfel_of(
-        scene, appearance, views.slot[place.view], start, away, mirrored_samples.t[ray], face,
-        mirrored_samples.instance[ray], (1.0 + samples.t[source] / mirrored_samples.t[ray]) / camera.fx,
+        scene, appearance, ray.source.slot, ray.start, ray.direction, t, face, mirrors.samples.instance[number],
+        (1.0 + ray.t / t) / picture.camera.fx,
     )  # fmt: skip
-    write_surface(surfel, ray, surfaces_out)
+    write_surface(appearance, surfel, number, surfaces_out)
 
 
 @wp.kernel(cuda_max_registers=TRACE_REGISTERS)
 def mirror_sun_kernel(
     scene: Scene,
-    appearance: Appearance,
-    views: Views,
-    camera: Camera,
-    extras: Extras,
-    samples: Samples,
+    picture: Picture,
     surfaces: Surfaces,
-    row: wp.array[int],
-    mirrored_samples: Samples,
-    sun: wp.vec3,
-    sun_radius: float,
-    grid: SunGrid,
-    candidates: Candidates,
+    mirrors: Mirrors,
+    sun: Sun,
     # out
     sun_out: wp.array[wp.uint8],
 ):
@@ -238,19 +336,14 @@ def mirror_sun_kernel(
 
     Launch: dim=mirrored rays, block_dim=64.
     """
-    ray = wp.tid()
+    number = wp.tid()
     is_lit = wp.bool(False)
-    if mirrored_samples.face[ray] >= 0:
-        source = row[ray]
-        place = place_of(camera, extras, source)
-        direction = pixel_direction(camera, views.pose[place.view], place.u, place.v)
-        start = mirror_start(views, samples, source, place.view, direction)
-        away = mirror_direction(appearance, samples, surfaces, source, direction)
-        t = mirrored_samples.t[ray]
-        normal = unpack_unit(mirrored_samples.normal[ray])
-        stratum = stratum_point(int(place.u), int(place.v), 4)
-        is_lit = sees_sun(
-            scene, views.slot[place.view], lift(start + t * away, normal, t), normal, sun, sun_radius, stratum, grid,
-            candidates,
-        )  # fmt: skip
-    sun_out[ray] = wp.where(is_lit, wp.uint8(255), wp.uint8(0))
+    if mirrors.samples.face[number] >= 0:
+        normal = unpack_unit(mirrors.samples.normal[number])
+        if wp.dot(normal, sun.direction) > -sun.radius:
+            ray = mirror_ray(picture, surfaces, mirrors.row[number])
+            t = mirrors.samples.t[number]
+            start = lift(ray.start + t * ray.direction, normal, t)
+            stratum = stratum_point(int(ray.source.u), int(ray.source.v), 4)
+            is_lit = sees_sun(scene, ray.source.slot, start, normal, sun, stratum)
+    sun_out[number] = wp.where(is_lit, wp.uint8(255), wp.uint8(0))

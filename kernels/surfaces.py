@@ -2,19 +2,35 @@
 
 import warp as wp
 
-from mmw.kernels.camera import Camera
-from mmw.kernels.looks import Appearance, Extras, Samples, Surfaces, Surfel
+from mmw.kernels.looks import COATED, MATT, SMOOTH, Appearance, Look, Surfaces, Surfel
 from mmw.kernels.packing import pack_unit, unpack_unit
-from mmw.kernels.structs import Scene, Views
+from mmw.kernels.picture import Picture, ray_of, row_of_thread
+from mmw.kernels.structs import Scene
 from mmw.kernels.surfel import surfel_of
-from mmw.kernels.visibility import pixel_direction, place_of, row_of_thread
 
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": True})
 
 
+MOST_ROUGH_BASE = wp.constant(0.25)
+"""Roughness below which glass and metal mirror their surroundings sharply [-]. Design value."""
+
+MOST_ROUGH_COAT = wp.constant(0.2)
+"""Roughness of a clear coat below which it mirrors its surroundings sharply [-]. Design value."""
+
+
+@wp.func
+def gloss_of(surfel: Surfel, look: Look) -> wp.uint8:
+    """Return `SMOOTH`, `COATED` or `MATT`."""
+    if (surfel.opacity < 0.999 or surfel.metallic > 0.5) and surfel.roughness < MOST_ROUGH_BASE:
+        return SMOOTH
+    if look.clearcoat > 0.0 and look.clearcoat_roughness < MOST_ROUGH_COAT:
+        return COATED
+    return MATT
+
+
 @wp.func
 def write_surface(
-    surfel: Surfel, row: int,
+    appearance: Appearance, surfel: Surfel, row: int,
     # out
     surfaces_out: Surfaces,
 ):  # fmt: skip
@@ -26,6 +42,7 @@ def write_surface(
     surfaces_out.normal[row] = pack_unit(surfel.shading_normal)
     more = wp.vec2h(wp.float16(surfel.metallic), wp.float16(surfel.opacity))
     surfaces_out.more[row] = wp.cast(more, wp.uint32)
+    surfaces_out.gloss[row] = gloss_of(surfel, appearance.looks[surfel.material])
     if surfaces_out.emission.shape[0] > 0:
         light = surfel.emission
         emitted = wp.vec4h(wp.float16(light[0]), wp.float16(light[1]), wp.float16(light[2]), wp.float16(0.0))
@@ -62,31 +79,27 @@ def read_surface(appearance: Appearance, surfaces: Surfaces, row: int, point: wp
     return surfel
 
 
-@wp.kernel
+@wp.kernel(cuda_max_registers=64)
 def surface_kernel(
     scene: Scene,
     appearance: Appearance,
-    views: Views,
-    camera: Camera,
-    extras: Extras,
-    samples: Samples,
+    picture: Picture,
     # out
     surfaces_out: Surfaces,
 ):
     """Read colours, roughness and normals of what every sample shows.
 
-    Launch: dim=threads of all tiles and further samples, block_dim=64.
+    Launch: dim=threads of all tiles and further samples that are shaded, block_dim=64.
     """
-    row = row_of_thread(camera, views.slot.shape[0], wp.tid())
+    row = row_of_thread(picture, wp.tid())
     if row < 0:
         return
-    face = samples.face[row]
+    face = picture.samples.face[row]
     if face < 0:
         return
-    place = place_of(camera, extras, row)
-    pose = views.pose[place.view]
+    ray = ray_of(picture, row)
     surfel = surfel_of(
-        scene, appearance, views.slot[place.view], wp.transform_get_translation(pose),
-        pixel_direction(camera, pose, place.u, place.v), samples.t[row], face, samples.instance[row], 1.0 / camera.fx,
+        scene, appearance, ray.slot, ray.origin, ray.direction, picture.samples.t[row], face,
+        picture.samples.instance[row], 1.0 / picture.camera.fx,
     )  # fmt: skip
-    write_surface(surfel, row, surfaces_out)
+    write_surface(appearance, surfel, row, surfaces_out)

@@ -69,6 +69,43 @@ def hit_corners(scene: Scene, face: int, instance: int) -> wp.mat33:
 
 
 @wp.func
+def distance_to_face(scene: Scene, slot: int, face: int, instance: int, origin: wp.vec3, direction: wp.vec3) -> float:
+    """Return where a ray meets one face [m], inf if it misses it.
+
+    Source: T. Moeller and B. Trumbore, "Fast, minimum storage ray/triangle intersection", 1997.
+
+    Args:
+        scene: Town and vehicles.
+        slot: Position of the ray's frame in the batch.
+        face: Face of the town or of the instance's model, >= 0.
+        instance: Instance, -1 for the town.
+        origin: Start of the ray, scene frame [m].
+        direction: Unit direction, scene frame.
+    """
+    start = origin
+    along = direction
+    if instance >= 0:
+        to_local = wp.transform_inverse(scene.instance_pose[slot, instance])
+        start = wp.transform_point(to_local, origin)
+        along = wp.transform_vector(to_local, direction)
+    corners = hit_corners(scene, face, instance)
+    ab = corners[1] - corners[0]
+    ac = corners[2] - corners[0]
+    from_a = start - corners[0]
+    square = wp.cross(along, ac)
+    volume = wp.dot(ab, square)
+    t = wp.inf
+    if volume != 0.0:
+        across = wp.cross(from_a, ab)
+        b = wp.dot(from_a, square) / volume
+        c = wp.dot(along, across) / volume
+        if b >= 0.0 and c >= 0.0 and b + c <= 1.0:
+            t = wp.dot(ac, across) / volume
+            t = wp.where(t >= 0.0, t, wp.inf)
+    return t
+
+
+@wp.func
 def geometric_normal(scene: Scene, slot: int, face: int, instance: int, direction: wp.vec3) -> wp.vec3:
     """Return the unit normal of a face in the scene frame, turned against the ray, which a face without area faces.
 

@@ -2,11 +2,12 @@
 
 import warp as wp
 
-from mmw.kernels.camera import TILE, Camera, camera_ray, tile_column, tile_row
-from mmw.kernels.looks import Appearance, Extras, Samples
+from mmw.kernels.camera import Camera
+from mmw.kernels.looks import Appearance, Samples
 from mmw.kernels.packing import pack_unit, unpack_unit
-from mmw.kernels.structs import Candidates, Nearest, Scene, Views
-from mmw.kernels.surfel import is_cut_out, material_of
+from mmw.kernels.picture import Picture, SampleRay, ray_at, ray_of, row_of_thread, sample_row, tile_of
+from mmw.kernels.structs import Candidates, Nearest, Scene
+from mmw.kernels.surfel import distance_to_face, is_cut_out, material_of
 from mmw.kernels.trace import (
     TRACE_REGISTERS,
     nearest_surface,
@@ -29,77 +30,6 @@ MOST_HOLES = wp.constant(16)
 
 PAST_HOLE = wp.constant(1.0e-4)
 """A ray goes on this far behind a hole, over the distance so far and at least of 1 m [-]."""
-
-
-@wp.struct
-class Place:
-    """Where a sample is: a point of the image of a view."""
-
-    view: int
-    u: float
-    """Column [px], pixel edges at whole numbers."""
-    v: float
-    """Row [px]."""
-
-
-@wp.func
-def sample_row(camera: Camera, view: int, u: int, v: int) -> int:
-    """Return the row of a pixel's centre in the samples of an image."""
-    return (view * camera.height + v) * camera.width + u
-
-
-@wp.func
-def row_of_thread(camera: Camera, views: int, thread: int) -> int:
-    """Return the row of the sample that a thread works on, -1 for none.
-
-    The first threads take the pixels tile by tile, so that neighbours in a warp are neighbours in the image; the
-    others take the further samples in order.
-    """
-    down = (camera.height + TILE - 1) // TILE
-    across = (camera.width + TILE - 1) // TILE
-    tile = thread // (TILE * TILE)
-    lane = thread - tile * TILE * TILE
-    view = tile // (down * across)
-    if view >= views:
-        return thread - views * down * across * TILE * TILE + views * camera.height * camera.width
-    inside = tile - view * down * across
-    v = tile_row(inside // across, lane)
-    u = tile_column(inside % across, lane)
-    if u >= camera.width or v >= camera.height:
-        return -1
-    return sample_row(camera, view, u, v)
-
-
-@wp.func
-def place_of(camera: Camera, extras: Extras, row: int) -> Place:
-    """Return where the sample of a row is."""
-    pixel = row
-    offset = wp.vec2(0.5, 0.5)
-    if row >= extras.first:
-        count = extras.offset.shape[0]
-        extra = row - extras.first
-        pixel = extras.row[extra // count]
-        offset = extras.offset[extra % count] + offset
-    place = Place()
-    line = pixel // camera.width
-    place.view = line // camera.height
-    place.u = float(pixel - line * camera.width) + offset[0]
-    place.v = float(line - place.view * camera.height) + offset[1]
-    return place
-
-
-@wp.func
-def tile_of(camera: Camera, place: Place) -> int:
-    """Return the number of the tile that a sample lies in, its group of `Candidates`."""
-    down = (camera.height + TILE - 1) // TILE
-    across = (camera.width + TILE - 1) // TILE
-    return (place.view * down + int(place.v) // TILE) * across + int(place.u) // TILE
-
-
-@wp.func
-def pixel_direction(camera: Camera, pose: wp.transformf, u: float, v: float) -> wp.vec3:
-    """Return the unit direction through a point of the image, scene frame."""
-    return wp.transform_vector(pose, camera_ray(camera, u, v))
 
 
 @wp.func
@@ -135,9 +65,7 @@ def store(
 @wp.kernel(cuda_max_registers=TRACE_REGISTERS)
 def visibility_kernel(
     scene: Scene,
-    views: Views,
-    camera: Camera,
-    extras: Extras,
+    picture: Picture,
     candidates: Candidates,
     thread_offset: int,
     # out
@@ -147,28 +75,22 @@ def visibility_kernel(
 
     Launch: dim=threads, block_dim=64.
     """
-    row = row_of_thread(camera, views.slot.shape[0], wp.tid() + thread_offset)
+    row = row_of_thread(picture, wp.tid() + thread_offset)
     if row < 0:
         return
-    place = place_of(camera, extras, row)
-    ray = camera_ray(camera, place.u, place.v)
-    pose = views.pose[place.view]
-    slot = views.slot[place.view]
-    direction = wp.transform_vector(pose, ray)
+    ray = ray_of(picture, row)
     near = nearest_surface_among(
-        scene, slot, wp.transform_get_translation(pose), direction, ray_length(camera, ray[0]),
-        views.ignore[place.view], candidates, tile_of(camera, place),
+        scene, ray.slot, ray.origin, ray.direction, ray_length(picture.camera, ray.forward),
+        picture.views.ignore[ray.view], candidates, tile_of(picture.camera, ray),
     )  # fmt: skip
-    store(scene, slot, near, direction, row, samples_out)
+    store(scene, ray.slot, near, ray.direction, row, samples_out)
 
 
 @wp.kernel
 def visibility_through_holes_kernel(
     scene: Scene,
     appearance: Appearance,
-    views: Views,
-    camera: Camera,
-    extras: Extras,
+    picture: Picture,
     thread_offset: int,
     # out
     samples_out: Samples,
@@ -177,31 +99,28 @@ def visibility_through_holes_kernel(
 
     Launch: dim=threads, block_dim=64.
     """
-    row = row_of_thread(camera, views.slot.shape[0], wp.tid() + thread_offset)
+    row = row_of_thread(picture, wp.tid() + thread_offset)
     if row < 0:
         return
-    place = place_of(camera, extras, row)
-    ray = camera_ray(camera, place.u, place.v)
-    pose = views.pose[place.view]
-    slot = views.slot[place.view]
-    origin = wp.transform_get_translation(pose)
-    direction = wp.transform_vector(pose, ray)
-    t_max = ray_length(camera, ray[0])
-    near = nearest_surface(scene, slot, origin, direction, t_max, views.ignore[place.view])
+    ray = ray_of(picture, row)
+    ignore = picture.views.ignore[ray.view]
+    t_max = ray_length(picture.camera, ray.forward)
+    near = nearest_surface(scene, ray.slot, ray.origin, ray.direction, t_max, ignore)
     behind = wp.float32(0.0)
     for _ in range(MOST_HOLES):
         is_hole = wp.bool(False)
         if near.face >= 0:
             is_hole = is_cut_out(
-                scene, appearance, slot, origin, direction, behind + near.t, near.face, near.instance, 1.0 / camera.fx
-            )
+                scene, appearance, ray.slot, ray.origin, ray.direction, behind + near.t, near.face, near.instance,
+                1.0 / picture.camera.fx,
+            )  # fmt: skip
         if not is_hole:
             break
         behind += near.t + PAST_HOLE * wp.max(1.0, behind + near.t)
-        start = origin + behind * direction
-        near = nearest_surface(scene, slot, start, direction, t_max - behind, views.ignore[place.view])
+        start = ray.origin + behind * ray.direction
+        near = nearest_surface(scene, ray.slot, start, ray.direction, t_max - behind, ignore)
     near.t += behind
-    store(scene, slot, near, direction, row, samples_out)
+    store(scene, ray.slot, near, ray.direction, row, samples_out)
 
 
 @wp.func
@@ -215,60 +134,54 @@ def seen_again(samples: Samples, row: int) -> Nearest:
 
 
 @wp.func
-def is_edge_between(
-    scene: Scene, camera: Camera, samples: Samples, row: int, other: int, ray: wp.vec3, ray_beside: wp.vec3,
-    normal: wp.vec3,
-) -> wp.bool:  # fmt: skip
-    """Return whether a line that a camera should draw smoothly lies between two neighbours of different surfaces.
+def is_edge_between(scene: Scene, samples: Samples, row: int, other: int, ray: SampleRay, beside: SampleRay) -> wp.bool:
+    """Return whether a line that a camera should draw smoothly lies between two samples of different surfaces.
 
     Args:
         scene: Town and vehicles.
-        camera: The camera.
-        samples: What the pixels see.
-        row: The pixel.
-        other: Its neighbour.
-        ray: Unit direction through the pixel, sensor frame.
-        ray_beside: Unit direction through the neighbour.
-        normal: Normal at the pixel, sensor frame.
+        samples: What samples met.
+        row: A sample.
+        other: One next to it in the image.
+        ray: Ray of the first.
+        beside: Ray of the other.
     """
     near = seen_again(samples, row)
-    beside = seen_again(samples, other)
-    if near.face < 0 or beside.face < 0:
+    next_to = seen_again(samples, other)
+    if near.face < 0 or next_to.face < 0:
         return True
-    if object_of(scene, near) != object_of(scene, beside):
+    if object_of(scene, near) != object_of(scene, next_to):
         return True
-    if material_of(scene, near.face, near.instance) != material_of(scene, beside.face, beside.instance):
+    if material_of(scene, near.face, near.instance) != material_of(scene, next_to.face, next_to.instance):
         return True
-    if wp.dot(unpack_unit(samples.normal[row]), unpack_unit(samples.normal[other])) < FOLD:
+    normal = unpack_unit(samples.normal[row])
+    if wp.dot(normal, unpack_unit(samples.normal[other])) < FOLD:
         return True
-    return wp.abs(wp.dot(beside.t * ray_beside - near.t * ray, normal)) > STEP * near.t
+    return wp.abs(wp.dot(next_to.t * beside.direction - near.t * ray.direction, normal)) > STEP * near.t
 
 
 @wp.kernel
 def edge_kernel(
     scene: Scene,
-    views: Views,
-    camera: Camera,
-    samples: Samples,
+    picture: Picture,
     # out
-    is_edge_out: wp.array[int],
+    is_edge_out: wp.array[wp.uint8],
 ):
     """Find the pixels that a line crosses: those whose neighbour shows another object, material, fold or depth.
 
     Launch: dim=threads of all tiles, block_dim=64; a thread's flag stands at its number.
     """
     thread = wp.tid()
-    row = row_of_thread(camera, views.slot.shape[0], thread)
-    is_edge_out[thread] = 0
+    row = row_of_thread(picture, thread)
+    is_edge_out[thread] = wp.uint8(0)
     if row < 0:
         return
+    camera = picture.camera
+    samples = picture.samples
     surface = samples.surface[row]
     line = row // camera.width
     view = line // camera.height
     u = row - line * camera.width
     v = line - view * camera.height
-    ray = camera_ray(camera, float(u) + 0.5, float(v) + 0.5)
-    normal = wp.transform_vector(wp.transform_inverse(views.pose[view]), unpack_unit(samples.normal[row]))
     is_edge = wp.bool(False)
     for side in range(4):
         beside_u = u + wp.where(side == 0, 1, 0) - wp.where(side == 1, 1, 0)
@@ -276,21 +189,104 @@ def edge_kernel(
         if not is_edge and beside_u >= 0 and beside_v >= 0 and beside_u < camera.width and beside_v < camera.height:
             other = sample_row(camera, view, beside_u, beside_v)
             if samples.surface[other] != surface:
-                there = camera_ray(camera, float(beside_u) + 0.5, float(beside_v) + 0.5)
-                is_edge = is_edge_between(scene, camera, samples, row, other, ray, there, normal)
-    is_edge_out[thread] = wp.where(is_edge, 1, 0)
+                ray = ray_at(picture, view, float(u) + 0.5, float(v) + 0.5)
+                beside = ray_at(picture, view, float(beside_u) + 0.5, float(beside_v) + 0.5)
+                is_edge = is_edge_between(scene, samples, row, other, ray, beside)
+    is_edge_out[thread] = wp.where(is_edge, wp.uint8(1), wp.uint8(0))
+
+
+@wp.func
+def row_about(picture: Picture, extra: int, k: int) -> int:
+    """Return the row of a pixel about a further sample, -1 outside of the image.
+
+    Of its own for k = 0, of the one to its side, 1, of that above or below it, 2, and of that across the corner, 3.
+    """
+    camera = picture.camera
+    pixel = picture.extras.row[extra // picture.extras.offset.shape[0]]
+    offset = picture.extras.offset[extra % picture.extras.offset.shape[0]]
+    line = pixel // camera.width
+    view = line // camera.height
+    x = pixel - line * camera.width + wp.where(k % 2 == 1, wp.where(offset[0] > 0.0, 1, -1), 0)
+    y = line - view * camera.height + wp.where(k >= 2, wp.where(offset[1] > 0.0, 1, -1), 0)
+    if x < 0 or y < 0 or x >= camera.width or y >= camera.height:
+        return -1
+    return sample_row(camera, view, x, y)
 
 
 @wp.kernel
-def flagged_row_kernel(
-    camera: Camera,
-    views: int,
-    flag: wp.array[int],
-    number: wp.array[int],
+def guess_kernel(
+    scene: Scene,
+    picture: Picture,
     # out
-    row_out: wp.array[int],
+    source_out: wp.array[int],
+    is_traced_out: wp.array[wp.uint8],
 ):
-    """List the rows of flagged samples in the order of their threads. Launch: dim=threads, block_dim=64."""
+    """Find what further samples show among the faces that the pixels about them show.
+
+    The nearest of these faces on its ray is what a sample shows, unless one of another thing lies before it in a pixel
+    about it: the sample may show another face of that thing, as at the outline of a round pole. Those samples, and
+    the ones whose rays miss all four faces, are traced: their flag is 1.
+
+    Launch: dim=further samples, block_dim=64.
+    """
+    extra = wp.tid()
+    samples = picture.samples
+    ray = ray_of(picture, picture.extras.first + extra)
+    source = wp.int32(-1)
+    found = float(wp.inf)
+    front = float(wp.inf)
+    front_row = wp.int32(-1)
+    for k in range(4):
+        row = row_about(picture, extra, k)
+        if row >= 0:
+            face = samples.face[row]
+            if face >= 0:
+                if samples.t[row] < front:
+                    front = samples.t[row]
+                    front_row = row
+                t = distance_to_face(scene, ray.slot, face, samples.instance[row], ray.origin, ray.direction)
+                if t < found:
+                    found = t
+                    source = row
+    is_known = wp.bool(False)
+    if source >= 0:
+        is_known = found <= front * (1.0 + STEP)
+        if not is_known:
+            is_known = object_of(scene, seen_again(samples, source)) == object_of(scene, seen_again(samples, front_row))
+    source_out[extra] = source
+    is_traced_out[extra] = wp.where(is_known, wp.uint8(0), wp.uint8(1))
+
+
+@wp.kernel
+def source_kernel(
+    scene: Scene,
+    picture: Picture,
+    traced: wp.array[int],
+    # out
+    source_out: wp.array[int],
+    is_shaded_out: wp.array[wp.uint8],
+):
+    """Find the pixel about each further sample that was traced which shows the same, whose light it takes.
+
+    A sample without such a pixel is shaded for itself: its source is its own row and its flag 1.
+
+    Launch: dim=further samples that were traced, block_dim=64.
+    """
     thread = wp.tid()
-    if flag[thread] == 1:
-        row_out[number[thread]] = row_of_thread(camera, views, thread)
+    row = traced[thread]
+    extra = row - picture.extras.first
+    samples = picture.samples
+    source = wp.int32(-1)
+    for k in range(4):
+        if source < 0:
+            beside = row_about(picture, extra, k)
+            if beside >= 0:
+                is_same = samples.surface[beside] == samples.surface[row]
+                if not is_same:
+                    is_same = not is_edge_between(
+                        scene, samples, beside, row, ray_of(picture, beside), ray_of(picture, row)
+                    )
+                if is_same:
+                    source = beside
+    source_out[extra] = wp.where(source >= 0, source, row)
+    is_shaded_out[thread] = wp.where(source >= 0, wp.uint8(0), wp.uint8(1))

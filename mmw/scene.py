@@ -44,6 +44,7 @@ class Scene:
         struct: What kernels take.
         origin: World position of the scene frame's origin [m], shape [3], float64.
         instance_actor: Actor index of each instance, shape [V].
+        instance_radius_m: Radius about an instance's origin that holds any instance [m].
         surface_count: Number of surfaces of town and instances.
         surface_offset: First surface id of each instance, shape [V].
         batch_frames: The frames that are loaded, one a slot.
@@ -157,6 +158,8 @@ class Scene:
         # A little more than the half diagonal, for what rounding moves.
         reach = 0.5001 * np.linalg.norm(upper - lower, axis=1) + 1e-3
         struct.instance_reach = self._array(reach.astype(np.float32), wp.float32)
+        around_origin = reach + 0.5 * np.linalg.norm(lower + upper, axis=1)
+        self.instance_radius_m = float(around_origin.max(initial=0.0))
         self._lower = wp.zeros(slots * instances, dtype=wp.vec3, device=self.device)
         self._upper = wp.zeros(slots * instances, dtype=wp.vec3, device=self.device)
         self._group = wp.full(slots * instances, slots, dtype=wp.int32, device=self.device)

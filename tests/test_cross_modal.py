@@ -1,6 +1,7 @@
 """One world behind every sensor, checked on a real scenario's tables: LiDAR, cameras, radar, radio and boxes agree."""
 
 import io
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -36,10 +37,14 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
         "segmentation: true}"
         for name, place in here.items()
     )
-    place = PLACE.replace("YAW", "0")
     radars = ", ".join(
-        f"{{type: radar, name: {name}, on: [cav, rsu], mount: {place}, {rest}}}"
-        for name, rest in (("exact", "mode: compat"), ("dense", "output: dense"), ("radar", "output: detections"))
+        f"{{type: radar, name: {name}, on: [cav, rsu], mount: {PLACE.replace('YAW', yaw)}, {rest}}}"
+        for name, yaw, rest in (
+            ("exact", "0", "mode: compat"),
+            ("dense", "0", "output: dense"),
+            ("radar", "0", "output: detections"),
+            ("rear", "180", "output: detections"),
+        )
     )
     sensors = f"[{{type: lidar, points_per_channel: 360}}, {cameras}, {radars}]"
     code = main(
@@ -217,23 +222,24 @@ def points_of_radar(row: dict) -> np.ndarray:
     return np.stack([across * np.cos(azimuth), across * np.sin(azimuth), distance * np.sin(elevation)], axis=1)
 
 
-@pytest.mark.parametrize(("sensor", "limit"), [("exact", 0.01), ("dense", 0.01), ("radar", 1.5)])
+@pytest.mark.parametrize(("sensors", "limit"), [(("exact",), 0.01), (("dense",), 0.01), (("radar", "rear"), 1.5)])
 def test_radar_points_lie_on_the_surface_of_their_object(
-    made: Dataset, arrays: SceneArrays, sensor: str, limit: float
+    made: Dataset, arrays: SceneArrays, sensors: tuple[str, ...], limit: float
 ) -> None:
     """Rays hit the surface itself; a detection is known to a resolution cell of range and angle."""
-    checked, vehicles = 0, triangles_of(arrays, 0)
-    for agent in AGENTS:
-        (sweep,) = rows(made, "radar", 0, agent, sensor=sensor)
-        points, thing = points_of_radar(sweep), np.array(sweep["object_id"])
-        world = transform_points(sensor_pose(made, 0, agent, sensor), points)
-        for object_id in np.unique(thing[np.isin(thing, list(vehicles))]):
-            which = np.flatnonzero(thing == object_id)[:40]
-            distance = distance_to(vehicles[int(object_id)], world[which])
-            reach = limit if limit < 0.1 else limit + 0.05 * np.array(sweep["range"])[which]
-            assert (distance < reach).all(), (agent, object_id, distance.max())
-            checked += len(which)
-    assert checked > (12 if sensor == "radar" else 60)
+    for frame in FRAMES:
+        checked, vehicles = 0, triangles_of(arrays, frame)
+        for agent, sensor in product(AGENTS, sensors):
+            (sweep,) = rows(made, "radar", frame, agent, sensor=sensor)
+            points, thing = points_of_radar(sweep), np.array(sweep["object_id"])
+            world = transform_points(sensor_pose(made, frame, agent, sensor), points)
+            for object_id in np.unique(thing[np.isin(thing, list(vehicles))]):
+                which = np.flatnonzero(thing == object_id)[:40]
+                distance = distance_to(vehicles[int(object_id)], world[which])
+                reach = limit if limit < 0.1 else limit + 0.05 * np.array(sweep["range"])[which]
+                assert (distance < reach).all(), (frame, agent, object_id, distance.max())
+                checked += len(which)
+        assert checked > 60, frame
 
 
 def test_radar_velocities_are_those_of_the_boxes(made: Dataset) -> None:

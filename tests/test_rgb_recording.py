@@ -22,7 +22,9 @@ from mmw.recording.launches import make_launches
 from mmw.report import Clock
 from mmw.scene import Scene
 from mmw.scene_arrays import SceneArrays
+from mmw.sensors import rgb
 from mmw.sensors.lens import intrinsics_of, project
+from mmw.sensors.rgb_light import shade_samples
 from mmw.tables.columns import sort_rows, table_from_columns
 from mmw.tables.encode import decode_depth, decode_flow, decode_instance, decode_normals, decode_rgb, decode_semantic
 from mmw.tables.rows.common import resolved
@@ -58,10 +60,16 @@ def configured(folder: Path, sensors: str, *changes: str) -> Config:
     return load_config(folder / "c.yaml", changes)
 
 
-def record(config: Config, device: str, batches: Sequence[Sequence[int]], arrays: SceneArrays | None = None) -> Rows:
-    """Return the rows of batches of frames, as the pipeline makes them."""
+def record(
+    config: Config,
+    device: str,
+    batches: Sequence[Sequence[int]],
+    arrays: SceneArrays | None = None,
+    weathers: Sequence[str] | None = None,
+) -> Rows:
+    """Return the rows of batches of frames, as the pipeline makes them, in all or some of the weathers."""
     arrays = street() if arrays is None else arrays
-    rows: Rows = {weather: defaultdict(list) for weather in config.weathers}
+    rows: Rows = {weather: defaultdict(list) for weather in weathers or config.weathers}
     with ThreadPoolExecutor(1) as pool:
         scene = Scene(arrays, device, max_slots=4)
         job = Job(config, config.scenarios[0], arrays, differentiate(arrays.poses), scene, None, pool, Clock())
@@ -178,6 +186,18 @@ def test_launches_of_one_view_do_not_change_a_byte(
 ) -> None:
     monkeypatch.setattr(cameras, "most_pixels", lambda _: 1)
     assert listed(record(configured(tmp_path, FRONT + MAST + DEPTH), device, [[1, 3]])) == made
+
+
+@pytest.mark.parametrize("weather", ["sunny", "rainy"])
+def test_a_run_that_goes_on_makes_the_missing_weather_alone(
+    device: str, made: dict, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, weather: str
+) -> None:
+    shaded = []
+    monkeypatch.setattr(rgb, "shade_samples", lambda *args, **kw: shaded.append(args[1]) or shade_samples(*args, **kw))
+    config = configured(tmp_path, FRONT + MAST + DEPTH)
+    assert listed(record(config, device, [[1, 3]], weathers=[weather])) == {weather: made[weather]}
+    assert len(shaded) > 0 and all(one.wet.wetness == shaded[0].wet.wetness for one in shaded)
+    assert (shaded[0].wet.wetness > 0.0) == (weather == "rainy")
 
 
 @pytest.mark.parametrize("sensor", [FRONT, MAST, DEPTH])

@@ -13,6 +13,7 @@ import pytest
 from mmw.constants import FRAME_DT
 from mmw.optics import extinction
 from mmw.scene_arrays import SceneArrays
+from mmw.sensors.sky import bake
 from mmw.weather import PRESETS, Weather
 from tests.rgb_scenes import SMALL, Shot, at, even_sky, glowing, lambert, matter, shoot
 from tests.scenes import (
@@ -231,6 +232,50 @@ def test_head_lamps_light_the_road_at_night(device: str) -> None:
     assert by_day[0] == pytest.approx(by_day[1], rel=0.05)
     lamps = light["night"][2].max(axis=(0, 1))
     assert lamps[1] > 100.0 * np.median(light["night"][2][..., 1])
+
+
+def lit_street(device: str, with_lamps: bool) -> Shot:
+    """Return light ground with lamps of 10 klm in two rows 24 m apart, 8 m up and 30 m from the next, or with none."""
+    weathers = {
+        "noon": Weather(),
+        "dusk": Weather(sun_altitude_deg=-6.0),
+        "night": Weather(sun_altitude_deg=-15.0),
+        "night_rain": replace(PRESETS["rainy"], sun_altitude_deg=-15.0),
+    }
+    lamps = [
+        quad_part(f"Lamps/{x}_{y}", [(x, y, 8), (x, y + 0.4, 8), (x + 0.4, y + 0.4, 8), (x + 0.4, y, 8)], "lamp")
+        for x in range(-30, 91, 30)
+        for y in (-12, 12)
+    ]
+    pavement = matter("asphalt", "asphalt", color=(0.25, 0.25, 0.25), roughness=0.9)
+    street = matter("lamp", "plastic", emission=(20.0, 17.5, 13.5), lamp="street" if with_lamps else "none")
+    arrays = arrays_from_parts(
+        [ground_part(200.0), *lamps], materials={"asphalt": pavement, "lamp": street}, weathers=tuple(weathers)
+    )
+    return shoot(arrays, device, at((0.0, 0.0, 1.6, 0.0, 5.0, 0.0)), weathers=weathers)
+
+
+def test_exposure_is_made_for_the_lamps_of_a_lit_street(device: str) -> None:
+    """Street lamps that burn count as 10 lux (EN 13201-2, C4) beside sky and sun; no others, and none by day."""
+    found = {}
+    for with_lamps in (True, False):
+        shot = lit_street(device, with_lamps)
+        keys = {name: np.zeros((1, 2), dtype=np.uint32) for name in shot.weathers}
+        images = shot.camera.render(shot.buffer, shot.config, keys)
+        found[with_lamps] = {name: float(images[name].exposure.numpy()[0]) for name in images}
+        if with_lamps:
+            pictures = {name: image.rgb.numpy()[0].astype(float).mean(axis=-1) for name, image in images.items()}
+    for name in shot.weathers:
+        # pi key / E with the key (E / 100 klux)^0.17: E^-0.83 but for a factor.
+        klux = bake(shot.camera._weathers[name]).horizontal_klux
+        share = 1.0 if name == "noon" else (1.0 + 0.010 / klux) ** -0.83
+        assert found[True][name] / found[False][name] == pytest.approx(share, rel=1e-4), name
+    assert found[True]["night"] < 0.05 * found[False]["night"]
+    for name in ("dusk", "night", "night_rain"):
+        ground, sky = pictures[name][shot.rays[..., 2] < -0.05], pictures[name][shot.rays[..., 2] > 0.05]
+        assert (30.0 if name == "night_rain" else 40.0) < ground.mean() < 110.0, (name, ground.mean())
+        assert (pictures[name] > 250.0).mean() < 0.01, name
+        assert sky.mean() < (120.0 if name == "dusk" else 40.0), (name, sky.mean())
 
 
 def test_night_is_readable(device: str) -> None:

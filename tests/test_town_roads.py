@@ -93,7 +93,8 @@ def test_no_face_is_degenerate_and_all_look_up_or_at_the_road(network: RoadNetwo
         corners = part.points[part.faces]
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         area = np.linalg.norm(normal, axis=1)
-        assert area.min() > 2e-5, part.path
+        is_cut = part.material in ("asphalt", "drain_grate", "manhole_cover")  # a cover's outline cuts lane cells
+        assert area.min() > (2e-5 if is_cut else 2e-4), part.path
         upright = np.abs(normal[:, 2]) < 1e-9 * area
         assert np.all(normal[~upright, 2] > 0), part.path
         assert part.material == "curb" or not np.any(upright), part.path

@@ -32,7 +32,7 @@ def record_rgb(job: Job, launch: Launch, buffer: SampleBuffer, collected: Rows) 
     if len(launch.views):
         config = shots[0][1]
         with job.clock.stage(launch.name):
-            keys = {weather: _keys(job, launch, weather) for weather in job.config.weathers}
+            keys = {weather: _keys(job, launch, weather) for weather in weathers}
             found = job.rgb_camera(config.debug).render(buffer, config, keys, _lens_keys(job, launch))
             pixels = to_host([found[weather].rgb for weather in weathers])
             images = dict(zip(weathers, pixels, strict=True))

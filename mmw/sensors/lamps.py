@@ -23,6 +23,9 @@ DIPPED_VISIBILITY_M = 500.0
 STREET_SUN_DEG = 0.0
 """Altitude of the sun below which street lamps burn [deg]. Design value: they are switched near 70 lux on the ground,
 which a clear sky gives some minutes after sunset."""
+STREET_KLUX = 0.010
+"""Illuminance of level ground by street lamps for which the fixed exposure is made [klux]. Source: EN 13201-2:2015,
+lighting class C4 of traffic areas, 10 lux on average."""
 
 LAMP_LABELS = frozenset({"car", "truck", "bus", "motorcycle"})
 """Classes of actors with head and tail lamps."""

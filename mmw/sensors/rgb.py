@@ -9,7 +9,7 @@
 # Warp's structs and small number types are objects, not classes, to a type checker.
 # pyright: reportGeneralTypeIssues=false, reportArgumentType=false
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +17,7 @@ import warp as wp
 
 from mmw.config import RgbConfig
 from mmw.constants import FRAME_DT
-from mmw.kernels import looks, shade
+from mmw.kernels import looks, mirror, shade
 from mmw.kernels.wet import Wet
 from mmw.kinematics import Motion, differentiate
 from mmw.scene import Scene
@@ -25,13 +25,13 @@ from mmw.sensors.appearance import AppearanceArrays
 from mmw.sensors.camera import BLOCK_DIM
 from mmw.sensors.develop import develop, lens_drops, make_exposure
 from mmw.sensors.image_motion import device_twists, image_motion
-from mmw.sensors.lamps import load_brakes, make_lamps
+from mmw.sensors.lamps import STREET_KLUX, load_brakes, make_lamps
 from mmw.sensors.rgb_light import (
     MirrorRays,
     gather_light,
     read_surfaces,
     shade_samples,
-    sun_rays,
+    sun_over,
     trace_mirror_sun,
     trace_mirrors,
     trace_sky,
@@ -91,10 +91,11 @@ class RgbCamera:
         for name, weather in weathers.items():
             struct = shade.Weather()
             struct.appearance = appearance.for_weather(name)
-            struct.sky = make_sky(weather, scene.device, seed)
+            struct.lamps = make_lamps(scene, name, weather)
+            street_klux = STREET_KLUX if struct.lamps.street_count > 0 else 0.0
+            struct.sky = make_sky(weather, scene.device, seed, lamps_klux=street_klux)
             struct.air = make_air(weather, scene.device, ground, seed)
             struct.wet = make_wet(weather, scene.origin)
-            struct.lamps = make_lamps(scene, name, weather)
             struct.glow = wp.vec3(*ground_radiance(weather, seed))
             self._shading[name] = struct
         groups: dict[tuple, list[str]] = {}
@@ -115,12 +116,13 @@ class RgbCamera:
         keys: Mapping[str, np.ndarray],
         lens_keys: np.ndarray | None = None,
     ) -> dict[str, RgbImages]:
-        """Return the pictures of the views in each weather.
+        """Return the pictures of the views in each weather that has keys.
 
         Args:
             buffer: What the pixels see.
             config: Rays to send, and how light becomes a picture.
             keys: Weather -> random numbers of each view, shape [A, 2], uint32 (`mmw.views.view_keys`): noise, streaks.
+                Some or all of the camera's weathers; the others cost nothing.
             lens_keys: Random numbers of each view's lens, shape [A, 2], uint32, the same in every frame; needed for
                 `lens_drops` alone.
         """
@@ -134,7 +136,7 @@ class RgbCamera:
                 raise ValueError("lens_drops: the lenses have no keys; every lens needs its own; pass lens_keys")
             drops = lens_drops(wp.array(lens_keys, dtype=wp.vec2ui, device=device), image.lens_drops, buffer.intrinsics)
         images = {}
-        for name, radiance in self.radiance(buffer, config).items():
+        for name, radiance in self.radiance(buffer, config, keys).items():
             weather, sky = self._weathers[name], self._shading[name].sky
             exposure = make_exposure(image.exposure, radiance, sky.exposure)
             key = wp.array(keys[name], dtype=wp.vec2ui, device=device)
@@ -161,7 +163,7 @@ class RgbCamera:
             appearance = next(iter(self._shading.values())).appearance
             wp.launch(
                 shade.normal_kernel, dim=buffer.launch,
-                inputs=[self._scene.struct, appearance, buffer.on_device, buffer.camera, buffer.samples],
+                inputs=[self._scene.struct, appearance, buffer.picture],
                 outputs=[images], device=self._scene.device, block_dim=BLOCK_DIM,
             )  # fmt: skip
         return images
@@ -186,26 +188,33 @@ class RgbCamera:
                 weather.lamps.brake = brakes
             self._lit_frames = self._scene.batch_frames
 
-    def radiance(self, buffer: SampleBuffer, config: RgbConfig) -> dict[str, wp.array]:
+    def radiance(
+        self, buffer: SampleBuffer, config: RgbConfig, weathers: Collection[str] | None = None
+    ) -> dict[str, wp.array]:
         """Return the luminance that reaches every pixel in each weather [kcd/m2], shape [A, H, W], vec3, on the device.
 
         Args:
             buffer: What the pixels see.
             config: Rays to send.
+            weathers: Names of weathers; all of the camera's if absent.
         """
+        wanted = list(self._shading if weathers is None else weathers)
         self._load_batch()
         device = self._scene.device
         if not len(buffer.views):
-            return {name: wp.empty(buffer.shape, dtype=wp.vec3, device=device) for name in self._shading}
+            return {name: wp.empty(buffer.shape, dtype=wp.vec3, device=device) for name in wanted}
         buffer = with_extras(buffer, config.samples)
         time = wp.array(buffer.views.frame * FRAME_DT, dtype=float, device=device)
         sky_light = trace_sky(buffer) if config.sky_light else None
         images = {}
-        for names in self._groups:
+        for group in self._groups:
+            names = [name for name in group if name in wanted]
+            if not names:
+                continue
             first = self._shading[names[0]]
             found = read_surfaces(buffer, first.appearance)
             rays = trace_mirrors(buffer, first.appearance, self._wettest(names), found, is_on=config.reflections)
-            lights: dict[tuple[float, ...], tuple[shade.Light, shade.Mirrors]] = {}
+            lights: dict[tuple[float, ...], tuple[shade.Light, mirror.Mirrors]] = {}
             for name in names:
                 weather = self._shading[name]
                 sun = tuple(weather.sky.sun_direction) if any(weather.sky.sun_illuminance) else ()
@@ -214,7 +223,7 @@ class RgbCamera:
                     lights[sun] = _light(buffer, weather, found, rays, sky_light, with_sun=with_sun)
                 with_lamps = self._is_dark[name] and weather.lamps.beam_count + weather.lamps.street_count > 0
                 images[name] = shade_samples(buffer, weather, time, found, *lights[sun], with_lamps=with_lamps)
-        return {name: images[name] for name in self._shading}
+        return {name: images[name] for name in wanted}
 
     def _wettest(self, names: Sequence[str]) -> Wet:
         """Return water that is nowhere less than in any of some weathers: it decides where mirrored rays are sent."""
@@ -232,15 +241,15 @@ def _light(
     sky_light: wp.array | None,
     *,
     with_sun: bool,
-) -> tuple[shade.Light, shade.Mirrors]:
+) -> tuple[shade.Light, mirror.Mirrors]:
     """Return the light of one place of the sun."""
-    light, mirrors = shade.Light(), shade.Mirrors()
-    rays_to_sun = sun_rays(buffer.scene, weather.sky) if with_sun else None
+    light, mirrors = shade.Light(), mirror.Mirrors()
+    rays_to_sun = sun_over(buffer.scene, weather.sky) if with_sun else None
     sun = trace_sun(buffer, rays_to_sun) if rays_to_sun is not None else None
     light.sun, light.sky = gather_light(buffer, sun, sky_light)
     light.mirror = rays.number
     mirrors.row, mirrors.samples, mirrors.surfaces = rays.mirrors.row, rays.mirrors.samples, rays.mirrors.surfaces
     mirrors.sun = rays.mirrors.sun
     if rays_to_sun is not None:
-        mirrors.sun = trace_mirror_sun(buffer, weather.appearance, found, rays, rays_to_sun)
+        mirrors.sun = trace_mirror_sun(buffer, found, rays, rays_to_sun)
     return light, mirrors

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from mmw.kernels import candidates, light_filter, lighting, looks, mirror, shade, structs, surfaces
+from mmw.kernels import candidates, light_filter, lighting, looks, mirror, shade, surfaces
 from mmw.kernels.sky import Sky
 from mmw.kernels.wet import Wet
 from mmw.scene import Scene
 from mmw.sensors.camera import BLOCK_DIM, TILE
-from mmw.sensors.visibility_buffer import SampleBuffer, empty_candidates, empty_samples, flagged_rows
+from mmw.sensors.visibility_buffer import SampleBuffer, empty_candidates, empty_flags, empty_samples, flagged_rows
 
 SUN_CELL_M = 16.0
 """Side of the cells of the grid square to the sun [m]. Design value: some lengths of a car."""
@@ -30,75 +30,54 @@ SMOOTH_REACH = (1, 4)
 values."""
 
 
-def all_threads(buffer: SampleBuffer) -> int:
-    """Return the threads that work on all samples of a buffer."""
-    return buffer.threads + len(buffer.samples.t) - buffer.extras.first
-
-
 def read_surfaces(buffer: SampleBuffer, appearance: looks.Appearance) -> looks.Surfaces:
     """Return colours, roughness and normals of what every sample shows."""
     found = _empty_surfaces(len(buffer.samples.t), appearance, buffer.scene.device)
     _launch(
-        buffer, surfaces.surface_kernel, all_threads(buffer),
-        [buffer.scene.struct, appearance, *_seen(buffer)], [found],
+        buffer, surfaces.surface_kernel, buffer.shading_threads, [buffer.scene.struct, appearance, buffer.picture],
+        [found],
     )  # fmt: skip
     return found
 
 
-@dataclass(frozen=True)
-class SunRays:
-    """The sun of a weather, with the instances that shade each cell of a grid square to it."""
-
-    sky: Sky
-    grid: candidates.SunGrid
-    met: structs.Candidates
-
-    @property
-    def inputs(self) -> list:
-        """What kernels that look for the sun take."""
-        return [self.sky.sun_direction, self.sky.sun_radius, self.grid, self.met]
-
-
-def sun_rays(scene: Scene, sky: Sky) -> SunRays:
-    """Return the rays to the sun of the loaded batch of a scene."""
+def sun_over(scene: Scene, sky: Sky) -> candidates.Sun:
+    """Return the sun of a weather over the loaded batch of a scene."""
     to_sun = np.array(sky.sun_direction, dtype=np.float64)
     across = np.cross((0.0, 0.0, 1.0) if abs(to_sun[2]) < 0.9 else (1.0, 0.0, 0.0), to_sun)
     across /= np.linalg.norm(across)
     plane = np.stack([across, np.cross(to_sun, across)])
-    struct = scene.struct
-    reach = struct.instance_reach.numpy()
-    poses = struct.instance_pose.numpy()[: scene.slots]
-    is_present = struct.instance_present.numpy()[: scene.slots]
+    rows = [scene.arrays.frame_row(frame) for frame in scene.batch_frames]
+    places = (scene.arrays.poses[rows][:, scene.instance_actor, :3] - scene.origin) @ plane.T
+    places = places[np.isfinite(places).all(axis=2)]
     grid = candidates.SunGrid()
     grid.across, grid.along = wp.vec3(*plane[0]), wp.vec3(*plane[1])
     grid.margin = 2.0 * float(sky.sun_radius) * SUN_GRID_RANGE_M
     grid.cell, grid.low, grid.columns, grid.rows = SUN_CELL_M, wp.vec2(), 0, 0
-    if is_present.any():
-        # Spheres about the origins hold those about the middles.
-        around = float((reach + np.linalg.norm(struct.instance_middle.numpy(), axis=1)).max()) + grid.margin
-        places = poses[is_present][:, :3] @ plane.T
+    if len(places):
+        around = scene.instance_radius_m + grid.margin
         low, high = places.min(axis=0) - around, places.max(axis=0) + around
         grid.low = wp.vec2(*low)
         grid.columns, grid.rows = (int(n) for n in np.ceil((high - low) / SUN_CELL_M))
     met = empty_candidates(scene.slots * grid.rows * grid.columns, scene)
     if grid.columns:
         wp.launch(
-            candidates.sun_candidates_kernel, dim=(scene.slots, grid.rows, grid.columns), inputs=[struct, grid],
+            candidates.sun_candidates_kernel, dim=(scene.slots, grid.rows, grid.columns), inputs=[scene.struct, grid],
             outputs=[met], device=scene.device,
         )  # fmt: skip
-    return SunRays(sky, grid, met)
+    sun = candidates.Sun()
+    sun.direction, sun.radius, sun.grid, sun.candidates = sky.sun_direction, sky.sun_radius, grid, met
+    return sun
 
 
-def trace_sun(buffer: SampleBuffer, sun: SunRays) -> wp.array:
+def trace_sun(buffer: SampleBuffer, sun: candidates.Sun) -> wp.array:
     """Return the share of the sun in sight of every sample, before it is smoothed, in 255ths."""
     light = wp.empty(len(buffer.samples.t), dtype=wp.uint8, device=buffer.scene.device)
     views, height, width = buffer.shape
     half = (views, -(-height // TILE), -(-width // (2 * TILE)), BLOCK_DIM)
-    further = len(buffer.samples.t) - buffer.extras.first
-    for kernel, dim in (
-        (lighting.sun_kernel, half), (lighting.sun_between_kernel, half), (lighting.extra_sun_kernel, further),
-    ):  # fmt: skip
-        _launch(buffer, kernel, dim, [buffer.scene.struct, *_seen(buffer), *sun.inputs], [light])
+    scene, picture, further = buffer.scene.struct, buffer.picture, len(buffer.extras.shaded)
+    _launch(buffer, lighting.sun_kernel, half, [scene, picture, sun], [light])
+    _launch(buffer, lighting.sun_between_kernel, half, [scene, picture, sun], [light])
+    _launch(buffer, lighting.further_sun_kernel, further, [scene, picture, sun, buffer.threads], [light])
     return light
 
 
@@ -109,11 +88,10 @@ def trace_sky(buffer: SampleBuffer) -> wp.array:
     device = buffer.scene.device
     rays = wp.empty(part, dtype=wp.uint8, device=device)
     launch = (views, -(-part[1] // TILE), -(-part[2] // TILE), BLOCK_DIM)
-    seen = [buffer.on_device, buffer.camera, buffer.samples]
-    _launch(buffer, lighting.sky_kernel, launch, [buffer.scene.struct, *seen], [rays])
+    _launch(buffer, lighting.sky_kernel, launch, [buffer.scene.struct, buffer.picture], [rays])
     for reach in SMOOTH_REACH:
         smooth = wp.empty(part, dtype=wp.uint8, device=device)
-        _launch(buffer, light_filter.smooth_sky_kernel, launch, [*seen, rays, reach], [smooth])
+        _launch(buffer, light_filter.smooth_sky_kernel, launch, [buffer.picture, rays, reach], [smooth])
         rays = smooth
     return rays
 
@@ -134,8 +112,7 @@ def gather_light(buffer: SampleBuffer, sun: wp.array | None, sky: wp.array | Non
     if sun is not None or sky is not None:
         _launch(
             buffer, light_filter.gather_kernel, buffer.launch,
-            [buffer.on_device, buffer.camera, buffer.samples, no_sun if sun is None else sun, rays, sun is not None],
-            [smooth_sun, smooth_sky],
+            [buffer.picture, no_sun if sun is None else sun, rays, sun is not None], [smooth_sun, smooth_sky],
         )  # fmt: skip
     return smooth_sun, smooth_sky
 
@@ -146,7 +123,7 @@ class MirrorRays:
 
     number: wp.array
     """Mirrored ray of each sample, -1 for none; empty where none was sent."""
-    mirrors: shade.Mirrors
+    mirrors: mirror.Mirrors
     """Without the sun, which depends on where it stands: see `trace_mirror_sun`."""
 
     def __len__(self) -> int:
@@ -165,41 +142,31 @@ def trace_mirrors(
         found: Surfaces of the samples.
         is_on: Send rays at all.
     """
-    device = buffer.scene.device
-    count = len(buffer.samples.t) if is_on else 0
-    rays = shade.Mirrors()
-    number = wp.full(count, -1, dtype=int, device=device)
-    rays.row = wp.empty(0, dtype=int, device=device)
-    if count:
-        inputs = [appearance, wet, *_seen(buffer), found]
-        rays.row = flagged_rows(buffer, all_threads(buffer), mirror.mirror_ray_kernel, inputs)
-    rays.samples = empty_samples(len(rays.row), device, with_surfaces=True)
-    rays.surfaces = _empty_surfaces(len(rays.row), appearance, device)
+    device, scene, picture = buffer.scene.device, buffer.scene.struct, buffer.picture
+    threads = buffer.shading_threads if is_on else 0
+    rays = mirror.Mirrors()
+    number = wp.full(len(buffer.samples.t) if is_on else 0, -1, dtype=int, device=device)
+    kind = wp.empty(len(number), dtype=wp.uint8, device=device)
+    sends_ray = empty_flags(threads, device)
+    _launch(buffer, mirror.mirror_kind_kernel, threads, [appearance, wet, picture, found], [kind])
+    _launch(buffer, mirror.sends_ray_kernel, threads, [picture, found, kind], [sends_ray])
+    rays.row = flagged_rows(buffer, sends_ray)
+    count = len(rays.row)
+    rays.samples = empty_samples(count, device, with_surfaces=True)
+    rays.surfaces = _empty_surfaces(count, appearance, device)
     rays.sun = wp.empty(0, dtype=wp.uint8, device=device)
-    of_mirror = [*_seen(buffer), found, rays.row]
-    scene = buffer.scene.struct
-    _launch(buffer, mirror.mirror_number_kernel, len(rays.row), [rays.row], [number])
-    _launch(buffer, mirror.mirror_trace_kernel, len(rays.row), [scene, appearance, *of_mirror], [rays.samples])
-    _launch(
-        buffer, mirror.mirror_surface_kernel, len(rays.row), [scene, appearance, *of_mirror, rays.samples],
-        [rays.surfaces],
-    )  # fmt: skip
+    _launch(buffer, mirror.mirror_number_kernel, count, [rays.row], [number])
+    _launch(buffer, mirror.mirror_trace_kernel, count, [scene, picture, found, rays.row], [rays.samples])
+    inputs = [scene, appearance, picture, found, rays]
+    _launch(buffer, mirror.mirror_surface_kernel, count, inputs, [rays.surfaces])
     return MirrorRays(number, rays)
 
 
-def trace_mirror_sun(
-    buffer: SampleBuffer, appearance: looks.Appearance, found: looks.Surfaces, rays: MirrorRays, light: SunRays
-) -> wp.array:
+def trace_mirror_sun(buffer: SampleBuffer, found: looks.Surfaces, rays: MirrorRays, light: candidates.Sun) -> wp.array:
     """Return 255 where the sun lights what a mirrored ray meets, else 0."""
     sun = wp.empty(len(rays), dtype=wp.uint8, device=buffer.scene.device)
-    _launch(
-        buffer, mirror.mirror_sun_kernel, len(rays),
-        [
-            buffer.scene.struct, appearance, *_seen(buffer), found, rays.mirrors.row, rays.mirrors.samples,
-            *light.inputs,
-        ],
-        [sun],
-    )  # fmt: skip
+    inputs = [buffer.scene.struct, buffer.picture, found, rays.mirrors, light]
+    _launch(buffer, mirror.mirror_sun_kernel, len(rays), inputs, [sun])
     return sun
 
 
@@ -209,7 +176,7 @@ def shade_samples(
     time: wp.array,
     found: looks.Surfaces,
     light: shade.Light,
-    mirrors: shade.Mirrors,
+    mirrors: mirror.Mirrors,
     *,
     with_lamps: bool,
 ) -> wp.array:
@@ -227,21 +194,16 @@ def shade_samples(
     device, scene = buffer.scene.device, buffer.scene.struct
     image = wp.empty(len(mirrors.row), dtype=wp.vec3, device=device)
     radiance = wp.empty(len(buffer.samples.t), dtype=wp.vec3, device=device)
-    extras = buffer.extras
-    _launch(
-        buffer, shade.mirror_shade_kernel, len(mirrors.row), [scene, weather, *_seen(buffer), found, mirrors], [image]
-    )
-    seen = [scene, weather, buffer.on_device, time, buffer.camera, extras, buffer.samples, found]
-    _launch(buffer, shade.shade_kernel, all_threads(buffer), [*seen, light, image], [radiance])
+    extras, picture, threads = buffer.extras, buffer.picture, buffer.shading_threads
+    _launch(buffer, shade.mirror_shade_kernel, len(mirrors.row), [scene, weather, picture, found, mirrors], [image])
+    seen = [scene, weather, time, picture, found]
+    _launch(buffer, shade.shade_kernel, threads, [*seen, light, image], [radiance])
     if with_lamps:
-        _launch(buffer, shade.lamp_kernel, all_threads(buffer), seen, [radiance])
-    if len(extras.row):
-        wp.launch(shade.resolve_kernel, dim=len(extras.row), inputs=[extras], outputs=[radiance], device=device)
+        _launch(buffer, shade.lamp_kernel, threads, seen, [radiance])
+    mean = wp.empty(len(extras.row), dtype=wp.vec3, device=device)
+    _launch(buffer, shade.resolve_kernel, len(extras.row), [extras, radiance], [mean])
+    _launch(buffer, shade.put_back_kernel, len(extras.row), [extras, mean], [radiance])
     return radiance[: extras.first].reshape(buffer.shape)
-
-
-def _seen(buffer: SampleBuffer) -> list:
-    return [buffer.on_device, buffer.camera, buffer.extras, buffer.samples]
 
 
 def _launch(buffer: SampleBuffer, kernel: wp.Kernel, dim: int | tuple[int, ...], inputs: list, outputs: list) -> None:
@@ -255,5 +217,6 @@ def _empty_surfaces(count: int, appearance: looks.Appearance, device: str) -> lo
     found.color = wp.empty(count, dtype=wp.uint64, device=device)
     found.normal = wp.empty(count, dtype=wp.uint32, device=device)
     found.more = wp.empty(count, dtype=wp.uint32, device=device)
+    found.gloss = wp.empty(count, dtype=wp.uint8, device=device)
     found.emission = wp.empty(count if appearance.has_emission_textures else 0, dtype=wp.uint64, device=device)
     return found

@@ -147,8 +147,8 @@ def exposure(horizontal_klux: float) -> float:
     """Return the fixed exposure [m2/kcd] of a weather, as an incident-light meter on level ground sets it.
 
     A level grey of 18 % becomes 0.18 x key: exposure = pi key / E with the key (E / 100 klux)^0.17, which is 1 at a
-    clear noon, 0.8 under clouds, 0.6 in heavy rain and 0.11 at night. A meter without key would set EV100 =
-    log2(100 E / C), E in lux, C = 250.
+    clear noon, 0.8 under clouds, 0.6 in heavy rain, 0.2 under street lamps, and 0.11 at night without them. A meter
+    without key would set EV100 = log2(100 E / C), E in lux, C = 250.
 
     Source of C: ISO 2720, flat receptor. Key: design.
     """
@@ -318,7 +318,7 @@ def mean_radiance(weather: Weather, seed: int = 0) -> np.ndarray:
     return np.einsum("r,rck->k", solid_angles(small.shape[0]), small) / (4.0 * math.pi)
 
 
-def make_sky(weather: Weather, device: str, seed: int = 0, rows: int = ROWS) -> Sky:
+def make_sky(weather: Weather, device: str, seed: int = 0, rows: int = ROWS, lamps_klux: float = 0.0) -> Sky:
     """Return the sky of a weather on a device; equal weathers share one.
 
     Args:
@@ -326,12 +326,13 @@ def make_sky(weather: Weather, device: str, seed: int = 0, rows: int = ROWS) -> 
         device: Warp device.
         seed: Of the clouds.
         rows: Of the sharp map, a multiple of 128.
+        lamps_klux: Illuminance of level ground by lamps [klux]; the exposure counts it with that by sun and sky.
     """
-    return _make_sky(weather, str(device), seed, rows)
+    return _make_sky(weather, str(device), seed, rows, lamps_klux)
 
 
 @functools.lru_cache(maxsize=16)
-def _make_sky(weather: Weather, device: str, seed: int, rows: int) -> Sky:
+def _make_sky(weather: Weather, device: str, seed: int, rows: int, lamps_klux: float) -> Sky:
     baked = bake(weather, seed, rows)
     scale = float((baked.small @ LUMINANCE).mean())
     blurred = [blur(baked.small, (k + 1) / BLURS) for k in range(BLURS)] + [blur(baked.small, None)]
@@ -342,7 +343,7 @@ def _make_sky(weather: Weather, device: str, seed: int, rows: int) -> Sky:
     sky.sun_direction = wp.vec3(*sun_direction(weather))
     sky.sun_illuminance = wp.vec3(*baked.sun_illuminance)
     sky.sun_radius = SUN_RADIUS
-    sky.exposure = exposure(baked.horizontal_klux)
+    sky.exposure = exposure(baked.horizontal_klux + lamps_klux)
     return sky
 
 

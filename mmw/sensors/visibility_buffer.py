@@ -11,7 +11,7 @@ import warp as wp
 from mmw.kernels import camera as camera_kernels
 from mmw.kernels import candidates as candidate_kernels
 from mmw.kernels import depth as depth_kernels
-from mmw.kernels import looks, structs
+from mmw.kernels import looks, picture, structs
 from mmw.kernels import visibility as kernels
 from mmw.lens import Intrinsics
 from mmw.scene import Scene
@@ -59,6 +59,25 @@ class SampleBuffer:
         return int(np.prod(self.launch))
 
     @property
+    def further(self) -> int:
+        """Further samples; see `Extras`."""
+        return len(self.samples.t) - self.extras.first
+
+    @property
+    def shading_threads(self) -> int:
+        """Threads that work on all samples that are shaded."""
+        return self.threads + len(self.extras.shaded)
+
+    @property
+    def picture(self) -> picture.Picture:
+        """What kernels take of it."""
+        images = picture.Picture()
+        images.views, images.camera, images.extras, images.samples = (
+            self.on_device, self.camera, self.extras, self.samples,
+        )  # fmt: skip
+        return images
+
+    @property
     def launch(self) -> tuple[int, int, int, int]:
         """Launch of one thread a pixel, in blocks of `BLOCK_DIM`."""
         return tiles(len(self.views), self.intrinsics)
@@ -98,10 +117,7 @@ def trace_samples(
         ValueError: If a view's frame is not loaded in the scene.
     """
     count = len(views) * intrinsics.height * intrinsics.width
-    none = looks.Extras()
-    none.first = count
-    none.row = wp.empty(0, dtype=int, device=scene.device)
-    none.offset = wp.empty(0, dtype=wp.vec2, device=scene.device)
+    none = _extras(count, wp.empty(0, dtype=int, device=scene.device), ())
     samples = empty_samples(count, scene.device, with_surfaces=with_surfaces)
     camera = device_camera(intrinsics, range_m)
     on_device = views.for_scene(scene)
@@ -132,15 +148,25 @@ def _tile_candidates(
     return met
 
 
+def _extras(first: int, row: wp.array, offsets: tuple) -> looks.Extras:
+    """Return the further rays of the pixels of some rows, before it is known whose light they bring."""
+    extras = looks.Extras()
+    extras.first, extras.row = first, row
+    at = np.array(offsets, dtype=np.float32).reshape(-1, 2)
+    extras.offset = wp.array(at, dtype=wp.vec2, device=row.device)
+    extras.source = wp.empty(0, dtype=int, device=row.device)
+    extras.shaded = wp.empty(0, dtype=int, device=row.device)
+    return extras
+
+
 def _trace(buffer: SampleBuffer, first: int, threads: int) -> None:
     """Trace the samples of some threads."""
     if threads:
         scene, device = buffer.scene.struct, buffer.scene.device
-        seen = [buffer.on_device, buffer.camera, buffer.extras]
         if buffer.cut_outs is None:
-            kernel, inputs = kernels.visibility_kernel, [scene, *seen, buffer.candidates, first]
+            kernel, inputs = kernels.visibility_kernel, [scene, buffer.picture, buffer.candidates, first]
         else:
-            kernel, inputs = kernels.visibility_through_holes_kernel, [scene, buffer.cut_outs, *seen, first]
+            kernel, inputs = kernels.visibility_through_holes_kernel, [scene, buffer.cut_outs, buffer.picture, first]
         wp.launch(kernel, dim=threads, inputs=inputs, outputs=[buffer.samples], device=device, block_dim=BLOCK_DIM)
 
 
@@ -187,47 +213,60 @@ def with_extras(buffer: SampleBuffer, per_pixel: int) -> SampleBuffer:
         buffer: What the pixel centres see, with surfaces.
         per_pixel: Samples in a pixel on an edge, a key of `EXTRA_OFFSETS`; 1 finds no edges.
     """
-    device, count = buffer.scene.device, len(buffer.samples.t)
-    offsets = np.array(EXTRA_OFFSETS[per_pixel], dtype=np.float32).reshape(-1, 2)
+    device, count, offsets = buffer.scene.device, len(buffer.samples.t), EXTRA_OFFSETS[per_pixel]
     if not count or not len(offsets):
         return buffer
-    row = flagged_rows(
-        buffer,
-        buffer.threads,
-        kernels.edge_kernel,
-        [buffer.scene.struct, buffer.on_device, buffer.camera, buffer.samples],
-    )
-    extras = looks.Extras()
-    extras.first = count
-    extras.row = row
-    extras.offset = wp.array(offsets, dtype=wp.vec2, device=device)
-    samples = empty_samples(count + len(row) * len(offsets), device, with_surfaces=True)
+    scene = buffer.scene.struct
+    is_edge = empty_flags(buffer.threads, device)
+    _launch(kernels.edge_kernel, buffer.threads, [scene, buffer.picture], [is_edge])
+    extras = _extras(count, flagged_rows(buffer, is_edge), offsets)
+    samples = empty_samples(count + len(extras.row) * len(offsets), device, with_surfaces=True)
     for name in ("t", "face", "instance", "surface", "normal"):
         wp.copy(getattr(samples, name), getattr(buffer.samples, name), count=count)
     both = replace(buffer, samples=samples, extras=extras)
-    _trace(both, buffer.threads, len(row) * len(offsets))
+    extras.source = wp.empty(both.further, dtype=int, device=device)
+    is_traced = empty_flags(both.further, device)
+    if buffer.cut_outs is None:
+        _launch(kernels.guess_kernel, both.further, [scene, both.picture], [extras.source, is_traced])
+    else:
+        is_traced[: both.further].fill_(1)
+    extras.shaded = flagged_rows(both, is_traced, buffer.threads)
+    traced = len(extras.shaded)
+    _trace(both, buffer.threads, traced)
+    is_shaded = empty_flags(traced, device)
+    inputs = [scene, both.picture, extras.shaded]
+    _launch(kernels.source_kernel, traced, inputs, [extras.source, is_shaded])
+    extras.shaded = flagged_rows(both, is_shaded, buffer.threads)
     return both
 
 
-def flagged_rows(buffer: SampleBuffer, threads: int, kernel: wp.Kernel, inputs: list) -> wp.array:
-    """Return the rows of the samples that a kernel flags, in the order of its threads.
+def empty_flags(threads: int, device: str) -> wp.array:
+    """Return room for a flag a thread, 0 or 1, in whole words of eight; all are 0."""
+    return wp.zeros(-(-threads // 8) * 8, dtype=wp.uint8, device=device)
+
+
+def flagged_rows(buffer: SampleBuffer, flags: wp.array, first_thread: int = 0) -> wp.array:
+    """Return the rows of the samples whose threads raised their flags, in the order of the threads.
 
     Args:
         buffer: What the pixels see.
-        threads: Threads of the kernel.
-        kernel: Writes 1 or 0 for every thread.
-        inputs: Of the kernel.
+        flags: From `empty_flags`.
+        first_thread: Thread that the first flag belongs to.
     """
-    device = buffer.scene.device
-    flag = wp.empty(threads, dtype=int, device=device)
-    number = wp.empty(threads, dtype=int, device=device)
-    wp.launch(kernel, dim=threads, inputs=inputs, outputs=[flag], device=device, block_dim=BLOCK_DIM)
-    wp.utils.array_scan(flag, number, inclusive=False)
-    count = int(number[-1:].numpy()[0]) + int(flag[-1:].numpy()[0])
-    row = wp.empty(count, dtype=int, device=device)
-    if count:
-        wp.launch(
-            kernels.flagged_row_kernel, dim=threads, inputs=[buffer.camera, len(buffer.views), flag, number],
-            outputs=[row], device=device, block_dim=BLOCK_DIM,
-        )  # fmt: skip
+    device, words = buffer.scene.device, len(flags) // 8
+    if not words:
+        return wp.empty(0, dtype=int, device=device)
+    flag = wp.array(ptr=flags.ptr, dtype=wp.uint64, shape=words, device=device)
+    count = wp.empty(words + 1, dtype=int, device=device)
+    first = wp.empty(words + 1, dtype=int, device=device)
+    _launch(picture.flag_count_kernel, words, [flag], [count])
+    wp.utils.array_scan(count, first, inclusive=False)  # the number after the last word is that of all flags
+    row = wp.empty(int(first[words:].numpy()[0]), dtype=int, device=device)
+    if len(row):
+        _launch(picture.flagged_row_kernel, words, [buffer.picture, flag, first, first_thread], [row])
     return row
+
+
+def _launch(kernel: wp.Kernel, threads: int, inputs: list, outputs: list) -> None:
+    if threads:
+        wp.launch(kernel, dim=threads, inputs=inputs, outputs=outputs, device=outputs[0].device, block_dim=BLOCK_DIM)
