@@ -10,7 +10,7 @@ from mmw.kernels.lighting import SKY_STEP
 from mmw.kernels.packing import unpack_unit
 from mmw.kernels.picture import Picture, sample_row
 
-wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": True})
+wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": True, "max_unroll": 1})
 
 SHADE_STEP = wp.constant(64.0)
 """Difference of the sky in sight, in 255ths, from which later passes of the filter keep apart. Design value: noise of
@@ -34,6 +34,8 @@ class Spot:
     """Unit normal, sensor frame."""
     normal_in_scene: wp.vec3
     """The same, scene frame."""
+    surface: int
+    """Surface id."""
     slack: float
     """One over the distance from the plane that still counts [1/m]."""
 
@@ -46,6 +48,7 @@ def spot_of(picture: Picture, view: int, u: int, v: int, row: int) -> Spot:
     spot.normal_in_scene = unpack_unit(picture.samples.normal[row])
     spot.normal = wp.transform_vector(wp.transform_inverse(picture.views.pose[view]), spot.normal_in_scene)
     spot.point = t * camera_ray(picture.camera, float(u) + 0.5, float(v) + 0.5)
+    spot.surface = picture.samples.surface[row]
     spot.slack = 1.0 / (FLATNESS * t + FLATNESS)
     return spot
 
@@ -53,6 +56,8 @@ def spot_of(picture: Picture, view: int, u: int, v: int, row: int) -> Spot:
 @wp.func
 def likeness(picture: Picture, row: int, u: int, v: int, spot: Spot) -> float:
     """Return how much a pixel, by row, column and line, lies on the same smooth surface as a spot: 0 to 1."""
+    if picture.samples.surface[row] == spot.surface:  # flat, by what a surface is
+        return 1.0
     t = picture.samples.t[row]
     weight = wp.float32(0.0)
     if t < wp.inf:

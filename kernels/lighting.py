@@ -15,7 +15,7 @@ from mmw.kernels.picture import Picture, ray_at, ray_of, row_of_thread, sample_r
 from mmw.kernels.structs import Scene
 from mmw.kernels.trace import TRACE_REGISTERS, is_blocked, is_blocked_among
 
-wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": True})
+wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": True, "max_unroll": 1})
 
 SKY_STEP = wp.constant(3)
 """Columns and rows of pixels between rays to the sky [px]; a filter fills in the others. Design value."""

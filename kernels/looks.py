@@ -115,10 +115,12 @@ class Extras:
 
 
 MATT = wp.constant(wp.uint8(0))
-"""Gloss of a surface that mirrors nothing sharply while it is dry."""
-COATED = wp.constant(wp.uint8(1))
+"""Gloss of what mirrors nothing sharply while it is dry, and of nothing."""
+FAINT_COAT = wp.constant(wp.uint8(1))
+"""Gloss of a smooth clear coat that is looked at so straight that it mirrors no more than the blurred sky is worth."""
+COATED = wp.constant(wp.uint8(2))
 """Gloss of a smooth clear coat over a rougher base."""
-SMOOTH = wp.constant(wp.uint8(2))
+SMOOTH = wp.constant(wp.uint8(3))
 """Gloss of smooth glass and metal."""
 
 
@@ -136,7 +138,7 @@ class Surfaces:
     emission: wp.array[wp.uint64]
     """Emission, like `color`, of looks with an emission texture; empty where no look has one."""
     gloss: wp.array[wp.uint8]
-    """`MATT`, `COATED` or `SMOOTH`."""
+    """`MATT`, `FAINT_COAT`, `COATED` or `SMOOTH`."""
 
 
 @wp.struct

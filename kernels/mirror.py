@@ -9,29 +9,21 @@ import warp as wp
 
 from mmw.kernels.candidates import Sun
 from mmw.kernels.lighting import lift, sees_sun, stratum_point
-from mmw.kernels.looks import COATED, MATT, SMOOTH, Appearance, Look, Samples, Surfaces
+from mmw.kernels.looks import COATED, MATT, Appearance, Samples, Surfaces
 from mmw.kernels.packing import unpack_unit
 from mmw.kernels.picture import Picture, SampleRay, ray_of, row_of_thread
 from mmw.kernels.structs import Scene
-from mmw.kernels.surfaces import read_surface, write_surface
+from mmw.kernels.surfaces import read_surface, schlick, write_surface
 from mmw.kernels.surfel import surfel_of
 from mmw.kernels.trace import TRACE_REGISTERS, nearest_surface
 from mmw.kernels.visibility import store
 from mmw.kernels.wet import WATER_REFLECTANCE, Wet, smoothstep, wetted
 
-wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": True})
-
-COAT_REFLECTANCE = wp.constant(0.04)
-"""Light that a clear coat mirrors straight back [-]: a refractive index of 1.5."""
-
-LEAST_COAT_SHARE = wp.constant(0.045)
-"""Share of the light that a coat must mirror for a ray to be worth it [-]: from 45 deg aslant on. Design value."""
-
-FULL_COAT_SHARE = wp.constant(0.1)
-"""Share from which the ray alone counts; in between the blurred sky fades out [-]. Design value."""
+wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": True, "max_unroll": 1})
 
 LEAST_WATER_SHARE = wp.constant(0.03)
-"""The same for the film on wet ground: what water mirrors to an eye 37 deg above it [-]. Design value."""
+"""Share of the light that the film on wet ground must mirror for a ray to be worth it [-]: that of water to an eye
+37 deg above it. Design value."""
 
 FULL_WATER_SHARE = wp.constant(0.12)
 """Share of water's mirrored light from which the ray alone counts [-]. Design value."""
@@ -44,12 +36,6 @@ ALIKE = wp.constant(0.95)
 
 LEAST_ALIKE = wp.constant(2)
 """Neighbours whose images make up that of a pixel between them. Design value."""
-
-
-NO_MIRROR = wp.constant(wp.uint8(0))
-WATER = wp.constant(wp.uint8(1))
-SHARP = wp.constant(wp.uint8(2))
-"""What a sample mirrors by: nothing, water in some weather, its own smooth surface."""
 
 
 @wp.struct
@@ -95,22 +81,6 @@ def footprint_on(normal: wp.vec3, direction: wp.vec3, width: float) -> float:
 
 
 @wp.func
-def schlick(reflectance: float, normal: wp.vec3, to_viewer: wp.vec3) -> float:
-    """Return the share of the light that a surface mirrors.
-
-    Source: C. Schlick, "An inexpensive BRDF model for physically-based rendering", 1994.
-    """
-    x = 1.0 - wp.clamp(wp.dot(normal, to_viewer), 0.0, 1.0)
-    return reflectance + (1.0 - reflectance) * x * x * x * x * x
-
-
-@wp.func
-def coat_weight(look: Look, normal: wp.vec3, to_viewer: wp.vec3) -> float:
-    """Return how much of what a sharp coat mirrors comes by a ray of its own, 0 to 1; the rest is the blurred sky."""
-    return smoothstep(LEAST_COAT_SHARE, FULL_COAT_SHARE, look.clearcoat * schlick(COAT_REFLECTANCE, normal, to_viewer))
-
-
-@wp.func
 def water_weight(film: float, normal: wp.vec3, to_viewer: wp.vec3) -> float:
     """Return how much of what the film on a wet surface mirrors comes by a ray of its own, 0 to 1 (Schlick, flat).
 
@@ -135,42 +105,34 @@ def mirror_ray(picture: Picture, surfaces: Surfaces, row: int) -> MirrorRay:
 
 
 @wp.kernel
-def mirror_kind_kernel(
+def water_kernel(
     appearance: Appearance,
     wet: Wet,
     picture: Picture,
     surfaces: Surfaces,
     # out
-    kind_out: wp.array[wp.uint8],
+    is_water_out: wp.array[wp.uint8],
 ):
-    """Find the samples that mirror: `SHARP`, `WATER` or `NO_MIRROR` in their rows.
+    """Find the samples whose water mirrors enough for a ray: 1 in the rows of those, else 0.
 
     Launch: dim=threads of all tiles and further samples that are shaded, block_dim=64.
     """
     row = row_of_thread(picture, wp.tid())
     if row < 0:
         return
-    kind = NO_MIRROR
-    if picture.samples.face[row] >= 0:
-        gloss = surfaces.gloss[row]
-        if gloss == SMOOTH:
-            kind = SHARP
-        elif gloss == COATED:
-            look = appearance.looks[surfaces.material[row]]
-            if coat_weight(look, unpack_unit(surfaces.normal[row]), -ray_of(picture, row).direction) > 0.0:
-                kind = SHARP
-        elif wet.wetness + wet.puddles > 0.0:
-            normal = unpack_unit(picture.samples.normal[row])
-            if normal[2] > 0.2:  # film and puddles lie on what faces upwards
-                t = picture.samples.t[row]
-                ray = ray_of(picture, row)
-                look = appearance.looks[surfaces.material[row]]
-                surfel = read_surface(appearance, surfaces, row, ray.origin + t * ray.direction, normal)
-                footprint = footprint_on(normal, ray.direction, t / picture.camera.fx)
-                film = wetted(wet, look, surfel, 0.0, footprint).film
-                if water_weight(film, normal, -ray.direction) > 0.0:
-                    kind = WATER
-    kind_out[row] = kind
+    is_water_out[row] = wp.uint8(0)
+    if picture.samples.face[row] < 0 or surfaces.gloss[row] != MATT:
+        return
+    normal = unpack_unit(picture.samples.normal[row])
+    if normal[2] < 0.2:  # film and puddles lie on what faces upwards
+        return
+    t = picture.samples.t[row]
+    ray = ray_of(picture, row)
+    look = appearance.looks[surfaces.material[row]]
+    surfel = read_surface(appearance, surfaces, row, ray.origin + t * ray.direction, normal)
+    film = wetted(wet, look, surfel, 0.0, footprint_on(normal, ray.direction, t / picture.camera.fx)).film
+    if water_weight(film, normal, -ray.direction) > 0.0:
+        is_water_out[row] = wp.uint8(1)
 
 
 @wp.func
@@ -206,11 +168,11 @@ def alike_beside(picture: Picture, surfaces: Surfaces, row: int, side: int) -> i
 def sends_ray_kernel(
     picture: Picture,
     surfaces: Surfaces,
-    kind: wp.array[wp.uint8],
+    is_water: wp.array[wp.uint8],
     # out
     sends_ray_out: wp.array[wp.uint8],
 ):
-    """Choose the samples that send a mirrored ray: 1 for those, else 0.
+    """Choose the samples that send a mirrored ray: 1 for those, else 0. `is_water` is empty where all is dry.
 
     Launch: dim=threads of all tiles and further samples that are shaded, block_dim=64; a thread's flag stands at its
     number.
@@ -219,16 +181,17 @@ def sends_ray_kernel(
     row = row_of_thread(picture, thread)
     sends = wp.bool(False)
     if row >= 0:
-        sends = kind[row] != NO_MIRROR
         line = row // picture.camera.width
-        is_odd = (row - line * picture.camera.width + line) % 2 == 1
-        if kind[row] == SHARP and row < picture.extras.first and is_odd:
+        sends = surfaces.gloss[row] >= COATED
+        if sends and row < picture.extras.first and (row - line * picture.camera.width + line) % 2 == 1:
             alike = wp.int32(0)
             for side in range(4):
                 beside = alike_beside(picture, surfaces, row, side)
                 if beside >= 0:
-                    alike += wp.where(kind[beside] == SHARP, 1, 0)
+                    alike += wp.where(surfaces.gloss[beside] >= COATED, 1, 0)
             sends = alike < LEAST_ALIKE
+        if is_water.shape[0] > 0:
+            sends = sends or is_water[row] > wp.uint8(0)
     sends_ray_out[thread] = wp.where(sends, wp.uint8(1), wp.uint8(0))
 
 
@@ -319,7 +282,7 @@ def mirror_surface_kernel(
         scene, appearance, ray.source.slot, ray.start, ray.direction, t, face, mirrors.samples.instance[number],
         (1.0 + ray.t / t) / picture.camera.fx,
     )  # fmt: skip
-    write_surface(appearance, surfel, number, surfaces_out)
+    write_surface(appearance, surfel, -ray.direction, number, surfaces_out)
 
 
 @wp.kernel(cuda_max_registers=TRACE_REGISTERS)

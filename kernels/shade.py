@@ -6,10 +6,9 @@ from mmw.kernels.air import Air, sky_through_air, through_air, transmittance
 from mmw.kernels.brdf import GLINT_ALPHA2, ambient_weights, direct_light
 from mmw.kernels.camera import tile_column, tile_row
 from mmw.kernels.lamps import Lamps, lamp_emission, lamp_light
-from mmw.kernels.looks import COATED, MATT, Appearance, Extras, Surfaces
+from mmw.kernels.looks import MATT, SMOOTH, Appearance, Extras, Surfaces
 from mmw.kernels.mirror import (
     Mirrors,
-    coat_weight,
     footprint_on,
     mirror_image,
     mirror_ray,
@@ -20,11 +19,11 @@ from mmw.kernels.packing import unpack_unit
 from mmw.kernels.picture import Picture, SampleRay, ray_at, ray_of, row_of_thread, sample_row
 from mmw.kernels.sky import Sky, sky_irradiance, sky_radiance
 from mmw.kernels.structs import Scene
-from mmw.kernels.surfaces import read_surface
+from mmw.kernels.surfaces import coat_weight, read_surface
 from mmw.kernels.surfel import interpolated_normal, patch_of, toward_viewer
 from mmw.kernels.wet import Wet, Wetted, film_light, film_weights, wetted
 
-wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": True})
+wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": True, "max_unroll": 1})
 
 SHADED_GROUND = wp.constant(0.5)
 """Light of what blocks the sky, over that of open ground [-]: half of it lies in shadow. Design value."""
@@ -196,7 +195,7 @@ def shade_kernel(
     sharp = gloss != MATT
     # A ray may be there for another weather, in which the surface is wetter.
     weight = wp.float32(1.0)
-    if gloss == COATED:
+    if gloss > MATT and gloss < SMOOTH:  # a coat
         weight = coat_weight(look, unpack_unit(surfaces.normal[row]), to_viewer)
     wet = wet_surface(weather, time, picture, surfaces, ray, row)
     if not sharp:

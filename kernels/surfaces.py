@@ -2,11 +2,12 @@
 
 import warp as wp
 
-from mmw.kernels.looks import COATED, MATT, SMOOTH, Appearance, Look, Surfaces, Surfel
+from mmw.kernels.looks import COATED, FAINT_COAT, MATT, SMOOTH, Appearance, Look, Surfaces, Surfel
 from mmw.kernels.packing import pack_unit, unpack_unit
 from mmw.kernels.picture import Picture, ray_of, row_of_thread
 from mmw.kernels.structs import Scene
 from mmw.kernels.surfel import surfel_of
+from mmw.kernels.wet import smoothstep
 
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": True})
 
@@ -18,23 +19,51 @@ MOST_ROUGH_COAT = wp.constant(0.2)
 """Roughness of a clear coat below which it mirrors its surroundings sharply [-]. Design value."""
 
 
+COAT_REFLECTANCE = wp.constant(0.04)
+"""Light that a clear coat mirrors straight back [-]: a refractive index of 1.5."""
+
+LEAST_COAT_SHARE = wp.constant(0.045)
+"""Share of the light that a coat must mirror for a ray to be worth it [-]: from 45 deg aslant on. Design value."""
+
+FULL_COAT_SHARE = wp.constant(0.1)
+"""Share from which the ray alone counts; in between the blurred sky fades out [-]. Design value."""
+
+
 @wp.func
-def gloss_of(surfel: Surfel, look: Look) -> wp.uint8:
-    """Return `SMOOTH`, `COATED` or `MATT`."""
+def schlick(reflectance: float, normal: wp.vec3, to_viewer: wp.vec3) -> float:
+    """Return the share of the light that a surface mirrors.
+
+    Source: C. Schlick, "An inexpensive BRDF model for physically-based rendering", 1994.
+    """
+    x = 1.0 - wp.clamp(wp.dot(normal, to_viewer), 0.0, 1.0)
+    return reflectance + (1.0 - reflectance) * x * x * x * x * x
+
+
+@wp.func
+def coat_weight(look: Look, normal: wp.vec3, to_viewer: wp.vec3) -> float:
+    """Return how much of what a sharp coat mirrors comes by a ray of its own, 0 to 1; the rest is the blurred sky."""
+    return smoothstep(LEAST_COAT_SHARE, FULL_COAT_SHARE, look.clearcoat * schlick(COAT_REFLECTANCE, normal, to_viewer))
+
+
+@wp.func
+def gloss_of(surfel: Surfel, look: Look, to_viewer: wp.vec3) -> wp.uint8:
+    """Return `SMOOTH`, `COATED`, `FAINT_COAT` or `MATT`."""
     if (surfel.opacity < 0.999 or surfel.metallic > 0.5) and surfel.roughness < MOST_ROUGH_BASE:
         return SMOOTH
     if look.clearcoat > 0.0 and look.clearcoat_roughness < MOST_ROUGH_COAT:
-        return COATED
+        if coat_weight(look, surfel.shading_normal, to_viewer) > 0.0:
+            return COATED
+        return FAINT_COAT
     return MATT
 
 
 @wp.func
 def write_surface(
-    appearance: Appearance, surfel: Surfel, row: int,
+    appearance: Appearance, surfel: Surfel, to_viewer: wp.vec3, row: int,
     # out
     surfaces_out: Surfaces,
 ):  # fmt: skip
-    """Store a surfel without its place, which follows from its ray."""
+    """Store a surfel that a ray met, without its place, which follows from the ray."""
     surfaces_out.material[row] = surfel.material
     color = surfel.color
     halves = wp.vec4h(wp.float16(color[0]), wp.float16(color[1]), wp.float16(color[2]), wp.float16(surfel.roughness))
@@ -42,7 +71,7 @@ def write_surface(
     surfaces_out.normal[row] = pack_unit(surfel.shading_normal)
     more = wp.vec2h(wp.float16(surfel.metallic), wp.float16(surfel.opacity))
     surfaces_out.more[row] = wp.cast(more, wp.uint32)
-    surfaces_out.gloss[row] = gloss_of(surfel, appearance.looks[surfel.material])
+    surfaces_out.gloss[row] = gloss_of(surfel, appearance.looks[surfel.material], to_viewer)
     if surfaces_out.emission.shape[0] > 0:
         light = surfel.emission
         emitted = wp.vec4h(wp.float16(light[0]), wp.float16(light[1]), wp.float16(light[2]), wp.float16(0.0))
@@ -96,10 +125,11 @@ def surface_kernel(
         return
     face = picture.samples.face[row]
     if face < 0:
+        surfaces_out.gloss[row] = MATT
         return
     ray = ray_of(picture, row)
     surfel = surfel_of(
         scene, appearance, ray.slot, ray.origin, ray.direction, picture.samples.t[row], face,
         picture.samples.instance[row], 1.0 / picture.camera.fx,
     )  # fmt: skip
-    write_surface(appearance, surfel, row, surfaces_out)
+    write_surface(appearance, surfel, -ray.direction, row, surfaces_out)

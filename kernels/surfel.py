@@ -4,7 +4,7 @@ import warp as wp
 
 from mmw.kernels.looks import Appearance, Surfel
 from mmw.kernels.structs import Scene
-from mmw.kernels.texture import sample_texture
+from mmw.kernels.texture import MOST_TAPS, sample_texture
 
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": True})
 
@@ -238,7 +238,7 @@ def mapped_normal(appearance: Appearance, use: int, seen: Footprint, normal: wp.
     v_length = wp.length(toward_v)
     if u_length <= 0.0 or v_length <= 0.0:
         return normal
-    bent = sample_texture(appearance, use, seen.st, seen.ds, seen.dt)
+    bent = sample_texture(appearance, use, seen.st, seen.ds, seen.dt, 1)
     mapped = toward_u * (turn * bent[0] / u_length) + toward_v * (turn * bent[1] / v_length) + normal * bent[2]
     length = wp.length(mapped)
     return wp.where(length > 1.0e-3, mapped / wp.max(length, 1.0e-3), normal)
@@ -271,9 +271,9 @@ def pick(value: wp.vec4, channel: int) -> float:
 
 
 @wp.func
-def number_from(appearance: Appearance, use: int, seen: Footprint) -> float:
+def number_from(appearance: Appearance, use: int, seen: Footprint, most_taps: int) -> float:
     """Return the number that a texture gives, 0 to 1."""
-    value = sample_texture(appearance, use, seen.st, seen.ds, seen.dt)
+    value = sample_texture(appearance, use, seen.st, seen.ds, seen.dt, most_taps)
     return wp.clamp(pick(value, appearance.uses[use].channel), 0.0, 1.0)
 
 
@@ -327,21 +327,21 @@ def surfel_of(
     ):
         seen = footprint_of(appearance, patch, instance, spread * t)
         if look.color_texture >= 0:
-            color = sample_texture(appearance, look.color_texture, seen.st, seen.ds, seen.dt)
+            color = sample_texture(appearance, look.color_texture, seen.st, seen.ds, seen.dt, MOST_TAPS)
             surfel.color = wp.vec3(
                 wp.clamp(color[0], 0.0, 1.0), wp.clamp(color[1], 0.0, 1.0), wp.clamp(color[2], 0.0, 1.0)
             )
         if look.normal_texture >= 0:
             shading = mapped_normal(appearance, look.normal_texture, seen, shading)
         if look.roughness_texture >= 0:
-            surfel.roughness = wp.max(number_from(appearance, look.roughness_texture, seen), LEAST_ROUGHNESS)
+            surfel.roughness = wp.max(number_from(appearance, look.roughness_texture, seen, 1), LEAST_ROUGHNESS)
         if look.metallic_texture >= 0:
-            surfel.metallic = number_from(appearance, look.metallic_texture, seen)
+            surfel.metallic = number_from(appearance, look.metallic_texture, seen, 1)
         if look.emission_texture >= 0:
-            glow = sample_texture(appearance, look.emission_texture, seen.st, seen.ds, seen.dt)
+            glow = sample_texture(appearance, look.emission_texture, seen.st, seen.ds, seen.dt, MOST_TAPS)
             surfel.emission = wp.vec3(wp.max(glow[0], 0.0), wp.max(glow[1], 0.0), wp.max(glow[2], 0.0))
         if look.opacity_texture >= 0 and look.opacity_threshold <= 0.0:
-            surfel.opacity = number_from(appearance, look.opacity_texture, seen)
+            surfel.opacity = number_from(appearance, look.opacity_texture, seen, MOST_TAPS)
     side = wp.where(wp.dot(patch.normal, patch.direction) > 0.0, -1.0, 1.0)
     shading = toward_viewer(shading * side, patch.normal * side, patch.direction)
     surfel.normal = patch.normal * side
@@ -372,7 +372,7 @@ def is_cut_out(
         if look.opacity_texture >= 0:
             patch = patch_of(scene, slot, origin, direction, t, face, instance)
             seen = footprint_of(appearance, patch, instance, spread * t)
-            is_hole = number_from(appearance, look.opacity_texture, seen) < look.opacity_threshold
+            is_hole = number_from(appearance, look.opacity_texture, seen, MOST_TAPS) < look.opacity_threshold
         else:
             is_hole = look.opacity < look.opacity_threshold
     return is_hole

@@ -13,7 +13,8 @@ BLACK = wp.constant(3)
 """Wraps by number, as in `TextureUse.wrap_u`."""
 
 MOST_TAPS = wp.constant(4)
-"""Taps along the long axis of a footprint. Design value: a road seen at 14 degrees or steeper stays sharp."""
+"""Taps along the long axis of a footprint of a colour; normals, roughness and the like take one. Design value: a road
+seen at 14 degrees or steeper stays sharp."""
 
 LEAST_TEXELS = wp.constant(1.0e-6)
 MOST_TEXELS = wp.constant(1.0e6)
@@ -120,10 +121,10 @@ def in_texels(used: TextureUse, size: wp.vec2, side: wp.vec2) -> wp.vec2:
 
 
 @wp.func
-def sample_texture(appearance: Appearance, use: int, st: wp.vec2, ds: wp.vec2, dt: wp.vec2) -> wp.vec4:
+def sample_texture(appearance: Appearance, use: int, st: wp.vec2, ds: wp.vec2, dt: wp.vec2, most_taps: int) -> wp.vec4:
     """Return the filtered value of a texture over the footprint of a pixel, after scale and bias of its use.
 
-    The footprint is a parallelogram. Up to `MOST_TAPS` trilinear taps lie along its longer side; each is as wide as the
+    The footprint is a parallelogram. Up to `most_taps` trilinear taps lie along its longer side; each is as wide as the
     shorter side, or as the share of a tap where the footprint is longer than they reach. After L. Williams, "Pyramidal
     parametrics", SIGGRAPH 1983, and J. McCormack et al., "Feline: fast elliptical lines for anisotropic texture
     mapping", SIGGRAPH 1999.
@@ -134,6 +135,7 @@ def sample_texture(appearance: Appearance, use: int, st: wp.vec2, ds: wp.vec2, d
         st: Texture coordinates of the mesh in the middle of the pixel.
         ds: One side of the footprint in those coordinates.
         dt: Another side.
+        most_taps: `MOST_TAPS` for what the eye follows, 1 for the rest.
     """
     used = appearance.uses[use]
     texture = appearance.textures[used.texture]
@@ -145,7 +147,7 @@ def sample_texture(appearance: Appearance, use: int, st: wp.vec2, ds: wp.vec2, d
     long_axis = wp.where(wp.dot(a, a) > wp.dot(b, b), a, b)
     length = wp.max(wp.length(long_axis), LEAST_TEXELS)
     breadth = wp.max(wp.abs(a[0] * b[1] - a[1] * b[0]) / length, LEAST_TEXELS)
-    taps = wp.clamp(int(length / breadth + 0.5), 1, MOST_TAPS)
+    taps = wp.clamp(int(length / breadth + 0.5), 1, most_taps)
     top = texture.levels - 1
     level = wp.clamp(wp.log2(wp.max(breadth, length / float(taps))), 0.0, float(top))
     if level <= 0.0:

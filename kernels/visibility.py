@@ -17,7 +17,7 @@ from mmw.kernels.trace import (
     world_normal,
 )
 
-wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": True})
+wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": True, "max_unroll": 1})
 
 FOLD = wp.constant(0.7)
 """Cosine between the normals of two faces of one object below which the line between them is drawn smoothly: 45 deg."""

@@ -8,7 +8,7 @@ import warp as wp
 from PIL import Image
 
 from mmw.kernels.looks import Appearance
-from mmw.kernels.texture import sample_texture
+from mmw.kernels.texture import MOST_TAPS, sample_texture
 from mmw.looks import Look, TextureUse
 from mmw.materials import Material, RadioMaterial
 from mmw.scene import Scene
@@ -30,7 +30,7 @@ def sample_kernel(
 ):
     """Sample a texture. Launch: dim=N."""
     i = wp.tid()
-    value_out[i] = sample_texture(appearance, use, st[i], ds[i], dt[i])
+    value_out[i] = sample_texture(appearance, use, st[i], ds[i], dt[i], MOST_TAPS)
 
 
 def arrays_with(*looks: Look) -> SceneArrays:

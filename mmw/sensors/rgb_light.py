@@ -146,10 +146,11 @@ def trace_mirrors(
     threads = buffer.shading_threads if is_on else 0
     rays = mirror.Mirrors()
     number = wp.full(len(buffer.samples.t) if is_on else 0, -1, dtype=int, device=device)
-    kind = wp.empty(len(number), dtype=wp.uint8, device=device)
+    is_wet = wet.wetness + wet.puddles > 0.0
+    is_water = wp.empty(len(number) if is_wet else 0, dtype=wp.uint8, device=device)
     sends_ray = empty_flags(threads, device)
-    _launch(buffer, mirror.mirror_kind_kernel, threads, [appearance, wet, picture, found], [kind])
-    _launch(buffer, mirror.sends_ray_kernel, threads, [picture, found, kind], [sends_ray])
+    _launch(buffer, mirror.water_kernel, threads if is_wet else 0, [appearance, wet, picture, found], [is_water])
+    _launch(buffer, mirror.sends_ray_kernel, threads, [picture, found, is_water], [sends_ray])
     rays.row = flagged_rows(buffer, sends_ray)
     count = len(rays.row)
     rays.samples = empty_samples(count, device, with_surfaces=True)
