@@ -35,9 +35,9 @@ class Scene:
     instance_present: wp.array2d[wp.bool]
     """Whether the instance is in the scene, shape [S, V]."""
     instance_middle: wp.array[wp.vec3]
-    """Middle of a sphere about the instance's model, in its frame [m], shape [V]."""
-    instance_reach: wp.array[float]
-    """Radius of that sphere [m], shape [V]."""
+    """Middle of a box about the instance's model, in its frame [m], shape [V]."""
+    instance_half: wp.array[wp.vec3]
+    """Half the sides of that box [m], shape [V]."""
     instance_mesh: wp.array[wp.uint64]
     """wp.Mesh id of the instance's model, local frame, shape [V]."""
     instance_object: wp.array[int]

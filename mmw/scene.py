@@ -155,10 +155,10 @@ class Scene:
         slots, instances = self.max_slots, len(actors)
         struct.instance_present = wp.zeros((slots, instances), dtype=wp.bool, device=self.device)
         struct.instance_middle = self._array((0.5 * (lower + upper)).astype(np.float32), wp.vec3)
-        # A little more than the half diagonal, for what rounding moves.
-        reach = 0.5001 * np.linalg.norm(upper - lower, axis=1) + 1e-3
-        struct.instance_reach = self._array(reach.astype(np.float32), wp.float32)
-        around_origin = reach + 0.5 * np.linalg.norm(lower + upper, axis=1)
+        # A little more than half the sides, for what rounding moves.
+        half = 0.5001 * (upper - lower) + 1e-3
+        struct.instance_half = self._array(half.astype(np.float32), wp.vec3)
+        around_origin = np.linalg.norm(half, axis=1) + 0.5 * np.linalg.norm(lower + upper, axis=1)
         self.instance_radius_m = float(around_origin.max(initial=0.0))
         self._lower = wp.zeros(slots * instances, dtype=wp.vec3, device=self.device)
         self._upper = wp.zeros(slots * instances, dtype=wp.vec3, device=self.device)
