@@ -36,7 +36,7 @@ from mmw.views import view_keys
 STAGES = {
     "visibility": ("visibility", "tile_candidates"),
     "edges": ("edge", "flag", "guess", "source"),
-    "mirrors": ("mirror", "sends_ray", "water"),
+    "mirrors": ("mirror", "water"),
     "smoothing": ("smooth", "gather"),
     "light": ("sun", "sky", "light"),
     "develop": ("develop", "meter", "exposure"),

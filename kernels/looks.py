@@ -9,6 +9,8 @@ class Texture:
 
     first: int
     """First texel of level 0; the levels follow one another, row 0 at the bottom (v = 0)."""
+    mean: int
+    """The one texel of the last level."""
     width: int
     height: int
     levels: int

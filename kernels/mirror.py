@@ -1,15 +1,15 @@
 """One mirrored ray from what reflects sharply: glass, clear coats, bare smooth metal, and water on the ground.
 
-Every second pixel sends one, as on a chessboard, and the others show the mean of their neighbours' images; pixels with
-too few alike neighbours, further samples and wet ground send their own. Where water stands depends on the weather, and
-no picture may depend on the other weathers that are made with it.
+Every second pixel sends one, as on a chessboard, and the others show the mean of their neighbours' images; one without
+a neighbour that shows the same material shows the blurred sky. Wet ground sends a ray from every pixel: where water
+stands depends on the weather, and no picture may depend on the other weathers that are made with it.
 """
 
 import warp as wp
 
 from mmw.kernels.candidates import Sun
 from mmw.kernels.lighting import lift, sees_sun, stratum_point
-from mmw.kernels.looks import COATED, MATT, Appearance, Samples, Surfaces
+from mmw.kernels.looks import MATT, Appearance, Samples, Surfaces
 from mmw.kernels.packing import unpack_unit
 from mmw.kernels.picture import Picture, SampleRay, ray_of, row_of_thread
 from mmw.kernels.structs import Scene
@@ -33,9 +33,6 @@ MIRROR_FAR_M = wp.constant(1.0e3)
 
 ALIKE = wp.constant(0.95)
 """Cosine between the normals of neighbours that can show the mean of each other's images [-]. Design value."""
-
-LEAST_ALIKE = wp.constant(2)
-"""Neighbours whose images make up that of a pixel between them. Design value."""
 
 
 @wp.struct
@@ -111,16 +108,17 @@ def water_kernel(
     picture: Picture,
     surfaces: Surfaces,
     # out
-    is_water_out: wp.array[wp.uint8],
+    sends_ray_out: wp.array[wp.uint8],
 ):
-    """Find the samples whose water mirrors enough for a ray: 1 in the rows of those, else 0.
+    """Let the samples whose water mirrors enough send a ray too: 1 for those; the other flags stay.
 
-    Launch: dim=threads of all tiles and further samples that are shaded, block_dim=64.
+    Launch: dim=threads of all tiles and further samples that are shaded, block_dim=64; a thread's flag stands at its
+    number.
     """
-    row = row_of_thread(picture, wp.tid())
+    thread = wp.tid()
+    row = row_of_thread(picture, thread)
     if row < 0:
         return
-    is_water_out[row] = wp.uint8(0)
     if picture.samples.face[row] < 0 or surfaces.gloss[row] != MATT:
         return
     normal = unpack_unit(picture.samples.normal[row])
@@ -132,7 +130,7 @@ def water_kernel(
     surfel = read_surface(appearance, surfaces, row, ray.origin + t * ray.direction, normal)
     film = wetted(wet, look, surfel, 0.0, footprint_on(normal, ray.direction, t / picture.camera.fx)).film
     if water_weight(film, normal, -ray.direction) > 0.0:
-        is_water_out[row] = wp.uint8(1)
+        sends_ray_out[thread] = wp.uint8(1)
 
 
 @wp.func
@@ -162,37 +160,6 @@ def alike_beside(picture: Picture, surfaces: Surfaces, row: int, side: int) -> i
     if wp.dot(unpack_unit(surfaces.normal[row]), unpack_unit(surfaces.normal[beside])) < ALIKE:
         return -1
     return beside
-
-
-@wp.kernel
-def sends_ray_kernel(
-    picture: Picture,
-    surfaces: Surfaces,
-    is_water: wp.array[wp.uint8],
-    # out
-    sends_ray_out: wp.array[wp.uint8],
-):
-    """Choose the samples that send a mirrored ray: 1 for those, else 0. `is_water` is empty where all is dry.
-
-    Launch: dim=threads of all tiles and further samples that are shaded, block_dim=64; a thread's flag stands at its
-    number.
-    """
-    thread = wp.tid()
-    row = row_of_thread(picture, thread)
-    sends = wp.bool(False)
-    if row >= 0:
-        line = row // picture.camera.width
-        sends = surfaces.gloss[row] >= COATED
-        if sends and row < picture.extras.first and (row - line * picture.camera.width + line) % 2 == 1:
-            alike = wp.int32(0)
-            for side in range(4):
-                beside = alike_beside(picture, surfaces, row, side)
-                if beside >= 0:
-                    alike += wp.where(surfaces.gloss[beside] >= COATED, 1, 0)
-            sends = alike < LEAST_ALIKE
-        if is_water.shape[0] > 0:
-            sends = sends or is_water[row] > wp.uint8(0)
-    sends_ray_out[thread] = wp.where(sends, wp.uint8(1), wp.uint8(0))
 
 
 @wp.kernel

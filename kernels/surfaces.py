@@ -108,19 +108,32 @@ def read_surface(appearance: Appearance, surfaces: Surfaces, row: int, point: wp
     return surfel
 
 
-@wp.kernel(cuda_max_registers=64)
+@wp.func
+def sends_ray(picture: Picture, row: int, gloss: wp.uint8) -> wp.bool:
+    """Return whether a sample sends a mirrored ray for its own smoothness: further samples, and every second pixel as
+    on a chessboard, whose images the pixels between them take."""
+    line = row // picture.camera.width
+    is_even = (row - line * picture.camera.width + line) % 2 == 0
+    return gloss >= COATED and (is_even or row >= picture.extras.first)
+
+
+@wp.kernel(cuda_max_registers=80)
 def surface_kernel(
     scene: Scene,
     appearance: Appearance,
     picture: Picture,
     # out
     surfaces_out: Surfaces,
+    sends_ray_out: wp.array[wp.uint8],
 ):
-    """Read colours, roughness and normals of what every sample shows.
+    """Read colours, roughness and normals of what every sample shows, and choose those that send a mirrored ray: 1.
 
-    Launch: dim=threads of all tiles and further samples that are shaded, block_dim=64.
+    Launch: dim=threads of all tiles and further samples that are shaded, block_dim=64; a thread's flag stands at its
+    number.
     """
-    row = row_of_thread(picture, wp.tid())
+    thread = wp.tid()
+    row = row_of_thread(picture, thread)
+    sends_ray_out[thread] = wp.uint8(0)
     if row < 0:
         return
     face = picture.samples.face[row]
@@ -133,3 +146,5 @@ def surface_kernel(
         picture.samples.instance[row], 1.0 / picture.camera.fx,
     )  # fmt: skip
     write_surface(appearance, surfel, -ray.direction, row, surfaces_out)
+    if sends_ray(picture, row, surfaces_out.gloss[row]):
+        sends_ray_out[thread] = wp.uint8(1)

@@ -16,6 +16,10 @@ MOST_TAPS = wp.constant(4)
 """Taps along the long axis of a footprint of a colour; normals, roughness and the like take one. Design value: a road
 seen at 14 degrees or steeper stays sharp."""
 
+FINE_LEVEL = wp.constant(5.0)
+"""Mip level from which normals, roughness and the like fade to their mean, which alone counts one level on: a pixel is
+then 64 texels long, 0.25 m and more on what towns are made of, and their variation within it is gone. Design value."""
+
 LEAST_TEXELS = wp.constant(1.0e-6)
 MOST_TEXELS = wp.constant(1.0e6)
 """Sides of a footprint count as at least and at most this [texels], so that their ratio and logarithm are finite."""
@@ -153,6 +157,12 @@ def sample_texture(appearance: Appearance, use: int, st: wp.vec2, ds: wp.vec2, d
     if level <= 0.0:
         taps = wp.clamp(int(length + 0.5), 1, taps)  # magnified: one tap a texel is enough
 
+    mean_share = wp.float32(0.0)
+    if most_taps == 1:
+        mean_share = wp.clamp(level - FINE_LEVEL, 0.0, 1.0)
+        if mean_share == 1.0:
+            return wp.cw_mul(texel(appearance, texture.mean), used.scale) + used.bias
+
     lower = int(level)
     share = level - float(lower)
     first, width, height = level_place(texture, lower)
@@ -184,4 +194,7 @@ def sample_texture(appearance: Appearance, use: int, st: wp.vec2, ds: wp.vec2, d
         total += value
         u += step[0]
         v += step[1]
-    return wp.cw_mul(total / float(taps), used.scale) + used.bias
+    total = total / float(taps)
+    if mean_share > 0.0:
+        total += (texel(appearance, texture.mean) - total) * mean_share
+    return wp.cw_mul(total, used.scale) + used.bias

@@ -144,9 +144,10 @@ class AppearanceArrays:
             texture = structs.Texture()
             texture.first, texture.levels = first, len(levels)
             texture.height, texture.width = levels[0].shape[:2]
-            textures.append(texture)
             texels += [level.reshape(-1, 4) for level in levels]
             first += sum(level.shape[0] * level.shape[1] for level in levels)
+            texture.mean = first - 1
+            textures.append(texture)
         if first >= 2**31:
             raise ValueError(f"textures: {first} texels; fewer than 2^31 can be numbered; use smaller textures")
         struct.textures = self._structs(textures, structs.Texture)

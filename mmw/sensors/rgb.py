@@ -212,8 +212,9 @@ class RgbCamera:
             if not names:
                 continue
             first = self._shading[names[0]]
-            found = read_surfaces(buffer, first.appearance)
-            rays = trace_mirrors(buffer, first.appearance, self._wettest(names), found, is_on=config.reflections)
+            found, sends_ray = read_surfaces(buffer, first.appearance)
+            wettest = self._wettest(names)
+            rays = trace_mirrors(buffer, first.appearance, wettest, found, sends_ray, is_on=config.reflections)
             lights: dict[tuple[float, ...], tuple[shade.Light, mirror.Mirrors]] = {}
             for name in names:
                 weather = self._shading[name]

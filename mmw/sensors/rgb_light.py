@@ -30,14 +30,13 @@ SMOOTH_REACH = (1, 4)
 values."""
 
 
-def read_surfaces(buffer: SampleBuffer, appearance: looks.Appearance) -> looks.Surfaces:
-    """Return colours, roughness and normals of what every sample shows."""
+def read_surfaces(buffer: SampleBuffer, appearance: looks.Appearance) -> tuple[looks.Surfaces, wp.array]:
+    """Return what every sample shows, and flags of the threads whose samples mirror sharply while they are dry."""
     found = _empty_surfaces(len(buffer.samples.t), appearance, buffer.scene.device)
-    _launch(
-        buffer, surfaces.surface_kernel, buffer.shading_threads, [buffer.scene.struct, appearance, buffer.picture],
-        [found],
-    )  # fmt: skip
-    return found
+    sends_ray = empty_flags(buffer.shading_threads, buffer.scene.device)
+    inputs = [buffer.scene.struct, appearance, buffer.picture]
+    _launch(buffer, surfaces.surface_kernel, buffer.shading_threads, inputs, [found, sends_ray])
+    return found, sends_ray
 
 
 def sun_over(scene: Scene, sky: Sky) -> candidates.Sun:
@@ -87,8 +86,9 @@ def trace_sky(buffer: SampleBuffer) -> wp.array:
     part = (views, -(-height // SKY_STEP), -(-width // SKY_STEP))
     device = buffer.scene.device
     rays = wp.empty(part, dtype=wp.uint8, device=device)
+    squares = (views, -(-part[1] // (4 * TILE)), -(-part[2] // (4 * TILE)), 16 * BLOCK_DIM)
+    _launch(buffer, lighting.sky_kernel, squares, [buffer.scene.struct, buffer.picture], [rays])
     launch = (views, -(-part[1] // TILE), -(-part[2] // TILE), BLOCK_DIM)
-    _launch(buffer, lighting.sky_kernel, launch, [buffer.scene.struct, buffer.picture], [rays])
     for reach in SMOOTH_REACH:
         smooth = wp.empty(part, dtype=wp.uint8, device=device)
         _launch(buffer, light_filter.smooth_sky_kernel, launch, [buffer.picture, rays, reach], [smooth])
@@ -131,7 +131,13 @@ class MirrorRays:
 
 
 def trace_mirrors(
-    buffer: SampleBuffer, appearance: looks.Appearance, wet: Wet, found: looks.Surfaces, *, is_on: bool
+    buffer: SampleBuffer,
+    appearance: looks.Appearance,
+    wet: Wet,
+    found: looks.Surfaces,
+    sends_ray: wp.array,
+    *,
+    is_on: bool,
 ) -> MirrorRays:
     """Return the mirrored rays of a buffer.
 
@@ -140,18 +146,16 @@ def trace_mirrors(
         appearance: Looks.
         wet: Water of the wettest weather.
         found: Surfaces of the samples.
+        sends_ray: Flags of the threads whose samples mirror while they are dry; those of water are added.
         is_on: Send rays at all.
     """
     device, scene, picture = buffer.scene.device, buffer.scene.struct, buffer.picture
-    threads = buffer.shading_threads if is_on else 0
     rays = mirror.Mirrors()
     number = wp.full(len(buffer.samples.t) if is_on else 0, -1, dtype=int, device=device)
-    is_wet = wet.wetness + wet.puddles > 0.0
-    is_water = wp.empty(len(number) if is_wet else 0, dtype=wp.uint8, device=device)
-    sends_ray = empty_flags(threads, device)
-    _launch(buffer, mirror.water_kernel, threads if is_wet else 0, [appearance, wet, picture, found], [is_water])
-    _launch(buffer, mirror.sends_ray_kernel, threads, [picture, found, is_water], [sends_ray])
-    rays.row = flagged_rows(buffer, sends_ray)
+    if is_on and wet.wetness + wet.puddles > 0.0:
+        inputs = [appearance, wet, picture, found]
+        _launch(buffer, mirror.water_kernel, buffer.shading_threads, inputs, [sends_ray])
+    rays.row = flagged_rows(buffer, sends_ray) if is_on else wp.empty(0, dtype=int, device=device)
     count = len(rays.row)
     rays.samples = empty_samples(count, device, with_surfaces=True)
     rays.surfaces = _empty_surfaces(count, appearance, device)
