@@ -48,6 +48,39 @@ def nearest_in_town(scene: Scene, origin: wp.vec3, direction: wp.vec3, t_max: fl
 
 
 @wp.func
+def nearer_body(
+    scene: Scene, instance: int, pose: wp.transformf, origin: wp.vec3, direction: wp.vec3, near: Nearest
+) -> Nearest:
+    """Return what a ray meets first, from the nearest so far and an instance at a pose."""
+    to_local = wp.transform_inverse(pose)
+    body = wp.mesh_query_ray(
+        scene.instance_mesh[instance],
+        wp.transform_point(to_local, origin),
+        wp.transform_vector(to_local, direction),
+        near.t * TIE_REACH,
+    )
+    found = near
+    if body.result and (body.t < near.t or (body.t == near.t and instance < near.instance)):
+        found.t = body.t
+        found.face = body.face
+        found.instance = instance
+        found.normal = body.normal
+    return found
+
+
+@wp.func
+def is_blocked_by(scene: Scene, slot: int, instance: int, origin: wp.vec3, direction: wp.vec3, t_max: float) -> wp.bool:
+    """Return whether an instance lies on a ray before `t_max`."""
+    to_local = wp.transform_inverse(scene.instance_pose[slot, instance])
+    return wp.mesh_query_ray_anyhit(
+        scene.instance_mesh[instance],
+        wp.transform_point(to_local, origin),
+        wp.transform_vector(to_local, direction),
+        t_max,
+    )
+
+
+@wp.func
 def nearest_surface(scene: Scene, slot: int, origin: wp.vec3, direction: wp.vec3, t_max: float, ignore: int) -> Nearest:
     """Return what the ray meets first, without ids: the cheap form of `closest_hit` for kernels that need few of them.
 
@@ -68,18 +101,7 @@ def nearest_surface(scene: Scene, slot: int, origin: wp.vec3, direction: wp.vec3
         while wp.bvh_query_next(query, item, near.t):
             instance = item - first
             if instance != ignore:
-                to_local = wp.transform_inverse(scene.instance_pose[slot, instance])
-                body = wp.mesh_query_ray(
-                    scene.instance_mesh[instance],
-                    wp.transform_point(to_local, origin),
-                    wp.transform_vector(to_local, direction),
-                    near.t * TIE_REACH,
-                )
-                if body.result and (body.t < near.t or (body.t == near.t and instance < near.instance)):
-                    near.t = body.t
-                    near.face = body.face
-                    near.instance = instance
-                    near.normal = body.normal
+                near = nearer_body(scene, instance, scene.instance_pose[slot, instance], origin, direction, near)
     if near.face < 0:
         near.t = wp.inf
     return near
@@ -112,18 +134,8 @@ def nearest_surface_at(
         while wp.bvh_query_next(query, item, near.t):
             instance = item - first
             if instance != ignore:
-                to_local = wp.transform_inverse(instance_pose_at(scene, slot, instance, time_offset))
-                body = wp.mesh_query_ray(
-                    scene.instance_mesh[instance],
-                    wp.transform_point(to_local, origin),
-                    wp.transform_vector(to_local, direction),
-                    near.t * TIE_REACH,
-                )
-                if body.result and (body.t < near.t or (body.t == near.t and instance < near.instance)):
-                    near.t = body.t
-                    near.face = body.face
-                    near.instance = instance
-                    near.normal = body.normal
+                pose = instance_pose_at(scene, slot, instance, time_offset)
+                near = nearer_body(scene, instance, pose, origin, direction, near)
     if near.face < 0:
         near.t = wp.inf
     return near
@@ -151,18 +163,7 @@ def nearest_surface_among(
     for k in range(candidates.count[group]):
         instance = int(candidates.instance[group, k])
         if instance != ignore:
-            to_local = wp.transform_inverse(scene.instance_pose[slot, instance])
-            body = wp.mesh_query_ray(
-                scene.instance_mesh[instance],
-                wp.transform_point(to_local, origin),
-                wp.transform_vector(to_local, direction),
-                near.t,
-            )
-            if body.result and body.t < near.t:
-                near.t = body.t
-                near.face = body.face
-                near.instance = instance
-                near.normal = body.normal
+            near = nearer_body(scene, instance, scene.instance_pose[slot, instance], origin, direction, near)
     if near.face < 0:
         near.t = wp.inf
     return near
@@ -181,13 +182,7 @@ def is_blocked_among(
         for k in range(candidates.count[group]):
             if not blocked:
                 instance = int(candidates.instance[group, k])
-                to_local = wp.transform_inverse(scene.instance_pose[slot, instance])
-                blocked = wp.mesh_query_ray_anyhit(
-                    scene.instance_mesh[instance],
-                    wp.transform_point(to_local, origin),
-                    wp.transform_vector(to_local, direction),
-                    t_max,
-                )
+                blocked = is_blocked_by(scene, slot, instance, origin, direction, t_max)
     return blocked
 
 
@@ -283,13 +278,7 @@ def is_blocked(scene: Scene, slot: int, origin: wp.vec3, direction: wp.vec3, t_m
         while not blocked and wp.bvh_query_next(query, item, t_max):
             instance = item - first
             if instance != ignore:
-                to_local = wp.transform_inverse(scene.instance_pose[slot, instance])
-                blocked = wp.mesh_query_ray_anyhit(
-                    scene.instance_mesh[instance],
-                    wp.transform_point(to_local, origin),
-                    wp.transform_vector(to_local, direction),
-                    t_max,
-                )
+                blocked = is_blocked_by(scene, slot, instance, origin, direction, t_max)
     return blocked
 
 
