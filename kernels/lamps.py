@@ -20,6 +20,7 @@ wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "
 HEADLIGHT = wp.constant(1)
 TAILLIGHT = wp.constant(2)
 STREET = wp.constant(3)
+BRAKE = wp.constant(4)
 """Kinds of lamp; `mmw.looks.LAMPS`."""
 
 BEAM_PEAK_KCD = wp.constant(13.0)
@@ -143,14 +144,14 @@ def lamp_emission(
     share = wp.float32(1.0)
     if look.lamp == STREET:
         share = wp.where(lamps.is_street_on, 1.0, 0.0)
-    elif look.lamp == HEADLIGHT or look.lamp == TAILLIGHT:
+    elif look.lamp == HEADLIGHT or look.lamp == TAILLIGHT or look.lamp == BRAKE:
         share = 0.0
         if instance >= 0:
             brake = lamps.brake[slot, instance]
             if brake >= 0.0:
-                if lamps.is_on:
+                if lamps.is_on and look.lamp != BRAKE:
                     share = 1.0
-                if look.lamp == TAILLIGHT:
+                if look.lamp != HEADLIGHT:
                     share = wp.max(share, BRAKE_GAIN * brake)
                 elif lamps.is_on:
                     turn = wp.transform_get_rotation(scene.instance_pose[slot, instance])

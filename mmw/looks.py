@@ -4,10 +4,11 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 Wrap = Literal["repeat", "clamp", "mirror", "black"]
-Lamp = Literal["none", "headlight", "taillight", "street"]
+Lamp = Literal["none", "headlight", "taillight", "street", "brake"]
 
-LAMPS: tuple[Lamp, ...] = ("none", "headlight", "taillight", "street")
-"""Kinds of lamp by number. A tail light burns where head lights do, and brighter while its vehicle brakes."""
+LAMPS: tuple[Lamp, ...] = ("none", "headlight", "taillight", "street", "brake")
+"""Kinds of lamp by number. A tail light burns where head lights do, and brighter while its vehicle brakes; a brake
+light while its vehicle brakes alone, by the same gain over its emission."""
 
 
 @dataclass(frozen=True)

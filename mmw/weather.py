@@ -173,7 +173,7 @@ def choose_variant(variants: Sequence[str], known: Collection[str]) -> str | Non
 
 def _rain(rain_mm_h: float) -> Weather:
     return Weather(
-        rain_mm_h, temperature_c=10.0, relative_humidity=1.0, wetness=1.0, puddles=0.5, wind_m_s=5.0, cloudiness=1.0
+        rain_mm_h, temperature_c=10.0, relative_humidity=1.0, wetness=1.0, puddles=0.2, wind_m_s=5.0, cloudiness=1.0
     )
 
 

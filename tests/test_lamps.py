@@ -197,7 +197,7 @@ def test_head_lamps_glint_on_water(device: str) -> None:
 
 
 def test_lamps_of_a_car_by_day_and_night(device: str) -> None:
-    """Head lamps glow in their beam, tail lamps when on, brake lights by day too."""
+    """Head lamps glow in their beam, tail lamps when on, brake lights by day too; a third one while braking alone."""
     views = np.float32([away(-1.0, 0.0), away(2.0, 0.0), [-1.0, 0.0, 0.0]])
     at = wp.array(views, dtype=wp.vec3, device=device)
     for weather, moves in ((NIGHT, True), (PRESETS["sunny"], True), (PRESETS["sunny"], False)):
@@ -205,12 +205,13 @@ def test_lamps_of_a_car_by_day_and_night(device: str) -> None:
         scene.load_batch([5])
         lamps = make_lamps(scene, "sunny", weather)
         out = {}
-        for kind in (0, kernels.HEADLIGHT, kernels.TAILLIGHT):
+        for kind in (0, kernels.HEADLIGHT, kernels.TAILLIGHT, kernels.BRAKE):
             out[kind] = wp.zeros(3, dtype=wp.vec3, device=device)
             inputs = [lamps, scene.struct, 0, 0, kind, at]
             wp.launch(emission_kernel, dim=3, inputs=inputs, outputs=[out[kind]], device=device)
-        glow, head, tail = (a.numpy()[:, 0] for a in out.values())
+        glow, head, tail, brake = (a.numpy()[:, 0] for a in out.values())
         assert (glow == 1.0).all()
+        assert (brake == (0.0 if moves else kernels.BRAKE_GAIN)).all()
         if weather is NIGHT:
             assert head[0] > 20.0 and head[1] == pytest.approx(1.0, rel=0.01) and head[2] == 0.0
             assert (tail == 1.0).all()

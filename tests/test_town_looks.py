@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from pxr import UsdGeom
 
 from mmw.town import solids, trees
 from mmw.town.parts import MeshPart
@@ -9,6 +10,7 @@ from mmw.town.picture_coordinates import picture_coordinates
 from mmw.town.props import PROPS, build_prop
 from mmw.town.smooth_normals import corner_normals, part_normals
 from mmw.usd.town_pictures import ROOMS, SHOPS, SIGN_CELLS, SIGNS, cell
+from tests import town_checks as checks
 
 
 @pytest.mark.parametrize("frequency", [1, 2, 3, 4])
@@ -102,3 +104,39 @@ def test_windows_show_whole_rooms_and_boards_one_name() -> None:
     assert np.ptp(found, axis=0) == pytest.approx([1.0, 1 / len(SHOPS)])
     with pytest.raises(ValueError, match="shows pictures on rectangles"):
         picture_coordinates(MeshPart("Buildings/b/glass", board.points, board.faces[:3], "window_glass", "building"))
+
+
+def test_texture_wraps_around_a_round_pier_without_a_seam_and_a_square_one_is_a_wall() -> None:
+    """Side by side faces of a round column meet at whole tiles; a metre of either kind is about one of texture."""
+    for sides, radius in ((12, 0.7), (4, 0.7)):
+        column = solids.place(solids.prism(solids.circle(radius, sides), -0.5, 8.0), (30.0, -70.0, 0.0), 0.3)
+        part = MeshPart("Bridges/r/piers", column.points, column.faces, "concrete_structure", "bridge")
+        st = picture_coordinates(part)
+        assert st is not None and (part_normals(part) is not None) == (sides == 12)
+        corners = column.points[column.faces]
+        is_side = np.ptp(corners[:, :, 2], axis=1) > 1.0
+        lengths = [np.linalg.norm(v - np.roll(v, 1, axis=1), axis=2)[is_side] for v in (corners, st)]
+        assert lengths[1] == pytest.approx(lengths[0], rel=0.12 if sides == 12 else 1e-3)
+        if sides == 12:
+            for point in range(len(column.points)):
+                at = st[is_side][(column.faces[is_side] == point)]
+                tiles = (at[:, 0] - at[:1, 0]) / 4.0 if len(at) else np.zeros(0)
+                assert tiles == pytest.approx(np.round(tiles), abs=1e-6)
+
+
+def test_lights_of_facing_arms_show_green_and_the_others_red() -> None:
+    stage = checks.stage_of("town10")
+    lit: dict[str, set[int]] = {"signal_red": set(), "signal_green_lit": set()}
+    for prim in stage.GetPrimAtPath("/Town/Props").GetChildren():
+        if not prim.GetName().startswith("traffic_light"):
+            continue
+        bound = {child.GetRelationship("material:binding").GetTargets()[0].name for child in prim.GetChildren()}
+        (lamp,) = bound & set(lit)
+        assert ("signal_red_dark" in bound) == (lamp == "signal_green_lit") == ("signal_green" not in bound)
+        case = np.array(UsdGeom.Mesh(prim.GetChild("heads")).GetPointsAttr().Get())
+        post = np.array(UsdGeom.Mesh(prim.GetChild("post")).GetPointsAttr().Get())
+        foot = post[post[:, 2] < 0.5][:, :2].mean(axis=0)
+        if np.linalg.norm(foot - (-47.0, -19.0)) < 35.0:  # crossroad X; the arm reaches across its road
+            reach = case[case[:, 2] > 5.0][:, :2].mean(axis=0) - foot
+            lit[lamp].add(int(np.argmax(np.abs(reach))))
+    assert len(lit["signal_red"]) == len(lit["signal_green_lit"]) == 1 and lit["signal_red"] != lit["signal_green_lit"]

@@ -215,10 +215,10 @@ def test_film_keeps_energy(device: str) -> None:
 
 
 def test_presets(device: str) -> None:
-    """Half of a road is under water in rain, and it is only damp in fog."""
+    """A fifth of a road is under water in rain, and it is only damp in fog."""
     points = scattered(20_000, 200.0)
     origin = np.array([5000.0, 100.0, 0.0])
     _, rain, *_ = wet_of(make_wet(PRESETS["rainy"], origin), ground(), device, points)
     _, fog, *_ = wet_of(make_wet(PRESETS["foggy"], origin), ground(), device, points)
-    assert (rain[:, 1] > 0.99).mean() == pytest.approx(0.5, abs=0.07)
+    assert (rain[:, 1] > 0.99).mean() == pytest.approx(0.2, abs=0.05)
     assert fog[:, 1].max() < 0.35

@@ -29,6 +29,13 @@ PANEL_GAP = 0.02
 """Least gap between two panels of a line [m], so that their ends do not lie in one plane."""
 
 
+FIRST_PHASE = "a"
+"""Phase that has green in pictures, where all signals stand still; `mmw.town.phases` names them."""
+
+NAMED_AS = {"traffic_light_green": "traffic_light"}
+"""Kinds of prop that are called as another one is."""
+
+
 @dataclass(frozen=True)
 class Spot:
     """One prop to be."""
@@ -157,6 +164,11 @@ def approaches(lanes: LaneGraph, patterns: Sequence[str], yielding: bool = False
     return [lane for _, lane in sorted(lanes.lanes.items()) if not lane.junction and enters(lane)]
 
 
+def shows_green(lanes: LaneGraph, lane: Lane) -> bool:
+    """Return whether the signal of an approach stands at green: in the first phase of its junction."""
+    return any(lanes.lanes[name].signal == FIRST_PHASE for name in lane.successors)
+
+
 def add_at_approaches(furniture: Furniture, kind: str, lanes: Sequence[Lane], aside: float, back: float) -> None:
     """Take a spot at the right-hand kerb of every approach; the prop looks at the drivers.
 
@@ -279,7 +291,9 @@ def furnish(
     furniture.keep_off(keep_free)
     for number, line in enumerate(section.lines):
         add_line(furniture, line, len(lots) + number)
-    add_at_approaches(furniture, "traffic_light", approaches(lanes, section.signalled), 0.6, 0.5)
+    for lane in approaches(lanes, section.signalled):
+        kind = "traffic_light_green" if shows_green(lanes, lane) else "traffic_light"
+        add_at_approaches(furniture, kind, [lane], 0.6, 0.5)
     add_at_approaches(furniture, "give_way_sign", approaches(lanes, section.give_way, True), 0.7, 1.5)
     for row in section.rows:
         furniture.add_row(row, rng, roads or {})
@@ -307,8 +321,9 @@ def _build(
     for number, (spot, z) in enumerate(zip(spots, heights, strict=True)):
         key = (spot.kind, spot.row if spot.row >= 0 else -1 - number)
         if key not in names:
-            counts[spot.kind] += 1
-            names[key] = f"{spot.kind}_{counts[spot.kind]:03d}"
+            called = NAMED_AS.get(spot.kind, spot.kind)
+            counts[called] += 1
+            names[key] = f"{called}_{counts[called]:03d}"
         fine = max(detail - 1, COARSEST) if is_far[number] else detail
         for part in build_prop(names[key], spot.kind, (*spot.xy, float(z)), spot.yaw, rng, fine):
             parts.setdefault(part.path, []).append(part)

@@ -1,4 +1,4 @@
-"""Texture coordinates of meshes that show pictures: rooms behind windows, signs, signboards, covers; round crowns."""
+"""Texture coordinates of meshes that show pictures: rooms behind windows, signs, signboards, covers; round bodies."""
 
 import zlib
 
@@ -6,6 +6,8 @@ import numpy as np
 
 from mmw.surfaces import components
 from mmw.town.parts import MeshPart
+from mmw.town.smooth_normals import PIERS
+from mmw.town.texture_coordinates import texture_coordinates
 from mmw.usd.town_pictures import ROOMS, SHOP_ASPECT, SHOPS, SIGN_CELLS, SIGNS, cell
 
 ROOM_WIDTH = {"window_glass": 1.5, "glass_facade": 2.4}
@@ -17,8 +19,14 @@ ROOM_HEIGHT = 1.9
 LEAF_TILE = 2.0
 """Side of the tile of leaves [m], as in `mmw.usd.textures`: a crown shows whole ones around."""
 
+COLUMN_TILE = 4.0
+"""Side of the tile of concrete [m], as in `mmw.usd.textures`: a round column shows whole ones around."""
+
 COVERS = ("manhole_cover", "drain_grate")
 """Materials whose meshes are many level plates, each of which shows the whole picture."""
+
+LEAST_SIDES = 6
+"""A column of this many sides or more is round."""
 
 LEAST_TEXT = 3.0
 """Width over height from which the side of a board shows its lettering."""
@@ -41,6 +49,8 @@ def picture_coordinates(part: MeshPart) -> np.ndarray | None:
         return _covers(part)
     if part.material.startswith("foliage") and part.path.endswith("/crown"):
         return _crown(part)
+    if part.material == "concrete_structure" and part.path.endswith(PIERS):
+        return _piers(part)
     return None
 
 
@@ -158,3 +168,29 @@ def _crown(part: MeshPart) -> np.ndarray:
     level = np.abs(normal[:, 2]) > 0.6
     st[level] = corners[level][:, :, :2]
     return st
+
+
+def _piers(part: MeshPart) -> np.ndarray:
+    """Wrap the texture around every upright round column without a seam; metres, as texture tiles.
+
+    The columns and cross-heads that are boxes keep the coordinates of walls, and all ends those of level ground.
+    """
+    st, index = texture_coordinates(part.points, part.faces)
+    result = (st[part.faces] if index is None else st[index].reshape(-1, 3, 2)).astype(float)
+    body = components(len(part.points), part.faces[:, [0, 1]].ravel(), part.faces[:, [1, 2]].ravel())[part.faces[:, 0]]
+    for number in np.unique(body):
+        own = np.flatnonzero(body == number)
+        corners = part.points[part.faces[own]]
+        sides = np.ptp(corners[:, :, 2], axis=1) > 1e-3
+        if sides.sum() < 2 * LEAST_SIDES:
+            continue
+        axis = corners.reshape(-1, 3)[:, :2].mean(axis=0)
+        away = corners[sides][:, :, :2] - axis
+        radius = float(np.linalg.norm(away, axis=2).mean())
+        if np.abs(np.linalg.norm(away, axis=2) - radius).max() > 0.01:
+            continue
+        turns = max(1, round(2 * np.pi * radius / COLUMN_TILE))
+        angle, middle = np.arctan2(away[..., 1], away[..., 0]), np.arctan2(*away.mean(axis=1).T[::-1])[:, None]
+        angle = middle + (angle - middle + np.pi) % (2 * np.pi) - np.pi  # no face reaches around the back
+        result[own[sides]] = np.stack([angle * turns * COLUMN_TILE / (2 * np.pi), corners[sides][:, :, 2]], axis=-1)
+    return result

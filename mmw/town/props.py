@@ -3,7 +3,7 @@
 Frame of every prop: origin on the ground, x to its front (the street, or the drivers whom a sign speaks to), z up.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 
 import numpy as np
@@ -147,14 +147,24 @@ def _lights(at: Sequence[float]) -> tuple[Mesh, list[Mesh]]:
 
 
 def traffic_light(rng: np.random.Generator) -> list[Piece]:
-    """Return a signal at the kerb with a second head on an arm of 4 m over the lanes (towards -y, bottom at 5.6 m)."""
+    """Return a signal that shows red, at the kerb and on an arm of 4 m over the lanes (-y, bottom at 5.6 m)."""
+    return _traffic_light({"red": "signal_red", "amber": "signal_amber", "green": "signal_green"})
+
+
+def traffic_light_green(rng: np.random.Generator) -> list[Piece]:
+    """Return the same signal that shows green."""
+    return _traffic_light({"red": "signal_red_dark", "amber": "signal_amber", "green": "signal_green_lit"})
+
+
+def _traffic_light(lamps: Mapping[str, str]) -> list[Piece]:
+    """Return a signal whose lamps, from the top, have given materials."""
     cases, lenses = zip(_lights((0.15, 0, 3.0)), _lights((0.15, -4.0, 6.15)), strict=True)
     post = merge([pole(6.6, 0.11, 0.08), beam((0, 0, 6.4), (0, -4.2, 6.5), 0.1)])
     return [
         ("heads", merge(cases), "traffic_light_metal", "traffic_light"),
         *(
-            (color, merge(lens[k] for lens in lenses), f"signal_{color}", "traffic_light")
-            for k, color in enumerate(("red", "amber", "green"))
+            (color, merge(lens[k] for lens in lenses), material, "traffic_light")
+            for k, (color, material) in enumerate(lamps.items())
         ),
         ("post", post, "metal_pole", "pole"),
     ]
@@ -205,7 +215,7 @@ PROPS: dict[str, PropMaker] = {
     for maker in (
         street_lamp, broadleaf_tree, oak, spruce, hedge, bench, litter_bin, hydrant, bollard, give_way_sign, stop_sign,
         speed_sign, slow_sign, no_entry_sign, priority_sign, parking_sign, crossing_sign, one_way_sign,
-        street_name_sign, traffic_light, bus_shelter, kiosk, fence, monument, gas_canopy, gas_shop,
+        street_name_sign, traffic_light, traffic_light_green, bus_shelter, kiosk, fence, monument, gas_canopy, gas_shop,
         price_sign, silo, barn, wooden_barn, hay_bales, field_fence, water_tower, advertising_column, planter,
         cycle_rack, guard_rail,
     )

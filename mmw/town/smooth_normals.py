@@ -1,4 +1,4 @@
-"""Normals of round bodies, so that few faces look round: poles, trunks, crowns of trees."""
+"""Normals of round bodies, so that few faces look round: poles, trunks, crowns of trees, piers of bridges."""
 
 import numpy as np
 
@@ -16,8 +16,8 @@ A pole of five sides turns by 72 degrees at each edge, a box by 90."""
 CROWN_CREASE_DEG = 110.0
 """The same for crowns of trees and shrubs [deg]; the rims of a conifer turn by more."""
 
-GROUPS = ("Props",)
-"""Groups whose meshes may be round."""
+GROUPS, PIERS = ("Props",), "/piers"
+"""Groups whose meshes may be round, and how the paths of other meshes end that may."""
 
 
 def part_normals(part: MeshPart) -> np.ndarray | None:
@@ -28,7 +28,7 @@ def part_normals(part: MeshPart) -> np.ndarray | None:
         faces look flat.
     """
     crease = CROWN_CREASE_DEG if part.path.endswith("/crown") else CREASE_DEG.get(part.material)
-    if crease is None or part.path.split("/")[0] not in GROUPS:
+    if crease is None or not (part.path.split("/")[0] in GROUPS or part.path.endswith(PIERS)):
         return None
     corners = corner_normals(part.points, part.faces, crease)
     if corners is None:

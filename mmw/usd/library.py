@@ -68,7 +68,11 @@ def _cloth(red: float, green: float, blue: float) -> MaterialSpec:
 
 
 def _paint(color: tuple[float, float, float], metallic: float = 0.0) -> MaterialSpec:
-    return MaterialSpec(_itu("itu_metal"), "steel", color, 0.35, metallic, clearcoat=1.0, coating="paint_clearcoat")
+    """Return a lacquered paint; its flakes of metal, the more the rougher, scatter and do not mirror as chrome does."""
+    roughness = 0.35 + 0.3 * metallic
+    return MaterialSpec(
+        _itu("itu_metal"), "steel", color, roughness, metallic, clearcoat=1.0, coating="paint_clearcoat"
+    )
 
 
 PAINTS = ("red", "blue", "white", "black", "silver", "green", "grey", "graphite")
@@ -131,16 +135,18 @@ LIBRARY: dict[str, MaterialSpec] = {
     "street_lamp_lens": MaterialSpec(
         _PLASTIC, "plexiglass", (0.55, 0.55, 0.53), 0.25, emission=(20.0, 17.5, 13.5), lamp="street"
     ),
-    "signal_red": MaterialSpec(_GLASS, "plexiglass", (0.30, 0.01, 0.01), 0.15, emission=(5.0, 0.20, 0.12)),
+    "signal_red": MaterialSpec(_GLASS, "plexiglass", (0.30, 0.01, 0.01), 0.15, emission=(5.0, 0.0, 0.0)),
+    "signal_red_dark": MaterialSpec(_GLASS, "plexiglass", (0.10, 0.006, 0.006), 0.15),
     "signal_amber": MaterialSpec(_GLASS, "plexiglass", (0.09, 0.05, 0.005), 0.15),
     "signal_green": MaterialSpec(_GLASS, "plexiglass", (0.005, 0.05, 0.03), 0.15),
+    "signal_green_lit": MaterialSpec(_GLASS, "plexiglass", (0.01, 0.25, 0.15), 0.15, emission=(0.0, 3.5, 2.1)),
     "traffic_light_metal": MaterialSpec(_METAL, "aluminum", (0.03, 0.035, 0.03), 0.50, 0.2, coating="paint"),
     # Vehicles.
     "car_paint_red": _paint((0.42, 0.015, 0.02)),
     "car_paint_blue": _paint((0.02, 0.07, 0.30), 0.3),
     "car_paint_white": _paint((0.78, 0.78, 0.76)),
     "car_paint_black": _paint((0.012, 0.012, 0.014)),
-    "car_paint_silver": _paint((0.48, 0.49, 0.50), 0.7),
+    "car_paint_silver": _paint((0.44, 0.45, 0.46), 0.5),
     "car_paint_green": _paint((0.02, 0.13, 0.06), 0.3),
     "car_paint_grey": _paint((0.20, 0.205, 0.215), 0.5),
     "car_paint_graphite": _paint((0.055, 0.058, 0.065), 0.5),
@@ -157,17 +163,19 @@ LIBRARY: dict[str, MaterialSpec] = {
         (0.22, 0.004, 0.006),
         0.20,
         attributes=("retroreflective",),
-        emission=(1.5, 0.03, 0.02),
+        emission=(1.5, 0.0, 0.0),
         lamp="taillight",
     ),
-    "car_light_brake": MaterialSpec(_GLASS, "plexiglass", (0.16, 0.004, 0.006), 0.20),
+    "car_light_brake": MaterialSpec(
+        _GLASS, "plexiglass", (0.16, 0.004, 0.006), 0.20, emission=(1.5, 0.0, 0.0), lamp="brake"
+    ),
     "car_light_clear": MaterialSpec(_GLASS, "plexiglass", (0.60, 0.61, 0.62), 0.15),
     "car_light_amber": MaterialSpec(_GLASS, "plexiglass", (0.62, 0.20, 0.01), 0.20, attributes=("retroreflective",)),
     "car_trim": MaterialSpec(_METAL, "aluminum", (0.028, 0.028, 0.03), 0.55, coating="paint"),
     "car_gloss": MaterialSpec(_METAL, "aluminum", (0.010, 0.010, 0.011), 0.15, coating="paint"),
     "car_mirror": MaterialSpec(_METAL, "one_way_mirror", (0.80, 0.81, 0.82), 0.03, 1.0),
     "car_rim": MaterialSpec(_METAL, "aluminum", (0.50, 0.51, 0.53), 0.30, 0.9),
-    "car_plate": MaterialSpec(_METAL, "aluminum", (0.576, 0.580, 0.600), 0.40, attributes=("retroreflective",)),
+    "car_plate": MaterialSpec(_METAL, "aluminum", (0.576, 0.580, 0.600), 0.55, attributes=("retroreflective",)),
     "truck_lettering": MaterialSpec(_METAL, "aluminum", (0.661, 0.640, 0.669), 0.40, coating="paint"),
     "bus_sign": MaterialSpec(_METAL, "aluminum", (0.148, 0.048, 0.004), 0.30, emission=(1.5, 1.5, 1.5)),
     # People: clothing is too thin to matter to radio waves, so skin decides.

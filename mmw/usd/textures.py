@@ -68,14 +68,13 @@ def _fine(seed: int, size: int, slope: float, height: float, size_m: float, low:
 
 
 def _asphalt() -> Painting:
-    grain = noise(11, 0.35, 1024, 40)
-    stones = noise(12, 0.0, 1024, 150) > 0.985
-    crack = lines(13, 1024, 1.7, 1.2, 0.30)
+    grain = noise(11, 0.35, 1280, 60)
+    stones = noise(12, 0.0, 1280, 190) > 0.985
+    crack = lines(13, 1280, 1.7, 1.2, 0.30)
     tone = 0.12 + 0.72 * grain + 0.25 * stones
-    tone = tone * (1.0 - 0.75 * crack)
-    worn = 0.5 * noise(15, 1.3, 1024, 3) + 0.5 * noise(16, 0.8, 1024, 10)
-    tar = lines(17, 1024, 2.4, 5.0, 0.22)
-    return np.clip(tone, 0, 1), np.clip((0.15 + 0.85 * worn) * (1.0 - tar), 0, 1)
+    tone = tone * (1.0 - 0.6 * crack)
+    worn = 0.45 * noise(15, 1.1, 1280, 7) + 0.55 * noise(16, 0.8, 1280, 15)
+    return np.clip(tone, 0, 1), worn
 
 
 def _marking() -> Painting:
@@ -107,14 +106,14 @@ def _kerbstones() -> Painting:
 
 
 def _grass() -> Painting:
-    blades = 0.6 * noise(21, 0.1, 1024, 120) + 0.4 * noise(22, 0.5, 1024, 40, 2.0)
-    clumps = noise(23, 1.1, 1024, 10)
-    patches = 0.4 * noise(24, 1.4, 1024, 2) + 0.6 * noise(25, 0.9, 1024, 8)
+    blades = 0.6 * noise(21, 0.1, 1152, 150) + 0.4 * noise(22, 0.5, 1152, 55, 2.0)
+    clumps = noise(23, 1.0, 1152, 16)
+    patches = 0.35 * noise(24, 1.2, 1152, 7) + 0.65 * noise(25, 0.9, 1152, 14)
     return spread(0.75 * blades + 0.3 * clumps), spread(patches)
 
 
 def _soil() -> Painting:
-    return spread(0.6 * noise(26, 0.4, 512, 16) + 0.35 * noise(27, 1.1, 512, 2)), noise(28, 1.3, 512, 2)
+    return spread(0.6 * noise(26, 0.4, 512, 24) + 0.35 * noise(27, 1.0, 512, 8)), noise(28, 1.2, 512, 7)
 
 
 def _marble() -> Painting:
@@ -213,8 +212,10 @@ def _planks() -> Painting:
 
 
 def _shuttering() -> Painting:
-    tone, hue = _boards(151, 15, 0.003)
-    return spread(0.25 * tone + 0.75 * noise(155, 1.0, 512, 4)), 0.4 * hue + 0.6 * noise(156, 1.3, 512, 1, 7.0)
+    joint, panel, _ = joints(512, 2, 4, 0.005)
+    cast = 0.35 * noise(152, 1.0, 512, 6) + 0.45 * noise(153, 0.4, 512, 30) + by_stone(154, panel, 0.0, 0.2)
+    pores = noise(155, 0.3, 512, 40) > 0.996
+    return np.clip(0.2 + 0.8 * cast - 0.3 * pores, 0.2, 1.0) * (1.0 - joint), noise(156, 1.3, 512, 4)
 
 
 def _plank_relief() -> np.ndarray:
@@ -254,8 +255,8 @@ def _foliage_relief() -> np.ndarray:
 
 _TILES: dict[str, Tile] = {
     "asphalt": Tile(
-        _asphalt, _grey(0.35, 1.75), ((0.0, (0.68, 0.68, 0.70)), (0.15, (0.9, 0.9, 0.9)), (1.0, (1.14, 1.135, 1.12))),
-        8.0, lambda: _fine(14, 256, 0.25, 0.006, 1.5, 12), 1.5, roughness=1.2,
+        _asphalt, _grey(0.35, 1.75), ((0.0, (0.78, 0.78, 0.79)), (0.4, (0.96, 0.96, 0.96)), (1.0, (1.18, 1.175, 1.16))),
+        12.0, lambda: _fine(14, 256, 0.25, 0.006, 1.5, 12), 1.5, roughness=1.2,
     ),
     "road_marking": Tile(
         _marking, ((0.0, (0.12, 0.12, 0.12)), (0.6, (0.85, 0.85, 0.85)), (1.0, (1.1, 1.1, 1.1))),
@@ -271,11 +272,11 @@ _TILES: dict[str, Tile] = {
     "grass": Tile(
         _grass, ((0.0, (0.35, 0.38, 0.42)), (0.55, (1.0, 1.0, 1.0)), (1.0, (1.9, 1.7, 1.7))),
         ((0.0, (0.72, 0.82, 0.78)), (0.45, (0.95, 1.0, 0.95)), (0.8, (1.15, 1.08, 1.08)), (1.0, (1.5, 1.18, 1.4))),
-        12.0, lambda: _fine(29, 256, 0.3, 0.03, 3.0, 12), 3.0,
+        16.0, lambda: _fine(29, 256, 0.3, 0.03, 3.0, 12), 3.0,
     ),
     "soil": Tile(
         _soil, ((0.0, (0.5, 0.5, 0.5)), (1.0, (1.5, 1.45, 1.4))), ((0.0, (0.8, 0.8, 0.82)), (1.0, (1.15, 1.12, 1.1))),
-        4.0, lambda: _fine(30, 256, 0.8, 0.05, 4.0, 4), 4.0,
+        8.0, lambda: _fine(30, 256, 0.8, 0.05, 4.0, 4), 4.0,
     ),
     "marble_facade": Tile(
         _marble, _with_joints(0.45, 0.78, 1.12), ((0.0, (0.88, 0.86, 0.82)), (1.0, (1.05, 1.05, 1.06))), 4.0,
@@ -294,7 +295,7 @@ _TILES: dict[str, Tile] = {
         ((0.0, (0.62, 1.25, 1.0)), (0.12, (0.7, 0.85, 0.9)), (0.5, (1.0, 1.0, 1.0)), (1.0, (1.2, 1.4, 1.5))), 2.4,
         _roof_relief,
     ),
-    "concrete_structure": Tile(_shuttering, _grey(0.72, 1.28), _grey(0.85, 1.1), 3.0),
+    "concrete_structure": Tile(_shuttering, _with_joints(0.6, 0.86, 1.13), _grey(0.95, 1.04), 4.0),
     "wood": Tile(
         _planks, ((0.0, (0.22, 0.2, 0.2)), (1.0, (1.65, 1.65, 1.6))),
         ((0.0, (0.85, 0.87, 0.9)), (1.0, (1.12, 1.1, 1.05))), 1.5, _plank_relief,
