@@ -153,16 +153,22 @@ def moving_mask(arrays: SceneArrays, clip: Clip, k: int, to_sun: np.ndarray) -> 
     ids = [arrays.actors[i].object_id for i in actors]
     shown = np.isin(clip.object_id[k], ids) | np.isin(clip.object_id[k + 1], ids)
     shown |= clip.object_id[k] != clip.object_id[k + 1]
+    first = np.cross((0.0, 0.0, 1.0) if abs(to_sun[2]) < 0.9 else (1.0, 0.0, 0.0), to_sun)
+    plane = np.stack([first, np.cross(to_sun, first)]) / np.linalg.norm(first)
+    seen = np.where(np.isfinite(clip.points[k]), clip.points[k], 1e9)  # the sky is no one's shadow
+    flat = seen @ plane.T  # seen from the sun
     for i in actors:
+        size = np.linalg.norm(arrays.actors[i].size) + np.linalg.norm(arrays.actors[i].center) + 4.0 * NEAR_M
         for frame in (k, k + 1):
             pose = arrays.poses[arrays.frame_row(frame), i]
             if np.isfinite(pose).all() and np.linalg.norm(pose[:3] - clip.poses[k, :3]) < FAR_M:
-                shown |= is_reached(clip.points[k], pose, arrays, i, to_sun)
+                near = np.square(flat - plane @ pose[:3]).sum(axis=-1) < size**2
+                shown[near] |= is_reached(clip.points[k][near], pose, arrays, i, to_sun)
     return grow(shown, GROW_PX)
 
 
 def is_reached(points: np.ndarray, pose: np.ndarray, arrays: SceneArrays, actor: int, to_sun: np.ndarray) -> np.ndarray:
-    """Return which points lie near an actor's box, or have it between themselves and the sun."""
+    """Return which points, shape [N, 3], lie near an actor's box, or have it between themselves and the sun."""
     body, half = arrays.actors[actor], 0.5 * np.array(arrays.actors[actor].size) + NEAR_M
     inverse = invert(pose)
     hit = np.isfinite(points[..., 0])

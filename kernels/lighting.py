@@ -13,7 +13,7 @@ from mmw.kernels.noise import uniform4
 from mmw.kernels.packing import unpack_unit
 from mmw.kernels.picture import Picture, ray_at, ray_of, row_of_thread, sample_row
 from mmw.kernels.structs import Scene
-from mmw.kernels.trace import TRACE_REGISTERS, is_blocked, is_blocked_among
+from mmw.kernels.trace import PICTURE_REGISTERS, is_blocked, is_blocked_among
 
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": True, "max_unroll": 1})
 
@@ -135,7 +135,7 @@ def sun_of_row(scene: Scene, picture: Picture, sun: Sun, row: int) -> wp.bool:
     return is_lit
 
 
-@wp.kernel(cuda_max_registers=TRACE_REGISTERS)
+@wp.kernel(cuda_max_registers=PICTURE_REGISTERS)
 def sun_kernel(
     scene: Scene,
     picture: Picture,
@@ -156,7 +156,7 @@ def sun_kernel(
     sun_out[row] = wp.where(sun_of_row(scene, picture, sun, row), wp.uint8(255), wp.uint8(0))
 
 
-@wp.kernel(cuda_max_registers=TRACE_REGISTERS)
+@wp.kernel(cuda_max_registers=PICTURE_REGISTERS)
 def sun_between_kernel(
     scene: Scene,
     picture: Picture,
@@ -195,7 +195,7 @@ def sun_between_kernel(
     sun_out[row] = wp.where(is_lit, wp.uint8(255), wp.uint8(0))
 
 
-@wp.kernel(cuda_max_registers=TRACE_REGISTERS)
+@wp.kernel(cuda_max_registers=PICTURE_REGISTERS)
 def further_sun_kernel(
     scene: Scene,
     picture: Picture,
@@ -212,7 +212,7 @@ def further_sun_kernel(
     sun_out[row] = wp.where(sun_of_row(scene, picture, sun, row), wp.uint8(255), wp.uint8(0))
 
 
-@wp.kernel(cuda_max_registers=TRACE_REGISTERS)
+@wp.kernel(cuda_max_registers=PICTURE_REGISTERS)
 def sky_kernel(
     scene: Scene,
     picture: Picture,

@@ -15,7 +15,7 @@ from mmw.kernels.picture import Picture, SampleRay, ray_of, row_of_thread
 from mmw.kernels.structs import Scene
 from mmw.kernels.surfaces import read_surface, schlick, write_surface
 from mmw.kernels.surfel import surfel_of
-from mmw.kernels.trace import TRACE_REGISTERS, nearest_surface
+from mmw.kernels.trace import PICTURE_REGISTERS, nearest_surface
 from mmw.kernels.visibility import store
 from mmw.kernels.wet import WATER_REFLECTANCE, Wet, smoothstep, wetted
 
@@ -205,7 +205,7 @@ def mirror_image(
     return wp.vec4(total[0] / count, total[1] / count, total[2] / count, 1.0)
 
 
-@wp.kernel(cuda_max_registers=TRACE_REGISTERS)
+@wp.kernel(cuda_max_registers=PICTURE_REGISTERS)
 def mirror_trace_kernel(
     scene: Scene,
     picture: Picture,
@@ -252,7 +252,7 @@ def mirror_surface_kernel(
     write_surface(appearance, surfel, -ray.direction, number, surfaces_out)
 
 
-@wp.kernel(cuda_max_registers=TRACE_REGISTERS)
+@wp.kernel(cuda_max_registers=PICTURE_REGISTERS)
 def mirror_sun_kernel(
     scene: Scene,
     picture: Picture,

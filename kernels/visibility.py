@@ -9,7 +9,7 @@ from mmw.kernels.picture import Picture, SampleRay, ray_at, ray_of, row_of_threa
 from mmw.kernels.structs import Candidates, Nearest, Scene
 from mmw.kernels.surfel import distance_to_face, is_cut_out, material_of
 from mmw.kernels.trace import (
-    TRACE_REGISTERS,
+    PICTURE_REGISTERS,
     nearest_surface,
     nearest_surface_among,
     object_of,
@@ -62,7 +62,7 @@ def store(
         samples_out.normal[row] = pack_unit(normal)
 
 
-@wp.kernel(cuda_max_registers=TRACE_REGISTERS)
+@wp.kernel(cuda_max_registers=PICTURE_REGISTERS)
 def visibility_kernel(
     scene: Scene,
     picture: Picture,
