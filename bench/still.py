@@ -32,6 +32,7 @@ from PIL import Image
 from bench.camera_views import SCENARIOS, camera_scene, rgb_camera
 from bench.rays import machine
 from mmw.config import RgbConfig
+from mmw.config.image import ImageConfig
 from mmw.poses import compose, invert, pose_from_mount, rotate, transform_points
 from mmw.random_keys import random_keys
 from mmw.recording.cameras import TRACED_RANGE
@@ -267,6 +268,7 @@ def parse(arguments: list[str]) -> argparse.Namespace:
     parser.add_argument("--weathers", default="sunny", help="presets")
     parser.add_argument("--width", type=int, default=640, help="columns of an image")
     parser.add_argument("--height", type=int, default=480, help="rows of an image")
+    parser.add_argument("--no-streaks", action="store_false", dest="streaks", help="without falling drops")
     parser.add_argument("--pictures", help="folder for the first and the last picture, and what is left out in black")
     return parser.parse_args(arguments)
 
@@ -278,7 +280,9 @@ def main(arguments: list[str]) -> None:
     weathers = options.weathers.split(",")
     arrays = camera_scene(options.scene, options.frames, options.vehicles, weathers)
     scene = Scene(arrays, options.device, min(BATCH, options.frames))
-    config = RgbConfig(width_px=options.width, height_px=options.height)
+    config = RgbConfig(
+        width_px=options.width, height_px=options.height, image=ImageConfig(streaks=options.streaks)
+    )  # fmt: skip
     still = np.tile(camera_pose(arrays, config), (options.frames, 1))
     turn = np.stack([pose_from_mount((0, 0, 0), PAN_DEG * k) for k in range(options.frames)])
     about = machine(options.device)
