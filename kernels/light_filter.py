@@ -79,7 +79,7 @@ def smooth_sky_kernel(
 ):
     """Average the sky's rays over 5 x 5 of them, `reach` rays apart, that left the same smooth surface.
 
-    Launch: dim=(A, tile rows, tile columns, 64) of the rays, block_dim=64.
+    Launch: dim=(A, tile rows, tile columns, 64) of the rays, block_dim=256.
     """
     view, down, aside, lane = wp.tid()
     i = tile_row(down, lane)
@@ -191,7 +191,7 @@ def gather_kernel(
 ):
     """Average the sun over 5 x 5 pixels where a shadow ends, and the nearest rays to the sky, on one surface.
 
-    Launch: dim=(A, ceil(H / 8), ceil(W / 8), 64), block_dim=64.
+    Launch: dim=(A, ceil(H / 8), ceil(W / 8), 64), block_dim=256.
     """
     view, down, aside, lane = wp.tid()
     v = tile_row(down, lane)

@@ -7,7 +7,7 @@ shadows without noise that moves.
 
 import warp as wp
 
-from mmw.kernels.camera import TILE, tile_column, tile_row
+from mmw.kernels.camera import tile_column, tile_row
 from mmw.kernels.candidates import Sun, sun_group
 from mmw.kernels.noise import uniform4
 from mmw.kernels.packing import unpack_unit
@@ -221,16 +221,11 @@ def sky_kernel(
 ):
     """Send one ray to the sky from every `SKY_STEP`-th pixel of every such line: 255 where it arrives, else 0.
 
-    Of 4 x 4 neighbours each looks into another cell of the sky; a block takes one of each, so that its rays go the same
-    way.
-
-    Launch: dim=(A, ceil(rows / 32), ceil(columns / 32), 16 * 64) of the rays, block_dim=64.
+    Launch: dim=(A, tile rows, tile columns, 64) of the rays, block_dim=64.
     """
-    view, down, aside, thread = wp.tid()
-    cell = thread // (TILE * TILE)
-    lane = thread - cell * TILE * TILE
-    i = 4 * tile_row(down, lane) + cell // 4
-    j = 4 * tile_column(aside, lane) + cell % 4
+    view, down, aside, lane = wp.tid()
+    i = tile_row(down, lane)
+    j = tile_column(aside, lane)
     if i >= sky_out.shape[1] or j >= sky_out.shape[2]:
         return
     u = SKY_STEP * j

@@ -78,7 +78,7 @@ def mirror_shade_kernel(
 ):
     """Shade what mirrored rays bring [kcd/m2].
 
-    Launch: dim=mirrored rays, block_dim=64.
+    Launch: dim=mirrored rays, block_dim=256.
     """
     number = wp.tid()
     ray = mirror_ray(picture, surfaces, mirrors.row[number])
@@ -166,7 +166,7 @@ def shade_kernel(
 ):
     """Shade every sample [kcd/m2]. `time` is that of each view's frame [s], `image` what mirrored rays bring.
 
-    Launch: dim=threads of all tiles and further samples that are shaded, block_dim=64.
+    Launch: dim=threads of all tiles and further samples that are shaded, block_dim=256.
     """
     row = row_of_thread(picture, wp.tid())
     if row < 0:
@@ -251,7 +251,7 @@ def lamp_kernel(
 ):
     """Add the light that head lamps and street lamps cast [kcd/m2]; for weathers in which it counts.
 
-    Launch: dim=threads of all tiles and further samples that are shaded, block_dim=64.
+    Launch: dim=threads of all tiles and further samples that are shaded, block_dim=256.
     """
     row = row_of_thread(picture, wp.tid())
     if row < 0:
@@ -308,7 +308,7 @@ def normal_kernel(
 ):
     """Read the interpolated normal of what every pixel's centre sees, sensor frame, zero for nothing.
 
-    Launch: dim=(A, ceil(H / 8), ceil(W / 8), 64), block_dim=64.
+    Launch: dim=(A, ceil(H / 8), ceil(W / 8), 64), block_dim=256.
     """
     view, down, aside, lane = wp.tid()
     v = tile_row(down, lane)

@@ -128,7 +128,7 @@ def surface_kernel(
 ):
     """Read colours, roughness and normals of what every sample shows, and choose those that send a mirrored ray: 1.
 
-    Launch: dim=threads of all tiles and further samples that are shaded, block_dim=64; a thread's flag stands at its
+    Launch: dim=threads of all tiles and further samples that are shaded, block_dim=256; a thread's flag stands at its
     number.
     """
     thread = wp.tid()

@@ -22,11 +22,11 @@ from mmw.kernels.wet import Wet
 from mmw.kinematics import Motion, differentiate
 from mmw.scene import Scene
 from mmw.sensors.appearance import AppearanceArrays
-from mmw.sensors.camera import BLOCK_DIM
 from mmw.sensors.develop import develop, lens_drops, make_exposure
 from mmw.sensors.image_motion import device_twists, image_motion
 from mmw.sensors.lamps import STREET_KLUX, load_brakes, make_lamps
 from mmw.sensors.rgb_light import (
+    SHADING_BLOCK_DIM,
     MirrorRays,
     gather_light,
     read_surfaces,
@@ -164,7 +164,7 @@ class RgbCamera:
             wp.launch(
                 shade.normal_kernel, dim=buffer.launch,
                 inputs=[self._scene.struct, appearance, buffer.picture],
-                outputs=[images], device=self._scene.device, block_dim=BLOCK_DIM,
+                outputs=[images], device=self._scene.device, block_dim=SHADING_BLOCK_DIM,
             )  # fmt: skip
         return images
 
