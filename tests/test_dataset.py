@@ -12,6 +12,7 @@ import pytest
 from PIL import Image
 
 from mmw.dataset import connect, open_dataset
+from mmw.dataset.sql import VIEWS
 from mmw.tables.manifest import finalize, prepare_root
 from mmw.tables.schemas import TABLES
 from mmw.tables.writer import ShardKey, write_scenario, write_shard
@@ -44,7 +45,7 @@ def test_views_hold_every_row_once(root):
         name for (name,) in connection.execute("SELECT view_name FROM duckdb_views() WHERE NOT internal").fetchall()
     }
     assert open_dataset(root).tables == tuple(TABLES)
-    assert views == {*TABLES, "lidar_points", "radar_points"}
+    assert views == {*TABLES, *VIEWS}
     for table in open_dataset(root).tables:
         (count,) = connection.execute(f"SELECT count(*) FROM {table}").fetchone()
         assert count == open_dataset(root).arrow(table).count_rows()

@@ -25,6 +25,12 @@ def column(name: str, type_: pa.DataType, unit: str, doc: str, *, nullable: bool
     return pa.field(name, type_, nullable=nullable, metadata={"unit": unit, "doc": doc} if unit else {"doc": doc})
 
 
+def encoded_image(name: str, unit: str, doc: str) -> pa.Field:
+    """Return a column of encoded images. No row lacks one but where its text says so; the column is nullable because
+    Hugging Face's image feature is, and gives a dictionary otherwise."""
+    return column(name, IMAGE, unit, doc, nullable=True)
+
+
 def xyz(names: str, type_: pa.DataType, unit: str, doc: str) -> list[pa.Field]:
     """Return one column for each of the space-separated names; `{}` in the text becomes the axis."""
     return [column(name, type_, unit, doc.format(axis)) for name, axis in zip(names.split(), "xyz", strict=True)]

@@ -1,6 +1,6 @@
 """Tables of images, and of what they frame."""
 
-from mmw.tables.schema.columns import F32, I32, IMAGE, NAME, OBJECT, OWNED, SENSOR, TableSpec, column, list_of
+from mmw.tables.schema.columns import F32, I32, NAME, OBJECT, OWNED, SENSOR, TableSpec, column, encoded_image, list_of
 
 RGB = TableSpec(
     "rgb",
@@ -8,7 +8,7 @@ RGB = TableSpec(
     (
         *OWNED,
         SENSOR,
-        column("image", IMAGE, "", "8-bit sRGB colours, a JPEG or PNG file; row 0 is the top"),
+        encoded_image("image", "", "8-bit sRGB colours, a JPEG or PNG file; row 0 is the top"),
         column("format", NAME, "", "jpeg or png"),
         column("exposure", F32, "m2/kcd", "factor from luminance [kcd/m2] to display linear, where 1 is white"),
         column("ev100", F32, "-", "the same as exposure value at ISO 100: white = 1.2 * 2^EV100 cd/m2"),
@@ -24,12 +24,10 @@ DEPTH = TableSpec(
     (
         *OWNED,
         SENSOR,
-        column(
+        encoded_image(
             "image",
-            IMAGE,
             "cm",
             "16-bit PNG of depth along the optical axis; metres = value * 0.01; 0 = no return",
-            nullable=True,
         ),
         column(
             "depth_m",
@@ -51,8 +49,8 @@ SEGMENTATION = TableSpec(
     (
         *OWNED,
         SENSOR,
-        column("instance", IMAGE, "", "16-bit PNG; object_id = value - 1, a row of `objects`; 0 = nothing hit"),
-        column("semantic", IMAGE, "", "8-bit PNG of CARLA tags as in `objects`; 11 (sky) = nothing hit"),
+        encoded_image("instance", "", "16-bit PNG; object_id = value - 1, a row of `objects`; 0 = nothing hit"),
+        encoded_image("semantic", "", "8-bit PNG of CARLA tags as in `objects`; 11 (sky) = nothing hit"),
     ),
     ("frame", "agent", "sensor"),
     frames_per_group=4,
@@ -65,9 +63,8 @@ NORMALS = TableSpec(
     (
         *OWNED,
         SENSOR,
-        column(
+        encoded_image(
             "image",
-            IMAGE,
             "",
             "8-bit PNG; red, green, blue = x, y, z of the unit normal in the sensor frame (x forward, y left, z up), "
             "towards the camera: (value - 128) / 127; 0, 0, 0 = nothing hit",
@@ -84,9 +81,8 @@ FLOW = TableSpec(
     (
         *OWNED,
         SENSOR,
-        column(
+        encoded_image(
             "image",
-            IMAGE,
             "",
             "16-bit RGB PNG as KITTI's: u = (red - 32768) / 64 px to the right, v = (green - 32768) / 64 px down; "
             "blue = 1, or 0 for none (512 px and more)",

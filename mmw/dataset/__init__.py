@@ -1,0 +1,15 @@
+"""Open a dataset: SQL over every table with DuckDB, Arrow, pandas and NumPy tables, or one frame with everything in it.
+
+import mmw
+mmw.connect("out/quickstart").sql("SELECT frame, agent, gain_db FROM links WHERE carrier_hz = 28e9").df()
+mmw.open("out/quickstart").frame("town03_roundabout", "sunny", 0).agents["cav_1"].sweeps["lidar"].points
+"""
+
+from mmw.dataset.beams import BeamSearch
+from mmw.dataset.core import Dataset, connect, open_dataset
+from mmw.dataset.frame import Frame
+from mmw.dataset.sql import LIDAR_POINTS, POINT_VIEWS, RADAR_POINTS
+
+__all__ = [
+    "LIDAR_POINTS", "POINT_VIEWS", "RADAR_POINTS", "BeamSearch", "Dataset", "Frame", "connect", "open_dataset",
+]  # fmt: skip

@@ -1,0 +1,291 @@
+"""The tables of a dataset as Arrow, pandas and NumPy, read with the folders and row groups that a filter leaves."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+from urllib.parse import unquote
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.dataset as pds
+import pyarrow.fs as pafs
+import pyarrow.parquet as pq
+
+from mmw.dataset.storage import find_storage, has_files, read_bytes
+from mmw.tables.manifest import DATASET, parse_dataset, read_dataset
+from mmw.tables.schemas import SCHEMA_VERSION, TABLES, table_spec
+from mmw.tables.verify import one_line, version_number
+
+if TYPE_CHECKING:
+    import duckdb
+    import pandas as pd
+
+    from mmw.channel.path_rows import PathRows
+    from mmw.dataset.beams import BeamSearch
+    from mmw.dataset.frame import Frame
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """A dataset folder. Which files there are is looked up once; open it again after a run has added some."""
+
+    root: Path
+    """The folder; in `filesystem` where that is given."""
+    filesystem: pafs.FileSystem | None = None
+    """None for local files."""
+    _opened: dict[str, pds.Dataset] = field(default_factory=dict, compare=False, repr=False)
+    _parts: "dict[str, Parts]" = field(default_factory=dict, compare=False, repr=False)
+
+    @cached_property
+    def info(self) -> dict[str, Any]:
+        """`dataset.json`: schema version, configuration, its hash, versions."""
+        if self.filesystem is None:
+            return read_dataset(self.root)
+        return parse_dataset(read_bytes(self.root, DATASET, self.filesystem), self.root)
+
+    @cached_property
+    def tables(self) -> tuple[str, ...]:
+        """Names of the tables that have files."""
+        return tuple(name for name in TABLES if has_files(self.root, name, self.filesystem))
+
+    def arrow(self, table: str) -> pds.Dataset:
+        """Return a table as an Arrow dataset that skips the files of other scenarios and weathers.
+
+        Raises:
+            ValueError: If the table is not known, has no file, or its first file is damaged.
+        """
+        table_spec(table)
+        if table not in self.tables:
+            raise ValueError(
+                f"{self.root}: table {table!r} has no file; it holds {', '.join(self.tables) or 'no table'}"
+            )
+        if table not in self._opened:
+            partitioning = pds.HivePartitioning.discover(infer_dictionary=True)
+            folder = (self.root / table).as_posix()
+            try:
+                opened = pds.dataset(folder, format="parquet", partitioning=partitioning, filesystem=self.filesystem)
+            except (pa.ArrowException, OSError) as error:
+                raise self.damage(table, error) from error
+            self._opened[table] = cast(pds.Dataset, opened)
+        return self._opened[table]
+
+    def read(
+        self,
+        table: str,
+        *,
+        columns: Sequence[str] | None = None,
+        scenario: str | None = None,
+        weather: str | None = None,
+        frames: range | None = None,
+        agent: str | None = None,
+        sensor: str | None = None,
+    ) -> pa.Table:
+        """Return the rows of a table, sorted by scenario, weather, frame and the rest of the table's key.
+
+        Args:
+            table: Table name.
+            columns: Columns to read; None reads all.
+            scenario: Only this scenario.
+            weather: Only this weather.
+            frames: Only these frames; a step is allowed.
+            agent: Only rows of this agent.
+            sensor: Only rows of this sensor.
+
+        Raises:
+            ValueError: If the table is not known or has no file, or a file is damaged, which is named.
+        """
+        given = {"scenario": scenario, "weather": weather, "agent": agent, "sensor": sensor}
+        conditions = [pds.field(name) == value for name, value in given.items() if value is not None]
+        if frames is not None:
+            conditions += [pds.field("frame") >= min(frames, default=0), pds.field("frame") <= max(frames, default=-1)]
+            if abs(frames.step) != 1:
+                conditions.append(pds.field("frame").isin(list(frames)))
+        expression = None
+        for condition in conditions:
+            expression = condition if expression is None else expression & condition
+        part = self._files(table, scenario, weather, frames)
+        try:
+            return part.to_table(columns=list(columns) if columns else None, filter=expression)
+        except (pa.ArrowException, OSError) as error:
+            raise self.damage(table, error) from error
+
+    def _files(self, name: str, scenario: str | None, weather: str | None, frames: range | None) -> pds.Dataset:
+        """Return a table without the files that, by folder and number, cannot hold what is asked for.
+
+        Readers would open the footer of every file of the weather to find one frame; the number of a file is its first
+        frame, and the next file's number is one past its last, or less.
+        """
+        table = self.arrow(name)
+        if frames is None or not isinstance(table, pds.FileSystemDataset):
+            return table
+        if name not in self._parts:
+            self._parts[name] = _parts_of(table)
+        wanted = []
+        first, last = min(frames, default=0), max(frames, default=-1)
+        for (of_scenario, of_weather), some in self._parts[name].items():
+            if scenario in (None, of_scenario) and weather in (None, of_weather):
+                ends = [begin for begin, _ in some[1:]] + [last + 1]
+                wanted += [part for (begin, part), end in zip(some, ends, strict=True) if begin <= last and first < end]
+        return pds.FileSystemDataset(wanted, table.schema, table.format, table.filesystem)
+
+    def pandas(self, table: str, **where: Any) -> "pd.DataFrame":
+        """Return rows of a table as a pandas DataFrame; list columns hold NumPy arrays.
+
+        Args:
+            table: Table name.
+            where: `columns`, `scenario`, `weather`, `frames`, `agent` and `sensor` of `read`.
+
+        Raises:
+            ValueError: As `read`.
+            ImportError: If pandas is not installed.
+        """
+        try:
+            return self.read(table, **where).to_pandas()
+        except ImportError as error:
+            raise ImportError("Dataset.pandas needs pandas; install it with: pip install 'mmw[query]'") from error
+
+    def numpy(self, table: str, **where: Any) -> dict[str, np.ndarray]:
+        """Return rows of a table as one array a column, shape [rows].
+
+        Names are text, nulls of number columns NaN; lists and images are object arrays of arrays and mappings.
+
+        Args:
+            table: Table name.
+            where: As of `pandas`.
+
+        Raises:
+            ValueError: As `read`.
+        """
+        return {name: _to_numpy(column) for name, column in _named(self.read(table, **where))}
+
+    def frame(self, scenario: str, weather: str, frame: int) -> "Frame":
+        """Return one frame: all agents with poses, sweeps, images, boxes, links and paths, read as they are used.
+
+        Raises:
+            ValueError: If the dataset has no such frame.
+        """
+        from mmw.dataset.frame import Frame
+
+        found = Frame(self, scenario, weather, int(frame))
+        found.row  # noqa: B018 - fails now, with what there is, if there is no such frame
+        return found
+
+    def paths(
+        self, carrier_hz: float, *, scenario: str | None = None, weather: str | None = None, frames: range | None = None
+    ) -> "PathRows":
+        """Return the radio paths of all links at one carrier, links without any path included, see `docs/csi.md`.
+
+        Raises:
+            ValueError: If there is no channel in the dataset, or no such carrier.
+        """
+        from mmw.channel.path_rows import LINK_COLUMNS, PATH_COLUMNS, PathRows
+
+        def rows(table: str, columns: tuple[str, ...]) -> pa.Table:
+            return self.read(table, columns=columns, scenario=scenario, weather=weather, frames=frames)
+
+        return PathRows.from_table(rows("paths", PATH_COLUMNS), carrier_hz, rows("links", LINK_COLUMNS))
+
+    def connect(self, search: "BeamSearch | None" = None) -> "duckdb.DuckDBPyConnection":
+        """Return a DuckDB connection with one view a table and the views and functions of `docs/query.md`.
+
+        Args:
+            search: Arrays, codebooks and band of the function `best_beam`; the paper's by default.
+
+        Raises:
+            ValueError: If the folder holds no table, or a file is damaged.
+            ImportError: If DuckDB is not installed.
+        """
+        from mmw.dataset.sql import make_connection
+
+        return make_connection(self, search)
+
+    def damage(self, table: str, error: Exception) -> ValueError:
+        """Return an error that names the first file of a table that cannot be read."""
+        filesystem = self.filesystem or pafs.LocalFileSystem()
+        selector = pafs.FileSelector((self.root / table).as_posix(), recursive=True, allow_not_found=True)
+        for info in sorted(filesystem.get_file_info(selector), key=lambda info: info.path):
+            if not info.path.endswith(".parquet"):
+                continue
+            try:
+                with filesystem.open_input_file(info.path) as file, pq.ParquetFile(file) as parquet:
+                    for group in range(parquet.num_row_groups):
+                        parquet.read_row_group(group)
+            except (pa.ArrowException, OSError) as reason:
+                text = f"{info.path}: cannot be read ({one_line(reason)}); it is damaged"
+                return ValueError(f"{text}; `mmw verify {self.root}` lists all that is")
+        return ValueError(f"{self.root}: table {table!r}: {one_line(error)}; check the columns and files that are read")
+
+
+_PART = re.compile(r"/scenario=([^/]+)/weather=([^/]+)/part-(\d+)\.parquet$")
+
+Parts = dict[tuple[str, str], list[tuple[int, pds.ParquetFileFragment]]]
+"""Scenario and weather -> first frame and file of each shard, by frame."""
+
+
+def _parts_of(table: pds.FileSystemDataset) -> Parts:
+    """Return the files of a framed table by the folders and the number that their names hold.
+
+    Raises:
+        ValueError: If a file has another name.
+    """
+    found: Parts = {}
+    for fragment in table.get_fragments():
+        named = _PART.search(fragment.path)
+        if named is None:
+            raise ValueError(f"{fragment.path}: no file of a dataset has this name; move it away")
+        scenario, weather, begin = named.groups()
+        found.setdefault((unquote(scenario), unquote(weather)), []).append((int(begin), fragment))
+    for some in found.values():
+        some.sort(key=lambda item: item[0])
+    return found
+
+
+def open_dataset(root: str | Path, filesystem: Any = None) -> Dataset:
+    """Return the dataset in a folder.
+
+    Args:
+        root: Folder, or a URI such as `s3://bucket/folder`.
+        filesystem: A pyarrow or fsspec filesystem in which `root` is a path; None finds it from `root`.
+
+    Raises:
+        ValueError: If the folder is not a dataset, or one of a schema that this version cannot read.
+    """
+    place, found = find_storage(root, filesystem)
+    dataset = Dataset(cast(Path, place), found)
+    written = dataset.info["schema_version"]
+    if version_number(written)[0] != version_number(SCHEMA_VERSION)[0]:
+        raise ValueError(
+            f"{dataset.root / DATASET}: schema {written}; this mmw reads {SCHEMA_VERSION}; use the mmw that made it"
+        )
+    return dataset
+
+
+def connect(
+    root: str | Path, filesystem: Any = None, search: "BeamSearch | None" = None
+) -> "duckdb.DuckDBPyConnection":
+    """Return a DuckDB connection to the dataset in a folder, see `Dataset.connect` and `open_dataset`."""
+    return open_dataset(root, filesystem).connect(search)
+
+
+def _named(table: pa.Table) -> list[tuple[str, pa.ChunkedArray]]:
+    return [(name, table.column(name)) for name in table.column_names]
+
+
+def _to_numpy(column: pa.ChunkedArray) -> np.ndarray:
+    """Return a column as an array, see `Dataset.numpy`."""
+    if pa.types.is_dictionary(column.type):
+        column = column.cast(pa.string())
+    if pa.types.is_list(column.type):
+        rows = np.empty(len(column), dtype=object)
+        for index, row in enumerate(column):
+            values = row.values
+            rows[index] = None if values is None else values.to_numpy(zero_copy_only=False)
+        return rows
+    if pa.types.is_struct(column.type):
+        rows = np.empty(len(column), dtype=object)
+        rows[:] = column.to_pylist()
+        return rows
+    return column.to_numpy()

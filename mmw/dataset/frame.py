@@ -1,0 +1,360 @@
+"""One frame of a dataset: its agents with all they sense, boxes and radio links; read and decoded as it is used."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyarrow as pa
+
+from mmw.constants import FRAME_DT
+from mmw.dataset.geometry import Camera, box_corners, intrinsics_from_row, pose_from_row, to_world
+from mmw.poses import compose
+from mmw.tables.encode import (
+    decode_depth,
+    decode_flow,
+    decode_instance,
+    decode_normals,
+    decode_rgb,
+    decode_semantic,
+)
+
+if TYPE_CHECKING:
+    from mmw.dataset.core import Dataset
+
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """Points of one LiDAR or radar at one instant."""
+
+    agent: str
+    sensor: str
+    pose: np.ndarray
+    """Sensor to world, shape [7]."""
+    points: np.ndarray
+    """Sensor frame [m], shape [N, 3], float32."""
+    columns: dict[str, np.ndarray]
+    """What the table has for each point, shape [N] each: of a LiDAR intensity, ring, object_id, label, time_offset,
+    return_number and, if asked for, flow_x ...; of a radar range, azimuth, elevation, velocity, power_db, ..."""
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def __getitem__(self, column: str) -> np.ndarray:
+        return self.columns[column]
+
+    @property
+    def world(self) -> np.ndarray:
+        """The points in the world [m], shape [N, 3], float64."""
+        return to_world(self.pose, self.points)
+
+
+@dataclass(frozen=True)
+class View:
+    """A camera of one agent at one instant; images are decoded when they are asked for, None where there is none."""
+
+    frame: "Frame"
+    agent: str
+    sensor: str
+    camera: Camera
+    """Projects points of the world to pixels and back."""
+
+    def _image(self, table: str, column: str, decode: Callable[[bytes], np.ndarray]) -> np.ndarray | None:
+        row = self.frame.row_of(table, self.agent, self.sensor)
+        return None if row is None or row[column] is None else decode(row[column]["bytes"])
+
+    @property
+    def rgb(self) -> np.ndarray | None:
+        """sRGB colours, shape [H, W, 3], uint8."""
+        return self._image("rgb", "image", decode_rgb)
+
+    @property
+    def depth(self) -> np.ndarray | None:
+        """Depth along the optical axis [m], inf for nothing, shape [H, W], float32; unrounded where that is stored."""
+        row = self.frame.row_of("depth", self.agent, self.sensor)
+        if row is not None and row["depth_m"] is not None:
+            size = (self.camera.intrinsics.height, self.camera.intrinsics.width)
+            metres = np.asarray(row["depth_m"], dtype=np.float32).reshape(size)
+            return np.where(metres > 0.0, metres, np.float32(np.inf))
+        return self._image("depth", "image", decode_depth)
+
+    @property
+    def instance(self) -> np.ndarray | None:
+        """Object in each pixel, -1 for nothing, shape [H, W], int32."""
+        return self._image("segmentation", "instance", decode_instance)
+
+    @property
+    def semantic(self) -> np.ndarray | None:
+        """CARLA's number of the class in each pixel, shape [H, W], uint8."""
+        return self._image("segmentation", "semantic", decode_semantic)
+
+    @property
+    def normals(self) -> np.ndarray | None:
+        """Unit normals in the sensor frame, zero for nothing, shape [H, W, 3], float32."""
+        return self._image("normals", "image", decode_normals)
+
+    @property
+    def flow(self) -> np.ndarray | None:
+        """Optical flow to the next frame [px], u to the right and v down, NaN for none, shape [H, W, 2], float32."""
+        return self._image("flow", "image", decode_flow)
+
+
+@dataclass(frozen=True)
+class Boxes:
+    """Boxes of all vehicles and people, N rows, world frame."""
+
+    columns: dict[str, np.ndarray]
+    """Columns of table `boxes`, shape [N] each."""
+
+    def __len__(self) -> int:
+        return len(self.columns["object_id"])
+
+    def __getitem__(self, column: str) -> np.ndarray:
+        return self.columns[column]
+
+    @property
+    def corners(self) -> np.ndarray:
+        """Corners in the world [m], shape [N, 8, 3], see `mmw.dataset.geometry.CORNERS`."""
+        return box_corners(self.columns)
+
+
+@dataclass(frozen=True)
+class Link:
+    """One radio link at one carrier."""
+
+    agent: str
+    """Receiver."""
+    peer: str
+    """Transmitter."""
+    carrier_hz: float
+    is_los: bool
+    gain_db: float | None
+    """Sum of the powers of the paths [dB]; None without any path."""
+    paths: dict[str, np.ndarray]
+    """Columns of table `paths`, shape [P] each; of lists an object array of arrays."""
+
+    @property
+    def a(self) -> np.ndarray:
+        """Coefficients without the carrier phase, shape [P], complex128."""
+        return self.paths["a_re"] + 1j * self.paths["a_im"]
+
+    def vertices(self, path: int) -> np.ndarray:
+        """Return the places of a path's interactions in the world, from transmitter to receiver [m], shape [n, 3]."""
+        return np.asarray(self.paths["vertices"][path], dtype=np.float64).reshape(-1, 3)
+
+
+@dataclass(frozen=True)
+class Agent:
+    """One connected vehicle or roadside unit at one instant."""
+
+    frame: "Frame"
+    name: str
+    role: str
+    """`cav` or `rsu`."""
+    row: Row
+    """Its row of table `poses`: velocity, angular velocity, object_id."""
+    pose: np.ndarray
+    """Agent to world, shape [7]."""
+
+    def sensor_pose(self, sensor: str) -> np.ndarray:
+        """Return the pose of one of its sensors, or of its `antenna`, in the world, shape [7].
+
+        Raises:
+            ValueError: If it has no such sensor.
+        """
+        return compose(self.pose, pose_from_row(self._mount(sensor)))
+
+    @cached_property
+    def sensors(self) -> dict[str, Row]:
+        """Sensor -> its row of table `sensors`."""
+        return {row["sensor"]: row for row in self.frame.sensor_rows if row["agent"] == self.name}
+
+    @cached_property
+    def sweeps(self) -> dict[str, Cloud]:
+        """LiDAR -> its sweep."""
+        return {row["sensor"]: self._cloud(row, _xyz) for row in self._rows("lidar")}
+
+    @cached_property
+    def radars(self) -> dict[str, Cloud]:
+        """Radar -> its points."""
+        return {row["sensor"]: self._cloud(row, _from_polar) for row in self._rows("radar")}
+
+    @cached_property
+    def views(self) -> dict[str, View]:
+        """Camera -> its images and projection; cameras without an image in this frame project all the same."""
+        found = {}
+        for sensor, row in self.sensors.items():
+            if row["fx"] is not None:
+                camera = Camera(intrinsics_from_row(row), self.sensor_pose(sensor))
+                found[sensor] = View(self.frame, self.name, sensor, camera)
+        return found
+
+    @cached_property
+    def imu(self) -> dict[str, Row]:
+        """IMU -> its row."""
+        return {row["sensor"]: row for row in self._rows("imu")}
+
+    @cached_property
+    def gnss(self) -> dict[str, Row]:
+        """GNSS receiver -> its row."""
+        return {row["sensor"]: row for row in self._rows("gnss")}
+
+    @cached_property
+    def links(self) -> tuple[Link, ...]:
+        """The links in which it is the receiver."""
+        return tuple(link for link in self.frame.links if link.agent == self.name)
+
+    def _mount(self, sensor: str) -> Row:
+        if sensor not in self.sensors:
+            raise ValueError(f"sensor {sensor!r}: {self.name} has {', '.join(self.sensors) or 'none'}; name one")
+        return self.sensors[sensor]
+
+    def _rows(self, table: str) -> list[Row]:
+        return [row for row in self.frame.rows(table) if row["agent"] == self.name]
+
+    def _cloud(self, row: Row, points: Callable[[dict[str, np.ndarray]], np.ndarray]) -> Cloud:
+        columns = {name: value for name, value in row.items() if isinstance(value, np.ndarray)}
+        return Cloud(self.name, row["sensor"], self.sensor_pose(row["sensor"]), points(columns), columns)
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One frame of one scenario in one weather. Tables are read at their first use and kept with the frame."""
+
+    data: "Dataset"
+    scenario: str
+    weather: str
+    frame: int
+
+    @property
+    def time_s(self) -> float:
+        """Time after the start of the scenario [s]."""
+        return self.frame * FRAME_DT
+
+    @cached_property
+    def row(self) -> Row:
+        """Row of table `frames`.
+
+        Raises:
+            ValueError: If the dataset has no such frame.
+        """
+        rows = self.rows("frames")
+        if not rows:
+            known = self.data.read("frames", columns=["scenario", "weather", "frame"])
+            names = sorted(set(zip(*(known.column(i).to_pylist() for i in (0, 1)), strict=True)))
+            first, last = (f(known.column("frame").to_pylist()) for f in (min, max))
+            listed = ", ".join(f"{scenario} {weather}" for scenario, weather in names[:8])
+            raise ValueError(
+                f"{self.data.root}: has no frame {self.frame} of {self.scenario} {self.weather}; it has frames "
+                f"{first} to {last} of {listed}{' and more' if len(names) > 8 else ''}; name one of these"
+            )
+        return rows[0]
+
+    def table(self, name: str) -> pa.Table:
+        """Return the rows of a table in this frame; none if the dataset has no such table.
+
+        Raises:
+            ValueError: If the name is no table's, or a file is damaged.
+        """
+        cache = self._tables
+        if name not in cache:
+            if name in self.data.tables:
+                frames = range(self.frame, self.frame + 1)
+                cache[name] = self.data.read(name, scenario=self.scenario, weather=self.weather, frames=frames)
+            else:
+                from mmw.tables.parquet import arrow_schema
+
+                cache[name] = arrow_schema(name).empty_table()
+        return cache[name]
+
+    @cached_property
+    def _tables(self) -> dict[str, pa.Table]:
+        return {}
+
+    def rows(self, table: str) -> list[Row]:
+        """Return the rows of a table as mappings; lists of numbers are arrays."""
+        return _rows(self.table(table))
+
+    def row_of(self, table: str, agent: str, sensor: str) -> Row | None:
+        """Return the row of one sensor in a table; None if there is none."""
+        found = self.table(table)
+        names = [found.column(name).to_pylist() for name in ("agent", "sensor")]
+        for index, pair in enumerate(zip(*names, strict=True)):
+            if pair == (agent, sensor):
+                return _rows(found.slice(index, 1))[0]
+        return None
+
+    @cached_property
+    def sensor_rows(self) -> list[Row]:
+        """Rows of table `sensors` of the scenario."""
+        if "sensors" not in self.data.tables:
+            return []
+        return self.data.read("sensors", scenario=self.scenario).to_pylist()
+
+    @cached_property
+    def agents(self) -> dict[str, Agent]:
+        """Name -> agent, connected vehicles and roadside units that are there."""
+        return {
+            row["agent"]: Agent(self, row["agent"], row["role"], row, pose_from_row(row)) for row in self.rows("poses")
+        }
+
+    @cached_property
+    def boxes(self) -> Boxes:
+        """Boxes of all vehicles and people."""
+        return Boxes(_columns(self.table("boxes")))
+
+    @cached_property
+    def links(self) -> tuple[Link, ...]:
+        """All links at all carriers, those without any path too."""
+        paths = _columns(self.table("paths"))
+        found = []
+        for row in self.rows("links"):
+            is_own = np.ones(len(paths["frame"]), dtype=bool)
+            for name in ("agent", "peer", "carrier_hz"):
+                is_own &= paths[name] == row[name]
+            own = {name: values[is_own] for name, values in paths.items()}
+            keys = (row[name] for name in ("agent", "peer", "carrier_hz", "is_los", "gain_db"))
+            found.append(Link(*keys, own))
+        return tuple(found)
+
+
+def _rows(table: pa.Table) -> list[Row]:
+    columns = {name: _values(table.column(name)) for name in table.column_names}
+    return [{name: values[index] for name, values in columns.items()} for index in range(table.num_rows)]
+
+
+def _columns(table: pa.Table) -> dict[str, np.ndarray]:
+    found = {}
+    for name in table.column_names:
+        column = table.column(name)
+        if pa.types.is_list(column.type):
+            values = np.empty(len(column), dtype=object)
+            for index, value in enumerate(_values(column)):
+                values[index] = value
+            found[name] = values
+        elif pa.types.is_dictionary(column.type):
+            found[name] = np.array(column.to_pylist(), dtype=object)
+        else:
+            found[name] = column.to_numpy()
+    return found
+
+
+def _values(column: pa.ChunkedArray) -> list[Any]:
+    """Return the values of a column; lists of numbers as arrays, nulls as None."""
+    if pa.types.is_list(column.type) and not pa.types.is_string(column.type.value_type):
+        return [value.values.to_numpy(zero_copy_only=False) if value.is_valid else None for value in column]
+    return column.to_pylist()
+
+
+def _xyz(columns: dict[str, np.ndarray]) -> np.ndarray:
+    return np.stack([columns.pop(axis) for axis in "xyz"], axis=1)
+
+
+def _from_polar(columns: dict[str, np.ndarray]) -> np.ndarray:
+    """Return points of range, azimuth (to the left) and elevation."""
+    distance, azimuth, elevation = (columns[name] for name in ("range", "azimuth", "elevation"))
+    across = distance * np.cos(elevation)
+    return np.stack([across * np.cos(azimuth), across * np.sin(azimuth), distance * np.sin(elevation)], axis=1)

@@ -1,0 +1,207 @@
+"""DuckDB on a dataset: a view a table, views that join and unfold them, and functions of the channel utilities."""
+
+import atexit
+import glob
+import weakref
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+from mmw.dataset.beams import BeamSearch, csi_sql
+
+if TYPE_CHECKING:
+    import duckdb
+
+    from mmw.dataset.core import Dataset
+
+LIDAR_POINTS = """
+CREATE OR REPLACE VIEW lidar_points AS
+SELECT scenario, weather, frame, agent, sensor, unnest(x) AS x, unnest(y) AS y, unnest(z) AS z,
+       unnest(intensity) AS intensity, unnest(ring) AS ring, unnest(object_id) AS object_id, unnest(label) AS label,
+       unnest(time_offset) AS time_offset, unnest(return_number) AS return_number
+FROM lidar
+"""
+"""A view with one row a LiDAR return, sensor frame."""
+
+RADAR_POINTS = """
+CREATE OR REPLACE VIEW radar_points AS
+SELECT scenario, weather, frame, agent, sensor, unnest(range) AS range, unnest(azimuth) AS azimuth,
+       unnest(elevation) AS elevation, unnest(velocity) AS velocity, unnest(power_db) AS power_db,
+       unnest(snr_db) AS snr_db, unnest(rcs_dbsm) AS rcs_dbsm, unnest(object_id) AS object_id, unnest(label) AS label
+FROM radar
+"""
+"""A view with one row a radar point, sensor frame; power, SNR and RCS are null where the sensor is CARLA's."""
+
+POINT_VIEWS = {"lidar": LIDAR_POINTS, "radar": RADAR_POINTS}
+"""Table -> the view that takes its lists apart."""
+
+LINK_PATHS = """
+CREATE OR REPLACE VIEW link_paths AS
+SELECT p.*, l.link, l.path_count, l.is_los, l.gain_db AS link_gain_db
+FROM paths p JOIN links l USING (scenario, weather, frame, agent, peer, carrier_hz)
+"""
+"""A view with one row a path, and what the table `links` says of its link."""
+
+
+def turned(axis: str, v: str, q: str, *, back: bool = False) -> str:
+    """Return SQL for one axis of a vector turned by a quaternion, or with `back` by its inverse.
+
+    Args:
+        axis: x, y or z.
+        v: SQL of the vector's components, with `{}` for the axis.
+        q: SQL of the quaternion's components, with `{}` for x, y, z or w.
+        back: True turns by the inverse.
+
+    Source: matrix of a unit quaternion, as `mmw.poses.quaternion_to_matrix`.
+    """
+    n = {name: f"({q.format(name)})" for name in "xyzw"}
+    i = "xyz".index(axis)
+    j, k = "xyz"[(i + 1) % 3], "xyz"[(i + 2) % 3]
+    sign, other = ("+", "-") if back else ("-", "+")
+    return (
+        f"((1 - 2 * ({n[j]} * {n[j]} + {n[k]} * {n[k]})) * ({v.format(axis)})"
+        f" + 2 * ({n[axis]} * {n[j]} {sign} {n['w']} * {n[k]}) * ({v.format(j)})"
+        f" + 2 * ({n[axis]} * {n[k]} {other} {n['w']} * {n[j]}) * ({v.format(k)}))"
+    )
+
+
+def _agent_boxes() -> str:
+    turn, forward = (
+        "p.q{}",
+        "CASE '{}' WHEN 'x' THEN cos(b.yaw) * cos(b.pitch) WHEN 'y' THEN sin(b.yaw) * cos(b.pitch) ",
+    )
+    forward += "ELSE -sin(b.pitch) END"
+    place = ", ".join(f"{turned(axis, 'b.{0} - p.{0}', turn, back=True)} AS {axis}" for axis in "xyz")
+    speed = ", ".join(f"{turned(axis, 'b.v{}', turn, back=True)} AS v{axis}" for axis in "xyz")
+    ahead, left = (turned(axis, forward, turn, back=True) for axis in "xy")
+    return f"""
+CREATE OR REPLACE VIEW agent_boxes AS
+SELECT p.scenario, p.weather, p.frame, p.agent, b.object_id, b.category, b.agent AS box_agent,
+       b.object_id = p.object_id AS is_self, {place}, atan2({left}, {ahead}) AS yaw,
+       b.length, b.width, b.height, {speed}
+FROM poses p JOIN boxes b USING (scenario, weather, frame)
+"""
+
+
+AGENT_BOXES = _agent_boxes()
+"""A view with one row an agent and box: centre, yaw and velocity over ground in the agent's frame, its own too."""
+
+
+def _sensor_poses() -> str:
+    place = ", ".join(f"p.{axis} + {turned(axis, 's.{}', 'p.q{}')} AS {axis}" for axis in "xyz")
+    return f"""
+CREATE OR REPLACE VIEW sensor_poses AS
+SELECT p.scenario, p.weather, p.frame, p.agent, s.sensor, s.type, {place},
+       p.qw * s.qx + p.qx * s.qw + p.qy * s.qz - p.qz * s.qy AS qx,
+       p.qw * s.qy - p.qx * s.qz + p.qy * s.qw + p.qz * s.qx AS qy,
+       p.qw * s.qz + p.qx * s.qy - p.qy * s.qx + p.qz * s.qw AS qz,
+       p.qw * s.qw - p.qx * s.qx - p.qy * s.qy - p.qz * s.qz AS qw
+FROM poses p JOIN sensors s USING (scenario, agent)
+"""
+
+
+SENSOR_POSES = _sensor_poses()
+"""A view with the pose of every sensor and antenna in the world in every frame."""
+
+TRANSFER = ", ".join(f"t_{pair}_{part}" for pair in ("tt", "tp", "pt", "pp") for part in ("re", "im"))
+
+BEAM_INPUTS = f"""
+CREATE OR REPLACE VIEW beam_inputs AS
+WITH listed AS (
+    SELECT scenario, weather, frame, agent, peer, carrier_hz, list(tau_s ORDER BY path) AS tau_s,
+           list(a_re ORDER BY path) AS a_re, list(a_im ORDER BY path) AS a_im,
+           flatten(list([{TRANSFER}] ORDER BY path)) AS transfer,
+           flatten(list([aod_az, aod_ze, aoa_az, aoa_ze] ORDER BY path)) AS angles
+    FROM paths GROUP BY ALL
+)
+SELECT scenario, weather, frame, agent, peer, carrier_hz, link, is_los, coalesce(tau_s, []) AS tau_s,
+       coalesce(a_re, []) AS a_re, coalesce(a_im, []) AS a_im, coalesce(transfer, []) AS transfer,
+       coalesce(angles, []) AS angles, tx_rotation, rx_rotation
+FROM links
+JOIN (SELECT scenario, weather, frame, agent AS peer, [qx, qy, qz, qw] AS tx_rotation FROM poses)
+    USING (scenario, weather, frame, peer)
+JOIN (SELECT scenario, weather, frame, agent, [qx, qy, qz, qw] AS rx_rotation FROM poses)
+    USING (scenario, weather, frame, agent)
+LEFT JOIN listed USING (scenario, weather, frame, agent, peer, carrier_hz)
+"""
+"""A view with one row a link and carrier: its paths as lists, and how both ends are turned; empty lists: no path."""
+
+BEAMS = """
+CREATE OR REPLACE VIEW beams AS
+SELECT * EXCLUDE (pair), pair.rx_beam AS rx_beam, pair.tx_beam AS tx_beam, pair.gain AS gain FROM (
+    SELECT scenario, weather, frame, agent, peer, carrier_hz, link, is_los,
+           best_beam(tau_s, transfer, angles, tx_rotation, rx_rotation, carrier_hz) AS pair
+    FROM beam_inputs
+)
+"""
+"""A view with the best pair of beams of every link and carrier; -1, -1 and gain 0 without any path."""
+
+VIEWS: Mapping[str, tuple[tuple[str, ...], str]] = {
+    "lidar_points": (("lidar",), LIDAR_POINTS),
+    "radar_points": (("radar",), RADAR_POINTS),
+    "link_paths": (("links", "paths"), LINK_PATHS),
+    "agent_boxes": (("poses", "boxes"), AGENT_BOXES),
+    "sensor_poses": (("poses", "sensors"), SENSOR_POSES),
+    "beam_inputs": (("links", "paths", "poses"), BEAM_INPUTS),
+    "beams": (("links", "paths", "poses"), BEAMS),
+}
+"""View -> tables that it needs, and its statement."""
+
+_OPEN: "weakref.WeakSet[Any]" = weakref.WeakSet()
+"""Connections that are open."""
+
+
+@atexit.register
+def _close_all() -> None:
+    """Close connections before the interpreter ends: one that holds Python functions is reported as leaked else."""
+    for connection in list(_OPEN):
+        connection.close()
+
+
+def make_connection(dataset: "Dataset", search: BeamSearch | None = None) -> "duckdb.DuckDBPyConnection":
+    """Return a connection with one view a table, `VIEWS`, and the functions `best_beam` and `csi`.
+
+    Args:
+        dataset: The dataset; one that is not local is read through Arrow.
+        search: What `best_beam` is made with; None for the paper's.
+
+    Raises:
+        ValueError: If the dataset holds no table, or a file is damaged.
+        ImportError: If DuckDB is not installed.
+    """
+    try:
+        import duckdb
+    except ImportError as error:
+        raise ImportError("mmw.dataset.connect needs DuckDB; install it with: pip install 'mmw[query]'") from error
+    if not dataset.tables:
+        raise ValueError(f"{dataset.root}: holds no table yet; run mmw.run first")
+    connection = duckdb.connect()
+    connection.execute("SET parquet_metadata_cache = true")  # a query of one frame reads mostly footers
+    for name in dataset.tables:
+        if dataset.filesystem is not None:
+            connection.register(name, dataset.arrow(name))
+            continue
+        files = f"{glob.escape(str(dataset.root / name))}/**/*.parquet".replace("'", "''")
+        try:
+            connection.execute(
+                f"CREATE VIEW {name} AS SELECT * FROM "
+                f"read_parquet('{files}', hive_partitioning = true, hive_types_autocast = false)"
+            )
+        except duckdb.Error as error:
+            raise dataset.damage(name, error) from error
+    _add_functions(connection, search or BeamSearch())
+    for needed, statement in VIEWS.values():
+        if set(needed) <= set(dataset.tables):
+            connection.execute(statement)
+    _OPEN.add(connection)
+    return connection
+
+
+def _add_functions(connection: "duckdb.DuckDBPyConnection", search: BeamSearch) -> None:
+    lists = "DOUBLE[]"
+    functions: dict[str, tuple[Callable, list[str], str]] = {
+        "best_beam": (search.sql, [lists] * 5 + ["DOUBLE"], "STRUCT(rx_beam INTEGER, tx_beam INTEGER, gain DOUBLE)"),
+        "csi": (csi_sql, [lists] * 3 + ["DOUBLE", lists], "STRUCT(re DOUBLE[], im DOUBLE[])"),
+    }
+    for name, (function, parameters, result) in functions.items():
+        # Without side effects DuckDB would evaluate it once for each field of the result that a query names.
+        connection.create_function(name, function, parameters, result, type="arrow", side_effects=True)
