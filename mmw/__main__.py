@@ -31,6 +31,18 @@ def main(argv: Sequence[str] | None = None) -> int:
         from mmw.import_command import main as import_main
 
         return import_main(argv[1:], prog="mmw import")
+    if argv and argv[0] == "export":
+        from mmw.export_command import main as export_main
+
+        return export_main(argv[1:], prog="mmw export")
+    if argv and argv[0] == "verify":
+        from mmw.verify_command import main as verify_main
+
+        return verify_main(argv[1:], prog="mmw verify")
+    if argv and argv[0] == "row":
+        from mmw.row_command import main as row_main
+
+        return row_main(argv[1:], prog="mmw row")
     parser = argparse.ArgumentParser(
         prog="mmw", description="Multimodal wireless datasets from one configuration file."
     )
@@ -42,8 +54,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     commands.add_parser(
         "import", help="make a town of a Mitsuba, OpenDRIVE, OSM (mmw[author]), glTF, OBJ, PLY, STL or USD file"
     )
-    verify = commands.add_parser("verify", help="check every file of a dataset against its hash")
-    verify.add_argument("dataset", type=Path, help="dataset folder")
+    commands.add_parser("export", help="write a dataset in another format: OPV2V, nuScenes, KITTI and others")
+    commands.add_parser("verify", help="check a dataset: files, counts, physics, rows made again")
+    commands.add_parser("row", help="make rows of a dataset again, from its stored configuration")
     pictures = commands.add_parser(
         "pictures", help="draw a dataset: town, street, every sensor, weathers side by side, a link (needs mmw[plot])"
     )
@@ -55,16 +68,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     pictures.add_argument("--samples", type=int, default=4, choices=(1, 4, 9), help="rays in a pixel on an edge")
     pictures.add_argument("--device", default="auto", help="auto, cpu or cuda:N")
     arguments = parser.parse_args(argv)
-    work = {"verify": _verify, "pictures": _pictures}[arguments.command]
+    work = {"pictures": _pictures}[arguments.command]
     return run_command(lambda: work(arguments), "mmw[plot]")
-
-
-def _verify(arguments: argparse.Namespace) -> int:
-    from mmw.tables.verify import verify
-
-    findings = verify(arguments.dataset)
-    print("\n".join(map(str, findings)) if findings else f"{arguments.dataset}: every file is there and unchanged")
-    return 1 if findings else 0
 
 
 def _pictures(arguments: argparse.Namespace) -> int:

@@ -29,6 +29,7 @@ from mmw.recording.job import Job, Rows
 from mmw.recording.sensors import record_sensors
 from mmw.report import Clock, Console, closing_summary
 from mmw.scene import Scene
+from mmw.scene_arrays import SceneArrays
 from mmw.tables.columns import sort_rows, table_from_columns
 from mmw.tables.manifest import finalize, pending_scenarios, pending_shards, prepare_root
 from mmw.tables.rows.common import resolved
@@ -117,17 +118,8 @@ def _run_scenario(
         write_scenario(root, scenario.name, static_rows(arrays, config, scenario), meta)
         if not pending:
             return
-        sweeps = any(isinstance(sensor, LidarConfig) and sensor.rolling for sensor in config.sensors)
         slots = min(config.compute.batch_frames, config.output.shard_frames)
-        scene = Scene(arrays, device, max_slots=slots, sweep_s=FRAME_DT if sweeps else 0.0)
-        check_mounts(scene, config)
-        surfaces = None
-        if config.channel.enabled:
-            surfaces = make_surface_table(
-                scene, wedges=config.channel.diffraction, sheets=config.channel.diffraction_sheets
-            )
-            check_channel_materials(arrays.materials, np.unique(surfaces.material_id), config.channel)
-    job = Job(config, scenario, arrays, differentiate(arrays.poses), scene, surfaces, pool, clock)
+        job = make_job(config, scenario, arrays, device, slots, pool, clock)
     for line in job.texture_notes():
         console.warn_once(line)
     writing: list[list[Future[Any]]] = []
@@ -143,6 +135,44 @@ def _run_scenario(
             _wait(writing.pop(0), clock)
     for group in writing:
         _wait(group, clock)
+
+
+def make_job(
+    config: Config,
+    scenario: ScenarioConfig,
+    arrays: SceneArrays,
+    device: str,
+    slots: int,
+    pool: ThreadPoolExecutor,
+    clock: Clock,
+    *,
+    with_channel: bool = True,
+) -> Job:
+    """Return a scenario on the device, ready for `record_frames`.
+
+    Args:
+        config: The configuration.
+        scenario: One of its scenarios.
+        arrays: The scenario's arrays.
+        device: Warp device name.
+        slots: Frames of a batch at most.
+        pool: Threads that encode.
+        clock: Where the time of each stage is summed up.
+        with_channel: False leaves the radio channel out, whatever the configuration says.
+
+    Raises:
+        ValueError: If a sensor is inside something, or a material is not known to the channel.
+    """
+    sweeps = any(isinstance(sensor, LidarConfig) and sensor.rolling for sensor in config.sensors)
+    scene = Scene(arrays, device, max_slots=slots, sweep_s=FRAME_DT if sweeps else 0.0)
+    check_mounts(scene, config)
+    surfaces = None
+    if config.channel.enabled and with_channel:
+        surfaces = make_surface_table(
+            scene, wedges=config.channel.diffraction, sheets=config.channel.diffraction_sheets
+        )
+        check_channel_materials(arrays.materials, np.unique(surfaces.material_id), config.channel)
+    return Job(config, scenario, arrays, differentiate(arrays.poses), scene, surfaces, pool, clock)
 
 
 def _groups(pending: Sequence[ShardKey]) -> Iterator[tuple[int, int, list[str]]]:
@@ -166,22 +196,37 @@ def _trace_shard(job: Job, begin: int, end: int, weathers: Sequence[str], consol
     step = job.scene.max_slots
     for first in range(begin, end, step):
         frames = range(first, min(first + step, end))
-        with job.clock.stage("batch set-up"):
-            job.scene.load_batch(frames)
-        record_ground_truth(job, frames, collected)
-        record_sensors(job, frames, collected)
-        if job.surfaces is not None:
-            record_channel(job, job.surfaces, frames, collected)
+        record_frames(job, frames, collected)
         console.advance(len(frames) * len(weathers), job.scenario.name)
     return collected
 
 
+def record_frames(job: Job, frames: Sequence[int], collected: Rows) -> None:
+    """Trace one batch of frames and add its rows in every weather of `collected`."""
+    with job.clock.stage("batch set-up"):
+        job.scene.load_batch(frames)
+    record_ground_truth(job, frames, collected)
+    record_sensors(job, frames, collected)
+    if job.surfaces is not None:
+        record_channel(job, job.surfaces, frames, collected)
+
+
 def _write(root: Path, key: ShardKey, tables: dict[str, list[Any]], meta: dict[str, Any]) -> None:
     """Turn the batches of a shard into Arrow tables and publish them. Runs in a writer thread."""
-    ready: dict[str, pa.Table] = {}
-    fixed = {"scenario": key.scenario, "weather": key.weather}
-    for name, batches in tables.items():
-        ended = [columns.result() if isinstance(columns, Future) else columns for columns in batches]
-        parts = [table_from_columns(name, {**fixed, **resolved(columns)}) for columns in ended]
-        ready[name] = sort_rows(table_spec(name), pa.concat_tables(parts).unify_dictionaries().combine_chunks())
+    ready = {name: join_batches(name, key.scenario, key.weather, batches) for name, batches in tables.items()}
     write_shard(root, key, ready, meta)
+
+
+def join_batches(name: str, scenario: str, weather: str, batches: Sequence[Any]) -> pa.Table:
+    """Return the batches of a table as one Arrow table, sorted by its key.
+
+    Args:
+        name: Table name.
+        scenario: Scenario of the rows.
+        weather: Weather of the rows.
+        batches: Columns of each batch, or the future of them; at least one.
+    """
+    ended = [columns.result() if isinstance(columns, Future) else columns for columns in batches]
+    fixed = {"scenario": scenario, "weather": weather}
+    parts = [table_from_columns(name, {**fixed, **resolved(columns)}) for columns in ended]
+    return sort_rows(table_spec(name), pa.concat_tables(parts).unify_dictionaries().combine_chunks())

@@ -127,6 +127,8 @@ class SceneArrays:
     """Unit normals at the corners of each town face, world frame, shape [M, 3, 3], float32; zeros: it is flat."""
     look_notes: tuple[str, ...] = ()
     """What a user of the RGB camera should know of the stage's materials, one line each."""
+    sensing: frozenset[str] | None = None
+    """Names of the agents whose sensors are traced; None for all of them."""
 
     def __post_init__(self) -> None:
         _fill_corners(self, "the town")

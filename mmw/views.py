@@ -75,8 +75,16 @@ class Views:
 
 
 def sensor_actors(arrays: SceneArrays, sensor: SensorSection) -> np.ndarray:
-    """Return the indices of the actors that carry a sensor, in the scene's order, shape [n], int32."""
-    return np.array([i for i, actor in enumerate(arrays.actors) if actor.role in sensor.on], dtype=np.int32)
+    """Return the indices of the actors that carry a sensor, in the scene's order, shape [n], int32.
+
+    Where `SceneArrays.sensing` names agents, only these.
+    """
+    found = [
+        i
+        for i, actor in enumerate(arrays.actors)
+        if actor.role in sensor.on and (arrays.sensing is None or actor.name in arrays.sensing)
+    ]
+    return np.array(found, dtype=np.int32)
 
 
 def mount_pose(sensor: SensorSection, role: str) -> np.ndarray:

@@ -41,10 +41,14 @@ LAYERS = [
     {"mmw.compute", "mmw.report", "mmw.command"},
     {"mmw.plan", "mmw.provenance", "mmw.notes", "mmw.mounts"},
     {"mmw.prepare"},
-    {"mmw.viewing", "mmw.radio_map_command", "mmw.town_command", "mmw.import_command", "mmw.view_command"},
+    {"mmw.export"},
+    {"mmw.viewing", "mmw.radio_map_command", "mmw.town_command", "mmw.import_command", "mmw.view_command"}
+    | {"mmw.export_command"},
     {"mmw.recording"},
     {"mmw.pipeline"},
-    {"mmw.run", "mmw.__main__"},
+    {"mmw.remake"},
+    {"mmw.verification"},
+    {"mmw.run", "mmw.row_command", "mmw.verify_command", "mmw.__main__"},
 ]
 """Data flows down this list: a module imports only what stands in its own or an earlier row."""
 

@@ -7,7 +7,7 @@ import shutil
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any
 
 import pyarrow as pa
@@ -19,6 +19,8 @@ from mmw.tables.writer import MARKERS, META_KEYS, ShardKey, marker_path
 
 DATASET = "dataset.json"
 """Whose folder it is: configuration, its hash, versions."""
+HEAD_KEYS = ("schema_version", "config_sha256", "versions", "config")
+"""What `dataset.json` must hold."""
 MANIFEST = "_manifest.parquet"
 CARD = "README.md"
 CONFIG = "config.yaml"
@@ -92,15 +94,33 @@ def read_dataset(root: Path) -> dict[str, Any]:
     """Return a dataset's `dataset.json`.
 
     Raises:
-        ValueError: If the folder is not a dataset.
+        ValueError: If the folder is not a dataset, or the file is damaged or another program's.
     """
     path = Path(root) / DATASET
-    if not path.is_file():
+    return parse_dataset(path.read_bytes() if path.is_file() else None, Path(root))
+
+
+def parse_dataset(data: bytes | None, root: PurePath) -> dict[str, Any]:
+    """Return the content of a `dataset.json`.
+
+    Args:
+        data: The file's bytes; None if there is no such file.
+        root: Its folder, for messages.
+
+    Raises:
+        ValueError: If there is none, or it is damaged or another program's.
+    """
+    if data is None:
         raise ValueError(f"{root}: has no {DATASET}; a dataset folder is needed; give the folder that mmw.run wrote")
+    path = root / DATASET
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except json.JSONDecodeError as error:
+        head = json.loads(data.decode("utf-8"))
+    except ValueError as error:
         raise ValueError(f"{path}: {error}; the file is damaged; make the dataset again with --overwrite") from error
+    missing = [key for key in HEAD_KEYS if not isinstance(head, dict) or key not in head]
+    if missing:
+        raise ValueError(f"{path}: has no {', '.join(missing)}; it is no mmw dataset's; give the folder of one")
+    return head
 
 
 def read_markers(root: Path) -> list[dict[str, Any]]:
@@ -190,7 +210,14 @@ def _read_marker(path: Path) -> dict[str, Any] | None:
         marker = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
-    return marker if isinstance(marker, dict) and isinstance(marker.get("files"), list) else None
+    if not isinstance(marker, dict) or not isinstance(marker.get("files"), list):
+        return None
+    needed = {"scenario", "weather", "frame_begin", "frame_end", "schema_version", "config_sha256"}
+    of_file = {"table", "path", "rows", "bytes", "sha256"}
+    is_whole = needed <= set(marker) and all(
+        isinstance(file, dict) and of_file <= set(file) for file in marker["files"]
+    )
+    return marker if is_whole else None
 
 
 def _is_done(root: Path, key: ShardKey | str, sha256: str, frames: tuple[int | None, int | None]) -> bool:
@@ -240,12 +267,17 @@ def _check_same(root: Path, identity: Mapping[str, Any], sha256: str) -> None:
         )
     if there["config_sha256"] == sha256:
         return
-    differences = sorted(_differences("", there["config"], json.loads(json.dumps(identity))))
+    differences = config_differences(there["config"], identity)
     shown = "; ".join(differences[:6]) + (f"; and {len(differences) - 6} more" if len(differences) > 6 else "")
     raise ValueError(
         f"{root}: belongs to configuration {there['config_sha256'][:12]}, this one is {sha256[:12]}: {shown}; "
         "use --overwrite to replace the data, or another --out"
     )
+
+
+def config_differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
+    """Return `key: old -> new` for every value in which two identities of configurations differ, sorted."""
+    return sorted(_differences("", dict(old), json.loads(json.dumps(new))))
 
 
 def _differences(where: str, old: Any, new: Any) -> list[str]:

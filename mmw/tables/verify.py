@@ -1,16 +1,28 @@
-"""Is the dataset what its markers say? Every file is read, hashed and counted."""
+"""Is the dataset what its markers say? Every file is read, hashed, and its rows are checked against their keys."""
 
 import hashlib
+import json
+import re
+from collections import defaultdict
+from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from mmw.tables.manifest import MANIFEST, read_dataset, read_markers
+from mmw.tables.manifest import DATASET, MANIFEST, read_dataset, read_markers
 from mmw.tables.parquet import arrow_schema
-from mmw.tables.schemas import TABLES
+from mmw.tables.schemas import SCHEMA_VERSION, TABLES, table_spec
 from mmw.tables.writer import MARKERS
+
+LEFTOVERS = ("orphan", "temporary", "note")
+"""Kinds of findings that are no error."""
+
+_PART = re.compile(r"[^/]+/scenario=[^/]+(/weather=[^/]+)?/part-\d{6}\.parquet")
 
 
 @dataclass(frozen=True)
@@ -18,8 +30,9 @@ class Finding:
     """Something that is not as it should be."""
 
     kind: str
-    """missing, size, sha256, rows, schema, config, marker, manifest: the data is not whole. orphan, temporary: a killed
-    run's leftovers, harmless, replaced when it is run again."""
+    """missing, size, sha256, parquet, rows, schema, key, duplicate, foreign, config, marker, manifest, count, friis,
+    sight, box, remade: the data is not whole or not right. orphan, temporary: a killed run's leftovers, harmless,
+    replaced when it is run again. note: what could not be checked."""
     path: str
     """File, relative to the dataset folder."""
     text: str
@@ -27,7 +40,10 @@ class Finding:
     @property
     def is_error(self) -> bool:
         """True if data is missing or damaged; False for leftovers."""
-        return self.kind not in ("orphan", "temporary")
+        return self.kind not in LEFTOVERS
+
+    def __str__(self) -> str:
+        return f"{self.kind}: {self.path}: {self.text}"
 
 
 def verify(root: Path) -> list[Finding]:
@@ -37,50 +53,171 @@ def verify(root: Path) -> list[Finding]:
         ValueError: If the folder is not a dataset.
     """
     root = Path(root)
-    sha256 = read_dataset(root)["config_sha256"]
-    findings: list[Finding] = []
+    head = read_dataset(root)
+    sha256 = head["config_sha256"]
+    findings = _check_version(DATASET, head["schema_version"])
     markers = read_markers(root)
-    marker_files = sorted((root / MARKERS).glob("*.json"))
-    if len(markers) != len(marker_files):
-        findings.append(Finding("marker", MARKERS, f"{len(marker_files) - len(markers)} markers cannot be read"))
+    readable = {_marker_name(marker) for marker in markers}
+    for path in sorted((root / MARKERS).glob("*.json")):
+        if path.name not in readable:
+            findings.append(Finding("marker", f"{MARKERS}/{path.name}", "cannot be read; run the configuration again"))
     listed: dict[str, dict] = {}
     for marker in markers:
+        findings += _check_version(f"{MARKERS}/{_marker_name(marker)}", marker["schema_version"])
         for file in marker["files"]:
+            if file["path"] in listed:
+                findings.append(Finding("marker", file["path"], "two markers list the file"))
             listed[file["path"]] = file
             if marker["config_sha256"] != sha256:
                 findings.append(
                     Finding("config", file["path"], f"made by configuration {marker['config_sha256'][:12]}")
                 )
-            findings += _check_file(root, file)
-    for name in TABLES:
-        for path in sorted((root / name).rglob("*.parquet")):
-            relative = path.relative_to(root).as_posix()
-            if relative not in listed:
-                findings.append(Finding("orphan", relative, "no marker lists the file; its shard was not finished"))
-    for path in sorted(root.rglob(".*.tmp")):
-        findings.append(Finding("temporary", path.relative_to(root).as_posix(), "left by a killed run"))
-    if (root / MANIFEST).is_file():
-        manifest = pq.read_table(root / MANIFEST, columns=["path", "sha256"]).to_pylist()
-        if {row["path"]: row["sha256"] for row in manifest} != {path: file["sha256"] for path, file in listed.items()}:
-            findings.append(Finding("manifest", MANIFEST, "does not list what the markers list; run finalize again"))
+            findings += _check_file(root, file, marker)
+    return findings + _check_overlaps(markers) + _check_others(root, listed) + _check_manifest(root, listed)
+
+
+def version_number(text: str) -> tuple[int, int]:
+    """Return the major and minor number of a schema version.
+
+    Raises:
+        ValueError: If it is none.
+    """
+    major, dot, minor = str(text).partition(".")
+    if not (dot and major.isdigit() and minor.isdigit()):
+        raise ValueError(f"schema version {text!r} is not MAJOR.MINOR; the file is damaged or of another program")
+    return int(major), int(minor)
+
+
+def _check_version(path: str, text: str) -> list[Finding]:
+    try:
+        found, own = version_number(text), version_number(SCHEMA_VERSION)
+    except ValueError as error:
+        return [Finding("schema", path, str(error))]
+    if found > own:
+        return [Finding("schema", path, f"schema {text} is newer than {SCHEMA_VERSION} of this mmw; update mmw")]
+    if found[0] < own[0]:
+        return [Finding("schema", path, f"schema {text} is older than {own[0]}.0; use the mmw that made it")]
+    return []
+
+
+def _marker_name(marker: dict[str, Any]) -> str:
+    if marker["weather"] is None:
+        return f"{marker['scenario']}.json"
+    return f"{marker['scenario']}.{marker['weather']}.{marker['frame_begin']:06d}.json"
+
+
+def _check_file(root: Path, file: dict, marker: dict) -> list[Finding]:
+    path, name = root / file["path"], file["path"]
+    if not path.is_file():
+        return [Finding("missing", name, "the marker lists it, but it is not there")]
+    data = path.read_bytes()
+    if len(data) != file["bytes"]:
+        return [Finding("size", name, f"{len(data)} bytes; the marker says {file['bytes']}")]
+    if hashlib.sha256(data).hexdigest() != file["sha256"]:
+        return [Finding("sha256", name, "the content is not what was written")]
+    try:
+        with pq.ParquetFile(pa.BufferReader(data)) as parquet:
+            return list(_check_content(parquet, file, marker))
+    except (pa.ArrowException, OSError) as error:
+        return [Finding("parquet", name, f"cannot be read: {one_line(error)}")]
+
+
+def one_line(error: BaseException) -> str:
+    """Return what an error says, on one line."""
+    return " ".join(str(error).split())
+
+
+def _check_content(parquet: pq.ParquetFile, file: dict, marker: dict) -> Iterable[Finding]:
+    name, table = file["path"], file["table"]
+    if parquet.metadata.num_rows != file["rows"]:
+        yield Finding("rows", name, f"{parquet.metadata.num_rows} rows; the marker says {file['rows']}")
+    if table not in TABLES:
+        yield Finding("schema", name, f"table {table!r} is not known to this mmw (schema {SCHEMA_VERSION})")
+        return
+    written = (parquet.metadata.metadata or {}).get(b"mmw.schema_version", b"none").decode()
+    yield from _check_version(name, written)
+    own, found = arrow_schema(table), parquet.schema_arrow
+    if written == SCHEMA_VERSION:
+        if not found.equals(own):
+            yield Finding("schema", name, f"columns are not those of table {table!r}")
+    elif any(field.name not in own.names or not own.field(field.name).equals(field) for field in found):
+        yield Finding("schema", name, f"columns of schema {written} are not among those of table {table!r}")
+    spec = table_spec(table)
+    fixed = {"scenario": marker["scenario"], **({"weather": marker["weather"]} if spec.framed else {})}
+    if not set(found.names) >= {*spec.key, *fixed}:
+        return  # the schema was found wrong already
+    rows = parquet.read(columns=[*fixed, *spec.key])
+    for column, value in fixed.items():
+        others = [text for text in rows.column(column).cast(pa.string()).unique().to_pylist() if text != value]
+        if others:
+            yield Finding("key", name, f"rows of {column} {others[0]}; the file is for {value}")
+    if spec.framed and rows.num_rows:
+        frame = rows.column("frame").to_numpy()
+        if frame.min() < marker["frame_begin"] or frame.max() >= marker["frame_end"]:
+            frames = f"{marker['frame_begin']} to {marker['frame_end'] - 1}"
+            yield Finding("key", name, f"frames {frame.min()} to {frame.max()}; the file is for {frames}")
+    count = _repeated(rows.select(list(spec.key)))
+    if count:
+        yield Finding("duplicate", name, f"{count} rows repeat the key {', '.join(spec.key)} of another")
+
+
+def _repeated(keys: pa.Table) -> int:
+    """Return how many rows have the key of another row."""
+    if not keys.num_rows:
+        return 0
+    code = np.zeros(keys.num_rows, dtype=np.int64)
+    for column in keys.columns:
+        if pa.types.is_dictionary(column.type):
+            column = column.cast(pa.string())
+        number = column.combine_chunks().dictionary_encode().indices.to_numpy()
+        code = np.unique(code * (int(number.max()) + 1) + number, return_inverse=True)[1]
+    return keys.num_rows - len(np.unique(code))
+
+
+def _check_overlaps(markers: Iterable[dict]) -> list[Finding]:
+    """Return shards that hold frames of another: their rows would be there twice."""
+    findings, ranges = [], defaultdict(list)
+    for marker in markers:
+        if marker["weather"] is not None:
+            ranges[marker["scenario"], marker["weather"]].append(marker)
+    for (scenario, weather), some in ranges.items():
+        some.sort(key=lambda marker: marker["frame_begin"])
+        for one, other in pairwise(some):
+            if other["frame_begin"] < one["frame_end"]:
+                text = f"frames {other['frame_begin']} to {one['frame_end'] - 1} of {scenario}, {weather} are in two"
+                findings.append(Finding("duplicate", f"{MARKERS}/{_marker_name(other)}", f"{text} shards"))
     return findings
 
 
-def _check_file(root: Path, file: dict) -> list[Finding]:
-    path = root / file["path"]
-    if not path.is_file():
-        return [Finding("missing", file["path"], "the marker lists it, but it is not there")]
-    data = path.read_bytes()
-    if len(data) != file["bytes"]:
-        return [Finding("size", file["path"], f"{len(data)} bytes; the marker says {file['bytes']}")]
-    if hashlib.sha256(data).hexdigest() != file["sha256"]:
-        return [Finding("sha256", file["path"], "the content is not what was written")]
-    with pq.ParquetFile(pa.BufferReader(data)) as parquet:
-        findings = []
-        if parquet.metadata.num_rows != file["rows"]:
-            findings.append(
-                Finding("rows", file["path"], f"{parquet.metadata.num_rows} rows; the marker says {file['rows']}")
-            )
-        if not parquet.schema_arrow.equals(arrow_schema(file["table"])):
-            findings.append(Finding("schema", file["path"], f"columns are not those of table {file['table']!r}"))
-        return findings
+def _check_others(root: Path, listed: dict[str, dict]) -> list[Finding]:
+    """Return files that no marker lists."""
+    findings = []
+    for path in sorted(path for name in TABLES for path in (root / name).rglob("*") if path.is_file()):
+        relative = path.relative_to(root).as_posix()
+        if relative in listed or (path.name.startswith(".") and path.name.endswith(".tmp")):
+            continue
+        if _PART.fullmatch(relative):
+            findings.append(Finding("orphan", relative, "no marker lists the file; its shard was not finished"))
+        else:
+            findings.append(Finding("foreign", relative, "no file of a dataset has this name; move it away"))
+    for path in sorted(root.glob("*.parquet")):
+        if path.name != MANIFEST:
+            findings.append(Finding("foreign", path.name, "no file of a dataset has this name; move it away"))
+    for path in sorted((root / MARKERS).glob("*")):
+        if path.suffix not in (".json", ".tmp"):
+            findings.append(Finding("foreign", f"{MARKERS}/{path.name}", "no marker has this name; move it away"))
+    for path in sorted(root.rglob(".*.tmp")):
+        findings.append(Finding("temporary", path.relative_to(root).as_posix(), "left by a killed run"))
+    return findings
+
+
+def _check_manifest(root: Path, listed: dict[str, dict]) -> list[Finding]:
+    if not (root / MANIFEST).is_file():
+        return []
+    try:
+        manifest = pq.read_table(root / MANIFEST, columns=["path", "sha256"]).to_pylist()
+    except (pa.ArrowException, OSError, json.JSONDecodeError) as error:
+        return [Finding("manifest", MANIFEST, f"cannot be read: {one_line(error)}; run the configuration again")]
+    if {row["path"]: row["sha256"] for row in manifest} != {path: file["sha256"] for path, file in listed.items()}:
+        return [Finding("manifest", MANIFEST, "does not list what the markers list; run the configuration again")]
+    return []
