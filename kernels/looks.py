@@ -113,7 +113,7 @@ class Extras:
     """Row whose light each further ray brings, shape [E * K]: that of a pixel beside it which shows the same, or its
     own."""
     shaded: wp.array[int]
-    """Rows of those that bring their own."""
+    """Rows of those that bring their own; while it is being found out whose light they bring, of those to trace."""
 
 
 MATT = wp.constant(wp.uint8(0))

@@ -3,46 +3,29 @@
 import argparse
 import sys
 from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
 
 from mmw.command import run_command
+
+COMMANDS = {
+    "run": "mmw.run",
+    "radiomap": "mmw.radio_map_command",
+    "town": "mmw.town_command",
+    "view": "mmw.view_command",
+    "import": "mmw.import_command",
+    "export": "mmw.export_command",
+    "verify": "mmw.verify_command",
+    "row": "mmw.row_command",
+}
+"""Subcommand -> the module whose `main` parses and does it, imported when it is asked for."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the `mmw` command and return its exit code."""
     argv = list(sys.argv[1:] if argv is None else argv)
-    if argv and argv[0] == "run":
-        from mmw.run import main as run_main
-
-        return run_main(argv[1:], prog="mmw run")
-    if argv and argv[0] == "radiomap":
-        from mmw.radio_map_command import main as map_main
-
-        return map_main(argv[1:], prog="mmw radiomap")
-    if argv and argv[0] == "town":
-        from mmw.town_command import main as town_main
-
-        return town_main(argv[1:], prog="mmw town")
-    if argv and argv[0] == "view":
-        from mmw.view_command import main as view_main
-
-        return view_main(argv[1:], prog="mmw view")
-    if argv and argv[0] == "import":
-        from mmw.import_command import main as import_main
-
-        return import_main(argv[1:], prog="mmw import")
-    if argv and argv[0] == "export":
-        from mmw.export_command import main as export_main
-
-        return export_main(argv[1:], prog="mmw export")
-    if argv and argv[0] == "verify":
-        from mmw.verify_command import main as verify_main
-
-        return verify_main(argv[1:], prog="mmw verify")
-    if argv and argv[0] == "row":
-        from mmw.row_command import main as row_main
-
-        return row_main(argv[1:], prog="mmw row")
+    if argv and argv[0] in COMMANDS:
+        return import_module(COMMANDS[argv[0]]).main(argv[1:], prog=f"mmw {argv[0]}")
     parser = argparse.ArgumentParser(
         prog="mmw", description="Multimodal wireless datasets from one configuration file."
     )
@@ -68,8 +51,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     pictures.add_argument("--samples", type=int, default=4, choices=(1, 4, 9), help="rays in a pixel on an edge")
     pictures.add_argument("--device", default="auto", help="auto, cpu or cuda:N")
     arguments = parser.parse_args(argv)
-    work = {"pictures": _pictures}[arguments.command]
-    return run_command(lambda: work(arguments), "mmw[plot]")
+    return run_command(lambda: _pictures(arguments), "mmw[plot]")
 
 
 def _pictures(arguments: argparse.Namespace) -> int:

@@ -3,6 +3,7 @@
 Exit codes: 0 done, 2 bad input, 1 failure while running.
 """
 
+import os
 import sys
 from collections.abc import Callable, Sequence
 
@@ -31,6 +32,9 @@ def run_command(work: Callable[[], int], extra: str) -> int:
         return fail([str(error)])
     except ImportError as error:
         return fail([f"{error}; this command needs {extra}: pip install '{extra}'"], code=1)
+    except BrokenPipeError:  # whoever read the output has enough of it, such as `head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else Python complains when it flushes
+        return 0
     except OSError as error:
         return fail([f"{error.filename}: {error.strerror}"], code=1)
     except KeyboardInterrupt:

@@ -1,6 +1,8 @@
 """Small made-up shards, with every table, for the tests of tables, writer and dataset."""
 
 import zlib
+from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
@@ -13,8 +15,9 @@ from mmw.tables.encode import (
     encode_rgb,
     encode_semantic,
 )
+from mmw.tables.manifest import finalize, prepare_root
 from mmw.tables.schema.columns import F32, F64, list_of
-from mmw.tables.writer import ShardKey
+from mmw.tables.writer import ShardKey, write_scenario, write_shard
 
 AGENTS = ("cav_1", "cav_2", "cav_3", "rsu_1")
 META = {"config_sha256": "c" * 64, "mmw_version": "0.1.0", "git_sha": "abc", "device": "cpu", "seconds": 1.5}
@@ -315,3 +318,14 @@ def make_statics() -> dict:
             "color": [[0.1, 0.1, 0.1], [0, 0, 0]],
         },
     }
+
+
+def write_made_up(root: Path, keys: Sequence[ShardKey]) -> Path:
+    """Write a finished dataset of made-up shards and return its folder."""
+    prepare_root(root, IDENTITY, META["config_sha256"], {"mmw": "0.1.0", "git": "abc"}, False)
+    for name in dict.fromkeys(key.scenario for key in keys):
+        write_scenario(root, name, make_statics(), META)
+    for key in keys:
+        write_shard(root, key, make_shard(key), META)
+    finalize(root)
+    return root

@@ -13,10 +13,10 @@ from PIL import Image
 
 from mmw.dataset import connect, open_dataset
 from mmw.dataset.sql import VIEWS
-from mmw.tables.manifest import finalize, prepare_root
+from mmw.tables.manifest import prepare_root
 from mmw.tables.schemas import TABLES
-from mmw.tables.writer import ShardKey, write_scenario, write_shard
-from tests.shards import IDENTITY, META, make_shard, make_statics
+from mmw.tables.writer import ShardKey
+from tests.shards import IDENTITY, META, make_shard, write_made_up
 
 KEYS = [
     ShardKey(scenario, weather, begin, begin + 4)
@@ -29,14 +29,7 @@ KEYS = [
 @pytest.fixture(scope="module")
 def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A dataset in a folder whose name is hard to quote."""
-    root = tmp_path_factory.mktemp("it's") / "data [1] *"
-    prepare_root(root, IDENTITY, META["config_sha256"], {"mmw": "0.1.0"}, False)
-    for name in ("town_a", "town_b"):
-        write_scenario(root, name, make_statics(), META)
-    for key in KEYS:
-        write_shard(root, key, make_shard(key), META)
-    finalize(root)
-    return root
+    return write_made_up(tmp_path_factory.mktemp("it's") / "data [1] *", KEYS)
 
 
 def test_views_hold_every_row_once(root):

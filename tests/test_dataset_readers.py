@@ -8,9 +8,8 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
-from mmw.tables.manifest import finalize, prepare_root
-from mmw.tables.writer import ShardKey, write_scenario, write_shard
-from tests.shards import IDENTITY, META, make_shard, make_statics
+from mmw.tables.writer import ShardKey
+from tests.shards import make_shard, write_made_up
 
 KEYS = [ShardKey("town_a", weather, begin, begin + 4) for weather in ("rainy", "sunny") for begin in (0, 4)]
 ROWS = 2 * 8 * 4
@@ -18,13 +17,7 @@ ROWS = 2 * 8 * 4
 
 @pytest.fixture(scope="module")
 def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    root = tmp_path_factory.mktemp("readers") / "d"
-    prepare_root(root, IDENTITY, META["config_sha256"], {"mmw": "0.1.0"}, False)
-    write_scenario(root, "town_a", make_statics(), META)
-    for key in KEYS:
-        write_shard(root, key, make_shard(key), META)
-    finalize(root)
-    return root
+    return write_made_up(tmp_path_factory.mktemp("readers") / "d", KEYS)
 
 
 @pytest.fixture(scope="module")

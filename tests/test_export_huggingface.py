@@ -15,24 +15,17 @@ from mmw.dataset import open_dataset
 from mmw.export.base import Selection, export
 from mmw.export.huggingface import FORMAT
 from mmw.tables.encode import decode_depth
-from mmw.tables.manifest import finalize, prepare_root
 from mmw.tables.schema.columns import IMAGE
 from mmw.tables.schemas import TABLES
-from mmw.tables.writer import ShardKey, write_scenario, write_shard
-from tests.shards import IDENTITY, META, make_shard, make_statics
+from mmw.tables.writer import ShardKey
+from tests.shards import META, write_made_up
 
 KEYS = [ShardKey("town_a", weather, begin, begin + 3) for weather in ("rainy", "sunny") for begin in (0, 3)]
 
 
 @pytest.fixture(scope="module")
 def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    root = tmp_path_factory.mktemp("made") / "data"
-    prepare_root(root, IDENTITY, META["config_sha256"], {"mmw": "0.1.0", "git": "abc"}, False)
-    write_scenario(root, "town_a", make_statics(), META)
-    for key in KEYS:
-        write_shard(root, key, make_shard(key), META)
-    finalize(root)
-    return root
+    return write_made_up(tmp_path_factory.mktemp("made") / "data", KEYS)
 
 
 @pytest.fixture(scope="module")

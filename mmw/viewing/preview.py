@@ -1,6 +1,6 @@
 """Pictures of a scene for people, by the RGB camera: from an eye, from any camera, or from straight above."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -145,7 +145,7 @@ class Pictures:
             ValueError: If the target is where the eye is.
         """
         views = self._standing(look_pose(eye, target), slot)
-        return Image.fromarray(self.take(views, config)[weather][0])
+        return Image.fromarray(self.take(views, config, self._keys(views, [weather]))[weather][0])
 
     def map_view(
         self, weather: str, center: Sequence[float] | np.ndarray, size_m: float, *,
@@ -168,7 +168,9 @@ class Pictures:
         focal = width * MAP_HEIGHT
         intrinsics = Intrinsics(width, width, focal, focal, 0.5 * width, 0.5 * width)
         config = RgbConfig(width_px=width, height_px=width, samples=samples)
-        return Image.fromarray(self._render(self._map_camera, views, intrinsics, 1.01 * height, config)[weather][0])
+        keys = self._keys(views, [weather])
+        found = self._render(self._map_camera, views, intrinsics, 1.01 * height, config, keys)
+        return Image.fromarray(found[weather][0])
 
     def take(
         self,
@@ -182,10 +184,19 @@ class Pictures:
         Args:
             views: Where it looks from.
             config: The camera.
-            keys: Weather -> random numbers of each view, shape [A, 2], uint32; by weather and frame alone if absent.
+            keys: Weather -> random numbers of each view, shape [A, 2], uint32; all weathers, by their name and the
+                frame alone, if absent.
             lens_keys: Random numbers of each view's lens, shape [A, 2], uint32; the same for all if absent.
         """
-        return self._render(self._camera, views, intrinsics_of(config), config.range_m, config, keys, lens_keys)
+        wanted = self._keys(views, self._weathers) if keys is None else keys
+        return self._render(self._camera, views, intrinsics_of(config), config.range_m, config, wanted, lens_keys)
+
+    def _keys(self, views: Views, weathers: Iterable[str]) -> dict[str, np.ndarray]:
+        """Return random numbers of views by weather and frame alone."""
+        return {
+            name: random_keys((self._seed, name, int(frame), row) for row, frame in enumerate(views.frame))
+            for name in weathers
+        }
 
     def _render(
         self,
@@ -194,15 +205,10 @@ class Pictures:
         intrinsics: Intrinsics,
         range_m: float,
         config: RgbConfig,
-        keys: Mapping[str, np.ndarray] | None = None,
+        keys: Mapping[str, np.ndarray],
         lens_keys: np.ndarray | None = None,
     ) -> dict[str, np.ndarray]:
         buffer = trace_samples(self._scene, views, intrinsics, range_m, camera.cut_outs)
-        if keys is None:
-            keys = {
-                name: random_keys((self._seed, name, int(frame), row) for row, frame in enumerate(views.frame))
-                for name in self._weathers
-            }
         if lens_keys is None:
             lens_keys = random_keys((self._seed, "lens") for _ in range(len(views)))
         return {name: images.rgb.numpy() for name, images in camera.render(buffer, config, keys, lens_keys).items()}
