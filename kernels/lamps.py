@@ -66,7 +66,7 @@ class Lamps:
     """Whether head and tail lamps burn."""
     is_street_on: wp.bool
     brake: wp.array2d[float]
-    """How much each instance brakes, 0 to 1, shape [S, V]; -1 for one without lamps or absent."""
+    """How much each instance brakes, 0 to 1, shape [S, V]; -1 for one without lamps, parked, or absent."""
     beam_count: int
     """Number of beams, 0 while they are off."""
     beam_instance: wp.array[int]

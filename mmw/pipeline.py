@@ -7,6 +7,7 @@ written by threads while the device traces the next one.
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ from mmw.provenance import keep_config, versions
 from mmw.recording.channel import record_channel
 from mmw.recording.ground_truth import record_ground_truth
 from mmw.recording.job import Job, Rows
+from mmw.recording.kernels import compiled_ahead
 from mmw.recording.sensors import record_sensors
 from mmw.report import Clock, Console, closing_summary
 from mmw.scene import Scene
@@ -74,11 +76,13 @@ def run(config: Config, *, base: Path, device: str, overwrite: bool, console: Co
     if console.done:
         rest = "making the rest" if console.done < total else "nothing to make"
         console.say(f"{root}: {console.done} of {total} frames are there already; {rest}")
-    with ThreadPoolExecutor(config.compute.writer_threads, thread_name_prefix="mmw-writer") as pool:
+    writers = ThreadPoolExecutor(config.compute.writer_threads, thread_name_prefix="mmw-writer")
+    with writers as pool, compiled_ahead(config, device) if any(pending.values()) else nullcontext([]) as kernels:
         try:
             for scenario in config.scenarios:
-                if pending[scenario.name] or pending_scenarios(root, [scenario.name]):
-                    _run_scenario(config, scenario, base, root, device, pending[scenario.name], pool, meta, console)
+                some = pending[scenario.name]
+                if some or pending_scenarios(root, [scenario.name]):
+                    _run_scenario(config, scenario, base, root, device, some, pool, kernels, meta, console)
         except BaseException:
             pool.shutdown(cancel_futures=True)
             raise
@@ -105,6 +109,7 @@ def _run_scenario(
     device: str,
     pending: Sequence[ShardKey],
     pool: ThreadPoolExecutor,
+    kernels: Sequence[Future[None]],
     meta: dict[str, Any],
     console: Console,
 ) -> None:
@@ -118,6 +123,10 @@ def _run_scenario(
         write_scenario(root, scenario.name, static_rows(arrays, config, scenario), meta)
         if not pending:
             return
+    with clock.stage("kernels"):
+        for kernel in kernels:
+            kernel.result()
+    with clock.stage("scene"):
         slots = min(config.compute.batch_frames, config.output.shard_frames)
         job = make_job(config, scenario, arrays, device, slots, pool, clock)
     for line in job.texture_notes():

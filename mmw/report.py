@@ -17,7 +17,7 @@ from rich.table import Column
 
 from mmw.config import Config
 
-SET_UP = ("traffic and stage", "scene", "textures and skies")
+SET_UP = ("traffic and stage", "scene", "kernels", "textures and skies")
 """Stages that come once a scenario: they would spoil the speed and the time left."""
 
 

@@ -95,6 +95,8 @@ class Actor:
     center: tuple[float, float, float]
     """Middle of the box in the actor's frame [m]."""
     label: str
+    is_parked: bool = False
+    """Whether it is a parked vehicle, whose lamps never burn."""
 
 
 @dataclass(frozen=True)

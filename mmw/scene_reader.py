@@ -1,33 +1,22 @@
 """Read a scenario stage, mmw's or the user's own, into `SceneArrays`."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from pxr import Usd, UsdGeom
+from pxr import Usd
 
 from mmw.constants import FRAME_RATE_HZ
 from mmw.materials import Material
 from mmw.scene_arrays import MODEL_NONE, Actor, Model, SceneArrays, SceneObject
 from mmw.surfaces import find_surfaces
 from mmw.usd.actors import FoundActor, actor_poses, find_actors, model_matrix
-from mmw.usd.corners import NO_CORNERS, Corners, display_color, place_corners
-from mmw.usd.extract import (
-    FoundMesh,
-    MeshReader,
-    Triangles,
-    bound_materials,
-    component_of,
-    place,
-    to_metres,
-)
-from mmw.usd.looks import DEFAULT_PRIMVAR, texture_primvar
-from mmw.usd.material_map import MaterialMap, find_entry
-from mmw.usd.materials import MaterialUse, read_material, resolve_material
+from mmw.usd.extract import FoundMesh, MeshReader, to_metres
+from mmw.usd.material_map import MaterialMap
+from mmw.usd.materials import read_material
 from mmw.usd.open import check_references, open_stage
+from mmw.usd.parts import Part, PartReader
 from mmw.usd.semantics import CARLA_TAG
-from mmw.usd.wheels import mesh_wheels
 from mmw.weather import choose_variant
 
 WEATHER = "weather"
@@ -35,108 +24,6 @@ WEATHER = "weather"
 
 
 Triple = tuple[float, float, float]
-
-
-@dataclass
-class _Part:
-    """Triangles of one mesh prim, in metres, in the world or in an actor's frame."""
-
-    points: np.ndarray
-    faces: np.ndarray
-    use: np.ndarray  # index into _Reader.uses, one a face
-    label: str
-    object_path: str
-    object_label: str
-    wheels: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))  # of an actor: centre and radius
-    wheel: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int32))  # of each face, -1 for none
-    corners: Corners = NO_CORNERS
-
-
-@dataclass
-class _Reader:
-    """What is gathered while a stage is read."""
-
-    meshes: MeshReader
-    metres: np.ndarray
-    material_map: MaterialMap
-    uses: dict[MaterialUse, int] = field(default_factory=dict)
-    unresolved: dict[str, None] = field(default_factory=dict)
-    notes: dict[str, None] = field(default_factory=dict)
-    first_mesh: dict[MaterialUse, str] = field(default_factory=dict)
-    _shading: dict[str, tuple[str, bool]] = field(default_factory=dict)
-
-    def shading(self, material: Usd.Prim | None) -> tuple[str, bool]:
-        """Return the primvar that a material's textures read, and whether its surface shader is read."""
-        path = str(material.GetPath()) if material else ""
-        if path not in self._shading:
-            self._shading[path] = texture_primvar(material) if material else (DEFAULT_PRIMVAR, False)
-        return self._shading[path]
-
-    def corners(
-        self,
-        prim: Usd.Prim,
-        triangles: Triangles,
-        matrix: np.ndarray,
-        materials: Sequence[Usd.Prim | None],
-        index: np.ndarray,
-    ) -> tuple[Corners, list[bool]]:
-        """Return texture coordinates and normals of a placed mesh, and which of its materials has coordinates there."""
-        names = [self.shading(material)[0] for material in materials]
-        of_name = {name: self.meshes.corners(prim, triangles, name) for name in names}
-        for own in of_name.values():
-            self.notes.update((line, None) for line in own.notes)
-        first = of_name[names[0]]
-        if len(of_name) > 1:  # its materials read different coordinates
-            uv = np.zeros((len(index), 3, 2), dtype=np.float32)
-            for k, name in enumerate(names):
-                own = of_name[name].uv
-                if own is not None:
-                    uv[index == k] = own[index == k]
-            first = Corners(uv, first.normals)
-        return place_corners(first, matrix), [of_name[name].uv is not None for name in names]
-
-    def part(self, mesh: FoundMesh, matrix: np.ndarray) -> _Part | None:
-        """Return a mesh in metres, placed by a matrix from its own space; None if it has no triangle."""
-        triangles = self.meshes.triangles(mesh.prim)
-        if len(triangles.faces) == 0:
-            return None
-        points, faces = place(triangles, matrix)
-        materials, index = bound_materials(mesh.prim, triangles.polygon)
-        path, label = str(mesh.prim.GetPath()), self.meshes.label(mesh.prim)
-        if label == "unlabeled":
-            label = _mapped_label(self.material_map, path, materials)
-        corners, has_uv = self.corners(mesh.prim, triangles, matrix, materials, index)
-        ids = []
-        for material, is_there in zip(materials, has_uv, strict=True):
-            use = resolve_material(path, label, material, self.material_map)
-            if use is None:
-                bound = f"material {material.GetPath()}" if material else "no material"
-                self.unresolved[f"{path} ({bound})"] = None
-            else:
-                color = None if self.shading(material)[1] else display_color(mesh.prim)
-                if not is_there or color is not None:
-                    use = replace(use, has_uv=is_there, display_color=color)
-                    self.first_mesh.setdefault(use, path)
-            ids.append(-1 if use is None else self.uses.setdefault(use, len(self.uses)))
-        thing = component_of(mesh.anchor)
-        thing_label = label if thing == mesh.prim else self.meshes.label(thing)
-        return _Part(
-            points, faces, np.array(ids, dtype=np.int32)[index], label, str(thing.GetPath()),
-            label if thing_label == "unlabeled" else thing_label, corners=corners,
-        )  # fmt: skip
-
-    def moving_part(self, mesh: FoundMesh, matrix: np.ndarray) -> _Part | None:
-        """Return a mesh of an actor with its wheels, placed in the actor's frame; None if it has no triangle."""
-        part = self.part(mesh, matrix)
-        if part is not None:
-            part.wheels, part.wheel = mesh_wheels(mesh.prim, self.meshes.triangles(mesh.prim), matrix)
-        return part
-
-
-def _mapped_label(material_map: MaterialMap, path: str, materials: Sequence[Usd.Prim | None]) -> str:
-    """Return the class that the material map gives a mesh without one, by its path or its first material's name."""
-    entry = find_entry(material_map, path, materials[0].GetName() if materials[0] else "")
-    return entry.label if entry is not None and entry.label is not None else "unlabeled"
 
 
 def read_stage(
@@ -181,21 +68,30 @@ def read_stage(
     for names in list(variants.values())[:1]:
         _select(stage, switches, names)
     metres = to_metres(stage)
-    reader = _Reader(MeshReader(stage, Usd.TimeCode(times[0])), metres, material_map or {})
+    reader = PartReader(MeshReader(stage, Usd.TimeCode(times[0])), material_map or {})
     actors = find_actors(stage, roles or {})
     actor_of = {actor.path: row for row, actor in enumerate(actors) if actor.role != "rsu"}
     poses, stretches = actor_poses(actors, times, metres)
 
+    meshes = list(reader.meshes.meshes())
+    owners = [_owner(mesh.anchor, actor_of) for mesh in meshes]
+    is_shown = [reader.meshes.is_visible(mesh.prim) for mesh in meshes]  # a moving mesh always: its poses say when
+    parts = reader.parts(
+        meshes,
+        [
+            _to_world(mesh, reader.meshes) @ metres
+            if row is None
+            else model_matrix(reader.meshes, mesh, actors[row].prim) @ metres @ stretches[row]
+            for mesh, row in zip(meshes, owners, strict=True)
+        ],
+        [row is not None for row in owners],
+    )
     static, moving = [], [[] for _ in actors]
-    for mesh in reader.meshes.meshes():
-        row = _owner(mesh.anchor, actor_of)
-        if row is None:
-            part = reader.part(mesh, _to_world(mesh, reader.meshes) @ metres)
-            static += [part] if part and _is_visible(mesh, times[0]) else []
-        else:
-            matrix = model_matrix(reader.meshes, mesh, actors[row].prim) @ metres @ stretches[row]
-            part = reader.moving_part(mesh, matrix)
-            moving[row] += [part] if part else []
+    for part, row, is_seen in zip(parts, owners, is_shown, strict=True):
+        if part is not None and row is not None:
+            moving[row].append(part)
+        elif part is not None and is_seen:
+            static.append(part)
     if reader.unresolved:
         listed = "\n  ".join(reader.unresolved)
         raise ValueError(
@@ -267,12 +163,8 @@ def _to_world(mesh: FoundMesh, meshes: MeshReader) -> np.ndarray:
     return world if mesh.to_anchor is None else mesh.to_anchor @ world
 
 
-def _is_visible(mesh: FoundMesh, time: float) -> bool:
-    return UsdGeom.Imageable(mesh.prim).ComputeVisibility(time) != UsdGeom.Tokens.invisible
-
-
 def _materials(
-    stage: Usd.Stage, switches: list[Usd.Prim], reader: _Reader, variants: Mapping[str, Sequence[str]]
+    stage: Usd.Stage, switches: list[Usd.Prim], reader: PartReader, variants: Mapping[str, Sequence[str]]
 ) -> tuple[dict[str, tuple[Material, ...]], np.ndarray]:
     """Return materials by weather and id, and the id of each use. Uses that agree in every weather share an id."""
     columns, uses = {}, list(reader.uses)
@@ -294,7 +186,7 @@ def _materials(
     return {weather: tuple(row[w] for row in unique) for w, weather in enumerate(variants)}, ids
 
 
-def _join(parts: list[_Part], ids: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _join(parts: list[Part], ids: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return points, faces and material ids of several parts as one mesh."""
     offsets = np.cumsum([0] + [len(part.points) for part in parts])
     points = np.concatenate([np.zeros((0, 3))] + [part.points for part in parts])
@@ -304,7 +196,7 @@ def _join(parts: list[_Part], ids: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
     return points, faces, material
 
 
-def _join_corners(parts: list[_Part]) -> tuple[np.ndarray, np.ndarray]:
+def _join_corners(parts: list[Part]) -> tuple[np.ndarray, np.ndarray]:
     """Return texture coordinates and normals of the faces of several parts, zeros where a part has none."""
     count = sum(len(part.faces) for part in parts)
     uv, normals = np.zeros((count, 3, 2), dtype=np.float32), np.zeros((count, 3, 3), dtype=np.float32)
@@ -319,7 +211,7 @@ def _join_corners(parts: list[_Part]) -> tuple[np.ndarray, np.ndarray]:
     return uv, normals
 
 
-def _join_wheels(parts: list[_Part]) -> tuple[np.ndarray, np.ndarray]:
+def _join_wheels(parts: list[Part]) -> tuple[np.ndarray, np.ndarray]:
     """Return the wheels of several parts, and the wheel of each face; equal centre and radius make one wheel."""
     row_of: dict[tuple[float, ...], int] = {}
     columns = []
@@ -330,9 +222,9 @@ def _join_wheels(parts: list[_Part]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _assemble(
-    static: list[_Part],
+    static: list[Part],
     found: list[FoundActor],
-    moving: list[list[_Part]],
+    moving: list[list[Part]],
     frames: range,
     poses: np.ndarray,
     materials: dict[str, tuple[Material, ...]],
@@ -375,7 +267,7 @@ def _assemble(
             label = parts[0].label if label == "unlabeled" else label
         size, center = _box(actor, models[model].points if parts else None)
         path, object_index = actor.path, len(objects)
-        actors.append(Actor(actor.name, actor.role, path, model, object_index, size, center, label))
+        actors.append(Actor(actor.name, actor.role, path, model, object_index, size, center, label, actor.is_parked))
         objects.append(SceneObject(object_index, path, label, CARLA_TAG[label], used_names, actor.name))
     surface = find_surfaces(points, faces, object_id, material)
     return SceneArrays(

@@ -65,16 +65,34 @@ def weld(points: np.ndarray) -> np.ndarray:
     two close points share a cell of at least one.
     """
     ends_a, ends_b = [], []
-    index = np.arange(len(points))
+    in_cells = points / WELD_M
     for shift in product((0.19, 0.69), repeat=3):
-        cell = np.floor(points / WELD_M + np.array(shift)).astype(np.int64).astype(np.uint64)
-        key = (cell[:, 0] * _HASH + cell[:, 1]) * _HASH + cell[:, 2]
-        _, first, inverse = np.unique(key, return_index=True, return_inverse=True)
-        other = first[inverse]
-        moved = other != index
-        ends_a.append(index[moved])
-        ends_b.append(other[moved])
+        moved, other = same_cells(in_cells + np.array(shift))
+        ends_a.append(moved)
+        ends_b.append(other)
     return components(len(points), np.concatenate(ends_a), np.concatenate(ends_b))
+
+
+def same_cells(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the rows whose cell of a grid with unit steps holds an earlier row, and the first row of that cell.
+
+    Args:
+        values: Coordinates in the grid, shape [N, K], float64.
+
+    Returns:
+        Rows and first rows of their cells, shape [pairs] each, int64. Cells are told apart by 64 bits.
+    """
+    cell = np.floor(values).astype(np.int64).astype(np.uint64)
+    key = cell[:, 0]
+    for column in range(1, cell.shape[1]):
+        key = key * _HASH + cell[:, column]
+    order = np.argsort(key)
+    ordered = key[order]
+    is_new = np.append(True, ordered[1:] != ordered[:-1])
+    start = np.flatnonzero(is_new)
+    first = np.minimum.reduceat(order, start)[np.cumsum(is_new) - 1] if len(order) else order
+    moved = first != order
+    return order[moved], first[moved]
 
 
 _HASH = np.uint64(0x9E3779B97F4A7C15)

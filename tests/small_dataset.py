@@ -12,8 +12,11 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from mmw.config import Config, ScenarioConfig
 from mmw.paths import configs_dir
+from mmw.prepare import read_scenario
 from mmw.run import main
+from mmw.scene_arrays import SceneArrays
 from mmw.tables.manifest import finalize
 from mmw.tables.parquet import arrow_schema, write_options
 
@@ -37,6 +40,17 @@ def small_dataset() -> Path:
     code = main(["--config", str(configs_dir() / "quickstart.yaml"), *SMALL, "--out", str(root), "--device", "cpu"])
     assert code == 0
     return root
+
+
+_SCENES: dict[tuple[str, str, Path], SceneArrays] = {}
+
+
+def read_once(config: Config, scenario: ScenarioConfig, stage: Path) -> SceneArrays:
+    """Stand in for `read_scenario` where rows are made again: a stage, which no copy changes, is read once."""
+    key = config.sha256(), scenario.name, stage.resolve()
+    if key not in _SCENES:
+        _SCENES[key] = read_scenario(config, scenario, stage)
+    return _SCENES[key]
 
 
 def copy_of(root: Path, to: Path) -> Path:

@@ -2,6 +2,7 @@
 
 import io
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,14 @@ from PIL import Image
 from mmw.__main__ import main as mmw
 from mmw.dataset import open_dataset
 from mmw.remake import Remaker, differing_columns, select_rows
-from tests.small_dataset import SCENARIO, copy_of, part, replace_column, rewrite, small_dataset
+from tests.small_dataset import SCENARIO, copy_of, part, read_once, replace_column, rewrite, small_dataset
+
+
+@pytest.fixture(scope="module", autouse=True)
+def one_scene() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("mmw.remake.read_scenario", read_once)
+        yield
 
 
 @pytest.fixture(scope="module")

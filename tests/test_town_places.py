@@ -314,6 +314,7 @@ def test_parked_cars_are_actors_of_a_scenario(asset, built, tmp_path):
     assert len({actor.name for actor in arrays.actors}) == len(arrays.actors) == 1 + len(built.parked)
     by_actor = {actor.name: k for k, actor in enumerate(arrays.actors)}
     assert not any("/Parked/" in thing.prim_path and not thing.actor for thing in arrays.objects)
+    assert not arrays.actors[by_actor["cav_1"]].is_parked
     boxes = make_boxes(arrays, [1])
     assert len(boxes.actor) == len(arrays.actors)
     row_of = {int(actor): row for row, actor in enumerate(boxes.actor)}
@@ -321,7 +322,7 @@ def test_parked_cars_are_actors_of_a_scenario(asset, built, tmp_path):
     for car in built.parked:
         actor, model = by_actor[car.name], CATALOG[car.model]
         row = row_of[actor]
-        assert arrays.actors[actor].role == "vehicle"
+        assert arrays.actors[actor].role == "vehicle" and arrays.actors[actor].is_parked
         assert np.allclose(arrays.poses[:, actor, :3], car.pose[:3], atol=1e-9)
         assert boxes.size[row] == pytest.approx([model.length, model.width, model.height])
         assert boxes.velocity[row] == pytest.approx([0, 0, 0])

@@ -2,7 +2,7 @@
 
 import json
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,14 @@ from mmw.tables.verify import verify, version_number
 from mmw.verification.physics import _in_depth
 from mmw.verification.rerender import choose_rows, rerender
 from mmw.verify_command import check
-from tests.small_dataset import SCENARIO, copy_of, part, replace_column, rewrite, small_dataset
+from tests.small_dataset import SCENARIO, copy_of, part, read_once, replace_column, rewrite, small_dataset
+
+
+@pytest.fixture(scope="module", autouse=True)
+def one_scene() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("mmw.remake.read_scenario", read_once)
+        yield
 
 
 @pytest.fixture(scope="module")

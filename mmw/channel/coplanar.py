@@ -5,7 +5,7 @@ from itertools import product
 import numpy as np
 
 from mmw.channel.vectors import dot
-from mmw.surfaces import components
+from mmw.surfaces import components, same_cells
 
 SAME_PLANE_M = 1e-4
 """Farthest that the corners of a surface's box may lie from the plane of its group, beyond what they do from its
@@ -38,12 +38,9 @@ def group_coplanar(
     key = np.concatenate([normal * REACH_M, offset[:, None]], axis=1) / (20.0 * SAME_PLANE_M)
     ends_a, ends_b = [], []
     for shift in product((0.19, 0.69), repeat=4):  # two keys that are close share a cell of at least one grid
-        cell = np.concatenate([np.floor(key + np.array(shift)), part[:, None]], axis=1)
-        _, first, inverse = np.unique(cell, axis=0, return_index=True, return_inverse=True)
-        other = first[inverse.reshape(-1)]
-        moved = np.flatnonzero(other != np.arange(count))
+        moved, other = same_cells(np.concatenate([key + np.array(shift), part[:, None]], axis=1))
         ends_a.append(moved)
-        ends_b.append(other[moved])
+        ends_b.append(other)
     group = components(count, np.concatenate(ends_a), np.concatenate(ends_b))
     order = np.lexsort((-area, group))
     is_first = np.append(True, group[order][1:] != group[order][:-1])

@@ -9,7 +9,7 @@ from mmw.kernels import lamps
 from mmw.kinematics import differentiate_rows
 from mmw.poses import rotate
 from mmw.scene import Scene, instance_actors
-from mmw.scene_arrays import SceneArrays
+from mmw.scene_arrays import Actor, SceneArrays
 from mmw.weather import Weather
 
 DIPPED_SUN_DEG = 6.0
@@ -62,6 +62,11 @@ def street_lamps_on(weather: Weather) -> bool:
     return weather.sun_altitude_deg < STREET_SUN_DEG
 
 
+def has_lamps(actor: Actor) -> bool:
+    """Return whether an actor is a vehicle with lamps that can burn, which those of a parked one cannot."""
+    return actor.label in LAMP_LABELS and not actor.is_parked
+
+
 def brake_levels(arrays: SceneArrays, frames: Sequence[int]) -> np.ndarray:
     """Return how much each instance brakes, from its acceleration along its own x axis.
 
@@ -72,7 +77,7 @@ def brake_levels(arrays: SceneArrays, frames: Sequence[int]) -> np.ndarray:
         frames: Frame numbers, shape [S].
 
     Returns:
-        0 to 1, shape [S, V], float32; -1 for an instance that is no vehicle or is absent.
+        0 to 1, shape [S, V], float32; -1 for an instance that is no vehicle, is parked, or is absent.
 
     Raises:
         ValueError: If the scene does not cover a frame.
@@ -80,7 +85,7 @@ def brake_levels(arrays: SceneArrays, frames: Sequence[int]) -> np.ndarray:
     rows = np.array([arrays.frame_row(int(frame)) for frame in frames], dtype=np.int64)
     actors = instance_actors(arrays)
     level = np.full((len(rows), len(actors)), -1.0, dtype=np.float32)
-    drives = np.array([arrays.actors[a].label in LAMP_LABELS for a in actors], dtype=bool)
+    drives = np.array([has_lamps(arrays.actors[a]) for a in actors], dtype=bool)
     if len(rows) == 0 or not drives.any():
         return level
     poses = arrays.poses[:, actors[drives]]
@@ -156,11 +161,11 @@ def street_grid(
 
 
 def _beams(arrays: SceneArrays) -> tuple[np.ndarray, np.ndarray]:
-    """Return the instances that have head lamps [B], and where in their frames the beams start [m] [B, 3]."""
+    """Return the instances whose head lamps can burn [B], and where in their frames the beams start [m] [B, 3]."""
     instances, positions = [], []
     for instance, index in enumerate(instance_actors(arrays)):
         actor = arrays.actors[index]
-        if actor.label in LAMP_LABELS:
+        if has_lamps(actor):
             instances.append(instance)
             positions.append((actor.center[0] + 0.5 * actor.size[0], 0.0, BEAM_HEIGHT_M))
     return np.array(instances, dtype=np.int32), np.array(positions, dtype=np.float32).reshape(-1, 3)

@@ -23,6 +23,7 @@ from mmw.town.smooth_normals import part_normals
 from mmw.town.texture_coordinates import indexed, texture_coordinates
 from mmw.town.walks import Walk, write_walks
 from mmw.usd import schema
+from mmw.usd.actors import PARKED
 from mmw.usd.library import LIBRARY
 from mmw.usd.save import save_layers
 from mmw.usd.specs import new_mesh, new_prim, set_label, set_normals, set_texture_coordinates
@@ -199,7 +200,7 @@ def write_town(
     write_walks(stage, str(ROOT.AppendChild("Walks")), walks)
     del stage
     if parked:  # with references relative to the file, so after the stage that would compose them
-        write_parked(geometry, ROOT.AppendChild("Parked"), parked, load_catalog(), out_dir)
+        write_parked(geometry, ROOT.AppendChild(PARKED), parked, load_catalog(), out_dir)
 
     layer = interface_layer(name, parts, PAYLOAD, weather, GROUND_MATERIALS)
     reference = Sdf.Reference(Path(os.path.relpath(materials, out_dir)).as_posix(), "/Materials")

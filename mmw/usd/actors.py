@@ -13,6 +13,9 @@ from mmw.usd.shapes import SHAPES
 
 ROLES = ("cav", "vehicle", "rsu", "pedestrian")
 
+PARKED = "Parked"
+"""Name of a prim below which vehicles that do not move are parked."""
+
 RIGID_TOLERANCE = 1.0e-4
 """Largest change of an actor's scale or shear over the frames [-]; float32 rotations change it by 1e-7."""
 
@@ -30,6 +33,8 @@ class FoundActor:
     size: tuple[float, float, float] | None
     """Length, width and height [m], None where the prim does not say."""
     center: tuple[float, float, float] | None
+    is_parked: bool
+    """Whether it is a vehicle below a prim called `PARKED` and does not move."""
 
 
 def find_actors(stage: Usd.Stage, roles: Mapping[str, str]) -> list[FoundActor]:
@@ -64,8 +69,9 @@ def find_actors(stage: Usd.Stage, roles: Mapping[str, str]) -> list[FoundActor]:
             raise ValueError(f"{prim.GetPath()}: mmw:actor:role = {role!r}; one of {', '.join(ROLES)} is needed")
         model_name = str(_value(prim, "mmw:actor:model") or prim.GetName())
         size, center = _triple(prim, "mmw:actor:size"), _triple(prim, "mmw:actor:center")
-        label = semantic_label(prim)
-        found.append(FoundActor(prim, str(prim.GetPath()), prim.GetName(), str(role), label, model_name, size, center))
+        label, path = semantic_label(prim), str(prim.GetPath())
+        is_parked = f"/{PARKED}/" in path and role in ("cav", "vehicle") and not _moves(prim)
+        found.append(FoundActor(prim, path, prim.GetName(), str(role), label, model_name, size, center, is_parked))
     seen: dict[str, FoundActor] = {}
     for actor in found:
         if actor.name in seen:

@@ -1,10 +1,11 @@
 """Triangle meshes of any USD stage: n-gons, shapes, instances, point instancers, subsets, units, axes, handedness."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from types import EllipsisType
 
 import numpy as np
-from pxr import Kind, Usd, UsdGeom, UsdShade, Vt
+from pxr import Kind, Sdf, Usd, UsdGeom, UsdShade, Vt
 
 from mmw.usd.corners import NO_CORNERS, Corners, is_mirror, read_corners
 from mmw.usd.semantics import CARLA_TAG, TAXONOMY
@@ -14,6 +15,9 @@ from mmw.usd.triangulate import triangulate
 SKIPPED_PURPOSES = (UsdGeom.Tokens.proxy, UsdGeom.Tokens.guide)
 """Purposes that are no geometry of the world: stand-ins and construction aids."""
 
+
+_RADIO = "radio"
+"""Purpose of a material binding that counts before the one for all purposes."""
 
 LEAST_SLIMNESS = 1e-9
 """Height of a triangle over its length below which it has no area [-]: a hundredth of the step of float32."""
@@ -61,6 +65,8 @@ class MeshReader:
     _triangles: dict[str, Triangles] = field(default_factory=dict)
     _corners: dict[tuple[int, str], Corners] = field(default_factory=dict)
     _labels: dict[str, str] = field(default_factory=dict)
+    _visible: dict[Sdf.Path, bool] = field(default_factory=dict)
+    _components: dict[Sdf.Path, Usd.Prim | None] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.xforms = UsdGeom.XformCache(self.time)
@@ -131,17 +137,54 @@ class MeshReader:
             self._labels[path] = own or (self.label(parent) if parent else "unlabeled")
         return self._labels[path]
 
+    def is_visible(self, prim: Usd.Prim) -> bool:
+        """Return whether neither a prim nor an ancestor is invisible at the reader's time; ancestors are asked once."""
+        path = prim.GetPath()
+        if path not in self._visible:
+            attribute = prim.GetAttribute(UsdGeom.Tokens.visibility) if prim.IsA(UsdGeom.Imageable) else None
+            is_shown = not attribute or attribute.Get(self.time) != UsdGeom.Tokens.invisible
+            parent = prim.GetParent()
+            self._visible[path] = is_shown and (not parent or self.is_visible(parent))
+        return self._visible[path]
+
+    def component(self, prim: Usd.Prim) -> Usd.Prim:
+        """Return what `component_of` does; an ancestor is looked at once for all below it."""
+        return self._component(prim) or prim
+
+    def _component(self, prim: Usd.Prim) -> Usd.Prim | None:
+        path = prim.GetPath()
+        if path not in self._components:
+            if not prim or prim.IsPseudoRoot():
+                self._components[path] = None
+            else:
+                self._components[path] = prim if _is_component(prim) else self._component(prim.GetParent())
+        return self._components[path]
+
     def triangles(self, prim: Usd.Prim) -> Triangles:
         """Return a mesh prim as triangles.
 
         Raises:
             ValueError: If its points move against each other, or its topology is broken.
         """
-        source = prim.GetPrimInPrototype() if prim.IsInstanceProxy() else prim
-        key = str(source.GetPath())
+        key = _source(prim)
         if key not in self._triangles:
-            self._triangles[key] = self._read(UsdGeom.Mesh(prim)) if prim.IsA(UsdGeom.Mesh) else _read_shape(prim)
+            self.read([prim])
         return self._triangles[key]
+
+    def read(self, prims: Iterable[Usd.Prim]) -> None:
+        """Cut many mesh prims into triangles at once, so that `triangles` has them at hand.
+
+        Raises:
+            ValueError: If the points of one move against each other, or its topology is broken.
+        """
+        wanted = {_source(prim): prim for prim in prims}
+        new = {key: prim for key, prim in wanted.items() if key not in self._triangles}
+        raw = {key: self._polygons(UsdGeom.Mesh(prim)) for key, prim in new.items() if prim.IsA(UsdGeom.Mesh)}
+        self._triangles.update((key, _read_shape(prim)) for key, prim in new.items() if key not in raw)
+        cut = [_cut(*polygons) for polygons in raw.values()]
+        if not self.keeps_flat:  # what has no area is nowhere: no ray can say how it is met
+            cut = _without_flat(cut)
+        self._triangles.update(zip(raw, cut, strict=True))
 
     def corners(self, prim: Usd.Prim, cut: Triangles, name: str) -> Corners:
         """Return texture coordinates and normals at the corners of a mesh prim's triangles.
@@ -158,7 +201,7 @@ class MeshReader:
             self._corners[key] = read
         return self._corners[key]
 
-    def _read(self, mesh: UsdGeom.Mesh) -> Triangles:
+    def _polygons(self, mesh: UsdGeom.Mesh) -> "_Polygons":
         path = mesh.GetPath()
         at, corner = mesh.GetPointsAttr(), mesh.GetFaceVertexIndicesAttr()
         if at.ValueMightBeTimeVarying() or corner.ValueMightBeTimeVarying():
@@ -177,16 +220,44 @@ class MeshReader:
             )
         if not np.isfinite(points).all():
             raise ValueError(f"{path}: a point is not finite; repair the mesh in the tool that made it")
-        corners, polygon = triangulate(points, counts, indices, _integers(mesh.GetHoleIndicesAttr().Get()))
-        if mesh.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded:
-            corners = corners[:, ::-1]
-        if not self.keeps_flat:  # what has no area is nowhere: no ray can say how it is met
-            edge = points[indices[corners[:, 1:]]] - points[indices[corners[:, :1]]]
-            area = np.linalg.norm(np.cross(edge[:, 0], edge[:, 1]), axis=1)
-            has_area = area > LEAST_SLIMNESS * np.einsum("mkx,mkx->m", edge, edge)
-            corners, polygon = corners[has_area], polygon[has_area]
-        corners = np.ascontiguousarray(corners, dtype=np.int32)
-        return Triangles(points, indices[corners].astype(np.int32), polygon.astype(np.int32), corners)
+        is_left_handed = mesh.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded
+        return points, counts, indices, _integers(mesh.GetHoleIndicesAttr().Get()), is_left_handed
+
+
+_Polygons = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, bool]
+"""Points [N, 3], corners of each polygon, points of the corners, polygons that are holes, whether left-handed."""
+
+
+def _cut(
+    points: np.ndarray, counts: np.ndarray, indices: np.ndarray, holes: np.ndarray, is_left_handed: bool
+) -> Triangles:
+    corners, polygon = triangulate(points, counts, indices, holes)
+    if is_left_handed:
+        corners = corners[:, ::-1]
+    corners = np.ascontiguousarray(corners, dtype=np.int32)
+    return Triangles(points, indices[corners].astype(np.int32), polygon.astype(np.int32), corners)
+
+
+def _without_flat(cut: Sequence[Triangles]) -> list[Triangles]:
+    """Return the meshes without the triangles that have no area."""
+    if not cut:
+        return []
+    first = np.cumsum([0] + [len(mesh.points) for mesh in cut])
+    points = np.concatenate([mesh.points for mesh in cut])
+    faces = np.concatenate([mesh.faces + start for mesh, start in zip(cut, first[:-1], strict=True)])
+    edge = points[faces[:, 1:]] - points[faces[:, :1]]
+    area = np.linalg.norm(np.cross(edge[:, 0], edge[:, 1]), axis=1)
+    has_area = area > LEAST_SLIMNESS * np.einsum("mkx,mkx->m", edge, edge)
+    kept = []
+    for mesh, own in zip(cut, np.split(has_area, np.cumsum([len(mesh.faces) for mesh in cut])[:-1]), strict=True):
+        rows = (mesh.faces[own], mesh.polygon[own], mesh.corners[own])
+        kept.append(mesh if own.all() else Triangles(mesh.points, *rows))
+    return kept
+
+
+def _source(prim: Usd.Prim) -> str:
+    """Return the path of the prim that a mesh prim is, or is an instance of."""
+    return str((prim.GetPrimInPrototype() if prim.IsInstanceProxy() else prim).GetPath())
 
 
 def _integers(values: Vt.IntArray | None) -> np.ndarray:
@@ -209,7 +280,7 @@ def is_hidden(prim: Usd.Prim) -> bool:
     """Return whether a prim and all below it are invisible at all times."""
     if not prim.IsA(UsdGeom.Imageable):
         return False
-    visibility = UsdGeom.Imageable(prim).GetVisibilityAttr()
+    visibility = prim.GetAttribute(UsdGeom.Tokens.visibility)
     return not visibility.ValueMightBeTimeVarying() and visibility.Get() == UsdGeom.Tokens.invisible
 
 
@@ -237,7 +308,9 @@ def place(triangles: Triangles, matrix: np.ndarray) -> tuple[np.ndarray, np.ndar
     return points, triangles.faces[:, ::-1] if is_mirror(matrix) else triangles.faces
 
 
-def bound_materials(prim: Usd.Prim, polygon: np.ndarray) -> tuple[list[Usd.Prim | None], np.ndarray]:
+def bound_materials(
+    prim: Usd.Prim, polygon: np.ndarray, bound: Usd.Prim | EllipsisType | None = ...
+) -> tuple[list[Usd.Prim | None], np.ndarray]:
     """Return the materials of a mesh prim and which one each triangle has.
 
     The binding of purpose `radio` counts where there is one, else the one for all purposes.
@@ -245,11 +318,12 @@ def bound_materials(prim: Usd.Prim, polygon: np.ndarray) -> tuple[list[Usd.Prim 
     Args:
         prim: The Mesh prim.
         polygon: Polygon of each triangle, shape [M].
+        bound: What `materials_of` returned for it; left out, it is looked up.
 
     Returns:
         Material prims (None for "no material"), and an index into them for each triangle, shape [M].
     """
-    materials: list[Usd.Prim | None] = [_bound(prim)]
+    materials: list[Usd.Prim | None] = [_bound(prim) if bound is ... else bound]
     index = np.zeros(len(polygon), dtype=np.int32)
     subsets = UsdShade.MaterialBindingAPI(prim).GetMaterialBindSubsets()
     if not subsets:
@@ -263,8 +337,14 @@ def bound_materials(prim: Usd.Prim, polygon: np.ndarray) -> tuple[list[Usd.Prim 
     return [materials[k] for k in used], index.astype(np.int32)
 
 
+def materials_of(prims: Sequence[Usd.Prim]) -> list[Usd.Prim | None]:
+    """Return the material that is bound to each prim as a whole, None for none; faster than one after the other."""
+    found = UsdShade.MaterialBindingAPI.ComputeBoundMaterials(list(prims), _RADIO)[0]
+    return [material.GetPrim() if material else None for material in found]
+
+
 def _bound(prim: Usd.Prim) -> Usd.Prim | None:
-    material = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial("radio")[0]
+    material = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial(_RADIO)[0]
     return material.GetPrim() if material else None
 
 
@@ -272,10 +352,14 @@ def component_of(prim: Usd.Prim) -> Usd.Prim:
     """Return the nearest component that holds a prim, or the prim itself."""
     here = prim
     while here and not here.IsPseudoRoot():
-        if Kind.Registry.IsA(Usd.ModelAPI(here).GetKind(), Kind.Tokens.component):
+        if _is_component(here):
             return here
         here = here.GetParent()
     return prim
+
+
+def _is_component(prim: Usd.Prim) -> bool:
+    return Kind.Registry.IsA(Usd.ModelAPI(prim).GetKind(), Kind.Tokens.component)
 
 
 def semantic_label(prim: Usd.Prim) -> str:

@@ -1,0 +1,61 @@
+"""Kernels that are compiled ahead of a run: those that it launches, and no others."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import warp as wp
+
+from mmw.channel.coplanar import group_coplanar
+from mmw.config import Config, load_config
+from mmw.paths import configs_dir
+from mmw.recording.kernels import compiled_ahead, needed_modules
+from mmw.surfaces import same_cells
+
+KERNELS = Path(__file__).parent.parent / "kernels"
+
+
+def config_with(*overrides: str) -> Config:
+    return load_config(configs_dir() / "quickstart.yaml", overrides, {})
+
+
+def test_what_is_needed_follows_the_sensors() -> None:
+    lidar = needed_modules(config_with("sensors=[{type: lidar}]", "channel.enabled=false"))
+    assert sorted(lidar) == ["bounds", "lidar", "lidar_returns", "sight", "trace"]
+    radar = needed_modules(config_with("sensors=[{type: radar}]", "channel.enabled=false"))
+    assert sorted(radar) == ["bounds", "radar", "radar_cells", "radar_detection", "sight", "trace"]
+    compat = needed_modules(config_with("sensors=[{type: radar, mode: compat}]", "channel.enabled=false"))
+    assert sorted(compat) == ["bounds", "radar", "sight", "trace"]
+    assert {"channel_refine", "channel_chains"} < set(needed_modules(config_with("sensors=[{type: imu}]")))
+    everything = needed_modules(config_with())
+    assert all((KERNELS / f"{name}.py").is_file() for name in everything) and len(set(everything)) == len(everything)
+
+
+def test_modules_are_loaded_when_the_futures_are_done() -> None:
+    config = config_with("sensors=[{type: imu}]", "channel.enabled=false")
+    with compiled_ahead(config, "cpu") as futures:
+        assert [future.result() for future in futures] == [None] * 3
+    for name in ("trace", "sight", "bounds"):
+        assert wp.get_module(f"mmw.kernels.{name}").execs, name
+
+
+def test_same_cells_are_those_of_a_plain_search() -> None:
+    rng = np.random.default_rng(3)
+    values = rng.integers(-3, 3, (400, 3)) + rng.uniform(0.0, 1.0, (400, 3))
+    first: dict[tuple[float, ...], int] = {}
+    expected = {
+        k: n for k, cell in enumerate(np.floor(values).tolist()) if (n := first.setdefault(tuple(cell), k)) != k
+    }
+    rows, others = same_cells(values)
+    assert dict(zip(rows.tolist(), others.tolist(), strict=True)) == expected and len(expected) > 100
+    assert all(len(found) == 0 for found in same_cells(np.zeros((0, 3))))
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_surfaces_of_one_plane_are_one_group(side: float) -> None:
+    normal = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, side], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0]])
+    offset = np.array([2.0, 2.0 * side, 2.0, 2.0, 2.01])
+    lower = np.array([[0, 0, 2], [5, 0, 2], [2, 0, 0], [9, 0, 2], [0, 0, 2.01]], dtype=np.float64)
+    upper = lower + np.where(np.abs(normal) > 0.5, 0.0, 1.0)
+    group = group_coplanar(normal, offset, lower, upper, np.ones(5), np.array([0, 0, 0, 1, 0]))
+    assert group[0] == group[1] and len(np.unique(group)) == 4
