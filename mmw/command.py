@@ -36,6 +36,6 @@ def run_command(work: Callable[[], int], extra: str) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else Python complains when it flushes
         return 0
     except OSError as error:
-        return fail([f"{error.filename}: {error.strerror}"], code=1)
+        return fail([f"{error.filename}: {error.strerror}" if error.filename else " ".join(str(error).split())], code=1)
     except KeyboardInterrupt:
         return fail(["interrupted"], code=1)

@@ -9,7 +9,7 @@ from tests.small_dataset import small_dataset
 def test_the_examples_run(capsys) -> None:
     text = (Path(__file__).parent.parent / "docs" / "query.md").read_text()
     blocks = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
-    assert len(blocks) == 5
+    assert len(blocks) == 6
     names: dict = {}
     for block in blocks:
         exec(compile(block.replace("DATASET", str(small_dataset())), "query.md", "exec"), names)

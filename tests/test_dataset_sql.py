@@ -19,6 +19,7 @@ from mmw.channel import (
     ula,
 )
 from mmw.dataset import BeamSearch, Dataset, connect
+from mmw.dataset.beams import plain_paths
 from mmw.poses import compose, invert, pose_from_ypr, rotate, transform_points
 from tests.small_dataset import SCENARIO, small_dataset
 
@@ -96,11 +97,24 @@ def test_best_beams_are_those_of_the_recipe(data: Dataset, search: BeamSearch | 
         turns = [rotations_from_poses(poses, paths, end) for end in ("tx", "rx")]
         a = synthesize(paths, tx, rx, carrier, *turns)
         frequencies = subcarrier_frequencies(search.subcarriers, search.spacing_hz)
-        best = best_beams(beam_gains(frequency_response(a, paths, frequencies, carrier, average=True), *books))
+        h = frequency_response(a, paths, frequencies, carrier, average=True, normalize_delays=True)
+        best = best_beams(beam_gains(h, *books))
         for link, key in enumerate(paths.keys):
             row = by_key[(*[key[name] for name in ("weather", "frame", "agent", "peer")], carrier)]
             assert (row["rx_beam"], row["tx_beam"]) == (best.rx_beam[link], best.tx_beam[link])
             assert row["gain"] == pytest.approx(best.gain[link], rel=1e-9)
+
+
+def test_distance_does_not_dim_a_beam() -> None:
+    """Subcarriers of a path that comes late must not cancel: the receiver is synchronised."""
+    count, transfer = 3, np.tile([1e-4, 0, 0, 0, 0, 0, 0, 0], (3, 1))
+    angle = np.tile([0.3, np.pi / 2, -2.0, np.pi / 2], (3, 1))
+    paths = plain_paths(28e9, count, np.arange(count), np.array([0.0, 1e-7, 8e-7]), transfer, angle)
+    turn = np.tile(np.eye(3), (count, 1, 1))
+    found = BeamSearch().best(paths, turn, turn)
+    assert len(set(found.rx_beam)) == len(set(found.tx_beam)) == 1
+    np.testing.assert_allclose(found.gain, found.gain[0], rtol=1e-9)
+    assert found.gain[0] > 10**-0.78 * 64 * 16 * 1e-8  # at worst half a beam aside at both ends, 3.9 dB each
 
 
 def test_a_link_without_path_has_no_beam(connection: duckdb.DuckDBPyConnection) -> None:

@@ -132,6 +132,7 @@ def relative_error(found: np.ndarray, expected: np.ndarray) -> float:
 def test_channels_are_ours(root, load, tx, rx):
     """Both ends turned in yaw, pitch and roll; linear and planar arrays; 64 subcarriers; one link without a path."""
     dataset, sides = load()
+    assert type(dataset).__name__ == "Dataset"
     h = channels(dataset, sides, tx, rx)
     expected = our_channels(root, tx, rx)
     assert h.shape == expected.shape == (FRAMES * len(CAVS), rx[0] * rx[1], tx[0] * tx[1], SUBCARRIERS)
@@ -213,6 +214,35 @@ def test_dynamic_scenario_holds_v2v(root, load, dynamic):
     assert [thing.name for thing in objects] == ["ground", *(f"object_{number}" for number in boxes["object_id"])]
     found = np.array([thing.bounding_box.center for thing in list(objects)[1:]])
     np.testing.assert_allclose(found, np.stack([boxes[axis] for axis in "xyz"], axis=-1), atol=1e-5)
+
+
+def test_every_channel_of_a_dynamic_scenario_is_ours(root, load, dynamic):
+    """All frames, all transmitters, all receivers: DeepMIMO's own classes, and the channels of our links or zero."""
+    dataset, _ = load(dynamic)
+    assert type(dataset).__name__ == "DynamicDataset" and len(dataset) == FRAMES
+    checked = 0
+    for frame in range(FRAMES):
+        scene, folder = dataset[frame], dynamic / "deepmimo_scenarios" / NAME.lower() / f"frame_{frame:06d}"
+        assert type(scene).__name__ == "MacroDataset"
+        ends = {path.stem: dict(np.load(path)) for path in folder.glob("*s_*.npz")}
+        receivers = ends["receivers_r001"]
+        for pair in scene:
+            sent = ends[f"transmitters_t{pair.txrx['tx_set_id']:03d}"]
+            peer = str(sent["agent"][pair.txrx["tx_idx"]])
+            turns = {
+                "transmitters_t000.npz": {"rotation_deg": sent["rotation_deg"][pair.txrx["tx_idx"]][None]},
+                "receivers_r001.npz": receivers,
+            }
+            h = channels(pair, turns, (4, 1), (2, 1))
+            keys, expected = our_paths(root, peer)[0].keys, our_channels(root, (4, 1), (2, 1), peer=peer)
+            for index, agent in enumerate(receivers["agent"]):
+                link = np.flatnonzero((keys["frame"] == frame) & (keys["agent"] == agent))
+                if len(link) and expected[link].any():
+                    assert relative_error(h[index : index + 1], expected[link]) < 1e-5
+                    checked += 1
+                else:
+                    assert (h[index] == 0).all()
+    assert checked == FRAMES * 5 - 1  # three links from the roadside unit, both ways between two vehicles; one blocked
 
 
 def test_max_paths_and_stored_antennas(root, tmp_path, load):

@@ -21,7 +21,8 @@ PORTION = 256
 class BeamSearch:
     """What an exhaustive search for the best pair of beams is made with; the Multimodal-Wireless paper's by default.
 
-    H is averaged over the subcarriers, as in the paper.
+    H is averaged over the subcarriers, as in the paper, with the first path of each link at delay 0, as in its files: a
+    receiver is synchronised. With the time of flight in H, subcarriers would cancel in the average.
     """
 
     tx_array: AntennaArray = field(default_factory=lambda: ula(64))
@@ -57,7 +58,7 @@ class BeamSearch:
             which = np.arange(first, min(first + PORTION, paths.link_count))
             part, carrier = paths.take(which), paths.carrier_hz
             a = synthesize(part, self.tx_array, self.rx_array, carrier, tx_rotation[which], rx_rotation[which])
-            h = frequency_response(a, part, frequencies, carrier, average=True)
+            h = frequency_response(a, part, frequencies, carrier, average=True, normalize_delays=True)
             found.append(best_beams(beam_gains(h, tx_book, rx_book)))
         names = ("rx_beam", "tx_beam", "gain")
         empty = BeamPairs(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros(0))

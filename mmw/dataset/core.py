@@ -12,12 +12,12 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.dataset as pds
 import pyarrow.fs as pafs
-import pyarrow.parquet as pq
 
-from mmw.dataset.storage import find_storage, has_files, read_bytes
+from mmw.dataset.files import check_names, damage_of, has_files, list_files
+from mmw.dataset.storage import find_storage, read_bytes
 from mmw.tables.manifest import DATASET, parse_dataset, read_dataset
 from mmw.tables.schemas import SCHEMA_VERSION, TABLES, table_spec
-from mmw.tables.verify import one_line, version_number
+from mmw.tables.verify import version_number
 
 if TYPE_CHECKING:
     import duckdb
@@ -55,7 +55,7 @@ class Dataset:
         """Return a table as an Arrow dataset that skips the files of other scenarios and weathers.
 
         Raises:
-            ValueError: If the table is not known, has no file, or its first file is damaged.
+            ValueError: If the table is not known, has no file, its first file is damaged, or its folder holds others.
         """
         table_spec(table)
         if table not in self.tables:
@@ -64,11 +64,17 @@ class Dataset:
             )
         if table not in self._opened:
             partitioning = pds.HivePartitioning.discover(infer_dictionary=True)
-            folder = (self.root / table).as_posix()
+            paths = self.check_files(table)
             try:
-                opened = pds.dataset(folder, format="parquet", partitioning=partitioning, filesystem=self.filesystem)
+                opened = pds.dataset(
+                    paths, format="parquet", partitioning=partitioning, filesystem=self.filesystem,
+                    partition_base_dir=(self.root / table).as_posix(),
+                )  # fmt: skip
             except (pa.ArrowException, OSError) as error:
                 raise self.damage(table, error) from error
+            missing = [name for name in table_spec(table).key if name not in opened.schema.names]
+            if missing:
+                raise self.damage(table, ValueError(f"has no column {', '.join(missing)}"))
             self._opened[table] = cast(pds.Dataset, opened)
         return self._opened[table]
 
@@ -95,9 +101,10 @@ class Dataset:
             sensor: Only rows of this sensor.
 
         Raises:
-            ValueError: If the table is not known or has no file, or a file is damaged, which is named.
+            ValueError: If the table or a column is not known or has no file, or a file is damaged, which is named.
         """
         given = {"scenario": scenario, "weather": weather, "agent": agent, "sensor": sensor}
+        self._check_columns(table, [*(columns or ()), *(name for name, value in given.items() if value is not None)])
         conditions = [pds.field(name) == value for name, value in given.items() if value is not None]
         if frames is not None:
             conditions += [pds.field("frame") >= min(frames, default=0), pds.field("frame") <= max(frames, default=-1)]
@@ -108,9 +115,13 @@ class Dataset:
             expression = condition if expression is None else expression & condition
         part = self._files(table, scenario, weather, frames)
         try:
-            return part.to_table(columns=list(columns) if columns else None, filter=expression)
+            found = part.to_table(columns=list(columns) if columns else None, filter=expression)
         except (pa.ArrowException, OSError) as error:
             raise self.damage(table, error) from error
+        for field_ in table_spec(table).columns:
+            if not field_.nullable and field_.name in found.column_names and found[field_.name].null_count:
+                raise self.damage(table, ValueError(f"{field_.name} is null in some rows"))  # a file does not have it
+        return found
 
     def _files(self, name: str, scenario: str | None, weather: str | None, frames: range | None) -> pds.Dataset:
         """Return a table without the files that, by folder and number, cannot hold what is asked for.
@@ -122,7 +133,7 @@ class Dataset:
         if frames is None or not isinstance(table, pds.FileSystemDataset):
             return table
         if name not in self._parts:
-            self._parts[name] = _parts_of(table)
+            self._parts[name] = framed_parts(table)
         wanted = []
         first, last = min(frames, default=0), max(frames, default=-1)
         for (of_scenario, of_weather), some in self._parts[name].items():
@@ -202,21 +213,33 @@ class Dataset:
 
         return make_connection(self, search)
 
+    def check_files(self, table: str) -> list[str]:
+        """Return the paths of a table's files.
+
+        Raises:
+            ValueError: If its folder may not be read, or holds a file that is none of a dataset.
+        """
+        paths = list_files(self.root, table, self.filesystem)
+        check_names(self.root, table, paths)
+        return paths
+
     def damage(self, table: str, error: Exception) -> ValueError:
         """Return an error that names the first file of a table that cannot be read."""
-        filesystem = self.filesystem or pafs.LocalFileSystem()
-        selector = pafs.FileSelector((self.root / table).as_posix(), recursive=True, allow_not_found=True)
-        for info in sorted(filesystem.get_file_info(selector), key=lambda info: info.path):
-            if not info.path.endswith(".parquet"):
-                continue
-            try:
-                with filesystem.open_input_file(info.path) as file, pq.ParquetFile(file) as parquet:
-                    for group in range(parquet.num_row_groups):
-                        parquet.read_row_group(group)
-            except (pa.ArrowException, OSError) as reason:
-                text = f"{info.path}: cannot be read ({one_line(reason)}); it is damaged"
-                return ValueError(f"{text}; `mmw verify {self.root}` lists all that is")
-        return ValueError(f"{self.root}: table {table!r}: {one_line(error)}; check the columns and files that are read")
+        return damage_of(self.root, table, self.filesystem, error)
+
+    def _check_columns(self, table: str, names: Sequence[str]) -> None:
+        """Check that the files of a table, by the first, have columns; reading all of them to find out takes long.
+
+        Raises:
+            ValueError: If one is missing.
+        """
+        known = self.arrow(table).schema.names
+        missing = [name for name in names if name not in known]
+        if not missing:
+            return
+        raise ValueError(
+            f"{self.root}: table {table!r}: has no column {', '.join(missing)}; it has {', '.join(known)}; name these"
+        )
 
 
 _PART = re.compile(r"/scenario=([^/]+)/weather=([^/]+)/part-(\d+)\.parquet$")
@@ -225,7 +248,7 @@ Parts = dict[tuple[str, str], list[tuple[int, pds.ParquetFileFragment]]]
 """Scenario and weather -> first frame and file of each shard, by frame."""
 
 
-def _parts_of(table: pds.FileSystemDataset) -> Parts:
+def framed_parts(table: pds.FileSystemDataset) -> Parts:
     """Return the files of a framed table by the folders and the number that their names hold.
 
     Raises:
@@ -256,7 +279,11 @@ def open_dataset(root: str | Path, filesystem: Any = None) -> Dataset:
     place, found = find_storage(root, filesystem)
     dataset = Dataset(cast(Path, place), found)
     written = dataset.info["schema_version"]
-    if version_number(written)[0] != version_number(SCHEMA_VERSION)[0]:
+    try:
+        major = version_number(written)[0]
+    except ValueError as error:
+        raise ValueError(f"{dataset.root / DATASET}: {error}") from error
+    if major != version_number(SCHEMA_VERSION)[0]:
         raise ValueError(
             f"{dataset.root / DATASET}: schema {written}; this mmw reads {SCHEMA_VERSION}; use the mmw that made it"
         )

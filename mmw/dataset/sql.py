@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from mmw.dataset.beams import BeamSearch, csi_sql
+from mmw.tables.schemas import table_spec
 
 if TYPE_CHECKING:
     import duckdb
@@ -177,6 +178,7 @@ def make_connection(dataset: "Dataset", search: BeamSearch | None = None) -> "du
     connection = duckdb.connect()
     connection.execute("SET parquet_metadata_cache = true")  # a query of one frame reads mostly footers
     for name in dataset.tables:
+        dataset.check_files(name)
         if dataset.filesystem is not None:
             connection.register(name, dataset.arrow(name))
             continue
@@ -188,6 +190,9 @@ def make_connection(dataset: "Dataset", search: BeamSearch | None = None) -> "du
             )
         except duckdb.Error as error:
             raise dataset.damage(name, error) from error
+        missing = set(table_spec(name).key) - set(connection.table(name).columns)
+        if missing:
+            raise dataset.damage(name, ValueError(f"has no column {', '.join(sorted(missing))}"))
     _add_functions(connection, search or BeamSearch())
     for needed, statement in VIEWS.values():
         if set(needed) <= set(dataset.tables):

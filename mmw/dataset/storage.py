@@ -25,7 +25,11 @@ def find_storage(root: str | Path, filesystem: Any = None) -> tuple[Path | PureP
         return PurePosixPath(path), pafs.PyFileSystem(pafs.FSSpecHandler(filesystem))
     text = str(root)
     if "://" not in text:
-        return Path(root).resolve(), None
+        try:
+            return Path(root).resolve(), None
+        except (OSError, RuntimeError) as error:  # a link to itself
+            text = " ".join(str(error).split())
+            raise ValueError(f"{root}: cannot be opened ({text}); give the folder that mmw.run wrote") from error
     try:
         found, path = pafs.FileSystem.from_uri(text)
     except (pa.ArrowException, OSError, ValueError) as error:
@@ -58,11 +62,3 @@ def read_bytes(root: Path | PurePosixPath, name: str, filesystem: pafs.FileSyste
             return stream.read()
     except (pa.ArrowException, OSError) as error:
         raise ValueError(f"{path}: {' '.join(str(error).split())}; check address and credentials") from error
-
-
-def has_files(root: Path | PurePosixPath, name: str, filesystem: pafs.FileSystem | None) -> bool:
-    """Return whether a folder of a dataset holds Parquet files."""
-    if filesystem is None:
-        return any(Path(root / name).rglob("*.parquet"))
-    selector = pafs.FileSelector((root / name).as_posix(), recursive=True, allow_not_found=True)
-    return any(info.path.endswith(".parquet") for info in filesystem.get_file_info(selector))

@@ -45,6 +45,7 @@ from mmw.export.base import FRAME_RATE_HZ, Format, Option, Options, Part, Select
 from mmw.export.deepmimo_scene import material_list, write_actors, write_town
 from mmw.export.radio import Antennas, read_antennas, read_part
 from mmw.poses import quaternion_to_matrix, quaternion_to_ypr
+from mmw.tables.manifest import DATASET
 
 FOLDER = "deepmimo_scenarios"
 """Where DeepMIMO looks for scenarios, below the working directory."""
@@ -161,6 +162,9 @@ def tasks(dataset: Dataset, selection: Selection, options: Options) -> list[Task
         ValueError: If the dataset has no radio tables, there is no link for the mode, or an option is wrong.
     """
     require(dataset, "deepmimo", "links", "paths", "sensors", hint="record it with channel.enabled: true")
+    if not isinstance(dataset.info["config"].get("channel"), dict):
+        raise ValueError(f"{dataset.root / DATASET}: its configuration has no channel, which deepmimo writes down; the "
+                         "file was changed; put the old one back")  # fmt: skip
     if not options["max_paths"].isdecimal() or int(options["max_paths"]) < 1:
         raise ValueError(f"deepmimo: max_paths={options['max_paths']}: is no number of paths; give 1 or more")
     if dataset.filesystem is not None and options["mode"] == "packed" and options["scene"] == "on":

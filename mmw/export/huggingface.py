@@ -18,7 +18,7 @@ Source: Hugging Face documentation, "Repository cards" and "Manual configuration
 
 import json
 import shutil
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -31,11 +31,12 @@ import yaml
 from mmw.dataset import Dataset
 from mmw.export.base import STATE, Format, Option, Options, Part, Selection, Task, parts
 from mmw.tables.columns import frame_rows
-from mmw.tables.manifest import CARD, CONFIG, DATASET
+from mmw.tables.manifest import CARD, CONFIG, DATASET, read_markers
 from mmw.tables.parquet import write_options
 from mmw.tables.publish import publish_bytes
 from mmw.tables.schema.columns import IMAGE
 from mmw.tables.schemas import TABLES, column_text, table_spec
+from mmw.tables.verify import one_line
 
 TAGS = ("wireless", "channel-state-information", "v2x", "lidar", "radar", "camera", "synthetic", "time-series")
 """Tags of the card."""
@@ -50,10 +51,15 @@ def tasks(dataset: Dataset, selection: Selection, options: Options) -> list[Task
     """Return one task a shard, one a scenario for its static tables, and one for the provenance.
 
     Raises:
-        ValueError: If nothing is left of the selection, or the dataset is not in a local folder.
+        ValueError: If nothing is left of the selection, the dataset is not in a local folder, or a file is missing.
     """
     if dataset.filesystem is not None:
         raise ValueError(f"huggingface: {dataset.root} is no local folder; its files are copied; download it first")
+    for marker in read_markers(dataset.root):
+        for file in marker["files"]:
+            if not (dataset.root / file["path"]).is_file():
+                path = dataset.root / file["path"]
+                raise ValueError(f"{path}: is missing, but its shard was finished; run the configuration again")
     planned = [Task("provenance", partial(_write_provenance, dataset))]
     picked = parts(dataset, selection)
     for name in sorted({part.scenario for part in picked}):
@@ -110,13 +116,13 @@ def _write_shard(files: dict[str, Path], name: str, part: Part, selection: Selec
 
 def _copy(table: str, path: Path, picks: dict[str, Iterable[Any]], target: Path) -> None:
     """Copy a file, or the rows whose columns have one of the picked values; nothing if no row is left."""
-    schema = pq.read_schema(path)
+    schema = _read(path, pq.read_schema)
     loose = _with_nullable_images(schema)
     if not picks and loose.equals(schema):
         target.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(path, target)
         return
-    rows = pq.ParquetFile(path).read().cast(loose)
+    rows = _read(path, lambda file: pq.ParquetFile(file).read()).cast(loose)
     for column, values in picks.items():
         type_ = pa.int32() if column == "frame" else pa.string()
         rows = rows.filter(pc.is_in(rows[column].cast(type_), value_set=pa.array(list(values), type_)))
@@ -125,6 +131,18 @@ def _copy(table: str, path: Path, picks: dict[str, Iterable[Any]], target: Path)
         frames = table_spec(table).frames_per_group
         group = max(frames * frame_rows(rows), 1) if frames else 65_536
         pq.write_table(rows, target, row_group_size=group, **write_options(table))
+
+
+def _read(path: Path, reader: Callable[[Path], Any]) -> Any:
+    """Return what a reader makes of a file.
+
+    Raises:
+        ValueError: If it cannot read the file.
+    """
+    try:
+        return reader(path)
+    except (pa.ArrowException, OSError) as error:
+        raise ValueError(f"{path}: cannot be read ({one_line(error)}); `mmw verify` tells what is damaged") from error
 
 
 def _with_nullable_images(schema: pa.Schema) -> pa.Schema:

@@ -19,8 +19,15 @@ from mmw.tables.writer import MARKERS, META_KEYS, ShardKey, marker_path
 
 DATASET = "dataset.json"
 """Whose folder it is: configuration, its hash, versions."""
-HEAD_KEYS = ("schema_version", "config_sha256", "versions", "config")
+HEAD_TYPES = {"schema_version": str, "config_sha256": str, "versions": dict, "config": dict}
 """What `dataset.json` must hold."""
+MARKER_TYPES = {
+    "scenario": str, "weather": str | None, "frame_begin": int | None, "frame_end": int | None,
+    "schema_version": str, "config_sha256": str,
+}  # fmt: skip
+"""What a marker must hold, besides the list of its files."""
+FILE_TYPES = {"table": str, "path": str, "rows": int, "bytes": int, "sha256": str}
+"""What that list must hold of each."""
 MANIFEST = "_manifest.parquet"
 CARD = "README.md"
 CONFIG = "config.yaml"
@@ -97,7 +104,11 @@ def read_dataset(root: Path) -> dict[str, Any]:
         ValueError: If the folder is not a dataset, or the file is damaged or another program's.
     """
     path = Path(root) / DATASET
-    return parse_dataset(path.read_bytes() if path.is_file() else None, Path(root))
+    try:
+        data = path.read_bytes() if path.is_file() else None
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read ({error.strerror}); let yourself read it") from error
+    return parse_dataset(data, Path(root))
 
 
 def parse_dataset(data: bytes | None, root: PurePath) -> dict[str, Any]:
@@ -117,9 +128,12 @@ def parse_dataset(data: bytes | None, root: PurePath) -> dict[str, Any]:
         head = json.loads(data.decode("utf-8"))
     except ValueError as error:
         raise ValueError(f"{path}: {error}; the file is damaged; make the dataset again with --overwrite") from error
-    missing = [key for key in HEAD_KEYS if not isinstance(head, dict) or key not in head]
+    missing = [key for key in HEAD_TYPES if not isinstance(head, dict) or key not in head]
     if missing:
         raise ValueError(f"{path}: has no {', '.join(missing)}; it is no mmw dataset's; give the folder of one")
+    wrong = [key for key, type_ in HEAD_TYPES.items() if not isinstance(head[key], type_)]
+    if wrong:
+        raise ValueError(f"{path}: {', '.join(wrong)} cannot be understood; the file was changed; put the old one back")
     return head
 
 
@@ -212,12 +226,20 @@ def _read_marker(path: Path) -> dict[str, Any] | None:
         return None
     if not isinstance(marker, dict) or not isinstance(marker.get("files"), list):
         return None
-    needed = {"scenario", "weather", "frame_begin", "frame_end", "schema_version", "config_sha256"}
-    of_file = {"table", "path", "rows", "bytes", "sha256"}
-    is_whole = needed <= set(marker) and all(
-        isinstance(file, dict) and of_file <= set(file) for file in marker["files"]
+    is_framed = marker.get("weather") is not None
+    is_whole = (
+        _fits(marker, MARKER_TYPES)
+        and all(_fits(file, FILE_TYPES) for file in marker["files"])
+        and all((marker[name] is not None) == is_framed for name in ("frame_begin", "frame_end"))
     )
     return marker if is_whole else None
+
+
+def _fits(content: Any, types: Mapping[str, Any]) -> bool:
+    """True if a value is a mapping whose keys hold what they should."""
+    return isinstance(content, dict) and all(
+        key in content and isinstance(content[key], type_) for key, type_ in types.items()
+    )
 
 
 def _is_done(root: Path, key: ShardKey | str, sha256: str, frames: tuple[int | None, int | None]) -> bool:

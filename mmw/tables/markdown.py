@@ -16,7 +16,7 @@ def schema_markdown() -> str:
         f"Schema version {SCHEMA_VERSION}. World frame: x east, y north, z up; metres, seconds, radians. Zenith angles "
         "are from +z, azimuths from +x counter-clockwise. An agent's and a sensor's frame is x forward, y left, z up. "
         "`agent` owns a row and is the receiver of `links` and `paths`; `peer` is the transmitter. What each sensor's "
-        "columns mean: `sensors.md`.",
+        "columns mean: [Sensors](sensors.md).",
         "",
         "Tables with frames are in `TABLE/scenario=S/weather=W/part-FFFFFF.parquet` (F = first frame of the file), the "
         "others in `TABLE/scenario=S/part-000000.parquet`. Rows are sorted by the key. All tables join on the key "

@@ -22,7 +22,8 @@ from mmw.tables.writer import MARKERS
 LEFTOVERS = ("orphan", "temporary", "note")
 """Kinds of findings that are no error."""
 
-_PART = re.compile(r"[^/]+/scenario=[^/]+(/weather=[^/]+)?/part-\d{6}\.parquet")
+SHARD_FILE = re.compile(r"[^/]+/scenario=[^/]+(/weather=[^/]+)?/part-\d{6,}\.parquet")
+"""Path of a table's file, relative to the dataset folder."""
 
 
 @dataclass(frozen=True)
@@ -192,11 +193,12 @@ def _check_overlaps(markers: Iterable[dict]) -> list[Finding]:
 def _check_others(root: Path, listed: dict[str, dict]) -> list[Finding]:
     """Return files that no marker lists."""
     findings = []
-    for path in sorted(path for name in TABLES for path in (root / name).rglob("*") if path.is_file()):
+    inside = (path for name in TABLES for path in (root / name).rglob("*"))
+    for path in sorted(path for path in inside if path.is_file() or path.is_symlink()):
         relative = path.relative_to(root).as_posix()
         if relative in listed or (path.name.startswith(".") and path.name.endswith(".tmp")):
             continue
-        if _PART.fullmatch(relative):
+        if SHARD_FILE.fullmatch(relative) and path.is_file():
             findings.append(Finding("orphan", relative, "no marker lists the file; its shard was not finished"))
         else:
             findings.append(Finding("foreign", relative, "no file of a dataset has this name; move it away"))

@@ -1,0 +1,102 @@
+"""The files of a table: their names, and one line about the first that cannot be read."""
+
+import os
+import re
+from collections.abc import Iterator
+from pathlib import Path, PurePath
+
+import pyarrow as pa
+import pyarrow.fs as pafs
+import pyarrow.parquet as pq
+
+from mmw.tables.schemas import table_spec
+from mmw.tables.verify import SHARD_FILE, one_line
+
+
+def list_files(root: PurePath, table: str, filesystem: pafs.FileSystem | None) -> list[str]:
+    """Return the paths of a table's files, sorted; what begins with . or _ is nobody's, as for other readers.
+
+    Links to folders count as files, so that they are found to be foreign: a reader that follows one that leads back
+    would have every row many times.
+
+    Raises:
+        ValueError: If a folder may not be read.
+    """
+    if filesystem is None:
+        found = list(_walk(Path(root) / table))
+    else:
+        selector = pafs.FileSelector((root / table).as_posix(), recursive=True, allow_not_found=True)
+        found = [info.path for info in filesystem.get_file_info(selector) if info.type != pafs.FileType.Directory]
+    start = len((root / table).as_posix())
+    return sorted(path for path in found if not re.search(r"/[._]", path[start:]))
+
+
+def has_files(root: PurePath, table: str, filesystem: pafs.FileSystem | None) -> bool:
+    """Return whether a table's folder holds Parquet files.
+
+    Raises:
+        ValueError: If a folder may not be read.
+    """
+    if filesystem is None:
+        return any(path.endswith(".parquet") for path in _walk(Path(root) / table))
+    return any(path.endswith(".parquet") for path in list_files(root, table, filesystem))
+
+
+def _walk(folder: Path) -> Iterator[str]:
+    def stop(error: OSError) -> None:
+        if not isinstance(error, FileNotFoundError | NotADirectoryError):  # no such table
+            raise ValueError(f"{error.filename}: cannot be read ({error.strerror}); let yourself read it") from error
+
+    for parent, folders, names in os.walk(folder, onerror=stop):
+        place = Path(parent).as_posix()
+        yield from (f"{place}/{name}" for name in names)
+        yield from (
+            f"{place}/{name}" for name in folders if name.endswith(".parquet") or Path(parent, name).is_symlink()
+        )
+
+
+def check_names(root: PurePath, table: str, paths: list[str]) -> None:
+    """Check that a table's folder holds nothing but its files.
+
+    Raises:
+        ValueError: If a file has another name, or is a link that leads nowhere: readers would leave it out.
+    """
+    start = len(root.as_posix()) + 1
+    for path in paths:
+        if not SHARD_FILE.fullmatch(path[start:]):
+            raise ValueError(f"{path}: no file of a dataset has this name in table {table!r}; move it away")
+        if isinstance(root, Path) and Path(path).is_symlink() and not Path(path).exists():
+            raise ValueError(f"{path}: cannot be read (it is a link that leads nowhere); put the file back")
+
+
+def damage_of(root: PurePath, table: str, filesystem: pafs.FileSystem | None, error: Exception) -> ValueError:
+    """Return an error that names the first file of a table that cannot be read; footers are looked at before rows.
+
+    Args:
+        root: Dataset folder.
+        table: Table name.
+        filesystem: Where the folder is; None for the local disk.
+        error: What the reader said, for a table whose files can all be read.
+    """
+    place = filesystem or pafs.LocalFileSystem()
+    key = table_spec(table).key
+    try:
+        paths = list_files(root, table, filesystem)
+        check_names(root, table, paths)
+    except ValueError as found:
+        return found
+    for is_whole in (False, True):
+        for path in paths:
+            try:
+                with place.open_input_file(path) as file, pq.ParquetFile(file) as parquet:
+                    missing = [name for name in key if name not in parquet.schema_arrow.names]
+                    if missing:
+                        return ValueError(f"{path}: has no column {', '.join(missing)}; it is no file of {table!r}")
+                    for group in range(parquet.num_row_groups if is_whole else 0):
+                        parquet.read_row_group(group)
+            except PermissionError:
+                return ValueError(f"{path}: cannot be read (Permission denied); let yourself read it")
+            except (pa.ArrowException, OSError) as reason:
+                text = f"{path}: cannot be read ({one_line(reason)}); it is damaged"
+                return ValueError(f"{text}; `mmw verify {root}` lists all that is")
+    return ValueError(f"{root}: table {table!r}: {one_line(error)}; check the columns and files that are read")
