@@ -1,0 +1,17 @@
+"""Windows for PyTorch: a map-style and a streaming dataset, and a collate function; `mmw.windows` does the rest.
+
+from torch.utils.data import DataLoader
+from mmw.torch import WindowDataset, collate
+loader = DataLoader(WindowDataset(windows), batch_size=32, shuffle=True, collate_fn=collate)
+"""
+
+try:
+    import torch as _torch  # noqa: F401
+except ImportError as error:
+    raise ImportError(
+        "mmw.torch needs PyTorch; install it with: pip install 'mmw[torch]' (mmw.windows gives NumPy arrays without it)"
+    ) from error
+
+from mmw.torch.data import WindowDataset, WindowStream, collate, to_tensors
+
+__all__ = ["WindowDataset", "WindowStream", "collate", "to_tensors"]
