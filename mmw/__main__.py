@@ -17,6 +17,7 @@ COMMANDS = {
     "export": "mmw.export_command",
     "verify": "mmw.verify_command",
     "row": "mmw.row_command",
+    "report": "mmw.report_command",
 }
 """Subcommand -> the module whose `main` parses and does it, imported when it is asked for."""
 
@@ -38,6 +39,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         "import", help="make a town of a Mitsuba, OpenDRIVE, OSM (mmw[author]), glTF, OBJ, PLY, STL or USD file"
     )
     commands.add_parser("export", help="write a dataset in another format: OPV2V, nuScenes, KITTI and others")
+    commands.add_parser("report", help="write one HTML page about a dataset: maps, pictures, links, counts, provenance")
     commands.add_parser("verify", help="check a dataset: files, counts, physics, rows made again")
     commands.add_parser("row", help="make rows of a dataset again, from its stored configuration")
     pictures = commands.add_parser(

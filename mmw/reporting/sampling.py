@@ -1,0 +1,16 @@
+"""Which frames of many a page reads, and how it says so."""
+
+import math
+
+
+def sample_range(frames: range, most: int) -> range:
+    """Return every n-th frame, so that there are no more than `most`."""
+    return range(frames.start, frames.stop, max(1, math.ceil(len(frames) / most)))
+
+
+def sampled(frames: range) -> str:
+    """Return what a note says of it: every frame, or every 5th frame."""
+    if frames.step == 1:
+        return "every frame"
+    ending = {1: "st", 2: "nd", 3: "rd"}.get(frames.step % 10 if frames.step // 10 % 10 != 1 else 0, "th")
+    return f"every {frames.step}{ending} frame"
