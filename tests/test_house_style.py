@@ -38,12 +38,15 @@ LAYERS = [
     {"mmw.channel", "mmw.sensors"},
     {"mmw.tables"},
     {"mmw.dataset"},
+    {"mmw.windows", "mmw.plotting"},
+    {"mmw.torch"},
     {"mmw.compute", "mmw.report", "mmw.command"},
     {"mmw.plan", "mmw.provenance", "mmw.notes", "mmw.mounts"},
     {"mmw.prepare"},
     {"mmw.export"},
+    {"mmw.viewer", "mmw.reporting"},
     {"mmw.viewing", "mmw.radio_map_command", "mmw.town_command", "mmw.import_command", "mmw.view_command"}
-    | {"mmw.export_command"},
+    | {"mmw.export_command", "mmw.report_command"},
     {"mmw.recording"},
     {"mmw.pipeline"},
     {"mmw.remake"},
@@ -215,9 +218,10 @@ def test_core_dependencies_are_enough() -> None:
     """Running shipped towns, checking towns and importing meshes needs no extra."""
     code = (
         "import sys\n"
-        "for name in ('shapely', 'scipy', 'mapbox_earcut', 'matplotlib', 'libsumo', 'duckdb', 'pandas'):\n"
+        "for name in ('shapely', 'scipy', 'mapbox_earcut', 'matplotlib', 'libsumo', 'duckdb', 'pandas', 'torch', 'rerun'):\n"
         "    sys.modules[name] = None\n"
-        "import mmw.__main__, mmw.import_command, mmw.inspect.check, mmw.pipeline, mmw.radio_map_command, mmw.run\n"
+        "import mmw.__main__, mmw.export_command, mmw.import_command, mmw.inspect.check, mmw.pipeline\n"
+        "import mmw.radio_map_command, mmw.report_command, mmw.run, mmw.verify_command, mmw.windows\n"
         "import mmw.town_command, mmw.traffic.engines\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)
