@@ -17,6 +17,8 @@ COMMANDS = {
     "export": "mmw.export_command",
     "verify": "mmw.verify_command",
     "row": "mmw.row_command",
+    "status": "mmw.status_command",
+    "finalize": "mmw.finalize_command",
 }
 """Subcommand -> the module whose `main` parses and does it, imported when it is asked for."""
 

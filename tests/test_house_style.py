@@ -21,7 +21,7 @@ SOURCES = sorted(
 KERNELS = sorted((ROOT / "kernels").glob("*.py"))
 
 LAYERS = [
-    {"mmw.constants", "mmw.paths", "mmw.looks", "mmw.materials", "mmw.poses", "mmw.kinematics"}
+    {"mmw.constants", "mmw.paths", "mmw.temporary", "mmw.looks", "mmw.materials", "mmw.poses", "mmw.kinematics"}
     | {"mmw.weather", "mmw.carla_weather", "mmw.optics", "mmw.lidar_optics", "mmw.lens", "mmw.random_keys"},
     {"mmw.config"},
     {"mmw.kernels"},
@@ -39,16 +39,19 @@ LAYERS = [
     {"mmw.tables"},
     {"mmw.dataset"},
     {"mmw.compute", "mmw.report", "mmw.command"},
-    {"mmw.plan", "mmw.provenance", "mmw.notes", "mmw.mounts"},
+    {"mmw.plan", "mmw.provenance", "mmw.notes", "mmw.mounts", "mmw.shards"},
     {"mmw.prepare"},
     {"mmw.export"},
     {"mmw.viewing", "mmw.radio_map_command", "mmw.town_command", "mmw.import_command", "mmw.view_command"}
     | {"mmw.export_command"},
     {"mmw.recording"},
     {"mmw.pipeline"},
+    {"mmw.worker"},
+    {"mmw.engines"},
+    {"mmw.make"},
     {"mmw.remake"},
     {"mmw.verification"},
-    {"mmw.run", "mmw.row_command", "mmw.verify_command", "mmw.__main__"},
+    {"mmw.run", "mmw.row_command", "mmw.status_command", "mmw.finalize_command", "mmw.verify_command", "mmw.__main__"},
 ]
 """Data flows down this list: a module imports only what stands in its own or an earlier row."""
 
