@@ -18,6 +18,8 @@ COMMANDS = {
     "verify": "mmw.verify_command",
     "row": "mmw.row_command",
     "report": "mmw.report_command",
+    "status": "mmw.status_command",
+    "finalize": "mmw.finalize_command",
 }
 """Subcommand -> the module whose `main` parses and does it, imported when it is asked for."""
 
@@ -34,11 +36,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     commands.add_parser("run", help="make a dataset (same as python -m mmw.run)")
     commands.add_parser("radiomap", help="trace path gain, RSS and SINR over the roads (picture: needs mmw[plot])")
     commands.add_parser("town", help="build, check and draw towns (building needs mmw[author], drawing mmw[plot])")
-    commands.add_parser("view", help="take one picture of a configuration or a town, without a run")
+    commands.add_parser(
+        "view", help="open a dataset in the Rerun viewer (needs mmw[viz]), or take one picture without a run"
+    )
     commands.add_parser(
         "import", help="make a town of a Mitsuba, OpenDRIVE, OSM (mmw[author]), glTF, OBJ, PLY, STL or USD file"
     )
     commands.add_parser("export", help="write a dataset in another format: OPV2V, nuScenes, KITTI and others")
+    commands.add_parser("status", help="say how far a dataset is, and who writes it")
+    commands.add_parser("finalize", help="write the manifest of a dataset whose parts were made by several runs")
     commands.add_parser("report", help="write one HTML page about a dataset: maps, pictures, links, counts, provenance")
     commands.add_parser("verify", help="check a dataset: files, counts, physics, rows made again")
     commands.add_parser("row", help="make rows of a dataset again, from its stored configuration")

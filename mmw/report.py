@@ -5,11 +5,11 @@ import shlex
 import sys
 import time
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, Protocol
 
 from rich.console import Console as RichConsole
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
@@ -39,10 +39,29 @@ class Clock:
             self.seconds[name] += time.perf_counter() - begin
             self.rays[name] += rays
 
+    def add(self, seconds: Mapping[str, float], rays: Mapping[str, int]) -> None:
+        """Add what another clock has summed up."""
+        for name, value in seconds.items():
+            self.seconds[name] += value
+        for name, count in rays.items():
+            self.rays[name] += count
+
     @property
     def elapsed(self) -> float:
         """Seconds since the clock was made."""
         return time.perf_counter() - self.start
+
+
+class Reporter(Protocol):
+    """Where the progress of a worker goes: to the terminal, or to the process that has it."""
+
+    clock: Clock
+
+    def warn_once(self, text: str) -> None:
+        """Show a warning the first time it is given."""
+
+    def advance(self, frames: int, where: str) -> None:
+        """Count traced scenario-weather-frames of a scenario."""
 
 
 class Console:
@@ -54,6 +73,7 @@ class Console:
         self._task = None
         self._warned: set[str] = set()
         self.total = self.done = 0
+        self.workers = 1
         self.clock = Clock()
 
     def __enter__(self) -> "Console":
@@ -75,9 +95,15 @@ class Console:
             self._warned.add(text)
             self.say(f"note: {text}")
 
-    def begin(self, total: int, done: int) -> None:
-        """Start counting scenario-weather-frames; `done` of `total` are there from an earlier run."""
-        self.total, self.done = total, done
+    def begin(self, total: int, done: int, workers: int = 1) -> None:
+        """Start counting scenario-weather-frames.
+
+        Args:
+            total: What is to be there in the end.
+            done: Of these, what is there from an earlier run.
+            workers: Processes that trace; the seconds of stages are summed up over them.
+        """
+        self.total, self.done, self.workers = total, done, workers
         self.clock = Clock()
         self._fresh = 0
         if self._rich.is_terminal:
@@ -99,7 +125,8 @@ class Console:
         self.done += frames
         self._fresh += frames
         rays = sum(self.clock.rays.values())
-        elapsed = max(self.clock.elapsed - sum(self.clock.seconds.get(name, 0.0) for name in SET_UP), 1e-9)
+        set_up = sum(self.clock.seconds.get(name, 0.0) for name in SET_UP) / self.workers
+        elapsed = max(self.clock.elapsed - set_up, 1e-9)
         speed = f"{self._fresh / elapsed:.1f} frames/s, {si(rays / elapsed)}rays/s"
         if self._progress and self._task is not None:
             self._progress.update(self._task, completed=self.done, description=where, speed=speed)

@@ -13,9 +13,6 @@ from mmw.command import fail
 from mmw.config import Config, ConfigError, load_config
 from mmw.config.load import json_schema, to_yaml
 
-OUT_OF_MEMORY = "Failed to allocate"
-"""How Warp's error about a full device or host begins."""
-
 
 def parser(prog: str = "python -m mmw.run") -> argparse.ArgumentParser:
     """Return the command line's parser."""
@@ -39,6 +36,13 @@ def parser(prog: str = "python -m mmw.run") -> argparse.ArgumentParser:
     result.add_argument("--device", metavar="NAME", help="auto, cpu or cuda:N (compute.device)")
     result.add_argument(
         "--batch-frames", type=int, metavar="N", help="frames traced in one launch (compute.batch_frames)"
+    )
+    result.add_argument("--workers", metavar="N", help="processes that trace: a number or auto (compute.workers)")
+    result.add_argument(
+        "--shard",
+        default="0/1",
+        metavar="i/N",
+        help="make part i of N, counted from 0: for N runs of a scheduler's array that fill one folder",
     )
     result.add_argument(
         "--overwrite", action="store_true", help="remove the data that is in the folder, and make it anew"
@@ -67,6 +71,7 @@ def main(argv: Sequence[str] | None = None, prog: str = "python -m mmw.run") -> 
             ("output.dir", arguments.out),
             ("compute.device", arguments.device),
             ("compute.batch_frames", arguments.batch_frames),
+            ("compute.workers", int(arguments.workers) if str(arguments.workers).isdecimal() else arguments.workers),
         )
         if value is not None
     }
@@ -77,13 +82,14 @@ def main(argv: Sequence[str] | None = None, prog: str = "python -m mmw.run") -> 
     if arguments.print_config:
         print(to_yaml(config), end="")
         return 0
+    options = {"dry_run": arguments.dry_run, "overwrite": arguments.overwrite, "shard": arguments.shard}
     try:
-        return execute(config, Path(arguments.config), dry_run=arguments.dry_run, overwrite=arguments.overwrite)
+        return execute(config, Path(arguments.config), **options)
     except KeyboardInterrupt:
         return fail(["interrupted; every finished shard is kept and the same command resumes"], code=1)
 
 
-def execute(config: Config, path: Path, *, dry_run: bool = False, overwrite: bool = False) -> int:
+def execute(config: Config, path: Path, *, dry_run: bool = False, overwrite: bool = False, shard: str = "0/1") -> int:
     """Make (or with `dry_run` describe) the dataset of a configuration and return the exit code.
 
     Args:
@@ -91,43 +97,48 @@ def execute(config: Config, path: Path, *, dry_run: bool = False, overwrite: boo
         path: The configuration file: relative `town` and `stage` paths start from its folder, messages name it.
         dry_run: Print what would be made, and stop.
         overwrite: Replace a dataset that another configuration made.
+        shard: Make only this part of it, `i/N`.
     """
-    from mmw.compute.device import choose_device
-    from mmw.pipeline import run
+    from mmw.compute.device import worker_devices
+    from mmw.engines.queue import WorkerLostError
+    from mmw.make import make_dataset
+    from mmw.pipeline import is_out_of_memory
     from mmw.plan import check_inputs, describe_plan
     from mmw.provenance import check_continuation, versions
     from mmw.report import Console
+    from mmw.shards import Part
     from mmw.tables.writer import OutOfSpaceError
 
     base = path.parent
     try:
-        device = choose_device(config.compute.device)
+        part = Part.parse(shard)
+        devices = worker_devices(config.compute.device, config.compute.workers)
         check_inputs(config, base)
         if dry_run:
-            print(describe_plan(config, base, device))
+            print(describe_plan(config, base, devices[0]))
             return 0
         with Console() as console:
             if not overwrite:
-                for line in check_continuation(Path(config.output.dir), config, versions(config, base, device)):
+                for line in check_continuation(Path(config.output.dir), config, versions(config, base, devices[0])):
                     console.warn_once(line)
-            run(config, base=base, device=device, overwrite=overwrite, console=console)
+            make_dataset(config, base=base, devices=devices, part=part, overwrite=overwrite, console=console)
     except ConfigError as error:
         return fail([f"{path}: {problem}" for problem in error.problems])
     except ValueError as error:
         return fail([str(error)])
-    except OutOfSpaceError as error:
+    except (OutOfSpaceError, WorkerLostError) as error:
         return fail([str(error)], code=1)
     except OSError as error:
         return fail(
             [f"{error.filename or config.output.dir}: {error.strerror or error}; the same command resumes"], code=1
         )
     except (MemoryError, RuntimeError) as error:
-        if isinstance(error, RuntimeError) and OUT_OF_MEMORY not in str(error):
+        if not is_out_of_memory(error):
             raise
         return fail(
             [
-                f"memory is full with {config.compute.batch_frames} frames a launch ({error}); every finished shard is "
-                "kept; the same command with a smaller --batch-frames resumes"
+                f"memory is full with a single frame a launch ({error}); every finished shard is kept; make room, or "
+                "use fewer --workers or compute.writer_threads; the same command resumes"
             ],
             code=1,
         )

@@ -24,6 +24,7 @@ from mmw.run import main
 from mmw.tables import publish
 from mmw.tables.schemas import TABLES
 from mmw.tables.verify import verify
+from tests.own_world import STAGE, write_own_world
 
 SMALL = [
     "frames.count=6",
@@ -232,62 +233,9 @@ def test_full_disk_is_exit_code_1_and_resumable(
     assert_same_rows(dataset, root)
 
 
-USER_STAGE = """#usda 1.0
-(
-    defaultPrim = "World"
-    endTimeCode = 9
-    metersPerUnit = 1
-    startTimeCode = 0
-    timeCodesPerSecond = 100
-    upAxis = "Z"
-)
-
-def Xform "World"
-{
-    def Mesh "Ground"
-    {
-        int[] faceVertexCounts = [4]
-        int[] faceVertexIndices = [0, 1, 2, 3]
-        point3f[] points = [(-50, -50, 0), (50, -50, 0), (50, 50, 0), (-50, 50, 0)]
-    }
-    def Xform "Ego"
-    {
-        double3 xformOp:translate.timeSamples = { 0: (0, 0, 0), 9: (0.9, 0, 0) }
-        uniform token[] xformOpOrder = ["xformOp:translate"]
-        def Cube "Body"
-        {
-        }
-        def Mesh "Plate"
-        {
-            int[] faceVertexCounts = [4]
-            int[] faceVertexIndices = [0, 1, 2, 3]
-            point3f[] points = [(-2, -1, 1), (2, -1, 1), (2, 1, 1), (-2, 1, 1)]
-        }
-    }
-    def Xform "Mast"
-    {
-        double3 xformOp:translate = (20, 5, 0)
-        uniform token[] xformOpOrder = ["xformOp:translate"]
-    }
-}
-"""
-USER_CONFIG = """
-scenarios:
-  - name: mine
-    stage: mine.usda
-    actor_roles: {/World/Ego: cav, /World/Mast: rsu}
-    material_map: {"/World/*": itu_concrete}
-frames: {count: 10}
-sensors: [{type: lidar, channels: 8, points_per_channel: 64}, {type: imu}]
-channel: {rays: 10_000}
-"""
-
-
 @pytest.fixture
 def own_world(tmp_path: Path) -> Path:
-    (tmp_path / "mine.usda").write_text(USER_STAGE)
-    (tmp_path / "mine.yaml").write_text(USER_CONFIG)
-    return tmp_path
+    return write_own_world(tmp_path)
 
 
 def test_a_stage_of_ones_own_runs_through_the_same_path(own_world: Path) -> None:
@@ -335,7 +283,7 @@ def test_the_stored_configuration_makes_the_same_data(own_world: Path) -> None:
 def test_roadside_units_of_the_file_stand_on_an_own_stage(own_world: Path) -> None:
     """The same world, y up and in centimetres: the configured unit is where the file says, in metres and z up."""
     rsus = "scenarios.0.rsus=[{name: gate, position_m: [5, -8, 1], yaw_deg: 90}]"
-    turned = USER_STAGE.replace('upAxis = "Z"', 'upAxis = "Y"').replace("metersPerUnit = 1", "metersPerUnit = 0.01")
+    turned = STAGE.replace('upAxis = "Z"', 'upAxis = "Y"').replace("metersPerUnit = 1", "metersPerUnit = 0.01")
     flat = "(-5000, 0, 5000), (5000, 0, 5000), (5000, 0, -5000), (-5000, 0, -5000)"
     turned = turned.replace("(-50, -50, 0), (50, -50, 0), (50, 50, 0), (-50, 50, 0)", flat)
     (own_world / "turned.usda").write_text(turned.replace("(0.9, 0, 0)", "(90, 0, 0)"))
@@ -347,7 +295,7 @@ def test_roadside_units_of_the_file_stand_on_an_own_stage(own_world: Path) -> No
         assert pose == pytest.approx([5, -8, 1, 0, 0, 0.5**0.5, 0.5**0.5, 0], abs=1e-9)
         links = open_dataset(own_world / f"{name}.d").read("links", agent="Ego")
         assert set(links.column("peer").to_pylist()) == {"gate", "Mast"}
-    assert (own_world / "mine.usda").read_text() == USER_STAGE
+    assert (own_world / "mine.usda").read_text() == STAGE
 
 
 def test_a_unit_under_the_ground_is_refused(own_world: Path, capsys: pytest.CaptureFixture) -> None:
@@ -366,7 +314,7 @@ def test_going_on_with_other_versions_is_noted_and_with_another_stage_refused(
     capsys.readouterr()
     assert make_own(own_world, "d") == 0
     assert "begun with numpy '0.1." in capsys.readouterr().err
-    (own_world / "mine.usda").write_text(USER_STAGE.replace("(0.9, 0, 0)", "(0.8, 0, 0)"))
+    (own_world / "mine.usda").write_text(STAGE.replace("(0.9, 0, 0)", "(0.8, 0, 0)"))
     assert make_own(own_world, "d") == 2
     assert "mine.usda changed" in capsys.readouterr().err
     assert make_own(own_world, "d", "--overwrite") == 0

@@ -11,6 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from mmw.config import Config, ConfigError, load_config
+from mmw.shards import shard_keys
 from mmw.tables.manifest import CONFIG, DATASET, MANIFEST, pending_scenarios, pending_shards, read_dataset, read_markers
 from mmw.tables.schemas import TABLES
 from mmw.tables.writer import MARKERS
@@ -102,8 +103,6 @@ def take_inventory(root: Path) -> Inventory:
         reason = "; ".join(error.problems) if isinstance(error, ConfigError) else str(error)
         notes.append(f"{CONFIG} cannot be read, so what is still to make is not known ({' '.join(reason.split())})")
     if config is not None:
-        from mmw.pipeline import shard_keys
-
         keys = [key for scenario in config.scenarios for key in shard_keys(config, scenario)]
         planned = len(keys)
         pending = [str(key) for key in pending_shards(root, keys)]

@@ -7,6 +7,7 @@ from pathlib import Path
 from pxr import UsdUtils
 
 from mmw.paths import assets_dir
+from mmw.temporary import temporary_path
 from mmw.usd.save import reload_layer
 
 
@@ -67,7 +68,7 @@ def _copy(source: Path, target: Path) -> None:
     if target.is_file() and target.read_bytes() == data:
         return
     target.parent.mkdir(parents=True, exist_ok=True)
-    temporary = target.with_name(f".{target.name}.tmp")
+    temporary = temporary_path(target)
     try:
         temporary.write_bytes(data)
         temporary.replace(target)

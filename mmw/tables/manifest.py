@@ -13,9 +13,10 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from mmw.tables.publish import FULL, OutOfSpaceError, publish_bytes, temporary_path
+from mmw.tables.publish import FULL, OutOfSpaceError, publish_bytes
 from mmw.tables.schemas import SCHEMA_VERSION, TABLES
 from mmw.tables.writer import MARKERS, META_KEYS, ShardKey, marker_path
+from mmw.temporary import is_temporary
 
 DATASET = "dataset.json"
 """Whose folder it is: configuration, its hash, versions."""
@@ -32,6 +33,8 @@ MANIFEST = "_manifest.parquet"
 CARD = "README.md"
 CONFIG = "config.yaml"
 """The resolved configuration as a file that `--config` takes again; written by whoever has it (`mmw.provenance`)."""
+LOCKS = "_locks"
+"""Folder of the locks (`mmw.tables.lock`); the underscore hides it from readers."""
 FOLDERS = (MARKERS, *TABLES, "stages", "assets")
 """Folders that a run makes; `--overwrite` removes these and nothing else."""
 
@@ -73,7 +76,7 @@ def prepare_root(
         OutOfSpaceError: If the disk is full.
     """
     root = Path(root)
-    _check_writable(root)
+    check_writable(root)
     if (root / DATASET).is_file():
         if overwrite or _is_other_and_empty(root, config_sha256):
             _remove_data(root)
@@ -81,7 +84,7 @@ def prepare_root(
             _check_same(root, config_identity, config_sha256)
             return
     elif root.is_dir():
-        foreign = sorted(path.name for path in root.iterdir() if path != temporary_path(root / DATASET))
+        foreign = sorted(path.name for path in root.iterdir() if path.name != LOCKS and not is_temporary(path))
         if foreign:
             raise ValueError(
                 f"{root}: holds {', '.join(foreign[:5])}{' and more' if len(foreign) > 5 else ''} but no {DATASET}; "
@@ -261,7 +264,13 @@ def _remove_data(root: Path) -> None:
         (root / name).unlink(missing_ok=True)
 
 
-def _check_writable(root: Path) -> None:
+def check_writable(root: Path) -> None:
+    """Make a dataset folder if it does not exist.
+
+    Raises:
+        ValueError: If it cannot be made or written to.
+        OutOfSpaceError: If the disk is full.
+    """
     there = next(path for path in (root, *root.absolute().parents) if path.exists())
     if not there.is_dir():
         raise ValueError(f"{root}: {there} is a file; the dataset needs a folder; give another --out")

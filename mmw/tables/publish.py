@@ -5,17 +5,14 @@ import os
 import shutil
 from pathlib import Path
 
+from mmw.temporary import temporary_path
+
 FULL = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))
 """What the system says of a full disk, and where quotas exist of a full quota."""
 
 
 class OutOfSpaceError(RuntimeError):
     """The disk is full. Nothing that was published before is touched, and a rerun resumes."""
-
-
-def temporary_path(path: Path) -> Path:
-    """Return the name that a file has until it is complete; readers skip it (leading dot, no `.parquet` at the end)."""
-    return path.with_name(f".{path.name}.tmp")
 
 
 def publish_bytes(path: Path, data: bytes | memoryview) -> None:

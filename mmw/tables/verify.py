@@ -18,6 +18,7 @@ from mmw.tables.manifest import DATASET, MANIFEST, read_dataset, read_markers
 from mmw.tables.parquet import arrow_schema
 from mmw.tables.schemas import SCHEMA_VERSION, TABLES, table_spec
 from mmw.tables.writer import MARKERS
+from mmw.temporary import is_temporary
 
 LEFTOVERS = ("orphan", "temporary", "note")
 """Kinds of findings that are no error."""
@@ -196,7 +197,7 @@ def _check_others(root: Path, listed: dict[str, dict]) -> list[Finding]:
     inside = (path for name in TABLES for path in (root / name).rglob("*"))
     for path in sorted(path for path in inside if path.is_file() or path.is_symlink()):
         relative = path.relative_to(root).as_posix()
-        if relative in listed or (path.name.startswith(".") and path.name.endswith(".tmp")):
+        if relative in listed or is_temporary(path):
             continue
         if SHARD_FILE.fullmatch(relative) and path.is_file():
             findings.append(Finding("orphan", relative, "no marker lists the file; its shard was not finished"))
@@ -206,9 +207,9 @@ def _check_others(root: Path, listed: dict[str, dict]) -> list[Finding]:
         if path.name != MANIFEST:
             findings.append(Finding("foreign", path.name, "no file of a dataset has this name; move it away"))
     for path in sorted((root / MARKERS).glob("*")):
-        if path.suffix not in (".json", ".tmp"):
+        if path.suffix != ".json" and not is_temporary(path):
             findings.append(Finding("foreign", f"{MARKERS}/{path.name}", "no marker has this name; move it away"))
-    for path in sorted(root.rglob(".*.tmp")):
+    for path in sorted(filter(is_temporary, root.rglob(".*"))):
         findings.append(Finding("temporary", path.relative_to(root).as_posix(), "left by a killed run"))
     return findings
 

@@ -7,6 +7,8 @@ from pathlib import Path
 
 from pxr import Sdf, Tf
 
+from mmw.temporary import temporary_path
+
 
 def save_layer(layer: Sdf.Layer, path: Path) -> None:
     """Write a layer to a file that is there completely or not at all, and refresh it where it is open.
@@ -30,7 +32,7 @@ def save_layers(layers: Mapping[Path, Sdf.Layer]) -> None:
     try:
         for path, layer in layers.items():
             path.parent.mkdir(parents=True, exist_ok=True)
-            temporaries[path] = path.with_name(f".{path.stem}.tmp{path.suffix}")  # the suffix tells USD the format
+            temporaries[path] = temporary_path(path, path.suffix)  # the suffix tells USD the format
             _export(layer, temporaries[path], path)
         for path, temporary in temporaries.items():
             temporary.replace(path)

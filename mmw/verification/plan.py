@@ -21,7 +21,7 @@ from mmw.config import (
     SensorSection,
     load_config,
 )
-from mmw.pipeline import shard_keys
+from mmw.shards import shard_keys
 from mmw.tables.manifest import CONFIG, DATASET, config_differences, pending_scenarios, pending_shards, read_dataset
 from mmw.tables.verify import Finding
 from mmw.tables.writer import ShardKey, marker_path, table_path

@@ -1,0 +1,195 @@
+"""Measure whole runs: `python -m bench.pipeline --device cuda:0 --scenarios town03_roundabout --out FOLDER`.
+
+A run as `python -m mmw.run` makes it, files on disk, from an empty folder: the seconds of every stage as the run's own
+clock has them, scenario-weather-frames and rays a second, the share of the time in which the GPU had work and in which
+the processor's cores had, the largest memory of both, and how long the whole of a configuration would take.
+
+Stages of the tracing thread add up to the wall time; encoding and writing happen beside it, and show where it waits for
+them. A projection takes set-up once a scenario, and all frames at the speed between set-up and end.
+"""
+
+import argparse
+import json
+import os
+import resource
+import shutil
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+import warp as wp
+
+from bench.rays import machine
+from mmw.compute.device import cores, worker_devices
+from mmw.config import Config, load_config
+from mmw.make import make_dataset
+from mmw.report import SET_UP, Console
+from mmw.shards import Part
+
+CONFIGS = Path(__file__).resolve().parent.parent / "configs"
+
+SAMPLE_S = 0.2
+"""Time between two looks at the GPU [s]."""
+
+
+@dataclass(frozen=True)
+class Result:
+    """One measured run."""
+
+    scenarios: list[str]
+    weathers: list[str]
+    workers: int
+    frames: int
+    """Scenario-weather-frames."""
+    seconds: float
+    set_up_s: float
+    """Of these, what comes once a scenario, over the workers."""
+    seconds_per_frame: float
+    frames_per_s: float
+    rays_per_s: float
+    stages: dict[str, float]
+    """Stage -> seconds, summed up over the workers."""
+    rows: int
+    bytes: int
+    gpu_busy: float | None
+    """Share of the time after set-up in which kernels ran, as `nvidia-smi` samples it; None without a GPU."""
+    cores_busy: float
+    """Processor seconds of the run, its workers included, over seconds and cores."""
+    host_gb: float
+    """Largest memory of a process [GB]."""
+    device_gb: float | None
+    """Largest memory in use on a GPU [GB]."""
+    projected_s: float
+    """Seconds that the whole configuration would take."""
+
+
+@dataclass
+class Gpu:
+    """Samples of load and memory of the first GPU while a block runs."""
+
+    load: list[tuple[float, float]] = field(default_factory=list)
+    """Time and share of it that kernels ran."""
+    memory_gb: float = 0.0
+    _process: subprocess.Popen[str] | None = None
+
+    def __enter__(self) -> "Gpu":
+        """Start to look, where there is a GPU."""
+        if wp.get_cuda_device_count():
+            query = ["--query-gpu=utilization.gpu,memory.used", "--format=csv,noheader,nounits", "--id=0"]
+            self._process = subprocess.Popen(
+                ["nvidia-smi", *query, f"--loop-ms={int(1000 * SAMPLE_S)}"], stdout=subprocess.PIPE, text=True
+            )
+            threading.Thread(target=self._look, daemon=True).start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Stop."""
+        if self._process:
+            self._process.kill()
+
+    def _look(self) -> None:
+        assert self._process and self._process.stdout
+        for line in self._process.stdout:
+            load, used = line.split(",")
+            self.load.append((time.perf_counter(), float(load) / 100.0))
+            self.memory_gb = max(self.memory_gb, float(used) * 2**20 / 1e9)
+
+    def busy_since(self, start: float) -> float | None:
+        """Return the mean load after a time."""
+        some = [load for at, load in self.load if at >= start]
+        return sum(some) / len(some) if some else None
+
+
+def measure(config: Config, whole: Config, base: Path, devices: Sequence[str]) -> Result:
+    """Make a dataset and return what it took.
+
+    Args:
+        config: What is made.
+        whole: What the projection is for.
+        base: Folder that relative paths start from.
+        devices: Device of each worker.
+    """
+    used = os.times()
+    with Console() as console, Gpu() as gpu:
+        make_dataset(config, base=base, devices=devices, part=Part(), overwrite=False, console=console)
+        seconds, clock, workers = console.clock.elapsed, console.clock, console.workers
+    now = os.times()
+    processor = sum(now[:4]) - sum(used[:4])
+    set_up = sum(clock.seconds.get(name, 0.0) for name in SET_UP) / workers
+    steady = max(seconds - set_up, 1e-9)
+    frames = config.frame_total
+    projected = set_up / len(config.scenarios) * len(whole.scenarios) + whole.frame_total * steady / frames
+    files = list(Path(config.output.dir).rglob("part-*.parquet"))
+    memory = max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    return Result(
+        [scenario.name for scenario in config.scenarios], list(config.weathers), workers, frames, seconds, set_up,
+        seconds / frames, frames / seconds, sum(clock.rays.values()) / steady, dict(clock.seconds),
+        sum(_rows(path) for path in files), sum(path.stat().st_size for path in files),
+        gpu.busy_since(clock.start + set_up), processor / seconds / cores(), memory * 1024 / 1e9,
+        gpu.memory_gb or None, projected,
+    )  # fmt: skip
+
+
+def _rows(path: Path) -> int:
+    import pyarrow.parquet as pq
+
+    return pq.read_metadata(path).num_rows
+
+
+def parse(arguments: list[str]) -> argparse.Namespace:
+    """Return the options of the command line."""
+    parser = argparse.ArgumentParser(prog="python -m bench.pipeline", description="Measure whole runs.")
+    parser.add_argument("--config", type=Path, default=CONFIGS / "full.yaml", help="configuration")
+    parser.add_argument("--scenarios", help="some of its scenarios, by name and comma; all if absent")
+    parser.add_argument("--frames", type=int, help="only so many frames of each")
+    parser.add_argument("--device", default="auto", help="auto, cpu or cuda:N")
+    parser.add_argument("--workers", default="auto", help="processes: a number or auto")
+    parser.add_argument("--out", type=Path, help="folder for the data; it must not exist (a temporary one if absent)")
+    parser.add_argument("--format", choices=("human", "json"), default="human", help="json: one line at the end")
+    parser.add_argument("overrides", nargs="*", metavar="key=value", help="as of mmw.run")
+    return parser.parse_intermixed_args(arguments)
+
+
+def main(arguments: list[str]) -> None:
+    """Measure and print."""
+    options = parse(arguments)
+    folder = options.out or Path(tempfile.mkdtemp(prefix="mmw_bench_"))
+    whole = load_config(options.config, options.overrides, {"output.dir": str(folder / "dataset")})
+    names = options.scenarios.split(",") if options.scenarios else [scenario.name for scenario in whole.scenarios]
+    some = tuple(scenario for scenario in whole.scenarios if scenario.name in names)
+    if len(some) != len(names):
+        raise SystemExit(f"--scenarios {options.scenarios}: {options.config} has not all of them")
+    workers = int(options.workers) if options.workers.isdecimal() else options.workers
+    config = whole.model_copy(
+        update={"scenarios": some, "compute": whole.compute.model_copy(update={"workers": workers})}
+    )
+    if options.frames:
+        update = {"frames": config.frames_of(some[0]).model_copy(update={"start": 0, "count": options.frames})}
+        config = config.model_copy(update=update)
+    try:
+        result = measure(config, whole, options.config.parent, worker_devices(options.device, workers))
+    finally:
+        if not options.out:
+            shutil.rmtree(folder)
+    if options.format == "json":
+        print(json.dumps({"machine": machine(options.device), **asdict(result)}))
+        return
+    for name, seconds in sorted(result.stages.items(), key=lambda item: -item[1]):
+        print(f"  {name:<40} {seconds:>8.2f} s {100 * seconds / result.seconds / result.workers:>5.1f} %")
+    busy = "no GPU" if result.gpu_busy is None else f"GPU busy {100 * result.gpu_busy:.0f} %"
+    print(
+        f"{result.frames:,} scenario-weather-frames in {result.seconds:.1f} s ({result.set_up_s:.1f} s set-up) with "
+        f"{result.workers} workers: {result.frames_per_s:.1f} frames/s, {result.rays_per_s / 1e6:,.0f} M rays/s, "
+        f"{result.bytes / 1e6:,.0f} MB; {busy}, cores busy {100 * result.cores_busy:.0f} %, "
+        f"host {result.host_gb:.1f} GB, device {result.device_gb or 0:.1f} GB; "
+        f"all of {options.config.name}: {result.projected_s:.0f} s"
+    )
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,1 @@
+"""Engines: who makes the work of a dataset, in this process, in several of this machine, or on a Ray cluster."""

@@ -1,0 +1,69 @@
+"""Which worker makes what: a scenario's work goes to the worker that has it loaded, and is shared when others idle."""
+
+from collections import Counter, defaultdict
+from collections.abc import Iterable
+
+from mmw.shards import Work
+
+MOST_TRIES = 3
+"""Workers that may die over the same piece of work before the run gives up."""
+
+
+class WorkerLostError(RuntimeError):
+    """Workers die again and again. What they finished is kept, and a rerun resumes."""
+
+
+class WorkQueue:
+    """Work that no worker has, and what each worker has."""
+
+    def __init__(self, work: Iterable[Work]):
+        """Queue work, which stays in its order within a scenario."""
+        self._waiting: dict[str, list[Work]] = defaultdict(list)
+        self._tries: Counter[Work | None] = Counter()
+        self._scenario: dict[int, str] = {}
+        for item in work:
+            self._waiting[item.scenario].append(item)
+
+    def __len__(self) -> int:
+        return sum(map(len, self._waiting.values()))
+
+    def next(self, worker: int) -> Work | None:
+        """Return what a worker should make now; None if nothing is left.
+
+        It goes on with its scenario; else it begins one that nobody has, or helps where most frames are left for each
+        worker.
+        """
+        open_scenarios = {name: items for name, items in self._waiting.items() if items}
+        if not open_scenarios:
+            return None
+        own = self._scenario.get(worker)
+        if own not in open_scenarios:
+            helpers = Counter(name for other, name in self._scenario.items() if other != worker)
+            left = {name: sum(item.frames for item in items) for name, items in open_scenarios.items()}
+            own = max(left, key=lambda name: (left[name] / (1 + helpers[name]), name))
+            self._scenario[worker] = own
+        return self._waiting[own].pop(0)
+
+    def give_back(self, worker: int, work: Iterable[Work], cause: str) -> None:
+        """Take back what a lost worker left unfinished.
+
+        Args:
+            worker: The worker.
+            work: What it had and did not finish, the oldest first.
+            cause: What it died of, for the message.
+
+        Raises:
+            WorkerLostError: If workers died over the same work too often.
+        """
+        self._scenario.pop(worker, None)
+        items = list(work)
+        for item in reversed(items):
+            self._waiting[item.scenario].insert(0, item)
+        first = items[0] if items else None  # what it was at; none if it died before it began
+        self._tries[first] += 1
+        if self._tries[first] > MOST_TRIES:
+            where = "before they began" if first is None else f"at {first}"
+            raise WorkerLostError(
+                f"{self._tries[first]} workers died {where}, the last {cause}; everything that was finished is kept; "
+                "see whether memory ran out, and run the same command again: it resumes"
+            )

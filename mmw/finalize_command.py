@@ -1,0 +1,37 @@
+"""`mmw finalize`: the manifest and the card of a dataset whose parts were made by several runs."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from mmw.command import fail, run_command
+from mmw.shards import all_work, pending_work
+from mmw.status_command import stored_config
+from mmw.tables.lock import writing
+from mmw.tables.manifest import finalize
+
+
+def main(argv: Sequence[str], prog: str = "mmw finalize") -> int:
+    """Run `mmw finalize` and return its exit code: 0 done, 1 shards are missing, 2 no dataset or one being written."""
+    parser = argparse.ArgumentParser(
+        prog=prog,
+        description="Write the manifest and the card of a dataset from its finished shards, and remove what killed "
+        "runs left unfinished. A run does the same when it ends.",
+    )
+    parser.add_argument("dataset", type=Path, help="dataset folder")
+    parser.add_argument("--partial", action="store_true", help="also if shards are missing: list those that are there")
+    arguments = parser.parse_args(argv)
+    return run_command(lambda: _finalize(arguments.dataset, arguments.partial), "mmw")
+
+
+def _finalize(root: Path, partial: bool) -> int:
+    missing = pending_work(root, all_work(stored_config(root)))
+    frames = sum(item.frames for item in missing)
+    if missing and not partial:
+        problem = f"{root}: {frames} frames are missing, the first of {missing[0]}; run the configuration again, or "
+        return fail([problem + "list what is there by --partial"], code=1)
+    with writing(root, 0, 1, lambda line: print(line, file=sys.stderr)):
+        result = finalize(root)
+    print(f"{root}: {result['files']:,} files, {result['rows']:,} rows, {result['bytes']:,} bytes listed")
+    return 0

@@ -1,0 +1,87 @@
+"""A dataset from a configuration: what is missing of it is cut into work, an engine makes it, the manifest lists it."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from mmw.compute.device import device_name
+from mmw.config import Config
+from mmw.engines.alone import make_alone
+from mmw.engines.processes import Processes
+from mmw.provenance import keep_config, versions
+from mmw.report import Console, closing_summary
+from mmw.shards import Part, all_work, part_of, pending_work
+from mmw.tables.lock import writing
+from mmw.tables.manifest import check_writable, finalize, prepare_root
+from mmw.worker import Making
+
+FRAMES_A_WORKER = 16
+"""Scenario-weather-frames from which on another process on the CPU is worth it, where nobody says how many: reading a
+town takes as long as some ten frames. Design value."""
+
+
+def make_dataset(
+    config: Config, *, base: Path, devices: Sequence[str], part: Part, overwrite: bool, console: Console
+) -> None:
+    """Make the dataset of a configuration, or what is missing of it, or of a part of it.
+
+    Args:
+        config: The configuration.
+        base: Folder that relative paths in it start from.
+        devices: Warp device of each worker.
+        part: Which part is made; the run that makes the last of them writes the manifest.
+        overwrite: Replace a dataset that another configuration made.
+        console: Where progress goes.
+
+    Raises:
+        ValueError: If the folder belongs to another configuration or is being written, or a scenario cannot be made or
+            read.
+        OutOfSpaceError: If the disk is full; the same command resumes.
+        WorkerLostError: If worker processes die again and again.
+    """
+    root = Path(config.output.dir)
+    if overwrite and not part.is_whole:
+        raise ValueError(f"--overwrite with --shard {part}: would remove the other parts; remove {root} first")
+    check_writable(root)
+    with writing(root, part.index, part.count, console.say):
+        _make(config, base, root, devices, part, overwrite, console)
+
+
+def _make(
+    config: Config, base: Path, root: Path, devices: Sequence[str], part: Part, overwrite: bool, console: Console
+) -> None:
+    made_with = versions(config, base, devices[0])
+    prepare_root(root, config.identity(), config.sha256(), made_with, overwrite)
+    keep_config(config, base, root)
+    meta = {
+        "config_sha256": config.sha256(),
+        "mmw_version": made_with["mmw"],
+        "git_sha": made_with["git"],
+        "device": device_name(devices[0]),
+    }
+    making = Making(config, base, root, meta)
+    everything = all_work(config)
+    wanted = part_of(everything, part)
+    work = pending_work(root, wanted)
+    total, frames = (sum(item.frames for item in some) for some in (wanted, work))
+    most = len(work)
+    if config.compute.workers == "auto" and devices[0] == "cpu":
+        most = min(most, frames // FRAMES_A_WORKER)
+    used = devices[: max(most, 1)]
+    console.begin(total, total - frames, len(used))
+    if console.done:
+        rest = "making the rest" if console.done < total else "nothing to make"
+        console.say(f"{root}: {console.done} of {total} frames are there already; {rest}")
+    if len(used) == 1:
+        make_alone(making, work, used[0], console)
+    else:
+        Processes(making, work, used, console).run()
+    missing = sum(item.frames for item in pending_work(root, everything))
+    if missing:
+        console.say(
+            f"{root}: {missing} frames of other parts are not there yet; the run that makes the last of them writes "
+            "the manifest"
+        )
+        return
+    with console.clock.stage("manifest"):
+        result = finalize(root)
+    console.summary(closing_summary(root, config, device_name(used[0]), result, console.clock, frames))

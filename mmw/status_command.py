@@ -1,0 +1,69 @@
+"""`mmw status`: how far a dataset is, by the markers on the disk, whoever makes it."""
+
+import argparse
+from collections import defaultdict
+from collections.abc import Sequence
+from pathlib import Path
+
+from mmw.command import run_command
+from mmw.config import Config, load_config
+from mmw.report import si
+from mmw.shards import all_work, pending_work
+from mmw.tables.lock import writers
+from mmw.tables.manifest import CONFIG, MANIFEST, read_dataset, read_markers
+from mmw.temporary import is_temporary
+
+
+def main(argv: Sequence[str], prog: str = "mmw status") -> int:
+    """Run `mmw status` and return its exit code: 0 complete, 1 not yet, 2 no dataset."""
+    parser = argparse.ArgumentParser(
+        prog=prog, description="Say how far a dataset is and who writes it. Exit codes: 0 complete, 1 not yet."
+    )
+    parser.add_argument("dataset", type=Path, help="dataset folder")
+    arguments = parser.parse_args(argv)
+    return run_command(lambda: _status(arguments.dataset), "mmw")
+
+
+def _status(root: Path) -> int:
+    config = stored_config(root)
+    everything = all_work(config)
+    missing: dict[str, int] = defaultdict(int)
+    for item in pending_work(root, everything):
+        missing[item.scenario] += item.frames
+    size: dict[str, int] = defaultdict(int)
+    for marker in read_markers(root):
+        size[marker["scenario"]] += sum(file["bytes"] for file in marker["files"])
+    print(f"{'scenario':<32} {'frames':>17} {'bytes':>10}")
+    total = 0
+    for scenario in config.scenarios:
+        frames = sum(item.frames for item in everything if item.scenario == scenario.name)
+        total += frames
+        there = f"{frames - missing[scenario.name]:,}/{frames:,}"
+        print(f"{scenario.name:<32} {there:>17} {si(size[scenario.name]):>9}B")
+    done = total - sum(missing.values())
+    print(f"{'all':<32} {f'{done:,}/{total:,}':>17} {si(sum(size.values())):>9}B")
+    running = writers(root)
+    for line in running:
+        print(f"being written: {line}")
+    if done == total and (root / MANIFEST).is_file():
+        return 0
+    left = sum(1 for path in root.rglob(".*") if is_temporary(path))
+    if not running:
+        left_text = f"; {left} unfinished files of a killed run, which it removes" if left else ""
+        if done == total:
+            print(f"every shard is there; `mmw finalize {root}` writes the manifest")
+        else:
+            print(f"nobody writes it; the command that began it resumes{left_text}")
+    return 1
+
+
+def stored_config(root: Path) -> Config:
+    """Return the configuration that a dataset holds.
+
+    Raises:
+        ValueError: If the folder is no dataset, or has no configuration.
+    """
+    read_dataset(root)
+    if not (root / CONFIG).is_file():
+        raise ValueError(f"{root}: has no {CONFIG}; run the configuration again, which writes it")
+    return load_config(root / CONFIG)

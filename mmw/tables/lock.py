@@ -1,0 +1,94 @@
+"""Who writes a dataset folder: one run, or several that make its parts, and nobody else beside them."""
+
+import os
+import platform
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+from filelock import FileLock, Timeout
+
+from mmw.tables.manifest import LOCKS
+from mmw.temporary import is_temporary
+
+
+@contextmanager
+def writing(root: Path, index: int, count: int, tell: Callable[[str], None]) -> Iterator[None]:
+    """Hold a dataset folder for writing; the operating system lets go of it when the process ends, however it ends.
+
+    Args:
+        root: Dataset folder; it must exist.
+        index: Part that is written.
+        count: Parts in all; runs of other parts of as many may write at the same time.
+        tell: Takes one line if the folder's file system has no locks: nothing is held then.
+
+    Raises:
+        ValueError: If another process writes this part, or parts of another number.
+    """
+    folder = root / LOCKS
+    folder.mkdir(exist_ok=True)
+    own = folder / f"part-{index}-of-{count}.lock"
+    with ExitStack() as held:
+        try:
+            _take(own, held, root)
+        except NotImplementedError:  # as on some cluster file systems
+            tell(f"{root}: its file system has no locks; start no other run of the same part on it")
+            yield
+            return
+        for path in sorted(folder.glob("part-*.lock")):
+            if path != own and not path.stem.endswith(f"-of-{count}"):
+                with ExitStack() as looked:
+                    _take(path, looked, root)
+        holder = own.with_suffix(".json")
+        holder.write_text(f"process {os.getpid()} on {platform.node()}")
+        if count == 1:
+            remove_temporaries(root)
+        try:
+            yield
+        finally:
+            holder.unlink(missing_ok=True)
+
+
+@contextmanager
+def only_one(root: Path, name: str) -> Iterator[None]:
+    """Hold something of a dataset folder while others wait, such as a scenario's stage while it is made."""
+    folder = root / LOCKS
+    folder.mkdir(exist_ok=True)
+    with FileLock(folder / f"{name}.lock"):
+        yield
+
+
+def writers(root: Path) -> list[str]:
+    """Return the runs that write a dataset now: part, process and machine of each."""
+    found = []
+    for path in sorted((root / LOCKS).glob("part-*.lock")):
+        try:
+            with FileLock(path, timeout=0):
+                continue
+        except Timeout:
+            found.append(f"{path.stem.replace('-', ' ')}: {_holder(path)}")
+    return found
+
+
+def remove_temporaries(root: Path) -> None:
+    """Remove files that killed runs left unfinished; nobody else may write the folder."""
+    for path in root.rglob(".*"):
+        if path.is_file() and is_temporary(path):
+            path.unlink(missing_ok=True)
+
+
+def _take(path: Path, held: ExitStack, root: Path) -> None:
+    try:
+        held.enter_context(FileLock(path, timeout=0))
+    except Timeout:
+        raise ValueError(
+            f"{root}: is being written by another run ({_holder(path)}, {path.stem.replace('-', ' ')}); "
+            "wait for it or stop it, or give another --out"
+        ) from None
+
+
+def _holder(path: Path) -> str:
+    try:
+        return path.with_suffix(".json").read_text()
+    except OSError:
+        return "unknown process"

@@ -1,0 +1,134 @@
+"""What makes shards: one device with a scenario on it, and threads that encode and write what it traced."""
+
+from collections.abc import Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from mmw.config import Config, ScenarioConfig
+from mmw.notes import notes
+from mmw.pipeline import join_batches, make_job, trace_work
+from mmw.prepare import prepare_scenario, read_scenario
+from mmw.recording.job import Job
+from mmw.recording.kernels import compiled_ahead
+from mmw.report import Reporter
+from mmw.shards import Work
+from mmw.tables.lock import only_one
+from mmw.tables.rows.world import static_rows
+from mmw.tables.writer import ShardKey, write_scenario, write_shard
+
+WORK_IN_FLIGHT = 2
+"""Pieces of work that may always wait for the writers; with more threads than weathers, as many as keep the threads
+busy. Tracing pauses beyond that, which bounds memory to about 0.5 GB a piece."""
+
+
+@dataclass(frozen=True)
+class Making:
+    """What all workers of a dataset share."""
+
+    config: Config
+    base: Path
+    """Folder that relative paths in the configuration start from."""
+    root: Path
+    """Dataset folder."""
+    meta: Mapping[str, Any]
+    """What goes into every marker; see `write_shard`."""
+
+
+class Worker:
+    """Makes shards on one device. Tracing goes on while threads write what was traced before.
+
+    A scenario stays on the device until work of another one comes.
+    """
+
+    def __init__(self, making: Making, device: str, reporter: Reporter):
+        """Start the threads.
+
+        Args:
+            making: What is made.
+            device: Warp device name.
+            reporter: Where progress goes.
+        """
+        self._making = making
+        self._device = device
+        self._reporter = reporter
+        self._pool = ThreadPoolExecutor(making.config.compute.writer_threads, thread_name_prefix="mmw-writer")
+        self._scenarios = {scenario.name: scenario for scenario in making.config.scenarios}
+        self._job: Job | None = None
+        self._current = ""
+        self._batch_frames = 0
+        self._writing: list[list[Future[Any]]] = []
+        self._compiling = ExitStack()
+        self._kernels: list[Future[None]] = []
+
+    def __enter__(self) -> "Worker":
+        """Begin to compile what the configuration needs."""
+        self._kernels = self._compiling.enter_context(compiled_ahead(self._making.config, self._device))
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._compiling.close()
+        self._pool.shutdown(cancel_futures=kind is not None)
+
+    def make(self, work: Work) -> None:
+        """Trace a piece of work and hand it to the writers; what came long before it is on the disk then.
+
+        Raises:
+            ValueError: If the scenario cannot be made or read.
+            OutOfSpaceError: If the disk is full.
+        """
+        scenario = self._scenarios[work.scenario]
+        if self._current != work.scenario:
+            self._job = None  # the device has room for one
+            self._job = self._load(scenario, with_job=bool(work.weathers))
+            self._current = work.scenario if self._job is not None else ""
+            self._batch_frames = self._job.scene.max_slots if self._job is not None else 0
+        if self._job is None or not work.weathers:
+            return
+        collected, self._batch_frames = trace_work(self._job, work, self._batch_frames, self._reporter)
+        self._writing.append([self._pool.submit(self._write, key, collected[key.weather]) for key in work.keys])
+        compute, weathers = self._making.config.compute, self._making.config.weathers
+        while len(self._writing) > max(WORK_IN_FLIGHT, compute.writer_threads // len(weathers)):
+            self._wait(self._writing.pop(0))
+
+    def finish(self) -> None:
+        """Wait until everything is on the disk."""
+        while self._writing:
+            self._wait(self._writing.pop(0))
+
+    def _load(self, scenario: ScenarioConfig, *, with_job: bool) -> Job | None:
+        """Write a scenario's static tables; return it on the device if anything is traced."""
+        making, clock = self._making, self._reporter.clock
+        with clock.stage("traffic and stage"), only_one(making.root, f"stage-{scenario.name}"):
+            stage = prepare_scenario(making.config, scenario, making.base, making.root)
+        with clock.stage("scene"):
+            arrays = read_scenario(making.config, scenario, stage)
+            for line in notes(arrays, making.config, scenario):
+                self._reporter.warn_once(line)
+            write_scenario(making.root, scenario.name, static_rows(arrays, making.config, scenario), making.meta)
+        if not with_job:
+            return None
+        with clock.stage("kernels"):
+            for kernel in self._kernels:
+                kernel.result()
+        with clock.stage("scene"):
+            slots = min(making.config.compute.batch_frames, making.config.output.shard_frames)
+            job = make_job(making.config, scenario, arrays, self._device, slots, self._pool, clock)
+        for line in job.texture_notes():
+            self._reporter.warn_once(line)
+        return job
+
+    def _wait(self, group: list[Future[Any]]) -> None:
+        with self._reporter.clock.stage("waiting for writers"):
+            for future in group:
+                future.result()
+
+    def _write(self, key: ShardKey, tables: dict[str, list[Any]]) -> None:
+        """Turn the batches of a shard into Arrow tables and publish them. Runs in a writer thread."""
+        ready = {name: join_batches(name, key.scenario, key.weather, batches) for name, batches in tables.items()}
+        write_shard(self._making.root, key, ready, self._making.meta)

@@ -1,0 +1,194 @@
+"""Who makes the work of a dataset: parts, queues, worker processes that die, locks, and a memory that is full."""
+
+import contextlib
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+
+import mmw.pipeline
+from mmw.__main__ import main as mmw_main
+from mmw.config import load_config
+from mmw.engines.queue import MOST_TRIES, WorkerLostError, WorkQueue
+from mmw.run import main
+from mmw.shards import Part, Work, all_work, part_of
+from mmw.tables.lock import writing
+from mmw.tables.verify import verify
+from tests.own_world import write_own_world
+
+SMALL = ["output.shard_frames=2", "weathers=[sunny, rainy]"]
+FRAMES = 2 * 10
+
+
+def command(folder: Path, out: str, *extra: str) -> list[str]:
+    return ["--config", str(folder / "mine.yaml"), *SMALL, "--out", str(folder / out), "--device", "cpu", *extra]
+
+
+def assert_same_rows(one: Path, other: Path) -> None:
+    """Every table file has the same bytes."""
+    first, second = (
+        {str(path.relative_to(root)): path.read_bytes() for path in root.rglob("part-*.parquet")}
+        for root in (one, other)
+    )
+    assert first.keys() == second.keys()
+    assert [name for name in first if first[name] != second[name]] == []
+
+
+@pytest.fixture(scope="module")
+def world(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A small stage of one's own, ten frames, two a shard, in two weathers, and its dataset made by one worker."""
+    folder = write_own_world(tmp_path_factory.mktemp("engines"))
+    assert main(command(folder, "alone", "--workers", "1")) == 0
+    return folder
+
+
+def config_of(world: Path):
+    return load_config(world / "mine.yaml", SMALL)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 5, 40])
+def test_parts_hold_everything_once(world: Path, count: int) -> None:
+    work = all_work(config_of(world))
+    parts = [part_of(work, Part(index, count)) for index in range(count)]
+    assert [item for part in parts for item in part] == work
+    sizes = [sum(item.frames for item in part) for part in parts]
+    assert max(sizes) - min(sizes) <= max(item.frames for item in work)
+
+
+@pytest.mark.parametrize("text", ["", "1", "1/1", "4/4", "-1/4", "a/b", "0/0", "1/2/3"])
+def test_a_part_that_is_none_is_refused(world: Path, text: str, capsys: pytest.CaptureFixture) -> None:
+    with pytest.raises(ValueError, match="i/N"):
+        Part.parse(text)
+
+
+def test_a_worker_keeps_its_scenario_and_others_help() -> None:
+    queue = WorkQueue([Work(name, i, i + 1, ("sunny",)) for name, n in (("a", 4), ("b", 2)) for i in range(n)])
+    assert queue.next(0).scenario == "a"  # most is left there
+    assert queue.next(1).scenario == "b"
+    assert [queue.next(0).frame_begin for _ in range(2)] == [1, 2]
+    assert queue.next(1).scenario == "b"
+    assert queue.next(1).scenario == "a"  # nothing of its own is left
+    assert queue.next(0) is None and len(queue) == 0
+
+
+def test_lost_work_comes_first_and_not_for_ever() -> None:
+    queue = WorkQueue([Work("a", i, i + 1, ("sunny",)) for i in range(3)])
+    for worker in range(MOST_TRIES):
+        first = queue.next(worker)
+        assert first.frame_begin == 0
+        queue.give_back(worker, [first], "by signal 9")
+    with pytest.raises(WorkerLostError, match=r"4 workers died at a, frames 0 to 0, the last by signal 9"):
+        queue.give_back(9, [queue.next(9)], "by signal 9")
+
+
+def test_workers_make_the_same_dataset(world: Path) -> None:
+    assert main(command(world, "two", "--workers", "2")) == 0
+    assert_same_rows(world / "alone", world / "two")
+    assert verify(world / "two") == []
+
+
+def test_parts_make_the_same_dataset(world: Path, capsys: pytest.CaptureFixture) -> None:
+    out = world / "parts"
+    for index in (2, 0, 1):
+        assert not (out / "_manifest.parquet").exists()
+        assert main(command(world, "parts", "--workers", "1", "--shard", f"{index}/3")) == 0
+        assert mmw_main(["status", str(out)]) == (0 if index == 1 else 1)
+    lines = [line.split()[1] for line in capsys.readouterr().out.splitlines() if line.startswith("all ")]
+    assert lines == ["8/20", "16/20", "20/20"]
+    assert_same_rows(world / "alone", out)
+    assert verify(out) == []
+
+
+def test_finalize_refuses_what_is_missing(world: Path, capsys: pytest.CaptureFixture) -> None:
+    assert main(command(world, "half", "--workers", "1", "--shard", "0/2")) == 0
+    assert mmw_main(["finalize", str(world / "half")]) == 1
+    assert "12 frames are missing, the first of mine, frames 4 to 5" in capsys.readouterr().err
+    assert mmw_main(["finalize", str(world / "half"), "--partial"]) == 0
+    assert (world / "half" / "_manifest.parquet").is_file()
+
+
+def test_overwriting_a_part_is_refused(world: Path, capsys: pytest.CaptureFixture) -> None:
+    assert main(command(world, "alone", "--shard", "0/2", "--overwrite")) == 2
+    assert "would remove the other parts" in capsys.readouterr().err
+
+
+def test_two_writers_of_one_folder_are_refused(world: Path, capsys: pytest.CaptureFixture) -> None:
+    out = world / "locked"
+    out.mkdir()
+    with writing(out, 0, 1, pytest.fail):
+        code = "import sys; from mmw.run import main; sys.exit(main(sys.argv[1:]))"
+        found = subprocess.run([sys.executable, "-c", code, *command(world, "locked")], capture_output=True, text=True)
+        assert found.returncode == 2
+        assert f"is being written by another run (process {os.getpid()} on" in found.stderr
+        with pytest.raises(ValueError, match="is being written"), writing(out, 0, 2, pytest.fail):
+            pass
+    with writing(out, 0, 2, pytest.fail), writing(out, 1, 2, pytest.fail):
+        pass
+
+
+def test_a_full_memory_halves_the_batch(world: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+    record, calls = mmw.pipeline.record_frames, []
+
+    def full(job, frames, collected):
+        record(job, frames, collected)  # rows that are thrown away must leave no trace
+        calls.append(len(frames))
+        if len(frames) > 1:
+            raise RuntimeError("Failed to allocate 123 bytes on device 'cuda:0'")
+
+    monkeypatch.setattr(mmw.pipeline, "record_frames", full)
+    assert main(command(world, "tight", "--workers", "1")) == 0
+    assert "memory is full with 2 frames a launch; going on with 1" in capsys.readouterr().err
+    assert calls == [2] + [1] * 10
+    assert_same_rows(world / "alone", world / "tight")
+
+    monkeypatch.setattr(mmw.pipeline, "record_frames", lambda *_: (_ for _ in ()).throw(MemoryError("no room")))
+    assert main(command(world, "none", "--workers", "1")) == 1
+    assert "memory is full with a single frame a launch (no room)" in capsys.readouterr().err
+
+
+def children(process: int) -> list[int]:
+    """Return the worker processes of a run: those that `multiprocessing` started to make something."""
+    found = []
+    for child in Path(f"/proc/{process}/task/{process}/children").read_text().split():
+        with contextlib.suppress(OSError):
+            if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes():
+                found.append(int(child))
+    return found
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="finds processes in /proc")
+@pytest.mark.parametrize("seed", range(3))
+def test_killed_workers_and_runs_leave_nothing_wrong(world: Path, seed: int) -> None:
+    """Workers and the run itself are killed, after some more shards each time, until the dataset is there."""
+    random_s, out, kills = random.Random(seed), world / f"killed-{seed}", 0
+    for _ in range(30):
+        run = subprocess.Popen(
+            [sys.executable, "-m", "mmw.run", *command(world, out.name, "--workers", "2")],
+            stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+        )  # fmt: skip
+        wanted = len(list(out.rglob("_shards/*.json"))) + random_s.randint(0, 3)
+        while run.poll() is None and len(list(out.rglob("_shards/*.json"))) < wanted:
+            time.sleep(0.05)
+        time.sleep(random_s.uniform(0.0, 1.0))
+        if run.poll() is None:
+            workers = children(run.pid)
+            victim = random_s.choice([run.pid, *workers, *workers])
+            os.kill(victim, signal.SIGKILL)
+            kills += 1
+            if victim != run.pid:
+                run.wait()
+        errors = run.communicate()[1]
+        for path in out.rglob("part-*.parquet"):
+            pq.ParquetFile(path)  # whatever is there under its name is whole
+        if run.returncode == 0:
+            break
+        assert run.returncode in (1, -signal.SIGKILL), errors
+    assert run.returncode == 0 and kills > 0
+    assert_same_rows(world / "alone", out)
+    assert [finding for finding in verify(out) if finding.is_error] == []
