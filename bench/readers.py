@@ -124,12 +124,23 @@ def readers(root: Path) -> Iterator[tuple[str, Callable[[Key], int]]]:
     yield (
         "mmw.open(...).pandas",
         lambda key: len(
-            data.pandas("lidar", scenario=SCENARIO, weather=key[0], frames=range(key[1], key[1] + 1), agent=key[2])
+            data.pandas(
+                "lidar", columns=["x", "y", "z", "intensity"],
+                scenario=SCENARIO, weather=key[0], frames=range(key[1], key[1] + 1), agent=key[2],
+            )
         ),
-    )
+    )  # fmt: skip
     yield (
         "mmw.connect(...).sql",
         lambda key: len(connection.sql(f"SELECT x, y, z, intensity FROM lidar WHERE {where(key)}").df()),
+    )
+    yield (
+        "mmw.connect(...), lidar_at",
+        lambda key: len(
+            connection.sql(
+                f"SELECT x, y, z, intensity FROM lidar_at('{SCENARIO}', '{key[0]}', {key[1]}) WHERE agent = '{key[2]}'"
+            ).df()
+        ),
     )
     plain = duckdb.connect()
     glob = f"read_parquet('{folder}/**/*.parquet', hive_partitioning = true)"

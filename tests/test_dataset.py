@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import duckdb
 import numpy as np
 import pandas as pd
 import pyarrow as pa
@@ -30,6 +31,21 @@ KEYS = [
 def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A dataset in a folder whose name is hard to quote."""
     return write_made_up(tmp_path_factory.mktemp("it's") / "data [1] *", KEYS)
+
+
+def test_one_frame_comes_from_its_file(root):
+    connection = connect(root)
+    for key in KEYS:
+        for frame in range(key.frame_begin, key.frame_end):
+            at = f"('{key.scenario}', '{key.weather}', {frame})"
+            same = f"WHERE scenario = '{key.scenario}' AND weather = '{key.weather}' AND frame = {frame}"
+            for table in ("lidar", "links"):
+                rows = connection.sql(f"SELECT * FROM {table}_at{at} ORDER BY ALL").fetchall()
+                assert rows == connection.sql(f"SELECT * FROM {table} {same} ORDER BY ALL").fetchall() != []
+                plan = str(connection.sql(f"EXPLAIN ANALYZE SELECT * FROM {table}_at{at}").fetchall())
+                assert "Total Files Read: 1" in plan and f"part-{key.frame_begin:06d}" in plan
+    with pytest.raises(duckdb.IOException, match="part-000000"):
+        connection.sql("SELECT * FROM lidar_at('nowhere', 'sunny', 0)")
 
 
 def test_views_hold_every_row_once(root):

@@ -2,8 +2,11 @@
 
 import atexit
 import glob
+import math
+import re
 import weakref
-from collections.abc import Callable, Mapping
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from mmw.dataset.beams import BeamSearch, csi_sql
@@ -147,6 +150,9 @@ VIEWS: Mapping[str, tuple[tuple[str, ...], str]] = {
 }
 """View -> tables that it needs, and its statement."""
 
+_FILE = re.compile(r"/scenario=([^/]+)/weather=[^/]+/part-(\d+)\.parquet$")
+"""Scenario and first frame in a file's path."""
+
 _OPEN: "weakref.WeakSet[Any]" = weakref.WeakSet()
 """Connections that are open."""
 
@@ -159,7 +165,7 @@ def _close_all() -> None:
 
 
 def make_connection(dataset: "Dataset", search: BeamSearch | None = None) -> "duckdb.DuckDBPyConnection":
-    """Return a connection with one view a table, `VIEWS`, and the functions `best_beam` and `csi`.
+    """Return a connection with one view a table, `VIEWS`, and the functions `best_beam`, `csi` and `TABLE_at`.
 
     Args:
         dataset: The dataset; one that is not local is read through Arrow.
@@ -178,7 +184,7 @@ def make_connection(dataset: "Dataset", search: BeamSearch | None = None) -> "du
     connection = duckdb.connect()
     connection.execute("SET parquet_metadata_cache = true")  # a query of one frame reads mostly footers
     for name in dataset.tables:
-        dataset.check_files(name)
+        names = dataset.check_files(name)
         if dataset.filesystem is not None:
             connection.register(name, dataset.arrow(name))
             continue
@@ -193,12 +199,48 @@ def make_connection(dataset: "Dataset", search: BeamSearch | None = None) -> "du
         missing = set(table_spec(name).key) - set(connection.table(name).columns)
         if missing:
             raise dataset.damage(name, ValueError(f"has no column {', '.join(sorted(missing))}"))
+        if table_spec(name).framed:
+            connection.execute(frame_macro(name, str(dataset.root), names))
     _add_functions(connection, search or BeamSearch())
     for needed, statement in VIEWS.values():
         if set(needed) <= set(dataset.tables):
             connection.execute(statement)
     _OPEN.add(connection)
     return connection
+
+
+def frame_macro(table: str, root: str, files: Sequence[str]) -> str:
+    """Return SQL that makes `TABLE_at(scenario, weather, frame)`: the rows of one frame, from the one file that has it.
+
+    A query of the view looks into the footer of every file of the weather instead.
+
+    Args:
+        table: Table with frames.
+        root: Dataset folder.
+        files: Paths of its files.
+    """
+    begins: dict[str, set[int]] = defaultdict(set)
+    for file in files:
+        found = _FILE.search(file)
+        if found:
+            begins[found[1]].add(int(found[2]))
+    cases = ""
+    for scenario, numbers in sorted(begins.items()):
+        first = min(numbers)
+        step = math.gcd(*(number - first for number in numbers)) or 1 << 30  # one file has all frames
+        cases += f" WHEN {_quoted(scenario)} THEN {first} + (in_frame - {first}) // {step} * {step}"
+    path = (
+        f"{_quoted(glob.escape(root))} || '/{table}/scenario=' || in_scenario || '/weather=' || in_weather || "
+        f"'/part-' || printf('%06d', CASE in_scenario{cases} ELSE 0 END) || '.parquet'"
+    )
+    return (
+        f"CREATE MACRO {table}_at(in_scenario, in_weather, in_frame) AS TABLE SELECT * FROM "
+        f"read_parquet({path}, hive_partitioning = true, hive_types_autocast = false) WHERE frame = in_frame"
+    )
+
+
+def _quoted(text: str) -> str:
+    return "'" + text.replace("'", "''") + "'"
 
 
 def _add_functions(connection: "duckdb.DuckDBPyConnection", search: BeamSearch) -> None:
