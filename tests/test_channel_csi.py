@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
@@ -259,6 +260,7 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
     root = tmp_path_factory.mktemp("csi") / "dataset"
     prepare_root(root, IDENTITY, META["config_sha256"], {"mmw": "0.1.0"}, False)
     paths = path_table(200)
+    paths = paths.append_column("path", pa.array(range(len(paths)), pa.int16()))
     for name, table in (("paths", paths), ("links", link_table(paths)), ("poses", pose_table())):
         for scenario in ("town_a", "town_b"):
             folder = root / name / f"scenario={scenario}" / "weather=sunny"

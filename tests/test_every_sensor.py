@@ -15,7 +15,8 @@ from mmw.dataset import connect, open_dataset
 from mmw.run import main
 from mmw.tables import publish
 from mmw.tables.schemas import TABLES
-from tests.test_end_to_end import USER_STAGE, assert_same_rows, rows_of
+from tests.own_world import STAGE
+from tests.test_end_to_end import assert_same_rows, rows_of
 
 CONFIG = """
 scenarios:
@@ -215,7 +216,7 @@ ROWS = {
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("every")
-    (folder / "mine.usda").write_text(USER_STAGE)
+    (folder / "mine.usda").write_text(STAGE)
     (folder / "mine.yaml").write_text(CONFIG)
     return folder
 

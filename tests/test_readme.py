@@ -1,6 +1,6 @@
 """The queries of the README run as they stand and print what it says.
 
-They run on the small dataset of the tests, in sun: its agents, links, paths and objects are those of the quickstart; the
+They run on the small dataset of the tests, in sun: agents, links, paths and objects are those of the quickstart; the
 sensors are coarser.
 """
 

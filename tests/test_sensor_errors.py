@@ -12,8 +12,8 @@ from mmw.config import load_config
 from mmw.notes import notes
 from mmw.recording import cameras
 from mmw.run import main
+from tests.own_world import STAGE, write_own_world
 from tests.scenes import two_cars
-from tests.test_end_to_end import USER_CONFIG, USER_STAGE
 
 CONFIG = """
 scenarios:
@@ -137,9 +137,7 @@ def test_wrong_values_are_one_clear_line_and_exit_code_2(
 
 @pytest.fixture
 def own_world(tmp_path: Path) -> Path:
-    (tmp_path / "mine.usda").write_text(USER_STAGE)
-    (tmp_path / "mine.yaml").write_text(USER_CONFIG)
-    return tmp_path
+    return write_own_world(tmp_path)
 
 
 def make_own(own_world: Path, sensor: str, *changes: str) -> int:
@@ -185,7 +183,7 @@ def test_drops_of_rain_have_carriers(own_world: Path, capsys: pytest.CaptureFixt
 
 def test_a_shard_of_more_depths_than_a_column_holds_is_refused(own_world: Path, capsys: pytest.CaptureFixture) -> None:
     sensor = "{type: depth, on: [cav, rsu], format: float32, width_px: 8192, height_px: 8192}"
-    (own_world / "mine.usda").write_text(USER_STAGE.replace("endTimeCode = 9", "endTimeCode = 99"))
+    (own_world / "mine.usda").write_text(STAGE.replace("endTimeCode = 9", "endTimeCode = 99"))
     assert make_own(own_world, sensor, "output.shard_frames=1000", "frames.count=20") == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert "format = float32 gives 2684354560 depths a shard" in line and "output.shard_frames: 15 or less" in line
@@ -200,15 +198,21 @@ def no_device_memory() -> None:
 
 
 @pytest.mark.parametrize("use", [no_host_memory, no_device_memory])
-def test_too_many_frames_a_launch_is_exit_code_1_and_resumable(
+def test_a_memory_that_is_full_with_one_frame_is_exit_code_1_and_resumable(
     own_world: Path, use: Callable[[], None], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:
+    small = "{type: depth, width_px: 8, height_px: 8}"
     with monkeypatch.context() as patch:
         patch.setattr(cameras, "trace_samples", lambda *_, **__: use())
-        assert make_own(own_world, "{type: depth, width_px: 8, height_px: 8}", "compute.batch_frames=7") == 1
-    (line,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("mmw: ")]
-    assert "memory is full with 7 frames a launch" in line and "a smaller --batch-frames resumes" in line
-    assert make_own(own_world, "{type: depth, width_px: 8, height_px: 8}", "compute.batch_frames=1") == 0
+        assert make_own(own_world, small, "frames.count=7", "compute.batch_frames=7") == 1
+    lines = capsys.readouterr().err.splitlines()
+    assert [line for line in lines if line.startswith("note: memory")] == [
+        "note: memory is full with 7 frames a launch; going on with 3",
+        "note: memory is full with 3 frames a launch; going on with 1",
+    ]
+    (line,) = [line for line in lines if line.startswith("mmw: ")]
+    assert "memory is full with a single frame a launch" in line and "the same command resumes" in line
+    assert make_own(own_world, small, "frames.count=7") == 0
 
 
 def test_a_sensor_of_the_defaults_takes_a_table_of_elevations(config_file: Path) -> None:
