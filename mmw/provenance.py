@@ -81,7 +81,7 @@ def check_continuation(root: Path, config: Config, now: Mapping[str, Any]) -> li
 def versions(config: Config, base: Path, device: str) -> dict[str, Any]:
     """Return what makes the data: versions, revision, device, and the hashes of towns, stages and trajectories."""
     packages = {}
-    names = ["warp-lang", "numpy", "usd-core", "pyarrow", "pydantic", "trimesh", "pillow"]
+    names = ["warp-lang", "numpy", "usd-core", "pyarrow", "pydantic", "trimesh", "pillow", "simplejpeg"]
     names += ["libsumo"] * any(scenario.traffic and scenario.traffic.engine == "sumo" for scenario in config.scenarios)
     for name in names:
         try:
