@@ -89,7 +89,7 @@ def contents(windows_of: Path, order: str, stride: int, carrier_hz: float, shrin
     """Return windows of several contents of one dataset."""
     room = CACHE_BYTES if order == "stream" else RANDOM_BYTES
     beams = [Take("beams", carrier_hz=carrier_hz), Take("beams", span="future", carrier_hz=carrier_hz)]
-    lidar, image = Take("lidar", every=10), Take("rgb", sensor="front", every=10, shrink=shrink)  # type: ignore[arg-type]
+    lidar, image = Take("lidar", every=10), Take("rgb", sensor="front", every=10, shrink=shrink)
     takes = {
         "beams": beams,
         "4 LiDAR": [*beams, lidar],

@@ -77,7 +77,7 @@ def navigation() -> list[str]:
         if isinstance(item, str):
             return [item]
         parts = item.values() if isinstance(item, dict) else item
-        return [leaf for part in parts for leaf in leaves(part)]  # type: ignore[union-attr]
+        return [leaf for part in parts for leaf in leaves(part)]
 
     return leaves(yaml.safe_load((ROOT / "mkdocs.yml").read_text())["nav"])
 

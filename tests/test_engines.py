@@ -13,12 +13,13 @@ import pyarrow.parquet as pq
 import pytest
 
 import mmw.pipeline
+import mmw.tables.lock
 from mmw.__main__ import main as mmw_main
 from mmw.config import load_config
 from mmw.engines.queue import MOST_TRIES, WorkerLostError, WorkQueue
 from mmw.run import main
 from mmw.shards import Part, Work, all_work, part_of
-from mmw.tables.lock import writing
+from mmw.tables.lock import only_one, writers, writing
 from mmw.tables.verify import verify
 from tests.own_world import write_own_world
 
@@ -130,6 +131,17 @@ def test_two_writers_of_one_folder_are_refused(world: Path, capsys: pytest.Captu
             pass
     with writing(out, 0, 2, pytest.fail), writing(out, 1, 2, pytest.fail):
         pass
+
+
+def test_a_file_system_without_locks_is_said_and_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_locks(*_: object, **__: object) -> None:
+        raise NotImplementedError("FileSystem does not appear to support flock")
+
+    monkeypatch.setattr(mmw.tables.lock, "FileLock", no_locks)
+    told: list[str] = []
+    with writing(tmp_path, 0, 1, told.append), only_one(tmp_path, "stage-a"):
+        assert writers(tmp_path) == []
+    assert len(told) == 1 and "its file system has no locks" in told[0]
 
 
 def test_a_full_memory_halves_the_batch(world: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:

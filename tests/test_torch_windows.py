@@ -67,7 +67,7 @@ def test_a_loader_of_the_map_style_dataset(windows: Windows) -> None:
     listed = collate([WindowDataset(windows)[n] for n in (0, 1)], "list")
     assert [len(window) for window in listed["lidar"]] == [4, 4] and listed["lidar"][0][0].shape[1] == 4
     with pytest.raises(ValueError, match="pad or list"):
-        collate([WindowDataset(windows)[0]], "cut")  # type: ignore[arg-type]
+        collate([WindowDataset(windows)[0]], "cut")
 
 
 def test_a_transform_sees_tensors_and_its_result_counts(windows: Windows) -> None:

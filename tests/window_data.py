@@ -121,4 +121,4 @@ def bare_windows(frames: Mapping[tuple[str, str, str], Sequence[int]], past: int
             if set(range(first, last + 1)) <= set(track.frames.tolist()):
                 found.append((number, now, first, last, 0))
     arrays = np.array(found, dtype=np.int64).reshape(-1, 5).T
-    return Windows(None, WindowSpec(["poses"], past + 1, future), tracks, {}, *arrays, {})  # type: ignore[arg-type]
+    return Windows(None, WindowSpec(["poses"], past + 1, future), tracks, {}, *arrays, {})

@@ -29,9 +29,7 @@ def writing(root: Path, index: int, count: int, tell: Callable[[str], None]) -> 
     folder.mkdir(exist_ok=True)
     own = folder / f"part-{index}-of-{count}.lock"
     with ExitStack() as held:
-        try:
-            _take(own, held, root)
-        except NotImplementedError:  # as on some cluster file systems
+        if not _take(own, held, root):
             tell(f"{root}: its file system has no locks; start no other run of the same part on it")
             yield
             return
@@ -54,7 +52,8 @@ def only_one(root: Path, name: str) -> Iterator[None]:
     """Hold something of a dataset folder while others wait, such as a scenario's stage while it is made."""
     folder = root / LOCKS
     folder.mkdir(exist_ok=True)
-    with FileLock(folder / f"{name}.lock"):
+    with ExitStack() as held:
+        _hold(folder / f"{name}.lock", held, timeout=-1)  # without locks two make the same files, whole both times
         yield
 
 
@@ -63,8 +62,8 @@ def writers(root: Path) -> list[str]:
     found = []
     for path in sorted((root / LOCKS).glob("part-*.lock")):
         try:
-            with FileLock(path, timeout=0):
-                continue
+            with ExitStack() as looked:
+                _hold(path, looked, timeout=0)
         except Timeout:
             found.append(f"{path.stem.replace('-', ' ')}: {_holder(path)}")
     return found
@@ -77,9 +76,22 @@ def remove_temporaries(root: Path) -> None:
             path.unlink(missing_ok=True)
 
 
-def _take(path: Path, held: ExitStack, root: Path) -> None:
+def _hold(path: Path, held: ExitStack, timeout: float) -> bool:
+    """Take a lock; False where the file system has none, as on some clusters.
+
+    Raises:
+        Timeout: If another process has it.
+    """
     try:
-        held.enter_context(FileLock(path, timeout=0))
+        held.enter_context(FileLock(path, timeout=timeout))
+    except NotImplementedError:  # what filelock raises there
+        return False
+    return True
+
+
+def _take(path: Path, held: ExitStack, root: Path) -> bool:
+    try:
+        return _hold(path, held, timeout=0)
     except Timeout:
         raise ValueError(
             f"{root}: is being written by another run ({_holder(path)}, {path.stem.replace('-', ' ')}); "

@@ -183,7 +183,7 @@ def _named(values: np.ndarray, parts: Parts, by: str) -> dict[str, list[str]]:
     Raises:
         ValueError: If a name is not there, or in two parts.
     """
-    found = {part: [some] if isinstance(some, str) else list(some) for part, some in parts.items()}  # type: ignore[arg-type]
+    found = {part: [some] if isinstance(some, str) else list(some) for part, some in parts.items()}
     given = [name for some in found.values() for name in some]
     known = np.unique(values).tolist()
     wrong = sorted({name for name in given if name not in known or given.count(name) > 1})
