@@ -19,6 +19,7 @@ from mmw.tables.columns import check_table, frame_rows, table_from_columns
 from mmw.tables.parquet import arrow_schema, write_options
 from mmw.tables.publish import OutOfSpaceError, publish_bytes
 from mmw.tables.schemas import SCHEMA_VERSION, table_spec
+from mmw.tables.store import Root, Store, store_of
 
 __all__ = ["OutOfSpaceError", "ShardKey", "marker_path", "table_path", "write_scenario", "write_shard"]
 
@@ -63,13 +64,13 @@ def marker_path(key: ShardKey | str) -> Path:
     return Path(MARKERS, f"{key.scenario}.{key.weather}.{key.frame_begin:06d}.json")
 
 
-def write_shard(root: Path, key: ShardKey, tables: Mapping[str, Columns], meta: Mapping[str, Any]) -> dict[str, Any]:
+def write_shard(root: Root, key: ShardKey, tables: Mapping[str, Columns], meta: Mapping[str, Any]) -> dict[str, Any]:
     """Publish every table of a shard, then its marker; an existing shard of the same name is replaced.
 
     Threads may write different shards of one folder at the same time.
 
     Args:
-        root: Dataset folder.
+        root: Dataset.
         key: Which shard.
         tables: Framed tables by name, as columns (see `table_from_columns`; `scenario` and `weather` may be left out)
             or as Arrow tables.
@@ -81,6 +82,7 @@ def write_shard(root: Path, key: ShardKey, tables: Mapping[str, Columns], meta: 
     Raises:
         ValueError: If a table does not fit its schema or holds a row of another shard.
         OutOfSpaceError: If the disk is full; what was published before is not touched.
+        StoreError: If the store cannot be reached or refuses; the shard stays in its staging folder.
     """
     ready: dict[str, pa.Table] = {}
     for name, columns in tables.items():
@@ -94,10 +96,10 @@ def write_shard(root: Path, key: ShardKey, tables: Mapping[str, Columns], meta: 
         "frame_begin": key.frame_begin,
         "frame_end": key.frame_end,
     }
-    return _publish(Path(root), key, identity, ready, meta)
+    return _publish(store_of(root), key, identity, ready, meta)
 
 
-def write_scenario(root: Path, scenario: str, tables: Mapping[str, Columns], meta: Mapping[str, Any]) -> dict[str, Any]:
+def write_scenario(root: Root, scenario: str, tables: Mapping[str, Columns], meta: Mapping[str, Any]) -> dict[str, Any]:
     """Publish the static tables of a scenario (`objects`, `sensors`, `materials`), then their marker.
 
     Arguments, result and errors are those of `write_shard`; the marker has no weather and no frames.
@@ -109,7 +111,7 @@ def write_scenario(root: Path, scenario: str, tables: Mapping[str, Columns], met
         ready[name] = _to_table(name, columns, {"scenario": scenario})
         _check_names(name, ready[name], "scenario", scenario)
     identity = {"scenario": scenario, "weather": None, "frame_begin": None, "frame_end": None}
-    return _publish(Path(root), scenario, identity, ready, meta)
+    return _publish(store_of(root), scenario, identity, ready, meta)
 
 
 def _to_table(name: str, columns: Any, key: dict[str, str]) -> pa.Table:
@@ -139,7 +141,7 @@ def _check_names(name: str, table: pa.Table, column: str, value: str) -> None:
 
 
 def _publish(
-    root: Path, key: ShardKey | str, identity: dict[str, Any], tables: dict[str, pa.Table], meta: Mapping[str, Any]
+    root: Store, key: ShardKey | str, identity: dict[str, Any], tables: dict[str, pa.Table], meta: Mapping[str, Any]
 ) -> dict[str, Any]:
     unknown = sorted(set(meta) - set(META_KEYS))
     if unknown or "config_sha256" not in meta:
@@ -149,7 +151,7 @@ def _publish(
     for name, table in tables.items():
         data = _parquet_bytes(name, table, file_meta)
         path = table_path(name, key)
-        publish_bytes(root / path, data)
+        publish_bytes(root.folder / path, data)
         digest = hashlib.sha256(data).hexdigest()
         files.append(
             {"table": name, "path": path.as_posix(), "rows": table.num_rows, "bytes": data.nbytes, "sha256": digest}
@@ -161,7 +163,9 @@ def _publish(
         "created_utc": datetime.now(UTC).isoformat(timespec="seconds"),
         "files": files,
     }
-    publish_bytes(root / marker_path(key), json.dumps(marker, indent=1).encode())
+    last = marker_path(key)
+    publish_bytes(root.folder / last, json.dumps(marker, indent=1).encode())
+    root.keep([file["path"] for file in files], last.as_posix(), drop=isinstance(key, ShardKey))
     return marker
 
 
