@@ -39,11 +39,14 @@ def kept_stage(config: Config, scenario: ScenarioConfig, base: Path, root: Store
         StoreError: If the store cannot be reached or refuses.
     """
     own = f"{STAGES}/{scenario.name}"
-    parts, last = ((f"{own}.usdc", ASSETS), f"{own}.json") if scenario.stage is None else ((), f"{own}.usda")
-    root.fetch(parts, last)
+    if scenario.stage is None:
+        root.fetch((f"{own}.usdc", ASSETS), f"{own}.json")
+        stage = prepare_scenario(config, scenario, base, root.folder)
+        root.keep((f"{own}.usdc", ASSETS), f"{own}.json")
+        return stage
     stage = prepare_scenario(config, scenario, base, root.folder)
-    if (root.folder / last).is_file():  # not where a user's own stage is read in its place
-        root.keep(parts, last)
+    if scenario.rsus:
+        root.keep((), f"{own}.usda")
     return stage
 
 

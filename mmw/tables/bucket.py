@@ -23,7 +23,8 @@ import pyarrow.parquet as pq
 
 from mmw.paths import cache_dir
 from mmw.tables.publish import StoreError, publish_bytes
-from mmw.tables.store import DATASET, Folder, Store, inside
+from mmw.tables.store import DATASET, Folder, Store
+from mmw.temporary import is_temporary
 
 WAITS_S = (1.0, 5.0, 25.0)
 """Pauses before a request that failed is tried again [s]; the S3 client has tried it for some seconds each time. Design
@@ -39,7 +40,7 @@ READERS = 16
 """Threads that read small files."""
 
 CAUSES = (
-    ("NO_SUCH_BUCKET", "there is no such bucket", "make it, or correct the address"),
+    ("NO_SUCH_BUCKET|Bucket '.*' not found", "there is no such bucket", "make it, or correct the address"),
     (
         r"INVALID_ACCESS_KEY|SIGNATURE_DOES_NOT_MATCH|INVALID_CLIENT_TOKEN|UNRECOGNIZED_CLIENT|MISSING_AUTHENTICATION"
         "|ExpiredToken|InvalidToken|TokenRefreshRequired",
@@ -90,9 +91,7 @@ class Bucket(Store):
         if parts.scheme != "s3" or not parts.netloc:
             raise ValueError(f"{address}: is no place for a dataset; give a folder or s3://bucket/folder")
         self.address = address
-        self._key = "/".join(part for part in unquote(parts.path).split("/") if part)
-        self._bucket = parts.netloc
-        self._root = "/".join(part for part in (self._bucket, self._key) if part)
+        self._root = "/".join([parts.netloc, *filter(None, unquote(parts.path).split("/"))])
         self._part = part
         endpoint = parse_qs(parts.query).get("endpoint_override", [""])[0]
         mark = hashlib.sha256(f"{endpoint} {self._root}".encode()).hexdigest()[:8]
@@ -139,6 +138,9 @@ class Bucket(Store):
 
     def read_all(self, names: Iterable[str]) -> dict[str, bytes]:
         names = list(names)
+        if len(names) > FEW:
+            there = {name for top in sorted({name.partition("/")[0] for name in names}) for name in self._sizes(top)}
+            names = [name for name in names if name in there]
         with ThreadPoolExecutor(READERS) as pool:
             found = pool.map(self.read, names)
             return {name: data for name, data in zip(names, found, strict=True) if data is not None}
@@ -185,7 +187,8 @@ class Bucket(Store):
             elif kind == pafs.FileType.File:
                 self._do("removed", name, lambda path=path: self._system.delete_file(path))
 
-    def claim(self) -> None:
+    def claim(self, head: bytes) -> None:
+        self.publish(DATASET, head)  # also if it is there: to know before anything is made whether it can be written
         self.folder.mkdir(parents=True, exist_ok=True)
         is_whole = self._part == "0-of-1"  # then nobody else writes here
         for other in self._staging.iterdir():
@@ -214,10 +217,8 @@ class Bucket(Store):
         here = self.folder / last
         if data is None or (here.is_file() and here.read_bytes() == data):
             return
-        tops = sorted({name.partition("/")[0] for name in names})
-        there = [name for top in tops for name in self.names(top) if inside(name, names) and name not in self._same]
-        with ThreadPoolExecutor(READERS) as pool:
-            list(pool.map(lambda name: self._bring(name, self.folder), there))
+        there = [name for name in self._below(names) if name not in self._same]
+        self._bring(there, self.folder)
         self._same.update(there)
         publish_bytes(here, data)
 
@@ -227,20 +228,17 @@ class Bucket(Store):
     @contextmanager
     def copy(self, *names: str) -> Iterator[Path]:
         with tempfile.TemporaryDirectory(prefix="mmw-") as made:
-            folder = Path(made)
-            tops = sorted({name.partition("/")[0] for name in names})
-            there = [name for top in tops for name in self.names(top) or [top] if inside(name, names)]
-            with ThreadPoolExecutor(READERS) as pool:
-                list(pool.map(lambda name: self._bring(name, folder), there))
-            yield folder
+            self._bring(self._below(names), Path(made))
+            yield Path(made)
 
     def _here(self, names: Iterable[str]) -> dict[str, int]:
         """Return files of `folder` and their sizes [byte]; a folder stands for the files in it."""
         files: dict[str, int] = {}
         for name in names:
             path = self.folder / name
-            inner = sorted(path.rglob("*")) if path.is_dir() else [path]
-            files |= {file.relative_to(self.folder).as_posix(): file.stat().st_size for file in inner if file.is_file()}
+            for file in sorted(path.rglob("*")) if path.is_dir() else [path]:
+                if file.is_file() and not is_temporary(file):
+                    files[file.relative_to(self.folder).as_posix()] = file.stat().st_size
         return files
 
     def _differing(self, files: dict[str, int]) -> list[str]:
@@ -248,10 +246,18 @@ class Bucket(Store):
         there = self.sizes(files.keys())
         return [name for name, size in files.items() if there.get(name) != size]
 
-    def _bring(self, name: str, folder: Path) -> None:
-        data = self.read(name)
-        if data is not None:
-            publish_bytes(folder / name, data)
+    def _below(self, names: Iterable[str]) -> list[str]:
+        """Return the files that are there of some files and folders."""
+        return [name for top in names for name in ([top] if self.sizes([top]) else self.names(top))]
+
+    def _bring(self, names: Sequence[str], folder: Path) -> None:
+        def bring(name: str) -> None:
+            data = self.read(name)
+            if data is not None:
+                publish_bytes(folder / name, data)
+
+        with ThreadPoolExecutor(READERS) as pool:
+            list(pool.map(bring, names))
 
     def _put(self, name: str, data: bytes) -> None:
         """Put an object. The data is at hand before it is begun: closing a stream publishes what was written to it."""

@@ -84,7 +84,7 @@ def prepare_root(
         store.remove((*FOLDERS, MANIFEST, CARD, CONFIG))  # markers first: a kill on the way leaves no false claim
     else:
         _check_same(store, config_identity, config_sha256)
-        _publish_head(store, head)  # as it is: to know now whether the place can be written to
+        _claim(store, head)
         return
     content = {
         "schema_version": SCHEMA_VERSION,
@@ -93,15 +93,14 @@ def prepare_root(
         "created_utc": datetime.now(UTC).isoformat(timespec="seconds"),
         "config": dict(config_identity),
     }
-    _publish_head(store, json.dumps(content, indent=1).encode())
+    _claim(store, json.dumps(content, indent=1).encode())
 
 
-def _publish_head(store: Store, data: bytes) -> None:
+def _claim(store: Store, head: bytes) -> None:
     try:
-        store.publish(DATASET, data)
+        store.claim(head)
     except StoreError as error:
         raise ValueError(str(error)) from error
-    store.claim()
 
 
 def read_dataset(root: Root) -> dict[str, Any]:

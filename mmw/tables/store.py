@@ -5,7 +5,7 @@ import shutil
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -96,8 +96,12 @@ class Store(ABC):
         """Remove files, and folders with everything in them, in this order; those that are not there are left out."""
 
     @abstractmethod
-    def claim(self) -> None:
-        """Make `folder`, and remove what other datasets left in its place. The dataset has its `dataset.json`."""
+    def claim(self, head: bytes) -> None:
+        """Begin to write the dataset whose `dataset.json` is given, or go on: it is there then, and `folder` too.
+
+        Raises:
+            OutOfSpaceError, StoreError: As `publish`.
+        """
 
     @abstractmethod
     def keep(self, names: Iterable[str], last: str, *, drop: bool = False) -> None:
@@ -224,8 +228,9 @@ class Folder(Store):
             else:
                 path.unlink(missing_ok=True)
 
-    def claim(self) -> None:
-        """Nothing is to be done: the dataset is in its place."""
+    def claim(self, head: bytes) -> None:
+        if self.read(DATASET) != head:
+            self.publish(DATASET, head)
 
     def keep(self, names: Iterable[str], last: str, *, drop: bool = False) -> None:
         """Nothing is to be done: what is made in the folder is a part of the dataset."""
@@ -239,9 +244,3 @@ class Folder(Store):
     @contextmanager
     def copy(self, *names: str) -> Iterator[Path]:
         yield self._root
-
-
-def inside(name: str, folders: Iterable[str]) -> bool:
-    """Return whether a file is one of some files, or below one of some folders."""
-    own = PurePosixPath(name)
-    return any(own.is_relative_to(folder) for folder in folders)
