@@ -1,14 +1,13 @@
 """Whole runs into a bucket: the same dataset as in a folder, whatever fails, stops or is killed on the way."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
 from itertools import count
 from pathlib import Path
 
-import pandas as pd
-import pyarrow.fs as pafs
 import pytest
 
 import mmw
@@ -28,6 +27,7 @@ from tests.s3_server import Answer, Server, puts, s3
 
 __all__ = ["s3"]
 
+ROOT = Path(__file__).parent.parent
 SMALL = ["frames.count=4", "output.shard_frames=2", "weathers=[sunny, rainy]"]
 FRAMES = 2 * 4
 
@@ -107,16 +107,20 @@ def test_every_check_reads_a_bucket(server: Server, made: str, capsys: pytest.Ca
         Bucket(made).publish(name, whole)
 
 
-def test_readers(server: Server, world: Path, made: str) -> None:
-    """What docs/query.md says of a dataset elsewhere."""
+def test_readers(server: Server, world: Path, made: str, capsys: pytest.CaptureFixture) -> None:
+    """What docs/running.md says of reading a bucket, and docs/query.md of a dataset elsewhere."""
     one, other = mmw.open(world / "local"), mmw.open(made)
     assert other.tables == one.tables and other.read("lidar").equals(one.read("lidar"))
     query = "SELECT weather, frame, agent, gain_db FROM links ORDER BY ALL"
     assert mmw.connect(made).sql(query).fetchall() == mmw.connect(world / "local").sql(query).fetchall() != []
-    store, folder = pafs.FileSystem.from_uri(made)
+    (block,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs/running.md").read_text(), re.DOTALL)
+    assert 's3://my-bucket/full?region=eu-central-1"' in block
+    names: dict = {}
+    exec(block.replace("s3://my-bucket/full?region=eu-central-1", made), names)
+    assert "avg(gain_db)" in capsys.readouterr().out
     where = [("frame", "==", 3), ("agent", "==", "Ego")]
-    rows = pd.read_parquet(f"{folder}/imu", filesystem=store, filters=where)
-    assert len(rows) == 2 and rows.equals(pd.read_parquet(world / "local/imu", filters=where))
+    rows = names["pd"].read_parquet(f"{names['folder']}/imu", filesystem=names["store"], filters=where)
+    assert len(rows) == 2 and rows.equals(names["pd"].read_parquet(world / "local/imu", filters=where))
 
 
 def test_a_run_that_cannot_put_stops_and_goes_on(server: Server, world: Path, local, capsys, monkeypatch) -> None:

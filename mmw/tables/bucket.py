@@ -290,7 +290,10 @@ class Bucket(Store):
         """The store; objects are put by one request, as far as they are small. With a large one that could not be begun
         Arrow would leave an empty object."""
         sign = "&" if "?" in self.address else "?"
-        return pafs.FileSystem.from_uri(f"{self.address}{sign}allow_delayed_open=true")[0]
+        try:
+            return pafs.FileSystem.from_uri(f"{self.address}{sign}allow_delayed_open=true")[0]
+        except pa.ArrowInvalid:
+            return self._system  # until version 20 addresses do not have that option
 
     def _do(self, done: str, name: str, work: Callable[[], Result], waits: tuple[float, ...] | None = None) -> Result:
         """Ask something of the store, and again after a pause where that may help.
