@@ -37,6 +37,8 @@ class Making:
     """Dataset folder."""
     meta: Mapping[str, Any]
     """What goes into every marker; see `write_shard`."""
+    threads: int
+    """Threads of each worker that encode and write."""
 
 
 class Worker:
@@ -56,7 +58,7 @@ class Worker:
         self._making = making
         self._device = device
         self._reporter = reporter
-        self._pool = ThreadPoolExecutor(making.config.compute.writer_threads, thread_name_prefix="mmw-writer")
+        self._pool = ThreadPoolExecutor(making.threads, thread_name_prefix="mmw-writer")
         self._scenarios = {scenario.name: scenario for scenario in making.config.scenarios}
         self._job: Job | None = None
         self._current = ""
