@@ -23,6 +23,9 @@ from mmw.tables.lock import only_one, writers, writing
 from mmw.tables.verify import verify
 from tests.own_world import write_own_world
 
+KILL_ROUNDS = int(os.environ.get("MMW_KILL_ROUNDS", "3"))
+"""Datasets that are made among kills, about seven each."""
+
 SMALL = ["output.shard_frames=2", "weathers=[sunny, rainy]"]
 FRAMES = 2 * 10
 
@@ -175,7 +178,7 @@ def children(process: int) -> list[int]:
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="finds processes in /proc")
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(KILL_ROUNDS))
 def test_killed_workers_and_runs_leave_nothing_wrong(world: Path, seed: int) -> None:
     """Workers and the run itself are killed, after some more shards each time, until the dataset is there."""
     random_s, out, kills = random.Random(seed), world / f"killed-{seed}", 0
@@ -202,5 +205,6 @@ def test_killed_workers_and_runs_leave_nothing_wrong(world: Path, seed: int) -> 
             break
         assert run.returncode in (1, -signal.SIGKILL), errors
     assert run.returncode == 0 and kills > 0
+    print(f"{kills} kills")
     assert_same_rows(world / "alone", out)
     assert [finding for finding in verify(out) if finding.is_error] == []
