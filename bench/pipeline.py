@@ -25,7 +25,7 @@ from pathlib import Path
 import warp as wp
 
 from bench.rays import machine
-from mmw.compute.device import cores, worker_devices
+from mmw.compute.device import worker_devices
 from mmw.config import Config, load_config
 from mmw.make import make_dataset
 from mmw.report import SET_UP, Console
@@ -34,7 +34,10 @@ from mmw.shards import Part
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"
 
 SAMPLE_S = 0.2
-"""Time between two looks at the GPU [s]."""
+"""Time between two looks at the GPU and the cores [s]."""
+
+PROCESSOR_TIMES = Path("/proc/stat")
+"""Where Linux counts what its cores do."""
 
 
 @dataclass(frozen=True)
@@ -58,8 +61,10 @@ class Result:
     bytes: int
     gpu_busy: float | None
     """Share of the time after set-up in which kernels ran, as `nvidia-smi` samples it; None without a GPU."""
-    cores_busy: float
-    """Processor seconds of the run, its workers included, over seconds and cores."""
+    cores_busy: float | None
+    """Share of the time after set-up in which the machine's cores worked, as Linux counts it; None elsewhere."""
+    processor_s: float
+    """Processor seconds of the run, its workers included."""
     host_gb: float
     """Largest memory of a process [GB]."""
     device_gb: float | None
@@ -69,26 +74,32 @@ class Result:
 
 
 @dataclass
-class Gpu:
-    """Samples of load and memory of the first GPU while a block runs."""
+class Load:
+    """Samples of the load of the first GPU and of all cores, and of the GPU's memory, while a block runs."""
 
-    load: list[tuple[float, float]] = field(default_factory=list)
+    gpu: list[tuple[float, float]] = field(default_factory=list)
     """Time and share of it that kernels ran."""
+    cores: list[tuple[float, float]] = field(default_factory=list)
+    """Time and share of it that cores worked."""
     memory_gb: float = 0.0
     _process: subprocess.Popen[str] | None = None
+    _ended: threading.Event = field(default_factory=threading.Event)
 
-    def __enter__(self) -> "Gpu":
-        """Start to look, where there is a GPU."""
+    def __enter__(self) -> "Load":
+        """Start to look."""
         if wp.get_cuda_device_count():
             query = ["--query-gpu=utilization.gpu,memory.used", "--format=csv,noheader,nounits", "--id=0"]
             self._process = subprocess.Popen(
                 ["nvidia-smi", *query, f"--loop-ms={int(1000 * SAMPLE_S)}"], stdout=subprocess.PIPE, text=True
             )
             threading.Thread(target=self._look, daemon=True).start()
+        if PROCESSOR_TIMES.exists():
+            threading.Thread(target=self._look_at_cores, daemon=True).start()
         return self
 
     def __exit__(self, *_: object) -> None:
         """Stop."""
+        self._ended.set()
         if self._process:
             self._process.kill()
 
@@ -96,13 +107,28 @@ class Gpu:
         assert self._process and self._process.stdout
         for line in self._process.stdout:
             load, used = line.split(",")
-            self.load.append((time.perf_counter(), float(load) / 100.0))
+            self.gpu.append((time.perf_counter(), float(load) / 100.0))
             self.memory_gb = max(self.memory_gb, float(used) * 2**20 / 1e9)
 
-    def busy_since(self, start: float) -> float | None:
-        """Return the mean load after a time."""
-        some = [load for at, load in self.load if at >= start]
-        return sum(some) / len(some) if some else None
+    def _look_at_cores(self) -> None:
+        before = _processor_times()
+        while not self._ended.wait(SAMPLE_S):
+            now = _processor_times()
+            total, idle = now[0] - before[0], now[1] - before[1]
+            if total:
+                self.cores.append((time.perf_counter(), 1.0 - idle / total))
+            before = now
+
+
+def _processor_times() -> tuple[int, int]:
+    """Return all and the idle ticks of all cores since the machine started; `proc_stat(5)`."""
+    ticks = [int(word) for word in PROCESSOR_TIMES.read_text().splitlines()[0].split()[1:9]]
+    return sum(ticks), ticks[3] + ticks[4]
+
+
+def _mean_between(samples: list[tuple[float, float]], start: float, end: float) -> float | None:
+    some = [load for at, load in samples if start <= at <= end]
+    return sum(some) / len(some) if some else None
 
 
 def measure(config: Config, whole: Config, base: Path, devices: Sequence[str]) -> Result:
@@ -115,13 +141,14 @@ def measure(config: Config, whole: Config, base: Path, devices: Sequence[str]) -
         devices: Device of each worker.
     """
     used = os.times()
-    with Console() as console, Gpu() as gpu:
+    with Console() as console, Load() as load:
         make_dataset(config, base=base, devices=devices, part=Part(), overwrite=False, console=console)
         seconds, clock, workers = console.clock.elapsed, console.clock, console.workers
     now = os.times()
     processor = sum(now[:4]) - sum(used[:4])
     set_up = sum(clock.seconds.get(name, 0.0) for name in SET_UP) / workers
     steady = max(seconds - set_up, 1e-9)
+    begin, end = clock.start + set_up, clock.start + seconds
     frames = config.frame_total
     projected = set_up / len(config.scenarios) * len(whole.scenarios) + whole.frame_total * steady / frames
     files = list(Path(config.output.dir).rglob("part-*.parquet"))
@@ -130,8 +157,8 @@ def measure(config: Config, whole: Config, base: Path, devices: Sequence[str]) -
         [scenario.name for scenario in config.scenarios], list(config.weathers), workers, frames, seconds, set_up,
         seconds / frames, frames / seconds, sum(clock.rays.values()) / steady, dict(clock.seconds),
         sum(_rows(path) for path in files), sum(path.stat().st_size for path in files),
-        gpu.busy_since(clock.start + set_up), processor / seconds / cores(), memory * 1024 / 1e9,
-        gpu.memory_gb or None, projected,
+        _mean_between(load.gpu, begin, end), _mean_between(load.cores, begin, end), processor, memory * 1024 / 1e9,
+        load.memory_gb or None, projected,
     )  # fmt: skip
 
 
@@ -181,11 +208,12 @@ def main(arguments: list[str]) -> None:
         return
     for name, seconds in sorted(result.stages.items(), key=lambda item: -item[1]):
         print(f"  {name:<40} {seconds:>8.2f} s {100 * seconds / result.seconds / result.workers:>5.1f} %")
-    busy = "no GPU" if result.gpu_busy is None else f"GPU busy {100 * result.gpu_busy:.0f} %"
+    shares = {"GPU": result.gpu_busy, "cores": result.cores_busy}
+    busy = "; ".join(f"{name} busy {100 * share:.0f} %" for name, share in shares.items() if share is not None)
     print(
         f"{result.frames:,} scenario-weather-frames in {result.seconds:.1f} s ({result.set_up_s:.1f} s set-up) with "
         f"{result.workers} workers: {result.frames_per_s:.1f} frames/s, {result.rays_per_s / 1e6:,.0f} M rays/s, "
-        f"{result.bytes / 1e6:,.0f} MB; {busy}, cores busy {100 * result.cores_busy:.0f} %, "
+        f"{result.bytes / 1e6:,.0f} MB; {busy}; {result.processor_s:.0f} s of processor time; "
         f"host {result.host_gb:.1f} GB, device {result.device_gb or 0:.1f} GB; "
         f"all of {options.config.name}: {result.projected_s:.0f} s"
     )

@@ -4,7 +4,7 @@ Geometry is traced once a batch; what differs between weathers is evaluated on t
 """
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
@@ -71,7 +71,9 @@ def make_job(
     return Job(config, scenario, arrays, differentiate(arrays.poses), scene, surfaces, pool, clock)
 
 
-def trace_work(job: Job, work: Work, most_frames: int, reporter: Reporter) -> tuple[Rows, int]:
+def trace_work(
+    job: Job, work: Work, most_frames: int, reporter: Reporter, hand_over: Callable[[range, Rows], None]
+) -> int:
     """Trace the frames of some shards in batches.
 
     A batch that finds the memory full is done again in halves, and so are those after it.
@@ -81,14 +83,14 @@ def trace_work(job: Job, work: Work, most_frames: int, reporter: Reporter) -> tu
         work: The shards.
         most_frames: Frames of a batch.
         reporter: Where progress goes.
+        hand_over: Takes the frames of each batch and its rows in every weather, in the order of the frames.
 
     Returns:
-        Rows in every weather, and the frames of a batch that fit.
+        The frames of a batch that fit.
 
     Raises:
         MemoryError, RuntimeError: If the memory is full with a single frame.
     """
-    collected: Rows = {weather: defaultdict(list) for weather in work.weathers}
     step, first = most_frames, work.frame_begin
     while first < work.frame_end:
         frames = range(first, min(first + step, work.frame_end))
@@ -97,12 +99,10 @@ def trace_work(job: Job, work: Work, most_frames: int, reporter: Reporter) -> tu
             step = len(frames) // 2
             reporter.warn_once(f"memory is full with {len(frames)} frames a launch; going on with {step}")
             continue
-        for weather, tables in batch.items():
-            for name, columns in tables.items():
-                collected[weather][name] += columns
+        hand_over(frames, batch)
         first = frames.stop
         reporter.advance(len(frames) * len(work.weathers), work.scenario)
-    return collected, step
+    return step
 
 
 def _trace_batch(job: Job, frames: Sequence[int], weathers: Sequence[str]) -> Rows | None:

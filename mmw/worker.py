@@ -1,5 +1,6 @@
 """What makes shards: one device with a scenario on it, and threads that encode and write what it traced."""
 
+import time
 from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
@@ -12,7 +13,7 @@ from mmw.config import Config, ScenarioConfig
 from mmw.notes import notes
 from mmw.pipeline import join_batches, make_job, trace_work
 from mmw.prepare import kept_stage, read_scenario
-from mmw.recording.job import Job
+from mmw.recording.job import Job, Rows
 from mmw.recording.kernels import compiled_ahead
 from mmw.report import Reporter
 from mmw.shards import Work
@@ -20,11 +21,11 @@ from mmw.tables.lock import only_one
 from mmw.tables.manifest import pending_scenarios
 from mmw.tables.rows.world import static_rows
 from mmw.tables.store import Store
-from mmw.tables.writer import ShardKey, write_scenario, write_shard
+from mmw.tables.writer import ShardWriter, write_scenario
 
-WORK_IN_FLIGHT = 2
-"""Pieces of work that may always wait for the writers; with more threads than weathers, as many as keep the threads
-busy. Tracing pauses beyond that, which bounds memory to about 0.5 GB a piece."""
+BATCHES_IN_FLIGHT = 2
+"""Batches that may wait for the writers. Tracing pauses beyond that, which bounds memory: 50 frames of the paper's
+sensors are 0.5 GB without their images, which `mmw.recording.encoding` bounds."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,8 @@ class Making:
     """Where the dataset is."""
     meta: Mapping[str, Any]
     """What goes into every marker; see `write_shard`."""
+    threads: int
+    """Threads of each worker that encode and write."""
 
 
 class Worker:
@@ -57,12 +60,12 @@ class Worker:
         self._making = making
         self._device = device
         self._reporter = reporter
-        self._pool = ThreadPoolExecutor(making.config.compute.writer_threads, thread_name_prefix="mmw-writer")
+        self._pool = ThreadPoolExecutor(making.threads, thread_name_prefix="mmw-writer")
         self._scenarios = {scenario.name: scenario for scenario in making.config.scenarios}
         self._job: Job | None = None
         self._current = ""
         self._batch_frames = 0
-        self._writing: list[list[Future[Any]]] = []
+        self._writing: list[list[Future[None]]] = []
         self._compiling = ExitStack()
         self._kernels: list[Future[None]] = []
 
@@ -93,11 +96,17 @@ class Worker:
             self._batch_frames = self._job.scene.max_slots if self._job is not None else 0
         if self._job is None or not work.weathers:
             return
-        collected, self._batch_frames = trace_work(self._job, work, self._batch_frames, self._reporter)
-        self._writing.append([self._pool.submit(self._write, key, collected[key.weather]) for key in work.keys])
-        compute, weathers = self._making.config.compute, self._making.config.weathers
-        while len(self._writing) > max(WORK_IN_FLIGHT, compute.writer_threads // len(weathers)):
-            self._wait(self._writing.pop(0))
+        shards = {key.weather: ShardWriter(self._making.root, key, self._making.meta) for key in work.keys}
+        ends: dict[str, Future[None]] = {}
+        begin = time.perf_counter()
+
+        def hand_over(frames: range, rows: Rows) -> None:
+            for weather, tables in rows.items():
+                ends[weather] = self._pool.submit(_add, shards[weather], frames, tables, ends.get(weather))
+            self._queue(list(ends.values()))
+
+        self._batch_frames = trace_work(self._job, work, self._batch_frames, self._reporter, hand_over)
+        self._queue([self._pool.submit(_close, shards[name], begin, end) for name, end in ends.items()])
 
     def finish(self) -> None:
         """Wait until everything is on the disk."""
@@ -127,12 +136,31 @@ class Worker:
             self._reporter.warn_once(line)
         return job
 
-    def _wait(self, group: list[Future[Any]]) -> None:
+    def _queue(self, group: list[Future[None]]) -> None:
+        """Let writers go on beside the tracing, but not far behind it."""
+        self._writing.append(group)
+        while len(self._writing) > BATCHES_IN_FLIGHT:
+            self._wait(self._writing.pop(0))
+
+    def _wait(self, group: list[Future[None]]) -> None:
         with self._reporter.clock.stage("waiting for writers"):
             for future in group:
                 future.result()
 
-    def _write(self, key: ShardKey, tables: dict[str, list[Any]]) -> None:
-        """Turn the batches of a shard into Arrow tables and publish them. Runs in a writer thread."""
-        ready = {name: join_batches(name, key.scenario, key.weather, batches) for name, batches in tables.items()}
-        write_shard(self._making.root, key, ready, self._making.meta)
+
+def _add(shard: ShardWriter, frames: range, tables: dict[str, list[Any]], before: Future[None] | None) -> None:
+    """Encode the rows of a batch, after those of the batch before. Runs in a writer thread.
+
+    Threads take what was queued first, so the batch before is done or being done.
+    """
+    key = shard.key
+    ready = {name: join_batches(name, key.scenario, key.weather, batches) for name, batches in tables.items()}
+    if before:
+        before.result()
+    shard.add(ready, frames.stop)
+
+
+def _close(shard: ShardWriter, begin: float, before: Future[None]) -> None:
+    """Publish a shard after its last batch. Runs in a writer thread."""
+    before.result()
+    shard.close(time.perf_counter() - begin)

@@ -1,6 +1,9 @@
 """Choosing the device that traces."""
 
+import math
 import os
+import sys
+from collections.abc import Sequence
 
 import warp as wp
 
@@ -27,13 +30,24 @@ def choose_device(name: str) -> str:
     return name
 
 
+CORES_A_WORKER = 3
+"""Processor cores for each worker on a GPU: it traces with one and encodes with two more. Measured on an H100 with 16
+cores, which six workers keep busier than three (`bench/README.md`)."""
+
+GPU_BYTES_A_WORKER = 12 << 30
+"""Device memory for each worker on a GPU [bytes]; the paper's sensors take 11 GB on an H100."""
+
+HOST_BYTES_A_WORKER = 6 << 30
+"""Memory of the machine for each worker on a GPU [bytes]; the paper's sensors take up to 5.7 GB."""
+
+
 def worker_devices(name: str, workers: int | str) -> list[str]:
-    """Return the Warp device of each worker process.
+    """Return the Warp device of each worker process, the devices in turn.
 
     Args:
         name: Configured device: `auto`, `cpu` or `cuda:N`.
-        workers: How many, or `auto`: one a CUDA device where `name` is `auto` and there are any, one on a device that
-            is named, and on the CPU, where a kernel takes one core, one a core.
+        workers: How many, or `auto`: on the CPU, where a kernel takes one core, one a core; on each of the CUDA
+            devices, or on the one that is named, as many as the machine's cores and both memories allow.
 
     Raises:
         ValueError: If the machine has no such device.
@@ -41,9 +55,36 @@ def worker_devices(name: str, workers: int | str) -> list[str]:
     first = choose_device(name)
     if first == "cpu":
         return ["cpu"] * (cores() if workers == "auto" else int(workers))
-    devices = [device.alias for device in wp.get_cuda_devices()] if name == "auto" else [first]
-    count = len(devices) if workers == "auto" else int(workers)
-    return [devices[i % len(devices)] for i in range(count)]
+    found = wp.get_cuda_devices() if name == "auto" else [wp.get_device(first)]
+    count = workers_a_gpu(found) * len(found) if workers == "auto" else int(workers)
+    return [found[i % len(found)].alias for i in range(count)]
+
+
+def workers_a_gpu(found: Sequence[wp.Device]) -> int:
+    """Return how many workers each of the machine's GPUs can have, at least one."""
+    return max(
+        min(
+            math.ceil(cores() / (CORES_A_WORKER * len(found))),
+            int(min(host_bytes() / (HOST_BYTES_A_WORKER * len(found)), sys.maxsize)),
+            min(device.total_memory for device in found) // GPU_BYTES_A_WORKER,
+        ),
+        1,
+    )
+
+
+def host_bytes() -> float:
+    """Return the memory of the machine [bytes]; infinite where the system does not say, as on Windows."""
+    if not hasattr(os, "sysconf"):
+        return math.inf
+    return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+
+
+def writer_threads(configured: int | str, workers: int) -> int:
+    """Return the threads of each of some workers of this machine that encode and write.
+
+    `auto` is three for each core, so that some work while others wait for Python's lock or the disk. Design value.
+    """
+    return int(configured) if configured != "auto" else min(max(3 * cores() // workers, 4), 16)
 
 
 def cores() -> int:

@@ -16,12 +16,21 @@ class ComputeConfig(Section):
     )
     workers: int | Literal["auto"] = Field(
         "auto",
-        description="processes that trace: `auto` is one a CUDA device with `device: auto`, on the CPU one a core, and "
-        "never more than there are pieces of work; `--workers` replaces it (count)",
+        description="processes that trace: `auto` is one a core on the CPU, on each CUDA device one for three cores as "
+        "far as memory allows, and never more than the work is worth; `--workers` replaces it (count)",
     )
-    writer_threads: int = Field(
-        8, ge=1, le=64, description="threads of each worker that encode and write shards (count)"
+    writer_threads: int | Literal["auto"] = Field(
+        "auto",
+        description="threads of each worker that encode and write shards: `auto` is three for each core, divided among "
+        "the workers, 4 to 16 (count)",
     )
+
+    @field_validator("writer_threads")
+    @classmethod
+    def _a_few(cls, value: int | str) -> int | str:
+        if isinstance(value, int) and not 1 <= value <= 64:
+            raise ValueError(f"{value} threads; give 1 to 64, or auto")
+        return value
 
     @field_validator("workers")
     @classmethod

@@ -1,21 +1,35 @@
-"""Kernels that a configuration surely needs, compiled by threads while its first scene is made and read.
+"""Kernels that a configuration surely needs, compiled while its first scene is made and read.
 
-Warp compiles a module at the first launch of one of its kernels, which takes a CPU 1 to 10 s each. Its compiler runs
-outside Python's lock and makes the same object whichever thread calls it.
+Warp compiles a module at the first launch of one of its kernels, which takes a CPU 1 to 10 s each. Its compilers run
+outside Python's lock and make the same object whichever thread or process calls them, so threads compile different
+modules, and processes share them out: what one has compiled, the others load from Warp's cache.
 """
 
 import os
+import time
+from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from importlib import import_module
+from pathlib import Path
 
 import warp as wp
+from filelock import Timeout
 
 from mmw.config import Config, DepthConfig, LidarConfig, RadarConfig, RgbConfig
+from mmw.tables.lock import only_one
 
 MOST_THREADS = 4
-"""Threads that compile at most; each takes about 0.5 GB. Design value."""
+"""Threads of a worker that compile at most; each takes about 0.5 GB. Design value."""
+
+BLOCKS = {"lidar_returns": (256, 64), "radar": (64, 256)} | dict.fromkeys(
+    ("channel_refine", "depth", "lidar", "lighting", "mirror", "picture", "sight", "visibility"), (64,)
+)
+"""Module -> threads of a block in its launches, where it is not 256 alone; on a GPU each is compiled by itself."""
+
+POLL_S = 0.1
+"""Time between two looks at whether another worker has compiled a module [s]."""
 
 
 def needed_modules(config: Config) -> list[str]:
@@ -49,22 +63,46 @@ def _needs_cells(sensor: RadarConfig) -> bool:
 def compiled_ahead(config: Config, device: str) -> Iterator[list[Future[None]]]:
     """Compile and load the kernels of a configuration in threads; who is about to launch them waits for the futures.
 
-    Only for a CPU: on a GPU a module is compiled once for each block size, which its launches say.
-
     Args:
         config: The configuration.
         device: Warp device name.
 
     Yields:
-        One future a module; none on a GPU.
+        One future a thread.
     """
-    if not wp.get_device(device).is_cpu:
-        yield []
-        return
-    threads = min(os.cpu_count() or 1, MOST_THREADS)
-    modules = [import_module(f"mmw.kernels.{name}") for name in needed_modules(config)]
-    pool = ThreadPoolExecutor(threads, thread_name_prefix="mmw-compiler")
+    is_cpu = wp.get_device(device).is_cpu
+    waiting = deque(
+        (name, block) for name in needed_modules(config) for block in ((None,) if is_cpu else BLOCKS.get(name, (256,)))
+    )
+    pool = ThreadPoolExecutor(min(os.cpu_count() or 1, MOST_THREADS), thread_name_prefix="mmw-compiler")
     try:
-        yield [pool.submit(wp.load_module, module, device=device, max_workers=0) for module in modules]
+        yield [pool.submit(_compile, waiting, device) for _ in range(MOST_THREADS)]
     finally:
+        waiting.clear()
         pool.shutdown(wait=True, cancel_futures=True)
+
+
+def kernel_cache() -> Path:
+    """Return the folder in which Warp keeps what was compiled."""
+    wp.init()
+    return Path(wp.config.kernel_cache_dir)
+
+
+def lock_name(module: str, block: int | None) -> str:
+    """Return the name of the lock of who compiles a module for blocks of some size, None for a CPU."""
+    return f"{module}-{block or 'cpu'}"
+
+
+def _compile(waiting: deque[tuple[str, int | None]], device: str) -> None:
+    """Compile and load what waits; what another worker is compiling waits until it has."""
+    while True:
+        try:
+            name, block = waiting.popleft()
+        except IndexError:
+            return
+        try:
+            with only_one(kernel_cache(), lock_name(name, block), timeout_s=0.0):
+                wp.load_module(import_module(f"mmw.kernels.{name}"), device=device, block_dim=block, max_workers=0)
+        except Timeout:
+            waiting.append((name, block))
+            time.sleep(POLL_S)

@@ -10,6 +10,7 @@ from mmw.random_keys import random_keys
 from mmw.recording.job import Job, Rows
 from mmw.recording.launches import Launch, images_of
 from mmw.sensors.host import to_host
+from mmw.sensors.rgb import RgbImages
 from mmw.sensors.visibility_buffer import SampleBuffer
 from mmw.tables.encode import encode_flow, encode_normals, encode_rgb
 from mmw.tables.rows.images import file_rows, rgb_rows
@@ -26,26 +27,25 @@ def record_rgb(job: Job, launch: Launch, buffer: SampleBuffer, collected: Rows) 
         collected: Rows to add to.
     """
     shots = [(shot, shot.sensor) for shot in launch.shots if isinstance(shot.sensor, RgbConfig)]
-    weathers = tuple(collected)
-    images = {weather: np.zeros((0, *buffer.shape[1:], 3), dtype=np.uint8) for weather in weathers}
-    exposure = {weather: np.zeros(0) for weather in weathers}
+    found: dict[str, RgbImages] = {}
     if len(launch.views):
         config = shots[0][1]
         with job.clock.stage(launch.name):
-            keys = {weather: _keys(job, launch, weather) for weather in weathers}
+            keys = {weather: _keys(job, launch, weather) for weather in collected}
             found = job.rgb_camera(config.debug).render(buffer, config, keys, _lens_keys(job, launch))
-            pixels = to_host([found[weather].rgb for weather in weathers])
-            images = dict(zip(weathers, pixels, strict=True))
-            exposure = {weather: found[weather].exposure.numpy() for weather in weathers}
     for weather, tables in collected.items():
+        images, exposure = np.zeros((0, *buffer.shape[1:], 3), dtype=np.uint8), np.zeros(0)
+        if found:
+            with job.clock.stage(launch.name):  # one weather after the other: all at once take three times the memory
+                (images,) = to_host([found[weather].rgb])
+                exposure = found[weather].exposure.numpy()
         for shot, sensor in shots:
             with job.clock.stage("waiting for encoders"):
                 encoded = [
-                    job.encoder.submit(encode_rgb, images[weather][row], sensor.format, sensor.jpeg_quality)
-                    for row in shot.rows
+                    job.encoder.submit(encode_rgb, images[row], sensor.format, sensor.jpeg_quality) for row in shot.rows
                 ]
             views = launch.views.take(shot.rows)
-            own = exposure[weather][shot.rows]
+            own = exposure[shot.rows]
             tables["rgb"].append(rgb_rows(job.arrays, sensor, views, encoded, own, job.scenario.name, weather))
 
 

@@ -58,9 +58,7 @@ def sort_rows(spec: TableSpec, table: pa.Table) -> pa.Table:
     order = numbered.sort_by([(column, "ascending") for column in spec.key]).column(" row").to_numpy()
     if not np.array_equal(order, np.arange(len(order))):
         table, keys = table.take(order), keys.take(order)
-    for index, field in enumerate(table.schema):
-        if pa.types.is_dictionary(field.type):  # order of first appearance, whatever order the rows came in
-            table = table.set_column(index, field, _to_names(table.column(index).combine_chunks()))
+    table = normalize_names(table)
     same = np.ones(table.num_rows - 1, dtype=bool)
     for column in spec.key:
         values = keys.column(column).to_numpy()
@@ -70,6 +68,14 @@ def sort_rows(spec: TableSpec, table: pa.Table) -> pa.Table:
         raise ValueError(
             f"table {spec.name!r}: {int(same.sum())} rows repeat a key, the first {row}; a key names one row"
         )
+    return table
+
+
+def normalize_names(table: pa.Table) -> pa.Table:
+    """Return the table with dictionaries of the names it has, in order of appearance, however its rows came."""
+    for index, field in enumerate(table.schema):
+        if pa.types.is_dictionary(field.type):
+            table = table.set_column(index, field, _to_names(table.column(index).combine_chunks()))
     return table
 
 

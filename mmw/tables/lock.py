@@ -51,12 +51,21 @@ def writing(root: Root, index: int, count: int, tell: Callable[[str], None]) -> 
 
 
 @contextmanager
-def only_one(root: Path, name: str) -> Iterator[None]:
-    """Hold something of a dataset folder while others wait, such as a scenario's stage while it is made."""
+def only_one(root: Path, name: str, timeout_s: float = -1.0) -> Iterator[None]:
+    """Hold something of a folder while others wait, such as a scenario's stage while it is made.
+
+    Args:
+        root: The dataset's folder, or another one that exists.
+        name: What is held.
+        timeout_s: How long to wait for another process or thread that has it [s]; without end if negative.
+
+    Raises:
+        Timeout: If it still has it then.
+    """
     folder = root / LOCKS
     folder.mkdir(parents=True, exist_ok=True)
     with ExitStack() as held:
-        _hold(folder / f"{name}.lock", held, timeout=-1)  # without locks two make the same files, whole both times
+        _hold(folder / f"{name}.lock", held, timeout_s)  # without locks two make the same files, whole both times
         yield
 
 
@@ -66,7 +75,7 @@ def writers(root: Root) -> list[str]:
     for path in sorted((store_of(root).staging / LOCKS).glob("part-*.lock")):
         try:
             with ExitStack() as looked:
-                _hold(path, looked, timeout=0)
+                _hold(path, looked, timeout_s=0.0)
         except Timeout:
             found.append(f"{path.stem.replace('-', ' ')}: {_holder(path)}")
     return found
@@ -79,14 +88,14 @@ def remove_temporaries(root: Path) -> None:
             path.unlink(missing_ok=True)
 
 
-def _hold(path: Path, held: ExitStack, timeout: float) -> bool:
+def _hold(path: Path, held: ExitStack, timeout_s: float) -> bool:
     """Take a lock; False where the file system has none, as on some clusters.
 
     Raises:
         Timeout: If another process has it.
     """
     try:
-        held.enter_context(FileLock(path, timeout=timeout))
+        held.enter_context(FileLock(path, timeout=timeout_s))
     except NotImplementedError:  # what filelock raises there
         return False
     return True
@@ -94,7 +103,7 @@ def _hold(path: Path, held: ExitStack, timeout: float) -> bool:
 
 def _take(path: Path, held: ExitStack, root: Store) -> bool:
     try:
-        return _hold(path, held, timeout=0)
+        return _hold(path, held, timeout_s=0.0)
     except Timeout:
         raise ValueError(
             f"{root}: is being written by another run ({_holder(path)}, {path.stem.replace('-', ' ')}); "

@@ -6,22 +6,22 @@ there. At worst a killed run leaves files without a marker: they are valid, and 
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
-import pyarrow.parquet as pq
 
-from mmw.tables.columns import check_table, frame_rows, table_from_columns
-from mmw.tables.parquet import arrow_schema, write_options
+from mmw.tables.columns import check_table, table_from_columns
+from mmw.tables.growing import GrowingFile
+from mmw.tables.parquet import arrow_schema
 from mmw.tables.publish import OutOfSpaceError, publish_bytes
 from mmw.tables.schemas import SCHEMA_VERSION, table_spec
 from mmw.tables.store import Root, Store, store_of
 
-__all__ = ["OutOfSpaceError", "ShardKey", "marker_path", "table_path", "write_scenario", "write_shard"]
+__all__ = ["OutOfSpaceError", "ShardKey", "ShardWriter", "marker_path", "table_path", "write_scenario", "write_shard"]
 
 MARKERS = "_shards"
 """Folder of the markers; the underscore hides it from readers."""
@@ -64,39 +64,77 @@ def marker_path(key: ShardKey | str) -> Path:
     return Path(MARKERS, f"{key.scenario}.{key.weather}.{key.frame_begin:06d}.json")
 
 
+class ShardWriter:
+    """One shard that grows in memory, batch of frames by batch; nothing of it is on the disk before `close`."""
+
+    def __init__(self, root: Root, key: ShardKey, meta: Mapping[str, Any]):
+        """Begin an empty shard.
+
+        Args:
+            root: Dataset.
+            key: Which shard.
+            meta: `config_sha256`, and of the making what is known: `mmw_version`, `git_sha`, `device`.
+
+        Raises:
+            ValueError: If `meta` has no or unknown keys.
+        """
+        self._root, self.key, self._meta = store_of(root), key, meta
+        self._file_meta = _file_meta(meta)
+        self._files: dict[str, GrowingFile] = {}
+
+    def add(self, tables: Mapping[str, Columns], frame_end: int) -> None:
+        """Add the rows of frames that follow those before.
+
+        Args:
+            tables: Framed tables by name, as columns (see `table_from_columns`; `scenario` and `weather` may be left
+                out) or as Arrow tables.
+            frame_end: One past the last of these frames.
+
+        Raises:
+            ValueError: If a table does not fit its schema or holds a row of another shard.
+        """
+        for name, columns in tables.items():
+            if not table_spec(name).framed:
+                raise ValueError(f"table {name!r} is static; write it with write_scenario, once a scenario")
+            table = _to_table(name, columns, {"scenario": self.key.scenario, "weather": self.key.weather})
+            _check_key(name, table, self.key)
+            if name not in self._files:
+                self._files[name] = GrowingFile(name, self.key.frame_begin, self._file_meta)
+            self._files[name].add(table, frame_end)
+
+    def close(self, seconds: float | None = None) -> dict[str, Any]:
+        """Publish every table, then the marker; an existing shard of the same name is replaced.
+
+        Args:
+            seconds: What the shard took, for its marker [s].
+
+        Returns:
+            The marker: the key, `meta`, `seconds`, `schema_version`, `created_utc` and `files` with path, rows, bytes
+            and SHA-256.
+
+        Raises:
+            ValueError: If two rows of a table have the same key.
+            OutOfSpaceError: If the disk is full; what was published before is not touched.
+            StoreError: If a store cannot be reached or refuses; the shard stays in its staging folder.
+        """
+        identity = {
+            "scenario": self.key.scenario,
+            "weather": self.key.weather,
+            "frame_begin": self.key.frame_begin,
+            "frame_end": self.key.frame_end,
+        }
+        encoded = ((name, file.rows, file.close()) for name, file in self._files.items())
+        return _publish(self._root, self.key, identity, encoded, {**self._meta, "seconds": seconds})
+
+
 def write_shard(root: Root, key: ShardKey, tables: Mapping[str, Columns], meta: Mapping[str, Any]) -> dict[str, Any]:
-    """Publish every table of a shard, then its marker; an existing shard of the same name is replaced.
+    """Publish a shard of which all rows are there; see `ShardWriter`, whose marker it returns.
 
     Threads may write different shards of one folder at the same time.
-
-    Args:
-        root: Dataset.
-        key: Which shard.
-        tables: Framed tables by name, as columns (see `table_from_columns`; `scenario` and `weather` may be left out)
-            or as Arrow tables.
-        meta: `config_sha256`, and of the making what is known: `mmw_version`, `git_sha`, `device`, `seconds`.
-
-    Returns:
-        The marker: the key, `meta`, `schema_version`, `created_utc` and `files` with path, rows, bytes and SHA-256.
-
-    Raises:
-        ValueError: If a table does not fit its schema or holds a row of another shard.
-        OutOfSpaceError: If the disk is full; what was published before is not touched.
-        StoreError: If the store cannot be reached or refuses; the shard stays in its staging folder.
     """
-    ready: dict[str, pa.Table] = {}
-    for name, columns in tables.items():
-        if not table_spec(name).framed:
-            raise ValueError(f"table {name!r} is static; write it with write_scenario, once a scenario")
-        ready[name] = _to_table(name, columns, {"scenario": key.scenario, "weather": key.weather})
-        _check_key(name, ready[name], key)
-    identity = {
-        "scenario": key.scenario,
-        "weather": key.weather,
-        "frame_begin": key.frame_begin,
-        "frame_end": key.frame_end,
-    }
-    return _publish(store_of(root), key, identity, ready, meta)
+    shard = ShardWriter(root, key, meta)
+    shard.add(tables, key.frame_end)
+    return shard.close()
 
 
 def write_scenario(root: Root, scenario: str, tables: Mapping[str, Columns], meta: Mapping[str, Any]) -> dict[str, Any]:
@@ -104,14 +142,18 @@ def write_scenario(root: Root, scenario: str, tables: Mapping[str, Columns], met
 
     Arguments, result and errors are those of `write_shard`; the marker has no weather and no frames.
     """
-    ready: dict[str, pa.Table] = {}
+    file_meta = _file_meta(meta)
+    encoded = []
     for name, columns in tables.items():
         if table_spec(name).framed:
             raise ValueError(f"table {name!r} has frames; write it with write_shard")
-        ready[name] = _to_table(name, columns, {"scenario": scenario})
-        _check_names(name, ready[name], "scenario", scenario)
+        table = _to_table(name, columns, {"scenario": scenario})
+        _check_names(name, table, "scenario", scenario)
+        file = GrowingFile(name, 0, file_meta)
+        file.add(table, 0)
+        encoded.append((name, file.rows, file.close()))
     identity = {"scenario": scenario, "weather": None, "frame_begin": None, "frame_end": None}
-    return _publish(store_of(root), scenario, identity, ready, meta)
+    return _publish(store_of(root), scenario, identity, encoded, meta)
 
 
 def _to_table(name: str, columns: Any, key: dict[str, str]) -> pa.Table:
@@ -140,22 +182,28 @@ def _check_names(name: str, table: pa.Table, column: str, value: str) -> None:
         raise ValueError(f"table {name!r}: {column} = {found}; this file is for {value!r}; give each shard its rows")
 
 
-def _publish(
-    root: Store, key: ShardKey | str, identity: dict[str, Any], tables: dict[str, pa.Table], meta: Mapping[str, Any]
-) -> dict[str, Any]:
+def _file_meta(meta: Mapping[str, Any]) -> dict[str, str]:
+    """Return the file-level keys of what is known of the making."""
     unknown = sorted(set(meta) - set(META_KEYS))
     if unknown or "config_sha256" not in meta:
         raise ValueError(f"meta has unknown keys {unknown}; give config_sha256 and any of {', '.join(META_KEYS[1:])}")
-    file_meta = {text: str(meta[name]) for name, text in _FILE_META.items() if name in meta}
+    return {text: str(meta[name]) for name, text in _FILE_META.items() if name in meta}
+
+
+def _publish(
+    root: Store,
+    key: ShardKey | str,
+    identity: dict[str, Any],
+    encoded: Iterable[tuple[str, int, memoryview]],
+    meta: Mapping[str, Any],
+) -> dict[str, Any]:
+    """Publish files given by table, rows and content, then their marker."""
     files = []
-    for name, table in tables.items():
-        data = _parquet_bytes(name, table, file_meta)
+    for name, rows, data in encoded:
         path = table_path(name, key)
         publish_bytes(root.folder / path, data)
         digest = hashlib.sha256(data).hexdigest()
-        files.append(
-            {"table": name, "path": path.as_posix(), "rows": table.num_rows, "bytes": data.nbytes, "sha256": digest}
-        )
+        files.append({"table": name, "path": path.as_posix(), "rows": rows, "bytes": data.nbytes, "sha256": digest})
     marker = {
         **identity,
         "schema_version": SCHEMA_VERSION,
@@ -167,13 +215,3 @@ def _publish(
     publish_bytes(root.folder / last, json.dumps(marker, indent=1).encode())
     root.keep([file["path"] for file in files], last.as_posix(), drop=isinstance(key, ShardKey))
     return marker
-
-
-def _parquet_bytes(name: str, table: pa.Table, file_meta: dict[str, str]) -> memoryview:
-    """Return a table as a Parquet file in memory: one encoding gives size, hash and content."""
-    spec = table_spec(name)
-    group = max(spec.frames_per_group * frame_rows(table), 1) if spec.frames_per_group else 65_536
-    table = table.replace_schema_metadata(arrow_schema(name, file_meta).metadata)
-    sink = pa.BufferOutputStream()
-    pq.write_table(table, sink, row_group_size=group, **write_options(name))
-    return memoryview(sink.getvalue())
