@@ -187,8 +187,10 @@ class Bucket(Store):
             elif kind == pafs.FileType.File:
                 self._do("removed", name, lambda path=path: self._system.delete_file(path))
 
-    def claim(self, head: bytes) -> None:
-        self.publish(DATASET, head)  # also if it is there: to know before anything is made whether it can be written
+    def claim(self, head: bytes | None) -> None:
+        head = head or self.read(DATASET)
+        if head is not None:
+            self.publish(DATASET, head)  # also as it is: to know before anything is made whether it can be written
         self.folder.mkdir(parents=True, exist_ok=True)
         is_whole = self._part == "0-of-1"  # then nobody else writes here
         for other in self._staging.iterdir():

@@ -72,9 +72,9 @@ def prepare_root(
     """
     store = store_of(root)
     store.check()
-    head = _read_head(store)
-    if head is None:
-        foreign = [name for name in store.top() if name != LOCKS and not is_temporary(Path(name))]
+    there = store.top()  # once: another part may begin it meanwhile
+    if DATASET not in there:
+        foreign = [name for name in there if name != LOCKS and not is_temporary(Path(name))]
         if foreign:
             raise ValueError(
                 f"{store}: holds {', '.join(foreign[:5])}{' and more' if len(foreign) > 5 else ''} but no {DATASET}; "
@@ -84,7 +84,7 @@ def prepare_root(
         store.remove((*FOLDERS, MANIFEST, CARD, CONFIG))  # markers first: a kill on the way leaves no false claim
     else:
         _check_same(store, config_identity, config_sha256)
-        _claim(store, head)
+        _claim(store, None)
         return
     content = {
         "schema_version": SCHEMA_VERSION,
@@ -96,7 +96,7 @@ def prepare_root(
     _claim(store, json.dumps(content, indent=1).encode())
 
 
-def _claim(store: Store, head: bytes) -> None:
+def _claim(store: Store, head: bytes | None) -> None:
     try:
         store.claim(head)
     except StoreError as error:

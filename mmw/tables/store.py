@@ -96,8 +96,11 @@ class Store(ABC):
         """Remove files, and folders with everything in them, in this order; those that are not there are left out."""
 
     @abstractmethod
-    def claim(self, head: bytes) -> None:
-        """Begin to write the dataset whose `dataset.json` is given, or go on: it is there then, and `folder` too.
+    def claim(self, head: bytes | None) -> None:
+        """Begin to write a dataset, or go on: `dataset.json` and `folder` are there then, and the place can be written.
+
+        Args:
+            head: Content of `dataset.json`; None goes on with the one that is there.
 
         Raises:
             OutOfSpaceError, StoreError: As `publish`.
@@ -228,8 +231,8 @@ class Folder(Store):
             else:
                 path.unlink(missing_ok=True)
 
-    def claim(self, head: bytes) -> None:
-        if self.read(DATASET) != head:
+    def claim(self, head: bytes | None) -> None:
+        if head is not None:
             self.publish(DATASET, head)
 
     def keep(self, names: Iterable[str], last: str, *, drop: bool = False) -> None:
