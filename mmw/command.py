@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Sequence
 
 from mmw.config import ConfigError
+from mmw.tables.publish import OutOfSpaceError, StoreError
 
 
 def fail(problems: Sequence[str], code: int = 2) -> int:
@@ -30,6 +31,8 @@ def run_command(work: Callable[[], int], extra: str) -> int:
         return fail(error.problems)
     except ValueError as error:
         return fail([str(error)])
+    except (OutOfSpaceError, StoreError) as error:
+        return fail([str(error)], code=1)
     except ImportError as error:
         return fail([f"{error}; this command needs {extra}: pip install '{extra}'"], code=1)
     except BrokenPipeError:  # whoever read the output has enough of it, such as `head`

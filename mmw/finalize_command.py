@@ -3,13 +3,13 @@
 import argparse
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 
 from mmw.command import fail, run_command
+from mmw.provenance import stored_config
 from mmw.shards import all_work, pending_work
-from mmw.status_command import stored_config
 from mmw.tables.lock import writing
 from mmw.tables.manifest import finalize
+from mmw.tables.store import store_of
 
 
 def main(argv: Sequence[str], prog: str = "mmw finalize") -> int:
@@ -19,14 +19,16 @@ def main(argv: Sequence[str], prog: str = "mmw finalize") -> int:
         description="Write the manifest and the card of a dataset from its finished shards, and remove what killed "
         "runs left unfinished. A run does the same when it ends.",
     )
-    parser.add_argument("dataset", type=Path, help="dataset folder")
+    parser.add_argument("dataset", help="dataset folder, or s3://bucket/folder")
     parser.add_argument("--partial", action="store_true", help="also if shards are missing: list those that are there")
     arguments = parser.parse_args(argv)
     return run_command(lambda: _finalize(arguments.dataset, arguments.partial), "mmw")
 
 
-def _finalize(root: Path, partial: bool) -> int:
-    missing = pending_work(root, all_work(stored_config(root)))
+def _finalize(address: str, partial: bool) -> int:
+    config = stored_config(address)
+    root = store_of(address, config.output.staging)
+    missing = pending_work(root, all_work(config))
     frames = sum(item.frames for item in missing)
     if missing and not partial:
         problem = f"{root}: {frames} frames are missing, the first of {missing[0]}; run the configuration again, or "

@@ -11,7 +11,8 @@ from mmw.provenance import keep_config, versions
 from mmw.report import Console, closing_summary
 from mmw.shards import Part, all_work, part_of, pending_work
 from mmw.tables.lock import writing
-from mmw.tables.manifest import check_writable, finalize, prepare_root
+from mmw.tables.manifest import finalize, keep_finished, prepare_root
+from mmw.tables.store import Store, store_of
 from mmw.worker import Making
 
 FRAMES_A_WORKER = {"cpu": 16, "cuda": 300}
@@ -33,21 +34,31 @@ def make_dataset(
         console: Where progress goes.
 
     Raises:
-        ValueError: If the folder belongs to another configuration or is being written, or a scenario cannot be made or
-            read.
+        ValueError: If the folder belongs to another configuration, is being written or cannot be, or a scenario cannot
+            be made or read.
         OutOfSpaceError: If the disk is full; the same command resumes.
+        StoreError: If a store cannot be reached any more; the same command resumes.
         WorkerLostError: If worker processes die again and again.
     """
-    root = Path(config.output.dir)
+    root = output_of(config, part)
     if overwrite and not part.is_whole:
         raise ValueError(f"--overwrite with --shard {part}: would remove the other parts; remove {root} first")
-    check_writable(root)
+    root.check()
     with writing(root, part.index, part.count, console.say):
         _make(config, base, root, devices, part, overwrite, console)
 
 
+def output_of(config: Config, part: Part) -> Store:
+    """Return where a dataset goes.
+
+    Raises:
+        ValueError: If `output.dir` names no place.
+    """
+    return store_of(config.output.dir, config.output.staging, f"{part.index}-of-{part.count}")
+
+
 def _make(
-    config: Config, base: Path, root: Path, devices: Sequence[str], part: Part, overwrite: bool, console: Console
+    config: Config, base: Path, root: Store, devices: Sequence[str], part: Part, overwrite: bool, console: Console
 ) -> None:
     made_with = versions(config, base, devices[0])
     prepare_root(root, config.identity(), config.sha256(), made_with, overwrite)
@@ -61,6 +72,8 @@ def _make(
     everything = all_work(config)
     wanted = part_of(everything, part)
     work = pending_work(root, wanted)
+    if keep_finished(root, [key for item in work for key in item.keys]):
+        work = pending_work(root, wanted)
     total, frames = (sum(item.frames for item in some) for some in (wanted, work))
     most = len(work)
     if config.compute.workers == "auto":
@@ -75,6 +88,7 @@ def _make(
         make_alone(making, work, used[0], console)
     else:
         Processes(making, work, used, console).run()
+    root.leave()
     missing = sum(item.frames for item in pending_work(root, everything))
     if missing:
         console.say(

@@ -1,5 +1,7 @@
-"""Where the shipped configurations and USD assets are, in a checkout and in an installed wheel."""
+"""Where the shipped configurations and USD assets are, in a checkout and in an installed wheel; the user's cache."""
 
+import os
+import sys
 from importlib.resources import files
 from pathlib import Path
 
@@ -12,6 +14,18 @@ def configs_dir() -> Path:
 def assets_dir() -> Path:
     """Return the folder of the shipped USD assets (`towns/`, `vehicles/`, `materials/`)."""
     return Path(str(files("mmw.assets") / "usd"))
+
+
+def cache_dir() -> Path:
+    """Return the user's folder for what programs keep for themselves; it need not exist.
+
+    Source: XDG Base Directory Specification; Windows and macOS have their own places.
+    """
+    if given := os.environ.get("XDG_CACHE_HOME"):
+        return Path(given)
+    if sys.platform == "win32":
+        return Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
+    return Path.home() / ("Library/Caches" if sys.platform == "darwin" else ".cache")
 
 
 def shipped_towns() -> list[str]:

@@ -14,6 +14,7 @@ from mmw.scene_reader import read_stage
 from mmw.stage.compose import compose_scenario
 from mmw.stage.overlay import overlay_rsus
 from mmw.tables.publish import publish_bytes
+from mmw.tables.store import Store
 from mmw.town.asset import open_town
 from mmw.traffic import VehicleTrack
 from mmw.traffic.engines import run_engine
@@ -22,6 +23,31 @@ from mmw.weather import choose_variant
 
 STAGES = "stages"
 """Folder of the scenario stages in a dataset."""
+
+ASSETS = "assets"
+"""Folder of the copies that they refer to."""
+
+
+def kept_stage(config: Config, scenario: ScenarioConfig, base: Path, root: Store) -> Path:
+    """Return the scenario's USD stage, see `prepare_scenario`, kept with the dataset.
+
+    A store that has the stage already, made on another machine, is asked for it.
+
+    Raises:
+        ValueError: If town, traffic or stage cannot be used.
+        OutOfSpaceError: If the disk is full.
+        StoreError: If the store cannot be reached or refuses.
+    """
+    own = f"{STAGES}/{scenario.name}"
+    if scenario.stage is None:
+        root.fetch((f"{own}.usdc", ASSETS), f"{own}.json")
+        stage = prepare_scenario(config, scenario, base, root.folder)
+        root.keep((f"{own}.usdc", ASSETS), f"{own}.json")
+        return stage
+    stage = prepare_scenario(config, scenario, base, root.folder)
+    if scenario.rsus:
+        root.keep((), f"{own}.usda")
+    return stage
 
 
 def prepare_scenario(config: Config, scenario: ScenarioConfig, base: Path, root: Path) -> Path:
@@ -56,7 +82,7 @@ def prepare_scenario(config: Config, scenario: ScenarioConfig, base: Path, root:
         weather=choose_variant(names, weather_variants(source)) or names[0],
         meta={"mmw": __version__, "scenario": scenario.name, "seed": config.seed},
         antenna_position_m=config.channel.antenna_position_m if config.channel.enabled else None,
-        assets=root / "assets",
+        assets=root / ASSETS,
     )
     publish_bytes(note, json.dumps({"sha256": sha256(path), "town": str(scenario.town)}).encode())
     return path

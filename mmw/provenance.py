@@ -11,19 +11,20 @@ from typing import Any
 from mmw import __version__
 from mmw.compute.device import device_name
 from mmw.config import Config
-from mmw.config.load import to_yaml
+from mmw.config.load import load_config, to_yaml
 from mmw.plan import is_town_file, scenario_source, trajectory_file
 from mmw.tables.manifest import CONFIG, DATASET, read_dataset, read_markers
-from mmw.tables.publish import publish_bytes
+from mmw.tables.store import Root, store_of
 
 
-def keep_config(config: Config, base: Path, root: Path) -> None:
+def keep_config(config: Config, base: Path, root: Root) -> None:
     """Write the resolved configuration, every default included, as `config.yaml` into the dataset.
 
     `python -m mmw.run --config <dataset>/config.yaml --out <other>` makes the same rows again. Paths of stages, of
     trajectories and of towns that are not shipped are absolute in it. A file that is there stays.
     """
-    if (root / CONFIG).is_file():
+    store = store_of(root)
+    if store.sizes([CONFIG]):
         return
     data = config.model_dump(mode="json")
     for written, scenario in zip(data["scenarios"], config.scenarios, strict=True):
@@ -39,14 +40,28 @@ def keep_config(config: Config, base: Path, root: Path) -> None:
         "# The configuration that made this dataset, every default written out.\n"
         "# To make the same data again: python -m mmw.run --config THIS_FILE --out ANOTHER_FOLDER\n"
     )
-    publish_bytes(root / CONFIG, (text + to_yaml(Config.model_validate(data))).encode())
+    store.publish(CONFIG, (text + to_yaml(Config.model_validate(data))).encode())
 
 
-def check_continuation(root: Path, config: Config, now: Mapping[str, Any]) -> list[str]:
+def stored_config(root: Root) -> Config:
+    """Return the configuration that a dataset holds.
+
+    Raises:
+        ValueError: If it is no dataset, or has no configuration.
+    """
+    store = store_of(root)
+    read_dataset(store)
+    with store.copy(CONFIG) as folder:
+        if not (folder / CONFIG).is_file():
+            raise ValueError(f"{store.where()}: has no {CONFIG}; run the configuration again, which writes it")
+        return load_config(folder / CONFIG)
+
+
+def check_continuation(root: Root, config: Config, now: Mapping[str, Any]) -> list[str]:
     """Compare what goes on with a dataset to what began it.
 
     Args:
-        root: Dataset folder; nothing is compared if it holds no data of this configuration.
+        root: Dataset; nothing is compared if it holds no data of this configuration.
         config: The configuration.
         now: What `versions` returns today.
 
@@ -56,10 +71,11 @@ def check_continuation(root: Path, config: Config, now: Mapping[str, Any]) -> li
     Raises:
         ValueError: If a user's own stage has changed: its old and new frames would be mixed.
     """
-    if not (root / DATASET).is_file() or not read_markers(root):
+    root = store_of(root)
+    if not root.sizes([DATASET]):
         return []
     head = read_dataset(root)
-    if head["config_sha256"] != config.sha256():
+    if head["config_sha256"] != config.sha256() or not read_markers(root):
         return []
     before, notes = head["versions"], []
     for scenario in config.scenarios:

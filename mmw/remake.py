@@ -8,6 +8,7 @@ import io
 from collections import defaultdict
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -17,17 +18,18 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from mmw.compute.device import choose_device
-from mmw.config import Config, ScenarioConfig, load_config
+from mmw.config import Config, ScenarioConfig
 from mmw.dataset import open_dataset
 from mmw.pipeline import join_batches, make_job, record_frames
-from mmw.prepare import read_scenario, stored_stage
+from mmw.prepare import ASSETS, STAGES, read_scenario, stored_stage
+from mmw.provenance import stored_config
 from mmw.recording.job import Job, Rows
 from mmw.report import Clock
 from mmw.scene_arrays import SceneArrays
 from mmw.tables.columns import check_table, table_from_columns
-from mmw.tables.manifest import CONFIG, read_dataset
 from mmw.tables.rows.world import static_rows
 from mmw.tables.schemas import table_spec
+from mmw.tables.store import Root, store_of
 
 SENSOR_TYPES = {
     "lidar": ("lidar",),
@@ -54,28 +56,29 @@ CHANNEL_TABLES = ("links", "paths")
 class Remaker:
     """Makes rows of one dataset again; a scenario's scene stays on the device until another scenario is asked for."""
 
-    root: Path
-    """Dataset folder; nothing in it is changed."""
+    root: Root
+    """Dataset; nothing in it is changed."""
     device: str
     """Warp device name, or `auto`."""
     _scenario: str = ""
     _arrays: SceneArrays | None = None
     _job: Job | None = None
+    _held: ExitStack = field(default_factory=ExitStack)
     _pool: ThreadPoolExecutor = field(default_factory=lambda: ThreadPoolExecutor(2, thread_name_prefix="mmw-remake"))
 
     def __post_init__(self) -> None:
-        self.root = Path(self.root)
-        read_dataset(self.root)
-        if not (self.root / CONFIG).is_file():
-            raise ValueError(f"{self.root}: has no {CONFIG}; rows are made from it; run the same configuration again")
-        self.config = load_config(self.root / CONFIG)
+        store = store_of(self.root)
+        self.address = store.address
+        self.config = stored_config(store)
         self.device = choose_device(self.device)
+        self._stages: Path = self._held.enter_context(store.copy(STAGES, ASSETS))
 
     def __enter__(self) -> "Remaker":
         return self
 
     def __exit__(self, *_: object) -> None:
         self._pool.shutdown()
+        self._held.close()
 
     def rows(
         self,
@@ -135,7 +138,7 @@ class Remaker:
     def _read(self, scenario: ScenarioConfig) -> SceneArrays:
         if self._scenario != scenario.name or self._arrays is None:
             self._job = None
-            self._arrays = read_scenario(self.config, scenario, stored_stage(self.root, scenario))
+            self._arrays = read_scenario(self.config, scenario, stored_stage(self._stages, scenario))
             self._scenario = scenario.name
         return self._arrays
 
@@ -167,7 +170,7 @@ class Remaker:
         return replace(job, config=config, arrays=replace(job.arrays, sensing=sensing))
 
 
-def stored_rows(root: Path, table: str, key: dict[str, Any]) -> pa.Table:
+def stored_rows(root: str | Path, table: str, key: dict[str, Any]) -> pa.Table:
     """Return the rows of a dataset that have a key, with the columns in the table's order."""
     spec = table_spec(table)
     frame = key.get("frame")

@@ -7,7 +7,6 @@ import time
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from pathlib import Path
 from types import TracebackType
 from typing import Any, Protocol
 
@@ -151,11 +150,13 @@ def si(value: float) -> str:
     return f"{value:.0f} "
 
 
-def closing_summary(root: Path, config: Config, device: str, result: dict[str, Any], clock: Clock, frames: int) -> str:
+def closing_summary(
+    root: object, config: Config, device: str, result: dict[str, Any], clock: Clock, frames: int
+) -> str:
     """Return what a run prints last: what was made, where, how fast, and a query to paste.
 
     Args:
-        root: Dataset folder.
+        root: Dataset folder or address.
         config: The configuration.
         device: The device's name for people.
         result: What `finalize` returned: rows and bytes of every table.
@@ -182,7 +183,7 @@ def closing_summary(root: Path, config: Config, device: str, result: dict[str, A
     return "\n".join(lines)
 
 
-def example_query(root: Path, config: Config) -> str:
+def example_query(root: object, config: Config) -> str:
     """Return one DuckDB query over the dataset, as a line to paste into a shell."""
     if config.channel.enabled:
         query = (

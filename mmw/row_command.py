@@ -27,7 +27,7 @@ def main(argv: Sequence[str], prog: str = "mmw row") -> int:
         "out where the dataset has one; what else is left out means all.",
     )
     parser.add_argument("table", help="table, such as lidar or rgb")
-    parser.add_argument("dataset", type=Path, help="dataset folder")
+    parser.add_argument("dataset", help="dataset folder, or s3://bucket/folder")
     parser.add_argument(
         "key", nargs="*", metavar="key=value", help="scenario, weather, frame, agent, sensor, peer, carrier_hz, ..."
     )

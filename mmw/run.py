@@ -32,7 +32,7 @@ def parser(prog: str = "python -m mmw.run") -> argparse.ArgumentParser:
         help="replace values; list items by number, values as YAML: frames.count=10 sensors.0.range_m=80 "
         "'weathers=[sunny, rainy]'",
     )
-    result.add_argument("--out", metavar="DIR", help="dataset folder (output.dir)")
+    result.add_argument("--out", metavar="DIR", help="dataset folder, or s3://bucket/folder (output.dir)")
     result.add_argument("--device", metavar="NAME", help="auto, cpu or cuda:N (compute.device)")
     result.add_argument(
         "--batch-frames", type=int, metavar="N", help="frames traced in one launch (compute.batch_frames)"
@@ -101,25 +101,27 @@ def execute(config: Config, path: Path, *, dry_run: bool = False, overwrite: boo
     """
     from mmw.compute.device import worker_devices
     from mmw.engines.queue import WorkerLostError
-    from mmw.make import make_dataset
+    from mmw.make import make_dataset, output_of
     from mmw.pipeline import is_out_of_memory
     from mmw.plan import check_inputs, describe_plan
     from mmw.provenance import check_continuation, versions
     from mmw.report import Console
     from mmw.shards import Part
-    from mmw.tables.writer import OutOfSpaceError
+    from mmw.tables.publish import OutOfSpaceError, StoreError
 
     base = path.parent
     try:
         part = Part.parse(shard)
+        root = output_of(config, part)
         devices = worker_devices(config.compute.device, config.compute.workers)
         check_inputs(config, base)
         if dry_run:
             print(describe_plan(config, base, devices[0]))
             return 0
+        root.check()
         with Console() as console:
             if not overwrite:
-                for line in check_continuation(Path(config.output.dir), config, versions(config, base, devices[0])):
+                for line in check_continuation(root, config, versions(config, base, devices[0])):
                     console.warn_once(line)
             make_dataset(config, base=base, devices=devices, part=part, overwrite=overwrite, console=console)
     except ConfigError as error:
@@ -128,6 +130,8 @@ def execute(config: Config, path: Path, *, dry_run: bool = False, overwrite: boo
         return fail([str(error)])
     except (OutOfSpaceError, WorkerLostError) as error:
         return fail([str(error)], code=1)
+    except StoreError as error:
+        return fail([f"{error}; everything that is finished is kept, and the same command resumes"], code=1)
     except OSError as error:
         return fail(
             [f"{error.filename or config.output.dir}: {error.strerror or error}; the same command resumes"], code=1

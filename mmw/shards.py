@@ -3,10 +3,10 @@
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 from mmw.config import Config, ScenarioConfig
-from mmw.tables.manifest import pending_scenarios, pending_shards
+from mmw.tables.manifest import pending
+from mmw.tables.store import Root
 from mmw.tables.writer import ShardKey
 
 
@@ -95,14 +95,14 @@ def part_of(work: Sequence[Work], part: Part) -> list[Work]:
     return chosen
 
 
-def pending_work(root: Path, work: Iterable[Work]) -> list[Work]:
+def pending_work(root: Root, work: Iterable[Work]) -> list[Work]:
     """Return what is not finished in a dataset; a scenario's static tables alone are work without weathers."""
     work = list(work)
-    rest = _grouped(pending_shards(root, [key for item in work for key in item.keys]))
-    busy = {item.scenario for item in rest}
     begin = {item.scenario: item.frame_begin for item in reversed(work)}
-    lacking = pending_scenarios(root, [name for name in begin if name not in busy])
-    return rest + [Work(name, begin[name], begin[name], ()) for name in lacking]
+    left = pending(root, [*(key for item in work for key in item.keys), *begin])
+    rest = _grouped(key for key in left if isinstance(key, ShardKey))
+    busy = {item.scenario for item in rest}
+    return rest + [Work(name, begin[name], begin[name], ()) for name in begin if name in left and name not in busy]
 
 
 def _grouped(keys: Iterable[ShardKey]) -> list[Work]:

@@ -3,14 +3,14 @@
 import argparse
 from collections import defaultdict
 from collections.abc import Sequence
-from pathlib import Path
 
 from mmw.command import run_command
-from mmw.config import Config, load_config
+from mmw.provenance import stored_config
 from mmw.report import si
 from mmw.shards import all_work, pending_work
 from mmw.tables.lock import writers
-from mmw.tables.manifest import CONFIG, MANIFEST, read_dataset, read_markers
+from mmw.tables.manifest import MANIFEST, read_markers
+from mmw.tables.store import store_of
 from mmw.temporary import is_temporary
 
 
@@ -19,13 +19,14 @@ def main(argv: Sequence[str], prog: str = "mmw status") -> int:
     parser = argparse.ArgumentParser(
         prog=prog, description="Say how far a dataset is and who writes it. Exit codes: 0 complete, 1 not yet."
     )
-    parser.add_argument("dataset", type=Path, help="dataset folder")
+    parser.add_argument("dataset", help="dataset folder, or s3://bucket/folder")
     arguments = parser.parse_args(argv)
     return run_command(lambda: _status(arguments.dataset), "mmw")
 
 
-def _status(root: Path) -> int:
-    config = stored_config(root)
+def _status(address: str) -> int:
+    config = stored_config(address)
+    root = store_of(address, config.output.staging)
     everything = all_work(config)
     missing: dict[str, int] = defaultdict(int)
     for item in pending_work(root, everything):
@@ -45,9 +46,9 @@ def _status(root: Path) -> int:
     running = writers(root)
     for line in running:
         print(f"being written: {line}")
-    if done == total and (root / MANIFEST).is_file():
+    if done == total and root.sizes([MANIFEST]):
         return 0
-    left = sum(1 for path in root.rglob(".*") if is_temporary(path))
+    left = sum(1 for path in root.staging.rglob(".*") if is_temporary(path))
     if not running:
         left_text = f"; {left} unfinished files of a killed run, which it removes" if left else ""
         if done == total:
@@ -55,15 +56,3 @@ def _status(root: Path) -> int:
         else:
             print(f"nobody writes it; the command that began it resumes{left_text}")
     return 1
-
-
-def stored_config(root: Path) -> Config:
-    """Return the configuration that a dataset holds.
-
-    Raises:
-        ValueError: If the folder is no dataset, or has no configuration.
-    """
-    read_dataset(root)
-    if not (root / CONFIG).is_file():
-        raise ValueError(f"{root}: has no {CONFIG}; run the configuration again, which writes it")
-    return load_config(root / CONFIG)

@@ -3,7 +3,7 @@
 import os
 import re
 from functools import cache
-from pathlib import Path
+from pathlib import Path, PurePath
 from uuid import uuid4
 
 _TEMPORARY = re.compile(r"\..*\.tmp(\.\w+)?")
@@ -21,7 +21,7 @@ def temporary_path(path: Path, suffix: str = "") -> Path:
     return path.with_name(f".{path.name}.{_mark(os.getpid())}.tmp{suffix}")
 
 
-def is_temporary(path: Path) -> bool:
+def is_temporary(path: PurePath) -> bool:
     """Return whether a file's name is one of `temporary_path`."""
     return _TEMPORARY.fullmatch(path.name) is not None
 

@@ -3,9 +3,9 @@
 import argparse
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 
 from mmw.command import run_command
+from mmw.tables.store import Root, store_of
 from mmw.tables.verify import Finding, verify
 
 MOST_LINES = 40
@@ -19,7 +19,7 @@ def main(argv: Sequence[str], prog: str = "mmw verify") -> int:
         description="Check every file of a dataset against its hash, its rows against the configuration, and some "
         "frames against physics.",
     )
-    parser.add_argument("dataset", type=Path, help="dataset folder")
+    parser.add_argument("dataset", help="dataset folder, or s3://bucket/folder")
     parser.add_argument(
         "--rerender", type=int, default=0, metavar="K", help="make K random rows again and compare them bit for bit"
     )
@@ -33,7 +33,7 @@ def main(argv: Sequence[str], prog: str = "mmw verify") -> int:
 
 
 def _verify(arguments: argparse.Namespace) -> int:
-    root: Path = arguments.dataset
+    root = store_of(arguments.dataset)
     findings = check(root, arguments.frames)
     if arguments.rerender and not any(finding.is_error for finding in findings):
         from mmw.verification.rerender import rerender
@@ -55,11 +55,11 @@ def _verify(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def check(root: Path, frames_each: int) -> list[Finding]:
+def check(root: Root, frames_each: int) -> list[Finding]:
     """Return what is wrong with files, then counts, then physics; physics only where files and counts are right.
 
     Args:
-        root: Dataset folder.
+        root: Dataset.
         frames_each: Frames of each scenario and weather that are held against physics.
 
     Raises:
@@ -74,5 +74,5 @@ def check(root: Path, frames_each: int) -> list[Finding]:
     known = {(finding.kind, finding.path) for finding in findings}
     findings += [finding for finding in check_plan(root) if (finding.kind, finding.path) not in known]
     if not any(finding.is_error for finding in findings):
-        findings += check_physics(root, frames_each)
+        findings += check_physics(store_of(root).address, frames_each)
     return findings

@@ -12,13 +12,15 @@ from typing import Any
 from mmw.config import Config, ScenarioConfig
 from mmw.notes import notes
 from mmw.pipeline import join_batches, make_job, trace_work
-from mmw.prepare import prepare_scenario, read_scenario
+from mmw.prepare import kept_stage, read_scenario
 from mmw.recording.job import Job, Rows
 from mmw.recording.kernels import compiled_ahead
 from mmw.report import Reporter
 from mmw.shards import Work
 from mmw.tables.lock import only_one
+from mmw.tables.manifest import pending_scenarios
 from mmw.tables.rows.world import static_rows
+from mmw.tables.store import Store
 from mmw.tables.writer import ShardWriter, write_scenario
 
 BATCHES_IN_FLIGHT = 2
@@ -33,8 +35,8 @@ class Making:
     config: Config
     base: Path
     """Folder that relative paths in the configuration start from."""
-    root: Path
-    """Dataset folder."""
+    root: Store
+    """Where the dataset is."""
     meta: Mapping[str, Any]
     """What goes into every marker; see `write_shard`."""
     threads: int
@@ -84,6 +86,7 @@ class Worker:
         Raises:
             ValueError: If the scenario cannot be made or read.
             OutOfSpaceError: If the disk is full.
+            StoreError: If a store cannot be reached or refuses.
         """
         scenario = self._scenarios[work.scenario]
         if self._current != work.scenario:
@@ -113,13 +116,14 @@ class Worker:
     def _load(self, scenario: ScenarioConfig, *, with_job: bool) -> Job | None:
         """Write a scenario's static tables; return it on the device if anything is traced."""
         making, clock = self._making, self._reporter.clock
-        with clock.stage("traffic and stage"), only_one(making.root, f"stage-{scenario.name}"):
-            stage = prepare_scenario(making.config, scenario, making.base, making.root)
+        with clock.stage("traffic and stage"), only_one(making.root.folder, f"stage-{scenario.name}"):
+            stage = kept_stage(making.config, scenario, making.base, making.root)
         with clock.stage("scene"):
             arrays = read_scenario(making.config, scenario, stage)
             for line in notes(arrays, making.config, scenario):
                 self._reporter.warn_once(line)
-            write_scenario(making.root, scenario.name, static_rows(arrays, making.config, scenario), making.meta)
+            if pending_scenarios(making.root, [scenario.name]):
+                write_scenario(making.root, scenario.name, static_rows(arrays, making.config, scenario), making.meta)
         if not with_job:
             return None
         with clock.stage("kernels"):

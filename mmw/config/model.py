@@ -79,9 +79,9 @@ class Config(Section):
         return len(self.weathers) * sum(self.frames_of(scenario).count for scenario in self.scenarios)
 
     def identity(self) -> dict[str, Any]:
-        """Return what decides the bytes of the data: everything but `output.dir` and `compute`."""
+        """Return what decides the bytes of the data: everything but where they go, and `compute`."""
         data = self.model_dump(mode="json")
-        del data["compute"], data["output"]["dir"]
+        del data["compute"], data["output"]["dir"], data["output"]["staging"]
         return data
 
     def sha256(self) -> str:

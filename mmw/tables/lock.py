@@ -8,16 +8,18 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
-from mmw.tables.manifest import LOCKS
+from mmw.tables.store import LOCKS, Root, Store, store_of
 from mmw.temporary import is_temporary
 
 
 @contextmanager
-def writing(root: Path, index: int, count: int, tell: Callable[[str], None]) -> Iterator[None]:
-    """Hold a dataset folder for writing; the operating system lets go of it when the process ends, however it ends.
+def writing(root: Root, index: int, count: int, tell: Callable[[str], None]) -> Iterator[None]:
+    """Hold a dataset for writing; the operating system lets go of it when the process ends, however it ends.
+
+    A dataset in a store is held in its staging folder, against the other runs of this machine alone.
 
     Args:
-        root: Dataset folder; it must exist.
+        root: Dataset; its folder must exist.
         index: Part that is written.
         count: Parts in all; runs of other parts of as many may write at the same time.
         tell: Takes one line if the folder's file system has no locks: nothing is held then.
@@ -25,12 +27,13 @@ def writing(root: Path, index: int, count: int, tell: Callable[[str], None]) -> 
     Raises:
         ValueError: If another process writes this part, or parts of another number.
     """
-    folder = root / LOCKS
-    folder.mkdir(exist_ok=True)
+    root = store_of(root)
+    folder = root.staging / LOCKS
+    folder.mkdir(parents=True, exist_ok=True)
     own = folder / f"part-{index}-of-{count}.lock"
     with ExitStack() as held:
         if not _take(own, held, root):
-            tell(f"{root}: its file system has no locks; start no other run of the same part on it")
+            tell(f"{root.staging}: its file system has no locks; start no other run of the same part on it")
             yield
             return
         for path in sorted(folder.glob("part-*.lock")):
@@ -40,7 +43,7 @@ def writing(root: Path, index: int, count: int, tell: Callable[[str], None]) -> 
         holder = own.with_suffix(".json")
         holder.write_text(f"process {os.getpid()} on {platform.node()}")
         if count == 1:
-            remove_temporaries(root)
+            remove_temporaries(root.staging)
         try:
             yield
         finally:
@@ -60,16 +63,16 @@ def only_one(root: Path, name: str, timeout_s: float = -1.0) -> Iterator[None]:
         Timeout: If it still has it then.
     """
     folder = root / LOCKS
-    folder.mkdir(exist_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)
     with ExitStack() as held:
         _hold(folder / f"{name}.lock", held, timeout_s)  # without locks two make the same files, whole both times
         yield
 
 
-def writers(root: Path) -> list[str]:
-    """Return the runs that write a dataset now: part, process and machine of each."""
+def writers(root: Root) -> list[str]:
+    """Return the runs that write a dataset now: part, process and machine of each; into a store only this machine's."""
     found = []
-    for path in sorted((root / LOCKS).glob("part-*.lock")):
+    for path in sorted((store_of(root).staging / LOCKS).glob("part-*.lock")):
         try:
             with ExitStack() as looked:
                 _hold(path, looked, timeout_s=0.0)
@@ -98,7 +101,7 @@ def _hold(path: Path, held: ExitStack, timeout_s: float) -> bool:
     return True
 
 
-def _take(path: Path, held: ExitStack, root: Path) -> bool:
+def _take(path: Path, held: ExitStack, root: Store) -> bool:
     try:
         return _hold(path, held, timeout_s=0.0)
     except Timeout:

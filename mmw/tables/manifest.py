@@ -1,25 +1,22 @@
-"""The dataset folder as a whole: whose it is, what is still to make, and the list of what was made."""
+"""The dataset as a whole: whose it is, what is still to make, and the list of what was made."""
 
 import io
 import json
-import os
-import shutil
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
-from pathlib import Path, PurePath
+from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from mmw.tables.publish import FULL, OutOfSpaceError, publish_bytes
+from mmw.tables.publish import StoreError
 from mmw.tables.schemas import SCHEMA_VERSION, TABLES
+from mmw.tables.store import DATASET, LOCKS, Folder, Root, Store, store_of
 from mmw.tables.writer import MARKERS, META_KEYS, ShardKey, marker_path
 from mmw.temporary import is_temporary
 
-DATASET = "dataset.json"
-"""Whose folder it is: configuration, its hash, versions."""
 HEAD_TYPES = {"schema_version": str, "config_sha256": str, "versions": dict, "config": dict}
 """What `dataset.json` must hold."""
 MARKER_TYPES = {
@@ -33,8 +30,6 @@ MANIFEST = "_manifest.parquet"
 CARD = "README.md"
 CONFIG = "config.yaml"
 """The resolved configuration as a file that `--config` takes again; written by whoever has it (`mmw.provenance`)."""
-LOCKS = "_locks"
-"""Folder of the locks (`mmw.tables.lock`); the underscore hides it from readers."""
 FOLDERS = (MARKERS, *TABLES, "stages", "assets")
 """Folders that a run makes; `--overwrite` removes these and nothing else."""
 
@@ -57,39 +52,40 @@ _MANIFEST_SCHEMA = pa.schema(
 
 
 def prepare_root(
-    root: Path, config_identity: Mapping[str, Any], config_sha256: str, versions: Mapping[str, Any], overwrite: bool
+    root: Root, config_identity: Mapping[str, Any], config_sha256: str, versions: Mapping[str, Any], overwrite: bool
 ) -> None:
-    """Make a dataset folder, or take up an unfinished one of the same configuration.
+    """Begin a dataset, or take up an unfinished one of the same configuration.
 
-    A folder of another configuration without a finished shard, after a wrong first try for example, is taken over.
+    A dataset of another configuration without a finished shard, after a wrong first try for example, is taken over.
 
     Args:
-        root: Dataset folder; made if it does not exist.
+        root: Dataset; its folder is made if it does not exist.
         config_identity: What decides the data (`Config.identity`).
         config_sha256: Its hash (`Config.sha256`).
         versions: What made it: versions of mmw and its libraries, asset hashes, device; stored, not compared.
         overwrite: Remove the data that is there, also another configuration's.
 
     Raises:
-        ValueError: If the folder belongs to another configuration or schema version, holds something else, or cannot be
-            made or written.
+        ValueError: If the place belongs to another configuration or schema version, holds something else, or cannot be
+            made, reached or written.
         OutOfSpaceError: If the disk is full.
     """
-    root = Path(root)
-    check_writable(root)
-    if (root / DATASET).is_file():
-        if overwrite or _is_other_and_empty(root, config_sha256):
-            _remove_data(root)
-        else:
-            _check_same(root, config_identity, config_sha256)
-            return
-    elif root.is_dir():
-        foreign = sorted(path.name for path in root.iterdir() if path.name != LOCKS and not is_temporary(path))
+    store = store_of(root)
+    store.check()
+    head = _read_head(store)
+    if head is None:
+        foreign = [name for name in store.top() if name != LOCKS and not is_temporary(Path(name))]
         if foreign:
             raise ValueError(
-                f"{root}: holds {', '.join(foreign[:5])}{' and more' if len(foreign) > 5 else ''} but no {DATASET}; "
+                f"{store}: holds {', '.join(foreign[:5])}{' and more' if len(foreign) > 5 else ''} but no {DATASET}; "
                 "a dataset needs an empty or new folder; give another --out"
             )
+    elif overwrite or _is_other_and_empty(store, config_sha256):
+        store.remove((*FOLDERS, MANIFEST, CARD, CONFIG))  # markers first: a kill on the way leaves no false claim
+    else:
+        _check_same(store, config_identity, config_sha256)
+        _claim(store, head)
+        return
     content = {
         "schema_version": SCHEMA_VERSION,
         "config_sha256": config_sha256,
@@ -97,24 +93,36 @@ def prepare_root(
         "created_utc": datetime.now(UTC).isoformat(timespec="seconds"),
         "config": dict(config_identity),
     }
-    publish_bytes(root / DATASET, json.dumps(content, indent=1).encode())
+    _claim(store, json.dumps(content, indent=1).encode())
 
 
-def read_dataset(root: Path) -> dict[str, Any]:
+def _claim(store: Store, head: bytes) -> None:
+    try:
+        store.claim(head)
+    except StoreError as error:
+        raise ValueError(str(error)) from error
+
+
+def read_dataset(root: Root) -> dict[str, Any]:
     """Return a dataset's `dataset.json`.
 
     Raises:
-        ValueError: If the folder is not a dataset, or the file is damaged or another program's.
+        ValueError: If there is no dataset, or the file is damaged or another program's.
     """
-    path = Path(root) / DATASET
+    store = store_of(root)
+    return parse_dataset(_read_head(store), store.where())
+
+
+def _read_head(store: Store) -> bytes | None:
     try:
-        data = path.read_bytes() if path.is_file() else None
+        return store.read(DATASET)
     except OSError as error:
-        raise ValueError(f"{path}: cannot be read ({error.strerror}); let yourself read it") from error
-    return parse_dataset(data, Path(root))
+        raise ValueError(f"{store.where(DATASET)}: cannot be read ({error.strerror}); let yourself read it") from error
+    except StoreError as error:
+        raise ValueError(str(error)) from error
 
 
-def parse_dataset(data: bytes | None, root: PurePath) -> dict[str, Any]:
+def parse_dataset(data: bytes | None, root: object) -> dict[str, Any]:
     """Return the content of a `dataset.json`.
 
     Args:
@@ -126,7 +134,7 @@ def parse_dataset(data: bytes | None, root: PurePath) -> dict[str, Any]:
     """
     if data is None:
         raise ValueError(f"{root}: has no {DATASET}; a dataset folder is needed; give the folder that mmw.run wrote")
-    path = root / DATASET
+    path = f"{root}/{DATASET}"
     try:
         head = json.loads(data.decode("utf-8"))
     except ValueError as error:
@@ -140,51 +148,81 @@ def parse_dataset(data: bytes | None, root: PurePath) -> dict[str, Any]:
     return head
 
 
-def read_markers(root: Path) -> list[dict[str, Any]]:
+def read_markers(root: Root) -> list[dict[str, Any]]:
     """Return every readable marker of a dataset, in the order of their names; damaged ones are left out."""
-    markers = (_read_marker(path) for path in sorted((Path(root) / MARKERS).glob("*.json")))
-    return [marker for marker in markers if marker is not None]
+    store = store_of(root)
+    names = [name for name in store.names(MARKERS) if name.endswith(".json")]
+    return list(_markers(store, names).values())
 
 
-def pending_shards(root: Path, keys: Iterable[ShardKey]) -> list[ShardKey]:
-    """Return the shards that have no valid marker: none of this configuration, or one whose files are not as it says.
+def pending(root: Root, keys: Iterable[ShardKey | str]) -> list[ShardKey | str]:
+    """Return what has no valid marker: none of this configuration, or one whose files are not as it says.
 
     Only existence and size of the files are looked at; `verify` also reads them.
+
+    Args:
+        root: Dataset.
+        keys: Shards, and names of scenarios for their static tables.
     """
-    sha256 = read_dataset(root)["config_sha256"]
-    return [key for key in keys if not _is_done(Path(root), key, sha256, (key.frame_begin, key.frame_end))]
+    store, keys = store_of(root), list(keys)
+    done = _finished(store, keys, read_dataset(store)["config_sha256"])
+    return [key for key in keys if key not in done]
 
 
-def pending_scenarios(root: Path, names: Iterable[str]) -> list[str]:
-    """Return the scenarios whose static tables have no valid marker."""
-    sha256 = read_dataset(root)["config_sha256"]
-    return [name for name in names if not _is_done(Path(root), name, sha256, (None, None))]
+def pending_shards(root: Root, keys: Iterable[ShardKey]) -> list[ShardKey]:
+    """Return the shards that have no valid marker, see `pending`."""
+    return [key for key in pending(root, keys) if isinstance(key, ShardKey)]
 
 
-def finalize(root: Path) -> dict[str, Any]:
+def pending_scenarios(root: Root, names: Iterable[str]) -> list[str]:
+    """Return the scenarios whose static tables have no valid marker, see `pending`."""
+    return [name for name in pending(root, names) if isinstance(name, str)]
+
+
+def keep_finished(root: Root, keys: Iterable[ShardKey]) -> int:
+    """Put shards into the store that an earlier run finished on this machine and could not put.
+
+    Args:
+        root: Dataset.
+        keys: Shards that are pending.
+
+    Returns:
+        How many there were; none where the dataset is local.
+
+    Raises:
+        StoreError: If the store cannot be reached or refuses.
+    """
+    store = store_of(root)
+    found = _finished(Folder(store.folder), list(keys), read_dataset(store)["config_sha256"])
+    for key, marker in found.items():
+        store.keep([file["path"] for file in marker["files"]], marker_path(key).as_posix(), drop=True)
+    return len(found)
+
+
+def finalize(root: Root) -> dict[str, Any]:
     """Write `_manifest.parquet` (one row a file) and the dataset card `README.md`, from the markers.
 
     Returns:
         `tables`: name -> {files, rows, bytes}; and the totals `files`, `rows`, `bytes`.
     """
-    root = Path(root)
-    head = read_dataset(root)
+    store = store_of(root)
+    head = read_dataset(store)
     rows = []
-    for marker in read_markers(root):
+    for marker in read_markers(store):
         common = {name: marker.get(name) for name in _MANIFEST_SCHEMA.names if name in marker}
         rows += [{**common, **file} for file in marker["files"]]
     order = {name: index for index, name in enumerate(TABLES)}
     rows.sort(key=lambda row: (order[row["table"]], row["path"]))
     buffer = io.BytesIO()
     pq.write_table(pa.Table.from_pylist(rows, schema=_MANIFEST_SCHEMA), buffer, compression="zstd")
-    publish_bytes(root / MANIFEST, buffer.getvalue())
+    store.publish(MANIFEST, buffer.getvalue())
     tables: dict[str, dict[str, int]] = defaultdict(lambda: {"files": 0, "rows": 0, "bytes": 0})
     for row in rows:
         entry = tables[row["table"]]
         entry["files"] += 1
         entry["rows"] += row["rows"]
         entry["bytes"] += row["bytes"]
-    publish_bytes(root / CARD, dataset_card(head, tables).encode())
+    store.publish(CARD, dataset_card(head, tables).encode())
     totals = {name: sum(entry[name] for entry in tables.values()) for name in ("files", "rows", "bytes")}
     return {"tables": dict(tables), **totals}
 
@@ -222,10 +260,16 @@ def dataset_card(head: Mapping[str, Any], tables: Mapping[str, Mapping[str, int]
     return "\n".join(lines)
 
 
-def _read_marker(path: Path) -> dict[str, Any] | None:
+def _markers(store: Store, names: Iterable[str]) -> dict[str, dict[str, Any]]:
+    """Return the markers that can be read and are whole."""
+    found = {name: _parse_marker(data) for name, data in store.read_all(names).items()}
+    return {name: marker for name, marker in found.items() if marker is not None}
+
+
+def _parse_marker(data: bytes) -> dict[str, Any] | None:
     try:
-        marker = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        marker = json.loads(data.decode("utf-8"))
+    except ValueError:
         return None
     if not isinstance(marker, dict) or not isinstance(marker.get("files"), list):
         return None
@@ -245,55 +289,34 @@ def _fits(content: Any, types: Mapping[str, Any]) -> bool:
     )
 
 
-def _is_done(root: Path, key: ShardKey | str, sha256: str, frames: tuple[int | None, int | None]) -> bool:
-    marker = _read_marker(root / marker_path(key))
-    if marker is None or marker["config_sha256"] != sha256 or marker["schema_version"] != SCHEMA_VERSION:
+def _finished(store: Store, keys: Iterable[ShardKey | str], sha256: str) -> dict[ShardKey | str, dict[str, Any]]:
+    """Return the markers of shards and static tables that are there as this configuration wants them."""
+    names = {marker_path(key).as_posix(): key for key in keys}
+    found = {}
+    for name, marker in _markers(store, names).items():
+        key = names[name]
+        frames = (key.frame_begin, key.frame_end) if isinstance(key, ShardKey) else (None, None)
+        wanted = (sha256, SCHEMA_VERSION, *frames)
+        if wanted == tuple(marker[part] for part in ("config_sha256", "schema_version", "frame_begin", "frame_end")):
+            found[key] = marker
+    sizes = store.sizes({file["path"] for marker in found.values() for file in marker["files"]})
+    return {
+        key: marker for key, marker in found.items()
+        if all(sizes.get(file["path"]) == file["bytes"] for file in marker["files"])
+    }  # fmt: skip
+
+
+def _is_other_and_empty(store: Store, sha256: str) -> bool:
+    if read_dataset(store)["config_sha256"] == sha256:
         return False
-    if (marker["frame_begin"], marker["frame_end"]) != frames:
-        return False
-    paths = [(root / file["path"], file["bytes"]) for file in marker["files"]]
-    return all(path.is_file() and path.stat().st_size == size for path, size in paths)
+    return not any(marker["frame_begin"] is not None for marker in read_markers(store))
 
 
-def _remove_data(root: Path) -> None:
-    """Remove what a run makes but `dataset.json`: markers first, so that a kill on the way leaves no false claim."""
-    for folder in (root / name for name in FOLDERS):
-        if folder.is_dir():
-            shutil.rmtree(folder)
-    for name in (MANIFEST, CARD, CONFIG):
-        (root / name).unlink(missing_ok=True)
-
-
-def check_writable(root: Path) -> None:
-    """Make a dataset folder if it does not exist.
-
-    Raises:
-        ValueError: If it cannot be made or written to.
-        OutOfSpaceError: If the disk is full.
-    """
-    there = next(path for path in (root, *root.absolute().parents) if path.exists())
-    if not there.is_dir():
-        raise ValueError(f"{root}: {there} is a file; the dataset needs a folder; give another --out")
-    if not os.access(there, os.W_OK | os.X_OK):
-        raise ValueError(f"{root}: {there} cannot be written to; give another --out, or change its permissions")
-    try:
-        root.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        if error.errno in FULL:
-            raise OutOfSpaceError(f"{root}: no space left to make it; free some space and run again") from error
-        raise ValueError(f"{root}: cannot be made ({error.strerror}); give another --out") from error
-
-
-def _is_other_and_empty(root: Path, sha256: str) -> bool:
-    has_frames = any(marker["frame_begin"] is not None for marker in read_markers(root))
-    return read_dataset(root)["config_sha256"] != sha256 and not has_frames
-
-
-def _check_same(root: Path, identity: Mapping[str, Any], sha256: str) -> None:
-    there = read_dataset(root)
+def _check_same(store: Store, identity: Mapping[str, Any], sha256: str) -> None:
+    there = read_dataset(store)
     if there["schema_version"] != SCHEMA_VERSION:
         raise ValueError(
-            f"{root}: has schema {there['schema_version']}; this version writes {SCHEMA_VERSION}; "
+            f"{store}: has schema {there['schema_version']}; this version writes {SCHEMA_VERSION}; "
             "use --overwrite to replace the data, or another --out"
         )
     if there["config_sha256"] == sha256:
@@ -301,7 +324,7 @@ def _check_same(root: Path, identity: Mapping[str, Any], sha256: str) -> None:
     differences = config_differences(there["config"], identity)
     shown = "; ".join(differences[:6]) + (f"; and {len(differences) - 6} more" if len(differences) > 6 else "")
     raise ValueError(
-        f"{root}: belongs to configuration {there['config_sha256'][:12]}, this one is {sha256[:12]}: {shown}; "
+        f"{store}: belongs to configuration {there['config_sha256'][:12]}, this one is {sha256[:12]}: {shown}; "
         "use --overwrite to replace the data, or another --out"
     )
 

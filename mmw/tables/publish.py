@@ -15,6 +15,10 @@ class OutOfSpaceError(RuntimeError):
     """The disk is full. Nothing that was published before is touched, and a rerun resumes."""
 
 
+class StoreError(RuntimeError):
+    """A store elsewhere cannot be reached, or refuses. What is finished is kept, and a rerun resumes."""
+
+
 def publish_bytes(path: Path, data: bytes | memoryview) -> None:
     """Write a file so that a reader, a kill or a power cut sees all of it or nothing.
 
@@ -57,5 +61,6 @@ def _no_space(path: Path, size: int) -> str:
     free = shutil.disk_usage(folder).free
     return (
         f"{folder}: no space left for {path.name}: {size:,} bytes needed, {free:,} bytes free; "
-        "free some space, or give --out another folder, and run the same command again: it resumes"
+        "free some space, or use a folder elsewhere (--out, or output.staging of a store), and run the same command "
+        "again: it resumes"
     )

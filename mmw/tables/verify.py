@@ -7,7 +7,7 @@ from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import Path
+from pathlib import PurePosixPath
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ import pyarrow.parquet as pq
 from mmw.tables.manifest import DATASET, MANIFEST, read_dataset, read_markers
 from mmw.tables.parquet import arrow_schema
 from mmw.tables.schemas import SCHEMA_VERSION, TABLES, table_spec
+from mmw.tables.store import Root, Store, store_of
 from mmw.tables.writer import MARKERS
 from mmw.temporary import is_temporary
 
@@ -48,21 +49,22 @@ class Finding:
         return f"{self.kind}: {self.path}: {self.text}"
 
 
-def verify(root: Path) -> list[Finding]:
+def verify(root: Root) -> list[Finding]:
     """Return everything that is wrong with a dataset; an empty list means that every file is as its marker says.
 
     Raises:
-        ValueError: If the folder is not a dataset.
+        ValueError: If it is not a dataset.
+        StoreError: If a store cannot be reached.
     """
-    root = Path(root)
-    head = read_dataset(root)
+    store = store_of(root)
+    head = read_dataset(store)
     sha256 = head["config_sha256"]
     findings = _check_version(DATASET, head["schema_version"])
-    markers = read_markers(root)
+    markers = read_markers(store)
     readable = {_marker_name(marker) for marker in markers}
-    for path in sorted((root / MARKERS).glob("*.json")):
-        if path.name not in readable:
-            findings.append(Finding("marker", f"{MARKERS}/{path.name}", "cannot be read; run the configuration again"))
+    for name in store.names(MARKERS):
+        if name.endswith(".json") and PurePosixPath(name).name not in readable:
+            findings.append(Finding("marker", name, "cannot be read; run the configuration again"))
     listed: dict[str, dict] = {}
     for marker in markers:
         findings += _check_version(f"{MARKERS}/{_marker_name(marker)}", marker["schema_version"])
@@ -74,8 +76,8 @@ def verify(root: Path) -> list[Finding]:
                 findings.append(
                     Finding("config", file["path"], f"made by configuration {marker['config_sha256'][:12]}")
                 )
-            findings += _check_file(root, file, marker)
-    return findings + _check_overlaps(markers) + _check_others(root, listed) + _check_manifest(root, listed)
+            findings += _check_file(store, file, marker)
+    return findings + _check_overlaps(markers) + _check_others(store, listed) + _check_manifest(store, listed)
 
 
 def version_number(text: str) -> tuple[int, int]:
@@ -108,11 +110,11 @@ def _marker_name(marker: dict[str, Any]) -> str:
     return f"{marker['scenario']}.{marker['weather']}.{marker['frame_begin']:06d}.json"
 
 
-def _check_file(root: Path, file: dict, marker: dict) -> list[Finding]:
-    path, name = root / file["path"], file["path"]
-    if not path.is_file():
+def _check_file(store: Store, file: dict, marker: dict) -> list[Finding]:
+    name = file["path"]
+    data = store.read(name)
+    if data is None:
         return [Finding("missing", name, "the marker lists it, but it is not there")]
-    data = path.read_bytes()
     if len(data) != file["bytes"]:
         return [Finding("size", name, f"{len(data)} bytes; the marker says {file['bytes']}")]
     if hashlib.sha256(data).hexdigest() != file["sha256"]:
@@ -191,34 +193,35 @@ def _check_overlaps(markers: Iterable[dict]) -> list[Finding]:
     return findings
 
 
-def _check_others(root: Path, listed: dict[str, dict]) -> list[Finding]:
+def _check_others(store: Store, listed: dict[str, dict]) -> list[Finding]:
     """Return files that no marker lists."""
     findings = []
-    inside = (path for name in TABLES for path in (root / name).rglob("*"))
-    for path in sorted(path for path in inside if path.is_file() or path.is_symlink()):
-        relative = path.relative_to(root).as_posix()
-        if relative in listed or is_temporary(path):
+    names = [(name, PurePosixPath(name)) for name in store.names()]
+    for name, path in names:
+        if path.parts[0] not in TABLES or name in listed or is_temporary(path):
             continue
-        if SHARD_FILE.fullmatch(relative) and path.is_file():
-            findings.append(Finding("orphan", relative, "no marker lists the file; its shard was not finished"))
+        if SHARD_FILE.fullmatch(name) and store.sizes([name]):
+            findings.append(Finding("orphan", name, "no marker lists the file; its shard was not finished"))
         else:
-            findings.append(Finding("foreign", relative, "no file of a dataset has this name; move it away"))
-    for path in sorted(root.glob("*.parquet")):
-        if path.name != MANIFEST:
-            findings.append(Finding("foreign", path.name, "no file of a dataset has this name; move it away"))
-    for path in sorted((root / MARKERS).glob("*")):
-        if path.suffix != ".json" and not is_temporary(path):
-            findings.append(Finding("foreign", f"{MARKERS}/{path.name}", "no marker has this name; move it away"))
-    for path in sorted(filter(is_temporary, root.rglob(".*"))):
-        findings.append(Finding("temporary", path.relative_to(root).as_posix(), "left by a killed run"))
+            findings.append(Finding("foreign", name, "no file of a dataset has this name; move it away"))
+    for name in store.top():
+        if name.endswith(".parquet") and name != MANIFEST:
+            findings.append(Finding("foreign", name, "no file of a dataset has this name; move it away"))
+    for name, path in names:
+        if path.parts[0] == MARKERS and path.suffix != ".json" and not is_temporary(path):
+            findings.append(Finding("foreign", name, "no marker has this name; move it away"))
+    for name, path in names:
+        if is_temporary(path):
+            findings.append(Finding("temporary", name, "left by a killed run"))
     return findings
 
 
-def _check_manifest(root: Path, listed: dict[str, dict]) -> list[Finding]:
-    if not (root / MANIFEST).is_file():
+def _check_manifest(store: Store, listed: dict[str, dict]) -> list[Finding]:
+    data = store.read(MANIFEST)
+    if data is None:
         return []
     try:
-        manifest = pq.read_table(root / MANIFEST, columns=["path", "sha256"]).to_pylist()
+        manifest = pq.read_table(pa.BufferReader(data), columns=["path", "sha256"]).to_pylist()
     except (pa.ArrowException, OSError, json.JSONDecodeError) as error:
         return [Finding("manifest", MANIFEST, f"cannot be read: {one_line(error)}; run the configuration again")]
     if {row["path"]: row["sha256"] for row in manifest} != {path: file["sha256"] for path, file in listed.items()}:

@@ -19,6 +19,7 @@ from mmw.tables.growing import GrowingFile
 from mmw.tables.parquet import arrow_schema
 from mmw.tables.publish import OutOfSpaceError, publish_bytes
 from mmw.tables.schemas import SCHEMA_VERSION, table_spec
+from mmw.tables.store import Root, Store, store_of
 
 __all__ = ["OutOfSpaceError", "ShardKey", "ShardWriter", "marker_path", "table_path", "write_scenario", "write_shard"]
 
@@ -66,18 +67,18 @@ def marker_path(key: ShardKey | str) -> Path:
 class ShardWriter:
     """One shard that grows in memory, batch of frames by batch; nothing of it is on the disk before `close`."""
 
-    def __init__(self, root: Path, key: ShardKey, meta: Mapping[str, Any]):
+    def __init__(self, root: Root, key: ShardKey, meta: Mapping[str, Any]):
         """Begin an empty shard.
 
         Args:
-            root: Dataset folder.
+            root: Dataset.
             key: Which shard.
             meta: `config_sha256`, and of the making what is known: `mmw_version`, `git_sha`, `device`.
 
         Raises:
             ValueError: If `meta` has no or unknown keys.
         """
-        self._root, self.key, self._meta = Path(root), key, meta
+        self._root, self.key, self._meta = store_of(root), key, meta
         self._file_meta = _file_meta(meta)
         self._files: dict[str, GrowingFile] = {}
 
@@ -114,6 +115,7 @@ class ShardWriter:
         Raises:
             ValueError: If two rows of a table have the same key.
             OutOfSpaceError: If the disk is full; what was published before is not touched.
+            StoreError: If the store cannot be reached or refuses; the shard stays in its staging folder.
         """
         identity = {
             "scenario": self.key.scenario,
@@ -125,7 +127,7 @@ class ShardWriter:
         return _publish(self._root, self.key, identity, encoded, {**self._meta, "seconds": seconds})
 
 
-def write_shard(root: Path, key: ShardKey, tables: Mapping[str, Columns], meta: Mapping[str, Any]) -> dict[str, Any]:
+def write_shard(root: Root, key: ShardKey, tables: Mapping[str, Columns], meta: Mapping[str, Any]) -> dict[str, Any]:
     """Publish a shard of which all rows are there; see `ShardWriter`, whose marker it returns.
 
     Threads may write different shards of one folder at the same time.
@@ -135,7 +137,7 @@ def write_shard(root: Path, key: ShardKey, tables: Mapping[str, Columns], meta: 
     return shard.close()
 
 
-def write_scenario(root: Path, scenario: str, tables: Mapping[str, Columns], meta: Mapping[str, Any]) -> dict[str, Any]:
+def write_scenario(root: Root, scenario: str, tables: Mapping[str, Columns], meta: Mapping[str, Any]) -> dict[str, Any]:
     """Publish the static tables of a scenario (`objects`, `sensors`, `materials`), then their marker.
 
     Arguments, result and errors are those of `write_shard`; the marker has no weather and no frames.
@@ -151,7 +153,7 @@ def write_scenario(root: Path, scenario: str, tables: Mapping[str, Columns], met
         file.add(table, 0)
         encoded.append((name, file.rows, file.close()))
     identity = {"scenario": scenario, "weather": None, "frame_begin": None, "frame_end": None}
-    return _publish(Path(root), scenario, identity, encoded, meta)
+    return _publish(store_of(root), scenario, identity, encoded, meta)
 
 
 def _to_table(name: str, columns: Any, key: dict[str, str]) -> pa.Table:
@@ -189,7 +191,7 @@ def _file_meta(meta: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _publish(
-    root: Path,
+    root: Store,
     key: ShardKey | str,
     identity: dict[str, Any],
     encoded: Iterable[tuple[str, int, memoryview]],
@@ -199,7 +201,7 @@ def _publish(
     files = []
     for name, rows, data in encoded:
         path = table_path(name, key)
-        publish_bytes(root / path, data)
+        publish_bytes(root.folder / path, data)
         digest = hashlib.sha256(data).hexdigest()
         files.append({"table": name, "path": path.as_posix(), "rows": rows, "bytes": data.nbytes, "sha256": digest})
     marker = {
@@ -209,5 +211,7 @@ def _publish(
         "created_utc": datetime.now(UTC).isoformat(timespec="seconds"),
         "files": files,
     }
-    publish_bytes(root / marker_path(key), json.dumps(marker, indent=1).encode())
+    last = marker_path(key)
+    publish_bytes(root.folder / last, json.dumps(marker, indent=1).encode())
+    root.keep([file["path"] for file in files], last.as_posix(), drop=isinstance(key, ShardKey))
     return marker

@@ -95,14 +95,14 @@ def speed_of(row: dict[str, Any]) -> float:
     return float(np.linalg.norm([row[f"v{axis}"] for axis in "xyz"]))
 
 
-def check_physics(root: Path, frames_each: int = 5) -> list[Finding]:
+def check_physics(root: str | Path, frames_each: int = 5) -> list[Finding]:
     """Return where rows contradict physics or each other.
 
     Lines of sight are held against Friis' formula and distance over c, LiDAR points against the boxes of their
     objects, and lines of sight against depth images and sweeps of sensors near an antenna.
 
     Args:
-        root: Dataset folder, whose files are known to be whole.
+        root: Dataset folder or address, whose files are known to be whole.
         frames_each: Frames of every scenario and weather that are looked at, evenly spaced.
 
     Raises:

@@ -4,11 +4,10 @@ import hashlib
 import json
 from collections import Counter
 from collections.abc import Iterator
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from mmw.config import (
     Config,
@@ -19,10 +18,11 @@ from mmw.config import (
     RadarConfig,
     RgbConfig,
     SensorSection,
-    load_config,
 )
+from mmw.provenance import stored_config
 from mmw.shards import shard_keys
 from mmw.tables.manifest import CONFIG, DATASET, config_differences, pending_scenarios, pending_shards, read_dataset
+from mmw.tables.store import Root, Store, store_of
 from mmw.tables.verify import Finding
 from mmw.tables.writer import ShardKey, marker_path, table_path
 
@@ -35,11 +35,11 @@ TABLE_OF = {LidarConfig: "lidar", ImuConfig: "imu", GnssConfig: "gnss", RadarCon
 """Section -> the table that has a row for each of its samples."""
 
 
-def check_plan(root: Path) -> list[Finding]:
+def check_plan(root: Root) -> list[Finding]:
     """Compare a dataset with its configuration.
 
     Args:
-        root: Dataset folder.
+        root: Dataset.
 
     Returns:
         Where `config.yaml` and `dataset.json` differ or do not have the hash that is stored, shards and scenarios
@@ -49,10 +49,11 @@ def check_plan(root: Path) -> list[Finding]:
     Raises:
         ValueError: If the folder is not a dataset or its configuration cannot be read.
     """
+    root = store_of(root)
     head = read_dataset(root)
-    if not (root / CONFIG).is_file():
+    if not root.sizes([CONFIG]):
         return [Finding("config", CONFIG, "is missing; counts cannot be compared; run the same configuration again")]
-    config = load_config(root / CONFIG)
+    config = stored_config(root)
     findings = _check_config(config, head)
     if findings:
         return findings  # counts of another configuration would say nothing
@@ -68,9 +69,8 @@ def check_plan(root: Path) -> list[Finding]:
         else:
             findings += _check_shard(root, config, key)
     planned = {marker_path(key).name for key in [*keys, *names]}
-    for path in sorted((root / marker_path("x").parent).glob("*.json")):
-        if path.name not in planned:
-            name = path.relative_to(root).as_posix()
+    for name in root.names(marker_path("x").parent.as_posix()):
+        if name.endswith(".json") and PurePosixPath(name).name not in planned:
             findings.append(Finding("foreign", name, "the configuration has no such shard"))
     return findings
 
@@ -99,7 +99,7 @@ def _align_paths(stored: dict[str, Any], kept: dict[str, Any]) -> None:
             other[key] = one[key]
 
 
-def _check_shard(root: Path, config: Config, key: ShardKey) -> Iterator[Finding]:
+def _check_shard(root: Store, config: Config, key: ShardKey) -> Iterator[Finding]:
     """Yield the tables of a shard whose keys are not the expected ones."""
     try:
         shard = _Shard(root, key)
@@ -135,17 +135,16 @@ def _name(table: str, counts: Counter) -> str:
 class _Shard:
     """The tables of a shard, as far as they are there."""
 
-    def __init__(self, root: Path, key: ShardKey) -> None:
+    def __init__(self, root: Store, key: ShardKey) -> None:
         self.root, self.key = root, key
         self.frames = range(key.frame_begin, key.frame_end)
 
     def keys(self, table: str, columns: tuple[str, ...]) -> list[tuple]:
         """Return some columns of every row; none if there is no file."""
-        path = self.root / table_path(table, self.key)
-        if not path.is_file():
+        name = table_path(table, self.key).as_posix()
+        if not self.root.sizes([name]):
             return []
-        with pq.ParquetFile(path) as file:
-            rows = file.read(columns=list(columns))
+        rows = self.root.rows(name, columns)
         return list(zip(*(rows.column(name).to_pylist() for name in columns), strict=True))
 
 

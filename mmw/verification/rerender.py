@@ -3,15 +3,13 @@
 import random
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
-
-import pyarrow.parquet as pq
 
 from mmw.compute.device import device_name
 from mmw.remake import Remaker, differing_columns, stored_rows
 from mmw.tables.manifest import read_markers
 from mmw.tables.schemas import TABLES, table_spec
+from mmw.tables.store import Root, store_of
 from mmw.tables.verify import Finding
 
 
@@ -36,16 +34,17 @@ class RowName:
         return " ".join(f"{name}={value}" for name, value in parts.items() if value is not None)
 
 
-def choose_rows(root: Path, count: int, seed: int) -> list[RowName]:
+def choose_rows(root: Root, count: int, seed: int) -> list[RowName]:
     """Return random rows of a dataset, by scenario and frame; every table is as likely as any other.
 
     Args:
-        root: Dataset folder.
+        root: Dataset.
         count: Rows, fewer if a row is drawn twice.
         seed: The same seed draws the same rows of the same dataset.
     """
+    store = store_of(root)
     files: dict[str, list[tuple[dict, dict]]] = {}
-    for marker in read_markers(root):
+    for marker in read_markers(store):
         for file in marker["files"]:
             if file["rows"] and file["table"] in TABLES:
                 files.setdefault(file["table"], []).append((marker, file))
@@ -55,8 +54,7 @@ def choose_rows(root: Path, count: int, seed: int) -> list[RowName]:
         table = draw.choice(sorted(files))
         ((marker, file),) = draw.choices(files[table], weights=[file["rows"] for _, file in files[table]])
         row = draw.randrange(file["rows"])
-        with pq.ParquetFile(Path(root) / file["path"]) as parquet:
-            (key,) = parquet.read(columns=list(table_spec(table).key)).slice(row, 1).to_pylist()
+        (key,) = store.rows(file["path"], table_spec(table).key).slice(row, 1).to_pylist()
         frame = key.pop("frame", None)
         device = str(marker.get("device") or "")
         name = RowName(table, marker["scenario"], marker["weather"], frame, key, file["path"], device)
@@ -65,12 +63,12 @@ def choose_rows(root: Path, count: int, seed: int) -> list[RowName]:
 
 
 def rerender(
-    root: Path, count: int, *, seed: int = 0, device: str = "auto", tell: Callable[[str], None] = lambda _: None
+    root: Root, count: int, *, seed: int = 0, device: str = "auto", tell: Callable[[str], None] = lambda _: None
 ) -> list[Finding]:
     """Make random rows again and return those that are not the stored ones.
 
     Args:
-        root: Dataset folder, whose files are known to be whole.
+        root: Dataset, whose files are known to be whole.
         count: Rows to draw, see `choose_rows`.
         seed: Seed of the draw.
         device: Warp device name, or `auto`; rows are equal bit for bit only on the kind of device that made them.
@@ -80,7 +78,7 @@ def rerender(
         ValueError: If the folder is not a dataset, or its configuration or stages cannot be used.
     """
     findings = []
-    with Remaker(Path(root), device) as maker:
+    with Remaker(root, device) as maker:
         for name in choose_rows(root, count, seed):
             columns = compare_row(maker, name)
             tell(f"{name.table} {name}: {'differs in ' + ', '.join(columns) if columns else 'equal'}")
@@ -97,7 +95,7 @@ def compare_row(maker: Remaker, name: RowName) -> list[str]:
     named = {"scenario": name.scenario, "weather": name.weather, "frame": name.frame}
     named = {column: value for column, value in named.items() if value is not None}
     made = maker.rows(name.table, **{**named, **name.key})
-    stored = stored_rows(maker.root, name.table, {**named, **name.key})
+    stored = stored_rows(maker.address, name.table, {**named, **name.key})
     if made.num_rows != 1 or stored.num_rows != 1:
         return ["row"]
     return differing_columns(made, stored)
