@@ -100,6 +100,7 @@ def execute(config: Config, path: Path, *, dry_run: bool = False, overwrite: boo
         shard: Make only this part of it, `i/N`.
     """
     from mmw.compute.device import worker_devices
+    from mmw.engines.engine import open_engine
     from mmw.engines.queue import WorkerLostError
     from mmw.make import make_dataset
     from mmw.pipeline import is_out_of_memory
@@ -112,16 +113,16 @@ def execute(config: Config, path: Path, *, dry_run: bool = False, overwrite: boo
     base = path.parent
     try:
         part = Part.parse(shard)
-        devices = worker_devices(config.compute.device, config.compute.workers)
         check_inputs(config, base)
         if dry_run:
-            print(describe_plan(config, base, devices[0]))
+            print(describe_plan(config, base, worker_devices(config.compute.device, config.compute.workers)[0]))
             return 0
-        with Console() as console:
+        with Console() as console, open_engine(config.compute, console) as engine:
             if not overwrite:
-                for line in check_continuation(Path(config.output.dir), config, versions(config, base, devices[0])):
+                made_with = versions(config, base, engine.device_name)
+                for line in check_continuation(Path(config.output.dir), config, made_with):
                     console.warn_once(line)
-            make_dataset(config, base=base, devices=devices, part=part, overwrite=overwrite, console=console)
+            make_dataset(config, base=base, engine=engine, part=part, overwrite=overwrite, console=console)
     except ConfigError as error:
         return fail([f"{path}: {problem}" for problem in error.problems])
     except ValueError as error:
