@@ -35,6 +35,9 @@ def parser(prog: str = "python -m mmw.run") -> argparse.ArgumentParser:
     result.add_argument("--out", metavar="DIR", help="dataset folder (output.dir)")
     result.add_argument("--device", metavar="NAME", help="auto, cpu or cuda:N (compute.device)")
     result.add_argument(
+        "--engine", metavar="NAME", help="local (processes of this machine) or ray (a Ray cluster) (compute.engine)"
+    )
+    result.add_argument(
         "--batch-frames", type=int, metavar="N", help="frames traced in one launch (compute.batch_frames)"
     )
     result.add_argument("--workers", metavar="N", help="processes that trace: a number or auto (compute.workers)")
@@ -69,6 +72,7 @@ def main(argv: Sequence[str] | None = None, prog: str = "python -m mmw.run") -> 
         key: value
         for key, value in (
             ("output.dir", arguments.out),
+            ("compute.engine", arguments.engine),
             ("compute.device", arguments.device),
             ("compute.batch_frames", arguments.batch_frames),
             ("compute.workers", int(arguments.workers) if str(arguments.workers).isdecimal() else arguments.workers),
@@ -115,7 +119,10 @@ def execute(config: Config, path: Path, *, dry_run: bool = False, overwrite: boo
         part = Part.parse(shard)
         check_inputs(config, base)
         if dry_run:
-            print(describe_plan(config, base, worker_devices(config.compute.device, config.compute.workers)[0]))
+            compute = config.compute
+            is_local = compute.engine == "local"
+            where = worker_devices(compute.device, compute.workers)[0] if is_local else "a Ray cluster"
+            print(describe_plan(config, base, where))
             return 0
         with Console() as console, open_engine(config.compute, console) as engine:
             if not overwrite:

@@ -82,6 +82,21 @@ def test_a_machine_lost_with_all_its_workers_is_no_end() -> None:
         queue.give_back(24, [], "on a node that is gone")
 
 
+def test_an_engine_that_is_not_installed(
+    world: Path, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("mmw.engines.ray", "mmw.engines.ray_cluster"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    monkeypatch.setitem(sys.modules, "ray", None)
+    assert main(command(world, "none", "--engine", "ray")) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 1 and "the package ray is missing; pip install 'mmw[ray]'" in lines[0]
+    assert main(command(world, "none", "--engine", "ray", "--dry-run")) == 0
+    assert "20 frames in all on a Ray cluster" in capsys.readouterr().out
+    assert main(command(world, "none", "--engine", "slurm")) == 2
+    assert "must be 'local' or 'ray'" in capsys.readouterr().err
+
+
 def test_workers_make_the_same_dataset(world: Path) -> None:
     assert main(command(world, "two", "--workers", "2")) == 0
     assert_same_rows(world / "alone", world / "two")

@@ -57,6 +57,18 @@ def open_engine(compute: ComputeConfig, console: Console) -> Iterator[Engine]:
     """Return the configured engine; what it started ends with the block.
 
     Raises:
-        ValueError: If the machine has no such device.
+        ValueError: If it is not installed, cannot be reached, or has no such device.
     """
-    yield LocalEngine(worker_devices(compute.device, compute.workers))
+    if compute.engine == "local":
+        yield LocalEngine(worker_devices(compute.device, compute.workers))
+        return
+    try:
+        from mmw.engines.ray import connected
+    except ModuleNotFoundError as error:
+        if error.name != "ray":
+            raise
+        raise ValueError(
+            "compute.engine = 'ray': the package ray is missing; pip install 'mmw[ray]', or use --engine local"
+        ) from None
+    with connected(compute, console) as engine:
+        yield engine
