@@ -18,7 +18,6 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
@@ -27,6 +26,7 @@ import warp as wp
 from bench.rays import machine
 from mmw.compute.device import worker_devices
 from mmw.config import Config, load_config
+from mmw.engines.engine import Engine, LocalEngine
 from mmw.make import make_dataset
 from mmw.report import SET_UP, Console
 from mmw.shards import Part
@@ -131,18 +131,18 @@ def _mean_between(samples: list[tuple[float, float]], start: float, end: float) 
     return sum(some) / len(some) if some else None
 
 
-def measure(config: Config, whole: Config, base: Path, devices: Sequence[str]) -> Result:
+def measure(config: Config, whole: Config, base: Path, engine: Engine) -> Result:
     """Make a dataset and return what it took.
 
     Args:
         config: What is made.
         whole: What the projection is for.
         base: Folder that relative paths start from.
-        devices: Device of each worker.
+        engine: Who makes it.
     """
     used = os.times()
     with Console() as console, Load() as load:
-        make_dataset(config, base=base, devices=devices, part=Part(), overwrite=False, console=console)
+        make_dataset(config, base=base, engine=engine, part=Part(), overwrite=False, console=console)
         seconds, clock, workers = console.clock.elapsed, console.clock, console.workers
     now = os.times()
     processor = sum(now[:4]) - sum(used[:4])
@@ -199,7 +199,8 @@ def main(arguments: list[str]) -> None:
         update = {"frames": config.frames_of(some[0]).model_copy(update={"start": 0, "count": options.frames})}
         config = config.model_copy(update=update)
     try:
-        result = measure(config, whole, options.config.parent, worker_devices(options.device, workers))
+        engine = LocalEngine(worker_devices(options.device, workers))
+        result = measure(config, whole, options.config.parent, engine)
     finally:
         if not options.out:
             shutil.rmtree(folder)

@@ -1,12 +1,10 @@
 """A dataset from a configuration: what is missing of it is cut into work, an engine makes it, the manifest lists it."""
 
-from collections.abc import Sequence
 from pathlib import Path
 
-from mmw.compute.device import device_name, writer_threads
+from mmw.compute.device import writer_threads
 from mmw.config import Config
-from mmw.engines.alone import make_alone
-from mmw.engines.processes import Processes
+from mmw.engines.engine import Engine
 from mmw.provenance import keep_config, versions
 from mmw.report import Console, closing_summary
 from mmw.shards import Part, all_work, part_of, pending_work
@@ -20,15 +18,13 @@ FRAMES_A_WORKER = {"cpu": 16, "cuda": 300}
 as long as some ten frames on a core, and as 200 on an H100. Design values."""
 
 
-def make_dataset(
-    config: Config, *, base: Path, devices: Sequence[str], part: Part, overwrite: bool, console: Console
-) -> None:
+def make_dataset(config: Config, *, base: Path, engine: Engine, part: Part, overwrite: bool, console: Console) -> None:
     """Make the dataset of a configuration, or what is missing of it, or of a part of it.
 
     Args:
         config: The configuration.
         base: Folder that relative paths in it start from.
-        devices: Warp device of each worker.
+        engine: Who makes it.
         part: Which part is made; the run that makes the last of them writes the manifest.
         overwrite: Replace a dataset that another configuration made.
         console: Where progress goes.
@@ -45,7 +41,7 @@ def make_dataset(
         raise ValueError(f"--overwrite with --shard {part}: would remove the other parts; remove {root} first")
     root.check()
     with writing(root, part.index, part.count, console.say):
-        _make(config, base, root, devices, part, overwrite, console)
+        _make(config, base, root, engine, part, overwrite, console)
 
 
 def output_of(config: Config, part: Part) -> Store:
@@ -58,16 +54,15 @@ def output_of(config: Config, part: Part) -> Store:
 
 
 def _make(
-    config: Config, base: Path, root: Store, devices: Sequence[str], part: Part, overwrite: bool, console: Console
+    config: Config, base: Path, root: Store, engine: Engine, part: Part, overwrite: bool, console: Console
 ) -> None:
-    made_with = versions(config, base, devices[0])
+    made_with = versions(config, base, engine.device_name)
     prepare_root(root, config.identity(), config.sha256(), made_with, overwrite)
     keep_config(config, base, root)
     meta = {
         "config_sha256": config.sha256(),
         "mmw_version": made_with["mmw"],
         "git_sha": made_with["git"],
-        "device": device_name(devices[0]),
     }
     everything = all_work(config)
     wanted = part_of(everything, part)
@@ -77,17 +72,14 @@ def _make(
     total, frames = (sum(item.frames for item in some) for some in (wanted, work))
     most = len(work)
     if config.compute.workers == "auto":
-        most = min(most, frames // FRAMES_A_WORKER[devices[0].partition(":")[0]])
-    used = devices[: max(most, 1)]
-    making = Making(config, base, root, meta, writer_threads(config.compute.writer_threads, len(used)))
-    console.begin(total, total - frames, len(used))
+        most = min(most, frames // FRAMES_A_WORKER[engine.devices[0].partition(":")[0]])
+    workers = max(min(len(engine.devices), most), 1)
+    making = Making(config, base, root, meta, writer_threads(config.compute.writer_threads, workers))
+    console.begin(total, total - frames, workers)
     if console.done:
         rest = "making the rest" if console.done < total else "nothing to make"
         console.say(f"{root}: {console.done} of {total} frames are there already; {rest}")
-    if len(used) == 1:
-        make_alone(making, work, used[0], console)
-    else:
-        Processes(making, work, used, console).run()
+    engine.make(making, work, workers, console)
     root.leave()
     missing = sum(item.frames for item in pending_work(root, everything))
     if missing:
@@ -98,4 +90,4 @@ def _make(
         return
     with console.clock.stage("manifest"):
         result = finalize(root)
-    console.summary(closing_summary(root, config, device_name(used[0]), result, console.clock, frames))
+    console.summary(closing_summary(root, config, engine.device_name, result, console.clock, frames))

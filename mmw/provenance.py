@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from mmw import __version__
-from mmw.compute.device import device_name
 from mmw.config import Config
 from mmw.config.load import load_config, to_yaml
 from mmw.plan import is_town_file, scenario_source, trajectory_file
@@ -94,8 +93,17 @@ def check_continuation(root: Root, config: Config, now: Mapping[str, Any]) -> li
     return notes
 
 
-def versions(config: Config, base: Path, device: str) -> dict[str, Any]:
-    """Return what makes the data: versions, revision, device, and the hashes of towns, stages and trajectories."""
+def versions(config: Config, base: Path, device_name: str) -> dict[str, Any]:
+    """Return what makes the data: versions, revision, device, and the hashes of towns, stages and trajectories.
+
+    Args:
+        config: The configuration.
+        base: Folder that relative paths in it start from.
+        device_name: The device's name for people.
+
+    Raises:
+        ValueError: If a file of the configuration does not exist.
+    """
     packages = {}
     names = ["warp-lang", "numpy", "usd-core", "pyarrow", "pydantic", "trimesh", "pillow", "simplejpeg"]
     names += ["libsumo"] * any(scenario.traffic and scenario.traffic.engine == "sumo" for scenario in config.scenarios)
@@ -115,7 +123,7 @@ def versions(config: Config, base: Path, device: str) -> dict[str, Any]:
         "git": git_revision(),
         "python": platform.python_version(),
         "packages": packages,
-        "device": device_name(device),
+        "device": device_name,
         "sources": sources,
     }
 

@@ -35,6 +35,9 @@ def parser(prog: str = "python -m mmw.run") -> argparse.ArgumentParser:
     result.add_argument("--out", metavar="DIR", help="dataset folder, or s3://bucket/folder (output.dir)")
     result.add_argument("--device", metavar="NAME", help="auto, cpu or cuda:N (compute.device)")
     result.add_argument(
+        "--engine", metavar="NAME", help="local (processes of this machine) or ray (a Ray cluster) (compute.engine)"
+    )
+    result.add_argument(
         "--batch-frames", type=int, metavar="N", help="frames traced in one launch (compute.batch_frames)"
     )
     result.add_argument("--workers", metavar="N", help="processes that trace: a number or auto (compute.workers)")
@@ -69,6 +72,7 @@ def main(argv: Sequence[str] | None = None, prog: str = "python -m mmw.run") -> 
         key: value
         for key, value in (
             ("output.dir", arguments.out),
+            ("compute.engine", arguments.engine),
             ("compute.device", arguments.device),
             ("compute.batch_frames", arguments.batch_frames),
             ("compute.workers", int(arguments.workers) if str(arguments.workers).isdecimal() else arguments.workers),
@@ -100,6 +104,7 @@ def execute(config: Config, path: Path, *, dry_run: bool = False, overwrite: boo
         shard: Make only this part of it, `i/N`.
     """
     from mmw.compute.device import worker_devices
+    from mmw.engines.engine import open_engine
     from mmw.engines.queue import WorkerLostError
     from mmw.make import make_dataset, output_of
     from mmw.pipeline import is_out_of_memory
@@ -113,17 +118,20 @@ def execute(config: Config, path: Path, *, dry_run: bool = False, overwrite: boo
     try:
         part = Part.parse(shard)
         root = output_of(config, part)
-        devices = worker_devices(config.compute.device, config.compute.workers)
         check_inputs(config, base)
         if dry_run:
-            print(describe_plan(config, base, devices[0]))
+            compute = config.compute
+            is_local = compute.engine == "local"
+            where = worker_devices(compute.device, compute.workers)[0] if is_local else "a Ray cluster"
+            print(describe_plan(config, base, where))
             return 0
-        root.check()
-        with Console() as console:
+        with Console() as console, open_engine(config.compute, console) as engine:
+            root.check()
             if not overwrite:
-                for line in check_continuation(root, config, versions(config, base, devices[0])):
+                made_with = versions(config, base, engine.device_name)
+                for line in check_continuation(root, config, made_with):
                     console.warn_once(line)
-            make_dataset(config, base=base, devices=devices, part=part, overwrite=overwrite, console=console)
+            make_dataset(config, base=base, engine=engine, part=part, overwrite=overwrite, console=console)
     except ConfigError as error:
         return fail([f"{path}: {problem}" for problem in error.problems])
     except ValueError as error:

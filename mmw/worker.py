@@ -9,6 +9,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from mmw.compute.device import device_name
 from mmw.config import Config, ScenarioConfig
 from mmw.notes import notes
 from mmw.pipeline import join_batches, make_job, trace_work
@@ -38,7 +39,7 @@ class Making:
     root: Store
     """Where the dataset is."""
     meta: Mapping[str, Any]
-    """What goes into every marker; see `write_shard`."""
+    """What goes into every marker besides the worker's device; see `write_shard`."""
     threads: int
     """Threads of each worker that encode and write."""
 
@@ -59,6 +60,7 @@ class Worker:
         """
         self._making = making
         self._device = device
+        self._meta = {**making.meta, "device": device_name(device)}
         self._reporter = reporter
         self._pool = ThreadPoolExecutor(making.threads, thread_name_prefix="mmw-writer")
         self._scenarios = {scenario.name: scenario for scenario in making.config.scenarios}
@@ -96,7 +98,7 @@ class Worker:
             self._batch_frames = self._job.scene.max_slots if self._job is not None else 0
         if self._job is None or not work.weathers:
             return
-        shards = {key.weather: ShardWriter(self._making.root, key, self._making.meta) for key in work.keys}
+        shards = {key.weather: ShardWriter(self._making.root, key, self._meta) for key in work.keys}
         ends: dict[str, Future[None]] = {}
         begin = time.perf_counter()
 
@@ -123,7 +125,7 @@ class Worker:
             for line in notes(arrays, making.config, scenario):
                 self._reporter.warn_once(line)
             if pending_scenarios(making.root, [scenario.name]):
-                write_scenario(making.root, scenario.name, static_rows(arrays, making.config, scenario), making.meta)
+                write_scenario(making.root, scenario.name, static_rows(arrays, making.config, scenario), self._meta)
         if not with_job:
             return None
         with clock.stage("kernels"):

@@ -51,6 +51,7 @@ frames: {count: 10}
 sensors: [{type: lidar, channels: 8, points_per_channel: 64}, {type: imu}]
 channel: {rays: 10_000}
 """
+SMALL = ["output.shard_frames=2", "weathers=[sunny, rainy]"]
 
 
 def write_own_world(folder: Path) -> Path:
@@ -58,3 +59,18 @@ def write_own_world(folder: Path) -> Path:
     (folder / "mine.usda").write_text(STAGE)
     (folder / "mine.yaml").write_text(CONFIG)
     return folder
+
+
+def command(folder: Path, out: str, *extra: str) -> list[str]:
+    """Return the arguments of a run on the CPU: two frames a shard, two weathers."""
+    return ["--config", str(folder / "mine.yaml"), *SMALL, "--out", str(folder / out), "--device", "cpu", *extra]
+
+
+def assert_same_rows(one: Path, other: Path) -> None:
+    """Every table file of two datasets has the same bytes."""
+    first, second = (
+        {str(path.relative_to(root)): path.read_bytes() for path in root.rglob("part-*.parquet")}
+        for root in (one, other)
+    )
+    assert first.keys() == second.keys()
+    assert [name for name in first if first[name] != second[name]] == []

@@ -287,6 +287,21 @@ def test_a_place_that_holds_something_else_is_refused(server: Server, tmp_path: 
         read_dataset(server.address("none"))
 
 
+def test_a_dataset_that_another_part_begins_at_the_same_time_is_taken_up(server: Server, tmp_path: Path) -> None:
+    make(Bucket(server.address("first"), tmp_path))
+    head, looks = server.objects("first")["dataset.json"], count(1)
+
+    def begin(method: str, path: str) -> None:
+        if "list-type" in path and next(looks) == 2:  # this part has seen nothing there yet
+            for name, data in (("dataset.json", head), ("config.yaml", b"")):
+                server.backend.put_object("bucket", f"race/{name}", data)
+
+    server.before = begin
+    root = Bucket(server.address("race"), tmp_path, "1-of-2")
+    make(root)
+    assert next(looks) >= 3 and server.objects("race")["dataset.json"] == head and verify(root) == []
+
+
 @pytest.mark.parametrize(
     ("answer", "words"),
     [

@@ -21,27 +21,10 @@ from mmw.run import main
 from mmw.shards import Part, Work, all_work, part_of
 from mmw.tables.lock import only_one, writers, writing
 from mmw.tables.verify import verify
-from tests.own_world import write_own_world
+from tests.own_world import SMALL, assert_same_rows, command, write_own_world
 
 KILL_ROUNDS = int(os.environ.get("MMW_KILL_ROUNDS", "3"))
 """Datasets that are made among kills."""
-
-SMALL = ["output.shard_frames=2", "weathers=[sunny, rainy]"]
-FRAMES = 2 * 10
-
-
-def command(folder: Path, out: str, *extra: str) -> list[str]:
-    return ["--config", str(folder / "mine.yaml"), *SMALL, "--out", str(folder / out), "--device", "cpu", *extra]
-
-
-def assert_same_rows(one: Path, other: Path) -> None:
-    """Every table file has the same bytes."""
-    first, second = (
-        {str(path.relative_to(root)): path.read_bytes() for path in root.rglob("part-*.parquet")}
-        for root in (one, other)
-    )
-    assert first.keys() == second.keys()
-    assert [name for name in first if first[name] != second[name]] == []
 
 
 @pytest.fixture(scope="module")
@@ -89,6 +72,29 @@ def test_lost_work_comes_first_and_not_for_ever() -> None:
         queue.give_back(worker, [first], "by signal 9")
     with pytest.raises(WorkerLostError, match=r"4 workers died at a, frames 0 to 0, the last by signal 9"):
         queue.give_back(9, [queue.next(9)], "by signal 9")
+
+
+def test_a_machine_lost_with_all_its_workers_is_no_end() -> None:
+    queue = WorkQueue([Work("a", 0, 1, ("sunny",))], workers=8)
+    for worker in range(MOST_TRIES * 8):
+        queue.give_back(worker, [], "on a node that is gone")
+    with pytest.raises(WorkerLostError, match="25 workers died before they began, the last on a node that is gone"):
+        queue.give_back(24, [], "on a node that is gone")
+
+
+def test_an_engine_that_is_not_installed(
+    world: Path, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("mmw.engines.ray", "mmw.engines.ray_cluster"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    monkeypatch.setitem(sys.modules, "ray", None)
+    assert main(command(world, "none", "--engine", "ray")) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 1 and "the package ray is missing; pip install 'mmw[ray]'" in lines[0]
+    assert main(command(world, "none", "--engine", "ray", "--dry-run")) == 0
+    assert "20 frames in all on a Ray cluster" in capsys.readouterr().out
+    assert main(command(world, "none", "--engine", "slurm")) == 2
+    assert "must be 'local' or 'ray'" in capsys.readouterr().err
 
 
 def test_workers_make_the_same_dataset(world: Path) -> None:

@@ -2,7 +2,6 @@
 
 import math
 import os
-import sys
 from collections.abc import Sequence
 
 import warp as wp
@@ -62,14 +61,30 @@ def worker_devices(name: str, workers: int | str) -> list[str]:
 
 def workers_a_gpu(found: Sequence[wp.Device]) -> int:
     """Return how many workers each of the machine's GPUs can have, at least one."""
-    return max(
-        min(
-            math.ceil(cores() / (CORES_A_WORKER * len(found))),
-            int(min(host_bytes() / (HOST_BYTES_A_WORKER * len(found)), sys.maxsize)),
-            min(device.total_memory for device in found) // GPU_BYTES_A_WORKER,
-        ),
-        1,
+    return workers_that_fit(len(found), cores(), host_bytes(), min(device.total_memory for device in found))
+
+
+def workers_that_fit(gpu_count: int, core_count: float, host_bytes: float, gpu_bytes: float) -> int:
+    """Return how many workers each GPU of a machine can have, at least one.
+
+    Args:
+        gpu_count: GPUs of the machine.
+        core_count: Its processor cores.
+        host_bytes: Its memory [bytes].
+        gpu_bytes: Memory of each GPU [bytes].
+    """
+    most = min(
+        math.ceil(core_count / (CORES_A_WORKER * gpu_count)),
+        host_bytes / (HOST_BYTES_A_WORKER * gpu_count),
+        gpu_bytes / GPU_BYTES_A_WORKER,
     )
+    return max(int(most), 1)
+
+
+def gpu_bytes(device: str) -> float:
+    """Return the memory of a GPU [bytes]; infinite for the CPU, which has none of its own."""
+    found = wp.get_device(device)
+    return float(found.total_memory) if found.is_cuda else math.inf
 
 
 def host_bytes() -> float:

@@ -10,6 +10,11 @@ from mmw.config.section import Section
 class ComputeConfig(Section):
     """Devices, workers and batch size; all are left out of the dataset's identity."""
 
+    engine: Literal["local", "ray"] = Field(
+        "local",
+        description="who starts workers: `local` as processes of this machine, `ray` as actors of a Ray cluster (extra "
+        "`ray`); `--engine` replaces it (name)",
+    )
     device: str = Field("auto", description="`auto` (first CUDA device, else the CPU), `cpu`, or `cuda:N` (name)")
     batch_frames: int = Field(
         50, ge=1, le=1024, description="frames traced in one launch; `--batch-frames` replaces it (count)"

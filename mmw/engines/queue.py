@@ -6,18 +6,25 @@ from collections.abc import Iterable
 from mmw.shards import Work
 
 MOST_TRIES = 3
-"""Workers that may die over the same piece of work before the run gives up."""
+"""Workers that may die over the same piece of work before the run gives up; as many for each may die before they begin,
+so that a machine that is lost with many workers is no reason."""
 
 
 class WorkerLostError(RuntimeError):
-    """Workers die again and again. What they finished is kept, and a rerun resumes."""
+    """Workers die again and again, or are out of reach. What they finished is kept, and a rerun resumes."""
 
 
 class WorkQueue:
     """Work that no worker has, and what each worker has."""
 
-    def __init__(self, work: Iterable[Work]):
-        """Queue work, which stays in its order within a scenario."""
+    def __init__(self, work: Iterable[Work], workers: int = 1):
+        """Queue work, which stays in its order within a scenario.
+
+        Args:
+            work: The work.
+            workers: How many make it at a time.
+        """
+        self._workers = workers
         self._waiting: dict[str, list[Work]] = defaultdict(list)
         self._tries: Counter[Work | None] = Counter()
         self._scenario: dict[int, str] = {}
@@ -61,7 +68,7 @@ class WorkQueue:
             self._waiting[item.scenario].insert(0, item)
         first = items[0] if items else None  # what it was at; none if it died before it began
         self._tries[first] += 1
-        if self._tries[first] > MOST_TRIES:
+        if self._tries[first] > MOST_TRIES * (self._workers if first is None else 1):
             where = "before they began" if first is None else f"at {first}"
             raise WorkerLostError(
                 f"{self._tries[first]} workers died {where}, the last {cause}; everything that was finished is kept; "

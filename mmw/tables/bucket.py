@@ -119,6 +119,9 @@ class Bucket(Store):
     def where(self, name: str = "") -> str:
         return "/".join(part for part in (f"s3://{self._root}", name) if part)
 
+    def anywhere(self) -> "Bucket":
+        return self
+
     def check(self) -> None:
         Folder(self._staging).check()
         try:

@@ -45,6 +45,10 @@ class Store(ABC):
         """Return what people call one of its files, or the place itself without what only programs need."""
 
     @abstractmethod
+    def anywhere(self) -> "Store":
+        """Return the same place by a name that holds in any working directory, and on machines that share it."""
+
+    @abstractmethod
     def check(self) -> None:
         """See that the place is there and can be written to.
 
@@ -177,6 +181,9 @@ class Folder(Store):
 
     def where(self, name: str = "") -> str:
         return str(self._root / name)
+
+    def anywhere(self) -> "Folder":
+        return Folder(self._root.absolute())
 
     def check(self) -> None:
         root = self._root

@@ -115,7 +115,7 @@ class ShardWriter:
         Raises:
             ValueError: If two rows of a table have the same key.
             OutOfSpaceError: If the disk is full; what was published before is not touched.
-            StoreError: If a store cannot be reached or refuses; the shard stays in its staging folder.
+            StoreError: If the store cannot be reached or refuses; the shard stays in its staging folder.
         """
         identity = {
             "scenario": self.key.scenario,

@@ -1,0 +1,82 @@
+"""A worker's end of an engine: it asks for work and makes it; what it says goes to the run as messages."""
+
+import pickle
+import traceback
+from collections.abc import Callable
+from typing import Any
+
+from mmw.report import Clock
+from mmw.shards import Work
+from mmw.worker import Making, Worker
+
+READY, TRACED, NOTE, ENDED, FAILED = "ready", "traced", "note", "ended", "failed"
+"""Kinds of messages from a worker: it wants work; frames, scenario and times; one line; its last times; its error."""
+
+Message = tuple[Any, ...]
+"""A kind and its content; it can be pickled."""
+
+
+class Relay:
+    """A worker's `Reporter`: what it says becomes messages."""
+
+    def __init__(self, send: Callable[[Message], None]):
+        self._send = send
+        self._sent = Clock()
+        self.clock = Clock()
+
+    def warn_once(self, text: str) -> None:
+        """Send a warning; the run shows each once."""
+        self._send((NOTE, text))
+
+    def advance(self, frames: int, where: str) -> None:
+        """Send how many frames were traced, and the times since the last message."""
+        self._send((TRACED, frames, where, *self.since()))
+
+    def since(self) -> tuple[dict[str, float], dict[str, int]]:
+        """Return seconds and rays of each stage since this was last asked."""
+        seconds = {name: value - self._sent.seconds[name] for name, value in self.clock.seconds.items()}
+        rays = {name: count - self._sent.rays[name] for name, count in self.clock.rays.items()}
+        self._sent.add(seconds, rays)
+        return seconds, rays
+
+
+def serve(
+    making: Making,
+    device: str,
+    receive: Callable[[], Work | None],
+    send: Callable[[Message], None],
+    check: Callable[[], None] = lambda: None,
+) -> None:
+    """Be a worker: make what comes until None comes.
+
+    Args:
+        making: What is made.
+        device: Warp device name.
+        receive: Waits for the next piece of work.
+        send: Takes messages.
+        check: Raises an error if this is no place to work.
+    """
+    relay = Relay(send)
+    try:
+        check()
+        with Worker(making, device, relay) as worker:
+            send((READY,))
+            while (work := receive()) is not None:
+                worker.make(work)
+                send((READY,))
+            worker.finish()
+        send((ENDED, *relay.since()))
+    except Exception as error:  # the run says what it means
+        send((FAILED, portable(error)))
+
+
+def portable(error: Exception) -> Exception:
+    """Return an error that can go to another process, with where it was raised as a note."""
+    error.add_note("".join(traceback.format_exception(error)))
+    try:
+        pickle.loads(pickle.dumps(error))
+    except Exception:  # whatever a library's error does when it is copied
+        copied = RuntimeError(f"{type(error).__name__}: {error}")
+        copied.__notes__ = error.__notes__
+        return copied
+    return error
