@@ -183,7 +183,7 @@ def test_another_configuration(server: Server, world: Path, made: str, capsys: p
 def test_a_place_that_cannot_be_used_is_said_before_anything_is_made(
     server: Server, world: Path, tmp_path: Path, capsys, monkeypatch: pytest.MonkeyPatch, why: str
 ) -> None:
-    monkeypatch.setattr("mmw.make.make_alone", lambda *_: pytest.fail("begun"))
+    monkeypatch.setattr("mmw.worker.Worker.__init__", lambda *_: pytest.fail("begun"))
     out, extra, words = server.address("start"), [], ""
     if why == "no bucket":
         out = server.address("x", bucket="nowhere")
