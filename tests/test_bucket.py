@@ -161,7 +161,7 @@ def test_what_fails_again_and_again_ends(server: Server, tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("step", ["begin", "part", "complete"])
-def test_a_large_object_is_there_whole_or_not_at_all(server: Server, tmp_path: Path, step: str) -> None:
+def test_a_large_object_is_there_whole_or_not_at_all(server: Server, tmp_path: Path, monkeypatch, step: str) -> None:
     """An upload in parts fails at each of its steps; Arrow would leave an empty object where it could not begin."""
     name = f"large-{step}"
     root = Bucket(server.address(name), tmp_path)
@@ -181,7 +181,10 @@ def test_a_large_object_is_there_whole_or_not_at_all(server: Server, tmp_path: P
         return (403, "AccessDenied") if is_at[step] else None
 
     server.before = fail
-    with pytest.raises(StoreError, match=r"stages/big.usdc: cannot be written"):
+    with monkeypatch.context() as patch, pytest.raises(StoreError, match=r"big.usdc: cannot be written"):
+        # Closed when it is collected, a stream of the other kind puts an empty object, which no test in one process
+        # sees: Python is held meanwhile, and so is the server.
+        patch.setitem(vars(root), "_single", None)
         root.keep(["stages/big.usdc"], "stages/big.json")
     assert not [path for path in server.objects(name) if path.startswith("stages/")]
     server.reset()
