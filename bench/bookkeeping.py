@@ -27,6 +27,8 @@ from bench.rays import machine
 from mmw import status_command
 from mmw.config import Config, load_config
 from mmw.config.load import to_yaml
+from mmw.plan import check_inputs
+from mmw.provenance import versions
 from mmw.shards import all_work, pending_work
 from mmw.tables.lock import remove_temporaries
 from mmw.tables.manifest import CONFIG, DATASET, MANIFEST, finalize, prepare_root, read_markers
@@ -142,13 +144,15 @@ def measure(config: Config, copies: int, root: Path) -> list[Step]:
     files = shards * len(FRAMED) + len(config.scenarios) * len(STATIC)
     first = config.scenarios[0].name
     steps: dict[str, Callable[[], Any]] = {
-        "config.yaml": lambda: load_config(root / CONFIG),
-        "what is missing": lambda: pending_work(root, everything),
-        "unfinished files": lambda: remove_temporaries(root),
-        "markers": lambda: read_markers(root),
+        "read the configuration": lambda: load_config(root / CONFIG),
+        "check its inputs": lambda: check_inputs(config, FULL.parent),
+        "hash its towns": lambda: versions(config, FULL.parent, "cpu"),
+        "find what is missing": lambda: pending_work(root, everything),
+        "find unfinished files": lambda: remove_temporaries(root),
+        "read the markers": lambda: read_markers(root),
         "mmw status": lambda: _quiet(lambda: status_command.main([str(root)])),
-        "finalize": lambda: finalize(root),
-        "open, read one shard": lambda: mmw.open(root).read(
+        "mmw finalize": lambda: finalize(root),
+        "open, read one frame": lambda: mmw.open(root).read(
             "poses", scenario=first, weather=config.weathers[0], frames=range(1)
         ),
     }
@@ -204,7 +208,7 @@ def main(arguments: list[str]) -> None:
     about = machine("cpu")
     if options.format == "human":
         print(", ".join(f"{key} {value}" for key, value in about.items()))
-        print(f"{'copies':>7} {'shards':>8} {'files':>9}  {'step':<22} {'CPU s':>9} {'wall s':>9} {'GB':>7}")
+        print(f"{'copies':>7} {'shards':>8} {'files':>9}  {'step':<24} {'CPU s':>9} {'wall s':>9} {'GB':>7}")
     for copies in (int(text) for text in options.copies.split(",")):
         config, root = many(load_config(FULL), copies), options.folder / f"x{copies}"
         try:
@@ -221,7 +225,7 @@ def line(step: Step) -> str:
     """Return one row of the table."""
     peak = "" if step.peak_gb is None else f"{step.peak_gb:.3f}"
     return (
-        f"{step.copies:>7,} {step.shards:>8,} {step.files:>9,}  {step.step:<22} {step.cpu_s:>9.3f} {step.wall_s:>9.3f} "
+        f"{step.copies:>7,} {step.shards:>8,} {step.files:>9,}  {step.step:<24} {step.cpu_s:>9.3f} {step.wall_s:>9.3f} "
         f"{peak:>7}"
     )
 

@@ -236,23 +236,25 @@ CURVES: dict[str, tuple[str, ...]] = {
 """What `--only` takes -> curves in the file."""
 
 
-def measure(names: Sequence[str], sizes: Sizes, device: str) -> dict[str, Any]:
-    """Return the content of the file: machine, sizes, curves, and the seconds that each took.
+def measure(names: Sequence[str], sizes: Sizes, device: str, out: Path) -> None:
+    """Measure curves, and put each into the file at once: machine, sizes, curves, and the seconds that each took.
 
     Args:
         names: Keys of `CURVES`.
         sizes: What is measured.
         device: Warp device.
+        out: The file; curves that it has and that are not measured again stay.
     """
-    curves, found, taken = Curves(sizes, device), {}, {}
+    content: dict[str, Any] = {"seconds": {}, "curves": {}} if not out.is_file() else json.loads(out.read_text())
+    content |= {"machine": machine(device), "scene": sizes.scene, "frames": sizes.frames, "rounds": sizes.rounds}
+    curves = Curves(sizes, device)
     for name in (curve for key in names for curve in CURVES[key]):
         start = time.perf_counter()
         points = getattr(curves, name)()
-        found[name] = [asdict(point) for point in points]
-        taken[name] = time.perf_counter() - start
-        print(f"{name} ({taken[name]:.1f} s)", *(line(point) for point in points), sep="\n  ", flush=True)
-    about = {"scene": sizes.scene, "frames": sizes.frames, "rounds": sizes.rounds}
-    return {"machine": machine(device), **about, "seconds": taken, "curves": found}
+        content["curves"][name] = [asdict(point) for point in points]
+        content["seconds"][name] = time.perf_counter() - start
+        out.write_text(json.dumps(content, indent=1))
+        print(f"{name} ({content['seconds'][name]:.1f} s)", *(line(point) for point in points), sep="\n  ", flush=True)
 
 
 def line(point: FramePoint | TownPoint) -> str:
@@ -297,11 +299,7 @@ def main(arguments: list[str]) -> None:
         for path in draw(json.loads(options.plot.read_text()), options.pictures):
             print(path)
         return
-    before = json.loads(options.out.read_text()) if options.out.is_file() else {"seconds": {}, "curves": {}}
-    found = measure(options.only, QUICK if options.quick else FULL, options.device)
-    for key in ("seconds", "curves"):
-        found[key] = {**before[key], **found[key]}
-    options.out.write_text(json.dumps(found, indent=1))
+    measure(options.only, QUICK if options.quick else FULL, options.device, options.out)
 
 
 if __name__ == "__main__":

@@ -183,6 +183,7 @@ class Frames:
             rounds: Batches that count.
         """
         self.device = device
+        self.has_gpu = wp.get_device(device).is_cuda
         self._rounds = rounds
         self._pool = Discarding(1)
 
@@ -248,7 +249,7 @@ class Frames:
 
     def _look(self, job: Job, frames: range) -> tuple[float | None, float | None]:
         """Return the device's own time for a frame [ms], and its most memory in use [GB]; None without a GPU."""
-        if not wp.get_device(self.device).is_cuda:
+        if not self.has_gpu:
             return None, None
         most, launch = 0, wp.launch
 

@@ -35,7 +35,7 @@ def test_what_is_laid_out_is_finished(config, tmp_path: Path, capsys: pytest.Cap
     assert len(markers) == 54 + 2
     assert all((root / file["path"]).stat().st_size == file["bytes"] for each in markers for file in each["files"])
     steps = bookkeeping.measure(config, 1, root)
-    assert {step.step for step in steps} >= {"what is missing", "markers", "mmw status", "finalize"}
+    assert {step.step for step in steps} >= {"find what is missing", "read the markers", "mmw status", "mmw finalize"}
     assert all((step.shards, step.files) == (54, 54 * 13 + 2 * 3) for step in steps)
     assert all(step.cpu_s > 0 and step.step in bookkeeping.line(step) for step in steps)
     assert sum(len(marker["files"]) for marker in markers) == steps[0].files

@@ -3,13 +3,23 @@
 import json
 from collections import defaultdict
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+import warp as wp
 
 from bench import scaling
-from bench.scaling_frames import Discarding, connected, scenario_arrays, stage_of, with_bodies
+from bench.scaling_frames import (
+    Discarding,
+    Frames,
+    connected,
+    scenario_arrays,
+    scenario_config,
+    stage_of,
+    with_bodies,
+)
 from bench.scaling_towns import finer_towns, larger_towns
 from mmw.config import load_config
 from mmw.pipeline import make_job, record_frames
@@ -164,10 +174,35 @@ def test_stages_go_to_their_sensor() -> None:
     assert stage_of("channel", config) == "channel" and stage_of("2-D boxes", config) == "2-D boxes"
 
 
+def test_the_device_is_looked_at_before_every_launch(monkeypatch: pytest.MonkeyPatch) -> None:
+    frames, launch, used = Frames("cpu", 1), wp.launch, iter(range(10**9, 10**12, 10**9))
+    frames.has_gpu = True
+    monkeypatch.setattr("bench.scaling_frames.device_bytes", lambda _: next(used))
+    monkeypatch.setattr(wp, "timing_end", lambda: [SimpleNamespace(elapsed=3.0), SimpleNamespace(elapsed=4.0)])
+    config = scenario_config(["frames.count=2", *scaling.QUICK.overrides])
+    point = frames.measure(frames.job(config, scenario_arrays("grid", 2, 40, ["sunny"]), 2), 1.0, 2)
+    assert point.device_ms == 3.5 and point.device_gb is not None
+    assert point.device_gb + 1.0 == next(used) / 1e9 > 20.0 and wp.launch is launch
+
+
+def test_a_full_memory_halves_the_batch(monkeypatch: pytest.MonkeyPatch) -> None:
+    frames, tried = Frames("cpu", 1), []
+
+    def record(_: Any, some: range, __: Any) -> None:
+        tried.append(len(some))
+        if len(some) > 2:
+            raise RuntimeError("Failed to allocate 8 bytes")
+
+    monkeypatch.setattr("bench.scaling_frames._record", record)
+    config = scenario_config(["frames.count=8", *scaling.QUICK.overrides])
+    job = frames.job(config, scenario_arrays("grid", 8, 40, ["sunny"]), 8)
+    assert frames.measure(job, 5.0, 8).frames == 2 and tried == [8, 4, 2, 2]
+
+
 def test_nothing_is_encoded(monkeypatch: pytest.MonkeyPatch) -> None:
     """The pool drops its work, so the tracing thread alone is timed; rows are collected all the same."""
     monkeypatch.setattr("mmw.recording.rgb.encode_rgb", lambda *_: pytest.fail("an image was encoded"))
-    config = load_config("configs/scenarios/town03_roundabout.yaml", ["frames.count=1", *scaling.QUICK.overrides])
+    config = scenario_config(["frames.count=1", *scaling.QUICK.overrides])
     arrays = scenario_arrays("grid", 1, 40, ["sunny"])
     job = make_job(config, config.scenarios[0], arrays, "cpu", 1, Discarding(1), Clock())
     rows: dict[str, Any] = {"sunny": defaultdict(list)}
