@@ -123,12 +123,12 @@ def _town_rays(axes: Any, curves: Curves) -> None:
     axes.legend(handles=lines, fontsize="x-small", handlelength=3)
 
 
-def _town_memory(axes: Any, curves: Curves) -> None:
+def _town_build(axes: Any, curves: Curves) -> None:
     for way, (style, marker, name) in WAYS.items():
         if way in curves:
-            value, found = _columns(curves[way], "value"), _columns(curves[way], "device_gb")
+            value, found = _columns(curves[way], "value"), _columns(curves[way], "build_s")
             axes.plot(value, found, style, marker=marker, ms=4, color=BLUE, label=name)
-    _scales(axes, "triangles of the town", "device memory of the scene [GB]")
+    _scales(axes, "triangles of the town", "trees built in [s]")
     axes.legend(fontsize="x-small", handlelength=3)
 
 
@@ -195,17 +195,10 @@ def _proportion(axes: Any, points: list[dict[str, Any]], stage: str) -> None:
     )
 
 
-def _memory(axes: Any, curves: Curves) -> None:
-    points = curves["batch"]
-    axes.plot(_columns(points, "value"), _columns(points, "device_gb"), "-o", ms=4, color=BLUE)
-    _scales(axes, "frames of a batch", "device memory in use [GB]", y=False)
-    _tick_at(axes, _columns(points, "value"))
-
-
 PICTURES: dict[str, tuple[int, tuple[Panel, ...]]] = {
     "scaling_triangles": (2, (
         (("larger", "finer"), "rays_per_s", _town_rays),
-        (("larger", "finer"), "device_gb", _town_memory),
+        (("larger", "finer"), "build_s", _town_build),
     )),
     "scaling_sensors": (2, (
         (("vehicles",), "frame_ms", _stages("vehicles", "vehicles")),
@@ -219,9 +212,8 @@ PICTURES: dict[str, tuple[int, tuple[Panel, ...]]] = {
         (("rays",), "frame_ms", _one("rays", "channel", "rays of the transmitter")),
         (("v2i", "v2v"), "frame_ms", _links),
     )),
-    "scaling_batch": (2, (
+    "scaling_batch": (1, (
         (("batch",), "frame_ms", _stages("batch", "frames of a batch", log=True)),
-        (("batch",), "device_gb", _memory),
     )),
 }  # fmt: skip
 """File -> columns and panels."""

@@ -120,12 +120,12 @@ def test_pictures_are_drawn(path: Path, measured: dict[str, Any], tmp_path: Path
     for name in ("vehicles", "batch"):  # as on a GPU
         for point in measured["curves"][name]:
             point.update(device_ms=0.5 * point["frame_ms"], device_gb=1.0 + point["frames"])
-    some = {name: measured["curves"][name] for name in ("vehicles", "batch")}
+    some = {name: measured["curves"][name] for name in ("vehicles", "images", "batch")}
     written = draw({**measured, "curves": some}, tmp_path)
     assert [file.stem for file in written] == ["scaling_sensors", "scaling_batch"]
     width, height = (size * DPI for size in PANEL_INCH)
     with Image.open(written[0]) as one, Image.open(written[1]) as two:
-        assert one.width == pytest.approx(width, abs=2) and two.width == pytest.approx(2 * width, abs=2)
+        assert one.width == pytest.approx(2 * width, abs=2) and two.width == pytest.approx(width, abs=2)
         assert one.height >= height and np.asarray(one.convert("L")).mean() > 200  # light
     with pytest.raises(ValueError, match="the file has the curves none; there is no picture of them"):
         draw({**measured, "curves": {}}, tmp_path)
