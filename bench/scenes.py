@@ -1,6 +1,7 @@
 """Scenes to measure on: a procedural town, or a shipped one, with vehicles that drive along its streets."""
 
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 import trimesh
@@ -12,7 +13,10 @@ from mmw.scene_arrays import Actor, Model, SceneArrays, SceneObject
 from mmw.surfaces import find_surfaces
 
 BLOCKS = 8
-"""Blocks of the procedural town along x and along y."""
+"""Blocks of the procedural town along x and along y, where nobody says how many."""
+
+CELLS = 12.5
+"""Cells of its ground along each side, for each block."""
 
 PITCH = 60.0
 """From street to street [m]."""
@@ -23,17 +27,23 @@ VEHICLES = 40
 CONCRETE = Material("concrete", RadioMaterial("itu", itu="itu_concrete"), "concrete", 0.37, (0.4, 0.4, 0.4))
 
 
-def grid_town() -> SceneArrays:
-    """Return a town of over 100,000 triangles: rolling ground, 8 x 8 blocks of four houses with recessed windows."""
+def grid_town(blocks: int = BLOCKS, *, with_surfaces: bool = True) -> SceneArrays:
+    """Return a procedural town: rolling ground, square blocks of four houses with recessed windows.
+
+    Args:
+        blocks: Blocks along x and along y; 8 x 8 have over 100,000 triangles.
+        with_surfaces: Find its surfaces. Rays do not need them, and a large town takes long; all faces are one then.
+    """
     rng = np.random.default_rng(7)
-    parts = [_ground(half=0.5 * BLOCKS * PITCH + 20.0, cells=100)]
+    parts = [_ground(half=0.5 * blocks * PITCH + 20.0, cells=round(CELLS * blocks))]
     lot = 0.25 * (PITCH - 14.0)
-    for corner in np.ndindex(BLOCKS, BLOCKS):
-        middle = (np.array(corner) + 0.5 - 0.5 * BLOCKS) * PITCH
+    for corner in np.ndindex(blocks, blocks):
+        middle = (np.array(corner) + 0.5 - 0.5 * blocks) * PITCH
         for offset in ((-lot, -lot), (lot, -lot), (-lot, lot), (lot, lot)):
             floors = int(rng.integers(3, 8))
             at = middle + offset
-            parts.append(_house(at, float(_height(at)), width=2.0 * lot - 1.0, floors=floors, windows=3))
+            points, faces = _house(width=2.0 * lot - 1.0, floors=floors, windows=3)
+            parts.append((points + np.append(at, _height(at)), faces))
     offsets = np.cumsum([0] + [len(points) for points, _ in parts])
     points = np.concatenate([points for points, _ in parts])
     faces = np.concatenate([faces + offset for (_, faces), offset in zip(parts, offsets[:-1], strict=True)])
@@ -41,7 +51,7 @@ def grid_town() -> SceneArrays:
     material = np.zeros(len(faces), dtype=np.int32)
     labels = ["road"] + ["building"] * (len(parts) - 1)
     objects = tuple(SceneObject(k, f"/Town/part_{k}", label, 0, ("concrete",)) for k, label in enumerate(labels))
-    surface = find_surfaces(points, faces, object_id, material)
+    surface = find_surfaces(points, faces, object_id, material) if with_surfaces else np.zeros_like(material)
     return SceneArrays(
         points, faces.astype(np.int32), material, object_id, surface, (), (), range(1), np.zeros((1, 0, 7)),
         {"sunny": (CONCRETE,)}, objects,
@@ -112,8 +122,9 @@ def _ground(half: float, cells: int) -> tuple[np.ndarray, np.ndarray]:
     return np.column_stack([xy, _height(xy)]), faces
 
 
-def _house(at: np.ndarray, ground: float, width: float, floors: int, windows: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return a house of four walls whose every second cell is set back 0.2 m, and a flat roof."""
+@cache
+def _house(width: float, floors: int, windows: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return a house on the origin of four walls whose every second cell is set back 0.2 m, and a flat roof."""
     wall, wall_faces = _grid(2 * windows + 1, 2 * floors + 1)
     cell = np.arange(len(wall_faces)) // 2
     is_window = ((cell // (2 * floors + 1)) % 2 == 1) & ((cell % (2 * floors + 1)) % 2 == 1)
@@ -126,10 +137,10 @@ def _house(at: np.ndarray, ground: float, width: float, floors: int, windows: in
             corner = wall[wall_faces[mask]].reshape(-1, 2)
             xy = np.stack([(corner[:, 0] - 0.5) * width, np.full(len(corner), -0.5 * width + depth)], axis=1) @ turn.T
             faces.append(np.arange(len(corner)).reshape(-1, 3) + sum(map(len, points)))
-            points.append(np.column_stack([xy + at, ground - 1.0 + corner[:, 1] * (3.2 * floors + 1.0)]))
+            points.append(np.column_stack([xy, corner[:, 1] * (3.2 * floors + 1.0) - 1.0]))
     low, faces_roof = _grid(1, 1)
     faces.append(faces_roof + sum(map(len, points)))
-    points.append(np.column_stack([(low - 0.5) * width + at, np.full(len(low), ground + 3.2 * floors)]))
+    points.append(np.column_stack([(low - 0.5) * width, np.full(len(low), 3.2 * floors)]))
     return np.concatenate(points), np.concatenate(faces)
 
 
