@@ -65,11 +65,12 @@ def corners_of(vehicle: dict) -> np.ndarray:
 
 
 def seen_points(views: Sequence[View]) -> dict[int, int]:
-    """Return how many returns all views together have of every vehicle."""
+    """Return how many returns all views together have of every vehicle but the ego, whose view is the first."""
     count: dict[int, int] = {}
     for view in views:
         for number, vehicle in view.vehicles.items():
             count[number] = count.get(number, 0) + vehicle["lidar_points"]
+    count.pop(int(views[0].name), None)
     return count
 
 
@@ -83,13 +84,13 @@ def draw(views: Sequence[View], extent_m: float) -> Figure:
         axes.scatter(-y, x, s=0.6, linewidths=0, color=color, label=f"LiDAR of {view.name}", rasterized=True)
     alone, together = seen_points([ego]), seen_points(views)
     for number, vehicle in {n: v for view in views for n, v in view.vehicles.items()}.items():
-        by_ego, by_all = alone.get(number, 0) >= LEAST, together[number] >= LEAST
+        by_ego, by_all = alone.get(number, 0) >= LEAST, together.get(number, 0) >= LEAST
         floor = from_world(ego.pose, corners_of(vehicle))
         color = ORANGE if by_ego else RED if by_all else GREY
         axes.plot(-floor[OUTLINE, 1], floor[OUTLINE, 0], color=color, lw=1.6)
         nose = np.stack([floor[[0, 2, 4, 6]].mean(axis=0), floor[FRONT].mean(axis=0)])
         axes.plot(-nose[:, 1], nose[:, 0], color=color, lw=1.6)
-    for color, text in ((ORANGE, "seen by the ego"), (RED, "seen with the others alone"), (GREY, "hardly seen")):
+    for color, text in ((ORANGE, "seen by the ego"), (RED, "seen by the others"), (GREY, "the ego, or hardly seen")):
         axes.plot([], [], color=color, label=text)
     limits = (-extent_m, extent_m)
     axes.set(xlim=limits, ylim=limits, aspect="equal", xlabel="right of the ego [m]", ylabel="ahead of the ego [m]")

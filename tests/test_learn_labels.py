@@ -18,6 +18,7 @@ from examples.beam_prediction.features import (
     HIGHEST,
     LOWEST,
     LOWEST_M,
+    SPAN_STEP_M,
     camera_pixels,
     camera_view,
     column_of,
@@ -121,7 +122,7 @@ def test_a_sweep_by_beam_and_distance_has_the_highest_return_of_each_cell() -> N
     rng = np.random.default_rng(0)
     points = np.concatenate([rng.uniform(-9, 9, (3000, 2)), rng.uniform(-3, 3, (3000, 1))], axis=1)
     points = np.concatenate([points, [[20.0, 0.0, 1.0], [0.0, 0.0, 0.0]]])  # beyond the last row, and no direction
-    height, density = lidar_view(points, config, 32).astype(float)
+    height, span, density = lidar_view(points, config, 32).astype(float)
     distance = np.linalg.norm(points, axis=1)
     column = column_of(np.divide(points[:, 1], distance, where=distance > 0, out=np.zeros(len(points))), 32)
     for half, is_half in enumerate((points[:, 0] >= 0, points[:, 0] < 0)):
@@ -133,6 +134,10 @@ def test_a_sweep_by_beam_and_distance_has_the_highest_return_of_each_cell() -> N
                 if is_in.any():
                     top = LOWEST_M + (height[cell] - 1) * HEIGHT_STEP_M
                     assert abs(top - points[is_in, 2].max()) <= HEIGHT_STEP_M / 2 + 1e-9
+                    wanted = min(np.ptp(points[is_in, 2]), 255 * SPAN_STEP_M)
+                    assert abs(span[cell] * SPAN_STEP_M - wanted) <= SPAN_STEP_M / 2 + 1e-9
+                else:
+                    assert span[cell] == 0
     assert lidar_view(np.zeros((0, 3)), config, 32).max() == 0
 
 
@@ -148,9 +153,9 @@ def test_an_image_is_seen_where_the_array_looks(yaw_deg: float) -> None:
     image = np.zeros((240, 320, 3), dtype=np.uint8)
     image[v - 3 : v + 4, u - 3 : u + 4] = 255
     view = camera_view(image, pixels)
-    assert view.shape == ((96 if yaw_deg == 90 else 48), 256, 3)
+    assert view.shape == (96, 256, 3)
     row, column = np.argwhere(view[..., 0] == 255).mean(axis=0)
-    half = 48 if yaw_deg == 90 and ahead[0] < 0 else 0
+    half = 48 if ahead[0] < 0 else 0
     assert abs(column - column_of(ahead[1], 256)) < 2.0
     assert abs(HIGHEST + (LOWEST - HIGHEST) * (row - half + 0.5) / 48 - ahead[2]) < 0.02
     assert not view[pixels[..., 0] < 0].any() and (pixels[..., 0] < 0).any()
@@ -162,11 +167,11 @@ def test_features_of_a_dataset_come_in_the_shape_of_the_network() -> None:
     assert sweeps["frame"].to_pylist() == [0, 2] and set(sweeps["agent"].to_pylist()) == {"rsu_1"}
     arrays = feature_arrays(sweeps["data"].to_pylist(), "lidar", config, 256)
     cloud = dataset.frame(SCENARIO, "sunny", 2).agents["rsu_1"].sweeps["lidar"]
-    assert np.array_equal(arrays[1], lidar_view(cloud.points, config, 256)) and arrays.shape == (2, 2, 128, 256)
+    assert np.array_equal(arrays[1], lidar_view(cloud.points, config, 256)) and arrays.shape == (2, 3, 128, 256)
     images = part_features(dataset, SCENARIO, "sunny", "cav/front", "camera", config, 256)
     assert len(images) == 3 * 2
     views = feature_arrays(images["data"].to_pylist(), "camera", config, 256)
-    assert views.shape == (6, 3, 16, 256)
+    assert views.shape == (6, 3, 32, 256)
     own = dataset.frame(SCENARIO, "sunny", 2).agents[images["agent"][5].as_py()].views["front"]
     assert own.rgb is not None
     pixels = camera_pixels(Camera(own.camera.intrinsics, IDENTITY_POSE), 16, 256)

@@ -1,6 +1,5 @@
 """The network, the baselines and the scores of beam prediction: shapes, equalities, laws."""
 
-from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -19,12 +18,13 @@ from examples.beam_prediction.data import Batch, BeamData  # noqa: E402
 from examples.beam_prediction.encoders import SensorReader, crop  # noqa: E402
 from examples.beam_prediction.metrics import score  # noqa: E402
 from examples.beam_prediction.model import BeamPredictor, Gpt2, beam_waves, last_beam  # noqa: E402
+from examples.beam_prediction.sensors import SensorData  # noqa: E402
 from examples.beam_prediction.training import beam_loss, gain_loss, make_optimizer, schedule  # noqa: E402
 from mmw.channel import ula  # noqa: E402
 from mmw.channel.codebook import beam_gains, best_beams, dft_codebook, normalized_gain  # noqa: E402
 
 Q, PAST, FUTURE = 64, 12, 4
-SOURCES = {"rsu/lidar": "lidar", "rsu/front": "camera"}
+SOURCES = ["rsu/lidar", "rsu/front"]
 CONFIG = ModelConfig(
     random_init=True, layers=2, width=32, heads=4, dropout=0.0, channels=(8, 16), crop_beams=16, gru_width=24
 )
@@ -38,59 +38,82 @@ def data() -> BeamData:
     beam = torch.randint(0, Q, (count,), generator=generator)
     beam[40:45] = -1
     held = torch.arange(count) // 10
+    sizes = {"rsu/lidar": (3, 16, 2 * Q), "rsu/front": (3, 24, Q), "cav/lidar": (3, 16, Q)}
+    sensors = {}
+    for source, size in sizes.items():
+        samples = torch.randint(0, 256, (10, *size), generator=generator, dtype=torch.uint8)
+        modality, is_rsu = "camera" if source.endswith("front") else "lidar", source.startswith("rsu/")
+        usual, agent = samples.median(dim=0).values[None], torch.zeros(10, dtype=torch.int64)
+        sensors[source] = SensorData(is_rsu, modality, samples, held, usual, agent)
     return BeamData(
         track=[("s", "sunny", "cav_1")] * count, peer=["rsu_1"] * count, frame=np.arange(count), beams=Q, past=PAST,
         future=FUTURE, tx_beam=beam, gains=torch.rand(count, Q, generator=generator), is_los=beam >= 0, every=10,
-        age=torch.arange(count) % 10,
-        samples={
-            "rsu/lidar": torch.randint(0, 256, (10, 2, 16, 2 * Q), generator=generator, dtype=torch.uint8),
-            "rsu/front": torch.randint(0, 256, (10, 3, 24, Q), generator=generator, dtype=torch.uint8),
-        },
-        sample_row=dict.fromkeys(SOURCES, held), modality=SOURCES,
+        age=torch.arange(count) % 10, sensors=sensors,
         starts={"train": torch.arange(0, 60), "val": torch.arange(60, 84)},
     )  # fmt: skip
 
 
 def test_a_batch_holds_what_was_there(data: BeamData) -> None:
     starts = torch.tensor([38, 3, 0, 9])
-    batch = data.batch(starts, list(SOURCES))
+    batch = data.batch(starts, SOURCES)
     assert torch.equal(batch.beams[1], data.tx_beam[3:15]) and torch.equal(batch.age[1], torch.arange(3, 15) % 10)
     assert (batch.beams[0, 2:7] == Q).all() and (batch.beams[0, :2] < Q).all()
     for source in SOURCES:
         for window, start in enumerate(starts.tolist()):
             for step in range(PAST):
                 held = batch.samples[source][window, batch.slot[window, step]]
-                assert torch.equal(held, data.samples[source][(start + step) // 10]), (source, start, step)
+                assert torch.equal(held, data.sensors[source].samples[(start + step) // 10]), (source, start, step)
     assert torch.equal(data.targets(starts)[0], data.tx_beam[50:54])
     assert torch.equal(data.target_gains(starts)[1], data.gains[15:19])
 
 
+def test_samples_are_compared_with_what_is_usual_or_was_before(data: BeamData) -> None:
+    batch = data.batch(torch.tensor([38, 3]), [*SOURCES, "cav/lidar"])
+    for source in SOURCES:
+        usual = batch.references[source]
+        assert usual.shape[1] == 1 and torch.equal(usual[1, 0], data.sensors[source].samples.median(dim=0).values)
+    own = batch.samples["cav/lidar"]
+    assert torch.equal(batch.references["cav/lidar"][:, 1:], own[:, :-1])
+    assert torch.equal(batch.references["cav/lidar"][:, 0], own[:, 0])
+
+
 def test_a_mirrored_window_has_left_and_right_exchanged(data: BeamData) -> None:
-    starts, mirrored = torch.tensor([38, 3]), torch.tensor([True, False])
-    plain, turned = data.batch(starts, list(SOURCES)), data.batch(starts, list(SOURCES), mirrored)
+    starts, mirrored = torch.tensor([38, 3, 50]), torch.tensor([[True, False], [False, False], [False, True]])
+    plain, turned = data.batch(starts, SOURCES), data.batch(starts, SOURCES, mirrored)
     for before, after in ((plain.beams, turned.beams), (data.targets(starts), data.targets(starts, mirrored))):
         is_there = (before[0] >= 0) & (before[0] < Q)
         assert torch.equal(after[0], torch.where(is_there, (Q - before[0]) % Q, before[0]))
-        assert torch.equal(after[1], before[1])
+        assert torch.equal(after[1:], before[1:])
     gains, turned_gains = data.target_gains(starts), data.target_gains(starts, mirrored)
     for beam in (0, 1, 31, 32, 63):
         assert torch.equal(turned_gains[0, :, (Q - beam) % Q], gains[0, :, beam])
-    assert torch.equal(turned_gains[1], gains[1])
-    # What is seen around beam q is seen around beam -q, turned round.
+    assert torch.equal(turned_gains[1:], gains[1:])
+    # What is seen around beam q is seen around beam -q, turned round; what is ahead is then behind.
     for source in SOURCES:
-        columns = data.samples[source].shape[-1]
-        seen = crop(plain.samples[source], torch.full((2,), 5 * columns // Q), 8)
-        again = crop(turned.samples[source], torch.full((2,), (Q - 5) * columns // Q), 8)
-        assert torch.equal(again[0], seen[0].flip(-1)) and not torch.equal(again[1], seen[1])
+        columns = plain.samples[source].shape[-1]
+        for before, after in ((plain.samples, turned.samples), (plain.references, turned.references)):
+            seen = crop(before[source], torch.full((3,), 5 * columns // Q), 8)
+            again = crop(after[source], torch.full((3,), (Q - 5) * columns // Q), 8)
+            assert torch.equal(again[0], seen[0].flip(-1)) and not torch.equal(again[1], seen[1])
+            half = before[source].shape[-2] // 2
+            assert torch.equal(after[source][2, ..., :half, :], before[source][2, ..., half:, :])
+            assert torch.equal(after[source][2, ..., half:, :], before[source][2, ..., :half, :])
+
+
+def test_a_mirrored_vehicle_drives_forwards(data: BeamData) -> None:
+    starts, every = torch.full((4,), 20), torch.tensor([[False, False], [True, False], [False, True], [True, True]])
+    samples = data.batch(starts, ["cav/lidar"], every).samples["cav/lidar"]
+    assert torch.equal(samples[0], samples[3]) and torch.equal(samples[1], samples[2])
+    assert torch.equal(samples[1], samples[0].flip(-1))
 
 
 @pytest.mark.parametrize("backbone", ["gpt2", "gru"])
-@pytest.mark.parametrize("sources", [{}, {"rsu/lidar": "lidar"}, {"rsu/front": "camera"}, SOURCES], ids=len)
-def test_one_code_path_for_all_inputs(data: BeamData, sources: dict[str, str], backbone: str) -> None:
+@pytest.mark.parametrize("sources", [[], ["rsu/lidar"], ["rsu/front"], [*SOURCES, "cav/lidar"]], ids=len)
+def test_one_code_path_for_all_inputs(data: BeamData, sources: list[str], backbone: str) -> None:
     torch.manual_seed(0)
     model = BeamPredictor(CONFIG, data, sources, backbone).eval()
     starts = torch.tensor([3, 21, 50])
-    batch = data.batch(starts, list(sources))
+    batch = data.batch(starts, sources)
     logits = model(batch)
     assert logits.shape == (3, FUTURE, Q) and logits.isfinite().all()
     beam_loss(logits, data.targets(starts), data.target_gains(starts)).backward()
@@ -103,8 +126,8 @@ def test_one_code_path_for_all_inputs(data: BeamData, sources: dict[str, str], b
 
 def test_a_window_is_predicted_alike_in_any_batch(data: BeamData) -> None:
     model = BeamPredictor(CONFIG, data, SOURCES).eval()
-    together = model(data.batch(torch.tensor([3, 21, 50]), list(SOURCES)))
-    alone = model(data.batch(torch.tensor([21]), list(SOURCES)))
+    together = model(data.batch(torch.tensor([3, 21, 50]), SOURCES))
+    alone = model(data.batch(torch.tensor([21]), SOURCES))
     torch.testing.assert_close(together[1:2], alone, rtol=1e-4, atol=1e-5)
 
 
@@ -112,7 +135,7 @@ def test_no_frame_sees_a_sample_of_later_frames(data: BeamData) -> None:
     """Tokens of the past hold samples up to their own time; the state at a token knows nothing of later tokens."""
     torch.manual_seed(0)
     model = BeamPredictor(CONFIG, data, SOURCES).eval()
-    batch = data.batch(torch.tensor([5]), list(SOURCES))  # frames 5 to 16: samples 0 and 1
+    batch = data.batch(torch.tensor([5]), SOURCES)  # frames 5 to 16: samples 0 and 1
     last = last_beam(batch.beams, Q)[0]
     before = model._read(batch, last)
     batch.samples["rsu/lidar"][:, 1:].fill_(0)
@@ -134,19 +157,21 @@ def test_what_is_learned_in_one_direction_holds_in_all(data: BeamData) -> None:
     for module in (model.absolute, model.beam, model.wave):
         for parameter in module.parameters():
             torch.nn.init.zeros_(parameter)
-    batch = data.batch(torch.tensor([3, 21, 50]), list(SOURCES))
+    batch = data.batch(torch.tensor([3, 21, 50]), SOURCES)
     logits = model(batch)
     beams = torch.where(batch.beams < Q, (batch.beams + 5) % Q, Q)
-    samples = {source: one.roll(5 * one.shape[-1] // Q, dims=-1) for source, one in batch.samples.items()}
-    torch.testing.assert_close(model(Batch(beams, batch.age, batch.slot, samples)), logits.roll(5, dims=2))
+    samples, references = (
+        {source: one.roll(5 * one.shape[-1] // Q, dims=-1) for source, one in some.items()}
+        for some in (batch.samples, batch.references)
+    )
+    turned = model(Batch(beams, batch.age, batch.slot, samples, references))
+    torch.testing.assert_close(turned, logits.roll(5, dims=2))
 
 
 def test_sensors_of_a_vehicle_are_seen_whole(data: BeamData) -> None:
     """Their columns are beams of the vehicle, so the transmitter's beam says nothing about them."""
-    data = replace(data, samples={"cav/lidar": data.samples["rsu/lidar"]}, modality={"cav/lidar": "lidar"},
-                   sample_row={"cav/lidar": data.sample_row["rsu/lidar"]})  # fmt: skip
-    model = BeamPredictor(CONFIG, data, data.modality).eval()
-    assert model.readers["cav_lidar"].columns == 2 * Q
+    model = BeamPredictor(CONFIG, data, ["cav/lidar"]).eval()
+    assert model.readers["cav_lidar"].columns == Q
     batch = data.batch(torch.tensor([3, 21]), ["cav/lidar"])
     one, other = (model._read(batch, torch.tensor(last)) for last in ([0, 0], [9, 40]))
     assert torch.equal(one, other)
@@ -158,11 +183,9 @@ def test_a_crop_goes_round_the_circle_of_beams() -> None:
     assert found.shape == (2, 3, 1, 4, 4)
     assert found[0, 2, 0, 3].tolist() == [9, 0, 1, 2] and found[1, 0, 0, 0].tolist() == [3, 4, 5, 6]
     reader = SensorReader((1, 16, 10), (8, 8), 12, 40)
-    assert reader.columns == 10 and reader(torch.zeros(2, 3, 1, 16, 10).byte(), torch.tensor([0, 1])).shape == (
-        2,
-        3,
-        12,
-    )
+    assert reader.columns == 10
+    samples = torch.zeros(2, 3, 1, 16, 10).byte()
+    assert reader(samples, samples[:, :1], torch.tensor([0, 1])).shape == (2, 3, 12)
 
 
 def test_waves_go_round_the_circle_of_beams() -> None:

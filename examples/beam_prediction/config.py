@@ -96,7 +96,7 @@ class ModelConfig(Section):
     heads: int = Field(12, ge=1, description="attention heads; those of `weights` where these are used (count)")
     dropout: float = Field(0.1, ge=0, lt=1, description="dropout of GPT-2 (probability)")
     channels: tuple[int, ...] = Field(
-        (32, 64, 128, 128), min_length=1, description="channels of a sensor's encoder, each halves the sides (list)"
+        (16, 32, 64, 128), min_length=1, description="channels of a sensor's encoder, each halves the sides (list)"
     )
     crop_beams: int = Field(
         32, ge=2, description="beams around the last one that are seen of the roadside unit's sensors (count)"
@@ -135,10 +135,11 @@ class TrainingConfig(Section):
         "gain", description="minus the logarithm of the expected gain, or the best beam's cross entropy (name)"
     )
     mirror: bool = Field(
-        True, description="show half of the windows mirrored, left for right, beam q for beam -q (true or false)"
+        True, description="mirror windows at random: left for right (beam q for -q), front for back (true or false)"
     )
     clip: float = Field(1.0, gt=0, description="largest norm of a gradient (number)")
     precision: Literal["bf16", "fp32"] = Field("bf16", description="arithmetic of the forward pass (name)")
+    checkpoint_s: float = Field(30.0, ge=0, description="time between two checkpoints at least [s]")
     compile: bool = Field(False, description="compile GPT-2 with torch.compile (true or false)")
 
 

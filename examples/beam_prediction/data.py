@@ -10,12 +10,9 @@ import pyarrow.parquet as pq
 import torch
 from torch import Tensor
 
-from examples.beam_prediction.cache import LABELS, WINDOWS, columns_of, folder_of, read_parts, sources_of
+from examples.beam_prediction.cache import LABELS, WINDOWS, read_parts, sources_of
 from examples.beam_prediction.config import Experiment
-from examples.beam_prediction.features import feature_arrays
-
-Track = tuple[str, str, str]
-"""Scenario, weather and agent."""
+from examples.beam_prediction.sensors import Owner, SensorData, load_sensor
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,17 +28,19 @@ class Batch:
     samples: Mapping[str, Tensor]
     """Sensor -> samples that windows hold, in order, the last one again where there is no more, shape
     [B, S, channels, rows, columns], uint8."""
+    references: Mapping[str, Tensor]
+    """Sensor -> what they are compared with, shape [B, 1 or S, channels, rows, columns], uint8."""
 
 
 @dataclass(frozen=True, eq=False)
 class BeamData:
     """F frames of all vehicles, those of a vehicle one after another, and the windows, by their first past frame.
 
-    A mirrored window is what would have happened in a world with left and right exchanged: beam q becomes -q, and
-    samples are turned round.
+    Mirrored windows are what would have happened in a world with left and right of the array exchanged, so that beam q
+    becomes -q, or front and back, which a linear array does not tell apart.
     """
 
-    track: Sequence[Track]
+    track: Sequence[Owner]
     """Scenario, weather and vehicle of each frame, F entries."""
     peer: Sequence[str]
     """Roadside unit of each frame, F entries."""
@@ -51,22 +50,18 @@ class BeamData:
     """Size of the codebook, Q."""
     past: int
     future: int
+    every: int
+    """Frames from one sensor sample to the next."""
     tx_beam: Tensor
     """Best transmit beam, -1 without any path, shape [F], int64."""
     gains: Tensor
     """Normalised gain of every transmit beam, NaN without any path, shape [F, Q], float32."""
     is_los: Tensor
     """True with a line of sight, shape [F], bool."""
-    every: int
-    """Frames from one sensor sample to the next."""
     age: Tensor
     """Frames since the last sensor sample, shape [F], int64."""
-    samples: Mapping[str, Tensor]
-    """Sensor -> all its samples, shape [N, channels, rows, columns], uint8."""
-    sample_row: Mapping[str, Tensor]
-    """Sensor -> sample that each frame holds, shape [F], int64."""
-    modality: Mapping[str, str]
-    """Sensor -> `lidar` or `camera`."""
+    sensors: Mapping[str, SensorData]
+    """role/sensor -> its samples."""
     starts: Mapping[str, Tensor]
     """`train` and `val` -> first past frame of each window, shape [n], int64."""
 
@@ -81,43 +76,42 @@ class BeamData:
         Args:
             starts: First past frame of each, shape [B].
             sources: Sensors.
-            mirrored: True for those that are mirrored, shape [B]; None for none.
+            mirrored: Whether left and right, and front and back, are exchanged, shape [B, 2], bool; None for no window.
         """
         frames = starts[:, None] + torch.arange(self.past, device=self.device)
-        beams = self.turned(self.tx_beam[frames], mirrored)
+        beams = self._turned(self.tx_beam[frames], mirrored)
         age = self.age[frames]
         slots = torch.arange((self.past - 2) // self.every + 2, device=self.device)  # as many as a window can hold
-        first = (slots * self.every - age[:, :1]).clamp(0, self.past - 1)
-        samples = {}
-        for source in sources:
-            rows = self.sample_row[source][starts[:, None] + first]
-            samples[source] = self.samples[source][rows]
-            if mirrored is not None:
-                flag = mirrored.view(-1, 1, 1, 1, 1)
-                samples[source] = torch.where(flag, samples[source].flip(-1), samples[source])
-        held = (frames - starts[:, None] + age[:, :1]) // self.every
-        return Batch(torch.where(beams < 0, self.beams, beams), age, held, samples)
+        first = starts[:, None] + (slots * self.every - age[:, :1]).clamp(0, self.past - 1)
+        found = {source: self.sensors[source].take(first, mirrored) for source in sources}
+        return Batch(
+            beams=torch.where(beams < 0, self.beams, beams),
+            age=age,
+            slot=(frames - starts[:, None] + age[:, :1]) // self.every,
+            samples={source: samples for source, (samples, _) in found.items()},
+            references={source: references for source, (_, references) in found.items()},
+        )
 
     def targets(self, starts: Tensor, mirrored: Tensor | None = None) -> Tensor:
         """Return the best transmit beams to predict, -1 without any path, shape [B, W]."""
-        return self.turned(self.tx_beam[self.future_frames(starts)], mirrored)
+        return self._turned(self.tx_beam[self.future_frames(starts)], mirrored)
 
     def target_gains(self, starts: Tensor, mirrored: Tensor | None = None) -> Tensor:
         """Return the normalised gain of every beam in the frames to predict, NaN without any path, shape [B, W, Q]."""
         gains = self.gains[self.future_frames(starts)]
         if mirrored is None:
             return gains
-        return torch.where(mirrored[:, None, None], gains.roll(-1, dims=2).flip(2), gains)
-
-    def turned(self, beams: Tensor, mirrored: Tensor | None) -> Tensor:
-        """Return beams, those of mirrored windows on the other side; -1 stays. Shape [B, n]."""
-        if mirrored is None:
-            return beams
-        return torch.where(mirrored[:, None] & (beams >= 0), (-beams) % self.beams, beams)
+        return torch.where(mirrored[:, :1, None], gains.roll(-1, dims=2).flip(2), gains)
 
     def future_frames(self, starts: Tensor) -> Tensor:
         """Return the frames that are predicted, shape [B, W]."""
         return starts[:, None] + self.past + torch.arange(self.future, device=self.device)
+
+    def _turned(self, beams: Tensor, mirrored: Tensor | None) -> Tensor:
+        """Return beams, those of windows whose left and right are exchanged on the other side; -1 stays."""
+        if mirrored is None:
+            return beams
+        return torch.where(mirrored[:, :1] & (beams >= 0), (-beams) % self.beams, beams)
 
 
 def load_data(cache: Path, experiment: Experiment, device: torch.device) -> BeamData:
@@ -139,21 +133,24 @@ def load_data(cache: Path, experiment: Experiment, device: torch.device) -> Beam
                for name in ("frame", "tx_beam", "is_los")}  # fmt: skip
     gains = np.concatenate([_matrix(table["gains"]) for table in parts.values()])
     every = experiment.features.every_frames
-    held = columns["frame"] - columns["frame"] % every
-    samples, sample_row = {}, {}
-    for source, modality in sources_of(experiment).items():
-        arrays, place = _features(cache, source, modality, experiment)
-        owners = peer if source.startswith("rsu/") else [agent for *_, agent in track]
-        keys = zip(((*own[:2], owner) for own, owner in zip(track, owners, strict=True)), held.tolist(), strict=True)
-        rows = [place.get(key, -1) for key in keys]
-        samples[source], sample_row[source] = _to(arrays, device), _to(np.array(rows), device)
+    frames = {
+        "cav": track,
+        "rsu": [(scenario, weather, unit) for (scenario, weather, _), unit in zip(track, peer, strict=True)],
+        "frame": columns["frame"],
+    }
+    sensors = {
+        source: load_sensor(cache, source, modality, experiment, frames, device)
+        for source, modality in sources_of(experiment).items()
+    }
     starts = _starts(pq.read_table(cache / WINDOWS), track, columns["frame"], experiment)
     for part, rows in starts.items():
-        past = rows[:, None] + np.arange(experiment.windows.past)
-        whole = np.all([(row.cpu().numpy()[past] >= 0).all(axis=1) for row in sample_row.values()], axis=0)
-        starts[part] = rows[np.broadcast_to(whole, len(rows))]
-        if not len(starts[part]):
-            raise ValueError(f"{cache}: no window of {part} has all of {', '.join(samples)}; record these sensors")
+        past = torch.from_numpy(rows[:, None] + np.arange(experiment.windows.past))
+        whole = torch.ones(len(rows), dtype=torch.bool)
+        for sensor in sensors.values():
+            whole &= (sensor.row.cpu()[past] >= 0).all(dim=1)
+        if not whole.any():
+            raise ValueError(f"{cache}: no window of {part} has all of {', '.join(sensors)}; record these sensors")
+        starts[part] = rows[whole.numpy()]
     return BeamData(
         track=track,
         peer=peer,
@@ -161,32 +158,17 @@ def load_data(cache: Path, experiment: Experiment, device: torch.device) -> Beam
         beams=gains.shape[1],
         past=experiment.windows.past,
         future=experiment.windows.future,
+        every=every,
         tx_beam=_to(columns["tx_beam"], device),
         gains=_to(gains, device),
         is_los=_to(columns["is_los"], device),
-        every=every,
         age=_to(columns["frame"] % every, device),
-        samples=samples,
-        sample_row=sample_row,
-        modality=sources_of(experiment),
+        sensors=sensors,
         starts={part: _to(rows, device) for part, rows in starts.items()},
     )
 
 
-def _features(
-    cache: Path, source: str, modality: str, experiment: Experiment
-) -> tuple[np.ndarray, dict[tuple[Track, int], int]]:
-    """Return all samples of a sensor, and the row of the sample of each agent and frame."""
-    arrays, place, count = [], {}, 0
-    for key, table in read_parts(cache, folder_of(source)).items():
-        arrays.append(feature_arrays(table["data"].to_pylist(), modality, experiment.features, columns_of(experiment)))
-        for agent, frame in zip(table["agent"].to_pylist(), table["frame"].to_pylist(), strict=True):
-            place[(*key, agent), frame] = count
-            count += 1
-    return np.concatenate(arrays), place
-
-
-def _starts(windows: pa.Table, track: Sequence[Track], frame: np.ndarray, experiment: Experiment) -> dict:
+def _starts(windows: pa.Table, track: Sequence[Owner], frame: np.ndarray, experiment: Experiment) -> dict:
     """Return the first past frame of the windows of each part, as rows of the frames."""
     place = {key: row for row, key in enumerate(zip(track, frame.tolist(), strict=True))}
     starts: dict[str, list[int]] = {}

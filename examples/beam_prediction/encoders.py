@@ -12,7 +12,10 @@ SQUEEZED = 32
 
 
 class SensorReader(nn.Module):
-    """Convolutions over a sample, the part around one beam or all of it, and a token of what is left."""
+    """Convolutions over a sample, the part around one beam or all of it, and a token of what is left.
+
+    A sample is read together with its difference from a reference, which shows what moves, whatever the place is like.
+    """
 
     def __init__(self, shape: Sequence[int], channels: Sequence[int], width: int, columns: int):
         """Make one.
@@ -25,24 +28,25 @@ class SensorReader(nn.Module):
         """
         super().__init__()
         self.columns = min(columns, shape[2])
-        widths = [shape[0], *channels]
+        widths = [2 * shape[0], *channels]
         self.convolutions = nn.ModuleList(nn.Conv2d(a, b, 3, stride=2) for a, b in pairwise(widths))
         self.norms = nn.ModuleList(nn.GroupNorm(1, width) for width in channels)
         self.squeeze = nn.Conv2d(channels[-1], SQUEEZED, 1)
         with torch.no_grad():
-            cells = self._cells(torch.zeros(1, shape[0], shape[1], self.columns))
+            cells = self._cells(torch.zeros(1, 2 * shape[0], shape[1], self.columns))
         self.join = nn.Linear(cells.shape[1], width)
 
-    def forward(self, samples: Tensor, center: Tensor) -> Tensor:
+    def forward(self, samples: Tensor, references: Tensor, center: Tensor) -> Tensor:
         """Return a token a sample, shape [B, S, width].
 
         Args:
             samples: Shape [B, S, channels, rows, columns], uint8.
+            references: Of each sample, or one for all of a window: shape [B, S or 1, channels, rows, columns], uint8.
             center: Column in the middle of what is seen, shape [B].
         """
-        count = samples.shape[:2]
-        seen = crop(samples, center, self.columns).flatten(0, 1)
-        return self.join(self._cells(seen.to(self.join.weight.dtype) / 127.5 - 1.0)).unflatten(0, count)
+        seen, usual = (crop(x, center, self.columns).to(self.join.weight.dtype) / 127.5 for x in (samples, references))
+        cells = self._cells(torch.cat([seen - 1.0, seen - usual], dim=2).flatten(0, 1))
+        return self.join(cells).unflatten(0, samples.shape[:2])
 
     def _cells(self, x: Tensor) -> Tensor:
         for convolution, norm in zip(self.convolutions, self.norms, strict=True):

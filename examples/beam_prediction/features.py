@@ -23,6 +23,10 @@ LOWEST_M, HEIGHT_STEP_M = -12.0, 0.0625
 """Height of value 1 over the LiDAR [m], and one step. The 16 m hold the foot of a mast and the cars around it, walls up
 to a few metres over the sensor, and streets that rise or fall by 10 %. Design values."""
 
+SPAN_STEP_M = 4.0 / 255
+"""Step of the span of a cell, from its lowest to its highest return [m]. A car spans 1.5 m, a street none: cars stand
+out of 255 steps. Design value."""
+
 COUNT_STEPS = 36.0
 """Steps of a doubling of the returns in a cell: 255 is 135 returns. Design value."""
 
@@ -58,8 +62,9 @@ def lidar_view(points: np.ndarray, config: FeatureConfig, columns: int) -> np.nd
         columns: Columns of all beams.
 
     Returns:
-        The highest return of each cell in steps of `HEIGHT_STEP_M` (0: no return), and the logarithm of their number,
-        shape [2, 2 ranges, columns], uint8. The upper half is ahead, the lower half behind.
+        The highest return of each cell in steps of `HEIGHT_STEP_M` (0: no return), its span in steps of `SPAN_STEP_M`,
+        and the logarithm of the number of returns, shape [3, 2 ranges, columns], uint8. The upper half is ahead, the
+        lower half behind.
     """
     points = points.astype(np.float64)
     (x, y, z), r = (points[:, axis] for axis in range(3)), np.linalg.norm(points, axis=1)
@@ -69,11 +74,14 @@ def lidar_view(points: np.ndarray, config: FeatureConfig, columns: int) -> np.nd
     cell = (row * columns)[is_inside] + column_of(y[is_inside] / r[is_inside], columns)
     size = 2 * config.ranges * columns
     count = np.bincount(cell, minlength=size)
-    top = np.full(size, -np.inf)
+    top, bottom = np.full(size, -np.inf), np.full(size, np.inf)
     np.maximum.at(top, cell, z[is_inside])
+    np.minimum.at(bottom, cell, z[is_inside])
+    top, bottom = np.where(count > 0, top, LOWEST_M), np.where(count > 0, bottom, LOWEST_M)
     height = np.where(count > 0, np.clip(np.rint((top - LOWEST_M) / HEIGHT_STEP_M) + 1, 1, 255), 0)
+    span = np.minimum(np.rint((top - bottom) / SPAN_STEP_M), 255)
     density = np.minimum(np.rint(COUNT_STEPS * np.log2(1 + count)), 255)
-    return np.stack([height, density]).astype(np.uint8).reshape(2, 2 * config.ranges, columns)
+    return np.stack([height, span, density]).astype(np.uint8).reshape(3, 2 * config.ranges, columns)
 
 
 def camera_pixels(camera: Camera, elevations: int, columns: int) -> np.ndarray:
@@ -85,8 +93,8 @@ def camera_pixels(camera: Camera, elevations: int, columns: int) -> np.ndarray:
         columns: Columns of all beams.
 
     Returns:
-        Row and column, -1 where the camera does not look, shape [rows, columns, 2], int64. The half ahead comes first;
-        a half that the camera sees nothing of is not there.
+        Row and column, -1 where the camera does not look, shape [2 elevations, columns, 2], int64; the half ahead is
+        the upper one.
     """
     w = HIGHEST + (LOWEST - HIGHEST) * (np.arange(elevations)[:, None] + 0.5) / elevations
     u = np.mod(1.0 - 2.0 * (np.arange(columns)[None] + 0.5) / columns, 2.0) - 1.0
@@ -95,10 +103,9 @@ def camera_pixels(camera: Camera, elevations: int, columns: int) -> np.ndarray:
     for side in (1.0, -1.0):
         direction = np.stack(np.broadcast_arrays(side * forward, u, w), axis=-1)
         place = np.asarray(camera.pixels(camera.pose[:3] + direction))
-        is_seen = camera.is_inside(place) & (forward > 0)
-        if is_seen.any():
-            pixel = np.floor(np.where(is_seen[..., None], place, 0.0) / SHRINK).astype(np.int64)[..., ::-1]
-            halves.append(np.where(is_seen[..., None], pixel, -1))
+        is_seen = (camera.is_inside(place) & (forward > 0))[..., None]
+        pixel = np.floor(np.where(is_seen, place, 0.0) / SHRINK).astype(np.int64)[..., ::-1]
+        halves.append(np.where(is_seen, pixel, -1))
     return np.concatenate(halves)
 
 
@@ -172,7 +179,7 @@ def part_features(
 def feature_arrays(data: list[bytes], modality: str, config: FeatureConfig, columns: int) -> np.ndarray:
     """Return features of the cache as the network takes them, shape [samples, channels, rows, columns], uint8."""
     if modality == "lidar":
-        return np.frombuffer(b"".join(data), dtype=np.uint8).reshape(-1, 2, 2 * config.ranges, columns)
+        return np.frombuffer(b"".join(data), dtype=np.uint8).reshape(-1, 3, 2 * config.ranges, columns)
     return np.stack([decode_rgb(one) for one in data]).transpose(0, 3, 1, 2)
 
 

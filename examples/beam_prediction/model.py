@@ -5,7 +5,7 @@ same network with a GRU in the place of GPT-2.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -25,13 +25,13 @@ HARMONICS = 8
 class BeamPredictor(nn.Module):
     """Past beams, and what sensors held meanwhile, to the beams of the next W frames."""
 
-    def __init__(self, config: ModelConfig, data: BeamData, sources: Mapping[str, str], backbone: Backbone = "gpt2"):
+    def __init__(self, config: ModelConfig, data: BeamData, sources: Sequence[str], backbone: Backbone = "gpt2"):
         """Make one.
 
         Args:
             config: Sizes, and how GPT-2 starts.
             data: Lengths of windows, size of the codebook, shapes of samples.
-            sources: Sensor -> `lidar` or `camera`.
+            sources: Sensors that it reads.
             backbone: `gpt2`, or `gru` for the baseline.
 
         Raises:
@@ -46,11 +46,11 @@ class BeamPredictor(nn.Module):
         self.beam = nn.Embedding(data.beams + 1, width)
         self.wave = nn.Linear(2 * HARMONICS, width)
         self.age = nn.Embedding(data.every, width)
-        self.modality = dict(sources)
+        self.sensors = {source: data.sensors[source] for source in sources}
         self.readers = nn.ModuleDict()
-        for source in sources:
-            shape = data.samples[source].shape[1:]
-            seen = config.crop_beams * shape[2] // data.beams if in_array(source) else shape[2]
+        for source, sensor in self.sensors.items():
+            shape = sensor.samples.shape[1:]
+            seen = config.crop_beams * shape[2] // data.beams if sensor.is_in_array else shape[2]
             self.readers[name_of(source)] = SensorReader(shape, config.channels, width, seen)
         self.queries = nn.Parameter(0.02 * torch.randn(data.future, width))
         self.norm = nn.LayerNorm(width)
@@ -77,12 +77,12 @@ class BeamPredictor(nn.Module):
         """Return what each past frame holds of sensors, shape [B, P, width], or 0 without any."""
         read = torch.zeros((), device=last.device)
         keep = self._kept(len(last), last.device)
-        for source, modality in self.modality.items():
+        for source, sensor in self.sensors.items():
             samples = batch.samples[source]
-            center = last * (samples.shape[-1] // self.beams) if in_array(source) else torch.zeros_like(last)
-            token = self.readers[name_of(source)](samples, center)
+            center = last * (samples.shape[-1] // self.beams) if sensor.is_in_array else torch.zeros_like(last)
+            token = self.readers[name_of(source)](samples, batch.references[source], center)
             held = token.gather(1, batch.slot[..., None].expand(-1, -1, token.shape[2]))
-            read = read + (held + self.age(batch.age)) * keep[modality]
+            read = read + (held + self.age(batch.age)) * keep[sensor.modality]
         return read
 
     def _kept(self, count: int, device: torch.device) -> dict[str, Tensor]:
@@ -90,7 +90,7 @@ class BeamPredictor(nn.Module):
         share = self.sensor_dropout if self.training else 0.0
         return {
             modality: (torch.rand(count, 1, 1, device=device) >= share).float()
-            for modality in dict.fromkeys(self.modality.values())
+            for modality in dict.fromkeys(sensor.modality for sensor in self.sensors.values())
         }
 
 
@@ -175,11 +175,6 @@ def last_beam(past: Tensor, beams: int) -> tuple[Tensor, Tensor]:
     place = (is_there * torch.arange(1, past.shape[1] + 1, device=past.device)).argmax(dim=1)
     is_known = is_there.any(dim=1)
     return torch.where(is_known, past.gather(1, place[:, None])[:, 0], 0), is_known
-
-
-def in_array(source: str) -> bool:
-    """Return whether a sensor's columns are beams of the transmitter: it stands where the array does."""
-    return source.startswith("rsu/")
 
 
 def name_of(source: str) -> str:

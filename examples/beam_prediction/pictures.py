@@ -31,7 +31,7 @@ def draw_case(
     now = start + data.past - 1
     held = int(data.frame[now]) - int(data.age[now])
     scenario, weather, agent = data.track[start]
-    sources = [source for source in data.samples if int(data.sample_row[source][now]) >= 0]
+    sources = [source for source, sensor in data.sensors.items() if int(sensor.row[now]) >= 0]
     views = dataset.frame(scenario, weather, held).agents[data.peer[now]].views if dataset else {}
     images = {name: view.rgb for name, view in views.items() if view.rgb is not None}
     panels = len(images) + bool(sources)
@@ -54,9 +54,9 @@ def draw_sources(axes: Any, window: int, method: Method, sources: list[str], dat
     now = int(data.starts["val"][window]) + data.past - 1
     pictures = []
     for source in sources:
-        sample = data.samples[source][int(data.sample_row[source][now])].cpu().numpy()
-        is_lidar = data.modality[source] == "lidar"
-        picture = np.repeat(sample[:1], 3, axis=0) if is_lidar else sample
+        sensor = data.sensors[source]
+        sample = sensor.samples[int(sensor.row[now])].cpu().numpy()
+        picture = np.repeat(sample[1:2], 3, axis=0) if sensor.modality == "lidar" else sample  # of a sweep the spans
         pictures.append(np.roll(picture.transpose(1, 2, 0), sample.shape[2] // 2, axis=1))
     width = max(picture.shape[1] for picture in pictures)
     pictures = [np.repeat(picture, width // picture.shape[1], axis=1) for picture in pictures]

@@ -1,4 +1,4 @@
-"""One run: one input set, one seed, trained for a fixed number of epochs, with a checkpoint after each.
+"""One run: one input set, one seed, trained for a fixed number of epochs, with checkpoints on the way.
 
 Whatever is random is a function of (seed, epoch), so a run that was stopped goes on to the same numbers.
 
@@ -14,7 +14,7 @@ import io
 import json
 import math
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -87,20 +87,24 @@ def train(run: Run, experiment: Experiment, data: BeamData, out: Path, deadline:
     _take_up(folder, run, experiment, data)
     if (folder / METRICS).is_file():
         return True
-    sources = {s: m for s, m in sources_of(experiment).items() if m in INPUTS[run.inputs]}
+    sources = [source for source, modality in sources_of(experiment).items() if modality in INPUTS[run.inputs]]
     torch.manual_seed(run.seed)
     model = BeamPredictor(experiment.model, data, sources, run.backbone).to(data.device)
     if config.compile:
         model.backbone.compile()
     optimizer = make_optimizer(model, config, data.device)
-    history = _resume(folder, model, optimizer, data.device)
+    history, saved = _resume(folder, model, optimizer, data.device), time.monotonic()
     for epoch in range(len(history), config.epochs):
-        if epoch > 0 and time.monotonic() > deadline:
-            return False
-        history.append(train_epoch(model, optimizer, data, list(sources), config, run.seed, epoch))
+        history.append(train_epoch(model, optimizer, data, sources, config, run.seed, epoch))
         print(f"{run.name} {_line(history[-1], config.epochs)}", flush=True)
-        _save(folder, model, optimizer, history)
-    finish(folder, run, model, data, list(sources), config, history)
+        publish_bytes(folder / "history.jsonl", "".join(json.dumps(row) + "\n" for row in history).encode())
+        now = time.monotonic()
+        if now > deadline or now - saved >= config.checkpoint_s:
+            _save(folder, model, optimizer, history)
+            saved = now
+        if now > deadline and epoch + 1 < config.epochs:
+            return False
+    finish(folder, run, model, data, sources, config, history)
     return True
 
 
@@ -124,7 +128,7 @@ def train_epoch(
         starts = data.starts["train"][some]
         for group in optimizer.param_groups:
             group["lr"] = config.learning_rate * schedule(epoch * steps + step, config.epochs * steps, config.warmup)
-        mirrored = torch.rand(len(starts)).to(data.device) < 0.5 if config.mirror else None
+        mirrored = (torch.rand(len(starts), 2) < 0.5).to(data.device) if config.mirror else None
         with precision(config, data.device):
             logits = model(data.batch(starts, sources, mirrored))
         loss = LOSSES[config.loss](logits, data.targets(starts, mirrored), data.target_gains(starts, mirrored))
@@ -264,7 +268,7 @@ def _take_up(folder: Path, run: Run, experiment: Experiment, data: BeamData) -> 
         "run": [run.label, run.seed],
         "features": experiment.features.model_dump(mode="json"),
         "model": experiment.model.model_dump(mode="json"),
-        "training": experiment.training.model_dump(mode="json"),
+        "training": experiment.training.model_dump(mode="json", exclude={"checkpoint_s", "compile"}),
         "windows": {part: fingerprint({"starts": starts.tolist()}) for part, starts in data.starts.items()},
     }
     file = folder / "run.json"
@@ -279,8 +283,6 @@ def _take_up(folder: Path, run: Run, experiment: Experiment, data: BeamData) -> 
 def _save(folder: Path, model: nn.Module, optimizer: torch.optim.Optimizer, history: list[dict[str, float]]) -> None:
     state = {"model": model.state_dict(), "optimizer": optimizer.state_dict(), "history": history}
     publish_bytes(folder / CHECKPOINT, torch_bytes(state))
-    lines: Iterator[str] = (json.dumps(row) + "\n" for row in history)
-    publish_bytes(folder / "history.jsonl", "".join(lines).encode())
 
 
 def _resume(
