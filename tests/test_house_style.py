@@ -14,7 +14,7 @@ from pydantic import BaseModel
 ROOT = Path(__file__).resolve().parent.parent
 SOURCES = sorted(
     p
-    for folder in ("mmw", "kernels", "tests", "bench")
+    for folder in ("mmw", "kernels", "tests", "bench", "examples")
     for p in (ROOT / folder).rglob("*.py")
     if "mmw/kernels" not in str(p)
 )

@@ -1,0 +1,1 @@
+"""Examples that use mmw as its users do; they are not part of the package."""

@@ -1,0 +1,1 @@
+"""Multimodal beam prediction: `python -m examples.beam_prediction --help`; `docs/beam-prediction.md`."""

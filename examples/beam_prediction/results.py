@@ -1,0 +1,99 @@
+"""What runs and baselines predicted, read back and scored window by window."""
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from torch import Tensor
+
+from examples.beam_prediction.baselines import extrapolate, hold_last
+from examples.beam_prediction.data import BeamData
+from examples.beam_prediction.metrics import Scores, score
+from examples.beam_prediction.training import METRICS, PREDICTIONS
+
+LABELS = {
+    "last": "last beam",
+    "line": "extrapolated angle",
+    "gru": "GRU, index only",
+    "index": "index only",
+    "camera": "index + camera",
+    "lidar": "index + LiDAR",
+    "all": "index + LiDAR + camera",
+}
+"""What is compared, in the order of tables and legends -> its name."""
+
+BASELINES: Mapping[str, Callable[[Tensor, int, int], Tensor]] = {"last": hold_last, "line": extrapolate}
+"""Baselines without learning."""
+
+
+@dataclass(frozen=True, eq=False)
+class Method:
+    """One thing that is compared, on the validation windows."""
+
+    label: str
+    """A key of `LABELS`."""
+    seeds: tuple[int, ...]
+    """Seeds of its runs; (0,) where nothing is learned."""
+    beams: np.ndarray
+    """Likeliest beam of every seed, window and step, shape [seeds, n, W], int64."""
+    scores: tuple[Scores, ...]
+    """One for each seed."""
+    metrics: tuple[dict[str, Any], ...]
+    """`metrics.json` of its runs; empty where nothing is learned."""
+
+    def per_step(self, name: str) -> np.ndarray:
+        """Return the mean of a score (`top1`, `top3`, `top5`, `gain`) over windows, shape [seeds, W]."""
+        return np.array([one.rows()[name] for one in self.scores])
+
+    @property
+    def window_gain(self) -> np.ndarray:
+        """Normalised gain of every window and step, mean over seeds, shape [n, W]."""
+        return np.mean([one.gain for one in self.scores], axis=0)
+
+
+def read_methods(out: Path, data: BeamData) -> dict[str, Method]:
+    """Return the baselines and all finished runs of a folder, in the order of `LABELS`.
+
+    Args:
+        out: The folder.
+        data: Whose validation windows were predicted.
+
+    Raises:
+        ValueError: If a run predicted other windows.
+    """
+    frames = data.future_frames(data.starts["val"])
+    target, gains = data.tx_beam[frames].cpu().numpy(), data.gains[frames].cpu().numpy()
+    past = data.batch(data.starts["val"], ()).beams
+    found: dict[str, list[tuple[int, np.ndarray, dict]]] = {}
+    for label, baseline in BASELINES.items():
+        beams = baseline(past, data.future, data.beams).cpu().numpy()[..., None]
+        found[label] = [(0, beams, {})]
+    for file in sorted((out / "runs").glob(f"*/{METRICS}")):
+        metrics = json.loads(file.read_text())
+        beams = np.load(file.with_name(PREDICTIONS))["beams"]
+        if beams.shape[:2] != target.shape:
+            raise ValueError(f"{file.parent}: predicted {beams.shape[0]} windows, there are {len(target)}; train anew")
+        found.setdefault(metrics["label"], []).append((metrics["seed"], beams, metrics))
+    methods = {}
+    for label in LABELS:
+        runs = sorted(found.get(label, []), key=lambda run: run[0])
+        if runs:
+            scores = tuple(score(beams, target, gains) for _, beams, _ in runs)
+            first = np.stack([beams[..., 0].astype(np.int64) for _, beams, _ in runs])
+            learned = tuple(metrics for _, _, metrics in runs if metrics)
+            methods[label] = Method(label, tuple(seed for seed, _, _ in runs), first, scores, learned)
+    return methods
+
+
+def spread_text(values: np.ndarray, digits: int = 4) -> str:
+    """Return the mean over seeds and, of several, the standard deviation of a single one.
+
+    Args:
+        values: One for each seed.
+        digits: Digits after the point.
+    """
+    text = f"{np.mean(values):.{digits}f}"
+    return text if len(values) < 2 else f"{text} ± {np.std(values, ddof=1):.{digits}f}"

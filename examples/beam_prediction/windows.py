@@ -1,0 +1,61 @@
+"""Which windows there are and which of them train: `mmw.windows`, with sensors that are slower than the frames."""
+
+from dataclasses import replace
+
+import numpy as np
+import pyarrow as pa
+
+from examples.beam_prediction.config import FeatureConfig, RadioConfig, WindowConfig
+from mmw.dataset import Dataset
+from mmw.windows import Take, Windows, WindowSpec, open_windows, shared_frames, split_windows
+
+
+def find_windows(dataset: Dataset, radio: RadioConfig, config: WindowConfig, features: FeatureConfig) -> Windows:
+    """Return all windows of all vehicles.
+
+    A frame holds the latest sensor sample at or before it, one every `every_frames`. So a window uses frames from the
+    oldest sample that it holds, which `first` counts for the split.
+
+    Args:
+        dataset: The dataset.
+        radio: The link.
+        config: Weathers, length and stride of windows.
+        features: How often sensors are sampled.
+    """
+    path_count = Take("links", columns=("path_count",), carrier_hz=radio.carrier_hz)
+    spec = WindowSpec([path_count], config.past, config.future, config.stride)
+    return held_from(open_windows(dataset, spec, weathers=config.weathers, agents=["cav"]), features)
+
+
+def held_from(windows: Windows, features: FeatureConfig) -> Windows:
+    """Return the windows with the oldest sample that each holds as its first frame; a track has it or they go."""
+    first = windows.now - (windows.spec.past - 1)
+    held = first - first % features.every_frames
+    begins = np.array([track.first for track in windows.tracks])[windows.track]
+    return replace(windows, first=held).take(held >= begins)
+
+
+def split(windows: Windows, config: WindowConfig) -> dict[str, Windows]:
+    """Return the windows for `train` and for `val`, which share no frame of any scenario.
+
+    Raises:
+        ValueError: If one of them gets no window.
+    """
+    parts = {"train": config.train, "val": config.val}
+    gap = {"gap": config.gap} if config.split == "track" else {}
+    found = split_windows(windows, config.split, parts, seed=config.seed, **gap)
+    shared = shared_frames(found["train"], found["val"])
+    if shared:
+        raise RuntimeError(f"split: {len(shared)} frames are in both parts, the first {shared[0]}")
+    return found
+
+
+def window_table(parts: dict[str, Windows]) -> pa.Table:
+    """Return `part`, scenario, weather, agent and `now` of the windows of all parts."""
+    rows: dict[str, list] = {name: [] for name in ("part", "scenario", "weather", "agent", "now")}
+    for part, windows in parts.items():
+        for number, now in zip(windows.track.tolist(), windows.now.tolist(), strict=True):
+            track = windows.tracks[number]
+            for name, value in zip(rows, (part, *track.name, now), strict=True):
+                rows[name].append(value)
+    return pa.table(rows)
