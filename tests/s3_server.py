@@ -38,6 +38,7 @@ class Server:
         self.requests: list[tuple[str, str]] = []
         self._one_at_a_time = Lock()
         Thread(target=self._server.serve_forever, daemon=True).start()
+        self.backend.reset()  # moto keeps the buckets of other tests of this process
         self.backend.create_bucket("bucket", "us-east-1")
 
     @property
