@@ -120,7 +120,7 @@ def _town_rays(axes: Any, curves: Curves) -> None:
         Line2D([], [], color="0.3", ls=style, marker=marker, ms=4, label=name)
         for way, (style, marker, name) in WAYS.items() if way in curves
     ]  # fmt: skip
-    axes.legend(handles=lines, fontsize="x-small", handlelength=3)
+    axes.legend(loc="best", handles=lines, fontsize="x-small", handlelength=3)
 
 
 def _town_build(axes: Any, curves: Curves) -> None:
@@ -129,7 +129,7 @@ def _town_build(axes: Any, curves: Curves) -> None:
             value, found = _columns(curves[way], "value"), _columns(curves[way], "build_s")
             axes.plot(value, found, style, marker=marker, ms=4, color=BLUE, label=name)
     _scales(axes, "triangles of the town", "trees built in [s]")
-    axes.legend(fontsize="x-small", handlelength=3)
+    axes.legend(loc="best", fontsize="x-small", handlelength=3)
 
 
 def _stages(curve: str, xlabel: str, *, log: bool = False) -> Callable[[Any, Curves], None]:
@@ -149,7 +149,7 @@ def _stages(curve: str, xlabel: str, *, log: bool = False) -> Callable[[Any, Cur
         _device(axes, points)
         _scales(axes, xlabel, "time of a frame [ms]", x=log, y=log)
         _tick_at(axes, value)
-        axes.legend(fontsize="x-small")
+        axes.legend(loc="best", fontsize="x-small")
 
     return plot
 
@@ -163,7 +163,7 @@ def _one(curve: str, stage: str, xlabel: str) -> Callable[[Any, Curves], None]:
         _proportion(axes, curves[curve], stage)
         _scales(axes, xlabel, "time of a frame [ms]")
         _tick_at(axes, _columns(curves[curve], "value"))
-        axes.legend(fontsize="x-small")
+        axes.legend(loc="best", fontsize="x-small")
 
     return plot
 
@@ -173,7 +173,7 @@ def _links(axes: Any, curves: Curves) -> None:
         if curve in curves:
             _line(axes, curves[curve], "channel", style, name)
     _scales(axes, "links of a frame, each direction one", "time of a frame [ms]")
-    axes.legend(fontsize="x-small", handlelength=3)
+    axes.legend(loc="best", fontsize="x-small", handlelength=3)
 
 
 def _line(axes: Any, points: list[dict[str, Any]], stage: str, style: str, name: str) -> None:
