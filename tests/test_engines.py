@@ -64,6 +64,24 @@ def test_a_worker_keeps_its_scenario_and_others_help() -> None:
     assert queue.next(0) is None and len(queue) == 0
 
 
+def test_the_last_weathers_go_to_workers_of_their_own() -> None:
+    weathers = ("sunny", "rainy", "foggy")
+    work = [Work("a", i, i + 1, weathers) for i in range(8)]
+    queue = WorkQueue(work, workers=6)
+    assert queue.parts == 24
+    whole = [queue.next(worker) for worker in range(6)]
+    given = iter(lambda: queue.next(0), None)
+    assert [len(item.weathers) for item in whole] == [3, 3, 3, 3, 3, 2]  # three are left for six workers: two for each
+    rest = list(given)
+    assert [len(item.weathers) for item in rest] == [1] * 7
+    keys = [key for item in (*whole, *rest) for key in item.keys]
+    assert sorted(map(str, keys)) == sorted(str(key) for item in work for key in item.keys)
+    alone = WorkQueue(work, workers=1)
+    assert [alone.next(0) for _ in work] == work
+    static = Work("a", 0, 0, ())
+    assert WorkQueue([static], workers=6).next(0) == static
+
+
 def test_lost_work_comes_first_and_not_for_ever() -> None:
     queue = WorkQueue([Work("a", i, i + 1, ("sunny",)) for i in range(3)])
     for worker in range(MOST_TRIES):

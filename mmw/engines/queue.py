@@ -2,6 +2,7 @@
 
 from collections import Counter, defaultdict
 from collections.abc import Iterable
+from dataclasses import replace
 
 from mmw.shards import Work
 
@@ -12,6 +13,20 @@ so that a machine that is lost with many workers is no reason."""
 
 class WorkerLostError(RuntimeError):
     """Workers die again and again, or are out of reach. What they finished is kept, and a rerun resumes."""
+
+
+def divided(item: Work, workers: int) -> tuple[Work, Work | None]:
+    """Return the part of a piece of work that the first of some workers should make, and the rest of it.
+
+    Args:
+        item: The work.
+        workers: How many could make it; each gets whole weathers.
+    """
+    names = item.weathers
+    own = -(-len(names) // max(1, workers))
+    if own >= len(names):
+        return item, None
+    return replace(item, weathers=names[:own]), replace(item, weathers=names[own:])
 
 
 class WorkQueue:
@@ -34,11 +49,17 @@ class WorkQueue:
     def __len__(self) -> int:
         return sum(map(len, self._waiting.values()))
 
+    @property
+    def parts(self) -> int:
+        """How many workers could make what is left at the same time."""
+        return sum(max(1, len(item.weathers)) for items in self._waiting.values() for item in items)
+
     def next(self, worker: int) -> Work | None:
         """Return what a worker should make now; None if nothing is left.
 
         It goes on with its scenario; else it begins one that nobody has, or helps where most frames are left for each
-        worker.
+        worker. At the end, where less work is left than there are workers, weathers go to workers of their own: that
+        costs more in all, since what they share is traced for each, and ends sooner.
         """
         open_scenarios = {name: items for name, items in self._waiting.items() if items}
         if not open_scenarios:
@@ -49,7 +70,11 @@ class WorkQueue:
             left = {name: sum(item.frames for item in items) for name, items in open_scenarios.items()}
             own = max(left, key=lambda name: (left[name] / (1 + helpers[name]), name))
             self._scenario[worker] = own
-        return self._waiting[own].pop(0)
+        item = self._waiting[own].pop(0)
+        first, rest = divided(item, self._workers // (1 + len(self)))
+        if rest is not None:
+            self._waiting[own].insert(0, rest)
+        return first
 
     def give_back(self, worker: int, work: Iterable[Work], cause: str) -> None:
         """Take back what a lost worker left unfinished.
