@@ -207,6 +207,18 @@ def test_the_full_dataset_gives_as_many_windows_as_the_paper_has() -> None:
     assert shared_frames(parts["train"], parts["val"]) == []
 
 
+def test_windows_that_are_dealt_singly_share_frames() -> None:
+    config = WindowConfig(split="window", train=8, val=1)
+    windows = windows_of_the_paper(config)
+    parts = split(windows, config)
+    assert len(parts["train"]) + len(parts["val"]) == len(windows)
+    assert len(parts["train"]) == pytest.approx(8 / 9 * len(windows), abs=1)
+    chosen = [set(zip(part.track.tolist(), part.now.tolist(), strict=True)) for part in parts.values()]
+    assert not chosen[0] & chosen[1]
+    assert shared_frames(parts["train"], parts["val"])  # that is what this split is there to show
+    assert np.array_equal(split(windows, config)["val"].now, parts["val"].now)
+
+
 def test_a_held_sample_counts_as_used() -> None:
     windows = windows_of_the_paper(WindowConfig())
     held = held_from(windows, FeatureConfig())

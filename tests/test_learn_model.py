@@ -14,10 +14,10 @@ from transformers import GPT2Config, GPT2Model  # noqa: E402
 
 from examples.beam_prediction.baselines import extrapolate, hold_last  # noqa: E402
 from examples.beam_prediction.config import ModelConfig  # noqa: E402
-from examples.beam_prediction.data import Batch, BeamData  # noqa: E402
+from examples.beam_prediction.data import Batch, BeamData, beam_angles  # noqa: E402
 from examples.beam_prediction.encoders import SensorReader, crop  # noqa: E402
 from examples.beam_prediction.metrics import score  # noqa: E402
-from examples.beam_prediction.model import BeamPredictor, Gpt2, beam_waves, last_beam  # noqa: E402
+from examples.beam_prediction.model import BeamPredictor, Gpt2, beam_waves, hills, last_beam  # noqa: E402
 from examples.beam_prediction.sensors import SensorData  # noqa: E402
 from examples.beam_prediction.training import beam_loss, gain_loss, make_optimizer, schedule  # noqa: E402
 from mmw.channel import ula  # noqa: E402
@@ -159,12 +159,12 @@ def test_what_is_learned_in_one_direction_holds_in_all(data: BeamData) -> None:
             torch.nn.init.zeros_(parameter)
     batch = data.batch(torch.tensor([3, 21, 50]), SOURCES)
     logits = model(batch)
-    beams = torch.where(batch.beams < Q, (batch.beams + 5) % Q, Q)
+    beams, at_samples = (torch.where(x < Q, (x + 5) % Q, Q) for x in (batch.beams, batch.sample_beams))
     samples, references = (
         {source: one.roll(5 * one.shape[-1] // Q, dims=-1) for source, one in some.items()}
         for some in (batch.samples, batch.references)
     )
-    turned = model(Batch(beams, batch.age, batch.slot, samples, references))
+    turned = model(Batch(beams, batch.age, batch.slot, samples, references, at_samples))
     torch.testing.assert_close(turned, logits.roll(5, dims=2))
 
 
@@ -185,7 +185,36 @@ def test_a_crop_goes_round_the_circle_of_beams() -> None:
     reader = SensorReader((1, 16, 10), (8, 8), 12, 40)
     assert reader.columns == 10
     samples = torch.zeros(2, 3, 1, 16, 10).byte()
-    assert reader(samples, samples[:, :1], torch.tensor([0, 1])).shape == (2, 3, 12)
+    assert reader(samples, samples[:, :1], torch.tensor([0, 1]), torch.zeros(2, 3, 5)).shape == (2, 3, 12)
+
+
+def test_a_hint_shows_the_beam_of_a_sample() -> None:
+    found = hills(torch.tensor([[9, 12, Q], [63, 1, 30]]), torch.tensor([10, 0]), Q, 32, 16.0)  # half a beam a cell
+    assert found.shape == (2, 3, 32)
+    peak = found.argmax(dim=2)
+    assert peak[0, 0] in (13, 14) and peak[0, 1] in (19, 20) and peak[1, 0] in (13, 14) and peak[1, 1] in (17, 18)
+    assert not found[0, 2].any() and found[1, 2].max() < 1e-9  # none known; out of what is seen
+
+
+def test_angles_between_beams_are_found() -> None:
+    """Of one path in a known direction, the two strongest beams say where it is between them."""
+    angle = torch.tensor([0.0, 7.3, 20.5, 41.75, 63.6])
+    n = np.arange(64)
+    h = np.exp(2j * np.pi * np.outer(angle.numpy(), n) / Q).conj()[:, None, :]  # one receive antenna
+    gains = np.abs((h @ dft_codebook(ula(64), Q))[:, 0]) ** 2
+    best, gains = gains.argmax(axis=1), gains / gains.max(axis=1, keepdims=True)
+    found = beam_angles(torch.tensor([*best, -1]), torch.from_numpy(np.vstack([gains, gains[:1]])))
+    away = (found[:-1] - angle + Q / 2) % Q - Q / 2
+    assert away.abs().max() < 1e-3 and found[-1].isnan()
+
+
+def test_known_angles_make_a_straight_line_better() -> None:
+    """A beam that will move on in two frames has not moved yet: only its angle tells."""
+    angle = 10.01 + 0.02 * (torch.arange(50) - 20.0)  # 10.5 after the 44th frame
+    beams = torch.round(angle).long()[None]
+    assert (beams[0, :40] == 10).all() and beams[0, 49] == 11
+    assert (extrapolate(beams[:, :40], 10, Q) == 10).all()
+    assert torch.equal(extrapolate(beams[:, :40], 10, Q, angle[None, :40]), beams[:, 40:])
 
 
 def test_waves_go_round_the_circle_of_beams() -> None:

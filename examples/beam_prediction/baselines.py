@@ -20,7 +20,7 @@ def hold_last(past: Tensor, future: int, beams: int) -> Tensor:
     return last_beam(past, beams)[0][:, None].expand(-1, future)
 
 
-def extrapolate(past: Tensor, future: int, beams: int) -> Tensor:
+def extrapolate(past: Tensor, future: int, beams: int, angles: Tensor | None = None) -> Tensor:
     """Return the beams of a direction that goes on as it did, shape [B, W].
 
     What grows in a straight line is the electrical angle 2 pi q / Q between neighbouring antennas, the sine of the
@@ -30,11 +30,13 @@ def extrapolate(past: Tensor, future: int, beams: int) -> Tensor:
     Args:
         past: Beams of past frames, `beams` for none, shape [B, P].
         future: Frames W.
-        beams: Size of the codebook Q.
+        beams: Size of the codebook.
+        angles: Past directions to a part of a beam, shape [B, P]; None: those of the beams.
     """
     held = hold_last(past, future, beams)
     is_there = past < beams
-    way = torch.where(is_there, (past - held[:, :1] + beams // 2) % beams - beams // 2, 0).double()
+    way = past.double() if angles is None else angles.double()
+    way = torch.where(is_there, (way - held[:, :1] + beams / 2) % beams - beams / 2, 0.0)
     is_break = ~(is_there[:, 1:] & is_there[:, :-1]) | (way.diff(dim=1).abs() >= JUMP)
     since = torch.cat([is_break.flip(1).cumsum(1).flip(1) == 0, torch.ones_like(is_there[:, :1])], dim=1)
     weight = (since & is_there).double()

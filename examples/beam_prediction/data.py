@@ -1,5 +1,6 @@
 """A cache as tensors on one device: a batch is a few gathers, so an epoch waits for no file."""
 
+import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,6 +31,8 @@ class Batch:
     [B, S, channels, rows, columns], uint8."""
     references: Mapping[str, Tensor]
     """Sensor -> what they are compared with, shape [B, 1 or S, channels, rows, columns], uint8."""
+    sample_beams: Tensor
+    """Transmit beams of the frames that are the first to hold a sample, Q where there was no path, shape [B, S]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +86,7 @@ class BeamData:
         age = self.age[frames]
         slots = torch.arange((self.past - 2) // self.every + 2, device=self.device)  # as many as a window can hold
         first = starts[:, None] + (slots * self.every - age[:, :1]).clamp(0, self.past - 1)
+        at_samples = self._turned(self.tx_beam[first], mirrored)
         found = {source: self.sensors[source].take(first, mirrored) for source in sources}
         return Batch(
             beams=torch.where(beams < 0, self.beams, beams),
@@ -90,6 +94,7 @@ class BeamData:
             slot=(frames - starts[:, None] + age[:, :1]) // self.every,
             samples={source: samples for source, (samples, _) in found.items()},
             references={source: references for source, (_, references) in found.items()},
+            sample_beams=torch.where(at_samples < 0, self.beams, at_samples),
         )
 
     def targets(self, starts: Tensor, mirrored: Tensor | None = None) -> Tensor:
@@ -103,6 +108,11 @@ class BeamData:
             return gains
         return torch.where(mirrored[:, :1, None], gains.roll(-1, dims=2).flip(2), gains)
 
+    @functools.cached_property
+    def angle(self) -> Tensor:
+        """The best beam to a part of a beam, NaN without any path, shape [F], float32 (`beam_angles`)."""
+        return beam_angles(self.tx_beam, self.gains)
+
     def future_frames(self, starts: Tensor) -> Tensor:
         """Return the frames that are predicted, shape [B, W]."""
         return starts[:, None] + self.past + torch.arange(self.future, device=self.device)
@@ -112,6 +122,23 @@ class BeamData:
         if mirrored is None:
             return beams
         return torch.where(mirrored[:, :1] & (beams >= 0), (-beams) % self.beams, beams)
+
+
+def beam_angles(beams: Tensor, gains: Tensor) -> Tensor:
+    """Return the direction of the strongest path as a beam and a part of one, NaN without any path, shape [F].
+
+    Between two beams of a DFT codebook with as many beams as antennas, a path is heard with amplitudes that are to each
+    other as its distances from the other beam (sin(pi d) / (N sin(pi d / N)), N large), so one division finds it: the
+    two-point interpolation of spectra (V. K. Jain et al., IEEE Trans. Instrum. Meas. 28(2), 1979, rectangular window).
+
+    Args:
+        beams: Best beams, -1 without any path, shape [F].
+        gains: Normalised gain of every beam, shape [F, Q].
+    """
+    row, size = torch.arange(len(beams), device=beams.device), gains.shape[1]
+    after, before = (gains[row, (beams + step) % size].sqrt() for step in (1, -1))
+    part = torch.where(after > before, after / (1 + after), -before / (1 + before))
+    return torch.where(beams >= 0, (beams + part) % size, torch.nan)
 
 
 def load_data(cache: Path, experiment: Experiment, device: torch.device) -> BeamData:

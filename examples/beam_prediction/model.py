@@ -22,6 +22,14 @@ HARMONICS = 8
 """Waves by which a token knows that beam Q - 1 is a neighbour of beam 0. Design value."""
 
 
+CERTAIN = 4.0
+"""Logit by which the last known beam leads before anything is learned: a network that knows nothing holds the beam.
+Design value."""
+
+HILL = 0.5
+"""Standard deviation of the hill by which a beam is shown among the cells of a sample, in beams. Design value."""
+
+
 class BeamPredictor(nn.Module):
     """Past beams, and what sensors held meanwhile, to the beams of the next W frames."""
 
@@ -58,6 +66,8 @@ class BeamPredictor(nn.Module):
         self.shift = nn.Linear(width, data.beams)
         for table in (self.beam, self.age):
             nn.init.normal_(table.weight, std=0.02)
+        with torch.no_grad():
+            self.shift.bias[0] = CERTAIN
 
     def forward(self, batch: Batch) -> Tensor:
         """Return the logits of the beams of the next frames, shape [B, W, Q].
@@ -78,9 +88,13 @@ class BeamPredictor(nn.Module):
         read = torch.zeros((), device=last.device)
         keep = self._kept(len(last), last.device)
         for source, sensor in self.sensors.items():
-            samples = batch.samples[source]
-            center = last * (samples.shape[-1] // self.beams) if sensor.is_in_array else torch.zeros_like(last)
-            token = self.readers[name_of(source)](samples, batch.references[source], center)
+            samples, reader = batch.samples[source], self.readers[name_of(source)]
+            center, hint = torch.zeros_like(last), torch.zeros((), device=last.device)
+            if sensor.is_in_array:
+                center = last * (samples.shape[-1] // self.beams)
+                reach = reader.columns * self.beams / samples.shape[-1]
+                hint = hills(batch.sample_beams, last, self.beams, reader.cells, reach)
+            token = reader(samples, batch.references[source], center, hint.expand(*samples.shape[:2], reader.cells))
             held = token.gather(1, batch.slot[..., None].expand(-1, -1, token.shape[2]))
             read = read + (held + self.age(batch.age)) * keep[sensor.modality]
         return read
@@ -162,6 +176,21 @@ def beam_waves(beams: int) -> Tensor:
     turn = 2 * math.pi * torch.outer(torch.arange(beams), torch.arange(1, HARMONICS + 1)) / beams
     waves = torch.cat([turn.sin(), turn.cos()], dim=1)
     return torch.cat([waves, torch.zeros(1, 2 * HARMONICS)])
+
+
+def hills(found: Tensor, last: Tensor, beams: int, cells: int, reach: float) -> Tensor:
+    """Return where beams lie among cells around another one, a hill for each, nothing for no beam, shape [B, S, cells].
+
+    Args:
+        found: The beams, `beams` for none, shape [B, S].
+        last: Beam in the middle of the cells, shape [B].
+        beams: Size of the codebook.
+        cells: How many cells there are.
+        reach: Beams that all cells are wide.
+    """
+    place = ((torch.arange(cells, device=last.device) + 0.5) / cells - 0.5) * reach
+    way = (found - last[:, None] + beams // 2) % beams - beams // 2
+    return torch.exp(-0.5 * ((place - way[..., None]) / HILL) ** 2) * (found < beams)[..., None]
 
 
 def last_beam(past: Tensor, beams: int) -> tuple[Tensor, Tensor]:

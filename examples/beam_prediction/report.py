@@ -11,14 +11,15 @@ from examples.beam_prediction.config import Experiment
 from examples.beam_prediction.data import BeamData
 from examples.beam_prediction.results import LABELS, Method, read_methods, spread_text
 from mmw.dataset import Dataset
-from mmw.plotting.style import BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SKY, plain_axes
+from mmw.plotting.style import BLUE, DARK, GREEN, GREY, ORANGE, PURPLE, RED, SKY, plain_axes
 
 COLORS = {
-    "last": GREY, "line": SKY, "gru": PURPLE, "index": BLUE, "camera": ORANGE, "lidar": GREEN, "all": RED,
+    "last": GREY, "line": SKY, "known": DARK, "gru": PURPLE,
+    "index": BLUE, "camera": ORANGE, "lidar": GREEN, "all": RED,
 }  # fmt: skip
 """What is compared -> its colour."""
 
-MAIN = ("all", "index", "gru", "line", "last")
+MAIN = ("known", "all", "index", "gru", "line", "last")
 """What the first figure compares: the paper's compares its method with one that knows beam indices alone."""
 
 ABLATION = ("all", "lidar", "camera", "index")
@@ -73,10 +74,11 @@ def windows_text(experiment: Experiment, data: BeamData) -> str:
     c = experiment.windows
     counts = " and ".join(f"{len(rows):,} windows for {part}" for part, rows in data.starts.items())
     tracks = len(set(data.track))
-    return (
-        f"{counts}, P = {c.past}, W = {c.future}, of {tracks} vehicles' tracks, {len(data.track):,} frames; split by "
-        f"{c.split}, no frame of a scenario in both parts."
-    )
+    if c.split == "window":
+        apart = "windows dealt out singly: nearly every frame of validation is in windows of training too"
+    else:
+        apart = f"split by {c.split}, no frame of a scenario in both parts"
+    return f"{counts}, P = {c.past}, W = {c.future}, of {tracks} vehicles' tracks, {len(data.track):,} frames; {apart}."
 
 
 def table(methods: dict[str, Method], steps: int) -> str:

@@ -1,12 +1,12 @@
 """What runs and baselines predicted, read back and scored window by window."""
 
 import json
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 from torch import Tensor
 
 from examples.beam_prediction.baselines import extrapolate, hold_last
@@ -17,6 +17,7 @@ from examples.beam_prediction.training import METRICS, PREDICTIONS
 LABELS = {
     "last": "last beam",
     "line": "extrapolated angle",
+    "known": "extrapolated true angle",
     "gru": "GRU, index only",
     "index": "index only",
     "camera": "index + camera",
@@ -25,8 +26,9 @@ LABELS = {
 }
 """What is compared, in the order of tables and legends -> its name."""
 
-BASELINES: Mapping[str, Callable[[Tensor, int, int], Tensor]] = {"last": hold_last, "line": extrapolate}
-"""Baselines without learning."""
+BASELINES = ("last", "line", "known")
+"""Keys of `LABELS` that are not learned. `known` is told past directions to a part of a beam, as no method is: what is
+left of it to 1 is what the future brings that no straight line foresees."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,11 +68,9 @@ def read_methods(out: Path, data: BeamData) -> dict[str, Method]:
     """
     frames = data.future_frames(data.starts["val"])
     target, gains = data.tx_beam[frames].cpu().numpy(), data.gains[frames].cpu().numpy()
-    past = data.batch(data.starts["val"], ()).beams
     found: dict[str, list[tuple[int, np.ndarray, dict]]] = {}
-    for label, baseline in BASELINES.items():
-        beams = baseline(past, data.future, data.beams).cpu().numpy()[..., None]
-        found[label] = [(0, beams, {})]
+    for label in BASELINES:
+        found[label] = [(0, baseline(label, data).cpu().numpy()[..., None], {})]
     for file in sorted((out / "runs").glob(f"*/{METRICS}")):
         metrics = json.loads(file.read_text())
         beams = np.load(file.with_name(PREDICTIONS))["beams"]
@@ -86,6 +86,21 @@ def read_methods(out: Path, data: BeamData) -> dict[str, Method]:
             learned = tuple(metrics for _, _, metrics in runs if metrics)
             methods[label] = Method(label, tuple(seed for seed, _, _ in runs), first, scores, learned)
     return methods
+
+
+def baseline(label: str, data: BeamData) -> Tensor:
+    """Return the beams that a baseline names for the validation windows, shape [n, W], int64.
+
+    Args:
+        label: One of `BASELINES`.
+        data: The data.
+    """
+    starts = data.starts["val"]
+    past = data.batch(starts, ()).beams
+    if label == "last":
+        return hold_last(past, data.future, data.beams)
+    frames = starts[:, None] + torch.arange(data.past, device=data.device)
+    return extrapolate(past, data.future, data.beams, data.angle[frames] if label == "known" else None)
 
 
 def spread_text(values: np.ndarray, digits: int = 4) -> str:

@@ -1,5 +1,6 @@
 """Which windows there are and which of them train: `mmw.windows`, with sensors that are slower than the frames."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -36,18 +37,38 @@ def held_from(windows: Windows, features: FeatureConfig) -> Windows:
 
 
 def split(windows: Windows, config: WindowConfig) -> dict[str, Windows]:
-    """Return the windows for `train` and for `val`, which share no frame of any scenario.
+    """Return the windows for `train` and for `val`.
+
+    They share no frame of any scenario, unless they are dealt out singly: then nearly all of what is validated was
+    trained, which shows what such a split is worth.
 
     Raises:
         ValueError: If one of them gets no window.
     """
     parts = {"train": config.train, "val": config.val}
+    if config.split == "window":
+        return deal(windows, parts, config.seed)
     gap = {"gap": config.gap} if config.split == "track" else {}
     found = split_windows(windows, config.split, parts, seed=config.seed, **gap)
     shared = shared_frames(found["train"], found["val"])
     if shared:
         raise RuntimeError(f"split: {len(shared)} frames are in both parts, the first {shared[0]}")
     return found
+
+
+def deal(windows: Windows, parts: Mapping[str, float], seed: int) -> dict[str, Windows]:
+    """Return windows dealt out singly and at random, in shares.
+
+    Raises:
+        ValueError: If a part gets no window.
+    """
+    order = np.random.default_rng(seed).permutation(len(windows))
+    ends = np.rint(np.cumsum(list(parts.values())) / sum(parts.values()) * len(windows)).astype(int)
+    chosen = dict(zip(parts, np.split(order, ends[:-1]), strict=True))
+    empty = [name for name, rows in chosen.items() if not len(rows)]
+    if empty:
+        raise ValueError(f"split: part {empty[0]!r} gets none of {len(windows)} windows; give it a larger share")
+    return {name: windows.take(np.sort(rows)) for name, rows in chosen.items()}
 
 
 def window_table(parts: dict[str, Windows]) -> pa.Table:
