@@ -1,7 +1,8 @@
 """What a configuration asks for, before anything is traced: inputs that must exist, frames, rays and bytes."""
 
+import functools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from pxr import Usd
@@ -137,10 +138,11 @@ def check_inputs(config: Config, base: Path) -> None:
         ConfigError: With one line for each problem.
     """
     problems = []
+    variants_of = functools.cache(weather_variants)  # scenarios share towns
     for scenario in config.scenarios:
         where = f"scenario {scenario.name!r}"
         try:
-            _check_source(scenario, scenario_source(scenario, base), config.variants)
+            _check_source(scenario, scenario_source(scenario, base), config.variants, variants_of)
         except ValueError as error:
             problems.append(str(error))
         try:
@@ -163,7 +165,12 @@ def check_inputs(config: Config, base: Path) -> None:
         raise ConfigError(problems)
 
 
-def _check_source(scenario: ScenarioConfig, source: Path, variants: Mapping[str, Sequence[str]]) -> None:
+def _check_source(
+    scenario: ScenarioConfig,
+    source: Path,
+    variants: Mapping[str, Sequence[str]],
+    variants_of: Callable[[Path], list[str]],
+) -> None:
     """Open a stage or town without its payloads, and look for a variant of a town for each weather.
 
     Raises:
@@ -171,7 +178,7 @@ def _check_source(scenario: ScenarioConfig, source: Path, variants: Mapping[str,
     """
     key, value = ("stage", scenario.stage) if scenario.stage is not None else ("town", scenario.town)
     try:
-        known = weather_variants(source)
+        known = variants_of(source)
     except ValueError as error:
         raise ValueError(f"scenario {scenario.name!r}: {key} = {value!r}: {error}") from None
     for weather, names in variants.items() if scenario.town is not None and known else ():

@@ -1,5 +1,6 @@
 """Where a dataset comes from: the configuration kept with it, versions, hashes, and what a resumed run must match."""
 
+import functools
 import hashlib
 import platform
 import subprocess
@@ -112,12 +113,12 @@ def versions(config: Config, base: Path, device_name: str) -> dict[str, Any]:
             packages[name] = version(name)
         except PackageNotFoundError:
             packages[name] = "unknown"
-    sources = {}
+    sources, sha256_of = {}, functools.cache(sha256)  # scenarios share towns
     for scenario in config.scenarios:
         source = scenario_source(scenario, base)
         payload = source.parent / "geometry.usdc"
         files = (source, payload, trajectory_file(scenario, base))
-        sources[scenario.name] = {path.name: sha256(path) for path in files if path is not None and path.is_file()}
+        sources[scenario.name] = {path.name: sha256_of(path) for path in files if path is not None and path.is_file()}
     return {
         "mmw": __version__,
         "git": git_revision(),

@@ -1,13 +1,13 @@
 """`mmw status`: how far a dataset is, by the markers on the disk, whoever makes it."""
 
 import argparse
-from collections import defaultdict
-from collections.abc import Sequence
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Sequence
 
 from mmw.command import run_command
 from mmw.provenance import stored_config
 from mmw.report import si
-from mmw.shards import all_work, pending_work
+from mmw.shards import Work, all_work, pending_work
 from mmw.tables.lock import writers
 from mmw.tables.manifest import MANIFEST, read_markers
 from mmw.tables.store import store_of
@@ -28,20 +28,16 @@ def _status(address: str) -> int:
     config = stored_config(address)
     root = store_of(address, config.output.staging)
     everything = all_work(config)
-    missing: dict[str, int] = defaultdict(int)
-    for item in pending_work(root, everything):
-        missing[item.scenario] += item.frames
+    wanted, missing = frames_by_scenario(everything), frames_by_scenario(pending_work(root, everything))
     size: dict[str, int] = defaultdict(int)
     for marker in read_markers(root):
         size[marker["scenario"]] += sum(file["bytes"] for file in marker["files"])
     print(f"{'scenario':<32} {'frames':>17} {'bytes':>10}")
-    total = 0
-    for scenario in config.scenarios:
-        frames = sum(item.frames for item in everything if item.scenario == scenario.name)
-        total += frames
-        there = f"{frames - missing[scenario.name]:,}/{frames:,}"
-        print(f"{scenario.name:<32} {there:>17} {si(size[scenario.name]):>9}B")
-    done = total - sum(missing.values())
+    for name, frames in wanted.items():
+        there = f"{frames - missing[name]:,}/{frames:,}"
+        print(f"{name:<32} {there:>17} {si(size[name]):>9}B")
+    total = wanted.total()
+    done = total - missing.total()
     print(f"{'all':<32} {f'{done:,}/{total:,}':>17} {si(sum(size.values())):>9}B")
     running = writers(root)
     for line in running:
@@ -56,3 +52,11 @@ def _status(address: str) -> int:
         else:
             print(f"nobody writes it; the command that began it resumes{left_text}")
     return 1
+
+
+def frames_by_scenario(work: Iterable[Work]) -> Counter[str]:
+    """Return the scenario-weather-frames of each scenario in a list of work, in its order."""
+    counts: Counter[str] = Counter()
+    for item in work:
+        counts[item.scenario] += item.frames
+    return counts
