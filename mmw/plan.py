@@ -43,7 +43,7 @@ DEPTH_BYTES_PER_PIXEL = 0.1
 DEPTH_FLOAT_BYTES_PER_PIXEL = 0.9
 """Bytes of one depth pixel before rounding, `format: float32`: 275 kB for an image of 640 x 480 on town03."""
 
-RGB_BYTES_PER_PIXEL = {"jpeg": 0.35, "png": 1.4}
+RGB_BYTES_PER_PIXEL = {"jpeg": 0.3, "png": 1.4}
 """Bytes of one RGB pixel, at the default quality."""
 
 NORMALS_BYTES_PER_PIXEL, FLOW_BYTES_PER_PIXEL = 0.1, 0.6

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pyarrow.parquet as pq
@@ -17,10 +18,17 @@ import mmw.tables.lock
 from mmw.__main__ import main as mmw_main
 from mmw.config import load_config
 from mmw.engines.queue import MOST_TRIES, WorkerLostError, WorkQueue
+from mmw.prepare import read_scenario
+from mmw.report import Console
 from mmw.run import main
+from mmw.scene_arrays import SceneArrays
 from mmw.shards import Part, Work, all_work, part_of
 from mmw.tables.lock import only_one, writers, writing
+from mmw.tables.manifest import prepare_root
+from mmw.tables.store import Folder
 from mmw.tables.verify import verify
+from mmw.temporary import is_temporary
+from mmw.worker import Making, Worker
 from tests.own_world import SMALL, assert_same_rows, command, write_own_world
 
 KILL_ROUNDS = int(os.environ.get("MMW_KILL_ROUNDS", "3"))
@@ -65,21 +73,41 @@ def test_a_worker_keeps_its_scenario_and_others_help() -> None:
 
 
 def test_the_last_weathers_go_to_workers_of_their_own() -> None:
-    weathers = ("sunny", "rainy", "foggy")
-    work = [Work("a", i, i + 1, weathers) for i in range(8)]
-    queue = WorkQueue(work, workers=6)
-    assert queue.parts == 24
-    whole = [queue.next(worker) for worker in range(6)]
-    given = iter(lambda: queue.next(0), None)
-    assert [len(item.weathers) for item in whole] == [3, 3, 3, 3, 3, 2]  # three are left for six workers: two for each
-    rest = list(given)
-    assert [len(item.weathers) for item in rest] == [1] * 7
-    keys = [key for item in (*whole, *rest) for key in item.keys]
+    weathers, now = ("sunny", "rainy", "foggy"), [0.0]
+    work = [Work("a", i, i + 10, weathers) for i in range(0, 70, 10)]
+    queue = WorkQueue(work, workers=4, clock=lambda: now[0])
+    given = []
+    for worker in (0, 1, 2, 3):
+        given.append(queue.next(worker))  # nobody knows yet how long a piece takes
+        now[0] += 1.0
+    assert [len(item.weathers) for item in given] == [3, 3, 3, 3]
+    now[0] = 30.0
+    given.append(queue.next(0))  # three are left, and the others are free any moment: one each
+    now[0] = 31.0
+    given.append(queue.next(1))  # two are left for three
+    now[0] = 32.0
+    given += [queue.next(2), queue.next(3)]  # one is left: worker 3 is late, so two share it; and the rest of it
+    assert [len(item.weathers) for item in given[4:]] == [3, 3, 2, 1]
+    assert queue.next(0) is None
+    keys = [key for item in given for key in item.keys]
     assert sorted(map(str, keys)) == sorted(str(key) for item in work for key in item.keys)
-    alone = WorkQueue(work, workers=1)
-    assert [alone.next(0) for _ in work] == work
-    static = Work("a", 0, 0, ())
-    assert WorkQueue([static], workers=6).next(0) == static
+
+
+def test_a_piece_is_not_divided_for_workers_that_stay_busy() -> None:
+    """Two workers that began together: whoever is first with the last piece makes it whole, as the other has to end."""
+    now = [0.0]
+    queue = WorkQueue([Work("a", i, i + 10, ("sunny", "rainy")) for i in (0, 10, 20)], 2, clock=lambda: now[0])
+    first, second = queue.next(0), queue.next(1)
+    now[0] = 10.0
+    assert queue.next(0).weathers == ("sunny",)  # the other is free any moment
+    assert queue.next(1).weathers == ("rainy",)
+    queue = WorkQueue([Work("a", i, i + 10, ("sunny", "rainy")) for i in (0, 10, 20)], 2, clock=lambda: now[0])
+    assert (queue.next(0), queue.next(1)) == (first, second)
+    now[0] = 20.0
+    queue.give_back(1, [second], "by signal 9")
+    assert queue.next(2).weathers == ("sunny", "rainy")
+    assert queue.next(0).weathers == ("sunny", "rainy")  # worker 2 has just begun
+    assert queue.next(0) is None
 
 
 def test_lost_work_comes_first_and_not_for_ever() -> None:
@@ -119,6 +147,29 @@ def test_workers_make_the_same_dataset(world: Path) -> None:
     assert main(command(world, "two", "--workers", "2")) == 0
     assert_same_rows(world / "alone", world / "two")
     assert verify(world / "two") == []
+
+
+def test_workers_read_a_scenario_once(world: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    config, root = load_config(world / "mine.yaml", SMALL), world / "shared"
+    meta = {"config_sha256": config.sha256(), "mmw_version": "0", "git_sha": ""}
+    making = Making(config, world, Folder(root), meta, threads=1)
+    prepare_root(Folder(root), config.identity(), config.sha256(), {}, overwrite=False)
+    read: list[SceneArrays] = []
+    monkeypatch.setattr("mmw.worker.read_scenario", lambda *some: read.append(read_scenario(*some)) or read[-1])
+    console, items = Console(), all_work(config)
+    console.begin(20, 0)
+    with Worker(making, "cpu", console) as one, Worker(making, "cpu", console) as other:
+        one.make(items[0])
+        other.make(items[1])
+        (file,) = root.glob(".*.scene")
+        assert is_temporary(file)
+        one.finish()
+        other.finish()
+    assert len(read) == 1 and not list(root.glob(".*.scene"))
+    with Worker(replace(making, run="another"), "cpu", console) as later:
+        later.make(items[2])
+        later.finish()
+    assert len(read) == 2  # nothing of one run is used by the next
 
 
 def test_parts_make_the_same_dataset(world: Path, capsys: pytest.CaptureFixture) -> None:

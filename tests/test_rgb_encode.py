@@ -24,13 +24,17 @@ def test_png_is_exact_and_jpeg_near() -> None:
     assert len(encode_rgb(image, "jpeg", 50)) < len(encode_rgb(image, "jpeg", 95))
 
 
-def test_jpeg_keeps_the_colour_of_single_pixels() -> None:
-    """Red and blue columns in turn would mix to violet if chroma were subsampled."""
+def test_jpeg_can_keep_the_colour_of_single_pixels() -> None:
+    """Red and blue columns in turn mix to violet where chroma is subsampled; their lightness stays."""
     image = np.zeros((16, 16, 3), dtype=np.uint8)
     image[:, ::2, 0] = 255
     image[:, 1::2, 2] = 255
-    found = decode_rgb(encode_rgb(image, "jpeg", 95)).astype(int)
+    found = decode_rgb(encode_rgb(image, "jpeg", 95, "4:4:4")).astype(int)
     assert np.abs(found - image).max() < 30
+    mixed = decode_rgb(encode_rgb(image, "jpeg", 95)).astype(int)
+    assert np.abs(mixed - image).max() > 100
+    lightness = np.array([0.299, 0.587, 0.114])
+    assert np.abs((mixed - image)[2:-2, 2:-2] @ lightness).mean() < 30
 
 
 @pytest.mark.parametrize("bad", [np.zeros((4, 4), np.uint8), np.zeros((4, 4, 4), np.uint8), np.zeros((4, 4, 3))])

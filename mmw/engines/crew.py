@@ -95,7 +95,7 @@ class Crew(Generic[L]):
             ValueError, OutOfSpaceError, OSError, MemoryError, RuntimeError: What a worker raised, see `Worker.make`.
         """
         try:
-            for device in self._devices[: self._queue.parts]:
+            for device in self._devices[: len(self._queue)]:
                 self._hire(device)
             while len(self._queue) or any(member.is_up for member in self._members.values()):
                 for link in self._wait(list(self._members)):

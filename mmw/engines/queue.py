@@ -1,7 +1,8 @@
 """Which worker makes what: a scenario's work goes to the worker that has it loaded, and is shared when others idle."""
 
+import time
 from collections import Counter, defaultdict
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 from mmw.shards import Work
@@ -32,14 +33,18 @@ def divided(item: Work, workers: int) -> tuple[Work, Work | None]:
 class WorkQueue:
     """Work that no worker has, and what each worker has."""
 
-    def __init__(self, work: Iterable[Work], workers: int = 1):
+    def __init__(self, work: Iterable[Work], workers: int = 1, clock: Callable[[], float] = time.monotonic):
         """Queue work, which stays in its order within a scenario.
 
         Args:
             work: The work.
             workers: How many make it at a time.
+            clock: Returns the time [s].
         """
         self._workers = workers
+        self._clock = clock
+        self._has: dict[int, tuple[Work, float]] = {}
+        self._seconds, self._frames = 0.0, 0
         self._waiting: dict[str, list[Work]] = defaultdict(list)
         self._tries: Counter[Work | None] = Counter()
         self._scenario: dict[int, str] = {}
@@ -49,18 +54,14 @@ class WorkQueue:
     def __len__(self) -> int:
         return sum(map(len, self._waiting.values()))
 
-    @property
-    def parts(self) -> int:
-        """How many workers could make what is left at the same time."""
-        return sum(max(1, len(item.weathers)) for items in self._waiting.values() for item in items)
-
     def next(self, worker: int) -> Work | None:
         """Return what a worker should make now; None if nothing is left.
 
         It goes on with its scenario; else it begins one that nobody has, or helps where most frames are left for each
-        worker. At the end, where less work is left than there are workers, weathers go to workers of their own: that
-        costs more in all, since what they share is traced for each, and ends sooner.
+        worker. At the end, where more workers are about to be free than pieces are left, weathers of a piece go to
+        workers of their own: that costs more in all, since what they share is traced for each, and ends sooner.
         """
+        self._end(worker)
         open_scenarios = {name: items for name, items in self._waiting.items() if items}
         if not open_scenarios:
             return None
@@ -71,10 +72,26 @@ class WorkQueue:
             own = max(left, key=lambda name: (left[name] / (1 + helpers[name]), name))
             self._scenario[worker] = own
         item = self._waiting[own].pop(0)
-        first, rest = divided(item, self._workers // (1 + len(self)))
+        first, rest = divided(item, self._soon_free(item) // (1 + len(self)))
         if rest is not None:
             self._waiting[own].insert(0, rest)
+        self._has[worker] = first, self._clock()
         return first
+
+    def _end(self, worker: int) -> None:
+        """Learn how long a worker took for what it had."""
+        if worker in self._has:
+            item, begin = self._has.pop(worker)
+            self._seconds += self._clock() - begin
+            self._frames += item.frames
+
+    def _soon_free(self, item: Work) -> int:
+        """Return how many workers could make a piece together: who asks, and who is free before half of it is made."""
+        if not self._frames:
+            return 1  # nobody has made anything yet
+        pace, now = self._seconds / self._frames, self._clock()
+        left = [begin + pace * other.frames - now for other, begin in self._has.values()]
+        return 1 + sum(seconds < 0.5 * pace * item.frames for seconds in left)
 
     def give_back(self, worker: int, work: Iterable[Work], cause: str) -> None:
         """Take back what a lost worker left unfinished.
@@ -88,6 +105,7 @@ class WorkQueue:
             WorkerLostError: If workers died over the same work too often.
         """
         self._scenario.pop(worker, None)
+        self._has.pop(worker, None)
         items = list(work)
         for item in reversed(items):
             self._waiting[item.scenario].insert(0, item)

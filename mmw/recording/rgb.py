@@ -42,7 +42,10 @@ def record_rgb(job: Job, launch: Launch, buffer: SampleBuffer, collected: Rows) 
         for shot, sensor in shots:
             with job.clock.stage("waiting for encoders"):
                 encoded = [
-                    job.encoder.submit(encode_rgb, images[row], sensor.format, sensor.jpeg_quality) for row in shot.rows
+                    job.encoder.submit(
+                        encode_rgb, images[row], sensor.format, sensor.jpeg_quality, sensor.jpeg_subsampling
+                    )
+                    for row in shot.rows
                 ]
             views = launch.views.take(shot.rows)
             own = exposure[shot.rows]
