@@ -32,6 +32,9 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument(
         "--data", type=Path, metavar="DATASET", help="dataset; once the cache is there, for the report's images"
     )
+    result.add_argument(
+        "--more", type=Path, nargs="+", default=(), metavar="DATASET", help="datasets that train alone (other `seed`)"
+    )
     result.add_argument("--out", type=Path, required=True, metavar="DIR", help="where runs and report go")
     result.add_argument("--cache", type=Path, metavar="DIR", help="labels and features (OUT/cache)")
     result.add_argument(
@@ -71,7 +74,7 @@ def execute(arguments: argparse.Namespace) -> int:
     experiment = load_experiment(arguments.config, arguments.overrides)
     cache = arguments.cache or arguments.out / "cache"
     if "prepare" in arguments.steps:
-        prepare(experiment, arguments.data, cache, arguments.workers)
+        prepare(experiment, arguments.data, cache, arguments.workers, arguments.more)
     if not {"train", "report"} & set(arguments.steps):
         return 0
 

@@ -5,13 +5,15 @@
     CACHE/rsu_lidar/SCENARIO.WEATHER.parquet     `part_features`, a folder a sensor
     CACHE/windows.parquet                        which windows train and which validate
 
+Further datasets, of the same scenarios with other traffic, train alone; their scenarios are called SCENARIO+1, +2, ...
+
 Training reads nothing else, so a cache can be taken to another machine without the dataset. Files that are there are
 not made again.
 """
 
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from multiprocessing import get_context
@@ -46,7 +48,7 @@ def folder_of(source: str) -> str:
     return source.replace("/", "_")
 
 
-def prepare(experiment: Experiment, data: Path | None, cache: Path, workers: int) -> None:
+def prepare(experiment: Experiment, data: Path | None, cache: Path, workers: int, more: Sequence[Path] = ()) -> None:
     """Make what is missing of a cache.
 
     Args:
@@ -54,6 +56,7 @@ def prepare(experiment: Experiment, data: Path | None, cache: Path, workers: int
         data: The dataset; None if the cache is complete.
         cache: Its folder.
         workers: Processes; each takes one scenario at a time.
+        more: Further datasets, all windows of which train.
 
     Raises:
         ValueError: If the cache is of something else, or the dataset is needed and not given.
@@ -64,15 +67,15 @@ def prepare(experiment: Experiment, data: Path | None, cache: Path, workers: int
             raise ValueError(f"{cache}: no cache is there; give the dataset as --data")
         check_cache(cache, about)
         return
-    dataset = open_dataset(data)
-    about["dataset"] = {name: dataset.info[name] for name in ("config_sha256", "created_utc")}
+    datasets = [open_dataset(root) for root in (data, *more)]
+    about["dataset"] = [{name: one.info[name] for name in ("config_sha256", "created_utc")} for one in datasets]
     if (cache / ABOUT).is_file():
         check_cache(cache, {key: value for key, value in about.items() if key != "windows"})  # these are found anew
     publish_bytes(cache / ABOUT, json.dumps(about, indent=1).encode())
-    publish_bytes(cache / WINDOWS, parquet_bytes(_window_rows(experiment, dataset)))
-    tasks = list(_missing(experiment, dataset, cache))
+    publish_bytes(cache / WINDOWS, parquet_bytes(_window_rows(experiment, datasets)))
+    tasks = [task for number, one in enumerate(datasets) for task in _missing(experiment, one, cache, number)]
     with one_thread(), ProcessPoolExecutor(max(1, min(workers, len(tasks))), mp_context=get_context("spawn")) as pool:
-        jobs = [pool.submit(make_file, data, *task) for task in tasks]
+        jobs = [pool.submit(make_file, *task) for task in tasks]
         for number, job in enumerate(as_completed(jobs), start=1):
             print(f"cache: {number}/{len(jobs)} {job.result()}", flush=True)
 
@@ -162,21 +165,29 @@ def one_thread() -> Iterator[None]:
                 os.environ[name] = value
 
 
-def _window_rows(experiment: Experiment, dataset: Dataset) -> pa.Table:
-    windows = find_windows(dataset, experiment.radio, experiment.windows, experiment.features)
-    parts = split(windows, experiment.windows)
-    counts = ", ".join(f"{name} {len(part):,}" for name, part in parts.items())
-    print(f"windows: {len(windows):,} of {len(windows.tracks)} tracks; {counts}", flush=True)
-    return window_table(parts)
+def _window_rows(experiment: Experiment, datasets: Sequence[Dataset]) -> pa.Table:
+    tables = []
+    for number, dataset in enumerate(datasets):
+        windows = find_windows(dataset, experiment.radio, experiment.windows, experiment.features)
+        parts = {"train": windows} if number else split(windows, experiment.windows)
+        counts = ", ".join(f"{name} {len(part):,}" for name, part in parts.items())
+        print(f"windows: {len(windows):,} of {len(windows.tracks)} tracks; {counts}", flush=True)
+        tables.append(window_table(parts, _mark(number)))
+    return pa.concat_tables(tables)
 
 
-def _missing(experiment: Experiment, dataset: Dataset, cache: Path) -> Iterator[tuple]:
-    """Yield the arguments of `make_file` for every file that is missing, the slow ones first."""
+def _mark(number: int) -> str:
+    """Return what the names of a dataset's scenarios end with; nothing for the first dataset."""
+    return f"+{number}" if number else ""
+
+
+def _missing(experiment: Experiment, dataset: Dataset, cache: Path, number: int) -> Iterator[tuple]:
+    """Yield the arguments of `make_file` for every file of a dataset that is missing, the slow ones first."""
     rows = dataset.read("frames", columns=["scenario", "weather"]).group_by(["scenario", "weather"]).aggregate([])
     pairs = sorted((row["scenario"], row["weather"]) for row in rows.to_pylist())
     pairs = [pair for pair in pairs if pair[1] in experiment.windows.weathers]
     for source in (*sources_of(experiment), LABELS):
         for scenario, weather in pairs:
-            file = cache / folder_of(source) / f"{scenario}.{weather}.parquet"
+            file = cache / folder_of(source) / f"{scenario}{_mark(number)}.{weather}.parquet"
             if not file.is_file():
-                yield file, scenario, weather, source, experiment
+                yield dataset.root, file, scenario, weather, source, experiment

@@ -71,12 +71,18 @@ def deal(windows: Windows, parts: Mapping[str, float], seed: int) -> dict[str, W
     return {name: windows.take(np.sort(rows)) for name, rows in chosen.items()}
 
 
-def window_table(parts: dict[str, Windows]) -> pa.Table:
-    """Return `part`, scenario, weather, agent and `now` of the windows of all parts."""
+def window_table(parts: dict[str, Windows], mark: str = "") -> pa.Table:
+    """Return `part`, scenario, weather, agent and `now` of the windows of all parts.
+
+    Args:
+        parts: The windows of each part.
+        mark: What the names of scenarios end with.
+    """
     rows: dict[str, list] = {name: [] for name in ("part", "scenario", "weather", "agent", "now")}
     for part, windows in parts.items():
         for number, now in zip(windows.track.tolist(), windows.now.tolist(), strict=True):
             track = windows.tracks[number]
-            for name, value in zip(rows, (part, *track.name, now), strict=True):
+            scenario, weather, agent = track.name
+            for name, value in zip(rows, (part, scenario + mark, weather, agent, now), strict=True):
                 rows[name].append(value)
     return pa.table(rows)
