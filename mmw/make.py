@@ -79,7 +79,11 @@ def _make(
     if console.done:
         rest = "making the rest" if console.done < total else "nothing to make"
         console.say(f"{root}: {console.done} of {total} frames are there already; {rest}")
-    engine.make(making, work, workers, console)
+    try:
+        engine.make(making, work, workers, console)
+    finally:
+        for scenario in config.scenarios:  # a worker removes its own, unless it is killed
+            (root.folder / making.shared_name(scenario.name)).unlink(missing_ok=True)
     root.leave()
     missing = sum(item.frames for item in pending_work(root, everything))
     if missing:

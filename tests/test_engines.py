@@ -31,7 +31,7 @@ from mmw.temporary import is_temporary
 from mmw.worker import Making, Worker
 from tests.own_world import SMALL, assert_same_rows, command, write_own_world
 
-KILL_ROUNDS = int(os.environ.get("MMW_KILL_ROUNDS", "3"))
+KILL_ROUNDS = int(os.environ.get("MMW_KILL_ROUNDS", "1"))
 """Datasets that are made among kills."""
 
 

@@ -96,6 +96,7 @@ sensors:
     reflections: false
     format: png
     jpeg_quality: 80
+    jpeg_subsampling: "4:4:4"
     segmentation: true
     boxes_2d: false
     normals: true

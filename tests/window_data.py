@@ -50,7 +50,7 @@ def shard_tables(key: ShardKey) -> dict[str, pa.Table]:
             table = table.filter(pa.array([is_there(name, key.scenario, agent, frame) for agent, frame in rows]))
         if name == "rgb":
             coarse = rng.integers(0, 255, (table.num_rows, 4, 6, 3), dtype=np.uint8)
-            images = [(encode_rgb(one.repeat(4, 0).repeat(4, 1), "jpeg", 95), None) for one in coarse]
+            images = [(encode_rgb(one.repeat(4, 0).repeat(4, 1), "jpeg", 95, "4:4:4"), None) for one in coarse]
             index, field = table.schema.get_field_index("image"), table.schema.field("image")
             values = [{"bytes": data, "path": path} for data, path in images]
             table = table.set_column(index, field, pa.array(values, field.type))

@@ -23,7 +23,7 @@ class ConfigError(ValueError):
         self.problems = list(problems)
 
 
-class Loader(yaml.SafeLoader):
+class Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # libyaml's parser is ten times as fast
     """YAML as people read it: `28e9` is a number, `on` is a key and no boolean, a key given twice is an error."""
 
 
