@@ -7,7 +7,7 @@ same network with a GRU in the place of GPT-2.
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Literal, cast
 
 import torch
 from torch import Tensor, nn
@@ -88,7 +88,7 @@ class BeamPredictor(nn.Module):
         read = torch.zeros((), device=last.device)
         keep = self._kept(len(last), last.device)
         for source, sensor in self.sensors.items():
-            samples, reader = batch.samples[source], self.readers[name_of(source)]
+            samples, reader = batch.samples[source], cast(SensorReader, self.readers[name_of(source)])
             center, hint = torch.zeros_like(last), torch.zeros((), device=last.device)
             if sensor.is_in_array:
                 center = last * (samples.shape[-1] // self.beams)
