@@ -168,6 +168,7 @@ def test_time_that_is_up_leaves_the_rest_for_later(
         (["--cache", "{tmp}/none"], "no cache is there; give the dataset as --data"),
         (["features.ranges=16"], "was made with another features"),
         (["windows.past=4"], "was made with another windows"),
+        (["--steps", "train,report", "windows.split=window"], "give --data, and the step prepare finds them anew"),
         (["--data", "{tmp}"], "dataset.json"),
         (["features.lidar=[cav/lidar]"], "nothing is there; make it with --data"),
         (["--device", "cuda"], "PyTorch sees no GPU; give cpu"),

@@ -1,5 +1,6 @@
 """The network, the baselines and the scores of beam prediction: shapes, equalities, laws."""
 
+import dataclasses
 from itertools import pairwise
 from pathlib import Path
 
@@ -12,11 +13,11 @@ pytest.importorskip("transformers", reason="transformers is not installed: pip i
 from torch import Tensor  # noqa: E402
 from transformers import GPT2Config, GPT2Model  # noqa: E402
 
-from examples.beam_prediction.baselines import extrapolate, hold_last  # noqa: E402
+from examples.beam_prediction.baselines import extrapolate, hold_last, recall  # noqa: E402
 from examples.beam_prediction.config import ModelConfig  # noqa: E402
 from examples.beam_prediction.data import Batch, BeamData, beam_angles  # noqa: E402
 from examples.beam_prediction.encoders import SensorReader, crop  # noqa: E402
-from examples.beam_prediction.metrics import score  # noqa: E402
+from examples.beam_prediction.metrics import drive_interval, score  # noqa: E402
 from examples.beam_prediction.model import BeamPredictor, Gpt2, beam_waves, hills, last_beam  # noqa: E402
 from examples.beam_prediction.sensors import SensorData  # noqa: E402
 from examples.beam_prediction.training import beam_loss, gain_loss, make_optimizer, schedule  # noqa: E402
@@ -253,6 +254,46 @@ def test_extrapolation_begins_anew_after_a_jump_or_a_gap() -> None:
     assert (extrapolate(beams, 10, Q) == 5).all()
     beams[0, 39] = Q
     assert (extrapolate(beams, 10, Q) == 5).all()  # nothing is known now: the last beam
+
+
+def test_what_was_trained_is_remembered(data: BeamData) -> None:
+    known = dataclasses.replace(data, starts={"train": torch.arange(0, 84), "val": data.starts["val"]})
+    held = hold_last(known.batch(known.starts["val"], ()).beams, FUTURE, Q)
+    targets = known.targets(known.starts["val"])
+    for sources in ((), SOURCES):
+        assert torch.equal(recall(known, sources), torch.where(targets < 0, held, targets))
+
+
+@pytest.mark.parametrize("sources", [(), SOURCES])
+def test_the_nearest_window_is_that_of_brute_force(data: BeamData, sources: list[str]) -> None:
+    train, val = (data.starts[part].numpy() for part in ("train", "val"))
+    beam = data.tx_beam.numpy()
+    points = np.where(beam < 0, 0.0, np.exp(2j * np.pi * beam / Q))
+    past = np.stack([points[start : start + PAST] for start in range(85)])
+    apart = np.linalg.norm(past[val][:, None] - past[train], axis=2)
+    total = apart / apart[::50][:, ::50].mean()
+    for source in sources:
+        samples = data.sensors[source].samples.numpy().reshape(10, -1).astype(float)
+        between = np.linalg.norm(samples[:, None] - samples, axis=2)
+        total += (between / between.mean())[(val + PAST - 1) // 10][:, (train + PAST - 1) // 10]
+    targets = data.targets(data.starts["train"])
+    held = hold_last(data.batch(data.starts["train"], ()).beams, FUTURE, Q)
+    assert torch.equal(recall(data, sources), torch.where(targets < 0, held, targets)[total.argmin(axis=1)])
+
+
+def test_an_interval_over_drives_counts_drives_not_windows() -> None:
+    rng = np.random.default_rng(2)
+    assert drive_interval(np.full((6, 2), 0.25), np.array([0, 0, 0, 1, 2, 2])) == (0.25, 0.25)
+    value = rng.normal(size=400)
+    once = drive_interval(value[:, None], np.arange(400))
+    width = 2 * 1.96 * value.std() / 20  # of a mean of 400 independent drives
+    assert once[1] - once[0] == pytest.approx(width, rel=0.06) and np.mean(once) == pytest.approx(
+        value.mean(), abs=0.01
+    )
+    often = drive_interval(np.repeat(value, 50)[:, None], np.repeat(np.arange(400), 50))
+    assert often == pytest.approx(once)
+    gap = np.where(np.arange(400)[:, None] < 200, np.nan, value[:, None])
+    assert drive_interval(gap, np.arange(400))[0] < np.nanmean(gap) < drive_interval(gap, np.arange(400))[1]
 
 
 def test_scores_are_those_of_the_channel(data: BeamData) -> None:

@@ -1,12 +1,22 @@
-"""Predictions without learning: the last beam, and a straight line through the angles of the past frames."""
+"""Predictions without learning: the last beam, a straight line through past angles, the nearest window of training."""
+
+import math
+from collections.abc import Sequence
 
 import torch
 from torch import Tensor
 
+from examples.beam_prediction.data import BeamData
 from examples.beam_prediction.model import last_beam
 
 JUMP = 3
 """Beams between two frames from which on the path has changed and older frames tell nothing. Design value."""
+
+CHUNK = 256
+"""Validation windows that are compared with all of training at a time. Design value."""
+
+SOME = 50
+"""Of so many windows one counts for what distances are usual. Design value."""
 
 
 def hold_last(past: Tensor, future: int, beams: int) -> Tensor:
@@ -48,3 +58,45 @@ def extrapolate(past: Tensor, future: int, beams: int, angles: Tensor | None = N
     ahead = torch.arange(1, future + 1, device=past.device).double()
     found = (held + torch.round(middle_w + slope * (ahead - middle_t)).long()) % beams
     return torch.where(spread > 0, found, held)
+
+
+def recall(data: BeamData, sources: Sequence[str]) -> Tensor:
+    """Return the beams that followed in the window of training that is most like each validation window, [n, W].
+
+    Alike are past beams as points on the circle of electrical angles and, with sensors, their latest samples: the sum
+    of Euclidean distances, each over what it usually is. This remembers and understands nothing: where it is good, what
+    is validated was trained.
+
+    Args:
+        data: The data.
+        sources: Sensors; without any, beams alone are compared.
+    """
+    train, val = data.starts["train"], data.starts["val"]
+    past = {part: data.batch(starts, ()).beams for part, starts in data.starts.items()}
+    points = {part: _points(beams, data.beams) for part, beams in past.items()}
+    usual = torch.cdist(points["val"][::SOME], points["train"][::SOME]).mean().clamp(min=1e-9)
+    apart = [_sample_distances(data.sensors[source].samples) for source in sources]
+    row = [data.sensors[source].row[:, None] for source in sources]
+    held = hold_last(past["train"], data.future, data.beams)
+    targets = data.targets(train)
+    targets = torch.where(targets < 0, held, targets)
+    now, chosen = data.past - 1, []
+    for starts, own in zip(val.split(CHUNK), points["val"].split(CHUNK), strict=True):
+        distance = torch.cdist(own, points["train"]) / usual
+        for between, at in zip(apart, row, strict=True):
+            distance += between[at[starts + now], at[train + now].T]
+        chosen.append(distance.argmin(dim=1))
+    return targets[torch.cat(chosen)]
+
+
+def _points(past: Tensor, beams: int) -> Tensor:
+    """Return past beams as points on a circle, its middle for none, shape [B, 2 P]."""
+    angle = 2.0 * math.pi * past / beams
+    return torch.cat([wave * (past < beams) for wave in (angle.cos(), angle.sin())], dim=1)
+
+
+def _sample_distances(samples: Tensor) -> Tensor:
+    """Return the Euclidean distances between all samples over their mean, shape [N, N]."""
+    flat = samples.flatten(1).float()
+    distance = torch.cdist(flat, flat)
+    return distance / distance.mean().clamp(min=1e-9)

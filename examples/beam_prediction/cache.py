@@ -63,8 +63,6 @@ def prepare(experiment: Experiment, data: Path | None, cache: Path, workers: int
     """
     about = about_text(experiment)
     if data is None:
-        if not (cache / ABOUT).is_file():
-            raise ValueError(f"{cache}: no cache is there; give the dataset as --data")
         check_cache(cache, about)
         return
     datasets = [open_dataset(root) for root in (data, *more)]
@@ -90,13 +88,15 @@ def about_text(experiment: Experiment) -> dict[str, Any]:
 
 
 def check_cache(cache: Path, about: dict[str, Any]) -> None:
-    """Raise ValueError if a cache was made of or with something else."""
+    """Raise ValueError if there is no cache, or it was made of or with something else."""
+    if not (cache / ABOUT).is_file():
+        raise ValueError(f"{cache}: no cache is there; give the dataset as --data")
     found = json.loads((cache / ABOUT).read_text())
     wrong = [key for key, value in about.items() if found.get(key) != value]
     if wrong:
         raise ValueError(
             f"{cache}: was made with another {wrong[0]}, {found.get(wrong[0])} instead of {about[wrong[0]]}; give "
-            "another --cache, or remove this one"
+            f"{'--data, and the step prepare finds them anew' if wrong[0] == 'windows' else 'another --cache'}"
         )
 
 

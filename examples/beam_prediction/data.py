@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import torch
 from torch import Tensor
 
-from examples.beam_prediction.cache import LABELS, WINDOWS, read_parts, sources_of
+from examples.beam_prediction.cache import LABELS, WINDOWS, about_text, check_cache, read_parts, sources_of
 from examples.beam_prediction.config import Experiment
 from examples.beam_prediction.sensors import Owner, SensorData, load_sensor
 
@@ -150,8 +150,9 @@ def load_data(cache: Path, experiment: Experiment, device: torch.device) -> Beam
         device: Where they are put.
 
     Raises:
-        ValueError: If labels, features or windows are missing.
+        ValueError: If labels, features or windows are missing, or were made with another configuration.
     """
+    check_cache(cache, about_text(experiment))
     parts = {key: table.sort_by([("agent", "ascending"), ("frame", "ascending")])
              for key, table in read_parts(cache, LABELS).items()}  # fmt: skip
     track = [(*key, agent) for key, table in parts.items() for agent in table["agent"].to_pylist()]

@@ -10,6 +10,9 @@ TOP = (1, 3, 5)
 LIKELY = max(TOP)
 """Beams that are kept of every prediction."""
 
+DRAWS = 2000
+"""Draws of a bootstrap. Design value."""
+
 
 @dataclass(frozen=True, eq=False)
 class Scores:
@@ -40,3 +43,25 @@ def score(predicted: np.ndarray, target: np.ndarray, gains: np.ndarray) -> Score
     hits = {k: np.where(is_there, is_hit[..., :k].any(axis=2), np.nan) for k in TOP}
     gain = np.take_along_axis(gains, predicted[..., :1].astype(np.int64), axis=2)[..., 0]
     return Scores(hits, np.where(is_there, gain, np.nan))
+
+
+def drive_interval(difference: np.ndarray, drive: np.ndarray, level: float = 0.95) -> tuple[float, float]:
+    """Return where the mean of a difference lies if other drives of the same kind had been validated.
+
+    Windows of a drive say nearly the same, so whole drives are drawn, with replacement (cluster bootstrap, percentiles:
+    A. C. Davison and D. V. Hinkley, Bootstrap Methods and their Application, 1997, 3.8 and 5.3).
+
+    Args:
+        difference: Of each window and step, NaN for none, shape [n, W].
+        drive: Drive of each window, shape [n], numbers from 0.
+        level: Share of draws inside.
+    """
+    size = int(drive.max()) + 1
+    there = np.isfinite(difference)
+    total = np.bincount(drive, np.where(there, difference, 0.0).sum(axis=1), size)
+    count = np.bincount(drive, there.sum(axis=1), size)
+    drawn = np.random.default_rng(0).multinomial(size, np.full(size, 1.0 / size), DRAWS)
+    with_any = (drawn @ count) > 0
+    means = (drawn @ total)[with_any] / (drawn @ count)[with_any]
+    low, high = np.quantile(means, [(1.0 - level) / 2.0, (1.0 + level) / 2.0])
+    return float(low), float(high)

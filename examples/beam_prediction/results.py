@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from examples.beam_prediction.baselines import extrapolate, hold_last
+from examples.beam_prediction.baselines import extrapolate, hold_last, recall
 from examples.beam_prediction.data import BeamData
 from examples.beam_prediction.metrics import Scores, score
 from examples.beam_prediction.training import METRICS, PREDICTIONS
@@ -18,6 +18,8 @@ LABELS = {
     "last": "last beam",
     "line": "extrapolated angle",
     "known": "extrapolated true angle",
+    "near": "nearest window, index only",
+    "near_all": "nearest window, all inputs",
     "gru": "GRU, index only",
     "index": "index only",
     "camera": "index + camera",
@@ -26,9 +28,9 @@ LABELS = {
 }
 """What is compared, in the order of tables and legends -> its name."""
 
-BASELINES = ("last", "line", "known")
+BASELINES = ("last", "line", "known", "near", "near_all")
 """Keys of `LABELS` that are not learned. `known` is told past directions to a part of a beam, as no method is: what is
-left of it to 1 is what the future brings that no straight line foresees."""
+left of it to 1 is what the future brings that no straight line foresees. `near` remembers windows of training."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +101,8 @@ def baseline(label: str, data: BeamData) -> Tensor:
     past = data.batch(starts, ()).beams
     if label == "last":
         return hold_last(past, data.future, data.beams)
+    if label in ("near", "near_all"):
+        return recall(data, tuple(data.sensors) if label == "near_all" else ())
     frames = starts[:, None] + torch.arange(data.past, device=data.device)
     return extrapolate(past, data.future, data.beams, data.angle[frames] if label == "known" else None)
 
