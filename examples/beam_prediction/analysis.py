@@ -40,7 +40,7 @@ def write_analysis(folder: Path, methods: Mapping[str, Method], data: BeamData, 
     }
     pages = ["# Analysis", "All numbers are normalised gains of validation windows, mean over steps and seeds."]
     for name, group in groups.items():
-        pages += [f"## By {name}", group_table(methods, group)]
+        pages += [f"## By {name}", group_table(methods, group, data)]
     if "index" in methods and set(COLORS) & set(methods):
         difference_figure(methods, groups["scenario"]).savefig(folder / "by_scenario.png", dpi=150)
         pages += ["## What sensors add, by scenario", "![Gain over index only by scenario](by_scenario.png)"]
@@ -91,13 +91,19 @@ def motion_of(data: BeamData) -> dict[str, np.ndarray]:
     }
 
 
-def group_table(methods: Mapping[str, Method], groups: Mapping[str, np.ndarray]) -> str:
-    """Return the mean gain of every method in every group of windows as a Markdown table."""
-    lines = [["", "windows", *(LABELS[label] for label in methods)]]
+def group_table(methods: Mapping[str, Method], groups: Mapping[str, np.ndarray], data: BeamData) -> str:
+    """Return the mean gain of every method in every group of windows as a Markdown table.
+
+    Windows count where a predicted frame has a path; drives are vehicles that have such windows.
+    """
+    drive = np.array([" ".join(data.track[start]) for start in data.starts["val"].tolist()])
+    lines = [["", "windows", "drives", *(LABELS[label] for label in methods)]]
     lines.append(["---"] * len(lines[0]))
+    is_scored = np.isfinite(methods["last"].window_gain).any(axis=1)
     for name, mask in groups.items():
         gains = [_mean(method.window_gain[mask]) for method in methods.values()]
-        lines.append([name, f"{mask.sum():,}", *("" if np.isnan(gain) else f"{gain:.4f}" for gain in gains)])
+        counts = (mask & is_scored).sum(), len(set(drive[mask & is_scored]))
+        lines.append([name, *(f"{count:,}" for count in counts), *("" if np.isnan(g) else f"{g:.4f}" for g in gains)])
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
