@@ -6,7 +6,7 @@ Source: H. Dammertz et al., "Edge-avoiding A-Trous wavelet transform", High Perf
 import warp as wp
 
 from mmw.kernels.camera import camera_ray, tile_column, tile_row
-from mmw.kernels.compiler import FINITE
+from mmw.kernels.compiler import FAST
 from mmw.kernels.lighting import SKY_STEP
 from mmw.kernels.packing import unpack_unit
 from mmw.kernels.picture import Picture, sample_row
@@ -17,7 +17,7 @@ wp.set_module_options(
         "default_grid_stride": False,
         "fast_math": True,
         "max_unroll": 1,
-        "cpu_compiler_flags": FINITE,
+        "cpu_compiler_flags": FAST,
     }
 )
 

@@ -5,7 +5,7 @@ import warp as wp
 from mmw.kernels.air import Air, sky_through_air, through_air, transmittance
 from mmw.kernels.brdf import GLINT_ALPHA2, ambient_weights, direct_light
 from mmw.kernels.camera import tile_column, tile_row
-from mmw.kernels.compiler import FINITE
+from mmw.kernels.compiler import FAST
 from mmw.kernels.lamps import Lamps, lamp_emission, lamp_light
 from mmw.kernels.looks import MATT, SMOOTH, Appearance, Extras, Surfaces
 from mmw.kernels.mirror import (
@@ -30,7 +30,7 @@ wp.set_module_options(
         "default_grid_stride": False,
         "fast_math": True,
         "max_unroll": 1,
-        "cpu_compiler_flags": FINITE,
+        "cpu_compiler_flags": FAST,
     }
 )
 

@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from mmw.kernels.compiler import FINITE
+from mmw.kernels.compiler import FAST
 from mmw.kernels.looks import COATED, FAINT_COAT, MATT, SMOOTH, Appearance, Look, Surfaces, Surfel
 from mmw.kernels.packing import pack_unit, unpack_unit
 from mmw.kernels.picture import Picture, ray_of, row_of_thread
@@ -11,7 +11,7 @@ from mmw.kernels.surfel import surfel_of
 from mmw.kernels.wet import smoothstep
 
 wp.set_module_options(
-    {"enable_backward": False, "default_grid_stride": False, "fast_math": True, "cpu_compiler_flags": FINITE}
+    {"enable_backward": False, "default_grid_stride": False, "fast_math": True, "cpu_compiler_flags": FAST}
 )
 
 
