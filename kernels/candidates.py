@@ -7,9 +7,12 @@ parallel: seen along them, an instance covers a disc, and a grid square to them 
 import warp as wp
 
 from mmw.kernels.camera import TILE, Camera, camera_ray
+from mmw.kernels.compiler import FINITE
 from mmw.kernels.structs import Candidates, Scene, Views
 
-wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
+wp.set_module_options(
+    {"enable_backward": False, "default_grid_stride": False, "fast_math": False, "cpu_compiler_flags": FINITE}
+)
 
 SLACK = wp.constant(0.002)
 """Half angle that cones are wider than they are [rad], for rounding; design value, 100 steps of float32 and more."""

@@ -6,11 +6,14 @@ that is the same for all threads.
 
 import warp as wp
 
+from mmw.kernels.compiler import FAST
 from mmw.kernels.lens_drops import between_pixels, through_drops
 from mmw.kernels.noise import normal2, uniform4
 from mmw.kernels.streaks import COVER_SCALE
 
-wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": True})
+wp.set_module_options(
+    {"enable_backward": False, "default_grid_stride": False, "fast_math": True, "cpu_compiler_flags": FAST}
+)
 
 TONE_NONE = wp.constant(0)
 TONE_ACES = wp.constant(1)

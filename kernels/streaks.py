@@ -10,10 +10,13 @@ Source: K. Garg, S. K. Nayar, "Vision and Rain", International Journal of Comput
 import warp as wp
 
 from mmw.kernels.camera import FISHEYE, Camera, project_point
+from mmw.kernels.compiler import FAST
 from mmw.kernels.noise import normal2, uniform4
 from mmw.kernels.structs import Views
 
-wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": True})
+wp.set_module_options(
+    {"enable_backward": False, "default_grid_stride": False, "fast_math": True, "cpu_compiler_flags": FAST}
+)
 
 COVER_SCALE = wp.constant(16777216.0)
 """Whole number that stands for an opacity of 1."""

@@ -2,6 +2,7 @@
 
 import warp as wp
 
+from mmw.kernels.compiler import FAST
 from mmw.kernels.looks import COATED, FAINT_COAT, MATT, SMOOTH, Appearance, Look, Surfaces, Surfel
 from mmw.kernels.packing import pack_unit, unpack_unit
 from mmw.kernels.picture import Picture, ray_of, row_of_thread
@@ -9,7 +10,9 @@ from mmw.kernels.structs import Scene
 from mmw.kernels.surfel import surfel_of
 from mmw.kernels.wet import smoothstep
 
-wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": True})
+wp.set_module_options(
+    {"enable_backward": False, "default_grid_stride": False, "fast_math": True, "cpu_compiler_flags": FAST}
+)
 
 
 MOST_ROUGH_BASE = wp.constant(0.25)
