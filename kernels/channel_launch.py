@@ -9,11 +9,14 @@ of nodes does not.
 
 import warp as wp
 
+from mmw.kernels.compiler import FINITE
 from mmw.kernels.geometry import fibonacci_direction
 from mmw.kernels.structs import MISS_ID, Scene
 from mmw.kernels.trace import TRACE_REGISTERS, nearest_surface, surface_of, world_normal
 
-wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
+wp.set_module_options(
+    {"enable_backward": False, "default_grid_stride": False, "fast_math": False, "cpu_compiler_flags": FINITE}
+)
 
 EMPTY_CELL = wp.constant(wp.uint64(0))
 """Key of a free cell; no node has it, because its level is at least 2."""

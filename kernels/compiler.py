@@ -9,8 +9,8 @@ HOST = "-march=native" if wp.config.cpu_compiler_flags is None else wp.config.cp
 """Warp's own flags."""
 
 FINITE = f"{HOST} -menable-no-nans -Wno-nan-infinity-disabled"
-"""No number is NaN, so that minimum and maximum are one instruction each: rays take 28 % less time, and every result is
-the same. Numbers may be infinite."""
+"""No number is NaN, so that minimum and maximum are one instruction each: rays take a quarter less time and
+every result is the same. Numbers may be infinite. Not for kernels that ask whether a number is finite."""
 
 FAST = f"{FINITE} -mreassociate -freciprocal-math -fno-signed-zeros -fapprox-func -ffp-contract=fast"
 """Sums may be taken in another order and quotients by a reciprocal too, as CUDA's `fast_math` does: for kernels that

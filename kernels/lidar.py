@@ -2,11 +2,14 @@
 
 import warp as wp
 
+from mmw.kernels.compiler import FINITE
 from mmw.kernels.motion import moved_pose
 from mmw.kernels.structs import Hit, Scene, Views
 from mmw.kernels.trace import TRACE_REGISTERS, closest_hit, closest_hit_at
 
-wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
+wp.set_module_options(
+    {"enable_backward": False, "default_grid_stride": False, "fast_math": False, "cpu_compiler_flags": FINITE}
+)
 
 
 @wp.struct

@@ -2,12 +2,15 @@
 
 import warp as wp
 
+from mmw.kernels.compiler import FINITE
 from mmw.kernels.motion import surface_velocity
 from mmw.kernels.noise import uniform4
 from mmw.kernels.structs import Scene, Views
 from mmw.kernels.trace import TRACE_REGISTERS, closest_hit
 
-wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
+wp.set_module_options(
+    {"enable_backward": False, "default_grid_stride": False, "fast_math": False, "cpu_compiler_flags": FINITE}
+)
 
 
 @wp.struct
