@@ -235,11 +235,13 @@ def test_identity_ignores_place_and_machine(config_file: Path) -> None:
 def test_shipped_schema_is_current_and_shipped_configs_follow_it() -> None:
     schema = json.loads((configs_dir() / "mmw.schema.json").read_text())
     assert schema == json.loads(json.dumps(json_schema()))
+    validator = jsonschema.validators.validator_for(schema)(schema)
+    validator.check_schema(schema)
     top, scenarios = sorted(configs_dir().glob("*.yaml")), sorted(configs_dir().glob("scenarios/*.yaml"))
     assert [path.name for path in top] == ["full.yaml", "quickstart.yaml"] and len(scenarios) == 16
     for path in (*top, *scenarios):
-        jsonschema.validate(yaml.load(path.read_text(), Loader), schema)
-        jsonschema.validate(json.loads(load_config(path).model_dump_json()), schema)
+        validator.validate(yaml.load(path.read_text(), Loader))
+        validator.validate(json.loads(load_config(path).model_dump_json()))
         folder = "." if path in top else ".."
         assert path.read_text().startswith(f"# yaml-language-server: $schema={folder}/mmw.schema.json")
 

@@ -1,10 +1,13 @@
 """USD's built-in shapes (Cube, Sphere, Cylinder, Cone, Capsule, Plane) as triangles."""
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import trimesh
 from pxr import Usd, UsdGeom
+
+if TYPE_CHECKING:
+    import trimesh
 
 SECTIONS = 32
 """Sides of a round shape."""
@@ -16,40 +19,47 @@ Shape = tuple[np.ndarray, np.ndarray]
 """Points [N, 3], float64, and outward triangles [M, 3], int32, in the prim's space."""
 
 
+def _creation() -> Any:
+    """Return `trimesh.creation`, which takes a second to import: most stages have meshes alone."""
+    import trimesh.creation
+
+    return trimesh.creation
+
+
 def _number(prim: Usd.Prim, name: str) -> float:
     return float(prim.GetAttribute(name).Get())
 
 
-def _along_axis(prim: Usd.Prim, mesh: trimesh.Trimesh) -> Shape:
+def _along_axis(prim: Usd.Prim, mesh: "trimesh.Trimesh") -> Shape:
     """Return a shape that was built along z, turned to the prim's axis; turning keeps the faces outward."""
     shift = {"X": 1, "Y": 2, "Z": 0}[prim.GetAttribute("axis").Get()]
     return np.roll(np.array(mesh.vertices, dtype=np.float64), shift, axis=1), np.array(mesh.faces, dtype=np.int32)
 
 
 def _cube(prim: Usd.Prim) -> Shape:
-    box = trimesh.creation.box((_number(prim, "size"),) * 3)
+    box = _creation().box((_number(prim, "size"),) * 3)
     return np.array(box.vertices, dtype=np.float64), np.array(box.faces, dtype=np.int32)
 
 
 def _sphere(prim: Usd.Prim) -> Shape:
-    ball = trimesh.creation.icosphere(subdivisions=SUBDIVISIONS, radius=_number(prim, "radius"))
+    ball = _creation().icosphere(subdivisions=SUBDIVISIONS, radius=_number(prim, "radius"))
     return np.array(ball.vertices, dtype=np.float64), np.array(ball.faces, dtype=np.int32)
 
 
 def _cylinder(prim: Usd.Prim) -> Shape:
     radius, height = _number(prim, "radius"), _number(prim, "height")
-    return _along_axis(prim, trimesh.creation.cylinder(radius, height, sections=SECTIONS))
+    return _along_axis(prim, _creation().cylinder(radius, height, sections=SECTIONS))
 
 
 def _cone(prim: Usd.Prim) -> Shape:
-    mesh = trimesh.creation.cone(_number(prim, "radius"), _number(prim, "height"), sections=SECTIONS)
+    mesh = _creation().cone(_number(prim, "radius"), _number(prim, "height"), sections=SECTIONS)
     mesh.apply_translation((0.0, 0.0, -0.5 * _number(prim, "height")))  # USD's cone has its origin half way up
     return _along_axis(prim, mesh)
 
 
 def _capsule(prim: Usd.Prim) -> Shape:
     height, radius = _number(prim, "height"), _number(prim, "radius")
-    mesh = trimesh.creation.capsule(height, radius, count=(SECTIONS, SECTIONS // 2))
+    mesh = _creation().capsule(height, radius, count=(SECTIONS, SECTIONS // 2))
     mesh.apply_translation(-mesh.bounds.mean(axis=0))
     return _along_axis(prim, mesh)
 
