@@ -1,12 +1,9 @@
-"""The product: one configuration in, one dataset out; killed, resumed, batched or repeated, the rows are the same."""
+"""The product: one configuration in, one dataset out; batched, resumed or repeated, the rows are the same."""
 
 import json
 import os
 import re
-import signal
 import subprocess
-import sys
-import time
 from pathlib import Path
 
 import duckdb
@@ -136,24 +133,6 @@ def test_batch_size_does_not_change_a_row(dataset: Path, tmp_path: Path) -> None
     assert_same_rows(dataset, tmp_path / "d")
 
 
-def test_killed_and_resumed_equals_undisturbed(dataset: Path, tmp_path: Path) -> None:
-    root = tmp_path / "d"
-    arguments = [sys.executable, "-m", "mmw.run", *command(root)]
-    markers = root / "_shards"
-    for wanted in (0, 2):
-        process = subprocess.Popen(arguments, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        deadline = time.monotonic() + 120
-        while process.poll() is None and time.monotonic() < deadline:
-            if (root / "dataset.json").exists() and len(list(markers.glob("*.json"))) > wanted:
-                break
-            time.sleep(0.01)
-        os.kill(process.pid, signal.SIGKILL)
-        process.wait()
-    assert main(command(root)) == 0
-    assert verify(root) == []
-    assert_same_rows(dataset, root)
-
-
 def test_a_finished_dataset_is_left_alone(dataset: Path) -> None:
     before = {p: p.stat().st_mtime_ns for p in dataset.rglob("part-*.parquet")}
     assert main(command(dataset)) == 0
@@ -169,24 +148,6 @@ def test_dry_run_foresees_the_bytes(dataset: Path, capsys: pytest.CaptureFixture
     number, unit = re.search(r"tables of about ([\d.]+) (\w)B", capsys.readouterr().out).groups()
     real = sum(path.stat().st_size for path in dataset.rglob("part-*.parquet"))
     assert real / 1.5 < float(number) * {"k": 1e3, "M": 1e6}[unit] < real * 1.5
-
-
-def test_the_query_of_the_summary_can_be_pasted(tmp_path: Path) -> None:
-    """Also where the folder has spaces and both quotes in its name."""
-    root = tmp_path / """it's a "test" $HOME"""
-    config = load_config(CONFIG, ["frames.count=2", "sensors=[]", "channel.candidates=exhaustive"])
-    assert main(["--config", CONFIG, "frames.count=2", "sensors=[]", "--out", str(root), "--device", "cpu"]) == 0
-    line = example_query(root, config)
-    shown = subprocess.run(["sh", "-c", line], capture_output=True, text=True, check=True, cwd=Path(CONFIG).parents[1])
-    assert "rsu_1" in shown.stdout
-
-
-def test_nothing_but_ground_truth(tmp_path: Path) -> None:
-    root = tmp_path / "d"
-    extra = ["sensors=[]", "channel.enabled=false", "frames.count=1"]
-    assert main(["--config", CONFIG, *extra, "--out", str(root), "--device", "cpu"]) == 0
-    assert open_dataset(root).read("poses").num_rows == 4
-    assert open_dataset(root).read("sensors").num_rows == 0
 
 
 @pytest.mark.parametrize(
@@ -211,26 +172,6 @@ def test_another_configuration_is_refused(dataset: Path, capsys: pytest.CaptureF
     text = capsys.readouterr().err
     assert "--overwrite" in text
     assert "seed" in text
-
-
-def test_full_disk_is_exit_code_1_and_resumable(
-    dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
-) -> None:
-    root = tmp_path / "d"
-    real, calls = os.fsync, []
-
-    def full(descriptor: int) -> None:
-        calls.append(descriptor)
-        if len(calls) > 40:
-            raise OSError(28, "No space left on device")
-        real(descriptor)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(publish.os, "fsync", full)
-        assert main(command(root)) == 1
-    assert "resume" in capsys.readouterr().err
-    assert main(command(root)) == 0
-    assert_same_rows(dataset, root)
 
 
 @pytest.fixture
@@ -280,6 +221,22 @@ def test_the_stored_configuration_makes_the_same_data(own_world: Path) -> None:
     assert Path(stored.scenarios[0].stage) == (own_world / "mine.usda").resolve()
 
 
+def test_the_query_of_the_summary_can_be_pasted(own_world: Path) -> None:
+    """Also where the folder has spaces and both quotes in its name."""
+    name = """it's a "test" $HOME"""
+    assert make_own(own_world, name, "frames.count=2", "sensors=[]") == 0
+    config = load_config(own_world / "mine.yaml", ["frames.count=2", "sensors=[]"])
+    line = example_query(own_world / name, config)
+    shown = subprocess.run(["sh", "-c", line], capture_output=True, text=True, check=True, cwd=Path(CONFIG).parents[1])
+    assert "Mast" in shown.stdout
+
+
+def test_nothing_but_ground_truth(own_world: Path) -> None:
+    assert make_own(own_world, "d", "sensors=[]", "channel.enabled=false", "frames.count=1") == 0
+    assert open_dataset(own_world / "d").read("poses").num_rows == 2
+    assert open_dataset(own_world / "d").read("sensors").num_rows == 0
+
+
 def test_roadside_units_of_the_file_stand_on_an_own_stage(own_world: Path) -> None:
     """The same world, y up and in centimetres: the configured unit is where the file says, in metres and z up."""
     rsus = "scenarios.0.rsus=[{name: gate, position_m: [5, -8, 1], yaw_deg: 90}]"
@@ -318,6 +275,26 @@ def test_going_on_with_other_versions_is_noted_and_with_another_stage_refused(
     assert make_own(own_world, "d") == 2
     assert "mine.usda changed" in capsys.readouterr().err
     assert make_own(own_world, "d", "--overwrite") == 0
+
+
+def test_full_disk_is_exit_code_1_and_resumable(
+    own_world: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    real, calls = os.fsync, []
+
+    def full(descriptor: int) -> None:
+        calls.append(descriptor)
+        if len(calls) > 40:
+            raise OSError(28, "No space left on device")
+        real(descriptor)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(publish.os, "fsync", full)
+        assert make_own(own_world, "d", "output.shard_frames=2") == 1
+    assert "resume" in capsys.readouterr().err
+    assert make_own(own_world, "d", "output.shard_frames=2") == 0
+    assert make_own(own_world, "roomy", "output.shard_frames=2") == 0
+    assert_same_rows(own_world / "roomy", own_world / "d")
 
 
 def test_a_wrong_first_try_does_not_block_the_folder(own_world: Path) -> None:
