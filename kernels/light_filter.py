@@ -6,20 +6,12 @@ Source: H. Dammertz et al., "Edge-avoiding A-Trous wavelet transform", High Perf
 import warp as wp
 
 from mmw.kernels.camera import camera_ray, tile_column, tile_row
-from mmw.kernels.compiler import FAST
+from mmw.kernels.compiler import PICTURE_SHADING
 from mmw.kernels.lighting import SKY_STEP
 from mmw.kernels.packing import unpack_unit
 from mmw.kernels.picture import Picture, sample_row
 
-wp.set_module_options(
-    {
-        "enable_backward": False,
-        "default_grid_stride": False,
-        "fast_math": True,
-        "max_unroll": 1,
-        "cpu_compiler_flags": FAST,
-    }
-)
+wp.set_module_options(PICTURE_SHADING)
 
 SHADE_STEP = wp.constant(64.0)
 """Difference of the sky in sight, in 255ths, from which later passes of the filter keep apart. Design value: noise of

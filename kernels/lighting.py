@@ -9,22 +9,14 @@ import warp as wp
 
 from mmw.kernels.camera import tile_column, tile_row
 from mmw.kernels.candidates import Sun, sun_group
-from mmw.kernels.compiler import FINITE
+from mmw.kernels.compiler import PICTURE_RAYS
 from mmw.kernels.noise import uniform4
 from mmw.kernels.packing import unpack_unit
 from mmw.kernels.picture import Picture, ray_at, ray_of, row_of_thread, sample_row
 from mmw.kernels.structs import Scene
 from mmw.kernels.trace import PICTURE_REGISTERS, is_blocked, is_blocked_among
 
-wp.set_module_options(
-    {
-        "enable_backward": False,
-        "default_grid_stride": False,
-        "fast_math": True,
-        "max_unroll": 1,
-        "cpu_compiler_flags": FINITE,
-    }
-)
+wp.set_module_options(PICTURE_RAYS)
 
 SKY_STEP = wp.constant(3)
 """Columns and rows of pixels between rays to the sky [px]; a filter fills in the others. Design value."""

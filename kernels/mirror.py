@@ -8,7 +8,7 @@ stands depends on the weather, and no picture may depend on the other weathers t
 import warp as wp
 
 from mmw.kernels.candidates import Sun
-from mmw.kernels.compiler import FINITE
+from mmw.kernels.compiler import PICTURE_RAYS
 from mmw.kernels.lighting import lift, sees_sun, stratum_point
 from mmw.kernels.looks import MATT, Appearance, Samples, Surfaces
 from mmw.kernels.packing import unpack_unit
@@ -20,15 +20,7 @@ from mmw.kernels.trace import PICTURE_REGISTERS, nearest_surface
 from mmw.kernels.visibility import store
 from mmw.kernels.wet import WATER_REFLECTANCE, Wet, smoothstep, wetted
 
-wp.set_module_options(
-    {
-        "enable_backward": False,
-        "default_grid_stride": False,
-        "fast_math": True,
-        "max_unroll": 1,
-        "cpu_compiler_flags": FINITE,
-    }
-)
+wp.set_module_options(PICTURE_RAYS)
 
 LEAST_WATER_SHARE = wp.constant(0.03)
 """Share of the light that the film on wet ground must mirror for a ray to be worth it [-]: that of water to an eye

@@ -5,7 +5,7 @@ import warp as wp
 from mmw.kernels.air import Air, sky_through_air, through_air, transmittance
 from mmw.kernels.brdf import GLINT_ALPHA2, ambient_weights, direct_light
 from mmw.kernels.camera import tile_column, tile_row
-from mmw.kernels.compiler import FAST
+from mmw.kernels.compiler import PICTURE_SHADING
 from mmw.kernels.lamps import Lamps, lamp_emission, lamp_light
 from mmw.kernels.looks import MATT, SMOOTH, Appearance, Extras, Surfaces
 from mmw.kernels.mirror import (
@@ -24,15 +24,7 @@ from mmw.kernels.surfaces import coat_weight, read_surface
 from mmw.kernels.surfel import interpolated_normal, patch_of, toward_viewer
 from mmw.kernels.wet import Wet, Wetted, film_light, film_weights, wetted
 
-wp.set_module_options(
-    {
-        "enable_backward": False,
-        "default_grid_stride": False,
-        "fast_math": True,
-        "max_unroll": 1,
-        "cpu_compiler_flags": FAST,
-    }
-)
+wp.set_module_options(PICTURE_SHADING)
 
 SHADED_GROUND = wp.constant(0.5)
 """Light of what blocks the sky, over that of open ground [-]: half of it lies in shadow. Design value."""

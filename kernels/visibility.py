@@ -3,7 +3,7 @@
 import warp as wp
 
 from mmw.kernels.camera import Camera
-from mmw.kernels.compiler import FINITE
+from mmw.kernels.compiler import PICTURE_RAYS
 from mmw.kernels.looks import Appearance, Samples
 from mmw.kernels.packing import pack_unit, unpack_unit
 from mmw.kernels.picture import Picture, SampleRay, ray_at, ray_of, row_of_thread, sample_row, tile_of
@@ -18,15 +18,7 @@ from mmw.kernels.trace import (
     world_normal,
 )
 
-wp.set_module_options(
-    {
-        "enable_backward": False,
-        "default_grid_stride": False,
-        "fast_math": True,
-        "max_unroll": 1,
-        "cpu_compiler_flags": FINITE,
-    }
-)
+wp.set_module_options(PICTURE_RAYS)
 
 FOLD = wp.constant(0.7)
 """Cosine between the normals of two faces of one object below which the line between them is drawn smoothly: 45 deg."""
