@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from examples.beam_prediction.data import BeamData
 from examples.beam_prediction.pictures import draw_case
-from examples.beam_prediction.results import LABELS, Method
+from examples.beam_prediction.results import LABELS, Method, drives_of
 from mmw.dataset import Dataset
 from mmw.plotting.style import BLUE, GREEN, ORANGE, RED, plain_axes
 
@@ -96,7 +96,7 @@ def group_table(methods: Mapping[str, Method], groups: Mapping[str, np.ndarray],
 
     Windows count where a predicted frame has a path; drives are vehicles that have such windows.
     """
-    drive = np.array([" ".join(data.track[start]) for start in data.starts["val"].tolist()])
+    drive = drives_of(data)
     lines = [["", "windows", "drives", *(LABELS[label] for label in methods)]]
     lines.append(["---"] * len(lines[0]))
     is_scored = np.isfinite(methods["last"].window_gain).any(axis=1)

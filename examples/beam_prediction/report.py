@@ -10,7 +10,7 @@ from examples.beam_prediction.analysis import write_analysis
 from examples.beam_prediction.config import Experiment
 from examples.beam_prediction.data import BeamData
 from examples.beam_prediction.metrics import drive_interval
-from examples.beam_prediction.results import LABELS, Method, read_methods, spread_text
+from examples.beam_prediction.results import LABELS, Method, drives_of, read_methods, spread_text
 from mmw.dataset import Dataset
 from mmw.plotting.style import BLUE, DARK, GREEN, GREY, ORANGE, PURPLE, RED, SKY, plain_axes
 
@@ -107,10 +107,8 @@ def table(methods: dict[str, Method], data: BeamData) -> str:
 
 def over_text(method: Method, base: Method, data: BeamData) -> str:
     """Return what a method gains over another, and the interval of that over drives."""
-    names = [data.track[start] for start in data.starts["val"].tolist()]
-    number = {name: place for place, name in enumerate(dict.fromkeys(names))}
     difference = method.window_gain - base.window_gain
-    low, high = drive_interval(difference, np.array([number[name] for name in names]))
+    low, high = drive_interval(difference, drives_of(data))
     return f"{np.nanmean(difference):+.4f} [{low:+.4f}, {high:+.4f}]"
 
 

@@ -90,6 +90,12 @@ def read_methods(out: Path, data: BeamData) -> dict[str, Method]:
     return methods
 
 
+def drives_of(data: BeamData) -> np.ndarray:
+    """Return the drive, a vehicle in a scenario and weather, of each validation window as numbers from 0, shape [n]."""
+    number: dict[tuple[str, str, str], int] = {}
+    return np.array([number.setdefault(data.track[start], len(number)) for start in data.starts["val"].tolist()])
+
+
 def baseline(label: str, data: BeamData) -> Tensor:
     """Return the beams that a baseline names for the validation windows, shape [n, W], int64.
 
