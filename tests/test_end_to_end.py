@@ -1,9 +1,12 @@
-"""The product: one configuration in, one dataset out; batched, resumed or repeated, the rows are the same."""
+"""The product: one configuration in, one dataset out; killed, resumed, batched or repeated, the rows are the same."""
 
 import json
 import os
 import re
+import signal
 import subprocess
+import sys
+import time
 from pathlib import Path
 
 import duckdb
@@ -18,7 +21,6 @@ from mmw.paths import configs_dir
 from mmw.plan import frame_cost
 from mmw.report import example_query
 from mmw.run import main
-from mmw.tables import publish
 from mmw.tables.schemas import TABLES
 from mmw.tables.verify import verify
 from tests.own_world import STAGE, write_own_world
@@ -131,6 +133,24 @@ def test_provenance(dataset: Path) -> None:
 def test_batch_size_does_not_change_a_row(dataset: Path, tmp_path: Path) -> None:
     assert main(command(tmp_path / "d", "--batch-frames", "1")) == 0
     assert_same_rows(dataset, tmp_path / "d")
+
+
+def test_killed_and_resumed_equals_undisturbed(dataset: Path, tmp_path: Path) -> None:
+    root = tmp_path / "d"
+    arguments = [sys.executable, "-m", "mmw.run", *command(root)]
+    markers = root / "_shards"
+    for wanted in (0, 1, 3):
+        process = subprocess.Popen(arguments, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        deadline = time.monotonic() + 120
+        while process.poll() is None and time.monotonic() < deadline:
+            if (root / "dataset.json").exists() and len(list(markers.glob("*.json"))) > wanted:
+                break
+            time.sleep(0.01)
+        os.kill(process.pid, signal.SIGKILL)
+        process.wait()
+    assert main(command(root)) == 0
+    assert verify(root) == []
+    assert_same_rows(dataset, root)
 
 
 def test_a_finished_dataset_is_left_alone(dataset: Path) -> None:
@@ -275,26 +295,6 @@ def test_going_on_with_other_versions_is_noted_and_with_another_stage_refused(
     assert make_own(own_world, "d") == 2
     assert "mine.usda changed" in capsys.readouterr().err
     assert make_own(own_world, "d", "--overwrite") == 0
-
-
-def test_full_disk_is_exit_code_1_and_resumable(
-    own_world: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
-) -> None:
-    real, calls = os.fsync, []
-
-    def full(descriptor: int) -> None:
-        calls.append(descriptor)
-        if len(calls) > 40:
-            raise OSError(28, "No space left on device")
-        real(descriptor)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(publish.os, "fsync", full)
-        assert make_own(own_world, "d", "output.shard_frames=2") == 1
-    assert "resume" in capsys.readouterr().err
-    assert make_own(own_world, "d", "output.shard_frames=2") == 0
-    assert make_own(own_world, "roomy", "output.shard_frames=2") == 0
-    assert_same_rows(own_world / "roomy", own_world / "d")
 
 
 def test_a_wrong_first_try_does_not_block_the_folder(own_world: Path) -> None:
