@@ -11,6 +11,7 @@ from types import TracebackType
 from typing import Any
 from uuid import uuid4
 
+from mmw.compute.cuda import wait_asleep
 from mmw.compute.device import device_name
 from mmw.config import Config, ScenarioConfig
 from mmw.notes import notes
@@ -68,6 +69,7 @@ class Worker:
             device: Warp device name.
             reporter: Where progress goes.
         """
+        wait_asleep(device)
         self._making = making
         self._device = device
         self._meta = {**making.meta, "device": device_name(device)}

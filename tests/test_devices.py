@@ -1,11 +1,15 @@
-"""How many workers and threads a machine gets, where nobody says so."""
+"""How many workers, threads and cores who gets, where nobody says so."""
 
 import math
+import os
+import subprocess
+import sys
 from types import SimpleNamespace
 
 import pytest
 
 from mmw.compute import device
+from mmw.compute.cores import bound_to, core_list, cores_of_gpus, shared_cores
 from mmw.compute.device import workers_a_gpu, writer_threads
 
 GB = 1 << 30
@@ -40,3 +44,48 @@ def test_threads_are_divided_among_the_workers(monkeypatch, cores, workers, expe
 
 def test_the_memory_of_this_machine_is_known():
     assert device.host_bytes() > GB
+
+
+SOCKETS = [{*range(8), *range(16, 24)}, {*range(8, 16), *range(24, 32)}]
+"""Cores of the two sockets of a machine as Linux numbers them: second threads of all cores come last."""
+
+
+@pytest.mark.parametrize(
+    ("available", "near", "expected"),
+    [
+        (range(8), [(), ()], [range(4), range(4, 8)]),
+        (range(8), [range(8), range(8), range(8)], [range(2), range(2, 5), range(5, 8)]),
+        (range(32), [SOCKETS[1], SOCKETS[0]], [SOCKETS[1], SOCKETS[0]]),
+        (range(32), [SOCKETS[0], SOCKETS[1]] * 2, [range(8), range(8, 16), range(16, 24), range(24, 32)]),
+        # Both GPUs on one socket: the cores of the other are not left idle.
+        (range(32), [SOCKETS[0], SOCKETS[0]], [range(16), range(16, 32)]),
+        # A batch system left cores of one socket alone.
+        (range(8), [SOCKETS[0], SOCKETS[1]], [range(4), range(4, 8)]),
+        ([3, 5, 9, 10], [SOCKETS[0], SOCKETS[1]], [[3, 5], [9, 10]]),
+        # Fewer cores than GPUs.
+        ([4, 7], [(), (), ()], [[4, 7]] * 3),
+    ],
+)
+def test_gpus_share_the_cores(available, near, expected):
+    assert shared_cores(available, near) == [frozenset(own) for own in expected]
+
+
+@pytest.mark.parametrize(("text", "expected"), [("0-3,8-9,12\n", {0, 1, 2, 3, 8, 9, 12}), ("7", {7}), ("\n", set())])
+def test_a_list_of_cores_is_read(text, expected):
+    assert core_list(text) == expected
+
+
+def test_workers_on_processors_keep_to_no_cores():
+    assert cores_of_gpus(["cpu", "cpu"]) == {}
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="the system does not bind threads to cores")
+def test_a_process_starts_on_the_cores_of_its_gpu():
+    before = os.sched_getaffinity(0)
+    ask = [sys.executable, "-c", "import os; print(*os.sched_getaffinity(0))"]
+    with bound_to({max(before)}):
+        told = subprocess.run(ask, capture_output=True, text=True, check=True).stdout
+    assert told.split() == [str(max(before))]
+    assert os.sched_getaffinity(0) == before
+    with bound_to(()):
+        assert os.sched_getaffinity(0) == before

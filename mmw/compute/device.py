@@ -6,6 +6,8 @@ from collections.abc import Sequence
 
 import warp as wp
 
+from mmw.compute.cores import cores
+
 wp.config.log_level = wp.LOG_ERROR
 """Warp's own start-up lines and its note that there is no GPU say nothing that `choose_device` does not say better."""
 
@@ -100,11 +102,6 @@ def writer_threads(configured: int | str, workers: int) -> int:
     `auto` is three for each core, so that some work while others wait for Python's lock or the disk. Design value.
     """
     return int(configured) if configured != "auto" else min(max(3 * cores() // workers, 4), 16)
-
-
-def cores() -> int:
-    """Return the processor cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def device_name(device: str) -> str:
