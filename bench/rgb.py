@@ -2,7 +2,8 @@
 
 The paper's cameras look from their carriers in every frame: four from each CAV, one from each roadside unit, 13 images
 a frame in a scenario. Rays are shared by all weathers. `on the device`: from launch to the end of the device's work;
-`with copy`: all images as NumPy arrays, through page-locked memory (`--copy`). The median of several rounds counts,
+`with copy`: all images as NumPy arrays, through page-locked memory (`--copy`); `as JPEG files`: as bytes on the host,
+encoded on the device (`--files`). The median of several rounds counts,
 after a warm-up. Images are rendered in pieces of as many as a run of `mmw` takes at once.
 
 `--stages` also times each kernel alone, with waits between them, and counts the threads of those that trace. A thread
@@ -29,6 +30,7 @@ from mmw.recording.cameras import TRACED_RANGE
 from mmw.recording.launches import Launch, most_pixels
 from mmw.scene import Scene
 from mmw.sensors.host import to_host
+from mmw.sensors.jpeg import jpeg_files
 from mmw.sensors.rgb import RgbCamera
 from mmw.sensors.visibility_buffer import trace_samples
 from mmw.views import view_keys
@@ -44,6 +46,9 @@ STAGES = {
 }
 """Stage -> parts of the names of its kernels; the first stage that fits counts. Another kernel is its own stage."""
 
+DEVICE, COPY, FILES = "on the device", "with copy", "as JPEG files"
+"""Where the images of a round end."""
+
 TRACING = re.compile(r"visibility|further_sun|^sun_(between_)?kernel|^sky_|mirror_(trace|sun)")
 """Names of kernels that cast one ray a thread."""
 
@@ -54,7 +59,7 @@ class Result:
 
     weathers: str
     where: str
-    """`on the device` or `with copy`."""
+    """`on the device`, `with copy` or `as JPEG files`."""
     images: int
     """Images that come out of a round, all weathers together."""
     seconds: float
@@ -77,7 +82,7 @@ class Stages:
 
 
 def render(
-    scene: Scene, camera: RgbCamera, launch: Launch, config: RgbConfig, weathers: list[str], *, copy: bool
+    scene: Scene, camera: RgbCamera, launch: Launch, config: RgbConfig, weathers: list[str], where: str
 ) -> list[Any]:
     """Render a launch piece by piece, as a run does.
 
@@ -87,10 +92,10 @@ def render(
         launch: The views.
         config: The cameras' settings.
         weathers: The camera's weathers.
-        copy: Return NumPy arrays instead of the device's.
+        where: `on the device`, `with copy` or `as JPEG files`.
 
     Returns:
-        Images of each piece and weather, shape [A, H, W, 3], uint8.
+        Images of each piece and weather, shape [A, H, W, 3], uint8, or files.
     """
     images: list[Any] = []
     for piece in launch.pieces(most_pixels(scene.device)):
@@ -98,12 +103,15 @@ def render(
         keys = {name: view_keys(scene.arrays, piece.views, 0, "bench", name, config.name) for name in weathers}
         found = camera.render(buffer, config, keys)
         device = [found[name].rgb for name in weathers]
-        images += to_host(device) if copy else device
+        if where == FILES:
+            images += [jpeg_files(rgb, config.jpeg_quality, config.jpeg_subsampling) for rgb in device]
+        else:
+            images += to_host(device) if where == COPY else device
     return images
 
 
 def measure(
-    scene: Scene, launch: Launch, config: RgbConfig, weathers: list[str], repeats: int, *, copy: bool
+    scene: Scene, launch: Launch, config: RgbConfig, weathers: list[str], repeats: int, ends: list[str]
 ) -> list[Result]:
     """Return the throughput of the first weather, and of all together if there are more.
 
@@ -113,22 +121,19 @@ def measure(
         config: The cameras' settings.
         weathers: Presets.
         repeats: Timed rounds.
-        copy: Measure with the copy to the host too.
+        ends: Where images end, each measured by itself.
     """
     results: list[Result] = []
-    for is_copied in (False, True) if copy else (False,):
+    for where in ends:
         first_s = 0.0
         for some in [weathers[:1], weathers] if len(weathers) > 1 else [weathers]:
             camera = rgb_camera(scene, some)
             seconds = seconds_of(
-                lambda camera=camera, some=some, is_copied=is_copied: render(
-                    scene, camera, launch, config, some, copy=is_copied
-                ),
+                lambda camera=camera, some=some, where=where: render(scene, camera, launch, config, some, where),
                 scene.device, repeats,
             )  # fmt: skip
             first_s = first_s or seconds
             images = len(launch.views) * len(some)
-            where = "with copy" if is_copied else "on the device"
             results.append(Result("+".join(some), where, images, seconds, images / seconds, seconds / first_s))
     return results
 
@@ -136,13 +141,13 @@ def measure(
 def measure_stages(scene: Scene, launch: Launch, config: RgbConfig, weathers: list[str], repeats: int) -> Stages:
     """Return where the time of a round goes; see `measure`."""
     camera = rgb_camera(scene, weathers)
-    render(scene, camera, launch, config, weathers, copy=False)
+    render(scene, camera, launch, config, weathers, DEVICE)
     rounds: dict[str, list[float]] = defaultdict(list)
     tracing: list[float] = []
     rays: dict[str, int] = {}
     for _ in range(repeats):
         with KernelTimes(scene.device) as times:
-            render(scene, camera, launch, config, weathers, copy=False)
+            render(scene, camera, launch, config, weathers, DEVICE)
         spent = dict.fromkeys(STAGES, 0.0)
         for kernel, seconds in times.seconds.items():
             stage = stage_of(kernel)
@@ -176,6 +181,7 @@ def parse(arguments: list[str]) -> argparse.Namespace:
     for name in ("shadows", "sky-light", "reflections"):
         parser.add_argument(f"--no-{name}", action="store_false", dest=name.replace("-", "_"), help=f"without {name}")
     parser.add_argument("--copy", action="store_true", help="measure with the copy to the host too")
+    parser.add_argument("--files", action="store_true", help="measure with encoding on the device too")
     parser.add_argument("--stages", action="store_true", help="time each step alone, and count rays")
     parser.add_argument("--repeats", type=int, help="timed rounds (10 on CUDA, 2 on the CPU)")
     options = parser.parse_args(arguments)
@@ -207,7 +213,8 @@ def main(arguments: list[str]) -> None:
             f"{len(launch.views)} views of {options.width} x {options.height} in {options.frames} frames"
         )
         print("weathers            where           images        ms   images/s   s/image   cost")
-    for result in measure(scene, launch, config, weathers, options.repeats, copy=options.copy):
+    ends = [DEVICE, *([COPY] if options.copy else []), *([FILES] if options.files else [])]
+    for result in measure(scene, launch, config, weathers, options.repeats, ends):
         print(line(result) if is_human else json.dumps({**asdict(result), **about}), flush=True)
     if options.stages:
         for some in [weathers[:1], weathers] if len(weathers) > 1 else [weathers]:

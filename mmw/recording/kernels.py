@@ -32,7 +32,7 @@ POLL_S = 0.1
 """Time between two looks at whether another worker has compiled a module [s]."""
 
 
-def needed_modules(config: Config) -> list[str]:
+def needed_modules(config: Config, *, on_gpu: bool = True) -> list[str]:
     """Return the modules of `mmw.kernels` that every run of a configuration launches, the slowest to compile first.
 
     What only some weathers, materials or options need is left out; Warp compiles it when it is launched.
@@ -44,6 +44,8 @@ def needed_modules(config: Config) -> list[str]:
     if has_rgb:
         modules |= {"mirror": 10, "shade": 7, "lighting": 5, "surfaces": 4, "light_filter": 2, "develop": 1,
                     "clouds": 1, "picture": 1}  # fmt: skip
+    if on_gpu and any(isinstance(sensor, RgbConfig) and sensor.format == "jpeg" for sensor in sensors):
+        modules |= {"jpeg": 2}
     if any(isinstance(sensor, LidarConfig) for sensor in sensors):
         modules |= {"lidar": 4, "lidar_returns": 2}
     if any(isinstance(sensor, RadarConfig) for sensor in sensors):
@@ -72,7 +74,9 @@ def compiled_ahead(config: Config, device: str) -> Iterator[list[Future[None]]]:
     """
     is_cpu = wp.get_device(device).is_cpu
     waiting = deque(
-        (name, block) for name in needed_modules(config) for block in ((None,) if is_cpu else BLOCKS.get(name, (256,)))
+        (name, block)
+        for name in needed_modules(config, on_gpu=not is_cpu)
+        for block in ((None,) if is_cpu else BLOCKS.get(name, (256,)))
     )
     pool = ThreadPoolExecutor(min(os.cpu_count() or 1, MOST_THREADS), thread_name_prefix="mmw-compiler")
     try:

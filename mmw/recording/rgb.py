@@ -1,6 +1,7 @@
 """RGB images of a batch, in every weather from the same rays; normals and flow, which no weather changes."""
 
 from collections.abc import Callable
+from concurrent.futures import Future
 
 import numpy as np
 import warp as wp
@@ -10,6 +11,7 @@ from mmw.random_keys import random_keys
 from mmw.recording.job import Job, Rows
 from mmw.recording.launches import Launch, images_of
 from mmw.sensors.host import to_host
+from mmw.sensors.jpeg import jpeg_files
 from mmw.sensors.rgb import RgbImages
 from mmw.sensors.visibility_buffer import SampleBuffer
 from mmw.tables.encode import encode_flow, encode_normals, encode_rgb
@@ -33,23 +35,29 @@ def record_rgb(job: Job, launch: Launch, buffer: SampleBuffer, collected: Rows) 
         with job.clock.stage(launch.name):
             keys = {weather: _keys(job, launch, weather) for weather in collected}
             found = job.rgb_camera(config.debug).render(buffer, config, keys, _lens_keys(job, launch))
-    for weather, tables in collected.items():
-        images, exposure = np.zeros((0, *buffer.shape[1:], 3), dtype=np.uint8), np.zeros(0)
+    for weather, tables in collected.items():  # one after the other: all at once take three times the memory
+        encoded: list[Future[bytes] | bytes] = []
+        exposure = np.zeros(0)
         if found:
-            with job.clock.stage(launch.name):  # one weather after the other: all at once take three times the memory
-                (images,) = to_host([found[weather].rgb])
+            with job.clock.stage(launch.name):
                 exposure = found[weather].exposure.numpy()
+            encoded = _encoded(job, launch, found[weather].rgb, shots[0][1])
         for shot, sensor in shots:
-            with job.clock.stage("waiting for encoders"):
-                encoded = [
-                    job.encoder.submit(
-                        encode_rgb, images[row], sensor.format, sensor.jpeg_quality, sensor.jpeg_subsampling
-                    )
-                    for row in shot.rows
-                ]
             views = launch.views.take(shot.rows)
-            own = exposure[shot.rows]
-            tables["rgb"].append(rgb_rows(job.arrays, sensor, views, encoded, own, job.scenario.name, weather))
+            files, own = [encoded[row] for row in shot.rows], exposure[shot.rows]
+            tables["rgb"].append(rgb_rows(job.arrays, sensor, views, files, own, job.scenario.name, weather))
+
+
+def _encoded(job: Job, launch: Launch, images: wp.array, config: RgbConfig) -> list[Future[bytes] | bytes]:
+    """Return each view's image as a file: JPEG files of a GPU are made there, others by threads."""
+    if config.format == "jpeg" and images.device.is_cuda:
+        with job.clock.stage("JPEG files"):
+            return [*jpeg_files(images, config.jpeg_quality, config.jpeg_subsampling)]
+    with job.clock.stage(launch.name):
+        (on_host,) = to_host([images])
+    settings = config.format, config.jpeg_quality, config.jpeg_subsampling
+    with job.clock.stage("waiting for encoders"):
+        return [job.encoder.submit(encode_rgb, image, *settings) for image in on_host]
 
 
 def record_surfaces(job: Job, launch: Launch, buffer: SampleBuffer, collected: Rows) -> None:

@@ -17,7 +17,7 @@ from mmw.tables.rows.common import Columns, lists, names
 from mmw.tables.schema.columns import F32, list_of
 from mmw.views import Views
 
-Images = Sequence[Future[bytes]]
+Images = Sequence[Future[bytes] | bytes]
 """One encoded image a view, which a thread may still be at."""
 
 SUFFIX = {"jpeg": "jpg", "png": "png"}
@@ -143,7 +143,7 @@ def _owned(arrays: SceneArrays, sensor: str, views: Views) -> Columns:
 
 def _files(
     arrays: SceneArrays, stem: str, views: Views, images: Images, scenario: str, weather: str, suffix: str = "png"
-) -> list[tuple[Future[bytes], str]]:
+) -> list[tuple[Future[bytes] | bytes, str]]:
     paths = [
         f"{scenario}/{weather}/{agent}/{frame:06d}_{stem}.{suffix}"
         for agent, frame in zip(names(arrays, views.actor), views.frame, strict=True)
