@@ -35,11 +35,13 @@ def loaded(weathers: list[str], config: RgbConfig = SMALL) -> tuple[Scene, Launc
 
 def test_one_weather_and_all_are_measured() -> None:
     scene, launch = loaded(["sunny", "rainy"])
-    results = rgb.measure(scene, launch, SMALL, ["sunny", "rainy"], 1, copy=True)
+    results = rgb.measure(scene, launch, SMALL, ["sunny", "rainy"], 1, [rgb.DEVICE, rgb.COPY, rgb.FILES])
     assert [(r.weathers, r.where) for r in results] == [
-        (weathers, where) for where in ("on the device", "with copy") for weathers in ("sunny", "sunny+rainy")
+        (weathers, where)
+        for where in ("on the device", "with copy", "as JPEG files")
+        for weathers in ("sunny", "sunny+rainy")
     ]
-    assert [r.images for r in results] == [VIEWS, 2 * VIEWS] * 2
+    assert [r.images for r in results] == [VIEWS, 2 * VIEWS] * 3
     assert results[0].cost == results[2].cost == 1.0
     assert all(np.isclose(r.images_per_s * r.seconds, r.images) and r.weathers in rgb.line(r) for r in results)
 
@@ -70,9 +72,9 @@ def test_what_is_off_takes_no_rays() -> None:
 def test_pieces_are_the_pictures_of_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     scene, launch = loaded(["sunny"])
     camera = rgb_camera(scene, ["sunny"])
-    (whole,) = rgb.render(scene, camera, launch, SMALL, ["sunny"], copy=True)
+    (whole,) = rgb.render(scene, camera, launch, SMALL, ["sunny"], rgb.COPY)
     monkeypatch.setattr(rgb, "most_pixels", lambda _: 3 * 40 * 32)
-    pieces = rgb.render(scene, camera, launch, SMALL, ["sunny"], copy=True)
+    pieces = rgb.render(scene, camera, launch, SMALL, ["sunny"], rgb.COPY)
     assert [len(piece) for piece in pieces] == [3, 3, 3, 1]
     np.testing.assert_array_equal(np.concatenate(pieces), whole)
     assert whole.shape == (VIEWS, 32, 40, 3) and whole.std() > 5.0

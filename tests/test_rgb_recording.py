@@ -16,6 +16,7 @@ from mmw.config.rgb import paper_cameras
 from mmw.kinematics import differentiate
 from mmw.poses import compose, invert, transform_points
 from mmw.recording import cameras
+from mmw.recording import rgb as recorded
 from mmw.recording.encoding import MOST_WAITING_BYTES, Encoder
 from mmw.recording.job import Job, Rows
 from mmw.recording.launches import make_launches
@@ -116,6 +117,21 @@ def test_every_table_has_a_row_for_each_image(made: dict) -> None:
         assert row["format"] == "png" and row["image"]["path"] == f"street/{weather}/cav_1/000001_front.png"
         assert decode_rgb(row["image"]["bytes"]).shape == (48, 64, 3)
         assert tables["flow"][0]["image"]["path"].endswith("000001_front_flow.png")
+
+
+@pytest.mark.parametrize("is_made_there", [True, False])
+def test_jpeg_files_show_the_same(
+    tmp_path: Path, device: str, made: dict, monkeypatch: pytest.MonkeyPatch, is_made_there: bool
+) -> None:
+    """Whether the device makes the files, as GPUs do, or threads."""
+    monkeypatch.setattr(recorded, "makes_files", lambda _: is_made_there)
+    sensors = (FRONT + MAST).replace("format: png", "format: jpeg")
+    tables = listed(record(configured(tmp_path, sensors + DEPTH), device, [[1, 3]]))
+    for weather in ("sunny", "rainy"):
+        for row, exact in zip(tables[weather]["rgb"], made[weather]["rgb"], strict=True):
+            assert row["image"]["path"] == exact["image"]["path"].replace(".png", ".jpg")
+            image, wanted = (decode_rgb(each["image"]["bytes"]).astype(int) for each in (row, exact))
+            assert image.shape == wanted.shape and np.abs(image - wanted).mean() < 4.0
 
 
 def test_weather_changes_colours_and_nothing_else(made: dict) -> None:

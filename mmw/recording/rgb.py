@@ -50,7 +50,7 @@ def record_rgb(job: Job, launch: Launch, buffer: SampleBuffer, collected: Rows) 
 
 def _encoded(job: Job, launch: Launch, images: wp.array, config: RgbConfig) -> list[Future[bytes] | bytes]:
     """Return each view's image as a file: JPEG files of a GPU are made there, others by threads."""
-    if config.format == "jpeg" and images.device.is_cuda:
+    if config.format == "jpeg" and makes_files(images.device):
         with job.clock.stage("JPEG files"):
             return [*jpeg_files(images, config.jpeg_quality, config.jpeg_subsampling)]
     with job.clock.stage(launch.name):
@@ -58,6 +58,11 @@ def _encoded(job: Job, launch: Launch, images: wp.array, config: RgbConfig) -> l
     settings = config.format, config.jpeg_quality, config.jpeg_subsampling
     with job.clock.stage("waiting for encoders"):
         return [job.encoder.submit(encode_rgb, image, *settings) for image in on_host]
+
+
+def makes_files(device: wp.Device) -> bool:
+    """Return whether a device makes JPEG files itself: a GPU, many at a time, rather than the cores beside it."""
+    return device.is_cuda
 
 
 def record_surfaces(job: Job, launch: Launch, buffer: SampleBuffer, collected: Rows) -> None:
