@@ -249,6 +249,7 @@ def _assemble(
 
     models: list[Model] = []
     model_of: dict[tuple, int] = {}
+    surface_of: dict[tuple, np.ndarray] = {}
     actors = []
     for actor, parts in zip(found, moving, strict=True):
         label, model, used_names = actor.label, MODEL_NONE, ()
@@ -260,8 +261,12 @@ def _assemble(
             key = tuple(value.tobytes() for value in values)
             if key not in model_of:
                 model_of[key] = len(models)
-                surface = find_surfaces(model_points, model_faces, np.zeros_like(model_material), model_material)
-                models.append(Model(actor.model_name, *values[:3], surface, *values[3:]))
+                _, first, kind = np.unique(model_material, return_index=True, return_inverse=True)
+                kind = np.argsort(np.argsort(first))[kind]  # the same for all paints of a model
+                shape = (*key[:2], kind.tobytes())
+                if shape not in surface_of:
+                    surface_of[shape] = find_surfaces(model_points, model_faces, np.zeros_like(kind), kind)
+                models.append(Model(actor.model_name, *values[:3], surface_of[shape], *values[3:]))
             model = model_of[key]
             used_names = used(model_material.tolist())
             label = parts[0].label if label == "unlabeled" else label
