@@ -13,7 +13,7 @@ from mmw.surfaces import find_surfaces
 from mmw.usd.actors import FoundActor, actor_poses, find_actors, model_matrix
 from mmw.usd.extract import FoundMesh, MeshReader, to_metres
 from mmw.usd.material_map import MaterialMap
-from mmw.usd.materials import read_material
+from mmw.usd.materials import read_materials
 from mmw.usd.open import check_references, open_stage
 from mmw.usd.parts import Part, PartReader
 from mmw.usd.semantics import CARLA_TAG
@@ -170,7 +170,7 @@ def _materials(
     columns, uses = {}, list(reader.uses)
     for weather, names in variants.items():
         _select(stage, switches, names)
-        columns[weather] = [read_material(stage, use, reader.notes) for use in uses]
+        columns[weather] = read_materials(stage, uses, reader.notes, reader.copies)
         for use, material in zip(uses, columns[weather], strict=True):
             if material.look.textures and not material.look.has_uv:
                 reader.notes[

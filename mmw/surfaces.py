@@ -34,12 +34,12 @@ def find_surfaces(points: np.ndarray, faces: np.ndarray, object_id: np.ndarray, 
     """
     if len(faces) == 0:
         return np.zeros(0, dtype=np.int32)
-    corners = points[faces].astype(np.float64)
+    corners = points.take(faces, axis=0).astype(np.float64)
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     twice_area = np.linalg.norm(cross, axis=1)
     has_area = twice_area > 1e-12
     normal = np.where(has_area[:, None], cross / np.maximum(twice_area, 1e-300)[:, None], 0.0)
-    first, second = _neighbours(weld(points)[faces], object_id, material)
+    first, second = _neighbours(weld(points).take(faces), object_id, material)
     keep = has_area[first] & has_area[second]
     keep &= np.linalg.norm(np.cross(normal[first], normal[second]), axis=1) < ANGLE_RAD
     first, second = first[keep], second[keep]
@@ -153,7 +153,9 @@ def components(count: int, first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 def _plane_distance(corners: np.ndarray, origin: np.ndarray, normal: np.ndarray, face: np.ndarray) -> np.ndarray:
     """Return how far the farthest corner of each face lies from a plane [m]; one plane a face."""
-    return np.abs(np.einsum("pcx,px->pc", corners[face] - origin[:, None], normal)).max(axis=1, initial=0.0)
+    return np.abs(np.einsum("pcx,px->pc", corners.take(face, axis=0) - origin[:, None], normal)).max(
+        axis=1, initial=0.0
+    )
 
 
 def _plane_fit(

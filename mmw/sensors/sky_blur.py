@@ -94,8 +94,10 @@ def octahedral(image: np.ndarray, size: int) -> np.ndarray:
     around = np.concatenate([np.roll(image[:1], rows, axis=1), image, np.roll(image[-1:], rows, axis=1)])
     around = around.astype(np.float32)
     left, right = column % (2 * rows), (column + 1) % (2 * rows)
-    upper = around[row + 1, left] * (1.0 - fu) + around[row + 1, right] * fu
-    lower = around[row + 2, left] * (1.0 - fu) + around[row + 2, right] * fu
+    texels, line = around.reshape(-1, 3), (row + 1) * 2 * rows
+    upper = texels.take(line + left, axis=0) * (1.0 - fu) + texels.take(line + right, axis=0) * fu
+    line += 2 * rows
+    lower = texels.take(line + left, axis=0) * (1.0 - fu) + texels.take(line + right, axis=0) * fu
     return upper * (1.0 - fv) + lower * fv
 
 

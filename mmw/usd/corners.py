@@ -85,8 +85,8 @@ def _at_corners(
     where = f"{prim.GetPath()}: {name}"
     try:
         if f"{name}:indices" in authored:
-            rows = np.asarray(prim.GetAttribute(f"{name}:indices").Get(time), dtype=np.uint32)[rows]
-        found = values[rows, :width]
+            rows = np.asarray(prim.GetAttribute(f"{name}:indices").Get(time), dtype=np.uint32).take(rows)
+        found = values.take(rows, axis=0)[..., :width]
     except IndexError:
         notes.append(f"{where} has {len(values)} values, too few for its interpolation {kind}; it is left out")
         return None

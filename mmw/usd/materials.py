@@ -1,7 +1,8 @@
 """Material prims of a stage to `mmw.materials.Material`, whatever the stage says about radio."""
 
 import re
-from dataclasses import dataclass, replace
+from collections.abc import Hashable, Iterable
+from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Any, get_args
 
@@ -144,6 +145,41 @@ def read_material(stage: Usd.Stage, use: MaterialUse, notes: Notes | None = None
     return Material(use.name, radio, base, reflectance, use.color or color, coating, is_retro, look)
 
 
+def read_materials(stage: Usd.Stage, uses: Iterable[MaterialUse], notes: Notes, copies: "Copies") -> list[Material]:
+    """Return what `read_material` does for each use; copies of one material are read once, unless they have notes."""
+    known: dict[Hashable, Material] = {}
+    found = []
+    for use in uses:
+        prim = stage.GetPrimAtPath(use.prim_path) if use.prim_path and not use.library else None
+        key = (replace(use, prim_path=""), copies.key(prim)) if prim else use
+        if key in known:
+            found.append(replace(known[key], look=replace(known[key].look, prim_path=use.prim_path)))
+            continue
+        own: Notes = {}
+        found.append(read_material(stage, use, own))
+        notes.update(own)
+        if not own:
+            known[key] = found[-1]
+    return found
+
+
+@dataclass
+class Copies:
+    """Tells which materials are copies of one: every vehicle of a stage has its own of the same library."""
+
+    _is_closed: dict[tuple, bool] = field(default_factory=dict)
+
+    def key(self, prim: Usd.Prim) -> Hashable:
+        """Return a key that materials share if their prims are made of the same specs and read no prims beside them."""
+        prims = list(Usd.PrimRange(prim, Usd.TraverseInstanceProxies()))
+        specs = tuple((p.GetName(), *((spec.layer.identifier, spec.path) for spec in p.GetPrimStack())) for p in prims)
+        if specs not in self._is_closed:
+            connected = [at for p in prims for at in p.GetAuthoredAttributes() if at.HasAuthoredConnections()]
+            sources = [source for attribute in connected for source in attribute.GetConnections()]
+            self._is_closed[specs] = all(source.HasPrefix(prim.GetPath()) for source in sources)
+        return specs if self._is_closed[specs] else prim.GetPath()
+
+
 @cache
 def library_look(name: str) -> Look:
     """Return how a material of the shipped library looks."""
@@ -166,11 +202,11 @@ def _read_radio(prim: Usd.Prim) -> RadioMaterial:
     where = prim.GetPath()
     fallback = RadioMaterial("constant")
     values = {}
-    for field, attribute in RADIO_ATTRIBUTES.items():
-        default = getattr(fallback, field)
+    for name, attribute in RADIO_ATTRIBUTES.items():
+        default = getattr(fallback, name)
         value = _value(prim, attribute.name, default)
         # The attributes are float32; seven digits give back the decimal number that was written.
-        values[field] = float(f"{value:.7g}") if isinstance(default, float) else type(default)(value)
+        values[name] = float(f"{value:.7g}") if isinstance(default, float) else type(default)(value)
     radio = RadioMaterial(**values)
     check_radio(str(where), radio)
     return radio

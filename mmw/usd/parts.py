@@ -1,16 +1,16 @@
 """Meshes of a stage as parts of a scene: placed, in metres, with materials, classes and what lies at their corners."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from pxr import Usd
+from pxr import Sdf, Usd
 
 from mmw.usd.corners import NO_CORNERS, Corners, display_color, place_corners
 from mmw.usd.extract import FoundMesh, MeshReader, bound_materials, materials_of, place
 from mmw.usd.looks import DEFAULT_PRIMVAR, texture_primvar
 from mmw.usd.material_map import MaterialMap, find_entry
-from mmw.usd.materials import MaterialUse, resolve_material
+from mmw.usd.materials import Copies, MaterialUse, resolve_material
 from mmw.usd.wheels import mesh_wheels
 
 
@@ -49,6 +49,7 @@ class PartReader:
         unresolved: Meshes without a radio material, one line each.
         notes: What a user should know of looks, one line each.
         first_mesh: Material use -> the first mesh that has no texture coordinates, or a colour of its own.
+        copies: Tells copies of one material.
     """
 
     meshes: MeshReader
@@ -57,7 +58,9 @@ class PartReader:
     unresolved: dict[str, None] = field(default_factory=dict)
     notes: dict[str, None] = field(default_factory=dict)
     first_mesh: dict[MaterialUse, str] = field(default_factory=dict)
-    _shading: dict[str, tuple[str, bool]] = field(default_factory=dict)
+    copies: Copies = field(default_factory=Copies)
+    _shading: dict[Sdf.Path, tuple[str, bool]] = field(default_factory=dict)
+    _shading_of_copies: dict[Hashable, tuple[str, bool]] = field(default_factory=dict)
 
     def parts(
         self, meshes: Sequence[FoundMesh], matrices: Sequence[np.ndarray], is_moving: Sequence[bool]
@@ -106,9 +109,14 @@ class PartReader:
 
     def shading(self, material: Usd.Prim | None) -> tuple[str, bool]:
         """Return the primvar that a material's textures read, and whether its surface shader is read."""
-        path = str(material.GetPath()) if material else ""
+        if material is None:
+            return DEFAULT_PRIMVAR, False
+        path = material.GetPath()
         if path not in self._shading:
-            self._shading[path] = texture_primvar(material) if material else (DEFAULT_PRIMVAR, False)
+            key = self.copies.key(material)
+            if key not in self._shading_of_copies:
+                self._shading_of_copies[key] = texture_primvar(material)
+            self._shading[path] = self._shading_of_copies[key]
         return self._shading[path]
 
     def _label(self, prim: Usd.Prim, path: str, materials: Sequence[Usd.Prim | None]) -> str:

@@ -72,9 +72,9 @@ def cut_meshes(meshes: Sequence[Polygons], *, keeps_flat: bool = False) -> list[
         if len(mesh.holes)
     ]
     corners, polygon = triangulate(points, counts, indices + start, np.concatenate([np.zeros(0, np.int64), *holes]))
-    faces = indices[corners] + start[corners]
+    faces = (indices + start).take(corners)
     if not keeps_flat:  # what has no area is nowhere: no ray can say how it is met
-        edge = points[faces[:, 1:]] - points[faces[:, :1]]
+        edge = points.take(faces[:, 1:], axis=0) - points.take(faces[:, :1], axis=0)
         area = np.linalg.norm(np.cross(edge[:, 0], edge[:, 1]), axis=1)
         has_area = area > LEAST_SLIMNESS * np.einsum("mkx,mkx->m", edge, edge)
         corners, polygon = corners[has_area], polygon[has_area]
@@ -82,7 +82,7 @@ def cut_meshes(meshes: Sequence[Polygons], *, keeps_flat: bool = False) -> list[
     mesh_of = np.repeat(np.arange(len(meshes)), np.diff(first))
     turned = np.array([mesh.is_left_handed for mesh in meshes])[mesh_of]
     corners[turned] = corners[turned, ::-1]
-    faces = indices[corners].astype(np.int32)
+    faces = indices.take(corners).astype(np.int32)
     corners = (corners - first_corner[mesh_of][:, None]).astype(np.int32)
     polygon = (polygon - first_polygon[mesh_of]).astype(np.int32)
     ends = np.stack([first_point[:-1], first_point[1:], first[:-1], first[1:]], axis=1).tolist()
