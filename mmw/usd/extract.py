@@ -58,7 +58,7 @@ class MeshReader:
         """Yield every mesh and shape that is visible and no proxy or guide, in the stage's order."""
         walk = iter(Usd.PrimRange(self.stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()))
         for prim in walk:
-            if is_hidden(prim):
+            if not self.is_visible(prim) and is_hidden(prim):
                 walk.PruneChildren()
             elif prim.IsA(UsdGeom.PointInstancer):
                 walk.PruneChildren()
@@ -182,8 +182,8 @@ class MeshReader:
         return self._corners[key]
 
     def _polygons(self, prim: Usd.Prim) -> Polygons:
-        mesh = UsdGeom.Mesh(prim)
-        at, corner = mesh.GetPointsAttr(), mesh.GetFaceVertexIndicesAttr()
+        names = UsdGeom.Tokens
+        at, corner = prim.GetAttribute(names.points), prim.GetAttribute(names.faceVertexIndices)
         if at.ValueMightBeTimeVarying() or corner.ValueMightBeTimeVarying():
             raise ValueError(
                 f"{prim.GetPath()}: its points change over time; meshes are traced as rigid bodies; "
@@ -193,10 +193,10 @@ class MeshReader:
         return Polygons(
             str(prim.GetPath()),
             np.zeros((0, 3)) if points is None else np.asarray(points).reshape(-1, 3),
-            _integers(mesh.GetFaceVertexCountsAttr().Get(self.time)),
+            _integers(prim.GetAttribute(names.faceVertexCounts).Get(self.time)),
             _integers(corner.Get(self.time)),
-            _integers(mesh.GetHoleIndicesAttr().Get()),
-            mesh.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded,
+            _integers(prim.GetAttribute(names.holeIndices).Get()),
+            prim.GetAttribute(names.orientation).Get() == names.leftHanded,
         )
 
 
