@@ -3,6 +3,7 @@
 A surface is a maximal set of faces that lie in one plane, hang together over edges, and have one object and material.
 """
 
+from collections.abc import Sequence
 from itertools import product
 
 import numpy as np
@@ -78,36 +79,32 @@ def linked_rows(values: np.ndarray, kind: np.ndarray | None = None) -> np.ndarra
     """
     count, width = values.shape
     halves = list(np.floor(2.0 * values.T + 0.38).astype(np.int64))  # half cells; two make a cell of a grid
-    kinds = [] if kind is None else [kind]
-    ends = [same_cells(*halves, *kinds)]
+    kind = np.zeros(count, dtype=np.int64) if kind is None else kind
+    ends = [_same_cells(sum(_hashed([*halves, kind])))]
     rows = np.setdiff1d(np.arange(count), ends[0][0], assume_unique=True)  # one of each half cell
-    halves, kinds = [half[rows] for half in halves], [kind[rows] for kind in kinds]
+    halves, kind = [half[rows] for half in halves], kind[rows]
+    cells = [_hashed([*((half + by) >> 1 for half in halves), kind]) for by in (0, 1)]
     for moved in product((0, 1), repeat=width):
-        first, second = same_cells(*((half + by) >> 1 for half, by in zip(halves, moved, strict=True)), *kinds)
+        first, second = _same_cells(sum((cells[by][k] for k, by in enumerate(moved)), start=cells[0][width]))
         ends.append((rows[first], rows[second]))
     first, second = (np.concatenate(end) for end in zip(*ends, strict=True))
     return components(count, first, second)
 
 
-def same_cells(*columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return pairs of rows in one cell that link all rows of a cell; every row but one of each cell comes first once.
+def _hashed(columns: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Return terms whose sum tells rows of whole numbers apart, by 64 bits."""
+    return [column.astype(np.uint64) * np.uint64(pow(_HASH, k, 1 << 64)) for k, column in enumerate(columns)]
 
-    Args:
-        columns: Whole numbers of the cell of each row, shape [N] each.
 
-    Returns:
-        Both rows of each pair, shape [pairs] each, int64. Cells are told apart by 64 bits.
-    """
-    key = np.zeros(len(columns[0]), dtype=np.uint64)
-    for column in columns:
-        key = key * _HASH + column.astype(np.uint64)
-    order = np.argsort(key)
-    ordered = key[order]
+def _same_cells(cell: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return pairs of rows that link all rows of a cell, given the cell of each row, shape [pairs] each, int64."""
+    order = np.argsort(cell)
+    ordered = cell[order]
     is_same = ordered[1:] == ordered[:-1]
     return order[1:][is_same], order[:-1][is_same]
 
 
-_HASH = np.uint64(0x9E3779B97F4A7C15)
+_HASH = 0x9E3779B97F4A7C15
 """Odd multiplier near 2^64 divided by the golden ratio: spreads cells over 64 bits. Source: Knuth, TAOCP 3, 6.4."""
 
 

@@ -149,7 +149,7 @@ def _mean_planes(triangle: np.ndarray, row_of: np.ndarray, first: np.ndarray) ->
     doubled = np.cross(triangle[:, 1] - triangle[:, 0], triangle[:, 2] - triangle[:, 0])
     weight = norm(doubled)
     largest = np.zeros(len(first), dtype=np.int64)
-    order = np.argsort(weight, kind="stable")
+    order = np.flatnonzero(weight == np.maximum.reduceat(weight, first)[row_of])
     largest[row_of[order]] = order  # the last one written stays
     sign = np.where(dot(doubled, doubled[largest[row_of]]) < 0.0, -1.0, 1.0)
     total = np.add.reduceat(doubled * sign[:, None], first)
