@@ -62,8 +62,10 @@ def test_copies_of_a_material_are_told_from_changed_ones(tmp_path: Path) -> None
     assert found == [read_material(stage, use) for use in uses]
     assert [material.look.prim_path for material in found] == [use.prim_path for use in uses]
     assert len(notes) == 3, "every copy of what is not read is named"
-    keys = [copies.key(stage.GetPrimAtPath(use.prim_path)) for use in uses]
-    assert keys[0] == keys[2] != keys[1] and len(set(keys[3:6])) == 3
+    specs = [copies.specs(stage.GetPrimAtPath(use.prim_path)) for use in uses]
+    assert specs[0] == specs[2] != specs[1] and specs[3:6] == [None] * 3
+    node.GetInput("fallback").Set(Gf.Vec4f(0.5, 0.5, 0.5, 1.0))  # as a weather would
+    assert [material.look.color[0] for material in read_materials(stage, uses, notes, copies)[3:6]] == [0.5, 0.9, 0.5]
 
 
 def test_values_through_a_material_interface(tmp_path: Path) -> None:

@@ -114,7 +114,7 @@ class PartReader:
             return DEFAULT_PRIMVAR, False
         path = material.GetPath()
         if path not in self._shading:
-            key = self.copies.key(material)
+            key = self.copies.specs(material) or path
             if key not in self._shading_of_copies:
                 self._shading_of_copies[key] = texture_primvar(material)
             self._shading[path] = self._shading_of_copies[key]
