@@ -39,6 +39,8 @@ class Clouds:
     """Height of the flat bottoms [m]."""
     depth: float
     """Height of the highest top over the bottoms [m]."""
+    highest: float
+    """Height over which the pattern leaves nothing, over the bottoms, as a share of the depth."""
     extinction: float
     """Extinction inside [1/m]."""
     sun_direction: wp.vec3
@@ -96,6 +98,8 @@ def cloud_density(clouds: Clouds, x: float, y: float, height: float) -> float:
         y: North of the viewer [m].
         height: Over the bottoms, as a share of the depth.
     """
+    if height >= clouds.highest:
+        return -1.0
     cells = float(clouds.cover.shape[0]) / clouds.cover_size
     rank = pattern(clouds.cover, (x + clouds.offset[0]) * cells, (y + clouds.offset[1]) * cells)
     # The higher the rank over the threshold, the higher the heap; what is left at the top of the layer is eroded.

@@ -13,7 +13,7 @@ from mmw.surfaces import find_surfaces
 from mmw.usd.actors import FoundActor, actor_poses, find_actors, model_matrix
 from mmw.usd.extract import FoundMesh, MeshReader, to_metres
 from mmw.usd.material_map import MaterialMap
-from mmw.usd.materials import read_material
+from mmw.usd.materials import read_materials
 from mmw.usd.open import check_references, open_stage
 from mmw.usd.parts import Part, PartReader
 from mmw.usd.semantics import CARLA_TAG
@@ -170,7 +170,7 @@ def _materials(
     columns, uses = {}, list(reader.uses)
     for weather, names in variants.items():
         _select(stage, switches, names)
-        columns[weather] = [read_material(stage, use, reader.notes) for use in uses]
+        columns[weather] = read_materials(stage, uses, reader.notes, reader.copies)
         for use, material in zip(uses, columns[weather], strict=True):
             if material.look.textures and not material.look.has_uv:
                 reader.notes[
@@ -249,6 +249,7 @@ def _assemble(
 
     models: list[Model] = []
     model_of: dict[tuple, int] = {}
+    surface_of: dict[tuple, np.ndarray] = {}
     actors = []
     for actor, parts in zip(found, moving, strict=True):
         label, model, used_names = actor.label, MODEL_NONE, ()
@@ -260,8 +261,12 @@ def _assemble(
             key = tuple(value.tobytes() for value in values)
             if key not in model_of:
                 model_of[key] = len(models)
-                surface = find_surfaces(model_points, model_faces, np.zeros_like(model_material), model_material)
-                models.append(Model(actor.model_name, *values[:3], surface, *values[3:]))
+                _, first, kind = np.unique(model_material, return_index=True, return_inverse=True)
+                kind = np.argsort(np.argsort(first))[kind]  # the same for all paints of a model
+                shape = (*key[:2], kind.tobytes())
+                if shape not in surface_of:
+                    surface_of[shape] = find_surfaces(model_points, model_faces, np.zeros_like(kind), kind)
+                models.append(Model(actor.model_name, *values[:3], surface_of[shape], *values[3:]))
             model = model_of[key]
             used_names = used(model_material.tolist())
             label = parts[0].label if label == "unlabeled" else label

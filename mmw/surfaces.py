@@ -3,6 +3,7 @@
 A surface is a maximal set of faces that lie in one plane, hang together over edges, and have one object and material.
 """
 
+from collections.abc import Sequence
 from itertools import product
 
 import numpy as np
@@ -34,12 +35,12 @@ def find_surfaces(points: np.ndarray, faces: np.ndarray, object_id: np.ndarray, 
     """
     if len(faces) == 0:
         return np.zeros(0, dtype=np.int32)
-    corners = points[faces].astype(np.float64)
+    corners = points.take(faces, axis=0).astype(np.float64)
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     twice_area = np.linalg.norm(cross, axis=1)
     has_area = twice_area > 1e-12
     normal = np.where(has_area[:, None], cross / np.maximum(twice_area, 1e-300)[:, None], 0.0)
-    first, second = _neighbours(weld(points)[faces], object_id, material)
+    first, second = _neighbours(weld(points).take(faces), object_id, material)
     keep = has_area[first] & has_area[second]
     keep &= np.linalg.norm(np.cross(normal[first], normal[second]), axis=1) < ANGLE_RAD
     first, second = first[keep], second[keep]
@@ -49,69 +50,73 @@ def find_surfaces(points: np.ndarray, faces: np.ndarray, object_id: np.ndarray, 
     surface = np.arange(len(faces))
     while len(first):
         label = components(len(faces), first, second)
-        own = np.unique(np.concatenate([first, second]))
+        surface = label[surface]
+        own = np.flatnonzero(np.bincount(label, minlength=len(faces))[label] > 2)  # two fit each other's planes already
+        if len(own) == 0:
+            break
         fits, is_bent = np.ones(len(faces), dtype=bool), np.zeros(len(faces), dtype=bool)
         fits[own], is_bent[own] = _plane_fit(label[own], corners[own], normal[own], twice_area[own])
-        surface[own] = np.where(is_bent[own], own, label[own])
+        surface = np.where(is_bent, np.arange(len(faces)), surface)
         keep = is_bent[first] & (fits[first] == fits[second])
         first, second = first[keep], second[keep]
     return np.unique(surface, return_inverse=True)[1].astype(np.int32)
 
 
 def weld(points: np.ndarray) -> np.ndarray:
-    """Return a vertex index for every point, the same for points that are closer than `WELD_M` / 2 on every axis.
-
-    Points in one cell of a grid are one vertex. Eight grids, moved by half a cell on some of the axes, make sure that
-    two close points share a cell of at least one.
-    """
-    ends_a, ends_b = [], []
-    in_cells = points / WELD_M
-    for shift in product((0.19, 0.69), repeat=3):
-        moved, other = same_cells(in_cells + np.array(shift))
-        ends_a.append(moved)
-        ends_b.append(other)
-    return components(len(points), np.concatenate(ends_a), np.concatenate(ends_b))
+    """Return a vertex index for every point, the same for points that are closer than `WELD_M` / 2 on every axis."""
+    return linked_rows(points / WELD_M)
 
 
-def same_cells(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the rows whose cell of a grid with unit steps holds an earlier row, and the first row of that cell.
+def linked_rows(values: np.ndarray, kind: np.ndarray | None = None) -> np.ndarray:
+    """Return the lowest row that each row hangs together with, over rows that are close to each other, shape [N].
+
+    Rows in one cell of a grid with unit steps are close. A grid for every choice of columns, moved by half a step along
+    them, makes sure that two rows that differ by less than 1/2 in every column share a cell of at least one.
 
     Args:
-        values: Coordinates in the grid, shape [N, K], float64.
-
-    Returns:
-        Rows and first rows of their cells, shape [pairs] each, int64. Cells are told apart by 64 bits.
+        values: Numbers to compare, shape [N, K], float64.
+        kind: Whole number of each row; rows of different kinds are never close, shape [N].
     """
-    cell = np.floor(values).astype(np.int64).astype(np.uint64)
-    key = cell[:, 0]
-    for column in range(1, cell.shape[1]):
-        key = key * _HASH + cell[:, column]
-    order = np.argsort(key)
-    ordered = key[order]
-    is_new = np.append(True, ordered[1:] != ordered[:-1])
-    start = np.flatnonzero(is_new)
-    first = np.minimum.reduceat(order, start)[np.cumsum(is_new) - 1] if len(order) else order
-    moved = first != order
-    return order[moved], first[moved]
+    count, width = values.shape
+    halves = list(np.floor(2.0 * values.T + 0.38).astype(np.int64))  # half cells; two make a cell of a grid
+    kind = np.zeros(count, dtype=np.int64) if kind is None else kind
+    ends = [_same_cells(sum(_hashed([*halves, kind])))]
+    rows = np.setdiff1d(np.arange(count), ends[0][0], assume_unique=True)  # one of each half cell
+    halves, kind = [half[rows] for half in halves], kind[rows]
+    cells = [_hashed([*((half + by) >> 1 for half in halves), kind]) for by in (0, 1)]
+    for moved in product((0, 1), repeat=width):
+        first, second = _same_cells(sum((cells[by][k] for k, by in enumerate(moved)), start=cells[0][width]))
+        ends.append((rows[first], rows[second]))
+    first, second = (np.concatenate(end) for end in zip(*ends, strict=True))
+    return components(count, first, second)
 
 
-_HASH = np.uint64(0x9E3779B97F4A7C15)
+def _hashed(columns: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Return terms whose sum tells rows of whole numbers apart, by 64 bits."""
+    return [column.astype(np.uint64) * np.uint64(pow(_HASH, k, 1 << 64)) for k, column in enumerate(columns)]
+
+
+def _same_cells(cell: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return pairs of rows that link all rows of a cell, given the cell of each row, shape [pairs] each, int64."""
+    order = np.argsort(cell)
+    ordered = cell[order]
+    is_same = ordered[1:] == ordered[:-1]
+    return order[1:][is_same], order[:-1][is_same]
+
+
+_HASH = 0x9E3779B97F4A7C15
 """Odd multiplier near 2^64 divided by the golden ratio: spreads cells over 64 bits. Source: Knuth, TAOCP 3, 6.4."""
 
 
 def _neighbours(faces: np.ndarray, object_id: np.ndarray, material: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the pairs of faces that share an edge, an object and a material; each array has shape [pairs]."""
-    edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    face = np.repeat(np.arange(len(faces)), 3)
-    real = edges[:, 0] != edges[:, 1]
-    edges, face = edges[real], face[real]
-    columns = (edges[:, 0], edges[:, 1], object_id[face], material[face])
-    order = np.lexsort(columns)
-    face = face[order]
-    same_as_next = np.ones(max(len(face) - 1, 0), dtype=bool)
-    for column in columns:
-        ordered = column[order]
-        same_as_next &= ordered[1:] == ordered[:-1]
+    begin, end = faces.ravel(), faces[:, [1, 2, 0]].ravel()
+    low, high = np.minimum(begin, end), np.maximum(begin, end)
+    real = np.flatnonzero(low != high)
+    edge = low[real] * (int(high.max(initial=0)) + 1) + high[real]
+    order = np.argsort(edge)
+    edge, face = edge[order], real[order] // 3
+    same_as_next = edge[1:] == edge[:-1]
     first, second = [], []
     row = np.flatnonzero(same_as_next)
     step = 1
@@ -123,7 +128,9 @@ def _neighbours(faces: np.ndarray, object_id: np.ndarray, material: np.ndarray) 
         step += 1
     if not first:
         return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
-    return np.concatenate(first), np.concatenate(second)
+    one, two = np.concatenate(first), np.concatenate(second)
+    keep = (object_id[one] == object_id[two]) & (material[one] == material[two])
+    return one[keep], two[keep]
 
 
 def components(count: int, first: np.ndarray, second: np.ndarray) -> np.ndarray:
@@ -143,7 +150,9 @@ def components(count: int, first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 def _plane_distance(corners: np.ndarray, origin: np.ndarray, normal: np.ndarray, face: np.ndarray) -> np.ndarray:
     """Return how far the farthest corner of each face lies from a plane [m]; one plane a face."""
-    return np.abs(np.einsum("pcx,px->pc", corners[face] - origin[:, None], normal)).max(axis=1, initial=0.0)
+    return np.abs(np.einsum("pcx,px->pc", corners.take(face, axis=0) - origin[:, None], normal)).max(
+        axis=1, initial=0.0
+    )
 
 
 def _plane_fit(
@@ -168,7 +177,7 @@ def _plane_fit(
     largest = np.zeros(count)
     np.maximum.at(largest, group, area)
     total = np.bincount(group, area, count)
-    centre = corners.mean(axis=1)
+    centre = (corners[:, 0] + corners[:, 1] + corners[:, 2]) / 3.0
     mean = np.stack([np.bincount(group, area * centre[:, k], count) / total for k in range(3)], axis=1)
     away = np.linalg.norm(centre - mean[group], axis=1)
     away[area < 0.5 * largest[group]] = np.inf  # a small face has a poor normal

@@ -13,6 +13,7 @@ from mmw.scene import Scene, read_stage
 from mmw.sensors.appearance import AppearanceArrays
 from mmw.usd.library import LIBRARY
 from mmw.usd.looks import metallic_workflow, read_look
+from mmw.usd.materials import Copies, MaterialUse, read_material, read_materials
 from tests.looks_stages import KINDS, add_quad, connect, corner_image, give_uv, preview, stage_in
 from tests.stages import add_material, animate
 
@@ -38,6 +39,33 @@ def test_numbers(tmp_path: Path) -> None:
     material.GetPrim().GetAttribute("mmw:lamp").Set("torch")
     with pytest.raises(ValueError, match=r"/World/a: mmw:lamp = 'torch'; needed is one of none, headlight"):
         look_of(material)
+
+
+def test_copies_of_a_material_are_told_from_changed_ones(tmp_path: Path) -> None:
+    stage = stage_in(tmp_path)
+    preview(stage, "/World/library/paint", {"roughness": 0.7})
+    preview(stage, "/World/library/odd", {"roughness": 0.7})[1].CreateIdAttr("MyShader")
+    _, surface = preview(stage, "/World/library/shared")
+    node = UsdShade.Shader.Define(stage, "/World/library/Texture")  # beside the material
+    node.CreateIdAttr("UsdUVTexture")
+    node.CreateInput("fallback", KINDS.Float4).Set(Gf.Vec4f(0.1, 0.2, 0.3, 1.0))
+    surface.CreateInput("diffuseColor", KINDS.Color3f).ConnectToSource(node.CreateOutput("rgb", KINDS.Float3))
+    for k in range(3):
+        stage.DefinePrim(f"/World/copy_{k}").GetReferences().AddInternalReference("/World/library")
+    UsdShade.Shader(stage.GetPrimAtPath("/World/copy_1/paint/Surface")).GetInput("roughness").Set(0.4)
+    UsdShade.Shader(stage.GetPrimAtPath("/World/copy_1/Texture")).GetInput("fallback").Set(Gf.Vec4f(0.9, 0.8, 0.7, 1.0))
+    uses = [MaterialUse(name, f"/World/copy_{k}/{name}", None) for name in ("paint", "shared", "odd") for k in range(3)]
+    notes: dict[str, None] = {}
+    found = read_materials(stage, uses, notes, copies := Copies())
+    assert [material.look.roughness for material in found[:3]] == [0.7, 0.4, 0.7]
+    assert [material.look.color[0] for material in found[3:6]] == [0.1, 0.9, 0.1]
+    assert found == [read_material(stage, use) for use in uses]
+    assert [material.look.prim_path for material in found] == [use.prim_path for use in uses]
+    assert len(notes) == 3, "every copy of what is not read is named"
+    specs = [copies.specs(stage.GetPrimAtPath(use.prim_path)) for use in uses]
+    assert specs[0] == specs[2] != specs[1] and specs[3:6] == [None] * 3
+    node.GetInput("fallback").Set(Gf.Vec4f(0.5, 0.5, 0.5, 1.0))  # as a weather would
+    assert [material.look.color[0] for material in read_materials(stage, uses, notes, copies)[3:6]] == [0.5, 0.9, 0.5]
 
 
 def test_values_through_a_material_interface(tmp_path: Path) -> None:

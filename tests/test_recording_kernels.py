@@ -11,7 +11,6 @@ from mmw.channel.coplanar import group_coplanar
 from mmw.config import Config, load_config
 from mmw.paths import configs_dir
 from mmw.recording.kernels import compiled_ahead, kernel_cache, lock_name, needed_modules
-from mmw.surfaces import same_cells
 from mmw.tables.lock import only_one
 
 KERNELS = Path(__file__).parent.parent / "kernels"
@@ -42,18 +41,6 @@ def test_modules_are_loaded_when_the_futures_are_done() -> None:
         assert {future.result() for future in futures} == {None}
     for name in ("trace", "sight", "bounds"):
         assert wp.get_module(f"mmw.kernels.{name}").execs, name
-
-
-def test_same_cells_are_those_of_a_plain_search() -> None:
-    rng = np.random.default_rng(3)
-    values = rng.integers(-3, 3, (400, 3)) + rng.uniform(0.0, 1.0, (400, 3))
-    first: dict[tuple[float, ...], int] = {}
-    expected = {
-        k: n for k, cell in enumerate(np.floor(values).tolist()) if (n := first.setdefault(tuple(cell), k)) != k
-    }
-    rows, others = same_cells(values)
-    assert dict(zip(rows.tolist(), others.tolist(), strict=True)) == expected and len(expected) > 100
-    assert all(len(found) == 0 for found in same_cells(np.zeros((0, 3))))
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])

@@ -1,9 +1,11 @@
 """Surfaces: plane pieces, whatever the triangulation."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 
-from mmw.surfaces import ANGLE_RAD, PLANE_M, find_surfaces
+from mmw.surfaces import ANGLE_RAD, PLANE_M, find_surfaces, linked_rows
 from tests.scenes import box_mesh, quad_part
 
 
@@ -116,3 +118,21 @@ def test_order_of_the_faces_does_not_matter() -> None:
     mixed = surfaces(points, faces[order], object_id=owner[order])
     assert plain.max() == mixed.max() == 119
     np.testing.assert_array_equal(plain[order][:, None] == plain[order], mixed[:, None] == mixed)
+
+
+def test_linked_rows_are_those_of_a_plain_search() -> None:
+    rng = np.random.default_rng(3)
+    values = rng.uniform(-6.0, 6.0, (400, 3))
+    values[:50] = values[50:100]  # some are equal
+    kind = rng.integers(0, 2, 400)
+    expected = np.arange(400)
+    grids = [np.column_stack([np.floor(values + shift), kind]) for shift in product((0.19, 0.69), repeat=3)]
+    near = np.any([(grid[:, None] == grid[None]).all(axis=2) for grid in grids], axis=0)
+    for _ in range(20):
+        expected = np.where(near, expected[None], 400).min(axis=1)
+    assert 10 < len(np.unique(expected)) < 350
+    np.testing.assert_array_equal(linked_rows(values, kind), expected)
+    close = (np.abs(values[:, None] - values[None]) < 0.5).all(axis=2) & (kind[:, None] == kind[None])
+    first, second = np.nonzero(close)
+    np.testing.assert_array_equal(expected[first], expected[second])
+    assert len(linked_rows(np.zeros((0, 3)))) == 0

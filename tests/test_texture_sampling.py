@@ -132,6 +132,22 @@ def test_auto_is_srgb_for_colours_of_8_bits(tmp_path: Path) -> None:
         assert decode_image(str(tmp_path / "l16.png"), is_srgb, "").values[0, 0, 0] == pytest.approx(0x8000 / 65535)
 
 
+@pytest.mark.parametrize("largest", [2048, 20])
+def test_palettes_are_their_colours(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, largest: int) -> None:
+    monkeypatch.setattr("mmw.usd.images.LARGEST_PX", largest)
+    codes = np.random.default_rng(5).integers(0, 9, (21, 35), dtype=np.uint8)
+    image = Image.fromarray(codes, mode="P")
+    image.putpalette(np.random.default_rng(6).integers(0, 256, (9, 3), dtype=np.uint8).tobytes())
+    image.save(tmp_path / "opaque.png")
+    image.save(tmp_path / "clear.png", transparency=bytes([0, 40, 80]))
+    for name, mode in (("opaque", "RGB"), ("clear", "RGBA")):
+        Image.open(tmp_path / f"{name}.png").convert(mode).save(tmp_path / f"{name}_plain.png")
+        found, plain = (decode_image(str(tmp_path / f"{name}{end}.png"), None, "") for end in ("", "_plain"))
+        np.testing.assert_array_equal(found.values, plain.values)
+        np.testing.assert_array_equal(found.halves, plain.values.astype(np.float16))
+        np.testing.assert_array_equal(plain.halves, found.halves)
+
+
 def test_alpha_is_never_srgb(tmp_path: Path) -> None:
     file = write(tmp_path / "a.png", np.full((2, 2, 4), 128))
     np.testing.assert_allclose(decode_image(file, True, "").values[0, 0], [0.21586] * 3 + [128 / 255], atol=1e-5)

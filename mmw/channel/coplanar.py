@@ -5,7 +5,7 @@ from itertools import product
 import numpy as np
 
 from mmw.channel.vectors import dot
-from mmw.surfaces import components, same_cells
+from mmw.surfaces import linked_rows
 
 SAME_PLANE_M = 1e-4
 """Farthest that the corners of a surface's box may lie from the plane of its group, beyond what they do from its
@@ -36,18 +36,19 @@ def group_coplanar(
     sign[sign == 0.0] = 1.0
     normal, offset = normal * sign[:, None], offset * sign
     key = np.concatenate([normal * REACH_M, offset[:, None]], axis=1) / (20.0 * SAME_PLANE_M)
-    ends_a, ends_b = [], []
-    for shift in product((0.19, 0.69), repeat=4):  # two keys that are close share a cell of at least one grid
-        moved, other = same_cells(np.concatenate([key + np.array(shift), part[:, None]], axis=1))
-        ends_a.append(moved)
-        ends_b.append(other)
-    group = components(count, np.concatenate(ends_a), np.concatenate(ends_b))
+    group = linked_rows(key, part)
     order = np.lexsort((-area, group))
     is_first = np.append(True, group[order][1:] != group[order][:-1])
     leader = order[is_first][np.cumsum(is_first) - 1]
     leader = leader[np.argsort(order, kind="stable")]  # largest surface of each surface's group
-    corners = np.stack([np.where(np.array(pick), upper, lower) for pick in product((False, True), repeat=3)], axis=1)
-    off_own = np.abs(dot(normal[:, None], corners) - offset[:, None])
-    off_lead = np.abs(dot(normal[leader][:, None], corners) - offset[leader][:, None])
-    fits = (np.abs(off_lead - off_own) <= SAME_PLANE_M).all(axis=1)
-    return np.unique(np.where(fits, leader, np.arange(count)), return_inverse=True)[1].reshape(-1).astype(np.int32)
+    row = np.flatnonzero(leader != np.arange(count))
+    lead, low, high = leader[row], lower[row], upper[row]
+    off = np.zeros(len(row))
+    for pick in product((False, True), repeat=3):
+        corner = np.where(np.array(pick), high, low)
+        off_own = np.abs(dot(normal[row], corner) - offset[row])
+        off_lead = np.abs(dot(normal[lead], corner) - offset[lead])
+        off = np.maximum(off, np.abs(off_lead - off_own))
+    apart = row[off > SAME_PLANE_M]
+    leader[apart] = apart
+    return np.unique(leader, return_inverse=True)[1].reshape(-1).astype(np.int32)

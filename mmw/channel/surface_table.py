@@ -89,8 +89,9 @@ def make_surface_table(scene: Scene, *, wedges: bool = False, sheets: bool = Fal
         )
     first = np.cumsum(triangle_count) - triangle_count
     normal, offset, area = _mean_planes(triangle, row_of, first)
-    lower = np.minimum.reduceat(triangle.min(axis=1), first) if row_count else np.zeros((0, 3))
-    upper = np.maximum.reduceat(triangle.max(axis=1), first) if row_count else np.zeros((0, 3))
+    corner = triangle.reshape(-1, 3)
+    lower = np.minimum.reduceat(corner, 3 * first) if row_count else np.zeros((0, 3))
+    upper = np.maximum.reduceat(corner, 3 * first) if row_count else np.zeros((0, 3))
 
     row, owner = [np.arange(town_count)], [np.full(town_count, -1)]
     objects = [np.zeros(town_count, dtype=np.int64)]
@@ -148,13 +149,13 @@ def _mean_planes(triangle: np.ndarray, row_of: np.ndarray, first: np.ndarray) ->
     doubled = np.cross(triangle[:, 1] - triangle[:, 0], triangle[:, 2] - triangle[:, 0])
     weight = norm(doubled)
     largest = np.zeros(len(first), dtype=np.int64)
-    order = np.argsort(weight, kind="stable")
+    order = np.flatnonzero(weight == np.maximum.reduceat(weight, first)[row_of])
     largest[row_of[order]] = order  # the last one written stays
     sign = np.where(dot(doubled, doubled[largest[row_of]]) < 0.0, -1.0, 1.0)
     total = np.add.reduceat(doubled * sign[:, None], first)
     area = np.add.reduceat(weight, first)
     normal = total / np.where(norm(total) > 0.0, norm(total), 1.0)[:, None]
-    middle = np.add.reduceat(triangle.mean(axis=1) * weight[:, None], first)
+    middle = np.add.reduceat((triangle[:, 0] + triangle[:, 1] + triangle[:, 2]) / 3.0 * weight[:, None], first)
     middle /= np.where(area > 0.0, area, 1.0)[:, None]
     return normal, dot(normal, middle), 0.5 * area
 

@@ -4,6 +4,7 @@
 # pyright: reportGeneralTypeIssues=false, reportArgumentType=false
 
 import functools
+import math
 
 import numpy as np
 import warp as wp
@@ -98,6 +99,7 @@ def heaps(directions: np.ndarray, to_sun: np.ndarray, cover: float, seed: int) -
     clouds.offset = wp.vec2(*viewpoint(pattern, to_sun))
     clouds.threshold = 1.0 - cover**0.85  # lumps take some away
     clouds.bottom, clouds.depth, clouds.extinction = BOTTOM_M, DEPTH_M, EXTINCTION_PER_M
+    clouds.highest = 1.2501 * (1.0 - math.exp(-3.2 * (1.0 - clouds.threshold)))  # of the highest rank, 1
     clouds.sun_direction = wp.vec3(*to_sun)
     at = wp.array(directions.astype(np.float32), dtype=wp.vec3, device="cpu")
     light = wp.empty(directions.shape[:2], dtype=wp.vec4, device="cpu")

@@ -84,22 +84,33 @@ def octahedral(image: np.ndarray, size: int) -> np.ndarray:
     Returns:
         Shape [size + 2, size + 2, 3], float32.
     """
-    at = octahedral_directions(size)
     rows = image.shape[0]
-    u = np.arctan2(at[..., 0], at[..., 1]) * (rows / math.pi) - 0.5
-    v = (0.5 - np.arcsin(np.clip(at[..., 2], -1.0, 1.0)) / math.pi) * rows - 0.5
-    column, row = np.floor(u).astype(int), np.floor(v).astype(int)
-    fu, fv = (u - column)[..., None].astype(np.float32), (v - row)[..., None].astype(np.float32)
+    left, right, fu, fv = _texels_around(size, rows)
     # Beyond the poles a map goes on down its other side.
     around = np.concatenate([np.roll(image[:1], rows, axis=1), image, np.roll(image[-1:], rows, axis=1)])
-    around = around.astype(np.float32)
-    left, right = column % (2 * rows), (column + 1) % (2 * rows)
-    upper = around[row + 1, left] * (1.0 - fu) + around[row + 1, right] * fu
-    lower = around[row + 2, left] * (1.0 - fu) + around[row + 2, right] * fu
+    texels, line = around.astype(np.float32).reshape(-1, image.shape[2]), 2 * rows
+    upper = texels.take(left, axis=0) * (1.0 - fu) + texels.take(right, axis=0) * fu
+    lower = texels.take(left + line, axis=0) * (1.0 - fu) + texels.take(right + line, axis=0) * fu
     return upper * (1.0 - fv) + lower * fv
 
 
 @functools.lru_cache(maxsize=4)
+def _texels_around(size: int, rows: int) -> tuple[np.ndarray, ...]:
+    """Return where the texels of an octahedral map lie in an equirectangular one that has a line more at either pole.
+
+    Returns:
+        The texel up left and that up right of each, counted line after line, shape [size + 2, size + 2]; how far it
+        lies to the right of the one and below it, shape [size + 2, size + 2, 1], float32.
+    """
+    at = octahedral_directions(size)
+    u = np.arctan2(at[..., 0], at[..., 1]) * (rows / math.pi) - 0.5
+    v = (0.5 - np.arcsin(np.clip(at[..., 2], -1.0, 1.0)) / math.pi) * rows - 0.5
+    column, row = np.floor(u).astype(int), np.floor(v).astype(int)
+    fu, fv = (u - column)[..., None].astype(np.float32), (v - row)[..., None].astype(np.float32)
+    line = (row + 1) * 2 * rows
+    return line + column % (2 * rows), line + (column + 1) % (2 * rows), fu, fv
+
+
 def octahedral_directions(size: int) -> np.ndarray:
     """Return the unit vectors of the texels of an octahedral map with its border, shape [size + 2, size + 2, 3]."""
     middle = (np.arange(-1, size + 1) + 0.5) / size * 2.0 - 1.0

@@ -82,16 +82,16 @@ def _at_corners(
     # A primvar is constant, `normals` are of the vertices, where nothing else is said.
     kind = attribute.GetMetadata("interpolation") or ("vertex" if name == "normals" else "constant")
     rows = rows_of.get(kind, _CONSTANT)
-    where = f"{prim.GetPath()}: {name}"
     try:
         if f"{name}:indices" in authored:
-            rows = np.asarray(prim.GetAttribute(f"{name}:indices").Get(time), dtype=np.uint32)[rows]
-        found = values[rows, :width]
+            rows = np.asarray(prim.GetAttribute(f"{name}:indices").Get(time), dtype=np.uint32).take(rows)
+        found = values.take(rows, axis=0)[..., :width]
     except IndexError:
+        where = f"{prim.GetPath()}: {name}"
         notes.append(f"{where} has {len(values)} values, too few for its interpolation {kind}; it is left out")
         return None
     if not math.isfinite(found.sum()):
-        notes.append(f"{where} has values that are not finite; they count as 0")
+        notes.append(f"{prim.GetPath()}: {name} has values that are not finite; they count as 0")
         found = np.nan_to_num(found, posinf=0.0, neginf=0.0)
     if rows.ndim == 1:
         found = np.broadcast_to(found[:, None], (len(rows_of["vertex"]), 3, width))
@@ -121,7 +121,7 @@ def place_corners(corners: Corners, matrix: np.ndarray) -> Corners:
         cofactor = np.array([*rows, (b * f - c * e, c * d - a * f, a * e - b * d)])  # inverse transpose x determinant
         normals = (normals[:, ::-1] if is_turned else normals) @ (-cofactor if is_turned else cofactor)
         length = np.linalg.norm(normals, axis=2, keepdims=True)
-        normals = np.where(length > 0.0, normals / np.where(length > 0.0, length, 1.0), 0.0).astype(np.float32)
+        normals = np.divide(normals, length, out=np.zeros_like(normals), where=length > 0.0).astype(np.float32)
     return Corners(uv, normals, corners.notes)
 
 

@@ -10,7 +10,7 @@ from pxr import Kind, Sdf, Usd, UsdGeom, UsdShade, Vt
 from mmw.usd.corners import NO_CORNERS, Corners, is_mirror, read_corners
 from mmw.usd.semantics import CARLA_TAG, TAXONOMY
 from mmw.usd.shapes import SHAPES
-from mmw.usd.triangulate import triangulate
+from mmw.usd.triangulate import Polygons, Triangles, cut_meshes
 
 SKIPPED_PURPOSES = (UsdGeom.Tokens.proxy, UsdGeom.Tokens.guide)
 """Purposes that are no geometry of the world: stand-ins and construction aids."""
@@ -18,23 +18,6 @@ SKIPPED_PURPOSES = (UsdGeom.Tokens.proxy, UsdGeom.Tokens.guide)
 
 _RADIO = "radio"
 """Purpose of a material binding that counts before the one for all purposes."""
-
-LEAST_SLIMNESS = 1e-9
-"""Height of a triangle over its length below which it has no area [-]: a hundredth of the step of float32."""
-
-
-@dataclass(frozen=True)
-class Triangles:
-    """A mesh prim as triangles, in its own space and the stage's units."""
-
-    points: np.ndarray
-    """Vertices, shape [N, 3], float64."""
-    faces: np.ndarray
-    """Triangles, counter-clockwise seen from the front, shape [M, 3], int32."""
-    polygon: np.ndarray
-    """Polygon of the prim that each triangle is cut from, shape [M], int32."""
-    corners: np.ndarray
-    """Row of `faceVertexIndices` of each corner, shape [M, 3], int32; a shape's corners are merely counted."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +47,7 @@ class MeshReader:
     keeps_flat: bool = False
     _triangles: dict[str, Triangles] = field(default_factory=dict)
     _corners: dict[tuple[int, str], Corners] = field(default_factory=dict)
-    _labels: dict[str, str] = field(default_factory=dict)
+    _labels: dict[Sdf.Path, str] = field(default_factory=dict)
     _visible: dict[Sdf.Path, bool] = field(default_factory=dict)
     _components: dict[Sdf.Path, Usd.Prim | None] = field(default_factory=dict)
 
@@ -75,7 +58,7 @@ class MeshReader:
         """Yield every mesh and shape that is visible and no proxy or guide, in the stage's order."""
         walk = iter(Usd.PrimRange(self.stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()))
         for prim in walk:
-            if is_hidden(prim):
+            if not self.is_visible(prim) and is_hidden(prim):
                 walk.PruneChildren()
             elif prim.IsA(UsdGeom.PointInstancer):
                 walk.PruneChildren()
@@ -130,7 +113,7 @@ class MeshReader:
 
     def label(self, prim: Usd.Prim) -> str:
         """Return what `semantic_label` does; what an ancestor says is looked up once for all below it."""
-        path = str(prim.GetPath())
+        path = prim.GetPath()
         if path not in self._labels:
             own = _own_label(prim)
             parent = prim.GetParent()
@@ -179,12 +162,9 @@ class MeshReader:
         """
         wanted = {_source(prim): prim for prim in prims}
         new = {key: prim for key, prim in wanted.items() if key not in self._triangles}
-        raw = {key: self._polygons(UsdGeom.Mesh(prim)) for key, prim in new.items() if prim.IsA(UsdGeom.Mesh)}
-        self._triangles.update((key, _read_shape(prim)) for key, prim in new.items() if key not in raw)
-        cut = [_cut(*polygons) for polygons in raw.values()]
-        if not self.keeps_flat:  # what has no area is nowhere: no ray can say how it is met
-            cut = _without_flat(cut)
-        self._triangles.update(zip(raw, cut, strict=True))
+        meshes = {key: self._polygons(prim) for key, prim in new.items() if prim.IsA(UsdGeom.Mesh)}
+        self._triangles.update((key, _read_shape(prim)) for key, prim in new.items() if key not in meshes)
+        self._triangles.update(zip(meshes, cut_meshes([*meshes.values()], keeps_flat=self.keeps_flat), strict=True))
 
     def corners(self, prim: Usd.Prim, cut: Triangles, name: str) -> Corners:
         """Return texture coordinates and normals at the corners of a mesh prim's triangles.
@@ -201,58 +181,23 @@ class MeshReader:
             self._corners[key] = read
         return self._corners[key]
 
-    def _polygons(self, mesh: UsdGeom.Mesh) -> "_Polygons":
-        path = mesh.GetPath()
-        at, corner = mesh.GetPointsAttr(), mesh.GetFaceVertexIndicesAttr()
+    def _polygons(self, prim: Usd.Prim) -> Polygons:
+        names = UsdGeom.Tokens
+        at, corner = prim.GetAttribute(names.points), prim.GetAttribute(names.faceVertexIndices)
         if at.ValueMightBeTimeVarying() or corner.ValueMightBeTimeVarying():
             raise ValueError(
-                f"{path}: its points change over time; meshes are traced as rigid bodies; "
+                f"{prim.GetPath()}: its points change over time; meshes are traced as rigid bodies; "
                 "remove the point animation or bake the mesh at one time"
             )
         points = at.Get(self.time)
-        counts = _integers(mesh.GetFaceVertexCountsAttr().Get(self.time))
-        indices = _integers(corner.Get(self.time))
-        points = np.array(points if points is not None else [], dtype=np.float64).reshape(-1, 3)
-        if counts.sum() != len(indices) or (len(indices) and not 0 <= indices.min() <= indices.max() < len(points)):
-            raise ValueError(
-                f"{path}: {len(counts)} faces ask for {counts.sum()} corners, {len(indices)} are given, over "
-                f"{len(points)} points; repair the mesh in the tool that made it"
-            )
-        if not np.isfinite(points).all():
-            raise ValueError(f"{path}: a point is not finite; repair the mesh in the tool that made it")
-        is_left_handed = mesh.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded
-        return points, counts, indices, _integers(mesh.GetHoleIndicesAttr().Get()), is_left_handed
-
-
-_Polygons = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, bool]
-"""Points [N, 3], corners of each polygon, points of the corners, polygons that are holes, whether left-handed."""
-
-
-def _cut(
-    points: np.ndarray, counts: np.ndarray, indices: np.ndarray, holes: np.ndarray, is_left_handed: bool
-) -> Triangles:
-    corners, polygon = triangulate(points, counts, indices, holes)
-    if is_left_handed:
-        corners = corners[:, ::-1]
-    corners = np.ascontiguousarray(corners, dtype=np.int32)
-    return Triangles(points, indices[corners].astype(np.int32), polygon.astype(np.int32), corners)
-
-
-def _without_flat(cut: Sequence[Triangles]) -> list[Triangles]:
-    """Return the meshes without the triangles that have no area."""
-    if not cut:
-        return []
-    first = np.cumsum([0] + [len(mesh.points) for mesh in cut])
-    points = np.concatenate([mesh.points for mesh in cut])
-    faces = np.concatenate([mesh.faces + start for mesh, start in zip(cut, first[:-1], strict=True)])
-    edge = points[faces[:, 1:]] - points[faces[:, :1]]
-    area = np.linalg.norm(np.cross(edge[:, 0], edge[:, 1]), axis=1)
-    has_area = area > LEAST_SLIMNESS * np.einsum("mkx,mkx->m", edge, edge)
-    kept = []
-    for mesh, own in zip(cut, np.split(has_area, np.cumsum([len(mesh.faces) for mesh in cut])[:-1]), strict=True):
-        rows = (mesh.faces[own], mesh.polygon[own], mesh.corners[own])
-        kept.append(mesh if own.all() else Triangles(mesh.points, *rows))
-    return kept
+        return Polygons(
+            str(prim.GetPath()),
+            np.zeros((0, 3)) if points is None else np.asarray(points).reshape(-1, 3),
+            _integers(prim.GetAttribute(names.faceVertexCounts).Get(self.time)),
+            _integers(corner.Get(self.time)),
+            _integers(prim.GetAttribute(names.holeIndices).Get()),
+            prim.GetAttribute(names.orientation).Get() == names.leftHanded,
+        )
 
 
 def _source(prim: Usd.Prim) -> str:
@@ -261,7 +206,7 @@ def _source(prim: Usd.Prim) -> str:
 
 
 def _integers(values: Vt.IntArray | None) -> np.ndarray:
-    return np.array([] if values is None else values, dtype=np.int64)
+    return np.asarray([] if values is None else values, dtype=np.int64)
 
 
 def _is_geometry(prim: Usd.Prim) -> bool:
@@ -281,7 +226,7 @@ def is_hidden(prim: Usd.Prim) -> bool:
     if not prim.IsA(UsdGeom.Imageable):
         return False
     visibility = prim.GetAttribute(UsdGeom.Tokens.visibility)
-    return not visibility.ValueMightBeTimeVarying() and visibility.Get() == UsdGeom.Tokens.invisible
+    return visibility.Get() == UsdGeom.Tokens.invisible and not visibility.ValueMightBeTimeVarying()
 
 
 def to_metres(stage: Usd.Stage) -> np.ndarray:

@@ -41,6 +41,8 @@ class Image:
 
     values: np.ndarray
     """Linear r, g, b and a, rows upward (row 0 is v = 0), shape [H, W, 4], float32; a is 1 where the file has none."""
+    halves: np.ndarray
+    """The same as half floats."""
     note: str = ""
     """What the user should know of it, empty for nothing."""
 
@@ -68,21 +70,27 @@ def decode_image(file: str, is_srgb: bool | None, where: str) -> Image:
             image = PIL.Image.open(io.BytesIO(content))
             width, height = image.size
             image.draft("RGB", (LARGEST_PX, LARGEST_PX))  # JPEG: decode at a half, a quarter or an eighth of the size
-            pixels = _pixels(image)
+            pixels, palette = _pixels(image)
     except Exception as error:  # Pillow's decoders raise what they like
         reason = " ".join(str(error).split()) or type(error).__name__
         raise ValueError(
             f"{where}: texture {file} cannot be decoded ({reason}); an intact PNG or JPEG is needed; export it again"
         ) from None
-    raw = RAW if pixels.dtype == np.uint8 else RAW_16
-    holds_srgb = pixels.shape[2] >= 3 if is_srgb is None else is_srgb
+    codes = pixels if palette is None else palette
+    raw = RAW if codes.dtype == np.uint8 else RAW_16
+    holds_srgb = codes.shape[-1] >= 3 if is_srgb is None else is_srgb
     table = SRGB if holds_srgb and raw is RAW else raw
-    if max(width, height) <= LARGEST_PX:
-        return Image(_linear(pixels[::-1], table, raw))
-    scale = LARGEST_PX / max(width, height)
-    size = max(round(width * scale), 1), max(round(height * scale), 1)
-    note = f"{where}: texture {file} has {width} x {height} px; it is drawn with {size[0]} x {size[1]}"
-    return Image(_shrunk(pixels, table, raw, size), note)
+    if max(width, height) > LARGEST_PX:
+        scale = LARGEST_PX / max(width, height)
+        size = max(round(width * scale), 1), max(round(height * scale), 1)
+        note = f"{where}: texture {file} has {width} x {height} px; it is drawn with {size[0]} x {size[1]}"
+        values = _shrunk(pixels if palette is None else palette[pixels], table, raw, size)
+        return Image(values, values.astype(np.float16), note)
+    values = _linear(codes[::-1] if palette is None else codes, table, raw)
+    halves = values.astype(np.float16)
+    if palette is None:
+        return Image(values, halves)
+    return Image(values.take(pixels[::-1], axis=0), halves.take(pixels[::-1], axis=0))
 
 
 def _content(file: str, where: str) -> bytes:
@@ -96,18 +104,23 @@ def _content(file: str, where: str) -> bytes:
         return bytes(opened.GetBuffer() or b"")
 
 
-def _pixels(image: PIL.Image.Image) -> np.ndarray:
-    """Return the codes of an image, shape [H, W, 1 to 4], uint8 or uint16, rows downward."""
+def _pixels(image: PIL.Image.Image) -> tuple[np.ndarray, np.ndarray | None]:
+    """Return the codes of an image, shape [H, W, 1 to 4], uint8 or uint16, rows downward, and no palette.
+
+    An image with a palette gives the row of each pixel, shape [H, W], and the codes of its colours, [256, 3 or 4].
+    """
     if image.mode.startswith("I"):  # one channel of 16 bits
-        return np.asarray(image).astype(np.uint16)[..., None]
+        return np.asarray(image).astype(np.uint16)[..., None], None
     if image.mode == "F":
         raise ValueError("its pixels are floats")
     if image.mode == "P":
-        image = image.convert("RGBA" if "transparency" in image.info else "RGB")
-    elif image.mode not in ("L", "LA", "RGB", "RGBA"):
+        colors = image.crop((0, 0, 256, 1))
+        colors.putdata(range(256))
+        return np.asarray(image), np.asarray(colors.convert("RGBA" if "transparency" in image.info else "RGB"))[0]
+    if image.mode not in ("L", "LA", "RGB", "RGBA"):
         image = image.convert({"1": "L", "PA": "RGBA", "RGBa": "RGBA", "La": "LA"}.get(image.mode, "RGB"))
     codes = np.asarray(image)
-    return codes.reshape(*codes.shape[:2], -1)
+    return codes.reshape(*codes.shape[:2], -1), None
 
 
 def _linear(codes: np.ndarray, table: np.ndarray, raw: np.ndarray) -> np.ndarray:

@@ -1,7 +1,8 @@
 """Material prims of a stage to `mmw.materials.Material`, whatever the stage says about radio."""
 
 import re
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Any, get_args
 
@@ -144,6 +145,54 @@ def read_material(stage: Usd.Stage, use: MaterialUse, notes: Notes | None = None
     return Material(use.name, radio, base, reflectance, use.color or color, coating, is_retro, look)
 
 
+def read_materials(stage: Usd.Stage, uses: Iterable[MaterialUse], notes: Notes, copies: "Copies") -> list[Material]:
+    """Return what `read_material` does for each use; copies of one material are read once, unless they have notes.
+
+    Args:
+        stage: The stage.
+        uses: The materials as meshes use them.
+        notes: Takes what a user of the RGB camera should know.
+        copies: What was read before, also in other weathers: a material that a weather changes is no copy.
+    """
+    found = []
+    for use in uses:
+        prim = stage.GetPrimAtPath(use.prim_path) if use.prim_path and not use.library else None
+        specs = copies.specs(prim) if prim else None
+        key, own = (replace(use, prim_path=""), specs), {}
+        known = copies.materials.get(key) if specs else None
+        if known is None:
+            known = read_material(stage, use, own)
+        else:
+            known = replace(known, look=replace(known.look, prim_path=use.prim_path))
+        found.append(known)
+        notes.update(own)
+        if specs and not own:
+            copies.materials[key] = known
+    return found
+
+
+@dataclass
+class Copies:
+    """Tells which materials are copies of one: every vehicle of a stage has its own of the same library.
+
+    Attributes:
+        materials: Use without its path, and specs -> the material that was read for them.
+    """
+
+    materials: dict[tuple[MaterialUse, tuple], Material] = field(default_factory=dict)
+    _is_closed: dict[tuple, bool] = field(default_factory=dict)
+
+    def specs(self, prim: Usd.Prim) -> tuple | None:
+        """Return what a material's prims are made of, the same for copies; None if they read a prim beside them."""
+        prims = list(Usd.PrimRange(prim, Usd.TraverseInstanceProxies()))
+        specs = tuple((p.GetName(), *((spec.layer.identifier, spec.path) for spec in p.GetPrimStack())) for p in prims)
+        if specs not in self._is_closed:
+            connected = [at for p in prims for at in p.GetAuthoredAttributes() if at.HasAuthoredConnections()]
+            sources = [source for attribute in connected for source in attribute.GetConnections()]
+            self._is_closed[specs] = all(source.HasPrefix(prim.GetPath()) for source in sources)
+        return specs if self._is_closed[specs] else None
+
+
 @cache
 def library_look(name: str) -> Look:
     """Return how a material of the shipped library looks."""
@@ -166,11 +215,11 @@ def _read_radio(prim: Usd.Prim) -> RadioMaterial:
     where = prim.GetPath()
     fallback = RadioMaterial("constant")
     values = {}
-    for field, attribute in RADIO_ATTRIBUTES.items():
-        default = getattr(fallback, field)
+    for name, attribute in RADIO_ATTRIBUTES.items():
+        default = getattr(fallback, name)
         value = _value(prim, attribute.name, default)
         # The attributes are float32; seven digits give back the decimal number that was written.
-        values[field] = float(f"{value:.7g}") if isinstance(default, float) else type(default)(value)
+        values[name] = float(f"{value:.7g}") if isinstance(default, float) else type(default)(value)
     radio = RadioMaterial(**values)
     check_radio(str(where), radio)
     return radio

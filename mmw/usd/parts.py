@@ -1,16 +1,16 @@
 """Meshes of a stage as parts of a scene: placed, in metres, with materials, classes and what lies at their corners."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from pxr import Usd
+from pxr import Sdf, Usd
 
 from mmw.usd.corners import NO_CORNERS, Corners, display_color, place_corners
 from mmw.usd.extract import FoundMesh, MeshReader, bound_materials, materials_of, place
 from mmw.usd.looks import DEFAULT_PRIMVAR, texture_primvar
 from mmw.usd.material_map import MaterialMap, find_entry
-from mmw.usd.materials import MaterialUse, resolve_material
+from mmw.usd.materials import Copies, MaterialUse, resolve_material
 from mmw.usd.wheels import mesh_wheels
 
 
@@ -49,6 +49,7 @@ class PartReader:
         unresolved: Meshes without a radio material, one line each.
         notes: What a user should know of looks, one line each.
         first_mesh: Material use -> the first mesh that has no texture coordinates, or a colour of its own.
+        copies: Tells copies of one material.
     """
 
     meshes: MeshReader
@@ -57,7 +58,10 @@ class PartReader:
     unresolved: dict[str, None] = field(default_factory=dict)
     notes: dict[str, None] = field(default_factory=dict)
     first_mesh: dict[MaterialUse, str] = field(default_factory=dict)
-    _shading: dict[str, tuple[str, bool]] = field(default_factory=dict)
+    copies: Copies = field(default_factory=Copies)
+    _shading: dict[Sdf.Path, tuple[str, bool]] = field(default_factory=dict)
+    _resolved: dict[tuple[Sdf.Path | None, str], MaterialUse | None] = field(default_factory=dict)
+    _shading_of_copies: dict[Hashable, tuple[str, bool]] = field(default_factory=dict)
 
     def parts(
         self, meshes: Sequence[FoundMesh], matrices: Sequence[np.ndarray], is_moving: Sequence[bool]
@@ -80,17 +84,17 @@ class PartReader:
             bound_materials(prim, cut.polygon, whole)
             for prim, cut, whole in zip(prims, kept, materials_of(prims), strict=True)
         ]
-        paths = [str(prim.GetPath()) for prim in prims]
-        labels = [self._label(*row) for row in zip(prims, paths, (materials for materials, _ in bound), strict=True)]
+        labels = [self._label(prim, materials[0]) for prim, (materials, _) in zip(prims, bound, strict=True)]
         objects = [self._object(meshes[k], label) for k, label in zip(rows, labels, strict=True)]
-        names = [[self.shading(material)[0] for material in materials] for materials, _ in bound]
+        shading = [[self.shading(material) for material in materials] for materials, _ in bound]
+        names = [[name for name, _ in own] for own in shading]
         raw = [
             [self.meshes.corners(prim, cut, name) for name in own]
             for prim, cut, own in zip(prims, kept, names, strict=True)
         ]
         ids = [
-            self._use_ids(prim, path, label, materials, [corners.uv is not None for corners in found])
-            for prim, path, label, (materials, _), found in zip(prims, paths, labels, bound, raw, strict=True)
+            [self._use_id(prim, label, *row) for row in zip(materials, own, found, strict=True)]
+            for prim, label, (materials, _), own, found in zip(prims, labels, bound, shading, raw, strict=True)
         ]
         placed = [place(cut, matrices[k]) for cut, k in zip(kept, rows, strict=True)]
         corners = [
@@ -106,17 +110,22 @@ class PartReader:
 
     def shading(self, material: Usd.Prim | None) -> tuple[str, bool]:
         """Return the primvar that a material's textures read, and whether its surface shader is read."""
-        path = str(material.GetPath()) if material else ""
+        if material is None:
+            return DEFAULT_PRIMVAR, False
+        path = material.GetPath()
         if path not in self._shading:
-            self._shading[path] = texture_primvar(material) if material else (DEFAULT_PRIMVAR, False)
+            key = self.copies.specs(material) or path
+            if key not in self._shading_of_copies:
+                self._shading_of_copies[key] = texture_primvar(material)
+            self._shading[path] = self._shading_of_copies[key]
         return self._shading[path]
 
-    def _label(self, prim: Usd.Prim, path: str, materials: Sequence[Usd.Prim | None]) -> str:
+    def _label(self, prim: Usd.Prim, material: Usd.Prim | None) -> str:
         """Return the class of a mesh: its own, or that of the material map by its path or first material's name."""
         label = self.meshes.label(prim)
         if label != "unlabeled":
             return label
-        entry = find_entry(self.material_map, path, materials[0].GetName() if materials[0] else "")
+        entry = find_entry(self.material_map, str(prim.GetPath()), material.GetName() if material else "")
         return entry.label if entry is not None and entry.label is not None else "unlabeled"
 
     def _object(self, mesh: FoundMesh, label: str) -> tuple[str, str]:
@@ -138,20 +147,20 @@ class PartReader:
                 uv[index == k] = own.uv[index == k]
         return Corners(uv, found[0].normals)
 
-    def _use_ids(
-        self, prim: Usd.Prim, path: str, label: str, materials: Sequence[Usd.Prim | None], has_uv: Sequence[bool]
-    ) -> list[int]:
-        """Return the number of the use of each of a mesh's materials, -1 where nothing describes it."""
-        ids = []
-        for material, is_there in zip(materials, has_uv, strict=True):
-            use = resolve_material(path, label, material, self.material_map)
-            if use is None:
-                known = f"material {material.GetPath()}" if material else "no material"
-                self.unresolved[f"{path} ({known})"] = None
-            else:
-                color = None if self.shading(material)[1] else display_color(prim)
-                if not is_there or color is not None:
-                    use = replace(use, has_uv=is_there, display_color=color)
-                    self.first_mesh.setdefault(use, path)
-            ids.append(-1 if use is None else self.uses.setdefault(use, len(self.uses)))
-        return ids
+    def _use_id(
+        self, prim: Usd.Prim, label: str, material: Usd.Prim | None, shading: tuple[str, bool], corners: Corners
+    ) -> int:
+        """Return the number of the use of one of a mesh's materials, -1 where nothing describes it."""
+        key = material.GetPath() if material else None, label
+        if self.material_map or key not in self._resolved:  # the map asks for the path of the mesh
+            self._resolved[key] = resolve_material(str(prim.GetPath()), label, material, self.material_map)
+        use, has_uv = self._resolved[key], corners.uv is not None
+        if use is None:
+            known = f"material {material.GetPath()}" if material else "no material"
+            self.unresolved[f"{prim.GetPath()} ({known})"] = None
+            return -1
+        color = None if shading[1] else display_color(prim)
+        if not has_uv or color is not None:
+            use = replace(use, has_uv=has_uv, display_color=color)
+            self.first_mesh.setdefault(use, str(prim.GetPath()))
+        return self.uses.setdefault(use, len(self.uses))

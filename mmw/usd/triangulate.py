@@ -1,6 +1,108 @@
 """Polygons to triangles: fans for convex ones, ear clipping for the rest."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
+
+LEAST_SLIMNESS = 1e-9
+"""Height of a triangle over its length below which it has no area [-]: a hundredth of the step of float32."""
+
+
+@dataclass(frozen=True)
+class Polygons:
+    """A mesh prim as its file has it."""
+
+    where: str
+    """Prim path, for messages."""
+    points: np.ndarray
+    """Vertices, shape [N, 3]."""
+    counts: np.ndarray
+    """Corners of each polygon, shape [P]."""
+    indices: np.ndarray
+    """Vertex of each corner, polygon after polygon, shape [C]."""
+    holes: np.ndarray
+    """Polygons that are no geometry."""
+    is_left_handed: bool
+    """Whether polygons wind clockwise seen from the front."""
+
+
+@dataclass(frozen=True)
+class Triangles:
+    """A mesh prim as triangles, in its own space and the stage's units."""
+
+    points: np.ndarray
+    """Vertices, shape [N, 3], float64."""
+    faces: np.ndarray
+    """Triangles, counter-clockwise seen from the front, shape [M, 3], int32."""
+    polygon: np.ndarray
+    """Polygon of the prim that each triangle is cut from, shape [M], int32."""
+    corners: np.ndarray
+    """Row of `faceVertexIndices` of each corner, shape [M, 3], int32; a shape's corners are merely counted."""
+
+
+def cut_meshes(meshes: Sequence[Polygons], *, keeps_flat: bool = False) -> list[Triangles]:
+    """Return meshes as triangles; all at once, as a town has thousands of small ones.
+
+    Args:
+        meshes: The meshes.
+        keeps_flat: Keep triangles without area.
+
+    Raises:
+        ValueError: If the topology of one is broken, or a point is not finite.
+    """
+    if not meshes:
+        return []
+    points = np.concatenate([mesh.points for mesh in meshes]).astype(np.float64)
+    counts = np.concatenate([mesh.counts for mesh in meshes]).astype(np.int64)
+    indices = np.concatenate([mesh.indices for mesh in meshes]).astype(np.int64)
+    first_point, first_polygon, first_corner = (
+        np.cumsum([0] + [len(getattr(mesh, name)) for mesh in meshes]) for name in ("points", "counts", "indices")
+    )
+    start = np.repeat(first_point[:-1], np.diff(first_corner))  # first point of the mesh of each corner
+    end = np.repeat(first_point[1:], np.diff(first_corner))
+    is_broken = np.diff(np.append(0, np.cumsum(counts))[first_polygon]) != np.diff(first_corner)
+    is_outside = (indices < 0) | (indices >= end - start)
+    if is_broken.any() or is_outside.any() or not np.isfinite(points).all():
+        for mesh in meshes:
+            _check(mesh)
+    holes = [
+        mesh.holes[(mesh.holes >= 0) & (mesh.holes < len(mesh.counts))] + first
+        for mesh, first in zip(meshes, first_polygon[:-1], strict=True)
+        if len(mesh.holes)
+    ]
+    corners, polygon = triangulate(points, counts, indices + start, np.concatenate([np.zeros(0, np.int64), *holes]))
+    faces = (indices + start).take(corners)
+    if not keeps_flat:  # what has no area is nowhere: no ray can say how it is met
+        edge = points.take(faces[:, 1:], axis=0) - points.take(faces[:, :1], axis=0)
+        area = np.linalg.norm(np.cross(edge[:, 0], edge[:, 1]), axis=1)
+        has_area = area > LEAST_SLIMNESS * np.einsum("mkx,mkx->m", edge, edge)
+        corners, polygon = corners[has_area], polygon[has_area]
+    first = np.searchsorted(polygon, first_polygon)
+    mesh_of = np.repeat(np.arange(len(meshes)), np.diff(first))
+    turned = np.array([mesh.is_left_handed for mesh in meshes])[mesh_of]
+    corners[turned] = corners[turned, ::-1]
+    faces = indices.take(corners).astype(np.int32)
+    corners = (corners - first_corner[mesh_of][:, None]).astype(np.int32)
+    polygon = (polygon - first_polygon[mesh_of]).astype(np.int32)
+    ends = np.stack([first_point[:-1], first_point[1:], first[:-1], first[1:]], axis=1).tolist()
+    return [Triangles(points[a:b], faces[c:d], polygon[c:d], corners[c:d]) for a, b, c, d in ends]
+
+
+def _check(mesh: Polygons) -> None:
+    """Check a mesh.
+
+    Raises:
+        ValueError: If its topology is broken, or a point is not finite.
+    """
+    indices, corner_count, point_count = mesh.indices, mesh.counts.sum(), len(mesh.points)
+    if corner_count != len(indices) or (len(indices) and not 0 <= indices.min() <= indices.max() < point_count):
+        raise ValueError(
+            f"{mesh.where}: {len(mesh.counts)} faces ask for {corner_count} corners, {len(indices)} are given, over "
+            f"{point_count} points; repair the mesh in the tool that made it"
+        )
+    if not np.isfinite(mesh.points).all():
+        raise ValueError(f"{mesh.where}: a point is not finite; repair the mesh in the tool that made it")
 
 
 def triangulate(

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from pxr import Usd, UsdGeom
 
-from mmw.usd.extract import Triangles
+from mmw.usd.triangulate import Triangles
 
 WHEEL_RADIUS = "mmw:wheel:radius"
 """Attribute that makes a Mesh or a GeomSubset a wheel."""
