@@ -46,13 +46,14 @@ def open_town(path: str | Path) -> Town:
     lanes = read_lanes(stage, str(lanes_path)) if stage.GetPrimAtPath(lanes_path) else LaneGraph()
     reader, metres = MeshReader(stage, Usd.TimeCode.Default()), to_metres(stage)
     points, faces, count = [], [], 0
-    for mesh in reader.meshes():
-        if semantic_label(mesh.anchor) in DRIVABLE_LABELS:
-            to_anchor = np.eye(4) if mesh.to_anchor is None else mesh.to_anchor
-            placed, triangles = place(reader.triangles(mesh.prim), to_anchor @ reader.to_world(mesh.anchor) @ metres)
-            points.append(placed)
-            faces.append(triangles + count)
-            count += len(placed)
+    drivable = [mesh for mesh in reader.meshes() if semantic_label(mesh.anchor) in DRIVABLE_LABELS]
+    reader.read([mesh.prim for mesh in drivable])
+    for mesh in drivable:
+        to_anchor = np.eye(4) if mesh.to_anchor is None else mesh.to_anchor
+        placed, triangles = place(reader.triangles(mesh.prim), to_anchor @ reader.to_world(mesh.anchor) @ metres)
+        points.append(placed)
+        faces.append(triangles + count)
+        count += len(placed)
     if not count:
         raise ValueError(
             f"{path}: no mesh has the class {' or '.join(DRIVABLE_LABELS)}; vehicles need a road to stand on; label it"
