@@ -104,7 +104,7 @@ def render(
         found = camera.render(buffer, config, keys)
         device = [found[name].rgb for name in weathers]
         if where == FILES:
-            images += [jpeg_files(rgb, config.jpeg_quality, config.jpeg_subsampling) for rgb in device]
+            images += jpeg_files(device, config.jpeg_quality, config.jpeg_subsampling)
         else:
             images += to_host(device) if where == COPY else device
     return images

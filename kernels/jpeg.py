@@ -260,11 +260,11 @@ def count_bits_kernel(
     codes: wp.array2d[wp.uint32],
     nowhere: wp.array[wp.uint32],
     # out
-    bits_out: wp.array[int],
+    bits_out: wp.array[wp.int64],
 ):
     """Count the bits of every block; `nowhere` is empty. Launch: dim=A x blocks."""
     block = wp.tid()
-    bits_out[block] = code_block(values, layout, codes, block, nowhere, 0, 0, False)
+    bits_out[block] = wp.int64(code_block(values, layout, codes, block, nowhere, 0, 0, False))
 
 
 @wp.func
@@ -275,9 +275,20 @@ def sum_before(up_to: wp.array[int], k: int) -> int:
     return up_to[k - 1]
 
 
+@wp.func
+def bits_between(bits_up_to: wp.array[wp.int64], begin: int, end: int) -> int:
+    """Return the bits of the blocks from `begin` up to `end`; `bits_up_to` has the sums up to each."""
+    before = wp.int64(0)
+    if begin > 0:
+        before = bits_up_to[begin - 1]
+    if end == begin:
+        return 0
+    return int(bits_up_to[end - 1] - before)
+
+
 @wp.kernel
 def count_words_kernel(
-    bits_up_to: wp.array[int],
+    bits_up_to: wp.array[wp.int64],
     layout: Layout,
     # out
     words_out: wp.array[int],
@@ -285,7 +296,7 @@ def count_words_kernel(
     """Count the words of 32 bits that every image fills; `bits_up_to` is summed over blocks. Launch: dim=A."""
     view = wp.tid()
     first = view * layout.blocks
-    words_out[view] = (bits_up_to[first + layout.blocks - 1] - sum_before(bits_up_to, first) + 31) // 32
+    words_out[view] = (bits_between(bits_up_to, first, first + layout.blocks) + 31) // 32
 
 
 @wp.kernel
@@ -293,7 +304,7 @@ def write_bits_kernel(
     values: wp.array2d[wp.int16],
     layout: Layout,
     codes: wp.array2d[wp.uint32],
-    bits_up_to: wp.array[int],
+    bits_up_to: wp.array[wp.int64],
     words_up_to: wp.array[int],
     # out
     words_out: wp.array[wp.uint32],
@@ -304,7 +315,7 @@ def write_bits_kernel(
     """
     block = wp.tid()
     view = block // layout.blocks
-    begin = sum_before(bits_up_to, block) - sum_before(bits_up_to, view * layout.blocks)
+    begin = bits_between(bits_up_to, view * layout.blocks, block)
     first = sum_before(words_up_to, view)
     end = code_block(values, layout, codes, block, words_out, first, begin, True)
     if block % layout.blocks == layout.blocks - 1 and end % 8 > 0:
@@ -348,7 +359,7 @@ def write_bytes_kernel(
 
 @wp.kernel
 def spans_kernel(
-    bits_up_to: wp.array[int],
+    bits_up_to: wp.array[wp.int64],
     words_up_to: wp.array[int],
     full_up_to: wp.array[int],
     layout: Layout,
@@ -359,6 +370,6 @@ def spans_kernel(
     view = wp.tid()
     word = sum_before(words_up_to, view)
     first = view * layout.blocks
-    bits = bits_up_to[first + layout.blocks - 1] - sum_before(bits_up_to, first)
+    bits = bits_between(bits_up_to, first, first + layout.blocks)
     spans_out[view, 0] = 4 * word + sum_before(full_up_to, word)
     spans_out[view, 1] = 4 * word + (bits + 7) // 8 + full_up_to[words_up_to[view] - 1]

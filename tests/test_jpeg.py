@@ -7,7 +7,6 @@ import pytest
 import warp as wp
 from PIL import Image
 
-from mmw.sensors import jpeg
 from mmw.sensors.jpeg import jpeg_files, zigzag
 from mmw.tables.encode import decode_rgb, encode_rgb
 
@@ -36,24 +35,24 @@ def by_pillow(image: np.ndarray, quality: int, subsampling: str) -> bytes:
 def test_files_are_those_of_libjpeg(device: str, height: int, width: int, subsampling: str) -> None:
     images = pictures(height, width)
     for quality in (1, 50, 95, 100):
-        files = jpeg_files(wp.array(images, dtype=wp.uint8, device=device), quality, subsampling)
+        (files,) = jpeg_files([wp.array(images, dtype=wp.uint8, device=device)], quality, subsampling)
         assert files == [by_pillow(image, quality, subsampling) for image in images], quality
 
 
-def test_parts_of_many_images_are_the_same_files(device: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    images = wp.array(pictures(48, 64), dtype=wp.uint8, device=device)
-    files = jpeg_files(images, 95, "4:2:0")
-    monkeypatch.setattr(jpeg, "MOST_PIXELS", 3 * 48 * 64)
-    assert jpeg_files(images, 95, "4:2:0") == files and len(files) == 4
-    assert jpeg_files(images[:0], 95, "4:2:0") == []
+def test_several_arrays_are_the_files_of_each(device: str) -> None:
+    first = wp.array(pictures(48, 64), dtype=wp.uint8, device=device)
+    second = wp.array(pictures(48, 64)[::-1].copy(), dtype=wp.uint8, device=device)
+    files, turned = jpeg_files([first, second], 95, "4:2:0")
+    assert files == turned[::-1] and len(set(files)) == 4
+    assert jpeg_files([first[:0], second[:0]], 95, "4:2:0") == [[], []] and jpeg_files([], 95, "4:2:0") == []
 
 
 def test_files_are_as_near_as_those_of_the_cpu(device: str) -> None:
     image = pictures(48, 64)[0]
-    (file,) = jpeg_files(wp.array(image[None], dtype=wp.uint8, device=device), 95, "4:2:0")
+    ((file,),) = jpeg_files([wp.array(image[None], dtype=wp.uint8, device=device)], 95, "4:2:0")
     own, other = (np.abs(decode_rgb(data) - image.astype(int)).mean() for data in (file, encode_rgb(image, "jpeg", 95)))
     assert own <= 1.02 * other < 3.0
-    (fine,) = jpeg_files(wp.array(image[None], dtype=wp.uint8, device=device), 96, "4:4:4")
+    ((fine,),) = jpeg_files([wp.array(image[None], dtype=wp.uint8, device=device)], 96, "4:4:4")
     assert fine == encode_rgb(image, "jpeg", 96, "4:4:4")
 
 

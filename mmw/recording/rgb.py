@@ -1,7 +1,6 @@
 """RGB images of a batch, in every weather from the same rays; normals and flow, which no weather changes."""
 
 from collections.abc import Callable
-from concurrent.futures import Future
 
 import numpy as np
 import warp as wp
@@ -15,7 +14,7 @@ from mmw.sensors.jpeg import jpeg_files
 from mmw.sensors.rgb import RgbImages
 from mmw.sensors.visibility_buffer import SampleBuffer
 from mmw.tables.encode import encode_flow, encode_normals, encode_rgb
-from mmw.tables.rows.images import file_rows, rgb_rows
+from mmw.tables.rows.images import Images, file_rows, rgb_rows
 from mmw.views import view_keys
 
 
@@ -30,29 +29,29 @@ def record_rgb(job: Job, launch: Launch, buffer: SampleBuffer, collected: Rows) 
     """
     shots = [(shot, shot.sensor) for shot in launch.shots if isinstance(shot.sensor, RgbConfig)]
     found: dict[str, RgbImages] = {}
+    exposures: dict[str, np.ndarray] = dict.fromkeys(collected, np.zeros(0))
+    files: dict[str, Images] = dict.fromkeys(collected, ())
+    config = shots[0][1]
     if len(launch.views):
-        config = shots[0][1]
         with job.clock.stage(launch.name):
             keys = {weather: _keys(job, launch, weather) for weather in collected}
             found = job.rgb_camera(config.debug).render(buffer, config, keys, _lens_keys(job, launch))
-    for weather, tables in collected.items():  # one after the other: all at once take three times the memory
-        encoded: list[Future[bytes] | bytes] = []
-        exposure = np.zeros(0)
-        if found:
-            with job.clock.stage(launch.name):
-                exposure = found[weather].exposure.numpy()
-            encoded = _encoded(job, launch, found[weather].rgb, shots[0][1])
+            exposures = dict(zip(found, to_host([images.exposure for images in found.values()]), strict=True))
+        if config.format == "jpeg" and makes_files(job.scene.device):
+            with job.clock.stage("JPEG files"):
+                rgb = [images.rgb for images in found.values()]
+                files = dict(zip(found, jpeg_files(rgb, config.jpeg_quality, config.jpeg_subsampling), strict=True))
+    for weather, tables in collected.items():
+        if found and not files[weather]:  # one weather after the other: all at once take three times the memory
+            files[weather] = _encoded(job, launch, found[weather].rgb, config)
         for shot, sensor in shots:
             views = launch.views.take(shot.rows)
-            files, own = [encoded[row] for row in shot.rows], exposure[shot.rows]
-            tables["rgb"].append(rgb_rows(job.arrays, sensor, views, files, own, job.scenario.name, weather))
+            own, exposure = [files[weather][row] for row in shot.rows], exposures[weather][shot.rows]
+            tables["rgb"].append(rgb_rows(job.arrays, sensor, views, own, exposure, job.scenario.name, weather))
 
 
-def _encoded(job: Job, launch: Launch, images: wp.array, config: RgbConfig) -> list[Future[bytes] | bytes]:
-    """Return each view's image as a file: JPEG files of a GPU are made there, others by threads."""
-    if config.format == "jpeg" and makes_files(images.device):
-        with job.clock.stage("JPEG files"):
-            return [*jpeg_files(images, config.jpeg_quality, config.jpeg_subsampling)]
+def _encoded(job: Job, launch: Launch, images: wp.array, config: RgbConfig) -> Images:
+    """Return each view's image as a file that a thread makes."""
     with job.clock.stage(launch.name):
         (on_host,) = to_host([images])
     settings = config.format, config.jpeg_quality, config.jpeg_subsampling
@@ -60,9 +59,9 @@ def _encoded(job: Job, launch: Launch, images: wp.array, config: RgbConfig) -> l
         return [job.encoder.submit(encode_rgb, image, *settings) for image in on_host]
 
 
-def makes_files(device: wp.Device) -> bool:
+def makes_files(device: str) -> bool:
     """Return whether a device makes JPEG files itself: a GPU, many at a time, rather than the cores beside it."""
-    return device.is_cuda
+    return wp.get_device(device).is_cuda
 
 
 def record_surfaces(job: Job, launch: Launch, buffer: SampleBuffer, collected: Rows) -> None:

@@ -4,6 +4,7 @@ A core makes 700 files of 640 x 480 a second, and a GPU renders thousands: the c
 files are those of libjpeg with its accurate integer transform, byte for byte.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -13,10 +14,6 @@ import warp as wp
 
 from mmw.kernels import jpeg
 from mmw.sensors.host import to_host
-
-MOST_PIXELS = 16_000_000
-"""Pixels that are encoded at a time: their bits are counted with 32 bits, and a pixel takes at most three values of 26
-bits each."""
 
 END = b"\xff\xd9"
 """Marker of a file's end. Source: ITU-T T.81, table B.1, as are the others."""
@@ -82,68 +79,113 @@ def zigzag() -> np.ndarray:
     return place
 
 
-def jpeg_files(images: wp.array, quality: int, subsampling: str) -> list[bytes]:
+def jpeg_files(pictures: Sequence[wp.array], quality: int, subsampling: str) -> list[list[bytes]]:
     """Return images as JPEG files.
 
     `mmw.tables.encode.encode_rgb`, for images in the machine's memory, writes the same from quality 96 on; below it,
-    libjpeg-turbo takes a transform that is a little faster and less accurate.
+    libjpeg-turbo takes a transform that is a little faster and less accurate. The device is waited for three times,
+    however many images there are: beside other processes each wait takes some milliseconds.
 
     Args:
-        images: sRGB values, shape [A, H, W, 3], uint8.
+        pictures: sRGB values, in arrays of one shape [A, H, W, 3], uint8. An image of 27 million pixels and an array
+            of 80 million surely fit into numbers of 32 bits, with 26 bits for each value and a 0 behind each byte.
         quality: 1 to 100.
         subsampling: Of the chroma: `4:2:0` or `4:4:4`.
+
+    Returns:
+        The files of each array.
     """
-    count, height, width, _ = images.shape
+    if not pictures or not len(pictures[0]):
+        return [[] for _ in pictures]
+    _, height, width, _ = pictures[0].shape
     tables = read_tables(width, height, quality, subsampling)
     layout = jpeg.Layout()
     layout.width, layout.height, layout.step = width, height, 2 if subsampling == "4:2:0" else 1
     layout.columns = -(-width // (8 * layout.step))
     layout.blocks = layout.columns * -(-height // (8 * layout.step)) * (layout.step**2 + 2)
-    place = zigzag()
-    on_device = (
-        wp.array(tables.steps[:, place], dtype=int, device=images.device),
-        wp.array(place, dtype=int, device=images.device),
-        wp.array(tables.codes, dtype=wp.uint32, device=images.device),
-    )
-    step = max(MOST_PIXELS // (width * height), 1)
-    files = []
-    for first in range(0, count, step):
-        body, spans = _encode(images[first : min(first + step, count)], layout, *on_device)
-        files += [b"".join((tables.header, body[begin:end], END)) for begin, end in spans.tolist()]
-    return files
+    codes = wp.array(tables.codes, dtype=wp.uint32, device=pictures[0].device)
+    blocks = [_blocks(images, layout, tables.steps, codes) for images in pictures]
+    word_counts = to_host([some.words_up_to[-1:] for some in blocks])
+    bits = [_bits(some, layout, codes, int(count[0])) for some, count in zip(blocks, word_counts, strict=True)]
+    spans = to_host([some.spans for some in bits])
+    bodies = to_host([_bytes(some, int(span[-1, 1])) for some, span in zip(bits, spans, strict=True)])
+    return [
+        [b"".join((tables.header, memoryview(body)[begin:end], END)) for begin, end in span.tolist()]
+        for body, span in zip(bodies, spans, strict=True)
+    ]
 
 
-def _encode(
-    images: wp.array, layout: "jpeg.Layout", steps: wp.array, place: wp.array, codes: wp.array
-) -> tuple[memoryview, np.ndarray]:
-    """Return coded blocks, and the first byte of each image and the one behind its last, shape [A, 2]."""
-    device, count = images.device, len(images)
-    blocks = count * layout.blocks
-    rows, values = (wp.empty((blocks, 64), dtype=wp.int16, device=device) for _ in range(2))
+@dataclass(frozen=True)
+class _Blocks:
+    """Blocks of all images of an array, not yet written."""
+
+    values: wp.array
+    """Transformed, divided, in the file's order, shape [A x blocks, 64], int16."""
+    bits_up_to: wp.array
+    """Bits up to each block, shape [A x blocks], int64."""
+    words_up_to: wp.array
+    """Words of 32 bits up to each image, shape [A], int32."""
+
+
+@dataclass(frozen=True)
+class _Bits:
+    """Coded blocks of all images of an array, without the zeros behind full bytes."""
+
+    words: wp.array
+    """Bits, the first of a word is its highest, shape [words], uint32."""
+    full_up_to: wp.array
+    """Full bytes up to each word, shape [words], int32."""
+    spans: wp.array
+    """First byte of each image's file and the one behind its last, zeros counted, shape [A, 2], int32."""
+
+
+def _blocks(images: wp.array, layout: "jpeg.Layout", steps: np.ndarray, codes: wp.array) -> _Blocks:
+    device, count, place = images.device, len(images), zigzag()
+    total = count * layout.blocks
+    rows, values = (wp.empty((total, 64), dtype=wp.int16, device=device) for _ in range(2))
     wp.launch(jpeg.rows_kernel, dim=(count, layout.blocks, 8), inputs=[images, layout], outputs=[rows], device=device)
     wp.launch(
-        jpeg.columns_kernel, dim=(blocks, 8), inputs=[rows, layout, steps, place], outputs=[values], device=device
-    )
-    bits = wp.empty(blocks, dtype=int, device=device)
+        jpeg.columns_kernel, dim=(total, 8),
+        inputs=[
+            rows, layout, wp.array(steps[:, place], dtype=int, device=device),
+            wp.array(place, dtype=int, device=device),
+        ],
+        outputs=[values], device=device,
+    )  # fmt: skip
+    bits, words = wp.empty(total, dtype=wp.int64, device=device), wp.empty(count, dtype=int, device=device)
     nowhere = wp.empty(0, dtype=wp.uint32, device=device)
-    wp.launch(
-        jpeg.count_bits_kernel, dim=blocks, inputs=[values, layout, codes, nowhere], outputs=[bits], device=device
-    )
+    wp.launch(jpeg.count_bits_kernel, dim=total, inputs=[values, layout, codes, nowhere], outputs=[bits], device=device)
     wp.utils.array_scan(bits, bits)
-    words_up_to = wp.empty(count, dtype=int, device=device)
-    wp.launch(jpeg.count_words_kernel, dim=count, inputs=[bits, layout], outputs=[words_up_to], device=device)
-    wp.utils.array_scan(words_up_to, words_up_to)
-    words = wp.zeros(int(words_up_to[-1:].numpy()[0]), dtype=wp.uint32, device=device)
+    wp.launch(jpeg.count_words_kernel, dim=count, inputs=[bits, layout], outputs=[words], device=device)
+    wp.utils.array_scan(words, words)
+    return _Blocks(values, bits, words)
+
+
+def _bits(blocks: _Blocks, layout: "jpeg.Layout", codes: wp.array, word_count: int) -> _Bits:
+    device = blocks.values.device
+    words = wp.zeros(word_count, dtype=wp.uint32, device=device)
     wp.launch(
-        jpeg.write_bits_kernel, dim=blocks, inputs=[values, layout, codes, bits, words_up_to],
+        jpeg.write_bits_kernel, dim=len(blocks.values),
+        inputs=[blocks.values, layout, codes, blocks.bits_up_to, blocks.words_up_to],
         outputs=[words], device=device,
     )  # fmt: skip
-    full = wp.empty(len(words), dtype=int, device=device)
-    wp.launch(jpeg.count_full_kernel, dim=len(words), inputs=[words], outputs=[full], device=device)
+    full = wp.empty(word_count, dtype=int, device=device)
+    wp.launch(jpeg.count_full_kernel, dim=word_count, inputs=[words], outputs=[full], device=device)
     wp.utils.array_scan(full, full)
+    count = len(blocks.words_up_to)
     spans = wp.empty((count, 2), dtype=int, device=device)
-    wp.launch(jpeg.spans_kernel, dim=count, inputs=[bits, words_up_to, full, layout], outputs=[spans], device=device)
-    body = wp.empty(4 * len(words) + int(full[-1:].numpy()[0]), dtype=wp.uint8, device=device)
-    wp.launch(jpeg.write_bytes_kernel, dim=len(words), inputs=[words, full], outputs=[body], device=device)
-    on_host, ends = to_host([body, spans])
-    return memoryview(on_host), ends
+    wp.launch(
+        jpeg.spans_kernel, dim=count, inputs=[blocks.bits_up_to, blocks.words_up_to, full, layout],
+        outputs=[spans], device=device,
+    )  # fmt: skip
+    return _Bits(words, full, spans)
+
+
+def _bytes(bits: _Bits, end: int) -> wp.array:
+    """Return the files' bytes; the last word may have three more than the last file."""
+    body = wp.empty(end + 3, dtype=wp.uint8, device=bits.words.device)
+    wp.launch(
+        jpeg.write_bytes_kernel, dim=len(bits.words), inputs=[bits.words, bits.full_up_to],
+        outputs=[body], device=body.device,
+    )  # fmt: skip
+    return body
