@@ -24,6 +24,7 @@ from mmw.kernels.channel_chains import (
 from mmw.kernels.channel_launch import PLANE_BITS
 from mmw.kernels.channel_surfaces import LinkEnds
 from mmw.scene import Scene
+from mmw.sensors.host import to_host
 
 Candidates = tuple[np.ndarray, np.ndarray, bool]
 """Links, shape [C]; what they meet from transmitter to receiver, shape [C, D], int32: a surface or a plane, -2 - wedge,
@@ -105,7 +106,8 @@ def _single(
     link = wp.empty(max(total, 1), dtype=wp.int32, device=device)
     step = wp.full((max(total, 1), depth), -1, dtype=wp.int32, device=device)
     wp.launch(fill_kernel, dim=dim, inputs=[begin, links, end.reshape(dim)], outputs=[link, step], device=device)
-    return link.numpy()[:total], step.numpy()[:total], False
+    links, steps = to_host([link, step])
+    return links[:total], steps[:total], False
 
 
 def _tree(pose: wp.array, sources: Sources, table: SurfaceTable, keys: wp.array, depth: int) -> Chains:
@@ -156,7 +158,7 @@ def _reflected(
             outputs=[link, step],
             device=device,
         )
-        yield link.numpy(), step.numpy(), True
+        yield (*to_host([link, step]), True)
 
 
 def _bent(
@@ -180,7 +182,7 @@ def _counted_then_written(kernel: wp.Kernel, inputs: list, cells: int, depth: in
     link = wp.empty(total, dtype=wp.int32, device=device)
     step = wp.full((total, depth), -1, dtype=wp.int32, device=device)
     wp.launch(kernel, dim=cells, inputs=[*inputs, True, end], outputs=[count, link, step], device=device)
-    yield link.numpy(), step.numpy(), True
+    yield (*to_host([link, step]), True)
 
 
 def _between(

@@ -21,6 +21,7 @@ from mmw.kernels.channel_surfaces import LinkEnds
 from mmw.kernels.channel_wedges import cull_wedge_kernel
 from mmw.poses import invert, make_pose, normalize, transform_points
 from mmw.scene import Scene
+from mmw.sensors.host import to_host
 
 TRIALS_AT_ONCE = 2**20
 """Most candidates that are refined at once, about 400 bytes each at depth 3."""
@@ -273,16 +274,16 @@ def _refine(search: _Search, link: np.ndarray, step: np.ndarray, is_plane: bool)
         device=device,
         block_dim=64,
     )
-    orders = order.numpy()
+    orders, kind, surface, vertex, normal = to_host([order, met.kind, met.surface, met.vertex, met.normal])
     kept = np.flatnonzero(orders >= 0)
     is_there = np.arange(shape[1]) < orders[kept, None]
     return FoundPaths(
         link=link[kept],
         order=orders[kept],
-        kind=np.where(is_there, met.kind.numpy()[kept], 0),
-        surface=np.where(is_there, met.surface.numpy()[kept], -1),
-        vertex=np.where(is_there[..., None], met.vertex.numpy()[kept], np.nan),
-        normal=np.where(is_there[..., None], met.normal.numpy()[kept], np.nan),
+        kind=np.where(is_there, kind[kept], 0),
+        surface=np.where(is_there, surface[kept], -1),
+        vertex=np.where(is_there[..., None], vertex[kept], np.nan),
+        normal=np.where(is_there[..., None], normal[kept], np.nan),
         ray=np.full(len(kept), -1, dtype=np.int32),
     )
 

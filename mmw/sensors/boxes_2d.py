@@ -13,6 +13,7 @@ from mmw.kernels import boxes_2d as kernels
 from mmw.lens import Intrinsics
 from mmw.poses import compose, invert, rotate, transform_points
 from mmw.sensors.boxes import Boxes
+from mmw.sensors.host import to_host
 from mmw.sensors.lens import project, unproject
 from mmw.views import Views
 
@@ -93,7 +94,8 @@ def visible_pixels(object_id: wp.array, wanted: Sequence[int] | np.ndarray) -> V
         outputs=[pixels, lower, upper],
         device=device,
     )
-    return VisiblePixels(pixels.numpy(), np.concatenate([lower.numpy(), upper.numpy()], axis=2))
+    count_of, least, most = to_host([pixels, lower, upper])
+    return VisiblePixels(count_of, np.concatenate([least, most], axis=2))
 
 
 def project_boxes(camera: Intrinsics, views: Views, boxes: Boxes) -> Boxes2d:

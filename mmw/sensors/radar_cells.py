@@ -11,6 +11,7 @@ import warp as wp
 
 from mmw.config import RadarConfig
 from mmw.kernels import radar, radar_cells
+from mmw.sensors.host import to_host
 
 MOST_CELLS = 2**31 - 1
 """Cells of one sweep: they are counted in 32 bits."""
@@ -176,8 +177,9 @@ def sum_cells(order: SortedRays, rays: radar.RadarRays) -> RadarCells:
         outputs=[sums],
         device=device,
     )
-    has_power = sums.power.numpy() > 0.0
     names = ("view", "cell", "power", "rcs", "range", "velocity", "y", "z", "object_id")
-    values = {name: getattr(sums, name).numpy()[has_power] for name in names}
+    found = dict(zip(names, to_host([getattr(sums, name) for name in names]), strict=True))
+    has_power = found["power"] > 0.0
+    values = {name: column[has_power] for name, column in found.items()}
     offsets = np.searchsorted(values["view"], np.arange(order.views + 1)).astype(np.int32)
     return RadarCells(offsets, **values)
