@@ -106,8 +106,8 @@ def _single(
     link = wp.empty(max(total, 1), dtype=wp.int32, device=device)
     step = wp.full((max(total, 1), depth), -1, dtype=wp.int32, device=device)
     wp.launch(fill_kernel, dim=dim, inputs=[begin, links, end.reshape(dim)], outputs=[link, step], device=device)
-    links, steps = to_host([link, step])
-    return links[:total], steps[:total], False
+    found_link, found_step = to_host([link, step])
+    return found_link[:total], found_step[:total], False
 
 
 def _tree(pose: wp.array, sources: Sources, table: SurfaceTable, keys: wp.array, depth: int) -> Chains:
@@ -158,7 +158,8 @@ def _reflected(
             outputs=[link, step],
             device=device,
         )
-        yield (*to_host([link, step]), True)
+        found_link, found_step = to_host([link, step])
+        yield found_link, found_step, True
 
 
 def _bent(
@@ -182,7 +183,8 @@ def _counted_then_written(kernel: wp.Kernel, inputs: list, cells: int, depth: in
     link = wp.empty(total, dtype=wp.int32, device=device)
     step = wp.full((total, depth), -1, dtype=wp.int32, device=device)
     wp.launch(kernel, dim=cells, inputs=[*inputs, True, end], outputs=[count, link, step], device=device)
-    yield (*to_host([link, step]), True)
+    found_link, found_step = to_host([link, step])
+    yield found_link, found_step, True
 
 
 def _between(
