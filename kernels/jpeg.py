@@ -19,6 +19,12 @@ FACTOR_BITS = wp.constant(13)
 MORE_BITS = wp.constant(2)
 """Bits that values between its two passes keep more."""
 
+END_OF_BLOCK = wp.constant(0)
+"""Symbol: only zeros follow. Source: ITU-T T.81, F.1.2.2.1, as is the next."""
+
+SIXTEEN_ZEROS = wp.constant(240)
+"""Symbol: sixteen zeros, and more behind them."""
+
 
 @wp.struct
 class Layout:
@@ -41,26 +47,37 @@ def unit_blocks(layout: Layout) -> int:
 
 
 @wp.func
-def is_outside(layout: Layout, block: int) -> bool:
-    """Return whether a block of an image is one of lightness beyond its edge, which only fills its unit."""
-    unit = block // unit_blocks(layout)
-    k = block % unit_blocks(layout)
-    if k >= layout.step * layout.step:
-        return False
-    column = (unit % layout.columns) * layout.step + k % layout.step
-    row = (unit // layout.columns) * layout.step + k // layout.step
-    return column * 8 >= layout.width or row * 8 >= layout.height
-
-
-@wp.func
 def channel_of(layout: Layout, block: int) -> int:
     """Return 0 for lightness, 1 and 2 for the colours."""
     return wp.max(block % unit_blocks(layout) - layout.step * layout.step + 1, 0)
 
 
 @wp.func
+def corner_of(layout: Layout, block: int) -> wp.vec2i:
+    """Return column and row of a block's first value in the grid of its channel."""
+    unit = block // unit_blocks(layout)
+    column = unit % layout.columns
+    row = unit // layout.columns
+    if channel_of(layout, block) == 0:
+        k = block % unit_blocks(layout)
+        column = column * layout.step + k % layout.step
+        row = row * layout.step + k // layout.step
+    return wp.vec2i(8 * column, 8 * row)
+
+
+@wp.func
+def is_outside(layout: Layout, block: int) -> bool:
+    """Return whether a block of an image is one of lightness beyond its edge, which only fills its unit."""
+    corner = corner_of(layout, block)
+    return channel_of(layout, block) == 0 and (corner[0] >= layout.width or corner[1] >= layout.height)
+
+
+@wp.func
 def pixel_value(images: wp.array4d[wp.uint8], view: int, v: int, u: int, channel: int) -> int:
-    """Return lightness or a colour of a pixel, 0 to 255, factors of 16 bits; beyond the edge it goes on."""
+    """Return lightness or a colour of a pixel, 0 to 255; beyond the edge it goes on.
+
+    Factors of JFIF with 16 bits behind the point; what is added rounds, and moves colours by 128.
+    """
     row = wp.min(v, images.shape[1] - 1)
     column = wp.min(u, images.shape[2] - 1)
     red = int(images[view, row, column, 0])
@@ -74,7 +91,7 @@ def pixel_value(images: wp.array4d[wp.uint8], view: int, v: int, u: int, channel
 
 
 @wp.func
-def colour_value(images: wp.array4d[wp.uint8], view: int, y: int, x: int, step: int, channel: int) -> int:
+def channel_value(images: wp.array4d[wp.uint8], view: int, y: int, x: int, step: int, channel: int) -> int:
     """Return a value of a channel at (x, y) of its own grid: the mean of 2 x 2 pixels where `step` is 2."""
     if step == 1:
         return pixel_value(images, view, y, x, channel)
@@ -126,18 +143,11 @@ def rows_kernel(
     """
     view, block, row = wp.tid()
     channel = channel_of(layout, block)
-    unit = block // unit_blocks(layout)
-    y = (unit // layout.columns) * 8 + row
-    x = (unit % layout.columns) * 8
-    step = layout.step
-    if channel == 0:
-        k = block % unit_blocks(layout)
-        y = ((unit // layout.columns) * step + k // step) * 8 + row
-        x = ((unit % layout.columns) * step + k % step) * 8
-        step = wp.int32(1)
+    corner = corner_of(layout, block)
+    step = wp.where(channel == 0, 1, layout.step)
     values = Eight()
     for i in range(8):
-        values[i] = colour_value(images, view, y, x + i, step, channel) - 128
+        values[i] = channel_value(images, view, corner[1] + row, corner[0] + i, step, channel) - 128
     values = cosines(values, FACTOR_BITS - MORE_BITS)
     values[0] = values[0] << MORE_BITS
     values[4] = values[4] << MORE_BITS
@@ -171,7 +181,7 @@ def columns_kernel(
     kind = wp.min(channel_of(layout, block % layout.blocks), 1)
     for i in range(8):
         step = 8 * steps[kind, i * 8 + column]  # the transform's values are eight times too large
-        size = (wp.abs(values[i]) + step / 2) / step
+        size = (wp.abs(values[i]) + step // 2) // step
         values_out[block, place[i * 8 + column]] = wp.int16(wp.where(values[i] < 0, -size, size))
 
 
@@ -223,7 +233,7 @@ def code_block(
     table = 2 * kind
     if is_outside(layout, own):  # as the block before it, with nothing but its mean
         at = code(codes, table, 0, 0, 0, words, first, begin, is_written)
-        return code(codes, table + 1, 0, 0, 0, words, first, at, is_written)
+        return code(codes, table + 1, END_OF_BLOCK, 0, 0, words, first, at, is_written)
     before = own - unit_blocks(layout)
     if kind == 0:
         before = own - 1
@@ -243,13 +253,13 @@ def code_block(
             zeros += 1
         else:
             while zeros > 15:
-                at = code(codes, table + 1, 240, 0, 0, words, first, at, is_written)
+                at = code(codes, table + 1, SIXTEEN_ZEROS, 0, 0, words, first, at, is_written)
                 zeros -= 16
             length = bit_length(value)
             at = code(codes, table + 1, zeros * 16 + length, value, length, words, first, at, is_written)
             zeros = wp.int32(0)
     if zeros > 0:
-        at = code(codes, table + 1, 0, 0, 0, words, first, at, is_written)
+        at = code(codes, table + 1, END_OF_BLOCK, 0, 0, words, first, at, is_written)
     return at
 
 

@@ -36,6 +36,10 @@ def needed_modules(config: Config, *, on_gpu: bool = True) -> list[str]:
     """Return the modules of `mmw.kernels` that every run of a configuration launches, the slowest to compile first.
 
     What only some weathers, materials or options need is left out; Warp compiles it when it is launched.
+
+    Args:
+        config: The configuration.
+        on_gpu: Whether a GPU is what runs it, which makes its own JPEG files.
     """
     sensors, modules = config.sensors, {"trace": 5, "sight": 2, "bounds": 0}
     has_rgb = any(isinstance(sensor, RgbConfig) for sensor in sensors)

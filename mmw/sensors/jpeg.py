@@ -26,7 +26,7 @@ class Tables:
     header: bytes
     """All that comes before the coded blocks."""
     steps: np.ndarray
-    """Steps of the values of a block, of lightness and colours, in zigzag order, shape [2, 64], int32."""
+    """Steps of the values of a block, row by row, of lightness and colours, shape [2, 64], int32."""
     codes: np.ndarray
     """Code, and its length in the upper 16 bits, of every symbol: means and then others of lightness, then the same of
     colours, shape [4, 256], uint32."""
@@ -57,7 +57,7 @@ def read_tables(width: int, height: int, quality: int, subsampling: str) -> Tabl
             symbols, body = body[17 : 17 + sum(counts)], body[17 + sum(counts) :]
             lengths = np.repeat(np.arange(1, 17), list(counts))
             codes[table, list(symbols)] = _codes(lengths) | lengths << 16
-    return Tables(file[:at], steps, codes)
+    return Tables(file[:at], steps[:, zigzag()], codes)
 
 
 def _codes(lengths: np.ndarray) -> np.ndarray:
@@ -103,8 +103,10 @@ def jpeg_files(pictures: Sequence[wp.array], quality: int, subsampling: str) -> 
     layout.width, layout.height, layout.step = width, height, 2 if subsampling == "4:2:0" else 1
     layout.columns = -(-width // (8 * layout.step))
     layout.blocks = layout.columns * -(-height // (8 * layout.step)) * (layout.step**2 + 2)
-    codes = wp.array(tables.codes, dtype=wp.uint32, device=pictures[0].device)
-    blocks = [_blocks(images, layout, tables.steps, codes) for images in pictures]
+    device = pictures[0].device
+    steps, place = (wp.array(values, dtype=int, device=device) for values in (tables.steps, zigzag()))
+    codes = wp.array(tables.codes, dtype=wp.uint32, device=device)
+    blocks = [_blocks(images, layout, steps, place, codes) for images in pictures]
     word_counts = to_host([some.words_up_to[-1:] for some in blocks])
     bits = [_bits(some, layout, codes, int(count[0])) for some, count in zip(blocks, word_counts, strict=True)]
     spans = to_host([some.spans for some in bits])
@@ -139,19 +141,12 @@ class _Bits:
     """First byte of each image's file and the one behind its last, zeros counted, shape [A, 2], int32."""
 
 
-def _blocks(images: wp.array, layout: "jpeg.Layout", steps: np.ndarray, codes: wp.array) -> _Blocks:
-    device, count, place = images.device, len(images), zigzag()
+def _blocks(images: wp.array, layout: "jpeg.Layout", steps: wp.array, place: wp.array, codes: wp.array) -> _Blocks:
+    device, count = images.device, len(images)
     total = count * layout.blocks
     rows, values = (wp.empty((total, 64), dtype=wp.int16, device=device) for _ in range(2))
     wp.launch(jpeg.rows_kernel, dim=(count, layout.blocks, 8), inputs=[images, layout], outputs=[rows], device=device)
-    wp.launch(
-        jpeg.columns_kernel, dim=(total, 8),
-        inputs=[
-            rows, layout, wp.array(steps[:, place], dtype=int, device=device),
-            wp.array(place, dtype=int, device=device),
-        ],
-        outputs=[values], device=device,
-    )  # fmt: skip
+    wp.launch(jpeg.columns_kernel, dim=(total, 8), inputs=[rows, layout, steps, place], outputs=[values], device=device)
     bits, words = wp.empty(total, dtype=wp.int64, device=device), wp.empty(count, dtype=int, device=device)
     nowhere = wp.empty(0, dtype=wp.uint32, device=device)
     wp.launch(jpeg.count_bits_kernel, dim=total, inputs=[values, layout, codes, nowhere], outputs=[bits], device=device)
