@@ -19,6 +19,13 @@ ORDERS = wp.constant(4)
 """Orders of scattering that are followed: each one weaker, more spread and less dimmed than the one before."""
 
 
+HEAP_HEIGHT = wp.constant(1.25)
+"""Height of a heap of endless rank, over the depth of the layer [-]. Design value."""
+
+HEAP_GROWTH = wp.constant(3.2)
+"""How fast heaps grow with the rank over the threshold [-]. Design value."""
+
+
 @wp.struct
 class Clouds:
     """A layer of clouds, the same everywhere but for its pattern, which repeats itself."""
@@ -103,7 +110,7 @@ def cloud_density(clouds: Clouds, x: float, y: float, height: float) -> float:
     cells = float(clouds.cover.shape[0]) / clouds.cover_size
     rank = pattern(clouds.cover, (x + clouds.offset[0]) * cells, (y + clouds.offset[1]) * cells)
     # The higher the rank over the threshold, the higher the heap; what is left at the top of the layer is eroded.
-    return 1.25 * (1.0 - wp.exp(-3.2 * wp.max(rank - clouds.threshold, -0.1))) - height
+    return HEAP_HEIGHT * (1.0 - wp.exp(-HEAP_GROWTH * wp.max(rank - clouds.threshold, -0.1))) - height
 
 
 @wp.kernel

@@ -9,7 +9,7 @@ import math
 import numpy as np
 import warp as wp
 
-from mmw.kernels.clouds import Clouds, clouds_kernel
+from mmw.kernels.clouds import HEAP_GROWTH, HEAP_HEIGHT, Clouds, clouds_kernel
 
 BOTTOM_M, DEPTH_M = 1_500.0, 900.0
 """Height of the bottoms of the heaps and from there to the highest tops [m]. Source: fair-weather cumulus, WMO
@@ -99,7 +99,8 @@ def heaps(directions: np.ndarray, to_sun: np.ndarray, cover: float, seed: int) -
     clouds.offset = wp.vec2(*viewpoint(pattern, to_sun))
     clouds.threshold = 1.0 - cover**0.85  # lumps take some away
     clouds.bottom, clouds.depth, clouds.extinction = BOTTOM_M, DEPTH_M, EXTINCTION_PER_M
-    clouds.highest = 1.2501 * (1.0 - math.exp(-3.2 * (1.0 - clouds.threshold)))  # of the highest rank, 1
+    highest = HEAP_HEIGHT * (1.0 - math.exp(-HEAP_GROWTH * (1.0 - clouds.threshold)))  # of the highest rank, 1
+    clouds.highest = 1.0001 * highest  # float32 rounds
     clouds.sun_direction = wp.vec3(*to_sun)
     at = wp.array(directions.astype(np.float32), dtype=wp.vec3, device="cpu")
     light = wp.empty(directions.shape[:2], dtype=wp.vec4, device="cpu")

@@ -59,7 +59,7 @@ def find_actors(stage: Usd.Stage, roles: Mapping[str, str]) -> list[FoundActor]:
     walk = iter(Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()))
     next(walk)  # the root of all prims
     for prim in walk:
-        role = (roles and roles.get(str(prim.GetPath()))) or _value(prim, "mmw:actor:role")
+        role = roles.get(str(prim.GetPath())) or _value(prim, "mmw:actor:role")
         if role is None and _moves(prim) and _has_mesh(prim):
             role = "vehicle"
         if role is None:
