@@ -69,7 +69,8 @@ class Worker:
             device: Warp device name.
             reporter: Where progress goes.
         """
-        wait_asleep(device)
+        if not wait_asleep(device):
+            reporter.warn_once(f"threads that wait for {device} keep a core busy: its driver does not let them sleep")
         self._making = making
         self._device = device
         self._meta = {**making.meta, "device": device_name(device)}

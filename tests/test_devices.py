@@ -10,7 +10,9 @@ import pytest
 
 from mmw.compute import device
 from mmw.compute.cores import bound_to, core_list, cores_of_gpus, shared_cores
+from mmw.compute.cuda import wait_asleep
 from mmw.compute.device import workers_a_gpu, writer_threads
+from mmw.engines.processes import _Process
 
 GB = 1 << 30
 
@@ -89,3 +91,17 @@ def test_a_process_starts_on_the_cores_of_its_gpu():
     assert os.sched_getaffinity(0) == before
     with bound_to(()):
         assert os.sched_getaffinity(0) == before
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="the system does not bind threads to cores")
+def test_a_worker_keeps_to_its_cores():
+    own = {max(os.sched_getaffinity(0))}
+    worker = _Process(SimpleNamespace(), "cpu", own)
+    try:
+        assert os.sched_getaffinity(worker._process.pid) == own
+    finally:
+        worker.kill()
+
+
+def test_threads_can_sleep_while_they_wait(device):
+    assert wait_asleep(device)
