@@ -205,9 +205,7 @@ def parse(arguments: list[str]) -> argparse.Namespace:
     parser.add_argument("--rays", choices=[preset.name for preset in PRESETS], help="only this kind")
     parser.add_argument("--repeats", type=int, default=10, help="timed launches")
     parser.add_argument("--block-dim", type=int, default=64, help="threads in a block")
-    parser.add_argument("--constructor", choices=("sah", "lbvh", "cubql", "median"), help="tree of town and models")
     parser.add_argument("--instance-constructor", choices=("sah", "lbvh", "median"), help="tree over vehicles")
-    parser.add_argument("--leaf-size", type=int, default=2, help="triangles in a leaf of a mesh tree")
     parser.add_argument("--sphere-arm", type=int, default=987, help="1: rays in lattice order; 987: along spirals")
     parser.add_argument("--max-registers", type=int, help="registers of a thread on CUDA (as in the sensors if absent)")
     options = parser.parse_args(arguments)
@@ -226,11 +224,10 @@ def main(arguments: list[str]) -> None:
             kernel.options["cuda_max_registers"] = options.max_registers
     town = grid_town() if options.scene == "grid" else shipped_town(options.scene)
     arrays = with_vehicles(town, options.frames)
-    trees = {
-        "mesh_constructor": options.constructor, "instance_constructor": options.instance_constructor,
-        "leaf_size": options.leaf_size,
-    }  # fmt: skip
-    static, full = (Scene(a, options.device, options.frames, **trees) for a in (without_vehicles(arrays), arrays))
+    scenes = (without_vehicles(arrays), arrays)
+    static, full = (
+        Scene(a, options.device, options.frames, instance_constructor=options.instance_constructor) for a in scenes
+    )
     about = machine(options.device)
     if options.format == "human":
         print(", ".join(f"{key} {value}" for key, value in about.items()))

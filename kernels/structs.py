@@ -2,6 +2,8 @@
 
 import warp as wp
 
+from mmw.kernels.tree import Tree
+
 MISS_ID = wp.constant(-1)
 """The one spelling of "nothing": object, material, surface, face and instance of a miss."""
 
@@ -10,10 +12,12 @@ MISS_ID = wp.constant(-1)
 class Scene:
     """Everything a ray can meet, for the frames of one batch. A slot is the position of a frame in its batch."""
 
-    town: wp.uint64
-    """wp.Mesh id of the static town, scene frame."""
-    has_town: wp.bool
-    """False for a scene without static geometry."""
+    tree: Tree
+    """Trees of the town, in the scene frame, and of all models, each in its own."""
+    town_root: int
+    """Root of the static town's tree; -1 for a scene without static geometry."""
+    town_corner: wp.array2d[wp.vec3]
+    """Corners of each town face, scene frame [m], shape [M, 3]."""
     town_material: wp.array[int]
     """Material id of each town face, shape [M]."""
     town_object: wp.array[int]
@@ -38,14 +42,16 @@ class Scene:
     """Middle of a box about the instance's model, in its frame [m], shape [V]."""
     instance_half: wp.array[wp.vec3]
     """Half the sides of that box [m], shape [V]."""
-    instance_mesh: wp.array[wp.uint64]
-    """wp.Mesh id of the instance's model, local frame, shape [V]."""
+    instance_root: wp.array[int]
+    """Root of the tree of the instance's model, shape [V]."""
     instance_object: wp.array[int]
     """Object id, shape [V]."""
     instance_face_offset: wp.array[int]
     """First face of the instance's model in `model_*`, shape [V]."""
     instance_surface_offset: wp.array[int]
     """Surface id of the instance = this offset + local surface, shape [V]."""
+    model_corner: wp.array2d[wp.vec3]
+    """Corners of each face of all models, one after the other, each in its model's frame [m]."""
     model_material: wp.array[int]
     """Material id of each face of all models, one after the other."""
     model_surface: wp.array[int]
@@ -104,8 +110,6 @@ class Nearest:
     """Face of the town, or of the instance's model; -1 for a miss."""
     instance: int
     """Instance index, -1 for the town or a miss."""
-    normal: wp.vec3
-    """Unit geometric normal after the winding, in the frame of the mesh (town: scene, instance: local)."""
 
 
 @wp.struct

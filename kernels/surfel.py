@@ -2,6 +2,7 @@
 
 import warp as wp
 
+from mmw.kernels.faces import face_corners, face_row, material_of
 from mmw.kernels.looks import Appearance, Surfel
 from mmw.kernels.structs import Scene
 from mmw.kernels.texture import MOST_TAPS, sample_texture
@@ -40,35 +41,6 @@ class Patch:
 
 
 @wp.func
-def face_row(scene: Scene, face: int, instance: int) -> int:
-    """Return the row of a face in `Scene.town_*`, or of an instance's face in `Scene.model_*`."""
-    row = face
-    if instance >= 0:
-        row = scene.instance_face_offset[instance] + face
-    return row
-
-
-@wp.func
-def material_of(scene: Scene, face: int, instance: int) -> int:
-    """Return the material id of a face that was met."""
-    if instance >= 0:
-        return scene.model_material[scene.instance_face_offset[instance] + face]
-    return scene.town_material[face]
-
-
-@wp.func
-def hit_corners(scene: Scene, face: int, instance: int) -> wp.mat33:
-    """Return the corners of a face as the rows of a matrix, in the frame of its mesh [m]."""
-    mesh = scene.town
-    if instance >= 0:
-        mesh = scene.instance_mesh[instance]
-    a = wp.mesh_get_point(mesh, 3 * face)
-    b = wp.mesh_get_point(mesh, 3 * face + 1)
-    c = wp.mesh_get_point(mesh, 3 * face + 2)
-    return wp.matrix_from_rows(a, b, c)
-
-
-@wp.func
 def distance_to_face(scene: Scene, slot: int, face: int, instance: int, origin: wp.vec3, direction: wp.vec3) -> float:
     """Return where a ray meets one face [m], inf if it misses it.
 
@@ -88,7 +60,7 @@ def distance_to_face(scene: Scene, slot: int, face: int, instance: int, origin: 
         to_local = wp.transform_inverse(scene.instance_pose[slot, instance])
         start = wp.transform_point(to_local, origin)
         along = wp.transform_vector(to_local, direction)
-    corners = hit_corners(scene, face, instance)
+    corners = face_corners(scene, face, instance)
     ab = corners[1] - corners[0]
     ac = corners[2] - corners[0]
     from_a = start - corners[0]
@@ -106,28 +78,6 @@ def distance_to_face(scene: Scene, slot: int, face: int, instance: int, origin: 
 
 
 @wp.func
-def geometric_normal(scene: Scene, slot: int, face: int, instance: int, direction: wp.vec3) -> wp.vec3:
-    """Return the unit normal of a face in the scene frame, turned against the ray, which a face without area faces.
-
-    Args:
-        scene: Town and vehicles.
-        slot: Position of the ray's frame in the batch.
-        face: Face of the town or of the instance's model, >= 0.
-        instance: Instance, -1 for the town.
-        direction: Unit direction of the ray, scene frame.
-    """
-    mesh = scene.town
-    if instance >= 0:
-        mesh = scene.instance_mesh[instance]
-    normal = wp.mesh_eval_face_normal(mesh, face)
-    if instance >= 0:
-        normal = wp.transform_vector(scene.instance_pose[slot, instance], normal)
-    if wp.dot(normal, normal) < 0.5:
-        normal = -direction
-    return wp.where(wp.dot(normal, direction) > 0.0, -normal, normal)
-
-
-@wp.func
 def patch_of(scene: Scene, slot: int, origin: wp.vec3, direction: wp.vec3, t: float, face: int, instance: int) -> Patch:
     """Return the face around the point that a ray met; see `surfel_of` for the arguments."""
     start = origin
@@ -137,7 +87,7 @@ def patch_of(scene: Scene, slot: int, origin: wp.vec3, direction: wp.vec3, t: fl
         to_local = wp.transform_inverse(scene.instance_pose[slot, instance])
         start = wp.transform_point(to_local, origin)
         patch.direction = wp.transform_vector(to_local, direction)
-    corners = hit_corners(scene, face, instance)
+    corners = face_corners(scene, face, instance)
     a = corners[0]
     ab = corners[1] - a
     ac = corners[2] - a

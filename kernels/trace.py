@@ -1,25 +1,29 @@
-"""Ray queries against the town and the vehicles of one frame. The only file that touches a BVH or a mesh query.
+"""Ray queries against the town and the vehicles of one frame. The only file that asks a tree.
 
 A ray asks the static town first, which tightens `t_max`; then the vehicles of its own frame. The vehicles of all frames
-of a batch share one `wp.Bvh`; each frame is one group of it, and the query starts at the root of that group.
+of a batch share one `wp.Bvh`; each frame is one group of it, and the query starts at the root of that group. Town and
+models have trees of their own kind.
 
 - Directions are unit vectors. A surface is met where 0 <= t < t_max; exactly 0 happens only to an origin that lies on
   the surface, so a ray that leaves a surface starts a little off it.
 - Instances move rigidly, so `t` in the instance's frame is `t` in the scene.
 - `wp.bvh_get_group_root` gives -1 for a frame without vehicles, and a query reads -1 as "the whole tree", that is
   everybody's vehicles. Every query here is guarded by the root.
-- A BVH query keeps its stack in shared memory, one stack a thread: two queries alive in one thread would overwrite each
-  other. Launch kernels that call these functions with `block_dim=64`, so that the stacks of a block fit (8 KiB).
+- A query of that tree keeps its stack in shared memory, one stack a thread: two queries alive in one thread would
+  overwrite each other. Launch kernels that call these functions with `block_dim=64`, so that the stacks of a block fit
+  (8 KiB).
 - Within a rolling sweep the vehicles are asked where they are at the instant of the ray (`closest_hit_at`); their boxes
   in the tree then hold their way during the sweep (`Scene.sweep_s` on the host).
-- Equal distances go to the town, then to the lower instance index, so the answer does not depend on the tree, and the
-  tree may depend on the batch.
+- Equal distances go to the town, then to the lower instance index and the lower face, so the answer does not depend
+  on the tree, and the tree may depend on the batch.
 """
 
 import warp as wp
 
+from mmw.kernels.faces import face_normal, material_of
 from mmw.kernels.motion import instance_pose_at
 from mmw.kernels.structs import MISS_ID, Candidates, Hit, MeshHit, Nearest, Scene
+from mmw.kernels.tree import walk_any, walk_nearest
 
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
 
@@ -31,8 +35,24 @@ PICTURE_REGISTERS = 64
 """The same for rays of pictures, of which those of a block go side by side: 5 % more of them a second than with 80. A
 LiDAR's take the same time with both."""
 
+FACE_BITS = wp.constant(wp.uint64(0xFFFFFFFF))
+"""The part of what `walk_nearest` returns that names the face."""
+
 TIE_REACH = wp.constant(1.000001)
 """A later instance is searched to this multiple of the distance so far, so that equal distances are seen."""
+
+
+@wp.func
+def nearest_in_tree(scene: Scene, root: int, origin: wp.vec3, direction: wp.vec3, t_max: float) -> Nearest:
+    """Return what a ray meets first of one tree; its `t` is `t_max` for a miss. No instance is named."""
+    near = Nearest()
+    near.t = t_max
+    near.instance = MISS_ID
+    found = walk_nearest(scene.tree.nodes, scene.tree.leaves, root, origin, direction, t_max)
+    near.face = int(wp.uint32(found & FACE_BITS)) - 1
+    if near.face >= 0:
+        near.t = wp.cast(wp.uint32(found >> wp.uint64(32)), float)
+    return near
 
 
 @wp.func
@@ -42,12 +62,8 @@ def nearest_in_town(scene: Scene, origin: wp.vec3, direction: wp.vec3, t_max: fl
     near.t = t_max
     near.face = MISS_ID
     near.instance = MISS_ID
-    if scene.has_town:
-        town = wp.mesh_query_ray(scene.town, origin, direction, t_max)
-        if town.result:
-            near.t = town.t
-            near.face = town.face
-            near.normal = town.normal
+    if scene.town_root >= 0:
+        near = nearest_in_tree(scene, scene.town_root, origin, direction, t_max)
     return near
 
 
@@ -57,18 +73,17 @@ def nearer_body(
 ) -> Nearest:
     """Return what a ray meets first, from the nearest so far and an instance at a pose."""
     to_local = wp.transform_inverse(pose)
-    body = wp.mesh_query_ray(
-        scene.instance_mesh[instance],
+    body = nearest_in_tree(
+        scene,
+        scene.instance_root[instance],
         wp.transform_point(to_local, origin),
         wp.transform_vector(to_local, direction),
         near.t * TIE_REACH,
     )
     found = near
-    if body.result and (body.t < near.t or (body.t == near.t and instance < near.instance)):
-        found.t = body.t
-        found.face = body.face
+    if body.face >= 0 and (body.t < near.t or (body.t == near.t and instance < near.instance)):
+        found = body
         found.instance = instance
-        found.normal = body.normal
     return found
 
 
@@ -76,8 +91,10 @@ def nearer_body(
 def is_blocked_by(scene: Scene, slot: int, instance: int, origin: wp.vec3, direction: wp.vec3, t_max: float) -> wp.bool:
     """Return whether an instance lies on a ray before `t_max`."""
     to_local = wp.transform_inverse(scene.instance_pose[slot, instance])
-    return wp.mesh_query_ray_anyhit(
-        scene.instance_mesh[instance],
+    return walk_any(
+        scene.tree.nodes,
+        scene.tree.leaves,
+        scene.instance_root[instance],
         wp.transform_point(to_local, origin),
         wp.transform_vector(to_local, direction),
         t_max,
@@ -180,8 +197,8 @@ def is_blocked_among(
     """Return whether anything lies on the ray before `t_max`; see `nearest_surface_among`. A negative group has no
     instances."""
     blocked = wp.bool(False)
-    if scene.has_town:
-        blocked = wp.mesh_query_ray_anyhit(scene.town, origin, direction, t_max)
+    if scene.town_root >= 0:
+        blocked = walk_any(scene.tree.nodes, scene.tree.leaves, scene.town_root, origin, direction, t_max)
     if group >= 0 and not blocked:
         for k in range(candidates.count[group]):
             if not blocked:
@@ -218,24 +235,15 @@ def surface_of(scene: Scene, near: Nearest) -> int:
 @wp.func
 def world_normal(scene: Scene, slot: int, near: Nearest) -> wp.vec3:
     """Return the unit normal of what `nearest_surface` found, after the winding, in the scene frame."""
-    normal = near.normal
+    normal = face_normal(scene, near.face, near.instance)
     if near.instance >= 0:
         normal = wp.transform_vector(scene.instance_pose[slot, near.instance], normal)
     return normal
 
 
 @wp.func
-def world_normal_at(scene: Scene, slot: int, near: Nearest, time_offset: float) -> wp.vec3:
-    """Return the unit normal of what `nearest_surface_at` found, after the winding, in the scene frame."""
-    normal = near.normal
-    if near.instance >= 0:
-        normal = wp.transform_vector(instance_pose_at(scene, slot, near.instance, time_offset), normal)
-    return normal
-
-
-@wp.func
-def hit_of(scene: Scene, near: Nearest, normal: wp.vec3, direction: wp.vec3) -> Hit:
-    """Return what `nearest_surface` found with every id, and its normal (scene frame) turned against the ray."""
+def hit_of(scene: Scene, near: Nearest) -> Hit:
+    """Return what `nearest_surface` found with every id, and its normal after the winding in the frame of its mesh."""
     hit = Hit()
     hit.t = near.t
     hit.face = near.face
@@ -244,19 +252,19 @@ def hit_of(scene: Scene, near: Nearest, normal: wp.vec3, direction: wp.vec3) -> 
     hit.material_id = MISS_ID
     hit.surface = surface_of(scene, near)
     if near.face >= 0:
-        if near.instance < 0:
-            hit.material_id = scene.town_material[near.face]
-        else:
-            hit.material_id = scene.model_material[scene.instance_face_offset[near.instance] + near.face]
-        hit.normal = wp.where(wp.dot(normal, direction) > 0.0, -normal, normal)
+        hit.material_id = material_of(scene, near.face, near.instance)
+        hit.normal = face_normal(scene, near.face, near.instance)
     return hit
 
 
 @wp.func
 def closest_hit(scene: Scene, slot: int, origin: wp.vec3, direction: wp.vec3, t_max: float, ignore: int) -> Hit:
     """Return what the ray meets first, with every id and the normal; see `nearest_surface` for the arguments."""
-    near = nearest_surface(scene, slot, origin, direction, t_max, ignore)
-    return hit_of(scene, near, world_normal(scene, slot, near), direction)
+    hit = hit_of(scene, nearest_surface(scene, slot, origin, direction, t_max, ignore))
+    if hit.instance >= 0:
+        hit.normal = wp.transform_vector(scene.instance_pose[slot, hit.instance], hit.normal)
+    hit.normal = wp.where(wp.dot(hit.normal, direction) > 0.0, -hit.normal, hit.normal)
+    return hit
 
 
 @wp.func
@@ -264,16 +272,19 @@ def closest_hit_at(
     scene: Scene, slot: int, origin: wp.vec3, direction: wp.vec3, t_max: float, ignore: int, time_offset: float
 ) -> Hit:
     """Return what a ray of a rolling sweep meets first, with every id and the normal; see `nearest_surface_at`."""
-    near = nearest_surface_at(scene, slot, origin, direction, t_max, ignore, time_offset)
-    return hit_of(scene, near, world_normal_at(scene, slot, near, time_offset), direction)
+    hit = hit_of(scene, nearest_surface_at(scene, slot, origin, direction, t_max, ignore, time_offset))
+    if hit.instance >= 0:
+        hit.normal = wp.transform_vector(instance_pose_at(scene, slot, hit.instance, time_offset), hit.normal)
+    hit.normal = wp.where(wp.dot(hit.normal, direction) > 0.0, -hit.normal, hit.normal)
+    return hit
 
 
 @wp.func
 def is_blocked(scene: Scene, slot: int, origin: wp.vec3, direction: wp.vec3, t_max: float, ignore: int) -> bool:
     """Return whether anything lies on the ray before `t_max`; see `nearest_surface` for the arguments."""
     blocked = wp.bool(False)
-    if scene.has_town:
-        blocked = wp.mesh_query_ray_anyhit(scene.town, origin, direction, t_max)
+    if scene.town_root >= 0:
+        blocked = walk_any(scene.tree.nodes, scene.tree.leaves, scene.town_root, origin, direction, t_max)
     root = scene.group_root[slot]
     if root >= 0 and not blocked:  # -1 would search every frame's vehicles
         first = slot * scene.instance_count

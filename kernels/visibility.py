@@ -4,11 +4,12 @@ import warp as wp
 
 from mmw.kernels.camera import Camera
 from mmw.kernels.compiler import PICTURE_RAYS
+from mmw.kernels.faces import material_of
 from mmw.kernels.looks import Appearance, Samples
 from mmw.kernels.packing import pack_unit, unpack_unit
 from mmw.kernels.picture import Picture, SampleRay, ray_at, ray_of, row_of_thread, sample_row, tile_of
 from mmw.kernels.structs import Candidates, Nearest, Scene
-from mmw.kernels.surfel import distance_to_face, is_cut_out, material_of
+from mmw.kernels.surfel import distance_to_face, is_cut_out
 from mmw.kernels.trace import (
     PICTURE_REGISTERS,
     nearest_surface,
@@ -237,6 +238,10 @@ def guess_kernel(
     found = float(wp.inf)
     front = float(wp.inf)
     front_row = wp.int32(-1)
+    face_own = wp.int32(-1)
+    instance_own = wp.int32(-1)
+    face_last = wp.int32(-1)
+    instance_last = wp.int32(-1)
     for k in range(4):
         row = row_about(picture, extra, k)
         if row >= 0:
@@ -245,10 +250,18 @@ def guess_kernel(
                 if samples.t[row] < front:
                     front = samples.t[row]
                     front_row = row
-                t = distance_to_face(scene, ray.slot, face, samples.instance[row], ray.origin, ray.direction)
-                if t < found:
-                    found = t
-                    source = row
+                instance = samples.instance[row]
+                # Most neighbours show one of two faces.
+                if (face != face_own or instance != instance_own) and (face != face_last or instance != instance_last):
+                    t = distance_to_face(scene, ray.slot, face, instance, ray.origin, ray.direction)
+                    if t < found:
+                        found = t
+                        source = row
+                    face_last = face
+                    instance_last = instance
+                    if k == 0:
+                        face_own = face
+                        instance_own = instance
     is_known = wp.bool(False)
     if source >= 0:
         is_known = found <= front * (1.0 + STEP)

@@ -10,14 +10,12 @@ from mmw.kinematics import differentiate
 from mmw.poses import make_pose, normalize
 from mmw.scene_arrays import MODEL_NONE, Actor, Model, SceneArrays, SceneObject
 from mmw.scene_reader import read_stage
+from mmw.scene_tree import build_trees
 
 __all__ = ["Actor", "Model", "Scene", "SceneArrays", "SceneObject", "instance_actors", "read_stage"]
 
 REBASE_BEYOND_M = 2000.0
 """A town that reaches further from the world origin [m] is traced about its middle; float32 resolves 0.12 mm here."""
-
-LEAF_SIZE = 2
-"""Triangles in a leaf of a mesh tree; more of them in a leaf trace rays more slowly."""
 
 
 def instance_actors(arrays: SceneArrays) -> np.ndarray:
@@ -58,20 +56,16 @@ class Scene:
         max_slots: int,
         *,
         sweep_s: float = 0.0,
-        mesh_constructor: str | None = None,
         instance_constructor: str | None = None,
-        leaf_size: int = LEAF_SIZE,
     ):
-        """Build the meshes on the device; `load_batch` brings the vehicles.
+        """Build the trees of town and models; `load_batch` brings the vehicles.
 
         Args:
             arrays: The scene on the host.
             device: Warp device name.
             max_slots: Frames in the largest batch, > 0.
             sweep_s: Longest sweep before a frame that rays will be traced in by `closest_hit_at` [s], >= 0.
-            mesh_constructor: Tree builder of town and models; the default is cuBQL on CUDA and SAH on the CPU.
             instance_constructor: Tree builder over instances; the default is LBVH on CUDA and SAH on the CPU.
-            leaf_size: Triangles in a leaf of a mesh tree, > 0.
 
         Raises:
             ValueError: If `max_slots` is not positive, or `sweep_s` is negative or not finite.
@@ -86,15 +80,13 @@ class Scene:
         self.sweep_s = sweep_s
         self.batch_frames: tuple[int, ...] = ()
         self.origin = scene_origin(arrays.points)
-        self._mesh_constructor = mesh_constructor or ("cubql" if wp.get_device(device).is_cuda else "sah")
-        self._leaf_size = leaf_size
         self._instance_constructor = instance_constructor
         self.instance_actor = instance_actors(arrays)
         # Of the whole recording, once: what a batch cuts out of it does not depend on the batch.
         motion = differentiate(arrays.poses[:, self.instance_actor])
         self._velocity, self._rate = motion.velocity, motion.world_rate
         self.struct = structs.Scene()
-        self._load_town()
+        self._load_meshes()
         self._load_models()
 
     @property
@@ -105,26 +97,23 @@ class Scene:
     def _array(self, values: np.ndarray, dtype: type) -> wp.array:
         return wp.array(values, dtype=dtype, device=self.device)
 
-    def _mesh(self, points: np.ndarray, faces: np.ndarray) -> wp.Mesh:
-        return wp.Mesh(
-            points=self._array(points.astype(np.float32), wp.vec3),
-            indices=self._array(faces.astype(np.int32).ravel(), wp.int32),
-            bvh_constructor=self._mesh_constructor,
-            bvh_leaf_size=self._leaf_size,
-        )
-
-    def _load_town(self) -> None:
+    def _load_meshes(self) -> None:
         arrays, struct = self.arrays, self.struct
-        self.town_mesh = self._mesh(arrays.points - self.origin, arrays.faces) if len(arrays.faces) else None
-        struct.has_town = self.town_mesh is not None
-        struct.town = self.town_mesh.id if self.town_mesh is not None else 0
+        town = (arrays.points - self.origin).astype(np.float32)[arrays.faces]
+        models = [model.points.astype(np.float32)[model.faces] for model in arrays.models]
+        has_town = len(town) > 0
+        struct.tree, roots = build_trees([town, *models] if has_town else models, self.device)
+        struct.town_root = int(roots[0]) if has_town else -1
+        model = np.array([arrays.actors[i].model for i in self.instance_actor], dtype=np.int32)
+        struct.instance_root = self._array(roots[int(has_town) :][model], wp.int32)
+        struct.town_corner = self._array(town.reshape(-1, 3, 3), wp.vec3)
+        struct.model_corner = self._array(np.concatenate([np.zeros((0, 3, 3), np.float32), *models]), wp.vec3)
         struct.town_material = self._array(arrays.material, wp.int32)
         struct.town_object = self._array(arrays.object_id, wp.int32)
         struct.town_surface = self._array(arrays.surface, wp.int32)
 
     def _load_models(self) -> None:
         arrays, struct = self.arrays, self.struct
-        self.model_meshes = [self._mesh(model.points, model.faces) for model in arrays.models]
         actors = [arrays.actors[i] for i in self.instance_actor]
         model = np.array([actor.model for actor in actors], dtype=np.int32)
         face_offset = np.cumsum([0] + [len(m.faces) for m in arrays.models])
@@ -133,9 +122,6 @@ class Scene:
         self.surface_offset = np.concatenate([[arrays.town_surface_count], ends])[:-1].astype(np.int32)
         self.surface_count = int(ends[-1]) if len(ends) else arrays.town_surface_count
         struct.instance_count = len(actors)
-        struct.instance_mesh = self._array(
-            np.array([self.model_meshes[i].id for i in model], dtype=np.uint64), wp.uint64
-        )
         struct.instance_object = self._array(np.array([a.object_id for a in actors], dtype=np.int32), wp.int32)
         struct.instance_face_offset = self._array(face_offset[model].astype(np.int32), wp.int32)
         struct.instance_surface_offset = self._array(self.surface_offset, wp.int32)

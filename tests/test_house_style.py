@@ -33,7 +33,7 @@ LAYERS = [
     {"mmw.inspect"},
     {"mmw.stage"},
     {"mmw.scene_arrays"},
-    {"mmw.scene_actors", "mmw.scene_reader", "mmw.scene"},
+    {"mmw.scene_actors", "mmw.scene_reader", "mmw.scene_tree", "mmw.scene"},
     {"mmw.patterns", "mmw.views"},
     {"mmw.channel", "mmw.sensors"},
     {"mmw.tables"},
@@ -113,10 +113,14 @@ def test_kernels_is_no_package_of_its_own() -> None:
         assert not any(name == "kernels" or name.startswith("kernels.") for name in imports_of(path)), path
 
 
-def test_only_trace_touches_a_bvh() -> None:
+def test_only_trace_touches_a_tree() -> None:
     for path in KERNELS:
-        if path.name != "trace.py":
-            assert not re.search(r"wp\.(mesh_query|bvh_query|bvh_get)", path.read_text()), path
+        if path.name not in ("trace.py", "tree.py"):
+            assert not re.search(r"wp\.(mesh_query|bvh_query|bvh_get)|walk_(nearest|any)", path.read_text()), path
+
+
+def test_only_the_tree_is_native_code() -> None:
+    assert [path.name for path in KERNELS if "func_native" in path.read_text()] == ["tree.py"]
 
 
 @pytest.mark.parametrize("path", KERNELS, ids=lambda p: p.name)

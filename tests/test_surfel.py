@@ -8,10 +8,11 @@ import warp as wp
 from PIL import Image
 from pxr import Gf, UsdGeom
 
+from mmw.kernels.faces import material_of
 from mmw.kernels.looks import Appearance, Surfel
 from mmw.kernels.structs import Scene as SceneStruct
-from mmw.kernels.surfel import geometric_normal, is_cut_out, material_of, surfel_of
-from mmw.kernels.trace import nearest_surface
+from mmw.kernels.surfel import is_cut_out, surfel_of
+from mmw.kernels.trace import closest_hit
 from mmw.scene import Scene, read_stage
 from mmw.scene_arrays import SceneArrays
 from mmw.sensors.appearance import AppearanceArrays
@@ -35,12 +36,12 @@ def look_kernel(
 ):
     """Look along rays in slot 0. Launch: dim=R, block_dim=64."""
     i = wp.tid()
-    near = nearest_surface(scene, 0, origin[i], direction[i], 1.0e4, -1)
+    near = closest_hit(scene, 0, origin[i], direction[i], 1.0e4, -1)
     if near.face < 0:
         surfel_out[i].material = -1
         return
     surfel_out[i] = surfel_of(scene, appearance, 0, origin[i], direction[i], near.t, near.face, near.instance, spread)
-    normal_out[i] = geometric_normal(scene, 0, near.face, near.instance, direction[i])
+    normal_out[i] = near.normal
     is_hole_out[i] = is_cut_out(scene, appearance, 0, origin[i], direction[i], near.t, near.face, near.instance, spread)
     assert surfel_out[i].material == material_of(scene, near.face, near.instance)
 

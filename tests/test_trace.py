@@ -348,7 +348,11 @@ def test_sweep_of_zero_changes_nothing_and_batches_change_nothing(device: str) -
 
 
 def test_mesh_hit_is_the_nearest_face(device: str) -> None:
-    mesh = loaded(ground_and_wall(), device).town_mesh
+    arrays = ground_and_wall()
+    mesh = wp.Mesh(
+        wp.array(arrays.points.astype(np.float32), dtype=wp.vec3, device=device),
+        wp.array(arrays.faces.ravel(), dtype=int, device=device),
+    )
     out = wp.zeros(2, dtype=structs.MeshHit, device=device)
     wp.launch(drop_kernel, dim=2, inputs=[mesh.id], outputs=[out], device=device)
     rows = out.numpy()

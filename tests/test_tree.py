@@ -1,0 +1,202 @@
+"""The tree: what it holds, how deep it gets, and what rays find that meet edges, corners and planes exactly."""
+
+import numpy as np
+import pytest
+import warp as wp
+
+from mmw.kernels import tree
+from mmw.scene_tree import REFERENCE_ROW, build_tree, build_trees
+from tests.oracles import triangle_hits
+
+MISS = -1
+
+
+@wp.kernel
+def cast_kernel(
+    trees: tree.Tree,
+    root: int,
+    origin: wp.array[wp.vec3],
+    direction: wp.array[wp.vec3],
+    t_max: float,
+    t_out: wp.array[float],
+    face_out: wp.array[int],
+    is_met_out: wp.array[wp.bool],
+):
+    """Walk one tree. Launch: dim=R."""
+    i = wp.tid()
+    found = tree.walk_nearest(trees.nodes, trees.leaves, root, origin[i], direction[i], t_max)
+    t_out[i] = wp.cast(wp.uint32(found >> wp.uint64(32)), float)
+    face_out[i] = int(wp.uint32(found & wp.uint64(0xFFFFFFFF))) - 1
+    is_met_out[i] = tree.walk_any(trees.nodes, trees.leaves, root, origin[i], direction[i], t_max)
+
+
+def cast(device: str, trees: tree.Tree, root: int, origin, direction, t_max: float = 1e4):
+    """Return distances, faces and whether anything is met, of rays that broadcast."""
+    origin, direction = np.broadcast_arrays(np.atleast_2d(origin), np.atleast_2d(direction))
+    count = len(origin)
+    rays = [wp.array(np.ascontiguousarray(v, np.float32), dtype=wp.vec3, device=device) for v in (origin, direction)]
+    out = [wp.empty(count, dtype=kind, device=device) for kind in (float, int, wp.bool)]
+    inputs = [trees, root, *rays, t_max]
+    wp.launch(cast_kernel, dim=count, inputs=inputs, outputs=out, device=device, block_dim=64)
+    t, face, is_met = (array.numpy() for array in out)
+    np.testing.assert_array_equal(is_met, face >= 0)
+    np.testing.assert_array_equal(t[face < 0], np.float32(t_max))
+    return t, face
+
+
+def one(device: str, corners) -> tree.Tree:
+    return build_trees([np.asarray(corners, np.float32)], device)[0]
+
+
+def soup(seed: int, count: int, size: float = 1.0) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    return (rng.uniform(-10.0, 10.0, (count, 1, 3)) + rng.normal(size=(count, 3, 3)) * size).astype(np.float32)
+
+
+def grid(cells: int) -> np.ndarray:
+    """An uneven sheet over [0, cells]^2, two triangles a cell, all edges shared but those of the border."""
+    x, y = np.meshgrid(np.arange(cells + 1.0), np.arange(cells + 1.0), indexing="ij")
+    height = np.random.default_rng(5).uniform(0.0, 0.1, x.shape)
+    point = np.stack([x, y, height], axis=2)
+    a, b, c, d = point[:-1, :-1], point[1:, :-1], point[1:, 1:], point[:-1, 1:]
+    return np.concatenate([np.stack([a, b, c], axis=2), np.stack([a, c, d], axis=2)]).reshape(-1, 3, 3)
+
+
+def leaves_below(nodes: np.ndarray, leaves: np.ndarray) -> tuple[list[int], int]:
+    """Return the faces of all leaves and the number of nodes on the longest way, having seen that boxes hold them."""
+    faces, longest = [], 0
+    todo = [(0, 1)]
+    while todo:
+        number, level = todo.pop()
+        longest = max(longest, level)
+        lower, upper = nodes[number, :3].T, nodes[number, 3:6].T
+        for k, child in enumerate(nodes[number, REFERENCE_ROW].view(np.int32)):
+            if np.any(lower[k] > upper[k]):
+                continue
+            if child >= 0:
+                below = nodes[child]
+                is_used = np.all(below[:3] <= below[3:6], axis=0)
+                assert np.all(below[:3, is_used].min(axis=1) >= lower[k])
+                assert np.all(below[3:6, is_used].max(axis=1) <= upper[k])
+                todo.append((int(child), level + 1))
+            else:
+                leaf, count = divmod(-1 - int(child), 8)
+                assert 1 <= count <= int(tree.LEAF_FACES)
+                points = leaves[leaf, :9, :count].reshape(3, 3, count)
+                assert np.all(points.min(axis=(0, 2)) >= lower[k])
+                assert np.all(points.max(axis=(0, 2)) <= upper[k])
+                faces += leaves[leaf, 9, :count].view(np.int32).tolist()
+    return faces, longest
+
+
+@pytest.mark.parametrize("count", [1, 3, 4, 5, 17, 700])
+def test_every_face_is_in_one_leaf_inside_of_its_boxes(count: int) -> None:
+    faces, _ = leaves_below(*build_tree(soup(count, count)))
+    assert sorted(faces) == list(range(count))
+
+
+def test_trees_stay_shallow_whatever_the_triangles() -> None:
+    near = soup(0, 400, 1e-3)[:, :, :] * (0.5 ** np.arange(400) + 1e-12)[:, None, None]  # ever smaller about the origin
+    for corners in (near.astype(np.float32), np.repeat(soup(1, 1), 5000, axis=0), np.zeros((300, 3, 3), np.float32)):
+        faces, longest = leaves_below(*build_tree(corners))
+        assert sorted(faces) == list(range(len(corners)))
+        assert longest <= int(tree.MOST_LEVELS)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_rays_find_what_the_oracle_finds(device: str, seed: int) -> None:
+    corners = soup(seed, 900)
+    rng = np.random.default_rng(seed)
+    origin = rng.uniform(-15.0, 15.0, (500, 3)).astype(np.float32)
+    direction = rng.uniform(-8.0, 8.0, (500, 3)) - origin
+    direction = (direction / np.linalg.norm(direction, axis=1, keepdims=True)).astype(np.float32)
+    t, face = cast(device, one(device, corners), 0, origin, direction)
+    ray, triangle, distance = triangle_hits(origin.astype(float), direction.astype(float), corners.astype(float))
+    expected, second = np.full(500, np.inf), np.full(500, np.inf)
+    number = np.full(500, MISS)
+    for k in np.argsort(distance):
+        if expected[ray[k]] == np.inf:
+            expected[ray[k]], number[ray[k]] = distance[k], triangle[k]
+        elif second[ray[k]] == np.inf:
+            second[ray[k]] = distance[k]
+    is_clear = (second == np.inf) | (second > expected + 1e-4)
+    assert is_clear.sum() > 400 and (number >= 0).sum() > 200
+    np.testing.assert_array_equal(face[is_clear], number[is_clear])
+    np.testing.assert_allclose(t[face >= 0], expected[face >= 0], rtol=1e-5, atol=1e-5)
+
+
+def test_no_ray_passes_between_neighbours(device: str) -> None:
+    corners = grid(24)
+    rng = np.random.default_rng(2)
+    inner = corners.reshape(-1, 3)
+    inner = inner[np.all((inner[:, :2] > 0.5) & (inner[:, :2] < 23.5), axis=1)]
+    ends = rng.permutation(np.unique(inner, axis=0))
+    along = rng.uniform(0.0, 1.0, (len(corners), 1))
+    on_edge = corners[:, 0] + along * (corners[:, 1] - corners[:, 0])
+    on_edge = on_edge[np.all((on_edge[:, :2] > 0.5) & (on_edge[:, :2] < 23.5), axis=1)]
+    target = np.concatenate([ends, on_edge]).astype(np.float32)
+    for start in ((12.3, 11.1, 30.0), (-5.0, 40.0, 17.0), (12.0, 12.0, 8.0)):
+        way = target.astype(np.float64) - start
+        length = np.linalg.norm(way, axis=1)
+        t, face = cast(device, one(device, corners), 0, start, (way / length[:, None]).astype(np.float32))
+        assert np.all(face >= 0)
+        assert np.all(t <= length + 1e-3)
+    straight = np.concatenate([target[:, :2], np.full((len(target), 1), 9.0)], axis=1)
+    assert np.all(cast(device, one(device, corners), 0, straight, (0.0, 0.0, -1.0))[1] >= 0)
+
+
+def test_rays_along_axes_meet_flat_things(device: str) -> None:
+    floor = grid(4) * (1.0, 1.0, 0.0)
+    wall = floor[:, :, [2, 0, 1]] + (2.0, 0.0, 0.0)  # x = 2 over y and z of 0 to 4
+    trees = one(device, np.concatenate([floor, wall]))
+    t, face = cast(
+        device, trees, 0, [(1.0, 1.0, 3.0), (0.5, 2.0, 1.0), (3.0, 0.5, 2.0)], [(0, 0, -1), (1, 0, 0), (-1, 0, 0)]
+    )
+    np.testing.assert_array_equal(t, [3.0, 1.5, 1.0])
+    np.testing.assert_array_equal(face >= len(floor), [False, True, True])
+    # In the plane of the floor, at the height of the wall's lower edge: the wall is met, the floor is not.
+    t, face = cast(device, trees, 0, (0.5, 1.5, 0.0), (1.0, 0.0, 0.0))
+    assert t == 1.5 and face >= len(floor)
+    assert cast(device, trees, 0, (0.5, 1.5, 0.0), (0.0, 0.0, 1.0))[0] == 0.0  # starts on it
+
+
+def test_the_lowest_of_equal_faces_is_found(device: str) -> None:
+    corners = np.concatenate(
+        [soup(3, 300) + np.array([0.0, 0.0, 40.0]), np.repeat(grid(1)[:1] - np.array([0.0, 0.0, 5.0]), 40, axis=0)]
+    )
+    order = np.random.default_rng(0).permutation(len(corners))
+    first = np.flatnonzero(order >= 300).min()
+    t, face = cast(device, one(device, corners[order]), 0, (0.7, 0.2, -9.0), (0.0, 0.0, 1.0))
+    assert face == first and t > 3.0
+
+
+def test_faces_without_area_are_passed(device: str) -> None:
+    line = np.array([[(0, 0, 0), (1, 1, 0), (2, 2, 0)], [(1, 0, 0), (1, 0, 0), (1, 0, 0)]], np.float32)
+    trees = one(device, np.concatenate([line, grid(2) - np.array([0.0, 0.0, 7.0])]))
+    _, face = cast(device, trees, 0, [(1.0, 1.0, 5.0), (1.0, 0.01, 5.0)], (0.0, 0.0, -1.0))
+    assert np.all(face >= 2)
+
+
+def test_rays_end_and_start_where_they_should(device: str) -> None:
+    trees = one(device, grid(2) * (1.0, 1.0, 0.0))
+    above = (0.7, 0.4, 2.0)
+    assert cast(device, trees, 0, above, (0.0, 0.0, -1.0), 2.0)[1] == MISS
+    assert cast(device, trees, 0, above, (0.0, 0.0, -1.0), 2.0001)[1] >= 0
+    assert cast(device, trees, 0, above, (0.0, 0.0, 1.0))[1] == MISS
+    assert cast(device, trees, 0, above, (0.0, 0.0, -1.0), np.inf)[0] == 2.0
+
+
+def test_trees_of_several_meshes_are_apart(device: str) -> None:
+    meshes = [soup(k, 50 * k) + np.array([100.0 * k, 0.0, 0.0]) for k in range(1, 4)]
+    trees, roots = build_trees(meshes, device)
+    rng = np.random.default_rng(1)
+    direction = rng.normal(size=(200, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    for k, (mesh, root) in enumerate(zip(meshes, roots, strict=True), start=1):
+        for place in range(1, 4):
+            origin = np.full((200, 3), (100.0 * place, 0.0, 0.0))
+            t, face = cast(device, trees, int(root), origin, direction, 30.0)
+            t_alone, face_alone = cast(device, one(device, mesh), 0, origin, direction, 30.0)
+            np.testing.assert_array_equal(face, face_alone)
+            np.testing.assert_array_equal(t, t_alone)
+            assert (face >= 0).any() == (place == k)
