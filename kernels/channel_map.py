@@ -8,7 +8,8 @@ import warp as wp
 
 from mmw.kernels.geometry import fibonacci_direction
 from mmw.kernels.structs import MISS_ID, Scene
-from mmw.kernels.trace import closest_hit, closest_mesh_hit
+from mmw.kernels.trace import closest_hit, nearest_in_tree
+from mmw.kernels.tree import Tree
 
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
 
@@ -68,8 +69,10 @@ class MapMaterials:
 class MapGrid:
     """What the rays are counted on: a mesh of which every face belongs to a cell."""
 
-    mesh: wp.uint64
-    """wp.Mesh id, scene frame."""
+    tree: Tree
+    """Of the mesh, scene frame; its root is node 0."""
+    normal: wp.array[wp.vec3d]
+    """Unit normal of each face, shape [F]."""
     cell: wp.array[int]
     """Cell of each face, shape [F]."""
 
@@ -339,7 +342,7 @@ def map_kernel(
         power = wp.dot(field.real, field.real) + wp.dot(field.imag, field.imag)
         if power * launch.scale < wp.float64(0.5) * COSINE_FLOOR:  # no crossing could add a step any more
             return
-        crossing = closest_mesh_hit(grid.mesh, as_single(place), as_single(direction), wp.inf)
+        crossing = nearest_in_tree(grid.tree, 0, as_single(place), as_single(direction), wp.inf)
         if crossing.face < 0 and leg == launch.max_depth:
             return
         hit = closest_hit(scene, launch.slot, as_single(place), as_single(direction), wp.inf, MISS_ID)
@@ -347,7 +350,8 @@ def map_kernel(
             at = place
             gone = crossing.t
             while crossing.face >= 0 and gone < hit.t:
-                normal = wp.normalize(as_double(crossing.normal))
+                normal = grid.normal[crossing.face]
+                normal = wp.where(wp.dot(normal, direction) > wp.float64(0.0), -normal, normal)
                 cosine = wp.max(wp.abs(wp.dot(normal, direction)), COSINE_FLOOR)
                 amount = wp.int64(wp.rint(wp.min(power / cosine * launch.scale, LARGEST_AMOUNT)))
                 cell = grid.cell[crossing.face]
@@ -356,7 +360,7 @@ def map_kernel(
                 wp.atomic_add(low_out, source, cell, amount & LOW_MASK)
                 at = at + wp.float64(crossing.t) * direction
                 at = at - lift_of(at) * normal
-                crossing = closest_mesh_hit(grid.mesh, as_single(at), as_single(direction), wp.inf)
+                crossing = nearest_in_tree(grid.tree, 0, as_single(at), as_single(direction), wp.inf)
                 gone = gone + crossing.t
         if hit.object_id == MISS_ID or leg == launch.max_depth:
             return

@@ -1,15 +1,16 @@
-"""Single rays on one mesh, given one by one: what a check of a town asks."""
+"""Single rays on one mesh, given one by one: what a check of a town asks, and how high the road is under a wheel."""
 
 import warp as wp
 
-from mmw.kernels.trace import closest_mesh_hit
+from mmw.kernels.trace import nearest_in_tree
+from mmw.kernels.tree import Tree
 
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
 
 
 @wp.kernel
 def rays_kernel(
-    mesh: wp.uint64,
+    tree: Tree,
     origin: wp.array[wp.vec3],
     direction: wp.array[wp.vec3],
     t_max: float,
@@ -22,6 +23,6 @@ def rays_kernel(
     Launch: dim=(R,), block_dim=64.
     """
     ray = wp.tid()
-    hit = closest_mesh_hit(mesh, origin[ray], direction[ray], t_max)
-    t_out[ray] = hit.t
-    face_out[ray] = hit.face
+    near = nearest_in_tree(tree, 0, origin[ray], direction[ray], t_max)
+    t_out[ray] = wp.where(near.face >= 0, near.t, wp.inf)
+    face_out[ray] = near.face

@@ -110,15 +110,3 @@ class Nearest:
     """Face of the town, or of the instance's model; -1 for a miss."""
     instance: int
     """Instance index, -1 for the town or a miss."""
-
-
-@wp.struct
-class MeshHit:
-    """The nearest face of one mesh on a ray."""
-
-    t: float
-    """Distance along the unit direction [m], inf for a miss."""
-    face: int
-    """Face index, -1 for a miss."""
-    normal: wp.vec3
-    """Unit geometric normal in the mesh's frame, turned against the ray."""

@@ -22,8 +22,8 @@ import warp as wp
 
 from mmw.kernels.faces import face_normal, material_of
 from mmw.kernels.motion import instance_pose_at
-from mmw.kernels.structs import MISS_ID, Candidates, Hit, MeshHit, Nearest, Scene
-from mmw.kernels.tree import walk_any, walk_nearest
+from mmw.kernels.structs import MISS_ID, Candidates, Hit, Nearest, Scene
+from mmw.kernels.tree import Tree, walk_any, walk_nearest
 
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
 
@@ -43,12 +43,20 @@ TIE_REACH = wp.constant(1.000001)
 
 
 @wp.func
-def nearest_in_tree(scene: Scene, root: int, origin: wp.vec3, direction: wp.vec3, t_max: float) -> Nearest:
-    """Return what a ray meets first of one tree; its `t` is `t_max` for a miss. No instance is named."""
+def nearest_in_tree(tree: Tree, root: int, origin: wp.vec3, direction: wp.vec3, t_max: float) -> Nearest:
+    """Return the first face of one mesh on a ray, such as the road under a wheel; its `t` is `t_max` for a miss.
+
+    Args:
+        tree: Trees of some meshes.
+        root: Root of the one.
+        origin: Start of the ray in the mesh's frame [m].
+        direction: Unit direction in the mesh's frame.
+        t_max: Length of the ray [m].
+    """
     near = Nearest()
     near.t = t_max
     near.instance = MISS_ID
-    found = walk_nearest(scene.tree.nodes, scene.tree.leaves, root, origin, direction, t_max)
+    found = walk_nearest(tree.nodes, tree.leaves, root, origin, direction, t_max)
     near.face = int(wp.uint32(found & FACE_BITS)) - 1
     if near.face >= 0:
         near.t = wp.cast(wp.uint32(found >> wp.uint64(32)), float)
@@ -63,7 +71,7 @@ def nearest_in_town(scene: Scene, origin: wp.vec3, direction: wp.vec3, t_max: fl
     near.face = MISS_ID
     near.instance = MISS_ID
     if scene.town_root >= 0:
-        near = nearest_in_tree(scene, scene.town_root, origin, direction, t_max)
+        near = nearest_in_tree(scene.tree, scene.town_root, origin, direction, t_max)
     return near
 
 
@@ -74,7 +82,7 @@ def nearer_body(
     """Return what a ray meets first, from the nearest so far and an instance at a pose."""
     to_local = wp.transform_inverse(pose)
     body = nearest_in_tree(
-        scene,
+        scene.tree,
         scene.instance_root[instance],
         wp.transform_point(to_local, origin),
         wp.transform_vector(to_local, direction),
@@ -295,29 +303,6 @@ def is_blocked(scene: Scene, slot: int, origin: wp.vec3, direction: wp.vec3, t_m
             if instance != ignore:
                 blocked = is_blocked_by(scene, slot, instance, origin, direction, t_max)
     return blocked
-
-
-@wp.func
-def closest_mesh_hit(mesh: wp.uint64, origin: wp.vec3, direction: wp.vec3, t_max: float) -> MeshHit:
-    """Return the nearest face of one mesh, such as the drivable surface under a wheel.
-
-    Args:
-        mesh: Id of a `wp.Mesh`.
-        origin: Start of the ray in the mesh's frame [m].
-        direction: Unit direction in the mesh's frame.
-        t_max: Length of the ray [m].
-    """
-    hit = MeshHit()
-    hit.t = wp.inf
-    hit.face = MISS_ID
-    found = wp.mesh_query_ray(mesh, origin, direction, t_max)
-    if found.result:
-        hit.t = found.t
-        hit.face = found.face
-        hit.normal = found.normal
-        if wp.dot(hit.normal, direction) > 0.0:
-            hit.normal = -hit.normal
-    return hit
 
 
 @wp.kernel

@@ -16,6 +16,9 @@ BINS = wp.constant(16)
 
 LARGEST = wp.constant(3.0e38)
 
+Corners = wp.types.matrix(shape=(4, 3), dtype=wp.float32)
+"""A corner of the box of each child."""
+
 
 @wp.struct
 class Work:
@@ -23,114 +26,174 @@ class Work:
 
     corner: wp.array2d[wp.vec3]
     """Corners [m], shape [M, 3]."""
-    lower: wp.array[wp.vec3]
-    """Lower corner of each triangle's box [m], shape [M]."""
-    upper: wp.array[wp.vec3]
-    """Upper corner [m], shape [M]."""
     order: wp.array[int]
     """Triangles; every node and leaf holds a stretch of them, shape [M]."""
+    lower: wp.array[wp.vec3]
+    """Lower corner of the box of each triangle in that order [m], shape [M]."""
+    upper: wp.array[wp.vec3]
+    """Upper corner [m], shape [M]."""
     waiting: wp.array2d[int]
     """Nodes that are not made yet: number, first triangle, last + 1, level; shape [M, 4]."""
-    bin_count: wp.array[int]
-    """Triangles in each bin, shape [BINS]."""
-    bin_lower: wp.array[wp.vec3]
-    bin_upper: wp.array[wp.vec3]
+    bin_count: wp.array2d[int]
+    """Triangles in each bin of each axis, shape [3, BINS]."""
+    bin_lower: wp.array2d[wp.vec3]
+    """Lower corner of the box about what lies in it [m]."""
+    bin_upper: wp.array2d[wp.vec3]
     cost_behind: wp.array[float]
     """Area times number of what lies in a bin and behind it, shape [BINS]."""
 
 
+@wp.struct
+class Box:
+    """A box."""
+
+    lower: wp.vec3
+    upper: wp.vec3
+
+
 @wp.func
-def half_area(lower: wp.vec3, upper: wp.vec3) -> float:
-    """Return half the surface of a box [m2]."""
-    side = upper - lower
+def no_box() -> Box:
+    """Return a box that holds nothing."""
+    box = Box()
+    box.lower = wp.vec3(LARGEST, LARGEST, LARGEST)
+    box.upper = -box.lower
+    return box
+
+
+@wp.func
+def half_area(box: Box) -> float:
+    """Return half the surface of a box that is not empty [m2]."""
+    side = box.upper - box.lower
     return side[0] * side[1] + side[1] * side[2] + side[2] * side[0]
 
 
 @wp.func
-def area_of(work: Work, begin: int, end: int) -> float:
-    """Return half the surface of the box about a stretch of triangles [m2]."""
-    lower = wp.vec3(LARGEST, LARGEST, LARGEST)
-    upper = -lower
+def box_of(work: Work, begin: int, end: int) -> Box:
+    """Return the box about a stretch of triangles [m]."""
+    box = no_box()
     for i in range(begin, end):
-        lower = wp.min(lower, work.lower[work.order[i]])
-        upper = wp.max(upper, work.upper[work.order[i]])
-    return half_area(lower, upper)
+        box.lower = wp.min(box.lower, work.lower[i])
+        box.upper = wp.max(box.upper, work.upper[i])
+    return box
 
 
 @wp.func
-def bin_of(work: Work, face: int, axis: int, start: float, scale: float) -> int:
-    """Return the bin of a triangle."""
-    middle = 0.5 * (work.lower[face][axis] + work.upper[face][axis])
-    return wp.clamp(int((middle - start) * scale), 0, BINS - 1)
+def box_of_bins(work: Work, axis: int, first: int, last: int) -> Box:
+    """Return the box about what lies in bins, `last` included [m]."""
+    box = no_box()
+    for k in range(first, last + 1):
+        box.lower = wp.min(box.lower, work.bin_lower[axis, k])
+        box.upper = wp.max(box.upper, work.bin_upper[axis, k])
+    return box
 
 
 @wp.func
-def split(work: Work, begin: int, end: int) -> int:
-    """Order a stretch of triangles so that its two parts cost rays least, and return where the second begins.
+def bins_of(middle: wp.vec3, start: wp.vec3, scale: wp.vec3) -> wp.vec3i:
+    """Return the bins of a triangle whose box has this middle."""
+    at = wp.cw_mul(middle - start, scale)
+    return wp.vec3i(
+        wp.clamp(int(at[0]), 0, BINS - 1), wp.clamp(int(at[1]), 0, BINS - 1), wp.clamp(int(at[2]), 0, BINS - 1)
+    )
 
-    A stretch whose triangles share one middle is halved as it stands.
-    """
+
+@wp.struct
+class Split:
+    """Two parts of a stretch of triangles."""
+
+    middle: int
+    """Where the second begins."""
+    left: Box
+    right: Box
+
+
+@wp.func
+def halves(work: Work, begin: int, end: int) -> Split:
+    """Return the two halves of a stretch of triangles as it stands."""
+    split = Split()
+    split.middle = (begin + end) // 2
+    split.left = box_of(work, begin, split.middle)
+    split.right = box_of(work, split.middle, end)
+    return split
+
+
+@wp.func
+def best_split(work: Work, begin: int, end: int) -> Split:
+    """Order a stretch of triangles so that its two parts cost rays least; halve it if all have one middle."""
     low = wp.vec3(LARGEST, LARGEST, LARGEST)
     high = -low
     for i in range(begin, end):
-        face = work.order[i]
-        middle = 0.5 * (work.lower[face] + work.upper[face])
+        middle = 0.5 * (work.lower[i] + work.upper[i])
         low = wp.min(low, middle)
         high = wp.max(high, middle)
+    width = high - low
+    scale = wp.vec3(0.0, 0.0, 0.0)
+    for axis in range(3):
+        if width[axis] > 0.0:
+            scale[axis] = float(BINS) / width[axis]
+        for k in range(BINS):
+            work.bin_count[axis, k] = 0
+            work.bin_lower[axis, k] = wp.vec3(LARGEST, LARGEST, LARGEST)
+            work.bin_upper[axis, k] = wp.vec3(-LARGEST, -LARGEST, -LARGEST)
+    for i in range(begin, end):
+        lower = work.lower[i]
+        upper = work.upper[i]
+        at = bins_of(0.5 * (lower + upper), low, scale)
+        for axis in range(3):
+            k = at[axis]
+            work.bin_count[axis, k] = work.bin_count[axis, k] + 1
+            work.bin_lower[axis, k] = wp.min(work.bin_lower[axis, k], lower)
+            work.bin_upper[axis, k] = wp.max(work.bin_upper[axis, k], upper)
     least = wp.float32(LARGEST)
     best_axis = wp.int32(-1)
     best_bin = wp.int32(0)
     for axis in range(3):
-        width = high[axis] - low[axis]
-        if width > 0.0:
-            scale = float(BINS) / width
-            for k in range(BINS):
-                work.bin_count[k] = 0
-                work.bin_lower[k] = wp.vec3(LARGEST, LARGEST, LARGEST)
-                work.bin_upper[k] = wp.vec3(-LARGEST, -LARGEST, -LARGEST)
-            for i in range(begin, end):
-                face = work.order[i]
-                k = bin_of(work, face, axis, low[axis], scale)
-                work.bin_count[k] = work.bin_count[k] + 1
-                work.bin_lower[k] = wp.min(work.bin_lower[k], work.lower[face])
-                work.bin_upper[k] = wp.max(work.bin_upper[k], work.upper[face])
-            lower = wp.vec3(LARGEST, LARGEST, LARGEST)
-            upper = -lower
+        if width[axis] > 0.0:
+            behind = no_box()
             count = wp.int32(0)
             for j in range(BINS - 1):
                 k = BINS - 1 - j
-                count += work.bin_count[k]
-                lower = wp.min(lower, work.bin_lower[k])
-                upper = wp.max(upper, work.bin_upper[k])
-                work.cost_behind[k] = wp.where(count > 0, half_area(lower, upper) * float(count), LARGEST)
-            lower = wp.vec3(LARGEST, LARGEST, LARGEST)
-            upper = -lower
+                count += work.bin_count[axis, k]
+                behind.lower = wp.min(behind.lower, work.bin_lower[axis, k])
+                behind.upper = wp.max(behind.upper, work.bin_upper[axis, k])
+                work.cost_behind[k] = LARGEST
+                if count > 0:
+                    work.cost_behind[k] = half_area(behind) * float(count)
+            before = no_box()
             count = wp.int32(0)
             for k in range(BINS - 1):
-                count += work.bin_count[k]
-                lower = wp.min(lower, work.bin_lower[k])
-                upper = wp.max(upper, work.bin_upper[k])
+                count += work.bin_count[axis, k]
+                before.lower = wp.min(before.lower, work.bin_lower[axis, k])
+                before.upper = wp.max(before.upper, work.bin_upper[axis, k])
                 if count > 0 and work.cost_behind[k + 1] < LARGEST:
-                    cost = half_area(lower, upper) * float(count) + work.cost_behind[k + 1]
+                    cost = half_area(before) * float(count) + work.cost_behind[k + 1]
                     if cost < least:
                         least = cost
                         best_axis = axis
                         best_bin = k
     if best_axis < 0:
-        return (begin + end) // 2
-    start = low[best_axis]
-    scale = float(BINS) / (high[best_axis] - start)
+        return halves(work, begin, end)
+    split = Split()
+    split.left = box_of_bins(work, best_axis, 0, best_bin)
+    split.right = box_of_bins(work, best_axis, best_bin + 1, BINS - 1)
     first = wp.int32(begin)
     last = wp.int32(end - 1)
     while first <= last:
-        face = work.order[first]
-        if bin_of(work, face, best_axis, start, scale) <= best_bin:
+        lower = work.lower[first]
+        upper = work.upper[first]
+        at = bins_of(0.5 * (lower + upper), low, scale)
+        if at[best_axis] <= best_bin:
             first += 1
         else:
+            face = work.order[first]
             work.order[first] = work.order[last]
+            work.lower[first] = work.lower[last]
+            work.upper[first] = work.upper[last]
             work.order[last] = face
+            work.lower[last] = lower
+            work.upper[last] = upper
             last -= 1
-    return first
+    split.middle = first
+    return split
 
 
 @wp.func
@@ -181,6 +244,12 @@ def build_tree_kernel(
         # A tree that has become deep goes on by halves, so that it ends.
         is_deep = level + levels_of(end[0] - begin[0]) >= MOST_LEVELS
         area = wp.vec4(1.0, 0.0, 0.0, 0.0)
+        lower = Corners()
+        upper = Corners()
+        if faces <= LEAF_FACES:  # one leaf below the root
+            whole = box_of(work, 0, faces)
+            lower[0] = whole.lower
+            upper[0] = whole.upper
         children = wp.int32(1)
         is_whole = wp.bool(False)
         while children < 4 and not is_whole:
@@ -193,17 +262,22 @@ def build_tree_kernel(
             else:
                 from_face = begin[widest]
                 to_face = end[widest]
-                middle = (from_face + to_face) // 2
+                parts = Split()
                 if is_deep:
-                    area[widest] = float(middle - from_face)
-                    area[children] = float(to_face - middle)
+                    parts = halves(work, from_face, to_face)
+                    area[widest] = float(parts.middle - from_face)
+                    area[children] = float(to_face - parts.middle)
                 else:
-                    middle = split(work, from_face, to_face)
-                    area[widest] = area_of(work, from_face, middle)
-                    area[children] = area_of(work, middle, to_face)
-                end[widest] = middle
-                begin[children] = middle
+                    parts = best_split(work, from_face, to_face)
+                    area[widest] = half_area(parts.left)
+                    area[children] = half_area(parts.right)
+                end[widest] = parts.middle
+                begin[children] = parts.middle
                 end[children] = to_face
+                lower[widest] = parts.left.lower
+                upper[widest] = parts.left.upper
+                lower[children] = parts.right.lower
+                upper[children] = parts.right.upper
                 children += 1
         lower_x = wp.vec4(LARGEST, LARGEST, LARGEST, LARGEST)
         lower_y = lower_x
@@ -213,19 +287,14 @@ def build_tree_kernel(
         upper_z = -lower_x
         child = wp.vec4i(-1, -1, -1, -1)
         for k in range(children):
-            lower = wp.vec3(LARGEST, LARGEST, LARGEST)
-            upper = -lower
-            for i in range(begin[k], end[k]):
-                lower = wp.min(lower, work.lower[work.order[i]])
-                upper = wp.max(upper, work.upper[work.order[i]])
-            lower = lower - 2.5e-7 * wp.abs(lower)
-            upper = upper + 2.5e-7 * wp.abs(upper)
-            lower_x[k] = lower[0]
-            lower_y[k] = lower[1]
-            lower_z[k] = lower[2]
-            upper_x[k] = upper[0]
-            upper_y[k] = upper[1]
-            upper_z[k] = upper[2]
+            low = lower[k] - 2.5e-7 * wp.abs(lower[k])
+            high = upper[k] + 2.5e-7 * wp.abs(upper[k])
+            lower_x[k] = low[0]
+            lower_y[k] = low[1]
+            lower_z[k] = low[2]
+            upper_x[k] = high[0]
+            upper_y[k] = high[1]
+            upper_z[k] = high[2]
             count = end[k] - begin[k]
             if count <= LEAF_FACES:
                 child[k] = -1 - (8 * leaf_count + count)

@@ -136,17 +136,8 @@ def seen_again(samples: Samples, row: int) -> Nearest:
 
 
 @wp.func
-def is_edge_between(scene: Scene, samples: Samples, row: int, other: int, ray: SampleRay, beside: SampleRay) -> wp.bool:
-    """Return whether a line that a camera should draw smoothly lies between two samples of different surfaces.
-
-    Args:
-        scene: Town and vehicles.
-        samples: What samples met.
-        row: A sample.
-        other: One next to it in the image.
-        ray: Ray of the first.
-        beside: Ray of the other.
-    """
+def is_other_thing(scene: Scene, samples: Samples, row: int, other: int) -> wp.bool:
+    """Return whether two samples show different objects or materials, or two sides of a fold."""
     near = seen_again(samples, row)
     next_to = seen_again(samples, other)
     if near.face < 0 or next_to.face < 0:
@@ -155,10 +146,23 @@ def is_edge_between(scene: Scene, samples: Samples, row: int, other: int, ray: S
         return True
     if material_of(scene, near.face, near.instance) != material_of(scene, next_to.face, next_to.instance):
         return True
+    return wp.dot(unpack_unit(samples.normal[row]), unpack_unit(samples.normal[other])) < FOLD
+
+
+@wp.func
+def is_step(samples: Samples, row: int, other: int, ray: SampleRay, beside: SampleRay) -> wp.bool:
+    """Return whether what one sample shows lies before or behind the surface of the other.
+
+    Args:
+        samples: What samples met.
+        row: A sample that met something.
+        other: One next to it in the image that did.
+        ray: Ray of the first.
+        beside: Ray of the other.
+    """
+    t = samples.t[row]
     normal = unpack_unit(samples.normal[row])
-    if wp.dot(normal, unpack_unit(samples.normal[other])) < FOLD:
-        return True
-    return wp.abs(wp.dot(next_to.t * beside.direction - near.t * ray.direction, normal)) > STEP * near.t
+    return wp.abs(wp.dot(samples.t[other] * beside.direction - t * ray.direction, normal)) > STEP * t
 
 
 @wp.kernel
@@ -191,9 +195,11 @@ def edge_kernel(
         if not is_edge and beside_u >= 0 and beside_v >= 0 and beside_u < camera.width and beside_v < camera.height:
             other = sample_row(camera, view, beside_u, beside_v)
             if samples.surface[other] != surface:
-                ray = ray_at(picture, view, float(u) + 0.5, float(v) + 0.5)
-                beside = ray_at(picture, view, float(beside_u) + 0.5, float(beside_v) + 0.5)
-                is_edge = is_edge_between(scene, samples, row, other, ray, beside)
+                is_edge = is_other_thing(scene, samples, row, other)
+                if not is_edge:
+                    ray = ray_at(picture, view, float(u) + 0.5, float(v) + 0.5)
+                    beside = ray_at(picture, view, float(beside_u) + 0.5, float(beside_v) + 0.5)
+                    is_edge = is_step(samples, row, other, ray, beside)
     is_edge_out[thread] = wp.where(is_edge, wp.uint8(1), wp.uint8(0))
 
 
@@ -296,10 +302,8 @@ def source_kernel(
             beside = row_about(picture, extra, k)
             if beside >= 0:
                 is_same = samples.surface[beside] == samples.surface[row]
-                if not is_same:
-                    is_same = not is_edge_between(
-                        scene, samples, beside, row, ray_of(picture, beside), ray_of(picture, row)
-                    )
+                if not is_same and not is_other_thing(scene, samples, beside, row):
+                    is_same = not is_step(samples, beside, row, ray_of(picture, beside), ray_of(picture, row))
                 if is_same:
                     source = beside
     source_out[extra] = wp.where(source >= 0, source, row)

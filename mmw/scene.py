@@ -8,9 +8,9 @@ import warp as wp
 from mmw.kernels import bounds, structs, trace
 from mmw.kinematics import differentiate
 from mmw.poses import make_pose, normalize
+from mmw.ray_tree import build_trees
 from mmw.scene_arrays import MODEL_NONE, Actor, Model, SceneArrays, SceneObject
 from mmw.scene_reader import read_stage
-from mmw.scene_tree import build_trees
 
 __all__ = ["Actor", "Model", "Scene", "SceneArrays", "SceneObject", "instance_actors", "read_stage"]
 

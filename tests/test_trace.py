@@ -345,29 +345,3 @@ def test_sweep_of_zero_changes_nothing_and_batches_change_nothing(device: str) -
         cast(swept, slot, origin, direction, time_offset=times).assert_equals(
             cast(alone, 0, origin, direction, time_offset=times)
         )
-
-
-def test_mesh_hit_is_the_nearest_face(device: str) -> None:
-    arrays = ground_and_wall()
-    mesh = wp.Mesh(
-        wp.array(arrays.points.astype(np.float32), dtype=wp.vec3, device=device),
-        wp.array(arrays.faces.ravel(), dtype=int, device=device),
-    )
-    out = wp.zeros(2, dtype=structs.MeshHit, device=device)
-    wp.launch(drop_kernel, dim=2, inputs=[mesh.id], outputs=[out], device=device)
-    rows = out.numpy()
-    np.testing.assert_allclose(rows["t"], [3.0, np.inf])
-    np.testing.assert_array_equal(rows["face"] >= 0, [True, False])
-    np.testing.assert_allclose(rows["normal"][0], [0, 0, 1], atol=1e-6)
-
-
-@wp.kernel
-def drop_kernel(
-    mesh: wp.uint64,
-    # out
-    hit_out: wp.array[structs.MeshHit],
-):
-    index = wp.tid()
-    hit_out[index] = trace.closest_mesh_hit(
-        mesh, wp.vec3(1000.0 * float(index), 2.0, 3.0), wp.vec3(0.0, 0.0, -1.0), 50.0
-    )

@@ -5,7 +5,7 @@ import pytest
 import warp as wp
 
 from mmw.kernels import tree
-from mmw.scene_tree import REFERENCE_ROW, build_tree, build_trees
+from mmw.ray_tree import REFERENCE_ROW, build_tree, build_trees
 from tests.oracles import triangle_hits
 
 MISS = -1

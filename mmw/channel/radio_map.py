@@ -27,6 +27,7 @@ from mmw.constants import SPEED_OF_LIGHT
 from mmw.kernels import channel_map as kernels
 from mmw.materials import Material
 from mmw.poses import normalize, quaternion_to_matrix, transform_points
+from mmw.ray_tree import build_trees
 from mmw.scene import Scene
 from mmw.scene_arrays import SceneArrays
 
@@ -216,7 +217,7 @@ def radio_map(
     branches = 2**config.max_depth if config.refraction else 1
     weight, norm = _weights(transmitters)
     bits = 62 - 16 - int(np.ceil(np.log2(LARGEST_ELEMENT_GAIN * transmitters.array.antenna_count)))
-    mesh, grid = _grid(scene, surface)
+    grid = _grid(scene, surface)
     shape = (len(transmitters), len(surface))
     high, low = (wp.zeros(shape, dtype=wp.int64, device=scene.device) for _ in range(2))
     inputs = [
@@ -239,7 +240,6 @@ def radio_map(
             block_dim=64,
         )
     total = np.ldexp(high.numpy().astype(np.float64), 32 - bits) + np.ldexp(low.numpy().astype(np.float64), -bits)
-    del mesh  # kept until the device is done with it
     wavelength = SPEED_OF_LIGHT / config.carrier_hz
     unit = (wavelength / (4.0 * np.pi)) ** 2 * 4.0 * np.pi / config.rays
     return RadioMap(transmitters, surface, config, unit * norm[:, None] ** 2 * total / surface.area)
@@ -324,21 +324,15 @@ def _materials(scene: Scene, materials: tuple[Material, ...], carrier_hz: float)
     return result
 
 
-def _grid(scene: Scene, surface: MeasuringSurface) -> tuple[wp.Mesh, kernels.MapGrid]:
-    """Return the surface on the device; the mesh must outlive the launches."""
+def _grid(scene: Scene, surface: MeasuringSurface) -> kernels.MapGrid:
     faces = surface.faces
-    mesh = wp.Mesh(
-        points=wp.array(
-            (surface.corners.reshape(-1, 3) - scene.origin).astype(np.float32), dtype=wp.vec3, device=scene.device
-        ),
-        indices=wp.array(faces.ravel(), dtype=wp.int32, device=scene.device),
-        bvh_constructor="cubql" if wp.get_device(scene.device).is_cuda else "sah",
-        bvh_leaf_size=2,
-    )
+    corners = (surface.corners.reshape(-1, 3) - scene.origin).astype(np.float32)[faces]
+    across = np.cross(*np.moveaxis(corners[:, 1:].astype(np.float64) - corners[:, :1], 1, 0))
     grid = kernels.MapGrid()
-    grid.mesh = mesh.id
+    grid.tree, _ = build_trees([corners], scene.device)
+    grid.normal = wp.array(across / np.linalg.norm(across, axis=1, keepdims=True), dtype=wp.vec3d, device=scene.device)
     grid.cell = wp.array(np.arange(len(faces), dtype=np.int32) // 2, dtype=wp.int32, device=scene.device)
-    return mesh, grid
+    return grid
 
 
 def _launch(slot: int, config: RadioMapConfig, bits: int) -> kernels.MapLaunch:

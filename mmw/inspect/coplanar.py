@@ -6,7 +6,6 @@ import numpy as np
 
 from mmw.inspect.findings import Finding, as_place
 from mmw.inspect.pairs import area_and_centre, clip, own_pairs
-from mmw.inspect.rays import RayMesh
 from mmw.inspect.world import World
 
 PLANE_M = 2.0e-3
@@ -154,7 +153,7 @@ def coplanar_findings(world: World) -> list[Finding]:
     looked = order[(rank < LOOK_SPOTS) & (total[group[order]] > LEAST_AREA_M2)]
     seen = np.zeros(len(found.first), dtype=bool)
     if len(looked):
-        seen[looked] = is_seen(world.rays, found.place[looked], world.normal[found.first[looked]])
+        seen[looked] = is_seen(world, found.place[looked], world.normal[found.first[looked]])
     ends = np.searchsorted(group[order], np.arange(len(pairs) + 1))
     findings = []
     for k, (a, b) in enumerate(pairs):
@@ -175,14 +174,14 @@ def coplanar_findings(world: World) -> list[Finding]:
     return findings
 
 
-def is_seen(rays: RayMesh, place: np.ndarray, normal: np.ndarray) -> np.ndarray:
+def is_seen(world: World, place: np.ndarray, normal: np.ndarray) -> np.ndarray:
     """Return whether somebody in the open can see places on surfaces, from either side.
 
     A place is seen if a ray from it rises to the sky, or meets the front of a face from where one does. Inside a solid
     every ray meets a back; inside a box without a bottom it meets the ground, from where nothing rises to the sky.
 
     Args:
-        rays: All triangles.
+        world: All triangles.
         place: Places [m], shape [P, 3].
         normal: Unit normal there, shape [P, 3].
 
@@ -193,13 +192,13 @@ def is_seen(rays: RayMesh, place: np.ndarray, normal: np.ndarray) -> np.ndarray:
     for side in (normal, -normal):
         way = _hemisphere(side)
         start = np.repeat(place + OFF_SURFACE_M * side, VISIBILITY_RAYS, axis=0)
-        t, face = rays.cast(start, way, FAR_M)
+        t, face = world.rays.cast(start, way, FAR_M)
         reaches = (face < 0) & (way[:, 2] > LOWEST_RISE)
-        front = np.flatnonzero((face >= 0) & (np.einsum("rx,rx->r", rays.normal[face], way) < 0.0))
+        front = np.flatnonzero((face >= 0) & (np.einsum("rx,rx->r", world.normal[face], way) < 0.0))
         if len(front):
-            met = start[front] + way[front] * t[front, None] + OFF_SURFACE_M * rays.normal[face[front]]
-            second = _hemisphere(rays.normal[face[front]])
-            _, beyond = rays.cast(np.repeat(met, VISIBILITY_RAYS, axis=0), second, FAR_M)
+            met = start[front] + way[front] * t[front, None] + OFF_SURFACE_M * world.normal[face[front]]
+            second = _hemisphere(world.normal[face[front]])
+            _, beyond = world.rays.cast(np.repeat(met, VISIBILITY_RAYS, axis=0), second, FAR_M)
             rises = (beyond < 0) & (second[:, 2] > LOWEST_RISE)
             reaches[front] = rises.reshape(len(front), -1).any(axis=1)
         seen |= reaches.reshape(len(place), -1).any(axis=1)

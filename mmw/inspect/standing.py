@@ -5,8 +5,8 @@ import numpy as np
 from mmw.inspect.findings import Finding, as_place, does_not_apply
 from mmw.inspect.pairs import box_pairs
 from mmw.inspect.pieces import Pieces
-from mmw.inspect.rays import RayMesh
 from mmw.inspect.world import GROUND_LABELS, World
+from mmw.ray_tree import RayMesh
 from mmw.surfaces import components
 
 FLOAT_M = 0.05
@@ -31,14 +31,14 @@ def standing_findings(world: World, pieces: Pieces) -> list[Finding]:
         return [does_not_apply(rule, reason) for rule in ("floating", "sunken")]
     if not pieces.count:
         return []
-    ground = RayMesh(world.points, world.faces[world.ground], world.normal[world.ground])
+    ground = RayMesh(world.points, world.faces[world.ground])
     return [*_floating(world, pieces, ground), *_sunken(world, pieces, ground)]
 
 
-def _is_below(ground: RayMesh, points: np.ndarray) -> np.ndarray:
+def _is_below(world: World, ground: RayMesh, points: np.ndarray) -> np.ndarray:
     """Return whether each point [P, 3] is under the ground: the first ground above it shows its back, shape [P]."""
     _, face = ground.cast(points, UP, 1000.0)
-    return (face >= 0) & (ground.normal[face, 2] > 0.0)
+    return (face >= 0) & (world.normal[world.ground][face, 2] > 0.0)
 
 
 def _floating(world: World, pieces: Pieces, ground: RayMesh) -> list[Finding]:
@@ -47,7 +47,7 @@ def _floating(world: World, pieces: Pieces, ground: RayMesh) -> list[Finding]:
     row, column = np.nonzero(z <= pieces.lowest[pieces.piece][:, None] + SLACK_M)
     point = world.corners[pieces.face[row], column] - BELOW_M * UP
     piece = pieces.piece[row]
-    stands = _is_below(ground, point)
+    stands = _is_below(world, ground, point)
     fall, _ = world.rays.cast(point, -UP, 1000.0)
     gap = np.full(pieces.count, np.inf)
     np.minimum.at(gap, piece, np.where(stands, 0.0, fall + BELOW_M))
@@ -109,7 +109,7 @@ def _sunken(world: World, pieces: Pieces, ground: RayMesh) -> list[Finding]:
     row, column = np.nonzero(z >= top[thing][:, None] - SLACK_M)
     point = world.corners[pieces.face[row], column]
     is_above = np.zeros(len(names), dtype=bool)
-    np.logical_or.at(is_above, thing[row], ~_is_below(ground, point))
+    np.logical_or.at(is_above, thing[row], ~_is_below(world, ground, point))
     return [
         Finding(
             "error", "sunken", str(names[k]), "lies wholly under the ground", "raise it",

@@ -10,7 +10,7 @@ import numpy as np
 from pxr import Usd
 
 from mmw.inspect.findings import Finding
-from mmw.inspect.rays import RayMesh
+from mmw.ray_tree import RayMesh
 from mmw.town.asset import DRIVABLE_LABELS
 from mmw.town.lane_prims import has_lanes, read_lanes
 from mmw.town.lanes import LaneGraph
@@ -98,7 +98,7 @@ class World:
     @cached_property
     def rays(self) -> RayMesh:
         """All triangles, to cast rays on; there must be one."""
-        return RayMesh(self.points, self.faces, self.normal)
+        return RayMesh(self.points, self.faces)
 
     def faces_where(self, is_chosen: Iterator[bool]) -> np.ndarray:
         """Return the numbers of the triangles of chosen parts, given one truth value a part."""

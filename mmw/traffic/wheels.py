@@ -1,9 +1,10 @@
 """The drivable surface as wheels feel it: heights under points, found by rays that fall on the mesh."""
 
 import numpy as np
-import warp as wp
 
-from mmw.kernels.drop import drop_kernel
+from mmw.ray_tree import RayMesh
+
+UP = np.array([0.0, 0.0, 1.0])
 
 DROP_ABOVE = 1.0
 """Drops start this far above the height hint [m]: low enough to stay below a deck over the road."""
@@ -19,7 +20,7 @@ class Ground:
     """The drivable mesh of a town on a device, with float64 heights outside."""
 
     def __init__(self, points: np.ndarray, faces: np.ndarray, device: str = "cpu") -> None:
-        """Upload the mesh, moved to its own middle so that float32 keeps a hundredth of a millimetre.
+        """Build the tree.
 
         Args:
             points: Vertices in the world frame [m], shape [N, 3].
@@ -33,12 +34,7 @@ class Ground:
         faces = np.asarray(faces, np.int32)
         if not len(faces):
             raise ValueError("drivable mesh: 0 faces; vehicles need a surface; label the roads `road` or `road_line`")
-        self.origin = 0.5 * (points.min(axis=0) + points.max(axis=0))
-        self.device = device
-        self.mesh = wp.Mesh(
-            points=wp.array((points - self.origin).astype(np.float32), dtype=wp.vec3, device=device),
-            indices=wp.array(faces.reshape(-1), dtype=int, device=device),
-        )
+        self._rays = RayMesh(points, faces, device)
 
     def heights(self, points: np.ndarray) -> np.ndarray:
         """Return the height of the surface under points.
@@ -58,17 +54,6 @@ class Ground:
         return out
 
     def _drop(self, points: np.ndarray) -> np.ndarray:
-        start = (points - self.origin + [0.0, 0.0, DROP_ABOVE]).astype(np.float32)
-        fall = wp.empty(len(start), dtype=float, device=self.device)
-        origin = wp.array(start, dtype=wp.vec3, device=self.device)
-        wp.launch(
-            drop_kernel,
-            dim=len(start),
-            inputs=[self.mesh.id, origin, DROP_ABOVE + DROP_BELOW],
-            outputs=[fall],
-            block_dim=64,
-            device=self.device,
-        )
-        fell = fall.numpy().astype(np.float64)
-        height = start[:, 2].astype(np.float64) - fell + self.origin[2]
-        return np.where(np.isfinite(fell), height, np.nan)
+        start = points + DROP_ABOVE * UP
+        fall, face = self._rays.cast(start, -UP, DROP_ABOVE + DROP_BELOW)
+        return np.where(face >= 0, start[:, 2] - fall, np.nan)

@@ -321,8 +321,9 @@ def _along(tones: Tones, levels: int) -> np.ndarray:
     return np.stack([np.interp(where, positions, [tone[k] for _, tone in tones]) for k in range(3)], axis=1)
 
 
+@cache
 def tile_pixels(tile: Tile, color: tuple[float, float, float]) -> tuple[np.ndarray, np.ndarray]:
-    """Return a tile as palette image.
+    """Return a tile as palette image; the same arrays every time.
 
     Args:
         tile: The tile.
