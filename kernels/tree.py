@@ -23,12 +23,18 @@ LEAF_FACES = wp.constant(4)
 NODE_ROWS = wp.constant(8)
 """Rows of four numbers in a node: lower x, y, z and upper x, y, z of its children, references to them, a spare row."""
 
+REFERENCE_ROW = wp.constant(6)
+"""Row of a node that holds the references to its children."""
+
 LEAF_ROWS = wp.constant(10)
 """Rows of four numbers in a leaf: x, y, z of the first, second and third corners of its triangles, and their faces."""
 
 MOST_LEVELS = wp.constant(15)
-"""Nodes on the way to a leaf at most: each leaves three others waiting, and a ray has room for 48. More room, or the
-distances of those that wait, cost CUDA more than they save: local memory is what its walk spends its time on."""
+"""Nodes on the way to a leaf at most."""
+
+MOST_WAITING = 3 * MOST_LEVELS + 1
+"""Nodes and leaves that may wait for a ray: three of each level, and the next. More room, or the distances of what
+waits, cost CUDA more than they save: local memory is what its walk spends its time on."""
 
 
 @wp.struct
@@ -62,12 +68,12 @@ RAY = """
     }
     float nearest = t_max;
     int nearest_face = -1;
-    int waiting[48];
+    int waiting[MOST_WAITING];
     int size = 0;
     int node = root;
     while (true) {
         if (node >= 0) {
-            const float* n = (const float*)nodes.data + 32 * node;
+            const float* n = (const float*)nodes.data + NODE_NUMBERS * node;
 """
 """What a ray needs of its direction, and the nodes and leaves that wait for it."""
 
@@ -152,7 +158,7 @@ NO_ORDER = """
 
 CUDA_LEAF = """
         } else {
-            const float* leaf = (const float*)leaves.data + 40 * ((-1 - node) >> 3);
+            const float* leaf = (const float*)leaves.data + LEAF_NUMBERS * ((-1 - node) >> 3);
             const int count = (-1 - node) & 7;
             for (int k = 0; k < count; ++k) {
                 const float* c = leaf + k;
@@ -192,7 +198,7 @@ CPU_LEAF = """
             typedef float f4 __attribute__((ext_vector_type(4)));
             typedef int i4 __attribute__((ext_vector_type(4)));
             typedef double d4 __attribute__((ext_vector_type(4)));
-            const float* leaf = (const float*)leaves.data + 40 * ((-1 - node) >> 3);
+            const float* leaf = (const float*)leaves.data + LEAF_NUMBERS * ((-1 - node) >> 3);
             const int count = (-1 - node) & 7;
             f4 c[9];
             memcpy(c, leaf, sizeof(c));
@@ -245,7 +251,7 @@ RETURN_NEAREST = """
                 return ((unsigned long long)bits << 32) | (unsigned)(nearest_face + 1);
 """
 
-STOP_BEFORE_END = "if (t < nearest) return face >= 0;"
+STOP_BEFORE_END = "if (t < nearest) return true;"
 
 
 def _walk(cuda_order: str, cpu_order: str, found: str, end: str) -> str:
@@ -259,7 +265,11 @@ def _walk(cuda_order: str, cpu_order: str, found: str, end: str) -> str:
     """
     cuda = CUDA_BOXES + cuda_order + CUDA_LEAF.replace("FOUND", found)
     cpu = CPU_BOXES + cpu_order + CPU_LEAF.replace("FOUND", found)
-    return f"{RAY}#ifdef __CUDA_ARCH__\n{cuda}#else\n{cpu}#endif\n{NEXT.replace('RETURN', end)}"
+    code = f"{RAY}#ifdef __CUDA_ARCH__\n{cuda}#else\n{cpu}#endif\n{NEXT.replace('RETURN', end)}"
+    sizes = {"MOST_WAITING": MOST_WAITING, "NODE_NUMBERS": 4 * NODE_ROWS, "LEAF_NUMBERS": 4 * LEAF_ROWS}
+    for name, size in sizes.items():
+        code = code.replace(name, str(size))
+    return code
 
 
 @wp.func_native(_walk(CUDA_ORDER, CPU_ORDER, KEEP_NEAREST, RETURN_NEAREST))

@@ -7,7 +7,7 @@ volume hierarchies", 2007.
 
 import warp as wp
 
-from mmw.kernels.tree import LEAF_FACES, LEAF_ROWS, MOST_LEVELS, NODE_ROWS
+from mmw.kernels.tree import LEAF_FACES, LEAF_ROWS, MOST_LEVELS, NODE_ROWS, REFERENCE_ROW
 
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False, "max_unroll": 1})
 
@@ -207,6 +207,25 @@ def levels_of(count: int) -> int:
     return levels
 
 
+@wp.func
+def write_leaf(
+    work: Work, begin: int, count: int, leaf: int,
+    # out
+    leaves_out: wp.array2d[wp.vec4],
+):  # fmt: skip
+    """Write the corners and numbers of a stretch of triangles, the last one again where there are fewer than four."""
+    for corner in range(3):
+        for axis in range(3):
+            row = wp.vec4()
+            for j in range(LEAF_FACES):
+                row[j] = work.corner[work.order[begin + wp.min(j, count - 1)], corner][axis]
+            leaves_out[leaf, 3 * corner + axis] = row
+    last = wp.vec4()
+    for j in range(LEAF_FACES):
+        last[j] = wp.cast(work.order[begin + wp.min(j, count - 1)], float)
+    leaves_out[leaf, LEAF_ROWS - 1] = last
+
+
 @wp.kernel
 def build_tree_kernel(
     work: Work,
@@ -298,17 +317,7 @@ def build_tree_kernel(
             count = end[k] - begin[k]
             if count <= LEAF_FACES:
                 child[k] = -1 - (8 * leaf_count + count)
-                for corner in range(3):
-                    for axis in range(3):
-                        row = wp.vec4()
-                        for j in range(LEAF_FACES):
-                            face = work.order[begin[k] + wp.min(j, count - 1)]
-                            row[j] = work.corner[face, corner][axis]
-                        leaves_out[leaf_count, 3 * corner + axis] = row
-                last = wp.vec4()
-                for j in range(LEAF_FACES):
-                    last[j] = wp.cast(work.order[begin[k] + wp.min(j, count - 1)], float)
-                leaves_out[leaf_count, LEAF_ROWS - 1] = last
+                write_leaf(work, begin[k], count, leaf_count, leaves_out)
                 leaf_count += 1
             else:
                 child[k] = node_count
@@ -324,7 +333,7 @@ def build_tree_kernel(
         nodes_out[node, 3] = upper_x
         nodes_out[node, 4] = upper_y
         nodes_out[node, 5] = upper_z
-        nodes_out[node, 6] = wp.vec4(
+        nodes_out[node, REFERENCE_ROW] = wp.vec4(
             wp.cast(child[0], float), wp.cast(child[1], float), wp.cast(child[2], float), wp.cast(child[3], float)
         )
         nodes_out[node, NODE_ROWS - 1] = wp.vec4()

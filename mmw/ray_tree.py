@@ -6,11 +6,8 @@ import numpy as np
 import warp as wp
 
 from mmw.kernels.rays import rays_kernel
-from mmw.kernels.tree import LEAF_ROWS, NODE_ROWS, Tree
+from mmw.kernels.tree import LEAF_ROWS, NODE_ROWS, REFERENCE_ROW, Tree
 from mmw.kernels.tree_build import BINS, Work, build_tree_kernel
-
-REFERENCE_ROW = 6
-"""Row of a node that holds the references to its children."""
 
 
 def build_trees(meshes: Sequence[np.ndarray], device: str) -> tuple[Tree, np.ndarray]:

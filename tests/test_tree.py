@@ -5,7 +5,7 @@ import pytest
 import warp as wp
 
 from mmw.kernels import tree
-from mmw.ray_tree import REFERENCE_ROW, build_tree, build_trees
+from mmw.ray_tree import build_tree, build_trees
 from tests.oracles import triangle_hits
 
 MISS = -1
@@ -70,7 +70,7 @@ def leaves_below(nodes: np.ndarray, leaves: np.ndarray) -> tuple[list[int], int]
         number, level = todo.pop()
         longest = max(longest, level)
         lower, upper = nodes[number, :3].T, nodes[number, 3:6].T
-        for k, child in enumerate(nodes[number, REFERENCE_ROW].view(np.int32)):
+        for k, child in enumerate(nodes[number, tree.REFERENCE_ROW].view(np.int32)):
             if np.any(lower[k] > upper[k]):
                 continue
             if child >= 0:
@@ -96,8 +96,10 @@ def test_every_face_is_in_one_leaf_inside_of_its_boxes(count: int) -> None:
 
 
 def test_trees_stay_shallow_whatever_the_triangles() -> None:
-    near = soup(0, 400, 1e-3)[:, :, :] * (0.5 ** np.arange(400) + 1e-12)[:, None, None]  # ever smaller about the origin
-    for corners in (near.astype(np.float32), np.repeat(soup(1, 1), 5000, axis=0), np.zeros((300, 3, 3), np.float32)):
+    # Ever smaller about one point: without a limit this tree has 33 nodes on its longest way.
+    size = 2.0 ** np.repeat(np.arange(-60.0, 41.0), 5)
+    nested = np.random.default_rng(0).uniform(1.0, 1.2, (len(size), 3, 3)) * size[:, None, None]
+    for corners in (nested.astype(np.float32), np.repeat(soup(1, 1), 5000, axis=0), np.zeros((300, 3, 3), np.float32)):
         faces, longest = leaves_below(*build_tree(corners))
         assert sorted(faces) == list(range(len(corners)))
         assert longest <= int(tree.MOST_LEVELS)
