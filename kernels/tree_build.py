@@ -197,10 +197,10 @@ def best_split(work: Work, begin: int, end: int) -> Split:
 
 
 @wp.func
-def levels_of(count: int) -> int:
-    """Return the levels of nodes over so many triangles if each node quarters them."""
+def levels_of(count: int, leaf_faces: int) -> int:
+    """Return the levels of nodes over so many triangles if each node quarters them, down to leaves of so many."""
     levels = wp.int32(1)
-    held = wp.int32(4 * LEAF_FACES)
+    held = wp.int32(4 * leaf_faces)
     while held < count:
         held *= 4
         levels += 1
@@ -229,12 +229,15 @@ def write_leaf(
 @wp.kernel
 def build_tree_kernel(
     work: Work,
+    leaf_faces: int,
     # out
     nodes_out: wp.array2d[wp.vec4],
     leaves_out: wp.array2d[wp.vec4],
     counts_out: wp.array[int],
 ):
     """Build the tree of one mesh; the root is node 0. `counts_out` is how many nodes and leaves there are.
+
+    A leaf gets `leaf_faces` triangles at most, 1 to `LEAF_FACES`.
 
     Launch: dim=1, on the CPU.
     """
@@ -261,11 +264,11 @@ def build_tree_kernel(
         begin = wp.vec4i(work.waiting[size, 1], 0, 0, 0)
         end = wp.vec4i(work.waiting[size, 2], 0, 0, 0)
         # A tree that has become deep goes on by halves, so that it ends.
-        is_deep = level + levels_of(end[0] - begin[0]) >= MOST_LEVELS
+        is_deep = level + levels_of(end[0] - begin[0], leaf_faces) >= MOST_LEVELS
         area = wp.vec4(1.0, 0.0, 0.0, 0.0)
         lower = Corners()
         upper = Corners()
-        if faces <= LEAF_FACES:  # one leaf below the root
+        if faces <= leaf_faces:  # one leaf below the root
             whole = box_of(work, 0, faces)
             lower[0] = whole.lower
             upper[0] = whole.upper
@@ -274,7 +277,7 @@ def build_tree_kernel(
         while children < 4 and not is_whole:
             widest = wp.int32(-1)
             for k in range(children):
-                if end[k] - begin[k] > LEAF_FACES and (widest < 0 or area[k] > area[widest]):
+                if end[k] - begin[k] > leaf_faces and (widest < 0 or area[k] > area[widest]):
                     widest = k
             if widest < 0:
                 is_whole = True
@@ -315,7 +318,7 @@ def build_tree_kernel(
             upper_y[k] = high[1]
             upper_z[k] = high[2]
             count = end[k] - begin[k]
-            if count <= LEAF_FACES:
+            if count <= leaf_faces:
                 child[k] = -1 - (8 * leaf_count + count)
                 write_leaf(work, begin[k], count, leaf_count, leaves_out)
                 leaf_count += 1

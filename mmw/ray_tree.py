@@ -6,8 +6,12 @@ import numpy as np
 import warp as wp
 
 from mmw.kernels.rays import rays_kernel
-from mmw.kernels.tree import LEAF_ROWS, NODE_ROWS, REFERENCE_ROW, Tree
+from mmw.kernels.tree import LEAF_FACES, LEAF_ROWS, NODE_ROWS, REFERENCE_ROW, Tree
 from mmw.kernels.tree_build import BINS, Work, build_tree_kernel
+
+LEAF_FACES_CUDA = 2
+"""Triangles in a leaf at most where a thread tests them one by one: on an H100 incoherent rays are 8 % faster than with
+`LEAF_FACES`, others 1 % (`bench/README.md`). A CPU tests that many at once."""
 
 
 def build_trees(meshes: Sequence[np.ndarray], device: str) -> tuple[Tree, np.ndarray]:
@@ -22,8 +26,9 @@ def build_trees(meshes: Sequence[np.ndarray], device: str) -> tuple[Tree, np.nda
     """
     nodes, leaves = [np.zeros((0, NODE_ROWS, 4), np.float32)], [np.zeros((0, LEAF_ROWS, 4), np.float32)]
     roots, node_count, leaf_count = [], 0, 0
+    leaf_faces = LEAF_FACES_CUDA if wp.get_device(device).is_cuda else int(LEAF_FACES)
     for corners in meshes:
-        own_nodes, own_leaves = build_tree(corners)
+        own_nodes, own_leaves = build_tree(corners, leaf_faces)
         child = own_nodes[:, REFERENCE_ROW].view(np.int32)
         child += np.where(child >= 0, node_count, -8 * leaf_count).astype(np.int32)
         roots.append(node_count)
@@ -36,11 +41,12 @@ def build_trees(meshes: Sequence[np.ndarray], device: str) -> tuple[Tree, np.nda
     return tree, np.array(roots, dtype=np.int32)
 
 
-def build_tree(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def build_tree(corners: np.ndarray, leaf_faces: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the tree of one mesh.
 
     Args:
         corners: Corners of the triangles [m], shape [M, 3, 3]; M > 0.
+        leaf_faces: Triangles in a leaf at most, 1 to `LEAF_FACES`.
 
     Returns:
         Nodes, shape [N, NODE_ROWS, 4], and leaves, shape [L, LEAF_ROWS, 4], float32; the root is node 0.
@@ -53,7 +59,7 @@ def build_tree(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     work.bin_count, work.cost_behind = _empty((3, BINS), int), _empty(BINS, float)
     work.bin_lower, work.bin_upper = _empty((3, BINS), wp.vec3), _empty((3, BINS), wp.vec3)
     nodes, leaves, counts = _empty((faces, NODE_ROWS), wp.vec4), _empty((faces, LEAF_ROWS), wp.vec4), _empty(2, int)
-    wp.launch(build_tree_kernel, dim=1, inputs=[work], outputs=[nodes, leaves, counts], device="cpu")
+    wp.launch(build_tree_kernel, dim=1, inputs=[work, leaf_faces], outputs=[nodes, leaves, counts], device="cpu")
     node_count, leaf_count = counts.numpy()
     return nodes.numpy()[:node_count].copy(), leaves.numpy()[:leaf_count].copy()
 

@@ -5,7 +5,7 @@ import pytest
 import warp as wp
 
 from mmw.kernels import tree
-from mmw.ray_tree import build_tree, build_trees
+from mmw.ray_tree import LEAF_FACES_CUDA, build_tree, build_trees
 from tests.oracles import triangle_hits
 
 MISS = -1
@@ -62,7 +62,7 @@ def grid(cells: int) -> np.ndarray:
     return np.concatenate([np.stack([a, b, c], axis=2), np.stack([a, c, d], axis=2)]).reshape(-1, 3, 3)
 
 
-def leaves_below(nodes: np.ndarray, leaves: np.ndarray) -> tuple[list[int], int]:
+def leaves_below(nodes: np.ndarray, leaves: np.ndarray, leaf_faces: int) -> tuple[list[int], int]:
     """Return the faces of all leaves and the number of nodes on the longest way, having seen that boxes hold them."""
     faces, longest = [], 0
     todo = [(0, 1)]
@@ -81,7 +81,7 @@ def leaves_below(nodes: np.ndarray, leaves: np.ndarray) -> tuple[list[int], int]
                 todo.append((int(child), level + 1))
             else:
                 leaf, count = divmod(-1 - int(child), 8)
-                assert 1 <= count <= int(tree.LEAF_FACES)
+                assert 1 <= count <= leaf_faces
                 points = leaves[leaf, :9, :count].reshape(3, 3, count)
                 assert np.all(points.min(axis=(0, 2)) >= lower[k])
                 assert np.all(points.max(axis=(0, 2)) <= upper[k])
@@ -89,18 +89,23 @@ def leaves_below(nodes: np.ndarray, leaves: np.ndarray) -> tuple[list[int], int]
     return faces, longest
 
 
-@pytest.mark.parametrize("count", [1, 3, 4, 5, 17, 700])
-def test_every_face_is_in_one_leaf_inside_of_its_boxes(count: int) -> None:
-    faces, _ = leaves_below(*build_tree(soup(count, count)))
+LEAF_SIZES = pytest.mark.parametrize("leaf_faces", [LEAF_FACES_CUDA, int(tree.LEAF_FACES)])
+
+
+@LEAF_SIZES
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 17, 700])
+def test_every_face_is_in_one_leaf_inside_of_its_boxes(count: int, leaf_faces: int) -> None:
+    faces, _ = leaves_below(*build_tree(soup(count, count), leaf_faces), leaf_faces)
     assert sorted(faces) == list(range(count))
 
 
-def test_trees_stay_shallow_whatever_the_triangles() -> None:
+@LEAF_SIZES
+def test_trees_stay_shallow_whatever_the_triangles(leaf_faces: int) -> None:
     # Ever smaller about one point: without a limit this tree has 33 nodes on its longest way.
     size = 2.0 ** np.repeat(np.arange(-60.0, 41.0), 5)
     nested = np.random.default_rng(0).uniform(1.0, 1.2, (len(size), 3, 3)) * size[:, None, None]
     for corners in (nested.astype(np.float32), np.repeat(soup(1, 1), 5000, axis=0), np.zeros((300, 3, 3), np.float32)):
-        faces, longest = leaves_below(*build_tree(corners))
+        faces, longest = leaves_below(*build_tree(corners, leaf_faces), leaf_faces)
         assert sorted(faces) == list(range(len(corners)))
         assert longest <= int(tree.MOST_LEVELS)
 
