@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 
 from mmw.tables.parquet import arrow_schema
 from mmw.tables.schema.columns import IMAGE, TableSpec
@@ -53,22 +54,40 @@ def sort_rows(spec: TableSpec, table: pa.Table) -> pa.Table:
     """
     if table.num_rows < 2:
         return table
-    keys = pa.table({column: _plain(table.column(column)) for column in spec.key})
-    numbered = keys.append_column(" row", pa.array(np.arange(table.num_rows)))
-    order = numbered.sort_by([(column, "ascending") for column in spec.key]).column(" row").to_numpy()
-    if not np.array_equal(order, np.arange(len(order))):
-        table, keys = table.take(order), keys.take(order)
+    keys = [_order_of(table.column(column)) for column in spec.key]
+    if not _is_sorted(keys):
+        order = np.lexsort(keys[::-1])
+        table, keys = table.take(order), [values[order] for values in keys]
     table = normalize_names(table)
-    same = np.ones(table.num_rows - 1, dtype=bool)
-    for column in spec.key:
-        values = keys.column(column).to_numpy()
-        same &= values[1:] == values[:-1]
+    same = np.logical_and.reduce([values[1:] == values[:-1] for values in keys])
     if same.any():
-        row = keys.slice(int(np.argmax(same)), 1).to_pylist()[0]
+        row = table.select(spec.key).slice(int(np.argmax(same)), 1).to_pylist()[0]
         raise ValueError(
             f"table {spec.name!r}: {int(same.sum())} rows repeat a key, the first {row}; a key names one row"
         )
     return table
+
+
+def _order_of(values: pa.ChunkedArray) -> np.ndarray:
+    """Return numbers that are in order and equal where values are; of names those of their dictionary in order."""
+    if not (pa.types.is_dictionary(values.type) or pa.types.is_string(values.type)):
+        return values.to_numpy()
+    array = values.combine_chunks()
+    if not isinstance(array, pa.DictionaryArray):
+        array = array.dictionary_encode()
+    rank = np.empty(len(array.dictionary), dtype=np.int32)
+    rank[pc.array_sort_indices(array.dictionary).to_numpy()] = np.arange(len(rank))
+    return rank[array.indices.to_numpy()]
+
+
+def _is_sorted(keys: Sequence[np.ndarray]) -> bool:
+    """Return whether rows are in the order of their keys, of which the first counts most."""
+    is_equal = np.ones(len(keys[0]) - 1, dtype=bool)
+    for values in keys:
+        if (is_equal & (values[:-1] > values[1:])).any():
+            return False
+        is_equal &= values[:-1] == values[1:]
+    return True
 
 
 def normalize_names(table: pa.Table) -> pa.Table:
@@ -84,10 +103,6 @@ def frame_rows(table: pa.Table) -> int:
     if not table.num_rows:
         return 0
     return int(np.unique(table.column("frame").to_numpy(), return_counts=True)[1].max())
-
-
-def _plain(values: pa.ChunkedArray) -> pa.ChunkedArray:
-    return values.cast(pa.string()) if pa.types.is_dictionary(values.type) else values
 
 
 def _is_scalar(values: Any) -> bool:
@@ -115,7 +130,9 @@ def _cast(table: str, field: pa.Field, values: Any, rows: int) -> pa.Array:
 
 def _to_arrow(type_: pa.DataType, values: Any, rows: int) -> pa.Array:
     if _is_scalar(values):
-        values = pa.array([values.item() if isinstance(values, np.generic) else values] * rows)
+        values = pa.repeat(values.item() if isinstance(values, np.generic) else values, rows)
+        if pa.types.is_dictionary(type_):
+            values = values.cast(pa.string()).slice(0, 1).dictionary_encode().take(np.zeros(rows, dtype=np.int32))
     if isinstance(values, pa.ChunkedArray):
         values = values.combine_chunks()
     if isinstance(values, pa.ChunkedArray):  # no chunk at all
@@ -135,11 +152,29 @@ def _to_arrow(type_: pa.DataType, values: Any, rows: int) -> pa.Array:
 
 def _to_names(values: Any) -> pa.Array:
     """Return names with a dictionary in order of first appearance, so that equal rows give equal bytes."""
+    if isinstance(values, pa.DictionaryArray):
+        return _in_order(values)
     if isinstance(values, pa.Array):
         return values.cast(pa.string()).dictionary_encode()
     if isinstance(values, np.ndarray):
         values = values.tolist()
     return pa.array(values, type=pa.string()).dictionary_encode()
+
+
+def _in_order(values: pa.DictionaryArray) -> pa.DictionaryArray:
+    """Return names with a dictionary of those that are there, in order of first appearance, from any dictionary."""
+    rows, names = len(values), len(values.dictionary)
+    code = (values.indices.fill_null(names) if values.null_count else values.indices).to_numpy()
+    first = np.full(names + 1, rows)
+    first[code[::-1]] = np.arange(rows - 1, -1, -1)  # of rows with one name the last written counts: the first
+    used = np.flatnonzero(first[:names] < rows)
+    order = used[np.argsort(first[used])]
+    if len(order) == names and np.array_equal(order, np.arange(names)):
+        return values
+    place = np.full(names + 1, -1, dtype=np.int32)
+    place[order] = np.arange(len(order))
+    indices = pa.array(place[code], mask=code == names if values.null_count else None)
+    return pa.DictionaryArray.from_arrays(indices, values.dictionary.take(order))
 
 
 def _to_images(values: Sequence[tuple[bytes, str] | None]) -> pa.Array:

@@ -16,9 +16,14 @@ AGENT_ROLES = ("cav", "rsu")
 """Roles that carry sensors."""
 
 
-def names(arrays: SceneArrays, actor: np.ndarray) -> np.ndarray:
+def names(arrays: SceneArrays, actor: np.ndarray) -> pa.DictionaryArray:
     """Return the names of actors given by their indices."""
-    return np.array([a.name for a in arrays.actors], dtype=object)[actor]
+    return choices([a.name for a in arrays.actors], actor)
+
+
+def choices(texts: Sequence[str | None], index: np.ndarray) -> pa.DictionaryArray:
+    """Return some of a few texts, given by their indices."""
+    return pa.array(texts, pa.string()).dictionary_encode().take(pa.array(index))
 
 
 def split(columns: Sequence[str], values: np.ndarray) -> Columns:

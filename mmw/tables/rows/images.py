@@ -146,6 +146,6 @@ def _files(
 ) -> list[tuple[Future[bytes] | bytes, str]]:
     paths = [
         f"{scenario}/{weather}/{agent}/{frame:06d}_{stem}.{suffix}"
-        for agent, frame in zip(names(arrays, views.actor), views.frame, strict=True)
+        for agent, frame in zip(names(arrays, views.actor).to_pylist(), views.frame, strict=True)
     ]
     return list(zip(images, paths, strict=True))

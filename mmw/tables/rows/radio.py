@@ -6,7 +6,7 @@ import pyarrow as pa
 from mmw.channel.links import LINK_KINDS, Links
 from mmw.channel.paths import PATH_KINDS, PATH_LOS, Paths
 from mmw.scene_arrays import SceneArrays
-from mmw.tables.rows.common import Columns, names
+from mmw.tables.rows.common import Columns, choices, names
 
 
 def link_rows(arrays: SceneArrays, links: Links, paths: Paths, weather: str) -> Columns:
@@ -44,7 +44,7 @@ def link_rows(arrays: SceneArrays, links: Links, paths: Paths, weather: str) -> 
         "agent": names(arrays, links.rx_actor[link]),
         "peer": names(arrays, links.tx_actor[link]),
         "carrier_hz": paths.carriers_hz[carrier],
-        "link": np.array(LINK_KINDS, dtype=object)[links.kind[link]],
+        "link": choices(LINK_KINDS, links.kind[link]),
         "path_count": paths.count[link],
         "is_los": is_los[link],
         "gain_db": optional(10.0 * np.log10(weight)),
@@ -81,7 +81,7 @@ def path_rows(arrays: SceneArrays, links: Links, paths: Paths, weather: str) -> 
         "carrier_hz": paths.carriers_hz[carrier],
         "path": paths.index[path],
         "path_id": paths.path_id[path],
-        "kind": np.array(PATH_KINDS, dtype=object)[paths.kind[path]],
+        "kind": choices(PATH_KINDS, paths.kind[path]),
         "order": paths.order[path],
         "tau_s": paths.tau[path],
         "a_re": np.ascontiguousarray(a.real),

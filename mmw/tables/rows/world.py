@@ -14,7 +14,7 @@ from mmw.kinematics import Motion
 from mmw.poses import normalize
 from mmw.scene_arrays import SceneArrays
 from mmw.sensors.boxes import Boxes
-from mmw.tables.rows.common import AGENT_ROLES, Columns, names, split
+from mmw.tables.rows.common import AGENT_ROLES, Columns, choices, names, split
 from mmw.tables.schema.columns import F64, list_of
 from mmw.tables.schemas import table_spec
 from mmw.views import mount_pose
@@ -52,7 +52,7 @@ def pose_rows(arrays: SceneArrays, frames: Sequence[int], motion: Motion) -> Col
     return {
         "frame": frame,
         "agent": names(arrays, actor),
-        "role": np.array([a.role for a in arrays.actors], dtype=object)[actor],
+        "role": choices([a.role for a in arrays.actors], actor),
         "object_id": np.array([a.object_id for a in arrays.actors], dtype=np.int32)[actor],
         **split(("x", "y", "z"), pose[:, :3]),
         **split(("qx", "qy", "qz", "qw"), normalize(pose[:, 3:])),
@@ -63,13 +63,12 @@ def pose_rows(arrays: SceneArrays, frames: Sequence[int], motion: Motion) -> Col
 
 def box_rows(arrays: SceneArrays, boxes: Boxes) -> Columns:
     """Return the `boxes` table: every vehicle that is present."""
-    label = np.array([a.label for a in arrays.actors], dtype=object)
-    agent = np.array([a.name if a.role in AGENT_ROLES else None for a in arrays.actors], dtype=object)
+    agents = [a.name if a.role in AGENT_ROLES else None for a in arrays.actors]
     return {
         "frame": boxes.frame.astype(np.int32),
         "object_id": boxes.object_id,
-        "category": label[boxes.actor],
-        "agent": agent[boxes.actor],
+        "category": choices([a.label for a in arrays.actors], boxes.actor),
+        "agent": choices(agents, boxes.actor),
         **split(("x", "y", "z"), boxes.pose[:, :3]),
         **split(("yaw", "pitch", "roll"), boxes.ypr),
         **split(("length", "width", "height"), boxes.size),
