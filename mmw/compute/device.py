@@ -31,12 +31,12 @@ def choose_device(name: str) -> str:
     return name
 
 
-CORES_A_WORKER = 3
-"""Processor cores for each worker on a GPU: it traces with one and encodes with two more. Measured on an H100 with 16
-cores, which six workers keep busier than three (`bench/README.md`)."""
+CORES_A_WORKER = 2
+"""Processor cores for each worker on a GPU: it traces with one and encodes with another. Measured on an H100 with 16
+cores, which eight workers keep busier than six, and twelve no better (`bench/README.md`)."""
 
-GPU_BYTES_A_WORKER = 12 << 30
-"""Device memory for each worker on a GPU [bytes]; the paper's sensors take 11 GB on an H100."""
+GPU_BYTES_A_WORKER = 8 << 30
+"""Device memory for each worker on a GPU [bytes]; the paper's sensors take 6.7 GB on an H100."""
 
 HOST_BYTES_A_WORKER = 6 << 30
 """Memory of the machine for each worker on a GPU [bytes]; the paper's sensors take up to 5.7 GB."""

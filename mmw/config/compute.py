@@ -21,7 +21,7 @@ class ComputeConfig(Section):
     )
     workers: int | Literal["auto"] = Field(
         "auto",
-        description="processes that trace: `auto` is one a core on the CPU, on each CUDA device one for three cores as "
+        description="processes that trace: `auto` is one a core on the CPU, on each CUDA device one for two cores as "
         "far as memory allows, and never more than the work is worth; `--workers` replaces it (count)",
     )
     writer_threads: int | Literal["auto"] = Field(
