@@ -25,6 +25,8 @@ from bench.camera_views import SCENARIOS, camera_scene, launch_of, rgb_camera
 from bench.kernel_times import KernelTimes
 from bench.lidar import seconds_of
 from bench.rays import machine
+from mmw.compute.cuda import keep_memory
+from mmw.compute.device import GPU_BYTES_A_WORKER
 from mmw.config import RgbConfig
 from mmw.recording.cameras import TRACED_RANGE
 from mmw.recording.launches import Launch, most_pixels
@@ -196,6 +198,7 @@ def main(arguments: list[str]) -> None:
     wp.config.log_level = wp.LOG_WARNING
     options = parse(arguments)
     weathers = options.weathers.split(",")
+    keep_memory(options.device, GPU_BYTES_A_WORKER)
     arrays = camera_scene(options.scene, options.frames, options.vehicles, weathers)
     config = RgbConfig(
         width_px=options.width, height_px=options.height, samples=options.samples, shadows=options.shadows,

@@ -11,8 +11,8 @@ from types import TracebackType
 from typing import Any
 from uuid import uuid4
 
-from mmw.compute.cuda import wait_asleep
-from mmw.compute.device import device_name
+from mmw.compute.cuda import keep_memory, wait_asleep
+from mmw.compute.device import GPU_BYTES_A_WORKER, device_name
 from mmw.config import Config, ScenarioConfig
 from mmw.notes import notes
 from mmw.pipeline import join_batches, make_job, trace_work
@@ -71,6 +71,7 @@ class Worker:
         """
         if not wait_asleep(device):
             reporter.warn_once(f"threads that wait for {device} keep a core busy: its driver does not let them sleep")
+        keep_memory(device, GPU_BYTES_A_WORKER)
         self._making = making
         self._device = device
         self._meta = {**making.meta, "device": device_name(device)}

@@ -16,6 +16,7 @@ from mmw.looks import TextureUse
 from mmw.poses import invert, pose_from_mount, rotate, transform_points
 from mmw.scene import read_stage
 from mmw.scene_arrays import SceneArrays
+from mmw.sensors import visibility_buffer
 from mmw.sensors.lens import intrinsics_of, project, unproject
 from mmw.sensors.sky import sun_direction
 from mmw.town.parts import MeshPart
@@ -250,6 +251,13 @@ def test_bytes_depend_neither_on_batch_nor_on_other_weathers(device: str) -> Non
             np.testing.assert_array_equal(found[name][0], light[name][k], err_msg=f"{name}, view {k}")
     again = whole.light()
     assert all(np.array_equal(again[name], light[name]) for name in WEATHERS)
+
+
+def test_samples_that_find_no_room_move(device: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    views = at(*PLACES, frame=(0, 1, 3))
+    roomy = street(device, views, ("sunny",)).light()["sunny"]
+    monkeypatch.setattr(visibility_buffer, "ROOM_FOR_EXTRAS", 0.0)
+    np.testing.assert_array_equal(street(device, views, ("sunny",)).light()["sunny"], roomy)
 
 
 def test_order_of_weathers_does_not_matter(device: str) -> None:

@@ -28,3 +28,18 @@ def wait_asleep(device: str) -> bool:
     handle = ctypes.c_int()
     failed = driver.cuDeviceGet(ctypes.byref(handle), ctypes.c_int(found.ordinal))
     return not failed and not driver.cuDevicePrimaryCtxSetFlags_v2(handle, ctypes.c_uint(_BLOCKING_SYNC))
+
+
+def keep_memory(device: str, most_bytes: int) -> None:
+    """Let this process keep device memory that its arrays free for the next ones.
+
+    By default the pool of CUDA's driver gives it back whenever the host waits for the device, and the next array pays
+    for it again: 208 RGB images on an H100 took 78 ms so and 53 ms with the memory kept (`bench/README.md`). Nothing
+    changes on the CPU.
+
+    Args:
+        device: Warp device name.
+        most_bytes: Memory to keep; what is free beyond it is given back.
+    """
+    if wp.get_device(device).is_cuda and wp.is_mempool_enabled(device):
+        wp.set_mempool_release_threshold(device, most_bytes)

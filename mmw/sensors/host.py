@@ -3,6 +3,7 @@
 import weakref
 from collections import deque
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 import warp as wp
@@ -21,6 +22,36 @@ _allocated = 0
 """Size of all buffers [bytes]; arrays are copied by one thread."""
 
 
+class HostCopy:
+    """Device arrays on their way to the host. The device may be given other work before they are waited for."""
+
+    def __init__(self, arrays: Sequence[wp.array]) -> None:
+        """Queue the copies behind the work that was launched so far.
+
+        Args:
+            arrays: Contiguous arrays on one device.
+        """
+        self._arrays = arrays
+        self._pinned: list[np.ndarray | None] = [None] * len(arrays)
+        self._stream: wp.Stream | None = None
+        if arrays and (device := wp.get_device(arrays[0].device)).is_cuda:
+            self._stream = _copy_stream(device.alias)
+            self._stream.wait_stream(wp.get_stream(device))
+            self._pinned = [_pinned(array, self._stream) for array in arrays]
+
+    def wait(self) -> list[np.ndarray]:
+        """Return the arrays once they are there; see `to_host`."""
+        if self._stream is not None:
+            wp.synchronize_stream(self._stream)
+        return [array.numpy() if view is None else view for array, view in zip(self._arrays, self._pinned, strict=True)]
+
+
+@cache
+def _copy_stream(device: str) -> wp.Stream:
+    """Return the stream of a device's copies, which others' work does not wait for."""
+    return wp.Stream(device)
+
+
 def to_host(arrays: Sequence[wp.array]) -> list[np.ndarray]:
     """Return device arrays as NumPy arrays, after one wait for all of them.
 
@@ -30,11 +61,7 @@ def to_host(arrays: Sequence[wp.array]) -> list[np.ndarray]:
     Args:
         arrays: Contiguous arrays on one device.
     """
-    if not arrays or not wp.get_device(arrays[0].device).is_cuda:
-        return [array.numpy() for array in arrays]
-    pinned = [_pinned(array) for array in arrays]
-    wp.synchronize_stream(arrays[0].device)
-    return [array.numpy() if view is None else view for array, view in zip(arrays, pinned, strict=True)]
+    return HostCopy(arrays).wait()
 
 
 def numpy_type(array: wp.array) -> tuple[np.dtype, tuple[int, ...]]:
@@ -43,8 +70,8 @@ def numpy_type(array: wp.array) -> tuple[np.dtype, tuple[int, ...]]:
     return np.dtype(wp.dtype_to_numpy(scalar)), getattr(array.dtype, "_shape_", ())
 
 
-def _pinned(array: wp.array) -> np.ndarray | None:
-    """Start the copy of an array to a page-locked buffer and return its view; None if the pool is full."""
+def _pinned(array: wp.array, stream: wp.Stream) -> np.ndarray | None:
+    """Queue the copy of an array to a page-locked buffer and return its view; None if the pool is full."""
     size = array.size * wp.types.type_size_in_bytes(array.dtype)
     if size == 0:
         return None
@@ -52,7 +79,7 @@ def _pinned(array: wp.array) -> np.ndarray | None:
     if buffer is None:
         return None
     source = wp.array(ptr=array.ptr, shape=size, dtype=wp.uint8, device=array.device)
-    wp.copy(buffer, source, count=size)
+    wp.copy(buffer, source, count=size, stream=stream)
     whole = buffer.numpy()
     weakref.finalize(whole, _free.append, buffer)
     kind, element = numpy_type(array)

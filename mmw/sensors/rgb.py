@@ -17,7 +17,8 @@ import warp as wp
 
 from mmw.config import RgbConfig
 from mmw.constants import FRAME_DT
-from mmw.kernels import looks, mirror, shade
+from mmw.kernels import candidates, looks, mirror, shade
+from mmw.kernels.sky import Sky
 from mmw.kernels.wet import Wet
 from mmw.kinematics import Motion, differentiate
 from mmw.scene import Scene
@@ -28,6 +29,7 @@ from mmw.sensors.lamps import STREET_KLUX, load_brakes, make_lamps
 from mmw.sensors.rgb_light import (
     SHADING_BLOCK_DIM,
     MirrorRays,
+    find_mirrors,
     gather_light,
     read_surfaces,
     shade_samples,
@@ -40,7 +42,7 @@ from mmw.sensors.rgb_light import (
 from mmw.sensors.sky import bake, ground_radiance, make_air, make_sky, mean_radiance
 from mmw.sensors.streaks import drop_light, make_rain, streak_cover
 from mmw.sensors.sweep import view_twists
-from mmw.sensors.visibility_buffer import SampleBuffer, with_extras
+from mmw.sensors.visibility_buffer import EXTRA_OFFSETS, SampleBuffer, find_edges, with_extras
 from mmw.sensors.wet import make_wet
 from mmw.weather import Weather
 
@@ -203,27 +205,34 @@ class RgbCamera:
         device = self._scene.device
         if not len(buffer.views):
             return {name: wp.empty(buffer.shape, dtype=wp.vec3, device=device) for name in wanted}
-        buffer = with_extras(buffer, config.samples)
         time = wp.array(buffer.views.frame * FRAME_DT, dtype=float, device=device)
+        # What does not depend on a number that the host waits for comes before the wait, so that the device goes on.
+        edges = find_edges(buffer) if EXTRA_OFFSETS[config.samples] else None
         sky_light = trace_sky(buffer) if config.sky_light else None
+        if edges:
+            buffer = with_extras(buffer, edges, config.samples)
         images = {}
         for group in self._groups:
             names = [name for name in group if name in wanted]
             if not names:
                 continue
-            first = self._shading[names[0]]
-            found, sends_ray = read_surfaces(buffer, first.appearance)
+            appearance = self._shading[names[0]].appearance
+            found, sends_ray = read_surfaces(buffer, appearance)
             wettest = self._wettest(names)
-            rays = trace_mirrors(buffer, first.appearance, wettest, found, sends_ray, is_on=config.reflections)
-            lights: dict[tuple[float, ...], tuple[shade.Light, mirror.Mirrors]] = {}
+            mirrored = find_mirrors(buffer, appearance, wettest, found, sends_ray) if config.reflections else None
+            suns = {name: _sun_of(self._shading[name].sky) for name in names}
+            skies = {suns[name]: self._shading[name].sky for name in names}
+            lights = {
+                sun: _light(buffer, sky if sun and config.shadows else None, sky_light) for sun, sky in skies.items()
+            }
+            rays = trace_mirrors(buffer, appearance, found, mirrored)
+            mirrors = {sun: _mirrors(buffer, found, rays, light.sun) for sun, light in lights.items()}
             for name in names:
-                weather = self._shading[name]
-                sun = tuple(weather.sky.sun_direction) if any(weather.sky.sun_illuminance) else ()
-                if sun not in lights:
-                    with_sun = bool(sun) and config.shadows
-                    lights[sun] = _light(buffer, weather, found, rays, sky_light, with_sun=with_sun)
+                weather, sun = self._shading[name], suns[name]
+                light = lights[sun].struct
+                light.mirror = rays.number
                 with_lamps = self._is_dark[name] and weather.lamps.beam_count + weather.lamps.street_count > 0
-                images[name] = shade_samples(buffer, weather, time, found, *lights[sun], with_lamps=with_lamps)
+                images[name] = shade_samples(buffer, weather, time, found, light, mirrors[sun], with_lamps=with_lamps)
         return {name: images[name] for name in wanted}
 
     def _wettest(self, names: Sequence[str]) -> Wet:
@@ -234,23 +243,35 @@ class RgbCamera:
         return wet
 
 
-def _light(
-    buffer: SampleBuffer,
-    weather: shade.Weather,
-    found: looks.Surfaces,
-    rays: MirrorRays,
-    sky_light: wp.array | None,
-    *,
-    with_sun: bool,
-) -> tuple[shade.Light, mirror.Mirrors]:
-    """Return the light of one place of the sun."""
-    light, mirrors = shade.Light(), mirror.Mirrors()
-    rays_to_sun = sun_over(buffer.scene, weather.sky) if with_sun else None
-    sun = trace_sun(buffer, rays_to_sun) if rays_to_sun is not None else None
-    light.sun, light.sky = gather_light(buffer, sun, sky_light)
-    light.mirror = rays.number
+@dataclass(frozen=True)
+class _Light:
+    """The light of one place of the sun."""
+
+    struct: shade.Light
+    sun: "candidates.Sun | None"
+    """The sun, None where it casts no shadows."""
+
+
+def _sun_of(sky: Sky) -> tuple[float, ...]:
+    """Return where the sun of a sky stands, a unit vector; nothing where it does not shine."""
+    return tuple(sky.sun_direction) if any(sky.sun_illuminance) else ()
+
+
+def _light(buffer: SampleBuffer, sky: "Sky | None", sky_light: wp.array | None) -> _Light:
+    """Return the light of the sun of a sky, None for no shadows, and of the sky, from `trace_sky`."""
+    sun = sun_over(buffer.scene, sky) if sky is not None else None
+    struct = shade.Light()
+    struct.sun, struct.sky = gather_light(buffer, trace_sun(buffer, sun) if sun is not None else None, sky_light)
+    return _Light(struct, sun)
+
+
+def _mirrors(
+    buffer: SampleBuffer, found: looks.Surfaces, rays: MirrorRays, sun: "candidates.Sun | None"
+) -> mirror.Mirrors:
+    """Return mirrored rays with the light of one place of the sun on what they meet."""
+    mirrors = mirror.Mirrors()
     mirrors.row, mirrors.samples, mirrors.surfaces = rays.mirrors.row, rays.mirrors.samples, rays.mirrors.surfaces
     mirrors.sun = rays.mirrors.sun
-    if rays_to_sun is not None:
-        mirrors.sun = trace_mirror_sun(buffer, found, rays, rays_to_sun)
-    return light, mirrors
+    if sun is not None:
+        mirrors.sun = trace_mirror_sun(buffer, found, rays, sun)
+    return mirrors

@@ -13,7 +13,7 @@ from mmw.kernels.sky import Sky
 from mmw.kernels.wet import Wet
 from mmw.scene import Scene
 from mmw.sensors.camera import BLOCK_DIM, TILE
-from mmw.sensors.visibility_buffer import SampleBuffer, empty_candidates, empty_flags, empty_samples, flagged_rows
+from mmw.sensors.visibility_buffer import FlaggedRows, SampleBuffer, empty_candidates, empty_flags, empty_samples
 
 SUN_CELL_M = 16.0
 """Side of the cells of the grid square to the sun [m]. Design value: some lengths of a car."""
@@ -35,7 +35,7 @@ values."""
 
 def read_surfaces(buffer: SampleBuffer, appearance: looks.Appearance) -> tuple[looks.Surfaces, wp.array]:
     """Return what every sample shows, and flags of the threads whose samples mirror sharply while they are dry."""
-    found = _empty_surfaces(len(buffer.samples.t), appearance, buffer.scene.device)
+    found = _empty_surfaces(buffer.count, appearance, buffer.scene.device)
     sends_ray = empty_flags(buffer.shading_threads, buffer.scene.device)
     inputs = [buffer.scene.struct, appearance, buffer.picture]
     _shade(buffer, surfaces.surface_kernel, buffer.shading_threads, inputs, [found, sends_ray])
@@ -73,7 +73,7 @@ def sun_over(scene: Scene, sky: Sky) -> candidates.Sun:
 
 def trace_sun(buffer: SampleBuffer, sun: candidates.Sun) -> wp.array:
     """Return the share of the sun in sight of every sample, before it is smoothed, in 255ths."""
-    light = wp.empty(len(buffer.samples.t), dtype=wp.uint8, device=buffer.scene.device)
+    light = wp.empty(buffer.count, dtype=wp.uint8, device=buffer.scene.device)
     views, height, width = buffer.shape
     half = (views, -(-height // TILE), -(-width // (2 * TILE)), BLOCK_DIM)
     scene, picture, further = buffer.scene.struct, buffer.picture, len(buffer.extras.shaded)
@@ -132,16 +132,10 @@ class MirrorRays:
         return len(self.mirrors.row)
 
 
-def trace_mirrors(
-    buffer: SampleBuffer,
-    appearance: looks.Appearance,
-    wet: Wet,
-    found: looks.Surfaces,
-    sends_ray: wp.array,
-    *,
-    is_on: bool,
-) -> MirrorRays:
-    """Return the mirrored rays of a buffer.
+def find_mirrors(
+    buffer: SampleBuffer, appearance: looks.Appearance, wet: Wet, found: looks.Surfaces, sends_ray: wp.array
+) -> FlaggedRows:
+    """Return the samples that send a mirrored ray.
 
     Args:
         buffer: What the pixels see.
@@ -149,15 +143,28 @@ def trace_mirrors(
         wet: Water of the wettest weather.
         found: Surfaces of the samples.
         sends_ray: Flags of the threads whose samples mirror while they are dry; those of water are added.
-        is_on: Send rays at all.
+    """
+    if wet.wetness + wet.puddles > 0.0:
+        inputs = [appearance, wet, buffer.picture, found]
+        _trace(buffer, mirror.water_kernel, buffer.shading_threads, inputs, [sends_ray])
+    return FlaggedRows(buffer, sends_ray)
+
+
+def trace_mirrors(
+    buffer: SampleBuffer, appearance: looks.Appearance, found: looks.Surfaces, mirrored: FlaggedRows | None
+) -> MirrorRays:
+    """Return the mirrored rays of a buffer.
+
+    Args:
+        buffer: What the pixels see.
+        appearance: Looks.
+        found: Surfaces of the samples.
+        mirrored: From `find_mirrors`; None where no ray is sent.
     """
     device, scene, picture = buffer.scene.device, buffer.scene.struct, buffer.picture
     rays = mirror.Mirrors()
-    number = wp.full(len(buffer.samples.t) if is_on else 0, -1, dtype=int, device=device)
-    if is_on and wet.wetness + wet.puddles > 0.0:
-        inputs = [appearance, wet, picture, found]
-        _trace(buffer, mirror.water_kernel, buffer.shading_threads, inputs, [sends_ray])
-    rays.row = flagged_rows(buffer, sends_ray) if is_on else wp.empty(0, dtype=int, device=device)
+    number = wp.full(buffer.count if mirrored else 0, -1, dtype=int, device=device)
+    rays.row = mirrored.listed() if mirrored else wp.empty(0, dtype=int, device=device)
     count = len(rays.row)
     rays.samples = empty_samples(count, device, with_surfaces=True)
     rays.surfaces = _empty_surfaces(count, appearance, device)
@@ -200,7 +207,7 @@ def shade_samples(
     """
     device, scene = buffer.scene.device, buffer.scene.struct
     image = wp.empty(len(mirrors.row), dtype=wp.vec3, device=device)
-    radiance = wp.empty(len(buffer.samples.t), dtype=wp.vec3, device=device)
+    radiance = wp.empty(buffer.count, dtype=wp.vec3, device=device)
     extras, picture, threads = buffer.extras, buffer.picture, buffer.shading_threads
     _shade(buffer, shade.mirror_shade_kernel, len(mirrors.row), [scene, weather, picture, found, mirrors], [image])
     seen = [scene, weather, time, picture, found]

@@ -16,6 +16,7 @@ from mmw.kernels import visibility as kernels
 from mmw.lens import Intrinsics
 from mmw.scene import Scene
 from mmw.sensors.camera import BLOCK_DIM, device_camera, tiles
+from mmw.sensors.host import HostCopy
 from mmw.views import Views
 
 EXTRA_OFFSETS = {
@@ -30,6 +31,11 @@ EXTRA_OFFSETS = {
 level and nearly upright edges are smooth too. Design values."""
 
 
+ROOM_FOR_EXTRAS = 0.5
+"""Further samples over pixel centres that there is room for from the start: in the shipped towns a third. Where more
+come, all samples move."""
+
+
 @dataclass(frozen=True)
 class SampleBuffer:
     """The first surface in every pixel of a batch of views, on the device."""
@@ -40,7 +46,7 @@ class SampleBuffer:
     intrinsics: Intrinsics
     camera: camera_kernels.Camera
     samples: looks.Samples
-    """Rows (view * H + v) * W + u of the pixel centres, A * H * W of them, then those of `extras`."""
+    """Rows (view * H + v) * W + u of the pixel centres, A * H * W of them, those of `extras`, then room for more."""
     extras: looks.Extras
     """Further rays of pixels on edges; none unless asked for (`with_extras`)."""
     candidates: structs.Candidates
@@ -61,7 +67,12 @@ class SampleBuffer:
     @property
     def further(self) -> int:
         """Further samples; see `Extras`."""
-        return len(self.samples.t) - self.extras.first
+        return len(self.extras.row) * len(self.extras.offset)
+
+    @property
+    def count(self) -> int:
+        """All samples."""
+        return self.extras.first + self.further
 
     @property
     def shading_threads(self) -> int:
@@ -118,7 +129,8 @@ def trace_samples(
     """
     count = len(views) * intrinsics.height * intrinsics.width
     none = _extras(count, wp.empty(0, dtype=int, device=scene.device), ())
-    samples = empty_samples(count, scene.device, with_surfaces=with_surfaces)
+    room = int(ROOM_FOR_EXTRAS * count) if with_surfaces else 0
+    samples = empty_samples(count + room, scene.device, with_surfaces=with_surfaces)
     camera = device_camera(intrinsics, range_m)
     on_device = views.for_scene(scene)
     met = _tile_candidates(scene, on_device, len(views), intrinsics, camera)
@@ -206,37 +218,47 @@ def depth_images(
     return images
 
 
-def with_extras(buffer: SampleBuffer, per_pixel: int) -> SampleBuffer:
-    """Return a buffer with further rays through the pixels on edges, after the pixel centres in its samples.
+def find_edges(buffer: SampleBuffer) -> "FlaggedRows":
+    """Return the pixels that lie on edges.
 
     Args:
         buffer: What the pixel centres see, with surfaces.
-        per_pixel: Samples in a pixel on an edge, a key of `EXTRA_OFFSETS`; 1 finds no edges.
     """
-    device, count, offsets = buffer.scene.device, len(buffer.samples.t), EXTRA_OFFSETS[per_pixel]
-    if not count or not len(offsets):
-        return buffer
-    scene = buffer.scene.struct
-    is_edge = empty_flags(buffer.threads, device)
-    _launch(kernels.edge_kernel, buffer.threads, [scene, buffer.picture], [is_edge])
-    extras = _extras(count, flagged_rows(buffer, is_edge), offsets)
-    samples = empty_samples(count + len(extras.row) * len(offsets), device, with_surfaces=True)
-    for name in ("t", "face", "instance", "surface", "normal"):
-        wp.copy(getattr(samples, name), getattr(buffer.samples, name), count=count)
-    both = replace(buffer, samples=samples, extras=extras)
+    is_edge = empty_flags(buffer.threads, buffer.scene.device)
+    _launch(kernels.edge_kernel, buffer.threads, [buffer.scene.struct, buffer.picture], [is_edge])
+    return FlaggedRows(buffer, is_edge)
+
+
+def with_extras(buffer: SampleBuffer, edges: "FlaggedRows", per_pixel: int) -> SampleBuffer:
+    """Return a buffer with further rays through the pixels on edges, after the pixel centres in its samples.
+
+    The pixel centres are those of the other buffer, not a copy, while there is room behind them.
+
+    Args:
+        buffer: What the pixel centres see, with surfaces.
+        edges: From `find_edges`.
+        per_pixel: Samples in a pixel on an edge, a key of `EXTRA_OFFSETS` above 1.
+    """
+    device, scene = buffer.scene.device, buffer.scene.struct
+    extras = _extras(buffer.count, edges.listed(), EXTRA_OFFSETS[per_pixel])
+    both = replace(buffer, extras=extras)
+    if both.count > len(buffer.samples.t):
+        both = replace(both, samples=empty_samples(both.count, device, with_surfaces=True))
+        for name in ("t", "face", "instance", "surface", "normal"):
+            wp.copy(getattr(both.samples, name), getattr(buffer.samples, name), count=buffer.count)
     extras.source = wp.empty(both.further, dtype=int, device=device)
     is_traced = empty_flags(both.further, device)
     if buffer.cut_outs is None:
         _launch(kernels.guess_kernel, both.further, [scene, both.picture], [extras.source, is_traced])
     else:
         is_traced[: both.further].fill_(1)
-    extras.shaded = flagged_rows(both, is_traced, buffer.threads)
+    extras.shaded = FlaggedRows(both, is_traced, buffer.threads).listed()
     traced = len(extras.shaded)
     _trace(both, buffer.threads, traced)
     is_shaded = empty_flags(traced, device)
     inputs = [scene, both.picture, extras.shaded]
     _launch(kernels.source_kernel, traced, inputs, [extras.source, is_shaded])
-    extras.shaded = flagged_rows(both, is_shaded, buffer.threads)
+    extras.shaded = FlaggedRows(both, is_shaded, buffer.threads).listed()
     return both
 
 
@@ -245,26 +267,39 @@ def empty_flags(threads: int, device: str) -> wp.array:
     return wp.zeros(-(-threads // 8) * 8, dtype=wp.uint8, device=device)
 
 
-def flagged_rows(buffer: SampleBuffer, flags: wp.array, first_thread: int = 0) -> wp.array:
-    """Return the rows of the samples whose threads raised their flags, in the order of the threads.
+class FlaggedRows:
+    """Samples whose threads raised their flags: counted at once, listed when their number is on the host.
 
-    Args:
-        buffer: What the pixels see.
-        flags: From `empty_flags`.
-        first_thread: Thread that the first flag belongs to.
+    What the device is given between the two it does while the host waits for the number.
     """
-    device, words = buffer.scene.device, len(flags) // 8
-    if not words:
-        return wp.empty(0, dtype=int, device=device)
-    flag = wp.array(ptr=flags.ptr, dtype=wp.uint64, shape=words, device=device)
-    count = wp.empty(words + 1, dtype=int, device=device)
-    first = wp.empty(words + 1, dtype=int, device=device)
-    _launch(picture.flag_count_kernel, words, [flag], [count])
-    wp.utils.array_scan(count, first, inclusive=False)  # the number after the last word is that of all flags
-    row = wp.empty(int(first[words:].numpy()[0]), dtype=int, device=device)
-    if len(row):
-        _launch(picture.flagged_row_kernel, words, [buffer.picture, flag, first, first_thread], [row])
-    return row
+
+    def __init__(self, buffer: SampleBuffer, flags: wp.array, first_thread: int = 0) -> None:
+        """Let the device count.
+
+        Args:
+            buffer: What the pixels see.
+            flags: From `empty_flags`.
+            first_thread: Thread that the first flag belongs to.
+        """
+        device, words = buffer.scene.device, len(flags) // 8
+        self._picture, self._flags, self._first_thread = buffer.picture, flags, first_thread
+        self._flag = wp.array(ptr=flags.ptr, dtype=wp.uint64, shape=words, device=device)
+        self._first = wp.empty(words + 1, dtype=int, device=device)
+        if words:
+            count = wp.empty(words + 1, dtype=int, device=device)
+            _launch(picture.flag_count_kernel, words, [self._flag], [count])
+            wp.utils.array_scan(count, self._first, inclusive=False)
+            # The number after the last word is that of all flags.
+            self._number = HostCopy([self._first[words:]])
+
+    def listed(self) -> wp.array:
+        """Return the rows of the samples, in the order of the threads."""
+        words = len(self._flag)
+        row = wp.empty(int(self._number.wait()[0][0]) if words else 0, dtype=int, device=self._flag.device)
+        if len(row):
+            inputs = [self._picture, self._flag, self._first, self._first_thread]
+            _launch(picture.flagged_row_kernel, words, inputs, [row])
+        return row
 
 
 def _launch(kernel: wp.Kernel, threads: int, inputs: list, outputs: list) -> None:
