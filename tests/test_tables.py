@@ -13,6 +13,7 @@ from mmw.tables.columns import table_from_columns
 from mmw.tables.encode import decode_depth, encode_depth
 from mmw.tables.markdown import schema_markdown
 from mmw.tables.parquet import arrow_schema
+from mmw.tables.rows.common import choices
 from mmw.tables.schemas import TABLES, column_text
 from mmw.tables.writer import ShardKey, write_shard
 from tests.shards import META, make_shard, make_statics
@@ -149,6 +150,31 @@ def test_row_order_does_not_matter():
             assert mine.chunk(0).indices.equals(other.chunk(0).indices)
     keys = list(zip(*(again.column(name).to_pylist() for name in TABLES["paths"].key), strict=True))
     assert keys == sorted(keys)
+
+
+@pytest.mark.parametrize("with_null", [False, True])
+def test_names_by_number_are_names_by_text(with_null):
+    """Whatever dictionary names come with: unused ones, another order, one twice."""
+    texts = ["rsu", "cav_2", "cav_1", "none of them", "cav_2", None if with_null else "cav_3"]
+    index = np.random.default_rng(1).choice([0, 1, 2, 4, 5], 50).astype(np.int32)
+    given = {**columns("boxes"), "frame": np.arange(50), "object_id": 7}
+    given = {name: values if np.ndim(values) == 0 else np.resize(values, 50) for name, values in given.items()}
+    found, expected = (
+        table_from_columns("boxes", {**given, "frame": np.arange(50), "agent": agent})
+        for agent in (choices(texts, index), [texts[i] for i in index])
+    )
+    assert found.equals(expected)
+    for mine, other in zip(found.columns, expected.columns, strict=True):
+        if pa.types.is_dictionary(mine.type):
+            assert mine.chunk(0).dictionary.equals(other.chunk(0).dictionary)
+    assert found.column("agent").to_pylist() == [texts[i] for i in index]
+
+
+def test_rows_with_one_key_are_named_wherever_they_stand():
+    given = columns("boxes")
+    twice = {name: values if np.ndim(values) == 0 else [*values, values[0]] for name, values in given.items()}
+    with pytest.raises(ValueError, match=r"1 rows repeat a key, the first \{'frame': \d+, 'object_id': \d+\}"):
+        table_from_columns("boxes", twice)
 
 
 def test_empty_table_is_a_table():

@@ -17,8 +17,8 @@ OWN_KEYS = {"name", "on", "mount"}
 """Keys of an RGB camera that may differ within a launch."""
 
 MOST_PIXELS = 32_000_000
-"""Pixels of a launch at most: 104 images of 640 x 480, which keep a large GPU busy. Twice as many are no faster and take
-twice the memory (`bench/README.md`)."""
+"""Pixels of a launch at most: 104 images of 640 x 480, which keep a large GPU busy. Twice as many are no faster and
+take twice the memory (`bench/README.md`)."""
 
 BYTES_PER_PIXEL = 1_600
 """Device memory for each pixel of a launch [bytes]: eight times what its samples, light and colours take, so that there

@@ -23,7 +23,8 @@ _allocated = 0
 
 
 class HostCopy:
-    """Device arrays on their way to the host. The device may be given other work before they are waited for."""
+    """Device arrays on their way to the host. The device may be given other work before they are waited for, as long as
+    it leaves them as they are."""
 
     def __init__(self, arrays: Sequence[wp.array]) -> None:
         """Queue the copies behind the work that was launched so far.
