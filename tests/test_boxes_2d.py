@@ -240,7 +240,7 @@ def test_rows_of_a_street(device: str) -> None:
     }
     listed = np.zeros_like(counts)
     for row in range(len(rows["frame"])):
-        view = view_of[int(rows["frame"][row]), rows["agent"][row]]
+        view = view_of[int(rows["frame"][row]), rows["agent"][row].as_py()]
         place = wanted.index(int(rows["object_id"][row]))
         listed[view, place] += 1
         edges = [rows[name][row].as_py() for name in ("u_min", "v_min", "u_max", "v_max")]

@@ -183,8 +183,8 @@ def test_what_a_cluster_has_for_workers() -> None:
     small, head = {"CPU": 8.0, "GPU": 2.0, "memory": 30 * gb}, {"CPU": 4.0, "memory": 8 * gb}
     assert room_for([big], "cuda:0", 2) == Room("cuda:0", 2, 1)
     assert room_for([big, head], "auto", 8) == Room("cuda:0", 8, 2)
-    assert room_for([big], "auto", "auto") == Room("cuda:0", 24, 6)
-    assert room_for([big], "auto", "auto", 40 * gb) == Room("cuda:0", 12, 3)
+    assert room_for([big], "auto", "auto") == Room("cuda:0", 32, 8)
+    assert room_for([big], "auto", "auto", 40 * gb) == Room("cuda:0", 20, 5)
     assert room_for([big, small, head], "auto", "auto") == Room("cuda:0", 12, 2)
     assert room_for([big, head], "cpu", "auto") == Room("cpu", 68, 1)
     assert room_for([head], "auto", "auto") == Room("cpu", 4, 1)
