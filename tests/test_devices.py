@@ -7,10 +7,11 @@ import sys
 from types import SimpleNamespace
 
 import pytest
+import warp as wp
 
 from mmw.compute import device
 from mmw.compute.cores import bound_to, core_list, cores_of_gpus, shared_cores
-from mmw.compute.cuda import wait_asleep
+from mmw.compute.cuda import keep_memory, wait_asleep
 from mmw.compute.device import workers_a_gpu, writer_threads
 from mmw.engines.processes import _Process
 
@@ -106,3 +107,10 @@ def test_a_worker_keeps_to_its_cores():
 
 def test_threads_can_sleep_while_they_wait(device):
     assert wait_asleep(device)
+
+
+def test_freed_memory_stays_up_to_the_limit(device: str) -> None:
+    keep_memory(device, 1 << 30)
+    if wp.get_device(device).is_cuda:
+        assert wp.get_mempool_release_threshold(device) == 1 << 30
+        keep_memory(device, 0)  # as it was

@@ -7,7 +7,7 @@ import pytest
 import warp as wp
 
 from mmw.sensors import host
-from mmw.sensors.host import to_host
+from mmw.sensors.host import HostCopy, to_host
 
 
 def filled(device: str, seed: int) -> list[wp.array]:
@@ -29,6 +29,17 @@ def test_copies_keep_their_values(device: str, monkeypatch: pytest.MonkeyPatch, 
         for array, values in zip(arrays, copy, strict=True):
             assert values.shape == array.shape
             np.testing.assert_array_equal(values, array.numpy())
+
+
+def test_a_copy_waits_for_what_was_launched_before_it_alone(device: str) -> None:
+    late = wp.zeros(1 << 20, dtype=int, device=device)
+    for k in range(20):
+        late.fill_(k)
+    copy = HostCopy([late])
+    other = wp.zeros(1 << 20, dtype=int, device=device)
+    other.fill_(7)
+    (found,) = copy.wait()
+    assert (found == 19).all() and (to_host([other])[0] == 7).all()
 
 
 def test_buffers_are_used_again(device: str) -> None:
