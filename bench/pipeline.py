@@ -18,8 +18,10 @@ import sys
 import tempfile
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from statistics import mean, median
 
 import warp as wp
 
@@ -63,6 +65,10 @@ class Result:
     """Share of the time after set-up in which kernels ran, as `nvidia-smi` samples it; None without a GPU."""
     cores_busy: float | None
     """Share of the time after set-up in which the machine's cores worked, as Linux counts it; None elsewhere."""
+    gpu_busy_median: float | None
+    """What the first of these is at least for half of the time: the last pieces, which not all workers share, count
+    less."""
+    cores_busy_median: float | None
     processor_s: float
     """Processor seconds of the run, its workers included."""
     host_gb: float
@@ -126,9 +132,12 @@ def _processor_times() -> tuple[int, int]:
     return sum(ticks), ticks[3] + ticks[4]
 
 
-def _mean_between(samples: list[tuple[float, float]], start: float, end: float) -> float | None:
+def _between(
+    of: Callable[[list[float]], float], samples: list[tuple[float, float]], start: float, end: float
+) -> float | None:
+    """Return the mean or median of the samples in a stretch of time; None if there are none."""
     some = [load for at, load in samples if start <= at <= end]
-    return sum(some) / len(some) if some else None
+    return of(some) if some else None
 
 
 def measure(config: Config, whole: Config, base: Path, engine: Engine) -> Result:
@@ -157,8 +166,8 @@ def measure(config: Config, whole: Config, base: Path, engine: Engine) -> Result
         [scenario.name for scenario in config.scenarios], list(config.weathers), workers, frames, seconds, set_up,
         seconds / frames, frames / seconds, sum(clock.rays.values()) / steady, dict(clock.seconds),
         sum(_rows(path) for path in files), sum(path.stat().st_size for path in files),
-        _mean_between(load.gpu, begin, end), _mean_between(load.cores, begin, end), processor, memory * 1024 / 1e9,
-        load.memory_gb or None, projected,
+        *(_between(of, samples, begin, end) for of in (mean, median) for samples in (load.gpu, load.cores)),
+        processor, memory * 1024 / 1e9, load.memory_gb or None, projected,
     )  # fmt: skip
 
 
@@ -209,8 +218,15 @@ def main(arguments: list[str]) -> None:
         return
     for name, seconds in sorted(result.stages.items(), key=lambda item: -item[1]):
         print(f"  {name:<40} {seconds:>8.2f} s {100 * seconds / result.seconds / result.workers:>5.1f} %")
-    shares = {"GPU": result.gpu_busy, "cores": result.cores_busy}
-    busy = "; ".join(f"{name} busy {100 * share:.0f} %" for name, share in shares.items() if share is not None)
+    shares = {
+        "GPU": (result.gpu_busy, result.gpu_busy_median),
+        "cores": (result.cores_busy, result.cores_busy_median),
+    }
+    busy = "; ".join(
+        f"{name} busy {100 * share:.0f} % (half of the time {100 * middle:.0f} % and more)"
+        for name, (share, middle) in shares.items()
+        if share is not None and middle is not None
+    )
     print(
         f"{result.frames:,} scenario-weather-frames in {result.seconds:.1f} s ({result.set_up_s:.1f} s set-up) with "
         f"{result.workers} workers: {result.frames_per_s:.1f} frames/s, {result.rays_per_s / 1e6:,.0f} M rays/s, "
