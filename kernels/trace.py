@@ -32,8 +32,8 @@ TRACE_REGISTERS = 80
 in flight, 8 % more a second on an H100 (`bench/README.md`)."""
 
 PICTURE_REGISTERS = 64
-"""The same for rays of pictures, of which those of a block go side by side: 5 % more of them a second than with 80. A
-LiDAR's take the same time with both."""
+"""The same for rays of pictures, of which those of a block go side by side: 2 % more of them a second than with 80 or
+96. A LiDAR's take the same time with both."""
 
 FACE_BITS = wp.constant(wp.uint64(0xFFFFFFFF))
 """The part of what `walk_nearest` returns that names the face."""

@@ -31,7 +31,7 @@ def test_copies_keep_their_values(device: str, monkeypatch: pytest.MonkeyPatch, 
             np.testing.assert_array_equal(values, array.numpy())
 
 
-def test_a_copy_waits_for_what_was_launched_before_it_alone(device: str) -> None:
+def test_a_copy_has_what_was_launched_before_it(device: str) -> None:
     late = wp.zeros(1 << 20, dtype=int, device=device)
     for k in range(20):
         late.fill_(k)

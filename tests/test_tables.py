@@ -154,20 +154,26 @@ def test_row_order_does_not_matter():
 
 @pytest.mark.parametrize("with_null", [False, True])
 def test_names_by_number_are_names_by_text(with_null):
-    """Whatever dictionary names come with: unused ones, another order, one twice."""
+    """Whatever dictionary names come with: unused ones, another order, one twice, other types."""
     texts = ["rsu", "cav_2", "cav_1", "none of them", "cav_2", None if with_null else "cav_3"]
     index = np.random.default_rng(1).choice([0, 1, 2, 4, 5], 50).astype(np.int32)
     given = {**columns("boxes"), "frame": np.arange(50), "object_id": 7}
     given = {name: values if np.ndim(values) == 0 else np.resize(values, 50) for name, values in given.items()}
-    found, expected = (
-        table_from_columns("boxes", {**given, "frame": np.arange(50), "agent": agent})
-        for agent in (choices(texts, index), [texts[i] for i in index])
+    forms = [
+        [texts[i] for i in index],
+        choices(texts, index),
+        pa.DictionaryArray.from_arrays(index, pa.array(texts)),
+        pa.DictionaryArray.from_arrays(index.astype(np.int8), pa.array(texts, pa.large_string())),
+    ]
+    expected, *others = (
+        table_from_columns("boxes", {**given, "frame": np.arange(50), "agent": form}) for form in forms
     )
-    assert found.equals(expected)
-    for mine, other in zip(found.columns, expected.columns, strict=True):
-        if pa.types.is_dictionary(mine.type):
-            assert mine.chunk(0).dictionary.equals(other.chunk(0).dictionary)
-    assert found.column("agent").to_pylist() == [texts[i] for i in index]
+    assert expected.column("agent").to_pylist() == forms[0]
+    for found in others:
+        assert found.equals(expected)
+        for mine, other in zip(found.columns, expected.columns, strict=True):
+            if pa.types.is_dictionary(mine.type):
+                assert mine.chunk(0).dictionary.equals(other.chunk(0).dictionary)
 
 
 def test_rows_with_one_key_are_named_wherever_they_stand():

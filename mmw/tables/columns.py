@@ -8,7 +8,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from mmw.tables.parquet import arrow_schema
-from mmw.tables.schema.columns import IMAGE, TableSpec
+from mmw.tables.schema.columns import IMAGE, NAME, TableSpec
 from mmw.tables.schemas import table_spec
 
 
@@ -130,9 +130,11 @@ def _cast(table: str, field: pa.Field, values: Any, rows: int) -> pa.Array:
 
 def _to_arrow(type_: pa.DataType, values: Any, rows: int) -> pa.Array:
     if _is_scalar(values):
-        values = pa.repeat(values.item() if isinstance(values, np.generic) else values, rows)
+        value = values.item() if isinstance(values, np.generic) else values
         if pa.types.is_dictionary(type_):
-            values = values.cast(pa.string()).slice(0, 1).dictionary_encode().take(np.zeros(rows, dtype=np.int32))
+            values = pa.DictionaryArray.from_arrays(np.zeros(rows, dtype=np.int32), pa.array([value], pa.string()))
+        else:
+            values = pa.repeat(value, rows)
     if isinstance(values, pa.ChunkedArray):
         values = values.combine_chunks()
     if isinstance(values, pa.ChunkedArray):  # no chunk at all
@@ -152,8 +154,10 @@ def _to_arrow(type_: pa.DataType, values: Any, rows: int) -> pa.Array:
 
 def _to_names(values: Any) -> pa.Array:
     """Return names with a dictionary in order of first appearance, so that equal rows give equal bytes."""
-    if isinstance(values, pa.DictionaryArray):
-        return _in_order(values)
+    if isinstance(values, pa.DictionaryArray) and values.type.equals(NAME):
+        texts = values.dictionary
+        if not texts.null_count and len(texts.unique()) == len(texts):
+            return _in_order(values)
     if isinstance(values, pa.Array):
         return values.cast(pa.string()).dictionary_encode()
     if isinstance(values, np.ndarray):
@@ -162,7 +166,7 @@ def _to_names(values: Any) -> pa.Array:
 
 
 def _in_order(values: pa.DictionaryArray) -> pa.DictionaryArray:
-    """Return names with a dictionary of those that are there, in order of first appearance, from any dictionary."""
+    """Return names with a dictionary of those that are there, in order of first appearance; none is in it twice."""
     rows, names = len(values), len(values.dictionary)
     code = (values.indices.fill_null(names) if values.null_count else values.indices).to_numpy()
     first = np.full(names + 1, rows)
