@@ -25,7 +25,7 @@ from mmw.report import Clock, Reporter
 from mmw.scene import Scene
 from mmw.scene_arrays import SceneArrays
 from mmw.shards import Work
-from mmw.tables.columns import sort_rows, table_from_columns
+from mmw.tables.columns import sort_rows, unsorted_table
 from mmw.tables.rows.common import resolved
 from mmw.tables.schemas import table_spec
 
@@ -143,5 +143,6 @@ def join_batches(name: str, scenario: str, weather: str, batches: Sequence[Any])
     """
     ended = [columns.result() if isinstance(columns, Future) else columns for columns in batches]
     fixed = {"scenario": scenario, "weather": weather}
-    parts = [table_from_columns(name, {**fixed, **resolved(columns)}) for columns in ended]
-    return sort_rows(table_spec(name), pa.concat_tables(parts).unify_dictionaries().combine_chunks())
+    parts = [unsorted_table(name, {**fixed, **resolved(columns)}) for columns in ended]
+    whole = parts[0] if len(parts) == 1 else pa.concat_tables(parts).unify_dictionaries().combine_chunks()
+    return sort_rows(table_spec(name), whole)

@@ -11,6 +11,7 @@ from mmw.config import MountConfig
 from mmw.lens import Intrinsics
 from mmw.patterns import pinhole
 from mmw.poses import IDENTITY_POSE, compose, transform_points
+from mmw.sensors import boxes_2d
 from mmw.sensors.boxes import Boxes, make_boxes
 from mmw.sensors.boxes_2d import project_boxes, visible_pixels
 from mmw.sensors.depth import intrinsics_of, trace_depth, trace_depth_images
@@ -300,3 +301,24 @@ def test_batches_do_not_change_a_byte(device: str) -> None:
                     one, other = (np.asarray(v)[m] for v, m in ((values, mine), (whole[name], all_of)))
                     kind = object if one.dtype == object else float
                     assert pa.array(one.astype(kind)).equals(pa.array(other.astype(kind))), (frame, name)
+
+
+def test_boxes_beside_the_image_are_left_out_early_and_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    random = np.random.default_rng(5)
+    count = 4000
+    pose = np.concatenate([random.normal(0, 30, (count, 3)), random.normal(0, 1, (count, 4))], axis=1)
+    pose[:, 3:] /= np.linalg.norm(pose[:, 3:], axis=1, keepdims=True)
+    boxes = boxes_at(pose, random.uniform(0.5, 20, (count, 3)))
+    camera = replace(CAMERA, cx=20.0, cy=30.0)
+    early, kept = project_boxes(camera, views_at(), boxes), []
+
+    def all_of_them(camera: Intrinsics, middle: np.ndarray, radius: np.ndarray) -> np.ndarray:
+        kept.append(may_be_framed(camera, middle, radius).sum())
+        return np.ones(len(middle), dtype=bool)
+
+    may_be_framed = boxes_2d._may_be_framed
+    monkeypatch.setattr(boxes_2d, "_may_be_framed", all_of_them)
+    late = project_boxes(camera, views_at(), boxes)
+    for name in ("view", "box", "amodal", "truncation", "distance"):
+        np.testing.assert_array_equal(getattr(early, name), getattr(late, name))
+    assert 500 < len(early.box) <= kept[0] < count // 2

@@ -7,7 +7,6 @@ import pyarrow as pa
 import pytest
 
 from mmw.config import LidarConfig, MountConfig
-from mmw.constants import FRAME_DT
 from mmw.kinematics import differentiate
 from mmw.patterns import lidar_pattern
 from mmw.poses import compose, invert, quaternion_exp, rotate, transform_points
@@ -16,7 +15,7 @@ from mmw.sensors.lidar import LidarBatch
 from mmw.sensors.lidar_flow import scene_flow
 from mmw.sensors.sweep import view_twists
 from mmw.tables.columns import table_from_columns
-from mmw.tables.rows.lidar import lidar_rows, surface_points
+from mmw.tables.rows.lidar import lidar_rows, seen_rows
 from mmw.views import make_views
 from tests.scenes import arrays_from_parts, box_model, ground_part, pose, two_cars, wall_part
 from tests.test_lidar import sweeps
@@ -180,11 +179,12 @@ def test_rows_hold_every_column(device: str) -> None:
 
 def test_only_surfaces_count_as_seen(device: str) -> None:
     arrays = two_cars(2)
-    batch = sweeps(arrays, device, [0, 1], LidarConfig(), "foggy")
-    offsets, object_id = surface_points(batch)
-    assert offsets[-1] == len(object_id) == (batch.label == 0).sum() < len(batch.label)
-    for view in range(4):
-        part = slice(batch.offsets[view], batch.offsets[view + 1])
-        own = object_id[offsets[view] : offsets[view + 1]]
-        np.testing.assert_array_equal(own, batch.object_id[part][batch.label[part] == 0])
-    assert object_id.min() >= 0 and FRAME_DT == 0.01
+    config = LidarConfig()
+    views = make_views(arrays, [0, 1], config)
+    batch = sweeps(arrays, device, [0, 1], config, "foggy")
+    assert 0 < (batch.label > 0).sum() == (batch.object_id == -1).sum()
+    found = seen_rows(arrays, "lidar", views, batch)
+    view = np.repeat(np.arange(len(views)), np.diff(batch.offsets))
+    ids = [actor.object_id for actor in arrays.actors]
+    counts = [((view == v) & (batch.label == 0) & (batch.object_id == i)).sum() for v in range(len(views)) for i in ids]
+    assert found["lidar_points"].tolist() == [count for count in counts if count] and sum(counts) > 0

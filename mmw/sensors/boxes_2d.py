@@ -112,12 +112,11 @@ def project_boxes(camera: Intrinsics, views: Views, boxes: Boxes) -> Boxes2d:
         boxes: 3-D boxes of the same frames.
     """
     view, box = np.nonzero(views.frame[:, None] == boxes.frame[None, :])
-    to_camera = invert(views.pose[view])
+    to_camera = invert(views.pose)[view]
     middle = transform_points(to_camera, boxes.pose[box, :3])
-    # A ball around the box that lies behind the near plane: nothing to project, and that is about half of them.
     is_fisheye = camera.distortion.model == "fisheye"
-    ahead = (middle[:, 0] + 0.5 * np.linalg.norm(boxes.size[box], axis=1) > NEAR_M) | is_fisheye
-    view, box, to_camera, middle = view[ahead], box[ahead], to_camera[ahead], middle[ahead]
+    near = _may_be_framed(camera, middle, 0.5 * np.linalg.norm(boxes.size[box], axis=1))
+    view, box, to_camera, middle = view[near], box[near], to_camera[near], middle[near]
     local = CORNERS * boxes.size[box][:, None, :]
     corners = transform_points(to_camera[:, None], transform_points(boxes.pose[box][:, None], local))
     is_behind = (corners[..., 0] < NEAR_M) & (not is_fisheye)
@@ -131,6 +130,29 @@ def project_boxes(camera: Intrinsics, views: Views, boxes: Boxes) -> Boxes2d:
     share = _area(kept) / np.maximum(_area(whole[is_framed]), np.finfo(np.float64).tiny)
     distance = np.linalg.norm(middle[is_framed], axis=1)
     return Boxes2d(view[is_framed], box[is_framed], kept, np.clip(1.0 - share, 0.0, 1.0), distance)
+
+
+def _may_be_framed(camera: Intrinsics, middle: np.ndarray, radius: np.ndarray) -> np.ndarray:
+    """Return whether balls reach into what the camera sees, shape [N]; most boxes of a scene lie outside.
+
+    Args:
+        camera: Intrinsics.
+        middle: Their middles in the sensor frame [m], shape [N, 3].
+        radius: Their radii [m], shape [N].
+    """
+    if camera.distortion.model == "fisheye":
+        return np.ones(len(middle), dtype=bool)
+    ahead = middle[:, 0] + radius > NEAR_M
+    if camera.distortion.model != "pinhole":
+        return ahead
+    x, y, z = middle.T
+    for focal, most, least, aside in (
+        (camera.fx, camera.cx, camera.cx - camera.width, y),
+        (camera.fy, camera.cy, camera.cy - camera.height, z),
+    ):  # the planes through the lens and two opposite sides of the image
+        ahead &= most * x - focal * aside >= -radius * np.hypot(most, focal)
+        ahead &= focal * aside - least * x >= -radius * np.hypot(least, focal)
+    return ahead
 
 
 def _edges(corners: np.ndarray, is_behind: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

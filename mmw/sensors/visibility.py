@@ -3,6 +3,7 @@
 # Warp's structs and small number types are objects, not classes, to a type checker.
 # pyright: reportGeneralTypeIssues=false, reportArgumentType=false
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -31,13 +32,12 @@ def count_returns(offsets: np.ndarray, object_id: np.ndarray, wanted: Sequence[i
         object_id: Object of every point, -1 for none, shape [N].
         wanted: K different object ids.
     """
-    view_count, kinds = len(offsets) - 1, len(wanted)
-    highest = max(int(object_id.max(initial=-1)), *wanted, -1)
-    column_of = np.full(highest + 2, kinds, dtype=np.int64)  # the last place is that of -1
-    column_of[np.asarray(wanted, dtype=np.int64)] = np.arange(kinds)
-    view = np.repeat(np.arange(view_count), np.diff(offsets))
-    counts = np.bincount(view * (kinds + 1) + column_of[object_id], minlength=view_count * (kinds + 1))
-    return counts.reshape(view_count, kinds + 1)[:, :kinds].astype(np.int32)
+    rows = np.asarray(wanted, dtype=np.int64) + 1  # the first is that of -1
+    counts = np.zeros((len(offsets) - 1, len(rows)), dtype=np.int32)
+    for view, (begin, end) in enumerate(itertools.pairwise(offsets)):
+        found = np.bincount(object_id[begin:end] + 1, minlength=rows.max(initial=0) + 1)
+        counts[view] = found[rows]
+    return counts
 
 
 @dataclass(frozen=True)

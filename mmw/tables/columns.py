@@ -13,7 +13,16 @@ from mmw.tables.schemas import table_spec
 
 
 def table_from_columns(name: str, columns: Mapping[str, Any]) -> pa.Table:
-    """Return a table of the given columns: cast to the schema, checked, and sorted by its key.
+    """Return a table of the given columns: cast to the schema, checked, and sorted by its key; see `unsorted_table`.
+
+    Raises:
+        ValueError: If a column does not fit, or two rows have the same key.
+    """
+    return sort_rows(table_spec(name), unsorted_table(name, columns))
+
+
+def unsorted_table(name: str, columns: Mapping[str, Any]) -> pa.Table:
+    """Return a table of the given columns, cast to the schema and checked, with rows and names as they come.
 
     Args:
         name: Table name.
@@ -23,7 +32,7 @@ def table_from_columns(name: str, columns: Mapping[str, Any]) -> pa.Table:
 
     Raises:
         ValueError: If a column is missing or unknown, lengths differ, a value does not fit its type, a value that must
-            be there is null, a number is not finite, or two rows have the same key.
+            be there is null, or a number is not finite.
     """
     spec = table_spec(name)
     names = [field.name for field in spec.columns]
@@ -38,7 +47,7 @@ def table_from_columns(name: str, columns: Mapping[str, Any]) -> pa.Table:
         raise ValueError(f"table {name!r}: columns have lengths {lengths}; every column needs one value a row")
     rows = next(iter(lengths.values()), 1)
     arrays = [_cast(name, field, columns[field.name], rows) for field in spec.columns]
-    return sort_rows(spec, pa.Table.from_arrays(arrays, schema=arrow_schema(name)))
+    return pa.Table.from_arrays(arrays, schema=arrow_schema(name))
 
 
 def check_table(name: str, table: pa.Table) -> pa.Table:
@@ -47,13 +56,13 @@ def check_table(name: str, table: pa.Table) -> pa.Table:
 
 
 def sort_rows(spec: TableSpec, table: pa.Table) -> pa.Table:
-    """Return the rows sorted by the table's key, untouched where they are already.
+    """Return the rows sorted by the table's key, and names with dictionaries as `normalize_names` gives them.
 
     Raises:
         ValueError: If two rows have the same key.
     """
     if table.num_rows < 2:
-        return table
+        return normalize_names(table)
     keys = [_order_of(table.column(column)) for column in spec.key]
     if not _is_sorted(keys):
         order = np.lexsort(keys[::-1])
@@ -92,10 +101,11 @@ def _is_sorted(keys: Sequence[np.ndarray]) -> bool:
 
 def normalize_names(table: pa.Table) -> pa.Table:
     """Return the table with dictionaries of the names it has, in order of appearance, however its rows came."""
-    for index, field in enumerate(table.schema):
-        if pa.types.is_dictionary(field.type):
-            table = table.set_column(index, field, _to_names(table.column(index).combine_chunks()))
-    return table
+    columns = [
+        _to_names(column.combine_chunks()) if pa.types.is_dictionary(column.type) else column
+        for column in table.columns
+    ]
+    return pa.Table.from_arrays(columns, schema=table.schema)
 
 
 def frame_rows(table: pa.Table) -> int:
@@ -132,15 +142,14 @@ def _to_arrow(type_: pa.DataType, values: Any, rows: int) -> pa.Array:
     if _is_scalar(values):
         value = values.item() if isinstance(values, np.generic) else values
         if pa.types.is_dictionary(type_):
-            values = pa.DictionaryArray.from_arrays(np.zeros(rows, dtype=np.int32), pa.array([value], pa.string()))
-        else:
-            values = pa.repeat(value, rows)
+            return pa.DictionaryArray.from_arrays(np.zeros(rows, np.int32), pa.array([value][:rows], pa.string()))
+        values = pa.repeat(value, rows)
     if isinstance(values, pa.ChunkedArray):
         values = values.combine_chunks()
     if isinstance(values, pa.ChunkedArray):  # no chunk at all
         values = pa.array([], type_)
     if pa.types.is_dictionary(type_):
-        return _to_names(values)
+        return values if _are_names(values) else _to_names(values)
     if type_.equals(IMAGE):
         return values.cast(type_) if isinstance(values, pa.Array) else _to_images(values)
     if pa.types.is_list(type_) and not isinstance(values, pa.Array):
@@ -154,10 +163,8 @@ def _to_arrow(type_: pa.DataType, values: Any, rows: int) -> pa.Array:
 
 def _to_names(values: Any) -> pa.Array:
     """Return names with a dictionary in order of first appearance, so that equal rows give equal bytes."""
-    if isinstance(values, pa.DictionaryArray) and values.type.equals(NAME):
-        texts = values.dictionary
-        if not texts.null_count and len(texts.unique()) == len(texts):
-            return _in_order(values)
+    if _are_names(values):
+        return _in_order(values)
     if isinstance(values, pa.Array):
         return values.cast(pa.string()).dictionary_encode()
     if isinstance(values, np.ndarray):
@@ -165,20 +172,27 @@ def _to_names(values: Any) -> pa.Array:
     return pa.array(values, type=pa.string()).dictionary_encode()
 
 
+def _are_names(values: Any) -> bool:
+    """Return whether values are what tables hold: names by their place in a dictionary that has none of them twice."""
+    if not (isinstance(values, pa.DictionaryArray) and values.type.equals(NAME)):
+        return False
+    texts = values.dictionary
+    return not texts.null_count and (len(texts) == 1 or len(texts.unique()) == len(texts))
+
+
 def _in_order(values: pa.DictionaryArray) -> pa.DictionaryArray:
     """Return names with a dictionary of those that are there, in order of first appearance; none is in it twice."""
-    rows, names = len(values), len(values.dictionary)
-    code = (values.indices.fill_null(names) if values.null_count else values.indices).to_numpy()
-    first = np.full(names + 1, rows)
-    first[code[::-1]] = np.arange(rows - 1, -1, -1)  # of rows with one name the last written counts: the first
-    used = np.flatnonzero(first[:names] < rows)
-    order = used[np.argsort(first[used])]
-    if len(order) == names and np.array_equal(order, np.arange(names)):
+    names = len(values.dictionary)
+    if names == 1 and values.null_count == 0 and len(values):
+        return values
+    order = pc.unique(values.indices).drop_null().to_numpy()
+    if np.array_equal(order, np.arange(names)):
         return values
     place = np.full(names + 1, -1, dtype=np.int32)
     place[order] = np.arange(len(order))
+    code = (values.indices.fill_null(names) if values.null_count else values.indices).to_numpy()
     indices = pa.array(place[code], mask=code == names if values.null_count else None)
-    return pa.DictionaryArray.from_arrays(indices, values.dictionary.take(order))
+    return pa.DictionaryArray.from_arrays(indices, values.dictionary.take(pa.array(order)))
 
 
 def _to_images(values: Sequence[tuple[bytes, str] | None]) -> pa.Array:

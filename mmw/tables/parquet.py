@@ -57,11 +57,11 @@ def write_options(name: str) -> dict[str, Any]:
             compression.update({f"{path}.bytes": "none", f"{path}.path": "zstd"})
             return
         compression[path] = "zstd"
-        if pa.types.is_dictionary(type_) or (pa.types.is_integer(type_) and ".list." in path):
+        if pa.types.is_dictionary(type_):
             dictionary.append(path)
         elif pa.types.is_floating(type_):
             encoding[path] = "BYTE_STREAM_SPLIT"
-        elif pa.types.is_integer(type_):
+        elif pa.types.is_integer(type_) and ".list." not in path:
             encoding[path] = "DELTA_BINARY_PACKED"
 
     for field in spec.columns:

@@ -40,13 +40,6 @@ def lidar_rows(
     }
 
 
-def surface_points(points: LidarBatch) -> tuple[np.ndarray, np.ndarray]:
-    """Return the first point of every view, shape [A + 1], and the object of every point, of surfaces alone."""
-    is_surface = points.label == 0
-    up_to = np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(is_surface)])
-    return up_to[points.offsets], points.object_id[is_surface]
-
-
 def seen_rows(arrays: SceneArrays, sensor: str, views: Views, points: LidarBatch) -> Columns:
-    """Return rows of `box_visibility`: how many returns of surfaces lie on each actor."""
-    return point_rows(arrays, sensor, views, "lidar_points", *surface_points(points))
+    """Return rows of `box_visibility`: how many returns lie on each actor; those of rain and fog lie on none."""
+    return point_rows(arrays, sensor, views, "lidar_points", points.offsets, points.object_id)

@@ -35,6 +35,6 @@ RADAR = TableSpec(
         column("label", list_of(pa.uint8()), "index", "what returned: 0 object, 1 rain clutter, 2 false alarm"),
     ),
     ("frame", "agent", "sensor"),
-    frames_per_group=1,
+    frames_per_group=4,
     level=1,
 )
