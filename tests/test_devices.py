@@ -4,13 +4,14 @@ import math
 import os
 import subprocess
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 import warp as wp
 
 from mmw.compute import device
-from mmw.compute.cores import bound_to, core_list, cores_of_gpus, shared_cores
+from mmw.compute.cores import bound_to, core_list, cores_of_gpus, one_thread_a_library, shared_cores
 from mmw.compute.cuda import keep_memory, wait_asleep
 from mmw.compute.device import workers_a_gpu, writer_threads
 from mmw.engines.processes import _Process
@@ -103,6 +104,22 @@ def test_a_worker_keeps_to_its_cores():
         assert os.sched_getaffinity(worker._process.pid) == own
     finally:
         worker.kill()
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="the system does not list threads")
+def test_libraries_of_a_process_start_no_threads():
+    ask = "import os, numpy; numpy.ones((500, 500)) @ numpy.ones((500, 500)); print(len(os.listdir('/proc/self/task')))"
+    before = dict(os.environ)
+    with one_thread_a_library():
+        told = subprocess.run([sys.executable, "-c", ask], capture_output=True, text=True, check=True).stdout
+    assert told.split() == ["1"] and dict(os.environ) == before
+
+
+def test_a_number_of_threads_that_the_user_has_set_stays(monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", "3")
+    with one_thread_a_library():
+        assert os.environ["OMP_NUM_THREADS"] == "3" and os.environ["OPENBLAS_NUM_THREADS"] == "1"
+    assert os.environ["OMP_NUM_THREADS"] == "3"
 
 
 def test_threads_can_sleep_while_they_wait(device):

@@ -1,4 +1,4 @@
-"""Which processor cores the workers of each of several GPUs run on."""
+"""Which processor cores the workers of each of several GPUs run on, and how many threads their libraries start."""
 
 import os
 from collections import defaultdict
@@ -7,6 +7,9 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import warp as wp
+
+LIBRARY_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+"""Environment variables by which the libraries below NumPy are told how many threads to start."""
 
 
 def cores() -> int:
@@ -89,3 +92,19 @@ def bound_to(own: Collection[int]) -> Iterator[None]:
         yield
     finally:
         os.sched_setaffinity(0, before)
+
+
+@contextmanager
+def one_thread_a_library() -> Iterator[None]:
+    """Let processes that start within the block do linear algebra on the thread that asks for it.
+
+    Workers share the cores; each would start a thread for every core, and OpenBLAS's spin for some ms after each call.
+    What the user has set stays.
+    """
+    missing = [name for name in LIBRARY_THREADS if name not in os.environ]
+    os.environ.update(dict.fromkeys(missing, "1"))
+    try:
+        yield
+    finally:
+        for name in missing:
+            del os.environ[name]

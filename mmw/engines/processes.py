@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterable, Sequence
 from contextlib import suppress
 from multiprocessing.connection import Connection, wait
 
-from mmw.compute.cores import bound_to, cores_of_gpus
+from mmw.compute.cores import bound_to, cores_of_gpus, one_thread_a_library
 from mmw.engines.crew import Crew, LostError
 from mmw.engines.relay import Message, serve
 from mmw.report import Console
@@ -37,7 +37,7 @@ class _Process:
         self.connection, there = context.Pipe()
         ends, self._lifeline = context.Pipe(duplex=False)
         self._process = context.Process(target=_serve, args=(there, ends, making, device), daemon=True)
-        with bound_to(cores):
+        with bound_to(cores), one_thread_a_library():
             self._process.start()
         there.close()
         ends.close()
