@@ -18,7 +18,6 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from statistics import mean, median
@@ -43,6 +42,25 @@ PROCESSOR_TIMES = Path("/proc/stat")
 
 
 @dataclass(frozen=True)
+class Busy:
+    """Shares of the time in which something worked."""
+
+    mean: float
+    """After set-up."""
+    median: float
+    """What the share after set-up is at least for half of the time: the last pieces, which not all workers share, count
+    less."""
+    whole: float
+    """Mean with set-up."""
+
+    def __str__(self) -> str:
+        return (
+            f"busy {100 * self.mean:.0f} % (half of the time {100 * self.median:.0f} % and more; "
+            f"{100 * self.whole:.0f} % with set-up)"
+        )
+
+
+@dataclass(frozen=True)
 class Result:
     """One measured run."""
 
@@ -61,14 +79,10 @@ class Result:
     """Stage -> seconds, summed up over the workers."""
     rows: int
     bytes: int
-    gpu_busy: float | None
-    """Share of the time after set-up in which kernels ran, as `nvidia-smi` samples it; None without a GPU."""
-    cores_busy: float | None
-    """Share of the time after set-up in which the machine's cores worked, as Linux counts it; None elsewhere."""
-    gpu_busy_median: float | None
-    """What the first of these is at least for half of the time: the last pieces, which not all workers share, count
-    less."""
-    cores_busy_median: float | None
+    gpu_busy: Busy | None
+    """When kernels ran, as `nvidia-smi` samples it; None without a GPU."""
+    cores_busy: Busy | None
+    """When the machine's cores worked, as Linux counts it; None elsewhere."""
     processor_s: float
     """Processor seconds of the run, its workers included."""
     host_gb: float
@@ -132,12 +146,11 @@ def _processor_times() -> tuple[int, int]:
     return sum(ticks), ticks[3] + ticks[4]
 
 
-def _between(
-    of: Callable[[list[float]], float], samples: list[tuple[float, float]], start: float, end: float
-) -> float | None:
-    """Return the mean or median of the samples in a stretch of time; None if there are none."""
-    some = [load for at, load in samples if start <= at <= end]
-    return of(some) if some else None
+def _busy(samples: list[tuple[float, float]], start: float, steady: float, end: float) -> Busy | None:
+    """Return the shares between two times, of which set-up takes the first up to `steady`; None without samples."""
+    whole = [load for at, load in samples if start <= at <= end]
+    some = [load for at, load in samples if steady <= at <= end]
+    return Busy(mean(some), median(some), mean(whole)) if some else None
 
 
 def measure(config: Config, whole: Config, base: Path, engine: Engine) -> Result:
@@ -157,7 +170,7 @@ def measure(config: Config, whole: Config, base: Path, engine: Engine) -> Result
     processor = sum(now[:4]) - sum(used[:4])
     set_up = sum(clock.seconds.get(name, 0.0) for name in SET_UP) / workers
     steady = max(seconds - set_up, 1e-9)
-    begin, end = clock.start + set_up, clock.start + seconds
+    times = clock.start, clock.start + set_up, clock.start + seconds
     frames = config.frame_total
     projected = set_up / len(config.scenarios) * len(whole.scenarios) + whole.frame_total * steady / frames
     files = list(Path(config.output.dir).rglob("part-*.parquet"))
@@ -166,8 +179,8 @@ def measure(config: Config, whole: Config, base: Path, engine: Engine) -> Result
         [scenario.name for scenario in config.scenarios], list(config.weathers), workers, frames, seconds, set_up,
         seconds / frames, frames / seconds, sum(clock.rays.values()) / steady, dict(clock.seconds),
         sum(_rows(path) for path in files), sum(path.stat().st_size for path in files),
-        *(_between(of, samples, begin, end) for of in (mean, median) for samples in (load.gpu, load.cores)),
-        processor, memory * 1024 / 1e9, load.memory_gb or None, projected,
+        _busy(load.gpu, *times), _busy(load.cores, *times), processor, memory * 1024 / 1e9, load.memory_gb or None,
+        projected,
     )  # fmt: skip
 
 
@@ -218,19 +231,13 @@ def main(arguments: list[str]) -> None:
         return
     for name, seconds in sorted(result.stages.items(), key=lambda item: -item[1]):
         print(f"  {name:<40} {seconds:>8.2f} s {100 * seconds / result.seconds / result.workers:>5.1f} %")
-    shares = {
-        "GPU": (result.gpu_busy, result.gpu_busy_median),
-        "cores": (result.cores_busy, result.cores_busy_median),
-    }
-    busy = "; ".join(
-        f"{name} busy {100 * share:.0f} % (half of the time {100 * middle:.0f} % and more)"
-        for name, (share, middle) in shares.items()
-        if share is not None and middle is not None
+    busy = "".join(
+        f"{name} {share}; " for name, share in (("GPU", result.gpu_busy), ("cores", result.cores_busy)) if share
     )
     print(
         f"{result.frames:,} scenario-weather-frames in {result.seconds:.1f} s ({result.set_up_s:.1f} s set-up) with "
         f"{result.workers} workers: {result.frames_per_s:.1f} frames/s, {result.rays_per_s / 1e6:,.0f} M rays/s, "
-        f"{result.bytes / 1e6:,.0f} MB; {busy}; {result.processor_s:.0f} s of processor time; "
+        f"{result.bytes / 1e6:,.0f} MB; {busy}{result.processor_s:.0f} s of processor time; "
         f"host {result.host_gb:.1f} GB, device {result.device_gb or 0:.1f} GB; "
         f"all of {options.config.name}: {result.projected_s:.0f} s"
     )

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from bench.pipeline import main
+from bench.pipeline import Busy, _busy, main
 from tests.own_world import write_own_world
 
 
@@ -21,6 +21,14 @@ def test_a_run_is_measured(tmp_path, capsys):
     assert result["gpu_busy"] is None
     # Ten frames are the whole: more than the four that were made, less than ten runs.
     assert result["seconds"] < result["projected_s"] < 10 * result["seconds"]
+
+
+def test_set_up_counts_in_one_share_alone():
+    samples = [(0.5, 1.0), (1.5, 0.0), (2.5, 0.4), (3.5, 0.8), (4.5, 0.9), (5.5, 0.0)]
+    found = _busy(samples, 1.0, 2.0, 5.0)
+    assert found == Busy(mean=pytest.approx(0.7), median=0.8, whole=pytest.approx(0.525))
+    assert str(found) == "busy 70 % (half of the time 80 % and more; 52 % with set-up)"
+    assert _busy(samples, 1.0, 6.0, 7.0) is None
 
 
 def test_an_unknown_scenario_is_named(tmp_path):
