@@ -3,7 +3,6 @@
 # Warp's structs and small number types are objects, not classes, to a type checker.
 # pyright: reportGeneralTypeIssues=false, reportArgumentType=false
 
-import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -32,12 +31,14 @@ def count_returns(offsets: np.ndarray, object_id: np.ndarray, wanted: Sequence[i
         object_id: Object of every point, -1 for none, shape [N].
         wanted: K different object ids.
     """
-    rows = np.asarray(wanted, dtype=np.int64) + 1  # the first is that of -1
-    counts = np.zeros((len(offsets) - 1, len(rows)), dtype=np.int32)
-    for view, (begin, end) in enumerate(itertools.pairwise(offsets)):
-        found = np.bincount(object_id[begin:end] + 1, minlength=rows.max(initial=0) + 1)
-        counts[view] = found[rows]
-    return counts
+    shape = len(offsets) - 1, len(wanted)
+    highest = max(int(object_id.max(initial=-1)), *wanted, -1)
+    column_of = np.full(highest + 2, -1, dtype=np.int32)  # the last place is that of -1
+    column_of[np.asarray(wanted, dtype=np.int64)] = np.arange(len(wanted))
+    found = np.flatnonzero((column_of >= 0)[object_id])  # few: most points lie on the town
+    view = np.repeat(np.arange(shape[0]), np.diff(np.searchsorted(found, offsets)))
+    counts = np.bincount(view * shape[1] + column_of[object_id[found]], minlength=shape[0] * shape[1])
+    return counts.reshape(shape).astype(np.int32)
 
 
 @dataclass(frozen=True)
