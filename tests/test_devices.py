@@ -115,6 +115,16 @@ def test_libraries_of_a_process_start_no_threads():
     assert told.split() == ["1"] and dict(os.environ) == before
 
 
+@pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="the system does not show environments")
+def test_libraries_of_a_worker_start_no_threads(monkeypatch):
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+    worker = _Process(SimpleNamespace(), "cpu", ())
+    try:
+        assert b"OPENBLAS_NUM_THREADS=1" in Path(f"/proc/{worker._process.pid}/environ").read_bytes().split(b"\0")
+    finally:
+        worker.kill()
+
+
 def test_a_number_of_threads_that_the_user_has_set_stays(monkeypatch):
     monkeypatch.setenv("OMP_NUM_THREADS", "3")
     with one_thread_a_library():

@@ -20,9 +20,9 @@ def cores() -> int:
 def cores_of_gpus(devices: Sequence[str]) -> Mapping[str, frozenset[int]]:
     """Return the cores that the workers of each GPU keep to; nothing where one GPU, or the system, leaves no choice.
 
-    Threads that stay on a few cores, near their GPU, find their data in the caches, and libraries that start as many
-    threads as they see cores start fewer: with four H200 four runs on 16 cores each took 51 s, one run of the same work
-    on all 64 took 57 s (`bench/README.md`).
+    Threads that stay on a few cores, near their GPU, find their data in the caches: with four H200 four runs on 16
+    cores each took 51 s, one run of the same work on all 64 took 57 s, when libraries still started a thread for every
+    core that they saw (`bench/README.md`).
 
     Args:
         devices: Warp device of each worker; the same may stand there more than once.
