@@ -115,8 +115,8 @@ def project_boxes(camera: Intrinsics, views: Views, boxes: Boxes) -> Boxes2d:
     to_camera = invert(views.pose)[view]
     middle = transform_points(to_camera, boxes.pose[box, :3])
     is_fisheye = camera.distortion.model == "fisheye"
-    near = _may_be_framed(camera, middle, 0.5 * np.linalg.norm(boxes.size[box], axis=1))
-    view, box, to_camera, middle = view[near], box[near], to_camera[near], middle[near]
+    possible = _may_be_framed(camera, middle, 0.5 * np.linalg.norm(boxes.size[box], axis=1))
+    view, box, to_camera, middle = view[possible], box[possible], to_camera[possible], middle[possible]
     local = CORNERS * boxes.size[box][:, None, :]
     corners = transform_points(to_camera[:, None], transform_points(boxes.pose[box][:, None], local))
     is_behind = (corners[..., 0] < NEAR_M) & (not is_fisheye)
@@ -142,17 +142,17 @@ def _may_be_framed(camera: Intrinsics, middle: np.ndarray, radius: np.ndarray) -
     """
     if camera.distortion.model == "fisheye":
         return np.ones(len(middle), dtype=bool)
-    ahead = middle[:, 0] + radius > NEAR_M
+    possible = middle[:, 0] + radius > NEAR_M
     if camera.distortion.model != "pinhole":
-        return ahead
+        return possible
     x, y, z = middle.T
     for focal, most, least, aside in (
         (camera.fx, camera.cx, camera.cx - camera.width, y),
         (camera.fy, camera.cy, camera.cy - camera.height, z),
     ):  # the planes through the lens and two opposite sides of the image
-        ahead &= most * x - focal * aside >= -radius * np.hypot(most, focal)
-        ahead &= focal * aside - least * x >= -radius * np.hypot(least, focal)
-    return ahead
+        possible &= most * x - focal * aside >= -radius * np.hypot(most, focal)
+        possible &= focal * aside - least * x >= -radius * np.hypot(least, focal)
+    return possible
 
 
 def _edges(corners: np.ndarray, is_behind: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
