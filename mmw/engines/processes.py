@@ -4,11 +4,11 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from multiprocessing.connection import Connection, wait
 
-from mmw.compute.cores import bound_to, cores_of_gpus, one_thread_a_library
+from mmw.compute.cores import one_thread_a_library
 from mmw.engines.crew import Crew, LostError
 from mmw.engines.relay import Message, serve
 from mmw.report import Console
@@ -25,19 +25,18 @@ def make_in_processes(making: Making, work: Sequence[Work], devices: Sequence[st
         devices: Device of each worker; the same may stand there more than once.
         console: Where progress goes.
     """
-    own = cores_of_gpus(devices)
-    Crew(making.root, work, devices, console, lambda name: _Process(making, name, own.get(name, ())), _wait).run()
+    Crew(making.root, work, devices, console, lambda name: _Process(making, name), _wait).run()
 
 
 class _Process:
     """One worker process and the connection to it."""
 
-    def __init__(self, making: Making, device: str, cores: Collection[int]):
+    def __init__(self, making: Making, device: str):
         context = multiprocessing.get_context("spawn")
         self.connection, there = context.Pipe()
         ends, self._lifeline = context.Pipe(duplex=False)
         self._process = context.Process(target=_serve, args=(there, ends, making, device), daemon=True)
-        with bound_to(cores), one_thread_a_library():
+        with one_thread_a_library():
             self._process.start()
         there.close()
         ends.close()
