@@ -100,8 +100,20 @@ def actor_poses(actors: list[FoundActor], times: np.ndarray, metres: np.ndarray)
     Raises:
         ValueError: If an actor's scale changes over the frames, or is zero.
     """
-    if not actors:
-        return np.zeros((len(times), 0, 7)), []
+    poses, stretches = np.empty((len(times), len(actors), 7)), np.empty((len(actors), 4, 4))
+    moves = np.array([_moves_in_world(actor.prim) for actor in actors], dtype=bool)
+    for columns, asked in ((np.flatnonzero(moves), times), (np.flatnonzero(~moves), times[:1])):  # a still one once
+        if len(columns):
+            poses[:, columns], stretches[columns] = _rigid_poses([actors[k] for k in columns], asked, metres)
+    for column, actor in enumerate(actors):
+        image, asked = UsdGeom.Imageable(actor.prim), times if _visibility_varies(actor.prim) else times[:1]
+        hidden = np.array([image.ComputeVisibility(time) == UsdGeom.Tokens.invisible for time in asked])
+        poses[np.broadcast_to(hidden, len(times)), column] = np.nan
+    return poses, list(stretches)
+
+
+def _rigid_poses(actors: list[FoundActor], times: np.ndarray, metres: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return poses and stretches of `actor_poses`, at least one actor, whether they are visible or not."""
     matrices = np.empty((len(times), len(actors), 4, 4))
     cache = UsdGeom.XformCache()
     for row, time in enumerate(times):
@@ -123,16 +135,9 @@ def actor_poses(actors: list[FoundActor], times: np.ndarray, metres: np.ndarray)
     poses[..., :3] = matrices[..., 3, :3]
     # Row vectors: the matrix is the transpose of the usual rotation.
     poses[..., 3:] = continuous(quaternion_from_matrix(np.swapaxes(rigid, -1, -2)))
-    for column, actor in enumerate(actors):
-        image, asked = UsdGeom.Imageable(actor.prim), times if _visibility_varies(actor.prim) else times[:1]
-        hidden = np.array([image.ComputeVisibility(time) == UsdGeom.Tokens.invisible for time in asked])
-        poses[np.broadcast_to(hidden, len(times)), column] = np.nan
-    stretches = []
-    for column in range(len(actors)):
-        own = np.eye(4)
-        if np.abs(stretch[0, column] - np.eye(3)).max() > RIGID_TOLERANCE:
-            own[:3, :3] = stretch[0, column]
-        stretches.append(own)
+    stretches = np.tile(np.eye(4), (len(actors), 1, 1))
+    is_stretched = np.abs(stretch[0] - np.eye(3)).max(axis=(1, 2)) > RIGID_TOLERANCE
+    stretches[is_stretched, :3, :3] = stretch[0, is_stretched]
     return poses, stretches
 
 
@@ -183,6 +188,15 @@ def _triple(prim: Usd.Prim, name: str) -> tuple[float, float, float] | None:
 
 def _moves(prim: Usd.Prim) -> bool:
     return prim.IsA(UsdGeom.Xformable) and UsdGeom.Xformable(prim).TransformMightBeTimeVarying()
+
+
+def _moves_in_world(prim: Usd.Prim) -> bool:
+    """Return whether a prim or anything that it stands on moves."""
+    while prim and not prim.IsPseudoRoot():
+        if _moves(prim):
+            return True
+        prim = prim.GetParent()
+    return False
 
 
 def _has_mesh(prim: Usd.Prim) -> bool:
