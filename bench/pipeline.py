@@ -21,16 +21,13 @@ import time
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from statistics import mean, median
+from typing import TYPE_CHECKING
 
-import warp as wp
-
-from bench.rays import machine
-from mmw.compute.device import worker_devices
 from mmw.config import Config, load_config
-from mmw.engines.engine import Engine, LocalEngine
-from mmw.make import make_dataset
-from mmw.report import SET_UP, Console
-from mmw.shards import Part
+from mmw.engines.nursery import import_ahead, may_be_several
+
+if TYPE_CHECKING:
+    from mmw.engines.engine import Engine
 
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"
 
@@ -107,6 +104,8 @@ class Load:
 
     def __enter__(self) -> "Load":
         """Start to look."""
+        import warp as wp
+
         if wp.get_cuda_device_count():
             query = ["--query-gpu=utilization.gpu,memory.used", "--format=csv,noheader,nounits", "--id=0"]
             self._process = subprocess.Popen(
@@ -153,7 +152,7 @@ def _busy(samples: list[tuple[float, float]], start: float, steady: float, end: 
     return Busy(mean(some), median(some), mean(whole)) if some else None
 
 
-def measure(config: Config, whole: Config, base: Path, engine: Engine) -> Result:
+def measure(config: Config, whole: Config, base: Path, engine: "Engine") -> Result:
     """Make a dataset and return what it took.
 
     Args:
@@ -162,6 +161,10 @@ def measure(config: Config, whole: Config, base: Path, engine: Engine) -> Result
         base: Folder that relative paths start from.
         engine: Who makes it.
     """
+    from mmw.make import make_dataset
+    from mmw.report import SET_UP, Console
+    from mmw.shards import Part
+
     used = os.times()
     with Console() as console, Load() as load:
         make_dataset(config, base=base, engine=engine, part=Part(), overwrite=False, console=console)
@@ -220,6 +223,12 @@ def main(arguments: list[str]) -> None:
     if options.frames:
         update = {"frames": config.frames_of(some[0]).model_copy(update={"start": 0, "count": options.frames})}
         config = config.model_copy(update=update)
+    if may_be_several(config.compute, config.frame_total):  # as `mmw.run`, before it imports what takes seconds
+        import_ahead()
+    from bench.rays import machine
+    from mmw.compute.device import worker_devices
+    from mmw.engines.engine import LocalEngine
+
     try:
         engine = LocalEngine(worker_devices(options.device, workers))
         result = measure(config, whole, options.config.parent, engine)

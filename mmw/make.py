@@ -5,6 +5,7 @@ from pathlib import Path
 from mmw.compute.device import writer_threads
 from mmw.config import Config
 from mmw.engines.engine import Engine
+from mmw.engines.nursery import FRAMES_A_WORKER
 from mmw.provenance import keep_config, versions
 from mmw.report import Console, closing_summary
 from mmw.shards import Part, all_work, part_of, pending_work
@@ -12,10 +13,6 @@ from mmw.tables.lock import writing
 from mmw.tables.manifest import finalize, keep_finished, prepare_root
 from mmw.tables.store import Store, store_of
 from mmw.worker import Making
-
-FRAMES_A_WORKER = {"cpu": 16, "cuda": 300}
-"""Scenario-weather-frames from which on another process is worth it, where nobody says how many: reading a town takes
-as long as some ten frames on a core, and as 200 on an H100. Design values."""
 
 
 def make_dataset(config: Config, *, base: Path, engine: Engine, part: Part, overwrite: bool, console: Console) -> None:

@@ -12,6 +12,7 @@ from pathlib import Path
 from mmw.command import fail
 from mmw.config import Config, ConfigError, load_config
 from mmw.config.load import json_schema, to_yaml
+from mmw.engines.nursery import import_ahead, may_be_several
 
 
 def parser(prog: str = "python -m mmw.run") -> argparse.ArgumentParser:
@@ -103,6 +104,8 @@ def execute(config: Config, path: Path, *, dry_run: bool = False, overwrite: boo
         overwrite: Replace a dataset that another configuration made.
         shard: Make only this part of it, `i/N`.
     """
+    if not dry_run and may_be_several(config.compute, config.frame_total):
+        import_ahead()
     from mmw.compute.device import worker_devices
     from mmw.engines.engine import open_engine
     from mmw.engines.queue import WorkerLostError

@@ -243,12 +243,12 @@ def test_a_full_memory_halves_the_batch(world: Path, monkeypatch: pytest.MonkeyP
 
 
 def children(process: int) -> list[int]:
-    """Return the worker processes of a run: those that `multiprocessing` started to make something."""
+    """Return the worker processes of a run and the server that they are forked from, not the tracker of resources."""
     found = []
-    for child in Path(f"/proc/{process}/task/{process}/children").read_text().split():
-        with contextlib.suppress(OSError):
-            if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes():
-                found.append(int(child))
+    with contextlib.suppress(OSError):
+        for child in map(int, Path(f"/proc/{process}/task/{process}/children").read_text().split()):
+            if b"forkserver" in Path(f"/proc/{child}/cmdline").read_bytes():
+                found += [child, *children(child)]
     return found
 
 

@@ -1,0 +1,105 @@
+"""Where worker processes come from: what they inherit, and what happens if that is killed."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+from typing import NoReturn
+
+import pytest
+
+from mmw.config.compute import ComputeConfig
+from mmw.engines.crew import LostError
+from mmw.engines.nursery import CAN_FORK, import_ahead, may_be_several
+from mmw.engines.processes import _Process
+from mmw.engines.relay import FAILED
+
+on_linux = pytest.mark.skipif(not CAN_FORK, reason="workers are not forked here")
+
+
+class Telling:
+    """A `Making` that says in an error what a worker's environment holds, and who its parent is."""
+
+    root = config = threads = None
+
+    @property
+    def meta(self) -> NoReturn:
+        raise ValueError(f"{os.environ.get('MMW_TEST_WORD')} {os.environ['OPENBLAS_NUM_THREADS']} {os.getppid()}")
+
+
+def told() -> list[str]:
+    """Start a worker and return what it says."""
+    worker = _Process(Telling(), "cpu")  # type: ignore[arg-type]
+    try:
+        ((kind, error),) = worker.receive()
+        assert kind == FAILED
+        return str(error).split()
+    finally:
+        worker.kill()
+
+
+def test_a_worker_has_the_environment_of_its_start(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+    assert told()[:2] == ["None", "1"]
+    monkeypatch.setenv("MMW_TEST_WORD", "later")
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "2")
+    assert told()[:2] == ["later", "2"]
+
+
+@on_linux
+def test_workers_are_forked_from_one_server_and_from_another_if_it_dies() -> None:
+    server = told()[2]
+    assert told()[2] == server != str(os.getpid())
+    os.kill(int(server), signal.SIGKILL)
+    assert told()[2] not in (server, str(os.getpid()))
+
+
+@on_linux
+def test_a_worker_outlives_its_server() -> None:
+    worker = _Process(SimpleNamespace(), "cpu")  # type: ignore[arg-type]
+    other = _Process(SimpleNamespace(), "cpu")  # type: ignore[arg-type]
+    os.kill(int(told()[2]), signal.SIGKILL)
+    try:
+        ((kind, _),) = worker.receive()  # its error: there is nothing to make
+        assert kind == FAILED
+        other.receive()
+        with pytest.raises(LostError, match="exit code"):
+            other.receive()
+    finally:
+        worker.kill()
+        other.kill()
+
+
+@on_linux
+def test_ctrl_c_leaves_the_server_alone() -> None:
+    import_ahead()
+    server = int(told()[2])
+    os.kill(server, signal.SIGINT)
+    assert int(told()[2]) == server
+    ignored = next(line for line in Path(f"/proc/{server}/status").read_text().splitlines() if "SigIgn" in line)
+    assert int(ignored.split()[1], 16) & 1 << signal.SIGINT - 1
+
+
+@on_linux
+def test_the_server_has_no_gpu_and_no_thread_of_a_library() -> None:
+    """CUDA does not survive a fork, nor do threads."""
+    code = (
+        "import os, mmw.engines.processes\n"
+        "maps = open('/proc/self/maps').read()\n"
+        "tasks = [open(f'/proc/self/task/{task}/comm').read().strip() for task in os.listdir('/proc/self/task')]\n"
+        "print('warp.so' in maps, 'libcuda' in maps, *sorted(tasks))\n"
+    )
+    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment)
+    warp, cuda, *threads = done.stdout.split()
+    # jemalloc, which pyarrow brings, starts its thread again after a fork (jemalloc's background_thread.c).
+    assert (warp, cuda) == ("False", "False") and set(threads) <= {Path(sys.executable).name[:15], "jemalloc_bg_thd"}
+    assert len(threads) <= 2
+
+
+def test_the_server_is_not_started_for_a_run_of_one_worker() -> None:
+    assert not may_be_several(ComputeConfig(), 31) and may_be_several(ComputeConfig(), 32)
+    assert not may_be_several(ComputeConfig(workers=1), 1000) and may_be_several(ComputeConfig(workers=2), 1)
+    assert not may_be_several(ComputeConfig(engine="ray"), 1000)
