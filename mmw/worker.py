@@ -13,7 +13,7 @@ from uuid import uuid4
 
 from mmw.compute.cuda import keep_memory, wait_asleep
 from mmw.compute.device import GPU_BYTES_A_WORKER, device_name
-from mmw.config import Config, ScenarioConfig
+from mmw.config import Config, RgbConfig, ScenarioConfig
 from mmw.notes import notes
 from mmw.pipeline import join_batches, make_job, trace_work
 from mmw.prepare import kept_stage, read_scenario
@@ -21,6 +21,7 @@ from mmw.recording.job import Job, Rows
 from mmw.recording.kernels import compiled_ahead
 from mmw.report import Reporter
 from mmw.scene_arrays import SceneArrays
+from mmw.sensors.sky import bake
 from mmw.shards import Work
 from mmw.tables.lock import only_one
 from mmw.tables.manifest import pending_scenarios
@@ -83,12 +84,15 @@ class Worker:
         self._batch_frames = 0
         self._writing: list[list[Future[None]]] = []
         self._compiling = ExitStack()
-        self._kernels: list[Future[None]] = []
+        self._ahead: list[Future[None]] = []
         self._shared: list[Path] = []
 
     def __enter__(self) -> "Worker":
-        """Begin to compile what the configuration needs."""
-        self._kernels = self._compiling.enter_context(compiled_ahead(self._making.config, self._device))
+        """Begin to compile what the configuration needs, and to make its skies."""
+        config = self._making.config
+        self._ahead = [*self._compiling.enter_context(compiled_ahead(config, self._device))]
+        if any(isinstance(sensor, RgbConfig) for sensor in config.sensors):
+            self._ahead.append(self._pool.submit(_bake_skies, config))
         return self
 
     def __exit__(
@@ -146,8 +150,8 @@ class Worker:
         if not with_job:
             return None
         with clock.stage("kernels"):
-            for kernel in self._kernels:
-                kernel.result()
+            for part in self._ahead:
+                part.result()
         with clock.stage("scene"):
             slots = min(making.config.compute.batch_frames, making.config.output.shard_frames)
             job = make_job(making.config, scenario, arrays, self._device, slots, self._pool, clock)
@@ -180,6 +184,12 @@ class Worker:
         with self._reporter.clock.stage("waiting for writers"):
             for future in group:
                 future.result()
+
+
+def _bake_skies(config: Config) -> None:
+    """Make the sky of each weather, which `bake` keeps, while the first scene is made and read."""
+    for name in config.weathers:
+        bake(config.air[name].weather(name), config.seed)
 
 
 def _add(shard: ShardWriter, frames: range, tables: dict[str, list[Any]], before: Future[None] | None) -> None:
