@@ -24,7 +24,7 @@ from statistics import mean, median
 from typing import TYPE_CHECKING
 
 from mmw.config import Config, load_config
-from mmw.engines.nursery import import_ahead, may_be_several
+from mmw.engines.nursery import CAN_FORK, import_ahead, may_be_several
 
 if TYPE_CHECKING:
     from mmw.engines.engine import Engine
@@ -169,6 +169,7 @@ def measure(config: Config, whole: Config, base: Path, engine: "Engine") -> Resu
     with Console() as console, Load() as load:
         make_dataset(config, base=base, engine=engine, part=Part(), overwrite=False, console=console)
         seconds, clock, workers = console.clock.elapsed, console.clock, console.workers
+    _end_server()
     now = os.times()
     processor = sum(now[:4]) - sum(used[:4])
     set_up = sum(clock.seconds.get(name, 0.0) for name in SET_UP) / workers
@@ -185,6 +186,14 @@ def measure(config: Config, whole: Config, base: Path, engine: "Engine") -> Resu
         _busy(load.gpu, *times), _busy(load.cores, *times), processor, memory * 1024 / 1e9, load.memory_gb or None,
         projected,
     )  # fmt: skip
+
+
+def _end_server() -> None:
+    """End the server that workers were forked from: only then the system counts their times as this process's."""
+    if CAN_FORK:
+        from multiprocessing import forkserver
+
+        forkserver._forkserver._stop()  # what the standard library's own tests do; it has no other name
 
 
 def _rows(path: Path) -> int:

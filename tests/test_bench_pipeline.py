@@ -23,6 +23,15 @@ def test_a_run_is_measured(tmp_path, capsys):
     assert result["seconds"] < result["projected_s"] < 10 * result["seconds"]
 
 
+def test_work_of_other_processes_counts(tmp_path, capsys):
+    folder = write_own_world(tmp_path)
+    work = ["--device", "cpu", "--workers", "2", "--format", "json", "output.shard_frames=2"]
+    main(["--config", str(folder / "mine.yaml"), *work])
+    result = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert result["workers"] == 2
+    assert result["processor_s"] > 0.5 * sum(result["stages"].values())  # traced in workers, for most of that time
+
+
 def test_set_up_counts_in_one_share_alone():
     samples = [(0.5, 1.0), (1.5, 0.0), (2.5, 0.4), (3.5, 0.8), (4.5, 0.9), (5.5, 0.0)]
     found = _busy(samples, 1.0, 2.0, 5.0)
