@@ -84,15 +84,16 @@ class Worker:
         self._batch_frames = 0
         self._writing: list[list[Future[None]]] = []
         self._compiling = ExitStack()
-        self._ahead: list[Future[None]] = []
+        self._kernels: list[Future[None]] = []
+        self._skies: list[Future[None]] = []
         self._shared: list[Path] = []
 
     def __enter__(self) -> "Worker":
         """Begin to compile what the configuration needs, and to make its skies."""
         config = self._making.config
-        self._ahead = [*self._compiling.enter_context(compiled_ahead(config, self._device))]
+        self._kernels = self._compiling.enter_context(compiled_ahead(config, self._device))
         if any(isinstance(sensor, RgbConfig) for sensor in config.sensors):
-            self._ahead.append(self._pool.submit(_bake_skies, config))
+            self._skies = [self._pool.submit(_bake_skies, config)]
         return self
 
     def __exit__(
@@ -150,8 +151,11 @@ class Worker:
         if not with_job:
             return None
         with clock.stage("kernels"):
-            for part in self._ahead:
-                part.result()
+            for kernel in self._kernels:
+                kernel.result()
+        for skies in self._skies:
+            with clock.stage("textures and skies"):
+                skies.result()
         with clock.stage("scene"):
             slots = min(making.config.compute.batch_frames, making.config.output.shard_frames)
             job = make_job(making.config, scenario, arrays, self._device, slots, self._pool, clock)
