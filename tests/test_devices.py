@@ -4,7 +4,6 @@ import math
 import os
 import subprocess
 import sys
-import time
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -15,7 +14,6 @@ from mmw.compute import device
 from mmw.compute.cores import one_thread_a_library
 from mmw.compute.cuda import keep_memory, wait_asleep
 from mmw.compute.device import workers_a_gpu, writer_threads
-from mmw.engines.processes import _Process
 
 GB = 1 << 30
 
@@ -59,19 +57,6 @@ def test_libraries_of_a_process_start_no_threads():
     with one_thread_a_library():
         told = subprocess.run([sys.executable, "-c", ask], capture_output=True, text=True, check=True).stdout
     assert told.split() == ["1"] and dict(os.environ) == before
-
-
-@pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="the system does not show environments")
-def test_libraries_of_a_worker_start_no_threads(monkeypatch):
-    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
-    worker = _Process(SimpleNamespace(), "cpu")
-    try:
-        given, deadline = b"", time.monotonic() + 10.0
-        while not given and time.monotonic() < deadline:  # empty until the system has set the process up
-            given = Path(f"/proc/{worker._process.pid}/environ").read_bytes()
-        assert b"OPENBLAS_NUM_THREADS=1" in given.split(b"\0")
-    finally:
-        worker.kill()
 
 
 def test_a_number_of_threads_that_the_user_has_set_stays(monkeypatch):

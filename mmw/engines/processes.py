@@ -3,13 +3,12 @@
 import os
 import signal
 import threading
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
-from multiprocessing.connection import Connection, wait
+from multiprocessing.connection import Connection, Pipe, wait
 
-from mmw.compute.cores import one_thread_a_library
 from mmw.engines.crew import Crew, LostError
-from mmw.engines.nursery import import_ahead, start, worker_context
+from mmw.engines.nursery import start
 from mmw.engines.relay import Message, serve
 from mmw.report import Console
 from mmw.shards import Work
@@ -25,7 +24,6 @@ def make_in_processes(making: Making, work: Sequence[Work], devices: Sequence[st
         devices: Device of each worker; the same may stand there more than once.
         console: Where progress goes.
     """
-    import_ahead()
     Crew(making.root, work, devices, console, lambda name: _Process(making, name), _wait).run()
 
 
@@ -33,13 +31,9 @@ class _Process:
     """One worker process and the connection to it."""
 
     def __init__(self, making: Making, device: str):
-        context = worker_context()
-        self.connection, there = context.Pipe()
-        ends, self._lifeline = context.Pipe(duplex=False)
-        with one_thread_a_library():
-            arguments = (there, ends, making, device, dict(os.environ))
-            self._process = context.Process(target=_serve, args=arguments, daemon=True)
-            start(self._process)
+        self.connection, there = Pipe()
+        ends, self._lifeline = Pipe(duplex=False)
+        self._process = start(_serve, there, ends, making, device)
         there.close()
         ends.close()
 
@@ -71,9 +65,7 @@ def _wait(links: list[_Process]) -> list[_Process]:
     return [link for link in links if link.connection in ready]
 
 
-def _serve(
-    connection: Connection, lifeline: Connection, making: Making, device: str, environment: Mapping[str, str]
-) -> None:
+def _serve(connection: Connection, lifeline: Connection, making: Making, device: str) -> None:
     """Body of a worker process.
 
     Args:
@@ -81,10 +73,7 @@ def _serve(
         lifeline: Never sends; it closes when the parent ends.
         making: What is made.
         device: Warp device name.
-        environment: The parent's variables; a server that the worker is forked from has those of its own start.
     """
-    os.environ.clear()
-    os.environ.update(environment)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides what Ctrl-C means
     threading.Thread(target=_end_with, args=(lifeline,), daemon=True).start()
     serve(making, device, connection.recv, connection.send)
