@@ -91,4 +91,4 @@ def _make(
         return
     with console.clock.stage("manifest"):
         result = finalize(root)
-    console.summary(closing_summary(root, config, engine.device_name, result, console.clock, frames))
+    console.summary(closing_summary(root, config, engine.device_name, workers, result, console.clock, frames))

@@ -5,7 +5,7 @@ import shlex
 import sys
 import time
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from types import TracebackType
 from typing import Any, Protocol
@@ -151,7 +151,7 @@ def si(value: float) -> str:
 
 
 def closing_summary(
-    root: object, config: Config, device: str, result: dict[str, Any], clock: Clock, frames: int
+    root: object, config: Config, device: str, workers: int, result: dict[str, Any], clock: Clock, frames: int
 ) -> str:
     """Return what a run prints last: what was made, where, how fast, and a query to paste.
 
@@ -159,28 +159,41 @@ def closing_summary(
         root: Dataset folder or address.
         config: The configuration.
         device: The device's name for people.
+        workers: How many traced.
         result: What `finalize` returned: rows and bytes of every table.
-        clock: Seconds and rays of every stage.
+        clock: Seconds and rays of every stage, those of all workers together.
         frames: Scenario-weather-frames that this run traced.
     """
-    lines = [
-        f"{frames} frames in {clock.elapsed:.1f} s on {device} -> {root}",
-        "",
-        "  table            rows       bytes",
-    ]
-    for name, entry in result["tables"].items():
-        lines.append(f"  {name:<14} {entry['rows']:>8,} {si(entry['bytes']):>10}B")
-    lines += [
-        f"  {'all':<14} {result['rows']:>8,} {si(result['bytes']):>10}B",
-        "",
-        "  stage                seconds          rays/s",
-    ]
+    tables = [("table", "rows", "bytes")]
+    for name, entry in [*result["tables"].items(), ("all", result)]:
+        tables.append((name, f"{entry['rows']:,}", f"{si(entry['bytes'])}B"))
+    stages = [("stage", "seconds" if workers == 1 else f"seconds of {workers} workers", "rays/s")]
     for name, seconds in clock.seconds.items():
         rays = clock.rays[name]
-        speed = f"{si(rays / seconds) if seconds > 0 else 0:>12}rays/s" if rays else ""
-        lines.append(f"  {name:<20} {seconds:>7.2f} {speed}".rstrip())
-    lines += ["", "query it (pip install duckdb):", example_query(root, config)]
-    return "\n".join(lines)
+        stages.append((name, f"{seconds:.2f}", f"{si(rays / seconds) if seconds > 0 else 0}rays/s" if rays else ""))
+    made_by = device if workers == 1 else f"{workers} workers, {device}"
+    return "\n".join(
+        [
+            f"{frames} frames in {clock.elapsed:.1f} s on {made_by} -> {root}",
+            "",
+            *_aligned(tables),
+            "",
+            *_aligned(stages),
+            "",
+            "query it (pip install duckdb):",
+            example_query(root, config),
+        ]
+    )
+
+
+def _aligned(rows: Sequence[tuple[str, ...]]) -> list[str]:
+    """Return lines whose columns stand below each other, the first on the left and numbers on the right."""
+    first, *others = (max(map(len, column)) for column in zip(*rows, strict=True))
+    lines = []
+    for name, *texts in rows:
+        numbers = [f"  {text:>{width}}" for text, width in zip(texts, others, strict=True)]
+        lines.append(f"  {name:<{first}}{''.join(numbers)}".rstrip())
+    return lines
 
 
 def example_query(root: object, config: Config) -> str:
