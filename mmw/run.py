@@ -30,8 +30,8 @@ def parser(prog: str = "python -m mmw.run") -> argparse.ArgumentParser:
         "overrides",
         nargs="*",
         metavar="key=value",
-        help="replace values; list items by number, values as YAML: frames.count=10 sensors.0.range_m=80 "
-        "'weathers=[sunny, rainy]'",
+        help="replace values; items of lists by name or number, * for all, values as YAML: frames.count=10 "
+        "sensors.lidar.range_m=80 'weathers=[sunny, rainy]' 'scenarios.*.traffic.warmup_s=5'",
     )
     result.add_argument("--out", metavar="DIR", help="dataset folder, or s3://bucket/folder (output.dir)")
     result.add_argument("--device", metavar="NAME", help="auto, cpu or cuda:N (compute.device)")

@@ -19,7 +19,7 @@ def load_config(path: str | Path, overrides: Sequence[str] = (), patch: dict[str
 
     Args:
         path: YAML file.
-        overrides: `a.b=c` items applied in order; lists take a number (`sensors.0.range_m=80`), values are YAML.
+        overrides: `a.b=c` items applied in order, see `set_value`; values are YAML.
         patch: Dotted key -> value, applied last (the command line's own options).
 
     Raises:

@@ -1,5 +1,6 @@
 """`a.b=c` on the command line: one value of the file replaced, defaults that the file leaves out included."""
 
+import copy
 from typing import Any
 
 from pydantic import BaseModel
@@ -8,12 +9,16 @@ from pydantic_core import PydanticUndefined, to_jsonable_python
 from mmw.config.explain import models_in, tag_of
 from mmw.config.model import Config
 
+EVERY = "*"
+"""What stands for every item of a list."""
+
 
 def set_value(data: dict[str, Any], key: str, value: Any) -> None:
-    """Replace one value of a configuration file's content.
+    """Replace one value of a configuration file's content, or one in every item of a list.
 
-    Lists take a number. Where the file leaves out something on the way, its default is put there first, so that
-    `sensors.0.range_m=80` changes the first default sensor.
+    An item of a list is named by its number or its `name`; `*` is every item:
+    `scenarios.0.town`, `sensors.lidar.range_m`, `scenarios.*.traffic.warmup_s`. Where the file leaves out something on
+    the way, its default is put there first, so that `sensors.lidar.range_m=80` changes the default LiDAR.
 
     Args:
         data: Content of the file; changed in place.
@@ -23,34 +28,66 @@ def set_value(data: dict[str, Any], key: str, value: Any) -> None:
     Raises:
         ValueError: If the key does not lead anywhere.
     """
-    *way, last = parts = key.split(".")
+    parts = key.split(".")
     if not all(parts):
         raise ValueError("a part of the key is empty; write it as section.key=value, for example frames.count=10")
-    here: Any = data
-    models: list[type[BaseModel]] = [Config]
-    for depth, part in enumerate(way):
-        place = _place(here, part, ".".join(way[:depth]))
+    _set(data, parts, 0, [Config], value)
+
+
+def _set(here: Any, parts: list[str], depth: int, models: list[type[BaseModel]], value: Any) -> None:
+    """Replace what `parts[depth:]` lead to below a place of the file, whose models are known."""
+    part, is_last = parts[depth], depth == len(parts) - 1
+    for place in _places(here, part, ".".join(parts[:depth]), models):
+        if is_last:
+            here[place] = copy.deepcopy(value)  # items of a list share nothing
+            continue
+        below = models
         if isinstance(here, dict):
             owners = [model for model in models if part in model.model_fields]
             if here.get(part) is None:
                 here[part] = _default(owners, part)
             # Maps, such as `mount`, have keys of the user's own: the models stay those of their values.
-            models = [found for model in owners for found in models_in(model, part)] or models
-        here = here[place]
-        if isinstance(here, dict):
-            models = [model for model in models if tag_of(model) == here.get("type", tag_of(model))] or models
-    here[_place(here, last, ".".join(way))] = value
+            below = [found for model in owners for found in models_in(model, part)] or models
+        inner = here[place]
+        if isinstance(inner, dict):
+            below = [model for model in below if tag_of(model) == inner.get("type", tag_of(model))] or below
+        _set(inner, parts, depth + 1, below, value)
 
 
-def _place(container: Any, part: str, where: str) -> int | str:
-    if isinstance(container, list):
-        if not part.isdigit() or int(part) >= len(container):
-            span = f"index it with 0 to {len(container) - 1}" if container else "give the whole list"
-            raise ValueError(f"{where} is a list of {len(container)}; {span}")
-        return int(part)
-    if not isinstance(container, dict):
+def _places(container: Any, part: str, where: str, models: list[type[BaseModel]]) -> list[int] | list[str]:
+    """Return the numbers of the items of a list, or the key of a section, that a part of a key means."""
+    if isinstance(container, dict):
+        return [part]
+    if not isinstance(container, list):
         raise ValueError(f"{where} = {container!r} has no keys below it; check the key")
-    return part
+    if part == EVERY and container:
+        return list(range(len(container)))
+    if part.isdigit() and int(part) < len(container):
+        return [int(part)]
+    names = [_name(item, models) for item in container]
+    if names.count(part) == 1:
+        return [names.index(part)]
+    if part in names:
+        raise ValueError(f"{where} holds {part!r} {names.count(part)} times; give its number, from 0, or name them")
+    if not container:
+        raise ValueError(f"{where} is a list of 0; give the whole list")
+    known = [name for name in dict.fromkeys(names) if name]
+    raise ValueError(
+        f"{where} is a list of {len(container)}; index it with 0 to {len(container) - 1}"
+        + (f", a name ({', '.join(known)})" if known else "")
+        + f" or {EVERY} for all"
+    )
+
+
+def _name(item: Any, models: list[type[BaseModel]]) -> Any:
+    """Return the name of an item of a list, that of its model if it has none of its own; None without either."""
+    if not isinstance(item, dict):
+        return None
+    if "name" in item:
+        return item["name"]
+    fields = [model.model_fields for model in models if tag_of(model) == item.get("type", tag_of(model))]
+    defaults = [known["name"].default for known in fields if "name" in known]
+    return defaults[0] if defaults and defaults[0] is not PydanticUndefined else None
 
 
 def _default(owners: list[type[BaseModel]], name: str) -> Any:
