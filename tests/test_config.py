@@ -1,6 +1,7 @@
 """Configuration: what is accepted, and the one clear line for everything that is not."""
 
 import json
+import re
 from pathlib import Path
 
 import jsonschema
@@ -82,6 +83,40 @@ def test_overrides_reach_into_defaults_that_the_file_leaves_out(tmp_path: Path) 
     assert config.channel.antenna_position_m == {"cav": (0, 0, 2.5), "rsu": (0, 0, 9)}
 
 
+def test_overrides_name_items_of_lists_or_all(tmp_path: Path) -> None:
+    path = tmp_path / "two.yaml"
+    traffic = "traffic: {vehicle_count: 9, spawn_center_m: [0, 0, 0], cav_ranks: [1]}"
+    path.write_text(
+        f"scenarios: [{{name: one, town: town03, {traffic}}}, {{name: two, town: town05, {traffic}}}]\n"
+        "sensors: [{type: lidar}, {type: lidar, name: roof}, {type: imu}]"
+    )
+    changes = [
+        "scenarios.*.traffic.warmup_s=5",
+        "scenarios.*.traffic.cav_ranks=[2, 3]",
+        "scenarios.*.traffic.cav_ranks.0=4",
+        "scenarios.two.traffic.cav_ranks.1=0",
+        "sensors.lidar.range_m=80",
+        "sensors.roof.range_m=70",
+        "sensors.*.on=[cav]",
+    ]
+    config = load_config(path, changes)
+    one, two = (scenario.traffic for scenario in config.scenarios)
+    assert one and two
+    assert (one.warmup_s, two.warmup_s) == (5, 5)
+    assert (one.cav_ranks, two.cav_ranks) == ((4, 3), (4, 0))  # a value that all have been given is not shared
+    assert [sensor.on for sensor in config.sensors] == [("cav",)] * 3
+    assert [getattr(sensor, "range_m", None) for sensor in config.sensors[:2]] == [80, 70]
+    for change, cure in (
+        ("sensors.1.name=lidar sensors.lidar.range_m=3", "sensors holds 'lidar' 2 times; give its number"),
+        ("scenarios.*.rsus.*.yaw_deg=3", "scenarios.*.rsus is a list of 0; give the whole list"),
+    ):
+        with pytest.raises(ConfigError, match=re.escape(cure)):
+            load_config(path, change.split())
+    path.write_text("scenarios: [{name: s, stage: s.usda}]")  # and in the default list
+    front = load_config(path, ["sensors.front.width_px=320"]).sensors[5]
+    assert (front.name, front.width_px) == ("front", 320)
+
+
 def test_on_is_a_key_and_a_role_without_a_mount_keeps_its_default(tmp_path: Path) -> None:
     path = tmp_path / "on.yaml"
     path.write_text(
@@ -111,7 +146,12 @@ def test_on_is_a_key_and_a_role_without_a_mount_keeps_its_default(tmp_path: Path
         ("scenarios.0.traffic.cav_ranks=[99]", "scenarios[0].traffic", "ranks count from 0 to"),
         ("scenarios=[]", "scenarios", "at least one"),
         ("sensors.0.type=sonar", "sensors[0]", "'lidar'"),
-        ("sensors.7.range_m=3", "sensors", "list of 2"),
+        ("sensors.7.range_m=3", "sensors", "list of 2; index it with 0 to 1, a name (lidar, depth) or * for all"),
+        ("sensors.lidr.range_m=3", "sensors", "a name (lidar, depth)"),
+        ("sensors.*.channels=4", "sensors[1].channels", "unknown key"),
+        ("channel.carriers_hz.x=3e9", "channel.carriers_hz is a list of 2", "index it with 0 to 1 or * for all"),
+        ("scenarios.0.traffic.cav_pool=2", "scenarios[0].traffic", "choose a number from 3 to "),
+        ("scenarios.0.traffic.cav_pool=99", "scenarios[0].traffic", "cav_pool = 99: 3 CAVs are drawn from it"),
         ("nonsense", "override 'nonsense'", "key=value"),
         ("scenarios.0.stage=x.usda", "scenarios[0]", "exactly one"),
         ("compute.batch_frames=0", "compute.batch_frames = 0", "frames traced in one launch"),

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from bench.traffic_check import measure, min_gap
+from mmw.config import TrafficConfig
 from mmw.town.lanes import Lane, LaneGraph
 from mmw.traffic import VehicleTrack, run_traffic
 from mmw.traffic.junctions import ConflictTable, Held, Passage, Request, boxes_overlap, grant_requests
 from mmw.traffic.pose import make_shape
 from mmw.traffic.route import choose_lanes, living_lanes
-from mmw.traffic.spawn import nearest_points, spawn_points
+from mmw.traffic.spawn import connected_ranks, nearest_points, spawn_points
 from mmw.traffic.standing import find_causes
 from tests.traffic_towns import CATALOG, crossroad, demand, flat, grid, hill, roundabout, surface
 
@@ -112,6 +113,25 @@ def test_names_roles_and_ranks(cross):
     swapped = run(cross, cav_ranks=(2, 5))
     np.testing.assert_array_equal(swapped[0].poses, tracks[1].poses)
     assert not np.array_equal(swapped[0].poses, tracks[0].poses)
+
+
+def test_connected_vehicles_are_drawn_from_a_pool_by_seed(cross):
+    pool = TrafficConfig(vehicle_count=14, spawn_center_m=(0, 0, 0), cav_ranks=(5, 2), cav_pool=6)
+    ranks = connected_ranks(pool, 1)
+    assert ranks not in ((2, 5), connected_ranks(pool, 2))
+    for one, same in zip(run(cross, cav_pool=6), run(cross, cav_ranks=ranks), strict=True):
+        assert (one.name, one.role) == (same.name, same.role)
+        np.testing.assert_array_equal(one.poses, same.poses)
+
+
+def test_every_vehicle_of_the_pool_is_drawn_and_none_beyond():
+    traffic = TrafficConfig(vehicle_count=20, spawn_center_m=(0, 0, 0), cav_ranks=(0, 1, 2), cav_pool=8)
+    drawn = [connected_ranks(traffic, seed) for seed in range(400)]
+    assert all(ranks == tuple(sorted(set(ranks))) and len(ranks) == 3 for ranks in drawn)
+    counts = np.bincount([rank for ranks in drawn for rank in ranks])
+    assert len(counts) == 8
+    assert counts == pytest.approx(np.full(8, 150), abs=5 * np.sqrt(400 * 3 / 8 * 5 / 8))  # five standard deviations
+    assert connected_ranks(traffic.model_copy(update={"cav_pool": None}), 3) == (0, 1, 2)
 
 
 def test_same_seed_same_motion_whatever_the_order_of_lanes_and_models(cross):

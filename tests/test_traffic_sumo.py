@@ -180,6 +180,8 @@ def test_sumo_drives_smoothly_over_a_hill():
     assert found.min_gap > 0.2
     assert found.max_wheel_error < 0.02
     assert found.mean_speed > 2.0
+    again, _ = drive(graph, hill, cav_ranks=(0, 1), cav_pool=2)  # both are drawn
+    assert {track.role for track in again[:2]} == {"cav"}
     again, _ = drive(graph, hill)
     assert all(np.array_equal(one.poses, same.poses) for one, same in zip(tracks, again, strict=True))
 

@@ -44,6 +44,12 @@ class TrafficConfig(Section):
         (5, 6, 12),
         description="r: zero-based ranks, by distance to `spawn_center_m`, of the vehicles that become CAVs (rank)",
     )
+    cav_pool: int | None = Field(
+        None,
+        ge=1,
+        description="as many CAVs as `cav_ranks` names, drawn by `seed` from this many vehicles nearest to "
+        "`spawn_center_m`; without it each seed has those of `cav_ranks`; engines idm and sumo (count)",
+    )
     warmup_s: float = Field(1.0, ge=1.0, le=60, description="simulated before frame 0; engines idm and sumo [s]")
     lane_changes: bool = Field(True, description="whether vehicles change lanes; engines idm and sumo (flag)")
     signals: bool = Field(
@@ -66,6 +72,10 @@ class TrafficConfig(Section):
                 raise ValueError(
                     f"`{key}` goes with engine: file; engine is {self.engine!r}; remove it, or change engine"
                 )
+        if self.engine == "file" and self.cav_pool is not None:
+            raise ValueError(
+                "cav_pool goes with engine: idm or sumo; choose recorded CAVs with `cav_ids` or `cav_ranks`"
+            )
         if self.engine != "idm" and self.signals:
             raise ValueError(f"signals goes with engine: idm; engine is {self.engine!r}; remove it, or change engine")
         if len(set(self.cav_ids)) != len(self.cav_ids):
@@ -83,6 +93,11 @@ class TrafficConfig(Section):
                 )
         if len(set(self.cav_ranks)) != len(self.cav_ranks):
             raise ValueError(f"cav_ranks = {list(self.cav_ranks)} names a vehicle twice; give each rank once")
+        if self.cav_pool is not None and not len(self.cav_ranks) <= self.cav_pool <= self.vehicle_count:
+            raise ValueError(
+                f"cav_pool = {self.cav_pool}: {len(self.cav_ranks)} CAVs are drawn from it, and there are "
+                f"{self.vehicle_count} vehicles; choose a number from {len(self.cav_ranks)} to {self.vehicle_count}"
+            )
         return self
 
 

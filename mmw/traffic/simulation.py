@@ -16,7 +16,7 @@ from mmw.traffic.lane_change import LaneChanges
 from mmw.traffic.pose import make_shape, sample_poses
 from mmw.traffic.signals import make_plans
 from mmw.traffic.smooth import gaussian_smooth
-from mmw.traffic.spawn import nearest_points, seeded, spawn_points
+from mmw.traffic.spawn import connected_ranks, nearest_points, seeded, spawn_points
 from mmw.traffic.wheels import Ground
 
 SETTLE_S = 1.5
@@ -75,14 +75,14 @@ def run_traffic(
         device: Warp device of the wheel drops.
 
     Returns:
-        Tracks `cav_1`, `cav_2`... in the order of `cav_ranks`, then `veh_001`, `veh_002`... by distance;
+        Tracks `cav_1`, `cav_2`... in the order of `connected_ranks`, then `veh_001`, `veh_002`... by distance;
         changes of lanes and routes.
 
     Raises:
         ValueError: If the town has too few places, no model can drive from a place without leaving the road, or lights
             are asked for where there are none.
     """
-    cav_ranks, vehicle_count = traffic.cav_ranks, traffic.vehicle_count
+    cav_ranks, vehicle_count = connected_ranks(traffic, seed), traffic.vehicle_count
     plans = make_plans(graph, seed) if traffic.signals else {}
     if traffic.signals and not plans:
         raise ValueError(

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mmw.config import TrafficConfig
 from mmw.town.lanes import Lane, LaneGraph
 from mmw.traffic.pose import Shape
 from mmw.traffic.route import plan_length, plan_stations
@@ -101,6 +102,19 @@ def nearest_points(points: Sequence[SpawnPoint], center: Sequence[float], count:
             f"vehicle_count = {count}: the town has {len(chosen)} spawn points; ask for at most that many vehicles"
         )
     return [points[index] for index in chosen]
+
+
+def connected_ranks(traffic: TrafficConfig, seed: int) -> tuple[int, ...]:
+    """Return which vehicles are CAVs: their ranks by distance to the spawn centre, `cav_1` first.
+
+    Args:
+        traffic: `cav_ranks`, or how many vehicles they are drawn from.
+        seed: Same seed, same vehicles.
+    """
+    if traffic.cav_pool is None:
+        return traffic.cav_ranks
+    drawn = seeded(seed, 0, 3).choice(traffic.cav_pool, len(traffic.cav_ranks), replace=False)
+    return tuple(sorted(drawn.tolist()))
 
 
 class Places:

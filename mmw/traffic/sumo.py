@@ -22,7 +22,7 @@ from mmw.traffic.pose import make_shape
 from mmw.traffic.recorded import place_vehicles
 from mmw.traffic.route import PATH_STEP
 from mmw.traffic.simulation import SETTLE_S, VehicleTrack
-from mmw.traffic.spawn import nearest_points, seeded, spawn_points
+from mmw.traffic.spawn import connected_ranks, nearest_points, seeded, spawn_points
 from mmw.traffic.sumo_network import SumoNetwork, make_network
 from mmw.traffic.sumo_routes import Drivers, SumoVehicle, entry_speeds, lane_limits
 from mmw.traffic.trajectories import Trajectory
@@ -72,14 +72,14 @@ def simulate_sumo(
         device: Warp device of the wheel drops.
 
     Returns:
-        `cav_1`, `cav_2`... in the order of `cav_ranks`, then `veh_001`, `veh_002`... by distance.
+        `cav_1`, `cav_2`... in the order of `connected_ranks`, then `veh_001`, `veh_002`... by distance.
 
     Raises:
         ValueError: If SUMO is not installed or fails, there is no room for the vehicles, or a vehicle that SUMO moved
             cannot stand on the road.
     """
     check_sumo()
-    cav_ranks, vehicle_count, warmup_s = traffic.cav_ranks, traffic.vehicle_count, traffic.warmup_s
+    cav_ranks, vehicle_count, warmup_s = connected_ranks(traffic, seed), traffic.vehicle_count, traffic.warmup_s
     duration = 2 * SETTLE_S + warmup_s + frame_count / FRAME_RATE_HZ
     fastest = max(lane.speed for lane in graph.lanes.values())
     shapes = [make_shape(catalog[name]) for name in sorted(catalog)]
