@@ -22,13 +22,15 @@ NEAR_M = 3.0
 
 
 def drives(config: Config, base: Path) -> dict[str, np.ndarray]:
-    """Return where the CAVs of each generated scenario are: name -> x and y [m], shape [CAVs, F, 2]."""
+    """Return where the CAVs of each scenario with traffic are: name -> x and y [m], shape [CAVs, F, 2]."""
     catalog = load_catalog()
     found = {}
     for scenario in config.scenarios:
         if scenario.traffic is not None:
             tracks = make_tracks(config, scenario, scenario_source(scenario, base), catalog, base)
-            found[scenario.name] = np.stack([track.poses[:, :2] for track in tracks if track.role == "cav"])
+            cavs = [track.poses[:, :2] for track in tracks if track.role == "cav"]
+            if cavs:
+                found[scenario.name] = np.stack(cavs)
     return found
 
 
@@ -55,10 +57,14 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--seeds", type=int, default=8, help="copies, of seeds 1, 2...")
     parser.add_argument("overrides", nargs="*", metavar="key=value", help="as of mmw.run; {seed} is the copy's seed")
     options = parser.parse_args(argv)
+    if options.seeds < 2:
+        parser.error(f"--seeds {options.seeds}: copies are compared with each other; give two or more")
     copies = []
     for seed in range(1, options.seeds + 1):
         changes = [f"seed={seed}", *(text.replace("{seed}", str(seed)) for text in options.overrides)]
         copies.append(drives(load_config(options.config, changes), options.config.parent))
+    if not copies[0]:
+        parser.error(f"{options.config}: no scenario has traffic with CAVs; set `traffic.cav_ranks`")
     away = [distances([copy[name] for copy in copies]) for name in copies[0]]
     middle = np.concatenate([np.median(rows, axis=1) for rows in away])
     near = np.concatenate([rows.ravel() < NEAR_M for rows in away])

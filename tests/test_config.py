@@ -109,6 +109,7 @@ def test_overrides_name_items_of_lists_or_all(tmp_path: Path) -> None:
     for change, cure in (
         ("sensors.1.name=lidar sensors.lidar.range_m=3", "sensors holds 'lidar' 2 times; give its number"),
         ("scenarios.*.rsus.*.yaw_deg=3", "scenarios.*.rsus is a list of 0; give the whole list"),
+        ("sensors.0.name=[a] sensors.1.name=5 sensors.x.range_m=3", "index it with 0 to 2, a name (imu) or *"),
     ):
         with pytest.raises(ConfigError, match=re.escape(cure)):
             load_config(path, change.split())

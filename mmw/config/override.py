@@ -79,15 +79,14 @@ def _places(container: Any, part: str, where: str, models: list[type[BaseModel]]
     )
 
 
-def _name(item: Any, models: list[type[BaseModel]]) -> Any:
+def _name(item: Any, models: list[type[BaseModel]]) -> str | None:
     """Return the name of an item of a list, that of its model if it has none of its own; None without either."""
     if not isinstance(item, dict):
         return None
-    if "name" in item:
-        return item["name"]
     fields = [model.model_fields for model in models if tag_of(model) == item.get("type", tag_of(model))]
     defaults = [known["name"].default for known in fields if "name" in known]
-    return defaults[0] if defaults and defaults[0] is not PydanticUndefined else None
+    name = item.get("name", *defaults[:1])
+    return name if isinstance(name, str) else None  # a file may hold anything
 
 
 def _default(owners: list[type[BaseModel]], name: str) -> Any:
