@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Sequence
 
 from mmw.config import ConfigError
+from mmw.extras import install
 from mmw.tables.publish import OutOfSpaceError, StoreError
 
 
@@ -18,12 +19,12 @@ def fail(problems: Sequence[str], code: int = 2) -> int:
     return code
 
 
-def run_command(work: Callable[[], int], extra: str) -> int:
+def run_command(work: Callable[[], int], extra: str = "") -> int:
     """Return the exit code of a command, also where it fails.
 
     Args:
         work: Does it and returns the exit code.
-        extra: Optional packages that it needs, such as `mmw[plot]`.
+        extra: Optional packages that it needs, such as `plot`; none if empty.
     """
     try:
         return work()
@@ -34,7 +35,7 @@ def run_command(work: Callable[[], int], extra: str) -> int:
     except (OutOfSpaceError, StoreError) as error:
         return fail([str(error)], code=1)
     except ImportError as error:
-        return fail([f"{error}; this command needs {extra}: pip install '{extra}'"], code=1)
+        return fail([f"{error}; this command needs: {install(extra) if extra else install()}"], code=1)
     except BrokenPipeError:  # whoever read the output has enough of it, such as `head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else Python complains when it flushes
         return 0

@@ -28,7 +28,7 @@ def main(argv: Sequence[str], prog: str = "mmw export") -> int:
     )  # fmt: skip
     parser.add_argument("--list", action="store_true", help="print the formats, their options and what they lose")
     arguments = parser.parse_intermixed_args(argv)
-    return run_command(lambda: _list() if arguments.list else _export(arguments), "mmw")
+    return run_command(lambda: _list() if arguments.list else _export(arguments))
 
 
 def _list() -> int:

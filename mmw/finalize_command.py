@@ -22,7 +22,7 @@ def main(argv: Sequence[str], prog: str = "mmw finalize") -> int:
     parser.add_argument("dataset", help="dataset folder, or s3://bucket/folder")
     parser.add_argument("--partial", action="store_true", help="also if shards are missing: list those that are there")
     arguments = parser.parse_args(argv)
-    return run_command(lambda: _finalize(arguments.dataset, arguments.partial), "mmw")
+    return run_command(lambda: _finalize(arguments.dataset, arguments.partial))
 
 
 def _finalize(address: str, partial: bool) -> int:

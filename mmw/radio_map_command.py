@@ -22,7 +22,8 @@ from mmw.channel.measuring import MeasuringSurface, plane_grid, road_grid
 from mmw.channel.radio_map import RadioMap, RadioMapConfig, Transmitters, actor_transmitters, radio_map
 from mmw.command import fail
 from mmw.compute.device import choose_device, device_name
-from mmw.config import Config, ConfigError, ScenarioConfig, load_config
+from mmw.config import CONFIG_HELP, Config, ConfigError, ScenarioConfig, config_path, load_config
+from mmw.extras import install
 from mmw.plan import check_inputs
 from mmw.prepare import prepare_scenario, stored_stage
 from mmw.report import si
@@ -65,9 +66,9 @@ def parser(prog: str = "mmw radiomap") -> argparse.ArgumentParser:
         prog=prog,
         description="Trace a radio map: path gain, RSS and SINR of a scenario's roadside units over its roads or over "
         "a plane, at one moment, vehicles included.",
-        epilog="Writes SCENARIO_radio_map.parquet and SCENARIO_radio_map.png (the picture needs mmw[plot]).",
+        epilog="Writes SCENARIO_radio_map.parquet and SCENARIO_radio_map.png (the picture needs the extra plot).",
     )
-    result.add_argument("--config", required=True, metavar="FILE", help="configuration file (YAML)")
+    result.add_argument("--config", required=True, metavar="FILE", help=CONFIG_HELP)
     result.add_argument("overrides", nargs="*", metavar="key=value", help="replace values of the configuration")
     result.add_argument("--scenario", default="", metavar="NAME", help="scenario; the first by default")
     result.add_argument("--weather", default="", metavar="NAME", help="weather; the configuration's first by default")
@@ -123,7 +124,7 @@ def main(argv: Sequence[str] | None = None, prog: str = "mmw radiomap") -> int:
     except KeyboardInterrupt:
         return fail(["interrupted; nothing was written"], code=1)
     except ImportError as error:
-        return fail([f"{error}; the picture needs mmw[plot]: install it, or give --table-only"], code=1)
+        return fail([f"{error}; the picture needs: {install('plot')}; or give --table-only"], code=1)
     except OSError as error:
         return fail([f"{error.filename or arguments.out}: {error.strerror or error}"], code=1)
     return 0
@@ -143,7 +144,7 @@ def run(arguments: argparse.Namespace) -> list[str]:
         ValueError: If the scenario has no such weather or frame, or no transmitter, or the map is impossible.
         OutOfSpaceError: If the disk is full.
     """
-    path = Path(arguments.config)
+    path = config_path(arguments.config)
     patch: dict[str, Any] = {"weathers": [arguments.weather]} if arguments.weather else {}
     config = load_config(path, arguments.overrides, patch)
     device = choose_device(arguments.device or config.compute.device)

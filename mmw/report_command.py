@@ -24,7 +24,7 @@ def main(argv: Sequence[str], prog: str = "mmw report") -> int:
     )
     parser.add_argument("--force", action="store_true", help="replace a file that mmw report did not write")
     arguments = parser.parse_args(argv)
-    return run_command(lambda: _report(arguments), "mmw")
+    return run_command(lambda: _report(arguments))
 
 
 def _report(arguments: argparse.Namespace) -> int:

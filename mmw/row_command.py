@@ -40,7 +40,7 @@ def main(argv: Sequence[str], prog: str = "mmw row") -> int:
     parser.add_argument("--compare", action="store_true", help="say whether the rows equal the stored ones bit for bit")
     parser.add_argument("--device", default="auto", help="auto, cpu or cuda:N")
     arguments = parser.parse_intermixed_args(argv)
-    return run_command(lambda: _row(arguments), "mmw")
+    return run_command(lambda: _row(arguments))
 
 
 def _row(arguments: argparse.Namespace) -> int:

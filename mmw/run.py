@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from mmw.command import fail
-from mmw.config import Config, ConfigError, load_config
+from mmw.config import CONFIG_HELP, Config, ConfigError, config_path, load_config
 from mmw.config.load import json_schema, to_yaml
 from mmw.engines.nursery import import_ahead, may_be_several
 
@@ -20,12 +20,10 @@ def parser(prog: str = "python -m mmw.run") -> argparse.ArgumentParser:
     result = argparse.ArgumentParser(
         prog=prog,
         description="Make a multimodal wireless dataset from one configuration file.",
-        epilog="A first run, without a GPU: %(prog)s --config configs/quickstart.yaml --out out/first. The same "
+        epilog="A first run, without a GPU: %(prog)s --config quickstart --out out/first. The same "
         "command again resumes. Exit codes: 0 done, 2 bad configuration or input, 1 failure while running.",
     )
-    result.add_argument(
-        "--config", required=False, metavar="FILE", help="configuration file (YAML), such as configs/quickstart.yaml"
-    )
+    result.add_argument("--config", required=False, metavar="FILE", help=CONFIG_HELP)
     result.add_argument(
         "overrides",
         nargs="*",
@@ -68,7 +66,7 @@ def main(argv: Sequence[str] | None = None, prog: str = "python -m mmw.run") -> 
         print(json.dumps(json_schema(), indent=2))
         return 0
     if not arguments.config:
-        return fail(["--config FILE is missing; a first one to try is configs/quickstart.yaml"])
+        return fail(["--config FILE is missing; a first one to try is --config quickstart"])
     patch = {
         key: value
         for key, value in (
@@ -81,7 +79,8 @@ def main(argv: Sequence[str] | None = None, prog: str = "python -m mmw.run") -> 
         if value is not None
     }
     try:
-        config = load_config(arguments.config, arguments.overrides, patch)
+        path = config_path(arguments.config)
+        config = load_config(path, arguments.overrides, patch)
     except ConfigError as error:
         return fail(error.problems)
     if arguments.print_config:
@@ -89,7 +88,7 @@ def main(argv: Sequence[str] | None = None, prog: str = "python -m mmw.run") -> 
         return 0
     options = {"dry_run": arguments.dry_run, "overwrite": arguments.overwrite, "shard": arguments.shard}
     try:
-        return execute(config, Path(arguments.config), **options)
+        return execute(config, path, **options)
     except KeyboardInterrupt:
         return fail(["interrupted; every finished shard is kept and the same command resumes"], code=1)
 

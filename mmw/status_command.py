@@ -21,7 +21,7 @@ def main(argv: Sequence[str], prog: str = "mmw status") -> int:
     )
     parser.add_argument("dataset", help="dataset folder, or s3://bucket/folder")
     arguments = parser.parse_args(argv)
-    return run_command(lambda: _status(arguments.dataset), "mmw")
+    return run_command(lambda: _status(arguments.dataset))
 
 
 def _status(address: str) -> int:

@@ -29,7 +29,7 @@ def main(argv: Sequence[str], prog: str = "mmw verify") -> int:
     )
     parser.add_argument("--device", default="auto", help="auto, cpu or cuda:N, for --rerender")
     arguments = parser.parse_args(argv)
-    return run_command(lambda: _verify(arguments), "mmw")
+    return run_command(lambda: _verify(arguments))
 
 
 def _verify(arguments: argparse.Namespace) -> int:

@@ -9,7 +9,7 @@ from mmw.command import run_command
 def work():
     print("a line")
     raise {error}
-sys.exit(run_command(work, "mmw"))
+sys.exit(run_command(work))
 """
 
 

@@ -62,7 +62,7 @@ def steps_of(text: str) -> tuple[str, ...]:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
     arguments = parser().parse_intermixed_args(argv)
-    return run_command(lambda: execute(arguments), "mmw[learn]")
+    return run_command(lambda: execute(arguments), "learn")
 
 
 def execute(arguments: argparse.Namespace) -> int:

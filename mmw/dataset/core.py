@@ -15,6 +15,7 @@ import pyarrow.fs as pafs
 
 from mmw.dataset.files import check_names, damage_of, has_files, list_files
 from mmw.dataset.storage import find_storage, read_bytes
+from mmw.extras import install
 from mmw.tables.manifest import DATASET, parse_dataset, read_dataset
 from mmw.tables.schemas import SCHEMA_VERSION, TABLES, table_spec
 from mmw.tables.verify import version_number
@@ -156,7 +157,7 @@ class Dataset:
         try:
             return self.read(table, **where).to_pandas()
         except ImportError as error:
-            raise ImportError("Dataset.pandas needs pandas; install it with: pip install 'mmw[query]'") from error
+            raise ImportError(f"Dataset.pandas needs pandas; install it with: {install('query')}") from error
 
     def numpy(self, table: str, **where: Any) -> dict[str, np.ndarray]:
         """Return rows of a table as one array a column, shape [rows].

@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from mmw.dataset.beams import BeamSearch, csi_sql
+from mmw.extras import install
 from mmw.tables.schemas import table_spec
 
 if TYPE_CHECKING:
@@ -178,7 +179,7 @@ def make_connection(dataset: "Dataset", search: BeamSearch | None = None) -> "du
     try:
         import duckdb
     except ImportError as error:
-        raise ImportError("mmw.dataset.connect needs DuckDB; install it with: pip install 'mmw[query]'") from error
+        raise ImportError(f"mmw.dataset.connect needs DuckDB; install it with: {install('query')}") from error
     if not dataset.tables:
         raise ValueError(f"{dataset.root}: holds no table yet; run mmw.run first")
     connection = duckdb.connect()

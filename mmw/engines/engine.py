@@ -8,6 +8,7 @@ from mmw.compute.device import device_name, worker_devices
 from mmw.config.compute import ComputeConfig
 from mmw.engines.alone import make_alone
 from mmw.engines.processes import make_in_processes
+from mmw.extras import install
 from mmw.report import Console
 from mmw.shards import Work
 from mmw.worker import Making
@@ -68,7 +69,7 @@ def open_engine(compute: ComputeConfig, console: Console) -> Iterator[Engine]:
         if error.name != "ray":
             raise
         raise ValueError(
-            "compute.engine = 'ray': the package ray is missing; pip install 'mmw[ray]', or use --engine local"
+            f"compute.engine = 'ray': the package ray is missing; {install('ray')}, or use --engine local"
         ) from None
     with connected(compute, console) as engine:
         yield engine

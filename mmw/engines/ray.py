@@ -24,6 +24,7 @@ from mmw.engines.crew import Crew, LostError
 from mmw.engines.queue import WorkerLostError
 from mmw.engines.ray_cluster import Room, cluster, machines, room_for
 from mmw.engines.relay import NOTE, Message, serve
+from mmw.extras import install
 from mmw.provenance import versions
 from mmw.report import Console
 from mmw.shards import Work, pending_work
@@ -275,9 +276,7 @@ def _meaning(error: RayError) -> Exception:
     if isinstance(error, RayTaskError) and isinstance(error.cause, ValueError):
         return ValueError(f"Ray node {_node(error)}: {error.cause}")
     if isinstance(error, RayTaskError) or getattr(error, "actor_init_failed", False):
-        return ValueError(
-            f"Ray node {_node(error)}: {_reason(error)}; all nodes need the same mmw: pip install 'mmw[ray]'"
-        )
+        return ValueError(f"Ray node {_node(error)}: {_reason(error)}; all nodes need the same mmw: {install('ray')}")
     return WorkerLostError(
         f"Ray has failed: {_reason(error)}; everything that was finished is kept, and the same command resumes"
     )

@@ -4,6 +4,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from mmw.extras import install
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
 
@@ -44,7 +46,7 @@ def new_figure(figure: "Figure | SubFigure | None", size: tuple[float, float]) -
     try:
         from matplotlib.figure import Figure
     except ImportError as error:
-        raise ImportError("mmw.plotting needs matplotlib; install it with: pip install 'mmw[plot]'") from error
+        raise ImportError(f"mmw.plotting needs matplotlib; install it with: {install('plot')}") from error
     return Figure(figsize=size, layout="constrained")
 
 

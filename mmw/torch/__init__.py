@@ -5,11 +5,13 @@ from mmw.torch import WindowDataset, collate
 loader = DataLoader(WindowDataset(windows), batch_size=32, shuffle=True, collate_fn=collate)
 """
 
+from mmw.extras import install as _install
+
 try:
     import torch as _torch  # noqa: F401
 except ImportError as error:
     raise ImportError(
-        "mmw.torch needs PyTorch; install it with: pip install 'mmw[torch]' (mmw.windows gives NumPy arrays without it)"
+        f"mmw.torch needs PyTorch; install it with: {_install('torch')} (mmw.windows gives NumPy arrays without it)"
     ) from error
 
 from mmw.torch.data import WindowDataset, WindowStream, collate, to_tensors

@@ -14,6 +14,7 @@ import numpy as np
 
 from mmw.config import TrafficConfig
 from mmw.constants import FRAME_RATE_HZ
+from mmw.extras import install
 from mmw.town.lanes import LaneGraph
 from mmw.traffic import sumo_worker
 from mmw.traffic.driver import ACCELERATION, BRAKING, HARDEST_BRAKING, STANDSTILL_GAP, STEP
@@ -136,7 +137,7 @@ def check_sumo() -> None:
         ValueError: If it is not.
     """
     if find_spec("libsumo") is None:
-        raise ValueError("engine = 'sumo': the package libsumo is not installed; run: pip install 'mmw[sumo]'")
+        raise ValueError(f"engine = 'sumo': the package libsumo is not installed; run: {install('sumo')}")
 
 
 def _lane_speed(graph: LaneGraph, name: str, limit: np.ndarray) -> float:

@@ -8,6 +8,8 @@ from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
+from mmw.extras import install
+
 HOST = "127.0.0.1"
 """The only address that is listened on."""
 
@@ -41,7 +43,7 @@ def closed_page(page: str) -> str:
         ValueError: If it is not built as expected.
     """
     if "<head>" not in page:
-        raise ValueError("view: the page of the installed Rerun is not the expected one; pip install 'mmw[viz]'")
+        raise ValueError(f"view: the page of the installed Rerun is not the expected one; {install('viz')}")
     return FONTS.sub("", page).replace("<head>", f"<head>\n    {GUARD}", 1)
 
 

@@ -177,7 +177,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         draw_scenarios(given.out, given.scenarios, **options)
         return 0
 
-    return run_command(work, "mmw")
+    return run_command(work)
 
 
 if __name__ == "__main__":
