@@ -3,7 +3,7 @@
 from pathlib import Path as _Path
 from typing import Any as _Any
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 _root = _Path(__file__).resolve().parent.parent
 if (_root / "pyproject.toml").is_file():
