@@ -23,13 +23,12 @@ from pathlib import Path
 from statistics import mean, median
 from typing import TYPE_CHECKING
 
-from mmw.config import Config, load_config
+from mmw.config import Config, config_path, load_config
 from mmw.engines.nursery import CAN_FORK, import_ahead, may_be_several
 
 if TYPE_CHECKING:
     from mmw.engines.engine import Engine
 
-CONFIGS = Path(__file__).resolve().parent.parent / "configs"
 
 SAMPLE_S = 0.2
 """Time between two looks at the GPU and the cores [s]."""
@@ -205,7 +204,7 @@ def _rows(path: Path) -> int:
 def parse(arguments: list[str]) -> argparse.Namespace:
     """Return the options of the command line."""
     parser = argparse.ArgumentParser(prog="python -m bench.pipeline", description="Measure whole runs.")
-    parser.add_argument("--config", type=Path, default=CONFIGS / "full.yaml", help="configuration")
+    parser.add_argument("--config", default="full", help="configuration file, or the name of a shipped one")
     parser.add_argument("--scenarios", help="some of its scenarios, by name and comma; all if absent")
     parser.add_argument("--frames", type=int, help="only so many frames of each")
     parser.add_argument("--device", default="auto", help="auto, cpu or cuda:N")
@@ -220,7 +219,8 @@ def main(arguments: list[str]) -> None:
     """Measure and print."""
     options = parse(arguments)
     folder = options.out or Path(tempfile.mkdtemp(prefix="mmw_bench_"))
-    whole = load_config(options.config, options.overrides, {"output.dir": str(folder / "dataset")})
+    path = config_path(options.config)
+    whole = load_config(path, options.overrides, {"output.dir": str(folder / "dataset")})
     names = options.scenarios.split(",") if options.scenarios else [scenario.name for scenario in whole.scenarios]
     some = tuple(scenario for scenario in whole.scenarios if scenario.name in names)
     if len(some) != len(names):
@@ -240,7 +240,7 @@ def main(arguments: list[str]) -> None:
 
     try:
         engine = LocalEngine(worker_devices(options.device, workers))
-        result = measure(config, whole, options.config.parent, engine)
+        result = measure(config, whole, path.parent, engine)
     finally:
         if not options.out:
             shutil.rmtree(folder)
@@ -257,7 +257,7 @@ def main(arguments: list[str]) -> None:
         f"{result.workers} workers: {result.frames_per_s:.1f} frames/s, {result.rays_per_s / 1e6:,.0f} M rays/s, "
         f"{result.bytes / 1e6:,.0f} MB; {busy}{result.processor_s:.0f} s of processor time; "
         f"host {result.host_gb:.1f} GB, device {result.device_gb or 0:.1f} GB; "
-        f"all of {options.config.name}: {result.projected_s:.0f} s"
+        f"all of {path.name}: {result.projected_s:.0f} s"
     )
 
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-torch = pytest.importorskip("torch", reason="PyTorch is not installed: pip install 'mmw[learn]'")
-pytest.importorskip("transformers", reason="transformers is not installed: pip install 'mmw[learn]'")
+torch = pytest.importorskip("torch", reason="PyTorch is not installed: pip install 'multimodal-wireless[learn]'")
+pytest.importorskip("transformers", reason="transformers is not installed: pip install 'multimodal-wireless[learn]'")
 
 from examples.beam_prediction.__main__ import main  # noqa: E402
 from examples.beam_prediction.config import Experiment, load_experiment  # noqa: E402

@@ -25,7 +25,7 @@ from mmw.engines.queue import WorkerLostError
 from mmw.engines.ray_cluster import Room, cluster, machines, room_for
 from mmw.engines.relay import NOTE, Message, serve
 from mmw.errors import InputError
-from mmw.extras import install_command
+from mmw.extras import install
 from mmw.provenance import versions
 from mmw.report import Console
 from mmw.shards import Work, pending_work
@@ -278,9 +278,7 @@ def _meaning(error: RayError) -> Exception:
     if isinstance(cause, InputError):
         return InputError(f"Ray node {_node(error)}: {cause}")
     if isinstance(cause, ImportError) or getattr(error, "actor_init_failed", False):
-        return InputError(
-            f"Ray node {_node(error)}: {_reason(error)}; all nodes need the same mmw: {install_command('ray')}"
-        )
+        return InputError(f"Ray node {_node(error)}: {_reason(error)}; all nodes need the same mmw: {install('ray')}")
     if cause is not None:  # a bug: Ray's error holds the trace of the node
         return error
     return WorkerLostError(

@@ -10,7 +10,7 @@ from PIL import Image
 from pydantic import ValidationError
 
 from mmw.compute.device import choose_device
-from mmw.config import Config, RgbConfig, ScenarioConfig, load_config
+from mmw.config import Config, RgbConfig, ScenarioConfig, config_path, load_config
 from mmw.errors import InputError
 from mmw.inspect.check import stage_path
 from mmw.inspect.world import open_world
@@ -85,7 +85,7 @@ class PictureSize:
 
 
 def draw_scenario(
-    path: Path,
+    path: str | Path,
     viewpoint: Viewpoint,
     size: PictureSize,
     *,
@@ -99,7 +99,7 @@ def draw_scenario(
     From a camera of the configuration it is the very image that a run stores, before compression.
 
     Args:
-        path: Configuration file.
+        path: Configuration file, or the name of a shipped one.
         viewpoint: Where from; the first CAV is followed if it says nothing.
         size: Image size and samples.
         scenario: Its name; the first if empty.
@@ -110,6 +110,7 @@ def draw_scenario(
     Raises:
         InputError: If there is no such scenario, frame, weather, agent or camera, or the configuration cannot be used.
     """
+    path = config_path(path)
     config = load_config(path)
     found = _scenario(config, path, scenario)
     frame = config.frames_of(found).start if frame is None else frame
