@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 
-from mmw.command import run_command
+from mmw.command import add_log_options, run_command
 from mmw.extras import install
 
 COMMANDS = {
@@ -64,14 +64,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     pictures.add_argument("--frame", type=int, default=-1, help="frame; the first by default")
     pictures.add_argument("--samples", type=int, default=4, choices=(1, 4, 9), help="rays in a pixel on an edge")
     pictures.add_argument("--device", default="auto", help="auto, cpu or cuda:N")
+    add_log_options(pictures)
     arguments = parser.parse_args(argv)
-    return run_command(lambda: _pictures(arguments), "plot")
+    return run_command(lambda: _pictures(arguments), "mmw pictures", debug=arguments.debug)
 
 
 def _pictures(arguments: argparse.Namespace) -> int:
     from mmw.viewing.gallery import make_gallery
 
-    options = {name: value for name, value in vars(arguments).items() if name not in ("command", "dataset", "out")}
+    names = "scenario", "agent", "frame", "samples", "device"
+    options = {name: getattr(arguments, name) for name in names}
     print(*make_gallery(arguments.dataset, arguments.out, **options), sep="\n")
     return 0
 

@@ -19,6 +19,8 @@ from typing import Literal
 
 import numpy as np
 
+from mmw.errors import InputError
+
 LensModel = Literal["pinhole", "brown_conrady", "fisheye"]
 
 MODELS: tuple[LensModel, ...] = ("pinhole", "brown_conrady", "fisheye")
@@ -158,7 +160,7 @@ class Intrinsics:
         """Return the largest |q| of a point of the image [-; fisheye: rad].
 
         Raises:
-            ValueError: If the lens is not one to one in the image: it folds, or looks beyond 180 deg from its axis.
+            InputError: If the lens is not one to one in the image: it folds, or looks beyond 180 deg from its axis.
         """
         return _reach(self)
 
@@ -174,7 +176,7 @@ def _reach(camera: Intrinsics) -> float:
         row = int(np.argmin(np.where(share < 1.0, share * np.hypot(u - camera.cx, v - camera.cy), np.inf)))
         radius = share[row] * math.hypot(u[row] - camera.cx, v[row] - camera.cy)
         fold = [camera.cx + share[row] * (u[row] - camera.cx), camera.cy + share[row] * (v[row] - camera.cy)]
-        raise ValueError(
+        raise InputError(
             f"lens: model {camera.distortion.model} is not one to one beyond {radius:.0f} px from the optical axis "
             f"(pixel {fold[0]:.0f}, {fold[1]:.0f}), inside the image of {camera.width} x {camera.height}; each pixel "
             "needs a direction of its own; correct the coefficients, or use a smaller image or field of view"
@@ -194,12 +196,12 @@ def focal_length(distortion: Distortion, width: int, fov_deg: float) -> float:
         fov_deg: Horizontal field of view [deg].
 
     Raises:
-        ValueError: If the model has no such field of view, or the lens folds within it.
+        InputError: If the model has no such field of view, or the lens folds within it.
     """
     half = 0.5 * math.radians(fov_deg)
     if distortion.model != "fisheye":
         if not 0.0 < fov_deg < 180.0:
-            raise ValueError(
+            raise InputError(
                 f"lens: fov_deg = {fov_deg:g}; model {distortion.model} needs more than 0 and less than 180; lower it, "
                 "or use lens.model: fisheye"
             )
@@ -210,7 +212,7 @@ def focal_length(distortion: Distortion, width: int, fov_deg: float) -> float:
     if not (growth > 0.0).all():
         fold = radius[int(np.argmin(growth > 0.0))]
         fold_deg = 2.0 * math.degrees(fold if distortion.model == "fisheye" else math.atan(fold))
-        raise ValueError(
+        raise InputError(
             f"lens: model {distortion.model} folds at a field of view of {fold_deg:.0f} deg, within fov_deg = "
             f"{fov_deg:g}; image height has to grow with the angle; correct the coefficients, or lower fov_deg"
         )

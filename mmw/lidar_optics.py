@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass
 
+from mmw.errors import InputError
 from mmw.optics import DROP_BACKSCATTER
 
 WAVELENGTHS_NM = (905, 1550)
@@ -42,7 +43,7 @@ class LidarOptics:
     def __post_init__(self) -> None:
         def check(name: str, good: bool, needed: str) -> None:
             if not good:
-                raise ValueError(f"optics: {name} = {getattr(self, name)!r}; {needed} is needed; correct it")
+                raise InputError(f"optics: {name} = {getattr(self, name)!r}; {needed} is needed; correct it")
 
         check("wavelength_nm", self.wavelength_nm in WAVELENGTHS_NM, " or ".join(map(str, WAVELENGTHS_NM)))
         check("aperture_m", 0.0 <= self.aperture_m <= 1.0, "0 to 1")

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from mmw.errors import InputError
 from mmw.looks import GREY, Look
 
 ScatteringPattern = Literal["lambertian", "directive", "backscattering"]
@@ -98,11 +99,11 @@ def lidar_reflectance(
         Reflectance, 0 to 1 [-].
 
     Raises:
-        ValueError: If the base token has no row in `LIDAR_REFLECTANCE_905NM`.
+        InputError: If the base token has no row in `LIDAR_REFLECTANCE_905NM`.
     """
     if base not in LIDAR_REFLECTANCE_905NM:
         known = ", ".join(sorted(LIDAR_REFLECTANCE_905NM))
-        raise ValueError(
+        raise InputError(
             f"omni:simready:nonvisual:base = {base!r}; needed is one of {known}; use one of them, or `none`"
         )
     if "retroreflective" in attributes:

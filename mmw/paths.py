@@ -5,6 +5,8 @@ import sys
 from importlib.resources import files
 from pathlib import Path
 
+from mmw.errors import InputError
+
 
 def configs_dir() -> Path:
     """Return the folder of the shipped configuration files."""
@@ -43,11 +45,11 @@ def town_path(name: str) -> Path:
     """Return the interface layer of a shipped town.
 
     Raises:
-        ValueError: If no shipped town has this name; the message lists those that exist.
+        InputError: If no shipped town has this name; the message lists those that exist.
     """
     path = assets_dir() / "towns" / name / f"{name}.usda"
     if not path.is_file():
-        raise ValueError(
+        raise InputError(
             f"town = {name!r}; shipped towns are: {', '.join(shipped_towns())}; name one of them, or give a USD file"
         )
     return path

@@ -5,7 +5,8 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from mmw.command import run_command
+from mmw.command import add_log_options, run_command
+from mmw.errors import InputError
 
 
 def main(argv: Sequence[str], prog: str = "mmw town") -> int:
@@ -42,9 +43,9 @@ def main(argv: Sequence[str], prog: str = "mmw town") -> int:
     )  # fmt: skip
     render.add_argument("--samples", type=int, default=4, choices=(1, 4, 9), help="rays in a pixel on an edge")
     render.add_argument("--device", default="auto", help="auto, cpu or cuda:N")
-    arguments = parser.parse_args(argv)
+    arguments = add_log_options(parser).parse_args(argv)
     work = {"build": _build, "check": _check, "render": _render}[arguments.command]
-    return run_command(lambda: work(arguments), "author" if arguments.command == "build" else "plot")
+    return run_command(lambda: work(arguments), prog, debug=arguments.debug)
 
 
 def _build(arguments: argparse.Namespace) -> int:
@@ -67,11 +68,11 @@ def _check(arguments: argparse.Namespace) -> int:
     choose_device("cpu")  # and keep Warp's own lines out of the output
     wrong = [entry for entry in arguments.material_map if "=" not in entry]
     if wrong:
-        raise ValueError(f"--material-map {wrong[0]}: GLOB=ROW is needed, such as '/World/Wall*=itu_concrete'")
+        raise InputError(f"--material-map {wrong[0]}: GLOB=ROW is needed, such as '/World/Wall*=itu_concrete'")
     rows = dict(entry.rsplit("=", 1) for entry in arguments.material_map)
     for glob, row in rows.items():
         if row not in RADIO_ROWS:
-            raise ValueError(f"--material-map {glob}={row}: no radio material; use one of {', '.join(RADIO_ROWS)}")
+            raise InputError(f"--material-map {glob}={row}: no radio material; use one of {', '.join(RADIO_ROWS)}")
     report = check_stage(stage_path(arguments.stage), rows, RADIO_ROWS)
     if arguments.json:
         counts = {f"{severity}s": report.count(severity) for severity in ("error", "warning")}

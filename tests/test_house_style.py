@@ -21,17 +21,9 @@ SOURCES = sorted(
 KERNELS = sorted((ROOT / "kernels").glob("*.py"))
 
 LAYERS = [
-    {
-        "mmw.constants",
-        "mmw.paths",
-        "mmw.extras",
-        "mmw.temporary",
-        "mmw.looks",
-        "mmw.materials",
-        "mmw.poses",
-        "mmw.kinematics",
-    }
-    | {"mmw.weather", "mmw.carla_weather", "mmw.optics", "mmw.lidar_optics", "mmw.lens", "mmw.random_keys"},
+    {"mmw.errors", "mmw.extras", "mmw.paths", "mmw.log", "mmw.temporary", "mmw.constants", "mmw.looks"}
+    | {"mmw.materials", "mmw.poses", "mmw.kinematics", "mmw.weather", "mmw.carla_weather", "mmw.optics"}
+    | {"mmw.lidar_optics", "mmw.lens", "mmw.random_keys"},
     {"mmw.config"},
     {"mmw.kernels"},
     {"mmw.ray_tree"},

@@ -10,6 +10,7 @@ import numpy as np
 
 from mmw.channel.antennas import Pattern, Polarization, PolarizationModel, slant_angles
 from mmw.constants import SPEED_OF_LIGHT
+from mmw.errors import InputError
 from mmw.poses import normalize, quaternion_from_ypr, quaternion_to_matrix
 
 
@@ -25,7 +26,7 @@ class AntennaArray:
     polarisation, then all of the second.
 
     Raises:
-        ValueError: If a count is below 1, a spacing is not above 0, or orientation or polarisation is not one.
+        InputError: If a count is below 1, a spacing is not above 0, or orientation or polarisation is not one.
     """
 
     rows: int = 1
@@ -52,13 +53,13 @@ class AntennaArray:
     def __post_init__(self) -> None:
         for name in ("rows", "columns"):
             if int(getattr(self, name)) != getattr(self, name) or getattr(self, name) < 1:
-                raise ValueError(f"antenna array: {name} = {getattr(self, name)}; it is a whole number from 1 on")
+                raise InputError(f"antenna array: {name} = {getattr(self, name)}; it is a whole number from 1 on")
         for name in ("vertical_spacing", "horizontal_spacing", "vertical_spacing_m", "horizontal_spacing_m"):
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value > 0):
-                raise ValueError(f"antenna array: {name} = {value}; a spacing is above 0")
+                raise InputError(f"antenna array: {name} = {value}; a spacing is above 0")
         if len(self.orientation) not in (3, 4) or not np.isfinite(self.orientation).all():
-            raise ValueError(
+            raise InputError(
                 f"antenna array: orientation = {self.orientation}; give a quaternion (x, y, z, w) or yaw, pitch, roll"
             )
         slant_angles(self.polarization)

@@ -5,6 +5,7 @@ from typing import Literal
 from pydantic import Field, field_validator
 
 from mmw.config.section import Section
+from mmw.errors import InputError
 
 
 class ComputeConfig(Section):
@@ -34,12 +35,12 @@ class ComputeConfig(Section):
     @classmethod
     def _a_few(cls, value: int | str) -> int | str:
         if isinstance(value, int) and not 1 <= value <= 64:
-            raise ValueError(f"{value} threads; give 1 to 64, or auto")
+            raise InputError(f"{value} threads; give 1 to 64, or auto")
         return value
 
     @field_validator("workers")
     @classmethod
     def _some(cls, value: int | str) -> int | str:
         if isinstance(value, int) and not 1 <= value <= 1024:
-            raise ValueError(f"{value} workers make nothing; give 1 to 1024, or auto")
+            raise InputError(f"{value} workers make nothing; give 1 to 1024, or auto")
         return value

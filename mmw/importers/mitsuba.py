@@ -9,6 +9,7 @@ import numpy as np
 import trimesh
 from trimesh.exchange.ply import load_ply
 
+from mmw.errors import InputError
 from mmw.importers import mitsuba_values as values
 from mmw.importers.meshes import Y_UP, PartsList, PrimNames, identifier, transformed
 from mmw.importers.world import ForeignMaterial, World
@@ -45,7 +46,7 @@ def read_mitsuba(
         origin: Point of the world [m] that becomes (0, 0, 0).
 
     Raises:
-        ValueError: With file and line, if the file, a file that it names, or a value cannot be used.
+        InputError: With file and line, if the file, a file that it names, or a value cannot be used.
     """
     path = Path(path)
     to_world = np.diag([unit_m, unit_m, unit_m, 1.0])
@@ -77,9 +78,9 @@ class _Reader:
         """Read a material and return its name; one inside a shape without an id is called after the shape."""
         source = node.attributes.get("id") or owner
         if not source:
-            raise ValueError(f"{node.where}: <bsdf> has no id; shapes refer to it by that; add one")
+            raise InputError(f"{node.where}: <bsdf> has no id; shapes refer to it by that; add one")
         if not owner and source in self.bsdfs:
-            raise ValueError(f"{node.where}: the id {source!r} is given twice; materials need their own; rename one")
+            raise InputError(f"{node.where}: the id {source!r} is given twice; materials need their own; rename one")
         name = identifier(source.removeprefix("mat-"))
         while name in self.materials:
             name += "_"
@@ -101,7 +102,7 @@ class _Reader:
         elif kind == "instance":
             group = next((ref.get("id") for ref in node.find("ref") if ref.get("id") in self.groups), None)
             if group is None:
-                raise ValueError(f"{node.where}: the instance refers to no shapegroup; add <ref id=.../>")
+                raise InputError(f"{node.where}: the instance refers to no shapegroup; add <ref id=.../>")
             for child in self.groups[group].find("shape"):
                 self.add_shape(child, matrix, material)
         elif kind == "shapegroup":
@@ -113,7 +114,7 @@ class _Reader:
             self.meshes.add(node.where, self.path_of(node, kind), points, faces, material or self.no_material())
         else:
             known = ", ".join([*_SHAPES, "ply", "obj", "merge", "shapegroup", "instance"])
-            raise ValueError(f"{node.where}: shape {kind!r} is not read; one of {known} is needed; convert it to ply")
+            raise InputError(f"{node.where}: shape {kind!r} is not read; one of {known} is needed; convert it to ply")
 
     def material_of(self, node: XmlNode, inherited: str | None) -> str | None:
         for child in node.children:
@@ -125,7 +126,7 @@ class _Reader:
                     return self.bsdfs[wanted]
                 if wanted not in self.groups:
                     known = ", ".join(self.bsdfs) or "none"
-                    raise ValueError(
+                    raise InputError(
                         f"{child.where}: no <bsdf> has the id {wanted!r}; the file's are: {known}; correct the ref"
                     )
         return inherited
@@ -182,7 +183,7 @@ def _radio(node: XmlNode, source: str) -> RadioMaterial | None:
     kind = node.get("type")
     pattern = values.text(node, "scattering_pattern", "lambertian")
     if pattern not in ("lambertian", "directive", "backscattering"):
-        raise ValueError(
+        raise InputError(
             f"{node.where}: scattering_pattern = {pattern!r}; lambertian, directive or backscattering is needed"
         )
     scattering = {
@@ -196,7 +197,7 @@ def _radio(node: XmlNode, source: str) -> RadioMaterial | None:
     if kind == "itu-radio-material" or named:
         row = values.text(node, "type") or (named[1] if named else "")
         if not row:
-            raise ValueError(f"{node.where}: the material {source!r} has no <string name='type'>; add a row of P.2040")
+            raise InputError(f"{node.where}: the material {source!r} has no <string name='type'>; add a row of P.2040")
         return RadioMaterial("itu", itu=f"itu_{row}", thickness=thickness, **scattering)
     if kind == "radio-material":
         return RadioMaterial(
@@ -220,7 +221,7 @@ def _load(node: XmlNode, folder: Path) -> Mesh:
         return np.array(mesh.vertices, np.float64), np.array(mesh.faces, np.int64)
     except Exception as error:  # trimesh raises whatever its parsers meet
         reason = " ".join(str(error).split())[:120] or type(error).__name__
-        raise ValueError(f"{node.where}: {path}: cannot be read ({reason}); write the mesh again") from None
+        raise InputError(f"{node.where}: {path}: cannot be read ({reason}); write the mesh again") from None
 
 
 def _rectangle(node: XmlNode) -> Mesh:

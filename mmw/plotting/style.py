@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mmw.extras import install
+from mmw.extras import needed_by
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
@@ -43,10 +43,8 @@ def new_figure(figure: "Figure | SubFigure | None", size: tuple[float, float]) -
     """Return the figure to draw into, a new one of the size [inch] if none is given; it belongs to no window."""
     if figure is not None:
         return figure
-    try:
+    with needed_by("mmw.plotting"):
         from matplotlib.figure import Figure
-    except ImportError as error:
-        raise ImportError(f"mmw.plotting needs matplotlib; install it with: {install('plot')}") from error
     return Figure(figsize=size, layout="constrained")
 
 

@@ -11,6 +11,7 @@ import warp as wp
 
 from mmw.channel.attenuation import path_loss_db
 from mmw.config import RadarConfig
+from mmw.errors import InputError
 from mmw.kernels import radar
 from mmw.materials import Material
 from mmw.scene import Scene
@@ -74,7 +75,7 @@ def trace_radar(
                 "it from the same views"
             )
     if len(views) * rays > MOST_RAYS:
-        raise ValueError(
+        raise InputError(
             f"radar batch of {len(views)} views x {rays} rays; one launch holds {MOST_RAYS} rays; "
             "lower compute.batch_frames"
         )

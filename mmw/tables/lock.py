@@ -8,6 +8,7 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
+from mmw.errors import InputError
 from mmw.tables.store import LOCKS, Root, Store, store_of
 from mmw.temporary import is_temporary
 
@@ -25,7 +26,7 @@ def writing(root: Root, index: int, count: int, tell: Callable[[str], None]) -> 
         tell: Takes one line if the folder's file system has no locks: nothing is held then.
 
     Raises:
-        ValueError: If another process writes this part, or parts of another number.
+        InputError: If another process writes this part, or parts of another number.
     """
     root = store_of(root)
     folder = root.staging / LOCKS
@@ -105,7 +106,7 @@ def _take(path: Path, held: ExitStack, root: Store) -> bool:
     try:
         return _hold(path, held, timeout_s=0.0)
     except Timeout:
-        raise ValueError(
+        raise InputError(
             f"{root}: is being written by another run ({_holder(path)}, {path.stem.replace('-', ' ')}); "
             "wait for it or stop it, or give another --out"
         ) from None

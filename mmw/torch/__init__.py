@@ -5,14 +5,10 @@ from mmw.torch import WindowDataset, collate
 loader = DataLoader(WindowDataset(windows), batch_size=32, shuffle=True, collate_fn=collate)
 """
 
-from mmw.extras import install as _install
+from mmw.extras import needed_by as _needed_by
 
-try:
+with _needed_by("mmw.torch (mmw.windows gives NumPy arrays without it)"):
     import torch as _torch  # noqa: F401
-except ImportError as error:
-    raise ImportError(
-        f"mmw.torch needs PyTorch; install it with: {_install('torch')} (mmw.windows gives NumPy arrays without it)"
-    ) from error
 
 from mmw.torch.data import WindowDataset, WindowStream, collate, to_tensors
 

@@ -8,6 +8,7 @@ from typing import Any, get_args
 
 from pxr import Usd, UsdShade
 
+from mmw.errors import InputError
 from mmw.looks import Look
 from mmw.materials import LIDAR_REFLECTANCE_905NM, Material, RadioMaterial, ScatteringPattern, lidar_reflectance
 from mmw.paths import assets_dir
@@ -118,7 +119,7 @@ def read_material(stage: Usd.Stage, use: MaterialUse, notes: Notes | None = None
         notes: Takes what a user of the RGB camera should know.
 
     Raises:
-        ValueError: If its `mmw:radio:*` attributes contradict themselves or are out of range.
+        InputError: If its `mmw:radio:*` attributes contradict themselves or are out of range.
     """
     if use.library:
         spec = LIBRARY[use.library]
@@ -229,29 +230,29 @@ def check_radio(where: str, radio: RadioMaterial) -> None:
     """Check the numbers of a radio description.
 
     Raises:
-        ValueError: If they contradict themselves or are out of range.
+        InputError: If they contradict themselves or are out of range.
     """
     if radio.model not in ("itu", "constant"):
-        raise ValueError(f"{where}: mmw:radio:model = {radio.model!r}; itu or constant is needed")
+        raise InputError(f"{where}: mmw:radio:model = {radio.model!r}; itu or constant is needed")
     if radio.model == "itu" and not radio.itu:
-        raise ValueError(f"{where}: mmw:radio:itu is empty; model itu needs a row such as itu_concrete")
+        raise InputError(f"{where}: mmw:radio:itu is empty; model itu needs a row such as itu_concrete")
     if radio.model == "constant" and (radio.relative_permittivity < 1.0 or radio.conductivity < 0.0):
-        raise ValueError(
+        raise InputError(
             f"{where}: relativePermittivity = {radio.relative_permittivity:g}, conductivity = "
             f"{radio.conductivity:g} S/m; at least 1 and 0 are needed"
         )
     if radio.thickness < 0.0 or not 0.0 <= radio.scattering <= 1.0 or not 0.0 <= radio.xpd <= 1.0:
-        raise ValueError(
+        raise InputError(
             f"{where}: thickness = {radio.thickness:g} m, scattering = {radio.scattering:g}, xpd = {radio.xpd:g}; "
             "a thickness of at least 0 and the others within 0 to 1 are needed"
         )
     if radio.scattering_pattern not in get_args(ScatteringPattern):
-        raise ValueError(
+        raise InputError(
             f"{where}: mmw:radio:scatteringPattern = {radio.scattering_pattern!r}; one of "
             f"{', '.join(get_args(ScatteringPattern))} is needed"
         )
     if radio.alpha_r < 1 or radio.alpha_i < 1 or not 0.0 <= radio.lobe_share <= 1.0:
-        raise ValueError(
+        raise InputError(
             f"{where}: alphaR = {radio.alpha_r}, alphaI = {radio.alpha_i}, lobeShare = {radio.lobe_share:g}; "
             "exponents of at least 1 and a share within 0 to 1 are needed"
         )
