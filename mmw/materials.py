@@ -97,7 +97,7 @@ class Material:
     """What one surface is to every sensor.
 
     Raises:
-        ValueError: If the reflectance is not within 0 to 1.
+        ValueError: If the reflectance is below 0 or not finite.
     """
 
     name: str
@@ -117,9 +117,10 @@ class Material:
     """How it looks to the RGB camera."""
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.lidar_reflectance <= 1.0:
+        if not 0.0 <= self.lidar_reflectance < math.inf:  # that of a retroreflector may be above 1
             raise ValueError(
-                f"material {self.name!r}: lidar_reflectance = {self.lidar_reflectance:g}; 0 to 1 is needed; correct it"
+                f"material {self.name!r}: lidar_reflectance = {self.lidar_reflectance:g}; a finite number from 0 on is "
+                "needed; correct it"
             )
 
 

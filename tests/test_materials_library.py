@@ -168,9 +168,10 @@ def test_the_sharpest_lobe_has_an_integral() -> None:
     assert np.isfinite(lobe_integral(MAX_LOBE_EXPONENT, np.array([0.0, 0.5, 1.0]))).all()
 
 
-def test_a_reflectance_beyond_one_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"material 'snow': lidar_reflectance = 1\.2; 0 to 1 is needed"):
-        Material("snow", RadioMaterial("constant"), "none", 1.2, (1.0, 1.0, 1.0))
+@pytest.mark.parametrize("value", [-0.1, math.nan])
+def test_a_wrong_reflectance_is_refused(value: float) -> None:
+    with pytest.raises(ValueError, match=f"material 'snow': lidar_reflectance = {value:g}; a finite number from 0"):
+        Material("snow", RadioMaterial("constant"), "none", value, (1.0, 1.0, 1.0))
 
 
 def test_paint_decides_lidar_reflectance():
