@@ -93,6 +93,8 @@ class Result:
 class Load:
     """Samples of the load of the first GPU and of all cores, and of the GPU's memory, while a block runs."""
 
+    on_gpu: bool
+    """Whether a GPU traces; one that has nothing to do with it is not looked at."""
     gpu: list[tuple[float, float]] = field(default_factory=list)
     """Time and share of it that kernels ran."""
     cores: list[tuple[float, float]] = field(default_factory=list)
@@ -103,9 +105,7 @@ class Load:
 
     def __enter__(self) -> "Load":
         """Start to look."""
-        import warp as wp
-
-        if wp.get_cuda_device_count():
+        if self.on_gpu:
             query = ["--query-gpu=utilization.gpu,memory.used", "--format=csv,noheader,nounits", "--id=0"]
             self._process = subprocess.Popen(
                 ["nvidia-smi", *query, f"--loop-ms={int(1000 * SAMPLE_S)}"], stdout=subprocess.PIPE, text=True
@@ -165,7 +165,7 @@ def measure(config: Config, whole: Config, base: Path, engine: "Engine") -> Resu
     from mmw.shards import Part
 
     used = os.times()
-    with Console() as console, Load() as load:
+    with Console() as console, Load(engine.devices[0] != "cpu") as load:
         make_dataset(config, base=base, engine=engine, part=Part(), overwrite=False, console=console)
         seconds, clock, workers = console.clock.elapsed, console.clock, console.workers
     _end_server()

@@ -134,4 +134,4 @@ def test_without_torch_one_error_names_the_extra() -> None:
         "try:\n    import mmw.torch\nexcept ImportError as error:\n    print(error)\n"
     )
     told = subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT, capture_output=True, text=True).stdout
-    assert "mmw.torch needs PyTorch; install it with: pip install 'multimodal-wireless[torch]'" in told
+    assert "needs the package torch, which is not installed; pip install 'multimodal-wireless[torch]'" in told
