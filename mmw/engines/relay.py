@@ -7,6 +7,7 @@ from typing import Any
 
 from mmw.report import Clock
 from mmw.shards import Work
+from mmw.temporary import owned
 from mmw.worker import Making, Worker
 
 READY, TRACED, NOTE, ENDED, FAILED = "ready", "traced", "note", "ended", "failed"
@@ -59,7 +60,7 @@ def serve(
     relay = Relay(send)
     try:
         check()
-        with Worker(making, device, relay) as worker:
+        with owned(making.root.staging, making.owner), Worker(making, device, relay) as worker:
             send((READY,))
             while (work := receive()) is not None:
                 worker.make(work)
