@@ -30,7 +30,9 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the folder of the whole experiment in small."""
     torch.set_num_threads(1)  # threads that wait for each other take longer than these small products
     folder = tmp_path_factory.mktemp("beam") / "out"
-    code = main(["--config", CONFIG, "--data", str(smoke_dataset()), "--out", str(folder), "--workers", "1", "--device", "cpu"])
+    code = main(
+        ["--config", CONFIG, "--data", str(smoke_dataset()), "--out", str(folder), "--workers", "1", "--device", "cpu"]
+    )
     assert code == 0
     return folder
 

@@ -23,11 +23,10 @@ on_linux = pytest.mark.skipif(not CAN_FORK, reason="workers are not forked here"
 class Telling:
     """A `Making` that says in an error what a worker's environment holds, and who its parent is."""
 
-    root = config = threads = None
     log_level = logging.WARNING
 
     @property
-    def meta(self) -> NoReturn:
+    def root(self) -> NoReturn:
         raise ValueError(f"{os.environ.get('MMW_TEST_WORD')} {os.environ['OPENBLAS_NUM_THREADS']} {os.getppid()}")
 
 
