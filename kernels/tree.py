@@ -209,12 +209,13 @@ CPU_LEAF = """
             const f4 qu = ux * qx + uy * qy + uz * qz, qv = vx * qx + vy * qy + vz * qz;
             const f4 ru = ux * rx + uy * ry + uz * rz, rv = vx * rx + vy * ry + vz * rz;
             f4 a = ru * qv - rv * qu, b = pu * rv - pv * ru, g = qu * pv - qv * pu;
-            if (__builtin_reduce_or((a == 0.0f) | (b == 0.0f) | (g == 0.0f))) {
+            const i4 is_close = (a == 0.0f) | (b == 0.0f) | (g == 0.0f);
+            if (__builtin_reduce_or(is_close)) {  // of these alone, so that no value depends on who shares the leaf
                 auto wide = [](f4 x) { return __builtin_convertvector(x, d4); };
                 auto narrow = [](d4 x) { return __builtin_convertvector(x, f4); };
-                a = narrow(wide(ru) * wide(qv) - wide(rv) * wide(qu));
-                b = narrow(wide(pu) * wide(rv) - wide(pv) * wide(ru));
-                g = narrow(wide(qu) * wide(pv) - wide(qv) * wide(pu));
+                a = is_close ? narrow(wide(ru) * wide(qv) - wide(rv) * wide(qu)) : a;
+                b = is_close ? narrow(wide(pu) * wide(rv) - wide(pv) * wide(ru)) : b;
+                g = is_close ? narrow(wide(qu) * wide(pv) - wide(qv) * wide(pu)) : g;
             }
             const f4 volume = a + b + g;
             const i4 is_left = (a < 0.0f) | (b < 0.0f) | (g < 0.0f), is_right = (a > 0.0f) | (b > 0.0f) | (g > 0.0f);
