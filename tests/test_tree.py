@@ -24,10 +24,10 @@ def cast_kernel(
 ):
     """Walk one tree. Launch: dim=R."""
     i = wp.tid()
-    found = tree.walk_nearest(trees.nodes, trees.leaves, root, origin[i], direction[i], t_max)
+    found = tree.nearest_face(trees, root, origin[i], direction[i], t_max)
     t_out[i] = wp.cast(wp.uint32(found >> wp.uint64(32)), float)
     face_out[i] = int(wp.uint32(found & wp.uint64(0xFFFFFFFF))) - 1
-    is_met_out[i] = tree.walk_any(trees.nodes, trees.leaves, root, origin[i], direction[i], t_max)
+    is_met_out[i] = tree.is_any_face(trees, root, origin[i], direction[i], t_max)
 
 
 def cast(device: str, trees: tree.Tree, root: int, origin, direction, t_max: float = 1e4):
