@@ -2,7 +2,9 @@
 
 The walk is the only native code of the project, because it is written once for each kind of processor: on CUDA a thread
 takes boxes and triangles one by one, on a CPU the four boxes of a node and the four triangles of a leaf are one vector.
-`tree_build.py` makes the tree.
+`tree_build.py` makes the tree. Native code leans on what Warp's compilers are today, so there is another walk without
+any, through Warp's own trees (`tree_warp.py`): `WIDE` is which of them is compiled, and nobody but `nearest_face` and
+`is_any_face` knows.
 
 - A node holds the boxes of its children side by side, so that the near and the far planes of all four are read with one
   offset a ray and axis, after the sign of its direction.
@@ -19,7 +21,13 @@ takes boxes and triangles one by one, on a CPU the four boxes of a node and the 
 
 import warp as wp
 
+from mmw.kernels.tree_warp import mesh_any, mesh_nearest
+
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
+
+WIDE = wp.constant(True)
+"""Whether rays walk the trees of this file, or Warp's. `mmw.ray_tree.select_bvh` sets it, before any kernel is built:
+what is not taken is not compiled, and kernels of either kind have hashes of their own in Warp's cache."""
 
 LEAF_FACES = wp.constant(4)
 """Triangles in a leaf at most."""
@@ -43,12 +51,14 @@ waits, cost CUDA more than they save: local memory is what its walk spends its t
 
 @wp.struct
 class Tree:
-    """Trees of several meshes; the root of each is a node's number."""
+    """Trees of several meshes; the root of each is the number of a node, with Warp's trees that of a mesh."""
 
     nodes: wp.array[wp.vec4]
     """`NODE_ROWS` rows a node. A reference >= 0 is a node; any other is -1 - (8 * leaf + number of its triangles)."""
     leaves: wp.array[wp.vec4]
     """`LEAF_ROWS` rows a leaf. What lies behind the number of its triangles repeats the last one."""
+    meshes: wp.array[wp.uint64]
+    """wp.Mesh ids, where rays walk Warp's trees; the other two are empty then, and this one is otherwise."""
 
 
 RAY = """
@@ -281,3 +291,24 @@ def walk_any(
     nodes: wp.array[wp.vec4], leaves: wp.array[wp.vec4], root: int, origin: wp.vec3, direction: wp.vec3, t_max: float
 ) -> bool:
     """Return whether a face lies on a ray before `t_max`."""
+
+
+@wp.func
+def nearest_face(tree: Tree, root: int, origin: wp.vec3, direction: wp.vec3, t_max: float) -> wp.uint64:
+    """Return the nearest face of one mesh on a ray: the bits of its distance, and below them its number + 1, 0 for a
+    miss."""
+    if WIDE:
+        found = walk_nearest(tree.nodes, tree.leaves, root, origin, direction, t_max)
+    else:
+        found = mesh_nearest(tree.meshes[root], origin, direction, t_max)
+    return found
+
+
+@wp.func
+def is_any_face(tree: Tree, root: int, origin: wp.vec3, direction: wp.vec3, t_max: float) -> bool:
+    """Return whether a face of one mesh lies on a ray before `t_max`."""
+    if WIDE:
+        is_met = walk_any(tree.nodes, tree.leaves, root, origin, direction, t_max)
+    else:
+        is_met = mesh_any(tree.meshes[root], origin, direction, t_max)
+    return is_met

@@ -17,6 +17,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from mmw import __version__
+from mmw.bvh import select_bvh
 from mmw.channel.arrays import AntennaArray
 from mmw.channel.measuring import MeasuringSurface, plane_grid, road_grid
 from mmw.channel.radio_map import RadioMap, RadioMapConfig, Transmitters, actor_transmitters, radio_map
@@ -139,6 +140,7 @@ def run(arguments: argparse.Namespace) -> list[str]:
     path = config_path(arguments.config)
     patch: dict[str, Any] = {"weathers": [arguments.weather]} if arguments.weather else {}
     config = load_config(path, arguments.overrides, patch)
+    select_bvh(config.compute.bvh)
     device = choose_device(arguments.device or config.compute.device)
     scenario = _scenario(config, arguments.scenario)
     check_inputs(config.model_copy(update={"scenarios": (scenario,)}), path.parent)

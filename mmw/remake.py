@@ -5,6 +5,7 @@ the stored ones bit for bit, on the same kind of device.
 """
 
 import io
+import os
 from collections import defaultdict
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -17,8 +18,10 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
+from mmw.bvh import select_bvh
 from mmw.compute.device import choose_device
 from mmw.config import Config, ScenarioConfig
+from mmw.config.compute import BVH_VARIABLE
 from mmw.dataset import open_dataset
 from mmw.errors import InputError
 from mmw.pipeline import join_batches, make_job, record_frames
@@ -71,6 +74,7 @@ class Remaker:
         store = store_of(self.root)
         self.address = store.address
         self.config = stored_config(store)
+        select_bvh(os.environ.get(BVH_VARIABLE) or self.config.compute.bvh)
         self.device = choose_device(self.device)
         self._stages: Path = self._held.enter_context(store.copy(STAGES, ASSETS))
 

@@ -24,10 +24,10 @@ def cast_kernel(
 ):
     """Walk one tree. Launch: dim=R."""
     i = wp.tid()
-    found = tree.walk_nearest(trees.nodes, trees.leaves, root, origin[i], direction[i], t_max)
+    found = tree.nearest_face(trees, root, origin[i], direction[i], t_max)
     t_out[i] = wp.cast(wp.uint32(found >> wp.uint64(32)), float)
     face_out[i] = int(wp.uint32(found & wp.uint64(0xFFFFFFFF))) - 1
-    is_met_out[i] = tree.walk_any(trees.nodes, trees.leaves, root, origin[i], direction[i], t_max)
+    is_met_out[i] = tree.is_any_face(trees, root, origin[i], direction[i], t_max)
 
 
 def cast(device: str, trees: tree.Tree, root: int, origin, direction, t_max: float = 1e4):
@@ -224,6 +224,34 @@ def test_the_lowest_of_equal_faces_is_found(device: str) -> None:
     first = np.flatnonzero(order >= 300).min()
     t, face = cast(device, one(device, corners[order]), 0, (0.7, 0.2, -9.0), (0.0, 0.0, 1.0))
     assert face == first and t > 3.0
+
+
+def test_the_lowest_of_equal_faces_is_found_in_the_planes_of_the_axes(device: str) -> None:
+    # Boxes end at the coordinate 0 here: a margin that is relative to it would be none.
+    corners = (grid(6) * (1.0, 1.0, 0.0) - (3.0, 3.0, 0.0)).astype(np.float32)
+    order = np.random.default_rng(4).permutation(len(corners))
+    corners = corners[order]
+    trees = one(device, corners)
+    for x, y in [(0, 0), (0, 1), (-2, 0), (1, 1), (0, -2)]:
+        around = [k for k, face in enumerate(corners) if (face == np.float32((x, y, 0.0))).all(axis=1).any()]
+        for way in ((0.0, 0.0, -1.0), (-0.0, -0.0, -1.0)):
+            t, face = cast(device, trees, 0, (x, y, 5.0), way)
+            assert t == 5.0 and face == min(around)
+
+
+def test_a_distance_does_not_depend_on_who_shares_the_leaf(device: str) -> None:
+    corners = soup(6, 40, 8.0)
+    rng = np.random.default_rng(6)
+    weight = rng.dirichlet((1.0, 1.0, 1.0), 4000)
+    target = np.einsum("rc,rcx->rx", weight, corners[rng.integers(0, 40, 4000)].astype(float))
+    target[::2] = corners[rng.integers(0, 40, 2000), rng.integers(0, 3, 2000)]  # exactly corners, seen from the origin
+    way = (target / np.linalg.norm(target, axis=1, keepdims=True)).astype(np.float32)
+    t, face = cast(device, one(device, corners), 0, (0.0, 0.0, 0.0), way)
+    for k in range(40):
+        rays = face == k
+        if rays.any():
+            alone, _ = cast(device, one(device, corners[k : k + 1]), 0, (0.0, 0.0, 0.0), way[rays])
+            np.testing.assert_array_equal(alone, t[rays])
 
 
 def test_faces_without_area_are_passed(device: str) -> None:

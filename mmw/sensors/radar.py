@@ -164,7 +164,10 @@ def shade_radar(
     link.azimuth_beam = math.radians(config.horizontal_beam_deg or config.horizontal_fov_deg)
     link.elevation_beam = math.radians(config.vertical_beam_deg or config.vertical_fov_deg)
     surface = wp.array(echo_table(materials, weather, config.carrier_hz), dtype=wp.vec3, device=device)
-    wp.launch(radar.echo_kernel, shape, inputs=[hits, surface, link], outputs=[rays.rcs, rays.power], device=device)
+    outputs = [rays.rcs, rays.power]
+    wp.launch(
+        radar.echo_kernel, shape, inputs=[hits, surface, link], outputs=outputs, device=device, block_dim=BLOCK_DIM
+    )
     return rays
 
 

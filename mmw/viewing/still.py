@@ -9,6 +9,7 @@ import numpy as np
 from PIL import Image
 from pydantic import ValidationError
 
+from mmw.bvh import select_bvh
 from mmw.compute.device import choose_device
 from mmw.config import Config, RgbConfig, ScenarioConfig, config_path, load_config
 from mmw.errors import InputError
@@ -112,6 +113,7 @@ def draw_scenario(
     """
     path = config_path(path)
     config = load_config(path)
+    select_bvh(config.compute.bvh)
     found = _scenario(config, path, scenario)
     frame = config.frames_of(found).start if frame is None else frame
     weather = weather or config.weathers[0]
