@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.doc_pages import ROOT, blocks_of, run_page
+from tests.doc_pages import ROOT, blocks_of, run_page, says
 from tests.small_dataset import small_dataset
 
 DOCS = ROOT / "docs"
@@ -64,6 +64,26 @@ def test_a_wrong_output_is_found(tmp_path: Path) -> None:
     page.write_text("```python\nprint(1 + 1)\n```\n\n```text\n3\n```\n")
     with pytest.raises(AssertionError, match="the page says\n3"):
         run_page(page, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("wanted", "got", "same"),
+    [
+        ("x  -5.7 -0.0", "x  -5.8  0.0", True),  # -5.75 and a zero, on two CPUs
+        ("gain -89.50 dB", "gain -89.51 dB", True),
+        ("a 1.00 ...", "a 1.01 more", True),
+        ("x -5.7", "x -5.9", False),
+        ("x -5.7", "x 5.7", False),
+        ("x 0.7", "x 0.70", False),
+        ("3 links 1.0", "4 links 1.0", False),
+        ("cav_1 1.0", "cav_2 1.0", False),
+        ("1.0 2.0", "1.0", False),
+        ("mmw 1.2.3", "mmw 1.2.4", False),
+        ("1.0", "1.0\n1.0", False),
+    ],
+)
+def test_numbers_may_be_rounded_either_way_and_no_more(wanted: str, got: str, same: bool) -> None:
+    assert says(wanted, got) is same
 
 
 @pytest.mark.parametrize(

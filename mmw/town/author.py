@@ -50,7 +50,7 @@ def _author_mesh(layer: Sdf.Layer, path: Sdf.Path, part: MeshPart) -> Sdf.PrimSp
     if part.material not in LIBRARY:
         known = ", ".join(sorted(LIBRARY))
         raise InputError(f"{path}: material {part.material!r}; the library holds {known}; use one of them")
-    mesh = new_mesh(layer, path, part.points, part.faces, ROOT.AppendPath(f"Materials/{part.material}"))
+    mesh = new_mesh(layer, path, _without_noise(part.points), part.faces, ROOT.AppendPath(f"Materials/{part.material}"))
     corners = picture_coordinates(part)
     if corners is not None:
         set_texture_coordinates(mesh, *indexed(corners.reshape(-1, 2)))
@@ -58,8 +58,13 @@ def _author_mesh(layer: Sdf.Layer, path: Sdf.Path, part: MeshPart) -> Sdf.PrimSp
         set_texture_coordinates(mesh, *texture_coordinates(part.points, part.faces))
     normals = part_normals(part)
     if normals is not None:
-        set_normals(mesh, normals)
+        set_normals(mesh, _without_noise(normals))
     return mesh
+
+
+def _without_noise(values: np.ndarray) -> np.ndarray:
+    """Return float64 values whose float32 is the same on every CPU: a zero may be 1e-18 or -0 on another one."""
+    return np.round(values, 9) + 0.0
 
 
 def _author_groups(layer: Sdf.Layer, parts: Sequence[MeshPart]) -> None:

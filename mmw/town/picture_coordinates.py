@@ -137,7 +137,11 @@ def _boards(part: MeshPart) -> np.ndarray:
 
 
 def _covers(part: MeshPart) -> np.ndarray:
-    """Lay the picture over every plate by the smallest rectangle around it, its longer side along s."""
+    """Lay the picture over every plate by the smallest rectangle around it, its longer side along s.
+
+    Of the two ways round the one whose s runs north is taken, or east on a level: last bits, which differ between CPUs,
+    decide nothing.
+    """
     import shapely  # of the extra `author`, which who only reads this module's callers need not have
 
     st = np.empty((len(part.faces), 3, 2))
@@ -145,10 +149,13 @@ def _covers(part: MeshPart) -> np.ndarray:
     for number in np.unique(plate):
         own = plate == number
         xy = part.points[part.faces[own]][:, :, :2]
-        corner, a, _, b = shapely.get_coordinates(shapely.oriented_envelope(shapely.MultiPoint(xy.reshape(-1, 2))))[:4]
+        outline = shapely.MultiPoint(np.round(xy.reshape(-1, 2), 6))
+        corner, a, _, b = shapely.get_coordinates(shapely.oriented_envelope(outline))[:4]
         along, aside = a - corner, b - corner
-        if np.linalg.norm(along) < np.linalg.norm(aside):
+        if np.linalg.norm(along) < np.linalg.norm(aside) - 1e-5:
             along, aside = aside, along
+        if (np.round(along[1], 5), along[0]) < (0.0, 0.0):
+            corner, along = corner + along, -along
         if along[0] * aside[1] < along[1] * aside[0]:
             corner, aside = corner + aside, -aside  # seen from above, the picture is not mirrored
         axes = np.stack([along / (along @ along), aside / (aside @ aside)], axis=1)

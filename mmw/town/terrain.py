@@ -120,10 +120,14 @@ def _triangulate(
 
 
 def _face_up(faces: np.ndarray, xy: np.ndarray) -> np.ndarray:
+    """Return triangles counter-clockwise from above, in the order of their vertices: Qhull's hangs on last bits."""
     a, b, c = (xy[faces[:, k]] for k in range(3))
     area = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
     faces = np.where((area < 0)[:, None], faces[:, ::-1], faces)
-    return faces[np.abs(area) > 1e-9].astype(np.int32)
+    faces = faces[np.abs(area) > 1e-9].astype(np.int32)
+    turns = (np.argmin(faces, axis=1)[:, None] + np.arange(3)) % 3  # the same triangle, from its first vertex on
+    faces = np.take_along_axis(faces, turns, axis=1)
+    return faces[np.lexsort(faces.T[::-1])]
 
 
 def _heights(xy: np.ndarray, faces: np.ndarray, border: np.ndarray) -> np.ndarray:
