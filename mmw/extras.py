@@ -1,12 +1,15 @@
-"""Optional packages: which extra of the distribution installs each, and the error for one that is missing."""
+"""Optional packages: which extra of the distribution installs each, and the error for one that is missing.
+
+`mmw` on the package index is a program of other people; a message that named it would have users install that.
+"""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 from mmw.errors import MissingPackageError
 
-DISTRIBUTION = "mmw"
-"""Name of this project on a package index; the import name is `mmw`."""
+DISTRIBUTION = "multimodal-wireless"
+"""Name of this project on the package index, `project.name` in pyproject.toml; the import name is `mmw`."""
 
 EXTRA_OF = {
     "shapely": "author", "mapbox_earcut": "author", "scipy": "author",
@@ -21,9 +24,13 @@ EXTRA_OF = {
 """Import name of an optional package -> extra that installs it."""
 
 
-def install_command(extra: str) -> str:
-    """Return the shell command that installs an extra."""
-    return f"pip install '{DISTRIBUTION}[{extra}]'"
+def install(*extras: str) -> str:
+    """Return the shell command that installs this project with optional packages.
+
+    Args:
+        extras: Names under `project.optional-dependencies`, such as `plot`; none for the core alone.
+    """
+    return f"pip install '{DISTRIBUTION}[{','.join(extras)}]'" if extras else f"pip install {DISTRIBUTION}"
 
 
 def missing_package(error: ModuleNotFoundError, what: str = "this command") -> MissingPackageError | None:
@@ -37,7 +44,7 @@ def missing_package(error: ModuleNotFoundError, what: str = "this command") -> M
     if package not in EXTRA_OF:
         return None
     return MissingPackageError(
-        f"{what} needs the package {package}, which is not installed; {install_command(EXTRA_OF[package])}"
+        f"{what} needs the package {package}, which is not installed; {install(EXTRA_OF[package])}"
     )
 
 

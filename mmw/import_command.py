@@ -30,8 +30,8 @@ def main(argv: Sequence[str], prog: str = "mmw import") -> int:
         prog=prog,
         description="Make a town asset, a USD file, of a world from another tool, and say what came out and what to do "
         "next.",
-        epilog="OpenDRIVE and OpenStreetMap need mmw[author]; their files say axes and units themselves. Exit codes: 0 "
-        "done, 2 a file or an option that cannot be used, 1 failure while running.",
+        epilog="OpenDRIVE and OpenStreetMap need the extra author; their files say axes and units themselves. "
+        "Exit codes: 0 done, 2 a file or an option that cannot be used, 1 failure while running.",
     )
     parser.add_argument("file", type=Path, help=f"world to import: {', '.join(KNOWN)}")
     parser.add_argument("--out", type=Path, required=True, help="folder for the asset, or its .usda file")

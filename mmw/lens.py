@@ -38,12 +38,26 @@ TOLERANCE = 1e-11
 
 @dataclass(frozen=True)
 class Distortion:
-    """A lens model with its coefficients; see the module."""
+    """A lens model with its coefficients; see the module.
+
+    Raises:
+        InputError: If the model is unknown, or coefficients are missing or not finite.
+    """
 
     model: LensModel = "pinhole"
     radial: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
     rational: tuple[float, float, float] = (0.0, 0.0, 0.0)
     tangential: tuple[float, float] = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if self.model not in MODELS:
+            raise InputError(f"lens: model = {self.model!r}; one of {', '.join(MODELS)} is needed; choose one")
+        for name, count in (("radial", 4), ("rational", 3), ("tangential", 2)):
+            values = getattr(self, name)
+            if len(values) != count or not all(map(math.isfinite, values)):
+                raise InputError(
+                    f"lens: {name} = {values}; {count} finite numbers are needed; give 0 for an absent one"
+                )
 
     @property
     def coefficients(self) -> tuple[float, ...]:
@@ -142,6 +156,9 @@ class Intrinsics:
     Column u counts to the right, row v downwards, both from 0; the centre of pixel (u, v) is at (u + 0.5, v + 0.5).
     Code that puts pixel centres at whole numbers (OpenCV) uses cx - 0.5 and cy - 0.5 with the same image, and the same
     focal lengths and coefficients.
+
+    Raises:
+        InputError: If the image has no pixels, a focal length is not above 0, or a number is not finite.
     """
 
     width: int
@@ -155,6 +172,16 @@ class Intrinsics:
     cy: float
     """Row of the optical axis [px], pixel edges at whole numbers."""
     distortion: Distortion = Distortion()
+
+    def __post_init__(self) -> None:
+        if not (self.width >= 1 and self.height >= 1):
+            raise InputError(f"camera: {self.width} x {self.height} px; at least 1 x 1 is needed; correct the size")
+        if not (0.0 < self.fx < math.inf and 0.0 < self.fy < math.inf):
+            raise InputError(
+                f"camera: fx = {self.fx:g}, fy = {self.fy:g} px; finite numbers above 0 are needed; correct it"
+            )
+        if not (math.isfinite(self.cx) and math.isfinite(self.cy)):
+            raise InputError(f"camera: cx = {self.cx:g}, cy = {self.cy:g} px; finite numbers are needed; correct them")
 
     def reach(self) -> float:
         """Return the largest |q| of a point of the image [-; fisheye: rad].

@@ -10,9 +10,10 @@ from mmw.errors import InputError
 from mmw.provenance import keep_config, versions
 from mmw.report import Console, closing_summary
 from mmw.shards import Part, all_work, part_of, pending_work
-from mmw.tables.lock import writing
+from mmw.tables.lock import clean_other_parts, writing
 from mmw.tables.manifest import finalize, keep_finished, prepare_root
 from mmw.tables.store import Store, store_of
+from mmw.temporary import Owner
 from mmw.worker import Making
 
 
@@ -38,8 +39,8 @@ def make_dataset(config: Config, *, base: Path, engine: Engine, part: Part, over
     if overwrite and not part.is_whole:
         raise InputError(f"--overwrite with --shard {part}: would remove the other parts; remove {root} first")
     root.check()
-    with writing(root, part.index, part.count, console.say):
-        _make(config, base, root, engine, part, overwrite, console)
+    with writing(root, part.index, part.count, console.say) as owner:
+        _make(config, base, root, engine, part, owner, overwrite, console)
 
 
 def output_of(config: Config, part: Part) -> Store:
@@ -52,7 +53,14 @@ def output_of(config: Config, part: Part) -> Store:
 
 
 def _make(
-    config: Config, base: Path, root: Store, engine: Engine, part: Part, overwrite: bool, console: Console
+    config: Config,
+    base: Path,
+    root: Store,
+    engine: Engine,
+    part: Part,
+    owner: Owner,
+    overwrite: bool,
+    console: Console,
 ) -> None:
     made_with = versions(config, base, engine.device_name)
     prepare_root(root, config.identity(), config.sha256(), made_with, overwrite)
@@ -72,16 +80,12 @@ def _make(
     if config.compute.workers == "auto":
         most = min(most, frames // FRAMES_A_WORKER[engine.devices[0].partition(":")[0]])
     workers = max(min(len(engine.devices), most), 1)
-    making = Making(config, base, root, meta, writer_threads(config.compute.writer_threads, workers))
+    making = Making(config, base, root, meta, writer_threads(config.compute.writer_threads, workers), owner)
     console.begin(total, total - frames, workers)
     if console.done:
         rest = "making the rest" if console.done < total else "nothing to make"
         console.say(f"{root}: {console.done} of {total} frames are there already; {rest}")
-    try:
-        engine.make(making, work, workers, console)
-    finally:
-        for scenario in config.scenarios:  # a worker removes its own, unless it is killed
-            (root.folder / making.shared_name(scenario.name)).unlink(missing_ok=True)
+    engine.make(making, work, workers, console)
     root.leave()
     missing = sum(item.frames for item in pending_work(root, everything))
     if missing:
@@ -92,4 +96,5 @@ def _make(
         return
     with console.clock.stage("manifest"):
         result = finalize(root)
+    clean_other_parts(root, part.index, part.count)
     console.summary(closing_summary(root, config, engine.device_name, workers, result, console.clock, frames))

@@ -13,6 +13,12 @@ def configs_dir() -> Path:
     return Path(str(files("mmw.configs") / "quickstart.yaml")).parent
 
 
+def shipped_configs() -> dict[str, Path]:
+    """Return the shipped configurations by name: those of every scenario, and the others before them."""
+    folder = configs_dir()
+    return {path.stem: path for path in (*sorted(folder.glob("*.yaml")), *sorted(folder.glob("scenarios/*.yaml")))}
+
+
 def assets_dir() -> Path:
     """Return the folder of the shipped USD assets (`towns/`, `vehicles/`, `materials/`)."""
     return Path(str(files("mmw.assets") / "usd"))

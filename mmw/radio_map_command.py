@@ -23,7 +23,7 @@ from mmw.channel.measuring import MeasuringSurface, plane_grid, road_grid
 from mmw.channel.radio_map import RadioMap, RadioMapConfig, Transmitters, actor_transmitters, radio_map
 from mmw.command import add_log_options, run_command
 from mmw.compute.device import choose_device, device_name
-from mmw.config import Config, ScenarioConfig, load_config
+from mmw.config import CONFIG_HELP, Config, ScenarioConfig, config_path, load_config
 from mmw.errors import InputError
 from mmw.extras import needed_by
 from mmw.plan import check_inputs
@@ -68,9 +68,9 @@ def parser(prog: str = "mmw radiomap") -> argparse.ArgumentParser:
         prog=prog,
         description="Trace a radio map: path gain, RSS and SINR of a scenario's roadside units over its roads or over "
         "a plane, at one moment, vehicles included.",
-        epilog="Writes SCENARIO_radio_map.parquet and SCENARIO_radio_map.png (the picture needs mmw[plot]).",
+        epilog="Writes SCENARIO_radio_map.parquet and SCENARIO_radio_map.png (the picture needs the extra plot).",
     )
-    result.add_argument("--config", required=True, metavar="FILE", help="configuration file (YAML)")
+    result.add_argument("--config", required=True, metavar="FILE", help=CONFIG_HELP)
     result.add_argument("overrides", nargs="*", metavar="key=value", help="replace values of the configuration")
     result.add_argument("--scenario", default="", metavar="NAME", help="scenario; the first by default")
     result.add_argument("--weather", default="", metavar="NAME", help="weather; the configuration's first by default")
@@ -137,7 +137,7 @@ def run(arguments: argparse.Namespace) -> list[str]:
         InputError: If the scenario has no such weather or frame, or no transmitter, or the map is impossible.
         OutOfSpaceError: If the disk is full.
     """
-    path = Path(arguments.config)
+    path = config_path(arguments.config)
     patch: dict[str, Any] = {"weathers": [arguments.weather]} if arguments.weather else {}
     config = load_config(path, arguments.overrides, patch)
     select_bvh(config.compute.bvh)

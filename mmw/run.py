@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from mmw.command import add_log_options, fail, run_command
-from mmw.config import Config, ConfigError, load_config
+from mmw.config import CONFIG_HELP, Config, ConfigError, config_path, load_config
 from mmw.config.load import json_schema, to_yaml
 from mmw.engines.nursery import import_ahead, may_be_several
 from mmw.errors import OutOfMemoryError
@@ -24,12 +24,10 @@ def parser(prog: str = "python -m mmw.run") -> argparse.ArgumentParser:
     result = argparse.ArgumentParser(
         prog=prog,
         description="Make a multimodal wireless dataset from one configuration file.",
-        epilog="A first run, without a GPU: %(prog)s --config configs/quickstart.yaml --out out/first. The same "
+        epilog="A first run, without a GPU: %(prog)s --config quickstart --out out/first. The same "
         "command again resumes. Exit codes: 0 done, 2 bad configuration or input, 1 failure while running.",
     )
-    result.add_argument(
-        "--config", required=False, metavar="FILE", help="configuration file (YAML), such as configs/quickstart.yaml"
-    )
+    result.add_argument("--config", required=False, metavar="FILE", help=CONFIG_HELP)
     result.add_argument(
         "overrides",
         nargs="*",
@@ -72,7 +70,7 @@ def main(argv: Sequence[str] | None = None, prog: str = "python -m mmw.run") -> 
         print(json.dumps(json_schema(), indent=2))
         return 0
     if not arguments.config:
-        return fail(["--config FILE is missing; a first one to try is configs/quickstart.yaml"])
+        return fail(["--config FILE is missing; a first one to try is --config quickstart"])
     patch = {
         key: value
         for key, value in (
@@ -88,11 +86,12 @@ def main(argv: Sequence[str] | None = None, prog: str = "python -m mmw.run") -> 
 
     def work() -> int:
         LOGGER.info("configuration %s, overrides %s, options %s", arguments.config, arguments.overrides, patch)
-        config = load_config(arguments.config, arguments.overrides, patch)
+        path = config_path(arguments.config)
+        config = load_config(path, arguments.overrides, patch)
         if arguments.print_config:
             print(to_yaml(config), end="")
             return 0
-        return execute(config, Path(arguments.config), **options)
+        return execute(config, path, **options)
 
     return run_command(
         work,

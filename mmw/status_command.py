@@ -8,10 +8,9 @@ from mmw.command import add_log_options, run_command
 from mmw.provenance import stored_config
 from mmw.report import si
 from mmw.shards import Work, all_work, pending_work
-from mmw.tables.lock import writers
+from mmw.tables.lock import temporaries, writers
 from mmw.tables.manifest import MANIFEST, read_markers
 from mmw.tables.store import store_of
-from mmw.temporary import is_temporary
 
 
 def main(argv: Sequence[str], prog: str = "mmw status") -> int:
@@ -44,7 +43,7 @@ def _status(address: str) -> int:
         print(f"being written: {line}")
     if done == total and root.sizes([MANIFEST]):
         return 0
-    left = sum(1 for path in root.staging.rglob(".*") if is_temporary(path))
+    left = len(temporaries(root.staging))
     if not running:
         left_text = f"; {left} unfinished files of a killed run, which it removes" if left else ""
         if done == total:

@@ -14,8 +14,8 @@ def main(argv: Sequence[str], prog: str = "mmw town") -> int:
     parser = argparse.ArgumentParser(prog=prog, description="Build, check and draw towns.")
     commands = parser.add_subparsers(dest="command", required=True)
     build = commands.add_parser(
-        "build", help="build a town from its YAML description (needs mmw[author])",
-        description="Build the USD asset of a town from its YAML description (docs/towns.md). Needs mmw[author].",
+        "build", help="build a town from its YAML description (needs the extra author)",
+        description="Build the USD asset of a town from its YAML description (docs/towns.md). Needs the extra author.",
     )  # fmt: skip
     build.add_argument("description", help="the town's YAML file, or the name of a shipped town")
     build.add_argument("--out", type=Path, help="folder for the built asset; the description's own by default")
@@ -32,7 +32,7 @@ def main(argv: Sequence[str], prog: str = "mmw town") -> int:
         help="radio material for meshes without one, such as '/World/Wall*=itu_concrete'; may be repeated",
     )  # fmt: skip
     render = commands.add_parser(
-        "render", help="draw a town: from above, three streets, its lanes (needs mmw[plot])",
+        "render", help="draw a town: from above, three streets, its lanes (needs the extra plot)",
         description="Draw a town, or any USD stage, by the RGB camera, from above and in three streets, and its lanes.",
     )  # fmt: skip
     render.add_argument("stage", help="USD file, or the name of a shipped town")

@@ -7,6 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from mmw.command import add_log_options, run_command
+from mmw.config import CONFIG_HELP
 from mmw.errors import InputError
 
 SUFFIXES = (".png", ".jpg", ".jpeg")
@@ -41,7 +42,7 @@ def _parser(prog: str) -> argparse.ArgumentParser:
         "--weather", default="", help="weather of the dataset or configuration, or of a picture a preset"
     )
 
-    shown = parser.add_argument_group("a dataset (needs mmw[viz])")
+    shown = parser.add_argument_group("a dataset (needs the extra viz)")
     shown.add_argument("--frames", metavar="A:B[:STEP]", help="frames A to B - 1; all by default, thinned to 200")
     shown.add_argument("--agents", metavar="A,B", help="agents whose sensors and links are shown; all by default")
     shown.add_argument("--lidar-color", metavar="BY", help="object (default), class, intensity or label")
@@ -53,7 +54,7 @@ def _parser(prog: str) -> argparse.ArgumentParser:
 
     still = parser.add_argument_group("one picture")
     still.add_argument("--still", type=Path, metavar="OUT", help="file of the picture, .png or .jpg")
-    still.add_argument("--config", type=Path, metavar="FILE", help="configuration: its town with its traffic")
+    still.add_argument("--config", type=Path, metavar="FILE", help=f"{CONFIG_HELP}: its town with its traffic")
     still.add_argument("--town", metavar="NAME", help="shipped town or USD file, as it is")
     still.add_argument("--frame", type=int, help="frame; the first by default")
     still.add_argument("--agent", help="agent through whose --camera the picture is seen, such as cav_1")

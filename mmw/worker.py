@@ -6,11 +6,10 @@ import time
 from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any
-from uuid import uuid4
 
 from mmw.compute.cuda import keep_memory, wait_asleep
 from mmw.compute.device import GPU_BYTES_A_WORKER, device_name
@@ -30,6 +29,7 @@ from mmw.tables.publish import publish_bytes
 from mmw.tables.rows.world import static_rows
 from mmw.tables.store import Store
 from mmw.tables.writer import ShardWriter, write_scenario
+from mmw.temporary import Owner
 
 BATCHES_IN_FLIGHT = 2
 """Batches that may wait for the writers. Tracing pauses beyond that, which bounds memory: 50 frames of the paper's
@@ -49,14 +49,18 @@ class Making:
     """What goes into every marker besides the worker's device; see `write_shard`."""
     threads: int
     """Threads of each worker that encode and write."""
-    run: str = field(default_factory=lambda: uuid4().hex[:12])
-    """Mark of this run in the names of files that its workers share."""
+    owner: Owner = field(default_factory=Owner)
+    """Mark of this run, or of one of its workers, in the names of unfinished files."""
     log_level: int = field(default_factory=lambda: logging.getLogger("mmw").getEffectiveLevel())
     """Lowest level of log records that workers send to the run."""
 
     def shared_name(self, scenario: str) -> str:
         """Return the name in `root.folder` of what the first worker of this run has read of a scenario."""
-        return f".{scenario}.{self.run}.tmp.scene"
+        return f".{scenario}.{replace(self.owner, worker=None)}.tmp.scene"
+
+    def for_worker(self, number: int) -> "Making":
+        """Return the same for one of the run's workers."""
+        return replace(self, owner=replace(self.owner, worker=number))
 
 
 class Worker:

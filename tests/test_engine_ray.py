@@ -11,7 +11,7 @@ from types import ModuleType
 
 import pytest
 
-ray = pytest.importorskip("ray", reason="Ray is not installed: pip install 'mmw[ray]'")
+ray = pytest.importorskip("ray", reason="Ray is not installed: pip install 'multimodal-wireless[ray]'")
 
 import mmw.engines.ray as engine  # noqa: E402
 from mmw.config import load_config  # noqa: E402
@@ -21,10 +21,13 @@ from mmw.provenance import versions  # noqa: E402
 from mmw.report import Console  # noqa: E402
 from mmw.run import main  # noqa: E402
 from mmw.shards import all_work  # noqa: E402
+from mmw.tables.lock import temporaries  # noqa: E402
 from mmw.tables.manifest import read_dataset  # noqa: E402
 from mmw.tables.store import Folder  # noqa: E402
 from mmw.tables.verify import verify  # noqa: E402
 from mmw.worker import Making  # noqa: E402
+from tests import dying_actors  # noqa: E402
+from tests.dying_workers import note_of  # noqa: E402
 from tests.own_world import SMALL, assert_same_rows, command, write_own_world  # noqa: E402
 from tests.s3_server import Server, s3  # noqa: E402
 
@@ -101,6 +104,18 @@ def test_a_killed_actor_is_replaced(
     assert out.startswith("20 frames in") and "raylet" not in out + err
     assert_same_rows(world / "alone", world / "killed")
     assert verify(world / "killed") == []
+
+
+@pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="finds the names of open files in /proc")
+def test_an_actor_killed_while_it_writes_leaves_nothing(
+    world: Path, here: str, capfd: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(engine, "Actor", dying_actors.Actor)
+    assert run(world, "writing", "--workers", "1") == 0
+    assert capfd.readouterr().err.count("a worker on cpu died on Ray node") == 1
+    assert note_of(world / "writing", 0).read_text().startswith(".part-")
+    assert temporaries(world / "writing") == [] and verify(world / "writing") == []
+    assert_same_rows(world / "alone", world / "writing")
 
 
 def test_the_error_of_a_worker_is_one_line(world: Path, here: str, capfd: pytest.CaptureFixture) -> None:

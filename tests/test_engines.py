@@ -28,7 +28,7 @@ from mmw.tables.lock import only_one, writers, writing
 from mmw.tables.manifest import prepare_root
 from mmw.tables.store import Folder
 from mmw.tables.verify import verify
-from mmw.temporary import is_temporary
+from mmw.temporary import Owner, is_temporary
 from mmw.worker import Making, Worker
 from tests.own_world import SMALL, assert_same_rows, command, write_own_world
 
@@ -137,7 +137,7 @@ def test_an_engine_that_is_not_installed(
     monkeypatch.setitem(sys.modules, "ray", None)
     assert main(command(world, "none", "--engine", "ray")) == 2
     lines = capsys.readouterr().err.splitlines()
-    assert len(lines) == 1 and "the package ray is missing; pip install 'mmw[ray]'" in lines[0]
+    assert len(lines) == 1 and "the package ray is missing; pip install 'multimodal-wireless[ray]'" in lines[0]
     assert main(command(world, "none", "--engine", "ray", "--dry-run")) == 0
     assert "20 frames in all on a Ray cluster" in capsys.readouterr().out
     assert main(command(world, "none", "--engine", "slurm")) == 2
@@ -167,7 +167,7 @@ def test_workers_read_a_scenario_once(world: Path, monkeypatch: pytest.MonkeyPat
         one.finish()
         other.finish()
     assert len(read) == 1 and not list(root.glob(".*.scene"))
-    with Worker(replace(making, run="another"), "cpu", console) as later:
+    with Worker(replace(making, owner=Owner()), "cpu", console) as later:
         later.make(items[2])
         later.finish()
     assert len(read) == 2  # nothing of one run is used by the next

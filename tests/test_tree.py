@@ -132,6 +132,55 @@ def test_rays_find_what_the_oracle_finds(device: str, seed: int) -> None:
     np.testing.assert_allclose(t[face >= 0], expected[face >= 0], rtol=1e-5, atol=1e-5)
 
 
+def plain_distances(origin: np.ndarray, direction: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Return the distance of every triangle on every ray, inf for a miss, shape [R, T], in the order of the walk.
+
+    NumPy rounds every product and every sum to float32 and fuses none.
+    """
+    longest = np.argmax(np.abs(direction[:, ::-1]), axis=1)[:, None]  # of equal ones z before y; x comes before y below
+    axis = 2 - longest
+    is_x = (np.abs(direction[:, 0]) >= np.abs(direction[:, 1]))[:, None] & (axis != 2)
+    axis = np.where(is_x, 0, axis)
+    order = (axis + np.array([1, 2, 0])) % 3
+    along, rows = np.take_along_axis(direction, order, axis=1), np.arange(len(corners))
+    inverse = np.float32(1.0) / along[:, 2]
+    local = (corners[None] - origin[:, None, None])[np.arange(len(origin))[:, None, None, None], rows[:, None, None],
+                                                   np.arange(3)[:, None], order[:, None, None, :]]  # fmt: skip
+    u, v = (local[..., k] + (-along[:, k] * inverse)[:, None, None] * local[..., 2] for k in (0, 1))
+    a, b, g = ((u[..., i] * v[..., j] - v[..., i] * u[..., j]) for i, j in ((2, 1), (0, 2), (1, 0)))
+    is_flat = (a == 0) | (b == 0) | (g == 0)
+    x, y = u.astype(float), v.astype(float)
+    a, b, g = (
+        np.where(is_flat, (x[..., i] * y[..., j] - y[..., i] * x[..., j]).astype(np.float32), edge)
+        for edge, (i, j) in zip((a, b, g), ((2, 1), (0, 2), (1, 0)), strict=True)
+    )
+    volume, w = a + b + g, inverse[:, None, None] * local[..., 2]
+    sides = np.stack([a, b, g])
+    is_met = ~((sides < 0).any(axis=0) & (sides > 0).any(axis=0)) & (volume != 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t = (a * w[..., 0] + b * w[..., 1] + g * w[..., 2]) / volume
+    assert t.dtype == np.float32
+    return np.where(is_met & (t >= 0), t, np.inf)
+
+
+def test_distances_have_the_bits_of_plain_float32(device: str) -> None:
+    """On every device: a product that is fused with a sum, as CUDA's compiler would, changes half of them."""
+    corners = soup(7, 300, size=2.0)
+    corners[:100, :, 2] = np.rint(corners[:100, :, 2])
+    rng = np.random.default_rng(7)
+    origin = rng.uniform(-15.0, 15.0, (400, 3)).astype(np.float32)
+    direction = rng.uniform(-8.0, 8.0, (400, 3)) - origin
+    direction = (direction / np.linalg.norm(direction, axis=1, keepdims=True)).astype(np.float32)
+    origin[:50], direction[:50] = corners[:50, 0] - 5 * direction[:50], direction[:50]  # at corners
+    direction[50:56] = np.concatenate([np.eye(3), -np.eye(3)])
+    t, face = cast(device, one(device, corners), 0, origin, direction, np.inf)
+    expected = plain_distances(origin, direction, corners)
+    np.testing.assert_array_equal(t, expected.min(axis=1))
+    is_hit = face >= 0
+    assert is_hit.sum() > 200
+    np.testing.assert_array_equal(face[is_hit], expected.argmin(axis=1)[is_hit])
+
+
 def test_no_ray_passes_between_neighbours(device: str) -> None:
     corners = grid(24)
     rng = np.random.default_rng(2)

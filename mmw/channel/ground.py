@@ -37,13 +37,17 @@ class Soil:
 
     def __post_init__(self) -> None:
         shares = (self.sand_percent, self.clay_percent)
-        if min(shares) < 0.0 or sum(shares) > 100.0:
+        if not (min(shares) >= 0.0 and sum(shares) <= 100.0):
             raise InputError(
                 f"soil: sand {self.sand_percent:g} %, clay {self.clay_percent:g} %; each must be at least 0 and both "
                 "together at most 100; correct the texture"
             )
         if not 0.0 < self.moisture <= 1.0:
             raise InputError(f"soil: moisture = {self.moisture:g}; above 0 to 1 is needed; give a share of volume")
+        for name in ("specific_gravity", "bulk_density_g_cm3"):
+            value = getattr(self, name)
+            if value is not None and not 0.0 < value < math.inf:
+                raise InputError(f"soil: {name} = {value:g}; a finite number above 0 is needed; correct it")
 
 
 def bulk_density(sand_percent: float, clay_percent: float) -> float:

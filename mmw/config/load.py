@@ -9,6 +9,7 @@ import yaml
 from mmw.config.include import include_scenarios
 from mmw.config.model import Config
 from mmw.config.override import set_value
+from mmw.config.shipped import config_path
 from mmw.config.yaml_file import ConfigError, Loader, read_yaml, reason_of, validated
 from mmw.errors import InputError
 
@@ -19,14 +20,14 @@ def load_config(path: str | Path, overrides: Sequence[str] = (), patch: dict[str
     """Read, override and validate a configuration.
 
     Args:
-        path: YAML file.
+        path: YAML file, or the name of a shipped configuration, see `config_path`.
         overrides: `a.b=c` items applied in order, see `set_value`; values are YAML.
         patch: Dotted key -> value, applied last (the command line's own options).
 
     Raises:
         ConfigError: If the file, an override or a value cannot be used.
     """
-    path = Path(path)
+    path = config_path(path)
     data = _read(path)
     try:
         data = include_scenarios(data, path, _read)

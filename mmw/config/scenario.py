@@ -37,7 +37,7 @@ class TrafficConfig(Section):
     """The moving vehicles of a scenario, and who of them is connected."""
 
     engine: Literal["idm", "sumo", "file"] = Field(
-        "idm", description="mmw's own engine, SUMO (needs mmw[sumo]), or a table of trajectories (token)"
+        "idm", description="mmw's own engine, SUMO (needs the extra sumo), or a table of trajectories (token)"
     )
     vehicle_count: int = Field(20, ge=1, le=500, description="vehicles in the scenario, CAVs included (count)")
     spawn_center_m: Vec3 = Field(description="x_spawn: vehicles take the spawn points nearest to it, world frame [m]")

@@ -12,7 +12,8 @@ from mmw.engines.queue import WorkQueue
 from mmw.engines.relay import ENDED, FAILED, LOG, NOTE, READY, TRACED, Message
 from mmw.report import Console
 from mmw.shards import Work, pending_work
-from mmw.tables.store import Store
+from mmw.tables.lock import remove_temporaries
+from mmw.worker import Making
 
 
 class LostError(Exception):
@@ -62,24 +63,24 @@ class Crew(Generic[L]):
 
     def __init__(
         self,
-        root: Store,
+        making: Making,
         work: Sequence[Work],
         devices: Sequence[str],
         console: Console,
-        start: Callable[[str], L],
+        start: Callable[[Making, str], L],
         wait: Callable[[list[L]], Iterable[L]],
     ):
         """Queue the work.
 
         Args:
-            root: Where the dataset is.
+            making: What is made.
             work: The work.
             devices: Device of each worker; the same may stand there more than once.
             console: Where progress goes.
-            start: Starts a worker on a device.
+            start: Starts a worker, which makes what `making` says, on a device.
             wait: Returns those of some links that have something to receive; none if it waited long enough.
         """
-        self._root = root
+        self._making = making
         self._queue = WorkQueue(work, len(devices))
         self._devices = devices
         self._console = console
@@ -106,7 +107,8 @@ class Crew(Generic[L]):
                 link.kill()
 
     def _hire(self, device: str) -> None:
-        self._members[self._start(device)] = _Member(self._born, device)
+        making = self._making.for_worker(self._born)
+        self._members[self._start(making, device)] = _Member(self._born, device)
         self._born += 1
 
     def _hear(self, link: L, member: _Member) -> None:
@@ -148,7 +150,10 @@ class Crew(Generic[L]):
 
     def _lost(self, member: _Member, cause: str) -> None:
         """Replace a worker that died, and queue what it had not finished."""
-        unfinished = pending_work(self._root, member.has)
+        own, root = self._making.for_worker(member.number).owner, self._making.root
+        # On another machine it may only be out of reach. Then what it writes fails, and another one makes that again.
+        remove_temporaries(root.staging, lambda owner: owner == own)
+        unfinished = pending_work(root, member.has)
         self._console.say(f"a worker on {member.device} died {cause}; its work goes to another one")
         finished = sum(item.frames for item in member.has) - sum(item.frames for item in unfinished)
         self._console.done -= member.traced - finished

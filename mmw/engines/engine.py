@@ -9,7 +9,7 @@ from mmw.config.compute import ComputeConfig
 from mmw.engines.alone import make_alone
 from mmw.engines.processes import make_in_processes
 from mmw.errors import InputError
-from mmw.extras import install_command
+from mmw.extras import install
 from mmw.report import Console
 from mmw.shards import Work
 from mmw.worker import Making
@@ -70,7 +70,7 @@ def open_engine(compute: ComputeConfig, console: Console) -> Iterator[Engine]:
         if error.name != "ray":
             raise
         raise InputError(
-            f"compute.engine = 'ray': the package ray is missing; {install_command('ray')}, or use --engine local"
+            f"compute.engine = 'ray': the package ray is missing; {install('ray')}, or use --engine local"
         ) from None
     with connected(compute, console) as engine:
         yield engine

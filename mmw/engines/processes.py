@@ -24,7 +24,7 @@ def make_in_processes(making: Making, work: Sequence[Work], devices: Sequence[st
         devices: Device of each worker; the same may stand there more than once.
         console: Where progress goes.
     """
-    Crew(making.root, work, devices, console, lambda name: _Process(making, name), _wait).run()
+    Crew(making, work, devices, console, _Process, _wait).run()
 
 
 class _Process:

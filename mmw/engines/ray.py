@@ -11,7 +11,6 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import ray
@@ -25,12 +24,12 @@ from mmw.engines.queue import WorkerLostError
 from mmw.engines.ray_cluster import Room, cluster, machines, room_for
 from mmw.engines.relay import NOTE, Message, serve
 from mmw.errors import InputError
-from mmw.extras import install_command
+from mmw.extras import install
 from mmw.provenance import versions
 from mmw.report import Console
 from mmw.shards import Work, pending_work
 from mmw.tables.store import LOCKS, Store
-from mmw.temporary import temporary_path
+from mmw.temporary import Owner, temporary_path
 from mmw.worker import Making
 
 PATIENCE_S = 30.0
@@ -94,9 +93,9 @@ class RayEngine:
         making = replace(making, base=making.base.absolute(), root=making.root.anywhere())
         here = versions(making.config, making.base, self.device_name)
 
-        def start(device: str) -> _Link:
+        def start(own: Making, device: str) -> _Link:
             actor, self._first = self._first or self._new_actor(), None
-            return _Link(actor, device, task)
+            return _Link(actor, device, task, own.owner)
 
         def wait(links: list[_Link]) -> list[_Link]:
             heard = {link.listen(): link for link in links}
@@ -105,7 +104,7 @@ class RayEngine:
 
         with _sign(making.root) as sign:
             task = ray.put(Task(making, replace(self._room, workers=workers), sign, here))
-            Crew(making.root, work, self.devices[:workers], console, start, wait).run()
+            Crew(making, work, self.devices[:workers], console, start, wait).run()
         _wait_until_seen(making.root, work, console)
 
     def close(self) -> None:
@@ -152,17 +151,18 @@ class Actor:
         """Return a device's name for people, and a GPU's memory [bytes]; see `choose_device` for errors."""
         return device_name(choose_device(device)), gpu_bytes(device)
 
-    def begin(self, device: str, task: Task) -> tuple[str, list[Message]]:
+    def begin(self, device: str, task: Task, owner: Owner) -> tuple[str, list[Message]]:
         """Begin to work; see `talk` for what it returns.
 
         Args:
             device: Warp device name.
             task: What is made, and how.
+            owner: Mark of this worker.
         """
         own = ray.get_runtime_context().get_node_id()
         has = next(node["Resources"] for node in ray.nodes() if node["NodeID"] == own)
         threads = writer_threads(task.making.config.compute.writer_threads, task.room.workers_on(has))
-        making = replace(task.making, threads=threads)
+        making = replace(task.making, threads=threads, owner=owner)
         arguments = (making, device, self._given.get, self._said.put, lambda: self._check(task))
         threading.Thread(target=serve, args=arguments, daemon=True).start()
         return self._node, []
@@ -211,12 +211,12 @@ class Actor:
 class _Link:
     """The run's end of the connection to an actor."""
 
-    def __init__(self, actor: Any, device: str, task: Any):
+    def __init__(self, actor: Any, device: str, task: Any, owner: Owner):
         self.node = ""
         """Its machine; empty until it has begun."""
         self._actor = actor
         self._given: list[Work | None] = []
-        self._heard: Any = actor.begin.remote(device, task)
+        self._heard: Any = actor.begin.remote(device, task, owner)
 
     def listen(self) -> Any:
         """Return Ray's reference to what the worker says next; hand over what it was given."""
@@ -247,7 +247,7 @@ class _Link:
 @contextmanager
 def _sign(root: Store) -> Iterator[str]:
     """Keep a file of this run alone in a dataset: who sees it sees that dataset, not another of the same name."""
-    name = temporary_path(Path(LOCKS, "ray")).as_posix()
+    name = temporary_path(root.staging / LOCKS / "ray").relative_to(root.staging).as_posix()
     root.publish(name, b"")
     try:
         yield name
@@ -278,9 +278,7 @@ def _meaning(error: RayError) -> Exception:
     if isinstance(cause, InputError):
         return InputError(f"Ray node {_node(error)}: {cause}")
     if isinstance(cause, ImportError) or getattr(error, "actor_init_failed", False):
-        return InputError(
-            f"Ray node {_node(error)}: {_reason(error)}; all nodes need the same mmw: {install_command('ray')}"
-        )
+        return InputError(f"Ray node {_node(error)}: {_reason(error)}; all nodes need the same mmw: {install('ray')}")
     if cause is not None:  # a bug: Ray's error holds the trace of the node
         return error
     return WorkerLostError(

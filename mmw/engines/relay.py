@@ -12,6 +12,7 @@ from typing import Any
 
 from mmw.report import Clock
 from mmw.shards import Work
+from mmw.temporary import owned
 from mmw.worker import Making, Worker
 
 READY, TRACED, NOTE, LOG, ENDED, FAILED = "ready", "traced", "note", "log", "ended", "failed"
@@ -99,7 +100,7 @@ def serve(
         try:
             check()
             LOGGER.info("worker on %s begins", device)
-            with Worker(making, device, relay) as worker:
+            with owned(making.root.staging, making.owner), Worker(making, device, relay) as worker:
                 send_whole((READY,))
                 while (work := receive()) is not None:
                     LOGGER.info("makes %s", work)

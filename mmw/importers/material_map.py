@@ -15,7 +15,6 @@ from mmw.materials import RadioMaterial
 from mmw.town.parts import MeshPart
 from mmw.usd.library import LIBRARY
 from mmw.usd.material_map import find_pattern, mapped_radio, unknown_names
-from mmw.usd.materials import check_radio
 
 NEEDED = 'a map of patterns, such as "*wall*": {radio: itu_brick}'
 """What the file of a material map holds."""
@@ -173,7 +172,6 @@ def _check(where: str, material: ForeignMaterial, radio_rows: Collection[str] | 
     if radio is None:
         return
     named = f"{where}: material {material.source or material.name!r}"
-    check_radio(named, radio)
     if radio.model == "itu" and radio_rows is not None and radio.itu not in radio_rows:
         raise InputError(
             f"{named}: the radio material {radio.itu!r} does not exist; use one of {', '.join(sorted(radio_rows))}; "

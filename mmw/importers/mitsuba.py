@@ -2,8 +2,9 @@
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -14,10 +15,13 @@ from mmw.importers import mitsuba_values as values
 from mmw.importers.meshes import Y_UP, PartsList, PrimNames, identifier, transformed
 from mmw.importers.world import ForeignMaterial, World
 from mmw.importers.xml_nodes import XmlNode
-from mmw.materials import RadioMaterial
+from mmw.materials import LOBE_EXPONENTS, RadioMaterial, wrong_radio_value
 
 DEFAULT_THICKNESS_M = 0.1
 """Thickness of a radio material that gives none [m]. Source: Sionna RT 2, `DEFAULT_THICKNESS`."""
+
+XML_NAMES = {"scattering": "scattering_coefficient", "xpd": "xpd_coefficient", "lobe_share": "lambda_", "itu": "type"}
+"""Field of a radio material -> its name in a file, where that is another."""
 
 SECTIONS = 32
 """Sides of a round shape; design value."""
@@ -181,33 +185,42 @@ def _radio(node: XmlNode, source: str) -> RadioMaterial | None:
     thickness = values.number(node, "thickness", DEFAULT_THICKNESS_M)
     named = re.match(r"(?:mat-)?itu[-_]([A-Za-z_]*[A-Za-z])", source)
     kind = node.get("type")
-    pattern = values.text(node, "scattering_pattern", "lambertian")
-    if pattern not in ("lambertian", "directive", "backscattering"):
-        raise InputError(
-            f"{node.where}: scattering_pattern = {pattern!r}; lambertian, directive or backscattering is needed"
-        )
     scattering = {
         "scattering": values.number(node, "scattering_coefficient", 0.0),
         "xpd": values.number(node, "xpd_coefficient", 0.0),
-        "scattering_pattern": pattern,
-        "alpha_r": int(values.number(node, "alpha_r", 4)),
-        "alpha_i": int(values.number(node, "alpha_i", 4)),
+        "scattering_pattern": values.text(node, "scattering_pattern", "lambertian"),
+        "alpha_r": values.number(node, "alpha_r", 4),
+        "alpha_i": values.number(node, "alpha_i", 4),
         "lobe_share": values.number(node, "lambda_", 1.0),
     }
     if kind == "itu-radio-material" or named:
         row = values.text(node, "type") or (named[1] if named else "")
         if not row:
             raise InputError(f"{node.where}: the material {source!r} has no <string name='type'>; add a row of P.2040")
-        return RadioMaterial("itu", itu=f"itu_{row}", thickness=thickness, **scattering)
+        return _checked(node, model="itu", itu=f"itu_{row}", thickness=thickness, **scattering)
     if kind == "radio-material":
-        return RadioMaterial(
-            "constant",
+        return _checked(
+            node,
+            model="constant",
             relative_permittivity=values.number(node, "relative_permittivity", 1.0),
             conductivity=values.number(node, "conductivity", 0.0),
             thickness=thickness,
             **scattering,
         )
     return None
+
+
+def _checked(node: XmlNode, **given: Any) -> RadioMaterial:
+    """Return a radio material of the fields that are given; its errors name the node and the name in the file."""
+    exponents = {name: int(given[name]) for name in LOBE_EXPONENTS if given[name] == int(given[name])}
+    fields = {**asdict(RadioMaterial("constant")), **given, **exponents}
+    wrong = wrong_radio_value(fields)
+    if wrong is not None:
+        name, needed = wrong
+        raise InputError(
+            f"{node.where}: {XML_NAMES.get(name, name)} = {fields[name]!r}; {needed} is needed; correct the value"
+        )
+    return RadioMaterial(**fields)
 
 
 def _load(node: XmlNode, folder: Path) -> Mesh:

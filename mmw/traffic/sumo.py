@@ -15,7 +15,7 @@ import numpy as np
 from mmw.config import TrafficConfig
 from mmw.constants import FRAME_RATE_HZ
 from mmw.errors import InputError
-from mmw.extras import install_command
+from mmw.extras import install
 from mmw.town.lanes import LaneGraph
 from mmw.traffic import sumo_worker
 from mmw.traffic.driver import ACCELERATION, BRAKING, HARDEST_BRAKING, STANDSTILL_GAP, STEP
@@ -138,7 +138,7 @@ def check_sumo() -> None:
         InputError: If it is not.
     """
     if find_spec("libsumo") is None:
-        raise InputError(f"engine = 'sumo': the package libsumo is not installed; run: {install_command('sumo')}")
+        raise InputError(f"engine = 'sumo': the package libsumo is not installed; run: {install('sumo')}")
 
 
 def _lane_speed(graph: LaneGraph, name: str, limit: np.ndarray) -> float:

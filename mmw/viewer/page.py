@@ -9,7 +9,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
 from mmw.errors import InputError
-from mmw.extras import install_command
+from mmw.extras import install
 
 HOST = "127.0.0.1"
 """The only address that is listened on."""
@@ -44,7 +44,7 @@ def closed_page(page: str) -> str:
         InputError: If it is not built as expected.
     """
     if "<head>" not in page:
-        raise InputError(f"view: the page of the installed Rerun is not the expected one; {install_command('viz')}")
+        raise InputError(f"view: the page of the installed Rerun is not the expected one; {install('viz')}")
     return FONTS.sub("", page).replace("<head>", f"<head>\n    {GUARD}", 1)
 
 

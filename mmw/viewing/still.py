@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from mmw.bvh import select_bvh
 from mmw.compute.device import choose_device
-from mmw.config import Config, RgbConfig, ScenarioConfig, load_config
+from mmw.config import Config, RgbConfig, ScenarioConfig, config_path, load_config
 from mmw.errors import InputError
 from mmw.inspect.check import stage_path
 from mmw.inspect.world import open_world
@@ -86,7 +86,7 @@ class PictureSize:
 
 
 def draw_scenario(
-    path: Path,
+    path: str | Path,
     viewpoint: Viewpoint,
     size: PictureSize,
     *,
@@ -100,7 +100,7 @@ def draw_scenario(
     From a camera of the configuration it is the very image that a run stores, before compression.
 
     Args:
-        path: Configuration file.
+        path: Configuration file, or the name of a shipped one.
         viewpoint: Where from; the first CAV is followed if it says nothing.
         size: Image size and samples.
         scenario: Its name; the first if empty.
@@ -111,6 +111,7 @@ def draw_scenario(
     Raises:
         InputError: If there is no such scenario, frame, weather, agent or camera, or the configuration cannot be used.
     """
+    path = config_path(path)
     config = load_config(path)
     select_bvh(config.compute.bvh)
     found = _scenario(config, path, scenario)
