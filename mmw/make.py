@@ -62,7 +62,7 @@ def _make(
     overwrite: bool,
     console: Console,
 ) -> None:
-    made_with = versions(config, base, engine.device_name)
+    made_with = versions(config, base, engine.machine)
     prepare_root(root, config.identity(), config.sha256(), made_with, overwrite)
     keep_config(config, base, root)
     meta = {

@@ -89,19 +89,24 @@ def check_continuation(root: Root, config: Config, now: Mapping[str, Any]) -> li
             )
         notes += [f"{root}: {name} changed since; the dataset goes on with its own copy" for name in changed]
     old, new = ({**made, **made.get("packages", {})} for made in (before, now))
-    for name in ("mmw", "git", "device", *before.get("packages", {})):
+    if old.get("device") != new.get("device"):
+        notes.append(
+            f"{root}: begun on {old.get('device')}, goes on on {new.get('device')}: all rows are right, but the last "
+            "bits may differ between the two (docs/determinism.md); for the same bits throughout, go on where it began"
+        )
+    for name in ("mmw", "git", *before.get("packages", {})):
         if old.get(name) != new.get(name):
             notes.append(f"{root}: begun with {name} {old.get(name)!r}, goes on with {new.get(name)!r}")
     return notes
 
 
-def versions(config: Config, base: Path, device_name: str) -> dict[str, Any]:
+def versions(config: Config, base: Path, machine: str) -> dict[str, Any]:
     """Return what makes the data: versions, revision, device, and the hashes of towns, stages and trajectories.
 
     Args:
         config: The configuration.
         base: Folder that relative paths in it start from.
-        device_name: The device's name for people.
+        machine: Kind of machine that makes it, see `machine_kind`.
 
     Raises:
         InputError: If a file of the configuration does not exist.
@@ -125,7 +130,7 @@ def versions(config: Config, base: Path, device_name: str) -> dict[str, Any]:
         "git": git_revision(),
         "python": platform.python_version(),
         "packages": packages,
-        "device": device_name,
+        "device": machine,
         "sources": sources,
     }
 

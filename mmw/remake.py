@@ -31,6 +31,7 @@ from mmw.recording.job import Job, Rows
 from mmw.report import Clock
 from mmw.scene_arrays import SceneArrays
 from mmw.tables.columns import check_table, table_from_columns
+from mmw.tables.manifest import read_markers
 from mmw.tables.rows.world import static_rows
 from mmw.tables.schemas import table_spec
 from mmw.tables.store import Root, store_of
@@ -190,6 +191,27 @@ def stored_rows(root: str | Path, table: str, key: dict[str, Any]) -> pa.Table:
         frames=None if frame is None else range(frame, frame + 1),
     )
     return select_rows(found, rest)
+
+
+def other_machine(then: str, now: str) -> str:
+    """Return why rows that were made on one kind of machine may differ from those made on another."""
+    return (
+        f"it was made on {then or 'an unknown machine'}, and this is {now}: between the two last bits may differ, and "
+        "what hangs on them (docs/determinism.md); make it again on the first kind to compare bit by bit"
+    )
+
+
+def machines(root: Root, scenario: str, weather: str | None = None, frame: int | None = None) -> list[str]:
+    """Return the kinds of machine that made some rows: of a scenario, a weather of it, or a frame; sorted."""
+    return sorted(
+        {
+            str(marker.get("device") or "")
+            for marker in read_markers(root)
+            if marker["scenario"] == scenario
+            and (weather is None or marker["weather"] in (None, weather))
+            and (frame is None or marker["weather"] is None or marker["frame_begin"] <= frame < marker["frame_end"])
+        }
+    )
 
 
 def differing_columns(one: pa.Table, other: pa.Table) -> list[str]:

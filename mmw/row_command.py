@@ -48,7 +48,8 @@ def _row(arguments: argparse.Namespace) -> int:
     out: Path | None = arguments.out
     if out is not None and out.suffix not in SUFFIXES:
         raise InputError(f"--out {out}: the file must end in {', '.join(SUFFIXES)}; rename it")
-    from mmw.remake import Remaker, differing_columns, stored_rows
+    from mmw.compute.device import machine_kind
+    from mmw.remake import Remaker, differing_columns, machines, other_machine, stored_rows
     from mmw.tables.schemas import table_spec
 
     spec = table_spec(arguments.table)
@@ -66,6 +67,10 @@ def _row(arguments: argparse.Namespace) -> int:
     if arguments.compare:
         columns = differing_columns(made, stored_rows(arguments.dataset, arguments.table, key))
         print(f"{made.num_rows} rows differ in {', '.join(columns)}" if columns else f"{made.num_rows} rows are equal")
+        now = machine_kind(maker.device)
+        there = machines(arguments.dataset, key["scenario"], key.get("weather"), key.get("frame"))
+        if columns and there != [now]:
+            print(other_machine(" and ".join(there), now))
         return 1 if columns else 0
     if out is not None:
         write_rows(made, out)

@@ -142,7 +142,7 @@ def execute(config: Config, path: Path, *, dry_run: bool = False, overwrite: boo
         with Console() as console, open_engine(config.compute, console) as engine:
             root.check()
             if not overwrite:
-                made_with = versions(config, base, engine.device_name)
+                made_with = versions(config, base, engine.machine)
                 for line in check_continuation(root, config, made_with):
                     console.warn_once(line)
             make_dataset(config, base=base, engine=engine, part=part, overwrite=overwrite, console=console)

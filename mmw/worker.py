@@ -12,7 +12,7 @@ from types import TracebackType
 from typing import Any
 
 from mmw.compute.cuda import keep_memory, wait_asleep
-from mmw.compute.device import GPU_BYTES_A_WORKER, device_name
+from mmw.compute.device import GPU_BYTES_A_WORKER, machine_kind
 from mmw.config import Config, RgbConfig, ScenarioConfig
 from mmw.notes import notes
 from mmw.pipeline import join_batches, make_job, trace_work
@@ -82,7 +82,7 @@ class Worker:
         keep_memory(device, GPU_BYTES_A_WORKER)
         self._making = making
         self._device = device
-        self._meta = {**making.meta, "device": device_name(device)}
+        self._meta = {**making.meta, "device": machine_kind(device)}
         self._reporter = reporter
         self._pool = ThreadPoolExecutor(making.threads, thread_name_prefix="mmw-writer")
         self._scenarios = {scenario.name: scenario for scenario in making.config.scenarios}

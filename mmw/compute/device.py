@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import warp as wp
 
 from mmw.compute.cores import cores
+from mmw.compute.cpu import cpu_kind
 from mmw.errors import InputError
 
 wp.config.log_level = wp.LOG_ERROR
@@ -109,3 +110,9 @@ def device_name(device: str) -> str:
     """Return the device's name for people: the GPU's, or how many processors there are."""
     found = wp.get_device(device)
     return found.name if found.is_cuda else f"CPU ({os.cpu_count()} threads)"
+
+
+def machine_kind(device: str) -> str:
+    """Return what the bits of a dataset depend on: the processor, which makes poses and traffic, and the GPU if any."""
+    found = wp.get_device(device)
+    return f"{found.name} and {cpu_kind()}" if found.is_cuda else cpu_kind()

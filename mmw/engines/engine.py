@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Protocol
 
-from mmw.compute.device import device_name, worker_devices
+from mmw.compute.device import device_name, machine_kind, worker_devices
 from mmw.config.compute import ComputeConfig
 from mmw.engines.alone import make_alone
 from mmw.engines.processes import make_in_processes
@@ -22,6 +22,8 @@ class Engine(Protocol):
     """Warp device of each worker that there is room for, by the name that it has where the worker is."""
     device_name: str
     """The first one's name for people."""
+    machine: str
+    """Kind of machine that it is on, see `machine_kind`."""
 
     def make(self, making: Making, work: Sequence[Work], workers: int, console: Console) -> None:
         """Make all work; see `Crew.run` for errors.
@@ -45,6 +47,7 @@ class LocalEngine:
         """
         self.devices = devices
         self.device_name = device_name(devices[0])
+        self.machine = machine_kind(devices[0])
 
     def make(self, making: Making, work: Sequence[Work], workers: int, console: Console) -> None:
         """Make all work; see `Engine.make`."""

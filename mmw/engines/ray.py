@@ -17,7 +17,7 @@ import ray
 from ray.exceptions import ActorUnavailableError, OutOfMemoryError, RayActorError, RayError, RayTaskError
 
 from mmw import __version__
-from mmw.compute.device import choose_device, device_name, gpu_bytes, writer_threads
+from mmw.compute.device import choose_device, device_name, gpu_bytes, machine_kind, writer_threads
 from mmw.config.compute import ComputeConfig
 from mmw.engines.crew import Crew, LostError
 from mmw.engines.queue import WorkerLostError
@@ -75,7 +75,7 @@ class RayEngine:
         while not self._ready([described], console, nobody=True):
             pass
         try:
-            self.device_name, gpu_bytes = ray.get(described)
+            self.device_name, self.machine, gpu_bytes = ray.get(described)
         except RayError as error:
             raise _meaning(error) from error
         room = room_for(nodes, compute.device, compute.workers, gpu_bytes)
@@ -91,7 +91,7 @@ class RayEngine:
             InputError: If a worker's machine does not see the dataset's folder, or has other files or another mmw.
         """
         making = replace(making, base=making.base.absolute(), root=making.root.anywhere())
-        here = versions(making.config, making.base, self.device_name)
+        here = versions(making.config, making.base, self.machine)
 
         def start(own: Making, device: str) -> _Link:
             actor, self._first = self._first or self._new_actor(), None
@@ -147,9 +147,13 @@ class Actor:
         self._said: queue.SimpleQueue[Message] = queue.SimpleQueue()
         self._node = ray.util.get_node_ip_address()
 
-    def describe(self, device: str) -> tuple[str, float]:
-        """Return a device's name for people, and a GPU's memory [bytes]; see `choose_device` for errors."""
-        return device_name(choose_device(device)), gpu_bytes(device)
+    def describe(self, device: str) -> tuple[str, str, float]:
+        """Return a device's name for people, the kind of machine, and a GPU's memory [bytes].
+
+        Errors are those of `choose_device`.
+        """
+        chosen = choose_device(device)
+        return device_name(chosen), machine_kind(chosen), gpu_bytes(device)
 
     def begin(self, device: str, task: Task, owner: Owner) -> tuple[str, list[Message]]:
         """Begin to work; see `talk` for what it returns.

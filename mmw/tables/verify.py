@@ -78,6 +78,10 @@ def verify(root: Root) -> list[Finding]:
                     Finding("config", file["path"], f"made by configuration {marker['config_sha256'][:12]}")
                 )
             findings += _check_file(store, file, marker)
+    made_on = sorted({str(marker["device"]) for marker in markers if marker.get("device")})
+    if len(made_on) > 1:
+        text = f"made on {len(made_on)} kinds of machine, between which last bits may differ: {'; '.join(made_on)}"
+        findings.append(Finding("note", MARKERS, text))
     return findings + _check_overlaps(markers) + _check_others(store, listed) + _check_manifest(store, listed)
 
 

@@ -5,8 +5,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from mmw.compute.device import device_name
-from mmw.remake import Remaker, differing_columns, stored_rows
+from mmw.compute.device import machine_kind
+from mmw.remake import Remaker, differing_columns, other_machine, stored_rows
 from mmw.tables.manifest import read_markers
 from mmw.tables.schemas import TABLES, table_spec
 from mmw.tables.store import Root, store_of
@@ -71,7 +71,8 @@ def rerender(
         root: Dataset, whose files are known to be whole.
         count: Rows to draw, see `choose_rows`.
         seed: Seed of the draw.
-        device: Warp device name, or `auto`; rows are equal bit for bit only on the kind of device that made them.
+        device: Warp device name, or `auto`. Rows are equal bit for bit only on the kind of machine that made them: on
+            another one a row that differs is a note, not an error.
         tell: Takes one line for each row that was compared.
 
     Raises:
@@ -83,10 +84,12 @@ def rerender(
             columns = compare_row(maker, name)
             tell(f"{name.table} {name}: {'differs in ' + ', '.join(columns) if columns else 'equal'}")
             if columns:
-                now = device_name(maker.device)
-                where = "" if name.device in ("", now) else f"; it was made on {name.device}, and this is {now}"
-                text = f"row {name} made again differs in {', '.join(columns)}{where}"
-                findings.append(Finding("remade", name.path, text))
+                text = f"row {name} made again differs in {', '.join(columns)}"
+                now = machine_kind(maker.device)
+                if name.device == now:
+                    findings.append(Finding("remade", name.path, text))
+                else:
+                    findings.append(Finding("note", name.path, f"{text}; {other_machine(name.device, now)}"))
     return findings
 
 
