@@ -295,11 +295,11 @@ def test_the_examples_of_the_docs_run(tmp_path, monkeypatch) -> None:
 
 def test_no_window_is_needed(tmp_path: Path) -> None:
     code = (
-        "import sys, mmw\nfrom mmw.plotting import plot_link\n"
-        f"plot_link(mmw.open({str(small_dataset())!r}), {SCENARIO!r}, 'sunny', 'rsu_1', 'cav_1', beam_frames=0)"
+        "import sys, warnings, mmw\nfrom mmw.plotting import plot_link\n"
+        r"warnings.filterwarnings('error', module=r'(mmw|__main__)(\.|$)')  # what others are warned of is theirs"
+        f"\nplot_link(mmw.open({str(small_dataset())!r}), {SCENARIO!r}, 'sunny', 'rsu_1', 'cav_1', beam_frames=0)"
         f".savefig({str(tmp_path / 'link.png')!r})\n"
         "assert 'matplotlib.pyplot' not in sys.modules\n"
     )
-    shown = ("-W", "default::DeprecationWarning")  # what Matplotlib's own dependencies announce is no fault of ours
-    subprocess.run([sys.executable, "-W", "error", *shown, "-c", code], check=True, cwd=Path(__file__).parent.parent)
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=Path(__file__).parent.parent)
     assert (tmp_path / "link.png").stat().st_size > 10_000
