@@ -11,8 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mmw.config import Config, load_config
-from mmw.paths import configs_dir
+from mmw.config import Config, config_path, load_config
 from mmw.plan import scenario_source
 from mmw.prepare import make_tracks
 from mmw.vehicles.catalog import load_catalog
@@ -53,16 +52,16 @@ def distances(copies: Sequence[np.ndarray]) -> np.ndarray:
 def main(argv: Sequence[str] | None = None) -> None:
     """Drive the copies and print what they repeat."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--config", type=Path, default=configs_dir() / "full.yaml")
+    parser.add_argument("--config", default="full", help="configuration file, or the name of a shipped one")
     parser.add_argument("--seeds", type=int, default=8, help="copies, of seeds 1, 2...")
     parser.add_argument("overrides", nargs="*", metavar="key=value", help="as of mmw.run; {seed} is the copy's seed")
     options = parser.parse_args(argv)
     if options.seeds < 2:
         parser.error(f"--seeds {options.seeds}: copies are compared with each other; give two or more")
-    copies = []
+    copies, path = [], config_path(options.config)
     for seed in range(1, options.seeds + 1):
         changes = [f"seed={seed}", *(text.replace("{seed}", str(seed)) for text in options.overrides)]
-        copies.append(drives(load_config(options.config, changes), options.config.parent))
+        copies.append(drives(load_config(path, changes), path.parent))
     if not copies[0]:
         parser.error(f"{options.config}: no scenario has traffic with CAVs; set `traffic.cav_ranks`")
     away = [distances([copy[name] for copy in copies]) for name in copies[0]]

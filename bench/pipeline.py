@@ -23,13 +23,12 @@ from pathlib import Path
 from statistics import mean, median
 from typing import TYPE_CHECKING
 
-from mmw.config import Config, load_config
+from mmw.config import Config, config_path, load_config
 from mmw.engines.nursery import CAN_FORK, import_ahead, may_be_several
 
 if TYPE_CHECKING:
     from mmw.engines.engine import Engine
 
-CONFIGS = Path(__file__).resolve().parent.parent / "configs"
 
 SAMPLE_S = 0.2
 """Time between two looks at the GPU and the cores [s]."""
@@ -94,6 +93,8 @@ class Result:
 class Load:
     """Samples of the load of the first GPU and of all cores, and of the GPU's memory, while a block runs."""
 
+    on_gpu: bool
+    """Whether a GPU traces; one that has nothing to do with it is not looked at."""
     gpu: list[tuple[float, float]] = field(default_factory=list)
     """Time and share of it that kernels ran."""
     cores: list[tuple[float, float]] = field(default_factory=list)
@@ -104,9 +105,7 @@ class Load:
 
     def __enter__(self) -> "Load":
         """Start to look."""
-        import warp as wp
-
-        if wp.get_cuda_device_count():
+        if self.on_gpu:
             query = ["--query-gpu=utilization.gpu,memory.used", "--format=csv,noheader,nounits", "--id=0"]
             self._process = subprocess.Popen(
                 ["nvidia-smi", *query, f"--loop-ms={int(1000 * SAMPLE_S)}"], stdout=subprocess.PIPE, text=True
@@ -166,7 +165,7 @@ def measure(config: Config, whole: Config, base: Path, engine: "Engine") -> Resu
     from mmw.shards import Part
 
     used = os.times()
-    with Console() as console, Load() as load:
+    with Console() as console, Load(engine.devices[0] != "cpu") as load:
         make_dataset(config, base=base, engine=engine, part=Part(), overwrite=False, console=console)
         seconds, clock, workers = console.clock.elapsed, console.clock, console.workers
     _end_server()
@@ -205,7 +204,7 @@ def _rows(path: Path) -> int:
 def parse(arguments: list[str]) -> argparse.Namespace:
     """Return the options of the command line."""
     parser = argparse.ArgumentParser(prog="python -m bench.pipeline", description="Measure whole runs.")
-    parser.add_argument("--config", type=Path, default=CONFIGS / "full.yaml", help="configuration")
+    parser.add_argument("--config", default="full", help="configuration file, or the name of a shipped one")
     parser.add_argument("--scenarios", help="some of its scenarios, by name and comma; all if absent")
     parser.add_argument("--frames", type=int, help="only so many frames of each")
     parser.add_argument("--device", default="auto", help="auto, cpu or cuda:N")
@@ -220,7 +219,8 @@ def main(arguments: list[str]) -> None:
     """Measure and print."""
     options = parse(arguments)
     folder = options.out or Path(tempfile.mkdtemp(prefix="mmw_bench_"))
-    whole = load_config(options.config, options.overrides, {"output.dir": str(folder / "dataset")})
+    path = config_path(options.config)
+    whole = load_config(path, options.overrides, {"output.dir": str(folder / "dataset")})
     names = options.scenarios.split(",") if options.scenarios else [scenario.name for scenario in whole.scenarios]
     some = tuple(scenario for scenario in whole.scenarios if scenario.name in names)
     if len(some) != len(names):
@@ -240,7 +240,7 @@ def main(arguments: list[str]) -> None:
 
     try:
         engine = LocalEngine(worker_devices(options.device, workers))
-        result = measure(config, whole, options.config.parent, engine)
+        result = measure(config, whole, path.parent, engine)
     finally:
         if not options.out:
             shutil.rmtree(folder)
@@ -257,7 +257,7 @@ def main(arguments: list[str]) -> None:
         f"{result.workers} workers: {result.frames_per_s:.1f} frames/s, {result.rays_per_s / 1e6:,.0f} M rays/s, "
         f"{result.bytes / 1e6:,.0f} MB; {busy}{result.processor_s:.0f} s of processor time; "
         f"host {result.host_gb:.1f} GB, device {result.device_gb or 0:.1f} GB; "
-        f"all of {options.config.name}: {result.projected_s:.0f} s"
+        f"all of {path.name}: {result.projected_s:.0f} s"
     )
 
 

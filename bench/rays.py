@@ -2,6 +2,9 @@
 
 Every ray kind runs over the static town alone and over town and vehicles. All frames go in one launch. After a warm-up
 the launch is captured in a CUDA graph, replayed, and timed with events; the median counts. Compilation is timed apart.
+
+`MMW_BVH` chooses the trees; with `--against warp` rays walk our own, a second process casts the same rays through
+Warp's, and hits that differ are counted.
 """
 
 # Warp's structs are objects, not classes, to a type checker.
@@ -10,10 +13,12 @@ the launch is captured in a CUDA graph, replayed, and timed with events; the med
 import argparse
 import itertools
 import json
+import os
 import platform
 import statistics
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -26,7 +31,9 @@ import warp as wp
 from bench import first_hit
 from bench.scenes import grid_town, shipped_town, with_vehicles
 from mmw import __version__
+from mmw.bvh import kind_to_build, select_bvh
 from mmw.config import LidarConfig
+from mmw.config.compute import BVH_VARIABLE
 from mmw.kernels import structs
 from mmw.patterns import lidar_order, lidar_pattern, pinhole
 from mmw.poses import compose, pose_from_mount
@@ -45,11 +52,17 @@ class Preset:
     """Rays of a view on the CPU, which needs fewer for the same figure."""
 
 
+MOST_APART_M = 1e-3
+"""Hits of the same object at distances that differ by more [m] count as different."""
+
+
 @dataclass(frozen=True)
 class Result:
     """One measured line."""
 
     scene: str
+    bvh: str
+    """Trees that the rays walk: `wide` or `warp`."""
     rays: str
     levels: str
     """`static` for the town alone, `two-level` with vehicles."""
@@ -127,8 +140,15 @@ def time_launches(launch: Callable[[], None], device: str, repeats: int) -> list
     return [wp.get_event_elapsed_time(a, b) * 1e-3 for a, b in itertools.pairwise(marks)]
 
 
-def measure(scene: Scene, views: structs.Views, preset: Preset, levels: str, options: argparse.Namespace) -> Result:
-    """Return the throughput of one kind of rays in one scene."""
+def measure(
+    scene: Scene,
+    views: structs.Views,
+    preset: Preset,
+    levels: str,
+    options: argparse.Namespace,
+    keep: Path | None = None,
+) -> Result:
+    """Return the throughput of one kind of rays in one scene; put what they find into a folder, if one is given."""
     device = scene.device
     is_cuda = wp.get_device(device).is_cuda
     rays = preset.rays_per_view if is_cuda else preset.on_cpu
@@ -156,8 +176,12 @@ def measure(scene: Scene, views: structs.Views, preset: Preset, levels: str, opt
     found = object_id.numpy()
     vehicles = [scene.arrays.actors[k].object_id for k in scene.instance_actor]
     median = statistics.median(seconds)
+    if keep is not None:
+        np.save(keep / f"{preset.name}-{levels}-t.npy", t.numpy())
+        np.save(keep / f"{preset.name}-{levels}-object.npy", found)
     return Result(
-        options.scene, preset.name, levels, len(scene.arrays.faces), len(vehicles), scene.slots, found.size,
+        options.scene, kind_to_build(), preset.name, levels, len(scene.arrays.faces), len(vehicles),
+        scene.slots, found.size,
         float((found >= 0).mean()), float((found >= min(vehicles)).mean()) if vehicles else 0.0,
         median, min(seconds), found.size / median * 1e-9, jit,
     )  # fmt: skip
@@ -208,6 +232,8 @@ def parse(arguments: list[str]) -> argparse.Namespace:
     parser.add_argument("--instance-constructor", choices=("sah", "lbvh", "median"), help="tree over vehicles")
     parser.add_argument("--sphere-arm", type=int, default=987, help="1: rays in lattice order; 987: along spirals")
     parser.add_argument("--max-registers", type=int, help="registers of a thread on CUDA (as in the sensors if absent)")
+    parser.add_argument("--against", choices=("warp",), help="same rays through Warp's trees too")
+    parser.add_argument("--keep", type=Path, help=argparse.SUPPRESS)  # folder for what rays find
     options = parser.parse_args(arguments)
     if options.frames is None:
         options.frames = 64 if wp.get_device(options.device).is_cuda else 2
@@ -218,6 +244,51 @@ def main(arguments: list[str]) -> None:
     """Measure and print."""
     wp.config.log_level = wp.LOG_WARNING
     options = parse(arguments)
+    if not options.against:
+        run(options)
+        return
+    select_bvh("wide")
+    with tempfile.TemporaryDirectory() as folder:
+        options.keep = Path(folder) / "wide"
+        there = Path(folder) / "warp"
+        options.keep.mkdir()
+        there.mkdir()
+        ours = run(options)
+        # Last options count: the child is no parent, and its lines can be read.
+        rest = [a for a in arguments if a not in ("--against", "warp", "--against=warp")]
+        command = [sys.executable, "-m", "bench.rays", *rest, "--format", "json", "--keep", str(there)]
+        environment = {**os.environ, BVH_VARIABLE: "warp"}
+        lines = subprocess.run(command, env=environment, check=True, stdout=subprocess.PIPE, text=True).stdout
+        theirs = [json.loads(line) for line in lines.splitlines()]
+        if options.format == "human":
+            print(
+                "rays     levels     wide Grays/s  warp Grays/s  ratio  hits that differ  largest other difference [m]"
+            )
+        for own, other in zip(ours, theirs, strict=True):
+            differing, apart = compare(options.keep, there, f"{own.rays}-{own.levels}")
+            if options.format == "json":
+                print(json.dumps({**other, "differing": differing, "apart_m": apart}))
+                continue
+            ratio = own.grays_per_s / other["grays_per_s"]
+            print(
+                f"{own.rays:8} {own.levels:10} {own.grays_per_s:12.4f} {other['grays_per_s']:13.4f} {ratio:6.2f} "
+                f"{differing:9,} of {own.ray_count:,} {apart:16.1e}"
+            )
+
+
+def compare(one: Path, other: Path, name: str) -> tuple[int, float]:
+    """Return how many rays meet another object or the same more than `MOST_APART_M` away, and how far apart the hits
+    of the others are at most [m]."""
+    distance = [np.load(folder / f"{name}-t.npy", mmap_mode="r") for folder in (one, other)]
+    is_same = np.load(one / f"{name}-object.npy") == np.load(other / f"{name}-object.npy")
+    is_met = np.isfinite(distance[0]) & np.isfinite(distance[1])
+    apart = np.abs(np.subtract(*distance, where=is_met, out=np.zeros(is_met.shape, np.float32)))
+    is_same &= apart <= MOST_APART_M
+    return int(np.count_nonzero(~is_same)), float(apart.max(initial=0.0, where=is_same))
+
+
+def run(options: argparse.Namespace) -> list[Result]:
+    """Measure with the trees of this process, print and return the results."""
     if options.max_registers:
         kernels: tuple[Any, ...] = (first_hit.sphere_kernel, first_hit.camera_kernel, first_hit.lidar_kernel)
         for kernel in kernels:
@@ -233,12 +304,17 @@ def main(arguments: list[str]) -> None:
         print(", ".join(f"{key} {value}" for key, value in about.items()))
         print(f"{len(arrays.faces):,} triangles, {len(arrays.actors)} vehicles, {options.frames} frames in one launch")
         print("rays     levels        Mrays  median ms  Grays/s   hits  vehicle   JIT s")
+    results = []
     for scene, levels in ((static, "static"), (full, "two-level")):
         scene.load_batch(list(arrays.frames))
         for preset in PRESETS:
             if options.rays in (None, preset.name):
-                result = measure(scene, make_views(arrays, preset, options.device), preset, levels, options)
+                result = measure(
+                    scene, make_views(arrays, preset, options.device), preset, levels, options, options.keep
+                )
+                results.append(result)
                 print(json.dumps({**asdict(result), **about}) if options.format == "json" else line(result), flush=True)
+    return results
 
 
 def without_vehicles(arrays: SceneArrays) -> SceneArrays:

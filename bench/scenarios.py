@@ -101,8 +101,8 @@ def markdown(reports: Sequence[ScenarioReport]) -> str:
     lines = [
         "# Scenarios",
         "",
-        "Sixteen places, each with the physical feature that names it. `configs/scenarios/NAME.yaml` runs one, "
-        "`configs/full.yaml` all of them in three weathers.",
+        "Sixteen places, each with the physical feature that names it. `mmw run --config NAME` runs one, "
+        "`--config full` all of them in three weathers.",
         "This page is made by `python -m bench.scenarios --seeds 3 --out docs/scenarios.md`: the traffic is driven at "
         "full length, and every tenth frame",
         "is traced (every surface for every link, first order).",

@@ -19,6 +19,7 @@ import trimesh
 from bench.channel_scenes import ObjectMesh
 from mmw.channel.materials import relative_permittivity
 from mmw.constants import SPEED_OF_LIGHT, VACUUM_PERMITTIVITY
+from mmw.extras import install
 from mmw.scene_arrays import SceneArrays
 
 SAME_LENGTH_M = 5e-3
@@ -30,7 +31,7 @@ SAME_VERTEX_M = 0.05
 SIONNA_PATHS = 1_000_000
 """Sionna RT's default for the most paths of a source, which also sizes its table of candidates."""
 
-INSTALL = "pip install 'mmw[sionna]'; on the CPU also LLVM (19 works, 14 does not), its library in DRJIT_LIBLLVM_PATH"
+INSTALL = f"{install('sionna')}; on the CPU also LLVM (19 works, 14 does not), its library in DRJIT_LIBLLVM_PATH"
 
 
 @dataclass(frozen=True)

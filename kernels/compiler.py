@@ -1,6 +1,7 @@
 """What Warp's compiler for the CPU may assume about numbers in a kernel; the option `fast_math` is for CUDA alone.
 
-The flags are those of Clang's front end, for the module option `cpu_compiler_flags`.
+The flags are those of Clang's front end, for the module option `cpu_compiler_flags`. They may change with Clang: with
+`compute.bvh: warp` no kernel has them, only Warp's own (`mmw.bvh.select_bvh`).
 """
 
 import warp as wp

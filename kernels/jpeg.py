@@ -1,23 +1,15 @@
 """Baseline JPEG files of many images: colours, the integer cosine transform, Huffman codes, stuffed bytes.
 
-Every number is an integer and rounded as libjpeg does, so that the files are those of the library, byte for byte.
+Every number is an integer and rounded as libjpeg-turbo does, so that the files are those of the library, byte for byte.
 
-Sources: ITU-T T.81 (coding); JFIF 1.02 (colours); C. Loeffler et al., "Practical fast 1-D DCT algorithms with 11
-multiplications", ICASSP 1989, with factors of 13 bits and two more bits between its passes (libjpeg's "islow").
+Sources: ITU-T T.81 (coding); JFIF 1.02 (colours).
 """
 
 import warp as wp
 
+from mmw.kernels.dct import Eight, accurate_columns, accurate_rows, fast_cosines
+
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False, "max_unroll": 8})
-
-Eight = wp.types.vector(length=8, dtype=wp.int32)
-"""A row or column of a block."""
-
-FACTOR_BITS = wp.constant(13)
-"""Bits of the transform's factors behind the point."""
-
-MORE_BITS = wp.constant(2)
-"""Bits that values between its two passes keep more."""
 
 END_OF_BLOCK = wp.constant(0)
 """Symbol: only zeros follow. Source: ITU-T T.81, F.1.2.2.1, as is the next."""
@@ -101,39 +93,11 @@ def channel_value(images: wp.array4d[wp.uint8], view: int, y: int, x: int, step:
     return (total + 1 + (x & 1)) >> 2  # halves go down and up in turn
 
 
-@wp.func
-def rounded(value: int, bits: int) -> int:
-    """Return a number divided by 2^bits, to the nearest, halves upwards."""
-    return (value + (1 << (bits - 1))) >> bits
-
-
-@wp.func
-def cosines(x: Eight, bits: int) -> Eight:
-    """Return the cosine transform of eight values, but for its even half's first and fifth, divided by 2^bits."""
-    a0 = x[0] + x[7]
-    a1 = x[1] + x[6]
-    a2 = x[2] + x[5]
-    a3 = x[3] + x[4]
-    b0 = x[0] - x[7]
-    b1 = x[1] - x[6]
-    b2 = x[2] - x[5]
-    b3 = x[3] - x[4]
-    out = Eight()
-    out[0] = a0 + a3 + a1 + a2
-    out[4] = a0 + a3 - a1 - a2
-    out[2] = rounded(10703 * (a0 - a3) + 4433 * (a1 - a2), bits)
-    out[6] = rounded(4433 * (a0 - a3) - 10704 * (a1 - a2), bits)
-    out[1] = rounded(11363 * b0 + 9633 * b1 + 6437 * b2 + 2260 * b3, bits)
-    out[3] = rounded(9633 * b0 - 2259 * b1 - 11362 * b2 - 6436 * b3, bits)
-    out[5] = rounded(6437 * b0 - 11362 * b1 + 2261 * b2 + 9633 * b3, bits)
-    out[7] = rounded(2260 * b0 - 6436 * b1 + 9633 * b2 - 11363 * b3, bits)
-    return out
-
-
 @wp.kernel
 def rows_kernel(
     images: wp.array4d[wp.uint8],
     layout: Layout,
+    is_fast: bool,
     # out
     rows_out: wp.array2d[wp.int16],
 ):
@@ -148,9 +112,10 @@ def rows_kernel(
     values = Eight()
     for i in range(8):
         values[i] = channel_value(images, view, corner[1] + row, corner[0] + i, step, channel) - 128
-    values = cosines(values, FACTOR_BITS - MORE_BITS)
-    values[0] = values[0] << MORE_BITS
-    values[4] = values[4] << MORE_BITS
+    if is_fast:
+        values = fast_cosines(values)
+    else:
+        values = accurate_rows(values)
     for i in range(8):
         rows_out[view * layout.blocks + block, row * 8 + i] = wp.int16(values[i])
 
@@ -159,15 +124,16 @@ def rows_kernel(
 def columns_kernel(
     rows: wp.array2d[wp.int16],
     layout: Layout,
-    steps: wp.array2d[int],
+    is_fast: bool,
+    divisors: wp.array2d[int],
     place: wp.array[int],
     # out
     values_out: wp.array2d[wp.int16],
 ):
-    """Transform every column of every block, divide by the steps of the quality, and store in the file's order.
+    """Transform every column of every block, divide to the nearest step of the quality, and store in the file's order.
 
-    `steps` has shape [2, 64], of lightness and colours by place in the block; `place` [64] says where in the file's
-    zigzag a place of the block comes.
+    `divisors` has shape [2, 64], of lightness and colours by place in the block: steps times what the transform makes
+    values too large by. `place` [64] says where in the file's zigzag a place of the block comes.
 
     Launch: dim=(A x blocks, 8).
     """
@@ -175,13 +141,14 @@ def columns_kernel(
     values = Eight()
     for i in range(8):
         values[i] = int(rows[block, i * 8 + column])
-    values = cosines(values, FACTOR_BITS + MORE_BITS)
-    values[0] = rounded(values[0], MORE_BITS)
-    values[4] = rounded(values[4], MORE_BITS)
+    if is_fast:
+        values = fast_cosines(values)
+    else:
+        values = accurate_columns(values)
     kind = wp.min(channel_of(layout, block % layout.blocks), 1)
     for i in range(8):
-        step = 8 * steps[kind, i * 8 + column]  # the transform's values are eight times too large
-        size = (wp.abs(values[i]) + step // 2) // step
+        divisor = divisors[kind, i * 8 + column]
+        size = (wp.abs(values[i]) + divisor // 2) // divisor
         values_out[block, place[i * 8 + column]] = wp.int16(wp.where(values[i] < 0, -size, size))
 
 

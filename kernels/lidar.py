@@ -8,7 +8,13 @@ from mmw.kernels.structs import Hit, Scene, Views
 from mmw.kernels.trace import TRACE_REGISTERS, closest_hit, closest_hit_at
 
 wp.set_module_options(
-    {"enable_backward": False, "default_grid_stride": False, "fast_math": False, "cpu_compiler_flags": FINITE}
+    {
+        "enable_backward": False,
+        "default_grid_stride": False,
+        "fast_math": False,
+        "fuse_fp": False,  # poses turn rays to the same bits on CUDA and on a CPU, where Warp's compiler fuses nothing
+        "cpu_compiler_flags": FINITE,
+    }
 )
 
 

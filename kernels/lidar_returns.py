@@ -7,7 +7,7 @@ from mmw.kernels.lidar_air import Air, air_echoes
 from mmw.kernels.noise import normal2, uniform4
 from mmw.kernels.structs import Views
 
-wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
+wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False, "fuse_fp": False})
 
 STEPS_PER_METRE = wp.constant(1024.0)
 """Grid of stored coordinates [1/m]: a power of two, so that float32 holds every grid point and compresses well."""

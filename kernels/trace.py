@@ -10,8 +10,8 @@ models have trees of their own kind.
 - `wp.bvh_get_group_root` gives -1 for a frame without vehicles, and a query reads -1 as "the whole tree", that is
   everybody's vehicles. Every query here is guarded by the root.
 - A query of that tree keeps its stack in shared memory, one stack a thread: two queries alive in one thread would
-  overwrite each other. Launch kernels that call these functions with `block_dim=64`, so that the stacks of a block fit
-  (8 KiB).
+  overwrite each other. Launch kernels that call these functions, and all others of their modules, with `block_dim=64`,
+  so that the stacks of a block fit: 8 KiB, and as much again where rays walk Warp's trees of the meshes.
 - Within a rolling sweep the vehicles are asked where they are at the instant of the ray (`closest_hit_at`); their boxes
   in the tree then hold their way during the sweep (`Scene.sweep_s` on the host).
 - Equal distances go to the town, then to the lower instance index and the lower face, so the answer does not depend
@@ -23,7 +23,7 @@ import warp as wp
 from mmw.kernels.faces import face_normal, material_of
 from mmw.kernels.motion import instance_pose_at
 from mmw.kernels.structs import MISS_ID, Candidates, Hit, Nearest, Scene
-from mmw.kernels.tree import Tree, walk_any, walk_nearest
+from mmw.kernels.tree import Tree, is_any_face, nearest_face
 
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
 
@@ -36,7 +36,7 @@ PICTURE_REGISTERS = 64
 96. A LiDAR's take the same time with both."""
 
 FACE_BITS = wp.constant(wp.uint64(0xFFFFFFFF))
-"""The part of what `walk_nearest` returns that names the face."""
+"""The part of what `nearest_face` returns that names the face."""
 
 TIE_REACH = wp.constant(1.000001)
 """A later instance is searched to this multiple of the distance so far, so that equal distances are seen."""
@@ -56,7 +56,7 @@ def nearest_in_tree(tree: Tree, root: int, origin: wp.vec3, direction: wp.vec3, 
     near = Nearest()
     near.t = t_max
     near.instance = MISS_ID
-    found = walk_nearest(tree.nodes, tree.leaves, root, origin, direction, t_max)
+    found = nearest_face(tree, root, origin, direction, t_max)
     near.face = int(wp.uint32(found & FACE_BITS)) - 1
     if near.face >= 0:
         near.t = wp.cast(wp.uint32(found >> wp.uint64(32)), float)
@@ -99,9 +99,8 @@ def nearer_body(
 def is_blocked_by(scene: Scene, slot: int, instance: int, origin: wp.vec3, direction: wp.vec3, t_max: float) -> wp.bool:
     """Return whether an instance lies on a ray before `t_max`."""
     to_local = wp.transform_inverse(scene.instance_pose[slot, instance])
-    return walk_any(
-        scene.tree.nodes,
-        scene.tree.leaves,
+    return is_any_face(
+        scene.tree,
         scene.instance_root[instance],
         wp.transform_point(to_local, origin),
         wp.transform_vector(to_local, direction),
@@ -206,7 +205,7 @@ def is_blocked_among(
     instances."""
     blocked = wp.bool(False)
     if scene.town_root >= 0:
-        blocked = walk_any(scene.tree.nodes, scene.tree.leaves, scene.town_root, origin, direction, t_max)
+        blocked = is_any_face(scene.tree, scene.town_root, origin, direction, t_max)
     if group >= 0 and not blocked:
         for k in range(candidates.count[group]):
             if not blocked:
@@ -292,7 +291,7 @@ def is_blocked(scene: Scene, slot: int, origin: wp.vec3, direction: wp.vec3, t_m
     """Return whether anything lies on the ray before `t_max`; see `nearest_surface` for the arguments."""
     blocked = wp.bool(False)
     if scene.town_root >= 0:
-        blocked = walk_any(scene.tree.nodes, scene.tree.leaves, scene.town_root, origin, direction, t_max)
+        blocked = is_any_face(scene.tree, scene.town_root, origin, direction, t_max)
     root = scene.group_root[slot]
     if root >= 0 and not blocked:  # -1 would search every frame's vehicles
         first = slot * scene.instance_count
@@ -311,7 +310,10 @@ def group_root_kernel(
     # out
     group_root_out: wp.array[int],
 ):
-    """Look up the root of each slot's group, -1 for a slot without vehicles. Launch: dim=S, after every build."""
+    """Look up the root of each slot's group, -1 for a slot without vehicles.
+
+    Launch: dim=S, block_dim=64, after every build.
+    """
     slot = wp.tid()
     group_root_out[slot] = wp.bvh_get_group_root(instances, slot)
 

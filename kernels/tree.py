@@ -2,7 +2,9 @@
 
 The walk is the only native code of the project, because it is written once for each kind of processor: on CUDA a thread
 takes boxes and triangles one by one, on a CPU the four boxes of a node and the four triangles of a leaf are one vector.
-`tree_build.py` makes the tree.
+`tree_build.py` makes the tree. Native code leans on what Warp's compilers are today, so there is another walk without
+any, through Warp's own trees (`tree_warp.py`): `WIDE` is which of them is compiled, and nobody but `nearest_face` and
+`is_any_face` knows.
 
 - A node holds the boxes of its children side by side, so that the near and the far planes of all four are read with one
   offset a ray and axis, after the sign of its direction.
@@ -10,12 +12,22 @@ takes boxes and triangles one by one, on a CPU the four boxes of a node and the 
 - The test of a triangle gives neighbours of an edge the same value with opposite signs, in float64 where it is zero in
   float32: no ray passes between them. Source: S. Woop, C. Benthin and I. Wald, "Watertight ray/triangle intersection",
   2013.
-- Of equal distances the lowest face counts, so the answer does not depend on the tree.
+- Of equal distances the lowest face counts, and the numbers of a triangle do not depend on its neighbours in a leaf, so
+  the answer does not depend on the tree.
+- Both kinds of processor round every product and every sum, so a ray of the same bits has the same face and distance on
+  both: no product is fused with a sum, which CUDA's compiler does wherever it may. Of the boxes, which may be hit or
+  missed by a rounding, this is not asked.
 """
 
 import warp as wp
 
+from mmw.kernels.tree_warp import mesh_any, mesh_nearest
+
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
+
+WIDE = wp.constant(True)
+"""Whether rays walk the trees of this file, or Warp's. `mmw.ray_tree.select_bvh` sets it, before any kernel is built:
+what is not taken is not compiled, and kernels of either kind have hashes of their own in Warp's cache."""
 
 LEAF_FACES = wp.constant(4)
 """Triangles in a leaf at most."""
@@ -39,12 +51,14 @@ waits, cost CUDA more than they save: local memory is what its walk spends its t
 
 @wp.struct
 class Tree:
-    """Trees of several meshes; the root of each is a node's number."""
+    """Trees of several meshes; the root of each is the number of a node, with Warp's trees that of a mesh."""
 
     nodes: wp.array[wp.vec4]
     """`NODE_ROWS` rows a node. A reference >= 0 is a node; any other is -1 - (8 * leaf + number of its triangles)."""
     leaves: wp.array[wp.vec4]
     """`LEAF_ROWS` rows a leaf. What lies behind the number of its triangles repeats the last one."""
+    meshes: wp.array[wp.uint64]
+    """wp.Mesh ids, where rays walk Warp's trees; the other two are empty then, and this one is otherwise."""
 
 
 RAY = """
@@ -57,14 +71,16 @@ RAY = """
     const float iy = 1.0f / (fabsf(dy) < 1.0e-20f ? 1.0e-20f : dy);
     const float iz = 1.0f / (fabsf(dz) < 1.0e-20f ? 1.0e-20f : dz);
     const int near_x = ix < 0.0f ? 12 : 0, near_y = iy < 0.0f ? 12 : 0, near_z = iz < 0.0f ? 12 : 0;
-    // A shear that makes the ray an axis: u and v lie across it, w counts along it.
-    float ux = 0.0f, uy = 0.0f, uz = 0.0f, vx = 0.0f, vy = 0.0f, vz = 0.0f, wx = 0.0f, wy = 0.0f, wz = 0.0f;
-    if (fabsf(dz) >= fabsf(dx) && fabsf(dz) >= fabsf(dy)) {
-        ux = 1.0f; uz = -dx * iz; vy = 1.0f; vz = -dy * iz; wz = iz;
-    } else if (fabsf(dx) >= fabsf(dy)) {
-        uy = 1.0f; ux = -dy * ix; vz = 1.0f; vx = -dz * ix; wx = ix;
-    } else {
-        uz = 1.0f; uy = -dz * iy; vx = 1.0f; vy = -dx * iy; wy = iy;
+    // A shear that makes the ray an axis: w is its longest part, u and v lie across. Rows of corners in a leaf, origin
+    // and factors in that order.
+    int row_u = 0, row_v = 4, row_w = 8;
+    float ou = ox, ov = oy, ow = oz, su = -dx * iz, sv = -dy * iz, sw = iz;
+    if (fabsf(dz) < fabsf(dx) || fabsf(dz) < fabsf(dy)) {
+        if (fabsf(dx) >= fabsf(dy)) {
+            row_u = 4; row_v = 8; row_w = 0; ou = oy; ov = oz; ow = ox; su = -dy * ix; sv = -dz * ix; sw = ix;
+        } else {
+            row_u = 8; row_v = 0; row_w = 4; ou = oz; ov = ox; ow = oy; su = -dz * iy; sv = -dx * iy; sw = iy;
+        }
     }
     float nearest = t_max;
     int nearest_face = -1;
@@ -161,16 +177,14 @@ CUDA_LEAF = """
             const float* leaf = (const float*)leaves.data + LEAF_NUMBERS * ((-1 - node) >> 3);
             const int count = (-1 - node) & 7;
             for (int k = 0; k < count; ++k) {
-                const float* c = leaf + k;
-                const float px = __ldg(c) - ox, py = __ldg(c + 4) - oy, pz = __ldg(c + 8) - oz;
-                const float qx = __ldg(c + 12) - ox, qy = __ldg(c + 16) - oy, qz = __ldg(c + 20) - oz;
-                const float rx = __ldg(c + 24) - ox, ry = __ldg(c + 28) - oy, rz = __ldg(c + 32) - oz;
-                auto across = [](float x, float y, float z, float sx, float sy, float sz) {
-                    return __fmaf_rn(sx, x, __fmaf_rn(sy, y, __fmul_rn(sz, z)));
-                };
-                const float pu = across(px, py, pz, ux, uy, uz), pv = across(px, py, pz, vx, vy, vz);
-                const float qu = across(qx, qy, qz, ux, uy, uz), qv = across(qx, qy, qz, vx, vy, vz);
-                const float ru = across(rx, ry, rz, ux, uy, uz), rv = across(rx, ry, rz, vx, vy, vz);
+                const float* cu = leaf + k + row_u;
+                const float* cv = leaf + k + row_v;
+                const float* cw = leaf + k + row_w;
+                const float pl = __ldg(cw) - ow, ql = __ldg(cw + 12) - ow, rl = __ldg(cw + 24) - ow;
+                auto across = [](float x, float s, float l) { return __fadd_rn(x, __fmul_rn(s, l)); };
+                const float pu = across(__ldg(cu) - ou, su, pl), pv = across(__ldg(cv) - ov, sv, pl);
+                const float qu = across(__ldg(cu + 12) - ou, su, ql), qv = across(__ldg(cv + 12) - ov, sv, ql);
+                const float ru = across(__ldg(cu + 24) - ou, su, rl), rv = across(__ldg(cv + 24) - ov, sv, rl);
                 float a = __fsub_rn(__fmul_rn(ru, qv), __fmul_rn(rv, qu));
                 float b = __fsub_rn(__fmul_rn(pu, rv), __fmul_rn(pv, ru));
                 float g = __fsub_rn(__fmul_rn(qu, pv), __fmul_rn(qv, pu));
@@ -181,12 +195,10 @@ CUDA_LEAF = """
                 }
                 const float volume = a + b + g;
                 if (volume == 0.0f || (fminf(a, fminf(b, g)) < 0.0f && fmaxf(a, fmaxf(b, g)) > 0.0f)) continue;
-                const float pw = wx * px + wy * py + wz * pz;
-                const float qw = wx * qx + wy * qy + wz * qz;
-                const float rw = wx * rx + wy * ry + wz * rz;
-                const float t = (a * pw + b * qw + g * rw) / volume;
+                const float pw = __fmul_rn(a, sw * pl), qw = __fmul_rn(b, sw * ql), rw = __fmul_rn(g, sw * rl);
+                const float t = __fadd_rn(__fadd_rn(pw, qw), rw) / volume;
                 if (t >= 0.0f && t <= nearest) {
-                    const int face = __float_as_int(__ldg(c + 36));
+                    const int face = __float_as_int(__ldg(leaf + k + 36));
                     FOUND
                 }
             }
@@ -200,30 +212,25 @@ CPU_LEAF = """
             typedef double d4 __attribute__((ext_vector_type(4)));
             const float* leaf = (const float*)leaves.data + LEAF_NUMBERS * ((-1 - node) >> 3);
             const int count = (-1 - node) & 7;
-            f4 c[9];
-            memcpy(c, leaf, sizeof(c));
-            const f4 px = c[0] - ox, py = c[1] - oy, pz = c[2] - oz;
-            const f4 qx = c[3] - ox, qy = c[4] - oy, qz = c[5] - oz;
-            const f4 rx = c[6] - ox, ry = c[7] - oy, rz = c[8] - oz;
-            const f4 pu = ux * px + uy * py + uz * pz, pv = vx * px + vy * py + vz * pz;
-            const f4 qu = ux * qx + uy * qy + uz * qz, qv = vx * qx + vy * qy + vz * qz;
-            const f4 ru = ux * rx + uy * ry + uz * rz, rv = vx * rx + vy * ry + vz * rz;
+            auto corners = [&](int row) { f4 c; memcpy(&c, leaf + row, 16); return c; };
+            const f4 pl = corners(row_w) - ow, ql = corners(row_w + 12) - ow, rl = corners(row_w + 24) - ow;
+            const f4 pu = corners(row_u) - ou + su * pl, pv = corners(row_v) - ov + sv * pl;
+            const f4 qu = corners(row_u + 12) - ou + su * ql, qv = corners(row_v + 12) - ov + sv * ql;
+            const f4 ru = corners(row_u + 24) - ou + su * rl, rv = corners(row_v + 24) - ov + sv * rl;
             f4 a = ru * qv - rv * qu, b = pu * rv - pv * ru, g = qu * pv - qv * pu;
-            if (__builtin_reduce_or((a == 0.0f) | (b == 0.0f) | (g == 0.0f))) {
+            const i4 is_flat = (a == 0.0f) | (b == 0.0f) | (g == 0.0f);
+            if (__builtin_reduce_or(is_flat)) {
                 auto wide = [](f4 x) { return __builtin_convertvector(x, d4); };
                 auto narrow = [](d4 x) { return __builtin_convertvector(x, f4); };
-                a = narrow(wide(ru) * wide(qv) - wide(rv) * wide(qu));
-                b = narrow(wide(pu) * wide(rv) - wide(pv) * wide(ru));
-                g = narrow(wide(qu) * wide(pv) - wide(qv) * wide(pu));
+                a = is_flat ? narrow(wide(ru) * wide(qv) - wide(rv) * wide(qu)) : a;
+                b = is_flat ? narrow(wide(pu) * wide(rv) - wide(pv) * wide(ru)) : b;
+                g = is_flat ? narrow(wide(qu) * wide(pv) - wide(qv) * wide(pu)) : g;
             }
             const f4 volume = a + b + g;
             const i4 is_left = (a < 0.0f) | (b < 0.0f) | (g < 0.0f), is_right = (a > 0.0f) | (b > 0.0f) | (g > 0.0f);
             const i4 is_met = ~(is_left & is_right) & (volume != 0.0f);
             if (__builtin_reduce_or(is_met)) {
-                const f4 pw = wx * px + wy * py + wz * pz;
-                const f4 qw = wx * qx + wy * qy + wz * qz;
-                const f4 rw = wx * rx + wy * ry + wz * rz;
-                const f4 at = (a * pw + b * qw + g * rw) / volume;
+                const f4 at = (a * (sw * pl) + b * (sw * ql) + g * (sw * rl)) / volume;
                 i4 faces;
                 memcpy(&faces, leaf + 36, 16);
                 for (int k = 0; k < count; ++k) {
@@ -284,3 +291,24 @@ def walk_any(
     nodes: wp.array[wp.vec4], leaves: wp.array[wp.vec4], root: int, origin: wp.vec3, direction: wp.vec3, t_max: float
 ) -> bool:
     """Return whether a face lies on a ray before `t_max`."""
+
+
+@wp.func
+def nearest_face(tree: Tree, root: int, origin: wp.vec3, direction: wp.vec3, t_max: float) -> wp.uint64:
+    """Return the nearest face of one mesh on a ray: the bits of its distance, and below them its number + 1, 0 for a
+    miss."""
+    if WIDE:
+        found = walk_nearest(tree.nodes, tree.leaves, root, origin, direction, t_max)
+    else:
+        found = mesh_nearest(tree.meshes[root], origin, direction, t_max)
+    return found
+
+
+@wp.func
+def is_any_face(tree: Tree, root: int, origin: wp.vec3, direction: wp.vec3, t_max: float) -> bool:
+    """Return whether a face of one mesh lies on a ray before `t_max`."""
+    if WIDE:
+        is_met = walk_any(tree.nodes, tree.leaves, root, origin, direction, t_max)
+    else:
+        is_met = mesh_any(tree.meshes[root], origin, direction, t_max)
+    return is_met

@@ -16,6 +16,13 @@ BINS = wp.constant(16)
 
 LARGEST = wp.constant(3.0e38)
 
+MARGIN = wp.constant(2.5e-7)
+"""How much larger a box is than what it holds, over its coordinates."""
+
+LEAST = wp.constant(wp.vec3(1.0e-3, 1.0e-3, 1.0e-3))
+"""What is added to them [m]: a box that ends at the coordinate 0 is larger too, or a ray along an axis in that plane
+would pass it, and the lowest of equal faces with it."""
+
 Corners = wp.types.matrix(shape=(4, 3), dtype=wp.float32)
 """A corner of the box of each child."""
 
@@ -309,8 +316,8 @@ def build_tree_kernel(
         upper_z = -lower_x
         child = wp.vec4i(-1, -1, -1, -1)
         for k in range(children):
-            low = lower[k] - 2.5e-7 * wp.abs(lower[k])
-            high = upper[k] + 2.5e-7 * wp.abs(upper[k])
+            low = lower[k] - MARGIN * (wp.abs(lower[k]) + LEAST)
+            high = upper[k] + MARGIN * (wp.abs(upper[k]) + LEAST)
             lower_x[k] = low[0]
             lower_y[k] = low[1]
             lower_z[k] = low[2]

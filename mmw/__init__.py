@@ -1,9 +1,12 @@
 """mmw: multimodal wireless datasets from one configuration file."""
 
+import logging as _logging
 from pathlib import Path as _Path
 from typing import Any as _Any
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
+
+_logging.getLogger(__name__).addHandler(_logging.NullHandler())  # whoever imports mmw decides where records go
 
 _root = _Path(__file__).resolve().parent.parent
 if (_root / "pyproject.toml").is_file():

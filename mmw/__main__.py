@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 
-from mmw.command import run_command
+from mmw.command import add_log_options, run_command
+from mmw.extras import install
 
 COMMANDS = {
     "run": "mmw.run",
@@ -30,17 +31,21 @@ def main(argv: Sequence[str] | None = None) -> int:
     if argv and argv[0] in COMMANDS:
         return import_module(COMMANDS[argv[0]]).main(argv[1:], prog=f"mmw {argv[0]}")
     parser = argparse.ArgumentParser(
-        prog="mmw", description="Multimodal wireless datasets from one configuration file."
+        prog="mmw",
+        description="Multimodal wireless datasets from one configuration file.",
+        epilog=f"Extras are optional packages: {install('NAME')}",
     )
     commands = parser.add_subparsers(dest="command", required=True)
     commands.add_parser("run", help="make a dataset (same as python -m mmw.run)")
-    commands.add_parser("radiomap", help="trace path gain, RSS and SINR over the roads (picture: needs mmw[plot])")
-    commands.add_parser("town", help="build, check and draw towns (building needs mmw[author], drawing mmw[plot])")
     commands.add_parser(
-        "view", help="open a dataset in the Rerun viewer (needs mmw[viz]), or take one picture without a run"
+        "radiomap", help="trace path gain, RSS and SINR over the roads (its picture needs the extra plot)"
+    )
+    commands.add_parser("town", help="build, check and draw towns (building needs the extra author, drawing plot)")
+    commands.add_parser(
+        "view", help="open a dataset in the Rerun viewer (needs the extra viz), or take one picture without a run"
     )
     commands.add_parser(
-        "import", help="make a town of a Mitsuba, OpenDRIVE, OSM (mmw[author]), glTF, OBJ, PLY, STL or USD file"
+        "import", help="make a town of a Mitsuba, OpenDRIVE, OSM (extra author), glTF, OBJ, PLY, STL or USD file"
     )
     commands.add_parser("export", help="write a dataset in another format: OPV2V, nuScenes, KITTI and others")
     commands.add_parser("status", help="say how far a dataset is, and who writes it")
@@ -49,7 +54,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     commands.add_parser("verify", help="check a dataset: files, counts, physics, rows made again")
     commands.add_parser("row", help="make rows of a dataset again, from its stored configuration")
     pictures = commands.add_parser(
-        "pictures", help="draw a dataset: town, street, every sensor, weathers side by side, a link (needs mmw[plot])"
+        "pictures",
+        help="draw a dataset: town, street, every sensor, weathers side by side, a link (needs the extra plot)",
     )
     pictures.add_argument("dataset", type=Path, help="dataset folder")
     pictures.add_argument("--out", type=Path, default=Path("pictures"), help="folder for the files")
@@ -58,14 +64,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     pictures.add_argument("--frame", type=int, default=-1, help="frame; the first by default")
     pictures.add_argument("--samples", type=int, default=4, choices=(1, 4, 9), help="rays in a pixel on an edge")
     pictures.add_argument("--device", default="auto", help="auto, cpu or cuda:N")
+    add_log_options(pictures)
     arguments = parser.parse_args(argv)
-    return run_command(lambda: _pictures(arguments), "mmw[plot]")
+    return run_command(lambda: _pictures(arguments), "mmw pictures", debug=arguments.debug)
 
 
 def _pictures(arguments: argparse.Namespace) -> int:
     from mmw.viewing.gallery import make_gallery
 
-    options = {name: value for name, value in vars(arguments).items() if name not in ("command", "dataset", "out")}
+    names = "scenario", "agent", "frame", "samples", "device"
+    options = {name: getattr(arguments, name) for name in names}
     print(*make_gallery(arguments.dataset, arguments.out, **options), sep="\n")
     return 0
 

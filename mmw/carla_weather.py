@@ -8,6 +8,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 
+from mmw.errors import InputError
 from mmw.weather import Weather
 
 RANGES: dict[str, tuple[float, float]] = {
@@ -71,10 +72,10 @@ def carla_preset(name: str) -> dict[str, float]:
     """Return the 14 parameters of one of CARLA's presets.
 
     Raises:
-        ValueError: If CARLA has no such preset.
+        InputError: If CARLA has no such preset.
     """
     if name not in CARLA_PRESETS:
-        raise ValueError(f"is no preset of CARLA's; it has {', '.join(CARLA_PRESETS)}; name one of them")
+        raise InputError(f"is no preset of CARLA's; it has {', '.join(CARLA_PRESETS)}; name one of them")
     return CARLA_PRESETS[name]
 
 
@@ -82,11 +83,11 @@ def check_parameter(name: str, value: float) -> None:
     """Check one parameter of CARLA's.
 
     Raises:
-        ValueError: If it is neither within its range nor -1, CARLA's unset.
+        InputError: If it is neither within its range nor -1, CARLA's unset.
     """
     low, high = RANGES[name]
     if not (low <= value <= high or value == UNSET):
-        raise ValueError(f"{low:g} to {high:g}, or -1 for unset, is needed; correct it")
+        raise InputError(f"{low:g} to {high:g}, or -1 for unset, is needed; correct it")
 
 
 def rain_rate(precipitation: float) -> float:
@@ -137,14 +138,14 @@ def from_carla(parameters: Mapping[str, float], base: Weather) -> Weather:
         base: What gives everything else: air, fog type, wind direction.
 
     Raises:
-        ValueError: If a value is out of its range.
+        InputError: If a value is out of its range.
     """
     given = {name: value for name, value in parameters.items() if value != UNSET}
     for name, value in given.items():
         try:
             check_parameter(name, value)
-        except ValueError as error:
-            raise ValueError(f"carla.{name} = {value:g}: {error}") from None
+        except InputError as error:
+            raise InputError(f"carla.{name} = {value:g}: {error}") from None
     values = {key: mapped(given[name]) for name, (key, mapped) in _MAPPING.items() if name in given}
     weather = replace(base, **values)
     dust = dust_visibility(given.get("dust_storm", 0.0))

@@ -1,14 +1,34 @@
-"""What every command does with an error: one line a problem on stderr, and an exit code.
+"""How every command ends: its exit code, one line on standard error for each problem, and a log file with the trace.
 
-Exit codes: 0 done, 2 bad input, 1 failure while running.
+| ends with | standard error | exit code |
+|---|---|---|
+| `InputError`: input that has to be corrected | one line a problem | 2 |
+| another `Error` (disk full, worker lost, package missing) or an `OSError` | one line | 1 |
+| Ctrl-C | one line | 1 |
+| anything else: a bug | one line that names the log file | 1 |
+
+`--debug` shows the trace, and all log records, on standard error too.
 """
 
+import argparse
+import logging
 import os
 import sys
+import traceback
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
-from mmw.config import ConfigError
-from mmw.tables.publish import OutOfSpaceError, StoreError
+from mmw.errors import Error, InputError
+from mmw.extras import missing_package
+from mmw.log import logging_to_file
+
+LOGGER = logging.getLogger(__name__)
+
+
+def add_log_options(parser: argparse.ArgumentParser) -> argparse.ArgumentParser:
+    """Add the options that `run_command` reads, and return the parser."""
+    parser.add_argument("--debug", action="store_true", help="show log records and the trace of an error")
+    return parser
 
 
 def fail(problems: Sequence[str], code: int = 2) -> int:
@@ -18,27 +38,55 @@ def fail(problems: Sequence[str], code: int = 2) -> int:
     return code
 
 
-def run_command(work: Callable[[], int], extra: str) -> int:
+def run_command(
+    work: Callable[[], int], name: str, *, debug: bool = False, interrupted: str = "interrupted", kept: str = ""
+) -> int:
     """Return the exit code of a command, also where it fails.
 
     Args:
         work: Does it and returns the exit code.
-        extra: Optional packages that it needs, such as `mmw[plot]`.
+        name: Name of the command, for the log file.
+        debug: Show log records and traces on standard error.
+        interrupted: Line for Ctrl-C.
+        kept: What to say of work that was finished before a bug or the system stopped the command.
     """
-    try:
-        return work()
-    except ConfigError as error:
-        return fail(error.problems)
-    except ValueError as error:
-        return fail([str(error)])
-    except (OutOfSpaceError, StoreError) as error:
-        return fail([str(error)], code=1)
-    except ImportError as error:
-        return fail([f"{error}; this command needs {extra}: pip install '{extra}'"], code=1)
-    except BrokenPipeError:  # whoever read the output has enough of it, such as `head`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else Python complains when it flushes
-        return 0
-    except OSError as error:
-        return fail([f"{error.filename}: {error.strerror}" if error.filename else " ".join(str(error).split())], code=1)
-    except KeyboardInterrupt:
-        return fail(["interrupted"], code=1)
+    with logging_to_file(name, debug=debug) as path:
+        try:
+            code = work()
+        except Error as error:
+            LOGGER.info("%s", error, exc_info=True)
+            code = fail(error.problems if isinstance(error, InputError) else [str(error)], error.exit_code)
+        except BrokenPipeError:  # whoever read the output has enough of it, such as `head`
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else Python complains when it flushes
+            code = 0
+        except OSError as error:
+            LOGGER.error("%s", error, exc_info=True)
+            text = f"{error.filename}: {error.strerror}" if error.filename else " ".join(str(error).split())
+            code = fail([f"{text}; {kept}" if kept else text], 1)
+        except KeyboardInterrupt:
+            LOGGER.info("interrupted")
+            code = fail([interrupted], 1)
+        except Exception as error:
+            code = _fail_unexpectedly(error, path, debug, kept)
+        LOGGER.info("exit code %d", code)
+        return code
+
+
+def _fail_unexpectedly(error: Exception, path: Path | None, debug: bool, kept: str) -> int:
+    """Log the trace of an error that nobody foresaw, print one line about it and return the exit code."""
+    missing = missing_package(error) if isinstance(error, ModuleNotFoundError) else None
+    if missing is not None:
+        LOGGER.info("%s", missing, exc_info=True)
+        return fail([str(missing)], missing.exit_code)
+    LOGGER.critical("internal error", exc_info=True)
+    if path is None and not debug:
+        traceback.print_exception(error)
+    trace = f"the trace is in {path}" if path is not None else "the trace is above"
+    text = " ".join(str(error).split())
+    return fail(
+        [
+            f"internal error: {type(error).__name__}: {text}; this is a bug in mmw, not in your input{kept and '; '}"
+            f"{kept}; {trace}; please report it with the trace (--debug shows it here)"
+        ],
+        1,
+    )

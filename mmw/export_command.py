@@ -5,7 +5,8 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from mmw.command import fail, run_command
+from mmw.command import add_log_options, run_command
+from mmw.errors import InputError
 
 FILTERS = {"scenario": "scenarios", "weather": "weathers", "agent": "agents"}
 """Filter of the command -> field of `Selection`."""
@@ -27,8 +28,8 @@ def main(argv: Sequence[str], prog: str = "mmw export") -> int:
         help="filters: scenario=A,B weather=A,B agent=A,B frames=START:STOP:STEP; others are options of the format",
     )  # fmt: skip
     parser.add_argument("--list", action="store_true", help="print the formats, their options and what they lose")
-    arguments = parser.parse_intermixed_args(argv)
-    return run_command(lambda: _list() if arguments.list else _export(arguments), "mmw")
+    arguments = add_log_options(parser).parse_intermixed_args(argv)
+    return run_command(lambda: _list() if arguments.list else _export(arguments), prog, debug=arguments.debug)
 
 
 def _list() -> int:
@@ -48,26 +49,22 @@ def _list() -> int:
 
 def _export(arguments: argparse.Namespace) -> int:
     from mmw.export.base import Selection, export
-    from mmw.tables.publish import OutOfSpaceError
 
     if arguments.out is None:
-        raise ValueError("export: FORMAT, ROOT and OUT are needed; give all three, or --list")
+        raise InputError("export: FORMAT, ROOT and OUT are needed; give all three, or --list")
     picked: dict[str, tuple[str, ...]] = {}
     frames, options = None, {}
     for text in arguments.values:
         name, equals, value = text.partition("=")
         if not equals or not value:
-            raise ValueError(f"export: {text!r}: name=value is needed; write scenario=NAME or option=VALUE")
+            raise InputError(f"export: {text!r}: name=value is needed; write scenario=NAME or option=VALUE")
         if name == "frames":
             frames = frames_of(value)
         elif name in FILTERS:
             picked[FILTERS[name]] = (*picked.get(FILTERS[name], ()), *value.split(","))
         else:
             options[name] = value
-    try:
-        export(arguments.root, arguments.format, arguments.out, Selection(**picked, frames=frames), options)
-    except OutOfSpaceError as error:
-        return fail([str(error)], code=1)
+    export(arguments.root, arguments.format, arguments.out, Selection(**picked, frames=frames), options)
     print(arguments.out)
     return 0
 
@@ -76,11 +73,11 @@ def frames_of(text: str) -> range:
     """Return the frames of `START:STOP` or `START:STOP:STEP`; STOP is not among them.
 
     Raises:
-        ValueError: If the text is no such thing or holds no frame.
+        InputError: If the text is no such thing or holds no frame.
     """
     if not re.fullmatch(r"\d+:\d+(:\d+)?", text):
-        raise ValueError(f"frames={text}: START:STOP or START:STOP:STEP is needed, such as 0:100:10; write it so")
+        raise InputError(f"frames={text}: START:STOP or START:STOP:STEP is needed, such as 0:100:10; write it so")
     frames = range(*(int(number) for number in text.split(":"))) if not text.endswith(":0") else range(0)
     if not frames:
-        raise ValueError(f"frames={text}: holds no frame; START must be below STOP and STEP above 0; change it")
+        raise InputError(f"frames={text}: holds no frame; START must be below STOP and STEP above 0; change it")
     return frames

@@ -4,7 +4,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from mmw.command import fail, run_command
+from mmw.command import add_log_options, fail, run_command
 from mmw.provenance import stored_config
 from mmw.shards import all_work, pending_work
 from mmw.tables.lock import writing
@@ -21,8 +21,8 @@ def main(argv: Sequence[str], prog: str = "mmw finalize") -> int:
     )
     parser.add_argument("dataset", help="dataset folder, or s3://bucket/folder")
     parser.add_argument("--partial", action="store_true", help="also if shards are missing: list those that are there")
-    arguments = parser.parse_args(argv)
-    return run_command(lambda: _finalize(arguments.dataset, arguments.partial), "mmw")
+    arguments = add_log_options(parser).parse_args(argv)
+    return run_command(lambda: _finalize(arguments.dataset, arguments.partial), prog, debug=arguments.debug)
 
 
 def _finalize(address: str, partial: bool) -> int:

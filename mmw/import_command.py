@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from mmw.channel.materials import RADIO_ROWS
-from mmw.command import run_command
+from mmw.command import add_log_options, run_command
+from mmw.errors import InputError
 from mmw.importers import mesh_files, usd_stage
 from mmw.importers.asset import asset_files, write_world
 from mmw.importers.material_map import apply_material_map, load_material_map
@@ -29,8 +30,8 @@ def main(argv: Sequence[str], prog: str = "mmw import") -> int:
         prog=prog,
         description="Make a town asset, a USD file, of a world from another tool, and say what came out and what to do "
         "next.",
-        epilog="OpenDRIVE and OpenStreetMap need mmw[author]; their files say axes and units themselves. Exit codes: 0 "
-        "done, 2 a file or an option that cannot be used, 1 failure while running.",
+        epilog="OpenDRIVE and OpenStreetMap need the extra author; their files say axes and units themselves. "
+        "Exit codes: 0 done, 2 a file or an option that cannot be used, 1 failure while running.",
     )
     parser.add_argument("file", type=Path, help=f"world to import: {', '.join(KNOWN)}")
     parser.add_argument("--out", type=Path, required=True, help="folder for the asset, or its .usda file")
@@ -42,13 +43,13 @@ def main(argv: Sequence[str], prog: str = "mmw import") -> int:
         help="point of the world, z up, in metres, that becomes the origin",
     )  # fmt: skip
     parser.add_argument("--overwrite", action="store_true", help="replace an asset that is there")
-    arguments = parser.parse_args(argv)
+    arguments = add_log_options(parser).parse_args(argv)
 
     def work() -> int:
         print("\n".join(import_world(arguments)))
         return 0
 
-    return run_command(work, "mmw[author]")
+    return run_command(work, prog, debug=arguments.debug)
 
 
 def import_world(arguments: argparse.Namespace) -> list[str]:
@@ -58,13 +59,13 @@ def import_world(arguments: argparse.Namespace) -> list[str]:
         arguments: `file`, `out`, `materials`, `up`, `unit`, `origin` and `overwrite` of the command.
 
     Raises:
-        ValueError: If the file or the material map cannot be used, or a file would be replaced.
+        InputError: If the file or the material map cannot be used, or a file would be replaced.
     """
     source = arguments.file
     name = identifier(source.name.split(".")[0])
     files = asset_files(arguments.out, name)
     if source.resolve() in files:
-        raise ValueError(f"{source}: --out would replace the file that is imported; give another --out")
+        raise InputError(f"{source}: --out would replace the file that is imported; give another --out")
     entries = load_material_map(arguments.materials, RADIO_ROWS) if arguments.materials else {}
     world = read_world(source, arguments.up, arguments.unit, arguments.origin)
     check_world(str(source), world)
@@ -83,13 +84,13 @@ def read_world(path: Path, up: str = "", unit: str = "", origin: Sequence[float]
         origin: Point of the world [m] that becomes (0, 0, 0).
 
     Raises:
-        ValueError: If the format is unknown, an option does not go with it, or the file cannot be used.
+        InputError: If the format is unknown, an option does not go with it, or the file cannot be used.
     """
     suffix = ".osm.xml" if path.name.lower().endswith(".osm.xml") else path.suffix.lower()
     given = [option for option, value in (("--up", up), ("--unit", unit), ("--origin", any(origin))) if value]
     refused = given if suffix in NO_OPTIONS else ["--up"] if suffix in usd_stage.SUFFIXES and up else []
     if refused:
-        raise ValueError(f"{path}: {suffix} files say this themselves; remove {', '.join(refused)}")
+        raise InputError(f"{path}: {suffix} files say this themselves; remove {', '.join(refused)}")
     unit_m = UNITS.get(unit, 0.0)
     if suffix == ".xml":
         return read_mitsuba(path, up=up or "z", unit_m=unit_m or 1.0, origin=origin)
@@ -105,7 +106,7 @@ def read_world(path: Path, up: str = "", unit: str = "", origin: Sequence[float]
         from mmw.importers.osm import read_osm
 
         return read_osm(path)
-    raise ValueError(f"{path}: {suffix or 'a file without a suffix'} is not read; give one of {', '.join(KNOWN)}")
+    raise InputError(f"{path}: {suffix or 'a file without a suffix'} is not read; give one of {', '.join(KNOWN)}")
 
 
 def describe(world: World) -> list[str]:

@@ -19,6 +19,8 @@ from typing import Literal
 
 import numpy as np
 
+from mmw.errors import InputError
+
 LensModel = Literal["pinhole", "brown_conrady", "fisheye"]
 
 MODELS: tuple[LensModel, ...] = ("pinhole", "brown_conrady", "fisheye")
@@ -36,12 +38,26 @@ TOLERANCE = 1e-11
 
 @dataclass(frozen=True)
 class Distortion:
-    """A lens model with its coefficients; see the module."""
+    """A lens model with its coefficients; see the module.
+
+    Raises:
+        InputError: If the model is unknown, or coefficients are missing or not finite.
+    """
 
     model: LensModel = "pinhole"
     radial: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
     rational: tuple[float, float, float] = (0.0, 0.0, 0.0)
     tangential: tuple[float, float] = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if self.model not in MODELS:
+            raise InputError(f"lens: model = {self.model!r}; one of {', '.join(MODELS)} is needed; choose one")
+        for name, count in (("radial", 4), ("rational", 3), ("tangential", 2)):
+            values = getattr(self, name)
+            if len(values) != count or not all(map(math.isfinite, values)):
+                raise InputError(
+                    f"lens: {name} = {values}; {count} finite numbers are needed; give 0 for an absent one"
+                )
 
     @property
     def coefficients(self) -> tuple[float, ...]:
@@ -140,6 +156,9 @@ class Intrinsics:
     Column u counts to the right, row v downwards, both from 0; the centre of pixel (u, v) is at (u + 0.5, v + 0.5).
     Code that puts pixel centres at whole numbers (OpenCV) uses cx - 0.5 and cy - 0.5 with the same image, and the same
     focal lengths and coefficients.
+
+    Raises:
+        InputError: If the image has no pixels, a focal length is not above 0, or a number is not finite.
     """
 
     width: int
@@ -154,11 +173,21 @@ class Intrinsics:
     """Row of the optical axis [px], pixel edges at whole numbers."""
     distortion: Distortion = Distortion()
 
+    def __post_init__(self) -> None:
+        if not (self.width >= 1 and self.height >= 1):
+            raise InputError(f"camera: {self.width} x {self.height} px; at least 1 x 1 is needed; correct the size")
+        if not (0.0 < self.fx < math.inf and 0.0 < self.fy < math.inf):
+            raise InputError(
+                f"camera: fx = {self.fx:g}, fy = {self.fy:g} px; finite numbers above 0 are needed; correct it"
+            )
+        if not (math.isfinite(self.cx) and math.isfinite(self.cy)):
+            raise InputError(f"camera: cx = {self.cx:g}, cy = {self.cy:g} px; finite numbers are needed; correct them")
+
     def reach(self) -> float:
         """Return the largest |q| of a point of the image [-; fisheye: rad].
 
         Raises:
-            ValueError: If the lens is not one to one in the image: it folds, or looks beyond 180 deg from its axis.
+            InputError: If the lens is not one to one in the image: it folds, or looks beyond 180 deg from its axis.
         """
         return _reach(self)
 
@@ -174,7 +203,7 @@ def _reach(camera: Intrinsics) -> float:
         row = int(np.argmin(np.where(share < 1.0, share * np.hypot(u - camera.cx, v - camera.cy), np.inf)))
         radius = share[row] * math.hypot(u[row] - camera.cx, v[row] - camera.cy)
         fold = [camera.cx + share[row] * (u[row] - camera.cx), camera.cy + share[row] * (v[row] - camera.cy)]
-        raise ValueError(
+        raise InputError(
             f"lens: model {camera.distortion.model} is not one to one beyond {radius:.0f} px from the optical axis "
             f"(pixel {fold[0]:.0f}, {fold[1]:.0f}), inside the image of {camera.width} x {camera.height}; each pixel "
             "needs a direction of its own; correct the coefficients, or use a smaller image or field of view"
@@ -194,12 +223,12 @@ def focal_length(distortion: Distortion, width: int, fov_deg: float) -> float:
         fov_deg: Horizontal field of view [deg].
 
     Raises:
-        ValueError: If the model has no such field of view, or the lens folds within it.
+        InputError: If the model has no such field of view, or the lens folds within it.
     """
     half = 0.5 * math.radians(fov_deg)
     if distortion.model != "fisheye":
         if not 0.0 < fov_deg < 180.0:
-            raise ValueError(
+            raise InputError(
                 f"lens: fov_deg = {fov_deg:g}; model {distortion.model} needs more than 0 and less than 180; lower it, "
                 "or use lens.model: fisheye"
             )
@@ -210,7 +239,7 @@ def focal_length(distortion: Distortion, width: int, fov_deg: float) -> float:
     if not (growth > 0.0).all():
         fold = radius[int(np.argmin(growth > 0.0))]
         fold_deg = 2.0 * math.degrees(fold if distortion.model == "fisheye" else math.atan(fold))
-        raise ValueError(
+        raise InputError(
             f"lens: model {distortion.model} folds at a field of view of {fold_deg:.0f} deg, within fov_deg = "
             f"{fov_deg:g}; image height has to grow with the angle; correct the coefficients, or lower fov_deg"
         )

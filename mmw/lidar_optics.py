@@ -3,10 +3,14 @@
 import math
 from dataclasses import dataclass
 
+from mmw.errors import InputError
 from mmw.optics import DROP_BACKSCATTER
 
 WAVELENGTHS_NM = (905, 1550)
 """Wavelengths of LiDAR that `mmw.optics` has values for [nm]."""
+
+POSITIVE = "a finite number above 0"
+"""What a message asks for."""
 
 
 @dataclass(frozen=True)
@@ -42,13 +46,13 @@ class LidarOptics:
     def __post_init__(self) -> None:
         def check(name: str, good: bool, needed: str) -> None:
             if not good:
-                raise ValueError(f"optics: {name} = {getattr(self, name)!r}; {needed} is needed; correct it")
+                raise InputError(f"optics: {name} = {getattr(self, name)!r}; {needed} is needed; correct it")
 
         check("wavelength_nm", self.wavelength_nm in WAVELENGTHS_NM, " or ".join(map(str, WAVELENGTHS_NM)))
         check("aperture_m", 0.0 <= self.aperture_m <= 1.0, "0 to 1")
         check("divergence", 0.0 <= self.divergence <= 0.1, "0 to 0.1 rad")
         check("divergence", self.aperture_m + self.divergence > 0.0, "a beam with a diameter")
-        check("min_power", 0.0 < self.min_power < math.inf, "a finite number above 0")
+        check("min_power", 0.0 < self.min_power < math.inf, POSITIVE)
         check("overlap_start_m", 0.0 <= self.overlap_start_m < math.inf, "a finite number from 0")
         check("overlap_full_m", self.overlap_start_m <= self.overlap_full_m < math.inf, "overlap_start_m or more")
         check("pulse_s", 0.0 <= self.pulse_s <= 1e-6, "0 to 1e-6 s")
@@ -57,7 +61,7 @@ class LidarOptics:
         )
         check("nearest_m", 0.1 <= self.nearest_m < math.inf, "0.1 m or more")
         check("range_resolution_m", 0.0 <= self.range_resolution_m < math.inf, "a finite number from 0")
-        check("drop_backscatter", self.drop_backscatter is None or self.drop_backscatter > 0.0, "a number above 0")
+        check("drop_backscatter", self.drop_backscatter is None or 0.0 < self.drop_backscatter < math.inf, POSITIVE)
 
     @property
     def drop_efficiency(self) -> float:

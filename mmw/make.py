@@ -6,6 +6,7 @@ from mmw.compute.device import writer_threads
 from mmw.config import Config
 from mmw.engines.engine import Engine
 from mmw.engines.nursery import FRAMES_A_WORKER
+from mmw.errors import InputError
 from mmw.provenance import keep_config, versions
 from mmw.report import Console, closing_summary
 from mmw.shards import Part, all_work, part_of, pending_work
@@ -28,7 +29,7 @@ def make_dataset(config: Config, *, base: Path, engine: Engine, part: Part, over
         console: Where progress goes.
 
     Raises:
-        ValueError: If the folder belongs to another configuration, is being written or cannot be, or a scenario cannot
+        InputError: If the folder belongs to another configuration, is being written or cannot be, or a scenario cannot
             be made or read.
         OutOfSpaceError: If the disk is full; the same command resumes.
         StoreError: If a store cannot be reached any more; the same command resumes.
@@ -36,7 +37,7 @@ def make_dataset(config: Config, *, base: Path, engine: Engine, part: Part, over
     """
     root = output_of(config, part)
     if overwrite and not part.is_whole:
-        raise ValueError(f"--overwrite with --shard {part}: would remove the other parts; remove {root} first")
+        raise InputError(f"--overwrite with --shard {part}: would remove the other parts; remove {root} first")
     root.check()
     with writing(root, part.index, part.count, console.say) as owner:
         _make(config, base, root, engine, part, owner, overwrite, console)
@@ -46,7 +47,7 @@ def output_of(config: Config, part: Part) -> Store:
     """Return where a dataset goes.
 
     Raises:
-        ValueError: If `output.dir` names no place.
+        InputError: If `output.dir` names no place.
     """
     return store_of(config.output.dir, config.output.staging, f"{part.index}-of-{part.count}")
 

@@ -1,18 +1,30 @@
 """One material, described for every sensor: radio, LiDAR and image. Names and numbers come from the USD Material."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from numbers import Integral, Real
+from typing import Any, Literal, get_args
 
+from mmw.errors import InputError
 from mmw.looks import GREY, Look
 
 ScatteringPattern = Literal["lambertian", "directive", "backscattering"]
 
+LOBE_EXPONENTS = ("alpha_r", "alpha_i")
+"""Fields of `RadioMaterial` that are exponents."""
+
+MAX_LOBE_EXPONENT = 1000
+"""Largest of them: the integral of a lobe has binomials, which leave the range of float64 beyond it."""
+
 
 @dataclass(frozen=True)
 class RadioMaterial:
-    """Electromagnetic description of a surface; the permittivity at a carrier follows in `mmw.channel.materials`."""
+    """Electromagnetic description of a surface; the permittivity at a carrier follows in `mmw.channel.materials`.
+
+    Raises:
+        InputError: If a value is unknown, out of range or not finite.
+    """
 
     model: Literal["itu", "constant"]
     """`itu`: a named row of ITU-R P.2040, of P.527, or of the paper, or `itu_pec`; `constant`: the two numbers below at
@@ -33,18 +45,61 @@ class RadioMaterial:
     """Where scattered power goes: `lambertian` cos theta_s around the normal; `directive` a lobe around the reflected
     direction; `backscattering` that lobe and one back to where the wave came from."""
     alpha_r: int = 4
-    """Exponent of the lobe around the reflection, at least 1 [-]; a larger one is narrower."""
+    """Exponent of the lobe around the reflection, 1 to `MAX_LOBE_EXPONENT` [-]; a larger one is narrower."""
     alpha_i: int = 4
-    """Exponent of the lobe back to the source, at least 1 [-]; only `backscattering` has it."""
+    """Exponent of the lobe back to the source, 1 to `MAX_LOBE_EXPONENT` [-]; only `backscattering` has it."""
     lobe_share: float = 1.0
     """Share Lambda of the lobe around the reflection in `backscattering`, 0 to 1 [-].
 
     Source of the patterns: Degli-Esposti et al., IEEE Trans. Antennas Propag. 55(1), 2007."""
 
+    def __post_init__(self) -> None:
+        values = asdict(self)
+        wrong = wrong_radio_value(values)
+        if wrong is not None:
+            name, needed = wrong
+            raise InputError(f"radio material: {name} = {values[name]!r}; {needed} is needed; correct it")
+
+
+def wrong_radio_value(values: Mapping[str, Any]) -> tuple[str, str] | None:
+    """Return the first field of a `RadioMaterial` that has a wrong value and what it needs, None if all are right.
+
+    Readers of files ask before they make the material, to name the place and the key.
+
+    Args:
+        values: Value of every field.
+    """
+
+    def within(name: str, low: float, high: float) -> bool:
+        value = values[name]
+        return isinstance(value, Real) and math.isfinite(value) and low <= float(value) <= high
+
+    is_constant, patterns = values["model"] == "constant", get_args(ScatteringPattern)
+    is_exponent = {
+        name: isinstance(values[name], Integral) and within(name, 1, MAX_LOBE_EXPONENT) for name in LOBE_EXPONENTS
+    }
+    rules = (
+        ("model", values["model"] in ("itu", "constant"), "itu or constant"),
+        ("itu", is_constant or bool(values["itu"]), "a row such as itu_concrete, for model itu,"),
+        ("relative_permittivity", not is_constant or within("relative_permittivity", 1.0, math.inf), "at least 1"),
+        ("conductivity", not is_constant or within("conductivity", 0.0, math.inf), "at least 0 S/m"),
+        ("thickness", within("thickness", 0.0, math.inf), "at least 0 m"),
+        ("scattering", within("scattering", 0.0, 1.0), "0 to 1"),
+        ("xpd", within("xpd", 0.0, 1.0), "0 to 1"),
+        ("scattering_pattern", values["scattering_pattern"] in patterns, f"one of {', '.join(patterns)}"),
+        *((name, is_good, f"a whole number from 1 to {MAX_LOBE_EXPONENT}") for name, is_good in is_exponent.items()),
+        ("lobe_share", within("lobe_share", 0.0, 1.0), "0 to 1"),
+    )
+    return next(((name, needed) for name, is_good, needed in rules if not is_good), None)
+
 
 @dataclass(frozen=True)
 class Material:
-    """What one surface is to every sensor."""
+    """What one surface is to every sensor.
+
+    Raises:
+        InputError: If the reflectance is below 0 or not finite.
+    """
 
     name: str
     """Name of the USD Material prim."""
@@ -61,6 +116,13 @@ class Material:
     """Whether the surface sends light back to where it came from."""
     look: Look = GREY
     """How it looks to the RGB camera."""
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.lidar_reflectance < math.inf:  # that of a retroreflector may be above 1
+            raise InputError(
+                f"material {self.name!r}: lidar_reflectance = {self.lidar_reflectance:g}; a finite number from 0 on is "
+                "needed; correct it"
+            )
 
 
 LIDAR_REFLECTANCE_905NM = {
@@ -98,11 +160,11 @@ def lidar_reflectance(
         Reflectance, 0 to 1 [-].
 
     Raises:
-        ValueError: If the base token has no row in `LIDAR_REFLECTANCE_905NM`.
+        InputError: If the base token has no row in `LIDAR_REFLECTANCE_905NM`.
     """
     if base not in LIDAR_REFLECTANCE_905NM:
         known = ", ".join(sorted(LIDAR_REFLECTANCE_905NM))
-        raise ValueError(
+        raise InputError(
             f"omni:simready:nonvisual:base = {base!r}; needed is one of {known}; use one of them, or `none`"
         )
     if "retroreflective" in attributes:

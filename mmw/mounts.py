@@ -9,6 +9,7 @@ import numpy as np
 import warp as wp
 
 from mmw.config import Config
+from mmw.errors import InputError
 from mmw.kernels import sight
 from mmw.poses import make_pose, normalize, transform_points
 from mmw.scene import Scene
@@ -38,7 +39,7 @@ def check_mounts(scene: Scene, config: Config) -> None:
         config: Sensors and antennas.
 
     Raises:
-        ValueError: With one line for each sensor that is inside something.
+        InputError: With one line for each sensor that is inside something.
     """
     arrays, problems = scene.arrays, []
     for index, actor in enumerate(arrays.actors):
@@ -67,7 +68,7 @@ def check_mounts(scene: Scene, config: Config) -> None:
                     f"it would see nothing else; raise or move {'the unit or ' if actor.role == 'rsu' else ''}its mount"
                 )
     if problems:
-        raise ValueError("\n  ".join(problems))
+        raise InputError("\n  ".join(problems))
 
 
 def enclosing_objects(scene: Scene, position: np.ndarray) -> np.ndarray:

@@ -5,10 +5,18 @@ import sys
 from importlib.resources import files
 from pathlib import Path
 
+from mmw.errors import InputError
+
 
 def configs_dir() -> Path:
     """Return the folder of the shipped configuration files."""
     return Path(str(files("mmw.configs") / "quickstart.yaml")).parent
+
+
+def shipped_configs() -> dict[str, Path]:
+    """Return the shipped configurations by name: those of every scenario, and the others before them."""
+    folder = configs_dir()
+    return {path.stem: path for path in (*sorted(folder.glob("*.yaml")), *sorted(folder.glob("scenarios/*.yaml")))}
 
 
 def assets_dir() -> Path:
@@ -37,11 +45,11 @@ def town_path(name: str) -> Path:
     """Return the interface layer of a shipped town.
 
     Raises:
-        ValueError: If no shipped town has this name; the message lists those that exist.
+        InputError: If no shipped town has this name; the message lists those that exist.
     """
     path = assets_dir() / "towns" / name / f"{name}.usda"
     if not path.is_file():
-        raise ValueError(
+        raise InputError(
             f"town = {name!r}; shipped towns are: {', '.join(shipped_towns())}; name one of them, or give a USD file"
         )
     return path

@@ -7,6 +7,7 @@ import numpy as np
 
 from mmw.config import LidarConfig
 from mmw.constants import FRAME_DT
+from mmw.errors import InputError
 from mmw.lens import Distortion, Intrinsics, focal_length
 
 
@@ -71,13 +72,13 @@ def carla_points_per_channel(points_per_second: float, channels: int, tick_s: fl
         tick_s: Length of a simulation step [s].
 
     Raises:
-        ValueError: If a channel would not fire once.
+        InputError: If a channel would not fire once.
 
     Source: CARLA 0.9.15 `sensor.lidar.ray_cast`.
     """
     count = math.floor(points_per_second * tick_s / channels + 0.5)
     if count < 1:
-        raise ValueError(
+        raise InputError(
             f"points_per_second = {points_per_second:g} with {channels} channels and ticks of {tick_s:g} s gives each "
             "channel less than half a point a tick; at least one is needed; raise points_per_second"
         )

@@ -57,7 +57,7 @@ def make_job(
         with_channel: False leaves the radio channel out, whatever the configuration says.
 
     Raises:
-        ValueError: If a sensor is inside something, or a material is not known to the channel.
+        InputError: If a sensor is inside something, or a material is not known to the channel.
     """
     sweeps = any(isinstance(sensor, LidarConfig) and sensor.rolling for sensor in config.sensors)
     scene = Scene(arrays, device, max_slots=slots, sweep_s=FRAME_DT if sweeps else 0.0)

@@ -21,6 +21,7 @@ from mmw.config import (
     ScenarioConfig,
 )
 from mmw.config.scenario import TOWN_SUFFIXES
+from mmw.errors import InputError
 from mmw.paths import town_path
 from mmw.report import si
 from mmw.sensors.radar import ray_count
@@ -87,12 +88,12 @@ def scenario_source(scenario: ScenarioConfig, base: Path) -> Path:
     A town is a shipped name, or a path relative to `base`, the configuration file's folder.
 
     Raises:
-        ValueError: If the file does not exist.
+        InputError: If the file does not exist.
     """
     if scenario.stage is not None:
         path = base / scenario.stage
         if not path.is_file():
-            raise ValueError(
+            raise InputError(
                 f"scenario {scenario.name!r}: stage = {scenario.stage!r}: no such file ({path}); give a USD file"
             )
         return path
@@ -100,14 +101,14 @@ def scenario_source(scenario: ScenarioConfig, base: Path) -> Path:
     if is_town_file(scenario):
         path = base / town
         if not path.is_file():
-            raise ValueError(
+            raise InputError(
                 f"scenario {scenario.name!r}: town = {town!r}: no such file ({path}); give an existing town asset"
             )
         return path
     try:
         return town_path(town)
-    except ValueError as error:
-        raise ValueError(f"scenario {scenario.name!r}: {error}") from None
+    except InputError as error:
+        raise InputError(f"scenario {scenario.name!r}: {error}") from None
 
 
 def is_town_file(scenario: ScenarioConfig) -> bool:
@@ -119,13 +120,13 @@ def trajectory_file(scenario: ScenarioConfig, base: Path) -> Path | None:
     """Return the table of a scenario's recorded vehicles; None if its traffic is generated.
 
     Raises:
-        ValueError: If the file does not exist.
+        InputError: If the file does not exist.
     """
     if scenario.traffic is None or scenario.traffic.trajectories is None:
         return None
     path = base / scenario.traffic.trajectories
     if not path.is_file():
-        raise ValueError(
+        raise InputError(
             f"scenario {scenario.name!r}: traffic.trajectories = {scenario.traffic.trajectories!r}: no such file "
             f"({path}); give a .parquet, .csv or .xml table"
         )
@@ -144,16 +145,16 @@ def check_inputs(config: Config, base: Path) -> None:
         where = f"scenario {scenario.name!r}"
         try:
             _check_source(scenario, scenario_source(scenario, base), config.variants, variants_of)
-        except ValueError as error:
+        except InputError as error:
             problems.append(str(error))
         try:
             trajectory_file(scenario, base)
-        except ValueError as error:
+        except InputError as error:
             problems.append(str(error))
         if scenario.traffic is not None and scenario.traffic.engine == "sumo":
             try:
                 check_sumo()
-            except ValueError as error:
+            except InputError as error:
                 problems.append(f"{where}: traffic.{error}")
         for pattern, entry in scenario.material_map.items():
             problems += unknown_names(f"{where}: material_map[{pattern!r}]", entry, RADIO_ROWS)
@@ -175,16 +176,16 @@ def _check_source(
     """Open a stage or town without its payloads, and look for a variant of a town for each weather.
 
     Raises:
-        ValueError: If USD cannot read the file, or the town has no variant for a weather.
+        InputError: If USD cannot read the file, or the town has no variant for a weather.
     """
     key, value = ("stage", scenario.stage) if scenario.stage is not None else ("town", scenario.town)
     try:
         known = variants_of(source)
-    except ValueError as error:
-        raise ValueError(f"scenario {scenario.name!r}: {key} = {value!r}: {error}") from None
+    except InputError as error:
+        raise InputError(f"scenario {scenario.name!r}: {key} = {value!r}: {error}") from None
     for weather, names in variants.items() if scenario.town is not None and known else ():
         if choose_variant(names, known) is None:
-            raise ValueError(
+            raise InputError(
                 f"weathers holds {weather!r}: {value} has the variants {', '.join(known)}, none of {', '.join(names)}; "
                 f"set air.{weather}.variant to one that it has"
             )
@@ -194,7 +195,7 @@ def weather_variants(source: Path) -> list[str]:
     """Return the weather variants of a town or stage; none if its default prim has no such variant set.
 
     Raises:
-        ValueError: If USD cannot read the file.
+        InputError: If USD cannot read the file.
     """
     stage = open_stage(source, Usd.Stage.LoadNone)  # its prims live as long as it does
     root = stage.GetDefaultPrim()
@@ -205,7 +206,7 @@ def agent_counts(scenario: ScenarioConfig, base: Path) -> dict[str, int]:
     """Return how many CAVs, roadside units, vehicles (CAVs included) and boxes a scenario has.
 
     Raises:
-        ValueError: If a stage of the user's own cannot be read, or `actor_roles` does not fit it.
+        InputError: If a stage of the user's own cannot be read, or `actor_roles` does not fit it.
     """
     if scenario.traffic is not None:
         parked = find_actors(Usd.Stage.Open(str(scenario_source(scenario, base))), {})  # they belong to the town
@@ -233,7 +234,7 @@ def describe_plan(config: Config, base: Path, device: str) -> str:
     """Return the text of `--dry-run`: frames, rays and bytes of every scenario, and where they would go.
 
     Raises:
-        ValueError: If a stage of the user's own cannot be read.
+        InputError: If a stage of the user's own cannot be read.
     """
     lines = [
         f"{len(config.scenarios)} scenario(s) x {len(config.weathers)} weather(s), "

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from mmw import __version__
 from mmw.config import Config, ScenarioConfig
+from mmw.errors import InputError
 from mmw.plan import scenario_source, weather_variants
 from mmw.poses import pose_from_mount
 from mmw.provenance import sha256
@@ -34,7 +35,7 @@ def kept_stage(config: Config, scenario: ScenarioConfig, base: Path, root: Store
     A store that has the stage already, made on another machine, is asked for it.
 
     Raises:
-        ValueError: If town, traffic or stage cannot be used.
+        InputError: If town, traffic or stage cannot be used.
         OutOfSpaceError: If the disk is full.
         StoreError: If the store cannot be reached or refuses.
     """
@@ -58,7 +59,7 @@ def prepare_scenario(config: Config, scenario: ScenarioConfig, base: Path, root:
     A user's own stage is read where it is; configured roadside units go into a layer over it.
 
     Raises:
-        ValueError: If town, traffic or stage cannot be used.
+        InputError: If town, traffic or stage cannot be used.
         OutOfSpaceError: If the disk is full.
     """
     source = scenario_source(scenario, base)
@@ -96,14 +97,14 @@ def stored_stage(root: Path, scenario: ScenarioConfig) -> Path:
         scenario: The scenario as `config.yaml` of the dataset has it.
 
     Raises:
-        ValueError: If it is not there any more.
+        InputError: If it is not there any more.
     """
     for suffix in (".usdc", ".usda"):
         path = root / STAGES / f"{scenario.name}{suffix}"
         if path.is_file():
             return path
     if scenario.stage is None:
-        raise ValueError(f"{root}: has no {STAGES}/{scenario.name}.usdc; run the same configuration again to make it")
+        raise InputError(f"{root}: has no {STAGES}/{scenario.name}.usdc; run the same configuration again to make it")
     return scenario_source(scenario, root)
 
 
@@ -120,23 +121,23 @@ def make_tracks(
         base: Folder that the path of a trajectory file starts from.
 
     Raises:
-        ValueError: If the town and the traffic do not go together, see `run_engine`.
+        InputError: If the town and the traffic do not go together, see `run_engine`.
     """
     town, traffic, where = open_town(source), scenario.traffic, f"scenario {scenario.name!r}: traffic"
     if traffic is None:
-        raise ValueError(f"{where}: is missing; `town` needs it (vehicle_count, spawn_center_m, cav_ranks)")
+        raise InputError(f"{where}: is missing; `town` needs it (vehicle_count, spawn_center_m, cav_ranks)")
     try:
         frame_count = config.frames_of(scenario).stop + 1
         return run_engine(town, traffic, catalog, base=base, frame_count=frame_count, seed=config.seed)
-    except ValueError as error:
-        raise ValueError(f"{where}.{error}") from error
+    except InputError as error:
+        raise InputError(f"{where}.{error}") from error
 
 
 def read_scenario(config: Config, scenario: ScenarioConfig, stage: Path) -> SceneArrays:
     """Return a scenario's arrays for the configured frames, and one frame on each side where the stage has it.
 
     Raises:
-        ValueError: If the stage cannot be used, or does not cover the frames.
+        InputError: If the stage cannot be used, or does not cover the frames.
     """
     frames = config.frames_of(scenario)
     return read_stage(

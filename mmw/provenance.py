@@ -12,6 +12,7 @@ from typing import Any
 from mmw import __version__
 from mmw.config import Config
 from mmw.config.load import load_config, to_yaml
+from mmw.errors import InputError
 from mmw.plan import is_town_file, scenario_source, trajectory_file
 from mmw.tables.manifest import CONFIG, DATASET, read_dataset, read_markers
 from mmw.tables.store import Root, store_of
@@ -47,13 +48,13 @@ def stored_config(root: Root) -> Config:
     """Return the configuration that a dataset holds.
 
     Raises:
-        ValueError: If it is no dataset, or has no configuration.
+        InputError: If it is no dataset, or has no configuration.
     """
     store = store_of(root)
     read_dataset(store)
     with store.copy(CONFIG) as folder:
         if not (folder / CONFIG).is_file():
-            raise ValueError(f"{store.where()}: has no {CONFIG}; run the configuration again, which writes it")
+            raise InputError(f"{store.where()}: has no {CONFIG}; run the configuration again, which writes it")
         return load_config(folder / CONFIG)
 
 
@@ -69,7 +70,7 @@ def check_continuation(root: Root, config: Config, now: Mapping[str, Any]) -> li
         One line for everything that differs: versions, device, town files.
 
     Raises:
-        ValueError: If a user's own stage has changed: its old and new frames would be mixed.
+        InputError: If a user's own stage has changed: its old and new frames would be mixed.
     """
     root = store_of(root)
     if not root.sizes([DATASET]):
@@ -82,7 +83,7 @@ def check_continuation(root: Root, config: Config, now: Mapping[str, Any]) -> li
         old, new = (made.get("sources", {}).get(scenario.name, {}) for made in (before, now))
         changed = sorted(name for name in old.keys() | new.keys() if old.get(name) != new.get(name))
         if changed and scenario.stage is not None:
-            raise ValueError(
+            raise InputError(
                 f"{root}: scenario {scenario.name!r}: {', '.join(changed)} changed since the dataset was begun; "
                 "use --overwrite to make it again, or another --out"
             )
@@ -108,7 +109,7 @@ def versions(config: Config, base: Path, machine: str) -> dict[str, Any]:
         machine: Kind of machine that makes it, see `machine_kind`.
 
     Raises:
-        ValueError: If a file of the configuration does not exist.
+        InputError: If a file of the configuration does not exist.
     """
     packages = {}
     names = ["warp-lang", "numpy", "usd-core", "pyarrow", "pydantic", "trimesh", "pillow", "simplejpeg"]

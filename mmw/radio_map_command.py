@@ -17,12 +17,15 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from mmw import __version__
+from mmw.bvh import select_bvh
 from mmw.channel.arrays import AntennaArray
 from mmw.channel.measuring import MeasuringSurface, plane_grid, road_grid
 from mmw.channel.radio_map import RadioMap, RadioMapConfig, Transmitters, actor_transmitters, radio_map
-from mmw.command import fail
+from mmw.command import add_log_options, run_command
 from mmw.compute.device import choose_device, device_name
-from mmw.config import Config, ConfigError, ScenarioConfig, load_config
+from mmw.config import CONFIG_HELP, Config, ScenarioConfig, config_path, load_config
+from mmw.errors import InputError
+from mmw.extras import needed_by
 from mmw.plan import check_inputs
 from mmw.prepare import prepare_scenario, stored_stage
 from mmw.report import si
@@ -30,7 +33,7 @@ from mmw.scene import Scene
 from mmw.scene_arrays import SceneArrays
 from mmw.scene_reader import read_stage
 from mmw.tables.manifest import DATASET
-from mmw.tables.publish import OutOfSpaceError, publish_bytes
+from mmw.tables.publish import publish_bytes
 
 
 def _column(name: str, type_: pa.DataType, unit: str, doc: str, *, nullable: bool = False) -> pa.Field:
@@ -65,9 +68,9 @@ def parser(prog: str = "mmw radiomap") -> argparse.ArgumentParser:
         prog=prog,
         description="Trace a radio map: path gain, RSS and SINR of a scenario's roadside units over its roads or over "
         "a plane, at one moment, vehicles included.",
-        epilog="Writes SCENARIO_radio_map.parquet and SCENARIO_radio_map.png (the picture needs mmw[plot]).",
+        epilog="Writes SCENARIO_radio_map.parquet and SCENARIO_radio_map.png (the picture needs the extra plot).",
     )
-    result.add_argument("--config", required=True, metavar="FILE", help="configuration file (YAML)")
+    result.add_argument("--config", required=True, metavar="FILE", help=CONFIG_HELP)
     result.add_argument("overrides", nargs="*", metavar="key=value", help="replace values of the configuration")
     result.add_argument("--scenario", default="", metavar="NAME", help="scenario; the first by default")
     result.add_argument("--weather", default="", metavar="NAME", help="weather; the configuration's first by default")
@@ -94,7 +97,7 @@ def parser(prog: str = "mmw radiomap") -> argparse.ArgumentParser:
     result.add_argument("--device", metavar="NAME", help="auto, cpu or cuda:N; compute.device by default")
     result.add_argument("--out", type=Path, default=Path("radio_map"), metavar="DIR", help="folder for the files")
     result.add_argument("--table-only", action="store_true", help="write no picture")
-    return result
+    return add_log_options(result)
 
 
 def _count(text: str) -> int:
@@ -111,22 +114,13 @@ def _count(text: str) -> int:
 def main(argv: Sequence[str] | None = None, prog: str = "mmw radiomap") -> int:
     """Run the command line and return its exit code."""
     arguments = parser(prog).parse_intermixed_args(argv)
-    try:
+
+    def work() -> int:
         for line in run(arguments):
             print(line)
-    except ConfigError as error:
-        return fail(error.problems)
-    except ValueError as error:
-        return fail([str(error)])
-    except OutOfSpaceError as error:
-        return fail([str(error)], code=1)
-    except KeyboardInterrupt:
-        return fail(["interrupted; nothing was written"], code=1)
-    except ImportError as error:
-        return fail([f"{error}; the picture needs mmw[plot]: install it, or give --table-only"], code=1)
-    except OSError as error:
-        return fail([f"{error.filename or arguments.out}: {error.strerror or error}"], code=1)
-    return 0
+        return 0
+
+    return run_command(work, prog, debug=arguments.debug, interrupted="interrupted; nothing was written")
 
 
 def run(arguments: argparse.Namespace) -> list[str]:
@@ -140,12 +134,13 @@ def run(arguments: argparse.Namespace) -> list[str]:
 
     Raises:
         ConfigError: If the configuration cannot be used.
-        ValueError: If the scenario has no such weather or frame, or no transmitter, or the map is impossible.
+        InputError: If the scenario has no such weather or frame, or no transmitter, or the map is impossible.
         OutOfSpaceError: If the disk is full.
     """
-    path = Path(arguments.config)
+    path = config_path(arguments.config)
     patch: dict[str, Any] = {"weathers": [arguments.weather]} if arguments.weather else {}
     config = load_config(path, arguments.overrides, patch)
+    select_bvh(config.compute.bvh)
     device = choose_device(arguments.device or config.compute.device)
     scenario = _scenario(config, arguments.scenario)
     check_inputs(config.model_copy(update={"scenarios": (scenario,)}), path.parent)
@@ -194,7 +189,8 @@ def run(arguments: argparse.Namespace) -> list[str]:
         str(write_radio_map(result, stem.with_suffix(".parquet"), meta)),
     ]
     if not arguments.table_only:
-        from mmw.viewing.radio_map_plot import plot_radio_map
+        with needed_by("the picture of a radio map (--table-only leaves it out)"):
+            from mmw.viewing.radio_map_plot import plot_radio_map
 
         over = "plane at" if arguments.plane else "roads +"
         plot_radio_map(
@@ -256,7 +252,7 @@ def write_radio_map(result: RadioMap, path: Path, meta: dict[str, Any]) -> Path:
 def _scenario(config: Config, name: str) -> ScenarioConfig:
     names = [scenario.name for scenario in config.scenarios]
     if name and name not in names:
-        raise ValueError(f"--scenario {name}: the configuration has {', '.join(names)}; name one of them")
+        raise InputError(f"--scenario {name}: the configuration has {', '.join(names)}; name one of them")
     return config.scenarios[names.index(name) if name else 0]
 
 
@@ -264,7 +260,7 @@ def _arrays(config: Config, scenario: ScenarioConfig, frame: int, base: Path) ->
     """Read one frame of the stage of a scenario: a dataset's own, or one made for the purpose."""
     frames = config.frames_of(scenario)
     if not frames.start <= frame < frames.stop:
-        raise ValueError(
+        raise InputError(
             f"--frame {frame}: the configuration has frames {frames.start} to {frames.stop - 1}; "
             "give one of them, or frames.count=..."
         )
@@ -283,7 +279,7 @@ def _arrays(config: Config, scenario: ScenarioConfig, frame: int, base: Path) ->
 def _surface(arguments: argparse.Namespace, arrays: SceneArrays, transmitters: Transmitters) -> MeasuringSurface:
     """Return the measuring surface that a command line asks for."""
     if arguments.size is not None and not arguments.size > 0.0:
-        raise ValueError(
+        raise InputError(
             f"--size {arguments.size:g}: it must be above 0 m; give the side of the square, or leave it out"
         )
     if arguments.size is not None:

@@ -1,10 +1,16 @@
-"""The trees that rays walk: built on the CPU, one a mesh, then put one behind the other; and rays on one mesh."""
+"""The trees that rays walk, and rays on one mesh.
 
+Our own are built on the CPU, one a mesh, then put one behind the other. Warp's are those of a `wp.Mesh` each, where
+`mmw.bvh` has chosen them.
+"""
+
+import weakref
 from collections.abc import Sequence
 
 import numpy as np
 import warp as wp
 
+from mmw.bvh import kind_to_build
 from mmw.kernels.rays import rays_kernel
 from mmw.kernels.tree import LEAF_FACES, LEAF_ROWS, NODE_ROWS, REFERENCE_ROW, Tree
 from mmw.kernels.tree_build import BINS, Work, build_tree_kernel
@@ -12,6 +18,19 @@ from mmw.kernels.tree_build import BINS, Work, build_tree_kernel
 LEAF_FACES_CUDA = 2
 """Triangles in a leaf at most where a thread tests them one by one: on an H100 incoherent rays are 8 % faster than with
 `LEAF_FACES`, others 1 % (`bench/README.md`). A CPU tests that many at once."""
+
+WARP_CONSTRUCTOR = {"cuda": "cubql", "cpu": "sah"}
+WARP_LEAF_FACES = 2
+"""How Warp builds its trees, and triangles in a leaf of them at most: the best of its constructors and of 1, 2 and 4 on
+an H100 (`bench/README.md`)."""
+
+BOX_MARGIN = 5e-7
+"""How much larger Warp's boxes are than what they hold, over the size of the mesh and `BOX_RANGE_M`. Distances to the
+sides of a box, which it compares as they are, are wrong by 3 * 2^-24 at most: rounding loses no triangle that lies so
+far from where its ray starts, nor one two times further."""
+
+BOX_RANGE_M = 1000.0
+"""Length of rays on small things, such as a vehicle [m]."""
 
 
 def build_trees(meshes: Sequence[np.ndarray], device: str) -> tuple[Tree, np.ndarray]:
@@ -22,8 +41,13 @@ def build_trees(meshes: Sequence[np.ndarray], device: str) -> tuple[Tree, np.nda
         device: Warp device name.
 
     Returns:
-        The trees; the number of each root, shape [K], int32.
+        The trees; the root of each, shape [K], int32.
+
+    Raises:
+        InputError: If nobody has chosen the kind of trees, and the environment names none that there is.
     """
+    if kind_to_build() == "warp":
+        return _build_warp(meshes, device), np.arange(len(meshes), dtype=np.int32)
     nodes, leaves = [np.zeros((0, NODE_ROWS, 4), np.float32)], [np.zeros((0, LEAF_ROWS, 4), np.float32)]
     roots, node_count, leaf_count = [], 0, 0
     leaf_faces = LEAF_FACES_CUDA if wp.get_device(device).is_cuda else int(LEAF_FACES)
@@ -38,6 +62,7 @@ def build_trees(meshes: Sequence[np.ndarray], device: str) -> tuple[Tree, np.nda
     tree = Tree()
     tree.nodes = wp.array(np.concatenate(nodes).reshape(-1, 4), dtype=wp.vec4, device=device)
     tree.leaves = wp.array(np.concatenate(leaves).reshape(-1, 4), dtype=wp.vec4, device=device)
+    tree.meshes = wp.empty(0, dtype=wp.uint64, device=device)
     return tree, np.array(roots, dtype=np.int32)
 
 
@@ -62,6 +87,38 @@ def build_tree(corners: np.ndarray, leaf_faces: int) -> tuple[np.ndarray, np.nda
     wp.launch(build_tree_kernel, dim=1, inputs=[work, leaf_faces], outputs=[nodes, leaves, counts], device="cpu")
     node_count, leaf_count = counts.numpy()
     return nodes.numpy()[:node_count].copy(), leaves.numpy()[:leaf_count].copy()
+
+
+def _build_warp(meshes: Sequence[np.ndarray], device: str) -> Tree:
+    """Return Warp's trees of meshes, which live as long as the array of their ids."""
+    built = [_build_warp_mesh(np.ascontiguousarray(corners, dtype=np.float32), device) for corners in meshes]
+    tree = Tree()
+    tree.nodes = wp.empty(0, dtype=wp.vec4, device=device)
+    tree.leaves = wp.empty(0, dtype=wp.vec4, device=device)
+    tree.meshes = wp.array(np.array([mesh.id for mesh in built], dtype=np.uint64), dtype=wp.uint64, device=device)
+    weakref.finalize(tree.meshes, built.clear).atexit = False
+    return tree
+
+
+def _build_warp_mesh(corners: np.ndarray, device: str) -> wp.Mesh:
+    """Return Warp's tree of one mesh, whose boxes are `BOX_MARGIN` larger than its triangles.
+
+    Args:
+        corners: Corners of the triangles [m], shape [M, 3, 3], float32.
+        device: Warp device name.
+    """
+    margin = BOX_MARGIN * (np.abs(corners).max() + BOX_RANGE_M)
+    boxed = np.stack([corners.min(axis=1) - margin, corners.max(axis=1) + margin, corners[:, 0]], axis=1)
+    points = wp.array(boxed.reshape(-1, 3), dtype=wp.vec3, device=device)
+    mesh = wp.Mesh(
+        points=points,
+        indices=wp.array(np.arange(3 * len(corners), dtype=np.int32), dtype=wp.int32, device=device),
+        bvh_constructor=WARP_CONSTRUCTOR["cuda" if wp.get_device(device).is_cuda else "cpu"],
+        bvh_leaf_size=WARP_LEAF_FACES,
+    )
+    # The tree keeps the boxes that it was built over until it is told to refit.
+    points.assign(corners.reshape(-1, 3))
+    return mesh
 
 
 def _empty(shape: int | tuple[int, ...], dtype: type) -> wp.array:

@@ -5,6 +5,7 @@ the stored ones bit for bit, on the same kind of device.
 """
 
 import io
+import os
 from collections import defaultdict
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -17,9 +18,12 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
+from mmw.bvh import select_bvh
 from mmw.compute.device import choose_device
 from mmw.config import Config, ScenarioConfig
+from mmw.config.compute import BVH_VARIABLE
 from mmw.dataset import open_dataset
+from mmw.errors import InputError
 from mmw.pipeline import join_batches, make_job, record_frames
 from mmw.prepare import ASSETS, STAGES, read_scenario, stored_stage
 from mmw.provenance import stored_config
@@ -71,6 +75,7 @@ class Remaker:
         store = store_of(self.root)
         self.address = store.address
         self.config = stored_config(store)
+        select_bvh(os.environ.get(BVH_VARIABLE) or self.config.compute.bvh)
         self.device = choose_device(self.device)
         self._stages: Path = self._held.enter_context(store.copy(STAGES, ASSETS))
 
@@ -103,7 +108,7 @@ class Remaker:
             key: Further columns of the table's key and the values wanted, such as `peer` or `object_id`.
 
         Raises:
-            ValueError: If a name is not known, or the dataset's configuration makes no such row.
+            InputError: If a name is not known, or the dataset's configuration makes no such row.
         """
         spec = table_spec(table)
         found = self._find(scenario)
@@ -112,21 +117,21 @@ class Remaker:
         columns = [column.name for column in spec.columns]
         for name in wanted:
             if name not in columns:
-                raise ValueError(f"{name} = {wanted[name]}: table {table} has no such column; leave it out")
+                raise InputError(f"{name} = {wanted[name]}: table {table} has no such column; leave it out")
         if not spec.framed:
             columns_of = static_rows(self._read(found), self.config, found)[table]
             return _only(table_from_columns(table, {"scenario": scenario, **columns_of}), wanted)
         if weather not in self.config.weathers:
-            raise ValueError(f"weather = {weather}: the dataset has {', '.join(self.config.weathers)}; name one")
+            raise InputError(f"weather = {weather}: the dataset has {', '.join(self.config.weathers)}; name one")
         frames = self.config.frames_of(found)
         if frame is None or not frames.start <= frame < frames.stop:
-            raise ValueError(f"frame = {frame}: {scenario} has {frames.start} to {frames.stop - 1}; name one")
+            raise InputError(f"frame = {frame}: {scenario} has {frames.start} to {frames.stop - 1}; name one")
         job = self._restricted(table, found, agent, sensor)
         collected: Rows = {weather: defaultdict(list)}
         record_frames(job, [frame], collected)
         batches = collected[weather].get(table)
         if not batches:
-            raise ValueError(f"table {table}: the dataset's configuration makes no row of it; name another table")
+            raise InputError(f"table {table}: the dataset's configuration makes no row of it; name another table")
         return _only(join_batches(table, scenario, weather, batches), wanted)
 
     def _find(self, name: str) -> ScenarioConfig:
@@ -134,7 +139,7 @@ class Remaker:
             if scenario.name == name:
                 return scenario
         names = ", ".join(scenario.name for scenario in self.config.scenarios)
-        raise ValueError(f"scenario = {name}: the dataset has {names}; name one")
+        raise InputError(f"scenario = {name}: the dataset has {names}; name one")
 
     def _read(self, scenario: ScenarioConfig) -> SceneArrays:
         if self._scenario != scenario.name or self._arrays is None:
@@ -160,11 +165,11 @@ class Remaker:
         )
         if sensor is not None and not sensors and sensor != "antenna":
             names = ", ".join(section.name for section in self.config.sensors if section.type in types)
-            raise ValueError(f"sensor = {sensor}: table {table} has {names or 'none'} in this dataset; name one")
+            raise InputError(f"sensor = {sensor}: table {table} has {names or 'none'} in this dataset; name one")
         arrays = self._read(scenario)
         if agent is not None and agent not in {actor.name for actor in arrays.actors}:
             names = ", ".join(actor.name for actor in arrays.actors if actor.role in ("cav", "rsu"))
-            raise ValueError(f"agent = {agent}: {scenario.name} has {names}; name one")
+            raise InputError(f"agent = {agent}: {scenario.name} has {names}; name one")
         job = self._job_of(scenario, table in CHANNEL_TABLES)
         config: Config = job.config.model_copy(update={"sensors": sensors})
         sensing = None if agent is None else frozenset([agent])

@@ -1,6 +1,7 @@
 """What the user sees: a progress bar on a terminal, one line a batch elsewhere, a summary at the end."""
 
 import json
+import logging
 import shlex
 import sys
 import time
@@ -15,6 +16,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Column
 
 from mmw.config import Config
+
+LOGGER = logging.getLogger(__name__)
 
 SET_UP = ("traffic and stage", "scene", "kernels", "textures and skies")
 """Stages that come once a scenario: they would spoil the speed and the time left."""
@@ -85,14 +88,16 @@ class Console:
             self._progress.stop()
 
     def say(self, text: str) -> None:
-        """Print one line above the bar."""
+        """Print one line above the bar, and log it."""
+        LOGGER.info("%s", text)
         self._rich.print(text, markup=False)
 
     def warn_once(self, text: str) -> None:
         """Print a warning the first time it is given."""
         if text not in self._warned:
             self._warned.add(text)
-            self.say(f"note: {text}")
+            LOGGER.warning("%s", text)
+            self._rich.print(f"note: {text}", markup=False)
 
     def begin(self, total: int, done: int, workers: int = 1) -> None:
         """Start counting scenario-weather-frames.
@@ -129,6 +134,7 @@ class Console:
         speed = f"{self._fresh / elapsed:.1f} frames/s, {si(rays / elapsed)}rays/s"
         if self._progress and self._task is not None:
             self._progress.update(self._task, completed=self.done, description=where, speed=speed)
+            LOGGER.debug("%s: %d/%d frames, %s", where, self.done, self.total, speed)
         else:
             left = (self.total - self.done) * elapsed / max(self._fresh, 1)
             self.say(f"{where}: {self.done}/{self.total} frames, {speed}, {left:.0f} s left")
@@ -139,6 +145,7 @@ class Console:
             self._progress.stop()
             self._progress = None
         sys.stderr.flush()
+        LOGGER.info("%s", text)
         print(text, flush=True)
 
 

@@ -5,7 +5,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from mmw.command import fail, run_command
+from mmw.command import add_log_options, run_command
 
 
 def main(argv: Sequence[str], prog: str = "mmw report") -> int:
@@ -23,21 +23,17 @@ def main(argv: Sequence[str], prog: str = "mmw report") -> int:
         "--scenario", action="append", default=[], metavar="A,B", help="scenarios to show; all by default"
     )
     parser.add_argument("--force", action="store_true", help="replace a file that mmw report did not write")
-    arguments = parser.parse_args(argv)
-    return run_command(lambda: _report(arguments), "mmw")
+    arguments = add_log_options(parser).parse_args(argv)
+    return run_command(lambda: _report(arguments), prog, debug=arguments.debug)
 
 
 def _report(arguments: argparse.Namespace) -> int:
     from mmw.reporting import make_report
-    from mmw.tables.publish import OutOfSpaceError
 
     names = [name for item in arguments.scenario for name in item.split(",") if name]
-    try:
-        make_report(
-            arguments.dataset, arguments.out, scenarios=names, force=arguments.force,
-            tell=lambda line: print(f"mmw: {line}", file=sys.stderr),
-        )  # fmt: skip
-    except OutOfSpaceError as error:
-        return fail([str(error)], code=1)
+    make_report(
+        arguments.dataset, arguments.out, scenarios=names, force=arguments.force,
+        tell=lambda line: print(f"mmw: {line}", file=sys.stderr),
+    )  # fmt: skip
     print(arguments.out)
     return 0

@@ -9,7 +9,8 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from mmw.command import run_command
+from mmw.command import add_log_options, run_command
+from mmw.errors import InputError
 
 MOST_SHOWN = 6
 """Numbers of a list that are printed."""
@@ -39,14 +40,14 @@ def main(argv: Sequence[str], prog: str = "mmw row") -> int:
     )
     parser.add_argument("--compare", action="store_true", help="say whether the rows equal the stored ones bit for bit")
     parser.add_argument("--device", default="auto", help="auto, cpu or cuda:N")
-    arguments = parser.parse_intermixed_args(argv)
-    return run_command(lambda: _row(arguments), "mmw")
+    arguments = add_log_options(parser).parse_intermixed_args(argv)
+    return run_command(lambda: _row(arguments), prog, debug=arguments.debug)
 
 
 def _row(arguments: argparse.Namespace) -> int:
     out: Path | None = arguments.out
     if out is not None and out.suffix not in SUFFIXES:
-        raise ValueError(f"--out {out}: the file must end in {', '.join(SUFFIXES)}; rename it")
+        raise InputError(f"--out {out}: the file must end in {', '.join(SUFFIXES)}; rename it")
     from mmw.compute.device import machine_kind
     from mmw.remake import Remaker, differing_columns, machines, other_machine, stored_rows
     from mmw.tables.schemas import table_spec
@@ -61,7 +62,7 @@ def _row(arguments: argparse.Namespace) -> int:
             if name not in key and len(names) == 1:
                 key[name] = names[0]
             elif name not in key and (name == "scenario" or spec.framed):
-                raise ValueError(f"{name} is missing: the dataset has {', '.join(names)}; add {name}=NAME")
+                raise InputError(f"{name} is missing: the dataset has {', '.join(names)}; add {name}=NAME")
         made = maker.rows(arguments.table, **key)
     if arguments.compare:
         columns = differing_columns(made, stored_rows(arguments.dataset, arguments.table, key))
@@ -85,7 +86,7 @@ def parse_key(table: str, items: Sequence[str]) -> dict[str, Any]:
     """Return the values of `key=value` items, of the types of a table's columns.
 
     Raises:
-        ValueError: If an item is not key=value, no column of the table's key, or not of its type.
+        InputError: If an item is not key=value, no column of the table's key, or not of its type.
     """
     from mmw.tables.schemas import table_spec
 
@@ -96,12 +97,12 @@ def parse_key(table: str, items: Sequence[str]) -> dict[str, Any]:
     for item in items:
         name, sign, text = item.partition("=")
         if not sign or name not in known:
-            raise ValueError(f"{item!r}: the key of table {table} is {', '.join(known)}; write one as key=value")
+            raise InputError(f"{item!r}: the key of table {table} is {', '.join(known)}; write one as key=value")
         type_ = types.get(name, pa.string())
         try:
             found[name] = pa.scalar(text).cast(pa.string() if pa.types.is_dictionary(type_) else type_).as_py()
         except pa.ArrowInvalid as error:
-            raise ValueError(f"{item!r}: {name} holds {type_}; write such a value") from error
+            raise InputError(f"{item!r}: {name} holds {type_}; write such a value") from error
     return found
 
 
@@ -109,7 +110,7 @@ def write_rows(rows: pa.Table, out: Path) -> None:
     """Write rows as Parquet or as one JSON object a line, or the image of a single row as the file that it is.
 
     Raises:
-        ValueError: If an image is asked for and the rows do not hold exactly one of that kind.
+        InputError: If an image is asked for and the rows do not hold exactly one of that kind.
     """
     out.parent.mkdir(parents=True, exist_ok=True)
     if out.suffix == ".parquet":
@@ -122,10 +123,10 @@ def write_rows(rows: pa.Table, out: Path) -> None:
         return
     images = [value for row in listed for value in row.values() if isinstance(value, dict) and "bytes" in value]
     if len(images) != 1:
-        raise ValueError(f"--out {out}: the rows hold {len(images)} images; one is needed; name agent and sensor")
+        raise InputError(f"--out {out}: the rows hold {len(images)} images; one is needed; name agent and sensor")
     suffix = Path(images[0]["path"]).suffix.replace(".jpeg", ".jpg")
     if suffix != out.suffix:
-        raise ValueError(f"--out {out}: the image is a {suffix} file; end the name with that")
+        raise InputError(f"--out {out}: the image is a {suffix} file; end the name with that")
     out.write_bytes(images[0]["bytes"])
 
 

@@ -5,14 +5,18 @@ Exit codes: 0 done, 2 bad configuration or input (one line a problem), 1 failure
 
 import argparse
 import json
+import logging
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from mmw.command import fail
-from mmw.config import Config, ConfigError, load_config
+from mmw.command import add_log_options, fail, run_command
+from mmw.config import CONFIG_HELP, Config, ConfigError, config_path, load_config
 from mmw.config.load import json_schema, to_yaml
 from mmw.engines.nursery import import_ahead, may_be_several
+from mmw.errors import OutOfMemoryError
+
+LOGGER = logging.getLogger(__name__)
 
 
 def parser(prog: str = "python -m mmw.run") -> argparse.ArgumentParser:
@@ -20,12 +24,10 @@ def parser(prog: str = "python -m mmw.run") -> argparse.ArgumentParser:
     result = argparse.ArgumentParser(
         prog=prog,
         description="Make a multimodal wireless dataset from one configuration file.",
-        epilog="A first run, without a GPU: %(prog)s --config configs/quickstart.yaml --out out/first. The same "
+        epilog="A first run, without a GPU: %(prog)s --config quickstart --out out/first. The same "
         "command again resumes. Exit codes: 0 done, 2 bad configuration or input, 1 failure while running.",
     )
-    result.add_argument(
-        "--config", required=False, metavar="FILE", help="configuration file (YAML), such as configs/quickstart.yaml"
-    )
+    result.add_argument("--config", required=False, metavar="FILE", help=CONFIG_HELP)
     result.add_argument(
         "overrides",
         nargs="*",
@@ -58,7 +60,7 @@ def parser(prog: str = "python -m mmw.run") -> argparse.ArgumentParser:
     result.add_argument(
         "--print-schema", action="store_true", help="print the JSON Schema of the configuration and stop"
     )
-    return result
+    return add_log_options(result)
 
 
 def main(argv: Sequence[str] | None = None, prog: str = "python -m mmw.run") -> int:
@@ -68,7 +70,7 @@ def main(argv: Sequence[str] | None = None, prog: str = "python -m mmw.run") -> 
         print(json.dumps(json_schema(), indent=2))
         return 0
     if not arguments.config:
-        return fail(["--config FILE is missing; a first one to try is configs/quickstart.yaml"])
+        return fail(["--config FILE is missing; a first one to try is --config quickstart"])
     patch = {
         key: value
         for key, value in (
@@ -80,18 +82,24 @@ def main(argv: Sequence[str] | None = None, prog: str = "python -m mmw.run") -> 
         )
         if value is not None
     }
-    try:
-        config = load_config(arguments.config, arguments.overrides, patch)
-    except ConfigError as error:
-        return fail(error.problems)
-    if arguments.print_config:
-        print(to_yaml(config), end="")
-        return 0
     options = {"dry_run": arguments.dry_run, "overwrite": arguments.overwrite, "shard": arguments.shard}
-    try:
-        return execute(config, Path(arguments.config), **options)
-    except KeyboardInterrupt:
-        return fail(["interrupted; every finished shard is kept and the same command resumes"], code=1)
+
+    def work() -> int:
+        LOGGER.info("configuration %s, overrides %s, options %s", arguments.config, arguments.overrides, patch)
+        path = config_path(arguments.config)
+        config = load_config(path, arguments.overrides, patch)
+        if arguments.print_config:
+            print(to_yaml(config), end="")
+            return 0
+        return execute(config, path, **options)
+
+    return run_command(
+        work,
+        prog,
+        debug=arguments.debug,
+        interrupted="interrupted; every finished shard is kept and the same command resumes",
+        kept="every finished shard is kept and the same command resumes",
+    )
 
 
 def execute(config: Config, path: Path, *, dry_run: bool = False, overwrite: bool = False, shard: str = "0/1") -> int:
@@ -103,19 +111,22 @@ def execute(config: Config, path: Path, *, dry_run: bool = False, overwrite: boo
         dry_run: Print what would be made, and stop.
         overwrite: Replace a dataset that another configuration made.
         shard: Make only this part of it, `i/N`.
+
+    Raises:
+        InputError: If the configuration or a file that it names cannot be used.
+        Error: If the disk or the memory is full, workers die, or a store cannot be reached.
     """
     if not dry_run and may_be_several(config.compute, config.frame_total):
         import_ahead()
     from mmw.compute.device import worker_devices
     from mmw.engines.engine import open_engine
-    from mmw.engines.queue import WorkerLostError
     from mmw.make import make_dataset, output_of
     from mmw.pipeline import is_out_of_memory
     from mmw.plan import check_inputs, describe_plan
     from mmw.provenance import check_continuation, versions
     from mmw.report import Console
     from mmw.shards import Part
-    from mmw.tables.publish import OutOfSpaceError, StoreError
+    from mmw.tables.publish import StoreError
 
     base = path.parent
     try:
@@ -136,27 +147,16 @@ def execute(config: Config, path: Path, *, dry_run: bool = False, overwrite: boo
                     console.warn_once(line)
             make_dataset(config, base=base, engine=engine, part=part, overwrite=overwrite, console=console)
     except ConfigError as error:
-        return fail([f"{path}: {problem}" for problem in error.problems])
-    except ValueError as error:
-        return fail([str(error)])
-    except (OutOfSpaceError, WorkerLostError) as error:
-        return fail([str(error)], code=1)
+        raise ConfigError([f"{path}: {problem}" for problem in error.problems]) from error
     except StoreError as error:
-        return fail([f"{error}; everything that is finished is kept, and the same command resumes"], code=1)
-    except OSError as error:
-        return fail(
-            [f"{error.filename or config.output.dir}: {error.strerror or error}; the same command resumes"], code=1
-        )
+        raise StoreError(f"{error}; everything that is finished is kept, and the same command resumes") from error
     except (MemoryError, RuntimeError) as error:
         if not is_out_of_memory(error):
             raise
-        return fail(
-            [
-                f"memory is full with a single frame a launch ({error}); every finished shard is kept; make room, or "
-                "use fewer --workers or compute.writer_threads; the same command resumes"
-            ],
-            code=1,
-        )
+        raise OutOfMemoryError(
+            f"memory is full with a single frame a launch ({error}); every finished shard is kept; make room, or "
+            "use fewer --workers or compute.writer_threads; the same command resumes"
+        ) from error
     return 0
 
 

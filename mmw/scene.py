@@ -214,4 +214,5 @@ class Scene:
             inputs=[tree.id],
             outputs=[struct.group_root],
             device=self.device,
+            block_dim=64,  # as all kernels of its module: two sizes of blocks would be two modules to compile
         )

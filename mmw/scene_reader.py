@@ -7,6 +7,7 @@ import numpy as np
 from pxr import Usd
 
 from mmw.constants import FRAME_RATE_HZ
+from mmw.errors import InputError
 from mmw.materials import Material
 from mmw.scene_arrays import MODEL_NONE, Actor, Model, SceneArrays, SceneObject
 from mmw.surfaces import find_surfaces
@@ -55,7 +56,7 @@ def read_stage(
         The scene in the world frame (z up, metres).
 
     Raises:
-        ValueError: If the file is missing, unreadable or empty; if a frame or weather is not in it; if a mesh has no
+        InputError: If the file is missing, unreadable or empty; if a frame or weather is not in it; if a mesh has no
             material, deforms, or moves inside its actor.
     """
     stage = open_stage(Path(path))
@@ -94,12 +95,12 @@ def read_stage(
             static.append(part)
     if reader.unresolved:
         listed = "\n  ".join(reader.unresolved)
-        raise ValueError(
+        raise InputError(
             f"{name}: {len(reader.unresolved)} prims have no radio material; bind one with mmw:radio:* attributes, or "
             f"give `material_map` (prim path glob -> itu_concrete, ...):\n  {listed}"
         )
     if not static and not any(moving):
-        raise ValueError(
+        raise InputError(
             f"{name}: the stage has no visible mesh; a scene needs at least one; check purpose and visibility"
         )
     materials, ids = _materials(stage, switches, reader, variants)
@@ -109,14 +110,14 @@ def read_stage(
 def _frame_times(stage: Usd.Stage, name: str, frames: range, margin: int) -> tuple[range, np.ndarray]:
     """Return the frames to read, margins included, and the time code of each."""
     if len(frames) == 0:
-        raise ValueError(f"{name}: no frames are asked for; at least one is needed")
+        raise InputError(f"{name}: no frames are asked for; at least one is needed")
     rate, start, last = stage.GetTimeCodesPerSecond(), 0.0, frames[-1]
     if stage.HasAuthoredTimeCodeRange():
         start = stage.GetStartTimeCode()
         last = int(np.floor((stage.GetEndTimeCode() - start) / rate * FRAME_RATE_HZ + 1e-6))
         outside = [frame for frame in (frames[0], frames[-1]) if not 0 <= frame <= last]
         if outside:
-            raise ValueError(
+            raise InputError(
                 f"{name}: frame {outside[0]} is outside the stage, which holds frames 0 to {last} "
                 f"({stage.GetEndTimeCode() - start:g} time codes at {rate:g} a second); ask for frames within"
             )
@@ -133,7 +134,7 @@ def _check_weathers(switches: list[Usd.Prim], name: str, variants: Mapping[str, 
         known = prim.GetVariantSet(WEATHER).GetVariantNames()
         for weather, names in variants.items():
             if choose_variant(names, known) is None:
-                raise ValueError(
+                raise InputError(
                     f"{name}: weather {weather!r} is not a variant of {prim.GetPath()}; it has {', '.join(known)}, "
                     f"none of {', '.join(names)}; set air.{weather}.variant to one that it has, or author the variant"
                 )

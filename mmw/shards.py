@@ -5,6 +5,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from mmw.config import Config, ScenarioConfig
+from mmw.errors import InputError
 from mmw.tables.manifest import pending
 from mmw.tables.store import Root
 from mmw.tables.writer import ShardKey
@@ -47,11 +48,11 @@ class Part:
         """Return the part that `i/N` names, i from 0 to N - 1.
 
         Raises:
-            ValueError: If it names none.
+            InputError: If it names none.
         """
         index, slash, count = text.partition("/")
         if not (slash and index.isdecimal() and count.isdecimal() and int(index) < int(count)):
-            raise ValueError(f"--shard {text}: is not i/N with i from 0 to N - 1; the first of four is 0/4")
+            raise InputError(f"--shard {text}: is not i/N with i from 0 to N - 1; the first of four is 0/4")
         return cls(int(index), int(count))
 
     def __str__(self) -> str:

@@ -4,7 +4,7 @@ import argparse
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
 
-from mmw.command import run_command
+from mmw.command import add_log_options, run_command
 from mmw.provenance import stored_config
 from mmw.report import si
 from mmw.shards import Work, all_work, pending_work
@@ -19,8 +19,8 @@ def main(argv: Sequence[str], prog: str = "mmw status") -> int:
         prog=prog, description="Say how far a dataset is and who writes it. Exit codes: 0 complete, 1 not yet."
     )
     parser.add_argument("dataset", help="dataset folder, or s3://bucket/folder")
-    arguments = parser.parse_args(argv)
-    return run_command(lambda: _status(arguments.dataset), "mmw")
+    arguments = add_log_options(parser).parse_args(argv)
+    return run_command(lambda: _status(arguments.dataset), prog, debug=arguments.debug)
 
 
 def _status(address: str) -> int:

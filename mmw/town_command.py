@@ -5,7 +5,8 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from mmw.command import run_command
+from mmw.command import add_log_options, run_command
+from mmw.errors import InputError
 
 
 def main(argv: Sequence[str], prog: str = "mmw town") -> int:
@@ -13,8 +14,8 @@ def main(argv: Sequence[str], prog: str = "mmw town") -> int:
     parser = argparse.ArgumentParser(prog=prog, description="Build, check and draw towns.")
     commands = parser.add_subparsers(dest="command", required=True)
     build = commands.add_parser(
-        "build", help="build a town from its YAML description (needs mmw[author])",
-        description="Build the USD asset of a town from its YAML description (docs/towns.md). Needs mmw[author].",
+        "build", help="build a town from its YAML description (needs the extra author)",
+        description="Build the USD asset of a town from its YAML description (docs/towns.md). Needs the extra author.",
     )  # fmt: skip
     build.add_argument("description", help="the town's YAML file, or the name of a shipped town")
     build.add_argument("--out", type=Path, help="folder for the built asset; the description's own by default")
@@ -31,7 +32,7 @@ def main(argv: Sequence[str], prog: str = "mmw town") -> int:
         help="radio material for meshes without one, such as '/World/Wall*=itu_concrete'; may be repeated",
     )  # fmt: skip
     render = commands.add_parser(
-        "render", help="draw a town: from above, three streets, its lanes (needs mmw[plot])",
+        "render", help="draw a town: from above, three streets, its lanes (needs the extra plot)",
         description="Draw a town, or any USD stage, by the RGB camera, from above and in three streets, and its lanes.",
     )  # fmt: skip
     render.add_argument("stage", help="USD file, or the name of a shipped town")
@@ -42,9 +43,9 @@ def main(argv: Sequence[str], prog: str = "mmw town") -> int:
     )  # fmt: skip
     render.add_argument("--samples", type=int, default=4, choices=(1, 4, 9), help="rays in a pixel on an edge")
     render.add_argument("--device", default="auto", help="auto, cpu or cuda:N")
-    arguments = parser.parse_args(argv)
+    arguments = add_log_options(parser).parse_args(argv)
     work = {"build": _build, "check": _check, "render": _render}[arguments.command]
-    return run_command(lambda: work(arguments), "mmw[author]" if arguments.command == "build" else "mmw[plot]")
+    return run_command(lambda: work(arguments), prog, debug=arguments.debug)
 
 
 def _build(arguments: argparse.Namespace) -> int:
@@ -67,11 +68,11 @@ def _check(arguments: argparse.Namespace) -> int:
     choose_device("cpu")  # and keep Warp's own lines out of the output
     wrong = [entry for entry in arguments.material_map if "=" not in entry]
     if wrong:
-        raise ValueError(f"--material-map {wrong[0]}: GLOB=ROW is needed, such as '/World/Wall*=itu_concrete'")
+        raise InputError(f"--material-map {wrong[0]}: GLOB=ROW is needed, such as '/World/Wall*=itu_concrete'")
     rows = dict(entry.rsplit("=", 1) for entry in arguments.material_map)
     for glob, row in rows.items():
         if row not in RADIO_ROWS:
-            raise ValueError(f"--material-map {glob}={row}: no radio material; use one of {', '.join(RADIO_ROWS)}")
+            raise InputError(f"--material-map {glob}={row}: no radio material; use one of {', '.join(RADIO_ROWS)}")
     report = check_stage(stage_path(arguments.stage), rows, RADIO_ROWS)
     if arguments.json:
         counts = {f"{severity}s": report.count(severity) for severity in ("error", "warning")}

@@ -4,7 +4,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from mmw.command import run_command
+from mmw.command import add_log_options, run_command
 from mmw.tables.store import Root, store_of
 from mmw.tables.verify import Finding, verify
 
@@ -28,8 +28,8 @@ def main(argv: Sequence[str], prog: str = "mmw verify") -> int:
         "--frames", type=int, default=5, metavar="N", help="frames of each scenario and weather held against physics"
     )
     parser.add_argument("--device", default="auto", help="auto, cpu or cuda:N, for --rerender")
-    arguments = parser.parse_args(argv)
-    return run_command(lambda: _verify(arguments), "mmw")
+    arguments = add_log_options(parser).parse_args(argv)
+    return run_command(lambda: _verify(arguments), prog, debug=arguments.debug)
 
 
 def _verify(arguments: argparse.Namespace) -> int:
@@ -63,7 +63,7 @@ def check(root: Root, frames_each: int) -> list[Finding]:
         frames_each: Frames of each scenario and weather that are held against physics.
 
     Raises:
-        ValueError: If the folder is not a dataset, or its configuration cannot be read.
+        InputError: If the folder is not a dataset, or its configuration cannot be read.
     """
     findings = verify(root)
     if any(finding.path == "dataset.json" for finding in findings):

@@ -6,7 +6,9 @@ from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from mmw.command import run_command
+from mmw.command import add_log_options, run_command
+from mmw.config import CONFIG_HELP
+from mmw.errors import InputError
 
 SUFFIXES = (".png", ".jpg", ".jpeg")
 """Endings of a picture's file."""
@@ -22,10 +24,10 @@ STILL_ONLY = (
 
 def main(argv: Sequence[str], prog: str = "mmw view") -> int:
     """Run `mmw view` and return its exit code."""
-    arguments = _parser(prog).parse_args(argv)
+    arguments = add_log_options(_parser(prog)).parse_args(argv)
     if arguments.root is None:
-        return run_command(lambda: _still(arguments), "mmw")
-    return run_command(lambda: _dataset(arguments), "mmw[viz]")
+        return run_command(lambda: _still(arguments), prog, debug=arguments.debug)
+    return run_command(lambda: _dataset(arguments), prog, debug=arguments.debug)
 
 
 def _parser(prog: str) -> argparse.ArgumentParser:
@@ -40,7 +42,7 @@ def _parser(prog: str) -> argparse.ArgumentParser:
         "--weather", default="", help="weather of the dataset or configuration, or of a picture a preset"
     )
 
-    shown = parser.add_argument_group("a dataset (needs mmw[viz])")
+    shown = parser.add_argument_group("a dataset (needs the extra viz)")
     shown.add_argument("--frames", metavar="A:B[:STEP]", help="frames A to B - 1; all by default, thinned to 200")
     shown.add_argument("--agents", metavar="A,B", help="agents whose sensors and links are shown; all by default")
     shown.add_argument("--lidar-color", metavar="BY", help="object (default), class, intensity or label")
@@ -52,7 +54,7 @@ def _parser(prog: str) -> argparse.ArgumentParser:
 
     still = parser.add_argument_group("one picture")
     still.add_argument("--still", type=Path, metavar="OUT", help="file of the picture, .png or .jpg")
-    still.add_argument("--config", type=Path, metavar="FILE", help="configuration: its town with its traffic")
+    still.add_argument("--config", type=Path, metavar="FILE", help=f"{CONFIG_HELP}: its town with its traffic")
     still.add_argument("--town", metavar="NAME", help="shipped town or USD file, as it is")
     still.add_argument("--frame", type=int, help="frame; the first by default")
     still.add_argument("--agent", help="agent through whose --camera the picture is seen, such as cav_1")
@@ -74,19 +76,19 @@ def _refuse(arguments: argparse.Namespace, names: Sequence[str], where: str) -> 
     """Raise for the first option that was given and does not belong here."""
     for name in names:
         if getattr(arguments, name) not in (None, False):
-            raise ValueError(f"view: --{name.replace('_', '-')} goes with {where}; leave it out")
+            raise InputError(f"view: --{name.replace('_', '-')} goes with {where}; leave it out")
 
 
 def _dataset(arguments: argparse.Namespace) -> int:
     if arguments.still is not None:
-        raise ValueError(
+        raise InputError(
             "view: --still takes a picture of --config FILE or --town NAME, not of a dataset; leave one out"
         )
     _refuse(arguments, STILL_ONLY, "--still")
     if arguments.save is not None and arguments.web:
-        raise ValueError("view: --save and --web: a recording is written or served; give one")
+        raise InputError("view: --save and --web: a recording is written or served; give one")
     if arguments.port is not None and not arguments.web:
-        raise ValueError(f"view: --port {arguments.port} goes with --web; add it")
+        raise InputError(f"view: --port {arguments.port} goes with --web; add it")
     from mmw.dataset import BeamSearch, open_dataset
     from mmw.export_command import frames_of
     from mmw.viewer.record import Looks
@@ -123,14 +125,14 @@ def _note(lines: Iterable[str]) -> None:
 
 def _still(arguments: argparse.Namespace) -> int:
     if arguments.still is None:
-        raise ValueError("view: a dataset folder or --still OUT.png is needed; give one")
+        raise InputError("view: a dataset folder or --still OUT.png is needed; give one")
     _refuse(arguments, DATASET_ONLY, "a dataset folder")
     if arguments.still.suffix.lower() not in SUFFIXES:
-        raise ValueError(f"--still {arguments.still}: the file must end in {', '.join(SUFFIXES)}; rename it")
+        raise InputError(f"--still {arguments.still}: the file must end in {', '.join(SUFFIXES)}; rename it")
     if (arguments.config is None) == (not arguments.town):
-        raise ValueError("view: exactly one of --config FILE and --town NAME is needed; give one")
+        raise InputError("view: exactly one of --config FILE and --town NAME is needed; give one")
     if arguments.town and arguments.scenario:
-        raise ValueError(f"--scenario {arguments.scenario}: goes with --config, not with --town; leave it out")
+        raise InputError(f"--scenario {arguments.scenario}: goes with --config, not with --town; leave it out")
     from mmw.viewing.still import PictureSize, Viewpoint, draw_scenario, draw_stage
 
     viewpoint = Viewpoint(

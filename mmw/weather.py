@@ -5,6 +5,8 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from mmw.errors import InputError
+
 FogType = Literal["strong_advection", "moderate_advection", "strong_spray", "radiation", "chu_hogg"]
 
 FOG_WATER_G_M2: dict[str, float] = {
@@ -100,9 +102,9 @@ class Weather:
         for name, (low, high) in LIMITS.items():
             value = getattr(self, name)
             if value is not None and not low <= value <= high:
-                raise ValueError(f"weather: {name} = {value:g}; {low:g} to {high:g} is needed; correct it")
+                raise InputError(f"weather: {name} = {value:g}; {low:g} to {high:g} is needed; correct it")
         if self.fog_type not in FOG_WATER_G_M2:
-            raise ValueError(
+            raise InputError(
                 f"weather: fog_type = {self.fog_type!r}; one of {', '.join(FOG_WATER_G_M2)} is needed; choose one"
             )
 

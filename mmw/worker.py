@@ -1,5 +1,6 @@
 """What makes shards: one device with a scenario on it, and threads that encode and write what it traced."""
 
+import logging
 import pickle
 import time
 from collections.abc import Mapping
@@ -50,6 +51,8 @@ class Making:
     """Threads of each worker that encode and write."""
     owner: Owner = field(default_factory=Owner)
     """Mark of this run, or of one of its workers, in the names of unfinished files."""
+    log_level: int = field(default_factory=lambda: logging.getLogger("mmw").getEffectiveLevel())
+    """Lowest level of log records that workers send to the run."""
 
     def shared_name(self, scenario: str) -> str:
         """Return the name in `root.folder` of what the first worker of this run has read of a scenario."""
@@ -112,7 +115,7 @@ class Worker:
         """Trace a piece of work and hand it to the writers; what came long before it is on the disk then.
 
         Raises:
-            ValueError: If the scenario cannot be made or read.
+            InputError: If the scenario cannot be made or read.
             OutOfSpaceError: If the disk is full.
             StoreError: If a store cannot be reached or refuses.
         """

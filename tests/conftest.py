@@ -1,5 +1,6 @@
 """Fixtures for every test."""
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import pytest
@@ -14,6 +15,14 @@ if TYPE_CHECKING:
 wp.config.log_level = wp.LOG_WARNING
 
 DEVICES = ["cpu", *(["cuda:0"] if wp.get_cuda_device_count() else [])]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _log_files(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Keep the log files of commands that tests run out of the user's folder."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("MMW_LOG_DIR", str(tmp_path_factory.mktemp("logs")))
+        yield
 
 
 @pytest.fixture(params=DEVICES)

@@ -115,7 +115,7 @@ def _statics(rng: np.random.Generator) -> dict:
         [MOUNT[agent[:3]] if kind in ("antenna", "lidar") else (1.5, 0.0, 2.4) for agent, _, kind in sensors]
     )
     statics = make_statics()
-    statics["materials"] |= {"weather": WEATHER}
+    statics["materials"] |= {"weather": WEATHER, "relative_permittivity": 4.5, "conductivity": 0.02}
     return statics | {
         "sensors": {
             "agent": [agent for agent, _, _ in sensors],

@@ -173,3 +173,13 @@ def sphere_directions(count: int) -> np.ndarray:
 def sensor_rays(pose: np.ndarray, direction_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return world origins and directions, each [R, 3], of sensor-frame directions at one pose."""
     return np.broadcast_to(pose[:3], direction_s.shape), rotate(pose[3:], direction_s)
+
+
+def trapezoid(values: np.ndarray, at: np.ndarray) -> float:
+    """Return the integral of samples by the trapezoidal rule; NumPy 1.26 and 2 call it by different names.
+
+    Args:
+        values: Samples, shape [N].
+        at: Where they are, shape [N].
+    """
+    return float(np.sum((values[1:] + values[:-1]) / 2 * np.diff(at)))

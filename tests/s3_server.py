@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-pytest.importorskip("moto.server", reason="moto is not installed: pip install 'mmw[test]'")
+pytest.importorskip("moto.server", reason="moto is not installed: pip install 'multimodal-wireless[test]'")
 
 from moto.moto_server.werkzeug_app import DomainDispatcherApplication, MotoRequestHandler, create_backend_app
 from moto.s3.models import s3_backends

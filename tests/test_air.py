@@ -13,6 +13,7 @@ from mmw.kernels.sky import Sky, sky_radiance
 from mmw.optics import extinction, visibility
 from mmw.sensors import sky
 from mmw.weather import PRESETS, Weather
+from tests.oracles import trapezoid
 
 
 @wp.kernel
@@ -118,7 +119,7 @@ def test_density_that_falls_with_height_is_its_integral(elevation_deg: float, st
     passed = see(weather, device, toward(33.0, elevation_deg), 60.0, height=17.0, ground_z=10.0)[2, 0, 1]
     s = np.linspace(start, 60.0, 20_001)
     height = np.maximum(7.0 + s * math.sin(math.radians(elevation_deg)), 0.0)
-    depth = extinction(weather, 550) * np.trapezoid(np.exp(-0.05 * height), s)
+    depth = extinction(weather, 550) * trapezoid(np.exp(-0.05 * height), s)
     assert passed == pytest.approx(math.exp(-depth), rel=2e-3)
 
 

@@ -210,7 +210,7 @@ def test_without_sionna_own_timing_goes_on(monkeypatch: pytest.MonkeyPatch, caps
     without_sionna(monkeypatch)
     channel.main([*SMALL, "--against", "sionna", "--candidates", "exhaustive", "--format", "json"])
     lines = capsys.readouterr().out.splitlines()
-    assert "mmw[sionna]" in lines[0]
+    assert "multimodal-wireless[sionna]" in lines[0]
     assert [r["mode"] for r in json.loads(lines[-1])["results"]] == ["frames", "one solve"]
 
 
@@ -219,7 +219,7 @@ def test_without_sionna_there_is_no_munich(monkeypatch: pytest.MonkeyPatch, caps
     channel.main([*SMALL, "--against", "sionna", "--scene", "munich"])
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 1
-    assert "mmw[sionna]" in lines[0]
+    assert "multimodal-wireless[sionna]" in lines[0]
 
 
 def test_older_sionna_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

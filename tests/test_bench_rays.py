@@ -1,11 +1,13 @@
 """The benchmark's kernels trace every ray once, and the order of the rays changes no value."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import warp as wp
 
 from bench import first_hit
-from bench.rays import PRESETS, make_views
+from bench.rays import PRESETS, compare, make_views
 from bench.scenes import grid_town, with_vehicles
 from mmw.config import LidarConfig
 from mmw.kernels import structs
@@ -66,3 +68,17 @@ def test_measured_scene_is_large_enough() -> None:
     for preset in PRESETS:
         assert len(make_views(arrays, preset, "cpu").slot) == 2 * preset.views_per_frame
     assert lidar_pattern(LidarConfig()).shape == (PRESETS[2].rays_per_view, 3)
+
+
+def test_hits_that_differ_are_counted(tmp_path: Path) -> None:
+    one, other = tmp_path / "one", tmp_path / "other"
+    for folder, t, objects in (
+        (one, [1.0, 2.0, 3.0, 4.0, np.inf, np.inf], [0, 1, 2, 3, -1, -1]),
+        (other, [1.0, 2.0001, 3.01, 4.0, np.inf, 5.0], [0, 1, 2, 4, -1, 3]),
+    ):
+        folder.mkdir()
+        np.save(folder / "sphere-static-t.npy", np.array([t], np.float32))
+        np.save(folder / "sphere-static-object.npy", np.array([objects]))
+    differing, apart = compare(one, other, "sphere-static")
+    assert differing == 3
+    np.testing.assert_allclose(apart, 1e-4, rtol=1e-2)

@@ -110,7 +110,7 @@ def test_wrong_options_are_refused(arguments: list[str], message: str, capsys: p
 
 
 def test_pictures_are_drawn(path: Path, measured: dict[str, Any], tmp_path: Path) -> None:
-    pytest.importorskip("matplotlib", reason="matplotlib is not installed: pip install 'mmw[plot]'")
+    pytest.importorskip("matplotlib", reason="matplotlib is not installed: pip install 'multimodal-wireless[plot]'")
     from PIL import Image
 
     from bench.scaling_plots import DPI, PANEL_INCH, PICTURES, draw

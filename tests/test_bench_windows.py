@@ -2,7 +2,7 @@
 
 import pytest
 
-pytest.importorskip("torch", reason="PyTorch is not installed: pip install 'mmw[torch]'")
+pytest.importorskip("torch", reason="PyTorch is not installed: pip install 'multimodal-wireless[torch]'")
 
 import mmw
 from bench.windows import contents, measure, stretch

@@ -50,7 +50,12 @@ def test_orientation_and_fixed_spacing() -> None:
         ({"horizontal_spacing": 0.0}, "horizontal_spacing = 0.0"),
         ({"vertical_spacing_m": -1.0}, "vertical_spacing_m = -1.0"),
         ({"orientation": (0.0, 1.0)}, "orientation"),
+        ({"orientation": (0.0, 0.0, 0.0, 0.0)}, "a rotation is needed; give"),
+        ({"columns": float("nan")}, "columns = nan; a whole number from 1 on"),
         ({"polarization": "X"}, "polarization = 'X'"),
+        ({"polarization": float("nan")}, "slant angles are finite"),
+        ({"polarization_model": "mine"}, "'mine'; tr38901_1 or tr38901_2 is needed"),
+        ({"pattern": "mine"}, "pattern = 'mine'; one of iso, dipole, hw_dipole, tr38901, a table or a function"),
     ],
 )
 def test_array_errors(change: dict, message: str) -> None:

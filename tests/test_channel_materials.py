@@ -1,5 +1,6 @@
 """Permittivities, reflection coefficients and antenna patterns against values worked out by hand, and against laws."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -288,6 +289,8 @@ def test_wetter_soil_has_more_of_both() -> None:
         (lambda: soil_permittivity(0.1e9, Soil(5.0, 50.0, 0.02)), "5 % sand, 50 % clay, moisture 0.02 has no value at"),
         (lambda: Soil(70, 40, 0.2), "sand 70 %, clay 40 %; .* together at most 100"),
         (lambda: Soil(40, 20, 0.0), "moisture = 0; above 0 to 1"),
+        (lambda: Soil(math.nan, 20, 0.2), "sand nan %"),
+        (lambda: Soil(40, 20, 0.2, bulk_density_g_cm3=0.0), "bulk_density_g_cm3 = 0; a finite number above 0"),
         (lambda: water_permittivity(28e9, 50.0), "temperature_c = 50; .* from -4 to 40"),
         (lambda: water_permittivity(28e9, 20.0, 41.0), "salinity_g_kg = 41"),
         (

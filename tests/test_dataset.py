@@ -190,7 +190,7 @@ def test_duckdb_is_optional():
         "import sys; sys.modules['duckdb'] = None\n"
         "import mmw.dataset\n"
         "try:\n    mmw.dataset.Dataset(None).connect()\n"
-        "except ImportError as error:\n    assert 'mmw[query]' in str(error), error\n"
+        "except ImportError as error:\n    assert 'multimodal-wireless[query]' in str(error), error\n"
         "else:\n    raise SystemExit('no error')\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True, cwd=Path(__file__).parent.parent)

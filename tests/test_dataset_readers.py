@@ -42,7 +42,7 @@ def test_pyarrow(root: Path, expected: np.ndarray) -> None:
 
 
 def test_polars(root: Path, expected: np.ndarray) -> None:
-    polars = pytest.importorskip("polars", reason="polars is not installed: pip install 'mmw[test]'")
+    polars = pytest.importorskip("polars", reason="polars is not installed: pip install 'multimodal-wireless[test]'")
     rows = polars.scan_parquet(root / "lidar").filter(weather="rainy", agent="cav_1").sort("frame").collect()
     assert polars.scan_parquet(root / "lidar").select(polars.len()).collect().item() == ROWS
     np.testing.assert_array_equal([x[0] for x in rows["x"].to_list() if x], expected)
@@ -57,7 +57,9 @@ def test_duckdb(root: Path, expected: np.ndarray) -> None:
 
 def test_hugging_face_streams(root: Path, expected: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HF_HUB_OFFLINE", "1")
-    datasets = pytest.importorskip("datasets", reason="datasets is not installed: pip install 'mmw[test]'")
+    datasets = pytest.importorskip(
+        "datasets", reason="datasets is not installed: pip install 'multimodal-wireless[test]'"
+    )
     rows = list(datasets.load_dataset(str(root), "lidar", split="train", streaming=True))
     assert len(rows) == ROWS
     own = [row for row in rows if row["weather"] == "rainy" and row["agent"] == "cav_1"]

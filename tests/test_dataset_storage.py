@@ -55,7 +55,7 @@ def test_a_pyarrow_filesystem(local: Dataset) -> None:
 
 
 def test_an_fsspec_filesystem_and_uri(local: Dataset) -> None:
-    fsspec = pytest.importorskip("fsspec", reason="fsspec is not installed: pip install 'mmw[test]'")
+    fsspec = pytest.importorskip("fsspec", reason="fsspec is not installed: pip install 'multimodal-wireless[test]'")
     memory = fsspec.filesystem("memory")
     for path in (
         p for p in local.root.rglob("*") if p.is_file() and "assets" not in p.parts and "stages" not in p.parts
@@ -69,7 +69,7 @@ def test_an_fsspec_filesystem_and_uri(local: Dataset) -> None:
 
 
 def test_s3(local: Dataset, monkeypatch: pytest.MonkeyPatch) -> None:
-    server = pytest.importorskip("moto.server", reason="moto is not installed: pip install 'mmw[test]'")
+    server = pytest.importorskip("moto.server", reason="moto is not installed: pip install 'multimodal-wireless[test]'")
     for name, value in {
         "AWS_ACCESS_KEY_ID": "a",
         "AWS_SECRET_ACCESS_KEY": "b",

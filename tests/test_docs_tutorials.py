@@ -13,7 +13,7 @@ from tests.doc_pages import ROOT, blocks_of, run_page, says
 from tests.small_dataset import small_dataset
 
 DOCS = ROOT / "docs"
-QUICKSTART = "mmw run --config configs/quickstart.yaml"
+QUICKSTART = "mmw run --config quickstart"
 
 NOT_RUN = {
     "tour.md": 2,

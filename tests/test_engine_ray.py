@@ -11,7 +11,7 @@ from types import ModuleType
 
 import pytest
 
-ray = pytest.importorskip("ray", reason="Ray is not installed: pip install 'mmw[ray]'")
+ray = pytest.importorskip("ray", reason="Ray is not installed: pip install 'multimodal-wireless[ray]'")
 
 import mmw.engines.ray as engine  # noqa: E402
 from mmw.config import load_config  # noqa: E402

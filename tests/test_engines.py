@@ -137,7 +137,7 @@ def test_an_engine_that_is_not_installed(
     monkeypatch.setitem(sys.modules, "ray", None)
     assert main(command(world, "none", "--engine", "ray")) == 2
     lines = capsys.readouterr().err.splitlines()
-    assert len(lines) == 1 and "the package ray is missing; pip install 'mmw[ray]'" in lines[0]
+    assert len(lines) == 1 and "the package ray is missing; pip install 'multimodal-wireless[ray]'" in lines[0]
     assert main(command(world, "none", "--engine", "ray", "--dry-run")) == 0
     assert "20 frames in all on a Ray cluster" in capsys.readouterr().out
     assert main(command(world, "none", "--engine", "slurm")) == 2

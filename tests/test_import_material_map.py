@@ -91,7 +91,9 @@ def test_a_library_material_can_be_changed() -> None:
     changed = found.materials["asphalt_2"]
     assert changed.radio == RadioMaterial("itu", itu="itu_very_dry_ground", thickness=0.1)
     assert (changed.base, changed.roughness) == ("asphalt", 0.9)
-    assert apply_material_map("file", plain, {}).parts == plain.parts
+    for same, part in zip(apply_material_map("file", plain, {}).parts, plain.parts, strict=True):
+        assert (same.path, same.material, same.label) == (part.path, part.material, part.label)
+        assert same.points is part.points and same.faces is part.faces  # `==` of the parts compares arrays: an error
 
 
 def test_a_material_that_is_called_after_a_row_is_that_row() -> None:
@@ -123,9 +125,6 @@ def test_a_row_that_does_not_exist() -> None:
     source = world(("Model/a", "m"), m=ForeignMaterial("m", "m", radio=RadioMaterial("itu", itu="itu_cheese")))
     with pytest.raises(ValueError, match="'itu_cheese' does not exist; use one of itu_brick"):
         apply_material_map("file", source, {}, ROWS)
-    thin = world(("Model/a", "m"), m=ForeignMaterial("m", "m", radio=RadioMaterial("itu", "itu_wood", thickness=-1)))
-    with pytest.raises(ValueError, match="thickness = -1 m"):
-        apply_material_map("file", thin, {}, ROWS)
 
 
 def test_an_entry_may_be_only_a_name(tmp_path: Path) -> None:

@@ -19,6 +19,11 @@ def scene(folder: Path, body: str) -> World:
     return read_mitsuba(folder / "scene.xml")
 
 
+def radio_with(name: str, value: float) -> str:
+    """A radio material with one number of a scene."""
+    return f'<bsdf type="radio-material" id="x"><float name="{name}" value="{value}"/></bsdf>'
+
+
 def volume(world: World, index: int = 0) -> float:
     """Signed volume of a part: positive where its faces look outward."""
     part = world.parts[index]
@@ -164,6 +169,11 @@ def test_y_up_units_and_origin(tmp_path: Path) -> None:
         ('<bsdf type="diffuse"/>', "has no id"),
         ('<bsdf type="diffuse" id="m"/>', "given twice"),
         ('<bsdf type="itu-radio-material" id="x"/>', "no <string name='type'>"),
+        (radio_with("scattering_coefficient", 1.5), "scattering_coefficient = 1.5; 0 to 1 is needed"),
+        (radio_with("relative_permittivity", -2.0), "relative_permittivity = -2.0; at least 1 is needed"),
+        (radio_with("thickness", -1.0), "thickness = -1.0; at least 0 m is needed"),
+        (radio_with("alpha_r", 2.5), "alpha_r = 2.5; a whole number from 1 to"),
+        (radio_with("lambda_", -0.5), "lambda_ = -0.5; 0 to 1 is needed"),
         ('<shape type="instance"/>', "no shapegroup"),
         ('<shape type="cube">', "not well-formed XML"),
     ],

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-torch = pytest.importorskip("torch", reason="PyTorch is not installed: pip install 'mmw[learn]'")
-pytest.importorskip("transformers", reason="transformers is not installed: pip install 'mmw[learn]'")
+torch = pytest.importorskip("torch", reason="PyTorch is not installed: pip install 'multimodal-wireless[learn]'")
+pytest.importorskip("transformers", reason="transformers is not installed: pip install 'multimodal-wireless[learn]'")
 
 from examples.beam_prediction.__main__ import main  # noqa: E402
 from examples.beam_prediction.config import Experiment, load_experiment  # noqa: E402
@@ -30,7 +30,9 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the folder of the whole experiment in small."""
     torch.set_num_threads(1)  # threads that wait for each other take longer than these small products
     folder = tmp_path_factory.mktemp("beam") / "out"
-    code = main(["--config", CONFIG, "--data", str(smoke_dataset()), "--out", str(folder), "--workers", "1"])
+    code = main(
+        ["--config", CONFIG, "--data", str(smoke_dataset()), "--out", str(folder), "--workers", "1", "--device", "cpu"]
+    )
     assert code == 0
     return folder
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-torch = pytest.importorskip("torch", reason="PyTorch is not installed: pip install 'mmw[learn]'")
-pytest.importorskip("transformers", reason="transformers is not installed: pip install 'mmw[learn]'")
+torch = pytest.importorskip("torch", reason="PyTorch is not installed: pip install 'multimodal-wireless[learn]'")
+pytest.importorskip("transformers", reason="transformers is not installed: pip install 'multimodal-wireless[learn]'")
 
 from torch import Tensor  # noqa: E402
 from transformers import GPT2Config, GPT2Model  # noqa: E402

@@ -1,6 +1,7 @@
 """Lenses: OpenCV's published formulas in float64, round trips, device against host, folding lenses refused."""
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from pydantic import ValidationError
 
 from mmw.config.lens import LensConfig, check_lens
 from mmw.kernels.camera import Camera, camera_ray, project_point
-from mmw.lens import Intrinsics
+from mmw.lens import Distortion, Intrinsics
 from mmw.sensors.camera import device_camera
 from mmw.sensors.lens import project, unproject
 
@@ -192,3 +193,19 @@ def test_fold_is_where_the_derivative_vanishes() -> None:
 def test_bad_lens_sections(keys: dict, words: str) -> None:
     with pytest.raises(ValidationError, match=words):
         LensConfig(**keys)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: Distortion("kannala"), "model = 'kannala'; one of pinhole, brown_conrady, fisheye is needed"),
+        (lambda: Distortion("fisheye", radial=(0.1, 0.0)), "4 finite numbers are needed"),
+        (lambda: Distortion("fisheye", radial=(math.nan, 0.0, 0.0, 0.0)), "4 finite numbers are needed"),
+        (lambda: Intrinsics(0, 480, 300.0, 300.0, 0.0, 240.0), "0 x 480 px; at least 1 x 1"),
+        (lambda: Intrinsics(640, 480, -300.0, 300.0, 320.0, 240.0), "fx = -300, fy = 300 px; finite numbers above 0"),
+        (lambda: Intrinsics(640, 480, 300.0, 300.0, math.nan, 240.0), "cx = nan, cy = 240 px; finite numbers"),
+    ],
+)
+def test_bad_cameras_are_refused(make: Callable[[], object], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        make()

@@ -1,14 +1,18 @@
 """The schema and the material library: what is authored, what USD accepts, and what the sensors read from it."""
 
+import math
+import re
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from pxr import Sdf, Usd, UsdShade
 
 import mmw
-from mmw.materials import LIDAR_REFLECTANCE_905NM, RadioMaterial, lidar_reflectance
+from mmw.channel.diffuse import lobe_integral
+from mmw.materials import LIDAR_REFLECTANCE_905NM, MAX_LOBE_EXPONENT, Material, RadioMaterial, lidar_reflectance
 from mmw.paths import assets_dir
 from mmw.usd import schema
 from mmw.usd.library import LIBRARY, NONVISUAL, PAINTS, MaterialSpec, author_material, build_materials
@@ -117,25 +121,57 @@ def test_authored_numbers_read_back(tmp_path):
     assert use is not None and read_material(stage, use).radio == radio
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        (
-            {"scattering_pattern": "cosine"},
-            "'cosine'; one of lambertian, directive, backscattering",
-        ),
-        ({"alpha_r": 0}, "alphaR = 0, alphaI = 4"),
-        ({"lobe_share": 1.5}, "lobeShare = 1.5; exponents of at least 1 and a share within 0 to 1"),
-    ],
-)
-def test_scattering_out_of_range(changes: dict, message: str) -> None:
+WRONG_RADIO = [
+    ({"scattering_pattern": "mine"}, "one of lambertian, directive, backscattering"),
+    ({"scattering": 1.5}, "0 to 1"),
+    ({"scattering": -0.1}, "0 to 1"),
+    ({"scattering": math.nan}, "0 to 1"),
+    ({"xpd": 2.0}, "0 to 1"),
+    ({"thickness": -0.1}, "at least 0 m"),
+    ({"thickness": math.inf}, "at least 0 m"),
+    ({"relative_permittivity": -2.0}, "at least 1"),
+    ({"relative_permittivity": math.nan}, "at least 1"),
+    ({"conductivity": -1.0}, "at least 0 S/m"),
+    ({"alpha_r": 0}, "a whole number from 1 to 1000"),
+    ({"alpha_i": 2000}, "a whole number from 1 to 1000"),
+    ({"lobe_share": 1.5}, "0 to 1"),
+    ({"model": "measured"}, "itu or constant"),
+    ({"model": "itu", "itu": ""}, "a row such as itu_concrete, for model itu,"),
+]
+"""Fields of a radio material of which the last is wrong, and what it needs."""
+
+
+@pytest.mark.parametrize(("changes", "needed"), [*WRONG_RADIO, ({"alpha_r": 2.5}, "a whole number from 1 to 1000")])
+def test_a_wrong_radio_material_is_refused(changes: dict, needed: str) -> None:
+    name, value = list(changes.items())[-1]
+    message = f"radio material: {name} = {value!r}; {needed} is needed; correct it"
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+        RadioMaterial(**{"model": "constant", **changes})
+
+
+@pytest.mark.parametrize(("changes", "needed"), WRONG_RADIO)
+def test_wrong_radio_attributes_are_refused_with_their_place(changes: dict, needed: str) -> None:
     stage = Usd.Stage.CreateInMemory()
-    radio = RadioMaterial("itu", itu="itu_brick", **changes)
-    material = author_material(stage, "/Wall", MaterialSpec(radio, "brick", (0.5, 0.5, 0.5), 0.5))
+    material = author_material(stage, "/Wall", MaterialSpec(RadioMaterial("constant"), "brick", (0.5, 0.5, 0.5), 0.5))
+    for name, value in changes.items():
+        attribute = schema.RADIO_ATTRIBUTES[name]
+        material.GetPrim().CreateAttribute(attribute.name, attribute.type_name).Set(value)
     use = resolve_material("/mesh", "", material.GetPrim(), {})
     assert use is not None
-    with pytest.raises(ValueError, match=message):
+    name, value = list(changes.items())[-1]
+    message = f"/Wall: {schema.RADIO_ATTRIBUTES[name].name} = {value!r}; {needed} is needed; correct the attribute"
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
         read_material(stage, use)
+
+
+def test_the_sharpest_lobe_has_an_integral() -> None:
+    assert np.isfinite(lobe_integral(MAX_LOBE_EXPONENT, np.array([0.0, 0.5, 1.0]))).all()
+
+
+@pytest.mark.parametrize("value", [-0.1, math.nan])
+def test_a_wrong_reflectance_is_refused(value: float) -> None:
+    with pytest.raises(ValueError, match=f"material 'snow': lidar_reflectance = {value:g}; a finite number from 0"):
+        Material("snow", RadioMaterial("constant"), "none", value, (1.0, 1.0, 1.0))
 
 
 def test_paint_decides_lidar_reflectance():

@@ -1,5 +1,6 @@
 """Where worker processes come from: what they inherit, and what happens if that is killed."""
 
+import logging
 import os
 import signal
 import subprocess
@@ -22,10 +23,10 @@ on_linux = pytest.mark.skipif(not CAN_FORK, reason="workers are not forked here"
 class Telling:
     """A `Making` that says in an error what a worker's environment holds, and who its parent is."""
 
-    root = config = threads = None
+    log_level = logging.WARNING
 
     @property
-    def meta(self) -> NoReturn:
+    def root(self) -> NoReturn:
         raise ValueError(f"{os.environ.get('MMW_TEST_WORD')} {os.environ['OPENBLAS_NUM_THREADS']} {os.getppid()}")
 
 
@@ -61,8 +62,8 @@ def test_workers_are_forked_from_one_server_and_from_another_if_it_dies(monkeypa
 
 @on_linux
 def test_a_worker_outlives_its_server() -> None:
-    worker = _Process(SimpleNamespace(), "cpu")
-    other = _Process(SimpleNamespace(), "cpu")
+    worker = _Process(SimpleNamespace(log_level=logging.WARNING), "cpu")
+    other = _Process(SimpleNamespace(log_level=logging.WARNING), "cpu")
     os.kill(int(told()[2]), signal.SIGKILL)
     try:
         ((kind, _),) = worker.receive()  # its error: there is nothing to make

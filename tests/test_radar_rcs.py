@@ -11,6 +11,7 @@ from mmw.config import RadarConfig
 from mmw.materials import LIDAR_REFLECTANCE_905NM, Material, RadioMaterial
 from mmw.sensors.radar_materials import ROUGHNESS, echo_table
 from mmw.weather import PRESETS, Weather
+from tests.oracles import trapezoid
 from tests.radar_scenes import AT_ORIGIN, dense, sphere, turntable, wall_ahead, watched
 from tests.scenes import material
 
@@ -51,7 +52,7 @@ def test_mean_rcs_is_right_on_the_coarsest_grid(device: str) -> None:
     # Lambert's law over the part of the ball in view; u is the cosine from the ball's middle.
     u = np.linspace(0.5 / distance, 1.0, 20_001)
     cosine = (distance * u - 0.5) / np.sqrt(distance**2 + 0.25 - distance * u)
-    expected = 4.0 * 0.22**2 * 2.0 * np.pi * 0.25 * np.trapezoid(cosine**2, u)
+    expected = 4.0 * 0.22**2 * 2.0 * np.pi * 0.25 * trapezoid(cosine**2, u)
     error = each.std() / np.sqrt(frames)
     assert error < 0.05 * expected and abs(each.mean() - expected) < 4.0 * error
 

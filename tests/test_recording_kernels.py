@@ -10,7 +10,7 @@ import warp as wp
 from mmw.channel.coplanar import group_coplanar
 from mmw.config import Config, load_config
 from mmw.paths import configs_dir
-from mmw.recording.kernels import compiled_ahead, kernel_cache, lock_name, needed_modules
+from mmw.recording.kernels import BLOCKS, compiled_ahead, kernel_cache, lock_name, needed_modules
 from mmw.tables.lock import only_one
 
 KERNELS = Path(__file__).parent.parent / "kernels"
@@ -30,6 +30,15 @@ def test_what_is_needed_follows_the_sensors() -> None:
     assert {"channel_refine", "channel_chains"} < set(needed_modules(config_with("sensors=[{type: imu}]")))
     everything = needed_modules(config_with())
     assert all((KERNELS / f"{name}.py").is_file() for name in everything) and len(set(everything)) == len(everything)
+
+
+def test_files_that_cast_rays_are_compiled_for_small_blocks_alone() -> None:
+    """With Warp's trees 256 threads keep 64 KiB of stacks in shared memory, more than a block of CUDA may have."""
+    asks = {path.stem for path in KERNELS.glob("*.py") if "mmw.kernels.trace import" in path.read_text()}
+    asks |= {"trace", "channel_refine"}  # of which the latter asks through `channel_legs.py`
+    needed = asks & set(needed_modules(config_with()))
+    assert {"trace", "radar", "lidar", "sight", "visibility", "mirror", "lighting", "channel_refine"} <= needed
+    assert {BLOCKS.get(name) for name in needed} == {(64,)}
 
 
 def test_modules_are_loaded_when_the_futures_are_done() -> None:

@@ -11,6 +11,7 @@ import warp as wp
 from mmw.kernels import sky as kernel
 from mmw.sensors import atmosphere, clouds, sky, sky_blur
 from mmw.weather import PRESETS, Weather
+from tests.oracles import trapezoid
 
 CLEAR = Weather(cloudiness=0.0)
 ROWS = 128
@@ -66,9 +67,9 @@ def test_slanted_transmittance_is_the_integral_along_the_ray(altitude_deg: float
     s = np.linspace(0.0, 1.2e6, 400_001)
     height = np.sqrt(6_360e3**2 + s**2 + 2.0 * 6_360e3 * s * sine) - 6_360e3
     inside = height < 100e3
-    gas = np.trapezoid(np.where(inside, np.exp(-height / 8e3), 0.0), s)
-    haze = np.trapezoid(np.where(inside, np.exp(-height / 1.2e3), 0.0), s)
-    ozone = np.trapezoid(np.maximum(1.0 - np.abs(height - 25e3) / 15e3, 0.0), s)
+    gas = trapezoid(np.where(inside, np.exp(-height / 8e3), 0.0), s)
+    haze = trapezoid(np.where(inside, np.exp(-height / 1.2e3), 0.0), s)
+    ozone = trapezoid(np.maximum(1.0 - np.abs(height - 25e3) / 15e3, 0.0), s)
     depth = np.array(air.rayleigh) * gas + np.array(air.haze) * haze + atmosphere.OZONE_PER_M * ozone
     found = atmosphere.columns(np.array(atmosphere.EARTH_M), np.array(sine)) @ np.stack(
         (air.rayleigh, air.haze, atmosphere.OZONE_PER_M)
@@ -112,7 +113,7 @@ def test_overcast_sky_is_that_of_the_cie() -> None:
     up = np.linspace(0.0, 1.0, 20_001)
     light = sky.overcast_luminance(np.array(20.0), up)
     assert light[-1] / light[0] == pytest.approx(3.0)
-    assert np.trapezoid(2.0 * math.pi * light * up, up) == pytest.approx(20.0, rel=1e-6)
+    assert trapezoid(2.0 * math.pi * light * up, up) == pytest.approx(20.0, rel=1e-6)
 
 
 def test_clouds_and_rain_take_light_away() -> None:

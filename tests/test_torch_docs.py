@@ -7,7 +7,7 @@ import pytest
 
 from tests.window_data import window_data
 
-pytest.importorskip("torch", reason="PyTorch is not installed: pip install 'mmw[torch]'")
+pytest.importorskip("torch", reason="PyTorch is not installed: pip install 'multimodal-wireless[torch]'")
 pytestmark = pytest.mark.filterwarnings(
     "ignore:This DataLoader will create",
     "ignore:.*fork:DeprecationWarning",  # one core; Python 3.12 and threads

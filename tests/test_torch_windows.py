@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-torch = pytest.importorskip("torch", reason="PyTorch is not installed: pip install 'mmw[torch]'")
+torch = pytest.importorskip("torch", reason="PyTorch is not installed: pip install 'multimodal-wireless[torch]'")
 
 from torch.utils.data import DataLoader  # noqa: E402
 
@@ -134,4 +134,4 @@ def test_without_torch_one_error_names_the_extra() -> None:
         "try:\n    import mmw.torch\nexcept ImportError as error:\n    print(error)\n"
     )
     told = subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT, capture_output=True, text=True).stdout
-    assert "mmw.torch needs PyTorch; install it with: pip install 'mmw[torch]'" in told
+    assert "needs the package torch, which is not installed; pip install 'multimodal-wireless[torch]'" in told

@@ -20,7 +20,7 @@ from mmw.traffic.sumo_routes import lane_limits
 from tests.traffic_towns import CATALOG, arc, crossroad, demand, hill, make_town, roundabout, surface
 
 needs_sumo = pytest.mark.skipif(
-    find_spec("libsumo") is None, reason="libsumo is not installed: pip install 'mmw[sumo]'"
+    find_spec("libsumo") is None, reason="libsumo is not installed: pip install 'multimodal-wireless[sumo]'"
 )
 
 
@@ -150,7 +150,7 @@ def test_without_sumo_one_line_says_what_to_do(monkeypatch: pytest.MonkeyPatch, 
     )
     monkeypatch.setattr(sumo, "find_spec", lambda name: None)
     with pytest.raises(
-        ConfigError, match=r"scenario 's': traffic.engine = 'sumo': .*pip install 'mmw\[sumo\]'$"
+        ConfigError, match=r"scenario 's': traffic.engine = 'sumo': .*pip install 'multimodal-wireless\[sumo\]'$"
     ) as told:
         check_inputs(load_config(config), tmp_path)
     assert len(told.value.problems) == 1

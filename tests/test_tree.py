@@ -24,10 +24,10 @@ def cast_kernel(
 ):
     """Walk one tree. Launch: dim=R."""
     i = wp.tid()
-    found = tree.walk_nearest(trees.nodes, trees.leaves, root, origin[i], direction[i], t_max)
+    found = tree.nearest_face(trees, root, origin[i], direction[i], t_max)
     t_out[i] = wp.cast(wp.uint32(found >> wp.uint64(32)), float)
     face_out[i] = int(wp.uint32(found & wp.uint64(0xFFFFFFFF))) - 1
-    is_met_out[i] = tree.walk_any(trees.nodes, trees.leaves, root, origin[i], direction[i], t_max)
+    is_met_out[i] = tree.is_any_face(trees, root, origin[i], direction[i], t_max)
 
 
 def cast(device: str, trees: tree.Tree, root: int, origin, direction, t_max: float = 1e4):
@@ -132,6 +132,55 @@ def test_rays_find_what_the_oracle_finds(device: str, seed: int) -> None:
     np.testing.assert_allclose(t[face >= 0], expected[face >= 0], rtol=1e-5, atol=1e-5)
 
 
+def plain_distances(origin: np.ndarray, direction: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Return the distance of every triangle on every ray, inf for a miss, shape [R, T], in the order of the walk.
+
+    NumPy rounds every product and every sum to float32 and fuses none.
+    """
+    longest = np.argmax(np.abs(direction[:, ::-1]), axis=1)[:, None]  # of equal ones z before y; x comes before y below
+    axis = 2 - longest
+    is_x = (np.abs(direction[:, 0]) >= np.abs(direction[:, 1]))[:, None] & (axis != 2)
+    axis = np.where(is_x, 0, axis)
+    order = (axis + np.array([1, 2, 0])) % 3
+    along, rows = np.take_along_axis(direction, order, axis=1), np.arange(len(corners))
+    inverse = np.float32(1.0) / along[:, 2]
+    local = (corners[None] - origin[:, None, None])[np.arange(len(origin))[:, None, None, None], rows[:, None, None],
+                                                   np.arange(3)[:, None], order[:, None, None, :]]  # fmt: skip
+    u, v = (local[..., k] + (-along[:, k] * inverse)[:, None, None] * local[..., 2] for k in (0, 1))
+    a, b, g = ((u[..., i] * v[..., j] - v[..., i] * u[..., j]) for i, j in ((2, 1), (0, 2), (1, 0)))
+    is_flat = (a == 0) | (b == 0) | (g == 0)
+    x, y = u.astype(float), v.astype(float)
+    a, b, g = (
+        np.where(is_flat, (x[..., i] * y[..., j] - y[..., i] * x[..., j]).astype(np.float32), edge)
+        for edge, (i, j) in zip((a, b, g), ((2, 1), (0, 2), (1, 0)), strict=True)
+    )
+    volume, w = a + b + g, inverse[:, None, None] * local[..., 2]
+    sides = np.stack([a, b, g])
+    is_met = ~((sides < 0).any(axis=0) & (sides > 0).any(axis=0)) & (volume != 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t = (a * w[..., 0] + b * w[..., 1] + g * w[..., 2]) / volume
+    assert t.dtype == np.float32
+    return np.where(is_met & (t >= 0), t, np.inf)
+
+
+def test_distances_have_the_bits_of_plain_float32(device: str) -> None:
+    """On every device: a product that is fused with a sum, as CUDA's compiler would, changes half of them."""
+    corners = soup(7, 300, size=2.0)
+    corners[:100, :, 2] = np.rint(corners[:100, :, 2])
+    rng = np.random.default_rng(7)
+    origin = rng.uniform(-15.0, 15.0, (400, 3)).astype(np.float32)
+    direction = rng.uniform(-8.0, 8.0, (400, 3)) - origin
+    direction = (direction / np.linalg.norm(direction, axis=1, keepdims=True)).astype(np.float32)
+    origin[:50], direction[:50] = corners[:50, 0] - 5 * direction[:50], direction[:50]  # at corners
+    direction[50:56] = np.concatenate([np.eye(3), -np.eye(3)])
+    t, face = cast(device, one(device, corners), 0, origin, direction, np.inf)
+    expected = plain_distances(origin, direction, corners)
+    np.testing.assert_array_equal(t, expected.min(axis=1))
+    is_hit = face >= 0
+    assert is_hit.sum() > 200
+    np.testing.assert_array_equal(face[is_hit], expected.argmin(axis=1)[is_hit])
+
+
 def test_no_ray_passes_between_neighbours(device: str) -> None:
     corners = grid(24)
     rng = np.random.default_rng(2)
@@ -175,6 +224,34 @@ def test_the_lowest_of_equal_faces_is_found(device: str) -> None:
     first = np.flatnonzero(order >= 300).min()
     t, face = cast(device, one(device, corners[order]), 0, (0.7, 0.2, -9.0), (0.0, 0.0, 1.0))
     assert face == first and t > 3.0
+
+
+def test_the_lowest_of_equal_faces_is_found_in_the_planes_of_the_axes(device: str) -> None:
+    # Boxes end at the coordinate 0 here: a margin that is relative to it would be none.
+    corners = (grid(6) * (1.0, 1.0, 0.0) - (3.0, 3.0, 0.0)).astype(np.float32)
+    order = np.random.default_rng(4).permutation(len(corners))
+    corners = corners[order]
+    trees = one(device, corners)
+    for x, y in [(0, 0), (0, 1), (-2, 0), (1, 1), (0, -2)]:
+        around = [k for k, face in enumerate(corners) if (face == np.float32((x, y, 0.0))).all(axis=1).any()]
+        for way in ((0.0, 0.0, -1.0), (-0.0, -0.0, -1.0)):
+            t, face = cast(device, trees, 0, (x, y, 5.0), way)
+            assert t == 5.0 and face == min(around)
+
+
+def test_a_distance_does_not_depend_on_who_shares_the_leaf(device: str) -> None:
+    corners = soup(6, 40, 8.0)
+    rng = np.random.default_rng(6)
+    weight = rng.dirichlet((1.0, 1.0, 1.0), 4000)
+    target = np.einsum("rc,rcx->rx", weight, corners[rng.integers(0, 40, 4000)].astype(float))
+    target[::2] = corners[rng.integers(0, 40, 2000), rng.integers(0, 3, 2000)]  # exactly corners, seen from the origin
+    way = (target / np.linalg.norm(target, axis=1, keepdims=True)).astype(np.float32)
+    t, face = cast(device, one(device, corners), 0, (0.0, 0.0, 0.0), way)
+    for k in range(40):
+        rays = face == k
+        if rays.any():
+            alone, _ = cast(device, one(device, corners[k : k + 1]), 0, (0.0, 0.0, 0.0), way[rays])
+            np.testing.assert_array_equal(alone, t[rays])
 
 
 def test_faces_without_area_are_passed(device: str) -> None:

@@ -119,7 +119,7 @@ def test_without_rerun_it_names_the_extra() -> None:
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 1
     (line,) = [line for line in done.stderr.splitlines() if line.startswith("mmw: ")]
-    assert "pip install 'mmw[viz]'" in line
+    assert "pip install 'multimodal-wireless[viz]'" in line
     assert "Traceback" not in done.stderr
 
 

@@ -14,7 +14,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mmw.command import run_command
+from mmw.command import add_log_options, run_command
+from mmw.errors import InputError
 
 if TYPE_CHECKING:
     import torch
@@ -61,8 +62,8 @@ def steps_of(text: str) -> tuple[str, ...]:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
-    arguments = parser().parse_intermixed_args(argv)
-    return run_command(lambda: execute(arguments), "mmw[learn]")
+    arguments = add_log_options(parser()).parse_intermixed_args(argv)
+    return run_command(lambda: execute(arguments), "beam_prediction", debug=arguments.debug)
 
 
 def execute(arguments: argparse.Namespace) -> int:
@@ -105,14 +106,14 @@ def pick_device(name: str) -> "torch.device":
     """Return the device of that name.
 
     Raises:
-        ValueError: If a GPU is asked for and there is none.
+        InputError: If a GPU is asked for and there is none.
     """
     import torch
 
     if name == "auto":
         name = "cuda" if torch.cuda.is_available() else "cpu"
     if name.startswith("cuda") and not torch.cuda.is_available():
-        raise ValueError(f"--device {name}: PyTorch sees no GPU; give cpu")
+        raise InputError(f"--device {name}: PyTorch sees no GPU; give cpu")
     return torch.device(name)
 
 

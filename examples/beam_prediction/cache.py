@@ -28,6 +28,7 @@ from examples.beam_prediction.features import part_features
 from examples.beam_prediction.labels import part_labels
 from examples.beam_prediction.windows import find_windows, split, window_table
 from mmw.dataset import Dataset, open_dataset
+from mmw.errors import InputError
 from mmw.tables.publish import publish_bytes
 
 ABOUT = "cache.json"
@@ -59,7 +60,7 @@ def prepare(experiment: Experiment, data: Path | None, cache: Path, workers: int
         more: Further datasets, all windows of which train.
 
     Raises:
-        ValueError: If the cache is of something else, or the dataset is needed and not given.
+        InputError: If the cache is of something else, or the dataset is needed and not given.
     """
     about = about_text(experiment)
     if data is None:
@@ -90,11 +91,11 @@ def about_text(experiment: Experiment) -> dict[str, Any]:
 def check_cache(cache: Path, about: dict[str, Any]) -> None:
     """Raise ValueError if there is no cache, or it was made of or with something else."""
     if not (cache / ABOUT).is_file():
-        raise ValueError(f"{cache}: no cache is there; give the dataset as --data")
+        raise InputError(f"{cache}: no cache is there; give the dataset as --data")
     found = json.loads((cache / ABOUT).read_text())
     wrong = [key for key, value in about.items() if found.get(key) != value]
     if wrong:
-        raise ValueError(
+        raise InputError(
             f"{cache}: was made with another {wrong[0]}, {found.get(wrong[0])} instead of {about[wrong[0]]}; give "
             f"{'--data, and the step prepare finds them anew' if wrong[0] == 'windows' else 'another --cache'}"
         )
@@ -104,11 +105,11 @@ def read_parts(cache: Path, name: str) -> dict[tuple[str, str], pa.Table]:
     """Return the tables of one folder of a cache by scenario and weather.
 
     Raises:
-        ValueError: If it holds none.
+        InputError: If it holds none.
     """
     files = sorted((cache / name).glob("*.parquet"))
     if not files:
-        raise ValueError(f"{cache / name}: nothing is there; make it with --data and an input set that uses it")
+        raise InputError(f"{cache / name}: nothing is there; make it with --data and an input set that uses it")
     found = {}
     for file in files:
         scenario, _, weather = file.stem.rpartition(".")

@@ -14,6 +14,7 @@ from pydantic import Field, field_validator, model_validator
 
 from mmw.config.section import Section
 from mmw.config.yaml_file import ConfigError, Loader, read_yaml, validated
+from mmw.errors import InputError
 
 InputSet = Literal["index", "lidar", "camera", "all"]
 
@@ -56,9 +57,9 @@ class FeatureConfig(Section):
         for source in value:
             role, _, sensor = source.partition("/")
             if role not in ("cav", "rsu") or not sensor:
-                raise ValueError(f"{source!r} is no sensor; write role/sensor, such as rsu/lidar or cav/front")
+                raise InputError(f"{source!r} is no sensor; write role/sensor, such as rsu/lidar or cav/front")
         if len(set(value)) < len(value):
-            raise ValueError(f"{list(value)} names a sensor twice; name each once")
+            raise InputError(f"{list(value)} names a sensor twice; name each once")
         return value
 
     def sources(self, modality: str) -> tuple[str, ...]:
@@ -110,14 +111,14 @@ class ModelConfig(Section):
     @model_validator(mode="after")
     def _start_is_stated(self) -> "ModelConfig":
         if self.random_init == (self.weights is not None):
-            raise ValueError(
+            raise InputError(
                 f"random_init = {str(self.random_init).lower()} with weights = {self.weights}; GPT-2 starts either "
                 "from a folder of weights or, with random_init=true, from random numbers; give one of the two"
             )
         if self.freeze and self.random_init:
-            raise ValueError("freeze = true with random_init; random layers cannot stay as they are; drop freeze")
+            raise InputError("freeze = true with random_init; random layers cannot stay as they are; drop freeze")
         if self.width % self.heads:
-            raise ValueError(f"width = {self.width}, heads = {self.heads}; heads must divide the width; change one")
+            raise InputError(f"width = {self.width}, heads = {self.heads}; heads must divide the width; change one")
         return self
 
 

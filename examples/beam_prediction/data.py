@@ -14,6 +14,7 @@ from torch import Tensor
 from examples.beam_prediction.cache import LABELS, WINDOWS, about_text, check_cache, read_parts, sources_of
 from examples.beam_prediction.config import Experiment
 from examples.beam_prediction.sensors import Owner, SensorData, load_sensor
+from mmw.errors import InputError
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +151,7 @@ def load_data(cache: Path, experiment: Experiment, device: torch.device) -> Beam
         device: Where they are put.
 
     Raises:
-        ValueError: If labels, features or windows are missing, or were made with another configuration.
+        InputError: If labels, features or windows are missing, or were made with another configuration.
     """
     check_cache(cache, about_text(experiment))
     parts = {key: table.sort_by([("agent", "ascending"), ("frame", "ascending")])
@@ -177,7 +178,7 @@ def load_data(cache: Path, experiment: Experiment, device: torch.device) -> Beam
         for sensor in sensors.values():
             whole &= (sensor.row.cpu()[past] >= 0).all(dim=1)
         if not whole.any():
-            raise ValueError(f"{cache}: no window of {part} has all of {', '.join(sensors)}; record these sensors")
+            raise InputError(f"{cache}: no window of {part} has all of {', '.join(sensors)}; record these sensors")
         starts[part] = rows[whole.numpy()]
     return BeamData(
         track=track,

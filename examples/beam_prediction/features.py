@@ -134,7 +134,7 @@ def sensor_windows(
         config: How often a sample is kept.
 
     Raises:
-        ValueError: If no agent has the sensor.
+        InputError: If no agent has the sensor.
     """
     role, sensor = source.split("/")
     if modality == "lidar":
@@ -154,7 +154,7 @@ def part_features(
         Columns `agent`, `frame`, `data`: the bytes of `lidar_view`, or `camera_view` as a JPEG file.
 
     Raises:
-        ValueError: As `sensor_windows`.
+        InputError: As `sensor_windows`.
     """
     windows = sensor_windows(dataset, scenario, weather, source, modality, config)
     mounts = {row["agent"]: row for row in dataset.read("sensors", scenario=scenario).to_pylist()

@@ -19,6 +19,7 @@ from mmw.channel import (
 )
 from mmw.channel.array_response import POSE_COLUMNS
 from mmw.dataset import BeamSearch, Dataset
+from mmw.errors import InputError
 
 PORTION = 256
 """Links that are searched at once: 16 x 64 antennas and 5 paths take 21 MB of array responses. Design value."""
@@ -83,14 +84,14 @@ def part_labels(dataset: Dataset, scenario: str, weather: str, radio: RadioConfi
         Columns `agent`, `peer`, `frame`, `is_los`, and the arrays of `BeamLabels`.
 
     Raises:
-        ValueError: If not exactly one roadside unit transmits, or the dataset has no such carrier.
+        InputError: If not exactly one roadside unit transmits, or the dataset has no such carrier.
     """
     paths = dataset.paths(radio.carrier_hz, scenario=scenario, weather=weather)
     poses = dataset.read("poses", columns=[*POSE_COLUMNS, "role"], scenario=scenario, weather=weather)
     role = dict(zip(poses["agent"].to_pylist(), poses["role"].to_pylist(), strict=True))
     units = sorted(peer for peer in set(paths.keys["peer"]) if role[peer] == "rsu")
     if len(units) != 1:
-        raise ValueError(
+        raise InputError(
             f"{dataset.root}: {scenario} {weather}: {', '.join(units) or 'no roadside unit'} transmits; the experiment "
             "needs exactly one roadside unit; use scenarios with one"
         )

@@ -15,6 +15,7 @@ from torch import Tensor, nn
 from examples.beam_prediction.config import ModelConfig
 from examples.beam_prediction.data import Batch, BeamData
 from examples.beam_prediction.encoders import SensorReader
+from mmw.errors import InputError
 
 Backbone = Literal["gpt2", "gru"]
 
@@ -43,7 +44,7 @@ class BeamPredictor(nn.Module):
             backbone: `gpt2`, or `gru` for the baseline.
 
         Raises:
-            ValueError: If the folder of GPT-2's weights cannot be used.
+            InputError: If the folder of GPT-2's weights cannot be used.
         """
         super().__init__()
         self.beams, self.future, self.sensor_dropout = data.beams, data.future, config.sensor_dropout
@@ -119,7 +120,7 @@ class Gpt2(nn.Module):
             length: Tokens of a sequence.
 
         Raises:
-            ValueError: If the folder of weights is not there, or its model is too short.
+            InputError: If the folder of weights is not there, or its model is too short.
         """
         super().__init__()
         from transformers import GPT2Config, GPT2Model
@@ -134,13 +135,13 @@ class Gpt2(nn.Module):
             )  # fmt: skip
         else:
             if not (Path(config.weights) / "config.json").is_file():
-                raise ValueError(
+                raise InputError(
                     f"model.weights = {config.weights}: no GPT-2 is there (config.json and model.safetensors); give "
                     "its folder, or model.weights=null model.random_init=true"
                 )
             self.model = GPT2Model.from_pretrained(config.weights, local_files_only=True)
             if len(self.model.h) < config.layers or self.model.config.n_positions < length:
-                raise ValueError(
+                raise InputError(
                     f"model.weights = {config.weights}: {len(self.model.h)} layers for {self.model.config.n_positions} "
                     f"tokens; {config.layers} and {length} are needed; lower model.layers, or shorten windows"
                 )

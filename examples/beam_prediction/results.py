@@ -13,6 +13,7 @@ from examples.beam_prediction.baselines import extrapolate, hold_last, recall
 from examples.beam_prediction.data import BeamData
 from examples.beam_prediction.metrics import Scores, score
 from examples.beam_prediction.training import METRICS, PREDICTIONS
+from mmw.errors import InputError
 
 LABELS = {
     "last": "last beam",
@@ -66,7 +67,7 @@ def read_methods(out: Path, data: BeamData) -> dict[str, Method]:
         data: Whose validation windows were predicted.
 
     Raises:
-        ValueError: If a run predicted other windows.
+        InputError: If a run predicted other windows.
     """
     frames = data.future_frames(data.starts["val"])
     target, gains = data.tx_beam[frames].cpu().numpy(), data.gains[frames].cpu().numpy()
@@ -77,7 +78,7 @@ def read_methods(out: Path, data: BeamData) -> dict[str, Method]:
         metrics = json.loads(file.read_text())
         beams = np.load(file.with_name(PREDICTIONS))["beams"]
         if beams.shape[:2] != target.shape:
-            raise ValueError(f"{file.parent}: predicted {beams.shape[0]} windows, there are {len(target)}; train anew")
+            raise InputError(f"{file.parent}: predicted {beams.shape[0]} windows, there are {len(target)}; train anew")
         found.setdefault(metrics["label"], []).append((metrics["seed"], beams, metrics))
     methods = {}
     for label in LABELS:

@@ -88,7 +88,7 @@ def load_sensor(
         device: Where it is put.
 
     Raises:
-        ValueError: If the cache does not have it.
+        InputError: If the cache does not have it.
     """
     arrays: list[np.ndarray] = []
     place: dict[tuple[Owner, int], int] = {}

@@ -29,6 +29,7 @@ from examples.beam_prediction.config import INPUTS, Experiment, TrainingConfig, 
 from examples.beam_prediction.data import BeamData
 from examples.beam_prediction.metrics import LIKELY, score
 from examples.beam_prediction.model import Backbone, BeamPredictor
+from mmw.errors import InputError
 from mmw.tables.publish import publish_bytes
 
 METRICS = "metrics.json"
@@ -81,7 +82,7 @@ def train(run: Run, experiment: Experiment, data: BeamData, out: Path, deadline:
         True if the run is finished, False if the deadline came first.
 
     Raises:
-        ValueError: If the folder holds a run of another experiment.
+        InputError: If the folder holds a run of another experiment.
     """
     folder, config = out / run.name, experiment.training
     _take_up(folder, run, experiment, data)
@@ -276,7 +277,7 @@ def _take_up(folder: Path, run: Run, experiment: Experiment, data: BeamData) -> 
         known = json.loads(file.read_text())
         wrong = [key for key, value in about.items() if known.get(key) != value]
         if wrong:
-            raise ValueError(f"{folder}: holds a run with other {', '.join(wrong)}; give another --out, or remove it")
+            raise InputError(f"{folder}: holds a run with other {', '.join(wrong)}; give another --out, or remove it")
     publish_bytes(file, json.dumps(about, indent=1).encode())
 
 

@@ -8,6 +8,7 @@ import pyarrow as pa
 
 from examples.beam_prediction.config import FeatureConfig, RadioConfig, WindowConfig
 from mmw.dataset import Dataset
+from mmw.errors import InputError
 from mmw.windows import Take, Windows, WindowSpec, open_windows, shared_frames, split_windows
 
 
@@ -43,7 +44,7 @@ def split(windows: Windows, config: WindowConfig) -> dict[str, Windows]:
     trained, which shows what such a split is worth.
 
     Raises:
-        ValueError: If one of them gets no window.
+        InputError: If one of them gets no window.
     """
     parts = {"train": config.train, "val": config.val}
     if config.split == "window":
@@ -60,14 +61,14 @@ def deal(windows: Windows, parts: Mapping[str, float], seed: int) -> dict[str, W
     """Return windows dealt out singly and at random, in shares.
 
     Raises:
-        ValueError: If a part gets no window.
+        InputError: If a part gets no window.
     """
     order = np.random.default_rng(seed).permutation(len(windows))
     ends = np.rint(np.cumsum(list(parts.values())) / sum(parts.values()) * len(windows)).astype(int)
     chosen = dict(zip(parts, np.split(order, ends[:-1]), strict=True))
     empty = [name for name, rows in chosen.items() if not len(rows)]
     if empty:
-        raise ValueError(f"split: part {empty[0]!r} gets none of {len(windows)} windows; give it a larger share")
+        raise InputError(f"split: part {empty[0]!r} gets none of {len(windows)} windows; give it a larger share")
     return {name: windows.take(np.sort(rows)) for name, rows in chosen.items()}
 
 

@@ -20,6 +20,7 @@ from typing import Any, Literal
 import numpy as np
 
 from mmw.channel.vectors import direction_angles, dot, rotate, spherical_basis, unrotate
+from mmw.errors import InputError
 
 PatternName = Literal["iso", "dipole", "hw_dipole", "tr38901"]
 PatternFunction = Callable[[np.ndarray, np.ndarray], Any]
@@ -46,7 +47,7 @@ class PatternTable:
     grid there.
 
     Raises:
-        ValueError: If the grid is not increasing, does not span the sphere, or a value is missing or not finite.
+        InputError: If the grid is not increasing, does not span the sphere, or a value is missing or not finite.
     """
 
     theta: np.ndarray
@@ -65,32 +66,32 @@ class PatternTable:
         c_phi = np.zeros_like(c_theta) if self.c_phi is None else np.asarray(self.c_phi)
         shape = (theta.size, phi.size)
         if theta.ndim != 1 or phi.ndim != 1 or c_theta.shape != shape or c_phi.shape != shape:
-            raise ValueError(
+            raise InputError(
                 f"pattern table: theta {theta.shape}, phi {phi.shape}, c_theta {c_theta.shape}, c_phi {c_phi.shape}; "
                 "values need shape [len(theta), len(phi)]"
             )
         for name, values in (("theta", theta), ("phi", phi), ("c_theta", c_theta), ("c_phi", c_phi)):
             if not np.isfinite(values).all():
-                raise ValueError(f"pattern table: {name} holds values that are not finite; give every grid point")
+                raise InputError(f"pattern table: {name} holds values that are not finite; give every grid point")
         if theta.size < 2 or abs(theta[0]) > 1e-6 or abs(theta[-1] - np.pi) > 1e-6 or (np.diff(theta) <= 0).any():
-            raise ValueError(
+            raise InputError(
                 f"pattern table: theta has {theta.size} values from {theta.min(initial=np.inf):g} to "
                 f"{theta.max(initial=-np.inf):g}; it must increase from 0 to pi [rad]; nothing is extrapolated"
             )
         turn = 2 * np.pi
         if phi.size == 0 or (np.diff(phi) <= 0).any() or phi[-1] - phi[0] > turn + 1e-6:
-            raise ValueError(f"pattern table: phi has {phi.size} values; it must increase, over one turn at most [rad]")
+            raise InputError(f"pattern table: phi has {phi.size} values; it must increase, over one turn at most [rad]")
         if phi.size > 1 and abs(phi[-1] - phi[0] - turn) <= 1e-6:
             scale = max(np.abs(c_theta).max(), np.abs(c_phi).max())
             for name, values in (("c_theta", c_theta), ("c_phi", c_phi)):
                 if np.abs(values[:, -1] - values[:, 0]).max() > 1e-9 * scale:
-                    raise ValueError(
+                    raise InputError(
                         f"pattern table: {name} differs between the first azimuth and the same one a turn later; "
                         "leave one of the two columns out"
                     )
             phi, c_theta, c_phi = phi[:-1], c_theta[:, :-1], c_phi[:, :-1]
         if phi.size > 1 and turn - (phi[-1] - phi[0]) > 1.5 * np.diff(phi).max():
-            raise ValueError(
+            raise InputError(
                 f"pattern table: phi leaves {turn - (phi[-1] - phi[0]):.3g} rad of the turn empty, over 1.5 of its "
                 "largest step; give the whole turn, nothing is extrapolated"
             )
@@ -123,23 +124,23 @@ class PatternTable:
         `phi_deg` [deg]; `c_theta_re`; and, 0 where absent, `c_theta_im`, `c_phi_re`, `c_phi_im`.
 
         Raises:
-            ValueError: If the file is of neither kind, or not a table; the message names the file and the row.
+            InputError: If the file is of neither kind, or not a table; the message names the file and the row.
         """
         path = Path(path)
         if path.suffix == ".npz":
             with np.load(path) as arrays:
                 missing = [name for name in ("theta", "phi", "c_theta") if name not in arrays]
                 if missing:
-                    raise ValueError(f"{path}: arrays {missing} are missing; it needs theta, phi, c_theta")
+                    raise InputError(f"{path}: arrays {missing} are missing; it needs theta, phi, c_theta")
                 values = {name: arrays[name] for name in ("theta", "phi", "c_theta", "c_phi") if name in arrays}
         elif path.suffix == ".csv":
             values = _read_csv(path)
         else:
-            raise ValueError(f"{path}: a pattern table is a .csv or .npz file; convert it")
+            raise InputError(f"{path}: a pattern table is a .csv or .npz file; convert it")
         try:
             return cls(**values)
-        except ValueError as error:
-            raise ValueError(f"{path}: {error}") from None
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from None
 
 
 Pattern = PatternName | PatternTable | PatternFunction
@@ -153,7 +154,7 @@ def _read_csv(path: Path) -> dict[str, np.ndarray]:
         angles = [name if name in names else f"{name}_deg" for name in ("theta", "phi")]
         missing = [name for name in (*angles, "c_theta_re") if name not in names]
         if missing:
-            raise ValueError(
+            raise InputError(
                 f"{path}, row 1: columns {missing} are missing; the header needs theta, phi (or theta_deg, "
                 "phi_deg) and c_theta_re"
             )
@@ -164,17 +165,17 @@ def _read_csv(path: Path) -> dict[str, np.ndarray]:
             try:
                 numbers = [float(cell) for cell in cells]
             except (TypeError, ValueError):
-                raise ValueError(f"{path}, row {reader.line_num}: {cells}; every cell needs a number") from None
+                raise InputError(f"{path}, row {reader.line_num}: {cells}; every cell needs a number") from None
             if not all(math.isfinite(number) for number in numbers):
-                raise ValueError(f"{path}, row {reader.line_num}: {cells}; every number must be finite")
+                raise InputError(f"{path}, row {reader.line_num}: {cells}; every number must be finite")
             if (numbers[0], numbers[1]) in seen:
-                raise ValueError(f"{path}, row {reader.line_num}: direction {cells[:2]} was there before; give it once")
+                raise InputError(f"{path}, row {reader.line_num}: direction {cells[:2]} was there before; give it once")
             seen[numbers[0], numbers[1]] = numbers[2:]
     grid = [sorted({direction[axis] for direction in seen}) for axis in range(2)]
     for theta in grid[0]:
         for phi in grid[1]:
             if (theta, phi) not in seen:
-                raise ValueError(
+                raise InputError(
                     f"{path}: {angles[0]} = {theta:g}, {angles[1]} = {phi:g} has no row; give the full grid"
                 )
     table = np.array([[seen[theta, phi] for phi in grid[1]] for theta in grid[0]])
@@ -200,7 +201,7 @@ def pattern_amplitude(name: PatternName, theta: np.ndarray, phi: np.ndarray) -> 
         phi: Azimuth in the antenna's frame [rad].
 
     Raises:
-        ValueError: If the pattern is not known.
+        InputError: If the pattern is not known.
 
     Source: TR 38.901 table 7.3-1 for `tr38901`; C. A. Balanis, Antenna Theory, sections 4.2 and 4.6 for the dipoles.
     """
@@ -219,7 +220,7 @@ def pattern_amplitude(name: PatternName, theta: np.ndarray, phi: np.ndarray) -> 
         vertical = np.minimum(12.0 * ((theta - np.pi / 2) / beam) ** 2, 30.0)
         horizontal = np.minimum(12.0 * (phi / beam) ** 2, 30.0)
         return 10.0 ** ((8.0 - np.minimum(vertical + horizontal, 30.0)) / 20.0)
-    raise ValueError(f"pattern = {name!r}; known patterns are iso, dipole, hw_dipole, tr38901")
+    raise InputError(f"pattern = {name!r}; known patterns are iso, dipole, hw_dipole, tr38901")
 
 
 def polarization_components(
@@ -250,15 +251,15 @@ def slant_angles(polarization: Polarization) -> tuple[float, ...]:
     """Return the slant angle of each polarisation of an element [rad]: of a name, or of one or several angles.
 
     Raises:
-        ValueError: If the name is not known or an angle is not a finite number.
+        InputError: If the name is not known or an angle is not a finite number.
     """
     if isinstance(polarization, str):
         if polarization not in SLANTS:
-            raise ValueError(f"polarization = {polarization!r}; use one of {', '.join(SLANTS)}, or slant angles [rad]")
+            raise InputError(f"polarization = {polarization!r}; use one of {', '.join(SLANTS)}, or slant angles [rad]")
         return SLANTS[polarization]
     angles = tuple(float(angle) for angle in np.atleast_1d(np.asarray(polarization, dtype=np.float64)))
     if not angles or not all(math.isfinite(angle) for angle in angles):
-        raise ValueError(f"polarization = {polarization!r}; slant angles are finite numbers [rad], at least one")
+        raise InputError(f"polarization = {polarization!r}; slant angles are finite numbers [rad], at least one")
     return angles
 
 
@@ -272,7 +273,7 @@ def pattern_components(pattern: Pattern, theta: np.ndarray, phi: np.ndarray) -> 
         phi: Azimuth in the antenna's frame [rad].
 
     Raises:
-        ValueError: If the name is not known, or a function returns another shape or a value that is not finite.
+        InputError: If the name is not known, or a function returns another shape or a value that is not finite.
     """
     if isinstance(pattern, str):
         return pattern_amplitude(pattern, theta, phi), np.zeros_like(theta)
@@ -280,16 +281,16 @@ def pattern_components(pattern: Pattern, theta: np.ndarray, phi: np.ndarray) -> 
     if not isinstance(value, tuple):
         value = (value, 0.0)
     if len(value) != 2:
-        raise ValueError(f"pattern function: returned {len(value)} arrays; return the amplitude, or (C_theta, C_phi)")
+        raise InputError(f"pattern function: returned {len(value)} arrays; return the amplitude, or (C_theta, C_phi)")
     parts = [np.asarray(part) for part in value]
     for part in parts:
         if part.shape not in ((), theta.shape):
-            raise ValueError(
+            raise InputError(
                 f"pattern function: returned shape {part.shape} for angles of shape {theta.shape}; return one value a "
                 "direction"
             )
         if not np.isfinite(part).all():
-            raise ValueError("pattern function: returned values that are not finite; return a number in any direction")
+            raise InputError("pattern function: returned values that are not finite; return a number in any direction")
     return np.broadcast_to(parts[0], theta.shape), np.broadcast_to(parts[1], theta.shape)
 
 

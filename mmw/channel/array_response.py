@@ -18,6 +18,7 @@ from mmw.channel.antennas import antenna_field
 from mmw.channel.arrays import AntennaArray
 from mmw.channel.path_rows import PathRows, encode_key, read_column, read_numbers
 from mmw.constants import SPEED_OF_LIGHT
+from mmw.errors import InputError
 from mmw.poses import normalize, quaternion_to_matrix
 
 POSE_COLUMNS = ("scenario", "weather", "frame", "agent", "qx", "qy", "qz", "qw")
@@ -48,10 +49,10 @@ def synthesize(
         portions (`PathRows.take`) where that is too much.
 
     Raises:
-        ValueError: If the carrier is not that of the paths, or a rotation has another shape or is none.
+        InputError: If the carrier is not that of the paths, or a rotation has another shape or is none.
     """
     if carrier_hz != paths.carrier_hz:
-        raise ValueError(
+        raise InputError(
             f"synthesize: carrier_hz = {carrier_hz:g}, the paths are at {paths.carrier_hz:g} Hz; a transfer holds for "
             "one carrier; make PathRows of the rows at the carrier that is wanted"
         )
@@ -69,11 +70,11 @@ def _end(
     """Return element fields [P, polarisations, 2] and array phases [P, elements] of one end."""
     turn = np.eye(3) if rotation is None else np.asarray(rotation, dtype=np.float64)
     if turn.shape not in ((3, 3), (paths.link_count, 3, 3)):
-        raise ValueError(
+        raise InputError(
             f"synthesize: {name} has shape {turn.shape}; it is [3, 3], or [L, 3, 3] with L = {paths.link_count} links"
         )
     if np.abs(turn @ np.swapaxes(turn, -1, -2) - np.eye(3)).max(initial=0.0) > 1e-6:
-        raise ValueError(f"synthesize: {name} holds a matrix that is no rotation; its rows must be orthonormal")
+        raise InputError(f"synthesize: {name} holds a matrix that is no rotation; its rows must be orthonormal")
     turn = np.broadcast_to(turn, (paths.link_count, 3, 3))[paths.link]
     direction = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=-1)
     field = antenna_field(direction, turn @ array.rotation, array.pattern, array.polarization, array.polarization_model)
@@ -91,10 +92,10 @@ def rotations_from_poses(poses: Any, paths: PathRows, which: Literal["tx", "rx"]
         which: `tx` for the transmitters (`peer`), `rx` for the receivers (`agent`).
 
     Raises:
-        ValueError: If a column is missing, an agent has two poses in a frame, or the pose of a link's end is not there.
+        InputError: If a column is missing, an agent has two poses in a frame, or the pose of a link's end is not there.
     """
     if which not in ("tx", "rx"):
-        raise ValueError(f"rotations_from_poses: which = {which!r}; it is tx or rx")
+        raise InputError(f"rotations_from_poses: which = {which!r}; it is tx or rx")
     count, codes = paths.link_count, np.zeros(0)
     for name in POSE_COLUMNS[:4]:
         key = "peer" if which == "tx" and name == "agent" else name
@@ -105,14 +106,14 @@ def rotations_from_poses(poses: Any, paths: PathRows, which: Literal["tx", "rx"]
     order = np.argsort(known, kind="stable")
     twice = np.flatnonzero(np.diff(known[order]) == 0)
     if len(twice):
-        raise ValueError(f"table poses: rows {order[twice[0]]} and {order[twice[0] + 1]} are one agent in one frame")
+        raise InputError(f"table poses: rows {order[twice[0]]} and {order[twice[0] + 1]} are one agent in one frame")
     place = np.searchsorted(known, wanted, sorter=order)
     row = order[np.minimum(place, len(known) - 1)] if len(known) else np.zeros(count, dtype=np.int64)
     is_there = known[row] == wanted if len(known) else np.zeros(count, dtype=bool)
     if not is_there.all():
         lost = paths.keys[~is_there][0]
         agent = lost["peer"] if which == "tx" else lost["agent"]
-        raise ValueError(
+        raise InputError(
             f"table poses: {int((~is_there).sum())} links have no pose of their {which}, the first {agent} in scenario "
             f"{lost['scenario']}, weather {lost['weather']}, frame {lost['frame']}; read poses of the same frames"
         )
@@ -138,12 +139,12 @@ def plane_wave_error(
         other: Array of the other end; None for a single antenna there.
 
     Raises:
-        ValueError: If a distance is not above 0.
+        InputError: If a distance is not above 0.
 
     Source: C. A. Balanis, Antenna Theory, section 4.4 (far-field region).
     """
     distance = np.asarray(distance_m, dtype=np.float64)
     if (~(distance > 0)).any():
-        raise ValueError(f"plane_wave_error: distance_m holds {distance.min():g}; distances are above 0 m")
+        raise InputError(f"plane_wave_error: distance_m holds {distance.min():g}; distances are above 0 m")
     aperture = array.aperture_m(carrier_hz) + (other.aperture_m(carrier_hz) if other else 0.0)
     return np.pi * aperture**2 * carrier_hz / (4 * SPEED_OF_LIGHT * distance)

@@ -4,12 +4,13 @@ Source: element positions and counting as in Sionna RT 2.2 (`PlanarArray`).
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
-from mmw.channel.antennas import Pattern, Polarization, PolarizationModel, slant_angles
+from mmw.channel.antennas import Pattern, PatternName, Polarization, PolarizationModel, slant_angles
 from mmw.constants import SPEED_OF_LIGHT
+from mmw.errors import InputError
 from mmw.poses import normalize, quaternion_from_ypr, quaternion_to_matrix
 
 
@@ -25,7 +26,7 @@ class AntennaArray:
     polarisation, then all of the second.
 
     Raises:
-        ValueError: If a count is below 1, a spacing is not above 0, or orientation or polarisation is not one.
+        InputError: If a count is below 1, a spacing is not above 0, or orientation, pattern or polarisation is not one.
     """
 
     rows: int = 1
@@ -51,15 +52,30 @@ class AntennaArray:
 
     def __post_init__(self) -> None:
         for name in ("rows", "columns"):
-            if int(getattr(self, name)) != getattr(self, name) or getattr(self, name) < 1:
-                raise ValueError(f"antenna array: {name} = {getattr(self, name)}; it is a whole number from 1 on")
+            count = getattr(self, name)
+            if not (np.isfinite(count) and int(count) == count and count >= 1):
+                raise InputError(f"antenna array: {name} = {count}; a whole number from 1 on is needed; correct it")
         for name in ("vertical_spacing", "horizontal_spacing", "vertical_spacing_m", "horizontal_spacing_m"):
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value > 0):
-                raise ValueError(f"antenna array: {name} = {value}; a spacing is above 0")
+                raise InputError(f"antenna array: {name} = {value}; a spacing is above 0")
         if len(self.orientation) not in (3, 4) or not np.isfinite(self.orientation).all():
-            raise ValueError(
+            raise InputError(
                 f"antenna array: orientation = {self.orientation}; give a quaternion (x, y, z, w) or yaw, pitch, roll"
+            )
+        if len(self.orientation) == 4 and not any(self.orientation):
+            raise InputError(
+                "antenna array: orientation = 0, 0, 0, 0; a rotation is needed; give (0, 0, 0, 1) for none"
+            )
+        if isinstance(self.pattern, str) and self.pattern not in get_args(PatternName):
+            names = ", ".join(get_args(PatternName))
+            raise InputError(
+                f"antenna array: pattern = {self.pattern!r}; one of {names}, a table or a function is needed"
+            )
+        if self.polarization_model not in get_args(PolarizationModel):
+            names = " or ".join(get_args(PolarizationModel))
+            raise InputError(
+                f"antenna array: polarization_model = {self.polarization_model!r}; {names} is needed; choose one"
             )
         slant_angles(self.polarization)
 

@@ -50,7 +50,7 @@ def rain_coefficients(carrier_hz: ArrayLike) -> tuple[np.ndarray, np.ndarray, np
         k_H, alpha_H, k_V, alpha_V: k R^alpha is in dB/km for a rain rate R in mm/h.
 
     Raises:
-        ValueError: If a carrier is outside 1 to 1000 GHz.
+        InputError: If a carrier is outside 1 to 1000 GHz.
 
     Source: ITU-R P.838-3, equations 2 and 3, tables 1 to 4.
     """
@@ -76,7 +76,7 @@ def rain_attenuation(
         tilt: Polarisation tilt: 0 horizontal, pi/2 vertical, pi/4 circular [rad].
 
     Raises:
-        ValueError: If a carrier is outside 1 to 1000 GHz.
+        InputError: If a carrier is outside 1 to 1000 GHz.
 
     Source: ITU-R P.838-3, equations 1, 4 and 5.
     """
@@ -96,7 +96,7 @@ def fog_attenuation(lwc_g_m3: ArrayLike, carrier_hz: ArrayLike, temperature_c: A
         temperature_c: Temperature of the droplets [C].
 
     Raises:
-        ValueError: If a carrier is outside 1 to 200 GHz.
+        InputError: If a carrier is outside 1 to 200 GHz.
 
     Source: ITU-R P.840-9, section 2 (the same coefficient since P.840-6).
     """
@@ -136,7 +136,7 @@ def path_loss_db(
         no fog is 0 at any carrier.
 
     Raises:
-        ValueError: If a carrier is outside 1 to 1000 GHz, or above 200 GHz in fog.
+        InputError: If a carrier is outside 1 to 1000 GHz, or above 200 GHz in fog.
     """
     carriers = np.atleast_1d(np.asarray(carriers_hz, dtype=np.float64))
     km = np.asarray(length_m, dtype=np.float64)[:, None] / 1000.0

@@ -8,6 +8,7 @@ import warp as wp
 
 from mmw.channel.surface_table import SurfaceTable
 from mmw.config import ChannelConfig
+from mmw.errors import InputError
 from mmw.kernels.channel_launch import PLANE_BITS, launch_kernel
 from mmw.scene import Scene
 
@@ -66,7 +67,7 @@ def launches(
         [A, K]; and the keys of chains of two planes and more, shape [N], None if none are wanted.
 
     Raises:
-        ValueError: If there are too many chains to try them all, or to keep them.
+        InputError: If there are too many chains to try them all, or to keep them.
     """
     waiting = _chunks(sources.first_link, len(table), config)
     while waiting:
@@ -119,7 +120,7 @@ def _chains(
         if cells > most and len(sources) > 1:
             raise TableFull
         if cells > MOST_CELLS:
-            raise ValueError(
+            raise InputError(
                 f"channel.rays = {config.rays}, max_depth = {config.max_depth}: the chains of one transmitter do not "
                 f"fit into {MOST_CELLS} cells; launch fewer rays or lower the depth"
             )
@@ -203,11 +204,11 @@ def every_chain(sources: int, planes: int, depth: int) -> np.ndarray:
     """Return the keys of all chains of 2 to `depth` planes without the same one twice in a row, shape [N], uint64.
 
     Raises:
-        ValueError: If there are more than `PAIRS_AT_ONCE`.
+        InputError: If there are more than `PAIRS_AT_ONCE`.
     """
     count = sources * planes * sum((planes - 1) ** k for k in range(1, depth))
     if count > PAIRS_AT_ONCE:
-        raise ValueError(
+        raise InputError(
             f"channel.candidates = 'exhaustive' with max_depth = {depth}: {planes} planes make {count} chains, the "
             f"most is {PAIRS_AT_ONCE}; use candidates: launch, or a lower depth"
         )

@@ -64,7 +64,7 @@ def reflected_candidates(
         backward: The links read backwards, for diffraction.
 
     Raises:
-        ValueError: If there are too many chains to try them all, or to keep them.
+        InputError: If there are too many chains to try them all, or to keep them.
     """
     depth = config.max_depth
     for part, begin, is_seen, keys in launches(scene, sources, table, config):

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mmw.channel.arrays import AntennaArray
+from mmw.errors import InputError
 
 TIE = 1e-12
 """Gains closer than this share of the largest one are equal; rounding would otherwise pick between equal beams."""
@@ -39,10 +40,10 @@ def dft_ula(count: int, beams: int = 64) -> np.ndarray:
         modulo 2 into -1 ... 1, in the array's frame. The signs differ because w is conjugated and f is not.
 
     Raises:
-        ValueError: If a count is below 1.
+        InputError: If a count is below 1.
     """
     if count < 1 or beams < 1:
-        raise ValueError(f"dft_ula: {count} elements, {beams} beams; both are at least 1")
+        raise InputError(f"dft_ula: {count} elements, {beams} beams; both are at least 1")
     # The product is reduced by whole turns first, so that equal phases are equal numbers.
     turns = np.mod(np.outer(np.arange(count), np.arange(beams)), beams) / beams
     return np.exp(2j * np.pi * turns) / np.sqrt(count)
@@ -62,7 +63,7 @@ def dft_upa(rows: int, columns: int, row_beams: int, column_beams: int) -> np.nd
         q_h Q_v + q_v is beam q_h of `dft_ula(N, Q_h)` along the rows and q_v of `dft_ula(M, Q_v)` down the columns.
 
     Raises:
-        ValueError: If a count is below 1.
+        InputError: If a count is below 1.
     """
     return np.kron(dft_ula(columns, column_beams), dft_ula(rows, row_beams))
 
@@ -79,7 +80,7 @@ def dft_codebook(array: AntennaArray, beams: int | tuple[int, int] = 64) -> np.n
         for the second: a beam feeds one polarisation.
 
     Raises:
-        ValueError: If a planar array gets one number.
+        InputError: If a planar array gets one number.
     """
     if isinstance(beams, tuple):
         row_beams, column_beams = beams
@@ -88,7 +89,7 @@ def dft_codebook(array: AntennaArray, beams: int | tuple[int, int] = 64) -> np.n
     elif array.columns == 1:
         row_beams, column_beams = beams, 1
     else:
-        raise ValueError(
+        raise InputError(
             f"dft_codebook: beams = {beams} for {array.rows} x {array.columns} elements; give (down the columns, along "
             "the rows)"
         )
@@ -108,11 +109,11 @@ def beam_gains(h: np.ndarray, tx_codebook: np.ndarray, rx_codebook: np.ndarray) 
         Shape [L, Q_r, Q_t]; 0 for a link without path.
 
     Raises:
-        ValueError: If shapes do not fit.
+        InputError: If shapes do not fit.
     """
     h = h.mean(axis=-1) if h.ndim == 4 else h
     if h.ndim != 3 or h.shape[1:] != (len(rx_codebook), len(tx_codebook)):
-        raise ValueError(
+        raise InputError(
             f"beam_gains: h has shape {h.shape}, codebooks are for {len(rx_codebook)} receive and {len(tx_codebook)} "
             "transmit antennas; h is [L, N_r, N_t] or [L, N_r, N_t, K]"
         )
@@ -149,16 +150,16 @@ def normalized_gain(gains: np.ndarray, tx_beam: ArrayLike, best: BeamPairs | Non
         0 to 1 (to within `TIE`), shape of `tx_beam`; NaN for a link without path, whatever was chosen there.
 
     Raises:
-        ValueError: If a beam of a link with paths is not in the codebook, or there are not L rows.
+        InputError: If a beam of a link with paths is not in the codebook, or there are not L rows.
     """
     best = best_beams(gains) if best is None else best
     chosen = np.asarray(tx_beam)
     if chosen.ndim not in (1, 2) or len(chosen) != len(gains):
-        raise ValueError(f"normalized_gain: tx_beam has shape {chosen.shape}; it is [L] or [L, n], L = {len(gains)}")
+        raise InputError(f"normalized_gain: tx_beam has shape {chosen.shape}; it is [L] or [L, n], L = {len(gains)}")
     is_there = best.gain > 0
     rows = chosen.reshape(len(gains), -1)
     if ((rows < 0) | (rows >= gains.shape[2]))[is_there].any():
-        raise ValueError(f"normalized_gain: tx_beam holds beams outside 0 to {gains.shape[2] - 1}; name beams inside")
+        raise InputError(f"normalized_gain: tx_beam holds beams outside 0 to {gains.shape[2] - 1}; name beams inside")
     link = np.arange(len(gains))[:, None]
     picked = gains[link, best.rx_beam[:, None], np.where(is_there[:, None], rows, 0)]
     ratio = picked / np.where(is_there, best.gain, np.nan)[:, None]

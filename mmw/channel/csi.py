@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mmw.channel.path_rows import PathRows
+from mmw.errors import InputError
 
 
 def subcarrier_frequencies(count: int, spacing_hz: float, grid: Literal["centered", "fft"] = "centered") -> np.ndarray:
@@ -35,15 +36,15 @@ def subcarrier_frequencies(count: int, spacing_hz: float, grid: Literal["centere
             (Sionna's). For even K the two are half a subcarrier apart.
 
     Raises:
-        ValueError: If the count is below 1, or the grid is not known.
+        InputError: If the count is below 1, or the grid is not known.
     """
     if count < 1:
-        raise ValueError(f"subcarrier_frequencies: count = {count}; it is at least 1")
+        raise InputError(f"subcarrier_frequencies: count = {count}; it is at least 1")
     if grid == "centered":
         return (np.arange(1, count + 1) - (count + 1) / 2) * spacing_hz
     if grid == "fft":
         return (np.arange(count) - count // 2) * spacing_hz
-    raise ValueError(f"subcarrier_frequencies: grid = {grid!r}; it is centered or fft")
+    raise InputError(f"subcarrier_frequencies: grid = {grid!r}; it is centered or fft")
 
 
 def first_delay(paths: PathRows) -> np.ndarray:
@@ -109,7 +110,7 @@ def frequency_response(
         link without path.
 
     Raises:
-        ValueError: If shapes do not fit or the carrier is not that of the paths.
+        InputError: If shapes do not fit or the carrier is not that of the paths.
     """
     frequencies = np.atleast_1d(np.asarray(frequencies_hz, dtype=np.float64))
     tau = delays(paths, normalize_delays)
@@ -158,10 +159,10 @@ def taps(
         Shape [L, N_r, N_t, l_max - l_min + 1], or with T before the taps; complex128. 0 for a link without path.
 
     Raises:
-        ValueError: If l_max is below l_min, the bandwidth is not above 0, shapes do not fit, or the carrier differs.
+        InputError: If l_max is below l_min, the bandwidth is not above 0, shapes do not fit, or the carrier differs.
     """
     if l_max < l_min or not bandwidth_hz > 0:
-        raise ValueError(f"taps: l_min = {l_min}, l_max = {l_max}, W = {bandwidth_hz:g} Hz; l_min <= l_max and W > 0")
+        raise InputError(f"taps: l_min = {l_min}, l_max = {l_max}, W = {bandwidth_hz:g} Hz; l_min <= l_max and W > 0")
     turn = _rotation(a, paths, carrier_hz, np.asarray(time_s, dtype=np.float64), carrier_phase, normalize_delays)
     shape = np.sinc(np.arange(l_min, l_max + 1) - bandwidth_hz * delays(paths, normalize_delays)[:, None])
     return _sum(a, paths, turn[..., None] * shape.reshape(len(paths), *(1,) * (turn.ndim - 1), shape.shape[1]))
@@ -191,11 +192,11 @@ def impulse_response(
         last path of a link hold gain 0 and delay -1, as in Sionna.
 
     Raises:
-        ValueError: If shapes do not fit or the carrier is not that of the paths.
+        InputError: If shapes do not fit or the carrier is not that of the paths.
     """
     turn = _rotation(a, paths, carrier_hz, np.asarray(time_s, dtype=np.float64), carrier_phase, normalize_delays)
     if a.ndim != 3:
-        raise ValueError(f"a has shape {a.shape}; it is [P, N_r, N_t]")
+        raise InputError(f"a has shape {a.shape}; it is [P, N_r, N_t]")
     count = paths.path_count
     place = np.arange(len(paths)) - (np.cumsum(count) - count)[paths.link]
     most = int(count.max(initial=0))
@@ -211,11 +212,11 @@ def _rotation(
 ) -> np.ndarray:
     """Return exp(-j 2 pi f_c tau) exp(j 2 pi f_D t) of every path, shape [P] or [P, T]."""
     if len(a) != len(paths):
-        raise ValueError(f"a has {len(a)} paths, PathRows {len(paths)}; give the coefficients of these paths")
+        raise InputError(f"a has {len(a)} paths, PathRows {len(paths)}; give the coefficients of these paths")
     if carrier_hz != paths.carrier_hz:
-        raise ValueError(f"carrier_hz = {carrier_hz:g}, the paths are at {paths.carrier_hz:g} Hz; give their carrier")
+        raise InputError(f"carrier_hz = {carrier_hz:g}, the paths are at {paths.carrier_hz:g} Hz; give their carrier")
     if time_s.ndim > 1:
-        raise ValueError(f"time_s has shape {time_s.shape}; give one time, or shape [T]")
+        raise InputError(f"time_s has shape {time_s.shape}; give one time, or shape [T]")
     cycles = np.multiply.outer(paths.doppler_hz, time_s)
     if carrier_phase:
         carried = carrier_hz * delays(paths, normalize_delays)
@@ -226,7 +227,7 @@ def _rotation(
 def _sum(a: np.ndarray, paths: PathRows, weights: np.ndarray) -> np.ndarray:
     """Return the sums over each link's paths of a [P, N_r, N_t] times weights [P, ..., K], [L, N_r, N_t, ..., K]."""
     if a.ndim != 3:
-        raise ValueError(f"a has shape {a.shape}; it is [P, N_r, N_t]")
+        raise InputError(f"a has shape {a.shape}; it is [P, N_r, N_t]")
     flat = weights.reshape(len(paths), int(np.prod(weights.shape[1:])))
     out = np.zeros((paths.link_count, a.shape[1] * a.shape[2], flat.shape[1]), dtype=np.complex128)
     for links, path in _equal_links(paths):

@@ -72,7 +72,7 @@ def find_paths(
         is_pair: Links that stand for both directions, whose two ends share the rays, shape [L]; None for none.
 
     Raises:
-        ValueError: If there are too many chains to try.
+        InputError: If there are too many chains to try.
     """
     search = _Search(scene, links, config, table)
     is_pair = np.zeros(len(links), dtype=bool) if is_pair is None else is_pair

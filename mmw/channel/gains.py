@@ -56,7 +56,7 @@ def path_transfer(
         Shape [P, C, 2, 2], complex128.
 
     Raises:
-        ValueError: If a material that a path meets has no permittivity at a carrier.
+        InputError: If a material that a path meets has no permittivity at a carrier.
     """
     used = np.unique(np.concatenate([met.material_id[met.material_id >= 0], met.wedge_material.ravel()]))
     permittivity = permittivity_table(materials, carriers_hz, used)

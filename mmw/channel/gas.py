@@ -120,7 +120,7 @@ def gas_attenuation(
         Dry air and water vapour [dB/km], each of the shape of the carriers.
 
     Raises:
-        ValueError: If a carrier is outside 1 to 1000 GHz.
+        InputError: If a carrier is outside 1 to 1000 GHz.
     """
     f = ghz_within(carrier_hz, MIN_GHZ, MAX_GHZ, "gas attenuation", "ITU-R P.676-13")
     kelvin = temperature_c + 273.15

@@ -8,6 +8,7 @@ import math
 from dataclasses import dataclass
 
 from mmw.channel.carriers import ghz_within
+from mmw.errors import InputError
 
 MIN_GHZ, MAX_GHZ = 0.001, 1000.0
 """Frequencies that the functions here accept [GHz]: those of the Recommendation, from 1 MHz."""
@@ -36,13 +37,17 @@ class Soil:
 
     def __post_init__(self) -> None:
         shares = (self.sand_percent, self.clay_percent)
-        if min(shares) < 0.0 or sum(shares) > 100.0:
-            raise ValueError(
+        if not (min(shares) >= 0.0 and sum(shares) <= 100.0):
+            raise InputError(
                 f"soil: sand {self.sand_percent:g} %, clay {self.clay_percent:g} %; each must be at least 0 and both "
                 "together at most 100; correct the texture"
             )
         if not 0.0 < self.moisture <= 1.0:
-            raise ValueError(f"soil: moisture = {self.moisture:g}; above 0 to 1 is needed; give a share of volume")
+            raise InputError(f"soil: moisture = {self.moisture:g}; above 0 to 1 is needed; give a share of volume")
+        for name in ("specific_gravity", "bulk_density_g_cm3"):
+            value = getattr(self, name)
+            if value is not None and not 0.0 < value < math.inf:
+                raise InputError(f"soil: {name} = {value:g}; a finite number above 0 is needed; correct it")
 
 
 def bulk_density(sand_percent: float, clay_percent: float) -> float:
@@ -68,7 +73,7 @@ def water_permittivity(carrier_hz: float, temperature_c: float, salinity_g_kg: f
         salinity_g_kg: Salt, 0 to 40 [g/kg]; 0 is fresh water, 35 the open sea.
 
     Raises:
-        ValueError: If an argument is outside its range.
+        InputError: If an argument is outside its range.
 
     Source: ITU-R P.527-6, equations 5 to 13 and 14 to 27. The T^3 term of equation 18 is negative here: the plus in
     print is a misprint of Meissner and Wentz 2012, table 7, which their own code corrects (-0.35594e-6).
@@ -79,7 +84,7 @@ def water_permittivity(carrier_hz: float, temperature_c: float, salinity_g_kg: f
         ("salinity_g_kg", salinity_g_kg, SALINITY_G_KG),
     ):
         if not low <= value <= high:
-            raise ValueError(f"water: {name} = {value:g}; ITU-R P.527-6 holds from {low:g} to {high:g}; stay inside")
+            raise InputError(f"water: {name} = {value:g}; ITU-R P.527-6 holds from {low:g} to {high:g}; stay inside")
     return _water(ghz, temperature_c, salinity_g_kg)
 
 
@@ -91,7 +96,7 @@ def soil_permittivity(carrier_hz: float, soil: Soil) -> complex:
         soil: The soil.
 
     Raises:
-        ValueError: If the frequency is outside its range, or the model's water gets a negative permittivity or loss: it
+        InputError: If the frequency is outside its range, or the model's water gets a negative permittivity or loss: it
             does so for dry, sandy soil at low frequencies, where its fit of the conductivity does not hold.
 
     Source: ITU-R P.527-6, equations 57 to 70.
@@ -107,7 +112,7 @@ def soil_permittivity(carrier_hz: float, soil: Soil) -> complex:
     water = _water(ghz, soil.temperature_c, 0.0)
     real, loss = water.real + share * step * ghz / 1.35, -water.imag + share * (high + step)
     if real < 0.0 or loss < 0.0:
-        raise ValueError(
+        raise InputError(
             f"soil: {sand:g} % sand, {clay:g} % clay, moisture {moisture:g} has no value at {ghz:g} GHz: the water's "
             f"permittivity would be {real:.3g} - j {loss:.3g} (ITU-R P.527-6, equations 65 and 66); both parts must be "
             "positive; take a moister soil, a higher frequency, or the model `constant`"

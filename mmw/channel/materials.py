@@ -20,6 +20,7 @@ from mmw.channel.tissue import MAX_GHZ as TISSUE_MAX_GHZ
 from mmw.channel.tissue import MIN_GHZ as TISSUE_MIN_GHZ
 from mmw.channel.tissue import tissue_permittivity
 from mmw.constants import VACUUM_PERMITTIVITY
+from mmw.errors import InputError
 from mmw.materials import Material, RadioMaterial
 
 P2040 = "ITU-R P.2040-4, table 3"
@@ -174,19 +175,19 @@ def permittivity_row(name: str, carrier_hz: float, used_by: str = "") -> Permitt
         used_by: Name of the material that asks, for the error message.
 
     Raises:
-        ValueError: If the table has no such name, or the name has no row at this frequency.
+        InputError: If the table has no such name, or the name has no row at this frequency.
     """
     where = f"material {used_by or name!r}" + (f" ({name})" if used_by else "")
     rows = PERMITTIVITY.get(name.removeprefix(PREFIX))
     if rows is None:
         known = ", ".join(RADIO_ROWS)
-        raise ValueError(f"{where}: {name!r} is not a radio material; use one of {known}, or the model `constant`")
+        raise InputError(f"{where}: {name!r} is not a radio material; use one of {known}, or the model `constant`")
     ghz = carrier_hz / 1e9
     for row in rows:
         if row.min_ghz * (1 - 1e-12) <= ghz <= row.max_ghz * (1 + 1e-12):
             return row
     ranges = ", ".join(f"{row.min_ghz:g}-{row.max_ghz:g} GHz" for row in rows)
-    raise ValueError(
+    raise InputError(
         f"{where}: no permittivity at {ghz:g} GHz; its ranges are {ranges}; choose a carrier inside them, "
         "another material, or the model `constant`"
     )
@@ -196,7 +197,7 @@ def relative_permittivity(radio: RadioMaterial, carrier_hz: float, used_by: str 
     """Return the complex relative permittivity of a material, for e^{+jwt}; 1 - j inf for a perfect conductor.
 
     Raises:
-        ValueError: If a named material has no data at this frequency.
+        InputError: If a named material has no data at this frequency.
 
     Source: ITU-R P.2040-4, equations 9, 28 and 29; ITU-R P.527-6 for soils and water.
     """
@@ -219,7 +220,7 @@ def permittivity_table(
         Complex relative permittivity, shape [materials, carriers].
 
     Raises:
-        ValueError: If a used material has no data at a carrier.
+        InputError: If a used material has no data at a carrier.
     """
     carriers = list(carriers_hz)
     table = np.full((len(materials), len(carriers)), np.nan + 0j, dtype=np.complex128)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mmw.errors import InputError
 from mmw.scene_arrays import SceneArrays
 
 ROAD_LABELS = ("road", "road_line")
@@ -64,12 +65,12 @@ def plane_grid(
         rotation: Plane to world, shape [3, 3]; the plane's x and y are its columns 0 and 1. Level if left out.
 
     Raises:
-        ValueError: If size or cell is not positive, or there are too many cells.
+        InputError: If size or cell is not positive, or there are too many cells.
     """
     center, size = np.asarray(center_m, dtype=np.float64), np.asarray(size_m, dtype=np.float64)
     _check_cell(cell_m)
     if not (size > 0.0).all() or not np.isfinite(size).all():
-        raise ValueError(f"plane_grid: size_m = {size.tolist()}; both must be above 0 m; give the plane's extent")
+        raise InputError(f"plane_grid: size_m = {size.tolist()}; both must be above 0 m; give the plane's extent")
     columns, rows = (int(count) for count in np.ceil(size / cell_m - 1e-9))
     _check_count(columns * rows, cell_m)
     row, column = (k.ravel() for k in np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij"))
@@ -101,11 +102,11 @@ def road_grid(
         within_m: Lowest x, lowest y, highest x and highest y of the cells' middles [m]; everything if left out.
 
     Raises:
-        ValueError: If cell or height is not positive, there are too many cells, or no road is there.
+        InputError: If cell or height is not positive, there are too many cells, or no road is there.
     """
     _check_cell(cell_m)
     if not height_m > 0.0:
-        raise ValueError(f"road_grid: height_m = {height_m:g}; it must be above 0 m; give the height of an antenna")
+        raise InputError(f"road_grid: height_m = {height_m:g}; it must be above 0 m; give the height of an antenna")
     is_road = np.array([thing.label in labels for thing in arrays.objects], dtype=bool)
     triangles = arrays.points[arrays.faces[is_road[arrays.object_id]]] if len(arrays.faces) else np.zeros((0, 3, 3))
     if within_m is not None:
@@ -118,7 +119,7 @@ def road_grid(
         column, height, slope = column[inside], height[inside], slope[inside]
     if not len(column):
         found = ", ".join(sorted({thing.label for thing in arrays.objects})) or "nothing"
-        raise ValueError(
+        raise InputError(
             f"road_grid: no cell of {cell_m:g} m has its middle over {' or '.join(labels)}; the scene has {found}; "
             "use a smaller cell, a place with roads, or a plane"
         )
@@ -133,12 +134,12 @@ def road_grid(
 
 def _check_cell(cell_m: float) -> None:
     if not 0.0 < cell_m < np.inf:
-        raise ValueError(f"cell = {cell_m:g} m; it must be above 0 m; give the side of a cell, such as 2")
+        raise InputError(f"cell = {cell_m:g} m; it must be above 0 m; give the side of a cell, such as 2")
 
 
 def _check_count(count: int, cell_m: float) -> None:
     if count > LARGEST_GRID:
-        raise ValueError(
+        raise InputError(
             f"cell = {cell_m:g} m makes {count:,} cells to look at; at most {LARGEST_GRID:,} can be; use larger ones"
         )
 

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from mmw.channel.links import Links
 from mmw.channel.paths import PATH_LOS, Paths
+from mmw.errors import InputError
 
 LINK_COLUMNS = ("scenario", "weather", "frame", "agent", "peer", "carrier_hz")
 """Columns that name a link at a carrier, in both tables."""
@@ -30,7 +31,7 @@ class PathRows:
     A link without any path is a row of `keys` that no entry of `link` names.
 
     Raises:
-        ValueError: If arrays differ in length, or paths are not sorted by link.
+        InputError: If arrays differ in length, or paths are not sorted by link.
     """
 
     carrier_hz: float
@@ -66,12 +67,12 @@ class PathRows:
     def __post_init__(self) -> None:
         lengths = {field.name: len(getattr(self, field.name)) for field in fields(self)[2:]}
         if len(set(lengths.values())) != 1 or self.transfer.shape[1:] != (2, 2):
-            raise ValueError(
+            raise InputError(
                 f"PathRows: {lengths} paths, transfer {self.transfer.shape}; every array needs one row a path"
             )
         is_link = (self.link >= 0) & (self.link < len(self.keys))
         if not is_link.all() or (np.diff(self.link) < 0).any():
-            raise ValueError(f"PathRows: link is not growing from 0 to {len(self.keys) - 1}; sort the paths by link")
+            raise InputError(f"PathRows: link is not growing from 0 to {len(self.keys) - 1}; sort the paths by link")
 
     def __len__(self) -> int:
         """Return the number of paths."""
@@ -98,7 +99,7 @@ class PathRows:
         where = np.full(self.link_count, -1, dtype=np.int64)
         where[links] = np.arange(len(links))
         if len(np.unique(links)) != len(links):
-            raise ValueError(f"PathRows.take: {len(links)} links, some more than once; name each link once")
+            raise InputError(f"PathRows.take: {len(links)} links, some more than once; name each link once")
         link = where[self.link]
         path = np.flatnonzero(link >= 0)
         path = path[np.argsort(link[path], kind="stable")]
@@ -118,7 +119,7 @@ class PathRows:
                 they come in `table`, and a link without a path cannot be known.
 
         Raises:
-            ValueError: If a column is missing, a value is null, more than one carrier is there and none is named, the
+            InputError: If a column is missing, a value is null, more than one carrier is there and none is named, the
                 named one is not there, or a path belongs to no row of `links`.
         """
         carriers = [read_column(table, "paths", "carrier_hz", PATH_COLUMNS)]
@@ -143,12 +144,12 @@ class PathRows:
         link, first, head = rank[link], first[order], len(codes) - len(rows[0])
         if links is not None and (first >= head).any():
             lost = dict(zip(KEY_TYPE.names or (), keys[first[first >= head][0]], strict=True))
-            raise ValueError(
+            raise InputError(
                 f"table links: {int((first >= head).sum())} links of paths have no row in it, the first {lost}; give "
                 "the rows of the same scenarios, weathers, frames and agents from both tables"
             )
         if links is not None and len(first) != head:
-            raise ValueError(f"table links: {head - len(first)} rows repeat a link; give each link once a carrier")
+            raise InputError(f"table links: {head - len(first)} rows repeat a link; give each link once a carrier")
         link = link[head:]
         path = np.argsort(link, kind="stable")
         row = rows[0][path]
@@ -195,14 +196,14 @@ def rows_from_paths(
         scenario: Name of the scenario.
 
     Raises:
-        ValueError: If weather or carrier are not there.
+        InputError: If weather or carrier are not there.
     """
     if weather not in paths.a:
-        raise ValueError(f"rows_from_paths: weather = {weather!r}; the paths have {', '.join(paths.a)}")
+        raise InputError(f"rows_from_paths: weather = {weather!r}; the paths have {', '.join(paths.a)}")
     column = np.flatnonzero(paths.carriers_hz == carrier_hz)
     if not len(column):
         known = ", ".join(f"{carrier:g}" for carrier in paths.carriers_hz)
-        raise ValueError(f"rows_from_paths: carrier_hz = {carrier_hz:g}; the paths have {known} Hz")
+        raise InputError(f"rows_from_paths: carrier_hz = {carrier_hz:g}; the paths have {known} Hz")
     keys = np.empty(len(links), dtype=KEY_TYPE)
     keys["scenario"], keys["weather"], keys["frame"] = scenario, weather, links.frame
     for name, actor in (("agent", links.rx_actor), ("peer", links.tx_actor)):
@@ -233,11 +234,11 @@ def read_column(table: Any, kind: str, name: str, needed: tuple[str, ...]) -> pa
     """Return one column as an Arrow array; names are plain strings.
 
     Raises:
-        ValueError: If one of the needed columns is missing, or the column has nulls.
+        InputError: If one of the needed columns is missing, or the column has nulls.
     """
     missing = [column for column in needed if column not in _names_of(table)]
     if missing:
-        raise ValueError(f"table {kind}: columns {missing} are missing; it needs {', '.join(needed)}; read them too")
+        raise InputError(f"table {kind}: columns {missing} are missing; it needs {', '.join(needed)}; read them too")
     values = table[name]
     if not isinstance(values, pa.Array | pa.ChunkedArray):
         values = pa.array(values)
@@ -247,7 +248,7 @@ def read_column(table: Any, kind: str, name: str, needed: tuple[str, ...]) -> pa
         values = values.cast(values.type.value_type)
     if values.null_count:
         row = int(np.argmax(values.is_null().to_numpy(zero_copy_only=False)))
-        raise ValueError(f"table {kind}, column {name}: row {row} is null; every row needs a value")
+        raise InputError(f"table {kind}, column {name}: row {row} is null; every row needs a value")
     return values
 
 
@@ -255,13 +256,13 @@ def read_numbers(name: str, values: pa.Array) -> np.ndarray:
     """Return a column as float64.
 
     Raises:
-        ValueError: If it holds something else than numbers.
+        InputError: If it holds something else than numbers.
     """
     if not len(values):
         return np.zeros(0)
     array = values.to_numpy(zero_copy_only=False)
     if array.dtype.kind not in "fiu":
-        raise ValueError(f"column {name}: holds {values.type}; it needs numbers")
+        raise InputError(f"column {name}: holds {values.type}; it needs numbers")
     return array.astype(np.float64, copy=False)
 
 
@@ -279,8 +280,8 @@ def _one_carrier(present: np.ndarray, wanted: float | None) -> float:
     listed = ", ".join(f"{carrier:g}" for carrier in known)
     if wanted is None:
         if len(known) != 1:
-            raise ValueError(f"table paths: carriers {listed or 'none'} Hz; PathRows holds one; name it by carrier_hz")
+            raise InputError(f"table paths: carriers {listed or 'none'} Hz; PathRows holds one; name it by carrier_hz")
         return float(known[0])
     if len(known) and wanted not in known:
-        raise ValueError(f"carrier_hz = {wanted:g}: the tables hold {listed} Hz; name one of those")
+        raise InputError(f"carrier_hz = {wanted:g}: the tables hold {listed} Hz; name one of those")
     return float(wanted)

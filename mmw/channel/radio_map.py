@@ -24,6 +24,7 @@ from mmw.channel.candidates import neighbor_stride
 from mmw.channel.materials import permittivity_table
 from mmw.channel.measuring import MeasuringSurface
 from mmw.constants import SPEED_OF_LIGHT
+from mmw.errors import InputError
 from mmw.kernels import channel_map as kernels
 from mmw.materials import Material
 from mmw.poses import normalize, quaternion_to_matrix, transform_points
@@ -166,12 +167,12 @@ def actor_transmitters(
         power_dbm: Transmit power of each [dBm]; the default is Sionna RT's.
 
     Raises:
-        ValueError: If the scene does not cover the frame, or has no such actor in it.
+        InputError: If the scene does not cover the frame, or has no such actor in it.
     """
     pose = arrays.poses[arrays.frame_row(frame)]
     rows = [i for i, actor in enumerate(arrays.actors) if actor.role == role and np.isfinite(pose[i]).all()]
     if not rows:
-        raise ValueError(
+        raise InputError(
             f"frame {frame}: no actor of role {role!r}; a map needs a transmitter; add one to the scenario"
         )
     return Transmitters(
@@ -209,10 +210,10 @@ def radio_map(
         rays_at_once: Rays of one launch; without effect on the map.
 
     Raises:
-        ValueError: If slot, transmitters or configuration cannot be used, or a material has no data at the carrier.
+        InputError: If slot, transmitters or configuration cannot be used, or a material has no data at the carrier.
     """
     if not 0 <= slot < scene.slots:
-        raise ValueError(f"slot {slot}: the scene holds {scene.slots} frames; load the frame, then give its slot")
+        raise InputError(f"slot {slot}: the scene holds {scene.slots} frames; load the frame, then give its slot")
     _check(transmitters, config)
     branches = 2**config.max_depth if config.refraction else 1
     weight, norm = _weights(transmitters)
@@ -246,31 +247,31 @@ def radio_map(
 
 
 def _check(transmitters: Transmitters, config: RadioMapConfig) -> None:
-    """Raise ValueError for what cannot be traced."""
+    """Raise InputError for what cannot be traced."""
     if not len(transmitters):
-        raise ValueError("radio map: no transmitter; a map needs at least one; add one")
+        raise InputError("radio map: no transmitter; a map needs at least one; add one")
     if not 1000 <= config.rays <= MOST_RAYS:
-        raise ValueError(f"radio map: rays = {config.rays}; 1000 to {MOST_RAYS:,} are possible; choose a number within")
+        raise InputError(f"radio map: rays = {config.rays}; 1000 to {MOST_RAYS:,} are possible; choose a number within")
     most = MOST_BRANCHING_DEPTH if config.refraction else MOST_DEPTH
     if not 0 <= config.max_depth <= most:
-        raise ValueError(
+        raise InputError(
             f"radio map: max_depth = {config.max_depth}; 0 to {most} is possible "
             f"{'with' if config.refraction else 'without'} transmission; choose a number within"
         )
     if transmitters.array.pattern not in PATTERN_CODES:
-        raise ValueError(
+        raise InputError(
             f"radio map: its kernel has no pattern table or function; use one of {', '.join(PATTERN_CODES)}"
         )
     legs = 2 ** (config.max_depth + 1) - 1 if config.refraction else config.max_depth + 1
     # A leg crosses each of a cell's two triangles once; the low halves of 2^31 crossings fit into 63 bits.
     if config.rays * legs * 2 > 2**31:
-        raise ValueError(
+        raise InputError(
             f"radio map: {config.rays:,} rays of {legs} legs could overflow a cell's sum; "
             f"rays times legs must stay within {2**30:,}; use fewer rays or a smaller depth"
         )
     for name in ("carrier_hz", "bandwidth_hz", "temperature_k"):
         if not 0.0 < getattr(config, name) < np.inf:
-            raise ValueError(
+            raise InputError(
                 f"radio map: {name} = {getattr(config, name):g}; it must be above 0; give a positive number"
             )
 
@@ -284,7 +285,7 @@ def _weights(transmitters: Transmitters) -> tuple[np.ndarray, np.ndarray]:
     )
     norm = np.linalg.norm(weight, axis=1) if weight.shape == shape else np.zeros(1)
     if weight.shape != shape or not (np.isfinite(norm) & (norm > 0.0)).all():
-        raise ValueError(
+        raise InputError(
             f"radio map: precoding of shape {weight.shape}; finite numbers of shape {shape} (transmitters, antennas) "
             "are needed, not all 0 in a row; give one row a transmitter"
         )

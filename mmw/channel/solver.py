@@ -19,6 +19,7 @@ from mmw.channel.surface_table import SurfaceTable, make_surface_table
 from mmw.channel.vectors import dot, norm
 from mmw.config import ChannelConfig
 from mmw.constants import SPEED_OF_LIGHT
+from mmw.errors import InputError
 from mmw.kinematics import differentiate_rows
 from mmw.materials import Material
 from mmw.poses import rotate
@@ -37,13 +38,13 @@ def check_channel_materials(
         config: The carriers.
 
     Raises:
-        ValueError: Naming material, weather, frequency and the ranges that exist.
+        InputError: Naming material, weather, frequency and the ranges that exist.
     """
     for weather, materials in scene_materials.items():
         try:
             permittivity_table(materials, config.carriers_hz, used)
-        except ValueError as error:
-            raise ValueError(f"channel.carriers_hz, weather {weather}: {error}") from None
+        except InputError as error:
+            raise InputError(f"channel.carriers_hz, weather {weather}: {error}") from None
 
 
 def solve_paths(
@@ -71,7 +72,7 @@ def solve_paths(
         The paths, sorted by (link, order, kinds, surfaces).
 
     Raises:
-        ValueError: If a material has no permittivity at a carrier, a link's frame is not in its slot of the scene, or
+        InputError: If a material has no permittivity at a carrier, a link's frame is not in its slot of the scene, or
             the table lacks wedges that diffraction needs.
 
     Source: image method with ray-launched candidates; frequencies and angles as in `docs/channel.md`.

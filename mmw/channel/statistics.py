@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mmw.channel.path_rows import PathRows
+from mmw.errors import InputError
 
 
 def antenna_power(a: np.ndarray) -> np.ndarray:
@@ -22,7 +23,7 @@ def _power(paths: PathRows, power: np.ndarray | None) -> np.ndarray:
     if power is None:
         return np.abs(paths.a) ** 2
     if np.shape(power) != (len(paths),):
-        raise ValueError(f"power has shape {np.shape(power)}; it has one value a path, [{len(paths)}]")
+        raise InputError(f"power has shape {np.shape(power)}; it has one value a path, [{len(paths)}]")
     return np.asarray(power, dtype=np.float64)
 
 
@@ -113,7 +114,7 @@ def zenith_spread(paths: PathRows, end: Literal["tx", "rx"], power: np.ndarray |
 
 def _angle(end: str, departure: np.ndarray, arrival: np.ndarray) -> np.ndarray:
     if end not in ("tx", "rx"):
-        raise ValueError(f"end = {end!r}; it is tx or rx")
+        raise InputError(f"end = {end!r}; it is tx or rx")
     return departure if end == "tx" else arrival
 
 
@@ -148,12 +149,12 @@ def coherence_bandwidth(paths: PathRows, level: float = 0.5, power: np.ndarray |
     `frequency_correlation` gives the correlation itself.
 
     Raises:
-        ValueError: If the level is neither.
+        InputError: If the level is neither.
 
     Source: T. S. Rappaport, Wireless Communications, 2nd edition, equations 5.38 and 5.39.
     """
     if level not in (0.5, 0.9):
-        raise ValueError(f"coherence_bandwidth: level = {level}; the rules hold for 0.5 and 0.9")
+        raise InputError(f"coherence_bandwidth: level = {level}; the rules hold for 0.5 and 0.9")
     spread = rms_delay_spread(paths, power)
     with np.errstate(divide="ignore"):
         return 1.0 / ((5.0 if level == 0.5 else 50.0) * spread)

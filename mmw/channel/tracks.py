@@ -19,6 +19,7 @@ from mmw.channel.links import Links
 from mmw.channel.path_rows import KEY_TYPE, PATH_COLUMNS, PathRows, encode_key, read_column, rows_from_paths
 from mmw.channel.paths import Paths
 from mmw.constants import FRAME_DT, FRAME_RATE_HZ
+from mmw.errors import InputError
 
 Edges = Literal["hold", "fade", "drop"]
 """What a track does between its last frame and the next one, and before its first; see `PathTracks.at`."""
@@ -188,13 +189,13 @@ class PathTracks:
             `keys`, `frame` is the nearest frame; `row` is that of the sample there, or of the only one.
 
         Raises:
-            ValueError: If a time is not in the recording, or lies between two frames of which one is missing.
+            InputError: If a time is not in the recording, or lies between two frames of which one is missing.
         """
         if edges not in ("hold", "fade", "drop"):
-            raise ValueError(f"PathTracks.at: edges = {edges!r}; it is hold, fade or drop")
+            raise InputError(f"PathTracks.at: edges = {edges!r}; it is hold, fade or drop")
         time = np.atleast_1d(np.asarray(time_s, dtype=np.float64))
         if time.ndim != 1:
-            raise ValueError(f"PathTracks.at: time_s has shape {time.shape}; give one time, or shape [T]")
+            raise InputError(f"PathTracks.at: time_s has shape {time.shape}; give one time, or shape [T]")
         frame, share = self._place(time)
         moment, first = self._samples_in(frame)
         s, has_next = share[moment], first + 1 < self.offset[self.track[first] + 1]
@@ -227,7 +228,7 @@ class PathTracks:
         is_there &= np.isin(frame, self.frames) & (np.isin(frame + 1, self.frames) | (share == 0.0))
         if not is_there.all():
             wrong = int(np.argmin(is_there))
-            raise ValueError(
+            raise InputError(
                 f"PathTracks.at: time_s = {time[wrong]:g}; it needs frames {frame[wrong]} and {frame[wrong] + 1}, and "
                 f"there are {len(self.frames)} frames from {self.frames[0]} to {self.frames[-1]}; give times between "
                 "recorded frames, or the rows of table links if a frame is missing that has no path"
@@ -290,13 +291,13 @@ def tracks_from_table(table: Any, carrier_hz: float | None = None, links: Any = 
             that have paths.
 
     Raises:
-        ValueError: As `PathRows.from_table`; or if there is more than one scenario or weather, or a path is twice in a
+        InputError: As `PathRows.from_table`; or if there is more than one scenario or weather, or a path is twice in a
             frame of a link.
     """
     paths = PathRows.from_table(table, carrier_hz, links)
     path_id = read_column(table, "paths", "path_id", TRACK_COLUMNS).to_numpy(zero_copy_only=False)
     if path_id.dtype.kind not in "iu" and len(path_id):
-        raise ValueError(f"table paths, column path_id: holds {path_id.dtype}; it needs whole numbers of 64 bits")
+        raise InputError(f"table paths, column path_id: holds {path_id.dtype}; it needs whole numbers of 64 bits")
     return tracks_from_rows(paths, path_id.astype(np.int64)[paths.row])
 
 
@@ -304,7 +305,7 @@ def tracks_from_paths(links: Links, paths: Paths, *args: Any, **names: Any) -> P
     """Return the tracks of paths in memory, of one weather and carrier; the arguments are those of `rows_from_paths`.
 
     Raises:
-        ValueError: If weather or carrier are not there, or a path is twice in a frame of a link.
+        InputError: If weather or carrier are not there, or a path is twice in a frame of a link.
     """
     return tracks_from_rows(rows_from_paths(links, paths, *args, **names), paths.path_id)
 
@@ -317,12 +318,12 @@ def tracks_from_rows(paths: PathRows, path_id: np.ndarray) -> PathTracks:
         path_id: What each path is in every frame, shape [P], int64.
 
     Raises:
-        ValueError: If there is not exactly one scenario and weather, or a path is twice in a frame of a link.
+        InputError: If there is not exactly one scenario and weather, or a path is twice in a frame of a link.
     """
     names = set(zip(paths.keys["scenario"], paths.keys["weather"], strict=True))
     if len(names) != 1:
         listed = ", ".join(f"{scenario} {weather}" for scenario, weather in sorted(names)[:8])
-        raise ValueError(
+        raise InputError(
             f"tracks: {listed or 'no links'}; tracks need one scenario and weather; select the rows of one"
         )
     ((scenario, weather),) = names
@@ -339,7 +340,7 @@ def tracks_from_rows(paths: PathRows, path_id: np.ndarray) -> PathTracks:
     twice = np.flatnonzero(is_same & (step == 0))
     if len(twice):
         k = by_name[link[twice[0]]]
-        raise ValueError(
+        raise InputError(
             f"tracks: {len(twice)} paths are twice in a frame of a link, the first {path_id[twice[0]]} from {peer[k]} "
             f"to {agent[k]} in frame {frame[twice[0]]}; give each row once, and one path_id a path"
         )

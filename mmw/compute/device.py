@@ -8,6 +8,7 @@ import warp as wp
 
 from mmw.compute.cores import cores
 from mmw.compute.cpu import cpu_kind
+from mmw.errors import InputError
 
 wp.config.log_level = wp.LOG_ERROR
 """Warp's own start-up lines and its note that there is no GPU say nothing that `choose_device` does not say better."""
@@ -17,7 +18,7 @@ def choose_device(name: str) -> str:
     """Return the Warp device for a configured name: `auto`, `cpu` or `cuda:N`.
 
     Raises:
-        ValueError: If the machine has no such device; the message lists those that it has.
+        InputError: If the machine has no such device; the message lists those that it has.
     """
     wp.init()
     known = [device.alias for device in wp.get_devices()]
@@ -26,7 +27,7 @@ def choose_device(name: str) -> str:
     if name == "cuda":
         name = "cuda:0"
     if name not in known:
-        raise ValueError(
+        raise InputError(
             f"compute.device = {name!r}: this machine has {', '.join(known)}; choose one of these, or `auto`"
         )
     return name
@@ -52,7 +53,7 @@ def worker_devices(name: str, workers: int | str) -> list[str]:
             devices, or on the one that is named, as many as the machine's cores and both memories allow.
 
     Raises:
-        ValueError: If the machine has no such device.
+        InputError: If the machine has no such device.
     """
     first = choose_device(name)
     if first == "cpu":

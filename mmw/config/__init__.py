@@ -14,11 +14,12 @@ from mmw.config.rgb import RgbConfig
 from mmw.config.scenario import FramesConfig, RsuConfig, ScenarioConfig, TrafficConfig
 from mmw.config.sensor import MountConfig, SensorSection
 from mmw.config.sensors import SensorConfig
+from mmw.config.shipped import CONFIG_HELP, config_path
 from mmw.config.weather import AirConfig
 from mmw.config.yaml_file import ConfigError
 
 __all__ = [
-    "AirConfig", "ChannelConfig", "ComputeConfig", "Config", "ConfigError", "DepthConfig", "FramesConfig", "GnssConfig",
-    "ImuConfig", "LidarConfig", "MountConfig", "OutputConfig", "RadarConfig", "RgbConfig", "RsuConfig",
-    "ScenarioConfig", "SensorConfig", "SensorSection", "TrafficConfig", "load_config",
+    "CONFIG_HELP", "AirConfig", "ChannelConfig", "ComputeConfig", "Config", "ConfigError", "DepthConfig",
+    "FramesConfig", "GnssConfig", "ImuConfig", "LidarConfig", "MountConfig", "OutputConfig", "RadarConfig", "RgbConfig",
+    "RsuConfig", "ScenarioConfig", "SensorConfig", "SensorSection", "TrafficConfig", "config_path", "load_config",
 ]  # fmt: skip

@@ -5,6 +5,7 @@ from typing import Literal
 from pydantic import Field, field_validator
 
 from mmw.config.section import Section, Vec3
+from mmw.errors import InputError
 
 
 class ChannelConfig(Section):
@@ -74,7 +75,7 @@ class ChannelConfig(Section):
     def _carriers(cls, value: tuple[float, ...]) -> tuple[float, ...]:
         for carrier in value:
             if not 1e8 <= carrier <= 1e12:
-                raise ValueError(f"{carrier:g} Hz is outside 1e8 to 1e12 Hz; carriers are in hertz, for example 28.0e9")
+                raise InputError(f"{carrier:g} Hz is outside 1e8 to 1e12 Hz; carriers are in hertz, for example 28.0e9")
         if not value or len(set(value)) != len(value):
-            raise ValueError(f"{list(value)}: give at least one carrier, each once")
+            raise InputError(f"{list(value)}: give at least one carrier, each once")
         return value

@@ -1,10 +1,31 @@
-"""`compute`: which device traces and how much at a time. Nothing here changes a single byte of the data."""
+"""`compute`: what traces and how much at a time. It changes no data but last bits (`docs/determinism.md`)."""
 
-from typing import Literal
+import os
+from typing import Literal, get_args
 
 from pydantic import Field, field_validator
 
 from mmw.config.section import Section
+from mmw.errors import InputError
+
+BvhKind = Literal["wide", "warp"]
+BVH_KINDS: tuple[BvhKind, ...] = get_args(BvhKind)
+
+BVH_VARIABLE = "MMW_BVH"
+"""Environment variable that is the default of `compute.bvh`, and the choice of commands without a configuration."""
+
+
+def default_bvh() -> BvhKind:
+    """Return the trees of a process for which no configuration chooses: those of `MMW_BVH`, or our own.
+
+    Raises:
+        InputError: If the variable names no kind.
+    """
+    name = os.environ.get(BVH_VARIABLE) or "wide"
+    for kind in BVH_KINDS:
+        if name == kind:
+            return kind
+    raise InputError(f"{BVH_VARIABLE} = {name!r} in the environment; set it to {' or '.join(BVH_KINDS)}, or unset it")
 
 
 class ComputeConfig(Section):
@@ -16,6 +37,12 @@ class ComputeConfig(Section):
         "`ray`); `--engine` replaces it (name)",
     )
     device: str = Field("auto", description="`auto` (first CUDA device, else the CPU), `cpu`, or `cuda:N` (name)")
+    bvh: BvhKind = Field(
+        default_factory=default_bvh,
+        json_schema_extra={"default": "wide"},
+        description="trees that rays walk: `wide` for our own, the faster ones, `warp` for Warp's, without native "
+        "code; where the key is not given, the environment variable `MMW_BVH` decides (name)",
+    )
     batch_frames: int = Field(
         50, ge=1, le=1024, description="frames traced in one launch; `--batch-frames` replaces it (count)"
     )
@@ -34,12 +61,12 @@ class ComputeConfig(Section):
     @classmethod
     def _a_few(cls, value: int | str) -> int | str:
         if isinstance(value, int) and not 1 <= value <= 64:
-            raise ValueError(f"{value} threads; give 1 to 64, or auto")
+            raise InputError(f"{value} threads; give 1 to 64, or auto")
         return value
 
     @field_validator("workers")
     @classmethod
     def _some(cls, value: int | str) -> int | str:
         if isinstance(value, int) and not 1 <= value <= 1024:
-            raise ValueError(f"{value} workers make nothing; give 1 to 1024, or auto")
+            raise InputError(f"{value} workers make nothing; give 1 to 1024, or auto")
         return value

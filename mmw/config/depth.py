@@ -6,6 +6,7 @@ from pydantic import Field, model_validator
 
 from mmw.config.section import Name
 from mmw.config.sensor import MountConfig, Role, SensorSection
+from mmw.errors import InputError
 
 PNG16_RANGE_M = 655.35
 """Longest depth that 16-bit centimetres tell [m]."""
@@ -41,7 +42,7 @@ class DepthConfig(SensorSection):
     @model_validator(mode="after")
     def _range(self) -> "DepthConfig":
         if self.format == "png16" and self.range_m > PNG16_RANGE_M:
-            raise ValueError(
+            raise InputError(
                 f"range_m = {self.range_m}: 16-bit centimetres end at {PNG16_RANGE_M} m; lower it, "
                 "or use format: float32"
             )

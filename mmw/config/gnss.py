@@ -7,6 +7,7 @@ from pydantic import Field, field_validator
 from mmw.config.section import Name
 from mmw.config.sensor import Role, SensorSection
 from mmw.constants import FRAME_RATE_HZ
+from mmw.errors import InputError
 
 
 class GnssConfig(SensorSection):
@@ -66,5 +67,5 @@ class GnssConfig(SensorSection):
     def _divides(cls, value: int) -> int:
         if FRAME_RATE_HZ % value:
             fitting = [rate for rate in range(1, FRAME_RATE_HZ + 1) if FRAME_RATE_HZ % rate == 0]
-            raise ValueError(f"samples fall on frames, {FRAME_RATE_HZ} a second; give one of {fitting}")
+            raise InputError(f"samples fall on frames, {FRAME_RATE_HZ} a second; give one of {fitting}")
         return value

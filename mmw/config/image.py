@@ -5,6 +5,7 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from mmw.config.section import Section
+from mmw.errors import InputError
 
 MOST_LENS_DROPS = 64
 """Most drops on a lens. Design value."""
@@ -31,11 +32,11 @@ class ExposureConfig(Section):
     @model_validator(mode="after")
     def _fits(self) -> "ExposureConfig":
         if self.mode == "auto" and self.ev100 is not None:
-            raise ValueError(
+            raise InputError(
                 f"ev100 = {self.ev100:g} with mode: auto, which finds its own; drop ev100, or use mode: fixed"
             )
         if self.min_ev100 > self.max_ev100:
-            raise ValueError(
+            raise InputError(
                 f"min_ev100 = {self.min_ev100:g} lies above max_ev100 = {self.max_ev100:g}; the smaller goes first; "
                 "swap them"
             )

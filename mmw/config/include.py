@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from mmw.config.scenario import TOWN_SUFFIXES
+from mmw.errors import InputError
 
 
 def include_scenarios(data: dict[str, Any], path: Path, read: Callable[[Path], dict[str, Any]]) -> dict[str, Any]:
@@ -20,7 +21,7 @@ def include_scenarios(data: dict[str, Any], path: Path, read: Callable[[Path], d
         read: Reads the content of a file, and raises the error to show if it cannot.
 
     Raises:
-        ValueError: If an included file holds no list of scenarios, or includes further files.
+        InputError: If an included file holds no list of scenarios, or includes further files.
     """
     entries = data.get("scenarios")
     if not isinstance(entries, list) or not any(isinstance(entry, str) for entry in entries):
@@ -36,7 +37,7 @@ def _included(entry: str, path: Path, read: Callable[[Path], dict[str, Any]]) ->
     content = read(file)
     found = content.get("scenarios")
     if not isinstance(found, list) or not all(isinstance(item, dict) for item in found):
-        raise ValueError(
+        raise InputError(
             f"scenarios: {entry!r}: holds no list of described scenarios; name a file that describes its own"
         )
     frames = {"frames": content["frames"]} if content.get("frames") is not None else {}

@@ -3,6 +3,7 @@
 from pydantic import Field, model_validator
 
 from mmw.config.section import Section
+from mmw.errors import InputError
 from mmw.lens import Distortion, Intrinsics, LensModel, focal_length
 
 WIDEST_DEG = 220.0
@@ -50,12 +51,12 @@ class LensConfig(Section):
         used = USED[self.model]
         extra = [name for name in USED["brown_conrady"] if name not in used and getattr(self, name) != 0.0]
         if extra:
-            raise ValueError(
+            raise InputError(
                 f"model: {self.model} has {', '.join(used) or 'no coefficients'}, and {extra[0]} = "
                 f"{getattr(self, extra[0]):g} is given; leave it out, or choose another model"
             )
         if self.fy_px is not None and self.fx_px is None:
-            raise ValueError("fy_px is given without fx_px; both, or neither, are needed; add fx_px, or drop fy_px")
+            raise InputError("fy_px is given without fx_px; both, or neither, are needed; add fx_px, or drop fy_px")
         return self
 
     def distortion(self) -> Distortion:
@@ -79,7 +80,7 @@ class LensConfig(Section):
                 the lens left out; not used where `fx_px` is given [deg].
 
         Raises:
-            ValueError: If the optical axis lies outside the image, or the lens has no such field of view.
+            InputError: If the optical axis lies outside the image, or the lens has no such field of view.
         """
         distortion = self.distortion()
         fx = focal_length(distortion, width_px, fov_deg) if self.fx_px is None else self.fx_px
@@ -87,7 +88,7 @@ class LensConfig(Section):
         cx = 0.5 * width_px if self.cx_px is None else self.cx_px
         cy = 0.5 * height_px if self.cy_px is None else self.cy_px
         if cx > width_px or cy > height_px:
-            raise ValueError(
+            raise InputError(
                 f"lens: the optical axis at ({cx:g}, {cy:g}) lies outside the image of {width_px} x {height_px}; it "
                 "must lie inside; correct cx_px and cy_px"
             )
@@ -98,6 +99,6 @@ def check_lens(lens: LensConfig, width_px: int, height_px: int, fov_deg: float) 
     """Check that each pixel of a camera has a direction of its own; the last step of a camera's section.
 
     Raises:
-        ValueError: If the lens folds in the image, has no such field of view, or its axis lies outside the image.
+        InputError: If the lens folds in the image, has no such field of view, or its axis lies outside the image.
     """
     lens.intrinsics(width_px, height_px, fov_deg).reach()

@@ -8,6 +8,7 @@ from pydantic import Field, field_validator, model_validator
 from mmw.config.lidar_parts import CarlaLidarConfig, LidarOpticsConfig, LidarPreset
 from mmw.config.section import Name
 from mmw.config.sensor import MountConfig, Role, SensorSection
+from mmw.errors import InputError
 from mmw.lidar_optics import LidarOptics
 
 CHANNELS = 64
@@ -68,13 +69,13 @@ class LidarConfig(SensorSection):
         if value is None:
             return None
         if not value:
-            raise ValueError("elevations_deg is empty; give one elevation a channel, or leave the key out")
+            raise InputError("elevations_deg is empty; give one elevation a channel, or leave the key out")
         if any(not -90 <= angle <= 90 for angle in value):
             wrong = next(angle for angle in value if not -90 <= angle <= 90)
-            raise ValueError(f"elevations_deg holds {wrong:g}; -90 to 90 is needed; correct it")
+            raise InputError(f"elevations_deg holds {wrong:g}; -90 to 90 is needed; correct it")
         for above, below in itertools.pairwise(value):
             if below > above:
-                raise ValueError(
+                raise InputError(
                     f"elevations_deg goes up from {above:g} to {below:g}; channel 0 is the highest; sort the table "
                     "from top to bottom"
                 )
@@ -87,39 +88,39 @@ class LidarConfig(SensorSection):
             implied = {"channels": len(table), "upper_fov_deg": table[0], "lower_fov_deg": table[-1]}
             self.__dict__.update({key: value for key, value in implied.items() if key not in self.model_fields_set})
         if self.elevations_deg is None and self.channels > 1 and self.lower_fov_deg == self.upper_fov_deg:
-            raise ValueError(
+            raise InputError(
                 f"upper_fov_deg = lower_fov_deg = {self.upper_fov_deg:g} with channels = {self.channels}; that is no "
                 "field of view; set them apart, or use channels: 1"
             )
         if self.lower_fov_deg > self.upper_fov_deg:
-            raise ValueError(
+            raise InputError(
                 f"lower_fov_deg = {self.lower_fov_deg} lies above upper_fov_deg = {self.upper_fov_deg}; swap them"
             )
         table = self.elevations_deg
         if table is not None and len(table) != self.channels:
-            raise ValueError(
+            raise InputError(
                 f"elevations_deg holds {len(table)} elevations and channels = {self.channels}; they must agree; leave "
                 "channels out, or correct the table"
             )
         if table is not None and (self.upper_fov_deg, self.lower_fov_deg) != (table[0], table[-1]):
-            raise ValueError(
+            raise InputError(
                 f"elevations_deg runs from {table[0]:g} to {table[-1]:g}, upper_fov_deg = {self.upper_fov_deg:g} and "
                 f"lower_fov_deg = {self.lower_fov_deg:g} say otherwise; leave the two limits out"
             )
         if self.deskew and not self.rolling:
-            raise ValueError("deskew = true without rolling; a still picture has no skew; set rolling, or drop deskew")
+            raise InputError("deskew = true without rolling; a still picture has no skew; set rolling, or drop deskew")
         if self.scene_flow and self.rolling and not self.deskew:
-            raise ValueError(
+            raise InputError(
                 "scene_flow with rolling needs deskew: true, because the flow starts at the frame's instant; set it"
             )
         if self.mode == "compat" and self.returns != "strongest":
-            raise ValueError(
+            raise InputError(
                 f"returns = {self.returns!r} in mode compat; CARLA's LiDAR has one return a ray; leave returns out, or "
                 "use mode: physical"
             )
         nearest = self.lidar_optics().nearest_m
         if self.mode == "physical" and self.range_m <= nearest:
-            raise ValueError(
+            raise InputError(
                 f"range_m = {self.range_m:g} is no more than the nearest echo, optics.nearest_m = {nearest:g}; raise it"
             )
         return self

@@ -35,7 +35,7 @@ class LidarOpticsConfig(Section):
         """Return a preset with the values that are given here.
 
         Raises:
-            ValueError: If a value is out of bounds, or two do not fit each other.
+            InputError: If a value is out of bounds, or two do not fit each other.
         """
         return replace(PRESETS[preset], **self.model_dump(exclude_none=True))
 

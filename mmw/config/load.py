@@ -9,7 +9,9 @@ import yaml
 from mmw.config.include import include_scenarios
 from mmw.config.model import Config
 from mmw.config.override import set_value
+from mmw.config.shipped import config_path
 from mmw.config.yaml_file import ConfigError, Loader, read_yaml, reason_of, validated
+from mmw.errors import InputError
 
 _NEEDED = "a mapping with the key `scenarios`"
 
@@ -18,38 +20,40 @@ def load_config(path: str | Path, overrides: Sequence[str] = (), patch: dict[str
     """Read, override and validate a configuration.
 
     Args:
-        path: YAML file.
+        path: YAML file, or the name of a shipped configuration, see `config_path`.
         overrides: `a.b=c` items applied in order, see `set_value`; values are YAML.
         patch: Dotted key -> value, applied last (the command line's own options).
 
     Raises:
         ConfigError: If the file, an override or a value cannot be used.
     """
-    path = Path(path)
+    path = config_path(path)
     data = _read(path)
     try:
         data = include_scenarios(data, path, _read)
     except ConfigError:
         raise
-    except ValueError as error:
+    except InputError as error:
         raise ConfigError([f"{path}: {error}"]) from None
     for item in overrides:
         key, sign, text = item.partition("=")
         if not sign or not key:
             raise ConfigError([f"override {item!r}: write it as key=value, for example frames.count=10"])
         try:
-            set_value(data, key, yaml.load(text, Loader=Loader))
-        except yaml.YAMLError as error:
+            value = yaml.load(text, Loader=Loader)
+        except (yaml.YAMLError, ValueError) as error:  # ValueError: `!!int` before something else
             reason = reason_of(error)
             raise ConfigError(
                 [f"override {item!r}: the value is not valid YAML ({reason}); quote it, or close its brackets"]
             ) from None
-        except ValueError as error:
+        try:
+            set_value(data, key, value)
+        except InputError as error:
             raise ConfigError([f"override {item!r}: {error}"]) from None
     for key, value in (patch or {}).items():
         try:
             set_value(data, key, value)
-        except ValueError as error:
+        except InputError as error:
             raise ConfigError([f"option for {key}: {error}"]) from None
     return validated(Config, data, path)
 

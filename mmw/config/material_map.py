@@ -5,6 +5,7 @@ from typing import Any
 from pydantic import ConfigDict, Field, model_validator
 
 from mmw.config.section import Section, Vec3
+from mmw.errors import InputError
 
 
 def _or_name(schema: dict[str, Any]) -> None:
@@ -52,16 +53,16 @@ class MaterialEntry(Section):
     @model_validator(mode="after")
     def _one_material(self) -> "MaterialEntry":
         if self.material is not None and self.changes:
-            raise ValueError(
+            raise InputError(
                 f"`material` = {self.material!r} brings all properties; remove {', '.join(self.changes)}, or name "
                 "`radio` instead of it"
             )
         if self.radio is not None and self.relative_permittivity is not None:
-            raise ValueError("`radio` and `relative_permittivity` are both given; keep one")
+            raise InputError("`radio` and `relative_permittivity` are both given; keep one")
         if self.conductivity is not None and self.relative_permittivity is None:
-            raise ValueError("`conductivity` needs `relative_permittivity`; add it")
+            raise InputError("`conductivity` needs `relative_permittivity`; add it")
         if self.color is not None and not all(0.0 <= value <= 1.0 for value in self.color):
-            raise ValueError(f"color = {list(self.color)}; three numbers from 0 to 1 are needed")
+            raise InputError(f"color = {list(self.color)}; three numbers from 0 to 1 are needed")
         if not self.model_dump(exclude_none=True):
-            raise ValueError("says nothing; give material, radio or label")
+            raise InputError("says nothing; give material, radio or label")
         return self

@@ -13,6 +13,7 @@ from mmw.config.scenario import FramesConfig, ScenarioConfig
 from mmw.config.section import Name, Section
 from mmw.config.sensors import SensorConfig, default_sensors
 from mmw.config.weather import AirConfig, resolve_air
+from mmw.errors import InputError
 
 
 class Config(Section):
@@ -38,10 +39,10 @@ class Config(Section):
     @classmethod
     def _scenario_names(cls, value: tuple[ScenarioConfig, ...]) -> tuple[ScenarioConfig, ...]:
         if not value:
-            raise ValueError("an empty list makes nothing; describe at least one scenario")
+            raise InputError("an empty list makes nothing; describe at least one scenario")
         names = [scenario.name for scenario in value]
         if len(set(names)) != len(names):
-            raise ValueError(f"{names} names a scenario twice; give each its own name")
+            raise InputError(f"{names} names a scenario twice; give each its own name")
         return value
 
     @field_validator("air")
@@ -54,14 +55,14 @@ class Config(Section):
     def _unique(self) -> "Config":
         sensors = [sensor.name for sensor in self.sensors]
         if len(set(sensors)) != len(sensors):
-            raise ValueError(f"sensors are named {sensors}; give each its own name")
+            raise InputError(f"sensors are named {sensors}; give each its own name")
         prims = [name.replace("-", "_") for name in sensors]  # their names in the USD stage, beside the antenna
         if len(set(prims) | {"antenna"}) != len(prims) + 1:
-            raise ValueError(f"sensors are named {sensors}; `antenna` is taken, and `-` counts as `_`; rename one")
+            raise InputError(f"sensors are named {sensors}; `antenna` is taken, and `-` counts as `_`; rename one")
         if not self.weathers:
-            raise ValueError("weathers is empty; name at least one, for example [sunny]")
+            raise InputError("weathers is empty; name at least one, for example [sunny]")
         if len(set(self.weathers)) != len(self.weathers):
-            raise ValueError(f"weathers = {list(self.weathers)} names one twice; name each once")
+            raise InputError(f"weathers = {list(self.weathers)} names one twice; name each once")
         return self
 
     def frames_of(self, scenario: ScenarioConfig) -> FramesConfig:

@@ -8,6 +8,7 @@ from pydantic_core import PydanticUndefined, to_jsonable_python
 
 from mmw.config.explain import models_in, tag_of
 from mmw.config.model import Config
+from mmw.errors import InputError
 
 EVERY = "*"
 """What stands for every item of a list."""
@@ -26,11 +27,11 @@ def set_value(data: dict[str, Any], key: str, value: Any) -> None:
         value: The new value.
 
     Raises:
-        ValueError: If the key does not lead anywhere.
+        InputError: If the key does not lead anywhere.
     """
     parts = key.split(".")
     if not all(parts):
-        raise ValueError("a part of the key is empty; write it as section.key=value, for example frames.count=10")
+        raise InputError("a part of the key is empty; write it as section.key=value, for example frames.count=10")
     _set(data, parts, 0, [Config], value)
 
 
@@ -59,7 +60,7 @@ def _places(container: Any, part: str, where: str, models: list[type[BaseModel]]
     if isinstance(container, dict):
         return [part]
     if not isinstance(container, list):
-        raise ValueError(f"{where} = {container!r} has no keys below it; check the key")
+        raise InputError(f"{where} = {container!r} has no keys below it; check the key")
     if part == EVERY and container:
         return list(range(len(container)))
     if part.isdigit() and int(part) < len(container):
@@ -68,11 +69,11 @@ def _places(container: Any, part: str, where: str, models: list[type[BaseModel]]
     if names.count(part) == 1:
         return [names.index(part)]
     if part in names:
-        raise ValueError(f"{where} holds {part!r} {names.count(part)} times; give its number, from 0, or name them")
+        raise InputError(f"{where} holds {part!r} {names.count(part)} times; give its number, from 0, or name them")
     if not container:
-        raise ValueError(f"{where} is a list of 0; give the whole list")
+        raise InputError(f"{where} is a list of 0; give the whole list")
     known = [name for name in dict.fromkeys(names) if name]
-    raise ValueError(
+    raise InputError(
         f"{where} is a list of {len(container)}; index it with 0 to {len(container) - 1}"
         + (f", a name ({', '.join(known)})" if known else "")
         + f" or {EVERY} for all"

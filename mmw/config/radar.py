@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 from mmw.config.section import Name
 from mmw.config.sensor import MountConfig, Role, SensorSection
 from mmw.constants import FRAME_DT, SPEED_OF_LIGHT
+from mmw.errors import InputError
 
 REFERENCE_RCS_M2 = 10.0
 """Radar cross section of the target that `reference_snr_db` speaks of: 10 dBsm, a passenger car [m2]. Design value."""
@@ -94,37 +95,37 @@ class RadarConfig(SensorSection):
     @model_validator(mode="after")
     def _consistent(self) -> "RadarConfig":
         if self.chirp_time_s > self.frame_time_s:
-            raise ValueError(
+            raise InputError(
                 f"chirp_time_s = {self.chirp_time_s:g} is longer than frame_time_s = {self.frame_time_s:g}; a sample "
                 "holds at least one chirp; shorten it"
             )
         if self.bandwidth_hz > self.carrier_hz / 2.0:
-            raise ValueError(
+            raise InputError(
                 f"bandwidth_hz = {self.bandwidth_hz:g} is more than half of carrier_hz = {self.carrier_hz:g}; lower it"
             )
         if self.range_resolution > self.range_m:
-            raise ValueError(
+            raise InputError(
                 f"bandwidth_hz = {self.bandwidth_hz:g} resolves {self.range_resolution:.3g} m, range_m = "
                 f"{self.range_m:g}; a cell must be shorter than the range; raise bandwidth_hz"
             )
         if self.mode == "compat" and (self.maps or self.iq or self.output == "dense"):
-            raise ValueError(
+            raise InputError(
                 "mode = compat has no power: output: dense, maps and iq need mode: physical; leave them out"
             )
         if self.iq and math.prod(self.iq_shape) > MOST_IQ_SAMPLES:
-            raise ValueError(
+            raise InputError(
                 f"iq of {' x '.join(map(str, self.iq_shape))} = {math.prod(self.iq_shape)} samples (antennas, chirps, "
                 f"samples of a chirp); a sweep holds at most {MOST_IQ_SAMPLES}; lower azimuth_antennas, "
                 "elevation_antennas or frame_time_s, raise chirp_time_s, or set iq: false"
             )
         false_alarms = self.false_alarm_probability * math.prod(self.iq_shape)
         if self.mode == "physical" and self.output == "detections" and false_alarms > MOST_FALSE_ALARMS:
-            raise ValueError(
+            raise InputError(
                 f"false_alarm_probability = {self.false_alarm_probability:g} in {math.prod(self.iq_shape)} cells gives "
                 f"{false_alarms:.3g} false alarms a sample; at most {MOST_FALSE_ALARMS} are possible; lower it"
             )
         if len(set(self.maps)) != len(self.maps):
-            raise ValueError(f"maps = {list(self.maps)} names one twice; name each once")
+            raise InputError(f"maps = {list(self.maps)} names one twice; name each once")
         return self
 
     @property

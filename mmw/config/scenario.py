@@ -7,6 +7,7 @@ from pydantic import Field, model_validator
 
 from mmw.config.material_map import MaterialEntry
 from mmw.config.section import Name, PrimName, Section, Vec3
+from mmw.errors import InputError
 
 TOWN_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 """A `town` that ends like this is a file of the user's, any other a shipped town's name."""
@@ -36,7 +37,7 @@ class TrafficConfig(Section):
     """The moving vehicles of a scenario, and who of them is connected."""
 
     engine: Literal["idm", "sumo", "file"] = Field(
-        "idm", description="mmw's own engine, SUMO (needs mmw[sumo]), or a table of trajectories (token)"
+        "idm", description="mmw's own engine, SUMO (needs the extra sumo), or a table of trajectories (token)"
     )
     vehicle_count: int = Field(20, ge=1, le=500, description="vehicles in the scenario, CAVs included (count)")
     spawn_center_m: Vec3 = Field(description="x_spawn: vehicles take the spawn points nearest to it, world frame [m]")
@@ -66,20 +67,20 @@ class TrafficConfig(Section):
     @model_validator(mode="after")
     def _engine_fits(self) -> "TrafficConfig":
         if self.engine == "file" and self.trajectories is None:
-            raise ValueError("engine = 'file' needs `trajectories`, a .parquet, .csv or .xml table; give its path")
+            raise InputError("engine = 'file' needs `trajectories`, a .parquet, .csv or .xml table; give its path")
         for key in ("trajectories", "cav_ids"):
             if self.engine != "file" and getattr(self, key):
-                raise ValueError(
+                raise InputError(
                     f"`{key}` goes with engine: file; engine is {self.engine!r}; remove it, or change engine"
                 )
         if self.engine == "file" and self.cav_pool is not None:
-            raise ValueError(
+            raise InputError(
                 "cav_pool goes with engine: idm or sumo; choose recorded CAVs with `cav_ids` or `cav_ranks`"
             )
         if self.engine != "idm" and self.signals:
-            raise ValueError(f"signals goes with engine: idm; engine is {self.engine!r}; remove it, or change engine")
+            raise InputError(f"signals goes with engine: idm; engine is {self.engine!r}; remove it, or change engine")
         if len(set(self.cav_ids)) != len(self.cav_ids):
-            raise ValueError(f"cav_ids = {list(self.cav_ids)} names a vehicle twice; give each id once")
+            raise InputError(f"cav_ids = {list(self.cav_ids)} names a vehicle twice; give each id once")
         return self
 
     @model_validator(mode="after")
@@ -88,13 +89,13 @@ class TrafficConfig(Section):
             return self
         for rank in self.cav_ranks:
             if not 0 <= rank < self.vehicle_count:
-                raise ValueError(
+                raise InputError(
                     f"cav_ranks holds {rank}; ranks count from 0 to vehicle_count - 1 = {self.vehicle_count - 1}"
                 )
         if len(set(self.cav_ranks)) != len(self.cav_ranks):
-            raise ValueError(f"cav_ranks = {list(self.cav_ranks)} names a vehicle twice; give each rank once")
+            raise InputError(f"cav_ranks = {list(self.cav_ranks)} names a vehicle twice; give each rank once")
         if self.cav_pool is not None and not len(self.cav_ranks) <= self.cav_pool <= self.vehicle_count:
-            raise ValueError(
+            raise InputError(
                 f"cav_pool = {self.cav_pool}: {len(self.cav_ranks)} CAVs are drawn from it, and there are "
                 f"{self.vehicle_count} vehicles; choose a number from {len(self.cav_ranks)} to {self.vehicle_count}"
             )
@@ -130,17 +131,17 @@ class ScenarioConfig(Section):
     @model_validator(mode="after")
     def _one_world(self) -> "ScenarioConfig":
         if (self.town is None) == (self.stage is None):
-            raise ValueError("give exactly one of `town` and `stage`")
+            raise InputError("give exactly one of `town` and `stage`")
         if self.town is not None and self.traffic is None:
-            raise ValueError("`town` needs `traffic` (vehicle_count, spawn_center_m, cav_ranks)")
+            raise InputError("`town` needs `traffic` (vehicle_count, spawn_center_m, cav_ranks)")
         if self.stage is not None and self.traffic is not None:
-            raise ValueError("`stage` brings its own motion; remove `traffic`")
+            raise InputError("`stage` brings its own motion; remove `traffic`")
         names = [rsu.name for rsu in self.rsus]
         if len(set(names)) != len(names):
-            raise ValueError(f"rsus = {names} names a unit twice; give each its own name")
+            raise InputError(f"rsus = {names} names a unit twice; give each its own name")
         taken = [name for name in names if re.fullmatch(r"(cav|veh)_\d+", name)]
         if taken and self.town is not None:
-            raise ValueError(f"rsus holds {taken[0]!r}, a name of generated vehicles; rename it, for example rsu_1")
+            raise InputError(f"rsus holds {taken[0]!r}, a name of generated vehicles; rename it, for example rsu_1")
         if self.town is not None and self.actor_roles:
-            raise ValueError("`actor_roles` goes with `stage`; vehicles of generated traffic have roles; remove it")
+            raise InputError("`actor_roles` goes with `stage`; vehicles of generated traffic have roles; remove it")
         return self

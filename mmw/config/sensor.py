@@ -5,6 +5,7 @@ from typing import Literal
 from pydantic import Field, field_validator
 
 from mmw.config.section import Name, Section, Vec3
+from mmw.errors import InputError
 
 Role = Literal["cav", "rsu"]
 
@@ -26,7 +27,7 @@ class MountConfig(Section):
     @classmethod
     def _near(cls, value: Vec3) -> Vec3:
         if any(abs(part) > MOST_OFFSET_M for part in value):
-            raise ValueError(
+            raise InputError(
                 f"{list(value)} is more than {MOST_OFFSET_M:g} m from the agent; metres are needed; lower it"
             )
         return value
@@ -46,7 +47,7 @@ class SensorSection(Section):
     @classmethod
     def _once(cls, value: tuple[Role, ...]) -> tuple[Role, ...]:
         if len(set(value)) != len(value):
-            raise ValueError(f"{list(value)} names a role twice; name each once")
+            raise InputError(f"{list(value)} names a role twice; name each once")
         return value
 
     @field_validator("mount")

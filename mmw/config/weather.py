@@ -8,6 +8,7 @@ from pydantic import Field
 from mmw.carla_weather import from_carla
 from mmw.config.carla_weather import CarlaWeather
 from mmw.config.section import Section
+from mmw.errors import InputError
 from mmw.weather import LIMITS, PRESETS, FogType, Weather
 
 PresetName = Literal["sunny", "light_rain", "rainy", "heavy_rain", "light_fog", "foggy", "heavy_fog"]
@@ -117,16 +118,16 @@ def resolve_air(air: dict[str, AirConfig], weathers: tuple[str, ...]) -> dict[st
         weathers: Names of the weathers to make.
 
     Raises:
-        ValueError: If a weather is neither in the section nor a preset, or the section describes one that is neither
+        InputError: If a weather is neither in the section nor a preset, or the section describes one that is neither
             made nor a preset.
     """
     for name in weathers:
         if name not in air and name not in PRESETS:
-            raise ValueError(
+            raise InputError(
                 f"weathers holds {name!r}, of which nothing is known; presets are {', '.join(PRESETS)}; use one of "
                 f"them, or describe it here, for example {{{name}: {{rain_mm_h: 10}}}}"
             )
     for name in air:
         if name not in weathers and name not in PRESETS:
-            raise ValueError(f"{name!r} is described, but weathers = {list(weathers)}; add it there, or remove it here")
+            raise InputError(f"{name!r} is described, but weathers = {list(weathers)}; add it there, or remove it here")
     return {name: AirConfig(**asdict(air.get(name, AirConfig()).weather(name))) for name in weathers}

@@ -11,16 +11,26 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from mmw.config.explain import problem_line
+from mmw.errors import InputError
 
 Model = TypeVar("Model", bound=BaseModel)
 
 
-class ConfigError(ValueError):
-    """A configuration that cannot be used; `problems` holds one line for each problem."""
+class ConfigError(InputError):
+    """Report a configuration that cannot be used; `problems` holds one line for each problem."""
 
     def __init__(self, problems: Sequence[str]) -> None:
         super().__init__("\n".join(problems))
-        self.problems = list(problems)
+        self._problems = list(problems)
+
+    def __reduce__(self) -> tuple[type["ConfigError"], tuple[list[str]]]:
+        """Return what copies it to another process: its problems, not its text."""
+        return ConfigError, (self._problems,)
+
+    @property
+    def problems(self) -> list[str]:
+        """Problems, one line each."""
+        return self._problems
 
 
 class Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # libyaml's parser is ten times as fast
@@ -68,7 +78,7 @@ def read_yaml(path: Path, needed: str) -> dict[Any, Any]:
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
         raise ConfigError([f"{path}: cannot be read ({reason}); give a readable YAML file"]) from None
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, ValueError) as error:  # ValueError: `!!int` before something else
         mark = getattr(error, "problem_mark", None)
         where = f"{path}:{mark.line + 1}:{mark.column + 1}" if mark else str(path)
         raise ConfigError([f"{where}: not valid YAML: {reason_of(error)}; correct that line"]) from None
@@ -78,7 +88,7 @@ def read_yaml(path: Path, needed: str) -> dict[Any, Any]:
     return data
 
 
-def reason_of(error: yaml.YAMLError) -> str:
+def reason_of(error: yaml.YAMLError | ValueError) -> str:
     """Return what is wrong with a piece of YAML in one line."""
     return " ".join(str(getattr(error, "problem", None) or error).split())
 

@@ -15,6 +15,8 @@ import pyarrow.fs as pafs
 
 from mmw.dataset.files import check_names, damage_of, has_files, list_files
 from mmw.dataset.storage import find_storage, read_bytes
+from mmw.errors import InputError
+from mmw.extras import needed_by
 from mmw.tables.manifest import DATASET, parse_dataset, read_dataset
 from mmw.tables.schemas import SCHEMA_VERSION, TABLES, table_spec
 from mmw.tables.verify import version_number
@@ -55,11 +57,11 @@ class Dataset:
         """Return a table as an Arrow dataset that skips the files of other scenarios and weathers.
 
         Raises:
-            ValueError: If the table is not known, has no file, its first file is damaged, or its folder holds others.
+            InputError: If the table is not known, has no file, its first file is damaged, or its folder holds others.
         """
         table_spec(table)
         if table not in self.tables:
-            raise ValueError(
+            raise InputError(
                 f"{self.root}: table {table!r} has no file; it holds {', '.join(self.tables) or 'no table'}"
             )
         if table not in self._opened:
@@ -74,7 +76,7 @@ class Dataset:
                 raise self.damage(table, error) from error
             missing = [name for name in table_spec(table).key if name not in opened.schema.names]
             if missing:
-                raise self.damage(table, ValueError(f"has no column {', '.join(missing)}"))
+                raise self.damage(table, InputError(f"has no column {', '.join(missing)}"))
             self._opened[table] = cast(pds.Dataset, opened)
         return self._opened[table]
 
@@ -101,7 +103,7 @@ class Dataset:
             sensor: Only rows of this sensor.
 
         Raises:
-            ValueError: If the table or a column is not known or has no file, or a file is damaged, which is named.
+            InputError: If the table or a column is not known or has no file, or a file is damaged, which is named.
         """
         given = {"scenario": scenario, "weather": weather, "agent": agent, "sensor": sensor}
         self._check_columns(table, [*(columns or ()), *(name for name, value in given.items() if value is not None)])
@@ -120,7 +122,7 @@ class Dataset:
             raise self.damage(table, error) from error
         for field_ in table_spec(table).columns:
             if not field_.nullable and field_.name in found.column_names and found[field_.name].null_count:
-                raise self.damage(table, ValueError(f"{field_.name} is null in some rows"))  # a file does not have it
+                raise self.damage(table, InputError(f"{field_.name} is null in some rows"))  # a file does not have it
         return found
 
     def _files(self, name: str, scenario: str | None, weather: str | None, frames: range | None) -> pds.Dataset:
@@ -150,13 +152,11 @@ class Dataset:
             where: `columns`, `scenario`, `weather`, `frames`, `agent` and `sensor` of `read`.
 
         Raises:
-            ValueError: As `read`.
-            ImportError: If pandas is not installed.
+            InputError: As `read`.
+            MissingPackageError: If pandas is not installed.
         """
-        try:
+        with needed_by("Dataset.pandas"):
             return self.read(table, **where).to_pandas()
-        except ImportError as error:
-            raise ImportError("Dataset.pandas needs pandas; install it with: pip install 'mmw[query]'") from error
 
     def numpy(self, table: str, **where: Any) -> dict[str, np.ndarray]:
         """Return rows of a table as one array a column, shape [rows].
@@ -168,7 +168,7 @@ class Dataset:
             where: As of `pandas`.
 
         Raises:
-            ValueError: As `read`.
+            InputError: As `read`.
         """
         return {name: _to_numpy(column) for name, column in _named(self.read(table, **where))}
 
@@ -176,7 +176,7 @@ class Dataset:
         """Return one frame: all agents with poses, sweeps, images, boxes, links and paths, read as they are used.
 
         Raises:
-            ValueError: If the dataset has no such frame.
+            InputError: If the dataset has no such frame.
         """
         from mmw.dataset.frame import Frame
 
@@ -190,7 +190,7 @@ class Dataset:
         """Return the radio paths of all links at one carrier, links without any path included, see `docs/csi.md`.
 
         Raises:
-            ValueError: If there is no channel in the dataset, or no such carrier.
+            InputError: If there is no channel in the dataset, or no such carrier.
         """
         from mmw.channel.path_rows import LINK_COLUMNS, PATH_COLUMNS, PathRows
 
@@ -206,7 +206,7 @@ class Dataset:
             search: Arrays, codebooks and band of the function `best_beam`; the paper's by default.
 
         Raises:
-            ValueError: If the folder holds no table, or a file is damaged.
+            InputError: If the folder holds no table, or a file is damaged.
             ImportError: If DuckDB is not installed.
         """
         from mmw.dataset.sql import make_connection
@@ -217,13 +217,13 @@ class Dataset:
         """Return the paths of a table's files.
 
         Raises:
-            ValueError: If its folder may not be read, or holds a file that is none of a dataset.
+            InputError: If its folder may not be read, or holds a file that is none of a dataset.
         """
         paths = list_files(self.root, table, self.filesystem)
         check_names(self.root, table, paths)
         return paths
 
-    def damage(self, table: str, error: Exception) -> ValueError:
+    def damage(self, table: str, error: Exception) -> InputError:
         """Return an error that names the first file of a table that cannot be read."""
         return damage_of(self.root, table, self.filesystem, error)
 
@@ -231,13 +231,13 @@ class Dataset:
         """Check that the files of a table, by the first, have columns; reading all of them to find out takes long.
 
         Raises:
-            ValueError: If one is missing.
+            InputError: If one is missing.
         """
         known = self.arrow(table).schema.names
         missing = [name for name in names if name not in known]
         if not missing:
             return
-        raise ValueError(
+        raise InputError(
             f"{self.root}: table {table!r}: has no column {', '.join(missing)}; it has {', '.join(known)}; name these"
         )
 
@@ -252,13 +252,13 @@ def framed_parts(table: pds.FileSystemDataset) -> Parts:
     """Return the files of a framed table by the folders and the number that their names hold.
 
     Raises:
-        ValueError: If a file has another name.
+        InputError: If a file has another name.
     """
     found: Parts = {}
     for fragment in table.get_fragments():
         named = _PART.search(fragment.path)
         if named is None:
-            raise ValueError(f"{fragment.path}: no file of a dataset has this name; move it away")
+            raise InputError(f"{fragment.path}: no file of a dataset has this name; move it away")
         scenario, weather, begin = named.groups()
         found.setdefault((unquote(scenario), unquote(weather)), []).append((int(begin), fragment))
     for some in found.values():
@@ -274,17 +274,17 @@ def open_dataset(root: str | Path, filesystem: Any = None) -> Dataset:
         filesystem: A pyarrow or fsspec filesystem in which `root` is a path; None finds it from `root`.
 
     Raises:
-        ValueError: If the folder is not a dataset, or one of a schema that this version cannot read.
+        InputError: If the folder is not a dataset, or one of a schema that this version cannot read.
     """
     place, found = find_storage(root, filesystem)
     dataset = Dataset(cast(Path, place), found)
     written = dataset.info["schema_version"]
     try:
         major = version_number(written)[0]
-    except ValueError as error:
-        raise ValueError(f"{dataset.root / DATASET}: {error}") from error
+    except InputError as error:
+        raise InputError(f"{dataset.root / DATASET}: {error}") from error
     if major != version_number(SCHEMA_VERSION)[0]:
-        raise ValueError(
+        raise InputError(
             f"{dataset.root / DATASET}: schema {written}; this mmw reads {SCHEMA_VERSION}; use the mmw that made it"
         )
     return dataset

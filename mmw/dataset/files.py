@@ -9,6 +9,7 @@ import pyarrow as pa
 import pyarrow.fs as pafs
 import pyarrow.parquet as pq
 
+from mmw.errors import InputError
 from mmw.tables.schemas import table_spec
 from mmw.tables.verify import SHARD_FILE, one_line
 
@@ -20,7 +21,7 @@ def list_files(root: PurePath, table: str, filesystem: pafs.FileSystem | None) -
     would have every row many times.
 
     Raises:
-        ValueError: If a folder may not be read.
+        InputError: If a folder may not be read.
     """
     if filesystem is None:
         found = list(_walk(Path(root) / table))
@@ -35,7 +36,7 @@ def has_files(root: PurePath, table: str, filesystem: pafs.FileSystem | None) ->
     """Return whether a table's folder holds Parquet files.
 
     Raises:
-        ValueError: If a folder may not be read.
+        InputError: If a folder may not be read.
     """
     if filesystem is None:
         return any(path.endswith(".parquet") for path in _walk(Path(root) / table))
@@ -45,7 +46,7 @@ def has_files(root: PurePath, table: str, filesystem: pafs.FileSystem | None) ->
 def _walk(folder: Path) -> Iterator[str]:
     def stop(error: OSError) -> None:
         if not isinstance(error, FileNotFoundError | NotADirectoryError):  # no such table
-            raise ValueError(f"{error.filename}: cannot be read ({error.strerror}); let yourself read it") from error
+            raise InputError(f"{error.filename}: cannot be read ({error.strerror}); let yourself read it") from error
 
     for parent, folders, names in os.walk(folder, onerror=stop):
         place = Path(parent).as_posix()
@@ -59,17 +60,17 @@ def check_names(root: PurePath, table: str, paths: list[str]) -> None:
     """Check that a table's folder holds nothing but its files.
 
     Raises:
-        ValueError: If a file has another name, or is a link that leads nowhere: readers would leave it out.
+        InputError: If a file has another name, or is a link that leads nowhere: readers would leave it out.
     """
     start = len(root.as_posix()) + 1
     for path in paths:
         if not SHARD_FILE.fullmatch(path[start:]):
-            raise ValueError(f"{path}: no file of a dataset has this name in table {table!r}; move it away")
+            raise InputError(f"{path}: no file of a dataset has this name in table {table!r}; move it away")
         if isinstance(root, Path) and Path(path).is_symlink() and not Path(path).exists():
-            raise ValueError(f"{path}: cannot be read (it is a link that leads nowhere); put the file back")
+            raise InputError(f"{path}: cannot be read (it is a link that leads nowhere); put the file back")
 
 
-def damage_of(root: PurePath, table: str, filesystem: pafs.FileSystem | None, error: Exception) -> ValueError:
+def damage_of(root: PurePath, table: str, filesystem: pafs.FileSystem | None, error: Exception) -> InputError:
     """Return an error that names the first file of a table that cannot be read; footers are looked at before rows.
 
     Args:
@@ -83,7 +84,7 @@ def damage_of(root: PurePath, table: str, filesystem: pafs.FileSystem | None, er
     try:
         paths = list_files(root, table, filesystem)
         check_names(root, table, paths)
-    except ValueError as found:
+    except InputError as found:
         return found
     for is_whole in (False, True):
         for path in paths:
@@ -91,12 +92,12 @@ def damage_of(root: PurePath, table: str, filesystem: pafs.FileSystem | None, er
                 with place.open_input_file(path) as file, pq.ParquetFile(file) as parquet:
                     missing = [name for name in key if name not in parquet.schema_arrow.names]
                     if missing:
-                        return ValueError(f"{path}: has no column {', '.join(missing)}; it is no file of {table!r}")
+                        return InputError(f"{path}: has no column {', '.join(missing)}; it is no file of {table!r}")
                     for group in range(parquet.num_row_groups if is_whole else 0):
                         parquet.read_row_group(group)
             except PermissionError:
-                return ValueError(f"{path}: cannot be read (Permission denied); let yourself read it")
+                return InputError(f"{path}: cannot be read (Permission denied); let yourself read it")
             except (pa.ArrowException, OSError) as reason:
                 text = f"{path}: cannot be read ({one_line(reason)}); it is damaged"
-                return ValueError(f"{text}; `mmw verify {root}` lists all that is")
-    return ValueError(f"{root}: table {table!r}: {one_line(error)}; check the columns and files that are read")
+                return InputError(f"{text}; `mmw verify {root}` lists all that is")
+    return InputError(f"{root}: table {table!r}: {one_line(error)}; check the columns and files that are read")

@@ -10,6 +10,7 @@ import pyarrow as pa
 
 from mmw.constants import FRAME_DT
 from mmw.dataset.geometry import Camera, box_corners, intrinsics_from_row, pose_from_row, to_world
+from mmw.errors import InputError
 from mmw.poses import compose
 from mmw.tables.encode import (
     decode_depth,
@@ -163,7 +164,7 @@ class Agent:
         """Return the pose of one of its sensors, or of its `antenna`, in the world, shape [7].
 
         Raises:
-            ValueError: If it has no such sensor.
+            InputError: If it has no such sensor.
         """
         return compose(self.pose, pose_from_row(self._mount(sensor)))
 
@@ -209,7 +210,7 @@ class Agent:
 
     def _mount(self, sensor: str) -> Row:
         if sensor not in self.sensors:
-            raise ValueError(f"sensor {sensor!r}: {self.name} has {', '.join(self.sensors) or 'none'}; name one")
+            raise InputError(f"sensor {sensor!r}: {self.name} has {', '.join(self.sensors) or 'none'}; name one")
         return self.sensors[sensor]
 
     def _rows(self, table: str) -> list[Row]:
@@ -239,7 +240,7 @@ class Frame:
         """Row of table `frames`.
 
         Raises:
-            ValueError: If the dataset has no such frame.
+            InputError: If the dataset has no such frame.
         """
         rows = self.rows("frames")
         if not rows:
@@ -247,7 +248,7 @@ class Frame:
             names = sorted(set(zip(*(known.column(i).to_pylist() for i in (0, 1)), strict=True)))
             first, last = (f(known.column("frame").to_pylist()) for f in (min, max))
             listed = ", ".join(f"{scenario} {weather}" for scenario, weather in names[:8])
-            raise ValueError(
+            raise InputError(
                 f"{self.data.root}: has no frame {self.frame} of {self.scenario} {self.weather}; it has frames "
                 f"{first} to {last} of {listed}{' and more' if len(names) > 8 else ''}; name one of these"
             )
@@ -257,7 +258,7 @@ class Frame:
         """Return the rows of a table in this frame; none if the dataset has no such table.
 
         Raises:
-            ValueError: If the name is no table's, or a file is damaged.
+            InputError: If the name is no table's, or a file is damaged.
         """
         cache = self._tables
         if name not in cache:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from mmw.errors import InputError
 from mmw.lens import Distortion, Intrinsics
 from mmw.poses import invert, make_pose, normalize, quaternion_from_ypr, transform_points
 from mmw.sensors.lens import project, unproject
@@ -43,10 +44,10 @@ def intrinsics_from_row(row: Mapping[str, Any]) -> Intrinsics:
     """Return the camera that a row of `sensors` describes, its lens included.
 
     Raises:
-        ValueError: If the sensor is no camera.
+        InputError: If the sensor is no camera.
     """
     if row["fx"] is None:
-        raise ValueError(f"sensor {row['sensor']!r} of {row['agent']}: is of type {row['type']}; a camera is needed")
+        raise InputError(f"sensor {row['sensor']!r} of {row['agent']}: is of type {row['type']}; a camera is needed")
     given = [float(value) for value in row["coefficients"] or ()]
     if row["lens"] == "fisheye":
         k1, k2, k3, k4 = given
@@ -96,7 +97,7 @@ class Camera:
             pixels: Column and row [px]; (u + 0.5, v + 0.5) is the centre of pixel (u, v), shape [..., 2].
 
         Raises:
-            ValueError: If the lens gives one of them no direction of its own.
+            InputError: If the lens gives one of them no direction of its own.
         """
         turn = np.concatenate([np.zeros(3), self.pose[3:]])
         return transform_points(turn, unproject(self.intrinsics, np.asarray(pixels, dtype=np.float64)))
@@ -108,11 +109,11 @@ class Camera:
             depth: Depth along the optical axis [m], inf for nothing, shape [H, W].
 
         Raises:
-            ValueError: If the image has another size than the camera.
+            InputError: If the image has another size than the camera.
         """
         size = (self.intrinsics.height, self.intrinsics.width)
         if depth.shape != size:
-            raise ValueError(f"depth image of shape {depth.shape}; the camera has {size}; give an image of it")
+            raise InputError(f"depth image of shape {depth.shape}; the camera has {size}; give an image of it")
         v, u = np.mgrid[: size[0], : size[1]] + 0.5
         ray = unproject(self.intrinsics, np.stack([u, v], axis=-1))
         far = np.where(np.isfinite(depth), depth, np.nan) / ray[..., 0]

@@ -10,6 +10,8 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from mmw.dataset.beams import BeamSearch, csi_sql
+from mmw.errors import InputError
+from mmw.extras import needed_by
 from mmw.tables.schemas import table_spec
 
 if TYPE_CHECKING:
@@ -172,15 +174,13 @@ def make_connection(dataset: "Dataset", search: BeamSearch | None = None) -> "du
         search: What `best_beam` is made with; None for the paper's.
 
     Raises:
-        ValueError: If the dataset holds no table, or a file is damaged.
-        ImportError: If DuckDB is not installed.
+        InputError: If the dataset holds no table, or a file is damaged.
+        MissingPackageError: If DuckDB is not installed.
     """
-    try:
+    with needed_by("mmw.dataset.connect"):
         import duckdb
-    except ImportError as error:
-        raise ImportError("mmw.dataset.connect needs DuckDB; install it with: pip install 'mmw[query]'") from error
     if not dataset.tables:
-        raise ValueError(f"{dataset.root}: holds no table yet; run mmw.run first")
+        raise InputError(f"{dataset.root}: holds no table yet; run mmw.run first")
     connection = duckdb.connect()
     connection.execute("SET parquet_metadata_cache = true")  # a query of one frame reads mostly footers
     for name in dataset.tables:
@@ -198,7 +198,7 @@ def make_connection(dataset: "Dataset", search: BeamSearch | None = None) -> "du
             raise dataset.damage(name, error) from error
         missing = set(table_spec(name).key) - set(connection.table(name).columns)
         if missing:
-            raise dataset.damage(name, ValueError(f"has no column {', '.join(sorted(missing))}"))
+            raise dataset.damage(name, InputError(f"has no column {', '.join(sorted(missing))}"))
         if table_spec(name).framed:
             connection.execute(frame_macro(name, str(dataset.root), names))
     _add_functions(connection, search or BeamSearch())

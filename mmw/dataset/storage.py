@@ -6,6 +6,8 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.fs as pafs
 
+from mmw.errors import InputError
+
 
 def find_storage(root: str | Path, filesystem: Any = None) -> tuple[Path | PurePosixPath, pafs.FileSystem | None]:
     """Return the folder of a dataset, and the filesystem that it is in; None for the local one.
@@ -16,7 +18,7 @@ def find_storage(root: str | Path, filesystem: Any = None) -> tuple[Path | PureP
         filesystem: A pyarrow or fsspec filesystem in which `root` is a path; None finds it from `root`.
 
     Raises:
-        ValueError: If nothing opens the URI.
+        InputError: If nothing opens the URI.
     """
     if filesystem is not None:
         if isinstance(filesystem, pafs.FileSystem):
@@ -29,7 +31,7 @@ def find_storage(root: str | Path, filesystem: Any = None) -> tuple[Path | PureP
             return Path(root).resolve(), None
         except (OSError, RuntimeError) as error:  # a link to itself
             text = " ".join(str(error).split())
-            raise ValueError(f"{root}: cannot be opened ({text}); give the folder that mmw.run wrote") from error
+            raise InputError(f"{root}: cannot be opened ({text}); give the folder that mmw.run wrote") from error
     try:
         found, path = pafs.FileSystem.from_uri(text)
     except (pa.ArrowException, OSError, ValueError) as error:
@@ -44,7 +46,7 @@ def _by_fsspec(uri: str, reason: Exception) -> tuple[pafs.FileSystem, str]:
         filesystem, path = url_to_fs(uri)
     except (ImportError, ValueError) as error:
         text = " ".join(f"pyarrow: {reason}; fsspec: {error}".split())
-        raise ValueError(f"{uri}: cannot be opened ({text}); give a local folder or s3://bucket/folder") from error
+        raise InputError(f"{uri}: cannot be opened ({text}); give a local folder or s3://bucket/folder") from error
     return pafs.PyFileSystem(pafs.FSSpecHandler(filesystem)), path
 
 
@@ -52,7 +54,7 @@ def read_bytes(root: Path | PurePosixPath, name: str, filesystem: pafs.FileSyste
     """Return the content of a file of a dataset that is not local; None if it is not there.
 
     Raises:
-        ValueError: If the place cannot be reached.
+        InputError: If the place cannot be reached.
     """
     path = (root / name).as_posix()
     try:
@@ -61,4 +63,4 @@ def read_bytes(root: Path | PurePosixPath, name: str, filesystem: pafs.FileSyste
         with filesystem.open_input_stream(path) as stream:
             return stream.read()
     except (pa.ArrowException, OSError) as error:
-        raise ValueError(f"{path}: {' '.join(str(error).split())}; check address and credentials") from error
+        raise InputError(f"{path}: {' '.join(str(error).split())}; check address and credentials") from error

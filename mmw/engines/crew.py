@@ -3,12 +3,13 @@
 It hands out one piece of work after another and counts what comes back; what is finished, the markers on the disk say.
 """
 
+import logging
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Generic, Protocol, TypeVar
 
 from mmw.engines.queue import WorkQueue
-from mmw.engines.relay import ENDED, FAILED, NOTE, READY, TRACED, Message
+from mmw.engines.relay import ENDED, FAILED, LOG, NOTE, READY, TRACED, Message
 from mmw.report import Console
 from mmw.shards import Work, pending_work
 from mmw.tables.lock import remove_temporaries
@@ -93,7 +94,7 @@ class Crew(Generic[L]):
 
         Raises:
             WorkerLostError: If workers die over the same work again and again.
-            ValueError, OutOfSpaceError, OSError, MemoryError, RuntimeError: What a worker raised, see `Worker.make`.
+            InputError, OutOfSpaceError, OSError, MemoryError, RuntimeError: What a worker raised, see `Worker.make`.
         """
         try:
             for device in self._devices[: len(self._queue)]:
@@ -131,6 +132,8 @@ class Crew(Generic[L]):
                 self._console.advance(frames, where)
             elif kind == NOTE:
                 self._console.warn_once(*content)
+            elif kind == LOG:
+                logging.getLogger(content[0].name).handle(content[0])
             elif kind == ENDED:
                 self._console.clock.add(*content)
                 self._let_go(link)
@@ -138,6 +141,8 @@ class Crew(Generic[L]):
                     self._hire(member.device)
             elif kind == FAILED:
                 raise content[0]
+            else:
+                raise AssertionError(f"message {kind!r} of a worker has no case")
 
     def _let_go(self, link: L) -> None:
         del self._members[link]

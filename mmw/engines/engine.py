@@ -8,6 +8,8 @@ from mmw.compute.device import device_name, machine_kind, worker_devices
 from mmw.config.compute import ComputeConfig
 from mmw.engines.alone import make_alone
 from mmw.engines.processes import make_in_processes
+from mmw.errors import InputError
+from mmw.extras import install
 from mmw.report import Console
 from mmw.shards import Work
 from mmw.worker import Making
@@ -60,7 +62,7 @@ def open_engine(compute: ComputeConfig, console: Console) -> Iterator[Engine]:
     """Return the configured engine; what it started ends with the block.
 
     Raises:
-        ValueError: If it is not installed, cannot be reached, or has no such device.
+        InputError: If it is not installed, cannot be reached, or has no such device.
     """
     if compute.engine == "local":
         yield LocalEngine(worker_devices(compute.device, compute.workers))
@@ -70,8 +72,8 @@ def open_engine(compute: ComputeConfig, console: Console) -> Iterator[Engine]:
     except ModuleNotFoundError as error:
         if error.name != "ray":
             raise
-        raise ValueError(
-            "compute.engine = 'ray': the package ray is missing; pip install 'mmw[ray]', or use --engine local"
+        raise InputError(
+            f"compute.engine = 'ray': the package ray is missing; {install('ray')}, or use --engine local"
         ) from None
     with connected(compute, console) as engine:
         yield engine

@@ -5,6 +5,7 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 
+from mmw.errors import Error
 from mmw.shards import Work
 
 MOST_TRIES = 3
@@ -12,8 +13,8 @@ MOST_TRIES = 3
 so that a machine that is lost with many workers is no reason."""
 
 
-class WorkerLostError(RuntimeError):
-    """Workers die again and again, or are out of reach. What they finished is kept, and a rerun resumes."""
+class WorkerLostError(Error, RuntimeError):
+    """Report workers that die again and again, or are out of reach. What they finished is kept, and a rerun resumes."""
 
 
 def divided(item: Work, workers: int) -> tuple[Work, Work | None]:

@@ -23,6 +23,8 @@ from mmw.engines.crew import Crew, LostError
 from mmw.engines.queue import WorkerLostError
 from mmw.engines.ray_cluster import Room, cluster, machines, room_for
 from mmw.engines.relay import NOTE, Message, serve
+from mmw.errors import InputError
+from mmw.extras import install
 from mmw.provenance import versions
 from mmw.report import Console
 from mmw.shards import Work, pending_work
@@ -42,7 +44,7 @@ def connected(compute: ComputeConfig, console: Console) -> Iterator["RayEngine"]
     """Return an engine on a Ray cluster; see `cluster` for which.
 
     Raises:
-        ValueError: If the cluster cannot be reached or has no such device, or mmw is missing on it.
+        InputError: If the cluster cannot be reached or has no such device, or mmw is missing on it.
     """
     with cluster() as description:
         console.say(description)
@@ -65,7 +67,7 @@ class RayEngine:
             console: Where is said that Ray has no place for a worker.
 
         Raises:
-            ValueError: If the cluster has no such device, or a worker cannot run there.
+            InputError: If the cluster has no such device, or a worker cannot run there.
         """
         self._room = room_for(nodes, compute.device, compute.workers)
         self._first: Any = self._new_actor()
@@ -86,7 +88,7 @@ class RayEngine:
         """Make all work; see `Engine.make`.
 
         Raises:
-            ValueError: If a worker's machine does not see the dataset's folder, or has other files or another mmw.
+            InputError: If a worker's machine does not see the dataset's folder, or has other files or another mmw.
         """
         making = replace(making, base=making.base.absolute(), root=making.root.anywhere())
         here = versions(making.config, making.base, self.machine)
@@ -183,24 +185,24 @@ class Actor:
         """See whether this machine has what the run's has; note where its packages differ.
 
         Raises:
-            ValueError: If it has not.
+            InputError: If it has not.
         """
         where, making, there = f"Ray node {self._node}", task.making, task.versions
         if __version__ != there["mmw"]:
-            raise ValueError(f"{where} has mmw {__version__}, the run {there['mmw']}; install the same on all nodes")
+            raise InputError(f"{where} has mmw {__version__}, the run {there['mmw']}; install the same on all nodes")
         if making.root.read(task.sign) is None:
-            raise ValueError(
+            raise InputError(
                 f"{making.root}: {where} does not see what this run wrote there; give an --out on a file system that "
                 "all nodes share, or in a bucket, or use --engine local"
             )
         making.root.folder.mkdir(parents=True, exist_ok=True)  # of a bucket each machine has its own
         try:
             here = versions(making.config, making.base, there["device"])
-        except ValueError as error:
-            raise ValueError(f"{where}: {error}; all nodes need the files of the configuration") from error
+        except InputError as error:
+            raise InputError(f"{where}: {error}; all nodes need the files of the configuration") from error
         for scenario, files in there["sources"].items():
             if here["sources"][scenario] != files:
-                raise ValueError(
+                raise InputError(
                     f"{where}: scenario {scenario!r}: {', '.join(files)}: other content than where the run is; all "
                     "nodes need the same files"
                 )
@@ -276,12 +278,13 @@ def _wait_until_seen(root: Store, work: Sequence[Work], console: Console) -> Non
 
 def _meaning(error: RayError) -> Exception:
     """Return the error that stands for one of Ray's: its node is not fit for a worker, or Ray has failed."""
-    if isinstance(error, RayTaskError) and isinstance(error.cause, ValueError):
-        return ValueError(f"Ray node {_node(error)}: {error.cause}")
-    if isinstance(error, RayTaskError) or getattr(error, "actor_init_failed", False):
-        return ValueError(
-            f"Ray node {_node(error)}: {_reason(error)}; all nodes need the same mmw: pip install 'mmw[ray]'"
-        )
+    cause = error.cause if isinstance(error, RayTaskError) else None
+    if isinstance(cause, InputError):
+        return InputError(f"Ray node {_node(error)}: {cause}")
+    if isinstance(cause, ImportError) or getattr(error, "actor_init_failed", False):
+        return InputError(f"Ray node {_node(error)}: {_reason(error)}; all nodes need the same mmw: {install('ray')}")
+    if cause is not None:  # a bug: Ray's error holds the trace of the node
+        return error
     return WorkerLostError(
         f"Ray has failed: {_reason(error)}; everything that was finished is kept, and the same command resumes"
     )

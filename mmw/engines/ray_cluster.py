@@ -17,6 +17,7 @@ import ray
 from ray.exceptions import RayError
 
 from mmw.compute.device import workers_that_fit
+from mmw.errors import InputError
 
 STORE_BYTES = 100 * 2**20
 """Ray's object store where this run starts Ray itself; only messages go through it. Ray wants 75 MiB at least."""
@@ -63,10 +64,10 @@ def room_for(
         gpu_bytes: Memory of a GPU [bytes], as far as it is known.
 
     Raises:
-        ValueError: If the cluster has no such device, or a certain one is named.
+        InputError: If the cluster has no such device, or a certain one is named.
     """
     if device not in ("auto", "cpu", "cuda", "cuda:0"):
-        raise ValueError(
+        raise InputError(
             f"compute.device = {device!r}: with the engine ray Ray chooses a worker's GPU; use auto, cuda:0 or cpu"
         )
     gpu_nodes = [node for node in nodes if node.get("GPU", 0) >= 1]
@@ -74,7 +75,7 @@ def room_for(
     kind = "CPU" if on_cpus else "GPU"
     there = sum(int(node.get(kind, 0)) for node in nodes)
     if not there:
-        raise ValueError(f"compute.device = {device!r}: the Ray cluster has no {kind}; start nodes that have one")
+        raise InputError(f"compute.device = {device!r}: the Ray cluster has no {kind}; start nodes that have one")
     name = "cpu" if on_cpus else "cuda:0"
     if workers != "auto":
         return Room(name, int(workers), math.ceil(int(workers) / there))
@@ -98,7 +99,7 @@ def cluster() -> Iterator[str]:
         What the cluster is, for people.
 
     Raises:
-        ValueError: If it cannot be reached.
+        InputError: If it cannot be reached.
     """
     is_own = not ray.is_initialized()
     if is_own:
@@ -129,7 +130,7 @@ def _connect(address: str | None) -> None:
     try:
         ray.init(**options, log_to_driver=False, logging_level=logging.ERROR)
     except (ConnectionError, RuntimeError, RayError) as error:
-        raise ValueError(
+        raise InputError(
             f"Ray at {address or 'this machine'}: {' '.join(str(error).split())}; Ray and Python must have the same "
             "versions there, and if it wants a token, the same ~/.ray/auth_token and RAY_AUTH_MODE=token"
         ) from error
@@ -152,18 +153,18 @@ def _knock(address: str) -> None:
     """See whether a cluster answers, for which Ray itself would wait many minutes.
 
     Raises:
-        ValueError: If it does not.
+        InputError: If it does not.
     """
     host, _, port = address.rpartition(":")
     if "://" in address or not host or not port.isdecimal():
-        raise ValueError(
+        raise InputError(
             f"RAY_ADDRESS = {address!r}: is not host:port of a cluster's head, such as 10.0.0.1:6379; give that, or "
             "local for this machine alone"
         )
     try:
         socket.create_connection((host.strip("[]"), int(port)), timeout=ANSWER_S).close()
     except OSError as error:
-        raise ValueError(
+        raise InputError(
             f"Ray at {address} does not answer ({error.strerror or error}); start it (ray start), tidy up after one "
             "that crashed (ray stop), or set RAY_ADDRESS: host:port of another one, or local for this machine alone"
         ) from error

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from mmw.dataset import Dataset, open_dataset
+from mmw.errors import InputError
 from mmw.export.formats import load_format
 from mmw.export.progress import Progress
 from mmw.tables.publish import publish_bytes
@@ -79,7 +80,7 @@ class Format:
     losses: tuple[str, ...]
     """What the format cannot hold, one line each."""
     tasks: Callable[[Dataset, Selection, Options], list[Task]]
-    """Plans the work; raises ValueError if the dataset does not have what the format needs."""
+    """Plans the work; raises InputError if the dataset does not have what the format needs."""
     finish: Callable[[Dataset, Selection, Path], None] | None = None
     """Last step in the finished folder, after every task; it must be possible to repeat it."""
     options: tuple[Option, ...] = ()
@@ -114,7 +115,7 @@ def export(
         options: The format's options that differ from their defaults.
 
     Raises:
-        ValueError: If the format, the selection or an option is not known, the dataset does not have what the format
+        InputError: If the format, the selection or an option is not known, the dataset does not have what the format
             needs, or `out` holds something else: other files, or the export of another dataset, selection or options.
         OutOfSpaceError: If the disk is full; the same call resumes.
     """
@@ -123,7 +124,7 @@ def export(
     values = checked_options(form, options or {})
     is_local = dataset.filesystem is None
     if is_local and (out == dataset.root or dataset.root in out.parents or out in dataset.root.parents):
-        raise ValueError(f"{out}: overlaps the dataset {dataset.root}; an export needs a folder of its own; give one")
+        raise InputError(f"{out}: overlaps the dataset {dataset.root}; an export needs a folder of its own; give one")
     tasks = form.tasks(dataset, selection, values)
     _check_names(form, tasks)
     _take_up(out, _state(dataset, form, selection, values, tasks))
@@ -141,17 +142,17 @@ def checked_options(form: Format, given: Options) -> Options:
     """Return every option of a format, those that are not given by default.
 
     Raises:
-        ValueError: If an option is not known or cannot have the value.
+        InputError: If an option is not known or cannot have the value.
     """
     known = {option.name: option for option in form.options}
     for name, value in given.items():
         if name not in known:
-            raise ValueError(
+            raise InputError(
                 f"{form.name}: option {name!r} is not known; it takes {', '.join(known) or 'no option'}; leave it out"
             )
         choices = known[name].choices
         if choices and value not in choices:
-            raise ValueError(f"{form.name}: {name}={value}: is not known; give one of {', '.join(choices)}")
+            raise InputError(f"{form.name}: {name}={value}: is not known; give one of {', '.join(choices)}")
     return {option.name: given.get(option.name, option.default) for option in form.options}
 
 
@@ -159,12 +160,12 @@ def frame_step(form: str, name: str, options: Options) -> int:
     """Return every how many frames a rate option [Hz] picks one.
 
     Raises:
-        ValueError: If the rate does not divide the frame rate.
+        InputError: If the rate does not divide the frame rate.
     """
     text = options[name]
     if not text.isdecimal() or int(text) == 0 or FRAME_RATE_HZ % int(text):
         rates = ", ".join(str(rate) for rate in range(1, FRAME_RATE_HZ + 1) if FRAME_RATE_HZ % rate == 0)
-        raise ValueError(
+        raise InputError(
             f"{form}: {name}={text}: a rate that divides {FRAME_RATE_HZ} Hz is needed; give one of {rates}"
         )
     return FRAME_RATE_HZ // int(text)
@@ -174,11 +175,11 @@ def require(dataset: Dataset, form: str, *tables: str, hint: str = "record it, o
     """Check that a dataset has tables.
 
     Raises:
-        ValueError: If one is missing.
+        InputError: If one is missing.
     """
     for table in tables:
         if table not in dataset.tables:
-            raise ValueError(f"{dataset.root}: has no table {table!r}, which {form} needs; {hint}")
+            raise InputError(f"{dataset.root}: has no table {table!r}, which {form} needs; {hint}")
 
 
 def parts(dataset: Dataset, selection: Selection, step: int = 1) -> list[Part]:
@@ -190,7 +191,7 @@ def parts(dataset: Dataset, selection: Selection, step: int = 1) -> list[Part]:
         step: Take only frames that are multiples of it: every camera's `every_frames` counts from frame 0 too.
 
     Raises:
-        ValueError: If the dataset has no such scenario, weather or agent, or nothing is left.
+        InputError: If the dataset has no such scenario, weather or agent, or nothing is left.
     """
     require(dataset, "every export", "frames", "poses")
     picked: dict[tuple[str, str], list[int]] = {}
@@ -214,7 +215,7 @@ def parts(dataset: Dataset, selection: Selection, step: int = 1) -> list[Part]:
             result.append(Part(scenario, weather, tuple(wanted), tuple(names)))
     if not result:
         every = f", one frame in {step}" if step > 1 else ""
-        raise ValueError(
+        raise InputError(
             f"{dataset.root}: nothing is left of {selection}{every}; pick more scenarios, agents or frames"
         )
     return result
@@ -234,17 +235,17 @@ def _agents(dataset: Dataset) -> dict[str, list[str]]:
 def _check_known(dataset: Dataset, kind: str, given: tuple[str, ...], known: set[str]) -> None:
     for name in given:
         if name not in known:
-            raise ValueError(f"{kind}={name}: {dataset.root} has {', '.join(sorted(known))}; give one of them")
+            raise InputError(f"{kind}={name}: {dataset.root} has {', '.join(sorted(known))}; give one of them")
 
 
 def _check_names(form: Format, tasks: list[Task]) -> None:
     names = [task.name for task in tasks]
     for name in names:
         if not re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_.=-]*", name) or name == FINISHED:
-            raise ValueError(f"{form.name}: task {name!r}: is no file name; letters, digits and _.=- are needed")
+            raise InputError(f"{form.name}: task {name!r}: is no file name; letters, digits and _.=- are needed")
     if len(set(names)) != len(names):
         twice = next(name for name in names if names.count(name) > 1)
-        raise ValueError(f"{form.name}: task {twice!r}: stands twice; every task needs its own name")
+        raise InputError(f"{form.name}: task {twice!r}: stands twice; every task needs its own name")
 
 
 def _state(dataset: Dataset, form: Format, selection: Selection, options: Options, tasks: list[Task]) -> dict[str, Any]:
@@ -264,14 +265,14 @@ def _take_up(out: Path, state: dict[str, Any]) -> None:
     """Make the folder, or check that it holds an unfinished export of the same thing.
 
     Raises:
-        ValueError: If it holds something else.
+        InputError: If it holds something else.
     """
     path = out / STATE
     if out.exists() and not out.is_dir():
-        raise ValueError(f"{out}: is a file; a folder is needed; give another one")
+        raise InputError(f"{out}: is a file; a folder is needed; give another one")
     if not path.is_file():
         if out.is_dir() and any(out.iterdir()):
-            raise ValueError(
+            raise InputError(
                 f"{out}: holds files that are no export; an empty or new folder is needed; give another one"
             )
         publish_bytes(path, (json.dumps(state, indent=1) + "\n").encode())
@@ -279,10 +280,10 @@ def _take_up(out: Path, state: dict[str, Any]) -> None:
     try:
         old = json.loads(path.read_text(encoding="utf-8"))
     except json.JSONDecodeError as error:
-        raise ValueError(f"{path}: {error}; the file is damaged; remove the folder and export again") from error
+        raise InputError(f"{path}: {error}; the file is damaged; remove the folder and export again") from error
     for name, value in state.items():
         if old.get(name) != value:
-            raise ValueError(
+            raise InputError(
                 f"{out}: holds an export with another {name}: {_short(old.get(name))}, not {_short(value)}; "
                 "give another folder, or remove this one"
             )

@@ -41,6 +41,7 @@ import pyarrow.compute as pc
 from mmw.channel import LINK_COLUMNS, PATH_COLUMNS, AntennaArray, PathRows, synthesize
 from mmw.channel.csi import complex_gain
 from mmw.dataset import Dataset
+from mmw.errors import InputError
 from mmw.export.base import FRAME_RATE_HZ, Format, Option, Options, Part, Selection, Task, parts, require
 from mmw.export.deepmimo_scene import material_list, write_actors, write_town
 from mmw.export.radio import Antennas, read_antennas, read_part
@@ -159,23 +160,23 @@ def tasks(dataset: Dataset, selection: Selection, options: Options) -> list[Task
     """Return one task for each scenario, weather and carrier.
 
     Raises:
-        ValueError: If the dataset has no radio tables, there is no link for the mode, or an option is wrong.
+        InputError: If the dataset has no radio tables, there is no link for the mode, or an option is wrong.
     """
     require(dataset, "deepmimo", "links", "paths", "sensors", hint="record it with channel.enabled: true")
     if not isinstance(dataset.info["config"].get("channel"), dict):
-        raise ValueError(f"{dataset.root / DATASET}: its configuration has no channel, which deepmimo writes down; the "
+        raise InputError(f"{dataset.root / DATASET}: its configuration has no channel, which deepmimo writes down; the "
                          "file was changed; put the old one back")  # fmt: skip
     if not options["max_paths"].isdecimal() or int(options["max_paths"]) < 1:
-        raise ValueError(f"deepmimo: max_paths={options['max_paths']}: is no number of paths; give 1 or more")
+        raise InputError(f"deepmimo: max_paths={options['max_paths']}: is no number of paths; give 1 or more")
     if dataset.filesystem is not None and options["mode"] == "packed" and options["scene"] == "on":
-        raise ValueError(f"deepmimo: {dataset.root} is no local folder, its stages cannot be read; give scene=off")
+        raise InputError(f"deepmimo: {dataset.root} is no local folder, its stages cannot be read; give scene=off")
     planned = []
     for part in parts(dataset, selection):
         rows = read_part(dataset, "links", part, ["frame", "carrier_hz", "link", "agent"])
         kinds = set(rows.filter(pc.is_in(rows["agent"].cast(pa.string()), value_set=pa.array(part.agents)))["link"]
                     .to_pylist())  # fmt: skip
         if not kinds or (options["mode"] == "packed" and "v2i" not in kinds):
-            raise ValueError(
+            raise InputError(
                 f"deepmimo: scenario {part.scenario}, weather {part.weather} has {' and '.join(sorted(kinds)) or 'no'} "
                 f"links to {', '.join(part.agents)}; mode packed needs v2i; give mode=dynamic or other agents"
             )

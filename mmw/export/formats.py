@@ -6,6 +6,8 @@ To add a format: a module of this folder with `FORMAT: Format`, and one line in 
 import importlib
 from typing import TYPE_CHECKING
 
+from mmw.errors import InputError
+
 if TYPE_CHECKING:
     from mmw.export.base import Format
 
@@ -24,9 +26,9 @@ def load_format(name: str) -> "Format":
     """Return a format by its name.
 
     Raises:
-        ValueError: If there is no such format.
+        InputError: If there is no such format.
         ImportError: If the format needs a package that is not installed.
     """
     if name not in MODULES:
-        raise ValueError(f"format {name!r}: is not known; give one of {', '.join(sorted(MODULES))}")
+        raise InputError(f"format {name!r}: is not known; give one of {', '.join(sorted(MODULES))}")
     return importlib.import_module(MODULES[name]).FORMAT

@@ -29,6 +29,7 @@ import pyarrow.parquet as pq
 import yaml
 
 from mmw.dataset import Dataset
+from mmw.errors import InputError
 from mmw.export.base import STATE, Format, Option, Options, Part, Selection, Task, parts
 from mmw.tables.columns import frame_rows
 from mmw.tables.manifest import CARD, CONFIG, DATASET, read_markers
@@ -51,15 +52,15 @@ def tasks(dataset: Dataset, selection: Selection, options: Options) -> list[Task
     """Return one task a shard, one a scenario for its static tables, and one for the provenance.
 
     Raises:
-        ValueError: If nothing is left of the selection, the dataset is not in a local folder, or a file is missing.
+        InputError: If nothing is left of the selection, the dataset is not in a local folder, or a file is missing.
     """
     if dataset.filesystem is not None:
-        raise ValueError(f"huggingface: {dataset.root} is no local folder; its files are copied; download it first")
+        raise InputError(f"huggingface: {dataset.root} is no local folder; its files are copied; download it first")
     for marker in read_markers(dataset.root):
         for file in marker["files"]:
             if not (dataset.root / file["path"]).is_file():
                 path = dataset.root / file["path"]
-                raise ValueError(f"{path}: is missing, but its shard was finished; run the configuration again")
+                raise InputError(f"{path}: is missing, but its shard was finished; run the configuration again")
     planned = [Task("provenance", partial(_write_provenance, dataset))]
     picked = parts(dataset, selection)
     for name in sorted({part.scenario for part in picked}):
@@ -137,12 +138,12 @@ def _read(path: Path, reader: Callable[[Path], Any]) -> Any:
     """Return what a reader makes of a file.
 
     Raises:
-        ValueError: If it cannot read the file.
+        InputError: If it cannot read the file.
     """
     try:
         return reader(path)
     except (pa.ArrowException, OSError) as error:
-        raise ValueError(f"{path}: cannot be read ({one_line(error)}); `mmw verify` tells what is damaged") from error
+        raise InputError(f"{path}: cannot be read ({one_line(error)}); `mmw verify` tells what is damaged") from error
 
 
 def _with_nullable_images(schema: pa.Schema) -> pa.Schema:

@@ -31,6 +31,7 @@ from typing import Any
 import numpy as np
 
 from mmw.dataset import Dataset
+from mmw.errors import InputError
 from mmw.export.base import Format, Option, Options, Part, Selection, Task, frame_step, parts, require
 from mmw.export.pictures import png_of
 from mmw.export.pinhole import OPTICAL_POSE, area, box_rectangle, clipped
@@ -88,7 +89,7 @@ def plan(dataset: Dataset, selection: Selection, options: Options) -> list[Task]
     """Return one task a scenario, weather, agent and second, and one for the index.
 
     Raises:
-        ValueError: If a table, a LiDAR, the camera or every image is missing, the lens distorts, or there are too many
+        InputError: If a table, a LiDAR, the camera or every image is missing, the lens distorts, or there are too many
             frames.
     """
     require(dataset, "kitti", "lidar", "boxes", "sensors")
@@ -105,7 +106,7 @@ def plan(dataset: Dataset, selection: Selection, options: Options) -> list[Task]
             lidar = pick_sensor(sensors, agent, "lidar", options["lidar"], "kitti: lidar=")
             camera = pick_sensor(sensors, agent, "rgb", options["camera"], "kitti: camera=")
             if camera.lens != "pinhole":
-                raise ValueError(
+                raise InputError(
                     f"kitti: camera={camera.name}: agent {agent} has the lens {camera.lens}; calib holds a pinhole "
                     "only; name another camera"
                 )
@@ -120,9 +121,9 @@ def plan(dataset: Dataset, selection: Selection, options: Options) -> list[Task]
                 work = partial(_write, dataset, part, agent, some, first, lidar, camera, has_images)
                 tasks.append(Task(name, work))
     if not index:
-        raise ValueError(f"{dataset.root}: no frame that is picked has an image; pick other frames, or images=none")
+        raise InputError(f"{dataset.root}: no frame that is picked has an image; pick other frames, or images=none")
     if len(index) > MOST:
-        raise ValueError(f"kitti: {len(index):,} frames are more than six digits can number; pick fewer")
+        raise InputError(f"kitti: {len(index):,} frames are more than six digits can number; pick fewer")
     return [*tasks, Task("index", partial(_write_index, index))]
 
 
@@ -175,7 +176,7 @@ def _write(
         (folders["velodyne"] / f"{number[frame]}.bin").write_bytes(points.astype("<f4").tobytes())
         written.add(frame)
     if missing := sorted(set(frames) - written):
-        raise ValueError(
+        raise InputError(
             f"{dataset.root}: {part.scenario}, {part.weather}, frame {missing[0]}: {agent} has no sweep of "
             f"{lidar.name}; every frame needs one; pick other frames"
         )

@@ -63,7 +63,7 @@ def plan(dataset: Dataset, selection: Selection, options: Options) -> list[Task]
     """Return one task a scene and second for its files, and one for the tables.
 
     Raises:
-        ValueError: If a table or a LiDAR is missing, or nothing is left.
+        InputError: If a table or a LiDAR is missing, or nothing is left.
     """
     require(dataset, "nuscenes", "lidar", "boxes", "box_visibility", "sensors")
     key_parts = parts(dataset, selection, frame_step("nuscenes", "rate", options))

@@ -14,6 +14,7 @@ import numpy as np
 from PIL import Image
 
 from mmw.dataset import Dataset
+from mmw.errors import InputError
 from mmw.export.pinhole import OPTICAL_POSE
 from mmw.export.read import Sensor, by_frame, recorded, rows_of
 from mmw.poses import compose, quaternion_from_ypr
@@ -220,12 +221,12 @@ def _swept(dataset: Dataset, scene: Scene) -> set[int]:
     """Return the frames with a sweep; every sample needs one.
 
     Raises:
-        ValueError: If one has none.
+        InputError: If one has none.
     """
     there = recorded(dataset, "lidar", scene.scenario, scene.weather, scene.frames, scene.agent)
     frames = there.get(scene.lidar.name, set())
     if missing := sorted(set(scene.samples) - frames):
-        raise ValueError(
+        raise InputError(
             f"{dataset.root}: {scene.name}, frame {missing[0]}: there is no sweep of {scene.lidar.name}; every sample "
             "needs one; pick other frames"
         )

@@ -29,6 +29,7 @@ import numpy as np
 import yaml
 
 from mmw.dataset import Dataset
+from mmw.errors import InputError
 from mmw.export.base import Format, Option, Options, Part, Selection, Task, frame_step, parts, require
 from mmw.export.carla import carla_angles, carla_matrix, carla_point, carla_pose
 from mmw.export.pcd import intensity_pcd
@@ -83,7 +84,7 @@ def plan(dataset: Dataset, selection: Selection, options: Options) -> list[Task]
     """Return one task a scenario, weather, agent and second, and one a scenario and weather for its protocol.
 
     Raises:
-        ValueError: If a table, a LiDAR or a connected vehicle is missing, or a scenario has two roadside units.
+        InputError: If a table, a LiDAR or a connected vehicle is missing, or a scenario has two roadside units.
     """
     require(dataset, "opv2v", "lidar", "boxes", "sensors")
     if options["vehicles"] == "hit":
@@ -113,16 +114,16 @@ def agent_folders(dataset: Dataset, part: Part) -> dict[str, str]:
     """Return the folder of each agent: the loader turns the names into numbers and sorts them as text.
 
     Raises:
-        ValueError: If there is no connected vehicle, or more than one roadside unit.
+        InputError: If there is no connected vehicle, or more than one roadside unit.
     """
     rows = rows_of(dataset, "poses", part.scenario, part.weather, part.frames[:1], ["agent", "role", "object_id"])
     rows = [row for row in rows if row["agent"] in part.agents]
     cavs = {row["agent"]: str(row["object_id"]) for row in rows if row["role"] == "cav"}
     rsus = [row["agent"] for row in rows if row["role"] != "cav"]
     if not cavs:
-        raise ValueError(f"opv2v: {part.scenario}: no connected vehicle is picked; the loader needs one; pick it")
+        raise InputError(f"opv2v: {part.scenario}: no connected vehicle is picked; the loader needs one; pick it")
     if len(rsus) > 1:
-        raise ValueError(
+        raise InputError(
             f"opv2v: {part.scenario}: has the roadside units {', '.join(rsus)}; the format takes one; "
             f"pick it with agent={','.join([*cavs, rsus[0]])}"
         )
@@ -208,7 +209,7 @@ def _write(
             "vehicles": {box["object_id"]: _vehicle(box, hits.get((frame, box["object_id"]), 0)) for box in vehicles},
         }
         if frame not in clouds:
-            raise ValueError(
+            raise InputError(
                 f"{dataset.root}: {part.scenario}, {part.weather}, frame {frame}: {agent} has no sweep of "
                 f"{lidar.name}; every frame needs one; pick other frames"
             )

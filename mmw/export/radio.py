@@ -7,6 +7,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from mmw.dataset import Dataset
+from mmw.errors import InputError
 from mmw.export.base import Part
 from mmw.export.read import frame_range
 from mmw.poses import compose, make_pose, normalize, rotate
@@ -42,7 +43,7 @@ def read_antennas(dataset: Dataset, part: Part) -> Antennas:
     """Return where the antennas are.
 
     Raises:
-        ValueError: If an agent has no antenna in table `sensors`.
+        InputError: If an agent has no antenna in table `sensors`.
     """
     sensors = dataset.read("sensors", scenario=part.scenario)
     sensors = sensors.filter(pc.equal(sensors["type"].cast(pa.string()), "antenna")).to_pylist()
@@ -53,7 +54,7 @@ def read_antennas(dataset: Dataset, part: Part) -> Antennas:
     agents = rows["agent"].to_pylist()
     lost = sorted(set(agents) - set(mounts))
     if lost:
-        raise ValueError(f"{dataset.root}: table sensors has no antenna of {', '.join(lost)}; record the channel again")
+        raise InputError(f"{dataset.root}: table sensors has no antenna of {', '.join(lost)}; record the channel again")
     columns = {
         name: rows[name].to_numpy() for name in rows.column_names if rows.schema.field(name).type == pa.float64()
     }

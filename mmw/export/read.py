@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from mmw.dataset import Dataset
+from mmw.errors import InputError
 from mmw.poses import compose, make_pose, pose_from_ypr
 
 BLOCK_FRAMES = 100
@@ -62,7 +63,7 @@ def pick_sensor(sensors: dict[tuple[str, str], Sensor], agent: str, kind: str, n
         where: Format and option, for the error.
 
     Raises:
-        ValueError: If there is none, or several and no name.
+        InputError: If there is none, or several and no name.
     """
     found = [sensor for (owner, _), sensor in sensors.items() if owner == agent and sensor.type == kind]
     if name:
@@ -72,7 +73,7 @@ def pick_sensor(sensors: dict[tuple[str, str], Sensor], agent: str, kind: str, n
     have = ", ".join(
         sensor.name for (owner, _), sensor in sorted(sensors.items()) if owner == agent and sensor.type == kind
     )
-    raise ValueError(
+    raise InputError(
         f"{where}{name}: agent {agent} has {have or 'none'} of type {kind}; exactly one is needed; "
         "name it, or leave the agent out by agent=..."
     )

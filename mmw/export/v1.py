@@ -63,7 +63,7 @@ def tasks(dataset: Dataset, selection: Selection, options: Options) -> list[Task
     """Return tasks of 1 s of one scenario in one weather: one for sensors, and one for channels if there are links.
 
     Raises:
-        ValueError: If the dataset lacks a table, or an option cannot be used.
+        InputError: If the dataset lacks a table, or an option cannot be used.
     """
     require(dataset, "v1", "poses", "boxes", "sensors")
     array_pairs(options)

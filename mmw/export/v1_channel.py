@@ -23,6 +23,7 @@ import numpy as np
 
 from mmw.channel import LINK_COLUMNS, PATH_COLUMNS, AntennaArray, PathRows, impulse_response, synthesize
 from mmw.dataset import Dataset
+from mmw.errors import InputError
 from mmw.export.base import Options, Part
 from mmw.export.radio import Antennas, read_antennas, read_part
 from mmw.poses import quaternion_to_matrix
@@ -50,13 +51,13 @@ def array_pairs(options: Options) -> list[ArrayPair]:
     """Return the arrays that the option `arrays` names.
 
     Raises:
-        ValueError: If it cannot be read.
+        InputError: If it cannot be read.
     """
     pairs = []
     for text in options["arrays"].split(","):
         found = ARRAYS.fullmatch(text.strip())
         if found is None:
-            raise ValueError(
+            raise InputError(
                 f"v1: arrays={options['arrays']}: {text!r} is no pair of arrays; give rows x columns of transmitter "
                 "and receiver, such as 1x64-1x16,8x8-8x8"
             )

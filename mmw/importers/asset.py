@@ -11,6 +11,7 @@ from pathlib import Path
 
 from pxr import Kind, Sdf, Usd, UsdGeom
 
+from mmw.errors import InputError
 from mmw.importers.world import ForeignMaterial, World
 from mmw.paths import assets_dir
 from mmw.town.author import GROUND_MATERIALS, ROOT, interface_layer, metres_z_up
@@ -67,14 +68,14 @@ def write_world(
         Path of the interface layer.
 
     Raises:
-        ValueError: If a material has no radio description, a path cannot be a prim's, or a file exists.
+        InputError: If a material has no radio description, a path cannot be a prim's, or a file exists.
         OSError: If a file cannot be written; what was there before stays.
     """
     schema.register()
     path, payload = asset_files(out, name)
     for file in (path, payload):
         if file.exists() and not overwrite:
-            raise ValueError(f"{file}: is there already; give --overwrite to replace it, or another --out")
+            raise InputError(f"{file}: is there already; give --overwrite to replace it, or another --out")
     save_layers({payload: _geometry(world), path: _interface(world, path, payload, name)})
     return path
 
@@ -110,11 +111,11 @@ def material_spec(material: ForeignMaterial) -> MaterialSpec:
     """Return a foreign material as the library describes its own.
 
     Raises:
-        ValueError: If it has no radio description.
+        InputError: If it has no radio description.
     """
     radio = material.radio
     if radio is None:
-        raise ValueError(f"material {material.name!r} has no radio description; apply a material map first")
+        raise InputError(f"material {material.name!r} has no radio description; apply a material map first")
     look = LIBRARY.get(LOOK_OF_ROW.get(radio.itu, ""))
     roughness, metallic, color = material.roughness, material.metallic, material.color
     if color is None and look is not None:
@@ -137,12 +138,12 @@ def _tree(world: World) -> _Node:
         node, names = root, part.path.split("/")
         for depth, name in enumerate(names):
             if not Sdf.Path.IsValidIdentifier(name) or names[0] in ("Materials", "Lanes"):
-                raise ValueError(f"part {part.path!r}: not a prim path of a town; rename it")
+                raise InputError(f"part {part.path!r}: not a prim path of a town; rename it")
             node = node.children.setdefault(name, _Node("/".join(names[: depth + 1])))
             if node.part is not None:
-                raise ValueError(f"part {part.path!r}: {node.path!r} is a mesh already; give each mesh its own path")
+                raise InputError(f"part {part.path!r}: {node.path!r} is a mesh already; give each mesh its own path")
         if node.children:
-            raise ValueError(f"part {part.path!r}: other meshes are below it; give each mesh its own path")
+            raise InputError(f"part {part.path!r}: other meshes are below it; give each mesh its own path")
         node.part = part
     return root
 

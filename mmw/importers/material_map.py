@@ -8,13 +8,13 @@ from pathlib import Path
 from mmw.config import ConfigError
 from mmw.config.material_map import MaterialEntry
 from mmw.config.yaml_file import read_yaml, validated
+from mmw.errors import InputError
 from mmw.importers.meshes import identifier
 from mmw.importers.world import ForeignMaterial, World
 from mmw.materials import RadioMaterial
 from mmw.town.parts import MeshPart
 from mmw.usd.library import LIBRARY
 from mmw.usd.material_map import find_pattern, mapped_radio, unknown_names
-from mmw.usd.materials import check_radio
 
 NEEDED = 'a map of patterns, such as "*wall*": {radio: itu_brick}'
 """What the file of a material map holds."""
@@ -35,7 +35,7 @@ def load_material_map(path: str | Path, radio_rows: Collection[str]) -> dict[str
     path = Path(path)
     data = read_yaml(path, NEEDED)
     if not data:
-        raise ValueError(f"{path}: holds no entries; {NEEDED} is needed")
+        raise InputError(f"{path}: holds no entries; {NEEDED} is needed")
     problems, entries = [], {}
     for pattern, value in data.items():
         try:
@@ -86,7 +86,7 @@ def apply_material_map(
         radio_rows: Radio materials that exist; None to leave that to the run.
 
     Raises:
-        ValueError: If a mesh is left without radio material, with the list of all such meshes and a map to fill in, or
+        InputError: If a mesh is left without radio material, with the list of all such meshes and a map to fill in, or
             if the source names a radio material that does not exist.
     """
     found = [(part, _match(part, world, entries)) for part in world.parts]
@@ -106,7 +106,7 @@ def apply_material_map(
                 missing.setdefault(made.source, []).append(f"/Town/{part.path}")
         parts.append(replace(part, material=name, label=label))
     if missing:
-        raise ValueError(_missing(where, missing))
+        raise InputError(_missing(where, missing))
     for material in mapped.materials.values():
         _check(where, material, radio_rows)
     used = {pattern for _, pattern in found}
@@ -127,7 +127,7 @@ def _made(part: MeshPart, world: World, entry: MaterialEntry | None) -> ForeignM
     source = world.materials.get(part.material)
     if source is None:
         if part.material not in LIBRARY:
-            raise ValueError(f"{part.path}: material {part.material!r} is neither in the library nor in the world")
+            raise InputError(f"{part.path}: material {part.material!r} is neither in the library nor in the world")
         if not changes or (entry and entry.material):
             return None
         spec = LIBRARY[part.material]
@@ -172,9 +172,8 @@ def _check(where: str, material: ForeignMaterial, radio_rows: Collection[str] | 
     if radio is None:
         return
     named = f"{where}: material {material.source or material.name!r}"
-    check_radio(named, radio)
     if radio.model == "itu" and radio_rows is not None and radio.itu not in radio_rows:
-        raise ValueError(
+        raise InputError(
             f"{named}: the radio material {radio.itu!r} does not exist; use one of {', '.join(sorted(radio_rows))}; "
             "correct the file, or name another with --materials"
         )

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import trimesh
 
+from mmw.errors import InputError
 from mmw.importers.meshes import Y_UP, PartsList, PrimNames, identifier, linear, transformed
 from mmw.importers.world import ForeignMaterial, World
 
@@ -37,7 +38,7 @@ def read_meshes(
         origin: Point of the world [m] that becomes (0, 0, 0).
 
     Raises:
-        ValueError: If the file cannot be read or a vertex is not finite.
+        InputError: If the file cannot be read or a vertex is not finite.
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -62,13 +63,13 @@ def read_meshes(
 
 def _load(path: Path, suffix: str) -> trimesh.Scene:
     if not path.is_file():
-        raise ValueError(f"{path}: no such file; give an existing {', '.join(SUFFIXES)} file")
+        raise InputError(f"{path}: no such file; give an existing {', '.join(SUFFIXES)} file")
     options = {"split_objects": True, "split_groups": True} if suffix == ".obj" else {}
     try:
         return trimesh.load_scene(str(path), process=False, **options)
     except Exception as error:  # trimesh raises whatever its parsers meet
         reason = " ".join(str(error).split())[:120] or type(error).__name__
-        raise ValueError(f"{path}: cannot be read as {suffix[1:]} ({reason}); write the file again") from None
+        raise InputError(f"{path}: cannot be read as {suffix[1:]} ({reason}); write the file again") from None
 
 
 def _prim_paths(scene: trimesh.Scene, stem: str, is_single: bool) -> dict[str, str]:

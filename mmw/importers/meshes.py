@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from mmw.errors import InputError
 from mmw.importers.world import World
 from mmw.town.parts import MeshPart
 
@@ -84,17 +85,17 @@ class PartsList:
             label: Semantic class.
 
         Raises:
-            ValueError: If a vertex is not finite, or a face asks for a vertex that is not there.
+            InputError: If a vertex is not finite, or a face asks for a vertex that is not there.
         """
         points, faces = np.asarray(points, np.float64).reshape(-1, 3), np.asarray(faces).reshape(-1, 3)
         bad = ~np.isfinite(points).all(axis=1)
         if bad.any():
-            raise ValueError(
+            raise InputError(
                 f"{where}: {bad.sum()} of {len(points)} vertices are not finite (the first is number "
                 f"{np.flatnonzero(bad)[0]}); numbers are needed; repair the mesh in the tool that made it"
             )
         if len(faces) and not 0 <= faces.min() <= faces.max() < len(points):
-            raise ValueError(
+            raise InputError(
                 f"{where}: a face asks for vertex {faces.max()} of {len(points)}; existing ones are needed; repair the "
                 "mesh in the tool that made it"
             )
@@ -178,23 +179,23 @@ def check_world(where: str, world: World) -> None:
     """Stop at an empty world, at one of an unlikely size and at one far from its origin.
 
     Raises:
-        ValueError: If the world has no triangle, spans less than `LEAST_M` or more than `MOST_M`, or reaches beyond
+        InputError: If the world has no triangle, spans less than `LEAST_M` or more than `MOST_M`, or reaches beyond
             `REACH_M`.
     """
     if not world.parts:
-        raise ValueError(f"{where}: holds no triangle; a world needs surfaces; give a file with meshes")
+        raise InputError(f"{where}: holds no triangle; a world needs surfaces; give a file with meshes")
     low, high = bounds(world)
     size = high - low
     text = " x ".join(f"{length:.4g}" for length in size)
     if not LEAST_M <= size.max() <= MOST_M:
         wish = "smaller than 1 m" if size.max() < LEAST_M else "larger than 20 km"
-        raise ValueError(
+        raise InputError(
             f"{where}: the world is {text} m, {wish}; a wrong unit is likely; say what one unit of the file is with "
             f"--unit ({', '.join(UNITS)})"
         )
     if max(np.abs(low).max(), np.abs(high).max()) > REACH_M:
         middle = " ".join(f"{value:.0f}" for value in (*(0.5 * (low + high))[:2], low[2]))
-        raise ValueError(
+        raise InputError(
             f"{where}: the world ({text} m) lies around ({middle.replace(' ', ', ')}) m, more than 20 km from its "
             f"origin; float32 vertices are too coarse there; move it with --origin {middle}"
         )

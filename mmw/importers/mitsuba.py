@@ -2,21 +2,26 @@
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import trimesh
 from trimesh.exchange.ply import load_ply
 
+from mmw.errors import InputError
 from mmw.importers import mitsuba_values as values
 from mmw.importers.meshes import Y_UP, PartsList, PrimNames, identifier, transformed
 from mmw.importers.world import ForeignMaterial, World
 from mmw.importers.xml_nodes import XmlNode
-from mmw.materials import RadioMaterial
+from mmw.materials import LOBE_EXPONENTS, RadioMaterial, wrong_radio_value
 
 DEFAULT_THICKNESS_M = 0.1
 """Thickness of a radio material that gives none [m]. Source: Sionna RT 2, `DEFAULT_THICKNESS`."""
+
+XML_NAMES = {"scattering": "scattering_coefficient", "xpd": "xpd_coefficient", "lobe_share": "lambda_", "itu": "type"}
+"""Field of a radio material -> its name in a file, where that is another."""
 
 SECTIONS = 32
 """Sides of a round shape; design value."""
@@ -45,7 +50,7 @@ def read_mitsuba(
         origin: Point of the world [m] that becomes (0, 0, 0).
 
     Raises:
-        ValueError: With file and line, if the file, a file that it names, or a value cannot be used.
+        InputError: With file and line, if the file, a file that it names, or a value cannot be used.
     """
     path = Path(path)
     to_world = np.diag([unit_m, unit_m, unit_m, 1.0])
@@ -77,9 +82,9 @@ class _Reader:
         """Read a material and return its name; one inside a shape without an id is called after the shape."""
         source = node.attributes.get("id") or owner
         if not source:
-            raise ValueError(f"{node.where}: <bsdf> has no id; shapes refer to it by that; add one")
+            raise InputError(f"{node.where}: <bsdf> has no id; shapes refer to it by that; add one")
         if not owner and source in self.bsdfs:
-            raise ValueError(f"{node.where}: the id {source!r} is given twice; materials need their own; rename one")
+            raise InputError(f"{node.where}: the id {source!r} is given twice; materials need their own; rename one")
         name = identifier(source.removeprefix("mat-"))
         while name in self.materials:
             name += "_"
@@ -101,7 +106,7 @@ class _Reader:
         elif kind == "instance":
             group = next((ref.get("id") for ref in node.find("ref") if ref.get("id") in self.groups), None)
             if group is None:
-                raise ValueError(f"{node.where}: the instance refers to no shapegroup; add <ref id=.../>")
+                raise InputError(f"{node.where}: the instance refers to no shapegroup; add <ref id=.../>")
             for child in self.groups[group].find("shape"):
                 self.add_shape(child, matrix, material)
         elif kind == "shapegroup":
@@ -113,7 +118,7 @@ class _Reader:
             self.meshes.add(node.where, self.path_of(node, kind), points, faces, material or self.no_material())
         else:
             known = ", ".join([*_SHAPES, "ply", "obj", "merge", "shapegroup", "instance"])
-            raise ValueError(f"{node.where}: shape {kind!r} is not read; one of {known} is needed; convert it to ply")
+            raise InputError(f"{node.where}: shape {kind!r} is not read; one of {known} is needed; convert it to ply")
 
     def material_of(self, node: XmlNode, inherited: str | None) -> str | None:
         for child in node.children:
@@ -125,7 +130,7 @@ class _Reader:
                     return self.bsdfs[wanted]
                 if wanted not in self.groups:
                     known = ", ".join(self.bsdfs) or "none"
-                    raise ValueError(
+                    raise InputError(
                         f"{child.where}: no <bsdf> has the id {wanted!r}; the file's are: {known}; correct the ref"
                     )
         return inherited
@@ -180,33 +185,42 @@ def _radio(node: XmlNode, source: str) -> RadioMaterial | None:
     thickness = values.number(node, "thickness", DEFAULT_THICKNESS_M)
     named = re.match(r"(?:mat-)?itu[-_]([A-Za-z_]*[A-Za-z])", source)
     kind = node.get("type")
-    pattern = values.text(node, "scattering_pattern", "lambertian")
-    if pattern not in ("lambertian", "directive", "backscattering"):
-        raise ValueError(
-            f"{node.where}: scattering_pattern = {pattern!r}; lambertian, directive or backscattering is needed"
-        )
     scattering = {
         "scattering": values.number(node, "scattering_coefficient", 0.0),
         "xpd": values.number(node, "xpd_coefficient", 0.0),
-        "scattering_pattern": pattern,
-        "alpha_r": int(values.number(node, "alpha_r", 4)),
-        "alpha_i": int(values.number(node, "alpha_i", 4)),
+        "scattering_pattern": values.text(node, "scattering_pattern", "lambertian"),
+        "alpha_r": values.number(node, "alpha_r", 4),
+        "alpha_i": values.number(node, "alpha_i", 4),
         "lobe_share": values.number(node, "lambda_", 1.0),
     }
     if kind == "itu-radio-material" or named:
         row = values.text(node, "type") or (named[1] if named else "")
         if not row:
-            raise ValueError(f"{node.where}: the material {source!r} has no <string name='type'>; add a row of P.2040")
-        return RadioMaterial("itu", itu=f"itu_{row}", thickness=thickness, **scattering)
+            raise InputError(f"{node.where}: the material {source!r} has no <string name='type'>; add a row of P.2040")
+        return _checked(node, model="itu", itu=f"itu_{row}", thickness=thickness, **scattering)
     if kind == "radio-material":
-        return RadioMaterial(
-            "constant",
+        return _checked(
+            node,
+            model="constant",
             relative_permittivity=values.number(node, "relative_permittivity", 1.0),
             conductivity=values.number(node, "conductivity", 0.0),
             thickness=thickness,
             **scattering,
         )
     return None
+
+
+def _checked(node: XmlNode, **given: Any) -> RadioMaterial:
+    """Return a radio material of the fields that are given; its errors name the node and the name in the file."""
+    exponents = {name: int(given[name]) for name in LOBE_EXPONENTS if given[name] == int(given[name])}
+    fields = {**asdict(RadioMaterial("constant")), **given, **exponents}
+    wrong = wrong_radio_value(fields)
+    if wrong is not None:
+        name, needed = wrong
+        raise InputError(
+            f"{node.where}: {XML_NAMES.get(name, name)} = {fields[name]!r}; {needed} is needed; correct the value"
+        )
+    return RadioMaterial(**fields)
 
 
 def _load(node: XmlNode, folder: Path) -> Mesh:
@@ -220,7 +234,7 @@ def _load(node: XmlNode, folder: Path) -> Mesh:
         return np.array(mesh.vertices, np.float64), np.array(mesh.faces, np.int64)
     except Exception as error:  # trimesh raises whatever its parsers meet
         reason = " ".join(str(error).split())[:120] or type(error).__name__
-        raise ValueError(f"{node.where}: {path}: cannot be read ({reason}); write the mesh again") from None
+        raise InputError(f"{node.where}: {path}: cannot be read ({reason}); write the mesh again") from None
 
 
 def _rectangle(node: XmlNode) -> Mesh:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from mmw.errors import InputError
 from mmw.importers.xml_nodes import XmlNode, read_xml
 
 DEEPEST_INCLUDE = 15
@@ -15,11 +16,11 @@ def scene_elements(path: Path) -> list[XmlNode]:
     """Return the elements of a scene file, with included files in place and variables (`$name`) filled in.
 
     Raises:
-        ValueError: If a file is missing or no scene, or a variable has no value.
+        InputError: If a file is missing or no scene, or a variable has no value.
     """
     root = read_xml(path)
     if root.tag != "scene":
-        raise ValueError(f"{root.where}: the root is <{root.tag}>; a Mitsuba scene starts with <scene>; give that file")
+        raise InputError(f"{root.where}: the root is <{root.tag}>; a Mitsuba scene starts with <scene>; give that file")
     return _expanded(root, {}, path.parent, 0)
 
 
@@ -41,7 +42,7 @@ def _expanded(parent: XmlNode, variables: dict[str, str], folder: Path, depth: i
 
 def _included(node: XmlNode, variables: dict[str, str], folder: Path, depth: int) -> list[XmlNode]:
     if depth >= DEEPEST_INCLUDE:
-        raise ValueError(f"{node.where}: more than {DEEPEST_INCLUDE} files inside files; does one include itself?")
+        raise InputError(f"{node.where}: more than {DEEPEST_INCLUDE} files inside files; does one include itself?")
     root = read_xml(find_file(node, folder))
     if root.tag != "scene":  # a file may hold one bare element
         root = XmlNode("scene", {}, root.where, root.folder, [root])
@@ -52,7 +53,7 @@ def _filled(node: XmlNode, value: str, variables: dict[str, str]) -> str:
     for name in sorted(variables, key=len, reverse=True):  # $radius_2 before $radius
         value = value.replace(f"${name}", variables[name])
     if "$" in value:
-        raise ValueError(
+        raise InputError(
             f"{node.where}: {value!r} holds a variable without a value; variables here: "
             f"{', '.join(sorted(variables)) or 'none'}; add <default name=... value=...> before it"
         )
@@ -64,16 +65,16 @@ def find_file(node: XmlNode, folder: Path) -> Path:
     folder.
 
     Raises:
-        ValueError: If there is no such file.
+        InputError: If there is no such file.
     """
     named = node if "filename" in node.attributes else _child(node, "filename")
     if named is None:
-        raise ValueError(f"{node.where}: <{node.tag}> has no filename; one is needed; add it")
+        raise InputError(f"{node.where}: <{node.tag}> has no filename; one is needed; add it")
     name = named.attributes.get("filename") or named.get("value")
     for base in (node.folder, folder):
         if (base / name).is_file():
             return base / name
-    raise ValueError(f"{named.where}: {node.folder / name}: no such file; put it there, or correct the name")
+    raise InputError(f"{named.where}: {node.folder / name}: no such file; put it there, or correct the name")
 
 
 def _child(node: XmlNode, *names: str) -> XmlNode | None:
@@ -102,7 +103,7 @@ def numbers(node: XmlNode, value: str, *counts: int) -> list[float]:
     """Return a list of numbers, separated by commas or blanks.
 
     Raises:
-        ValueError: If something is no finite number, or there are not as many as one of `counts`.
+        InputError: If something is no finite number, or there are not as many as one of `counts`.
     """
     try:
         found = [float(item) for item in value.replace(",", " ").split()]
@@ -110,7 +111,7 @@ def numbers(node: XmlNode, value: str, *counts: int) -> list[float]:
         found = []
     if len(found) not in counts or not all(map(math.isfinite, found)):
         wish = " or ".join(map(str, counts))
-        raise ValueError(f"{node.where}: {value!r}: {wish} finite number(s) are needed; correct the value")
+        raise InputError(f"{node.where}: {value!r}: {wish} finite number(s) are needed; correct the value")
     return found
 
 
@@ -150,7 +151,7 @@ def transform(node: XmlNode) -> np.ndarray:
     """Return the `to_world` transform of a shape, column vectors, shape [4, 4]; the steps apply in the file's order.
 
     Raises:
-        ValueError: If a step is unknown or its numbers are wrong.
+        InputError: If a step is unknown or its numbers are wrong.
     """
     total = np.eye(4)
     for group in node.find("transform"):
@@ -158,7 +159,7 @@ def transform(node: XmlNode) -> np.ndarray:
             for step in group.children:
                 if step.tag not in _STEPS:
                     known = ", ".join(_STEPS)
-                    raise ValueError(f"{step.where}: <{step.tag}> is no transform; one of {known} is needed")
+                    raise InputError(f"{step.where}: <{step.tag}> is no transform; one of {known} is needed")
                 total = _STEPS[step.tag](step) @ total
     return total
 
@@ -178,7 +179,7 @@ def _rotate(step: XmlNode) -> np.ndarray:
     axis, angle = triple(step, 0.0), math.radians(numbers(step, step.get("angle"), 1)[0])
     length = np.linalg.norm(axis)
     if not length:
-        raise ValueError(f"{step.where}: the axis of the rotation has no length; x, y or z is needed; add one")
+        raise InputError(f"{step.where}: the axis of the rotation has no length; x, y or z is needed; add one")
     x, y, z = axis / length
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     matrix = np.eye(4)
@@ -203,7 +204,7 @@ def _look_at(step: XmlNode) -> np.ndarray:
     forward = target - origin
     left = np.cross(up, forward)
     if not np.linalg.norm(left):
-        raise ValueError(f"{step.where}: target - origin and up are parallel or zero; choose another up")
+        raise InputError(f"{step.where}: target - origin and up are parallel or zero; choose another up")
     forward, left = forward / np.linalg.norm(forward), left / np.linalg.norm(left)
     matrix = np.eye(4)
     matrix[:3, :] = np.stack([left, np.cross(forward, left), forward, origin], axis=1)

@@ -43,7 +43,7 @@ def read_opendrive(path: str | Path) -> World:
         Roads, ground and lanes. Lanes are named `road_<id>_s<section>_<l|r><number>`; junctions `junction_<id>`.
 
     Raises:
-        ValueError: If the file is no OpenDRIVE, is broken or contradicts itself; the message names road and cure.
+        InputError: If the file is no OpenDRIVE, is broken or contradicts itself; the message names road and cure.
     """
     path = Path(path)
     document = read_document(path)

@@ -2,6 +2,7 @@
 
 from collections import defaultdict
 
+from mmw.errors import InputError
 from mmw.importers.opendrive_xml import Connection, Document, RoadRecord, Section
 
 DRIVEN = (
@@ -23,7 +24,7 @@ def find_joints(document: Document) -> dict[End, list[End]]:
     """Return the ends of driven lanes that meet, both ways. A link to a junction that is not there joins nothing.
 
     Raises:
-        ValueError: If a link names a road or lane that does not exist.
+        InputError: If a link names a road or lane that does not exist.
     """
     joints: dict[End, list[End]] = defaultdict(list)
     for road in document.roads.values():
@@ -31,7 +32,7 @@ def find_joints(document: Document) -> dict[End, list[End]]:
             if link is None or link.kind != "road":
                 continue
             if link.target not in document.roads:
-                raise ValueError(
+                raise InputError(
                     f"{document.path}: road {road.id!r}: its {contact} is linked to road {link.target!r}, which "
                     "does not exist; export the whole network, or remove the link"
                 )
@@ -44,7 +45,7 @@ def find_joints(document: Document) -> dict[End, list[End]]:
             where = f"{document.path}: junction {junction.id!r}"
             for name in (connection.incoming, connection.connecting):
                 if name not in document.roads:
-                    raise ValueError(
+                    raise InputError(
                         f"{where}: a connection names road {name!r}, which does not exist; export the whole network"
                     )
             contact = _incoming_end(document, junction.id, connection)
@@ -71,7 +72,7 @@ def lost_junctions(document: Document) -> list[str]:
 def _join(document: Document, joints: dict[End, list[End]], first: End, second: End) -> None:
     lanes = [end_section(document.roads[road], contact).lanes.get(lane) for road, contact, lane in (first, second)]
     if lanes[1] is None:
-        raise ValueError(
+        raise InputError(
             f"{document.path}: road {first[0]!r}: lane {first[2]} is linked to lane {second[2]} at the {second[1]} of "
             f"road {second[0]!r}, which does not exist; correct the lane link"
         )

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mmw.errors import InputError
 from mmw.importers.opendrive_edges import Sheets
 from mmw.importers.opendrive_joints import DRIVEN, End, find_joints, lost_junctions
 from mmw.importers.opendrive_shape import RoadShape
@@ -62,7 +63,7 @@ def build_lanes(
         sheets: All road surfaces; lanes lie on them.
 
     Raises:
-        ValueError: If a link names what does not exist, or lanes that are linked end more than 0.5 m apart.
+        InputError: If a link names what does not exist, or lanes that are linked end more than 0.5 m apart.
     """
     chains = [chain for key, shape in shapes.items() for chain in _chains(shape, names[key])]
     if not chains:
@@ -294,7 +295,7 @@ def _meet(
                 dropped += 1
             elif size > LARGEST_GAP:
                 x, y, z = points[name][-1]
-                raise ValueError(
+                raise InputError(
                     f"{document.path}: road {chains[name].shape.road.id!r}: lane {name} ends at ({x:.2f}, {y:.2f}, "
                     f"{z:.2f}), {size:.2f} m from lane {other} that it is linked to; {LARGEST_GAP} m or less is "
                     "needed; correct the link or the shape of the road"
@@ -308,7 +309,7 @@ def _meet(
         for other in following:
             gap = float(np.linalg.norm(points[other][0] - points[name][-1]))
             if gap > 0.01:
-                raise ValueError(
+                raise InputError(
                     f"{document.path}: lane {name} and lane {other} cannot be made to meet: {gap:.3f} m remain, "
                     "because several lanes with different ends are linked there; let the roads end at one place"
                 )

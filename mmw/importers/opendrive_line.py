@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mmw.errors import InputError
 from mmw.importers.opendrive_xml import RoadRecord, number
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(10)
@@ -67,7 +68,7 @@ def make_line(road: RoadRecord, where: str, file_origin: np.ndarray) -> Referenc
         file_origin: Point of the file that becomes the origin [m], shape [2].
 
     Raises:
-        ValueError: If a piece has no known geometry, or one without the attributes that it needs.
+        InputError: If a piece has no known geometry, or one without the attributes that it needs.
     """
     pieces = []
     for element in road.geometry:
@@ -79,14 +80,14 @@ def make_line(road: RoadRecord, where: str, file_origin: np.ndarray) -> Referenc
         shapes = [child for child in element if child.tag in SHAPES]
         if not shapes:
             found = ", ".join(f"<{child.tag}>" for child in element) or "nothing"
-            raise ValueError(
+            raise InputError(
                 f"{where}: geometry at s = {station:g} holds {found}; one of {', '.join(SHAPES)} is needed; "
                 "export the road with these"
             )
         curve = SHAPES[shapes[0].tag](shapes[0], length, where)
         pieces.append(Piece(station, origin, number(element, "hdg", where), length, curve))
     if not pieces:
-        raise ValueError(f"{where}: every geometry has length 0; a road with a length is needed; correct the file")
+        raise InputError(f"{where}: every geometry has length 0; a road with a length is needed; correct the file")
     return ReferenceLine(tuple(sorted(pieces, key=lambda piece: piece.station)))
 
 
@@ -134,7 +135,7 @@ def _param_poly3(element: ElementTree.Element, length: float, where: str) -> Cur
     u, v = (np.array([number(element, key + axis, where) for key in "abcd"]) for axis in "UV")
     span = element.get("pRange", "normalized")
     if span not in ("arcLength", "normalized"):
-        raise ValueError(f"{where}: paramPoly3 pRange {span!r}; arcLength or normalized is needed; correct the file")
+        raise InputError(f"{where}: paramPoly3 pRange {span!r}; arcLength or normalized is needed; correct the file")
     return _parametric(u, v, length if span == "arcLength" else 1.0, length, is_whole=True)
 
 

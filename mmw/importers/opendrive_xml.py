@@ -10,6 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
+from mmw.errors import InputError
+
 SPEED_UNIT = {"m/s": 1.0, "km/h": 1 / 3.6, "mph": 0.44704, "": 1.0}
 """Unit of a speed limit -> metres per second."""
 
@@ -147,31 +149,31 @@ def read_document(path: Path) -> Document:
     """Read an OpenDRIVE file.
 
     Raises:
-        ValueError: If it is not OpenDRIVE, has no road, or a record lacks an attribute or has a wrong one.
+        InputError: If it is not OpenDRIVE, has no road, or a record lacks an attribute or has a wrong one.
     """
     try:
         root = ElementTree.parse(path).getroot()
     except OSError as error:
-        raise ValueError(f"{path}: cannot be read ({error.strerror}); give the path of a .xodr file") from None
+        raise InputError(f"{path}: cannot be read ({error.strerror}); give the path of a .xodr file") from None
     except ElementTree.ParseError as error:
-        raise ValueError(f"{path}: broken XML ({error}); export the file again") from None
+        raise InputError(f"{path}: broken XML ({error}); export the file again") from None
     for element in root.iter():
         element.tag = str(element.tag).rpartition("}")[2]  # 1.8 files may have a namespace
     if root.tag != "OpenDRIVE":
-        raise ValueError(f"{path}: root element <{root.tag}>; <OpenDRIVE> is needed; give an OpenDRIVE file")
+        raise InputError(f"{path}: root element <{root.tag}>; <OpenDRIVE> is needed; give an OpenDRIVE file")
     document = Document(path)
     skipped = {"objects": 0, "signals": 0, "shape": 0, "crossfall": 0}
     for element in root.findall("road"):
         where = f"{path}: road {element.get('id')!r}"
         road = _road(element, where)
         if road.id in document.roads:
-            raise ValueError(f"{where}: the id is used twice; ids must differ; export the file again")
+            raise InputError(f"{where}: the id is used twice; ids must differ; export the file again")
         document.roads[road.id] = road
         for tag in skipped:
             found = element.find(f"lateralProfile/{tag}" if tag in ("shape", "crossfall") else tag)
             skipped[tag] += 0 if found is None else max(1, len(found))
     if not document.roads:
-        raise ValueError(f"{path}: has no road; an OpenDRIVE file with <road> elements is needed; export it again")
+        raise InputError(f"{path}: has no road; an OpenDRIVE file with <road> elements is needed; export it again")
     for element in root.findall("junction"):
         junction = _junction(element, f"{path}: junction {element.get('id')!r}")
         document.junctions[junction.id] = junction
@@ -187,7 +189,7 @@ def number(element: ElementTree.Element, name: str, where: str, default: float |
     """Return an attribute as a number.
 
     Raises:
-        ValueError: If it is missing and has no default, or is not a finite number.
+        InputError: If it is missing and has no default, or is not a finite number.
     """
     text = element.get(name)
     if text is None and default is not None:
@@ -198,7 +200,7 @@ def number(element: ElementTree.Element, name: str, where: str, default: float |
         value = math.nan
     if not math.isfinite(value):
         found = "is missing" if text is None else f"is {text!r}"
-        raise ValueError(f"{where}: <{element.tag}> attribute {name} {found}; a number is needed; correct the file")
+        raise InputError(f"{where}: <{element.tag}> attribute {name} {found}; a number is needed; correct the file")
     return value
 
 
@@ -217,7 +219,7 @@ def _speeds(elements: list[ElementTree.Element], where: str, key: str, shift: fl
         if text in ("no limit", "undefined"):
             continue
         if unit not in SPEED_UNIT:
-            raise ValueError(f"{where}: speed unit {unit!r}; m/s, km/h or mph is needed; correct the file")
+            raise InputError(f"{where}: speed unit {unit!r}; m/s, km/h or mph is needed; correct the file")
         value = number(element, "max", where) * SPEED_UNIT[unit]
         if value > 0:
             found.append((number(element, key, where, 0.0) + shift, value))
@@ -227,15 +229,15 @@ def _speeds(elements: list[ElementTree.Element], where: str, key: str, shift: fl
 def _road(element: ElementTree.Element, where: str) -> RoadRecord:
     length = number(element, "length", where)
     if element.get("id") is None or length <= 0:
-        raise ValueError(f"{where}: length {length}; an id and a positive length are needed; correct the file")
+        raise InputError(f"{where}: length {length}; an id and a positive length are needed; correct the file")
     geometry = tuple(element.findall("planView/geometry"))
     if not geometry:
-        raise ValueError(f"{where}: has no planView geometry; at least one piece is needed; export the file again")
+        raise InputError(f"{where}: has no planView geometry; at least one piece is needed; export the file again")
     starts = [number(section, "s", where) for section in element.findall("lanes/laneSection")]
     if not starts:
-        raise ValueError(f"{where}: has no laneSection; at least one is needed; export the file again")
+        raise InputError(f"{where}: has no laneSection; at least one is needed; export the file again")
     if starts != sorted(starts):
-        raise ValueError(f"{where}: lane sections are not in ascending order of s; sort them")
+        raise InputError(f"{where}: lane sections are not in ascending order of s; sort them")
     ends = [*starts[1:], length]
     sections = tuple(
         _section(section, start, end, where)
@@ -244,7 +246,7 @@ def _road(element: ElementTree.Element, where: str) -> RoadRecord:
     )
     rule = element.get("rule", "RHT")
     if rule not in ("RHT", "LHT"):
-        raise ValueError(f"{where}: rule {rule!r}; RHT or LHT is needed; correct the file")
+        raise InputError(f"{where}: rule {rule!r}; RHT or LHT is needed; correct the file")
     types = element.findall("type")
     speeds = [(number(t, "s", where, 0.0), s) for t in types for _, s in _speeds(t.findall("speed"), where, "s", 0.0)]
     junction = element.get("junction", "-1")
@@ -271,19 +273,19 @@ def _link(element: ElementTree.Element | None, where: str) -> Link | None:
     if kind == "road" and contact not in ("start", "end"):
         if element.get("elementS") is not None:
             return None  # a virtual connection in the middle of a road
-        raise ValueError(f"{where}: link to road {element.get('elementId')!r} has no contactPoint; add start or end")
+        raise InputError(f"{where}: link to road {element.get('elementId')!r} has no contactPoint; add start or end")
     return Link(kind, element.get("elementId", ""), contact if kind == "road" else "")
 
 
 def _section(element: ElementTree.Element, start: float, end: float, where: str) -> Section:
     if element.get("singleSide") in ("true", "1"):
-        raise ValueError(f"{where}: laneSection at s = {start} holds for one side only; give both sides at every s")
+        raise InputError(f"{where}: laneSection at s = {start} holds for one side only; give both sides at every s")
     lanes = {}
     for side in ("left", "center", "right"):
         for lane in element.findall(f"{side}/lane"):
             record = _lane(lane, start, where)
             if (record.number > 0) != (side == "left") or (record.number < 0) != (side == "right"):
-                raise ValueError(
+                raise InputError(
                     f"{where}: lane {record.number} stands in <{side}>; left lanes are positive; correct it"
                 )
             lanes[record.number] = record
@@ -292,7 +294,7 @@ def _section(element: ElementTree.Element, start: float, end: float, where: str)
     for side in (1, -1):
         found = sorted(abs(n) for n in lanes if n * side > 0)
         if found != list(range(1, len(found) + 1)):
-            raise ValueError(
+            raise InputError(
                 f"{where}: lanes at s = {start} are numbered {found}; 1, 2, 3 ... are needed; renumber them"
             )
     return Section(start, end, lanes)
@@ -303,7 +305,7 @@ def _lane(element: ElementTree.Element, start: float, where: str) -> LaneRecord:
     where = f"{where}: lane {lane} at s = {start:g}"
     widths, borders = element.findall("width"), element.findall("border")
     if lane and not widths and not borders:
-        raise ValueError(f"{where}: has neither width nor border; one is needed; export the file again")
+        raise InputError(f"{where}: has neither width nor border; one is needed; export the file again")
     links = [element.find(f"link/{name}") for name in ("predecessor", "successor")]
     before, after = (None if link is None else int(number(link, "id", where)) for link in links)
     marks = tuple(sorted((_mark(m, start, where) for m in element.findall("roadMark")), key=lambda m: m.start))

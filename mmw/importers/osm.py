@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import shapely
 
+from mmw.errors import InputError
 from mmw.importers.osm_buildings import Body, build_body, find_bodies, shared_walls
 from mmw.importers.osm_ground import build_ground, plan_ground
 from mmw.importers.osm_materials import Palette
@@ -33,14 +34,14 @@ def read_osm(path: str | Path, origin: tuple[float, float] | None = None) -> Wor
         Buildings as closed solids that reach 0.5 m into the ground, the ground at z = 0, trees. No lanes.
 
     Raises:
-        ValueError: If the file is no extract, is broken, is larger than 20 km or holds neither buildings nor roads.
+        InputError: If the file is no extract, is broken, is larger than 20 km or holds neither buildings nor roads.
     """
     extract = read_extract(Path(path), origin)
     palette = Palette()
     bodies, notes = find_bodies(extract, palette)
     is_road = any(way.tags.get("highway") and len(way.xy) > 1 for way in extract.ways)
     if not bodies and not is_road:
-        raise ValueError(
+        raise InputError(
             f"{path}: holds neither buildings nor roads; an extract with them is needed; choose another area"
         )
     walls = shared_walls(bodies)

@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import shapely
 
+from mmw.errors import InputError
+
 SEMI_MAJOR = 6378137.0
 """Semi-major axis of the earth [m]. Source: WGS-84."""
 FLATTENING = 1 / 298.257223563
@@ -77,26 +79,26 @@ def read_extract(path: Path, origin: tuple[float, float] | None) -> Extract:
         origin: Latitude and longitude of (0, 0) [deg]; the middle of the extract's `bounds` if None, or of its nodes.
 
     Raises:
-        ValueError: If it is no OSM file, a node has no position on the earth, or the extract is too large.
+        InputError: If it is no OSM file, a node has no position on the earth, or the extract is too large.
     """
     try:
         root = ElementTree.parse(path).getroot()
     except OSError as error:
-        raise ValueError(f"{path}: cannot be read ({error.strerror}); give the path of an .osm file") from None
+        raise InputError(f"{path}: cannot be read ({error.strerror}); give the path of an .osm file") from None
     except ElementTree.ParseError as error:
-        raise ValueError(f"{path}: broken XML ({error}); download the extract again") from None
+        raise InputError(f"{path}: broken XML ({error}); download the extract again") from None
     if root.tag != "osm":
-        raise ValueError(f"{path}: root element <{root.tag}>; <osm> is needed; give an OpenStreetMap extract")
+        raise InputError(f"{path}: root element <{root.tag}>; <osm> is needed; give an OpenStreetMap extract")
     nodes = [node for node in root.findall("node") if node.get("action") != "delete" and node.get("lat") is not None]
     if not nodes:
-        raise ValueError(f"{path}: has no nodes; an extract with nodes and ways is needed; download it again")
+        raise InputError(f"{path}: has no nodes; an extract with nodes and ways is needed; download it again")
     position = np.array([_position(node, path) for node in nodes])
     low, high = position.min(axis=0), position.max(axis=0)
     if origin is None:
         low, high = _box(root, path) or (low, high)  # openstreetmap.org gives ways as a whole, far beyond the box
         origin = tuple(np.round(0.5 * (low + high), 6).tolist())
     elif not (abs(origin[0]) <= 90 and abs(origin[1]) <= 180):
-        raise ValueError(
+        raise InputError(
             f"{path}: origin {origin}; latitude -90 to 90 and longitude -180 to 180 are needed; correct it"
         )
     xy = to_plane(position[:, 0], position[:, 1], origin)
@@ -125,7 +127,7 @@ def read_extract(path: Path, origin: tuple[float, float] | None) -> Extract:
     size = np.ptp(np.concatenate(used), axis=0).max() if used else 0.0
     far = max((float(np.abs(line).max()) for line in used), default=0.0)
     if size > LARGEST or far > LARGEST:
-        raise ValueError(
+        raise InputError(
             f"{path}: the extract is {size / 1e3:.1f} km wide and reaches {far / 1e3:.1f} km from the origin; "
             f"{LARGEST / 1e3:.0f} km or less are needed; cut out a smaller area"
         )
@@ -144,7 +146,7 @@ def _box(root: ElementTree.Element, path: Path) -> tuple[np.ndarray, np.ndarray]
         values = np.full(4, np.nan)
     low, high = values[:2], values[2:]
     if not ((np.abs(values) <= [90, 180, 90, 180]).all() and (low <= high).all()):
-        raise ValueError(f"{path}: <bounds> are {', '.join(corners)}; degrees are needed; correct or remove the line")
+        raise InputError(f"{path}: <bounds> are {', '.join(corners)}; degrees are needed; correct or remove the line")
     return low, high
 
 
@@ -154,7 +156,7 @@ def _position(node: ElementTree.Element, path: Path) -> tuple[float, float]:
     except ValueError:
         lat = lon = float("nan")
     if not (abs(lat) <= 90 and abs(lon) <= 180):
-        raise ValueError(
+        raise InputError(
             f"{path}: node {node.get('id')}: lat {node.get('lat')!r}, lon {node.get('lon')!r}; -90 to 90 and -180 to "
             "180 degrees are needed; download the extract again"
         )

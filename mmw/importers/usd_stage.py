@@ -33,7 +33,7 @@ def read_usd(path: str | Path, *, unit_m: float = 0.0, origin: Sequence[float] =
         origin: Point of the world [m] that becomes (0, 0, 0).
 
     Raises:
-        ValueError: If the file cannot be read, a layer is missing, or a mesh is broken.
+        InputError: If the file cannot be read, a layer is missing, or a mesh is broken.
     """
     path = Path(path)
     stage = open_stage(path)

@@ -5,6 +5,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from xml.parsers import expat
 
+from mmw.errors import InputError
+
 
 @dataclass
 class XmlNode:
@@ -22,10 +24,10 @@ class XmlNode:
         """Return an attribute that must be there.
 
         Raises:
-            ValueError: If it is missing.
+            InputError: If it is missing.
         """
         if name not in self.attributes:
-            raise ValueError(f"{self.where}: <{self.tag}> has no {name!r}; it is needed; add it")
+            raise InputError(f"{self.where}: <{self.tag}> has no {name!r}; it is needed; add it")
         return self.attributes[name]
 
     def find(self, *tags: str) -> Iterator["XmlNode"]:
@@ -37,12 +39,12 @@ def read_xml(path: Path) -> XmlNode:
     """Return the root element of a file.
 
     Raises:
-        ValueError: If the file is missing, empty or no well-formed XML.
+        InputError: If the file is missing, empty or no well-formed XML.
     """
     try:
         data = path.read_bytes()
     except OSError as error:
-        raise ValueError(f"{path}: cannot be read ({error.strerror}); give an existing XML file") from None
+        raise InputError(f"{path}: cannot be read ({error.strerror}); give an existing XML file") from None
     parser = expat.ParserCreate()
     parser.buffer_text = True
     top = XmlNode("", {}, str(path), path.parent)
@@ -59,5 +61,5 @@ def read_xml(path: Path) -> XmlNode:
         parser.Parse(data, True)
     except expat.ExpatError as error:
         reason = expat.ErrorString(error.code)
-        raise ValueError(f"{path}:{error.lineno}: not well-formed XML ({reason}); correct that line") from None
+        raise InputError(f"{path}:{error.lineno}: not well-formed XML ({reason}); correct that line") from None
     return top.children[0]

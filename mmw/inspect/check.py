@@ -45,7 +45,7 @@ def stage_path(name: str) -> Path:
     """Return the USD file that a command names: a path, or the name of a shipped town.
 
     Raises:
-        ValueError: If no shipped town has the name.
+        InputError: If no shipped town has the name.
     """
     return Path(name) if Path(name).suffix else town_path(name)
 
@@ -61,7 +61,7 @@ def check_stage(
         radio_rows: Radio materials that exist; None to leave that to the run.
 
     Raises:
-        ValueError: If USD cannot read the file.
+        InputError: If USD cannot read the file.
     """
     world = open_world(path)
     found = [*world.problems, *_usd_findings(world), *material_findings(world, material_map or {}, radio_rows)]

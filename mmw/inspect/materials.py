@@ -5,6 +5,7 @@ from collections.abc import Collection, Mapping
 
 from pxr import Usd, UsdShade
 
+from mmw.errors import InputError
 from mmw.inspect.findings import Finding
 from mmw.inspect.world import Part, World
 from mmw.usd.materials import read_material, resolve_material
@@ -52,7 +53,7 @@ def _lacks(
     else:
         try:
             radio = read_material(stage, use).radio
-        except ValueError as error:
+        except InputError as error:
             found.append(("error", "radio_material", str(error), "correct the attributes"))
         else:
             if radio.model == "itu" and radio_rows is not None and radio.itu not in radio_rows:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from pxr import Usd
 
+from mmw.errors import InputError
 from mmw.inspect.findings import Finding
 from mmw.ray_tree import RayMesh
 from mmw.town.asset import DRIVABLE_LABELS
@@ -119,7 +120,7 @@ def open_world(path: Path) -> World:
     """Open a stage and read it, as far as that is possible.
 
     Raises:
-        ValueError: If there is no such file, or USD cannot read it.
+        InputError: If there is no such file, or USD cannot read it.
     """
     start = time.perf_counter()
     stage = open_stage(path)
@@ -140,7 +141,7 @@ def _read_parts(stage: Usd.Stage, metres: np.ndarray) -> tuple[list[Part], list[
     actors = {}
     try:
         actors = {actor.path: actor for actor in find_actors(stage, {}) if actor.role != "rsu"}
-    except ValueError as error:
+    except InputError as error:
         problems.append(Finding("error", "actors", "", str(error)))
     moves: dict[str, bool] = {}
     meshes = reader.meshes()
@@ -149,13 +150,13 @@ def _read_parts(stage: Usd.Stage, metres: np.ndarray) -> tuple[list[Part], list[
             mesh = next(meshes)
         except StopIteration:
             return parts, problems
-        except ValueError as error:
+        except InputError as error:
             problems.append(Finding("error", "mesh", "", str(error)))
             return parts, problems
         path = str(mesh.prim.GetPath())
         try:
             triangles = reader.triangles(mesh.prim)
-        except ValueError as error:
+        except InputError as error:
             problems.append(Finding("error", "mesh", path, str(error).removeprefix(f"{path}: ")))
             continue
         if not len(triangles.faces):
@@ -203,5 +204,5 @@ def _read_lanes(stage: Usd.Stage) -> tuple[LaneGraph | None, list[Finding]]:
         return None, []
     try:
         return read_lanes(stage, "/"), []
-    except ValueError as error:
+    except InputError as error:
         return None, [Finding("error", "lanes", "", str(error))]

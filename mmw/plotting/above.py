@@ -6,6 +6,7 @@ import numpy as np
 
 from mmw.dataset.frame import Agent
 from mmw.dataset.geometry import from_world
+from mmw.errors import InputError
 from mmw.plotting.style import BOX_STYLES, DARK, ORANGE, box_kind, object_color
 
 LIDAR_COLORS = ("intensity", "object", "height", "label")
@@ -45,10 +46,10 @@ def draw_lidar(
         What a colour bar needs; None for `object` and `label`.
 
     Raises:
-        ValueError: If the agent has no sweep of this sensor in the frame, or `color` is none of these.
+        InputError: If the agent has no sweep of this sensor in the frame, or `color` is none of these.
     """
     if color not in LIDAR_COLORS:
-        raise ValueError(f"color={color!r}: one of {', '.join(LIDAR_COLORS)} is needed; change it")
+        raise InputError(f"color={color!r}: one of {', '.join(LIDAR_COLORS)} is needed; change it")
     cloud = _one(agent, agent.sweeps, sensor, "LiDAR sweep")
     place = from_world(agent.pose, cloud.world)
     is_shown = (np.abs(place[:, :2]) <= extent_m).all(axis=1)
@@ -96,7 +97,7 @@ def draw_radar(
         What a colour bar needs.
 
     Raises:
-        ValueError: If the agent has no sample of this sensor in the frame.
+        InputError: If the agent has no sample of this sensor in the frame.
     """
     cloud = _one(agent, agent.radars, sensor, "radar sample")
     place = from_world(agent.pose, cloud.world)
@@ -146,7 +147,7 @@ def draw_boxes_above(axes: Any, agent: Agent, extent_m: float, color: str | None
 def _one(agent: Agent, found: dict[str, Any], sensor: str, what: str) -> Any:
     if not found or (sensor and sensor not in found):
         frame = agent.frame
-        raise ValueError(
+        raise InputError(
             f"{frame.data.root}: {agent.name} has no {what}{f' of {sensor!r}' if sensor else ''} in frame "
             f"{frame.frame} of {frame.scenario} {frame.weather}; it has {', '.join(found) or 'none'}; name another"
         )

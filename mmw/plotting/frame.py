@@ -8,6 +8,7 @@ import numpy as np
 
 from mmw.dataset import Dataset, Frame
 from mmw.dataset.frame import Agent, View
+from mmw.errors import InputError
 from mmw.plotting.above import draw_lidar, draw_radar
 from mmw.plotting.images import draw_camera, draw_depth
 from mmw.plotting.style import box_legend, new_figure, side_bar
@@ -66,7 +67,7 @@ def render_frame(
         The figure.
 
     Raises:
-        ValueError: If the dataset has no such frame or agent, the agent has no sample of any sensor in it, or `color`
+        InputError: If the dataset has no such frame or agent, the agent has no sample of any sensor in it, or `color`
             or `boxes` is none of the words.
         ImportError: If matplotlib is not installed.
     """
@@ -74,7 +75,7 @@ def render_frame(
     panels = choose_panels(found, agent)
     below = len(panels.lidars) + len(panels.radars) + len(panels.depths)
     if not panels.cameras and not below:
-        raise ValueError(
+        raise InputError(
             f"{data.root}: {agent or 'no agent'} has no camera, LiDAR or radar sample in frame {frame} of {scenario} "
             f"{weather}; name another frame or agent"
         )
@@ -97,11 +98,11 @@ def choose_panels(frame: Frame, agent: str | None) -> Panels:
     """Return what a figure of a frame shows, see `render_frame`.
 
     Raises:
-        ValueError: If the frame has no such agent.
+        InputError: If the frame has no such agent.
     """
     agents = list(frame.agents.values())
     if agent is not None and agent not in frame.agents:
-        raise ValueError(
+        raise InputError(
             f"{frame.data.root}: frame {frame.frame} of {frame.scenario} {frame.weather} has no agent {agent!r}; it "
             f"has {', '.join(frame.agents) or 'none'}; name one"
         )

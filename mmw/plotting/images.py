@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from mmw.dataset.frame import View
+from mmw.errors import InputError
 from mmw.plotting.style import BOX_STYLES, box_kind
 
 EDGES = np.array([[a, b] for a in range(8) for b in range(a + 1, 8) if bin(a ^ b).count("1") == 1])
@@ -39,7 +40,7 @@ def draw_camera(axes: Any, view: View, *, boxes: str = "seen", farthest_m: float
         Kinds of the boxes that were drawn, keys of `BOX_STYLES`.
 
     Raises:
-        ValueError: If `boxes` is none of the three.
+        InputError: If `boxes` is none of the three.
     """
     image = view.rgb
     _show(axes, view, image)
@@ -61,7 +62,7 @@ def draw_depth(axes: Any, view: View, *, boxes: str = "seen", farthest_m: float 
         What a colour bar needs; None if no depth is stored.
 
     Raises:
-        ValueError: If `boxes` is none of the three.
+        InputError: If `boxes` is none of the three.
     """
     from matplotlib.colors import LogNorm
 
@@ -88,7 +89,7 @@ def _draw_boxes(axes: Any, view: View, which: str, farthest_m: float, has_image:
     from matplotlib.collections import LineCollection
 
     if which not in ("seen", "all", "none"):
-        raise ValueError(f"boxes={which!r}: seen, all or none is needed; change it")
+        raise InputError(f"boxes={which!r}: seen, all or none is needed; change it")
     rows = view.frame.boxes
     if which == "none" or not len(rows):
         return set()

@@ -9,6 +9,7 @@ import numpy as np
 from mmw.constants import FRAME_DT
 from mmw.dataset import BeamSearch, Dataset
 from mmw.dataset.frame import Link
+from mmw.errors import InputError
 from mmw.plotting.rays import find_link, gains_db
 from mmw.plotting.style import BLUE, GREEN, GREY, ORANGE, PURPLE, RED, at_least, new_figure, plain_axes
 from mmw.poses import normalize, quaternion_to_matrix
@@ -59,7 +60,7 @@ def read_link(
     """Return a link over time, at the first carrier if none is given.
 
     Raises:
-        ValueError: If the dataset has no such link or carrier.
+        InputError: If the dataset has no such link or carrier.
     """
     where = {"scenario": scenario, "weather": weather}
     rows = data.numpy("links", columns=[*SERIES, "agent"], frames=frames, **where)
@@ -67,13 +68,13 @@ def read_link(
     if not is_own.any():
         ends = sorted(set(zip(rows["peer"], rows["agent"], strict=True)))
         known = ", ".join(f"{peer} to {agent}" for peer, agent in ends[:8]) + (" and more" if len(ends) > 8 else "")
-        raise ValueError(
+        raise InputError(
             f"{data.root}: has no link {tx} to {rx} in {scenario} {weather}; it has {known or 'none'}; name one"
         )
     carriers = np.unique(rows["carrier_hz"][is_own])
     if carrier_hz is not None and carrier_hz not in carriers:
         listed = ", ".join(f"{carrier:g}" for carrier in carriers)
-        raise ValueError(f"{data.root}: link {tx} to {rx} has no carrier {carrier_hz:g} Hz; it has {listed}; name one")
+        raise InputError(f"{data.root}: link {tx} to {rx} has no carrier {carrier_hz:g} Hz; it has {listed}; name one")
     is_own &= rows["carrier_hz"] == (carriers[0] if carrier_hz is None else carrier_hz)
     order = np.flatnonzero(is_own)[np.argsort(rows["frame"][is_own], kind="stable")]
     return LinkSeries(rows["frame"][order].astype(np.int64), {name: values[order] for name, values in rows.items()})
@@ -145,7 +146,7 @@ def plot_link(
         The figure.
 
     Raises:
-        ValueError: If the dataset has no such link, carrier or frame.
+        InputError: If the dataset has no such link, carrier or frame.
         ImportError: If matplotlib is not installed.
     """
     series = read_link(data, scenario, weather, tx, rx, carrier_hz, frames)

@@ -6,6 +6,7 @@ import numpy as np
 
 from mmw.dataset import Dataset, Frame
 from mmw.dataset.frame import Link
+from mmw.errors import InputError
 from mmw.plotting.style import BLUE, BOX_STYLES, GREY, ORANGE, PATH_MARKS, box_kind, new_figure, plain_axes
 from mmw.plotting.town_plan import TownPlan, read_town_plan
 
@@ -59,7 +60,7 @@ def plot_paths(
         The figure. A link without any path is drawn without paths, and the title says so.
 
     Raises:
-        ValueError: If the dataset has no such frame, link or carrier.
+        InputError: If the dataset has no such frame, link or carrier.
         ImportError: If matplotlib is not installed.
     """
     found = data.frame(scenario, weather, frame)
@@ -84,13 +85,13 @@ def find_link(frame: Frame, tx: str, rx: str, carrier_hz: float | None) -> Link:
     """Return a link of a frame.
 
     Raises:
-        ValueError: If there is no such link, or no such carrier.
+        InputError: If there is no such link, or no such carrier.
     """
     ends = [link for link in frame.links if (link.peer, link.agent) == (tx, rx)]
     if not ends:
         known = list(dict.fromkeys(f"{link.peer} to {link.agent}" for link in frame.links))
         listed = ", ".join(known[:8]) + (" and more" if len(known) > 8 else "")
-        raise ValueError(
+        raise InputError(
             f"{frame.data.root}: frame {frame.frame} of {frame.scenario} {frame.weather} has no link {tx} to {rx}; "
             f"it has {listed or 'none'}; name one of these"
         )
@@ -98,7 +99,7 @@ def find_link(frame: Frame, tx: str, rx: str, carrier_hz: float | None) -> Link:
         if carrier_hz is None or link.carrier_hz == carrier_hz:
             return link
     listed = ", ".join(f"{link.carrier_hz:g}" for link in ends)
-    raise ValueError(
+    raise InputError(
         f"{frame.data.root}: link {tx} to {rx} has no carrier {carrier_hz:g} Hz; it has {listed}; name one"
     )
 

@@ -4,6 +4,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from mmw.extras import needed_by
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
 
@@ -41,10 +43,8 @@ def new_figure(figure: "Figure | SubFigure | None", size: tuple[float, float]) -
     """Return the figure to draw into, a new one of the size [inch] if none is given; it belongs to no window."""
     if figure is not None:
         return figure
-    try:
+    with needed_by("mmw.plotting"):
         from matplotlib.figure import Figure
-    except ImportError as error:
-        raise ImportError("mmw.plotting needs matplotlib; install it with: pip install 'mmw[plot]'") from error
     return Figure(figsize=size, layout="constrained")
 
 

@@ -47,7 +47,7 @@ def read_town_plan(data: Dataset, scenario: str) -> TownPlan:
         scenario: Scenario name.
 
     Raises:
-        ValueError: If the stage cannot be read.
+        InputError: If the stage cannot be read.
     """
     if data.filesystem is not None:
         return TownPlan()

@@ -20,7 +20,7 @@ def record_cameras(job: Job, frames: Sequence[int], collected: Rows) -> None:
     """Add the images of all RGB and depth cameras, and what the same rays show.
 
     Raises:
-        ValueError: If a shard would hold more unrounded depths than a list column takes, or the scene more objects
+        InputError: If a shard would hold more unrounded depths than a list column takes, or the scene more objects
             than an instance image.
     """
     cameras = [sensor for sensor in job.config.sensors if isinstance(sensor, RgbConfig | DepthConfig)]

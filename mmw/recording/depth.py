@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 from mmw.config import DepthConfig
+from mmw.errors import InputError
 from mmw.kernels.depth import DepthImages
 from mmw.recording.job import Job, Rows
 from mmw.recording.launches import Shot, images_of
@@ -37,13 +38,13 @@ def check_lists(job: Job, sensors: Sequence[DepthConfig]) -> None:
     """Check that a shard's unrounded depths fit into a list column.
 
     Raises:
-        ValueError: With the camera that has too many, and how many frames fit.
+        InputError: With the camera that has too many, and how many frames fit.
     """
     for sensor in sensors:
         each = len(sensor_actors(job.arrays, sensor)) * sensor.width_px * sensor.height_px
         frames = min(job.config.output.shard_frames, job.config.frames_of(job.scenario).count)
         if sensor.format == "float32" and frames * each > MOST_LISTED:
-            raise ValueError(
+            raise InputError(
                 f"sensor {sensor.name!r}: format = float32 gives {frames * each} depths a shard; "
                 f"a column holds {MOST_LISTED}; use output.shard_frames: {max(MOST_LISTED // each, 1)} or less"
             )

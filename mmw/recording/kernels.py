@@ -17,14 +17,16 @@ from pathlib import Path
 import warp as wp
 from filelock import Timeout
 
+from mmw.bvh import select_bvh
 from mmw.config import Config, DepthConfig, LidarConfig, RadarConfig, RgbConfig
 from mmw.tables.lock import only_one
 
 MOST_THREADS = 4
 """Threads of a worker that compile at most; each takes about 0.5 GB. Design value."""
 
-BLOCKS = {"lidar_returns": (256, 64), "radar": (64, 256)} | dict.fromkeys(
-    ("channel_refine", "depth", "lidar", "lighting", "mirror", "picture", "sight", "visibility"), (64,)
+BLOCKS = {"lidar_returns": (256, 64)} | dict.fromkeys(
+    ("channel_refine", "depth", "lidar", "lighting", "mirror", "picture", "radar", "sight", "trace", "visibility"),
+    (64,),
 )
 """Module -> threads of a block in its launches, where it is not 256 alone; on a GPU each is compiled by itself."""
 
@@ -75,7 +77,11 @@ def compiled_ahead(config: Config, device: str) -> Iterator[list[Future[None]]]:
 
     Yields:
         One future a thread.
+
+    Raises:
+        InputError: If this process has built trees of another kind than the configuration's `compute.bvh`.
     """
+    select_bvh(config.compute.bvh)  # the kernels of either kind are others
     is_cpu = wp.get_device(device).is_cpu
     waiting = deque(
         (name, block)

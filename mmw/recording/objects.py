@@ -45,7 +45,7 @@ def record_objects(job: Job, shot: Shot, launch: Launch, seen: Seen, boxes: Boxe
     """Add segmentation, 2-D boxes and visible pixels of one camera; they are the same in every weather.
 
     Raises:
-        ValueError: If the scene has more objects than an instance image tells.
+        InputError: If the scene has more objects than an instance image tells.
     """
     sensor, views, arrays = shot.sensor, launch.views.take(shot.rows), job.arrays
     if sensor.segmentation:

@@ -10,7 +10,8 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from mmw.config import Config, ConfigError, load_config
+from mmw.config import Config, load_config
+from mmw.errors import InputError
 from mmw.shards import shard_keys
 from mmw.tables.manifest import CONFIG, DATASET, MANIFEST, pending_scenarios, pending_shards, read_dataset, read_markers
 from mmw.tables.schemas import TABLES
@@ -87,7 +88,7 @@ def take_inventory(root: Path) -> Inventory:
     """Return what there is in a dataset.
 
     Raises:
-        ValueError: If the folder is no dataset.
+        InputError: If the folder is no dataset.
     """
     head, markers, notes = read_dataset(root), read_markers(root), []
     unread = sum(1 for _ in (root / MARKERS).glob("*.json")) - len(markers)
@@ -99,8 +100,8 @@ def take_inventory(root: Path) -> Inventory:
     config, planned, pending = None, None, []
     try:
         config = load_config(root / CONFIG)
-    except (ConfigError, ValueError, OSError) as error:
-        reason = "; ".join(error.problems) if isinstance(error, ConfigError) else str(error)
+    except (InputError, OSError) as error:
+        reason = "; ".join(error.problems) if isinstance(error, InputError) else str(error)
         notes.append(f"{CONFIG} cannot be read, so what is still to make is not known ({' '.join(reason.split())})")
     if config is not None:
         keys = [key for scenario in config.scenarios for key in shard_keys(config, scenario)]

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from mmw import __version__
 from mmw.dataset import Dataset, open_dataset
+from mmw.errors import InputError
 from mmw.plotting.town_plan import TownPlan, read_town_plan
 from mmw.reporting.html import paragraph, section, text
 from mmw.reporting.inventory import Inventory, take_inventory
@@ -48,11 +49,11 @@ def make_report(
         Size of the page [bytes].
 
     Raises:
-        ValueError: If the folder is no dataset, it has no such scenario, a file is damaged, or `out` is another file.
+        InputError: If the folder is no dataset, it has no such scenario, a file is damaged, or `out` is another file.
         OutOfSpaceError: If the disk is full.
     """
     if "://" in str(root):
-        raise ValueError(f"{root}: a local folder is needed, because markers and stages are read too; copy it first")
+        raise InputError(f"{root}: a local folder is needed, because markers and stages are read too; copy it first")
     root = Path(root).resolve()
     check_target(out, force)
     inventory, data = take_inventory(root), open_dataset(root)
@@ -66,21 +67,21 @@ def check_target(out: Path, force: bool) -> None:
     """Check that a page may be written to a path.
 
     Raises:
-        ValueError: If it is a folder, or a file that is no page of ours and `force` is not given.
+        InputError: If it is a folder, or a file that is no page of ours and `force` is not given.
     """
     if out.is_dir():
-        raise ValueError(f"{out}: is a folder; the name of an HTML file is needed; give --out FILE.html")
+        raise InputError(f"{out}: is a folder; the name of an HTML file is needed; give --out FILE.html")
     if out.is_file() and not force:
         with out.open("rb") as file:
             if MARKER.encode() not in file.read(MARKER_WITHIN):
-                raise ValueError(f"{out}: is a file that mmw report did not write; give another --out, or --force")
+                raise InputError(f"{out}: is a file that mmw report did not write; give another --out, or --force")
 
 
 def _choose(inventory: Inventory, scenarios: Sequence[str]) -> list[str]:
     known = inventory.scenarios
     for name in scenarios:
         if name not in known:
-            raise ValueError(
+            raise InputError(
                 f"{inventory.root}: has no scenario {name!r}; it has {', '.join(known) or 'none yet'}; name one"
             )
     return [name for name in known if name in scenarios] if scenarios else known
@@ -158,7 +159,7 @@ def _plan(inventory: Inventory, data: Dataset, name: str, plans: dict[str, TownP
         if key not in plans:
             plans[key] = read_town_plan(data, name)
         return plans[key], ""
-    except ValueError as error:
+    except InputError as error:
         return TownPlan(), paragraph(f"No lanes and buildings: {' '.join(str(error).split())}", "note")
 
 

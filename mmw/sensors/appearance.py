@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import warp as wp
 
+from mmw.errors import InputError
 from mmw.kernels import looks as structs
 from mmw.looks import LAMPS, Look, TextureUse
 from mmw.materials import POROUS_BASES, Material
@@ -92,7 +93,7 @@ class AppearanceArrays:
             debug: Draw what has a missing texture in magenta.
 
         Raises:
-            ValueError: If a texture file is there and cannot be decoded.
+            InputError: If a texture file is there and cannot be decoded.
         """
         self._device = scene.device
         self._materials = scene.arrays.materials
@@ -113,11 +114,11 @@ class AppearanceArrays:
         """Return what kernels take in one weather; all weathers share corners and textures.
 
         Raises:
-            ValueError: If the scene was not read for the weather.
+            InputError: If the scene was not read for the weather.
         """
         if name not in self._rows:
             known = ", ".join(self._rows) or "none"
-            raise ValueError(f"weather {name!r}: the scene has materials for {known}; read it for this weather too")
+            raise InputError(f"weather {name!r}: the scene has materials for {known}; read it for this weather too")
         if name not in self._of_weather:
             shared, struct = self._struct, structs.Appearance()
             for key in structs.Appearance.vars:
@@ -151,7 +152,7 @@ class AppearanceArrays:
             texture.mean = first - 1
             textures.append(texture)
         if first >= 2**31:
-            raise ValueError(f"textures: {first} texels; fewer than 2^31 can be numbered; use smaller textures")
+            raise InputError(f"textures: {first} texels; fewer than 2^31 can be numbered; use smaller textures")
         struct.textures = self._structs(textures, structs.Texture)
         words = np.concatenate(texels).view(np.uint64).reshape(-1)
         struct.texels = wp.array(words, dtype=wp.uint64, device=self._device)

@@ -20,7 +20,7 @@ def device_camera(intrinsics: Intrinsics, range_m: float) -> kernels.Camera:
         range_m: Longest depth [m].
 
     Raises:
-        ValueError: If the lens is not one to one in the image.
+        InputError: If the lens is not one to one in the image.
     """
     lens = intrinsics.distortion
     camera = kernels.Camera()

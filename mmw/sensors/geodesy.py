@@ -18,6 +18,7 @@ use a transverse one).
 import numpy as np
 from numpy.typing import ArrayLike
 
+from mmw.errors import InputError
 from mmw.poses import rotate
 
 SEMI_MAJOR_AXIS = 6_378_137.0
@@ -38,7 +39,7 @@ def wgs84_from_world(points: ArrayLike, reference: ArrayLike) -> np.ndarray:
         reference: Latitude [deg], longitude [deg] and height [m] of the world's origin, shape [3].
 
     Raises:
-        ValueError: If the reference's latitude is not between -90 and 90 deg.
+        InputError: If the reference's latitude is not between -90 and 90 deg.
     """
     reference = _checked("reference", reference)
     offset = _turn(_axes(reference).T, np.asarray(points, dtype=np.float64))
@@ -53,7 +54,7 @@ def world_from_wgs84(geodetic: ArrayLike, reference: ArrayLike) -> np.ndarray:
         reference: As `wgs84_from_world`.
 
     Raises:
-        ValueError: If a latitude is not between -90 and 90 deg.
+        InputError: If a latitude is not between -90 and 90 deg.
     """
     reference = _checked("reference", reference)
     offset = ecef_from_geodetic(_checked("points", geodetic)) - ecef_from_geodetic(reference)
@@ -83,7 +84,7 @@ def world_from_mercator(geodetic: ArrayLike, reference: ArrayLike) -> np.ndarray
         reference: As `wgs84_from_world`.
 
     Raises:
-        ValueError: If a latitude is not between -90 and 90 deg, or a pole.
+        InputError: If a latitude is not between -90 and 90 deg, or a pole.
     """
     reference = _checked("reference", reference, is_open=True)
     latitude, longitude, height = np.moveaxis(_checked("points", geodetic, is_open=True), -1, 0)
@@ -172,7 +173,7 @@ def _checked(name: str, geodetic: ArrayLike, is_open: bool = False) -> np.ndarra
     is_bad = ~(latitude < 90.0) if is_open else ~(latitude <= 90.0)
     if np.any(is_bad):
         found = geodetic[..., 0][is_bad].ravel()[0] if geodetic.ndim > 1 else geodetic[0]
-        raise ValueError(
+        raise InputError(
             f"{name}: latitude {found} deg; it must lie between -90 and 90 deg{', poles left out' if is_open else ''}; "
             "give latitude, longitude, height in this order"
         )

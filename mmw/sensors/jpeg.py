@@ -1,7 +1,8 @@
 """JPEG files of many images at once, made on the GPU that rendered them.
 
 A core makes 700 files of 640 x 480 a second, and a GPU renders thousands: the cores beside it would be its limit. The
-files are those of libjpeg with its accurate integer transform, byte for byte.
+files are those of `mmw.tables.encode.encode_rgb`, byte for byte, which libjpeg-turbo writes: with its fast transform
+below quality 96, with its accurate one from there on.
 """
 
 from collections.abc import Sequence
@@ -17,6 +18,10 @@ from mmw.sensors.host import to_host
 
 END = b"\xff\xd9"
 """Marker of a file's end. Source: ITU-T T.81, table B.1, as are the others."""
+
+ACCURATE_FROM = 96
+"""Quality from which libjpeg-turbo's TurboJPEG interface takes the accurate transform; below it, the fast one, whatever
+`fastdct` says."""
 
 
 @dataclass(frozen=True)
@@ -79,12 +84,35 @@ def zigzag() -> np.ndarray:
     return place
 
 
+def accurate_divisors(steps: np.ndarray) -> np.ndarray:
+    """Return what the accurate transform's values are divided by: it makes all of them eight times too large.
+
+    Args:
+        steps: Steps of the quality, row by row, shape [..., 64], int32.
+    """
+    return 8 * steps
+
+
+def fast_divisors(steps: np.ndarray) -> np.ndarray:
+    """Return what the fast transform's values are divided by, integers as libjpeg has them.
+
+    Its value k of a row or column is 1 (k = 0) or sqrt(2) cos(k pi / 16) times as large as the accurate one's; factors
+    of both axes together have 14 bits behind the point. Source: Y. Arai, T. Agui and M. Nakajima, "A fast DCT-SQ scheme
+    for images", Trans. IEICE E-71(11), 1988.
+
+    Args:
+        steps: Steps of the quality, row by row, shape [..., 64], int32.
+    """
+    axis = np.where(np.arange(8) > 0, np.sqrt(2.0) * np.cos(np.arange(8) * np.pi / 16.0), 1.0)
+    factor = np.rint(2.0**14 * np.outer(axis, axis)).astype(np.int32).ravel()
+    return (steps * factor + 2**10) >> 11
+
+
 def jpeg_files(pictures: Sequence[wp.array], quality: int, subsampling: str) -> list[list[bytes]]:
     """Return images as JPEG files.
 
-    `mmw.tables.encode.encode_rgb`, for images in the machine's memory, writes the same from quality 96 on; below it,
-    libjpeg-turbo takes a transform that is a little faster and less accurate. The device is waited for three times,
-    however many images there are: beside other processes each wait takes some milliseconds.
+    `mmw.tables.encode.encode_rgb`, for images in the machine's memory, writes the same bytes. The device is waited for
+    three times, however many images there are: beside other processes each wait takes some milliseconds.
 
     Args:
         pictures: sRGB values, in arrays of one shape [A, H, W, 3], uint8. An image of 27 million pixels and an array
@@ -104,9 +132,11 @@ def jpeg_files(pictures: Sequence[wp.array], quality: int, subsampling: str) -> 
     layout.columns = -(-width // (8 * layout.step))
     layout.blocks = layout.columns * -(-height // (8 * layout.step)) * (layout.step**2 + 2)
     device = pictures[0].device
-    steps, place = (wp.array(values, dtype=int, device=device) for values in (tables.steps, zigzag()))
+    is_fast = quality < ACCURATE_FROM
+    divisors = fast_divisors(tables.steps) if is_fast else accurate_divisors(tables.steps)
+    transform = is_fast, *(wp.array(values, dtype=int, device=device) for values in (divisors, zigzag()))
     codes = wp.array(tables.codes, dtype=wp.uint32, device=device)
-    blocks = [_blocks(images, layout, steps, place, codes) for images in pictures]
+    blocks = [_blocks(images, layout, transform, codes) for images in pictures]
     word_counts = to_host([some.words_up_to[-1:] for some in blocks])
     bits = [_bits(some, layout, codes, int(count[0])) for some, count in zip(blocks, word_counts, strict=True)]
     spans = to_host([some.spans for some in bits])
@@ -141,12 +171,20 @@ class _Bits:
     """First byte of each image's file and the one behind its last, zeros counted, shape [A, 2], int32."""
 
 
-def _blocks(images: wp.array, layout: "jpeg.Layout", steps: wp.array, place: wp.array, codes: wp.array) -> _Blocks:
+def _blocks(
+    images: wp.array, layout: "jpeg.Layout", transform: tuple[bool, wp.array, wp.array], codes: wp.array
+) -> _Blocks:
+    """Transform and count; `transform` is whether it is the fast one, divisors and places in the file."""
+    is_fast, *tables = transform
     device, count = images.device, len(images)
     total = count * layout.blocks
     rows, values = (wp.empty((total, 64), dtype=wp.int16, device=device) for _ in range(2))
-    wp.launch(jpeg.rows_kernel, dim=(count, layout.blocks, 8), inputs=[images, layout], outputs=[rows], device=device)
-    wp.launch(jpeg.columns_kernel, dim=(total, 8), inputs=[rows, layout, steps, place], outputs=[values], device=device)
+    wp.launch(
+        jpeg.rows_kernel, dim=(count, layout.blocks, 8), inputs=[images, layout, is_fast], outputs=[rows], device=device
+    )
+    wp.launch(
+        jpeg.columns_kernel, dim=(total, 8), inputs=[rows, layout, is_fast, *tables], outputs=[values], device=device
+    )
     bits, words = wp.empty(total, dtype=wp.int64, device=device), wp.empty(count, dtype=int, device=device)
     nowhere = wp.empty(0, dtype=wp.uint32, device=device)
     wp.launch(jpeg.count_bits_kernel, dim=total, inputs=[values, layout, codes, nowhere], outputs=[bits], device=device)

@@ -5,6 +5,7 @@ from typing import Protocol
 import numpy as np
 
 from mmw.config.lens import LensConfig
+from mmw.errors import InputError
 from mmw.lens import Intrinsics
 
 NEAREST = 1e-6
@@ -28,7 +29,7 @@ def intrinsics_of(config: CameraSection) -> Intrinsics:
     """Return the intrinsics of a configured camera.
 
     Raises:
-        ValueError: If the lens does not fit the image (never for a section that was checked, `check_lens`).
+        InputError: If the lens does not fit the image (never for a section that was checked, `check_lens`).
     """
     return config.lens.intrinsics(config.width_px, config.height_px, config.fov_deg)
 
@@ -67,7 +68,7 @@ def unproject(camera: Intrinsics, pixels: np.ndarray) -> np.ndarray:
         pixels: Column and row [px], pixel edges at whole numbers: (u + 0.5, v + 0.5) is a pixel's centre; [..., 2].
 
     Raises:
-        ValueError: If the lens gives one of them no direction of its own.
+        InputError: If the lens gives one of them no direction of its own.
     """
     pixels = np.asarray(pixels, dtype=np.float64)
     target = (pixels - [camera.cx, camera.cy]) / [camera.fx, camera.fy]
@@ -77,7 +78,7 @@ def unproject(camera: Intrinsics, pixels: np.ndarray) -> np.ndarray:
         q, share = camera.distortion.undistort(target)
         if share.min(initial=1.0) < 1.0:
             place = pixels.reshape(-1, 2)[int(np.argmin(share))]
-            raise ValueError(
+            raise InputError(
                 f"pixel ({place[0]:g}, {place[1]:g}): the lens, {camera.distortion.model}, folds before it; a pixel of "
                 "the image is needed; correct the pixel"
             )

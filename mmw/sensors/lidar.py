@@ -11,6 +11,7 @@ import warp as wp
 
 from mmw.config import LidarConfig
 from mmw.constants import FRAME_DT
+from mmw.errors import InputError
 from mmw.kernels import lidar
 from mmw.kinematics import Motion, differentiate
 from mmw.materials import Material
@@ -69,13 +70,13 @@ def trace_lidar_hits(scene: Scene, views: Views, config: LidarConfig, motion: Mo
         motion: `differentiate(scene.arrays.poses)`, if at hand; only a rolling sweep looks at it.
 
     Raises:
-        ValueError: If a view's frame is not loaded in the scene, or 32 bits cannot count the batch's returns.
+        InputError: If a view's frame is not loaded in the scene, or 32 bits cannot count the batch's returns.
     """
     device = scene.device
     directions = lidar_pattern(config)
     shape = len(views), len(directions)
     if len(views) * len(directions) * (2 if config.returns == "dual" else 1) > MOST_RETURNS:
-        raise ValueError(
+        raise InputError(
             f"LiDAR batch of {len(views)} views x {len(directions)} rays; one launch holds {MOST_RETURNS} returns; "
             "lower compute.batch_frames"
         )
@@ -134,7 +135,7 @@ def shade_lidar(
         patch_key: Key of the patches of fog, one for all sensors and frames of a scenario (`random_key`).
 
     Raises:
-        ValueError: If there are no materials, or not one key a view.
+        InputError: If there are no materials, or not one key a view.
     """
     offsets, points = shade_on_device(hits, materials, weather, keys, patch_key)
     count = int(offsets[-1])

@@ -11,6 +11,7 @@ import numpy as np
 import warp as wp
 
 from mmw.constants import SPEED_OF_LIGHT
+from mmw.errors import InputError
 from mmw.kernels.lidar_air import FOG_SAMPLES, PATCHES, Air, patches_kernel
 from mmw.lidar_optics import LidarOptics
 from mmw.optics import extinction, fog_backscatter, marshall_palmer
@@ -201,10 +202,10 @@ def make_air(
             a scenario, which then see the same fog.
 
     Raises:
-        ValueError: If the range ends before the sensor's nearest echo.
+        InputError: If the range ends before the sensor's nearest echo.
     """
     if not range_m > optics.nearest_m:
-        raise ValueError(
+        raise InputError(
             f"LiDAR: range {range_m:g} m and nearest echo {optics.nearest_m:g} m; a longer range is needed; correct one"
         )
     alpha = extinction(weather, optics.wavelength_nm)

@@ -11,6 +11,7 @@ import warp as wp
 
 from mmw.channel.attenuation import path_loss_db
 from mmw.config import RadarConfig
+from mmw.errors import InputError
 from mmw.kernels import radar
 from mmw.materials import Material
 from mmw.scene import Scene
@@ -74,7 +75,7 @@ def trace_radar(
                 "it from the same views"
             )
     if len(views) * rays > MOST_RAYS:
-        raise ValueError(
+        raise InputError(
             f"radar batch of {len(views)} views x {rays} rays; one launch holds {MOST_RAYS} rays; "
             "lower compute.batch_frames"
         )
@@ -163,7 +164,10 @@ def shade_radar(
     link.azimuth_beam = math.radians(config.horizontal_beam_deg or config.horizontal_fov_deg)
     link.elevation_beam = math.radians(config.vertical_beam_deg or config.vertical_fov_deg)
     surface = wp.array(echo_table(materials, weather, config.carrier_hz), dtype=wp.vec3, device=device)
-    wp.launch(radar.echo_kernel, shape, inputs=[hits, surface, link], outputs=[rays.rcs, rays.power], device=device)
+    outputs = [rays.rcs, rays.power]
+    wp.launch(
+        radar.echo_kernel, shape, inputs=[hits, surface, link], outputs=outputs, device=device, block_dim=BLOCK_DIM
+    )
     return rays
 
 

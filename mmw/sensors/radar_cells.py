@@ -10,6 +10,7 @@ import numpy as np
 import warp as wp
 
 from mmw.config import RadarConfig
+from mmw.errors import InputError
 from mmw.kernels import radar, radar_cells
 from mmw.sensors.host import to_host
 
@@ -68,7 +69,7 @@ def cell_grid(config: RadarConfig) -> radar_cells.CellGrid:
     wavelength apart.
 
     Raises:
-        ValueError: If a sweep has more cells than 32 bits can count.
+        InputError: If a sweep has more cells than 32 bits can count.
 
     Source: Richards, Fundamentals of Radar Signal Processing, 2nd edition, chapters 4, 5 and 9.
     """
@@ -79,7 +80,7 @@ def cell_grid(config: RadarConfig) -> radar_cells.CellGrid:
     grid.ys, grid.zs = config.azimuth_antennas, config.elevation_antennas
     count = grid.ranges * grid.velocities * grid.ys * grid.zs
     if count > MOST_CELLS:
-        raise ValueError(
+        raise InputError(
             f"sensor {config.name}: {count} resolution cells; at most {MOST_CELLS} can be counted; lower bandwidth_hz, "
             "azimuth_antennas or elevation_antennas, or raise chirp_time_s"
         )
@@ -129,13 +130,13 @@ def sort_into_cells(config: RadarConfig, rays: radar.RadarRays) -> SortedRays:
         rays: Echoes [A, R]; only range, angles, velocity and object are read, which no weather changes.
 
     Raises:
-        ValueError: If the batch has more cells than a key can hold.
+        InputError: If the batch has more cells than a key can hold.
     """
     grid = cell_grid(config)
     views, per_view = rays.range.shape
     device = rays.range.device
     if views * grid.ranges * grid.velocities * grid.ys * grid.zs >= MOST_PLACES:
-        raise ValueError(
+        raise InputError(
             f"sensor {config.name}: {views} views have more than 2^39 resolution cells; keys hold no more; "
             "lower compute.batch_frames"
         )

@@ -10,6 +10,7 @@ import numpy as np
 import warp as wp
 
 from mmw.config import RadarConfig
+from mmw.errors import InputError
 from mmw.kernels import radar_detection
 from mmw.optics import marshall_palmer
 from mmw.poses import rotate
@@ -62,12 +63,12 @@ def rain_backscatter(rain_mm_h: float, carrier_hz: float) -> float:
         carrier_hz: Carrier, 24 to 81 GHz [Hz].
 
     Raises:
-        ValueError: If the carrier is outside.
+        InputError: If the carrier is outside.
     """
     if rain_mm_h <= 0.0:
         return 0.0
     if not CARRIERS_HZ[0] <= carrier_hz <= CARRIERS_HZ[1]:
-        raise ValueError(
+        raise InputError(
             f"rain clutter at {carrier_hz / 1e9:g} GHz: drops are tabulated for 24 to 81 GHz; set carrier_hz within, "
             "or leave rain out"
         )
@@ -156,7 +157,7 @@ def rain_clutter(
         device: Warp device name.
 
     Raises:
-        ValueError: If there is rain and the carrier is not within 24 to 81 GHz.
+        InputError: If there is rain and the carrier is not within 24 to 81 GHz.
 
     Source: radar equation of a volume target, Skolnik, Radar Handbook, chapter on weather.
     """

@@ -14,6 +14,7 @@ import numpy as np
 from mmw.channel.fresnel import reflection
 from mmw.channel.ground import WATER_TEMPERATURE_C, water_permittivity
 from mmw.channel.materials import PERMITTIVITY, PREFIX, relative_permittivity
+from mmw.errors import InputError
 from mmw.materials import POROUS_BASES, Material, RadioMaterial
 from mmw.weather import Weather
 
@@ -92,7 +93,7 @@ def roughness_of(material: Material) -> Roughness:
         ValueError: If its base has no row in `ROUGHNESS`.
     """
     if material.nonvisual_base not in ROUGHNESS:
-        raise ValueError(
+        raise InputError(
             f"material {material.name!r}: base {material.nonvisual_base!r} has no radar row; needed is one of "
             f"{', '.join(ROUGHNESS)}; use one of them, or `none`"
         )

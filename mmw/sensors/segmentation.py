@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from mmw.errors import InputError
 from mmw.scene_arrays import SceneArrays
 from mmw.usd.semantics import CARLA_TAG
 
@@ -18,11 +19,11 @@ def object_tags(arrays: SceneArrays) -> np.ndarray:
     The tags are those of the table `objects`.
 
     Raises:
-        ValueError: If an instance image cannot tell all objects.
+        InputError: If an instance image cannot tell all objects.
     """
     highest = max((entry.object_id for entry in arrays.objects), default=-1)
     if highest > HIGHEST_OBJECT:
-        raise ValueError(
+        raise InputError(
             f"segmentation: object ids reach {highest}; a 16-bit instance image tells ids up to {HIGHEST_OBJECT}; "
             "merge meshes of the town below one prim each, or use segmentation: false"
         )

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from pxr import UsdUtils
 
+from mmw.errors import InputError
 from mmw.paths import assets_dir
 from mmw.temporary import temporary_path
 from mmw.usd.save import reload_layer
@@ -26,7 +27,7 @@ def collect_assets(sources: Iterable[Path], folder: Path) -> dict[Path, Path]:
         Source -> its copy, or the source itself where it cannot be moved.
 
     Raises:
-        ValueError: If a file that a source refers to is missing.
+        InputError: If a file that a source refers to is missing.
         OSError: If a file cannot be copied.
     """
     places: dict[Path, Path] = {}
@@ -48,7 +49,7 @@ def _dependencies(source: Path) -> tuple[list[Path], bool]:
     layers, assets, unresolved = UsdUtils.ComputeAllDependencies(str(source))
     if unresolved or not layers:
         missing = ", ".join(map(str, unresolved)) or str(source)
-        raise ValueError(f"{source}: cannot find {missing}; every file that an asset refers to is needed; restore it")
+        raise InputError(f"{source}: cannot find {missing}; every file that an asset refers to is needed; restore it")
     names = [layer.realPath for layer in layers] + list(assets)
     files = sorted({Path(name.split("[")[0]).resolve() for name in names})  # a.usdz[b.usd] is a file inside a.usdz
     authored = [name for layer in layers for name in layer.GetCompositionAssetDependencies()]

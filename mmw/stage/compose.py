@@ -19,6 +19,7 @@ from pxr import Sdf
 
 from mmw.config import SensorSection
 from mmw.constants import FRAME_RATE_HZ
+from mmw.errors import InputError
 from mmw.stage.assets import collect_assets
 from mmw.stage.layer import animate, define, new_layer, place
 from mmw.stage.sensors import write_sensors
@@ -66,7 +67,7 @@ def compose_scenario(
         The stage's path.
 
     Raises:
-        ValueError: If there is no track, a model, role or name cannot be used, or a file of an asset is missing.
+        InputError: If there is no track, a model, role or name cannot be used, or a file of an asset is missing.
         OSError: If a file cannot be written.
     """
     path = Path(path).resolve()
@@ -100,9 +101,9 @@ def compose_scenario(
 
 def _write_actor(layer: Sdf.Layer, track: VehicleTrack, model: ActorModel, asset: str) -> None:
     if track.role not in ROLES:
-        raise ValueError(f"actor {track.name!r}: role = {track.role!r}; one of {', '.join(ROLES)} is needed")
+        raise InputError(f"actor {track.name!r}: role = {track.role!r}; one of {', '.join(ROLES)} is needed")
     if track.paint not in model.paints:
-        raise ValueError(f"actor {track.name!r}: paint = {track.paint!r}; {model.name} has {', '.join(model.paints)}")
+        raise InputError(f"actor {track.name!r}: paint = {track.paint!r}; {model.name} has {', '.join(model.paints)}")
     prim = define(layer, f"/World/Actors/{track.name}", kind="group")
     animate(prim, track.poses)
     describe_actor(prim, track.role, model, asset, track.paint)
@@ -110,19 +111,19 @@ def _write_actor(layer: Sdf.Layer, track: VehicleTrack, model: ActorModel, asset
 
 def _model(catalog: Mapping[str, ActorModel], name: str) -> ActorModel:
     if name not in catalog:
-        raise ValueError(f"model {name!r} is not known; the models are {', '.join(catalog)}; name one of them")
+        raise InputError(f"model {name!r} is not known; the models are {', '.join(catalog)}; name one of them")
     return catalog[name]
 
 
 def _frame_count(tracks: Sequence[VehicleTrack]) -> int:
     counts = sorted({len(track.poses) for track in tracks})
     if len(counts) != 1 or counts[0] == 0:
-        raise ValueError(
+        raise InputError(
             f"tracks have {counts or 'no'} poses; every vehicle needs one pose a frame, all of the same number"
         )
     for track in tracks:
         if np.shape(track.poses) != (counts[0], 7) or not np.isfinite(track.poses).all(axis=1).any():
-            raise ValueError(
+            raise InputError(
                 f"actor {track.name!r}: poses have shape {np.shape(track.poses)}; [F, 7], not all NaN, is needed"
             )
     return counts[0]

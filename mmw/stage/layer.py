@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from pxr import Gf, Sdf, UsdGeom
 
+from mmw.errors import InputError
 from mmw.poses import continuous, normalize
 from mmw.usd.specs import new_prim, set_op_order, set_pose
 
@@ -27,13 +28,13 @@ def define(layer: Sdf.Layer, path: str, type_name: str = "Xform", kind: str = ""
     """Return a new prim of a type.
 
     Raises:
-        ValueError: If the name cannot be a prim name, or is taken.
+        InputError: If the name cannot be a prim name, or is taken.
     """
     parent, name = path.rsplit("/", 1)
     if not Sdf.Path.IsValidIdentifier(name):
-        raise ValueError(f"{name!r} cannot be the name of a USD prim; letters, digits and _ are allowed; rename it")
+        raise InputError(f"{name!r} cannot be the name of a USD prim; letters, digits and _ are allowed; rename it")
     if layer.GetPrimAtPath(path):
-        raise ValueError(f"{name!r} is there twice below {parent or '/'}; prims need names of their own; rename one")
+        raise InputError(f"{name!r} is there twice below {parent or '/'}; prims need names of their own; rename one")
     return new_prim(layer, Sdf.Path(path), type_name, kind)
 
 

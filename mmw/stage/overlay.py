@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from pxr import Gf, Sdf, Usd
 
+from mmw.errors import InputError
 from mmw.poses import pose_to_matrix
 from mmw.stage.layer import define
 from mmw.usd.extract import to_metres
@@ -31,7 +32,7 @@ def overlay_rsus(path: str | Path, source: str | Path, rsus: Sequence[tuple[str,
         The layer's path.
 
     Raises:
-        ValueError: If the stage has a prim where a unit would go, or an up axis that is not known.
+        InputError: If the stage has a prim where a unit would go, or an up axis that is not known.
         OSError: If the file cannot be written.
     """
     path, source = Path(path).resolve(), Path(source).resolve()
@@ -48,7 +49,7 @@ def overlay_rsus(path: str | Path, source: str | Path, rsus: Sequence[tuple[str,
     metres = to_metres(stage)
     for name, pose in rsus:
         if stage.GetPrimAtPath(f"{ROOT}/{name}"):
-            raise ValueError(f"{source}: has a prim {ROOT}/{name} already; name the unit in rsus differently")
+            raise InputError(f"{source}: has a prim {ROOT}/{name} already; name the unit in rsus differently")
         # Row vectors; the unit's own axes stay x forward, y left, z up in metres once the reader has turned both sides.
         matrix = metres @ pose_to_matrix(pose).T @ np.linalg.inv(metres)
         prim = define(layer, f"{ROOT}/{name}", kind="component")

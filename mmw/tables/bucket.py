@@ -21,6 +21,7 @@ import pyarrow as pa
 import pyarrow.fs as pafs
 import pyarrow.parquet as pq
 
+from mmw.errors import InputError
 from mmw.paths import cache_dir
 from mmw.tables.publish import StoreError, publish_bytes
 from mmw.tables.store import DATASET, Folder, Store
@@ -80,16 +81,16 @@ class Bucket(Store):
             part: Which part of the dataset is made from here.
 
         Raises:
-            ValueError: If it is no such address, or holds credentials.
+            InputError: If it is no such address, or holds credentials.
         """
         parts = urlsplit(address)
         if "@" in parts.netloc:
-            raise ValueError(
+            raise InputError(
                 f"{parts.scheme}://...@{parts.netloc.rpartition('@')[2]}: credentials do not belong into an address, "
                 "which is stored with the data; set AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY"
             )
         if parts.scheme != "s3" or not parts.netloc:
-            raise ValueError(f"{address}: is no place for a dataset; give a folder or s3://bucket/folder")
+            raise InputError(f"{address}: is no place for a dataset; give a folder or s3://bucket/folder")
         self.address = address
         self._root = "/".join([parts.netloc, *filter(None, unquote(parts.path).split("/"))])
         self._part = part
@@ -109,7 +110,7 @@ class Bucket(Store):
         """Folder in which files of this very dataset are made: what is left of another one is in another folder."""
         head = self.read(DATASET)
         if head is None:
-            raise ValueError(f"{self.where()}: has no {DATASET}; it is no dataset; run its configuration again")
+            raise InputError(f"{self.where()}: has no {DATASET}; it is no dataset; run its configuration again")
         return self._staging / f"{hashlib.sha256(head).hexdigest()[:12]}.{self._part}"
 
     @property
@@ -127,7 +128,7 @@ class Bucket(Store):
         try:
             self._do("listed", "", lambda: self._list("", recursive=False), waits=())
         except StoreError as error:
-            raise ValueError(str(error)) from error
+            raise InputError(str(error)) from error
 
     def read(self, name: str) -> bytes | None:
         def read() -> bytes | None:

@@ -11,6 +11,8 @@ Source: CARLA 0.9.15, `ref_sensors.md`, depth camera, and its colour converters 
 
 import numpy as np
 
+from mmw.errors import InputError
+
 FULL_SCALE_M = 1000.0
 """Depth of the largest value, and of the sky [m]. Source: CARLA 0.9.15."""
 
@@ -35,7 +37,7 @@ def encode_bgra(depth_m: np.ndarray) -> np.ndarray:
         Shape [..., 4], uint8.
 
     Raises:
-        ValueError: If a depth is negative or not a number.
+        InputError: If a depth is negative or not a number.
     """
     value = np.rint(_share(depth_m) * MOST).astype(np.uint32)
     channels = [value >> 16, (value >> 8) & 255, value & 255, np.full_like(value, 255)]
@@ -51,11 +53,11 @@ def decode_bgra(image: np.ndarray) -> np.ndarray:
         image: Blue, green, red and perhaps alpha, shape [..., 3 or 4], uint8.
 
     Raises:
-        ValueError: If it is not an image of 8-bit colours.
+        InputError: If it is not an image of 8-bit colours.
     """
     image = np.asarray(image)
     if image.dtype != np.uint8 or image.ndim < 1 or image.shape[-1] not in (3, 4):
-        raise ValueError(
+        raise InputError(
             f"depth image: {image.dtype} of shape {image.shape}; CARLA's 24 bits are uint8 [..., 3 or 4] in the order "
             "blue, green, red; give such an array"
         )
@@ -73,7 +75,7 @@ def encode_grey(depth_m: np.ndarray) -> np.ndarray:
         Same shape, uint8, rounded to the nearest step; the sky is 255.
 
     Raises:
-        ValueError: If a depth is negative or not a number.
+        InputError: If a depth is negative or not a number.
     """
     return np.rint(255.0 * _share(depth_m)).astype(np.uint8)
 
@@ -82,7 +84,7 @@ def decode_grey(grey: np.ndarray) -> np.ndarray:
     """Return depth of a linear grey image [m], same shape, float64; the sky comes back as 1000 m.
 
     Raises:
-        ValueError: If it is not an image of 8-bit numbers.
+        InputError: If it is not an image of 8-bit numbers.
     """
     return FULL_SCALE_M * _bytes(grey) / 255.0
 
@@ -99,7 +101,7 @@ def encode_log_grey(depth_m: np.ndarray) -> np.ndarray:
         Same shape, uint8, rounded to the nearest step.
 
     Raises:
-        ValueError: If a depth is negative or not a number.
+        InputError: If a depth is negative or not a number.
     """
     with np.errstate(divide="ignore"):
         grey = 1.0 + np.log(_share(depth_m)) / LOG_SPAN
@@ -112,7 +114,7 @@ def decode_log_grey(grey: np.ndarray) -> np.ndarray:
     Black comes back as 3.33 m, which stands for anything nearer; the sky as 1000 m.
 
     Raises:
-        ValueError: If it is not an image of 8-bit numbers.
+        InputError: If it is not an image of 8-bit numbers.
     """
     return FULL_SCALE_M * np.exp((_bytes(grey) / 255.0 - 1.0) * LOG_SPAN)
 
@@ -122,12 +124,12 @@ def _share(depth_m: np.ndarray) -> np.ndarray:
     depth = np.asarray(depth_m, dtype=np.float64)
     if np.isnan(depth).any() or (depth < 0.0).any():
         worst = np.nanmin(depth) if (depth < 0.0).any() else np.nan
-        raise ValueError(f"depth image: holds {worst} m; depths are 0 or more, inf for nothing; check what it is")
+        raise InputError(f"depth image: holds {worst} m; depths are 0 or more, inf for nothing; check what it is")
     return np.minimum(depth / FULL_SCALE_M, 1.0)
 
 
 def _bytes(grey: np.ndarray) -> np.ndarray:
     grey = np.asarray(grey)
     if grey.dtype != np.uint8:
-        raise ValueError(f"depth image: {grey.dtype} of shape {grey.shape}; a grey image is uint8; give such an array")
+        raise InputError(f"depth image: {grey.dtype} of shape {grey.shape}; a grey image is uint8; give such an array")
     return grey.astype(np.float64)

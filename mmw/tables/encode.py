@@ -30,7 +30,8 @@ def encode_rgb(image: np.ndarray, format_: str, quality: int, subsampling: str =
     A street of 640 x 480 with sensor noise takes one core 1.4 ms and 104 kB as JPEG of quality 95 with one colour for
     four pixels (40.0 dB, lightness alone 44.8 dB), 2.2 ms and 125 kB with a colour for each (42.6 and 44.8 dB), and 44
     ms and 570 kB as PNG. JPEG files are made outside Python's lock; Pillow copies each image inside it first, which
-    more than halves the speed of a whole run (`bench/README.md`).
+    more than halves the speed of a whole run (`bench/README.md`). libjpeg-turbo transforms fast below quality 96 and
+    accurately from there on, whatever its flag says; `mmw.sensors.jpeg` writes the same bytes on a GPU.
 
     Args:
         image: sRGB values, shape [H, W, 3], uint8.

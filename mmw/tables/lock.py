@@ -8,6 +8,7 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
+from mmw.errors import InputError
 from mmw.tables.store import LOCKS, Root, Store, store_of
 from mmw.temporary import Owner, is_temporary, owned, owner_of
 
@@ -31,7 +32,7 @@ def writing(root: Root, index: int, count: int, tell: Callable[[str], None]) -> 
         The mark of this run, which its workers' unfinished files must bear.
 
     Raises:
-        ValueError: If another process writes this part, or parts of another number.
+        InputError: If another process writes this part, or parts of another number.
     """
     run = Owner(index, count)
     root = store_of(root)
@@ -165,7 +166,7 @@ def _take(path: Path, held: ExitStack, root: Store) -> bool:
     try:
         return _hold(path, held, timeout_s=0.0)
     except Timeout:
-        raise ValueError(
+        raise InputError(
             f"{root}: is being written by another run ({_holder(path)}, {path.stem.replace('-', ' ')}); "
             "wait for it or stop it, or give another --out"
         ) from None

@@ -11,6 +11,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from mmw.errors import InputError
 from mmw.tables.publish import StoreError
 from mmw.tables.schemas import SCHEMA_VERSION, TABLES
 from mmw.tables.store import DATASET, LOCKS, Folder, Root, Store, store_of
@@ -66,7 +67,7 @@ def prepare_root(
         overwrite: Remove the data that is there, also another configuration's.
 
     Raises:
-        ValueError: If the place belongs to another configuration or schema version, holds something else, or cannot be
+        InputError: If the place belongs to another configuration or schema version, holds something else, or cannot be
             made, reached or written.
         OutOfSpaceError: If the disk is full.
     """
@@ -76,7 +77,7 @@ def prepare_root(
     if DATASET not in there:
         foreign = [name for name in there if name != LOCKS and not is_temporary(Path(name))]
         if foreign:
-            raise ValueError(
+            raise InputError(
                 f"{store}: holds {', '.join(foreign[:5])}{' and more' if len(foreign) > 5 else ''} but no {DATASET}; "
                 "a dataset needs an empty or new folder; give another --out"
             )
@@ -100,14 +101,14 @@ def _claim(store: Store, head: bytes | None) -> None:
     try:
         store.claim(head)
     except StoreError as error:
-        raise ValueError(str(error)) from error
+        raise InputError(str(error)) from error
 
 
 def read_dataset(root: Root) -> dict[str, Any]:
     """Return a dataset's `dataset.json`.
 
     Raises:
-        ValueError: If there is no dataset, or the file is damaged or another program's.
+        InputError: If there is no dataset, or the file is damaged or another program's.
     """
     store = store_of(root)
     return parse_dataset(_read_head(store), store.where())
@@ -117,9 +118,9 @@ def _read_head(store: Store) -> bytes | None:
     try:
         return store.read(DATASET)
     except OSError as error:
-        raise ValueError(f"{store.where(DATASET)}: cannot be read ({error.strerror}); let yourself read it") from error
+        raise InputError(f"{store.where(DATASET)}: cannot be read ({error.strerror}); let yourself read it") from error
     except StoreError as error:
-        raise ValueError(str(error)) from error
+        raise InputError(str(error)) from error
 
 
 def parse_dataset(data: bytes | None, root: object) -> dict[str, Any]:
@@ -130,21 +131,21 @@ def parse_dataset(data: bytes | None, root: object) -> dict[str, Any]:
         root: Its folder, for messages.
 
     Raises:
-        ValueError: If there is none, or it is damaged or another program's.
+        InputError: If there is none, or it is damaged or another program's.
     """
     if data is None:
-        raise ValueError(f"{root}: has no {DATASET}; a dataset folder is needed; give the folder that mmw.run wrote")
+        raise InputError(f"{root}: has no {DATASET}; a dataset folder is needed; give the folder that mmw.run wrote")
     path = f"{root}/{DATASET}"
     try:
         head = json.loads(data.decode("utf-8"))
     except ValueError as error:
-        raise ValueError(f"{path}: {error}; the file is damaged; make the dataset again with --overwrite") from error
+        raise InputError(f"{path}: {error}; the file is damaged; make the dataset again with --overwrite") from error
     missing = [key for key in HEAD_TYPES if not isinstance(head, dict) or key not in head]
     if missing:
-        raise ValueError(f"{path}: has no {', '.join(missing)}; it is no mmw dataset's; give the folder of one")
+        raise InputError(f"{path}: has no {', '.join(missing)}; it is no mmw dataset's; give the folder of one")
     wrong = [key for key, type_ in HEAD_TYPES.items() if not isinstance(head[key], type_)]
     if wrong:
-        raise ValueError(f"{path}: {', '.join(wrong)} cannot be understood; the file was changed; put the old one back")
+        raise InputError(f"{path}: {', '.join(wrong)} cannot be understood; the file was changed; put the old one back")
     return head
 
 
@@ -315,7 +316,7 @@ def _is_other_and_empty(store: Store, sha256: str) -> bool:
 def _check_same(store: Store, identity: Mapping[str, Any], sha256: str) -> None:
     there = read_dataset(store)
     if there["schema_version"] != SCHEMA_VERSION:
-        raise ValueError(
+        raise InputError(
             f"{store}: has schema {there['schema_version']}; this version writes {SCHEMA_VERSION}; "
             "use --overwrite to replace the data, or another --out"
         )
@@ -323,7 +324,7 @@ def _check_same(store: Store, identity: Mapping[str, Any], sha256: str) -> None:
         return
     differences = config_differences(there["config"], identity)
     shown = "; ".join(differences[:6]) + (f"; and {len(differences) - 6} more" if len(differences) > 6 else "")
-    raise ValueError(
+    raise InputError(
         f"{store}: belongs to configuration {there['config_sha256'][:12]}, this one is {sha256[:12]}: {shown}; "
         "use --overwrite to replace the data, or another --out"
     )

@@ -10,6 +10,8 @@ import zlib
 
 import numpy as np
 
+from mmw.errors import InputError
+
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 UP = 2
 """Filter of every row: the difference to the row above, byte by byte."""
@@ -38,15 +40,15 @@ def decode_png16(data: bytes) -> np.ndarray:
     """Return an image that `encode_png16` wrote, red, green, blue, shape [H, W, 3], uint16.
 
     Raises:
-        ValueError: If it is no such file.
+        InputError: If it is no such file.
     """
     chunks = _chunks(data)
     if b"IHDR" not in chunks or struct.unpack(">IIBBBBB", chunks[b"IHDR"])[2:] != FIXED:
-        raise ValueError("PNG image: not one of three 16-bit channels; give the bytes of an image of table `flow`")
+        raise InputError("PNG image: not one of three 16-bit channels; give the bytes of an image of table `flow`")
     width, height = struct.unpack(">II", chunks[b"IHDR"][:8])
     filtered = np.frombuffer(zlib.decompress(chunks[b"IDAT"]), dtype=np.uint8).reshape(height, 1 + width * 6)
     if (filtered[:, 0] != UP).any():
-        raise ValueError("PNG image: rows are filtered in another way; this reads what mmw wrote; use OpenCV for it")
+        raise InputError("PNG image: rows are filtered in another way; this reads what mmw wrote; use OpenCV for it")
     rows = np.cumsum(filtered[:, 1:], axis=0, dtype=np.uint8)  # modulo 256
     return rows.view(">u2").reshape(height, width, 3).astype(np.uint16)
 

@@ -5,18 +5,19 @@ import os
 import shutil
 from pathlib import Path
 
+from mmw.errors import Error
 from mmw.temporary import temporary_path
 
 FULL = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))
 """What the system says of a full disk, and where quotas exist of a full quota."""
 
 
-class OutOfSpaceError(RuntimeError):
-    """The disk is full. Nothing that was published before is touched, and a rerun resumes."""
+class OutOfSpaceError(Error, RuntimeError):
+    """Report a full disk. Nothing that was published before is touched, and a rerun resumes."""
 
 
-class StoreError(RuntimeError):
-    """A store elsewhere cannot be reached, or refuses. What is finished is kept, and a rerun resumes."""
+class StoreError(Error, RuntimeError):
+    """Report a store elsewhere that cannot be reached, or refuses. What is finished is kept, and a rerun resumes."""
 
 
 def publish_bytes(path: Path, data: bytes | memoryview) -> None:

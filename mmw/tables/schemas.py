@@ -11,6 +11,7 @@ the row and is the receiver of `links` and `paths`; `peer` is the transmitter.
 
 import pyarrow as pa
 
+from mmw.errors import InputError
 from mmw.tables.schema import images, inertial, lidar, radar, radar_maps, radio, world
 from mmw.tables.schema.columns import TableSpec
 
@@ -50,10 +51,10 @@ def table_spec(name: str) -> TableSpec:
     """Return a table's specification.
 
     Raises:
-        ValueError: If no table has this name; the message lists those that exist.
+        InputError: If no table has this name; the message lists those that exist.
     """
     if name not in TABLES:
-        raise ValueError(f"table {name!r} is not known; the tables are {', '.join(TABLES)}; name one of them")
+        raise InputError(f"table {name!r} is not known; the tables are {', '.join(TABLES)}; name one of them")
     return TABLES[name]
 
 

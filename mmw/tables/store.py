@@ -10,6 +10,7 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from mmw.errors import InputError
 from mmw.tables.publish import FULL, OutOfSpaceError, publish_bytes
 
 DATASET = "dataset.json"
@@ -53,7 +54,7 @@ class Store(ABC):
         """See that the place is there and can be written to.
 
         Raises:
-            ValueError: If not.
+            InputError: If not.
             OutOfSpaceError: If the disk is full.
         """
 
@@ -152,7 +153,7 @@ def store_of(root: Root, staging: str | Path | None = None, part: str = "0-of-1"
         part: Which part of the dataset is made: each has a folder of its own there.
 
     Raises:
-        ValueError: If it is an address of another kind, or not whole.
+        InputError: If it is an address of another kind, or not whole.
     """
     if isinstance(root, Store):
         return root
@@ -189,15 +190,15 @@ class Folder(Store):
         root = self._root
         there = next(path for path in (root, *root.absolute().parents) if path.exists())
         if not there.is_dir():
-            raise ValueError(f"{root}: {there} is a file; the dataset needs a folder; give another --out")
+            raise InputError(f"{root}: {there} is a file; the dataset needs a folder; give another --out")
         if not os.access(there, os.W_OK | os.X_OK):
-            raise ValueError(f"{root}: {there} cannot be written to; give another --out, or change its permissions")
+            raise InputError(f"{root}: {there} cannot be written to; give another --out, or change its permissions")
         try:
             root.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             if error.errno in FULL:
                 raise OutOfSpaceError(f"{root}: no space left to make it; free some space and run again") from error
-            raise ValueError(f"{root}: cannot be made ({error.strerror}); give another --out") from error
+            raise InputError(f"{root}: cannot be made ({error.strerror}); give another --out") from error
 
     def read(self, name: str) -> bytes | None:
         path = self._root / name

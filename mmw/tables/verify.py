@@ -14,6 +14,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from mmw.errors import InputError
 from mmw.tables.manifest import DATASET, MANIFEST, read_dataset, read_markers
 from mmw.tables.parquet import arrow_schema
 from mmw.tables.schemas import SCHEMA_VERSION, TABLES, table_spec
@@ -53,7 +54,7 @@ def verify(root: Root) -> list[Finding]:
     """Return everything that is wrong with a dataset; an empty list means that every file is as its marker says.
 
     Raises:
-        ValueError: If it is not a dataset.
+        InputError: If it is not a dataset.
         StoreError: If a store cannot be reached.
     """
     store = store_of(root)
@@ -88,18 +89,18 @@ def version_number(text: str) -> tuple[int, int]:
     """Return the major and minor number of a schema version.
 
     Raises:
-        ValueError: If it is none.
+        InputError: If it is none.
     """
     major, dot, minor = str(text).partition(".")
     if not (dot and major.isdigit() and minor.isdigit()):
-        raise ValueError(f"schema version {text!r} is not MAJOR.MINOR; the file is damaged or of another program")
+        raise InputError(f"schema version {text!r} is not MAJOR.MINOR; the file is damaged or of another program")
     return int(major), int(minor)
 
 
 def _check_version(path: str, text: str) -> list[Finding]:
     try:
         found, own = version_number(text), version_number(SCHEMA_VERSION)
-    except ValueError as error:
+    except InputError as error:
         return [Finding("schema", path, str(error))]
     if found > own:
         return [Finding("schema", path, f"schema {text} is newer than {SCHEMA_VERSION} of this mmw; update mmw")]

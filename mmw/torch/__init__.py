@@ -5,12 +5,10 @@ from mmw.torch import WindowDataset, collate
 loader = DataLoader(WindowDataset(windows), batch_size=32, shuffle=True, collate_fn=collate)
 """
 
-try:
+from mmw.extras import needed_by as _needed_by
+
+with _needed_by("mmw.torch (mmw.windows gives NumPy arrays without it)"):
     import torch as _torch  # noqa: F401
-except ImportError as error:
-    raise ImportError(
-        "mmw.torch needs PyTorch; install it with: pip install 'mmw[torch]' (mmw.windows gives NumPy arrays without it)"
-    ) from error
 
 from mmw.torch.data import WindowDataset, WindowStream, collate, to_tensors
 

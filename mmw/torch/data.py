@@ -7,6 +7,7 @@ import numpy as np
 import torch
 from torch.utils.data import Dataset, IterableDataset, get_worker_info
 
+from mmw.errors import InputError
 from mmw.windows import Windows, make_batch, stream_batches, stream_order
 from mmw.windows.batch import Ragged
 from mmw.windows.stream import BUFFER
@@ -78,11 +79,11 @@ class WindowStream(IterableDataset):
             transform: Called with every batch; its result is what the dataset gives.
 
         Raises:
-            ValueError: If there is no such rank, or a size is below 1.
+            InputError: If there is no such rank, or a size is below 1.
         """
         if not 0 <= rank < ranks or min(buffer, batch_size) < 1:
             sizes = f"rank {rank} of {ranks}, batch_size {batch_size}, buffer {buffer}"
-            raise ValueError(f"WindowStream: {sizes}; rank is 0 to ranks - 1, the sizes at least 1")
+            raise InputError(f"WindowStream: {sizes}; rank is 0 to ranks - 1, the sizes at least 1")
         self.windows = windows
         self.batch_size, self.seed, self.shuffle, self.buffer = batch_size, seed, shuffle, buffer
         self.ragged: Ragged = ragged
@@ -127,7 +128,7 @@ def collate(samples: Sequence[Tensors], ragged: Ragged = "pad") -> Tensors:
             list a window of a list a frame of tensors.
 
     Raises:
-        ValueError: If there is no sample, tensors of one key differ in shape, or `ragged` is neither.
+        InputError: If there is no sample, tensors of one key differ in shape, or `ragged` is neither.
     """
     return to_tensors(make_batch([{key: _to_arrays(value) for key, value in one.items()} for one in samples], ragged))
 

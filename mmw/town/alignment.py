@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mmw.errors import InputError
+
 
 @dataclass(frozen=True)
 class Alignment:
@@ -45,21 +47,21 @@ def make_alignment(points: np.ndarray, radii: np.ndarray, name: str) -> Alignmen
         name: Name of the road, for messages.
 
     Raises:
-        ValueError: If two points coincide, a corner turns back, or the arcs of neighbouring corners overlap.
+        InputError: If two points coincide, a corner turns back, or the arcs of neighbouring corners overlap.
     """
     leg = np.diff(points, axis=0)
     length = np.linalg.norm(leg, axis=1)
     if np.any(length < 1e-6):
-        raise ValueError(f"road {name!r}: two of its points coincide; the points must differ; move one")
+        raise InputError(f"road {name!r}: two of its points coincide; the points must differ; move one")
     heading = np.arctan2(leg[:, 1], leg[:, 0])
     turn = (np.diff(heading) + np.pi) % (2 * np.pi) - np.pi
     if np.any(np.abs(turn) > np.radians(170)):
-        raise ValueError(f"road {name!r}: a corner turns by more than 170 deg; split it into two corners")
+        raise InputError(f"road {name!r}: a corner turns by more than 170 deg; split it into two corners")
     tangent = radii * np.tan(0.5 * np.abs(turn))
     left = length - np.concatenate([[0.0], tangent]) - np.concatenate([tangent, [0.0]])
     if np.any(left < -1e-6):
         k = int(np.argmin(left))
-        raise ValueError(
+        raise InputError(
             f"road {name!r}: leg {k} of {length[k]:.1f} m is {-left[k]:.1f} m too short for the arcs at its ends; "
             "reduce the radius of a `via` point or move it"
         )
@@ -138,19 +140,19 @@ def make_elevation(
         name: Name of the road, for messages.
 
     Raises:
-        ValueError: If the flats meet while the ends differ in height, or a knot is not between them.
+        InputError: If the flats meet while the ends differ in height, or a knot is not between them.
     """
     first, last = flat[0] + curve / 2, length - flat[1] - curve / 2
     if not knots and ends[0] == ends[1]:
         return Elevation(np.array([0.0, length]), np.array(ends), np.zeros(2))
     if last <= first:
-        raise ValueError(
+        raise InputError(
             f"road {name!r}: its {length:.1f} m leave no room for a grade between junctions that need "
             f"{flat[0]:.1f} and {flat[1]:.1f} m; level the nodes ({ends[0]:.1f} and {ends[1]:.1f} m) or move them apart"
         )
     stations = [knot[0] for knot in knots]
     if stations != sorted(set(stations)) or (knots and (stations[0] <= first or stations[-1] >= last)):
-        raise ValueError(
+        raise InputError(
             f"road {name!r}: z stations {stations}; needed: ascending, between {first:.1f} and {last:.1f} m "
             "(measured from the node `from`); correct them"
         )

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from pxr import Usd
 
+from mmw.errors import InputError
 from mmw.town.lane_prims import read_lanes
 from mmw.town.lanes import LaneGraph
 from mmw.town.walks import Walk, read_walks
@@ -35,13 +36,13 @@ def open_town(path: str | Path) -> Town:
     """Read lanes and drivable surface of a town asset.
 
     Raises:
-        ValueError: If the file cannot be read, its lanes are not whole, or it has no mesh of class road.
+        InputError: If the file cannot be read, its lanes are not whole, or it has no mesh of class road.
     """
     path = Path(path)
     stage = open_stage(path)
     root = stage.GetDefaultPrim()
     if not root:
-        raise ValueError(f"{path}: has no default prim; a town asset names its root as defaultPrim")
+        raise InputError(f"{path}: has no default prim; a town asset names its root as defaultPrim")
     lanes_path = root.GetPath().AppendChild("Lanes")
     lanes = read_lanes(stage, str(lanes_path)) if stage.GetPrimAtPath(lanes_path) else LaneGraph()
     reader, metres = MeshReader(stage, Usd.TimeCode.Default()), to_metres(stage)
@@ -55,7 +56,7 @@ def open_town(path: str | Path) -> Town:
         faces.append(triangles + count)
         count += len(placed)
     if not count:
-        raise ValueError(
+        raise InputError(
             f"{path}: no mesh has the class {' or '.join(DRIVABLE_LABELS)}; vehicles need a road to stand on; label it"
         )
     walks = tuple(read_walks(stage, str(root.GetPath().AppendChild("Walks"))))

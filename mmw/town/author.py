@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from pxr import Kind, Sdf, Usd, UsdGeom, Vt
 
+from mmw.errors import InputError
 from mmw.paths import assets_dir
 from mmw.town.block_description import TownWeather
 from mmw.town.lane_prims import write_lanes
@@ -45,10 +46,10 @@ def metres_z_up(stage: Usd.Stage) -> None:
 
 def _author_mesh(layer: Sdf.Layer, path: Sdf.Path, part: MeshPart) -> Sdf.PrimSpec:
     if layer.GetPrimAtPath(path):
-        raise ValueError(f"part {part.path!r} is given twice; give each mesh its own path")
+        raise InputError(f"part {part.path!r} is given twice; give each mesh its own path")
     if part.material not in LIBRARY:
         known = ", ".join(sorted(LIBRARY))
-        raise ValueError(f"{path}: material {part.material!r}; the library holds {known}; use one of them")
+        raise InputError(f"{path}: material {part.material!r}; the library holds {known}; use one of them")
     mesh = new_mesh(layer, path, _without_noise(part.points), part.faces, ROOT.AppendPath(f"Materials/{part.material}"))
     corners = picture_coordinates(part)
     if corners is not None:
@@ -72,7 +73,7 @@ def _author_groups(layer: Sdf.Layer, parts: Sequence[MeshPart]) -> None:
     for part in parts:
         names = part.path.split("/")
         if len(names) < 2 or not all(Sdf.Path.IsValidIdentifier(name) for name in names):
-            raise ValueError(f"part {part.path!r}: not a prim path; `Group/name` or `Group/component/mesh` is needed")
+            raise InputError(f"part {part.path!r}: not a prim path; `Group/name` or `Group/component/mesh` is needed")
         groups.setdefault(names[0], {}).setdefault(names[1], []).append(part)
     for group, members in groups.items():
         path = ROOT.AppendChild(group)
@@ -186,7 +187,7 @@ def write_town(
         Path of the interface layer.
 
     Raises:
-        ValueError: If a part has an unknown material or label, an invalid path, or the path of another part.
+        InputError: If a part has an unknown material or label, an invalid path, or the path of another part.
         OSError: If a file cannot be written; files that were there before stay.
     """
     schema.register()

@@ -7,6 +7,7 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from mmw.config.section import Name, Section
+from mmw.errors import InputError
 from mmw.optics import rain_visibility
 from mmw.town.place_description import ParkingLot, PavedArea, Skybridge, StreetBays
 from mmw.weather import PRESETS, Weather
@@ -54,11 +55,11 @@ class BuildingStyle(Section):
     @model_validator(mode="after")
     def _fits_together(self) -> "BuildingStyle":
         if self.roof_form != "flat" and self.plans != ("rectangle",):
-            raise ValueError(f"roof_form {self.roof_form!r} with plans {self.plans}; only a flat roof covers them")
+            raise InputError(f"roof_form {self.roof_form!r} with plans {self.plans}; only a flat roof covers them")
         if self.mullion_m and self.windows != "curtain":
-            raise ValueError(f"mullion_m with windows {self.windows!r}; only a curtain wall has mullions")
+            raise InputError(f"mullion_m with windows {self.windows!r}; only a curtain wall has mullions")
         if self.balconies and self.windows != "punched":
-            raise ValueError(f"balconies with windows {self.windows!r}; balconies belong to punched windows")
+            raise InputError(f"balconies with windows {self.windows!r}; balconies belong to punched windows")
         return self
 
 
@@ -96,7 +97,7 @@ class BlocksSection(Section):
             for style in district.styles:
                 if style not in self.styles:
                     known = ", ".join(sorted(self.styles))
-                    raise ValueError(f"district {district.name!r} uses style {style!r}; styles are: {known}")
+                    raise InputError(f"district {district.name!r} uses style {style!r}; styles are: {known}")
         return self
 
 
@@ -195,5 +196,5 @@ class BlockDescription(Section):
         for building in self.buildings:
             if building.style not in self.blocks.styles:
                 known = ", ".join(sorted(self.blocks.styles))
-                raise ValueError(f"building {building.name!r} uses style {building.style!r}; styles are: {known}")
+                raise InputError(f"building {building.name!r} uses style {building.style!r}; styles are: {known}")
         return self

@@ -8,6 +8,7 @@ import numpy as np
 import shapely
 from shapely.geometry.polygon import orient
 
+from mmw.errors import InputError
 from mmw.town.block_description import BlockDescription, BuildingStyle, District, PlacedBuilding
 from mmw.town.buildings import Site
 from mmw.town.ground import Ground
@@ -172,20 +173,20 @@ def place_by_hand(buildings: Sequence[PlacedBuilding], corridor: shapely.Geometr
         ground: Height of the ground.
 
     Raises:
-        ValueError: If one reaches into a road, off the ground or into another one.
+        InputError: If one reaches into a road, off the ground or into another one.
     """
     lots: list[Lot] = []
     for placed in buildings:
         site = _site(ground, placed.center, math.radians(placed.yaw_deg + 90), *placed.size_m, np.inf)
         if site is None or shapely.intersects(corridor, shapely.Polygon(site.ring)):
-            raise ValueError(f"building {placed.name!r} at {placed.center}: on a road or off the ground; move it")
+            raise InputError(f"building {placed.name!r} at {placed.center}: on a road or off the ground; move it")
         lots.append(Lot(placed.name, placed.style, placed.storeys, site))
     plans = np.array([lot.outline for lot in lots], object)
     for k, lot in enumerate(lots):
         near = np.flatnonzero(shapely.dwithin(plans, plans[k], TOUCH))
         inner = shapely.buffer(plans[k], -TOUCH, join_style="mitre")
         for other in near[(near != k) & shapely.intersects(plans[near], inner)]:
-            raise ValueError(
+            raise InputError(
                 f"buildings {lot.name!r} and {lots[other].name!r} overlap; edge to edge is allowed; move one"
             )
         if len(near) > 1:
@@ -232,7 +233,7 @@ def place_lots(
         The lots, and the blocks that they are on.
 
     Raises:
-        ValueError: If a hand-placed building reaches into a road, off the ground or into another one.
+        InputError: If a hand-placed building reaches into a road, off the ground or into another one.
     """
     blocks_section, styles = description.blocks, description.blocks.styles
     blocks = find_blocks(corridor, shapely.buffer(land, -4.0), blocks_section.reach_m)
@@ -248,7 +249,7 @@ def place_lots(
                 lots.append(Lot(f"b_{len(lots) + 1:03d}", style, storeys, site))
     unknown = [lot.style for lot in lots if lot.style not in styles]
     if unknown:
-        raise ValueError(f"buildings: style {unknown[0]!r} is unknown; styles are: {', '.join(sorted(styles))}")
+        raise InputError(f"buildings: style {unknown[0]!r} is unknown; styles are: {', '.join(sorted(styles))}")
     return lots, blocks
 
 

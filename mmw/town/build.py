@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import shapely
 
+from mmw.errors import InputError
 from mmw.paths import assets_dir, shipped_towns
 from mmw.town.author import PAYLOAD, write_town
 from mmw.town.block_description import TownWeather
@@ -70,7 +71,7 @@ def town_parts(description: TownDescription) -> TownParts:
     """Return what a town consists of.
 
     Raises:
-        ValueError: If the description cannot be built; the message says where.
+        InputError: If the description cannot be built; the message says where.
     """
     network = build_network(description)
     terrain = build_terrain(description, network)
@@ -129,7 +130,7 @@ def build_town(
         radio_rows: Radio materials that exist, such as `itu_wet_ground`; None to leave that to the run.
 
     Raises:
-        ValueError: If the description is wrong or cannot be built.
+        InputError: If the description is wrong or cannot be built.
     """
     description = load_town(description_path)
     name, weather = description.name, description.weather
@@ -138,8 +139,8 @@ def build_town(
         town = town_parts(description)
         parts = town.meshes
         path = write_town(out_dir, name, parts, town.lanes, weather, materials, town.parked, town.walks)
-    except ValueError as error:
-        raise ValueError(f"{description_path}: {error}") from None
+    except InputError as error:
+        raise InputError(f"{description_path}: {error}") from None
     meshes: Counter[str] = Counter()
     triangles: Counter[str] = Counter()
     for part in parts:
@@ -164,7 +165,7 @@ def build_town(
 def _check_rows(weather: Mapping[str, TownWeather], radio_rows: Collection[str] | None) -> None:
     for name, state in weather.items():
         if state.ground_itu and radio_rows is not None and state.ground_itu not in radio_rows:
-            raise ValueError(
+            raise InputError(
                 f"weather.{name}.ground_itu = {state.ground_itu!r} is unknown; use one of {', '.join(radio_rows)}"
             )
 
@@ -173,10 +174,10 @@ def build_shipped_town(name: str, out_dir: str | Path | None = None) -> TownRepo
     """Rebuild a shipped town, in place unless another folder is given.
 
     Raises:
-        ValueError: If no town of this name has a description.
+        InputError: If no town of this name has a description.
     """
     if name not in shipped_towns():
         known = ", ".join(shipped_towns())
-        raise ValueError(f"town = {name!r}; shipped towns are: {known}; name one of them, or give a YAML file")
+        raise InputError(f"town = {name!r}; shipped towns are: {known}; name one of them, or give a YAML file")
     folder = assets_dir() / "towns" / name
     return build_town(folder / f"{name}.yaml", out_dir or folder)

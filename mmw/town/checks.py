@@ -6,6 +6,7 @@ from itertools import combinations
 import numpy as np
 import shapely
 
+from mmw.errors import InputError
 from mmw.town.alignment import Elevation
 from mmw.town.lanes import Lane, LaneGraph
 from mmw.town.roads import RoadBody
@@ -21,18 +22,18 @@ HALF_VEHICLE = 1.3
 
 
 def check_grade(name: str, elevation: Elevation) -> None:
-    """Raise ValueError if a road is steeper than 0.20."""
+    """Raise InputError if a road is steeper than 0.20."""
     if elevation.steepest > STEEPEST:
         grade = np.abs(np.diff(elevation.height) / np.diff(elevation.station))
         k = int(np.argmax(grade))
-        raise ValueError(
+        raise InputError(
             f"road {name!r}: grade {grade[k]:.3f} between stations {elevation.station[k]:.1f} and "
             f"{elevation.station[k + 1]:.1f} m; {STEEPEST:.2f} or less is needed; lengthen the slope or lower its end"
         )
 
 
 def check_crossings(bodies: dict[str, RoadBody]) -> None:
-    """Raise ValueError if two roads cross on the ground away from a node."""
+    """Raise InputError if two roads cross on the ground away from a node."""
     pieces = [(name, body.centre_line[rows]) for name, body in bodies.items() for rows in body.on_ground]
     pieces = [(name, line, shapely.LineString(line)) for name, line in pieces if len(line) > 1]
     for (first, one, line), (second, two, other) in combinations(pieces, 2):
@@ -41,14 +42,14 @@ def check_crossings(bodies: dict[str, RoadBody]) -> None:
         for point in shapely.get_parts(shapely.intersection(line, other)):
             x, y = point.centroid.x, point.centroid.y
             z = [_height_on(points, x, y) for points in (one, two)]
-            raise ValueError(
+            raise InputError(
                 f"roads {first!r} and {second!r} cross at ({x:.1f}, {y:.1f}) with {abs(z[0] - z[1]):.1f} m between "
                 f"them; {LEAST_CLEARANCE} m are needed below a `bridge`; make one a bridge, or put a node there"
             )
 
 
 def check_clearance(structures: Sequence[Structure], roads: dict[str, np.ndarray]) -> None:
-    """Raise ValueError if the underside of a structure is less than 5 m above a carriageway, anywhere in plan.
+    """Raise InputError if the underside of a structure is less than 5 m above a carriageway, anywhere in plan.
 
     Args:
         structures: Bridges with their piers.
@@ -62,7 +63,7 @@ def check_clearance(structures: Sequence[Structure], roads: dict[str, np.ndarray
                 gap, xy = gap[gap > -0.5], xy[gap > -0.5]
             if len(gap) and gap.min() < LEAST_CLEARANCE:
                 x, y = xy[int(np.argmin(gap))]
-                raise ValueError(
+                raise InputError(
                     f"bridge of road {structure.road!r}: {gap.min():.2f} m of clearance above {name!r} at "
                     f"({x:.1f}, {y:.1f}); {LEAST_CLEARANCE} m are needed; raise the bridge or move one of the roads"
                 )
@@ -106,7 +107,7 @@ def _height_on(line: np.ndarray, x: float, y: float) -> float:
 
 
 def check_lanes(graph: LaneGraph, kerb: shapely.Geometry, own: dict[str, shapely.Geometry]) -> None:
-    """Raise ValueError if a lane leads nowhere, comes from nowhere, or runs too close to a kerb.
+    """Raise InputError if a lane leads nowhere, comes from nowhere, or runs too close to a kerb.
 
     Args:
         graph: Lanes.
@@ -117,26 +118,26 @@ def check_lanes(graph: LaneGraph, kerb: shapely.Geometry, own: dict[str, shapely
     shapely.prepare(kerb)
     for lane in graph.lanes.values():
         if not lane.successors:
-            raise ValueError(f"lane {lane.name!r} has no successor; join a road that leads on")
+            raise InputError(f"lane {lane.name!r} has no successor; join a road that leads on")
         if not lane.junction and lane.name not in fed:
-            raise ValueError(f"lane {lane.name!r} has no predecessor; join a road that leads to it")
+            raise InputError(f"lane {lane.name!r} has no predecessor; join a road that leads to it")
         step = np.diff(lane.points, axis=0)
         grade = float(np.max(np.abs(step[:, 2]) / np.hypot(step[:, 0], step[:, 1])))
         if grade > STEEPEST:
-            raise ValueError(
+            raise InputError(
                 f"lane {lane.name!r}: grade {grade:.3f} on the inside of a bend; {STEEPEST:.2f} or less is needed; "
                 "lengthen the slope or widen the bend"
             )
         distance = _kerb_distance(lane, own.get(lane.name, kerb))
         if distance < HALF_VEHICLE:
-            raise ValueError(
+            raise InputError(
                 f"lane {lane.name!r} passes {distance:.2f} m from a kerb; {HALF_VEHICLE} m are needed; increase "
                 "corner_radius of the junction or the shoulder of the profile"
             )
 
 
 def check_connected(graph: LaneGraph) -> None:
-    """Raise ValueError if some lane cannot be reached from another: vehicles would gather in one part of the town."""
+    """Raise InputError if some lane cannot be reached from another: vehicles would gather in one part of the town."""
     first = next(iter(graph.lanes))
     beside = {name: tuple(side for side in (lane.left, lane.right) if side) for name, lane in graph.lanes.items()}
     onward = {name: (*lane.successors, *beside[name]) for name, lane in graph.lanes.items()}
@@ -150,7 +151,7 @@ def check_connected(graph: LaneGraph) -> None:
                     queue.append(name)
         lost = sorted(set(graph.lanes) - seen)
         if lost:
-            raise ValueError(f"lane {lost[0]!r} cannot be {way} lane {first!r}; join its road to the rest of the town")
+            raise InputError(f"lane {lost[0]!r} cannot be {way} lane {first!r}; join its road to the rest of the town")
 
 
 def _kerb_distance(lane: Lane, kerb: shapely.Geometry) -> float:

@@ -7,6 +7,7 @@ from pydantic import Field, model_validator
 
 from mmw.config.section import Name, Section, Vec3
 from mmw.config.yaml_file import read_yaml, validated
+from mmw.errors import InputError
 from mmw.town.block_description import BlockDescription
 
 Identifier = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$", max_length=40)]
@@ -33,7 +34,7 @@ class Profile(Section):
     def _median_fits(self) -> "Profile":
         least = 1.0 + 2 * self.kerb_width
         if self.median != "painted" and (self.oneway or self.centre < least or self.kerb_height == 0):
-            raise ValueError(
+            raise InputError(
                 f"median: {self.median} with centre {self.centre} m, kerb_height {self.kerb_height} m, oneway "
                 f"{self.oneway}; an island needs two directions, centre of {least} m or more and a kerb; correct one"
             )
@@ -57,7 +58,7 @@ class Bridge(Section):
     @model_validator(mode="after")
     def _has_room(self) -> "Bridge":
         if self.fill_below < self.deck + 1:
-            raise ValueError(
+            raise InputError(
                 f"fill_below {self.fill_below} m with a deck of {self.deck} m leaves no space below; "
                 f"{self.deck + 1} m or more is needed; raise fill_below"
             )
@@ -126,24 +127,24 @@ class TownDescription(BlockDescription):
         ids = [road.id for road in self.roads] + [ring.id for ring in self.roundabouts]
         twice = sorted({name for name in ids if ids.count(name) > 1})
         if twice:
-            raise ValueError(f"{', '.join(twice)} names two roads or roundabouts; give each its own id")
+            raise InputError(f"{', '.join(twice)} names two roads or roundabouts; give each its own id")
         nodes = set(self.nodes) | {f"{ring.id}_{arm}" for ring in self.roundabouts for arm in ring.arms}
         for road in self.roads:
             for key, node in (("from", road.start), ("to", road.end)):
                 if node not in nodes:
-                    raise ValueError(f"road {road.id!r}: {key} = {node!r}; nodes are: {', '.join(sorted(nodes))}")
+                    raise InputError(f"road {road.id!r}: {key} = {node!r}; nodes are: {', '.join(sorted(nodes))}")
         for owner in (*self.roads, *self.roundabouts):
             if owner.profile not in self.profiles:
                 known = ", ".join(sorted(self.profiles))
-                raise ValueError(f"{owner.id!r}: profile = {owner.profile!r}; profiles are: {known}")
+                raise InputError(f"{owner.id!r}: profile = {owner.profile!r}; profiles are: {known}")
         for ring in self.roundabouts:
             if not self.profiles[ring.profile].oneway:
-                raise ValueError(f"roundabout {ring.id!r}: profile {ring.profile!r} is two-way; set oneway: true")
+                raise InputError(f"roundabout {ring.id!r}: profile {ring.profile!r} is two-way; set oneway: true")
             if len(ring.arms) < 3:
-                raise ValueError(f"roundabout {ring.id!r}: {len(ring.arms)} arms; a ring needs 3 or more")
+                raise InputError(f"roundabout {ring.id!r}: {len(ring.arms)} arms; a ring needs 3 or more")
         for name in self.junctions:
             if name not in nodes:
-                raise ValueError(f"junctions: {name!r} is no node; nodes are: {', '.join(sorted(nodes))}")
+                raise InputError(f"junctions: {name!r} is no node; nodes are: {', '.join(sorted(nodes))}")
         return self
 
 

@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 import shapely
 
+from mmw.errors import InputError
 from mmw.town.block_description import BlockDescription, PlacedProp, PropLine, PropRow, is_named
 from mmw.town.blocks import Lot, start_west
 from mmw.town.ground import Ground
@@ -88,18 +89,18 @@ class Furniture:
         Parts above the headroom of trucks, such as a canopy, may reach over a carriageway.
 
         Raises:
-            ValueError: If a part stands on the carriageway, in a building, in a bay or off the ground.
+            InputError: If a part stands on the carriageway, in a building, in a bay or off the ground.
         """
         spot = Spot(prop.kind, (round(prop.at[0], 2), round(prop.at[1], 2)), round(math.radians(prop.yaw_deg), 4))
         where = f"props: {prop.kind!r} at {prop.at}"
         low, whole = _plan_of(spot, HEADROOM), _plan_of(spot, math.inf)
         if np.isnan(self.ground.height(*shapely.get_coordinates(low).T)).any():
-            raise ValueError(f"{where}: off the ground; move it into the town")
+            raise InputError(f"{where}: off the ground; move it into the town")
         if shapely.dwithin(self.carriageway, low, 0.1):
-            raise ValueError(f"{where}: on the carriageway; move it aside by its size")
+            raise InputError(f"{where}: on the carriageway; move it aside by its size")
         crowded = (np.hypot(*(self._feet[: len(self.spots)] - spot.xy).T) < KERB_CLEARANCE).any()
         if crowded or shapely.intersects(self._plans, low).any():
-            raise ValueError(f"{where}: in a building, a bay or another prop; move it away")
+            raise InputError(f"{where}: in a building, a bay or another prop; move it away")
         if len(self.spots) == len(self._feet):
             self._feet = np.concatenate([self._feet, np.zeros_like(self._feet)])
         self._feet[len(self.spots)] = spot.xy
@@ -280,7 +281,7 @@ def furnish(
         roads: Road -> its reference line [m], [N, 3], for rows along certain roads.
 
     Raises:
-        ValueError: If a prop placed by hand stands on the carriageway, in a building or off the ground.
+        InputError: If a prop placed by hand stands on the carriageway, in a building or off the ground.
     """
     section = description.props
     rng = np.random.default_rng([description.blocks.seed, 1])

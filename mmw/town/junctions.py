@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
+from mmw.errors import InputError
 from mmw.town.alignment import Alignment
 from mmw.town.description import Junction, Road
 from mmw.town.pad_paint import through_lines
@@ -61,16 +62,16 @@ def find_trims(node: str, arms: list[Arm], radius: float) -> list[float]:
     """Return how far from the node each arm ends, so that corners of `radius` fit between the arms [m].
 
     Raises:
-        ValueError: If the node has fewer than two arms, or two arms leave it in nearly the same direction.
+        InputError: If the node has fewer than two arms, or two arms leave it in nearly the same direction.
     """
     if len(arms) < 2:
         ids = ", ".join(arm.road.id for arm in arms) or "none"
-        raise ValueError(f"node {node!r}: roads that meet here: {ids}; 2 or more are needed, a dead end traps vehicles")
+        raise InputError(f"node {node!r}: roads that meet here: {ids}; 2 or more are needed, a dead end traps vehicles")
     trims = [LEAST_TRIM] * len(arms)
     for k, opening in enumerate(openings(arms)):
         i, j = k, (k + 1) % len(arms)
         if opening < LEAST_OPENING:
-            raise ValueError(
+            raise InputError(
                 f"node {node!r}: roads {arms[i].road.id!r} and {arms[j].road.id!r} open by "
                 f"{np.degrees(opening):.1f} deg; {np.degrees(LEAST_OPENING):.0f} deg or more are needed; "
                 "bend one with `via`"
@@ -265,12 +266,12 @@ def triangulate(border: np.ndarray, name: str, holes: Sequence[np.ndarray] = ())
         holes: Borders of the parts that stay empty [m], each [K, 2]; their vertices follow those of `border`.
 
     Raises:
-        ValueError: If the border crosses itself.
+        InputError: If the border crosses itself.
     """
     polygon = shapely.Polygon(border, holes)
     border = np.concatenate([border, *holes])
     if not polygon.is_valid:
-        raise ValueError(
+        raise InputError(
             f"junction {name!r}: the kerbs of its arms cross ({shapely.is_valid_reason(polygon)}); "
             "increase the angle between the arms or reduce corner_radius"
         )

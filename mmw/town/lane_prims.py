@@ -3,6 +3,7 @@
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom, Vt
 
+from mmw.errors import InputError
 from mmw.town.lanes import Lane, LaneGraph
 from mmw.usd.extract import to_metres
 from mmw.usd.specs import new_prim, set_value
@@ -27,7 +28,7 @@ def write_lanes(stage: Usd.Stage, path: str, graph: LaneGraph) -> None:
         graph: Lanes; their names must be identifiers.
 
     Raises:
-        ValueError: If a lane's name cannot be a prim name.
+        InputError: If a lane's name cannot be a prim name.
     """
     group = UsdGeom.Scope.Define(stage, path)
     UsdGeom.Imageable(group).CreatePurposeAttr(UsdGeom.Tokens.guide)
@@ -35,7 +36,7 @@ def write_lanes(stage: Usd.Stage, path: str, graph: LaneGraph) -> None:
         layer = stage.GetEditTarget().GetLayer()
         for name in sorted(graph.lanes):
             if not Sdf.Path.IsValidIdentifier(name):
-                raise ValueError(f"lane {name!r}: not a prim name; letters, digits and _ are needed; rename its road")
+                raise InputError(f"lane {name!r}: not a prim name; letters, digits and _ are needed; rename its road")
             _write_lane(layer, f"{path}/{name}", graph.lanes[name])
 
 
@@ -71,12 +72,12 @@ def read_lanes(stage: Usd.Stage, root_path: str) -> LaneGraph:
         root_path: Where to look, such as `/Town/Lanes` or `/World/Town`.
 
     Raises:
-        ValueError: If the prim does not exist, holds no lane, or a lane lacks an attribute or its points.
+        InputError: If the prim does not exist, holds no lane, or a lane lacks an attribute or its points.
     """
     root = stage.GetPrimAtPath(root_path)
     where = stage.GetRootLayer().identifier
     if not root:
-        raise ValueError(f"{where}: no prim {root_path}; the lanes of a town are needed there; give the right path")
+        raise InputError(f"{where}: no prim {root_path}; the lanes of a town are needed there; give the right path")
     transforms, metres = UsdGeom.XformCache(), to_metres(stage)
     lanes = {}
     for prim in Usd.PrimRange(root):
@@ -87,7 +88,7 @@ def read_lanes(stage: Usd.Stage, root_path: str) -> LaneGraph:
         points = UsdGeom.BasisCurves(prim).GetPointsAttr().Get()
         if missing or points is None or len(points) < 2:
             found = f"no {', '.join(missing)}" if missing else "fewer than two points"
-            raise ValueError(f"{where}: lane {prim.GetPath()} has {found}; all are needed; write it with write_lanes")
+            raise InputError(f"{where}: lane {prim.GetPath()} has {found}; all are needed; write it with write_lanes")
         matrix = np.array(transforms.GetLocalToWorldTransform(prim), dtype=np.float64)
         matrix = matrix @ metres
         xyz = np.array(points, dtype=np.float64) @ matrix[:3, :3] + matrix[3, :3]
@@ -103,5 +104,5 @@ def read_lanes(stage: Usd.Stage, root_path: str) -> LaneGraph:
             *([float(prim.GetAttribute(STOP).Get())] if prim.HasAttribute(STOP) else []),
         )
     if not lanes:
-        raise ValueError(f"{where}: no lanes below {root_path}; rebuild the town with its lanes")
+        raise InputError(f"{where}: no lanes below {root_path}; rebuild the town with its lanes")
     return LaneGraph(lanes)

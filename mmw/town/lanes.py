@@ -5,6 +5,8 @@ from functools import cached_property
 
 import numpy as np
 
+from mmw.errors import InputError
+
 
 @dataclass(frozen=True)
 class Lane:
@@ -60,10 +62,10 @@ class LaneGraph:
         for lane in self.lanes.values():
             for name in lane.successors:
                 if name not in self.lanes:
-                    raise ValueError(f"lane {lane.name!r} leads to {name!r}, which does not exist; rebuild the town")
+                    raise InputError(f"lane {lane.name!r} leads to {name!r}, which does not exist; rebuild the town")
             for side in (lane.left, lane.right):
                 if side and side not in self.lanes:
-                    raise ValueError(f"lane {lane.name!r} lies beside {side!r}, which does not exist; rebuild the town")
+                    raise InputError(f"lane {lane.name!r} lies beside {side!r}, which does not exist; rebuild the town")
 
     @cached_property
     def predecessors(self) -> dict[str, tuple[str, ...]]:

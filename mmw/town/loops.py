@@ -3,6 +3,7 @@
 import numpy as np
 import shapely
 
+from mmw.errors import InputError
 from mmw.town.strips import Chain
 
 
@@ -16,13 +17,13 @@ def link_chains(chains: list[Chain]) -> list[np.ndarray]:
         One table a loop, shape [N, 5, 3], without the repeated last row.
 
     Raises:
-        ValueError: If the end of a chain does not meet exactly one start.
+        InputError: If the end of a chain does not meet exactly one start.
     """
     start: dict[tuple[float, float], int] = {}
     for k, chain in enumerate(chains):
         key = (float(chain.table[0, 0, 0]), float(chain.table[0, 0, 1]))
         if key in start:
-            raise ValueError(
+            raise InputError(
                 f"kerbs {chains[start[key]].name!r} and {chain.name!r} begin at one point; rebuild the roads"
             )
         start[key] = k
@@ -35,7 +36,7 @@ def link_chains(chains: list[Chain]) -> list[np.ndarray]:
             tables.append(chains[k].table[:-1])
             end = (float(chains[k].table[-1, 0, 0]), float(chains[k].table[-1, 0, 1]))
             if end not in start:
-                raise ValueError(f"the kerb {chains[k].name!r} ends at {end} where no other begins; rebuild the roads")
+                raise InputError(f"the kerb {chains[k].name!r} ends at {end} where no other begins; rebuild the roads")
             k = start[end]
             if k == first:
                 break
@@ -57,12 +58,12 @@ def enclosed(loops: list[np.ndarray], border: int) -> shapely.Geometry:
         border: 0 for the kerb line, 4 for the outer edge of the verge.
 
     Raises:
-        ValueError: If two loops cross there, or one crosses itself: roads or sidewalks overlap.
+        InputError: If two loops cross there, or one crosses itself: roads or sidewalks overlap.
     """
     polygons = [shapely.Polygon(loop[:, border, :2]) for loop in loops]
     for polygon in polygons:
         if not polygon.is_valid:
-            raise ValueError(
+            raise InputError(
                 f"roads overlap: {shapely.is_valid_reason(polygon)}; "
                 "move the roads there apart or narrow their sidewalks"
             )
@@ -72,5 +73,5 @@ def enclosed(loops: list[np.ndarray], border: int) -> shapely.Geometry:
     a, b = tree.query(np.array(polygons), predicate="overlaps")
     if len(a):
         where = shapely.point_on_surface(shapely.intersection(polygons[a[0]], polygons[b[0]]))
-        raise ValueError(f"roads overlap near ({where.x:.0f}, {where.y:.0f}); move the roads there apart")
+        raise InputError(f"roads overlap near ({where.x:.0f}, {where.y:.0f}); move the roads there apart")
     return shapely.difference(shapely.union_all(outer), shapely.union_all(inner))

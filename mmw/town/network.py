@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 import shapely
 
+from mmw.errors import InputError
 from mmw.town.alignment import Alignment, make_alignment, make_elevation
 from mmw.town.block_description import PropsSection, is_named
 from mmw.town.checks import check_clearance, check_connected, check_crossings, check_grade, check_lanes
@@ -92,7 +93,7 @@ def build_network(description: TownDescription) -> RoadNetwork:
     """Return the roads of a town.
 
     Raises:
-        ValueError: If the description cannot be built: roads too short for their junctions, a grade above 0.20, roads
+        InputError: If the description cannot be built: roads too short for their junctions, a grade above 0.20, roads
             that overlap or cross on the ground, a bridge that begins above the ground, leaves less than 5 m of
             clearance or finds no place for a pier, a way too tight or too close to a kerb, a dead end.
     """
@@ -214,7 +215,7 @@ def _check_names(props: PropsSection, nodes: list[str]) -> None:
     for key, patterns in (("signalled", props.signalled), ("give_way", props.give_way)):
         for pattern in patterns:
             if not any(is_named(node, [pattern]) for node in nodes):
-                raise ValueError(f"props.{key} = {pattern!r}: names no junction; junctions are {', '.join(nodes)}")
+                raise InputError(f"props.{key} = {pattern!r}: names no junction; junctions are {', '.join(nodes)}")
 
 
 def _end(arm: Arm, arms: list[Arm], trim: float, settings: Junction, is_signalled: bool) -> RoadEnd:

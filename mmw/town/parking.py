@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import shapely
 
+from mmw.errors import InputError
 from mmw.poses import quaternion_from_matrix
 from mmw.town.description import Profile, TownDescription
 from mmw.town.ground import Ground
@@ -82,14 +83,14 @@ def block_of(lot: ParkingLot, terrain: Sequence[MeshPart]) -> shapely.Polygon:
     """Return the plan of the block of terrain that a car park is to fill.
 
     Raises:
-        ValueError: If no block enclosed by roads lies at `at`.
+        InputError: If no block enclosed by roads lies at `at`.
     """
     for part in terrain:
         if part.path.startswith("Terrain/block_"):
             plan = outline_of(part)
             if isinstance(plan, shapely.Polygon) and shapely.contains_xy(plan, *lot.at):
                 return plan
-    raise ValueError(
+    raise InputError(
         f"lots {lot.name!r}: at = {lot.at}: no block enclosed by roads; give a point between the aisle roads"
     )
 
@@ -101,7 +102,7 @@ def lay_out(lot: ParkingLot, block: shapely.Polygon) -> list[Bay]:
     bays as fit between its ends; where the block is not a rectangle, bays that reach beyond it are left out.
 
     Raises:
-        ValueError: If the rows are deeper than the block, or no bay fits.
+        InputError: If the rows are deeper than the block, or no bay fits.
     """
     if not lot.rows:
         return []
@@ -112,7 +113,7 @@ def lay_out(lot: ParkingLot, block: shapely.Polygon) -> list[Bay]:
     pairs = (lot.rows + 1) // 2
     needed = lot.rows * depth + (pairs - 1) * lot.aisle_m
     if needed > high[1] - low[1] + 1e-3:
-        raise ValueError(
+        raise InputError(
             f"lots {lot.name!r}: {lot.rows} rows need {needed:.1f} m, the block is {high[1] - low[1]:.1f} m deep; take "
             "fewer rows, shallower bays or a narrower aisle, or move the roads apart"
         )
@@ -130,7 +131,7 @@ def lay_out(lot: ParkingLot, block: shapely.Polygon) -> list[Bay]:
             if shapely.contains(room, bay.outline):
                 bays.append(bay)
     if not bays:
-        raise ValueError(f"lots {lot.name!r}: no bay of {width} x {depth} m fits the block; make it wider")
+        raise InputError(f"lots {lot.name!r}: no bay of {width} x {depth} m fits the block; make it wider")
     return bays
 
 
@@ -185,21 +186,21 @@ def street_bays(
         carriageway: Drivable area, which holds the bays.
 
     Raises:
-        ValueError: If the road does not exist, is too short, or its shoulder is too narrow.
+        InputError: If the road does not exist, is too short, or its shoulder is too narrow.
     """
     where = f"bays along {section.along!r}"
     if section.along not in lines or section.along not in profiles:
-        raise ValueError(f"{where}: no such road; roads are: {', '.join(sorted(profiles))}; name one of them")
+        raise InputError(f"{where}: no such road; roads are: {', '.join(sorted(profiles))}; name one of them")
     profile, line = profiles[section.along], lines[section.along][:, :2]
     least = STREET_WIDTH + KERB_GAP + LANE_GAP
     if profile.shoulder < least:
-        raise ValueError(
+        raise InputError(
             f"{where}: the shoulder is {profile.shoulder} m wide; {least} m are needed; widen it in the profile"
         )
     path = shapely.LineString(line)
     last = path.length - FROM_JUNCTION
     if not FROM_JUNCTION <= section.start <= section.end - section.length + 1e-6 or section.end > last:
-        raise ValueError(
+        raise InputError(
             f"{where}: from {section.start} to {section.end} m; stations between {FROM_JUNCTION} and "
             f"{last:.1f} m, at least one bay of {section.length} m apart, are needed"
         )
@@ -222,7 +223,7 @@ def street_bays(
         bay = Bay((float(center[0]), float(center[1])), yaw, STREET_WIDTH, section.length)
         inner = shapely.buffer(bay.outline, -0.5 * LANE_GAP, join_style="mitre")
         if not shapely.contains(carriageway, inner) or shapely.intersects(inner, driven).any():
-            raise ValueError(
+            raise InputError(
                 f"{where}: the bay at station {ends[0]:.1f} m reaches into a lane or over the kerb; move `from` or `to`"
             )
         bays.append(bay)
@@ -238,7 +239,7 @@ def choose_models(names: Sequence[str], bays: Sequence[Bay], catalog: Mapping[st
         catalog: Model name -> model.
 
     Raises:
-        ValueError: If a name is unknown, or a model does not fit.
+        InputError: If a name is unknown, or a model does not fit.
     """
 
     def fits(model: VehicleModel) -> bool:
@@ -246,16 +247,16 @@ def choose_models(names: Sequence[str], bays: Sequence[Bay], catalog: Mapping[st
 
     for name in names:
         if name not in catalog:
-            raise ValueError(f"parked vehicles: model {name!r}; models are: {', '.join(catalog)}; name one of them")
+            raise InputError(f"parked vehicles: model {name!r}; models are: {', '.join(catalog)}; name one of them")
         if not fits(catalog[name]):
             model = catalog[name]
-            raise ValueError(
+            raise InputError(
                 f"parked vehicles: model {name!r} is {model.length} x {model.width} m; it does not fit a bay of "
                 f"{bays[0].depth} x {bays[0].width} m; make the bays larger or leave the model out"
             )
     found = [catalog[name] for name in names] or [m for m in catalog.values() if m.label == "car" and fits(m)]
     if not found:
-        raise ValueError(f"parked vehicles: no car fits a bay of {bays[0].depth} x {bays[0].width} m; make it larger")
+        raise InputError(f"parked vehicles: no car fits a bay of {bays[0].depth} x {bays[0].width} m; make it larger")
     return found
 
 
@@ -303,7 +304,7 @@ def _stand(model: VehicleModel, origin: np.ndarray, heading: np.ndarray, ground:
     wheels = 0.5 * np.array([[x * model.wheelbase, y * model.track] for x in (-1, 1) for y in (-1, 1)])
     z = ground.height(*(origin + wheels @ heading.T).T)
     if np.isnan(z).any():
-        raise ValueError(f"parked vehicles: no ground at ({origin[0]:.1f}, {origin[1]:.1f}); move the bay")
+        raise InputError(f"parked vehicles: no ground at ({origin[0]:.1f}, {origin[1]:.1f}); move the bay")
     (slope_x, slope_y, height), *_ = np.linalg.lstsq(np.column_stack([wheels, np.ones(4)]), z, rcond=None)
     x = np.array([*heading[:, 0], slope_x])
     y = np.array([*heading[:, 1], slope_y])
@@ -318,7 +319,7 @@ def find_parking(description: TownDescription, network: RoadNetwork, terrain: Se
     """Return the bays of sections `lots` and `bays`.
 
     Raises:
-        ValueError: If a lot or a row of bays cannot be where it is described.
+        InputError: If a lot or a row of bays cannot be where it is described.
     """
     groups: list[tuple[ParkingLot | StreetBays, tuple[Bay, ...]]] = []
     blocks, regions = [], []
@@ -339,7 +340,7 @@ def park_all(parking: Parking, catalog: Mapping[str, VehicleModel], ground: Grou
     """Return the parked cars of a town, named p_001, p_002, ... in the order of the sections and their bays.
 
     Raises:
-        ValueError: If a model is unknown or fits no bay.
+        InputError: If a model is unknown or fits no bay.
     """
     cars: list[ParkedCar] = []
     for section, bays in parking.groups:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import shapely
 
+from mmw.errors import InputError
 from mmw.town.parts import MeshPart
 from mmw.town.place_description import PavedArea
 from mmw.town.solids import Mesh, merge, weld
@@ -97,7 +98,7 @@ def pave(terrain: Sequence[MeshPart], regions: Sequence[Region]) -> list[MeshPar
         regions: Later ones cut what earlier ones have left.
 
     Raises:
-        ValueError: If a region covers no terrain.
+        InputError: If a region covers no terrain.
     """
     left, paved = list(terrain), []
     for region in regions:
@@ -110,7 +111,7 @@ def pave(terrain: Sequence[MeshPart], regions: Sequence[Region]) -> list[MeshPar
                     left[k] = replace(part, points=rest.points, faces=rest.faces)
         mesh = weld(merge(found))
         if not len(mesh.faces):
-            raise ValueError(f"{region.path}: covers no terrain; move it off the roads, or into the town")
+            raise InputError(f"{region.path}: covers no terrain; move it off the roads, or into the town")
         paved.append(MeshPart(region.path, mesh.points, mesh.faces, region.material, region.label))
     return [part for part in left if len(part.faces)] + paved
 
@@ -123,12 +124,12 @@ def area_regions(areas: Sequence[PavedArea]) -> list[Region]:
     """Return the regions of section `paved`.
 
     Raises:
-        ValueError: If an outline crosses itself.
+        InputError: If an outline crosses itself.
     """
     regions = []
     for area in areas:
         polygon = shapely.Polygon(area.outline)
         if not polygon.is_valid or not polygon.area:
-            raise ValueError(f"paved {area.name!r}: {shapely.is_valid_reason(polygon)}; give the corners in order")
+            raise InputError(f"paved {area.name!r}: {shapely.is_valid_reason(polygon)}; give the corners in order")
         regions.append(Region(f"Paving/{area.name}", shapely.normalize(polygon), area.material, area.label))
     return regions

@@ -4,6 +4,7 @@ import zlib
 
 import numpy as np
 
+from mmw.errors import InputError
 from mmw.surfaces import components
 from mmw.town.parts import MeshPart
 from mmw.town.smooth_normals import PIERS
@@ -58,11 +59,11 @@ def _rectangles(part: MeshPart) -> tuple[np.ndarray, np.ndarray]:
     """Return the corners of all rectangles, counter-clockwise from the lower left, [Q, 4, 3], and their normals.
 
     Raises:
-        ValueError: If the mesh does not consist of pairs of triangles that share a diagonal.
+        InputError: If the mesh does not consist of pairs of triangles that share a diagonal.
     """
     pairs = part.faces.reshape(-1, 2, 3) if len(part.faces) % 2 == 0 else np.zeros((1, 2, 3), int)
     if (pairs[:, 0, 0] != pairs[:, 1, 0]).any() or (pairs[:, 0, 2] != pairs[:, 1, 1]).any() or len(part.faces) % 2:
-        raise ValueError(f"part {part.path!r}: {part.material} shows pictures on rectangles; make it of quads")
+        raise InputError(f"part {part.path!r}: {part.material} shows pictures on rectangles; make it of quads")
     corners = part.points[np.concatenate([pairs[:, 0], pairs[:, 1, 2:]], axis=1)]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 3] - corners[:, 0])
     return corners, normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
@@ -97,7 +98,7 @@ def _sign(part: MeshPart) -> np.ndarray:
     """Lay the sign over what looks to the front, by its bounds there; all other faces show the sign's middle."""
     name = part.path.rsplit("/", 1)[1]
     if name not in SIGNS:
-        raise ValueError(f"part {part.path!r}: no sign of this name; signs are: {', '.join(SIGNS)}; name it so")
+        raise InputError(f"part {part.path!r}: no sign of this name; signs are: {', '.join(SIGNS)}; name it so")
     u0, v0, u1, v1 = cell(SIGNS.index(name), SIGN_CELLS)
     corners = part.points[part.faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

@@ -8,6 +8,7 @@ from functools import cache
 
 import numpy as np
 
+from mmw.errors import InputError
 from mmw.town.farm import barn, field_fence, hay_bales, silo, water_tower, wooden_barn
 from mmw.town.gas_station import gas_canopy, gas_shop, price_sign
 from mmw.town.parts import MeshPart
@@ -246,10 +247,10 @@ def build_prop(
         detail: Fineness of the crowns of trees, as `CROWN_DETAIL`.
 
     Raises:
-        ValueError: If the kind is unknown.
+        InputError: If the kind is unknown.
     """
     if kind not in PROPS:
-        raise ValueError(f"props: kind {kind!r}; known kinds are: {', '.join(sorted(PROPS))}; use one of them")
+        raise InputError(f"props: kind {kind!r}; known kinds are: {', '.join(sorted(PROPS))}; use one of them")
     if kind in TREES:
         pieces = TREES[kind](rng, detail)
     else:

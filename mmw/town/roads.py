@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from mmw.errors import InputError
 from mmw.town.alignment import Alignment, Elevation
 from mmw.town.description import Road
 from mmw.town.lanes import Lane
@@ -154,7 +155,7 @@ def _place_rows(
         return made, None
     first, last = (int(np.argmin(np.abs(made.s - station))) for station in wanted)
     if last - first < 4:
-        raise ValueError(
+        raise InputError(
             f"road {road.id!r}: bridge from {wanted[0]:.1f} to {wanted[1]:.1f} m; it ends well after it begins; "
             "correct one"
         )
@@ -167,12 +168,12 @@ def _cut_rows(
     """Put a row at the begin and at the end of the bridge, in place; one that is very near moves there.
 
     Raises:
-        ValueError: If the bridge does not lie between the paint across the ends of the road.
+        InputError: If the bridge does not lie between the paint across the ends of the road.
     """
     begin = rows[before][0]
     for key, station in zip(("from", "to"), wanted, strict=True):
         if not begin <= station <= end:
-            raise ValueError(
+            raise InputError(
                 f"road {name!r}: bridge.{key} = {station}; needed: between {begin:.1f} and {end:.1f} m, the ends of "
                 "its junctions (measured from the node `from`); correct it"
             )
@@ -222,11 +223,11 @@ def build_road(
         ends: The junction at the first and at the last node.
 
     Raises:
-        ValueError: If the pads and the paint across the road leave nothing between them.
+        InputError: If the pads and the paint across the road leave nothing between them.
     """
     need = sum(end.trim + end.reserved for end in ends) + 0.5
     if alignment.length < need:
-        raise ValueError(
+        raise InputError(
             f"road {road.id!r}: {alignment.length:.1f} m from node to node; its junctions need {need:.1f} m; "
             "move the nodes apart, reduce corner_radius, or set crosswalks: false"
         )

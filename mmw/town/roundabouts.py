@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from mmw.errors import InputError
 from mmw.town.description import Junction, Road, Roundabout, TownDescription
 
 RING_PRIORITY = 9
@@ -14,7 +15,7 @@ def expand_roundabouts(
     """Return all nodes, roads and junction settings, with those that roundabouts stand for.
 
     Raises:
-        ValueError: If two neighbouring arms of a roundabout are less than 30 or more than 150 deg apart.
+        InputError: If two neighbouring arms of a roundabout are less than 30 or more than 150 deg apart.
     """
     nodes, roads, junctions = dict(description.nodes), list(description.roads), dict(description.junctions)
     for ring in description.roundabouts:
@@ -24,7 +25,7 @@ def expand_roundabouts(
             begin = np.radians(ring.arms[arm])
             span = np.radians((ring.arms[after] - ring.arms[arm]) % 360)
             if not np.radians(30) <= span <= np.radians(150):
-                raise ValueError(
+                raise InputError(
                     f"roundabout {ring.id!r}: arms {arm!r} and {after!r} are {np.degrees(span):.0f} deg apart; "
                     "30 to 150 deg are needed; move an arm"
                 )

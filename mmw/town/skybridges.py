@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
+from mmw.errors import InputError
 from mmw.town.ground import Ground
 from mmw.town.parts import MeshPart
 from mmw.town.place_description import Skybridge
@@ -83,25 +84,25 @@ def find_span(
         ground: Height of the ground and of the roads.
 
     Raises:
-        ValueError: If the ends lie too close, a building stands below the bridge, or a column would stand on a road.
+        InputError: If the ends lie too close, a building stands below the bridge, or a column would stand on a road.
     """
     where = f"skybridge {bridge.name!r}"
     start, end = np.array(bridge.start), np.array(bridge.end)
     length = float(np.linalg.norm(end - start))
     if length < 3.0:
-        raise ValueError(f"{where}: {length:.1f} m long; 3 m or more are needed; move its ends apart")
+        raise InputError(f"{where}: {length:.1f} m long; 3 m or more are needed; move its ends apart")
     yaw = math.atan2(*(end - start)[::-1])
     along, left = _turn(yaw).T
     corners = [start - left * 0.5 * bridge.width, end - left * 0.5 * bridge.width]
     plan = shapely.Polygon([*corners, *(corner + left * bridge.width for corner in corners[::-1])])
     inner = shapely.buffer(plan, -TOUCH, join_style="mitre")
     if any(shapely.intersects(inner, building) for building in buildings):
-        raise ValueError(f"{where}: a building placed by hand stands in its way; let the bridge end at the facade")
+        raise InputError(f"{where}: a building placed by hand stands in its way; let the bridge end at the facade")
     below = shapely.intersection(plan, shapely.buffer(carriageway, -OFF_KERB, join_style="mitre"))
     area = plan if below.is_empty else below
     heights = ground.height(*_samples(area).T)
     if np.isnan(heights).any() or np.isnan(ground.height(*shapely.get_coordinates(plan).T)).any():
-        raise ValueError(f"{where}: reaches beyond the terrain; move it into the town")
+        raise InputError(f"{where}: reaches beyond the terrain; move it into the town")
     edges = [shapely.LineString([p - left * 0.4 * bridge.width, p + left * 0.4 * bridge.width]) for p in (start, end)]
     touched = [any(shapely.dwithin(edge, building, TOUCH) for building in buildings) for edge in edges]
     chosen = {"both": (True, True), "from": (True, False), "to": (False, True), "none": (False, False)}
@@ -113,13 +114,13 @@ def find_span(
         columns += [tuple(point + inward * INSET + left * t) for t in across] if has_columns else []
     for station in bridge.piers:
         if not INSET < station < length - INSET:
-            raise ValueError(f"{where}: piers at {station} m; stations from 0 to {length:.1f} m are needed; correct it")
+            raise InputError(f"{where}: piers at {station} m; stations from 0 to {length:.1f} m are needed; correct it")
         columns += [tuple(start + along * station + left * t) for t in across]
     span = Span(bridge, yaw, plan, round(float(heights.max()) + bridge.soffit, 3), on_columns, tuple(columns))
     for column in span.column_plans:
         if shapely.dwithin(carriageway, column, KERB):
             x, y = column.centroid.x, column.centroid.y
-            raise ValueError(f"{where}: a column at ({x:.1f}, {y:.1f}) stands on a road; move it")
+            raise InputError(f"{where}: a column at ({x:.1f}, {y:.1f}) stands on a road; move it")
     return span
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
+from mmw.errors import InputError
 from mmw.town.description import Bridge
 from mmw.town.ground import Ground
 from mmw.town.parts import MeshPart
@@ -79,12 +80,12 @@ def plan_of(body: RoadBody, rows: slice = slice(None)) -> shapely.Polygon:
     """Return the plan of a bridge, or of some of its rows.
 
     Raises:
-        ValueError: If it crosses itself.
+        InputError: If it crosses itself.
     """
     faces = outer_faces(body)[rows]
     plan = shapely.Polygon(np.concatenate([faces[:, 0], faces[::-1, 1]]))
     if not plan.is_valid:
-        raise ValueError(
+        raise InputError(
             f"road {body.road.id!r}: the plan of its bridge crosses itself ({shapely.is_valid_reason(plan)}); "
             "widen the bends, or split the road at a node"
         )
@@ -99,7 +100,7 @@ def find_walls(body: RoadBody, ground: Ground) -> Walls:
         ground: The ground, closed across the ends of the bridge and level with the road there.
 
     Raises:
-        ValueError: If the bridge begins or ends above the ground, leaves the terrain, lies in the ground, never rises
+        InputError: If the bridge begins or ends above the ground, leaves the terrain, lies in the ground, never rises
             to `fill_below`, or comes down to it on the way.
     """
     bridge, begin, end = bridge_of(body)
@@ -112,18 +113,18 @@ def find_walls(body: RoadBody, ground: Ground) -> Walls:
     level[[0, -1]] = z[[0, -1], None] + kerb  # the border of the ground itself
     if np.isnan(level).any():
         k = int(np.argmax(np.isnan(level).any(axis=1)))
-        raise ValueError(f"road {name!r}: no ground below its bridge at station {s[k]:.1f} m; increase terrain.margin")
+        raise InputError(f"road {name!r}: no ground below its bridge at station {s[k]:.1f} m; increase terrain.margin")
     _check_ends(body, ground)
     height = z - level.max(axis=1)
     if height.min() < -kerb - 0.5 * bridge.parapet:
         k = int(np.argmin(height))
-        raise ValueError(
+        raise InputError(
             f"road {name!r}: its bridge lies {-height[k]:.1f} m below the ground at station {s[k]:.1f} m; raise the "
             "road there or end the bridge"
         )
     high = np.flatnonzero(height >= bridge.fill_below)
     if not len(high):
-        raise ValueError(
+        raise InputError(
             f"road {name!r}: its bridge rises to {height.max():.1f} m above the ground; more than fill_below = "
             f"{bridge.fill_below} m is needed; raise the road, lower fill_below, or remove `bridge`"
         )
@@ -132,7 +133,7 @@ def find_walls(body: RoadBody, ground: Ground) -> Walls:
         first, last = max(first - 1, 1), min(last + 1, len(z) - 2)
     dip = first + int(np.argmin(height[first : last + 1]))
     if height[dip] < min(bridge.fill_below, height[first], height[last]):
-        raise ValueError(
+        raise InputError(
             f"road {name!r}: its bridge comes down to {height[dip]:.1f} m above the ground at station {s[dip]:.1f} m; "
             f"fill_below = {bridge.fill_below} m is needed between its ends; make it two bridges, or raise the road"
         )
@@ -141,7 +142,7 @@ def find_walls(body: RoadBody, ground: Ground) -> Walls:
 
 
 def _check_ends(body: RoadBody, ground: Ground) -> None:
-    """Raise ValueError if the road is well above the ground around it where its bridge begins or ends."""
+    """Raise InputError if the road is well above the ground around it where its bridge begins or ends."""
     _, begin, end = bridge_of(body)
     offset = outer_offset(body) + AROUND
     for key, row, sense in (("from", begin, 1.0), ("to", end, -1.0)):
@@ -151,7 +152,7 @@ def _check_ends(body: RoadBody, ground: Ground) -> None:
         around = ground.height(points[:, 0], points[:, 1])
         step = float(body.rows.z[row] - np.mean(around[np.isfinite(around)])) if np.isfinite(around).any() else 0.0
         if step > MOST_STEP:
-            raise ValueError(
+            raise InputError(
                 f"road {body.road.id!r}: bridge.{key}: the road is {step:.1f} m above the ground around station "
                 f"{body.rows.s[row]:.1f} m; a bridge begins level with the ground; move it to where the slope begins"
             )

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import shapely
 
+from mmw.errors import InputError
 from mmw.town.checks import LEAST_CLEARANCE
 from mmw.town.ground import Ground
 from mmw.town.parts import MeshPart
@@ -66,7 +67,7 @@ def add_piers(
         ground: Heights of the ground.
 
     Raises:
-        ValueError: If a pier finds no place.
+        InputError: If a pier finds no place.
     """
     bridge, begin, _ = bridge_of(body)
     name = body.road.id
@@ -83,14 +84,14 @@ def add_piers(
         site, columns = next(fits, (None, None))
         if site is None or columns is None:
             x, y = _site(body, first + k * pitch).xy
-            raise ValueError(
+            raise InputError(
                 f"road {name!r}: no place for a pier near station {first + k * pitch:.0f} m, at ({x:.0f}, {y:.0f}): "
                 "roads lie below; change piers_every, move the roads, or raise the bridge for a beam across them"
             )
         feet = site.at(columns)
         floor = ground.height(feet[:, 0], feet[:, 1])
         if np.isnan(floor).any():
-            raise ValueError(
+            raise InputError(
                 f"road {name!r}: no ground for a pier at station {site.station:.0f} m; increase terrain.margin"
             )
         head, low = _head(site, columns, outer_offset(body), bridge.column_width)

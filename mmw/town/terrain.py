@@ -10,6 +10,7 @@ import scipy.sparse.linalg
 import scipy.spatial
 import shapely
 
+from mmw.errors import InputError
 from mmw.town.description import TownDescription
 from mmw.town.loops import signed_area
 from mmw.town.parts import MeshPart
@@ -67,7 +68,7 @@ def _mesh_block(path: str, loop: np.ndarray, frame: np.ndarray | None, spacing: 
     border = loop[:, :2]
     polygon = shapely.Polygon(border) if frame is None else shapely.Polygon(frame, [border])
     if not polygon.is_valid:
-        raise ValueError(f"{path}: {shapely.is_valid_reason(polygon)}; the roads around this block overlap; move them")
+        raise InputError(f"{path}: {shapely.is_valid_reason(polygon)}; the roads around this block overlap; move them")
     low, high = np.array(polygon.bounds[:2]), np.array(polygon.bounds[2:])
     count = np.maximum(np.round((high - low) / (spacing * np.array([1.0, ROW_PITCH]))).astype(int), 1)
     x, y = (np.linspace(low[k], high[k], count[k] + 1) for k in range(2))

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from mmw.errors import InputError
 from mmw.town.description import Junction
 from mmw.town.junctions import MARGIN, Arm, Pad, blend
 from mmw.town.lanes import Lane
@@ -113,7 +114,7 @@ def build_turns(
         is_signalled: Whether it has traffic lights; then every way names the phase of its arm.
 
     Raises:
-        ValueError: If a lane ends here without a way on, a way is too tight for a car, or vehicles may turn back but
+        InputError: If a lane ends here without a way on, a way is too tight for a car, or vehicles may turn back but
             have no room for it at any arm.
     """
     before = [incoming(bodies[arm.road.id], arm.is_start) for arm in arms]
@@ -122,7 +123,7 @@ def build_turns(
     for i, lanes in enumerate(before):
         for k, lane in enumerate(lanes):
             if not any(way[0] == i and way[1] == k for way in ways):
-                raise ValueError(f"node {node!r}: lane {lane.name!r} ends here; join a road that leads on")
+                raise InputError(f"node {node!r}: lane {lane.name!r} ends here; join a road that leads on")
     heading = [arm.outward(0.0) for arm in arms]
     phases = assign_phases(heading, [len(lanes) for lanes in before]) if is_signalled else [""] * len(arms)
     made = []
@@ -134,7 +135,7 @@ def build_turns(
         lead = MARGIN if CONCENTRIC < bend < np.pi else 0.0
         curve = blend(p0[:2], h0, p1[:2], h1, ARC_STEP, 1.0, lead)
         if curve.radius < LEAST_RADIUS:
-            raise ValueError(
+            raise InputError(
                 f"node {node!r}: the way from {first.name!r} to {last.name!r} has a radius of {curve.radius:.1f} m; "
                 f"{LEAST_RADIUS} m or more are needed; increase corner_radius or the angle between the roads"
             )
@@ -142,7 +143,7 @@ def build_turns(
     if settings.uturn:
         back = _ways_back(node, arms, trims, before, after, pad, phases)
         if not back:
-            raise ValueError(
+            raise InputError(
                 f"node {node!r}: uturn: true, but no arm has room to turn back; {LEAST} m of radius and "
                 f"{KERB_CLEARANCE} m from the kerbs are needed; increase corner_radius or `centre`, or remove uturn"
             )

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from mmw.config import TrafficConfig
+from mmw.errors import InputError
 from mmw.town.asset import Town
 from mmw.traffic.pedestrians import walk_people
 from mmw.traffic.recorded import replay_file
@@ -36,7 +37,7 @@ def run_engine(
         NaN in frames in which a recorded vehicle is not there.
 
     Raises:
-        ValueError: If the town has no lanes, the spawn centre is far from them, there is no room for the vehicles, SUMO
+        InputError: If the town has no lanes, the spawn centre is far from them, there is no room for the vehicles, SUMO
             is not installed, or the trajectories cannot be used. The message starts with the key below `traffic`.
     """
     tracks = _drive(town, traffic, catalog, base, frame_count, seed)
@@ -64,7 +65,7 @@ def _drive(
 
 def _check_center(town: Town, traffic: TrafficConfig) -> None:
     if not town.lanes.lanes:
-        raise ValueError(
+        raise InputError(
             f"engine = {traffic.engine!r}: {town.path} has no lanes below its root; generated traffic needs them; "
             "use a town with lanes, or engine: file"
         )
@@ -72,7 +73,7 @@ def _check_center(town: Town, traffic: TrafficConfig) -> None:
     low, high = points.min(axis=0), points.max(axis=0)
     away = np.linalg.norm(points[:, :2] - traffic.spawn_center_m[:2], axis=1).min()
     if away > FAR_FROM_LANES:
-        raise ValueError(
+        raise InputError(
             f"spawn_center_m = {list(traffic.spawn_center_m)}: {away:.0f} m from the nearest lane; lanes of "
             f"{town.path.name} reach from ({low[0]:.0f}, {low[1]:.0f}) to ({high[0]:.0f}, {high[1]:.0f}) m; choose a "
             "place"

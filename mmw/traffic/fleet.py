@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from mmw.errors import InputError
 from mmw.town.lanes import Lane, LaneGraph
 from mmw.traffic.car import Car, Change, Plan, find_passages, lane_begins
 from mmw.traffic.lane_change import CLEAR_SHARE, Beside, Wanted
@@ -54,7 +55,7 @@ class Fleet:
         """Place a vehicle; `generator` draws the driver and the model, seed and rank the route.
 
         Raises:
-            ValueError: If no model has room, or none can drive from here without leaving the road.
+            InputError: If no model has room, or none can drive from here without leaving the road.
         """
         factor, headway = generator.uniform(*DRIVER_FACTOR), generator.uniform(*DRIVER_HEADWAY)
         reason = "no model has room between its neighbours"
@@ -71,7 +72,7 @@ class Fleet:
                 return Car(plan, start, headway, factor)
             reason = why
         x, y, z = point.position
-        raise ValueError(
+        raise InputError(
             f"spawn point on lane {point.lane!r} at ({x:.1f}, {y:.1f}, {z:.1f}) m: {reason}; every vehicle needs a way "
             "that keeps its wheels on the road; widen the road there, or add a shorter vehicle model"
         )

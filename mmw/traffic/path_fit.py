@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mmw.errors import InputError
 from mmw.traffic.route import PATH_STEP
 
 NODE_STEP = 0.5
@@ -32,7 +33,7 @@ class FittedPath:
     """Way of every given sample from the first one [m], shape [M], never falling."""
 
 
-class BacktrackError(ValueError):
+class BacktrackError(InputError):
     """Samples that go back on themselves; `sample` is the index of the one where they turn."""
 
     def __init__(self, sample: int) -> None:
@@ -53,7 +54,7 @@ def fit_path(samples: np.ndarray, heading: np.ndarray | None) -> FittedPath:
 
     Raises:
         BacktrackError: If the samples go back on themselves.
-        ValueError: If the vehicle stands and has no heading.
+        InputError: If the vehicle stands and has no heading.
 
     Source: tangents of the parabola through three points, de Boor, A Practical Guide to Splines, 1978, chapter 4.
     """
@@ -61,7 +62,7 @@ def fit_path(samples: np.ndarray, heading: np.ndarray | None) -> FittedPath:
     place = samples[nodes]
     if len(nodes) == 1:
         if heading is None:
-            raise ValueError("stands still and has no heading")
+            raise InputError("stands still and has no heading")
         ahead = np.array([np.cos(heading[0]), np.sin(heading[0])])
         return FittedPath(place + np.arange(2)[:, None] * PATH_STEP * ahead, np.zeros(len(samples)))
     chord = np.diff(place, axis=0)

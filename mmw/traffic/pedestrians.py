@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mmw.constants import FRAME_RATE_HZ
+from mmw.errors import InputError
 from mmw.town.walks import Walk
 from mmw.traffic.simulation import VehicleTrack
 from mmw.traffic.smooth import gaussian_smooth
@@ -83,15 +84,15 @@ def walk_people(
         Tracks `ped_001`, `ped_002`... of role `pedestrian`, by distance to `center`.
 
     Raises:
-        ValueError: If the walks have fewer places than people.
+        InputError: If the walks have fewer places than people.
     """
     duration = frame_count / FRAME_RATE_HZ
     paths = [_smooth(walk) for walk in walks]
     places = _places(paths, duration)
     if not walks:
-        raise ValueError("pedestrian_count: the town has no walk lines (prims below Walks); use 0, or a town with them")
+        raise InputError("pedestrian_count: the town has no walk lines (prims below Walks); use 0, or a town with them")
     if len(places) < count:
-        raise ValueError(
+        raise InputError(
             f"pedestrian_count = {count}: the town's sidewalks have {len(places)} places; ask for at most that many"
         )
     position = np.array([paths[line].at(np.array([station]))[0, :3] for line, station in places]).reshape(-1, 3)

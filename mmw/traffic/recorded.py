@@ -8,6 +8,7 @@ import numpy as np
 
 from mmw.config import TrafficConfig
 from mmw.constants import FRAME_DT
+from mmw.errors import InputError
 from mmw.traffic.decks import Decks
 from mmw.traffic.pose import Shape, make_shape
 from mmw.traffic.replay import LONGEST_GAP, replay
@@ -47,7 +48,7 @@ def replay_file(
         are NaN in frames in which a vehicle is not there.
 
     Raises:
-        ValueError: If the file cannot be read, a CAV is not in it or not there in all frames, or a vehicle cannot be
+        InputError: If the file cannot be read, a CAV is not in it or not there in all frames, or a vehicle cannot be
             replayed.
     """
     where = f"trajectories = {path.name!r}"
@@ -60,9 +61,9 @@ def replay_file(
         taken = {cav.id for cav in cavs}
         rest = [vehicle for vehicle in ranked if vehicle.id not in taken][: max(0, traffic.vehicle_count - len(cavs))]
         return place_vehicles(cavs, rest, drivable, catalog, frame_count=frame_count, seed=seed, device=device)
-    except ValueError as error:
+    except InputError as error:
         text = str(error)
-        raise ValueError(f"{where}: {text.removeprefix(f'{path}: ')}") from None
+        raise InputError(f"{where}: {text.removeprefix(f'{path}: ')}") from None
 
 
 def place_vehicles(
@@ -81,7 +82,7 @@ def place_vehicles(
     `comfort` is that of `replay`, the rest as in `replay_file`.
 
     Raises:
-        ValueError: If a vehicle cannot be replayed, or none is there in any frame.
+        InputError: If a vehicle cannot be replayed, or none is there in any frame.
     """
     shapes = [make_shape(catalog[name]) for name in sorted(catalog)]
     heights = drivable[0][np.unique(drivable[1]), 2]
@@ -100,7 +101,7 @@ def place_vehicles(
             name = f"cav_{number}" if is_cav else f"veh_{number - len(cavs):03d}"
             tracks.append(VehicleTrack(name, "cav" if is_cav else "vehicle", shape.name, paint, poses))
     if not tracks:
-        raise ValueError(
+        raise InputError(
             f"no vehicle is there in the first {frame_count * FRAME_DT:.2f} s; at least one is needed; give samples "
             "there, time counts from the earliest one"
         )
@@ -151,12 +152,12 @@ def _choose_cavs(ranked: Sequence[Trajectory], ids: Sequence[str], ranks: Sequen
     for name in ids:
         if name not in by_id:
             some = ", ".join(list(by_id)[:12]) + (", ..." if len(by_id) > 12 else "")
-            raise ValueError(f"cav_ids holds {name!r}: the file has {len(by_id)} vehicles: {some}; name one of them")
+            raise InputError(f"cav_ids holds {name!r}: the file has {len(by_id)} vehicles: {some}; name one of them")
     if ids:
         return [by_id[name] for name in ids]
     for rank in ranks:
         if rank >= len(ranked):
-            raise ValueError(
+            raise InputError(
                 f"cav_ranks holds {rank}: the file has {len(ranked)} vehicles; use ranks from 0 to {len(ranked) - 1}"
             )
     return [ranked[rank] for rank in ranks]
@@ -173,7 +174,7 @@ def _check_presence(cav: Trajectory, frame_count: int) -> None:
         found = f"has no samples from {cav.time[wide[0]]:.2f} to {cav.time[wide[0] + 1]:.2f} s"
     else:
         return
-    raise ValueError(
+    raise InputError(
         f"CAV {cav.id!r} {found} after the earliest sample of the file ({len(inside)} samples); CAVs are there in all "
         f"frames, one more than frames.count, 0 to {end:.2f} s; choose another vehicle, or fewer frames"
     )

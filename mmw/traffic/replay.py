@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from mmw.constants import FRAME_DT, FRAME_RATE_HZ
+from mmw.errors import InputError
 from mmw.town.lanes import Lane
 from mmw.traffic.decks import Decks
 from mmw.traffic.path_fit import BacktrackError, FittedPath, fill_stations, fit_path
@@ -68,7 +69,7 @@ def replay(trajectory: Trajectory, shape: Shape, decks: Decks, frame_count: int,
         where the vehicle is not there: before its first and after its last sample, and in gaps of more than 2 s.
 
     Raises:
-        ValueError: If the vehicle jumps, goes back on itself, leaves the road, stands without a heading, or cannot be
+        InputError: If the vehicle jumps, goes back on itself, leaves the road, stands without a heading, or cannot be
             made smooth. The message starts with the vehicle, time and place.
     """
     time = trajectory.time
@@ -100,7 +101,7 @@ def _check_speed(trajectory: Trajectory, rows: np.ndarray) -> None:
     jumps = np.flatnonzero((step > FASTEST * gap + NOISE) & (gap <= LONGEST_GAP))
     if len(jumps):
         at = jumps[0]
-        raise ValueError(
+        raise InputError(
             f"{_where(trajectory, time[at], points[at])}: jumps {step[at]:.1f} m in {gap[at]:.3f} s, "
             f"{step[at] / gap[at]:.0f} m/s; at most {FASTEST:.0f} m/s is a vehicle; check units and ids, or leave "
             "out the samples between"
@@ -116,12 +117,12 @@ def _replay_part(part: Trajectory, shape: Shape, decks: Decks, first: int, last:
     try:
         path = fit_path(part.points, part.heading)
     except BacktrackError as error:
-        raise ValueError(
+        raise InputError(
             f"{_where(part, part.time[error.sample], part.points[error.sample])}: turns back on itself; vehicles "
             "drive forward; leave out samples that reverse or that are noise"
         ) from None
-    except ValueError as error:
-        raise ValueError(
+    except InputError as error:
+        raise InputError(
             f"{_where(part, part.time[0], part.points[0])}: {error}; give a column heading or heading_deg"
         ) from None
     _check_heading(part, path)
@@ -143,7 +144,7 @@ def _replay_part(part: Trajectory, shape: Shape, decks: Decks, first: int, last:
                 least, where = jerk.max(), int(np.argmax(jerk))
         if rough is not None:
             return rough
-    raise ValueError(
+    raise InputError(
         f"{_where(part, (first + where) * FRAME_DT, poses[where])}: the samples cannot be made smooth; a jerk of "
         f"{least:.1f} m/s^3 is left, {MOST_JERK} is allowed; smooth them, or leave out this vehicle"
     )
@@ -177,7 +178,7 @@ def _check_heading(part: Trajectory, path: FittedPath) -> None:
     moves = np.flatnonzero(np.diff(path.station, prepend=-1.0) > 0)
     agree = np.cos(np.arctan2(way[moves, 1], way[moves, 0]) - part.heading[moves])
     if agree.mean() < OPPOSITE:
-        raise ValueError(
+        raise InputError(
             f"{_where(part, part.time[0], part.points[0])}: its heading is {np.degrees(part.heading[0]):.0f} deg where "
             f"it moves towards {np.degrees(np.arctan2(way[0, 1], way[0, 0])):.0f} deg; headings count "
             "counter-clockwise from east, in rad (heading) or degrees (heading_deg), and vehicles drive forward"
@@ -212,7 +213,7 @@ def _stand(part: Trajectory, points: np.ndarray, shape: Shape, decks: Decks, way
             return sample_poses(stance, way)
         lost = min(int(np.searchsorted(along, at)), len(along) - 1)
     time = (first + min(int(np.searchsorted(way, along[lost])), len(way) - 1)) * FRAME_DT
-    raise ValueError(
+    raise InputError(
         f"{_where(part, time, points[lost])}: {what} (model {shape.name!r}); vehicles stay on meshes of class road or "
         "road_line; check the origin and axes of the table, or leave out this vehicle"
     )

@@ -8,6 +8,7 @@ import numpy as np
 
 from mmw.config import TrafficConfig
 from mmw.constants import FRAME_RATE_HZ
+from mmw.errors import InputError
 from mmw.town.lanes import LaneGraph
 from mmw.traffic.driver import STEP
 from mmw.traffic.fleet import Fleet
@@ -79,13 +80,13 @@ def run_traffic(
         changes of lanes and routes.
 
     Raises:
-        ValueError: If the town has too few places, no model can drive from a place without leaving the road, or lights
+        InputError: If the town has too few places, no model can drive from a place without leaving the road, or lights
             are asked for where there are none.
     """
     cav_ranks, vehicle_count = connected_ranks(traffic, seed), traffic.vehicle_count
     plans = make_plans(graph, seed) if traffic.signals else {}
     if traffic.signals and not plans:
-        raise ValueError(
+        raise InputError(
             "signals = true: no junction of the town has traffic lights; lanes with a phase (`mmw:lane:signal`) are "
             "needed; name junctions in the town's props.signalled, or set signals: false"
         )

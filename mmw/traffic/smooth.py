@@ -4,6 +4,8 @@ import math
 
 import numpy as np
 
+from mmw.errors import InputError
+
 SUPPORT_SIGMAS = 5.0
 """The Gaussian is cut here; what is left out is below 6e-7 of its weight."""
 
@@ -48,14 +50,14 @@ def spline_at(values: np.ndarray, position: np.ndarray) -> np.ndarray:
         Values, shape [M] or [M, K].
 
     Raises:
-        ValueError: If a position is nearer than 3 samples to an end.
+        InputError: If a position is nearer than 3 samples to an end.
 
     Source: uniform B-spline of degree 5, I. J. Schoenberg, Quart. Appl. Math. 4 (1946), 45-99.
     """
     position = np.asarray(position, np.float64)
     first = np.floor(position).astype(np.int64)
     if len(position) and (first.min() < SPLINE_REACH - 1 or first.max() > len(values) - SPLINE_REACH - 1):
-        raise ValueError(
+        raise InputError(
             f"spline: positions {position.min():.2f}..{position.max():.2f} of {len(values)} samples; "
             f"they must stay {SPLINE_REACH} samples inside; lengthen the samples"
         )

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mmw.config import TrafficConfig
+from mmw.errors import InputError
 from mmw.town.lanes import Lane, LaneGraph
 from mmw.traffic.pose import Shape
 from mmw.traffic.route import plan_length, plan_stations
@@ -86,7 +87,7 @@ def nearest_points(points: Sequence[SpawnPoint], center: Sequence[float], count:
     """Return the points nearest to a centre by 3-D distance, nearest first; ties by lane name and station.
 
     Raises:
-        ValueError: If there are fewer than `count` places.
+        InputError: If there are fewer than `count` places.
     """
     position = np.array([point.position for point in points]).reshape(-1, 3)
     distance = np.linalg.norm(position - np.asarray(center, np.float64), axis=1)
@@ -98,7 +99,7 @@ def nearest_points(points: Sequence[SpawnPoint], center: Sequence[float], count:
         if not (apart < SAME_PLACE).any():
             chosen.append(int(index))
     if len(chosen) < count:
-        raise ValueError(
+        raise InputError(
             f"vehicle_count = {count}: the town has {len(chosen)} spawn points; ask for at most that many vehicles"
         )
     return [points[index] for index in chosen]

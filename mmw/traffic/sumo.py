@@ -14,6 +14,8 @@ import numpy as np
 
 from mmw.config import TrafficConfig
 from mmw.constants import FRAME_RATE_HZ
+from mmw.errors import InputError
+from mmw.extras import install
 from mmw.town.lanes import LaneGraph
 from mmw.traffic import sumo_worker
 from mmw.traffic.driver import ACCELERATION, BRAKING, HARDEST_BRAKING, STANDSTILL_GAP, STEP
@@ -75,7 +77,7 @@ def simulate_sumo(
         `cav_1`, `cav_2`... in the order of `connected_ranks`, then `veh_001`, `veh_002`... by distance.
 
     Raises:
-        ValueError: If SUMO is not installed or fails, there is no room for the vehicles, or a vehicle that SUMO moved
+        InputError: If SUMO is not installed or fails, there is no room for the vehicles, or a vehicle that SUMO moved
             cannot stand on the road.
     """
     check_sumo()
@@ -125,18 +127,18 @@ def simulate_sumo(
             device=device,
             comfort=COMFORT,
         )
-    except ValueError as error:
-        raise ValueError(f"engine = 'sumo': {error}; another seed may do") from None
+    except InputError as error:
+        raise InputError(f"engine = 'sumo': {error}; another seed may do") from None
 
 
 def check_sumo() -> None:
     """Check that SUMO's library is installed.
 
     Raises:
-        ValueError: If it is not.
+        InputError: If it is not.
     """
     if find_spec("libsumo") is None:
-        raise ValueError("engine = 'sumo': the package libsumo is not installed; run: pip install 'mmw[sumo]'")
+        raise InputError(f"engine = 'sumo': the package libsumo is not installed; run: {install('sumo')}")
 
 
 def _lane_speed(graph: LaneGraph, name: str, limit: np.ndarray) -> float:
@@ -213,7 +215,7 @@ def _run(place: Path, job: dict[str, Any]) -> np.ndarray:
     """Run SUMO in a process of its own and return what `sumo_worker` writes.
 
     Raises:
-        ValueError: If it fails.
+        InputError: If it fails.
     """
     (place / "job.json").write_text(json.dumps(job))
     # -P: the folder of the script holds modules whose names must not hide others
@@ -222,7 +224,7 @@ def _run(place: Path, job: dict[str, Any]) -> np.ndarray:
     if result.returncode != 0 or not (place / "states.npy").is_file():
         lines = [line for line in (result.stderr + result.stdout).splitlines() if line.strip()]
         why = lines[-1] if lines else f"exit code {result.returncode}"
-        raise ValueError(f"engine = 'sumo': SUMO failed: {why}; correct the lanes, or use engine: idm")
+        raise InputError(f"engine = 'sumo': SUMO failed: {why}; correct the lanes, or use engine: idm")
     return np.load(place / "states.npy")
 
 
@@ -230,11 +232,11 @@ def _trajectory(name: str, states: np.ndarray, first: float, model: str) -> Traj
     """Return a vehicle's states as samples; time 0 is frame 0.
 
     Raises:
-        ValueError: If SUMO did not put the vehicle on the road.
+        InputError: If SUMO did not put the vehicle on the road.
     """
     known = np.isfinite(states[:, 0])
     if known.sum() < 2:
-        raise ValueError(f"vehicle {name!r} was not inserted by SUMO; ask for fewer vehicles")
+        raise InputError(f"vehicle {name!r} was not inserted by SUMO; ask for fewer vehicles")
     time = STEP * np.arange(len(states)) - first
     x, y, z, angle = states[known].T
     return Trajectory(

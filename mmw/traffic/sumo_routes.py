@@ -6,6 +6,7 @@ from functools import partial
 
 import numpy as np
 
+from mmw.errors import InputError
 from mmw.town.lanes import Lane, LaneGraph
 from mmw.traffic.pose import GROUND_SIGMA, MAX_STEER, PATH_SIGMA, Shape, follow_line, stand_on_ground
 from mmw.traffic.route import PATH_STEP, choose_lanes, join_lanes, living_lanes, plan_length, plan_stations
@@ -65,7 +66,7 @@ class Drivers:
             key: Seeds the route.
 
         Raises:
-            ValueError: If no model has room there, or a way on that it can drive.
+            InputError: If no model has room there, or a way on that it can drive.
         """
         for shape in draw_models(self.shapes, is_cav, generator):
             if self.places.fits(point, shape):
@@ -75,7 +76,7 @@ class Drivers:
                     self.places.take(point, shape)
                     return SumoVehicle(shape, point, tuple(lanes))
         x, y, z = point.position
-        raise ValueError(
+        raise InputError(
             f"spawn point on lane {point.lane!r} at ({x:.1f}, {y:.1f}, {z:.1f}) m: no model has room and a way on that "
             "keeps its wheels on the road; widen the road there, or add a shorter vehicle model"
         )

@@ -13,6 +13,8 @@ import pyarrow.compute as pc
 import pyarrow.csv
 import pyarrow.parquet
 
+from mmw.errors import InputError
+
 REFERENCES = ("front_bumper", "front_axle", "center", "rear_axle")
 """Points of a vehicle that a table may give: `center` is the middle of the body."""
 
@@ -63,7 +65,7 @@ def read_trajectories(path: Path) -> list[Trajectory]:
             `.xml` may be compressed (`.gz`).
 
     Raises:
-        ValueError: If the file cannot be read, lacks a column, or holds a value that cannot be used.
+        InputError: If the file cannot be read, lacks a column, or holds a value that cannot be used.
     """
     suffixes = [suffix.lower() for suffix in path.suffixes]
     kind = suffixes[-2] if suffixes[-1:] == [".gz"] and len(suffixes) > 1 else "".join(suffixes[-1:])
@@ -75,9 +77,9 @@ def read_trajectories(path: Path) -> list[Trajectory]:
         elif kind == ".xml":
             table = _read_fcd(path)
         else:
-            raise ValueError(f"{path}: is no .parquet, .csv or .xml file; give one of them")
+            raise InputError(f"{path}: is no .parquet, .csv or .xml file; give one of them")
     except (pa.ArrowException, OSError, EOFError, ElementTree.ParseError) as error:
-        raise ValueError(f"{path}: cannot be read ({str(error).splitlines()[0]}); give an intact file") from None
+        raise InputError(f"{path}: cannot be read ({str(error).splitlines()[0]}); give an intact file") from None
     return _split(_columns(table, path), path)
 
 
@@ -120,12 +122,12 @@ def _columns(table: pa.Table, path: Path) -> dict[str, np.ndarray]:
     found = {key: next((names[a] for a in aliases if a in names), None) for key, aliases in ALIASES.items()}
     missing = [key for key in NEEDED if found[key] is None]
     if missing:
-        raise ValueError(
+        raise InputError(
             f"{path}: no column {' or '.join(ALIASES[missing[0]])}; t, id, x and y are needed; the file has "
             f"{', '.join(table.column_names) or 'none'}"
         )
     if not table.num_rows:
-        raise ValueError(f"{path}: holds no row; at least one vehicle is needed; give its samples")
+        raise InputError(f"{path}: holds no row; at least one vehicle is needed; give its samples")
     out: dict[str, np.ndarray] = {}
     for key, name in found.items():
         if name is None:
@@ -137,10 +139,10 @@ def _columns(table: pa.Table, path: Path) -> dict[str, np.ndarray]:
         try:
             values = pc.cast(column, pa.float64()).to_numpy(zero_copy_only=False)
         except pa.ArrowException as error:
-            raise ValueError(f"{path}: column {name}: {error}; numbers are needed; correct them") from None
+            raise InputError(f"{path}: column {name}: {error}; numbers are needed; correct them") from None
         bad = np.flatnonzero(~np.isfinite(values))
         if len(bad) and key in NEEDED:
-            raise ValueError(f"{path}: column {name}: row {bad[0] + 1} holds no number; a value is needed; remove it")
+            raise InputError(f"{path}: column {name}: row {bad[0] + 1} holds no number; a value is needed; remove it")
         if len(bad) < len(values):
             out[key] = values
     if "angle" in out:  # SUMO counts clockwise from north
@@ -162,12 +164,12 @@ def _split(columns: dict[str, np.ndarray], path: Path) -> list[Trajectory]:
     for rows in np.split(order, np.flatnonzero(np.diff(owner[order])) + 1):
         name = str(ids[owner[rows[0]]])
         if not name:
-            raise ValueError(f"{path}: row {rows[0] + 1} has no id; every row needs one")
+            raise InputError(f"{path}: row {rows[0] + 1} has no id; every row needs one")
         rows = rows[_distinct(time[rows], columns, rows, name, path)]
         height, heading = (columns[key][rows] if key in columns else None for key in ("z", "heading"))
         reference = str(columns["reference"][rows[0]]) if "reference" in columns else "center"
         if reference not in REFERENCES:
-            raise ValueError(
+            raise InputError(
                 f"{path}: vehicle {name!r}: reference = {reference!r}; one of {', '.join(REFERENCES)} is needed"
             )
         length = columns["length"][rows[0]] if "length" in columns else 0.0
@@ -196,7 +198,7 @@ def _distinct(time: np.ndarray, columns: dict[str, np.ndarray], rows: np.ndarray
     step = np.hypot(np.diff(columns["x"][rows]), np.diff(columns["y"][rows]))
     far = twice[step[twice] > SAME_PLACE]
     if len(far):
-        raise ValueError(
+        raise InputError(
             f"{path}: vehicle {name!r} is at two places {step[far[0]]:.1f} m apart at t = {time[far[0]]:.2f} s; one "
             "place at a time is needed; give every vehicle an id of its own"
         )

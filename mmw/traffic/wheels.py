@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from mmw.errors import InputError
 from mmw.ray_tree import RayMesh
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -28,12 +29,12 @@ class Ground:
             device: Warp device.
 
         Raises:
-            ValueError: If there is no face.
+            InputError: If there is no face.
         """
         points = np.asarray(points, np.float64)
         faces = np.asarray(faces, np.int32)
         if not len(faces):
-            raise ValueError("drivable mesh: 0 faces; vehicles need a surface; label the roads `road` or `road_line`")
+            raise InputError("drivable mesh: 0 faces; vehicles need a surface; label the roads `road` or `road_line`")
         self._rays = RayMesh(points, faces, device)
 
     def heights(self, points: np.ndarray) -> np.ndarray:

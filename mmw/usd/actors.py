@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from pxr import Usd, UsdGeom
 
+from mmw.errors import InputError
 from mmw.poses import continuous, quaternion_from_matrix
 from mmw.usd.extract import FoundMesh, MeshReader, semantic_label
 from mmw.usd.shapes import SHAPES
@@ -48,11 +49,11 @@ def find_actors(stage: Usd.Stage, roles: Mapping[str, str]) -> list[FoundActor]:
         roles: Prim path -> role.
 
     Raises:
-        ValueError: If `roles` names a prim that does not exist, a role is unknown, or two actors have one name.
+        InputError: If `roles` names a prim that does not exist, a role is unknown, or two actors have one name.
     """
     for path in roles:
         if not stage.GetPrimAtPath(path):
-            raise ValueError(
+            raise InputError(
                 f"actor_roles: {path} is not a prim of {stage.GetRootLayer().identifier}; correct the path"
             )
     found = []
@@ -66,7 +67,7 @@ def find_actors(stage: Usd.Stage, roles: Mapping[str, str]) -> list[FoundActor]:
             continue
         walk.PruneChildren()
         if role not in ROLES:
-            raise ValueError(f"{prim.GetPath()}: mmw:actor:role = {role!r}; one of {', '.join(ROLES)} is needed")
+            raise InputError(f"{prim.GetPath()}: mmw:actor:role = {role!r}; one of {', '.join(ROLES)} is needed")
         model_name = str(_value(prim, "mmw:actor:model") or prim.GetName())
         size, center = _triple(prim, "mmw:actor:size"), _triple(prim, "mmw:actor:center")
         label, path = semantic_label(prim), str(prim.GetPath())
@@ -75,7 +76,7 @@ def find_actors(stage: Usd.Stage, roles: Mapping[str, str]) -> list[FoundActor]:
     seen: dict[str, FoundActor] = {}
     for actor in found:
         if actor.name in seen:
-            raise ValueError(
+            raise InputError(
                 f"{actor.path} and {seen[actor.name].path} are both called {actor.name!r}; "
                 "actors need names of their own; rename one prim"
             )
@@ -98,7 +99,7 @@ def actor_poses(actors: list[FoundActor], times: np.ndarray, metres: np.ndarray)
         Poses [F, V, 7], NaN where an actor is invisible, and the stretch of each actor, row vectors, [4, 4] each.
 
     Raises:
-        ValueError: If an actor's scale changes over the frames, or is zero.
+        InputError: If an actor's scale changes over the frames, or is zero.
     """
     poses, stretches = np.empty((len(times), len(actors), 7)), np.empty((len(actors), 4, 4))
     moves = np.array([_moves_in_world(actor.prim) for actor in actors], dtype=bool)
@@ -127,7 +128,7 @@ def _rigid_poses(actors: list[FoundActor], times: np.ndarray, metres: np.ndarray
     change = np.abs(stretch - stretch[:1]).max(axis=(0, 2, 3), initial=0.0)
     for actor, by in zip(actors, change, strict=True):
         if by > RIGID_TOLERANCE:
-            raise ValueError(
+            raise InputError(
                 f"{actor.path}: its scale changes by {by:.2g} over the frames; actors are rigid; "
                 "remove the scale animation"
             )
@@ -145,12 +146,12 @@ def model_matrix(meshes: MeshReader, mesh: FoundMesh, actor: Usd.Prim) -> np.nda
     """Return mesh space to actor space, row vectors, stage units, shape [4, 4].
 
     Raises:
-        ValueError: If something between the mesh and its actor moves.
+        InputError: If something between the mesh and its actor moves.
     """
     prim = mesh.anchor
     while prim != actor:
         if _moves(prim):
-            raise ValueError(
+            raise InputError(
                 f"{prim.GetPath()}: moves inside the actor {actor.GetPath()}; an actor is one rigid body; "
                 "remove the inner animation, or move the prim out of the actor"
             )
@@ -167,7 +168,7 @@ def _orthonormal(linear: np.ndarray, actors: list[FoundActor]) -> np.ndarray:
     y = y - x * (np.sum(x * y, axis=-1, keepdims=True) / np.maximum(lengths, 1e-300) ** 2)
     widths = np.linalg.norm(y, axis=-1, keepdims=True)
     for column in np.flatnonzero((np.minimum(lengths, widths) < 1e-12).any(axis=(0, 2))):
-        raise ValueError(f"{actors[column].path}: its scale is zero; an actor needs a size; set the scale")
+        raise InputError(f"{actors[column].path}: its scale is zero; an actor needs a size; set the scale")
     x, y = x / lengths, y / widths
     return np.stack([x, y, np.cross(x, y)], axis=-2)
 

@@ -7,6 +7,7 @@ from types import EllipsisType
 import numpy as np
 from pxr import Kind, Sdf, Usd, UsdGeom, UsdShade, Vt
 
+from mmw.errors import InputError
 from mmw.usd.corners import NO_CORNERS, Corners, is_mirror, read_corners
 from mmw.usd.semantics import CARLA_TAG, TAXONOMY
 from mmw.usd.shapes import SHAPES
@@ -90,7 +91,7 @@ class MeshReader:
             if is_hidden(prim):
                 walk.PruneChildren()
             elif prim.IsA(UsdGeom.PointInstancer):
-                raise ValueError(
+                raise InputError(
                     f"{prim.GetPath()}: a point instancer inside a prototype of another one; one level of point "
                     "instancing is read; turn the inner one into references"
                 )
@@ -147,7 +148,7 @@ class MeshReader:
         """Return a mesh prim as triangles.
 
         Raises:
-            ValueError: If its points move against each other, or its topology is broken.
+            InputError: If its points move against each other, or its topology is broken.
         """
         key = _source(prim)
         if key not in self._triangles:
@@ -158,7 +159,7 @@ class MeshReader:
         """Cut many mesh prims into triangles at once, so that `triangles` has them at hand.
 
         Raises:
-            ValueError: If the points of one move against each other, or its topology is broken.
+            InputError: If the points of one move against each other, or its topology is broken.
         """
         wanted = {_source(prim): prim for prim in prims}
         new = {key: prim for key, prim in wanted.items() if key not in self._triangles}
@@ -185,7 +186,7 @@ class MeshReader:
         names = UsdGeom.Tokens
         at, corner = prim.GetAttribute(names.points), prim.GetAttribute(names.faceVertexIndices)
         if at.ValueMightBeTimeVarying() or corner.ValueMightBeTimeVarying():
-            raise ValueError(
+            raise InputError(
                 f"{prim.GetPath()}: its points change over time; meshes are traced as rigid bodies; "
                 "remove the point animation or bake the mesh at one time"
             )
@@ -233,7 +234,7 @@ def to_metres(stage: Usd.Stage) -> np.ndarray:
     """Return the stage's world to ours (z up, metres), row vectors, shape [4, 4].
 
     Raises:
-        ValueError: If the stage's up axis is neither Y nor Z.
+        InputError: If the stage's up axis is neither Y nor Z.
     """
     up = UsdGeom.GetStageUpAxis(stage)
     if up == UsdGeom.Tokens.z:
@@ -241,7 +242,7 @@ def to_metres(stage: Usd.Stage) -> np.ndarray:
     elif up == UsdGeom.Tokens.y:
         turn = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])  # (x, y, z) -> (x, -z, y)
     else:
-        raise ValueError(f"{stage.GetRootLayer().identifier}: upAxis = {up}; Y and Z are read; turn the stage")
+        raise InputError(f"{stage.GetRootLayer().identifier}: upAxis = {up}; Y and Z are read; turn the stage")
     matrix = np.eye(4)
     matrix[:3, :3] = turn * UsdGeom.GetStageMetersPerUnit(stage)
     return matrix

@@ -10,6 +10,8 @@ import numpy as np
 import PIL.Image
 from pxr import Ar
 
+from mmw.errors import InputError
+
 LARGEST_PX = 2048
 """Longest side of a texture [px]; larger images are made smaller. Design value: at 640 x 480 no surface shows more."""
 
@@ -58,7 +60,7 @@ def decode_image(file: str, is_srgb: bool | None, where: str) -> Image:
 
     Raises:
         MissingImageError: If there is no such file, or its format is not read.
-        ValueError: If the file cannot be decoded.
+        InputError: If the file cannot be decoded.
     """
     suffix = PurePath(file.rstrip("]")).suffix.lower()
     if suffix in NOT_READ:
@@ -73,7 +75,7 @@ def decode_image(file: str, is_srgb: bool | None, where: str) -> Image:
             pixels, palette = _pixels(image)
     except Exception as error:  # Pillow's decoders raise what they like
         reason = " ".join(str(error).split()) or type(error).__name__
-        raise ValueError(
+        raise InputError(
             f"{where}: texture {file} cannot be decoded ({reason}); an intact PNG or JPEG is needed; export it again"
         ) from None
     codes = pixels if palette is None else palette
@@ -112,7 +114,7 @@ def _pixels(image: PIL.Image.Image) -> tuple[np.ndarray, np.ndarray | None]:
     if image.mode.startswith("I"):  # one channel of 16 bits
         return np.asarray(image).astype(np.uint16)[..., None], None
     if image.mode == "F":
-        raise ValueError("its pixels are floats")
+        raise InputError("its pixels are floats")
     if image.mode == "P":
         colors = image.crop((0, 0, 256, 1))
         colors.putdata(range(256))

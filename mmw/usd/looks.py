@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from pxr import Usd, UsdShade
 
+from mmw.errors import InputError
 from mmw.looks import LAMPS, Look, TextureUse, Wrap
 from mmw.usd.library import LAMP
 
@@ -146,7 +147,7 @@ def read_look(prim: Usd.Prim, notes: Notes, display_color: Color | None = None) 
     lamp = prim.GetAttribute(LAMP)
     lamp = (lamp.Get() if lamp else None) or "none"
     if lamp not in LAMPS:
-        raise ValueError(f"{prim.GetPath()}: {LAMP} = {lamp!r}; needed is one of {', '.join(LAMPS)}; correct it")
+        raise InputError(f"{prim.GetPath()}: {LAMP} = {lamp!r}; needed is one of {', '.join(LAMPS)}; correct it")
     plain = Look(color=display_color or Look.color, lamp=lamp, prim_path=str(prim.GetPath()))
     source = surface_shader(prim)
     shader = _Shader(prim, source, display_color, notes)

@@ -4,12 +4,13 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import cache
-from typing import Any, get_args
+from typing import Any
 
 from pxr import Usd, UsdShade
 
+from mmw.errors import InputError
 from mmw.looks import Look
-from mmw.materials import LIDAR_REFLECTANCE_905NM, Material, RadioMaterial, ScatteringPattern, lidar_reflectance
+from mmw.materials import LIDAR_REFLECTANCE_905NM, Material, RadioMaterial, lidar_reflectance, wrong_radio_value
 from mmw.paths import assets_dir
 from mmw.usd.library import LIBRARY, ROOT
 from mmw.usd.looks import Notes, read_look
@@ -118,7 +119,7 @@ def read_material(stage: Usd.Stage, use: MaterialUse, notes: Notes | None = None
         notes: Takes what a user of the RGB camera should know.
 
     Raises:
-        ValueError: If its `mmw:radio:*` attributes contradict themselves or are out of range.
+        InputError: If its `mmw:radio:*` attributes contradict themselves or are out of range.
     """
     if use.library:
         spec = LIBRARY[use.library]
@@ -220,41 +221,13 @@ def _read_radio(prim: Usd.Prim) -> RadioMaterial:
         value = _value(prim, attribute.name, default)
         # The attributes are float32; seven digits give back the decimal number that was written.
         values[name] = float(f"{value:.7g}") if isinstance(default, float) else type(default)(value)
-    radio = RadioMaterial(**values)
-    check_radio(str(where), radio)
-    return radio
-
-
-def check_radio(where: str, radio: RadioMaterial) -> None:
-    """Check the numbers of a radio description.
-
-    Raises:
-        ValueError: If they contradict themselves or are out of range.
-    """
-    if radio.model not in ("itu", "constant"):
-        raise ValueError(f"{where}: mmw:radio:model = {radio.model!r}; itu or constant is needed")
-    if radio.model == "itu" and not radio.itu:
-        raise ValueError(f"{where}: mmw:radio:itu is empty; model itu needs a row such as itu_concrete")
-    if radio.model == "constant" and (radio.relative_permittivity < 1.0 or radio.conductivity < 0.0):
-        raise ValueError(
-            f"{where}: relativePermittivity = {radio.relative_permittivity:g}, conductivity = "
-            f"{radio.conductivity:g} S/m; at least 1 and 0 are needed"
+    wrong = wrong_radio_value(values)
+    if wrong is not None:
+        name, needed = wrong
+        raise InputError(
+            f"{where}: {RADIO_ATTRIBUTES[name].name} = {values[name]!r}; {needed} is needed; correct the attribute"
         )
-    if radio.thickness < 0.0 or not 0.0 <= radio.scattering <= 1.0 or not 0.0 <= radio.xpd <= 1.0:
-        raise ValueError(
-            f"{where}: thickness = {radio.thickness:g} m, scattering = {radio.scattering:g}, xpd = {radio.xpd:g}; "
-            "a thickness of at least 0 and the others within 0 to 1 are needed"
-        )
-    if radio.scattering_pattern not in get_args(ScatteringPattern):
-        raise ValueError(
-            f"{where}: mmw:radio:scatteringPattern = {radio.scattering_pattern!r}; one of "
-            f"{', '.join(get_args(ScatteringPattern))} is needed"
-        )
-    if radio.alpha_r < 1 or radio.alpha_i < 1 or not 0.0 <= radio.lobe_share <= 1.0:
-        raise ValueError(
-            f"{where}: alphaR = {radio.alpha_r}, alphaI = {radio.alpha_i}, lobeShare = {radio.lobe_share:g}; "
-            "exponents of at least 1 and a share within 0 to 1 are needed"
-        )
+    return RadioMaterial(**values)
 
 
 def _diffuse_color(prim: Usd.Prim) -> tuple[float, float, float]:

@@ -4,6 +4,7 @@ from pathlib import Path
 
 from pxr import Tf, Usd
 
+from mmw.errors import InputError
 from mmw.usd.schema import register
 
 LISTED = 8
@@ -14,28 +15,28 @@ def open_stage(path: Path, load: Usd.Stage.InitialLoadSet = Usd.Stage.LoadAll) -
     """Return a stage; references that do not resolve are left to `check_references`.
 
     Raises:
-        ValueError: If there is no such file, or USD cannot read it.
+        InputError: If there is no such file, or USD cannot read it.
     """
     if not path.is_file():
-        raise ValueError(f"{path}: no such file; give the path of a USD file")
+        raise InputError(f"{path}: no such file; give the path of a USD file")
     register()
     try:
         return Usd.Stage.Open(str(path), load)
     except Tf.ErrorException as error:
         reason = str(error).strip().splitlines()[-1].strip()
-        raise ValueError(f"{path}: USD cannot read it ({reason}); give an intact USD file") from None
+        raise InputError(f"{path}: USD cannot read it ({reason}); give an intact USD file") from None
 
 
 def check_references(stage: Usd.Stage, path: Path) -> None:
     """Check that a stage is whole.
 
     Raises:
-        ValueError: If references or payloads do not resolve.
+        InputError: If references or payloads do not resolve.
     """
     errors = stage.GetCompositionErrors()
     if errors:
         listed = "\n  ".join(" ".join(str(error).split()) for error in errors[:LISTED])
-        raise ValueError(
+        raise InputError(
             f"{path}: {len(errors)} references or payloads do not resolve; every layer is needed; repair the paths:"
             f"\n  {listed}"
         )

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from pxr import Plug, Sdf
 
+from mmw.errors import InputError
 from mmw.paths import assets_dir
 
 RADIO_API = "MmwRadioMaterialAPI"
@@ -57,13 +58,13 @@ def register() -> None:
     resolve.
 
     Raises:
-        ValueError: If the schema's files are missing from the installation.
+        InputError: If the schema's files are missing from the installation.
     """
     registry = Plug.Registry()
     if registry.GetPluginWithName(PLUGIN_NAME) is None:
         registry.RegisterPlugins(str(schema_dir()))
     if registry.GetPluginWithName(PLUGIN_NAME) is None:
-        raise ValueError(
+        raise InputError(
             f"USD schema {RADIO_API}: no plugin {PLUGIN_NAME!r} in {schema_dir()}; plugInfo.json and "
             "generatedSchema.usda are needed there; reinstall mmw"
         )

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from pxr import Gf, Sdf, Vt
 
+from mmw.errors import InputError
 from mmw.usd.semantics import CARLA_TAG, TAXONOMY
 
 
@@ -49,10 +50,10 @@ def set_label(spec: Sdf.PrimSpec, label: str) -> None:
     """Write the semantic class of a prim and what is below it.
 
     Raises:
-        ValueError: If the class is unknown.
+        InputError: If the class is unknown.
     """
     if label not in CARLA_TAG:
-        raise ValueError(f"{spec.path}: label {label!r}; labels are: {', '.join(CARLA_TAG)}; use one of them")
+        raise InputError(f"{spec.path}: label {label!r}; labels are: {', '.join(CARLA_TAG)}; use one of them")
     apply_api(spec, f"SemanticsLabelsAPI:{TAXONOMY}")
     set_value(spec, f"semantics:labels:{TAXONOMY}", Sdf.ValueTypeNames.TokenArray, Vt.TokenArray([label]))
 

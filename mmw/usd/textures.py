@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from mmw.errors import InputError
 from mmw.usd.texture_fields import by_stone, grid, joints, leaves, lines, noise, slopes, spread
 
 LEVELS = (32, 8)
@@ -364,10 +365,10 @@ def normal_pixels(tile: Tile) -> np.ndarray:
     """Return the normals of a tile as bytes (n + 1) 127.5, rows downward, shape [N, N, 3].
 
     Raises:
-        ValueError: If the tile has no relief.
+        InputError: If the tile has no relief.
     """
     if tile.relief is None:
-        raise ValueError("texture: the tile has no relief; give it one, or write no normals")
+        raise InputError("texture: the tile has no relief; give it one, or write no normals")
     right, up = tile.relief()[:, ::-1]
     length = np.sqrt(1.0 + right**2 + up**2)
     bent = np.stack([-right / length, -up / length], axis=-1)

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mmw.errors import InputError
+
 LEAST_SLIMNESS = 1e-9
 """Height of a triangle over its length below which it has no area [-]: a hundredth of the step of float32."""
 
@@ -49,7 +51,7 @@ def cut_meshes(meshes: Sequence[Polygons], *, keeps_flat: bool = False) -> list[
         keeps_flat: Keep triangles without area.
 
     Raises:
-        ValueError: If the topology of one is broken, or a point is not finite.
+        InputError: If the topology of one is broken, or a point is not finite.
     """
     if not meshes:
         return []
@@ -93,16 +95,16 @@ def _check(mesh: Polygons) -> None:
     """Check a mesh.
 
     Raises:
-        ValueError: If its topology is broken, or a point is not finite.
+        InputError: If its topology is broken, or a point is not finite.
     """
     indices, corner_count, point_count = mesh.indices, mesh.counts.sum(), len(mesh.points)
     if corner_count != len(indices) or (len(indices) and not 0 <= indices.min() <= indices.max() < point_count):
-        raise ValueError(
+        raise InputError(
             f"{mesh.where}: {len(mesh.counts)} faces ask for {corner_count} corners, {len(indices)} are given, over "
             f"{point_count} points; repair the mesh in the tool that made it"
         )
     if not np.isfinite(mesh.points).all():
-        raise ValueError(f"{mesh.where}: a point is not finite; repair the mesh in the tool that made it")
+        raise InputError(f"{mesh.where}: a point is not finite; repair the mesh in the tool that made it")
 
 
 def triangulate(

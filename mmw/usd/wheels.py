@@ -10,6 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from pxr import Usd, UsdGeom
 
+from mmw.errors import InputError
 from mmw.usd.triangulate import Triangles
 
 WHEEL_RADIUS = "mmw:wheel:radius"
@@ -35,7 +36,7 @@ def mesh_wheels(prim: Usd.Prim, triangles: Triangles, matrix: np.ndarray) -> tup
         none, shape [M], int32. A triangle in two wheels belongs to the last.
 
     Raises:
-        ValueError: If a radius is not above zero, or a number is not finite.
+        InputError: If a radius is not above zero, or a number is not finite.
     """
     wheel = np.full(len(triangles.faces), -1, dtype=np.int32)
     wheels: list[Sequence[float]] = []
@@ -58,7 +59,7 @@ def mesh_wheels(prim: Usd.Prim, triangles: Triangles, matrix: np.ndarray) -> tup
             center = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
         x, y, z = np.array(center, dtype=np.float64) @ matrix[:3, :3] + matrix[3, :3]
         if not (np.isfinite([x, y, z]).all() and 0.0 < radius < np.inf):
-            raise ValueError(
+            raise InputError(
                 f"{holder.GetPath()}: wheel of radius {radius} about {center}; a radius above 0 and finite numbers are "
                 f"needed; correct {WHEEL_RADIUS} and {WHEEL_CENTER}"
             )

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
+from mmw.errors import InputError
 from mmw.paths import assets_dir
 from mmw.vehicles.asset import AssetSpec, WheelSpec, write_asset
 from mmw.vehicles.body import build_skin
@@ -35,10 +36,10 @@ def build_shape(model: str) -> Shape:
         model: A key of `BLUEPRINTS`.
 
     Raises:
-        ValueError: If there is no such model.
+        InputError: If there is no such model.
     """
     if model not in BLUEPRINTS:
-        raise ValueError(f"vehicle model = {model!r}; needed is one of {', '.join(BLUEPRINTS)}; name one of them")
+        raise InputError(f"vehicle model = {model!r}; needed is one of {', '.join(BLUEPRINTS)}; name one of them")
     blueprint = BLUEPRINTS[model]
     shapes = [build_skin(body) for body in blueprint.bodies]
     for block in blueprint.blocks:
@@ -102,7 +103,7 @@ def build_vehicle(model: str, out_dir: str | Path) -> Path:
         Path of the interface layer.
 
     Raises:
-        ValueError: If there is no such model.
+        InputError: If there is no such model.
     """
     shape, blueprint = build_shape(model), BLUEPRINTS[model]
     low, high = declared_box(blueprint, shape)

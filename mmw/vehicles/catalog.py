@@ -7,6 +7,7 @@ from typing import Any
 
 from pxr import Usd, UsdSemantics
 
+from mmw.errors import InputError
 from mmw.paths import assets_dir
 from mmw.usd.semantics import TAXONOMY
 
@@ -55,7 +56,7 @@ def load_catalog(directory: str | Path | None = None) -> dict[str, VehicleModel]
         Model name -> model, sorted by name.
 
     Raises:
-        ValueError: If the folder holds no vehicle, or an asset lacks its label, its paints or one of its dimensions.
+        InputError: If the folder holds no vehicle, or an asset lacks its label, its paints or one of its dimensions.
     """
     folder = assets_dir() / "vehicles" if directory is None else Path(directory)
     return {path.stem: _read_vehicle(path) for path in _assets(folder, "vehicles")}
@@ -65,7 +66,7 @@ def load_figures(directory: str | Path | None = None) -> dict[str, ActorModel]:
     """Read every figure `<name>/<name>.usda` of a folder, the shipped ones when left out, sorted by name.
 
     Raises:
-        ValueError: If the folder holds no figure, or an asset lacks its label, its paints or one of its dimensions.
+        InputError: If the folder holds no figure, or an asset lacks its label, its paints or one of its dimensions.
     """
     folder = assets_dir() / "pedestrians" if directory is None else Path(directory)
     return {
@@ -76,7 +77,7 @@ def load_figures(directory: str | Path | None = None) -> dict[str, ActorModel]:
 def _assets(folder: Path, what: str) -> list[Path]:
     assets = sorted(path for path in folder.glob("*/*.usda") if path.stem == path.parent.name)
     if not assets:
-        raise ValueError(
+        raise InputError(
             f"{what}: no <name>/<name>.usda in {folder}; one is needed; build them with mmw.vehicles.build"
         )
     return assets
@@ -92,14 +93,14 @@ def _read_model(path: Path, prefix: str, own: Mapping[str, str]) -> dict[str, An
     stage = Usd.Stage.Open(str(path), Usd.Stage.LoadNone)
     root = stage.GetDefaultPrim()
     if not root:
-        raise ValueError(f"{path}: no defaultPrim; the asset's root prim is needed; set it on the layer")
+        raise InputError(f"{path}: no defaultPrim; the asset's root prim is needed; set it on the layer")
     labels = UsdSemantics.LabelsAPI(root, TAXONOMY).GetLabelsAttr()
     label = labels.Get() if labels else None
     variants = root.GetVariantSet("paint")
     paints = variants.GetVariantNames()
     if not label or not paints:
         found = f"label {list(label or [])}, paints {list(paints)}"
-        raise ValueError(f"{path}: {found}; a class label and a variant set `paint` are needed; author them on {root}")
+        raise InputError(f"{path}: {found}; a class label and a variant set `paint` are needed; author them on {root}")
     selected = variants.GetVariantSelection()
     x, y, z = _dimension(path, root, f"{prefix}center")
     return {
@@ -122,5 +123,5 @@ def _dimension(path: Path, root: Usd.Prim, name: str):
     attribute = root.GetAttribute(name)
     value = attribute.Get() if attribute else None
     if value is None:
-        raise ValueError(f"{path}: no value of {name} on {root.GetPath()}; needed in metres; author it")
+        raise InputError(f"{path}: no value of {name} on {root.GetPath()}; needed in metres; author it")
     return value

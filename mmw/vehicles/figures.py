@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mmw.errors import InputError
 from mmw.vehicles.shapes import Shape, join, pod, quads, weld
 
 STRIDE = np.radians(18.0)
@@ -102,10 +103,10 @@ def build_figure(name: str) -> Shape:
     """Return a figure with the parts `shirt`, `trousers`, `skin`, `hair`, `eyes`, `lips` and `rubber` (shoes).
 
     Raises:
-        ValueError: If there is no such figure.
+        InputError: If there is no such figure.
     """
     if name not in FIGURES:
-        raise ValueError(f"figure = {name!r}; needed is one of {', '.join(FIGURES)}; name one of them")
+        raise InputError(f"figure = {name!r}; needed is one of {', '.join(FIGURES)}; name one of them")
     figure = FIGURES[name]
     h, g = figure.height, figure.height * figure.build
     shapes = [*_trunk(h, g, figure.has_skirt), *_head(h, figure)]

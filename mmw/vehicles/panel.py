@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from mmw.errors import InputError
 from mmw.vehicles.shapes import Shape, quads, weld
 
 Side = Literal["front", "rear", "left", "right", "top"]
@@ -50,7 +51,7 @@ def build_panel(panel: Panel, skin: Shape) -> Shape:
     """Return a panel on a skin: closed, turned outward.
 
     Raises:
-        ValueError: If a point of the panel lies beyond the skin.
+        InputError: If a point of the panel lies beyond the skin.
     """
     s, t = _lattice(panel)
     a, b, c, d = (np.array(corner) for corner in panel.corners)
@@ -77,7 +78,7 @@ def _on_skin(panel: Panel, at: np.ndarray, skin: Shape) -> tuple[np.ndarray, np.
     start, away = _rays(panel, at.reshape(-1, 2), skin)
     depth = cast(skin, start, -away)
     if not np.isfinite(depth).all():
-        raise ValueError(
+        raise InputError(
             f"panel {panel.part} at the {panel.side}, corners {panel.corners}: {np.isinf(depth).sum()} points beyond "
             "the skin; needed is a panel on the skin; move its corners"
         )

@@ -6,6 +6,8 @@ from functools import cache
 
 import numpy as np
 
+from mmw.errors import InputError
+
 WELD = 1e-6
 """Vertices closer than this become one [m]."""
 
@@ -93,12 +95,12 @@ def box(low: Sequence[float], high: Sequence[float], part: str, bevel: float = 0
         bevel: Width of the cut along each face [m].
 
     Raises:
-        ValueError: If a side is not longer than twice the bevel.
+        InputError: If a side is not longer than twice the bevel.
     """
     centre = (np.asarray(low, dtype=np.float64) + high) / 2
     half = (np.asarray(high, dtype=np.float64) - low) / 2
     if np.any(half <= bevel) or bevel < 0:
-        raise ValueError(
+        raise InputError(
             f"box {low}..{high}: bevel = {bevel}; needed is 0 to half of the shortest side; make it smaller"
         )
     points = centre + _box_points(half, bevel)

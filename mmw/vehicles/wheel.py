@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from mmw.errors import InputError
 from mmw.vehicles.shapes import Shape, quads, weld
 
 SEGMENTS = 30
@@ -22,10 +23,10 @@ def wheel(radius: float, width: float, rim: float, spokes: int, segments: int = 
         A closed shape with parts `rubber`, `rims` and `trim` (behind the spokes, and the inner side).
 
     Raises:
-        ValueError: If the spokes do not divide the facets.
+        InputError: If the spokes do not divide the facets.
     """
     if segments % spokes or segments < 2 * spokes:
-        raise ValueError(
+        raise InputError(
             f"wheel: {spokes} spokes on {segments} segments; needed is a multiple of 2 or more; change one"
         )
     half, wall = width / 2, radius - rim

@@ -106,7 +106,7 @@ def check_physics(root: str | Path, frames_each: int = 5) -> list[Finding]:
         frames_each: Frames of every scenario and weather that are looked at, evenly spaced.
 
     Raises:
-        ValueError: If the folder is not a dataset.
+        InputError: If the folder is not a dataset.
     """
     data = open_dataset(root)
     if "frames" not in data.tables:

@@ -47,7 +47,7 @@ def check_plan(root: Root) -> list[Finding]:
         are not those that frames, agents, sensors and links ask for.
 
     Raises:
-        ValueError: If the folder is not a dataset or its configuration cannot be read.
+        InputError: If the folder is not a dataset or its configuration cannot be read.
     """
     root = store_of(root)
     head = read_dataset(root)

@@ -76,7 +76,7 @@ def rerender(
         tell: Takes one line for each row that was compared.
 
     Raises:
-        ValueError: If the folder is not a dataset, or its configuration or stages cannot be used.
+        InputError: If the folder is not a dataset, or its configuration or stages cannot be used.
     """
     findings = []
     with Remaker(root, device) as maker:

@@ -8,6 +8,9 @@ from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
+from mmw.errors import InputError
+from mmw.extras import install
+
 HOST = "127.0.0.1"
 """The only address that is listened on."""
 
@@ -38,10 +41,10 @@ def closed_page(page: str) -> str:
     """Return Rerun's page without requests to other hosts.
 
     Raises:
-        ValueError: If it is not built as expected.
+        InputError: If it is not built as expected.
     """
     if "<head>" not in page:
-        raise ValueError("view: the page of the installed Rerun is not the expected one; pip install 'mmw[viz]'")
+        raise InputError(f"view: the page of the installed Rerun is not the expected one; {install('viz')}")
     return FONTS.sub("", page).replace("<head>", f"<head>\n    {GUARD}", 1)
 
 
@@ -61,7 +64,7 @@ def serve_page(port: int, rerun_port: int) -> Iterator[None]:
         rerun_port: Where Rerun's own server listens.
 
     Raises:
-        ValueError: If the page is not built as expected.
+        InputError: If the page is not built as expected.
         OSError: If the port is not free.
     """
     page = closed_page(ask(rerun_port, "/").read().decode()).encode()

@@ -11,6 +11,7 @@ import rerun.blueprint as rrb
 
 from mmw.constants import FRAME_DT
 from mmw.dataset import BeamSearch, Dataset
+from mmw.errors import InputError
 from mmw.export.progress import Progress
 from mmw.viewer.entities import WORLD
 from mmw.viewer.layout import image_overlays, layout
@@ -43,7 +44,7 @@ class Looks:
 
     def __post_init__(self) -> None:
         if self.lidar_color not in LIDAR_COLORS:
-            raise ValueError(f"lidar color {self.lidar_color!r}: it is one of {', '.join(LIDAR_COLORS)}; name one")
+            raise InputError(f"lidar color {self.lidar_color!r}: it is one of {', '.join(LIDAR_COLORS)}; name one")
 
 
 def blueprint(scope: Scope, looks: Looks) -> rrb.Blueprint:
@@ -80,7 +81,7 @@ def record(stream: rr.RecordingStream, scope: Scope, looks: Looks) -> list[str]:
         What is left out and why, one line each.
 
     Raises:
-        ValueError: If a file of the dataset is damaged.
+        InputError: If a file of the dataset is damaged.
     """
     data = scope.data
     notes = list(scope.notes)
@@ -110,7 +111,7 @@ def record(stream: rr.RecordingStream, scope: Scope, looks: Looks) -> list[str]:
         if looks.with_town:
             try:
                 meshes = read_town(scope)
-            except ValueError as error:
+            except InputError as error:
                 notes.append(f"the town is not shown: {error}")
             else:
                 log_town(stream, meshes)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mmw.dataset import Dataset
+from mmw.errors import InputError
 
 MOST_FRAMES = 200
 """Frames that are shown if none are named: every one, or every 10th, 100th, ..., so that there are no more. Four sweeps
@@ -46,10 +47,10 @@ def choose_scope(
         agents: Agents; all if empty.
 
     Raises:
-        ValueError: If the dataset holds no frame, or not what is asked for.
+        InputError: If the dataset holds no frame, or not what is asked for.
     """
     if "frames" not in data.tables:
-        raise ValueError(f"{data.root}: holds no frames yet; run mmw.run first, then view it")
+        raise InputError(f"{data.root}: holds no frames yet; run mmw.run first, then view it")
     config = data.info["config"]
     known = data.numpy("frames", columns=["scenario", "weather", "frame"])
     scenario = _choose(data, "scenario", scenario, [one["name"] for one in config["scenarios"]], known["scenario"])
@@ -67,7 +68,7 @@ def choose_scope(
     else:
         wanted = there[np.isin(there, np.array(frames))]
         if not len(wanted):
-            raise ValueError(
+            raise InputError(
                 f"{data.root}: {scenario} {weather} has none of the frames {frames.start}:{frames.stop}:{frames.step}; "
                 f"it has {there[0]} to {there[-1]}; name some of these"
             )
@@ -81,13 +82,13 @@ def _choose(data: Dataset, kind: str, given: str, order: Sequence[str], there: n
     names = [name for name in order if name in set(there)]
     names += sorted(set(there) - set(names))
     if given and given not in names:
-        raise ValueError(f"{data.root}: has no {kind} {given!r}; it has {', '.join(names)}; name one of these")
+        raise InputError(f"{data.root}: has no {kind} {given!r}; it has {', '.join(names)}; name one of these")
     return given or names[0]
 
 
 def _agents(data: Dataset, scenario: str, weather: str, frames: np.ndarray, given: Sequence[str]) -> tuple[str, ...]:
     if "poses" not in data.tables:
-        raise ValueError(
+        raise InputError(
             f"{data.root}: has no table poses, and nothing can be placed without it; make the dataset again"
         )
     span = range(int(frames[0]), int(frames[-1]) + 1)
@@ -95,5 +96,5 @@ def _agents(data: Dataset, scenario: str, weather: str, frames: np.ndarray, give
     names = sorted(set(found))
     unknown = [name for name in given if name not in names]
     if unknown:
-        raise ValueError(f"{data.root}: has no agent {unknown[0]!r}; it has {', '.join(names)}; name some of these")
+        raise InputError(f"{data.root}: has no agent {unknown[0]!r}; it has {', '.join(names)}; name some of these")
     return tuple(name for name in names if not given or name in given)

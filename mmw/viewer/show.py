@@ -14,6 +14,7 @@ from urllib.parse import urlencode
 
 import rerun as rr
 
+from mmw.errors import InputError
 from mmw.viewer.page import HOST, serve_page
 from mmw.viewer.record import APPLICATION, Looks, record
 from mmw.viewer.scope import Scope
@@ -48,10 +49,10 @@ def save(scope: Scope, looks: Looks, file: Path) -> list[str]:
         file: File to write, `.rrd`.
 
     Raises:
-        ValueError: If the file has another ending, or the dataset is damaged.
+        InputError: If the file has another ending, or the dataset is damaged.
     """
     if file.suffix != ".rrd":
-        raise ValueError(f"--save {file}: the file must end in .rrd, as Rerun's recordings do; rename it")
+        raise InputError(f"--save {file}: the file must end in .rrd, as Rerun's recordings do; rename it")
     file.parent.mkdir(parents=True, exist_ok=True)
     part = file.with_name(f".{file.name}.{os.getpid()}.part")
     try:
@@ -79,7 +80,7 @@ class Viewer:
         """Show a part of a dataset; returns the notes of `record`, none if the viewer is closed meanwhile.
 
         Raises:
-            ValueError: If the viewer fails, or a file of the dataset is damaged.
+            InputError: If the viewer fails, or a file of the dataset is damaged.
         """
         stream = new_stream()
         stream.connect_grpc(self.address)
@@ -95,11 +96,11 @@ class Viewer:
         """Return when it has been closed.
 
         Raises:
-            ValueError: If it failed.
+            InputError: If it failed.
         """
         code = self.process.wait()
         if code:
-            raise ValueError(
+            raise InputError(
                 f"view: Rerun's viewer ended with code {code}; its lines above say why; --web and --save FILE.rrd do "
                 "without a window"
             )
@@ -113,7 +114,7 @@ def web_viewer(port: int = PORT) -> Iterator[Viewer]:
         port: Port of the page; data come over the next one.
 
     Raises:
-        ValueError: If one of them is not free.
+        InputError: If one of them is not free.
     """
     for one in (port, port + 1):
         _check_free(one)
@@ -129,10 +130,10 @@ def native_viewer() -> Iterator[Viewer]:
     """Open a window while it is used.
 
     Raises:
-        ValueError: If there is no display.
+        InputError: If there is no display.
     """
     if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        raise ValueError(
+        raise InputError(
             "view: there is no display (neither DISPLAY nor WAYLAND_DISPLAY is set); add --web and open the address "
             "that it prints, or --save FILE.rrd and open the file with `rerun FILE.rrd` where there is one"
         )
@@ -176,9 +177,9 @@ def _wait_for(process: subprocess.Popen[bytes], ports: tuple[int, ...]) -> None:
     for port in ports:
         while not _answers(port):
             if process.poll() is not None:
-                raise ValueError(f"view: Rerun's viewer ended with code {process.returncode}; its lines above say why")
+                raise InputError(f"view: Rerun's viewer ended with code {process.returncode}; its lines above say why")
             if time.monotonic() > end:
-                raise ValueError(f"view: Rerun's viewer does not listen on {HOST}:{port} in {START_S:.0f} s; try again")
+                raise InputError(f"view: Rerun's viewer does not listen on {HOST}:{port} in {START_S:.0f} s; try again")
             time.sleep(0.05)
 
 
@@ -193,7 +194,7 @@ def _check_free(port: int) -> None:
         try:
             probe.bind((HOST, port))
         except (OSError, OverflowError) as error:
-            raise ValueError(
+            raise InputError(
                 f"--port: {HOST}:{port} cannot be used ({error}); the page and the data need a free port and the next; "
                 "name another"
             ) from error

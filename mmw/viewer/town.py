@@ -8,6 +8,7 @@ import rerun as rr
 
 from mmw.config import load_config
 from mmw.dataset.geometry import POSE_COLUMNS
+from mmw.errors import InputError
 from mmw.prepare import stored_stage
 from mmw.scene_arrays import SceneArrays
 from mmw.scene_reader import read_stage
@@ -68,11 +69,11 @@ def read_town(scope: Scope) -> list[TownMesh]:
     """Return the town of a dataset's stored stage around the agents.
 
     Raises:
-        ValueError: If the dataset is not on this machine, or its stage is not there or cannot be read.
+        InputError: If the dataset is not on this machine, or its stage is not there or cannot be read.
     """
     data = scope.data
     if data.filesystem is not None:
-        raise ValueError(f"{data.root}: the stage of a dataset elsewhere is not read; copy `stages` and `assets` too")
+        raise InputError(f"{data.root}: the stage of a dataset elsewhere is not read; copy `stages` and `assets` too")
     root = Path(data.root)
     config = load_config(root / CONFIG)
     scenario = next(found for found in config.scenarios if found.name == scope.scenario)

@@ -6,6 +6,7 @@ from typing import Any
 from mmw.compute.device import choose_device
 from mmw.config import load_config
 from mmw.dataset import open_dataset
+from mmw.errors import InputError
 from mmw.prepare import stored_stage
 from mmw.scene import Scene
 from mmw.scene_reader import read_stage
@@ -69,13 +70,13 @@ def make_gallery(
         The files written; none for a table that the dataset does not have.
 
     Raises:
-        ValueError: If the folder is no dataset, or it does not hold the scenario, agent or frame.
+        InputError: If the folder is no dataset, or it does not hold the scenario, agent or frame.
     """
     read_dataset(root)
     config = load_config(root / CONFIG)
     names = [found.name for found in config.scenarios]
     if scenario and scenario not in names:
-        raise ValueError(f"{root}: has no scenario {scenario!r}; it has {', '.join(names)}")
+        raise InputError(f"{root}: has no scenario {scenario!r}; it has {', '.join(names)}")
     found = config.scenarios[names.index(scenario) if scenario else 0]
     scenario, weather, carriers = found.name, config.weathers[0], config.channel.carriers_hz
     frame = config.frames_of(found).start if frame < 0 else frame
@@ -91,7 +92,7 @@ def make_gallery(
     names = [actor.name for actor in arrays.actors]
     agent = agent or next((actor.name for actor in arrays.actors if actor.role == "cav"), "")
     if agent not in names:
-        raise ValueError(f"{root}: scenario {scenario!r} has no agent {agent!r}; it has {', '.join(names[:8])}, ...")
+        raise InputError(f"{root}: scenario {scenario!r} has no agent {agent!r}; it has {', '.join(names[:8])}, ...")
     out.mkdir(parents=True, exist_ok=True)
     files = {name: out / f"{scenario}_{name}.{'jpg' if name in RENDERED else 'png'}" for name in PICTURES}
     pictures = Pictures(scene, {weather: config.air[weather].weather(weather)}, seed=config.seed)

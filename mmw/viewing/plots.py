@@ -8,6 +8,7 @@ import numpy as np
 import pyarrow.dataset as ds
 from PIL import Image
 
+from mmw.errors import InputError
 from mmw.poses import compose, invert, pose_from_ypr, transform_points
 from mmw.tables.encode import decode_depth, decode_instance, decode_rgb
 
@@ -37,11 +38,11 @@ def read_rows(root: Path, table: str, columns: list[str], **where: Any) -> dict[
         where: Key -> value, such as `scenario="s"`, `frame=3`.
 
     Raises:
-        ValueError: If no row has these keys.
+        InputError: If no row has these keys.
     """
     found = find_rows(root, table, columns, **where)
     if not next(iter(found.values())):
-        raise ValueError(f"{root}: table {table!r} has no row with {where}; give keys that the dataset holds")
+        raise InputError(f"{root}: table {table!r} has no row with {where}; give keys that the dataset holds")
     return found
 
 
@@ -223,7 +224,7 @@ def plot_rgb(root: Path, scenario: str, weathers: Sequence[str], frame: int, age
         out: PNG file.
 
     Raises:
-        ValueError: If the agent has no RGB image in a weather.
+        InputError: If the agent has no RGB image in a weather.
     """
     rows = []
     for weather in weathers:

@@ -8,6 +8,7 @@ import numpy as np
 from PIL import Image
 
 from mmw.config import RgbConfig
+from mmw.errors import InputError
 from mmw.lens import Intrinsics
 from mmw.poses import pose_from_ypr, rotate
 from mmw.random_keys import random_keys
@@ -42,7 +43,7 @@ def street_camera(width: int = 1280, height: int = 720, samples: int = 4, fov_de
         fov_deg: Horizontal field of view [deg].
 
     Raises:
-        ValueError: If one of them is not possible.
+        InputError: If one of them is not possible.
     """
     return RgbConfig(width_px=width, height_px=height, samples=samples, fov_deg=fov_deg)
 
@@ -53,12 +54,12 @@ def look_pose(eye: Sequence[float] | np.ndarray, target: Sequence[float] | np.nd
     It does not roll; straight above the target north is up.
 
     Raises:
-        ValueError: If the target is where the eye is.
+        InputError: If the target is where the eye is.
     """
     way = np.asarray(target, dtype=float) - np.asarray(eye, dtype=float)
     level, length = float(np.hypot(way[0], way[1])), float(np.linalg.norm(way))
     if not length > 0.0:
-        raise ValueError(f"eye and target are both {list(map(float, eye))}; a view needs a direction; move one of them")
+        raise InputError(f"eye and target are both {list(map(float, eye))}; a view needs a direction; move one of them")
     yaw = np.arctan2(way[1], way[0]) if level > 1e-9 * length else 0.5 * np.pi
     return pose_from_ypr(eye, yaw, np.arctan2(-way[2], level))
 
@@ -92,7 +93,7 @@ class Pictures:
             seed: Of clouds and rain.
 
         Raises:
-            ValueError: If the scene was not read for a weather, or a texture cannot be decoded.
+            InputError: If the scene was not read for a weather, or a texture cannot be decoded.
         """
         self._scene = scene
         self._weathers = dict(weathers)
@@ -142,7 +143,7 @@ class Pictures:
             slot: Slot of the frame.
 
         Raises:
-            ValueError: If the target is where the eye is.
+            InputError: If the target is where the eye is.
         """
         views = self._standing(look_pose(eye, target), slot)
         return Image.fromarray(self.take(views, config, self._keys(views, [weather]))[weather][0])

@@ -16,10 +16,11 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from mmw.command import run_command
+from mmw.command import add_log_options, run_command
 from mmw.compute.device import choose_device
 from mmw.config import Config, RgbConfig, ScenarioConfig, load_config
 from mmw.config.rgb import paper_cameras
+from mmw.errors import InputError
 from mmw.paths import configs_dir
 from mmw.prepare import prepare_scenario
 from mmw.scene import Scene
@@ -71,12 +72,12 @@ def draw_scenarios(
         The files written.
 
     Raises:
-        ValueError: If there is no such scenario, frame or CAV.
+        InputError: If there is no such scenario, frame or CAV.
     """
     shipped = {path.stem: path for path in sorted((configs_dir() / "scenarios").glob("*.yaml"))}
     for name in names:
         if name not in shipped:
-            raise ValueError(f"scenario {name!r}: is not shipped; those are {', '.join(shipped)}; name one of them")
+            raise InputError(f"scenario {name!r}: is not shipped; those are {', '.join(shipped)}; name one of them")
     out.mkdir(parents=True, exist_ok=True)
     files = []
     for name in names or shipped:
@@ -104,7 +105,7 @@ def draw_scenario(
         device: Warp device that renders.
 
     Raises:
-        ValueError: If the CAV or a roadside unit is not there in the frame.
+        InputError: If the CAV or a roadside unit is not there in the frame.
     """
     frame = config.frames_of(scenario).start
     width, height = TILE_PX
@@ -139,7 +140,7 @@ def view_of(arrays: SceneArrays, frame: int, role: str, camera: RgbConfig, cav: 
     for row, actor in enumerate(carriers):
         if actor.role == role and (role == "rsu" or actor.name == cav):
             return views.take(np.array([row]))
-    raise ValueError(
+    raise InputError(
         f"no {cav if role == 'cav' else 'roadside unit'} in frame {frame}; the gallery shows one; choose another frame "
         "or agent"
     )
@@ -170,14 +171,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--agent", default="cav_1", help="CAV whose cameras are shown")
     parser.add_argument("--samples", type=int, default=9, choices=(1, 4, 9), help="rays in a pixel on an edge")
     parser.add_argument("--device", default="auto", help="auto, cpu or cuda:N")
-    given = parser.parse_args(argv)
+    given = add_log_options(parser).parse_args(argv)
     options = {"frame": given.frame, "agent": given.agent, "samples": given.samples, "device": given.device}
 
     def work() -> int:
         draw_scenarios(given.out, given.scenarios, **options)
         return 0
 
-    return run_command(work, "mmw")
+    return run_command(work, "mmw.viewing.scenario_gallery", debug=given.debug)
 
 
 if __name__ == "__main__":

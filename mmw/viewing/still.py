@@ -9,8 +9,10 @@ import numpy as np
 from PIL import Image
 from pydantic import ValidationError
 
+from mmw.bvh import select_bvh
 from mmw.compute.device import choose_device
-from mmw.config import Config, RgbConfig, ScenarioConfig, load_config
+from mmw.config import Config, RgbConfig, ScenarioConfig, config_path, load_config
+from mmw.errors import InputError
 from mmw.inspect.check import stage_path
 from mmw.inspect.world import open_world
 from mmw.plan import check_inputs
@@ -49,9 +51,9 @@ class Viewpoint:
         ):
             if bool(one) != bool(other):
                 given, missing = (first, second) if one else (second, first)
-                raise ValueError(f"{given} is given without {missing}; a view needs both; add {missing}")
+                raise InputError(f"{given} is given without {missing}; a view needs both; add {missing}")
         if sum((bool(self.agent), bool(self.eye), bool(self.follow))) > 1:
-            raise ValueError(
+            raise InputError(
                 "more than one of --agent, --eye and --follow is given; a picture has one view; leave the others out"
             )
 
@@ -71,7 +73,7 @@ class PictureSize:
         """Return a camera with this size.
 
         Raises:
-            ValueError: If the camera cannot have it.
+            InputError: If the camera cannot have it.
         """
         wanted = {"width_px": self.width, "height_px": self.height, "samples": self.samples}
         given = {key: value for key, value in wanted.items() if value is not None}
@@ -80,11 +82,11 @@ class PictureSize:
         except ValidationError as error:
             problem = error.errors()[0]
             key = ".".join(map(str, problem["loc"])) or "lens"
-            raise ValueError(f"camera {camera.name!r} with {given}: {key}: {problem['msg']}; change the size") from None
+            raise InputError(f"camera {camera.name!r} with {given}: {key}: {problem['msg']}; change the size") from None
 
 
 def draw_scenario(
-    path: Path,
+    path: str | Path,
     viewpoint: Viewpoint,
     size: PictureSize,
     *,
@@ -98,7 +100,7 @@ def draw_scenario(
     From a camera of the configuration it is the very image that a run stores, before compression.
 
     Args:
-        path: Configuration file.
+        path: Configuration file, or the name of a shipped one.
         viewpoint: Where from; the first CAV is followed if it says nothing.
         size: Image size and samples.
         scenario: Its name; the first if empty.
@@ -107,9 +109,11 @@ def draw_scenario(
         device: Warp device that renders: `auto`, `cpu` or `cuda:N`.
 
     Raises:
-        ValueError: If there is no such scenario, frame, weather, agent or camera, or the configuration cannot be used.
+        InputError: If there is no such scenario, frame, weather, agent or camera, or the configuration cannot be used.
     """
+    path = config_path(path)
     config = load_config(path)
+    select_bvh(config.compute.bvh)
     found = _scenario(config, path, scenario)
     frame = config.frames_of(found).start if frame is None else frame
     weather = weather or config.weathers[0]
@@ -117,7 +121,7 @@ def draw_scenario(
     cameras = {sensor.name: sensor for sensor in config.sensors if isinstance(sensor, RgbConfig)}
     if viewpoint.camera and viewpoint.camera not in cameras:
         listed = f"it has {', '.join(cameras)}" if cameras else "it has none"
-        raise ValueError(f"{path}: has no RGB camera {viewpoint.camera!r}; {listed}; name one, or use --eye")
+        raise InputError(f"{path}: has no RGB camera {viewpoint.camera!r}; {listed}; name one, or use --eye")
     check_inputs(config, path.parent)
     with tempfile.TemporaryDirectory() as folder:
         stage = prepare_scenario(config, found, path.parent, Path(folder))
@@ -134,7 +138,7 @@ def draw_scenario(
         views = make_views(arrays, [frame], camera)
         row = [arrays.actors[actor].name for actor in views.actor]
         if viewpoint.agent not in row:
-            raise ValueError(
+            raise InputError(
                 f"{path}: no agent {viewpoint.agent!r} carries camera {camera.name!r} in frame {frame}; those that do: "
                 f"{', '.join(row) or 'none'}; name one of them"
             )
@@ -158,17 +162,17 @@ def draw_stage(
         device: Warp device that renders: `auto`, `cpu` or `cuda:N`.
 
     Raises:
-        ValueError: If there is no such town, frame, weather or actor, the stage cannot be read, or a camera is named.
+        InputError: If there is no such town, frame, weather or actor, the stage cannot be read, or a camera is named.
     """
     if viewpoint.camera:
-        raise ValueError(
+        raise InputError(
             f"--camera {viewpoint.camera}: a town has no cameras, a configuration has; use --config, or --eye"
         )
     path = stage_path(name)
     selected = selected_weather(path)
     weather = weather or selected
     if weather not in PRESETS and weather != selected:
-        raise ValueError(f"--weather {weather}: no preset; presets are {', '.join(PRESETS)}; use one of them")
+        raise InputError(f"--weather {weather}: no preset; presets are {', '.join(PRESETS)}; use one of them")
     values = PRESETS.get(weather, Weather())
     arrays = read_stage(path, _frames(frame), {weather: values.variants(weather)})
     scene, pictures = _load(arrays, frame, {weather: values}, 0, device)
@@ -182,14 +186,14 @@ def draw_stage(
 
 def _frames(frame: int) -> range:
     if frame < 0:
-        raise ValueError(f"--frame {frame}: frames count from 0; give 0 or more")
+        raise InputError(f"--frame {frame}: frames count from 0; give 0 or more")
     return range(frame, frame + 1)
 
 
 def _scenario(config: Config, path: Path, name: str) -> ScenarioConfig:
     names = [found.name for found in config.scenarios]
     if name and name not in names:
-        raise ValueError(f"{path}: has no scenario {name!r}; it has {', '.join(names)}; name one of them")
+        raise InputError(f"{path}: has no scenario {name!r}; it has {', '.join(names)}; name one of them")
     return config.scenarios[names.index(name) if name else 0]
 
 
@@ -199,7 +203,7 @@ def _configured_weather(config: Config, name: str) -> tuple[Weather, tuple[str, 
         return config.air[name].weather(name), config.variants[name]
     if name in PRESETS:
         return PRESETS[name], PRESETS[name].variants(name)
-    raise ValueError(
+    raise InputError(
         f"--weather {name}: neither a weather of the configuration ({', '.join(config.weathers)}) nor a preset "
         f"({', '.join(PRESETS)}); use one of them"
     )
@@ -231,6 +235,6 @@ def _from_eye(
     if followed not in present:
         listed = f"{', '.join(present[:8])}{', ...' if len(present) > 8 else ''}" if present else "nobody"
         what = f"no actor {followed!r}" if followed else "no CAV to follow"
-        raise ValueError(f"{what} in frame {frame}; it has {listed}; name one with --follow, or use --eye")
+        raise InputError(f"{what} in frame {frame}; it has {listed}; name one with --follow, or use --eye")
     eye, target = follow_view(pose[[actor.name for actor in arrays.actors].index(followed)])
     return pictures.look(weather, eye, target, camera)

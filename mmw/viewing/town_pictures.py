@@ -7,6 +7,7 @@ import numpy as np
 import warp as wp
 
 from mmw.compute.device import choose_device
+from mmw.errors import InputError
 from mmw.inspect.world import open_world
 from mmw.kernels.structs import Hit
 from mmw.kernels.trace import cast_kernel
@@ -69,10 +70,10 @@ def draw_town(
         The files written.
 
     Raises:
-        ValueError: If the stage cannot be read, a mesh has no radio material, or there are more than three views.
+        InputError: If the stage cannot be read, a mesh has no radio material, or there are more than three views.
     """
     if len(views) > STREETS:
-        raise ValueError(f"{len(views)} views are given; a town has {STREETS}; leave some out")
+        raise InputError(f"{len(views)} views are given; a town has {STREETS}; leave some out")
     weather = selected_weather(path)
     arrays = read_stage(path, range(1), [weather])
     scene = Scene(arrays, choose_device(device), 1)
@@ -98,7 +99,7 @@ def selected_weather(path: Path) -> str:
     """Return the weather that a stage has selected, `sunny` for a stage without weathers.
 
     Raises:
-        ValueError: If USD cannot read the file.
+        InputError: If USD cannot read the file.
     """
     stage = open_stage(path)
     for prim in stage.Traverse():

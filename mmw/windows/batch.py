@@ -5,6 +5,8 @@ from typing import Any, Literal
 
 import numpy as np
 
+from mmw.errors import InputError
+
 Ragged = Literal["pad", "list"]
 
 
@@ -18,10 +20,10 @@ def make_batch(samples: Sequence[dict[str, Any]], ragged: Ragged = "pad") -> dic
             int64, tells how many count. `list`: KEY is a list a window of a list a frame of arrays.
 
     Raises:
-        ValueError: If there is no sample, arrays of one key differ in shape, or `ragged` is neither.
+        InputError: If there is no sample, arrays of one key differ in shape, or `ragged` is neither.
     """
     if ragged not in ("pad", "list") or not samples:
-        raise ValueError(f"make_batch: {len(samples)} samples, ragged = {ragged!r}; give some, and pad or list")
+        raise InputError(f"make_batch: {len(samples)} samples, ragged = {ragged!r}; give some, and pad or list")
     batch: dict[str, Any] = {}
     for key, first in samples[0].items():
         values = [sample[key] for sample in samples]
@@ -33,7 +35,7 @@ def make_batch(samples: Sequence[dict[str, Any]], ragged: Ragged = "pad") -> dic
             rows = [one for window in values for one in window] if isinstance(first, tuple) else values
             shapes = sorted({one.shape for one in rows})
             if len(shapes) > 1:
-                raise ValueError(f"batch: {key} has shapes {shapes}; choose sensors of one size, or `shrink` some")
+                raise InputError(f"batch: {key} has shapes {shapes}; choose sensors of one size, or `shrink` some")
             joined = np.stack(rows)
             batch[key] = joined.reshape(len(values), -1, *shapes[0]) if isinstance(first, tuple) else joined
     return batch

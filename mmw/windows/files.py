@@ -15,6 +15,7 @@ import pyarrow.parquet as pq
 from PIL import Image
 
 from mmw.dataset.core import framed_parts
+from mmw.errors import InputError
 from mmw.tables.encode import decode_depth
 from mmw.windows.sources import by_sensor, hold_of, in_order, nothing_held, number_columns, one_sensor, sensor_periods
 from mmw.windows.spec import Take
@@ -93,7 +94,7 @@ class FileSource:
         """Return the array of each row, a tuple of images or a list of point clouds; they cannot be written.
 
         Raises:
-            ValueError: If a file cannot be read.
+            InputError: If a file cannot be read.
         """
         found = [self.cache.get((self.name, int(row)), partial(self._row, row)) for row in rows]
         return {"": tuple(found) if self.is_image else found}
@@ -134,7 +135,7 @@ def file_source(dataset: "Dataset", take: Take, tracks: Sequence[Track], cache: 
         files: Where open files are kept.
 
     Raises:
-        ValueError: If an agent has several sensors and none is named, a column is not one of lists of numbers, or a
+        InputError: If an agent has several sensors and none is named, a column is not one of lists of numbers, or a
             file cannot be read.
     """
     if take.kind == "points":
@@ -186,7 +187,7 @@ def framed_files(dataset: "Dataset", table: str) -> list[tuple[str, str, int, st
     """Return scenario, weather, first frame and path of every file of a table with frames, in the order of frames.
 
     Raises:
-        ValueError: If a file has a name that no file of a dataset has.
+        InputError: If a file has a name that no file of a dataset has.
     """
     opened = dataset.arrow(table)
     assert isinstance(opened, pds.FileSystemDataset)  # what Dataset.arrow opens
@@ -228,9 +229,9 @@ def image_bytes(batch: pa.RecordBatch, index: int) -> bytes:
     """Return the file in column `image` of one row.
 
     Raises:
-        ValueError: If there is none.
+        InputError: If there is none.
     """
     data = batch.column("image").field("bytes")[index].as_py()
     if data is None:
-        raise ValueError("column image: a row without an image; run mmw verify")
+        raise InputError("column image: a row without an image; run mmw verify")
     return data

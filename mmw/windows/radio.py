@@ -16,6 +16,7 @@ from mmw.channel.csi import frequency_response
 from mmw.channel.path_rows import PathRows
 from mmw.dataset.beams import BeamSearch
 from mmw.dataset.geometry import POSE_COLUMNS
+from mmw.errors import InputError
 from mmw.poses import normalize, quaternion_to_matrix
 from mmw.tables.publish import publish_bytes
 from mmw.windows.sources import RowSource, in_order, nothing_held, number_columns, parts_of, stacked
@@ -38,7 +39,7 @@ def link_source(dataset: "Dataset", take: Take, tracks: Sequence[Track], cache: 
         cache: Folder in which searched beams are kept; None searches again.
 
     Raises:
-        ValueError: If several transmitters or carriers fit and none is named, no link has the one that is named, or
+        InputError: If several transmitters or carriers fit and none is named, no link has the one that is named, or
             beams of a search that cannot be named in a file are to be kept.
     """
     columns = number_columns(take) if take.kind == "numbers" else ()
@@ -69,7 +70,7 @@ def link_source(dataset: "Dataset", take: Take, tracks: Sequence[Track], cache: 
         else:
             found.append(_beams(dataset, rows, carrier, scenario, weather, take.search, cache))
     if not count:
-        raise ValueError(
+        raise InputError(
             f"Take({take.modality!r}): no link of {take.peer or 'a roadside unit'} to these agents at {carrier:g} Hz; "
             "name a `peer` that transmits to them"
         )
@@ -80,15 +81,15 @@ def one_carrier(dataset: "Dataset", take: Take) -> float:
     """Return the carrier of a take [Hz].
 
     Raises:
-        ValueError: If several are there and none is named, or the named one is not there.
+        InputError: If several are there and none is named, or the named one is not there.
     """
     known = sorted(pc.unique(dataset.read("links", columns=["carrier_hz"]).column("carrier_hz")).to_pylist())
     listed = ", ".join(f"{carrier:g}" for carrier in known) or "no carrier"
     if take.carrier_hz is None and len(known) != 1:
-        raise ValueError(f"Take({take.modality!r}): the dataset has {listed} Hz; name one as `carrier_hz`")
+        raise InputError(f"Take({take.modality!r}): the dataset has {listed} Hz; name one as `carrier_hz`")
     carrier = known[0] if take.carrier_hz is None else take.carrier_hz
     if carrier not in known:
-        raise ValueError(f"Take({take.modality!r}): carrier_hz = {carrier:g}; the dataset has {listed} Hz; name one")
+        raise InputError(f"Take({take.modality!r}): carrier_hz = {carrier:g}; the dataset has {listed} Hz; name one")
     return carrier
 
 
@@ -96,14 +97,14 @@ def one_peer(take: Take, rows: pa.Table, scenario: str) -> str | None:
     """Return the transmitter of a take in one scenario; None if nothing transmits.
 
     Raises:
-        ValueError: If several roadside units transmit and none is named.
+        InputError: If several roadside units transmit and none is named.
     """
     if take.peer is not None:
         return take.peer
     is_v2i = pc.equal(rows.column("link").cast(pa.string()), "v2i")
     known = sorted(pc.unique(rows.filter(is_v2i).column("peer").cast(pa.string())).to_pylist())
     if len(known) > 1:
-        raise ValueError(
+        raise InputError(
             f"Take({take.modality!r}): {', '.join(known)} transmit in {scenario}; name one of them as `peer`"
         )
     return known[0] if known else None
@@ -162,13 +163,13 @@ def search_text(search: BeamSearch) -> dict[str, Any]:
     """Return everything that a search depends on, as JSON takes it.
 
     Raises:
-        ValueError: If an array has a pattern or polarisation that is no name or numbers.
+        InputError: If an array has a pattern or polarisation that is no name or numbers.
     """
     about = dataclasses.asdict(search)
     try:
         json.dumps(about)
     except TypeError as error:
-        raise ValueError(
+        raise InputError(
             "open_windows: beams of a pattern that is a table or function cannot be kept in `cache`; leave it out"
         ) from error
     return about

@@ -10,6 +10,7 @@ import pyarrow as pa
 
 from mmw.constants import FRAME_RATE_HZ
 from mmw.dataset.geometry import POSE_COLUMNS, from_world
+from mmw.errors import InputError
 from mmw.poses import normalize
 from mmw.tables.schemas import table_spec
 from mmw.usd.semantics import CARLA_TAG
@@ -120,13 +121,13 @@ def hold_of(take: Take, periods: Mapping[tuple[str, str, str], int], track: Trac
     """Return the frames that a sample of a sensor may be older than the frame it stands for.
 
     Raises:
-        ValueError: If the sensor is not among `sensor_periods`, and `hold` is not given.
+        InputError: If the sensor is not among `sensor_periods`, and `hold` is not given.
     """
     if take.hold is not None:
         return take.hold
     key = track.scenario, track.agent, sensor
     if key not in periods:
-        raise ValueError(
+        raise InputError(
             f"Take({take.modality!r}): table sensors has no row for {' '.join(key)}, which would tell how often it is "
             "sampled; give `hold`"
         )
@@ -137,13 +138,13 @@ def one_sensor(take: Take, track: Track, known: Iterable[str]) -> str | None:
     """Return the sensor of an agent that a take is read from; None if it has none.
 
     Raises:
-        ValueError: If there are several, and none is named.
+        InputError: If there are several, and none is named.
     """
     names = sorted(known)
     if take.sensor is not None:
         return take.sensor if take.sensor in names else None
     if len(names) > 1:
-        raise ValueError(
+        raise InputError(
             f"Take({take.modality!r}): {track.agent} of {track.scenario} has {', '.join(names)}; name one as `sensor`"
         )
     return names[0] if names else None
@@ -153,7 +154,7 @@ def number_columns(take: Take) -> tuple[str, ...]:
     """Return the columns of a take of kind numbers or points.
 
     Raises:
-        ValueError: If one is not in the table, or holds something else than numbers (points: lists of them).
+        InputError: If one is not in the table, or holds something else than numbers (points: lists of them).
     """
     types = {}
     for column in table_spec(take.table).columns:
@@ -164,7 +165,7 @@ def number_columns(take: Take) -> tuple[str, ...]:
             types[column.name] = value
     wrong = [name for name in take.picked if name not in types]
     if wrong or not take.picked:
-        raise ValueError(
+        raise InputError(
             f"Take({take.modality!r}): columns {wrong or 'none'}; {take.table} has {', '.join(types)}; name some"
         )
     return take.picked
@@ -174,7 +175,7 @@ def number_source(dataset: "Dataset", take: Take, tracks: Sequence[Track]) -> Ro
     """Return numbers of `poses`, `imu` or `gnss`, one row a sample; nulls are NaN.
 
     Raises:
-        ValueError: If a column is not one of numbers, or an agent has several sensors and none is named.
+        InputError: If a column is not one of numbers, or an agent has several sensors and none is named.
     """
     columns, has_sensor = number_columns(take), take.modality in WITH_SENSOR
     # A step of float32 is 0.4 m of latitude.
@@ -211,12 +212,12 @@ def in_order(frames: np.ndarray, rows: np.ndarray, take: Take, track: Track) -> 
     """Return rows of one track, sorted by frame.
 
     Raises:
-        ValueError: If a frame has more than one.
+        InputError: If a frame has more than one.
     """
     some = rows[np.argsort(frames[rows], kind="stable")]
     if (np.diff(frames[some]) == 0).any():
         where = " ".join(track.name)
-        raise ValueError(f"table {take.table}: {where} has two rows in one frame; run mmw verify")
+        raise InputError(f"table {take.table}: {where} has two rows in one frame; run mmw verify")
     return some
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from mmw.channel.csi import subcarrier_frequencies
 from mmw.dataset.beams import BeamSearch
+from mmw.errors import InputError
 
 Kind = Literal["numbers", "boxes", "beams", "csi", "points", "rgb", "depth"]
 
@@ -55,7 +56,7 @@ class Take:
     """One modality of a window, with its own rate.
 
     Raises:
-        ValueError: If the modality is not known, or has no use for an option that is given.
+        InputError: If the modality is not known, or has no use for an option that is given.
     """
 
     modality: str
@@ -86,13 +87,13 @@ class Take:
     def __post_init__(self) -> None:
         where = f"Take({self.modality!r})"
         if self.modality not in MODALITIES:
-            raise ValueError(f"{where}: no such modality; they are {', '.join(MODALITIES)}; name one of them")
+            raise InputError(f"{where}: no such modality; they are {', '.join(MODALITIES)}; name one of them")
         if self.span not in ("past", "future"):
-            raise ValueError(f"{where}: span = {self.span!r}; it is past or future")
+            raise InputError(f"{where}: span = {self.span!r}; it is past or future")
         if self.every < 1 or (self.hold is not None and self.hold < 0):
-            raise ValueError(f"{where}: every = {self.every}, hold = {self.hold}; every is at least 1, hold 0")
+            raise InputError(f"{where}: every = {self.every}, hold = {self.hold}; every is at least 1, hold 0")
         if self.shrink not in (1, 2, 4, 8):
-            raise ValueError(f"{where}: shrink = {self.shrink}; it is 1, 2, 4 or 8")
+            raise InputError(f"{where}: shrink = {self.shrink}; it is 1, 2, 4 or 8")
         kind = MODALITIES[self.modality].kind
         uses = {
             "sensor": (self.sensor is not None, self.modality in WITH_SENSOR),
@@ -103,7 +104,7 @@ class Take:
         }
         for option, (is_given, has_use) in uses.items():
             if is_given and not has_use:
-                raise ValueError(f"{where}: has no use for {option}; leave it out")
+                raise InputError(f"{where}: has no use for {option}; leave it out")
 
     @property
     def key(self) -> str:
@@ -140,7 +141,7 @@ class WindowSpec:
     """Windows of P past and W future frames; the last past frame is `now`.
 
     Raises:
-        ValueError: If a length is too small, nothing is taken, or two things have one name.
+        InputError: If a length is too small, nothing is taken, or two things have one name.
     """
 
     takes: Sequence[Take | str]
@@ -158,16 +159,16 @@ class WindowSpec:
         object.__setattr__(self, "takes", tuple(t if isinstance(t, Take) else Take(t) for t in self.takes))
         if self.past < 1 or self.future < 0 or self.stride < 1 or self.step < 1:
             sizes = f"past = {self.past}, future = {self.future}, stride = {self.stride}, step = {self.step}"
-            raise ValueError(f"WindowSpec: {sizes}; future is at least 0, the others 1")
+            raise InputError(f"WindowSpec: {sizes}; future is at least 0, the others 1")
         if not self.takes:
-            raise ValueError("WindowSpec: takes is empty; name what a window holds, such as Take('beams')")
+            raise InputError("WindowSpec: takes is empty; name what a window holds, such as Take('beams')")
         keys = ["now", "track", *(key for take in self.all_takes for key in (take.key, f"{take.key}_frame"))]
         twice = sorted({key for key in keys if keys.count(key) > 1})
         if twice:
-            raise ValueError(f"WindowSpec: {', '.join(twice)} would be there twice; give one Take another name")
+            raise InputError(f"WindowSpec: {', '.join(twice)} would be there twice; give one Take another name")
         for take in self.all_takes:
             if take.span == "future" and take.every > self.future:
-                raise ValueError(
+                raise InputError(
                     f"WindowSpec: {take.key} has one sample in {take.every} frames, the future {self.future} frames; "
                     "lengthen the future or lower `every`"
                 )

@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 
 from mmw.dataset import Dataset
+from mmw.errors import InputError
 from mmw.windows.windows import Windows
 
 Parts = Mapping[str, float | Sequence[str]]
@@ -40,30 +41,30 @@ def split_windows(
         blocks: By track: blocks that every part has in a scenario.
 
     Raises:
-        ValueError: If a part gets no window, or an argument is out of range.
+        InputError: If a part gets no window, or an argument is out of range.
     """
     if by not in ("track", "scenario", "town", "weather"):
-        raise ValueError(f"split_windows: by = {by!r}; it is track, scenario, town or weather")
+        raise InputError(f"split_windows: by = {by!r}; it is track, scenario, town or weather")
     if not parts or not len(windows):
-        raise ValueError(f"split_windows: {len(windows)} windows, {len(parts)} parts; both are needed")
+        raise InputError(f"split_windows: {len(windows)} windows, {len(parts)} parts; both are needed")
     shares = {name: float(share) for name, share in parts.items() if isinstance(share, int | float)}
     if shares and len(shares) < len(parts):
-        raise ValueError("split_windows: parts mix shares and names; give shares alone or names alone")
+        raise InputError("split_windows: parts mix shares and names; give shares alone or names alone")
     if any(not (share > 0.0 and np.isfinite(share)) for share in shares.values()):
-        raise ValueError(f"split_windows: shares {shares}; each is above 0")
+        raise InputError(f"split_windows: shares {shares}; each is above 0")
     if by == "track":
         if not shares:
-            raise ValueError("split_windows: by track takes shares, such as {'train': 0.8, 'test': 0.2}")
+            raise InputError("split_windows: by track takes shares, such as {'train': 0.8, 'test': 0.2}")
         chosen = _by_time(windows, shares, seed, gap, blocks)
     else:
         if gap is not None or blocks != 1:
-            raise ValueError(f"split_windows: gap and blocks are of a split by track; by {by} has no use for them")
+            raise InputError(f"split_windows: gap and blocks are of a split by track; by {by} has no use for them")
         values = _values(windows, by)
         names = _assign(values, shares, seed) if shares else _named(values, parts, by)
         chosen = {part: np.isin(values, some) for part, some in names.items()}
     for part, mask in chosen.items():
         if not mask.any():
-            raise ValueError(
+            raise InputError(
                 f"split_windows: part {part!r} gets no window of {len(windows)} by {by}; shorten the windows or the "
                 "gap, take fewer parts or blocks, a larger share, or split by something else"
             )
@@ -90,7 +91,7 @@ def _by_time(
     """Return which windows lie in the blocks of each part."""
     gap = int((windows.last - windows.first).max()) + 1 if gap is None else gap
     if gap < 0 or blocks < 1:
-        raise ValueError(f"split_windows: gap = {gap}, blocks = {blocks}; gap is at least 0, blocks 1")
+        raise InputError(f"split_windows: gap = {gap}, blocks = {blocks}; gap is at least 0, blocks 1")
     chosen = {part: np.zeros(len(windows), dtype=bool) for part in shares}
     names = windows.of_track(lambda track: track.scenario)
     for scenario in sorted({track.scenario for track in windows.tracks}):
@@ -144,7 +145,7 @@ def _values(windows: Windows, by: str) -> np.ndarray:
     towns = town_names(windows.dataset)
     lost = sorted({track.scenario for track in windows.tracks} - set(towns))
     if lost:
-        raise ValueError(
+        raise InputError(
             f"{windows.dataset.root}: dataset.json tells no town of {', '.join(lost)}; split by scenario instead"
         )
     return windows.of_track(lambda track: towns[track.scenario])
@@ -160,12 +161,12 @@ def _assign(values: np.ndarray, shares: Mapping[str, float], seed: int) -> dict[
     """Return the names of each part: one for each, by chance, then each name where most windows are missing.
 
     Raises:
-        ValueError: If there are fewer names than parts.
+        InputError: If there are fewer names than parts.
     """
     names, counts = np.unique(values, return_counts=True)
     if len(names) < len(shares):
         listed = ", ".join(names.tolist())
-        raise ValueError(f"split_windows: {len(shares)} parts of {len(names)} names ({listed}); take fewer parts")
+        raise InputError(f"split_windows: {len(shares)} parts of {len(names)} names ({listed}); take fewer parts")
     order = np.random.default_rng(seed).permutation(len(names))
     found: dict[str, list[str]] = {part: [] for part in shares}
     missing = {part: share / sum(shares.values()) * len(values) for part, share in shares.items()}
@@ -181,14 +182,14 @@ def _named(values: np.ndarray, parts: Parts, by: str) -> dict[str, list[str]]:
     """Return the names of each part as they are given.
 
     Raises:
-        ValueError: If a name is not there, or in two parts.
+        InputError: If a name is not there, or in two parts.
     """
     found = {part: [some] if isinstance(some, str) else list(some) for part, some in parts.items()}
     given = [name for some in found.values() for name in some]
     known = np.unique(values).tolist()
     wrong = sorted({name for name in given if name not in known or given.count(name) > 1})
     if wrong:
-        raise ValueError(
+        raise InputError(
             f"split_windows: {by} {', '.join(wrong)} is not there or in two parts; there are {', '.join(known)}; name "
             "each of these at most once"
         )

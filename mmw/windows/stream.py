@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from mmw.errors import InputError
 from mmw.windows.batch import Ragged, make_batch
 from mmw.windows.windows import Sample, Windows
 
@@ -28,10 +29,10 @@ def stream_order(
         shuffle: False reads shards in their order.
 
     Raises:
-        ValueError: If there is no such worker.
+        InputError: If there is no such worker.
     """
     if not 0 <= worker < workers:
-        raise ValueError(f"stream_order: worker {worker} of {workers}; it is 0 to {workers - 1}")
+        raise InputError(f"stream_order: worker {worker} of {workers}; it is 0 to {workers - 1}")
     shards = np.unique(windows.shard)
     if shuffle:
         shards = np.random.default_rng([seed, epoch]).permutation(shards)
@@ -67,10 +68,10 @@ def stream_batches(
         ragged: As of `make_batch`.
 
     Raises:
-        ValueError: If there is no such worker, size or buffer is below 1, or a file cannot be read.
+        InputError: If there is no such worker, size or buffer is below 1, or a file cannot be read.
     """
     if buffer < 1 or size < 1:
-        raise ValueError(f"stream_batches: size = {size}, buffer = {buffer}; both are at least 1")
+        raise InputError(f"stream_batches: size = {size}, buffer = {buffer}; both are at least 1")
     order = stream_order(windows, seed=seed, epoch=epoch, worker=worker, workers=workers, shuffle=shuffle)
     rng = np.random.default_rng([seed, epoch, worker])
     waiting: list[Sample] = []

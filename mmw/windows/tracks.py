@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pyarrow as pa
 
+from mmw.errors import InputError
+
 if TYPE_CHECKING:
     from mmw.dataset import Dataset
 
@@ -83,7 +85,7 @@ def find_tracks(dataset: "Dataset") -> list[Track]:
     """Return the tracks of a dataset, by scenario, weather and agent.
 
     Raises:
-        ValueError: If there is no table `poses`, or an agent has two poses in a frame.
+        InputError: If there is no table `poses`, or an agent has two poses in a frame.
     """
     rows = dataset.read("poses", columns=["scenario", "weather", "frame", "agent", "role"])
     frames, roles = rows.column("frame").to_numpy(), rows.column("role").cast(pa.string()).to_pylist()
@@ -91,7 +93,7 @@ def find_tracks(dataset: "Dataset") -> list[Track]:
     for (scenario, weather, agent), some in groups(rows, ("scenario", "weather", "agent")).items():
         own = np.sort(frames[some].astype(np.int64))
         if (np.diff(own) == 0).any():
-            raise ValueError(f"{dataset.root}: poses of {scenario} {weather} {agent} repeat a frame; run mmw verify")
+            raise InputError(f"{dataset.root}: poses of {scenario} {weather} {agent} repeat a frame; run mmw verify")
         found.append(Track(scenario, weather, agent, roles[some[0]], own))
     return sorted(found, key=lambda track: track.name)
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mmw.dataset import Dataset, open_dataset
+from mmw.errors import InputError
 from mmw.windows.files import OPEN_FILES, Cache, file_source, framed_files
 from mmw.windows.radio import link_source
 from mmw.windows.sources import Source, box_source, number_source
@@ -71,7 +72,7 @@ class Windows:
         """Return one window with arrays that cannot be written where other windows share them; images are a tuple.
 
         Raises:
-            ValueError: If a file cannot be read.
+            InputError: If a file cannot be read.
         """
         number, now = int(self.track[index]), int(self.now[index])
         found: Sample = {"now": np.array(now), "track": np.array(number)}
@@ -109,7 +110,7 @@ class Windows:
         """Return the windows of some scenarios, weathers and agents (names, or the roles `cav` and `rsu`).
 
         Raises:
-            ValueError: If a name is not among the tracks.
+            InputError: If a name is not among the tracks.
         """
         is_chosen = _choose(self.tracks, scenarios, weathers, agents)
         return self.take(is_chosen[self.track])
@@ -140,7 +141,7 @@ def open_windows(
         cache_bytes: Images, sweeps and row groups that each process keeps.
 
     Raises:
-        ValueError: If a table or a name is not there, the windows are longer than every track, or none is left.
+        InputError: If a table or a name is not there, the windows are longer than every track, or none is left.
     """
     data = dataset if isinstance(dataset, Dataset) else open_dataset(dataset)
     _check_tables(data, spec)
@@ -149,7 +150,7 @@ def open_windows(
     tracks = tuple(track for track, chosen in zip(every, is_chosen, strict=True) if chosen)
     longest = max((track.longest_run for track in tracks), default=0)
     if spec.before + spec.after + 1 > longest:
-        raise ValueError(
+        raise InputError(
             f"{data.root}: windows reach over {spec.before + spec.after + 1} frames; the longest unbroken track has "
             f"{longest}; shorten past, future or step"
         )
@@ -178,7 +179,7 @@ def _find(data: Dataset, spec: WindowSpec, tracks: tuple[Track, ...], sources: M
     """Return all windows.
 
     Raises:
-        ValueError: If there is none.
+        InputError: If there is none.
     """
     left_out = dict.fromkeys(("frames", *sources), 0)
     found: list[np.ndarray] = []
@@ -201,7 +202,7 @@ def _find(data: Dataset, spec: WindowSpec, tracks: tuple[Track, ...], sources: M
     track, now, first, last = np.concatenate(found, axis=1)
     if not len(now):
         told = ", ".join(f"{name}: {count}" for name, count in left_out.items() if count)
-        raise ValueError(
+        raise InputError(
             f"{data.root}: no window is left; without frames or samples are {told}; take less, shorten the window, or "
             "choose agents that have the sensors and links"
         )
@@ -230,7 +231,7 @@ def _check_tables(data: Dataset, spec: WindowSpec) -> None:
         needed = {take.table, "poses"} | ({"links"} if take.modality in WITH_LINK else set())
         missing = sorted(needed - set(data.tables))
         if missing:
-            raise ValueError(
+            raise InputError(
                 f"{data.root}: Take({take.modality!r}) needs table {' and '.join(missing)}, which has no file; it "
                 f"holds {', '.join(data.tables) or 'no table'}; take something else or record it"
             )
@@ -245,7 +246,7 @@ def _choose(
     """Return whether each track is chosen, shape [tracks].
 
     Raises:
-        ValueError: If a name is no track's.
+        InputError: If a name is no track's.
     """
     is_chosen = np.ones(len(tracks), dtype=bool)
     for kind, names in (("scenario", scenarios), ("weather", weathers), ("agent", agents)):
@@ -256,6 +257,6 @@ def _choose(
         known = sorted(set().union(*own))
         wrong = sorted(given - set(known))
         if wrong or not given:
-            raise ValueError(f"windows: {kind} {', '.join(wrong) or 'none'}; there are {', '.join(known)}; name these")
+            raise InputError(f"windows: {kind} {', '.join(wrong) or 'none'}; there are {', '.join(known)}; name these")
         is_chosen &= [bool(given & some) for some in own]
     return is_chosen
