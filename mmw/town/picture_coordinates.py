@@ -159,7 +159,9 @@ def _covers(part: MeshPart) -> np.ndarray:
         if along[0] * aside[1] < along[1] * aside[0]:
             corner, aside = corner + aside, -aside  # seen from above, the picture is not mirrored
         axes = np.stack([along / (along @ along), aside / (aside @ aside)], axis=1)
-        st[own] = (xy - corner) @ axes
+        found = (xy - corner) @ axes
+        low, high = found.min(axis=(0, 1)), found.max(axis=(0, 1))  # the outline is rounded: not quite 0 and 1
+        st[own] = (found - low) / (high - low)
     return np.clip(st, 0.0, 1.0)
 
 
