@@ -1,4 +1,4 @@
-"""`compute`: what traces and how much at a time. Nothing here changes the data, but the last bits (`docs/running.md`)."""
+"""`compute`: what traces and how much at a time. Nothing here changes data, but last bits (`docs/running.md`)."""
 
 import os
 from typing import Literal, get_args
