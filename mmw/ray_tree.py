@@ -19,10 +19,9 @@ LEAF_FACES_CUDA = 2
 """Triangles in a leaf at most where a thread tests them one by one: on an H100 incoherent rays are 8 % faster than with
 `LEAF_FACES`, others 1 % (`bench/README.md`). A CPU tests that many at once."""
 
-WARP_CONSTRUCTOR = {"cuda": "cubql", "cpu": "sah"}
-WARP_LEAF_FACES = 2
-"""How Warp builds its trees, and triangles in a leaf of them at most: the best of its constructors and of 1, 2 and 4 on
-an H100 (`bench/README.md`)."""
+WARP_BUILD = {"cuda": ("cubql", 2), "cpu": ("sah", 4)}
+"""How Warp builds its trees, and triangles in a leaf of them at most: the best of its constructors with 1, 2 and 4, on
+an H100 and on a CPU with AVX-512 (`bench/README.md`)."""
 
 BOX_MARGIN = 5e-7
 """How much larger Warp's boxes are than what they hold, over the size of the mesh and `BOX_RANGE_M`. Distances to the
@@ -109,12 +108,13 @@ def _build_warp_mesh(corners: np.ndarray, device: str) -> wp.Mesh:
     """
     margin = BOX_MARGIN * (np.abs(corners).max() + BOX_RANGE_M)
     boxed = np.stack([corners.min(axis=1) - margin, corners.max(axis=1) + margin, corners[:, 0]], axis=1)
+    constructor, leaf_faces = WARP_BUILD["cuda" if wp.get_device(device).is_cuda else "cpu"]
     points = wp.array(boxed.reshape(-1, 3), dtype=wp.vec3, device=device)
     mesh = wp.Mesh(
         points=points,
         indices=wp.array(np.arange(3 * len(corners), dtype=np.int32), dtype=wp.int32, device=device),
-        bvh_constructor=WARP_CONSTRUCTOR["cuda" if wp.get_device(device).is_cuda else "cpu"],
-        bvh_leaf_size=WARP_LEAF_FACES,
+        bvh_constructor=constructor,
+        bvh_leaf_size=leaf_faces,
     )
     # The tree keeps the boxes that it was built over until it is told to refit.
     points.assign(corners.reshape(-1, 3))
