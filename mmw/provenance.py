@@ -67,7 +67,7 @@ def check_continuation(root: Root, config: Config, now: Mapping[str, Any]) -> li
         now: What `versions` returns today.
 
     Returns:
-        One line for everything that differs: versions, device, town files.
+        One line for everything that differs: versions, machine, kind of trees, town files.
 
     Raises:
         InputError: If a user's own stage has changed: its old and new frames would be mixed.
@@ -93,6 +93,11 @@ def check_continuation(root: Root, config: Config, now: Mapping[str, Any]) -> li
         notes.append(
             f"{root}: begun on {old.get('device')}, goes on on {new.get('device')}: all rows are right, but the last "
             "bits may differ between the two (docs/determinism.md); for the same bits throughout, go on where it began"
+        )
+    if old.get("bvh", new["bvh"]) != new["bvh"]:  # older datasets do not say
+        notes.append(
+            f"{root}: begun with compute.bvh = {old['bvh']!r}, goes on with {new['bvh']!r}: last bits may differ "
+            f"(docs/running.md); for the same bits throughout, set compute.bvh={old['bvh']}"
         )
     for name in ("mmw", "git", *before.get("packages", {})):
         if old.get(name) != new.get(name):
@@ -131,6 +136,7 @@ def versions(config: Config, base: Path, machine: str) -> dict[str, Any]:
         "python": platform.python_version(),
         "packages": packages,
         "device": machine,
+        "bvh": config.compute.bvh,
         "sources": sources,
     }
 

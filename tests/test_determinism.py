@@ -91,6 +91,20 @@ def test_a_run_goes_on_on_another_kind_of_machine(world: Path, dataset: Path, ca
     assert "made on 2 kinds of machine" in capsys.readouterr().out
 
 
+def test_a_run_goes_on_with_the_other_kind_of_trees(world: Path, dataset: Path, capsys: pytest.CaptureFixture) -> None:
+    head = json.loads((dataset / "dataset.json").read_text())
+    own = head["versions"]["bvh"]
+    head["versions"]["bvh"] = {"wide": "warp", "warp": "wide"}[own]
+    (dataset / "dataset.json").write_text(json.dumps(head))
+    assert main(command(world, dataset.name, "--workers", "1")) == 0
+    (line,) = [line for line in capsys.readouterr().err.splitlines() if "compute.bvh" in line]
+    assert f"goes on with {own!r}" in line and f"set compute.bvh={head['versions']['bvh']}" in line
+    del head["versions"]["bvh"]  # as datasets of 0.1.0
+    (dataset / "dataset.json").write_text(json.dumps(head))
+    assert main(command(world, dataset.name, "--workers", "1")) == 0
+    assert "compute.bvh" not in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("here", [True, False])
 def test_rows_that_differ_are_wrong_on_the_same_kind_of_machine_alone(
     dataset: Path, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch, here: bool
