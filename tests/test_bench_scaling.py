@@ -43,6 +43,7 @@ def measured(path: Path) -> dict[str, Any]:
     return json.loads(path.read_text())
 
 
+@pytest.mark.slow
 def test_every_curve_is_measured(measured: dict[str, Any]) -> None:
     assert list(measured["curves"]) == list(measured["seconds"]) == NAMES
     assert measured["machine"]["device"] and measured["scene"] == "grid"
@@ -52,6 +53,7 @@ def test_every_curve_is_measured(measured: dict[str, Any]) -> None:
         assert len(values) == 2 or name == "v2v"
 
 
+@pytest.mark.slow
 def test_towns_grow_and_rays_meet_the_same_in_finer_triangles(measured: dict[str, Any]) -> None:
     for name in ("larger", "finer"):
         for point in measured["curves"][name]:
@@ -64,6 +66,7 @@ def test_towns_grow_and_rays_meet_the_same_in_finer_triangles(measured: dict[str
         assert abs(fine["hit_share"][kind] - share) < 1e-3
 
 
+@pytest.mark.slow
 def test_points_count_what_was_traced(measured: dict[str, Any]) -> None:
     found = {
         name: [(point["value"], point["rays"]) for point in points]
@@ -81,6 +84,7 @@ def test_points_count_what_was_traced(measured: dict[str, Any]) -> None:
         assert few == more and set(few) == {"cameras", "lidar", "radar", "channel"}
 
 
+@pytest.mark.slow
 def test_stages_add_up_to_the_frame(measured: dict[str, Any]) -> None:
     for point in measured["curves"]["batch"]:
         assert point["frames"] == point["value"]
@@ -90,6 +94,7 @@ def test_stages_add_up_to_the_frame(measured: dict[str, Any]) -> None:
         assert point["device_ms"] is point["device_gb"] is None
 
 
+@pytest.mark.slow
 def test_some_curves_are_measured_again_and_the_others_stay(path: Path, tmp_path: Path) -> None:
     out = tmp_path / "again.json"
     out.write_text(path.read_text())
@@ -109,6 +114,7 @@ def test_wrong_options_are_refused(arguments: list[str], message: str, capsys: p
     assert message in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_pictures_are_drawn(path: Path, measured: dict[str, Any], tmp_path: Path) -> None:
     pytest.importorskip("matplotlib", reason="matplotlib is not installed: pip install 'multimodal-wireless[plot]'")
     from PIL import Image

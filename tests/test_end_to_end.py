@@ -134,14 +134,14 @@ def test_batch_size_does_not_change_a_row(dataset: Path, tmp_path: Path) -> None
     assert_same_rows(dataset, tmp_path / "d")
 
 
+@pytest.mark.slow
 def test_killed_and_resumed_equals_undisturbed(dataset: Path, tmp_path: Path) -> None:
     root = tmp_path / "d"
     arguments = [sys.executable, "-m", "mmw.run", *command(root)]
     markers, ends = root / "_shards", []
     for wanted in (0, 1, 3):
         process = subprocess.Popen(arguments, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        deadline = time.monotonic() + 120
-        while process.poll() is None and time.monotonic() < deadline:
+        while process.poll() is None:
             if (root / "dataset.json").exists() and len(list(markers.glob("*.json"))) > wanted:
                 break
             time.sleep(0.01)

@@ -73,6 +73,7 @@ def actors() -> list[int]:
     ]
 
 
+@pytest.mark.slow
 def test_parts_on_ray_make_the_same_dataset(world: Path, here: str, capsys: pytest.CaptureFixture) -> None:
     assert run(world, "parts", "--workers", "2", "--shard", "1/2") == 0
     assert not (world / "parts" / "_manifest.parquet").exists()
@@ -84,6 +85,7 @@ def test_parts_on_ray_make_the_same_dataset(world: Path, here: str, capsys: pyte
     assert alone["versions"] == parts["versions"] and alone["config_sha256"] == parts["config_sha256"]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="finds processes in /proc")
 def test_a_killed_actor_is_replaced(
     world: Path, here: str, capfd: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
@@ -106,6 +108,7 @@ def test_a_killed_actor_is_replaced(
     assert verify(world / "killed") == []
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="finds the names of open files in /proc")
 def test_an_actor_killed_while_it_writes_leaves_nothing(
     world: Path, here: str, capfd: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
@@ -118,17 +121,20 @@ def test_an_actor_killed_while_it_writes_leaves_nothing(
     assert_same_rows(world / "alone", world / "writing")
 
 
+@pytest.mark.slow
 def test_the_error_of_a_worker_is_one_line(world: Path, here: str, capfd: pytest.CaptureFixture) -> None:
     assert run(world, "long", "--workers", "1", "frames.count=20") == 2
     lines = [line for line in capfd.readouterr().err.splitlines() if line.startswith("mmw: ")]
     assert len(lines) == 1 and "mine.usda" in lines[0] and "19" in lines[0]
 
 
+@pytest.mark.slow
 def test_a_finished_dataset_needs_no_worker(world: Path, here: str, capsys: pytest.CaptureFixture) -> None:
     assert run(world, "alone") == 0
     assert "20 of 20 frames are there already; nothing to make" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_node_without_mmw(
     world: Path, here: str, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -167,6 +173,7 @@ def test_a_node_that_differs_is_refused(making: Making, tmp_path: Path) -> None:
         actor._check(task)
 
 
+@pytest.mark.slow
 def test_a_bucket_is_filled_by_actors(world: Path, here: str, s3: Server) -> None:
     staging = world / "staging"
     arguments = ["--config", str(world / "mine.yaml"), *SMALL, "--device", "cpu", "--engine", "ray", "--workers", "2"]

@@ -81,6 +81,7 @@ def test_library_holds_every_name_once_and_validates():
     assert validate_stage(stage) == []
 
 
+@pytest.mark.slow
 def test_rebuild_equals_the_committed_library(tmp_path):
     build_materials(tmp_path / "materials.usda")
     assert (tmp_path / "materials.usda").read_bytes() == SHIPPED.read_bytes()

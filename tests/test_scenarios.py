@@ -74,6 +74,7 @@ def links_of(name: str) -> list[LinkCensus]:
     return trace_scenario(load_config(path), path.parent, EVERY, "cpu")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "blocker"),
     [
@@ -90,6 +91,7 @@ def test_the_feature_blocks_and_lets_through(name: str, blocker: str) -> None:
     assert any(0.1 < link.los_share < 0.95 for link in links)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "reflector", "least"),
     [
@@ -102,6 +104,7 @@ def test_the_feature_reflects(name: str, reflector: str, least: float) -> None:
     assert all(link.reflectors.get(reflector, 0.0) >= least for link in links_of(name))
 
 
+@pytest.mark.slow
 def test_the_rural_crossroad_is_open() -> None:
     links = links_of("town07_crossroad")
     assert all(link.los_share > 0.8 for link in links)

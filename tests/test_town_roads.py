@@ -242,6 +242,7 @@ def test_terrain_stays_outside_the_corridor_and_between_its_heights(network: Roa
     assert np.isnan(network.height(np.array([1e4]), np.array([0.0])))[0]
 
 
+@pytest.mark.slow
 def test_building_twice_gives_the_same_bytes(network: RoadNetwork, town03: TownDescription) -> None:
     again = build_network(town03)
     for first, second in zip([*network.parts, *network.terrain], [*again.parts, *again.terrain], strict=True):

@@ -17,7 +17,7 @@ def test_these_are_all() -> None:
     assert sorted(path.parent.name for path in (assets_dir() / "towns").glob("*/*.yaml")) == list(TOWNS)
 
 
-@pytest.mark.parametrize("name", TOWNS)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name != "town10")) for name in TOWNS])
 def test_committed_files_are_what_the_description_builds(name: str, tmp_path: Path) -> None:
     checks.assert_rebuilt(name, tmp_path)
 
