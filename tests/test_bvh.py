@@ -48,8 +48,9 @@ def test_both_kinds_find_the_same(device: str, tmp_path: Path) -> None:
             # Rounding decides whether these meet a thing, but not where: up to 30 % of them pass it in one kind alone.
             is_met = (found[:, 1] >= 0) & (other[:, 1] == found[:, 1])
             assert is_met.mean() > 0.3 and (found[:, 1] != other[:, 1]).mean() < 0.3, name
-            rtol = 1e-6 if device == "cpu" else 1e-5
-            np.testing.assert_allclose(found[is_met, 0], other[is_met, 0], rtol=rtol, atol=1e-6, err_msg=name)
+            # As below: where a GPU's compiler fuses, what starts on a surface some 12 m from the origin meets it 2e-6 m on.
+            rtol, atol = (1e-6, 1e-6) if device == "cpu" else (1e-5, 1e-4)
+            np.testing.assert_allclose(found[is_met, 0], other[is_met, 0], rtol=rtol, atol=atol, err_msg=name)
         elif device == "cpu":
             np.testing.assert_array_equal(found, other, err_msg=name)
         else:  # a GPU rounds a product in a sum or not, as its compiler likes: ties may go elsewhere
