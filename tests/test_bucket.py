@@ -329,6 +329,7 @@ def test_a_bucket_that_is_not_there(server: Server, tmp_path: Path) -> None:
         make(Bucket(server.address("x", bucket="nowhere"), tmp_path))
 
 
+@pytest.mark.slow
 def test_a_store_that_cannot_be_reached(s3: Server, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"^s3://bucket/x: cannot be listed: it cannot be reached .*endpoint_override"):
         make(Bucket("s3://bucket/x?endpoint_override=http://127.0.0.1:9&region=us-east-1", tmp_path))

@@ -19,6 +19,7 @@ TWO_UNITS = (
 )
 
 
+@pytest.mark.slow
 def test_table_and_picture_of_a_scenario(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     arguments = ["radiomap", "--config", CONFIG, "--rays", "4e4", "--depth", "1", "--size", "120", "--frame", "1"]
     arguments += ["--carrier", "4.9e9", "--weather", "rainy", "--device", "cpu", "--out", str(tmp_path)]

@@ -149,6 +149,7 @@ def test_a_run_that_cannot_put_stops_and_goes_on(server: Server, world: Path, lo
     assert tables_of(server.objects("stops")) == tables_of(local) and verify(Bucket(address)) == []
 
 
+@pytest.mark.slow
 def test_parts_on_machines_of_their_own(server: Server, world: Path, local, tmp_path: Path, capsys) -> None:
     """Two parts that share nothing but the bucket; the second finds everything there and writes the manifest."""
     address = server.address("parts")
@@ -203,6 +204,7 @@ def test_a_place_that_cannot_be_used_is_said_before_anything_is_made(
     assert words in error and "secret" not in error and error.count("\n") == 1
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="SIGKILL")
 def test_a_killed_run_of_two_workers_is_completed(server: Server, world: Path, local, tmp_path: Path) -> None:
     address, numbers, running = server.address("killed"), count(1), []
@@ -224,6 +226,7 @@ def test_a_killed_run_of_two_workers_is_completed(server: Server, world: Path, l
     assert tables_of(server.objects("killed")) == tables_of(local) and verify(Bucket(address)) == []
 
 
+@pytest.mark.slow
 def test_a_stage_is_made_once_for_all_machines(server: Server, tmp_path: Path, monkeypatch) -> None:
     """Stage and copies of its assets are put, the note of its hash last; another machine takes what is there."""
     config = load_config(configs_dir() / "quickstart.yaml", ["frames.count=2"])

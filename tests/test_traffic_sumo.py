@@ -169,6 +169,7 @@ def drive(graph: LaneGraph, height=None, **changes) -> tuple[list[VehicleTrack],
     return simulate_sumo(graph, drivable, CATALOG, **demand(**(options | changes))), drivable
 
 
+@pytest.mark.slow
 @needs_sumo
 def test_sumo_drives_smoothly_over_a_hill():
     graph = crossroad(hill)

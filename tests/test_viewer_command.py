@@ -146,6 +146,7 @@ def test_a_port_that_is_taken_is_one_line(capsys: pytest.CaptureFixture[str]) ->
     assert f"127.0.0.1:{port} cannot be used" in line
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="reads Linux's tables of sockets")
 def test_the_web_viewer_listens_on_this_machine_only_and_ends_when_told() -> None:
     pytest.importorskip("rerun")
