@@ -11,6 +11,8 @@ from mmw.config import load_config
 from mmw.shards import all_work, pending_work
 from mmw.tables.manifest import read_markers
 
+pytestmark = pytest.mark.slow  # whoever uses mmw can do without its benchmarks
+
 
 @pytest.fixture
 def config():

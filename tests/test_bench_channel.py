@@ -13,6 +13,8 @@ from bench.sionna_run import Comparison, PathList, Timing, compare, join, repeat
 from mmw.constants import SPEED_OF_LIGHT
 from tests.scenes import arrays_from_parts, ground_part, wall_part
 
+pytestmark = pytest.mark.slow  # whoever uses mmw can do without its benchmarks
+
 SMALL = ["--device", "cpu", "--frames", "2", "--rays", "5000", "--repeats", "1"]
 
 

@@ -8,6 +8,8 @@ import pytest
 from bench.copies import distances, main
 from mmw.paths import configs_dir
 
+pytestmark = pytest.mark.slow  # whoever uses mmw can do without its benchmarks
+
 
 def test_distance_to_the_nearest_drive_of_another_copy() -> None:
     here, beside, away, near_it = (

@@ -1,9 +1,13 @@
 """The LiDAR benchmark measures what it says: sweeps of every weather, on the device and with the copy."""
 
+import pytest
+
 from bench.lidar import LIDARS, line, measure, with_sensors
 from bench.scenes import grid_town, with_vehicles
 from mmw.config import LidarConfig
 from mmw.scene import Scene
+
+pytestmark = pytest.mark.slow  # whoever uses mmw can do without its benchmarks
 
 
 def test_every_weather_is_measured_twice() -> None:

@@ -10,6 +10,8 @@ from bench.pipeline import Busy, _busy, main
 from mmw.engines.nursery import CAN_FORK
 from tests.own_world import write_own_world
 
+pytestmark = pytest.mark.slow  # whoever uses mmw can do without its benchmarks
+
 
 def test_a_run_is_measured(tmp_path, capsys):
     folder = write_own_world(tmp_path)

@@ -15,6 +15,8 @@ from mmw.patterns import lidar_pattern, pinhole, pinhole_directions
 from mmw.scene import Scene
 from tests.scenes import two_cars
 
+pytestmark = pytest.mark.slow  # whoever uses mmw can do without its benchmarks
+
 
 def small_scene(device: str) -> tuple[Scene, structs.Views]:
     arrays = two_cars(2)

@@ -14,6 +14,8 @@ from mmw.scene import Scene
 from mmw.scene_arrays import SceneArrays
 from tests.scenes import box_model, pose, street_canyon
 
+pytestmark = pytest.mark.slow  # whoever uses mmw can do without its benchmarks
+
 VIEWS = 10
 """Four of the CAV and one of the roadside unit in two frames."""
 

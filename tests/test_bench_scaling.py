@@ -26,6 +26,8 @@ from mmw.pipeline import make_job, record_frames
 from mmw.report import Clock
 from mmw.scene import instance_actors
 
+pytestmark = pytest.mark.slow  # whoever uses mmw can do without its benchmarks
+
 NAMES = [curve for curves in scaling.CURVES.values() for curve in curves]
 AGENTS = 4
 """Three connected vehicles and the roadside unit."""
