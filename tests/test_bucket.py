@@ -6,7 +6,7 @@ import pickle
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from itertools import count
 from pathlib import Path
 
@@ -45,9 +45,10 @@ def refused(words: str) -> Callable[[str, str], Answer]:
 
 
 @pytest.fixture
-def server(s3: Server) -> Server:
+def server(s3: Server) -> Iterator[Server]:
     s3.reset()
-    return s3
+    yield s3
+    s3.reset()  # tests that take the server as it is meet no refusals of this one
 
 
 def test_a_bucket_holds_what_a_folder_does(server: Server, local: dict[str, bytes], tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ import re
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from itertools import count
 from pathlib import Path
 
@@ -61,9 +62,10 @@ def local(world: Path) -> dict[str, bytes]:
 
 
 @pytest.fixture
-def server(s3: Server) -> Server:
+def server(s3: Server) -> Iterator[Server]:
     s3.reset()
-    return s3
+    yield s3
+    s3.reset()  # tests that take the server as it is meet no refusals of this one
 
 
 @pytest.fixture(scope="module")
