@@ -1,4 +1,4 @@
-"""Which trees rays walk in this process: our own of four children a node, or Warp's."""
+"""Select the BVH of this process: our own of four children a node, or Warp's."""
 
 import pkgutil
 from importlib import import_module

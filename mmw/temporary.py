@@ -16,7 +16,7 @@ _OWNED = re.compile(r"\..*\.(\d+)of(\d+)-([0-9a-f]{12})(?:-w(\d+))?(?:-[0-9a-f]{
 
 @dataclass(frozen=True)
 class Owner:
-    """Who makes files: a run of a part of a dataset, or one worker of it. No two runs are equal."""
+    """Identify the maker of a file: a run of a part of a dataset, or one worker of it. No two runs are equal."""
 
     index: int = 0
     """Part of the dataset that the run makes."""

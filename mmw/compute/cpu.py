@@ -1,4 +1,4 @@
-"""What kind of processor this is, as far as the bits of results depend on it."""
+"""Name the kind of processor, as far as the bits of results depend on it."""
 
 import platform
 from functools import cache
