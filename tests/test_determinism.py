@@ -113,11 +113,11 @@ def test_rows_that_differ_are_wrong_on_the_same_kind_of_machine_alone(
         for module in (mmw.verification.rerender, mmw.compute.device):
             monkeypatch.setattr(module, "machine_kind", lambda device: OTHER)
     monkeypatch.setattr(mmw.verification.rerender, "differing_columns", lambda *_: ["x"])
-    assert mmw_main(["verify", str(dataset), "--rerender", "2"]) == (1 if here else 0)
+    assert mmw_main(["verify", str(dataset), "--rerender", "2", "--device", "cpu"]) == (1 if here else 0)
     out = capsys.readouterr().out
     assert "made again differs in x" in out and (f"and this is {OTHER}" in out) is not here
     monkeypatch.setattr(mmw.remake, "differing_columns", lambda *_: ["x"])
-    row = ["row", "imu", str(dataset), "frame=3", "weather=sunny", "--compare"]
+    row = ["row", "imu", str(dataset), "frame=3", "weather=sunny", "--compare", "--device", "cpu"]
     assert mmw_main(row) == 1
     out = capsys.readouterr().out
     assert "rows differ in x" in out and (f"made on {cpu.cpu_kind()}, and this is {OTHER}" in out) is not here

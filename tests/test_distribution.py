@@ -44,7 +44,7 @@ def test_lowest_requirements() -> None:
     """Every dependency has a lower bound, and the script that CI installs from finds it."""
 
     def lowest(*extras: str) -> subprocess.CompletedProcess[str]:
-        command = [sys.executable, str(ROOT / ".ci" / "lowest-requirements"), *extras]
+        command = [sys.executable, str(ROOT / ".ci" / "requirements"), "lowest", *extras]
         return subprocess.run(command, capture_output=True, text=True, check=False)
 
     everything = lowest()

@@ -1,5 +1,7 @@
 """SUMO: the network says what the lanes say, and vehicles that it drives move as smoothly as those of mmw's engine."""
 
+import subprocess
+import sys
 import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 from importlib.util import find_spec
@@ -10,6 +12,7 @@ import pytest
 
 from bench.traffic_check import measure
 from mmw.config import ConfigError, load_config
+from mmw.errors import MissingPackageError
 from mmw.plan import check_inputs
 from mmw.town.asset import open_town
 from mmw.town.lanes import Lane, LaneGraph
@@ -19,9 +22,23 @@ from mmw.traffic.sumo_network import SumoNetwork, make_network
 from mmw.traffic.sumo_routes import lane_limits
 from tests.traffic_towns import CATALOG, arc, crossroad, demand, hill, make_town, roundabout, surface
 
-needs_sumo = pytest.mark.skipif(
-    find_spec("libsumo") is None, reason="libsumo is not installed: pip install 'multimodal-wireless[sumo]'"
-)
+
+def _why_no_sumo() -> str:
+    """Return why SUMO cannot run here; "" if it can. Its wheel links to libraries of X11, which servers may lack."""
+    if find_spec("libsumo") is None:
+        return "libsumo is not installed: pip install 'multimodal-wireless[sumo]'"
+    result = subprocess.run([sys.executable, "-c", "import libsumo"], capture_output=True, text=True, check=False)
+    return "" if result.returncode == 0 else f"libsumo cannot be loaded: {result.stderr.splitlines()[-1]}"
+
+
+needs_sumo = pytest.mark.skipif(bool(why := _why_no_sumo()), reason=why)
+
+
+def test_a_missing_system_library_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "libsumo.py").write_text("raise ImportError('libXrender.so.1: cannot open shared object file')\n")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    with pytest.raises(MissingPackageError, match=r"cannot be loaded: libXrender\.so\.1.*package manager"):
+        sumo._run(tmp_path, {})
 
 
 def network_of(graph: LaneGraph) -> SumoNetwork:

@@ -14,7 +14,7 @@ import numpy as np
 
 from mmw.config import TrafficConfig
 from mmw.constants import FRAME_RATE_HZ
-from mmw.errors import InputError
+from mmw.errors import InputError, MissingPackageError
 from mmw.extras import install
 from mmw.town.lanes import LaneGraph
 from mmw.traffic import sumo_worker
@@ -216,6 +216,7 @@ def _run(place: Path, job: dict[str, Any]) -> np.ndarray:
 
     Raises:
         InputError: If it fails.
+        MissingPackageError: If `libsumo` cannot be loaded, because a system library is missing.
     """
     (place / "job.json").write_text(json.dumps(job))
     # -P: the folder of the script holds modules whose names must not hide others
@@ -224,6 +225,11 @@ def _run(place: Path, job: dict[str, Any]) -> np.ndarray:
     if result.returncode != 0 or not (place / "states.npy").is_file():
         lines = [line for line in (result.stderr + result.stdout).splitlines() if line.strip()]
         why = lines[-1] if lines else f"exit code {result.returncode}"
+        if result.returncode == sumo_worker.NOT_LOADED:
+            raise MissingPackageError(
+                f"engine = 'sumo': the package libsumo cannot be loaded: {why}; install that library with the system's "
+                "package manager, or use engine: idm"
+            )
         raise InputError(f"engine = 'sumo': SUMO failed: {why}; correct the lanes, or use engine: idm")
     return np.load(place / "states.npy")
 

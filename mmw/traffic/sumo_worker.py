@@ -13,6 +13,9 @@ import numpy as np
 HINT_STEP = 1.0
 """Speed limits of a lane are this far apart [m]."""
 
+NOT_LOADED = 3
+"""Exit code if `libsumo` cannot be loaded; the reason stands on stderr."""
+
 
 def main(folder: Path) -> None:
     """Run the job of a folder.
@@ -21,7 +24,11 @@ def main(folder: Path) -> None:
     limit every metre [m/s]) and `top_speed` [m/s]. `states.npy` gets float64 [steps + 1, V, 4]: x, y, z of the front
     bumper [m] and the angle clockwise from north [deg]; NaN where a vehicle is not in the network.
     """
-    import libsumo
+    try:
+        import libsumo
+    except ImportError as error:  # the package is there, but not a system library that it links to
+        print(error, file=sys.stderr)
+        sys.exit(NOT_LOADED)
 
     job = json.loads((folder / "job.json").read_text())
     number = {name: index for index, name in enumerate(job["vehicles"])}
