@@ -24,16 +24,16 @@ import warp as wp
 
 import mmw
 from bench.rays import machine
-from mmw import status_command
+from mmw.cli import status as status_command
 from mmw.config import Config, load_config
 from mmw.config.load import to_yaml
-from mmw.plan import check_inputs
-from mmw.provenance import versions
-from mmw.shards import all_work, pending_work
-from mmw.tables.lock import remove_temporaries
-from mmw.tables.manifest import CONFIG, DATASET, MANIFEST, finalize, prepare_root, read_markers
-from mmw.tables.parquet import arrow_schema
-from mmw.tables.writer import ShardKey, marker_path, table_path, write_scenario, write_shard
+from mmw.generation.estimate import check_inputs
+from mmw.generation.provenance import versions
+from mmw.generation.shards import all_work, pending_work
+from mmw.storage.lock import remove_temporaries
+from mmw.storage.manifest import CONFIG, DATASET, MANIFEST, finalize, prepare_root, read_markers
+from mmw.storage.parquet_schema import arrow_schema
+from mmw.storage.shard_writer import ShardKey, marker_path, table_path, write_scenario, write_shard
 
 FULL = Path(__file__).resolve().parent.parent / "configs" / "full.yaml"
 

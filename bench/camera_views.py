@@ -9,13 +9,13 @@ from pathlib import Path
 
 from bench.scenes import grid_town, with_vehicles
 from mmw.config import RgbConfig, load_config
-from mmw.config.rgb import paper_cameras
-from mmw.prepare import prepare_scenario, read_scenario
-from mmw.recording.launches import Launch, make_launches
-from mmw.scene import Scene
-from mmw.scene_arrays import SceneArrays
-from mmw.sensors.rgb import RgbCamera
-from mmw.weather import PRESETS
+from mmw.physics.weather.weather import PRESETS
+from mmw.scene.device_scene import Scene
+from mmw.scene.prepare import prepare_scenario, read_scenario
+from mmw.scene.scene_data import SceneArrays
+from mmw.sensors.camera_group.launches import Launch, make_launches
+from mmw.sensors.rgb.config import paper_cameras
+from mmw.sensors.rgb.simulate import RgbCamera
 
 SCENARIOS = {
     "town03": "town03_roundabout",

@@ -21,12 +21,12 @@ from bench.channel_scenes import TRACKS, Course, arrays_of, make_course, make_li
 from bench.rays import machine
 from bench.sionna_run import PathList, SionnaScene, compare
 from mmw.channel.links import Links
+from mmw.channel.path_solver.solver import solve_paths
+from mmw.channel.path_solver.surface_table import SurfaceTable, make_surface_table
 from mmw.channel.paths import Paths
-from mmw.channel.solver import solve_paths
-from mmw.channel.surface_table import SurfaceTable, make_surface_table
 from mmw.config import ChannelConfig
-from mmw.constants import SPEED_OF_LIGHT
-from mmw.scene import Scene
+from mmw.core.constants import SPEED_OF_LIGHT
+from mmw.scene.device_scene import Scene
 
 BATCH = "frames"
 """Every frame is solved: mmw takes all frames in one batch, Sionna RT one after the other with receivers moved."""

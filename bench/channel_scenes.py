@@ -10,9 +10,9 @@ import trimesh
 
 from bench.scenes import shipped_town
 from mmw.channel.links import LINK_V2I, LINK_V2V, Ends, Links
-from mmw.materials import Material, RadioMaterial
-from mmw.scene_arrays import SceneArrays, SceneObject
-from mmw.surfaces import find_surfaces
+from mmw.core.planar_surfaces import find_surfaces
+from mmw.physics.materials.material import Material, RadioMaterial
+from mmw.scene.scene_data import SceneArrays, SceneObject
 
 SPEED_MPS = 10.0
 """Speed of everything that drives [m/s]."""

@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from mmw.config import Config, config_path, load_config
-from mmw.plan import scenario_source
-from mmw.prepare import make_tracks
-from mmw.vehicles.catalog import load_catalog
+from mmw.generation.estimate import scenario_source
+from mmw.scene.prepare import make_tracks
+from mmw.usd.vehicle_catalog import load_catalog
 
 NEAR_M = 3.0
 """Distance of drives that count as the same [m], about the width of a lane."""

@@ -2,9 +2,9 @@
 
 import warp as wp
 
-from mmw.kernels.geometry import fibonacci_direction
-from mmw.kernels.structs import Scene, Views
-from mmw.kernels.trace import TRACE_REGISTERS, nearest_surface, object_of
+from mmw.kernels.core.geometry import fibonacci_direction
+from mmw.kernels.core.structs import Scene, Views
+from mmw.kernels.core.trace import TRACE_REGISTERS, nearest_surface, object_of
 
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
 

@@ -20,12 +20,12 @@ import warp as wp
 from bench.rays import machine
 from bench.scenes import grid_town, shipped_town, with_vehicles
 from mmw.config import LidarConfig
-from mmw.scene import Scene
-from mmw.scene_arrays import SceneArrays
-from mmw.sensors.lidar import shade_lidar, trace_lidar_hits
-from mmw.sensors.lidar_returns import LidarHits, shade_on_device
-from mmw.views import make_views, view_keys
-from mmw.weather import PRESETS
+from mmw.physics.weather.weather import PRESETS
+from mmw.scene.device_scene import Scene
+from mmw.scene.scene_data import SceneArrays
+from mmw.scene.views import make_views, view_keys
+from mmw.sensors.lidar.returns import LidarHits, shade_on_device
+from mmw.sensors.lidar.simulate import shade_lidar, trace_lidar_hits
 
 LIDARS = 4
 """Sensors of a frame."""

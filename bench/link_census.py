@@ -9,14 +9,14 @@ import numpy as np
 import warp as wp
 
 from mmw.channel.links import LINK_V2I, make_links
+from mmw.channel.path_solver.solver import solve_paths
+from mmw.channel.path_solver.surface_table import make_surface_table
 from mmw.channel.paths import PATH_LOS
-from mmw.channel.solver import solve_paths
-from mmw.channel.surface_table import make_surface_table
 from mmw.config import ChannelConfig
-from mmw.kernels.structs import Hit
-from mmw.kernels.trace import cast_kernel
-from mmw.scene import Scene
-from mmw.scene_arrays import SceneArrays, SceneObject
+from mmw.kernels.core.structs import Hit
+from mmw.kernels.core.trace import cast_kernel
+from mmw.scene.device_scene import Scene
+from mmw.scene.scene_data import SceneArrays, SceneObject
 
 GLASS = ("glass_facade", "window_glass")
 """Materials that count as glass."""

@@ -32,15 +32,15 @@ from bench.camera_views import SCENARIOS, camera_scene, launch_of, rgb_camera
 from bench.lidar import seconds_of
 from bench.rays import machine
 from mmw.config import RgbConfig
-from mmw.lens import Intrinsics
-from mmw.poses import compose
-from mmw.recording.launches import Launch
-from mmw.scene import Scene
-from mmw.sensors.sky import sun_direction
-from mmw.sensors.visibility_buffer import depth_images, trace_samples
-from mmw.stage.sensors import SENSOR_TO_CAMERA
-from mmw.views import Views, view_keys
-from mmw.weather import PRESETS, Weather
+from mmw.core.camera_models import Intrinsics
+from mmw.core.transforms import compose
+from mmw.physics.weather.weather import PRESETS, Weather
+from mmw.scene.device_scene import Scene
+from mmw.scene.stage.sensor_prims import SENSOR_TO_CAMERA
+from mmw.scene.views import Views, view_keys
+from mmw.sensors.camera_group.launches import Launch
+from mmw.sensors.render.sky.sky import sun_direction
+from mmw.sensors.render.visibility_buffer import depth_images, trace_samples
 
 MODES = ("depth", "colour", "shadow")
 RANGE_M = 1000.0

@@ -24,10 +24,10 @@ from statistics import mean, median
 from typing import TYPE_CHECKING
 
 from mmw.config import Config, config_path, load_config
-from mmw.engines.nursery import CAN_FORK, import_ahead, may_be_several
+from mmw.generation.executors.process_pool import CAN_FORK, import_ahead, may_be_several
 
 if TYPE_CHECKING:
-    from mmw.engines.engine import Engine
+    from mmw.generation.executors.executor import Engine
 
 
 SAMPLE_S = 0.2
@@ -160,9 +160,9 @@ def measure(config: Config, whole: Config, base: Path, engine: "Engine") -> Resu
         base: Folder that relative paths start from.
         engine: Who makes it.
     """
-    from mmw.make import make_dataset
-    from mmw.report import SET_UP, Console
-    from mmw.shards import Part
+    from mmw.generation.generate import make_dataset
+    from mmw.generation.progress import SET_UP, Console
+    from mmw.generation.shards import Part
 
     used = os.times()
     with Console() as console, Load(engine.devices[0] != "cpu") as load:
@@ -235,8 +235,8 @@ def main(arguments: list[str]) -> None:
     if may_be_several(config.compute, config.frame_total):  # as `mmw.run`, before it imports what takes seconds
         import_ahead()
     from bench.rays import machine
-    from mmw.compute.device import worker_devices
-    from mmw.engines.engine import LocalEngine
+    from mmw.core.device import worker_devices
+    from mmw.generation.executors.executor import LocalEngine
 
     try:
         engine = LocalEngine(worker_devices(options.device, workers))

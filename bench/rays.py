@@ -31,14 +31,14 @@ import warp as wp
 from bench import first_hit
 from bench.scenes import grid_town, shipped_town, with_vehicles
 from mmw import __version__
-from mmw.bvh import kind_to_build, select_bvh
 from mmw.config import LidarConfig
 from mmw.config.compute import BVH_VARIABLE
-from mmw.kernels import structs
-from mmw.patterns import lidar_order, lidar_pattern, pinhole
-from mmw.poses import compose, pose_from_mount
-from mmw.scene import Scene
-from mmw.scene_arrays import SceneArrays
+from mmw.core.bvh_kind import kind_to_build, select_bvh
+from mmw.core.transforms import compose, pose_from_mount
+from mmw.kernels.core import structs
+from mmw.scene.device_scene import Scene
+from mmw.scene.scene_data import SceneArrays
+from mmw.sensors.lidar.scan_pattern import lidar_order, lidar_pattern, pinhole
 
 
 @dataclass(frozen=True)

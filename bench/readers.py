@@ -24,10 +24,10 @@ import pyarrow.dataset as pds
 import mmw
 from bench.rays import cpu_name
 from mmw.dataset import Dataset
-from mmw.tables.manifest import finalize, prepare_root
-from mmw.tables.parquet import arrow_schema
-from mmw.tables.schemas import table_spec
-from mmw.tables.writer import ShardKey, write_scenario, write_shard
+from mmw.storage.manifest import finalize, prepare_root
+from mmw.storage.parquet_schema import arrow_schema
+from mmw.storage.schemas import table_spec
+from mmw.storage.shard_writer import ShardKey, write_scenario, write_shard
 
 WEATHERS = ("sunny", "rainy", "foggy")
 FRAMES = 100

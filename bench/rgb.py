@@ -25,17 +25,17 @@ from bench.camera_views import SCENARIOS, camera_scene, launch_of, rgb_camera
 from bench.kernel_times import KernelTimes
 from bench.lidar import seconds_of
 from bench.rays import machine
-from mmw.compute.cuda import keep_memory
-from mmw.compute.device import GPU_BYTES_A_WORKER
 from mmw.config import RgbConfig
-from mmw.recording.cameras import TRACED_RANGE
-from mmw.recording.launches import Launch, most_pixels
-from mmw.scene import Scene
-from mmw.sensors.host import to_host
-from mmw.sensors.jpeg import jpeg_files
-from mmw.sensors.rgb import RgbCamera
-from mmw.sensors.visibility_buffer import trace_samples
-from mmw.views import view_keys
+from mmw.core.cuda import keep_memory
+from mmw.core.device import GPU_BYTES_A_WORKER
+from mmw.core.transfer import to_host
+from mmw.scene.device_scene import Scene
+from mmw.scene.views import view_keys
+from mmw.sensors.camera_group.capture import TRACED_RANGE
+from mmw.sensors.camera_group.launches import Launch, most_pixels
+from mmw.sensors.render.jpeg import jpeg_files
+from mmw.sensors.render.visibility_buffer import trace_samples
+from mmw.sensors.rgb.simulate import RgbCamera
 
 STAGES = {
     "visibility": ("visibility", "tile_candidates"),

@@ -22,9 +22,9 @@ from bench.rays import PRESETS, Preset, machine
 from bench.scaling_frames import FramePoint, Frames, connected, scenario_arrays, scenario_config, with_bodies
 from bench.scaling_towns import TownPoint, finer_towns, larger_towns, measure_town
 from mmw.config import Config, LidarConfig, RgbConfig
-from mmw.recording.job import Job
-from mmw.scene_arrays import SceneArrays
-from mmw.weather import PRESETS as WEATHERS
+from mmw.physics.weather.weather import PRESETS as WEATHERS
+from mmw.scene.scene_data import SceneArrays
+from mmw.sensors.batch import Job
 
 STEPS = LidarConfig().points_per_channel
 """Azimuth steps of a LiDAR's turn in the paper."""

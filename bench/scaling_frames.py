@@ -24,11 +24,11 @@ from bench.camera_views import SCENARIOS, camera_scene
 from bench.scaling_towns import device_bytes
 from bench.scenes import grid_town, with_vehicles
 from mmw.config import Config, load_config
-from mmw.pipeline import is_out_of_memory, make_job, record_frames
-from mmw.recording.job import Job
-from mmw.report import Clock
-from mmw.scene import instance_actors
-from mmw.scene_arrays import MODEL_NONE, Actor, SceneArrays, SceneObject
+from mmw.generation.pipeline import is_out_of_memory, make_job, record_frames
+from mmw.generation.progress import Clock
+from mmw.scene.device_scene import instance_actors
+from mmw.scene.scene_data import MODEL_NONE, Actor, SceneArrays, SceneObject
+from mmw.sensors.batch import Job
 
 CONFIGS = Path(__file__).resolve().parent.parent / "configs" / "scenarios"
 

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullLocator
 
-from mmw.plotting.style import BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SKY, plain_axes
+from mmw.viz.plots.style import BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SKY, plain_axes
 
 STAGES = {
     "cameras": (BLUE, "cameras"), "lidar": (ORANGE, "LiDARs"), "radar": (GREEN, "radar"), "channel": (RED, "channel"),

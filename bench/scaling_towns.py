@@ -15,9 +15,9 @@ import warp as wp
 
 from bench.rays import Preset, make_views, measure
 from bench.scenes import grid_town, with_vehicles
-from mmw.scene import Scene
-from mmw.scene_arrays import SceneArrays
-from mmw.surfaces import find_surfaces
+from mmw.core.planar_surfaces import find_surfaces
+from mmw.scene.device_scene import Scene
+from mmw.scene.scene_data import SceneArrays
 
 MOST_SURFACED = 1_000_000
 """Triangles up to which surfaces are found too: the host takes seconds for each million."""

@@ -17,10 +17,10 @@ from typing import Any
 from bench.link_census import LinkCensus, census
 from bench.traffic_check import Measures, measure
 from mmw.config import Config, load_config
-from mmw.plan import scenario_source
-from mmw.prepare import make_tracks, prepare_scenario, read_scenario
-from mmw.town.asset import open_town
-from mmw.vehicles.catalog import load_catalog
+from mmw.generation.estimate import scenario_source
+from mmw.scene.prepare import make_tracks, prepare_scenario, read_scenario
+from mmw.traffic.roads.town_asset import open_town
+from mmw.usd.vehicle_catalog import load_catalog
 
 ROOT = Path(__file__).resolve().parent.parent
 SCENARIOS = ROOT / "configs" / "scenarios"

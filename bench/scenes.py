@@ -6,11 +6,11 @@ from functools import cache
 import numpy as np
 import trimesh
 
-from mmw.materials import Material, RadioMaterial
-from mmw.paths import town_path
-from mmw.scene import read_stage
-from mmw.scene_arrays import Actor, Model, SceneArrays, SceneObject
-from mmw.surfaces import find_surfaces
+from mmw.core.planar_surfaces import find_surfaces
+from mmw.core.resources import town_path
+from mmw.physics.materials.material import Material, RadioMaterial
+from mmw.scene.device_scene import read_stage
+from mmw.scene.scene_data import Actor, Model, SceneArrays, SceneObject
 
 BLOCKS = 8
 """Blocks of the procedural town along x and along y, where nobody says how many."""

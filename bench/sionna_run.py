@@ -17,10 +17,10 @@ import numpy as np
 import trimesh
 
 from bench.channel_scenes import ObjectMesh
-from mmw.channel.materials import relative_permittivity
-from mmw.constants import SPEED_OF_LIGHT, VACUUM_PERMITTIVITY
-from mmw.extras import install
-from mmw.scene_arrays import SceneArrays
+from mmw.core.constants import SPEED_OF_LIGHT, VACUUM_PERMITTIVITY
+from mmw.core.extras import install
+from mmw.physics.materials.permittivity import relative_permittivity
+from mmw.scene.scene_data import SceneArrays
 
 SAME_LENGTH_M = 5e-3
 """Two paths of one link and order whose lengths differ by less may be one path; Sionna RT's delays are float32."""

@@ -32,17 +32,17 @@ from PIL import Image
 from bench.camera_views import SCENARIOS, camera_scene, rgb_camera
 from bench.rays import machine
 from mmw.config import RgbConfig
-from mmw.config.image import ImageConfig
-from mmw.poses import compose, invert, pose_from_mount, rotate, transform_points
-from mmw.random_keys import random_keys
-from mmw.recording.cameras import TRACED_RANGE
-from mmw.scene import Scene
-from mmw.scene_arrays import SceneArrays
-from mmw.sensors.lens import intrinsics_of
-from mmw.sensors.sky import sun_direction
-from mmw.sensors.visibility_buffer import depth_images, trace_samples
-from mmw.views import Views
-from mmw.weather import PRESETS
+from mmw.core.random_keys import random_keys
+from mmw.core.transforms import compose, invert, pose_from_mount, rotate, transform_points
+from mmw.physics.weather.weather import PRESETS
+from mmw.scene.device_scene import Scene
+from mmw.scene.scene_data import SceneArrays
+from mmw.scene.views import Views
+from mmw.sensors.camera_group.capture import TRACED_RANGE
+from mmw.sensors.render.image_config import ImageConfig
+from mmw.sensors.render.projection import intrinsics_of
+from mmw.sensors.render.sky.sky import sun_direction
+from mmw.sensors.render.visibility_buffer import depth_images, trace_samples
 
 GROW_PX = 10
 """Pixels around what moves that the camera's filters let it change."""

@@ -6,7 +6,8 @@ the nearest lane, vehicles that left their lane, the largest sideways accelerati
 lanes, and the wall time.
 
 A vehicle has a cause to stand if it waits for green, for its leader, for those who cross, or for room behind a
-junction, and this chain ends at a red light or at a vehicle that moves (`mmw/traffic/standing.py`). It has left its
+junction, and this chain ends at a red light or at a vehicle that moves (`mmw/traffic/idm/wait_causes.py`). It has
+left its
 lane if its origin is farther than half a lane from the middle of every lane: in a change of lanes the body is at most
 that far from the nearer one.
 """
@@ -20,13 +21,13 @@ from typing import Any
 import numpy as np
 
 from mmw.config import TrafficConfig
-from mmw.constants import FRAME_RATE_HZ
-from mmw.town.lanes import LaneGraph
+from mmw.core.constants import FRAME_RATE_HZ
 from mmw.traffic import VehicleTrack
-from mmw.traffic.pose import make_shape, wheel_points
-from mmw.traffic.simulation import run_traffic
-from mmw.traffic.standing import STANDING
-from mmw.traffic.wheels import Ground
+from mmw.traffic.ground_height import Ground
+from mmw.traffic.idm.run import run_traffic
+from mmw.traffic.idm.wait_causes import STANDING
+from mmw.traffic.roads.lane_graph import LaneGraph
+from mmw.traffic.vehicle_pose import make_shape, wheel_points
 
 STUCK_S = 8.0
 """A vehicle that stands longer than this without a cause counts as stuck [s]."""
@@ -195,9 +196,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run the check and print one line a seed."""
     from pxr import Usd
 
-    from mmw.paths import town_path
-    from mmw.town.lane_prims import read_lanes
-    from mmw.vehicles.catalog import load_catalog
+    from mmw.core.resources import town_path
+    from mmw.traffic.roads.lane_prims import read_lanes
+    from mmw.usd.vehicle_catalog import load_catalog
 
     parser = argparse.ArgumentParser(prog="python -m bench.traffic_check", description=__doc__)
     parser.add_argument("--town", default="town03", help="name of a shipped town")

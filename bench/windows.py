@@ -24,12 +24,12 @@ from torch.utils.data import DataLoader
 
 from bench.rays import machine
 from mmw.dataset import Dataset, open_dataset
-from mmw.tables.manifest import finalize, prepare_root
-from mmw.tables.writer import ShardKey, write_scenario, write_shard
+from mmw.dataset.windows import Take, Windows, WindowSpec, open_windows
+from mmw.dataset.windows.file_sources import FileSource
+from mmw.dataset.windows.windows import CACHE_BYTES
+from mmw.storage.manifest import finalize, prepare_root
+from mmw.storage.shard_writer import ShardKey, write_scenario, write_shard
 from mmw.torch import WindowDataset, WindowStream, collate
-from mmw.windows import Take, Windows, WindowSpec, open_windows
-from mmw.windows.files import FileSource
-from mmw.windows.windows import CACHE_BYTES
 
 BATCH = 8
 SHARD_FRAMES = 100

@@ -17,12 +17,12 @@ import yaml
 from matplotlib.figure import Figure
 
 from mmw.dataset import open_dataset
-from mmw.dataset.geometry import box_corners, from_world, to_world
-from mmw.export.base import Selection, export
-from mmw.export.carla import carla_point, pose_from_carla
-from mmw.export.pcd import RGB
-from mmw.plotting.above import FRONT, OUTLINE
-from mmw.plotting.style import BLUE, DARK, GREEN, GREY, ORANGE, PURPLE, RED, SKY
+from mmw.dataset.camera_geometry import box_corners, from_world, to_world
+from mmw.dataset.export.carla_frames import carla_point, pose_from_carla
+from mmw.dataset.export.exporter import Selection, export
+from mmw.dataset.export.pcd import RGB
+from mmw.viz.plots.bird_eye import FRONT, OUTLINE
+from mmw.viz.plots.style import BLUE, DARK, GREEN, GREY, ORANGE, PURPLE, RED, SKY
 
 LEAST = 5
 """LiDAR returns from which on a vehicle counts as seen. Design value."""

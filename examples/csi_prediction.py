@@ -19,8 +19,8 @@ from pathlib import Path
 import numpy as np
 
 from mmw.channel import PathRows, frequency_response, subcarrier_frequencies, tracks_from_table
-from mmw.channel.tracks import TRACK_COLUMNS, PathTracks
-from mmw.constants import FRAME_DT
+from mmw.channel.path_tracks import TRACK_COLUMNS, PathTracks
+from mmw.core.constants import FRAME_DT
 from mmw.dataset import open_dataset
 
 SLOT_S = 0.5e-3

@@ -6,21 +6,21 @@ from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 
-from mmw.command import add_log_options, run_command
-from mmw.extras import install
+from mmw.cli.command import add_log_options, run_command
+from mmw.core.extras import install
 
 COMMANDS = {
-    "run": "mmw.run",
-    "radiomap": "mmw.radio_map_command",
-    "town": "mmw.town_command",
-    "view": "mmw.view_command",
-    "import": "mmw.import_command",
-    "export": "mmw.export_command",
-    "verify": "mmw.verify_command",
-    "row": "mmw.row_command",
-    "report": "mmw.report_command",
-    "status": "mmw.status_command",
-    "finalize": "mmw.finalize_command",
+    "run": "mmw.cli.run",
+    "radiomap": "mmw.cli.radio_map",
+    "town": "mmw.cli.town",
+    "view": "mmw.cli.view",
+    "import": "mmw.cli.import_scene",
+    "export": "mmw.cli.export",
+    "verify": "mmw.cli.verify",
+    "row": "mmw.cli.row",
+    "report": "mmw.cli.report",
+    "status": "mmw.cli.status",
+    "finalize": "mmw.cli.finalize",
 }
 """Subcommand -> the module whose `main` parses and does it, imported when it is asked for."""
 
@@ -70,7 +70,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _pictures(arguments: argparse.Namespace) -> int:
-    from mmw.viewing.gallery import make_gallery
+    from mmw.viz.stills.dataset_gallery import make_gallery
 
     names = "scenario", "agent", "frame", "samples", "device"
     options = {name: getattr(arguments, name) for name in names}

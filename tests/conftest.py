@@ -9,8 +9,8 @@ import warp as wp
 if TYPE_CHECKING:
     from pxr import Usd
 
-    from mmw.town.lanes import LaneGraph
-    from mmw.town.network import RoadNetwork
+    from mmw.traffic.roads.lane_graph import LaneGraph
+    from mmw.worlds.towns.network import RoadNetwork
 
 wp.config.log_level = wp.LOG_WARNING
 
@@ -34,7 +34,7 @@ def device(request: pytest.FixtureRequest) -> str:
 @pytest.fixture(scope="module")
 def network(request: pytest.FixtureRequest) -> "RoadNetwork":
     """Roads of the shipped town that the test module calls NAME, from its description."""
-    from tests import town_checks
+    from tests.fixtures import town_checks
 
     return town_checks.network_of(request.module.NAME)
 
@@ -42,7 +42,7 @@ def network(request: pytest.FixtureRequest) -> "RoadNetwork":
 @pytest.fixture(scope="module")
 def stage(request: pytest.FixtureRequest) -> "Usd.Stage":
     """The committed stage of that town."""
-    from tests import town_checks
+    from tests.fixtures import town_checks
 
     return town_checks.stage_of(request.module.NAME)
 
@@ -50,6 +50,6 @@ def stage(request: pytest.FixtureRequest) -> "Usd.Stage":
 @pytest.fixture(scope="module")
 def lanes(stage: "Usd.Stage") -> "LaneGraph":
     """Its lanes, which all hang together."""
-    from tests import town_checks
+    from tests.fixtures import town_checks
 
     return town_checks.assert_connected(stage)

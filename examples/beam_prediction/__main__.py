@@ -14,8 +14,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mmw.command import add_log_options, run_command
-from mmw.errors import InputError
+from mmw.cli.command import add_log_options, run_command
+from mmw.core.errors import InputError
 
 if TYPE_CHECKING:
     import torch

@@ -10,7 +10,7 @@ from examples.beam_prediction.data import BeamData
 from examples.beam_prediction.pictures import draw_case
 from examples.beam_prediction.results import LABELS, Method, drives_of
 from mmw.dataset import Dataset
-from mmw.plotting.style import BLUE, GREEN, ORANGE, RED, plain_axes
+from mmw.viz.plots.style import BLUE, GREEN, ORANGE, RED, plain_axes
 
 CASES = 4
 """Windows that are drawn of each kind. Design value."""

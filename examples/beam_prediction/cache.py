@@ -27,9 +27,9 @@ from examples.beam_prediction.config import INPUTS, Experiment
 from examples.beam_prediction.features import part_features
 from examples.beam_prediction.labels import part_labels
 from examples.beam_prediction.windows import find_windows, split, window_table
+from mmw.core.errors import InputError
 from mmw.dataset import Dataset, open_dataset
-from mmw.errors import InputError
-from mmw.tables.publish import publish_bytes
+from mmw.storage.atomic_files import publish_bytes
 
 ABOUT = "cache.json"
 WINDOWS = "windows.parquet"

@@ -14,7 +14,7 @@ from pydantic import Field, field_validator, model_validator
 
 from mmw.config.section import Section
 from mmw.config.yaml_file import ConfigError, Loader, read_yaml, validated
-from mmw.errors import InputError
+from mmw.core.errors import InputError
 
 InputSet = Literal["index", "lidar", "camera", "all"]
 

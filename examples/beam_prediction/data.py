@@ -14,7 +14,7 @@ from torch import Tensor
 from examples.beam_prediction.cache import LABELS, WINDOWS, about_text, check_cache, read_parts, sources_of
 from examples.beam_prediction.config import Experiment
 from examples.beam_prediction.sensors import Owner, SensorData, load_sensor
-from mmw.errors import InputError
+from mmw.core.errors import InputError
 
 
 @dataclass(frozen=True, eq=False)

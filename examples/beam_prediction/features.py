@@ -13,11 +13,11 @@ import numpy as np
 import pyarrow as pa
 
 from examples.beam_prediction.config import FeatureConfig
+from mmw.core.transforms import rotate
 from mmw.dataset import Dataset
-from mmw.dataset.geometry import Camera, intrinsics_from_row, pose_from_row
-from mmw.poses import rotate
-from mmw.tables.encode import decode_rgb, encode_rgb
-from mmw.windows import Take, Windows, WindowSpec, open_windows, stream_batches
+from mmw.dataset.camera_geometry import Camera, intrinsics_from_row, pose_from_row
+from mmw.dataset.windows import Take, Windows, WindowSpec, open_windows, stream_batches
+from mmw.storage.codecs.images import decode_rgb, encode_rgb
 
 LOWEST_M, HEIGHT_STEP_M = -12.0, 0.0625
 """Height of value 1 over the LiDAR [m], and one step. The 16 m hold the foot of a mast and the cars around it, walls up

@@ -17,9 +17,9 @@ from mmw.channel import (
     synthesize,
     ula,
 )
-from mmw.channel.array_response import POSE_COLUMNS
+from mmw.channel.antennas.array_response import POSE_COLUMNS
+from mmw.core.errors import InputError
 from mmw.dataset import BeamSearch, Dataset
-from mmw.errors import InputError
 
 PORTION = 256
 """Links that are searched at once: 16 x 64 antennas and 5 paths take 21 MB of array responses. Design value."""

@@ -15,7 +15,7 @@ from torch import Tensor, nn
 from examples.beam_prediction.config import ModelConfig
 from examples.beam_prediction.data import Batch, BeamData
 from examples.beam_prediction.encoders import SensorReader
-from mmw.errors import InputError
+from mmw.core.errors import InputError
 
 Backbone = Literal["gpt2", "gru"]
 

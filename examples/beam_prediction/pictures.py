@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from examples.beam_prediction.data import BeamData
 from examples.beam_prediction.results import LABELS, Method
 from mmw.dataset import Dataset
-from mmw.plotting.style import DARK, GREEN, GREY, ORANGE, PURPLE, RED, SKY, plain_axes
+from mmw.viz.plots.style import DARK, GREEN, GREY, ORANGE, PURPLE, RED, SKY, plain_axes
 
 MARKS = {"last": ("x", GREY), "index": ("s", SKY), "camera": ("v", ORANGE), "lidar": ("^", GREEN), "all": ("D", RED)}
 """What is drawn of the methods -> marker and colour."""

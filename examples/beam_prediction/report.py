@@ -12,7 +12,7 @@ from examples.beam_prediction.data import BeamData
 from examples.beam_prediction.metrics import drive_interval
 from examples.beam_prediction.results import LABELS, Method, drives_of, read_methods, spread_text
 from mmw.dataset import Dataset
-from mmw.plotting.style import BLUE, DARK, GREEN, GREY, ORANGE, PURPLE, RED, SKY, plain_axes
+from mmw.viz.plots.style import BLUE, DARK, GREEN, GREY, ORANGE, PURPLE, RED, SKY, plain_axes
 
 COLORS = {
     "last": GREY, "line": SKY, "known": DARK, "near": GREY, "near_all": GREY, "gru": PURPLE,

@@ -13,7 +13,7 @@ from examples.beam_prediction.baselines import extrapolate, hold_last, recall
 from examples.beam_prediction.data import BeamData
 from examples.beam_prediction.metrics import Scores, score
 from examples.beam_prediction.training import METRICS, PREDICTIONS
-from mmw.errors import InputError
+from mmw.core.errors import InputError
 
 LABELS = {
     "last": "last beam",

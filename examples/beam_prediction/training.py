@@ -29,8 +29,8 @@ from examples.beam_prediction.config import INPUTS, Experiment, TrainingConfig, 
 from examples.beam_prediction.data import BeamData
 from examples.beam_prediction.metrics import LIKELY, score
 from examples.beam_prediction.model import Backbone, BeamPredictor
-from mmw.errors import InputError
-from mmw.tables.publish import publish_bytes
+from mmw.core.errors import InputError
+from mmw.storage.atomic_files import publish_bytes
 
 METRICS = "metrics.json"
 PREDICTIONS = "predictions.npz"

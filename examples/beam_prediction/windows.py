@@ -1,4 +1,5 @@
-"""Which windows there are and which of them train: `mmw.windows`, with sensors that are slower than the frames."""
+"""Which windows there are and which of them train: `mmw.dataset.windows`, with sensors that are slower than the
+frames."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -7,9 +8,9 @@ import numpy as np
 import pyarrow as pa
 
 from examples.beam_prediction.config import FeatureConfig, RadioConfig, WindowConfig
+from mmw.core.errors import InputError
 from mmw.dataset import Dataset
-from mmw.errors import InputError
-from mmw.windows import Take, Windows, WindowSpec, open_windows, shared_frames, split_windows
+from mmw.dataset.windows import Take, Windows, WindowSpec, open_windows, shared_frames, split_windows
 
 
 def find_windows(dataset: Dataset, radio: RadioConfig, config: WindowConfig, features: FeatureConfig) -> Windows:

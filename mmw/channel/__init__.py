@@ -7,42 +7,42 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from mmw.channel.antennas import PatternTable as PatternTable
-    from mmw.channel.array_response import plane_wave_error as plane_wave_error
-    from mmw.channel.array_response import rotations_from_poses as rotations_from_poses
-    from mmw.channel.array_response import synthesize as synthesize
-    from mmw.channel.arrays import AntennaArray as AntennaArray
-    from mmw.channel.arrays import ula as ula
-    from mmw.channel.arrays import upa as upa
+    from mmw.channel.antennas.array_response import plane_wave_error as plane_wave_error
+    from mmw.channel.antennas.array_response import rotations_from_poses as rotations_from_poses
+    from mmw.channel.antennas.array_response import synthesize as synthesize
+    from mmw.channel.antennas.arrays import AntennaArray as AntennaArray
+    from mmw.channel.antennas.arrays import ula as ula
+    from mmw.channel.antennas.arrays import upa as upa
+    from mmw.channel.antennas.element_links import element_links as element_links
+    from mmw.channel.antennas.patterns import PatternTable as PatternTable
     from mmw.channel.codebook import beam_gains as beam_gains
     from mmw.channel.codebook import best_beams as best_beams
     from mmw.channel.codebook import dft_codebook as dft_codebook
     from mmw.channel.codebook import normalized_gain as normalized_gain
-    from mmw.channel.csi import complex_gain as complex_gain
-    from mmw.channel.csi import frequency_response as frequency_response
-    from mmw.channel.csi import impulse_response as impulse_response
-    from mmw.channel.csi import subcarrier_frequencies as subcarrier_frequencies
-    from mmw.channel.csi import taps as taps
-    from mmw.channel.elements import element_links as element_links
-    from mmw.channel.path_rows import LINK_COLUMNS as LINK_COLUMNS
-    from mmw.channel.path_rows import PATH_COLUMNS as PATH_COLUMNS
-    from mmw.channel.path_rows import PathRows as PathRows
-    from mmw.channel.path_rows import rows_from_paths as rows_from_paths
-    from mmw.channel.tracks import PathTracks as PathTracks
-    from mmw.channel.tracks import tracks_from_paths as tracks_from_paths
-    from mmw.channel.tracks import tracks_from_table as tracks_from_table
+    from mmw.channel.path_table import LINK_COLUMNS as LINK_COLUMNS
+    from mmw.channel.path_table import PATH_COLUMNS as PATH_COLUMNS
+    from mmw.channel.path_table import PathRows as PathRows
+    from mmw.channel.path_table import rows_from_paths as rows_from_paths
+    from mmw.channel.path_tracks import PathTracks as PathTracks
+    from mmw.channel.path_tracks import tracks_from_paths as tracks_from_paths
+    from mmw.channel.path_tracks import tracks_from_table as tracks_from_table
+    from mmw.channel.response import complex_gain as complex_gain
+    from mmw.channel.response import frequency_response as frequency_response
+    from mmw.channel.response import impulse_response as impulse_response
+    from mmw.channel.response import subcarrier_frequencies as subcarrier_frequencies
+    from mmw.channel.response import taps as taps
 
 _HOME = {
-    "PatternTable": "antennas",
-    **dict.fromkeys(("plane_wave_error", "rotations_from_poses", "synthesize"), "array_response"),
-    **dict.fromkeys(("AntennaArray", "ula", "upa"), "arrays"),
+    "PatternTable": "antennas.patterns",
+    **dict.fromkeys(("plane_wave_error", "rotations_from_poses", "synthesize"), "antennas.array_response"),
+    **dict.fromkeys(("AntennaArray", "ula", "upa"), "antennas.arrays"),
     **dict.fromkeys(("beam_gains", "best_beams", "dft_codebook", "normalized_gain"), "codebook"),
     **dict.fromkeys(
-        ("complex_gain", "frequency_response", "impulse_response", "subcarrier_frequencies", "taps"), "csi"
+        ("complex_gain", "frequency_response", "impulse_response", "subcarrier_frequencies", "taps"), "response"
     ),
-    "element_links": "elements",
-    **dict.fromkeys(("LINK_COLUMNS", "PATH_COLUMNS", "PathRows", "rows_from_paths"), "path_rows"),
-    **dict.fromkeys(("PathTracks", "tracks_from_paths", "tracks_from_table"), "tracks"),
+    "element_links": "antennas.element_links",
+    **dict.fromkeys(("LINK_COLUMNS", "PATH_COLUMNS", "PathRows", "rows_from_paths"), "path_table"),
+    **dict.fromkeys(("PathTracks", "tracks_from_paths", "tracks_from_table"), "path_tracks"),
 }
 """Name -> module of this package that defines it."""
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mmw.channel.arrays import AntennaArray
-from mmw.errors import InputError
+from mmw.channel.antennas.arrays import AntennaArray
+from mmw.core.errors import InputError
 
 TIE = 1e-12
 """Gains closer than this share of the largest one are equal; rounding would otherwise pick between equal beams."""

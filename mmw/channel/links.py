@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmw.channel.vectors import rotate
 from mmw.config import ChannelConfig
 from mmw.config.section import Vec3
-from mmw.kinematics import differentiate_rows
-from mmw.poses import normalize, quaternion_to_matrix
-from mmw.scene_arrays import SceneArrays
+from mmw.core.kinematics import differentiate_rows
+from mmw.core.transforms import normalize, quaternion_to_matrix
+from mmw.physics.em.vectors import rotate
+from mmw.scene.scene_data import SceneArrays
 
 LINK_V2I = 0
 """`Links.kind` of a downlink from a roadside unit to a CAV."""

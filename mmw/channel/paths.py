@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmw.constants import SPEED_OF_LIGHT
+from mmw.core.constants import SPEED_OF_LIGHT
 
 SPECULAR, DIFFUSE, TRANSMISSION, DIFFRACTION = 1, 2, 4, 8
 """What a wave does on its way; the numbers are those of Sionna RT. 0 stands behind the last interaction."""

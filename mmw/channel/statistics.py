@@ -10,8 +10,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mmw.channel.path_rows import PathRows
-from mmw.errors import InputError
+from mmw.channel.path_table import PathRows
+from mmw.core.errors import InputError
 
 
 def antenna_power(a: np.ndarray) -> np.ndarray:

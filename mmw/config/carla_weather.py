@@ -4,8 +4,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 
-from mmw.carla_weather import carla_preset, check_parameter
 from mmw.config.section import Section
+from mmw.physics.weather.carla import carla_preset, check_parameter
 
 CarlaPresetName = Literal[
     "Default", "ClearNoon", "CloudyNoon", "WetNoon", "WetCloudyNoon", "MidRainyNoon", "HardRainNoon", "SoftRainNoon",
@@ -16,7 +16,8 @@ CarlaPresetName = Literal[
 
 
 class CarlaWeatherConfig(Section):
-    """CARLA's weather parameters. What is left out, or -1, changes nothing; see `mmw.carla_weather` for the mapping."""
+    """CARLA's weather parameters. What is left out, or -1, changes nothing; see `mmw.physics.weather.carla` for the
+    mapping."""
 
     cloudiness: float | None = Field(None, description="cover of clouds, 0 to 100 [%]")
     precipitation: float | None = Field(None, description="rain, 0 to 100 [%]")

@@ -5,7 +5,7 @@ from typing import Literal
 from pydantic import Field, field_validator
 
 from mmw.config.section import Section, Vec3
-from mmw.errors import InputError
+from mmw.core.errors import InputError
 
 
 class ChannelConfig(Section):

@@ -6,7 +6,7 @@ from typing import Literal, get_args
 from pydantic import Field, field_validator
 
 from mmw.config.section import Section
-from mmw.errors import InputError
+from mmw.core.errors import InputError
 
 BvhKind = Literal["wide", "warp"]
 BVH_KINDS: tuple[BvhKind, ...] = get_args(BvhKind)

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from mmw.config.scenario import TOWN_SUFFIXES
-from mmw.errors import InputError
+from mmw.core.errors import InputError
 
 
 def include_scenarios(data: dict[str, Any], path: Path, read: Callable[[Path], dict[str, Any]]) -> dict[str, Any]:

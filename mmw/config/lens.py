@@ -3,8 +3,8 @@
 from pydantic import Field, model_validator
 
 from mmw.config.section import Section
-from mmw.errors import InputError
-from mmw.lens import Distortion, Intrinsics, LensModel, focal_length
+from mmw.core.camera_models import Distortion, Intrinsics, LensModel, focal_length
+from mmw.core.errors import InputError
 
 WIDEST_DEG = 220.0
 """Largest horizontal field of view, of a fisheye [deg]. Design value: lenses on the market end there."""

@@ -8,10 +8,10 @@ import yaml
 
 from mmw.config.include import include_scenarios
 from mmw.config.model import Config
-from mmw.config.override import set_value
+from mmw.config.overrides import set_value
 from mmw.config.shipped import config_path
 from mmw.config.yaml_file import ConfigError, Loader, read_yaml, reason_of, validated
-from mmw.errors import InputError
+from mmw.core.errors import InputError
 
 _NEEDED = "a mapping with the key `scenarios`"
 

@@ -5,7 +5,7 @@ from typing import Any
 from pydantic import ConfigDict, Field, model_validator
 
 from mmw.config.section import Section, Vec3
-from mmw.errors import InputError
+from mmw.core.errors import InputError
 
 
 def _or_name(schema: dict[str, Any]) -> None:

@@ -6,14 +6,14 @@ from typing import Any
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
+from mmw.config.air import AirConfig, resolve_air
 from mmw.config.channel import ChannelConfig
 from mmw.config.compute import ComputeConfig
 from mmw.config.output import OutputConfig
 from mmw.config.scenario import FramesConfig, ScenarioConfig
 from mmw.config.section import Name, Section
 from mmw.config.sensors import SensorConfig, default_sensors
-from mmw.config.weather import AirConfig, resolve_air
-from mmw.errors import InputError
+from mmw.core.errors import InputError
 
 
 class Config(Section):

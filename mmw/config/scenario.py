@@ -7,7 +7,7 @@ from pydantic import Field, model_validator
 
 from mmw.config.material_map import MaterialEntry
 from mmw.config.section import Name, PrimName, Section, Vec3
-from mmw.errors import InputError
+from mmw.core.errors import InputError
 
 TOWN_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 """A `town` that ends like this is a file of the user's, any other a shipped town's name."""

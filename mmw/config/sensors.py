@@ -4,12 +4,12 @@ from typing import Annotated
 
 from pydantic import Field
 
-from mmw.config.depth import DepthConfig
-from mmw.config.gnss import GnssConfig
-from mmw.config.imu import ImuConfig
-from mmw.config.lidar import LidarConfig
-from mmw.config.radar import RadarConfig
-from mmw.config.rgb import RgbConfig, paper_cameras
+from mmw.sensors.depth.config import DepthConfig
+from mmw.sensors.gnss.config import GnssConfig
+from mmw.sensors.imu.config import ImuConfig
+from mmw.sensors.lidar.config import LidarConfig
+from mmw.sensors.radar.config import RadarConfig
+from mmw.sensors.rgb.config import RgbConfig, paper_cameras
 
 SensorConfig = Annotated[
     LidarConfig | RgbConfig | DepthConfig | ImuConfig | RadarConfig | GnssConfig, Field(discriminator="type")

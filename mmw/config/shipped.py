@@ -4,7 +4,7 @@ from difflib import get_close_matches
 from pathlib import Path
 
 from mmw.config.yaml_file import ConfigError
-from mmw.paths import shipped_configs
+from mmw.core.resources import shipped_configs
 
 CONFIG_HELP = "configuration file (YAML), or the name of a shipped configuration, such as quickstart"
 """Help of every command's `--config`."""

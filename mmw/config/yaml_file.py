@@ -10,8 +10,8 @@ import yaml
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from mmw.config.explain import problem_line
-from mmw.errors import InputError
+from mmw.config.validation_errors import problem_line
+from mmw.core.errors import InputError
 
 Model = TypeVar("Model", bound=BaseModel)
 

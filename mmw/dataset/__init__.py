@@ -6,7 +6,7 @@ mmw.open("out/quickstart").frame("town03_roundabout", "sunny", 0).agents["cav_1"
 """
 
 from mmw.dataset.beams import BeamSearch
-from mmw.dataset.core import Dataset, connect, open_dataset
+from mmw.dataset.dataset import Dataset, connect, open_dataset
 from mmw.dataset.frame import Frame
 from mmw.dataset.sql import LIDAR_POINTS, POINT_VIEWS, RADAR_POINTS
 

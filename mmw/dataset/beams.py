@@ -6,12 +6,12 @@ from functools import cached_property
 import numpy as np
 import pyarrow as pa
 
-from mmw.channel.array_response import synthesize
-from mmw.channel.arrays import AntennaArray, ula
+from mmw.channel.antennas.array_response import synthesize
+from mmw.channel.antennas.arrays import AntennaArray, ula
 from mmw.channel.codebook import BeamPairs, beam_gains, best_beams, dft_codebook
-from mmw.channel.csi import frequency_response, subcarrier_frequencies
-from mmw.channel.path_rows import KEY_TYPE, PathRows
-from mmw.poses import normalize, quaternion_to_matrix
+from mmw.channel.path_table import KEY_TYPE, PathRows
+from mmw.channel.response import frequency_response, subcarrier_frequencies
+from mmw.core.transforms import normalize, quaternion_to_matrix
 
 PORTION = 256
 """Links that are searched at once: 16 x 64 antennas and 5 paths take 21 MB of array responses. Design value."""

@@ -9,9 +9,9 @@ import pyarrow as pa
 import pyarrow.fs as pafs
 import pyarrow.parquet as pq
 
-from mmw.errors import InputError
-from mmw.tables.schemas import table_spec
-from mmw.tables.verify import SHARD_FILE, one_line
+from mmw.core.errors import InputError
+from mmw.storage.file_checks import SHARD_FILE, one_line
+from mmw.storage.schemas import table_spec
 
 
 def list_files(root: PurePath, table: str, filesystem: pafs.FileSystem | None) -> list[str]:

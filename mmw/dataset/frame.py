@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyarrow as pa
 
-from mmw.constants import FRAME_DT
-from mmw.dataset.geometry import Camera, box_corners, intrinsics_from_row, pose_from_row, to_world
-from mmw.errors import InputError
-from mmw.poses import compose
-from mmw.tables.encode import (
+from mmw.core.constants import FRAME_DT
+from mmw.core.errors import InputError
+from mmw.core.transforms import compose
+from mmw.dataset.camera_geometry import Camera, box_corners, intrinsics_from_row, pose_from_row, to_world
+from mmw.storage.codecs.images import (
     decode_depth,
     decode_flow,
     decode_instance,
@@ -22,7 +22,7 @@ from mmw.tables.encode import (
 )
 
 if TYPE_CHECKING:
-    from mmw.dataset.core import Dataset
+    from mmw.dataset.dataset import Dataset
 
 Row = dict[str, Any]
 
@@ -118,7 +118,7 @@ class Boxes:
 
     @property
     def corners(self) -> np.ndarray:
-        """Corners in the world [m], shape [N, 8, 3], see `mmw.dataset.geometry.CORNERS`."""
+        """Corners in the world [m], shape [N, 8, 3], see `mmw.dataset.camera_geometry.CORNERS`."""
         return box_corners(self.columns)
 
 
@@ -266,7 +266,7 @@ class Frame:
                 frames = range(self.frame, self.frame + 1)
                 cache[name] = self.data.read(name, scenario=self.scenario, weather=self.weather, frames=frames)
             else:
-                from mmw.tables.parquet import arrow_schema
+                from mmw.storage.parquet_schema import arrow_schema
 
                 cache[name] = arrow_schema(name).empty_table()
         return cache[name]

@@ -9,15 +9,15 @@ from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from mmw.core.errors import InputError
+from mmw.core.extras import needed_by
 from mmw.dataset.beams import BeamSearch, csi_sql
-from mmw.errors import InputError
-from mmw.extras import needed_by
-from mmw.tables.schemas import table_spec
+from mmw.storage.schemas import table_spec
 
 if TYPE_CHECKING:
     import duckdb
 
-    from mmw.dataset.core import Dataset
+    from mmw.dataset.dataset import Dataset
 
 LIDAR_POINTS = """
 CREATE OR REPLACE VIEW lidar_points AS
@@ -57,7 +57,7 @@ def turned(axis: str, v: str, q: str, *, back: bool = False) -> str:
         q: SQL of the quaternion's components, with `{}` for x, y, z or w.
         back: True turns by the inverse.
 
-    Source: matrix of a unit quaternion, as `mmw.poses.quaternion_to_matrix`.
+    Source: matrix of a unit quaternion, as `mmw.core.transforms.quaternion_to_matrix`.
     """
     n = {name: f"({q.format(name)})" for name in "xyzw"}
     i = "xyz".index(axis)

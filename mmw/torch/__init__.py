@@ -1,13 +1,14 @@
-"""Windows for PyTorch: a map-style and a streaming dataset, and a collate function; `mmw.windows` does the rest.
+"""Windows for PyTorch: a map-style and a streaming dataset, and a collate function; `mmw.dataset.windows` does the
+rest.
 
 from torch.utils.data import DataLoader
 from mmw.torch import WindowDataset, collate
 loader = DataLoader(WindowDataset(windows), batch_size=32, shuffle=True, collate_fn=collate)
 """
 
-from mmw.extras import needed_by as _needed_by
+from mmw.core.extras import needed_by as _needed_by
 
-with _needed_by("mmw.torch (mmw.windows gives NumPy arrays without it)"):
+with _needed_by("mmw.torch (mmw.dataset.windows gives NumPy arrays without it)"):
     import torch as _torch  # noqa: F401
 
 from mmw.torch.data import WindowDataset, WindowStream, collate, to_tensors

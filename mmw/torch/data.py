@@ -7,10 +7,10 @@ import numpy as np
 import torch
 from torch.utils.data import Dataset, IterableDataset, get_worker_info
 
-from mmw.errors import InputError
-from mmw.windows import Windows, make_batch, stream_batches, stream_order
-from mmw.windows.batch import Ragged
-from mmw.windows.stream import BUFFER
+from mmw.core.errors import InputError
+from mmw.dataset.windows import Windows, make_batch, stream_batches, stream_order
+from mmw.dataset.windows.batch import Ragged
+from mmw.dataset.windows.stream import BUFFER
 
 Tensors = dict[str, Any]
 """Key -> tensor, or lists of tensors where their lengths differ."""

@@ -1,5 +1,5 @@
 """What moves: vehicles of three engines, as bodies that stand on their wheels, and pedestrians."""
 
-from mmw.traffic.simulation import VehicleTrack, run_traffic
+from mmw.traffic.idm.run import VehicleTrack, run_traffic
 
 __all__ = ["VehicleTrack", "run_traffic"]

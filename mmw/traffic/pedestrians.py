@@ -9,13 +9,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmw.constants import FRAME_RATE_HZ
-from mmw.errors import InputError
-from mmw.town.walks import Walk
-from mmw.traffic.simulation import VehicleTrack
-from mmw.traffic.smooth import gaussian_smooth
+from mmw.core.constants import FRAME_RATE_HZ
+from mmw.core.errors import InputError
+from mmw.traffic.idm.run import VehicleTrack
+from mmw.traffic.roads.sidewalk_prims import Walk
+from mmw.traffic.smoothing import gaussian_smooth
 from mmw.traffic.spawn import seeded
-from mmw.vehicles.catalog import ActorModel
+from mmw.usd.vehicle_catalog import ActorModel
 
 WALKING_SPEED = (0.9, 1.6)
 """Range of free walking speeds [m/s]. Source: mean 1.34, deviation 0.26 m/s, Weidmann, Transporttechnik der

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmw.town.lanes import Lane, LaneGraph
+from mmw.traffic.roads.lane_graph import Lane, LaneGraph
 
 PATH_STEP = 0.1
 """Spacing of path samples [m]."""

@@ -7,7 +7,7 @@ from math import ceil, pi
 
 import numpy as np
 
-from mmw.town.lanes import Lane, LaneGraph
+from mmw.traffic.roads.lane_graph import Lane, LaneGraph
 from mmw.traffic.spawn import seeded
 
 GREEN = 12.0

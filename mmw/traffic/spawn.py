@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from mmw.config import TrafficConfig
-from mmw.errors import InputError
-from mmw.town.lanes import Lane, LaneGraph
-from mmw.traffic.pose import Shape
+from mmw.core.errors import InputError
+from mmw.traffic.roads.lane_graph import Lane, LaneGraph
 from mmw.traffic.route import plan_length, plan_stations
+from mmw.traffic.vehicle_pose import Shape
 
 SPACING = 12.0
 """Distance between spawn points along a lane [m]."""

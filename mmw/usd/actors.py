@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from pxr import Usd, UsdGeom
 
-from mmw.errors import InputError
-from mmw.poses import continuous, quaternion_from_matrix
-from mmw.usd.extract import FoundMesh, MeshReader, semantic_label
-from mmw.usd.shapes import SHAPES
+from mmw.core.errors import InputError
+from mmw.core.transforms import continuous, quaternion_from_matrix
+from mmw.usd.builtin_shapes import SHAPES
+from mmw.usd.meshes import FoundMesh, MeshReader, semantic_label
 
 ROLES = ("cav", "vehicle", "rsu", "pedestrian")
 

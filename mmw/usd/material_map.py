@@ -5,8 +5,8 @@ from dataclasses import replace
 from fnmatch import fnmatchcase
 
 from mmw.config.material_map import MaterialEntry
-from mmw.materials import RadioMaterial
-from mmw.usd.library import LIBRARY
+from mmw.physics.materials.material import RadioMaterial
+from mmw.usd.material_library import LIBRARY
 from mmw.usd.semantics import CARLA_TAG
 
 MaterialMap = Mapping[str, MaterialEntry | str]

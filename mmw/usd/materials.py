@@ -1,4 +1,4 @@
-"""Material prims of a stage to `mmw.materials.Material`, whatever the stage says about radio."""
+"""Material prims of a stage to `mmw.physics.materials.material.Material`, whatever the stage says about radio."""
 
 import re
 from collections.abc import Iterable
@@ -8,13 +8,19 @@ from typing import Any
 
 from pxr import Usd, UsdShade
 
-from mmw.errors import InputError
-from mmw.looks import Look
-from mmw.materials import LIDAR_REFLECTANCE_905NM, Material, RadioMaterial, lidar_reflectance, wrong_radio_value
-from mmw.paths import assets_dir
-from mmw.usd.library import LIBRARY, ROOT
-from mmw.usd.looks import Notes, read_look
+from mmw.core.errors import InputError
+from mmw.core.resources import assets_dir
+from mmw.physics.materials.appearance import Look
+from mmw.physics.materials.material import (
+    LIDAR_REFLECTANCE_905NM,
+    Material,
+    RadioMaterial,
+    lidar_reflectance,
+    wrong_radio_value,
+)
+from mmw.usd.material_library import LIBRARY, ROOT
 from mmw.usd.material_map import MaterialMap, find_entry, mapped_radio
+from mmw.usd.preview_surface import Notes, read_look
 from mmw.usd.schema import RADIO_ATTRIBUTES
 
 NONVISUAL = "omni:simready:nonvisual:"

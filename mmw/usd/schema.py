@@ -5,8 +5,8 @@ from pathlib import Path
 
 from pxr import Plug, Sdf
 
-from mmw.errors import InputError
-from mmw.paths import assets_dir
+from mmw.core.errors import InputError
+from mmw.core.resources import assets_dir
 
 RADIO_API = "MmwRadioMaterialAPI"
 """Name of the applied API schema, as it stands in a prim's `apiSchemas`."""
@@ -42,7 +42,7 @@ RADIO_ATTRIBUTES = {
     "alpha_i": RadioAttribute("mmw:radio:alphaI", Sdf.ValueTypeNames.Int, Sdf.VariabilityVarying),
     "lobe_share": RadioAttribute("mmw:radio:lobeShare", Sdf.ValueTypeNames.Float, Sdf.VariabilityVarying),
 }
-"""Field of `mmw.materials.RadioMaterial` -> attribute of the Material prim."""
+"""Field of `mmw.physics.materials.material.RadioMaterial` -> attribute of the Material prim."""
 
 
 def schema_dir() -> Path:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmw.errors import InputError
+from mmw.core.errors import InputError
 
 LEAST_SLIMNESS = 1e-9
 """Height of a triangle over its length below which it has no area [-]: a hundredth of the step of float32."""

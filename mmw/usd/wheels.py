@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from pxr import Usd, UsdGeom
 
-from mmw.errors import InputError
+from mmw.core.errors import InputError
 from mmw.usd.triangulate import Triangles
 
 WHEEL_RADIUS = "mmw:wheel:radius"

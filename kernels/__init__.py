@@ -1,0 +1,1 @@
+"""Warp kernels, imported as `mmw.kernels`."""

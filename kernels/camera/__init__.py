@@ -1,0 +1,1 @@
+"""Trace camera rays and develop images."""

@@ -1,0 +1,1 @@
+"""Trace propagation paths and radio maps."""

@@ -1,0 +1,134 @@
+"""Shooting: which chains of planes do the rays of a transmitter meet? The candidates of the image method.
+
+Coplanar surfaces have one image, so a ray that meets one of them stands for all. A chain is a node of a tree: its last
+plane and its parent, the chain before. The first level is a table of bytes, one for each transmitter and plane; deeper
+nodes live in a hash table keyed by (level, plane, parent), so that equal chains are one node and different chains never
+are. Which cell a node gets depends on the order of the threads; the set
+of nodes does not.
+"""
+
+import warp as wp
+
+from mmw.kernels.core.compiler import FINITE
+from mmw.kernels.core.geometry import fibonacci_direction
+from mmw.kernels.core.structs import MISS_ID, Scene
+from mmw.kernels.core.trace import TRACE_REGISTERS, nearest_surface, surface_of, world_normal
+
+wp.set_module_options(
+    {"enable_backward": False, "default_grid_stride": False, "fast_math": False, "cpu_compiler_flags": FINITE}
+)
+
+EMPTY_CELL = wp.constant(wp.uint64(0))
+"""Key of a free cell; no node has it, because its level is at least 2."""
+PLANE_BITS = wp.constant(wp.uint64(28))
+"""Bits of a key that hold the plane; the parent has 32 below, the level 4 above."""
+PROBES = wp.constant(256)
+"""Cells that are tried for a node before the table counts as full."""
+BOUNCE_LIFT = wp.constant(wp.float32(4e-6))
+"""A ray goes on at this times (5 m + largest coordinate) off the surface that it met."""
+
+
+@wp.func
+def cell_of(key: wp.uint64, mask: int) -> int:
+    """Return the home cell of a key. Source: multiplicative hashing, Knuth, TAOCP 3, section 6.4."""
+    mixed = (key ^ (key >> wp.uint64(29))) * wp.uint64(0x9E3779B97F4A7C15)
+    return wp.int32((mixed ^ (mixed >> wp.uint64(32))) & wp.uint64(0x7FFFFFFF)) & mask
+
+
+@wp.func
+def insert_chain(chains: wp.array[wp.uint64], parent: int, plane: int, level: int) -> int:
+    """Return the cell of a chain, which it gets now if it has none; -1 if the table is full.
+
+    Args:
+        chains: Keys, a power of two of them.
+        parent: Code of the chain before.
+        plane: Plane that is added.
+        level: Number of planes of the chain, 2 to 15.
+    """
+    key = wp.uint64(parent) | (wp.uint64(plane) << wp.uint64(32)) | (wp.uint64(level) << (wp.uint64(32) + PLANE_BITS))
+    mask = chains.shape[0] - 1
+    cell = cell_of(key, mask)
+    result = wp.int32(-1)
+    tries = wp.int32(0)
+    while tries < PROBES and result < 0:
+        found = chains[cell]
+        if found == EMPTY_CELL:
+            found = wp.atomic_cas(chains, cell, EMPTY_CELL, key)
+            if found == EMPTY_CELL:
+                result = cell
+        if found == key:
+            result = cell
+        cell = (cell + 1) & mask
+        tries = tries + 1
+    return result
+
+
+@wp.kernel(cuda_max_registers=TRACE_REGISTERS)
+def launch_kernel(
+    scene: Scene,
+    slot: wp.array[int],
+    origin: wp.array[wp.vec3],
+    plane: wp.array[int],
+    is_open: wp.array[wp.uint8],
+    ray_count: int,
+    stride: int,
+    row_count: int,
+    depth: int,
+    passes: int,
+    # out
+    is_seen_out: wp.array2d[wp.uint8],
+    chains_out: wp.array[wp.uint64],
+    is_full_out: wp.array[int],
+):
+    """Follow each ray over `depth` surfaces and note every chain of planes that reflects it.
+
+    Bit k of `passes` lets the ray go through the surface that it meets as its k-th instead of off it. All writers of a
+    byte write 1, so their order does not matter. Rays whose numbers differ by `stride`, a Fibonacci number, are
+    neighbours on the sphere: threads take them one after the other, so that a block's rays stay together.
+
+    Launch: dim=(A, row_count * stride), block_dim=64; A transmitters, one a slot and actor, and row_count * stride at
+    least the number of rays. `is_seen_out` starts as zeros, shape [A, K], as do `chains_out` and `is_full_out`, which
+    becomes 1 where a node found no cell. `plane` and `is_open` have an entry a
+    surface.
+    """
+    source, thread = wp.tid()
+    ray = (thread % row_count) * stride + thread // row_count
+    if ray >= ray_count:
+        return
+    direction = fibonacci_direction(ray, ray_count)
+    place = origin[source]
+    parent = wp.int32(-1)
+    level = wp.int32(1)
+    met = wp.int32(0)
+    while met < depth:
+        near = nearest_surface(scene, slot[source], place, direction, wp.inf, MISS_ID)
+        if near.face < 0:
+            met = depth
+        else:
+            surface = surface_of(scene, near)
+            own = plane[surface]
+            code = source * is_seen_out.shape[1] + own
+            if level == 1:
+                is_seen_out[source, own] = wp.uint8(1)
+            else:
+                cell = insert_chain(chains_out, parent, own, level)
+                code = is_seen_out.shape[0] * is_seen_out.shape[1] + cell
+                if cell < 0:
+                    is_full_out[0] = 1
+                    met = depth
+            met = met + 1
+            if met < depth:
+                normal = world_normal(scene, slot[source], near)
+                if wp.dot(normal, direction) > 0.0:
+                    normal = -normal
+                place = place + near.t * direction
+                lift = BOUNCE_LIFT * (5.0 + wp.max(wp.abs(place)))
+                if (passes >> (met - 1)) & 1 == 0:
+                    parent = code
+                    level = level + 1
+                    direction = wp.normalize(direction - 2.0 * wp.dot(normal, direction) * normal)
+                    place = place + lift * normal
+                elif is_open[surface] == wp.uint8(0):
+                    met = depth
+                else:
+                    place = place - lift * normal

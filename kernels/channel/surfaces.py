@@ -1,0 +1,210 @@
+"""Flat surfaces, wedge edges and link ends for the channel kernels, in float64, and the questions asked of them."""
+
+import warp as wp
+
+from mmw.kernels.core.geometry import is_inside, reflection_point
+
+wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
+
+EDGE_MARGIN = wp.constant(wp.float64(1e-9))
+"""A point this close to a triangle's edge is in the triangle [m]: no gap opens between neighbours."""
+BOX_MARGIN = wp.constant(wp.float64(1e-6))
+"""Slack of the box test, which only has to be generous [m]."""
+
+NEAR = wp.constant(wp.vec3d(1e-3, 1e-3, 1e-3))
+"""What a traced point may lie off its surface's box [m]."""
+
+
+@wp.struct
+class Surfaces:
+    """Flat surfaces of town and instances; geometry rows are in the frame of what carries them, float64."""
+
+    row: wp.array[int]
+    """Geometry row of each surface, shape [G]."""
+    carrier: wp.array[int]
+    """Instance that carries the surface, V (the number of instances) for the town, shape [G]."""
+    normal: wp.array[wp.vec3d]
+    """Mean plane of each row: unit normal, shape [K]."""
+    offset: wp.array[wp.float64]
+    """Mean plane of each row: normal . p [m], shape [K]."""
+    lower: wp.array[wp.vec3d]
+    """Low corner of the row's box [m], shape [K]."""
+    upper: wp.array[wp.vec3d]
+    """High corner of the row's box [m], shape [K]."""
+    first: wp.array[int]
+    """First triangle of each row, shape [K]."""
+    triangle_count: wp.array[int]
+    """Triangles of each row, shape [K]."""
+    corner: wp.array[wp.vec3d]
+    """Corners of all triangles [m], shape [3 T]."""
+    is_open: wp.array[wp.uint8]
+    """1 where a wave can pass through the surface in some weather, shape [G]."""
+    plane: wp.array[int]
+    """Plane that each surface lies in: coplanar surfaces of one carrier have one, shape [G]."""
+    lead: wp.array[int]
+    """Largest surface of each plane, whose mean plane stands for it, shape [K]."""
+    plane_lower: wp.array[wp.vec3d]
+    """Low corner of the box of each plane's surfaces, in the carrier's frame [m], shape [K]."""
+    plane_upper: wp.array[wp.vec3d]
+    """High corner of that box [m], shape [K]."""
+    first_member: wp.array[int]
+    """First entry of each plane in `member`, and the number of entries, shape [K + 1]."""
+    member: wp.array[int]
+    """Surfaces of each plane, the smallest first, one plane after the other, shape [G]."""
+
+
+@wp.struct
+class LinkEnds:
+    """Both ends of every link in the frame of every instance, and in the world frame (column V), float64."""
+
+    slot: wp.array[int]
+    """Slot of the link's frame, shape [L]."""
+    source: wp.array[int]
+    """Row of the link's transmitter among the launched ones, shape [L]."""
+    tx: wp.array2d[wp.vec3d]
+    """Transmitter [m], shape [L, V + 1]."""
+    rx: wp.array2d[wp.vec3d]
+    """Receiver [m], shape [L, V + 1]."""
+
+
+@wp.struct
+class Plane:
+    """A plane normal . p = offset in the world frame."""
+
+    normal: wp.vec3d
+    offset: wp.float64
+
+
+@wp.func
+def largest(v: wp.vec3d) -> wp.float64:
+    """Return the largest magnitude among the components."""
+    return wp.max(wp.max(wp.abs(v[0]), wp.abs(v[1])), wp.abs(v[2]))
+
+
+@wp.func
+def single(v: wp.vec3d) -> wp.vec3:
+    """Return a vector in the precision of the tracer."""
+    return wp.vec3(wp.float32(v[0]), wp.float32(v[1]), wp.float32(v[2]))
+
+
+@wp.func
+def is_mirror(normal: wp.vec3d, offset: wp.float64, tx: wp.vec3d, rx: wp.vec3d) -> bool:
+    """Return whether both ends lie on one side of a plane, off it. False for the NaN pose of an absent instance."""
+    tx_height = wp.dot(normal, tx) - offset
+    rx_height = wp.dot(normal, rx) - offset
+    return tx_height * rx_height > wp.float64(0.0) and wp.abs(tx_height + rx_height) > wp.float64(1e-9)
+
+
+@wp.func
+def mirrored(point: wp.vec3d, plane: Plane) -> wp.vec3d:
+    """Return the image of a point behind a plane."""
+    return point - wp.float64(2.0) * (wp.dot(plane.normal, point) - plane.offset) * plane.normal
+
+
+@wp.func
+def to_world(plane: Plane, pose: wp.array2d[wp.transformd], slot: int, carrier: int) -> Plane:
+    """Return a plane of an instance's frame in the world frame; the town's (carrier = number of instances) as it is."""
+    moved = Plane()
+    moved.normal = plane.normal
+    moved.offset = plane.offset
+    if carrier < pose.shape[1]:
+        moved.normal = wp.transform_vector(pose[slot, carrier], plane.normal)
+        moved.offset = plane.offset + wp.dot(moved.normal, wp.transform_get_translation(pose[slot, carrier]))
+    return moved
+
+
+@wp.func
+def mean_plane(surfaces: Surfaces, pose: wp.array2d[wp.transformd], slot: int, surface: int) -> Plane:
+    """Return the mean plane of a surface in the world frame. `pose` has V columns, none for a scene of a town only."""
+    row = surfaces.row[surface]
+    plane = Plane()
+    plane.normal = surfaces.normal[row]
+    plane.offset = surfaces.offset[row]
+    return to_world(plane, pose, slot, surfaces.carrier[surface])
+
+
+@wp.func
+def to_carrier(point: wp.vec3d, pose: wp.array2d[wp.transformd], slot: int, carrier: int) -> wp.vec3d:
+    """Return a world point in the frame of what carries a surface."""
+    local = point
+    if carrier < pose.shape[1]:
+        local = wp.transform_point(wp.transform_inverse(pose[slot, carrier]), point)
+    return local
+
+
+@wp.func
+def in_box(low: wp.vec3d, high: wp.vec3d, point: wp.vec3d) -> bool:
+    """Return whether a point lies in a box, or very near it."""
+    slack = -BOX_MARGIN * (wp.float64(1.0) + largest(point))
+    return wp.min(point - low) >= slack and wp.min(high - point) >= slack
+
+
+@wp.func
+def in_plane_box(surfaces: Surfaces, pose: wp.array2d[wp.transformd], slot: int, plane: int, point: wp.vec3d) -> bool:
+    """Return whether a world point lies in the box of a plane's surfaces, or very near it."""
+    local = to_carrier(point, pose, slot, surfaces.carrier[surfaces.lead[plane]])
+    return in_box(surfaces.plane_lower[plane], surfaces.plane_upper[plane], local)
+
+
+@wp.func
+def local_triangle(surfaces: Surfaces, surface: int, local: wp.vec3d) -> int:
+    """Return the first corner of the triangle of a surface that holds a point in its own frame, -1 if none does."""
+    row = surfaces.row[surface]
+    corner = 3 * surfaces.first[row]
+    last = corner + 3 * surfaces.triangle_count[row]
+    found = wp.int32(-1)
+    while corner < last and found < 0:
+        if is_inside(
+            local, surfaces.corner[corner], surfaces.corner[corner + 1], surfaces.corner[corner + 2], EDGE_MARGIN
+        ):
+            found = corner
+        corner = corner + 3
+    return found
+
+
+@wp.func
+def triangle_at(surfaces: Surfaces, pose: wp.array2d[wp.transformd], slot: int, surface: int, point: wp.vec3d) -> int:
+    """Return the first corner of the triangle of a surface that holds a world point, -1 if none does."""
+    return local_triangle(surfaces, surface, to_carrier(point, pose, slot, surfaces.carrier[surface]))
+
+
+@wp.func
+def holds(surfaces: Surfaces, pose: wp.array2d[wp.transformd], slot: int, surface: int, point: wp.vec3d) -> bool:
+    """Return whether a surface holds a world point that lies in its plane."""
+    local = to_carrier(point, pose, slot, surfaces.carrier[surface])
+    row = surfaces.row[surface]
+    is_near = in_box(surfaces.lower[row] - NEAR, surfaces.upper[row] + NEAR, local)
+    return is_near and local_triangle(surfaces, surface, local) >= 0
+
+
+@wp.func
+def surface_at(surfaces: Surfaces, pose: wp.array2d[wp.transformd], slot: int, plane: int, point: wp.vec3d) -> int:
+    """Return the smallest surface of a plane that holds a world point, -1 if none does."""
+    local = to_carrier(point, pose, slot, surfaces.carrier[surfaces.lead[plane]])
+    place = surfaces.first_member[plane]
+    last = surfaces.first_member[plane + 1]
+    found = wp.int32(-1)
+    while place < last and found < 0:
+        surface = surfaces.member[place]
+        row = surfaces.row[surface]
+        is_near = in_box(surfaces.lower[row], surfaces.upper[row], local)
+        if is_near and local_triangle(surfaces, surface, local) >= 0:
+            found = surface
+        place = place + 1
+    return found
+
+
+@wp.func
+def triangle_plane(surfaces: Surfaces, pose: wp.array2d[wp.transformd], slot: int, surface: int, corner: int) -> Plane:
+    """Return the plane of a triangle, given by its first corner, in the world frame."""
+    a = surfaces.corner[corner]
+    plane = Plane()
+    plane.normal = wp.normalize(wp.cross(surfaces.corner[corner + 1] - a, surfaces.corner[corner + 2] - a))
+    plane.offset = wp.dot(plane.normal, a)
+    return to_world(plane, pose, slot, surfaces.carrier[surface])
+
+
+@wp.func
+def mirror_point(plane: Plane, image: wp.vec3d, target: wp.vec3d) -> wp.vec3d:
+    """Return where a plane reflects what comes from `image` to `target`; both on one side, see `is_mirror`."""
+    return reflection_point(image, target, plane.normal, plane.offset)

@@ -1,0 +1,1 @@
+"""Walk bounding volume hierarchies and describe scenes on the device."""

@@ -1,0 +1,69 @@
+"""Straight lines of sight: what lies between two points, and whether a point is inside something."""
+
+import warp as wp
+
+from mmw.kernels.core.structs import MISS_ID, Scene
+from mmw.kernels.core.trace import nearest_surface, object_of
+
+wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
+
+
+MOST_CROSSINGS = wp.constant(64)
+"""Surfaces that are counted on one ray."""
+CLEARANCE = wp.constant(1.0e-4)
+"""Way behind a surface after which the next one is looked for [m]."""
+
+
+@wp.kernel
+def sight_kernel(
+    scene: Scene,
+    slot: wp.array[int],
+    origin: wp.array[wp.vec3],
+    target: wp.array[wp.vec3],
+    ignore: wp.array[int],
+    # out
+    object_out: wp.array[int],
+):
+    """Write the object that is met first on the way from `origin` to `target`, -1 for a free way.
+
+    Launch: dim=(N,), block_dim=64.
+    """
+    line = wp.tid()
+    way = target[line] - origin[line]
+    distance = wp.length(way)
+    object_out[line] = MISS_ID
+    if distance > 0.0:
+        near = nearest_surface(scene, slot[line], origin[line], way / distance, distance, ignore[line])
+        object_out[line] = object_of(scene, near)
+
+
+@wp.kernel
+def crossings_kernel(
+    scene: Scene,
+    slot: wp.array[int],
+    origin: wp.array[wp.vec3],
+    direction: wp.array[wp.vec3],
+    t_max: float,
+    # out
+    count_out: wp.array2d[int],
+    object_out: wp.array2d[int],
+):
+    """Count the surfaces on each ray, up to `MOST_CROSSINGS`, and write the object of the first, -1 for none.
+
+    Launch: dim=(N, K), block_dim=64.
+    """
+    point, ray = wp.tid()
+    start = origin[point]
+    count = wp.int32(0)
+    first = wp.int32(MISS_ID)
+    is_on = wp.bool(True)
+    while is_on and count < MOST_CROSSINGS:
+        near = nearest_surface(scene, slot[point], start, direction[ray], t_max, MISS_ID)
+        is_on = near.face >= 0
+        if is_on:
+            if count == 0:
+                first = object_of(scene, near)
+            count += 1
+            start += direction[ray] * (near.t + CLEARANCE)
+    count_out[point, ray] = count
+    object_out[point, ray] = first

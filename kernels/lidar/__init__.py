@@ -1,0 +1,1 @@
+"""Trace LiDAR pulses through weather."""

@@ -1,0 +1,1 @@
+"""Trace radar rays and form detections."""

@@ -1,0 +1,195 @@
+"""What a radar makes of its resolution cells: fluctuating echoes in noise, rain clutter, and local maxima."""
+
+import warp as wp
+
+from mmw.kernels.core.noise import normal2, uniform4
+from mmw.kernels.radar.resolution_cells import CellGrid
+
+wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
+
+
+@wp.struct
+class RainLink:
+    """Rain clutter of one weather."""
+
+    constant: float
+    """Mean power of a cell of 1 sr / m of range step at 1 m, without loss: link constant x backscatter x volume [W]."""
+    loss_per_m: float
+    """Exponent of the air's loss, both ways [Np of power per metre of distance]."""
+    noise: float
+    """Noise power of a cell [W]."""
+    least: float
+    """Rain that returns less than this in all velocity cells together is not drawn [W]."""
+    nearest: int
+    """First range cell that rain is drawn in."""
+    draw: int
+    """First draw of the random numbers."""
+
+
+@wp.struct
+class Candidates:
+    """Cells above the threshold, shape [D], ordered by view and range."""
+
+    view: wp.array[int]
+    range: wp.array[float]
+    velocity: wp.array[float]
+    y: wp.array[float]
+    z: wp.array[float]
+    power: wp.array[float]
+
+
+@wp.kernel
+def uniform_kernel(
+    key: wp.array[wp.vec2ui],
+    view: wp.array[int],
+    item: wp.array[int],
+    draw: int,
+    # out
+    uniform_out: wp.array[wp.vec4],
+):
+    """Draw four uniform numbers for each item of a list. Launch: dim=N."""
+    i = wp.tid()
+    uniform_out[i] = uniform4(key[view[i]], item[i], draw)
+
+
+@wp.kernel
+def normal_kernel(
+    key: wp.array[wp.vec2ui],
+    view: wp.array[int],
+    item: wp.array[int],
+    draw: int,
+    # out
+    normal_out: wp.array[wp.vec4],
+):
+    """Draw four standard normal numbers for each item of a list. Launch: dim=N."""
+    i = wp.tid()
+    u = uniform4(key[view[i]], item[i], draw)
+    first = normal2(u[0], u[1])
+    second = normal2(u[2], u[3])
+    normal_out[i] = wp.vec4(first[0], first[1], second[0], second[1])
+
+
+@wp.func
+def normal_below(x: float) -> float:
+    """Return the probability that a standard normal number is below a bound."""
+    return 0.5 + 0.5 * wp.erf(x * 0.70710678)
+
+
+@wp.kernel
+def rain_kernel(
+    key: wp.array[wp.vec2ui],
+    grid: CellGrid,
+    rain: RainLink,
+    gain: wp.array[float],
+    mean_velocity: wp.array2d[float],
+    spread: wp.array2d[float],
+    # out
+    power_out: wp.array3d[float],
+    velocity_out: wp.array3d[int],
+):
+    """Draw the strongest velocity cell of rain and noise for each range and direction.
+
+    The echo of rain is spread over the velocity cells within three standard deviations of its mean; each of them is an
+    exponential draw with the mean of its share of the rain and the noise. `gain` is the two-way gain over boresight
+    times the solid angle of a direction [sr], shape [J]; `mean_velocity` and `spread` are [m/s], shape [A, J]. The
+    power is 0 where rain is not drawn.
+
+    Launch: dim=(A, ranges, J).
+    """
+    view, cell, direction = wp.tid()
+    distance = wp.max(float(cell), 0.5) * grid.range_step
+    loss = wp.exp(-rain.loss_per_m * distance)
+    power = rain.constant * gain[direction] * loss / (distance * distance)
+    power_out[view, cell, direction] = 0.0
+    velocity_out[view, cell, direction] = 0
+    if power < rain.least or cell < rain.nearest:
+        return
+    middle = mean_velocity[view, direction] / grid.velocity_step
+    width = wp.max(spread[view, direction] / grid.velocity_step, 1.0e-3)
+    low = int(wp.rint(middle - 3.0 * width))
+    top = int(wp.rint(middle + 3.0 * width))
+    high = wp.min(top, low + grid.velocities - 1)
+    item = cell * gain.shape[0] + direction
+    best = wp.float32(0.0)
+    best_cell = wp.int32(low)
+    u = wp.vec4()
+    below = normal_below((float(low) - 0.5 - middle) / width)
+    for step in range(low, high + 1):
+        index = step - low
+        if index % 4 == 0:
+            u = uniform4(key[view], item, rain.draw + index // 4)
+        next_below = normal_below((float(step) + 0.5 - middle) / width)
+        share = next_below - below
+        below = next_below
+        alias = step + grid.velocities  # velocities that fold into the same cell
+        while alias <= top:
+            share += normal_below((float(alias) + 0.5 - middle) / width)
+            share -= normal_below((float(alias) - 0.5 - middle) / width)
+            alias += grid.velocities
+        drawn = -wp.log(u[index % 4]) * (rain.noise + power * share)
+        if drawn > best:
+            best = drawn
+            best_cell = step
+    power_out[view, cell, direction] = best
+    velocity_out[view, cell, direction] = best_cell
+
+
+@wp.func
+def is_within(a: float, b: float, step: float) -> bool:
+    """Return whether two positions are less than a step apart; a ten-thousandth of a step stands for rounding."""
+    return wp.abs(a - b) < 0.9999 * step
+
+
+@wp.func
+def is_within_ring(a: float, b: float, step: float, count: int) -> bool:
+    """Return the same on an axis of `count` cells that wraps around; on an axis of one cell all positions are one."""
+    ring = step * float(count)
+    gap = wp.abs(a - b)
+    return count == 1 or wp.min(gap, ring - gap) < 0.9999 * step
+
+
+@wp.func
+def is_closer_and_stronger(candidates: Candidates, grid: CellGrid, other: int, own: int) -> bool:
+    """Return whether `other` is less than a cell from `own` on every axis and stronger, or as strong and before it."""
+    if not is_within(candidates.range[other], candidates.range[own], grid.range_step):
+        return False
+    if not is_within_ring(candidates.velocity[other], candidates.velocity[own], grid.velocity_step, grid.velocities):
+        return False
+    if not is_within_ring(candidates.y[other], candidates.y[own], grid.y_step, grid.ys):
+        return False
+    if not is_within_ring(candidates.z[other], candidates.z[own], grid.z_step, grid.zs):
+        return False
+    if candidates.power[other] == candidates.power[own]:
+        return other < own
+    return candidates.power[other] > candidates.power[own]
+
+
+@wp.kernel
+def peak_kernel(
+    candidates: Candidates,
+    grid: CellGrid,
+    # out
+    is_peak_out: wp.array[int],
+):
+    """Mark the candidates without a stronger one less than a cell away on every axis. Launch: dim=D."""
+    own = wp.tid()
+    is_peak = wp.int32(1)
+    other = own - 1
+    while other >= 0 and is_peak == 1:
+        if candidates.view[other] != candidates.view[own]:
+            break
+        if candidates.range[own] - candidates.range[other] >= grid.range_step:
+            break
+        if is_closer_and_stronger(candidates, grid, other, own):
+            is_peak = 0
+        other -= 1
+    other = own + 1
+    while other < candidates.view.shape[0] and is_peak == 1:
+        if candidates.view[other] != candidates.view[own]:
+            break
+        if candidates.range[other] - candidates.range[own] >= grid.range_step:
+            break
+        if is_closer_and_stronger(candidates, grid, other, own):
+            is_peak = 0
+        other += 1
+    is_peak_out[own] = is_peak

@@ -1,0 +1,207 @@
+"""Resolution cells of a radar: which cell each ray's echo falls into, and what the rays of a cell add up to.
+
+A cell is a whole number along each of four axes: range, radial velocity, and the direction cosines along y (left) and z
+(up), which is what an array of antennas measures. Cell i of an axis covers (i - 1/2, i + 1/2) steps, as the bins of a
+Fourier transform do; all axes but range wrap around.
+"""
+
+import warp as wp
+
+from mmw.kernels.radar.trace import RadarRays
+
+wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
+
+OBJECT_BITS = wp.constant(24)
+"""Bits of a key that hold the object: rows of `objects`, counted from 0, with one more for none."""
+NO_KEY = wp.constant(wp.int64(0x7FFFFFFFFFFFFFFF))
+"""Key of a ray without an echo: it sorts last."""
+
+
+@wp.struct
+class CellGrid:
+    """The cells of one radar; a cell has the number ((range * V + velocity) * Y + y) * Z + z."""
+
+    range_step: float
+    """Width of a range cell [m]."""
+    velocity_step: float
+    """Width of a velocity cell [m/s]."""
+    y_step: float
+    """Width of a cell of the direction cosine along y [-]."""
+    z_step: float
+    """Width of a cell of the direction cosine along z [-]."""
+    ranges: int
+    velocities: int
+    """Velocity cells V; they wrap around."""
+    ys: int
+    """Cells Y of the direction cosine along y; they wrap around."""
+    zs: int
+    """Cells Z of the direction cosine along z; they wrap around."""
+
+
+@wp.struct
+class CellSums:
+    """What the rays of every occupied cell add up to, shape [K]; ordered by view, then by cell."""
+
+    view: wp.array[int]
+    cell: wp.array[int]
+    """Number of the cell."""
+    power: wp.array[float]
+    """Sum of the rays' powers [W]."""
+    rcs: wp.array[float]
+    """Sum of the rays' radar cross sections [m2]."""
+    range: wp.array[float]
+    """Mean weighted by power, as are the next three [m]."""
+    velocity: wp.array[float]
+    """Folded into the unambiguous interval [m/s]."""
+    y: wp.array[float]
+    """Direction cosine along y; 0 where one antenna measures nothing [-]."""
+    z: wp.array[float]
+    """Direction cosine along z; 0 where one antenna measures nothing [-]."""
+    object_id: wp.array[int]
+    """Object with the largest share of the power, -1 for none."""
+
+
+@wp.func
+def wrapped(step: int, count: int) -> int:
+    """Return a cell in 0 to count - 1."""
+    return ((step % count) + count) % count
+
+
+@wp.func
+def centred(cell: int, count: int) -> int:
+    """Return a wrapped cell in -(count / 2) to (count - 1) / 2."""
+    return wp.where(2 * cell < count, cell, cell - count)
+
+
+@wp.func
+def part_of(position: float) -> float:
+    """Return where in its cell a position lies, -1/2 to 1/2 steps from the middle."""
+    return position - wp.rint(position)
+
+
+@wp.kernel
+def cell_key_kernel(
+    rays: RadarRays,
+    grid: CellGrid,
+    # out
+    key_out: wp.array[wp.int64],
+    ray_out: wp.array[int],
+):
+    """Give every ray the key (view, cell, object) that it is sorted by, and its own number. Launch: dim=(A, R)."""
+    view, ray = wp.tid()
+    slot = view * rays.range.shape[1] + ray
+    ray_out[slot] = slot
+    key_out[slot] = NO_KEY
+    distance = rays.range[view, ray]
+    if rays.object_id[view, ray] < 0 or not wp.isfinite(distance):
+        return
+    range_cell = int(wp.rint(distance / grid.range_step))
+    if range_cell >= grid.ranges:
+        return
+    elevation = rays.elevation[view, ray]
+    y = wp.sin(rays.azimuth[view, ray]) * wp.cos(elevation)
+    velocity_cell = wrapped(int(wp.rint(rays.velocity[view, ray] / grid.velocity_step)), grid.velocities)
+    y_cell = wrapped(int(wp.rint(y / grid.y_step)), grid.ys)
+    z_cell = wrapped(int(wp.rint(wp.sin(elevation) / grid.z_step)), grid.zs)
+    cell = ((range_cell * grid.velocities + velocity_cell) * grid.ys + y_cell) * grid.zs + z_cell
+    cells = wp.int64(grid.ranges) * wp.int64(grid.velocities) * wp.int64(grid.ys) * wp.int64(grid.zs)
+    place = wp.int64(view) * cells + wp.int64(cell)
+    key_out[slot] = (place << wp.int64(OBJECT_BITS)) | wp.int64(rays.object_id[view, ray])
+
+
+@wp.kernel
+def is_first_kernel(
+    key: wp.array[wp.int64],
+    # out
+    is_first_out: wp.array[int],
+):
+    """Mark the first ray of every cell in sorted keys. Launch: dim=A * R."""
+    i = wp.tid()
+    place = key[i] >> wp.int64(OBJECT_BITS)
+    is_echo = key[i] != NO_KEY
+    is_new = i == 0
+    if i > 0:
+        is_new = (key[i - 1] >> wp.int64(OBJECT_BITS)) != place
+    is_first_out[i] = wp.where(is_echo and is_new, 1, 0)
+
+
+@wp.kernel
+def cell_start_kernel(
+    is_first: wp.array[int],
+    first_up_to: wp.array[int],
+    # out
+    start_out: wp.array[int],
+):
+    """Write where each cell starts in the sorted rays. Launch: dim=A * R."""
+    i = wp.tid()
+    if is_first[i] == 1:
+        start_out[first_up_to[i] - 1] = i
+
+
+@wp.kernel
+def cell_sum_kernel(
+    rays: RadarRays,
+    grid: CellGrid,
+    key: wp.array[wp.int64],
+    ray: wp.array[int],
+    start: wp.array[int],
+    # out
+    sums_out: CellSums,
+):
+    """Add up the rays of each cell, in the order of their keys and then of their numbers. Launch: dim=K."""
+    index = wp.tid()
+    first = start[index]
+    place = key[first] >> wp.int64(OBJECT_BITS)
+    cells = wp.int64(grid.ranges) * wp.int64(grid.velocities) * wp.int64(grid.ys) * wp.int64(grid.zs)
+    cell = int(place % cells)
+    z_cell = cell % grid.zs
+    y_cell = (cell // grid.zs) % grid.ys
+    velocity_cell = (cell // (grid.zs * grid.ys)) % grid.velocities
+    range_cell = cell // (grid.zs * grid.ys * grid.velocities)
+
+    total = wp.float64(0.0)
+    rcs = wp.float64(0.0)
+    offset = wp.vec4d()
+    shared = wp.float64(0.0)  # power of the object that the loop is at
+    largest = wp.float64(0.0)
+    at = wp.int32(-1)
+    object_id = wp.int32(-1)
+    i = first
+    while i < key.shape[0]:
+        if (key[i] >> wp.int64(OBJECT_BITS)) != place:
+            break
+        view = ray[i] // rays.range.shape[1]
+        r = ray[i] % rays.range.shape[1]
+        power = wp.float64(rays.power[view, r])
+        elevation = rays.elevation[view, r]
+        y = wp.sin(rays.azimuth[view, r]) * wp.cos(elevation)
+        parts = wp.vec4(
+            part_of(rays.range[view, r] / grid.range_step),
+            part_of(rays.velocity[view, r] / grid.velocity_step),
+            part_of(y / grid.y_step),
+            part_of(wp.sin(elevation) / grid.z_step),
+        )
+        total += power
+        rcs += wp.float64(rays.rcs[view, r])
+        offset += power * wp.vec4d(parts)
+        if rays.object_id[view, r] != at:
+            at = rays.object_id[view, r]
+            shared = wp.float64(0.0)
+        shared += power
+        if shared > largest:
+            largest = shared
+            object_id = at
+        i += 1
+    mean = wp.vec4()
+    if total > wp.float64(0.0):
+        mean = wp.vec4(offset / total)
+    sums_out.view[index] = int(place // cells)
+    sums_out.cell[index] = cell
+    sums_out.power[index] = wp.float32(total)
+    sums_out.rcs[index] = wp.float32(rcs)
+    sums_out.range[index] = (float(range_cell) + mean[0]) * grid.range_step
+    sums_out.velocity[index] = (float(centred(velocity_cell, grid.velocities)) + mean[1]) * grid.velocity_step
+    # one antenna sees no angle, whatever the rays know
+    sums_out.y[index] = wp.where(grid.ys > 1, (float(centred(y_cell, grid.ys)) + mean[2]) * grid.y_step, 0.0)
+    sums_out.z[index] = wp.where(grid.zs > 1, (float(centred(z_cell, grid.zs)) + mean[3]) * grid.z_step, 0.0)
+    sums_out.object_id[index] = object_id

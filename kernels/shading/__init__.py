@@ -1,0 +1,1 @@
+"""Shade surfaces, sky and clouds."""

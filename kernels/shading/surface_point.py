@@ -1,0 +1,328 @@
+"""Points of surfaces as a camera shades them: corners, normals, footprints, textures. No ray is cast here."""
+
+import warp as wp
+
+from mmw.kernels.core.faces import face_corners, face_row, material_of
+from mmw.kernels.core.structs import Scene
+from mmw.kernels.shading.structs import Appearance, Surfel
+from mmw.kernels.shading.texture import MOST_TAPS, sample_texture
+
+wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": True})
+
+LEAST_COSINE = wp.constant(0.02)
+"""A shading normal makes at least this cosine with the way to the viewer and with the face's normal [-]. Design value:
+1.1 degrees, so that what shades with it divides by no zero."""
+
+LEAST_VIEW_COSINE = wp.constant(0.01)
+"""Footprints grow no longer than at this cosine of incidence [-]; design value, far beyond what the taps reach."""
+
+LEAST_ROUGHNESS = wp.constant(0.02)
+"""Roughness that a texture gives is at least this [-]; design value."""
+
+
+@wp.struct
+class Patch:
+    """A face around a point of it, in the frame of its mesh: what texture and normal are interpolated from."""
+
+    row: int
+    """Row of the face in `Scene.town_*` or `Scene.model_*`."""
+    point: wp.vec3
+    """The point [m]."""
+    direction: wp.vec3
+    """Direction of the ray that met it, unit."""
+    normal: wp.vec3
+    """Unit normal after the winding; zero for a face without area."""
+    toward_b: wp.vec3
+    """Gradient of the weight of the second corner [1/m]; zero for a face without area."""
+    toward_c: wp.vec3
+    """Gradient of the weight of the third corner [1/m]."""
+    weight: wp.vec3
+    """Weights of the corners, each 0 to 1, together 1."""
+
+
+@wp.func
+def distance_to_face(scene: Scene, slot: int, face: int, instance: int, origin: wp.vec3, direction: wp.vec3) -> float:
+    """Return where a ray meets one face [m], inf if it misses it.
+
+    Source: T. Moeller and B. Trumbore, "Fast, minimum storage ray/triangle intersection", 1997.
+
+    Args:
+        scene: Town and vehicles.
+        slot: Position of the ray's frame in the batch.
+        face: Face of the town or of the instance's model, >= 0.
+        instance: Instance, -1 for the town.
+        origin: Start of the ray, scene frame [m].
+        direction: Unit direction, scene frame.
+    """
+    start = origin
+    along = direction
+    if instance >= 0:
+        to_local = wp.transform_inverse(scene.instance_pose[slot, instance])
+        start = wp.transform_point(to_local, origin)
+        along = wp.transform_vector(to_local, direction)
+    corners = face_corners(scene, face, instance)
+    ab = corners[1] - corners[0]
+    ac = corners[2] - corners[0]
+    from_a = start - corners[0]
+    square = wp.cross(along, ac)
+    volume = wp.dot(ab, square)
+    t = wp.inf
+    if volume != 0.0:
+        across = wp.cross(from_a, ab)
+        b = wp.dot(from_a, square) / volume
+        c = wp.dot(along, across) / volume
+        if b >= 0.0 and c >= 0.0 and b + c <= 1.0:
+            t = wp.dot(ac, across) / volume
+            t = wp.where(t >= 0.0, t, wp.inf)
+    return t
+
+
+@wp.func
+def patch_of(scene: Scene, slot: int, origin: wp.vec3, direction: wp.vec3, t: float, face: int, instance: int) -> Patch:
+    """Return the face around the point that a ray met; see `surfel_of` for the arguments."""
+    start = origin
+    patch = Patch()
+    patch.direction = direction
+    if instance >= 0:
+        to_local = wp.transform_inverse(scene.instance_pose[slot, instance])
+        start = wp.transform_point(to_local, origin)
+        patch.direction = wp.transform_vector(to_local, direction)
+    corners = face_corners(scene, face, instance)
+    a = corners[0]
+    ab = corners[1] - a
+    ac = corners[2] - a
+    across = wp.cross(ab, ac)
+    square = wp.dot(across, across)
+    patch.row = face_row(scene, face, instance)
+    patch.point = start + t * patch.direction
+    patch.weight = wp.vec3(1.0, 0.0, 0.0)
+    if square > 0.0:
+        patch.normal = across / wp.sqrt(square)
+        patch.toward_b = wp.cross(ac, across) / square
+        patch.toward_c = wp.cross(across, ab) / square
+        b = wp.clamp(wp.dot(patch.point - a, patch.toward_b), 0.0, 1.0)
+        c = wp.clamp(wp.dot(patch.point - a, patch.toward_c), 0.0, 1.0 - b)
+        patch.weight = wp.vec3(1.0 - b - c, b, c)
+    return patch
+
+
+@wp.struct
+class Footprint:
+    """What a pixel sees of a textured face."""
+
+    st: wp.vec2
+    """Texture coordinates of the mesh at the point."""
+    ds: wp.vec2
+    """Short side of the pixel on the surface, in texture coordinates: across the ray."""
+    dt: wp.vec2
+    """Long side: along the ray."""
+    along_s: wp.vec3
+    """Gradient of s on the face [1/m], in the frame of the mesh."""
+    along_t: wp.vec3
+    """Gradient of t."""
+
+
+@wp.func
+def footprint_of(appearance: Appearance, patch: Patch, instance: int, width: float) -> Footprint:
+    """Return texture coordinates of a point, and how far they reach over a pixel that is `width` [m] wide there."""
+    if instance >= 0:
+        st_a = appearance.model_uv[patch.row, 0]
+        st_b = appearance.model_uv[patch.row, 1]
+        st_c = appearance.model_uv[patch.row, 2]
+    else:
+        st_a = appearance.town_uv[patch.row, 0]
+        st_b = appearance.town_uv[patch.row, 1]
+        st_c = appearance.town_uv[patch.row, 2]
+    ab = st_b - st_a
+    ac = st_c - st_a
+    seen = Footprint()
+    seen.st = st_a + ab * patch.weight[1] + ac * patch.weight[2]
+    seen.along_s = patch.toward_b * ab[0] + patch.toward_c * ac[0]
+    seen.along_t = patch.toward_b * ab[1] + patch.toward_c * ac[1]
+    across = wp.cross(patch.normal, patch.direction)
+    sine = wp.length(across)
+    if sine > 1.0e-3:
+        across = across / sine
+    else:  # seen from straight ahead, every direction on the face will do
+        other = wp.where(wp.abs(patch.normal[0]) < 0.5, wp.vec3(1.0, 0.0, 0.0), wp.vec3(0.0, 1.0, 0.0))
+        across = wp.normalize(wp.cross(patch.normal, other))
+    along = wp.cross(across, patch.normal)
+    reach = width / wp.max(wp.abs(wp.dot(patch.normal, patch.direction)), LEAST_VIEW_COSINE)
+    seen.ds = wp.vec2(wp.dot(seen.along_s, across), wp.dot(seen.along_t, across)) * width
+    seen.dt = wp.vec2(wp.dot(seen.along_s, along), wp.dot(seen.along_t, along)) * reach
+    return seen
+
+
+@wp.func
+def interpolated_normal(appearance: Appearance, patch: Patch, instance: int) -> wp.vec3:
+    """Return the unit normal between the corners, in the mesh's frame, on the side that the winding gives the face."""
+    if instance >= 0:
+        a = appearance.model_normal[patch.row, 0]
+        b = appearance.model_normal[patch.row, 1]
+        c = appearance.model_normal[patch.row, 2]
+    else:
+        a = appearance.town_normal[patch.row, 0]
+        b = appearance.town_normal[patch.row, 1]
+        c = appearance.town_normal[patch.row, 2]
+    normal = a * patch.weight[0] + b * patch.weight[1] + c * patch.weight[2]
+    length = wp.length(normal)
+    if length < 1.0e-3:
+        return patch.normal
+    side = wp.where(wp.dot(a + b + c, patch.normal) < 0.0, -1.0, 1.0)  # normals that were written inside out
+    return normal * (side / length)
+
+
+@wp.func
+def mapped_normal(appearance: Appearance, use: int, seen: Footprint, normal: wp.vec3) -> wp.vec3:
+    """Return a normal bent by a normal map, in the mesh's frame; as it is where texture coordinates span no area.
+
+    The map's x runs along growing u of the texture, its y along growing v.
+    """
+    used = appearance.uses[use]
+    along_u = seen.along_s * used.row_u[0] + seen.along_t * used.row_u[1]
+    along_v = seen.along_s * used.row_v[0] + seen.along_t * used.row_v[1]
+    toward_u = wp.cross(along_v, normal)
+    toward_v = wp.cross(normal, along_u)
+    turn = wp.sign(wp.dot(along_u, toward_u))
+    u_length = wp.length(toward_u)
+    v_length = wp.length(toward_v)
+    if u_length <= 0.0 or v_length <= 0.0:
+        return normal
+    bent = sample_texture(appearance, use, seen.st, seen.ds, seen.dt, 1)
+    mapped = toward_u * (turn * bent[0] / u_length) + toward_v * (turn * bent[1] / v_length) + normal * bent[2]
+    length = wp.length(mapped)
+    return wp.where(length > 1.0e-3, mapped / wp.max(length, 1.0e-3), normal)
+
+
+@wp.func
+def toward_viewer(normal: wp.vec3, face_normal: wp.vec3, direction: wp.vec3) -> wp.vec3:
+    """Return a shading normal bent as little as needed to face the viewer, and to stay on the face's seen side."""
+    bent = normal
+    short = LEAST_COSINE - wp.dot(bent, face_normal)
+    if short > 0.0:
+        bent = wp.normalize(bent + face_normal * short)
+    short = LEAST_COSINE + wp.dot(bent, direction)
+    if short > 0.0:
+        bent = wp.normalize(bent - direction * short)
+    return bent
+
+
+@wp.func
+def pick(value: wp.vec4, channel: int) -> float:
+    """Return one channel of a texture's value."""
+    picked = value[0]
+    if channel == 1:
+        picked = value[1]
+    elif channel == 2:
+        picked = value[2]
+    elif channel == 3:
+        picked = value[3]
+    return picked
+
+
+@wp.func
+def number_from(appearance: Appearance, use: int, seen: Footprint, most_taps: int) -> float:
+    """Return the number that a texture gives, 0 to 1."""
+    value = sample_texture(appearance, use, seen.st, seen.ds, seen.dt, most_taps)
+    return wp.clamp(pick(value, appearance.uses[use].channel), 0.0, 1.0)
+
+
+@wp.func
+def surfel_of(
+    scene: Scene,
+    appearance: Appearance,
+    slot: int,
+    origin: wp.vec3,
+    direction: wp.vec3,
+    t: float,
+    face: int,
+    instance: int,
+    spread: float,
+) -> Surfel:
+    """Return the point that a ray met as a camera shades it.
+
+    Args:
+        scene: Town and vehicles.
+        appearance: Looks and textures.
+        slot: Position of the ray's frame in the batch.
+        origin: Start of the ray, scene frame [m].
+        direction: Unit direction, scene frame.
+        t: Distance to the point [m].
+        face: Face that was met, of the town or of the instance's model, >= 0.
+        instance: Instance that was met, -1 for the town.
+        spread: Angle that the ray stands for, one pixel's [rad]: textures are filtered over spread * t.
+    """
+    patch = patch_of(scene, slot, origin, direction, t, face, instance)
+    surfel = Surfel()
+    surfel.point = origin + t * direction
+    surfel.material = material_of(scene, face, instance)
+    look = appearance.looks[surfel.material]
+    surfel.color = look.color
+    surfel.emission = look.emission
+    surfel.roughness = look.roughness
+    surfel.metallic = look.metallic
+    surfel.opacity = wp.where(look.opacity_threshold > 0.0, 1.0, look.opacity)
+    if wp.dot(patch.normal, patch.normal) < 0.5:  # a face without area
+        surfel.normal = -direction
+        surfel.shading_normal = -direction
+        return surfel
+    shading = interpolated_normal(appearance, patch, instance)
+    if (
+        look.color_texture >= 0
+        or look.normal_texture >= 0
+        or look.roughness_texture >= 0
+        or look.metallic_texture >= 0
+        or look.emission_texture >= 0
+        or look.opacity_texture >= 0
+    ):
+        seen = footprint_of(appearance, patch, instance, spread * t)
+        if look.color_texture >= 0:
+            color = sample_texture(appearance, look.color_texture, seen.st, seen.ds, seen.dt, MOST_TAPS)
+            surfel.color = wp.vec3(
+                wp.clamp(color[0], 0.0, 1.0), wp.clamp(color[1], 0.0, 1.0), wp.clamp(color[2], 0.0, 1.0)
+            )
+        if look.normal_texture >= 0:
+            shading = mapped_normal(appearance, look.normal_texture, seen, shading)
+        if look.roughness_texture >= 0:
+            surfel.roughness = wp.max(number_from(appearance, look.roughness_texture, seen, 1), LEAST_ROUGHNESS)
+        if look.metallic_texture >= 0:
+            surfel.metallic = number_from(appearance, look.metallic_texture, seen, 1)
+        if look.emission_texture >= 0:
+            glow = sample_texture(appearance, look.emission_texture, seen.st, seen.ds, seen.dt, MOST_TAPS)
+            surfel.emission = wp.vec3(wp.max(glow[0], 0.0), wp.max(glow[1], 0.0), wp.max(glow[2], 0.0))
+        if look.opacity_texture >= 0 and look.opacity_threshold <= 0.0:
+            surfel.opacity = number_from(appearance, look.opacity_texture, seen, MOST_TAPS)
+    side = wp.where(wp.dot(patch.normal, patch.direction) > 0.0, -1.0, 1.0)
+    shading = toward_viewer(shading * side, patch.normal * side, patch.direction)
+    surfel.normal = patch.normal * side
+    surfel.shading_normal = shading
+    if instance >= 0:
+        pose = scene.instance_pose[slot, instance]
+        surfel.normal = wp.transform_vector(pose, surfel.normal)
+        surfel.shading_normal = wp.transform_vector(pose, shading)
+    return surfel
+
+
+@wp.func
+def is_cut_out(
+    scene: Scene,
+    appearance: Appearance,
+    slot: int,
+    origin: wp.vec3,
+    direction: wp.vec3,
+    t: float,
+    face: int,
+    instance: int,
+    spread: float,
+) -> wp.bool:
+    """Return whether a ray met a hole that an opacity texture cuts; see `surfel_of` for the arguments."""
+    look = appearance.looks[material_of(scene, face, instance)]
+    is_hole = wp.bool(False)
+    if look.opacity_threshold > 0.0:
+        if look.opacity_texture >= 0:
+            patch = patch_of(scene, slot, origin, direction, t, face, instance)
+            seen = footprint_of(appearance, patch, instance, spread * t)
+            is_hole = number_from(appearance, look.opacity_texture, seen, MOST_TAPS) < look.opacity_threshold
+        else:
+            is_hole = look.opacity < look.opacity_threshold
+    return is_hole

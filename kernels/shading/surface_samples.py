@@ -1,0 +1,153 @@
+"""What samples show before any light falls on it: textures are read once, and every weather shades the result."""
+
+import warp as wp
+
+from mmw.kernels.camera.image_samples import Picture, ray_of, row_of_thread
+from mmw.kernels.core.compiler import FAST
+from mmw.kernels.core.packing import pack_unit, unpack_unit
+from mmw.kernels.core.structs import Scene
+from mmw.kernels.shading.structs import COATED, FAINT_COAT, MATT, SMOOTH, Appearance, Look, Surfaces, Surfel
+from mmw.kernels.shading.surface_point import surfel_of
+from mmw.kernels.shading.wet_surfaces import smoothstep
+
+wp.set_module_options(
+    {"enable_backward": False, "default_grid_stride": False, "fast_math": True, "cpu_compiler_flags": FAST}
+)
+
+
+MOST_ROUGH_BASE = wp.constant(0.25)
+"""Roughness below which glass and metal mirror their surroundings sharply [-]. Design value."""
+
+MOST_ROUGH_COAT = wp.constant(0.2)
+"""Roughness of a clear coat below which it mirrors its surroundings sharply [-]. Design value."""
+
+
+COAT_REFLECTANCE = wp.constant(0.04)
+"""Light that a clear coat mirrors straight back [-]: a refractive index of 1.5."""
+
+LEAST_COAT_SHARE = wp.constant(0.045)
+"""Share of the light that a coat must mirror for a ray to be worth it [-]: from 45 deg aslant on. Design value."""
+
+FULL_COAT_SHARE = wp.constant(0.1)
+"""Share from which the ray alone counts; in between the blurred sky fades out [-]. Design value."""
+
+
+@wp.func
+def schlick(reflectance: float, normal: wp.vec3, to_viewer: wp.vec3) -> float:
+    """Return the share of the light that a surface mirrors.
+
+    Source: C. Schlick, "An inexpensive BRDF model for physically-based rendering", 1994.
+    """
+    x = 1.0 - wp.clamp(wp.dot(normal, to_viewer), 0.0, 1.0)
+    return reflectance + (1.0 - reflectance) * x * x * x * x * x
+
+
+@wp.func
+def coat_weight(look: Look, normal: wp.vec3, to_viewer: wp.vec3) -> float:
+    """Return how much of what a sharp coat mirrors comes by a ray of its own, 0 to 1; the rest is the blurred sky."""
+    return smoothstep(LEAST_COAT_SHARE, FULL_COAT_SHARE, look.clearcoat * schlick(COAT_REFLECTANCE, normal, to_viewer))
+
+
+@wp.func
+def gloss_of(surfel: Surfel, look: Look, to_viewer: wp.vec3) -> wp.uint8:
+    """Return `SMOOTH`, `COATED`, `FAINT_COAT` or `MATT`."""
+    if (surfel.opacity < 0.999 or surfel.metallic > 0.5) and surfel.roughness < MOST_ROUGH_BASE:
+        return SMOOTH
+    if look.clearcoat > 0.0 and look.clearcoat_roughness < MOST_ROUGH_COAT:
+        if coat_weight(look, surfel.shading_normal, to_viewer) > 0.0:
+            return COATED
+        return FAINT_COAT
+    return MATT
+
+
+@wp.func
+def write_surface(
+    appearance: Appearance, surfel: Surfel, to_viewer: wp.vec3, row: int,
+    # out
+    surfaces_out: Surfaces,
+):  # fmt: skip
+    """Store a surfel that a ray met, without its place, which follows from the ray."""
+    surfaces_out.material[row] = surfel.material
+    color = surfel.color
+    halves = wp.vec4h(wp.float16(color[0]), wp.float16(color[1]), wp.float16(color[2]), wp.float16(surfel.roughness))
+    surfaces_out.color[row] = wp.cast(halves, wp.uint64)
+    surfaces_out.normal[row] = pack_unit(surfel.shading_normal)
+    more = wp.vec2h(wp.float16(surfel.metallic), wp.float16(surfel.opacity))
+    surfaces_out.more[row] = wp.cast(more, wp.uint32)
+    surfaces_out.gloss[row] = gloss_of(surfel, appearance.looks[surfel.material], to_viewer)
+    if surfaces_out.emission.shape[0] > 0:
+        light = surfel.emission
+        emitted = wp.vec4h(wp.float16(light[0]), wp.float16(light[1]), wp.float16(light[2]), wp.float16(0.0))
+        surfaces_out.emission[row] = wp.cast(emitted, wp.uint64)
+
+
+@wp.func
+def read_surface(appearance: Appearance, surfaces: Surfaces, row: int, point: wp.vec3, normal: wp.vec3) -> Surfel:
+    """Return a stored surfel.
+
+    Args:
+        appearance: Looks of the materials.
+        surfaces: What was stored.
+        row: Its row.
+        point: Where it is, scene frame [m].
+        normal: Normal of its face, scene frame.
+    """
+    surfel = Surfel()
+    surfel.point = point
+    surfel.normal = normal
+    surfel.shading_normal = unpack_unit(surfaces.normal[row])
+    surfel.material = surfaces.material[row]
+    color = wp.cast(surfaces.color[row], wp.vec4h)
+    surfel.color = wp.vec3(float(color[0]), float(color[1]), float(color[2]))
+    surfel.roughness = float(color[3])
+    more = wp.cast(surfaces.more[row], wp.vec2h)
+    surfel.metallic = float(more[0])
+    surfel.opacity = float(more[1])
+    if surfaces.emission.shape[0] > 0:
+        light = wp.cast(surfaces.emission[row], wp.vec4h)
+        surfel.emission = wp.vec3(float(light[0]), float(light[1]), float(light[2]))
+    else:
+        surfel.emission = appearance.looks[surfel.material].emission
+    return surfel
+
+
+@wp.func
+def sends_ray(picture: Picture, row: int, gloss: wp.uint8) -> wp.bool:
+    """Return whether a sample sends a mirrored ray for its own smoothness: further samples, and every second pixel as
+    on a chessboard, whose images the pixels between them take."""
+    line = row // picture.camera.width
+    is_even = (row - line * picture.camera.width + line) % 2 == 0
+    return gloss >= COATED and (is_even or row >= picture.extras.first)
+
+
+@wp.kernel(cuda_max_registers=80)
+def surface_kernel(
+    scene: Scene,
+    appearance: Appearance,
+    picture: Picture,
+    # out
+    surfaces_out: Surfaces,
+    sends_ray_out: wp.array[wp.uint8],
+):
+    """Read colours, roughness and normals of what every sample shows, and choose those that send a mirrored ray: 1.
+
+    Launch: dim=threads of all tiles and further samples that are shaded, block_dim=256; a thread's flag stands at its
+    number.
+    """
+    thread = wp.tid()
+    row = row_of_thread(picture, thread)
+    sends_ray_out[thread] = wp.uint8(0)
+    if row < 0:
+        return
+    face = picture.samples.face[row]
+    if face < 0:
+        surfaces_out.gloss[row] = MATT
+        return
+    ray = ray_of(picture, row)
+    surfel = surfel_of(
+        scene, appearance, ray.slot, ray.origin, ray.direction, picture.samples.t[row], face,
+        picture.samples.instance[row], 1.0 / picture.camera.fx,
+    )  # fmt: skip
+    write_surface(appearance, surfel, -ray.direction, row, surfaces_out)
+    if sends_ray(picture, row, surfaces_out.gloss[row]):
+        sends_ray_out[thread] = wp.uint8(1)

@@ -1,0 +1,1 @@
+"""Model antenna patterns and arrays."""

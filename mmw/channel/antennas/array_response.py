@@ -1,0 +1,150 @@
+"""Arrays on paths: the coefficient of every path between every antenna of both ends, under plane waves.
+
+    A_m[r, t] = F_r^T T_m F_t exp(+j 2 pi / lambda (k_t . d_t + k_r . d_r))
+
+with T_m the stored 2x2 transfer, F the element fields in the world's (theta, phi) basis, d the antennas' offsets from
+the phase centre, k_t the direction of departure and k_r the one from the receiver back along the path. A_m is at the
+carrier, and holds no carrier phase: the complex gain is A_m exp(-j 2 pi f_c tau_m).
+
+Source: 3GPP TR 38.901, section 7.5, step 11 (fields, transfer, array phases); Sionna RT 2.2, synthetic arrays.
+"""
+
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from mmw.channel.antennas.arrays import AntennaArray
+from mmw.channel.antennas.patterns import antenna_field
+from mmw.channel.path_table import PathRows, encode_key, read_column, read_numbers
+from mmw.core.constants import SPEED_OF_LIGHT
+from mmw.core.errors import InputError
+from mmw.core.transforms import normalize, quaternion_to_matrix
+
+POSE_COLUMNS = ("scenario", "weather", "frame", "agent", "qx", "qy", "qz", "qw")
+"""Columns of table `poses` that `rotations_from_poses` needs."""
+
+
+def synthesize(
+    paths: PathRows,
+    tx_array: AntennaArray,
+    rx_array: AntennaArray,
+    carrier_hz: float,
+    tx_rotation: ArrayLike | None = None,
+    rx_rotation: ArrayLike | None = None,
+) -> np.ndarray:
+    """Return the coefficients A_m of every path between all antennas.
+
+    Args:
+        paths: Paths of L links.
+        tx_array: Array of the transmitters (`peer`).
+        rx_array: Array of the receivers (`agent`).
+        carrier_hz: Carrier of the paths [Hz], said once more because spacings in wavelengths depend on it.
+        tx_rotation: Agent-to-world rotations of the transmitters, shape [L, 3, 3] or [3, 3]; None for agents whose axes
+            are the world's. `rotations_from_poses` gives them.
+        rx_rotation: The same for the receivers.
+
+    Returns:
+        Voltage ratios without the carrier phase, shape [P, N_r, N_t], complex128: 16 P N_r N_t bytes. Take links in
+        portions (`PathRows.take`) where that is too much.
+
+    Raises:
+        InputError: If the carrier is not that of the paths, or a rotation has another shape or is none.
+    """
+    if carrier_hz != paths.carrier_hz:
+        raise InputError(
+            f"synthesize: carrier_hz = {carrier_hz:g}, the paths are at {paths.carrier_hz:g} Hz; a transfer holds for "
+            "one carrier; make PathRows of the rows at the carrier that is wanted"
+        )
+    sent, send_phase = _end(paths, tx_array, paths.theta_t, paths.phi_t, tx_rotation, "tx_rotation")
+    heard, hear_phase = _end(paths, rx_array, paths.theta_r, paths.phi_r, rx_rotation, "rx_rotation")
+    element = np.einsum("pri,pij,ptj->prt", heard, paths.transfer, sent)
+    count = len(paths)
+    full = element[:, :, None, :, None] * hear_phase[:, None, :, None, None] * send_phase[:, None, None, None, :]
+    return full.reshape(count, rx_array.antenna_count, tx_array.antenna_count)
+
+
+def _end(
+    paths: PathRows, array: AntennaArray, theta: np.ndarray, phi: np.ndarray, rotation: ArrayLike | None, name: str
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return element fields [P, polarisations, 2] and array phases [P, elements] of one end."""
+    turn = np.eye(3) if rotation is None else np.asarray(rotation, dtype=np.float64)
+    if turn.shape not in ((3, 3), (paths.link_count, 3, 3)):
+        raise InputError(
+            f"synthesize: {name} has shape {turn.shape}; it is [3, 3], or [L, 3, 3] with L = {paths.link_count} links"
+        )
+    if np.abs(turn @ np.swapaxes(turn, -1, -2) - np.eye(3)).max(initial=0.0) > 1e-6:
+        raise InputError(f"synthesize: {name} holds a matrix that is no rotation; its rows must be orthonormal")
+    turn = np.broadcast_to(turn, (paths.link_count, 3, 3))[paths.link]
+    direction = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=-1)
+    field = antenna_field(direction, turn @ array.rotation, array.pattern, array.polarization, array.polarization_model)
+    offset = array.element_positions(paths.carrier_hz)[: array.element_count]
+    local = np.einsum("pji,pj->pi", turn, direction)
+    return field, np.exp(2j * np.pi * paths.carrier_hz / SPEED_OF_LIGHT * (local @ offset.T))
+
+
+def rotations_from_poses(poses: Any, paths: PathRows, which: Literal["tx", "rx"]) -> np.ndarray:
+    """Return the agent-to-world rotation of one end of every link, shape [L, 3, 3].
+
+    Args:
+        poses: Rows of table `poses` with at least `POSE_COLUMNS`: a pyarrow Table, a pandas DataFrame or a mapping.
+        paths: Paths whose links are looked up by scenario, weather, frame and agent.
+        which: `tx` for the transmitters (`peer`), `rx` for the receivers (`agent`).
+
+    Raises:
+        InputError: If a column is missing, an agent has two poses in a frame, or the pose of a link's end is not there.
+    """
+    if which not in ("tx", "rx"):
+        raise InputError(f"rotations_from_poses: which = {which!r}; it is tx or rx")
+    count, codes = paths.link_count, np.zeros(0)
+    for name in POSE_COLUMNS[:4]:
+        key = "peer" if which == "tx" and name == "agent" else name
+        column = read_column(poses, "poses", name, POSE_COLUMNS)
+        code, values = encode_key(name, [column, read_column({key: paths.keys[key]}, "keys", key, (key,))])
+        codes = np.unique(codes * len(values) + code, return_inverse=True)[1] if len(codes) else code
+    known, wanted = codes[: len(codes) - count], codes[len(codes) - count :]
+    order = np.argsort(known, kind="stable")
+    twice = np.flatnonzero(np.diff(known[order]) == 0)
+    if len(twice):
+        raise InputError(f"table poses: rows {order[twice[0]]} and {order[twice[0] + 1]} are one agent in one frame")
+    place = np.searchsorted(known, wanted, sorter=order)
+    row = order[np.minimum(place, len(known) - 1)] if len(known) else np.zeros(count, dtype=np.int64)
+    is_there = known[row] == wanted if len(known) else np.zeros(count, dtype=bool)
+    if not is_there.all():
+        lost = paths.keys[~is_there][0]
+        agent = lost["peer"] if which == "tx" else lost["agent"]
+        raise InputError(
+            f"table poses: {int((~is_there).sum())} links have no pose of their {which}, the first {agent} in scenario "
+            f"{lost['scenario']}, weather {lost['weather']}, frame {lost['frame']}; read poses of the same frames"
+        )
+    parts = [read_numbers(name, read_column(poses, "poses", name, POSE_COLUMNS))[row] for name in POSE_COLUMNS[4:]]
+    return quaternion_to_matrix(normalize(np.stack(parts, axis=-1)))
+
+
+def plane_wave_error(
+    array: AntennaArray, distance_m: ArrayLike, carrier_hz: float, other: AntennaArray | None = None
+) -> np.ndarray:
+    """Return the largest phase error of the plane-wave model over an array [rad], shape of `distance_m`.
+
+    A point source at distance r is sqrt(r^2 - 2 r k . d + d^2) away from an element at offset d, and r - k . d for a
+    plane wave. The difference is never below 0, and largest, d^2 / (2 r), in the direction with k . d = d^2 / (2 r).
+    With |d| <= D / 2 the phase is off by pi D^2 / (4 lambda r) at most: pi / 8 at the Fraunhofer distance 2 D^2 /
+    lambda. With arrays at both ends the difference of their offsets counts, and D is the sum of both apertures. The
+    common phase is exact: it comes from the delay between the phase centres.
+
+    Args:
+        array: Array of one end.
+        distance_m: Length of the path [m]; of a reflected one its whole length, as a flat surface only mirrors it.
+        carrier_hz: Carrier [Hz].
+        other: Array of the other end; None for a single antenna there.
+
+    Raises:
+        InputError: If a distance is not above 0.
+
+    Source: C. A. Balanis, Antenna Theory, section 4.4 (far-field region).
+    """
+    distance = np.asarray(distance_m, dtype=np.float64)
+    if (~(distance > 0)).any():
+        raise InputError(f"plane_wave_error: distance_m holds {distance.min():g}; distances are above 0 m")
+    aperture = array.aperture_m(carrier_hz) + (other.aperture_m(carrier_hz) if other else 0.0)
+    return np.pi * aperture**2 * carrier_hz / (4 * SPEED_OF_LIGHT * distance)

@@ -1,0 +1,48 @@
+"""Exact tracing of antenna arrays: a link for every pair of elements instead of one for their centres."""
+
+import numpy as np
+
+from mmw.channel.antennas.arrays import AntennaArray
+from mmw.channel.links import Ends, Links
+from mmw.physics.em.vectors import rotate
+
+
+def element_links(
+    links: Links, tx_array: AntennaArray, rx_array: AntennaArray, carrier_hz: float
+) -> tuple[Links, np.ndarray, np.ndarray, np.ndarray]:
+    """Return links between all pairs of elements of two arrays, to be traced one by one.
+
+    Near an array the waves are spheres, and obstacles and reflections differ from element to element; this traces all
+    of it, at N_t N_r times the cost. `mmw.channel.synthesize` makes the same from one trace for far paths.
+
+    Args:
+        links: Links between the phase centres.
+        tx_array: Array of every transmitter, in the agent's frame.
+        rx_array: Array of every receiver.
+        carrier_hz: Carrier that the spacing in wavelengths is for [Hz].
+
+    Returns:
+        The links, L x N_r x N_t rows (transmitter elements run fastest); and for each the row of `links`, the receiver
+        element and the transmitter element, shape [L N_r N_t] each. Elements count as in `AntennaArray`, without
+        polarisations. The rotations of the ends are those of the arrays.
+    """
+    tx_count, rx_count = tx_array.element_count, rx_array.element_count
+    link, rx_element, tx_element = (
+        index.ravel() for index in np.indices((len(links), rx_count, tx_count)).astype(np.int32)
+    )
+
+    def ends(side: Ends, array: AntennaArray, element: np.ndarray) -> Ends:
+        offset = array.element_positions(carrier_hz)[: array.element_count]
+        moved = rotate(side.rotation[link], offset[element])
+        return Ends(side.position[link] + moved, side.rotation[link] @ array.rotation, side.velocity[link])
+
+    expanded = Links(
+        frame=links.frame[link],
+        slot=links.slot[link],
+        kind=links.kind[link],
+        tx_actor=links.tx_actor[link],
+        rx_actor=links.rx_actor[link],
+        tx=ends(links.tx, tx_array, tx_element),
+        rx=ends(links.rx, rx_array, rx_element),
+    )
+    return expanded, link, rx_element, tx_element

@@ -1,0 +1,1 @@
+"""Find the propagation paths between transmitters and receivers."""

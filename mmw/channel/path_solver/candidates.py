@@ -1,0 +1,225 @@
+"""Which chains of planes could carry a path of a link: by launched rays, or by trying every one."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+
+from mmw.channel.path_solver.surface_table import SurfaceTable
+from mmw.config import ChannelConfig
+from mmw.core.errors import InputError
+from mmw.kernels.channel.ray_launch import PLANE_BITS, launch_kernel
+from mmw.scene.device_scene import Scene
+
+PAIRS_AT_ONCE = 2**27
+"""Most (link, surface) or (transmitter, plane) pairs at once: about one byte each on the device."""
+
+RAYS_AT_ONCE = 2**30
+"""Most rays in one kernel launch."""
+
+CELLS_AT_ONCE = {"cuda": 2**26, "cpu": 2**23}
+"""Cells of the table of chains that are worth a launch of several transmitters; 84 bytes each."""
+
+MOST_CELLS = 2**30
+"""Cells of the largest table."""
+
+FIRST_CELLS = 2**15
+"""Cells for each transmitter and each level below the first, until a launch needs more."""
+
+
+@dataclass(frozen=True)
+class Sources:
+    """The transmitters of a batch, one row a slot and actor, with their links one after the other."""
+
+    slot: np.ndarray
+    """Slot of each source, shape [A], int32."""
+    position: np.ndarray
+    """World frame [m], shape [A, 3]."""
+    first_link: np.ndarray
+    """First link of each source, and the number of links, shape [A + 1], int32."""
+
+    def __len__(self) -> int:
+        return len(self.slot)
+
+    def part(self, begin: int, end: int) -> "Sources":
+        """Return some of the sources; links keep their numbers."""
+        return Sources(self.slot[begin:end], self.position[begin:end], self.first_link[begin : end + 1])
+
+
+class TableFull(Exception):
+    """The table of chains is too small for this launch."""
+
+
+def launches(
+    scene: Scene, sources: Sources, table: SurfaceTable, config: ChannelConfig
+) -> Iterator[tuple[Sources, int, wp.array, wp.array | None]]:
+    """Yield what the rays of all sources meet, or everything that they could, a part that fits into memory at a time.
+
+    Args:
+        scene: The scene with the batch loaded.
+        sources: Where the rays start.
+        table: Surfaces of the scene.
+        config: Candidate mode, rays, depth, refraction.
+
+    Yields:
+        Some of the sources; the number of the first of them; the planes that are met first, one byte each, shape
+        [A, K]; and the keys of chains of two planes and more, shape [N], None if none are wanted.
+
+    Raises:
+        InputError: If there are too many chains to try them all, or to keep them.
+    """
+    waiting = _chunks(sources.first_link, len(table), config)
+    while waiting:
+        begin, end = waiting.pop(0)
+        part = sources.part(begin, end)
+        try:
+            yield part, begin, *_chains(scene, part, table, config)
+        except TableFull:
+            middle = (begin + end) // 2
+            waiting = [(begin, middle), (middle, end), *waiting]
+
+
+def _chunks(first_link: np.ndarray, surface_count: int, config: ChannelConfig) -> list[tuple[int, int]]:
+    """Return ranges of transmitters that keep memory and launch sizes bounded; always at least one transmitter."""
+    chunks, begin = [], 0
+    while begin < len(first_link) - 1:
+        end = begin + 1
+        while (
+            end < len(first_link) - 1
+            and (first_link[end + 1] - first_link[begin]) * surface_count <= PAIRS_AT_ONCE
+            and (end + 1 - begin) * surface_count <= PAIRS_AT_ONCE
+            and (end + 1 - begin) * config.rays <= RAYS_AT_ONCE
+        ):
+            end += 1
+        chunks.append((begin, end))
+        begin = end
+    return chunks
+
+
+def _chains(
+    scene: Scene, sources: Sources, table: SurfaceTable, config: ChannelConfig
+) -> tuple[wp.array, wp.array | None]:
+    """Return the first planes, one byte each, shape [A, K], and the keys of longer chains, shape [N], if wanted."""
+    if config.candidates == "exhaustive":
+        is_seen = wp.full((len(sources), table.plane_count), 1, dtype=wp.uint8, device=scene.device)
+        keys = every_chain(len(sources), table.plane_count, config.max_depth) if config.max_depth > 1 else None
+        has_keys = keys is not None and len(keys) > 0
+        return is_seen, wp.array(keys, dtype=wp.uint64, device=scene.device) if has_keys else None
+    origin = sources.position - scene.origin
+    if config.max_depth == 1:
+        is_seen, _, _ = launch_rays(scene, sources.slot, origin, config.rays, table)
+        return is_seen, None
+    patterns = range(2 ** (config.max_depth - 1)) if config.refraction and table.is_open.any() else range(1)
+    name = f"cells at depth {config.max_depth}"
+    most = CELLS_AT_ONCE["cuda" if "cuda" in scene.device else "cpu"]
+    most_chains = 2 * config.rays * (config.max_depth - 1) * len(patterns)  # half full at worst
+    each = table.sizes.get(name, min(FIRST_CELLS << 3 * (config.max_depth - 2), most_chains))
+    while True:
+        cells = 2 ** int(np.ceil(np.log2(each * len(sources))))
+        if cells > most and len(sources) > 1:
+            raise TableFull
+        if cells > MOST_CELLS:
+            raise InputError(
+                f"channel.rays = {config.rays}, max_depth = {config.max_depth}: the chains of one transmitter do not "
+                f"fit into {MOST_CELLS} cells; launch fewer rays or lower the depth"
+            )
+        is_seen, keys, is_full = launch_rays(
+            scene, sources.slot, origin, config.rays, table, config.max_depth, cells, patterns
+        )
+        if not is_full:
+            table.sizes[name] = each
+            return is_seen, keys
+        each *= 4
+
+
+def launch_rays(
+    scene: Scene,
+    slot: np.ndarray,
+    origin: np.ndarray,
+    rays: int,
+    table: SurfaceTable,
+    depth: int = 1,
+    cells: int = 1,
+    patterns: range = range(1),
+) -> tuple[wp.array, wp.array, bool]:
+    """Follow the rays of each transmitter.
+
+    Args:
+        scene: The scene with its batch loaded.
+        slot: Slot of each transmitter, shape [A].
+        origin: Transmitters in the scene frame [m], shape [A, 3].
+        rays: Rays of each transmitter, > 1.
+        table: Surfaces of the scene.
+        depth: Surfaces that a ray follows.
+        cells: Size of the table of chains, a power of two.
+        patterns: Which of its surfaces a ray goes through instead of off them, one launch a bit pattern.
+
+    Returns:
+        Which planes are met first, one byte each, shape [A, K]; the keys of chains of two planes and more, shape [N];
+        and whether some chain found no cell.
+    """
+    device, stride = scene.device, neighbor_stride(rays)
+    row_count = -(-rays // stride)
+    is_seen = wp.zeros((len(slot), table.plane_count), dtype=wp.uint8, device=device)
+    keys = wp.zeros(cells, dtype=wp.uint64, device=device)
+    is_full = wp.zeros(1, dtype=wp.int32, device=device)
+    slots = wp.array(slot, dtype=wp.int32, device=device)
+    origins = wp.array(origin.astype(np.float32), dtype=wp.vec3, device=device)
+    for passes in patterns:
+        wp.launch(
+            launch_kernel,
+            dim=(len(slot), row_count * stride),
+            inputs=[
+                scene.struct,
+                slots,
+                origins,
+                table.device.plane,
+                table.device.is_open,
+                rays,
+                stride,
+                row_count,
+                depth,
+                passes,
+            ],
+            outputs=[is_seen, keys, is_full],
+            device=device,
+            block_dim=64,
+        )
+    return is_seen, keys, depth > 1 and bool(is_full.numpy()[0])
+
+
+def neighbor_stride(ray_count: int) -> int:
+    """Return the Fibonacci number F that makes rays i and i + F of the lattice close neighbours.
+
+    Their azimuths differ by 2 pi / (sqrt(5) F) and their heights by 2 F / N, which are alike at F^2 = pi N / sqrt(5).
+    """
+    before, stride = 1, 2
+    while stride * stride < np.pi * ray_count / np.sqrt(5.0):
+        before, stride = stride, before + stride
+    return before
+
+
+def every_chain(sources: int, planes: int, depth: int) -> np.ndarray:
+    """Return the keys of all chains of 2 to `depth` planes without the same one twice in a row, shape [N], uint64.
+
+    Raises:
+        InputError: If there are more than `PAIRS_AT_ONCE`.
+    """
+    count = sources * planes * sum((planes - 1) ** k for k in range(1, depth))
+    if count > PAIRS_AT_ONCE:
+        raise InputError(
+            f"channel.candidates = 'exhaustive' with max_depth = {depth}: {planes} planes make {count} chains, the "
+            f"most is {PAIRS_AT_ONCE}; use candidates: launch, or a lower depth"
+        )
+    parent = np.arange(sources * planes)
+    last, filled, keys = parent % planes, sources * planes, []
+    for level in range(2, depth + 1):
+        code, plane = np.repeat(parent, planes), np.tile(np.arange(planes), len(parent))
+        keep = np.repeat(last, planes) != plane
+        code, last = code[keep].astype(np.uint64), plane[keep]
+        top = np.uint64(level) << np.uint64(32 + PLANE_BITS.value)
+        keys.append(top | (last.astype(np.uint64) << np.uint64(32)) | code)
+        parent = filled + np.arange(len(last))
+        filled += len(last)
+    return np.concatenate(keys)

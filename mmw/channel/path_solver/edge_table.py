@@ -1,0 +1,179 @@
+"""Convex edges between the flat surfaces of a scene, and edges of open sheets: what a wave can bend around."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+
+from mmw.core.planar_surfaces import weld
+from mmw.kernels.channel.edges import Wedges
+from mmw.physics.em.vectors import dot, norm
+from mmw.scene.device_scene import Scene
+
+MIN_BEND_RAD = 0.05
+"""Smallest angle between the normals of a wedge's faces [rad]; flatter edges, as on a rounded bonnet, bend nothing that
+the facets do not reflect."""
+
+SAME_PLACE_M = 1e-3
+"""Pieces of an edge that meet within this [m] are one edge."""
+
+
+@dataclass(frozen=True)
+class WedgeTable:
+    """Wedges of the town and of every instance, by global id 0 to E - 1, in the frame of what carries them."""
+
+    carrier: np.ndarray
+    """Instance, V for the town, shape [E], int32."""
+    begin: np.ndarray
+    """One end of the edge [m], shape [E, 3]."""
+    end: np.ndarray
+    """Other end [m], shape [E, 3]."""
+    normal_0: np.ndarray
+    """Outward normal of one face, shape [E, 3]."""
+    normal_n: np.ndarray
+    """Outward normal of the other face, of a sheet the opposite one, shape [E, 3]."""
+    away: np.ndarray
+    """Unit vector across the edge into the open, between the two normals, shape [E, 3]."""
+    surface_0: np.ndarray
+    """Global surface of the first face, shape [E], int32."""
+    surface_n: np.ndarray
+    """Global surface of the second face, shape [E], int32."""
+    device: Wedges
+    """The same for kernels."""
+
+    def __len__(self) -> int:
+        return len(self.carrier)
+
+
+def make_wedge_table(scene: Scene, plane: np.ndarray, *, enabled: bool, sheets: bool) -> WedgeTable:
+    """Return the wedges of a scene, or none if `enabled` is false.
+
+    Args:
+        scene: The scene; nothing of its batch is used.
+        plane: Plane of every surface of the scene, shape [G].
+        enabled: Whether diffraction is wanted.
+        sheets: Whether the edges of open sheets are wanted too.
+    """
+    arrays = scene.arrays
+    town = len(scene.instance_actor)
+    columns = []
+    if enabled:
+        columns.append((np.int32(town), 0, *find_wedges(arrays.points, arrays.faces, arrays.surface, sheets=sheets)))
+        of_model = [find_wedges(model.points, model.faces, model.surface, sheets=sheets) for model in arrays.models]
+        for instance, actor in enumerate(scene.instance_actor):
+            wedges = of_model[arrays.actors[actor].model]
+            columns.append((np.int32(instance), int(scene.surface_offset[instance]), *wedges))
+    parts = {name: [np.zeros((0, 3))] for name in ("begin", "end", "normal_0", "normal_n", "away")}
+    ids = {name: [np.zeros(0, np.int32)] for name in ("carrier", "surface_0", "surface_n")}
+    for carrier, offset, begin, end, normal_0, normal_n, away, surface_0, surface_n in columns:
+        for name, values in zip(parts, (begin, end, normal_0, normal_n, away), strict=True):
+            parts[name].append(values)
+        ids["carrier"].append(np.full(len(begin), carrier))
+        ids["surface_0"].append(surface_0 + offset)
+        ids["surface_n"].append(surface_n + offset)
+    table = {name: np.concatenate(values) for name, values in parts.items()}
+    numbers = {name: np.concatenate(values).astype(np.int32) for name, values in ids.items()}
+    device = Wedges()
+    for name, values in table.items():
+        setattr(device, name, wp.array(values, dtype=wp.vec3d, device=scene.device))
+    for name, values in numbers.items():
+        setattr(device, name, wp.array(values, dtype=wp.int32, device=scene.device))
+    face = plane[np.concatenate([numbers["surface_0"], numbers["surface_n"]])]
+    order = np.argsort(face, kind="stable")
+    first = np.searchsorted(face[order], np.arange(int(plane.max(initial=-1)) + 2))
+    device.first = wp.array(first, dtype=wp.int32, device=scene.device)
+    device.of_plane = wp.array(order % max(len(face) // 2, 1), dtype=wp.int32, device=scene.device)
+    return WedgeTable(**numbers, **table, device=device)
+
+
+def find_wedges(
+    points: np.ndarray, faces: np.ndarray, surface: np.ndarray, *, sheets: bool = False
+) -> tuple[np.ndarray, ...]:
+    """Return the convex edges that two flat surfaces of a mesh share, and on request those that one face has alone.
+
+    Faces are counter-clockwise seen from outside, so that convex and concave edges can be told apart; an edge between
+    faces that disagree about the outside, or with three faces, is none.
+
+    Args:
+        points: Vertices [m], shape [N, 3].
+        faces: Vertex indices, shape [M, 3].
+        surface: Surface of each face, shape [M].
+        sheets: Whether an edge with one face is the edge of an open sheet, with a face on both sides.
+
+    Returns:
+        begin, end, normal_0, normal_n, away, each [E, 3], and surface_0, surface_n, each [E]; sorted by the surfaces.
+    """
+    none = (*(np.zeros((0, 3)) for _ in range(5)), *(np.zeros(0, np.int32) for _ in range(2)))
+    if len(faces) == 0:
+        return none
+    vertex = weld(points)[faces]
+    edges = vertex[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    face, opposite = np.repeat(np.arange(len(faces)), 3), faces[:, [2, 0, 1]].reshape(-1)
+    is_forward = edges[:, 0] < edges[:, 1]
+    order = np.lexsort((edges.max(axis=1), edges.min(axis=1)))
+    low, high = edges.min(axis=1)[order], edges.max(axis=1)[order]
+    starts = np.flatnonzero(np.append(True, (low[1:] != low[:-1]) | (high[1:] != high[:-1])))
+    sizes = np.diff(np.append(starts, len(order)))
+    real = low[starts] != high[starts]
+    corner = points[faces].astype(np.float64)
+    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    length = norm(normal)
+    normal /= np.where(length > 0.0, length, 1.0)[:, None]
+    pair = starts[(sizes == 2) & real]
+    one, two = order[pair], order[pair + 1]
+    keep = (is_forward[one] != is_forward[two]) & (surface[face[one]] != surface[face[two]])
+    keep &= (length[face[one]] > 0.0) & (length[face[two]] > 0.0)
+    one, two = one[keep], two[keep]
+    n0, nn = normal[face[one]], normal[face[two]]
+    depth = dot(n0, points[opposite[two]] - points[edges[one, 0]])
+    keep = (dot(n0, nn) < np.cos(MIN_BEND_RAD)) & (depth < 0.0)
+    one, two, n0, nn = one[keep], two[keep], n0[keep], nn[keep]
+    away = (n0 + nn) / norm(n0 + nn)[:, None]
+    s0, sn = surface[face[one]], surface[face[two]]
+    swap = s0 > sn
+    s0, sn = np.where(swap, sn, s0), np.where(swap, s0, sn)
+    n0, nn = np.where(swap[:, None], nn, n0), np.where(swap[:, None], n0, nn)
+    if sheets:
+        open_edge = order[starts[(sizes == 1) & real]]
+        open_edge = open_edge[length[face[open_edge]] > 0.0]
+        own = normal[face[open_edge]]
+        out = np.cross(points[edges[open_edge, 1]] - points[edges[open_edge, 0]], own)
+        out /= norm(out)[:, None]
+        one = np.concatenate([one, open_edge])
+        n0, nn = np.concatenate([n0, own]), np.concatenate([nn, -own])
+        away = np.concatenate([away, out])
+        s0, sn = (np.concatenate([s, surface[face[open_edge]]]) for s in (s0, sn))
+    if len(one) == 0:
+        return none
+    return _joined(points[edges[one, 0]], points[edges[one, 1]], n0, nn, away, s0, sn)
+
+
+def _joined(
+    begin: np.ndarray,
+    end: np.ndarray,
+    n0: np.ndarray,
+    nn: np.ndarray,
+    away: np.ndarray,
+    s0: np.ndarray,
+    sn: np.ndarray,
+) -> tuple[np.ndarray, ...]:
+    """Return the edges with pieces that lie one behind the other on one line, between the same surfaces, made one."""
+    along = (end - begin) / norm(end - begin)[:, None]
+    lead = np.argmax(np.abs(along) > 1e-6, axis=1)
+    flip = along[np.arange(len(along)), lead] < 0.0
+    begin, end = np.where(flip[:, None], end, begin), np.where(flip[:, None], begin, end)
+    along = np.where(flip[:, None], -along, along)
+    foot = begin - dot(begin, along)[:, None] * along
+    line = np.round(np.concatenate([along * 1e3, foot / SAME_PLACE_M], axis=1)).astype(np.int64)
+    is_sheet = (s0 == sn)[:, None]  # a sheet has many edges, two surfaces have one line in common
+    group = np.unique(np.column_stack([s0, sn, np.where(is_sheet, line, 0)]), axis=0, return_inverse=True)[1]
+    group = group.reshape(-1)
+    ahead = along[np.unique(group, return_index=True)[1]][group]
+    low, high = dot(begin, ahead), dot(end, ahead)
+    order = np.lexsort((low, group))
+    group, low, high = group[order], low[order], high[order]
+    is_new = np.append(True, (group[1:] != group[:-1]) | (low[1:] > high[:-1] + SAME_PLACE_M))
+    first = np.flatnonzero(is_new)
+    last = np.append(first[1:], len(order)) - 1
+    head, tail = order[first], order[last]
+    return begin[head], end[tail], n0[head], nn[head], away[head], s0[head].astype(np.int32), sn[head].astype(np.int32)

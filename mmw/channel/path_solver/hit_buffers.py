@@ -1,0 +1,13 @@
+"""Room on the device for what paths meet."""
+
+import warp as wp
+
+from mmw.kernels.channel.segments import Met
+
+
+def met_rows(shape: tuple[int, int], device: str) -> Met:
+    """Return empty rows for the kernels that trace legs, shape [C, D]."""
+    met = Met()
+    met.kind, met.surface = (wp.zeros(shape, dtype=wp.int32, device=device) for _ in range(2))
+    met.vertex, met.normal = (wp.zeros(shape, dtype=wp.vec3d, device=device) for _ in range(2))
+    return met

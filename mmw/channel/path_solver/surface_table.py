@@ -1,0 +1,191 @@
+"""Every flat surface of a scene: its plane, box and triangles in float64, in the frame of whatever carries it."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import warp as wp
+
+from mmw.channel.path_solver.coplanar import group_coplanar
+from mmw.channel.path_solver.edge_table import WedgeTable, make_wedge_table
+from mmw.kernels.channel.surfaces import Surfaces
+from mmw.physics.em.vectors import dot, norm
+from mmw.scene.device_scene import Scene
+
+
+@dataclass(frozen=True)
+class SurfaceTable:
+    """Surfaces of the town and of every instance, by global id 0 to G - 1.
+
+    Geometry is kept once for each model: row `row[g]` holds plane and triangles of surface g, in the world frame for
+    the town and in the vehicle's frame for an instance.
+    """
+
+    row: np.ndarray
+    """Geometry row of each surface, shape [G], int32."""
+    owner: np.ndarray
+    """Instance that carries the surface, -1 for the town, shape [G], int32."""
+    object_id: np.ndarray
+    """Object id, shape [G], int32."""
+    material_id: np.ndarray
+    """Material id, shape [G], int32."""
+    area: np.ndarray
+    """Area [m^2], shape [G]."""
+    normal: np.ndarray
+    """Unit normal of the mean plane, shape [K, 3]."""
+    offset: np.ndarray
+    """normal . p of the mean plane [m], shape [K]."""
+    first: np.ndarray
+    """First triangle of each row, shape [K], int32."""
+    triangle_count: np.ndarray
+    """Triangles of each row, shape [K], int32."""
+    triangle: np.ndarray
+    """Corners [m], triangles in the order of rows, shape [T, 3, 3]."""
+    plane: np.ndarray
+    """Plane of each surface, 0 to K - 1; coplanar surfaces of one carrier have one, shape [G], int32."""
+    plane_count: int
+    """K."""
+    is_open: np.ndarray
+    """Whether a wave passes through the surface in some weather: its material is a slab, shape [G], bool."""
+    device: Surfaces
+    """The same for kernels."""
+    wedges: WedgeTable
+    """Convex edges between the surfaces; none unless they were asked for."""
+    has_wedges: bool
+    """Whether wedges were asked for."""
+    sizes: dict[str, int] = field(default_factory=dict)
+    """Sizes of the candidate tables that were enough so far, so that the next batch starts with them."""
+
+    def __len__(self) -> int:
+        return len(self.row)
+
+
+def make_surface_table(scene: Scene, *, wedges: bool = False, sheets: bool = False) -> SurfaceTable:
+    """Return the surfaces of a scene; make it once and use it for every batch.
+
+    Args:
+        scene: The scene; nothing of its batch is used.
+        wedges: Whether their convex edges are wanted, for diffraction.
+        sheets: Whether the edges of open sheets count among them.
+    """
+    arrays = scene.arrays
+    town_count = arrays.town_surface_count
+    models = [(m.points, m.faces, m.surface, m.material) for m in arrays.models]
+    parts = [(arrays.points, arrays.faces, arrays.surface, arrays.material), *models]
+    counts = [town_count] + [int(surface.max()) + 1 for _, _, surface, _ in models]
+    row_start = np.concatenate([[0], np.cumsum(counts)])
+    corners, rows, materials = [], [], []
+    for start, (points, faces, surface, material) in zip(row_start, parts, strict=False):
+        order = np.argsort(surface, kind="stable")
+        corners.append(points[faces[order]].reshape(-1, 3, 3))
+        rows.append(start + surface[order].astype(np.int64))
+        materials.append(material[order])
+    triangle, row_of = np.concatenate(corners).astype(np.float64), np.concatenate(rows)
+    material = np.concatenate(materials)
+    row_count = int(row_start[-1])
+    triangle_count = np.bincount(row_of, minlength=row_count)
+    if (triangle_count == 0).any():
+        raise ValueError(
+            f"surfaces {np.nonzero(triangle_count == 0)[0][:5].tolist()} have no face; number surfaces without gaps"
+        )
+    first = np.cumsum(triangle_count) - triangle_count
+    normal, offset, area = _mean_planes(triangle, row_of, first)
+    corner = triangle.reshape(-1, 3)
+    lower = np.minimum.reduceat(corner, 3 * first) if row_count else np.zeros((0, 3))
+    upper = np.maximum.reduceat(corner, 3 * first) if row_count else np.zeros((0, 3))
+
+    row, owner = [np.arange(town_count)], [np.full(town_count, -1)]
+    objects = [np.zeros(town_count, dtype=np.int64)]
+    objects[0][arrays.surface] = arrays.object_id
+    for instance, actor_index in enumerate(scene.instance_actor):
+        actor = arrays.actors[actor_index]
+        own = np.arange(int(row_start[actor.model + 1]), int(row_start[actor.model + 2]))
+        row.append(own)
+        owner.append(np.full(len(own), instance))
+        objects.append(np.full(len(own), actor.object_id))
+    row_all = np.concatenate(row).astype(np.int32)
+    table = {
+        "row": row_all,
+        "owner": np.concatenate(owner).astype(np.int32),
+        "object_id": np.concatenate(objects).astype(np.int32),
+        "material_id": material[first].astype(np.int32)[row_all] if row_count else np.zeros(0, np.int32),
+        "area": area[row_all],
+        "normal": normal,
+        "offset": offset,
+        "first": first.astype(np.int32),
+        "triangle_count": triangle_count.astype(np.int32),
+        "triangle": triangle,
+    }
+    table["is_open"] = _slabs(scene)[table["material_id"]]
+    part = np.repeat(np.arange(len(counts)), counts)
+    of_row = group_coplanar(normal, offset, lower, upper, area, part)
+    table["plane"] = _planes(of_row[row_all], table["owner"])
+    plane_count = int(table["plane"].max()) + 1 if len(row_all) else 0
+    return SurfaceTable(
+        **table,
+        device=_to_device(table, lower, upper, len(scene.instance_actor), scene.device),
+        plane_count=plane_count,
+        wedges=make_wedge_table(scene, table["plane"], enabled=wedges, sheets=sheets),
+        has_wedges=wedges,
+    )
+
+
+def _planes(group: np.ndarray, owner: np.ndarray) -> np.ndarray:
+    """Return a number for every pair of group and carrier, in the order of first surfaces, shape [G], int32."""
+    key = (owner.astype(np.int64) + 1) * (int(group.max(initial=0)) + 1) + group
+    _, first, inverse = np.unique(key, return_index=True, return_inverse=True)
+    return np.argsort(np.argsort(first))[inverse.reshape(-1)].astype(np.int32)
+
+
+def _slabs(scene: Scene) -> np.ndarray:
+    """Return which materials are slabs, and so let something through, in some weather, by material id."""
+    by_weather = [[material.radio.thickness > 0.0 for material in some] for some in scene.arrays.materials.values()]
+    return np.any(by_weather, axis=0) if by_weather else np.zeros(0, dtype=bool)
+
+
+def _mean_planes(triangle: np.ndarray, row_of: np.ndarray, first: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Return unit normal, offset and area of each row of triangles, weighted by area."""
+    if len(first) == 0:
+        return np.zeros((0, 3)), np.zeros(0), np.zeros(0)
+    doubled = np.cross(triangle[:, 1] - triangle[:, 0], triangle[:, 2] - triangle[:, 0])
+    weight = norm(doubled)
+    largest = np.zeros(len(first), dtype=np.int64)
+    order = np.flatnonzero(weight == np.maximum.reduceat(weight, first)[row_of])
+    largest[row_of[order]] = order  # the last one written stays
+    sign = np.where(dot(doubled, doubled[largest[row_of]]) < 0.0, -1.0, 1.0)
+    total = np.add.reduceat(doubled * sign[:, None], first)
+    area = np.add.reduceat(weight, first)
+    normal = total / np.where(norm(total) > 0.0, norm(total), 1.0)[:, None]
+    middle = np.add.reduceat((triangle[:, 0] + triangle[:, 1] + triangle[:, 2]) / 3.0 * weight[:, None], first)
+    middle /= np.where(area > 0.0, area, 1.0)[:, None]
+    return normal, dot(normal, middle), 0.5 * area
+
+
+def _to_device(
+    table: dict[str, np.ndarray], lower: np.ndarray, upper: np.ndarray, instance_count: int, device: str
+) -> Surfaces:
+    row, plane = table["row"], table["plane"]
+    member = np.lexsort((table["area"], plane))
+    first_member = np.searchsorted(plane[member], np.arange(int(plane.max(initial=-1)) + 2))
+    plane_lower = np.minimum.reduceat(lower[row[member]], first_member[:-1]) if len(row) else np.zeros((0, 3))
+    plane_upper = np.maximum.reduceat(upper[row[member]], first_member[:-1]) if len(row) else np.zeros((0, 3))
+    surfaces = Surfaces()
+    for name, values, dtype in (
+        ("row", table["row"], wp.int32),
+        ("carrier", np.where(table["owner"] < 0, instance_count, table["owner"]), wp.int32),
+        ("normal", table["normal"], wp.vec3d),
+        ("offset", table["offset"], wp.float64),
+        ("lower", lower, wp.vec3d),
+        ("upper", upper, wp.vec3d),
+        ("first", table["first"], wp.int32),
+        ("triangle_count", table["triangle_count"], wp.int32),
+        ("corner", table["triangle"].reshape(-1, 3), wp.vec3d),
+        ("is_open", table["is_open"], wp.uint8),
+        ("plane", plane, wp.int32),
+        ("lead", member[first_member[1:] - 1], wp.int32),
+        ("plane_lower", plane_lower, wp.vec3d),
+        ("plane_upper", plane_upper, wp.vec3d),
+        ("first_member", first_member, wp.int32),
+        ("member", member, wp.int32),
+    ):
+        setattr(surfaces, name, wp.array(values, dtype=dtype, device=device))
+    return surfaces

@@ -1,0 +1,360 @@
+"""Paths followed over frames: when each is born and dies, how fast its delay changes, and the channel between frames.
+
+Between two frames of a track the delay is the cubic that has the delays and rates of both, so the carrier's phase and
+the Doppler shift are continuous over frames. Coefficients hold no carrier phase, change slowly and are interpolated
+linearly. `docs/tracks.md` says how far that is from the truth.
+"""
+
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import ArrayLike
+
+from mmw.channel.links import Links
+from mmw.channel.path_interpolation import cubic_between, direction_between
+from mmw.channel.path_table import KEY_TYPE, PATH_COLUMNS, PathRows, encode_key, read_column, rows_from_paths
+from mmw.channel.paths import Paths
+from mmw.core.constants import FRAME_DT, FRAME_RATE_HZ
+from mmw.core.errors import InputError
+from mmw.physics.em.field import times
+
+Edges = Literal["hold", "fade", "drop"]
+"""What a track does between its last frame and the next one, and before its first; see `PathTracks.at`."""
+
+TRACK_COLUMNS = (*PATH_COLUMNS, "path_id")
+"""Columns of table `paths` that `tracks_from_table` needs."""
+
+SAMPLE_COLUMNS = tuple(field.name for field in fields(PathRows)[3:])
+"""What a path has in `PathRows` besides its link, and every sample of a track too."""
+
+TIME_DECIMALS = 8
+"""Times are rounded to this many decimals of a frame (0.1 ns), so that n / 100 in floating point is frame n."""
+
+
+@dataclass(frozen=True, eq=False)
+class PathTracks:
+    """Tracks of one scenario, weather and carrier: L links, K tracks, S samples. World frame, seconds, radians.
+
+    A track is one path of one link over consecutive frames. A path that is away for a frame comes back as a new track.
+    Tracks are sorted by (link, path_id, birth); the samples of track k are `offset[k]` to `offset[k + 1]`, in the order
+    of frames.
+    """
+
+    carrier_hz: float
+    """Carrier frequency [Hz]."""
+    scenario: str
+    weather: str
+    agent: np.ndarray
+    """Receiver of each link, shape [L]."""
+    peer: np.ndarray
+    """Transmitter of each link, shape [L]; links are sorted by (agent, peer)."""
+    frames: np.ndarray
+    """Frames that were recorded, growing, shape [F], int64."""
+    link: np.ndarray
+    """Link of each track, shape [K], int64."""
+    path_id: np.ndarray
+    """What the path is in every frame, shape [K], int64; several tracks of a link may share it, one after another."""
+    offset: np.ndarray
+    """First sample of each track, and S behind the last, shape [K + 1], int64."""
+    frame: np.ndarray
+    """Frame of each sample, shape [S], int64."""
+    row: np.ndarray
+    """Row of the table (or of `Paths`) that each sample came from, shape [S], int64; for columns that are not here."""
+    is_los: np.ndarray
+    """True for the line of sight, shape [S]."""
+    tau: np.ndarray
+    """Absolute delay [s], shape [S]."""
+    doppler_hz: np.ndarray
+    """Doppler shift, positive while the path gets shorter [Hz], shape [S]."""
+    transfer: np.ndarray
+    """2x2 polarimetric transfer as in `PathRows`, shape [S, 2, 2], complex128."""
+    a: np.ndarray
+    """Coefficient between the configured antennas, without the carrier phase, shape [S], complex128."""
+    theta_t: np.ndarray
+    """Zenith of departure, shape [S]."""
+    phi_t: np.ndarray
+    """Azimuth of departure, shape [S]."""
+    theta_r: np.ndarray
+    """Zenith of arrival: direction from the receiver back along the path, shape [S]."""
+    phi_r: np.ndarray
+    """Azimuth of arrival, shape [S]."""
+
+    def __len__(self) -> int:
+        """Return the number of tracks."""
+        return len(self.link)
+
+    @property
+    def link_count(self) -> int:
+        """Number of links L, with and without tracks."""
+        return len(self.agent)
+
+    @property
+    def length(self) -> np.ndarray:
+        """Number of frames of each track, shape [K], int64."""
+        return np.diff(self.offset)
+
+    @property
+    def birth(self) -> np.ndarray:
+        """First frame of each track, shape [K], int64."""
+        return self.frame[self.offset[:-1]]
+
+    @property
+    def death(self) -> np.ndarray:
+        """Last frame of each track, shape [K], int64."""
+        return self.frame[self.offset[1:] - 1]
+
+    @cached_property
+    def track(self) -> np.ndarray:
+        """Track of each sample, shape [S], int64."""
+        return np.repeat(np.arange(len(self)), self.length)
+
+    @property
+    def is_born_here(self) -> np.ndarray:
+        """True where the frame before the birth was recorded, so the path was seen not to be there, shape [K]."""
+        return np.isin(self.birth - 1, self.frames)
+
+    @property
+    def is_dead_here(self) -> np.ndarray:
+        """True where the frame after the death was recorded, so the path was seen to be gone, shape [K]."""
+        return np.isin(self.death + 1, self.frames)
+
+    @property
+    def tau_rate(self) -> np.ndarray:
+        """Rate of change of the delay by the stored Doppler shift, d(tau)/dt = -f_D / f [s/s], shape [S]."""
+        return -self.doppler_hz / self.carrier_hz
+
+    def difference_rate(self) -> np.ndarray:
+        """Return the rate of change of the delay by differences of delays alone [s/s], shape [S].
+
+        Central differences, and at both ends of a track those of the parabola through three frames: wrong by h^2 / 6
+        and h^2 / 3 times the third derivative. A track of two frames has one slope, a track of one frame NaN.
+        """
+        length, place = self.length[self.track], np.arange(len(self.frame)) - self.offset[self.track]
+        rate = np.full(len(self.frame), np.nan)
+        tau, h = self.tau, FRAME_DT
+        inner = np.flatnonzero((place > 0) & (place < length - 1))
+        rate[inner] = (tau[inner + 1] - tau[inner - 1]) / (2.0 * h)
+        for end, step in ((place == 0, 1), (place == length - 1, -1)):
+            i = np.flatnonzero(end & (length > 2))
+            rate[i] = step * (4.0 * (tau[i + step] - tau[i]) - (tau[i + 2 * step] - tau[i])) / (2.0 * h)
+            i = np.flatnonzero(end & (length == 2))
+            rate[i] = step * (tau[i + step] - tau[i]) / h
+        return rate
+
+    def lifetimes(self, complete: bool = True) -> np.ndarray:
+        """Return how long tracks live [s], shape [n]: frames times 1/100 s, wrong by up to one frame either way.
+
+        Args:
+            complete: Only tracks whose birth and death were seen; the others live longer than was recorded.
+        """
+        keep = self.is_born_here & self.is_dead_here if complete else np.ones(len(self), dtype=bool)
+        return self.length[keep] * FRAME_DT
+
+    def births(self) -> np.ndarray:
+        """Return how many tracks were seen to be born in each of `frames`, shape [F], int64."""
+        return self._counted(self.birth[self.is_born_here])
+
+    def deaths(self) -> np.ndarray:
+        """Return how many tracks have each of `frames` as their last one and are gone in the next, shape [F], int64."""
+        return self._counted(self.death[self.is_dead_here])
+
+    def alive(self) -> np.ndarray:
+        """Return the number of paths in each of `frames`, shape [F], int64."""
+        return self._counted(self.frame)
+
+    def _counted(self, frame: np.ndarray) -> np.ndarray:
+        return np.bincount(np.searchsorted(self.frames, frame), minlength=len(self.frames))
+
+    def at(self, time_s: ArrayLike, edges: Edges = "hold") -> PathRows:
+        """Return the paths at any time in the recording, as rows of a frame are returned by `PathRows.from_table`.
+
+        On a frame these are the stored values, to the bit. Between frames a track that is there on both sides has its
+        delay and Doppler shift by the cubic, its angles along the arc, and `transfer` and `a` linearly (a transfer in
+        bases that are carried along the arc, so azimuths may run fast near the zenith).
+
+        Args:
+            time_s: Times after the start of the scenario, frame / 100 on a frame [s]; one, or shape [T].
+            edges: Tracks that are there on one side only. `hold`: go on for half a frame, at their own Doppler shift
+                and with the coefficients of that frame; every instant belongs to exactly one frame, so a path that
+                changes its name is there once, and diffuse paths, which live in one frame, keep their power. `fade`:
+                the same for a whole frame, with coefficients that go linearly to 0, so the channel has no jumps.
+                `drop`: not there at all.
+
+        Returns:
+            Paths of T times L links; the row of link l at time t is t L + l, so a response of shape [T L, ...] becomes
+            [T, L, ...] by `reshape`. A link that has no path then, or whose agents are not there, has no path. In
+            `keys`, `frame` is the nearest frame; `row` is that of the sample there, or of the only one.
+
+        Raises:
+            InputError: If a time is not in the recording, or lies between two frames of which one is missing.
+        """
+        if edges not in ("hold", "fade", "drop"):
+            raise InputError(f"PathTracks.at: edges = {edges!r}; it is hold, fade or drop")
+        time = np.atleast_1d(np.asarray(time_s, dtype=np.float64))
+        if time.ndim != 1:
+            raise InputError(f"PathTracks.at: time_s has shape {time.shape}; give one time, or shape [T]")
+        frame, share = self._place(time)
+        moment, first = self._samples_in(frame)
+        s, has_next = share[moment], first + 1 < self.offset[self.track[first] + 1]
+        is_born, born = self._samples_in(frame + 1)
+        new = (born == self.offset[self.track[born]]) & (share[is_born] > 0.0)
+        keep = has_next | (s == 0.0)
+        if edges == "drop":
+            new[:] = False
+        else:
+            keep |= (s < 0.5) | (edges == "fade")
+            new &= (share[is_born] >= 0.5) | (edges == "fade")
+        moment, first, s, has_next = moment[keep], first[keep], s[keep], has_next[keep]
+        is_born, born = is_born[new], born[new]
+        sample = np.concatenate([first, born])
+        beyond = np.concatenate([s, share[is_born] - 1.0])  # frames from the sample to the time
+        both = np.concatenate([has_next & (s > 0.0), np.zeros(len(born), dtype=bool)])
+        moment = np.concatenate([moment, is_born])
+        order = np.lexsort((self.track[sample], moment))
+        moment, sample, beyond, both = moment[order], sample[order], beyond[order], both[order]
+        link = moment * self.link_count + self.link[self.track[sample]]
+        keys = self._keys(frame + (share >= 0.5))
+        return PathRows(self.carrier_hz, keys, link, **self._values(sample, beyond, both, edges))
+
+    def _place(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the frame at or before each time, and the share of the way to the next one."""
+        position = np.round(time * FRAME_RATE_HZ, TIME_DECIMALS)
+        is_there = np.isfinite(position)
+        frame = np.floor(np.where(is_there, position, -1.0)).astype(np.int64)
+        share = np.where(is_there, position - frame, 0.0)
+        is_there &= np.isin(frame, self.frames) & (np.isin(frame + 1, self.frames) | (share == 0.0))
+        if not is_there.all():
+            wrong = int(np.argmin(is_there))
+            raise InputError(
+                f"PathTracks.at: time_s = {time[wrong]:g}; it needs frames {frame[wrong]} and {frame[wrong] + 1}, and "
+                f"there are {len(self.frames)} frames from {self.frames[0]} to {self.frames[-1]}; give times between "
+                "recorded frames, or the rows of table links if a frame is missing that has no path"
+            )
+        return frame, share
+
+    @cached_property
+    def _by_frame(self) -> tuple[np.ndarray, np.ndarray]:
+        order = np.argsort(self.frame, kind="stable")
+        return order, self.frame[order]
+
+    def _samples_in(self, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return all samples of some frames, shape [n], and which of the frames each is of, shape [n]."""
+        order, sorted_frame = self._by_frame
+        begin = np.searchsorted(sorted_frame, frame, side="left")
+        count = np.searchsorted(sorted_frame, frame, side="right") - begin
+        moment = np.repeat(np.arange(len(frame)), count)
+        return moment, order[np.repeat(begin - np.cumsum(count) + count, count) + np.arange(len(moment))]
+
+    def _keys(self, frame: np.ndarray) -> np.ndarray:
+        keys = np.empty((len(frame), self.link_count), dtype=KEY_TYPE)
+        keys["scenario"], keys["weather"], keys["frame"] = self.scenario, self.weather, frame[:, None]
+        keys["agent"], keys["peer"] = self.agent, self.peer
+        return keys.reshape(-1)
+
+    def _values(self, sample: np.ndarray, beyond: np.ndarray, both: np.ndarray, edges: Edges) -> dict[str, np.ndarray]:
+        """Return the columns of `PathRows` at `beyond` frames after samples; `both` where the next one counts too."""
+        values = {name: getattr(self, name)[sample] for name in SAMPLE_COLUMNS}
+        values["tau"] = values["tau"] - beyond * FRAME_DT * values["doppler_hz"] / self.carrier_hz
+        if edges == "fade":
+            weight = np.where(both, 1.0, 1.0 - np.abs(beyond))
+            values["a"], values["transfer"] = values["a"] * weight, values["transfer"] * weight[:, None, None]
+        s, ends = beyond[both], (sample[both], sample[both] + 1)
+
+        def pair(name: str) -> tuple[np.ndarray, np.ndarray]:
+            column = getattr(self, name)
+            return column[ends[0]], column[ends[1]]
+
+        first, second = (-FRAME_DT / self.carrier_hz * doppler for doppler in pair("doppler_hz"))
+        values["tau"][both], change = cubic_between(pair("tau"), (first, second), s)
+        values["doppler_hz"][both] = -self.carrier_hz / FRAME_DT * change
+        departure, sent = direction_between(pair("theta_t"), pair("phi_t"), s)
+        arrival, heard = direction_between(pair("theta_r"), pair("phi_r"), s)
+        values["theta_t"][both], values["phi_t"][both] = departure
+        values["theta_r"][both], values["phi_r"][both] = arrival
+        parts = [times(times(heard[k], self.transfer[ends[k]]), sent[k].swapaxes(1, 2)) for k in (0, 1)]
+        values["transfer"][both] = (1.0 - s)[:, None, None] * parts[0] + s[:, None, None] * parts[1]
+        values["a"][both] = (1.0 - s) * self.a[ends[0]] + s * self.a[ends[1]]
+        values["row"][both] = self.row[ends[0] + (s >= 0.5)]
+        return values
+
+
+def tracks_from_table(table: Any, carrier_hz: float | None = None, links: Any = None) -> PathTracks:
+    """Return the tracks of rows of table `paths` of one scenario and weather.
+
+    Args:
+        table: Rows in any order with at least `TRACK_COLUMNS`: a pyarrow Table, a pandas DataFrame or a mapping.
+        carrier_hz: Carrier to take [Hz]; None takes the only one there is.
+        links: Rows of table `links`, of any of those kinds. They say which frames and links there are besides those
+            that have paths.
+
+    Raises:
+        InputError: As `PathRows.from_table`; or if there is more than one scenario or weather, or a path is twice in a
+            frame of a link.
+    """
+    paths = PathRows.from_table(table, carrier_hz, links)
+    path_id = read_column(table, "paths", "path_id", TRACK_COLUMNS).to_numpy(zero_copy_only=False)
+    if path_id.dtype.kind not in "iu" and len(path_id):
+        raise InputError(f"table paths, column path_id: holds {path_id.dtype}; it needs whole numbers of 64 bits")
+    return tracks_from_rows(paths, path_id.astype(np.int64)[paths.row])
+
+
+def tracks_from_paths(links: Links, paths: Paths, *args: Any, **names: Any) -> PathTracks:
+    """Return the tracks of paths in memory, of one weather and carrier; the arguments are those of `rows_from_paths`.
+
+    Raises:
+        InputError: If weather or carrier are not there, or a path is twice in a frame of a link.
+    """
+    return tracks_from_rows(rows_from_paths(links, paths, *args, **names), paths.path_id)
+
+
+def tracks_from_rows(paths: PathRows, path_id: np.ndarray) -> PathTracks:
+    """Return the tracks of paths of one scenario and weather.
+
+    Args:
+        paths: Paths of links, a link for each (frame, agent, peer). Frames without links are taken as not recorded.
+        path_id: What each path is in every frame, shape [P], int64.
+
+    Raises:
+        InputError: If there is not exactly one scenario and weather, or a path is twice in a frame of a link.
+    """
+    names = set(zip(paths.keys["scenario"], paths.keys["weather"], strict=True))
+    if len(names) != 1:
+        listed = ", ".join(f"{scenario} {weather}" for scenario, weather in sorted(names)[:8])
+        raise InputError(
+            f"tracks: {listed or 'no links'}; tracks need one scenario and weather; select the rows of one"
+        )
+    ((scenario, weather),) = names
+    (agent_code, agents), (peer_code, peers) = (encode_key(n, [pa.array(paths.keys[n])]) for n in ("agent", "peer"))
+    pair, pair_of = np.unique(agent_code * len(peers) + peer_code, return_inverse=True)
+    agent, peer = agents[pair // len(peers)], peers[pair % len(peers)]
+    by_name = np.lexsort((peer, agent))
+    number = np.empty(len(pair), dtype=np.int64)
+    number[by_name] = np.arange(len(pair))
+    link, frame = number[pair_of][paths.link], paths.keys["frame"][paths.link]
+    order = np.lexsort((frame, path_id, link))
+    link, path_id, frame = link[order], path_id[order], frame[order]
+    is_same, step = (np.diff(link) == 0) & (np.diff(path_id) == 0), np.diff(frame)
+    twice = np.flatnonzero(is_same & (step == 0))
+    if len(twice):
+        k = by_name[link[twice[0]]]
+        raise InputError(
+            f"tracks: {len(twice)} paths are twice in a frame of a link, the first {path_id[twice[0]]} from {peer[k]} "
+            f"to {agent[k]} in frame {frame[twice[0]]}; give each row once, and one path_id a path"
+        )
+    first = np.flatnonzero(np.concatenate([np.ones(min(len(frame), 1), dtype=bool), ~is_same | (step != 1)]))
+    return PathTracks(
+        carrier_hz=paths.carrier_hz,
+        scenario=scenario,
+        weather=weather,
+        agent=agent[by_name],
+        peer=peer[by_name],
+        frames=np.unique(paths.keys["frame"]),
+        link=link[first],
+        path_id=path_id[first],
+        offset=np.append(first, len(frame)),
+        frame=frame,
+        **{name: getattr(paths, name)[order] for name in SAMPLE_COLUMNS},
+    )

@@ -1,0 +1,1 @@
+"""Compute path gain, RSS and SINR over surfaces."""

@@ -1,0 +1,201 @@
+"""Measuring surfaces of radio maps: cells that rays pass through, on a plane or some height above the roads."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mmw.core.errors import InputError
+from mmw.scene.scene_data import SceneArrays
+
+ROAD_LABELS = ("road", "road_line")
+"""Semantic classes of the objects that a road grid covers."""
+
+LEVEL_GAP_M = 1.0
+"""Surfaces over one another that are closer than this [m] are one level of road (a marking lies on its road)."""
+
+STEEPEST_COSINE = 0.7
+"""Faces of a road whose normal is farther from the vertical than this cosine are kerb or wall, not road."""
+
+LARGEST_GRID = 10_000_000
+"""Most cells of a grid: 1 GB of corners."""
+
+
+@dataclass(frozen=True)
+class MeasuringSurface:
+    """Four-sided cells, each of two triangles; the order of the corners turns about the cell."""
+
+    corners: np.ndarray
+    """Corners of each cell, world frame [m], shape [C, 4, 3], float64."""
+    cell_m: float
+    """Side of a cell [m]; on a slope, the side of its outline seen from above."""
+
+    def __len__(self) -> int:
+        return len(self.corners)
+
+    @property
+    def center(self) -> np.ndarray:
+        """Middle of each cell, world frame [m], shape [C, 3]."""
+        return self.corners.mean(axis=1)
+
+    @property
+    def area(self) -> np.ndarray:
+        """Area of each cell, that of its two triangles [m^2], shape [C]."""
+        triangles = self.corners.reshape(-1, 4, 3)[:, [[0, 1, 2], [0, 2, 3]]]
+        cross = np.cross(triangles[:, :, 1] - triangles[:, :, 0], triangles[:, :, 2] - triangles[:, :, 0])
+        return 0.5 * np.linalg.norm(cross, axis=2).sum(axis=1)
+
+    @property
+    def faces(self) -> np.ndarray:
+        """Triangles as indices into `corners.reshape(-1, 3)`, shape [2 C, 3], int32; face f belongs to cell f // 2."""
+        first = 4 * np.arange(len(self), dtype=np.int32)
+        return (first[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32)).reshape(-1, 3)
+
+
+def plane_grid(
+    center_m: Sequence[float], size_m: Sequence[float], cell_m: float, rotation: np.ndarray | None = None
+) -> MeasuringSurface:
+    """Return square cells on a plane, row by row: cell = row * columns + column.
+
+    Args:
+        center_m: Middle of the grid, world frame [m], shape [3].
+        size_m: Extent along the plane's x and y [m], shape [2]; the grid has as many whole cells as cover it, about the
+            same middle.
+        cell_m: Side of a cell [m].
+        rotation: Plane to world, shape [3, 3]; the plane's x and y are its columns 0 and 1. Level if left out.
+
+    Raises:
+        InputError: If size or cell is not positive, or there are too many cells.
+    """
+    center, size = np.asarray(center_m, dtype=np.float64), np.asarray(size_m, dtype=np.float64)
+    _check_cell(cell_m)
+    if not (size > 0.0).all() or not np.isfinite(size).all():
+        raise InputError(f"plane_grid: size_m = {size.tolist()}; both must be above 0 m; give the plane's extent")
+    columns, rows = (int(count) for count in np.ceil(size / cell_m - 1e-9))
+    _check_count(columns * rows, cell_m)
+    row, column = (k.ravel() for k in np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij"))
+    step = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]) - [columns / 2.0, rows / 2.0]
+    flat = np.zeros((rows * columns, 4, 3))
+    flat[..., :2] = cell_m * (np.stack([column, row], axis=1)[:, None] + step)
+    turned = flat if rotation is None else flat @ np.asarray(rotation, dtype=np.float64).T
+    return MeasuringSurface(turned + center, cell_m)
+
+
+def road_grid(
+    arrays: SceneArrays,
+    cell_m: float,
+    height_m: float,
+    labels: Sequence[str] = ROAD_LABELS,
+    within_m: tuple[float, float, float, float] | None = None,
+) -> MeasuringSurface:
+    """Return cells that follow the roads of a scene at a height above them.
+
+    The grid's lines lie at whole multiples of `cell_m` in x and y. A cell is there where its middle has road below it;
+    it has the height and slope of that road, and shares its corners with its neighbours. A bridge and the road below it
+    are two levels with cells of their own; of surfaces less than 1 m apart the upper one counts.
+
+    Args:
+        arrays: The scene.
+        cell_m: Side of a cell seen from above [m].
+        height_m: Vertical distance of the cells from the road [m], above 0.
+        labels: Semantic classes of the objects that count as road.
+        within_m: Lowest x, lowest y, highest x and highest y of the cells' middles [m]; everything if left out.
+
+    Raises:
+        InputError: If cell or height is not positive, there are too many cells, or no road is there.
+    """
+    _check_cell(cell_m)
+    if not height_m > 0.0:
+        raise InputError(f"road_grid: height_m = {height_m:g}; it must be above 0 m; give the height of an antenna")
+    is_road = np.array([thing.label in labels for thing in arrays.objects], dtype=bool)
+    triangles = arrays.points[arrays.faces[is_road[arrays.object_id]]] if len(arrays.faces) else np.zeros((0, 3, 3))
+    if within_m is not None:
+        low, high = triangles[..., :2].min(axis=1), triangles[..., :2].max(axis=1)
+        triangles = triangles[((high >= within_m[:2]) & (low <= within_m[2:])).all(axis=1)]
+    column, height, slope = _columns(triangles, cell_m)
+    if within_m is not None:
+        middle = (column + 0.5) * cell_m
+        inside = ((middle >= within_m[:2]) & (middle <= within_m[2:])).all(axis=1)
+        column, height, slope = column[inside], height[inside], slope[inside]
+    if not len(column):
+        found = ", ".join(sorted({thing.label for thing in arrays.objects})) or "nothing"
+        raise InputError(
+            f"road_grid: no cell of {cell_m:g} m has its middle over {' or '.join(labels)}; the scene has {found}; "
+            "use a smaller cell, a place with roads, or a plane"
+        )
+    keep = _upper(column, height)
+    column, height, slope = column[keep], height[keep], slope[keep]
+    step = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+    corner = column[:, None] + step
+    z = height[:, None] + cell_m * np.einsum("cx,kx->ck", slope, step - 0.5)
+    z = _shared(corner.reshape(-1, 2), z.ravel()).reshape(-1, 4)
+    return MeasuringSurface(np.concatenate([corner * cell_m, z[..., None] + height_m], axis=2), cell_m)
+
+
+def _check_cell(cell_m: float) -> None:
+    if not 0.0 < cell_m < np.inf:
+        raise InputError(f"cell = {cell_m:g} m; it must be above 0 m; give the side of a cell, such as 2")
+
+
+def _check_count(count: int, cell_m: float) -> None:
+    if count > LARGEST_GRID:
+        raise InputError(
+            f"cell = {cell_m:g} m makes {count:,} cells to look at; at most {LARGEST_GRID:,} can be; use larger ones"
+        )
+
+
+def _columns(triangles: np.ndarray, cell_m: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return where the vertical lines through the middles of cells meet triangles that are not steep.
+
+    Args:
+        triangles: Corners [m], shape [M, 3, 3].
+        cell_m: Side of a cell [m].
+
+    Returns:
+        Cell (x, y), shape [K, 2], int64; height [m], shape [K]; slope dz/dx, dz/dy, shape [K, 2].
+    """
+    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    is_flat = np.abs(normal[:, 2]) > STEEPEST_COSINE * np.linalg.norm(normal, axis=1)
+    triangles, normal = triangles[is_flat], normal[is_flat]
+    low = np.ceil(triangles[..., :2].min(axis=1) / cell_m - 0.5).astype(np.int64)
+    high = np.floor(triangles[..., :2].max(axis=1) / cell_m - 0.5).astype(np.int64)
+    width = np.maximum(high - low + 1, 0)
+    count = width.prod(axis=1)
+    _check_count(int(count.sum()), cell_m)
+    face = np.repeat(np.arange(len(triangles)), count)
+    number = np.arange(len(face)) - np.repeat(np.cumsum(count) - count, count)
+    column = low[face] + np.stack([number % width[face, 0], number // width[face, 0]], axis=1)
+    middle = (column + 0.5) * cell_m
+    inside = np.ones(len(face), dtype=bool)
+    for k in range(3):
+        a, b = triangles[face, k, :2], triangles[face, (k + 1) % 3, :2]
+        edge, to_middle = b - a, middle - a
+        turn = (edge[:, 0] * to_middle[:, 1] - edge[:, 1] * to_middle[:, 0]) * np.sign(normal[face, 2])
+        inside &= turn >= -1e-9 * np.linalg.norm(edge, axis=1)
+    face, column, middle = face[inside], column[inside], middle[inside]
+    slope = -normal[face, :2] / normal[face, 2:]
+    height = triangles[face, 0, 2] + np.einsum("kx,kx->k", slope, middle - triangles[face, 0, :2])
+    return column, height, slope
+
+
+def _upper(column: np.ndarray, height: np.ndarray) -> np.ndarray:
+    """Return the rows that are the upper surface of a level, sorted by row, column and from the top down."""
+    order = np.lexsort((-height, column[:, 0], column[:, 1]))
+    same = (np.diff(column[order], axis=0) == 0).all(axis=1) & (-np.diff(height[order]) < LEVEL_GAP_M)
+    return order[np.concatenate([[True], ~same])]
+
+
+def _shared(corner: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """Return heights in which the corners of neighbouring cells of one level have their mean.
+
+    Args:
+        corner: Grid point of each corner, shape [K, 2].
+        z: Height after the corner's own cell [m], shape [K].
+    """
+    order = np.lexsort((z, corner[:, 0], corner[:, 1]))
+    same = (np.diff(corner[order], axis=0) == 0).all(axis=1) & (np.diff(z[order]) < LEVEL_GAP_M)
+    group = np.concatenate([[0], np.cumsum(~same)])
+    mean = np.bincount(group, z[order]) / np.bincount(group)
+    shared = np.empty_like(z)
+    shared[order] = mean[group]
+    return shared

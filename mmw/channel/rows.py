@@ -1,0 +1,101 @@
+"""Rows of the tables of the radio channel."""
+
+import numpy as np
+import pyarrow as pa
+
+from mmw.channel.links import LINK_KINDS, Links
+from mmw.channel.paths import PATH_KINDS, PATH_LOS, Paths
+from mmw.scene.scene_data import SceneArrays
+from mmw.scene.table_rows import Columns, choices, names
+
+
+def link_rows(arrays: SceneArrays, links: Links, paths: Paths, weather: str) -> Columns:
+    """Return the `links` table: every link at every carrier, also those without a path."""
+    count, carriers = len(links), len(paths.carriers_hz)
+    is_los = np.zeros(count, dtype=bool)
+    is_los[paths.link[paths.kind == PATH_LOS]] = True
+    power = np.abs(paths.a[weather]) ** 2
+    doppler = paths.doppler_hz
+
+    def total(values: np.ndarray) -> np.ndarray:
+        out = np.empty((count, carriers))
+        for carrier in range(carriers):
+            out[:, carrier] = np.bincount(paths.link, weights=values[:, carrier], minlength=count)
+        return out
+
+    gain = total(power)
+    has = gain > 0
+    weight = np.where(has, gain, 1.0)
+
+    def moments(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        mean = total(power * values) / weight
+        spread = total(power * (values - mean[paths.link]) ** 2) / weight
+        return mean, np.sqrt(spread)
+
+    mean_delay, rms_delay = moments(np.broadcast_to(paths.tau[:, None], power.shape))
+    doppler_spread = moments(doppler)[1]
+    link, carrier = np.repeat(np.arange(count), carriers), np.tile(np.arange(carriers), count)
+
+    def optional(values: np.ndarray) -> pa.Array:
+        return pa.array(values[link, carrier], mask=~has[link, carrier])
+
+    return {
+        "frame": links.frame[link],
+        "agent": names(arrays, links.rx_actor[link]),
+        "peer": names(arrays, links.tx_actor[link]),
+        "carrier_hz": paths.carriers_hz[carrier],
+        "link": choices(LINK_KINDS, links.kind[link]),
+        "path_count": paths.count[link],
+        "is_los": is_los[link],
+        "gain_db": optional(10.0 * np.log10(weight)),
+        "mean_delay_s": optional(mean_delay),
+        "rms_delay_s": optional(rms_delay),
+        "doppler_spread_hz": optional(doppler_spread),
+    }
+
+
+def path_rows(arrays: SceneArrays, links: Links, paths: Paths, weather: str) -> Columns:
+    """Return the `paths` table: every path at every carrier."""
+    count, carriers = len(paths), len(paths.carriers_hz)
+    path, carrier = np.repeat(np.arange(count), carriers), np.tile(np.arange(carriers), count)
+    link = paths.link[path]
+    a, transfer = paths.a[weather][path, carrier], paths.transfer[weather][path, carrier]
+    is_there = paths.interaction[path] != 0
+    offsets = np.concatenate([[0], np.cumsum(is_there.sum(axis=1))]).astype(np.int32)
+
+    def lists(values: np.ndarray, width: int = 1) -> pa.Array:
+        flat = pa.array(np.ascontiguousarray(values[path][is_there]).reshape(-1))
+        ends = pa.array(offsets * np.int32(width))
+        return pa.ListArray.from_arrays(ends, flat, type=pa.list_(pa.field("element", flat.type, nullable=False)))
+
+    matrix = {
+        f"t_{to}{of}_{part}": np.ascontiguousarray(getattr(transfer[:, row, column], word))
+        for row, to in enumerate("tp")
+        for column, of in enumerate("tp")
+        for part, word in (("re", "real"), ("im", "imag"))
+    }
+    return {
+        "frame": links.frame[link],
+        "agent": names(arrays, links.rx_actor[link]),
+        "peer": names(arrays, links.tx_actor[link]),
+        "carrier_hz": paths.carriers_hz[carrier],
+        "path": paths.index[path],
+        "path_id": paths.path_id[path],
+        "kind": choices(PATH_KINDS, paths.kind[path]),
+        "order": paths.order[path],
+        "tau_s": paths.tau[path],
+        "a_re": np.ascontiguousarray(a.real),
+        "a_im": np.ascontiguousarray(a.imag),
+        **matrix,
+        "aod_az": paths.phi_t[path],
+        "aod_ze": paths.theta_t[path],
+        "aoa_az": paths.phi_r[path],
+        "aoa_ze": paths.theta_r[path],
+        "doppler_hz": paths.doppler_hz[path, carrier],
+        **{name: values[path, carrier].astype(np.float32) for name, values in paths.loss_db[weather].items()},
+        "interactions": lists(paths.interaction),
+        "vertices": lists(paths.vertex, 3),
+        "objects": lists(paths.object_id),
+        "materials": lists(paths.material_id),
+        "surfaces": lists(paths.surface),
+    }

@@ -1,0 +1,90 @@
+"""Tables of the radio channel."""
+
+import pyarrow as pa
+
+from mmw.storage.table_spec import F32, F64, I8, I32, I64, NAME, OWNED, TableSpec, column, list_of
+
+LINK = (
+    *OWNED,
+    column("peer", NAME, "", "transmitter of the link; `agent` is the receiver"),
+    column("carrier_hz", F64, "Hz", "carrier frequency"),
+)
+NO_PATH = "; null where the link has no path"
+
+LINKS = TableSpec(
+    "links",
+    "One radio link at one carrier; a link without any path has a row that says so.",
+    (
+        *LINK,
+        column("link", NAME, "", "v2i (from an RSU) or v2v (between CAVs)"),
+        column("path_count", I32, "count", "paths found, 0 or more"),
+        column("is_los", pa.bool_(), "", "true if the line of sight is free"),
+        column("gain_db", F64, "dB", "10 log10 of the sum of |a|^2 over the paths" + NO_PATH, nullable=True),
+        column("mean_delay_s", F64, "s", "mean of tau weighted by |a|^2" + NO_PATH, nullable=True),
+        column("rms_delay_s", F64, "s", "standard deviation of tau weighted by |a|^2" + NO_PATH, nullable=True),
+        column(
+            "doppler_spread_hz", F64, "Hz", "standard deviation of Doppler weighted by |a|^2" + NO_PATH, nullable=True
+        ),
+    ),
+    ("frame", "agent", "peer", "carrier_hz"),
+)
+
+PATHS = TableSpec(
+    "paths",
+    "One propagation path of one radio link at one carrier.",
+    (
+        *LINK,
+        column("path", I32, "index", "number of the path in its link, from 0; equal for all carriers and weathers"),
+        column("path_id", I64, "id", "the same in every frame, carrier and weather; a diffuse path lives in one frame"),
+        column("kind", NAME, "", "los, specular, transmission, diffuse or diffraction: the last of these on its way"),
+        column("order", I8, "count", "interactions on the way"),
+        column("tau_s", F64, "s", "absolute delay: path length over the speed of light"),
+        *(
+            column(
+                f"a_{part}",
+                F64,
+                "-",
+                f"{word} part of the coefficient, antenna patterns included, exp(-j 2 pi f tau) not",
+            )
+            for part, word in (("re", "real"), ("im", "imaginary"))
+        ),
+        *(
+            column(
+                f"t_{to}{of}_{part}",
+                F64,
+                "-",
+                f"{word} part of the transfer from the {name[of]} field at departure to the "
+                f"{name[to]} field at arrival, antenna patterns and exp(-j 2 pi f tau) not included",
+            )
+            for name in ({"t": "theta (zenith)", "p": "phi (azimuth)"},)
+            for to, of in ("tt", "tp", "pt", "pp")
+            for part, word in (("re", "real"), ("im", "imaginary"))
+        ),
+        column("aod_az", F64, "rad", "azimuth of departure from `peer`, world frame, -pi to pi"),
+        column("aod_ze", F64, "rad", "zenith angle of departure from `peer`, world frame, 0 to pi"),
+        column("aoa_az", F64, "rad", "azimuth of arrival at `agent`, towards the last vertex, world frame, -pi to pi"),
+        column(
+            "aoa_ze", F64, "rad", "zenith angle of arrival at `agent`, towards the last vertex, world frame, 0 to pi"
+        ),
+        column("doppler_hz", F64, "Hz", "Doppler shift; positive while the path gets shorter"),
+        *(
+            column(f"{name}_db", F32, "dB", f"loss by {word} that a and t hold; 10^(dB/20) times them is without it")
+            for name, word in (("rain", "rain"), ("fog", "fog"), ("gas", "oxygen and water vapour"))
+        ),
+        column(
+            "interactions", list_of(I8), "-", "each interaction: 1 specular, 2 diffuse, 4 transmission, 8 diffraction"
+        ),
+        column(
+            "vertices", list_of(F64), "m", "x, y, z of each interaction in turn, from `peer` to `agent`, world frame"
+        ),
+        column("objects", list_of(I32), "id", "object of each interaction, a row of `objects`"),
+        column("materials", list_of(I32), "id", "material of each interaction, a row of `materials`"),
+        column(
+            "surfaces",
+            list_of(I32),
+            "id",
+            "surface (of a diffraction: edge) of each interaction, the same in every frame",
+        ),
+    ),
+    ("frame", "agent", "peer", "carrier_hz", "path"),
+)

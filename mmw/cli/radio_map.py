@@ -1,0 +1,293 @@
+"""`mmw radiomap --config FILE`: path gain, RSS and SINR of a scenario's roadside units, as a table and a picture.
+
+Exit codes: 0 done, 2 bad configuration or input (one line a problem), 1 failure while running.
+"""
+
+import argparse
+import json
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from mmw import __version__
+from mmw.channel.antennas.arrays import AntennaArray
+from mmw.channel.radio_map.measurement_surface import MeasuringSurface, plane_grid, road_grid
+from mmw.channel.radio_map.solver import RadioMap, RadioMapConfig, Transmitters, actor_transmitters, radio_map
+from mmw.cli.command import add_log_options, run_command
+from mmw.config import CONFIG_HELP, Config, ScenarioConfig, config_path, load_config
+from mmw.core.bvh_kind import select_bvh
+from mmw.core.device import choose_device, device_name
+from mmw.core.errors import InputError
+from mmw.core.extras import needed_by
+from mmw.generation.estimate import check_inputs
+from mmw.generation.progress import si
+from mmw.scene.device_scene import Scene
+from mmw.scene.prepare import prepare_scenario, stored_stage
+from mmw.scene.reader import read_stage
+from mmw.scene.scene_data import SceneArrays
+from mmw.storage.atomic_files import publish_bytes
+from mmw.storage.manifest import DATASET
+
+
+def _column(name: str, type_: pa.DataType, unit: str, doc: str, *, nullable: bool = False) -> pa.Field:
+    return pa.field(name, type_, nullable=nullable, metadata={"unit": unit, "doc": doc})
+
+
+_NOTHING = "; null where nothing of it arrives"
+
+COLUMNS = (
+    _column("transmitter", pa.dictionary(pa.int32(), pa.string()), "-", "transmitter, an agent's name"),
+    _column("cell", pa.int32(), "id", "number of the cell; the same for every transmitter"),
+    _column("x", pa.float64(), "m", "x of the cell's middle, world frame"),
+    _column("y", pa.float64(), "m", "y of the cell's middle, world frame"),
+    _column("z", pa.float64(), "m", "z of the cell's middle, world frame"),
+    _column("area_m2", pa.float64(), "m^2", "area of the cell"),
+    _column(
+        "path_gain_db", pa.float64(), "dB",
+        "mean path gain to an ideal isotropic receiver, transmit antenna included" + _NOTHING, nullable=True,
+    ),
+    _column("rss_dbm", pa.float64(), "dBm", "mean received signal strength" + _NOTHING, nullable=True),
+    _column(
+        "sinr_db", pa.float64(), "dB",
+        "signal of this transmitter over thermal noise and all other transmitters" + _NOTHING, nullable=True,
+    ),
+)  # fmt: skip
+"""Columns of the table `radio_map`: one row a transmitter and cell."""
+
+
+def parser(prog: str = "mmw radiomap") -> argparse.ArgumentParser:
+    """Return the command line's parser."""
+    result = argparse.ArgumentParser(
+        prog=prog,
+        description="Trace a radio map: path gain, RSS and SINR of a scenario's roadside units over its roads or over "
+        "a plane, at one moment, vehicles included.",
+        epilog="Writes SCENARIO_radio_map.parquet and SCENARIO_radio_map.png (the picture needs the extra plot).",
+    )
+    result.add_argument("--config", required=True, metavar="FILE", help=CONFIG_HELP)
+    result.add_argument("overrides", nargs="*", metavar="key=value", help="replace values of the configuration")
+    result.add_argument("--scenario", default="", metavar="NAME", help="scenario; the first by default")
+    result.add_argument("--weather", default="", metavar="NAME", help="weather; the configuration's first by default")
+    result.add_argument("--frame", type=int, metavar="K", help="frame; the configuration's first by default")
+    result.add_argument("--carrier", type=float, default=28e9, metavar="HZ", help="carrier frequency [Hz]")
+    where = result.add_mutually_exclusive_group()
+    where.add_argument("--roads", action="store_true", help="measure over the roads, at a height above them (default)")
+    where.add_argument("--plane", action="store_true", help="measure on a level plane, its height counted from z = 0")
+    result.add_argument("--cell", type=float, default=2.0, metavar="M", help="side of a cell [m]")
+    result.add_argument("--height", type=float, default=1.5, metavar="M", help="height of the measuring surface [m]")
+    result.add_argument(
+        "--size", type=float, metavar="M", help="side of the square about the transmitters [m]; the town by default"
+    )
+    result.add_argument("--depth", type=int, default=3, metavar="N", help="most interactions of a ray")
+    result.add_argument("--rays", type=_count, default=10_000_000, metavar="N", help="rays of each transmitter")
+    result.add_argument(
+        "--refraction",
+        action=argparse.BooleanOptionalAction,
+        help="follow what passes through slabs; channel.refraction by default",
+    )
+    result.add_argument("--power", type=float, default=44.0, metavar="DBM", help="power of each transmitter [dBm]")
+    result.add_argument("--bandwidth", type=float, default=1e6, metavar="HZ", help="bandwidth of the noise [Hz]")
+    result.add_argument("--temperature", type=float, default=293.0, metavar="K", help="temperature of the noise [K]")
+    result.add_argument("--device", metavar="NAME", help="auto, cpu or cuda:N; compute.device by default")
+    result.add_argument("--out", type=Path, default=Path("radio_map"), metavar="DIR", help="folder for the files")
+    result.add_argument("--table-only", action="store_true", help="write no picture")
+    return add_log_options(result)
+
+
+def _count(text: str) -> int:
+    """Return a whole number that may be written as `1e7`."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = float("nan")
+    if not value.is_integer():
+        raise argparse.ArgumentTypeError(f"{text!r}: a whole number is needed, such as 1000000 or 1e6")
+    return int(value)
+
+
+def main(argv: Sequence[str] | None = None, prog: str = "mmw radiomap") -> int:
+    """Run the command line and return its exit code."""
+    arguments = parser(prog).parse_intermixed_args(argv)
+
+    def work() -> int:
+        for line in run(arguments):
+            print(line)
+        return 0
+
+    return run_command(work, prog, debug=arguments.debug, interrupted="interrupted; nothing was written")
+
+
+def run(arguments: argparse.Namespace) -> list[str]:
+    """Trace and write the map that a command line asks for.
+
+    Args:
+        arguments: What `parser` returns.
+
+    Returns:
+        Lines to print: what was traced how fast, and the files.
+
+    Raises:
+        ConfigError: If the configuration cannot be used.
+        InputError: If the scenario has no such weather or frame, or no transmitter, or the map is impossible.
+        OutOfSpaceError: If the disk is full.
+    """
+    path = config_path(arguments.config)
+    patch: dict[str, Any] = {"weathers": [arguments.weather]} if arguments.weather else {}
+    config = load_config(path, arguments.overrides, patch)
+    select_bvh(config.compute.bvh)
+    device = choose_device(arguments.device or config.compute.device)
+    scenario = _scenario(config, arguments.scenario)
+    check_inputs(config.model_copy(update={"scenarios": (scenario,)}), path.parent)
+    frame = config.frames_of(scenario).start if arguments.frame is None else arguments.frame
+    arrays = _arrays(config, scenario, frame, path.parent)
+    weather, channel = config.weathers[0], config.channel
+    transmitters = actor_transmitters(
+        arrays,
+        frame,
+        mount_m=channel.antenna_position_m["rsu"],
+        array=AntennaArray(pattern=channel.pattern, polarization=channel.polarization),
+        power_dbm=arguments.power,
+    )
+    surface = _surface(arguments, arrays, transmitters)
+    map_config = RadioMapConfig(
+        carrier_hz=arguments.carrier,
+        rays=arguments.rays,
+        max_depth=arguments.depth,
+        refraction=channel.refraction if arguments.refraction is None else arguments.refraction,
+        bandwidth_hz=arguments.bandwidth,
+        temperature_k=arguments.temperature,
+    )
+    scene = Scene(arrays, device, 1)
+    scene.load_batch([frame])
+    began = time.perf_counter()
+    result = radio_map(scene, 0, transmitters, surface, map_config, arrays.materials[weather])
+    seconds = time.perf_counter() - began
+    stem = arguments.out / f"{scenario.name}_radio_map"
+    meta = {
+        "scenario": scenario.name,
+        "weather": weather,
+        "frame": frame,
+        "surface": "plane" if arguments.plane else "roads",
+        "cell_m": arguments.cell,
+        "height_m": arguments.height,
+        "power_dbm": arguments.power,
+        **asdict(map_config),
+        "config_sha256": config.sha256(),
+        "mmw_version": __version__,
+        "device": device_name(device),
+    }
+    rays = len(transmitters) * map_config.rays
+    lines = [
+        f"{scenario.name}, {weather}, frame {frame}: {len(transmitters)} transmitter(s), "
+        f"{len(surface):,} cells, {si(rays)}rays in {seconds:.1f} s ({si(rays / seconds)}rays/s), {meta['device']}",
+        str(write_radio_map(result, stem.with_suffix(".parquet"), meta)),
+    ]
+    if not arguments.table_only:
+        with needed_by("the picture of a radio map (--table-only leaves it out)"):
+            from mmw.viz.plots.radio_map import plot_radio_map
+
+        over = "plane at" if arguments.plane else "roads +"
+        plot_radio_map(
+            result,
+            arrays,
+            frame,
+            stem.with_suffix(".png"),
+            f"{scenario.name}, {weather}, frame {frame}: {arguments.carrier / 1e9:g} GHz, {arguments.power:g} dBm, "
+            f"{over} {arguments.height:g} m, depth {map_config.max_depth}",
+        )
+        lines.append(str(stem.with_suffix(".png")))
+    return lines
+
+
+def radio_map_table(result: RadioMap) -> pa.Table:
+    """Return a map as a table of `COLUMNS`, transmitter by transmitter and cell by cell."""
+    count, cells = result.path_gain.shape
+    names = pa.DictionaryArray.from_arrays(
+        np.repeat(np.arange(count, dtype=np.int32), cells), result.transmitters.names
+    )
+    center = result.surface.center
+    columns: list[Any] = [names, np.tile(np.arange(cells, dtype=np.int32), count)]
+    columns += [np.tile(values, count) for values in (*center.T, result.surface.area)]
+    for values in (result.path_gain_db, result.rss_dbm, result.sinr_db):
+        columns.append(pa.array(values.ravel(), mask=~np.isfinite(values.ravel())))
+    return pa.Table.from_arrays([pa.array(values) for values in columns], schema=pa.schema(COLUMNS))
+
+
+def write_radio_map(result: RadioMap, path: Path, meta: dict[str, Any]) -> Path:
+    """Write a map as a Parquet file and return its path.
+
+    Args:
+        result: The map.
+        path: File; one that is there is replaced.
+        meta: What the map was made of; JSON under the file-level key `mmw.radio_map`.
+
+    Raises:
+        OutOfSpaceError: If the disk is full.
+    """
+    units = {
+        column.name: {key.decode(): value.decode() for key, value in (column.metadata or {}).items()}
+        for column in COLUMNS
+    }
+    keys = {"mmw.table": "radio_map", "mmw.columns": json.dumps(units), "mmw.radio_map": json.dumps(meta)}
+    table = radio_map_table(result).replace_schema_metadata(keys)
+    floats = [column.name for column in COLUMNS if pa.types.is_floating(column.type)]
+    sink = pa.BufferOutputStream()
+    pq.write_table(
+        table,
+        sink,
+        compression="zstd",
+        use_dictionary=["transmitter"],
+        column_encoding={**dict.fromkeys(floats, "BYTE_STREAM_SPLIT"), "cell": "DELTA_BINARY_PACKED"},
+    )
+    publish_bytes(path, memoryview(sink.getvalue()))
+    return path
+
+
+def _scenario(config: Config, name: str) -> ScenarioConfig:
+    names = [scenario.name for scenario in config.scenarios]
+    if name and name not in names:
+        raise InputError(f"--scenario {name}: the configuration has {', '.join(names)}; name one of them")
+    return config.scenarios[names.index(name) if name else 0]
+
+
+def _arrays(config: Config, scenario: ScenarioConfig, frame: int, base: Path) -> SceneArrays:
+    """Read one frame of the stage of a scenario: a dataset's own, or one made for the purpose."""
+    frames = config.frames_of(scenario)
+    if not frames.start <= frame < frames.stop:
+        raise InputError(
+            f"--frame {frame}: the configuration has frames {frames.start} to {frames.stop - 1}; "
+            "give one of them, or frames.count=..."
+        )
+    with tempfile.TemporaryDirectory(prefix="mmw_radio_map_") as folder:
+        is_dataset = (base / DATASET).is_file()
+        stage = stored_stage(base, scenario) if is_dataset else prepare_scenario(config, scenario, base, Path(folder))
+        return read_stage(
+            stage,
+            range(frame, frame + 1),
+            {weather: config.variants[weather] for weather in config.weathers[:1]},
+            roles=scenario.actor_roles,
+            material_map=scenario.material_map,
+        )
+
+
+def _surface(arguments: argparse.Namespace, arrays: SceneArrays, transmitters: Transmitters) -> MeasuringSurface:
+    """Return the measuring surface that a command line asks for."""
+    if arguments.size is not None and not arguments.size > 0.0:
+        raise InputError(
+            f"--size {arguments.size:g}: it must be above 0 m; give the side of the square, or leave it out"
+        )
+    if arguments.size is not None:
+        middle = transmitters.position[:, :2].mean(axis=0)
+        low, high = middle - arguments.size / 2.0, middle + arguments.size / 2.0
+    else:
+        low, high = arrays.points[:, :2].min(axis=0), arrays.points[:, :2].max(axis=0)
+    if arguments.plane:
+        return plane_grid([*(low + high) / 2.0, arguments.height], high - low, arguments.cell)
+    within = None if arguments.size is None else (*low, *high)
+    return road_grid(arrays, arguments.cell, arguments.height, within_m=within)

@@ -1,0 +1,78 @@
+"""`mmw verify`: is a dataset whole, as its configuration asks, and right."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+from mmw.cli.command import add_log_options, run_command
+from mmw.storage.file_checks import Finding, verify
+from mmw.storage.store import Root, store_of
+
+MOST_LINES = 40
+"""Findings that are printed."""
+
+
+def main(argv: Sequence[str], prog: str = "mmw verify") -> int:
+    """Run `mmw verify` and return its exit code: 0 nothing wrong, 1 something is, 2 no dataset."""
+    parser = argparse.ArgumentParser(
+        prog=prog,
+        description="Check every file of a dataset against its hash, its rows against the configuration, and some "
+        "frames against physics.",
+    )
+    parser.add_argument("dataset", help="dataset folder, or s3://bucket/folder")
+    parser.add_argument(
+        "--rerender", type=int, default=0, metavar="K", help="make K random rows again and compare them bit for bit"
+    )
+    parser.add_argument("--seed", type=int, default=0, help="which random rows")
+    parser.add_argument(
+        "--frames", type=int, default=5, metavar="N", help="frames of each scenario and weather held against physics"
+    )
+    parser.add_argument("--device", default="auto", help="auto, cpu or cuda:N, for --rerender")
+    arguments = add_log_options(parser).parse_args(argv)
+    return run_command(lambda: _verify(arguments), prog, debug=arguments.debug)
+
+
+def _verify(arguments: argparse.Namespace) -> int:
+    root = store_of(arguments.dataset)
+    findings = check(root, arguments.frames)
+    if arguments.rerender and not any(finding.is_error for finding in findings):
+        from mmw.generation.verification.reproducibility import rerender
+
+        findings += rerender(
+            root, arguments.rerender, seed=arguments.seed, device=arguments.device, tell=lambda line: print(line)
+        )
+    errors = [finding for finding in findings if finding.is_error]
+    leftovers = [finding for finding in findings if not finding.is_error]
+    for finding in (errors + leftovers)[:MOST_LINES]:
+        print(finding)
+    if len(findings) > MOST_LINES:
+        print(f"and {len(findings) - MOST_LINES} more")
+    if errors:
+        skipped = ", no row was made again" if arguments.rerender and errors[-1].kind != "remade" else ""
+        print(f"mmw: {root}: {len(errors)} things are wrong{skipped}", file=sys.stderr)
+        return 1
+    print(f"{root}: every file is there and unchanged; counts, keys and physics are right")
+    return 0
+
+
+def check(root: Root, frames_each: int) -> list[Finding]:
+    """Return what is wrong with files, then counts, then physics; physics only where files and counts are right.
+
+    Args:
+        root: Dataset.
+        frames_each: Frames of each scenario and weather that are held against physics.
+
+    Raises:
+        InputError: If the folder is not a dataset, or its configuration cannot be read.
+    """
+    findings = verify(root)
+    if any(finding.path == "dataset.json" for finding in findings):
+        return findings  # of another schema: nothing else can be judged
+    from mmw.generation.verification.completeness import check_plan
+    from mmw.generation.verification.physics import check_physics
+
+    known = {(finding.kind, finding.path) for finding in findings}
+    findings += [finding for finding in check_plan(root) if (finding.kind, finding.path) not in known]
+    if not any(finding.is_error for finding in findings):
+        findings += check_physics(store_of(root).address, frames_each)
+    return findings

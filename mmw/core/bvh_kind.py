@@ -1,0 +1,72 @@
+"""Select the BVH of this process: our own of four children a node, or Warp's."""
+
+import pkgutil
+from importlib import import_module
+
+import warp as wp
+
+import mmw.kernels
+from mmw.config.compute import BVH_KINDS, BVH_VARIABLE, default_bvh
+from mmw.core.errors import InputError
+from mmw.kernels.core import bvh as tree
+
+
+class _Choice:
+    """The choice of this process."""
+
+    kind = "wide"
+    """What `mmw.kernels` is set to."""
+    is_made = False
+    """Whether anybody chose it."""
+    is_built = False
+    """Whether there is a tree, so that kernels may have been compiled for its kind."""
+
+
+_flags: dict[str, str | None] = {}
+"""Compiler flags of the modules of kernels, where they are taken from them."""
+
+
+def select_bvh(kind: str) -> None:
+    """Choose the trees of this process, before it builds one; the same choice again changes nothing.
+
+    Args:
+        kind: `wide` for our own trees, `warp` for Warp's, without native code and with the compiler's plain flags.
+
+    Raises:
+        InputError: If there is no such kind, or this process has built a tree of the other.
+    """
+    if kind not in BVH_KINDS:
+        raise InputError(f"compute.bvh = {kind!r}; give {' or '.join(BVH_KINDS)}")
+    if kind != _Choice.kind:
+        if _Choice.is_built:
+            raise InputError(
+                f"compute.bvh = {kind!r}: this process has built a tree of kind {_Choice.kind!r}, and its kernels are "
+                f"compiled for one kind; start a new process, and set {BVH_VARIABLE} = {kind} for all that it does"
+            )
+        _compile_for(kind)
+    _Choice.kind, _Choice.is_made = kind, True
+
+
+def kind_to_build() -> str:
+    """Return the kind of the trees of this process, which no longer changes: a tree of it is about to be built.
+
+    Raises:
+        InputError: If nobody has chosen, and the environment names no kind.
+    """
+    if not _Choice.is_made:
+        select_bvh(default_bvh())
+    _Choice.is_built = True
+    return _Choice.kind
+
+
+def _compile_for(kind: str) -> None:
+    """Set all kernels to a kind; those that are compiled for the other are compiled again when they are launched."""
+    tree.WIDE = kind == "wide"
+    for info in pkgutil.walk_packages(mmw.kernels.__path__, "mmw.kernels."):
+        if info.ispkg:
+            continue
+        module = import_module(info.name)
+        if kind == "warp":
+            _flags[info.name] = wp.get_module(info.name).options["cpu_compiler_flags"]
+        # Warp reads a constant and the flags again for a module whose options were set.
+        wp.set_module_options({"cpu_compiler_flags": _flags[info.name] if kind == "wide" else None}, module=module)

@@ -1,0 +1,67 @@
+"""Optional packages: which extra of the distribution installs each, and the error for one that is missing.
+
+`mmw` on the package index is a program of other people; a message that named it would have users install that.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from mmw.core.errors import MissingPackageError
+
+DISTRIBUTION = "multimodal-wireless"
+"""Name of this project on the package index, `project.name` in pyproject.toml; the import name is `mmw`."""
+
+EXTRA_OF = {
+    "shapely": "author", "mapbox_earcut": "author", "scipy": "author",
+    "duckdb": "query", "pandas": "query",
+    "matplotlib": "plot",
+    "torch": "torch",
+    "transformers": "learn",
+    "rerun": "viz",
+    "libsumo": "sumo",
+    "ray": "ray",
+}  # fmt: skip
+"""Import name of an optional package -> extra that installs it."""
+
+
+def install(*extras: str) -> str:
+    """Return the shell command that installs this project with optional packages.
+
+    Args:
+        extras: Names under `project.optional-dependencies`, such as `plot`; none for the core alone.
+    """
+    return f"pip install '{DISTRIBUTION}[{','.join(extras)}]'" if extras else f"pip install {DISTRIBUTION}"
+
+
+def missing_package(error: ModuleNotFoundError, what: str = "this command") -> MissingPackageError | None:
+    """Return the error for an optional package that is not installed; None if another module is missing.
+
+    Args:
+        error: What the import raised.
+        what: What needs the package.
+    """
+    package = (error.name or "").partition(".")[0]
+    if package not in EXTRA_OF:
+        return None
+    return MissingPackageError(
+        f"{what} needs the package {package}, which is not installed; {install(EXTRA_OF[package])}"
+    )
+
+
+@contextmanager
+def needed_by(what: str) -> Iterator[None]:
+    """Import optional packages within the block, for something that needs them.
+
+    Args:
+        what: What needs them, such as `mmw.viz.plots`.
+
+    Raises:
+        MissingPackageError: If one of `EXTRA_OF` is not installed.
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        missing = missing_package(error, what)
+        if missing is None:
+            raise
+        raise missing from error

@@ -1,0 +1,29 @@
+"""Frequency ranges of the Recommendations: nothing is extrapolated beyond them."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from mmw.core.errors import InputError
+
+
+def ghz_within(carrier_hz: ArrayLike, low_ghz: float, high_ghz: float, what: str, source: str) -> np.ndarray:
+    """Return carrier frequencies in GHz, each inside a model's range; both ends belong to it.
+
+    Args:
+        carrier_hz: Carrier frequencies [Hz], any shape.
+        low_ghz: Lower end of the range [GHz].
+        high_ghz: Upper end of the range [GHz].
+        what: What is computed, for the error message.
+        source: Recommendation that gives the range.
+
+    Raises:
+        InputError: If a frequency is outside the range.
+    """
+    ghz = np.asarray(carrier_hz, dtype=np.float64) / 1e9
+    outside = ~((ghz >= low_ghz * (1 - 1e-12)) & (ghz <= high_ghz * (1 + 1e-12)))
+    if outside.any():
+        raise InputError(
+            f"{what}: no value at {ghz[outside].flat[0]:g} GHz; {source} holds from {low_ghz:g} to {high_ghz:g} GHz; "
+            "choose a carrier inside"
+        )
+    return ghz

@@ -1,0 +1,161 @@
+"""Random series that any frame can be asked of: white noise, random walk, and first-order Gauss-Markov noise.
+
+White noise is a function of (key, frame). A random walk and a Gauss-Markov series are sums over all earlier frames, so
+their values are drawn from coarse to fine instead: both ends of a span of 2^31 frames first, then the middle of the
+span, then the middles of its halves, and so on down to the frame. The middle of a span given its ends is normal for
+both processes, with a mean and a spread in closed form, so the values have exactly the law of the sums. Every node of
+the tree owns a counter of the generator. A frame costs 31 nodes and n consecutive frames about 2 n, however late they
+are, and no value depends on which frames are asked for together.
+
+Source: Brownian bridge, P. Levy, "Processus stochastiques et mouvement brownien" (1948); the middle of a first-order
+Gauss-Markov (Ornstein-Uhlenbeck) series follows from its correlation exp(-|t| / T) by conditioning a normal vector.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+DEPTH = 31
+"""Levels of the tree: frames from 0 to 2^31 - 1, what the tables' `frame` column can hold (248 days)."""
+
+ROUNDS = 10
+"""Rounds of Philox4x32; the authors' recommended number."""
+
+MULTIPLIERS = (np.uint64(0xD2511F53), np.uint64(0xCD9E8D57))
+"""Constants of Philox4x32's two multiplications."""
+
+WEYL_STEPS = (np.uint64(0x9E3779B9), np.uint64(0xBB67AE85))
+"""What Philox adds to the two words of the key after every round."""
+
+LOW, HIGH_SHIFT = np.uint64(0xFFFFFFFF), np.uint64(32)
+
+
+def philox(key: ArrayLike, counter: ArrayLike) -> np.ndarray:
+    """Return four independent 32-bit words for every key and counter, shape [..., 4], uint32.
+
+    Args:
+        key: Stream, two 32-bit words, shape [..., 2]; leading shapes broadcast.
+        counter: Place in the stream, four 32-bit words, shape [..., 4].
+
+    Source: Philox4x32-10, J. Salmon et al., "Parallel random numbers: as easy as 1, 2, 3" (2011).
+    """
+    k0, k1 = np.moveaxis(np.asarray(key, dtype=np.uint64), -1, 0)
+    c0, c1, c2, c3 = np.moveaxis(np.asarray(counter, dtype=np.uint64), -1, 0)
+    for _ in range(ROUNDS):
+        one, two = MULTIPLIERS[0] * c0, MULTIPLIERS[1] * c2
+        c0, c1 = (two >> HIGH_SHIFT) ^ c1 ^ k0, two & LOW
+        c2, c3 = (one >> HIGH_SHIFT) ^ c3 ^ k1, one & LOW
+        k0, k1 = (k0 + WEYL_STEPS[0]) & LOW, (k1 + WEYL_STEPS[1]) & LOW
+    return np.stack(np.broadcast_arrays(c0, c1, c2, c3), axis=-1).astype(np.uint32)
+
+
+def white_series(keys: ArrayLike, frames: ArrayLike, count: int) -> np.ndarray:
+    """Return independent standard normal numbers for every frame, shape [A, F, count].
+
+    Args:
+        keys: Keys of the streams, shape [A, 2], uint32, from `mmw.core.random_keys`.
+        frames: Frame numbers, 0 to 2^31 - 1, in any order, shape [F].
+        count: Numbers of a frame.
+
+    Raises:
+        ValueError: If a frame is out of range.
+    """
+    return _normal(keys, _checked(frames), 0, count)
+
+
+def random_walk(keys: ArrayLike, frames: ArrayLike, count: int) -> np.ndarray:
+    """Return random walks, 0 at frame 0, whose steps from frame to frame are independent standard normal numbers.
+
+    Args and Raises as `white_series`; shape [A, F, count].
+    """
+    half = 2.0 ** np.arange(-1, DEPTH)
+    return _bisect(keys, frames, count, np.full(DEPTH + 1, 0.5), np.sqrt(0.5 * half), 0.0, np.sqrt(2.0**DEPTH))
+
+
+def gauss_markov(keys: ArrayLike, frames: ArrayLike, count: int, correlation_frames: float) -> np.ndarray:
+    """Return stationary series of variance 1 whose values n frames apart correlate by exp(-n / correlation_frames).
+
+    Such a series follows x[k + 1] = p x[k] + sqrt(1 - p^2) N(0, 1) with p = exp(-1 / correlation_frames).
+
+    Args and Raises as `white_series`; shape [A, F, count].
+    """
+    half = 2.0 ** np.arange(-1, DEPTH) / correlation_frames
+    decay = np.exp(-half)
+    # Given both ends, p the correlation over half a span: mean p (left + right) / (1 + p^2), variance
+    # (1 - p^2) / (1 + p^2).
+    weight, spread = decay / (1.0 + decay**2), np.sqrt(np.tanh(half))
+    # The whole span may be short of the correlation time too: its right end leans on its left one.
+    whole = 2.0**DEPTH / correlation_frames
+    last, carry = float(np.sqrt(-np.expm1(-2.0 * whole))), float(np.exp(-whole))
+    return _bisect(keys, frames, count, weight, spread, 1.0, last, carry)
+
+
+def _bisect(
+    keys: ArrayLike,
+    frames: ArrayLike,
+    count: int,
+    weight: np.ndarray,
+    spread: np.ndarray,
+    first: float,
+    last: float,
+    carry: float = 1.0,
+) -> np.ndarray:
+    """Return the values of a tree at some frames, shape [A, F, count].
+
+    Args:
+        keys: As `white_series`.
+        frames: As `white_series`.
+        count: As `white_series`.
+        weight: Weight of both ends in the mean of the middle of a span of 2^level frames, shape [DEPTH + 1].
+        spread: Standard deviation of the middle about that mean, shape [DEPTH + 1].
+        first: Standard deviation of the value at frame 0.
+        last: Standard deviation of the value at frame 2^DEPTH about `carry` times the first.
+        carry: See `last`.
+    """
+    wanted, back = np.unique(_checked(frames), return_inverse=True)
+    spans = [wanted]  # of every level, from the frames up to the one span that holds all
+    for _ in range(DEPTH):
+        parents = spans[-1] >> 1
+        spans.append(parents[np.concatenate([np.ones(min(len(parents), 1), dtype=bool), np.diff(parents) > 0])])
+    stop = np.cumsum([0, *(len(span) for span in spans[1:])])
+    level = np.repeat(np.arange(1, DEPTH + 1), np.diff(stop))
+    draws = _normal(keys, np.concatenate(spans[1:]), level, count)  # one generator call for the whole tree
+    ends = _normal(keys, np.array([0, 1]), DEPTH + 1, count)
+    left = first * ends[:, :1]
+    right = carry * left + last * ends[:, 1:]
+    left, right = (np.repeat(end, len(spans[DEPTH]), axis=1) for end in (left, right))
+    for depth in range(DEPTH, 0, -1):
+        middle = weight[depth] * (left + right) + spread[depth] * draws[:, stop[depth - 1] : stop[depth]]
+        parent = np.searchsorted(spans[depth], spans[depth - 1] >> 1)
+        is_right = (spans[depth - 1] & 1).astype(bool)[:, None]
+        left, right = (
+            np.where(is_right, middle[:, parent], left[:, parent]),
+            np.where(is_right, right[:, parent], middle[:, parent]),
+        )
+    return left[:, back]
+
+
+def _normal(keys: ArrayLike, item: np.ndarray, level: ArrayLike, count: int) -> np.ndarray:
+    """Return standard normal numbers for every key and (item, level), shape [A, N, count].
+
+    Source: G. Box and M. Muller, "A note on the generation of random normal deviates" (1958).
+    """
+    draw = np.arange(-(-count // 4))
+    counter = np.zeros((len(item), len(draw), 4), dtype=np.uint64)
+    counter[..., 0] = item[:, None]
+    counter[..., 1] = draw
+    counter[..., 2] = np.broadcast_to(level, len(item))[:, None]
+    bits = philox(np.asarray(keys).reshape(-1, 1, 1, 2), counter)
+    uniform = (bits + 0.5) * 2.0**-32  # the middle of one of 2^32 cells: the logarithm never meets zero
+    radius, angle = np.sqrt(-2.0 * np.log(uniform[..., ::2])), 2.0 * np.pi * uniform[..., 1::2]
+    normal = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1)
+    return normal.reshape(*normal.shape[:2], 4 * len(draw))[..., :count]
+
+
+def _checked(frames: ArrayLike) -> np.ndarray:
+    frames = np.asarray(frames, dtype=np.int64).reshape(-1)
+    if len(frames) and not 0 <= frames.min() <= frames.max() < 2**DEPTH:
+        raise ValueError(
+            f"random series: frames {frames.min()} to {frames.max()}; a frame number is 0 to {2**DEPTH - 1}; "
+            "give frames of a recording"
+        )
+    return frames

@@ -1,0 +1,318 @@
+"""The tables of a dataset as Arrow, pandas and NumPy, read with the folders and row groups that a filter leaves."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+from urllib.parse import unquote
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.dataset as pds
+import pyarrow.fs as pafs
+
+from mmw.core.errors import InputError
+from mmw.core.extras import needed_by
+from mmw.dataset.files import check_names, damage_of, has_files, list_files
+from mmw.dataset.filesystem import find_storage, read_bytes
+from mmw.storage.file_checks import version_number
+from mmw.storage.manifest import DATASET, parse_dataset, read_dataset
+from mmw.storage.schemas import SCHEMA_VERSION, TABLES, table_spec
+
+if TYPE_CHECKING:
+    import duckdb
+    import pandas as pd
+
+    from mmw.channel.path_table import PathRows
+    from mmw.dataset.beams import BeamSearch
+    from mmw.dataset.frame import Frame
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """A dataset folder. Which files there are is looked up once; open it again after a run has added some."""
+
+    root: Path
+    """The folder; in `filesystem` where that is given."""
+    filesystem: pafs.FileSystem | None = None
+    """None for local files."""
+    _opened: dict[str, pds.Dataset] = field(default_factory=dict, compare=False, repr=False)
+    _parts: "dict[str, Parts]" = field(default_factory=dict, compare=False, repr=False)
+
+    @cached_property
+    def info(self) -> dict[str, Any]:
+        """`dataset.json`: schema version, configuration, its hash, versions."""
+        if self.filesystem is None:
+            return read_dataset(self.root)
+        return parse_dataset(read_bytes(self.root, DATASET, self.filesystem), self.root)
+
+    @cached_property
+    def tables(self) -> tuple[str, ...]:
+        """Names of the tables that have files."""
+        return tuple(name for name in TABLES if has_files(self.root, name, self.filesystem))
+
+    def arrow(self, table: str) -> pds.Dataset:
+        """Return a table as an Arrow dataset that skips the files of other scenarios and weathers.
+
+        Raises:
+            InputError: If the table is not known, has no file, its first file is damaged, or its folder holds others.
+        """
+        table_spec(table)
+        if table not in self.tables:
+            raise InputError(
+                f"{self.root}: table {table!r} has no file; it holds {', '.join(self.tables) or 'no table'}"
+            )
+        if table not in self._opened:
+            partitioning = pds.HivePartitioning.discover(infer_dictionary=True)
+            paths = self.check_files(table)
+            try:
+                opened = pds.dataset(
+                    paths, format="parquet", partitioning=partitioning, filesystem=self.filesystem,
+                    partition_base_dir=(self.root / table).as_posix(),
+                )  # fmt: skip
+            except (pa.ArrowException, OSError) as error:
+                raise self.damage(table, error) from error
+            missing = [name for name in table_spec(table).key if name not in opened.schema.names]
+            if missing:
+                raise self.damage(table, InputError(f"has no column {', '.join(missing)}"))
+            self._opened[table] = cast(pds.Dataset, opened)
+        return self._opened[table]
+
+    def read(
+        self,
+        table: str,
+        *,
+        columns: Sequence[str] | None = None,
+        scenario: str | None = None,
+        weather: str | None = None,
+        frames: range | None = None,
+        agent: str | None = None,
+        sensor: str | None = None,
+    ) -> pa.Table:
+        """Return the rows of a table, sorted by scenario, weather, frame and the rest of the table's key.
+
+        Args:
+            table: Table name.
+            columns: Columns to read; None reads all.
+            scenario: Only this scenario.
+            weather: Only this weather.
+            frames: Only these frames; a step is allowed.
+            agent: Only rows of this agent.
+            sensor: Only rows of this sensor.
+
+        Raises:
+            InputError: If the table or a column is not known or has no file, or a file is damaged, which is named.
+        """
+        given = {"scenario": scenario, "weather": weather, "agent": agent, "sensor": sensor}
+        self._check_columns(table, [*(columns or ()), *(name for name, value in given.items() if value is not None)])
+        conditions = [pds.field(name) == value for name, value in given.items() if value is not None]
+        if frames is not None:
+            conditions += [pds.field("frame") >= min(frames, default=0), pds.field("frame") <= max(frames, default=-1)]
+            if abs(frames.step) != 1:
+                conditions.append(pds.field("frame").isin(list(frames)))
+        expression = None
+        for condition in conditions:
+            expression = condition if expression is None else expression & condition
+        part = self._files(table, scenario, weather, frames)
+        try:
+            found = part.to_table(columns=list(columns) if columns else None, filter=expression)
+        except (pa.ArrowException, OSError) as error:
+            raise self.damage(table, error) from error
+        for field_ in table_spec(table).columns:
+            if not field_.nullable and field_.name in found.column_names and found[field_.name].null_count:
+                raise self.damage(table, InputError(f"{field_.name} is null in some rows"))  # a file does not have it
+        return found
+
+    def _files(self, name: str, scenario: str | None, weather: str | None, frames: range | None) -> pds.Dataset:
+        """Return a table without the files that, by folder and number, cannot hold what is asked for.
+
+        Readers would open the footer of every file of the weather to find one frame; the number of a file is its first
+        frame, and the next file's number is one past its last, or less.
+        """
+        table = self.arrow(name)
+        if frames is None or not isinstance(table, pds.FileSystemDataset):
+            return table
+        if name not in self._parts:
+            self._parts[name] = framed_parts(table)
+        wanted = []
+        first, last = min(frames, default=0), max(frames, default=-1)
+        for (of_scenario, of_weather), some in self._parts[name].items():
+            if scenario in (None, of_scenario) and weather in (None, of_weather):
+                ends = [begin for begin, _ in some[1:]] + [last + 1]
+                wanted += [part for (begin, part), end in zip(some, ends, strict=True) if begin <= last and first < end]
+        return pds.FileSystemDataset(wanted, table.schema, table.format, table.filesystem)
+
+    def pandas(self, table: str, **where: Any) -> "pd.DataFrame":
+        """Return rows of a table as a pandas DataFrame; list columns hold NumPy arrays.
+
+        Args:
+            table: Table name.
+            where: `columns`, `scenario`, `weather`, `frames`, `agent` and `sensor` of `read`.
+
+        Raises:
+            InputError: As `read`.
+            MissingPackageError: If pandas is not installed.
+        """
+        with needed_by("Dataset.pandas"):
+            return self.read(table, **where).to_pandas()
+
+    def numpy(self, table: str, **where: Any) -> dict[str, np.ndarray]:
+        """Return rows of a table as one array a column, shape [rows].
+
+        Names are text, nulls of number columns NaN; lists and images are object arrays of arrays and mappings.
+
+        Args:
+            table: Table name.
+            where: As of `pandas`.
+
+        Raises:
+            InputError: As `read`.
+        """
+        return {name: _to_numpy(column) for name, column in _named(self.read(table, **where))}
+
+    def frame(self, scenario: str, weather: str, frame: int) -> "Frame":
+        """Return one frame: all agents with poses, sweeps, images, boxes, links and paths, read as they are used.
+
+        Raises:
+            InputError: If the dataset has no such frame.
+        """
+        from mmw.dataset.frame import Frame
+
+        found = Frame(self, scenario, weather, int(frame))
+        found.row  # noqa: B018 - fails now, with what there is, if there is no such frame
+        return found
+
+    def paths(
+        self, carrier_hz: float, *, scenario: str | None = None, weather: str | None = None, frames: range | None = None
+    ) -> "PathRows":
+        """Return the radio paths of all links at one carrier, links without any path included, see `docs/csi.md`.
+
+        Raises:
+            InputError: If there is no channel in the dataset, or no such carrier.
+        """
+        from mmw.channel.path_table import LINK_COLUMNS, PATH_COLUMNS, PathRows
+
+        def rows(table: str, columns: tuple[str, ...]) -> pa.Table:
+            return self.read(table, columns=columns, scenario=scenario, weather=weather, frames=frames)
+
+        return PathRows.from_table(rows("paths", PATH_COLUMNS), carrier_hz, rows("links", LINK_COLUMNS))
+
+    def connect(self, search: "BeamSearch | None" = None) -> "duckdb.DuckDBPyConnection":
+        """Return a DuckDB connection with one view a table and the views and functions of `docs/query.md`.
+
+        Args:
+            search: Arrays, codebooks and band of the function `best_beam`; the paper's by default.
+
+        Raises:
+            InputError: If the folder holds no table, or a file is damaged.
+            ImportError: If DuckDB is not installed.
+        """
+        from mmw.dataset.sql import make_connection
+
+        return make_connection(self, search)
+
+    def check_files(self, table: str) -> list[str]:
+        """Return the paths of a table's files.
+
+        Raises:
+            InputError: If its folder may not be read, or holds a file that is none of a dataset.
+        """
+        paths = list_files(self.root, table, self.filesystem)
+        check_names(self.root, table, paths)
+        return paths
+
+    def damage(self, table: str, error: Exception) -> InputError:
+        """Return an error that names the first file of a table that cannot be read."""
+        return damage_of(self.root, table, self.filesystem, error)
+
+    def _check_columns(self, table: str, names: Sequence[str]) -> None:
+        """Check that the files of a table, by the first, have columns; reading all of them to find out takes long.
+
+        Raises:
+            InputError: If one is missing.
+        """
+        known = self.arrow(table).schema.names
+        missing = [name for name in names if name not in known]
+        if not missing:
+            return
+        raise InputError(
+            f"{self.root}: table {table!r}: has no column {', '.join(missing)}; it has {', '.join(known)}; name these"
+        )
+
+
+_PART = re.compile(r"/scenario=([^/]+)/weather=([^/]+)/part-(\d+)\.parquet$")
+
+Parts = dict[tuple[str, str], list[tuple[int, pds.ParquetFileFragment]]]
+"""Scenario and weather -> first frame and file of each shard, by frame."""
+
+
+def framed_parts(table: pds.FileSystemDataset) -> Parts:
+    """Return the files of a framed table by the folders and the number that their names hold.
+
+    Raises:
+        InputError: If a file has another name.
+    """
+    found: Parts = {}
+    for fragment in table.get_fragments():
+        named = _PART.search(fragment.path)
+        if named is None:
+            raise InputError(f"{fragment.path}: no file of a dataset has this name; move it away")
+        scenario, weather, begin = named.groups()
+        found.setdefault((unquote(scenario), unquote(weather)), []).append((int(begin), fragment))
+    for some in found.values():
+        some.sort(key=lambda item: item[0])
+    return found
+
+
+def open_dataset(root: str | Path, filesystem: Any = None) -> Dataset:
+    """Return the dataset in a folder.
+
+    Args:
+        root: Folder, or a URI such as `s3://bucket/folder`.
+        filesystem: A pyarrow or fsspec filesystem in which `root` is a path; None finds it from `root`.
+
+    Raises:
+        InputError: If the folder is not a dataset, or one of a schema that this version cannot read.
+    """
+    place, found = find_storage(root, filesystem)
+    dataset = Dataset(cast(Path, place), found)
+    written = dataset.info["schema_version"]
+    try:
+        major = version_number(written)[0]
+    except InputError as error:
+        raise InputError(f"{dataset.root / DATASET}: {error}") from error
+    if major != version_number(SCHEMA_VERSION)[0]:
+        raise InputError(
+            f"{dataset.root / DATASET}: schema {written}; this mmw reads {SCHEMA_VERSION}; use the mmw that made it"
+        )
+    return dataset
+
+
+def connect(
+    root: str | Path, filesystem: Any = None, search: "BeamSearch | None" = None
+) -> "duckdb.DuckDBPyConnection":
+    """Return a DuckDB connection to the dataset in a folder, see `Dataset.connect` and `open_dataset`."""
+    return open_dataset(root, filesystem).connect(search)
+
+
+def _named(table: pa.Table) -> list[tuple[str, pa.ChunkedArray]]:
+    return [(name, table.column(name)) for name in table.column_names]
+
+
+def _to_numpy(column: pa.ChunkedArray) -> np.ndarray:
+    """Return a column as an array, see `Dataset.numpy`."""
+    if pa.types.is_dictionary(column.type):
+        column = column.cast(pa.string())
+    if pa.types.is_list(column.type):
+        rows = np.empty(len(column), dtype=object)
+        for index, row in enumerate(column):
+            values = row.values
+            rows[index] = None if values is None else values.to_numpy(zero_copy_only=False)
+        return rows
+    if pa.types.is_struct(column.type):
+        rows = np.empty(len(column), dtype=object)
+        rows[:] = column.to_pylist()
+        return rows
+    return column.to_numpy()

@@ -1,0 +1,150 @@
+"""Scenes and materials of DeepMIMO scenarios: triangles of the static town, or boxes of vehicles and people.
+
+A mesh scene is `vertices.npz` (V x 3), `faces.npz` and `materials.npz` (for each object: triangles and their materials)
+and `objects.json`. DeepMIMO allows one object of label `terrain`, so all ground is one object.
+
+Source: DeepMIMO 4.0.5, `core/scene.py`, `core/materials.py`.
+"""
+
+import json
+from collections import defaultdict
+from collections.abc import Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mmw.core.constants import VACUUM_PERMITTIVITY
+from mmw.core.transforms import transform_points
+from mmw.dataset import Dataset
+from mmw.dataset.export.exporter import Part
+from mmw.dataset.export.read_sensors import box_corners, box_pose, by_frame, rows_of
+from mmw.physics.materials.material import RadioMaterial
+from mmw.physics.materials.permittivity import relative_permittivity
+from mmw.storage.manifest import CONFIG
+
+GROUND = ("road", "road_line", "sidewalk", "terrain", "ground", "water", "rail_track")
+"""Our classes that are DeepMIMO's one terrain object."""
+LABELS = {"building": "buildings", "wall": "buildings", "bridge": "buildings", "vegetation": "vegetation"}
+"""Our class -> DeepMIMO's label; every other class is `objects`."""
+BOX_FACES = np.array(
+    [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
+     [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]], dtype=np.int32,
+)  # fmt: skip
+"""Outward triangles of a box with the corners of `mmw.dataset.export.read_sensors.box_corners`."""
+MARGIN = 50.0
+"""How far the ground reaches beyond the boxes [m]; design value."""
+PERFECT_CONDUCTOR = 1e7
+"""Conductivity that stands for a perfect conductor, as in ITU-R P.2040's metal [S/m]."""
+Mesh = tuple[str, str, np.ndarray, np.ndarray]
+"""An object of a scene: label, name, triangles [T, 3] and their materials [T]."""
+SCATTERING = {"lambertian": "lambertian", "directive": "directive", "backscattering": "directive"}
+"""Our scattering pattern -> DeepMIMO's model."""
+
+
+def material_list(dataset: Dataset, part: Part, carrier_hz: float) -> dict[str, dict[str, Any]]:
+    """Return DeepMIMO's materials of a scenario in one weather, permittivity and conductivity at the carrier."""
+    result = {}
+    for row in dataset.read("materials", scenario=part.scenario, weather=part.weather).to_pylist():
+        radio = RadioMaterial(
+            model=row["model"],
+            itu=row["itu"] or "",
+            relative_permittivity=row["relative_permittivity"],
+            conductivity=row["conductivity"],
+        )
+        eps = relative_permittivity(radio, carrier_hz, row["name"])
+        conductivity = -eps.imag * 2.0 * np.pi * carrier_hz * VACUUM_PERMITTIVITY
+        result[f"material_{row['material_id']}"] = {
+            "id": row["material_id"],
+            "name": row["name"],
+            "permittivity": eps.real,
+            "conductivity": conductivity if np.isfinite(conductivity) else PERFECT_CONDUCTOR,
+            "scattering_model": SCATTERING[row["scattering_pattern"]] if row["scattering"] else "none",
+            "scattering_coefficient": row["scattering"],
+            "cross_polarization_coefficient": row["xpd"],
+            "alpha_r": float(row["alpha_r"]),
+            "alpha_i": float(row["alpha_i"]),
+            "lambda_param": row["lobe_share"],
+            "thickness": row["thickness"],
+        }
+    return result
+
+
+def write_town(dataset: Dataset, part: Part, folder: Path) -> None:
+    """Write the static town of a scenario, one object a prim and one for all the ground."""
+    points, objects = _town(dataset.root, part.scenario)
+    _write(folder, points, objects)
+
+
+def write_actors(dataset: Dataset, part: Part, folders: Sequence[Path]) -> None:
+    """Write boxes of vehicles and people in each frame, and a plane of ground below them.
+
+    Objects are in the order of their ids, so that DeepMIMO can follow them from frame to frame while all are present.
+
+    Args:
+        dataset: The dataset.
+        part: Scenario, weather and frames.
+        folders: Folder of each frame.
+    """
+    names = ["object_id", "x", "y", "z", "yaw", "pitch", "roll", "length", "width", "height"]
+    rows = by_frame(rows_of(dataset, "boxes", part.scenario, part.weather, part.frames, names))
+    corners = {
+        frame: np.array([transform_points(box_pose(row), box_corners(row)) for row in found])
+        for frame, found in rows.items()
+    }
+    every = np.concatenate([*corners.values()] or [np.zeros((1, 8, 3))]).reshape(-1, 3)
+    low, high = every.min(axis=0), every.max(axis=0)
+    ground = [[x, y, low[2]] for x in (low[0] - MARGIN, high[0] + MARGIN) for y in (low[1] - MARGIN, high[1] + MARGIN)]
+    plane = ("terrain", "ground", np.array([[0, 2, 3], [0, 3, 1]], dtype=np.int32), np.zeros(2, dtype=np.int32))
+    for frame, folder in zip(part.frames, folders, strict=True):
+        boxes = sorted(
+            zip(rows.get(frame, []), corners.get(frame, ()), strict=True), key=lambda box: box[0]["object_id"]
+        )
+        objects = [
+            ("objects", f"object_{row['object_id']}", BOX_FACES + 4 + 8 * index, np.zeros(12, dtype=np.int32))
+            for index, (row, _) in enumerate(boxes)
+        ]
+        points = np.concatenate([np.array(ground), *(found for _, found in boxes)])
+        _write(folder, points, [plane, *objects])
+
+
+@lru_cache(maxsize=1)
+def _town(root: Path, name: str) -> tuple[np.ndarray, list[Mesh]]:
+    """Return vertices and objects of a scenario's static town; scenarios stand together in the order of tasks."""
+    from mmw.config import load_config  # USD and Warp take seconds to load, which no other format needs
+    from mmw.scene.prepare import stored_stage
+    from mmw.scene.reader import read_stage
+
+    config = load_config(root / CONFIG)
+    scenario = next(found for found in config.scenarios if found.name == name)
+    frames, weather = config.frames_of(scenario), config.weathers[0]
+    arrays = read_stage(
+        stored_stage(root, scenario),
+        range(frames.start, frames.start + 1),
+        {weather: config.variants[weather]},
+        roles=scenario.actor_roles,
+        material_map=scenario.material_map,
+    )
+    found = {thing.object_id: thing for thing in arrays.objects}
+    faces: dict[tuple[str, str], list[np.ndarray]] = defaultdict(list)
+    order = np.argsort(arrays.object_id, kind="stable")
+    starts = np.flatnonzero(np.diff(arrays.object_id[order])) + 1
+    for rows in np.split(order, starts):
+        thing = found[int(arrays.object_id[rows[0]])]
+        is_ground = thing.label in GROUND
+        key = ("terrain", "ground") if is_ground else (LABELS.get(thing.label, "objects"), thing.prim_path)
+        faces[key].append(rows)
+    joined = {key: np.concatenate(rows) for key, rows in faces.items()}
+    meshes = [(label, path, arrays.faces[rows], arrays.material[rows]) for (label, path), rows in joined.items()]
+    return arrays.points, meshes
+
+
+def _write(folder: Path, points: np.ndarray, objects: list[Mesh]) -> None:
+    """Write a mesh scene."""
+    np.savez_compressed(folder / "vertices.npz", vertices=points)
+    np.savez_compressed(folder / "faces.npz", **{str(key): faces for key, (_, _, faces, _) in enumerate(objects)})
+    np.savez_compressed(folder / "materials.npz", **{str(key): use for key, (_, _, _, use) in enumerate(objects)})
+    entries = [{"name": name, "label": label, "id": key, "mesh_key": str(key)}
+               for key, (label, name, _, _) in enumerate(objects)]  # fmt: skip
+    (folder / "objects.json").write_text(json.dumps(entries, indent=1) + "\n", encoding="utf-8")

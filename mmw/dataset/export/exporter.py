@@ -1,0 +1,324 @@
+"""What an exporter is made of, and the loop that runs one: tasks that can be made again alone, markers, progress.
+
+An exporter is a module with one `FORMAT`. Its `tasks` plans the work from the small tables; each task writes its files,
+with their final relative paths, into a folder of its own, and `export` moves them into place:
+
+    OUT/_export.json         what is exported: format, dataset, selection, options; another one is refused
+    OUT/_done/TASK.json      the files of a task that is done, written last
+    .OUT.TASK.tmp/           files of the task that is being made, beside OUT
+
+A task that was killed leaves no marker, so the same command makes it again.
+"""
+
+import json
+import re
+import shutil
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from mmw.core.errors import InputError
+from mmw.core.progress_bar import Progress
+from mmw.dataset import Dataset, open_dataset
+from mmw.dataset.export.registry import load_format
+from mmw.storage.atomic_files import publish_bytes
+
+STATE = "_export.json"
+"""What the folder holds an export of."""
+DONE = "_done"
+"""Folder of the markers, one a task."""
+FINISHED = "finish"
+"""Marker of a format's last step, which no task may be called."""
+
+FRAME_RATE_HZ = 100
+"""Frames a second of every dataset."""
+
+Options = Mapping[str, str]
+"""Every option of a format, given or by default."""
+
+
+@dataclass(frozen=True)
+class Option:
+    """One `name=value` that a format takes."""
+
+    name: str
+    default: str
+    summary: str
+    """One line: what it does."""
+    choices: tuple[str, ...] = ()
+    """Values that it may have; any if empty."""
+
+
+@dataclass(frozen=True)
+class Selection:
+    """What a user picked of a dataset. An empty tuple is all."""
+
+    scenarios: tuple[str, ...] = ()
+    weathers: tuple[str, ...] = ()
+    agents: tuple[str, ...] = ()
+    frames: range | None = None
+
+
+@dataclass(frozen=True)
+class Task:
+    """One unit of an export that can be made again alone."""
+
+    name: str
+    """Deterministic, unique in the export, letters, digits and `_.-=`: the file name of its marker."""
+    run: Callable[[Path], None]
+    """Writes the files under the folder it is given, with their final paths relative to it."""
+
+
+@dataclass(frozen=True)
+class Format:
+    """A format to export to."""
+
+    name: str
+    summary: str
+    """One line."""
+    losses: tuple[str, ...]
+    """What the format cannot hold, one line each."""
+    tasks: Callable[[Dataset, Selection, Options], list[Task]]
+    """Plans the work; raises InputError if the dataset does not have what the format needs."""
+    finish: Callable[[Dataset, Selection, Path], None] | None = None
+    """Last step in the finished folder, after every task; it must be possible to repeat it."""
+    options: tuple[Option, ...] = ()
+
+
+@dataclass(frozen=True)
+class Part:
+    """What is picked of one scenario in one weather."""
+
+    scenario: str
+    weather: str
+    frames: tuple[int, ...]
+    """Ascending."""
+    agents: tuple[str, ...]
+    """CAVs before roadside units, each in the order of their names."""
+
+
+def export(
+    root: str | Path,
+    format_name: str,
+    out: str | Path,
+    selection: Selection = Selection(),
+    options: Options | None = None,
+) -> None:
+    """Write a dataset, or a part of it, in another format; what is there already is not made again.
+
+    Args:
+        root: Dataset folder, or a URI such as s3://bucket/folder.
+        format_name: A key of `mmw.dataset.export.registry.MODULES`.
+        out: Folder to write; made if it does not exist.
+        selection: What to export.
+        options: The format's options that differ from their defaults.
+
+    Raises:
+        InputError: If the format, the selection or an option is not known, the dataset does not have what the format
+            needs, or `out` holds something else: other files, or the export of another dataset, selection or options.
+        OutOfSpaceError: If the disk is full; the same call resumes.
+    """
+    dataset, out = open_dataset(root), Path(out).resolve()
+    form = load_format(format_name)
+    values = checked_options(form, options or {})
+    is_local = dataset.filesystem is None
+    if is_local and (out == dataset.root or dataset.root in out.parents or out in dataset.root.parents):
+        raise InputError(f"{out}: overlaps the dataset {dataset.root}; an export needs a folder of its own; give one")
+    tasks = form.tasks(dataset, selection, values)
+    _check_names(form, tasks)
+    _take_up(out, _state(dataset, form, selection, values, tasks))
+    pending = [task for task in tasks if not _is_done(out, task.name)]
+    with Progress(f"{form.name} -> {out}", len(tasks), len(tasks) - len(pending)) as progress:
+        for task in pending:
+            _make(out, task)
+            progress.advance(task.name)
+        if form.finish is not None and (pending or not _is_done(out, FINISHED)):
+            form.finish(dataset, selection, out)
+            publish_bytes(_marker(out, FINISHED), b'{"files": {}}\n')
+
+
+def checked_options(form: Format, given: Options) -> Options:
+    """Return every option of a format, those that are not given by default.
+
+    Raises:
+        InputError: If an option is not known or cannot have the value.
+    """
+    known = {option.name: option for option in form.options}
+    for name, value in given.items():
+        if name not in known:
+            raise InputError(
+                f"{form.name}: option {name!r} is not known; it takes {', '.join(known) or 'no option'}; leave it out"
+            )
+        choices = known[name].choices
+        if choices and value not in choices:
+            raise InputError(f"{form.name}: {name}={value}: is not known; give one of {', '.join(choices)}")
+    return {option.name: given.get(option.name, option.default) for option in form.options}
+
+
+def frame_step(form: str, name: str, options: Options) -> int:
+    """Return every how many frames a rate option [Hz] picks one.
+
+    Raises:
+        InputError: If the rate does not divide the frame rate.
+    """
+    text = options[name]
+    if not text.isdecimal() or int(text) == 0 or FRAME_RATE_HZ % int(text):
+        rates = ", ".join(str(rate) for rate in range(1, FRAME_RATE_HZ + 1) if FRAME_RATE_HZ % rate == 0)
+        raise InputError(
+            f"{form}: {name}={text}: a rate that divides {FRAME_RATE_HZ} Hz is needed; give one of {rates}"
+        )
+    return FRAME_RATE_HZ // int(text)
+
+
+def require(dataset: Dataset, form: str, *tables: str, hint: str = "record it, or choose another format") -> None:
+    """Check that a dataset has tables.
+
+    Raises:
+        InputError: If one is missing.
+    """
+    for table in tables:
+        if table not in dataset.tables:
+            raise InputError(f"{dataset.root}: has no table {table!r}, which {form} needs; {hint}")
+
+
+def parts(dataset: Dataset, selection: Selection, step: int = 1) -> list[Part]:
+    """Return what a selection picks, scenario by scenario and weather by weather, in the order of their names.
+
+    Args:
+        dataset: The dataset.
+        selection: What the user picked.
+        step: Take only frames that are multiples of it: every camera's `every_frames` counts from frame 0 too.
+
+    Raises:
+        InputError: If the dataset has no such scenario, weather or agent, or nothing is left.
+    """
+    require(dataset, "every export", "frames", "poses")
+    picked: dict[tuple[str, str], list[int]] = {}
+    rows = dataset.read("frames", columns=["scenario", "weather", "frame"])
+    for scenario, weather, frame in zip(*(rows[name].to_pylist() for name in rows.column_names), strict=True):
+        picked.setdefault((scenario, weather), []).append(frame)
+    _check_known(dataset, "scenario", selection.scenarios, {scenario for scenario, _ in picked})
+    _check_known(dataset, "weather", selection.weathers, {weather for _, weather in picked})
+    agents = _agents(dataset)
+    _check_known(dataset, "agent", selection.agents, {name for names in agents.values() for name in names})
+    result = []
+    for (scenario, weather), frames in sorted(picked.items()):
+        wanted = [
+            frame
+            for frame in sorted(frames)
+            if frame % step == 0 and (selection.frames is None or frame in selection.frames)
+        ]
+        names = [name for name in agents[scenario] if not selection.agents or name in selection.agents]
+        is_wanted = scenario in (selection.scenarios or (scenario,)) and weather in (selection.weathers or (weather,))
+        if is_wanted and wanted and names:
+            result.append(Part(scenario, weather, tuple(wanted), tuple(names)))
+    if not result:
+        every = f", one frame in {step}" if step > 1 else ""
+        raise InputError(
+            f"{dataset.root}: nothing is left of {selection}{every}; pick more scenarios, agents or frames"
+        )
+    return result
+
+
+def _agents(dataset: Dataset) -> dict[str, list[str]]:
+    """Return the agents of each scenario, CAVs first; numbers in names count as numbers."""
+    found: dict[str, set[tuple[bool, tuple[Any, ...], str]]] = {}
+    table = dataset.read("poses", columns=["scenario", "agent", "role"]).group_by(["scenario", "agent", "role"])
+    for row in table.aggregate([]).to_pylist():
+        pieces = tuple((not piece.isdigit(), int(piece) if piece.isdigit() else piece)
+                       for piece in re.split(r"(\d+)", row["agent"]))  # fmt: skip
+        found.setdefault(row["scenario"], set()).add((row["role"] != "cav", pieces, row["agent"]))
+    return {scenario: [name for *_, name in sorted(names)] for scenario, names in found.items()}
+
+
+def _check_known(dataset: Dataset, kind: str, given: tuple[str, ...], known: set[str]) -> None:
+    for name in given:
+        if name not in known:
+            raise InputError(f"{kind}={name}: {dataset.root} has {', '.join(sorted(known))}; give one of them")
+
+
+def _check_names(form: Format, tasks: list[Task]) -> None:
+    names = [task.name for task in tasks]
+    for name in names:
+        if not re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_.=-]*", name) or name == FINISHED:
+            raise InputError(f"{form.name}: task {name!r}: is no file name; letters, digits and _.=- are needed")
+    if len(set(names)) != len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise InputError(f"{form.name}: task {twice!r}: stands twice; every task needs its own name")
+
+
+def _state(dataset: Dataset, form: Format, selection: Selection, options: Options, tasks: list[Task]) -> dict[str, Any]:
+    picked = asdict(selection)
+    frames = selection.frames
+    picked["frames"] = [frames.start, frames.stop, frames.step] if frames is not None else None
+    return {
+        "format": form.name,
+        "dataset": dataset.info["config_sha256"],
+        "selection": json.loads(json.dumps(picked)),
+        "options": dict(options),
+        "tasks": sorted(task.name for task in tasks),
+    }
+
+
+def _take_up(out: Path, state: dict[str, Any]) -> None:
+    """Make the folder, or check that it holds an unfinished export of the same thing.
+
+    Raises:
+        InputError: If it holds something else.
+    """
+    path = out / STATE
+    if out.exists() and not out.is_dir():
+        raise InputError(f"{out}: is a file; a folder is needed; give another one")
+    if not path.is_file():
+        if out.is_dir() and any(out.iterdir()):
+            raise InputError(
+                f"{out}: holds files that are no export; an empty or new folder is needed; give another one"
+            )
+        publish_bytes(path, (json.dumps(state, indent=1) + "\n").encode())
+        return
+    try:
+        old = json.loads(path.read_text(encoding="utf-8"))
+    except json.JSONDecodeError as error:
+        raise InputError(f"{path}: {error}; the file is damaged; remove the folder and export again") from error
+    for name, value in state.items():
+        if old.get(name) != value:
+            raise InputError(
+                f"{out}: holds an export with another {name}: {_short(old.get(name))}, not {_short(value)}; "
+                "give another folder, or remove this one"
+            )
+
+
+def _short(value: Any) -> str:
+    text = json.dumps(value)
+    return text if len(text) <= 80 else f"{text[:77]}..."
+
+
+def _marker(out: Path, name: str) -> Path:
+    return out / DONE / f"{name}.json"
+
+
+def _is_done(out: Path, name: str) -> bool:
+    """True if a task has a marker and its files are there in the sizes that it says."""
+    try:
+        files = json.loads(_marker(out, name).read_text(encoding="utf-8"))["files"]
+    except (FileNotFoundError, json.JSONDecodeError):
+        return False
+    return all((out / path).is_file() and (out / path).stat().st_size == size for path, size in files.items())
+
+
+def _make(out: Path, task: Task) -> None:
+    """Run a task beside the folder, move its files in, and mark it as done."""
+    folder = out.with_name(f".{out.name}.{task.name}.tmp")
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    try:
+        task.run(folder)
+        files = {path.relative_to(folder).as_posix(): path for path in sorted(folder.rglob("*")) if path.is_file()}
+        sizes = {name: path.stat().st_size for name, path in files.items()}
+        for name, path in files.items():
+            (out / name).parent.mkdir(parents=True, exist_ok=True)
+            path.replace(out / name)
+        publish_bytes(_marker(out, task.name), (json.dumps({"files": sizes}, indent=0) + "\n").encode())
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)

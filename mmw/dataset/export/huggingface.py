@@ -1,0 +1,263 @@
+"""A folder for the Hugging Face Hub: plain Parquet files, one configuration a table, and a dataset card.
+
+    OUT/README.md                                   dataset card: configurations, columns, provenance
+    OUT/config.yaml, dataset.json                   what makes the dataset again, and what made it
+    OUT/rgb/town03_roundabout.sunny.000000.parquet  rows of 100 frames of one scenario in one weather
+    OUT/sensors/town03_roundabout.parquet           rows of a static table
+
+    datasets.load_dataset(OUT, "rgb", split="train", streaming=True)
+
+Images are image features, lists are lists, names are strings; keys are columns, so no folder name matters. Files are
+those of the dataset, byte for byte. Where frames or agents are picked, or a column of images is not nullable, which
+`datasets` would show as dictionaries, rows are written again with the same encodings.
+
+Losses: those of `FORMAT` below.
+
+Source: Hugging Face documentation, "Repository cards" and "Manual configuration"; `datasets` 5.2.
+"""
+
+import json
+import shutil
+from collections.abc import Callable, Iterable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+import yaml
+
+from mmw.core.errors import InputError
+from mmw.dataset import Dataset
+from mmw.dataset.export.exporter import STATE, Format, Option, Options, Part, Selection, Task, parts
+from mmw.storage.arrow_tables import frame_rows
+from mmw.storage.atomic_files import publish_bytes
+from mmw.storage.file_checks import one_line
+from mmw.storage.manifest import CARD, CONFIG, DATASET, read_markers
+from mmw.storage.parquet_schema import write_options
+from mmw.storage.schemas import TABLES, column_text, table_spec
+from mmw.storage.table_spec import IMAGE
+
+TAGS = ("wireless", "channel-state-information", "v2x", "lidar", "radar", "camera", "synthetic", "time-series")
+"""Tags of the card."""
+SIZES = (
+    (1_000, "n<1K"), (10_000, "1K<n<10K"), (100_000, "10K<n<100K"), (1_000_000, "100K<n<1M"),
+    (10_000_000, "1M<n<10M"), (100_000_000, "10M<n<100M"), (1_000_000_000, "100M<n<1B"),
+)  # fmt: skip
+"""Rows below which the Hub has a category, and its name."""
+
+
+def tasks(dataset: Dataset, selection: Selection, options: Options) -> list[Task]:
+    """Return one task a shard, one a scenario for its static tables, and one for the provenance.
+
+    Raises:
+        InputError: If nothing is left of the selection, the dataset is not in a local folder, or a file is missing.
+    """
+    if dataset.filesystem is not None:
+        raise InputError(f"huggingface: {dataset.root} is no local folder; its files are copied; download it first")
+    for marker in read_markers(dataset.root):
+        for file in marker["files"]:
+            if not (dataset.root / file["path"]).is_file():
+                path = dataset.root / file["path"]
+                raise InputError(f"{path}: is missing, but its shard was finished; run the configuration again")
+    planned = [Task("provenance", partial(_write_provenance, dataset))]
+    picked = parts(dataset, selection)
+    for name in sorted({part.scenario for part in picked}):
+        weathers = [part.weather for part in picked if part.scenario == name]
+        files = {table: path for table, path in _files(dataset, f"scenario={name}/*.parquet") if path.is_file()}
+        planned.append(Task(name, partial(_write_static, files, name, weathers, selection)))
+    for part in picked:
+        shards: dict[str, dict[str, Path]] = {}
+        for table, path in _files(dataset, f"scenario={part.scenario}/weather={part.weather}/*.parquet"):
+            shards.setdefault(path.stem.removeprefix("part-"), {})[table] = path
+        begins = sorted(shards)
+        for begin, after in zip(begins, [*begins[1:], None], strict=True):
+            if any(int(begin) <= frame and (after is None or frame < int(after)) for frame in part.frames):
+                name = f"{part.scenario}.{part.weather}.{begin}"
+                planned.append(Task(name, partial(_write_shard, shards[begin], name, part, selection)))
+    return planned
+
+
+def _files(dataset: Dataset, pattern: str) -> Iterable[tuple[str, Path]]:
+    """Yield table and path of the files that match a pattern in the tables' folders."""
+    for table in dataset.tables:
+        for path in sorted((dataset.root / table).glob(pattern)):
+            yield table, path
+
+
+def _write_provenance(dataset: Dataset, out: Path) -> None:
+    for name in (DATASET, CONFIG):
+        if (dataset.root / name).is_file():
+            shutil.copyfile(dataset.root / name, out / name)
+
+
+def _write_static(files: dict[str, Path], name: str, weathers: list[str], selection: Selection, out: Path) -> None:
+    """Write the static tables of a scenario; materials of the picked weathers, sensors of the picked agents."""
+    for table, path in files.items():
+        columns = [field.name for field in table_spec(table).columns]
+        picks: dict[str, Iterable[Any]] = {}
+        if "weather" in columns and selection.weathers:
+            picks["weather"] = weathers
+        if "agent" in columns and selection.agents:
+            picks["agent"] = selection.agents
+        _copy(table, path, picks, out / table / f"{name}.parquet")
+
+
+def _write_shard(files: dict[str, Path], name: str, part: Part, selection: Selection, out: Path) -> None:
+    """Write the tables of a shard; rows of the picked frames, and where an agent owns the row, of the picked agents."""
+    for table, path in files.items():
+        picks: dict[str, Iterable[Any]] = {}
+        if selection.frames is not None:
+            picks["frame"] = part.frames
+        if "agent" in table_spec(table).key and selection.agents:
+            picks["agent"] = selection.agents
+        _copy(table, path, picks, out / table / f"{name}.parquet")
+
+
+def _copy(table: str, path: Path, picks: dict[str, Iterable[Any]], target: Path) -> None:
+    """Copy a file, or the rows whose columns have one of the picked values; nothing if no row is left."""
+    schema = _read(path, pq.read_schema)
+    loose = _with_nullable_images(schema)
+    if not picks and loose.equals(schema):
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(path, target)
+        return
+    rows = _read(path, lambda file: pq.ParquetFile(file).read()).cast(loose)
+    for column, values in picks.items():
+        type_ = pa.int32() if column == "frame" else pa.string()
+        rows = rows.filter(pc.is_in(rows[column].cast(type_), value_set=pa.array(list(values), type_)))
+    if rows.num_rows:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        frames = table_spec(table).frames_per_group
+        group = max(frames * frame_rows(rows), 1) if frames else 65_536
+        pq.write_table(rows, target, row_group_size=group, **write_options(table))
+
+
+def _read(path: Path, reader: Callable[[Path], Any]) -> Any:
+    """Return what a reader makes of a file.
+
+    Raises:
+        InputError: If it cannot read the file.
+    """
+    try:
+        return reader(path)
+    except (pa.ArrowException, OSError) as error:
+        raise InputError(f"{path}: cannot be read ({one_line(error)}); `mmw verify` tells what is damaged") from error
+
+
+def _with_nullable_images(schema: pa.Schema) -> pa.Schema:
+    """Return a schema whose images may be null: `datasets` takes others for dictionaries of bytes and path."""
+    fields = [field.with_nullable(True) if field.type.equals(IMAGE) else field for field in schema]
+    return pa.schema(fields, metadata=schema.metadata)
+
+
+def finish(dataset: Dataset, selection: Selection, out: Path) -> None:
+    """Write the dataset card, from what is in the folder."""
+    counts: dict[str, dict[str, int]] = {}
+    for table in TABLES:
+        files = sorted((out / table).glob("*.parquet"))
+        if files:
+            rows = sum(pq.read_metadata(path).num_rows for path in files)
+            counts[table] = {"rows": rows, "bytes": sum(path.stat().st_size for path in files)}
+    options = json.loads((out / STATE).read_text(encoding="utf-8"))["options"]
+    publish_bytes(out / CARD, card(dataset, parts(dataset, selection), counts, options).encode())
+
+
+def card(dataset: Dataset, picked: list[Part], counts: dict[str, dict[str, int]], options: Options) -> str:
+    """Return the text of the dataset card.
+
+    Args:
+        dataset: The dataset.
+        picked: What is exported of it.
+        counts: Rows and bytes of each exported table.
+        options: Options of the format.
+    """
+    info = dataset.info
+    first = "rgb" if "rgb" in counts else next(iter(counts))
+    head = {
+        "pretty_name": options["title"],
+        **({"license": options["license"]} if options["license"] else {}),
+        "tags": list(TAGS),
+        "size_categories": [_size(sum(count["rows"] for count in counts.values()))],
+        "configs": [
+            {
+                "config_name": table,
+                **({"default": True} if table == first else {}),
+                "data_files": [{"split": "train", "path": f"{table}/*.parquet"}],
+            }
+            for table in counts
+        ],
+    }
+    scenarios = sorted({part.scenario for part in picked})
+    weathers = sorted({part.weather for part in picked})
+    frames = {frame for part in picked for frame in part.frames}
+    versions = {name: info["versions"][name] for name in ("mmw", "git", "device") if info["versions"].get(name)}
+    lines = [
+        "---",
+        yaml.safe_dump(head, sort_keys=False).rstrip(),
+        "---",
+        "",
+        f"# {options['title']}",
+        "",
+        "Synthetic: radio channels, LiDAR, cameras, radar, inertial and satellite navigation samples and ground "
+        "truth of connected vehicles and roadside units, traced in the same scenes at the same instants.",
+        "",
+        f"- scenarios: {', '.join(scenarios)}",
+        f"- weathers: {', '.join(weathers)}",
+        f"- frames {min(frames)} to {max(frames)}, 1/100 s each",
+        f"- agents: {', '.join(sorted({agent for part in picked for agent in part.agents}))}",
+        "",
+        "```python",
+        "from datasets import load_dataset",
+        "",
+        f'rows = load_dataset("THIS_REPOSITORY", "{first}", split="train", streaming=True)',
+        "```",
+        "",
+        "Stream it: without `streaming=True` everything is copied into a cache first. Tables join on the key columns "
+        "that they share: scenario, weather, frame, agent, and on object_id.",
+        "",
+        "## Provenance",
+        "",
+        f"- schema version {info['schema_version']}, made {info['created_utc']}",
+        f"- configuration SHA-256 `{info['config_sha256']}`; `{CONFIG}` makes the same rows again, `{DATASET}` has the "
+        "versions and the hashes of the sources",
+        *(f"- {name} {value}" for name, value in versions.items()),
+        "",
+        "## Tables",
+        "",
+        "| configuration | one row is | rows | MB |",
+        "|---|---|---:|---:|",
+        *(
+            f"| {table} | {TABLES[table].doc} | {count['rows']:,} | {count['bytes'] / 1e6:,.1f} |"
+            for table, count in counts.items()
+        ),
+    ]
+    for table in counts:
+        lines += ["", f"### {table}", "", "| column | unit | meaning |", "|---|---|---|"]
+        for field in table_spec(table).columns:
+            text = column_text(field)
+            cells = (field.name, text.get("unit", ""), text.get("doc", ""))
+            lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+    return "\n".join([*lines, ""])
+
+
+def _size(rows: int) -> str:
+    return next((name for most, name in SIZES if rows < most), "n>1B")
+
+
+FORMAT = Format(
+    name="huggingface",
+    summary="folder for the Hugging Face Hub: Parquet with image features, one configuration a table, a dataset card",
+    losses=(
+        "every column is kept; the USD stages and assets are left out",
+        "the folders scenario=... and weather=... are gone: filter by the columns of these names",
+        "all rows are split `train`: leak-free splits are the user's choice",
+    ),
+    tasks=tasks,
+    finish=finish,
+    options=(
+        Option("title", "Multimodal wireless dataset", "name on the card"),
+        Option("license", "", "license on the card, an identifier of the Hub such as cc-by-4.0"),
+    ),
+)

@@ -1,0 +1,1 @@
+"""Export to the published Multimodal-Wireless dataset's layout."""

@@ -1,0 +1,132 @@
+"""Channel files of the published Multimodal-Wireless dataset: one `.npz` a link and frame, as its Sionna script wrote.
+
+    a                                   complex64 [1, 1, Nr, 1, Nt, M, 1], carrier phase included
+    tau                                 float32 [1, 1, 1, M] [s]
+    theta_t, phi_t, theta_r, phi_r      float32 [1, 1, 1, M], zenith and azimuth in the arrays' frames [rad]
+    glob_theta_t, ... glob_phi_r        the same in the world's frame
+
+A link without any path has M = 1, gain 0, delay -1 and angles 0, which is how Sionna pads; the published script stopped
+at such a frame. Antennas are counted as Sionna counts them (`mmw.channel.AntennaArray`).
+
+The published files set the first path of each link to delay 0 before any phase is formed (`delays=normalized`): the
+time of flight is lost, and the phase of the link with it. With `delays=absolute` both are there. Their angles in the
+arrays' frames have pitch with the wrong sign and no roll; here they are right.
+
+Source: Multimodal-Wireless, `Sionna_channel_storage/channel_storage_v2i.py`, `channel_storage_v2v.py`, `data_utils.py`.
+"""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from mmw.channel import LINK_COLUMNS, PATH_COLUMNS, AntennaArray, PathRows, impulse_response, synthesize
+from mmw.core.errors import InputError
+from mmw.core.transforms import quaternion_to_matrix
+from mmw.dataset import Dataset
+from mmw.dataset.export.exporter import Options, Part
+from mmw.dataset.export.read_radio import Antennas, read_antennas, read_part
+
+ARRAYS = re.compile(r"([1-9]\d*)x([1-9]\d*)-([1-9]\d*)x([1-9]\d*)")
+"""Rows x columns of the transmitter, then of the receiver."""
+
+
+@dataclass(frozen=True)
+class ArrayPair:
+    """Arrays of both ends."""
+
+    tx: AntennaArray
+    rx: AntennaArray
+
+    def folder(self, carrier_hz: float) -> str:
+        """Return the name of the folder, `Nt_64_Nr_16_fc_28GHz` for linear and `Nt_8x8_...` for planar arrays."""
+        sizes = [
+            f"{array.columns}" if array.rows == 1 else f"{array.rows}x{array.columns}" for array in (self.tx, self.rx)
+        ]
+        return f"Nt_{sizes[0]}_Nr_{sizes[1]}_fc_{carrier_hz / 1e9:g}GHz"
+
+
+def array_pairs(options: Options) -> list[ArrayPair]:
+    """Return the arrays that the option `arrays` names.
+
+    Raises:
+        InputError: If it cannot be read.
+    """
+    pairs = []
+    for text in options["arrays"].split(","):
+        found = ARRAYS.fullmatch(text.strip())
+        if found is None:
+            raise InputError(
+                f"v1: arrays={options['arrays']}: {text!r} is no pair of arrays; give rows x columns of transmitter "
+                "and receiver, such as 1x64-1x16,8x8-8x8"
+            )
+        sizes = [int(size) for size in found.groups()]
+        arrays = [
+            AntennaArray(rows, columns, pattern=options["pattern"], polarization=options["polarization"])
+            for rows, columns in (sizes[:2], sizes[2:])
+        ]
+        pairs.append(ArrayPair(*arrays))
+    return pairs
+
+
+def write_channels(dataset: Dataset, part: Part, folder: str, options: Options, out: Path) -> None:
+    """Write the files of every link and frame of a part, at every carrier and for every pair of arrays.
+
+    Args:
+        dataset: The dataset.
+        part: Scenario, weather, frames and receiving agents.
+        folder: Folder of the scenario below `out`.
+        options: The format's.
+        out: Where to write.
+    """
+    antennas = read_antennas(dataset, part)
+    rows = read_part(dataset, "paths", part, list(PATH_COLUMNS))
+    links = read_part(dataset, "links", part, list(LINK_COLUMNS))
+    pairs = array_pairs(options)
+    rsus = {agent for (_, agent), role in zip(antennas.row, antennas.role, strict=True) if role == "rsu"}
+    for carrier in np.unique(links["carrier_hz"].to_numpy()):
+        paths = PathRows.from_table(rows, float(carrier), links)
+        for number in range(paths.link_count):
+            link = paths.take([number])
+            frame, agent, peer = (link.keys[0][name] for name in ("frame", "agent", "peer"))
+            if agent not in part.agents:
+                continue
+            # The published scenarios have one roadside unit, which their folders do not name.
+            link_folder = agent if peer == min(rsus, default="") else f"{peer}/{agent}"
+            for pair in pairs:
+                place = out / folder / pair.folder(float(carrier)) / link_folder
+                place.mkdir(parents=True, exist_ok=True)
+                values = link_arrays(link, antennas, pair, options["delays"] == "normalized")
+                np.savez_compressed(place / f"{frame:06d}_paths.npz", **values)
+
+
+def link_arrays(link: PathRows, antennas: Antennas, pair: ArrayPair, normalize: bool) -> dict[str, np.ndarray]:
+    """Return the arrays of one file.
+
+    Args:
+        link: Paths of one link.
+        antennas: Where the antennas are.
+        pair: Arrays of both ends.
+        normalize: Count delays from the first path, phases too.
+    """
+    frame = int(link.keys["frame"][0])
+    turns = [
+        quaternion_to_matrix(antennas.at([(frame, str(link.keys[end][0]))])[0][0, 3:]) for end in ("peer", "agent")
+    ]
+    coefficients = synthesize(link, pair.tx, pair.rx, link.carrier_hz, *turns)
+    if len(link):
+        gains, tau = impulse_response(coefficients, link, link.carrier_hz, normalize_delays=normalize)
+    else:
+        gains = np.zeros((1, pair.rx.antenna_count, pair.tx.antenna_count, 1))
+        tau = np.full((1, 1), -1.0)
+    values = {"a": gains[:, None, :, None, :, :, None].astype(np.complex64), "tau": tau}
+    for end, turn, theta, phi in (("t", turns[0], link.theta_t, link.phi_t), ("r", turns[1], link.theta_r, link.phi_r)):
+        direction = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=-1) @ turn
+        values[f"theta_{end}"] = np.arctan2(np.hypot(direction[:, 0], direction[:, 1]), direction[:, 2])
+        values[f"phi_{end}"] = np.arctan2(direction[:, 1], direction[:, 0])
+        values |= {f"glob_theta_{end}": theta, f"glob_phi_{end}": phi}
+    for name in values.keys() - {"a"}:
+        full = values[name].ravel() if len(values[name]) else np.zeros(1)
+        values[name] = full.astype(np.float32)[None, None, None, :]
+    return values

@@ -1,0 +1,98 @@
+"""nuScenes: thirteen JSON tables, and the sweeps and images that they name.
+
+    OUT/v1.0-mmw/*.json                              the tables; tokens are hashes of the keys, the same every time
+    OUT/samples/LIDAR_TOP/SCENE__LIDAR_TOP__T.pcd.bin  float32 x, y, z, intensity (0 to 255), ring (0 the highest)
+    OUT/samples/CAM_FRONT/SCENE__CAM_FRONT__T.jpg    the stored image; a camera NAME is CAM_NAME
+    OUT/sweeps/...                                   the same between samples
+    OUT/maps/TOKEN.png                               black: the format asks for a map, and there is none
+
+A scene is one agent of a scenario in one weather: the ego vehicle, or a roadside unit. Samples come at `rate`, sweeps
+between them at `sweeps`. T is in microseconds. Every scenario in a weather begins a multiple of 10,000 s later than the
+first, and each further agent of it 1 us later, because the development kit sorts scenes by their times. The global
+frame is the dataset's world (x east, y north, z up), the ego frame the agent's (x forward, y left, z up, on the ground
+midway between the axles), the LiDAR's the sensor's; a camera's is optical (x right, y down, z forward). Rotations are
+quaternions (w, x, y, z), sizes are (width, length, height).
+
+An annotation stands for a vehicle or person that a LiDAR, radar or camera of the agent has something of. Its visibility
+compares, in the camera that sees most, the rectangle of its visible pixels with the one that the image frames; level
+`unknown` (token 0, not in nuScenes) says that no camera frames it in that sample.
+
+Keys that begin with `mmw_` are ours: they lead back to the dataset.
+
+Losses: see `LOSSES`.
+
+Source: H. Caesar et al., "nuScenes: A multimodal dataset for autonomous driving", CVPR 2020, and the schema of its
+development kit.
+"""
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from mmw.dataset import Dataset
+from mmw.dataset.export.exporter import Format, Option, Options, Selection, Task, frame_step, parts, require
+from mmw.dataset.export.nuscenes.tables import LIDAR, Scene, channel_of, publish, suffix_of, write_tables
+from mmw.dataset.export.read_sensors import blocks, pick_sensor, rows_of, sensors_of, sweeps
+
+LOSSES = (
+    "no radio, radar points, depth, IMU, GNSS, segmentation, normals, flow and 2-D boxes",
+    "no map: the masks are black and small; draw with underlay_map=False",
+    "one agent a scene: what agents see of each other joins by mmw_object_id and mmw_frame alone",
+    "samples at `rate`, 2 Hz by default, sweeps at `sweeps`, 10 Hz by default, not 100 Hz",
+    "object, label, time and number of a LiDAR return are dropped; one LiDAR an agent",
+    "what no sensor of the agent has anything of is not annotated",
+    "a camera is a pinhole: lens distortion stays in the image, its coefficients are in mmw_coefficients alone",
+    "velocities: readers difference the places of annotations",
+)
+"""What the format cannot hold."""
+
+OPTIONS = (
+    Option("rate", "2", "samples a second [Hz]; a divisor of 100"),
+    Option("sweeps", "10", "sweeps a second between the samples [Hz]; a divisor of 100"),
+    Option("lidar", "", "LiDAR that becomes LIDAR_TOP, where an agent has several"),
+)
+
+
+SPACING_US = 10_000_000_000
+"""From scenario to scenario [us], more than any lasts; design value."""
+
+
+def plan(dataset: Dataset, selection: Selection, options: Options) -> list[Task]:
+    """Return one task a scene and second for its files, and one for the tables.
+
+    Raises:
+        InputError: If a table or a LiDAR is missing, or nothing is left.
+    """
+    require(dataset, "nuscenes", "lidar", "boxes", "box_visibility", "sensors")
+    key_parts = parts(dataset, selection, frame_step("nuscenes", "rate", options))
+    step = frame_step("nuscenes", "sweeps", options)
+    between = {(part.scenario, part.weather): part.frames for part in parts(dataset, selection, step)}
+    scenes, tasks = [], []
+    for number, part in enumerate(key_parts):
+        sensors = sensors_of(dataset, part.scenario)
+        frames = tuple(sorted({*part.frames, *between.get((part.scenario, part.weather), ())}))
+        for index, agent in enumerate(part.agents):
+            lidar = pick_sensor(sensors, agent, "lidar", options["lidar"], "nuscenes: lidar=")
+            cameras = {name: one for (owner, name), one in sensors.items() if owner == agent and one.type == "rgb"}
+            scene = Scene(
+                part.scenario, part.weather, agent, part.frames, frames, lidar, cameras, number * SPACING_US + index
+            )
+            scenes.append(scene)
+            for some in blocks(frames):
+                tasks.append(Task(f"{scene.name}_{some[0]:06d}", partial(_write, dataset, scene, some)))
+    return [*tasks, Task("tables", partial(write_tables, dataset, scenes))]
+
+
+def _write(dataset: Dataset, scene: Scene, frames: Sequence[int], out: Path) -> None:
+    """Write sweeps and images of some frames of a scene."""
+    for frame, cloud in sweeps(dataset, scene.scenario, scene.weather, frames, scene.lidar, ("ring",)):
+        points = np.stack([cloud["x"], cloud["y"], cloud["z"], 255.0 * cloud["intensity"], cloud["ring"]], axis=-1)
+        publish(out / scene.file(LIDAR, frame, "pcd.bin"), points.astype("<f4").tobytes())
+    where = (scene.scenario, scene.weather, frames)
+    for row in rows_of(dataset, "rgb", *where, ["sensor", "image", "format"], scene.agent):
+        publish(out / scene.file(channel_of(row["sensor"]), row["frame"], suffix_of(row)), row["image"]["bytes"])
+
+
+FORMAT = Format("nuscenes", "nuScenes-style JSON tables, sweeps and images", LOSSES, plan, options=OPTIONS)

@@ -1,0 +1,321 @@
+"""The thirteen tables of nuScenes, filled from a dataset."""
+
+import hashlib
+import io
+import json
+from bisect import bisect_left
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from mmw.core.errors import InputError
+from mmw.core.transforms import compose, quaternion_from_ypr
+from mmw.dataset import Dataset
+from mmw.dataset.export.pinhole import OPTICAL_POSE
+from mmw.dataset.export.read_sensors import Sensor, by_frame, recorded, rows_of
+
+VERSION = "v1.0-mmw"
+LIDAR = "LIDAR_TOP"
+FRAME_US = 10_000
+"""Microseconds from frame to frame."""
+
+CATEGORIES = {
+    "car": "vehicle.car", "truck": "vehicle.truck", "bus": "vehicle.bus.rigid", "motorcycle": "vehicle.motorcycle",
+    "bicycle": "vehicle.bicycle", "rider": "human.pedestrian.personal_mobility", "pedestrian": "human.pedestrian.adult",
+}  # fmt: skip
+"""Category of a box -> nuScenes' name; another NAME is movable_object.NAME."""
+
+MOVING_M_S = 0.2
+"""Speed from which something moves [m/s]; design value."""
+
+VISIBILITY = (("1", "v0-40", 0.0), ("2", "v40-60", 0.4), ("3", "v60-80", 0.6), ("4", "v80-100", 0.8))
+"""Token, level and the share from which it holds."""
+UNKNOWN = "0"
+
+Tables = dict[str, dict[str, dict[str, Any]]]
+"""Table -> token -> row."""
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One agent of a scenario in one weather."""
+
+    scenario: str
+    weather: str
+    agent: str
+    samples: tuple[int, ...]
+    """Frames of the samples, ascending."""
+    frames: tuple[int, ...]
+    """Frames of samples and sweeps, ascending."""
+    lidar: Sensor
+    cameras: dict[str, Sensor]
+    """RGB cameras by name."""
+    begin_us: int
+    """Time of frame 0 [us]: the development kit sorts scenes by it, so no two have the same."""
+
+    @property
+    def name(self) -> str:
+        """What the scene and its files are called."""
+        return f"{self.scenario}_{self.weather}_{self.agent}"
+
+    def file(self, channel: str, frame: int, suffix: str) -> str:
+        """Return the path of a file, relative to the folder of the export."""
+        folder = "samples" if frame in self.samples else "sweeps"
+        return f"{folder}/{channel}/{self.name}__{channel}__{self.time_us(frame)}.{suffix}"
+
+    def time_us(self, frame: int) -> int:
+        """Return the time of a frame [us]."""
+        return self.begin_us + frame * FRAME_US
+
+
+def channel_of(camera: str) -> str:
+    """Return nuScenes' channel of a camera."""
+    return f"CAM_{camera.upper()}"
+
+
+def token(dataset: Dataset, *keys: Any) -> str:
+    """Return the token of a row: 32 hexadecimal digits of the hash of the dataset and the row's keys."""
+    text = json.dumps([dataset.info["config_sha256"], *keys])
+    return hashlib.sha256(text.encode()).hexdigest()[:32]
+
+
+def suffix_of(row: dict[str, Any]) -> str:
+    """Return the ending of the image of a row of `rgb`."""
+    return {"jpeg": "jpg", "png": "png"}[row["format"]]
+
+
+def publish(path: Path, data: bytes) -> None:
+    """Write a file, and its folder."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(data)
+
+
+def write_tables(dataset: Dataset, scenes: Sequence[Scene], out: Path) -> None:
+    """Write the JSON tables and the empty maps."""
+    tables: Tables = defaultdict(dict)
+    for number, level, _ in (*VISIBILITY, (UNKNOWN, "unknown", 0.0)):
+        tables["visibility"][number] = {"token": number, "level": level, "description": "share of the framed rectangle"}
+    for scene in scenes:
+        _add_log(tables, dataset, scene)
+        _add_samples(tables, dataset, scene)
+        _add_sensor_data(tables, dataset, scene)
+        _add_annotations(tables, dataset, scene)
+    blank = io.BytesIO()
+    Image.new("L", (8, 8)).save(blank, "PNG")
+    for row in tables["map"].values():
+        publish(out / row["filename"], blank.getvalue())
+    for name in TABLES:
+        publish(out / VERSION / f"{name}.json", _json(tables[name].values()))
+
+
+TABLES = (
+    "category", "attribute", "visibility", "instance", "sensor", "calibrated_sensor", "ego_pose", "log", "scene",
+    "sample", "sample_data", "sample_annotation", "map",
+)  # fmt: skip
+"""The thirteen tables."""
+
+
+def _json(rows: Iterable[dict[str, Any]]) -> bytes:
+    """Return rows as a JSON list, one row a line."""
+    return ("[\n" + ",\n".join(json.dumps(row) for row in rows) + "\n]\n").encode()
+
+
+def _add(tables: Tables, table: str, key: str, /, **values: Any) -> dict[str, Any]:
+    """Add a row by its token, or return the one that is there."""
+    return tables[table].setdefault(key, {"token": key, **values})
+
+
+def _add_log(tables: Tables, dataset: Dataset, scene: Scene) -> None:
+    """Add the log of a scene, and the map of its town."""
+    configured = {entry["name"]: entry for entry in dataset.info["config"].get("scenarios", ())}
+    entry = configured.get(scene.scenario, {})
+    place = entry.get("town") or entry.get("stage") or scene.scenario
+    log = token(dataset, "log", scene.name)
+    _add(
+        tables, "log", log, logfile=scene.name, vehicle=scene.agent, location=place,
+        date_captured=dataset.info.get("created_utc", "")[:10],
+    )  # fmt: skip
+    name = token(dataset, "map", place)
+    chart = _add(tables, "map", name, category="semantic_prior", filename=f"maps/{name}.png", log_tokens=[])
+    chart["log_tokens"].append(log)
+
+
+def _add_samples(tables: Tables, dataset: Dataset, scene: Scene) -> None:
+    """Add a scene and its samples."""
+    names = [_sample(dataset, scene, frame) for frame in scene.samples]
+    _add(
+        tables, "scene", token(dataset, "scene", scene.name), log_token=token(dataset, "log", scene.name),
+        nbr_samples=len(names), first_sample_token=names[0], last_sample_token=names[-1], name=scene.name,
+        description=f"{scene.scenario}, {scene.weather}, seen by {scene.agent}", mmw_scenario=scene.scenario,
+        mmw_weather=scene.weather, mmw_agent=scene.agent,
+    )  # fmt: skip
+    for index, (frame, name) in enumerate(zip(scene.samples, names, strict=True)):
+        _add(
+            tables, "sample", name, timestamp=scene.time_us(frame), scene_token=token(dataset, "scene", scene.name),
+            **_neighbours(names, index), mmw_frame=frame,
+        )  # fmt: skip
+
+
+def _sample(dataset: Dataset, scene: Scene, frame: int) -> str:
+    return token(dataset, "sample", scene.name, frame)
+
+
+def _neighbours(names: Sequence[str], index: int) -> dict[str, str]:
+    return {
+        "prev": names[index - 1] if index else "",
+        "next": names[index + 1] if index + 1 < len(names) else "",
+    }
+
+
+def _nearest(samples: Sequence[int], frame: int) -> int:
+    """Return the sample nearest in time, the later one of two."""
+    right = min(bisect_left(samples, frame), len(samples) - 1)
+    left = max(right - 1, 0)
+    return samples[left] if abs(frame - samples[left]) < abs(samples[right] - frame) else samples[right]
+
+
+def _add_sensor_data(tables: Tables, dataset: Dataset, scene: Scene) -> None:
+    """Add the sensors of a scene, the poses of its agent, and one row a file."""
+    where = (scene.scenario, scene.weather, scene.frames)
+    for row in rows_of(dataset, "poses", *where, agent=scene.agent):
+        _add(
+            tables, "ego_pose", token(dataset, "ego_pose", scene.name, row["frame"]),
+            timestamp=scene.time_us(row["frame"]), rotation=[row[name] for name in ("qw", "qx", "qy", "qz")],
+            translation=[row[name] for name in "xyz"],
+        )  # fmt: skip
+    files = {LIDAR: dict.fromkeys(_swept(dataset, scene), "pcd.bin")}
+    for row in rows_of(dataset, "rgb", *where, ["sensor", "format"], scene.agent):
+        files.setdefault(channel_of(row["sensor"]), {})[row["frame"]] = suffix_of(row)
+    channels = {LIDAR: scene.lidar, **{channel_of(name): camera for name, camera in scene.cameras.items()}}
+    for channel, sensor in channels.items():
+        modality = "camera" if sensor.intrinsic is not None else "lidar"
+        kind = token(dataset, "sensor", channel)
+        _add(tables, "sensor", kind, channel=channel, modality=modality)
+        mount = compose(sensor.mount, OPTICAL_POSE) if modality == "camera" else sensor.mount
+        calibration = token(dataset, "calibrated_sensor", scene.scenario, scene.agent, sensor.name)
+        _add(
+            tables, "calibrated_sensor", calibration, sensor_token=kind, translation=mount[:3].tolist(),
+            rotation=mount[[6, 3, 4, 5]].tolist(),
+            camera_intrinsic=[] if sensor.intrinsic is None else sensor.intrinsic.tolist(),
+            mmw_sensor=sensor.name, mmw_lens=sensor.lens, mmw_coefficients=list(sensor.coefficients),
+        )  # fmt: skip
+        there = sorted(files.get(channel, {}))
+        names = [token(dataset, "sample_data", scene.name, channel, frame) for frame in there]
+        width, height = sensor.size
+        for index, (frame, name) in enumerate(zip(there, names, strict=True)):
+            suffix = files[channel][frame]
+            _add(
+                tables, "sample_data", name, sample_token=_sample(dataset, scene, _nearest(scene.samples, frame)),
+                ego_pose_token=token(dataset, "ego_pose", scene.name, frame), calibrated_sensor_token=calibration,
+                timestamp=scene.time_us(frame), fileformat=suffix.split(".")[0], is_key_frame=frame in scene.samples,
+                height=height, width=width, filename=scene.file(channel, frame, suffix), **_neighbours(names, index),
+            )  # fmt: skip
+
+
+def _swept(dataset: Dataset, scene: Scene) -> set[int]:
+    """Return the frames with a sweep; every sample needs one.
+
+    Raises:
+        InputError: If one has none.
+    """
+    there = recorded(dataset, "lidar", scene.scenario, scene.weather, scene.frames, scene.agent)
+    frames = there.get(scene.lidar.name, set())
+    if missing := sorted(set(scene.samples) - frames):
+        raise InputError(
+            f"{dataset.root}: {scene.name}, frame {missing[0]}: there is no sweep of {scene.lidar.name}; every sample "
+            "needs one; pick other frames"
+        )
+    return frames
+
+
+def _add_annotations(tables: Tables, dataset: Dataset, scene: Scene) -> None:
+    """Add what the sensors of a scene's agent have something of in each sample, chained by object."""
+    where = (scene.scenario, scene.weather, scene.samples)
+    points: dict[tuple[int, int], np.ndarray] = {}
+    columns = ("lidar_points", "radar_points", "pixels")
+    for row in rows_of(dataset, "box_visibility", *where, ["object_id", *columns], scene.agent):
+        counts = np.array([row[name] or 0 for name in columns])
+        points[row["frame"], row["object_id"]] = points.get((row["frame"], row["object_id"]), 0) + counts
+    shares = _visible_shares(dataset, scene)
+    own = {row["object_id"] for row in rows_of(dataset, "poses", *where[:2], scene.samples[:1], agent=scene.agent)}
+    chains: dict[int, list[str]] = defaultdict(list)
+    boxes = by_frame(rows_of(dataset, "boxes", *where))
+    for frame in scene.samples:
+        for box in boxes.get(frame, ()):
+            number = box["object_id"]
+            lidar, radar, pixels = points.get((frame, number), (0, 0, 0))
+            if number in own or lidar + radar + pixels == 0:
+                continue
+            name = token(dataset, "sample_annotation", scene.name, frame, number)
+            x, y, z, w = quaternion_from_ypr(box["yaw"], box["pitch"], box["roll"]).tolist()
+            _add(
+                tables, "sample_annotation", name, sample_token=_sample(dataset, scene, frame),
+                instance_token=_instance(dataset, scene, number), visibility_token=_level(shares.get((frame, number))),
+                attribute_tokens=_attributes(tables, dataset, box), translation=[box["x"], box["y"], box["z"]],
+                size=[box["width"], box["length"], box["height"]], rotation=[w, x, y, z], prev="", next="",
+                num_lidar_pts=int(lidar), num_radar_pts=int(radar),
+            )  # fmt: skip
+            if not chains[number]:
+                _add_instance(tables, dataset, scene, box)
+            chains[number].append(name)
+    for number, names in chains.items():
+        for index, name in enumerate(names):
+            tables["sample_annotation"][name].update(_neighbours(names, index))
+        tables["instance"][_instance(dataset, scene, number)].update(
+            nbr_annotations=len(names), first_annotation_token=names[0], last_annotation_token=names[-1]
+        )
+
+
+def _instance(dataset: Dataset, scene: Scene, number: int) -> str:
+    return token(dataset, "instance", scene.name, number)
+
+
+def _add_instance(tables: Tables, dataset: Dataset, scene: Scene, box: dict[str, Any]) -> None:
+    """Add an object of a scene, and its category."""
+    name = CATEGORIES.get(box["category"], f"movable_object.{box['category']}")
+    category = token(dataset, "category", name)
+    _add(tables, "category", category, name=name, description=f"label {box['category']} of the dataset")
+    _add(
+        tables, "instance", _instance(dataset, scene, box["object_id"]), category_token=category, nbr_annotations=0,
+        first_annotation_token="", last_annotation_token="", mmw_object_id=box["object_id"],
+    )  # fmt: skip
+
+
+def _attributes(tables: Tables, dataset: Dataset, box: dict[str, Any]) -> list[str]:
+    """Return the attribute of a box: moving, or standing."""
+    moves = np.linalg.norm([box["vx"], box["vy"], box["vz"]]) >= MOVING_M_S
+    kind = "pedestrian" if box["category"] in ("pedestrian", "rider") else "vehicle"
+    name = f"{kind}.{'moving' if moves else 'standing' if kind == 'pedestrian' else 'stopped'}"
+    key = token(dataset, "attribute", name)
+    _add(tables, "attribute", key, name=name, description=f"speed against {MOVING_M_S} m/s")
+    return [key]
+
+
+def _visible_shares(dataset: Dataset, scene: Scene) -> dict[tuple[int, int], float]:
+    """Return the largest visible share of each (frame, object) over the cameras that frame it."""
+    edges = ("u_min", "v_min", "u_max", "v_max")
+    columns = ["sensor", "object_id", "pixels", *edges, *(f"amodal_{name}" for name in edges)]
+    result: dict[tuple[int, int], float] = {}
+    for row in rows_of(dataset, "boxes_2d", scene.scenario, scene.weather, scene.samples, columns, scene.agent):
+        if row["sensor"] not in scene.cameras:
+            continue
+        share = 0.0
+        if row["pixels"]:
+            seen = (row["u_max"] + 1 - row["u_min"]) * (row["v_max"] + 1 - row["v_min"])
+            width, height = (row[f"amodal_{axis}_max"] - row[f"amodal_{axis}_min"] for axis in "uv")
+            share = seen / (width * height)
+        key = (row["frame"], row["object_id"])
+        result[key] = max(result.get(key, 0.0), share)
+    return result
+
+
+def _level(share: float | None) -> str:
+    """Return the token of the visibility of a share; of None, the unknown one."""
+    if share is None:
+        return UNKNOWN
+    return next(name for name, _, least in reversed(VISIBILITY) if share >= least)

@@ -1,0 +1,321 @@
+"""OPV2V: the folders that OpenCOOD's loaders take, in CARLA's left-handed frames.
+
+    OUT/SPLIT/SCENARIO_WEATHER/data_protocol.yaml     names of agents and cameras; loaders skip it
+    OUT/SPLIT/SCENARIO_WEATHER/AGENT/000070.yaml      poses, cameras, and the vehicles that the LiDAR hits
+    OUT/SPLIT/SCENARIO_WEATHER/AGENT/000070.pcd       points x, y, z and intensity in red, in the LiDAR's frame
+    OUT/SPLIT/SCENARIO_WEATHER/AGENT/000070_camera0.png
+
+AGENT is the `object_id` of a connected vehicle, filled up with zeros so that the names of a scenario sort as the
+numbers do, and -1 for the roadside unit. Vehicles have the same number in every file. The loader takes the first agent
+for the ego, so it is the connected vehicle with the smallest `object_id`, cav_1 in generated traffic.
+
+A vehicle's box is `location` + `center`, which the loader adds without turning them: `location` is the point half a
+height below the middle of the box, `center` is (0, 0, height / 2), and their sum is the middle of the dataset's box on
+any slope. `extent` holds half sizes.
+
+Losses: see `LOSSES`.
+
+Source: layout and fields of OPV2V, R. Xu et al., "OPV2V: An open benchmark dataset and fusion pipeline for perception
+with vehicle-to-vehicle communication", ICRA 2022, and what OpenCOOD's loader expects of them.
+"""
+
+import json
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from mmw.core.errors import InputError
+from mmw.core.geodesy import world_from_mercator, world_from_wgs84
+from mmw.core.transforms import compose, invert, multiply, quaternion_from_ypr, quaternion_to_ypr, rotate
+from mmw.dataset import Dataset
+from mmw.dataset.export.carla_frames import carla_angles, carla_matrix, carla_point, carla_pose
+from mmw.dataset.export.exporter import Format, Option, Options, Part, Selection, Task, frame_step, parts, require
+from mmw.dataset.export.image_files import png_of
+from mmw.dataset.export.pcd import intensity_pcd
+from mmw.dataset.export.read_sensors import (
+    PEOPLE,
+    Sensor,
+    blocks,
+    by_frame,
+    pick_sensor,
+    pose_of,
+    rows_of,
+    sensor_to_world,
+    sensors_of,
+    sweeps,
+)
+
+LOSSES = (
+    "no radio: links, paths and materials",
+    "no radar, depth, IMU, segmentation, normals, flow and 2-D boxes",
+    "LiDAR intensity has 8 bits; ring, object, label, time and number of a return are dropped",
+    "frames at `rate`, 10 Hz by default, as OpenCOOD counts its delays in tenths of a second",
+    "one roadside unit a scenario: OpenCOOD would take the second for the ego vehicle",
+    "vehicles only, no people; no velocity vector, only speed",
+    "plan_trajectory is empty; predicted_ego_pos is the true pose in frames without a GNSS fix and for roadside units",
+    "a camera is a pinhole: lens distortion stays in the image, its coefficients are in data_protocol.yaml alone",
+    "PNG copies of JPEG images are no sharper than those",
+)
+"""What the format cannot hold."""
+
+OPTIONS = (
+    Option("rate", "10", "frames a second [Hz]; a divisor of 100"),
+    Option("split", "train", "folder above the scenarios", ("train", "validate", "test")),
+    Option("vehicles", "hit", "vehicles with a LiDAR return of the agent, or all", ("hit", "all")),
+    Option("images", "png", "png for the loaders, source: the files as they are", ("png", "source", "none")),
+    Option("cameras", "front,right,left,back", "RGB cameras that become camera0, camera1, ...; others follow by name"),
+    Option("lidar", "", "LiDAR, where an agent has several"),
+)
+
+KM_H = 3.6
+"""Kilometres an hour in a metre a second."""
+
+DECIMALS = 6
+"""Digits after the point in YAML: a micrometre, a microdegree."""
+
+_Dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
+
+
+def plan(dataset: Dataset, selection: Selection, options: Options) -> list[Task]:
+    """Return one task a scenario, weather, agent and second, and one a scenario and weather for its protocol.
+
+    Raises:
+        InputError: If a table, a LiDAR or a connected vehicle is missing, or a scenario has two roadside units.
+    """
+    require(dataset, "opv2v", "lidar", "boxes", "sensors")
+    if options["vehicles"] == "hit":
+        require(dataset, "opv2v", "box_visibility", hint="record it, or give vehicles=all")
+    if options["images"] != "none":
+        require(dataset, "opv2v", "rgb", hint="record RGB cameras, or give images=none")
+    tasks = []
+    sensors: dict[str, dict[tuple[str, str], Sensor]] = {}
+    for part in parts(dataset, selection, frame_step("opv2v", "rate", options)):
+        if part.scenario not in sensors:
+            sensors[part.scenario] = sensors_of(dataset, part.scenario)
+        known = sensors[part.scenario]
+        folder = f"{options['split']}/{part.scenario}_{part.weather}"
+        ids = agent_folders(dataset, part)
+        name = f"{part.scenario}_{part.weather}"
+        tasks.append(Task(f"{name}_protocol", partial(_protocol, dataset, part, ids, known, folder, options)))
+        for agent in part.agents:
+            lidar = pick_sensor(known, agent, "lidar", options["lidar"], "opv2v: lidar=")
+            cameras = cameras_of(known, agent, options)
+            for frames in blocks(part.frames):
+                work = partial(_write, dataset, part, agent, frames, lidar, cameras, f"{folder}/{ids[agent]}", options)
+                tasks.append(Task(f"{name}_{agent}_{frames[0]:06d}", work))
+    return tasks
+
+
+def agent_folders(dataset: Dataset, part: Part) -> dict[str, str]:
+    """Return the folder of each agent: the loader turns the names into numbers and sorts them as text.
+
+    Raises:
+        InputError: If there is no connected vehicle, or more than one roadside unit.
+    """
+    rows = rows_of(dataset, "poses", part.scenario, part.weather, part.frames[:1], ["agent", "role", "object_id"])
+    rows = [row for row in rows if row["agent"] in part.agents]
+    cavs = {row["agent"]: str(row["object_id"]) for row in rows if row["role"] == "cav"}
+    rsus = [row["agent"] for row in rows if row["role"] != "cav"]
+    if not cavs:
+        raise InputError(f"opv2v: {part.scenario}: no connected vehicle is picked; the loader needs one; pick it")
+    if len(rsus) > 1:
+        raise InputError(
+            f"opv2v: {part.scenario}: has the roadside units {', '.join(rsus)}; the format takes one; "
+            f"pick it with agent={','.join([*cavs, rsus[0]])}"
+        )
+    digits = max(len(number) for number in cavs.values())
+    return {**{agent: number.zfill(digits) for agent, number in cavs.items()}, **dict.fromkeys(rsus, "-1")}
+
+
+def cameras_of(sensors: dict[tuple[str, str], Sensor], agent: str, options: Options) -> list[Sensor]:
+    """Return an agent's RGB cameras in the order of their numbers."""
+    first = options["cameras"].split(",")
+    found = [sensor for (owner, _), sensor in sensors.items() if owner == agent and sensor.type == "rgb"]
+    return sorted(
+        found, key=lambda sensor: (first.index(sensor.name) if sensor.name in first else len(first), sensor.name)
+    )
+
+
+def _protocol(
+    dataset: Dataset,
+    part: Part,
+    ids: dict[str, str],
+    sensors: dict[tuple[str, str], Sensor],
+    folder: str,
+    options: Options,
+    out: Path,
+) -> None:
+    """Write what the names and numbers of a scenario's folder stand for."""
+    agents = {}
+    for agent in part.agents:
+        cameras = {
+            f"camera{index}": {"sensor": camera.name, "lens": camera.lens, "coefficients": list(camera.coefficients)}
+            for index, camera in enumerate(cameras_of(sensors, agent, options))
+        }
+        lidar = pick_sensor(sensors, agent, "lidar", options["lidar"], "opv2v: lidar=")
+        agents[ids[agent]] = {"agent": agent, "lidar": lidar.name, "cameras": cameras}
+    protocol = {
+        "mmw": {
+            "config_sha256": dataset.info["config_sha256"],
+            "scenario": part.scenario,
+            "weather": part.weather,
+            "rate_hz": int(options["rate"]),
+            "first_frame": part.frames[0],
+            "frames": len(part.frames),
+            "agents": agents,
+        }
+    }
+    _dump(protocol, out / folder / "data_protocol.yaml")
+
+
+def _write(
+    dataset: Dataset,
+    part: Part,
+    agent: str,
+    frames: Sequence[int],
+    lidar: Sensor,
+    cameras: Sequence[Sensor],
+    folder: str,
+    options: Options,
+    out: Path,
+) -> None:
+    """Write the files of one agent in some frames."""
+    where = (part.scenario, part.weather, frames)
+    target = out / folder
+    target.mkdir(parents=True)
+    poses = {row["frame"]: row for row in rows_of(dataset, "poses", *where, agent=agent)}
+    boxes = by_frame(rows_of(dataset, "boxes", *where))
+    hits: dict[tuple[int, int], int] = {}
+    for row in rows_of(dataset, "box_visibility", *where, ["sensor", "object_id", "lidar_points"], agent):
+        if row["sensor"] == lidar.name and row["lidar_points"]:
+            hits[row["frame"], row["object_id"]] = row["lidar_points"]
+    fixes = _gnss_poses(dataset, part, agent, frames, poses)
+    clouds = dict(sweeps(dataset, part.scenario, part.weather, frames, lidar))
+    for frame in frames:
+        row = poses[frame]
+        vehicles = [
+            box
+            for box in boxes.get(frame, [])
+            if box["object_id"] != row["object_id"]
+            and box["category"] not in PEOPLE
+            and (options["vehicles"] == "all" or (frame, box["object_id"]) in hits)
+        ]
+        content = {
+            **_agent_fields(row, lidar, cameras, fixes.get(frame)),
+            "vehicles": {box["object_id"]: _vehicle(box, hits.get((frame, box["object_id"]), 0)) for box in vehicles},
+        }
+        if frame not in clouds:
+            raise InputError(
+                f"{dataset.root}: {part.scenario}, {part.weather}, frame {frame}: {agent} has no sweep of "
+                f"{lidar.name}; every frame needs one; pick other frames"
+            )
+        cloud = clouds[frame]
+        xyz = carla_point(np.stack([cloud[axis] for axis in "xyz"], axis=-1))
+        (target / f"{frame:06d}.pcd").write_bytes(intensity_pcd(xyz, cloud["intensity"]))
+        _dump(content, target / f"{frame:06d}.yaml")
+    if options["images"] != "none":
+        _write_images(dataset, where, agent, cameras, options["images"], target)
+
+
+def _agent_fields(
+    row: dict[str, Any], lidar: Sensor, cameras: Sequence[Sensor], fix: np.ndarray | None
+) -> dict[str, Any]:
+    """Return an agent's own fields of one frame."""
+    pose = pose_of(row)
+    true = numbers(carla_pose(pose))
+    fields = {
+        "lidar_pose": numbers(carla_pose(sensor_to_world(pose, lidar))),
+        "true_ego_pos": true,
+        "predicted_ego_pos": list(true) if fix is None else numbers(carla_pose(fix)),
+        "ego_speed": numbers(KM_H * np.linalg.norm([row["vx"], row["vy"], row["vz"]])),
+        "plan_trajectory": [],
+    }
+    for index, camera in enumerate(cameras):
+        fields[f"camera{index}"] = {
+            "cords": numbers(carla_pose(sensor_to_world(pose, camera))),
+            # LiDAR to camera, both with CARLA's axes (x forward, y right, z up).
+            "extrinsic": numbers(carla_matrix(compose(invert(camera.mount), lidar.mount))),
+            "intrinsic": numbers(camera.intrinsic),
+        }
+    return fields
+
+
+def _vehicle(box: dict[str, Any], points: int) -> dict[str, Any]:
+    """Return the fields of one vehicle; `category` and `lidar_points` are ours."""
+    half = np.array([box["length"], box["width"], box["height"]]) / 2.0
+    middle = carla_point([box["x"], box["y"], box["z"]])
+    return {
+        "angle": numbers(carla_angles([box["yaw"], box["pitch"], box["roll"]])),
+        "center": numbers([0.0, 0.0, half[2]]),
+        "extent": numbers(half),
+        "location": numbers(middle - [0.0, 0.0, half[2]]),
+        "speed": numbers(KM_H * np.linalg.norm([box["vx"], box["vy"], box["vz"]])),
+        "category": box["category"],
+        "lidar_points": points,
+    }
+
+
+def _gnss_poses(
+    dataset: Dataset, part: Part, agent: str, frames: Sequence[int], poses: dict[int, dict[str, Any]]
+) -> dict[int, np.ndarray]:
+    """Return the pose [7] of an agent by its GNSS in each frame that has a fix: place and heading are measured, pitch
+    and roll true."""
+    rows = rows_of(dataset, "gnss", part.scenario, part.weather, frames, agent=agent)
+    if not rows:
+        return {}
+    sensors = sensors_of(dataset, part.scenario)
+    result = {}
+    for row in rows:
+        sensor = sensors[agent, row["sensor"]]
+        params = json.loads(sensor.params)
+        reference = [params[f"reference_{name}"] for name in ("latitude_deg", "longitude_deg", "altitude_m")]
+        to_world = world_from_mercator if params["mode"] == "compat" else world_from_wgs84
+        place = to_world([row["latitude_deg"], row["longitude_deg"], row["altitude_m"]], reference)
+        true = pose_of(poses[row["frame"]])
+        yaw, pitch, roll = quaternion_to_ypr(multiply(true[3:], sensor.mount[3:]))
+        yaw = np.pi / 2.0 - row["heading"]
+        turn = multiply(quaternion_from_ypr(yaw, pitch, roll), invert(sensor.mount)[3:])
+        result[row["frame"]] = np.concatenate([place - rotate(turn, sensor.mount[:3]), turn])
+    return result
+
+
+def _write_images(
+    dataset: Dataset,
+    where: tuple[str, str, Sequence[int]],
+    agent: str,
+    cameras: Sequence[Sensor],
+    kind: str,
+    target: Path,
+) -> None:
+    """Write the images that there are: cameras may be slower than the frames."""
+    number = {camera.name: index for index, camera in enumerate(cameras)}
+    for row in rows_of(dataset, "rgb", *where, ["sensor", "image", "format"], agent):
+        path, data = target / f"{row['frame']:06d}_camera{number[row['sensor']]}", row["image"]["bytes"]
+        if kind == "source" or row["format"] == "png":
+            path.with_suffix(f".{row['format']}").write_bytes(data)
+        else:
+            path.with_suffix(".png").write_bytes(png_of(data))
+
+
+def numbers(values: Any) -> Any:
+    """Return an array as nested lists of plain floats, a scalar as a float, rounded; -0 becomes 0."""
+    return (np.round(np.asarray(values, dtype=np.float64), DECIMALS) + 0.0).tolist()
+
+
+def _dump(content: dict[str, Any], path: Path) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w", encoding="utf-8") as file:
+        yaml.dump(content, file, Dumper=_Dumper, default_flow_style=None, sort_keys=False)
+
+
+FORMAT = Format(
+    "opv2v",
+    "OPV2V and V2XSet: YAML, PCD and PNG for OpenCOOD's loaders",
+    LOSSES,
+    plan,
+    options=OPTIONS,
+)

@@ -1,0 +1,71 @@
+"""What the radio formats read of a dataset: links and paths, and where the antennas are."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from mmw.core.errors import InputError
+from mmw.core.transforms import compose, make_pose, normalize, rotate
+from mmw.dataset import Dataset
+from mmw.dataset.export.exporter import Part
+from mmw.dataset.export.read_sensors import frame_range
+
+
+@dataclass(frozen=True)
+class Antennas:
+    """Antennas of agents in frames, row by row of table `poses`."""
+
+    row: dict[tuple[int, str], int]
+    """(frame, agent) -> row."""
+    pose: np.ndarray
+    """Antenna to world, shape [n, 7]."""
+    velocity: np.ndarray
+    """World frame [m/s], shape [n, 3]."""
+    role: list[str]
+
+    def at(self, keys: list[tuple[int, str]]) -> tuple[np.ndarray, np.ndarray]:
+        """Return poses [k, 7] and velocities [k, 3]; NaN where an agent is absent."""
+        rows = np.array([self.row.get(key, -1) for key in keys], dtype=np.int64)
+        absent = (rows < 0)[:, None]
+        return np.where(absent, np.nan, self.pose[rows]), np.where(absent, np.nan, self.velocity[rows])
+
+
+def read_part(dataset: Dataset, table: str, part: Part, columns: list[str] | None = None) -> pa.Table:
+    """Return the rows of a table in one part's frames, of every agent."""
+    frames = frame_range(part.frames)
+    rows = dataset.read(table, columns=columns, scenario=part.scenario, weather=part.weather, frames=frames)
+    return rows.filter(pc.is_in(rows["frame"], value_set=pa.array(part.frames, pa.int32())))
+
+
+def read_antennas(dataset: Dataset, part: Part) -> Antennas:
+    """Return where the antennas are.
+
+    Raises:
+        InputError: If an agent has no antenna in table `sensors`.
+    """
+    sensors = dataset.read("sensors", scenario=part.scenario)
+    sensors = sensors.filter(pc.equal(sensors["type"].cast(pa.string()), "antenna")).to_pylist()
+    mounts = {
+        row["agent"]: np.array([row[name] for name in ("x", "y", "z", "qx", "qy", "qz", "qw")]) for row in sensors
+    }
+    rows = read_part(dataset, "poses", part)
+    agents = rows["agent"].to_pylist()
+    lost = sorted(set(agents) - set(mounts))
+    if lost:
+        raise InputError(f"{dataset.root}: table sensors has no antenna of {', '.join(lost)}; record the channel again")
+    columns = {
+        name: rows[name].to_numpy() for name in rows.column_names if rows.schema.field(name).type == pa.float64()
+    }
+    q = normalize(np.stack([columns[name] for name in ("qx", "qy", "qz", "qw")], axis=-1))
+    agent_pose = make_pose(np.stack([columns[name] for name in "xyz"], axis=-1), q)
+    mount = np.array([mounts[agent] for agent in agents])
+    arm = np.cross(np.stack([columns[f"w{axis}"] for axis in "xyz"], axis=-1), mount[:, :3])
+    keys = zip(rows["frame"].to_pylist(), agents, strict=True)
+    return Antennas(
+        row={key: index for index, key in enumerate(keys)},
+        pose=compose(agent_pose, mount),
+        velocity=np.stack([columns[f"v{axis}"] for axis in "xyz"], axis=-1) + rotate(q, arm),
+        role=rows["role"].to_pylist(),
+    )

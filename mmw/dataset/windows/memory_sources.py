@@ -1,0 +1,268 @@
+"""What a take is read from: numbers and boxes, which are kept in memory."""
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+import pyarrow as pa
+
+from mmw.core.constants import FRAME_RATE_HZ
+from mmw.core.errors import InputError
+from mmw.core.transforms import normalize
+from mmw.dataset.camera_geometry import POSE_COLUMNS, from_world
+from mmw.dataset.windows.tracks import Held, Track, groups, hold
+from mmw.dataset.windows.window_spec import WITH_SENSOR, Take
+from mmw.storage.schemas import table_spec
+from mmw.usd.semantics import CARLA_TAG
+
+if TYPE_CHECKING:
+    from mmw.dataset import Dataset
+
+KEYS = ("scenario", "weather", "frame", "agent")
+BOX_COLUMNS = ("x", "y", "z", "length", "width", "height", "yaw")
+"""Last axis of `boxes`: middle and yaw in the agent's frame [m, rad], size [m]."""
+
+
+class Source(Protocol):
+    """Where the samples of a take are; rows count the samples of all tracks."""
+
+    @property
+    def held(self) -> Sequence[Held]:
+        """The sample of each frame, one entry a track."""
+        ...
+
+    def load(self, rows: np.ndarray) -> dict[str, Any]:
+        """Return what rows hold, by what follows the take's key: an array with one entry a row, a tuple of images, or a
+        list of arrays whose lengths differ."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class RowSource:
+    """Arrays with one row a sample."""
+
+    held: Sequence[Held]
+    arrays: dict[str, np.ndarray]
+    """What follows the take's key -> values, shape [rows, ...]."""
+
+    def load(self, rows: np.ndarray) -> dict[str, np.ndarray]:
+        """Return the values of rows, shape [T, ...] each."""
+        return {name: values[rows] for name, values in self.arrays.items()}
+
+
+@dataclass(frozen=True, eq=False)
+class BoxSource:
+    """Boxes of other actors in the frame of the agent; a row is a frame of a track."""
+
+    held: Sequence[Held]
+    pose: np.ndarray
+    """Pose of the agent, shape [rows, 7], float64."""
+    own: np.ndarray
+    """`object_id` of the agent, shape [rows], int64."""
+    span: np.ndarray
+    """First and one past the last box of the row's frame, shape [rows, 2], int64."""
+    place: np.ndarray
+    """Middle of each box in the world [m], shape [boxes, 3], float64."""
+    forward: np.ndarray
+    """Direction of the box's x in the world, shape [boxes, 3], float64."""
+    size: np.ndarray
+    """Length, width, height [m], shape [boxes, 3], float32."""
+    object_id: np.ndarray
+    """Shape [boxes], int64."""
+    tag: np.ndarray
+    """CARLA's number of the class, shape [boxes], int64."""
+
+    def load(self, rows: np.ndarray) -> dict[str, list[np.ndarray]]:
+        """Return boxes [N, 7], ids [N] and classes [N] of each row; the agent's own box is left out."""
+        found: dict[str, list[np.ndarray]] = {"": [], "_object_id": [], "_class": []}
+        for row in rows:
+            some = np.arange(*self.span[row])
+            some = some[self.object_id[some] != self.own[row]]
+            turned = from_world(np.concatenate([np.zeros(3), self.pose[row, 3:]]), self.forward[some])
+            yaw = np.arctan2(turned[:, 1], turned[:, 0])[:, None]
+            values = np.hstack([from_world(self.pose[row], self.place[some]), self.size[some], yaw])
+            found[""].append(values.astype(np.float32))
+            found["_object_id"].append(self.object_id[some])
+            found["_class"].append(self.tag[some])
+        return found
+
+
+def parts_of(tracks: Sequence[Track]) -> Iterable[tuple[str, str, dict[str, int]]]:
+    """Yield scenario, weather, and the number of the track of each agent in it."""
+    found: dict[tuple[str, str], dict[str, int]] = {}
+    for number, track in enumerate(tracks):
+        found.setdefault((track.scenario, track.weather), {})[track.agent] = number
+    for (scenario, weather), agents in found.items():
+        yield scenario, weather, agents
+
+
+def nothing_held(tracks: Sequence[Track]) -> list[Held]:
+    """Return `Held` without any sample for every track."""
+    none = np.zeros(0, dtype=np.int64)
+    return [hold(track, none, none, 0) for track in tracks]
+
+
+def sensor_periods(dataset: "Dataset") -> dict[tuple[str, str, str], int]:
+    """Return the frames from one sample to the next of every scenario, agent and sensor in table `sensors`."""
+    if "sensors" not in dataset.tables:
+        return {}
+    rows = dataset.read("sensors", columns=["scenario", "agent", "sensor", "params"]).to_pylist()
+    found = {}
+    for row in rows:
+        params = json.loads(row["params"])
+        period = params.get("every_frames", FRAME_RATE_HZ // params["rate_hz"] if "rate_hz" in params else 1)
+        found[row["scenario"], row["agent"], row["sensor"]] = int(period)
+    return found
+
+
+def hold_of(take: Take, periods: Mapping[tuple[str, str, str], int], track: Track, sensor: str) -> int:
+    """Return the frames that a sample of a sensor may be older than the frame it stands for.
+
+    Raises:
+        InputError: If the sensor is not among `sensor_periods`, and `hold` is not given.
+    """
+    if take.hold is not None:
+        return take.hold
+    key = track.scenario, track.agent, sensor
+    if key not in periods:
+        raise InputError(
+            f"Take({take.modality!r}): table sensors has no row for {' '.join(key)}, which would tell how often it is "
+            "sampled; give `hold`"
+        )
+    return periods[key] - 1
+
+
+def one_sensor(take: Take, track: Track, known: Iterable[str]) -> str | None:
+    """Return the sensor of an agent that a take is read from; None if it has none.
+
+    Raises:
+        InputError: If there are several, and none is named.
+    """
+    names = sorted(known)
+    if take.sensor is not None:
+        return take.sensor if take.sensor in names else None
+    if len(names) > 1:
+        raise InputError(
+            f"Take({take.modality!r}): {track.agent} of {track.scenario} has {', '.join(names)}; name one as `sensor`"
+        )
+    return names[0] if names else None
+
+
+def number_columns(take: Take) -> tuple[str, ...]:
+    """Return the columns of a take of kind numbers or points.
+
+    Raises:
+        InputError: If one is not in the table, or holds something else than numbers (points: lists of them).
+    """
+    types = {}
+    for column in table_spec(take.table).columns:
+        value = column.type
+        if take.kind == "points":
+            value = value.value_type if pa.types.is_list(value) else pa.null()
+        if pa.types.is_floating(value) or pa.types.is_integer(value) or pa.types.is_boolean(value):
+            types[column.name] = value
+    wrong = [name for name in take.picked if name not in types]
+    if wrong or not take.picked:
+        raise InputError(
+            f"Take({take.modality!r}): columns {wrong or 'none'}; {take.table} has {', '.join(types)}; name some"
+        )
+    return take.picked
+
+
+def number_source(dataset: "Dataset", take: Take, tracks: Sequence[Track]) -> RowSource:
+    """Return numbers of `poses`, `imu` or `gnss`, one row a sample; nulls are NaN.
+
+    Raises:
+        InputError: If a column is not one of numbers, or an agent has several sensors and none is named.
+    """
+    columns, has_sensor = number_columns(take), take.modality in WITH_SENSOR
+    # A step of float32 is 0.4 m of latitude.
+    dtype = np.float64 if take.modality == "gnss" else np.float32
+    held, found, count = nothing_held(tracks), [np.zeros((0, len(columns)), dtype=dtype)], 0
+    periods = sensor_periods(dataset)
+    names = list(dict.fromkeys([*KEYS, *(["sensor"] if has_sensor else []), *columns]))
+    for scenario, weather, agents in parts_of(tracks):
+        rows = dataset.read(take.table, columns=names, scenario=scenario, weather=weather)
+        frames = rows.column("frame").to_numpy().astype(np.int64)
+        values = stacked(rows, columns, dtype)
+        by_agent = by_sensor(rows) if has_sensor else {a: {"": r} for (a,), r in groups(rows, ("agent",)).items()}
+        for agent, number in agents.items():
+            track = tracks[number]
+            sensor = one_sensor(take, track, by_agent.get(agent, {}))
+            if sensor is not None:
+                some = in_order(frames, by_agent[agent][sensor], take, track)
+                most = hold_of(take, periods, track, sensor) if has_sensor else take.hold or 0
+                held[number] = hold(track, frames[some], some + count, most)
+        found.append(values)
+        count += len(values)
+    return RowSource(held, {"": np.concatenate(found)})
+
+
+def by_sensor(rows: pa.Table) -> dict[str, dict[str, np.ndarray]]:
+    """Return the row numbers of every sensor of every agent."""
+    found: dict[str, dict[str, np.ndarray]] = {}
+    for (agent, sensor), some in groups(rows, ("agent", "sensor")).items():
+        found.setdefault(agent, {})[sensor] = some
+    return found
+
+
+def in_order(frames: np.ndarray, rows: np.ndarray, take: Take, track: Track) -> np.ndarray:
+    """Return rows of one track, sorted by frame.
+
+    Raises:
+        InputError: If a frame has more than one.
+    """
+    some = rows[np.argsort(frames[rows], kind="stable")]
+    if (np.diff(frames[some]) == 0).any():
+        where = " ".join(track.name)
+        raise InputError(f"table {take.table}: {where} has two rows in one frame; run mmw verify")
+    return some
+
+
+def stacked(rows: pa.Table, columns: Sequence[str], dtype: type) -> np.ndarray:
+    """Return number columns side by side, shape [rows, columns]; nulls are NaN."""
+    values = np.empty((rows.num_rows, len(columns)), dtype=dtype)
+    for index, name in enumerate(columns):
+        values[:, index] = rows.column(name).to_numpy()
+    return values
+
+
+def box_source(dataset: "Dataset", tracks: Sequence[Track], take: Take) -> BoxSource:
+    """Return the boxes of every frame of every track; a frame without any box has no sample."""
+    held, count, boxes = nothing_held(tracks), 0, 0
+    parts: dict[str, list[np.ndarray]] = {}
+    pose_columns = [*KEYS, "object_id", *POSE_COLUMNS]
+    columns = ["frame", "object_id", "category", "x", "y", "z", "yaw", "pitch", "length", "width", "height"]
+
+    def add(name: str, values: np.ndarray) -> None:
+        parts.setdefault(name, []).append(values)
+
+    for scenario, weather, agents in parts_of(tracks):
+        rows = dataset.read("boxes", columns=columns, scenario=scenario, weather=weather)
+        frames = rows.column("frame").to_numpy().astype(np.int64)
+        order = np.argsort(frames, kind="stable")
+        frames = frames[order]
+        kinds = rows.column("category").cast(pa.string()).to_pylist()
+        yaw, pitch = (rows.column(name).to_numpy()[order] for name in ("yaw", "pitch"))
+        add("place", stacked(rows, ("x", "y", "z"), np.float64)[order])
+        add("forward", np.stack([np.cos(yaw) * np.cos(pitch), np.sin(yaw) * np.cos(pitch), -np.sin(pitch)], axis=-1))
+        add("size", stacked(rows, ("length", "width", "height"), np.float32)[order])
+        add("object_id", rows.column("object_id").to_numpy()[order].astype(np.int64))
+        add("tag", np.array([CARLA_TAG[kind] for kind in kinds], dtype=np.int64)[order])
+        poses = dataset.read("poses", columns=pose_columns, scenario=scenario, weather=weather)
+        own_frames = poses.column("frame").to_numpy().astype(np.int64)
+        span = np.stack([np.searchsorted(frames, own_frames, side=side) for side in ("left", "right")], axis=-1)
+        add("span", span + boxes)
+        pose = stacked(poses, POSE_COLUMNS, np.float64)
+        add("pose", np.hstack([pose[:, :3], normalize(pose[:, 3:])]))
+        add("own", poses.column("object_id").to_numpy().astype(np.int64))
+        for (agent,), some in groups(poses, ("agent",)).items():
+            if agent in agents:
+                track = tracks[agents[agent]]
+                some = in_order(own_frames, some[span[some, 1] > span[some, 0]], take, track)
+                held[agents[agent]] = hold(track, own_frames[some], some + count, take.hold or 0)
+        boxes += len(frames)
+        count += poses.num_rows
+    return BoxSource(held, **{name: np.concatenate(values) for name, values in parts.items()})

@@ -1,0 +1,195 @@
+"""What a window holds: how long past and future are, and what is taken from each of their frames."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from mmw.channel.response import subcarrier_frequencies
+from mmw.core.errors import InputError
+from mmw.dataset.beams import BeamSearch
+
+Kind = Literal["numbers", "boxes", "beams", "csi", "points", "rgb", "depth"]
+
+
+@dataclass(frozen=True)
+class Modality:
+    """One thing that a window can hold."""
+
+    table: str
+    """Table that it is read from."""
+    kind: Kind
+    columns: tuple[str, ...] = ()
+    """Columns unless others are asked for, in the order of the array's last axis."""
+
+
+MODALITIES: dict[str, Modality] = {
+    "poses": Modality("poses", "numbers", ("x", "y", "z", "qx", "qy", "qz", "qw", "vx", "vy", "vz", "wx", "wy", "wz")),
+    "imu": Modality("imu", "numbers", ("ax", "ay", "az", "gx", "gy", "gz")),
+    "gnss": Modality("gnss", "numbers", ("latitude_deg", "longitude_deg", "altitude_m", "v_east", "v_north", "v_up")),
+    "links": Modality(
+        "links", "numbers", ("gain_db", "mean_delay_s", "rms_delay_s", "doppler_spread_hz", "is_los", "path_count")
+    ),
+    "beams": Modality("paths", "beams"),
+    "csi": Modality("paths", "csi"),
+    "boxes": Modality("boxes", "boxes"),
+    "lidar": Modality("lidar", "points", ("x", "y", "z", "intensity")),
+    "radar": Modality("radar", "points", ("range", "azimuth", "elevation", "velocity")),
+    "rgb": Modality("rgb", "rgb"),
+    "depth": Modality("depth", "depth"),
+}
+"""Name -> modality."""
+
+WITH_SENSOR = ("imu", "gnss", "lidar", "radar", "rgb", "depth")
+"""Modalities of a sensor; `hold` of the others is 0 unless it is given."""
+
+WITH_LINK = ("links", "beams", "csi")
+"""Modalities of a radio link, in which the agent is the receiver."""
+
+CSI_HZ = tuple(subcarrier_frequencies(64, 120e3).tolist())
+"""Frequencies of `csi` unless others are given: 64 subcarriers, 120 kHz apart. Design value."""
+
+
+@dataclass(frozen=True, eq=False)
+class Take:
+    """One modality of a window, with its own rate.
+
+    Raises:
+        InputError: If the modality is not known, or has no use for an option that is given.
+    """
+
+    modality: str
+    """A name of `MODALITIES`."""
+    span: Literal["past", "future"] = "past"
+    """`past` ends with the frame `now`; `future` begins with the first frame after it."""
+    every: int = 1
+    """Steps between samples, counted from `now`: of 40 past frames 10 gives now - 30, now - 20, now - 10 and now."""
+    sensor: str | None = None
+    """Sensor name; None takes the only one that the table has of an agent."""
+    columns: tuple[str, ...] | None = None
+    """Number columns instead of the modality's own; of point clouds its lists."""
+    hold: int | None = None
+    """Frames that a sample may be older than the frame it stands for; None: as the sensor is sampled, else 0."""
+    peer: str | None = None
+    """Transmitter of the link; None takes the only roadside unit of the scenario."""
+    carrier_hz: float | None = None
+    """Carrier of the link [Hz]; None takes the only one of the dataset."""
+    search: BeamSearch = field(default_factory=BeamSearch)
+    """What the best beams are searched with, of `beams`."""
+    frequencies_hz: tuple[float, ...] = CSI_HZ
+    """Frequencies of `csi`, counted from the carrier [Hz]."""
+    shrink: Literal[1, 2, 4, 8] = 1
+    """Divisor of width and height of `rgb`: a JPEG file is then decoded at that size, which is faster."""
+    name: str | None = None
+    """Key in a sample; None makes `lidar`, `rgb_front`, `future_beams`."""
+
+    def __post_init__(self) -> None:
+        where = f"Take({self.modality!r})"
+        if self.modality not in MODALITIES:
+            raise InputError(f"{where}: no such modality; they are {', '.join(MODALITIES)}; name one of them")
+        if self.span not in ("past", "future"):
+            raise InputError(f"{where}: span = {self.span!r}; it is past or future")
+        if self.every < 1 or (self.hold is not None and self.hold < 0):
+            raise InputError(f"{where}: every = {self.every}, hold = {self.hold}; every is at least 1, hold 0")
+        if self.shrink not in (1, 2, 4, 8):
+            raise InputError(f"{where}: shrink = {self.shrink}; it is 1, 2, 4 or 8")
+        kind = MODALITIES[self.modality].kind
+        uses = {
+            "sensor": (self.sensor is not None, self.modality in WITH_SENSOR),
+            "peer": (self.peer is not None, self.modality in WITH_LINK),
+            "carrier_hz": (self.carrier_hz is not None, self.modality in WITH_LINK),
+            "columns": (self.columns is not None, kind in ("numbers", "points")),
+            "shrink": (self.shrink != 1, kind == "rgb"),
+        }
+        for option, (is_given, has_use) in uses.items():
+            if is_given and not has_use:
+                raise InputError(f"{where}: has no use for {option}; leave it out")
+
+    @property
+    def key(self) -> str:
+        """Its key in a sample."""
+        if self.name is not None:
+            return self.name
+        return "_".join((["future"] if self.span == "future" else []) + [self.modality] + [self.sensor or ""]).strip(
+            "_"
+        )
+
+    def has_source_of(self, other: "Take") -> bool:
+        """Return whether both take the same samples, of whatever frames."""
+        names = ("modality", "sensor", "columns", "hold", "peer", "carrier_hz", "search", "frequencies_hz", "shrink")
+        return all(getattr(self, name) == getattr(other, name) for name in names)
+
+    @property
+    def table(self) -> str:
+        """Table that it is read from."""
+        return MODALITIES[self.modality].table
+
+    @property
+    def kind(self) -> Kind:
+        """How its rows become an array."""
+        return MODALITIES[self.modality].kind
+
+    @property
+    def picked(self) -> tuple[str, ...]:
+        """Columns in the order of the array's last axis."""
+        return self.columns if self.columns is not None else MODALITIES[self.modality].columns
+
+
+@dataclass(frozen=True, eq=False)
+class WindowSpec:
+    """Windows of P past and W future frames; the last past frame is `now`.
+
+    Raises:
+        InputError: If a length is too small, nothing is taken, or two things have one name.
+    """
+
+    takes: Sequence[Take | str]
+    """What a window holds; a text is `Take(text)`."""
+    past: int
+    """Past frames P, `now` included."""
+    future: int = 0
+    """Future frames W."""
+    stride: int = 1
+    """There is a window for every `now` that is a multiple of it, so those of all agents and weathers coincide."""
+    step: int = 1
+    """Frames from one frame of a window to the next; all frames in between must be there too."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "takes", tuple(t if isinstance(t, Take) else Take(t) for t in self.takes))
+        if self.past < 1 or self.future < 0 or self.stride < 1 or self.step < 1:
+            sizes = f"past = {self.past}, future = {self.future}, stride = {self.stride}, step = {self.step}"
+            raise InputError(f"WindowSpec: {sizes}; future is at least 0, the others 1")
+        if not self.takes:
+            raise InputError("WindowSpec: takes is empty; name what a window holds, such as Take('beams')")
+        keys = ["now", "track", *(key for take in self.all_takes for key in (take.key, f"{take.key}_frame"))]
+        twice = sorted({key for key in keys if keys.count(key) > 1})
+        if twice:
+            raise InputError(f"WindowSpec: {', '.join(twice)} would be there twice; give one Take another name")
+        for take in self.all_takes:
+            if take.span == "future" and take.every > self.future:
+                raise InputError(
+                    f"WindowSpec: {take.key} has one sample in {take.every} frames, the future {self.future} frames; "
+                    "lengthen the future or lower `every`"
+                )
+
+    @property
+    def all_takes(self) -> tuple[Take, ...]:
+        """`takes`, none of them a text."""
+        return tuple(take for take in self.takes if isinstance(take, Take))
+
+    @property
+    def before(self) -> int:
+        """Frames from the first past frame to `now`."""
+        return (self.past - 1) * self.step
+
+    @property
+    def after(self) -> int:
+        """Frames from `now` to the last future frame."""
+        return self.future * self.step
+
+    def offsets(self, take: Take) -> np.ndarray:
+        """Return the frames that a take has samples for, counted from `now`, growing, shape [T], int64."""
+        if take.span == "future":
+            return np.arange(take.every, self.future + 1, take.every) * self.step
+        return -np.arange(0, self.past, take.every)[::-1] * self.step

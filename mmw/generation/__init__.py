@@ -1,0 +1,1 @@
+"""Generate datasets: plan, run, resume, verify and regenerate."""

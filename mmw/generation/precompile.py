@@ -1,0 +1,147 @@
+"""Kernels that a configuration surely needs, compiled while its first scene is made and read.
+
+Warp compiles a module at the first launch of one of its kernels, which takes a CPU 1 to 10 s each. Its compilers run
+outside Python's lock and make the same object whichever thread or process calls them, so threads compile different
+modules, and processes share them out: what one has compiled, the others load from Warp's cache.
+"""
+
+import os
+import time
+from collections import deque
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from importlib import import_module
+from pathlib import Path
+
+import warp as wp
+from filelock import Timeout
+
+from mmw.config import Config, DepthConfig, LidarConfig, RadarConfig, RgbConfig
+from mmw.core.bvh_kind import select_bvh
+from mmw.storage.lock import only_one
+
+MOST_THREADS = 4
+"""Threads of a worker that compile at most; each takes about 0.5 GB. Design value."""
+
+BLOCKS = {"lidar.returns": (256, 64)} | dict.fromkeys(
+    (
+        "channel.image_method",
+        "camera.depth",
+        "lidar.trace",
+        "shading.shadows",
+        "shading.reflections",
+        "camera.image_samples",
+        "radar.trace",
+        "core.line_of_sight",
+        "core.trace",
+        "camera.visibility",
+    ),
+    (64,),
+)
+"""Module -> threads of a block in its launches, where it is not 256 alone; on a GPU each is compiled by itself."""
+
+POLL_S = 0.1
+"""Time between two looks at whether another worker has compiled a module [s]."""
+
+
+def needed_modules(config: Config, *, on_gpu: bool = True) -> list[str]:
+    """Return the modules of `mmw.kernels` that every run of a configuration launches, the slowest to compile first.
+
+    What only some weathers, materials or options need is left out; Warp compiles it when it is launched.
+
+    Args:
+        config: The configuration.
+        on_gpu: Whether a GPU is what runs it, which makes its own JPEG files.
+    """
+    sensors, modules = config.sensors, {"core.trace": 5, "core.line_of_sight": 2, "core.instance_bounds": 0}
+    has_rgb = any(isinstance(sensor, RgbConfig) for sensor in sensors)
+    if has_rgb or any(isinstance(sensor, DepthConfig) for sensor in sensors):
+        modules |= {"camera.visibility": 7, "camera.instance_culling": 1, "camera.depth": 1, "camera.boxes_2d": 0}
+    if has_rgb:
+        modules |= {
+            "shading.reflections": 10, "shading.shade": 7, "shading.shadows": 5, "shading.surface_samples": 4,
+            "shading.denoise": 2, "camera.tone_mapping": 1, "shading.clouds": 1, "camera.image_samples": 1,
+        }  # fmt: skip
+    if on_gpu and any(isinstance(sensor, RgbConfig) and sensor.format == "jpeg" for sensor in sensors):
+        modules |= {"camera.jpeg": 2}
+    if any(isinstance(sensor, LidarConfig) for sensor in sensors):
+        modules |= {"lidar.trace": 4, "lidar.returns": 2}
+    if any(isinstance(sensor, RadarConfig) for sensor in sensors):
+        modules |= {"radar.trace": 3}
+    if any(isinstance(sensor, RadarConfig) and _needs_cells(sensor) for sensor in sensors):
+        modules |= {"radar.resolution_cells": 1, "radar.detection": 1}
+    if config.channel.enabled:
+        modules |= {"channel.image_method": 7, "channel.reflection_candidates": 2}
+    return sorted(modules, key=lambda name: -modules[name])  # seconds that the CPU compiler takes
+
+
+def _needs_cells(sensor: RadarConfig) -> bool:
+    return sensor.mode == "physical" and sensor.output == "detections"
+
+
+@contextmanager
+def compiled_ahead(config: Config, device: str) -> Iterator[list[Future[None]]]:
+    """Compile and load the kernels of a configuration in threads; who is about to launch them waits for the futures.
+
+    Args:
+        config: The configuration.
+        device: Warp device name.
+
+    Yields:
+        One future a thread.
+
+    Raises:
+        InputError: If this process has built trees of another kind than the configuration's `compute.bvh`.
+    """
+    select_bvh(config.compute.bvh)  # the kernels of either kind are others
+    is_cpu = wp.get_device(device).is_cpu
+    waiting = deque(
+        (name, block)
+        for name in needed_modules(config, on_gpu=not is_cpu)
+        for block in ((None,) if is_cpu else BLOCKS.get(name, (256,)))
+    )
+    pool = ThreadPoolExecutor(min(os.cpu_count() or 1, MOST_THREADS), thread_name_prefix="mmw-compiler")
+    try:
+        opened = pool.submit(_open, device)
+        yield [pool.submit(_compile, waiting, device, opened) for _ in range(MOST_THREADS)]
+    finally:
+        waiting.clear()
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+def kernel_cache() -> Path:
+    """Return the folder in which Warp keeps what was compiled."""
+    wp.init()
+    return Path(wp.config.kernel_cache_dir)
+
+
+def lock_name(module: str, block: int | None) -> str:
+    """Return the name of the lock of who compiles a module for blocks of some size, None for a CPU."""
+    return f"{module}-{block or 'cpu'}"
+
+
+def _open(device: str) -> None:
+    """Make a GPU's context, which Warp does for whoever first needs it, and twice for two threads at once.
+
+    A machine makes one after the other, 0.12 s each on H200s, however many processes ask for theirs.
+    """
+    found = wp.get_device(device)
+    if found.is_cuda:
+        found.make_current()
+
+
+def _compile(waiting: deque[tuple[str, int | None]], device: str, opened: Future[None]) -> None:
+    """Compile and load what waits; what another worker is compiling waits until it has."""
+    opened.result()
+    while True:
+        try:
+            name, block = waiting.popleft()
+        except IndexError:
+            return
+        try:
+            with only_one(kernel_cache(), lock_name(name, block), timeout_s=0.0):
+                wp.load_module(import_module(f"mmw.kernels.{name}"), device=device, block_dim=block, max_workers=0)
+        except Timeout:
+            waiting.append((name, block))
+            time.sleep(POLL_S)

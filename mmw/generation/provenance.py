@@ -1,0 +1,162 @@
+"""Where a dataset comes from: the configuration kept with it, versions, hashes, and what a resumed run must match."""
+
+import functools
+import hashlib
+import platform
+import subprocess
+from collections.abc import Mapping
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from mmw import __version__
+from mmw.config import Config
+from mmw.config.load import load_config, to_yaml
+from mmw.core.errors import InputError
+from mmw.generation.estimate import is_town_file, scenario_source, trajectory_file
+from mmw.storage.manifest import CONFIG, DATASET, read_dataset, read_markers
+from mmw.storage.store import Root, store_of
+
+
+def keep_config(config: Config, base: Path, root: Root) -> None:
+    """Write the resolved configuration, every default included, as `config.yaml` into the dataset.
+
+    `python -m mmw.run --config <dataset>/config.yaml --out <other>` makes the same rows again. Paths of stages, of
+    trajectories and of towns that are not shipped are absolute in it. A file that is there stays.
+    """
+    store = store_of(root)
+    if store.sizes([CONFIG]):
+        return
+    data = config.model_dump(mode="json")
+    for written, scenario in zip(data["scenarios"], config.scenarios, strict=True):
+        source = str(scenario_source(scenario, base).resolve())
+        if scenario.stage is not None:
+            written["stage"] = source
+        elif is_town_file(scenario):
+            written["town"] = source
+        table = trajectory_file(scenario, base)
+        if table is not None:
+            written["traffic"]["trajectories"] = str(table.resolve())
+    text = (
+        "# The configuration that made this dataset, every default written out.\n"
+        "# To make the same data again: python -m mmw.run --config THIS_FILE --out ANOTHER_FOLDER\n"
+    )
+    store.publish(CONFIG, (text + to_yaml(Config.model_validate(data))).encode())
+
+
+def stored_config(root: Root) -> Config:
+    """Return the configuration that a dataset holds.
+
+    Raises:
+        InputError: If it is no dataset, or has no configuration.
+    """
+    store = store_of(root)
+    read_dataset(store)
+    with store.copy(CONFIG) as folder:
+        if not (folder / CONFIG).is_file():
+            raise InputError(f"{store.where()}: has no {CONFIG}; run the configuration again, which writes it")
+        return load_config(folder / CONFIG)
+
+
+def check_continuation(root: Root, config: Config, now: Mapping[str, Any]) -> list[str]:
+    """Compare what goes on with a dataset to what began it.
+
+    Args:
+        root: Dataset; nothing is compared if it holds no data of this configuration.
+        config: The configuration.
+        now: What `versions` returns today.
+
+    Returns:
+        One line for everything that differs: versions, machine, kind of trees, town files.
+
+    Raises:
+        InputError: If a user's own stage has changed: its old and new frames would be mixed.
+    """
+    root = store_of(root)
+    if not root.sizes([DATASET]):
+        return []
+    head = read_dataset(root)
+    if head["config_sha256"] != config.sha256() or not read_markers(root):
+        return []
+    before, notes = head["versions"], []
+    for scenario in config.scenarios:
+        old, new = (made.get("sources", {}).get(scenario.name, {}) for made in (before, now))
+        changed = sorted(name for name in old.keys() | new.keys() if old.get(name) != new.get(name))
+        if changed and scenario.stage is not None:
+            raise InputError(
+                f"{root}: scenario {scenario.name!r}: {', '.join(changed)} changed since the dataset was begun; "
+                "use --overwrite to make it again, or another --out"
+            )
+        notes += [f"{root}: {name} changed since; the dataset goes on with its own copy" for name in changed]
+    old, new = ({**made, **made.get("packages", {})} for made in (before, now))
+    if old.get("device") != new.get("device"):
+        notes.append(
+            f"{root}: begun on {old.get('device')}, goes on on {new.get('device')}: all rows are right, but the last "
+            "bits may differ between the two (docs/determinism.md); for the same bits throughout, go on where it began"
+        )
+    if old.get("bvh", new["bvh"]) != new["bvh"]:  # older datasets do not say
+        notes.append(
+            f"{root}: begun with compute.bvh = {old['bvh']!r}, goes on with {new['bvh']!r}: last bits may differ "
+            f"(docs/running.md); for the same bits throughout, set compute.bvh={old['bvh']}"
+        )
+    for name in ("mmw", "git", *before.get("packages", {})):
+        if old.get(name) != new.get(name):
+            notes.append(f"{root}: begun with {name} {old.get(name)!r}, goes on with {new.get(name)!r}")
+    return notes
+
+
+def versions(config: Config, base: Path, machine: str) -> dict[str, Any]:
+    """Return what makes the data: versions, revision, device, and the hashes of towns, stages and trajectories.
+
+    Args:
+        config: The configuration.
+        base: Folder that relative paths in it start from.
+        machine: Kind of machine that makes it, see `machine_kind`.
+
+    Raises:
+        InputError: If a file of the configuration does not exist.
+    """
+    packages = {}
+    names = ["warp-lang", "numpy", "usd-core", "pyarrow", "pydantic", "trimesh", "pillow", "simplejpeg"]
+    names += ["libsumo"] * any(scenario.traffic and scenario.traffic.engine == "sumo" for scenario in config.scenarios)
+    for name in names:
+        try:
+            packages[name] = version(name)
+        except PackageNotFoundError:
+            packages[name] = "unknown"
+    sources, sha256_of = {}, functools.cache(sha256)  # scenarios share towns
+    for scenario in config.scenarios:
+        source = scenario_source(scenario, base)
+        payload = source.parent / "geometry.usdc"
+        files = (source, payload, trajectory_file(scenario, base))
+        sources[scenario.name] = {path.name: sha256_of(path) for path in files if path is not None and path.is_file()}
+    return {
+        "mmw": __version__,
+        "git": git_revision(),
+        "python": platform.python_version(),
+        "packages": packages,
+        "device": machine,
+        "bvh": config.compute.bvh,
+        "sources": sources,
+    }
+
+
+def git_revision() -> str:
+    """Return the checkout's commit, with `+` if files differ from it; empty outside a checkout."""
+    root = Path(__file__).resolve().parents[2]
+    if not (root / ".git").exists():
+        return ""
+
+    def git(*arguments: str) -> str:
+        result = subprocess.run(["git", "-C", str(root), *arguments], capture_output=True, text=True, check=False)
+        return result.stdout.strip() if result.returncode == 0 else ""
+
+    return git("rev-parse", "--short=12", "HEAD") + (
+        "+" if git("status", "--porcelain", "--untracked-files=no") else ""
+    )
+
+
+def sha256(path: Path) -> str:
+    """Return the SHA-256 of a file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,0 +1,1 @@
+"""Model fields, materials and weather, without a scene."""

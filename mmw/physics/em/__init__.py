@@ -1,0 +1,1 @@
+"""Compute electromagnetic fields: reflection, transmission, diffraction, scattering and attenuation."""

@@ -1,0 +1,209 @@
+"""Diffraction at wedges: the uniform theory, with the reflection coefficients of the two faces.
+
+Source: R. G. Kouyoumjian and P. H. Pathak, Proc. IEEE 62(11), 1974, for the transition function and the four terms;
+ITU-R P.526-15, section 4.4, and Sionna RT 2.2's technical report for faces of finite conductivity.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from mmw.core.constants import SPEED_OF_LIGHT
+from mmw.physics.em.field import PathGeometry, perpendicular
+from mmw.physics.em.fresnel import reflection
+from mmw.physics.em.vectors import dot
+
+DiffractionModel = Literal["utd", "sionna"]
+"""How the four terms of the theory and the reflection matrices of the faces are put together; see `wedge_matrices`."""
+
+SERIES_BELOW = 6.0
+"""Arguments below this take the power series of the transition function, others its continued fraction."""
+
+
+@dataclass(frozen=True)
+class WedgeHits:
+    """The diffractions of a set of paths: one row each, Q of them. World frame."""
+
+    path: np.ndarray
+    """Row of the path, shape [Q]."""
+    step: np.ndarray
+    """Which interaction of the path it is, shape [Q]."""
+    edge: np.ndarray
+    """Unit vector along the edge, shape [Q, 3]."""
+    normal_0: np.ndarray
+    """Outward normal of one face, shape [Q, 3]."""
+    normal_n: np.ndarray
+    """Outward normal of the other face, shape [Q, 3]."""
+    away: np.ndarray
+    """Unit vector across the edge into the open, shape [Q, 3]."""
+    surface_0: np.ndarray
+    """Surface of the first face, shape [Q]."""
+    surface_n: np.ndarray
+    """Surface of the other face, shape [Q]."""
+
+
+def transition(x: np.ndarray) -> np.ndarray:
+    """Return the transition function F(x) = 2j sqrt(x) e^{jx} times the integral of e^{-j t^2} from sqrt(x) on.
+
+    Args:
+        x: Real arguments >= 0, any shape.
+
+    Returns:
+        complex128; 0 at 0, and towards 1 for large x.
+
+    Source: Kouyoumjian and Pathak 1974, equation 28, written as j sqrt(pi x) e^{-j pi/4} erfcx(sqrt(x) e^{j pi/4});
+    erfcx by Abramowitz and Stegun 7.1.6 (series) and 7.1.14 (continued fraction).
+    """
+    z = np.sqrt(x) * np.exp(0.25j * np.pi)
+    small = np.where(x < SERIES_BELOW, z, 0.0)
+    term, total = small.copy(), small.copy()
+    for n in range(1, 70):
+        term = term * 2.0 * small**2 / (2 * n + 1)
+        total = total + term
+    series = np.exp(small**2) - 2.0 / np.sqrt(np.pi) * total
+    large = np.where(x < SERIES_BELOW, 3.0 + 0j, z)
+    fraction = large
+    for n in range(120, 0, -1):
+        fraction = large + 0.5 * n / fraction
+    scaled = np.where(x < SERIES_BELOW, series, 1.0 / (np.sqrt(np.pi) * fraction))
+    return 1j * np.sqrt(np.pi * x) * np.exp(-0.25j * np.pi) * scaled
+
+
+def wedge_spreading(geometry: PathGeometry, hits: WedgeHits) -> np.ndarray:
+    """Return 1 / sqrt(s' s (s' + s)) of each diffraction, s' the path before and s the path behind it, shape [Q]."""
+    before, behind = _sides(geometry, hits)
+    return 1.0 / np.sqrt(before * behind * (before + behind))
+
+
+def is_lit(geometry: PathGeometry, hits: WedgeHits) -> np.ndarray:
+    """Return whether the observer of each diffraction sees the source past the wedge, or its reflection, shape [Q].
+
+    Source: Kouyoumjian and Pathak 1974, figure 3: only behind the incidence shadow boundary, phi > pi + phi', does the
+    diffracted field stand alone.
+    """
+    _, phi_in, phi_out, _ = _angles(geometry, hits)
+    return phi_out <= np.pi + phi_in
+
+
+def wedge_matrices(
+    geometry: PathGeometry,
+    hits: WedgeHits,
+    permittivity: np.ndarray,
+    thickness: np.ndarray,
+    scattering: np.ndarray,
+    carrier_hz: float,
+    model: DiffractionModel,
+) -> np.ndarray:
+    """Return the matrix of each diffraction in the bases of `geometry`, shape [Q, 2, 2], complex128.
+
+    `utd`: -(D1 + D2) + R_0 D4 + R_n D3, which is exact for a perfect conductor (to the order of the theory) and makes
+    the whole field continuous across the shadow and reflection boundaries of any material. `sionna`: R_0 (D1 - D4) +
+    R_n (D2 - D3) with R_n = -1 where the second face is dark, as Sionna RT 2.2 computes it; it is continuous across the
+    shadow boundary only.
+
+    Args:
+        geometry: The paths.
+        hits: Their diffractions.
+        permittivity: Complex relative permittivity of both faces, shape [Q, 2].
+        thickness: Slab thickness of both faces, 0 for a half-space [m], shape [Q, 2].
+        scattering: Scattering coefficient S of both faces, shape [Q, 2].
+        carrier_hz: Carrier frequency [Hz].
+        model: Which of the two.
+    """
+    k_in = geometry.direction[hits.path, hits.step]
+    swap, phi_in, phi_out, n = _angles(geometry, hits)
+    wave = 2.0 * np.pi * carrier_hz / SPEED_OF_LIGHT
+    sin_b = np.sqrt(np.maximum(1.0 - dot(k_in, hits.edge) ** 2, 1e-300))
+    before, behind = _sides(geometry, hits)
+    reach = wave * before * behind / (before + behind) * sin_b**2
+    scale = -np.exp(-0.25j * np.pi) / (2.0 * n * np.sqrt(2.0 * np.pi * wave) * sin_b)
+    minus, plus = phi_out - phi_in, phi_out + phi_in
+    d1, d2 = (scale * _term(minus, sign, n, reach) for sign in (1.0, -1.0))
+    d3, d4 = (scale * _term(plus, sign, n, reach) for sign in (1.0, -1.0))
+    faces = []
+    for column, own in enumerate((hits.normal_0, hits.normal_n)):
+        faces.append(
+            _face(
+                k_in, hits.edge, own, permittivity[:, column], thickness[:, column], scattering[:, column], carrier_hz
+            )
+        )
+    swapped = swap[:, None, None]
+    r_0, r_n = np.where(swapped, faces[1], faces[0]), np.where(swapped, faces[0], faces[1])
+    d1, d2, d3, d4 = (d[:, None, None] for d in (d1, d2, d3, d4))
+    if model == "utd":
+        return r_0 * d4 + r_n * d3 - np.eye(2) * (d1 + d2)
+    is_dark = (n * np.pi > np.pi + phi_in)[:, None, None]
+    r_n = np.where(is_dark, -np.eye(2), r_n)
+    return r_0 * (d1 - d4) + r_n * (d2 - d3)
+
+
+def _sides(geometry: PathGeometry, hits: WedgeHits) -> tuple[np.ndarray, np.ndarray]:
+    """Return the length of the path before and behind each diffraction [m], shape [Q] each."""
+    before, behind = np.zeros(len(hits.path)), np.zeros(len(hits.path))
+    for k in range(geometry.leg.shape[1]):
+        leg = geometry.leg[hits.path, k]
+        before += np.where(k <= hits.step, leg, 0.0)
+        behind += np.where(k > hits.step, leg, 0.0)
+    return before, behind
+
+
+def _angles(geometry: PathGeometry, hits: WedgeHits) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return whether the second face is the 0-face, phi' and phi from the 0-face [rad], and n, shape [Q] each.
+
+    The 0-face is the first one if the source is in front of it, the other one otherwise; n pi is the angle of the open.
+    """
+    to_source = -geometry.direction[hits.path, hits.step]
+    to_target = geometry.direction[hits.path, hits.step + 1]
+    swap = dot(hits.normal_0, to_source) < 0.0
+    n0 = np.where(swap[:, None], hits.normal_n, hits.normal_0)
+    nn = np.where(swap[:, None], hits.normal_0, hits.normal_n)
+    across = np.cross(n0, hits.edge)
+    across = np.where((dot(hits.away, across) > 0.0)[:, None], -across, across)  # in the 0-face, away from the edge
+
+    def angle(direction: np.ndarray) -> np.ndarray:
+        value = np.arctan2(dot(direction, n0), dot(direction, across))
+        return np.where(value < -1e-9, value + 2.0 * np.pi, np.maximum(value, 0.0))
+
+    n = 2.0 - np.arccos(np.clip(-dot(n0, nn), -1.0, 1.0)) / np.pi
+    return swap, angle(to_source), angle(to_target), n
+
+
+def _term(beta: np.ndarray, sign: float, n: np.ndarray, reach: np.ndarray) -> np.ndarray:
+    """Return cot((pi +- beta) / 2n) F(reach a(beta)), finite on the shadow boundaries, shape [Q]."""
+    turns = np.round((beta + sign * np.pi) / (2.0 * n * np.pi))
+    a = 2.0 * np.cos(0.5 * (2.0 * n * np.pi * turns - beta)) ** 2
+    angle = (np.pi + sign * beta) / (2.0 * n)
+    off = angle - np.pi * np.round(angle / np.pi)
+    is_boundary = np.abs(off) < 1e-9
+    limit = np.where(off < 0.0, -1.0, 1.0) * n * np.sqrt(2.0 * np.pi * reach) * np.exp(0.25j * np.pi)
+    value = transition(reach * a) / np.tan(np.where(is_boundary, 1.0, off))
+    return np.where(is_boundary, limit, value)
+
+
+def _face(
+    k_in: np.ndarray,
+    edge: np.ndarray,
+    normal: np.ndarray,
+    permittivity: np.ndarray,
+    thickness: np.ndarray,
+    scattering: np.ndarray,
+    carrier_hz: float,
+) -> np.ndarray:
+    """Return the reflection at a face from the wedge's incoming basis to its outgoing one of the mirrored direction."""
+    k_out = k_in - 2.0 * dot(k_in, normal)[:, None] * normal
+    axis = perpendicular(k_in, normal)
+    cosine = np.minimum(np.abs(dot(k_in, normal)), 1.0)
+    te, tm = reflection(permittivity, cosine, thickness, carrier_hz)
+    left = np.sqrt(1.0 - scattering**2)
+    into, out = perpendicular(k_in, edge), -perpendicular(k_out, edge)
+    basis_in, basis_out = (into, np.cross(k_in, into)), (out, np.cross(k_out, out))
+    tm_in, tm_out = np.cross(k_in, axis), np.cross(k_out, axis)
+    matrix = np.empty((len(k_in), 2, 2), dtype=np.complex128)
+    for i in range(2):
+        for j in range(2):
+            matrix[:, i, j] = left * (
+                te * dot(basis_out[i], axis) * dot(axis, basis_in[j])
+                + tm * dot(basis_out[i], tm_out) * dot(tm_in, basis_in[j])
+            )
+    return matrix

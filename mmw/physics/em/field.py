@@ -1,0 +1,234 @@
+"""The field along found paths: angles, polarisation, interactions and spreading, all in float64.
+
+Every interaction is a 2x2 matrix between a basis of the incoming and one of the outgoing wave; between interactions,
+and at both ends, real 2x2 matrices turn one basis into the next. So geometry is worked out once, and a weather or a
+carrier only changes the matrices of the interactions.
+
+Source: image theory for the spreading; ITU-R P.2040-4 for the coefficients; polarisation by ray-fixed TE and TM axes as
+in C. A. Balanis, Advanced Engineering Electromagnetics, chapter 5.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from mmw.channel.paths import DIFFRACTION, DIFFUSE, SPECULAR, TRANSMISSION
+from mmw.core.constants import SPEED_OF_LIGHT
+from mmw.physics.em.fresnel import reflection, transmission
+from mmw.physics.em.vectors import direction_angles, dot, norm, spherical_basis
+
+
+@dataclass(frozen=True)
+class PathGeometry:
+    """What the field of a path needs, before any material or frequency. D interactions at most."""
+
+    interaction: np.ndarray
+    """Kind of each interaction, 0 behind the last, shape [P, D]."""
+    direction: np.ndarray
+    """Unit direction of each leg; behind the last leg that of the last, shape [P, D + 1, 3]."""
+    leg: np.ndarray
+    """Length of each leg [m], 0 behind the last, shape [P, D + 1]."""
+    cosine: np.ndarray
+    """Cosine of incidence at each interaction, 1 where there is no plane, shape [P, D]."""
+    incoming: np.ndarray
+    """Two unit vectors across the incoming wave that each interaction works in, shape [P, D, 2, 3]."""
+    turn: np.ndarray
+    """Real matrices from the basis before to the basis of the next interaction; the first starts at the transmitter's
+    (theta, phi), the one behind the last interaction ends in the receiver's, the rest is 1. Shape [P, D + 1, 2, 2]."""
+    theta_t: np.ndarray
+    phi_t: np.ndarray
+    theta_r: np.ndarray
+    phi_r: np.ndarray
+
+    @property
+    def departure(self) -> np.ndarray:
+        """Unit direction leaving the transmitter, shape [P, 3]."""
+        return self.direction[:, 0]
+
+    @property
+    def arrival(self) -> np.ndarray:
+        """Unit direction from the receiver back along the path, shape [P, 3]."""
+        return -self.direction[:, -1]
+
+    @property
+    def length(self) -> np.ndarray:
+        """Total length [m], shape [P]."""
+        total = self.leg[:, 0]
+        for k in range(1, self.leg.shape[1]):
+            total = total + self.leg[:, k]
+        return total
+
+
+def path_geometry(
+    tx: np.ndarray,
+    rx: np.ndarray,
+    interaction: np.ndarray,
+    vertex: np.ndarray,
+    normal: np.ndarray,
+    edge: np.ndarray,
+) -> PathGeometry:
+    """Return directions, lengths and polarisation bases of paths.
+
+    Args:
+        tx: Transmitters [m], shape [P, 3].
+        rx: Receivers [m], shape [P, 3].
+        interaction: Kind of each interaction, 0 behind the last, shape [P, D].
+        vertex: Points of interaction [m], NaN behind the last, shape [P, D, 3].
+        normal: Unit normals at the points, either side, shape [P, D, 3].
+        edge: Unit vectors along the edge of each diffraction, anything elsewhere, shape [P, D, 3].
+    """
+    count, depth = interaction.shape
+    order = (interaction != 0).sum(axis=1)
+    direction, leg = np.empty((count, depth + 1, 3)), np.zeros((count, depth + 1))
+    before = tx
+    for k in range(depth + 1):
+        is_last, is_leg = k == order, k <= order
+        at = vertex[:, k] if k < depth else rx
+        at = np.where(is_last[:, None], rx, at)
+        at = np.where(is_leg[:, None], at, before)
+        way = at - before
+        leg[:, k] = norm(way)
+        unit = way / np.where(leg[:, k] > 0.0, leg[:, k], 1.0)[:, None]
+        direction[:, k] = np.where(is_leg[:, None], unit, direction[:, k - 1] if k else unit)
+        before = at
+    theta_t, phi_t = direction_angles(direction[:, 0])
+    theta_r, phi_r = direction_angles(-direction[:, -1])
+    outgoing = np.stack(spherical_basis(theta_t, phi_t), axis=1)
+    end_basis = np.stack(spherical_basis(theta_r, phi_r), axis=1)
+    turn, cosine = np.empty((count, depth + 1, 2, 2)), np.ones((count, depth))
+    incoming = np.zeros((count, depth, 2, 3))
+    for k in range(depth):
+        kind = interaction[:, k]
+        into, out, cosine[:, k] = _bases(direction[:, k], direction[:, k + 1], kind, normal[:, k], edge[:, k])
+        into = np.where((kind == 0)[:, None, None], end_basis, into)
+        turn[:, k] = np.where((k > order)[:, None, None], np.eye(2), _turn(into, outgoing))
+        incoming[:, k], outgoing = into, np.where((kind == 0)[:, None, None], end_basis, out)
+    turn[:, depth] = np.where((depth > order)[:, None, None], np.eye(2), _turn(end_basis, outgoing))
+    return PathGeometry(
+        interaction=interaction,
+        direction=direction,
+        leg=leg,
+        cosine=cosine,
+        incoming=incoming,
+        turn=turn,
+        theta_t=theta_t,
+        phi_t=phi_t,
+        theta_r=theta_r,
+        phi_r=phi_r,
+    )
+
+
+def _turn(into: np.ndarray, out: np.ndarray) -> np.ndarray:
+    """Return the matrix from components in `out` to components in `into`, shapes [P, 2, 3] -> [P, 2, 2]."""
+    return np.stack([np.stack([dot(into[:, i], out[:, j]) for j in range(2)], axis=-1) for i in range(2)], axis=1)
+
+
+def _bases(
+    k_in: np.ndarray, k_out: np.ndarray, kind: np.ndarray, normal: np.ndarray, edge: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the basis of the incoming and of the outgoing wave, shape [P, 2, 3] each, and the cosine of incidence."""
+    is_plane = (kind == SPECULAR) | (kind == TRANSMISSION)
+    is_rough, is_edge = kind == DIFFUSE, kind == DIFFRACTION
+    facing = np.where((is_plane | is_rough)[:, None], normal, [0.0, 0.0, 1.0])
+    axis = perpendicular(k_in, np.where(is_edge[:, None], edge, facing))
+    out_axis = np.where(is_edge[:, None], -perpendicular(k_out, np.where(is_edge[:, None], edge, facing)), axis)
+    into = np.stack([axis, np.cross(k_in, axis)], axis=1)
+    out = np.stack([out_axis, np.cross(k_out, out_axis)], axis=1)
+    if is_rough.any():
+        rough = is_rough[:, None, None]
+        into = np.where(rough, np.stack(spherical_basis(*direction_angles(k_in)), axis=1), into)
+        out = np.where(rough, np.stack(spherical_basis(*direction_angles(k_out)), axis=1), out)
+    cosine = np.where(is_plane | is_rough, np.minimum(np.abs(dot(k_in, facing)), 1.0), 1.0)
+    return into, out, cosine
+
+
+def perpendicular(direction: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """Return the unit TE axis, direction x normal; any axis across the ray at normal incidence. Shape [P, 3]."""
+    axis = np.cross(direction, normal)
+    is_normal = dot(axis, axis) < 1e-12
+    other = np.where(np.abs(direction[:, :1]) < 0.9, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
+    axis = np.where(is_normal[:, None], np.cross(direction, other), axis)
+    return axis / norm(axis)[:, None]
+
+
+def plane_matrices(
+    geometry: PathGeometry, permittivity: np.ndarray, thickness: np.ndarray, scattering: np.ndarray, carrier_hz: float
+) -> np.ndarray:
+    """Return the matrices of all reflections and transmissions; 1 behind the last interaction, 0 for the other kinds.
+
+    Args:
+        geometry: The paths.
+        permittivity: Complex relative permittivity at each interaction, shape [P, D]; ignored where there is none.
+        thickness: Slab thickness, 0 for a half-space [m], shape [P, D].
+        scattering: Scattering coefficient S, which leaves sqrt(1 - S^2) for the specular field, shape [P, D].
+        carrier_hz: Carrier frequency [Hz].
+
+    Returns:
+        Shape [P, D, 2, 2], complex128, in the bases of `geometry`.
+
+    Source: ITU-R P.2040-4, equations 37, 43, 44; S after V. Degli-Esposti et al., IEEE Trans. AP 55(1), 2007.
+    """
+    kind = geometry.interaction
+    matrices = np.zeros((*kind.shape, 2, 2), dtype=np.complex128)
+    matrices[kind == 0] = np.eye(2)
+    for code, coefficients in ((SPECULAR, reflection), (TRANSMISSION, transmission)):
+        at = np.nonzero(kind == code)
+        te, tm = coefficients(permittivity[at], geometry.cosine[at], thickness[at], carrier_hz)
+        left = np.sqrt(1.0 - scattering[at] ** 2) if code == SPECULAR else 1.0
+        matrices[(*at, 0, 0)], matrices[(*at, 1, 1)] = te * left, tm * left
+    return matrices
+
+
+def polarimetric_transfer(
+    geometry: PathGeometry,
+    matrices: np.ndarray,
+    spreading: np.ndarray,
+    carrier_hz: float,
+    weaken: Callable[[int, np.ndarray], np.ndarray] | None = None,
+) -> np.ndarray:
+    """Return the 2x2 transfer of every path: receive by transmit component in the (theta, phi) basis.
+
+    Args:
+        geometry: The paths.
+        matrices: What each interaction does, shape [P, D, 2, 2].
+        spreading: What the spreading of the wave leaves, 1 / length for image theory [1/m], shape [P].
+        carrier_hz: Carrier frequency [Hz].
+        weaken: What a field that comes to an interaction, [P, 2, 2], leaves of each column, [P, 2]; see
+            `mmw.physics.em.scattering.rough_columns`.
+
+    Returns:
+        lambda / (4 pi) times spreading times the polarisation matrix, without carrier phase, [P, 2, 2], complex128.
+    """
+    total = geometry.turn[:, 0].astype(np.complex128)
+    for k in range(matrices.shape[1]):
+        if weaken is not None:
+            total = total * weaken(k, total)[:, None, :]
+        total = times(geometry.turn[:, k + 1], times(matrices[:, k], total))
+    scale = SPEED_OF_LIGHT / carrier_hz / (4.0 * np.pi) * spreading
+    return scale[:, None, None] * total
+
+
+def times(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the products of 2x2 matrices, shape [P, 2, 2] each, written out so that rows do not depend on others."""
+    out = np.empty(b.shape, dtype=np.result_type(a, b))
+    for i in range(2):
+        for j in range(2):
+            out[:, i, j] = a[:, i, 0] * b[:, 0, j] + a[:, i, 1] * b[:, 1, j]
+    return out
+
+
+def combine(receive: np.ndarray, transfer: np.ndarray, transmit: np.ndarray) -> np.ndarray:
+    """Return the coefficient between every pair of elements.
+
+    Args:
+        receive: Receive fields (theta, phi), shape [P, K, 2].
+        transfer: Polarimetric transfer, shape [P, 2, 2].
+        transmit: Transmit fields, shape [P, T, 2].
+
+    Returns:
+        F_r^T transfer F_t, shape [P, K, T], complex128.
+    """
+    theta, phi = transmit[:, :, 0], transmit[:, :, 1]
+    sent = [transfer[:, row, None, 0] * theta + transfer[:, row, None, 1] * phi for row in range(2)]
+    return receive[:, :, 0, None] * sent[0][:, None, :] + receive[:, :, 1, None] * sent[1][:, None, :]

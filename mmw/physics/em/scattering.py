@@ -1,0 +1,156 @@
+"""Diffuse scattering at rough surfaces: the effective-roughness model, one patch a ray.
+
+Source: V. Degli-Esposti, F. Fuschini, E. M. Vitucci and G. Falciasecca, "Measurement and modelling of scattering from
+buildings", IEEE Trans. AP 55(1), 2007; the solid angle of a ray tube as in Sionna RT 2.2.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import comb
+
+import numpy as np
+
+from mmw.physics.em.field import PathGeometry, perpendicular
+from mmw.physics.em.fresnel import reflection
+from mmw.physics.em.vectors import dot
+from mmw.physics.materials.material import Material, RadioMaterial
+
+
+@dataclass(frozen=True)
+class RoughHits:
+    """The diffuse reflections of a set of paths: one row each, B of them, one at most in a path. World frame."""
+
+    path: np.ndarray
+    """Row of the path, shape [B]."""
+    step: np.ndarray
+    """Which interaction of the path it is, shape [B]."""
+    normal: np.ndarray
+    """Unit normal, turned to where the wave comes from, shape [B, 3]."""
+    solid_angle: np.ndarray
+    """Solid angle of the ray that met the patch, seen from the end that sent it [sr], shape [B]."""
+    is_backward: np.ndarray
+    """Whether that end is the receiver, shape [B]."""
+
+
+def scattering_pattern(radio: RadioMaterial, k_in: np.ndarray, k_out: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """Return the density of scattered power over the hemisphere, which integrates to 1 [1/sr], shape [B].
+
+    Args:
+        radio: The material: pattern, exponents, share of the forward lobe.
+        k_in: Unit directions of the incoming waves, shape [B, 3].
+        k_out: Unit directions of the scattered waves, shape [B, 3].
+        normal: Unit normals on the side of the incoming waves, shape [B, 3].
+
+    Source: Degli-Esposti et al. 2007, equations 5 (Lambertian), 8 to 11 (directive) and 13 (backscattering).
+    """
+    cos_out = np.maximum(dot(k_out, normal), 0.0)
+    if radio.scattering_pattern == "lambertian":
+        return cos_out / np.pi
+    cos_in = np.minimum(np.abs(dot(k_in, normal)), 1.0)
+    mirrored = k_in - 2.0 * dot(k_in, normal)[:, None] * normal
+    forward = (0.5 * (1.0 + dot(mirrored, k_out))) ** radio.alpha_r
+    share = radio.lobe_share if radio.scattering_pattern == "backscattering" else 1.0
+    backward = (0.5 * (1.0 - dot(k_in, k_out))) ** radio.alpha_i
+    whole = share * lobe_integral(radio.alpha_r, cos_in) + (1.0 - share) * lobe_integral(radio.alpha_i, cos_in)
+    return np.where(cos_out > 0.0, (share * forward + (1.0 - share) * backward) / whole, 0.0)
+
+
+def lobe_integral(exponent: int, cosine: np.ndarray) -> np.ndarray:
+    """Return the integral of a lobe ((1 + cos psi) / 2)^exponent over the hemisphere, shape of `cosine`.
+
+    Args:
+        exponent: At least 1.
+        cosine: Cosine of the angle between the axis of the lobe and the normal.
+
+    Source: Degli-Esposti et al. 2007, equations 9 to 11.
+    """
+    sine = np.sqrt(1.0 - cosine**2)
+    total = np.zeros_like(cosine)
+    for j in range(exponent + 1):
+        part = np.full_like(cosine, 2.0 * np.pi / (j + 1))
+        if j % 2:
+            part = part * cosine * sum(comb(2 * w, w) * (sine / 2.0) ** (2 * w) for w in range((j - 1) // 2 + 1))
+        total += comb(exponent, j) * part
+    return total / 2.0**exponent
+
+
+def rough_spreading(geometry: PathGeometry, hits: RoughHits) -> np.ndarray:
+    """Return what the spreading leaves of each diffuse path [1/m], shape [B].
+
+    A patch dA that a wave meets at theta_i and leaves at theta_s takes dA cos theta_i of it. Seen from the transmitter,
+    whose ray has the solid angle dW = dA cos theta_i / d_t^2, that is sqrt(dW) / d_r; seen from the receiver, whose ray
+    has dW = dA cos theta_s / d_r^2, it is sqrt(dW cos theta_i / cos theta_s) / d_t; d_t and d_r are the lengths of the
+    path before and behind the patch.
+
+    Source: Degli-Esposti et al. 2007, equation 2.
+    """
+    before, behind = np.zeros(len(hits.path)), np.zeros(len(hits.path))
+    for k in range(geometry.leg.shape[1]):
+        leg = geometry.leg[hits.path, k]
+        before += np.where(k <= hits.step, leg, 0.0)
+        behind += np.where(k > hits.step, leg, 0.0)
+    cosine_in = np.abs(dot(geometry.direction[hits.path, hits.step], hits.normal))
+    cosine_out = np.maximum(np.abs(dot(geometry.direction[hits.path, hits.step + 1], hits.normal)), 1e-12)
+    turned = np.sqrt(cosine_in / cosine_out) / before
+    return np.sqrt(hits.solid_angle) * np.where(hits.is_backward, turned, 1.0 / behind)
+
+
+def rough_matrices(
+    geometry: PathGeometry, hits: RoughHits, materials: tuple[Material, ...], material_id: np.ndarray
+) -> np.ndarray:
+    """Return S sqrt(f_s) times the cross-polarisation matrix of each diffuse reflection, shape [B, 2, 2].
+
+    Source: Degli-Esposti et al. 2007, equation 4, and Sionna RT 2.2's matrix for the cross-polarised share.
+    """
+    own = material_id[hits.path, hits.step]
+    k_in, k_out = geometry.direction[hits.path, hits.step], geometry.direction[hits.path, hits.step + 1]
+    out = np.zeros((len(own), 2, 2))
+    for index in np.unique(own):
+        rows, radio = np.nonzero(own == index)[0], materials[index].radio
+        amplitude = np.sqrt(scattering_pattern(radio, k_in[rows], k_out[rows], hits.normal[rows]))
+        straight, across = np.sqrt(1.0 - radio.xpd), np.sqrt(radio.xpd)
+        out[rows] = radio.scattering * amplitude[:, None, None] * np.array([[straight, -across], [across, straight]])
+    return out
+
+
+def rough_columns(
+    geometry: PathGeometry, hits: RoughHits, permittivity: np.ndarray, thickness: np.ndarray, carrier_hz: float
+) -> Callable[[int, np.ndarray], np.ndarray]:
+    """Return the function that weakens a field as much as a mirror of the same material would.
+
+    Gamma = |E_reflected| / |E_incoming| follows from the polarisation that comes in, so it is worked out for each of
+    the transmitter's two components: for a mixture of them the transfer is an approximation.
+
+    Args:
+        geometry: The paths.
+        hits: Their diffuse reflections.
+        permittivity: Complex relative permittivity, shape [B].
+        thickness: Slab thickness, 0 for a half-space [m], shape [B].
+        carrier_hz: Carrier frequency [Hz].
+
+    Returns:
+        A function of the number of an interaction and the field that comes to it, shape [P, 2, 2] (component, column),
+        that gives a factor for each column, shape [P, 2].
+
+    Source: Degli-Esposti et al. 2007, equation 3.
+    """
+    k_in = geometry.direction[hits.path, hits.step]
+    te_axis = perpendicular(k_in, hits.normal)
+    tm_axis = np.cross(k_in, te_axis)
+    te, tm = reflection(permittivity, geometry.cosine[hits.path, hits.step], thickness, carrier_hz)
+    basis = geometry.incoming[hits.path, hits.step]
+
+    def factor(step: int, field: np.ndarray) -> np.ndarray:
+        out = np.ones((len(field), 2))
+        at = hits.step == step
+        own = field[hits.path[at]]
+        along_te, along_tm = (
+            dot(basis[at, 0], axis[at])[:, None] * own[:, 0] + dot(basis[at, 1], axis[at])[:, None] * own[:, 1]
+            for axis in (te_axis, tm_axis)
+        )
+        power = np.abs(along_te) ** 2 + np.abs(along_tm) ** 2
+        left = np.abs(te[at, None] * along_te) ** 2 + np.abs(tm[at, None] * along_tm) ** 2
+        out[hits.path[at]] = np.sqrt(left / np.where(power > 0.0, power, 1.0))
+        return out
+
+    return factor

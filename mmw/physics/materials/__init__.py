@@ -1,0 +1,1 @@
+"""Describe materials: permittivity at radio frequencies, appearance in visible light and LiDAR reflectance."""

@@ -1,0 +1,220 @@
+"""One material, described for every sensor: radio, LiDAR and image. Names and numbers come from the USD Material."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from numbers import Integral, Real
+from typing import Any, Literal, get_args
+
+from mmw.core.errors import InputError
+from mmw.physics.materials.appearance import GREY, Look
+
+ScatteringPattern = Literal["lambertian", "directive", "backscattering"]
+
+LOBE_EXPONENTS = ("alpha_r", "alpha_i")
+"""Fields of `RadioMaterial` that are exponents."""
+
+MAX_LOBE_EXPONENT = 1000
+"""Largest of them: the integral of a lobe has binomials, which leave the range of float64 beyond it."""
+
+
+@dataclass(frozen=True)
+class RadioMaterial:
+    """Electromagnetic description of a surface; the permittivity at a carrier follows in
+    `mmw.physics.materials.permittivity`.
+
+    Raises:
+        InputError: If a value is unknown, out of range or not finite.
+    """
+
+    model: Literal["itu", "constant"]
+    """`itu`: a named row of ITU-R P.2040, of P.527, or of the paper, or `itu_pec`; `constant`: the two numbers below at
+    every frequency."""
+    itu: str = ""
+    """Row name with its prefix, such as `itu_concrete`; `itu_pec` is the perfect conductor; empty for `constant`."""
+    relative_permittivity: float = 1.0
+    """Real part of the relative permittivity, for `constant` [-]."""
+    conductivity: float = 0.0
+    """Conductivity, for `constant` [S/m]."""
+    thickness: float = 0.0
+    """Slab thickness [m]; 0 means a half-space, which lets nothing through."""
+    scattering: float = 0.0
+    """Scattering coefficient S, 0 to 1 [-]."""
+    xpd: float = 0.0
+    """Cross-polarisation coefficient of scattering, 0 to 1 [-]."""
+    scattering_pattern: ScatteringPattern = "lambertian"
+    """Where scattered power goes: `lambertian` cos theta_s around the normal; `directive` a lobe around the reflected
+    direction; `backscattering` that lobe and one back to where the wave came from."""
+    alpha_r: int = 4
+    """Exponent of the lobe around the reflection, 1 to `MAX_LOBE_EXPONENT` [-]; a larger one is narrower."""
+    alpha_i: int = 4
+    """Exponent of the lobe back to the source, 1 to `MAX_LOBE_EXPONENT` [-]; only `backscattering` has it."""
+    lobe_share: float = 1.0
+    """Share Lambda of the lobe around the reflection in `backscattering`, 0 to 1 [-].
+
+    Source of the patterns: Degli-Esposti et al., IEEE Trans. Antennas Propag. 55(1), 2007."""
+
+    def __post_init__(self) -> None:
+        values = asdict(self)
+        wrong = wrong_radio_value(values)
+        if wrong is not None:
+            name, needed = wrong
+            raise InputError(f"radio material: {name} = {values[name]!r}; {needed} is needed; correct it")
+
+
+def wrong_radio_value(values: Mapping[str, Any]) -> tuple[str, str] | None:
+    """Return the first field of a `RadioMaterial` that has a wrong value and what it needs, None if all are right.
+
+    Readers of files ask before they make the material, to name the place and the key.
+
+    Args:
+        values: Value of every field.
+    """
+
+    def within(name: str, low: float, high: float) -> bool:
+        value = values[name]
+        return isinstance(value, Real) and math.isfinite(value) and low <= float(value) <= high
+
+    is_constant, patterns = values["model"] == "constant", get_args(ScatteringPattern)
+    is_exponent = {
+        name: isinstance(values[name], Integral) and within(name, 1, MAX_LOBE_EXPONENT) for name in LOBE_EXPONENTS
+    }
+    rules = (
+        ("model", values["model"] in ("itu", "constant"), "itu or constant"),
+        ("itu", is_constant or bool(values["itu"]), "a row such as itu_concrete, for model itu,"),
+        ("relative_permittivity", not is_constant or within("relative_permittivity", 1.0, math.inf), "at least 1"),
+        ("conductivity", not is_constant or within("conductivity", 0.0, math.inf), "at least 0 S/m"),
+        ("thickness", within("thickness", 0.0, math.inf), "at least 0 m"),
+        ("scattering", within("scattering", 0.0, 1.0), "0 to 1"),
+        ("xpd", within("xpd", 0.0, 1.0), "0 to 1"),
+        ("scattering_pattern", values["scattering_pattern"] in patterns, f"one of {', '.join(patterns)}"),
+        *((name, is_good, f"a whole number from 1 to {MAX_LOBE_EXPONENT}") for name, is_good in is_exponent.items()),
+        ("lobe_share", within("lobe_share", 0.0, 1.0), "0 to 1"),
+    )
+    return next(((name, needed) for name, is_good, needed in rules if not is_good), None)
+
+
+@dataclass(frozen=True)
+class Material:
+    """What one surface is to every sensor.
+
+    Raises:
+        InputError: If the reflectance is below 0 or not finite.
+    """
+
+    name: str
+    """Name of the USD Material prim."""
+    radio: RadioMaterial
+    nonvisual_base: str
+    """SimReady non-visual base token (`omni:simready:nonvisual:base`), such as `asphalt`; `none` where it is absent."""
+    lidar_reflectance: float
+    """Diffuse reflectance at 905 nm, 0 to 1 [-]."""
+    color: tuple[float, float, float]
+    """Linear diffuse colour, 0 to 1 [-]."""
+    coating: str = "none"
+    """SimReady coating token: none, paint, clearcoat or paint_clearcoat."""
+    is_retroreflective: bool = False
+    """Whether the surface sends light back to where it came from."""
+    look: Look = GREY
+    """How it looks to the RGB camera."""
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.lidar_reflectance < math.inf:  # that of a retroreflector may be above 1
+            raise InputError(
+                f"material {self.name!r}: lidar_reflectance = {self.lidar_reflectance:g}; a finite number from 0 on is "
+                "needed; correct it"
+            )
+
+
+LIDAR_REFLECTANCE_905NM = {
+    "asphalt": 0.17, "concrete": 0.37, "brick": 0.38, "stone": 0.45, "marble": 0.55, "clear_glass": 0.08,
+    "one_way_mirror": 0.12, "mirror": 0.10, "leaf_grass": 0.50, "dead_leaf_grass": 0.35, "soil": 0.25, "dirt": 0.25,
+    "mud": 0.15, "gravel": 0.30, "wood": 0.45, "bark": 0.35, "plastic": 0.40, "plexiglass": 0.15, "rubber": 0.05,
+    "aluminum": 0.60, "steel": 0.55, "oxidized_steel": 0.30, "iron": 0.35, "fiberglass": 0.45, "retroreflective": 0.95,
+    "none": 0.30,
+}  # fmt: skip
+"""Diffuse reflectance at 905 nm by non-visual base token: typical laboratory values of spectral libraries (ECOSTRESS
+class means, rounded to 0.05 where classes scatter more); design values where a class has no entry."""
+
+PAINT_REFLECTANCE_905NM = (0.05, 0.80)
+"""Diffuse reflectance at 905 nm of the blackest and of the whitest paint: carbon black absorbs in the near infrared as
+in the visible, titanium dioxide scatters in both. Design values."""
+
+
+def lidar_reflectance(
+    base: str, coating: str = "none", attributes: Sequence[str] = (), color: Sequence[float] = (0.5, 0.5, 0.5)
+) -> float:
+    """Return the diffuse reflectance at 905 nm of a material, from its SimReady non-visual tokens and its colour.
+
+    A painted surface (coating `paint` or `paint_clearcoat`) hides its base: the value runs linearly between the two of
+    `PAINT_REFLECTANCE_905NM` with the brightest colour channel. The brightest, not the luminance, because coloured
+    organic pigments let the near infrared through to the white below while black does not; so red and blue cars return
+    more than black ones. A `retroreflective` attribute overrides both.
+
+    Args:
+        base: Token of `omni:simready:nonvisual:base`.
+        coating: Token of `omni:simready:nonvisual:coating`: none, paint, clearcoat or paint_clearcoat.
+        attributes: Tokens of `omni:simready:nonvisual:attributes`.
+        color: Linear diffuse colour, 0 to 1 [-], shape [3].
+
+    Returns:
+        Reflectance, 0 to 1 [-].
+
+    Raises:
+        InputError: If the base token has no row in `LIDAR_REFLECTANCE_905NM`.
+    """
+    if base not in LIDAR_REFLECTANCE_905NM:
+        known = ", ".join(sorted(LIDAR_REFLECTANCE_905NM))
+        raise InputError(
+            f"omni:simready:nonvisual:base = {base!r}; needed is one of {known}; use one of them, or `none`"
+        )
+    if "retroreflective" in attributes:
+        return LIDAR_REFLECTANCE_905NM["retroreflective"]
+    if coating in ("paint", "paint_clearcoat"):
+        black, white = PAINT_REFLECTANCE_905NM
+        return black + (white - black) * min(max(*color, 0.0), 1.0)
+    return LIDAR_REFLECTANCE_905NM[base]
+
+
+POROUS_BASES = frozenset(
+    {"asphalt", "concrete", "brick", "stone", "soil", "dirt", "mud", "gravel", "wood", "bark"}
+)  # fmt: skip
+"""Non-visual bases that soak up water and darken. Polished marble, glass, metal, plastic and rubber have no open pores,
+and the wax of leaves sheds water. Design choice, after what Angstrom (1925) and Lekner and Dorf (1988) observed."""
+
+WATER_INDEX = 1.33
+"""Refractive index of water from the visible to 1550 nm [-]; Hale and Querry 1973 give 1.333, 1.328 and 1.318."""
+
+WATER_ABSORPTION_1_M = {905: 7.0, 1550: 1090.0}
+"""Absorption coefficient of liquid water by wavelength [nm], [1/m]: 4 pi k / wavelength with Segelstein's k of 1981."""
+
+WATER_FILM_M = 0.5e-3
+"""Water over the grains of a soaked, drained surface [m]: half of the mean texture depth of 1 mm that road asphalt has.
+Design value; it takes 0.7 % of the light at 905 nm, and two thirds at 1550 nm."""
+
+
+def wet_reflectance(material: Material, wetness: float, wavelength_nm: int) -> float:
+    """Return the diffuse reflectance of a material when it is wet, 0 to 1 [-].
+
+    A soaked porous surface loses light that the film of water reflects back into it:
+    rho_wet = rho / (n^2 (1 - rho) + rho), and what the film absorbs on both ways. The share `wetness` of the surface is
+    soaked, the rest is dry. Paint and coatings close the pores and retroreflectors work behind a cover, so both stay as
+    they are, as does everything that is not in `POROUS_BASES`.
+
+    The dry reflectance is that of 905 nm at 1550 nm too: most dry minerals and paints differ by less between the two
+    than within their class. Leaves, which hold water, are darker there; that is left out.
+
+    Args:
+        material: The dry material.
+        wetness: Water in its pores, 0 dry to 1 soaked (`Weather.wetness`).
+        wavelength_nm: 905 or 1550 [nm].
+
+    Source: A. Angstrom, "The albedo of various surfaces of ground", Geografiska Annaler 7, 1925; in this form in
+    J. Lekner and M. Dorf, "Why some things are darker when wet", Applied Optics 27(7), 1988. Absorption: Beer's law.
+    """
+    dry = material.lidar_reflectance
+    if material.nonvisual_base not in POROUS_BASES or material.coating != "none" or material.is_retroreflective:
+        return dry
+    film = math.exp(-2.0 * WATER_ABSORPTION_1_M[wavelength_nm] * WATER_FILM_M)
+    soaked = dry / (WATER_INDEX**2 * (1.0 - dry) + dry) * film
+    return dry + wetness * (soaked - dry)

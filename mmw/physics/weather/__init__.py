@@ -1,0 +1,1 @@
+"""Describe the weather as a physical state of air, water and light."""

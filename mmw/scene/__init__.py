@@ -1,0 +1,1 @@
+"""Compose USD stages, read them, and hold the scene on a device."""

@@ -1,0 +1,219 @@
+"""The scene on the device: the static town as one mesh, vehicles as instances grouped by frame."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import warp as wp
+
+from mmw.core.bvh import build_trees
+from mmw.core.kinematics import differentiate
+from mmw.core.transforms import make_pose, normalize
+from mmw.kernels.core import instance_bounds as bounds
+from mmw.kernels.core import structs, trace
+from mmw.scene.reader import read_stage
+from mmw.scene.scene_data import MODEL_NONE, Actor, Model, SceneArrays, SceneObject
+
+__all__ = ["Actor", "Model", "Scene", "SceneArrays", "SceneObject", "instance_actors", "read_stage"]
+
+REBASE_BEYOND_M = 2000.0
+"""A town that reaches further from the world origin [m] is traced about its middle; float32 resolves 0.12 mm here."""
+
+
+def instance_actors(arrays: SceneArrays) -> np.ndarray:
+    """Return the actor index of every instance: the actors that have a model, in their order. Shape [V], int32."""
+    return np.array([i for i, actor in enumerate(arrays.actors) if actor.model != MODEL_NONE], dtype=np.int32)
+
+
+def scene_origin(points: np.ndarray) -> np.ndarray:
+    """Return the world position of the scene frame's origin [m], shape [3]: zero unless the town is far away."""
+    if len(points) == 0 or np.abs(points).max() <= REBASE_BEYOND_M:
+        return np.zeros(3)
+    return np.round(0.5 * (points.min(axis=0) + points.max(axis=0)))
+
+
+class Scene:
+    """Town and vehicles on one device, for a batch of frames at a time.
+
+    The scene frame is the world frame moved by `origin`: a position in it is the world position minus `origin`, which
+    is zero for every town within 2 km of the world's origin. A slot is the position of a frame in the batch.
+
+    Attributes:
+        arrays: The host arrays.
+        device: Warp device name.
+        struct: What kernels take.
+        origin: World position of the scene frame's origin [m], shape [3], float64.
+        instance_actor: Actor index of each instance, shape [V].
+        instance_radius_m: Radius about an instance's origin that holds any instance [m].
+        surface_count: Number of surfaces of town and instances.
+        surface_offset: First surface id of each instance, shape [V].
+        batch_frames: The frames that are loaded, one a slot.
+        sweep_s: How long before each frame instances can be traced where they were then [s].
+    """
+
+    def __init__(
+        self,
+        arrays: SceneArrays,
+        device: str,
+        max_slots: int,
+        *,
+        sweep_s: float = 0.0,
+        instance_constructor: str | None = None,
+    ):
+        """Build the trees of town and models; `load_batch` brings the vehicles.
+
+        Args:
+            arrays: The scene on the host.
+            device: Warp device name.
+            max_slots: Frames in the largest batch, > 0.
+            sweep_s: Longest sweep before a frame that rays will be traced in by `closest_hit_at` [s], >= 0.
+            instance_constructor: Tree builder over instances; the default is LBVH on CUDA and SAH on the CPU.
+
+        Raises:
+            ValueError: If `max_slots` is not positive, or `sweep_s` is negative or not finite.
+        """
+        if max_slots < 1:
+            raise ValueError(f"max_slots = {max_slots}; a scene needs at least one slot")
+        if not 0.0 <= sweep_s < np.inf:
+            raise ValueError(f"sweep_s = {sweep_s}; a scene needs a time of 0 s or more; give the length of one sweep")
+        self.arrays = arrays
+        self.device = device
+        self.max_slots = max_slots
+        self.sweep_s = sweep_s
+        self.batch_frames: tuple[int, ...] = ()
+        self.origin = scene_origin(arrays.points)
+        self._instance_constructor = instance_constructor
+        self.instance_actor = instance_actors(arrays)
+        # Of the whole recording, once: what a batch cuts out of it does not depend on the batch.
+        motion = differentiate(arrays.poses[:, self.instance_actor])
+        self._velocity, self._rate = motion.velocity, motion.world_rate
+        self.struct = structs.Scene()
+        self._load_meshes()
+        self._load_models()
+
+    @property
+    def slots(self) -> int:
+        """Number of loaded slots."""
+        return len(self.batch_frames)
+
+    def _array(self, values: np.ndarray, dtype: type) -> wp.array:
+        return wp.array(values, dtype=dtype, device=self.device)
+
+    def _load_meshes(self) -> None:
+        arrays, struct = self.arrays, self.struct
+        town = (arrays.points - self.origin).astype(np.float32)[arrays.faces]
+        models = [model.points.astype(np.float32)[model.faces] for model in arrays.models]
+        has_town = len(town) > 0
+        struct.tree, roots = build_trees([town, *models] if has_town else models, self.device)
+        struct.town_root = int(roots[0]) if has_town else -1
+        model = np.array([arrays.actors[i].model for i in self.instance_actor], dtype=np.int32)
+        struct.instance_root = self._array(roots[int(has_town) :][model], wp.int32)
+        struct.town_corner = self._array(town.reshape(-1, 3, 3), wp.vec3)
+        struct.model_corner = self._array(np.concatenate([np.zeros((0, 3, 3), np.float32), *models]), wp.vec3)
+        struct.town_material = self._array(arrays.material, wp.int32)
+        struct.town_object = self._array(arrays.object_id, wp.int32)
+        struct.town_surface = self._array(arrays.surface, wp.int32)
+
+    def _load_models(self) -> None:
+        arrays, struct = self.arrays, self.struct
+        actors = [arrays.actors[i] for i in self.instance_actor]
+        model = np.array([actor.model for actor in actors], dtype=np.int32)
+        face_offset = np.cumsum([0] + [len(m.faces) for m in arrays.models])
+        surfaces = np.array([int(m.surface.max()) + 1 for m in arrays.models], dtype=np.int64)
+        ends = arrays.town_surface_count + np.cumsum(surfaces[model] if len(model) else [], dtype=np.int64)
+        self.surface_offset = np.concatenate([[arrays.town_surface_count], ends])[:-1].astype(np.int32)
+        self.surface_count = int(ends[-1]) if len(ends) else arrays.town_surface_count
+        struct.instance_count = len(actors)
+        struct.instance_object = self._array(np.array([a.object_id for a in actors], dtype=np.int32), wp.int32)
+        struct.instance_face_offset = self._array(face_offset[model].astype(np.int32), wp.int32)
+        struct.instance_surface_offset = self._array(self.surface_offset, wp.int32)
+        none = [np.zeros(0, np.int32)]
+        struct.model_material = self._array(np.concatenate(none + [m.material for m in arrays.models]), wp.int32)
+        struct.model_surface = self._array(np.concatenate(none + [m.surface for m in arrays.models]), wp.int32)
+        wheels = np.cumsum([0] + [len(m.wheels) for m in arrays.models])
+        wheel = [np.where(m.wheel >= 0, m.wheel + k, -1) for m, k in zip(arrays.models, wheels[:-1], strict=True)]
+        struct.model_wheel = self._array(np.concatenate(none + wheel).astype(np.int32), wp.int32)
+        struct.wheels = self._array(
+            np.concatenate([np.zeros((0, 4))] + [m.wheels for m in arrays.models]).astype(np.float32), wp.vec4
+        )
+        lower = np.array([m.points.min(axis=0) for m in arrays.models]).reshape(-1, 3)[model]
+        upper = np.array([m.points.max(axis=0) for m in arrays.models]).reshape(-1, 3)[model]
+        self._model_lower = self._array(lower.astype(np.float32), wp.vec3)
+        self._model_upper = self._array(upper.astype(np.float32), wp.vec3)
+        slots, instances = self.max_slots, len(actors)
+        struct.instance_present = wp.zeros((slots, instances), dtype=wp.bool, device=self.device)
+        struct.instance_middle = self._array((0.5 * (lower + upper)).astype(np.float32), wp.vec3)
+        # A little more than half the sides, for what rounding moves.
+        half = 0.5001 * (upper - lower) + 1e-3
+        struct.instance_half = self._array(half.astype(np.float32), wp.vec3)
+        around_origin = np.linalg.norm(half, axis=1) + 0.5 * np.linalg.norm(lower + upper, axis=1)
+        self.instance_radius_m = float(around_origin.max(initial=0.0))
+        self._lower = wp.zeros(slots * instances, dtype=wp.vec3, device=self.device)
+        self._upper = wp.zeros(slots * instances, dtype=wp.vec3, device=self.device)
+        self._group = wp.full(slots * instances, slots, dtype=wp.int32, device=self.device)
+        struct.instance_pose = wp.zeros((slots, instances), dtype=wp.transformf, device=self.device)
+        struct.instance_velocity = wp.zeros((slots, instances), dtype=wp.vec3, device=self.device)
+        struct.instance_rate = wp.zeros((slots, instances), dtype=wp.vec3, device=self.device)
+        struct.group_root = wp.full(slots, -1, dtype=wp.int32, device=self.device)
+        self._instances: wp.Bvh | None = None
+
+    def load_batch(self, frames: Sequence[int]) -> None:
+        """Put frames into slots: slot s holds `frames[s]`. The same frame may be in several slots.
+
+        Args:
+            frames: Frame numbers, 1 to `max_slots` of them.
+
+        Raises:
+            ValueError: If there are none or too many, or the scene does not cover one.
+        """
+        if not 1 <= len(frames) <= self.max_slots:
+            raise ValueError(f"batch of {len(frames)} frames; this scene holds 1 to {self.max_slots} at a time")
+        rows = [self.arrays.frame_row(int(frame)) for frame in frames]
+        self.batch_frames = tuple(int(frame) for frame in frames)
+        if self.struct.instance_count == 0:
+            return
+        pose = self.arrays.poses[rows][:, self.instance_actor]
+        is_present = np.zeros((self.max_slots, pose.shape[1]), dtype=bool)
+        is_present[: len(rows)] = np.isfinite(pose).all(axis=2)
+        on_device = np.zeros((self.max_slots, pose.shape[1], 7), dtype=np.float32)
+        on_device[..., 6] = 1.0
+        pose = make_pose(pose[..., :3] - self.origin, normalize(pose[..., 3:]))
+        on_device[: len(rows)] = np.where(is_present[: len(rows), :, None], pose, on_device[: len(rows)])
+        self.struct.instance_pose.assign(on_device)
+        self.struct.instance_present.assign(is_present)
+        for derivative, target in (
+            (self._velocity, self.struct.instance_velocity),
+            (self._rate, self.struct.instance_rate),
+        ):
+            in_slots = np.zeros((self.max_slots, pose.shape[1], 3), dtype=np.float32)
+            in_slots[: len(rows)] = np.where(is_present[: len(rows), :, None], derivative[rows], 0.0)
+            target.assign(in_slots)
+        self._build_instances()
+
+    def _build_instances(self) -> None:
+        struct = self.struct
+        wp.launch(
+            bounds.instance_bounds_kernel,
+            dim=struct.instance_pose.shape,
+            inputs=[
+                struct.instance_pose,
+                struct.instance_present,
+                self._model_lower,
+                self._model_upper,
+                struct.instance_velocity,
+                struct.instance_rate,
+                self.sweep_s,
+            ],
+            outputs=[self._lower, self._upper, self._group],
+            device=self.device,
+        )
+        # A new tree every time: rebuilding in place keeps the groups that the tree was made with.
+        tree = wp.Bvh(self._lower, self._upper, constructor=self._instance_constructor, groups=self._group)
+        self._instances, struct.instances = tree, tree.id
+        wp.launch(
+            trace.group_root_kernel,
+            dim=self.max_slots,
+            inputs=[tree.id],
+            outputs=[struct.group_root],
+            device=self.device,
+            block_dim=64,  # as all kernels of its module: two sizes of blocks would be two modules to compile
+        )

@@ -1,0 +1,150 @@
+"""Before tracing: a scenario's USD stage, made once and kept with the data, and its arrays."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+from mmw import __version__
+from mmw.config import Config, ScenarioConfig
+from mmw.core.errors import InputError
+from mmw.core.transforms import pose_from_mount
+from mmw.generation.estimate import scenario_source, weather_variants
+from mmw.generation.provenance import sha256
+from mmw.physics.weather.weather import choose_variant
+from mmw.scene.reader import read_stage
+from mmw.scene.scene_data import SceneArrays
+from mmw.scene.stage.compose import compose_scenario
+from mmw.scene.stage.rsu_overlay import overlay_rsus
+from mmw.storage.atomic_files import publish_bytes
+from mmw.storage.store import Store
+from mmw.traffic import VehicleTrack
+from mmw.traffic.engine import run_engine
+from mmw.traffic.roads.town_asset import open_town
+from mmw.usd.vehicle_catalog import VehicleModel, load_catalog, load_figures
+
+STAGES = "stages"
+"""Folder of the scenario stages in a dataset."""
+
+ASSETS = "assets"
+"""Folder of the copies that they refer to."""
+
+
+def kept_stage(config: Config, scenario: ScenarioConfig, base: Path, root: Store) -> Path:
+    """Return the scenario's USD stage, see `prepare_scenario`, kept with the dataset.
+
+    A store that has the stage already, made on another machine, is asked for it.
+
+    Raises:
+        InputError: If town, traffic or stage cannot be used.
+        OutOfSpaceError: If the disk is full.
+        StoreError: If the store cannot be reached or refuses.
+    """
+    own = f"{STAGES}/{scenario.name}"
+    if scenario.stage is None:
+        root.fetch((f"{own}.usdc", ASSETS), f"{own}.json")
+        stage = prepare_scenario(config, scenario, base, root.folder)
+        root.keep((f"{own}.usdc", ASSETS), f"{own}.json")
+        return stage
+    stage = prepare_scenario(config, scenario, base, root.folder)
+    if scenario.rsus:
+        root.keep((), f"{own}.usda")
+    return stage
+
+
+def prepare_scenario(config: Config, scenario: ScenarioConfig, base: Path, root: Path) -> Path:
+    """Return the scenario's USD stage; with generated traffic it is made on the first run and reused afterwards.
+
+    A made stage covers the frames 0 to `frames.stop`, one more than asked for, so that velocities are central
+    differences up to the last frame. Its hash is written last, into `<scenario>.json`; a stage without it is remade.
+    A user's own stage is read where it is; configured roadside units go into a layer over it.
+
+    Raises:
+        InputError: If town, traffic or stage cannot be used.
+        OutOfSpaceError: If the disk is full.
+    """
+    source = scenario_source(scenario, base)
+    rsus = [(rsu.name, pose_from_mount(rsu.position_m, rsu.yaw_deg)) for rsu in scenario.rsus]
+    if scenario.stage is not None:
+        return overlay_rsus(root / STAGES / f"{scenario.name}.usda", source, rsus) if rsus else source
+    path, note = root / STAGES / f"{scenario.name}.usdc", root / STAGES / f"{scenario.name}.json"
+    if note.is_file() and path.is_file() and json.loads(note.read_text())["sha256"] == sha256(path):
+        return path
+    names = config.variants[config.weathers[0]]
+    catalog = load_catalog()
+    tracks = make_tracks(config, scenario, source, catalog, base)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    compose_scenario(
+        path,
+        town_path=source,
+        tracks=tracks,
+        catalog={**catalog, **load_figures()},
+        rsus=rsus,
+        sensors=config.sensors,
+        weather=choose_variant(names, weather_variants(source)) or names[0],
+        meta={"mmw": __version__, "scenario": scenario.name, "seed": config.seed},
+        antenna_position_m=config.channel.antenna_position_m if config.channel.enabled else None,
+        assets=root / ASSETS,
+    )
+    publish_bytes(note, json.dumps({"sha256": sha256(path), "town": str(scenario.town)}).encode())
+    return path
+
+
+def stored_stage(root: Path, scenario: ScenarioConfig) -> Path:
+    """Return the stage that a scenario of a dataset was traced from.
+
+    Args:
+        root: Dataset folder.
+        scenario: The scenario as `config.yaml` of the dataset has it.
+
+    Raises:
+        InputError: If it is not there any more.
+    """
+    for suffix in (".usdc", ".usda"):
+        path = root / STAGES / f"{scenario.name}{suffix}"
+        if path.is_file():
+            return path
+    if scenario.stage is None:
+        raise InputError(f"{root}: has no {STAGES}/{scenario.name}.usdc; run the same configuration again to make it")
+    return scenario_source(scenario, root)
+
+
+def make_tracks(
+    config: Config, scenario: ScenarioConfig, source: Path, catalog: Mapping[str, VehicleModel], base: Path
+) -> list[VehicleTrack]:
+    """Return the poses of a scenario's traffic, generated or recorded.
+
+    Args:
+        config: The configuration.
+        scenario: One of its scenarios that has a town.
+        source: The town asset.
+        catalog: Vehicle models by name.
+        base: Folder that the path of a trajectory file starts from.
+
+    Raises:
+        InputError: If the town and the traffic do not go together, see `run_engine`.
+    """
+    town, traffic, where = open_town(source), scenario.traffic, f"scenario {scenario.name!r}: traffic"
+    if traffic is None:
+        raise InputError(f"{where}: is missing; `town` needs it (vehicle_count, spawn_center_m, cav_ranks)")
+    try:
+        frame_count = config.frames_of(scenario).stop + 1
+        return run_engine(town, traffic, catalog, base=base, frame_count=frame_count, seed=config.seed)
+    except InputError as error:
+        raise InputError(f"{where}.{error}") from error
+
+
+def read_scenario(config: Config, scenario: ScenarioConfig, stage: Path) -> SceneArrays:
+    """Return a scenario's arrays for the configured frames, and one frame on each side where the stage has it.
+
+    Raises:
+        InputError: If the stage cannot be used, or does not cover the frames.
+    """
+    frames = config.frames_of(scenario)
+    return read_stage(
+        stage,
+        range(frames.start, frames.stop),
+        config.variants,
+        margin=1,
+        roles=scenario.actor_roles,
+        material_map=scenario.material_map,
+    )

@@ -1,0 +1,148 @@
+"""Rows of the tables of the world: frames, poses, boxes, and what no frame changes."""
+
+import json
+from collections.abc import Sequence
+
+import numpy as np
+import pyarrow as pa
+
+from mmw.config import Config, DepthConfig, RgbConfig, ScenarioConfig, SensorSection
+from mmw.config.lens import USED, LensConfig
+from mmw.config.section import Vec3
+from mmw.core.constants import FRAME_RATE_HZ
+from mmw.core.kinematics import Motion
+from mmw.core.transforms import normalize
+from mmw.scene.scene_data import SceneArrays
+from mmw.scene.table_rows import AGENT_ROLES, Columns, choices, names, split
+from mmw.scene.views import mount_pose
+from mmw.sensors.ground_truth.boxes_3d import Boxes
+from mmw.storage.schemas import table_spec
+from mmw.storage.table_spec import F64, list_of
+
+CAMERA_COLUMNS = ("fx", "fy", "cx", "cy", "width", "height", "lens", "coefficients")
+"""Columns of the table `sensors` that are null for what is no camera."""
+
+
+def frame_rows(arrays: SceneArrays, frames: Sequence[int], seed: int) -> Columns:
+    """Return the `frames` table: one row a frame."""
+    rows = [arrays.frame_row(frame) for frame in frames]
+    is_present = np.all(np.isfinite(arrays.poses[rows]), axis=2)
+    role = np.array([actor.role for actor in arrays.actors])
+    frame = np.asarray(frames, dtype=np.int32)
+    return {
+        "frame": frame,
+        "time_s": frame / FRAME_RATE_HZ,
+        "cav_count": is_present[:, role == "cav"].sum(axis=1),
+        "rsu_count": is_present[:, role == "rsu"].sum(axis=1),
+        "vehicle_count": is_present[:, (role == "cav") | (role == "vehicle")].sum(axis=1),
+        "pedestrian_count": is_present[:, role == "pedestrian"].sum(axis=1),
+        "seed": np.full(len(frame), seed),
+    }
+
+
+def pose_rows(arrays: SceneArrays, frames: Sequence[int], motion: Motion) -> Columns:
+    """Return the `poses` table: every agent that is present."""
+    rows = np.array([arrays.frame_row(frame) for frame in frames])
+    agents = np.array([i for i, actor in enumerate(arrays.actors) if actor.role in AGENT_ROLES], dtype=np.int32)
+    row, actor = np.repeat(rows, len(agents)), np.tile(agents, len(rows))
+    frame = np.repeat(np.asarray(frames, dtype=np.int32), len(agents))
+    keep = np.isfinite(arrays.poses[row, actor]).all(axis=1)
+    row, actor, frame = row[keep], actor[keep], frame[keep]
+    pose = arrays.poses[row, actor]
+    return {
+        "frame": frame,
+        "agent": names(arrays, actor),
+        "role": choices([a.role for a in arrays.actors], actor),
+        "object_id": np.array([a.object_id for a in arrays.actors], dtype=np.int32)[actor],
+        **split(("x", "y", "z"), pose[:, :3]),
+        **split(("qx", "qy", "qz", "qw"), normalize(pose[:, 3:])),
+        **split(("vx", "vy", "vz"), motion.velocity[row, actor]),
+        **split(("wx", "wy", "wz"), motion.body_rate[row, actor]),
+    }
+
+
+def box_rows(arrays: SceneArrays, boxes: Boxes) -> Columns:
+    """Return the `boxes` table: every vehicle that is present."""
+    agents = [a.name if a.role in AGENT_ROLES else None for a in arrays.actors]
+    return {
+        "frame": boxes.frame.astype(np.int32),
+        "object_id": boxes.object_id,
+        "category": choices([a.label for a in arrays.actors], boxes.actor),
+        "agent": choices(agents, boxes.actor),
+        **split(("x", "y", "z"), boxes.pose[:, :3]),
+        **split(("yaw", "pitch", "roll"), boxes.ypr),
+        **split(("length", "width", "height"), boxes.size),
+        **split(("vx", "vy", "vz"), boxes.velocity),
+    }
+
+
+def static_rows(arrays: SceneArrays, config: Config, scenario: ScenarioConfig) -> dict[str, Columns]:
+    """Return the tables of a scenario that no frame changes: `objects`, `sensors`, `materials`."""
+    objects = arrays.objects
+    materials = [(w, i, m) for w in config.weathers for i, m in enumerate(arrays.materials[w])]
+    radio = [m.radio for _, _, m in materials]
+    return {
+        "objects": {
+            "object_id": np.array([o.object_id for o in objects], dtype=np.int32),
+            "prim_path": [o.prim_path for o in objects],
+            "label": [o.label for o in objects],
+            "tag": np.array([o.tag for o in objects], dtype=np.uint8),
+            "actor": [o.actor or None for o in objects],
+            "materials": [list(o.materials) for o in objects],
+        },
+        "sensors": _sensor_rows(arrays, config),
+        "materials": {
+            "weather": [w for w, _, _ in materials],
+            "material_id": np.array([i for _, i, _ in materials], dtype=np.int32),
+            "name": [m.name for _, _, m in materials],
+            "model": [r.model for r in radio],
+            "itu": [r.itu or None for r in radio],
+            **{
+                name: np.array([getattr(r, name) for r in radio], dtype=np.float64)
+                for name in ("relative_permittivity", "conductivity", "thickness", "scattering", "xpd")
+            },
+            "scattering_pattern": [r.scattering_pattern for r in radio],
+            "alpha_r": np.array([r.alpha_r for r in radio], dtype=np.int16),
+            "alpha_i": np.array([r.alpha_i for r in radio], dtype=np.int16),
+            "lobe_share": np.array([r.lobe_share for r in radio], dtype=np.float64),
+            "nonvisual_base": [m.nonvisual_base for _, _, m in materials],
+            "lidar_reflectance": np.array([m.lidar_reflectance for _, _, m in materials]),
+            "color": [np.array(m.color, dtype=np.float32) for _, _, m in materials],
+        },
+    }
+
+
+def _sensor_rows(arrays: SceneArrays, config: Config) -> Columns:
+    antennas: dict[str, Vec3] = {**config.channel.antenna_position_m}
+    rows: list[Columns] = []
+    for actor in arrays.actors:
+        if actor.role not in AGENT_ROLES:
+            continue
+        for sensor in config.sensors:
+            if actor.role in sensor.on:
+                pose = mount_pose(sensor, actor.role)
+                params = json.dumps(sensor.model_dump(mode="json"), sort_keys=True)
+                rows.append(_sensor_row(actor.name, sensor.name, sensor.type, pose, params, _camera(sensor)))
+        if config.channel.enabled:
+            pose = np.array([*antennas.get(actor.role, (0.0, 0.0, 0.0)), 0.0, 0.0, 0.0, 1.0])
+            params = json.dumps({"pattern": config.channel.pattern, "polarization": config.channel.polarization})
+            rows.append(_sensor_row(actor.name, "antenna", "antenna", pose, params, {}))
+    keys = [column.name for column in table_spec("sensors").columns if column.name != "scenario"]
+    columns: Columns = {key: [row[key] for row in rows] for key in keys}
+    return {**columns, "coefficients": pa.array(columns["coefficients"], list_of(F64))}
+
+
+def _camera(sensor: SensorSection) -> Columns:
+    """Return the columns that only cameras have; none for other sensors."""
+    if not isinstance(sensor, RgbConfig | DepthConfig):
+        return {}
+    lens = sensor.lens if isinstance(sensor, RgbConfig) else LensConfig()
+    camera = lens.intrinsics(sensor.width_px, sensor.height_px, sensor.fov_deg)
+    numbers = {name: getattr(camera, name) for name in ("fx", "fy", "cx", "cy", "width", "height")}
+    return {**numbers, "lens": lens.model, "coefficients": [getattr(lens, name) for name in USED[lens.model]]}
+
+
+def _sensor_row(agent: str, sensor: str, type_: str, pose: np.ndarray, params: str, camera: Columns) -> Columns:
+    place = dict(zip(("x", "y", "z", "qx", "qy", "qz", "qw"), map(float, pose), strict=True))
+    image = {name: camera.get(name) for name in CAMERA_COLUMNS}
+    return {"agent": agent, "sensor": sensor, "type": type_, **place, **image, "params": params}

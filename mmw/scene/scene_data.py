@@ -1,0 +1,160 @@
+"""The scene on the host: plain arrays, made by `read_stage` from a USD stage or by tests from code."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mmw.physics.materials.material import Material
+
+MODEL_NONE = -1
+"""`Actor.model` of an actor without geometry, such as a roadside unit that is only a pose."""
+
+
+@dataclass(frozen=True)
+class Model:
+    """One vehicle shape, shared by all actors that look the same, in the actor's frame."""
+
+    name: str
+    points: np.ndarray
+    """Vertices in the frame of the actor [m], shape [N, 3], float64."""
+    faces: np.ndarray
+    """Triangles, counter-clockwise seen from outside, shape [M, 3], int32."""
+    material: np.ndarray
+    """Material id of each face, shape [M], int32."""
+    surface: np.ndarray
+    """Local surface index of each face, 0 to K - 1, shape [M], int32."""
+    wheels: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))
+    """Wheels: centre x, y, z in the frame of the actor [m] and radius [m], shape [W, 4], float64. A wheel turns about
+    the actor's y axis through its centre."""
+    wheel: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
+    """Wheel of each face, -1 for a face that is fixed to the body, shape [M], int32; left out, no face turns."""
+    uv: np.ndarray = field(default_factory=lambda: np.zeros((0, 3, 2), dtype=np.float32))
+    """Texture coordinates of the corners of each face, shape [M, 3, 2], float32; zeros where there are none."""
+    normals: np.ndarray = field(default_factory=lambda: np.zeros((0, 3, 3), dtype=np.float32))
+    """Unit normals at the corners of each face in the actor's frame, shape [M, 3, 3], float32; zeros: it is flat."""
+
+    def __post_init__(self) -> None:
+        _fill_corners(self, f"model {self.name}")
+        if len(self.wheel) == 0:
+            object.__setattr__(self, "wheel", np.full(len(self.faces), -1, dtype=np.int32))
+        if len(self.wheel) != len(self.faces):
+            raise ValueError(
+                f"model {self.name}: wheel has {len(self.wheel)} rows; the model has {len(self.faces)} faces; "
+                "give every face a wheel, or -1"
+            )
+        if self.wheel.max(initial=-1) >= len(self.wheels) or self.wheel.min(initial=0) < -1:
+            raise ValueError(
+                f"model {self.name}: wheel {self.wheel.max(initial=-1)} of a face; the model has {len(self.wheels)} "
+                "wheels; number them from 0, or -1 for none"
+            )
+        if not (self.wheels[:, 3] > 0.0).all():
+            raise ValueError(f"model {self.name}: a wheel's radius is not above 0 m; give the radius of its tyre")
+
+
+def _fill_corners(shape: "Model | SceneArrays", where: str) -> None:
+    """Give faces whose texture coordinates or normals are left out zeros, and check that no face lacks them."""
+    for name, values in (("uv", 2), ("normals", 3)):
+        found, needed = getattr(shape, name), (len(shape.faces), 3, values)
+        if len(found) == 0:
+            object.__setattr__(shape, name, np.zeros(needed, dtype=np.float32))
+        elif found.shape != needed:
+            raise ValueError(
+                f"{where}: {name} has shape {found.shape}; its faces need {needed}; give every corner a row, or none"
+            )
+
+
+@dataclass(frozen=True)
+class SceneObject:
+    """What an `object_id` means."""
+
+    object_id: int
+    prim_path: str
+    label: str
+    """Semantic class, a key of `CARLA_TAG`."""
+    tag: int
+    """CARLA tag of the label."""
+    materials: tuple[str, ...]
+    """Names of the materials on its faces, sorted."""
+    actor: str = ""
+    """Name of the actor, empty for the static town."""
+
+
+@dataclass(frozen=True)
+class Actor:
+    """One thing that moves, or carries sensors."""
+
+    name: str
+    role: str
+    """`cav`, `vehicle`, `rsu` or `pedestrian`."""
+    prim_path: str
+    model: int
+    """Index into `SceneArrays.models`, -1 for an actor without geometry."""
+    object_id: int
+    size: tuple[float, float, float]
+    """Length, width and height of the box [m]."""
+    center: tuple[float, float, float]
+    """Middle of the box in the actor's frame [m]."""
+    label: str
+    is_parked: bool = False
+    """Whether it is a parked vehicle, whose lamps never burn."""
+
+
+@dataclass(frozen=True)
+class SceneArrays:
+    """One scenario: a static town, models, and where the actors are in every frame. World frame, metres."""
+
+    points: np.ndarray
+    """Town vertices [m], shape [N, 3], float64."""
+    faces: np.ndarray
+    """Town triangles, shape [M, 3], int32."""
+    material: np.ndarray
+    """Material id of each town face, shape [M], int32."""
+    object_id: np.ndarray
+    """Object id of each town face, shape [M], int32."""
+    surface: np.ndarray
+    """Surface id of each town face, 0 to Ns - 1, shape [M], int32."""
+    models: tuple[Model, ...]
+    actors: tuple[Actor, ...]
+    frames: range
+    """Frames that `poses` covers, consecutive: derivatives take neighbouring rows as 1/100 s apart."""
+    poses: np.ndarray
+    """Actor-to-world (x, y, z, qx, qy, qz, qw), shape [F, V, 7], float64; NaN where an actor is absent."""
+    materials: dict[str, tuple[Material, ...]]
+    """Weather -> materials by id; an id means the same prim in every weather."""
+    objects: tuple[SceneObject, ...] = field(default=())
+    """Objects by id."""
+    uv: np.ndarray = field(default_factory=lambda: np.zeros((0, 3, 2), dtype=np.float32))
+    """Texture coordinates of the corners of each town face, shape [M, 3, 2], float32; zeros where there are none."""
+    normals: np.ndarray = field(default_factory=lambda: np.zeros((0, 3, 3), dtype=np.float32))
+    """Unit normals at the corners of each town face, world frame, shape [M, 3, 3], float32; zeros: it is flat."""
+    look_notes: tuple[str, ...] = ()
+    """What a user of the RGB camera should know of the stage's materials, one line each."""
+    sensing: frozenset[str] | None = None
+    """Names of the agents whose sensors are traced; None for all of them."""
+
+    def __post_init__(self) -> None:
+        _fill_corners(self, "the town")
+        shape = (len(self.frames), len(self.actors), 7)
+        if self.poses.shape != shape:
+            raise ValueError(f"poses have shape {self.poses.shape}; the scene's frames and actors need {shape}")
+        if self.frames.step != 1:
+            raise ValueError(f"frames in steps of {self.frames.step}; poses are 1/100 s apart; give every frame")
+        for name in ("material", "object_id", "surface"):
+            if len(getattr(self, name)) != len(self.faces):
+                raise ValueError(f"{name} has {len(getattr(self, name))} rows; the town has {len(self.faces)} faces")
+
+    @property
+    def town_surface_count(self) -> int:
+        """Ns, the number of surfaces of the static town."""
+        return int(self.surface.max()) + 1 if len(self.surface) else 0
+
+    def frame_row(self, frame: int) -> int:
+        """Return the row of `poses` that holds a frame.
+
+        Raises:
+            ValueError: If the scene does not cover the frame.
+        """
+        if frame not in self.frames:
+            first, last = self.frames[0] if self.frames else "none", self.frames[-1] if self.frames else "none"
+            raise ValueError(f"frame {frame} is not in the scene, which covers {first} to {last}; read more frames")
+        return self.frames.index(frame)

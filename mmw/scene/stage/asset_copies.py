@@ -1,0 +1,78 @@
+"""Copies of the USD files that a stage needs, beside it: a dataset can then be moved, archived and opened anywhere."""
+
+import os
+from collections.abc import Iterable
+from pathlib import Path
+
+from pxr import UsdUtils
+
+from mmw.core.errors import InputError
+from mmw.core.resources import assets_dir
+from mmw.core.temp_files import temporary_path
+from mmw.usd.atomic_layers import reload_layer
+
+
+def collect_assets(sources: Iterable[Path], folder: Path) -> dict[Path, Path]:
+    """Copy USD files, and everything that they refer to, into a folder.
+
+    Shipped assets keep their place below `assets/usd`; other files go into a folder named after the asset, in the order
+    that they have below their nearest common folder. An asset that refers to a file by its absolute path, or to one
+    in another tree, cannot be moved: it stays where it is.
+
+    Args:
+        sources: Interface layers.
+        folder: Where the copies go; equal files that are there already are left alone.
+
+    Returns:
+        Source -> its copy, or the source itself where it cannot be moved.
+
+    Raises:
+        InputError: If a file that a source refers to is missing.
+        OSError: If a file cannot be copied.
+    """
+    places: dict[Path, Path] = {}
+    for source in dict.fromkeys(Path(source).resolve() for source in sources):
+        files, is_movable = _dependencies(source)
+        tree = _tree(source, files)
+        if not is_movable or not all(file.is_relative_to(tree) for file in files):
+            places[source] = source
+            continue
+        below = folder if tree == assets_dir().resolve() else folder / source.stem
+        for file in files:
+            _copy(file, below / file.relative_to(tree))
+        places[source] = below / source.relative_to(tree)
+    return places
+
+
+def _dependencies(source: Path) -> tuple[list[Path], bool]:
+    """Return the files of an asset, itself included, and whether all are named by relative paths."""
+    layers, assets, unresolved = UsdUtils.ComputeAllDependencies(str(source))
+    if unresolved or not layers:
+        missing = ", ".join(map(str, unresolved)) or str(source)
+        raise InputError(f"{source}: cannot find {missing}; every file that an asset refers to is needed; restore it")
+    names = [layer.realPath for layer in layers] + list(assets)
+    files = sorted({Path(name.split("[")[0]).resolve() for name in names})  # a.usdz[b.usd] is a file inside a.usdz
+    authored = [name for layer in layers for name in layer.GetCompositionAssetDependencies()]
+    return files, not any(Path(name).is_absolute() for name in authored)
+
+
+def _tree(source: Path, files: list[Path]) -> Path:
+    """Return the folder that an asset's files keep their place in."""
+    shipped = assets_dir().resolve()
+    if source.is_relative_to(shipped):
+        return shipped
+    return Path(os.path.commonpath([file.parent for file in files]))
+
+
+def _copy(source: Path, target: Path) -> None:
+    data = source.read_bytes()
+    if target.is_file() and target.read_bytes() == data:
+        return
+    target.parent.mkdir(parents=True, exist_ok=True)
+    temporary = temporary_path(target)
+    try:
+        temporary.write_bytes(data)
+        temporary.replace(target)
+    finally:
+        temporary.unlink(missing_ok=True)
+    reload_layer(target)

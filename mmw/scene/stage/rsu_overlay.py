@@ -1,0 +1,61 @@
+"""Roadside units of the configuration on a user's own stage: a small layer over it, the stage itself is not touched."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from pxr import Gf, Sdf, Usd
+
+from mmw.core.errors import InputError
+from mmw.core.transforms import pose_to_matrix
+from mmw.scene.stage.layer import define
+from mmw.usd.atomic_layers import save_layer
+from mmw.usd.meshes import to_metres
+from mmw.usd.prim_specs import set_op_order, set_value
+
+ROOT = "/RSU"
+"""Where the units go: beside the user's own root prims, so that no transform of theirs moves them."""
+
+_COPIED = ("upAxis", "metersPerUnit", "startTimeCode", "endTimeCode", "defaultPrim")
+"""Layer metadata that a stage reads from its strongest layer only."""
+
+
+def overlay_rsus(path: str | Path, source: str | Path, rsus: Sequence[tuple[str, np.ndarray]]) -> Path:
+    """Write a layer that adds roadside units to a stage, in the stage's own axes and units.
+
+    Args:
+        path: `.usda` file to write; one that is there is replaced.
+        source: The user's stage; the layer refers to it by its absolute path.
+        rsus: Names and poses in our world (z up, metres), shape [7].
+
+    Returns:
+        The layer's path.
+
+    Raises:
+        InputError: If the stage has a prim where a unit would go, or an up axis that is not known.
+        OSError: If the file cannot be written.
+    """
+    path, source = Path(path).resolve(), Path(source).resolve()
+    stage = Usd.Stage.Open(str(source), Usd.Stage.LoadNone)
+    below = stage.GetRootLayer().pseudoRoot
+    layer = Sdf.Layer.CreateAnonymous(path.name)
+    for key in _COPIED:
+        if below.HasInfo(key):
+            layer.pseudoRoot.SetInfo(key, below.GetInfo(key))
+    layer.timeCodesPerSecond = stage.GetTimeCodesPerSecond()  # the same rate, so that USD scales no time sample
+    layer.framesPerSecond = stage.GetFramesPerSecond()
+    layer.subLayerPaths.append(source.as_posix())
+    define(layer, ROOT)
+    metres = to_metres(stage)
+    for name, pose in rsus:
+        if stage.GetPrimAtPath(f"{ROOT}/{name}"):
+            raise InputError(f"{source}: has a prim {ROOT}/{name} already; name the unit in rsus differently")
+        # Row vectors; the unit's own axes stay x forward, y left, z up in metres once the reader has turned both sides.
+        matrix = metres @ pose_to_matrix(pose).T @ np.linalg.inv(metres)
+        prim = define(layer, f"{ROOT}/{name}", kind="component")
+        kinds = Sdf.ValueTypeNames
+        set_value(prim, "xformOp:transform", kinds.Matrix4d, Gf.Matrix4d(matrix.tolist()))
+        set_op_order(prim, "!resetXformStack!", "xformOp:transform")
+        set_value(prim, "mmw:actor:role", kinds.Token, "rsu")
+    save_layer(layer, path)
+    return path

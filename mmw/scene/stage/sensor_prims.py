@@ -1,0 +1,79 @@
+"""The sensors of an agent as prims, so that a USD viewer can look through its cameras and see where everything sits."""
+
+import json
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from pxr import Gf, Sdf
+
+from mmw.config import DepthConfig, RgbConfig, SensorSection
+from mmw.config.lens import LensConfig
+from mmw.core.transforms import IDENTITY_POSE, compose, pose_from_mount
+from mmw.scene.stage.layer import define, place
+from mmw.usd.prim_specs import set_value
+
+SENSOR_TO_CAMERA = np.array([0.0, 0.0, 0.0, 0.5, -0.5, -0.5, 0.5])
+"""USD camera (x right, y up, looking along -z) to sensor (x forward, y left, z up), as a pose."""
+
+APERTURE_MM = 20.955
+"""Horizontal aperture of a camera prim [mm]: USD's own default. Only its ratio to the focal length matters."""
+
+
+def write_sensors(
+    layer: Sdf.Layer,
+    agent_path: str,
+    role: str,
+    sensors: Sequence[SensorSection],
+    antenna_position_m: Mapping[str, Sequence[float]],
+) -> None:
+    """Write `Sensors` below an agent: a Camera for each RGB or depth camera, an Xform for everything else.
+
+    Args:
+        layer: The layer.
+        agent_path: The agent's prim.
+        role: `cav` or `rsu`; sensors that are not on this role are left out.
+        sensors: The configured sensors.
+        antenna_position_m: Role -> antenna in the agent's frame [m]; no antenna prim for a role that is not there.
+    """
+    define(layer, f"{agent_path}/Sensors", "Scope")
+    for sensor in sensors:
+        if role not in sensor.on:
+            continue
+        mount = sensor.mount_on(role)
+        pose = pose_from_mount(mount.position_m, mount.yaw_deg, mount.pitch_deg, mount.roll_deg)
+        path = f"{agent_path}/Sensors/{prim_name(sensor.name)}"
+        if isinstance(sensor, RgbConfig | DepthConfig):
+            prim = define(layer, path, "Camera")
+            place(prim, compose(pose, SENSOR_TO_CAMERA))
+            _lens(prim, sensor)
+        else:
+            prim = define(layer, path)
+            place(prim, pose)
+        set_value(prim, "mmw:sensor:type", Sdf.ValueTypeNames.Token, sensor.type)
+        settings = json.dumps(sensor.model_dump(mode="json", exclude={"mount", "on"}), sort_keys=True)
+        set_value(prim, "mmw:sensor:config", Sdf.ValueTypeNames.String, settings)
+    if role in antenna_position_m:
+        prim = define(layer, f"{agent_path}/Sensors/antenna")
+        place(prim, np.concatenate([antenna_position_m[role], IDENTITY_POSE[3:]]))
+        set_value(prim, "mmw:sensor:type", Sdf.ValueTypeNames.Token, "antenna")
+
+
+def prim_name(name: str) -> str:
+    """Return a sensor's name as a prim name: `-`, which USD does not allow, becomes `_`."""
+    return name.replace("-", "_")
+
+
+def _lens(prim: Sdf.PrimSpec, sensor: RgbConfig | DepthConfig) -> None:
+    """Write the camera as a pinhole: a USD camera has no distortion, so that of a lens is left out."""
+    lens = sensor.lens if isinstance(sensor, RgbConfig) else LensConfig()
+    camera = lens.intrinsics(sensor.width_px, sensor.height_px, sensor.fov_deg)
+    kind = Sdf.ValueTypeNames
+    set_value(prim, "focalLength", kind.Float, APERTURE_MM * camera.fx / camera.width)
+    set_value(prim, "horizontalAperture", kind.Float, APERTURE_MM)
+    set_value(prim, "verticalAperture", kind.Float, APERTURE_MM * camera.height / camera.width * camera.fx / camera.fy)
+    offset = APERTURE_MM / camera.width
+    if camera.cx != 0.5 * camera.width or camera.cy != 0.5 * camera.height:
+        set_value(prim, "horizontalApertureOffset", kind.Float, offset * (0.5 * camera.width - camera.cx))
+        down = offset * camera.fx / camera.fy
+        set_value(prim, "verticalApertureOffset", kind.Float, down * (camera.cy - 0.5 * camera.height))
+    set_value(prim, "clippingRange", kind.Float2, Gf.Vec2f(0.01, sensor.range_m))

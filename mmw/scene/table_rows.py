@@ -1,0 +1,54 @@
+"""What the row makers share: columns by name, names of agents, lists of a sweep, images that threads still encode."""
+
+from collections.abc import Sequence
+from concurrent.futures import Future
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from mmw.scene.scene_data import SceneArrays
+
+Columns = dict[str, Any]
+"""Columns of one table by name: arrays, Arrow arrays, or one scalar for all rows."""
+
+AGENT_ROLES = ("cav", "rsu")
+"""Roles that carry sensors."""
+
+
+def names(arrays: SceneArrays, actor: np.ndarray) -> pa.DictionaryArray:
+    """Return the names of actors given by their indices."""
+    return choices([a.name for a in arrays.actors], actor)
+
+
+def choices(texts: Sequence[str | None], index: np.ndarray) -> pa.DictionaryArray:
+    """Return some of a few texts, given by their indices."""
+    return pa.array(texts, pa.string()).dictionary_encode().take(pa.array(index))
+
+
+def split(columns: Sequence[str], values: np.ndarray) -> Columns:
+    """Return the columns of a matrix by name, contiguous."""
+    return {name: np.ascontiguousarray(values[:, i]) for i, name in enumerate(columns)}
+
+
+def lists(offsets: np.ndarray, values: np.ndarray) -> pa.ListArray:
+    """Return an Arrow list column without nulls: row a holds `values[offsets[a]:offsets[a + 1]]`."""
+    flat = pa.array(np.ascontiguousarray(values))
+    type_ = pa.list_(pa.field("element", flat.type, nullable=False))
+    return pa.ListArray.from_arrays(pa.array(offsets), flat, type=type_)
+
+
+def resolved(columns: Columns) -> Columns:
+    """Return columns with every image that a thread was encoding: (future of the bytes, path) becomes (bytes, path)."""
+    return {
+        name: [_image(cell) for cell in values] if _is_images(values) else values for name, values in columns.items()
+    }
+
+
+def _is_images(values: Any) -> bool:
+    return isinstance(values, list) and bool(values) and isinstance(values[0], tuple)
+
+
+def _image(cell: tuple[Future[bytes] | bytes, str]) -> tuple[bytes, str]:
+    image, path = cell
+    return (image.result() if isinstance(image, Future) else image), path

@@ -1,0 +1,61 @@
+"""What every sensor's section has: a name, the agents that carry it, and where it sits on them."""
+
+from typing import Literal
+
+from pydantic import Field, field_validator
+
+from mmw.config.section import Name, Section, Vec3
+from mmw.core.errors import InputError
+
+Role = Literal["cav", "rsu"]
+
+MOST_OFFSET_M = 1000.0
+"""Largest offset of a sensor from its agent along an axis [m]. Design value."""
+
+
+class MountConfig(Section):
+    """Where a sensor sits on its agent: x forward, y left, z up from the agent's origin on the ground."""
+
+    position_m: Vec3 = Field(
+        (0.0, 0.0, 0.0), description="offset in the agent's frame, x forward, y left, z up, at most 1000 each [m]"
+    )
+    yaw_deg: float = Field(0.0, ge=-360, le=360, description="turn about z, counter-clockwise seen from above [deg]")
+    pitch_deg: float = Field(0.0, ge=-90, le=90, description="turn about y after yaw, nose down positive [deg]")
+    roll_deg: float = Field(0.0, ge=-180, le=180, description="turn about x after pitch [deg]")
+
+    @field_validator("position_m")
+    @classmethod
+    def _near(cls, value: Vec3) -> Vec3:
+        if any(abs(part) > MOST_OFFSET_M for part in value):
+            raise InputError(
+                f"{list(value)} is more than {MOST_OFFSET_M:g} m from the agent; metres are needed; lower it"
+            )
+        return value
+
+
+class SensorSection(Section):
+    """One sensor of an agent: the base of every sensor's section."""
+
+    type: str
+    name: Name = Field(description="unique among the sensors; the `sensor` or `camera` key of its rows (name)")
+    on: tuple[Role, ...] = Field(description="agents that carry it: `cav`, `rsu` (list)")
+    mount: dict[Role, MountConfig] = Field(
+        default_factory=dict, description="mount for each role; a role that is left out keeps its default (map)"
+    )
+
+    @field_validator("on")
+    @classmethod
+    def _once(cls, value: tuple[Role, ...]) -> tuple[Role, ...]:
+        if len(set(value)) != len(value):
+            raise InputError(f"{list(value)} names a role twice; name each once")
+        return value
+
+    @field_validator("mount")
+    @classmethod
+    def _every_role(cls, value: dict[Role, MountConfig]) -> dict[Role, MountConfig]:
+        return {**cls.model_fields["mount"].get_default(call_default_factory=True), **value}
+
+    def mount_on(self, role: str) -> MountConfig:
+        """Return the mount for a role; the agent's origin where the file gives none."""
+        mounts: dict[str, MountConfig] = {**self.mount}
+        return mounts.get(role, MountConfig())

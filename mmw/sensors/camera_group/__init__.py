@@ -1,0 +1,1 @@
+"""Trace the rays that RGB and depth cameras share."""

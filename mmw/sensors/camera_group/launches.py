@@ -1,0 +1,173 @@
+"""Which cameras look in one launch: all RGB cameras of equal settings, and the depth cameras that see the same."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import warp as wp
+
+from mmw.config import DepthConfig, RgbConfig
+from mmw.core.camera_models import Intrinsics
+from mmw.core.transfer import numpy_type, to_host
+from mmw.scene.scene_data import SceneArrays
+from mmw.scene.views import Views, join_views, make_views
+from mmw.sensors.depth import simulate as depth
+from mmw.sensors.render import projection as lens
+
+OWN_KEYS = {"name", "on", "mount"}
+"""Keys of an RGB camera that may differ within a launch."""
+
+MOST_PIXELS = 32_000_000
+"""Pixels of a launch at most: 104 images of 640 x 480, which keep a large GPU busy. Twice as many are no faster and
+take twice the memory (`bench/README.md`)."""
+
+BYTES_PER_PIXEL = 1_600
+"""Device memory for each pixel of a launch [bytes]: eight times what its samples, light and colours take, so that there
+is room for the scene and everything else. Design value."""
+
+MOST_PIXELS_CPU = 2_000_000
+"""The same on a CPU: six images. Design value."""
+
+Camera = RgbConfig | DepthConfig
+
+
+@dataclass(frozen=True)
+class Shot:
+    """One camera in a launch."""
+
+    sensor: Camera
+    rows: np.ndarray
+    """Rows of the launch's views that are this camera's, shape [n]."""
+
+
+@dataclass(frozen=True)
+class Launch:
+    """Views that are traced together."""
+
+    views: Views
+    intrinsics: Intrinsics
+    shots: tuple[Shot, ...]
+
+    @property
+    def pixels(self) -> int:
+        """Pixels of all views."""
+        return len(self.views) * self.intrinsics.width * self.intrinsics.height
+
+    @property
+    def name(self) -> str:
+        """Names of its cameras."""
+        return ", ".join(shot.sensor.name for shot in self.shots)
+
+    @property
+    def range_m(self) -> float:
+        """Longest depth of any of its cameras [m]."""
+        return max(shot.sensor.range_m for shot in self.shots)
+
+    @property
+    def rgb(self) -> tuple[Shot, ...]:
+        """Its RGB cameras, which have equal settings."""
+        return tuple(shot for shot in self.shots if isinstance(shot.sensor, RgbConfig))
+
+    @property
+    def depth(self) -> tuple[Shot, ...]:
+        """Its depth cameras."""
+        return tuple(shot for shot in self.shots if isinstance(shot.sensor, DepthConfig))
+
+    def pieces(self, most_pixels: int) -> Iterator["Launch"]:
+        """Yield the launch in pieces of at most so many pixels, or of one view; one piece where there is no view."""
+        step = max(most_pixels // (self.intrinsics.width * self.intrinsics.height), 1)
+        for begin in range(0, max(len(self.views), 1), step):
+            end = begin + step
+            shots = tuple(
+                Shot(shot.sensor, shot.rows[(shot.rows >= begin) & (shot.rows < end)] - begin) for shot in self.shots
+            )
+            yield Launch(self.views.take(slice(begin, end)), self.intrinsics, shots)
+
+
+def images_of(images: wp.array, shot: Shot) -> np.ndarray:
+    """Return one camera's images of those of a launch, on the host.
+
+    Args:
+        images: Images of the launch, shape [A, H, W, ...], on any device.
+        shot: The camera.
+    """
+    rows = shot.rows
+    if not len(rows):
+        kind, element = numpy_type(images)
+        return np.empty((0, *images.shape[1:], *element), dtype=kind)
+    begin, end = int(rows.min()), int(rows.max()) + 1
+    (found,) = to_host([images[begin:end]])
+    return found if np.array_equal(rows, np.arange(begin, end)) else found[rows - begin]
+
+
+def most_pixels(device: str) -> int:
+    """Return the pixels of a launch that a device has memory for."""
+    found = wp.get_device(device)
+    return min(MOST_PIXELS, found.total_memory // BYTES_PER_PIXEL) if found.is_cuda else MOST_PIXELS_CPU
+
+
+def make_launches(arrays: SceneArrays, cameras: Sequence[Camera], frames: Sequence[int]) -> list[Launch]:
+    """Return the launches that cameras need in a batch of frames.
+
+    RGB cameras of equal settings share one; a depth camera joins the first launch of the same intrinsics that has all
+    its views, and has its own where there is none. How cameras are grouped changes no pixel.
+
+    Args:
+        arrays: The scene on the host.
+        cameras: RGB and depth cameras.
+        frames: Frames of the batch.
+    """
+    launches: list[Launch] = []
+    for group in _groups([camera for camera in cameras if isinstance(camera, RgbConfig)]):
+        parts = [_views(arrays, camera, frames) for camera in group]
+        ends = np.cumsum([len(part) for part in parts])
+        shots = tuple(
+            Shot(camera, np.arange(end - len(part), end)) for camera, part, end in zip(group, parts, ends, strict=True)
+        )
+        launches.append(Launch(join_views(parts), lens.intrinsics_of(group[0]), shots))
+    for camera in cameras:
+        if isinstance(camera, DepthConfig):
+            _join(launches, camera, make_views(arrays, frames, camera))
+    return [_sorted(launch) for launch in launches]
+
+
+def _groups(cameras: Sequence[RgbConfig]) -> list[list[RgbConfig]]:
+    """Return the cameras by their settings, in the order of the first of each."""
+    groups: dict[str, list[RgbConfig]] = {}
+    for camera in cameras:
+        groups.setdefault(camera.model_dump_json(exclude=OWN_KEYS), []).append(camera)
+    return list(groups.values())
+
+
+def _views(arrays: SceneArrays, camera: RgbConfig, frames: Sequence[int]) -> Views:
+    views = make_views(arrays, frames, camera)
+    return views.take(views.frame % camera.every_frames == 0)
+
+
+def _join(launches: list[Launch], camera: DepthConfig, views: Views) -> None:
+    """Add a depth camera to the launch that sees what it sees, or to the list."""
+    intrinsics, wanted = depth.intrinsics_of(camera), _names(views)
+    for index, launch in enumerate(launches):
+        row_of = {name: row for row, name in enumerate(_names(launch.views))}
+        if launch.intrinsics == intrinsics and all(name in row_of for name in wanted):
+            shot = Shot(camera, np.array([row_of[name] for name in wanted], dtype=np.int64))
+            launches[index] = replace(launch, shots=(*launch.shots, shot))
+            return
+    launches.append(Launch(views, intrinsics, (Shot(camera, np.arange(len(views))),)))
+
+
+def _names(views: Views) -> list[tuple[int, int, bytes]]:
+    """Return what tells two views apart."""
+    return [(int(f), int(i), p.tobytes()) for f, i, p in zip(views.frame, views.ignore, views.pose, strict=True)]
+
+
+def _sorted(launch: Launch) -> Launch:
+    """Return the launch with the views of its depth cameras first, so that their images are one piece of memory."""
+    is_last = np.ones(len(launch.views), dtype=bool)
+    for shot in launch.depth:
+        is_last[shot.rows] = False
+    order = np.argsort(is_last, kind="stable")
+    place = np.empty_like(order)
+    place[order] = np.arange(len(order))
+    shots = tuple(Shot(shot.sensor, place[shot.rows]) for shot in launch.shots)
+    return Launch(launch.views.take(order), launch.intrinsics, shots)

@@ -1,0 +1,65 @@
+"""What the pixels of a camera show: segmentation, 2-D boxes, visible pixels; of depth and RGB cameras alike."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import warp as wp
+
+from mmw.sensors.batch import Job, Rows, collect
+from mmw.sensors.camera_group.launches import Launch, Shot, images_of
+from mmw.sensors.camera_group.rows import box_2d_rows, segmentation_rows
+from mmw.sensors.ground_truth.boxes_2d import VisiblePixels, visible_pixels
+from mmw.sensors.ground_truth.boxes_3d import Boxes
+from mmw.sensors.ground_truth.segmentation import object_tags
+from mmw.sensors.ground_truth.visibility import boxed_actors
+from mmw.sensors.ground_truth.visibility_rows import seen_rows
+from mmw.storage.codecs.images import encode_instance, encode_semantic
+
+
+@dataclass(frozen=True)
+class Seen:
+    """The objects in the images of a launch."""
+
+    object_id: wp.array
+    """Object in each pixel, -1 for nothing, shape [A, H, W], int32, on the device."""
+    visible: VisiblePixels | None
+    """Pixels of the boxed actors, in the order of `boxed_actors`; None if no camera asks for boxes."""
+
+
+def see_objects(job: Job, shots: Sequence[Shot], object_id: wp.array) -> Seen:
+    """Return what the pixels of a launch show, counted for all cameras at once.
+
+    Args:
+        job: The job.
+        shots: Cameras with `segmentation` or `boxes_2d`.
+        object_id: Object in each pixel, -1 for nothing, shape [A, H, W], on the device.
+    """
+    if not any(shot.sensor.boxes_2d for shot in shots):
+        return Seen(object_id, None)
+    wanted = boxed_actors(job.arrays.actors)
+    with job.clock.stage("2-D boxes"):
+        return Seen(object_id, visible_pixels(object_id, [job.arrays.actors[i].object_id for i in wanted]))
+
+
+def record_objects(job: Job, shot: Shot, launch: Launch, seen: Seen, boxes: Boxes, collected: Rows) -> None:
+    """Add segmentation, 2-D boxes and visible pixels of one camera; they are the same in every weather.
+
+    Raises:
+        InputError: If the scene has more objects than an instance image tells.
+    """
+    sensor, views, arrays = shot.sensor, launch.views.take(shot.rows), job.arrays
+    if sensor.segmentation:
+        tags = object_tags(arrays)
+        with job.clock.stage("segmentation"):
+            objects = images_of(seen.object_id, shot)
+        instance = [job.encoder.submit(encode_instance, image) for image in objects]
+        semantic = [job.encoder.submit(encode_semantic, image, tags) for image in objects]
+        for weather, tables in collected.items():
+            tables["segmentation"].append(
+                segmentation_rows(arrays, sensor.name, views, instance, semantic, job.scenario.name, weather)
+            )
+    if sensor.boxes_2d and seen.visible is not None:
+        own = VisiblePixels(seen.visible.pixels[shot.rows], seen.visible.bounds[shot.rows])
+        rows = job.pool.submit(box_2d_rows, arrays, sensor.name, views, launch.intrinsics, boxes, own)
+        counts = seen_rows(arrays, sensor.name, views, "pixels", own.pixels)
+        collect(collected, {"boxes_2d": rows, "box_visibility": counts})

@@ -1,0 +1,151 @@
+"""Rows of the tables of images, and of what they frame."""
+
+from collections.abc import Sequence
+from concurrent.futures import Future
+
+import numpy as np
+import pyarrow as pa
+
+from mmw.config import RgbConfig
+from mmw.core.camera_models import Intrinsics
+from mmw.scene.scene_data import SceneArrays
+from mmw.scene.table_rows import Columns, lists, names
+from mmw.scene.views import Views
+from mmw.sensors.ground_truth.boxes_2d import VisiblePixels, project_boxes
+from mmw.sensors.ground_truth.boxes_3d import Boxes
+from mmw.sensors.ground_truth.visibility import boxed_actors
+from mmw.sensors.render.tone_mapping import SATURATION
+from mmw.storage.table_spec import F32, list_of
+
+Images = Sequence[Future[bytes] | bytes]
+"""One encoded image a view, which a thread may still be at."""
+
+SUFFIX = {"jpeg": "jpg", "png": "png"}
+"""Format -> end of a file's name."""
+
+
+def rgb_rows(
+    arrays: SceneArrays,
+    sensor: RgbConfig,
+    views: Views,
+    images: Images,
+    exposure: np.ndarray,
+    scenario: str,
+    weather: str,
+) -> Columns:
+    """Return rows of the `rgb` table for one sensor.
+
+    Args:
+        arrays: The scene on the host.
+        sensor: The camera.
+        views: Its views, A rows.
+        images: Encoded in the camera's format.
+        exposure: Factor from luminance [kcd/m2] to display linear, where 1 is white, shape [A].
+        scenario: Scenario name.
+        weather: Weather name.
+    """
+    return {
+        **_owned(arrays, sensor.name, views),
+        "image": _files(arrays, sensor.name, views, images, scenario, weather, SUFFIX[sensor.format]),
+        "format": sensor.format,
+        "exposure": exposure.astype(np.float32),
+        "ev100": np.log2(1000.0 / (SATURATION * exposure.astype(np.float64))).astype(np.float32),
+    }
+
+
+def file_rows(
+    arrays: SceneArrays, sensor: str, kind: str, views: Views, images: Images, scenario: str, weather: str
+) -> Columns:
+    """Return rows of a table of one PNG file a row, `normals` or `flow`, whose name `kind` is."""
+    return {
+        **_owned(arrays, sensor, views),
+        "image": _files(arrays, f"{sensor}_{kind}", views, images, scenario, weather),
+    }
+
+
+def depth_rows(
+    arrays: SceneArrays, sensor: str, views: Views, images: Images, metres: pa.Array, scenario: str, weather: str
+) -> Columns:
+    """Return rows of the `depth` table for one sensor: one image a row; `metres` is what `metre_lists` returns."""
+    return {
+        **_owned(arrays, sensor, views),
+        "image": _files(arrays, sensor, views, images, scenario, weather),
+        "depth_m": metres,
+    }
+
+
+def metre_lists(views: Views, depth_m: np.ndarray | None) -> pa.Array:
+    """Return the `depth_m` column: one list of depths [m] a row, 0 for no return; null in every row without images.
+
+    Args:
+        views: The views, A rows.
+        depth_m: Depth [m], inf for no return, shape [A, H, W], float32.
+    """
+    if depth_m is None:
+        return pa.nulls(len(views), list_of(F32))
+    flat = np.where(np.isfinite(depth_m), depth_m, np.float32(0.0)).reshape(len(views), -1)
+    return lists(np.arange(len(views) + 1, dtype=np.int32) * np.int32(flat.shape[1]), flat.reshape(-1))
+
+
+def segmentation_rows(
+    arrays: SceneArrays,
+    sensor: str,
+    views: Views,
+    instance: Images,
+    semantic: Images,
+    scenario: str,
+    weather: str,
+) -> Columns:
+    """Return rows of the `segmentation` table for one sensor."""
+    return {
+        **_owned(arrays, sensor, views),
+        "instance": _files(arrays, f"{sensor}_instance", views, instance, scenario, weather),
+        "semantic": _files(arrays, f"{sensor}_semantic", views, semantic, scenario, weather),
+    }
+
+
+def box_2d_rows(
+    arrays: SceneArrays, sensor: str, views: Views, camera: Intrinsics, boxes: Boxes, visible: VisiblePixels
+) -> Columns:
+    """Return rows of the `boxes_2d` table for one camera.
+
+    Args:
+        arrays: The scene on the host.
+        sensor: Sensor name.
+        views: The views, A rows.
+        camera: Intrinsics.
+        boxes: 3-D boxes of the same frames.
+        visible: Pixels of the boxed actors, in the order of `boxed_actors`.
+    """
+    found = project_boxes(camera, views, boxes)
+    place_of = np.full(len(arrays.actors), -1, dtype=np.int64)
+    wanted = boxed_actors(arrays.actors)
+    place_of[wanted] = np.arange(len(wanted))
+    place = place_of[boxes.actor[found.box]]
+    pixels, bounds = visible.pixels[found.view, place], visible.bounds[found.view, place]
+    edges = ("u_min", "v_min", "u_max", "v_max")
+    return {
+        "frame": views.frame[found.view].astype(np.int32),
+        "agent": names(arrays, views.actor[found.view]),
+        "sensor": sensor,
+        "object_id": boxes.object_id[found.box],
+        "pixels": pixels,
+        **{name: pa.array(bounds[:, i], mask=pixels == 0) for i, name in enumerate(edges)},
+        **{f"amodal_{name}": found.amodal[:, i].astype(np.float32) for i, name in enumerate(edges)},
+        "truncation": found.truncation.astype(np.float32),
+        "distance": found.distance.astype(np.float32),
+    }
+
+
+def _owned(arrays: SceneArrays, sensor: str, views: Views) -> Columns:
+    return {"frame": views.frame.astype(np.int32), "agent": names(arrays, views.actor), "sensor": sensor}
+
+
+def _files(
+    arrays: SceneArrays, stem: str, views: Views, images: Images, scenario: str, weather: str, suffix: str = "png"
+) -> list[tuple[Future[bytes] | bytes, str]]:
+    paths = [
+        f"{scenario}/{weather}/{agent}/{frame:06d}_{stem}.{suffix}"
+        for agent, frame in zip(names(arrays, views.actor).to_pylist(), views.frame, strict=True)
+    ]
+    return list(zip(images, paths, strict=True))

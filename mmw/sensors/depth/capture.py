@@ -1,0 +1,50 @@
+"""Depth images of a batch."""
+
+from collections.abc import Sequence
+
+from mmw.config import DepthConfig
+from mmw.core.errors import InputError
+from mmw.kernels.camera.depth import DepthImages
+from mmw.scene.views import Views, sensor_actors
+from mmw.sensors.batch import Job, Rows
+from mmw.sensors.camera_group.launches import Shot, images_of
+from mmw.sensors.camera_group.rows import depth_rows, metre_lists
+from mmw.storage.codecs.images import encode_depth
+
+MOST_LISTED = 2**31 - 1
+"""Numbers that one list column of a shard holds: its offsets are 32-bit."""
+
+
+def record_depth(job: Job, shot: Shot, launched: Views, images: DepthImages, collected: Rows) -> None:
+    """Add the images of one depth camera; they are the same in every weather, so each is encoded once.
+
+    Args:
+        job: The job.
+        shot: The camera, and which of the views are its own.
+        launched: Views of the launch.
+        images: Images of the launch; with metres if the camera's format is `float32`.
+        collected: Rows to add to.
+    """
+    sensor, views, scenario = shot.sensor, launched.take(shot.rows), job.scenario.name
+    with job.clock.stage("depth images"):
+        depth = images_of(images.depth, shot)
+        metres = metre_lists(views, images_of(images.depth_m, shot) if sensor.format == "float32" else None)
+    encoded = [job.encoder.submit(encode_depth, image) for image in depth]
+    for weather, tables in collected.items():
+        tables["depth"].append(depth_rows(job.arrays, sensor.name, views, encoded, metres, scenario, weather))
+
+
+def check_lists(job: Job, sensors: Sequence[DepthConfig]) -> None:
+    """Check that a shard's unrounded depths fit into a list column.
+
+    Raises:
+        InputError: With the camera that has too many, and how many frames fit.
+    """
+    for sensor in sensors:
+        each = len(sensor_actors(job.arrays, sensor)) * sensor.width_px * sensor.height_px
+        frames = min(job.config.output.shard_frames, job.config.frames_of(job.scenario).count)
+        if sensor.format == "float32" and frames * each > MOST_LISTED:
+            raise InputError(
+                f"sensor {sensor.name!r}: format = float32 gives {frames * each} depths a shard; "
+                f"a column holds {MOST_LISTED}; use output.shard_frames: {max(MOST_LISTED // each, 1)} or less"
+            )

@@ -1,0 +1,125 @@
+"""Satellite navigation receiver: position, velocity and heading from float64 poses.
+
+compat    CARLA's GNSS sensor and the published dataset's navigation unit: latitude, longitude and altitude by CARLA's
+          Mercator map, each with white noise; speed and heading with white noise. The error of the speed lies along
+          the motion (along the heading at rest) in the velocity.
+physical  WGS-84 by the tangent plane at the reference point. The error of the position, in metres along the world's
+          axes, is white noise plus a drift: first-order Gauss-Markov noise of the given spread and correlation time.
+          White noise on every axis of the velocity; speed is the length of its horizontal part.
+
+Heading is that of the sensor's x axis, not of the motion. East, north and up are the world's x, y and z. Velocity is a
+central difference (`mmw.core.kinematics`) of the mounted sensor, so a lever arm counts. A sample falls on every frame
+that
+is a multiple of 100 / `rate_hz`. Errors are functions of (seed, scenario, agent, sensor, frame), whichever frames are
+asked for, and at any rate; weather and buildings do not change them.
+
+Source: CARLA 0.9.15 `sensor.other.gnss`; error model as in R. G. Brown and P. Y. C. Hwang, "Introduction to Random
+Signals and Applied Kalman Filtering" (2012), chapter 9.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mmw.config import GnssConfig
+from mmw.core.constants import FRAME_DT
+from mmw.core.geodesy import mercator_from_world, sensor_heading, wgs84_from_world
+from mmw.core.kinematics import differentiate, window
+from mmw.core.random_keys import random_keys
+from mmw.core.random_series import gauss_markov, white_series
+from mmw.core.transforms import compose, normalize
+from mmw.scene.scene_data import SceneArrays
+from mmw.scene.views import mount_pose, sensor_actors
+
+SLOWEST = 0.01
+"""Speed from which motion has a direction [m/s]; design value."""
+
+
+@dataclass(frozen=True)
+class GnssBatch:
+    """GNSS samples of a batch, ordered by frame, then by actor. A is the number of samples."""
+
+    frame: np.ndarray
+    """Frame number, shape [A], int64."""
+    actor: np.ndarray
+    """Index of the agent in `SceneArrays.actors`, shape [A], int32."""
+    geodetic: np.ndarray
+    """Measured latitude [deg], longitude [deg] and altitude [m], shape [A, 3]."""
+    geodetic_true: np.ndarray
+    """The same without errors, shape [A, 3]."""
+    velocity: np.ndarray
+    """Measured velocity to the east, to the north and up [m/s], shape [A, 3]."""
+    speed: np.ndarray
+    """Measured horizontal speed [m/s], shape [A]; `compat`'s noise can make it negative near rest."""
+    heading: np.ndarray
+    """Measured heading of the sensor's x axis, clockwise from north, in [0, 2 pi), shape [A] [rad]."""
+
+
+def make_gnss(arrays: SceneArrays, frames: Sequence[int], config: GnssConfig, seed: int, scenario: str) -> GnssBatch:
+    """Return the GNSS samples of every agent that carries the sensor.
+
+    Args:
+        arrays: The scene on the host; the frames around `frames` are differentiated too, so give all batches the same
+            recording.
+        frames: Frames of the batch; those without a sample are passed over.
+        config: Mount, reference point, rate and errors.
+        seed: Seed of the run.
+        scenario: Name of the scenario.
+
+    Raises:
+        ValueError: If the scene does not cover a frame.
+    """
+    rows = np.array([arrays.frame_row(int(frame)) for frame in frames], dtype=np.int64)
+    numbers = np.asarray(frames, dtype=np.int64)
+    is_due = numbers % config.period_frames == 0
+    rows, numbers = rows[is_due], numbers[is_due]
+    part = window(rows)
+    actors = sensor_actors(arrays, config)
+    pose, velocity = np.full((len(actors), len(rows), 7), np.nan), np.full((len(actors), len(rows), 3), np.nan)
+    for column, index in enumerate(actors):
+        poses, mount = arrays.poses[part, index], mount_pose(config, arrays.actors[index].role)
+        sensor = compose(np.concatenate([poses[:, :3], normalize(poses[:, 3:])], axis=-1), mount)
+        pose[column] = sensor[rows - part.start]
+        velocity[column] = differentiate(sensor).velocity[rows - part.start]
+    names = [arrays.actors[index].name for index in actors]
+    measured = _measure(pose, velocity, numbers, config, (seed, scenario), names)
+    keep = np.isfinite(pose).all(axis=-1).T.ravel()
+    values = [np.swapaxes(v, 0, 1).reshape(-1, *v.shape[2:])[keep] for v in measured]
+    return GnssBatch(np.repeat(numbers, len(actors))[keep], np.tile(actors, len(rows))[keep], *values)
+
+
+def _measure(
+    pose: np.ndarray,
+    velocity: np.ndarray,
+    frames: np.ndarray,
+    config: GnssConfig,
+    stream: tuple[str | int, ...],
+    agents: Sequence[str],
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return measured and true position, velocity, speed and heading, shape [A, F] or [A, F, 3]."""
+    white_keys, drift_keys = (
+        random_keys((*stream, agent, config.name, kind) for agent in agents) for kind in ("white", "drift")
+    )
+    white = white_series(white_keys, frames, 8)
+    heading_true = sensor_heading(pose[..., 3:])
+    heading = np.mod(heading_true + np.radians(config.heading_noise_std_deg) * white[..., 6], 2.0 * np.pi)
+    heading = np.where(heading >= 2.0 * np.pi, 0.0, heading)
+    if config.mode == "compat":
+        true = mercator_from_world(pose[..., :3], config.reference)
+        spread = (config.latitude_noise_std_deg, config.longitude_noise_std_deg, config.altitude_noise_std_m)
+        speed_true = np.linalg.norm(velocity[..., :2], axis=-1)
+        error = config.speed_noise_std_m_s * white[..., 3]
+        facing = np.stack([np.sin(heading_true), np.cos(heading_true)], axis=-1)
+        moving = velocity[..., :2] / np.maximum(speed_true, SLOWEST)[..., None]
+        along = np.where((speed_true >= SLOWEST)[..., None], moving, facing)
+        noisy = velocity.copy()
+        noisy[..., :2] += error[..., None] * along
+        return true + np.array(spread) * white[..., :3], true, noisy, speed_true + error, heading
+    drift = gauss_markov(drift_keys, frames, 3, config.drift_correlation_s / FRAME_DT)
+    spread = np.array([config.horizontal_drift_std_m] * 2 + [config.vertical_drift_std_m])
+    noise = np.array([config.horizontal_noise_std_m] * 2 + [config.vertical_noise_std_m])
+    measured = wgs84_from_world(pose[..., :3] + spread * drift + noise * white[..., :3], config.reference)
+    noisy = velocity + config.velocity_noise_std_m_s * white[..., 3:6]
+    speed = np.linalg.norm(noisy[..., :2], axis=-1)
+    return measured, wgs84_from_world(pose[..., :3], config.reference), noisy, speed, heading

@@ -1,0 +1,1 @@
+"""Compute bounding boxes, segmentation and visibility."""

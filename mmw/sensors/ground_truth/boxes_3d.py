@@ -1,0 +1,68 @@
+"""Ground truth: the 3-D box of every vehicle and pedestrian in every frame, and how many LiDAR returns lie on it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mmw.core.kinematics import Motion, differentiate
+from mmw.core.transforms import compose, make_pose, normalize, quaternion_to_ypr, rotate
+from mmw.scene.scene_data import SceneArrays
+
+BOX_ROLES = ("cav", "vehicle", "pedestrian")
+"""Actors that have a box."""
+
+
+@dataclass(frozen=True)
+class Boxes:
+    """Boxes in the world frame; rows are ordered by frame, then by actor. N is the number of boxes."""
+
+    frame: np.ndarray
+    """Frame number, shape [N], int64."""
+    actor: np.ndarray
+    """Index in `SceneArrays.actors`, shape [N], int32."""
+    object_id: np.ndarray
+    """Object id, shape [N], int32."""
+    pose: np.ndarray
+    """Box to world, origin in the middle of the box, axes along length, width, height, shape [N, 7], float64."""
+    ypr: np.ndarray
+    """Yaw, pitch (nose down positive) and roll [rad], R = Rz Ry Rx, shape [N, 3]."""
+    size: np.ndarray
+    """Length, width, height [m], shape [N, 3]."""
+    velocity: np.ndarray
+    """Velocity of the middle of the box, world frame [m/s], shape [N, 3]."""
+
+
+def make_boxes(arrays: SceneArrays, frames: Sequence[int], motion: Motion | None = None) -> Boxes:
+    """Return the boxes of all vehicles and pedestrians that are present.
+
+    Args:
+        arrays: The scene on the host.
+        frames: Frames of the batch.
+        motion: `differentiate(arrays.poses)`, if at hand.
+
+    Raises:
+        ValueError: If the scene does not cover a frame.
+    """
+    rows = np.array([arrays.frame_row(int(frame)) for frame in frames], dtype=np.int64)
+    if motion is None:
+        motion = differentiate(arrays.poses)
+    actors = np.array([i for i, actor in enumerate(arrays.actors) if actor.role in BOX_ROLES], dtype=np.int32)
+    frame = np.repeat(np.asarray(frames, dtype=np.int64), len(actors))
+    row, actor = np.repeat(rows, len(actors)), np.tile(actors, len(rows))
+    is_present = np.isfinite(arrays.poses[row, actor]).all(axis=1)
+    frame, row, actor = frame[is_present], row[is_present], actor[is_present]
+
+    pose = arrays.poses[row, actor]
+    q = normalize(pose[:, 3:])
+    center = np.array([arrays.actors[i].center for i in actor], dtype=np.float64).reshape(-1, 3)
+    upright = np.array([0.0, 0.0, 0.0, 1.0])
+    return Boxes(
+        frame=frame,
+        actor=actor,
+        object_id=np.array([arrays.actors[i].object_id for i in actor], dtype=np.int32),
+        pose=compose(make_pose(pose[:, :3], q), make_pose(center, upright)),
+        ypr=quaternion_to_ypr(q),
+        size=np.array([arrays.actors[i].size for i in actor], dtype=np.float64).reshape(-1, 3),
+        velocity=motion.velocity[row, actor] + np.cross(motion.world_rate[row, actor], rotate(q, center)),
+    )

@@ -1,0 +1,53 @@
+"""Segmentation: instance and semantic images of the object in every pixel."""
+
+import numpy as np
+
+from mmw.core.errors import InputError
+from mmw.scene.scene_data import SceneArrays
+from mmw.usd.semantics import CARLA_TAG
+
+SKY = CARLA_TAG["sky"]
+"""CARLA tag of a pixel where nothing was hit."""
+
+HIGHEST_OBJECT = 65_534
+"""Highest object id that an instance image tells: 16 bits, less one value for nothing."""
+
+
+def object_tags(arrays: SceneArrays) -> np.ndarray:
+    """Return the CARLA tag of every object, with that of the sky in the last place, where -1 points. Shape [N + 1].
+
+    The tags are those of the table `objects`.
+
+    Raises:
+        InputError: If an instance image cannot tell all objects.
+    """
+    highest = max((entry.object_id for entry in arrays.objects), default=-1)
+    if highest > HIGHEST_OBJECT:
+        raise InputError(
+            f"segmentation: object ids reach {highest}; a 16-bit instance image tells ids up to {HIGHEST_OBJECT}; "
+            "merge meshes of the town below one prim each, or use segmentation: false"
+        )
+    tags = np.full(highest + 2, CARLA_TAG["unlabeled"], dtype=np.uint8)
+    for entry in arrays.objects:
+        tags[entry.object_id] = entry.tag
+    tags[-1] = SKY
+    return tags
+
+
+def instance_image(object_id: np.ndarray) -> np.ndarray:
+    """Return object ids + 1, 0 for nothing, same shape, uint16; `object_tags` checks that they fit.
+
+    Args:
+        object_id: Object in each pixel, -1 for nothing, int32.
+    """
+    return (object_id + 1).astype(np.uint16)
+
+
+def semantic_image(object_id: np.ndarray, tags: np.ndarray) -> np.ndarray:
+    """Return the CARLA tag of each pixel, that of the sky for nothing, same shape, uint8.
+
+    Args:
+        object_id: Object in each pixel, -1 for nothing, int32.
+        tags: What `object_tags` returns.
+    """
+    return tags[object_id]

@@ -1,0 +1,121 @@
+"""Ground truth about what agents see: returns, detections and pixels on each actor, and lines of sight between them."""
+
+# Warp's structs and small number types are objects, not classes, to a type checker.
+# pyright: reportGeneralTypeIssues=false, reportArgumentType=false
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+
+from mmw.core.transforms import make_pose, normalize, transform_points
+from mmw.kernels.core import line_of_sight as sight
+from mmw.scene.device_scene import Scene
+from mmw.sensors.ground_truth.boxes_3d import BOX_ROLES
+
+BLOCK_DIM = 64
+"""Threads of a block for kernels that query a BVH."""
+
+
+def boxed_actors(scene_actors: Sequence) -> np.ndarray:
+    """Return the indices of the actors that have a box, in the scene's order, shape [K], int32."""
+    return np.array([i for i, actor in enumerate(scene_actors) if actor.role in BOX_ROLES], dtype=np.int32)
+
+
+def count_returns(offsets: np.ndarray, object_id: np.ndarray, wanted: Sequence[int]) -> np.ndarray:
+    """Return how many points of each view lie on each wanted object, shape [A, K], int32.
+
+    Args:
+        offsets: First point of every view, and the number of points, shape [A + 1].
+        object_id: Object of every point, -1 for none, shape [N].
+        wanted: K different object ids.
+    """
+    shape = len(offsets) - 1, len(wanted)
+    highest = max(int(object_id.max(initial=-1)), *wanted, -1)
+    column_of = np.full(highest + 2, -1, dtype=np.int32)  # the last place is that of -1
+    column_of[np.asarray(wanted, dtype=np.int64)] = np.arange(len(wanted))
+    found = np.flatnonzero((column_of >= 0)[object_id])  # few: most points lie on the town
+    view = np.repeat(np.arange(shape[0]), np.diff(np.searchsorted(found, offsets)))
+    counts = np.bincount(view * shape[1] + column_of[object_id[found]], minlength=shape[0] * shape[1])
+    return counts.reshape(shape).astype(np.int32)
+
+
+@dataclass(frozen=True)
+class Sight:
+    """Lines of sight from agents to boxed actors; rows are ordered by frame, agent and actor. L is their number."""
+
+    frame: np.ndarray
+    """Frame number, shape [L], int64."""
+    agent: np.ndarray
+    """Actor index of the agent, shape [L], int32."""
+    actor: np.ndarray
+    """Actor index of the other one, shape [L], int32."""
+    is_los: np.ndarray
+    """Whether the way is free: the first thing on it is the actor itself, or nothing. Shape [L], bool."""
+    blocker: np.ndarray
+    """Object id of the first thing on the way where it is not free, -1 where it is, shape [L], int32."""
+
+
+def trace_sight(scene: Scene, frames: Sequence[int], antenna_position_m: Mapping[str, Sequence[float]]) -> Sight:
+    """Return whether each agent's antenna sees the middle of each boxed actor, and what stands between.
+
+    The agent's own body is passed through, so that a low roof does not hide what drives beside it.
+
+    Args:
+        scene: Town and vehicles, with the frames loaded.
+        frames: Frames of the batch.
+        antenna_position_m: Role (`cav`, `rsu`) -> antenna in the agent's frame [m].
+    """
+    arrays = scene.arrays
+    agents = np.array([i for i, actor in enumerate(arrays.actors) if actor.role in antenna_position_m], dtype=np.int32)
+    others = boxed_actors(arrays.actors)
+    slot, agent, actor = (grid.ravel() for grid in np.meshgrid(np.arange(len(frames)), agents, others, indexing="ij"))
+    rows = np.array([arrays.frame_row(int(frame)) for frame in frames], dtype=np.int64)
+    is_here = np.asarray(np.isfinite(arrays.poses[rows]).all(axis=2))
+    keep = (agent != actor) & is_here[slot, agent] & is_here[slot, actor]
+    slot, agent, actor = slot[keep], agent[keep], actor[keep]
+    antenna = np.array([antenna_position_m.get(a.role, (0.0, 0.0, 0.0)) for a in arrays.actors]).reshape(-1, 3)
+    middle = np.array([a.center for a in arrays.actors]).reshape(-1, 3)
+    start = transform_points(_unit(arrays.poses[rows[slot], agent]), antenna[agent])
+    end = transform_points(_unit(arrays.poses[rows[slot], actor]), middle[actor])
+    instance_of = np.full(len(arrays.actors), -1, dtype=np.int32)
+    instance_of[scene.instance_actor] = np.arange(len(scene.instance_actor))
+    first = cast_sight(scene, slot, start, end, instance_of[agent])
+    own = np.array([a.object_id for a in arrays.actors], dtype=np.int32)[actor]
+    is_los = (first < 0) | (first == own)
+    frame = np.asarray(frames, dtype=np.int64)[slot]
+    return Sight(frame, agent, actor, is_los, np.where(is_los, -1, first).astype(np.int32))
+
+
+def cast_sight(scene: Scene, slot: np.ndarray, start: np.ndarray, end: np.ndarray, ignore: np.ndarray) -> np.ndarray:
+    """Return the object that is met first on each line, -1 for a free one, shape [L], int32.
+
+    Args:
+        scene: Town and vehicles, with a batch loaded.
+        slot: Position of each line's frame in the batch, shape [L].
+        start: World frame [m], shape [L, 3].
+        end: World frame [m], shape [L, 3].
+        ignore: Instance that each line passes through, -1 for none, shape [L].
+    """
+    found = wp.empty(len(slot), dtype=int, device=scene.device)
+    if len(slot):
+        lines = [
+            wp.array(slot.astype(np.int32), dtype=int, device=scene.device),
+            wp.array((start - scene.origin).astype(np.float32), dtype=wp.vec3, device=scene.device),
+            wp.array((end - scene.origin).astype(np.float32), dtype=wp.vec3, device=scene.device),
+            wp.array(ignore.astype(np.int32), dtype=int, device=scene.device),
+        ]
+        wp.launch(
+            sight.sight_kernel,
+            dim=len(slot),
+            inputs=[scene.struct, *lines],
+            outputs=[found],
+            device=scene.device,
+            block_dim=BLOCK_DIM,
+        )
+    return found.numpy()
+
+
+def _unit(pose: np.ndarray) -> np.ndarray:
+    return make_pose(pose[:, :3], normalize(pose[:, 3:]))

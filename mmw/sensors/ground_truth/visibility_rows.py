@@ -1,0 +1,77 @@
+"""Rows of the `box_visibility` table: what each sensor, and the radio, sees of each actor."""
+
+from typing import Literal
+
+import numpy as np
+import pyarrow as pa
+
+from mmw.scene.scene_data import SceneArrays
+from mmw.scene.table_rows import Columns, names
+from mmw.scene.views import Views
+from mmw.sensors.ground_truth.visibility import Sight, boxed_actors, count_returns
+
+Count = Literal["lidar_points", "radar_points", "pixels"]
+"""Columns that count."""
+
+NULLS = ("lidar_points", "radar_points", "pixels", "is_los", "blocker_id")
+"""Columns that are null in the rows of other kinds of sensors."""
+
+
+def seen_rows(arrays: SceneArrays, sensor: str, views: Views, column: Count, counts: np.ndarray) -> Columns:
+    """Return one row for every actor that a view has a point or pixel on.
+
+    Args:
+        arrays: The scene on the host.
+        sensor: Sensor name.
+        views: Its views, A rows.
+        column: What is counted.
+        counts: Points or pixels on each boxed actor, in the order of `boxed_actors`, shape [A, K], int32.
+    """
+    view, place = np.nonzero(counts)
+    actor = boxed_actors(arrays.actors)[place]
+    return {
+        "frame": views.frame[view].astype(np.int32),
+        "agent": names(arrays, views.actor[view]),
+        "sensor": sensor,
+        "object_id": _object_ids(arrays)[actor],
+        **_nulls(len(view)),
+        column: counts[view, place],
+    }
+
+
+def point_rows(
+    arrays: SceneArrays, sensor: str, views: Views, column: Count, offsets: np.ndarray, object_id: np.ndarray
+) -> Columns:
+    """Return one row for every actor that a view has a point on.
+
+    Args:
+        arrays: The scene on the host.
+        sensor: Sensor name.
+        views: Its views, A rows.
+        column: What is counted.
+        offsets: First point of every view, and the number of points, shape [A + 1].
+        object_id: Object of every point, -1 for none, shape [N].
+    """
+    wanted = _object_ids(arrays)[boxed_actors(arrays.actors)].tolist()
+    return seen_rows(arrays, sensor, views, column, count_returns(offsets, object_id, wanted))
+
+
+def sight_rows(arrays: SceneArrays, sensor: str, sight: Sight) -> Columns:
+    """Return one row for every line of sight between an agent's antenna and another actor."""
+    return {
+        "frame": sight.frame.astype(np.int32),
+        "agent": names(arrays, sight.agent),
+        "sensor": sensor,
+        "object_id": _object_ids(arrays)[sight.actor],
+        **_nulls(len(sight.frame)),
+        "is_los": sight.is_los,
+        "blocker_id": pa.array(sight.blocker, mask=sight.is_los),
+    }
+
+
+def _object_ids(arrays: SceneArrays) -> np.ndarray:
+    return np.array([actor.object_id for actor in arrays.actors], dtype=np.int32)
+
+
+def _nulls(count: int) -> Columns:
+    return {name: pa.nulls(count) for name in NULLS}

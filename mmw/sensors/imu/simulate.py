@@ -1,0 +1,168 @@
+"""Inertial measurement unit: specific force and angular rate from float64 poses, and the inverse integrator.
+
+A sample at frame k is the reading at the instant of frame k, in the sensor frame (x forward, y left, z up):
+
+    specific force  f_k = R_k^-1 (a_k + g z)    rest on level ground reads (0, 0, +9.81)
+    angular rate    w_k
+    compass         heading of the sensor's x axis, clockwise from north
+
+where a_k and w_k are the central differences of `mmw.core.kinematics`, taken of the mounted sensor, so lever arms
+are exact. `integrate_imu` inverts them. The first and last frame of a recording rest on an extrapolated neighbour.
+
+Two of CARLA's habits are options. `handedness: left` reports in its axes (x forward, y right, z up): forces become
+(fx, -fy, fz), rates (-wx, wy, -wz). `accel_lag_frames: 1` is its late accelerometer, which turns the acceleration of
+the frame before into the sensor as it stands now: R_k^-1 (a_(k-1) + g z); an agent's first frame has none before it
+and reads its own. The noise-free columns have no lag.
+
+The readings do not depend on which frames are asked for, as long as the same recording is given. Errors are those of
+`mmw.sensors.imu.noise`.
+
+Source: sign and frame as CARLA 0.9.15 `sensor.other.imu`, in a right-handed frame.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mmw.config import ImuConfig
+from mmw.core.constants import FRAME_DT, GRAVITY
+from mmw.core.geodesy import sensor_heading
+from mmw.core.kinematics import differentiate, window
+from mmw.core.transforms import compose, conjugate, multiply, normalize, quaternion_exp, rotate
+from mmw.scene.scene_data import SceneArrays
+from mmw.scene.views import mount_pose, sensor_actors
+from mmw.sensors.imu.noise import imu_errors
+
+GRAVITY_W = np.array([0.0, 0.0, GRAVITY])
+"""What a resting accelerometer feels, world frame [m/s^2]."""
+
+LEFT_HANDED = np.array([[1.0, -1.0, 1.0], [-1.0, 1.0, -1.0]])
+"""Factors of a force and of a rate from y left to y right: mirrored polar and axial vectors. Its own inverse."""
+
+
+@dataclass(frozen=True)
+class ImuBatch:
+    """IMU samples of a batch in the axes of `ImuConfig.handedness`, ordered by frame, then by actor; [A] or [A, 3]."""
+
+    frame: np.ndarray
+    """Frame number, shape [A], int64."""
+    actor: np.ndarray
+    """Index of the agent in `SceneArrays.actors`, shape [A], int32."""
+    accel: np.ndarray
+    """Specific force as measured [m/s^2]."""
+    gyro: np.ndarray
+    """Angular rate as measured [rad/s]."""
+    accel_true: np.ndarray
+    """Specific force without errors and lag [m/s^2]."""
+    gyro_true: np.ndarray
+    """Angular rate without errors [rad/s]."""
+    accel_bias: np.ndarray
+    """Bias in the measured specific force [m/s^2]."""
+    gyro_bias: np.ndarray
+    """Bias in the measured angular rate [rad/s]."""
+    compass: np.ndarray
+    """True heading of the sensor's x axis, clockwise from north, in [0, 2 pi), shape [A] [rad]."""
+
+
+def make_imu(arrays: SceneArrays, frames: Sequence[int], config: ImuConfig, seed: int, scenario: str) -> ImuBatch:
+    """Return the IMU samples of every agent that carries the sensor.
+
+    Args:
+        arrays: The scene on the host; the frames around `frames` are differentiated too, so give all batches the same
+            recording.
+        frames: Frames of the batch.
+        config: Mount, axes and errors.
+        seed: Seed of the run.
+        scenario: Name of the scenario.
+
+    Raises:
+        ValueError: If the scene does not cover a frame.
+    """
+    rows = np.array([arrays.frame_row(int(frame)) for frame in frames], dtype=np.int64)
+    lag = config.accel_lag_frames
+    part = window(np.concatenate([rows, np.maximum(rows - lag, 0)]))
+    actors = sensor_actors(arrays, config)
+    shape = (2, len(actors), len(rows), 3)
+    true, compass = np.full(shape, np.nan), np.full(shape[1:3], np.nan)
+    late = np.full(shape, np.nan) if lag else true
+    for column, index in enumerate(actors):
+        poses, mount, at = arrays.poses[part, index], mount_pose(config, arrays.actors[index].role), rows - part.start
+        true[:, column] = np.stack(measure(poses, mount))[:, at]
+        if lag:
+            late[:, column] = np.stack(measure(poses, mount, lag=lag))[:, at]
+        compass[column] = sensor_heading(multiply(normalize(poses[at, 3:]), mount[3:]))
+    if config.handedness == "left":
+        true, late = (values * LEFT_HANDED[:, None, None] for values in (true, late))
+    errors = imu_errors(config, frames, seed, scenario, [arrays.actors[index].name for index in actors])
+    distorted = np.sum(errors.distortion[:, :, None] * late[..., None, :], axis=-1)
+    read = distorted + errors.bias + errors.noise
+    keep = np.isfinite(true).all(axis=(0, 3)).T.ravel()
+
+    def samples(values: np.ndarray) -> np.ndarray:  # [..., A, F, 3] to [..., rows, 3], by frame
+        return np.swapaxes(values, -3, -2).reshape(*values.shape[:-3], -1, 3)[..., keep, :]
+
+    frame = np.repeat(np.asarray(frames, dtype=np.int64), len(actors))[keep]
+    actor = np.tile(actors, len(rows))[keep]
+    return ImuBatch(frame, actor, *samples(read), *samples(true), *samples(errors.bias), compass.T.ravel()[keep])
+
+
+def measure(poses: np.ndarray, mount: np.ndarray, dt: float = FRAME_DT, lag: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Return what a perfect IMU reads at every frame.
+
+    Args:
+        poses: Agent-to-world in consecutive frames, shape [F, 7], float64; NaN where absent.
+        mount: Sensor-to-agent pose, shape [7].
+        dt: Time between frames [s].
+        lag: Frames by which the acceleration is late, 0 or 1.
+
+    Returns:
+        Specific force [m/s^2] and angular rate [rad/s] in the sensor frame (y left), shape [F, 3] each; NaN where
+        absent.
+    """
+    sensor = compose(np.concatenate([poses[..., :3], normalize(poses[..., 3:])], axis=-1), mount)
+    motion = differentiate(sensor, dt)
+    acceleration = motion.acceleration
+    if lag:
+        before = np.concatenate([acceleration[:1], acceleration[:-1]])
+        acceleration = np.where(np.isnan(before), acceleration, before)
+    return rotate(conjugate(sensor[..., 3:]), acceleration + GRAVITY_W), motion.body_rate
+
+
+def integrate_imu(
+    accel: np.ndarray, gyro: np.ndarray, pose: np.ndarray, velocity: np.ndarray, dt: float = FRAME_DT
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the poses and velocities that follow from IMU samples and the state at the first of them.
+
+    Rotation over the interval from k to k + 1 is exp(dt u_k) with u_k = (5 (w_k + w_(k+1)) - (w_(k-1) + w_(k+2))) / 8,
+    which undoes to fourth order the averaging in w; the first and the last interval use the plain mean. Position and
+    velocity follow velocity Verlet with a_k = R_k f_k - g z. Noise-free samples of one recording give its poses back.
+
+    Args:
+        accel: Specific force in the sensor frame [m/s^2], shape [F, 3].
+        gyro: Angular rate in the sensor frame [rad/s], shape [F, 3].
+        pose: Sensor-to-world at the first sample, shape [7].
+        velocity: Velocity of the sensor at the first sample, world frame [m/s], shape [3]: that of `differentiate` for
+            the sensor's poses, which is the agent's stored velocity where the sensor sits at the agent's origin.
+        dt: Time between samples [s].
+
+    Returns:
+        Sensor-to-world poses, shape [F, 7], and velocities in the world frame [m/s], shape [F, 3].
+    """
+    count = len(gyro)
+    mean_rate = 0.5 * (gyro[:-1] + gyro[1:])
+    if count > 3:
+        mean_rate[1:-1] = (5.0 * (gyro[1:-2] + gyro[2:-1]) - (gyro[:-3] + gyro[3:])) / 8.0
+    step = quaternion_exp(dt * mean_rate)
+    q = np.empty((count, 4))
+    q[0] = normalize(pose[3:])
+    for k in range(count - 1):
+        q[k + 1] = multiply(q[k], step[k])
+    q = normalize(q)
+    acceleration = rotate(q, accel) - GRAVITY_W
+    velocities = velocity + np.concatenate(
+        [np.zeros((1, 3)), np.cumsum(0.5 * dt * (acceleration[:-1] + acceleration[1:]), axis=0)]
+    )
+    steps = dt * velocities[:-1] + 0.5 * dt**2 * acceleration[:-1]
+    positions = pose[:3] + np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
+    return np.concatenate([positions, q], axis=1), velocities

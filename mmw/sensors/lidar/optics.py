@@ -1,0 +1,85 @@
+"""What a pulsed LiDAR is to rain and fog: beam, threshold, overlap and pulse, and the sensors that have names here."""
+
+import math
+from dataclasses import dataclass
+
+from mmw.core.errors import InputError
+from mmw.physics.weather.optics import DROP_BACKSCATTER
+
+WAVELENGTHS_NM = (905, 1550)
+"""Wavelengths of LiDAR that `mmw.physics.weather.optics` has values for [nm]."""
+
+POSITIVE = "a finite number above 0"
+"""What a message asks for."""
+
+
+@dataclass(frozen=True)
+class LidarOptics:
+    """Beam, receiver and threshold of a LiDAR.
+
+    Power is the normalised received power [1/m2]: a Lambert target of reflectance rho at normal incidence and distance
+    R, which fills the beam, returns rho exp(-2 extinction R) / R^2. The sensor's constants are divided out.
+    """
+
+    wavelength_nm: int
+    """905 or 1550 [nm]."""
+    aperture_m: float
+    """Diameter of the beam at the sensor [m]."""
+    divergence: float
+    """Full angle of the beam [rad]: its diameter grows by this much a metre."""
+    min_power: float
+    """Power below which nothing is detected [1/m2]; 0.1 / 50^2 sees 10 % of reflectance at 50 m in clear air."""
+    overlap_start_m: float
+    """Distance at which the receiver's field of view meets the beam [m]; nothing returns from nearer."""
+    overlap_full_m: float
+    """Distance from which it holds the whole beam [m]; between the two the share grows linearly."""
+    pulse_s: float
+    """Half-power width of the pulse [s]; 0 leaves out the echo of fog, which only attenuates then, as in LISA."""
+    nearest_m: float
+    """Nearest echo that the sensor reports [m]."""
+    range_resolution_m: float = 0.03
+    """Range resolution dR [m]; the range noise is dR / sqrt(2 SNR), the SNR at least 1. The default gives 2 cm there,
+    one sigma, as the data sheet of Velodyne's HDL-64E; LISA, arXiv 2107.07004, has 0.09 m."""
+    drop_backscatter: float | None = None
+    """Backscatter efficiency of a rain drop [-]; None for that of the wavelength,
+    `mmw.physics.weather.optics.DROP_BACKSCATTER`."""
+
+    def __post_init__(self) -> None:
+        def check(name: str, good: bool, needed: str) -> None:
+            if not good:
+                raise InputError(f"optics: {name} = {getattr(self, name)!r}; {needed} is needed; correct it")
+
+        check("wavelength_nm", self.wavelength_nm in WAVELENGTHS_NM, " or ".join(map(str, WAVELENGTHS_NM)))
+        check("aperture_m", 0.0 <= self.aperture_m <= 1.0, "0 to 1")
+        check("divergence", 0.0 <= self.divergence <= 0.1, "0 to 0.1 rad")
+        check("divergence", self.aperture_m + self.divergence > 0.0, "a beam with a diameter")
+        check("min_power", 0.0 < self.min_power < math.inf, POSITIVE)
+        check("overlap_start_m", 0.0 <= self.overlap_start_m < math.inf, "a finite number from 0")
+        check("overlap_full_m", self.overlap_start_m <= self.overlap_full_m < math.inf, "overlap_start_m or more")
+        check("pulse_s", 0.0 <= self.pulse_s <= 1e-6, "0 to 1e-6 s")
+        check(
+            "overlap_start_m", self.pulse_s == 0.0 or self.overlap_start_m > 0.0, "a number above 0 (pulse_s is not 0)"
+        )
+        check("nearest_m", 0.1 <= self.nearest_m < math.inf, "0.1 m or more")
+        check("range_resolution_m", 0.0 <= self.range_resolution_m < math.inf, "a finite number from 0")
+        check("drop_backscatter", self.drop_backscatter is None or 0.0 < self.drop_backscatter < math.inf, POSITIVE)
+
+    @property
+    def drop_efficiency(self) -> float:
+        """Backscatter efficiency of a rain drop [-], the given one or that of the wavelength."""
+        if self.drop_backscatter is not None:
+            return self.drop_backscatter
+        return DROP_BACKSCATTER[self.wavelength_nm]
+
+
+PRESETS: dict[str, LidarOptics] = {
+    "hdl64": LidarOptics(905, 0.010, 2.0e-3, 0.1 / 50**2, 0.9, 5.0, 5e-9, 1.0),
+    "modern64": LidarOptics(905, 0.008, 2.5e-3, 0.1 / 120**2, 0.9, 5.0, 5e-9, 1.0),
+    "nir1550": LidarOptics(1550, 0.008, 2.5e-3, 0.1 / 120**2, 0.9, 5.0, 5e-9, 1.0),
+    "lisa": LidarOptics(
+        905, 0.0, 3.0e-3, 0.9 / 120**2, 0.0, 0.0, 0.0, 1.5, range_resolution_m=0.09, drop_backscatter=4 * 0.01981
+    ),
+}
+"""Sensor -> optics. `hdl64`: an HDL-64E class unit, 10 % of reflectance at 50 m (data sheet of Velodyne); `modern64`:
+10 % at 120 m; `nir1550`: the same at 1550 nm; `lisa`: the sensor of Kilic et al., arXiv 2107.07004, whose drops reflect
+((n - 1) / (n + 1))^2 and whose fog has no echo. Beams, overlap and pulses of the first three are design values."""

@@ -1,0 +1,165 @@
+"""Returns of traced LiDAR rays in one weather, on the device: which rays return what, counted, placed and gathered."""
+
+# Warp's structs and small number types are objects, not classes, to a type checker.
+# pyright: reportGeneralTypeIssues=false, reportArgumentType=false
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+
+from mmw.config import LidarConfig
+from mmw.core.constants import SPEED_OF_LIGHT
+from mmw.kernels.core import structs
+from mmw.kernels.lidar import returns as lidar_returns
+from mmw.kernels.lidar import trace as lidar
+from mmw.physics.materials.material import Material, wet_reflectance
+from mmw.physics.weather.weather import Weather
+from mmw.sensors.lidar.precipitation import make_air
+
+RETURNS = {
+    "strongest": lidar_returns.STRONGEST, "last": lidar_returns.LAST, "dual": lidar_returns.DUAL,
+}  # fmt: skip
+"""`returns` of the configuration -> what the kernel takes."""
+
+BLOCK_DIM = 64
+"""Threads of a block that looks for echoes: rays of a block differ in length of work, and a small block waits less."""
+
+
+@dataclass(frozen=True)
+class LidarHits:
+    """What the rays of a batch met, on the device; geometry only, so it serves every weather. A views, R rays each."""
+
+    config: LidarConfig
+    rays: lidar.LidarRays
+    """What every ray meets, shape [A, R]; ray r belongs to channel r // points_per_channel."""
+    views: structs.Views
+    """Sensor poses at the frame's instant."""
+    sweep: lidar.Sweep
+    """When the rays fire, and how the sensors move meanwhile."""
+    time_s: wp.array
+    """Time of each view since the start of the scenario [s], shape [A]."""
+    direction_s: wp.array
+    """Direction of each ray in the sensor frame, shape [R]."""
+    device: str
+    """Warp device name."""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Views, and rays of a view."""
+        return self.views.slot.shape[0], self.direction_s.shape[0]
+
+
+def shade_on_device(
+    hits: LidarHits, materials: Sequence[Material], weather: Weather, keys: np.ndarray, patch_key: tuple[int, int]
+) -> tuple[np.ndarray, lidar_returns.LidarPoints]:
+    """Return the first point of every view, and N, shape [A + 1], int32; and the points on the device.
+
+    See `mmw.sensors.lidar.simulate.shade_lidar`.
+    """
+    if hits.shape[0] == 0:
+        return np.zeros(1, dtype=np.int32), _allocate_points(hits.config, 0, hits.device)
+    return _gather(hits, *find_returns(hits, materials, weather, keys, patch_key))
+
+
+def find_returns(
+    hits: LidarHits, materials: Sequence[Material], weather: Weather, keys: np.ndarray, patch_key: tuple[int, int]
+) -> tuple[wp.array, wp.array]:
+    """Return the returns of every ray, shape [A, R, 1 or 2], and how many they are, shape [A, R].
+
+    See `mmw.sensors.lidar.simulate.shade_lidar`.
+    """
+    if not materials:
+        raise ValueError("shade_lidar: no materials; every id of the scene needs one; pass arrays.materials[weather]")
+    views = hits.shape[0]
+    if keys.shape != (views, 2):
+        raise ValueError(f"shade_lidar: keys of shape {keys.shape}; {views} views need ({views}, 2); use view_keys")
+    slots = 2 if hits.config.returns == "dual" else 1
+    returns = wp.empty((*hits.shape, slots), dtype=lidar_returns.LidarReturn, device=hits.device)
+    count = wp.empty(hits.shape, dtype=int, device=hits.device)
+    key = wp.array(keys, dtype=wp.vec2ui, device=hits.device)
+    if hits.config.mode == "compat":
+        wp.launch(
+            lidar_returns.compat_kernel,
+            dim=hits.shape,
+            inputs=[hits.rays, _carla(hits.config), key],
+            outputs=[returns, count],
+            device=hits.device,
+        )
+    else:
+        optics = hits.config.lidar_optics()
+        air = make_air(weather, optics, hits.config.range_m, hits.device, patch_key)
+        dry = [material.lidar_reflectance for material in materials]
+        wet = [wet_reflectance(material, weather.wetness, optics.wavelength_nm) for material in materials]
+        reflectance = wp.array(np.array([dry, wet], dtype=np.float32), dtype=float, device=hits.device)
+        wp.launch(
+            lidar_returns.physical_kernel,
+            dim=hits.shape,
+            inputs=[
+                hits.rays, hits.views, hits.sweep, hits.time_s, hits.direction_s, reflectance, air,
+                detector(hits.config), key,
+            ],
+            outputs=[returns, count],
+            device=hits.device,
+            block_dim=BLOCK_DIM,
+        )  # fmt: skip
+    return returns, count
+
+
+def detector(config: LidarConfig) -> lidar_returns.Detector:
+    """Return what decides over a return in `physical`.
+
+    `absolute` is the link budget: a surface returns if its power P is above the threshold Pmin. With `relative` nothing
+    is lost in clear dry air: the threshold of a surface is the lower of Pmin and its power in clear dry air less the
+    margin. So what stands above Pmin must stay above it, and a weaker surface, which is there by this rule alone, goes
+    when wetness and extinction take more than the margin from it. A lower Pmin would keep such surfaces too, but it
+    would fill the sky with echoes of rain that the sensor does not have.
+    """
+    optics = config.lidar_optics()
+    found = lidar_returns.Detector()
+    found.min_power = optics.min_power
+    found.kept_share = math.inf if config.detection == "absolute" else 10.0 ** (-config.detection_margin_db / 10.0)
+    found.range_resolution = optics.range_resolution_m
+    found.pulse_length = 0.5 * SPEED_OF_LIGHT * optics.pulse_s
+    found.returns = RETURNS[config.returns]
+    return found
+
+
+def _carla(config: LidarConfig) -> lidar_returns.CarlaLidar:
+    given = config.carla
+    carla = lidar_returns.CarlaLidar()
+    carla.attenuation = given.atmosphere_attenuation_rate
+    carla.general_loss = given.dropoff_general_rate
+    carla.intensity_limit = given.dropoff_intensity_limit
+    carla.zero_loss = given.dropoff_zero_intensity
+    carla.noise = given.noise_stddev
+    return carla
+
+
+def _gather(hits: LidarHits, returns: wp.array, count: wp.array) -> tuple[np.ndarray, lidar_returns.LidarPoints]:
+    returns_up_to = wp.empty_like(count)
+    wp.utils.array_scan(count.flatten(), returns_up_to.flatten(), inclusive=True)
+    ends = returns_up_to[:, hits.shape[1] - 1].contiguous().numpy()
+    offsets = np.concatenate([np.zeros(1, dtype=np.int32), ends])
+    points = _allocate_points(hits.config, int(offsets[-1]), hits.device)
+    wp.launch(
+        lidar_returns.gather_kernel,
+        dim=hits.shape,
+        inputs=[
+            hits.rays, returns, count, returns_up_to, hits.direction_s, hits.views, hits.sweep, hits.config.deskew,
+        ],
+        outputs=[points],
+        device=hits.device,
+    )  # fmt: skip
+    return offsets, points
+
+
+def _allocate_points(config: LidarConfig, count: int, device: str) -> lidar_returns.LidarPoints:
+    points = lidar_returns.LidarPoints()
+    points.values = wp.empty((4, count), dtype=float, device=device)
+    points.object_id = wp.empty(count, dtype=int, device=device)
+    points.marks = wp.empty((3 if config.returns == "dual" else 2, count), dtype=wp.uint8, device=device)
+    points.time_offset = wp.empty(count if config.rolling else 0, dtype=float, device=device)
+    return points

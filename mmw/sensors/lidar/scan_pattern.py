@@ -1,0 +1,121 @@
+"""Ray patterns in the sensor frame (x forward, y left, z up): pure NumPy, float64."""
+
+import functools
+import math
+
+import numpy as np
+
+from mmw.config import LidarConfig
+from mmw.core.camera_models import Distortion, Intrinsics, focal_length
+from mmw.core.constants import FRAME_DT
+from mmw.core.errors import InputError
+
+
+def lidar_elevations(channels: int, upper_fov_deg: float, lower_fov_deg: float) -> np.ndarray:
+    """Return the elevation of every channel [rad], shape [channels]; channel 0 is the highest.
+
+    Evenly spaced, `upper - i (upper - lower) / (channels - 1)`; a single channel looks along the upper limit.
+
+    Source: CARLA 0.9.15 `sensor.lidar.ray_cast`.
+    """
+    step = (upper_fov_deg - lower_fov_deg) / max(channels - 1, 1)
+    return np.radians(upper_fov_deg - step * np.arange(channels))
+
+
+def lidar_azimuths(points_per_channel: int, horizontal_fov_deg: float = 360.0) -> np.ndarray:
+    """Return the azimuth of every firing of one turn [rad], counter-clockwise from forward, shape [points_per_channel].
+
+    Firing j looks along fov / 2 - j fov / n. With the whole circle the first one points backwards (pi) and the turn
+    runs clockwise seen from above: backwards, left, forwards, right. That is CARLA's sweep from -fov / 2 with growing
+    yaw, written in our frame, where y points left. All channels fire at the same azimuths.
+
+    Source: CARLA 0.9.15 `sensor.lidar.ray_cast` with one turn a tick.
+    """
+    return math.radians(horizontal_fov_deg) * (0.5 - np.arange(points_per_channel) / points_per_channel)
+
+
+def lidar_directions(elevations: np.ndarray, azimuths: np.ndarray) -> np.ndarray:
+    """Return the unit direction of every LiDAR ray, shape [channels * points_per_channel, 3].
+
+    Channel-major: ray r belongs to channel (ring) `r // points_per_channel` and firing `r % points_per_channel`.
+
+    Args:
+        elevations: Elevation of every channel [rad], shape [channels].
+        azimuths: Azimuth of every firing [rad], shape [points_per_channel].
+    """
+    elevation, azimuth = elevations[:, None], azimuths[None, :]
+    x = np.cos(elevation) * np.cos(azimuth)
+    y = np.cos(elevation) * np.sin(azimuth)
+    z = np.broadcast_to(np.sin(elevation), x.shape)
+    return np.stack([x, y, z], axis=-1).reshape(-1, 3)
+
+
+def lidar_pattern(config: LidarConfig) -> np.ndarray:
+    """Return the unit direction of every ray of a configured LiDAR, shape [channels * points_per_channel, 3]."""
+    elevations = (
+        lidar_elevations(config.channels, config.upper_fov_deg, config.lower_fov_deg)
+        if config.elevations_deg is None
+        else np.radians(config.elevations_deg)
+    )
+    return lidar_directions(elevations, lidar_azimuths(config.points_per_channel, config.horizontal_fov_deg))
+
+
+def carla_points_per_channel(points_per_second: float, channels: int, tick_s: float = FRAME_DT) -> int:
+    """Return `points_per_channel` of a CARLA LiDAR: the firings of each channel in one tick, halves away from zero.
+
+    With `rotation_frequency = 1 / tick_s` these are one whole turn, as ours always is: 469 for the paper's 3,000,000
+    points a second, 64 channels and 10 ms.
+
+    Args:
+        points_per_second: CARLA's attribute, over all channels [1/s].
+        channels: Number of lasers.
+        tick_s: Length of a simulation step [s].
+
+    Raises:
+        InputError: If a channel would not fire once.
+
+    Source: CARLA 0.9.15 `sensor.lidar.ray_cast`.
+    """
+    count = math.floor(points_per_second * tick_s / channels + 0.5)
+    if count < 1:
+        raise InputError(
+            f"points_per_second = {points_per_second:g} with {channels} channels and ticks of {tick_s:g} s gives each "
+            "channel less than half a point a tick; at least one is needed; raise points_per_second"
+        )
+    return count
+
+
+@functools.lru_cache(maxsize=16)
+def lidar_order(channels: int, points_per_channel: int) -> np.ndarray:
+    """Return the ray indices in the order in which threads take them, shape [channels * points_per_channel], int32.
+
+    Blocks of 8 channels x 4 firings stay together, about 3 x 3 deg of the usual pattern, so that the 32 threads of a
+    warp walk through the same part of the trees. The order decides speed only: results are stored by ray index.
+    It is made once and must not be written to.
+    """
+    channel, firing = np.divmod(np.arange(channels * points_per_channel), points_per_channel)
+    order = np.lexsort((channel, firing, firing // 4, channel // 8)).astype(np.int32)
+    order.flags.writeable = False
+    return order
+
+
+def pinhole(width: int, height: int, fov_deg: float) -> Intrinsics:
+    """Return the pinhole with square pixels and the optical axis in the middle whose image edges span a field of view.
+
+    Args:
+        width: Image width [px].
+        height: Image height [px].
+        fov_deg: Horizontal field of view: fx = fy = W / (2 tan(fov / 2)) [deg].
+    """
+    focal = focal_length(Distortion(), width, fov_deg)
+    return Intrinsics(width, height, focal, focal, 0.5 * width, 0.5 * height)
+
+
+def pinhole_directions(camera: Intrinsics) -> np.ndarray:
+    """Return the direction through every pixel centre of a pinhole, x (the optical axis) is 1, shape [H, W, 3]."""
+    y = -(np.arange(camera.width) + 0.5 - camera.cx) / camera.fx
+    z = -(np.arange(camera.height) + 0.5 - camera.cy) / camera.fy
+    directions = np.ones((camera.height, camera.width, 3))
+    directions[..., 1] = y[None, :]
+    directions[..., 2] = z[:, None]
+    return directions

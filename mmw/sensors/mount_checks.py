@@ -1,0 +1,108 @@
+"""Whether every sensor and antenna is in the open: one inside a vehicle, a building or the ground sees nothing."""
+
+# Warp's structs and small number types are objects, not classes, to a type checker.
+# pyright: reportGeneralTypeIssues=false, reportArgumentType=false
+
+import math
+
+import numpy as np
+import warp as wp
+
+from mmw.config import Config
+from mmw.core.errors import InputError
+from mmw.core.transforms import make_pose, normalize, transform_points
+from mmw.kernels.core import line_of_sight as sight
+from mmw.scene.device_scene import Scene
+
+BLIND_TYPES = ("lidar", "rgb", "depth", "radar")
+"""Sensors that have to be in the open; inertial ones and receivers belong into the body or under its skin."""
+
+RAYS = 64
+"""Rays that are sent out of each place; design value."""
+
+INSIDE_SHARE = 0.9
+"""Share of the rays that must meet an odd number of surfaces for a place that counts as inside. All do in a closed
+solid or below the ground; a few may slip through an open mesh. Design value."""
+
+REACH_M = 5_000.0
+"""Length of the rays [m]: out of any town."""
+
+
+def check_mounts(scene: Scene, config: Config) -> None:
+    """Check each sensor and antenna at the first frame in which its agent is there.
+
+    A place is inside something if nearly all rays upwards meet an odd number of surfaces: inside a closed solid every
+    way out crosses its skin once more than it enters. The winding of faces does not matter.
+
+    Args:
+        scene: Town and vehicles; another batch is loaded afterwards.
+        config: Sensors and antennas.
+
+    Raises:
+        InputError: With one line for each sensor that is inside something.
+    """
+    arrays, problems = scene.arrays, []
+    for index, actor in enumerate(arrays.actors):
+        is_here = np.isfinite(arrays.poses[:, index]).all(axis=1)
+        if actor.role not in ("cav", "rsu") or not is_here.any():
+            continue
+        places = {
+            sensor.name: sensor.mount_on(actor.role).position_m
+            for sensor in config.sensors
+            if actor.role in sensor.on and sensor.type in BLIND_TYPES
+        }
+        if config.channel.enabled:
+            places["antenna"] = config.channel.antenna_position_m[actor.role]
+        if not places:
+            continue
+        row = int(np.argmax(is_here))
+        scene.load_batch([arrays.frames[row]])
+        pose = make_pose(arrays.poses[row, index, :3], normalize(arrays.poses[row, index, 3:]))
+        around = enclosing_objects(scene, transform_points(pose, np.array(list(places.values()))))
+        for (name, position), object_id in zip(places.items(), around, strict=True):
+            if object_id >= 0:
+                what = arrays.objects[object_id]
+                where = "its own body" if object_id == actor.object_id else f"{what.prim_path} ({what.label})"
+                problems.append(
+                    f"{actor.name}: {name} at {position} m is inside {where} in frame {arrays.frames[row]}; "
+                    f"it would see nothing else; raise or move {'the unit or ' if actor.role == 'rsu' else ''}its mount"
+                )
+    if problems:
+        raise InputError("\n  ".join(problems))
+
+
+def enclosing_objects(scene: Scene, position: np.ndarray) -> np.ndarray:
+    """Return the object that each point is inside, -1 for a point in the open.
+
+    Args:
+        scene: Town and vehicles with a batch loaded; its first frame counts.
+        position: World frame [m], shape [N, 3].
+
+    Returns:
+        Object ids, the one that most rays meet first, shape [N], int32.
+    """
+    turn = np.arange(RAYS) * math.pi * (3.0 - math.sqrt(5.0))  # golden angle: even in azimuth at every height
+    up = np.linspace(0.02, 0.98, RAYS)
+    across = np.sqrt(1.0 - up**2)
+    direction = np.stack([across * np.cos(turn), across * np.sin(turn), up], axis=1).astype(np.float32)
+    device, shape = scene.device, (len(position), RAYS)
+    count = wp.empty(shape, dtype=int, device=device)
+    first = wp.empty(shape, dtype=int, device=device)
+    origin = (np.asarray(position) - scene.origin).astype(np.float32)
+    wp.launch(
+        sight.crossings_kernel,
+        dim=shape,
+        inputs=[
+            scene.struct,
+            wp.zeros(len(position), dtype=int, device=device),
+            wp.array(origin, dtype=wp.vec3, device=device),
+            wp.array(direction, dtype=wp.vec3, device=device),
+            REACH_M,
+        ],
+        outputs=[count, first],
+        device=device,
+        block_dim=64,
+    )
+    is_odd, objects = count.numpy() % 2 == 1, first.numpy()
+    around = [int(np.bincount(row[row >= 0]).argmax()) if (row >= 0).any() else -1 for row in objects]
+    return np.where(is_odd.mean(axis=1) >= INSIDE_SHARE, around, -1).astype(np.int32)

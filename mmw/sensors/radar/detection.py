@@ -1,0 +1,267 @@
+"""From resolution cells to detections: fluctuating echoes, noise, threshold, local maxima, and errors of the estimates.
+
+An echo in noise, after a square-law detector, is an exponential number with the mean N (1 + SNR): Swerling's first case
+in complex Gaussian noise. Above the threshold -N ln(Pfa) it is a detection, so Pd = Pfa^(1 / (1 + SNR)). Cells of rain
+and cells that hold noise alone are drawn the same way. Of detections less than a cell apart on every axis the strongest
+stays: two points are two detections exactly if they are a cell apart or more in range, velocity, y or z.
+
+Source: P. Swerling, "Probability of detection for fluctuating targets", RAND RM-1217, 1954; Richards, Fundamentals of
+Radar Signal Processing, 2nd edition, chapter 6.
+"""
+
+# Warp's structs and small number types are objects, not classes, to a type checker.
+# pyright: reportGeneralTypeIssues=false, reportArgumentType=false
+
+import math
+from dataclasses import dataclass, fields
+
+import numpy as np
+import warp as wp
+
+from mmw.config import RadarConfig
+from mmw.kernels.radar import detection as radar_detection
+from mmw.kernels.radar import resolution_cells as radar_cells
+from mmw.sensors.radar.points import LABEL_FALSE_ALARM, LABEL_OBJECT, LABEL_RAIN, RadarBatch
+from mmw.sensors.radar.rain_clutter import RainClutter
+from mmw.sensors.radar.resolution_cells import RadarCells, angle_cells, cell_grid, number
+from mmw.sensors.radar.simulate import decibels
+
+ECHO_DRAW, ERROR_DRAW, RAIN_PLACE_DRAW, ALARM_DRAW, ALARM_PLACE_DRAW = range(5)
+"""Draws of a view's random numbers: by cell the first three, by number of the false alarm the others."""
+
+BARTON = 1.6
+"""Slope of an estimator of a peak: its error is step / (1.6 sqrt(2 SNR)). Source: D. Barton, Modern Radar System
+Analysis, 1988, for a beam or a pulse of common shape."""
+
+
+@dataclass
+class _Points:
+    """Cells above the threshold, shape [D] each: where they are, and what was received."""
+
+    view: np.ndarray
+    range: np.ndarray
+    velocity: np.ndarray
+    y: np.ndarray
+    z: np.ndarray
+    power: np.ndarray
+    """Echo and noise [W]."""
+    rcs: np.ndarray
+    """RCS that explains the power without the noise [m2]."""
+    object_id: np.ndarray
+    label: np.ndarray
+    cell: np.ndarray
+    """Number of the cell: the item of the random numbers."""
+
+
+def cell_echoes(config: RadarConfig, cells: RadarCells, keys: np.ndarray, device: str) -> np.ndarray:
+    """Return what each occupied cell receives, echo and noise [W], shape [K], float64; keyed by view and cell.
+
+    Args:
+        config: Noise.
+        cells: Mean powers of the occupied cells.
+        keys: Key of each view's random numbers, with the weather, shape [A, 2], uint32.
+        device: Warp device name.
+    """
+    u = uniform(keys, cells.view, cells.cell, ECHO_DRAW, device)[:, 0]
+    return -np.log(u) * (config.noise_w + cells.power.astype(np.float64))
+
+
+def detect(
+    config: RadarConfig, cells: RadarCells, clutter: RainClutter | None, keys: np.ndarray, device: str
+) -> RadarBatch:
+    """Return the detections of a batch in one weather, by view and range.
+
+    Echoes of surfaces, of rain and of noise alone pass the same threshold, which is set for the thermal noise. Noise
+    alone exceeds it in Pfa of the cells of the field of view, false alarms. Estimates are the mean of the cell's
+    echoes, weighted by power, with a normal error of step / (1.6 sqrt(2 SNR)) on every axis, at most half a step: of a
+    radar that interpolates peaks. Those of rain and false alarms are anywhere in their cell. `power_db` and `snr_db`
+    are what was measured less the mean noise; `rcs_dbsm` follows from them, for false alarms as of a target in clear
+    air on boresight. An axis with one antenna measures no angle: it reads 0.
+
+    Args:
+        config: Cells, noise and threshold.
+        cells: Mean powers of the occupied cells (`mmw.sensors.radar.resolution_cells.sum_cells`).
+        clutter: Rain (`mmw.sensors.radar.rain_clutter.rain_clutter`), None without.
+        keys: Key of each view's random numbers, with the weather, shape [A, 2], uint32.
+        device: Warp device name.
+    """
+    found = [_objects(config, cells, keys, device)]
+    if clutter is not None:
+        found.append(_rain(config, clutter, keys, device))
+    found.append(_false_alarms(config, cells, clutter, keys, device))
+    points = _Points(*(np.concatenate([getattr(part, f.name) for part in found]) for f in fields(_Points)))
+    points = _take(points, np.lexsort((points.range.astype(np.float32), points.view)))
+    points = _take(points, _is_peak(config, points, device))
+    return _measured(config, points, keys, device)
+
+
+def _draw(
+    kernel: wp.Kernel, keys: np.ndarray, view: np.ndarray, item: np.ndarray, draw: int, device: str
+) -> np.ndarray:
+    out = wp.empty(len(view), dtype=wp.vec4, device=device)
+    inputs = [
+        wp.array(keys, dtype=wp.vec2ui, device=device),
+        wp.array(view.astype(np.int32), dtype=int, device=device),
+        wp.array(item.astype(np.int32), dtype=int, device=device),
+        draw,
+    ]
+    wp.launch(kernel, dim=len(view), inputs=inputs, outputs=[out], device=device)
+    return out.numpy().astype(np.float64).reshape(-1, 4)
+
+
+def uniform(keys: np.ndarray, view: np.ndarray, item: np.ndarray, draw: int, device: str) -> np.ndarray:
+    """Return four uniform numbers in (0, 1) for each item of a list, shape [N, 4], float64.
+
+    Args:
+        keys: Key of each view's random numbers, shape [A, 2], uint32.
+        view: View of each item, shape [N].
+        item: Cell, pixel or number, shape [N].
+        draw: Which draw of the item.
+        device: Warp device name.
+    """
+    return _draw(radar_detection.uniform_kernel, keys, view, item, draw, device)
+
+
+def threshold(config: RadarConfig) -> float:
+    """Return the power above which a cell is a detection [W]: noise exceeds it with the false alarm probability."""
+    return -config.noise_w * math.log(config.false_alarm_probability)
+
+
+def _take(points: _Points, rows: np.ndarray) -> _Points:
+    return _Points(*(getattr(points, f.name)[rows] for f in fields(_Points)))
+
+
+def _objects(config: RadarConfig, cells: RadarCells, keys: np.ndarray, device: str) -> _Points:
+    power = cell_echoes(config, cells, keys, device)
+    rcs = cells.rcs * (power - config.noise_w) / cells.power
+    label = np.full(len(power), LABEL_OBJECT, dtype=np.uint8)
+    places = (cells.range, cells.velocity, cells.y, cells.z)
+    points = _Points(cells.view, *places, power, rcs, cells.object_id, label, cells.cell)
+    return _take(points, power > threshold(config))
+
+
+def _inside(
+    grid: radar_cells.CellGrid, r: np.ndarray, v: np.ndarray, y: np.ndarray, z: np.ndarray, u: np.ndarray
+) -> tuple[np.ndarray, ...]:
+    """Return positions in cells by four uniform numbers, u [D, 4]; an axis with one antenna measures 0."""
+    part = u - 0.5
+    return (
+        np.abs(r + part[:, 0]) * grid.range_step,
+        (v + part[:, 1]) * grid.velocity_step,
+        (y + part[:, 2]) * grid.y_step * (grid.ys > 1),
+        (z + part[:, 3]) * grid.z_step * (grid.zs > 1),
+    )
+
+
+def _rain(config: RadarConfig, clutter: RainClutter, keys: np.ndarray, device: str) -> _Points:
+    grid = cell_grid(config)
+    view, r, direction = np.nonzero(clutter.power > threshold(config))
+    power = clutter.power[view, r, direction].astype(np.float64)
+    v, y, z = clutter.velocity_cell[view, r, direction], clutter.y_cell[direction], clutter.z_cell[direction]
+    cell = number(grid, r, v, y, z)
+    places = _inside(grid, r, v, y, z, uniform(keys, view, cell, RAIN_PLACE_DRAW, device))
+    rcs = clutter.rcs_per_w[r, direction] * (power - config.noise_w)
+    nothing, label = np.full(len(view), -1, dtype=np.int32), np.full(len(view), LABEL_RAIN, dtype=np.uint8)
+    return _Points(view, *places, power, rcs, nothing, label, cell)
+
+
+def _false_alarms(
+    config: RadarConfig, cells: RadarCells, clutter: RainClutter | None, keys: np.ndarray, device: str
+) -> _Points:
+    """Return the cells of the field of view in which noise alone exceeds the threshold.
+
+    The cells stand in a line; from one false alarm to the next it is a geometric number of cells. Cells that echoes or
+    rain were drawn for have had their noise.
+    """
+    grid = cell_grid(config)
+    y_cells = angle_cells(grid.ys, config.horizontal_fov_deg)
+    z_cells = angle_cells(grid.zs, config.vertical_fov_deg)
+    shape = (grid.ranges, grid.velocities, len(y_cells), len(z_cells))
+    views, total, chance = len(keys), math.prod(shape), config.false_alarm_probability
+    mean = total * chance
+    most = math.ceil(mean + 10.0 * math.sqrt(mean) + 20.0)  # more is ten standard deviations away
+    view, item = np.repeat(np.arange(views), most), np.tile(np.arange(most), views)
+    u = uniform(keys, view, item, ALARM_DRAW, device)
+    gap = np.floor(np.log(u[:, 0]) / math.log1p(-chance)) + 1.0
+    place = (np.cumsum(gap.reshape(views, most), axis=1) - 1.0).reshape(-1)
+    is_there = place < total
+    view, item, u, place = view[is_there], item[is_there], u[is_there], place[is_there].astype(np.int64)
+    r, v, y, z = np.unravel_index(place, shape)
+    y, z = y_cells[y], z_cells[z]
+    v = np.where(2 * v < grid.velocities, v, v - grid.velocities)
+    cell = number(grid, r, v, y, z)
+    per_view = np.int64(2**31)
+    occupied = np.append(cells.view * per_view + cells.cell, np.iinfo(np.int64).max)  # ascending
+    alarm = view * per_view + cell
+    is_taken = occupied[np.searchsorted(occupied, alarm)] == alarm
+    if clutter is not None:
+        is_taken |= _is_rain(config, clutter, view, r, v, y, z)
+    rows = ~is_taken & ((y * grid.y_step) ** 2 + (z * grid.z_step) ** 2 <= 1.0)
+    view, item, cell, u = view[rows], item[rows], cell[rows], u[rows]
+    places = _inside(grid, r[rows], v[rows], y[rows], z[rows], uniform(keys, view, item, ALARM_PLACE_DRAW, device))
+    power = threshold(config) - config.noise_w * np.log(u[:, 1])
+    rcs = (power - config.noise_w) * places[0] ** 4 / config.link_constant
+    nothing, label = np.full(len(view), -1, dtype=np.int32), np.full(len(view), LABEL_FALSE_ALARM, dtype=np.uint8)
+    return _Points(view, *places, power, rcs, nothing, label, cell)
+
+
+def _is_rain(
+    config: RadarConfig,
+    clutter: RainClutter,
+    view: np.ndarray,
+    r: np.ndarray,
+    v: np.ndarray,
+    y: np.ndarray,
+    z: np.ndarray,
+) -> np.ndarray:
+    """Return whether rain was drawn for cells: velocity cells within three standard deviations, as the kernel's."""
+    step, count = config.velocity_resolution, config.chirps
+    low, high = int(clutter.y_cell.min()), int(clutter.z_cell.min())
+    place = np.full((int(clutter.y_cell.max()) - low + 1, int(clutter.z_cell.max()) - high + 1), -1)
+    place[clutter.y_cell - low, clutter.z_cell - high] = np.arange(len(clutter.y_cell))
+    direction = place[y - low, z - high]
+    middle, width = clutter.mean_velocity[view, direction] / step, 3.0 * clutter.spread[view, direction] / step
+    first, last = np.rint(middle - width), np.rint(middle + width)
+    is_drawn = (direction >= 0) & (clutter.power[view, r, direction] > 0.0)
+    return is_drawn & ((v - first) % count <= last - first)
+
+
+def _is_peak(config: RadarConfig, points: _Points, device: str) -> np.ndarray:
+    candidates = radar_detection.Candidates()
+    candidates.view = wp.array(points.view.astype(np.int32), dtype=int, device=device)
+    for name in ("range", "velocity", "y", "z", "power"):
+        setattr(candidates, name, wp.array(getattr(points, name).astype(np.float32), dtype=float, device=device))
+    is_peak = wp.empty(len(points.view), dtype=int, device=device)
+    wp.launch(
+        radar_detection.peak_kernel,
+        dim=len(points.view),
+        inputs=[candidates, cell_grid(config)],
+        outputs=[is_peak],
+        device=device,
+    )
+    return is_peak.numpy() != 0
+
+
+def _measured(config: RadarConfig, points: _Points, keys: np.ndarray, device: str) -> RadarBatch:
+    grid = cell_grid(config)
+    snr = (points.power - config.noise_w) / config.noise_w
+    normal = _draw(radar_detection.normal_kernel, keys, points.view, points.cell, ERROR_DRAW, device)
+    error = np.clip(normal / (BARTON * np.sqrt(2.0 * snr))[:, None], -0.5, 0.5)
+    error *= (points.label == LABEL_OBJECT)[:, None]  # the others are anywhere in their cell already
+    range_ = np.abs(points.range + error[:, 0] * grid.range_step)
+    velocity = _folded(points.velocity + error[:, 1] * grid.velocity_step, config.max_velocity)
+    y = _folded(points.y + error[:, 2] * grid.y_step, 1.0) if grid.ys > 1 else points.y
+    z = _folded(points.z + error[:, 3] * grid.z_step, 1.0) if grid.zs > 1 else points.z
+    z = np.clip(z, -1.0, 1.0)
+    azimuth = np.arctan2(y, np.sqrt(np.maximum(1.0 - y**2 - z**2, 0.0)))
+    offsets = np.searchsorted(points.view, np.arange(len(keys) + 1)).astype(np.int32)
+    places = (value.astype(np.float32) for value in (range_, azimuth, np.arcsin(z), velocity))
+    power = decibels((points.power - config.noise_w) * 1000.0)
+    return RadarBatch(
+        offsets, *places, power, decibels(snr), decibels(points.rcs), points.object_id.astype(np.int32), points.label
+    )
+
+
+def _folded(value: np.ndarray, half: float) -> np.ndarray:
+    """Return values in [-half, half)."""
+    return (value + half) % (2.0 * half) - half

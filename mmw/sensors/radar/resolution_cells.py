@@ -1,0 +1,187 @@
+"""Resolution cells of a radar: the rays of a batch sorted into cells once, added up in every weather."""
+
+# Warp's structs and small number types are objects, not classes, to a type checker.
+# pyright: reportGeneralTypeIssues=false, reportArgumentType=false
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+
+from mmw.config import RadarConfig
+from mmw.core.errors import InputError
+from mmw.core.transfer import to_host
+from mmw.kernels.radar import resolution_cells as radar_cells
+from mmw.kernels.radar import trace as radar
+
+MOST_CELLS = 2**31 - 1
+"""Cells of one sweep: they are counted in 32 bits."""
+
+MOST_PLACES = 2 ** (63 - 24)
+"""Cells of a batch: with the object they make a key of 63 bits."""
+
+
+@dataclass(frozen=True)
+class SortedRays:
+    """Rays of a batch in the order of their cells, on the device: geometry only, so it serves every weather."""
+
+    grid: radar_cells.CellGrid
+    views: int
+    """Views of the batch, A."""
+    key: wp.array
+    """(view, cell, object) of each ray, ascending, int64."""
+    ray: wp.array
+    """Number of each ray in the batch, int32."""
+    start: wp.array
+    """Where each of the K occupied cells starts, shape [K], int32."""
+
+
+@dataclass(frozen=True)
+class RadarCells:
+    """What every occupied cell of a batch returns in one weather, K cells by view and number."""
+
+    offsets: np.ndarray
+    """First cell of every view, and K, shape [A + 1], int32."""
+    view: np.ndarray
+    """View, shape [K], int32."""
+    cell: np.ndarray
+    """Number of the cell in `CellGrid`, shape [K], int32."""
+    power: np.ndarray
+    """Mean power of the echo [W], above 0, shape [K], float32."""
+    rcs: np.ndarray
+    """Radar cross section in the cell [m2], shape [K], float32."""
+    range: np.ndarray
+    """Mean weighted by power, as are the next three [m], shape [K], float32."""
+    velocity: np.ndarray
+    """Radial velocity, positive while the distance grows, folded [m/s], shape [K], float32."""
+    y: np.ndarray
+    """Direction cosine along y, sin(azimuth) cos(elevation); 0 with one antenna in a row, shape [K], float32."""
+    z: np.ndarray
+    """Direction cosine along z, sin(elevation); 0 with one antenna in a column, shape [K], float32."""
+    object_id: np.ndarray
+    """Object with the largest share of the power, shape [K], int32."""
+
+
+def cell_grid(config: RadarConfig) -> radar_cells.CellGrid:
+    """Return the cells of a radar.
+
+    Steps are c / 2B in range, wavelength / 2T in velocity and 2 / N in the direction cosine: N antennas half a
+    wavelength apart.
+
+    Raises:
+        InputError: If a sweep has more cells than 32 bits can count.
+
+    Source: Richards, Fundamentals of Radar Signal Processing, 2nd edition, chapters 4, 5 and 9.
+    """
+    grid = radar_cells.CellGrid()
+    grid.range_step, grid.velocity_step = config.range_resolution, config.velocity_resolution
+    grid.y_step, grid.z_step = 2.0 / config.azimuth_antennas, 2.0 / config.elevation_antennas
+    grid.ranges, grid.velocities = config.range_cells + 1, config.chirps
+    grid.ys, grid.zs = config.azimuth_antennas, config.elevation_antennas
+    count = grid.ranges * grid.velocities * grid.ys * grid.zs
+    if count > MOST_CELLS:
+        raise InputError(
+            f"sensor {config.name}: {count} resolution cells; at most {MOST_CELLS} can be counted; lower bandwidth_hz, "
+            "azimuth_antennas or elevation_antennas, or raise chirp_time_s"
+        )
+    return grid
+
+
+def centred(cell: np.ndarray, count: int) -> np.ndarray:
+    """Return wrapped cells 0 to count - 1 as -(count / 2) to (count - 1) / 2: times the step, their middles."""
+    return np.where(2 * cell < count, cell, cell - count)
+
+
+def angle_cells(count: int, fov_deg: float) -> np.ndarray:
+    """Return the cells of a direction cosine whose middles lie in a field of view, from right to left or bottom to top.
+
+    Args:
+        count: Antennas along the axis, as many as cells.
+        fov_deg: Field of view, centred on boresight [deg].
+
+    Returns:
+        Centred cells, shape [n], int64; the middle one is always there.
+    """
+    cell = np.sort(centred(np.arange(count), count))
+    return cell[np.abs(cell) * 2.0 / count <= math.sin(math.radians(fov_deg / 2.0)) + 1e-9]
+
+
+def unravel(grid: radar_cells.CellGrid, cell: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return the range cell and the centred velocity, y and z cells of cells by number."""
+    shape = (grid.ranges, grid.velocities, grid.ys, grid.zs)
+    r, v, y, z = np.unravel_index(cell, shape)
+    return r, centred(v, grid.velocities), centred(y, grid.ys), centred(z, grid.zs)
+
+
+def number(grid: radar_cells.CellGrid, r: np.ndarray, v: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """Return the numbers of cells, int32; velocity, y and z cells wrap around. The arguments broadcast."""
+    v, y, z = v % grid.velocities, y % grid.ys, z % grid.zs
+    return (((r * grid.velocities + v) * grid.ys + y) * grid.zs + z).astype(np.int32)
+
+
+def sort_into_cells(config: RadarConfig, rays: radar.RadarRays) -> SortedRays:
+    """Return the rays of a batch in the order of their resolution cells, and where each occupied cell starts.
+
+    Rays without an object, and beyond the last range cell, are left out. Equal keys keep the order of the rays, so sums
+    over a cell are the same on every run.
+
+    Args:
+        config: Cells.
+        rays: Echoes [A, R]; only range, angles, velocity and object are read, which no weather changes.
+
+    Raises:
+        InputError: If the batch has more cells than a key can hold.
+    """
+    grid = cell_grid(config)
+    views, per_view = rays.range.shape
+    device = rays.range.device
+    if views * grid.ranges * grid.velocities * grid.ys * grid.zs >= MOST_PLACES:
+        raise InputError(
+            f"sensor {config.name}: {views} views have more than 2^39 resolution cells; keys hold no more; "
+            "lower compute.batch_frames"
+        )
+    count = views * per_view
+    key = wp.empty(2 * max(count, 1), dtype=wp.int64, device=device)
+    ray = wp.empty(2 * max(count, 1), dtype=int, device=device)
+    if count == 0:
+        return SortedRays(grid, views, key[:0], ray[:0], wp.empty(0, dtype=int, device=device))
+    wp.launch(
+        radar_cells.cell_key_kernel, dim=(views, per_view), inputs=[rays, grid], outputs=[key, ray], device=device
+    )
+    wp.utils.radix_sort_pairs(key, ray, count)
+    key, ray = key[:count], ray[:count]
+    is_first, first_up_to = wp.empty(count, dtype=int, device=device), wp.empty(count, dtype=int, device=device)
+    wp.launch(radar_cells.is_first_kernel, dim=count, inputs=[key], outputs=[is_first], device=device)
+    wp.utils.array_scan(is_first, first_up_to, inclusive=True)
+    start = wp.empty(int(first_up_to[count - 1 :].numpy()[0]), dtype=int, device=device)
+    wp.launch(radar_cells.cell_start_kernel, dim=count, inputs=[is_first, first_up_to], outputs=[start], device=device)
+    return SortedRays(grid, views, key, ray, start)
+
+
+def sum_cells(order: SortedRays, rays: radar.RadarRays) -> RadarCells:
+    """Return what the occupied cells return in one weather; cells without any power have no row.
+
+    Args:
+        order: From `sort_into_cells`, for rays that differ from these in power at most.
+        rays: Echoes [A, R] in the weather.
+    """
+    count, device = order.start.shape[0], rays.range.device
+    sums = radar_cells.CellSums()
+    for name in ("view", "cell", "object_id"):
+        setattr(sums, name, wp.empty(count, dtype=int, device=device))
+    for name in ("power", "rcs", "range", "velocity", "y", "z"):
+        setattr(sums, name, wp.empty(count, dtype=float, device=device))
+    wp.launch(
+        radar_cells.cell_sum_kernel,
+        dim=count,
+        inputs=[rays, order.grid, order.key, order.ray, order.start],
+        outputs=[sums],
+        device=device,
+    )
+    names = ("view", "cell", "power", "rcs", "range", "velocity", "y", "z", "object_id")
+    found = dict(zip(names, to_host([getattr(sums, name) for name in names]), strict=True))
+    has_power = found["power"] > 0.0
+    values = {name: column[has_power] for name, column in found.items()}
+    offsets = np.searchsorted(values["view"], np.arange(order.views + 1)).astype(np.int32)
+    return RadarCells(offsets, **values)

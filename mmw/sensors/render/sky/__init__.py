@@ -1,0 +1,1 @@
+"""Compute the light of sky, air and clouds."""

@@ -1,0 +1,309 @@
+"""What the pixels of a batch of camera views see, traced once for colour, depth and segmentation in every weather."""
+
+# Warp's structs and small number types are objects, not classes, to a type checker.
+# pyright: reportGeneralTypeIssues=false, reportArgumentType=false
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import warp as wp
+
+from mmw.core.camera_models import Intrinsics
+from mmw.core.transfer import HostCopy
+from mmw.kernels.camera import camera as camera_kernels
+from mmw.kernels.camera import depth as depth_kernels
+from mmw.kernels.camera import image_samples as picture
+from mmw.kernels.camera import instance_culling as candidate_kernels
+from mmw.kernels.camera import visibility as kernels
+from mmw.kernels.core import structs
+from mmw.kernels.shading import structs as looks
+from mmw.scene.device_scene import Scene
+from mmw.scene.views import Views
+from mmw.sensors.render.camera import BLOCK_DIM, device_camera, tiles
+
+EXTRA_OFFSETS = {
+    1: (),
+    4: ((-0.301, 0.342), (-0.083, -0.392), (0.384, 0.050)),
+    9: (
+        (0.05, 0.27), (0.27, -0.05), (-0.05, -0.27), (-0.27, 0.05),
+        (0.16, 0.44), (0.44, -0.16), (-0.16, -0.44), (-0.44, 0.16),
+    ),
+}  # fmt: skip
+"""Samples in a pixel on an edge -> places of those beside its centre [px]: all rows and columns differ, so that nearly
+level and nearly upright edges are smooth too. Design values."""
+
+
+ROOM_FOR_EXTRAS = 0.5
+"""Further samples over pixel centres that there is room for from the start: in the shipped towns a third. Where more
+come, all samples move."""
+
+
+@dataclass(frozen=True)
+class SampleBuffer:
+    """The first surface in every pixel of a batch of views, on the device."""
+
+    scene: Scene
+    views: Views
+    on_device: structs.Views
+    intrinsics: Intrinsics
+    camera: camera_kernels.Camera
+    samples: looks.Samples
+    """Rows (view * H + v) * W + u of the pixel centres, A * H * W of them, those of `extras`, then room for more."""
+    extras: looks.Extras
+    """Further rays of pixels on edges; none unless asked for (`with_extras`)."""
+    candidates: structs.Candidates
+    """Instances that the rays of each tile can meet."""
+    cut_outs: "looks.Appearance | None"
+    """Appearance of a scene with cut-out textures."""
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Views, rows and columns: [A, H, W]."""
+        return (len(self.views), self.intrinsics.height, self.intrinsics.width)
+
+    @property
+    def threads(self) -> int:
+        """Threads that work on the pixel centres, in whole tiles."""
+        return int(np.prod(self.launch))
+
+    @property
+    def further(self) -> int:
+        """Further samples; see `Extras`."""
+        return len(self.extras.row) * len(self.extras.offset)
+
+    @property
+    def count(self) -> int:
+        """All samples."""
+        return self.extras.first + self.further
+
+    @property
+    def shading_threads(self) -> int:
+        """Threads that work on all samples that are shaded."""
+        return self.threads + len(self.extras.shaded)
+
+    @property
+    def picture(self) -> picture.Picture:
+        """What kernels take of it."""
+        images = picture.Picture()
+        images.views, images.camera, images.extras, images.samples = (
+            self.on_device, self.camera, self.extras, self.samples,
+        )  # fmt: skip
+        return images
+
+    @property
+    def launch(self) -> tuple[int, int, int, int]:
+        """Launch of one thread a pixel, in blocks of `BLOCK_DIM`."""
+        return tiles(len(self.views), self.intrinsics)
+
+
+def empty_samples(count: int, device: str, *, with_surfaces: bool) -> looks.Samples:
+    """Return room for samples on a device; `surface` and `normal` are empty unless asked for."""
+    samples = looks.Samples()
+    samples.t = wp.empty(count, dtype=float, device=device)
+    samples.face = wp.empty(count, dtype=int, device=device)
+    samples.instance = wp.empty(count, dtype=int, device=device)
+    samples.surface = wp.empty(count if with_surfaces else 0, dtype=int, device=device)
+    samples.normal = wp.empty(count if with_surfaces else 0, dtype=wp.uint32, device=device)
+    return samples
+
+
+def trace_samples(
+    scene: Scene,
+    views: Views,
+    intrinsics: Intrinsics,
+    range_m: float,
+    cut_outs: "looks.Appearance | None" = None,
+    *,
+    with_surfaces: bool = True,
+) -> SampleBuffer:
+    """Trace one ray through the centre of every pixel, (u + 0.5, v + 0.5).
+
+    Args:
+        scene: Town and vehicles, with the views' frames loaded.
+        views: Camera poses (x along the optical axis, y left, z up), A rows.
+        intrinsics: Image size, focal length and lens.
+        range_m: Longest depth along the optical axis [m].
+        cut_outs: Appearance of a scene with cut-out textures, whose holes rays pass; None where it has none.
+        with_surfaces: Keep surface ids and normals too, which pictures need and depth does not.
+
+    Raises:
+        ValueError: If a view's frame is not loaded in the scene.
+    """
+    count = len(views) * intrinsics.height * intrinsics.width
+    none = _extras(count, wp.empty(0, dtype=int, device=scene.device), ())
+    room = int(ROOM_FOR_EXTRAS * count) if with_surfaces else 0
+    samples = empty_samples(count + room, scene.device, with_surfaces=with_surfaces)
+    camera = device_camera(intrinsics, range_m)
+    on_device = views.for_scene(scene)
+    met = _tile_candidates(scene, on_device, len(views), intrinsics, camera)
+    buffer = SampleBuffer(scene, views, on_device, intrinsics, camera, samples, none, met, cut_outs)
+    _trace(buffer, 0, buffer.threads)
+    return buffer
+
+
+def empty_candidates(groups: int, scene: Scene) -> structs.Candidates:
+    """Return room for the instances that groups of rays can meet."""
+    met = structs.Candidates()
+    met.count = wp.zeros(groups, dtype=int, device=scene.device)
+    met.instance = wp.empty((groups, max(scene.struct.instance_count, 1)), dtype=wp.int16, device=scene.device)
+    return met
+
+
+def _tile_candidates(
+    scene: Scene, views: structs.Views, count: int, intrinsics: Intrinsics, camera: camera_kernels.Camera
+) -> structs.Candidates:
+    shape = tiles(count, intrinsics)[:3]
+    met = empty_candidates(int(np.prod(shape)), scene)
+    if count and scene.struct.instance_count:
+        wp.launch(
+            candidate_kernels.tile_candidates_kernel, dim=shape, inputs=[scene.struct, views, camera], outputs=[met],
+            device=scene.device,
+        )  # fmt: skip
+    return met
+
+
+def _extras(first: int, row: wp.array, offsets: tuple) -> looks.Extras:
+    """Return the further rays of the pixels of some rows, before it is known whose light they bring."""
+    extras = looks.Extras()
+    extras.first, extras.row = first, row
+    at = np.array(offsets, dtype=np.float32).reshape(-1, 2)
+    extras.offset = wp.array(at, dtype=wp.vec2, device=row.device)
+    extras.source = wp.empty(0, dtype=int, device=row.device)
+    extras.shaded = wp.empty(0, dtype=int, device=row.device)
+    return extras
+
+
+def _trace(buffer: SampleBuffer, first: int, threads: int) -> None:
+    """Trace the samples of some threads."""
+    if threads:
+        scene, device = buffer.scene.struct, buffer.scene.device
+        if buffer.cut_outs is None:
+            kernel, inputs = kernels.visibility_kernel, [scene, buffer.picture, buffer.candidates, first]
+        else:
+            kernel, inputs = kernels.visibility_through_holes_kernel, [scene, buffer.cut_outs, buffer.picture, first]
+        wp.launch(kernel, dim=threads, inputs=inputs, outputs=[buffer.samples], device=device, block_dim=BLOCK_DIM)
+
+
+def depth_images(
+    buffer: SampleBuffer, *, with_metres: bool, with_objects: bool, range_m: float | None = None
+) -> depth_kernels.DepthImages:
+    """Return depth and objects of what the pixels see, on the scene's device.
+
+    Depth is measured along the optical axis, so a wall square to it has one depth everywhere. Depths below 5 mm read
+    1 cm, since 0 means no return; depths beyond 655.35 m are 0 in centimetres.
+
+    Args:
+        buffer: What the pixels see.
+        with_metres: Fill `depth_m`, which is empty otherwise.
+        with_objects: Fill `object_id`, which is empty otherwise.
+        range_m: Longest depth [m], at most that of the buffer, which it is if absent.
+    """
+    shape, none, device = buffer.shape, (0, 0, 0), buffer.scene.device
+    images = depth_kernels.DepthImages()
+    images.depth = wp.empty(shape, dtype=wp.uint16, device=device)
+    images.depth_m = wp.empty(shape if with_metres else none, dtype=float, device=device)
+    images.object_id = wp.empty(shape if with_objects else none, dtype=int, device=device)
+    if len(buffer.views):
+        wp.launch(
+            depth_kernels.depth_kernel,
+            dim=buffer.launch,
+            inputs=[
+                buffer.scene.struct,
+                buffer.camera,
+                buffer.samples,
+                buffer.camera.range if range_m is None else range_m,
+            ],
+            outputs=[images],
+            device=device,
+            block_dim=BLOCK_DIM,
+        )
+    return images
+
+
+def find_edges(buffer: SampleBuffer) -> "FlaggedRows":
+    """Return the pixels that lie on edges.
+
+    Args:
+        buffer: What the pixel centres see, with surfaces.
+    """
+    is_edge = empty_flags(buffer.threads, buffer.scene.device)
+    _launch(kernels.edge_kernel, buffer.threads, [buffer.scene.struct, buffer.picture], [is_edge])
+    return FlaggedRows(buffer, is_edge)
+
+
+def with_extras(buffer: SampleBuffer, edges: "FlaggedRows", per_pixel: int) -> SampleBuffer:
+    """Return a buffer with further rays through the pixels on edges, after the pixel centres in its samples.
+
+    The pixel centres are those of the other buffer, not a copy, while there is room behind them.
+
+    Args:
+        buffer: What the pixel centres see, with surfaces.
+        edges: From `find_edges`.
+        per_pixel: Samples in a pixel on an edge, a key of `EXTRA_OFFSETS` above 1.
+    """
+    device, scene = buffer.scene.device, buffer.scene.struct
+    extras = _extras(buffer.count, edges.listed(), EXTRA_OFFSETS[per_pixel])
+    both = replace(buffer, extras=extras)
+    if both.count > len(buffer.samples.t):
+        both = replace(both, samples=empty_samples(both.count, device, with_surfaces=True))
+        for name in ("t", "face", "instance", "surface", "normal"):
+            wp.copy(getattr(both.samples, name), getattr(buffer.samples, name), count=buffer.count)
+    extras.source = wp.empty(both.further, dtype=int, device=device)
+    is_traced = empty_flags(both.further, device)
+    if buffer.cut_outs is None:
+        _launch(kernels.guess_kernel, both.further, [scene, both.picture], [extras.source, is_traced])
+    else:
+        is_traced[: both.further].fill_(1)
+    extras.shaded = FlaggedRows(both, is_traced, buffer.threads).listed()
+    traced = len(extras.shaded)
+    _trace(both, buffer.threads, traced)
+    is_shaded = empty_flags(traced, device)
+    inputs = [scene, both.picture, extras.shaded]
+    _launch(kernels.source_kernel, traced, inputs, [extras.source, is_shaded])
+    extras.shaded = FlaggedRows(both, is_shaded, buffer.threads).listed()
+    return both
+
+
+def empty_flags(threads: int, device: str) -> wp.array:
+    """Return room for a flag a thread, 0 or 1, in whole words of eight; all are 0."""
+    return wp.zeros(-(-threads // 8) * 8, dtype=wp.uint8, device=device)
+
+
+class FlaggedRows:
+    """Samples whose threads raised their flags: counted at once, listed when their number is on the host.
+
+    What the device is given between the two it does while the host waits for the number.
+    """
+
+    def __init__(self, buffer: SampleBuffer, flags: wp.array, first_thread: int = 0) -> None:
+        """Let the device count.
+
+        Args:
+            buffer: What the pixels see.
+            flags: From `empty_flags`.
+            first_thread: Thread that the first flag belongs to.
+        """
+        device, words = buffer.scene.device, len(flags) // 8
+        self._picture, self._flags, self._first_thread = buffer.picture, flags, first_thread
+        self._flag = wp.array(ptr=flags.ptr, dtype=wp.uint64, shape=words, device=device)
+        self._first = wp.empty(words + 1, dtype=int, device=device)
+        if words:
+            count = wp.empty(words + 1, dtype=int, device=device)
+            _launch(picture.flag_count_kernel, words, [self._flag], [count])
+            wp.utils.array_scan(count, self._first, inclusive=False)
+            # The number after the last word is that of all flags.
+            self._number = HostCopy([self._first[words:]])
+
+    def listed(self) -> wp.array:
+        """Return the rows of the samples, in the order of the threads."""
+        words = len(self._flag)
+        row = wp.empty(int(self._number.wait()[0][0]) if words else 0, dtype=int, device=self._flag.device)
+        if len(row):
+            inputs = [self._picture, self._flag, self._first, self._first_thread]
+            _launch(picture.flagged_row_kernel, words, inputs, [row])
+        return row
+
+
+def _launch(kernel: wp.Kernel, threads: int, inputs: list, outputs: list) -> None:
+    if threads:
+        wp.launch(kernel, dim=threads, inputs=inputs, outputs=outputs, device=outputs[0].device, block_dim=BLOCK_DIM)

@@ -1,0 +1,1 @@
+"""Simulate RGB cameras."""

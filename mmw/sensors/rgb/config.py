@@ -1,0 +1,84 @@
+"""`type: rgb`: a colour camera."""
+
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from mmw.config.lens import WIDEST_DEG, LensConfig, check_lens
+from mmw.config.section import Name
+from mmw.sensors.base_config import MountConfig, Role, SensorSection
+from mmw.sensors.render.image_config import ImageConfig
+
+
+class RgbConfig(SensorSection):
+    """A colour camera, and what the same rays show."""
+
+    type: Literal["rgb"] = "rgb"
+    name: Name = Field("front", description="sensor name (name)")
+    on: tuple[Role, ...] = Field(("cav", "rsu"), description="agents that carry it (list)")
+    mount: dict[Role, MountConfig] = Field(
+        default_factory=lambda: {
+            "rsu": MountConfig(position_m=(0, 0, 3.9)),
+            "cav": MountConfig(position_m=(1.5, 0, 2.4)),
+        },
+        description="mount for each role; a role that is left out keeps its default (map)",
+    )
+    width_px: int = Field(640, ge=8, le=8192, description="image width [px]")
+    height_px: int = Field(480, ge=8, le=8192, description="image height [px]")
+    fov_deg: float = Field(
+        110.0, gt=0, le=WIDEST_DEG, description="horizontal field of view; below 180 but for a fisheye [deg]"
+    )
+    range_m: float = Field(5_000.0, gt=0, le=100_000, description="longest depth; beyond is sky [m]")
+    lens: LensConfig = Field(default_factory=LensConfig, description="lens model and calibration (map)")
+    image: ImageConfig = Field(default_factory=ImageConfig, description="exposure, noise, motion blur, rain (map)")
+    every_frames: int = Field(
+        1, ge=1, le=1000, description="an image each so many frames, in those whose number it divides (count)"
+    )
+    samples: Literal[1, 4, 9] = Field(
+        4, description="rays in a pixel on an edge; 1 leaves edges jagged; inside surfaces one is enough (count)"
+    )
+    shadows: bool = Field(True, description="shadows of the sun (true or false)")
+    sky_light: bool = Field(
+        True, description="rays that find how much sky each point sees; false: all of it everywhere (true or false)"
+    )
+    reflections: bool = Field(
+        True, description="rays that find what glass, car paint and puddles mirror; false: sky alone (true or false)"
+    )
+    format: Literal["jpeg", "png"] = Field(
+        "jpeg", description="`jpeg`, or `png`, without loss: 5 times the bytes, 20 to 30 times the time (name)"
+    )
+    jpeg_quality: int = Field(95, ge=1, le=100, description="quality of `format: jpeg` (number)")
+    jpeg_subsampling: Literal["4:2:0", "4:4:4"] = Field(
+        "4:2:0", description="chroma of `format: jpeg`: a colour for four pixels, or for each, +20 % bytes (name)"
+    )
+    segmentation: bool = Field(
+        False, description="instance and semantic images from the same rays, table `segmentation` (true or false)"
+    )
+    boxes_2d: bool = Field(
+        True, description="2-D boxes of vehicles and people, table `boxes_2d`, and their visible pixels (true or false)"
+    )
+    normals: bool = Field(False, description="normals from the same rays, table `normals` (true or false)")
+    flow: bool = Field(
+        False, description="optical flow to the next frame, 10 ms, from the same rays, table `flow` (true or false)"
+    )
+    debug: bool = Field(False, description="magenta where a texture is missing; otherwise its fallback (true or false)")
+
+    @model_validator(mode="after")
+    def _lens(self) -> "RgbConfig":
+        check_lens(self.lens, self.width_px, self.height_px, self.fov_deg)
+        return self
+
+
+def paper_cameras() -> tuple[RgbConfig, ...]:
+    """Return the four cameras of the paper: to the front, on CAVs and roadside units, and to the other sides of CAVs.
+
+    Source: Multimodal-Wireless generator, `config.yaml`, with y to the left and yaw counter-clockwise.
+    """
+    others = (("back", (-1.5, 0, 2.4), 180), ("left", (0, 0.7, 2.4), 90), ("right", (0, -0.7, 2.4), -90))
+    return (
+        RgbConfig(),
+        *(
+            RgbConfig(name=name, on=("cav",), mount={"cav": MountConfig(position_m=place, yaw_deg=yaw)})
+            for name, place, yaw in others
+        ),
+    )

@@ -1,0 +1,162 @@
+"""Images as a cell of a table holds them, and back. `mmw.storage.codecs.carla_depth` has CARLA's encodings of depth."""
+
+import io
+
+import numpy as np
+import simplejpeg
+from PIL import Image
+
+from mmw.sensors.ground_truth.segmentation import instance_image, semantic_image
+from mmw.storage.codecs.png16 import decode_png16, encode_png16
+from mmw.storage.table_spec import DEPTH_STEP_M
+
+PNG_LEVEL = 1
+"""zlib level of PNG images: half the time of level 6 for depth, half as large again; a quarter to a half of it for
+colours, a tenth larger."""
+
+NORMAL_STEPS = 127
+"""Steps of a unit normal's component from 0 to 1; 128 stands for 0. Design value: whole axes are exact, 0.4 deg."""
+
+FLOW_STEPS = 64
+"""Steps of a pixel of stored flow; 2^15 stands for 0. Source: KITTI 2015 flow development kit."""
+
+FLOW_ZERO = 2**15
+"""See `FLOW_STEPS`."""
+
+
+def encode_rgb(image: np.ndarray, format_: str, quality: int, subsampling: str = "4:2:0") -> bytes:
+    """Return an RGB image as a JPEG file, or as an 8-bit PNG.
+
+    A street of 640 x 480 with sensor noise takes one core 1.4 ms and 104 kB as JPEG of quality 95 with one colour for
+    four pixels (40.0 dB, lightness alone 44.8 dB), 2.2 ms and 125 kB with a colour for each (42.6 and 44.8 dB), and 44
+    ms and 570 kB as PNG. JPEG files are made outside Python's lock; Pillow copies each image inside it first, which
+    more than halves the speed of a whole run (`bench/README.md`). libjpeg-turbo transforms fast below quality 96 and
+    accurately from there on, whatever its flag says; `mmw.sensors.render.jpeg` writes the same bytes on a GPU.
+
+    Args:
+        image: sRGB values, shape [H, W, 3], uint8.
+        format_: `jpeg` or `png`.
+        quality: Quality of a JPEG file, 1 to 100.
+        subsampling: Of a JPEG file's chroma: `4:2:0` or `4:4:4`.
+
+    Raises:
+        ValueError: If the array is not an image of 8-bit colours.
+    """
+    if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
+        raise ValueError(f"RGB image: {image.dtype} of shape {image.shape}; one image is uint8 [H, W, 3]; give that")
+    if format_ == "png":
+        return _png(image)
+    plain = np.ascontiguousarray(image)
+    return simplejpeg.encode_jpeg(
+        plain, quality, colorspace="RGB", colorsubsampling=subsampling.replace(":", ""), fastdct=False
+    )
+
+
+def encode_depth(depth: np.ndarray) -> bytes:
+    """Return a depth image as a 16-bit PNG.
+
+    Args:
+        depth: Depth along the optical axis [cm], 0 = no return, shape [H, W], uint16.
+
+    Raises:
+        ValueError: If the array is not an image of 16-bit numbers.
+    """
+    if depth.ndim != 2 or depth.dtype != np.uint16:
+        raise ValueError(
+            f"depth image: {depth.dtype} of shape {depth.shape}; one image is uint16 [H, W] in centimetres"
+        )
+    return _png(depth)
+
+
+def encode_instance(object_id: np.ndarray) -> bytes:
+    """Return an instance image as a 16-bit PNG: object id + 1, 0 where nothing was hit.
+
+    Args:
+        object_id: Object in each pixel, -1 for nothing, at most 65,534, shape [H, W], int32.
+    """
+    return _png(instance_image(object_id))
+
+
+def encode_semantic(object_id: np.ndarray, tags: np.ndarray) -> bytes:
+    """Return a semantic image as an 8-bit PNG of CARLA tags.
+
+    Args:
+        object_id: Object in each pixel, -1 for nothing, shape [H, W], int32.
+        tags: What `mmw.sensors.ground_truth.segmentation.object_tags` returns.
+    """
+    return _png(semantic_image(object_id, tags))
+
+
+def encode_normals(normals: np.ndarray) -> bytes:
+    """Return an image of surface normals as an 8-bit PNG: value = round(127 n) + 128 for x, y, z; 0, 0, 0 = nothing.
+
+    Args:
+        normals: Unit normals, sensor frame (x forward, y left, z up), zero for nothing, shape [H, W, 3], float32.
+    """
+    value = np.rint(normals * NORMAL_STEPS).astype(np.int16) + NORMAL_STEPS + 1
+    value[(normals == 0.0).all(axis=2)] = 0
+    return _png(value.astype(np.uint8))
+
+
+def encode_flow(flow: np.ndarray) -> bytes:
+    """Return optical flow as KITTI's 16-bit PNG: red = 64 u + 2^15, green = 64 v + 2^15, blue = 1; 0, 0, 0 = none.
+
+    Flow of 512 px and more, which the file cannot tell, counts as none.
+
+    Args:
+        flow: Way of each pixel's point to the next frame, u to the right and v down [px], not finite for none, shape
+            [H, W, 2], float32.
+    """
+    with np.errstate(invalid="ignore"):
+        steps = np.rint(flow * FLOW_STEPS) + FLOW_ZERO
+        is_told = ((steps >= 1) & (steps <= 65_535)).all(axis=2)
+    value = np.zeros((*flow.shape[:2], 3), dtype=np.uint16)
+    value[is_told, :2] = steps[is_told]
+    value[is_told, 2] = 1
+    return encode_png16(value, PNG_LEVEL)
+
+
+def decode_rgb(data: bytes) -> np.ndarray:
+    """Return a stored RGB image, sRGB values, uint8 [H, W, 3]."""
+    return np.asarray(Image.open(io.BytesIO(data)).convert("RGB"), dtype=np.uint8)
+
+
+def decode_normals(data: bytes) -> np.ndarray:
+    """Return stored normals in the sensor frame, unit length, zero where nothing was hit, float32 [H, W, 3]."""
+    value = np.asarray(Image.open(io.BytesIO(data)), dtype=np.float32)
+    normals = np.where(value.any(axis=2, keepdims=True), (value - NORMAL_STEPS - 1) / NORMAL_STEPS, np.float32(0.0))
+    length = np.linalg.norm(normals, axis=2, keepdims=True)
+    return (normals / np.where(length > 0.0, length, 1.0)).astype(np.float32)
+
+
+def decode_flow(data: bytes) -> np.ndarray:
+    """Return stored flow, u to the right and v down [px], NaN where there is none, float32 [H, W, 2].
+
+    Raises:
+        ValueError: If it is no image of the table `flow`.
+    """
+    value = decode_png16(data)
+    flow = (value[..., :2].astype(np.float32) - FLOW_ZERO) / FLOW_STEPS
+    return np.where(value[..., 2:] > 0, flow, np.float32(np.nan))
+
+
+def decode_depth(data: bytes) -> np.ndarray:
+    """Return a stored depth image in metres, float32 [H, W], inf where nothing was hit."""
+    values = np.asarray(Image.open(io.BytesIO(data)), dtype=np.float32)
+    return np.where(values > 0, values * np.float32(DEPTH_STEP_M), np.float32(np.inf))
+
+
+def decode_instance(data: bytes) -> np.ndarray:
+    """Return the object id in each pixel of a stored instance image, -1 where nothing was hit, int32 [H, W]."""
+    return np.asarray(Image.open(io.BytesIO(data)), dtype=np.int32) - 1
+
+
+def decode_semantic(data: bytes) -> np.ndarray:
+    """Return the CARLA tag in each pixel of a stored semantic image, uint8 [H, W]."""
+    return np.asarray(Image.open(io.BytesIO(data)), dtype=np.uint8)
+
+
+def _png(image: np.ndarray) -> bytes:
+    buffer = io.BytesIO()
+    Image.fromarray(image).save(buffer, format="PNG", compress_level=PNG_LEVEL)
+    return buffer.getvalue()

@@ -1,0 +1,78 @@
+"""How a table becomes a Parquet file: its Arrow schema with file-level keys, and the encoding of every column."""
+
+import json
+from typing import Any
+
+import pyarrow as pa
+
+from mmw.storage.schemas import SCHEMA_VERSION, column_text, table_spec
+from mmw.storage.table_spec import IMAGE
+
+
+def arrow_schema(name: str, meta: dict[str, str] | None = None) -> pa.Schema:
+    """Return a table's Arrow schema with its file-level keys.
+
+    Args:
+        name: Table name.
+        meta: Further file-level keys, such as `mmw.config_sha256`.
+    """
+    spec = table_spec(name)
+    columns = {field.name: column_text(field) for field in spec.columns}
+    features = {field.name: _feature(field.type) for field in spec.columns}
+    keys = {
+        "mmw.schema_version": SCHEMA_VERSION,
+        "mmw.table": name,
+        "mmw.columns": json.dumps(columns),
+        "huggingface": json.dumps({"info": {"features": features}}),
+    }
+    return pa.schema(spec.columns, metadata={**keys, **(meta or {})})
+
+
+_HF_TYPES = {"float": "float32", "double": "float64"}
+
+
+def _feature(type_: pa.DataType) -> dict[str, Any]:
+    """Return a type as Hugging Face datasets spell it."""
+    if pa.types.is_dictionary(type_):
+        return {"dtype": "string", "_type": "Value"}
+    if type_.equals(IMAGE):
+        return {"_type": "Image"}
+    if pa.types.is_list(type_):
+        return {"feature": _feature(type_.value_type), "_type": "List"}
+    return {"dtype": _HF_TYPES.get(str(type_), str(type_)), "_type": "Value"}
+
+
+def write_options(name: str) -> dict[str, Any]:
+    """Return how `pyarrow.parquet` encodes a table: dictionaries for names and ids, split bytes for floats, zstd."""
+    spec = table_spec(name)
+    encoding: dict[str, str] = {}
+    compression: dict[str, str] = {}
+    dictionary: list[str] = []
+
+    def visit(path: str, type_: pa.DataType) -> None:
+        if pa.types.is_list(type_):
+            visit(f"{path}.list.element", type_.value_type)
+            return
+        if type_.equals(IMAGE):
+            compression.update({f"{path}.bytes": "none", f"{path}.path": "zstd"})
+            return
+        compression[path] = "zstd"
+        if pa.types.is_dictionary(type_):
+            dictionary.append(path)
+        elif pa.types.is_floating(type_):
+            encoding[path] = "BYTE_STREAM_SPLIT"
+        elif pa.types.is_integer(type_) and ".list." not in path:
+            encoding[path] = "DELTA_BINARY_PACKED"
+
+    for field in spec.columns:
+        visit(field.name, field.type)
+    return {
+        "use_dictionary": dictionary,
+        "column_encoding": encoding,
+        "compression": compression,
+        "compression_level": {path: spec.level for path, codec in compression.items() if codec == "zstd"},
+        "write_statistics": [field.name for field in spec.columns if not pa.types.is_nested(field.type)],
+        "version": "2.6",
+        "data_page_version": "1.0",
+        "store_schema": True,
+    }

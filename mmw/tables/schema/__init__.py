@@ -1,1 +1,0 @@
-"""The specification of every table, by what it describes."""

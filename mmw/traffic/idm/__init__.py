@@ -1,0 +1,1 @@
+"""Simulate traffic with the Intelligent Driver Model."""

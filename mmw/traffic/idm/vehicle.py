@@ -1,0 +1,197 @@
+"""A vehicle in the engine: where it is on its line, which lanes it is on, and the junctions on its way."""
+
+from dataclasses import dataclass
+from math import inf
+
+from mmw.traffic.idm.junctions import Passage
+from mmw.traffic.roads.lane_graph import Lane, LaneGraph
+from mmw.traffic.route import EXTENSION, PATH_STEP, Line
+from mmw.traffic.vehicle_pose import Shape, Stance
+
+STOP_SHORT = 1.2
+"""Vehicles stop with the bumper this far before the end of their route [m]."""
+
+STOP_BRAKING = 1.8
+"""Planned deceleration towards a stop line [m/s^2]."""
+
+ROOM = 2.5
+"""A vehicle enters a junction only if the lane behind it has its length and this much more [m]."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """A change from one lane of the path to the next one of its list, which lies beside it."""
+
+    segment: int
+    """Index of the lane that is left; the next one in the list is the lane beside it."""
+    clear: float
+    """Station of an axle from which on that part of the body is off the lane that is left [m]."""
+    end: float
+    """Station where the line has reached the middle of the new lane [m]."""
+
+
+@dataclass
+class Plan:
+    """The way of a vehicle from its start to the end of its route, as it stands."""
+
+    stance: Stance
+    limit: list[float]
+    """Wanted speed at every sample of the path [m/s]."""
+    begins: list[float]
+    """Station where each lane of the path begins [m]; of a lane that is entered from the side, where it would begin if
+    the line had followed it from its start."""
+    passages: list[Passage]
+    change: Change | None = None
+    """The last change of lanes on the path."""
+
+
+@dataclass
+class Car:
+    """A vehicle in the engine."""
+
+    plan: Plan
+    station: float
+    """Front axle [m]."""
+    headway: float
+    """IDM: time gap [s]."""
+    factor: float = 1.0
+    """The driver's share of the speed limit."""
+    speed: float = 0.0
+    acceleration: float = 0.0
+    granted: int = 0
+    """Passages that the vehicle may enter, counted from the first."""
+    segment: int = 0
+    """Index of the lane under the front bumper."""
+    rear_segment: int = 0
+    """Index of the lane under the rear bumper."""
+    stood: float = 0.0
+    """Time since it last moved [s]."""
+    stop_braking: float = STOP_BRAKING
+    """Planned deceleration towards the next stop line [m/s^2]."""
+    changes: int = 0
+    """Changes of lanes that have been begun (count)."""
+    settled: float = -inf
+    """Time of the last change of lanes, begun or tried [s]."""
+
+    def __post_init__(self) -> None:
+        self.shape: Shape = self.plan.stance.track.shape
+        self.follow(self.plan)
+
+    def follow(self, plan: Plan) -> None:
+        """Take a way whose part behind the vehicle is the one that it has driven."""
+        self.plan = plan
+        self.line: Line = plan.stance.track.line
+        self.begins = plan.begins
+        self.ends: list[float] = self.line.ends.tolist()
+        self.passages = plan.passages
+        self.change = plan.change
+
+    @property
+    def nose(self) -> float:
+        """Station of the front bumper [m]."""
+        return self.station + self.shape.front
+
+    @property
+    def tail(self) -> float:
+        """Station of the rear bumper [m]."""
+        return self.station - self.shape.behind
+
+    def place(self) -> None:
+        """Find the lanes under both bumpers."""
+        while self.segment + 1 < len(self.ends) and self.nose >= self.ends[self.segment]:
+            self.segment += 1
+        while self.rear_segment < self.segment and self.tail >= self.ends[self.rear_segment]:
+            self.rear_segment += 1
+        if self.change is not None and self.tail >= self.change.end:
+            self.change = None
+
+    @property
+    def ahead(self) -> tuple[int, int]:
+        """First and last index of the lanes that the front of the vehicle is on; two during a change of lanes."""
+        if self.change is None:
+            return self.segment, self.segment
+        first = self.change.segment if self.station < self.change.clear else self.segment
+        return min(first, self.segment), max(self.change.segment + 1, self.segment)
+
+    @property
+    def occupied(self) -> tuple[int, int]:
+        """First and last index of the lanes that the vehicle is on, front to rear."""
+        if self.change is None:
+            return self.rear_segment, self.segment
+        first = self.change.segment if self.tail < self.change.clear else self.rear_segment
+        return min(first, self.rear_segment), max(self.change.segment + 1, self.segment)
+
+    def index_of(self, lane: str, first: int = 0) -> int:
+        """Return the index of a lane that lies on the path, at `first` or later, and not before the vehicle's rear."""
+        return self.line.lanes.index(lane, max(first, min(self.occupied[0], self.ahead[0])))
+
+    def stop_station(self) -> float:
+        """Return where the front bumper has to stop, as things are [m]."""
+        if self.granted < len(self.passages):
+            return self.passages[self.granted].stop
+        return self.ends[-1] - STOP_SHORT
+
+    def wanted_speed(self, station: float) -> float:
+        """Return the speed that the road asks for at a station of the front axle [m/s]."""
+        limit = self.plan.limit
+        return limit[min(int((station + EXTENSION) / PATH_STEP), len(limit) - 1)]
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A vehicle on a lane; stations from the start of the lane [m]."""
+
+    rear: float
+    front: float
+    vehicle: int
+    segment: int
+    """Index of the lane on the vehicle's path."""
+
+
+def lane_begins(line: Line) -> list[float]:
+    """Return the station where each lane of a line without changes of lanes begins [m]."""
+    return [0.0, *line.ends[:-1].tolist()]
+
+
+def usable_length(lane: Lane, begin: float, end: float) -> float:
+    """Return the length of a lane up to `STOP_SHORT` beyond the bumper of who waits at its end [m]."""
+    return end - begin - lane.stop + STOP_SHORT
+
+
+def find_passages(line: Line, graph: LaneGraph, shape: Shape) -> list[Passage]:
+    """Return the junctions on a path; those without room for the vehicle between them form one passage."""
+    begins = lane_begins(line)
+    ends = line.ends.tolist()
+    passages: list[Passage] = []
+    index = 0
+    while index < len(line.lanes):
+        if not graph.lanes[line.lanes[index]].junction:
+            index += 1
+            continue
+        first = index
+        connections = []
+        while index < len(line.lanes):
+            lane = graph.lanes[line.lanes[index]]
+            if lane.junction:
+                connections.append((lane.name, begins[index], ends[index]))
+            elif usable_length(lane, begins[index], ends[index]) >= shape.length + ROOM:
+                break
+            index += 1
+        has_exit = index < len(line.lanes)
+        passages.append(
+            Passage(
+                connections=tuple(connections),
+                start=begins[first],
+                stop=begins[first] - (graph.lanes[line.lanes[first - 1]].stop if first else STOP_SHORT),
+                first_segment=first,
+                exit_lane=line.lanes[index] if has_exit else "",
+                exit_start=begins[index] if has_exit else ends[-1],
+                priority=graph.lanes[line.lanes[first]].priority,
+            )
+        )
+    return passages
+
+
+def count_entered(passages: list[Passage], segment: int) -> int:
+    """Return how many passages begin at or before a lane of the path (count)."""
+    return sum(passage.first_segment <= segment for passage in passages)

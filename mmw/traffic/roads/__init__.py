@@ -1,0 +1,1 @@
+"""Read the lanes, sidewalks and drivable surfaces of a town."""

@@ -1,0 +1,108 @@
+"""Lanes in USD: one BasisCurves prim a lane, so that a stage alone is enough to drive on."""
+
+import numpy as np
+from pxr import Sdf, Usd, UsdGeom, Vt
+
+from mmw.core.errors import InputError
+from mmw.traffic.roads.lane_graph import Lane, LaneGraph
+from mmw.usd.meshes import to_metres
+from mmw.usd.prim_specs import new_prim, set_value
+
+WIDTH = "mmw:lane:width"
+SPEED = "mmw:lane:speed"
+JUNCTION = "mmw:lane:junction"
+PRIORITY = "mmw:lane:priority"
+SUCCESSORS = "mmw:lane:successors"
+LEFT = "mmw:lane:left"
+RIGHT = "mmw:lane:right"
+SIGNAL = "mmw:lane:signal"
+STOP = "mmw:lane:stop"
+
+
+def write_lanes(stage: Usd.Stage, path: str, graph: LaneGraph) -> None:
+    """Write every lane as a linear curve of purpose `guide`, sorted by name.
+
+    Args:
+        stage: Stage whose edit target receives the prims.
+        path: Prim path of the group, such as `/Town/Lanes`.
+        graph: Lanes; their names must be identifiers.
+
+    Raises:
+        InputError: If a lane's name cannot be a prim name.
+    """
+    group = UsdGeom.Scope.Define(stage, path)
+    UsdGeom.Imageable(group).CreatePurposeAttr(UsdGeom.Tokens.guide)
+    with Sdf.ChangeBlock():
+        layer = stage.GetEditTarget().GetLayer()
+        for name in sorted(graph.lanes):
+            if not Sdf.Path.IsValidIdentifier(name):
+                raise InputError(f"lane {name!r}: not a prim name; letters, digits and _ are needed; rename its road")
+            _write_lane(layer, f"{path}/{name}", graph.lanes[name])
+
+
+def _write_lane(layer: Sdf.Layer, path: str, lane: Lane) -> None:
+    spec, types = new_prim(layer, Sdf.Path(path), "BasisCurves"), Sdf.ValueTypeNames
+    points = np.ascontiguousarray(lane.points, dtype=np.float32)
+    extent = np.stack([points.min(axis=0), points.max(axis=0)])
+    set_value(spec, "type", types.Token, "linear", uniform=True)
+    set_value(spec, "curveVertexCounts", types.IntArray, Vt.IntArray([len(points)]))
+    set_value(spec, "points", types.Point3fArray, Vt.Vec3fArray.FromNumpy(points))
+    set_value(spec, "extent", types.Float3Array, Vt.Vec3fArray.FromNumpy(extent))
+    set_value(spec, WIDTH, types.Float, lane.width)
+    set_value(spec, SPEED, types.Float, lane.speed)
+    set_value(spec, JUNCTION, types.String, lane.junction)
+    set_value(spec, PRIORITY, types.Int, lane.priority)
+    set_value(spec, SUCCESSORS, types.StringArray, Vt.StringArray(lane.successors))
+    set_value(spec, LEFT, types.String, lane.left)
+    set_value(spec, RIGHT, types.String, lane.right)
+    set_value(spec, SIGNAL, types.String, lane.signal)
+    set_value(spec, STOP, types.Float, lane.stop)
+
+
+def has_lanes(stage: Usd.Stage) -> bool:
+    """Return whether a stage has a lane anywhere."""
+    return any(prim.IsA(UsdGeom.BasisCurves) and prim.HasAttribute(WIDTH) for prim in stage.Traverse())
+
+
+def read_lanes(stage: Usd.Stage, root_path: str) -> LaneGraph:
+    """Return the lanes at or below a prim, in metres with z up, whatever the axes and units of the stage.
+
+    Args:
+        stage: A town, or a scenario that references one.
+        root_path: Where to look, such as `/Town/Lanes` or `/World/Town`.
+
+    Raises:
+        InputError: If the prim does not exist, holds no lane, or a lane lacks an attribute or its points.
+    """
+    root = stage.GetPrimAtPath(root_path)
+    where = stage.GetRootLayer().identifier
+    if not root:
+        raise InputError(f"{where}: no prim {root_path}; the lanes of a town are needed there; give the right path")
+    transforms, metres = UsdGeom.XformCache(), to_metres(stage)
+    lanes = {}
+    for prim in Usd.PrimRange(root):
+        if not prim.IsA(UsdGeom.BasisCurves) or not prim.HasAttribute(WIDTH):
+            continue
+        values = {name: prim.GetAttribute(name).Get() for name in (WIDTH, SPEED, JUNCTION, PRIORITY, SUCCESSORS)}
+        missing = [name for name, value in values.items() if value is None]
+        points = UsdGeom.BasisCurves(prim).GetPointsAttr().Get()
+        if missing or points is None or len(points) < 2:
+            found = f"no {', '.join(missing)}" if missing else "fewer than two points"
+            raise InputError(f"{where}: lane {prim.GetPath()} has {found}; all are needed; write it with write_lanes")
+        matrix = np.array(transforms.GetLocalToWorldTransform(prim), dtype=np.float64)
+        matrix = matrix @ metres
+        xyz = np.array(points, dtype=np.float64) @ matrix[:3, :3] + matrix[3, :3]
+        lanes[prim.GetName()] = Lane(
+            prim.GetName(),
+            xyz,
+            float(values[WIDTH]),
+            float(values[SPEED]),
+            values[JUNCTION],
+            int(values[PRIORITY]),
+            tuple(values[SUCCESSORS]),
+            *(prim.GetAttribute(name).Get() or "" for name in (LEFT, RIGHT, SIGNAL)),
+            *([float(prim.GetAttribute(STOP).Get())] if prim.HasAttribute(STOP) else []),
+        )
+    if not lanes:
+        raise InputError(f"{where}: no lanes below {root_path}; rebuild the town with its lanes")
+    return LaneGraph(lanes)

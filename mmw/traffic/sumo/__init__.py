@@ -1,0 +1,1 @@
+"""Simulate traffic with SUMO (extra `sumo`)."""

@@ -1,0 +1,330 @@
+"""Triangle meshes of any USD stage: n-gons, shapes, instances, point instancers, subsets, units, axes, handedness."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from types import EllipsisType
+
+import numpy as np
+from pxr import Kind, Sdf, Usd, UsdGeom, UsdShade, Vt
+
+from mmw.core.errors import InputError
+from mmw.usd.builtin_shapes import SHAPES
+from mmw.usd.primvars import NO_CORNERS, Corners, is_mirror, read_corners
+from mmw.usd.semantics import CARLA_TAG, TAXONOMY
+from mmw.usd.triangulate import Polygons, Triangles, cut_meshes
+
+SKIPPED_PURPOSES = (UsdGeom.Tokens.proxy, UsdGeom.Tokens.guide)
+"""Purposes that are no geometry of the world: stand-ins and construction aids."""
+
+
+_RADIO = "radio"
+"""Purpose of a material binding that counts before the one for all purposes."""
+
+
+@dataclass(frozen=True)
+class FoundMesh:
+    """One use of a mesh prim. A point instancer uses its prototypes' meshes many times."""
+
+    prim: Usd.Prim
+    """The Mesh prim, or a Cube, Sphere, ...; an instance proxy where it is inside an instance."""
+    anchor: Usd.Prim
+    """The prim itself, or the point instancer that places it."""
+    to_anchor: np.ndarray | None
+    """Mesh space to the anchor's space, row vectors, shape [4, 4]; None for the identity."""
+
+
+@dataclass
+class MeshReader:
+    """Reads mesh prims; a prototype is cut into triangles once, however often it is used.
+
+    Attributes:
+        stage: The stage.
+        time: When the static parts are read.
+        keeps_flat: Keep triangles without area, for who looks for them.
+    """
+
+    stage: Usd.Stage
+    time: Usd.TimeCode
+    keeps_flat: bool = False
+    _triangles: dict[str, Triangles] = field(default_factory=dict)
+    _corners: dict[tuple[int, str], Corners] = field(default_factory=dict)
+    _labels: dict[Sdf.Path, str] = field(default_factory=dict)
+    _visible: dict[Sdf.Path, bool] = field(default_factory=dict)
+    _components: dict[Sdf.Path, Usd.Prim | None] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.xforms = UsdGeom.XformCache(self.time)
+
+    def meshes(self) -> Iterator[FoundMesh]:
+        """Yield every mesh and shape that is visible and no proxy or guide, in the stage's order."""
+        walk = iter(Usd.PrimRange(self.stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()))
+        for prim in walk:
+            if not self.is_visible(prim) and is_hidden(prim):
+                walk.PruneChildren()
+            elif prim.IsA(UsdGeom.PointInstancer):
+                walk.PruneChildren()
+                yield from self._instanced(UsdGeom.PointInstancer(prim))
+            elif _is_geometry(prim):
+                yield FoundMesh(prim, prim, None)
+
+    def _instanced(self, instancer: UsdGeom.PointInstancer) -> Iterator[FoundMesh]:
+        """Yield the meshes that a point instancer places."""
+        prim = instancer.GetPrim()
+        roots = [self.stage.GetPrimAtPath(path) for path in instancer.GetPrototypesRel().GetForwardedTargets()]
+        index = instancer.GetProtoIndicesAttr().Get(self.time)
+        places = instancer.ComputeInstanceTransformsAtTime(
+            self.time, self.time, UsdGeom.PointInstancer.IncludeProtoXform, UsdGeom.PointInstancer.IgnoreMask
+        )
+        if not index or not places or not all(roots):
+            return
+        kept = instancer.ComputeMaskAtTime(self.time) or [True] * len(index)
+        meshes = [self._prototype_meshes(root) for root in roots]
+        for k, place, keep in zip(index, places, kept, strict=True):
+            if keep:
+                for mesh, to_root in meshes[k]:
+                    yield FoundMesh(mesh, prim, to_root @ np.array(place))
+
+    def _prototype_meshes(self, root: Usd.Prim) -> list[tuple[Usd.Prim, np.ndarray]]:
+        found = []
+        walk = iter(Usd.PrimRange(root, Usd.TraverseInstanceProxies()))
+        for prim in walk:
+            if is_hidden(prim):
+                walk.PruneChildren()
+            elif prim.IsA(UsdGeom.PointInstancer):
+                raise InputError(
+                    f"{prim.GetPath()}: a point instancer inside a prototype of another one; one level of point "
+                    "instancing is read; turn the inner one into references"
+                )
+            elif _is_geometry(prim):
+                found.append((prim, self.relative(prim, root)))
+        return found
+
+    def relative(self, prim: Usd.Prim, ancestor: Usd.Prim) -> np.ndarray:
+        """Return prim space to ancestor space, row vectors, [4, 4]: the same bits for equal parts of equal things."""
+        if prim == ancestor:
+            return np.eye(4)
+        matrix, is_reset = self.xforms.ComputeRelativeTransform(prim, ancestor)
+        if is_reset:
+            matrix = matrix * self.xforms.GetLocalToWorldTransform(ancestor).GetInverse()
+        return np.array(matrix)
+
+    def to_world(self, prim: Usd.Prim) -> np.ndarray:
+        """Return prim space to the stage's world, row vectors, stage units, shape [4, 4]."""
+        return np.array(self.xforms.GetLocalToWorldTransform(prim))
+
+    def label(self, prim: Usd.Prim) -> str:
+        """Return what `semantic_label` does; what an ancestor says is looked up once for all below it."""
+        path = prim.GetPath()
+        if path not in self._labels:
+            own = _own_label(prim)
+            parent = prim.GetParent()
+            self._labels[path] = own or (self.label(parent) if parent else "unlabeled")
+        return self._labels[path]
+
+    def is_visible(self, prim: Usd.Prim) -> bool:
+        """Return whether neither a prim nor an ancestor is invisible at the reader's time; ancestors are asked once."""
+        path = prim.GetPath()
+        if path not in self._visible:
+            attribute = prim.GetAttribute(UsdGeom.Tokens.visibility) if prim.IsA(UsdGeom.Imageable) else None
+            is_shown = not attribute or attribute.Get(self.time) != UsdGeom.Tokens.invisible
+            parent = prim.GetParent()
+            self._visible[path] = is_shown and (not parent or self.is_visible(parent))
+        return self._visible[path]
+
+    def component(self, prim: Usd.Prim) -> Usd.Prim:
+        """Return what `component_of` does; an ancestor is looked at once for all below it."""
+        return self._component(prim) or prim
+
+    def _component(self, prim: Usd.Prim) -> Usd.Prim | None:
+        path = prim.GetPath()
+        if path not in self._components:
+            if not prim or prim.IsPseudoRoot():
+                self._components[path] = None
+            else:
+                self._components[path] = prim if _is_component(prim) else self._component(prim.GetParent())
+        return self._components[path]
+
+    def triangles(self, prim: Usd.Prim) -> Triangles:
+        """Return a mesh prim as triangles.
+
+        Raises:
+            InputError: If its points move against each other, or its topology is broken.
+        """
+        key = _source(prim)
+        if key not in self._triangles:
+            self.read([prim])
+        return self._triangles[key]
+
+    def read(self, prims: Iterable[Usd.Prim]) -> None:
+        """Cut many mesh prims into triangles at once, so that `triangles` has them at hand.
+
+        Raises:
+            InputError: If the points of one move against each other, or its topology is broken.
+        """
+        wanted = {_source(prim): prim for prim in prims}
+        new = {key: prim for key, prim in wanted.items() if key not in self._triangles}
+        meshes = {key: self._polygons(prim) for key, prim in new.items() if prim.IsA(UsdGeom.Mesh)}
+        self._triangles.update((key, _read_shape(prim)) for key, prim in new.items() if key not in meshes)
+        self._triangles.update(zip(meshes, cut_meshes([*meshes.values()], keeps_flat=self.keeps_flat), strict=True))
+
+    def corners(self, prim: Usd.Prim, cut: Triangles, name: str) -> Corners:
+        """Return texture coordinates and normals at the corners of a mesh prim's triangles.
+
+        Args:
+            prim: The Mesh prim, or a shape, which has none.
+            cut: What `triangles` returned for it.
+            name: Primvar of the texture coordinates that its material reads.
+        """
+        key = id(cut), name  # `_triangles` keeps it, so its id stays its own
+        if key not in self._corners:
+            is_mesh = prim.IsA(UsdGeom.Mesh)
+            read = read_corners(prim, name, cut.faces, cut.polygon, cut.corners, self.time) if is_mesh else NO_CORNERS
+            self._corners[key] = read
+        return self._corners[key]
+
+    def _polygons(self, prim: Usd.Prim) -> Polygons:
+        names = UsdGeom.Tokens
+        at, corner = prim.GetAttribute(names.points), prim.GetAttribute(names.faceVertexIndices)
+        if at.ValueMightBeTimeVarying() or corner.ValueMightBeTimeVarying():
+            raise InputError(
+                f"{prim.GetPath()}: its points change over time; meshes are traced as rigid bodies; "
+                "remove the point animation or bake the mesh at one time"
+            )
+        points = at.Get(self.time)
+        return Polygons(
+            str(prim.GetPath()),
+            np.zeros((0, 3)) if points is None else np.asarray(points).reshape(-1, 3),
+            _integers(prim.GetAttribute(names.faceVertexCounts).Get(self.time)),
+            _integers(corner.Get(self.time)),
+            _integers(prim.GetAttribute(names.holeIndices).Get()),
+            prim.GetAttribute(names.orientation).Get() == names.leftHanded,
+        )
+
+
+def _source(prim: Usd.Prim) -> str:
+    """Return the path of the prim that a mesh prim is, or is an instance of."""
+    return str((prim.GetPrimInPrototype() if prim.IsInstanceProxy() else prim).GetPath())
+
+
+def _integers(values: Vt.IntArray | None) -> np.ndarray:
+    return np.asarray([] if values is None else values, dtype=np.int64)
+
+
+def _is_geometry(prim: Usd.Prim) -> bool:
+    if not (prim.IsA(UsdGeom.Mesh) or prim.GetTypeName() in SHAPES):
+        return False
+    return UsdGeom.Imageable(prim).ComputePurpose() not in SKIPPED_PURPOSES
+
+
+def _read_shape(prim: Usd.Prim) -> Triangles:
+    points, faces = SHAPES[prim.GetTypeName()](prim)
+    corners = np.arange(faces.size, dtype=np.int32).reshape(-1, 3)
+    return Triangles(points, faces, np.arange(len(faces), dtype=np.int32), corners)
+
+
+def is_hidden(prim: Usd.Prim) -> bool:
+    """Return whether a prim and all below it are invisible at all times."""
+    if not prim.IsA(UsdGeom.Imageable):
+        return False
+    visibility = prim.GetAttribute(UsdGeom.Tokens.visibility)
+    return visibility.Get() == UsdGeom.Tokens.invisible and not visibility.ValueMightBeTimeVarying()
+
+
+def to_metres(stage: Usd.Stage) -> np.ndarray:
+    """Return the stage's world to ours (z up, metres), row vectors, shape [4, 4].
+
+    Raises:
+        InputError: If the stage's up axis is neither Y nor Z.
+    """
+    up = UsdGeom.GetStageUpAxis(stage)
+    if up == UsdGeom.Tokens.z:
+        turn = np.eye(3)
+    elif up == UsdGeom.Tokens.y:
+        turn = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])  # (x, y, z) -> (x, -z, y)
+    else:
+        raise InputError(f"{stage.GetRootLayer().identifier}: upAxis = {up}; Y and Z are read; turn the stage")
+    matrix = np.eye(4)
+    matrix[:3, :3] = turn * UsdGeom.GetStageMetersPerUnit(stage)
+    return matrix
+
+
+def place(triangles: Triangles, matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return points and faces of a mesh in another space; a mirrored transform turns the faces over, as it must."""
+    points = triangles.points @ matrix[:3, :3] + matrix[3, :3]
+    return points, triangles.faces[:, ::-1] if is_mirror(matrix) else triangles.faces
+
+
+def bound_materials(
+    prim: Usd.Prim, polygon: np.ndarray, bound: Usd.Prim | EllipsisType | None = ...
+) -> tuple[list[Usd.Prim | None], np.ndarray]:
+    """Return the materials of a mesh prim and which one each triangle has.
+
+    The binding of purpose `radio` counts where there is one, else the one for all purposes.
+
+    Args:
+        prim: The Mesh prim.
+        polygon: Polygon of each triangle, shape [M].
+        bound: What `materials_of` returned for it; left out, it is looked up.
+
+    Returns:
+        Material prims (None for "no material"), and an index into them for each triangle, shape [M].
+    """
+    materials: list[Usd.Prim | None] = [_bound(prim) if bound is ... else bound]
+    index = np.zeros(len(polygon), dtype=np.int32)
+    subsets = UsdShade.MaterialBindingAPI(prim).GetMaterialBindSubsets()
+    if not subsets:
+        return materials, index
+    for subset in subsets:
+        if subset.GetElementTypeAttr().Get() == UsdGeom.Tokens.face:
+            inside = np.isin(polygon, _integers(subset.GetIndicesAttr().Get()))
+            index[inside] = len(materials)
+            materials.append(_bound(subset.GetPrim()))
+    used, index = np.unique(index, return_inverse=True)
+    return [materials[k] for k in used], index.astype(np.int32)
+
+
+def materials_of(prims: Sequence[Usd.Prim]) -> list[Usd.Prim | None]:
+    """Return the material that is bound to each prim as a whole, None for none; faster than one after the other."""
+    found = UsdShade.MaterialBindingAPI.ComputeBoundMaterials(list(prims), _RADIO)[0]
+    return [material.GetPrim() if material else None for material in found]
+
+
+def _bound(prim: Usd.Prim) -> Usd.Prim | None:
+    material = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial(_RADIO)[0]
+    return material.GetPrim() if material else None
+
+
+def component_of(prim: Usd.Prim) -> Usd.Prim:
+    """Return the nearest component that holds a prim, or the prim itself."""
+    here = prim
+    while here and not here.IsPseudoRoot():
+        if _is_component(here):
+            return here
+        here = here.GetParent()
+    return prim
+
+
+def _is_component(prim: Usd.Prim) -> bool:
+    return Kind.Registry.IsA(Usd.ModelAPI(prim).GetKind(), Kind.Tokens.component)
+
+
+def semantic_label(prim: Usd.Prim) -> str:
+    """Return the nearest known semantic class of a prim and its ancestors, `unlabeled` where there is none."""
+    while prim and not prim.IsPseudoRoot():
+        label = _own_label(prim)
+        if label:
+            return label
+        prim = prim.GetParent()
+    return "unlabeled"
+
+
+def _own_label(prim: Usd.Prim) -> str:
+    """Return the first known semantic class that a prim itself has, empty for none."""
+    attribute = prim.GetAttribute(_LABELS)
+    for label in (attribute.Get() if attribute else None) or ():
+        if label in CARLA_TAG:
+            return str(label)
+    return ""
+
+
+_LABELS = f"semantics:labels:{TAXONOMY}"

@@ -1,0 +1,127 @@
+"""The models of vehicles and people that traffic may use: dimensions and paints, read from the USD assets."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pxr import Usd, UsdSemantics
+
+from mmw.core.errors import InputError
+from mmw.core.resources import assets_dir
+from mmw.usd.semantics import TAXONOMY
+
+
+@dataclass(frozen=True)
+class ActorModel:
+    """One asset that moves, without its geometry. Body frame: x forward, y left, z up, origin on the ground."""
+
+    name: str
+    """Name of the asset and of its root prim."""
+    asset: Path
+    """Absolute path of the interface layer."""
+    label: str
+    """Semantic class, a key of `mmw.usd.semantics.CARLA_TAG`."""
+    paints: tuple[str, ...]
+    """Variants of the set `paint`; the asset's own selection first."""
+    length: float
+    """Length of the box [m]."""
+    width: float
+    """Width of the box, which leaves the mirrors out [m]."""
+    height: float
+    """Height of the box above the ground [m]."""
+    center: tuple[float, float, float]
+    """Centre of the box in the body frame [m]."""
+
+
+@dataclass(frozen=True)
+class VehicleModel(ActorModel):
+    """A vehicle; its origin lies midway between the axles."""
+
+    wheelbase: float
+    """Distance between the axles [m]."""
+    track: float
+    """Distance between the middles of the left and the right tyres [m]."""
+    wheel_radius: float
+    """Tyre radius [m]."""
+
+
+def load_catalog(directory: str | Path | None = None) -> dict[str, VehicleModel]:
+    """Read every vehicle asset `<name>/<name>.usda` of a folder, without its geometry.
+
+    Args:
+        directory: Folder with one sub-folder a model; the shipped vehicles when left out.
+
+    Returns:
+        Model name -> model, sorted by name.
+
+    Raises:
+        InputError: If the folder holds no vehicle, or an asset lacks its label, its paints or one of its dimensions.
+    """
+    folder = assets_dir() / "vehicles" if directory is None else Path(directory)
+    return {path.stem: _read_vehicle(path) for path in _assets(folder, "vehicles")}
+
+
+def load_figures(directory: str | Path | None = None) -> dict[str, ActorModel]:
+    """Read every figure `<name>/<name>.usda` of a folder, the shipped ones when left out, sorted by name.
+
+    Raises:
+        InputError: If the folder holds no figure, or an asset lacks its label, its paints or one of its dimensions.
+    """
+    folder = assets_dir() / "pedestrians" if directory is None else Path(directory)
+    return {
+        path.stem: ActorModel(**_read_model(path, "mmw:pedestrian:", {})) for path in _assets(folder, "pedestrians")
+    }
+
+
+def _assets(folder: Path, what: str) -> list[Path]:
+    assets = sorted(path for path in folder.glob("*/*.usda") if path.stem == path.parent.name)
+    if not assets:
+        raise InputError(
+            f"{what}: no <name>/<name>.usda in {folder}; one is needed; build them with mmw.worlds.vehicles.build"
+        )
+    return assets
+
+
+def _read_vehicle(path: Path) -> VehicleModel:
+    own = {"wheelbase": "wheelbase", "track": "track", "wheel_radius": "wheelRadius"}
+    return VehicleModel(**_read_model(path, "mmw:vehicle:", own))
+
+
+def _read_model(path: Path, prefix: str, own: Mapping[str, str]) -> dict[str, Any]:
+    """Return the arguments of `ActorModel`, and of a further field for each key of `own`, which names its attribute."""
+    stage = Usd.Stage.Open(str(path), Usd.Stage.LoadNone)
+    root = stage.GetDefaultPrim()
+    if not root:
+        raise InputError(f"{path}: no defaultPrim; the asset's root prim is needed; set it on the layer")
+    labels = UsdSemantics.LabelsAPI(root, TAXONOMY).GetLabelsAttr()
+    label = labels.Get() if labels else None
+    variants = root.GetVariantSet("paint")
+    paints = variants.GetVariantNames()
+    if not label or not paints:
+        found = f"label {list(label or [])}, paints {list(paints)}"
+        raise InputError(f"{path}: {found}; a class label and a variant set `paint` are needed; author them on {root}")
+    selected = variants.GetVariantSelection()
+    x, y, z = _dimension(path, root, f"{prefix}center")
+    return {
+        "name": path.stem,
+        "asset": path.resolve(),
+        "label": str(label[0]),
+        "paints": tuple(sorted(paints, key=lambda paint: (paint != selected, paint))),
+        **{key: _metres(_dimension(path, root, prefix + key)) for key in ("length", "width", "height")},
+        **{key: _metres(_dimension(path, root, prefix + name)) for key, name in own.items()},
+        "center": (_metres(x), _metres(y), _metres(z)),
+    }
+
+
+def _metres(value: float) -> float:
+    """Return a float32 of the file as the decimal number that was meant, to the micrometre [m]."""
+    return round(float(value), 6)
+
+
+def _dimension(path: Path, root: Usd.Prim, name: str):
+    attribute = root.GetAttribute(name)
+    value = attribute.Get() if attribute else None
+    if value is None:
+        raise InputError(f"{path}: no value of {name} on {root.GetPath()}; needed in metres; author it")
+    return value

@@ -1,0 +1,1 @@
+"""Draw datasets: plots, stills, an HTML report and the Rerun viewer."""

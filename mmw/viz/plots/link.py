@@ -1,0 +1,250 @@
+"""One radio link over time (gain, line of sight, delay spread, best beams), and its paths at one frame."""
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mmw.core.constants import FRAME_DT
+from mmw.core.errors import InputError
+from mmw.core.transforms import normalize, quaternion_to_matrix
+from mmw.dataset import BeamSearch, Dataset
+from mmw.dataset.frame import Link
+from mmw.viz.plots.paths import find_link, gains_db
+from mmw.viz.plots.style import BLUE, GREEN, GREY, ORANGE, PURPLE, RED, at_least, new_figure, plain_axes
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure, SubFigure
+
+BEAM_FRAMES = 200
+"""Frames at which the best beams are searched at most: a search takes about 1.5 ms of one core. Design value."""
+
+SERIES = ("frame", "peer", "carrier_hz", "is_los", "path_count", "gain_db", "rms_delay_s", "doppler_spread_hz")
+"""Columns of table `links` that are drawn."""
+
+KINDS = {
+    "los": ("o", BLUE), "specular": ("s", ORANGE), "diffuse": ("x", GREY), "transmission": ("D", GREEN),
+    "diffraction": ("^", PURPLE),
+}  # fmt: skip
+"""`paths.kind` -> marker and colour."""
+
+MARKED = 50
+"""Searches up to which each has a marker. Design value."""
+
+SPAN_DB = 50.0
+"""Gain below the strongest path that delay profile and angles show at least [dB]. Design value."""
+
+
+@dataclass(frozen=True)
+class LinkSeries:
+    """A link at one carrier over time, T frames."""
+
+    frame: np.ndarray
+    """Frames, growing, shape [T], int64."""
+    columns: dict[str, np.ndarray]
+    """Columns of `SERIES`, shape [T] each; NaN where the link has no path."""
+
+    @property
+    def time_s(self) -> np.ndarray:
+        """Time after the start of the scenario [s], shape [T]."""
+        return self.frame * FRAME_DT
+
+    def __getitem__(self, column: str) -> np.ndarray:
+        return self.columns[column]
+
+
+def read_link(
+    data: Dataset, scenario: str, weather: str, tx: str, rx: str, carrier_hz: float | None, frames: range | None = None
+) -> LinkSeries:
+    """Return a link over time, at the first carrier if none is given.
+
+    Raises:
+        InputError: If the dataset has no such link or carrier.
+    """
+    where = {"scenario": scenario, "weather": weather}
+    rows = data.numpy("links", columns=[*SERIES, "agent"], frames=frames, **where)
+    is_own = (rows["agent"] == rx) & (rows["peer"] == tx)
+    if not is_own.any():
+        ends = sorted(set(zip(rows["peer"], rows["agent"], strict=True)))
+        known = ", ".join(f"{peer} to {agent}" for peer, agent in ends[:8]) + (" and more" if len(ends) > 8 else "")
+        raise InputError(
+            f"{data.root}: has no link {tx} to {rx} in {scenario} {weather}; it has {known or 'none'}; name one"
+        )
+    carriers = np.unique(rows["carrier_hz"][is_own])
+    if carrier_hz is not None and carrier_hz not in carriers:
+        listed = ", ".join(f"{carrier:g}" for carrier in carriers)
+        raise InputError(f"{data.root}: link {tx} to {rx} has no carrier {carrier_hz:g} Hz; it has {listed}; name one")
+    is_own &= rows["carrier_hz"] == (carriers[0] if carrier_hz is None else carrier_hz)
+    order = np.flatnonzero(is_own)[np.argsort(rows["frame"][is_own], kind="stable")]
+    return LinkSeries(rows["frame"][order].astype(np.int64), {name: values[order] for name, values in rows.items()})
+
+
+def best_beams_over_time(
+    data: Dataset, scenario: str, weather: str, tx: str, rx: str, carrier_hz: float, frames: range, search: BeamSearch
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return frames, and the best transmit and receive beam in each; NaN without any path; shape [T] each.
+
+    Args:
+        data: The dataset.
+        scenario: Scenario name.
+        weather: Weather name.
+        tx: Transmitter.
+        rx: Receiver.
+        carrier_hz: Carrier [Hz].
+        frames: Frames to search at; those that the link does not have are left out.
+        search: Arrays, codebooks and band.
+    """
+    paths = data.paths(carrier_hz, scenario=scenario, weather=weather, frames=frames)
+    own = paths.take((paths.keys["agent"] == rx) & (paths.keys["peer"] == tx))
+    frame = own.keys["frame"].astype(np.int64)
+    pairs = search.best(own, *(_rotations(data, scenario, weather, name, frame, frames) for name in (tx, rx)))
+    beams = [np.where(beam < 0, np.nan, beam.astype(float)) for beam in (pairs.tx_beam, pairs.rx_beam)]
+    return frame, beams[0], beams[1]
+
+
+def _rotations(data: Dataset, scenario: str, weather: str, agent: str, frame: np.ndarray, frames: range) -> np.ndarray:
+    """Return the agent-to-world rotations of an agent in some frames, shape [T, 3, 3]."""
+    names = ["qx", "qy", "qz", "qw"]
+    where = {"scenario": scenario, "weather": weather, "agent": agent, "frames": frames}
+    rows = data.numpy("poses", columns=["frame", *names], **where)
+    order = np.argsort(rows["frame"])
+    at = order[np.searchsorted(rows["frame"][order], frame)]
+    return quaternion_to_matrix(normalize(np.stack([rows[name][at] for name in names], axis=1)))
+
+
+def plot_link(
+    data: Dataset,
+    scenario: str,
+    weather: str,
+    tx: str,
+    rx: str,
+    *,
+    carrier_hz: float | None = None,
+    frame: int | None = None,
+    frames: range | None = None,
+    search: BeamSearch | None = None,
+    beam_frames: int = BEAM_FRAMES,
+    figure: "Figure | SubFigure | None" = None,
+) -> "Figure | SubFigure":
+    """Draw a link over time (gain and blockage, delay spread, best beams) and its delay profile and angles at a frame.
+
+    Args:
+        data: The dataset.
+        scenario: Scenario name.
+        weather: Weather name.
+        tx: Transmitter, `peer` of the link.
+        rx: Receiver, `agent` of the link.
+        carrier_hz: Carrier [Hz]; None takes the lowest.
+        frame: Frame of delay profile and angles; None takes the first with most paths.
+        frames: Frames of the time series; None takes all.
+        search: Arrays, codebooks and band of the beam search; the paper's by default.
+        beam_frames: Frames at which beams are searched at most, evenly spread; 0 leaves the beams out.
+        figure: Figure or subfigure to draw into; None makes a new one.
+
+    Returns:
+        The figure.
+
+    Raises:
+        InputError: If the dataset has no such link, carrier or frame.
+        ImportError: If matplotlib is not installed.
+    """
+    series = read_link(data, scenario, weather, tx, rx, carrier_hz, frames)
+    carrier_hz = float(series["carrier_hz"][0])
+    at = int(series.frame[np.argmax(series["path_count"])]) if frame is None else frame
+    found = data.frame(scenario, weather, at)
+    link = find_link(found, tx, rx, carrier_hz)
+    canvas = new_figure(figure, (14.0, 7.6))
+    left, right = canvas.subfigures(1, 2, width_ratios=(1.1, 1.0))
+    axes = list(left.subplots(3 if beam_frames else 2, 1, sharex=True))
+    _draw_gain(axes[0], series)
+    _draw_spread(axes[1], series)
+    if beam_frames:
+        stride = math.ceil(len(series.frame) / beam_frames)
+        asked = range(int(series.frame[0]), int(series.frame[-1]) + 1, stride)
+        beams = best_beams_over_time(data, scenario, weather, tx, rx, carrier_hz, asked, search or BeamSearch())
+        _draw_beams(axes[2], *beams, stride)
+    for one in axes:
+        one.axvline(at * FRAME_DT, color="0.3", lw=0.8, ls=":")
+    axes[-1].set_xlabel("time [s]")
+    left.align_ylabels(axes)
+    grid = right.add_gridspec(2, 2)
+    _draw_profile(right.add_subplot(grid[0, :]), link, at)
+    for column, side in enumerate(("aod", "aoa")):
+        _draw_angles(right.add_subplot(grid[1, column], projection="polar"), link, side)
+    canvas.suptitle(f"{tx} to {rx} at {carrier_hz / 1e9:g} GHz: {scenario}, {weather}", fontsize="large")
+    return canvas
+
+
+def _draw_gain(axes: Any, series: LinkSeries) -> None:
+    axes.plot(series.time_s, series["gain_db"], color=BLUE, lw=1.4, label="path gain", zorder=3)
+    is_blocked, half = ~series["is_los"].astype(bool), FRAME_DT / 2.0
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], is_blocked, [False]]).astype(int)))
+    for number, (first, end) in enumerate(edges.reshape(-1, 2)):
+        label = "no line of sight" if number == 0 else None
+        ends = series.time_s[first] - half, series.time_s[end - 1] + half
+        axes.axvspan(*ends, color=RED, alpha=0.16, lw=0, label=label, zorder=1)
+    axes.set(ylabel="path gain [dB]")
+    at_least(axes, 6.0)
+    plain_axes(axes)
+    axes.legend(loc="best", fontsize="small", framealpha=0.9)
+
+
+def _draw_spread(axes: Any, series: LinkSeries) -> None:
+    axes.plot(series.time_s, series["rms_delay_s"] * 1e9, color=GREEN, lw=1.4)
+    axes.set(ylabel="RMS delay spread [ns]")
+    at_least(axes, 4.0)
+    axes.set_ylim(bottom=0.0)
+    plain_axes(axes)
+
+
+def _draw_beams(axes: Any, frame: np.ndarray, tx_beam: np.ndarray, rx_beam: np.ndarray, stride: int) -> None:
+    style = {"drawstyle": "steps-mid", "markersize": 3.0 if len(frame) <= MARKED else 0.0, "lw": 1.4}
+    axes.plot(frame * FRAME_DT, tx_beam, color=ORANGE, marker="^", label="transmitter", **style)
+    axes.plot(frame * FRAME_DT, rx_beam, color=PURPLE, marker="o", label="receiver", **style)
+    axes.set(ylabel="best beam (index)" + (f",\nevery {stride} frames" if stride > 1 else ""))
+    at_least(axes, 8.0)
+    axes.yaxis.get_major_locator().set_params(integer=True)
+    plain_axes(axes)
+    axes.legend(loc="best", fontsize="small", framealpha=0.9)
+
+
+def _draw_profile(axes: Any, link: Link, frame: int) -> None:
+    gain = gains_db(link)
+    axes.set_title(f"power-delay profile, frame {frame}", fontsize="medium")
+    axes.set(xlabel="delay [ns]", ylabel="path gain |a|$^2$ [dB]")
+    plain_axes(axes)
+    if not len(gain):
+        axes.text(0.5, 0.5, "no path", transform=axes.transAxes, ha="center", color="0.4")
+        return
+    floor = min(float(gain.min()) - 5.0, float(gain.max()) - SPAN_DB)
+    for kind, (marker, color) in KINDS.items():
+        is_it = link.paths["kind"] == kind
+        if is_it.any():
+            delay = link.paths["tau_s"][is_it] * 1e9
+            axes.vlines(delay, floor, gain[is_it], color=color, lw=1.2, zorder=2)
+            axes.plot(delay, gain[is_it], ls="", marker=marker, color=color, markersize=6, label=kind, zorder=3)
+    axes.set_ylim(floor, float(gain.max()) + 5.0)
+    axes.legend(loc="best", fontsize="small", framealpha=0.9)
+
+
+def _draw_angles(axes: Any, link: Link, side: str) -> None:
+    """Draw the azimuths of paths as a compass with east to the right; the farther out, the stronger."""
+    gain = gains_db(link)
+    where = f"departure from {link.peer}" if side == "aod" else f"arrival at {link.agent}"
+    axes.set_title(f"azimuth of {where}", fontsize="small", pad=10)
+    top = float(gain.max()) if len(gain) else 0.0
+    floor = min(float(gain.min(initial=top)) - 5.0, top - SPAN_DB)
+    for kind, (marker, color) in KINDS.items():
+        is_it = link.paths["kind"] == kind
+        if is_it.any():
+            turn = link.paths[f"{side}_az"][is_it]
+            axes.vlines(turn, floor, gain[is_it], color=color, lw=1.2)
+            axes.plot(turn, gain[is_it], ls="", marker=marker, color=color, markersize=5)
+    axes.set_ylim(floor, top + 3.0)
+    axes.set_rlabel_position(112.5)
+    last = math.floor(top / 10.0) * 10.0
+    axes.set_yticks([last, last - 20.0, last - 40.0][: 3 if last - 45.0 > floor else 2])
+    axes.yaxis.set_major_formatter(lambda value, _: f"{value:g} dB")
+    axes.tick_params(labelsize="x-small", pad=1)
+    axes.set_xticks(np.radians([0, 90, 180, 270]), ["E", "N", "W", "S"])

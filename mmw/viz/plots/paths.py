@@ -1,0 +1,259 @@
+"""Radio paths of one link over the map of the town, from above and from the side, in the manner of DeepMIMO."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mmw.core.errors import InputError
+from mmw.dataset import Dataset, Frame
+from mmw.dataset.frame import Link
+from mmw.viz.plots.map import TownPlan, read_town_plan
+from mmw.viz.plots.style import BLUE, BOX_STYLES, GREY, ORANGE, PATH_MARKS, box_kind, new_figure, plain_axes
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure, SubFigure
+
+ANTENNA = "antenna"
+"""Sensor name of an agent's antenna in table `sensors`."""
+
+MARGIN_M = 15.0
+"""What the map shows around the paths [m]. Design value."""
+
+MAP_RATIO = 1.5
+"""Width of the map over its height. Design value."""
+
+SPAN_DB = 60.0
+"""Range of the colour scale below the strongest path at most [dB]. Design value."""
+
+OUTLINE = [0, 2, 6, 4, 0]
+"""Corners of a box's floor in turn, of `mmw.dataset.camera_geometry.CORNERS`."""
+
+
+def plot_paths(
+    data: Dataset,
+    scenario: str,
+    weather: str,
+    frame: int,
+    tx: str,
+    rx: str,
+    *,
+    carrier_hz: float | None = None,
+    town: bool = True,
+    strongest: int | None = None,
+    figure: "Figure | SubFigure | None" = None,
+) -> "Figure | SubFigure":
+    """Draw the radio paths of a link in one frame over the map: from above, and from the side, coloured by gain.
+
+    Args:
+        data: The dataset.
+        scenario: Scenario name.
+        weather: Weather name.
+        frame: Frame.
+        tx: Transmitter, `peer` of the link.
+        rx: Receiver, `agent` of the link.
+        carrier_hz: Carrier [Hz]; None takes the first.
+        town: Draw lanes and buildings, which takes some seconds the first time a town is read.
+        strongest: Draw so many of the strongest paths; None draws all.
+        figure: Figure or subfigure to draw into; None makes a new one.
+
+    Returns:
+        The figure. A link without any path is drawn without paths, and the title says so.
+
+    Raises:
+        InputError: If the dataset has no such frame, link or carrier.
+        ImportError: If matplotlib is not installed.
+    """
+    found = data.frame(scenario, weather, frame)
+    link = find_link(found, tx, rx, carrier_hz)
+    canvas = new_figure(figure, (10.5, 9.0))
+    above, aside = canvas.subplots(2, 1, height_ratios=(3.4, 1))
+    draw_map(above, found, read_town_plan(data, scenario) if town else TownPlan())
+    lines = draw_paths_above(above, found, link, strongest=strongest)
+    draw_paths_aside(aside, found, link, strongest=strongest)
+    if lines is not None:
+        canvas.colorbar(lines, ax=[above, aside], label="path gain |a|$^2$ [dB]", shrink=0.85, pad=0.01)
+    gain = "no path" if link.gain_db is None else f"{len(link.a)} paths, {link.gain_db:.1f} dB"
+    sight = "line of sight" if link.is_los else "blocked"
+    canvas.suptitle(
+        f"{tx} to {rx} at {link.carrier_hz / 1e9:g} GHz: {gain}, {sight}\n{scenario}, {weather}, frame {frame} "
+        f"({found.time_s:.2f} s)", fontsize="medium",
+    )  # fmt: skip
+    return canvas
+
+
+def find_link(frame: Frame, tx: str, rx: str, carrier_hz: float | None) -> Link:
+    """Return a link of a frame.
+
+    Raises:
+        InputError: If there is no such link, or no such carrier.
+    """
+    ends = [link for link in frame.links if (link.peer, link.agent) == (tx, rx)]
+    if not ends:
+        known = list(dict.fromkeys(f"{link.peer} to {link.agent}" for link in frame.links))
+        listed = ", ".join(known[:8]) + (" and more" if len(known) > 8 else "")
+        raise InputError(
+            f"{frame.data.root}: frame {frame.frame} of {frame.scenario} {frame.weather} has no link {tx} to {rx}; "
+            f"it has {listed or 'none'}; name one of these"
+        )
+    for link in ends:
+        if carrier_hz is None or link.carrier_hz == carrier_hz:
+            return link
+    listed = ", ".join(f"{link.carrier_hz:g}" for link in ends)
+    raise InputError(
+        f"{frame.data.root}: link {tx} to {rx} has no carrier {carrier_hz:g} Hz; it has {listed}; name one"
+    )
+
+
+def path_lines(frame: Frame, link: Link) -> list[np.ndarray]:
+    """Return each path from antenna to antenna in the world [m], shape [2 + interactions, 3] each."""
+    ends = [frame.agents[name].sensor_pose(ANTENNA)[:3] for name in (link.peer, link.agent)]
+    return [np.stack([ends[0], *link.vertices(path), ends[1]]) for path in range(len(link.a))]
+
+
+def draw_map(axes: Any, frame: Frame, plan: TownPlan) -> None:
+    """Draw lanes, buildings, and the boxes and agents of a frame in the plan of the world.
+
+    Args:
+        axes: matplotlib axes to draw on.
+        frame: The frame.
+        plan: Lanes and buildings, from `read_town_plan`.
+    """
+    from matplotlib.collections import LineCollection, PolyCollection
+
+    if plan.lanes:
+        areas = [_widened(line, width) for line, width in zip(plan.lanes, plan.widths, strict=True)]
+        axes.add_collection(PolyCollection(areas, facecolors="0.9", edgecolors="0.9", linewidths=0.3, zorder=0))
+        axes.add_collection(LineCollection(list(plan.lanes), colors="white", linewidths=0.5, zorder=0.5))
+    if plan.buildings:
+        axes.add_collection(
+            PolyCollection(list(plan.buildings), facecolors="0.72", edgecolors="0.55", linewidths=0.5, zorder=1)
+        )
+    rows = frame.boxes
+    if len(rows):
+        floors = rows.corners[:, OUTLINE, :2]
+        for kind in BOX_STYLES:
+            own = [box_kind(*pair) == kind for pair in zip(rows["agent"], rows["category"], strict=True)]
+            axes.add_collection(
+                PolyCollection(
+                    list(floors[own]), facecolors=BOX_STYLES[kind][0], edgecolors="0.25", linewidths=0.6, zorder=2
+                )
+            )
+
+
+def draw_paths_above(axes: Any, frame: Frame, link: Link, *, strongest: int | None = None) -> Any:
+    """Draw the paths of a link in the plan of the world, coloured by gain.
+
+    Args:
+        axes: matplotlib axes to draw on.
+        frame: The frame.
+        link: A link of it.
+        strongest: Draw so many of the strongest paths; None draws all.
+
+    Returns:
+        What a colour bar needs; None without any path.
+    """
+    lines = path_lines(frame, link)
+    drawn = _draw(axes, link, [line[:, :2] for line in lines], strongest)
+    ends = np.stack([frame.agents[name].sensor_pose(ANTENNA)[:2] for name in (link.peer, link.agent)])
+    _draw_ends(axes, ends, (link.peer, link.agent))
+    shown = np.concatenate([ends, *(line[:, :2] for line in lines)])
+    middle, half = (shown.min(axis=0) + shown.max(axis=0)) / 2.0, np.ptp(shown, axis=0) / 2.0 + MARGIN_M
+    half = np.maximum(half, half[::-1] * [MAP_RATIO, 1.0 / MAP_RATIO])
+    low, high = middle - half, middle + half
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x east [m]", ylabel="y north [m]", aspect="equal")
+    _legend(axes, link)
+    return drawn
+
+
+def draw_paths_aside(axes: Any, frame: Frame, link: Link, *, strongest: int | None = None) -> Any:
+    """Draw the paths of a link from the side: height over the distance along the line from transmitter to receiver.
+
+    Args:
+        axes: matplotlib axes to draw on.
+        frame: The frame.
+        link: A link of it.
+        strongest: Draw so many of the strongest paths; None draws all.
+
+    Returns:
+        What a colour bar needs; None without any path.
+    """
+    ends = np.stack([frame.agents[name].sensor_pose(ANTENNA)[:3] for name in (link.peer, link.agent)])
+    flat = ends[1, :2] - ends[0, :2]
+    along = flat / max(float(np.linalg.norm(flat)), 1e-9)
+
+    def side(points: np.ndarray) -> np.ndarray:
+        return np.stack([(points[:, :2] - ends[0, :2]) @ along, points[:, 2]], axis=1)
+
+    drawn = _draw(axes, link, [side(line) for line in path_lines(frame, link)], strongest)
+    _draw_ends(axes, side(ends), ("", ""))
+    axes.autoscale_view()
+    axes.margins(0.04, 0.12)
+    axes.set(xlabel=f"distance from {link.peer} towards {link.agent} [m]", ylabel="height z [m]")
+    plain_axes(axes)
+    return drawn
+
+
+def _draw(axes: Any, link: Link, lines: list[np.ndarray], strongest: int | None) -> Any:
+    """Draw paths as lines with a mark at each interaction, the strongest on top."""
+    from matplotlib.collections import LineCollection
+
+    gain_db = gains_db(link)
+    order = np.argsort(gain_db, kind="stable")
+    order = order[max(len(order) - strongest, 0) :] if strongest is not None else order
+    if not len(order):
+        return None
+    top = float(gain_db[order].max())
+    low = max(float(gain_db[order].min()), top - SPAN_DB)
+    drawn = LineCollection(
+        [lines[path] for path in order], array=gain_db[order], cmap="plasma", zorder=4,
+        linewidths=[2.6 if link.paths["order"][path] == 0 else 1.3 for path in order],
+    )  # fmt: skip
+    drawn.set_clim(low if low < top else top - 1.0, top)
+    axes.add_collection(drawn)
+    for marker, _, number in PATH_MARKS.values():
+        points = [
+            lines[path][1 + step] for path in order for step, kind in enumerate(link.paths["interactions"][path])
+            if kind == number
+        ]  # fmt: skip
+        if points:
+            style = {"c": "black"} if marker == "x" else {"c": "white", "edgecolors": "black"}
+            axes.scatter(*np.array(points).T, s=22, marker=marker, linewidths=0.9, zorder=5, **style)
+    return drawn
+
+
+def gains_db(link: Link) -> np.ndarray:
+    """Return the gain of each path, 20 log10 |a| [dB], shape [P]."""
+    return 20.0 * np.log10(np.maximum(np.abs(link.a), 1e-30))
+
+
+def _draw_ends(axes: Any, ends: np.ndarray, names: tuple[str, str]) -> None:
+    for place, name, color, marker in zip(ends, names, (BLUE, ORANGE), ("^", "o"), strict=True):
+        axes.scatter(*place, s=90, marker=marker, c=color, edgecolors="black", linewidths=1.0, zorder=6)
+        if name:
+            axes.annotate(
+                name, place, (8, 8), textcoords="offset points", fontsize="small", zorder=7,
+                bbox={"facecolor": "white", "alpha": 0.85, "edgecolor": "none", "pad": 1.5},
+            )  # fmt: skip
+
+
+def _legend(axes: Any, link: Link) -> None:
+    from matplotlib.lines import Line2D
+
+    def mark(marker: str, color: str, name: str, edge: str = "black") -> Any:
+        return Line2D([], [], ls="", marker=marker, color=color, markeredgecolor=edge, label=name)
+
+    handles = [mark("^", BLUE, "transmitter"), mark("o", ORANGE, "receiver")]
+    met = {int(kind) for kinds in link.paths["interactions"] for kind in kinds}
+    handles += [
+        mark(marker, "white", name) for marker, name, number in PATH_MARKS.values() if number in met
+    ]  # fmt: skip
+    if link.is_los:
+        handles.append(Line2D([], [], color=GREY, lw=2.6, label="line of sight"))
+    axes.legend(handles=handles, loc="best", fontsize="small", framealpha=0.9)
+
+
+def _widened(line: np.ndarray, width: float) -> np.ndarray:
+    """Return the outline of a lane around its centre line, shape [2 N, 2]."""
+    way = np.gradient(line, axis=0)
+    left = np.stack([-way[:, 1], way[:, 0]], axis=1) / np.maximum(np.linalg.norm(way, axis=1), 1e-9)[:, None]
+    return np.concatenate([line + left * width / 2.0, (line - left * width / 2.0)[::-1]])

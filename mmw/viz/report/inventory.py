@@ -1,0 +1,148 @@
+"""What there is in a dataset, by its markers: shards, rows and bytes, what is still to make, and a quick check."""
+
+import hashlib
+import json
+from collections import defaultdict
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from mmw.config import Config, load_config
+from mmw.core.errors import InputError
+from mmw.generation.shards import shard_keys
+from mmw.storage.manifest import (
+    CONFIG,
+    DATASET,
+    MANIFEST,
+    pending_scenarios,
+    pending_shards,
+    read_dataset,
+    read_markers,
+)
+from mmw.storage.schemas import TABLES
+from mmw.storage.shard_writer import MARKERS
+
+LISTED = 8
+"""Problems that the page names."""
+
+
+@dataclass(frozen=True)
+class Inventory:
+    """A dataset by its markers. A file that no marker lists is not counted."""
+
+    root: Path
+    head: dict[str, Any]
+    """`dataset.json`."""
+    config: Config | None
+    """Configuration of `config.yaml`; None if that is missing or cannot be read, see `notes`."""
+    shards: list[dict[str, Any]]
+    """Markers of shards, by scenario, weather and frame."""
+    statics: list[dict[str, Any]]
+    """Markers of the tables without frames."""
+    planned: int | None
+    """Shards that the configuration asks for; None if it is not known."""
+    pending: list[str]
+    """Shards and scenarios that are not finished, by name."""
+    notes: list[str] = field(default_factory=list)
+    """What could not be found out."""
+
+    @property
+    def scenarios(self) -> list[str]:
+        """Scenarios that have a shard or static tables, in the order of the configuration."""
+        there = {marker["scenario"] for marker in [*self.shards, *self.statics]}
+        order = [scenario["name"] for scenario in self.head["config"].get("scenarios", [])]
+        return [name for name in order if name in there] + sorted(there - set(order))
+
+    def weathers(self, scenario: str) -> list[str]:
+        """Return the weathers of which a scenario has a shard, in the order of the configuration."""
+        there = {marker["weather"] for marker in self.shards if marker["scenario"] == scenario}
+        order = list(self.head["config"].get("weathers", []))
+        return [name for name in order if name in there] + sorted(there - set(order))
+
+    def frames(self, scenario: str, weather: str | None = None) -> range:
+        """Return the frames from the first to the last that a scenario has, in one weather or in any."""
+        own = [
+            marker for marker in self.shards
+            if marker["scenario"] == scenario and weather in (None, marker["weather"])
+        ]  # fmt: skip
+        begin = min((marker["frame_begin"] for marker in own), default=0)
+        return range(begin, max((marker["frame_end"] for marker in own), default=begin))
+
+    def frame_count(self, scenario: str, weather: str) -> int:
+        """Return the number of frames that a scenario has in a weather."""
+        return sum(
+            marker["frame_end"] - marker["frame_begin"] for marker in self.shards
+            if marker["scenario"] == scenario and marker["weather"] == weather
+        )  # fmt: skip
+
+    def sizes(self) -> dict[tuple[str, str, str | None], tuple[int, int, int]]:
+        """Return files, rows and bytes by table, scenario and weather (None for tables without frames)."""
+        found: dict[tuple[str, str, str | None], list[int]] = defaultdict(lambda: [0, 0, 0])
+        for marker in [*self.shards, *self.statics]:
+            for file in marker["files"]:
+                entry = found[file["table"], marker["scenario"], marker["weather"]]
+                entry[0] += 1
+                entry[1] += file["rows"]
+                entry[2] += file["bytes"]
+        order = {name: index for index, name in enumerate(TABLES)}
+        keys = sorted(found, key=lambda key: (order.get(key[0], len(order)), key[0]))
+        return {key: (found[key][0], found[key][1], found[key][2]) for key in keys}
+
+
+def take_inventory(root: Path) -> Inventory:
+    """Return what there is in a dataset.
+
+    Raises:
+        InputError: If the folder is no dataset.
+    """
+    head, markers, notes = read_dataset(root), read_markers(root), []
+    unread = sum(1 for _ in (root / MARKERS).glob("*.json")) - len(markers)
+    if unread:
+        notes.append(f"{unread} markers in {MARKERS} cannot be read and are left out")
+    order = {name: index for index, name in enumerate(head["config"].get("weathers", []))}
+    shards = [marker for marker in markers if marker["weather"] is not None]
+    shards.sort(key=lambda one: (one["scenario"], order.get(one["weather"], len(order)), one["frame_begin"]))
+    config, planned, pending = None, None, []
+    try:
+        config = load_config(root / CONFIG)
+    except (InputError, OSError) as error:
+        reason = "; ".join(error.problems) if isinstance(error, InputError) else str(error)
+        notes.append(f"{CONFIG} cannot be read, so what is still to make is not known ({' '.join(reason.split())})")
+    if config is not None:
+        keys = [key for scenario in config.scenarios for key in shard_keys(config, scenario)]
+        planned = len(keys)
+        pending = [str(key) for key in pending_shards(root, keys)]
+        pending += [
+            f"{name}: tables without frames" for name in pending_scenarios(root, [s.name for s in config.scenarios])
+        ]
+    statics = [marker for marker in markers if marker["weather"] is None]
+    return Inventory(root, head, config, shards, statics, planned, pending, notes)
+
+
+def quick_check(inventory: Inventory) -> tuple[list[str], list[str]]:
+    """Return what was checked, and what is wrong, without reading data: existence, sizes, manifest, configuration."""
+    root, wrong = inventory.root, []
+    listed = {file["path"]: file for marker in [*inventory.shards, *inventory.statics] for file in marker["files"]}
+    for path, file in sorted(listed.items()):
+        there = root / path
+        if not there.is_file():
+            wrong.append(f"{path}: is missing")
+        elif there.stat().st_size != file["bytes"]:
+            wrong.append(f"{path}: has {there.stat().st_size:,} bytes; its marker says {file['bytes']:,}")
+    checked = [f"{len(listed):,} files that the markers list are there and as long as listed"]
+    text = json.dumps(inventory.head["config"], sort_keys=True, separators=(",", ":"))
+    if hashlib.sha256(text.encode()).hexdigest() != inventory.head["config_sha256"]:
+        wrong.append(f"{DATASET}: its configuration does not have its config_sha256")
+    checked.append(f"the configuration in {DATASET} has its hash")
+    if (root / MANIFEST).is_file():
+        try:
+            rows = pq.read_table(root / MANIFEST, columns=["path", "sha256"]).to_pylist()
+            if {row["path"]: row["sha256"] for row in rows} != {path: f["sha256"] for path, f in listed.items()}:
+                wrong.append(f"{MANIFEST}: does not list what the markers list")
+        except (pa.ArrowException, OSError) as error:
+            wrong.append(f"{MANIFEST}: cannot be read ({' '.join(str(error).split())})")
+        checked.append(f"{MANIFEST} lists the same files and hashes as the markers")
+    return checked, wrong

@@ -1,0 +1,103 @@
+"""What the dataset holds, in numbers: facts, counts and sizes of every table, for each scenario and weather."""
+
+from collections import defaultdict
+
+from mmw.core.constants import FRAME_DT
+from mmw.dataset import Dataset
+from mmw.storage.schemas import TABLES
+from mmw.viz.report.html import count, details, paragraph, plural, size, table, tiles
+from mmw.viz.report.inventory import LISTED, Inventory, quick_check
+
+TILES = {"lidar": "LiDAR sweeps", "rgb": "RGB images", "depth": "depth images", "radar": "radar samples",
+         "links": "link rows", "paths": "radio paths", "boxes": "boxes"}  # fmt: skip
+"""Table -> what a row of it is called on top of the page."""
+
+
+def state(inventory: Inventory, scenarios: list[str]) -> str:
+    """Return a warning for a dataset that is not finished, and notes; empty if there is nothing to say."""
+    parts = []
+    if not inventory.shards:
+        parts.append(paragraph("This dataset is not finished: no shard is complete yet.", "warning"))
+    elif inventory.pending:
+        listed = "; ".join(inventory.pending[:LISTED]) + ("; and more" if len(inventory.pending) > LISTED else "")
+        parts.append(
+            paragraph(
+                f"This dataset is not finished: {plural(len(inventory.pending), 'part is', 'parts are')} still to make "
+                f"({listed}), of {plural(inventory.planned or 0, 'planned shard')} and the tables without frames. The "
+                "page shows what is there. Run the same configuration again to go on.",
+                "warning",
+            )
+        )
+    if scenarios != inventory.scenarios:
+        left = len(inventory.scenarios) - len(scenarios)
+        parts.append(paragraph(f"{plural(left, 'other scenario')} of this dataset left out, as asked.", "note"))
+    return "".join(parts) + "".join(paragraph(f"{note}.", "warning") for note in inventory.notes)
+
+
+def facts(inventory: Inventory, data: Dataset, scenarios: list[str]) -> str:
+    """Return the boxes on top of the page."""
+    rows: dict[str, int] = defaultdict(int)
+    everything = 0
+    for (name, scenario, _), (_, some, length) in inventory.sizes().items():
+        if scenario in scenarios:
+            rows[name] += some
+            everything += length
+    frames = sum(inventory.frame_count(s, w) for s in scenarios for w in inventory.weathers(s))
+    weathers = {weather for scenario in scenarios for weather in inventory.weathers(scenario)}
+    seconds = sum(len(inventory.frames(scenario)) for scenario in scenarios) * FRAME_DT
+    found = [
+        ("scenarios", count(len(scenarios))), ("weathers", count(len(weathers))), ("frames", count(frames)),
+        ("simulated time", f"{seconds:,.2f} s"),
+    ]  # fmt: skip
+    found += [(name, count(rows[table_])) for table_, name in TILES.items() if rows[table_]]
+    return tiles([*found, ("size", size(everything))])
+
+
+def counts_section(inventory: Inventory, scenarios: list[str]) -> str:
+    """Return counts and sizes of every table, and of every table in every scenario and weather."""
+    sizes = {key: value for key, value in inventory.sizes().items() if key[1] in scenarios}
+    total: dict[str, list[int]] = defaultdict(lambda: [0, 0, 0])
+    for (name, _, _), values in sizes.items():
+        total[name] = [a + b for a, b in zip(total[name], values, strict=True)]
+    rows = [
+        (name, count(files), count(some), size(length), _meaning(name)) for name, (files, some, length) in total.items()
+    ]
+    sums = [sum(values[k] for values in total.values()) for k in range(3)]
+    rows.append(("all", count(sums[0]), count(sums[1]), size(sums[2]), ""))
+    parts = [table(("table", "files", "rows", "size", "one row is"), rows, numbers=range(1, 4))]
+    parts.append(details("Rows and sizes of each scenario and weather", _matrix(inventory, sizes, scenarios)))
+    return "".join(parts)
+
+
+def _meaning(name: str) -> str:
+    """Return the first sentence of what a row of a table is."""
+    return TABLES[name].doc.split(".")[0].replace("`", "") if name in TABLES else ""
+
+
+def _matrix(
+    inventory: Inventory, sizes: dict[tuple[str, str, str | None], tuple[int, int, int]], scenarios: list[str]
+) -> str:
+    names = list(dict.fromkeys(name for name, _, _ in sizes))
+    rows = []
+    for scenario in scenarios:
+        for weather in [*inventory.weathers(scenario), None]:
+            own = [sizes.get((name, scenario, weather)) for name in names]
+            if any(own):
+                frames = count(inventory.frame_count(scenario, weather)) if weather is not None else "-"
+                cells = [f"{count(one[1])} ({size(one[2])})" if one else "-" for one in own]
+                length = size(sum(one[2] for one in own if one))
+                rows.append((scenario, weather if weather is not None else "all", frames, *cells, length))
+    head = ("scenario", "weather", "frames", *names, "size")
+    return table(head, rows, numbers=range(2, len(head)), caption="Rows, and bytes on disk.")
+
+
+def check_section(inventory: Inventory) -> str:
+    """Return what was checked and what is wrong."""
+    checked, wrong = quick_check(inventory)
+    words = "Looked at: " + "; ".join(checked) + ". Not looked at: what is in the files; mmw verify reads them all."
+    if not wrong:
+        return paragraph("Nothing wrong found.") + paragraph(words, "note")
+    listed = "; ".join(wrong[:LISTED]) + ("; and more" if len(wrong) > LISTED else "")
+    return paragraph(f"{plural(len(wrong), 'thing is', 'things are')} wrong: {listed}.", "warning") + paragraph(
+        words, "note"
+    )

@@ -1,0 +1,206 @@
+"""Where a recording goes: a file, the web viewer, or the native viewer. Servers listen on 127.0.0.1 only."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from urllib.parse import urlencode
+
+import rerun as rr
+
+from mmw.core.errors import InputError
+from mmw.viz.rerun.recording import APPLICATION, Looks, record
+from mmw.viz.rerun.selection import Scope
+from mmw.viz.rerun.web_page import HOST, serve_page
+
+PORT = 9090
+"""Port of the web page; data come over the next one. Source: Rerun's own default."""
+
+COMMAND = "import sys; from rerun_cli.__main__ import main; sys.exit(main())"
+"""Rerun's command with its exit code, which `python -m rerun_cli` does not pass on."""
+
+START_S = 60.0
+"""Longest time that a viewer may take to listen [s]. Design value."""
+
+MEMORY = "50%"
+"""Memory that the server may fill with data; beyond, it drops the earliest. Share of all there is. Design value."""
+
+
+def new_stream() -> rr.RecordingStream:
+    """Return a stream for one recording, with no timelines but ours."""
+    stream = rr.RecordingStream(APPLICATION)
+    stream.set_log_time_enabled(False)
+    stream.set_log_tick_enabled(False)
+    return stream
+
+
+def save(scope: Scope, looks: Looks, file: Path) -> list[str]:
+    """Write a recording as a file, whole or not at all; returns the notes of `record`.
+
+    Args:
+        scope: What is shown.
+        looks: How it is drawn.
+        file: File to write, `.rrd`.
+
+    Raises:
+        InputError: If the file has another ending, or the dataset is damaged.
+    """
+    if file.suffix != ".rrd":
+        raise InputError(f"--save {file}: the file must end in .rrd, as Rerun's recordings do; rename it")
+    file.parent.mkdir(parents=True, exist_ok=True)
+    part = file.with_name(f".{file.name}.{os.getpid()}.part")
+    try:
+        stream = new_stream()
+        stream.save(part)
+        notes = record(stream, scope, looks)
+        stream.disconnect()
+        part.replace(file)
+    finally:
+        part.unlink(missing_ok=True)
+    return notes
+
+
+@dataclass(frozen=True)
+class Viewer:
+    """A viewer that runs."""
+
+    url: str
+    """Address of its page; empty for a window."""
+    address: str
+    """Where it takes data."""
+    process: subprocess.Popen[bytes]
+
+    def send(self, scope: Scope, looks: Looks) -> list[str]:
+        """Show a part of a dataset; returns the notes of `record`, none if the viewer is closed meanwhile.
+
+        Raises:
+            InputError: If the viewer fails, or a file of the dataset is damaged.
+        """
+        stream = new_stream()
+        stream.connect_grpc(self.address)
+        try:
+            notes = record(stream, scope, looks)
+            stream.disconnect()
+        except RuntimeError:  # of Rerun: nobody takes the data any more
+            self.wait()
+            return []
+        return notes
+
+    def wait(self) -> None:
+        """Return when it has been closed.
+
+        Raises:
+            InputError: If it failed.
+        """
+        code = self.process.wait()
+        if code:
+            raise InputError(
+                f"view: Rerun's viewer ended with code {code}; its lines above say why; --web and --save FILE.rrd do "
+                "without a window"
+            )
+
+
+@contextmanager
+def web_viewer(port: int = PORT) -> Iterator[Viewer]:
+    """Serve the web viewer on 127.0.0.1 while it is used.
+
+    Args:
+        port: Port of the page; data come over the next one.
+
+    Raises:
+        InputError: If one of them is not free.
+    """
+    for one in (port, port + 1):
+        _check_free(one)
+    own = _free_port()
+    with _run(port + 1, ["--serve-web", "--web-viewer-port", str(own)], (port + 1, own)) as process:
+        address = _address(port + 1)
+        with serve_page(port, own):
+            yield Viewer(f"http://{HOST}:{port}/?{urlencode({'url': address})}&hide_welcome_screen", address, process)
+
+
+@contextmanager
+def native_viewer() -> Iterator[Viewer]:
+    """Open a window while it is used.
+
+    Raises:
+        InputError: If there is no display.
+    """
+    if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise InputError(
+            "view: there is no display (neither DISPLAY nor WAYLAND_DISPLAY is set); add --web and open the address "
+            "that it prints, or --save FILE.rrd and open the file with `rerun FILE.rrd` where there is one"
+        )
+    port = _free_port()
+    with _run(port, ["--hide-welcome-screen"], (port,)) as process:
+        yield Viewer("", _address(port), process)
+
+
+def _address(port: int) -> str:
+    return f"rerun+http://{HOST}:{port}/proxy"
+
+
+@contextmanager
+def _run(port: int, options: list[str], ports: tuple[int, ...]) -> Iterator[subprocess.Popen[bytes]]:
+    """Run Rerun's command while it is used; it ends with this process, also where that is told to end.
+
+    `rerun.serve_grpc`, `rerun.serve_web_viewer` and `rerun.spawn` listen on every address; the command can be told not
+    to. It runs the viewer as a process of its own, so both are a group.
+    """
+    command = [sys.executable, "-c", COMMAND, "--bind", HOST, "--port", str(port)]
+    command += ["--server-memory-limit", MEMORY, *options]
+    quiet = {"RUST_LOG": "error", **os.environ}
+    process = subprocess.Popen(command, env=quiet, stdout=subprocess.DEVNULL, start_new_session=True)
+    before = signal.signal(signal.SIGTERM, _interrupt)
+    try:
+        _wait_for(process, ports)
+        yield process
+    finally:
+        signal.signal(signal.SIGTERM, before)
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGTERM)
+            process.wait()
+
+
+def _interrupt(number: int, frame: object) -> None:
+    raise KeyboardInterrupt
+
+
+def _wait_for(process: subprocess.Popen[bytes], ports: tuple[int, ...]) -> None:
+    end = time.monotonic() + START_S
+    for port in ports:
+        while not _answers(port):
+            if process.poll() is not None:
+                raise InputError(f"view: Rerun's viewer ended with code {process.returncode}; its lines above say why")
+            if time.monotonic() > end:
+                raise InputError(f"view: Rerun's viewer does not listen on {HOST}:{port} in {START_S:.0f} s; try again")
+            time.sleep(0.05)
+
+
+def _answers(port: int) -> bool:
+    with socket.socket() as probe:
+        return probe.connect_ex((HOST, port)) == 0
+
+
+def _check_free(port: int) -> None:
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((HOST, port))
+        except (OSError, OverflowError) as error:
+            raise InputError(
+                f"--port: {HOST}:{port} cannot be used ({error}); the page and the data need a free port and the next; "
+                "name another"
+            ) from error
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind((HOST, 0))
+        return int(probe.getsockname()[1])

@@ -1,0 +1,224 @@
+"""Pictures of a scene for people, by the RGB camera: from an eye, from any camera, or from straight above."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+from PIL import Image
+
+from mmw.config import RgbConfig
+from mmw.core.camera_models import Intrinsics
+from mmw.core.errors import InputError
+from mmw.core.random_keys import random_keys
+from mmw.core.transforms import pose_from_ypr, rotate
+from mmw.physics.weather.weather import Weather
+from mmw.scene.device_scene import Scene
+from mmw.scene.views import Views
+from mmw.sensors.render.projection import intrinsics_of
+from mmw.sensors.render.visibility_buffer import trace_samples
+from mmw.sensors.rgb.simulate import RgbCamera
+
+MAP_HEIGHT = 10.0
+"""Height of the eye of a map over its middle, in sides of the map [-]: at the edge of any map a roof 30 m up is drawn
+1.5 m too far out. Design value: float32 still resolves millimetres from the 5 to 10 km above a town."""
+
+MAP_VISIBILITY_M = 20_000.0
+"""Visibility of the air of a map, whose haze ends right over the ground besides [m]. Design value."""
+
+MAP_FALLOFF_PER_M = 10.0
+"""Decay of that haze with height [1/m]. Design value."""
+
+STREET_FOV_DEG = 70.0
+"""Horizontal field of view of pictures from an eye [deg]. Design value."""
+
+
+def street_camera(width: int = 1280, height: int = 720, samples: int = 4, fov_deg: float = STREET_FOV_DEG) -> RgbConfig:
+    """Return a camera for pictures from an eye: a pinhole.
+
+    Args:
+        width: Image width [px].
+        height: Image height [px].
+        samples: Rays in a pixel on an edge: 1, 4 or 9.
+        fov_deg: Horizontal field of view [deg].
+
+    Raises:
+        InputError: If one of them is not possible.
+    """
+    return RgbConfig(width_px=width, height_px=height, samples=samples, fov_deg=fov_deg)
+
+
+def look_pose(eye: Sequence[float] | np.ndarray, target: Sequence[float] | np.ndarray) -> np.ndarray:
+    """Return the pose of a camera at `eye` that looks at `target`, shape [7].
+
+    It does not roll; straight above the target north is up.
+
+    Raises:
+        InputError: If the target is where the eye is.
+    """
+    way = np.asarray(target, dtype=float) - np.asarray(eye, dtype=float)
+    level, length = float(np.hypot(way[0], way[1])), float(np.linalg.norm(way))
+    if not length > 0.0:
+        raise InputError(f"eye and target are both {list(map(float, eye))}; a view needs a direction; move one of them")
+    yaw = np.arctan2(way[1], way[0]) if level > 1e-9 * length else 0.5 * np.pi
+    return pose_from_ypr(eye, yaw, np.arctan2(-way[2], level))
+
+
+def follow_view(pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the eye that follows an actor, over its left shoulder, and the point that it looks at, both [3].
+
+    Args:
+        pose: Of the actor, to the world, shape [7].
+    """
+    heading = rotate(pose[3:], (1.0, 0.0, 0.0)) * (1.0, 1.0, 0.0)
+    side = np.array([-heading[1], heading[0], 0.0])
+    return pose[:3] - 9.0 * heading + 2.5 * side + (0.0, 0.0, 3.2), pose[:3] + 12.0 * heading + (0.0, 0.0, 1.0)
+
+
+def map_frame(scene: Scene) -> tuple[np.ndarray, float]:
+    """Return the middle [m], shape [2], and the side [m] of a map of the whole town."""
+    low, high = scene.arrays.points[:, :2].min(axis=0), scene.arrays.points[:, :2].max(axis=0)
+    return 0.5 * (low + high), float((high - low).max())
+
+
+class Pictures:
+    """Takes pictures of a scene. Textures and skies are loaded once."""
+
+    def __init__(self, scene: Scene, weathers: Mapping[str, Weather], *, seed: int = 0):
+        """Load textures and bake the skies.
+
+        Args:
+            scene: Town and vehicles, with a batch loaded.
+            weathers: Weather name -> values; the scene was read for each of them.
+            seed: Of clouds and rain.
+
+        Raises:
+            InputError: If the scene was not read for a weather, or a texture cannot be decoded.
+        """
+        self._scene = scene
+        self._weathers = dict(weathers)
+        self._seed = seed
+
+    @cached_property
+    def _camera(self) -> RgbCamera:
+        return RgbCamera(self._scene, self._weathers, seed=self._seed)
+
+    @cached_property
+    def _map_camera(self) -> RgbCamera:
+        """The same under air that is clear from high up."""
+        clear = {
+            name: replace(
+                weather,
+                rain_mm_h=0.0,
+                visibility_m=max(weather.visibility_m, MAP_VISIBILITY_M),
+                lwc_g_m3=None,
+                fog_start_m=0.0,
+                fog_falloff_per_m=MAP_FALLOFF_PER_M,
+            )
+            for name, weather in self._weathers.items()
+        }
+        return RgbCamera(self._scene, clear, seed=self._seed)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a user should know of the textures, one line each."""
+        return tuple(self._camera.notes)
+
+    def look(
+        self,
+        weather: str,
+        eye: Sequence[float] | np.ndarray,
+        target: Sequence[float] | np.ndarray,
+        config: RgbConfig,
+        *,
+        slot: int = 0,
+    ) -> Image.Image:
+        """Return a picture from an eye that nobody carries.
+
+        Args:
+            weather: One of the weathers.
+            eye: Position in the world [m].
+            target: Point in the middle of the picture [m]; not the eye itself.
+            config: The camera, such as a `street_camera`.
+            slot: Slot of the frame.
+
+        Raises:
+            InputError: If the target is where the eye is.
+        """
+        views = self._standing(look_pose(eye, target), slot)
+        return Image.fromarray(self.take(views, config, self._keys(views, [weather]))[weather][0])
+
+    def map_view(
+        self, weather: str, center: Sequence[float] | np.ndarray, size_m: float, *,
+        width: int = 1280, samples: int = 4, slot: int = 0,
+    ) -> Image.Image:  # fmt: skip
+        """Return a square map: the scene from high above, north up, without fog and rain.
+
+        Args:
+            weather: One of the weathers, for the sun and the ground.
+            center: x and y of the middle, world frame [m].
+            size_m: Side of the map at the ground [m].
+            width: Side of the image [px].
+            samples: Rays in a pixel on an edge: 1, 4 or 9.
+            slot: Slot of the frame.
+        """
+        ground = float(self._scene.arrays.points[:, 2].min()) if len(self._scene.arrays.points) else 0.0
+        height = MAP_HEIGHT * size_m
+        eye = np.array([center[0], center[1], ground + height])
+        views = self._standing(look_pose(eye, eye - (0.0, 0.0, 1.0)), slot)
+        focal = width * MAP_HEIGHT
+        intrinsics = Intrinsics(width, width, focal, focal, 0.5 * width, 0.5 * width)
+        config = RgbConfig(width_px=width, height_px=width, samples=samples)
+        keys = self._keys(views, [weather])
+        found = self._render(self._map_camera, views, intrinsics, 1.01 * height, config, keys)
+        return Image.fromarray(found[weather][0])
+
+    def take(
+        self,
+        views: Views,
+        config: RgbConfig,
+        keys: Mapping[str, np.ndarray] | None = None,
+        lens_keys: np.ndarray | None = None,
+    ) -> dict[str, np.ndarray]:
+        """Return what a camera sees from several views, weather -> sRGB, shape [A, H, W, 3], uint8.
+
+        Args:
+            views: Where it looks from.
+            config: The camera.
+            keys: Weather -> random numbers of each view, shape [A, 2], uint32; all weathers, by their name and the
+                frame alone, if absent.
+            lens_keys: Random numbers of each view's lens, shape [A, 2], uint32; the same for all if absent.
+        """
+        wanted = self._keys(views, self._weathers) if keys is None else keys
+        return self._render(self._camera, views, intrinsics_of(config), config.range_m, config, wanted, lens_keys)
+
+    def _keys(self, views: Views, weathers: Iterable[str]) -> dict[str, np.ndarray]:
+        """Return random numbers of views by weather and frame alone."""
+        return {
+            name: random_keys((self._seed, name, int(frame), row) for row, frame in enumerate(views.frame))
+            for name in weathers
+        }
+
+    def _render(
+        self,
+        camera: RgbCamera,
+        views: Views,
+        intrinsics: Intrinsics,
+        range_m: float,
+        config: RgbConfig,
+        keys: Mapping[str, np.ndarray],
+        lens_keys: np.ndarray | None = None,
+    ) -> dict[str, np.ndarray]:
+        buffer = trace_samples(self._scene, views, intrinsics, range_m, camera.cut_outs)
+        if lens_keys is None:
+            lens_keys = random_keys((self._seed, "lens") for _ in range(len(views)))
+        return {name: images.rgb.numpy() for name, images in camera.render(buffer, config, keys, lens_keys).items()}
+
+    def _standing(self, pose: np.ndarray, slot: int) -> Views:
+        return Views(
+            frame=np.array([self._scene.batch_frames[slot]], dtype=np.int64),
+            slot=np.array([slot], dtype=np.int32),
+            actor=np.array([-1], dtype=np.int32),
+            pose=pose[None],
+            ignore=np.array([-1], dtype=np.int32),
+        )

@@ -1,0 +1,185 @@
+"""Pictures of the shipped scenarios: for each, four cameras of a CAV and one of the roadside unit in three weathers.
+
+    python -m mmw.viz.stills.scenario_gallery --out docs/images/gallery
+
+Rows of a picture are sun, rain and fog; columns are the CAV's cameras to the front, left, right and back, and the
+roadside unit's.
+"""
+
+import argparse
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from mmw.cli.command import add_log_options, run_command
+from mmw.config import Config, RgbConfig, ScenarioConfig, load_config
+from mmw.core.device import choose_device
+from mmw.core.errors import InputError
+from mmw.core.resources import configs_dir
+from mmw.scene.device_scene import Scene
+from mmw.scene.prepare import prepare_scenario
+from mmw.scene.reader import read_stage
+from mmw.scene.scene_data import SceneArrays
+from mmw.scene.views import Views, join_views, make_views, view_keys
+from mmw.sensors.rgb.config import paper_cameras
+from mmw.viz.stills.jpeg import save_jpeg
+from mmw.viz.stills.renderer import Pictures
+
+WEATHERS = ("sunny", "rainy", "foggy")
+"""Rows of a picture."""
+
+COLUMNS = (("cav", "front"), ("cav", "left"), ("cav", "right"), ("cav", "back"), ("rsu", "front"))
+"""Columns of a picture: role of the agent, camera."""
+
+TILE_PX = (320, 240)
+"""Width and height of a tile [px]."""
+
+GAP_PX = 4
+"""White between tiles [px]."""
+
+FRAME = 300
+"""Frame that is shown unless another is asked for: 3 s."""
+
+MOST_BYTES = 148_000
+"""Size of a file at most [bytes]: 16 of them stay below 2.5 MB. Design value."""
+
+
+def draw_scenarios(
+    out: Path,
+    names: Sequence[str] = (),
+    *,
+    frame: int = FRAME,
+    agent: str = "cav_1",
+    samples: int = 9,
+    device: str = "auto",
+) -> list[Path]:
+    """Write the gallery, `<scenario>.jpg` for each shipped scenario.
+
+    Args:
+        out: Folder for the files.
+        names: Scenarios; all shipped ones if empty.
+        frame: Frame that is shown.
+        agent: CAV whose cameras are shown.
+        samples: Rays in a pixel on an edge: 1, 4 or 9.
+        device: Warp device that renders: `auto`, `cpu` or `cuda:N`.
+
+    Returns:
+        The files written.
+
+    Raises:
+        InputError: If there is no such scenario, frame or CAV.
+    """
+    shipped = {path.stem: path for path in sorted((configs_dir() / "scenarios").glob("*.yaml"))}
+    for name in names:
+        if name not in shipped:
+            raise InputError(f"scenario {name!r}: is not shipped; those are {', '.join(shipped)}; name one of them")
+    out.mkdir(parents=True, exist_ok=True)
+    files = []
+    for name in names or shipped:
+        start = time.perf_counter()
+        patch = {"weathers": list(WEATHERS), "frames": {"start": frame, "count": 1}}
+        config = load_config(shipped[name], patch=patch)
+        picture = draw_scenario(config, config.scenarios[0], shipped[name].parent, agent, samples, device)
+        files.append(out / f"{name}.jpg")
+        save_jpeg(picture, files[-1], MOST_BYTES)
+        print(f"{files[-1]}  {files[-1].stat().st_size / 1000:.0f} kB, {time.perf_counter() - start:.1f} s", flush=True)
+    return files
+
+
+def draw_scenario(
+    config: Config, scenario: ScenarioConfig, base: Path, agent: str, samples: int, device: str
+) -> Image.Image:
+    """Return the picture of one scenario at its first frame: weathers in rows, cameras in columns.
+
+    Args:
+        config: Configuration; its weathers are the rows.
+        scenario: One of its scenarios, with at least one roadside unit.
+        base: Folder of the configuration.
+        agent: CAV whose cameras are shown.
+        samples: Rays in a pixel on an edge: 1, 4 or 9.
+        device: Warp device that renders.
+
+    Raises:
+        InputError: If the CAV or a roadside unit is not there in the frame.
+    """
+    frame = config.frames_of(scenario).start
+    width, height = TILE_PX
+    cameras = {camera.name: camera for camera in paper_cameras()}
+    with tempfile.TemporaryDirectory() as folder:
+        stage = prepare_scenario(config, scenario, base, Path(folder))
+        arrays = read_stage(stage, range(frame, frame + 1), config.variants, margin=1)
+        scene = Scene(arrays, choose_device(device), 1)
+        scene.load_batch([frame])
+        weathers = {name: config.air[name].weather(name) for name in config.weathers}
+        pictures = Pictures(scene, weathers, seed=config.seed)
+        parts = [view_of(arrays, frame, role, cameras[name], agent) for role, name in COLUMNS]
+        views = join_views(parts)
+        keys = {
+            weather: np.concatenate(
+                [
+                    view_keys(arrays, part, config.seed, scenario.name, weather, camera)
+                    for part, (_, camera) in zip(parts, COLUMNS, strict=True)
+                ]
+            )
+            for weather in weathers
+        }
+        tile = RgbConfig(width_px=width, height_px=height, samples=samples)
+        found = pictures.take(views, tile, keys)
+    return join_tiles([list(found[weather]) for weather in config.weathers])
+
+
+def view_of(arrays: SceneArrays, frame: int, role: str, camera: RgbConfig, cav: str) -> Views:
+    """Return the view of a camera of the CAV, or of the first roadside unit."""
+    views = make_views(arrays, [frame], camera)
+    carriers = [arrays.actors[actor] for actor in views.actor]
+    for row, actor in enumerate(carriers):
+        if actor.role == role and (role == "rsu" or actor.name == cav):
+            return views.take(np.array([row]))
+    raise InputError(
+        f"no {cav if role == 'cav' else 'roadside unit'} in frame {frame}; the gallery shows one; choose another frame "
+        "or agent"
+    )
+
+
+def join_tiles(rows: Sequence[Sequence[np.ndarray]]) -> Image.Image:
+    """Return images of equal size as one, `GAP_PX` of white between them.
+
+    Args:
+        rows: Images [H, W, 3] uint8, top row first, left image first.
+    """
+    height, width = rows[0][0].shape[:2]
+    size = (len(rows) * (height + GAP_PX) - GAP_PX, len(rows[0]) * (width + GAP_PX) - GAP_PX, 3)
+    whole = np.full(size, 255, dtype=np.uint8)
+    for i, row in enumerate(rows):
+        for k, image in enumerate(row):
+            top, left = i * (height + GAP_PX), k * (width + GAP_PX)
+            whole[top : top + height, left : left + width] = image
+    return Image.fromarray(whole)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Draw the gallery and return the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m mmw.viz.stills.scenario_gallery", description="Draw the gallery.")
+    parser.add_argument("scenarios", nargs="*", help="shipped scenarios; all by default")
+    parser.add_argument("--out", type=Path, required=True, help="folder for the JPEG files")
+    parser.add_argument("--frame", type=int, default=FRAME, help="frame that is shown")
+    parser.add_argument("--agent", default="cav_1", help="CAV whose cameras are shown")
+    parser.add_argument("--samples", type=int, default=9, choices=(1, 4, 9), help="rays in a pixel on an edge")
+    parser.add_argument("--device", default="auto", help="auto, cpu or cuda:N")
+    given = add_log_options(parser).parse_args(argv)
+    options = {"frame": given.frame, "agent": given.agent, "samples": given.samples, "device": given.device}
+
+    def work() -> int:
+        draw_scenarios(given.out, given.scenarios, **options)
+        return 0
+
+    return run_command(work, "mmw.viz.stills.scenario_gallery", debug=given.debug)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,240 @@
+"""One picture of a scenario or a town by the RGB camera, straight from its configuration or stage, without a run."""
+
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+from pydantic import ValidationError
+
+from mmw.config import Config, RgbConfig, ScenarioConfig, config_path, load_config
+from mmw.core.bvh_kind import select_bvh
+from mmw.core.device import choose_device
+from mmw.core.errors import InputError
+from mmw.core.random_keys import random_keys
+from mmw.generation.estimate import check_inputs
+from mmw.physics.weather.weather import PRESETS, Weather
+from mmw.scene.device_scene import Scene
+from mmw.scene.prepare import prepare_scenario
+from mmw.scene.reader import read_stage
+from mmw.scene.scene_data import SceneArrays
+from mmw.scene.views import make_views, view_keys
+from mmw.viz.stills.renderer import Pictures, follow_view, street_camera
+from mmw.viz.stills.town_gallery import FOV_DEG, choose_views, selected_weather, view_direction
+from mmw.worlds.checks.check import stage_path
+from mmw.worlds.checks.stage_model import open_world
+
+Point = Sequence[float]
+
+
+@dataclass(frozen=True)
+class Viewpoint:
+    """Where a picture is taken from: one of its three kinds, or none of them."""
+
+    agent: str = ""
+    """Agent that carries `camera`."""
+    camera: str = ""
+    """An RGB camera of the configuration."""
+    eye: Point | None = None
+    """Position of the eye, world frame [m]."""
+    target: Point | None = None
+    """Point that the eye looks at, world frame [m]."""
+    follow: str = ""
+    """Actor that is followed from behind."""
+
+    def __post_init__(self) -> None:
+        for one, other, first, second in (
+            (self.agent, self.camera, "--agent", "--camera"),
+            (self.eye, self.target, "--eye", "--look-at"),
+        ):
+            if bool(one) != bool(other):
+                given, missing = (first, second) if one else (second, first)
+                raise InputError(f"{given} is given without {missing}; a view needs both; add {missing}")
+        if sum((bool(self.agent), bool(self.eye), bool(self.follow))) > 1:
+            raise InputError(
+                "more than one of --agent, --eye and --follow is given; a picture has one view; leave the others out"
+            )
+
+
+@dataclass(frozen=True)
+class PictureSize:
+    """Image size and samples; None keeps those of the camera."""
+
+    width: int | None = None
+    """Image width [px]."""
+    height: int | None = None
+    """Image height [px]."""
+    samples: int | None = None
+    """Rays in a pixel on an edge: 1, 4 or 9."""
+
+    def of(self, camera: RgbConfig) -> RgbConfig:
+        """Return a camera with this size.
+
+        Raises:
+            InputError: If the camera cannot have it.
+        """
+        wanted = {"width_px": self.width, "height_px": self.height, "samples": self.samples}
+        given = {key: value for key, value in wanted.items() if value is not None}
+        try:
+            return RgbConfig.model_validate({**camera.model_dump(), **given})
+        except ValidationError as error:
+            problem = error.errors()[0]
+            key = ".".join(map(str, problem["loc"])) or "lens"
+            raise InputError(f"camera {camera.name!r} with {given}: {key}: {problem['msg']}; change the size") from None
+
+
+def draw_scenario(
+    path: str | Path,
+    viewpoint: Viewpoint,
+    size: PictureSize,
+    *,
+    scenario: str = "",
+    frame: int | None = None,
+    weather: str = "",
+    device: str = "auto",
+) -> tuple[Image.Image, tuple[str, ...]]:
+    """Return a picture of a configured scenario, with its traffic, and what a user should know of its textures.
+
+    From a camera of the configuration it is the very image that a run stores, before compression.
+
+    Args:
+        path: Configuration file, or the name of a shipped one.
+        viewpoint: Where from; the first CAV is followed if it says nothing.
+        size: Image size and samples.
+        scenario: Its name; the first if empty.
+        frame: Frame; the first that the configuration makes if None.
+        weather: One of the configuration's weathers or a preset; the first weather if empty.
+        device: Warp device that renders: `auto`, `cpu` or `cuda:N`.
+
+    Raises:
+        InputError: If there is no such scenario, frame, weather, agent or camera, or the configuration cannot be used.
+    """
+    path = config_path(path)
+    config = load_config(path)
+    select_bvh(config.compute.bvh)
+    found = _scenario(config, path, scenario)
+    frame = config.frames_of(found).start if frame is None else frame
+    weather = weather or config.weathers[0]
+    values, variants = _configured_weather(config, weather)
+    cameras = {sensor.name: sensor for sensor in config.sensors if isinstance(sensor, RgbConfig)}
+    if viewpoint.camera and viewpoint.camera not in cameras:
+        listed = f"it has {', '.join(cameras)}" if cameras else "it has none"
+        raise InputError(f"{path}: has no RGB camera {viewpoint.camera!r}; {listed}; name one, or use --eye")
+    check_inputs(config, path.parent)
+    with tempfile.TemporaryDirectory() as folder:
+        stage = prepare_scenario(config, found, path.parent, Path(folder))
+        arrays = read_stage(
+            stage, _frames(frame), {weather: variants}, margin=1, roles=found.actor_roles,
+            material_map=found.material_map,
+        )  # fmt: skip
+        scene, pictures = _load(arrays, frame, {weather: values}, config.seed, device)
+        if not viewpoint.camera:
+            followed = viewpoint.follow or next((actor.name for actor in arrays.actors if actor.role == "cav"), "")
+            image = _from_eye(pictures, arrays, frame, weather, viewpoint, followed, size)
+            return image, pictures.notes
+        camera = size.of(cameras[viewpoint.camera])
+        views = make_views(arrays, [frame], camera)
+        row = [arrays.actors[actor].name for actor in views.actor]
+        if viewpoint.agent not in row:
+            raise InputError(
+                f"{path}: no agent {viewpoint.agent!r} carries camera {camera.name!r} in frame {frame}; those that do: "
+                f"{', '.join(row) or 'none'}; name one of them"
+            )
+        views = views.take(np.array([row.index(viewpoint.agent)]))
+        keys = {weather: view_keys(scene.arrays, views, config.seed, found.name, weather, camera.name)}
+        lens_keys = random_keys([(config.seed, found.name, camera.name, "lens", viewpoint.agent)])
+        return Image.fromarray(pictures.take(views, camera, keys, lens_keys)[weather][0]), pictures.notes
+
+
+def draw_stage(
+    name: str, viewpoint: Viewpoint, size: PictureSize, *, frame: int = 0, weather: str = "", device: str = "auto"
+) -> tuple[Image.Image, tuple[str, ...]]:
+    """Return a picture of a town or of any other stage, and what a user should know of its textures.
+
+    Args:
+        name: A shipped town, or a USD file.
+        viewpoint: Where from; the street view that sees most if it says nothing.
+        size: Image size and samples.
+        frame: Frame of an animated stage.
+        weather: A preset; the one that the stage has selected if empty.
+        device: Warp device that renders: `auto`, `cpu` or `cuda:N`.
+
+    Raises:
+        InputError: If there is no such town, frame, weather or actor, the stage cannot be read, or a camera is named.
+    """
+    if viewpoint.camera:
+        raise InputError(
+            f"--camera {viewpoint.camera}: a town has no cameras, a configuration has; use --config, or --eye"
+        )
+    path = stage_path(name)
+    selected = selected_weather(path)
+    weather = weather or selected
+    if weather not in PRESETS and weather != selected:
+        raise InputError(f"--weather {weather}: no preset; presets are {', '.join(PRESETS)}; use one of them")
+    values = PRESETS.get(weather, Weather())
+    arrays = read_stage(path, _frames(frame), {weather: values.variants(weather)})
+    scene, pictures = _load(arrays, frame, {weather: values}, 0, device)
+    if viewpoint.eye is None and not viewpoint.follow:
+        view = choose_views(scene, open_world(path).lanes)[0]
+        eye = np.array(view[:3])
+        camera = size.of(street_camera(fov_deg=FOV_DEG))
+        return pictures.look(weather, eye, eye + view_direction(view[3]), camera), pictures.notes
+    return _from_eye(pictures, arrays, frame, weather, viewpoint, viewpoint.follow, size), pictures.notes
+
+
+def _frames(frame: int) -> range:
+    if frame < 0:
+        raise InputError(f"--frame {frame}: frames count from 0; give 0 or more")
+    return range(frame, frame + 1)
+
+
+def _scenario(config: Config, path: Path, name: str) -> ScenarioConfig:
+    names = [found.name for found in config.scenarios]
+    if name and name not in names:
+        raise InputError(f"{path}: has no scenario {name!r}; it has {', '.join(names)}; name one of them")
+    return config.scenarios[names.index(name) if name else 0]
+
+
+def _configured_weather(config: Config, name: str) -> tuple[Weather, tuple[str, ...]]:
+    """Return the values of a weather of a configuration or of a preset, and the variants that can stand for it."""
+    if name in config.weathers:
+        return config.air[name].weather(name), config.variants[name]
+    if name in PRESETS:
+        return PRESETS[name], PRESETS[name].variants(name)
+    raise InputError(
+        f"--weather {name}: neither a weather of the configuration ({', '.join(config.weathers)}) nor a preset "
+        f"({', '.join(PRESETS)}); use one of them"
+    )
+
+
+def _load(
+    arrays: SceneArrays, frame: int, weathers: dict[str, Weather], seed: int, device: str
+) -> tuple[Scene, Pictures]:
+    scene = Scene(arrays, choose_device(device), 1)
+    scene.load_batch([frame])
+    return scene, Pictures(scene, weathers, seed=seed)
+
+
+def _from_eye(
+    pictures: Pictures,
+    arrays: SceneArrays,
+    frame: int,
+    weather: str,
+    viewpoint: Viewpoint,
+    followed: str,
+    size: PictureSize,
+) -> Image.Image:
+    """Return the picture from the given eye, or of the followed actor."""
+    camera = size.of(street_camera())
+    if viewpoint.eye is not None and viewpoint.target is not None:
+        return pictures.look(weather, viewpoint.eye, viewpoint.target, camera)
+    pose = arrays.poses[arrays.frame_row(frame)]
+    present = [actor.name for actor, own in zip(arrays.actors, pose, strict=True) if np.isfinite(own).all()]
+    if followed not in present:
+        listed = f"{', '.join(present[:8])}{', ...' if len(present) > 8 else ''}" if present else "nobody"
+        what = f"no actor {followed!r}" if followed else "no CAV to follow"
+        raise InputError(f"{what} in frame {frame}; it has {listed}; name one with --follow, or use --eye")
+    eye, target = follow_view(pose[[actor.name for actor in arrays.actors].index(followed)])
+    return pictures.look(weather, eye, target, camera)

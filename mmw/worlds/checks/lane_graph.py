@@ -1,0 +1,158 @@
+"""The lanes as a graph: what cannot be reached, where lanes end, and whether they meet."""
+
+import numpy as np
+
+from mmw.traffic.roads.lane_graph import Lane, LaneGraph
+from mmw.worlds.checks.findings import Finding, as_place, does_not_apply
+from mmw.worlds.checks.stage_model import World
+
+GAP_M = 0.05
+"""Largest distance from the end of a lane to the start of its successor [m]; design value."""
+
+KINK_RAD = np.radians(5.0)
+"""Largest change of heading there [rad]; design value, ten times what a lane of 1 m segments bends in a junction."""
+
+PARALLEL_RAD = np.radians(5.0)
+"""Largest angle between neighbours [rad]; design value."""
+
+SHOWN = 6
+"""Names that are listed of a larger set."""
+
+
+def lane_findings(world: World) -> list[Finding]:
+    """Return islands, dead ends, gaps, kinks and neighbours that are none."""
+    graph = world.lanes
+    if graph is None:
+        return [does_not_apply("lanes", "no lanes")]
+    return [*_islands(graph), *_ends(graph), *_joints(graph), *_neighbours(graph)]
+
+
+def strong_components(graph: LaneGraph) -> list[list[str]]:
+    """Return the sets of lanes that can all be reached from each other, the largest first, then by name.
+
+    Vehicles go on to successors and change to the lanes beside theirs.
+
+    Source: M. Sharir, Computers & Mathematics with Applications 7(1), 1981 (Kosaraju's two passes).
+    """
+    order: list[str] = []
+    seen: set[str] = set()
+    for root in sorted(graph.lanes):
+        stack = [(root, False)]
+        while stack:
+            name, is_done = stack.pop()
+            if is_done:
+                order.append(name)
+            elif name not in seen:
+                seen.add(name)
+                stack.append((name, True))
+                ahead = (*graph.lanes[name].successors, *_beside(graph, name))
+                stack += [(follower, False) for follower in ahead if follower not in seen]
+    seen.clear()
+    groups = []
+    for root in reversed(order):
+        if root in seen:
+            continue
+        group, queue = [], [root]
+        seen.add(root)
+        while queue:
+            name = queue.pop()
+            group.append(name)
+            behind = (*graph.predecessors[name], *_beside(graph, name))
+            fresh = [before for before in behind if before not in seen]
+            seen.update(fresh)
+            queue += fresh
+        groups.append(sorted(group))
+    return sorted(groups, key=lambda group: (-len(group), group[0]))
+
+
+def _beside(graph: LaneGraph, name: str) -> tuple[str, ...]:
+    """Return the lanes that vehicles on a lane may change to."""
+    return tuple(side for side in (graph.lanes[name].left, graph.lanes[name].right) if side)
+
+
+def _islands(graph: LaneGraph) -> list[Finding]:
+    groups = strong_components(graph)
+    return [
+        Finding(
+            "warning", "islands", f"lane {_listed(group)}",
+            f"{len(group)} of {len(graph.lanes)} lanes cannot be reached from the others, or not be left to them",
+            "join their roads to the rest of the town", as_place(graph.lanes[group[0]].points[0]),
+        )
+        for group in groups[1:]
+    ]  # fmt: skip
+
+
+def _ends(graph: LaneGraph) -> list[Finding]:
+    found = []
+    for lane in graph.lanes.values():
+        if not lane.successors:
+            cure = "give it a successor; vehicles cannot drive on here"
+            found.append(
+                Finding("warning", "dead_ends", f"lane {lane.name}", "leads nowhere", cure, as_place(lane.points[-1]))
+            )
+        if not graph.predecessors[lane.name]:
+            found.append(
+                Finding(
+                    "warning", "dead_ends", f"lane {lane.name}", "no lane leads to it",
+                    "make it a successor of another one", as_place(lane.points[0]),
+                )
+            )  # fmt: skip
+    return found
+
+
+def _joints(graph: LaneGraph) -> list[Finding]:
+    found, kinks = [], graph.kinks()
+    for lane in graph.lanes.values():
+        for name in lane.successors:
+            end = lane.points[-1]
+            gap = float(np.linalg.norm(graph.lanes[name].points[0] - end))
+            paths = f"lane {lane.name} and lane {name}"
+            if gap > GAP_M:
+                text = f"{gap:.2f} m between the end of the first and the start of the second"
+                found.append(Finding("error", "gaps", paths, text, "let them share a point", as_place(end)))
+            elif kinks[lane.name, name] > KINK_RAD:
+                text = f"the heading changes by {np.degrees(kinks[lane.name, name]):.1f} deg where they meet"
+                found.append(Finding("warning", "kinks", paths, text, "let them share a tangent", as_place(end)))
+    return found
+
+
+def _neighbours(graph: LaneGraph) -> list[Finding]:
+    found = []
+    for lane in graph.lanes.values():
+        for side, name in (("left", lane.left), ("right", lane.right)):
+            if name:
+                text = _misfit(lane, graph.lanes[name], side)
+                if text:
+                    found.append(
+                        Finding(
+                            "error", "neighbours", f"lane {lane.name} and lane {name}", text,
+                            "correct mmw:lane:left and mmw:lane:right", as_place(lane.points[len(lane.points) // 2]),
+                        )
+                    )  # fmt: skip
+    return found
+
+
+def _misfit(lane: Lane, other: Lane, side: str) -> str:
+    """Return what keeps a lane from being a neighbour, empty if nothing does."""
+    back = other.right if side == "left" else other.left
+    if back != lane.name:
+        return f"the second lies to the {side} of the first, but not the first to the other side of the second"
+    middle = len(lane.points) // 2
+    segment = min(middle, len(lane.headings) - 1)
+    away = other.points - lane.points[middle]
+    near = int(np.argmin(np.linalg.norm(away, axis=1)))
+    turn = lane.headings[segment] - other.headings[min(near, len(other.headings) - 1)]
+    turn = abs(float((turn + np.pi) % (2.0 * np.pi) - np.pi))
+    if turn > PARALLEL_RAD:
+        return f"neighbours, but {np.degrees(turn):.1f} deg apart in heading"
+    forward = np.array([np.cos(lane.headings[segment]), np.sin(lane.headings[segment])])
+    to_left = float(forward[0] * away[near, 1] - forward[1] * away[near, 0])
+    if (to_left > 0.0) != (side == "left"):
+        return f"the second is called the {side} neighbour, but lies on the other side"
+    widest = lane.width + other.width
+    distance = float(np.linalg.norm(away[near]))
+    return f"neighbours, but {distance:.1f} m apart" if distance > widest else ""
+
+
+def _listed(names: list[str]) -> str:
+    return ", ".join(names[:SHOWN]) + (f" and {len(names) - SHOWN} more" if len(names) > SHOWN else "")

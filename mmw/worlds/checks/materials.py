@@ -1,0 +1,71 @@
+"""What every mesh needs to be more than a shape: a radio material, a visual one, and a class."""
+
+from collections import Counter
+from collections.abc import Collection, Mapping
+
+from pxr import Usd, UsdShade
+
+from mmw.core.errors import InputError
+from mmw.usd.materials import read_material, resolve_material
+from mmw.worlds.checks.findings import Finding
+from mmw.worlds.checks.stage_model import Part, World
+
+
+def material_findings(
+    world: World, material_map: Mapping[str, str], radio_rows: Collection[str] | None
+) -> list[Finding]:
+    """Return every mesh prim that lacks something; a prototype is named once, at its first use.
+
+    Args:
+        world: The stage.
+        material_map: Glob of mesh prim paths -> row such as `itu_concrete`, as in a scenario.
+        radio_rows: Radio materials that exist; None to leave that to the run.
+    """
+    uses = Counter(part.source for part in world.parts)
+    found, seen = [], set()
+    for part in world.parts:
+        if part.source in seen:
+            continue
+        seen.add(part.source)
+        more = f" ({uses[part.source]} uses)" if uses[part.source] > 1 else ""
+        for material in part.materials:
+            bound = f"material {material.GetPath()}" if material else "no material is bound"
+            for severity, rule, text, cure in _lacks(world.stage, part, material, material_map, radio_rows):
+                found.append(Finding(severity, rule, part.path, f"{text} ({bound}){more}", cure))
+        if part.label == "unlabeled":
+            cure = "apply SemanticsLabelsAPI:class with a class of docs/conventions.md"
+            found.append(Finding("warning", "label", part.path, f"no semantic class{more}", cure))
+    return found
+
+
+def _lacks(
+    stage: Usd.Stage,
+    part: Part,
+    material: Usd.Prim | None,
+    material_map: Mapping[str, str],
+    radio_rows: Collection[str] | None,
+) -> list[tuple]:
+    found = []
+    use = resolve_material(part.path, part.label, material, material_map)
+    if use is None:
+        cure = "author mmw:radio:* on its material, or map it: --material-map 'PATH=itu_concrete'"
+        found.append(("error", "radio_material", "no radio material", cure))
+    else:
+        try:
+            radio = read_material(stage, use).radio
+        except InputError as error:
+            found.append(("error", "radio_material", str(error), "correct the attributes"))
+        else:
+            if radio.model == "itu" and radio_rows is not None and radio.itu not in radio_rows:
+                cure = f"use one of {', '.join(radio_rows)}"
+                found.append(("error", "radio_material", f"radio material {radio.itu!r} does not exist", cure))
+    general = UsdShade.MaterialBindingAPI(part.prim).ComputeBoundMaterial()[0]
+    if not any(_is_shown(shown) for shown in (UsdShade.Material(material) if material else None, general)):
+        cure = "bind a material with a UsdPreviewSurface; pictures show it grey otherwise"
+        found.append(("warning", "visual_material", "no UsdPreviewSurface", cure))
+    return found
+
+
+def _is_shown(material: UsdShade.Material | None) -> bool:
+    shader = material.ComputeSurfaceSource()[0] if material else None
+    return bool(shader) and shader.GetShaderId() == "UsdPreviewSurface"

@@ -1,0 +1,206 @@
+"""The road under the lanes, and the room over them: holes, grades, headroom, and things that stand in the way."""
+
+import numpy as np
+
+from mmw.traffic.ground_height import Ground
+from mmw.traffic.roads.lane_graph import Lane
+from mmw.traffic.roads.town_asset import DRIVABLE_LABELS
+from mmw.worlds.checks.box_pairs import box_pairs, clip
+from mmw.worlds.checks.findings import Finding, as_place, does_not_apply, merge_spots
+from mmw.worlds.checks.stage_model import World
+
+STEEPEST = 0.20
+"""Largest grade of a lane [-]; the limit that towns are built with."""
+
+ALONG_M = 0.5
+"""Distance between cross-sections that are probed [m]."""
+
+ACROSS_M = 0.25
+"""Distance between probes across a lane [m]."""
+
+SEAM_REACH_M = 0.2
+"""How far around the ends of a lane the finer probes reach [m]."""
+
+SEAM_STEP_M = 0.01
+"""Distance between the finer probes [m]."""
+
+HEIGHT_M = 0.02
+"""Largest distance between a lane and the road under it [m]; design value, what a wheel would feel as a step."""
+
+CAMBER = 0.04
+"""Cross slope that a road may have [-]; design value, over the 2.5 % that drains a straight road."""
+
+HALF_SWEPT_M = 1.25
+"""Half the width that a vehicle sweeps [m]: half of 2.5 m, the widest vehicle that is allowed everywhere in Europe.
+
+Source: Council Directive 96/53/EC, annex I, 1.2 (2.55 m)."""
+
+LOW_M = 0.3
+"""Lower end of the swept volume [m]: what is lower passes under a bumper; kerbs are."""
+
+HIGH_M = 2.5
+"""Height up to which a thing is in the way [m]; above, it takes headroom."""
+
+HEADROOM_M = 4.5
+"""Least clearance above a lane [m]: what trucks are given on European roads."""
+
+EDGE_M = 0.05
+"""A road lane is probed to this far inside of its borders [m]."""
+
+
+def road_findings(world: World) -> list[Finding]:
+    """Return holes in the road, grades, headroom and obstacles."""
+    if world.lanes is None:
+        return [does_not_apply(rule, "no lanes") for rule in ("holes", "grade", "clearance", "obstacles")]
+    found = [finding for lane in world.lanes.lanes.values() for finding in _grade(lane)]
+    if not len(world.drivable):
+        reason = f"no mesh has the class {' or '.join(DRIVABLE_LABELS)}"
+        found.append(
+            Finding(
+                "error", "holes", "", f"{reason}, but there are lanes", "label the road meshes, so wheels find them"
+            )
+        )
+    else:
+        found += _holes(world)
+    return found + _in_the_way(world)
+
+
+def _grade(lane: Lane) -> list[Finding]:
+    step = np.diff(lane.points, axis=0)
+    grade = np.abs(step[:, 2]) / np.maximum(np.hypot(step[:, 0], step[:, 1]), 1.0e-6)
+    steep = np.flatnonzero(grade > STEEPEST)
+    if not len(steep):
+        return []
+    k = int(np.argmax(grade))
+    text = f"grade {grade[k]:.3f}; more than {STEEPEST:.2f} on {len(steep)} segments"
+    return [Finding("error", "grade", f"lane {lane.name}", text, "lengthen the slope", as_place(lane.points[k]))]
+
+
+def probes(lane: Lane, *, is_joined: tuple[bool, bool] = (True, True)) -> tuple[np.ndarray, np.ndarray]:
+    """Return where a lane asks for a road: points [R, 3] at the height of its middle, and distance from it [R] [m].
+
+    Where no other lane joins its start or its end, the road ends there too, so it is probed to a little inside only.
+    """
+    half = lane.width / 2.0 - EDGE_M if not lane.junction else min(lane.width / 2.0 - EDGE_M, HALF_SWEPT_M)
+    count = max(int(np.ceil(lane.length / ALONG_M)), 1)
+    along = np.linspace(0.0, lane.length, count + 1)
+    across = np.linspace(-half, half, 2 * max(int(np.ceil(half / ACROSS_M)), 1) + 1)
+    fine = np.arange(SEAM_STEP_M, SEAM_REACH_M, SEAM_STEP_M)
+    fine = fine[fine < lane.length]
+    seam = np.concatenate([fine, lane.length - fine])
+    stations = np.concatenate([np.repeat(along, len(across)), np.repeat(seam, 5)])
+    offset = np.concatenate([np.tile(across, len(along)), np.tile(np.linspace(-half, half, 5), len(seam))])
+    first, last = (0.0 if joined else min(EDGE_M, lane.length / 2.0) for joined in is_joined)
+    stations = np.clip(stations, first, lane.length - last)
+    point = np.stack([np.interp(stations, lane.station, lane.points[:, k]) for k in range(3)], axis=1)
+    segment = np.clip(np.searchsorted(lane.station, stations, "right") - 1, 0, len(lane.points) - 2)
+    heading = lane.headings[segment]
+    point[:, 0] -= np.sin(heading) * offset
+    point[:, 1] += np.cos(heading) * offset
+    return point, np.abs(offset)
+
+
+def _holes(world: World) -> list[Finding]:
+    assert world.lanes is not None
+    lanes = list(world.lanes.lanes.values())
+    before = world.lanes.predecessors
+    each = [probes(lane, is_joined=(bool(before[lane.name]), bool(lane.successors))) for lane in lanes]
+    point, offset = (np.concatenate(column) for column in zip(*each, strict=True))
+    owner = np.repeat(np.arange(len(lanes)), [len(points) for points, _ in each])
+    height = Ground(world.points, world.faces[world.drivable]).heights(point)
+    off = height - point[:, 2]
+    is_hole = np.isnan(off)
+    is_step = ~is_hole & (np.abs(off) > HEIGHT_M + CAMBER * offset)
+    findings = []
+    for rule, rows in (("holes", np.flatnonzero(is_hole)), ("height", np.flatnonzero(is_step))):
+        for spot in merge_spots(point[rows]):
+            chosen = rows[spot]
+            low, high = point[chosen].min(axis=0), point[chosen].max(axis=0)
+            names = list(dict.fromkeys(lanes[k].name for k in owner[chosen]))
+            shown = ", ".join(names[:4]) + (", ..." if len(names) > 4 else "")
+            place = as_place(point[chosen[np.argmin(np.linalg.norm(point[chosen] - (low + high) / 2, axis=1))]])
+            size = f"{len(chosen)} probes within {high[0] - low[0]:.1f} x {high[1] - low[1]:.1f} m"
+            if rule == "holes":
+                text, cure = f"no road under {size}", "close the hole, or move the lane onto the road"
+            else:
+                worst = chosen[np.argmax(np.abs(off[chosen]))]
+                text = f"the road lies {100.0 * off[worst]:+.1f} cm off the lane at {size}"
+                cure = "lay the lane on the road; its points are on the surface"
+                place = as_place(point[worst])
+            findings.append(Finding("error", rule, f"lane {shown}", text, cure, place))
+    return findings
+
+
+def _in_the_way(world: World) -> list[Finding]:
+    """Cut every triangle near a lane by the volume that vehicles sweep, segment by segment."""
+    assert world.lanes is not None
+    lanes = list(world.lanes.lanes.values())
+    start = np.concatenate([lane.points[:-1] for lane in lanes])
+    step = np.concatenate([np.diff(lane.points, axis=0) for lane in lanes])
+    owner = np.repeat(np.arange(len(lanes)), [len(lane.points) - 1 for lane in lanes])
+    length = np.linalg.norm(step[:, :2], axis=1)
+    kept = length > 1.0e-6
+    start, step, owner, length = start[kept], step[kept], owner[kept], length[kept]
+    low = np.minimum(start, start + step) - (HALF_SWEPT_M, HALF_SWEPT_M, -LOW_M)
+    high = np.maximum(start, start + step) + np.array((HALF_SWEPT_M, HALF_SWEPT_M, HEADROOM_M))
+    faces = world.faces_where(not part.is_moving for part in world.parts)
+    corners = world.corners[faces]
+    is_road = np.array([part.label in DRIVABLE_LABELS for part in world.parts], dtype=bool)[world.part_of[faces]]
+    found = []
+    for i, j in box_pairs(low, high, corners.min(axis=1), corners.max(axis=1)):
+        forward = step[i, :2] / length[i, None]
+        away = corners[j] - start[i, None]
+        s = np.einsum("pcx,px->pc", away[..., :2], forward)
+        side = away[..., 1] * forward[:, None, 0] - away[..., 0] * forward[:, None, 1]
+        up = away[..., 2] - s * (step[i, 2] / length[i])[:, None]
+        local = np.stack([s, side, up], axis=2)
+        bottom = np.where(is_road[j], HIGH_M, LOW_M)
+        near = (local[..., 1].min(axis=1) < HALF_SWEPT_M) & (local[..., 1].max(axis=1) > -HALF_SWEPT_M)
+        near &= (local[..., 2].max(axis=1) > bottom) & (local[..., 2].min(axis=1) < HEADROOM_M)
+        i, j, polygon, bottom = i[near], j[near], local[near], bottom[near]
+        count = np.full(len(i), 3)
+        for normal, offset in (
+            ((-1, 0, 0), 0.0), ((1, 0, 0), length[i]), ((0, -1, 0), HALF_SWEPT_M), ((0, 1, 0), HALF_SWEPT_M),
+            ((0, 0, -1), -bottom), ((0, 0, 1), HEADROOM_M),
+        ):  # fmt: skip
+            polygon, count = clip(polygon, count, np.array(normal, dtype=float), offset)
+        left = np.flatnonzero(count > 0)
+        z = np.where(np.arange(polygon.shape[1]) < count[left, None], polygon[left, :, 2], np.inf)
+        lowest = np.argmin(z, axis=1)
+        at = polygon[left, lowest]
+        segment = i[left]
+        ahead = step[segment, :2] / length[segment, None]
+        place = start[segment].copy()
+        place[:, :2] += at[:, :1] * ahead + at[:, 1:2] * np.stack([-ahead[:, 1], ahead[:, 0]], axis=1)
+        place[:, 2] += at[:, 0] * step[segment, 2] / length[segment] + at[:, 2]
+        found.append((segment, faces[j[left]], at[:, 2], np.abs(at[:, 1]), place))
+    if not found:
+        return []
+    segment, face, height, offset, place = (np.concatenate(column) for column in zip(*found, strict=True))
+    return _by_prim(world, [lanes[k] for k in owner[segment]], world.part_of[face], height, offset, place)
+
+
+def _by_prim(
+    world: World, lanes: list[Lane], part: np.ndarray, height: np.ndarray, offset: np.ndarray, place: np.ndarray
+) -> list[Finding]:
+    """Return one finding for every prim in the way and for every prim that takes headroom; all arrays [hits]."""
+    findings = []
+    for k in np.unique(part):
+        path = world.parts[k].path
+        for rule, rows in (
+            ("obstacles", np.flatnonzero((part == k) & (height < HIGH_M))),
+            ("clearance", np.flatnonzero((part == k) & (height >= HIGH_M))),
+        ):
+            if not len(rows) or (rule == "clearance" and findings and findings[-1].path == path):
+                continue
+            row = rows[np.argmin(height[rows] if rule == "clearance" else offset[rows])]
+            names = sorted({lanes[r].name for r in rows})
+            shown = ", ".join(names[:4]) + (", ..." if len(names) > 4 else "")
+            if rule == "obstacles":
+                text = f"stands in the way of lane {shown}: {offset[row]:.2f} m from its middle, {height[row]:.2f} m up"
+                cure = f"keep {HALF_SWEPT_M} m on each side of a lane free, from {LOW_M} m to {HIGH_M} m"
+            else:
+                text = f"leaves {height[row]:.2f} m above lane {shown}"
+                cure = f"{HEADROOM_M} m are needed; raise it or lower the road"
+            findings.append(Finding("error", rule, path, text, cure, as_place(place[row])))
+    return findings

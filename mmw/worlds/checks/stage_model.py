@@ -1,0 +1,208 @@
+"""A stage as the checks see it: every mesh in metres, the lanes, and what could not be read."""
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from pxr import Usd
+
+from mmw.core.bvh import RayMesh
+from mmw.core.errors import InputError
+from mmw.traffic.roads.lane_graph import LaneGraph
+from mmw.traffic.roads.lane_prims import has_lanes, read_lanes
+from mmw.traffic.roads.town_asset import DRIVABLE_LABELS
+from mmw.usd.actors import find_actors
+from mmw.usd.meshes import MeshReader, bound_materials, component_of, place, semantic_label, to_metres
+from mmw.usd.open_stage import open_stage
+from mmw.worlds.checks.findings import Finding
+
+GROUND_LABELS = (*DRIVABLE_LABELS, "sidewalk", "terrain", "ground", "water", "bridge")
+"""Semantic classes that things stand on."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """One mesh prim where it stands; a mesh that is used many times is as many parts."""
+
+    prim: Usd.Prim
+    path: str
+    source: str
+    """Prim that holds the mesh: the same for all uses of one prototype."""
+    thing: str
+    """Prim path of the object: the actor, else the nearest component, else the mesh prim."""
+    label: str
+    points: np.ndarray
+    """Vertices in the world frame [m], shape [N, 3], float64."""
+    faces: np.ndarray
+    """Triangles, counter-clockwise seen from the front, shape [M, 3], int32."""
+    materials: tuple[Usd.Prim | None, ...]
+    """Bound materials, the one of purpose `radio` first; None for faces without one."""
+    is_actor: bool
+    is_moving: bool
+    """True for a part of an actor that changes its place over time."""
+
+
+@dataclass(frozen=True)
+class World:
+    """A stage that was read for a check."""
+
+    path: Path
+    stage: Usd.Stage
+    open_s: float
+    """Time that opening the stage took [s]."""
+    parts: tuple[Part, ...]
+    lanes: LaneGraph | None
+    """Lanes in metres, z up; None if the stage has none or they cannot be read."""
+    problems: tuple[Finding, ...] = field(default=())
+    """What could not be read."""
+
+    @cached_property
+    def points(self) -> np.ndarray:
+        """Vertices of all parts [m], shape [N, 3]."""
+        return np.concatenate([np.zeros((0, 3))] + [part.points for part in self.parts])
+
+    @cached_property
+    def faces(self) -> np.ndarray:
+        """Triangles of all parts, shape [M, 3], int64."""
+        offset = np.cumsum([0] + [len(part.points) for part in self.parts])
+        shifted = [part.faces + at for part, at in zip(self.parts, offset[:-1], strict=True)]
+        return np.concatenate([np.zeros((0, 3), dtype=np.int64), *shifted]).astype(np.int64)
+
+    @cached_property
+    def part_of(self) -> np.ndarray:
+        """Part of each triangle, shape [M]."""
+        return np.repeat(np.arange(len(self.parts)), [len(part.faces) for part in self.parts])
+
+    @cached_property
+    def corners(self) -> np.ndarray:
+        """Corners of each triangle [m], shape [M, 3, 3]."""
+        return self.points[self.faces]
+
+    @cached_property
+    def _cross(self) -> np.ndarray:
+        return np.cross(self.corners[:, 1] - self.corners[:, 0], self.corners[:, 2] - self.corners[:, 0])
+
+    @cached_property
+    def area(self) -> np.ndarray:
+        """Area of each triangle [m2], shape [M]."""
+        return 0.5 * np.linalg.norm(self._cross, axis=1)
+
+    @cached_property
+    def normal(self) -> np.ndarray:
+        """Unit normal of each triangle, shape [M, 3]; zero where it has no area."""
+        has_area = self.area > 0.0
+        return np.where(has_area[:, None], self._cross / np.where(has_area, 2.0 * self.area, 1.0)[:, None], 0.0)
+
+    @cached_property
+    def rays(self) -> RayMesh:
+        """All triangles, to cast rays on; there must be one."""
+        return RayMesh(self.points, self.faces)
+
+    def faces_where(self, is_chosen: Iterator[bool]) -> np.ndarray:
+        """Return the numbers of the triangles of chosen parts, given one truth value a part."""
+        return np.flatnonzero(np.fromiter(is_chosen, bool, len(self.parts))[self.part_of])
+
+    @cached_property
+    def drivable(self) -> np.ndarray:
+        """Numbers of the triangles that vehicles drive on."""
+        return self.faces_where(part.label in DRIVABLE_LABELS for part in self.parts)
+
+    @cached_property
+    def ground(self) -> np.ndarray:
+        """Numbers of the triangles that things stand on."""
+        return self.faces_where(part.label in GROUND_LABELS for part in self.parts)
+
+
+def open_world(path: Path) -> World:
+    """Open a stage and read it, as far as that is possible.
+
+    Raises:
+        InputError: If there is no such file, or USD cannot read it.
+    """
+    start = time.perf_counter()
+    stage = open_stage(path)
+    open_s = time.perf_counter() - start
+    problems = [
+        Finding("error", "files", "", str(error).strip().splitlines()[-1], "repair the path")
+        for error in stage.GetCompositionErrors()
+    ]
+    metres = to_metres(stage)
+    parts, broken = _read_parts(stage, metres)
+    lanes, bad_lanes = _read_lanes(stage)
+    return World(path, stage, open_s, tuple(parts), lanes, (*problems, *broken, *bad_lanes))
+
+
+def _read_parts(stage: Usd.Stage, metres: np.ndarray) -> tuple[list[Part], list[Finding]]:
+    start = stage.GetStartTimeCode() if stage.HasAuthoredTimeCodeRange() else 0.0
+    reader, problems, parts = MeshReader(stage, Usd.TimeCode(start), keeps_flat=True), [], []
+    actors = {}
+    try:
+        actors = {actor.path: actor for actor in find_actors(stage, {}) if actor.role != "rsu"}
+    except InputError as error:
+        problems.append(Finding("error", "actors", "", str(error)))
+    moves: dict[str, bool] = {}
+    meshes = reader.meshes()
+    while True:
+        try:
+            mesh = next(meshes)
+        except StopIteration:
+            return parts, problems
+        except InputError as error:
+            problems.append(Finding("error", "mesh", "", str(error)))
+            return parts, problems
+        path = str(mesh.prim.GetPath())
+        try:
+            triangles = reader.triangles(mesh.prim)
+        except InputError as error:
+            problems.append(Finding("error", "mesh", path, str(error).removeprefix(f"{path}: ")))
+            continue
+        if not len(triangles.faces):
+            continue
+        owner = next((str(p) for p in mesh.anchor.GetPath().GetPrefixes() if str(p) in actors), "")
+        if owner and owner not in moves:
+            moves[owner] = _moves(actors[owner].prim)
+        to_anchor = np.eye(4) if mesh.to_anchor is None else mesh.to_anchor
+        points, faces = place(triangles, to_anchor @ reader.to_world(mesh.anchor) @ metres)
+        source = mesh.prim.GetPrimInPrototype() if mesh.prim.IsInstanceProxy() else mesh.prim
+        parts.append(
+            Part(
+                prim=mesh.prim,
+                path=path,
+                source=str(source.GetPath()),
+                thing=owner or str(component_of(mesh.anchor).GetPath()),
+                label=semantic_label(mesh.prim),
+                points=points,
+                faces=faces,
+                materials=tuple(bound_materials(mesh.prim, triangles.polygon)[0]),
+                is_actor=bool(owner),
+                is_moving=moves.get(owner, False),
+            )
+        )
+
+
+def _moves(prim: Usd.Prim) -> bool:
+    return any(
+        len(attribute.GetTimeSamples()) > 1
+        for here in (prim, *_ancestors(prim))
+        for attribute in here.GetAttributes()
+        if attribute.GetName().startswith("xformOp:")
+    )
+
+
+def _ancestors(prim: Usd.Prim) -> Iterator[Usd.Prim]:
+    here = prim.GetParent()
+    while here and not here.IsPseudoRoot():
+        yield here
+        here = here.GetParent()
+
+
+def _read_lanes(stage: Usd.Stage) -> tuple[LaneGraph | None, list[Finding]]:
+    if not has_lanes(stage):
+        return None, []
+    try:
+        return read_lanes(stage, "/"), []
+    except InputError as error:
+        return None, [Finding("error", "lanes", "", str(error))]

@@ -1,0 +1,52 @@
+"""What every importer returns: meshes with materials in our world frame, and lanes where the source has them."""
+
+from dataclasses import dataclass, field
+
+from mmw.physics.materials.material import RadioMaterial
+from mmw.traffic.roads.lane_graph import LaneGraph
+from mmw.worlds.towns.mesh_part import MeshPart
+
+
+@dataclass(frozen=True)
+class ForeignMaterial:
+    """A material of the source file that is not one of our library."""
+
+    name: str
+    """Name of the Material prim, an identifier."""
+    source: str
+    """Name in the source file, which the patterns of a material map are matched against too; empty for a mesh that has
+    no material."""
+    color: tuple[float, float, float] | None = None
+    """Diffuse colour, linear sRGB, 0 to 1; None where the source gives none."""
+    opacity: float = 1.0
+    """1 for opaque [-]."""
+    metallic: float = 0.0
+    """0 for a dielectric, 1 for a bare metal [-]."""
+    roughness: float = 0.8
+    """GGX roughness of the picture, 0 to 1 [-]."""
+    radio: RadioMaterial | None = None
+    """What the source itself says about radio; None if it says nothing."""
+    base: str = ""
+    """SimReady base token, a key of `mmw.physics.materials.material.LIDAR_REFLECTANCE_905NM`; empty to take that of
+    the radio row."""
+    coating: str = "none"
+    """SimReady coating token."""
+    attributes: tuple[str, ...] = ("none",)
+    """SimReady attribute tokens."""
+
+
+@dataclass(frozen=True)
+class World:
+    """An imported world: z up, metres, x east, y north."""
+
+    parts: list[MeshPart]
+    """Meshes; `path` is below the town's root, `material` names a library material or one of `materials`, `label` a
+    semantic class (`unlabeled` where the source says nothing)."""
+    materials: dict[str, ForeignMaterial] = field(default_factory=dict)
+    """Name -> material, for parts whose material is not in the library."""
+    lanes: LaneGraph | None = None
+    """Lanes that vehicles can drive on; None if the source has none."""
+    notes: tuple[str, ...] = ()
+    """What was left out or assumed, one line each, for people."""
+    components: frozenset[str] = frozenset()
+    """Paths that the source itself declares as one thing each; others are told from the hierarchy."""

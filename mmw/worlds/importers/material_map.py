@@ -1,0 +1,179 @@
+"""The material map of an import: a YAML file that says what the materials of a foreign world are."""
+
+import re
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from mmw.config import ConfigError
+from mmw.config.material_map import MaterialEntry
+from mmw.config.yaml_file import read_yaml, validated
+from mmw.core.errors import InputError
+from mmw.physics.materials.material import RadioMaterial
+from mmw.usd.material_library import LIBRARY
+from mmw.usd.material_map import find_pattern, mapped_radio, unknown_names
+from mmw.worlds.importers.imported_scene import ForeignMaterial, World
+from mmw.worlds.importers.mesh_cleanup import identifier
+from mmw.worlds.towns.mesh_part import MeshPart
+
+NEEDED = 'a map of patterns, such as "*wall*": {radio: itu_brick}'
+"""What the file of a material map holds."""
+
+
+def load_material_map(path: str | Path, radio_rows: Collection[str]) -> dict[str, MaterialEntry]:
+    """Return the entries of a material map, in the file's order.
+
+    An entry is a map of keys, or only the name of a radio material (`"*wall*": itu_brick`).
+
+    Args:
+        path: YAML file.
+        radio_rows: Radio materials that exist, such as `itu_brick`.
+
+    Raises:
+        ConfigError: If the file cannot be read, or with one line for each unknown key, material, row or label.
+    """
+    path = Path(path)
+    data = read_yaml(path, NEEDED)
+    if not data:
+        raise InputError(f"{path}: holds no entries; {NEEDED} is needed")
+    problems, entries = [], {}
+    for pattern, value in data.items():
+        try:
+            entry = validated(MaterialEntry, value, path, (str(pattern),))
+        except ConfigError as error:
+            problems += error.problems
+            continue
+        entries[str(pattern)] = entry
+        problems += unknown_names(f"{path}: {str(pattern)!r}", entry, radio_rows)
+    if problems:
+        raise ConfigError(problems)
+    return entries
+
+
+@dataclass
+class _Mapped:
+    """Materials of the world after the map, by what made them."""
+
+    taken: set[str]
+    names: dict[tuple[str, str], str] = field(default_factory=dict)  # (source material, pattern) -> name
+    materials: dict[str, ForeignMaterial] = field(default_factory=dict)
+
+    def name_for(self, key: tuple[str, str], made: ForeignMaterial) -> str:
+        if key not in self.names:
+            name, number = made.name, 1
+            while name in self.taken:
+                number += 1
+                name = f"{made.name}_{number}"
+            self.taken.add(name)
+            self.names[key] = name
+            self.materials[name] = replace(made, name=name)
+        return self.names[key]
+
+
+def apply_material_map(
+    where: str, world: World, entries: Mapping[str, MaterialEntry], radio_rows: Collection[str] | None = None
+) -> World:
+    """Return a world in which every material has a radio description.
+
+    The first pattern that matches a mesh decides what it says; all else stays as the source has it. A pattern is
+    matched against the mesh's prim path in the town (`/Town/Shapes/house`), the same path without `/Town`, and its
+    material's name in the source. A material without an entry that names a row (`itu_brick`) in its own name has that.
+
+    Args:
+        where: The source file, for errors.
+        world: The imported world.
+        entries: The material map.
+        radio_rows: Radio materials that exist; None to leave that to the run.
+
+    Raises:
+        InputError: If a mesh is left without radio material, with the list of all such meshes and a map to fill in, or
+            if the source names a radio material that does not exist.
+    """
+    found = [(part, _match(part, world, entries)) for part in world.parts]
+    by_map = {entries[pattern].material for _, pattern in found if pattern}
+    taken = {part.material for part in world.parts if part.material not in world.materials} | (by_map - {None})
+    mapped, parts, missing = _Mapped({str(name) for name in taken}), [], {}
+    for part, pattern in found:
+        entry = entries[pattern] if pattern else None
+        label = entry.label if entry and entry.label else part.label
+        made = _made(part, world, entry)
+        name = part.material if made is None else ""
+        if entry and entry.material:
+            name = entry.material
+        elif made is not None:
+            name = mapped.name_for((part.material, pattern if entry and entry.changes else ""), made)
+            if made.radio is None:
+                missing.setdefault(made.source, []).append(f"/Town/{part.path}")
+        parts.append(replace(part, material=name, label=label))
+    if missing:
+        raise InputError(_missing(where, missing))
+    for material in mapped.materials.values():
+        _check(where, material, radio_rows)
+    used = {pattern for _, pattern in found}
+    idle = tuple(f"{name!r} of the material map decides nothing" for name in entries if name not in used)
+    return replace(world, parts=parts, materials=mapped.materials, notes=(*world.notes, *idle))
+
+
+def _match(part: MeshPart, world: World, entries: Mapping[str, MaterialEntry]) -> str:
+    """Return the first pattern that matches a mesh, empty if none does."""
+    material = world.materials.get(part.material)
+    source = material.source if material else part.material
+    return find_pattern(entries, f"/Town/{part.path}", f"/{part.path}", source)
+
+
+def _made(part: MeshPart, world: World, entry: MaterialEntry | None) -> ForeignMaterial | None:
+    """Return a mesh's material with the changes of its entry; None for a library material that stays as it is."""
+    changes = entry.changes if entry else {}
+    source = world.materials.get(part.material)
+    if source is None:
+        if part.material not in LIBRARY:
+            raise InputError(f"{part.path}: material {part.material!r} is neither in the library nor in the world")
+        if not changes or (entry and entry.material):
+            return None
+        spec = LIBRARY[part.material]
+        source = ForeignMaterial(
+            part.material, part.material, spec.color, spec.opacity, spec.metallic, spec.roughness, spec.radio,
+            spec.base, spec.coating, spec.attributes,
+        )  # fmt: skip
+    radio, named = source.radio, re.search(r"itu_[a-z_]*[a-z]", source.source)
+    if radio is None and named:
+        radio = RadioMaterial("itu", itu=named[0])
+    if entry:
+        radio = mapped_radio(entry, radio)
+    base = "" if {"radio", "relative_permittivity"} & set(changes) else source.base  # another substance
+    look = {key: changes[key] for key in ("color", "roughness", "metallic", "opacity") if key in changes}
+    name = source.name if source.source else identifier(entry.radio if entry and entry.radio else source.name)
+    return replace(source, name=name, radio=radio, base=base, **look)
+
+
+def _missing(where: str, missing: Mapping[str, list[str]]) -> str:
+    """Return the error for meshes without radio material: all of them, and a map to fill in."""
+    count = sum(map(len, missing.values()))
+    lines = [
+        f"{where}: {count} meshes have no radio material; every surface needs one; say with --materials map.yaml what "
+        "they are, for example:"
+    ]
+    for source, paths in missing.items():
+        if source:
+            lines.append(f"  {_quoted(source)}: {{radio: itu_concrete}}  # {', '.join(paths)}")
+        else:
+            lines += [f"  {_quoted(path)}: {{radio: itu_concrete}}  # no material in the file" for path in paths]
+    return "\n".join(lines)
+
+
+def _quoted(name: str) -> str:
+    """Return a name as a YAML key that matches nothing else."""
+    literal = re.sub(r"([*?\[])", r"[\1]", name)
+    return '"' + literal.replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+
+def _check(where: str, material: ForeignMaterial, radio_rows: Collection[str] | None) -> None:
+    radio = material.radio
+    if radio is None:
+        return
+    named = f"{where}: material {material.source or material.name!r}"
+    if radio.model == "itu" and radio_rows is not None and radio.itu not in radio_rows:
+        raise InputError(
+            f"{named}: the radio material {radio.itu!r} does not exist; use one of {', '.join(sorted(radio_rows))}; "
+            "correct the file, or name another with --materials"
+        )

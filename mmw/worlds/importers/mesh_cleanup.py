@@ -1,0 +1,201 @@
+"""What every reader of meshes does: prim names, clean triangles, and a world of a believable size."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mmw.core.errors import InputError
+from mmw.worlds.importers.imported_scene import World
+from mmw.worlds.towns.mesh_part import MeshPart
+
+LEAST_M, MOST_M = 1.0, 20_000.0
+"""A world smaller or larger than this [m] is taken for a mistake of the unit. Design values."""
+
+REACH_M = 20_000.0
+"""Farthest coordinate from the origin [m]: float32 vertices there are 2 mm apart, `PLANE_M` of
+`mmw.core.planar_surfaces` is 1 mm. Design value."""
+
+UNITS = {"mm": 0.001, "cm": 0.01, "m": 1.0, "km": 1000.0, "in": 0.0254, "ft": 0.3048}
+"""Unit -> metres. Source of inch and foot: international yard and pound agreement, 1959."""
+
+Y_UP = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+"""A world with y up, to ours with z up: x stays, y becomes z, z becomes -y. Column vectors, shape [4, 4]."""
+
+RESERVED = ("Materials", "Lanes")
+"""Names directly below the town's root that meshes cannot have."""
+
+
+def identifier(name: str) -> str:
+    """Return a name as a prim name: letters, digits and `_`, not starting with a digit."""
+    name = re.sub(r"\W", "_", name, flags=re.ASCII) or "_"
+    return f"_{name}" if name[0].isdigit() else name
+
+
+@dataclass
+class PrimNames:
+    """Gives everything a name of its own: the second `wall` below one parent becomes `wall_2`."""
+
+    taken: set[str] = field(default_factory=lambda: set(RESERVED))
+    folders: dict[tuple[str, str], str] = field(default_factory=dict)
+
+    def child(self, parent: str, name: str) -> str:
+        """Return a free path below a parent; an empty parent is the town's root."""
+        stem = f"{parent}/{identifier(name)}".lstrip("/")
+        path, number = stem, 1
+        while path in self.taken:
+            number += 1
+            path = f"{stem}_{number}"
+        self.taken.add(path)
+        return path
+
+    def folder(self, parent: str, name: str) -> str:
+        """Return the path of a prim that holds others: always the same one for a name, and no mesh's."""
+        if (parent, name) not in self.folders:
+            self.folders[parent, name] = self.child(parent, name)
+        return self.folders[parent, name]
+
+
+@dataclass
+class PartsList:
+    """Collects the meshes of a source, cleaned."""
+
+    origin: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    """Point of the source [m] that becomes (0, 0, 0), shape [3]."""
+    parts: list[MeshPart] = field(default_factory=list)
+    degenerate: int = 0
+    """Triangles without area that were left out."""
+    repeated: int = 0
+    """Triangles with the corners of another one of their mesh that were left out."""
+    empty: list[str] = field(default_factory=list)
+    """Meshes without any triangle that were left out."""
+
+    def add(
+        self, where: str, path: str, points: np.ndarray, faces: np.ndarray, material: str, label: str = "unlabeled"
+    ) -> None:
+        """Add a mesh, z up; one without triangles is left out.
+
+        Args:
+            where: File and thing, for errors.
+            path: Prim path below the town's root.
+            points: Vertices before `origin` is taken off [m], shape [N, 3].
+            faces: Triangles, shape [M, 3].
+            material: Material name.
+            label: Semantic class.
+
+        Raises:
+            InputError: If a vertex is not finite, or a face asks for a vertex that is not there.
+        """
+        points, faces = np.asarray(points, np.float64).reshape(-1, 3), np.asarray(faces).reshape(-1, 3)
+        bad = ~np.isfinite(points).all(axis=1)
+        if bad.any():
+            raise InputError(
+                f"{where}: {bad.sum()} of {len(points)} vertices are not finite (the first is number "
+                f"{np.flatnonzero(bad)[0]}); numbers are needed; repair the mesh in the tool that made it"
+            )
+        if len(faces) and not 0 <= faces.min() <= faces.max() < len(points):
+            raise InputError(
+                f"{where}: a face asks for vertex {faces.max()} of {len(points)}; existing ones are needed; repair the "
+                "mesh in the tool that made it"
+            )
+        points, faces, degenerate, repeated = clean(points - self.origin, faces)
+        self.degenerate += degenerate
+        self.repeated += repeated
+        if len(faces):
+            self.parts.append(MeshPart(path, points, faces, material, label))
+        else:
+            self.empty.append(path)
+
+    def notes(self) -> list[str]:
+        """Return what was left out, for people."""
+        lines = []
+        if self.degenerate:
+            lines.append(f"{self.degenerate} triangles without area were left out")
+        if self.repeated:
+            lines.append(f"{self.repeated} triangles that repeat another one of their mesh were left out")
+        if self.empty:
+            names = ", ".join(self.empty[:5]) + (", ..." if len(self.empty) > 5 else "")
+            lines.append(f"{len(self.empty)} meshes without triangles were left out: {names}")
+        return lines
+
+
+def clean(points: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, int, int]:
+    """Merge equal vertices; drop triangles without area, repeated triangles, and vertices without triangles.
+
+    Vertices are compared as the float32 numbers that a USD file holds, so that faces that share an edge in the file
+    share it in the mesh. Of triangles with the same three corners, also of opposite winding, the first stays: a wave
+    that met both would be reflected, or weakened, twice.
+
+    Args:
+        points: Vertices [m], shape [N, 3].
+        faces: Triangles, shape [M, 3].
+
+    Returns:
+        Vertices, float64 of float32 numbers, and triangles, int32; how many triangles had no area, how many were
+        repeated.
+    """
+    exact = points.astype(np.float32) + np.float32(0.0)  # no negative zero
+    _, first, inverse = np.unique(_as_rows(exact), return_index=True, return_inverse=True)
+    unique, faces = exact[first], inverse.reshape(-1)[faces]
+    corners = unique[faces].astype(np.float64)
+    twice_area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    solid = faces[twice_area > 1e-12]  # the limit of `mmw.core.planar_surfaces.find_surfaces`
+    corners_of = np.sort(solid, axis=1).astype(np.int32)
+    kept = solid[np.sort(np.unique(_as_rows(corners_of), return_index=True)[1])]
+    used, index = np.unique(kept, return_inverse=True)
+    triangles = index.reshape(-1, 3).astype(np.int32)
+    return unique[used].astype(np.float64), triangles, len(faces) - len(solid), len(solid) - len(kept)
+
+
+def _as_rows(triples: np.ndarray) -> np.ndarray:
+    """Return rows of three 4-byte numbers as one item each: `np.unique` is several times faster than with `axis=0`."""
+    return np.ascontiguousarray(triples).view(np.dtype((np.void, 12))).ravel()
+
+
+def transformed(points: np.ndarray, faces: np.ndarray, matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return a mesh placed by a matrix (column vectors, shape [4, 4]); a mirroring one turns the faces over."""
+    points = np.asarray(points, np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
+    return points, faces[:, ::-1] if np.linalg.det(matrix[:3, :3]) < 0.0 else faces
+
+
+def linear(srgb: Sequence[float]) -> tuple[float, float, float]:
+    """Return an sRGB colour, 0 to 1, as linear numbers.
+
+    Source: IEC 61966-2-1.
+    """
+    value = np.clip(np.asarray(srgb[:3], np.float64), 0.0, 1.0)
+    red, green, blue = np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4).round(6).tolist()
+    return red, green, blue
+
+
+def bounds(world: World) -> tuple[np.ndarray, np.ndarray]:
+    """Return the lowest and the highest corner of a world [m], shape [3] each."""
+    low = np.min([part.points.min(axis=0) for part in world.parts], axis=0)
+    return low, np.max([part.points.max(axis=0) for part in world.parts], axis=0)
+
+
+def check_world(where: str, world: World) -> None:
+    """Stop at an empty world, at one of an unlikely size and at one far from its origin.
+
+    Raises:
+        InputError: If the world has no triangle, spans less than `LEAST_M` or more than `MOST_M`, or reaches beyond
+            `REACH_M`.
+    """
+    if not world.parts:
+        raise InputError(f"{where}: holds no triangle; a world needs surfaces; give a file with meshes")
+    low, high = bounds(world)
+    size = high - low
+    text = " x ".join(f"{length:.4g}" for length in size)
+    if not LEAST_M <= size.max() <= MOST_M:
+        wish = "smaller than 1 m" if size.max() < LEAST_M else "larger than 20 km"
+        raise InputError(
+            f"{where}: the world is {text} m, {wish}; a wrong unit is likely; say what one unit of the file is with "
+            f"--unit ({', '.join(UNITS)})"
+        )
+    if max(np.abs(low).max(), np.abs(high).max()) > REACH_M:
+        middle = " ".join(f"{value:.0f}" for value in (*(0.5 * (low + high))[:2], low[2]))
+        raise InputError(
+            f"{where}: the world ({text} m) lies around ({middle.replace(' ', ', ')}) m, more than 20 km from its "
+            f"origin; float32 vertices are too coarse there; move it with --origin {middle}"
+        )

@@ -1,0 +1,160 @@
+"""glTF, OBJ, PLY, STL and OFF files: meshes with the names, the hierarchy and the materials that the file has."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+
+from mmw.core.errors import InputError
+from mmw.worlds.importers.imported_scene import ForeignMaterial, World
+from mmw.worlds.importers.mesh_cleanup import Y_UP, PartsList, PrimNames, identifier, linear, transformed
+
+SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl", ".off")
+GROUP = "Model"
+"""Group below the town's root that holds the meshes."""
+
+SINGLE = (".ply", ".stl", ".off")
+"""Formats that hold one mesh, which is called after the file."""
+
+UP_OF_SUFFIX = {".glb": "y", ".gltf": "y"}
+"""Source: glTF 2.0, 3.4: +Y is up, units are metres. The other formats say nothing; z and metres are assumed."""
+
+
+def read_meshes(
+    path: str | Path, *, up: str = "", unit_m: float = 0.0, origin: Sequence[float] = (0.0, 0.0, 0.0)
+) -> World:
+    """Return the meshes of a file.
+
+    Every node that has a mesh becomes a prim below `Model`, with its ancestors above it. Instances become meshes of
+    their own; a mirroring transform turns the faces over. Textures are not read: a material has the mean colour.
+
+    Args:
+        path: File with one of `SUFFIXES`.
+        up: Axis that points up in the file, `y` or `z`; the format's own if empty.
+        unit_m: One unit of the file [m]; 1 if zero.
+        origin: Point of the world [m] that becomes (0, 0, 0).
+
+    Raises:
+        InputError: If the file cannot be read or a vertex is not finite.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    scene = _load(path, suffix)
+    up, notes = up or UP_OF_SUFFIX.get(suffix, "z"), []
+    if suffix not in UP_OF_SUFFIX and not unit_m:
+        notes.append(f"{suffix[1:]} files say neither unit nor up axis: metres and {up} up are taken (--unit, --up)")
+    unit = unit_m or 1.0
+    scale = np.diag([unit, unit, unit, 1.0])
+    to_world = Y_UP @ scale if up == "y" else scale
+    meshes, materials = PartsList(np.asarray(origin, float)), _Materials()
+    for node, prim in _prim_paths(scene, path.stem, suffix in SINGLE).items():
+        matrix, geometry = scene.graph[node]
+        mesh = scene.geometry[geometry]
+        if not isinstance(mesh, trimesh.Trimesh):  # lines and points have no surface
+            meshes.empty.append(prim)
+            continue
+        points, faces = transformed(mesh.vertices, mesh.faces, to_world @ np.asarray(matrix, float))
+        meshes.add(f"{path}: {node}", prim, points, faces, materials.name_of(mesh))
+    return World(meshes.parts, materials.found, None, (*notes, *materials.notes, *meshes.notes()))
+
+
+def _load(path: Path, suffix: str) -> trimesh.Scene:
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; give an existing {', '.join(SUFFIXES)} file")
+    options = {"split_objects": True, "split_groups": True} if suffix == ".obj" else {}
+    try:
+        return trimesh.load_scene(str(path), process=False, **options)
+    except Exception as error:  # trimesh raises whatever its parsers meet
+        reason = " ".join(str(error).split())[:120] or type(error).__name__
+        raise InputError(f"{path}: cannot be read as {suffix[1:]} ({reason}); write the file again") from None
+
+
+def _prim_paths(scene: trimesh.Scene, stem: str, is_single: bool) -> dict[str, str]:
+    """Return node with a mesh -> prim path, sorted by node, so that the same file gives the same prims.
+
+    A node that has others below it becomes a prim that holds them, and its mesh.
+    """
+    parents, names = dict(scene.graph.transforms.parents), PrimNames()
+    above = set(parents.values())
+    base, paths = names.folder("", GROUP), {}
+
+    def folder(node: str) -> str:
+        if node == scene.graph.base_frame or node not in parents:
+            return base
+        return names.folder(folder(parents[node]), node)
+
+    for node in sorted(scene.graph.nodes_geometry):
+        geometry = scene.graph[node][1]
+        if is_single:
+            paths[node] = names.child(base, stem)
+        elif node in above:
+            paths[node] = names.child(folder(node), geometry)
+        else:
+            paths[node] = names.child(folder(parents.get(node, node)), node)
+    return paths
+
+
+@dataclass
+class _Materials:
+    """Materials of the file, by what they are: two of the same name may differ."""
+
+    found: dict[str, ForeignMaterial] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    _name_of: dict[tuple, str] = field(default_factory=dict)
+
+    def name_of(self, mesh: trimesh.Trimesh) -> str:
+        """Return the name of a mesh's material, which is added if it is new."""
+        material = getattr(mesh.visual, "material", None)
+        source = str(getattr(material, "name", None) or "")
+        look = _look(mesh, material)
+        key = (source, *look.items())
+        if key not in self._name_of:
+            name, number = identifier(source) if source else "no_material", 1
+            while name in self.found:
+                number += 1
+                name = f"{identifier(source) if source else 'no_material'}_{number}"
+            self.found[name] = ForeignMaterial(name, source, **look)
+            self._name_of[key] = name
+            if _texture(material) is not None:
+                self.notes.append(f"material {source or 'without a name'}: of its texture the mean colour is kept")
+        return self._name_of[key]
+
+
+def _texture(material: Any) -> Any:
+    for name in ("baseColorTexture", "image"):
+        image = getattr(material, name, None)
+        if image is not None:
+            return image
+    return None
+
+
+def _look(mesh: trimesh.Trimesh, material: Any) -> Mapping[str, Any]:
+    """Return colour, opacity, metallic and roughness of a mesh, as fields of `ForeignMaterial`."""
+    if material is None:
+        visual: Any = mesh.visual
+        if getattr(visual, "kind", None) not in ("face", "vertex"):
+            return {}
+        colors = visual.face_colors if visual.kind == "face" else visual.vertex_colors
+        return {"color": linear(np.asarray(colors, np.float64)[:, :3].mean(axis=0) / 255.0)}
+    if hasattr(material, "baseColorFactor"):  # glTF; factors are linear, the defaults are the standard's
+        factor = material.baseColorFactor
+        color = np.ones(4) if factor is None else np.asarray(factor, np.float64) / 255.0
+        metallic, roughness = material.metallicFactor, material.roughnessFactor
+        look = {
+            "opacity": round(float(color[3]), 6) if material.alphaMode == "BLEND" else 1.0,
+            "metallic": 1.0 if metallic is None else float(metallic),
+            "roughness": 1.0 if roughness is None else float(roughness),
+        }
+    else:
+        diffuse = getattr(material, "diffuse", None)
+        if diffuse is None:
+            return {}
+        color, look = np.asarray(diffuse, np.float64) / 255.0, {}
+    image = _texture(material)
+    if image is not None:
+        color = color[:3] * linear(np.asarray(image.convert("RGB"), np.float64).mean(axis=(0, 1)) / 255.0)
+    red, green, blue = np.round(color[:3], 6).tolist()
+    return {"color": (red, green, blue), **look}

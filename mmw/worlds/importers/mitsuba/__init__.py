@@ -1,0 +1,1 @@
+"""Read Mitsuba scenes, those of Sionna RT included."""

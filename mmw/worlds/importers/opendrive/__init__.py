@@ -1,0 +1,1 @@
+"""Read OpenDRIVE maps."""

@@ -1,0 +1,125 @@
+"""Closing the edges of imported sheets: kerb faces where something lower follows, the sides of roads otherwise."""
+
+import numpy as np
+import shapely
+
+from mmw.worlds.towns.strip_mesh import Surface
+
+SLAB = 0.6
+"""Depth of the sides of a road below its surface, and thickness of a bridge deck [m]; design value."""
+TOUCH = 1e-3
+"""Faces within this distance in plan count as touching a point [m]."""
+STEP = 0.02
+"""Smaller steps between neighbouring sheets stay open [m]."""
+REACH = 1.0
+"""Sheets farther above or below an edge have nothing to do with it [m]."""
+
+
+class Sheets:
+    """The upward faces of many sheets, looked up in plan; of several at one place, the one nearest in height counts."""
+
+    def __init__(self, surfaces: list[Surface]) -> None:
+        corners = []
+        for surface in surfaces:
+            points = np.concatenate(surface.points)
+            corners += [points[block] for blocks in surface.faces.values() for block in blocks]
+        triangles = np.concatenate(corners)
+        a, b, c = (triangles[:, k] for k in range(3))
+        area = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
+        self._corners = triangles[area > 1e-7]
+        self._tree = shapely.STRtree(np.asarray(shapely.polygons(self._corners[:, [0, 1, 2, 0], :2])))
+
+    def hits(self, xy: np.ndarray, touch: float = TOUCH) -> tuple[np.ndarray, np.ndarray]:
+        """Return all faces over points [N, 2]: index of the point, shape [H], and height of the face there, [H]."""
+        query, face = self._tree.query(shapely.points(xy), predicate="dwithin", distance=touch)
+        a, b, c = (self._corners[face, k] for k in range(3))
+        u, v, w = b[:, :2] - a[:, :2], c[:, :2] - a[:, :2], xy[query] - a[:, :2]
+        area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+        p = (w[:, 0] * v[:, 1] - w[:, 1] * v[:, 0]) / area
+        q = (u[:, 0] * w[:, 1] - u[:, 1] * w[:, 0]) / area
+        inside = (p > -0.5) & (q > -0.5) & (p + q < 1.5)  # a sliver must not be extended to far heights
+        z = a[:, 2] + p * (b[:, 2] - a[:, 2]) + q * (c[:, 2] - a[:, 2])
+        return query[inside], z[inside]
+
+    def nearest(self, points: np.ndarray, reach: float = REACH) -> np.ndarray:
+        """Return the height of the face nearest in height to each point [N, 3], NaN beyond `reach` [m], shape [N]."""
+        query, z = self.hits(points[:, :2])
+        return _closest(query, z, points[:, 2], reach)
+
+    def below(self, points: np.ndarray, reach: float = REACH) -> np.ndarray:
+        """Return the height of the highest face lower than each point by more than a step, NaN if none, shape [N]."""
+        query, z = self.hits(points[:, :2])
+        lower = z < points[query, 2] - STEP
+        return _closest(query[lower], z[lower], points[:, 2], reach)
+
+    def lowest(self, xy: np.ndarray) -> np.ndarray:
+        """Return the height of the lowest face over points [N, 2], NaN if none, shape [N]."""
+        query, z = self.hits(xy)
+        found = np.full(len(xy), np.inf)
+        np.minimum.at(found, query, z)
+        return np.where(np.isfinite(found), found, np.nan)
+
+
+def _closest(query: np.ndarray, z: np.ndarray, wanted: np.ndarray, reach: float) -> np.ndarray:
+    found = np.full(len(wanted), np.nan)
+    order = np.argsort(-np.abs(z - wanted[query]), kind="stable")  # the nearest is written last
+    found[query[order]] = z[order]
+    found[np.abs(found - wanted) > reach] = np.nan
+    return found
+
+
+def open_edges(surface: Surface) -> np.ndarray:
+    """Return the edges with one face, the outside on their right: pairs of vertex indices, shape [E, 2]."""
+    points = np.concatenate(surface.points)
+    faces = np.concatenate([block for blocks in surface.faces.values() for block in blocks])
+    a, b, c = (points[faces[:, k]] for k in range(3))
+    faces = faces[np.linalg.norm(np.cross(b - a, c - a), axis=1) > 2e-8]
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    key = np.unique(np.round(points, 5), axis=0, return_inverse=True)[1].reshape(-1)[edges]
+    present = {tuple(edge) for edge in key.tolist()}
+    is_open = np.array([(b, a) not in present and a != b for a, b in key.tolist()], bool)
+    return edges[is_open]
+
+
+def close_edges(surface: Surface, sheets: Sheets, raised: str = "curb", side: str = "soil") -> None:
+    """Add vertical faces below the open edges of a surface.
+
+    An edge next to a lower sheet gets a face down to it, of the material `raised`; an edge next to nothing gets one of
+    depth `SLAB` below it, of the material `side`; an edge that goes on at the same height gets none.
+
+    Args:
+        surface: Top of a road or junction; receives the faces.
+        sheets: All tops.
+        raised: Material of kerbs.
+        side: Material of the sides of the road.
+    """
+    edges = open_edges(surface)
+    if len(edges) == 0:
+        return
+    points = np.concatenate(surface.points)
+    a, b = points[edges[:, 0]], points[edges[:, 1]]
+    step = b[:, :2] - a[:, :2]
+    length = np.maximum(np.linalg.norm(step, axis=1), 1e-9)
+    beside = 0.5 * (a + b)
+    beside[:, :2] += 0.01 * np.column_stack([step[:, 1], -step[:, 0]]) / length[:, None]
+    found = sheets.nearest(beside, 0.5)
+    drop = beside[:, 2] - found
+    alone, kerb = np.isnan(found), drop > STEP
+    for mask, material in ((alone, side), (kerb, raised)):
+        if not mask.any():
+            continue
+        tops = [a[mask], b[mask]]
+        feet = []
+        for top in tops:
+            foot = top.copy()
+            if material == side:
+                foot[:, 2] -= SLAB
+            else:
+                under = sheets.below(top, 0.5)
+                foot[:, 2] = np.where(np.isnan(under), top[:, 2] - drop[mask], under)
+            feet.append(foot)
+        count = int(mask.sum())
+        index = surface.add_points(np.concatenate([*feet, *tops])).reshape(4, count)
+        low_a, low_b, top_a, top_b = index
+        surface.add_faces(material, np.column_stack([low_a, low_b, top_b]))
+        surface.add_faces(material, np.column_stack([low_a, top_b, top_a]))

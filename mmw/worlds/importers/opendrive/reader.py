@@ -1,0 +1,156 @@
+"""OpenDRIVE (.xodr) -> World: road surfaces, junctions, ground and lanes.
+
+Source: ASAM OpenDRIVE 1.4 to 1.8, as CARLA, RoadRunner and esmini write it.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import shapely
+
+from mmw.usd.material_library import LIBRARY
+from mmw.worlds.importers.imported_scene import ForeignMaterial, World
+from mmw.worlds.importers.opendrive.cross_section import make_shape
+from mmw.worlds.importers.opendrive.curbs import Sheets, close_edges
+from mmw.worlds.importers.opendrive.ground import OVERPASS, add_deck, bridge_rows, build_ground
+from mmw.worlds.importers.opendrive.junction import build_junction
+from mmw.worlds.importers.opendrive.lanes import build_lanes, identifier
+from mmw.worlds.importers.opendrive.records import Document, number, read_document
+from mmw.worlds.importers.opendrive.road_surface import YELLOW, Sheet, build_sheet
+from mmw.worlds.towns.mesh_part import MeshPart
+
+FAR = 10e3
+"""A town farther than this from the origin of its file gets an origin of its own [m]: meshes are single precision."""
+PAINT = ForeignMaterial(
+    YELLOW,
+    "yellow road mark",
+    (0.62, 0.42, 0.05),
+    roughness=LIBRARY["road_marking"].roughness,
+    radio=LIBRARY["road_marking"].radio,
+    base=LIBRARY["road_marking"].base,
+    coating="paint",
+)
+"""Yellow paint: the library's white paint but for its colour, design value. Weathers do not wet it."""
+
+
+def read_opendrive(path: str | Path) -> World:
+    """Read an OpenDRIVE file.
+
+    Args:
+        path: The .xodr file.
+
+    Returns:
+        Roads, ground and lanes. Lanes are named `road_<id>_s<section>_<l|r><number>`; junctions `junction_<id>`.
+
+    Raises:
+        InputError: If the file is no OpenDRIVE, is broken or contradicts itself; the message names road and cure.
+    """
+    path = Path(path)
+    document = read_document(path)
+    origin, notes = _origin(document)
+    notes = [*document.notes, *notes]
+    shapes = {key: make_shape(r, f"{path}: road {key!r}", origin) for key, r in document.roads.items()}
+    for key, shape in shapes.items():
+        for station, gap in shape.line.jumps():
+            if gap > 0.01:
+                notes.append(f"road {key!r}: the reference line jumps by {gap:.3f} m at s = {station:.2f} m")
+    names = _names(document)
+    outside = {k: build_sheet(names[k], shape) for k, shape in shapes.items() if not document.roads[k].junction}
+    covered = shapely.union_all([sheet.outline for sheet in outside.values()], grid_size=1e-4)
+    seams = [rows for sheet in outside.values() for rows in (sheet.rows[0], sheet.rows[-1])]
+    ends = np.concatenate(seams) if seams else np.zeros((0, 3))
+    inside = {}
+    for key in sorted({road.junction for road in document.roads.values()} - {""}):
+        members = [shapes[k] for k, road in document.roads.items() if road.junction == key]
+        inside[key] = build_junction(f"junction_{identifier(key)}", members, ends, covered)
+    sheets = [sheet for sheet in (*outside.values(), *inside.values()) if sheet.surface.faces]
+    tops = Sheets([sheet.surface for sheet in sheets])
+    graph, more = build_lanes(document, shapes, names, tops)
+    notes += [*more, *_overlaps(outside)]
+    ground = _close(sheets, tops, notes)
+    parts = [part for sheet in sheets for part in _parts(sheet)]
+    parts.append(build_ground(ground, tops))
+    foreign = {YELLOW: PAINT} if any(part.material == YELLOW for part in parts) else {}
+    if inside:
+        notes.append(f"road marks in {len(inside)} junctions left out: the roads there overlap")
+    return World(parts, foreign, graph, tuple(notes))
+
+
+def _origin(document: Document) -> tuple[np.ndarray, list[str]]:
+    """Return the point of the file that becomes the origin [m], shape [2], and a note if it is not (0, 0)."""
+    pieces = [(f"{document.path}: road {key!r}", g) for key, road in document.roads.items() for g in road.geometry]
+    xy = np.array([[number(piece, axis, where) for axis in "xy"] for where, piece in pieces])
+    middle = 0.5 * (xy.min(axis=0) + xy.max(axis=0))
+    if np.abs(middle).max() < FAR:
+        return np.zeros(2), []
+    origin = np.round(middle, -2)
+    return origin, [f"the origin was moved to x = {origin[0]:.0f} m, y = {origin[1]:.0f} m of the file"]
+
+
+def _names(document: Document) -> dict[str, str]:
+    """Return road id -> identifier."""
+    names: dict[str, str] = {}
+    for key in document.roads:
+        name, count = f"road_{identifier(key)}", 2
+        while name in names.values():
+            name, count = f"road_{identifier(key)}_{count}", count + 1
+        names[key] = name
+    return names
+
+
+def _overlaps(outside: dict[str, Sheet]) -> list[str]:
+    """Return a note if roads outside junctions lie on each other at one height."""
+    keys = list(outside)
+    outlines = [outside[key].outline for key in keys]
+    found = []
+    for i, j in np.asarray(shapely.STRtree(outlines).query(outlines, predicate="intersects")).T:
+        if i < j:
+            area = shapely.intersection(outlines[i], outlines[j])
+            if area.area > 0.05:
+                at = shapely.get_coordinates(shapely.point_on_surface(area))
+                z = [Sheets([outside[keys[k]].surface]).lowest(at)[0] for k in (i, j)]
+                if abs(z[0] - z[1]) < OVERPASS:
+                    found.append((area.area, keys[i], keys[j]))
+    if not found:
+        return []
+    area, first, second = max(found)
+    return [
+        f"{len(found)} pairs of roads outside junctions overlap, most of all {first!r} and {second!r} by {area:.1f} "
+        "m2; their surfaces lie on each other there"
+    ]
+
+
+def _close(sheets: list[Sheet], tops: Sheets, notes: list[str]) -> shapely.Geometry:
+    """Give every sheet its sides, bridges their undersides, and return what lies on the ground."""
+    ground, bridges = [], 0
+    for sheet in sheets:
+        outline, side = sheet.outline, "soil"
+        if sheet.rows:
+            over = bridge_rows(sheet, tops)
+            if over.any():
+                bridges, side = bridges + 1, "concrete_structure"
+                close_edges(sheet.surface, tops, side=side)
+                outline = shapely.difference(outline, add_deck(sheet, over), grid_size=1e-4)
+        if side == "soil":
+            close_edges(sheet.surface, tops)
+        ground.append(outline)
+    if bridges:
+        notes.append(f"{bridges} roads cross others on bridges; a deck without piers or parapets was assumed")
+    return shapely.union_all(ground, grid_size=1e-4)
+
+
+def _parts(sheet: Sheet) -> list[MeshPart]:
+    """Return the meshes of one sheet."""
+    name = sheet.name
+    return sheet.surface.parts(
+        {
+            "asphalt": (f"Roads/{name}/asphalt", "road"),
+            "road_marking": (f"Roads/{name}/marking", "road_line"),
+            YELLOW: (f"Roads/{name}/marking_yellow", "road_line"),
+            "concrete_sidewalk": (f"Sidewalks/{name}/walk", "sidewalk"),
+            "curb": (f"Sidewalks/{name}/curb", "sidewalk"),
+            "grass": (f"Terrain/{name}/green", "terrain"),
+            "soil": (f"Terrain/{name}/side", "terrain"),
+            "concrete_structure": (f"Bridges/{name}/deck", "bridge"),
+        }
+    )

@@ -1,0 +1,356 @@
+"""The records of an OpenDRIVE file: roads, lane sections, lanes, links and junctions, as the XML says them.
+
+Source: ASAM OpenDRIVE 1.4 to 1.8.
+"""
+
+import math
+import xml.etree.ElementTree as ElementTree
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from mmw.core.errors import InputError
+
+SPEED_UNIT = {"m/s": 1.0, "km/h": 1 / 3.6, "mph": 0.44704, "": 1.0}
+"""Unit of a speed limit -> metres per second."""
+
+
+@dataclass(frozen=True)
+class Cubics:
+    """A piecewise cubic a + b ds + c ds^2 + d ds^3 of the station, ds counted from the start of each piece."""
+
+    start: np.ndarray
+    """Stations where the pieces begin, ascending [m], shape [K]; empty for a function that is 0 everywhere."""
+    coefficients: np.ndarray
+    """a, b, c, d of every piece, shape [K, 4]."""
+
+    def at(self, s: np.ndarray) -> np.ndarray:
+        """Return the values at stations `s` [m], of the same shape; the first piece also holds before its start."""
+        s = np.asarray(s, float)
+        if len(self.start) == 0:
+            return np.zeros_like(s)
+        piece = np.clip(np.searchsorted(self.start, s, side="right") - 1, 0, len(self.start) - 1)
+        ds = s - self.start[piece]
+        a, b, c, d = np.moveaxis(self.coefficients[piece], -1, 0)
+        return a + ds * (b + ds * (c + ds * d))
+
+
+@dataclass(frozen=True)
+class Mark:
+    """Paint on the outer border of a lane, from a station on."""
+
+    start: float
+    """Where it begins, on the road [m]."""
+    kind: str
+    """`solid`, `broken`, `none`, or two of these with a space between for a double line."""
+    width: float
+    """Of one line [m]."""
+    color: str
+    dash: tuple[float, float]
+    """Length of a dash and of the gap after it [m]."""
+    change: str
+    """Attribute laneChange: `increase`, `decrease`, `both`, `none`; empty if the file does not say."""
+
+
+@dataclass(frozen=True)
+class LaneRecord:
+    """One lane of one lane section."""
+
+    number: int
+    """Lane id: 0 is the centre line, left lanes are positive."""
+    kind: str
+    width: Cubics | None
+    border: Cubics | None
+    heights: tuple[tuple[float, float, float], ...]
+    """Station [m], inner and outer height above the road surface [m], from that station on."""
+    marks: tuple[Mark, ...]
+    speeds: tuple[tuple[float, float], ...]
+    """Station [m] and speed limit [m/s] from there on."""
+    predecessor: int | None
+    successor: int | None
+    reversed: bool
+    """Whether traffic runs against the side's usual direction (attribute direction, 1.8)."""
+
+
+@dataclass(frozen=True)
+class Section:
+    """A stretch of road with a constant set of lanes."""
+
+    start: float
+    end: float
+    lanes: dict[int, LaneRecord]
+
+
+@dataclass(frozen=True)
+class Link:
+    """What follows at one end of a road."""
+
+    kind: str
+    """`road` or `junction`."""
+    target: str
+    contact: str
+    """`start` or `end` of the target road; empty for a junction."""
+
+
+@dataclass(frozen=True)
+class RoadRecord:
+    """One road."""
+
+    id: str
+    length: float
+    junction: str
+    """Id of the junction that it crosses; empty on an ordinary road."""
+    is_left_hand: bool
+    predecessor: Link | None
+    successor: Link | None
+    geometry: tuple[ElementTree.Element, ...]
+    elevation: Cubics
+    superelevation: Cubics
+    """Angle about the direction of travel, the left side up [rad]."""
+    offset: Cubics
+    sections: tuple[Section, ...]
+    speeds: tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True)
+class Connection:
+    """A way into a junction."""
+
+    incoming: str
+    connecting: str
+    contact: str
+    lanes: tuple[tuple[int, int], ...]
+
+
+@dataclass(frozen=True)
+class JunctionRecord:
+    """One junction."""
+
+    id: str
+    kind: str
+    """`default`, `direct` or `virtual`."""
+    connections: tuple[Connection, ...]
+    priorities: tuple[tuple[str, str], ...]
+    """Ids of roads, the first of which goes before the second."""
+
+
+@dataclass
+class Document:
+    """A whole file."""
+
+    path: Path
+    roads: dict[str, RoadRecord] = field(default_factory=dict)
+    junctions: dict[str, JunctionRecord] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+
+
+def read_document(path: Path) -> Document:
+    """Read an OpenDRIVE file.
+
+    Raises:
+        InputError: If it is not OpenDRIVE, has no road, or a record lacks an attribute or has a wrong one.
+    """
+    try:
+        root = ElementTree.parse(path).getroot()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); give the path of a .xodr file") from None
+    except ElementTree.ParseError as error:
+        raise InputError(f"{path}: broken XML ({error}); export the file again") from None
+    for element in root.iter():
+        element.tag = str(element.tag).rpartition("}")[2]  # 1.8 files may have a namespace
+    if root.tag != "OpenDRIVE":
+        raise InputError(f"{path}: root element <{root.tag}>; <OpenDRIVE> is needed; give an OpenDRIVE file")
+    document = Document(path)
+    skipped = {"objects": 0, "signals": 0, "shape": 0, "crossfall": 0}
+    for element in root.findall("road"):
+        where = f"{path}: road {element.get('id')!r}"
+        road = _road(element, where)
+        if road.id in document.roads:
+            raise InputError(f"{where}: the id is used twice; ids must differ; export the file again")
+        document.roads[road.id] = road
+        for tag in skipped:
+            found = element.find(f"lateralProfile/{tag}" if tag in ("shape", "crossfall") else tag)
+            skipped[tag] += 0 if found is None else max(1, len(found))
+    if not document.roads:
+        raise InputError(f"{path}: has no road; an OpenDRIVE file with <road> elements is needed; export it again")
+    for element in root.findall("junction"):
+        junction = _junction(element, f"{path}: junction {element.get('id')!r}")
+        document.junctions[junction.id] = junction
+    virtual = sum(junction.kind == "virtual" for junction in document.junctions.values())
+    if virtual:
+        document.notes.append(f"{virtual} virtual junctions left out: no lane leads from the middle of a road")
+    words = {"shape": "lateral profile shapes", "crossfall": "crossfalls"}
+    document.notes += [f"{n} {words.get(tag, tag)} left out" for tag, n in skipped.items() if n]
+    return document
+
+
+def number(element: ElementTree.Element, name: str, where: str, default: float | None = None) -> float:
+    """Return an attribute as a number.
+
+    Raises:
+        InputError: If it is missing and has no default, or is not a finite number.
+    """
+    text = element.get(name)
+    if text is None and default is not None:
+        return default
+    try:
+        value = float(text or "")
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        found = "is missing" if text is None else f"is {text!r}"
+        raise InputError(f"{where}: <{element.tag}> attribute {name} {found}; a number is needed; correct the file")
+    return value
+
+
+def _cubics(
+    elements: list[ElementTree.Element], where: str, key: str = "s", shift: float = 0.0, scale: float = 1.0
+) -> Cubics:
+    rows = [[number(e, key, where, 0.0) + shift, *(scale * number(e, k, where, 0.0) for k in "abcd")] for e in elements]
+    table = np.array(sorted(rows, key=lambda row: row[0]), float).reshape(-1, 5)
+    return Cubics(table[:, 0], table[:, 1:])
+
+
+def _speeds(elements: list[ElementTree.Element], where: str, key: str, shift: float) -> tuple[tuple[float, float], ...]:
+    found = []
+    for element in elements:
+        text, unit = element.get("max", ""), element.get("unit", "")
+        if text in ("no limit", "undefined"):
+            continue
+        if unit not in SPEED_UNIT:
+            raise InputError(f"{where}: speed unit {unit!r}; m/s, km/h or mph is needed; correct the file")
+        value = number(element, "max", where) * SPEED_UNIT[unit]
+        if value > 0:
+            found.append((number(element, key, where, 0.0) + shift, value))
+    return tuple(sorted(found))
+
+
+def _road(element: ElementTree.Element, where: str) -> RoadRecord:
+    length = number(element, "length", where)
+    if element.get("id") is None or length <= 0:
+        raise InputError(f"{where}: length {length}; an id and a positive length are needed; correct the file")
+    geometry = tuple(element.findall("planView/geometry"))
+    if not geometry:
+        raise InputError(f"{where}: has no planView geometry; at least one piece is needed; export the file again")
+    starts = [number(section, "s", where) for section in element.findall("lanes/laneSection")]
+    if not starts:
+        raise InputError(f"{where}: has no laneSection; at least one is needed; export the file again")
+    if starts != sorted(starts):
+        raise InputError(f"{where}: lane sections are not in ascending order of s; sort them")
+    ends = [*starts[1:], length]
+    sections = tuple(
+        _section(section, start, end, where)
+        for section, start, end in zip(element.findall("lanes/laneSection"), starts, ends, strict=True)
+        if end - start > 1e-6
+    )
+    rule = element.get("rule", "RHT")
+    if rule not in ("RHT", "LHT"):
+        raise InputError(f"{where}: rule {rule!r}; RHT or LHT is needed; correct the file")
+    types = element.findall("type")
+    speeds = [(number(t, "s", where, 0.0), s) for t in types for _, s in _speeds(t.findall("speed"), where, "s", 0.0)]
+    junction = element.get("junction", "-1")
+    return RoadRecord(
+        id=element.get("id", ""),
+        length=length,
+        junction="" if junction == "-1" else junction,
+        is_left_hand=rule == "LHT",
+        predecessor=_link(element.find("link/predecessor"), where),
+        successor=_link(element.find("link/successor"), where),
+        geometry=geometry,
+        elevation=_cubics(element.findall("elevationProfile/elevation"), where),
+        superelevation=_cubics(element.findall("lateralProfile/superelevation"), where),
+        offset=_cubics(element.findall("lanes/laneOffset"), where),
+        sections=sections,
+        speeds=tuple(sorted(speeds)),
+    )
+
+
+def _link(element: ElementTree.Element | None, where: str) -> Link | None:
+    if element is None or element.get("elementId") is None:
+        return None
+    kind, contact = element.get("elementType", "road"), element.get("contactPoint", "")
+    if kind == "road" and contact not in ("start", "end"):
+        if element.get("elementS") is not None:
+            return None  # a virtual connection in the middle of a road
+        raise InputError(f"{where}: link to road {element.get('elementId')!r} has no contactPoint; add start or end")
+    return Link(kind, element.get("elementId", ""), contact if kind == "road" else "")
+
+
+def _section(element: ElementTree.Element, start: float, end: float, where: str) -> Section:
+    if element.get("singleSide") in ("true", "1"):
+        raise InputError(f"{where}: laneSection at s = {start} holds for one side only; give both sides at every s")
+    lanes = {}
+    for side in ("left", "center", "right"):
+        for lane in element.findall(f"{side}/lane"):
+            record = _lane(lane, start, where)
+            if (record.number > 0) != (side == "left") or (record.number < 0) != (side == "right"):
+                raise InputError(
+                    f"{where}: lane {record.number} stands in <{side}>; left lanes are positive; correct it"
+                )
+            lanes[record.number] = record
+    if 0 not in lanes:
+        lanes[0] = LaneRecord(0, "none", None, None, (), (), (), None, None, False)
+    for side in (1, -1):
+        found = sorted(abs(n) for n in lanes if n * side > 0)
+        if found != list(range(1, len(found) + 1)):
+            raise InputError(
+                f"{where}: lanes at s = {start} are numbered {found}; 1, 2, 3 ... are needed; renumber them"
+            )
+    return Section(start, end, lanes)
+
+
+def _lane(element: ElementTree.Element, start: float, where: str) -> LaneRecord:
+    lane = int(number(element, "id", where))
+    where = f"{where}: lane {lane} at s = {start:g}"
+    widths, borders = element.findall("width"), element.findall("border")
+    if lane and not widths and not borders:
+        raise InputError(f"{where}: has neither width nor border; one is needed; export the file again")
+    links = [element.find(f"link/{name}") for name in ("predecessor", "successor")]
+    before, after = (None if link is None else int(number(link, "id", where)) for link in links)
+    marks = tuple(sorted((_mark(m, start, where) for m in element.findall("roadMark")), key=lambda m: m.start))
+    heights = [
+        (start + number(h, "sOffset", where, 0.0), number(h, "inner", where), number(h, "outer", where))
+        for h in element.findall("height")
+    ]
+    return LaneRecord(
+        number=lane,
+        kind=element.get("type", "none"),
+        width=_cubics(widths, where, "sOffset", start) if widths else None,
+        border=_cubics(borders, where, "sOffset", start) if borders else None,
+        heights=tuple(sorted(heights)),
+        marks=marks,
+        speeds=_speeds(element.findall("speed"), where, "sOffset", start),
+        predecessor=before,
+        successor=after,
+        reversed=element.get("direction") == "reversed",
+    )
+
+
+def _mark(element: ElementTree.Element, start: float, where: str) -> Mark:
+    kind = element.get("type", "none")
+    known = {"solid", "broken"}
+    kind = kind if set(kind.split()) <= known else {"botts dots": "broken"}.get(kind, "none")
+    bold = element.get("weight") == "bold"
+    width = number(element, "width", where, 0.0) or (0.25 if bold else 0.12)
+    line = element.find("type/line")
+    dash = (3.0, 6.0)  # design value: what most countries paint in towns
+    if line is not None and number(line, "length", where, 0.0) > 0 and number(line, "space", where, 0.0) > 0:
+        dash = (number(line, "length", where), number(line, "space", where))
+    color = element.get("color", "standard")
+    return Mark(start + number(element, "sOffset", where, 0.0), kind, width, color, dash, element.get("laneChange", ""))
+
+
+def _junction(element: ElementTree.Element, where: str) -> JunctionRecord:
+    connections = []
+    for connection in element.findall("connection"):
+        lanes = tuple(
+            (int(number(link, "from", where)), int(number(link, "to", where)))
+            for link in connection.findall("laneLink")
+        )
+        target = connection.get("connectingRoad") or connection.get("linkedRoad")
+        incoming, contact = connection.get("incomingRoad"), connection.get("contactPoint", "start")
+        if target and incoming:
+            connections.append(Connection(incoming, target, contact, lanes))
+    priorities = tuple((p.get("high", ""), p.get("low", "")) for p in element.findall("priority"))
+    return JunctionRecord(element.get("id", ""), element.get("type", "default"), tuple(connections), priorities)

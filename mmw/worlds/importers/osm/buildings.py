@@ -1,0 +1,239 @@
+"""Buildings of an OpenStreetMap extract as closed solids: walls, roof and an underside below the ground.
+
+Source of the tags: OpenStreetMap wiki, Simple 3D Buildings.
+"""
+
+from collections import defaultdict
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import shapely
+
+from mmw.worlds.importers.osm.materials import Palette
+from mmw.worlds.importers.osm.xml import Extract, Feature, metres, number
+from mmw.worlds.towns.mesh_part import MeshPart
+from mmw.worlds.towns.primitives import Mesh, merge, weld
+
+LEVEL = 3.0
+"""Height of a storey [m]; the wiki's rule of thumb."""
+LEVELS = {
+    "house": 2, "detached": 2, "semidetached_house": 2, "terrace": 2, "garage": 1, "garages": 1, "shed": 1, "hut": 1,
+    "kiosk": 1, "roof": 1, "greenhouse": 1, "apartments": 4, "office": 5, "hotel": 5, "church": 4,
+}  # fmt: skip
+"""Type of building -> storeys where neither height nor levels are given; design values."""
+UNKNOWN_LEVELS = 3
+"""The same for all other types."""
+FOOT = 0.5
+"""How far buildings reach below the ground [m], so that no underside lies in its plane; design value."""
+PITCH = 0.6
+"""Rise of a roof of unknown height by half its span [-]: 31 degrees; design value."""
+SMALLEST = 1.0
+"""Areas below this are no buildings [m^2]."""
+FORMS = ("flat", "gabled", "hipped", "pyramidal")
+"""Roof shapes that are built; others become flat."""
+
+
+@dataclass(frozen=True)
+class Body:
+    """One building or building part: a prism with a roof."""
+
+    name: str
+    plan: shapely.Polygon
+    """Counter-clockwise, holes clockwise [m]."""
+    bottom: float
+    eaves: float
+    """Height of the top of the walls [m]."""
+    rise: float
+    """Height of the roof above them [m]; 0 for a flat one."""
+    form: str
+    facade: str
+    roof: str
+
+
+def find_bodies(extract: Extract, palette: Palette) -> tuple[list[Body], list[str]]:
+    """Return the buildings of an extract in order of their ids, and notes for people."""
+    outlines = _areas(extract, "building")
+    parts = _areas(extract, "building:part")
+    notes, bodies, guessed, odd = [], [], 0, 0
+    covered = _with_parts(outlines, parts)
+    for feature, _ in [*((f, k) for k, f in enumerate(outlines) if k not in covered), *((f, -1) for f in parts)]:
+        tags = feature.tags
+        top, bottom, rise, is_guess = _heights(feature)
+        guessed += is_guess
+        pieces = [p for p in shapely.get_parts(shapely.make_valid(feature.area)) if p.geom_type == "Polygon"]
+        pieces = [p for p in pieces if p.area >= SMALLEST]
+        for k, piece in enumerate(pieces):
+            plan = shapely.orient_polygons(shapely.remove_repeated_points(piece, 0.01))
+            form = _form(tags.get("roof:shape", "flat"), plan)
+            odd += form != tags.get("roof:shape", "flat")
+            height = 0.0 if form == "flat" else _rise(rise, plan, top - bottom)
+            name = feature.id if len(pieces) == 1 else f"{feature.id}_{k}"
+            facade, roof = palette.facade(tags), palette.roof(tags, form)
+            bodies.append(
+                Body(name, plan, bottom - (FOOT if bottom == 0 else 0.0), top - height, height, form, facade, roof)
+            )
+    if guessed:
+        notes.append(
+            f"{guessed} of {len(bodies)} buildings have neither height nor levels; the height of their type assumed"
+        )
+    if odd:
+        notes.append(f"{odd} roofs of other shapes, or on plans too complex for theirs, were made flat")
+    if covered:
+        notes.append(f"{len(covered)} outlines left out, because their parts (building:part) are built")
+    return bodies, notes
+
+
+def _areas(extract: Extract, key: str) -> list[Feature]:
+    found = [f for f in (*extract.ways, *extract.relations) if f.area is not None and f.tags.get(key, "no") != "no"]
+    return [f for f in found if f.area is not None and not f.area.is_empty and f.tags.get("location") != "underground"]
+
+
+def _with_parts(outlines: list[Feature], parts: list[Feature]) -> set[int]:
+    """Indices of the outlines that parts stand in."""
+    if not outlines or not parts:
+        return set()
+    tree = shapely.STRtree([shapely.make_valid(f.area) for f in outlines])
+    inside = shapely.point_on_surface(np.array([shapely.make_valid(f.area) for f in parts]))
+    return set(tree.query(inside, predicate="within")[1].tolist())
+
+
+def _heights(feature: Feature) -> tuple[float, float, float | None, bool]:
+    """Top, bottom and height of the roof if it is given [m], and whether the top is a guess."""
+    tags = feature.tags
+    rise, roof_levels = metres(tags.get("roof:height")), number(tags.get("roof:levels"))
+    if rise is None and roof_levels is not None and tags.get("roof:shape", "flat") != "flat":
+        rise = roof_levels * LEVEL
+    bottom = metres(tags.get("min_height"))
+    below = number(tags.get("building:min_level"))
+    bottom = bottom if bottom is not None else LEVEL * (below or 0.0)
+    top, levels = metres(tags.get("height")), number(tags.get("building:levels"))
+    is_guess = top is None and levels is None
+    if top is None:
+        kind = tags.get("building", tags.get("building:part", ""))
+        walls = LEVEL * (levels if levels is not None else LEVELS.get(kind, UNKNOWN_LEVELS))
+        top = walls + (rise or 0.0)
+    return max(top, bottom + 0.5), max(bottom, 0.0), rise, is_guess
+
+
+def _corners(plan: shapely.Polygon) -> np.ndarray:
+    """Corners of a plan without those on straight walls, shape [K, 2]."""
+    return shapely.get_coordinates(shapely.simplify(plan.exterior, 0.05))[:-1]
+
+
+def _form(wanted: str, plan: shapely.Polygon) -> str:
+    """Return the roof shape that can be built on a plan."""
+    count = len(shapely.get_coordinates(plan.exterior)) - 1
+    if wanted not in FORMS or plan.interiors:
+        return "flat"
+    if wanted == "pyramidal":
+        ring, middle = shapely.get_coordinates(plan.exterior), shapely.get_coordinates(plan.centroid)[0]
+        a, b = ring[:-1] - middle, ring[1:] - middle
+        return wanted if np.all(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0] > 1e-6) else "flat"
+    is_convex = plan.convex_hull.area < 1.001 * plan.area
+    return wanted if count == 4 and len(_corners(plan)) == 4 and is_convex else "flat"
+
+
+def _rise(given: float | None, plan: shapely.Polygon, height: float) -> float:
+    span = np.sqrt(plan.area)
+    if len(_corners(plan)) == 4:
+        ring = shapely.get_coordinates(plan.exterior)
+        span = float(np.linalg.norm(np.diff(ring, axis=0), axis=1).min())
+    return min(given if given is not None else PITCH * 0.5 * span, 0.9 * height)
+
+
+def shared_walls(bodies: list[Body]) -> dict[tuple, list[int]]:
+    """Return wall -> buildings that have it, for walls of more than one; a wall is the unordered pair of its ends."""
+    walls: dict[tuple, list[int]] = defaultdict(list)
+    for k, body in enumerate(bodies):
+        for ring in (body.plan.exterior, *body.plan.interiors):
+            xy = np.round(shapely.get_coordinates(ring), 3)
+            for a, b in pairwise(xy.tolist()):
+                walls[tuple(sorted((tuple(a), tuple(b))))].append(k)
+    return {wall: found for wall, found in walls.items() if len(found) > 1}
+
+
+def build_body(body: Body, others: dict[tuple, list[Body]]) -> list[MeshPart]:
+    """Return the meshes of a building.
+
+    Args:
+        body: The building.
+        others: Wall -> other buildings with the same wall; what they cover is left out.
+    """
+    out: dict[str, list[Mesh]] = {"facade": [], "roof": []}
+    ring = shapely.get_coordinates(body.plan.exterior)[:-1]
+    ridge = _ridge(body, ring)
+    for border in (body.plan.exterior, *body.plan.interiors):
+        xy = shapely.get_coordinates(border)
+        for a, b in pairwise(xy):
+            key = tuple(sorted((tuple(np.round(a, 3).tolist()), tuple(np.round(b, 3).tolist()))))
+            covered = [(other.bottom, other.eaves) for other in others.get(key, [])]
+            for low, high in _uncovered(body.bottom, body.eaves, covered):
+                corners = np.array([[*a, low], [*b, low], [*b, high], [*a, high]])
+                out["facade"].append(Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]], np.int32)))
+    out["facade"].append(_cap(body.plan, body.bottom, up=False))
+    if ridge is None:
+        out["roof"].append(_cap(body.plan, body.eaves, up=True))
+    else:
+        gables, slopes = _pitched(body, ring, ridge)
+        out["facade"] += gables
+        out["roof"] += slopes
+    made = []
+    for use, material in (("facade", body.facade), ("roof", body.roof)):
+        mesh = weld(merge(out[use]))
+        made.append(MeshPart(f"Buildings/b_{body.name}/{use}", mesh.points, mesh.faces, material, "building"))
+    return made
+
+
+def _uncovered(low: float, high: float, covered: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Return what is left of a stretch of heights."""
+    left = [(low, high)]
+    for a, b in covered:
+        left = [piece for c, d in left for piece in ((c, min(d, a)), (max(c, b), d)) if piece[1] - piece[0] > 1e-6]
+    return left
+
+
+def _cap(plan: shapely.Polygon, z: float, up: bool) -> Mesh:
+    """Horizontal face over a plan."""
+    triangles = shapely.get_coordinates(shapely.get_parts(shapely.constrained_delaunay_triangles(plan)))
+    triangles = triangles.reshape(-1, 4, 2)[:, :3]
+    a, b, c = (triangles[:, k] for k in range(3))
+    twice = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
+    triangles = np.where(((twice > 0) != up)[:, None, None], triangles[:, ::-1], triangles)
+    points = np.column_stack([triangles.reshape(-1, 2), np.full(3 * len(triangles), z)])
+    return Mesh(points, np.arange(len(points), dtype=np.int32).reshape(-1, 3))
+
+
+def _ridge(body: Body, ring: np.ndarray) -> np.ndarray | None:
+    """Return the ends of the ridge in plan, shape [2, 2] or [1, 2]; None for a flat roof."""
+    if body.form == "flat":
+        return None
+    if body.form == "pyramidal":
+        return shapely.get_coordinates(body.plan.centroid)
+    sides = np.linalg.norm(np.roll(ring, -1, axis=0) - ring, axis=1)
+    first = 0 if sides[0] + sides[2] <= sides[1] + sides[3] else 1  # the gables stand on the shorter sides
+    ends = np.array([0.5 * (ring[k] + ring[(k + 1) % 4]) for k in (first, first + 2)])
+    if body.form == "hipped":
+        long = float(np.linalg.norm(ends[1] - ends[0]))
+        inset = min(0.5 * sides[[first, first + 2]].mean(), 0.5 * long) / long
+        ends = ends + inset * (ends[::-1] - ends)
+        if np.linalg.norm(ends[1] - ends[0]) < 0.01:
+            ends = ends[:1]
+    return ends
+
+
+def _pitched(body: Body, ring: np.ndarray, ridge: np.ndarray) -> tuple[list[Mesh], list[Mesh]]:
+    """Return gable walls and slopes."""
+    low = np.column_stack([ring, np.full(len(ring), body.eaves)])
+    top = np.column_stack([ridge, np.full(len(ridge), body.eaves + body.rise)])
+    gables, slopes = [], []
+    for k in range(len(ring)):
+        a, b = low[k], low[(k + 1) % len(ring)]
+        near = [int(np.argmin(np.linalg.norm(top[:, :2] - p[:2], axis=1))) for p in (a, b)]
+        if near[0] == near[1]:
+            mesh = Mesh(np.array([a, b, top[near[0]]]), np.array([[0, 1, 2]], np.int32))
+            (gables if body.form == "gabled" else slopes).append(mesh)
+        else:
+            corners = np.array([a, b, top[near[1]], top[near[0]]])
+            slopes.append(Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]], np.int32)))
+    return gables, slopes

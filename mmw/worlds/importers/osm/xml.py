@@ -1,0 +1,214 @@
+"""An OpenStreetMap extract: ways and areas with their tags, in metres about the middle of the extract."""
+
+import re
+import xml.etree.ElementTree as ElementTree
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import shapely
+
+from mmw.core.errors import InputError
+
+SEMI_MAJOR = 6378137.0
+"""Semi-major axis of the earth [m]. Source: WGS-84."""
+FLATTENING = 1 / 298.257223563
+"""Flattening of the earth [-]. Source: WGS-84."""
+LARGEST = 20e3
+"""Largest extent of an extract [m]: farther out a plane map is wrong by more than a few centimetres."""
+
+
+@dataclass(frozen=True)
+class Feature:
+    """A node, way or relation with tags."""
+
+    id: str
+    """Kind and number, such as `w123`."""
+    tags: dict[str, str]
+    xy: np.ndarray
+    """Position of a node, line of a way [m], shape [N, 2]; of a relation, no points."""
+    area: shapely.Polygon | shapely.MultiPolygon | None = None
+    """What a closed way or multipolygon encloses [m]; None for others."""
+
+
+@dataclass
+class Extract:
+    """Everything with tags."""
+
+    path: Path
+    origin: tuple[float, float]
+    """Latitude and longitude of (0, 0) [deg]."""
+    points: list[Feature] = field(default_factory=list)
+    ways: list[Feature] = field(default_factory=list)
+    relations: list[Feature] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+
+def to_plane(lat_deg: np.ndarray, lon_deg: np.ndarray, origin: tuple[float, float]) -> np.ndarray:
+    """Return east and north of points on the ellipsoid in the plane that touches it at `origin` [m], shape [N, 2].
+
+    Within 5 km of the origin, distances differ by less than 1 mm from those along the ellipsoid, because a distance d
+    becomes R sin(d / R).
+
+    Args:
+        lat_deg: Latitudes [deg], shape [N].
+        lon_deg: Longitudes [deg], shape [N].
+        origin: Latitude and longitude of (0, 0) [deg].
+
+    Source: Torge and Mueller, Geodesy, 4th edition, sections 2.3.1 (earth-fixed) and 2.4 (local topocentric system).
+    """
+    e2 = FLATTENING * (2 - FLATTENING)
+
+    def earth_fixed(lat: np.ndarray, lon: np.ndarray) -> np.ndarray:
+        normal = SEMI_MAJOR / np.sqrt(1 - e2 * np.sin(lat) ** 2)
+        ground = normal * np.cos(lat)
+        return np.stack([ground * np.cos(lon), ground * np.sin(lon), (1 - e2) * normal * np.sin(lat)], axis=-1)
+
+    lat0, lon0 = np.radians(origin)
+    d = earth_fixed(np.radians(lat_deg), np.radians(lon_deg)) - earth_fixed(lat0, lon0)
+    east = -np.sin(lon0) * d[:, 0] + np.cos(lon0) * d[:, 1]
+    radial = np.cos(lon0) * d[:, 0] + np.sin(lon0) * d[:, 1]
+    return np.stack([east, np.cos(lat0) * d[:, 2] - np.sin(lat0) * radial], axis=1)
+
+
+def read_extract(path: Path, origin: tuple[float, float] | None) -> Extract:
+    """Read an .osm file.
+
+    Args:
+        path: The file.
+        origin: Latitude and longitude of (0, 0) [deg]; the middle of the extract's `bounds` if None, or of its nodes.
+
+    Raises:
+        InputError: If it is no OSM file, a node has no position on the earth, or the extract is too large.
+    """
+    try:
+        root = ElementTree.parse(path).getroot()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); give the path of an .osm file") from None
+    except ElementTree.ParseError as error:
+        raise InputError(f"{path}: broken XML ({error}); download the extract again") from None
+    if root.tag != "osm":
+        raise InputError(f"{path}: root element <{root.tag}>; <osm> is needed; give an OpenStreetMap extract")
+    nodes = [node for node in root.findall("node") if node.get("action") != "delete" and node.get("lat") is not None]
+    if not nodes:
+        raise InputError(f"{path}: has no nodes; an extract with nodes and ways is needed; download it again")
+    position = np.array([_position(node, path) for node in nodes])
+    low, high = position.min(axis=0), position.max(axis=0)
+    if origin is None:
+        low, high = _box(root, path) or (low, high)  # openstreetmap.org gives ways as a whole, far beyond the box
+        origin = tuple(np.round(0.5 * (low + high), 6).tolist())
+    elif not (abs(origin[0]) <= 90 and abs(origin[1]) <= 180):
+        raise InputError(
+            f"{path}: origin {origin}; latitude -90 to 90 and longitude -180 to 180 are needed; correct it"
+        )
+    xy = to_plane(position[:, 0], position[:, 1], origin)
+    extract = Extract(path, origin)
+    place = {node.get("id", ""): xy[k] for k, node in enumerate(nodes)}
+    extract.points = [
+        Feature(f"n{node.get('id')}", tags, xy[k : k + 1]) for k, node in enumerate(nodes) if (tags := _tags(node))
+    ]
+    ways = {}
+    incomplete = 0
+    for way in root.findall("way"):
+        refs = [nd.get("ref", "") for nd in way.findall("nd")]
+        kept = [ref for k, ref in enumerate(refs) if ref in place and (k == 0 or ref != refs[k - 1])]
+        is_whole = all(ref in place for ref in refs)
+        incomplete += not is_whole
+        line = np.array([place[ref] for ref in kept]).reshape(-1, 2)
+        area = shapely.Polygon(line) if is_whole and len(kept) >= 4 and kept[0] == kept[-1] else None
+        ways[way.get("id", "")] = Feature(f"w{way.get('id')}", _tags(way), line, area)
+    if incomplete:
+        extract.notes.append(
+            f"{incomplete} ways reach beyond the extract; what lies inside was kept, areas were dropped"
+        )
+    extract.ways = list(ways.values())
+    _add_relations(extract, root, ways)
+    used = [f.xy for f in extract.ways if len(f.xy) and f.tags]
+    size = np.ptp(np.concatenate(used), axis=0).max() if used else 0.0
+    far = max((float(np.abs(line).max()) for line in used), default=0.0)
+    if size > LARGEST or far > LARGEST:
+        raise InputError(
+            f"{path}: the extract is {size / 1e3:.1f} km wide and reaches {far / 1e3:.1f} km from the origin; "
+            f"{LARGEST / 1e3:.0f} km or less are needed; cut out a smaller area"
+        )
+    return extract
+
+
+def _box(root: ElementTree.Element, path: Path) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return the lowest and the highest latitude and longitude that were asked for [deg]; None if not given."""
+    box = root.find("bounds")
+    if box is None:
+        return None
+    corners = [box.get(key, "") for key in ("minlat", "minlon", "maxlat", "maxlon")]
+    try:
+        values = np.array([float(value) for value in corners])
+    except ValueError:
+        values = np.full(4, np.nan)
+    low, high = values[:2], values[2:]
+    if not ((np.abs(values) <= [90, 180, 90, 180]).all() and (low <= high).all()):
+        raise InputError(f"{path}: <bounds> are {', '.join(corners)}; degrees are needed; correct or remove the line")
+    return low, high
+
+
+def _position(node: ElementTree.Element, path: Path) -> tuple[float, float]:
+    try:
+        lat, lon = float(node.get("lat", "")), float(node.get("lon", ""))
+    except ValueError:
+        lat = lon = float("nan")
+    if not (abs(lat) <= 90 and abs(lon) <= 180):
+        raise InputError(
+            f"{path}: node {node.get('id')}: lat {node.get('lat')!r}, lon {node.get('lon')!r}; -90 to 90 and -180 to "
+            "180 degrees are needed; download the extract again"
+        )
+    return lat, lon
+
+
+def _tags(element: ElementTree.Element) -> dict[str, str]:
+    return {tag.get("k", ""): tag.get("v", "") for tag in element.findall("tag")}
+
+
+def _add_relations(extract: Extract, root: ElementTree.Element, ways: dict[str, Feature]) -> None:
+    """Assemble the multipolygons: outer rings less inner rings, each of one or more ways."""
+    dropped = 0
+    for relation in root.findall("relation"):
+        tags = _tags(relation)
+        if tags.get("type") != "multipolygon" or len(tags) < 2:
+            continue
+        rings: dict[str, list[shapely.LineString]] = {"outer": [], "inner": []}
+        is_whole = True
+        for member in relation.findall("member"):
+            way = ways.get(member.get("ref", ""))
+            if member.get("type") == "way":
+                is_whole &= way is not None and len(way.xy) >= 2
+                if way is not None and len(way.xy) >= 2:
+                    rings["inner" if member.get("role") == "inner" else "outer"].append(shapely.LineString(way.xy))
+        outer, inner = (shapely.union_all(shapely.get_parts(shapely.polygonize(rings[k]))) for k in ("outer", "inner"))
+        area = shapely.difference(outer, inner)
+        if not is_whole or area.is_empty:
+            dropped += 1
+            continue
+        extract.relations.append(Feature(f"r{relation.get('id')}", tags, np.zeros((0, 2)), area))
+    if dropped:
+        extract.notes.append(f"{dropped} multipolygons reach beyond the extract and were dropped")
+
+
+def metres(text: str | None) -> float | None:
+    """Return a length tag in metres; None if there is none or it cannot be read.
+
+    Source: OpenStreetMap wiki, Map features/Units: metres unless a unit follows; feet and inches as 7'4".
+    """
+    if text is None:
+        return None
+    text = text.strip().replace(",", ".")
+    found = re.fullmatch(r"([-+]?\d+(?:\.\d+)?)\s*(m|km|ft|cm)?", text)
+    if found:
+        return float(found[1]) * {"m": 1.0, "km": 1000.0, "ft": 0.3048, "cm": 0.01}[found[2] or "m"]
+    found = re.fullmatch(r"(\d+(?:\.\d+)?)'\s*(?:(\d+(?:\.\d+)?)\")?", text)
+    return None if found is None else float(found[1]) * 0.3048 + float(found[2] or 0) * 0.0254
+
+
+def number(text: str | None) -> float | None:
+    """Return a plain number tag such as building:levels; None if there is none or it cannot be read."""
+    if text is None or not re.fullmatch(r"\s*-?\d+([.,]\d+)?\s*", text):
+        return None
+    return float(text.replace(",", "."))

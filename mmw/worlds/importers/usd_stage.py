@@ -1,0 +1,173 @@
+"""Any USD stage as a world: its meshes are copied, z up and in metres, with what it says about materials.
+
+The geometry is copied and not referenced, because a reference cannot repair what makes a stage foreign: it takes one
+root prim only, so that bindings to materials beside that prim are lost; nothing below an instance can be given a
+material or a label; and left-handed meshes and mirrored transforms stay as they are.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from pxr import Kind, Usd, UsdGeom, UsdShade
+
+from mmw.physics.materials.material import RadioMaterial
+from mmw.traffic.roads.lane_graph import LaneGraph
+from mmw.traffic.roads.lane_prims import has_lanes, read_lanes
+from mmw.usd.materials import NONVISUAL, MaterialUse, read_material, resolve_material
+from mmw.usd.meshes import FoundMesh, MeshReader, bound_materials, component_of, place, semantic_label, to_metres
+from mmw.usd.open_stage import check_references, open_stage
+from mmw.worlds.importers.imported_scene import ForeignMaterial, World
+from mmw.worlds.importers.mesh_cleanup import PartsList, PrimNames, identifier
+
+SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
+
+
+def read_usd(path: str | Path, *, unit_m: float = 0.0, origin: Sequence[float] = (0.0, 0.0, 0.0)) -> World:
+    """Return the meshes, materials, labels, components and lanes of a stage, at its start time.
+
+    Args:
+        path: USD file.
+        unit_m: One unit of the file [m]; what the stage says if zero.
+        origin: Point of the world [m] that becomes (0, 0, 0).
+
+    Raises:
+        InputError: If the file cannot be read, a layer is missing, or a mesh is broken.
+    """
+    path = Path(path)
+    stage = open_stage(path)
+    check_references(stage, path)
+    start = stage.GetStartTimeCode() if stage.HasAuthoredTimeCodeRange() else 0.0
+    meshes, metres = MeshReader(stage, Usd.TimeCode(start)), to_metres(stage)
+    if unit_m:
+        metres[:3, :3] *= unit_m / UsdGeom.GetStageMetersPerUnit(stage)
+    reader = _Reader(stage, PartsList(np.asarray(origin, float)))
+    found = [mesh for mesh in meshes.meshes() if _is_visible(mesh.anchor, start)]
+    reader.above = {str(prefix) for mesh in found for prefix in mesh.anchor.GetPath().GetParentPath().GetPrefixes()}
+    for mesh in found:
+        to_anchor = np.eye(4) if mesh.to_anchor is None else mesh.to_anchor
+        reader.add(mesh, meshes, to_anchor @ meshes.to_world(mesh.anchor) @ metres, str(path))
+    stretch = unit_m / UsdGeom.GetStageMetersPerUnit(stage) if unit_m else 1.0
+    lanes = _lanes(stage, stretch, np.asarray(origin, float))
+    notes = (*_notes(stage), *reader.notes(), *reader.parts.notes())
+    return World(reader.parts.parts, reader.materials, lanes, notes, frozenset(reader.components))
+
+
+def _is_visible(prim: Usd.Prim, time: float) -> bool:
+    return UsdGeom.Imageable(prim).ComputeVisibility(time) != UsdGeom.Tokens.invisible
+
+
+@dataclass
+class _Reader:
+    stage: Usd.Stage
+    parts: PartsList
+    names: PrimNames = field(default_factory=PrimNames)
+    materials: dict[str, ForeignMaterial] = field(default_factory=dict)
+    components: set[str] = field(default_factory=set)
+    above: set[str] = field(default_factory=set)  # prims that have meshes below them
+    textured: set[str] = field(default_factory=set)
+    _name_of: dict[tuple[str, RadioMaterial | None], str] = field(default_factory=dict)
+
+    def add(self, mesh: FoundMesh, meshes: MeshReader, matrix: np.ndarray, where: str) -> None:
+        """Add one use of a mesh prim, one part for each of its materials."""
+        triangles = meshes.triangles(mesh.prim)
+        points, faces = place(triangles, matrix)
+        materials, index = bound_materials(mesh.prim, triangles.polygon)
+        label = semantic_label(mesh.prim)
+        thing, anchor = component_of(mesh.anchor), mesh.anchor
+        is_component = Kind.Registry.IsA(Usd.ModelAPI(thing).GetKind(), Kind.Tokens.component)
+        is_folder = mesh.to_anchor is not None or len(materials) > 1 or str(anchor.GetPath()) in self.above
+        parent = self.folder(anchor if is_folder else anchor.GetParent())
+        for k, material in enumerate(materials):
+            name = self.material_name(str(mesh.prim.GetPath()), label, material)
+            own = name if len(materials) > 1 else mesh.prim.GetName()
+            path = self.names.child(parent, own)
+            if is_component:
+                self.components.add(path if thing == anchor and not is_folder else self.folder(thing))
+            self.parts.add(f"{where}: {mesh.prim.GetPath()}", path, points, faces[index == k], name, label)
+
+    def folder(self, prim: Usd.Prim) -> str:
+        """Return the path of a prim that holds others."""
+        if prim.IsPseudoRoot():
+            return ""
+        return self.names.folder(self.folder(prim.GetParent()), prim.GetName())
+
+    def material_name(self, mesh_path: str, label: str, prim: Usd.Prim | None) -> str:
+        """Return the name of a mesh's material, which is added if it is new."""
+        use = resolve_material(mesh_path, label, prim, {})
+        if prim is None:
+            self.materials.setdefault("no_material", ForeignMaterial("no_material", ""))
+            return "no_material"
+        path = str(prim.GetPath())
+        known = read_material(self.stage, use or MaterialUse(prim.GetName(), path, RadioMaterial("constant")))
+        radio = known.radio if use else None
+        if (path, radio) not in self._name_of:
+            name, number = identifier(prim.GetName()), 1
+            while name in self.materials:
+                number += 1
+                name = f"{identifier(prim.GetName())}_{number}"
+            self._name_of[path, radio] = name
+            self.materials[name] = ForeignMaterial(
+                name,
+                prim.GetName(),
+                radio=radio,
+                base="" if known.nonvisual_base == "none" else known.nonvisual_base,
+                coating=str(_value(prim, NONVISUAL + "coating", "none")),
+                attributes=tuple(map(str, _value(prim, NONVISUAL + "attributes", ("none",)))),
+                **self.look(prim, known.color),
+            )
+        return self._name_of[path, radio]
+
+    def look(self, prim: Usd.Prim, color: tuple[float, float, float]) -> dict:
+        """Return the numbers of the surface shader, as fields of `ForeignMaterial`."""
+        shader = UsdShade.Material(prim).ComputeSurfaceSource()[0]
+        if not shader:
+            return {}
+        look: dict = {}
+        for name in ("diffuseColor", "opacity", "metallic", "roughness"):
+            port = shader.GetInput(name)
+            value = port.Get() if port else None
+            if port and port.HasConnectedSource():
+                self.textured.add(prim.GetName())
+            elif name == "diffuseColor" and value is not None:
+                look["color"] = color
+            elif value is not None:
+                look[name] = float(f"{float(value):.7g}")
+        return look
+
+    def notes(self) -> list[str]:
+        if not self.textured:
+            return []
+        return [f"textures are not kept, these materials have a plain colour: {', '.join(sorted(self.textured))}"]
+
+
+def _value(prim: Usd.Prim, name: str, default: object) -> object:
+    attribute = prim.GetAttribute(name)
+    value = attribute.Get() if attribute else None
+    return default if value is None else value
+
+
+def _lanes(stage: Usd.Stage, stretch: float, origin: np.ndarray) -> LaneGraph | None:
+    """Return the lanes of a stage that has some, z up and in metres; `stretch` corrects the stage's unit."""
+    if not has_lanes(stage):
+        return None
+    lanes = read_lanes(stage, "/").lanes
+    return LaneGraph({name: replace(lane, points=stretch * lane.points - origin) for name, lane in lanes.items()})
+
+
+def _notes(stage: Usd.Stage) -> list[str]:
+    """Return what an import assumes and what it does not keep: motion and variants."""
+    moving, notes = 0, []
+    if not UsdGeom.StageHasAuthoredMetersPerUnit(stage):
+        notes.append("the stage does not say its unit: USD's fallback, the centimetre, is taken (--unit)")
+    for prim in stage.Traverse():
+        moving += prim.IsA(UsdGeom.Xformable) and UsdGeom.Xformable(prim).TransformMightBeTimeVarying()
+        sets = prim.GetVariantSets()
+        for name in sets.GetNames():
+            selected = sets.GetVariantSelection(name)
+            if len(sets.GetVariantSet(name).GetVariantNames()) > 1:
+                notes.append(f"{prim.GetPath()}: of variant set {name} only {selected or 'none'!r} is kept")
+    if moving:
+        notes.append(f"{moving} prims move; they stand where they are at the start (to keep motion, use `stage:`)")
+    return notes

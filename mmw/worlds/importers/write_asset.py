@@ -1,0 +1,193 @@
+"""An imported world as a town asset: an interface layer with weather variants over a payload with the geometry.
+
+Materials of the library come by reference, materials of the source are written into the payload, so that a weather
+variant of the interface layer can override both.
+"""
+
+import os
+from collections.abc import Collection
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from pxr import Kind, Sdf, Usd, UsdGeom
+
+from mmw.core.errors import InputError
+from mmw.core.resources import assets_dir
+from mmw.traffic.roads.lane_prims import write_lanes
+from mmw.usd import schema
+from mmw.usd.atomic_layers import save_layers
+from mmw.usd.material_library import LIBRARY, MaterialSpec, author_material
+from mmw.usd.prim_specs import new_mesh, new_prim, set_label
+from mmw.worlds.importers.imported_scene import ForeignMaterial, World
+from mmw.worlds.towns.block_description import SHIPPED_WEATHER
+from mmw.worlds.towns.mesh_part import MeshPart
+from mmw.worlds.towns.write_usd import GROUND_MATERIALS, ROOT, interface_layer, metres_z_up
+
+UNLABELED = "unlabeled"
+
+LOOK_OF_ROW = {
+    "itu_concrete": "concrete_facade", "itu_brick": "brick_facade", "itu_marble": "marble_facade", "itu_wood": "wood",
+    "itu_plywood": "wood", "itu_chipboard": "wood", "itu_floorboard": "wood", "itu_glass": "glass_facade",
+    "itu_metal": "metal_fascia", "itu_pec": "metal_fascia", "itu_very_dry_ground": "asphalt",
+    "itu_medium_dry_ground": "soil", "itu_wet_ground": "soil", "itu_asphalt_concrete": "asphalt",
+}  # fmt: skip
+"""Radio row -> library material that lends its colour, where the source has none, and its SimReady base. Design
+values."""
+
+
+@dataclass
+class _Node:
+    """A prim of the geometry: a group of others, or a mesh."""
+
+    path: str
+    children: dict[str, "_Node"] = field(default_factory=dict)
+    part: MeshPart | None = None
+
+    def labels(self) -> set[str]:
+        """Return the semantic classes of all meshes at or below."""
+        own = {self.part.label} if self.part else set()
+        return own.union(*(child.labels() for child in self.children.values()))
+
+
+def write_world(
+    world: World,
+    out: str | Path,
+    name: str,
+    *,
+    overwrite: bool = False,
+) -> Path:
+    """Write an interface layer and its payload, `<name>_geometry.usdc`: both or none, the same input the same bytes.
+
+    Args:
+        world: The world, after `check_world` and `apply_material_map`.
+        out: Folder of the asset, made if missing, or the interface layer itself, a `.usda`, `.usd` or `.usdc` file.
+        name: Name of the asset, and of the interface layer in a folder.
+        overwrite: Whether files that are there are replaced.
+
+    Returns:
+        Path of the interface layer.
+
+    Raises:
+        InputError: If a material has no radio description, a path cannot be a prim's, or a file exists.
+        OSError: If a file cannot be written; what was there before stays.
+    """
+    schema.register()
+    path, payload = asset_files(out, name)
+    for file in (path, payload):
+        if file.exists() and not overwrite:
+            raise InputError(f"{file}: is there already; give --overwrite to replace it, or another --out")
+    save_layers({payload: _geometry(world), path: _interface(world, path, payload, name)})
+    return path
+
+
+def asset_files(out: str | Path, name: str) -> tuple[Path, Path]:
+    """Return interface layer and payload of an asset, in a folder or as the USD file that `out` names."""
+    path = Path(out).resolve()
+    if path.suffix not in (".usd", ".usda", ".usdc"):
+        path = path / f"{name}.usda"
+    return path, path.with_name(f"{path.stem}_geometry.usdc")
+
+
+def _geometry(world: World) -> Sdf.Layer:
+    """Return the payload: meshes, lanes and the source's own materials."""
+    layer = Sdf.Layer.CreateAnonymous("geometry.usdc")
+    stage = Usd.Stage.Open(layer)
+    metres_z_up(stage)
+    stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, ROOT).GetPrim())
+    UsdGeom.Scope.Define(stage, ROOT.AppendChild("Materials"))
+    used = {part.material for part in world.parts}
+    for name, material in world.materials.items():
+        if name in used:
+            author_material(stage, str(ROOT.AppendPath(f"Materials/{name}")), material_spec(material))
+    with Sdf.ChangeBlock():
+        for node in _tree(world).children.values():
+            _author(layer, node, 1, UNLABELED, False, world.components)
+    if world.lanes is not None:
+        write_lanes(stage, str(ROOT.AppendChild("Lanes")), world.lanes)
+    return layer
+
+
+def material_spec(material: ForeignMaterial) -> MaterialSpec:
+    """Return a foreign material as the library describes its own.
+
+    Raises:
+        InputError: If it has no radio description.
+    """
+    radio = material.radio
+    if radio is None:
+        raise InputError(f"material {material.name!r} has no radio description; apply a material map first")
+    look = LIBRARY.get(LOOK_OF_ROW.get(radio.itu, ""))
+    roughness, metallic, color = material.roughness, material.metallic, material.color
+    if color is None and look is not None:
+        roughness, metallic, color = look.roughness, look.metallic, look.color
+    return MaterialSpec(
+        radio,
+        material.base or (look.base if look is not None else "none"),
+        color or (0.5, 0.5, 0.5),
+        roughness,
+        metallic,
+        material.opacity,
+        coating=material.coating,
+        attributes=material.attributes,
+    )
+
+
+def _tree(world: World) -> _Node:
+    root = _Node("")
+    for part in world.parts:
+        node, names = root, part.path.split("/")
+        for depth, name in enumerate(names):
+            if not Sdf.Path.IsValidIdentifier(name) or names[0] in ("Materials", "Lanes"):
+                raise InputError(f"part {part.path!r}: not a prim path of a town; rename it")
+            node = node.children.setdefault(name, _Node("/".join(names[: depth + 1])))
+            if node.part is not None:
+                raise InputError(f"part {part.path!r}: {node.path!r} is a mesh already; give each mesh its own path")
+        if node.children:
+            raise InputError(f"part {part.path!r}: other meshes are below it; give each mesh its own path")
+        node.part = part
+    return root
+
+
+def _author(
+    layer: Sdf.Layer, node: _Node, depth: int, inherited: str, is_inside: bool, components: Collection[str]
+) -> None:
+    """Write a prim and what is below it; a label that holds for all of that stands on the prim.
+
+    Everything above a component is a group. A prim right above meshes is a component, unless it is a top-level group.
+    """
+    kind = "" if is_inside else _kind(node, depth, components)
+    path = ROOT.AppendPath(node.path)
+    if node.part is not None:
+        binding = ROOT.AppendPath(f"Materials/{node.part.material}")
+        spec = new_mesh(layer, path, node.part.points, node.part.faces, binding)
+        if kind:
+            spec.kind = kind
+    else:
+        spec = new_prim(layer, path, "Xform", kind)
+    labels = node.labels()
+    if len(labels) == 1 and labels != {inherited}:
+        inherited = labels.pop()
+        set_label(spec, inherited)
+    for child in node.children.values():
+        _author(layer, child, depth + 1, inherited, is_inside or kind == Kind.Tokens.component, components)
+
+
+def _kind(node: _Node, depth: int, components: Collection[str]) -> str:
+    if node.path in components:
+        return Kind.Tokens.component
+    if node.part is not None:
+        return ""
+    has_things = any(child.part is None or child.path in components for child in node.children.values())
+    return Kind.Tokens.group if depth == 1 or has_things else Kind.Tokens.component
+
+
+def _interface(world: World, path: Path, payload: Path, name: str) -> Sdf.Layer:
+    """Return the layer that users refer to, with its library materials."""
+    library = sorted({part.material for part in world.parts if part.material not in world.materials})
+    wet = [material for material in GROUND_MATERIALS if material in library]
+    layer = interface_layer(name, world.parts, payload.name, SHIPPED_WEATHER, wet)
+    source = Path(os.path.relpath(assets_dir() / "materials" / "materials.usda", path.parent)).as_posix()
+    for material in library:
+        spec = new_prim(layer, ROOT.AppendPath(f"Materials/{material}"), "Material")
+        spec.referenceList.Prepend(Sdf.Reference(source, f"/Materials/{material}"))
+    return layer

@@ -1,0 +1,65 @@
+"""XML elements that know their file and line, so that an error can name them."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from xml.parsers import expat
+
+from mmw.core.errors import InputError
+
+
+@dataclass
+class XmlNode:
+    """One element."""
+
+    tag: str
+    attributes: dict[str, str]
+    where: str
+    """File and line, such as `scene.xml:12`."""
+    folder: Path
+    """Folder of its file."""
+    children: list["XmlNode"] = field(default_factory=list)
+
+    def get(self, name: str) -> str:
+        """Return an attribute that must be there.
+
+        Raises:
+            InputError: If it is missing.
+        """
+        if name not in self.attributes:
+            raise InputError(f"{self.where}: <{self.tag}> has no {name!r}; it is needed; add it")
+        return self.attributes[name]
+
+    def find(self, *tags: str) -> Iterator["XmlNode"]:
+        """Yield the children with one of some tags, in order."""
+        return (child for child in self.children if child.tag in tags)
+
+
+def read_xml(path: Path) -> XmlNode:
+    """Return the root element of a file.
+
+    Raises:
+        InputError: If the file is missing, empty or no well-formed XML.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); give an existing XML file") from None
+    parser = expat.ParserCreate()
+    parser.buffer_text = True
+    top = XmlNode("", {}, str(path), path.parent)
+    stack = [top]
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        node = XmlNode(tag, attributes, f"{path}:{parser.CurrentLineNumber}", path.parent)
+        stack[-1].children.append(node)
+        stack.append(node)
+
+    parser.StartElementHandler = start
+    parser.EndElementHandler = lambda tag: stack.pop()
+    try:
+        parser.Parse(data, True)
+    except expat.ExpatError as error:
+        reason = expat.ErrorString(error.code)
+        raise InputError(f"{path}:{error.lineno}: not well-formed XML ({reason}); correct that line") from None
+    return top.children[0]

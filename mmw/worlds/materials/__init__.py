@@ -1,0 +1,1 @@
+"""Draw the textures of the material library."""

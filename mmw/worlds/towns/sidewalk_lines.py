@@ -1,0 +1,159 @@
+"""Where people walk: lines along the sidewalks, round every block, past whatever stands there."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import shapely
+
+from mmw.traffic.roads.sidewalk_prims import Walk
+from mmw.worlds.towns.ground_height import Ground
+from mmw.worlds.towns.mesh_part import MeshPart
+
+STEP = 0.5
+"""Spacing of the points of a walk line [m]."""
+
+KERB_ROOM = 0.45
+"""Least distance of a walk line from the kerb, and from the outer edge of the sidewalk [m]: half a person."""
+
+BODY_ROOM = 0.42
+"""Least distance of a walk line from anything that stands on the sidewalk [m]: half a person and a hand's breadth."""
+
+SIDESTEP = 0.5
+"""Largest move aside per metre of way [-]."""
+
+HEADROOM = 2.1
+"""Whatever is higher above the ground than this is in nobody's way [m]."""
+
+SHORTEST = 15.0
+"""Walk lines shorter than this are left out [m]."""
+
+
+def walk_lines(tables: Sequence[np.ndarray], obstacles: Sequence[shapely.Geometry]) -> list[Walk]:
+    """Return walk lines along the sidewalks.
+
+    Each line keeps to the middle of its sidewalk and steps aside for obstacles. Where nobody can pass, and where there
+    is no sidewalk, it breaks off.
+
+    Args:
+        tables: Closed loops of edge strips (`mmw.worlds.towns.block_outlines.link_chains`): rows along the kerb,
+        borders kerb foot, kerb
+            top, inner and outer edge of the sidewalk, verge [m], each [N, 5, 3].
+        obstacles: Plans of what stands on the sidewalks.
+    """
+    tree = shapely.STRtree(list(obstacles))
+    walks: list[Walk] = []
+    for table in tables:
+        inner, outer = _resample(table[:, 2], table[:, 3])
+        lateral = _lateral(inner, outer, tree)
+        points = inner + lateral[:, None] * (outer - inner)
+        free = np.isfinite(lateral)
+        if free.all():
+            if STEP * len(points) >= SHORTEST:
+                walks.append(Walk(f"walk_{len(walks):03d}", _directed(points, len(walks)), True))
+            continue
+        for run in _runs(free):
+            if STEP * len(run) >= SHORTEST:
+                walks.append(Walk(f"walk_{len(walks):03d}", _directed(points[run], len(walks)), False))
+    return walks
+
+
+def standing(parts: Sequence[MeshPart], ground: Ground) -> list[shapely.Geometry]:
+    """Return the plans of parts as far as they are in the way of people: what is below `HEADROOM` above the ground."""
+    plans = []
+    for part in parts:
+        low = part.points[part.points[:, 2] < ground.height(part.points[:, 0], part.points[:, 1]) + HEADROOM]
+        if len(low):
+            plans.append(shapely.convex_hull(shapely.MultiPoint(low[:, :2])))
+    return plans
+
+
+def _directed(points: np.ndarray, number: int) -> np.ndarray:
+    """Return the points in one of the two directions, every second line the other way."""
+    return points if number % 2 == 0 else points[::-1]
+
+
+def _resample(inner: np.ndarray, outer: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return both edges of a closed sidewalk with rows `STEP` apart along its middle."""
+    inner, outer = np.concatenate([inner, inner[:1]]), np.concatenate([outer, outer[:1]])
+    middle = 0.5 * (inner + outer)
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(middle[:, :2], axis=0), axis=1))])
+    count = max(3, int(along[-1] / STEP))
+    station = along[-1] * np.arange(count) / count
+    edges = [np.stack([np.interp(station, along, edge[:, k]) for k in range(3)], axis=1) for edge in (inner, outer)]
+    return edges[0], edges[1]
+
+
+def _lateral(inner: np.ndarray, outer: np.ndarray, obstacles: shapely.STRtree) -> np.ndarray:
+    """Return where across the sidewalk the line runs at every row, 0 inner to 1 outer edge, NaN where it cannot."""
+    width = np.linalg.norm(outer - inner, axis=1)
+    offsets = np.linspace(0.0, 1.0, 21)
+    spots = inner[:, None, :2] + offsets[None, :, None] * (outer - inner)[:, None, :2]
+    room = np.minimum(offsets, 1.0 - offsets) * width[:, None]
+    free = room >= KERB_ROOM
+    points = np.array(shapely.points(spots.reshape(-1, 2)))
+    blocked = np.unique(obstacles.query(points, predicate="dwithin", distance=BODY_ROOM)[0])
+    free.reshape(-1)[blocked] = False
+    # The cheapest way through the free cells of the rows: away from the middle costs, and so does moving aside.
+    reach = np.clip(np.floor(SIDESTEP * STEP / np.maximum(width, 1e-6) * 20), 1, 20).astype(int)
+    return _cheapest(free, (offsets - 0.5) ** 2, int(np.median(reach)))
+
+
+def _cheapest(free: np.ndarray, cost: np.ndarray, reach: int) -> np.ndarray:
+    """Return the cheapest column of every row, at most `reach` columns from row to row, in stretches of free rows.
+
+    Dynamic programming over the rows; on a closed line the first row is repeated at its end, pinned to its own choice.
+
+    Args:
+        free: Which cells may be used, shape [N, K].
+        cost: Cost of each column, shape [K].
+        reach: Largest change of column from one row to the next.
+
+    Returns:
+        Position of the chosen column, 0 to 1, shape [N]; NaN in rows that have no free cell to go to.
+    """
+    rows, columns = free.shape
+    lateral = np.full(rows, np.nan)
+    start = _calm_row(free)
+    order = (np.arange(rows) + start) % rows
+    moves = 0.02 * np.arange(-reach, reach + 1) ** 2
+    total = np.full((rows, columns), np.inf)
+    came = np.zeros((rows, columns), dtype=int)
+    first = 0
+    for k in range(rows + 1):
+        row = order[k] if k < rows else -1
+        if k < rows:
+            here = np.where(free[row], cost, np.inf)
+            if k > first:
+                padded = np.pad(total[k - 1], reach, constant_values=np.inf)
+                options = np.stack([padded[j : j + columns] + moves[j] for j in range(2 * reach + 1)])
+                best = options.argmin(axis=0)
+                here = here + options[best, np.arange(columns)]
+                came[k] = np.arange(columns) + best - reach
+            if np.isfinite(here).any():
+                total[k] = here
+                continue
+        if k > first:
+            column = int(np.argmin(total[k - 1]))
+            for back in range(k - 1, first - 1, -1):
+                lateral[order[back]] = column / (columns - 1)
+                column = came[back][column]
+        first = k + 1
+        if k < rows and free[row].any():  # cut off from the row before, a new stretch begins here
+            total[k], first = np.where(free[row], cost, np.inf), k
+    return lateral
+
+
+def _calm_row(free: np.ndarray) -> int:
+    """Return a row whose middle is free and that is farthest from any obstacle, to begin at."""
+    clear = free.sum(axis=1)
+    return int(np.argmax(np.minimum(clear, np.minimum(np.roll(clear, 4), np.roll(clear, -4)))))
+
+
+def _runs(free: np.ndarray) -> list[np.ndarray]:
+    """Return the stretches of True of a closed row as index arrays, in order."""
+    if not free.any():
+        return []
+    first = int(np.flatnonzero(~free)[0])
+    order = (np.arange(len(free)) + first) % len(free)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], free[order].astype(np.int8), [0]])))
+    return [order[a:b] for a, b in zip(edges[::2], edges[1::2], strict=True)]

@@ -1,0 +1,174 @@
+"""Tables, functions and slants as element patterns, against closed forms."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mmw.channel import PatternTable
+from mmw.channel.antennas.patterns import antenna_field, pattern_amplitude, pattern_components
+from tests.fixtures.path_tables import random_turns
+
+
+def directions(count: int, seed: int = 3) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    return np.arccos(rng.uniform(-1, 1, count)), rng.uniform(-np.pi, np.pi, count)
+
+
+def dipole_table(step_deg: float, **extra: np.ndarray) -> PatternTable:
+    theta = np.radians(np.arange(0, 180 + step_deg / 2, step_deg))
+    phi = np.radians(np.arange(0, 360, 30.0))
+    return PatternTable(theta, phi, np.repeat(np.sqrt(1.5) * np.sin(theta)[:, None], len(phi), axis=1), **extra)
+
+
+def test_table_sampled_from_a_dipole_is_a_dipole() -> None:
+    theta, phi = directions(500)
+    expected = np.sqrt(1.5) * np.sin(theta)
+    for step, bound in ((2.0, 1.6e-4 * np.sqrt(1.5)), (0.25, 2.4e-6 * np.sqrt(1.5))):
+        value, cross = dipole_table(step)(theta, phi)
+        assert np.abs(value - expected).max() < bound  # step^2 / 8 times the largest second derivative
+        assert np.array_equal(cross, np.zeros(500))
+    rng = np.random.default_rng(0)
+    away = rng.normal(size=(50, 3))
+    away /= np.linalg.norm(away, axis=1, keepdims=True)
+    turns = random_turns(rng, 50)
+    table = antenna_field(away, turns, dipole_table(0.25), "cross")
+    np.testing.assert_allclose(table, antenna_field(away, turns, "dipole", "cross"), atol=3e-6)
+
+
+def test_table_is_exact_on_its_grid_linear_between_and_periodic() -> None:
+    rng = np.random.default_rng(1)
+    theta, phi = np.linspace(0, np.pi, 19), np.linspace(-np.pi, np.pi, 24, endpoint=False) + 0.1
+    values = rng.normal(size=(2, 19, 24)) + 1j * rng.normal(size=(2, 19, 24))
+    table = PatternTable(theta, phi, values[0], values[1])
+    grid = np.meshgrid(theta, phi, indexing="ij")
+    for turn in (0.0, 2 * np.pi, -6 * np.pi):
+        for got, expected in zip(table(grid[0], grid[1] + turn), values, strict=True):
+            np.testing.assert_allclose(got, expected, atol=1e-12)
+    step = phi[1] - phi[0]
+    seam = table(np.array([theta[4]]), np.array([phi[-1] + 0.25 * step]))[0]
+    assert seam == pytest.approx(0.75 * values[0, 4, -1] + 0.25 * values[0, 4, 0])
+    middle = table(np.array([0.5 * (theta[4] + theta[5])]), np.array([phi[7] + 0.5 * step]))[1]
+    assert middle == pytest.approx(values[1, 4:6, 7:9].mean())
+    closed = PatternTable(theta, np.append(phi, phi[0] + 2 * np.pi), np.hstack([values[0], values[0][:, :1]]))
+    assert np.array_equal(closed.c_theta, table.c_theta) and np.array_equal(closed.phi, table.phi)
+
+
+def test_table_of_one_azimuth_is_round() -> None:
+    theta = np.linspace(0, np.pi, 91)
+    table = PatternTable(theta, np.zeros(1), np.sin(theta)[:, None])
+    one, other = (table(np.array([1.0]), np.array([phi]))[0] for phi in (-3.0, 2.0))
+    assert one == pytest.approx(other, rel=1e-14) and one == pytest.approx(np.sin(1.0), rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"theta": np.linspace(0.1, np.pi, 5)}, "theta has 5 values from 0.1 to 3.14159; it must increase from 0 to"),
+        ({"phi": np.array([0.0, 1.0, 2.0, 3.0])}, "phi leaves 3.28 rad of the turn empty"),
+        ({"phi": np.array([0.0, 2.0, 1.0, 4.0])}, "phi has 4 values; it must increase"),
+        ({"c_theta": np.ones((4, 5))}, r"c_theta \(4, 5\).*values need shape"),
+        ({"c_phi": np.full((5, 4), np.nan)}, "c_phi holds values that are not finite"),
+    ],
+)
+def test_table_errors(change: dict, message: str) -> None:
+    good = {
+        "theta": np.linspace(0, np.pi, 5),
+        "phi": np.linspace(0, 1.5 * np.pi, 4),
+        "c_theta": np.ones((5, 4)),
+    }
+    PatternTable(**good)
+    with pytest.raises(ValueError, match=message):
+        PatternTable(**{**good, **change})
+
+
+def test_table_files(tmp_path: Path) -> None:
+    rng = np.random.default_rng(4)
+    theta, phi = np.radians(np.arange(0, 181, 20.0)), np.radians(np.arange(0, 360, 40.0))
+    values = rng.normal(size=(2, 10, 9)) + 1j * rng.normal(size=(2, 10, 9))
+    np.savez(tmp_path / "p.npz", theta=theta, phi=phi, c_theta=values[0], c_phi=values[1])
+    lines = [
+        f"{t},{p},{c.real!r},{c.imag!r},{x.real!r},{x.imag!r}".replace("np.float64(", "").replace(")", "")
+        for i, t in enumerate(range(0, 181, 20))
+        for j, p in enumerate(range(0, 360, 40))
+        for c, x in [(values[0, i, j], values[1, i, j])]
+    ]
+    rng.shuffle(lines)
+    header = "theta_deg,phi_deg,c_theta_re,c_theta_im,c_phi_re,c_phi_im"
+    (tmp_path / "p.csv").write_text("\n".join([header, *lines]) + "\n")
+    for name in ("p.npz", "p.csv"):
+        table = PatternTable.read(tmp_path / name)
+        for got, expected in ((table.theta, theta), (table.phi, phi), (table.c_theta, values[0])):
+            np.testing.assert_allclose(got, expected, rtol=1e-15)
+        assert np.array_equal(np.asarray(table.c_phi), values[1])
+
+    def broken(rows: list[str], head: str = header) -> str:
+        (tmp_path / "bad.csv").write_text("\n".join([head, *rows]))
+        with pytest.raises(ValueError) as caught:
+            PatternTable.read(tmp_path / "bad.csv")
+        assert "bad.csv" in str(caught.value)
+        return str(caught.value)
+
+    assert "row 4: ['x', '0', '1', '0', '0', '0']; every cell needs a number" in broken(
+        [*lines[:2], "x,0,1,0,0,0", *lines[2:]]
+    )
+    assert "row 92: direction" in broken([*lines, lines[5]])
+    assert "has no row; give the full grid" in broken(lines[1:])
+    assert "row 3: " in broken([lines[0], "0,0,nan,0,0,0"])
+    assert "row 1: columns ['c_theta_re'] are missing" in broken(lines, "theta,phi,gain")
+    assert "theta has 0 values" in broken([])
+    with pytest.raises(ValueError, match=r"p\.txt: a pattern table is a \.csv or \.npz"):
+        PatternTable.read(tmp_path / "p.txt")
+    np.savez(tmp_path / "bad.npz", theta=theta)
+    with pytest.raises(ValueError, match=r"bad\.npz: arrays \['phi', 'c_theta'\] are missing"):
+        PatternTable.read(tmp_path / "bad.npz")
+
+
+def test_functions_as_patterns() -> None:
+    rng = np.random.default_rng(5)
+    away = rng.normal(size=(40, 3))
+    away /= np.linalg.norm(away, axis=1, keepdims=True)
+    turns = random_turns(rng, 40)
+
+    def own_dipole(theta: np.ndarray, phi: np.ndarray) -> np.ndarray:
+        return np.sqrt(1.5) * np.sin(theta)
+
+    for polarization in ("V", "H", "cross"):
+        for model in ("tr38901_1", "tr38901_2"):
+            args = (polarization, model)
+            np.testing.assert_allclose(
+                antenna_field(away, turns, own_dipole, *args), antenna_field(away, turns, "dipole", *args), atol=1e-15
+            )
+    number = antenna_field(away, turns, lambda theta, phi: 2j, "V")
+    np.testing.assert_allclose(number, 2j * antenna_field(away, turns, "iso", "V"))
+    both = antenna_field(away, turns, lambda theta, phi: (np.cos(phi), np.sin(theta)), 0.3)
+    theta_part = antenna_field(away, turns, lambda theta, phi: np.cos(phi), 0.3)
+    phi_part = antenna_field(away, turns, lambda theta, phi: np.sin(theta), 0.3 + np.pi / 2)
+    np.testing.assert_allclose(both, theta_part + phi_part, atol=1e-14)
+    assert np.sum(both**2) == pytest.approx(np.sum(theta_part**2) + np.sum(phi_part**2))
+    with pytest.raises(ValueError, match=r"returned shape \(3,\) for angles of shape \(40,\)"):
+        antenna_field(away, turns, lambda theta, phi: np.ones(3), "V")
+    with pytest.raises(ValueError, match="not finite"):
+        pattern_components(lambda theta, phi: theta * np.nan, *directions(4))
+    with pytest.raises(ValueError, match="returned 3 arrays"):
+        pattern_components(lambda theta, phi: (theta, theta, theta), *directions(4))
+
+
+@pytest.mark.parametrize("model", ["tr38901_1", "tr38901_2"])
+def test_slants(model: str) -> None:
+    theta, phi = directions(60)
+    away = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=1)
+    turns = np.broadcast_to(np.eye(3), (60, 3, 3))
+    named = antenna_field(away, turns, "tr38901", "cross", model)
+    np.testing.assert_array_equal(named, antenna_field(away, turns, "tr38901", (-np.pi / 4, np.pi / 4), model))
+    field = antenna_field(away, turns, "tr38901", (0.2, 1.0, -2.0), model)
+    assert field.shape == (60, 3, 2)
+    power = pattern_amplitude("tr38901", theta, phi) ** 2
+    np.testing.assert_allclose(np.sum(field**2, axis=2), np.repeat(power[:, None], 3, axis=1), rtol=1e-9)
+    np.testing.assert_array_equal(field[:, 1:2], antenna_field(away, turns, "tr38901", 1.0, model))
+    if model == "tr38901_2":
+        np.testing.assert_allclose(np.arctan2(field[:, 0, 1], field[:, 0, 0]), 0.2)
+    with pytest.raises(ValueError, match="'Z'; use one of V, H, VH, cross"):
+        antenna_field(away, turns, "iso", "Z", model)
+    with pytest.raises(ValueError, match="finite"):
+        antenna_field(away, turns, "iso", (np.inf,), model)

@@ -1,0 +1,369 @@
+"""Radio maps against Sionna RT, closed forms and image sources."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from mmw.channel.antennas.arrays import AntennaArray
+from mmw.channel.antennas.patterns import SLANTS, PatternTable, antenna_field
+from mmw.channel.radio_map.measurement_surface import MeasuringSurface, plane_grid
+from mmw.channel.radio_map.solver import (
+    BOLTZMANN,
+    RadioMap,
+    RadioMapConfig,
+    Transmitters,
+    actor_transmitters,
+    radio_map,
+)
+from mmw.core.constants import SPEED_OF_LIGHT, VACUUM_PERMITTIVITY
+from mmw.core.transforms import quaternion_from_ypr, quaternion_to_matrix
+from mmw.physics.em.vectors import direction_angles, spherical_basis
+from mmw.physics.materials.material import Material, RadioMaterial
+from mmw.scene.device_scene import Scene
+from mmw.scene.scene_data import SceneArrays
+from mmw.worlds.towns.mesh_part import MeshPart
+from tests.fixtures.scenes import arrays_from_parts, box_model, box_part, ground_part, pose, quad_part, wall_part
+
+FOLDER = Path(__file__).parents[2] / "reference" / "sionna"
+CASES = json.loads((FOLDER / "radio_maps.json").read_text())["cases"]
+CARRIER = 28e9
+WAVELENGTH = SPEED_OF_LIGHT / CARRIER
+UNIT = (WAVELENGTH / (4 * np.pi)) ** 2
+
+
+def constant(name: str, eps_r: float, sigma: float, thickness: float, scattering: float = 0.0) -> Material:
+    radio = RadioMaterial(
+        "constant", relative_permittivity=eps_r, conductivity=sigma, thickness=thickness, scattering=scattering
+    )
+    return Material(name, radio, "none", 0.3, (0.5, 0.5, 0.5))
+
+
+def isotropic(*positions: list[float], polarization: str = "V", power: float = 44.0) -> Transmitters:
+    count = len(positions)
+    return Transmitters(
+        tuple(f"tx_{i}" for i in range(count)), np.array(positions, dtype=float), np.tile(np.eye(3), (count, 1, 1)),
+        np.full(count, power), AntennaArray(pattern="iso", polarization=polarization),
+    )  # fmt: skip
+
+
+def trace(arrays: SceneArrays, device: str, tx: Transmitters, surface: MeasuringSurface, **config) -> RadioMap:
+    scene = Scene(arrays, device, 1)
+    scene.load_batch([arrays.frames[0]])
+    settings = RadioMapConfig(**{"carrier_hz": CARRIER, "rays": 400_000, **config})
+    return radio_map(scene, 0, tx, surface, settings, arrays.materials["sunny"])
+
+
+def cell_mean(surface: MeasuringSurface, function, steps: int = 6) -> np.ndarray:
+    """Return the mean of a function of points [C, 3] over flat cells, by the midpoint rule."""
+    a, b, d = surface.corners[:, 0], surface.corners[:, 1], surface.corners[:, 3]
+    at = (np.arange(steps) + 0.5) / steps
+    return np.mean([function(a + u * (b - a) + v * (d - a)) for u in at for v in at], axis=0)
+
+
+def poisson(result: RadioMap, gain: np.ndarray, most: float | np.ndarray) -> np.ndarray:
+    """Return the standard deviation that independent rays would give, |E|^2 / cos(theta) <= `most`, shape of `gain`.
+
+    A gain is a sum of shares u |E|^2 / cos(theta), u = (lambda / 4 pi)^2 4 pi / (N A). Of independent rays its variance
+    is the sum of the squared shares, at most u `most` gain. A lattice fills the sphere more evenly than that.
+    """
+    wavelength = SPEED_OF_LIGHT / result.config.carrier_hz
+    share = (wavelength / (4 * np.pi)) ** 2 * 4 * np.pi / result.config.rays / result.surface.area
+    return np.sqrt(share * most * gain)
+
+
+def check(result: RadioMap, expected: np.ndarray, most: float | np.ndarray, sum_error: float = 2e-3) -> None:
+    """Compare one transmitter's map to a closed form: each cell to three standard deviations, and the sum."""
+    gain = result.path_gain[0]
+    assert (np.abs(gain - expected) <= 3 * poisson(result, expected, most)).all()
+    assert gain.sum() == pytest.approx(expected.sum(), rel=sum_error)
+
+
+def sionna_map(name: str, device: str) -> tuple[RadioMap, np.ndarray, np.ndarray]:
+    """Return our map of a reference case with 1e6 rays, and Sionna's gain [T, C] and cell centres [C, 3]."""
+    case, reference = CASES[name], np.load(FOLDER / "cases" / f"{name}.npz")
+    config, solver = case["config"], case["config"]["solver"]
+    parts = []
+    for item in config["scene"]["objects"]:
+        mesh = trimesh.load_mesh(FOLDER / item["ply"], process=False)
+        points, faces = np.array(mesh.vertices, dtype=float), np.array(mesh.faces, dtype=np.int32)
+        parts.append(MeshPart(f"Buildings/{item['name']}", points, faces, item["material"], "building"))
+    materials = {
+        key: constant(key, used["eps_r"], used["sigma"], used["thickness"], used["S"])
+        for key, used in case["materials"].items()
+    }
+    turn = np.array([tx.get("ori", [0, 0, 0]) for tx in config["tx"]], dtype=float)
+    tx = Transmitters(
+        ("tx0", "tx1"), np.array([tx["pos"] for tx in config["tx"]], dtype=float),
+        quaternion_to_matrix(quaternion_from_ypr(*turn.T)), np.full(2, 44.0),
+    )  # fmt: skip
+    result = trace(
+        arrays_from_parts(parts, materials=materials), device, tx,
+        plane_grid(solver["center"], solver["size"], solver["cell_size"][0]),
+        carrier_hz=config["frequency"], rays=1_000_000, max_depth=solver["max_depth"],
+    )  # fmt: skip
+    return result, reference["path_gain"].reshape(2, -1).astype(float), reference["cell_centers"].reshape(-1, 3)
+
+
+@pytest.mark.parametrize("name", sorted(CASES))
+def test_sionna_rm_ssc(name: str, device: str) -> None:
+    """Block means of 10 m x 10 m against Sionna's map of 2e7 rays.
+
+    Each block is within one standard deviation of what two maps of independent rays would differ by (`poisson` for both
+    ray counts, |E|^2 <= 1.5 of the dipole, cos(theta) of the direct ray); lattices differ by less. The largest seen is
+    0.73 of it. Sums over the map hardly have noise: that of all power, and that of what only reflections bring (depth 3
+    less depth 0, a quarter to a half of all).
+    """
+    result, expected, centers = sionna_map(name, device)
+    gain, surface = result.path_gain, result.surface
+    np.testing.assert_allclose(surface.center, centers)
+    assert ((gain > 0) != (expected > 0)).mean() < 0.02  # coverage: the edges of shadows take more rays
+    assert 10 * np.log10(gain.sum(axis=1) / expected.sum(axis=1)) == pytest.approx([0, 0], abs=0.01)
+
+    def blocks(values: np.ndarray) -> np.ndarray:
+        return values.reshape(-1, 10, 5, 16, 5).mean(axis=(2, 4))
+
+    ray = surface.center - result.transmitters.position[:, None]
+    slope = blocks(np.abs(ray[..., 2]) / np.linalg.norm(ray, axis=2))
+    wavelength, theirs = SPEED_OF_LIGHT / result.config.carrier_hz, CASES[name]["config"]["solver"]["samples_per_tx"]
+    share = (wavelength / (4 * np.pi)) ** 2 * 4 * np.pi / (25 * surface.area[0]) * 1.5 / slope
+    noise = np.sqrt(share * blocks(expected) * (1 / result.config.rays + 1 / theirs))
+    assert (np.abs(blocks(gain) - blocks(expected)) <= noise).all()
+    if result.config.max_depth:
+        direct, expected_direct, _ = sionna_map(name.replace("_d3_", "_d0_"), device)
+        reflected = (gain - direct.path_gain).sum(axis=1) / (expected - expected_direct).sum(axis=1)
+        assert 10 * np.log10(reflected) == pytest.approx([0, 0], abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("pattern", "polarization", "model"),
+    [
+        ("iso", "V", "tr38901_2"), ("dipole", "V", "tr38901_2"), ("hw_dipole", "H", "tr38901_2"),
+        ("tr38901", "cross", "tr38901_1"), ("tr38901", "VH", "tr38901_2"),
+    ],
+)  # fmt: skip
+def test_free_space_plane(pattern: str, polarization: str, model: str, device: str) -> None:
+    """Gain = mean of (lambda / 4 pi r)^2 |h^T p|^2 over the cell, for a turned array of four elements."""
+    offset = np.array([[0.0, 0.5 * (j - 0.5), 0.7 * (0.5 - i)] for j in range(2) for i in range(2)])
+    count = 4 * len(SLANTS[polarization])
+    precoding = np.exp(1j * np.arange(count)) * np.linspace(0.5, 1.5, count)
+    agent, turn = quaternion_to_matrix(quaternion_from_ypr(0.4, 0.9, -0.3)), (0.2, -0.1, 0.5)
+    rotation = agent @ quaternion_to_matrix(quaternion_from_ypr(*turn))
+    array = AntennaArray(
+        2, 2, 0.7, 0.5, pattern=pattern, polarization=polarization, polarization_model=model, orientation=turn
+    )
+    tx = Transmitters(
+        ("tx",), np.array([[1.0, -2.0, 10.0]]), agent[None], np.array([44.0]), array, precoding[None],
+    )  # fmt: skip
+    surface = plane_grid((0.0, 0.0, 1.5), (40.0, 30.0), 2.0)
+    result = trace(arrays_from_parts([]), device, tx, surface, max_depth=0)
+
+    def gain(point: np.ndarray) -> np.ndarray:
+        ray = point - tx.position
+        r = np.linalg.norm(ray, axis=1)
+        ray = ray / r[:, None]
+        field = antenna_field(ray, np.tile(rotation, (len(ray), 1, 1)), pattern, polarization, model)
+        phase = np.exp(2j * np.pi * (ray @ rotation) @ offset.T)
+        total = np.einsum("psx,se,pe->px", field, precoding.reshape(-1, 4), phase)
+        return UNIT * (np.abs(total) ** 2).sum(axis=1) / r**2
+
+    expected = cell_mean(surface, gain)
+    r = np.linalg.norm(surface.center - tx.position, axis=1)
+    check(result, expected, most=expected * r**2 / UNIT / (8.5 / r))
+
+
+def coefficients(eta: complex, cosine: np.ndarray, thickness: float) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Return (R, T) for `V` over level ground (TM) and `H` (TE). Source: ITU-R P.2040-4, equations 37, 43, 44."""
+    inner = np.sqrt(eta - 1 + cosine**2 + 0j)
+    once = np.exp(-2j * np.pi * thickness / WAVELENGTH * inner) if thickness else np.zeros_like(inner)
+    result = {}
+    for name, r in (
+        ("H", (cosine - inner) / (cosine + inner)),
+        ("V", (eta * cosine - inner) / (eta * cosine + inner)),
+    ):
+        below = 1 - r**2 * once**2
+        result[name] = r * (1 - once**2) / below, (1 - r**2) * once / below
+    return result
+
+
+@pytest.mark.parametrize(("polarization", "thickness"), [("V", 0.0), ("H", 0.0), ("V", 0.03), ("H", 10.0)])
+def test_two_rays_over_ground(polarization: str, thickness: float, device: str) -> None:
+    """Direct ray and reflection add as powers; an isotropic V (H) antenna over level ground sends TM (TE)."""
+    ground = constant("ground", 2.5, 0.03 if thickness < 1 else 1e-3, thickness, scattering=0.4)
+    arrays = arrays_from_parts([ground_part(half=300.0, material="ground")], materials={"ground": ground})
+    tx, surface = isotropic([0, 0, 6], polarization=polarization), plane_grid((20.0, 0.0, 3.0), (60.0, 20.0), 2.0)
+    result = trace(arrays, device, tx, surface, max_depth=3, rays=1_000_000)
+    eta = 2.5 - 1j * ground.radio.conductivity / (2 * np.pi * CARRIER * VACUUM_PERMITTIVITY)
+
+    def gain(point: np.ndarray) -> np.ndarray:
+        across = point[:, 0] ** 2 + point[:, 1] ** 2
+        direct, image = across + 9.0, across + 81.0
+        reflection = coefficients(eta, 9.0 / np.sqrt(image), thickness)[polarization][0]
+        return UNIT * (1 / direct + (1 - 0.4**2) * np.abs(reflection) ** 2 / image)
+
+    check(result, cell_mean(surface, gain, steps=10), most=20.0)
+
+
+def test_images_of_a_lossless_room(device: str) -> None:
+    """In a closed box of perfect conductor nothing is lost: the map is the sum over all image sources, depth 4."""
+    size, place, depth = np.array([10.0, 8.0, 6.0]), np.array([3.0, 5.5, 4.0]), 4
+    pec = Material("pec", RadioMaterial("itu", itu="itu_pec"), "none", 0.3, (0.5, 0.5, 0.5))
+    room = box_part("Buildings/room", size, size / 2, "pec", "building")
+    surface = plane_grid((5.0, 4.0, 1.5), (10.0, 8.0), 0.5)
+    arrays = arrays_from_parts([room], materials={"pec": pec})
+    result = trace(arrays, device, isotropic(list(place)), surface, max_depth=depth)
+    number = np.array(np.meshgrid(*[np.arange(-depth, depth + 1)] * 3)).reshape(3, -1).T
+    number = number[np.abs(number).sum(axis=1) <= depth]
+    images = number * size + np.where(number % 2 == 0, place, size - place)
+
+    def gain(point: np.ndarray) -> np.ndarray:
+        return UNIT * (1 / ((point[:, None] - images) ** 2).sum(axis=2)).sum(axis=1)
+
+    check(result, cell_mean(surface, gain), most=30.0)
+    reflected, both = (
+        trace(arrays, device, isotropic(list(place)), surface, max_depth=3, refraction=refraction, rays=20_000)
+        for refraction in (False, True)
+    )
+    assert both.path_gain.tobytes() == reflected.path_gain.tobytes()  # nothing passes a conductor, no leg counts twice
+
+
+def test_flux_through_a_closed_surface(device: str) -> None:
+    """Gain times area times cos(theta), summed over a closed surface, is (lambda / 4 pi)^2 4 pi wherever it lies."""
+    sides = []
+    for axis in range(3):
+        for sign in (-1.0, 1.0):
+            turn = np.roll(np.eye(3), axis, axis=0)
+            sides.append(plane_grid(sign * 5.0 * turn[:, 2] + [0.0, 0.0, 2.0], (10.0, 10.0), 0.25, turn).corners)
+    surface = MeasuringSurface(np.concatenate(sides), 0.25)
+    tx = isotropic([1.0, -2.0, 3.0])
+    result = trace(arrays_from_parts([]), device, tx, surface, max_depth=0)
+    assert surface.area.sum() == pytest.approx(600.0)
+    ray = surface.center - tx.position[0]
+    corners = surface.corners
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 3] - corners[:, 0]) / surface.area[:, None]
+    cosine = np.abs((ray * normal).sum(axis=1)) / np.linalg.norm(ray, axis=1)
+    assert (result.path_gain[0] * surface.area * cosine).sum() == pytest.approx(UNIT * 4 * np.pi, rel=1e-3)
+
+
+def test_transmission_and_reflection_of_a_slab(device: str) -> None:
+    """Behind a lossless slab T, mirrored in front of it R, by closed form; together they are all the power."""
+    slab, grid = constant("slab", 4.0, 0.0, 0.05), (12.0, 8.0)
+    corners = [(10, -300, -300), (10, 300, -300), (10, 300, 300), (10, -300, 300)]
+    arrays = arrays_from_parts([quad_part("Buildings/wall", corners, "slab", "building")], materials={"slab": slab})
+    upright = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    behind, before = (plane_grid((x, 1.0, 2.0), grid, 1.0, upright) for x in (14.0, 6.0))
+    tx = isotropic([0, 0, 0])
+    reached = {
+        refraction: [trace(arrays, device, tx, s, max_depth=1, refraction=refraction) for s in (behind, before)]
+        for refraction in (True, False)
+    }
+    assert (reached[False][0].path_gain == 0).all()
+    assert reached[False][1].path_gain.tobytes() == reached[True][1].path_gain.tobytes()
+
+    def passed(point: np.ndarray) -> np.ndarray:
+        r = np.linalg.norm(point, axis=1)
+        ray = point / r[:, None]
+        theta_hat, _ = spherical_basis(*direction_angles(ray))
+        te = np.cross(ray, [1.0, 0.0, 0.0])
+        te /= np.linalg.norm(te, axis=1)[:, None]
+        share = (te * theta_hat).sum(axis=1) ** 2
+        pair = coefficients(4.0, ray[:, 0], 0.05)
+        return UNIT * (share * np.abs(pair["H"][1]) ** 2 + (1 - share) * np.abs(pair["V"][1]) ** 2) / r**2
+
+    expected = cell_mean(behind, passed)
+    check(reached[True][0], expected, most=1.3)
+
+    def free(point: np.ndarray) -> np.ndarray:
+        return UNIT / (point**2).sum(axis=1)
+
+    reflected = reached[True][1].path_gain[0] - cell_mean(before, free)
+    assert reflected.sum() == pytest.approx((cell_mean(behind, free) - expected).sum(), rel=0.02)
+
+
+def test_vacuum_walls_change_nothing(device: str) -> None:
+    """Two walls of vacuum are crossed as if they were not there, and no leg is counted twice."""
+    corners = [[(x, -50, -50), (x, 50, -50), (x, 50, 50), (x, -50, 50)] for x in (3.0, 5.0)]
+    walls = [quad_part(f"Buildings/wall_{i}", c, "vacuum", "building") for i, c in enumerate(corners)]
+    arrays = arrays_from_parts(walls, materials={"vacuum": constant("vacuum", 1.0, 0.0, 0.1)})
+    surface, tx = plane_grid((4.0, 0.0, -2.0), (20.0, 8.0), 1.0), isotropic([0, 0, 0])
+    crossed = trace(arrays, device, tx, surface, max_depth=3, refraction=True).path_gain
+    clear = trace(arrays_from_parts([]), device, tx, surface, max_depth=0).path_gain
+    np.testing.assert_allclose(crossed, clear, rtol=0.05, atol=0.01 * clear.max())
+    assert crossed.sum() == pytest.approx(clear.sum(), rel=1e-5)
+    once = trace(arrays, device, tx, surface, max_depth=1, refraction=True).path_gain[0]
+    assert (once[surface.center[:, 0] > 5.5] == 0).all()
+
+
+def test_same_bytes_for_every_launch_shape(device: str) -> None:
+    arrays = arrays_from_parts([ground_part(), wall_part("wall", (-30.0, 20.0), (30.0, 20.0), 10.0)])
+    scene = Scene(arrays, device, 1)
+    scene.load_batch([0])
+    tx, surface = isotropic([0, 0, 5], [9, 3, 4]), plane_grid((0, 0, 1.5), (60, 30), 1.0)
+    config = RadioMapConfig(CARRIER, 50_000, 2, refraction=True)
+    maps = [
+        radio_map(scene, 0, tx, surface, config, arrays.materials["sunny"], rays_at_once=count).path_gain
+        for count in (2**22, 70_001, 4_096)
+    ]
+    assert len({values.tobytes() for values in maps}) == 1
+    assert (maps[0] > 0).mean() > 0.9
+    alone = radio_map(scene, 0, isotropic([9, 3, 4]), surface, config, arrays.materials["sunny"]).path_gain
+    assert alone.tobytes() == maps[0][1].tobytes()
+
+
+def test_a_vehicle_stands_in_the_way_in_its_own_frame_only(device: str) -> None:
+    poses = np.array([[pose(6.0, 0.0)], [pose(6.0, 30.0)]])
+    arrays = arrays_from_parts([], [box_model("car")], [("car", "vehicle", 0)], poses)
+    scene = Scene(arrays, device, 2)
+    scene.load_batch([0, 1])
+    tx, surface = isotropic([0, 0, 1]), plane_grid((12.0, 0.0, 0.8), (4.0, 2.0), 1.0)
+    config = RadioMapConfig(CARRIER, 400_000, 0)
+    maps = [radio_map(scene, slot, tx, surface, config, arrays.materials["sunny"]).path_gain for slot in (0, 1)]
+    assert (maps[0] == 0).all()
+    assert (maps[1] > 0).all()
+    with pytest.raises(ValueError, match="slot 2"):
+        radio_map(scene, 2, tx, surface, config, arrays.materials["sunny"])
+
+
+def test_received_power_interference_and_server() -> None:
+    """Two transmitters and four cells, by hand."""
+    tx = Transmitters(("a", "b"), np.zeros((2, 3)), np.tile(np.eye(3), (2, 1, 1)), np.array([30.0, 20.0]))
+    surface = plane_grid((0, 0, 0), (4, 1), 1.0)
+    gain = np.array([[1e-9, 1e-9, 0.0, 0.0], [1e-8, 1e-7, 1e-9, 0.0]])
+    result = RadioMap(tx, surface, RadioMapConfig(CARRIER, bandwidth_hz=20e6, temperature_k=290.0), gain)
+    noise = BOLTZMANN * 290.0 * 20e6
+    assert 10 * np.log10(noise) + 30 == pytest.approx(-100.96, abs=0.01)  # -173.98 dBm/Hz + 73.01 dB
+    np.testing.assert_allclose(result.rss_dbm, [[-60, -60, -np.inf, -np.inf], [-60, -50, -70, -np.inf]])
+    np.testing.assert_allclose(result.received_w, [[1e-9, 1e-9, 0, 0], [1e-9, 1e-8, 1e-10, 0]])
+    expected = [[1e-9 / (1e-9 + noise), 1e-9 / (1e-8 + noise)], [1e-9 / (1e-9 + noise), 1e-8 / (1e-9 + noise)]]
+    np.testing.assert_allclose(result.sinr_db[:, :2], 10 * np.log10(expected))
+    np.testing.assert_allclose(result.sinr_db[1, 2], 10 * np.log10(1e-10 / noise))
+    assert np.isneginf(result.sinr_db[:, 3]).all()
+    assert np.isneginf(result.sinr_db[0, 2])
+    np.testing.assert_array_equal(result.best_server, [0, 1, 1, -1])
+
+
+def test_what_cannot_be_traced_is_named() -> None:
+    arrays = arrays_from_parts([ground_part()], actors=[("rsu_1", "rsu", -1)])
+    surface = plane_grid((0, 0, 1.5), (4, 4), 1.0)
+    table = PatternTable(np.array([0.0, np.pi]), np.array([0.0]), np.ones((2, 1)))
+    for config, tx, part in (
+        ({"rays": 10}, isotropic([0, 0, 5]), "rays = 10"),
+        ({"max_depth": 31}, isotropic([0, 0, 5]), "max_depth = 31"),
+        ({"max_depth": 9, "refraction": True}, isotropic([0, 0, 5]), "max_depth = 9"),
+        ({"max_depth": 8, "refraction": True, "rays": 2**22}, isotropic([0, 0, 5]), "overflow"),
+        ({"carrier_hz": 15e9}, isotropic([0, 0, 5]), "no permittivity at 15 GHz"),
+        ({"bandwidth_hz": 0.0}, isotropic([0, 0, 5]), "bandwidth_hz = 0"),
+        ({}, isotropic(), "no transmitter"),
+        ({}, replace(isotropic([0, 0, 5]), array=AntennaArray(pattern=table)), "pattern table"),
+        ({}, Transmitters(("a",), np.zeros((1, 3)), np.eye(3)[None], np.zeros(1), precoding=np.zeros((1, 1))), "all 0"),
+    ):
+        with pytest.raises(ValueError, match=part):
+            trace(arrays, "cpu", tx, surface, **config)
+    with pytest.raises(ValueError, match="role 'cav'"):
+        actor_transmitters(arrays, 0, role="cav")
+    found = actor_transmitters(arrays, 0, mount_m=(0.0, 0.0, 3.0))
+    assert found.names == ("rsu_1",)
+    np.testing.assert_allclose(found.position, [[0, 0, 3]])

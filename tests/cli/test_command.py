@@ -1,0 +1,175 @@
+"""How commands end: bad input is one line and exit code 2, a bug keeps its trace and is exit code 1."""
+
+import logging
+import pickle
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mmw.__main__ import main as command
+from mmw.cli.run import main
+from mmw.config import ConfigError
+from mmw.core import log_files as log
+from mmw.core.errors import Error, InputError, MissingPackageError
+from mmw.core.extras import EXTRA_OF, needed_by
+from mmw.generation.worker import Making
+from tests.fixtures.own_world import SMALL, write_own_world
+
+RAISE = """
+import sys
+from mmw.cli.command import run_command
+def work():
+    print("a line")
+    raise {error}
+sys.exit(run_command(work, "mmw test"))
+"""
+
+
+def outcome(error: str) -> tuple[int, str]:
+    code = RAISE.format(error=error)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=600)
+    return done.returncode, done.stderr
+
+
+def broken(*arguments: object, **named: object) -> None:
+    """Fail as a bug in array code does: with a ValueError of NumPy's."""
+    np.zeros(3) + np.zeros(4)
+
+
+@dataclass(frozen=True)
+class BrokenMaking(Making):
+    """Fails in the worker process that first uses it."""
+
+    def shared_name(self, scenario: str) -> str:
+        raise IndexError(f"injected for {scenario}")
+
+
+@pytest.fixture
+def logs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return the folder of the log files of this test."""
+    folder = tmp_path / "logs"
+    monkeypatch.setenv(log.LOG_DIR_VARIABLE, str(folder))
+    return folder
+
+
+def only_log(folder: Path) -> str:
+    (path,) = folder.glob("*.log")
+    return path.read_text()
+
+
+def test_a_reader_that_has_enough_is_no_error() -> None:
+    assert outcome("BrokenPipeError(32, 'Broken pipe')") == (0, "")
+
+
+def test_an_error_of_the_system_is_one_line() -> None:
+    assert outcome("FileNotFoundError(2, 'No such file', 'a/b')") == (1, "mmw: a/b: No such file\n")
+
+
+def test_bad_input_is_one_line_and_exit_code_2() -> None:
+    code = "__import__('mmw.core.errors').errors.InputError('x: 3; name one')"
+    assert outcome(code) == (2, "mmw: x: 3; name one\n")
+
+
+def test_a_library_s_value_error_is_a_bug() -> None:
+    code, err = outcome("ValueError('x: 3')")
+    assert code == 1 and err.startswith("mmw: internal error: ValueError: x: 3; this is a bug in mmw")
+    assert err.count("\n") == 1
+
+
+def test_a_bug_in_a_sensor(tmp_path, logs, monkeypatch, capsys) -> None:
+    folder = write_own_world(tmp_path)
+    monkeypatch.setattr("mmw.generation.pipeline.record_sensors", broken)
+    arguments = ["--config", str(folder / "mine.yaml"), "--out", str(tmp_path / "out"), "--device", "cpu", *SMALL]
+    assert main([*arguments, "--workers", "1"]) == 1
+    (line,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("mmw: ")]
+    assert "internal error: ValueError: operands could not be broadcast" in line
+    assert "every finished shard is kept" in line and str(logs) in line
+    text = only_log(logs)
+    assert "Traceback" in text and "in broken" in text and "mine.yaml" in text
+    assert main([*arguments, "--workers", "1", "--debug"]) == 1
+    assert "Traceback" in capsys.readouterr().err
+
+
+def test_a_bug_in_a_worker_process(tmp_path, logs, monkeypatch, capsys) -> None:
+    folder = write_own_world(tmp_path)
+    monkeypatch.setattr("mmw.generation.generate.Making", BrokenMaking)
+    monkeypatch.setattr(BrokenMaking, "__module__", "tests.cli.test_command")
+    monkeypatch.setitem(sys.modules, "tests.cli.test_command", sys.modules[__name__])
+    arguments = ["--config", str(folder / "mine.yaml"), "--out", str(tmp_path / "out"), "--device", "cpu", *SMALL]
+    assert main([*arguments, "--workers", "2"]) == 1
+    err = capsys.readouterr().err
+    assert "internal error: IndexError: injected for mine" in err and "Traceback" not in err
+    text = only_log(logs)
+    assert (
+        "in a worker process" in text
+        and "in shared_name" in text
+        and "mmw.generation.executors.worker_protocol" in text
+    )
+
+
+def test_a_bug_in_an_exporter(tmp_path, logs, monkeypatch, capsys) -> None:
+    folder = write_own_world(tmp_path)
+    data = tmp_path / "out"
+    assert main(["--config", str(folder / "mine.yaml"), "--out", str(data), "--device", "cpu", "frames.count=1"]) == 0
+    for path in logs.glob("*.log"):
+        path.unlink()
+    monkeypatch.setattr("mmw.dataset.export.huggingface._copy", broken)
+    assert command(["export", "huggingface", str(data), str(tmp_path / "exported")]) == 1
+    (line,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("mmw: ")]
+    assert "internal error: ValueError: operands" in line
+    assert "in broken" in only_log(logs)
+
+
+def test_bad_input_of_a_run_is_one_line(tmp_path, logs, capsys) -> None:
+    folder = write_own_world(tmp_path)
+    assert main(["--config", str(folder / "mine.yaml"), "--out", str(tmp_path / "out"), "frames.count=99"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("mmw: ") and "frames" in line and "internal" not in line
+    assert "Traceback" in only_log(logs)  # for whoever wonders where it comes from
+
+
+def test_a_folder_that_takes_no_log_file(tmp_path, monkeypatch) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setenv(log.LOG_DIR_VARIABLE, str(tmp_path / "file" / "logs"))
+    code, err = outcome("IndexError('injected')")
+    assert code == 1 and "Traceback" in err and "the trace is above" in err
+
+
+def test_old_log_files_are_removed(logs) -> None:
+    logs.mkdir()
+    for number in range(log.MAX_FILES + 3):
+        (logs / f"20200101-{number:06}-mmw-1.log").touch()
+    with log.logging_to_file("mmw run", debug=False) as path:
+        logging.getLogger("mmw.somewhere").info("found %d", 3)
+    files = sorted(logs.glob("*.log"))
+    assert len(files) == log.MAX_FILES and files[-1] == path
+    assert "mmw.somewhere: found 3" in path.read_text()
+    logging.getLogger("mmw.somewhere").warning("after the command")
+    assert "after the command" not in path.read_text()
+
+
+def test_library_users_hear_nothing_unasked() -> None:
+    code = "import mmw.core.log_files, logging; logging.getLogger('mmw').warning('quiet')"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=600)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_errors_can_go_to_another_process() -> None:
+    error = pickle.loads(pickle.dumps(ConfigError(["a: 1", "b: 2"])))
+    assert isinstance(error, InputError) and error.problems == ["a: 1", "b: 2"] and error.exit_code == 2
+    assert issubclass(MissingPackageError, Error) and issubclass(InputError, ValueError)
+
+
+@pytest.mark.parametrize("package", EXTRA_OF)
+def test_a_missing_package_names_its_extra(package: str) -> None:
+    with pytest.raises(MissingPackageError, match=rf"pip install '.*\[{EXTRA_OF[package]}\]'"), needed_by("this"):
+        raise ModuleNotFoundError("none", name=package)
+
+
+def test_another_missing_module_is_a_bug() -> None:
+    with pytest.raises(ModuleNotFoundError, match=r"^none$"), needed_by("this"):
+        raise ModuleNotFoundError("none", name="mmw.not_there")

@@ -1,0 +1,111 @@
+"""Unfinished files: their names tell whose they are, and none stays when nobody alive can be writing it."""
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import mmw.generation.executors.local_processes
+from mmw.cli.run import main
+from mmw.core.temp_files import Owner, is_temporary, owned, owner_of, temporary_path
+from mmw.storage.file_checks import verify
+from mmw.storage.lock import clean_other_parts, temporaries, writing
+from tests.fixtures import dying_workers
+from tests.fixtures.dying_workers import note_of
+from tests.fixtures.own_world import assert_same_rows, command, write_own_world
+
+IN_PROC = pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="finds the names of open files in /proc")
+
+
+@pytest.fixture(scope="module")
+def world(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A small stage of one's own, ten frames, two a shard, in two weathers, and its dataset made by one worker."""
+    folder = write_own_world(tmp_path_factory.mktemp("temporary"))
+    assert main(command(folder, "alone", "--workers", "1")) == 0
+    return folder
+
+
+def test_a_name_tells_the_owner(tmp_path: Path) -> None:
+    run = Owner(1, 4)
+    worker = Owner(1, 4, run.run, 3)
+    path = tmp_path / "a" / "part-000000.parquet"
+    assert owner_of(temporary_path(path)) is None and is_temporary(temporary_path(path))
+    with owned(tmp_path, run):
+        assert owner_of(temporary_path(path)) == owner_of(temporary_path(path, ".usda")) == run
+        with owned(tmp_path, worker):
+            assert owner_of(temporary_path(path)) == worker
+            assert owner_of(temporary_path(tmp_path.parent / "part-000000.parquet")) is None
+        assert owner_of(temporary_path(path)) == run
+    assert owner_of(temporary_path(path)) is None
+    assert run.has(run) and run.has(worker) and worker.has(worker)
+    assert not worker.has(run) and not run.has(Owner(1, 4)) and not worker.has(Owner(1, 4, run.run, 4))
+
+
+def unfinished(folder: Path, owner: Owner | None) -> Path:
+    """Leave a file like one that was being written when its process was killed."""
+    if owner is None:
+        path = temporary_path(folder / "poses" / "part-000000.parquet")
+    else:
+        with owned(folder, owner):
+            path = temporary_path(folder / "poses" / "part-000000.parquet")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(b"PAR1")
+    return path
+
+
+def test_a_part_removes_what_nobody_can_be_writing(tmp_path: Path) -> None:
+    own, other, unknown = (unfinished(tmp_path, owner) for owner in (Owner(0, 2), Owner(1, 2), None))
+    another_count = unfinished(tmp_path, Owner(1, 3))  # parts of another number are refused while this one is written
+    with writing(tmp_path, 0, 2, pytest.fail) as run:
+        assert (run.index, run.count) == (0, 2)
+        assert not own.exists() and not another_count.exists() and other.exists() and unknown.exists()
+        mine = unfinished(tmp_path, Owner(0, 2, run.run, 5))  # of a worker that was killed
+        with writing(tmp_path, 1, 2, pytest.fail) as second:
+            assert not other.exists() and mine.exists()
+            theirs = unfinished(tmp_path, second)
+            clean_other_parts(tmp_path, 0, 2)
+            assert theirs.exists()  # it is being written
+        assert not theirs.exists() and mine.exists()
+        other = unfinished(tmp_path, Owner(1, 2))
+        clean_other_parts(tmp_path, 0, 2)
+        assert not other.exists() and mine.exists()
+    assert not mine.exists() and unknown.exists()
+    with writing(tmp_path, 0, 1, pytest.fail):
+        assert temporaries(tmp_path) == []
+
+
+def assert_whole(world: Path, out: str) -> None:
+    """A process was killed while it wrote; nothing of it is left, and the rows are those of an undisturbed run."""
+    assert note_of(world / out, 0).read_text().startswith(".part-")
+    assert temporaries(world / out) == [] and verify(world / out) == []
+    assert_same_rows(world / "alone", world / out)
+
+
+@IN_PROC
+def test_a_worker_killed_while_it_writes_leaves_nothing(
+    world: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    monkeypatch.setattr(mmw.generation.executors.local_processes, "_serve", dying_workers.serve)
+    assert main(command(world, "worker", "--workers", "2")) == 0
+    assert capsys.readouterr().err.count("died by signal 9; its work goes to another one") == 1
+    assert_whole(world, "worker")
+
+
+@IN_PROC
+@pytest.mark.parametrize("next_part", [0, 1])
+def test_a_part_killed_while_it_writes_leaves_nothing(world: Path, next_part: int) -> None:
+    """Whether it is resumed at once, or after the other part has come to its end."""
+    out = f"part-{next_part}"
+    code = (
+        "import sys; from pathlib import Path; from mmw.run import main; from tests import dying_workers;"
+        "dying_workers.die_while_writing(Path(sys.argv[1])); main(sys.argv[2:])"
+    )
+    arguments = command(world, out, "--workers", "1", "--shard", "0/2")
+    done = subprocess.run([sys.executable, "-c", code, str(world / out), *arguments], capture_output=True, text=True)
+    assert done.returncode == -signal.SIGKILL, done.stderr
+    assert any(owner_of(path) for path in temporaries(world / out))
+    for part in (next_part, 1 - next_part):
+        assert main(command(world, out, "--workers", "1", "--shard", f"{part}/2")) == 0
+    assert_whole(world, out)

@@ -1,0 +1,283 @@
+"""nuScenes: every foreign key resolves, chains close, and its transforms lead back to the dataset's world."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh.transformations as tf
+
+from mmw.dataset.export.exporter import Selection, export
+from tests.fixtures.export_data import (
+    FRAMES,
+    IMAGE_FRAMES,
+    SIZE,
+    box_matrix,
+    cloud,
+    corners,
+    dataset,
+    move,
+    row,
+    rows,
+    sensor_matrix,
+)
+
+WEATHER = "rainy"
+KEYS = {
+    "attribute": (), "category": (), "visibility": (), "sensor": (), "log": (), "ego_pose": (),
+    "calibrated_sensor": ("sensor",),
+    "instance": ("category", "first_annotation:sample_annotation", "last_annotation:sample_annotation"),
+    "scene": ("log", "first_sample:sample", "last_sample:sample"),
+    "sample": ("scene",),
+    "sample_data": ("sample", "ego_pose", "calibrated_sensor"),
+    "sample_annotation": ("sample", "instance", "visibility"),
+    "map": (),
+}  # fmt: skip
+"""Table -> its foreign keys: KEY_token names a row of KEY, or of the table after the colon."""
+
+FIELDS = {
+    "attribute": "token name description",
+    "category": "token name description",
+    "visibility": "token level description",
+    "sensor": "token channel modality",
+    "log": "token logfile vehicle date_captured location",
+    "ego_pose": "token timestamp rotation translation",
+    "calibrated_sensor": "token sensor_token translation rotation camera_intrinsic",
+    "instance": "token category_token nbr_annotations first_annotation_token last_annotation_token",
+    "scene": "token name description log_token nbr_samples first_sample_token last_sample_token",
+    "sample": "token timestamp scene_token prev next",
+    "sample_data": "token sample_token ego_pose_token calibrated_sensor_token filename fileformat width height "
+    "timestamp is_key_frame prev next",
+    "sample_annotation": "token sample_token instance_token attribute_tokens visibility_token translation size "
+    "rotation num_lidar_pts num_radar_pts prev next",
+    "map": "token log_tokens category filename",
+}
+"""Table -> fields that nuScenes defines."""
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Samples of every second frame, sweeps of all."""
+    result = tmp_path_factory.mktemp("nuscenes") / "out"
+    export(dataset().root, "nuscenes", result, Selection(), {"rate": "50", "sweeps": "100"})
+    return result
+
+
+@pytest.fixture(scope="module")
+def tables(out: Path) -> dict[str, dict[str, dict]]:
+    """Table -> token -> row."""
+    result = {}
+    for path in (out / "v1.0-mmw").iterdir():
+        listed = json.loads(path.read_text())
+        result[path.stem] = {entry["token"]: entry for entry in listed}
+        assert len(result[path.stem]) == len(listed), f"{path.stem} has a token twice"
+    return result
+
+
+def transform(entry: dict) -> np.ndarray:
+    """Return the transform of `rotation` (w, x, y, z) and `translation`, shape [4, 4]."""
+    result = tf.quaternion_matrix(entry["rotation"])
+    result[:3, 3] = entry["translation"]
+    return result
+
+
+def to_world(tables: dict, data: dict) -> np.ndarray:
+    """Return the transform sensor to world of a row of `sample_data`."""
+    ego = tables["ego_pose"][data["ego_pose_token"]]
+    return transform(ego) @ transform(tables["calibrated_sensor"][data["calibrated_sensor_token"]])
+
+
+def about(tables: dict, data: dict) -> tuple[str, int, str]:
+    """Return agent, frame and sensor of a row of `sample_data`."""
+    scene = tables["scene"][tables["sample"][data["sample_token"]]["scene_token"]]
+    begin = tables["sample"][scene["first_sample_token"]]
+    frame = (data["timestamp"] - begin["timestamp"]) // 10_000 + begin["mmw_frame"]
+    return scene["mmw_agent"], frame, tables["calibrated_sensor"][data["calibrated_sensor_token"]]["mmw_sensor"]
+
+
+def test_thirteen_tables_with_their_fields(tables: dict) -> None:
+    assert set(tables) == set(KEYS) and len(KEYS) == 13
+    for name, entries in tables.items():
+        assert entries, name
+        for entry in entries.values():
+            extra = set(entry) - set(FIELDS[name].split())
+            assert set(entry) >= set(FIELDS[name].split()) and all(key.startswith("mmw_") for key in extra)
+
+
+def test_foreign_keys_resolve(tables: dict) -> None:
+    for name, keys in KEYS.items():
+        for entry in tables[name].values():
+            for key in keys:
+                column, _, table = key.partition(":")
+                assert entry[f"{column}_token"] in tables[table or column], (name, key)
+    for entry in tables["sample_annotation"].values():
+        assert len(entry["attribute_tokens"]) == 1 and entry["attribute_tokens"][0] in tables["attribute"]
+    mapped = [token for entry in tables["map"].values() for token in entry["log_tokens"]]
+    assert sorted(mapped) == sorted(tables["log"])
+
+
+def chain(table: dict[str, dict], first: str) -> list[str]:
+    """Return the tokens from the first along `next`, with `prev` checked."""
+    result, previous = [], ""
+    while first:
+        assert table[first]["prev"] == previous
+        result.append(first)
+        previous, first = first, table[first]["next"]
+    return result
+
+
+def test_chains_hold_every_row_once(tables: dict) -> None:
+    seen: list[str] = []
+    for scene in tables["scene"].values():
+        found = chain(tables["sample"], scene["first_sample_token"])
+        assert len(found) == scene["nbr_samples"] == 3 and found[-1] == scene["last_sample_token"]
+        assert [tables["sample"][token]["mmw_frame"] for token in found] == [0, 2, 4]
+        seen += found
+    assert sorted(seen) == sorted(tables["sample"])
+    seen = []
+    for instance in tables["instance"].values():
+        found = chain(tables["sample_annotation"], instance["first_annotation_token"])
+        assert len(found) == instance["nbr_annotations"] and found[-1] == instance["last_annotation_token"]
+        assert {tables["sample_annotation"][token]["instance_token"] for token in found} == {instance["token"]}
+        times = [tables["sample"][tables["sample_annotation"][t]["sample_token"]]["timestamp"] for t in found]
+        assert times == sorted(set(times))
+        seen += found
+    assert sorted(seen) == sorted(tables["sample_annotation"])
+    starts = [token for token, data in tables["sample_data"].items() if not data["prev"]]
+    seen = [token for start in starts for token in chain(tables["sample_data"], start)]
+    assert sorted(seen) == sorted(tables["sample_data"])
+    begins = [tables["sample"][scene["first_sample_token"]]["timestamp"] for scene in tables["scene"].values()]
+    assert len(set(begins)) == len(begins), "the development kit sorts scenes by their first time"
+
+
+def test_files_are_those_of_the_tables(out: Path, tables: dict) -> None:
+    named = {data["filename"] for data in tables["sample_data"].values()}
+    there = {path.relative_to(out).as_posix() for top in ("samples", "sweeps") for path in (out / top).rglob("*.*")}
+    assert there == named and len(named) == 4 * 6 + 4 * 3 + 3 * 3
+    assert all((out / entry["filename"]).is_file() for entry in tables["map"].values())
+    for data in tables["sample_data"].values():
+        sample = tables["sample"][data["sample_token"]]
+        assert data["is_key_frame"] == (data["timestamp"] == sample["timestamp"])
+        assert data["filename"].startswith("samples/" if data["is_key_frame"] else "sweeps/")
+        assert abs(data["timestamp"] - sample["timestamp"]) <= 10_000
+        assert tables["ego_pose"][data["ego_pose_token"]]["timestamp"] == data["timestamp"]
+    keys = {
+        data["sample_token"] for data in tables["sample_data"].values()
+        if data["is_key_frame"] and "LIDAR_TOP" in data["filename"]
+    }  # fmt: skip
+    assert keys == set(tables["sample"])
+
+
+def test_transforms_lead_to_the_world(out: Path, tables: dict) -> None:
+    """Points by calibrated_sensor and ego_pose stand where the dataset's poses put them; cameras are optical."""
+    optical = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+    frames = set()
+    for data in tables["sample_data"].values():
+        agent, frame, sensor = about(tables, data)
+        expected = sensor_matrix(WEATHER, frame, agent, sensor)
+        if "CAM_" in data["filename"]:
+            np.testing.assert_allclose(to_world(tables, data), expected @ optical, atol=1e-9)
+            assert (data["width"], data["height"]) == SIZE and frame in IMAGE_FRAMES
+            stored = row("rgb", weather=WEATHER, agent=agent, frame=frame, sensor=sensor)["image"]["bytes"]
+            assert (out / data["filename"]).read_bytes() == stored
+            continue
+        sweep = row("lidar", weather=WEATHER, agent=agent, frame=frame)
+        points = np.fromfile(out / data["filename"], "<f4").reshape(-1, 5)
+        np.testing.assert_allclose(move(to_world(tables, data), points[:, :3]), move(expected, cloud(sweep)), atol=1e-6)
+        np.testing.assert_allclose(points[:, 3], 255.0 * np.array(sweep["intensity"]), rtol=1e-6)
+        np.testing.assert_array_equal(points[:, 4], sweep["ring"])
+        frames.add(frame)
+    assert frames == set(FRAMES)
+
+
+def test_annotations_hold_their_points(out: Path, tables: dict) -> None:
+    """Box, object and point count of each annotation; the agent itself has none."""
+    inside = 0
+    for entry in tables["sample_annotation"].values():
+        sample = tables["sample"][entry["sample_token"]]
+        agent = tables["scene"][sample["scene_token"]]["mmw_agent"]
+        key = {"weather": WEATHER, "frame": sample["mmw_frame"]}
+        number = tables["instance"][entry["instance_token"]]["mmw_object_id"]
+        assert number != row("poses", agent=agent, **key)["object_id"]
+        box = row("boxes", object_id=number, **key)
+        np.testing.assert_allclose(transform(entry), box_matrix(box), atol=1e-9)
+        assert entry["size"] == [box["width"], box["length"], box["height"]]
+        sweep = row("lidar", agent=agent, **key)
+        mine = np.array(sweep["object_id"]) == number
+        assert entry["num_lidar_pts"] == mine.sum() and entry["num_radar_pts"] == 0
+        local = move(
+            np.linalg.inv(transform(entry)) @ sensor_matrix(WEATHER, key["frame"], agent, "lidar"), cloud(sweep)
+        )
+        width, length, height = entry["size"]
+        beyond = np.abs(local[mine]) - np.array([length, width, height]) / 2.0
+        assert beyond.max(initial=0.0) < 0.25
+        inside += mine.sum()
+        kind = tables["category"][tables["instance"][entry["instance_token"]]["category_token"]]["name"]
+        assert kind == {"pedestrian": "human.pedestrian.adult"}.get(box["category"], f"vehicle.{box['category']}")
+        moves = np.linalg.norm([box[name] for name in ("vx", "vy", "vz")]) >= 0.2
+        assert tables["attribute"][entry["attribute_tokens"][0]]["name"].endswith(".moving") == moves
+    assert inside > 1000
+    seen = {
+        (one["agent"], one["frame"], one["object_id"])
+        for one in rows("box_visibility", weather=WEATHER)
+        if one["frame"] in IMAGE_FRAMES and (one["lidar_points"] or one["pixels"])
+    }
+    own = {(pose["agent"], pose["frame"], pose["object_id"]) for pose in rows("poses", weather=WEATHER)}
+    assert len(tables["sample_annotation"]) == len(seen - own)
+
+
+def test_cameras_project_annotations_to_where_the_dataset_frames_them(tables: dict) -> None:
+    checked = 0
+    boxes = list(tables["sample_annotation"].values())
+    for data in tables["sample_data"].values():
+        if "CAM_" not in data["filename"]:
+            continue
+        agent, frame, sensor = about(tables, data)
+        to_camera = np.linalg.inv(to_world(tables, data))
+        intrinsic = np.array(tables["calibrated_sensor"][data["calibrated_sensor_token"]]["camera_intrinsic"])
+        framed = {
+            box["object_id"]: box for box in rows("boxes_2d", weather=WEATHER, frame=frame, agent=agent, sensor=sensor)
+        }
+        for entry in boxes:
+            number = tables["instance"][entry["instance_token"]]["mmw_object_id"]
+            if entry["sample_token"] != data["sample_token"] or number not in framed:
+                continue
+            width, length, height = entry["size"]
+            local = move(to_camera @ transform(entry), corners(length, width, height))
+            if local[:, 2].min() < 0.1 or framed[number]["truncation"] > 0.0:
+                continue
+            pixels = local @ intrinsic.T
+            pixels = pixels[:, :2] / pixels[:, 2:]
+            edges = [framed[number][f"amodal_{name}"] for name in ("u_min", "v_min", "u_max", "v_max")]
+            np.testing.assert_allclose([*pixels.min(axis=0), *pixels.max(axis=0)], edges, atol=0.01)
+            checked += 1
+    assert checked > 20
+
+
+def test_visibility_compares_rectangles(tables: dict) -> None:
+    levels = {entry["level"]: token for token, entry in tables["visibility"].items()}
+    found = set()
+    for entry in tables["sample_annotation"].values():
+        sample = tables["sample"][entry["sample_token"]]
+        shares = []
+        for box in rows(
+            "boxes_2d", weather=WEATHER, frame=sample["mmw_frame"],
+            agent=tables["scene"][sample["scene_token"]]["mmw_agent"],
+            object_id=tables["instance"][entry["instance_token"]]["mmw_object_id"],
+        ):  # fmt: skip
+            area = (box["amodal_u_max"] - box["amodal_u_min"]) * (box["amodal_v_max"] - box["amodal_v_min"])
+            seen = (box["u_max"] + 1 - box["u_min"]) * (box["v_max"] + 1 - box["v_min"]) if box["pixels"] else 0
+            shares.append(seen / area)
+        share = max(shares, default=None)
+        level = "unknown" if share is None else ["v0-40", "v40-60", "v60-80", "v80-100"][
+            int(np.searchsorted([0.4, 0.6, 0.8], share, side="right"))
+        ]  # fmt: skip
+        assert entry["visibility_token"] == levels[level]
+        found.add(level)
+    assert len(found) >= 3
+
+
+def test_the_same_export_has_the_same_bytes(out: Path, tmp_path: Path) -> None:
+    export(dataset().root, "nuscenes", tmp_path / "b", Selection(), {"rate": "50", "sweeps": "100"})
+    for path in sorted(path.relative_to(out) for path in out.rglob("*") if path.is_file()):
+        assert (out / path).read_bytes() == (tmp_path / "b" / path).read_bytes(), path

@@ -1,0 +1,189 @@
+"""Truncated, half-written and foreign folders: every way in says in one line which file it is."""
+
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+import mmw
+from mmw.__main__ import main
+from mmw.dataset.export.exporter import export
+from tests.fixtures.small_dataset import copy_of, part, small_dataset
+
+POSES, LIDAR = part("poses", "sunny", 2), part("lidar", "sunny", 2)
+
+
+@pytest.fixture
+def root() -> Iterator[Path]:
+    """A copy that any user of the machine may read."""
+    folder = Path(tempfile.mkdtemp(prefix="mmw-damaged-"))
+    folder.chmod(0o755)
+    yield copy_of(small_dataset(), folder / "d")
+    shutil.rmtree(folder)
+
+
+def edit_json(path: Path, change: Callable[[dict], None]) -> None:
+    content = json.loads(path.read_text())
+    change(content)
+    path.write_text(json.dumps(content))
+
+
+def said(work: Callable[[], object]) -> str:
+    """Return the one line of the ValueError that some work ends with."""
+    with pytest.raises(ValueError) as error:
+        work()
+    assert "\n" not in str(error.value)
+    return str(error.value)
+
+
+def read_all(root: Path, table: str) -> None:
+    mmw.open(root).read(table)
+
+
+def foreign_rows(root: Path) -> str:
+    (root / POSES).unlink()
+    pq.write_table(pa.table({"a": [1, 2]}), root / POSES)
+    return f"{POSES}: has no column frame, agent"
+
+
+def link_to_nothing(root: Path) -> str:
+    (root / POSES).unlink()
+    (root / POSES).symlink_to(root / "gone.parquet")
+    return f"{POSES}: cannot be read (it is a link that leads nowhere)"
+
+
+def link_to_itself(root: Path) -> str:
+    (root / POSES).unlink()
+    (root / POSES).symlink_to(root / POSES)
+    return f"{POSES}: cannot be read (it is a link that leads nowhere)"
+
+
+def link_to_the_table(root: Path) -> str:
+    (root / "poses" / "again").symlink_to(root / "poses")
+    return "poses/again: no file of a dataset has this name"
+
+
+def foreign_text(root: Path) -> str:
+    (root / "poses" / "notes.txt").write_text("mine")
+    return "poses/notes.txt: no file of a dataset has this name"
+
+
+def foreign_parquet(root: Path) -> str:
+    shutil.copy(root / POSES, (root / POSES).with_name("mine.parquet"))
+    return "mine.parquet: no file of a dataset has this name"
+
+
+@pytest.mark.parametrize(
+    "damage", [foreign_rows, link_to_nothing, link_to_itself, link_to_the_table, foreign_text, foreign_parquet]
+)
+def test_readers_and_exporters_name_the_file(root: Path, tmp_path: Path, damage: Callable[[Path], str]) -> None:
+    words = damage(root)
+    assert words in said(lambda: read_all(root, "poses"))
+    assert words in said(lambda: export(root, "opv2v", tmp_path / "out"))
+    if damage is not foreign_rows:  # DuckDB looks at the first file alone, and names the other when it gets there
+        assert words in said(lambda: mmw.connect(root))
+
+
+def test_foreign_rows_in_the_first_file(root: Path) -> None:
+    pq.write_table(pa.table({"a": [1, 2]}), root / part("poses"))
+    for file in (part("poses", "rainy"), part("poses", "rainy", 2)):
+        (root / file).unlink()
+    for work in (lambda: mmw.connect(root), lambda: read_all(root, "poses")):
+        assert f"{part('poses')}: has no column frame, agent" in said(work)
+
+
+@pytest.mark.parametrize("damage", [link_to_the_table, foreign_text])
+def test_verify_calls_it_foreign(root: Path, damage: Callable[[Path], str], capsys: pytest.CaptureFixture) -> None:
+    words = damage(root)
+    assert main(["verify", str(root)]) == 1
+    assert f"foreign: {words}" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"schema_version": 3}, {"config": []}, {"config_sha256": None}, {"schema_version": "two"}, {"versions": "1"}],
+    ids=str,
+)
+def test_a_head_of_other_types_is_named(root: Path, change: dict, capsys: pytest.CaptureFixture) -> None:
+    edit_json(root / "dataset.json", lambda content: content.update(change))
+    for work in (lambda: mmw.open(root), lambda: mmw.connect(root)):
+        assert said(work).startswith(f"{root}/dataset.json: ")
+    for arguments in (["export", "kitti", str(root), str(root / "out")], ["verify", str(root)]):
+        assert main(arguments) in (1, 2)
+        told = capsys.readouterr()
+        assert "dataset.json: " in told.out + told.err
+
+
+def test_a_configuration_without_channel(root: Path, tmp_path: Path) -> None:
+    edit_json(root / "dataset.json", lambda content: content["config"].pop("channel"))
+    assert "dataset.json: its configuration has no channel" in said(lambda: export(root, "deepmimo", tmp_path / "out"))
+
+
+@pytest.mark.parametrize("change", [{"frame_begin": "x"}, {"weather": 4}, {"files": [{"table": "poses"}]}], ids=str)
+def test_a_marker_of_other_types_is_a_finding(root: Path, change: dict, capsys: pytest.CaptureFixture) -> None:
+    marker = sorted((root / "_shards").glob("*.sunny.*"))[0]
+    edit_json(marker, lambda content: content.update(change))
+    assert main(["verify", str(root)]) == 1
+    assert f"marker: _shards/{marker.name}: cannot be read" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("size", [0, 900])
+def test_a_copied_file_that_is_truncated_is_named(root: Path, tmp_path: Path, size: int) -> None:
+    (root / LIDAR).write_bytes((root / LIDAR).read_bytes()[:size])
+    assert f"{root / LIDAR}: cannot be read" in said(lambda: export(root, "huggingface", tmp_path / "out"))
+
+
+def test_a_missing_file_of_a_finished_shard_is_not_left_out(root: Path, tmp_path: Path) -> None:
+    (root / LIDAR).unlink()
+    assert f"{root / LIDAR}: is missing" in said(lambda: export(root, "huggingface", tmp_path / "out"))
+
+
+def test_a_folder_that_links_to_itself(tmp_path: Path) -> None:
+    (tmp_path / "loop").symlink_to(tmp_path / "loop")
+    for work in (lambda: mmw.open(tmp_path / "loop"), lambda: mmw.connect(tmp_path / "loop")):
+        assert str(tmp_path / "loop") in said(work)
+
+
+def test_a_column_that_is_not_there_reads_no_file(root: Path) -> None:
+    data = mmw.open(root)
+    data.arrow("lidar")
+    for path in (root / "lidar").rglob("*.parquet"):
+        path.write_bytes(b"")
+    assert "table 'lidar': has no column scent; it has" in said(lambda: data.read("lidar", columns=["scent"]))
+    assert "table 'frames': has no column agent" in said(lambda: data.read("frames", agent="cav_1"))
+
+
+@contextmanager
+def somebody_else() -> Iterator[None]:
+    """Do something without the rights of the superuser, whom no permission stops."""
+    if os.geteuid() != 0:
+        yield
+        return
+    os.seteuid(65534)
+    try:
+        yield
+    finally:
+        os.seteuid(0)
+
+
+@pytest.mark.parametrize(
+    ("path", "named"),
+    [("dataset.json", "dataset.json"), (".", "dataset.json"), ("poses", "poses"), (POSES, POSES)],
+)
+def test_what_may_not_be_read_is_named(root: Path, path: str, named: str) -> None:
+    read_all(root, "poses")  # imports what it needs, which somebody else may not
+    mmw.connect(root).close()
+    (root / path).chmod(0)
+    with somebody_else():
+        text = said(lambda: read_all(root, "poses"))
+        other = said(lambda: mmw.connect(root)) if path != POSES else text
+    (root / path).chmod(0o755)
+    for words in (text, other):
+        assert f"{root / named}: cannot be read (Permission denied)" in words

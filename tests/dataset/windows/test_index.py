@@ -1,0 +1,208 @@
+"""Which windows there are, and which sample stands for each frame, against plain loops over the tables."""
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import mmw
+from mmw.dataset.windows import Take, Track, WindowSpec, open_windows
+from mmw.dataset.windows.channel_sources import one_peer
+from mmw.dataset.windows.tracks import hold
+from tests.fixtures.shards import AGENTS
+from tests.fixtures.window_data import FRAMES, TOWNS, WEATHERS, is_there, window_data
+
+PERIOD = {"poses": 1, "imu": 1, "lidar": 1, "rgb": 10, "gnss": 2, "links": 1}
+HAVE = {"imu": AGENTS[:3], "gnss": AGENTS[:3], "links": AGENTS[:3]}
+
+
+def expected(takes: list[Take], past: int, future: int, stride: int, step: int) -> dict:
+    """Return scenario, weather, agent and `now` of every window, and the frames of its samples."""
+    found = {}
+    for scenario in TOWNS:
+        for weather in WEATHERS:
+            for agent in AGENTS:
+                for now in range(0, FRAMES, stride):
+                    frames = range(now - (past - 1) * step, now + future * step + 1)
+                    if not all(0 <= f < FRAMES and is_there("poses", scenario, agent, f) for f in frames):
+                        continue
+                    samples = {}
+                    for take in takes:
+                        wanted = (
+                            [now - k * step for k in range(past) if k % take.every == 0][::-1]
+                            if take.span == "past"
+                            else [now + k * step for k in range(1, future + 1) if k % take.every == 0]
+                        )
+                        samples[take.key] = [held(take, scenario, agent, frame) for frame in wanted]
+                    if all(None not in own for own in samples.values()):
+                        found[scenario, weather, agent, now] = samples
+    return found
+
+
+def held(take: Take, scenario: str, agent: str, frame: int) -> int | None:
+    """Return the latest frame with a sample that is not too old, without a hole in between."""
+    if agent not in HAVE.get(take.modality, AGENTS):
+        return None
+    for own in range(frame, max(frame - PERIOD[take.modality], -1), -1):
+        if not is_there("poses", scenario, agent, own):
+            return None
+        if is_there(take.table, scenario, agent, own):
+            return own
+    return None
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    names=st.sets(st.sampled_from(sorted(PERIOD)), min_size=1, max_size=3),
+    every=st.integers(1, 12),
+    past=st.integers(1, 14),
+    future=st.integers(0, 6),
+    stride=st.integers(1, 7),
+    step=st.integers(1, 3),
+)
+def test_windows_are_those_of_plain_loops(names, every, past, future, stride, step) -> None:
+    takes = [Take(name, every=every, carrier_hz=28e9 if name == "links" else None) for name in sorted(names)]
+    if future:
+        takes.append(Take("poses", span="future", every=min(every, future)))
+    want = expected(takes, past, future, stride, step)
+    spec = WindowSpec(takes, past=past, future=future, stride=stride, step=step)
+    if not want:
+        with pytest.raises(ValueError, match=r"no window is left|longest unbroken track"):
+            open_windows(window_data(), spec)
+        return
+    windows = open_windows(window_data(), spec)
+    assert len(windows) == len(want)
+    for index in range(0, len(windows), 7):
+        track = windows.tracks[windows.track[index]]
+        samples = want[(*track.name, int(windows.now[index]))]
+        sample = windows[index]
+        for key, frames in samples.items():
+            assert sample[f"{key}_frame"].tolist() == frames
+        used = [frame for frames in samples.values() for frame in frames]
+        begin = int(windows.now[index]) - (past - 1) * step
+        assert windows.first[index] == min([begin, *used]) and windows.last[index] == sample["now"] + future * step
+        assert (sample["now"], windows.tracks[sample["track"]].name) == (windows.now[index], track.name)
+    names_of = [(*windows.tracks[t].name, int(now)) for t, now in zip(windows.track, windows.now, strict=True)]
+    assert set(names_of) == set(want)
+    assert names_of == sorted(names_of, key=lambda name: (name[0], name[1], name[3], name[2]))
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    there=st.lists(st.booleans(), min_size=1, max_size=30),
+    sampled=st.lists(st.booleans(), min_size=30, max_size=30),
+    first=st.integers(0, 5),
+    most=st.integers(0, 12),
+)
+def test_a_held_sample_is_the_latest_before_and_never_from_the_future(there, sampled, first, most) -> None:
+    there = [True, *there, True]
+    track = Track("s", "w", "a", "cav", np.flatnonzero(there) + first)
+    frames = np.array([f for f in range(first, first + len(there)) if sampled[(f * 7) % 30]], dtype=np.int64)
+    found = hold(track, frames, frames + 1000, most)
+    for place, frame in enumerate(range(first, first + len(there))):
+        want = -1
+        for own in range(frame, frame - most - 1, -1):
+            if own < first or not there[own - first]:
+                break
+            if own in frames:
+                want = own
+                break
+        assert found.frame[place] == want and found.row[place] == (want + 1000 if want >= 0 else -1)
+        assert found.frame[place] <= frame
+
+
+def test_images_are_held_for_their_period_and_no_longer() -> None:
+    spec = WindowSpec([Take("rgb")], past=3, stride=1)
+    windows = open_windows(window_data(), spec, scenarios=["circle"], weathers=["sunny"], agents=["cav_1"])
+    for index in range(len(windows)):
+        sample = windows[index]
+        wanted = np.arange(sample["now"] - 2, sample["now"] + 1)
+        assert (sample["rgb_frame"] == wanted // 10 * 10).all()
+    with pytest.raises(ValueError, match=r"no window is left; without frames or samples are .*rgb: 58"):
+        one = {"scenarios": ["circle"], "weathers": ["sunny"], "agents": ["cav_1"]}
+        open_windows(window_data(), WindowSpec([Take("rgb", hold=0)], past=3), **one)
+
+
+def test_left_out_says_why() -> None:
+    spec = WindowSpec(["lidar"], past=2, stride=1)
+    windows = open_windows(window_data(), spec, scenarios=["circle"], weathers=["sunny"], agents=["cav_1", "cav_2"])
+    # Two of each track's frames begin one; frames 33 and 34 of cav_1 need the sweep that is not there.
+    assert windows.left_out == {"frames": 1 + 2, "lidar": 2}
+    assert len(windows) == (59 - 2) + (57 - 2)
+
+
+def test_where_and_take() -> None:
+    windows = open_windows(mmw.open(window_data()), WindowSpec(["poses"], past=4, stride=4))
+    some = windows.where(scenarios=["slope"], weathers="rainy", agents=["rsu", "cav_1"])
+    assert {windows.tracks[t].name for t in some.track} == {("slope", "rainy", "cav_1"), ("slope", "rainy", "rsu_1")}
+    assert some[0]["now"] == 4 and len(some) == 2 * 14
+    mask = windows.now == 8
+    assert len(windows.take(mask)) == mask.sum() and windows.take([3, 1]).now.tolist() == windows.now[[3, 1]].tolist()
+    with pytest.raises(ValueError, match="agent bus; there are cav, cav_1"):
+        windows.where(agents=["bus"])
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Take("sonar"), "no such modality; they are poses"),
+        (lambda: Take("lidar", span="now"), "past or future"),
+        (lambda: Take("lidar", every=0), "at least 1"),
+        (lambda: Take("rgb", shrink=3), "1, 2, 4 or 8"),
+        (lambda: Take("poses", sensor="imu"), "no use for sensor"),
+        (lambda: Take("lidar", carrier_hz=28e9), "no use for carrier_hz"),
+        (lambda: Take("rgb", columns=("x",)), "no use for columns"),
+        (lambda: WindowSpec([], past=1), "takes is empty"),
+        (lambda: WindowSpec(["poses"], past=0), "past = 0"),
+        (lambda: WindowSpec(["poses", "poses"], past=1), "poses, poses_frame would be there twice"),
+        (lambda: WindowSpec([Take("poses", name="now")], past=1), "now would be there twice"),
+        (lambda: WindowSpec([Take("poses", span="future", every=3)], past=1, future=2), "lengthen the future"),
+    ],
+)
+def test_wrong_specs_are_refused(make, message) -> None:
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
+@pytest.mark.parametrize(
+    ("takes", "past", "message"),
+    [
+        (["poses"], 61, "reach over 61 frames; the longest unbroken track has 60"),
+        ([Take("links")], 1, r"the dataset has 4.9e\+09, 2.8e\+10 Hz; name one as `carrier_hz`"),
+        ([Take("beams", carrier_hz=1e9)], 1, r"carrier_hz = 1e\+09"),
+        ([Take("links", carrier_hz=28e9, peer="rsu_9")], 1, "no link of rsu_9"),
+        ([Take("radar")], 1, "has radar, radar_2; name one as `sensor`"),
+        ([Take("lidar", sensor="roof")], 1, "no window is left"),
+        ([Take("imu", columns=("handedness",))], 1, "imu has frame, ax"),
+        ([Take("lidar", columns=("point_count",))], 1, "lidar has x, y, z"),
+    ],
+)
+def test_what_is_not_there_is_refused(takes, past, message) -> None:
+    with pytest.raises(ValueError, match=message):
+        open_windows(window_data(), WindowSpec(takes, past=past))
+
+
+def test_an_absent_table_is_named(tmp_path) -> None:
+    for name in ("dataset.json", "poses", "sensors"):
+        (tmp_path / name).symlink_to(window_data() / name)
+    with pytest.raises(ValueError, match=r"Take\('beams'\) needs table links and paths, which has no file"):
+        open_windows(tmp_path, WindowSpec(["beams"], past=1))
+
+
+def test_without_table_sensors_hold_must_be_given(tmp_path) -> None:
+    for name in ("dataset.json", "poses", "rgb"):
+        (tmp_path / name).symlink_to(window_data() / name)
+    with pytest.raises(ValueError, match=r"table sensors has no row for circle cav_1 front, .* give `hold`"):
+        open_windows(tmp_path, WindowSpec(["rgb"], past=1))
+    assert len(open_windows(tmp_path, WindowSpec([Take("rgb", hold=9)], past=1))) > 0
+
+
+def test_several_roadside_units_need_a_name() -> None:
+    rows = pa.table({"peer": ["rsu_1", "rsu_2", "cav_2"], "link": ["v2i", "v2i", "v2v"]})
+    assert (
+        one_peer(Take("links"), rows.slice(1), "s") == "rsu_2" and one_peer(Take("links"), rows.slice(2), "s") is None
+    )
+    assert one_peer(Take("links", peer="cav_2"), rows, "s") == "cav_2"
+    with pytest.raises(ValueError, match="rsu_1, rsu_2 transmit in s; name one of them as `peer`"):
+        one_peer(Take("links"), rows, "s")

@@ -1,0 +1,164 @@
+"""The guide to the sensors: its fragments load, it names every key with its default, and what it refers to is there."""
+
+import re
+from pathlib import Path
+
+import pytest
+import yaml
+from pydantic import BaseModel
+
+from mmw.config import (
+    DepthConfig,
+    GnssConfig,
+    ImuConfig,
+    LidarConfig,
+    MountConfig,
+    RadarConfig,
+    RgbConfig,
+    SensorSection,
+    load_config,
+)
+from mmw.config.lens import LensConfig
+from mmw.sensors.lidar.config_parts import CarlaLidarConfig, LidarOpticsConfig
+from mmw.sensors.lidar.optics import PRESETS
+from mmw.sensors.render.image_config import ExposureConfig, ImageConfig, NoiseConfig
+from mmw.storage.schemas import table_spec
+
+ROOT = Path(__file__).parents[2]
+GUIDE = ROOT / "docs" / "sensors.md"
+HEADINGS = {
+    "LiDAR": LidarConfig,
+    "Radar": RadarConfig,
+    "RGB camera": RgbConfig,
+    "Depth, segmentation, 2-D boxes": DepthConfig,
+    "IMU": ImuConfig,
+    "GNSS": GnssConfig,
+}
+"""Heading of the page -> section of the configuration."""
+
+MOST_BYTES = 250_000
+"""Size of a figure."""
+
+
+def chapter(heading: str) -> str:
+    return GUIDE.read_text().split(f"\n## {heading}\n")[1].split("\n## ")[0]
+
+
+def table(text: str, title: str) -> list[list[str]]:
+    """Return the cells of the rows of the tables whose first column has a title."""
+    found, is_inside = [], False
+    for line in text.splitlines():
+        cells = [cell.strip() for cell in line.strip("|").split("|")] if line.startswith("|") else []
+        is_inside = bool(cells) and (is_inside or cells[0] == title)
+        if is_inside and cells[0] != title and not cells[0].startswith("---"):
+            found.append(cells)
+    return found
+
+
+def number(text: str) -> float | None:
+    """Return the number that a cell holds, such as `2e-4` or `0.1 / 50^2`; None if it holds none."""
+    match = re.fullmatch(r"([-\d.e]+)(?: / (\d+)\^2)?", text.split(":")[0].strip())
+    return float(match[1]) / float(match[2] or 1) ** 2 if match else None
+
+
+def fields_of(cell: str) -> list[str]:
+    return re.findall(r"`(\w+)`", cell)
+
+
+def test_every_fragment_of_the_guide_loads(tmp_path: Path) -> None:
+    blocks = re.findall(r"```yaml\n(.*?)```", GUIDE.read_text(), re.DOTALL)
+    assert len(blocks) >= 8
+    types = set()
+    for block in blocks:
+        path = tmp_path / "c.yaml"
+        path.write_text("scenarios: [{name: s, stage: s.usda}]\n" + block)
+        config = load_config(path)
+        assert len(config.sensors) == len(yaml.safe_load(block)["sensors"])
+        types |= {(sensor.type, getattr(sensor, "mode", "")) for sensor in config.sensors}
+    both = {(name, mode) for name in ("lidar", "radar", "imu", "gnss") for mode in ("compat", "physical")}
+    assert types == both | {("depth", ""), ("rgb", "")}
+
+
+@pytest.mark.parametrize("heading", HEADINGS)
+def test_the_guide_names_every_key(heading: str) -> None:
+    text = chapter(heading)
+    keys = set(HEADINGS[heading].model_fields) - set(SensorSection.model_fields) - {"mode"}
+    if heading == "RGB camera":
+        for section in (LensConfig, ImageConfig, ExposureConfig, NoiseConfig):
+            keys |= set(section.model_fields)
+    if heading == "LiDAR":
+        keys |= set(LidarOpticsConfig.model_fields) | set(CarlaLidarConfig.model_fields)
+    assert {key for key in keys if not re.search(rf"`{key}[:`]", text)} == set()
+
+
+def test_the_guide_names_the_keys_that_all_sensors_share() -> None:
+    keys = {*SensorSection.model_fields, *MountConfig.model_fields}
+    assert {key for key in keys if f"`{key}`" not in GUIDE.read_text()} == set()
+
+
+@pytest.mark.parametrize(
+    ("heading", "least"),
+    [("LiDAR", 8), ("Radar", 19), ("RGB camera", 15), ("Depth, segmentation, 2-D boxes", 4), ("IMU", 14), ("GNSS", 15)],
+)
+def test_the_defaults_of_the_guide_are_those_of_the_code(heading: str, least: int) -> None:
+    section: BaseModel = HEADINGS[heading]()
+    compared = 0
+    for cells in table(chapter(heading), "key"):
+        names = fields_of(cells[0])
+        values = [part.strip() for part in cells[1].split(",")]
+        if len(names) != len(values):
+            continue
+        for name, text in zip(names, values, strict=True):
+            default = getattr(section, name)
+            if isinstance(default, bool | str):
+                assert text.strip("`") == str(default).lower(), name
+                compared += 1
+            elif number(text) is not None:
+                assert number(text) == pytest.approx(default), name
+                compared += 1
+    assert compared >= least
+
+
+def test_the_presets_of_the_guide_are_those_of_the_code() -> None:
+    rows = table(chapter("LiDAR"), "`optics`")
+    compared = set()
+    for cells in rows:
+        names = fields_of(cells[0])
+        for preset, cell in zip(PRESETS, cells[1:5], strict=True):
+            for name, text in zip(names, cell.split(","), strict=True):
+                optics = PRESETS[preset]
+                value = optics.drop_efficiency if name == "drop_backscatter" else getattr(optics, name)
+                assert number(text) == pytest.approx(value, rel=5e-3), (preset, name)
+                compared.add(name)
+    assert compared == set(LidarOpticsConfig.model_fields)
+
+
+def test_carla_defaults_of_the_guide() -> None:
+    given = re.search(r"\| `carla` \|(.*)\|", chapter("LiDAR"))
+    assert given
+    values = {name: float(value) for name, value in re.findall(r"`(\w+)` ([\d.]+)", given[1])}
+    assert values == CarlaLidarConfig().model_dump()
+
+
+def test_columns_that_the_guide_names_exist() -> None:
+    columns = {
+        heading: {field.name for field in table_spec(name).columns}
+        for heading, name in (("LiDAR", "lidar"), ("Radar", "radar"))
+    }
+    for heading, known in columns.items():
+        named = {name for cells in table(chapter(heading), "column") for name in fields_of(cells[0])}
+        assert named <= known
+        assert known - named <= {"scenario", "weather", "frame", "agent", "sensor", "point_count", "ring"}
+
+
+def test_files_that_the_guide_refers_to_exist() -> None:
+    text = GUIDE.read_text()
+    figures = re.findall(r"\]\((images/\w+\.png)\)", text)
+    assert len(figures) == 3
+    for figure in figures:
+        assert 20_000 < (GUIDE.parent / figure).stat().st_size <= MOST_BYTES
+    tests = set(re.findall(r"`(test_\w+\.py)`", text))
+    assert len(tests) >= 15
+    assert {name for name in tests if not (ROOT / "tests" / name).is_file()} == set()
+    assert {name for name in re.findall(r"`(mmw/[\w/]+\.py)`", text) if not (ROOT / name).is_file()} == set()
+    assert {name for name in re.findall(r"`([\w-]+\.md)`", text) if not (ROOT / "docs" / name).is_file()} == set()

@@ -1,0 +1,110 @@
+"""The tour, the recipes and the tutorials run as printed, and print what they say (`tests/fixtures/doc_pages.py`).
+
+The tour's one long command makes the quickstart's dataset. Its place is taken by the small dataset of the tests, which
+is made from the same configuration with coarser sensors and four frames: scenario, traffic, radio paths and boxes are
+the same, so what the pages print of them is compared word for word.
+"""
+
+from pathlib import Path
+
+import pytest
+
+from tests.fixtures.doc_pages import ROOT, blocks_of, run_page, says
+from tests.fixtures.small_dataset import small_dataset
+
+DOCS = ROOT / "docs"
+QUICKSTART = "mmw run --config quickstart"
+
+NOT_RUN = {
+    "tour.md": 2,
+    "recipes.md": 1,
+    "tutorials/own-town.md": 1,
+    "tutorials/own-sensor.md": 0,
+}
+"""Page -> blocks that are shown and not run; each says why."""
+
+
+@pytest.fixture
+def clone(tmp_path: Path) -> Path:
+    """Return a folder like a clone in which the quickstart has run."""
+    (tmp_path / "configs").symlink_to(ROOT / "configs")
+    (tmp_path / "out").mkdir()
+    return tmp_path
+
+
+def link_dataset(clone: Path) -> None:
+    (clone / "out" / "quickstart").symlink_to(small_dataset())
+
+
+@pytest.mark.parametrize("page", NOT_RUN)
+def test_only_the_blocks_that_say_so_are_not_run(page: str) -> None:
+    assert sum(bool(block.why_not_run) for block in blocks_of(DOCS / page)) == NOT_RUN[page]
+
+
+@pytest.mark.slow
+def test_tour(clone: Path) -> None:
+    run_page(DOCS / "tour.md", clone, {QUICKSTART: lambda: link_dataset(clone)})
+
+
+@pytest.mark.slow
+def test_recipes(clone: Path) -> None:
+    link_dataset(clone)
+    run_page(DOCS / "recipes.md", clone)
+
+
+@pytest.mark.slow
+def test_tutorials_of_town_and_sensors(tmp_path: Path) -> None:
+    """The second goes on in the folder of the first."""
+    run_page(DOCS / "tutorials" / "own-town.md", tmp_path)
+    run_page(DOCS / "tutorials" / "own-sensor.md", tmp_path)
+
+
+def test_a_wrong_output_is_found(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("```python\nprint(1 + 1)\n```\n\n```text\n3\n```\n")
+    with pytest.raises(AssertionError, match="the page says\n3"):
+        run_page(page, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("wanted", "got", "same"),
+    [
+        ("x  -5.7 -0.0", "x  -5.8  0.0", True),  # -5.75 and a zero, on two CPUs
+        ("gain -89.50 dB", "gain -89.51 dB", True),
+        ("a 1.00 ...", "a 1.01 more", True),
+        ("x -5.7", "x -5.9", False),
+        ("x -5.7", "x 5.7", False),
+        ("x 0.7", "x 0.70", False),
+        ("3 links 1.0", "4 links 1.0", False),
+        ("cav_1 1.0", "cav_2 1.0", False),
+        ("1.0 2.0", "1.0", False),
+        ("mmw 1.2.3", "mmw 1.2.4", False),
+        ("1.0", "1.0\n1.0", False),
+    ],
+)
+def test_numbers_may_be_rounded_either_way_and_no_more(wanted: str, got: str, same: bool) -> None:
+    assert says(wanted, got) is same
+
+
+@pytest.mark.parametrize(
+    ("text", "part"),
+    [
+        ("```bash\nmmw run --config none.yaml\n```\n", "ends with 2"),
+        ("```bash\nfalse\n```\n", "ends with 1"),
+        ("```yaml\na: 1\n```\n", "give the block a title"),
+        ("```python\nprint(1)\n", "is not understood"),
+        ("```python hl_lines=1\nprint(1)\n```\n", "is not understood"),
+    ],
+)
+def test_a_block_that_fails_or_is_not_understood_is_found(tmp_path: Path, text: str, part: str) -> None:
+    page = tmp_path / "page.md"
+    page.write_text(text)
+    with pytest.raises(AssertionError, match=part):
+        run_page(page, tmp_path)
+
+
+def test_a_command_that_a_stand_in_is_for_must_be_there(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("```bash\ntrue\n```\n")
+    with pytest.raises(AssertionError, match="no block holds"):
+        run_page(page, tmp_path, {QUICKSTART: lambda: None})

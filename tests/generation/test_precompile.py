@@ -1,0 +1,62 @@
+"""Kernels that are compiled ahead of a run: those that it launches, and no others."""
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import warp as wp
+
+from mmw.channel.path_solver.coplanar import group_coplanar
+from mmw.config import Config, load_config
+from mmw.core.resources import configs_dir
+from mmw.generation.precompile import BLOCKS, compiled_ahead, kernel_cache, lock_name, needed_modules
+from mmw.storage.lock import only_one
+
+KERNELS = Path(__file__).parents[2] / "kernels"
+
+
+def config_with(*overrides: str) -> Config:
+    return load_config(configs_dir() / "quickstart.yaml", overrides, {})
+
+
+def test_what_is_needed_follows_the_sensors() -> None:
+    lidar = needed_modules(config_with("sensors=[{type: lidar}]", "channel.enabled=false"))
+    assert sorted(lidar) == ["bounds", "lidar", "lidar_returns", "sight", "trace"]
+    radar = needed_modules(config_with("sensors=[{type: radar}]", "channel.enabled=false"))
+    assert sorted(radar) == ["bounds", "radar", "radar_cells", "radar_detection", "sight", "trace"]
+    compat = needed_modules(config_with("sensors=[{type: radar, mode: compat}]", "channel.enabled=false"))
+    assert sorted(compat) == ["bounds", "radar", "sight", "trace"]
+    assert {"channel_refine", "channel_chains"} < set(needed_modules(config_with("sensors=[{type: imu}]")))
+    everything = needed_modules(config_with())
+    assert all((KERNELS / f"{name}.py").is_file() for name in everything) and len(set(everything)) == len(everything)
+
+
+def test_files_that_cast_rays_are_compiled_for_small_blocks_alone() -> None:
+    """With Warp's trees 256 threads keep 64 KiB of stacks in shared memory, more than a block of CUDA may have."""
+    asks = {path.stem for path in KERNELS.glob("*.py") if "mmw.kernels.core.trace import" in path.read_text()}
+    asks |= {"trace", "channel_refine"}  # of which the latter asks through `channel_legs.py`
+    needed = asks & set(needed_modules(config_with()))
+    assert {"trace", "radar", "lidar", "sight", "visibility", "mirror", "lighting", "channel_refine"} <= needed
+    assert {BLOCKS.get(name) for name in needed} == {(64,)}
+
+
+def test_modules_are_loaded_when_the_futures_are_done() -> None:
+    config = config_with("sensors=[{type: imu}]", "channel.enabled=false")
+    with only_one(kernel_cache(), lock_name("sight", None)), compiled_ahead(config, "cpu") as futures:
+        time.sleep(0.5)
+        assert not all(future.done() for future in futures)  # another worker seems to compile one
+    with compiled_ahead(config, "cpu") as futures:
+        assert {future.result() for future in futures} == {None}
+    for name in ("trace", "sight", "bounds"):
+        assert wp.get_module(f"mmw.kernels.{name}").execs, name
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_surfaces_of_one_plane_are_one_group(side: float) -> None:
+    normal = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, side], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0]])
+    offset = np.array([2.0, 2.0 * side, 2.0, 2.0, 2.01])
+    lower = np.array([[0, 0, 2], [5, 0, 2], [2, 0, 0], [9, 0, 2], [0, 0, 2.01]], dtype=np.float64)
+    upper = lower + np.where(np.abs(normal) > 0.5, 0.0, 1.0)
+    group = group_coplanar(normal, offset, lower, upper, np.ones(5), np.array([0, 0, 0, 1, 0]))
+    assert group[0] == group[1] and len(np.unique(group)) == 4

@@ -1,0 +1,54 @@
+"""What a run says before and after: the bytes that it foresees, and the tables of what was made."""
+
+import re
+from typing import Any
+
+import pytest
+
+from mmw.cli.run import main
+from mmw.config import Config, load_config
+from mmw.core.resources import configs_dir
+from mmw.generation.progress import Clock, closing_summary
+
+FULL_BYTES = 77_648e6
+"""Tables of all of configs/full.yaml, made on an H100; `bench.pipeline`, bench/README.md."""
+
+
+def summary(workers: int, tables: dict[str, dict[str, Any]], seconds: dict[str, float]) -> list[str]:
+    clock = Clock()
+    clock.seconds.update(seconds)
+    clock.rays["front, back, left, right, depth"] = 62_000_000_000
+    config: Config = load_config(configs_dir() / "quickstart.yaml")
+    totals = {"rows": sum(t["rows"] for t in tables.values()), "bytes": sum(t["bytes"] for t in tables.values())}
+    return closing_summary("out/here", config, "a GPU", workers, {"tables": tables, **totals}, clock, 9600).splitlines()
+
+
+def test_columns_stand_below_each_other() -> None:
+    tables = {"frames": {"rows": 3, "bytes": 7_560}, "box_visibility": {"rows": 23_642_420, "bytes": 35_490_000}}
+    seconds = {"scene": 122.03, "front, back, left, right, depth": 341.8}
+    lines = summary(8, tables, seconds)
+    assert re.fullmatch(r"9600 frames in \d+\.\d s on 8 workers, a GPU -> out/here", lines[0])
+    assert lines[2:6] == [
+        "  table                 rows     bytes",
+        "  frames                   3   7.56 kB",
+        "  box_visibility  23,642,420  35.49 MB",
+        "  all             23,642,423  35.50 MB",
+    ]
+    assert lines[7:10] == [
+        "  stage                            seconds of 8 workers          rays/s",
+        "  scene                                          122.03",
+        "  front, back, left, right, depth                341.80  181.39 Mrays/s",
+    ]
+
+
+def test_one_worker_is_not_counted() -> None:
+    lines = summary(1, {"frames": {"rows": 3, "bytes": 7_560}}, {"scene": 1.0})
+    assert " s on a GPU -> out/here" in lines[0]
+    assert lines[6].split() == ["stage", "seconds", "rays/s"]
+
+
+def test_the_whole_dataset_is_foreseen(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--config", str(configs_dir() / "full.yaml"), "--device", "cpu", "--dry-run"]) == 0
+    found = re.search(r"tables of about ([\d.]+) GB", capsys.readouterr().out)
+    assert found
+    assert float(found[1]) * 1e9 == pytest.approx(FULL_BYTES, rel=0.02)

@@ -1,0 +1,123 @@
+"""What `docs/determinism.md` promises: the kind of machine is recorded, and another one is told, not refused."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+import mmw.cli.row
+import mmw.generation.verification.reproducibility
+from mmw.__main__ import main as mmw_main
+from mmw.cli.run import main
+from mmw.core import cpu_kind as cpu
+from mmw.core.device import machine_kind
+from mmw.storage.file_checks import verify
+from mmw.storage.manifest import read_dataset, read_markers
+from tests.fixtures.own_world import assert_same_rows, command, write_own_world
+
+OTHER = "Some CPU (family 6, model 85, AVX2)"
+
+
+@pytest.fixture(scope="module")
+def world(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A small stage of one's own, ten frames, two a shard, in two weathers, and its dataset."""
+    folder = write_own_world(tmp_path_factory.mktemp("determinism"))
+    assert main(command(folder, "alone", "--workers", "1")) == 0
+    return folder
+
+
+@pytest.fixture
+def dataset(world: Path) -> Path:
+    shutil.rmtree(world / "copy", ignore_errors=True)
+    return Path(shutil.copytree(world / "alone", world / "copy"))
+
+
+AMD = """processor\t: 0
+cpu family\t: 25
+model\t\t: 17
+model name\t: AMD EPYC
+flags\t\t: fpu sse4_2 avx avx2 fma{more}
+
+processor\t: 1
+model name\t: not this one
+"""
+ARM = """processor\t: 0
+Features\t: fp asimd
+CPU implementer\t: 0x41
+CPU part\t: 0xd40
+"""
+
+
+def test_a_processor_is_named_by_model_and_width(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    more = " avx512f avx512bw avx512dq avx512vl"
+    assert cpu.described(AMD.format(more=more)) == "AMD EPYC (family 25, model 17, AVX-512)"
+    assert cpu.described(AMD.format(more="")) == "AMD EPYC (family 25, model 17, AVX2)"
+    assert cpu.described(AMD.format(more="").replace("avx2 fma", "")) == "AMD EPYC (family 25, model 17, AVX)"
+    assert cpu.described(ARM).endswith(" (implementer 0x41, part 0xd40, NEON)")
+    assert cpu.described("") == cpu.described("nothing\n") == ""
+    monkeypatch.setattr(cpu, "CPU_INFO", tmp_path / "none")
+    monkeypatch.setattr(cpu.platform, "processor", lambda: "i386")
+    assert cpu.cpu_kind.__wrapped__() == "i386"
+
+
+def test_every_shard_says_what_made_it(world: Path) -> None:
+    made_on = {marker["device"] for marker in read_markers(world / "alone")}
+    assert made_on == {machine_kind("cpu")} == {cpu.cpu_kind()}
+    assert read_dataset(world / "alone")["versions"]["device"] == cpu.cpu_kind()
+
+
+def begun_elsewhere(dataset: Path) -> None:
+    """Let a dataset say that another kind of machine began it and made its first shard, and lose its second."""
+    head = json.loads((dataset / "dataset.json").read_text())
+    head["versions"]["device"] = OTHER
+    (dataset / "dataset.json").write_text(json.dumps(head))
+    first, second, *_ = sorted((dataset / "_shards").glob("*.sunny.*.json"))
+    marker = json.loads(first.read_text())
+    first.write_text(json.dumps({**marker, "device": OTHER}))
+    second.unlink()
+
+
+def test_a_run_goes_on_on_another_kind_of_machine(world: Path, dataset: Path, capsys: pytest.CaptureFixture) -> None:
+    begun_elsewhere(dataset)
+    assert main(command(world, dataset.name, "--workers", "1")) == 0
+    lines = [line for line in capsys.readouterr().err.splitlines() if OTHER in line]
+    assert len(lines) == 1 and f"begun on {OTHER}, goes on on {cpu.cpu_kind()}" in lines[0]
+    assert "last bits may differ" in lines[0] and "go on where it began" in lines[0]
+    assert_same_rows(world / "alone", dataset)  # of one machine, in truth
+    (finding,) = verify(dataset)
+    assert not finding.is_error and "made on 2 kinds of machine" in finding.text and OTHER in finding.text
+    assert mmw_main(["verify", str(dataset)]) == 0
+    assert "made on 2 kinds of machine" in capsys.readouterr().out
+
+
+def test_a_run_goes_on_with_the_other_kind_of_trees(world: Path, dataset: Path, capsys: pytest.CaptureFixture) -> None:
+    head = json.loads((dataset / "dataset.json").read_text())
+    own = head["versions"]["bvh"]
+    head["versions"]["bvh"] = {"wide": "warp", "warp": "wide"}[own]
+    (dataset / "dataset.json").write_text(json.dumps(head))
+    assert main(command(world, dataset.name, "--workers", "1")) == 0
+    (line,) = [line for line in capsys.readouterr().err.splitlines() if "compute.bvh" in line]
+    assert f"goes on with {own!r}" in line and f"set compute.bvh={head['versions']['bvh']}" in line
+    del head["versions"]["bvh"]  # as datasets of 0.1.0
+    (dataset / "dataset.json").write_text(json.dumps(head))
+    assert main(command(world, dataset.name, "--workers", "1")) == 0
+    assert "compute.bvh" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("here", [True, False])
+def test_rows_that_differ_are_wrong_on_the_same_kind_of_machine_alone(
+    dataset: Path, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch, here: bool
+) -> None:
+    if not here:
+        for module in (mmw.generation.verification.reproducibility, mmw.core.device):
+            monkeypatch.setattr(module, "machine_kind", lambda device: OTHER)
+    monkeypatch.setattr(mmw.generation.verification.reproducibility, "differing_columns", lambda *_: ["x"])
+    assert mmw_main(["verify", str(dataset), "--rerender", "2", "--device", "cpu"]) == (1 if here else 0)
+    out = capsys.readouterr().out
+    assert "made again differs in x" in out and (f"and this is {OTHER}" in out) is not here
+    monkeypatch.setattr(mmw.generation.regenerate, "differing_columns", lambda *_: ["x"])
+    row = ["row", "imu", str(dataset), "frame=3", "weather=sunny", "--compare", "--device", "cpu"]
+    assert mmw_main(row) == 1
+    out = capsys.readouterr().out
+    assert "rows differ in x" in out and (f"made on {cpu.cpu_kind()}, and this is {OTHER}" in out) is not here

@@ -1,0 +1,72 @@
+"""Views: order, poses, presence, and the check against the loaded batch."""
+
+import numpy as np
+import pytest
+
+from mmw.config import DepthConfig, ImuConfig, LidarConfig, MountConfig
+from mmw.core.transforms import pose_to_matrix, quaternion_to_ypr
+from mmw.scene.device_scene import Scene
+from mmw.scene.views import make_views, mount_pose, sensor_actors
+from tests.fixtures.scenes import ABSENT, two_cars
+
+
+def test_rows_go_by_frame_then_agent() -> None:
+    views = make_views(two_cars(4), [2, 0, 3], LidarConfig())
+    np.testing.assert_array_equal(views.frame, [2, 2, 0, 0, 3, 3])
+    np.testing.assert_array_equal(views.slot, [0, 0, 1, 1, 2, 2])
+    np.testing.assert_array_equal(views.actor, [0, 2, 0, 2, 0, 2])
+    np.testing.assert_array_equal(views.ignore, -1)
+    assert len(views) == 6
+
+
+def test_role_decides_who_carries_and_where() -> None:
+    arrays = two_cars()
+    assert list(sensor_actors(arrays, DepthConfig())) == [2]
+    assert list(sensor_actors(arrays, ImuConfig())) == [0]
+    assert len(make_views(arrays, [0], DepthConfig(on=()))) == 0
+    np.testing.assert_allclose(mount_pose(LidarConfig(), "rsu")[:3], (0.0, 0.0, 4.0))
+    np.testing.assert_allclose(mount_pose(ImuConfig(), "cav"), (0, 0, 0, 0, 0, 0, 1))
+
+
+def test_pose_is_agent_times_mount() -> None:
+    arrays = two_cars()
+    mount = MountConfig(position_m=(1.0, 0.5, 2.0), yaw_deg=90.0, pitch_deg=10.0)
+    views = make_views(arrays, [0, 1], LidarConfig(mount={"cav": mount, "rsu": mount}))
+    # The unit at (0, 9, 5) looks along -y: forward is -y, left is +x.
+    np.testing.assert_allclose(views.pose[1, :3], (0.5, 8.0, 7.0), atol=1e-12)
+    np.testing.assert_allclose(np.degrees(quaternion_to_ypr(views.pose[1, 3:])), (0.0, 10.0, 0.0), atol=1e-9)
+    expected = pose_to_matrix(arrays.poses[1, 0]) @ pose_to_matrix(mount_pose(LidarConfig(mount={"cav": mount}), "cav"))
+    np.testing.assert_allclose(pose_to_matrix(views.pose[2]), expected, atol=1e-12)
+
+
+def test_absent_agent_has_no_view() -> None:
+    arrays = two_cars(3)
+    arrays.poses[1, 0] = ABSENT
+    views = make_views(arrays, [0, 1, 2], LidarConfig())
+    np.testing.assert_array_equal(views.frame, [0, 0, 1, 2, 2])
+    np.testing.assert_array_equal(views.slot, [0, 0, 1, 2, 2])
+    np.testing.assert_array_equal(views.actor, [0, 2, 2, 0, 2])
+
+
+def test_frame_outside_the_scene_is_refused() -> None:
+    with pytest.raises(ValueError, match="frame 4 is not in the scene"):
+        make_views(two_cars(4), [3, 4], LidarConfig())
+
+
+def test_device_rows_are_relative_to_the_scene_origin() -> None:
+    views = make_views(two_cars(), [1], LidarConfig())
+    on_device = views.to_device("cpu", np.array([100.0, 0.0, -1.0]))
+    expected = views.pose - np.array([100.0, 0, -1, 0, 0, 0, 0])
+    np.testing.assert_allclose(on_device.pose.numpy(), expected, atol=1e-5)
+    np.testing.assert_array_equal(on_device.slot.numpy(), views.slot)
+    np.testing.assert_array_equal(on_device.ignore.numpy(), views.ignore)
+
+
+def test_views_of_another_batch_are_refused() -> None:
+    arrays = two_cars(4)
+    scene = Scene(arrays, "cpu", 2)
+    scene.load_batch([0, 1])
+    assert make_views(arrays, [0, 1], LidarConfig()).for_scene(scene).slot.shape == (4,)
+    for frames in ([1, 0], [0, 1, 2]):
+        with pytest.raises(ValueError, match="call load_batch"):
+            make_views(arrays, frames, LidarConfig()).for_scene(scene)

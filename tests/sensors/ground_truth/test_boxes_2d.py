@@ -1,0 +1,324 @@
+"""2-D boxes: pixels against the instance image, projected boxes against rays and sampled surfaces."""
+
+from dataclasses import replace
+
+import numpy as np
+import pyarrow as pa
+import pytest
+import warp as wp
+
+from mmw.config import MountConfig
+from mmw.core.camera_models import Intrinsics
+from mmw.core.transforms import IDENTITY_POSE, compose, transform_points
+from mmw.scene.views import Views, make_views
+from mmw.sensors.camera_group.rows import box_2d_rows
+from mmw.sensors.depth.simulate import intrinsics_of, trace_depth, trace_depth_images
+from mmw.sensors.ground_truth import boxes_2d
+from mmw.sensors.ground_truth.boxes_2d import project_boxes, visible_pixels
+from mmw.sensors.ground_truth.boxes_3d import Boxes, make_boxes
+from mmw.sensors.ground_truth.visibility import boxed_actors
+from mmw.sensors.lidar.scan_pattern import pinhole
+from tests.fixtures.scenes import ABSENT, box_mesh, two_cars
+from tests.oracles.tracing import triangle_hits
+from tests.sensors.depth.test_depth import camera
+from tests.sensors.lidar.test_lidar import loaded
+
+CAMERA = pinhole(60, 44, 110.0)
+STREET = {"rsu": MountConfig(position_m=(0, 0, -1.0), pitch_deg=8), "cav": MountConfig(position_m=(2.31, 0.02, 1.23))}
+
+
+def boxes_at(pose: np.ndarray, size: np.ndarray) -> Boxes:
+    """Return 3-D boxes of frame 0; poses [N, 7], sizes [N, 3]."""
+    count = len(pose)
+    number, rest = np.arange(count, dtype=np.int32), np.zeros((count, 3))
+    return Boxes(
+        np.zeros(count, np.int64), number, number, np.asarray(pose, float), rest, np.asarray(size, float), rest
+    )
+
+
+def views_at(pose: np.ndarray = IDENTITY_POSE) -> Views:
+    one = np.zeros(1, dtype=np.int32)
+    return Views(one.astype(np.int64), one, one, np.asarray(pose, dtype=float).reshape(1, 7), one - 1)
+
+
+def level(x: float, y: float, z: float) -> list[float]:
+    return [x, y, z, 0, 0, 0, 1]
+
+
+def random_boxes(count: int, seed: int) -> Boxes:
+    rng = np.random.default_rng(seed)
+    turn = rng.normal(size=(count, 4))
+    pose = np.concatenate([rng.uniform((-4, -9, -5), (12, 9, 5), (count, 3)), turn], axis=1)
+    pose[:, 3:] /= np.linalg.norm(turn, axis=1, keepdims=True)
+    return boxes_at(pose, rng.uniform(0.3, 6.0, (count, 3)))
+
+
+def framed_by_rays(intrinsics: Intrinsics, to_camera: np.ndarray, size: np.ndarray, step: float) -> np.ndarray | None:
+    """Return the rectangle of those points of the image, `step` px apart, whose ray meets the box 1 cm deep or more."""
+    u, v = np.meshgrid(np.arange(0, intrinsics.width + step, step), np.arange(0, intrinsics.height + step, step))
+    u, v = u.ravel(), v.ravel()
+    through = np.stack(
+        [np.ones(u.size), (intrinsics.cx - u) / intrinsics.fx, (intrinsics.cy - v) / intrinsics.fx], axis=1
+    )
+    points, faces = box_mesh(size)
+    corners = transform_points(to_camera, points)[faces]
+    ray, _, depth = triangle_hits(np.zeros(through.shape), through, corners)
+    near, far = np.full(u.size, np.inf), np.full(u.size, -np.inf)
+    np.minimum.at(near, ray, depth)
+    np.maximum.at(far, ray, depth)
+    # One meeting only: the camera is inside the box, and the ray leaves it there.
+    meets = far >= 0.01
+    if not meets.any():
+        return None
+    return np.array([u[meets].min(), v[meets].min(), u[meets].max(), v[meets].max()])
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_framed_boxes_equal_dense_rays(seed: int) -> None:
+    """The image of a box, of any pose, around and behind the camera: a rectangle no ray leaves, tight to one step."""
+    boxes = random_boxes(60, seed)
+    found = project_boxes(CAMERA, views_at(), boxes)
+    step, kinds = 0.5, set()
+    for row in range(60):
+        expected = framed_by_rays(CAMERA, boxes.pose[row], boxes.size[row], step)
+        place = np.flatnonzero(found.box == row)
+        if expected is None:  # nothing, or a corner that fell between the rays
+            assert all(np.diff(found.amodal[place].reshape(-1, 2, 2), axis=1).min(axis=2) < step), row
+            kinds.add("nothing")
+            continue
+        assert len(place) == 1, row
+        corner_depth = transform_points(boxes.pose[row], box_mesh(boxes.size[row])[0])[:, 0]
+        kinds.add("before" if corner_depth.min() > 0.01 else "across")
+        amodal = found.amodal[place[0]]
+        outward = (expected - amodal) * [-1, -1, 1, 1]  # how far a ray reaches beyond the rectangle
+        assert outward.max() <= 1e-9, (row, amodal, expected)
+        # An acute corner may stick out between rays: tight to a step on most sides, to a few on all.
+        assert np.median(-outward) <= step and outward.min() > -6 * step, (row, amodal, expected)
+    assert kinds == {"nothing", "before", "across"}
+
+
+def test_boxes_before_the_camera_equal_their_sampled_surface() -> None:
+    boxes = random_boxes(80, 7)
+    found = project_boxes(CAMERA, views_at(), boxes)
+    grid = np.linspace(-0.5, 0.5, 101)
+    a, b = (k.ravel() for k in np.meshgrid(grid, grid))
+    sides = [np.insert(np.stack([a, b], axis=1), axis, side, axis=1) for axis in range(3) for side in (-0.5, 0.5)]
+    surface = np.concatenate(sides)
+    tried = 0
+    for row, amodal, truncation in zip(found.box, found.amodal, found.truncation, strict=True):
+        points = transform_points(boxes.pose[row], surface * boxes.size[row])
+        if points[:, 0].min() < 0.5:
+            continue
+        u = 30.0 - CAMERA.fx * points[:, 1] / points[:, 0]
+        v = 22.0 - CAMERA.fx * points[:, 2] / points[:, 0]
+        inside = (u >= 0) & (u <= 60) & (v >= 0) & (v <= 44)
+        if not inside.any():
+            continue
+        tried += 1
+        seen = np.array([u[inside].min(), v[inside].min(), u[inside].max(), v[inside].max()])
+        spacing = CAMERA.fx * 0.01 * boxes.size[row].max() * 2.0 / points[:, 0].min()
+        outward = (seen - amodal) * [-1, -1, 1, 1]
+        assert outward.max() <= 1e-9 and outward.min() > -spacing, (row, seen, amodal)
+        # The eight corners are among the points, so the whole rectangle is exact.
+        whole = (u.max() - u.min()) * (v.max() - v.min())
+        share = (amodal[2] - amodal[0]) * (amodal[3] - amodal[1]) / whole
+        assert truncation == pytest.approx(1.0 - share, abs=1e-9)
+        if inside.all():
+            np.testing.assert_allclose(amodal, seen, atol=1e-9)
+            assert truncation == pytest.approx(0.0, abs=1e-12)
+    assert tried > 15
+
+
+def test_known_boxes() -> None:
+    """fx = 100 px, W = 200, H = 100: the numbers are by hand."""
+    intrinsics = Intrinsics(200, 100, 100.0, 100.0, 100.0, 50.0)
+    pose = [
+        level(10.5, 0.0, 0.0),  # front at 10 m, 2 m wide and high: 10 px to each side of the middle
+        level(10.5, 10.0, 0.0),  # its left half is outside: front from u = -10 to 10
+        level(10.5, -30.0, 0.0),  # right of the image
+        level(-10.0, 0.0, 0.0),  # behind
+        level(0.0, 0.0, 0.0),  # around the camera
+        level(1.0, 0.0, -20.0),  # below the image
+    ]
+    boxes = boxes_at(np.array(pose), np.array([[1.0, 2.0, 2.0]] * 6))
+    found = project_boxes(intrinsics, views_at(), boxes)
+    assert found.box.tolist() == [0, 1, 4]
+    np.testing.assert_allclose(found.amodal[0], [90, 40, 110, 60])
+    # Back right corner at 11 m: u = 100 - 100 * 9 / 11.
+    np.testing.assert_allclose(found.amodal[1], [0, 40, 100 - 900 / 11, 60])
+    np.testing.assert_allclose(found.amodal[2], [0, 0, 200, 100])
+    back = 100 - 900 / 11
+    np.testing.assert_allclose(found.truncation[:2], [0.0, 1.0 - back / (back + 10.0)], atol=1e-12)
+    assert 0.99 < found.truncation[2] < 1.0
+    np.testing.assert_allclose(found.distance, [10.5, np.hypot(10.5, 10.0), 0.0])
+
+
+def test_box_partly_behind_the_camera() -> None:
+    """A lorry that stands beside the camera, 2 m to its left, from 6 m behind to 4 m ahead, eyes at half its height."""
+    intrinsics = Intrinsics(200, 100, 100.0, 100.0, 100.0, 50.0)
+    found = project_boxes(intrinsics, views_at(), boxes_at(np.array([level(-1.0, 3.0, 0.0)]), np.array([[10, 2, 3.0]])))
+    # Its near side, y = 2, ends 4 m ahead at u = 50, half a metre of image high: v = 50 -+ 37.5; at the left edge,
+    # 2 m ahead, it is 75 px high to each side, more than the image.
+    np.testing.assert_allclose(found.amodal, [[0, 0, 50, 100]])
+    assert found.truncation[0] > 0.99
+    low = project_boxes(intrinsics, views_at(), boxes_at(np.array([level(-1.0, 3.0, -1.0)]), np.array([[10, 2, 1.0]])))
+    # Half a metre to 1.5 m below the eyes: its top edge rises from v = 75 at the left edge to 62.5.
+    np.testing.assert_allclose(low.amodal, [[0, 62.5, 50, 100]])
+
+
+def test_side_of_a_box_through_the_camera() -> None:
+    """A box on the right, whose side lies 1 mm left of the eye: the near plane, 1 cm ahead, cuts it at u = 100 - 10."""
+    intrinsics = Intrinsics(200, 100, 100.0, 100.0, 100.0, 50.0)
+    found = project_boxes(intrinsics, views_at(), boxes_at(np.array([level(0, -0.999, 0)]), np.array([[2, 2, 2.0]])))
+    np.testing.assert_allclose(found.amodal, [[90, 0, 200, 100]])
+
+
+def test_pose_of_the_camera_counts() -> None:
+    """Camera and box moved and turned together give the same image."""
+    boxes = random_boxes(40, 3)
+    rng = np.random.default_rng(4)
+    turn = rng.normal(size=4)
+    moved = np.concatenate([[120.0, -340.0, 25.0], turn / np.linalg.norm(turn)])
+    here = project_boxes(CAMERA, views_at(), boxes)
+    there = project_boxes(CAMERA, views_at(moved), replace(boxes, pose=compose(moved, boxes.pose)))
+    np.testing.assert_array_equal(there.box, here.box)
+    np.testing.assert_allclose(there.amodal, here.amodal, atol=1e-6)
+    np.testing.assert_allclose(there.distance, here.distance, atol=1e-9)
+
+
+def numpy_boxes(object_id: np.ndarray, wanted: list[int]) -> tuple[np.ndarray, dict]:
+    """Return pixel counts [A, K] and (view, place) -> rectangle, by plain NumPy."""
+    counts, bounds = np.zeros((len(object_id), len(wanted)), dtype=int), {}
+    for view, image in enumerate(object_id):
+        for place, one in enumerate(wanted):
+            v, u = np.nonzero(image == one)
+            counts[view, place] = len(u)
+            if len(u):
+                bounds[view, place] = [u.min(), v.min(), u.max() + 1, v.max() + 1]
+    return counts, bounds
+
+
+@pytest.mark.parametrize("size", [(60, 44), (8, 8), (33, 17), (17, 50)])
+def test_visible_boxes_equal_numpy(device: str, size: tuple[int, int]) -> None:
+    rng = np.random.default_rng(2)
+    # Blobs of nine objects and nothing; not all are wanted, one that is wanted is not there.
+    coarse = rng.integers(-1, 9, (3, size[1] // 4 + 1, size[0] // 4 + 1))
+    object_id = np.kron(coarse, np.ones((1, 4, 4), dtype=int))[:, : size[1], : size[0]].astype(np.int32)
+    wanted = [6, 0, 40, 3]
+    found = visible_pixels(wp.array(object_id, dtype=int, device=device), wanted)
+    counts, bounds = numpy_boxes(object_id, wanted)
+    np.testing.assert_array_equal(found.pixels, counts)
+    assert found.pixels.dtype == np.int32 and found.bounds.dtype == np.int32
+    for (view, place), expected in bounds.items():
+        assert found.bounds[view, place].tolist() == expected
+    assert counts[:, 2].sum() == 0 and counts.sum() > 0
+
+
+def test_no_views_and_nothing_wanted(device: str) -> None:
+    image = wp.zeros((2, 8, 8), dtype=int, device=device)
+    assert visible_pixels(image, []).pixels.shape == (2, 0)
+    nothing = visible_pixels(wp.zeros((0, 8, 8), dtype=int, device=device), [3, 4])
+    assert (nothing.pixels.shape, nothing.bounds.shape) == ((0, 2), (0, 2, 4))
+    found = project_boxes(CAMERA, views_at(), boxes_at(np.zeros((0, 7)), np.zeros((0, 3))))
+    assert found.amodal.shape == (0, 4) and len(found.distance) == 0
+
+
+def test_rows_of_a_street(device: str) -> None:
+    """Visible and amodal boxes of cars between houses, as the table gets them."""
+    arrays = two_cars(30)
+    arrays.poses[5, 1] = ABSENT
+    frames = [3, 5, 12]
+    config = camera(on=("cav", "rsu"), mount=STREET, width_px=120, height_px=90)
+    views = make_views(arrays, frames, config)
+    images = trace_depth_images(loaded(arrays, device, frames), views, config, with_metres=False, with_objects=True)
+    wanted = [arrays.actors[i].object_id for i in boxed_actors(arrays.actors)]
+    visible = visible_pixels(images.object_id, wanted)
+    boxes = make_boxes(arrays, frames)
+    rows = box_2d_rows(arrays, config.name, views, intrinsics_of(config), boxes, visible)
+    counts, bounds = numpy_boxes(images.object_id.numpy(), wanted)
+    view_of = {
+        (int(f), arrays.actors[a].name): i for i, (f, a) in enumerate(zip(views.frame, views.actor, strict=True))
+    }
+    listed = np.zeros_like(counts)
+    for row in range(len(rows["frame"])):
+        view = view_of[int(rows["frame"][row]), rows["agent"][row].as_py()]
+        place = wanted.index(int(rows["object_id"][row]))
+        listed[view, place] += 1
+        edges = [rows[name][row].as_py() for name in ("u_min", "v_min", "u_max", "v_max")]
+        assert rows["pixels"][row] == counts[view, place]
+        if counts[view, place] == 0:
+            assert edges == [None] * 4
+            continue
+        assert edges == bounds[view, place]
+        amodal = [rows[f"amodal_{name}"][row] for name in ("u_min", "v_min", "u_max", "v_max")]
+        # Bodies are boxes here, so pixels lie in the amodal rectangle; a pixel shows what is at its centre.
+        assert amodal[0] <= edges[0] + 0.5 and amodal[1] <= edges[1] + 0.5
+        assert amodal[2] >= edges[2] - 0.5 and amodal[3] >= edges[3] - 0.5
+        # Nothing stands before the cars of this street: the visible box is the amodal one, to a pixel.
+        np.testing.assert_allclose(edges, amodal, atol=1.0)
+    assert listed.max() == 1 and np.all(listed[counts > 0] == 1)
+    assert not any(f == 5 and o == wanted[1] for f, o in zip(rows["frame"], rows["object_id"], strict=True))
+
+
+def test_hidden_box_has_no_visible_edges(device: str) -> None:
+    """A camera behind a van: the car before it has a row, but no pixel."""
+    arrays = two_cars(1)
+    poses = arrays.poses.copy()
+    poses[0, 0] = [30, 0, 0, 0, 0, 0, 1]
+    poses[0, 1] = [10, 0, 0, 0, 0, 0, 1]
+    poses[0, 2] = [0, 0, 1.0, 0, 0, 0, 1]
+    arrays = replace(arrays, poses=poses)
+    config = camera(mount={"rsu": MountConfig()})
+    views = make_views(arrays, [0], config)
+    images = trace_depth_images(loaded(arrays, device), views, config, with_metres=False, with_objects=True)
+    wanted = [arrays.actors[i].object_id for i in boxed_actors(arrays.actors)]
+    visible = visible_pixels(images.object_id, wanted)
+    rows = box_2d_rows(arrays, "depth", views, intrinsics_of(config), make_boxes(arrays, [0]), visible)
+    assert rows["object_id"].tolist() == wanted and rows["pixels"][0] == 0 < rows["pixels"][1]
+    assert rows["u_min"].null_count == 1 and rows["u_min"][0].as_py() is None
+    np.testing.assert_allclose(rows["distance"], [30.0, 10.3], atol=0.3)
+
+
+def test_batches_do_not_change_a_byte(device: str) -> None:
+    arrays = two_cars(6)
+    config = camera(on=("cav", "rsu"), mount=STREET)
+
+    def rows_of(frames: list[int]) -> dict:
+        views = make_views(arrays, frames, config)
+        images = trace_depth(loaded(arrays, device, frames), views, config, with_details=True)
+        wanted = [arrays.actors[i].object_id for i in boxed_actors(arrays.actors)]
+        visible = visible_pixels(wp.array(images.object_id, dtype=int, device=device), wanted)
+        return box_2d_rows(arrays, "depth", views, intrinsics_of(config), make_boxes(arrays, frames), visible)
+
+    whole = rows_of(list(range(6)))
+    for frames in ([4], [5, 2]):
+        part = rows_of(frames)
+        for frame in frames:
+            mine, all_of = part["frame"] == frame, whole["frame"] == frame
+            assert mine.any()
+            for name, values in part.items():
+                if not isinstance(values, str):
+                    one, other = (np.asarray(v)[m] for v, m in ((values, mine), (whole[name], all_of)))
+                    kind = object if one.dtype == object else float
+                    assert pa.array(one.astype(kind)).equals(pa.array(other.astype(kind))), (frame, name)
+
+
+def test_boxes_beside_the_image_are_left_out_early_and_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    random = np.random.default_rng(5)
+    count = 4000
+    pose = np.concatenate([random.normal(0, 30, (count, 3)), random.normal(0, 1, (count, 4))], axis=1)
+    pose[:, 3:] /= np.linalg.norm(pose[:, 3:], axis=1, keepdims=True)
+    boxes = boxes_at(pose, random.uniform(0.5, 20, (count, 3)))
+    camera = replace(CAMERA, cx=20.0, cy=30.0)
+    early, kept = project_boxes(camera, views_at(), boxes), []
+
+    def all_of_them(camera: Intrinsics, middle: np.ndarray, radius: np.ndarray) -> np.ndarray:
+        kept.append(may_be_framed(camera, middle, radius).sum())
+        return np.ones(len(middle), dtype=bool)
+
+    may_be_framed = boxes_2d._may_be_framed
+    monkeypatch.setattr(boxes_2d, "_may_be_framed", all_of_them)
+    late = project_boxes(camera, views_at(), boxes)
+    for name in ("view", "box", "amodal", "truncation", "distance"):
+        np.testing.assert_array_equal(getattr(early, name), getattr(late, name))
+    assert 500 < len(early.box) <= kept[0] < count // 2

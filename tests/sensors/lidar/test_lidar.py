@@ -1,0 +1,302 @@
+"""LiDAR: the pattern, every hit against a float64 brute-force oracle, sameness over batches and weathers."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from mmw.config import LidarConfig, MountConfig
+from mmw.core.constants import FRAME_DT
+from mmw.core.transforms import transform_points
+from mmw.physics.weather.weather import PRESETS, Weather
+from mmw.scene.device_scene import Scene
+from mmw.scene.scene_data import SceneArrays
+from mmw.scene.views import Views, make_views, view_keys
+from mmw.sensors.lidar.config_parts import LidarOpticsConfig
+from mmw.sensors.lidar.scan_pattern import (
+    carla_points_per_channel,
+    lidar_azimuths,
+    lidar_elevations,
+    lidar_order,
+    lidar_pattern,
+)
+from mmw.sensors.lidar.simulate import LidarBatch, shade_lidar, trace_lidar, trace_lidar_hits
+from tests.fixtures.scenes import (
+    ABSENT,
+    arrays_from_parts,
+    closed_box,
+    ground_part,
+    random_triangles,
+    two_cars,
+    wall_part,
+)
+from tests.oracles.tracing import cast_rays, sensor_rays
+
+SMALL = LidarConfig(channels=16, points_per_channel=90)
+AMBIGUOUS_ANGLE = 1e-6
+"""A ray is ambiguous if the oracle's object changes when the ray turns by this [rad]."""
+
+
+def loaded(arrays: SceneArrays, device: str, frames=None) -> Scene:
+    frames = list(arrays.frames) if frames is None else frames
+    scene = Scene(arrays, device, len(frames), sweep_s=FRAME_DT)
+    scene.load_batch(frames)
+    return scene
+
+
+def sweeps(
+    arrays: SceneArrays, device: str, frames, config: LidarConfig, air: str | Weather = "sunny", seed: int = 1
+) -> LidarBatch:
+    """Point clouds of some frames; the name of the weather, or `special`, is part of the key of the noise."""
+    name, weather = (air, PRESETS[air]) if isinstance(air, str) else ("special", air)
+    views = make_views(arrays, frames, config)
+    keys = view_keys(arrays, views, seed, "test", name, config.name)
+    return trace_lidar(loaded(arrays, device, frames), views, config, arrays.materials["sunny"], weather, keys)
+
+
+def is_ambiguous(
+    arrays: SceneArrays, frame: int, origin: np.ndarray, direction: np.ndarray, t_max: float
+) -> np.ndarray:
+    """Whether the oracle meets another object when a ray turns by `AMBIGUOUS_ANGLE` in one of eight ways, shape [R]."""
+    here = cast_rays(arrays, frame, origin, direction, t_max).object_id
+    side = np.cross(direction, np.where(np.abs(direction[:, 2:]) < 0.9, [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]))
+    side /= np.linalg.norm(side, axis=1, keepdims=True)
+    other = np.cross(direction, side)
+    found = np.zeros(len(direction), dtype=bool)
+    for angle in np.arange(8) * np.pi / 4:
+        turned = direction + AMBIGUOUS_ANGLE * (np.cos(angle) * side + np.sin(angle) * other)
+        turned /= np.linalg.norm(turned, axis=1, keepdims=True)
+        found |= cast_rays(arrays, frame, origin, turned, t_max).object_id != here
+    return found
+
+
+def assert_equals_oracle(arrays: SceneArrays, device: str, config: LidarConfig, views: Views, most: float) -> None:
+    """Compare every ray of every view; `most` bounds the share of ambiguous rays."""
+    frames = list(dict.fromkeys(views.frame.tolist()))
+    hits = trace_lidar_hits(loaded(arrays, device, frames), views, config)
+    pattern = lidar_pattern(config)
+    ranges, objects = hits.rays.range.numpy(), hits.rays.object_id.numpy()
+    cosines, materials = hits.rays.cos_incidence.numpy(), hits.rays.material_id.numpy()
+    ambiguous = 0
+    for view in range(len(views)):
+        origin, direction = sensor_rays(views.pose[view], pattern)
+        expected = cast_rays(arrays, int(views.frame[view]), origin, direction, config.range_m)
+        with np.errstate(invalid="ignore"):
+            is_same = (objects[view] == expected.object_id) & ~(np.abs(ranges[view] - expected.t) > 1e-3)
+        odd = np.flatnonzero(~is_same)
+        if len(odd):
+            clear = ~is_ambiguous(arrays, int(views.frame[view]), origin[odd], direction[odd], config.range_m)
+            # The end of the range is an edge like any other.
+            clear &= np.abs(expected.t[odd] - config.range_m) > 1e-3
+            assert not clear.any(), (view, odd[clear], ranges[view][odd[clear]], expected.t[odd[clear]])
+        ambiguous += len(odd)
+        here = np.flatnonzero(is_same & (objects[view] >= 0))
+        cosine = -np.einsum("rx,rx->r", expected.normal, direction)[here]
+        np.testing.assert_allclose(cosines[view][here], cosine, atol=1e-5)
+        np.testing.assert_array_equal(materials[view][here], expected.material[here])
+    assert ambiguous <= most * len(views) * len(pattern), ambiguous
+
+
+def test_pattern_is_the_papers() -> None:
+    pattern = lidar_pattern(LidarConfig()).reshape(64, 469, 3)
+    assert pattern.shape[0] * pattern.shape[1] == 30_016
+    np.testing.assert_allclose(np.linalg.norm(pattern, axis=-1), 1.0, atol=1e-15)
+    elevation = np.degrees(np.arcsin(pattern[..., 2]))
+    wanted = np.broadcast_to((2.0 - np.arange(64) * 27.0 / 63.0)[:, None], (64, 469))
+    np.testing.assert_allclose(elevation, wanted, rtol=0, atol=1e-6)
+    yaw = np.degrees(np.arctan2(-pattern[..., 1], pattern[..., 0]))  # CARLA's, clockwise
+    wanted = np.broadcast_to(np.arange(469) * 360.0 / 469.0 - 180.0, (64, 469))
+    np.testing.assert_allclose((yaw - wanted + 180.0) % 360.0 - 180.0, 0.0, atol=1e-6)
+
+
+def test_turn_starts_backwards_and_goes_by_the_left() -> None:
+    azimuth = lidar_azimuths(4)
+    np.testing.assert_allclose(azimuth, [np.pi, np.pi / 2, 0.0, -np.pi / 2], atol=1e-15)
+    assert len(set(np.round(lidar_azimuths(469) % (2 * np.pi), 9))) == 469
+    np.testing.assert_allclose(np.degrees(lidar_azimuths(3, 90.0)), [45.0, 15.0, -15.0], atol=1e-12)
+    np.testing.assert_allclose(np.degrees(lidar_elevations(1, 3.0, -20.0)), [3.0])
+    np.testing.assert_allclose(np.degrees(lidar_elevations(2, 3.0, -20.0)), [3.0, -20.0])
+
+
+def test_points_of_a_turn_follow_from_carlas_numbers() -> None:
+    assert carla_points_per_channel(3_000_000, 64) == 469
+    assert carla_points_per_channel(56_000, 32, 0.1) == 175  # CARLA's default sensor at 10 Hz
+    assert carla_points_per_channel(150, 1) == 2  # 1.5 goes away from zero
+    with pytest.raises(ValueError, match="raise points_per_second"):
+        carla_points_per_channel(3_000, 64)
+
+
+def test_street_with_cars_equals_the_oracle(device: str) -> None:
+    arrays = two_cars(3)
+    assert_equals_oracle(arrays, device, SMALL, make_views(arrays, [0, 2], SMALL), most=2e-3)
+
+
+def test_full_pattern_equals_the_oracle(device: str) -> None:
+    arrays = two_cars(1)
+    config = LidarConfig(on=("cav",))
+    assert_equals_oracle(arrays, device, config, make_views(arrays, [0], config), most=2e-3)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_triangle_soup_equals_the_oracle(device: str, seed: int) -> None:
+    arrays = random_triangles(seed, 200, vehicles=4, frames=2)
+    arrays = replace(arrays, actors=tuple(replace(actor, role="cav") for actor in arrays.actors))
+    config = LidarConfig(
+        on=("cav",), channels=24, points_per_channel=60, upper_fov_deg=80, lower_fov_deg=-80, range_m=30,
+        mount={"cav": MountConfig(position_m=(0.3, -0.2, 0.4), yaw_deg=20, pitch_deg=30, roll_deg=-40)},
+    )  # fmt: skip
+    assert_equals_oracle(arrays, device, config, make_views(arrays, [0, 1], config), most=2e-3)
+
+
+def test_closed_room_returns_every_ray(device: str) -> None:
+    arrays = closed_box(10.0)
+    views = Views(np.zeros(1, int), np.zeros(1, np.int32), np.zeros(1, np.int32), np.array([[1.0, 2, 0.5, 0, 0, 0, 1]]),
+                  np.full(1, -1, np.int32))  # fmt: skip
+    config = LidarConfig(optics={"range_resolution_m": 0})
+    keys = np.zeros((1, 2), np.uint32)
+    batch = trace_lidar(loaded(arrays, device), views, config, arrays.materials["sunny"], PRESETS["sunny"], keys)
+    np.testing.assert_array_equal(batch.offsets, [0, 64 * 469])
+    np.testing.assert_array_equal(batch.ring, np.repeat(np.arange(64), 469))
+    world = np.stack([batch.x, batch.y, batch.z], axis=1) + np.array([1.0, 2.0, 0.5])
+    assert np.abs(np.abs(world).max(axis=1) - 5.0).max() < 1e-3
+    unit = lidar_pattern(config)
+    across = np.cross(unit, np.stack([batch.x, batch.y, batch.z], axis=1))
+    assert np.linalg.norm(across, axis=1).max() < 1e-3  # ray by ray
+
+
+def test_points_lie_on_the_grid_in_channel_order(device: str) -> None:
+    batch = sweeps(two_cars(1), device, [0], LidarConfig(returns="dual"), "rainy")
+    for values, steps in ((batch.x, 1024), (batch.y, 1024), (batch.z, 1024), (batch.intensity, 256)):
+        assert values.dtype == np.float32
+        np.testing.assert_array_equal(values * steps, np.round(values * steps))
+    assert batch.ring.dtype == batch.label.dtype == batch.return_number.dtype == np.uint8
+    for start, stop in zip(batch.offsets[:-1], batch.offsets[1:], strict=True):
+        assert np.all(np.diff(batch.ring[start:stop].astype(int)) >= 0)
+    for field in fields(batch)[1:]:
+        assert len(getattr(batch, field.name)) == batch.offsets[-1]
+    # Ring 0 looks up by 2 deg, ring 63 down by 25 deg.
+    assert np.all(batch.z[batch.ring == 0] > 0) and np.all(batch.z[batch.ring == 63] < 0)
+
+
+def test_own_roof_is_seen(device: str) -> None:
+    arrays = two_cars(1)
+    low = LidarConfig(
+        on=("cav",), channels=1, points_per_channel=8, upper_fov_deg=-60, lower_fov_deg=-60,
+        mount={"cav": MountConfig(position_m=(0, 0, 1.7))},
+    )  # fmt: skip
+    batch = sweeps(arrays, device, [0], low)
+    np.testing.assert_array_equal(batch.object_id, arrays.actors[0].object_id)
+
+
+@pytest.mark.parametrize("config", [
+    SMALL,
+    SMALL.model_copy(update={"returns": "dual"}),
+    SMALL.model_copy(update={"mode": "compat"}),
+    SMALL.model_copy(update={"rolling": True, "deskew": True}),
+], ids=["physical", "dual", "compat", "rolling"])  # fmt: skip
+@pytest.mark.parametrize("air", [Weather(rain_mm_h=25, wetness=1), PRESETS["foggy"]], ids=["rain", "fog"])
+def test_batches_do_not_change_a_byte(device: str, air: Weather, config: LidarConfig) -> None:
+    arrays = two_cars(5)
+    whole = sweeps(arrays, device, range(5), config, air)
+    for frames in ([3], [4, 0], [1, 2, 3]):
+        part = sweeps(arrays, device, frames, config, air)
+        for slot, frame in enumerate(frames):
+            assert cloud(part, 2 * slot) == cloud(whole, 2 * frame)
+            assert cloud(part, 2 * slot + 1) == cloud(whole, 2 * frame + 1)
+
+
+def test_other_seeds_and_weathers_draw_other_noise(device: str) -> None:
+    arrays = two_cars(1)
+    one, same, other = (sweeps(arrays, device, [0], SMALL, "rainy", seed) for seed in (1, 1, 2))
+    assert cloud(one, 0) == cloud(same, 0) and cloud(one, 0) != cloud(other, 0)
+
+
+def test_weathers_of_one_trace_are_those_of_traces_of_their_own(device: str) -> None:
+    arrays = two_cars(2)
+    views = make_views(arrays, [0, 1], SMALL)
+    hits = trace_lidar_hits(loaded(arrays, device), views, SMALL)
+    for name in ("sunny", "rainy", "foggy", "sunny"):
+        keys = view_keys(arrays, views, 1, "test", name, SMALL.name)
+        batch = shade_lidar(hits, arrays.materials["sunny"], PRESETS[name], keys)
+        alone = sweeps(arrays, device, [0, 1], SMALL, name)
+        assert [cloud(batch, view) for view in range(4)] == [cloud(alone, view) for view in range(4)]
+
+
+def cloud(batch: LidarBatch, view: int) -> list[bytes]:
+    part = slice(batch.offsets[view], batch.offsets[view + 1])
+    return [np.ascontiguousarray(getattr(batch, field.name)[part]).tobytes() for field in fields(batch)[1:]]
+
+
+def test_frame_without_vehicles_sees_none(device: str) -> None:
+    arrays = two_cars(3)
+    arrays.poses[1, :2] = ABSENT
+    batch = sweeps(arrays, device, range(3), SMALL)
+    vehicles = [actor.object_id for actor in arrays.actors[:2]]
+    # Views: cav and rsu in frame 0, the rsu alone in frame 1, both in frame 2.
+    seen = [
+        np.isin(batch.object_id[a:b], vehicles).sum() for a, b in zip(batch.offsets, batch.offsets[1:], strict=False)
+    ]
+    assert len(seen) == 5 and seen[2] == 0 and seen[0] > 0 and seen[3] > 0
+
+
+def test_nothing_in_range_and_no_views(device: str) -> None:
+    arrays = arrays_from_parts([ground_part()], actors=[("rsu_1", "rsu", -1)])
+    sky = LidarConfig(channels=2, points_per_channel=10, upper_fov_deg=30, lower_fov_deg=10)
+    batch = sweeps(arrays, device, [0], sky)
+    np.testing.assert_array_equal(batch.offsets, [0, 0])
+    assert len(batch.x) == 0
+    nobody = SMALL.model_copy(update={"on": ("cav",)})
+    batch = sweeps(arrays, device, [0], nobody, "foggy")
+    np.testing.assert_array_equal(batch.offsets, [0])
+    assert len(batch.intensity) == 0
+
+
+def test_range_ends_where_the_config_says(device: str) -> None:
+    arrays = arrays_from_parts([wall_part("wall", (-30.0, 20.0), (30.0, 20.0), 30.0)], actors=[("rsu_1", "rsu", -1)])
+    counts = []
+    for range_m in (19.9, 20.1, 25.0):
+        config = LidarConfig(channels=1, points_per_channel=360, upper_fov_deg=0, range_m=range_m, lower_fov_deg=0)
+        hits = trace_lidar_hits(loaded(arrays, device), make_views(arrays, [0], config), config)
+        ranges = hits.rays.range.numpy()
+        assert np.all(ranges[np.isfinite(ranges)] < range_m)
+        counts.append(int(np.isfinite(ranges).sum()))
+    # Half angle acos(20 / range) to both sides of y, in whole degrees, plus the middle.
+    assert counts == [0, 2 * 5 + 1, 2 * 36 + 1]
+
+
+def test_more_rays_than_can_be_counted_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    arrays = two_cars(1)
+    views = make_views(arrays, [0], SMALL)
+    monkeypatch.setattr("mmw.sensors.lidar.simulate.MOST_RETURNS", 2 * 16 * 90 - 1)
+    with pytest.raises(ValueError, match=r"lower compute\.batch_frames"):
+        trace_lidar_hits(loaded(arrays, "cpu"), views, SMALL)
+
+
+def test_shading_needs_materials_and_keys(device: str) -> None:
+    arrays = two_cars(1)
+    hits = trace_lidar_hits(loaded(arrays, device), make_views(arrays, [0], SMALL), SMALL)
+    with pytest.raises(ValueError, match="no materials"):
+        shade_lidar(hits, (), PRESETS["sunny"], np.zeros((2, 2), np.uint32))
+    with pytest.raises(ValueError, match="use view_keys"):
+        shade_lidar(hits, arrays.materials["sunny"], PRESETS["sunny"], np.zeros((1, 2), np.uint32))
+
+
+def test_returns_lie_on_the_surface_of_their_object() -> None:
+    arrays = two_cars(2)
+    exact = SMALL.model_copy(update={"optics": LidarOpticsConfig(range_resolution_m=0)})
+    views = make_views(arrays, [1], exact)
+    batch = sweeps(arrays, "cpu", [1], exact)
+    part = slice(batch.offsets[1], batch.offsets[2])
+    xyz = np.stack([batch.x[part], batch.y[part], batch.z[part]], axis=1)
+    world = transform_points(views.pose[1], xyz)
+    road = next(o.object_id for o in arrays.objects if o.prim_path.endswith("street"))
+    assert np.abs(world[batch.object_id[part] == road, 2]).max() < 1.5e-3
+
+
+@pytest.mark.parametrize(("channels", "points"), [(64, 469), (8, 64), (1, 1), (3, 5)])
+def test_tracing_order_takes_every_ray_once(channels: int, points: int) -> None:
+    order = lidar_order(channels, points)
+    np.testing.assert_array_equal(np.sort(order), np.arange(channels * points))
+    if channels % 8 == 0 and points >= 4:  # a warp of 32 threads is a block of 8 channels x 4 firings
+        channel, firing = np.divmod(order[:32], points)
+        assert (np.ptp(channel), np.ptp(firing)) == (7, 3)

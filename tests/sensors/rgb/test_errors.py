@@ -1,0 +1,238 @@
+"""Bad input of the RGB camera, from the stage to the picture: handled and named, never silently.
+
+What the parts do with bad input is tested where they are: shader nodes that are not read (`test_looks`), formats,
+corrupt and huge textures (`test_texture_sampling`), coordinates and faces without area (`test_surfel`), wrong keys of
+the section (`test_sensor_errors`, `test_rgb_recording`). Here one camera meets them all.
+"""
+
+# Warp's structs and small number types are objects, not classes, to a type checker.
+# pyright: reportGeneralTypeIssues=false, reportArgumentType=false
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from pxr import Gf, Usd, UsdShade
+
+from mmw.physics.weather.weather import Weather
+from mmw.scene.device_scene import Scene, read_stage
+from mmw.scene.scene_data import SceneArrays
+from mmw.scene.views import Views
+from mmw.sensors.render.projection import intrinsics_of
+from mmw.sensors.render.visibility_buffer import trace_samples
+from mmw.sensors.rgb.simulate import RgbCamera
+from tests.fixtures.material_stages import KINDS, add_quad, connect, give_uv, preview, stage_in
+from tests.fixtures.rgb_scenes import SMALL, Shot, at, even_sky, lambert, shoot
+from tests.fixtures.scenes import arrays_from_parts, box_model, box_part, ground_part, pose
+from tests.fixtures.stages import add_polygons
+
+ABOVE = (1.0, 1.0, 3.0, 90.0, 90.0, 0.0)
+"""Over the middle of the square from (0, 0) to (2, 2), looking down."""
+FALLBACK = (0.3, 0.6, 0.2)
+
+
+def picture_of(stage: Usd.Stage, folder: Path, device: str, **options) -> Shot:
+    """Return a shot of a stage from above, under an even sky of 1 kcd/m2."""
+    stage.Save()
+    arrays = read_stage(folder / "stage.usda", range(1), ["sunny"])
+    return shoot(arrays, device, at(ABOVE), sky=even_sky(device, 1.0), **options)
+
+
+def textured(folder: Path, file: str, *, with_uv: bool = True) -> tuple[Usd.Stage, UsdShade.Shader]:
+    """Return a stage with a Lambert square whose colour is a texture file, with a fallback."""
+    stage = stage_in(folder)
+    material, shader = preview(stage, "/World/Looks/picture", {"ior": 1.0, "roughness": 1.0})
+    connect(stage, shader, "diffuseColor", file, fallback=(*FALLBACK, 1.0))
+    quad = add_quad(stage, "/World/quad", material)
+    if with_uv:
+        give_uv(quad)
+    return stage, shader
+
+
+@pytest.mark.parametrize("debug", [False, True])
+def test_missing_texture_is_noted_once_and_drawn_as_its_fallback(device: str, tmp_path: Path, debug: bool) -> None:
+    """Two squares and three weathers share one texture that is not there: one note; magenta for who looks for it."""
+    stage, shader = textured(tmp_path, "gone.png")
+    material = UsdShade.Material.Get(stage, shader.GetPath().GetParentPath())
+    give_uv(add_quad(stage, "/World/second", material, [(3, 0, 0), (5, 0, 0), (5, 2, 0), (3, 2, 0)]))
+    shot = picture_of(stage, tmp_path, device, debug=debug)
+    (note,) = shot.camera.notes
+    for text in ("/World/Looks/picture", "gone.png", "not there", "magenta" if debug else "fallback"):
+        assert text in note
+    expected = (1.0, 0.0, 1.0) if debug else FALLBACK
+    np.testing.assert_allclose(shot.one()[20:28, 28:36], np.broadcast_to(expected, (8, 8, 3)), rtol=0.01, atol=1e-3)
+
+
+def test_missing_texture_without_fallback_is_not_magenta(device: str, tmp_path: Path) -> None:
+    stage = stage_in(tmp_path)
+    material, shader = preview(stage, "/World/Looks/picture", {"ior": 1.0})
+    connect(stage, shader, "diffuseColor", "gone.png")
+    give_uv(add_quad(stage, "/World/quad", material))
+    middle = picture_of(stage, tmp_path, device).one()[24, 32]
+    assert np.ptp(middle) < 1e-3 and middle.max() <= 1.0
+
+
+def test_corrupt_texture_is_one_clear_error(device: str, tmp_path: Path) -> None:
+    (tmp_path / "bad.png").write_bytes(b"\x89PNG\r\n\x1a\n no image")
+    stage, _ = textured(tmp_path, "bad.png")
+    with pytest.raises(ValueError, match=r"^/World/Looks/picture: texture .*bad\.png cannot be decoded") as caught:
+        picture_of(stage, tmp_path, device)
+    assert "\n" not in str(caught.value)
+
+
+def test_huge_texture_is_made_smaller_and_noted(device: str, tmp_path: Path) -> None:
+    codes = np.zeros((1000, 4500, 3), dtype=np.uint8)
+    codes[:500, :2250], codes[500:, 2250:] = (188, 0, 0), (0, 188, 0)
+    Image.fromarray(codes).save(tmp_path / "wide.png")
+    stage, _ = textured(tmp_path, "wide.png")
+    shot = picture_of(stage, tmp_path, device)
+    (note,) = shot.camera.notes
+    for text in ("/World/Looks/picture", "wide.png", "4500 x 1000", "2048 x 455"):
+        assert text in note
+    image, half = shot.one(), ((188 / 255 + 0.055) / 1.055) ** 2.4
+    np.testing.assert_allclose(image[14, 22], (half, 0.0, 0.0), atol=0.01)  # the upper left of the picture
+    np.testing.assert_allclose(image[34, 42], (0.0, half, 0.0), atol=0.01)
+
+
+def test_mesh_without_coordinates_has_the_mean_of_its_texture(device: str, tmp_path: Path) -> None:
+    codes = np.zeros((8, 8, 3), dtype=np.uint8)
+    codes[:, :4] = 255
+    Image.fromarray(codes).save(tmp_path / "half.png")
+    stage, _ = textured(tmp_path, "half.png", with_uv=False)
+    shot = picture_of(stage, tmp_path, device)
+    (note,) = shot.scene.arrays.look_notes
+    assert "/World/quad" in note and "no texture coordinates" in note
+    np.testing.assert_allclose(shot.one()[20:28, 28:36], 0.5, rtol=0.01)
+
+
+def test_unsupported_shader_node_is_named_and_the_rest_is_drawn(device: str, tmp_path: Path) -> None:
+    stage = stage_in(tmp_path)
+    given = {"diffuseColor": Gf.Vec3f(*FALLBACK), "ior": 1.0, "roughness": 1.0}
+    material, shader = preview(stage, "/World/Looks/odd", given)
+    node = UsdShade.Shader.Define(stage, "/World/Looks/odd/Noise")
+    node.CreateIdAttr("ND_fractal3d_color3")
+    shader.GetInput("diffuseColor").ConnectToSource(node.CreateOutput("out", KINDS.Color3f))
+    add_quad(stage, "/World/quad", material)
+    shot = picture_of(stage, tmp_path, device)
+    (note,) = shot.scene.arrays.look_notes
+    assert "ND_fractal3d_color3" in note and "/World/Looks/odd/Noise" in note
+    np.testing.assert_allclose(shot.one()[24, 32], FALLBACK, rtol=0.01)
+
+
+def test_faces_without_area_are_no_trouble(device: str, tmp_path: Path) -> None:
+    """A textured square with a needle, a point and a folded face over it: the picture is that of the square."""
+    Image.fromarray(np.full((4, 4, 3), 255, dtype=np.uint8)).save(tmp_path / "white.png")
+    stage, shader = textured(tmp_path, "white.png")
+    material = UsdShade.Material.Get(stage, shader.GetPath().GetParentPath())
+    plain = picture_of(stage, tmp_path, device).one()
+    points = [(0.2, 0.2, 0.5), (1.8, 1.8, 0.5), (1.0, 1.0, 0.5), (0.5, 1.5, 0.5)]
+    mesh = add_polygons(stage, "/World/needles", np.array(points), [[0, 1, 2], [3, 3, 3], [0, 1, 0]], material)
+    give_uv(mesh, [(0, 0), (1, 1), (0.5, 0.5), (0, 1)])
+    shot = picture_of(stage, tmp_path, device)
+    np.testing.assert_allclose(shot.one(), plain, atol=2e-3)
+    assert np.isfinite(shot.camera.normals(shot.buffer).numpy()).all()
+
+
+def empty_town() -> SceneArrays:
+    return arrays_from_parts([], materials={"m": lambert(0.5)})
+
+
+def test_empty_scene_is_all_sky(device: str) -> None:
+    """Radiance of a real sky, a picture, no normals, no flow, no depth."""
+    shot = shoot(empty_town(), device, at((0.0, 0.0, 2.0, 30.0, -20.0, 0.0)))
+    image = shot.one()
+    assert image.min() > 0.1 and image[0, :, 2].min() > image[0, :, 0].max()  # blue at the top
+    assert (shot.objects() == -1).all() and not shot.depth().depth.numpy().any()
+    assert not shot.camera.normals(shot.buffer).numpy().any()
+    assert not shot.camera.flow(shot.buffer).numpy().any()
+    assert shot.rgb()["sunny"].shape == (1, 48, 64, 3)
+
+
+def test_scene_without_materials_is_all_sky(device: str) -> None:
+    image = shoot(arrays_from_parts([]), device, at((0.0, 0.0, 2.0)), sky=even_sky(device, 0.7)).one()
+    np.testing.assert_allclose(image, 0.7, rtol=1e-3)
+
+
+def test_no_views_make_no_pictures(device: str) -> None:
+    arrays = arrays_from_parts([ground_part(50.0, 0.0, "m")], materials={"m": lambert(0.5)})
+    none = Views(*(np.zeros(0, dtype=kind) for kind in (np.int64, np.int32, np.int32)), np.zeros((0, 7)),
+                 np.zeros(0, dtype=np.int32))  # fmt: skip
+    shot = shoot(arrays, device, none)
+    assert shot.light()["sunny"].shape == (0, 48, 64, 3)
+    assert shot.rgb()["sunny"].shape == (0, 48, 64, 3)
+    assert shot.camera.normals(shot.buffer).shape == (0, 48, 64)
+    assert shot.camera.flow(shot.buffer).shape == (0, 48, 64)
+
+
+def test_weather_that_the_scene_does_not_know(device: str) -> None:
+    scene = Scene(empty_town(), device, 1)
+    with pytest.raises(ValueError, match="weather 'foggy': the scene has materials for sunny; read it") as caught:
+        RgbCamera(scene, {"foggy": Weather()})
+    assert "\n" not in str(caught.value)
+
+
+def test_frame_that_is_not_loaded(device: str) -> None:
+    poses = np.array([[pose(0.0, 0.0)], [pose(1.0, 0.0)]])
+    arrays = arrays_from_parts([ground_part()], [box_model("car")], [("veh_001", "vehicle", 0)], poses)
+    scene = Scene(arrays, device, 1)
+    scene.load_batch([0])
+    camera = RgbCamera(scene, {"sunny": Weather()})
+    with pytest.raises(ValueError, match=r"frame 1 in slot 0; the scene holds frames \[0\]"):
+        trace_samples(scene, at((0.0, 0.0, 2.0), frame=1), intrinsics_of(SMALL), 100.0, camera.cut_outs)
+
+
+def test_view_inside_a_solid(device: str) -> None:
+    """A camera in a closed box sees its walls from within: dark, finite, and everywhere a surface."""
+    room = box_part("Buildings/room", (4.0, 4.0, 4.0), (0.0, 0.0, 0.0), "m", "building")
+    arrays = arrays_from_parts([room], materials={"m": lambert(0.5)})
+    noon = Weather(cloudiness=0.0)
+    shot = shoot(arrays, device, at((0.0, 0.0, 0.0, 20.0, 10.0, 0.0)), weathers={"sunny": noon})
+    assert (shot.objects() >= 0).all()
+    inside = shot.one()
+    outside = shoot(arrays, device, at((-8.0, 0.0, 5.0, 0.0, 25.0, 0.0)), weathers={"sunny": noon}).one()
+    # Nothing lights a closed room but the share of `SHADED_GROUND` that stands for light from all that hides the sky.
+    assert inside.max() < 0.3 * outside.max()
+    normals = shot.camera.normals(shot.buffer).numpy()[0]
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=-1), 1.0, atol=1e-4)
+
+
+def test_tiny_range_sees_the_sky(device: str) -> None:
+    """What is farther than `range_m` is sky, and what is nearer is not; the sky is that of any range."""
+    arrays = arrays_from_parts(
+        [box_part("Buildings/wall", (1.0, 40.0, 40.0), (5.5, 0.0, 0.0), "m", "building")], materials={"m": lambert(0.0)}
+    )
+    for range_m, expected in ((0.001, 2.0), (4.9, 2.0), (5.1, 0.0)):
+        config = SMALL.model_copy(update={"range_m": range_m})
+        image = shoot(arrays, device, at((0.0, 0.0, 0.0)), config=config, sky=even_sky(device, 2.0)).one()
+        np.testing.assert_allclose(image, expected, atol=2e-3)
+
+
+def test_lens_drops_need_keys(device: str) -> None:
+    shot = shoot(empty_town(), device, at((0.0, 0.0, 2.0)))
+    config = SMALL.model_copy(update={"image": SMALL.image.model_copy(update={"lens_drops": 3})})
+    keys = {"sunny": np.zeros((1, 2), dtype=np.uint32)}
+    with pytest.raises(ValueError, match="lens_drops: the lenses have no keys"):
+        shot.camera.render(shot.buffer, config, keys)
+
+
+def test_absent_actor_is_not_drawn(device: str) -> None:
+    """A vehicle without a pose in a frame leaves ground, no shadow and no lamp there."""
+    poses = np.array([[pose(6.0, 0.0)], [(np.nan,) * 7], [pose(6.0, 0.0)]])
+    arrays = arrays_from_parts(
+        [ground_part(50.0, 0.0, "m")],
+        [box_model("car")],
+        [("veh_001", "vehicle", 0)],
+        poses,
+        materials={"m": lambert(0.5)},
+    )
+    place = (0.0, 0.0, 2.0, 0.0, 10.0, 0.0)
+    shot = shoot(arrays, device, at(place, place, frame=(1, 0)), weathers={"sunny": Weather(sun_altitude_deg=-20.0)})
+    objects = shot.objects()
+    number = arrays.actors[0].object_id
+    assert not (objects[0] == number).any() and (objects[1] == number).any()
+    empty = shoot(
+        arrays_from_parts([ground_part(50.0, 0.0, "m")], materials={"m": lambert(0.5)}), device, at(place),
+        weathers={"sunny": Weather(sun_altitude_deg=-20.0)},
+    ).one()  # fmt: skip
+    np.testing.assert_array_equal(shot.light()["sunny"][0], empty)

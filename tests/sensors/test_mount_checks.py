@@ -1,0 +1,66 @@
+"""Sensors that are inside something are refused, those in the open are not, whatever the winding of the faces."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mmw.config import Config, DepthConfig, LidarConfig, MountConfig
+from mmw.scene.device_scene import Scene
+from mmw.scene.scene_data import SceneArrays
+from mmw.sensors.mount_checks import check_mounts, enclosing_objects
+from tests.fixtures.scenes import arrays_from_parts, box_model, box_part, ground_part, pose, quad_part
+
+HOUSE = box_part("Buildings/house", (20.0, 10.0, 8.0), (30.0, 0.0, 4.0), "concrete_facade", "building")
+CANOPY = quad_part("Props/canopy", [(-40, -6, 5), (-20, -6, 5), (-20, 6, 5), (-40, 6, 5)], "metal_pole", "static")
+
+
+def world(actors=(), poses=None, models=(), flip: bool = False) -> SceneArrays:
+    parts = [ground_part(), HOUSE, CANOPY]
+    if flip:
+        parts = [replace(part, faces=part.faces[:, ::-1]) for part in parts]
+    return arrays_from_parts(parts, models, actors, poses)
+
+
+def scene_of(arrays: SceneArrays, device: str) -> Scene:
+    scene = Scene(arrays, device, 1)
+    scene.load_batch([arrays.frames[0]])
+    return scene
+
+
+def configured(sensors: list, **channel) -> Config:
+    traffic = {"vehicle_count": 1, "spawn_center_m": [0, 0, 0], "cav_ranks": [0]}
+    return Config(
+        scenarios=[{"name": "s", "town": "town03", "traffic": traffic}],
+        sensors=[sensor.model_dump() for sensor in sensors],
+        channel={"enabled": False, **channel},
+    )
+
+
+@pytest.mark.parametrize("flip", [False, True])
+def test_places_in_the_open_inside_and_below(device: str, flip: bool) -> None:
+    scene = scene_of(world(flip=flip), device)
+    names = {o.prim_path.rsplit("/", 1)[1]: o.object_id for o in scene.arrays.objects}
+    places = np.array(
+        [(0, 0, 4), (30, 0, 4), (30, 0, 9), (0, 0, -2), (-30, 0, 3), (19.9, 0, 1), (39.9, 4.9, 7.9)], dtype=float
+    )
+    expected = [-1, names["house"], -1, names["ground"], -1, -1, names["house"]]
+    assert enclosing_objects(scene, places).tolist() == expected
+
+
+def test_a_sensor_in_its_own_body_or_a_house_is_refused(device: str) -> None:
+    models, actors = (
+        (box_model("truck", (8.0, 2.5, 3.4), (0.0, 0.0, 1.7)),),
+        [("cav_1", "cav", 0), ("rsu_1", "rsu", -1)],
+    )
+    arrays = world(actors, np.array([[pose(0.0, -20.0), pose(30.0, 0.0)]]), models)
+    scene = scene_of(arrays, device)
+    high = {"cav": MountConfig(position_m=(0, 0, 4.0)), "rsu": MountConfig(position_m=(0, 0, 9.0))}
+    check_mounts(scene, configured([LidarConfig(mount=high), DepthConfig(mount=high)]))
+    with pytest.raises(ValueError) as caught:
+        check_mounts(scene, configured([LidarConfig(), DepthConfig(mount=high)]))
+    first, second = str(caught.value).split("\n")
+    assert "cav_1: lidar at (0.0, 0.0, 2.5) m is inside its own body in frame 0" in first
+    assert "rsu_1: lidar" in second and "Buildings/house (building)" in second and "the unit or its mount" in second
+    with pytest.raises(ValueError, match="antenna at"):
+        check_mounts(scene, configured([], enabled=True))

@@ -1,0 +1,281 @@
+"""Publishing, resuming, refusing, surviving kills and full disks."""
+
+import errno
+import json
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from mmw.storage import atomic_files as publish
+from mmw.storage.arrow_tables import sort_rows, table_from_columns
+from mmw.storage.file_checks import verify
+from mmw.storage.manifest import finalize, pending_scenarios, pending_shards, prepare_root, read_markers
+from mmw.storage.parquet_schema import arrow_schema
+from mmw.storage.schemas import TABLES, table_spec
+from mmw.storage.shard_writer import OutOfSpaceError, ShardKey, marker_path, table_path, write_scenario, write_shard
+from tests.fixtures.shards import IDENTITY, META, make_shard, make_statics
+
+FILES = 6 * sum(table.framed for table in TABLES.values()) + 3
+"""Parquet files of the six shards below, each with every framed table, and of the scenario's three static tables."""
+KEYS = [ShardKey("town_a", weather, begin, begin + 5) for weather in ("rainy", "sunny") for begin in (0, 5, 10)]
+
+
+def prepare(root: Path, overwrite: bool = False, sha256: str = META["config_sha256"], **changes) -> None:
+    prepare_root(root, IDENTITY | changes, sha256, {"mmw": "0.1.0"}, overwrite)
+
+
+def write_all(root: Path) -> None:
+    """Make what is still missing, as a run does."""
+    prepare(root)
+    for name in pending_scenarios(root, ["town_a"]):
+        write_scenario(root, name, make_statics(), META)
+    for key in pending_shards(root, KEYS):
+        write_shard(root, key, make_shard(key), META)
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("undisturbed") / "data"
+    write_all(path)
+    return path
+
+
+@pytest.fixture
+def root(undisturbed: Path, tmp_path: Path) -> Path:
+    return shutil.copytree(undisturbed, tmp_path / "data")
+
+
+def parquet_bytes(root: Path) -> dict[str, bytes]:
+    files = sorted(root.rglob("part-*.parquet"))
+    return {path.relative_to(root).as_posix(): path.read_bytes() for path in files}
+
+
+def test_layout_and_marker(root):
+    key = KEYS[4]
+    assert table_path("lidar", key) == Path("lidar/scenario=town_a/weather=sunny/part-000005.parquet")
+    assert table_path("objects", "town_a") == Path("objects/scenario=town_a/part-000000.parquet")
+    marker = json.loads((root / "_shards" / "town_a.sunny.000005.json").read_text())
+    assert marker["scenario"] == "town_a" and (marker["frame_begin"], marker["frame_end"]) == (5, 10)
+    assert {file["table"] for file in marker["files"]} == set(make_shard(key))
+    for file in marker["files"]:
+        metadata = pq.read_metadata(root / file["path"])
+        assert metadata.num_rows == file["rows"]
+        assert metadata.metadata[b"mmw.config_sha256"].decode() == META["config_sha256"]
+    assert not list(root.rglob(".*.tmp"))
+
+
+def test_lidar_row_group_is_one_frame(root):
+    metadata = pq.read_metadata(root / table_path("lidar", KEYS[0]))
+    assert metadata.num_row_groups == 5 and metadata.row_group(0).num_rows == 4
+    statistics = metadata.row_group(2).column(metadata.schema.names.index("frame")).statistics
+    assert statistics.min == statistics.max == 2
+
+
+def test_same_rows_same_bytes(root, tmp_path):
+    write_all(tmp_path / "again")
+    first, second = parquet_bytes(root), parquet_bytes(tmp_path / "again")
+    assert len(first) == FILES and first == second
+
+
+def test_threads_write_the_same_as_one(root, tmp_path):
+    prepare(tmp_path / "threads")
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(lambda key: write_shard(tmp_path / "threads", key, make_shard(key), META), KEYS))
+    framed = {path: data for path, data in parquet_bytes(root).items() if "weather=" in path}
+    assert parquet_bytes(tmp_path / "threads") == framed
+    assert pending_shards(tmp_path / "threads", KEYS) == []
+
+
+@pytest.mark.parametrize("name", make_shard(KEYS[0]))
+def test_batches_of_any_size_give_the_same_bytes(root, tmp_path, name):
+    """A shard put together from tables of one frame each, in any order, is the shard made at once."""
+    key = KEYS[0]
+    columns = {"scenario": key.scenario, "weather": key.weather, **make_shard(key)[name]}
+    whole = table_from_columns(name, columns)
+    frame = np.asarray(whole.column("frame"))
+    parts = [whole.filter(pa.array(frame == number)) for number in (3, 1, 0, 2, 4)]
+    joined = pa.concat_tables(parts).unify_dictionaries().combine_chunks()
+    table = sort_rows(table_spec(name), joined)
+    assert table.schema.equals(arrow_schema(name), check_metadata=True)
+    marker = write_shard(tmp_path, key, {name: table}, META)
+    path = marker["files"][0]["path"]
+    assert (tmp_path / path).read_bytes() == (root / path).read_bytes()
+
+
+def test_a_shard_takes_only_its_own_rows(root):
+    tables = make_shard(KEYS[1])
+    with pytest.raises(ValueError, match="frames 5 to 9; shard town_a/rainy/0-4"):
+        write_shard(root, KEYS[0], {"frames": tables["frames"]}, META)
+    other = table_from_columns("frames", {"scenario": "town_b", "weather": "rainy", **make_shard(KEYS[0])["frames"]})
+    with pytest.raises(ValueError, match="town_b"):
+        write_shard(root, KEYS[0], {"frames": other}, META)
+    with pytest.raises(ValueError, match="static"):
+        write_shard(root, KEYS[0], {"objects": make_statics()["objects"]}, META)
+    with pytest.raises(ValueError, match="config_sha256"):
+        write_shard(root, KEYS[0], {"frames": make_shard(KEYS[0])["frames"]}, {"device": "cpu"})
+    assert verify(root) == []
+
+
+def test_nothing_is_pending_once_written(root):
+    assert pending_shards(root, KEYS) == [] and pending_scenarios(root, ["town_a", "town_b"]) == ["town_b"]
+
+
+@pytest.mark.parametrize(
+    "damage", ["no marker", "torn marker", "no file", "short file", "other config", "other frames"]
+)
+def test_damaged_shard_is_pending_and_repaired(root, damage):
+    key = KEYS[3]
+    marker = root / marker_path(key)
+    before = parquet_bytes(root)
+    file = root / table_path("poses", key)
+    if damage == "no marker":
+        marker.unlink()
+    elif damage == "torn marker":
+        marker.write_text(marker.read_text()[:100])
+    elif damage == "no file":
+        file.unlink()
+    elif damage == "short file":
+        file.write_bytes(file.read_bytes()[:-9])
+    else:
+        change = {"config_sha256": "d" * 64} if damage == "other config" else {"frame_end": 4}
+        marker.write_text(json.dumps(json.loads(marker.read_text()) | change))
+    assert pending_shards(root, KEYS) == [key]
+    write_all(root)
+    assert verify(root) == [] and parquet_bytes(root) == before
+
+
+def test_verify_finds_everything(root):
+    finalize(root)
+    assert verify(root) == []
+    files = [root / table_path(name, KEYS[0]) for name in ("poses", "imu", "paths", "links", "frames")]
+    files[0].unlink()
+    files[1].write_bytes(files[1].read_bytes()[:-1])
+    data = bytearray(files[2].read_bytes())
+    data[len(data) // 2] ^= 1
+    files[2].write_bytes(data)
+    (root / "poses/scenario=town_a/weather=sunny/part-000099.parquet").write_bytes(files[4].read_bytes())
+    (root / "poses/.part-000005.parquet.tmp").write_bytes(b"")
+    marker = root / marker_path(KEYS[0])
+    content = json.loads(marker.read_text())
+    for entry in content["files"]:
+        entry["rows"] += entry["table"] == "links"
+    marker.write_text(json.dumps(content))
+    (root / "_shards/torn.json").write_text("{")
+    findings = verify(root)
+    kinds = {finding.kind: finding.path for finding in findings}
+    assert set(kinds) == {"missing", "size", "sha256", "rows", "marker", "orphan", "temporary"}
+    assert kinds["missing"].startswith("poses/") and kinds["sha256"].startswith("paths/")
+    assert {finding.kind for finding in findings if not finding.is_error} == {"orphan", "temporary"}
+
+
+def test_finalize_lists_and_counts(root):
+    summary = finalize(root)
+    manifest = pq.read_table(root / "_manifest.parquet").to_pylist()
+    assert len(manifest) == summary["files"] == FILES
+    assert {row["path"] for row in manifest} == set(parquet_bytes(root))
+    assert summary["tables"]["poses"]["rows"] == 6 * 5 * 4
+    assert summary["bytes"] == sum(len(data) for data in parquet_bytes(root).values())
+    assert sum(row["rows"] for row in manifest) == summary["rows"]
+    card = (root / "README.md").read_text()
+    assert card.startswith("---\nconfigs:\n- config_name: frames\n  data_files: frames/**/*.parquet\n")
+    sunny = next(row for row in manifest if row["path"].startswith("lidar/") and row["weather"] == "sunny")
+    assert (sunny["frame_begin"], sunny["frame_end"], sunny["config_sha256"]) == (0, 5, META["config_sha256"])
+
+
+def test_same_configuration_is_taken_up(root):
+    before = (root / "dataset.json").read_bytes()
+    prepare(root)
+    assert (root / "dataset.json").read_bytes() == before and pending_shards(root, KEYS) == []
+
+
+def test_another_configuration_is_refused(root):
+    with pytest.raises(ValueError) as error:
+        prepare(root, sha256="d" * 64, seed=7, frames={"start": 0, "count": 30})
+    text = str(error.value)
+    for words in ("cccccccccccc", "dddddddddddd", "seed: 42 -> 7", "frames.count: 20 -> 30", "--overwrite", "--out"):
+        assert words in text
+    assert "weathers" not in text and pending_shards(root, KEYS) == []
+
+
+def test_overwrite_removes_the_data_and_nothing_else(root):
+    (root / "notes.txt").write_text("mine")
+    finalize(root)
+    prepare(root, overwrite=True, sha256="d" * 64, seed=7)
+    assert sorted(path.name for path in root.iterdir()) == ["dataset.json", "notes.txt"]
+    assert json.loads((root / "dataset.json").read_text())["config"]["seed"] == 7
+
+
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_foreign_folder_is_refused(tmp_path, overwrite):
+    (tmp_path / "thesis.tex").write_text("mine")
+    with pytest.raises(ValueError, match=r"thesis\.tex.*empty or new folder"):
+        prepare(tmp_path, overwrite=overwrite)
+    with pytest.raises(ValueError, match="is a file"):
+        prepare(tmp_path / "thesis.tex", overwrite=overwrite)
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+@pytest.mark.parametrize("code", [errno.ENOSPC, errno.EDQUOT])
+def test_full_disk_is_one_clear_error(root, monkeypatch, code):
+    """The disk fills in the middle of a shard: no temporary file stays, nothing published changes, a rerun resumes."""
+    before = parquet_bytes(root)
+    key = ShardKey("town_a", "sunny", 15, 20)
+    real, calls = os.fsync, []
+
+    def full(handle: int) -> None:
+        calls.append(handle)
+        if len(calls) == 5:  # a file and its folder take two
+            raise OSError(code, os.strerror(code))
+        real(handle)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(publish.os, "fsync", full)
+        with pytest.raises(OutOfSpaceError, match=r"weather=sunny: no space left.*bytes needed.*free;.*resumes"):
+            write_shard(root, key, make_shard(key), META)
+    assert not list(root.rglob(".*.tmp"))
+    assert {path: data for path, data in parquet_bytes(root).items() if path in before} == before
+    assert [finding.kind for finding in verify(root)] == ["orphan"] * 2
+    assert pending_shards(root, [*KEYS, key]) == [key]
+    write_shard(root, key, make_shard(key), META)
+    assert verify(root) == []
+
+
+def test_other_disk_errors_keep_their_name(tmp_path):
+    (tmp_path / "frames").write_text("a file where a folder should be")
+    with pytest.raises(OSError, match="frames") as error:
+        write_shard(tmp_path, KEYS[0], {"frames": make_shard(KEYS[0])["frames"]}, META)
+    assert not isinstance(error.value, OutOfSpaceError)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="SIGKILL")
+def test_kills_leave_readable_files_and_a_rerun_completes(root, tmp_path):
+    """Kill a writing process at random moments: every file is whole, and the end equals an undisturbed run."""
+    data = tmp_path / "killed"
+    module = "tests.storage.test_shard_writer"
+    code = f"from {module} import write_all; from pathlib import Path; write_all(Path({str(data)!r}))"
+    rng = random.Random(5)
+    for goal in (2, 20, 35):
+        process = subprocess.Popen([sys.executable, "-c", code], cwd=Path(__file__).parents[2])
+        while process.poll() is None:
+            if len(list(data.rglob("*.parquet"))) >= goal:
+                np.zeros(rng.randrange(1, 2_000_000)).sum()
+                break
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        for path in data.rglob("part-*.parquet"):
+            pq.ParquetFile(path).read()
+        assert {finding.kind for finding in verify(data)} <= {"orphan", "temporary"}
+    write_all(data)
+    assert pending_shards(data, KEYS) == [] and parquet_bytes(data) == parquet_bytes(root)
+    assert {finding.kind for finding in verify(data)} <= {"temporary"}
+    assert len(read_markers(data)) == len(KEYS) + 1

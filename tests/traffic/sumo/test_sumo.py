@@ -1,0 +1,253 @@
+"""SUMO: the network says what the lanes say, and vehicles that it drives move as smoothly as those of mmw's engine."""
+
+import subprocess
+import sys
+import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench.traffic_check import measure
+from mmw.config import ConfigError, load_config
+from mmw.core.errors import MissingPackageError
+from mmw.generation.estimate import check_inputs
+from mmw.traffic import VehicleTrack
+from mmw.traffic.roads.lane_graph import Lane, LaneGraph
+from mmw.traffic.roads.town_asset import open_town
+from mmw.traffic.sumo import engine as sumo
+from mmw.traffic.sumo.engine import simulate_sumo
+from mmw.traffic.sumo.network import SumoNetwork, make_network
+from mmw.traffic.sumo.routes import lane_limits
+from tests.fixtures.traffic_towns import CATALOG, arc, crossroad, demand, hill, make_town, roundabout, surface
+
+
+def _why_no_sumo() -> str:
+    """Return why SUMO cannot run here; "" if it can. Its wheel links to libraries of X11, which servers may lack."""
+    if find_spec("libsumo") is None:
+        return "libsumo is not installed: pip install 'multimodal-wireless[sumo]'"
+    result = subprocess.run([sys.executable, "-c", "import libsumo"], capture_output=True, text=True, check=False)
+    return "" if result.returncode == 0 else f"libsumo cannot be loaded: {result.stderr.splitlines()[-1]}"
+
+
+needs_sumo = pytest.mark.skipif(bool(why := _why_no_sumo()), reason=why)
+
+
+def test_a_missing_system_library_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "libsumo.py").write_text("raise ImportError('libXrender.so.1: cannot open shared object file')\n")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    with pytest.raises(MissingPackageError, match=r"cannot be loaded: libXrender\.so\.1.*package manager"):
+        sumo._run(tmp_path, {})
+
+
+def network_of(graph: LaneGraph) -> SumoNetwork:
+    return make_network(graph, {name: lane.speed for name, lane in graph.lanes.items()})
+
+
+def with_neighbours(graph: LaneGraph) -> LaneGraph:
+    """Return a graph whose lanes name the ones beside them: those of one road and direction, 0 is the left one."""
+    lanes = dict(graph.lanes)
+    for name, lane in graph.lanes.items():
+        left, right = name[:-1] + str(int(name[-1]) - 1) if name[-1] != "0" else "", name[:-1] + str(int(name[-1]) + 1)
+        if not lane.junction:
+            lanes[name] = replace(lane, left=left, right=right if right in lanes else "")
+    return LaneGraph(lanes)
+
+
+@pytest.fixture(scope="module")
+def ring() -> LaneGraph:
+    """A two-lane roundabout whose lanes know their neighbours."""
+    return with_neighbours(roundabout())
+
+
+@pytest.mark.parametrize("make", [crossroad, roundabout])
+def test_every_lane_and_connection_is_there(make, tmp_path: Path):
+    graph = with_neighbours(make())
+    network = network_of(graph)
+    network.write(tmp_path / "town.net.xml")
+    root = ElementTree.parse(tmp_path / "town.net.xml").getroot()
+    lanes = {lane.get("id"): lane for lane in root.iter("lane")}
+    assert set(lanes) == set(network.internal)
+    assert set(network.internal.values()) == set(graph.lanes)
+    for name, lane in lanes.items():
+        ours = graph.lanes[network.internal[name]]
+        shape = np.array([[float(v) for v in point.split(",")] for point in lane.get("shape").split()])
+        assert shape == pytest.approx(ours.points, abs=5.1e-5)
+        assert float(lane.get("width")) == ours.width
+    found = set()
+    for link in root.iter("connection"):
+        if link.get("from").startswith(":"):
+            continue
+        before = network.internal[f"{link.get('from')}_{link.get('fromLane')}"]
+        after = network.internal[f"{link.get('to')}_{link.get('toLane')}"]
+        found.add((before, network.internal[link.get("via")], after))
+    expected = {
+        (lane.name, way, graph.lanes[way].successors[0])
+        for lane in graph.lanes.values()
+        if not lane.junction
+        for way in lane.successors
+    }
+    assert found == expected
+
+
+def test_neighbours_share_an_edge_numbered_from_the_right(ring):
+    network = network_of(ring)
+    for name, lane in ring.lanes.items():
+        if not lane.junction and lane.right:
+            mine, other = network.place[name], network.place[lane.right]
+            assert (mine.edge, mine.index) == (other.edge, other.index + 1)
+    edges = {edge.get("id"): edge for edge in network.root.iter("edge")}
+    for name, spot in network.place.items():
+        lengths = {lane.get("length") for lane in edges[spot.edge]}
+        assert len(lengths) == 1  # SUMO wants it
+        own = np.linalg.norm(np.diff(ring.lanes[name].points[:, :2], axis=0), axis=1).sum()
+        assert float(lengths.pop()) == pytest.approx(own * spot.scale, abs=1e-3)
+
+
+@pytest.mark.parametrize("make", [crossroad, roundabout])
+def test_right_of_way(make):
+    """Links are numbered as incoming lanes list them; who crosses is a foe, who yields has no higher priority."""
+    graph = with_neighbours(make())
+    network = network_of(graph)
+    for junction in network.root.iter("junction"):
+        ways = [network.internal[name] for name in junction.get("intLanes").split()]
+        coming = [network.internal[name] for name in junction.get("incLanes").split()]
+        assert ways == [way for lane in coming for way in graph.lanes[lane].successors]
+        rows = junction.findall("request")
+        assert [int(row.get("index")) for row in rows] == list(range(len(ways)))
+        foes = np.array([[c == "1" for c in row.get("foes")[::-1]] for row in rows])
+        yields = np.array([[c == "1" for c in row.get("response")[::-1]] for row in rows])
+        assert np.array_equal(foes, foes.T)
+        assert np.array_equal(yields | yields.T, foes)
+        assert not (yields & yields.T).any()
+        priority = np.array([graph.lanes[way].priority for way in ways])
+        i, j = np.nonzero(yields)
+        assert (priority[i] <= priority[j]).all()
+        for i, one in enumerate(ways):
+            for j, other in enumerate(ways):
+                same_start = graph.predecessors[one] == graph.predecessors[other]
+                if i != j and not same_start and graph.lanes[one].successors == graph.lanes[other].successors:
+                    assert foes[i, j]  # they merge
+
+
+def test_lanes_without_a_junction_are_joined():
+    """A road that goes on as another one, as importers may have it: a connection without an internal lane."""
+
+    def lane(name: str, first: float, *successors: str) -> Lane:
+        points = np.column_stack([np.linspace(first, first + 50, 26), np.zeros(26), np.zeros(26)])
+        return Lane(name, points, 3.5, 10.0, successors=successors)
+
+    graph = LaneGraph({x.name: x for x in (lane("a", 0, "b"), lane("b", 50, "c"), lane("c", 100))})
+    root = network_of(graph).root
+    assert [(c.get("from"), c.get("to"), c.get("via")) for c in root.iter("connection")] == [
+        ("a", "b", None),
+        ("b", "c", None),
+    ]
+    assert [edge.get("to") for edge in root.iter("edge")][:2] == [edge.get("from") for edge in root.iter("edge")][1:]
+
+
+def test_bends_limit_the_speed():
+    """Closed form: v = sqrt(2.3 R) on a circle, the lane's own limit on a straight line."""
+    angle = np.linspace(0, np.pi, 120)
+    circle = Lane("c", np.column_stack([20 * np.cos(angle), 20 * np.sin(angle), 0 * angle]), 3.5, 30.0)
+    line = Lane("s", np.column_stack([np.linspace(0, 80, 41), np.zeros(41), np.zeros(41)]), 3.5, 12.0)
+    limits = lane_limits(LaneGraph({"c": circle, "s": line}))
+    middle = limits["c"][200:400]
+    assert middle == pytest.approx(np.sqrt(2.3 * 20), rel=0.02)
+    assert limits["s"] == pytest.approx(12.0)
+    assert len(limits["c"]) == pytest.approx(20 * np.pi / 0.1, abs=3)
+
+
+def test_without_sumo_one_line_says_what_to_do(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    config = tmp_path / "mine.yaml"
+    config.write_text(
+        "scenarios:\n- {name: s, town: town03, traffic: {engine: sumo, spawn_center_m: [0, 0, 0]}}\n"
+        "weathers: [sunny]\nframes: {start: 0, count: 1}\nchannel: {enabled: false}\n"
+    )
+    monkeypatch.setattr(sumo, "find_spec", lambda name: None)
+    with pytest.raises(
+        ConfigError, match=r"scenario 's': traffic.engine = 'sumo': .*pip install 'multimodal-wireless\[sumo\]'$"
+    ) as told:
+        check_inputs(load_config(config), tmp_path)
+    assert len(told.value.problems) == 1
+
+
+def drive(graph: LaneGraph, height=None, **changes) -> tuple[list[VehicleTrack], tuple[np.ndarray, np.ndarray]]:
+    drivable = surface(graph, height) if height else surface(graph)
+    options = {
+        "frame_count": 1000,
+        "vehicle_count": 14,
+        "spawn_center_m": (0.0, 0.0, 0.0),
+        "cav_ranks": (5, 2),
+        "warmup_s": 1.0,
+        "seed": 1,
+    }
+    return simulate_sumo(graph, drivable, CATALOG, **demand(**(options | changes))), drivable
+
+
+@pytest.mark.slow
+@needs_sumo
+def test_sumo_drives_smoothly_over_a_hill():
+    graph = crossroad(hill)
+    tracks, drivable = drive(graph, hill)
+    assert [track.name for track in tracks[:3]] == ["cav_1", "cav_2", "veh_001"]
+    found = measure(tracks, graph, drivable, CATALOG)
+    assert found.max_jerk < 10.0
+    assert found.max_lateral < 2.6
+    assert found.min_gap > 0.2
+    assert found.max_wheel_error < 0.02
+    assert found.mean_speed > 2.0
+    again, _ = drive(graph, hill, cav_ranks=(0, 1), cav_pool=2)  # both are drawn
+    assert {track.role for track in again[:2]} == {"cav"}
+    again, _ = drive(graph, hill)
+    assert all(np.array_equal(one.poses, same.poses) for one, same in zip(tracks, again, strict=True))
+
+
+@needs_sumo
+@pytest.mark.parametrize("lane_changes", [True, False])
+def test_sumo_changes_lanes_where_it_may(lane_changes):
+    nodes = {
+        name: (80.0 * np.cos(a), 80.0 * np.sin(a))
+        for name, a in zip("ENWS", np.radians([0, 90, 180, 270]), strict=True)
+    }
+    roads = [
+        (start, end, 2, True, arc((0, 0), 80.0, 90 * k, 90 * k + 90), 1)
+        for k, (start, end) in enumerate(zip("ENWS", "NWSE", strict=True))
+    ]
+    graph = with_neighbours(make_town(nodes, roads))
+    tracks, drivable = drive(graph, vehicle_count=24, lane_changes=lane_changes)
+    found = measure(tracks, graph, drivable, CATALOG)
+    assert found.max_jerk < 10.0
+    assert found.max_lateral < 2.6
+    assert found.min_gap > 0.2
+    assert (found.max_offset > 1.0) == lane_changes  # half a lane's width only between lanes
+
+
+@needs_sumo
+@pytest.mark.slow
+def test_sumo_on_the_roundabout_of_town03():
+    from mmw.core.resources import town_path
+    from mmw.usd.vehicle_catalog import load_catalog
+
+    town, catalog = open_town(town_path("town03")), load_catalog()
+    drivable = (town.points, town.faces)
+    tracks = simulate_sumo(
+        town.lanes,
+        drivable,
+        catalog,
+        **demand(
+            frame_count=1001,
+            vehicle_count=40,
+            spawn_center_m=(-0.5, -0.5, 0.0),
+            cav_ranks=(1, 4, 8),
+            warmup_s=1.0,
+            seed=42,
+        ),
+    )
+    found = measure(tracks, town.lanes, drivable, catalog)
+    assert found.max_jerk < 10.0
+    assert found.max_lateral < 2.6
+    assert found.min_gap > 0.2
+    assert found.stuck == 0

@@ -1,0 +1,138 @@
+"""Pictures for people and plots: they show what is there."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from mmw.__main__ import main
+from mmw.cli.run import main as run
+from mmw.core.resources import configs_dir
+from mmw.core.transforms import rotate
+from mmw.physics.weather.weather import PRESETS, Weather
+from mmw.scene.device_scene import Scene
+from mmw.scene.scene_data import SceneArrays
+from mmw.viz.stills import dataset_gallery as gallery
+from mmw.viz.stills.jpeg import save_jpeg
+from mmw.viz.stills.plots import read_rows
+from mmw.viz.stills.renderer import Pictures, follow_view, look_pose, street_camera
+from tests.fixtures.scenes import arrays_from_parts, pose, quad_part, two_cars
+
+
+def mean_color(image: Image.Image, box: tuple[int, int, int, int]) -> np.ndarray:
+    return np.asarray(image.crop(box), dtype=float).mean(axis=(0, 1))
+
+
+def pictures_of(arrays: SceneArrays, device: str, weather: Weather = PRESETS["sunny"]) -> Pictures:
+    scene = Scene(arrays, device, 1)
+    scene.load_batch([0])
+    return Pictures(scene, {"sunny": weather})
+
+
+@pytest.fixture
+def pictures(device: str) -> Pictures:
+    return pictures_of(two_cars(1), device)
+
+
+def test_sky_is_above_and_ground_below(pictures: Pictures) -> None:
+    image = pictures.look("sunny", (0, 0, 1.5), (10, 0, 1.5), street_camera(64, 48, 1))
+    sky, ground = mean_color(image, (0, 0, 64, 6)), mean_color(image, (0, 42, 64, 48))
+    assert image.size == (64, 48)
+    assert sky[2] > sky[0]  # blue
+    assert not np.allclose(sky, ground, atol=20)
+
+
+def test_a_view_looks_at_its_target_and_north_is_up_from_above() -> None:
+    eye, target = np.array([3.0, -2.0, 5.0]), np.array([-4.0, 1.0, 2.0])
+    pose = look_pose(eye, target)
+    way = (target - eye) / np.linalg.norm(target - eye)
+    np.testing.assert_allclose(rotate(pose[3:], (1, 0, 0)), way, atol=1e-12)
+    assert rotate(pose[3:], (0, 1, 0))[2] == pytest.approx(0.0, abs=1e-12)  # level
+    above = look_pose(eye, eye - (0, 0, 4))
+    np.testing.assert_allclose(rotate(above[3:], (1, 0, 0)), (0, 0, -1), atol=1e-12)
+    np.testing.assert_allclose(rotate(above[3:], (0, 0, 1)), (0, 1, 0), atol=1e-12)
+    with pytest.raises(ValueError, match="both"):
+        look_pose(eye, eye)
+
+
+def test_map_has_north_up_and_the_scale_that_is_asked_for(device: str) -> None:
+    """A bright square of 10 m on dark ground is as many pixels wide as the map says, and where it says."""
+    arrays = arrays_from_parts([
+        quad_part("/World/Ground", [(-60, -60, -0.1), (60, -60, -0.1), (60, 60, -0.1), (-60, 60, -0.1)], "dark"),
+        quad_part("/World/Square", [(5, 15, 0), (15, 15, 0), (15, 25, 0), (5, 25, 0)], "bright"),
+    ])  # fmt: skip
+    names = [material.name for material in arrays.materials["sunny"]]
+    painted = tuple(
+        replace(material, look=replace(material.look, color=(shade,) * 3))
+        for material, shade in zip(
+            arrays.materials["sunny"], [0.02 if n == "dark" else 0.8 for n in names], strict=True
+        )
+    )
+    arrays = replace(arrays, materials={"sunny": painted})
+    for weather in ("sunny", "heavy_fog"):  # a map shows the ground through any air
+        image = pictures_of(arrays, device, PRESETS[weather]).map_view("sunny", (0.0, 0.0), 80.0, width=160, samples=1)
+        grey = np.asarray(image.convert("L")).astype(int)
+        is_bright = grey > 0.5 * (int(grey.min()) + int(grey.max()))
+        assert grey.max() - grey.min() > 60
+        rows, columns = np.nonzero(is_bright)
+        for found, first in ((columns, 90), (rows, 30)):  # from x = -40 m eastwards, from y = 40 m southwards
+            assert found.min() == pytest.approx(first, abs=1)
+            assert found.max() == pytest.approx(first + 19, abs=1)
+        assert len(rows) == pytest.approx(400, abs=25)
+
+
+def test_an_actor_is_followed_from_behind_on_its_left() -> None:
+    eye, target = follow_view(np.array(pose(100.0, 50.0, 2.0, np.pi / 2)))
+    np.testing.assert_allclose(eye, (97.5, 41.0, 5.2))
+    np.testing.assert_allclose(target, (100.0, 62.0, 3.0))
+
+
+def test_a_jpeg_stays_below_its_limit(tmp_path: Path) -> None:
+    noise = Image.fromarray(np.random.default_rng(0).integers(0, 256, (120, 160, 3), dtype=np.uint8))
+    save_jpeg(noise, tmp_path / "large.jpg", 10**6)
+    save_jpeg(noise, tmp_path / "small.jpg", 10_000)
+    assert (tmp_path / "small.jpg").stat().st_size < 10_000 < (tmp_path / "large.jpg").stat().st_size
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    root = tmp_path_factory.mktemp("view") / "d"
+    small = [
+        "frames.count=3",
+        "channel.rays=10_000",
+        "sensors=[{type: lidar, channels: 16, points_per_channel: 64}, {type: depth, width_px: 64, height_px: 48}]",
+    ]
+    assert run(["--config", str(configs_dir() / "quickstart.yaml"), *small, "--out", str(root), "--device", "cpu"]) == 0
+    return root
+
+
+@pytest.mark.slow
+def test_pictures_of_a_dataset(
+    dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(gallery, "MAP_PX", 96)
+    monkeypatch.setattr(gallery, "STREET_PX", (96, 54))
+    assert (
+        main(["pictures", str(dataset), "--out", str(tmp_path), "--agent", "cav_2", "--frame", "1", "--samples", "1"])
+        == 0
+    )
+    files = [Path(line) for line in capsys.readouterr().out.splitlines()]
+    assert {file.stem.removeprefix("town03_roundabout_") for file in files} == {
+        "above", "close", "street", "lidar", "depth", "link",
+    }  # fmt: skip
+    for file in files:
+        assert np.asarray(Image.open(file).convert("L")).std() > 5, file
+
+
+def test_unknown_agent_frame_and_folder_are_named(dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    for arguments, part in (
+        ([str(dataset), "--agent", "cav_9"], "cav_9"),
+        ([str(dataset), "--frame", "77"], "77"),
+        ([str(tmp_path)], "dataset.json"),
+    ):
+        assert main(["pictures", *arguments, "--out", str(tmp_path / "p")]) == 2
+        assert part in capsys.readouterr().err
+    with pytest.raises(ValueError, match="no row"):
+        read_rows(dataset, "links", ["frame"], agent="nobody")

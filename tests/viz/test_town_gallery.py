@@ -1,0 +1,116 @@
+"""Pictures of a town: the files, their sizes, and that they show what is there."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from pxr import Gf, Sdf, UsdGeom
+
+from mmw.__main__ import main
+from mmw.scene.device_scene import Scene
+from mmw.scene.reader import read_stage
+from mmw.traffic.roads.lane_graph import LaneGraph
+from mmw.viz.plots.lane_map import scenarios_of
+from mmw.viz.stills.town_gallery import choose_views, draw_town, selected_weather
+from tests.fixtures.circuit import add_block, ring_lanes, write_circuit
+from tests.fixtures.stages import write_town
+
+MOST_BYTES = 200_000
+
+
+def pixels(path: Path) -> np.ndarray:
+    """Return the grey values of a picture, shape [height, width]."""
+    with Image.open(path) as image:
+        return np.asarray(image.convert("L"), dtype=float)
+
+
+@pytest.fixture(scope="module")
+def town(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("town") / "circuit.usda"
+    stage = write_circuit(path)
+    add_block(stage, "/World/Tower", (6, 6, 20), (45, 20, 9))
+    stage.Save()
+    return path
+
+
+@pytest.fixture(scope="module")
+def pictures(town: Path, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    return draw_town(town, tmp_path_factory.mktemp("pictures"), samples=1, device="cpu")
+
+
+def test_every_picture_is_there_and_shows_something(pictures: list[Path]) -> None:
+    sizes = {path.name: pixels(path).shape[::-1] for path in pictures}
+    assert sizes == {
+        "circuit_above.jpg": (1200, 1200), "circuit_street1.jpg": (1200, 675), "circuit_street2.jpg": (1200, 675),
+        "circuit_lanes.png": (1200, 1200),
+    }  # fmt: skip
+    for path in pictures:
+        assert pixels(path).std() > 5, path
+        assert path.stat().st_size < MOST_BYTES
+
+
+def test_the_same_town_gives_the_same_pictures(town: Path, pictures: list[Path], tmp_path: Path) -> None:
+    again = draw_town(town, tmp_path, samples=1, device="cpu")
+    assert [path.read_bytes() for path in again] == [path.read_bytes() for path in pictures]
+
+
+def test_a_given_view_is_taken_and_parked_cars_show(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    images = []
+    for name, x in (("near", 15.0), ("away", -15.0)):
+        stage = write_circuit(tmp_path / f"{name}.usda")
+        car = UsdGeom.Xform.Define(stage, "/World/Car")
+        car.AddTranslateOp().Set(Gf.Vec3d(x, 0, -0.2))
+        car.GetPrim().CreateAttribute("mmw:actor:role", Sdf.ValueTypeNames.Token).Set("vehicle")
+        add_block(stage, "/World/Car/body", (4, 2, 1.5), (0, 0, 0.75), "car")
+        stage.Save()
+        command = ["town", "render", str(tmp_path / f"{name}.usda"), "--out", str(tmp_path), "--samples", "1"]
+        assert main([*command, "--at", "30", "0", "1.6", "180", "--device", "cpu"]) == 0
+        files = [Path(line) for line in capsys.readouterr().out.splitlines()]
+        assert [file.name for file in files] == [f"{name}_{part}" for part in ("above.jpg", "street1.jpg", "lanes.png")]
+        images.append(pixels(files[1]))
+    changed = np.abs(images[0] - images[1]) > 5
+    rows, columns = np.nonzero(changed)
+    assert changed.mean() > 0.002
+    assert abs(columns.mean() - 600) < 40  # straight ahead
+    assert rows.min() > 300  # below the horizon
+
+
+def test_views_look_along_lanes_and_lie_apart(town: Path) -> None:
+    scene = Scene(read_stage(town, range(1), ["sunny"]), "cpu", 1)
+    scene.load_batch([0])
+    views = choose_views(scene, LaneGraph(ring_lanes()))
+    assert len(views) == 2
+    for x, y, z, yaw in views:
+        assert np.hypot(x, y) == pytest.approx(30.0, abs=0.05)
+        assert z == pytest.approx(2.4)
+        ahead = np.degrees(np.arctan2(x, -y))
+        assert abs((yaw - ahead + 180) % 360 - 180) < 2.5
+    around = choose_views(scene, None)
+    assert len(around) == 3
+    for x, y, z, yaw in around:
+        assert z == pytest.approx(2.4 - 0.2)
+        assert abs((yaw - np.degrees(np.arctan2(-y, -x)) + 180) % 360 - 180) < 20.0
+
+
+def test_scenarios_of_a_town_are_those_of_its_configurations() -> None:
+    found = {name: (centre, rsus) for name, centre, rsus in scenarios_of("town03")}
+    assert found["town03_roundabout"][0] == (-0.5, -0.5)
+    assert found["town03_roundabout"][1].shape == (1, 2)
+    assert scenarios_of("atlantis") == []
+
+
+def test_the_selected_weather_is_drawn(tmp_path: Path, town: Path) -> None:
+    assert selected_weather(write_town(tmp_path / "town.usda")) == "sunny"
+    assert selected_weather(town) == "sunny"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "part"),
+    [(["--device", "cuda:99"], "cuda:99"), (["--at", "0", "0", "2", "0"] * 4, "4 views")],
+)
+def test_what_cannot_be_drawn_is_said(
+    town: Path, tmp_path: Path, arguments: list[str], part: str, capsys: pytest.CaptureFixture
+) -> None:
+    assert main(["town", "render", str(town), "--out", str(tmp_path), *arguments]) == 2
+    assert part in capsys.readouterr().err

@@ -1,0 +1,238 @@
+"""Any USD stage becomes a world: axes, units, handedness, instances, materials, labels, lanes; nothing missing."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdShade
+
+from mmw.physics.materials.material import RadioMaterial
+from mmw.traffic.roads.lane_graph import Lane, LaneGraph
+from mmw.traffic.roads.lane_prims import write_lanes
+from mmw.worlds.importers.imported_scene import World
+from mmw.worlds.importers.mesh_cleanup import bounds
+from mmw.worlds.importers.usd_stage import read_usd
+from mmw.worlds.towns.mesh_part import MeshPart
+from tests.fixtures.import_files import GROUND, HIGH, HOUSE_HIGH, HOUSE_LOW, LOW
+from tests.fixtures.scenes import box_mesh
+from tests.fixtures.stages import add_box, add_material, add_polygons, bind, label, new_stage, write_town
+
+
+def volume(part: MeshPart) -> float:
+    return float(trimesh.Trimesh(part.points, part.faces, process=False).volume)
+
+
+def part_of(world: World, path: str) -> MeshPart:
+    return next(part for part in world.parts if part.path == path)
+
+
+def write_stage(path: Path, *, up: str = "Z", metres_per_unit: float = 1.0) -> Usd.Stage:
+    """Write ground and house in the stage's own axes and unit."""
+    stage = new_stage(path, up=up, metres_per_unit=metres_per_unit)
+    brick = add_material(stage, "/World/Looks/brick", "itu_brick", "brick")
+    turn = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]) if up == "Y" else np.eye(3)
+    add_polygons(stage, "/World/ground", GROUND[0] @ turn / metres_per_unit, [[0, 1, 2, 3]], brick)
+    points, faces = box_mesh((10, 8, 6), (12, 9, 3))
+    add_polygons(stage, "/World/house/walls", points @ turn / metres_per_unit, faces.tolist(), brick)
+    Usd.ModelAPI(UsdGeom.Xform.Define(stage, "/World/house").GetPrim()).SetKind("component")
+    label(stage.GetPrimAtPath("/World/house"), "building")
+    return stage
+
+
+@pytest.mark.parametrize("up", ["Y", "Z"])
+@pytest.mark.parametrize("metres_per_unit", [1.0, 0.01, 0.0254])
+def test_axes_and_units(tmp_path: Path, up: str, metres_per_unit: float) -> None:
+    write_stage(tmp_path / "a.usda", up=up, metres_per_unit=metres_per_unit).Save()
+    world = read_usd(tmp_path / "a.usda")
+    assert np.allclose(bounds(world), (LOW, HIGH), atol=1e-4)
+    assert [(part.path, part.label) for part in world.parts] == [
+        ("World/ground", "unlabeled"), ("World/house/walls", "building")
+    ]  # fmt: skip
+    assert volume(world.parts[1]) == pytest.approx(480, rel=1e-5)
+    assert world.components == {"World/house"}
+    assert world.lanes is None
+    assert world.notes == ()
+    brick = world.materials["brick"]
+    assert (brick.base, brick.radio) == ("brick", RadioMaterial("itu", itu="itu_brick", thickness=0.1))
+
+
+def test_left_handed_mirrored_and_sheared_meshes_look_outward(tmp_path: Path) -> None:
+    stage = write_stage(tmp_path / "a.usda")
+    mesh = UsdGeom.Mesh(stage.GetPrimAtPath("/World/house/walls"))
+    mesh.CreateOrientationAttr("leftHanded")
+    mesh.GetFaceVertexIndicesAttr().Set([k for face in box_mesh((1, 1, 1))[1][:, ::-1].tolist() for k in face])
+    mirrored = add_box(stage, "/World/twin", (10, 8, 6), (12, 9, 3))
+    UsdGeom.Xformable(mirrored).AddTransformOp().Set(Gf.Matrix4d(-1, 0, 0, 0, 0.5, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1))
+    stage.Save()
+    world = read_usd(tmp_path / "a.usda")
+    assert volume(part_of(world, "World/house/walls")) == pytest.approx(480)
+    twin = part_of(world, "World/twin")
+    assert volume(twin) == pytest.approx(480)
+    assert np.allclose((twin.points[:, 0].min(), twin.points[:, 0].max()), (-17 + 2.5, -7 + 6.5))
+
+
+def test_instances_and_point_instancers_are_made_real(tmp_path: Path) -> None:
+    stage = write_stage(tmp_path / "a.usda")
+    for k in range(2):
+        prim = stage.DefinePrim(f"/World/copy_{k}", "Xform")
+        prim.GetReferences().AddInternalReference("/World/house")
+        prim.SetInstanceable(True)
+        UsdGeom.Xformable(prim).AddTranslateOp().Set(Gf.Vec3d(-20.0 - 15 * k, 0, 0))
+    instancer = UsdGeom.PointInstancer.Define(stage, "/World/posts")
+    pole = add_box(stage, "/World/posts/proto/pole", (0.2, 0.2, 4), (0, 0, 2))
+    bind(pole.GetPrim(), UsdShade.Material(stage.GetPrimAtPath("/World/Looks/brick")))
+    instancer.CreatePrototypesRel().AddTarget("/World/posts/proto")
+    instancer.CreateProtoIndicesAttr([0, 0, 0])
+    instancer.CreatePositionsAttr([Gf.Vec3f(-10, -9, 0), Gf.Vec3f(0, -9, 0), Gf.Vec3f(10, -9, 0)])
+    stage.Save()
+    world = read_usd(tmp_path / "a.usda")
+    assert sorted(part.path for part in world.parts) == [
+        "World/copy_0/walls", "World/copy_1/walls", "World/ground", "World/house/walls",
+        "World/posts/pole", "World/posts/pole_2", "World/posts/pole_3",
+    ]  # fmt: skip
+    assert np.allclose(part_of(world, "World/copy_1/walls").points.min(axis=0), np.add(HOUSE_LOW, (-35, 0, 0)))
+    poles = [part.points.mean(axis=0) for part in world.parts if "posts" in part.path]
+    assert np.allclose(poles, [(-10, -9, 2), (0, -9, 2), (10, -9, 2)], atol=1e-5)
+    assert {"World/copy_0", "World/copy_1", "World/house"} == world.components
+
+
+def test_subsets_meshes_above_meshes_and_components(tmp_path: Path) -> None:
+    stage = write_stage(tmp_path / "a.usda")
+    walls = stage.GetPrimAtPath("/World/house/walls")
+    glass = add_material(stage, "/Materials/glass", base="clear_glass")
+    subset = UsdGeom.Subset.CreateGeomSubset(UsdGeom.Mesh(walls), "pane", "face", [0, 1], "materialBind")
+    bind(subset.GetPrim(), glass)
+    add_box(stage, "/World/house/walls/knob", (0.1, 0.1, 0.1), material=glass)
+    add_box(stage, "/Materials/sphere", (1, 1, 1), material=glass)
+    Usd.ModelAPI(stage.GetPrimAtPath("/World/ground")).SetKind(Kind.Tokens.component)
+    stage.Save()
+    world = read_usd(tmp_path / "a.usda")
+    faces = {part.path: (len(part.faces), part.material) for part in world.parts}
+    assert faces == {
+        "World/ground": (2, "brick"),
+        "World/house/walls/brick": (10, "brick"),
+        "World/house/walls/glass": (2, "glass"),
+        "World/house/walls/knob": (12, "glass"),
+        "Materials_2/sphere": (12, "glass"),
+    }
+    assert np.ptp(part_of(world, "World/house/walls/glass").points[:, 0]) == 0
+    assert world.components == {"World/ground", "World/house"}
+    assert world.materials["glass"].radio == RadioMaterial("itu", itu="itu_glass")  # of its SimReady base
+
+
+def test_what_a_stage_says_about_looks_and_what_is_left_out(tmp_path: Path) -> None:
+    stage = write_stage(tmp_path / "a.usda")
+    shader = UsdShade.Shader.Define(stage, "/World/Looks/brick/Preview")
+    shader.CreateIdAttr("UsdPreviewSurface")
+    for name, kind, value in (
+        ("diffuseColor", Sdf.ValueTypeNames.Color3f, Gf.Vec3f(0.25, 0.125, 0.0)),
+        ("roughness", Sdf.ValueTypeNames.Float, 0.7), ("opacity", Sdf.ValueTypeNames.Float, 0.5),
+    ):  # fmt: skip
+        shader.CreateInput(name, kind).Set(value)
+    brick = UsdShade.Material(stage.GetPrimAtPath("/World/Looks/brick"))
+    brick.CreateSurfaceOutput().ConnectToSource(shader.ConnectableAPI(), "surface")
+    plain = add_material(stage, "/World/Looks/plain")
+    picture = UsdShade.Shader.Define(stage, "/World/Looks/plain/Picture")
+    shader = UsdShade.Shader.Define(stage, "/World/Looks/plain/Preview")
+    shader.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f).ConnectToSource(picture.ConnectableAPI(), "rgb")
+    plain.CreateSurfaceOutput().ConnectToSource(shader.ConnectableAPI(), "surface")
+    add_box(stage, "/World/textured", (1, 1, 1), material=plain)
+    add_box(stage, "/World/bare", (1, 1, 1))
+    hidden = add_box(stage, "/World/hidden", (99, 99, 99))
+    UsdGeom.Imageable(hidden).MakeInvisible()
+    UsdGeom.Imageable(add_box(stage, "/World/guide", (99, 99, 99))).CreatePurposeAttr("guide")
+    mover = UsdGeom.Xformable(stage.GetPrimAtPath("/World/bare")).AddTranslateOp()
+    mover.Set(Gf.Vec3d(1, 0, 0), 0)
+    mover.Set(Gf.Vec3d(5, 0, 0), 10)
+    variants = stage.GetPrimAtPath("/World").GetVariantSets().AddVariantSet("season")
+    for name in ("summer", "winter"):
+        variants.AddVariant(name)
+    variants.SetVariantSelection("winter")
+    stage.Save()
+    world = read_usd(tmp_path / "a.usda")
+    look = world.materials["brick"]
+    assert (look.color, look.roughness, look.opacity) == ((0.25, 0.125, 0.0), 0.7, 0.5)
+    assert (world.materials["plain"].radio, world.materials["plain"].color) == (None, None)
+    assert part_of(world, "World/bare").material == "no_material"
+    assert part_of(world, "World/bare").points[:, 0].mean() == pytest.approx(1)
+    assert [part.path for part in world.parts][-2:] == ["World/textured", "World/bare"]
+    assert world.notes == (
+        "/World: of variant set season only 'winter' is kept",
+        "1 prims move; they stand where they are at the start (to keep motion, use `stage:`)",
+        "textures are not kept, these materials have a plain colour: plain",
+    )
+
+
+def test_lanes_come_along_in_metres(tmp_path: Path) -> None:
+    stage = write_stage(tmp_path / "a.usda", up="Y", metres_per_unit=0.01)
+    ahead = np.array([[0.0, 0, 0], [0, 0, -1000]])
+    write_lanes(stage, "/World/Lanes", LaneGraph({"a": Lane("a", ahead, 3.5, 8.0, successors=("a",))}))
+    stage.Save()
+    world = read_usd(tmp_path / "a.usda", origin=(1, 0, 0))
+    assert world.lanes is not None
+    lane = world.lanes.lanes["a"]
+    assert np.allclose(lane.points, [[-1, 0, 0], [-1, 10, 0]])
+    assert (lane.width, lane.speed, lane.successors) == (pytest.approx(3.5), 8.0, ("a",))
+
+
+def test_a_town_of_mmw_is_read_back(tmp_path: Path) -> None:
+    world = read_usd(write_town(tmp_path / "town.usda"))
+    assert {part.path: part.label for part in world.parts} == {
+        "Town/Roads/street": "road", "Town/Buildings/b_001/facade": "building",
+        "Town/Buildings/b_001/window": "building",
+    }  # fmt: skip
+    assert "of variant set weather only 'sunny'" in world.notes[0]
+
+
+def test_a_unit_that_is_not_said(tmp_path: Path) -> None:
+    stage = Usd.Stage.CreateNew(str(tmp_path / "a.usda"))
+    UsdGeom.SetStageUpAxis(stage, "Z")
+    UsdGeom.Xform.Define(stage, "/World")
+    add_box(stage, "/World/house", (10, 8, 6), (12, 9, 3))
+    stage.Save()
+    assert np.allclose(bounds(read_usd(tmp_path / "a.usda"))[1], np.multiply(HOUSE_HIGH, 0.01))
+    world = read_usd(tmp_path / "a.usda", unit_m=1.0)
+    assert np.allclose(bounds(world)[1], HOUSE_HIGH)
+    assert "does not say its unit" in world.notes[0]
+
+
+@pytest.mark.parametrize("arc", ["payload", "references", "subLayers"])
+def test_a_missing_layer_is_named(tmp_path: Path, arc: str) -> None:
+    stage = write_stage(tmp_path / "a.usda")
+    if arc == "subLayers":
+        stage.GetRootLayer().subLayerPaths.append("./gone.usdc")
+    else:
+        prim = stage.DefinePrim("/World/annex")
+        (prim.GetPayloads().AddPayload if arc == "payload" else prim.GetReferences().AddReference)("./gone.usdc")
+    stage.Save()
+    del stage
+    with pytest.raises(ValueError, match=r"a\.usda: 1 references or payloads do not resolve") as caught:
+        read_usd(tmp_path / "a.usda")
+    assert "gone.usdc" in str(caught.value)
+    assert arc == "subLayers" or "/World/annex" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "content"), [("a.usda", b"#usda 1.0\ndef {"), ("a.usdc", b""), ("a.usdz", b"PK\x03\x04")]
+)
+def test_broken_files(tmp_path: Path, name: str, content: bytes) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(ValueError, match="USD cannot read it"):
+        read_usd(tmp_path / name)
+    with pytest.raises(ValueError, match="no such file"):
+        read_usd(tmp_path / "nowhere.usda")
+
+
+@pytest.mark.parametrize(
+    ("attribute", "value", "part"),
+    [("points", [Gf.Vec3f(0, 0, 0), Gf.Vec3f(float("nan"), 0, 0), Gf.Vec3f(0, 1, 0)], "not finite"),
+     ("faceVertexIndices", [0, 1, 7], "over 3 points")],
+)  # fmt: skip
+def test_broken_meshes(tmp_path: Path, attribute: str, value: list, part: str) -> None:
+    stage = new_stage(tmp_path / "a.usda")
+    mesh = add_polygons(stage, "/World/t", np.eye(3), [[0, 1, 2]])
+    mesh.GetPrim().GetAttribute(attribute).Set(value)
+    stage.Save()
+    with pytest.raises(ValueError, match=f"/World/t: .*{part}"):
+        read_usd(tmp_path / "a.usda")
