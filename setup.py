@@ -1,4 +1,5 @@
-"""List the packages of a wheel: `mmw/` and, inside it, what lies beside it in a checkout. The rest is in pyproject.toml."""
+"""List the packages of a wheel: `mmw/` and, inside it, what lies beside it in a checkout. The rest is in
+pyproject.toml."""
 
 from setuptools import find_namespace_packages, find_packages, setup
 

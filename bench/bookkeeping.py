@@ -45,7 +45,7 @@ FRAMED = (
 
 STATIC = ("objects", "sensors", "materials")
 
-MOST_LINKS = 30_000
+MAX_LINKS = 30_000
 """Names that one file gets; file systems allow 65,000."""
 
 CLEAR_PEAK = Path("/proc/self/clear_refs")
@@ -81,7 +81,7 @@ class Links:
         if target == self._source[table]:
             return
         target.parent.mkdir(parents=True, exist_ok=True)
-        if self._used[table] < MOST_LINKS:
+        if self._used[table] < MAX_LINKS:
             os.link(self._source[table], target)
             self._used[table] += 1
         else:

@@ -8,14 +8,14 @@ from dataclasses import replace
 from pathlib import Path
 
 from bench.scenes import grid_town, with_vehicles
-from mmw.config import RgbConfig, load_config
+from mmw.config import RgbCamera, load_config
 from mmw.physics.weather.weather import PRESETS
-from mmw.scene.device_scene import Scene
+from mmw.scene.device_scene import DeviceScene
 from mmw.scene.prepare import prepare_scenario, read_scenario
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.scene_data import SceneData
 from mmw.sensors.camera_group.launches import Launch, make_launches
 from mmw.sensors.rgb.config import paper_cameras
-from mmw.sensors.rgb.simulate import RgbCamera
+from mmw.sensors.rgb.simulate import RgbRenderer
 
 SCENARIOS = {
     "town03": "town03_roundabout",
@@ -29,7 +29,7 @@ CARRIERS = 3
 """Vehicles with cameras in the procedural town, as many as a scenario has."""
 
 
-def camera_scene(name: str, frames: int, vehicles: int, weathers: Sequence[str]) -> SceneArrays:
+def camera_scene(name: str, frames: int, vehicles: int, weathers: Sequence[str]) -> SceneData:
     """Return a scene with moving vehicles.
 
     Args:
@@ -60,19 +60,19 @@ def camera_scene(name: str, frames: int, vehicles: int, weathers: Sequence[str])
     return read_scenario(config, scenario, prepare_scenario(config, scenario, path.parent, Path(folder)))
 
 
-def rgb_camera(scene: Scene, weathers: Sequence[str]) -> RgbCamera:
+def rgb_camera(scene: DeviceScene, weathers: Sequence[str]) -> RgbRenderer:
     """Return what renders images of a scene in some presets.
 
     Raises:
         ValueError: If a texture is missing: images without it are cheaper.
     """
-    camera = RgbCamera(scene, {name: PRESETS[name] for name in weathers}, seed=0)
+    camera = RgbRenderer(scene, {name: PRESETS[name] for name in weathers}, seed=0)
     if camera.notes:
         raise ValueError(f"textures: {camera.notes[0]}; a benchmark needs all of them")
     return camera
 
 
-def launch_of(arrays: SceneArrays, frames: int, settings: RgbConfig, most_views: int | None = None) -> Launch:
+def launch_of(arrays: SceneData, frames: int, settings: RgbCamera, most_views: int | None = None) -> Launch:
     """Return the views of the paper's cameras in all frames: four on each CAV, one on each roadside unit.
 
     Args:

@@ -23,10 +23,10 @@ from bench.sionna_run import PathList, SionnaScene, compare
 from mmw.channel.links import Links
 from mmw.channel.path_solver.solver import solve_paths
 from mmw.channel.path_solver.surface_table import SurfaceTable, make_surface_table
-from mmw.channel.paths import Paths
+from mmw.channel.paths import PathSet
 from mmw.config import ChannelConfig
 from mmw.core.constants import SPEED_OF_LIGHT
-from mmw.scene.device_scene import Scene
+from mmw.scene.device_scene import DeviceScene
 
 BATCH = "frames"
 """Every frame is solved: mmw takes all frames in one batch, Sionna RT one after the other with receivers moved."""
@@ -71,7 +71,7 @@ class OwnSide:
             options: The command line.
         """
         self.course, self.options = course, options
-        self.scene = Scene(course.arrays, device, len(course.position))
+        self.scene = DeviceScene(course.arrays, device, len(course.position))
         self.table: SurfaceTable = make_surface_table(self.scene)
 
     def config(self, depth: int, candidates: str) -> ChannelConfig:
@@ -81,7 +81,7 @@ class OwnSide:
             pattern="dipole", polarization="V",
         )  # fmt: skip
 
-    def solve(self, links: Links, config: ChannelConfig) -> Paths:
+    def solve(self, links: Links, config: ChannelConfig) -> PathSet:
         """Load the batch and find its paths; everything returned lies on the host."""
         self.scene.load_batch(range(int(links.slot.max()) + 1))
         return solve_paths(self.scene, links, config, self.course.arrays.materials, self.table)
@@ -103,7 +103,7 @@ class OwnSide:
         return line, own_rows(paths, self.options.carrier_hz)
 
 
-def own_rows(paths: Paths, carrier_hz: float) -> PathList:
+def own_rows(paths: PathSet, carrier_hz: float) -> PathList:
     """Return our paths to compare, without those in a null of the pattern."""
     length, gain = paths.tau * SPEED_OF_LIGHT, np.abs(next(iter(paths.a.values()))[:, 0])
     heard = gain > DEAF * SPEED_OF_LIGHT / (4.0 * np.pi * carrier_hz * length)

@@ -9,10 +9,10 @@ import numpy as np
 import trimesh
 
 from bench.scenes import shipped_town
-from mmw.channel.links import LINK_V2I, LINK_V2V, Ends, Links
+from mmw.channel.links import LINK_V2I, LINK_V2V, Links, RadioDevices
 from mmw.core.planar_surfaces import find_surfaces
 from mmw.physics.materials.material import Material, RadioMaterial
-from mmw.scene.scene_data import SceneArrays, SceneObject
+from mmw.scene.scene_data import SceneData, SceneObject
 
 SPEED_MPS = 10.0
 """Speed of everything that drives [m/s]."""
@@ -78,7 +78,7 @@ class Course:
     """A static scene with antennas; node 0 stands, the others drive."""
 
     name: str
-    arrays: SceneArrays
+    arrays: SceneData
     position: np.ndarray
     """Place of each node in each frame [m], shape [F, N, 3]."""
     velocity: np.ndarray
@@ -90,7 +90,7 @@ class Course:
         return self.position[:, 1 : 1 + VEHICLES_V2I]
 
 
-def make_course(name: str, arrays: SceneArrays, frames: int) -> Course:
+def make_course(name: str, arrays: SceneData, frames: int) -> Course:
     """Put the antennas of a scene in place.
 
     Args:
@@ -131,9 +131,9 @@ def make_links(course: Course, kind: str, *, one_slot: bool = False) -> Links:
     tx, rx = np.tile(np.array(pairs), (frames, 1)).T
     slot = np.zeros_like(frame) if one_slot else frame
 
-    def ends(node: np.ndarray) -> Ends:
+    def ends(node: np.ndarray) -> RadioDevices:
         turn = np.broadcast_to(np.eye(3), (len(node), 3, 3)).copy()
-        return Ends(course.position[frame, node], turn, course.velocity[node])
+        return RadioDevices(course.position[frame, node], turn, course.velocity[node])
 
     return Links(
         frame=slot.astype(np.int32),
@@ -158,7 +158,7 @@ def street_objects() -> list[ObjectMesh]:
     return found
 
 
-def arrays_of(objects: Sequence[ObjectMesh]) -> SceneArrays:
+def arrays_of(objects: Sequence[ObjectMesh]) -> SceneData:
     """Return a scene of objects, one frame, one material for each ITU name and thickness."""
     kinds = sorted({(o.itu, o.thickness) for o in objects})
     names = [f"{itu}_{round(thickness * 1e3)}mm" for itu, thickness in kinds]
@@ -177,13 +177,13 @@ def arrays_of(objects: Sequence[ObjectMesh]) -> SceneArrays:
         SceneObject(k, f"/World/{o.name}", "building", 0, (names[own[k]],)) for k, o in enumerate(objects)
     )
     surface = find_surfaces(points, faces, object_id, material)
-    return SceneArrays(
+    return SceneData(
         points, faces, material, object_id, surface, (), (), range(1), np.zeros((1, 0, 7)),
         {"sunny": materials}, described,
     )  # fmt: skip
 
 
-def town_arrays(name: str) -> SceneArrays:
+def town_arrays(name: str) -> SceneData:
     """Return a shipped town whose half-spaces are slabs of `SLAB_M`, because Sionna RT has slabs only."""
     town = shipped_town(name)
     return replace(town, materials={w: tuple(map(_as_slab, by_id)) for w, by_id in town.materials.items()})
@@ -193,7 +193,7 @@ def _as_slab(material: Material) -> Material:
     return replace(material, radio=replace(material.radio, thickness=material.radio.thickness or SLAB_M))
 
 
-def check_outdoors(arrays: SceneArrays, way: np.ndarray, where: str) -> None:
+def check_outdoors(arrays: SceneData, way: np.ndarray, where: str) -> None:
     """Raise unless a straight way of an antenna lies in the open: ground below, only sky above, nothing across.
 
     Args:

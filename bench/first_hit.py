@@ -4,7 +4,7 @@ import warp as wp
 
 from mmw.kernels.core.geometry import fibonacci_direction
 from mmw.kernels.core.structs import Scene, Views
-from mmw.kernels.core.trace import TRACE_REGISTERS, nearest_surface, object_of
+from mmw.kernels.core.trace import TRACE_REGISTERS, closest_hit_raw, object_of
 
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
 
@@ -42,7 +42,7 @@ def sphere_kernel(
     ray = step * arm + spiral
     direction = fibonacci_direction(ray, ray_count)
     origin = wp.transform_get_translation(views.pose[view])
-    near = nearest_surface(scene, views.slot[view], origin, direction, T_MAX, views.ignore[view])
+    near = closest_hit_raw(scene, views.slot[view], origin, direction, T_MAX, views.ignore[view])
     t_out[view, ray] = near.t
     object_out[view, ray] = object_of(scene, near)
 
@@ -71,7 +71,7 @@ def camera_kernel(
     )
     direction = wp.transform_vector(pose, wp.normalize(through))
     origin = wp.transform_get_translation(pose)
-    near = nearest_surface(scene, views.slot[view], origin, direction, T_MAX, views.ignore[view])
+    near = closest_hit_raw(scene, views.slot[view], origin, direction, T_MAX, views.ignore[view])
     pixel = v * width + u
     t_out[view, pixel] = near.t
     object_out[view, pixel] = object_of(scene, near)
@@ -93,6 +93,6 @@ def lidar_kernel(
     pose = views.pose[view]
     direction = wp.transform_vector(pose, direction_s[ray])
     origin = wp.transform_get_translation(pose)
-    near = nearest_surface(scene, views.slot[view], origin, direction, T_MAX, views.ignore[view])
+    near = closest_hit_raw(scene, views.slot[view], origin, direction, T_MAX, views.ignore[view])
     t_out[view, ray] = near.t
     object_out[view, ray] = object_of(scene, near)

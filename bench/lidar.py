@@ -19,13 +19,13 @@ import warp as wp
 
 from bench.rays import machine
 from bench.scenes import grid_town, shipped_town, with_vehicles
-from mmw.config import LidarConfig
+from mmw.config import Lidar
 from mmw.physics.weather.weather import PRESETS
-from mmw.scene.device_scene import Scene
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.device_scene import DeviceScene
+from mmw.scene.scene_data import SceneData
 from mmw.scene.views import make_views, view_keys
 from mmw.sensors.lidar.returns import LidarHits, shade_on_device
-from mmw.sensors.lidar.simulate import shade_lidar, trace_lidar_hits
+from mmw.sensors.lidar.simulate import find_lidar_returns, trace_lidar_hits
 
 LIDARS = 4
 """Sensors of a frame."""
@@ -53,7 +53,7 @@ class Result:
     """Time over that of the first weather, less one."""
 
 
-def with_sensors(arrays: SceneArrays) -> SceneArrays:
+def with_sensors(arrays: SceneData) -> SceneData:
     """Return the scene with LiDARs on its first vehicles."""
     actors = tuple(replace(a, role="cav") if i < LIDARS else a for i, a in enumerate(arrays.actors))
     return replace(arrays, actors=actors)
@@ -73,20 +73,20 @@ def seconds_of(work: Callable[[], Any], device: str, repeats: int) -> float:
     return statistics.median(taken)
 
 
-def measure(scene: Scene, config: LidarConfig, weathers: list[str], repeats: int) -> list[Result]:
+def measure(scene: DeviceScene, config: Lidar, weathers: list[str], repeats: int) -> list[Result]:
     """Return the throughput of each weather and of all together."""
     views = make_views(scene.arrays, scene.batch_frames, config)
     device, materials = scene.device, scene.arrays.materials["sunny"]
     trace_s = seconds_of(lambda: trace_lidar_hits(scene, views, config), device, repeats)
     hits: LidarHits = trace_lidar_hits(scene, views, config)
     results: list[Result] = []
-    for where, shade in (("on the device", shade_on_device), ("with copy", shade_lidar)):
+    for where, shade in (("on the device", shade_on_device), ("with copy", find_lidar_returns)):
         rows = []
         for name in weathers:
             keys = view_keys(scene.arrays, views, 1, "bench", name, config.name)
             given = (hits, materials, PRESETS[name], keys, (0, 0))
             shade_s = seconds_of(lambda given=given, shade=shade: shade(*given), device, repeats)
-            label = shade_lidar(*given).label
+            label = find_lidar_returns(*given).label
             clear_s = trace_s + (rows[0].shade_s if rows else shade_s)
             rows.append(
                 Result(
@@ -128,9 +128,9 @@ def main(arguments: list[str]) -> None:
     options = parse(arguments)
     town = grid_town() if options.scene == "grid" else shipped_town(options.scene)
     arrays = with_sensors(with_vehicles(town, options.frames))
-    scene = Scene(arrays, options.device, options.frames)
+    scene = DeviceScene(arrays, options.device, options.frames)
     scene.load_batch(list(arrays.frames))
-    config = LidarConfig(on=("cav",), preset=options.preset, returns=options.returns)
+    config = Lidar(on=("cav",), preset=options.preset, returns=options.returns)
     about = machine(options.device)
     if options.format == "human":
         print(", ".join(f"{key} {value}" for key, value in about.items()))

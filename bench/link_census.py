@@ -15,8 +15,8 @@ from mmw.channel.paths import PATH_LOS
 from mmw.config import ChannelConfig
 from mmw.kernels.core.structs import Hit
 from mmw.kernels.core.trace import cast_kernel
-from mmw.scene.device_scene import Scene
-from mmw.scene.scene_data import SceneArrays, SceneObject
+from mmw.scene.device_scene import DeviceScene
+from mmw.scene.scene_data import SceneData, SceneObject
 
 GLASS = ("glass_facade", "window_glass")
 """Materials that count as glass."""
@@ -45,7 +45,7 @@ class LinkCensus:
     """Lowest and highest ground under the CAV [m]."""
 
 
-def census(arrays: SceneArrays, weather: str, frames: Sequence[int], device: str = "cpu") -> list[LinkCensus]:
+def census(arrays: SceneData, weather: str, frames: Sequence[int], device: str = "cpu") -> list[LinkCensus]:
     """Count over some frames of a scenario, every surface tried for every link.
 
     Args:
@@ -55,7 +55,7 @@ def census(arrays: SceneArrays, weather: str, frames: Sequence[int], device: str
         device: Warp device.
     """
     config = ChannelConfig(candidates="exhaustive", links=("v2i",), carriers_hz=(28e9,))
-    scene = Scene(arrays, device, BATCH)
+    scene = DeviceScene(arrays, device, BATCH)
     table = make_surface_table(scene)
     blocked: dict[tuple[int, int], Counter[str]] = {}
     reflected: dict[tuple[int, int], Counter[str]] = {}
@@ -129,7 +129,7 @@ def is_parked(thing: SceneObject) -> bool:
 
 
 def _first_objects(
-    scene: Scene, arrays: SceneArrays, slot: np.ndarray, start: np.ndarray, end: np.ndarray, owner: np.ndarray
+    scene: DeviceScene, arrays: SceneData, slot: np.ndarray, start: np.ndarray, end: np.ndarray, owner: np.ndarray
 ) -> np.ndarray:
     """Return the first object on the way from start to end, other than the receiver's own body; -1 for none, [L]."""
     way = end - start

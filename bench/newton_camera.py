@@ -31,11 +31,11 @@ from PIL import Image
 from bench.camera_views import SCENARIOS, camera_scene, launch_of, rgb_camera
 from bench.lidar import seconds_of
 from bench.rays import machine
-from mmw.config import RgbConfig
+from mmw.config import RgbCamera
 from mmw.core.camera_models import Intrinsics
 from mmw.core.transforms import compose
 from mmw.physics.weather.weather import PRESETS, Weather
-from mmw.scene.device_scene import Scene
+from mmw.scene.device_scene import DeviceScene
 from mmw.scene.stage.sensor_prims import SENSOR_TO_CAMERA
 from mmw.scene.views import Views, view_keys
 from mmw.sensors.camera_group.launches import Launch
@@ -87,7 +87,7 @@ def load_newton() -> Any:
 class Newton:
     """The scene of a batch in newton."""
 
-    def __init__(self, newton: Any, scene: Scene, views: Views, intrinsics: Intrinsics, constructor: str):
+    def __init__(self, newton: Any, scene: DeviceScene, views: Views, intrinsics: Intrinsics, constructor: str):
         """Build worlds and views.
 
         Args:
@@ -110,7 +110,7 @@ class Newton:
             intrinsics.width, intrinsics.height, camera_fov=fov, device=device
         )
 
-    def _model(self, scene: Scene, constructor: str) -> tuple[Any, Any]:
+    def _model(self, scene: DeviceScene, constructor: str) -> tuple[Any, Any]:
         newton, arrays = self.newton, scene.arrays
         builder = newton.ModelBuilder(up_axis=newton.Axis.Z)
         if constructor != AS_IT_COMES:
@@ -167,13 +167,13 @@ def _turned(shape: tuple[int, int, int]) -> tuple[int, int, int]:
     return shape[0], shape[2], shape[1]
 
 
-def ours(scene: Scene, launch: Launch, mode: str, weather: str) -> Callable[[], Any]:
+def ours(scene: DeviceScene, launch: Launch, mode: str, weather: str) -> Callable[[], Any]:
     """Return what renders a batch with mmw in one of `MODES`."""
     if mode == "depth":
         return lambda: depth_images(
             trace_samples(scene, launch.views, launch.intrinsics, RANGE_M), with_metres=True, with_objects=False
         )
-    config = RgbConfig(
+    config = RgbCamera(
         width_px=launch.intrinsics.width, height_px=launch.intrinsics.height, samples=1, sky_light=False,
         reflections=False, shadows=mode == "shadow",
     )  # fmt: skip
@@ -194,7 +194,7 @@ def share_close(a: np.ndarray, b: np.ndarray) -> float:
         return float(((np.abs(a - b) <= CLOSE_M) | (np.isinf(a) & np.isinf(b))).mean())
 
 
-def compare(newton: Any, scene: Scene, launch: Launch, options: argparse.Namespace) -> list[Result]:
+def compare(newton: Any, scene: DeviceScene, launch: Launch, options: argparse.Namespace) -> list[Result]:
     """Return the throughput of both in every mode.
 
     Raises:
@@ -279,9 +279,9 @@ def main(arguments: list[str]) -> None:
     except ValueError as error:
         sys.exit(str(error))
     arrays = camera_scene(options.scene, options.frames, options.vehicles, [options.weather])
-    scene = Scene(arrays, options.device, options.frames)
+    scene = DeviceScene(arrays, options.device, options.frames)
     scene.load_batch(range(options.frames))
-    launch = launch_of(arrays, options.frames, RgbConfig(width_px=options.width, height_px=options.height))
+    launch = launch_of(arrays, options.frames, RgbCamera(width_px=options.width, height_px=options.height))
     about = {**machine(options.device), "newton": newton.__version__}
     if options.format == "human":
         print(", ".join(f"{key} {value}" for key, value in about.items()))

@@ -160,13 +160,13 @@ def measure(config: Config, whole: Config, base: Path, engine: "Engine") -> Resu
         base: Folder that relative paths start from.
         engine: Who makes it.
     """
-    from mmw.generation.generate import make_dataset
+    from mmw.generation.generate import generate_dataset
     from mmw.generation.progress import SET_UP, Console
-    from mmw.generation.shards import Part
+    from mmw.generation.shards import Partition
 
     used = os.times()
     with Console() as console, Load(engine.devices[0] != "cpu") as load:
-        make_dataset(config, base=base, engine=engine, part=Part(), overwrite=False, console=console)
+        generate_dataset(config, base=base, engine=engine, part=Partition(), overwrite=False, console=console)
         seconds, clock, workers = console.clock.elapsed, console.clock, console.workers
     _end_server()
     now = os.times()

@@ -31,13 +31,13 @@ import warp as wp
 from bench import first_hit
 from bench.scenes import grid_town, shipped_town, with_vehicles
 from mmw import __version__
-from mmw.config import LidarConfig
+from mmw.config import Lidar
 from mmw.config.compute import BVH_VARIABLE
 from mmw.core.bvh_kind import kind_to_build, select_bvh
 from mmw.core.transforms import compose, pose_from_mount
 from mmw.kernels.core import structs
-from mmw.scene.device_scene import Scene
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.device_scene import DeviceScene
+from mmw.scene.scene_data import SceneData
 from mmw.sensors.lidar.scan_pattern import lidar_order, lidar_pattern, pinhole
 
 
@@ -52,7 +52,7 @@ class Preset:
     """Rays of a view on the CPU, which needs fewer for the same figure."""
 
 
-MOST_APART_M = 1e-3
+MAX_APART_M = 1e-3
 """Hits of the same object at distances that differ by more [m] count as different."""
 
 
@@ -82,7 +82,7 @@ class Result:
 
 CAMERA = pinhole(640, 480, 110.0)
 LIDAR_PATTERN = (64, 469)
-LIDAR = lidar_pattern(LidarConfig())
+LIDAR = lidar_pattern(Lidar())
 PRESETS = (
     Preset("sphere", 1, 1_000_000, 100_000),
     Preset("camera", 4, CAMERA.width * CAMERA.height, CAMERA.width * CAMERA.height),
@@ -97,7 +97,7 @@ MOUNTS = {
 """Where the rays start, on a vehicle's body frame."""
 
 
-def make_views(arrays: SceneArrays, preset: Preset, device: str) -> structs.Views:
+def make_views(arrays: SceneData, preset: Preset, device: str) -> structs.Views:
     """Return one row a frame and sensor: sensors sit on the first vehicles and do not see their own."""
     frames = len(arrays.frames)
     pose = compose(arrays.poses[:, : preset.views_per_frame], MOUNTS[preset.name]).reshape(-1, 7)
@@ -141,7 +141,7 @@ def time_launches(launch: Callable[[], None], device: str, repeats: int) -> list
 
 
 def measure(
-    scene: Scene,
+    scene: DeviceScene,
     views: structs.Views,
     preset: Preset,
     levels: str,
@@ -277,13 +277,13 @@ def main(arguments: list[str]) -> None:
 
 
 def compare(one: Path, other: Path, name: str) -> tuple[int, float]:
-    """Return how many rays meet another object or the same more than `MOST_APART_M` away, and how far apart the hits
+    """Return how many rays meet another object or the same more than `MAX_APART_M` away, and how far apart the hits
     of the others are at most [m]."""
     distance = [np.load(folder / f"{name}-t.npy", mmap_mode="r") for folder in (one, other)]
     is_same = np.load(one / f"{name}-object.npy") == np.load(other / f"{name}-object.npy")
     is_met = np.isfinite(distance[0]) & np.isfinite(distance[1])
     apart = np.abs(np.subtract(*distance, where=is_met, out=np.zeros(is_met.shape, np.float32)))
-    is_same &= apart <= MOST_APART_M
+    is_same &= apart <= MAX_APART_M
     return int(np.count_nonzero(~is_same)), float(apart.max(initial=0.0, where=is_same))
 
 
@@ -297,7 +297,8 @@ def run(options: argparse.Namespace) -> list[Result]:
     arrays = with_vehicles(town, options.frames)
     scenes = (without_vehicles(arrays), arrays)
     static, full = (
-        Scene(a, options.device, options.frames, instance_constructor=options.instance_constructor) for a in scenes
+        DeviceScene(a, options.device, options.frames, instance_constructor=options.instance_constructor)
+        for a in scenes
     )
     about = machine(options.device)
     if options.format == "human":
@@ -317,9 +318,9 @@ def run(options: argparse.Namespace) -> list[Result]:
     return results
 
 
-def without_vehicles(arrays: SceneArrays) -> SceneArrays:
+def without_vehicles(arrays: SceneData) -> SceneData:
     """Return the town of a scene alone, over the same frames."""
-    return SceneArrays(
+    return SceneData(
         arrays.points, arrays.faces, arrays.material, arrays.object_id, arrays.surface, (), (), arrays.frames,
         np.zeros((len(arrays.frames), 0, 7)), arrays.materials, arrays.objects,
     )  # fmt: skip

@@ -25,17 +25,17 @@ from bench.camera_views import SCENARIOS, camera_scene, launch_of, rgb_camera
 from bench.kernel_times import KernelTimes
 from bench.lidar import seconds_of
 from bench.rays import machine
-from mmw.config import RgbConfig
+from mmw.config import RgbCamera
 from mmw.core.cuda import keep_memory
 from mmw.core.device import GPU_BYTES_A_WORKER
 from mmw.core.transfer import to_host
-from mmw.scene.device_scene import Scene
+from mmw.scene.device_scene import DeviceScene
 from mmw.scene.views import view_keys
 from mmw.sensors.camera_group.capture import TRACED_RANGE
 from mmw.sensors.camera_group.launches import Launch, most_pixels
 from mmw.sensors.render.jpeg import jpeg_files
 from mmw.sensors.render.visibility_buffer import trace_samples
-from mmw.sensors.rgb.simulate import RgbCamera
+from mmw.sensors.rgb.simulate import RgbRenderer
 
 STAGES = {
     "visibility": ("visibility", "tile_candidates"),
@@ -84,7 +84,7 @@ class Stages:
 
 
 def render(
-    scene: Scene, camera: RgbCamera, launch: Launch, config: RgbConfig, weathers: list[str], where: str
+    scene: DeviceScene, camera: RgbRenderer, launch: Launch, config: RgbCamera, weathers: list[str], where: str
 ) -> list[Any]:
     """Render a launch piece by piece, as a run does.
 
@@ -101,7 +101,7 @@ def render(
     """
     images: list[Any] = []
     for piece in launch.pieces(most_pixels(scene.device)):
-        buffer = trace_samples(scene, piece.views, piece.intrinsics, TRACED_RANGE * piece.range_m, camera.cut_outs)
+        buffer = trace_samples(scene, piece.views, piece.intrinsics, TRACED_RANGE * piece.range_m, camera.alpha_cutouts)
         keys = {name: view_keys(scene.arrays, piece.views, 0, "bench", name, config.name) for name in weathers}
         found = camera.render(buffer, config, keys)
         device = [found[name].rgb for name in weathers]
@@ -113,7 +113,7 @@ def render(
 
 
 def measure(
-    scene: Scene, launch: Launch, config: RgbConfig, weathers: list[str], repeats: int, ends: list[str]
+    scene: DeviceScene, launch: Launch, config: RgbCamera, weathers: list[str], repeats: int, ends: list[str]
 ) -> list[Result]:
     """Return the throughput of the first weather, and of all together if there are more.
 
@@ -140,7 +140,7 @@ def measure(
     return results
 
 
-def measure_stages(scene: Scene, launch: Launch, config: RgbConfig, weathers: list[str], repeats: int) -> Stages:
+def measure_stages(scene: DeviceScene, launch: Launch, config: RgbCamera, weathers: list[str], repeats: int) -> Stages:
     """Return where the time of a round goes; see `measure`."""
     camera = rgb_camera(scene, weathers)
     render(scene, camera, launch, config, weathers, DEVICE)
@@ -200,11 +200,11 @@ def main(arguments: list[str]) -> None:
     weathers = options.weathers.split(",")
     keep_memory(options.device, GPU_BYTES_A_WORKER)
     arrays = camera_scene(options.scene, options.frames, options.vehicles, weathers)
-    config = RgbConfig(
+    config = RgbCamera(
         width_px=options.width, height_px=options.height, samples=options.samples, shadows=options.shadows,
         sky_light=options.sky_light, reflections=options.reflections,
     )  # fmt: skip
-    scene = Scene(arrays, options.device, options.frames)
+    scene = DeviceScene(arrays, options.device, options.frames)
     scene.load_batch(range(options.frames))
     launch = launch_of(arrays, options.frames, config, options.views)
     about = machine(options.device)

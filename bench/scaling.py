@@ -21,12 +21,12 @@ import warp as wp
 from bench.rays import PRESETS, Preset, machine
 from bench.scaling_frames import FramePoint, Frames, connected, scenario_arrays, scenario_config, with_bodies
 from bench.scaling_towns import TownPoint, finer_towns, larger_towns, measure_town
-from mmw.config import Config, LidarConfig, RgbConfig
+from mmw.config import Config, Lidar, RgbCamera
 from mmw.physics.weather.weather import PRESETS as WEATHERS
-from mmw.scene.scene_data import SceneArrays
-from mmw.sensors.batch import Job
+from mmw.scene.scene_data import SceneData
+from mmw.sensors.batch import Batch
 
-STEPS = LidarConfig().points_per_channel
+STEPS = Lidar().points_per_channel
 """Azimuth steps of a LiDAR's turn in the paper."""
 
 
@@ -112,17 +112,17 @@ class Curves:
         return scenario_config(overrides, self._names)
 
     @cached_property
-    def _everything(self) -> SceneArrays:
+    def _everything(self) -> SceneData:
         """The scene with all vehicles that a curve wants."""
         sizes = self._sizes
         return scenario_arrays(sizes.scene, sizes.recorded, max(sizes.vehicles), self._names)
 
     @cached_property
-    def _arrays(self) -> SceneArrays:
+    def _arrays(self) -> SceneData:
         return with_bodies(self._everything, VEHICLES)
 
     @cached_property
-    def _job(self) -> Job:
+    def _job(self) -> Batch:
         """The scenario as it comes, in all weathers."""
         return self._frames.job(self._config, self._arrays, self._sizes.frames)
 
@@ -130,7 +130,7 @@ class Curves:
         """Return the configuration in the first so many weathers."""
         return self._config.model_copy(update={"weathers": tuple(self._names[:weathers])})
 
-    def _only(self, kind: type, **sensor: Any) -> Job:
+    def _only(self, kind: type, **sensor: Any) -> Batch:
         """Return a job with the sensors of one kind alone, in one weather, without the channel.
 
         Args:
@@ -142,12 +142,12 @@ class Curves:
         config = self._in(1).model_copy(update={"sensors": tuple(left), "channel": channel})
         return replace(self._job, config=config, surfaces=None)
 
-    def _radio(self, **channel: Any) -> Job:
+    def _radio(self, **channel: Any) -> Batch:
         """Return a job with the channel alone, its keys replaced."""
         found = self._config.channel.model_copy(update=channel)
         return replace(self._job, config=self._in(1).model_copy(update={"sensors": (), "channel": found}))
 
-    def _point(self, job: Job, value: float, frames: int | None = None) -> FramePoint:
+    def _point(self, job: Batch, value: float, frames: int | None = None) -> FramePoint:
         return self._frames.measure(job, value, frames or self._sizes.frames)
 
     def larger(self) -> list[TownPoint]:
@@ -162,7 +162,7 @@ class Curves:
     def _town_frames(self) -> int:
         return min(self._sizes.frames, 16)
 
-    def _towns(self, towns: Iterator[SceneArrays]) -> list[TownPoint]:
+    def _towns(self, towns: Iterator[SceneData]) -> list[TownPoint]:
         return [measure_town(town, self._sizes.rays, 2 * self._sizes.rounds, self._device) for town in towns]
 
     def vehicles(self) -> list[FramePoint]:
@@ -180,30 +180,29 @@ class Curves:
 
     def images(self) -> list[FramePoint]:
         """Cameras over images a frame: four on each connected vehicle, one on the unit."""
-        each = sum("cav" in sensor.on for sensor in self._config.sensors if isinstance(sensor, RgbConfig))
+        each = sum("cav" in sensor.on for sensor in self._config.sensors if isinstance(sensor, RgbCamera))
         return [
-            self._point(replace(self._only(RgbConfig), arrays=connected(self._arrays, count)), each * count + 1)
+            self._point(replace(self._only(RgbCamera), arrays=connected(self._arrays, count)), each * count + 1)
             for count in self._sizes.cameras
         ]
 
     def resolution(self) -> list[FramePoint]:
         """Cameras over pixels of an image."""
         return [
-            self._point(self._only(RgbConfig, width_px=width, height_px=width * 3 // 4), width * (width * 3 // 4))
+            self._point(self._only(RgbCamera, width_px=width, height_px=width * 3 // 4), width * (width * 3 // 4))
             for width in self._sizes.widths
         ]
 
     def lidars(self) -> list[FramePoint]:
         """LiDARs over their number."""
-        job = self._only(LidarConfig, on=("cav",))
+        job = self._only(Lidar, on=("cav",))
         return [self._point(replace(job, arrays=connected(self._arrays, count)), count) for count in self._sizes.lidars]
 
     def points(self) -> list[FramePoint]:
         """LiDARs over the rays of a sweep."""
-        channels = next(each.channels for each in self._config.sensors if isinstance(each, LidarConfig))
+        channels = next(each.channels for each in self._config.sensors if isinstance(each, Lidar))
         return [
-            self._point(self._only(LidarConfig, points_per_channel=steps), channels * steps)
-            for steps in self._sizes.steps
+            self._point(self._only(Lidar, points_per_channel=steps), channels * steps) for steps in self._sizes.steps
         ]
 
     def rays(self) -> list[FramePoint]:

@@ -25,10 +25,10 @@ from bench.scaling_towns import device_bytes
 from bench.scenes import grid_town, with_vehicles
 from mmw.config import Config, load_config
 from mmw.generation.pipeline import is_out_of_memory, make_job, record_frames
-from mmw.generation.progress import Clock
+from mmw.generation.progress import StageTimer
 from mmw.scene.device_scene import instance_actors
-from mmw.scene.scene_data import MODEL_NONE, Actor, SceneArrays, SceneObject
-from mmw.sensors.batch import Job
+from mmw.scene.scene_data import MODEL_NONE, Actor, SceneData, SceneObject
+from mmw.sensors.batch import Batch
 
 CONFIGS = Path(__file__).resolve().parent.parent / "configs" / "scenarios"
 
@@ -71,7 +71,7 @@ class Discarding(ThreadPoolExecutor):
         return future
 
 
-class DeviceClock(Clock):
+class DeviceClock(StageTimer):
     """A clock whose stages end when the device has done its part of them."""
 
     def __init__(self, device: str) -> None:
@@ -98,7 +98,7 @@ def scenario_config(overrides: Sequence[str] = (), weathers: Sequence[str] = ("s
     return load_config(path, [f"weathers=[{', '.join(weathers)}]", *overrides])
 
 
-def scenario_arrays(name: str, frames: int, vehicles: int, weathers: Sequence[str]) -> SceneArrays:
+def scenario_arrays(name: str, frames: int, vehicles: int, weathers: Sequence[str]) -> SceneData:
     """Return a scene with vehicles and a roadside unit.
 
     Args:
@@ -123,7 +123,7 @@ def scenario_arrays(name: str, frames: int, vehicles: int, weathers: Sequence[st
     )  # fmt: skip
 
 
-def with_bodies(arrays: SceneArrays, count: int) -> SceneArrays:
+def with_bodies(arrays: SceneData, count: int) -> SceneData:
     """Return a scene of so many vehicles: the connected ones, and those nearest to them.
 
     Args:
@@ -142,7 +142,7 @@ def with_bodies(arrays: SceneArrays, count: int) -> SceneArrays:
     return replace(arrays, actors=tuple(actors), poses=arrays.poses[:, keep])
 
 
-def connected(arrays: SceneArrays, count: int) -> SceneArrays:
+def connected(arrays: SceneData, count: int) -> SceneData:
     """Return a scene in which the low vehicles nearest to the roadside unit are connected, and no others.
 
     Args:
@@ -187,7 +187,7 @@ class Frames:
         self._rounds = rounds
         self._pool = Discarding(1)
 
-    def job(self, config: Config, arrays: SceneArrays, slots: int) -> Job:
+    def job(self, config: Config, arrays: SceneData, slots: int) -> Batch:
         """Return a scene on the device with everything that a configuration needs there, kernels apart.
 
         Args:
@@ -196,13 +196,13 @@ class Frames:
             slots: Frames of a batch at most.
         """
         gc.collect()  # what is gone leaves the device before its memory is looked at
-        job = make_job(config, config.scenarios[0], arrays, self.device, slots, self._pool, Clock())
+        job = make_job(config, config.scenarios[0], arrays, self.device, slots, self._pool, StageTimer())
         notes = job.texture_notes()  # textures and skies are made here
         if notes:
             raise ValueError(f"textures: {notes[0]}; a benchmark needs all of them")
         return job
 
-    def measure(self, job: Job, value: float, frames: int) -> FramePoint:
+    def measure(self, job: Batch, value: float, frames: int) -> FramePoint:
         """Return one point.
 
         Args:
@@ -220,7 +220,7 @@ class Frames:
                 raise
         return self.measure(job, value, frames // 2)
 
-    def _measure(self, job: Job, value: float, frames: int) -> FramePoint:
+    def _measure(self, job: Batch, value: float, frames: int) -> FramePoint:
         weathers, config = job.config.weathers, job.config
         recorded = config.frames_of(config.scenarios[0]).count
         spent: list[float] = []
@@ -247,7 +247,7 @@ class Frames:
             {name: count for name, count in rays.items() if count}, device_ms, device_gb,
         )  # fmt: skip
 
-    def _look(self, job: Job, frames: range) -> tuple[float | None, float | None]:
+    def _look(self, job: Batch, frames: range) -> tuple[float | None, float | None]:
         """Return the device's own time for a frame [ms], and its most memory in use [GB]; None without a GPU."""
         if not self.has_gpu:
             return None, None
@@ -274,5 +274,5 @@ def _batch(number: int, frames: int, recorded: int) -> range:
     return range(first, first + frames)
 
 
-def _record(job: Job, frames: range, weathers: Sequence[str]) -> None:
+def _record(job: Batch, frames: range, weathers: Sequence[str]) -> None:
     record_frames(job, frames, {weather: defaultdict(list) for weather in weathers})

@@ -16,10 +16,10 @@ import warp as wp
 from bench.rays import Preset, make_views, measure
 from bench.scenes import grid_town, with_vehicles
 from mmw.core.planar_surfaces import find_surfaces
-from mmw.scene.device_scene import Scene
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.device_scene import DeviceScene
+from mmw.scene.scene_data import SceneData
 
-MOST_SURFACED = 1_000_000
+MAX_SURFACED = 1_000_000
 """Triangles up to which surfaces are found too: the host takes seconds for each million."""
 
 
@@ -41,7 +41,7 @@ class TownPoint:
     """Processor time to find the surfaces, which only the radio channel needs [s]; None for a large town."""
 
 
-def larger_towns(blocks: Sequence[int], frames: int) -> Iterator[SceneArrays]:
+def larger_towns(blocks: Sequence[int], frames: int) -> Iterator[SceneData]:
     """Yield towns with 40 vehicles in their middle.
 
     Args:
@@ -52,7 +52,7 @@ def larger_towns(blocks: Sequence[int], frames: int) -> Iterator[SceneArrays]:
         yield with_vehicles(grid_town(count, with_surfaces=False), frames)
 
 
-def finer_towns(steps: int, blocks: int, frames: int) -> Iterator[SceneArrays]:
+def finer_towns(steps: int, blocks: int, frames: int) -> Iterator[SceneData]:
     """Yield a town with 40 vehicles, and the same again and again with each triangle of the town cut into four.
 
     Args:
@@ -67,7 +67,7 @@ def finer_towns(steps: int, blocks: int, frames: int) -> Iterator[SceneArrays]:
             town = subdivided(town)
 
 
-def subdivided(town: SceneArrays) -> SceneArrays:
+def subdivided(town: SceneData) -> SceneData:
     """Return a town with each triangle cut into four at the middles of its sides; no vertex is shared."""
     a, b, c = np.moveaxis(town.points[town.faces], 1, 0)
     ab, bc, ca = 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)
@@ -81,7 +81,7 @@ def subdivided(town: SceneArrays) -> SceneArrays:
     )  # fmt: skip
 
 
-def measure_town(town: SceneArrays, presets: Sequence[Preset], repeats: int, device: str) -> TownPoint:
+def measure_town(town: SceneData, presets: Sequence[Preset], repeats: int, device: str) -> TownPoint:
     """Return what rays cost in a town with vehicles; all its frames go in one launch.
 
     Args:
@@ -91,7 +91,7 @@ def measure_town(town: SceneArrays, presets: Sequence[Preset], repeats: int, dev
         device: Warp device.
     """
     surfaces_s = None
-    if len(town.faces) <= MOST_SURFACED:
+    if len(town.faces) <= MAX_SURFACED:
         start = time.process_time()
         find_surfaces(town.points, town.faces, town.object_id, town.material)
         surfaces_s = time.process_time() - start
@@ -100,7 +100,7 @@ def measure_town(town: SceneArrays, presets: Sequence[Preset], repeats: int, dev
     wp.synchronize_device(device)
     before = device_bytes(device)
     start = time.perf_counter()
-    scene = Scene(town, device, frames)
+    scene = DeviceScene(town, device, frames)
     scene.load_batch(range(frames))
     wp.synchronize_device(device)
     build_s = time.perf_counter() - start

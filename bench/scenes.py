@@ -10,7 +10,7 @@ from mmw.core.planar_surfaces import find_surfaces
 from mmw.core.resources import town_path
 from mmw.physics.materials.material import Material, RadioMaterial
 from mmw.scene.device_scene import read_stage
-from mmw.scene.scene_data import Actor, Model, SceneArrays, SceneObject
+from mmw.scene.scene_data import Actor, Prototype, SceneData, SceneObject
 
 BLOCKS = 8
 """Blocks of the procedural town along x and along y, where nobody says how many."""
@@ -27,7 +27,7 @@ VEHICLES = 40
 CONCRETE = Material("concrete", RadioMaterial("itu", itu="itu_concrete"), "concrete", 0.37, (0.4, 0.4, 0.4))
 
 
-def grid_town(blocks: int = BLOCKS, *, with_surfaces: bool = True) -> SceneArrays:
+def grid_town(blocks: int = BLOCKS, *, with_surfaces: bool = True) -> SceneData:
     """Return a procedural town: rolling ground, square blocks of four houses with recessed windows.
 
     Args:
@@ -52,18 +52,18 @@ def grid_town(blocks: int = BLOCKS, *, with_surfaces: bool = True) -> SceneArray
     labels = ["road"] + ["building"] * (len(parts) - 1)
     objects = tuple(SceneObject(k, f"/Town/part_{k}", label, 0, ("concrete",)) for k, label in enumerate(labels))
     surface = find_surfaces(points, faces, object_id, material) if with_surfaces else np.zeros_like(material)
-    return SceneArrays(
+    return SceneData(
         points, faces.astype(np.int32), material, object_id, surface, (), (), range(1), np.zeros((1, 0, 7)),
         {"sunny": (CONCRETE,)}, objects,
     )  # fmt: skip
 
 
-def shipped_town(name: str) -> SceneArrays:
+def shipped_town(name: str) -> SceneData:
     """Return a shipped town without vehicles."""
     return read_stage(town_path(name), range(1), ["sunny"])
 
 
-def with_vehicles(town: SceneArrays, frames: int) -> SceneArrays:
+def with_vehicles(town: SceneData, frames: int) -> SceneData:
     """Return a town with 40 vehicles on its roads, 1,280 triangles each, which move 0.15 m a frame.
 
     Spots are drawn from the faces of objects labelled `road`, by area.
@@ -95,7 +95,7 @@ def with_vehicles(town: SceneArrays, frames: int) -> SceneArrays:
         path = f"/Actors/veh_{v:03d}"
         actors.append(Actor(f"veh_{v:03d}", "vehicle", path, v % 4, first + v, size, (0.0, 0.0, size[2] / 2), "car"))
         objects.append(SceneObject(first + v, path, "car", 14, ("concrete",), f"veh_{v:03d}"))
-    return SceneArrays(
+    return SceneData(
         town.points, town.faces, town.material, town.object_id, town.surface, models, tuple(actors), range(frames),
         poses, town.materials, tuple(objects),
     )  # fmt: skip
@@ -144,11 +144,11 @@ def _house(width: float, floors: int, windows: int) -> tuple[np.ndarray, np.ndar
     return np.concatenate(points), np.concatenate(faces)
 
 
-def _vehicle(size: Sequence[float]) -> Model:
+def _vehicle(size: Sequence[float]) -> Prototype:
     """Return a rounded box of 1,280 triangles that stands on z = 0: a superellipsoid."""
     ball = trimesh.creation.icosphere(subdivisions=3)
     rounded = np.sign(ball.vertices) * np.abs(ball.vertices) ** 0.4
     points = (rounded / np.abs(rounded).max(axis=0) * 0.5 + [0.0, 0.0, 0.5]) * size
     faces = np.array(ball.faces, dtype=np.int32)
     ids = np.zeros(len(faces), dtype=np.int32)
-    return Model("rounded", points, faces, ids, np.arange(len(faces), dtype=np.int32))
+    return Prototype("rounded", points, faces, ids, np.arange(len(faces), dtype=np.int32))

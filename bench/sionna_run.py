@@ -20,7 +20,7 @@ from bench.channel_scenes import ObjectMesh
 from mmw.core.constants import SPEED_OF_LIGHT, VACUUM_PERMITTIVITY
 from mmw.core.extras import install
 from mmw.physics.materials.permittivity import relative_permittivity
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.scene_data import SceneData
 
 SAME_LENGTH_M = 5e-3
 """Two paths of one link and order whose lengths differ by less may be one path; Sionna RT's delays are float32."""
@@ -184,7 +184,7 @@ class SionnaScene:
         self._scene = self._rt.load_scene(getattr(self._rt.scene, name))
         self._scene.frequency = carrier_hz
 
-    def load_arrays(self, arrays: SceneArrays, carrier_hz: float) -> None:
+    def load_arrays(self, arrays: SceneData, carrier_hz: float) -> None:
         """Load a scene of ours, one mesh a material, with our permittivities at the carrier."""
         with tempfile.TemporaryDirectory() as folder:
             self._scene = self._rt.load_scene_from_string(scene_xml(arrays, carrier_hz, Path(folder)))
@@ -286,7 +286,7 @@ def join(parts: Sequence[PathList]) -> PathList:
     return PathList(*(np.concatenate([getattr(part, field) for part in parts]) for field in fields))
 
 
-def scene_xml(arrays: SceneArrays, carrier_hz: float, folder: Path) -> str:
+def scene_xml(arrays: SceneData, carrier_hz: float, folder: Path) -> str:
     """Write one PLY a material and return the scene as Mitsuba's XML.
 
     Raises:

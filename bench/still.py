@@ -31,12 +31,12 @@ from PIL import Image
 
 from bench.camera_views import SCENARIOS, camera_scene, rgb_camera
 from bench.rays import machine
-from mmw.config import RgbConfig
+from mmw.config import RgbCamera
 from mmw.core.random_keys import random_keys
 from mmw.core.transforms import compose, invert, pose_from_mount, rotate, transform_points
 from mmw.physics.weather.weather import PRESETS
-from mmw.scene.device_scene import Scene
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.device_scene import DeviceScene
+from mmw.scene.scene_data import SceneData
 from mmw.scene.views import Views
 from mmw.sensors.camera_group.capture import TRACED_RANGE
 from mmw.sensors.render.image_config import ImageConfig
@@ -93,7 +93,7 @@ class Result:
     """Share of the pixels that are compared."""
 
 
-def film(scene: Scene, poses: np.ndarray, weather: str, config: RgbConfig) -> Clip:
+def film(scene: DeviceScene, poses: np.ndarray, weather: str, config: RgbCamera) -> Clip:
     """Return what a camera films.
 
     Args:
@@ -110,7 +110,7 @@ def film(scene: Scene, poses: np.ndarray, weather: str, config: RgbConfig) -> Cl
         none = np.full(len(frames), -1, dtype=np.int32)  # nobody carries the camera, and it sees everything
         slot = np.arange(len(frames), dtype=np.int32)
         views = Views(frames.astype(np.int64), slot, none, poses[frames], none)
-        buffer = trace_samples(scene, views, intrinsics, TRACED_RANGE * config.range_m, camera.cut_outs)
+        buffer = trace_samples(scene, views, intrinsics, TRACED_RANGE * config.range_m, camera.alpha_cutouts)
         keys = {weather: random_keys(("bench", weather, int(frame)) for frame in frames)}
         rgb = camera.render(buffer, config, keys)[weather].rgb.numpy()
         images = depth_images(buffer, with_metres=True, with_objects=True)
@@ -120,7 +120,7 @@ def film(scene: Scene, poses: np.ndarray, weather: str, config: RgbConfig) -> Cl
     return Clip(rgb, points, object_id, poses)
 
 
-def _points(depth: np.ndarray, poses: np.ndarray, config: RgbConfig) -> np.ndarray:
+def _points(depth: np.ndarray, poses: np.ndarray, config: RgbCamera) -> np.ndarray:
     """Return the points of depths along the optical axis of a pinhole, world frame, inf where there is none."""
     rays = _rays(config)
     points = np.full((*depth.shape, 3), np.inf, dtype=np.float32)
@@ -130,14 +130,14 @@ def _points(depth: np.ndarray, poses: np.ndarray, config: RgbConfig) -> np.ndarr
     return points
 
 
-def _rays(config: RgbConfig) -> np.ndarray:
+def _rays(config: RgbCamera) -> np.ndarray:
     """Return directions of the pixel centres whose x is 1, sensor frame, shape [H, W, 3]."""
     lens = intrinsics_of(config)
     u, v = np.meshgrid(np.arange(lens.width) + 0.5, np.arange(lens.height) + 0.5)
     return np.stack([np.ones_like(u), (lens.cx - u) / lens.fx, (lens.cy - v) / lens.fy], axis=-1)
 
 
-def moving_actors(arrays: SceneArrays, row: int) -> list[int]:
+def moving_actors(arrays: SceneData, row: int) -> list[int]:
     """Return the actors with a body that are elsewhere, or not there, one row of poses later."""
     before, after = arrays.poses[row], arrays.poses[row + 1]
     return [
@@ -147,7 +147,7 @@ def moving_actors(arrays: SceneArrays, row: int) -> list[int]:
     ]  # fmt: skip
 
 
-def moving_mask(arrays: SceneArrays, clip: Clip, k: int, to_sun: np.ndarray) -> np.ndarray:
+def moving_mask(arrays: SceneData, clip: Clip, k: int, to_sun: np.ndarray) -> np.ndarray:
     """Return where something moves between frames k and k + 1 of a clip; see the module. Shape [H, W], bool."""
     row = arrays.frame_row(k)
     actors = moving_actors(arrays, row)
@@ -168,7 +168,7 @@ def moving_mask(arrays: SceneArrays, clip: Clip, k: int, to_sun: np.ndarray) -> 
     return grow(shown, GROW_PX)
 
 
-def is_reached(points: np.ndarray, pose: np.ndarray, arrays: SceneArrays, actor: int, to_sun: np.ndarray) -> np.ndarray:
+def is_reached(points: np.ndarray, pose: np.ndarray, arrays: SceneData, actor: int, to_sun: np.ndarray) -> np.ndarray:
     """Return which points, shape [N, 3], lie near an actor's box, or have it between themselves and the sun."""
     body, half = arrays.actors[actor], 0.5 * np.array(arrays.actors[actor].size) + NEAR_M
     inverse = invert(pose)
@@ -193,7 +193,7 @@ def grow(mask: np.ndarray, pixels: int) -> np.ndarray:
     return mask
 
 
-def still_differences(arrays: SceneArrays, clip: Clip, weather: str) -> list[np.ndarray]:
+def still_differences(arrays: SceneData, clip: Clip, weather: str) -> list[np.ndarray]:
     """Return the differences of each pair of frames where nothing moves, each of shape [n, 3], int."""
     to_sun = sun_direction(PRESETS[weather])
     rgb = clip.rgb.astype(np.int32)
@@ -202,7 +202,7 @@ def still_differences(arrays: SceneArrays, clip: Clip, weather: str) -> list[np.
     ]  # fmt: skip
 
 
-def pan_differences(arrays: SceneArrays, clip: Clip, weather: str, config: RgbConfig) -> list[np.ndarray]:
+def pan_differences(arrays: SceneData, clip: Clip, weather: str, config: RgbCamera) -> list[np.ndarray]:
     """Return what each frame differs from the one before at the same points, each of shape [n, 3], float."""
     to_sun, lens = sun_direction(PRESETS[weather]), intrinsics_of(config)
     found = []
@@ -247,7 +247,7 @@ def result_of(weather: str, kind: str, differences: list[np.ndarray], pixels: in
     )  # fmt: skip
 
 
-def camera_pose(arrays: SceneArrays, config: RgbConfig) -> np.ndarray:
+def camera_pose(arrays: SceneData, config: RgbCamera) -> np.ndarray:
     """Return where the camera of the first roadside unit is, shape [7], or of the first carrier where there is none."""
     carriers = sorted((a.role != "rsu", i) for i, a in enumerate(arrays.actors) if a.role in config.on)
     actor = carriers[0][1]
@@ -279,8 +279,8 @@ def main(arguments: list[str]) -> None:
     options = parse(arguments)
     weathers = options.weathers.split(",")
     arrays = camera_scene(options.scene, options.frames, options.vehicles, weathers)
-    scene = Scene(arrays, options.device, min(BATCH, options.frames))
-    config = RgbConfig(
+    scene = DeviceScene(arrays, options.device, min(BATCH, options.frames))
+    config = RgbCamera(
         width_px=options.width, height_px=options.height, image=ImageConfig(streaks=options.streaks)
     )  # fmt: skip
     still = np.tile(camera_pose(arrays, config), (options.frames, 1))
@@ -301,7 +301,7 @@ def main(arguments: list[str]) -> None:
             print(json.dumps({**asdict(result), **about}) if options.format == "json" else line(result), flush=True)
 
 
-def _save(folder: Path, weather: str, arrays: SceneArrays, clip: Clip) -> None:
+def _save(folder: Path, weather: str, arrays: SceneData, clip: Clip) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     mask = moving_mask(arrays, clip, 0, sun_direction(PRESETS[weather]))
     compared = np.where(mask[..., None], 0, clip.rgb[0]).astype(np.uint8)

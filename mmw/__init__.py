@@ -1,6 +1,7 @@
 """mmw: multimodal wireless datasets from one configuration file."""
 
 import logging as _logging
+from importlib import import_module as _import_module
 from pathlib import Path as _Path
 from typing import Any as _Any
 
@@ -14,10 +15,12 @@ if (_root / "pyproject.toml").is_file():
     __path__.append(str(_root))
 
 
-def __getattr__(name: str) -> _Any:
-    """Load `open` and `connect` of `mmw.dataset` when they are first used, so that `import mmw` stays light."""
-    if name in ("open", "connect"):
-        from mmw import dataset
+_HOME = {"open": ("mmw.dataset", "open_dataset"), "connect": ("mmw.dataset", "connect")}
+"""Name -> module that defines it, and its name there; loaded when first used, so that `import mmw` stays light."""
 
-        return {"open": dataset.open_dataset, "connect": dataset.connect}[name]
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+def __getattr__(name: str) -> _Any:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    module, attribute = _HOME[name]
+    return getattr(_import_module(module), attribute)

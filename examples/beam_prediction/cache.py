@@ -29,7 +29,7 @@ from examples.beam_prediction.labels import part_labels
 from examples.beam_prediction.windows import find_windows, split, window_table
 from mmw.core.errors import InputError
 from mmw.dataset import Dataset, open_dataset
-from mmw.storage.atomic_files import publish_bytes
+from mmw.storage.atomic_files import write_bytes_atomically
 
 ABOUT = "cache.json"
 WINDOWS = "windows.parquet"
@@ -70,8 +70,8 @@ def prepare(experiment: Experiment, data: Path | None, cache: Path, workers: int
     about["dataset"] = [{name: one.info[name] for name in ("config_sha256", "created_utc")} for one in datasets]
     if (cache / ABOUT).is_file():
         check_cache(cache, {key: value for key, value in about.items() if key != "windows"})  # these are found anew
-    publish_bytes(cache / ABOUT, json.dumps(about, indent=1).encode())
-    publish_bytes(cache / WINDOWS, parquet_bytes(_window_rows(experiment, datasets)))
+    write_bytes_atomically(cache / ABOUT, json.dumps(about, indent=1).encode())
+    write_bytes_atomically(cache / WINDOWS, parquet_bytes(_window_rows(experiment, datasets)))
     tasks = [task for number, one in enumerate(datasets) for task in _missing(experiment, one, cache, number)]
     with one_thread(), ProcessPoolExecutor(max(1, min(workers, len(tasks))), mp_context=get_context("spawn")) as pool:
         jobs = [pool.submit(make_file, *task) for task in tasks]
@@ -140,7 +140,7 @@ def make_file(data: Path, file: Path, scenario: str, weather: str, source: str, 
         modality = sources_of(experiment)[source]
         columns = columns_of(experiment)
         table = part_features(dataset, scenario, weather, source, modality, experiment.features, columns)
-    publish_bytes(file, parquet_bytes(table))
+    write_bytes_atomically(file, parquet_bytes(table))
     return f"{file.parent.name} {file.stem}: {table.num_rows} rows, {file.stat().st_size / 1e6:.2f} MB"
 
 

@@ -7,14 +7,14 @@ import pyarrow as pa
 
 from examples.beam_prediction.config import RadioConfig
 from mmw.channel import (
-    PathRows,
+    Paths,
+    apply_arrays,
     beam_gains,
     best_beams,
     frequency_response,
     normalized_gain,
     rotations_from_poses,
     subcarrier_frequencies,
-    synthesize,
     ula,
 )
 from mmw.channel.antennas.array_response import POSE_COLUMNS
@@ -63,7 +63,7 @@ def label_channels(h: np.ndarray, search: BeamSearch) -> BeamLabels:
     return BeamLabels(best.rx_beam, best.tx_beam, gain_db, normalized_gain(gains, every, best).astype(np.float32))
 
 
-def average_channels(paths: PathRows, tx_rotation: np.ndarray, rx_rotation: np.ndarray, s: BeamSearch) -> np.ndarray:
+def average_channels(paths: Paths, tx_rotation: np.ndarray, rx_rotation: np.ndarray, s: BeamSearch) -> np.ndarray:
     """Return H averaged over subcarriers, the first path of a link at delay 0, shape [L, N_r, N_t].
 
     Args:
@@ -72,7 +72,7 @@ def average_channels(paths: PathRows, tx_rotation: np.ndarray, rx_rotation: np.n
         rx_rotation: The same for the receivers.
         s: Arrays and band.
     """
-    a = synthesize(paths, s.tx_array, s.rx_array, paths.carrier_hz, tx_rotation, rx_rotation)
+    a = apply_arrays(paths, s.tx_array, s.rx_array, paths.carrier_hz, tx_rotation, rx_rotation)
     band = subcarrier_frequencies(s.subcarriers, s.spacing_hz)
     return frequency_response(a, paths, band, paths.carrier_hz, average=True, normalize_delays=True)
 

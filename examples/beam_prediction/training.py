@@ -30,12 +30,12 @@ from examples.beam_prediction.data import BeamData
 from examples.beam_prediction.metrics import LIKELY, score
 from examples.beam_prediction.model import Backbone, BeamPredictor
 from mmw.core.errors import InputError
-from mmw.storage.atomic_files import publish_bytes
+from mmw.storage.atomic_files import write_bytes_atomically
 
 METRICS = "metrics.json"
 PREDICTIONS = "predictions.npz"
 CHECKPOINT = "checkpoint.pt"
-LEAST_GAIN = 1e-6
+MIN_GAIN = 1e-6
 """Smaller normalised gains count as this, so that its logarithm is finite. Design value."""
 
 
@@ -98,7 +98,7 @@ def train(run: Run, experiment: Experiment, data: BeamData, out: Path, deadline:
     for epoch in range(len(history), config.epochs):
         history.append(train_epoch(model, optimizer, data, sources, config, run.seed, epoch))
         print(f"{run.name} {_line(history[-1], config.epochs)}", flush=True)
-        publish_bytes(folder / "history.jsonl", "".join(json.dumps(row) + "\n" for row in history).encode())
+        write_bytes_atomically(folder / "history.jsonl", "".join(json.dumps(row) + "\n" for row in history).encode())
         now = time.monotonic()
         if now > deadline or now - saved >= config.checkpoint_s:
             _save(folder, model, optimizer, history)
@@ -173,7 +173,7 @@ def gain_loss(logits: Tensor, target: Tensor, gains: Tensor) -> Tensor:
         gains: Normalised gain of every beam, shape [B, W, Q].
     """
     is_there = target >= 0
-    log_gain = torch.log(gains.where(is_there[..., None], torch.ones(())).clamp(min=LEAST_GAIN))
+    log_gain = torch.log(gains.where(is_there[..., None], torch.ones(())).clamp(min=MIN_GAIN))
     loss = -torch.logsumexp(logits.float().log_softmax(dim=2) + log_gain, dim=2)
     return (loss * is_there).sum() / is_there.sum().clamp(min=1)
 
@@ -239,10 +239,10 @@ def finish(
 ) -> None:
     """Write weights, predictions and scores of a trained run, and remove its checkpoint."""
     predicted, _ = predict(model, data, sources, config)
-    publish_bytes(folder / "weights.pt", torch_bytes(model.state_dict()))
+    write_bytes_atomically(folder / "weights.pt", torch_bytes(model.state_dict()))
     buffer = io.BytesIO()
     np.savez_compressed(buffer, beams=predicted)
-    publish_bytes(folder / PREDICTIONS, buffer.getbuffer())
+    write_bytes_atomically(folder / PREDICTIONS, buffer.getbuffer())
     metrics = {
         "label": run.label,
         "seed": run.seed,
@@ -252,7 +252,7 @@ def finish(
         "history": history,
         "scores": validate(predicted, data),
     }
-    publish_bytes(folder / METRICS, json.dumps(metrics, indent=1).encode())
+    write_bytes_atomically(folder / METRICS, json.dumps(metrics, indent=1).encode())
     (folder / CHECKPOINT).unlink(missing_ok=True)
 
 
@@ -278,12 +278,12 @@ def _take_up(folder: Path, run: Run, experiment: Experiment, data: BeamData) -> 
         wrong = [key for key, value in about.items() if known.get(key) != value]
         if wrong:
             raise InputError(f"{folder}: holds a run with other {', '.join(wrong)}; give another --out, or remove it")
-    publish_bytes(file, json.dumps(about, indent=1).encode())
+    write_bytes_atomically(file, json.dumps(about, indent=1).encode())
 
 
 def _save(folder: Path, model: nn.Module, optimizer: torch.optim.Optimizer, history: list[dict[str, float]]) -> None:
     state = {"model": model.state_dict(), "optimizer": optimizer.state_dict(), "history": history}
-    publish_bytes(folder / CHECKPOINT, torch_bytes(state))
+    write_bytes_atomically(folder / CHECKPOINT, torch_bytes(state))
 
 
 def _resume(

@@ -11,7 +11,7 @@ from mmw.kernels.shading.structs import Samples
 
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
 
-MOST_CENTIMETRES = wp.constant(65535.0)
+MAX_CENTIMETRES = wp.constant(65535.0)
 """Largest depth that the 16-bit image tells [cm]."""
 
 
@@ -52,7 +52,7 @@ def depth_kernel(
         near.face = MISS_ID
         near.instance = MISS_ID
     centimetres = wp.rint(depth * 100.0)
-    if near.face < 0 or centimetres > MOST_CENTIMETRES:
+    if near.face < 0 or centimetres > MAX_CENTIMETRES:
         centimetres = 0.0
     else:
         # 0 means no return, so the nearest depth that can be told is 1 cm.

@@ -36,9 +36,9 @@ def is_in_cone(scene: Scene, slot: int, instance: int, eye: wp.vec3, axis: wp.ve
     if half_angle > 1.5:
         return True
     to_local = wp.transform_inverse(scene.instance_pose[slot, instance])
-    from_middle = wp.transform_point(to_local, eye) - scene.instance_middle[instance]
+    from_middle = wp.transform_point(to_local, eye) - scene.instance_aabb_center[instance]
     along = wp.transform_vector(to_local, axis)
-    half = scene.instance_half[instance]
+    half = scene.instance_aabb_half_extent[instance]
     wider = (wp.length(from_middle) + wp.length(half)) * wp.sin(half_angle)
     enter = wp.float32(0.0)
     leave = float(wp.inf)
@@ -153,10 +153,10 @@ def sun_candidates_kernel(
     count = wp.int32(0)
     for instance in range(scene.instance_count):
         if scene.instance_present[slot, instance]:
-            middle = wp.transform_point(scene.instance_pose[slot, instance], scene.instance_middle[instance])
+            middle = wp.transform_point(scene.instance_pose[slot, instance], scene.instance_aabb_center[instance])
             apart_x = wp.max(wp.abs(wp.dot(grid.across, middle) - x) - half, 0.0)
             apart_y = wp.max(wp.abs(wp.dot(grid.along, middle) - y) - half, 0.0)
-            reach = wp.length(scene.instance_half[instance]) + grid.margin
+            reach = wp.length(scene.instance_aabb_half_extent[instance]) + grid.margin
             if apart_x * apart_x + apart_y * apart_y <= reach * reach:
                 candidates_out.instance[group, count] = wp.int16(instance)
                 count += 1

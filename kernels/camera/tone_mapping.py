@@ -21,7 +21,7 @@ TONE_ACES = wp.constant(1)
 BLUR_TAPS = wp.constant(8)
 """Places along the motion that a blurred pixel averages. Design value."""
 
-LEAST_BLUR = wp.constant(0.25)
+MIN_BLUR = wp.constant(0.25)
 """Motion while the shutter is open below which a pixel is not blurred [px]. Design value."""
 
 DARKEST = wp.constant(1.0e-6)
@@ -114,7 +114,7 @@ def blurred(radiance: wp.array3d[wp.vec3], view: int, u: int, v: int, way: wp.ve
         v: Row of the pixel.
         way: Motion while the shutter is open [px]; the shutter is half open at the frame's instant.
     """
-    if wp.dot(way, way) < LEAST_BLUR * LEAST_BLUR:
+    if wp.dot(way, way) < MIN_BLUR * MIN_BLUR:
         return radiance[view, v, u]
     total = wp.vec3()
     for tap in range(BLUR_TAPS):

@@ -7,10 +7,10 @@ from mmw.kernels.camera.image_samples import Picture, SampleRay, ray_at, ray_of,
 from mmw.kernels.core.compiler import PICTURE_RAYS
 from mmw.kernels.core.faces import material_of
 from mmw.kernels.core.packing import pack_unit, unpack_unit
-from mmw.kernels.core.structs import Candidates, Nearest, Scene
+from mmw.kernels.core.structs import Candidates, RawHit, Scene
 from mmw.kernels.core.trace import (
     PICTURE_REGISTERS,
-    nearest_surface,
+    closest_hit_raw,
     nearest_surface_among,
     object_of,
     surface_of,
@@ -27,7 +27,7 @@ FOLD = wp.constant(0.7)
 STEP = wp.constant(0.02)
 """Distance of a neighbour from the plane of a pixel's surface, over its range, from which there is an edge [-]."""
 
-MOST_HOLES = wp.constant(16)
+MAX_HOLES = wp.constant(16)
 """Holes of cut-out textures that one ray passes at most; behind so many leaves the last one is taken for solid."""
 
 PAST_HOLE = wp.constant(1.0e-4)
@@ -45,7 +45,7 @@ def ray_length(camera: Camera, forward: float) -> float:
 
 @wp.func
 def store(
-    scene: Scene, slot: int, near: Nearest, direction: wp.vec3, row: int,
+    scene: Scene, slot: int, near: RawHit, direction: wp.vec3, row: int,
     # out
     samples_out: Samples,
 ):  # fmt: skip
@@ -107,9 +107,9 @@ def visibility_through_holes_kernel(
     ray = ray_of(picture, row)
     ignore = picture.views.ignore[ray.view]
     t_max = ray_length(picture.camera, ray.forward)
-    near = nearest_surface(scene, ray.slot, ray.origin, ray.direction, t_max, ignore)
+    near = closest_hit_raw(scene, ray.slot, ray.origin, ray.direction, t_max, ignore)
     behind = wp.float32(0.0)
-    for _ in range(MOST_HOLES):
+    for _ in range(MAX_HOLES):
         is_hole = wp.bool(False)
         if near.face >= 0:
             is_hole = is_cut_out(
@@ -120,15 +120,15 @@ def visibility_through_holes_kernel(
             break
         behind += near.t + PAST_HOLE * wp.max(1.0, behind + near.t)
         start = ray.origin + behind * ray.direction
-        near = nearest_surface(scene, ray.slot, start, ray.direction, t_max - behind, ignore)
+        near = closest_hit_raw(scene, ray.slot, start, ray.direction, t_max - behind, ignore)
     near.t += behind
     store(scene, ray.slot, near, ray.direction, row, samples_out)
 
 
 @wp.func
-def seen_again(samples: Samples, row: int) -> Nearest:
+def seen_again(samples: Samples, row: int) -> RawHit:
     """Return a stored sample as the tracer found it, without its normal."""
-    near = Nearest()
+    near = RawHit()
     near.t = samples.t[row]
     near.face = samples.face[row]
     near.instance = samples.instance[row]

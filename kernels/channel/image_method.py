@@ -3,7 +3,16 @@
 import warp as wp
 
 from mmw.kernels.channel.edges import Wedges, edge_point, edge_world, is_outside
-from mmw.kernels.channel.segments import DIFFRACTION, EDGE_LIFTS, END_SLACK, LIFT, SPECULAR, Met, is_covered, walk_leg
+from mmw.kernels.channel.segments import (
+    DIFFRACTION,
+    EDGE_LIFTS,
+    END_SLACK,
+    LIFT,
+    SPECULAR,
+    HitBuffers,
+    is_covered,
+    walk_leg,
+)
 from mmw.kernels.channel.surfaces import (
     LinkEnds,
     Plane,
@@ -168,7 +177,7 @@ def refine_kernel(
     passes: int,
     # out
     order_out: wp.array[int],
-    met_out: Met,
+    met_out: HitBuffers,
 ):
     """Find the exact points of each candidate and trace its legs, through up to `passes` slabs on the way.
 

@@ -12,7 +12,7 @@ import warp as wp
 from mmw.kernels.core.compiler import FINITE
 from mmw.kernels.core.geometry import fibonacci_direction
 from mmw.kernels.core.structs import MISS_ID, Scene
-from mmw.kernels.core.trace import TRACE_REGISTERS, nearest_surface, surface_of, world_normal
+from mmw.kernels.core.trace import TRACE_REGISTERS, closest_hit_raw, surface_of, world_normal
 
 wp.set_module_options(
     {"enable_backward": False, "default_grid_stride": False, "fast_math": False, "cpu_compiler_flags": FINITE}
@@ -101,7 +101,7 @@ def launch_kernel(
     level = wp.int32(1)
     met = wp.int32(0)
     while met < depth:
-        near = nearest_surface(scene, slot[source], place, direction, wp.inf, MISS_ID)
+        near = closest_hit_raw(scene, slot[source], place, direction, wp.inf, MISS_ID)
         if near.face < 0:
             met = depth
         else:

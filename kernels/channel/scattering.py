@@ -2,11 +2,11 @@
 
 import warp as wp
 
-from mmw.kernels.channel.segments import END_SLACK, LIFT, MIN_LEG, SPECULAR, TRANSMISSION, Met, walk_leg
+from mmw.kernels.channel.segments import END_SLACK, LIFT, MIN_LEG, SPECULAR, TRANSMISSION, HitBuffers, walk_leg
 from mmw.kernels.channel.surfaces import LinkEnds, Surfaces, largest, mean_plane, single, triangle_at, triangle_plane
 from mmw.kernels.core.geometry import fibonacci_direction_64
 from mmw.kernels.core.structs import MISS_ID, Scene
-from mmw.kernels.core.trace import nearest_surface, surface_of
+from mmw.kernels.core.trace import closest_hit_raw, surface_of
 
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
 
@@ -44,7 +44,7 @@ def scatter_kernel(
     met = wp.int32(0)
     is_open = wp.bool(True)
     while is_open and met < depth:
-        near = nearest_surface(scene, own_slot, single(begin - origin), single(direction), wp.inf, MISS_ID)
+        near = closest_hit_raw(scene, own_slot, single(begin - origin), single(direction), wp.inf, MISS_ID)
         surface = surface_of(scene, near)
         is_open = surface != MISS_ID
         if is_open:
@@ -92,7 +92,7 @@ def connect_kernel(
     room: wp.array[int],
     # out
     count_out: wp.array[int],
-    met_out: Met,
+    met_out: HitBuffers,
 ):
     """Go from a patch straight to the far end (`rx`) of a link, on the side of the patch's normal.
 

@@ -4,7 +4,7 @@ import warp as wp
 
 from mmw.kernels.channel.surfaces import Surfaces, holds, largest, mean_plane, single, triangle_at, triangle_plane
 from mmw.kernels.core.structs import MISS_ID, Scene
-from mmw.kernels.core.trace import closest_hit, is_blocked
+from mmw.kernels.core.trace import closest_hit, occluded
 
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
 
@@ -28,7 +28,7 @@ END_SLACK = wp.constant(wp.float64(6e-6))
 
 
 @wp.struct
-class Met:
+class HitBuffers:
     """What paths meet in turn, from transmitter to receiver: rows that the tracing of legs fills."""
 
     kind: wp.array2d[int]
@@ -69,7 +69,7 @@ def pass_slab(
     trial: int,
     filled: int,
     limit: int,
-    met: Met,
+    met: HitBuffers,
 ) -> int:
     """Write that the leg from `begin` to `end` goes through a surface at about `near`; return the new number of rows.
 
@@ -105,7 +105,7 @@ def walk_leg(
     trial: int,
     filled: int,
     room: int,
-    met: Met,
+    met: HitBuffers,
 ) -> int:
     """Trace a leg; write the slabs that it passes through, `room` at most; return how many rows are filled, or -1.
 
@@ -119,7 +119,7 @@ def walk_leg(
         return -1
     way = leg / length
     direction = wp.normalize(single(way))
-    if not is_blocked(scene, slot, single(start - origin), direction, wp.float32(length), MISS_ID):
+    if not occluded(scene, slot, single(start - origin), direction, wp.float32(length), MISS_ID):
         return filled
     written = filled
     limit = filled + room

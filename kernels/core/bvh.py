@@ -41,10 +41,10 @@ REFERENCE_ROW = wp.constant(6)
 LEAF_ROWS = wp.constant(10)
 """Rows of four numbers in a leaf: x, y, z of the first, second and third corners of its triangles, and their faces."""
 
-MOST_LEVELS = wp.constant(15)
+MAX_LEVELS = wp.constant(15)
 """Nodes on the way to a leaf at most."""
 
-MOST_WAITING = 3 * MOST_LEVELS + 1
+MAX_WAITING = 3 * MAX_LEVELS + 1
 """Nodes and leaves that may wait for a ray: three of each level, and the next. More room, or the distances of what
 waits, cost CUDA more than they save: local memory is what its walk spends its time on."""
 
@@ -273,7 +273,7 @@ def _walk(cuda_order: str, cpu_order: str, found: str, end: str) -> str:
     cuda = CUDA_BOXES + cuda_order + CUDA_LEAF.replace("FOUND", found)
     cpu = CPU_BOXES + cpu_order + CPU_LEAF.replace("FOUND", found)
     code = f"{RAY}#ifdef __CUDA_ARCH__\n{cuda}#else\n{cpu}#endif\n{NEXT.replace('RETURN', end)}"
-    sizes = {"MOST_WAITING": MOST_WAITING, "NODE_NUMBERS": 4 * NODE_ROWS, "LEAF_NUMBERS": 4 * LEAF_ROWS}
+    sizes = {"MOST_WAITING": MAX_WAITING, "NODE_NUMBERS": 4 * NODE_ROWS, "LEAF_NUMBERS": 4 * LEAF_ROWS}
     for name, size in sizes.items():
         code = code.replace(name, str(size))
     return code

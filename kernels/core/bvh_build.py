@@ -7,7 +7,7 @@ volume hierarchies", 2007.
 
 import warp as wp
 
-from mmw.kernels.core.bvh import LEAF_FACES, LEAF_ROWS, MOST_LEVELS, NODE_ROWS, REFERENCE_ROW
+from mmw.kernels.core.bvh import LEAF_FACES, LEAF_ROWS, MAX_LEVELS, NODE_ROWS, REFERENCE_ROW
 
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False, "max_unroll": 1})
 
@@ -271,7 +271,7 @@ def build_tree_kernel(
         begin = wp.vec4i(work.waiting[size, 1], 0, 0, 0)
         end = wp.vec4i(work.waiting[size, 2], 0, 0, 0)
         # A tree that has become deep goes on by halves, so that it ends.
-        is_deep = level + levels_of(end[0] - begin[0], leaf_faces) >= MOST_LEVELS
+        is_deep = level + levels_of(end[0] - begin[0], leaf_faces) >= MAX_LEVELS
         area = wp.vec4(1.0, 0.0, 0.0, 0.0)
         lower = Corners()
         upper = Corners()

@@ -16,10 +16,10 @@ import warp as wp
 
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
 
-LEAST_PART = wp.constant(1.0e-20)
+MIN_PART = wp.constant(1.0e-20)
 """Size that a part of a direction along an axis is given where it has less, as in `tree.py`, to divide by it."""
 
-LEAST_WAY = wp.constant(1.0e-37)
+MIN_WAY = wp.constant(1.0e-37)
 """A part of a direction whose size is less is none for Warp's walk: its inverse would be infinite, and times zero not
 a number."""
 
@@ -37,8 +37,8 @@ class Shear:
 def inverse_part(part: float) -> float:
     """Return the inverse of a part of a direction, large where there is none."""
     least = wp.float32(part)
-    if wp.abs(part) < LEAST_PART:
-        least = LEAST_PART
+    if wp.abs(part) < MIN_PART:
+        least = MIN_PART
     return 1.0 / least
 
 
@@ -123,7 +123,7 @@ def way_of(direction: wp.vec3) -> wp.vec3:
     """Return a direction for Warp's walk, which takes care of parts that are zero, but not of the tiniest ones."""
     way = wp.vec3(direction)
     for axis in range(3):
-        if wp.abs(direction[axis]) < LEAST_WAY:
+        if wp.abs(direction[axis]) < MIN_WAY:
             way[axis] = 0.0
     return way
 

@@ -3,12 +3,12 @@
 import warp as wp
 
 from mmw.kernels.core.structs import MISS_ID, Scene
-from mmw.kernels.core.trace import nearest_surface, object_of
+from mmw.kernels.core.trace import closest_hit_raw, object_of
 
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
 
 
-MOST_CROSSINGS = wp.constant(64)
+MAX_CROSSINGS = wp.constant(64)
 """Surfaces that are counted on one ray."""
 CLEARANCE = wp.constant(1.0e-4)
 """Way behind a surface after which the next one is looked for [m]."""
@@ -33,12 +33,12 @@ def sight_kernel(
     distance = wp.length(way)
     object_out[line] = MISS_ID
     if distance > 0.0:
-        near = nearest_surface(scene, slot[line], origin[line], way / distance, distance, ignore[line])
+        near = closest_hit_raw(scene, slot[line], origin[line], way / distance, distance, ignore[line])
         object_out[line] = object_of(scene, near)
 
 
 @wp.kernel
-def crossings_kernel(
+def count_hits_kernel(
     scene: Scene,
     slot: wp.array[int],
     origin: wp.array[wp.vec3],
@@ -48,7 +48,7 @@ def crossings_kernel(
     count_out: wp.array2d[int],
     object_out: wp.array2d[int],
 ):
-    """Count the surfaces on each ray, up to `MOST_CROSSINGS`, and write the object of the first, -1 for none.
+    """Count the surfaces on each ray, up to `MAX_CROSSINGS`, and write the object of the first, -1 for none.
 
     Launch: dim=(N, K), block_dim=64.
     """
@@ -57,8 +57,8 @@ def crossings_kernel(
     count = wp.int32(0)
     first = wp.int32(MISS_ID)
     is_on = wp.bool(True)
-    while is_on and count < MOST_CROSSINGS:
-        near = nearest_surface(scene, slot[point], start, direction[ray], t_max, MISS_ID)
+    while is_on and count < MAX_CROSSINGS:
+        near = closest_hit_raw(scene, slot[point], start, direction[ray], t_max, MISS_ID)
         is_on = near.face >= 0
         if is_on:
             if count == 0:

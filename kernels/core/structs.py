@@ -38,9 +38,9 @@ class Scene:
     """Angular velocity of the instance about the axes of the scene frame [rad/s], shape [S, V]; zero where absent."""
     instance_present: wp.array2d[wp.bool]
     """Whether the instance is in the scene, shape [S, V]."""
-    instance_middle: wp.array[wp.vec3]
+    instance_aabb_center: wp.array[wp.vec3]
     """Middle of a box about the instance's model, in its frame [m], shape [V]."""
-    instance_half: wp.array[wp.vec3]
+    instance_aabb_half_extent: wp.array[wp.vec3]
     """Half the sides of that box [m], shape [V]."""
     instance_root: wp.array[int]
     """Root of the tree of the instance's model, shape [V]."""
@@ -101,7 +101,7 @@ class Hit:
 
 
 @wp.struct
-class Nearest:
+class RawHit:
     """What a ray meets first, before its ids are looked up."""
 
     t: float

@@ -23,7 +23,7 @@ import warp as wp
 from mmw.kernels.core.bvh import Tree, is_any_face, nearest_face
 from mmw.kernels.core.faces import face_normal, material_of
 from mmw.kernels.core.rigid_motion import instance_pose_at
-from mmw.kernels.core.structs import MISS_ID, Candidates, Hit, Nearest, Scene
+from mmw.kernels.core.structs import MISS_ID, Candidates, Hit, RawHit, Scene
 
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
 
@@ -43,7 +43,7 @@ TIE_REACH = wp.constant(1.000001)
 
 
 @wp.func
-def nearest_in_tree(tree: Tree, root: int, origin: wp.vec3, direction: wp.vec3, t_max: float) -> Nearest:
+def nearest_in_tree(tree: Tree, root: int, origin: wp.vec3, direction: wp.vec3, t_max: float) -> RawHit:
     """Return the first face of one mesh on a ray, such as the road under a wheel; its `t` is `t_max` for a miss.
 
     Args:
@@ -53,7 +53,7 @@ def nearest_in_tree(tree: Tree, root: int, origin: wp.vec3, direction: wp.vec3, 
         direction: Unit direction in the mesh's frame.
         t_max: Length of the ray [m].
     """
-    near = Nearest()
+    near = RawHit()
     near.t = t_max
     near.instance = MISS_ID
     found = nearest_face(tree, root, origin, direction, t_max)
@@ -64,9 +64,9 @@ def nearest_in_tree(tree: Tree, root: int, origin: wp.vec3, direction: wp.vec3, 
 
 
 @wp.func
-def nearest_in_town(scene: Scene, origin: wp.vec3, direction: wp.vec3, t_max: float) -> Nearest:
+def nearest_in_town(scene: Scene, origin: wp.vec3, direction: wp.vec3, t_max: float) -> RawHit:
     """Return what the ray meets first of the static town; its `t` is `t_max` for a miss."""
-    near = Nearest()
+    near = RawHit()
     near.t = t_max
     near.face = MISS_ID
     near.instance = MISS_ID
@@ -77,8 +77,8 @@ def nearest_in_town(scene: Scene, origin: wp.vec3, direction: wp.vec3, t_max: fl
 
 @wp.func
 def nearer_body(
-    scene: Scene, instance: int, pose: wp.transformf, origin: wp.vec3, direction: wp.vec3, near: Nearest
-) -> Nearest:
+    scene: Scene, instance: int, pose: wp.transformf, origin: wp.vec3, direction: wp.vec3, near: RawHit
+) -> RawHit:
     """Return what a ray meets first, from the nearest so far and an instance at a pose."""
     to_local = wp.transform_inverse(pose)
     body = nearest_in_tree(
@@ -109,7 +109,7 @@ def is_blocked_by(scene: Scene, slot: int, instance: int, origin: wp.vec3, direc
 
 
 @wp.func
-def nearest_surface(scene: Scene, slot: int, origin: wp.vec3, direction: wp.vec3, t_max: float, ignore: int) -> Nearest:
+def closest_hit_raw(scene: Scene, slot: int, origin: wp.vec3, direction: wp.vec3, t_max: float, ignore: int) -> RawHit:
     """Return what the ray meets first, without ids: the cheap form of `closest_hit` for kernels that need few of them.
 
     Args:
@@ -138,10 +138,10 @@ def nearest_surface(scene: Scene, slot: int, origin: wp.vec3, direction: wp.vec3
 @wp.func
 def nearest_surface_at(
     scene: Scene, slot: int, origin: wp.vec3, direction: wp.vec3, t_max: float, ignore: int, time_offset: float
-) -> Nearest:
+) -> RawHit:
     """Return what a ray of a rolling sweep meets first: every instance is where it is at the instant of the ray.
 
-    The walk is that of `nearest_surface`, written out a second time so that rays of a still scene pay nothing for it.
+    The walk is that of `closest_hit_raw`, written out a second time so that rays of a still scene pay nothing for it.
 
     Args:
         scene: Town and vehicles.
@@ -173,8 +173,8 @@ def nearest_surface_at(
 def nearest_surface_among(
     scene: Scene, slot: int, origin: wp.vec3, direction: wp.vec3, t_max: float, ignore: int, candidates: Candidates,
     group: int,
-) -> Nearest:  # fmt: skip
-    """Return what the ray meets first, where all instances that it can meet are known: `nearest_surface` without a walk
+) -> RawHit:  # fmt: skip
+    """Return what the ray meets first, where all instances that it can meet are known: `closest_hit_raw` without a walk
     through the tree of instances.
 
     Args:
@@ -215,8 +215,8 @@ def is_blocked_among(
 
 
 @wp.func
-def object_of(scene: Scene, near: Nearest) -> int:
-    """Return the object id of what `nearest_surface` found, -1 for a miss."""
+def object_of(scene: Scene, near: RawHit) -> int:
+    """Return the object id of what `closest_hit_raw` found, -1 for a miss."""
     object_id = wp.int32(MISS_ID)
     if near.face >= 0:
         if near.instance < 0:
@@ -227,8 +227,8 @@ def object_of(scene: Scene, near: Nearest) -> int:
 
 
 @wp.func
-def surface_of(scene: Scene, near: Nearest) -> int:
-    """Return the surface id of what `nearest_surface` found, -1 for a miss."""
+def surface_of(scene: Scene, near: RawHit) -> int:
+    """Return the surface id of what `closest_hit_raw` found, -1 for a miss."""
     surface = wp.int32(MISS_ID)
     if near.face >= 0:
         if near.instance < 0:
@@ -240,8 +240,8 @@ def surface_of(scene: Scene, near: Nearest) -> int:
 
 
 @wp.func
-def world_normal(scene: Scene, slot: int, near: Nearest) -> wp.vec3:
-    """Return the unit normal of what `nearest_surface` found, after the winding, in the scene frame."""
+def world_normal(scene: Scene, slot: int, near: RawHit) -> wp.vec3:
+    """Return the unit normal of what `closest_hit_raw` found, after the winding, in the scene frame."""
     normal = face_normal(scene, near.face, near.instance)
     if near.instance >= 0:
         normal = wp.transform_vector(scene.instance_pose[slot, near.instance], normal)
@@ -249,8 +249,8 @@ def world_normal(scene: Scene, slot: int, near: Nearest) -> wp.vec3:
 
 
 @wp.func
-def hit_of(scene: Scene, near: Nearest) -> Hit:
-    """Return what `nearest_surface` found with every id, and its normal after the winding in the frame of its mesh."""
+def hit_of(scene: Scene, near: RawHit) -> Hit:
+    """Return what `closest_hit_raw` found with every id, and its normal after the winding in the frame of its mesh."""
     hit = Hit()
     hit.t = near.t
     hit.face = near.face
@@ -266,8 +266,8 @@ def hit_of(scene: Scene, near: Nearest) -> Hit:
 
 @wp.func
 def closest_hit(scene: Scene, slot: int, origin: wp.vec3, direction: wp.vec3, t_max: float, ignore: int) -> Hit:
-    """Return what the ray meets first, with every id and the normal; see `nearest_surface` for the arguments."""
-    hit = hit_of(scene, nearest_surface(scene, slot, origin, direction, t_max, ignore))
+    """Return what the ray meets first, with every id and the normal; see `closest_hit_raw` for the arguments."""
+    hit = hit_of(scene, closest_hit_raw(scene, slot, origin, direction, t_max, ignore))
     if hit.instance >= 0:
         hit.normal = wp.transform_vector(scene.instance_pose[slot, hit.instance], hit.normal)
     hit.normal = wp.where(wp.dot(hit.normal, direction) > 0.0, -hit.normal, hit.normal)
@@ -287,8 +287,8 @@ def closest_hit_at(
 
 
 @wp.func
-def is_blocked(scene: Scene, slot: int, origin: wp.vec3, direction: wp.vec3, t_max: float, ignore: int) -> bool:
-    """Return whether anything lies on the ray before `t_max`; see `nearest_surface` for the arguments."""
+def occluded(scene: Scene, slot: int, origin: wp.vec3, direction: wp.vec3, t_max: float, ignore: int) -> bool:
+    """Return whether anything lies on the ray before `t_max`; see `closest_hit_raw` for the arguments."""
     blocked = wp.bool(False)
     if scene.town_root >= 0:
         blocked = is_any_face(scene.tree, scene.town_root, origin, direction, t_max)
@@ -336,7 +336,7 @@ def cast_kernel(
     """
     ray = wp.tid()
     hit_out[ray] = closest_hit(scene, slot[ray], origin[ray], direction[ray], t_max, ignore[ray])
-    is_blocked_out[ray] = is_blocked(scene, slot[ray], origin[ray], direction[ray], t_max, ignore[ray])
+    is_blocked_out[ray] = occluded(scene, slot[ray], origin[ray], direction[ray], t_max, ignore[ray])
 
 
 @wp.kernel

@@ -12,7 +12,7 @@ RAIN = wp.constant(1)
 FOG = wp.constant(2)
 """Label of an echo of fog."""
 
-MOST_DROPS = wp.constant(16)
+MAX_DROPS = wp.constant(16)
 """Drops of a ray that are looked at, from the strongest down."""
 
 PATCHES = wp.constant(64)
@@ -22,7 +22,7 @@ FOG_SAMPLES = wp.constant(24)
 """Samples of the fog on a ray, one a step of the logarithm of range."""
 
 RAIN_DRAW = wp.constant(0)
-"""First draw of rain: half of `MOST_DROPS`, two drops a draw."""
+"""First draw of rain: half of `MAX_DROPS`, two drops a draw."""
 
 FOG_DRAW = wp.constant(32)
 """First draw of fog: one for the ray, then half of `FOG_SAMPLES`, two samples a draw."""
@@ -117,7 +117,7 @@ def rain_echoes(air: Air, key: wp.vec2ui, ray: int, surface_range: float, echoes
     levels = air.drop_range.shape[1]
     arrival = wp.float32(0.0)
     u = wp.vec4()
-    for drop in range(MOST_DROPS):
+    for drop in range(MAX_DROPS):
         odd = drop % 2
         if odd == 0:
             u = uniform4(key, ray, RAIN_DRAW + drop // 2)

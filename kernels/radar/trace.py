@@ -81,10 +81,10 @@ class RadarLink:
     """Half-power width of an antenna [rad]."""
 
 
-LEAST_COSINE = wp.constant(1.0e-3)
+MIN_COSINE = wp.constant(1.0e-3)
 """Cosine of incidence that grazing rays are raised to: 0.06 deg from the surface, where its echo is nothing anyway."""
 
-LEAST_RANGE = wp.constant(0.01)
+MIN_RANGE = wp.constant(0.01)
 """Distance that shorter ones are raised to [m], so that the power stays finite."""
 
 
@@ -221,8 +221,8 @@ def echo_kernel(
     rcs = 0.0
     power = 0.0
     if hits.object_id[view, ray] >= 0:
-        distance = wp.max(hits.range[view, ray], LEAST_RANGE)
-        cosine = wp.max(hits.cos_incidence[view, ray], LEAST_COSINE)
+        distance = wp.max(hits.range[view, ray], MIN_RANGE)
+        cosine = wp.max(hits.cos_incidence[view, ray], MIN_COSINE)
         area = distance * distance * link.solid_angle / cosine
         rcs = backscatter(surface[hits.material_id[view, ray]], cosine) * area
         across = hits.azimuth[view, ray] / link.azimuth_beam

@@ -13,7 +13,7 @@ from mmw.kernels.camera.visibility import store
 from mmw.kernels.core.compiler import PICTURE_RAYS
 from mmw.kernels.core.packing import unpack_unit
 from mmw.kernels.core.structs import Scene
-from mmw.kernels.core.trace import PICTURE_REGISTERS, nearest_surface
+from mmw.kernels.core.trace import PICTURE_REGISTERS, closest_hit_raw
 from mmw.kernels.shading.shadows import lift, sees_sun, stratum_point
 from mmw.kernels.shading.structs import MATT, Appearance, Samples, Surfaces
 from mmw.kernels.shading.surface_point import surfel_of
@@ -22,7 +22,7 @@ from mmw.kernels.shading.wet_surfaces import WATER_REFLECTANCE, Wet, smoothstep,
 
 wp.set_module_options(PICTURE_RAYS)
 
-LEAST_WATER_SHARE = wp.constant(0.03)
+MIN_WATER_SHARE = wp.constant(0.03)
 """Share of the light that the film on wet ground must mirror for a ray to be worth it [-]: that of water to an eye
 37 deg above it. Design value."""
 
@@ -84,7 +84,7 @@ def water_weight(film: float, normal: wp.vec3, to_viewer: wp.vec3) -> float:
 
     The rest is the blurred sky. It rises smoothly, so that no line shows where rays begin.
     """
-    return smoothstep(LEAST_WATER_SHARE, FULL_WATER_SHARE, film * schlick(WATER_REFLECTANCE, normal, to_viewer))
+    return smoothstep(MIN_WATER_SHARE, FULL_WATER_SHARE, film * schlick(WATER_REFLECTANCE, normal, to_viewer))
 
 
 @wp.func
@@ -222,7 +222,7 @@ def mirror_trace_kernel(
     number = wp.tid()
     ray = mirror_ray(picture, surfaces, row[number])
     slot = ray.source.slot
-    near = nearest_surface(scene, slot, ray.start, ray.direction, MIRROR_FAR_M, -1)
+    near = closest_hit_raw(scene, slot, ray.start, ray.direction, MIRROR_FAR_M, -1)
     store(scene, slot, near, ray.direction, number, samples_out)
 
 

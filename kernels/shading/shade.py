@@ -31,7 +31,7 @@ SHARP_IMAGE = wp.constant(0.15)
 BLURS_IMAGE = wp.constant(0.4)
 """Roughness from which it shows the blurred sky alone [-]. Design value."""
 
-LEAST_ROUGH_SKY = wp.constant(0.1)
+MIN_ROUGH_SKY = wp.constant(0.1)
 """Roughness that a sky mirrored without a ray has at least [-]: nothing sharp is drawn where nothing was traced."""
 
 
@@ -204,7 +204,7 @@ def shade_kernel(
 
     # Where no ray was sent, what hides the sky from the surface hides it from the mirror too.
     away = mirrored(direction, surfel.shading_normal, normal)
-    blurred = is_open * sky_radiance(sky, away, wp.max(ambient.specular_roughness, LEAST_ROUGH_SKY)) + dark
+    blurred = is_open * sky_radiance(sky, away, wp.max(ambient.specular_roughness, MIN_ROUGH_SKY)) + dark
     seen = wp.vec3()
     if light.mirror.shape[0] > 0 and weight > 0.0:
         found = mirror_image(picture, surfaces, light.mirror, image, row)

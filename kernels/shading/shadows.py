@@ -14,7 +14,7 @@ from mmw.kernels.core.compiler import PICTURE_RAYS
 from mmw.kernels.core.noise import uniform4
 from mmw.kernels.core.packing import unpack_unit
 from mmw.kernels.core.structs import Scene
-from mmw.kernels.core.trace import PICTURE_REGISTERS, is_blocked, is_blocked_among
+from mmw.kernels.core.trace import PICTURE_REGISTERS, is_blocked_among, occluded
 
 wp.set_module_options(PICTURE_RAYS)
 
@@ -110,7 +110,7 @@ def sees_sky(scene: Scene, slot: int, start: wp.vec3, normal: wp.vec3, point: wp
     height = wp.sqrt(wp.max(1.0 - wp.dot(point, point), 0.0))
     direction = wp.normalize(normal * height + across(normal, point))
     far = wp.where(direction[2] >= 0.0, SKY_FAR_M, GROUND_NEAR_M)
-    return not is_blocked(scene, slot, start, direction, far, -1)
+    return not occluded(scene, slot, start, direction, far, -1)
 
 
 @wp.func

@@ -5,18 +5,18 @@ import warp as wp
 from mmw.kernels.core.faces import face_corners, face_row, material_of
 from mmw.kernels.core.structs import Scene
 from mmw.kernels.shading.structs import Appearance, Surfel
-from mmw.kernels.shading.texture import MOST_TAPS, sample_texture
+from mmw.kernels.shading.texture import MAX_TAPS, sample_texture
 
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": True})
 
-LEAST_COSINE = wp.constant(0.02)
+MIN_COSINE = wp.constant(0.02)
 """A shading normal makes at least this cosine with the way to the viewer and with the face's normal [-]. Design value:
 1.1 degrees, so that what shades with it divides by no zero."""
 
-LEAST_VIEW_COSINE = wp.constant(0.01)
+MIN_VIEW_COSINE = wp.constant(0.01)
 """Footprints grow no longer than at this cosine of incidence [-]; design value, far beyond what the taps reach."""
 
-LEAST_ROUGHNESS = wp.constant(0.02)
+MIN_ROUGHNESS = wp.constant(0.02)
 """Roughness that a texture gives is at least this [-]; design value."""
 
 
@@ -147,7 +147,7 @@ def footprint_of(appearance: Appearance, patch: Patch, instance: int, width: flo
         other = wp.where(wp.abs(patch.normal[0]) < 0.5, wp.vec3(1.0, 0.0, 0.0), wp.vec3(0.0, 1.0, 0.0))
         across = wp.normalize(wp.cross(patch.normal, other))
     along = wp.cross(across, patch.normal)
-    reach = width / wp.max(wp.abs(wp.dot(patch.normal, patch.direction)), LEAST_VIEW_COSINE)
+    reach = width / wp.max(wp.abs(wp.dot(patch.normal, patch.direction)), MIN_VIEW_COSINE)
     seen.ds = wp.vec2(wp.dot(seen.along_s, across), wp.dot(seen.along_t, across)) * width
     seen.dt = wp.vec2(wp.dot(seen.along_s, along), wp.dot(seen.along_t, along)) * reach
     return seen
@@ -198,10 +198,10 @@ def mapped_normal(appearance: Appearance, use: int, seen: Footprint, normal: wp.
 def toward_viewer(normal: wp.vec3, face_normal: wp.vec3, direction: wp.vec3) -> wp.vec3:
     """Return a shading normal bent as little as needed to face the viewer, and to stay on the face's seen side."""
     bent = normal
-    short = LEAST_COSINE - wp.dot(bent, face_normal)
+    short = MIN_COSINE - wp.dot(bent, face_normal)
     if short > 0.0:
         bent = wp.normalize(bent + face_normal * short)
-    short = LEAST_COSINE + wp.dot(bent, direction)
+    short = MIN_COSINE + wp.dot(bent, direction)
     if short > 0.0:
         bent = wp.normalize(bent - direction * short)
     return bent
@@ -277,21 +277,21 @@ def surfel_of(
     ):
         seen = footprint_of(appearance, patch, instance, spread * t)
         if look.color_texture >= 0:
-            color = sample_texture(appearance, look.color_texture, seen.st, seen.ds, seen.dt, MOST_TAPS)
+            color = sample_texture(appearance, look.color_texture, seen.st, seen.ds, seen.dt, MAX_TAPS)
             surfel.color = wp.vec3(
                 wp.clamp(color[0], 0.0, 1.0), wp.clamp(color[1], 0.0, 1.0), wp.clamp(color[2], 0.0, 1.0)
             )
         if look.normal_texture >= 0:
             shading = mapped_normal(appearance, look.normal_texture, seen, shading)
         if look.roughness_texture >= 0:
-            surfel.roughness = wp.max(number_from(appearance, look.roughness_texture, seen, 1), LEAST_ROUGHNESS)
+            surfel.roughness = wp.max(number_from(appearance, look.roughness_texture, seen, 1), MIN_ROUGHNESS)
         if look.metallic_texture >= 0:
             surfel.metallic = number_from(appearance, look.metallic_texture, seen, 1)
         if look.emission_texture >= 0:
-            glow = sample_texture(appearance, look.emission_texture, seen.st, seen.ds, seen.dt, MOST_TAPS)
+            glow = sample_texture(appearance, look.emission_texture, seen.st, seen.ds, seen.dt, MAX_TAPS)
             surfel.emission = wp.vec3(wp.max(glow[0], 0.0), wp.max(glow[1], 0.0), wp.max(glow[2], 0.0))
         if look.opacity_texture >= 0 and look.opacity_threshold <= 0.0:
-            surfel.opacity = number_from(appearance, look.opacity_texture, seen, MOST_TAPS)
+            surfel.opacity = number_from(appearance, look.opacity_texture, seen, MAX_TAPS)
     side = wp.where(wp.dot(patch.normal, patch.direction) > 0.0, -1.0, 1.0)
     shading = toward_viewer(shading * side, patch.normal * side, patch.direction)
     surfel.normal = patch.normal * side
@@ -322,7 +322,7 @@ def is_cut_out(
         if look.opacity_texture >= 0:
             patch = patch_of(scene, slot, origin, direction, t, face, instance)
             seen = footprint_of(appearance, patch, instance, spread * t)
-            is_hole = number_from(appearance, look.opacity_texture, seen, MOST_TAPS) < look.opacity_threshold
+            is_hole = number_from(appearance, look.opacity_texture, seen, MAX_TAPS) < look.opacity_threshold
         else:
             is_hole = look.opacity < look.opacity_threshold
     return is_hole

@@ -15,17 +15,17 @@ wp.set_module_options(
 )
 
 
-MOST_ROUGH_BASE = wp.constant(0.25)
+MAX_ROUGH_BASE = wp.constant(0.25)
 """Roughness below which glass and metal mirror their surroundings sharply [-]. Design value."""
 
-MOST_ROUGH_COAT = wp.constant(0.2)
+MAX_ROUGH_COAT = wp.constant(0.2)
 """Roughness of a clear coat below which it mirrors its surroundings sharply [-]. Design value."""
 
 
 COAT_REFLECTANCE = wp.constant(0.04)
 """Light that a clear coat mirrors straight back [-]: a refractive index of 1.5."""
 
-LEAST_COAT_SHARE = wp.constant(0.045)
+MIN_COAT_SHARE = wp.constant(0.045)
 """Share of the light that a coat must mirror for a ray to be worth it [-]: from 45 deg aslant on. Design value."""
 
 FULL_COAT_SHARE = wp.constant(0.1)
@@ -45,15 +45,15 @@ def schlick(reflectance: float, normal: wp.vec3, to_viewer: wp.vec3) -> float:
 @wp.func
 def coat_weight(look: Look, normal: wp.vec3, to_viewer: wp.vec3) -> float:
     """Return how much of what a sharp coat mirrors comes by a ray of its own, 0 to 1; the rest is the blurred sky."""
-    return smoothstep(LEAST_COAT_SHARE, FULL_COAT_SHARE, look.clearcoat * schlick(COAT_REFLECTANCE, normal, to_viewer))
+    return smoothstep(MIN_COAT_SHARE, FULL_COAT_SHARE, look.clearcoat * schlick(COAT_REFLECTANCE, normal, to_viewer))
 
 
 @wp.func
 def gloss_of(surfel: Surfel, look: Look, to_viewer: wp.vec3) -> wp.uint8:
     """Return `SMOOTH`, `COATED`, `FAINT_COAT` or `MATT`."""
-    if (surfel.opacity < 0.999 or surfel.metallic > 0.5) and surfel.roughness < MOST_ROUGH_BASE:
+    if (surfel.opacity < 0.999 or surfel.metallic > 0.5) and surfel.roughness < MAX_ROUGH_BASE:
         return SMOOTH
-    if look.clearcoat > 0.0 and look.clearcoat_roughness < MOST_ROUGH_COAT:
+    if look.clearcoat > 0.0 and look.clearcoat_roughness < MAX_ROUGH_COAT:
         if coat_weight(look, surfel.shading_normal, to_viewer) > 0.0:
             return COATED
         return FAINT_COAT

@@ -12,7 +12,7 @@ MIRROR = wp.constant(2)
 BLACK = wp.constant(3)
 """Wraps by number, as in `TextureUse.wrap_u`."""
 
-MOST_TAPS = wp.constant(4)
+MAX_TAPS = wp.constant(4)
 """Taps along the long axis of a footprint of a colour; normals, roughness and the like take one. Design value: a road
 seen at 14 degrees or steeper stays sharp."""
 
@@ -20,8 +20,8 @@ FINE_LEVEL = wp.constant(5.0)
 """Mip level from which normals, roughness and the like fade to their mean, which alone counts one level on: a pixel is
 then 64 texels long, 0.25 m and more on what towns are made of, and their variation within it is gone. Design value."""
 
-LEAST_TEXELS = wp.constant(1.0e-6)
-MOST_TEXELS = wp.constant(1.0e6)
+MIN_TEXELS = wp.constant(1.0e-6)
+MAX_TEXELS = wp.constant(1.0e6)
 """Sides of a footprint count as at least and at most this [texels], so that their ratio and logarithm are finite."""
 
 
@@ -119,8 +119,8 @@ def level_place(texture: Texture, level: int) -> tuple[int, int, int]:
 def in_texels(used: TextureUse, size: wp.vec2, side: wp.vec2) -> wp.vec2:
     """Return a side of a footprint in texels of a texture of some size."""
     return wp.vec2(
-        wp.clamp((used.row_u[0] * side[0] + used.row_u[1] * side[1]) * size[0], -MOST_TEXELS, MOST_TEXELS),
-        wp.clamp((used.row_v[0] * side[0] + used.row_v[1] * side[1]) * size[1], -MOST_TEXELS, MOST_TEXELS),
+        wp.clamp((used.row_u[0] * side[0] + used.row_u[1] * side[1]) * size[0], -MAX_TEXELS, MAX_TEXELS),
+        wp.clamp((used.row_v[0] * side[0] + used.row_v[1] * side[1]) * size[1], -MAX_TEXELS, MAX_TEXELS),
     )
 
 
@@ -139,7 +139,7 @@ def sample_texture(appearance: Appearance, use: int, st: wp.vec2, ds: wp.vec2, d
         st: Texture coordinates of the mesh in the middle of the pixel.
         ds: One side of the footprint in those coordinates.
         dt: Another side.
-        most_taps: `MOST_TAPS` for what the eye follows, 1 for the rest.
+        most_taps: `MAX_TAPS` for what the eye follows, 1 for the rest.
     """
     used = appearance.uses[use]
     texture = appearance.textures[used.texture]
@@ -149,8 +149,8 @@ def sample_texture(appearance: Appearance, use: int, st: wp.vec2, ds: wp.vec2, d
     a = in_texels(used, size, ds)
     b = in_texels(used, size, dt)
     long_axis = wp.where(wp.dot(a, a) > wp.dot(b, b), a, b)
-    length = wp.max(wp.length(long_axis), LEAST_TEXELS)
-    breadth = wp.max(wp.abs(a[0] * b[1] - a[1] * b[0]) / length, LEAST_TEXELS)
+    length = wp.max(wp.length(long_axis), MIN_TEXELS)
+    breadth = wp.max(wp.abs(a[0] * b[1] - a[1] * b[0]) / length, MIN_TEXELS)
     taps = wp.clamp(int(length / breadth + 0.5), 1, most_taps)
     top = texture.levels - 1
     level = wp.clamp(wp.log2(wp.max(breadth, length / float(taps))), 0.0, float(top))

@@ -7,21 +7,21 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from mmw.channel.antennas.array_response import apply_arrays as apply_arrays
     from mmw.channel.antennas.array_response import plane_wave_error as plane_wave_error
     from mmw.channel.antennas.array_response import rotations_from_poses as rotations_from_poses
-    from mmw.channel.antennas.array_response import synthesize as synthesize
-    from mmw.channel.antennas.arrays import AntennaArray as AntennaArray
+    from mmw.channel.antennas.arrays import PlanarArray as PlanarArray
     from mmw.channel.antennas.arrays import ula as ula
     from mmw.channel.antennas.arrays import upa as upa
-    from mmw.channel.antennas.element_links import element_links as element_links
     from mmw.channel.antennas.patterns import PatternTable as PatternTable
+    from mmw.channel.antennas.per_element_links import per_element_links as per_element_links
     from mmw.channel.codebook import beam_gains as beam_gains
     from mmw.channel.codebook import best_beams as best_beams
     from mmw.channel.codebook import dft_codebook as dft_codebook
     from mmw.channel.codebook import normalized_gain as normalized_gain
     from mmw.channel.path_table import LINK_COLUMNS as LINK_COLUMNS
     from mmw.channel.path_table import PATH_COLUMNS as PATH_COLUMNS
-    from mmw.channel.path_table import PathRows as PathRows
+    from mmw.channel.path_table import Paths as Paths
     from mmw.channel.path_table import rows_from_paths as rows_from_paths
     from mmw.channel.path_tracks import PathTracks as PathTracks
     from mmw.channel.path_tracks import tracks_from_paths as tracks_from_paths
@@ -35,13 +35,13 @@ if TYPE_CHECKING:
 _HOME = {
     "PatternTable": "antennas.patterns",
     **dict.fromkeys(("plane_wave_error", "rotations_from_poses", "synthesize"), "antennas.array_response"),
-    **dict.fromkeys(("AntennaArray", "ula", "upa"), "antennas.arrays"),
+    **dict.fromkeys(("PlanarArray", "ula", "upa"), "antennas.arrays"),
     **dict.fromkeys(("beam_gains", "best_beams", "dft_codebook", "normalized_gain"), "codebook"),
     **dict.fromkeys(
         ("complex_gain", "frequency_response", "impulse_response", "subcarrier_frequencies", "taps"), "response"
     ),
     "element_links": "antennas.element_links",
-    **dict.fromkeys(("LINK_COLUMNS", "PATH_COLUMNS", "PathRows", "rows_from_paths"), "path_table"),
+    **dict.fromkeys(("LINK_COLUMNS", "PATH_COLUMNS", "Paths", "rows_from_paths"), "path_table"),
     **dict.fromkeys(("PathTracks", "tracks_from_paths", "tracks_from_table"), "path_tracks"),
 }
 """Name -> module of this package that defines it."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mmw.channel.antennas.arrays import AntennaArray
+from mmw.channel.antennas.arrays import PlanarArray
 from mmw.core.errors import InputError
 
 TIE = 1e-12
@@ -59,7 +59,7 @@ def dft_upa(rows: int, columns: int, row_beams: int, column_beams: int) -> np.nd
         column_beams: Beams of the horizontal codebook, Q_h.
 
     Returns:
-        Unit columns, shape [M N, Q_h Q_v]. Element j M + i is row i of column j, as in `AntennaArray`; beam
+        Unit columns, shape [M N, Q_h Q_v]. Element j M + i is row i of column j, as in `PlanarArray`; beam
         q_h Q_v + q_v is beam q_h of `dft_ula(N, Q_h)` along the rows and q_v of `dft_ula(M, Q_v)` down the columns.
 
     Raises:
@@ -68,7 +68,7 @@ def dft_upa(rows: int, columns: int, row_beams: int, column_beams: int) -> np.nd
     return np.kron(dft_ula(columns, column_beams), dft_ula(rows, row_beams))
 
 
-def dft_codebook(array: AntennaArray, beams: int | tuple[int, int] = 64) -> np.ndarray:
+def dft_codebook(array: PlanarArray, beams: int | tuple[int, int] = 64) -> np.ndarray:
     """Return the DFT codebook of an array, in the order of its antennas.
 
     Args:

@@ -10,7 +10,7 @@ from mmw.config.section import Vec3
 from mmw.core.kinematics import differentiate_rows
 from mmw.core.transforms import normalize, quaternion_to_matrix
 from mmw.physics.em.vectors import rotate
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.scene_data import SceneData
 
 LINK_V2I = 0
 """`Links.kind` of a downlink from a roadside unit to a CAV."""
@@ -21,7 +21,7 @@ LINK_KINDS = ("v2i", "v2v")
 
 
 @dataclass(frozen=True)
-class Ends:
+class RadioDevices:
     """One side of every link, world frame."""
 
     position: np.ndarray
@@ -31,9 +31,9 @@ class Ends:
     velocity: np.ndarray
     """Velocity of the antenna [m/s], shape [L, 3], float64."""
 
-    def take(self, rows: np.ndarray) -> "Ends":
+    def take(self, rows: np.ndarray) -> "RadioDevices":
         """Return the ends of some links."""
-        return Ends(self.position[rows], self.rotation[rows], self.velocity[rows])
+        return RadioDevices(self.position[rows], self.rotation[rows], self.velocity[rows])
 
 
 @dataclass(frozen=True)
@@ -50,8 +50,8 @@ class Links:
     """Actor index of the transmitter, shape [L], int32."""
     rx_actor: np.ndarray
     """Actor index of the receiver, shape [L], int32."""
-    tx: Ends
-    rx: Ends
+    tx: RadioDevices
+    rx: RadioDevices
 
     def __len__(self) -> int:
         return len(self.frame)
@@ -65,7 +65,7 @@ class Links:
         )
 
 
-def make_links(arrays: SceneArrays, frames: Sequence[int], config: ChannelConfig) -> Links:
+def make_links(arrays: SceneData, frames: Sequence[int], config: ChannelConfig) -> Links:
     """Return the links of a batch of frames.
 
     Args:
@@ -95,10 +95,10 @@ def make_links(arrays: SceneArrays, frames: Sequence[int], config: ChannelConfig
     places: Mapping[str, Vec3] = {**config.antenna_position_m}
     mount = np.array([places.get(actor.role, (0.0, 0.0, 0.0)) for actor in actors]).reshape(-1, 3)
 
-    def ends(actor: np.ndarray) -> Ends:
+    def ends(actor: np.ndarray) -> RadioDevices:
         rotation = quaternion_to_matrix(normalize(poses[slot, actor, 3:]))
         lever = rotate(rotation, mount[actor])
-        return Ends(
+        return RadioDevices(
             position=poses[slot, actor, :3] + lever,
             rotation=rotation,
             velocity=motion.velocity[slot, actor] + np.cross(motion.world_rate[slot, actor], lever),

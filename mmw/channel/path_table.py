@@ -10,7 +10,7 @@ import pyarrow.compute as pc
 from numpy.typing import ArrayLike
 
 from mmw.channel.links import Links
-from mmw.channel.paths import PATH_LOS, Paths
+from mmw.channel.paths import PATH_LOS, PathSet
 from mmw.core.errors import InputError
 
 LINK_COLUMNS = ("scenario", "weather", "frame", "agent", "peer", "carrier_hz")
@@ -19,13 +19,13 @@ PATH_COLUMNS = (
     *LINK_COLUMNS, "order", "tau_s", "a_re", "a_im", "t_tt_re", "t_tt_im", "t_tp_re", "t_tp_im", "t_pt_re", "t_pt_im",
     "t_pp_re", "t_pp_im", "aod_az", "aod_ze", "aoa_az", "aoa_ze", "doppler_hz",
 )  # fmt: skip
-"""Columns of table `paths` that `PathRows.from_table` needs."""
+"""Columns of table `paths` that `Paths.from_table` needs."""
 KEY_TYPE = np.dtype([(name, np.int64 if name == "frame" else object) for name in LINK_COLUMNS[:-1]])
-"""Type of `PathRows.keys`."""
+"""Type of `Paths.keys`."""
 
 
 @dataclass(frozen=True, eq=False)
-class PathRows:
+class Paths:
     """Paths of L links at one carrier, sorted by link. World frame, seconds, radians, time convention e^{+jwt}.
 
     A link without any path is a row of `keys` that no entry of `link` names.
@@ -68,11 +68,11 @@ class PathRows:
         lengths = {field.name: len(getattr(self, field.name)) for field in fields(self)[2:]}
         if len(set(lengths.values())) != 1 or self.transfer.shape[1:] != (2, 2):
             raise InputError(
-                f"PathRows: {lengths} paths, transfer {self.transfer.shape}; every array needs one row a path"
+                f"Paths: {lengths} paths, transfer {self.transfer.shape}; every array needs one row a path"
             )
         is_link = (self.link >= 0) & (self.link < len(self.keys))
         if not is_link.all() or (np.diff(self.link) < 0).any():
-            raise InputError(f"PathRows: link is not growing from 0 to {len(self.keys) - 1}; sort the paths by link")
+            raise InputError(f"Paths: link is not growing from 0 to {len(self.keys) - 1}; sort the paths by link")
 
     def __len__(self) -> int:
         """Return the number of paths."""
@@ -88,7 +88,7 @@ class PathRows:
         """Number of paths of each link, shape [L], int64."""
         return np.bincount(self.link, minlength=self.link_count)
 
-    def take(self, links: ArrayLike) -> "PathRows":
+    def take(self, links: ArrayLike) -> "Paths":
         """Return some links and their paths; link n of the result is `links[n]`.
 
         Args:
@@ -99,7 +99,7 @@ class PathRows:
         where = np.full(self.link_count, -1, dtype=np.int64)
         where[links] = np.arange(len(links))
         if len(np.unique(links)) != len(links):
-            raise InputError(f"PathRows.take: {len(links)} links, some more than once; name each link once")
+            raise InputError(f"Paths.take: {len(links)} links, some more than once; name each link once")
         link = where[self.link]
         path = np.flatnonzero(link >= 0)
         path = path[np.argsort(link[path], kind="stable")]
@@ -107,7 +107,7 @@ class PathRows:
         return replace(self, keys=self.keys[links], link=link[path], **columns)
 
     @classmethod
-    def from_table(cls, table: Any, carrier_hz: float | None = None, links: Any = None) -> "PathRows":
+    def from_table(cls, table: Any, carrier_hz: float | None = None, links: Any = None) -> "Paths":
         """Return the paths of rows of table `paths`, grouped by link.
 
         Args:
@@ -179,12 +179,12 @@ class PathRows:
 
 def rows_from_paths(
     links: Links,
-    paths: Paths,
+    paths: PathSet,
     weather: str,
     carrier_hz: float,
     actors: Sequence[str] | None = None,
     scenario: str = "",
-) -> PathRows:
+) -> Paths:
     """Return paths in memory, of one weather and carrier, as the same arrays that rows of a dataset give.
 
     Args:
@@ -208,7 +208,7 @@ def rows_from_paths(
     keys["scenario"], keys["weather"], keys["frame"] = scenario, weather, links.frame
     for name, actor in (("agent", links.rx_actor), ("peer", links.tx_actor)):
         keys[name] = [str(index) if actors is None else actors[index] for index in actor]
-    return PathRows(
+    return Paths(
         carrier_hz=float(carrier_hz),
         keys=keys,
         link=paths.link.astype(np.int64),
@@ -280,7 +280,7 @@ def _one_carrier(present: np.ndarray, wanted: float | None) -> float:
     listed = ", ".join(f"{carrier:g}" for carrier in known)
     if wanted is None:
         if len(known) != 1:
-            raise InputError(f"table paths: carriers {listed or 'none'} Hz; PathRows holds one; name it by carrier_hz")
+            raise InputError(f"table paths: carriers {listed or 'none'} Hz; Paths holds one; name it by carrier_hz")
         return float(known[0])
     if len(known) and wanted not in known:
         raise InputError(f"carrier_hz = {wanted:g}: the tables hold {listed} Hz; name one of those")

@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike
 
 from mmw.channel.links import Links
 from mmw.channel.path_interpolation import cubic_between, direction_between
-from mmw.channel.path_table import KEY_TYPE, PATH_COLUMNS, PathRows, encode_key, read_column, rows_from_paths
-from mmw.channel.paths import Paths
+from mmw.channel.path_table import KEY_TYPE, PATH_COLUMNS, Paths, encode_key, read_column, rows_from_paths
+from mmw.channel.paths import PathSet
 from mmw.core.constants import FRAME_DT, FRAME_RATE_HZ
 from mmw.core.errors import InputError
 from mmw.physics.em.field import times
@@ -27,8 +27,8 @@ Edges = Literal["hold", "fade", "drop"]
 TRACK_COLUMNS = (*PATH_COLUMNS, "path_id")
 """Columns of table `paths` that `tracks_from_table` needs."""
 
-SAMPLE_COLUMNS = tuple(field.name for field in fields(PathRows)[3:])
-"""What a path has in `PathRows` besides its link, and every sample of a track too."""
+SAMPLE_COLUMNS = tuple(field.name for field in fields(Paths)[3:])
+"""What a path has in `Paths` besides its link, and every sample of a track too."""
 
 TIME_DECIMALS = 8
 """Times are rounded to this many decimals of a frame (0.1 ns), so that n / 100 in floating point is frame n."""
@@ -62,7 +62,8 @@ class PathTracks:
     frame: np.ndarray
     """Frame of each sample, shape [S], int64."""
     row: np.ndarray
-    """Row of the table (or of `Paths`) that each sample came from, shape [S], int64; for columns that are not here."""
+    """Row of the table (or of `PathSet`) that each sample came from, shape [S], int64; for columns that are not
+    here."""
     is_los: np.ndarray
     """True for the line of sight, shape [S]."""
     tau: np.ndarray
@@ -70,7 +71,7 @@ class PathTracks:
     doppler_hz: np.ndarray
     """Doppler shift, positive while the path gets shorter [Hz], shape [S]."""
     transfer: np.ndarray
-    """2x2 polarimetric transfer as in `PathRows`, shape [S, 2, 2], complex128."""
+    """2x2 polarimetric transfer as in `Paths`, shape [S, 2, 2], complex128."""
     a: np.ndarray
     """Coefficient between the configured antennas, without the carrier phase, shape [S], complex128."""
     theta_t: np.ndarray
@@ -112,12 +113,12 @@ class PathTracks:
         return np.repeat(np.arange(len(self)), self.length)
 
     @property
-    def is_born_here(self) -> np.ndarray:
+    def is_birth(self) -> np.ndarray:
         """True where the frame before the birth was recorded, so the path was seen not to be there, shape [K]."""
         return np.isin(self.birth - 1, self.frames)
 
     @property
-    def is_dead_here(self) -> np.ndarray:
+    def is_death(self) -> np.ndarray:
         """True where the frame after the death was recorded, so the path was seen to be gone, shape [K]."""
         return np.isin(self.death + 1, self.frames)
 
@@ -150,16 +151,16 @@ class PathTracks:
         Args:
             complete: Only tracks whose birth and death were seen; the others live longer than was recorded.
         """
-        keep = self.is_born_here & self.is_dead_here if complete else np.ones(len(self), dtype=bool)
+        keep = self.is_birth & self.is_death if complete else np.ones(len(self), dtype=bool)
         return self.length[keep] * FRAME_DT
 
     def births(self) -> np.ndarray:
         """Return how many tracks were seen to be born in each of `frames`, shape [F], int64."""
-        return self._counted(self.birth[self.is_born_here])
+        return self._counted(self.birth[self.is_birth])
 
     def deaths(self) -> np.ndarray:
         """Return how many tracks have each of `frames` as their last one and are gone in the next, shape [F], int64."""
-        return self._counted(self.death[self.is_dead_here])
+        return self._counted(self.death[self.is_death])
 
     def alive(self) -> np.ndarray:
         """Return the number of paths in each of `frames`, shape [F], int64."""
@@ -168,8 +169,8 @@ class PathTracks:
     def _counted(self, frame: np.ndarray) -> np.ndarray:
         return np.bincount(np.searchsorted(self.frames, frame), minlength=len(self.frames))
 
-    def at(self, time_s: ArrayLike, edges: Edges = "hold") -> PathRows:
-        """Return the paths at any time in the recording, as rows of a frame are returned by `PathRows.from_table`.
+    def at(self, time_s: ArrayLike, edges: Edges = "hold") -> Paths:
+        """Return the paths at any time in the recording, as rows of a frame are returned by `Paths.from_table`.
 
         On a frame these are the stored values, to the bit. Between frames a track that is there on both sides has its
         delay and Doppler shift by the cubic, its angles along the arc, and `transfer` and `a` linearly (a transfer in
@@ -217,7 +218,7 @@ class PathTracks:
         moment, sample, beyond, both = moment[order], sample[order], beyond[order], both[order]
         link = moment * self.link_count + self.link[self.track[sample]]
         keys = self._keys(frame + (share >= 0.5))
-        return PathRows(self.carrier_hz, keys, link, **self._values(sample, beyond, both, edges))
+        return Paths(self.carrier_hz, keys, link, **self._values(sample, beyond, both, edges))
 
     def _place(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the frame at or before each time, and the share of the way to the next one."""
@@ -255,7 +256,7 @@ class PathTracks:
         return keys.reshape(-1)
 
     def _values(self, sample: np.ndarray, beyond: np.ndarray, both: np.ndarray, edges: Edges) -> dict[str, np.ndarray]:
-        """Return the columns of `PathRows` at `beyond` frames after samples; `both` where the next one counts too."""
+        """Return the columns of `Paths` at `beyond` frames after samples; `both` where the next one counts too."""
         values = {name: getattr(self, name)[sample] for name in SAMPLE_COLUMNS}
         values["tau"] = values["tau"] - beyond * FRAME_DT * values["doppler_hz"] / self.carrier_hz
         if edges == "fade":
@@ -291,17 +292,17 @@ def tracks_from_table(table: Any, carrier_hz: float | None = None, links: Any = 
             that have paths.
 
     Raises:
-        InputError: As `PathRows.from_table`; or if there is more than one scenario or weather, or a path is twice in a
+        InputError: As `Paths.from_table`; or if there is more than one scenario or weather, or a path is twice in a
             frame of a link.
     """
-    paths = PathRows.from_table(table, carrier_hz, links)
+    paths = Paths.from_table(table, carrier_hz, links)
     path_id = read_column(table, "paths", "path_id", TRACK_COLUMNS).to_numpy(zero_copy_only=False)
     if path_id.dtype.kind not in "iu" and len(path_id):
         raise InputError(f"table paths, column path_id: holds {path_id.dtype}; it needs whole numbers of 64 bits")
     return tracks_from_rows(paths, path_id.astype(np.int64)[paths.row])
 
 
-def tracks_from_paths(links: Links, paths: Paths, *args: Any, **names: Any) -> PathTracks:
+def tracks_from_paths(links: Links, paths: PathSet, *args: Any, **names: Any) -> PathTracks:
     """Return the tracks of paths in memory, of one weather and carrier; the arguments are those of `rows_from_paths`.
 
     Raises:
@@ -310,7 +311,7 @@ def tracks_from_paths(links: Links, paths: Paths, *args: Any, **names: Any) -> P
     return tracks_from_rows(rows_from_paths(links, paths, *args, **names), paths.path_id)
 
 
-def tracks_from_rows(paths: PathRows, path_id: np.ndarray) -> PathTracks:
+def tracks_from_rows(paths: Paths, path_id: np.ndarray) -> PathTracks:
     """Return the tracks of paths of one scenario and weather.
 
     Args:

@@ -16,7 +16,7 @@ PATH_KINDS = ("los", "specular", "transmission", "diffuse", "diffraction")
 """Name of each kind of path."""
 
 PATH_LOS, PATH_SPECULAR, PATH_TRANSMISSION, PATH_DIFFUSE, PATH_DIFFRACTION = range(5)
-"""`Paths.kind`: a path is of the last kind, in this order, that any of its interactions is."""
+"""`PathSet.kind`: a path is of the last kind, in this order, that any of its interactions is."""
 
 LOSSES = ("rain_db", "fog_db", "gas_db")
 """Losses of the air along a path, one table column each."""
@@ -31,7 +31,7 @@ def path_kinds(interaction: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Paths:
+class PathSet:
     """One row a path, sorted by (link, order, kinds, surfaces). World frame, metres, seconds, radians, e^{+jwt}.
 
     A link without any path is there with `count` 0. A path in a null of a pattern is there with gain 0.

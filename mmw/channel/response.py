@@ -1,9 +1,9 @@
 """Channel state information: frequency responses, impulse responses and taps of links, from the paths' coefficients.
 
-Which A_m: `synthesize` returns A_m **without** the carrier phase, the coefficient that the dataset stores. The matrix
+Which A_m: `apply_arrays` returns A_m **without** the carrier phase, the coefficient that the dataset stores. The matrix
 A_m of the Multimodal-Wireless paper is the complex gain at f_c, **with** it: `complex_gain` of ours. So
 
-    H(f_k) = sum_m A_m exp(-j 2 pi (f_c + f_k) tau_m)              A_m from `synthesize`, carrier_phase=True (default)
+    H(f_k) = sum_m A_m exp(-j 2 pi (f_c + f_k) tau_m)              A_m from `apply_arrays`, carrier_phase=True (default)
            = sum_m A'_m exp(-j 2 pi f_k tau_m)                     A'_m from `complex_gain`, carrier_phase=False
 
 are the same numbers. f_k counts from the carrier. Delays are absolute, so phases are too, over links, frames and
@@ -11,7 +11,7 @@ carriers; `normalize_delays=True` sets the first path of each link to delay 0 be
 Sionna RT does unless told otherwise, and what the published files of the paper hold. Time t moves each path by its
 Doppler shift only, exp(j 2 pi f_D t). Patterns and array phases are those at f_c: no beam squint.
 
-Source: Sionna RT 2.2, `Paths.cir`, `Paths.cfr`, `Paths.taps`; D. Tse and P. Viswanath, Fundamentals of Wireless
+Source: Sionna RT 2.2, `PathSet.cir`, `PathSet.cfr`, `PathSet.taps`; D. Tse and P. Viswanath, Fundamentals of Wireless
 Communication, section 2.2.
 """
 
@@ -21,7 +21,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mmw.channel.path_table import PathRows
+from mmw.channel.path_table import Paths
 from mmw.core.errors import InputError
 
 
@@ -47,20 +47,20 @@ def subcarrier_frequencies(count: int, spacing_hz: float, grid: Literal["centere
     raise InputError(f"subcarrier_frequencies: grid = {grid!r}; it is centered or fft")
 
 
-def first_delay(paths: PathRows) -> np.ndarray:
+def first_delay(paths: Paths) -> np.ndarray:
     """Return the smallest delay of each link [s], shape [L]; NaN for a link without path."""
     first = np.full(paths.link_count, np.inf)
     np.minimum.at(first, paths.link, paths.tau)
     return np.where(np.isfinite(first), first, np.nan)
 
 
-def delays(paths: PathRows, normalize_delays: bool = False) -> np.ndarray:
+def delays(paths: Paths, normalize_delays: bool = False) -> np.ndarray:
     """Return the delay of each path, absolute or after the first path of its link [s], shape [P]."""
     return paths.tau - first_delay(paths)[paths.link] if normalize_delays else paths.tau
 
 
 def complex_gain(
-    a: np.ndarray, paths: PathRows, carrier_hz: float, time_s: float = 0.0, *, normalize_delays: bool = False
+    a: np.ndarray, paths: Paths, carrier_hz: float, time_s: float = 0.0, *, normalize_delays: bool = False
 ) -> np.ndarray:
     """Return the complex gains at the carrier, a exp(-j 2 pi f_c tau) exp(j 2 pi f_D t), shape of `a`.
 
@@ -79,7 +79,7 @@ def complex_gain(
 
 def frequency_response(
     a: np.ndarray,
-    paths: PathRows,
+    paths: Paths,
     frequencies_hz: ArrayLike,
     carrier_hz: float,
     time_s: ArrayLike = 0.0,
@@ -92,7 +92,8 @@ def frequency_response(
     """Return the frequency response H of every link.
 
     Args:
-        a: Coefficients, shape [P, N_r, N_t]: those of `synthesize`, or, with `carrier_phase=False`, of `complex_gain`.
+        a: Coefficients, shape [P, N_r, N_t]: those of `apply_arrays`, or, with `carrier_phase=False`, of
+            `complex_gain`.
         paths: The paths that `a` belongs to.
         frequencies_hz: Baseband frequencies f_k, counted from the carrier [Hz], shape [K]; 0 alone is a single-carrier
             (narrowband) channel.
@@ -132,7 +133,7 @@ def frequency_response(
 
 def taps(
     a: np.ndarray,
-    paths: PathRows,
+    paths: Paths,
     bandwidth_hz: float,
     l_min: int,
     l_max: int,
@@ -170,7 +171,7 @@ def taps(
 
 def impulse_response(
     a: np.ndarray,
-    paths: PathRows,
+    paths: Paths,
     carrier_hz: float,
     time_s: ArrayLike = 0.0,
     *,
@@ -208,11 +209,11 @@ def impulse_response(
 
 
 def _rotation(
-    a: np.ndarray, paths: PathRows, carrier_hz: float, time_s: np.ndarray, carrier_phase: bool, normalize_delays: bool
+    a: np.ndarray, paths: Paths, carrier_hz: float, time_s: np.ndarray, carrier_phase: bool, normalize_delays: bool
 ) -> np.ndarray:
     """Return exp(-j 2 pi f_c tau) exp(j 2 pi f_D t) of every path, shape [P] or [P, T]."""
     if len(a) != len(paths):
-        raise InputError(f"a has {len(a)} paths, PathRows {len(paths)}; give the coefficients of these paths")
+        raise InputError(f"a has {len(a)} paths, Paths {len(paths)}; give the coefficients of these paths")
     if carrier_hz != paths.carrier_hz:
         raise InputError(f"carrier_hz = {carrier_hz:g}, the paths are at {paths.carrier_hz:g} Hz; give their carrier")
     if time_s.ndim > 1:
@@ -224,7 +225,7 @@ def _rotation(
     return np.exp(2j * np.pi * cycles)
 
 
-def _sum(a: np.ndarray, paths: PathRows, weights: np.ndarray) -> np.ndarray:
+def _sum(a: np.ndarray, paths: Paths, weights: np.ndarray) -> np.ndarray:
     """Return the sums over each link's paths of a [P, N_r, N_t] times weights [P, ..., K], [L, N_r, N_t, ..., K]."""
     if a.ndim != 3:
         raise InputError(f"a has shape {a.shape}; it is [P, N_r, N_t]")
@@ -236,7 +237,7 @@ def _sum(a: np.ndarray, paths: PathRows, weights: np.ndarray) -> np.ndarray:
     return out.reshape(paths.link_count, *a.shape[1:], *weights.shape[1:])
 
 
-def _equal_links(paths: PathRows) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def _equal_links(paths: Paths) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yield links with equally many paths, shape [n], and their paths, shape [n, count]."""
     count = paths.path_count
     start = np.cumsum(count) - count

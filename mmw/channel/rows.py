@@ -4,12 +4,12 @@ import numpy as np
 import pyarrow as pa
 
 from mmw.channel.links import LINK_KINDS, Links
-from mmw.channel.paths import PATH_KINDS, PATH_LOS, Paths
-from mmw.scene.scene_data import SceneArrays
+from mmw.channel.paths import PATH_KINDS, PATH_LOS, PathSet
+from mmw.scene.scene_data import SceneData
 from mmw.scene.table_rows import Columns, choices, names
 
 
-def link_rows(arrays: SceneArrays, links: Links, paths: Paths, weather: str) -> Columns:
+def link_rows(arrays: SceneData, links: Links, paths: PathSet, weather: str) -> Columns:
     """Return the `links` table: every link at every carrier, also those without a path."""
     count, carriers = len(links), len(paths.carriers_hz)
     is_los = np.zeros(count, dtype=bool)
@@ -54,7 +54,7 @@ def link_rows(arrays: SceneArrays, links: Links, paths: Paths, weather: str) -> 
     }
 
 
-def path_rows(arrays: SceneArrays, links: Links, paths: Paths, weather: str) -> Columns:
+def path_rows(arrays: SceneData, links: Links, paths: PathSet, weather: str) -> Columns:
     """Return the `paths` table: every path at every carrier."""
     count, carriers = len(paths), len(paths.carriers_hz)
     path, carrier = np.repeat(np.arange(count), carriers), np.tile(np.arange(carriers), count)

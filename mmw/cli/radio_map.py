@@ -17,8 +17,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from mmw import __version__
-from mmw.channel.antennas.arrays import AntennaArray
-from mmw.channel.radio_map.measurement_surface import MeasuringSurface, plane_grid, road_grid
+from mmw.channel.antennas.arrays import PlanarArray
+from mmw.channel.radio_map.measurement_surface import MeasurementSurface, plane_grid, road_grid
 from mmw.channel.radio_map.solver import RadioMap, RadioMapConfig, Transmitters, actor_transmitters, radio_map
 from mmw.cli.command import add_log_options, run_command
 from mmw.config import CONFIG_HELP, Config, ScenarioConfig, config_path, load_config
@@ -28,11 +28,11 @@ from mmw.core.errors import InputError
 from mmw.core.extras import needed_by
 from mmw.generation.estimate import check_inputs
 from mmw.generation.progress import si
-from mmw.scene.device_scene import Scene
+from mmw.scene.device_scene import DeviceScene
 from mmw.scene.prepare import prepare_scenario, stored_stage
 from mmw.scene.reader import read_stage
-from mmw.scene.scene_data import SceneArrays
-from mmw.storage.atomic_files import publish_bytes
+from mmw.scene.scene_data import SceneData
+from mmw.storage.atomic_files import write_bytes_atomically
 from mmw.storage.manifest import DATASET
 
 
@@ -151,7 +151,7 @@ def run(arguments: argparse.Namespace) -> list[str]:
         arrays,
         frame,
         mount_m=channel.antenna_position_m["rsu"],
-        array=AntennaArray(pattern=channel.pattern, polarization=channel.polarization),
+        array=PlanarArray(pattern=channel.pattern, polarization=channel.polarization),
         power_dbm=arguments.power,
     )
     surface = _surface(arguments, arrays, transmitters)
@@ -163,7 +163,7 @@ def run(arguments: argparse.Namespace) -> list[str]:
         bandwidth_hz=arguments.bandwidth,
         temperature_k=arguments.temperature,
     )
-    scene = Scene(arrays, device, 1)
+    scene = DeviceScene(arrays, device, 1)
     scene.load_batch([frame])
     began = time.perf_counter()
     result = radio_map(scene, 0, transmitters, surface, map_config, arrays.materials[weather])
@@ -245,7 +245,7 @@ def write_radio_map(result: RadioMap, path: Path, meta: dict[str, Any]) -> Path:
         use_dictionary=["transmitter"],
         column_encoding={**dict.fromkeys(floats, "BYTE_STREAM_SPLIT"), "cell": "DELTA_BINARY_PACKED"},
     )
-    publish_bytes(path, memoryview(sink.getvalue()))
+    write_bytes_atomically(path, memoryview(sink.getvalue()))
     return path
 
 
@@ -256,7 +256,7 @@ def _scenario(config: Config, name: str) -> ScenarioConfig:
     return config.scenarios[names.index(name) if name else 0]
 
 
-def _arrays(config: Config, scenario: ScenarioConfig, frame: int, base: Path) -> SceneArrays:
+def _arrays(config: Config, scenario: ScenarioConfig, frame: int, base: Path) -> SceneData:
     """Read one frame of the stage of a scenario: a dataset's own, or one made for the purpose."""
     frames = config.frames_of(scenario)
     if not frames.start <= frame < frames.stop:
@@ -276,7 +276,7 @@ def _arrays(config: Config, scenario: ScenarioConfig, frame: int, base: Path) ->
         )
 
 
-def _surface(arguments: argparse.Namespace, arrays: SceneArrays, transmitters: Transmitters) -> MeasuringSurface:
+def _surface(arguments: argparse.Namespace, arrays: SceneData, transmitters: Transmitters) -> MeasurementSurface:
     """Return the measuring surface that a command line asks for."""
     if arguments.size is not None and not arguments.size > 0.0:
         raise InputError(

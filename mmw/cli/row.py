@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 from mmw.cli.command import add_log_options, run_command
 from mmw.core.errors import InputError
 
-MOST_SHOWN = 6
+MAX_SHOWN = 6
 """Numbers of a list that are printed."""
 
 SUFFIXES = (".parquet", ".jsonl", ".png", ".jpg")
@@ -49,11 +49,11 @@ def _row(arguments: argparse.Namespace) -> int:
     if out is not None and out.suffix not in SUFFIXES:
         raise InputError(f"--out {out}: the file must end in {', '.join(SUFFIXES)}; rename it")
     from mmw.core.device import machine_kind
-    from mmw.generation.regenerate import Remaker, differing_columns, machines, other_machine, stored_rows
+    from mmw.generation.regenerate import RowRegenerator, differing_columns, machines, other_machine, stored_rows
     from mmw.storage.schemas import table_spec
 
     spec = table_spec(arguments.table)
-    with Remaker(arguments.dataset, arguments.device) as maker:
+    with RowRegenerator(arguments.dataset, arguments.device) as maker:
         key = parse_key(arguments.table, arguments.key)
         for name, names in (
             ("scenario", [scenario.name for scenario in maker.config.scenarios]),
@@ -138,6 +138,6 @@ def _plain(value: Any) -> Any:
 def _shown(value: Any) -> str:
     if isinstance(value, dict) and "bytes" in value:
         return f"{value['path']} ({len(value['bytes'])} bytes)"
-    if isinstance(value, list) and len(value) > MOST_SHOWN:
-        return f"[{', '.join(f'{item:.6g}' for item in value[:MOST_SHOWN])}, ...] ({len(value)})"
+    if isinstance(value, list) and len(value) > MAX_SHOWN:
+        return f"[{', '.join(f'{item:.6g}' for item in value[:MAX_SHOWN])}, ...] ({len(value)})"
     return f"{value:.9g}" if isinstance(value, float) else str(value)

@@ -121,16 +121,16 @@ def execute(config: Config, path: Path, *, dry_run: bool = False, overwrite: boo
     from mmw.core.device import worker_devices
     from mmw.generation.estimate import check_inputs, describe_plan
     from mmw.generation.executors.executor import open_engine
-    from mmw.generation.generate import make_dataset, output_of
+    from mmw.generation.generate import generate_dataset, output_of
     from mmw.generation.pipeline import is_out_of_memory
     from mmw.generation.progress import Console
     from mmw.generation.provenance import check_continuation, versions
-    from mmw.generation.shards import Part
+    from mmw.generation.shards import Partition
     from mmw.storage.atomic_files import StoreError
 
     base = path.parent
     try:
-        part = Part.parse(shard)
+        part = Partition.parse(shard)
         root = output_of(config, part)
         check_inputs(config, base)
         if dry_run:
@@ -145,7 +145,7 @@ def execute(config: Config, path: Path, *, dry_run: bool = False, overwrite: boo
                 made_with = versions(config, base, engine.machine)
                 for line in check_continuation(root, config, made_with):
                     console.warn_once(line)
-            make_dataset(config, base=base, engine=engine, part=part, overwrite=overwrite, console=console)
+            generate_dataset(config, base=base, engine=engine, part=part, overwrite=overwrite, console=console)
     except ConfigError as error:
         raise ConfigError([f"{path}: {problem}" for problem in error.problems]) from error
     except StoreError as error:

@@ -8,7 +8,7 @@ from mmw.cli.command import add_log_options, run_command
 from mmw.storage.file_checks import Finding, verify
 from mmw.storage.store import Root, store_of
 
-MOST_LINES = 40
+MAX_LINES = 40
 """Findings that are printed."""
 
 
@@ -43,10 +43,10 @@ def _verify(arguments: argparse.Namespace) -> int:
         )
     errors = [finding for finding in findings if finding.is_error]
     leftovers = [finding for finding in findings if not finding.is_error]
-    for finding in (errors + leftovers)[:MOST_LINES]:
+    for finding in (errors + leftovers)[:MAX_LINES]:
         print(finding)
-    if len(findings) > MOST_LINES:
-        print(f"and {len(findings) - MOST_LINES} more")
+    if len(findings) > MAX_LINES:
+        print(f"and {len(findings) - MAX_LINES} more")
     if errors:
         skipped = ", no row was made again" if arguments.rerender and errors[-1].kind != "remade" else ""
         print(f"mmw: {root}: {len(errors)} things are wrong{skipped}", file=sys.stderr)

@@ -12,7 +12,7 @@ from mmw.config.compute import ComputeConfig
 from mmw.config.output import OutputConfig
 from mmw.config.scenario import FramesConfig, ScenarioConfig
 from mmw.config.section import Name, Section
-from mmw.config.sensors import SensorConfig, default_sensors
+from mmw.config.sensors import AnySensor, default_sensors
 from mmw.core.errors import InputError
 
 
@@ -30,7 +30,7 @@ class Config(Section):
         None, description="frames of every scenario; each scenario's own `frames` if absent (section)"
     )
     seed: int = Field(42, ge=0, lt=2**31, description="seeds traffic and sensor noise (number)")
-    sensors: tuple[SensorConfig, ...] = Field(default_factory=default_sensors, description="the agents' sensors (list)")
+    sensors: tuple[AnySensor, ...] = Field(default_factory=default_sensors, description="the agents' sensors (list)")
     channel: ChannelConfig = Field(default_factory=ChannelConfig, description="radio links (section)")
     output: OutputConfig = Field(default_factory=OutputConfig, description="the dataset folder (section)")
     compute: ComputeConfig = Field(default_factory=ComputeConfig, description="device and batches (section)")

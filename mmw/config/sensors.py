@@ -4,18 +4,16 @@ from typing import Annotated
 
 from pydantic import Field
 
-from mmw.sensors.depth.config import DepthConfig
-from mmw.sensors.gnss.config import GnssConfig
-from mmw.sensors.imu.config import ImuConfig
-from mmw.sensors.lidar.config import LidarConfig
-from mmw.sensors.radar.config import RadarConfig
-from mmw.sensors.rgb.config import RgbConfig, paper_cameras
+from mmw.sensors.depth.config import DepthCamera
+from mmw.sensors.gnss.config import Gnss
+from mmw.sensors.imu.config import Imu
+from mmw.sensors.lidar.config import Lidar
+from mmw.sensors.radar.config import Radar
+from mmw.sensors.rgb.config import RgbCamera, paper_cameras
 
-SensorConfig = Annotated[
-    LidarConfig | RgbConfig | DepthConfig | ImuConfig | RadarConfig | GnssConfig, Field(discriminator="type")
-]
+AnySensor = Annotated[Lidar | RgbCamera | DepthCamera | Imu | Radar | Gnss, Field(discriminator="type")]
 
 
-def default_sensors() -> tuple[LidarConfig | RgbConfig | DepthConfig | ImuConfig | RadarConfig | GnssConfig, ...]:
+def default_sensors() -> tuple[Lidar | RgbCamera | DepthCamera | Imu | Radar | Gnss, ...]:
     """Return the paper's suite."""
-    return (LidarConfig(), DepthConfig(), ImuConfig(), GnssConfig(), RadarConfig(), *paper_cameras())
+    return (Lidar(), DepthCamera(), Imu(), Gnss(), Radar(), *paper_cameras())

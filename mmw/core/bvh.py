@@ -32,7 +32,7 @@ BOX_RANGE_M = 1000.0
 """Length of rays on small things, such as a vehicle [m]."""
 
 
-def build_trees(meshes: Sequence[np.ndarray], device: str) -> tuple[Tree, np.ndarray]:
+def build_bvhs(meshes: Sequence[np.ndarray], device: str) -> tuple[Tree, np.ndarray]:
     """Return the trees of meshes on a device, and the root of each.
 
     Args:
@@ -141,7 +141,7 @@ class RayMesh:
         """
         self._device = device
         self._origin = 0.5 * (points.min(axis=0) + points.max(axis=0))
-        self._tree, _ = build_trees([(points - self._origin)[faces]], device)
+        self._tree, _ = build_bvhs([(points - self._origin)[faces]], device)
 
     def cast(self, origin: np.ndarray, direction: np.ndarray, t_max: float) -> tuple[np.ndarray, np.ndarray]:
         """Return what rays meet first.

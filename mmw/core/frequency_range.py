@@ -6,7 +6,7 @@ from numpy.typing import ArrayLike
 from mmw.core.errors import InputError
 
 
-def ghz_within(carrier_hz: ArrayLike, low_ghz: float, high_ghz: float, what: str, source: str) -> np.ndarray:
+def check_frequency_range(carrier_hz: ArrayLike, low_ghz: float, high_ghz: float, what: str, source: str) -> np.ndarray:
     """Return carrier frequencies in GHz, each inside a model's range; both ends belong to it.
 
     Args:

@@ -6,10 +6,10 @@ from functools import cached_property
 import numpy as np
 import pyarrow as pa
 
-from mmw.channel.antennas.array_response import synthesize
-from mmw.channel.antennas.arrays import AntennaArray, ula
+from mmw.channel.antennas.array_response import apply_arrays
+from mmw.channel.antennas.arrays import PlanarArray, ula
 from mmw.channel.codebook import BeamPairs, beam_gains, best_beams, dft_codebook
-from mmw.channel.path_table import KEY_TYPE, PathRows
+from mmw.channel.path_table import KEY_TYPE, Paths
 from mmw.channel.response import frequency_response, subcarrier_frequencies
 from mmw.core.transforms import normalize, quaternion_to_matrix
 
@@ -25,9 +25,9 @@ class BeamSearch:
     receiver is synchronised. With the time of flight in H, subcarriers would cancel in the average.
     """
 
-    tx_array: AntennaArray = field(default_factory=lambda: ula(64))
+    tx_array: PlanarArray = field(default_factory=lambda: ula(64))
     """Array of the transmitter (`peer`), on its agent."""
-    rx_array: AntennaArray = field(default_factory=lambda: ula(16))
+    rx_array: PlanarArray = field(default_factory=lambda: ula(16))
     """Array of the receiver (`agent`), on its agent."""
     tx_beams: int | tuple[int, int] = 64
     """Beams of the transmitter's DFT codebook, see `dft_codebook`."""
@@ -43,7 +43,7 @@ class BeamSearch:
         """Precoders and combiners as columns, shapes [N_t, Q_t] and [N_r, Q_r]."""
         return dft_codebook(self.tx_array, self.tx_beams), dft_codebook(self.rx_array, self.rx_beams)
 
-    def best(self, paths: PathRows, tx_rotation: np.ndarray, rx_rotation: np.ndarray) -> BeamPairs:
+    def best(self, paths: Paths, tx_rotation: np.ndarray, rx_rotation: np.ndarray) -> BeamPairs:
         """Return the best pair of every link.
 
         Args:
@@ -57,7 +57,7 @@ class BeamSearch:
         for first in range(0, paths.link_count, PORTION):
             which = np.arange(first, min(first + PORTION, paths.link_count))
             part, carrier = paths.take(which), paths.carrier_hz
-            a = synthesize(part, self.tx_array, self.rx_array, carrier, tx_rotation[which], rx_rotation[which])
+            a = apply_arrays(part, self.tx_array, self.rx_array, carrier, tx_rotation[which], rx_rotation[which])
             h = frequency_response(a, part, frequencies, carrier, average=True, normalize_delays=True)
             found.append(best_beams(beam_gains(h, tx_book, rx_book)))
         names = ("rx_beam", "tx_beam", "gain")
@@ -114,7 +114,7 @@ def flat_lists(column: pa.ChunkedArray) -> tuple[np.ndarray, np.ndarray]:
 
 def plain_paths(
     carrier_hz: float, links: int, link: np.ndarray, tau: np.ndarray, t: np.ndarray, angle: np.ndarray
-) -> PathRows:
+) -> Paths:
     """Return paths without names of links, coefficients and Doppler shifts.
 
     Args:
@@ -126,7 +126,7 @@ def plain_paths(
         angle: Azimuth and zenith of departure and of arrival [rad], shape [P, 4].
     """
     count = len(tau)
-    return PathRows(
+    return Paths(
         carrier_hz=carrier_hz,
         keys=np.empty(links, dtype=KEY_TYPE),
         link=link.astype(np.int64),

@@ -1,18 +1,18 @@
 """What a user should know before a run: settings that are allowed and most likely not meant. One line each."""
 
-from mmw.config import Config, GnssConfig, RgbConfig, ScenarioConfig, SensorSection
-from mmw.scene.scene_data import SceneArrays
+from mmw.config import Config, Gnss, RgbCamera, ScenarioConfig, SensorConfig
+from mmw.scene.scene_data import SceneData
 
 
-def notes(arrays: SceneArrays, config: Config, scenario: ScenarioConfig) -> list[str]:
+def notes(arrays: SceneData, config: Config, scenario: ScenarioConfig) -> list[str]:
     """Return every note on a scenario."""
     lines = [*missing_links(arrays, config), *missing_carriers(arrays, config), *missing_samples(config, scenario)]
-    if any(isinstance(sensor, RgbConfig) for sensor in config.sensors):
+    if any(isinstance(sensor, RgbCamera) for sensor in config.sensors):
         lines += arrays.look_notes
     return lines
 
 
-def missing_links(arrays: SceneArrays, config: Config) -> list[str]:
+def missing_links(arrays: SceneData, config: Config) -> list[str]:
     """Return one line for each configured kind of link that no agents are there for."""
     if not config.channel.enabled:
         return []
@@ -25,7 +25,7 @@ def missing_links(arrays: SceneArrays, config: Config) -> list[str]:
     return lines
 
 
-def missing_carriers(arrays: SceneArrays, config: Config) -> list[str]:
+def missing_carriers(arrays: SceneData, config: Config) -> list[str]:
     """Return one line for the sensors that no agent of the scenario carries; one without `on` is switched off."""
     roles = {actor.role for actor in arrays.actors}
     idle = [sensor for sensor in config.sensors if sensor.on and not roles.intersection(sensor.on)]
@@ -46,8 +46,8 @@ def missing_samples(config: Config, scenario: ScenarioConfig) -> list[str]:
     ]
 
 
-def period_frames(sensor: SensorSection) -> int:
+def period_frames(sensor: SensorConfig) -> int:
     """Return the frames from one sample of a sensor to the next; 1 for sensors that have no rate of their own."""
-    if isinstance(sensor, GnssConfig):
+    if isinstance(sensor, Gnss):
         return sensor.period_frames
-    return sensor.every_frames if isinstance(sensor, RgbConfig) else 1
+    return sensor.every_frames if isinstance(sensor, RgbCamera) else 1

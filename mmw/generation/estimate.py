@@ -11,12 +11,12 @@ from mmw.config import (
     ChannelConfig,
     Config,
     ConfigError,
-    DepthConfig,
-    GnssConfig,
-    ImuConfig,
-    LidarConfig,
-    RadarConfig,
-    RgbConfig,
+    DepthCamera,
+    Gnss,
+    Imu,
+    Lidar,
+    Radar,
+    RgbCamera,
     ScenarioConfig,
 )
 from mmw.config.scenario import TOWN_SUFFIXES
@@ -274,16 +274,16 @@ def frame_cost(config: Config, counts: Mapping[str, int]) -> tuple[dict[str, int
     size = (counts["cav"] + counts["rsu"]) * ROW_BYTES["poses"] + counts["boxes"] * ROW_BYTES["boxes"]
     for sensor in config.sensors:
         agents = sum(counts[role] for role in sensor.on)
-        if isinstance(sensor, LidarConfig):
+        if isinstance(sensor, Lidar):
             rays[sensor.name] = agents * sensor.channels * sensor.points_per_channel
             size += rays[sensor.name] * LIDAR_BYTES_PER_RAY
-        elif isinstance(sensor, DepthConfig | RgbConfig):
-            views = agents / (sensor.every_frames if isinstance(sensor, RgbConfig) else 1)
+        elif isinstance(sensor, DepthCamera | RgbCamera):
+            views = agents / (sensor.every_frames if isinstance(sensor, RgbCamera) else 1)
             rays[sensor.name] = round(views * sensor.width_px * sensor.height_px)
             size += rays[sensor.name] * _bytes_per_pixel(sensor)
             if sensor.boxes_2d:
                 size += views * BOXES_2D_PER_VIEW * counts["boxes"] * ROW_BYTES["boxes_2d"]
-        elif isinstance(sensor, RadarConfig):
+        elif isinstance(sensor, Radar):
             rays[sensor.name] = agents * ray_count(sensor)
             stored = "compat" if sensor.mode == "compat" else sensor.output
             if stored in RADAR_BYTES_PER_RAY:
@@ -291,9 +291,9 @@ def frame_cost(config: Config, counts: Mapping[str, int]) -> tuple[dict[str, int
             else:
                 size += agents * ROW_BYTES["radar"]
             size += agents * _radar_extra_bytes(sensor)
-        elif isinstance(sensor, ImuConfig):
+        elif isinstance(sensor, Imu):
             size += agents * ROW_BYTES["imu"]
-        elif isinstance(sensor, GnssConfig):
+        elif isinstance(sensor, Gnss):
             size += agents * ROW_BYTES["gnss"] / sensor.period_frames
     if config.channel.enabled:
         channel = config.channel
@@ -309,9 +309,9 @@ def frame_cost(config: Config, counts: Mapping[str, int]) -> tuple[dict[str, int
     return rays, size
 
 
-def _bytes_per_pixel(sensor: DepthConfig | RgbConfig) -> float:
+def _bytes_per_pixel(sensor: DepthCamera | RgbCamera) -> float:
     """Return the bytes of one pixel of a camera in all its images."""
-    if isinstance(sensor, RgbConfig):
+    if isinstance(sensor, RgbCamera):
         size = RGB_BYTES_PER_PIXEL[sensor.format]
         size += sensor.normals * NORMALS_BYTES_PER_PIXEL + sensor.flow * FLOW_BYTES_PER_PIXEL
     else:
@@ -321,7 +321,7 @@ def _bytes_per_pixel(sensor: DepthConfig | RgbConfig) -> float:
     return size
 
 
-def _radar_extra_bytes(sensor: RadarConfig) -> float:
+def _radar_extra_bytes(sensor: Radar) -> float:
     """Return the bytes of the maps and samples of one view of a radar; noise does not compress."""
     columns = {"range_azimuth": sensor.azimuth_antennas, "range_doppler": sensor.chirps}
     pixels = sum(columns[kind] for kind in sensor.maps) * (sensor.range_cells + 1)

@@ -10,14 +10,16 @@ from mmw.generation.executors.executor import Engine
 from mmw.generation.executors.process_pool import FRAMES_A_WORKER
 from mmw.generation.progress import Console, closing_summary
 from mmw.generation.provenance import keep_config, versions
-from mmw.generation.shards import Part, all_work, part_of, pending_work
-from mmw.generation.worker import Making
+from mmw.generation.shards import Partition, all_work, part_of, pending_work
+from mmw.generation.worker import GenerationContext
 from mmw.storage.lock import clean_other_parts, writing
 from mmw.storage.manifest import finalize, keep_finished, prepare_root
 from mmw.storage.store import Store, store_of
 
 
-def make_dataset(config: Config, *, base: Path, engine: Engine, part: Part, overwrite: bool, console: Console) -> None:
+def generate_dataset(
+    config: Config, *, base: Path, engine: Engine, part: Partition, overwrite: bool, console: Console
+) -> None:
     """Make the dataset of a configuration, or what is missing of it, or of a part of it.
 
     Args:
@@ -43,7 +45,7 @@ def make_dataset(config: Config, *, base: Path, engine: Engine, part: Part, over
         _make(config, base, root, engine, part, owner, overwrite, console)
 
 
-def output_of(config: Config, part: Part) -> Store:
+def output_of(config: Config, part: Partition) -> Store:
     """Return where a dataset goes.
 
     Raises:
@@ -57,7 +59,7 @@ def _make(
     base: Path,
     root: Store,
     engine: Engine,
-    part: Part,
+    part: Partition,
     owner: Owner,
     overwrite: bool,
     console: Console,
@@ -80,7 +82,7 @@ def _make(
     if config.compute.workers == "auto":
         most = min(most, frames // FRAMES_A_WORKER[engine.devices[0].partition(":")[0]])
     workers = max(min(len(engine.devices), most), 1)
-    making = Making(config, base, root, meta, writer_threads(config.compute.writer_threads, workers), owner)
+    making = GenerationContext(config, base, root, meta, writer_threads(config.compute.writer_threads, workers), owner)
     console.begin(total, total - frames, workers)
     if console.done:
         rest = "making the rest" if console.done < total else "nothing to make"

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-MOST_WAITING_BYTES = 1 << 29
+MAX_WAITING_BYTES = 1 << 29
 """Images that may wait for a thread [bytes]: 580 RGB images of 640 x 480, 0.2 s of work for eight threads. Design
 value."""
 
@@ -23,7 +23,7 @@ class Encoder:
 
     def submit(self, encode: Callable[..., bytes], image: np.ndarray, *settings: Any) -> Future[bytes]:
         """Return the future of `encode(image, *settings)`, a file's bytes."""
-        while self._waiting and (self._bytes + image.nbytes > MOST_WAITING_BYTES or self._waiting[0][0].done()):
+        while self._waiting and (self._bytes + image.nbytes > MAX_WAITING_BYTES or self._waiting[0][0].done()):
             future, size = self._waiting.popleft()
             wait([future])  # what it raises, it raises where its bytes are wanted
             self._bytes -= size

@@ -13,18 +13,18 @@ import pyarrow as pa
 
 from mmw.channel.path_solver.solver import check_channel_materials
 from mmw.channel.path_solver.surface_table import make_surface_table
-from mmw.config import Config, LidarConfig, ScenarioConfig
+from mmw.config import Config, Lidar, ScenarioConfig
 from mmw.core.constants import FRAME_DT
 from mmw.core.kinematics import differentiate
-from mmw.generation.progress import Clock, Reporter
+from mmw.generation.progress import Reporter, StageTimer
 from mmw.generation.recorders.channel import record_channel
 from mmw.generation.recorders.ground_truth import record_ground_truth
 from mmw.generation.recorders.sensors import record_sensors
 from mmw.generation.shards import Work
-from mmw.scene.device_scene import Scene
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.device_scene import DeviceScene
+from mmw.scene.scene_data import SceneData
 from mmw.scene.table_rows import resolved
-from mmw.sensors.batch import Job, Rows
+from mmw.sensors.batch import Batch, TableRows
 from mmw.sensors.mount_checks import check_mounts
 from mmw.storage.arrow_tables import sort_rows, unsorted_table
 from mmw.storage.schemas import table_spec
@@ -36,14 +36,14 @@ OUT_OF_MEMORY = "Failed to allocate"
 def make_job(
     config: Config,
     scenario: ScenarioConfig,
-    arrays: SceneArrays,
+    arrays: SceneData,
     device: str,
     slots: int,
     pool: ThreadPoolExecutor,
-    clock: Clock,
+    clock: StageTimer,
     *,
     with_channel: bool = True,
-) -> Job:
+) -> Batch:
     """Return a scenario on the device, ready for `record_frames`.
 
     Args:
@@ -59,8 +59,8 @@ def make_job(
     Raises:
         InputError: If a sensor is inside something, or a material is not known to the channel.
     """
-    sweeps = any(isinstance(sensor, LidarConfig) and sensor.rolling for sensor in config.sensors)
-    scene = Scene(arrays, device, max_slots=slots, sweep_s=FRAME_DT if sweeps else 0.0)
+    sweeps = any(isinstance(sensor, Lidar) and sensor.rolling for sensor in config.sensors)
+    scene = DeviceScene(arrays, device, max_slots=slots, sweep_s=FRAME_DT if sweeps else 0.0)
     check_mounts(scene, config)
     surfaces = None
     if config.channel.enabled and with_channel:
@@ -68,11 +68,11 @@ def make_job(
             scene, wedges=config.channel.diffraction, sheets=config.channel.diffraction_sheets
         )
         check_channel_materials(arrays.materials, np.unique(surfaces.material_id), config.channel)
-    return Job(config, scenario, arrays, differentiate(arrays.poses), scene, surfaces, pool, clock)
+    return Batch(config, scenario, arrays, differentiate(arrays.poses), scene, surfaces, pool, clock)
 
 
 def trace_work(
-    job: Job, work: Work, most_frames: int, reporter: Reporter, hand_over: Callable[[range, Rows], None]
+    job: Batch, work: Work, most_frames: int, reporter: Reporter, on_batch: Callable[[range, TableRows], None]
 ) -> int:
     """Trace the frames of some shards in batches.
 
@@ -83,7 +83,7 @@ def trace_work(
         work: The shards.
         most_frames: Frames of a batch.
         reporter: Where progress goes.
-        hand_over: Takes the frames of each batch and its rows in every weather, in the order of the frames.
+        on_batch: Takes the frames of each batch and its rows in every weather, in the order of the frames.
 
     Returns:
         The frames of a batch that fit.
@@ -99,15 +99,15 @@ def trace_work(
             step = len(frames) // 2
             reporter.warn_once(f"memory is full with {len(frames)} frames a launch; going on with {step}")
             continue
-        hand_over(frames, batch)
+        on_batch(frames, batch)
         first = frames.stop
         reporter.advance(len(frames) * len(work.weathers), work.scenario)
     return step
 
 
-def _trace_batch(job: Job, frames: Sequence[int], weathers: Sequence[str]) -> Rows | None:
+def _trace_batch(job: Batch, frames: Sequence[int], weathers: Sequence[str]) -> TableRows | None:
     """Return the rows of a batch; None if the memory was full and fewer frames may fit."""
-    collected: Rows = {weather: defaultdict(list) for weather in weathers}
+    collected: TableRows = {weather: defaultdict(list) for weather in weathers}
     try:
         record_frames(job, frames, collected)
     except (MemoryError, RuntimeError) as error:
@@ -122,7 +122,7 @@ def is_out_of_memory(error: BaseException) -> bool:
     return isinstance(error, MemoryError) or (isinstance(error, RuntimeError) and OUT_OF_MEMORY in str(error))
 
 
-def record_frames(job: Job, frames: Sequence[int], collected: Rows) -> None:
+def record_frames(job: Batch, frames: Sequence[int], collected: TableRows) -> None:
     """Trace one batch of frames and add its rows in every weather of `collected`."""
     with job.clock.stage("batch set-up"):
         job.scene.load_batch(frames)

@@ -23,7 +23,7 @@ SET_UP = ("traffic and stage", "scene", "kernels", "textures and skies")
 """Stages that come once a scenario: they would spoil the speed and the time left."""
 
 
-class Clock:
+class StageTimer:
     """Seconds and rays by stage name; stages add up over batches."""
 
     def __init__(self) -> None:
@@ -57,7 +57,7 @@ class Clock:
 class Reporter(Protocol):
     """Where the progress of a worker goes: to the terminal, or to the process that has it."""
 
-    clock: Clock
+    clock: StageTimer
 
     def warn_once(self, text: str) -> None:
         """Show a warning the first time it is given."""
@@ -76,7 +76,7 @@ class Console:
         self._warned: set[str] = set()
         self.total = self.done = 0
         self.workers = 1
-        self.clock = Clock()
+        self.clock = StageTimer()
 
     def __enter__(self) -> "Console":
         return self
@@ -108,7 +108,7 @@ class Console:
             workers: Processes that trace; the seconds of stages are summed up over them.
         """
         self.total, self.done, self.workers = total, done, workers
-        self.clock = Clock()
+        self.clock = StageTimer()
         self._fresh = 0
         if self._rich.is_terminal:
             self._progress = Progress(
@@ -158,7 +158,7 @@ def si(value: float) -> str:
 
 
 def closing_summary(
-    root: object, config: Config, device: str, workers: int, result: dict[str, Any], clock: Clock, frames: int
+    root: object, config: Config, device: str, workers: int, result: dict[str, Any], clock: StageTimer, frames: int
 ) -> str:
     """Return what a run prints last: what was made, where, how fast, and a query to paste.
 

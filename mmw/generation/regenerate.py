@@ -25,12 +25,12 @@ from mmw.core.device import choose_device
 from mmw.core.errors import InputError
 from mmw.dataset import open_dataset
 from mmw.generation.pipeline import join_batches, make_job, record_frames
-from mmw.generation.progress import Clock
+from mmw.generation.progress import StageTimer
 from mmw.generation.provenance import stored_config
 from mmw.scene.prepare import ASSETS, STAGES, read_scenario, stored_stage
 from mmw.scene.rows import static_rows
-from mmw.scene.scene_data import SceneArrays
-from mmw.sensors.batch import Job, Rows
+from mmw.scene.scene_data import SceneData
+from mmw.sensors.batch import Batch, TableRows
 from mmw.storage.arrow_tables import check_table, table_from_columns
 from mmw.storage.manifest import read_markers
 from mmw.storage.schemas import table_spec
@@ -58,7 +58,7 @@ CHANNEL_TABLES = ("links", "paths")
 
 
 @dataclass
-class Remaker:
+class RowRegenerator:
     """Makes rows of one dataset again; a scenario's scene stays on the device until another scenario is asked for."""
 
     root: Root
@@ -66,8 +66,8 @@ class Remaker:
     device: str
     """Warp device name, or `auto`."""
     _scenario: str = ""
-    _arrays: SceneArrays | None = None
-    _job: Job | None = None
+    _arrays: SceneData | None = None
+    _job: Batch | None = None
     _held: ExitStack = field(default_factory=ExitStack)
     _pool: ThreadPoolExecutor = field(default_factory=lambda: ThreadPoolExecutor(2, thread_name_prefix="mmw-remake"))
 
@@ -79,7 +79,7 @@ class Remaker:
         self.device = choose_device(self.device)
         self._stages: Path = self._held.enter_context(store.copy(STAGES, ASSETS))
 
-    def __enter__(self) -> "Remaker":
+    def __enter__(self) -> "RowRegenerator":
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -127,7 +127,7 @@ class Remaker:
         if frame is None or not frames.start <= frame < frames.stop:
             raise InputError(f"frame = {frame}: {scenario} has {frames.start} to {frames.stop - 1}; name one")
         job = self._restricted(table, found, agent, sensor)
-        collected: Rows = {weather: defaultdict(list)}
+        collected: TableRows = {weather: defaultdict(list)}
         record_frames(job, [frame], collected)
         batches = collected[weather].get(table)
         if not batches:
@@ -141,23 +141,23 @@ class Remaker:
         names = ", ".join(scenario.name for scenario in self.config.scenarios)
         raise InputError(f"scenario = {name}: the dataset has {names}; name one")
 
-    def _read(self, scenario: ScenarioConfig) -> SceneArrays:
+    def _read(self, scenario: ScenarioConfig) -> SceneData:
         if self._scenario != scenario.name or self._arrays is None:
             self._job = None
             self._arrays = read_scenario(self.config, scenario, stored_stage(self._stages, scenario))
             self._scenario = scenario.name
         return self._arrays
 
-    def _job_of(self, scenario: ScenarioConfig, with_channel: bool) -> Job:
+    def _job_of(self, scenario: ScenarioConfig, with_channel: bool) -> Batch:
         """Return the job of a scenario with all its sensors, one frame a batch."""
         arrays = self._read(scenario)
         if self._job is None or (with_channel and self._job.surfaces is None):
             self._job = make_job(
-                self.config, scenario, arrays, self.device, 1, self._pool, Clock(), with_channel=with_channel
+                self.config, scenario, arrays, self.device, 1, self._pool, StageTimer(), with_channel=with_channel
             )
         return self._job if with_channel else replace(self._job, surfaces=None)
 
-    def _restricted(self, table: str, scenario: ScenarioConfig, agent: str | None, sensor: str | None) -> Job:
+    def _restricted(self, table: str, scenario: ScenarioConfig, agent: str | None, sensor: str | None) -> Batch:
         """Return the job that traces what a table's rows need, and nothing else that takes time."""
         types = SENSOR_TYPES.get(table, ())
         sensors = tuple(

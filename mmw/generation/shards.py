@@ -37,14 +37,14 @@ class Work:
 
 
 @dataclass(frozen=True)
-class Part:
+class Partition:
     """One of several parts of a dataset, each made by a run of its own."""
 
     index: int = 0
     count: int = 1
 
     @classmethod
-    def parse(cls, text: str) -> "Part":
+    def parse(cls, text: str) -> "Partition":
         """Return the part that `i/N` names, i from 0 to N - 1.
 
         Raises:
@@ -79,7 +79,7 @@ def all_work(config: Config) -> list[Work]:
     return [work for scenario in config.scenarios for work in _grouped(shard_keys(config, scenario))]
 
 
-def part_of(work: Sequence[Work], part: Part) -> list[Work]:
+def part_of(work: Sequence[Work], part: Partition) -> list[Work]:
     """Return one part of the work, frames next to each other: parts differ by no more than a piece of work.
 
     Args:

@@ -11,7 +11,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from mmw.config import Config, RgbConfig, ScenarioConfig
+from mmw.config import Config, RgbCamera, ScenarioConfig
 from mmw.core.cuda import keep_memory, wait_asleep
 from mmw.core.device import GPU_BYTES_A_WORKER, machine_kind
 from mmw.core.temp_files import Owner
@@ -20,12 +20,12 @@ from mmw.generation.pipeline import join_batches, make_job, trace_work
 from mmw.generation.precompile import compiled_ahead
 from mmw.generation.progress import Reporter
 from mmw.generation.shards import Work
-from mmw.scene.prepare import kept_stage, read_scenario
+from mmw.scene.prepare import cached_stage, read_scenario
 from mmw.scene.rows import static_rows
-from mmw.scene.scene_data import SceneArrays
-from mmw.sensors.batch import Job, Rows
+from mmw.scene.scene_data import SceneData
+from mmw.sensors.batch import Batch, TableRows
 from mmw.sensors.render.sky.sky import bake
-from mmw.storage.atomic_files import publish_bytes
+from mmw.storage.atomic_files import write_bytes_atomically
 from mmw.storage.lock import only_one
 from mmw.storage.manifest import pending_scenarios
 from mmw.storage.shard_writer import ShardWriter, write_scenario
@@ -37,7 +37,7 @@ sensors are 0.5 GB without their images, which `mmw.generation.image_encoder` bo
 
 
 @dataclass(frozen=True)
-class Making:
+class GenerationContext:
     """What all workers of a dataset share."""
 
     config: Config
@@ -58,7 +58,7 @@ class Making:
         """Return the name in `root.folder` of what the first worker of this run has read of a scenario."""
         return f".{scenario}.{replace(self.owner, worker=None)}.tmp.scene"
 
-    def for_worker(self, number: int) -> "Making":
+    def for_worker(self, number: int) -> "GenerationContext":
         """Return the same for one of the run's workers."""
         return replace(self, owner=replace(self.owner, worker=number))
 
@@ -69,7 +69,7 @@ class Worker:
     A scenario stays on the device until work of another one comes.
     """
 
-    def __init__(self, making: Making, device: str, reporter: Reporter):
+    def __init__(self, making: GenerationContext, device: str, reporter: Reporter):
         """Start the threads.
 
         Args:
@@ -86,7 +86,7 @@ class Worker:
         self._reporter = reporter
         self._pool = ThreadPoolExecutor(making.threads, thread_name_prefix="mmw-writer")
         self._scenarios = {scenario.name: scenario for scenario in making.config.scenarios}
-        self._job: Job | None = None
+        self._job: Batch | None = None
         self._current = ""
         self._batch_frames = 0
         self._writing: list[list[Future[None]]] = []
@@ -99,7 +99,7 @@ class Worker:
         """Begin to compile what the configuration needs, and to make its skies."""
         config = self._making.config
         self._kernels = self._compiling.enter_context(compiled_ahead(config, self._device))
-        if any(isinstance(sensor, RgbConfig) for sensor in config.sensors):
+        if any(isinstance(sensor, RgbCamera) for sensor in config.sensors):
             self._skies = [self._pool.submit(_bake_skies, config)]
         return self
 
@@ -131,12 +131,12 @@ class Worker:
         ends: dict[str, Future[None]] = {}
         begin = time.perf_counter()
 
-        def hand_over(frames: range, rows: Rows) -> None:
+        def on_batch(frames: range, rows: TableRows) -> None:
             for weather, tables in rows.items():
                 ends[weather] = self._pool.submit(_add, shards[weather], frames, tables, ends.get(weather))
             self._queue(list(ends.values()))
 
-        self._batch_frames = trace_work(self._job, work, self._batch_frames, self._reporter, hand_over)
+        self._batch_frames = trace_work(self._job, work, self._batch_frames, self._reporter, on_batch)
         self._queue([self._pool.submit(_close, shards[name], begin, end) for name, end in ends.items()])
 
     def finish(self) -> None:
@@ -144,11 +144,11 @@ class Worker:
         while self._writing:
             self._wait(self._writing.pop(0))
 
-    def _load(self, scenario: ScenarioConfig, *, with_job: bool) -> Job | None:
+    def _load(self, scenario: ScenarioConfig, *, with_job: bool) -> Batch | None:
         """Write a scenario's static tables; return it on the device if anything is traced."""
         making, clock = self._making, self._reporter.clock
         with clock.stage("traffic and stage"), only_one(making.root.folder, f"stage-{scenario.name}"):
-            stage = kept_stage(making.config, scenario, making.base, making.root)
+            stage = cached_stage(making.config, scenario, making.base, making.root)
         with clock.stage("scene"):
             arrays = self._read(scenario, stage)
             for line in notes(arrays, making.config, scenario):
@@ -170,7 +170,7 @@ class Worker:
             self._reporter.warn_once(line)
         return job
 
-    def _read(self, scenario: ScenarioConfig, stage: Path) -> SceneArrays:
+    def _read(self, scenario: ScenarioConfig, stage: Path) -> SceneData:
         """Return a scenario's arrays: the first worker of a run reads the stage, the others what it has read.
 
         A town of 280,000 triangles takes 7 s of a core to read from its stage, and 0.03 s from the first one's file.
@@ -181,7 +181,7 @@ class Worker:
             if path.is_file():
                 return pickle.loads(path.read_bytes())
             arrays = read_scenario(self._making.config, scenario, stage)
-            publish_bytes(path, pickle.dumps(arrays, pickle.HIGHEST_PROTOCOL))
+            write_bytes_atomically(path, pickle.dumps(arrays, pickle.HIGHEST_PROTOCOL))
             self._shared.append(path)
         return arrays
 

@@ -5,21 +5,21 @@ from collections.abc import Sequence
 import numpy as np
 import warp as wp
 
-from mmw.core.bvh import build_trees
+from mmw.core.bvh import build_bvhs
 from mmw.core.kinematics import differentiate
 from mmw.core.transforms import make_pose, normalize
 from mmw.kernels.core import instance_bounds as bounds
 from mmw.kernels.core import structs, trace
 from mmw.scene.reader import read_stage
-from mmw.scene.scene_data import MODEL_NONE, Actor, Model, SceneArrays, SceneObject
+from mmw.scene.scene_data import MODEL_NONE, Actor, Prototype, SceneData, SceneObject
 
-__all__ = ["Actor", "Model", "Scene", "SceneArrays", "SceneObject", "instance_actors", "read_stage"]
+__all__ = ["Actor", "DeviceScene", "Prototype", "SceneData", "SceneObject", "instance_actors", "read_stage"]
 
 REBASE_BEYOND_M = 2000.0
 """A town that reaches further from the world origin [m] is traced about its middle; float32 resolves 0.12 mm here."""
 
 
-def instance_actors(arrays: SceneArrays) -> np.ndarray:
+def instance_actors(arrays: SceneData) -> np.ndarray:
     """Return the actor index of every instance: the actors that have a model, in their order. Shape [V], int32."""
     return np.array([i for i, actor in enumerate(arrays.actors) if actor.model != MODEL_NONE], dtype=np.int32)
 
@@ -31,7 +31,7 @@ def scene_origin(points: np.ndarray) -> np.ndarray:
     return np.round(0.5 * (points.min(axis=0) + points.max(axis=0)))
 
 
-class Scene:
+class DeviceScene:
     """Town and vehicles on one device, for a batch of frames at a time.
 
     The scene frame is the world frame moved by `origin`: a position in it is the world position minus `origin`, which
@@ -52,7 +52,7 @@ class Scene:
 
     def __init__(
         self,
-        arrays: SceneArrays,
+        arrays: SceneData,
         device: str,
         max_slots: int,
         *,
@@ -103,7 +103,7 @@ class Scene:
         town = (arrays.points - self.origin).astype(np.float32)[arrays.faces]
         models = [model.points.astype(np.float32)[model.faces] for model in arrays.models]
         has_town = len(town) > 0
-        struct.tree, roots = build_trees([town, *models] if has_town else models, self.device)
+        struct.tree, roots = build_bvhs([town, *models] if has_town else models, self.device)
         struct.town_root = int(roots[0]) if has_town else -1
         model = np.array([arrays.actors[i].model for i in self.instance_actor], dtype=np.int32)
         struct.instance_root = self._array(roots[int(has_town) :][model], wp.int32)
@@ -141,10 +141,10 @@ class Scene:
         self._model_upper = self._array(upper.astype(np.float32), wp.vec3)
         slots, instances = self.max_slots, len(actors)
         struct.instance_present = wp.zeros((slots, instances), dtype=wp.bool, device=self.device)
-        struct.instance_middle = self._array((0.5 * (lower + upper)).astype(np.float32), wp.vec3)
+        struct.instance_aabb_center = self._array((0.5 * (lower + upper)).astype(np.float32), wp.vec3)
         # A little more than half the sides, for what rounding moves.
         half = 0.5001 * (upper - lower) + 1e-3
-        struct.instance_half = self._array(half.astype(np.float32), wp.vec3)
+        struct.instance_aabb_half_extent = self._array(half.astype(np.float32), wp.vec3)
         around_origin = np.linalg.norm(half, axis=1) + 0.5 * np.linalg.norm(lower + upper, axis=1)
         self.instance_radius_m = float(around_origin.max(initial=0.0))
         self._lower = wp.zeros(slots * instances, dtype=wp.vec3, device=self.device)

@@ -12,13 +12,13 @@ from mmw.generation.estimate import scenario_source, weather_variants
 from mmw.generation.provenance import sha256
 from mmw.physics.weather.weather import choose_variant
 from mmw.scene.reader import read_stage
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.scene_data import SceneData
 from mmw.scene.stage.compose import compose_scenario
 from mmw.scene.stage.rsu_overlay import overlay_rsus
-from mmw.storage.atomic_files import publish_bytes
+from mmw.storage.atomic_files import write_bytes_atomically
 from mmw.storage.store import Store
 from mmw.traffic import VehicleTrack
-from mmw.traffic.engine import run_engine
+from mmw.traffic.engine import simulate_traffic
 from mmw.traffic.roads.town_asset import open_town
 from mmw.usd.vehicle_catalog import VehicleModel, load_catalog, load_figures
 
@@ -29,7 +29,7 @@ ASSETS = "assets"
 """Folder of the copies that they refer to."""
 
 
-def kept_stage(config: Config, scenario: ScenarioConfig, base: Path, root: Store) -> Path:
+def cached_stage(config: Config, scenario: ScenarioConfig, base: Path, root: Store) -> Path:
     """Return the scenario's USD stage, see `prepare_scenario`, kept with the dataset.
 
     A store that has the stage already, made on another machine, is asked for it.
@@ -85,7 +85,7 @@ def prepare_scenario(config: Config, scenario: ScenarioConfig, base: Path, root:
         antenna_position_m=config.channel.antenna_position_m if config.channel.enabled else None,
         assets=root / ASSETS,
     )
-    publish_bytes(note, json.dumps({"sha256": sha256(path), "town": str(scenario.town)}).encode())
+    write_bytes_atomically(note, json.dumps({"sha256": sha256(path), "town": str(scenario.town)}).encode())
     return path
 
 
@@ -121,19 +121,19 @@ def make_tracks(
         base: Folder that the path of a trajectory file starts from.
 
     Raises:
-        InputError: If the town and the traffic do not go together, see `run_engine`.
+        InputError: If the town and the traffic do not go together, see `simulate_traffic`.
     """
     town, traffic, where = open_town(source), scenario.traffic, f"scenario {scenario.name!r}: traffic"
     if traffic is None:
         raise InputError(f"{where}: is missing; `town` needs it (vehicle_count, spawn_center_m, cav_ranks)")
     try:
         frame_count = config.frames_of(scenario).stop + 1
-        return run_engine(town, traffic, catalog, base=base, frame_count=frame_count, seed=config.seed)
+        return simulate_traffic(town, traffic, catalog, base=base, frame_count=frame_count, seed=config.seed)
     except InputError as error:
         raise InputError(f"{where}.{error}") from error
 
 
-def read_scenario(config: Config, scenario: ScenarioConfig, stage: Path) -> SceneArrays:
+def read_scenario(config: Config, scenario: ScenarioConfig, stage: Path) -> SceneData:
     """Return a scenario's arrays for the configured frames, and one frame on each side where the stage has it.
 
     Raises:

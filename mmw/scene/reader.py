@@ -1,4 +1,4 @@
-"""Read a scenario stage, mmw's or the user's own, into `SceneArrays`."""
+"""Read a scenario stage, mmw's or the user's own, into `SceneData`."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -11,7 +11,7 @@ from mmw.core.errors import InputError
 from mmw.core.planar_surfaces import find_surfaces
 from mmw.physics.materials.material import Material
 from mmw.physics.weather.weather import choose_variant
-from mmw.scene.scene_data import MODEL_NONE, Actor, Model, SceneArrays, SceneObject
+from mmw.scene.scene_data import MODEL_NONE, Actor, Prototype, SceneData, SceneObject
 from mmw.usd.actors import FoundActor, actor_poses, find_actors, model_matrix
 from mmw.usd.material_map import MaterialMap
 from mmw.usd.materials import read_materials
@@ -35,7 +35,7 @@ def read_stage(
     margin: int = 0,
     roles: Mapping[str, str] | None = None,
     material_map: MaterialMap | None = None,
-) -> SceneArrays:
+) -> SceneData:
     """Read town, actors, poses and materials of a stage.
 
     A mesh under a prim that moves, or that has `mmw:actor:role` cav or vehicle, belongs to the topmost such prim; every
@@ -231,7 +231,7 @@ def _assemble(
     materials: dict[str, tuple[Material, ...]],
     ids: np.ndarray,
     look_notes: tuple[str, ...],
-) -> SceneArrays:
+) -> SceneData:
     names = [material.name for material in next(iter(materials.values()), ())] or [""] * (int(ids.max(initial=0)) + 1)
 
     def used(values: Iterable[int]) -> tuple[str, ...]:
@@ -248,7 +248,7 @@ def _assemble(
     for (path, k), ids_of in zip(index_of.items(), own, strict=False):
         objects.append(SceneObject(k, path, label_of[path], CARLA_TAG[label_of[path]], used(ids_of.tolist())))
 
-    models: list[Model] = []
+    models: list[Prototype] = []
     model_of: dict[tuple, int] = {}
     surface_of: dict[tuple, np.ndarray] = {}
     actors = []
@@ -267,7 +267,7 @@ def _assemble(
                 shape = (*key[:2], kind.tobytes())
                 if shape not in surface_of:
                     surface_of[shape] = find_surfaces(model_points, model_faces, np.zeros_like(kind), kind)
-                models.append(Model(actor.model_name, *values[:3], surface_of[shape], *values[3:]))
+                models.append(Prototype(actor.model_name, *values[:3], surface_of[shape], *values[3:]))
             model = model_of[key]
             used_names = used(model_material.tolist())
             label = parts[0].label if label == "unlabeled" else label
@@ -276,7 +276,7 @@ def _assemble(
         actors.append(Actor(actor.name, actor.role, path, model, object_index, size, center, label, actor.is_parked))
         objects.append(SceneObject(object_index, path, label, CARLA_TAG[label], used_names, actor.name))
     surface = find_surfaces(points, faces, object_id, material)
-    return SceneArrays(
+    return SceneData(
         points, faces, material, object_id, surface, tuple(models), tuple(actors), frames, poses, materials,
         tuple(objects), *_join_corners(static), look_notes,
     )  # fmt: skip

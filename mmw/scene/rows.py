@@ -6,13 +6,13 @@ from collections.abc import Sequence
 import numpy as np
 import pyarrow as pa
 
-from mmw.config import Config, DepthConfig, RgbConfig, ScenarioConfig, SensorSection
+from mmw.config import Config, DepthCamera, RgbCamera, ScenarioConfig, SensorConfig
 from mmw.config.lens import USED, LensConfig
 from mmw.config.section import Vec3
 from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.kinematics import Motion
 from mmw.core.transforms import normalize
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.scene_data import SceneData
 from mmw.scene.table_rows import AGENT_ROLES, Columns, choices, names, split
 from mmw.scene.views import mount_pose
 from mmw.sensors.ground_truth.boxes_3d import Boxes
@@ -23,7 +23,7 @@ CAMERA_COLUMNS = ("fx", "fy", "cx", "cy", "width", "height", "lens", "coefficien
 """Columns of the table `sensors` that are null for what is no camera."""
 
 
-def frame_rows(arrays: SceneArrays, frames: Sequence[int], seed: int) -> Columns:
+def frame_rows(arrays: SceneData, frames: Sequence[int], seed: int) -> Columns:
     """Return the `frames` table: one row a frame."""
     rows = [arrays.frame_row(frame) for frame in frames]
     is_present = np.all(np.isfinite(arrays.poses[rows]), axis=2)
@@ -40,7 +40,7 @@ def frame_rows(arrays: SceneArrays, frames: Sequence[int], seed: int) -> Columns
     }
 
 
-def pose_rows(arrays: SceneArrays, frames: Sequence[int], motion: Motion) -> Columns:
+def pose_rows(arrays: SceneData, frames: Sequence[int], motion: Motion) -> Columns:
     """Return the `poses` table: every agent that is present."""
     rows = np.array([arrays.frame_row(frame) for frame in frames])
     agents = np.array([i for i, actor in enumerate(arrays.actors) if actor.role in AGENT_ROLES], dtype=np.int32)
@@ -61,7 +61,7 @@ def pose_rows(arrays: SceneArrays, frames: Sequence[int], motion: Motion) -> Col
     }
 
 
-def box_rows(arrays: SceneArrays, boxes: Boxes) -> Columns:
+def box_rows(arrays: SceneData, boxes: Boxes) -> Columns:
     """Return the `boxes` table: every vehicle that is present."""
     agents = [a.name if a.role in AGENT_ROLES else None for a in arrays.actors]
     return {
@@ -76,7 +76,7 @@ def box_rows(arrays: SceneArrays, boxes: Boxes) -> Columns:
     }
 
 
-def static_rows(arrays: SceneArrays, config: Config, scenario: ScenarioConfig) -> dict[str, Columns]:
+def static_rows(arrays: SceneData, config: Config, scenario: ScenarioConfig) -> dict[str, Columns]:
     """Return the tables of a scenario that no frame changes: `objects`, `sensors`, `materials`."""
     objects = arrays.objects
     materials = [(w, i, m) for w in config.weathers for i, m in enumerate(arrays.materials[w])]
@@ -112,7 +112,7 @@ def static_rows(arrays: SceneArrays, config: Config, scenario: ScenarioConfig) -
     }
 
 
-def _sensor_rows(arrays: SceneArrays, config: Config) -> Columns:
+def _sensor_rows(arrays: SceneData, config: Config) -> Columns:
     antennas: dict[str, Vec3] = {**config.channel.antenna_position_m}
     rows: list[Columns] = []
     for actor in arrays.actors:
@@ -132,11 +132,11 @@ def _sensor_rows(arrays: SceneArrays, config: Config) -> Columns:
     return {**columns, "coefficients": pa.array(columns["coefficients"], list_of(F64))}
 
 
-def _camera(sensor: SensorSection) -> Columns:
+def _camera(sensor: SensorConfig) -> Columns:
     """Return the columns that only cameras have; none for other sensors."""
-    if not isinstance(sensor, RgbConfig | DepthConfig):
+    if not isinstance(sensor, RgbCamera | DepthCamera):
         return {}
-    lens = sensor.lens if isinstance(sensor, RgbConfig) else LensConfig()
+    lens = sensor.lens if isinstance(sensor, RgbCamera) else LensConfig()
     camera = lens.intrinsics(sensor.width_px, sensor.height_px, sensor.fov_deg)
     numbers = {name: getattr(camera, name) for name in ("fx", "fy", "cx", "cy", "width", "height")}
     return {**numbers, "lens": lens.model, "coefficients": [getattr(lens, name) for name in USED[lens.model]]}

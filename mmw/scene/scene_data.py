@@ -11,7 +11,7 @@ MODEL_NONE = -1
 
 
 @dataclass(frozen=True)
-class Model:
+class Prototype:
     """One vehicle shape, shared by all actors that look the same, in the actor's frame."""
 
     name: str
@@ -51,7 +51,7 @@ class Model:
             raise ValueError(f"model {self.name}: a wheel's radius is not above 0 m; give the radius of its tyre")
 
 
-def _fill_corners(shape: "Model | SceneArrays", where: str) -> None:
+def _fill_corners(shape: "Prototype | SceneData", where: str) -> None:
     """Give faces whose texture coordinates or normals are left out zeros, and check that no face lacks them."""
     for name, values in (("uv", 2), ("normals", 3)):
         found, needed = getattr(shape, name), (len(shape.faces), 3, values)
@@ -88,7 +88,7 @@ class Actor:
     """`cav`, `vehicle`, `rsu` or `pedestrian`."""
     prim_path: str
     model: int
-    """Index into `SceneArrays.models`, -1 for an actor without geometry."""
+    """Index into `SceneData.models`, -1 for an actor without geometry."""
     object_id: int
     size: tuple[float, float, float]
     """Length, width and height of the box [m]."""
@@ -100,7 +100,7 @@ class Actor:
 
 
 @dataclass(frozen=True)
-class SceneArrays:
+class SceneData:
     """One scenario: a static town, models, and where the actors are in every frame. World frame, metres."""
 
     points: np.ndarray
@@ -113,7 +113,7 @@ class SceneArrays:
     """Object id of each town face, shape [M], int32."""
     surface: np.ndarray
     """Surface id of each town face, 0 to Ns - 1, shape [M], int32."""
-    models: tuple[Model, ...]
+    models: tuple[Prototype, ...]
     actors: tuple[Actor, ...]
     frames: range
     """Frames that `poses` covers, consecutive: derivatives take neighbouring rows as 1/100 s apart."""

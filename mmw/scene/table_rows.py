@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.scene_data import SceneData
 
 Columns = dict[str, Any]
 """Columns of one table by name: arrays, Arrow arrays, or one scalar for all rows."""
@@ -16,7 +16,7 @@ AGENT_ROLES = ("cav", "rsu")
 """Roles that carry sensors."""
 
 
-def names(arrays: SceneArrays, actor: np.ndarray) -> pa.DictionaryArray:
+def names(arrays: SceneData, actor: np.ndarray) -> pa.DictionaryArray:
     """Return the names of actors given by their indices."""
     return choices([a.name for a in arrays.actors], actor)
 

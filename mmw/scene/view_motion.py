@@ -3,11 +3,11 @@
 import numpy as np
 
 from mmw.core.kinematics import Motion
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.scene_data import SceneData
 from mmw.scene.views import Views
 
 
-def view_twists(arrays: SceneArrays, motion: Motion, views: Views) -> tuple[np.ndarray, np.ndarray]:
+def view_twists(arrays: SceneData, motion: Motion, views: Views) -> tuple[np.ndarray, np.ndarray]:
     """Return how each view's sensor moves at the instant of its frame.
 
     Args:

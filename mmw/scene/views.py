@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from mmw.config import SensorSection
+from mmw.config import SensorConfig
 from mmw.core.random_keys import random_keys
 from mmw.core.transforms import compose, normalize, pose_from_mount
 from mmw.kernels.core import structs
-from mmw.scene.device_scene import Scene
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.device_scene import DeviceScene
+from mmw.scene.scene_data import SceneData
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Views:
     slot: np.ndarray
     """Position of the frame in its batch, shape [A], int32."""
     actor: np.ndarray
-    """Index of the agent in `SceneArrays.actors`, -1 for a view that nobody carries and that stands still, shape [A],
+    """Index of the agent in `SceneData.actors`, -1 for a view that nobody carries and that stands still, shape [A],
     int32."""
     pose: np.ndarray
     """Sensor to world, shape [A, 7], float64."""
@@ -45,7 +45,7 @@ class Views:
 
         Args:
             device: Warp device name.
-            origin: World position of the scene frame's origin [m], shape [3] (`Scene.origin`); zero if absent.
+            origin: World position of the scene frame's origin [m], shape [3] (`DeviceScene.origin`); zero if absent.
         """
         pose = self.pose.copy()
         if origin is not None:
@@ -56,7 +56,7 @@ class Views:
         views.ignore = wp.array(self.ignore, dtype=wp.int32, device=device)
         return views
 
-    def for_scene(self, scene: Scene) -> structs.Views:
+    def for_scene(self, scene: DeviceScene) -> structs.Views:
         """Return the views on the device of a scene, after a check that the scene holds their frames.
 
         Raises:
@@ -74,10 +74,10 @@ class Views:
         return self.to_device(scene.device, scene.origin)
 
 
-def sensor_actors(arrays: SceneArrays, sensor: SensorSection) -> np.ndarray:
+def sensor_actors(arrays: SceneData, sensor: SensorConfig) -> np.ndarray:
     """Return the indices of the actors that carry a sensor, in the scene's order, shape [n], int32.
 
-    Where `SceneArrays.sensing` names agents, only these.
+    Where `SceneData.sensing` names agents, only these.
     """
     found = [
         i
@@ -87,13 +87,13 @@ def sensor_actors(arrays: SceneArrays, sensor: SensorSection) -> np.ndarray:
     return np.array(found, dtype=np.int32)
 
 
-def mount_pose(sensor: SensorSection, role: str) -> np.ndarray:
+def mount_pose(sensor: SensorConfig, role: str) -> np.ndarray:
     """Return the sensor-to-agent pose of a sensor on agents of a role (`cav` or `rsu`), shape [7]."""
     mount = sensor.mount_on(role)
     return pose_from_mount(mount.position_m, mount.yaw_deg, mount.pitch_deg, mount.roll_deg)
 
 
-def make_views(arrays: SceneArrays, frames: Sequence[int], sensor: SensorSection) -> Views:
+def make_views(arrays: SceneData, frames: Sequence[int], sensor: SensorConfig) -> Views:
     """Return where a sensor is in each frame: pose of its agent x mount.
 
     Nothing is ignored: like CARLA's, a sensor sees its own vehicle, so a ray that starts above a roof may end on it.
@@ -129,7 +129,7 @@ def join_views(parts: Sequence[Views]) -> Views:
     return Views(*(np.concatenate(column) for column in columns))
 
 
-def view_keys(arrays: SceneArrays, views: Views, *stream: str | int) -> np.ndarray:
+def view_keys(arrays: SceneData, views: Views, *stream: str | int) -> np.ndarray:
     """Return the key of each view's random numbers, shape [A, 2], uint32.
 
     Args:

@@ -9,7 +9,7 @@ from mmw.core.errors import InputError
 
 Role = Literal["cav", "rsu"]
 
-MOST_OFFSET_M = 1000.0
+MAX_OFFSET_M = 1000.0
 """Largest offset of a sensor from its agent along an axis [m]. Design value."""
 
 
@@ -26,14 +26,14 @@ class MountConfig(Section):
     @field_validator("position_m")
     @classmethod
     def _near(cls, value: Vec3) -> Vec3:
-        if any(abs(part) > MOST_OFFSET_M for part in value):
+        if any(abs(part) > MAX_OFFSET_M for part in value):
             raise InputError(
-                f"{list(value)} is more than {MOST_OFFSET_M:g} m from the agent; metres are needed; lower it"
+                f"{list(value)} is more than {MAX_OFFSET_M:g} m from the agent; metres are needed; lower it"
             )
         return value
 
 
-class SensorSection(Section):
+class SensorConfig(Section):
     """One sensor of an agent: the base of every sensor's section."""
 
     type: str

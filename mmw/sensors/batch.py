@@ -6,31 +6,31 @@ from functools import cached_property
 from typing import Any
 
 from mmw.channel.path_solver.surface_table import SurfaceTable
-from mmw.config import Config, RgbConfig, ScenarioConfig
+from mmw.config import Config, RgbCamera, ScenarioConfig
 from mmw.core.kinematics import Motion
 from mmw.generation.image_encoder import Encoder
-from mmw.generation.progress import Clock
+from mmw.generation.progress import StageTimer
 from mmw.kernels.shading import structs as looks
 from mmw.physics.weather.weather import Weather
-from mmw.scene.device_scene import Scene
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.device_scene import DeviceScene
+from mmw.scene.scene_data import SceneData
 from mmw.sensors.render.appearance_buffers import AppearanceArrays
-from mmw.sensors.rgb.simulate import RgbCamera
+from mmw.sensors.rgb.simulate import RgbRenderer
 
 
 @dataclass(frozen=True)
-class Job:
+class Batch:
     """Everything that stays the same while one scenario is traced."""
 
     config: Config
     scenario: ScenarioConfig
-    arrays: SceneArrays
+    arrays: SceneData
     motion: Motion
-    scene: Scene
+    scene: DeviceScene
     surfaces: SurfaceTable | None
     pool: ThreadPoolExecutor
-    clock: Clock
-    _rgb: dict[bool, RgbCamera] = field(default_factory=dict)
+    clock: StageTimer
+    _rgb: dict[bool, RgbRenderer] = field(default_factory=dict)
 
     @cached_property
     def encoder(self) -> Encoder:
@@ -38,27 +38,27 @@ class Job:
         return Encoder(self.pool)
 
     @property
-    def rgb_sensors(self) -> tuple[RgbConfig, ...]:
+    def rgb_sensors(self) -> tuple[RgbCamera, ...]:
         """The RGB cameras."""
-        return tuple(sensor for sensor in self.config.sensors if isinstance(sensor, RgbConfig))
+        return tuple(sensor for sensor in self.config.sensors if isinstance(sensor, RgbCamera))
 
     def weather(self, name: str) -> Weather:
         """Return the physical values of a weather by its name."""
         return self.config.air[name].weather(name)
 
-    def rgb_camera(self, debug: bool) -> RgbCamera:
+    def rgb_camera(self, debug: bool) -> RgbRenderer:
         """Return what renders RGB images in all weathers; textures and skies are made at the first call."""
         if debug not in self._rgb:
             weathers = {name: self.weather(name) for name in self.config.weathers}
             with self.clock.stage("textures and skies"):
-                self._rgb[debug] = RgbCamera(self.scene, weathers, seed=self.config.seed, debug=debug)
+                self._rgb[debug] = RgbRenderer(self.scene, weathers, seed=self.config.seed, debug=debug)
         return self._rgb[debug]
 
     @cached_property
-    def cut_outs(self) -> "looks.Appearance | None":
+    def alpha_cutouts(self) -> "looks.Appearance | None":
         """Appearance of a scene with cut-out textures, whose holes the rays of all cameras pass; None without any."""
         if self.rgb_sensors:
-            return self.rgb_camera(self.rgb_sensors[0].debug).cut_outs
+            return self.rgb_camera(self.rgb_sensors[0].debug).alpha_cutouts
         first = self.config.weathers[0]
         found = [material.look for material in self.arrays.materials[first]]
         if not any(look.opacity_threshold > 0.0 and look.opacity_texture for look in found):
@@ -71,11 +71,11 @@ class Job:
         return [line for debug in {s.debug for s in self.rgb_sensors} for line in self.rgb_camera(debug).notes]
 
 
-Rows = dict[str, dict[str, list[Any]]]
+TableRows = dict[str, dict[str, list[Any]]]
 """Weather -> table -> columns of each batch, or the future of them where a thread still works on it."""
 
 
-def collect(collected: Rows, tables: dict[str, Any]) -> None:
+def collect(collected: TableRows, tables: dict[str, Any]) -> None:
     """Add columns that are the same in every weather."""
     for by_table in collected.values():
         for name, columns in tables.items():

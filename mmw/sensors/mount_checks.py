@@ -12,7 +12,7 @@ from mmw.config import Config
 from mmw.core.errors import InputError
 from mmw.core.transforms import make_pose, normalize, transform_points
 from mmw.kernels.core import line_of_sight as sight
-from mmw.scene.device_scene import Scene
+from mmw.scene.device_scene import DeviceScene
 
 BLIND_TYPES = ("lidar", "rgb", "depth", "radar")
 """Sensors that have to be in the open; inertial ones and receivers belong into the body or under its skin."""
@@ -28,7 +28,7 @@ REACH_M = 5_000.0
 """Length of the rays [m]: out of any town."""
 
 
-def check_mounts(scene: Scene, config: Config) -> None:
+def check_mounts(scene: DeviceScene, config: Config) -> None:
     """Check each sensor and antenna at the first frame in which its agent is there.
 
     A place is inside something if nearly all rays upwards meet an odd number of surfaces: inside a closed solid every
@@ -71,7 +71,7 @@ def check_mounts(scene: Scene, config: Config) -> None:
         raise InputError("\n  ".join(problems))
 
 
-def enclosing_objects(scene: Scene, position: np.ndarray) -> np.ndarray:
+def enclosing_objects(scene: DeviceScene, position: np.ndarray) -> np.ndarray:
     """Return the object that each point is inside, -1 for a point in the open.
 
     Args:
@@ -90,7 +90,7 @@ def enclosing_objects(scene: Scene, position: np.ndarray) -> np.ndarray:
     first = wp.empty(shape, dtype=int, device=device)
     origin = (np.asarray(position) - scene.origin).astype(np.float32)
     wp.launch(
-        sight.crossings_kernel,
+        sight.count_hits_kernel,
         dim=shape,
         inputs=[
             scene.struct,

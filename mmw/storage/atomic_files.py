@@ -20,7 +20,7 @@ class StoreError(Error, RuntimeError):
     """Report a store elsewhere that cannot be reached, or refuses. What is finished is kept, and a rerun resumes."""
 
 
-def publish_bytes(path: Path, data: bytes | memoryview) -> None:
+def write_bytes_atomically(path: Path, data: bytes | memoryview) -> None:
     """Write a file so that a reader, a kill or a power cut sees all of it or nothing.
 
     Args:

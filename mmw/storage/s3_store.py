@@ -24,7 +24,7 @@ import pyarrow.parquet as pq
 from mmw.core.errors import InputError
 from mmw.core.resources import cache_dir
 from mmw.core.temp_files import is_temporary
-from mmw.storage.atomic_files import StoreError, publish_bytes
+from mmw.storage.atomic_files import StoreError, write_bytes_atomically
 from mmw.storage.store import DATASET, Folder, Store
 
 WAITS_S = (1.0, 5.0, 25.0)
@@ -226,7 +226,7 @@ class Bucket(Store):
         there = [name for name in self._below(names) if name not in self._same]
         self._bring(there, self.folder)
         self._same.update(there)
-        publish_bytes(here, data)
+        write_bytes_atomically(here, data)
 
     def leave(self) -> None:
         shutil.rmtree(self.folder, ignore_errors=True)
@@ -260,7 +260,7 @@ class Bucket(Store):
         def bring(name: str) -> None:
             data = self.read(name)
             if data is not None:
-                publish_bytes(folder / name, data)
+                write_bytes_atomically(folder / name, data)
 
         with ThreadPoolExecutor(READERS) as pool:
             list(pool.map(bring, names))

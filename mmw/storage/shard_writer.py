@@ -15,7 +15,7 @@ from typing import Any
 import pyarrow as pa
 
 from mmw.storage.arrow_tables import check_table, table_from_columns
-from mmw.storage.atomic_files import OutOfSpaceError, publish_bytes
+from mmw.storage.atomic_files import OutOfSpaceError, write_bytes_atomically
 from mmw.storage.parquet_schema import arrow_schema
 from mmw.storage.parquet_writer import GrowingFile
 from mmw.storage.schemas import SCHEMA_VERSION, table_spec
@@ -201,7 +201,7 @@ def _publish(
     files = []
     for name, rows, data in encoded:
         path = table_path(name, key)
-        publish_bytes(root.folder / path, data)
+        write_bytes_atomically(root.folder / path, data)
         digest = hashlib.sha256(data).hexdigest()
         files.append({"table": name, "path": path.as_posix(), "rows": rows, "bytes": data.nbytes, "sha256": digest})
     marker = {
@@ -212,6 +212,6 @@ def _publish(
         "files": files,
     }
     last = marker_path(key)
-    publish_bytes(root.folder / last, json.dumps(marker, indent=1).encode())
+    write_bytes_atomically(root.folder / last, json.dumps(marker, indent=1).encode())
     root.keep([file["path"] for file in files], last.as_posix(), drop=isinstance(key, ShardKey))
     return marker

@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from mmw.core.errors import InputError
-from mmw.storage.atomic_files import FULL, OutOfSpaceError, publish_bytes
+from mmw.storage.atomic_files import FULL, OutOfSpaceError, write_bytes_atomically
 
 DATASET = "dataset.json"
 """Whose dataset it is: configuration, its hash, versions."""
@@ -230,7 +230,7 @@ class Folder(Store):
         return {name: path.stat().st_size for name, path in paths.items() if path.is_file()}
 
     def publish(self, name: str, data: bytes) -> None:
-        publish_bytes(self._root / name, data)
+        write_bytes_atomically(self._root / name, data)
 
     def remove(self, names: Iterable[str]) -> None:
         for path in (self._root / name for name in names):

@@ -19,7 +19,7 @@ FAR_FROM_LANES = 500.0
 """A spawn centre farther than this from every lane is taken for a mistake [m]."""
 
 
-def run_engine(
+def simulate_traffic(
     town: Town, traffic: TrafficConfig, catalog: Mapping[str, Any], *, base: Path, frame_count: int, seed: int
 ) -> list[VehicleTrack]:
     """Return the motion of all vehicles and pedestrians of a scenario.

@@ -16,7 +16,7 @@ GREEN = 12.0
 ALL_RED = 2.0
 """All phases red after amber [s]. Source: ITE, Traffic Engineering Handbook, 7th ed., chapter 10: 1 to 2 s."""
 
-LEAST_AMBER = 3.0
+MIN_AMBER = 3.0
 """Shortest amber [s]. Source: MUTCD 2009, section 4D.26: 3 to 6 s."""
 
 REACTION = 1.0
@@ -68,7 +68,7 @@ def make_plans(graph: LaneGraph, seed: int) -> dict[str, SignalPlan]:
     plans = {}
     for junction in sorted(found):
         phases = tuple(sorted(found[junction]))
-        amber = max(LEAST_AMBER, ceil(10 * (REACTION + fastest[junction] / (2 * AMBER_BRAKING))) / 10)
+        amber = max(MIN_AMBER, ceil(10 * (REACTION + fastest[junction] / (2 * AMBER_BRAKING))) / 10)
         generator = seeded(seed, zlib.crc32(junction.encode()))
         cycle = len(phases) * (GREEN + amber + ALL_RED)
         plans[junction] = SignalPlan(phases, amber, float(generator.uniform(0, cycle)))

@@ -7,7 +7,7 @@ import numpy as np
 
 from mmw.core.errors import InputError
 
-LEAST_SLIMNESS = 1e-9
+MIN_SLIMNESS = 1e-9
 """Height of a triangle over its length below which it has no area [-]: a hundredth of the step of float32."""
 
 
@@ -78,7 +78,7 @@ def cut_meshes(meshes: Sequence[Polygons], *, keeps_flat: bool = False) -> list[
     if not keeps_flat:  # what has no area is nowhere: no ray can say how it is met
         edge = points.take(faces[:, 1:], axis=0) - points.take(faces[:, :1], axis=0)
         area = np.linalg.norm(np.cross(edge[:, 0], edge[:, 1]), axis=1)
-        has_area = area > LEAST_SLIMNESS * np.einsum("mkx,mkx->m", edge, edge)
+        has_area = area > MIN_SLIMNESS * np.einsum("mkx,mkx->m", edge, edge)
         corners, polygon = corners[has_area], polygon[has_area]
     first = np.searchsorted(polygon, first_polygon)
     mesh_of = np.repeat(np.arange(len(meshes)), np.diff(first))

@@ -4,17 +4,17 @@ import pytest
 
 from bench.lidar import LIDARS, line, measure, with_sensors
 from bench.scenes import grid_town, with_vehicles
-from mmw.config import LidarConfig
-from mmw.scene.device_scene import Scene
+from mmw.config import Lidar
+from mmw.scene.device_scene import DeviceScene
 
 pytestmark = pytest.mark.slow  # whoever uses mmw can do without its benchmarks
 
 
 def test_every_weather_is_measured_twice() -> None:
     arrays = with_sensors(with_vehicles(grid_town(), 1))
-    scene = Scene(arrays, "cpu", 1)
+    scene = DeviceScene(arrays, "cpu", 1)
     scene.load_batch([0])
-    config = LidarConfig(on=("cav",), channels=8, points_per_channel=64)
+    config = Lidar(on=("cav",), channels=8, points_per_channel=64)
     results = measure(scene, config, ["sunny", "foggy"], repeats=1)
     assert [(r.weather, r.where) for r in results] == [
         (weather, where) for where in ("on the device", "with copy") for weather in ("sunny", "foggy", "all")

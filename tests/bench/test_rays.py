@@ -9,18 +9,18 @@ import warp as wp
 from bench import first_hit
 from bench.rays import PRESETS, compare, make_views
 from bench.scenes import grid_town, with_vehicles
-from mmw.config import LidarConfig
+from mmw.config import Lidar
 from mmw.kernels.core import structs
-from mmw.scene.device_scene import Scene
+from mmw.scene.device_scene import DeviceScene
 from mmw.sensors.lidar.scan_pattern import lidar_pattern, pinhole, pinhole_directions
 from tests.fixtures.scenes import two_cars
 
 pytestmark = pytest.mark.slow  # whoever uses mmw can do without its benchmarks
 
 
-def small_scene(device: str) -> tuple[Scene, structs.Views]:
+def small_scene(device: str) -> tuple[DeviceScene, structs.Views]:
     arrays = two_cars(2)
-    scene = Scene(arrays, device, 2)
+    scene = DeviceScene(arrays, device, 2)
     scene.load_batch([0, 1])
     views = structs.Views()
     views.slot = wp.array([0, 1], dtype=wp.int32, device=device)
@@ -29,7 +29,9 @@ def small_scene(device: str) -> tuple[Scene, structs.Views]:
     return scene, views
 
 
-def trace(kernel: wp.Kernel, scene: Scene, views: structs.Views, rays: int, *values) -> tuple[np.ndarray, np.ndarray]:
+def trace(
+    kernel: wp.Kernel, scene: DeviceScene, views: structs.Views, rays: int, *values
+) -> tuple[np.ndarray, np.ndarray]:
     t = wp.full((2, rays), -1.0, dtype=float, device=scene.device)
     objects = wp.full((2, rays), -7, dtype=int, device=scene.device)
     inputs = [scene.struct, views, *values]
@@ -69,7 +71,7 @@ def test_measured_scene_is_large_enough() -> None:
     assert np.isfinite(arrays.poses).all()
     for preset in PRESETS:
         assert len(make_views(arrays, preset, "cpu").slot) == 2 * preset.views_per_frame
-    assert lidar_pattern(LidarConfig()).shape == (PRESETS[2].rays_per_view, 3)
+    assert lidar_pattern(Lidar()).shape == (PRESETS[2].rays_per_view, 3)
 
 
 def test_hits_that_differ_are_counted(tmp_path: Path) -> None:

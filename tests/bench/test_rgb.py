@@ -8,9 +8,9 @@ import warp as wp
 
 from bench import newton_camera, rgb
 from bench.camera_views import launch_of, rgb_camera
-from mmw.config import RgbConfig
-from mmw.scene.device_scene import Scene
-from mmw.scene.scene_data import SceneArrays
+from mmw.config import RgbCamera
+from mmw.scene.device_scene import DeviceScene
+from mmw.scene.scene_data import SceneData
 from mmw.sensors.camera_group.launches import Launch
 from tests.fixtures.scenes import box_model, pose, street_canyon
 
@@ -19,18 +19,18 @@ pytestmark = pytest.mark.slow  # whoever uses mmw can do without its benchmarks
 VIEWS = 10
 """Four of the CAV and one of the roadside unit in two frames."""
 
-SMALL = RgbConfig(width_px=40, height_px=32)
+SMALL = RgbCamera(width_px=40, height_px=32)
 
 
-def street(weathers: list[str]) -> SceneArrays:
+def street(weathers: list[str]) -> SceneData:
     rows = [[pose(-20.0 + k, -3.0), pose(0.0, 9.0, 5.0, yaw=-np.pi / 2)] for k in range(2)]
     arrays = street_canyon([box_model("car", material=3)], [("cav_1", "cav", 0), ("rsu_1", "rsu", -1)], np.array(rows))
     arrays.materials.update(dict.fromkeys(weathers, arrays.materials["sunny"]))
     return arrays
 
 
-def loaded(weathers: list[str], config: RgbConfig = SMALL) -> tuple[Scene, Launch]:
-    scene = Scene(street(weathers), "cpu", 2)
+def loaded(weathers: list[str], config: RgbCamera = SMALL) -> tuple[DeviceScene, Launch]:
+    scene = DeviceScene(street(weathers), "cpu", 2)
     scene.load_batch([0, 1])
     return scene, launch_of(scene.arrays, 2, config)
 

@@ -23,7 +23,7 @@ from bench.scaling_frames import (
 from bench.scaling_towns import finer_towns, larger_towns
 from mmw.config import load_config
 from mmw.generation.pipeline import make_job, record_frames
-from mmw.generation.progress import Clock
+from mmw.generation.progress import StageTimer
 from mmw.scene.device_scene import instance_actors
 
 pytestmark = pytest.mark.slow  # whoever uses mmw can do without its benchmarks
@@ -212,7 +212,7 @@ def test_nothing_is_encoded(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("mmw.sensors.rgb.capture.encode_rgb", lambda *_: pytest.fail("an image was encoded"))
     config = scenario_config(["frames.count=1", *scaling.QUICK.overrides])
     arrays = scenario_arrays("grid", 1, 40, ["sunny"])
-    job = make_job(config, config.scenarios[0], arrays, "cpu", 1, Discarding(1), Clock())
+    job = make_job(config, config.scenarios[0], arrays, "cpu", 1, Discarding(1), StageTimer())
     rows: dict[str, Any] = {"sunny": defaultdict(list)}
     record_frames(job, [0], rows)
     assert {"rgb", "lidar", "radar", "paths"} <= set(rows["sunny"])

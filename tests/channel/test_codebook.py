@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mmw.channel import AntennaArray, beam_gains, best_beams, dft_codebook, normalized_gain, synthesize, ula, upa
+from mmw.channel import PlanarArray, apply_arrays, beam_gains, best_beams, dft_codebook, normalized_gain, ula, upa
 from mmw.channel.codebook import dft_ula, dft_upa
 from tests.fixtures.path_tables import CARRIER, sight
 
@@ -23,7 +23,7 @@ def test_linear_codebook_is_the_papers() -> None:
     np.testing.assert_allclose(book @ book.conj().T, 64 / 16 * np.eye(16), atol=1e-13)
     square = dft_ula(8, 8)
     np.testing.assert_allclose(square.conj().T @ square, np.eye(8), atol=1e-14)
-    for array in (ula(16), AntennaArray(rows=16)):
+    for array in (ula(16), PlanarArray(rows=16)):
         np.testing.assert_array_equal(dft_codebook(array, 64), book)
 
 
@@ -97,7 +97,7 @@ def test_a_lone_path_picks_the_beams_of_its_directions() -> None:
     gap = 80.0 * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
     paths = sight(np.zeros_like(gap), gap)
     facing = np.diag([-1.0, -1.0, 1.0])  # the receiver looks back at the transmitter
-    a = synthesize(paths, ula(64), ula(16), CARRIER, rx_rotation=facing)
+    a = apply_arrays(paths, ula(64), ula(16), CARRIER, rx_rotation=facing)
     best = best_beams(beam_gains(a, dft_ula(64), dft_ula(16)))
 
     def wrapped(value: np.ndarray) -> np.ndarray:

@@ -12,15 +12,15 @@ from mmw.channel.paths import PATH_LOS, PATH_SPECULAR, PATH_TRANSMISSION
 from mmw.core.constants import FRAME_DT, SPEED_OF_LIGHT, VACUUM_PERMITTIVITY
 from mmw.core.transforms import pose_from_ypr, transform_points
 from mmw.physics.materials.material import Material, RadioMaterial
-from mmw.scene.device_scene import Scene
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.device_scene import DeviceScene
+from mmw.scene.scene_data import SceneData
 from tests.fixtures.scenes import arrays_from_parts, box_model, ground_part, pose, quad_part, street_canyon, wall_part
 from tests.oracles.channel import DIFFRACTION, SPECULAR, chains, channel, exact_length, solve
 
 CARRIERS = (28e9, 4.9e9)
 
 
-def flat_ground(eps_r: float, sigma: float, rsu: tuple, cav: tuple) -> SceneArrays:
+def flat_ground(eps_r: float, sigma: float, rsu: tuple, cav: tuple) -> SceneData:
     """Level ground of a constant material; the agents are poses without a body."""
     radio = RadioMaterial("constant", relative_permittivity=eps_r, conductivity=sigma)
     materials = {"asphalt": Material("asphalt", radio, "asphalt", 0.2, (0.5,) * 3)}
@@ -77,7 +77,7 @@ def test_two_rays_over_ground(eps_r: float, sigma: float, polarization: str, dev
         np.testing.assert_allclose(paths.vertex[1, 0], [distance * 6.0 / 7.5, 0, 0], atol=1e-12)
 
 
-def traffic(frame_count: int = 5, paint: int = 3) -> SceneArrays:
+def traffic(frame_count: int = 5, paint: int = 3) -> SceneData:
     """Two CAVs, a turning truck and a roadside unit in the canyon, at street speeds; material of the truck: `paint`."""
     models = (box_model("sedan", material=3), box_model("truck", (8.0, 2.5, 3.5), (0.5, 0.0, 1.75), material=paint))
     actors = [("cav_1", "cav", 0), ("cav_2", "cav", 0), ("veh_001", "vehicle", 1), ("rsu_1", "rsu", -1)]
@@ -95,7 +95,7 @@ def traffic(frame_count: int = 5, paint: int = 3) -> SceneArrays:
     return street_canyon(models, actors, np.array(rows))
 
 
-def deep_traffic(frame_count: int = 5, paint: int = 4) -> SceneArrays:
+def deep_traffic(frame_count: int = 5, paint: int = 4) -> SceneData:
     """The same with panes that let waves through, and cars that conduct perfectly; the truck is of panes."""
     arrays = traffic(frame_count, paint)
     described = list(arrays.materials["sunny"])
@@ -110,7 +110,7 @@ ROOF = {"antenna_position_m": {"cav": (0.3, 0.2, 2.5), "rsu": (0.0, 0.0, 1.0)}}
 
 def test_reciprocity(device: str) -> None:
     arrays, config = traffic(), channel(links=("v2i", "v2v"), **ROOF)
-    scene = Scene(arrays, device, 8)
+    scene = DeviceScene(arrays, device, 8)
     scene.load_batch([0, 3])
     links = make_links(arrays, scene.batch_frames, config)
     swapped = replace(links, tx=links.rx, rx=links.tx, tx_actor=links.rx_actor, rx_actor=links.tx_actor)
@@ -126,10 +126,10 @@ def test_reciprocity(device: str) -> None:
     np.testing.assert_allclose(transposed, back.transfer["sunny"], rtol=1e-9, atol=1e-16)
 
 
-def both_ways(arrays: SceneArrays, frames: list[int], device: str) -> tuple[np.ndarray, np.ndarray, list[tuple]]:
+def both_ways(arrays: SceneData, frames: list[int], device: str) -> tuple[np.ndarray, np.ndarray, list[tuple]]:
     """Return transfers there and transposed transfers back of every deep path, [P, C, 2, 2], and what each meets."""
     config = channel(**DEEP, **ROOF)
-    scene = Scene(arrays, device, len(frames))
+    scene = DeviceScene(arrays, device, len(frames))
     scene.load_batch(frames)
     links = make_links(arrays, frames, config)
     swapped = replace(links, tx=links.rx, rx=links.tx, tx_actor=links.rx_actor, rx_actor=links.tx_actor)

@@ -6,28 +6,28 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from mmw.channel.antennas.array_response import synthesize
+from mmw.channel.antennas.array_response import apply_arrays
 from mmw.channel.antennas.arrays import ula
 from mmw.channel.links import Links, make_links
 from mmw.channel.path_solver.solver import solve_paths
-from mmw.channel.path_table import KEY_TYPE, PathRows
+from mmw.channel.path_table import KEY_TYPE, Paths
 from mmw.channel.path_tracks import PathTracks, tracks_from_paths, tracks_from_rows, tracks_from_table
-from mmw.channel.paths import PATH_LOS, PATH_SPECULAR, Paths
+from mmw.channel.paths import PATH_LOS, PATH_SPECULAR, PathSet
 from mmw.channel.response import frequency_response, subcarrier_frequencies
 from mmw.channel.rows import link_rows, path_rows
 from mmw.config import ChannelConfig
 from mmw.core.constants import FRAME_DT, SPEED_OF_LIGHT
 from mmw.core.transforms import pose_from_ypr
-from mmw.scene.device_scene import Scene
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.device_scene import DeviceScene
+from mmw.scene.scene_data import SceneData
 from tests.fixtures.path_tables import CARRIER, path_table, sight
 from tests.fixtures.scenes import box_model, pose, street_canyon
 
 FRAMES = 61
-EXACT = [field.name for field in fields(PathRows)[4:]]
+EXACT = [field.name for field in fields(Paths)[4:]]
 
 
-def street(times: np.ndarray) -> SceneArrays:
+def street(times: np.ndarray) -> SceneData:
     """Two CAVs that brake, swerve and roll, a turning truck whose side becomes a mirror, and a roadside unit."""
     models = (box_model("sedan", material=3), box_model("truck", (8.0, 2.5, 3.5), (0.5, 0.0, 1.75), material=3))
     actors = [("cav_1", "cav", 0), ("cav_2", "cav", 0), ("veh_001", "vehicle", 1), ("rsu_1", "rsu", -1)]
@@ -45,7 +45,7 @@ def street(times: np.ndarray) -> SceneArrays:
     return street_canyon(models, actors, np.array(rows))
 
 
-def trace(arrays: SceneArrays, device: str, **changes) -> tuple[Links, Paths]:
+def trace(arrays: SceneData, device: str, **changes) -> tuple[Links, PathSet]:
     config = ChannelConfig(
         **{
             "carriers_hz": (CARRIER, 4.9e9),
@@ -55,13 +55,13 @@ def trace(arrays: SceneArrays, device: str, **changes) -> tuple[Links, Paths]:
             **changes,
         }
     )
-    scene = Scene(arrays, device, len(arrays.frames))
+    scene = DeviceScene(arrays, device, len(arrays.frames))
     scene.load_batch(list(arrays.frames))
     links = make_links(arrays, scene.batch_frames, config)
     return links, solve_paths(scene, links, config, arrays.materials)
 
 
-def both_tables(arrays: SceneArrays, links: Links, paths: Paths) -> tuple[pa.Table, pa.Table]:
+def both_tables(arrays: SceneData, links: Links, paths: PathSet) -> tuple[pa.Table, pa.Table]:
     """Return rows of the tables `paths` and `links`, as a run writes them."""
     tables = []
     for columns in (path_rows(arrays, links, paths, "sunny"), link_rows(arrays, links, paths, "sunny")):
@@ -139,8 +139,8 @@ def test_births_and_deaths_that_were_seen() -> None:
     deaths = [len(there[f] - there[f + 1]) if f + 1 in recorded else 0 for f in recorded]
     assert tracks.births().tolist() == births and tracks.deaths().tolist() == deaths
     assert tracks.alive().tolist() == [len(there[f]) for f in recorded]
-    assert not tracks.is_born_here[tracks.birth == 21].any() and not tracks.is_dead_here[tracks.death == 19].any()
-    whole = tracks.is_born_here & tracks.is_dead_here
+    assert not tracks.is_birth[tracks.birth == 21].any() and not tracks.is_death[tracks.death == 19].any()
+    whole = tracks.is_birth & tracks.is_death
     np.testing.assert_array_equal(tracks.lifetimes(), tracks.length[whole] * FRAME_DT)
     assert 0 < whole.sum() < len(tracks) == len(tracks.lifetimes(complete=False))
 
@@ -163,7 +163,7 @@ def test_table_and_memory_give_the_same_tracks(device: str) -> None:
 def test_on_a_frame_are_the_stored_rows(device: str) -> None:
     arrays = street(np.arange(35, FRAMES) * FRAME_DT)
     table, _ = both_tables(arrays, *trace(arrays, device))
-    tracks, stored = tracks_from_table(table, CARRIER), PathRows.from_table(table, CARRIER)
+    tracks, stored = tracks_from_table(table, CARRIER), Paths.from_table(table, CARRIER)
     assert tracks.births().sum() > 0 and tracks.deaths().sum() > 0
     for edges in ("hold", "fade", "drop"):
         rows = tracks.at(tracks.frames / 100, edges)
@@ -201,7 +201,7 @@ def test_rates_of_parabolas_and_short_tracks() -> None:
     np.testing.assert_allclose(rate[3:], exact[3:], rtol=1e-8)
 
 
-def half_way(device: str) -> tuple[PathTracks, PathRows, PathTracks, np.ndarray, np.ndarray, np.ndarray]:
+def half_way(device: str) -> tuple[PathTracks, Paths, PathTracks, np.ndarray, np.ndarray, np.ndarray]:
     """Return tracks at 100 Hz, their paths at half frames, the trace at 200 Hz, and which samples are the same path."""
     links, paths = trace(street(np.arange(FRAMES) * FRAME_DT), device)
     tracks = tracks_from_paths(links, paths, "sunny", CARRIER)
@@ -241,13 +241,13 @@ def test_half_way_against_an_exact_trace(device: str) -> None:
 
 
 def test_responses_half_way(device: str) -> None:
-    """Through `synthesize` and `frequency_response`, against the same of the exact paths; no path is born or dies."""
+    """Through `apply_arrays` and `frequency_response`, against the same of the exact paths; no path is born or dies."""
     tracks, _, fine, *_ = half_way(device)
     times = np.arange(30) + 0.5
     rows, exact = tracks.at(times * FRAME_DT), fine.at(2 * times * FRAME_DT)
     array, frequencies = ula(4), subcarrier_frequencies(64, 240e3)
     response = [
-        frequency_response(synthesize(r, array, array, CARRIER), r, frequencies, CARRIER).reshape(30, -1, 4 * 4 * 64)
+        frequency_response(apply_arrays(r, array, array, CARRIER), r, frequencies, CARRIER).reshape(30, -1, 4 * 4 * 64)
         for r in (rows, exact)
     ]
     assert response[0].shape[1] == tracks.link_count == 4
@@ -255,7 +255,7 @@ def test_responses_half_way(device: str) -> None:
     assert error.max() < 5e-3
 
 
-def moving_sight(frames: np.ndarray, velocity: tuple = (20.0, 3.0, 0.0)) -> PathRows:
+def moving_sight(frames: np.ndarray, velocity: tuple = (20.0, 3.0, 0.0)) -> Paths:
     """Return the line of sight from a mast to a receiver that drives past it, with its exact Doppler shift."""
     time = np.asarray(frames) * FRAME_DT
     tx = np.broadcast_to([0.0, 0.0, 8.0], (len(time), 3))
@@ -288,7 +288,7 @@ def test_birth_and_death() -> None:
     keys = np.concatenate([one.keys, two.keys[2:]])  # frames 0 to 5
     link = np.array([0, 1, 2, 3, 2, 3, 4, 5, 4])
     order = np.argsort(link, kind="stable")
-    rows = PathRows(CARRIER, keys, link[order], np.arange(9), **{name: value[order] for name, value in values.items()})
+    rows = Paths(CARRIER, keys, link[order], np.arange(9), **{name: value[order] for name, value in values.items()})
     name = np.array([1] * 4 + [2] * 4 + [3])
     tracks = tracks_from_rows(rows, name[order])
     assert (tracks.birth.tolist(), tracks.death.tolist()) == ([0, 2, 4], [3, 5, 4])

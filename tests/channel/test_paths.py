@@ -7,13 +7,13 @@ import pytest
 
 from mmw.channel.links import LINK_V2I, LINK_V2V, make_links
 from mmw.channel.path_solver.candidates import launch_rays
-from mmw.channel.path_solver.image_method import find_paths
+from mmw.channel.path_solver.image_method import trace_paths
 from mmw.channel.path_solver.solver import launched_rays, solve_paths
 from mmw.channel.path_solver.surface_table import make_surface_table
-from mmw.channel.paths import PATH_LOS, PATH_SPECULAR, Paths
+from mmw.channel.paths import PATH_LOS, PATH_SPECULAR, PathSet
 from mmw.config import ChannelConfig
-from mmw.scene.device_scene import Scene
-from mmw.scene.scene_data import Actor, SceneArrays
+from mmw.scene.device_scene import DeviceScene
+from mmw.scene.scene_data import Actor, SceneData
 from tests.fixtures.scenes import (
     ABSENT,
     arrays_from_parts,
@@ -39,13 +39,13 @@ GEOMETRY = (
 )  # fmt: skip
 
 
-def solve(arrays: SceneArrays, config: ChannelConfig, device: str, frames: list[int]) -> Paths:
-    scene = Scene(arrays, device, 8)
+def solve(arrays: SceneData, config: ChannelConfig, device: str, frames: list[int]) -> PathSet:
+    scene = DeviceScene(arrays, device, 8)
     scene.load_batch(frames)
     return solve_paths(scene, make_links(arrays, frames, config), config, arrays.materials)
 
 
-def identities(paths: Paths) -> set[tuple[int, int]]:
+def identities(paths: PathSet) -> set[tuple[int, int]]:
     return set(zip(paths.link.tolist(), paths.surface[:, 0].tolist(), strict=True))
 
 
@@ -136,7 +136,7 @@ def test_launched_candidates_are_a_subset(device: str, record_property) -> None:
     assert found > 30 and missed <= 0.02 * found
 
 
-def ended(arrays: SceneArrays, count: int = 8) -> SceneArrays:
+def ended(arrays: SceneData, count: int = 8) -> SceneData:
     """Return a scene with a transmitter and `count` receivers at random points added."""
     rng = np.random.default_rng(7)
 
@@ -191,7 +191,7 @@ def edge_distance(point: np.ndarray, corners: np.ndarray, normal: np.ndarray) ->
 
 
 def legs_are_clear(
-    arrays: SceneArrays, start: np.ndarray, end: np.ndarray, own: np.ndarray
+    arrays: SceneData, start: np.ndarray, end: np.ndarray, own: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return whether float64 rays from start to end meet nothing but `own`, and whether that is beyond doubt.
 
@@ -278,7 +278,7 @@ def test_weathers_share_geometry(device: str) -> None:
     arrays = two_cars(1)
     wet = list(arrays.materials["sunny"])
     wet[0] = wet[1]
-    scene = Scene(arrays, device, 1)
+    scene = DeviceScene(arrays, device, 1)
     scene.load_batch([0])
     links = make_links(arrays, [0], EXHAUSTIVE)
     paths = solve_paths(scene, links, EXHAUSTIVE, {"sunny": arrays.materials["sunny"], "rainy": tuple(wet)})
@@ -290,10 +290,10 @@ def test_weathers_share_geometry(device: str) -> None:
 
 def test_depth_zero_is_line_of_sight_only(device: str) -> None:
     arrays = two_cars(1)
-    scene = Scene(arrays, device, 1)
+    scene = DeviceScene(arrays, device, 1)
     scene.load_batch([0])
     config = ChannelConfig(max_depth=0)
-    found = find_paths(scene, make_links(arrays, [0], config), config, make_surface_table(scene))
+    found = trace_paths(scene, make_links(arrays, [0], config), config, make_surface_table(scene))
     assert len(found) > 0 and (found.order == 0).all() and (found.surface == -1).all() and (found.kind == 0).all()
 
 
@@ -304,7 +304,7 @@ def test_carrier_without_material_data(device: str) -> None:
 
 def test_links_of_another_batch(device: str) -> None:
     arrays = two_cars(2)
-    scene = Scene(arrays, device, 1)
+    scene = DeviceScene(arrays, device, 1)
     scene.load_batch([0])
     for frames, message in (([0, 1], "link 1: frame 1 in slot 1"), ([1], "link 0: frame 1 in slot 0")):
         with pytest.raises(ValueError, match=message):
@@ -315,7 +315,7 @@ def test_links_of_another_batch(device: str) -> None:
 def test_every_ray_of_the_lattice_is_launched_once(ray_count: int, device: str) -> None:
     """The surfaces marked are exactly those that the rays of the Fibonacci lattice meet first, cast here in float64."""
     arrays = ended(random_triangles(4, 200, vehicles=6), count=1)
-    scene = Scene(arrays, device, 1)
+    scene = DeviceScene(arrays, device, 1)
     scene.load_batch([0])
     table, source = make_surface_table(scene), arrays.poses[:, -2, :3]
     seen = launch_rays(scene, np.zeros(1, np.int32), source, ray_count, table)[0].numpy()[0]
@@ -336,7 +336,7 @@ def test_every_transmitter_has_its_own_paths(mode: str, device: str) -> None:
     poses = np.array([[pose(-20, -3), pose(25, 3, yaw=np.pi), pose(0, 9, 5), pose(60, -9, 7)]])
     arrays = street_canyon(models, actors, poses)
     config = ChannelConfig(candidates=mode, rays=20_000, max_depth=2, links=("v2i", "v2v"))
-    scene = Scene(arrays, device, 1)
+    scene = DeviceScene(arrays, device, 1)
     scene.load_batch([0])
     links = make_links(arrays, [0], config)
     assert len(links) == 6 and {(2, 0), (3, 0), (2, 1), (3, 1), (0, 1), (1, 0)} == set(

@@ -12,7 +12,8 @@ import pytest
 from mmw.channel import (
     LINK_COLUMNS,
     PATH_COLUMNS,
-    PathRows,
+    Paths,
+    apply_arrays,
     beam_gains,
     best_beams,
     complex_gain,
@@ -21,7 +22,6 @@ from mmw.channel import (
     impulse_response,
     rotations_from_poses,
     subcarrier_frequencies,
-    synthesize,
     taps,
     ula,
 )
@@ -35,12 +35,12 @@ ROOT = Path(__file__).resolve().parents[2]
 CASE = ROOT / "tests" / "reference" / "sionna" / "cases" / "fun_cir_cfr_taps.npz"
 
 
-def random_rows() -> tuple[PathRows, np.ndarray]:
+def random_rows() -> tuple[Paths, np.ndarray]:
     """Return paths of links with different counts, one link without any, and coefficients [P, 2, 3]."""
-    paths = PathRows.from_table(path_table(), 28e9)
+    paths = Paths.from_table(path_table(), 28e9)
     keys = np.concatenate([paths.keys, paths.keys[:1]])
     keys[-1]["agent"] = "cav_9"
-    paths = PathRows(**{**vars(paths), "keys": keys, "doppler_hz": 300 * paths.doppler_hz})
+    paths = Paths(**{**vars(paths), "keys": keys, "doppler_hz": 300 * paths.doppler_hz})
     rng = np.random.default_rng(0)
     return paths, rng.normal(size=(len(paths), 2, 3)) + 1j * rng.normal(size=(len(paths), 2, 3))
 
@@ -186,7 +186,7 @@ def test_energy() -> None:
 
 def test_errors() -> None:
     paths, a = random_rows()
-    with pytest.raises(ValueError, match=rf"a has 3 paths, PathRows {len(paths)}"):
+    with pytest.raises(ValueError, match=rf"a has 3 paths, Paths {len(paths)}"):
         frequency_response(a[:3], paths, 0.0, CARRIER)
     with pytest.raises(ValueError, match=r"a has shape \(\d+,\)"):
         frequency_response(a[:, 0, 0], paths, 0.0, CARRIER)
@@ -201,7 +201,7 @@ def test_errors() -> None:
 # ---------------------------------------------------------------- Sionna RT
 
 
-def reference_rows(case: dict, tau: str) -> PathRows:
+def reference_rows(case: dict, tau: str) -> Paths:
     table = {name: np.zeros(len(case["rx"])) for name in PATH_COLUMNS}
     table |= {name: np.full(len(case["rx"]), "-") for name in ("scenario", "weather", "peer")}
     table |= {
@@ -210,7 +210,7 @@ def reference_rows(case: dict, tau: str) -> PathRows:
         "tau_s": case[tau].astype(np.float64),
         "doppler_hz": case["doppler"].astype(np.float64),
     }
-    return PathRows.from_table(table)
+    return Paths.from_table(table)
 
 
 def test_sionna_fun_cir_cfr_taps() -> None:
@@ -271,10 +271,10 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_dataset_to_response_and_back(dataset: Path) -> None:
-    """Rows on disk -> PathRows -> H equals a loop over the rows, and a link without a path is there with H = 0."""
+    """Rows on disk -> Paths -> H equals a loop over the rows, and a link without a path is there with H = 0."""
     data = open_dataset(dataset)
     links = data.read("links", columns=LINK_COLUMNS)
-    paths = PathRows.from_table(data.read("paths", columns=PATH_COLUMNS), 28e9, links)
+    paths = Paths.from_table(data.read("paths", columns=PATH_COLUMNS), 28e9, links)
     f = subcarrier_frequencies(5, 1e6)
     h = frequency_response(paths.a[:, None, None], paths, f, 28e9)[:, 0, 0]
     expected = {}
@@ -291,7 +291,7 @@ def test_dataset_to_response_and_back(dataset: Path) -> None:
     assert (paths.path_count == 0).sum() == 1
     poses = data.read("poses")
     turns = [rotations_from_poses(poses, paths, end) for end in ("tx", "rx")]
-    a = synthesize(paths, ula(8), ula(4), 28e9, *turns)
+    a = apply_arrays(paths, ula(8), ula(4), 28e9, *turns)
     h = frequency_response(a, paths, f, 28e9, average=True)
     best = best_beams(beam_gains(h, dft_codebook(ula(8), 16), dft_codebook(ula(4), 16)))
     np.testing.assert_array_equal(best.tx_beam < 0, paths.path_count == 0)

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 import trimesh
 
-from mmw.channel.antennas.arrays import AntennaArray
-from mmw.channel.antennas.element_links import element_links
+from mmw.channel.antennas.arrays import PlanarArray
 from mmw.channel.antennas.patterns import antenna_field
-from mmw.channel.links import Ends, Links
+from mmw.channel.antennas.per_element_links import per_element_links
+from mmw.channel.links import Links, RadioDevices
 from mmw.channel.path_solver.solver import solve_paths
-from mmw.channel.paths import Paths
+from mmw.channel.paths import PathSet
 from mmw.config import ChannelConfig
 from mmw.core.constants import SPEED_OF_LIGHT, VACUUM_PERMITTIVITY
 from mmw.core.planar_surfaces import find_surfaces
@@ -27,8 +27,8 @@ from mmw.core.transforms import (
 from mmw.physics.em.field import combine
 from mmw.physics.materials.material import Material, RadioMaterial
 from mmw.physics.materials.permittivity import relative_permittivity
-from mmw.scene.device_scene import Scene
-from mmw.scene.scene_data import Model
+from mmw.scene.device_scene import DeviceScene
+from mmw.scene.scene_data import Prototype
 from mmw.worlds.towns.mesh_part import MeshPart
 from tests.fixtures.scenes import arrays_from_parts
 
@@ -59,7 +59,7 @@ def load_ply(name: str) -> tuple[np.ndarray, np.ndarray]:
     return np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces, dtype=np.int32)
 
 
-def reference_scene(case: dict, device: str) -> Scene:
+def reference_scene(case: dict, device: str) -> DeviceScene:
     """Return the scene of a case at its middle frame; objects with a velocity are instances that move."""
     spec, velocity = case["config"]["scene"], case["config"].get("object_velocity") or {}
     materials = {
@@ -73,13 +73,13 @@ def reference_scene(case: dict, device: str) -> Scene:
             ids = np.full(len(faces), names.index(item["material"]), dtype=np.int32)
             surface = find_surfaces(points, faces, np.zeros_like(ids), ids)
             actors.append((name, "vehicle", len(models)))
-            models.append(Model(name, transform_points(invert(BODY), points), faces, ids, surface))
+            models.append(Prototype(name, transform_points(invert(BODY), points), faces, ids, surface))
             poses.append([compose([*step, 0, 0, 0, 1], BODY) for step in steps * np.array(velocity[name])])
         else:
             parts.append(MeshPart(f"Buildings/{name}", points, faces, item["material"], "building"))
     frames = np.array(poses).transpose(1, 0, 2) if poses else np.zeros((3, 0, 7))
     arrays = arrays_from_parts(parts, models, actors, frames, first_frame=6, materials=materials)
-    scene = Scene(arrays, device, 1)
+    scene = DeviceScene(arrays, device, 1)
     scene.load_batch([7])
     return scene
 
@@ -88,10 +88,10 @@ def reference_links(config: dict) -> Links:
     """Return every transmitter to every receiver, receivers first as the columns of a case are sorted."""
     tx, rx = (np.array(k).ravel() for k in np.meshgrid(range(len(config["tx"])), range(len(config["rx"]))))
 
-    def ends(devices: list[dict], index: np.ndarray) -> Ends:
+    def ends(devices: list[dict], index: np.ndarray) -> RadioDevices:
         value = [[np.array(d.get(key, [0, 0, 0]), dtype=float) for d in devices] for key in ("pos", "ori", "vel")]
         position, turn, velocity = (np.array(v)[index] for v in value)
-        return Ends(position, quaternion_to_matrix(quaternion_from_ypr(*turn.T)), velocity)
+        return RadioDevices(position, quaternion_to_matrix(quaternion_from_ypr(*turn.T)), velocity)
 
     count = len(tx)
     return Links(
@@ -105,8 +105,8 @@ def reference_links(config: dict) -> Links:
     )
 
 
-def case_array(spec: dict) -> AntennaArray:
-    return AntennaArray(
+def case_array(spec: dict) -> PlanarArray:
+    return PlanarArray(
         rows=spec.get("rows", 1),
         columns=spec.get("cols", 1),
         vertical_spacing=spec.get("dv", 0.5),
@@ -117,7 +117,7 @@ def case_array(spec: dict) -> AntennaArray:
     )
 
 
-def antenna_gains(paths: Paths, links: Links, config: dict, *, phased: bool) -> np.ndarray:
+def antenna_gains(paths: PathSet, links: Links, config: dict, *, phased: bool) -> np.ndarray:
     """Return the coefficient between all antennas of a case, shape [P, rx antennas, tx antennas].
 
     With `phased` every antenna of an array has the phase of a plane wave at its place.
@@ -157,7 +157,7 @@ def channel_config(config: dict, candidates: str, rays: int) -> ChannelConfig:
     )
 
 
-def is_same_path(paths: Paths, p: np.ndarray, reference: dict, i: int) -> np.ndarray:
+def is_same_path(paths: PathSet, p: np.ndarray, reference: dict, i: int) -> np.ndarray:
     """Return which of our paths `p` are row i of a case: interactions, length within 5 mm, points within 5 cm."""
     depth = reference["itype"].shape[1]
     tau, vertex = reference["tau64"][i], reference["vert64"][i]
@@ -179,7 +179,7 @@ class Worst(dict):
 
 
 def compare(
-    paths: Paths,
+    paths: PathSet,
     gains: np.ndarray,
     link: np.ndarray,
     wanted: np.ndarray,
@@ -285,7 +285,7 @@ def errors(name: str, device: str, candidates: str = "exhaustive", rays: int = 1
         )
         return worst
     arrays = case_array(config["tx_array"]), case_array(config["rx_array"])
-    expanded, link, rx_element, tx_element = element_links(links, *arrays, config["frequency"])
+    expanded, link, rx_element, tx_element = per_element_links(links, *arrays, config["frequency"])
     paths = solve_paths(scene, expanded, channel, scene.arrays.materials)
     gains = antenna_gains(paths, expanded, config, phased=False)
     rx_part, rx_own = np.divmod(reference["rx_ant"].astype(int), arrays[1].element_count)

@@ -16,7 +16,7 @@ from mmw.config import ConfigError
 from mmw.core import log_files as log
 from mmw.core.errors import Error, InputError, MissingPackageError
 from mmw.core.extras import EXTRA_OF, needed_by
-from mmw.generation.worker import Making
+from mmw.generation.worker import GenerationContext
 from tests.fixtures.own_world import SMALL, write_own_world
 
 RAISE = """
@@ -41,7 +41,7 @@ def broken(*arguments: object, **named: object) -> None:
 
 
 @dataclass(frozen=True)
-class BrokenMaking(Making):
+class BrokenMaking(GenerationContext):
     """Fails in the worker process that first uses it."""
 
     def shared_name(self, scenario: str) -> str:
@@ -70,7 +70,7 @@ def test_an_error_of_the_system_is_one_line() -> None:
 
 
 def test_bad_input_is_one_line_and_exit_code_2() -> None:
-    code = "__import__('mmw.core.errors').errors.InputError('x: 3; name one')"
+    code = "__import__('mmw.core.errors').core.errors.InputError('x: 3; name one')"
     assert outcome(code) == (2, "mmw: x: 3; name one\n")
 
 
@@ -96,7 +96,7 @@ def test_a_bug_in_a_sensor(tmp_path, logs, monkeypatch, capsys) -> None:
 
 def test_a_bug_in_a_worker_process(tmp_path, logs, monkeypatch, capsys) -> None:
     folder = write_own_world(tmp_path)
-    monkeypatch.setattr("mmw.generation.generate.Making", BrokenMaking)
+    monkeypatch.setattr("mmw.generation.generate.GenerationContext", BrokenMaking)
     monkeypatch.setattr(BrokenMaking, "__module__", "tests.cli.test_command")
     monkeypatch.setitem(sys.modules, "tests.cli.test_command", sys.modules[__name__])
     arguments = ["--config", str(folder / "mine.yaml"), "--out", str(tmp_path / "out"), "--device", "cpu", *SMALL]

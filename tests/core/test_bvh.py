@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from mmw.core.bvh import LEAF_FACES_CUDA, build_tree, build_trees
+from mmw.core.bvh import LEAF_FACES_CUDA, build_bvhs, build_tree
 from mmw.core.bvh_kind import kind_to_build
 from mmw.kernels.core import bvh as tree
 from tests.oracles.tracing import triangle_hits
@@ -46,7 +46,7 @@ def cast(device: str, trees: tree.Tree, root: int, origin, direction, t_max: flo
 
 
 def one(device: str, corners) -> tree.Tree:
-    return build_trees([np.asarray(corners, np.float32)], device)[0]
+    return build_bvhs([np.asarray(corners, np.float32)], device)[0]
 
 
 def soup(seed: int, count: int, size: float = 1.0) -> np.ndarray:
@@ -108,7 +108,7 @@ def test_trees_stay_shallow_whatever_the_triangles(leaf_faces: int) -> None:
     for corners in (nested.astype(np.float32), np.repeat(soup(1, 1), 5000, axis=0), np.zeros((300, 3, 3), np.float32)):
         faces, longest = leaves_below(*build_tree(corners, leaf_faces), leaf_faces)
         assert sorted(faces) == list(range(len(corners)))
-        assert longest <= int(tree.MOST_LEVELS)
+        assert longest <= int(tree.MAX_LEVELS)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -277,7 +277,7 @@ def test_rays_end_and_start_where_they_should(device: str) -> None:
 
 def test_trees_of_several_meshes_are_apart(device: str) -> None:
     meshes = [soup(k, 50 * k) + np.array([100.0 * k, 0.0, 0.0]) for k in range(1, 4)]
-    trees, roots = build_trees(meshes, device)
+    trees, roots = build_bvhs(meshes, device)
     rng = np.random.default_rng(1)
     direction = rng.normal(size=(200, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)

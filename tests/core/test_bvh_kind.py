@@ -12,7 +12,7 @@ import warp as wp
 from mmw.config import load_config
 from mmw.config.compute import BVH_KINDS, BVH_VARIABLE, default_bvh
 from mmw.core import bvh_kind as bvh
-from mmw.core.bvh import build_trees
+from mmw.core.bvh import build_bvhs
 from mmw.core.bvh_kind import select_bvh
 from mmw.core.errors import InputError
 from mmw.core.resources import configs_dir
@@ -88,7 +88,7 @@ print(len(flags), None in flags)
 
 
 def test_the_kind_stays_once_there_is_a_tree() -> None:
-    trees, roots = build_trees([FLAT, FLAT], "cpu")
+    trees, roots = build_bvhs([FLAT, FLAT], "cpu")
     np.testing.assert_array_equal(len(trees.meshes) > 0, bvh.kind_to_build() == "warp")
     select_bvh(bvh.kind_to_build())
     was = bool(tree.WIDE)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from mmw.config import DepthConfig, MountConfig
+from mmw.config import DepthCamera, MountConfig
 from mmw.core.constants import FRAME_DT
 from mmw.core.kinematics import differentiate
 from mmw.core.transforms import (
@@ -21,8 +21,8 @@ from mmw.core.transforms import (
 )
 from mmw.kernels.core import rigid_motion as motion
 from mmw.kernels.core import structs
-from mmw.scene.device_scene import Scene
-from mmw.scene.scene_data import Model, SceneArrays
+from mmw.scene.device_scene import DeviceScene
+from mmw.scene.scene_data import Prototype, SceneData
 from mmw.scene.view_motion import view_twists
 from mmw.scene.views import make_views
 from tests.fixtures.scenes import ABSENT, IDENTITY_POSE, arrays_from_parts, box_model, ground_part, moving_poses
@@ -62,7 +62,9 @@ def moved_pose_kernel(
     pose_out[row] = motion.moved_pose(pose[row], velocity[row], rate[row], time_offset[row])
 
 
-def surface_velocities(scene: Scene, slot, instance, face, point, time_offset=0.0) -> tuple[np.ndarray, np.ndarray]:
+def surface_velocities(
+    scene: DeviceScene, slot, instance, face, point, time_offset=0.0
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the velocity of surface points at the frame, and at a time after it, each [N, 3]."""
     count = len(point)
     integers = [
@@ -76,7 +78,7 @@ def surface_velocities(scene: Scene, slot, instance, face, point, time_offset=0.
     return outputs[0].numpy(), outputs[1].numpy()
 
 
-def turning_boxes(seed: int = 0, count: int = 6) -> tuple[SceneArrays, np.ndarray, np.ndarray, np.ndarray]:
+def turning_boxes(seed: int = 0, count: int = 6) -> tuple[SceneData, np.ndarray, np.ndarray, np.ndarray]:
     """Return boxes of constant velocity and rate about any axis, their poses at frame 0, velocities and rates."""
     rng = np.random.default_rng(seed)
     start = make_pose(rng.uniform(-30, 30, (count, 3)), normalize(rng.normal(size=(count, 4))))
@@ -86,9 +88,9 @@ def turning_boxes(seed: int = 0, count: int = 6) -> tuple[SceneArrays, np.ndarra
     return arrays_from_parts([ground_part()], [box_model("box")], actors, poses), start, velocity, rate
 
 
-def loaded(arrays: SceneArrays, device: str, frames=None, **options) -> Scene:
+def loaded(arrays: SceneData, device: str, frames=None, **options) -> DeviceScene:
     frames = list(arrays.frames) if frames is None else frames
-    scene = Scene(arrays, device, len(frames), **options)
+    scene = DeviceScene(arrays, device, len(frames), **options)
     scene.load_batch(frames)
     return scene
 
@@ -171,7 +173,7 @@ WHEEL = (1.4, 0.79, 0.325, 0.325)
 """Centre and radius of the wheel of the tests [m]."""
 
 
-def wheeled(poses: np.ndarray, wheels=(WHEEL,)) -> SceneArrays:
+def wheeled(poses: np.ndarray, wheels=(WHEEL,)) -> SceneData:
     """Return one box car along `poses` [F, 7] whose face 3 belongs to wheel 0, face 4 to wheel 1 where there is one.
 
     Another model with a wheel of its own comes first, so that faces and wheels of the car have an offset.
@@ -238,7 +240,7 @@ def test_view_twists_are_finite_differences_of_the_view() -> None:
     poses[:, 1] = IDENTITY_POSE
     arrays = replace(arrays, actors=actors, poses=poses)
     mount = MountConfig(position_m=(1.5, -0.7, 2.4), yaw_deg=90.0)
-    sensor = DepthConfig(type="depth", name="d", on=("cav", "rsu"), mount={"cav": mount, "rsu": mount})
+    sensor = DepthCamera(type="depth", name="d", on=("cav", "rsu"), mount={"cav": mount, "rsu": mount})
     views = make_views(arrays, [4, 2], sensor)
     linear, angular = view_twists(arrays, differentiate(arrays.poses), views)
     assert linear.dtype == angular.dtype == np.float64 and linear.shape == angular.shape == (4, 3)
@@ -265,11 +267,11 @@ def test_view_twists_are_finite_differences_of_the_view() -> None:
     ],
 )
 def test_models_check_their_wheels(change: dict, message: str) -> None:
-    box: Model = box_model("car")
+    box: Prototype = box_model("car")
     with pytest.raises(ValueError, match=message):
         replace(box, **change)
 
 
 def test_sweep_is_checked() -> None:
     with pytest.raises(ValueError, match=r"sweep_s = -0\.01; a scene needs a time of 0 s or more"):
-        Scene(turning_boxes()[0], "cpu", 1, sweep_s=-0.01)
+        DeviceScene(turning_boxes()[0], "cpu", 1, sweep_s=-0.01)

@@ -7,7 +7,7 @@ import pytest
 from pxr import Gf, Sdf, Usd, UsdGeom
 
 from mmw.scene.device_scene import read_stage
-from mmw.scene.scene_data import Model
+from mmw.scene.scene_data import Prototype
 from mmw.usd.vehicle_catalog import load_catalog
 from mmw.worlds.vehicles.models import BLUEPRINTS
 from tests.fixtures.stages import add_box, add_material, new_stage
@@ -23,7 +23,7 @@ def set_wheel(prim: Usd.Prim, radius: float, center=None) -> None:
         prim.CreateAttribute("mmw:wheel:center", Sdf.ValueTypeNames.Float3).Set(Gf.Vec3f(*map(float, center)))
 
 
-def read_models(path: Path) -> tuple[Model, ...]:
+def read_models(path: Path) -> tuple[Prototype, ...]:
     return read_stage(path, range(1), []).models
 
 

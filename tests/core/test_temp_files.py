@@ -99,7 +99,7 @@ def test_a_part_killed_while_it_writes_leaves_nothing(world: Path, next_part: in
     """Whether it is resumed at once, or after the other part has come to its end."""
     out = f"part-{next_part}"
     code = (
-        "import sys; from pathlib import Path; from mmw.run import main; from tests import dying_workers;"
+        "import sys; from pathlib import Path; from mmw.run import main; from tests.fixtures import dying_workers;"
         "dying_workers.die_while_writing(Path(sys.argv[1])); main(sys.argv[2:])"
     )
     arguments = command(world, out, "--workers", "1", "--shard", "0/2")

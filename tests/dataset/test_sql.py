@@ -8,14 +8,14 @@ import pytest
 
 import mmw
 from mmw.channel import (
-    PathRows,
+    Paths,
+    apply_arrays,
     beam_gains,
     best_beams,
     dft_codebook,
     frequency_response,
     rotations_from_poses,
     subcarrier_frequencies,
-    synthesize,
     ula,
 )
 from mmw.core.transforms import compose, invert, pose_from_ypr, rotate, transform_points
@@ -93,9 +93,9 @@ def test_best_beams_are_those_of_the_recipe(data: Dataset, search: BeamSearch | 
     poses = data.read("poses")
     for carrier in (4.9e9, 28e9):
         paths = data.paths(carrier)
-        assert isinstance(paths, PathRows) and paths.link_count == len(found) // 2
+        assert isinstance(paths, Paths) and paths.link_count == len(found) // 2
         turns = [rotations_from_poses(poses, paths, end) for end in ("tx", "rx")]
-        a = synthesize(paths, tx, rx, carrier, *turns)
+        a = apply_arrays(paths, tx, rx, carrier, *turns)
         frequencies = subcarrier_frequencies(search.subcarriers, search.spacing_hz)
         h = frequency_response(a, paths, frequencies, carrier, average=True, normalize_delays=True)
         best = best_beams(beam_gains(h, *books))

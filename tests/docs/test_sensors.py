@@ -8,14 +8,14 @@ import yaml
 from pydantic import BaseModel
 
 from mmw.config import (
-    DepthConfig,
-    GnssConfig,
-    ImuConfig,
-    LidarConfig,
+    DepthCamera,
+    Gnss,
+    Imu,
+    Lidar,
     MountConfig,
-    RadarConfig,
-    RgbConfig,
-    SensorSection,
+    Radar,
+    RgbCamera,
+    SensorConfig,
     load_config,
 )
 from mmw.config.lens import LensConfig
@@ -27,16 +27,16 @@ from mmw.storage.schemas import table_spec
 ROOT = Path(__file__).parents[2]
 GUIDE = ROOT / "docs" / "sensors.md"
 HEADINGS = {
-    "LiDAR": LidarConfig,
-    "Radar": RadarConfig,
-    "RGB camera": RgbConfig,
-    "Depth, segmentation, 2-D boxes": DepthConfig,
-    "IMU": ImuConfig,
-    "GNSS": GnssConfig,
+    "LiDAR": Lidar,
+    "Radar": Radar,
+    "RGB camera": RgbCamera,
+    "Depth, segmentation, 2-D boxes": DepthCamera,
+    "IMU": Imu,
+    "GNSS": Gnss,
 }
 """Heading of the page -> section of the configuration."""
 
-MOST_BYTES = 250_000
+MAX_BYTES = 250_000
 """Size of a figure."""
 
 
@@ -82,7 +82,7 @@ def test_every_fragment_of_the_guide_loads(tmp_path: Path) -> None:
 @pytest.mark.parametrize("heading", HEADINGS)
 def test_the_guide_names_every_key(heading: str) -> None:
     text = chapter(heading)
-    keys = set(HEADINGS[heading].model_fields) - set(SensorSection.model_fields) - {"mode"}
+    keys = set(HEADINGS[heading].model_fields) - set(SensorConfig.model_fields) - {"mode"}
     if heading == "RGB camera":
         for section in (LensConfig, ImageConfig, ExposureConfig, NoiseConfig):
             keys |= set(section.model_fields)
@@ -92,7 +92,7 @@ def test_the_guide_names_every_key(heading: str) -> None:
 
 
 def test_the_guide_names_the_keys_that_all_sensors_share() -> None:
-    keys = {*SensorSection.model_fields, *MountConfig.model_fields}
+    keys = {*SensorConfig.model_fields, *MountConfig.model_fields}
     assert {key for key in keys if f"`{key}`" not in GUIDE.read_text()} == set()
 
 
@@ -156,9 +156,9 @@ def test_files_that_the_guide_refers_to_exist() -> None:
     figures = re.findall(r"\]\((images/\w+\.png)\)", text)
     assert len(figures) == 3
     for figure in figures:
-        assert 20_000 < (GUIDE.parent / figure).stat().st_size <= MOST_BYTES
-    tests = set(re.findall(r"`(test_\w+\.py)`", text))
+        assert 20_000 < (GUIDE.parent / figure).stat().st_size <= MAX_BYTES
+    tests = set(re.findall(r"`(tests/[\w/]+\.py)`", text))
     assert len(tests) >= 15
-    assert {name for name in tests if not (ROOT / "tests" / name).is_file()} == set()
+    assert {name for name in tests if not (ROOT / name).is_file()} == set()
     assert {name for name in re.findall(r"`(mmw/[\w/]+\.py)`", text) if not (ROOT / name).is_file()} == set()
     assert {name for name in re.findall(r"`([\w-]+\.md)`", text) if not (ROOT / "docs" / name).is_file()} == set()

@@ -14,6 +14,8 @@ from mmw.generation.precompile import BLOCKS, compiled_ahead, kernel_cache, lock
 from mmw.storage.lock import only_one
 
 KERNELS = Path(__file__).parents[2] / "kernels"
+ALWAYS = {"core.instance_bounds", "core.line_of_sight", "core.trace"}
+"""Modules that every run needs."""
 
 
 def config_with(*overrides: str) -> Config:
@@ -22,33 +24,56 @@ def config_with(*overrides: str) -> Config:
 
 def test_what_is_needed_follows_the_sensors() -> None:
     lidar = needed_modules(config_with("sensors=[{type: lidar}]", "channel.enabled=false"))
-    assert sorted(lidar) == ["bounds", "lidar", "lidar_returns", "sight", "trace"]
+    assert set(lidar) == {*ALWAYS, "lidar.trace", "lidar.returns"}
     radar = needed_modules(config_with("sensors=[{type: radar}]", "channel.enabled=false"))
-    assert sorted(radar) == ["bounds", "radar", "radar_cells", "radar_detection", "sight", "trace"]
+    assert sorted(radar) == [
+        "core.instance_bounds",
+        "radar.trace",
+        "radar.resolution_cells",
+        "radar.detection",
+        "core.line_of_sight",
+        "core.trace",
+    ]
     compat = needed_modules(config_with("sensors=[{type: radar, mode: compat}]", "channel.enabled=false"))
-    assert sorted(compat) == ["bounds", "radar", "sight", "trace"]
-    assert {"channel_refine", "channel_chains"} < set(needed_modules(config_with("sensors=[{type: imu}]")))
+    assert set(compat) == {*ALWAYS, "radar.trace"}
+    assert {"channel.image_method", "channel.reflection_candidates"} < set(
+        needed_modules(config_with("sensors=[{type: imu}]"))
+    )
     everything = needed_modules(config_with())
-    assert all((KERNELS / f"{name}.py").is_file() for name in everything) and len(set(everything)) == len(everything)
+    assert all((KERNELS / f"{name.replace('.', '/')}.py").is_file() for name in everything)
+    assert len(set(everything)) == len(everything)
 
 
 def test_files_that_cast_rays_are_compiled_for_small_blocks_alone() -> None:
     """With Warp's trees 256 threads keep 64 KiB of stacks in shared memory, more than a block of CUDA may have."""
-    asks = {path.stem for path in KERNELS.glob("*.py") if "mmw.kernels.core.trace import" in path.read_text()}
-    asks |= {"trace", "channel_refine"}  # of which the latter asks through `channel_legs.py`
+    asks = {
+        ".".join(path.relative_to(KERNELS).with_suffix("").parts)
+        for path in KERNELS.rglob("*.py")
+        if "mmw.kernels.core.trace import" in path.read_text()
+    }
+    asks |= {"core.trace", "channel.image_method"}  # of which the latter asks through `kernels/channel/segments.py`
     needed = asks & set(needed_modules(config_with()))
-    assert {"trace", "radar", "lidar", "sight", "visibility", "mirror", "lighting", "channel_refine"} <= needed
+    assert {
+        "core.trace",
+        "radar.trace",
+        "lidar.trace",
+        "core.line_of_sight",
+        "camera.visibility",
+        "shading.reflections",
+        "shading.shadows",
+        "channel.image_method",
+    } <= needed
     assert {BLOCKS.get(name) for name in needed} == {(64,)}
 
 
 def test_modules_are_loaded_when_the_futures_are_done() -> None:
     config = config_with("sensors=[{type: imu}]", "channel.enabled=false")
-    with only_one(kernel_cache(), lock_name("sight", None)), compiled_ahead(config, "cpu") as futures:
+    with only_one(kernel_cache(), lock_name("core.line_of_sight", None)), compiled_ahead(config, "cpu") as futures:
         time.sleep(0.5)
         assert not all(future.done() for future in futures)  # another worker seems to compile one
     with compiled_ahead(config, "cpu") as futures:
         assert {future.result() for future in futures} == {None}
-    for name in ("trace", "sight", "bounds"):
+    for name in ("core.trace", "core.line_of_sight", "core.instance_bounds"):
         assert wp.get_module(f"mmw.kernels.{name}").execs, name
 
 

@@ -8,14 +8,14 @@ import pytest
 from mmw.cli.run import main
 from mmw.config import Config, load_config
 from mmw.core.resources import configs_dir
-from mmw.generation.progress import Clock, closing_summary
+from mmw.generation.progress import StageTimer, closing_summary
 
 FULL_BYTES = 77_648e6
 """Tables of all of configs/full.yaml, made on an H100; `bench.pipeline`, bench/README.md."""
 
 
 def summary(workers: int, tables: dict[str, dict[str, Any]], seconds: dict[str, float]) -> list[str]:
-    clock = Clock()
+    clock = StageTimer()
     clock.seconds.update(seconds)
     clock.rays["front, back, left, right, depth"] = 62_000_000_000
     config: Config = load_config(configs_dir() / "quickstart.yaml")

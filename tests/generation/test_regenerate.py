@@ -13,7 +13,7 @@ from PIL import Image
 
 from mmw.__main__ import main as mmw
 from mmw.dataset import open_dataset
-from mmw.generation.regenerate import Remaker, differing_columns, select_rows
+from mmw.generation.regenerate import RowRegenerator, differing_columns, select_rows
 from tests.fixtures.small_dataset import SCENARIO, copy_of, part, read_once, replace_column, rewrite, small_dataset
 
 
@@ -31,7 +31,7 @@ def root() -> Path:
 
 @pytest.fixture(scope="module")
 def maker(root: Path):
-    with Remaker(root, "cpu") as maker:
+    with RowRegenerator(root, "cpu") as maker:
         yield maker
 
 

@@ -15,7 +15,7 @@ from mmw.core.transforms import compose, invert, make_pose, quaternion_from_ypr,
 from mmw.dataset import Dataset, open_dataset
 from mmw.scene.prepare import stored_stage
 from mmw.scene.reader import read_stage
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.scene_data import SceneData
 from mmw.storage.codecs.images import decode_depth
 
 CONFIG = Path(__file__).parents[2] / "configs" / "quickstart.yaml"
@@ -56,7 +56,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
 
 
 @pytest.fixture(scope="module")
-def arrays(made: Dataset) -> SceneArrays:
+def arrays(made: Dataset) -> SceneData:
     config = load_config(made.root / "config.yaml")
     return read_stage(stored_stage(made.root, config.scenarios[0]), FRAMES, config.weathers)
 
@@ -196,7 +196,7 @@ def test_links_have_line_of_sight_where_depth_reaches_the_antenna(made: Dataset)
     assert len(checked) > 12 and True in checked and False in checked
 
 
-def triangles_of(arrays: SceneArrays, frame: int) -> dict[int, np.ndarray]:
+def triangles_of(arrays: SceneData, frame: int) -> dict[int, np.ndarray]:
     """The triangles of every vehicle in the world frame, shape [M, 3, 3], by object."""
     found = {}
     for index, actor in enumerate(arrays.actors):
@@ -224,7 +224,7 @@ def points_of_radar(row: dict) -> np.ndarray:
 
 @pytest.mark.parametrize(("sensors", "limit"), [(("exact",), 0.01), (("dense",), 0.01), (("radar", "rear"), 1.5)])
 def test_radar_points_lie_on_the_surface_of_their_object(
-    made: Dataset, arrays: SceneArrays, sensors: tuple[str, ...], limit: float
+    made: Dataset, arrays: SceneData, sensors: tuple[str, ...], limit: float
 ) -> None:
     """Rays hit the surface itself; a detection is known to a resolution cell of range and angle."""
     for frame in FRAMES:

@@ -18,7 +18,7 @@ from mmw.__main__ import main as mmw_main
 from mmw.cli.run import main
 from mmw.config import load_config
 from mmw.core.resources import configs_dir
-from mmw.scene.prepare import kept_stage
+from mmw.scene.prepare import cached_stage
 from mmw.storage import s3_store as bucket
 from mmw.storage.file_checks import verify
 from mmw.storage.manifest import prepare_root
@@ -235,7 +235,7 @@ def test_a_stage_is_made_once_for_all_machines(server: Server, tmp_path: Path, m
     one, other, third = (Bucket(server.address("stage"), tmp_path / name) for name in ("one", "other", "third"))
     prepare_root(one, config.identity(), config.sha256(), {}, False)
     scenario = config.scenarios[0]
-    made = kept_stage(config, scenario, configs_dir(), one)
+    made = cached_stage(config, scenario, configs_dir(), one)
     note = f"stages/{scenario.name}.json"
     there = server.objects("stage")
     assert {name: data for name, data in there.items() if "/" in name} == files_of(one.folder)
@@ -244,7 +244,7 @@ def test_a_stage_is_made_once_for_all_machines(server: Server, tmp_path: Path, m
     server.requests.clear()
     for root in (one, other, other):  # as a second worker, and as another machine with two
         prepare_root(root, config.identity(), config.sha256(), {}, False)
-        stage = kept_stage(config, scenario, configs_dir(), root)
+        stage = cached_stage(config, scenario, configs_dir(), root)
         assert stage.read_bytes() == made.read_bytes() and files_of(root.folder) == files_of(one.folder)
     assert set(puts(server.requests)) == {"stage/dataset.json"}
     Bucket(server.address("stage")).remove([note])  # as if it were killed before the last object

@@ -14,7 +14,7 @@ from mmw.kernels.core.trace import closest_hit
 from mmw.kernels.shading.structs import Appearance, Surfel
 from mmw.kernels.shading.surface_point import is_cut_out, surfel_of
 from mmw.scene.device_scene import Scene, read_stage
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.scene_data import SceneData
 from mmw.sensors.render.appearance_buffers import AppearanceArrays
 from tests.fixtures.material_stages import add_quad, connect, corner_image, give_uv, preview, stage_in
 from tests.fixtures.stages import add_polygons, animate
@@ -46,10 +46,10 @@ def look_kernel(
     assert surfel_out[i].material == material_of(scene, near.face, near.instance)
 
 
-class Seen:
+class VisibleObjects:
     """Surfels along rays, and what else the kernel says of the same hits."""
 
-    def __init__(self, arrays: SceneArrays, device: str, origins, directions, *, spread: float = 1e-4, weather="sunny"):
+    def __init__(self, arrays: SceneData, device: str, origins, directions, *, spread: float = 1e-4, weather="sunny"):
         scene = Scene(arrays, device, 1)
         scene.load_batch([arrays.frames[0]])
         self.appearance = AppearanceArrays(scene)
@@ -71,7 +71,7 @@ def above(points) -> np.ndarray:
     return np.array([(x, y, 5.0) for x, y in points])
 
 
-def read(stage, **options) -> SceneArrays:
+def read(stage, **options) -> SceneData:
     stage.Save()
     return read_stage(stage.GetRootLayer().realPath, range(1), ["sunny"], **options)
 
@@ -84,8 +84,8 @@ def textured(folder: Path, **inputs):
     return stage, material
 
 
-def check_corners(arrays: SceneArrays, device: str, expected=CORNERS) -> None:
-    seen = Seen(arrays, device, above(expected), (0, 0, -1))
+def check_corners(arrays: SceneData, device: str, expected=CORNERS) -> None:
+    seen = VisibleObjects(arrays, device, above(expected), (0, 0, -1))
     np.testing.assert_allclose(seen.color, list(expected.values()), atol=1e-3)
 
 
@@ -189,15 +189,15 @@ def test_footprint_grows_with_distance(device: str, tmp_path: Path) -> None:
     give_uv(add_quad(stage, "/World/quad", material))
     arrays = read(stage)
     x = (2 * np.arange(20) + 1) / 64 + 0.5  # middles of stripes
-    near = Seen(arrays, device, [(v, 1.0, 0.5) for v in x], (0, 0, -1), spread=1e-3)
+    near = VisibleObjects(arrays, device, [(v, 1.0, 0.5) for v in x], (0, 0, -1), spread=1e-3)
     assert near.color[:, 0].std() > 0.45
-    far = Seen(arrays, device, [(v, 1.0, 400.0) for v in x], (0, 0, -1), spread=1e-3)
+    far = VisibleObjects(arrays, device, [(v, 1.0, 400.0) for v in x], (0, 0, -1), spread=1e-3)
     np.testing.assert_allclose(far.color[:, 0], 0.5, atol=0.01)
     down = np.array([0.0, 1.0, -0.1])  # along the stripes
-    slant = Seen(arrays, device, [(v, 1.0, 0.0) - 10.0 * down for v in x], down, spread=1e-3)
+    slant = VisibleObjects(arrays, device, [(v, 1.0, 0.0) - 10.0 * down for v in x], down, spread=1e-3)
     assert slant.color[:, 0].std() > 0.4
     down = np.array([1.0, 0.0, -0.1])  # across them: a pixel covers 10 mm / 0.1, three stripes
-    slant = Seen(arrays, device, [(v, 1.0, 0.0) - 10.0 * down for v in x], down, spread=1e-2)
+    slant = VisibleObjects(arrays, device, [(v, 1.0, 0.0) - 10.0 * down for v in x], down, spread=1e-2)
     np.testing.assert_allclose(slant.color[:, 0], 0.5, atol=0.1)
 
 
@@ -230,7 +230,7 @@ def test_normals_of_a_stretched_ball(device: str, tmp_path: Path, scale, name: s
     target = rng.normal(size=(200, 3)) * 0.2
     direction = rng.normal(size=(200, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    seen = Seen(read(stage), device, target - 20.0 * direction, direction)
+    seen = VisibleObjects(read(stage), device, target - 20.0 * direction, direction)
     exact = np.where(seen.material[:, None] >= 0, seen.point / np.square(scale), 1.0)
     exact /= np.linalg.norm(exact, axis=1, keepdims=True)
     facing = (exact * direction).sum(axis=1) < -0.2  # nearer the rim normals are bent towards the viewer
@@ -256,9 +256,9 @@ def test_normals_written_inside_out_and_back_sides(device: str, tmp_path: Path) 
     mesh.CreateNormalsAttr([Gf.Vec3f(0.6, 0.0, -0.8)] * 4)
     mesh.SetNormalsInterpolation("vertex")
     arrays = read(stage)
-    top = Seen(arrays, device, [(1, 1.2, 5)], (0, 0, -1))
+    top = VisibleObjects(arrays, device, [(1, 1.2, 5)], (0, 0, -1))
     np.testing.assert_allclose(top.shading_normal[0], (-0.6, 0.0, 0.8), atol=1e-5)
-    below = Seen(arrays, device, [(1, 1.2, -5)], (0, 0, 1))
+    below = VisibleObjects(arrays, device, [(1, 1.2, -5)], (0, 0, 1))
     np.testing.assert_allclose(below.shading_normal[0], (0.6, 0.0, -0.8), atol=1e-5)
     np.testing.assert_allclose(below.surfel["normal"][0], (0.0, 0.0, -1.0), atol=1e-6)
 
@@ -277,7 +277,7 @@ def test_normal_map(device: str, tmp_path: Path) -> None:
     give_uv(add_quad(stage, "/World/b", turned, [(10, 0, 0), (12, 0, 0), (12, 2, 0), (10, 2, 0)]))
     mirrored = add_quad(stage, "/World/c", straight, [(20, 0, 0), (22, 0, 0), (22, 2, 0), (20, 2, 0)])
     give_uv(mirrored, [(1, 0), (0, 0), (0, 1), (1, 1)])
-    seen = Seen(read(stage), device, above([(0.9, 0.7), (10.9, 0.7), (20.9, 0.7)]), (0, 0, -1))
+    seen = VisibleObjects(read(stage), device, above([(0.9, 0.7), (10.9, 0.7), (20.9, 0.7)]), (0, 0, -1))
     np.testing.assert_allclose(seen.shading_normal, [(0.6, 0, 0.8), (0, 0.6, 0.8), (-0.6, 0, 0.8)], atol=0.006)
 
 
@@ -288,7 +288,7 @@ def test_numbers_from_channels(device: str, tmp_path: Path) -> None:
     for name, output in (("roughness", "g"), ("metallic", "b"), ("emissiveColor", "rgb"), ("opacity", "a")):
         connect(stage, shader, name, "orm.png", output=output, sourceColorSpace="raw")
     give_uv(add_quad(stage, "/World/quad", material))
-    seen = Seen(read(stage), device, above([(0.9, 0.7)]), (0, 0, -1))
+    seen = VisibleObjects(read(stage), device, above([(0.9, 0.7)]), (0, 0, -1))
     assert seen.roughness[0] == pytest.approx(0.4, abs=1e-3)
     assert seen.metallic[0] == pytest.approx(0.8, abs=1e-3)
     np.testing.assert_allclose(seen.emission[0], (0.2, 0.4, 0.8), atol=1e-3)
@@ -303,7 +303,7 @@ def test_holes_of_an_opacity_texture(device: str, tmp_path: Path) -> None:
     Image.fromarray(codes).save(tmp_path / "leaf.png")
     connect(stage, shader, "opacity", "leaf.png", output="a", wrapS="clamp", wrapT="clamp")
     give_uv(add_quad(stage, "/World/quad", material))
-    seen = Seen(read(stage), device, above(CORNERS), (0, 0, -1))
+    seen = VisibleObjects(read(stage), device, above(CORNERS), (0, 0, -1))
     assert seen.is_hole.tolist() == [True, False, True, False]
     np.testing.assert_array_equal(seen.opacity, 1.0)
 
@@ -318,7 +318,7 @@ def test_faces_without_area_make_no_nan(device: str, tmp_path: Path) -> None:
     mesh.SetNormalsInterpolation("vertex")
     rng = np.random.default_rng(0)
     at = np.concatenate([rng.random((300, 2)) * 2, np.stack([rng.random(300) * 2, np.zeros(300)], axis=1)])
-    seen = Seen(read(stage), device, above(at), (0.01, 0.02, -1))
+    seen = VisibleObjects(read(stage), device, above(at), (0.01, 0.02, -1))
     hit = seen.material >= 0
     assert hit.sum() > 300
     for name in ("color", "roughness", "shading_normal", "normal"):

@@ -8,11 +8,11 @@ import warp as wp
 from PIL import Image
 
 from mmw.kernels.shading.structs import Appearance
-from mmw.kernels.shading.texture import MOST_TAPS, sample_texture
+from mmw.kernels.shading.texture import MAX_TAPS, sample_texture
 from mmw.physics.materials.appearance import Look, TextureUse
 from mmw.physics.materials.material import Material, RadioMaterial
-from mmw.scene.device_scene import Scene
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.device_scene import DeviceScene
+from mmw.scene.scene_data import SceneData
 from mmw.sensors.render.appearance_buffers import AppearanceArrays
 from mmw.usd.textures import area_shrink, decode_image, mip_levels
 
@@ -30,22 +30,22 @@ def sample_kernel(
 ):
     """Sample a texture. Launch: dim=N."""
     i = wp.tid()
-    value_out[i] = sample_texture(appearance, use, st[i], ds[i], dt[i], MOST_TAPS)
+    value_out[i] = sample_texture(appearance, use, st[i], ds[i], dt[i], MAX_TAPS)
 
 
-def arrays_with(*looks: Look) -> SceneArrays:
+def arrays_with(*looks: Look) -> SceneData:
     """One triangle, and a material for each look."""
     points, faces = np.eye(3), np.array([[0, 1, 2]], dtype=np.int32)
     zero = np.zeros(1, dtype=np.int32)
     materials = tuple(Material(f"m{k}", RADIO, "none", 0.3, look.color, look=look) for k, look in enumerate(looks))
-    return SceneArrays(points, faces, zero, zero, zero, (), (), range(1), np.zeros((1, 0, 7)), {"sunny": materials})
+    return SceneData(points, faces, zero, zero, zero, (), (), range(1), np.zeros((1, 0, 7)), {"sunny": materials})
 
 
 def sample(device: str, use: TextureUse, st, ds=(0.0, 0.0), dt=(0.0, 0.0)) -> np.ndarray:
     """Values of a texture at coordinates [N, 2] for a footprint, [N, 4]."""
-    appearance = AppearanceArrays(Scene(arrays_with(Look(color_texture=use)), device, 1), debug=False).for_weather(
-        "sunny"
-    )
+    appearance = AppearanceArrays(
+        DeviceScene(arrays_with(Look(color_texture=use)), device, 1), debug=False
+    ).for_weather("sunny")
     st = np.asarray(st, dtype=np.float32).reshape(-1, 2)
     spread = [np.broadcast_to(np.asarray(v, dtype=np.float32), st.shape) for v in (ds, dt)]
     inputs = [wp.array(np.ascontiguousarray(v), dtype=wp.vec2, device=device) for v in (st, *spread)]
@@ -237,7 +237,7 @@ def test_textures_are_stored_once(device: str, tmp_path: Path) -> None:
     copy = tmp_path / "copy.png"
     copy.write_bytes(Path(file).read_bytes())
     uses = [TextureUse(file), TextureUse(file, wrap=("clamp", "clamp")), TextureUse(str(copy))]
-    scene = Scene(arrays_with(*(Look(color_texture=use) for use in uses)), device, 1)
+    scene = DeviceScene(arrays_with(*(Look(color_texture=use) for use in uses)), device, 1)
     appearance = AppearanceArrays(scene).for_weather("sunny")
     assert len(appearance.textures) == 1
     assert len(appearance.uses) == 3
@@ -250,7 +250,7 @@ def test_missing_texture(device: str, tmp_path: Path) -> None:
         Look(color=(0.1, 0.2, 0.3), color_texture=use, prim_path="/M/a"),
         Look(color_texture=use, prim_path="/M/b"),
     ]
-    scene = Scene(arrays_with(*looks), device, 1)
+    scene = DeviceScene(arrays_with(*looks), device, 1)
     plain = AppearanceArrays(scene)
     (note,) = plain.notes
     assert "/M/a" in note and "none.png" in note and "not there" in note
@@ -266,7 +266,7 @@ def test_missing_texture(device: str, tmp_path: Path) -> None:
 def test_formats_that_are_not_read_are_named(device: str, tmp_path: Path, suffix: str) -> None:
     (tmp_path / f"sky.{suffix}").write_bytes(b"v/1\x01")
     look = Look(color_texture=TextureUse(str(tmp_path / f"sky.{suffix}")), prim_path="/M/a")
-    (note,) = AppearanceArrays(Scene(arrays_with(look), device, 1)).notes
+    (note,) = AppearanceArrays(DeviceScene(arrays_with(look), device, 1)).notes
     assert suffix.upper() in note and "/M/a" in note
 
 
@@ -275,7 +275,7 @@ def test_corrupt_file_is_one_error(device: str, tmp_path: Path, content: bytes |
     file = tmp_path / "bad.png"
     write(file, np.random.default_rng(0).integers(0, 256, (64, 64, 3)))
     file.write_bytes(file.read_bytes()[:2000] if content is None else content)
-    scene = Scene(arrays_with(Look(color_texture=TextureUse(str(file)), prim_path="/M/a")), device, 1)
+    scene = DeviceScene(arrays_with(Look(color_texture=TextureUse(str(file)), prim_path="/M/a")), device, 1)
     with pytest.raises(ValueError, match=r"^/M/a: texture .*bad\.png cannot be decoded \(.*\); ") as caught:
         AppearanceArrays(scene)
     assert "\n" not in str(caught.value)
@@ -292,4 +292,4 @@ def test_huge_texture_is_made_smaller_in_linear_light(tmp_path: Path) -> None:
 
 def test_weather_that_was_not_read(device: str) -> None:
     with pytest.raises(ValueError, match="weather 'foggy'"):
-        AppearanceArrays(Scene(arrays_with(Look()), device, 1)).for_weather("foggy")
+        AppearanceArrays(DeviceScene(arrays_with(Look()), device, 1)).for_weather("foggy")

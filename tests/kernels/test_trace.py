@@ -9,8 +9,8 @@ import warp as wp
 from mmw.core.constants import FRAME_DT
 from mmw.core.transforms import make_pose, normalize, transform_points
 from mmw.kernels.core import structs, trace
-from mmw.scene.device_scene import Scene
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.device_scene import DeviceScene
+from mmw.scene.scene_data import SceneData
 from tests.fixtures.scenes import (
     ABSENT,
     arrays_from_parts,
@@ -35,14 +35,14 @@ class Hits:
     face: np.ndarray
     instance: np.ndarray
     normal: np.ndarray
-    is_blocked: np.ndarray
+    occluded: np.ndarray
 
     def assert_equals(self, other: "Hits") -> None:
         for name, value in vars(self).items():
             np.testing.assert_array_equal(value, getattr(other, name), err_msg=name)
 
 
-def cast(scene: Scene, slot, origin, direction, t_max: float = 1.0e4, ignore=-1, time_offset=None) -> Hits:
+def cast(scene: DeviceScene, slot, origin, direction, t_max: float = 1.0e4, ignore=-1, time_offset=None) -> Hits:
     """Trace rays on the scene's device; `slot`, `origin`, `ignore` and `time_offset` broadcast to the rays.
 
     With a time offset they are rays of a rolling sweep.
@@ -67,12 +67,14 @@ def cast(scene: Scene, slot, origin, direction, t_max: float = 1.0e4, ignore=-1,
         inputs.append(wp.array(np.broadcast_to(time_offset, count).astype(np.float32), dtype=float, device=device))
         wp.launch(trace.cast_at_kernel, dim=count, inputs=inputs, outputs=[hit], device=device, block_dim=64)
     rows = hit.numpy()
-    return Hits(**{name: rows[name].copy() for name in rows.dtype.names}, is_blocked=blocked.numpy())
+    return Hits(**{name: rows[name].copy() for name in rows.dtype.names}, occluded=blocked.numpy())
 
 
-def loaded(arrays: SceneArrays, device: str, frames=None, max_slots: int | None = None, sweep_s: float = 0.0) -> Scene:
+def loaded(
+    arrays: SceneData, device: str, frames=None, max_slots: int | None = None, sweep_s: float = 0.0
+) -> DeviceScene:
     frames = list(arrays.frames) if frames is None else frames
-    scene = Scene(arrays, device, max_slots or len(frames), sweep_s=sweep_s)
+    scene = DeviceScene(arrays, device, max_slots or len(frames), sweep_s=sweep_s)
     scene.load_batch(frames)
     return scene
 
@@ -105,7 +107,7 @@ def test_hits_equal_the_oracle(device: str, seed: int) -> None:
         np.testing.assert_array_equal(found.face[alone], wanted.face[alone])
         np.testing.assert_array_equal(found.instance[alone], wanted.instance[alone])
         np.testing.assert_allclose(found.normal[alone], wanted.normal[alone], atol=2e-4)
-        np.testing.assert_array_equal(found.is_blocked, np.isfinite(found.t))
+        np.testing.assert_array_equal(found.occluded, np.isfinite(found.t))
         seen += int((found.instance[alone] >= 0).sum())
     assert seen > 50, "rays must meet vehicles, or the test shows nothing"
 
@@ -117,8 +119,8 @@ def test_t_max_ends_the_ray(device: str) -> None:
     assert (
         short.t[0] == np.inf and short.object_id[0] == short.face[0] == short.surface[0] == short.material_id[0] == -1
     )
-    assert not short.is_blocked[0]
-    assert long.is_blocked[0]
+    assert not short.occluded[0]
+    assert long.occluded[0]
     np.testing.assert_allclose(long.t[0], 5.0, atol=1e-6)
 
 
@@ -126,9 +128,9 @@ def test_t_max_ends_the_ray_at_a_vehicle(device: str) -> None:
     arrays = arrays_from_parts([], [box_model("car")], [("veh", "vehicle", 0)], [[pose(10.0, 0.0)]])
     scene = loaded(arrays, device)
     front = 10.0 - 2.25
-    assert not cast(scene, 0, (0, 0, 1), (1, 0, 0), front - 1e-3).is_blocked[0]
+    assert not cast(scene, 0, (0, 0, 1), (1, 0, 0), front - 1e-3).occluded[0]
     assert cast(scene, 0, (0, 0, 1), (1, 0, 0), front - 1e-3).t[0] == np.inf
-    assert cast(scene, 0, (0, 0, 1), (1, 0, 0), front + 1e-3).is_blocked[0]
+    assert cast(scene, 0, (0, 0, 1), (1, 0, 0), front + 1e-3).occluded[0]
 
 
 def test_every_ray_of_a_closed_box_hits(device: str) -> None:
@@ -154,8 +156,8 @@ def test_ignored_instance_is_transparent(device: str) -> None:
     through = cast(scene, 0, start, (0, -1, 0), ignore=0)
     assert through.instance[0] == -1
     np.testing.assert_allclose(through.t[0], 7.0, atol=1e-5)
-    assert cast(scene, 0, start, (0, -1, 0), 5.0, ignore=-1).is_blocked[0]
-    assert not cast(scene, 0, start, (0, -1, 0), 5.0, ignore=0).is_blocked[0]
+    assert cast(scene, 0, start, (0, -1, 0), 5.0, ignore=-1).occluded[0]
+    assert not cast(scene, 0, start, (0, -1, 0), 5.0, ignore=0).occluded[0]
 
 
 def test_surface_ids_are_global(device: str) -> None:
@@ -168,7 +170,7 @@ def test_surface_ids_are_global(device: str) -> None:
     assert scene.surface_offset[1] <= hit.surface[0] < scene.surface_offset[1] + 6
 
 
-def frame_of_its_own(frames: int = 5) -> SceneArrays:
+def frame_of_its_own(frames: int = 5) -> SceneData:
     """One car, which is present in frame 2 only; no town."""
     rows = [[ABSENT] for _ in range(frames)]
     rows[2] = [pose(10.0, 0.0)]
@@ -183,11 +185,11 @@ def test_root_minus_one_of_an_empty_frame_is_not_the_whole_tree(device: str) -> 
     assert roots[2] >= 0
     found = cast(scene, np.arange(5), (0, 0, 0.75), np.tile([1.0, 0, 0], (5, 1)))
     np.testing.assert_array_equal(np.isfinite(found.t), [False, False, True, False, False])
-    np.testing.assert_array_equal(found.is_blocked, [False, False, True, False, False])
+    np.testing.assert_array_equal(found.occluded, [False, False, True, False, False])
 
 
 def test_roots_are_fetched_again_for_every_batch(device: str) -> None:
-    scene = Scene(frame_of_its_own(), device, 5)
+    scene = DeviceScene(frame_of_its_own(), device, 5)
     for frames in ([2, 0], [0, 2], [0, 1, 3], [2, 2, 2, 2, 2], [2]):
         scene.load_batch(frames)
         found = cast(scene, np.arange(len(frames)), (0, 0, 0.75), np.tile([1.0, 0, 0], (len(frames), 1)))
@@ -205,7 +207,7 @@ def test_absent_instance_is_not_at_the_origin(device: str) -> None:
 
 def test_scene_without_anything(device: str) -> None:
     found = cast(loaded(arrays_from_parts([]), device), 0, (0, 0, 0), sphere_directions(16))
-    assert not np.isfinite(found.t).any() and not found.is_blocked.any()
+    assert not np.isfinite(found.t).any() and not found.occluded.any()
 
 
 def test_batch_equals_single_frames(device: str) -> None:
@@ -258,7 +260,7 @@ def test_town_far_from_the_origin_is_rebased(device: str) -> None:
 SWEEP_S = 0.01
 
 
-def fast_vehicles(seed: int, vehicles: int = 40, frames: int = 3) -> tuple[SceneArrays, tuple[np.ndarray, ...]]:
+def fast_vehicles(seed: int, vehicles: int = 40, frames: int = 3) -> tuple[SceneData, tuple[np.ndarray, ...]]:
     """Return a scene of vehicles at 40 m/s that turn about any axis, and their poses at frame 0, velocity and rate."""
     rng = np.random.default_rng(seed)
     arrays = random_triangles(seed, vehicles=vehicles, frames=frames)

@@ -9,13 +9,13 @@ from scipy.special import hankel2, jv
 
 from mmw.channel.links import Links, make_links
 from mmw.channel.path_solver.solver import solve_paths
-from mmw.channel.paths import Paths
+from mmw.channel.paths import PathSet
 from mmw.config import ChannelConfig
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.physics.materials.material import RadioMaterial
 from mmw.physics.materials.permittivity import relative_permittivity
-from mmw.scene.device_scene import Scene
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.device_scene import DeviceScene
+from mmw.scene.scene_data import SceneData
 from tests.oracles.tracing import OracleScene, oracle_scene, triangle_hits
 
 SPECULAR, DIFFUSE, TRANSMISSION, DIFFRACTION = 1, 2, 4, 8
@@ -39,17 +39,17 @@ def channel(**changes) -> ChannelConfig:
 
 
 def solve(
-    arrays: SceneArrays, config: ChannelConfig, device: str, frames: list[int] | None = None
-) -> tuple[Links, Paths]:
+    arrays: SceneData, config: ChannelConfig, device: str, frames: list[int] | None = None
+) -> tuple[Links, PathSet]:
     """Return the links of some frames, all by default, and their paths."""
     frames = list(arrays.frames) if frames is None else frames
-    scene = Scene(arrays, device, len(frames))
+    scene = DeviceScene(arrays, device, len(frames))
     scene.load_batch(frames)
     links = make_links(arrays, scene.batch_frames, config)
     return links, solve_paths(scene, links, config, arrays.materials)
 
 
-def chains(paths: Paths, link: int) -> dict[Chain, int]:
+def chains(paths: PathSet, link: int) -> dict[Chain, int]:
     """Return the row of every path of a link by what it meets."""
     rows = np.nonzero(paths.link == link)[0]
     keys = [
@@ -86,7 +86,7 @@ class ConvexEdge:
 
 
 def brute_force(
-    arrays: SceneArrays,
+    arrays: SceneData,
     frame: int,
     tx: np.ndarray,
     rx: np.ndarray,

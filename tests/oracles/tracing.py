@@ -6,7 +6,7 @@ import numpy as np
 
 from mmw.core.transforms import rotate, transform_points
 from mmw.scene.device_scene import instance_actors
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.scene_data import SceneData
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class OracleHits:
     """Distance of the second triangle on the ray, so that a test can set near ties apart."""
 
 
-def oracle_scene(arrays: SceneArrays, frame: int) -> OracleScene:
+def oracle_scene(arrays: SceneData, frame: int) -> OracleScene:
     """Return the triangles of a frame."""
     count = len(arrays.faces)
     columns = [
@@ -111,7 +111,7 @@ def _near_pairs(origin: np.ndarray, direction: np.ndarray, corners: np.ndarray) 
 
 
 def cast_rays(
-    arrays: SceneArrays,
+    arrays: SceneData,
     frame: int,
     origin: np.ndarray,
     direction: np.ndarray,

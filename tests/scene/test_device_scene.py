@@ -9,7 +9,7 @@ import pytest
 from pxr import Gf, Sdf, Usd, UsdGeom
 
 from mmw.core.transforms import quaternion_to_matrix
-from mmw.scene.device_scene import Scene, SceneArrays, read_stage
+from mmw.scene.device_scene import DeviceScene, SceneData, read_stage
 from tests.fixtures.scenes import ABSENT, arrays_from_parts, box_model, ground_part, two_cars
 from tests.fixtures.stages import (
     add_box,
@@ -126,7 +126,7 @@ def test_town_without_actors(tmp_path: Path, capfd: pytest.CaptureFixture) -> No
     assert arrays.actors == arrays.models == ()
     assert len(arrays.objects) == 2
     assert arrays.materials["rainy"][0].radio.itu == "itu_wet_ground"
-    Scene(arrays, "cpu", 1).load_batch([2])
+    DeviceScene(arrays, "cpu", 1).load_batch([2])
     assert "Warning" not in capfd.readouterr().err
 
 
@@ -339,20 +339,20 @@ def test_unknown_weather_and_frames(scenario: Path) -> None:
 
 
 def test_batches_are_checked() -> None:
-    scene = Scene(two_cars(4), "cpu", 2)
+    scene = DeviceScene(two_cars(4), "cpu", 2)
     with pytest.raises(ValueError, match="batch of 3 frames"):
         scene.load_batch([0, 1, 2])
     with pytest.raises(ValueError, match="frame 4 is not in the scene, which covers 0 to 3"):
         scene.load_batch([4])
     with pytest.raises(ValueError, match="at least one slot"):
-        Scene(two_cars(1), "cpu", 0)
+        DeviceScene(two_cars(1), "cpu", 0)
 
 
 def test_instances_skip_actors_without_a_model() -> None:
     actors = [("rsu_1", "rsu", -1), ("cav_1", "cav", 0), ("rsu_2", "rsu", -1), ("veh_1", "vehicle", 0)]
     poses = np.zeros((1, 4, 7))
     poses[..., 6] = 1.0
-    scene = Scene(arrays_from_parts([ground_part()], [box_model("car")], actors, poses), "cpu", 1)
+    scene = DeviceScene(arrays_from_parts([ground_part()], [box_model("car")], actors, poses), "cpu", 1)
     np.testing.assert_array_equal(scene.instance_actor, [1, 3])
     assert scene.arrays.actors[3].object_id == scene.struct.instance_object.numpy()[1]
 
@@ -364,8 +364,8 @@ def test_boxes_hold_the_posed_models(device: str) -> None:
     poses[1, 2] = ABSENT
     models = [box_model("a"), box_model("b", (9.0, 2.5, 3.0), (1.0, 0.0, 1.5))]
     actors = [(f"v{k}", "vehicle", k % 2) for k in range(5)]
-    arrays: SceneArrays = arrays_from_parts([], models, actors, poses)
-    scene = Scene(arrays, device, 3)
+    arrays: SceneData = arrays_from_parts([], models, actors, poses)
+    scene = DeviceScene(arrays, device, 3)
     scene.load_batch([0, 1])
     lower, upper = scene._lower.numpy().reshape(3, 5, 3), scene._upper.numpy().reshape(3, 5, 3)
     group = scene._group.numpy().reshape(3, 5)
@@ -385,7 +385,7 @@ def test_length_of_a_quaternion_does_not_scale_a_vehicle(device: str) -> None:
     long[..., 3:] *= 3.0
     reach = []
     for poses in (arrays.poses, long):
-        scene = Scene(replace(arrays, poses=poses), device, 1)
+        scene = DeviceScene(replace(arrays, poses=poses), device, 1)
         scene.load_batch([0])
         reach.append(scene.struct.instance_pose.numpy())
     np.testing.assert_array_equal(reach[0], reach[1])

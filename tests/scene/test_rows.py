@@ -12,7 +12,7 @@ from mmw.config import ChannelConfig
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.core.kinematics import differentiate
 from mmw.core.transforms import conjugate, pose_from_ypr, rotate
-from mmw.scene.device_scene import Scene
+from mmw.scene.device_scene import DeviceScene
 from mmw.scene.rows import frame_rows, pose_rows
 from tests.fixtures.scenes import arrays_from_parts, pose, two_cars, wall_part
 
@@ -25,7 +25,7 @@ def test_times_are_the_nearest_numbers_to_their_decimals() -> None:
 def test_link_statistics_are_those_of_their_paths() -> None:
     arrays = two_cars(3)
     config = ChannelConfig(candidates="exhaustive", links=("v2i",))
-    scene = Scene(arrays, "cpu", 2)
+    scene = DeviceScene(arrays, "cpu", 2)
     scene.load_batch([1, 2])
     links = make_links(arrays, [1, 2], config)
     paths = solve_paths(scene, links, config, arrays.materials)
@@ -53,7 +53,7 @@ def test_link_without_power_has_no_statistics() -> None:
         poses=np.array([[pose(-10, 0), pose(10, 0)]]),
     )
     config = ChannelConfig(candidates="exhaustive")
-    scene = Scene(arrays, "cpu", 1)
+    scene = DeviceScene(arrays, "cpu", 1)
     scene.load_batch([0])
     links = make_links(arrays, [0], config)
     rows = link_rows(arrays, links, solve_paths(scene, links, config, arrays.materials), "sunny")
@@ -67,7 +67,7 @@ def test_angles_and_doppler_of_the_line_of_sight() -> None:
     poses = np.array([[pose(0, 0), pose(30 + 0.2 * k, 30)] for k in range(5)])
     arrays = arrays_from_parts([], actors=[("rsu_1", "rsu", -1), ("cav_1", "cav", -1)], poses=poses)
     config = ChannelConfig(max_depth=0, antenna_position_m={"cav": (0, 0, 1.5), "rsu": (0, 0, 5.0)})
-    scene = Scene(arrays, "cpu", 1)
+    scene = DeviceScene(arrays, "cpu", 1)
     scene.load_batch([2])
     links = make_links(arrays, [2], config)
     rows = path_rows(arrays, links, solve_paths(scene, links, config, arrays.materials), "sunny")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdSemantics
 
-from mmw.config import DepthConfig, ImuConfig, LidarConfig, MountConfig
+from mmw.config import DepthCamera, Imu, Lidar, MountConfig
 from mmw.core.resources import assets_dir
 from mmw.core.transforms import pose_from_ypr, pose_to_matrix
 from mmw.scene.reader import read_stage
@@ -20,7 +20,7 @@ from mmw.usd.validate import validate_stage
 from mmw.usd.vehicle_catalog import load_catalog
 
 FRAMES = 40
-SENSORS = (LidarConfig(), DepthConfig(fov_deg=90.0), ImuConfig(), DepthConfig(name="front-depth", on=("cav",)))
+SENSORS = (Lidar(), DepthCamera(fov_deg=90.0), Imu(), DepthCamera(name="front-depth", on=("cav",)))
 META = {"mmw": "0.1.0", "scenario": "test", "seed": 7}
 RSU = pose_from_ypr((5.0, -3.0, 0.5), math.radians(200.0))
 
@@ -199,7 +199,7 @@ def test_absent_vehicles_are_invisible(stage):
 def test_camera_looks_where_the_sensor_looks(tmp_path):
     """The image of a sensor's axes under the camera's transform: forward is -z, left is -x, up is y of the camera."""
     mount = {"rsu": MountConfig(position_m=(1, 2, 3), yaw_deg=30, pitch_deg=20, roll_deg=10)}
-    sensor = DepthConfig(fov_deg=90.0, mount=mount, width_px=640, height_px=480, range_m=200)
+    sensor = DepthCamera(fov_deg=90.0, mount=mount, width_px=640, height_px=480, range_m=200)
     stage = Usd.Stage.Open(str(compose(tmp_path / "s.usda", make_town(tmp_path), sensors=(sensor,))))
     camera = UsdGeom.Camera(stage.GetPrimAtPath("/World/RSU/rsu_1/Sensors/depth"))
     to_world = np.array(UsdGeom.XformCache().GetLocalToWorldTransform(camera.GetPrim())).T

@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from mmw.config import DepthConfig, ImuConfig, LidarConfig, MountConfig
+from mmw.config import DepthCamera, Imu, Lidar, MountConfig
 from mmw.core.transforms import pose_to_matrix, quaternion_to_ypr
-from mmw.scene.device_scene import Scene
+from mmw.scene.device_scene import DeviceScene
 from mmw.scene.views import make_views, mount_pose, sensor_actors
 from tests.fixtures.scenes import ABSENT, two_cars
 
 
 def test_rows_go_by_frame_then_agent() -> None:
-    views = make_views(two_cars(4), [2, 0, 3], LidarConfig())
+    views = make_views(two_cars(4), [2, 0, 3], Lidar())
     np.testing.assert_array_equal(views.frame, [2, 2, 0, 0, 3, 3])
     np.testing.assert_array_equal(views.slot, [0, 0, 1, 1, 2, 2])
     np.testing.assert_array_equal(views.actor, [0, 2, 0, 2, 0, 2])
@@ -21,28 +21,28 @@ def test_rows_go_by_frame_then_agent() -> None:
 
 def test_role_decides_who_carries_and_where() -> None:
     arrays = two_cars()
-    assert list(sensor_actors(arrays, DepthConfig())) == [2]
-    assert list(sensor_actors(arrays, ImuConfig())) == [0]
-    assert len(make_views(arrays, [0], DepthConfig(on=()))) == 0
-    np.testing.assert_allclose(mount_pose(LidarConfig(), "rsu")[:3], (0.0, 0.0, 4.0))
-    np.testing.assert_allclose(mount_pose(ImuConfig(), "cav"), (0, 0, 0, 0, 0, 0, 1))
+    assert list(sensor_actors(arrays, DepthCamera())) == [2]
+    assert list(sensor_actors(arrays, Imu())) == [0]
+    assert len(make_views(arrays, [0], DepthCamera(on=()))) == 0
+    np.testing.assert_allclose(mount_pose(Lidar(), "rsu")[:3], (0.0, 0.0, 4.0))
+    np.testing.assert_allclose(mount_pose(Imu(), "cav"), (0, 0, 0, 0, 0, 0, 1))
 
 
 def test_pose_is_agent_times_mount() -> None:
     arrays = two_cars()
     mount = MountConfig(position_m=(1.0, 0.5, 2.0), yaw_deg=90.0, pitch_deg=10.0)
-    views = make_views(arrays, [0, 1], LidarConfig(mount={"cav": mount, "rsu": mount}))
+    views = make_views(arrays, [0, 1], Lidar(mount={"cav": mount, "rsu": mount}))
     # The unit at (0, 9, 5) looks along -y: forward is -y, left is +x.
     np.testing.assert_allclose(views.pose[1, :3], (0.5, 8.0, 7.0), atol=1e-12)
     np.testing.assert_allclose(np.degrees(quaternion_to_ypr(views.pose[1, 3:])), (0.0, 10.0, 0.0), atol=1e-9)
-    expected = pose_to_matrix(arrays.poses[1, 0]) @ pose_to_matrix(mount_pose(LidarConfig(mount={"cav": mount}), "cav"))
+    expected = pose_to_matrix(arrays.poses[1, 0]) @ pose_to_matrix(mount_pose(Lidar(mount={"cav": mount}), "cav"))
     np.testing.assert_allclose(pose_to_matrix(views.pose[2]), expected, atol=1e-12)
 
 
 def test_absent_agent_has_no_view() -> None:
     arrays = two_cars(3)
     arrays.poses[1, 0] = ABSENT
-    views = make_views(arrays, [0, 1, 2], LidarConfig())
+    views = make_views(arrays, [0, 1, 2], Lidar())
     np.testing.assert_array_equal(views.frame, [0, 0, 1, 2, 2])
     np.testing.assert_array_equal(views.slot, [0, 0, 1, 2, 2])
     np.testing.assert_array_equal(views.actor, [0, 2, 2, 0, 2])
@@ -50,11 +50,11 @@ def test_absent_agent_has_no_view() -> None:
 
 def test_frame_outside_the_scene_is_refused() -> None:
     with pytest.raises(ValueError, match="frame 4 is not in the scene"):
-        make_views(two_cars(4), [3, 4], LidarConfig())
+        make_views(two_cars(4), [3, 4], Lidar())
 
 
 def test_device_rows_are_relative_to_the_scene_origin() -> None:
-    views = make_views(two_cars(), [1], LidarConfig())
+    views = make_views(two_cars(), [1], Lidar())
     on_device = views.to_device("cpu", np.array([100.0, 0.0, -1.0]))
     expected = views.pose - np.array([100.0, 0, -1, 0, 0, 0, 0])
     np.testing.assert_allclose(on_device.pose.numpy(), expected, atol=1e-5)
@@ -64,9 +64,9 @@ def test_device_rows_are_relative_to_the_scene_origin() -> None:
 
 def test_views_of_another_batch_are_refused() -> None:
     arrays = two_cars(4)
-    scene = Scene(arrays, "cpu", 2)
+    scene = DeviceScene(arrays, "cpu", 2)
     scene.load_batch([0, 1])
-    assert make_views(arrays, [0, 1], LidarConfig()).for_scene(scene).slot.shape == (4,)
+    assert make_views(arrays, [0, 1], Lidar()).for_scene(scene).slot.shape == (4,)
     for frames in ([1, 0], [0, 1, 2]):
         with pytest.raises(ValueError, match="call load_batch"):
-            make_views(arrays, frames, LidarConfig()).for_scene(scene)
+            make_views(arrays, frames, Lidar()).for_scene(scene)

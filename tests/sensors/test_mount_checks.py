@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mmw.config import Config, DepthConfig, LidarConfig, MountConfig
-from mmw.scene.device_scene import Scene
-from mmw.scene.scene_data import SceneArrays
+from mmw.config import Config, DepthCamera, Lidar, MountConfig
+from mmw.scene.device_scene import DeviceScene
+from mmw.scene.scene_data import SceneData
 from mmw.sensors.mount_checks import check_mounts, enclosing_objects
 from tests.fixtures.scenes import arrays_from_parts, box_model, box_part, ground_part, pose, quad_part
 
@@ -15,15 +15,15 @@ HOUSE = box_part("Buildings/house", (20.0, 10.0, 8.0), (30.0, 0.0, 4.0), "concre
 CANOPY = quad_part("Props/canopy", [(-40, -6, 5), (-20, -6, 5), (-20, 6, 5), (-40, 6, 5)], "metal_pole", "static")
 
 
-def world(actors=(), poses=None, models=(), flip: bool = False) -> SceneArrays:
+def world(actors=(), poses=None, models=(), flip: bool = False) -> SceneData:
     parts = [ground_part(), HOUSE, CANOPY]
     if flip:
         parts = [replace(part, faces=part.faces[:, ::-1]) for part in parts]
     return arrays_from_parts(parts, models, actors, poses)
 
 
-def scene_of(arrays: SceneArrays, device: str) -> Scene:
-    scene = Scene(arrays, device, 1)
+def scene_of(arrays: SceneData, device: str) -> DeviceScene:
+    scene = DeviceScene(arrays, device, 1)
     scene.load_batch([arrays.frames[0]])
     return scene
 
@@ -56,9 +56,9 @@ def test_a_sensor_in_its_own_body_or_a_house_is_refused(device: str) -> None:
     arrays = world(actors, np.array([[pose(0.0, -20.0), pose(30.0, 0.0)]]), models)
     scene = scene_of(arrays, device)
     high = {"cav": MountConfig(position_m=(0, 0, 4.0)), "rsu": MountConfig(position_m=(0, 0, 9.0))}
-    check_mounts(scene, configured([LidarConfig(mount=high), DepthConfig(mount=high)]))
+    check_mounts(scene, configured([Lidar(mount=high), DepthCamera(mount=high)]))
     with pytest.raises(ValueError) as caught:
-        check_mounts(scene, configured([LidarConfig(), DepthConfig(mount=high)]))
+        check_mounts(scene, configured([Lidar(), DepthCamera(mount=high)]))
     first, second = str(caught.value).split("\n")
     assert "cav_1: lidar at (0.0, 0.0, 2.5) m is inside its own body in frame 0" in first
     assert "rsu_1: lidar" in second and "Buildings/house (building)" in second and "the unit or its mount" in second

@@ -8,7 +8,7 @@ import pytest
 
 from bench.traffic_check import measure
 from mmw.traffic.idm.junctions import ConflictTable
-from mmw.traffic.idm.run import Outcome, run_traffic
+from mmw.traffic.idm.run import TrafficResult, run_traffic
 from mmw.traffic.roads.lane_graph import LaneGraph
 from mmw.traffic.signals import ALL_RED, GREEN, make_plans, must_stop, signal_states, turns_left
 from mmw.traffic.vehicle_pose import make_shape
@@ -26,7 +26,7 @@ def lit() -> LaneGraph:
     return with_lights(crossroad(), "X", PHASES)
 
 
-def run(graph: LaneGraph, **changes) -> Outcome:
+def run(graph: LaneGraph, **changes) -> TrafficResult:
     options = {"frame_count": 4000, "vehicle_count": 20, "seed": 1, "signals": True}
     return run_traffic(
         graph,
@@ -88,7 +88,7 @@ def test_amber_is_long_enough_for_who_cannot_stop(lit):
             assert away / speed <= plan.amber + 1e-6
 
 
-def entries(graph: LaneGraph, outcome: Outcome) -> list[tuple[int, str, int]]:
+def entries(graph: LaneGraph, outcome: TrafficResult) -> list[tuple[int, str, int]]:
     """Return (vehicle, way, frame) whenever a front bumper comes to the start of a way through X, from the poses."""
     ways = [lane for lane in graph.lanes.values() if lane.signal]
     found = []

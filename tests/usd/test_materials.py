@@ -9,7 +9,7 @@ from pxr import Gf, Sdf, UsdGeom, UsdShade, UsdUtils, Vt
 from mmw.config.material_map import MaterialEntry
 from mmw.physics.materials.appearance import Look
 from mmw.physics.materials.material import Material
-from mmw.scene.device_scene import Scene, read_stage
+from mmw.scene.device_scene import DeviceScene, read_stage
 from mmw.sensors.render.appearance_buffers import AppearanceArrays
 from mmw.usd.material_library import LIBRARY
 from mmw.usd.materials import Copies, MaterialUse, read_material, read_materials
@@ -223,7 +223,7 @@ def test_material_of_the_library_has_its_look(device: str, tmp_path: Path) -> No
     np.testing.assert_allclose(with_uv.color, spec.color, rtol=1e-6)
     (note,) = arrays.look_notes
     assert "/World/without" in note
-    looks = AppearanceArrays(Scene(arrays, device, 1)).for_weather("sunny").looks.numpy()
+    looks = AppearanceArrays(DeviceScene(arrays, device, 1)).for_weather("sunny").looks.numpy()
     assert sorted(looks["color_texture"] >= 0) == [False, True]
     plain = looks[looks["color_texture"] < 0][0]
     np.testing.assert_allclose(plain["color"], spec.color, atol=0.01)
@@ -242,7 +242,7 @@ def test_looks_follow_the_weather(device: str, tmp_path: Path) -> None:
     shader.GetInput("roughness").GetAttr().Clear()
     stage.Save()
     arrays = read_stage(tmp_path / "stage.usda", range(1), ["sunny", "rainy"])
-    appearance = AppearanceArrays(Scene(arrays, device, 1))
+    appearance = AppearanceArrays(DeviceScene(arrays, device, 1))
     sunny, rainy = (appearance.for_weather(name) for name in ("sunny", "rainy"))
     assert sunny.looks.numpy()["roughness"][0] == pytest.approx(0.8)
     assert rainy.looks.numpy()["roughness"][0] == pytest.approx(0.1)
@@ -298,7 +298,7 @@ def test_textures_in_a_package(device: str, tmp_path: Path) -> None:
     arrays = read_stage(package, range(1), ["sunny"])
     use = arrays.materials["sunny"][0].look.color_texture
     assert use is not None and use.file.startswith(str(package)) and use.file.endswith("four.png]")
-    appearance = AppearanceArrays(Scene(arrays, device, 1))
+    appearance = AppearanceArrays(DeviceScene(arrays, device, 1))
     assert not appearance.notes
     texels = appearance.for_weather("sunny").texels.numpy().view(np.float16).reshape(-1, 4)
     np.testing.assert_array_equal(texels[[0, 7, 56, 63], :3], [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1)])
@@ -330,7 +330,7 @@ def test_ground_that_holds_puddles_and_pores(device: str, tmp_path: Path) -> Non
         add_quad(stage, f"/World/q{k}", material, [(x + 10 * k, y, 0) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))])
     stage.Save()
     arrays = read_stage(tmp_path / "stage.usda", range(1), ["sunny"])
-    looks = AppearanceArrays(Scene(arrays, device, 1)).for_weather("sunny").looks.numpy()
+    looks = AppearanceArrays(DeviceScene(arrays, device, 1)).for_weather("sunny").looks.numpy()
     names = [material.name for material in arrays.materials["sunny"]]
     assert {names[k] for k in np.flatnonzero(looks["is_porous"])} == {"m0", "m3"}
     assert {names[k] for k in np.flatnonzero(looks["holds_puddles"])} == {"m0", "m1"}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from mmw.config import RgbConfig
+from mmw.config import RgbCamera
 from mmw.viz.stills import scenario_gallery
 from mmw.viz.stills.scenario_gallery import GAP_PX, draw_scenarios, join_tiles, main, view_of
 from tests.fixtures.scenes import two_cars
@@ -52,5 +52,5 @@ def test_what_cannot_be_drawn_is_said(tmp_path: Path, capsys: pytest.CaptureFixt
     assert main(["atlantis", "--out", str(tmp_path), "--device", "cpu"]) == 2
     assert "'atlantis': is not shipped; those are town03_crossroad_slope" in capsys.readouterr().err
     with pytest.raises(ValueError, match="no cav_9 in frame 0"):
-        view_of(two_cars(1), 0, "cav", RgbConfig(), "cav_9")
-    assert len(view_of(two_cars(1), 0, "rsu", RgbConfig(), "cav_9")) == 1
+        view_of(two_cars(1), 0, "cav", RgbCamera(), "cav_9")
+    assert len(view_of(two_cars(1), 0, "rsu", RgbCamera(), "cav_9")) == 1

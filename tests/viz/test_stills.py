@@ -12,12 +12,12 @@ from mmw.cli.run import main as run
 from mmw.core.resources import configs_dir
 from mmw.core.transforms import rotate
 from mmw.physics.weather.weather import PRESETS, Weather
-from mmw.scene.device_scene import Scene
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.device_scene import DeviceScene
+from mmw.scene.scene_data import SceneData
 from mmw.viz.stills import dataset_gallery as gallery
 from mmw.viz.stills.jpeg import save_jpeg
 from mmw.viz.stills.plots import read_rows
-from mmw.viz.stills.renderer import Pictures, follow_view, look_pose, street_camera
+from mmw.viz.stills.renderer import StillRenderer, follow_view, look_pose, street_camera
 from tests.fixtures.scenes import arrays_from_parts, pose, quad_part, two_cars
 
 
@@ -25,18 +25,18 @@ def mean_color(image: Image.Image, box: tuple[int, int, int, int]) -> np.ndarray
     return np.asarray(image.crop(box), dtype=float).mean(axis=(0, 1))
 
 
-def pictures_of(arrays: SceneArrays, device: str, weather: Weather = PRESETS["sunny"]) -> Pictures:
-    scene = Scene(arrays, device, 1)
+def pictures_of(arrays: SceneData, device: str, weather: Weather = PRESETS["sunny"]) -> StillRenderer:
+    scene = DeviceScene(arrays, device, 1)
     scene.load_batch([0])
-    return Pictures(scene, {"sunny": weather})
+    return StillRenderer(scene, {"sunny": weather})
 
 
 @pytest.fixture
-def pictures(device: str) -> Pictures:
+def pictures(device: str) -> StillRenderer:
     return pictures_of(two_cars(1), device)
 
 
-def test_sky_is_above_and_ground_below(pictures: Pictures) -> None:
+def test_sky_is_above_and_ground_below(pictures: StillRenderer) -> None:
     image = pictures.look("sunny", (0, 0, 1.5), (10, 0, 1.5), street_camera(64, 48, 1))
     sky, ground = mean_color(image, (0, 0, 64, 6)), mean_color(image, (0, 42, 64, 48))
     assert image.size == (64, 48)

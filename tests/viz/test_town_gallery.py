@@ -8,7 +8,7 @@ from PIL import Image
 from pxr import Gf, Sdf, UsdGeom
 
 from mmw.__main__ import main
-from mmw.scene.device_scene import Scene
+from mmw.scene.device_scene import DeviceScene
 from mmw.scene.reader import read_stage
 from mmw.traffic.roads.lane_graph import LaneGraph
 from mmw.viz.plots.lane_map import scenarios_of
@@ -16,7 +16,7 @@ from mmw.viz.stills.town_gallery import choose_views, draw_town, selected_weathe
 from tests.fixtures.circuit import add_block, ring_lanes, write_circuit
 from tests.fixtures.stages import write_town
 
-MOST_BYTES = 200_000
+MAX_BYTES = 200_000
 
 
 def pixels(path: Path) -> np.ndarray:
@@ -47,7 +47,7 @@ def test_every_picture_is_there_and_shows_something(pictures: list[Path]) -> Non
     }  # fmt: skip
     for path in pictures:
         assert pixels(path).std() > 5, path
-        assert path.stat().st_size < MOST_BYTES
+        assert path.stat().st_size < MAX_BYTES
 
 
 def test_the_same_town_gives_the_same_pictures(town: Path, pictures: list[Path], tmp_path: Path) -> None:
@@ -77,7 +77,7 @@ def test_a_given_view_is_taken_and_parked_cars_show(tmp_path: Path, capsys: pyte
 
 
 def test_views_look_along_lanes_and_lie_apart(town: Path) -> None:
-    scene = Scene(read_stage(town, range(1), ["sunny"]), "cpu", 1)
+    scene = DeviceScene(read_stage(town, range(1), ["sunny"]), "cpu", 1)
     scene.load_batch([0])
     views = choose_views(scene, LaneGraph(ring_lanes()))
     assert len(views) == 2

@@ -14,9 +14,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mmw.channel.antennas.arrays import AntennaArray
+from mmw.channel.antennas.arrays import PlanarArray
 from mmw.channel.antennas.patterns import antenna_field
-from mmw.channel.path_table import PathRows, encode_key, read_column, read_numbers
+from mmw.channel.path_table import Paths, encode_key, read_column, read_numbers
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.core.errors import InputError
 from mmw.core.transforms import normalize, quaternion_to_matrix
@@ -25,10 +25,10 @@ POSE_COLUMNS = ("scenario", "weather", "frame", "agent", "qx", "qy", "qz", "qw")
 """Columns of table `poses` that `rotations_from_poses` needs."""
 
 
-def synthesize(
-    paths: PathRows,
-    tx_array: AntennaArray,
-    rx_array: AntennaArray,
+def apply_arrays(
+    paths: Paths,
+    tx_array: PlanarArray,
+    rx_array: PlanarArray,
     carrier_hz: float,
     tx_rotation: ArrayLike | None = None,
     rx_rotation: ArrayLike | None = None,
@@ -46,7 +46,7 @@ def synthesize(
 
     Returns:
         Voltage ratios without the carrier phase, shape [P, N_r, N_t], complex128: 16 P N_r N_t bytes. Take links in
-        portions (`PathRows.take`) where that is too much.
+        portions (`Paths.take`) where that is too much.
 
     Raises:
         InputError: If the carrier is not that of the paths, or a rotation has another shape or is none.
@@ -54,7 +54,7 @@ def synthesize(
     if carrier_hz != paths.carrier_hz:
         raise InputError(
             f"synthesize: carrier_hz = {carrier_hz:g}, the paths are at {paths.carrier_hz:g} Hz; a transfer holds for "
-            "one carrier; make PathRows of the rows at the carrier that is wanted"
+            "one carrier; make Paths of the rows at the carrier that is wanted"
         )
     sent, send_phase = _end(paths, tx_array, paths.theta_t, paths.phi_t, tx_rotation, "tx_rotation")
     heard, hear_phase = _end(paths, rx_array, paths.theta_r, paths.phi_r, rx_rotation, "rx_rotation")
@@ -65,7 +65,7 @@ def synthesize(
 
 
 def _end(
-    paths: PathRows, array: AntennaArray, theta: np.ndarray, phi: np.ndarray, rotation: ArrayLike | None, name: str
+    paths: Paths, array: PlanarArray, theta: np.ndarray, phi: np.ndarray, rotation: ArrayLike | None, name: str
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return element fields [P, polarisations, 2] and array phases [P, elements] of one end."""
     turn = np.eye(3) if rotation is None else np.asarray(rotation, dtype=np.float64)
@@ -83,7 +83,7 @@ def _end(
     return field, np.exp(2j * np.pi * paths.carrier_hz / SPEED_OF_LIGHT * (local @ offset.T))
 
 
-def rotations_from_poses(poses: Any, paths: PathRows, which: Literal["tx", "rx"]) -> np.ndarray:
+def rotations_from_poses(poses: Any, paths: Paths, which: Literal["tx", "rx"]) -> np.ndarray:
     """Return the agent-to-world rotation of one end of every link, shape [L, 3, 3].
 
     Args:
@@ -122,7 +122,7 @@ def rotations_from_poses(poses: Any, paths: PathRows, which: Literal["tx", "rx"]
 
 
 def plane_wave_error(
-    array: AntennaArray, distance_m: ArrayLike, carrier_hz: float, other: AntennaArray | None = None
+    array: PlanarArray, distance_m: ArrayLike, carrier_hz: float, other: PlanarArray | None = None
 ) -> np.ndarray:
     """Return the largest phase error of the plane-wave model over an array [rad], shape of `distance_m`.
 

@@ -15,7 +15,7 @@ from mmw.core.transforms import normalize, quaternion_from_ypr, quaternion_to_ma
 
 
 @dataclass(frozen=True)
-class AntennaArray:
+class PlanarArray:
     """A uniform planar array of equal elements; a single antenna by default.
 
     Local frame of the array: x is the boresight, elements lie in the y-z plane around the origin, which is the phase
@@ -128,11 +128,11 @@ class AntennaArray:
         return float(np.hypot(vertical * (self.rows - 1), horizontal * (self.columns - 1)))
 
 
-def ula(count: int, **options: Any) -> AntennaArray:
-    """Return a uniform linear array along the agent's y axis; `options` are the fields of `AntennaArray`."""
-    return AntennaArray(rows=1, columns=count, **options)
+def ula(count: int, **options: Any) -> PlanarArray:
+    """Return a uniform linear array along the agent's y axis; `options` are the fields of `PlanarArray`."""
+    return PlanarArray(rows=1, columns=count, **options)
 
 
-def upa(rows: int, columns: int, **options: Any) -> AntennaArray:
-    """Return a uniform planar array across the agent's x axis; `options` are the fields of `AntennaArray`."""
-    return AntennaArray(rows=rows, columns=columns, **options)
+def upa(rows: int, columns: int, **options: Any) -> PlanarArray:
+    """Return a uniform planar array across the agent's x axis; `options` are the fields of `PlanarArray`."""
+    return PlanarArray(rows=rows, columns=columns, **options)

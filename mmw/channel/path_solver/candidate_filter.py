@@ -24,7 +24,7 @@ from mmw.kernels.channel.reflection_candidates import (
 )
 from mmw.kernels.channel.reflection_diffraction_candidates import Tails, join_kernel
 from mmw.kernels.channel.surfaces import LinkEnds
-from mmw.scene.device_scene import Scene
+from mmw.scene.device_scene import DeviceScene
 
 Candidates = tuple[np.ndarray, np.ndarray, bool]
 """Links, shape [C]; what they meet from transmitter to receiver, shape [C, D], int32: a surface or a plane, -2 - wedge,
@@ -44,7 +44,7 @@ class Backward:
 
 
 def reflected_candidates(
-    scene: Scene,
+    scene: DeviceScene,
     ends: LinkEnds,
     pose: wp.array,
     sources: Sources,
@@ -78,8 +78,8 @@ def reflected_candidates(
                     yield from _between(scene, ends, pose, part, table, chains, config, backward)
 
 
-def bent_candidates(
-    scene: Scene, ends: LinkEnds, pose: wp.array, sources: Sources, table: SurfaceTable, config: ChannelConfig
+def diffracted_candidates(
+    scene: DeviceScene, ends: LinkEnds, pose: wp.array, sources: Sources, table: SurfaceTable, config: ChannelConfig
 ) -> Iterator[Candidates]:
     """Yield chains of reflections with a diffraction behind them only; see `reflected_candidates`."""
     for part, _, _, keys in launches(scene, sources, table, config):
@@ -188,7 +188,7 @@ def _counted_then_written(kernel: wp.Kernel, inputs: list, cells: int, depth: in
 
 
 def _between(
-    scene: Scene,
+    scene: DeviceScene,
     ends: LinkEnds,
     pose: wp.array,
     sources: Sources,

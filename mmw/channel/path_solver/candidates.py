@@ -10,7 +10,7 @@ from mmw.channel.path_solver.surface_table import SurfaceTable
 from mmw.config import ChannelConfig
 from mmw.core.errors import InputError
 from mmw.kernels.channel.ray_launch import PLANE_BITS, launch_kernel
-from mmw.scene.device_scene import Scene
+from mmw.scene.device_scene import DeviceScene
 
 PAIRS_AT_ONCE = 2**27
 """Most (link, surface) or (transmitter, plane) pairs at once: about one byte each on the device."""
@@ -21,7 +21,7 @@ RAYS_AT_ONCE = 2**30
 CELLS_AT_ONCE = {"cuda": 2**26, "cpu": 2**23}
 """Cells of the table of chains that are worth a launch of several transmitters; 84 bytes each."""
 
-MOST_CELLS = 2**30
+MAX_CELLS = 2**30
 """Cells of the largest table."""
 
 FIRST_CELLS = 2**15
@@ -52,7 +52,7 @@ class TableFull(Exception):
 
 
 def launches(
-    scene: Scene, sources: Sources, table: SurfaceTable, config: ChannelConfig
+    scene: DeviceScene, sources: Sources, table: SurfaceTable, config: ChannelConfig
 ) -> Iterator[tuple[Sources, int, wp.array, wp.array | None]]:
     """Yield what the rays of all sources meet, or everything that they could, a part that fits into memory at a time.
 
@@ -98,12 +98,12 @@ def _chunks(first_link: np.ndarray, surface_count: int, config: ChannelConfig) -
 
 
 def _chains(
-    scene: Scene, sources: Sources, table: SurfaceTable, config: ChannelConfig
+    scene: DeviceScene, sources: Sources, table: SurfaceTable, config: ChannelConfig
 ) -> tuple[wp.array, wp.array | None]:
     """Return the first planes, one byte each, shape [A, K], and the keys of longer chains, shape [N], if wanted."""
     if config.candidates == "exhaustive":
         is_seen = wp.full((len(sources), table.plane_count), 1, dtype=wp.uint8, device=scene.device)
-        keys = every_chain(len(sources), table.plane_count, config.max_depth) if config.max_depth > 1 else None
+        keys = all_path_candidates(len(sources), table.plane_count, config.max_depth) if config.max_depth > 1 else None
         has_keys = keys is not None and len(keys) > 0
         return is_seen, wp.array(keys, dtype=wp.uint64, device=scene.device) if has_keys else None
     origin = sources.position - scene.origin
@@ -119,10 +119,10 @@ def _chains(
         cells = 2 ** int(np.ceil(np.log2(each * len(sources))))
         if cells > most and len(sources) > 1:
             raise TableFull
-        if cells > MOST_CELLS:
+        if cells > MAX_CELLS:
             raise InputError(
                 f"channel.rays = {config.rays}, max_depth = {config.max_depth}: the chains of one transmitter do not "
-                f"fit into {MOST_CELLS} cells; launch fewer rays or lower the depth"
+                f"fit into {MAX_CELLS} cells; launch fewer rays or lower the depth"
             )
         is_seen, keys, is_full = launch_rays(
             scene, sources.slot, origin, config.rays, table, config.max_depth, cells, patterns
@@ -134,7 +134,7 @@ def _chains(
 
 
 def launch_rays(
-    scene: Scene,
+    scene: DeviceScene,
     slot: np.ndarray,
     origin: np.ndarray,
     rays: int,
@@ -200,7 +200,7 @@ def neighbor_stride(ray_count: int) -> int:
     return before
 
 
-def every_chain(sources: int, planes: int, depth: int) -> np.ndarray:
+def all_path_candidates(sources: int, planes: int, depth: int) -> np.ndarray:
     """Return the keys of all chains of 2 to `depth` planes without the same one twice in a row, shape [N], uint64.
 
     Raises:

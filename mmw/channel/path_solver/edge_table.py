@@ -8,7 +8,7 @@ import warp as wp
 from mmw.core.planar_surfaces import weld
 from mmw.kernels.channel.edges import Wedges
 from mmw.physics.em.vectors import dot, norm
-from mmw.scene.device_scene import Scene
+from mmw.scene.device_scene import DeviceScene
 
 MIN_BEND_RAD = 0.05
 """Smallest angle between the normals of a wedge's faces [rad]; flatter edges, as on a rounded bonnet, bend nothing that
@@ -45,7 +45,7 @@ class WedgeTable:
         return len(self.carrier)
 
 
-def make_wedge_table(scene: Scene, plane: np.ndarray, *, enabled: bool, sheets: bool) -> WedgeTable:
+def make_wedge_table(scene: DeviceScene, plane: np.ndarray, *, enabled: bool, sheets: bool) -> WedgeTable:
     """Return the wedges of a scene, or none if `enabled` is false.
 
     Args:

@@ -2,12 +2,12 @@
 
 import warp as wp
 
-from mmw.kernels.channel.segments import Met
+from mmw.kernels.channel.segments import HitBuffers
 
 
-def met_rows(shape: tuple[int, int], device: str) -> Met:
+def make_hit_buffers(shape: tuple[int, int], device: str) -> HitBuffers:
     """Return empty rows for the kernels that trace legs, shape [C, D]."""
-    met = Met()
+    met = HitBuffers()
     met.kind, met.surface = (wp.zeros(shape, dtype=wp.int32, device=device) for _ in range(2))
     met.vertex, met.normal = (wp.zeros(shape, dtype=wp.vec3d, device=device) for _ in range(2))
     return met

@@ -7,10 +7,10 @@ import numpy as np
 import warp as wp
 
 from mmw.channel.links import Links
-from mmw.channel.path_solver.candidate_filter import Backward, Candidates, bent_candidates, reflected_candidates
+from mmw.channel.path_solver.candidate_filter import Backward, Candidates, diffracted_candidates, reflected_candidates
 from mmw.channel.path_solver.candidates import Sources
-from mmw.channel.path_solver.hit_buffers import met_rows
-from mmw.channel.path_solver.scatter_paths import Patches, find_patches
+from mmw.channel.path_solver.hit_buffers import make_hit_buffers
+from mmw.channel.path_solver.scatter_paths import ScatteringPatches, find_patches
 from mmw.channel.path_solver.surface_table import SurfaceTable
 from mmw.channel.paths import DIFFRACTION
 from mmw.config import ChannelConfig
@@ -21,7 +21,7 @@ from mmw.kernels.channel.image_method import Trials, refine_kernel
 from mmw.kernels.channel.segments import LIFT
 from mmw.kernels.channel.surfaces import LinkEnds
 from mmw.physics.em.vectors import norm
-from mmw.scene.device_scene import Scene
+from mmw.scene.device_scene import DeviceScene
 
 TRIALS_AT_ONCE = 2**20
 """Most candidates that are refined at once, about 400 bytes each at depth 3."""
@@ -31,7 +31,7 @@ SAME_POINT_M = 1e-3
 
 
 @dataclass(frozen=True)
-class FoundPaths:
+class TracedPaths:
     """Geometry of the paths of a batch, sorted by (link, order, kinds, surfaces)."""
 
     link: np.ndarray
@@ -54,14 +54,14 @@ class FoundPaths:
     def __len__(self) -> int:
         return len(self.link)
 
-    def take(self, rows: np.ndarray) -> "FoundPaths":
+    def take(self, rows: np.ndarray) -> "TracedPaths":
         """Return some of the paths."""
-        return FoundPaths(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
+        return TracedPaths(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
 
 
-def find_paths(
-    scene: Scene, links: Links, config: ChannelConfig, table: SurfaceTable, is_pair: np.ndarray | None = None
-) -> FoundPaths:
+def trace_paths(
+    scene: DeviceScene, links: Links, config: ChannelConfig, table: SurfaceTable, is_pair: np.ndarray | None = None
+) -> TracedPaths:
     """Return the geometry of all paths: candidates, image method, visibility, no duplicates; and diffuse paths.
 
     Args:
@@ -84,15 +84,15 @@ def find_paths(
                 found.append(_refine(search, link[part], step[part], is_plane))
         if config.diffuse and len(table):
             found += _rough(search)
-    paths = FoundPaths(*(np.concatenate(column) for column in zip(*(_columns(f) for f in found), strict=True)))
-    paths = FoundPaths(search.order[paths.link].astype(np.int32), *_columns(paths)[1:])
+    paths = TracedPaths(*(np.concatenate(column) for column in zip(*(_columns(f) for f in found), strict=True)))
+    paths = TracedPaths(search.order[paths.link].astype(np.int32), *_columns(paths)[1:])
     return paths.take(_distinct(paths, links, table.area, scene.origin))
 
 
 class _Search:
     """What every step of a search needs: the links in the order of their transmitters, and the poses of the batch."""
 
-    def __init__(self, scene: Scene, links: Links, config: ChannelConfig, table: SurfaceTable):
+    def __init__(self, scene: DeviceScene, links: Links, config: ChannelConfig, table: SurfaceTable):
         self.scene, self.links, self.config, self.table = scene, links, config, table
         self.pose = instance_poses(scene)
         self.poses = wp.array(self.pose, dtype=wp.transformd, device=scene.device)
@@ -119,17 +119,17 @@ class _Search:
         return Backward(ends, sources, place)
 
 
-def _columns(found: FoundPaths) -> list[np.ndarray]:
+def _columns(found: TracedPaths) -> list[np.ndarray]:
     return [getattr(found, name) for name in found.__dataclass_fields__]
 
 
-def _none(depth: int) -> FoundPaths:
+def _none(depth: int) -> TracedPaths:
     ints = np.zeros((0, depth), dtype=np.int32)
     points = np.zeros((0, depth, 3))
-    return FoundPaths(ints[:, 0], ints[:, 0], ints, ints, points, points, ints[:, 0])
+    return TracedPaths(ints[:, 0], ints[:, 0], ints, ints, points, points, ints[:, 0])
 
 
-def instance_poses(scene: Scene) -> np.ndarray:
+def instance_poses(scene: DeviceScene) -> np.ndarray:
     """Return instance-to-world poses with unit quaternions, shape [S, V, 7]; NaN for absent instances."""
     rows = [scene.arrays.frame_row(frame) for frame in scene.batch_frames]
     pose = scene.arrays.poses[rows][:, scene.instance_actor]
@@ -170,7 +170,7 @@ def _candidates(search: _Search, is_pair: np.ndarray) -> Iterator[Candidates]:
         yield from _wedge_candidates(search)
     if backward is not None:
         number = np.argsort(backward.place)
-        behind = bent_candidates(search.scene, backward.ends, search.poses, backward.sources, table, config)
+        behind = diffracted_candidates(search.scene, backward.ends, search.poses, backward.sources, table, config)
         for link, step, is_plane in behind:
             yield number[link], _turned(step), is_plane
 
@@ -202,7 +202,7 @@ def _turned(step: np.ndarray) -> np.ndarray:
     return turned.astype(np.int32)
 
 
-def _rough(search: _Search) -> list[FoundPaths]:
+def _rough(search: _Search) -> list[TracedPaths]:
     """Return the diffuse paths: what the transmitters' rays find, and, with mirrors, the receivers'."""
     scene, poses, table, config = search.scene, search.poses, search.table, search.config
     ahead = find_patches(scene, search.ends, poses, search.sources, table, config, needs_mirror=False)
@@ -215,8 +215,8 @@ def _rough(search: _Search) -> list[FoundPaths]:
     return found
 
 
-def _patched(p: Patches, link: np.ndarray, ray: np.ndarray) -> FoundPaths:
-    return FoundPaths(link.astype(np.int32), p.order, p.kind, p.surface, p.vertex, p.normal, ray.astype(np.int32))
+def _patched(p: ScatteringPatches, link: np.ndarray, ray: np.ndarray) -> TracedPaths:
+    return TracedPaths(link.astype(np.int32), p.order, p.kind, p.surface, p.vertex, p.normal, ray.astype(np.int32))
 
 
 def _wedge_candidates(search: _Search) -> Iterator[Candidates]:
@@ -245,7 +245,7 @@ def _wedge_candidates(search: _Search) -> Iterator[Candidates]:
         yield (link + begin).astype(np.int32), step, False
 
 
-def _refine(search: _Search, link: np.ndarray, step: np.ndarray, is_plane: bool) -> FoundPaths:
+def _refine(search: _Search, link: np.ndarray, step: np.ndarray, is_plane: bool) -> TracedPaths:
     """Return the candidates that are paths; `link` still counts in the order of the sources."""
     scene, table, config = search.scene, search.table, search.config
     device, shape = scene.device, step.shape
@@ -256,7 +256,7 @@ def _refine(search: _Search, link: np.ndarray, step: np.ndarray, is_plane: bool)
     trials.image, trials.normal, trials.point = (wp.empty(shape, dtype=wp.vec3d, device=device) for _ in range(3))
     trials.offset = wp.empty(shape, dtype=wp.float64, device=device)
     order = wp.empty(len(link), dtype=wp.int32, device=device)
-    met = met_rows(shape, device)
+    met = make_hit_buffers(shape, device)
     wp.launch(
         refine_kernel,
         dim=len(link),
@@ -277,7 +277,7 @@ def _refine(search: _Search, link: np.ndarray, step: np.ndarray, is_plane: bool)
     orders, kind, surface, vertex, normal = to_host([order, met.kind, met.surface, met.vertex, met.normal])
     kept = np.flatnonzero(orders >= 0)
     is_there = np.arange(shape[1]) < orders[kept, None]
-    return FoundPaths(
+    return TracedPaths(
         link=link[kept],
         order=orders[kept],
         kind=np.where(is_there, kind[kept], 0),
@@ -288,7 +288,7 @@ def _refine(search: _Search, link: np.ndarray, step: np.ndarray, is_plane: bool)
     )
 
 
-def _distinct(found: FoundPaths, links: Links, area: np.ndarray, origin: np.ndarray) -> np.ndarray:
+def _distinct(found: TracedPaths, links: Links, area: np.ndarray, origin: np.ndarray) -> np.ndarray:
     """Return the rows to keep, sorted by (link, order, kinds, surfaces).
 
     Of paths of one link with the same interactions in the same places (see `SAME_POINT_M`), the one on the smallest
@@ -323,7 +323,7 @@ def _distinct(found: FoundPaths, links: Links, area: np.ndarray, origin: np.ndar
     return rank[~dropped[rank]]
 
 
-def path_lengths(tx: np.ndarray, rx: np.ndarray, found: FoundPaths) -> np.ndarray:
+def path_lengths(tx: np.ndarray, rx: np.ndarray, found: TracedPaths) -> np.ndarray:
     """Return the lengths of paths between ends of shape [P, 3], in metres, shape [P]."""
     length, before = np.zeros(len(found)), tx
     for k in range(found.kind.shape[1]):

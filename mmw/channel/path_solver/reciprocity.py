@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from mmw.channel.links import Links
-from mmw.channel.paths import TRANSMISSION, Paths, path_ids
+from mmw.channel.paths import TRANSMISSION, PathSet, path_ids
 
 
 def one_way(links: Links) -> tuple[np.ndarray, np.ndarray]:
@@ -39,7 +39,7 @@ def one_way(links: Links) -> tuple[np.ndarray, np.ndarray]:
     return traced, np.where(reverse_of >= 0, number[reverse_of], -1)
 
 
-def read_both_ways(paths: Paths, links: Links, traced: np.ndarray, reverse_of: np.ndarray) -> Paths:
+def read_both_ways(paths: PathSet, links: Links, traced: np.ndarray, reverse_of: np.ndarray) -> PathSet:
     """Return the paths of all links from those of the traced ones.
 
     The transfer backwards is the transpose, and with equal antennas at both ends the coefficient is the same: mirrors

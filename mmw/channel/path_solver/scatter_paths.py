@@ -10,20 +10,20 @@ import numpy as np
 import warp as wp
 
 from mmw.channel.path_solver.candidates import Sources
-from mmw.channel.path_solver.hit_buffers import met_rows
+from mmw.channel.path_solver.hit_buffers import make_hit_buffers
 from mmw.channel.path_solver.surface_table import SurfaceTable
 from mmw.channel.paths import DIFFUSE, SPECULAR, TRANSMISSION
 from mmw.config import ChannelConfig
 from mmw.kernels.channel.scattering import connect_kernel, scatter_kernel
 from mmw.kernels.channel.surfaces import LinkEnds
-from mmw.scene.device_scene import Scene
+from mmw.scene.device_scene import DeviceScene
 
 HITS_AT_ONCE = 2**24
 """Most (source, ray, interaction) rows at once, about 60 bytes each."""
 
 
 @dataclass(frozen=True)
-class Patches:
+class ScatteringPatches:
     """Paths over rough patches, from the end whose rays met them: B of them, D interactions at most."""
 
     link: np.ndarray
@@ -41,7 +41,7 @@ class Patches:
     ray: np.ndarray
     """Number of the ray, shape [B], int32."""
 
-    def turned(self) -> "Patches":
+    def turned(self) -> "ScatteringPatches":
         """Return the same paths from the other end; the normal of a patch looks to both ends, as a mirror's does."""
         column = self.order[:, None] - 1 - np.arange(self.kind.shape[1])
         is_there, column = column >= 0, np.maximum(column, 0)
@@ -49,7 +49,7 @@ class Patches:
         kind = np.where(is_there, self.kind[rows, column], 0)
         normal = self.normal[rows, column] * np.where(kind == TRANSMISSION, -1.0, 1.0)[..., None]
         gap = is_there[..., None]
-        return Patches(
+        return ScatteringPatches(
             self.link,
             self.order,
             kind,
@@ -61,7 +61,7 @@ class Patches:
 
 
 def find_patches(
-    scene: Scene,
+    scene: DeviceScene,
     ends: LinkEnds,
     pose: wp.array,
     sources: Sources,
@@ -69,7 +69,7 @@ def find_patches(
     config: ChannelConfig,
     *,
     needs_mirror: bool,
-) -> list[Patches]:
+) -> list[ScatteringPatches]:
     """Return the diffuse paths that the rays of one end of the links find, a part that fits into memory at a time.
 
     Args:
@@ -97,7 +97,7 @@ def find_patches(
     return found
 
 
-def _rough_surfaces(scene: Scene, table: SurfaceTable) -> np.ndarray:
+def _rough_surfaces(scene: DeviceScene, table: SurfaceTable) -> np.ndarray:
     """Return which surfaces scatter in some weather, shape [G], bool."""
     by_weather = [[m.radio.scattering > 0.0 for m in some] for some in scene.arrays.materials.values()]
     if not by_weather or not by_weather[0]:
@@ -110,7 +110,7 @@ Hits = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
 def _follow(
-    scene: Scene,
+    scene: DeviceScene,
     pose: wp.array,
     sources: Sources,
     table: SurfaceTable,
@@ -158,7 +158,7 @@ def _chosen(hits: Hits, is_rough: np.ndarray, passes: int, needs_mirror: bool) -
 
 
 def _connect(
-    scene: Scene,
+    scene: DeviceScene,
     ends: LinkEnds,
     pose: wp.array,
     sources: Sources,
@@ -166,7 +166,7 @@ def _connect(
     config: ChannelConfig,
     hits: Hits,
     chosen: tuple[np.ndarray, ...],
-) -> Patches:
+) -> ScatteringPatches:
     """Return the paths from the chosen hits to the far ends that see them."""
     device, width = scene.device, config.max_depth
     source, ray, step = chosen
@@ -176,7 +176,7 @@ def _connect(
     at = (source[row], ray[row], step[row])
     room = (width - 1 - step[row]) if config.refraction else np.zeros(len(row))
     count = wp.empty(len(row), dtype=wp.int32, device=device)
-    met = met_rows((len(row), width), device)
+    met = make_hit_buffers((len(row), width), device)
     wp.launch(
         connect_kernel,
         dim=len(row),
@@ -214,7 +214,7 @@ def _connect(
         return np.where(is_there[wide], np.where((is_before | is_patch)[wide], first, behind_it), nothing)
 
     kinds = np.where(is_patch, DIFFUSE, along(hits[0], met.kind.numpy(), 0))
-    return Patches(
+    return ScatteringPatches(
         link=link[kept].astype(np.int32),
         order=order.astype(np.int32),
         kind=kinds.astype(np.int32),

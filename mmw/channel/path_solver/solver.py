@@ -6,10 +6,10 @@ import numpy as np
 
 from mmw.channel.antennas.patterns import antenna_field
 from mmw.channel.links import Links
-from mmw.channel.path_solver.image_method import FoundPaths, find_paths, instance_poses
+from mmw.channel.path_solver.image_method import TracedPaths, instance_poses, trace_paths
 from mmw.channel.path_solver.reciprocity import one_way, read_both_ways
 from mmw.channel.path_solver.surface_table import SurfaceTable, make_surface_table
-from mmw.channel.paths import DIFFRACTION, DIFFUSE, LOSSES, Paths, path_ids, path_kinds
+from mmw.channel.paths import DIFFRACTION, DIFFUSE, LOSSES, PathSet, path_ids, path_kinds
 from mmw.config import ChannelConfig
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.core.errors import InputError
@@ -19,12 +19,12 @@ from mmw.physics.em.attenuation import path_loss_db
 from mmw.physics.em.diffraction import WedgeHits, is_lit
 from mmw.physics.em.field import PathGeometry, combine, path_geometry
 from mmw.physics.em.path_gain import Interactions, path_transfer
-from mmw.physics.em.scattering import RoughHits
+from mmw.physics.em.scattering import ScatteringPoints
 from mmw.physics.em.vectors import dot, norm
 from mmw.physics.materials.material import Material
 from mmw.physics.materials.permittivity import permittivity_table
 from mmw.physics.weather.weather import Weather
-from mmw.scene.device_scene import Scene
+from mmw.scene.device_scene import DeviceScene
 
 
 def check_channel_materials(
@@ -48,13 +48,13 @@ def check_channel_materials(
 
 
 def solve_paths(
-    scene: Scene,
+    scene: DeviceScene,
     links: Links,
     config: ChannelConfig,
     materials: dict[str, tuple[Material, ...]],
     table: SurfaceTable | None = None,
     air: Mapping[str, Weather] | None = None,
-) -> Paths:
+) -> PathSet:
     """Return the paths of the links, for every weather and carrier.
 
     Geometry is found once: weather only changes materials and air, and a link and its reverse share it. Neither the
@@ -116,16 +116,16 @@ def launched_rays(links: Links, config: ChannelConfig) -> int:
 
 
 def _solve(
-    scene: Scene,
+    scene: DeviceScene,
     links: Links,
     config: ChannelConfig,
     materials: dict[str, tuple[Material, ...]],
     table: SurfaceTable,
     air: Mapping[str, Weather] | None,
     is_pair: np.ndarray | None = None,
-) -> Paths:
+) -> PathSet:
     """Return the paths of links of which none is the reverse of another; those of `is_pair` stand for both."""
-    found = find_paths(scene, links, config, table, is_pair)
+    found = trace_paths(scene, links, config, table, is_pair)
     geometry, met = _geometry(scene, links, table, found, config)
     if config.diffraction and not config.diffraction_lit_region:
         keep = np.ones(len(found), dtype=bool)
@@ -134,7 +134,7 @@ def _solve(
         geometry, met = _geometry(scene, links, table, found, config)
     transfer, a, loss_db = _gains(links, config, materials, air, found, geometry, met)
     is_there = found.kind != 0
-    return Paths(
+    return PathSet(
         carriers_hz=np.array(config.carriers_hz),
         link=found.link,
         path_id=_path_ids(links, found),
@@ -159,7 +159,7 @@ def _solve(
     )
 
 
-def _check_links(scene: Scene, links: Links) -> None:
+def _check_links(scene: DeviceScene, links: Links) -> None:
     loaded = np.array(scene.batch_frames, dtype=np.int64)
     is_loaded = links.slot < len(loaded)
     is_loaded[is_loaded] = loaded[links.slot[is_loaded]] == links.frame[is_loaded]
@@ -171,7 +171,7 @@ def _check_links(scene: Scene, links: Links) -> None:
         )
 
 
-def _path_ids(links: Links, found: FoundPaths) -> np.ndarray:
+def _path_ids(links: Links, found: TracedPaths) -> np.ndarray:
     surface = found.surface
     rough, step = np.nonzero(found.kind == DIFFUSE)
     if len(rough):  # a patch is known by its ray
@@ -180,7 +180,7 @@ def _path_ids(links: Links, found: FoundPaths) -> np.ndarray:
     return path_ids(links.tx_actor[found.link], links.rx_actor[found.link], found.kind, surface)
 
 
-def _faces(found: FoundPaths, table: SurfaceTable) -> np.ndarray:
+def _faces(found: TracedPaths, table: SurfaceTable) -> np.ndarray:
     """Return the surface of each interaction, for a diffraction the first face of its wedge, shape [P, D]."""
     if not len(table.wedges):
         return found.surface
@@ -196,7 +196,7 @@ def _looked_up(values: np.ndarray, row: np.ndarray, is_there: np.ndarray) -> np.
 
 
 def _geometry(
-    scene: Scene, links: Links, table: SurfaceTable, found: FoundPaths, config: ChannelConfig
+    scene: DeviceScene, links: Links, table: SurfaceTable, found: TracedPaths, config: ChannelConfig
 ) -> tuple[PathGeometry, Interactions]:
     """Return the geometry of found paths, and what they meet."""
     wedges = _wedge_hits(scene, links, table, found)
@@ -206,7 +206,7 @@ def _geometry(
     geometry = path_geometry(tx, rx, found.kind, found.vertex, found.normal, edge)
     path, step = np.nonzero(found.kind == DIFFUSE)
     solid_angle = np.full(len(path), 4.0 * np.pi / config.diffuse_rays)
-    rough = RoughHits(path, step, found.normal[path, step], solid_angle, found.ray[path] < -1)
+    rough = ScatteringPoints(path, step, found.normal[path, step], solid_angle, found.ray[path] < -1)
     sides = (wedges.surface_0, wedges.surface_n)
     return geometry, Interactions(
         material_id=_looked_up(table.material_id, _faces(found, table), found.kind != 0),
@@ -216,7 +216,7 @@ def _geometry(
     )
 
 
-def _wedge_hits(scene: Scene, links: Links, table: SurfaceTable, found: FoundPaths) -> WedgeHits:
+def _wedge_hits(scene: DeviceScene, links: Links, table: SurfaceTable, found: TracedPaths) -> WedgeHits:
     path, step = np.nonzero(found.kind == DIFFRACTION)
     wedge, wedges = found.surface[path, step], table.wedges
     vectors = [
@@ -239,7 +239,7 @@ def _gains(
     config: ChannelConfig,
     materials: dict[str, tuple[Material, ...]],
     air: Mapping[str, Weather] | None,
-    found: FoundPaths,
+    found: TracedPaths,
     geometry: PathGeometry,
     met: Interactions,
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], dict[str, dict[str, np.ndarray]]]:
@@ -264,7 +264,7 @@ def _gains(
 
 
 def _range_rate(
-    scene: Scene, links: Links, table: SurfaceTable, found: FoundPaths, geometry: PathGeometry
+    scene: DeviceScene, links: Links, table: SurfaceTable, found: TracedPaths, geometry: PathGeometry
 ) -> np.ndarray:
     """Return d(length)/dt of each path [m/s] from the velocities of both ends and of every point on the way, shape [P].
 

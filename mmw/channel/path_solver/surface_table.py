@@ -9,7 +9,7 @@ from mmw.channel.path_solver.coplanar import group_coplanar
 from mmw.channel.path_solver.edge_table import WedgeTable, make_wedge_table
 from mmw.kernels.channel.surfaces import Surfaces
 from mmw.physics.em.vectors import dot, norm
-from mmw.scene.device_scene import Scene
+from mmw.scene.device_scene import DeviceScene
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class SurfaceTable:
         return len(self.row)
 
 
-def make_surface_table(scene: Scene, *, wedges: bool = False, sheets: bool = False) -> SurfaceTable:
+def make_surface_table(scene: DeviceScene, *, wedges: bool = False, sheets: bool = False) -> SurfaceTable:
     """Return the surfaces of a scene; make it once and use it for every batch.
 
     Args:
@@ -136,7 +136,7 @@ def _planes(group: np.ndarray, owner: np.ndarray) -> np.ndarray:
     return np.argsort(np.argsort(first))[inverse.reshape(-1)].astype(np.int32)
 
 
-def _slabs(scene: Scene) -> np.ndarray:
+def _slabs(scene: DeviceScene) -> np.ndarray:
     """Return which materials are slabs, and so let something through, in some weather, by material id."""
     by_weather = [[material.radio.thickness > 0.0 for material in some] for some in scene.arrays.materials.values()]
     return np.any(by_weather, axis=0) if by_weather else np.zeros(0, dtype=bool)

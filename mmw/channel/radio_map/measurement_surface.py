@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mmw.core.errors import InputError
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.scene_data import SceneData
 
 ROAD_LABELS = ("road", "road_line")
 """Semantic classes of the objects that a road grid covers."""
@@ -22,7 +22,7 @@ LARGEST_GRID = 10_000_000
 
 
 @dataclass(frozen=True)
-class MeasuringSurface:
+class MeasurementSurface:
     """Four-sided cells, each of two triangles; the order of the corners turns about the cell."""
 
     corners: np.ndarray
@@ -54,7 +54,7 @@ class MeasuringSurface:
 
 def plane_grid(
     center_m: Sequence[float], size_m: Sequence[float], cell_m: float, rotation: np.ndarray | None = None
-) -> MeasuringSurface:
+) -> MeasurementSurface:
     """Return square cells on a plane, row by row: cell = row * columns + column.
 
     Args:
@@ -78,16 +78,16 @@ def plane_grid(
     flat = np.zeros((rows * columns, 4, 3))
     flat[..., :2] = cell_m * (np.stack([column, row], axis=1)[:, None] + step)
     turned = flat if rotation is None else flat @ np.asarray(rotation, dtype=np.float64).T
-    return MeasuringSurface(turned + center, cell_m)
+    return MeasurementSurface(turned + center, cell_m)
 
 
 def road_grid(
-    arrays: SceneArrays,
+    arrays: SceneData,
     cell_m: float,
     height_m: float,
     labels: Sequence[str] = ROAD_LABELS,
     within_m: tuple[float, float, float, float] | None = None,
-) -> MeasuringSurface:
+) -> MeasurementSurface:
     """Return cells that follow the roads of a scene at a height above them.
 
     The grid's lines lie at whole multiples of `cell_m` in x and y. A cell is there where its middle has road below it;
@@ -129,7 +129,7 @@ def road_grid(
     corner = column[:, None] + step
     z = height[:, None] + cell_m * np.einsum("cx,kx->ck", slope, step - 0.5)
     z = _shared(corner.reshape(-1, 2), z.ravel()).reshape(-1, 4)
-    return MeasuringSurface(np.concatenate([corner * cell_m, z[..., None] + height_m], axis=2), cell_m)
+    return MeasurementSurface(np.concatenate([corner * cell_m, z[..., None] + height_m], axis=2), cell_m)
 
 
 def _check_cell(cell_m: float) -> None:

@@ -19,19 +19,19 @@ from dataclasses import dataclass, field
 import numpy as np
 import warp as wp
 
-from mmw.channel.antennas.arrays import AntennaArray
+from mmw.channel.antennas.arrays import PlanarArray
 from mmw.channel.antennas.patterns import PatternName, slant_angles
 from mmw.channel.path_solver.candidates import neighbor_stride
-from mmw.channel.radio_map.measurement_surface import MeasuringSurface
-from mmw.core.bvh import build_trees
+from mmw.channel.radio_map.measurement_surface import MeasurementSurface
+from mmw.core.bvh import build_bvhs
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.core.errors import InputError
 from mmw.core.transforms import normalize, quaternion_to_matrix, transform_points
 from mmw.kernels.channel import radio_map as kernels
 from mmw.physics.materials.material import Material
 from mmw.physics.materials.permittivity import permittivity_table
-from mmw.scene.device_scene import Scene
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.device_scene import DeviceScene
+from mmw.scene.scene_data import SceneData
 
 BOLTZMANN = 1.380_649e-23
 """Boltzmann constant [J/K], exact (SI of 2019)."""
@@ -39,13 +39,13 @@ BOLTZMANN = 1.380_649e-23
 RAYS_AT_ONCE = 2**22
 """Most rays of one kernel launch; it changes no byte of a map."""
 
-MOST_RAYS = 2**26
+MAX_RAYS = 2**26
 """Most rays of a transmitter."""
 
-MOST_DEPTH = 30
+MAX_DEPTH = 30
 """Most interactions of a ray."""
 
-MOST_BRANCHING_DEPTH = 8
+MAX_BRANCHING_DEPTH = 8
 """Most interactions of a ray with transmission, where every one doubles the branches."""
 
 LARGEST_ELEMENT_GAIN = 8.0
@@ -70,7 +70,7 @@ class Transmitters:
     """Agent-to-world rotation, shape [T, 3, 3], float64; the array may be turned against its agent."""
     power_dbm: np.ndarray
     """Transmit power of each [dBm], shape [T]."""
-    array: AntennaArray = field(default_factory=AntennaArray)
+    array: PlanarArray = field(default_factory=PlanarArray)
     """The array that every transmitter has; its pattern is one of the named ones."""
     precoding: np.ndarray | None = None
     """Weights p of each transmitter's antennas, shape [T, K], complex: the field is h^T p, p not conjugated. Equal
@@ -103,7 +103,7 @@ class RadioMap:
     """A finished map: T transmitters, C cells."""
 
     transmitters: Transmitters
-    surface: MeasuringSurface
+    surface: MeasurementSurface
     config: RadioMapConfig
     path_gain: np.ndarray
     """Mean power gain to an ideal isotropic receiver, transmit pattern and precoding included, shape [T, C], float64;
@@ -137,7 +137,7 @@ class RadioMap:
         return _db(power / (others + self.noise_w))
 
     @property
-    def best_server(self) -> np.ndarray:
+    def tx_association(self) -> np.ndarray:
         """Transmitter with the most received power, shape [C], int32; -1 where nothing arrives."""
         power = self.received_w
         return np.where(power.max(axis=0) > 0.0, power.argmax(axis=0), -1).astype(np.int32)
@@ -149,12 +149,12 @@ def _db(power: np.ndarray) -> np.ndarray:
 
 
 def actor_transmitters(
-    arrays: SceneArrays,
+    arrays: SceneData,
     frame: int,
     *,
     role: str = "rsu",
     mount_m: Sequence[float] = (0.0, 0.0, 4.0),
-    array: AntennaArray | None = None,
+    array: PlanarArray | None = None,
     power_dbm: float = 44.0,
 ) -> Transmitters:
     """Return the actors of a role that are present in a frame, as transmitters.
@@ -181,15 +181,15 @@ def actor_transmitters(
         position=transform_points(pose[rows], np.asarray(mount_m, dtype=np.float64)),
         rotation=quaternion_to_matrix(normalize(pose[rows, 3:])),
         power_dbm=np.full(len(rows), float(power_dbm)),
-        array=array or AntennaArray(),
+        array=array or PlanarArray(),
     )
 
 
 def radio_map(
-    scene: Scene,
+    scene: DeviceScene,
     slot: int,
     transmitters: Transmitters,
-    surface: MeasuringSurface,
+    surface: MeasurementSurface,
     config: RadioMapConfig,
     materials: tuple[Material, ...],
     *,
@@ -251,9 +251,9 @@ def _check(transmitters: Transmitters, config: RadioMapConfig) -> None:
     """Raise InputError for what cannot be traced."""
     if not len(transmitters):
         raise InputError("radio map: no transmitter; a map needs at least one; add one")
-    if not 1000 <= config.rays <= MOST_RAYS:
-        raise InputError(f"radio map: rays = {config.rays}; 1000 to {MOST_RAYS:,} are possible; choose a number within")
-    most = MOST_BRANCHING_DEPTH if config.refraction else MOST_DEPTH
+    if not 1000 <= config.rays <= MAX_RAYS:
+        raise InputError(f"radio map: rays = {config.rays}; 1000 to {MAX_RAYS:,} are possible; choose a number within")
+    most = MAX_BRANCHING_DEPTH if config.refraction else MAX_DEPTH
     if not 0 <= config.max_depth <= most:
         raise InputError(
             f"radio map: max_depth = {config.max_depth}; 0 to {most} is possible "
@@ -297,7 +297,9 @@ def _pairs(values: np.ndarray) -> np.ndarray:
     return np.stack([values.real, values.imag], axis=-1)
 
 
-def _sources(scene: Scene, transmitters: Transmitters, weight: np.ndarray, carrier_hz: float) -> kernels.MapSources:
+def _sources(
+    scene: DeviceScene, transmitters: Transmitters, weight: np.ndarray, carrier_hz: float
+) -> kernels.MapSources:
     array, device = transmitters.array, scene.device
     offset = array.element_positions(carrier_hz) @ array.rotation * (carrier_hz / SPEED_OF_LIGHT)
     sources = kernels.MapSources()
@@ -312,7 +314,7 @@ def _sources(scene: Scene, transmitters: Transmitters, weight: np.ndarray, carri
     return sources
 
 
-def _materials(scene: Scene, materials: tuple[Material, ...], carrier_hz: float) -> kernels.MapMaterials:
+def _materials(scene: DeviceScene, materials: tuple[Material, ...], carrier_hz: float) -> kernels.MapMaterials:
     """Return the materials that some face has; the others are NaN."""
     arrays = scene.arrays
     used = np.unique(np.concatenate([arrays.material, *(model.material for model in arrays.models)]))
@@ -326,12 +328,12 @@ def _materials(scene: Scene, materials: tuple[Material, ...], carrier_hz: float)
     return result
 
 
-def _grid(scene: Scene, surface: MeasuringSurface) -> kernels.MapGrid:
+def _grid(scene: DeviceScene, surface: MeasurementSurface) -> kernels.MapGrid:
     faces = surface.faces
     corners = (surface.corners.reshape(-1, 3) - scene.origin).astype(np.float32)[faces]
     across = np.cross(*np.moveaxis(corners[:, 1:].astype(np.float64) - corners[:, :1], 1, 0))
     grid = kernels.MapGrid()
-    grid.tree, _ = build_trees([corners], scene.device)
+    grid.tree, _ = build_bvhs([corners], scene.device)
     grid.normal = wp.array(across / np.linalg.norm(across, axis=1, keepdims=True), dtype=wp.vec3d, device=scene.device)
     grid.cell = wp.array(np.arange(len(faces), dtype=np.int32) // 2, dtype=wp.int32, device=scene.device)
     return grid

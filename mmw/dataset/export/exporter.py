@@ -22,7 +22,7 @@ from mmw.core.errors import InputError
 from mmw.core.progress_bar import Progress
 from mmw.dataset import Dataset, open_dataset
 from mmw.dataset.export.registry import load_format
-from mmw.storage.atomic_files import publish_bytes
+from mmw.storage.atomic_files import write_bytes_atomically
 
 STATE = "_export.json"
 """What the folder holds an export of."""
@@ -135,7 +135,7 @@ def export(
             progress.advance(task.name)
         if form.finish is not None and (pending or not _is_done(out, FINISHED)):
             form.finish(dataset, selection, out)
-            publish_bytes(_marker(out, FINISHED), b'{"files": {}}\n')
+            write_bytes_atomically(_marker(out, FINISHED), b'{"files": {}}\n')
 
 
 def checked_options(form: Format, given: Options) -> Options:
@@ -275,7 +275,7 @@ def _take_up(out: Path, state: dict[str, Any]) -> None:
             raise InputError(
                 f"{out}: holds files that are no export; an empty or new folder is needed; give another one"
             )
-        publish_bytes(path, (json.dumps(state, indent=1) + "\n").encode())
+        write_bytes_atomically(path, (json.dumps(state, indent=1) + "\n").encode())
         return
     try:
         old = json.loads(path.read_text(encoding="utf-8"))
@@ -319,6 +319,6 @@ def _make(out: Path, task: Task) -> None:
         for name, path in files.items():
             (out / name).parent.mkdir(parents=True, exist_ok=True)
             path.replace(out / name)
-        publish_bytes(_marker(out, task.name), (json.dumps({"files": sizes}, indent=0) + "\n").encode())
+        write_bytes_atomically(_marker(out, task.name), (json.dumps({"files": sizes}, indent=0) + "\n").encode())
     finally:
         shutil.rmtree(folder, ignore_errors=True)

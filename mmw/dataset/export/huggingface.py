@@ -32,7 +32,7 @@ from mmw.core.errors import InputError
 from mmw.dataset import Dataset
 from mmw.dataset.export.exporter import STATE, Format, Option, Options, Part, Selection, Task, parts
 from mmw.storage.arrow_tables import frame_rows
-from mmw.storage.atomic_files import publish_bytes
+from mmw.storage.atomic_files import write_bytes_atomically
 from mmw.storage.file_checks import one_line
 from mmw.storage.manifest import CARD, CONFIG, DATASET, read_markers
 from mmw.storage.parquet_schema import write_options
@@ -161,7 +161,7 @@ def finish(dataset: Dataset, selection: Selection, out: Path) -> None:
             rows = sum(pq.read_metadata(path).num_rows for path in files)
             counts[table] = {"rows": rows, "bytes": sum(path.stat().st_size for path in files)}
     options = json.loads((out / STATE).read_text(encoding="utf-8"))["options"]
-    publish_bytes(out / CARD, card(dataset, parts(dataset, selection), counts, options).encode())
+    write_bytes_atomically(out / CARD, card(dataset, parts(dataset, selection), counts, options).encode())
 
 
 def card(dataset: Dataset, picked: list[Part], counts: dict[str, dict[str, int]], options: Options) -> str:

@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from mmw.channel.path_table import PathRows
+from mmw.channel.path_table import Paths
 from mmw.channel.response import frequency_response
 from mmw.core.errors import InputError
 from mmw.core.transforms import normalize, quaternion_to_matrix
@@ -21,7 +21,7 @@ from mmw.dataset.camera_geometry import POSE_COLUMNS
 from mmw.dataset.windows.memory_sources import RowSource, in_order, nothing_held, number_columns, parts_of, stacked
 from mmw.dataset.windows.tracks import Track, groups, hold
 from mmw.dataset.windows.window_spec import Take
-from mmw.storage.atomic_files import publish_bytes
+from mmw.storage.atomic_files import write_bytes_atomically
 
 if TYPE_CHECKING:
     from mmw.dataset import Dataset
@@ -110,7 +110,7 @@ def one_peer(take: Take, rows: pa.Table, scenario: str) -> str | None:
     return known[0] if known else None
 
 
-def _paths_of(dataset: "Dataset", rows: pa.Table, carrier: float, scenario: str, weather: str) -> PathRows:
+def _paths_of(dataset: "Dataset", rows: pa.Table, carrier: float, scenario: str, weather: str) -> Paths:
     """Return the paths of rows of `links`; link n of the result is row n."""
     paths = dataset.paths(carrier, scenario=scenario, weather=weather)
     place = {(frame, agent, peer): n for n, (_, _, frame, agent, peer) in enumerate(paths.keys.tolist())}
@@ -146,11 +146,11 @@ def _beams(
         kept = pa.table({"rx_beam": pair[:, 0], "tx_beam": pair[:, 1], "gain": gain})
         sink = pa.BufferOutputStream()
         pq.write_table(kept, sink)
-        publish_bytes(file, memoryview(sink.getvalue()))
+        write_bytes_atomically(file, memoryview(sink.getvalue()))
     return {"": pair, "_gain": gain}
 
 
-def _rotations(dataset: "Dataset", paths: PathRows, end: str, scenario: str, weather: str) -> np.ndarray:
+def _rotations(dataset: "Dataset", paths: Paths, end: str, scenario: str, weather: str) -> np.ndarray:
     """Return how the agent at one end of every link is turned, shape [L, 3, 3]."""
     columns = ["frame", "agent", *POSE_COLUMNS[3:]]
     poses = dataset.read("poses", columns=columns, scenario=scenario, weather=weather)

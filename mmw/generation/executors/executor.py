@@ -12,7 +12,7 @@ from mmw.generation.executors.in_process import make_alone
 from mmw.generation.executors.local_processes import make_in_processes
 from mmw.generation.progress import Console
 from mmw.generation.shards import Work
-from mmw.generation.worker import Making
+from mmw.generation.worker import GenerationContext
 
 
 class Engine(Protocol):
@@ -25,8 +25,8 @@ class Engine(Protocol):
     machine: str
     """Kind of machine that it is on, see `machine_kind`."""
 
-    def make(self, making: Making, work: Sequence[Work], workers: int, console: Console) -> None:
-        """Make all work; see `Crew.run` for errors.
+    def make(self, making: GenerationContext, work: Sequence[Work], workers: int, console: Console) -> None:
+        """Make all work; see `Supervisor.run` for errors.
 
         Args:
             making: What is made.
@@ -49,7 +49,7 @@ class LocalEngine:
         self.device_name = device_name(devices[0])
         self.machine = machine_kind(devices[0])
 
-    def make(self, making: Making, work: Sequence[Work], workers: int, console: Console) -> None:
+    def make(self, making: GenerationContext, work: Sequence[Work], workers: int, console: Console) -> None:
         """Make all work; see `Engine.make`."""
         if workers == 1:
             make_alone(making, work, self.devices[0], console)

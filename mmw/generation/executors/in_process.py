@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 from mmw.generation.progress import Console
 from mmw.generation.shards import Work
-from mmw.generation.worker import Making, Worker
+from mmw.generation.worker import GenerationContext, Worker
 
 
-def make_alone(making: Making, work: Sequence[Work], device: str, console: Console) -> None:
+def make_alone(making: GenerationContext, work: Sequence[Work], device: str, console: Console) -> None:
     """Make all work; see `Worker.make` for errors."""
     if not work:
         return

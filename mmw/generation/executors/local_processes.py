@@ -8,15 +8,17 @@ from contextlib import suppress
 from multiprocessing.connection import Connection, Pipe, wait
 
 from mmw.generation.executors.process_pool import start
-from mmw.generation.executors.supervisor import Crew, LostError
+from mmw.generation.executors.supervisor import LostError, Supervisor
 from mmw.generation.executors.worker_protocol import Message, serve
 from mmw.generation.progress import Console
 from mmw.generation.shards import Work
-from mmw.generation.worker import Making
+from mmw.generation.worker import GenerationContext
 
 
-def make_in_processes(making: Making, work: Sequence[Work], devices: Sequence[str], console: Console) -> None:
-    """Make all work; see `Crew.run` for errors.
+def make_in_processes(
+    making: GenerationContext, work: Sequence[Work], devices: Sequence[str], console: Console
+) -> None:
+    """Make all work; see `Supervisor.run` for errors.
 
     Args:
         making: What is made.
@@ -24,13 +26,13 @@ def make_in_processes(making: Making, work: Sequence[Work], devices: Sequence[st
         devices: Device of each worker; the same may stand there more than once.
         console: Where progress goes.
     """
-    Crew(making, work, devices, console, _Process, _wait).run()
+    Supervisor(making, work, devices, console, _Process, _wait).run()
 
 
 class _Process:
     """One worker process and the connection to it."""
 
-    def __init__(self, making: Making, device: str):
+    def __init__(self, making: GenerationContext, device: str):
         self.connection, there = Pipe()
         ends, self._lifeline = Pipe(duplex=False)
         self._process = start(_serve, there, ends, making, device)
@@ -65,7 +67,7 @@ def _wait(links: list[_Process]) -> list[_Process]:
     return [link for link in links if link.connection in ready]
 
 
-def _serve(connection: Connection, lifeline: Connection, making: Making, device: str) -> None:
+def _serve(connection: Connection, lifeline: Connection, making: GenerationContext, device: str) -> None:
     """Body of a worker process.
 
     Args:

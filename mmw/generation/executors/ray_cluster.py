@@ -26,7 +26,7 @@ ANSWER_S = 10.0
 
 
 @dataclass(frozen=True)
-class Room:
+class ClusterResources:
     """What a cluster has for workers."""
 
     device: str
@@ -53,7 +53,7 @@ class Room:
 
 def room_for(
     nodes: Sequence[Mapping[str, float]], device: str, workers: int | str, gpu_bytes: float = math.inf
-) -> Room:
+) -> ClusterResources:
     """Return which workers a cluster gets.
 
     Args:
@@ -78,9 +78,9 @@ def room_for(
         raise InputError(f"compute.device = {device!r}: the Ray cluster has no {kind}; start nodes that have one")
     name = "cpu" if on_cpus else "cuda:0"
     if workers != "auto":
-        return Room(name, int(workers), math.ceil(int(workers) / there))
+        return ClusterResources(name, int(workers), math.ceil(int(workers) / there))
     sharing = 1 if on_cpus else min(_workers_a_gpu(node, gpu_bytes) for node in gpu_nodes)
-    return Room(name, there * sharing, sharing)
+    return ClusterResources(name, there * sharing, sharing)
 
 
 def _workers_a_gpu(node: Mapping[str, float], gpu_bytes: float) -> int:

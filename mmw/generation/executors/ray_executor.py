@@ -22,14 +22,14 @@ from mmw.core.device import choose_device, device_name, gpu_bytes, machine_kind,
 from mmw.core.errors import InputError
 from mmw.core.extras import install
 from mmw.core.temp_files import Owner, temporary_path
-from mmw.generation.executors.ray_cluster import Room, cluster, machines, room_for
-from mmw.generation.executors.supervisor import Crew, LostError
+from mmw.generation.executors.ray_cluster import ClusterResources, cluster, machines, room_for
+from mmw.generation.executors.supervisor import LostError, Supervisor
 from mmw.generation.executors.work_queue import WorkerLostError
 from mmw.generation.executors.worker_protocol import NOTE, Message, serve
 from mmw.generation.progress import Console
 from mmw.generation.provenance import versions
 from mmw.generation.shards import Work, pending_work
-from mmw.generation.worker import Making
+from mmw.generation.worker import GenerationContext
 from mmw.storage.store import LOCKS, Store
 
 PATIENCE_S = 30.0
@@ -84,7 +84,7 @@ class RayEngine:
             self._room = room
         self.devices: Sequence[str] = [room.device] * room.workers
 
-    def make(self, making: Making, work: Sequence[Work], workers: int, console: Console) -> None:
+    def make(self, making: GenerationContext, work: Sequence[Work], workers: int, console: Console) -> None:
         """Make all work; see `Engine.make`.
 
         Raises:
@@ -93,7 +93,7 @@ class RayEngine:
         making = replace(making, base=making.base.absolute(), root=making.root.anywhere())
         here = versions(making.config, making.base, self.machine)
 
-        def start(own: Making, device: str) -> _Link:
+        def start(own: GenerationContext, device: str) -> _Link:
             actor, self._first = self._first or self._new_actor(), None
             return _Link(actor, device, task, own.owner)
 
@@ -104,7 +104,7 @@ class RayEngine:
 
         with _sign(making.root) as sign:
             task = ray.put(Task(making, replace(self._room, workers=workers), sign, here))
-            Crew(making, work, self.devices[:workers], console, start, wait).run()
+            Supervisor(making, work, self.devices[:workers], console, start, wait).run()
         _wait_until_seen(making.root, work, console)
 
     def close(self) -> None:
@@ -131,8 +131,8 @@ class RayEngine:
 class Task:
     """What an actor needs to begin."""
 
-    making: Making
-    room: Room
+    making: GenerationContext
+    room: ClusterResources
     sign: str
     """Name of a file of this run alone in the dataset."""
     versions: Mapping[str, Any]

@@ -12,7 +12,7 @@ from mmw.generation.executors.work_queue import WorkQueue
 from mmw.generation.executors.worker_protocol import ENDED, FAILED, LOG, NOTE, READY, TRACED, Message
 from mmw.generation.progress import Console
 from mmw.generation.shards import Work, pending_work
-from mmw.generation.worker import Making
+from mmw.generation.worker import GenerationContext
 from mmw.storage.lock import remove_temporaries
 
 
@@ -58,16 +58,16 @@ class _Member:
     """Whether it has said anything."""
 
 
-class Crew(Generic[L]):
+class Supervisor(Generic[L]):
     """Workers that make a list of work, on whatever an engine starts them."""
 
     def __init__(
         self,
-        making: Making,
+        making: GenerationContext,
         work: Sequence[Work],
         devices: Sequence[str],
         console: Console,
-        start: Callable[[Making, str], L],
+        start: Callable[[GenerationContext, str], L],
         wait: Callable[[list[L]], Iterable[L]],
     ):
         """Queue the work.

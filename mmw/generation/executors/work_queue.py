@@ -8,7 +8,7 @@ from dataclasses import replace
 from mmw.core.errors import Error
 from mmw.generation.shards import Work
 
-MOST_TRIES = 3
+MAX_TRIES = 3
 """Workers that may die over the same piece of work before the run gives up; as many for each may die before they begin,
 so that a machine that is lost with many workers is no reason."""
 
@@ -112,7 +112,7 @@ class WorkQueue:
             self._waiting[item.scenario].insert(0, item)
         first = items[0] if items else None  # what it was at; none if it died before it began
         self._tries[first] += 1
-        if self._tries[first] > MOST_TRIES * (self._workers if first is None else 1):
+        if self._tries[first] > MAX_TRIES * (self._workers if first is None else 1):
             where = "before they began" if first is None else f"at {first}"
             raise WorkerLostError(
                 f"{self._tries[first]} workers died {where}, the last {cause}; everything that was finished is kept; "

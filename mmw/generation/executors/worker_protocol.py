@@ -11,9 +11,9 @@ from logging.handlers import QueueHandler
 from typing import Any
 
 from mmw.core.temp_files import owned
-from mmw.generation.progress import Clock
+from mmw.generation.progress import StageTimer
 from mmw.generation.shards import Work
-from mmw.generation.worker import Making, Worker
+from mmw.generation.worker import GenerationContext, Worker
 
 READY, TRACED, NOTE, LOG, ENDED, FAILED = "ready", "traced", "note", "log", "ended", "failed"
 """Kinds of messages from a worker: it wants work; frames, scenario and times; one line; a log record; its last times;
@@ -52,8 +52,8 @@ class Relay:
 
     def __init__(self, send: Callable[[Message], None]):
         self._send = send
-        self._sent = Clock()
-        self.clock = Clock()
+        self._sent = StageTimer()
+        self.clock = StageTimer()
 
     def warn_once(self, text: str) -> None:
         """Send a warning; the run shows each once."""
@@ -72,7 +72,7 @@ class Relay:
 
 
 def serve(
-    making: Making,
+    making: GenerationContext,
     device: str,
     receive: Callable[[], Work | None],
     send: Callable[[Message], None],

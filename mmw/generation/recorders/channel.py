@@ -6,10 +6,10 @@ from mmw.channel.links import make_links
 from mmw.channel.path_solver.solver import launched_rays, solve_paths
 from mmw.channel.path_solver.surface_table import SurfaceTable
 from mmw.channel.rows import link_rows, path_rows
-from mmw.sensors.batch import Job, Rows
+from mmw.sensors.batch import Batch, TableRows
 
 
-def record_channel(job: Job, surfaces: SurfaceTable, frames: Sequence[int], collected: Rows) -> None:
+def record_channel(job: Batch, surfaces: SurfaceTable, frames: Sequence[int], collected: TableRows) -> None:
     """Add links and paths."""
     config = job.config.channel
     with job.clock.stage("channel"):

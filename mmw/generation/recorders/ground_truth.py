@@ -3,13 +3,13 @@
 from collections.abc import Sequence
 
 from mmw.scene.rows import box_rows, frame_rows, pose_rows
-from mmw.sensors.batch import Job, Rows, collect
+from mmw.sensors.batch import Batch, TableRows, collect
 from mmw.sensors.ground_truth.boxes_3d import make_boxes
 from mmw.sensors.ground_truth.visibility import trace_sight
 from mmw.sensors.ground_truth.visibility_rows import sight_rows
 
 
-def record_ground_truth(job: Job, frames: Sequence[int], collected: Rows) -> None:
+def record_ground_truth(job: Batch, frames: Sequence[int], collected: TableRows) -> None:
     """Add frames, poses, boxes and, where there is a channel, lines of sight."""
     with job.clock.stage("ground truth"):
         tables = {

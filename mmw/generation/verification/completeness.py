@@ -9,7 +9,7 @@ from typing import Any
 
 import pyarrow as pa
 
-from mmw.config import Config, DepthConfig, GnssConfig, ImuConfig, LidarConfig, RadarConfig, RgbConfig, SensorSection
+from mmw.config import Config, DepthCamera, Gnss, Imu, Lidar, Radar, RgbCamera, SensorConfig
 from mmw.generation.provenance import stored_config
 from mmw.generation.shards import shard_keys
 from mmw.storage.file_checks import Finding
@@ -20,9 +20,7 @@ from mmw.storage.store import Root, Store, store_of
 PATH_KEYS = ("town", "stage")
 """Keys of a scenario that hold a path: `config.yaml` has it absolute, `dataset.json` as it was written."""
 
-TABLE_OF = {LidarConfig: "lidar", ImuConfig: "imu", GnssConfig: "gnss", RadarConfig: "radar", RgbConfig: "rgb"} | {
-    DepthConfig: "depth"
-}
+TABLE_OF = {Lidar: "lidar", Imu: "imu", Gnss: "gnss", Radar: "radar", RgbCamera: "rgb"} | {DepthCamera: "depth"}
 """Section -> the table that has a row for each of its samples."""
 
 
@@ -169,20 +167,20 @@ def _expected(config: Config, shard: _Shard) -> Iterator[tuple[str, Counter]]:
         yield "paths", Counter({row[:4]: row[4] for row in links if row[4]})
 
 
-def _period(sensor: SensorSection) -> int:
+def _period(sensor: SensorConfig) -> int:
     """Return the frames from one sample to the next."""
-    if isinstance(sensor, GnssConfig):
+    if isinstance(sensor, Gnss):
         return sensor.period_frames
-    return sensor.every_frames if isinstance(sensor, RgbConfig) else 1
+    return sensor.every_frames if isinstance(sensor, RgbCamera) else 1
 
 
-def _tables_of(sensor: SensorSection) -> dict[str, int]:
+def _tables_of(sensor: SensorConfig) -> dict[str, int]:
     """Return the tables that have rows for each sample of a sensor, and how many rows."""
     tables = {TABLE_OF[type(sensor)]: 1}
-    if isinstance(sensor, RgbConfig):
+    if isinstance(sensor, RgbCamera):
         tables |= {"normals": int(sensor.normals), "flow": int(sensor.flow)}
-    if isinstance(sensor, RgbConfig | DepthConfig):
+    if isinstance(sensor, RgbCamera | DepthCamera):
         tables["segmentation"] = int(sensor.segmentation)
-    if isinstance(sensor, RadarConfig):
+    if isinstance(sensor, Radar):
         tables |= {"radar_maps": len(sensor.maps), "radar_iq": int(sensor.iq)}
     return {table: count for table, count in tables.items() if count}

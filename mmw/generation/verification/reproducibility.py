@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from mmw.core.device import machine_kind
-from mmw.generation.regenerate import Remaker, differing_columns, other_machine, stored_rows
+from mmw.generation.regenerate import RowRegenerator, differing_columns, other_machine, stored_rows
 from mmw.storage.file_checks import Finding
 from mmw.storage.manifest import read_markers
 from mmw.storage.schemas import TABLES, table_spec
@@ -79,7 +79,7 @@ def rerender(
         InputError: If the folder is not a dataset, or its configuration or stages cannot be used.
     """
     findings = []
-    with Remaker(root, device) as maker:
+    with RowRegenerator(root, device) as maker:
         for name in choose_rows(root, count, seed):
             columns = compare_row(maker, name)
             tell(f"{name.table} {name}: {'differs in ' + ', '.join(columns) if columns else 'equal'}")
@@ -93,7 +93,7 @@ def rerender(
     return findings
 
 
-def compare_row(maker: Remaker, name: RowName) -> list[str]:
+def compare_row(maker: RowRegenerator, name: RowName) -> list[str]:
     """Return the columns in which a row made again differs from the stored one; `row` if there is no such row."""
     named = {"scenario": name.scenario, "weather": name.weather, "frame": name.frame}
     named = {column: value for column, value in named.items() if value is not None}

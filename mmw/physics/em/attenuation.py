@@ -8,7 +8,7 @@ length) and dispersion are left out.
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mmw.core.frequency_range import ghz_within
+from mmw.core.frequency_range import check_frequency_range
 from mmw.physics.em.gas_attenuation import gas_attenuation
 from mmw.physics.weather.weather import Weather
 
@@ -54,7 +54,7 @@ def rain_coefficients(carrier_hz: ArrayLike) -> tuple[np.ndarray, np.ndarray, np
 
     Source: ITU-R P.838-3, equations 2 and 3, tables 1 to 4.
     """
-    x = np.log10(ghz_within(carrier_hz, *RAIN_GHZ, "rain attenuation", "ITU-R P.838-3"))
+    x = np.log10(check_frequency_range(carrier_hz, *RAIN_GHZ, "rain attenuation", "ITU-R P.838-3"))
     return 10.0 ** _fit(x, _LOG_K_H), _fit(x, _ALPHA_H), 10.0 ** _fit(x, _LOG_K_V), _fit(x, _ALPHA_V)
 
 
@@ -100,7 +100,7 @@ def fog_attenuation(lwc_g_m3: ArrayLike, carrier_hz: ArrayLike, temperature_c: A
 
     Source: ITU-R P.840-9, section 2 (the same coefficient since P.840-6).
     """
-    f = ghz_within(carrier_hz, *FOG_GHZ, "fog attenuation", "ITU-R P.840-9")
+    f = check_frequency_range(carrier_hz, *FOG_GHZ, "fog attenuation", "ITU-R P.840-9")
     theta = 300.0 / (np.asarray(temperature_c, dtype=np.float64) + 273.15) - 1.0
     static, infinite = 77.66 + 103.3 * theta, 3.52
     middle = 0.0671 * static

@@ -6,7 +6,7 @@ Source: ITU-R P.676-13, Annex 1, equations 1 to 9; tables 1 and 2 (editions 12 a
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mmw.core.frequency_range import ghz_within
+from mmw.core.frequency_range import check_frequency_range
 
 MIN_GHZ, MAX_GHZ = 1.0, 1000.0
 """Frequencies of the line sum [GHz]."""
@@ -122,7 +122,7 @@ def gas_attenuation(
     Raises:
         InputError: If a carrier is outside 1 to 1000 GHz.
     """
-    f = ghz_within(carrier_hz, MIN_GHZ, MAX_GHZ, "gas attenuation", "ITU-R P.676-13")
+    f = check_frequency_range(carrier_hz, MIN_GHZ, MAX_GHZ, "gas attenuation", "ITU-R P.676-13")
     kelvin = temperature_c + 273.15
     p, theta, e = dry_pressure_hpa, 300.0 / kelvin, water_vapour_g_m3 * kelvin / 216.7  # e: vapour pressure [hPa]
     oxygen = _oxygen_sum(f, p, e, theta) + _continuum(f, p, e, theta)

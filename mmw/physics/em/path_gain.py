@@ -6,7 +6,7 @@ import numpy as np
 
 from mmw.physics.em.diffraction import DiffractionModel, WedgeHits, wedge_matrices, wedge_spreading
 from mmw.physics.em.field import PathGeometry, plane_matrices, polarimetric_transfer
-from mmw.physics.em.scattering import RoughHits, rough_columns, rough_matrices, rough_spreading
+from mmw.physics.em.scattering import ScatteringPoints, rough_columns, rough_matrices, rough_spreading
 from mmw.physics.materials.material import Material
 from mmw.physics.materials.permittivity import permittivity_table
 
@@ -21,7 +21,7 @@ class Interactions:
     """The diffractions among them."""
     wedge_material: np.ndarray
     """Material of both faces of each diffraction, shape [Q, 2]."""
-    rough: RoughHits
+    rough: ScatteringPoints
     """The diffuse reflections among them."""
 
 

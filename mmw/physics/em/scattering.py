@@ -17,7 +17,7 @@ from mmw.physics.materials.material import Material, RadioMaterial
 
 
 @dataclass(frozen=True)
-class RoughHits:
+class ScatteringPoints:
     """The diffuse reflections of a set of paths: one row each, B of them, one at most in a path. World frame."""
 
     path: np.ndarray
@@ -74,7 +74,7 @@ def lobe_integral(exponent: int, cosine: np.ndarray) -> np.ndarray:
     return total / 2.0**exponent
 
 
-def rough_spreading(geometry: PathGeometry, hits: RoughHits) -> np.ndarray:
+def rough_spreading(geometry: PathGeometry, hits: ScatteringPoints) -> np.ndarray:
     """Return what the spreading leaves of each diffuse path [1/m], shape [B].
 
     A patch dA that a wave meets at theta_i and leaves at theta_s takes dA cos theta_i of it. Seen from the transmitter,
@@ -96,7 +96,7 @@ def rough_spreading(geometry: PathGeometry, hits: RoughHits) -> np.ndarray:
 
 
 def rough_matrices(
-    geometry: PathGeometry, hits: RoughHits, materials: tuple[Material, ...], material_id: np.ndarray
+    geometry: PathGeometry, hits: ScatteringPoints, materials: tuple[Material, ...], material_id: np.ndarray
 ) -> np.ndarray:
     """Return S sqrt(f_s) times the cross-polarisation matrix of each diffuse reflection, shape [B, 2, 2].
 
@@ -114,7 +114,7 @@ def rough_matrices(
 
 
 def rough_columns(
-    geometry: PathGeometry, hits: RoughHits, permittivity: np.ndarray, thickness: np.ndarray, carrier_hz: float
+    geometry: PathGeometry, hits: ScatteringPoints, permittivity: np.ndarray, thickness: np.ndarray, carrier_hz: float
 ) -> Callable[[int, np.ndarray], np.ndarray]:
     """Return the function that weakens a field as much as a mirror of the same material would.
 

@@ -8,7 +8,7 @@ import math
 from dataclasses import dataclass
 
 from mmw.core.errors import InputError
-from mmw.core.frequency_range import ghz_within
+from mmw.core.frequency_range import check_frequency_range
 
 MIN_GHZ, MAX_GHZ = 0.001, 1000.0
 """Frequencies that the functions here accept [GHz]: those of the Recommendation, from 1 MHz."""
@@ -126,7 +126,7 @@ def soil_permittivity(carrier_hz: float, soil: Soil) -> complex:
 
 
 def _ghz(what: str, carrier_hz: float) -> float:
-    return float(ghz_within(carrier_hz, MIN_GHZ, MAX_GHZ, what, "ITU-R P.527-6"))
+    return float(check_frequency_range(carrier_hz, MIN_GHZ, MAX_GHZ, what, "ITU-R P.527-6"))
 
 
 def _water(ghz: float, t: float, s: float) -> complex:

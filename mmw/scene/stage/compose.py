@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from pxr import Sdf
 
-from mmw.config import SensorSection
+from mmw.config import SensorConfig
 from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.errors import InputError
 from mmw.scene.stage.asset_copies import collect_assets
@@ -40,7 +40,7 @@ def compose_scenario(
     tracks: Sequence[VehicleTrack],
     catalog: Mapping[str, ActorModel],
     rsus: Sequence[tuple[str, np.ndarray]],
-    sensors: Sequence[SensorSection],
+    sensors: Sequence[SensorConfig],
     weather: str,
     meta: Mapping[str, Any],
     antenna_position_m: Mapping[str, Sequence[float]] | None = None,

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from pxr import Gf, Sdf
 
-from mmw.config import DepthConfig, RgbConfig, SensorSection
+from mmw.config import DepthCamera, RgbCamera, SensorConfig
 from mmw.config.lens import LensConfig
 from mmw.core.transforms import IDENTITY_POSE, compose, pose_from_mount
 from mmw.scene.stage.layer import define, place
@@ -23,7 +23,7 @@ def write_sensors(
     layer: Sdf.Layer,
     agent_path: str,
     role: str,
-    sensors: Sequence[SensorSection],
+    sensors: Sequence[SensorConfig],
     antenna_position_m: Mapping[str, Sequence[float]],
 ) -> None:
     """Write `Sensors` below an agent: a Camera for each RGB or depth camera, an Xform for everything else.
@@ -42,7 +42,7 @@ def write_sensors(
         mount = sensor.mount_on(role)
         pose = pose_from_mount(mount.position_m, mount.yaw_deg, mount.pitch_deg, mount.roll_deg)
         path = f"{agent_path}/Sensors/{prim_name(sensor.name)}"
-        if isinstance(sensor, RgbConfig | DepthConfig):
+        if isinstance(sensor, RgbCamera | DepthCamera):
             prim = define(layer, path, "Camera")
             place(prim, compose(pose, SENSOR_TO_CAMERA))
             _lens(prim, sensor)
@@ -63,9 +63,9 @@ def prim_name(name: str) -> str:
     return name.replace("-", "_")
 
 
-def _lens(prim: Sdf.PrimSpec, sensor: RgbConfig | DepthConfig) -> None:
+def _lens(prim: Sdf.PrimSpec, sensor: RgbCamera | DepthCamera) -> None:
     """Write the camera as a pinhole: a USD camera has no distortion, so that of a lens is left out."""
-    lens = sensor.lens if isinstance(sensor, RgbConfig) else LensConfig()
+    lens = sensor.lens if isinstance(sensor, RgbCamera) else LensConfig()
     camera = lens.intrinsics(sensor.width_px, sensor.height_px, sensor.fov_deg)
     kind = Sdf.ValueTypeNames
     set_value(prim, "focalLength", kind.Float, APERTURE_MM * camera.fx / camera.width)

@@ -2,10 +2,10 @@
 
 from collections.abc import Sequence
 
-from mmw.config import DepthConfig, RgbConfig
-from mmw.sensors.batch import Job, Rows
+from mmw.config import DepthCamera, RgbCamera
+from mmw.sensors.batch import Batch, TableRows
 from mmw.sensors.camera_group.launches import Launch, make_launches, most_pixels
-from mmw.sensors.camera_group.objects import record_objects, see_objects
+from mmw.sensors.camera_group.objects import find_visible_objects, record_objects
 from mmw.sensors.depth.capture import check_lists, record_depth
 from mmw.sensors.ground_truth.boxes_3d import Boxes, make_boxes
 from mmw.sensors.render.visibility_buffer import SampleBuffer, depth_images, trace_samples
@@ -16,26 +16,28 @@ TRACED_RANGE = 1.001
 an image does not depend on which cameras share its rays. Design value."""
 
 
-def record_cameras(job: Job, frames: Sequence[int], collected: Rows) -> None:
+def record_cameras(job: Batch, frames: Sequence[int], collected: TableRows) -> None:
     """Add the images of all RGB and depth cameras, and what the same rays show.
 
     Raises:
         InputError: If a shard would hold more unrounded depths than a list column takes, or the scene more objects
             than an instance image.
     """
-    cameras = [sensor for sensor in job.config.sensors if isinstance(sensor, RgbConfig | DepthConfig)]
+    cameras = [sensor for sensor in job.config.sensors if isinstance(sensor, RgbCamera | DepthCamera)]
     if not cameras:
         return
-    check_lists(job, [camera for camera in cameras if isinstance(camera, DepthConfig)])
+    check_lists(job, [camera for camera in cameras if isinstance(camera, DepthCamera)])
     boxes = make_boxes(job.arrays, frames, job.motion)
     for launch in make_launches(job.arrays, cameras, frames):
         for piece in launch.pieces(most_pixels(job.scene.device)):
             _record(job, piece, boxes, collected)
 
 
-def _record(job: Job, launch: Launch, boxes: Boxes, collected: Rows) -> None:
+def _record(job: Batch, launch: Launch, boxes: Boxes, collected: TableRows) -> None:
     with job.clock.stage(launch.name, launch.pixels):
-        buffer = trace_samples(job.scene, launch.views, launch.intrinsics, TRACED_RANGE * launch.range_m, job.cut_outs)
+        buffer = trace_samples(
+            job.scene, launch.views, launch.intrinsics, TRACED_RANGE * launch.range_m, job.alpha_cutouts
+        )
     for range_m in sorted({shot.sensor.range_m for shot in launch.shots}):
         _record_range(job, launch, buffer, range_m, boxes, collected)
     if launch.rgb:
@@ -44,11 +46,11 @@ def _record(job: Job, launch: Launch, boxes: Boxes, collected: Rows) -> None:
 
 
 def _record_range(
-    job: Job, launch: Launch, buffer: SampleBuffer, range_m: float, boxes: Boxes, collected: Rows
+    job: Batch, launch: Launch, buffer: SampleBuffer, range_m: float, boxes: Boxes, collected: TableRows
 ) -> None:
     """Add depth and objects of the cameras that see as far as this."""
     shots = [shot for shot in launch.shots if shot.sensor.range_m == range_m]
-    depth = [shot for shot in shots if isinstance(shot.sensor, DepthConfig)]
+    depth = [shot for shot in shots if isinstance(shot.sensor, DepthCamera)]
     objects = [shot for shot in shots if shot.sensor.segmentation or shot.sensor.boxes_2d]
     if not depth and not objects:
         return
@@ -62,6 +64,6 @@ def _record_range(
     for shot in depth:
         record_depth(job, shot, launch.views, images, collected)
     if objects:
-        seen = see_objects(job, objects, images.object_id)
+        seen = find_visible_objects(job, objects, images.object_id)
         for shot in objects:
             record_objects(job, shot, launch, seen, boxes, collected)

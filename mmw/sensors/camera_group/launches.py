@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import warp as wp
 
-from mmw.config import DepthConfig, RgbConfig
+from mmw.config import DepthCamera, RgbCamera
 from mmw.core.camera_models import Intrinsics
 from mmw.core.transfer import numpy_type, to_host
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.scene_data import SceneData
 from mmw.scene.views import Views, join_views, make_views
 from mmw.sensors.depth import simulate as depth
 from mmw.sensors.render import projection as lens
@@ -17,7 +17,7 @@ from mmw.sensors.render import projection as lens
 OWN_KEYS = {"name", "on", "mount"}
 """Keys of an RGB camera that may differ within a launch."""
 
-MOST_PIXELS = 32_000_000
+MAX_PIXELS = 32_000_000
 """Pixels of a launch at most: 104 images of 640 x 480, which keep a large GPU busy. Twice as many are no faster and
 take twice the memory (`bench/README.md`)."""
 
@@ -25,14 +25,14 @@ BYTES_PER_PIXEL = 1_600
 """Device memory for each pixel of a launch [bytes]: eight times what its samples, light and colours take, so that there
 is room for the scene and everything else. Design value."""
 
-MOST_PIXELS_CPU = 2_000_000
+MAX_PIXELS_CPU = 2_000_000
 """The same on a CPU: six images. Design value."""
 
-Camera = RgbConfig | DepthConfig
+Camera = RgbCamera | DepthCamera
 
 
 @dataclass(frozen=True)
-class Shot:
+class LaunchCamera:
     """One camera in a launch."""
 
     sensor: Camera
@@ -46,7 +46,7 @@ class Launch:
 
     views: Views
     intrinsics: Intrinsics
-    shots: tuple[Shot, ...]
+    shots: tuple[LaunchCamera, ...]
 
     @property
     def pixels(self) -> int:
@@ -64,14 +64,14 @@ class Launch:
         return max(shot.sensor.range_m for shot in self.shots)
 
     @property
-    def rgb(self) -> tuple[Shot, ...]:
+    def rgb(self) -> tuple[LaunchCamera, ...]:
         """Its RGB cameras, which have equal settings."""
-        return tuple(shot for shot in self.shots if isinstance(shot.sensor, RgbConfig))
+        return tuple(shot for shot in self.shots if isinstance(shot.sensor, RgbCamera))
 
     @property
-    def depth(self) -> tuple[Shot, ...]:
+    def depth(self) -> tuple[LaunchCamera, ...]:
         """Its depth cameras."""
-        return tuple(shot for shot in self.shots if isinstance(shot.sensor, DepthConfig))
+        return tuple(shot for shot in self.shots if isinstance(shot.sensor, DepthCamera))
 
     def pieces(self, most_pixels: int) -> Iterator["Launch"]:
         """Yield the launch in pieces of at most so many pixels, or of one view; one piece where there is no view."""
@@ -79,12 +79,13 @@ class Launch:
         for begin in range(0, max(len(self.views), 1), step):
             end = begin + step
             shots = tuple(
-                Shot(shot.sensor, shot.rows[(shot.rows >= begin) & (shot.rows < end)] - begin) for shot in self.shots
+                LaunchCamera(shot.sensor, shot.rows[(shot.rows >= begin) & (shot.rows < end)] - begin)
+                for shot in self.shots
             )
             yield Launch(self.views.take(slice(begin, end)), self.intrinsics, shots)
 
 
-def images_of(images: wp.array, shot: Shot) -> np.ndarray:
+def images_of(images: wp.array, shot: LaunchCamera) -> np.ndarray:
     """Return one camera's images of those of a launch, on the host.
 
     Args:
@@ -103,10 +104,10 @@ def images_of(images: wp.array, shot: Shot) -> np.ndarray:
 def most_pixels(device: str) -> int:
     """Return the pixels of a launch that a device has memory for."""
     found = wp.get_device(device)
-    return min(MOST_PIXELS, found.total_memory // BYTES_PER_PIXEL) if found.is_cuda else MOST_PIXELS_CPU
+    return min(MAX_PIXELS, found.total_memory // BYTES_PER_PIXEL) if found.is_cuda else MAX_PIXELS_CPU
 
 
-def make_launches(arrays: SceneArrays, cameras: Sequence[Camera], frames: Sequence[int]) -> list[Launch]:
+def make_launches(arrays: SceneData, cameras: Sequence[Camera], frames: Sequence[int]) -> list[Launch]:
     """Return the launches that cameras need in a batch of frames.
 
     RGB cameras of equal settings share one; a depth camera joins the first launch of the same intrinsics that has all
@@ -118,42 +119,43 @@ def make_launches(arrays: SceneArrays, cameras: Sequence[Camera], frames: Sequen
         frames: Frames of the batch.
     """
     launches: list[Launch] = []
-    for group in _groups([camera for camera in cameras if isinstance(camera, RgbConfig)]):
+    for group in _groups([camera for camera in cameras if isinstance(camera, RgbCamera)]):
         parts = [_views(arrays, camera, frames) for camera in group]
         ends = np.cumsum([len(part) for part in parts])
         shots = tuple(
-            Shot(camera, np.arange(end - len(part), end)) for camera, part, end in zip(group, parts, ends, strict=True)
+            LaunchCamera(camera, np.arange(end - len(part), end))
+            for camera, part, end in zip(group, parts, ends, strict=True)
         )
         launches.append(Launch(join_views(parts), lens.intrinsics_of(group[0]), shots))
     for camera in cameras:
-        if isinstance(camera, DepthConfig):
+        if isinstance(camera, DepthCamera):
             _join(launches, camera, make_views(arrays, frames, camera))
     return [_sorted(launch) for launch in launches]
 
 
-def _groups(cameras: Sequence[RgbConfig]) -> list[list[RgbConfig]]:
+def _groups(cameras: Sequence[RgbCamera]) -> list[list[RgbCamera]]:
     """Return the cameras by their settings, in the order of the first of each."""
-    groups: dict[str, list[RgbConfig]] = {}
+    groups: dict[str, list[RgbCamera]] = {}
     for camera in cameras:
         groups.setdefault(camera.model_dump_json(exclude=OWN_KEYS), []).append(camera)
     return list(groups.values())
 
 
-def _views(arrays: SceneArrays, camera: RgbConfig, frames: Sequence[int]) -> Views:
+def _views(arrays: SceneData, camera: RgbCamera, frames: Sequence[int]) -> Views:
     views = make_views(arrays, frames, camera)
     return views.take(views.frame % camera.every_frames == 0)
 
 
-def _join(launches: list[Launch], camera: DepthConfig, views: Views) -> None:
+def _join(launches: list[Launch], camera: DepthCamera, views: Views) -> None:
     """Add a depth camera to the launch that sees what it sees, or to the list."""
     intrinsics, wanted = depth.intrinsics_of(camera), _names(views)
     for index, launch in enumerate(launches):
         row_of = {name: row for row, name in enumerate(_names(launch.views))}
         if launch.intrinsics == intrinsics and all(name in row_of for name in wanted):
-            shot = Shot(camera, np.array([row_of[name] for name in wanted], dtype=np.int64))
+            shot = LaunchCamera(camera, np.array([row_of[name] for name in wanted], dtype=np.int64))
             launches[index] = replace(launch, shots=(*launch.shots, shot))
             return
-    launches.append(Launch(views, intrinsics, (Shot(camera, np.arange(len(views))),)))
+    launches.append(Launch(views, intrinsics, (LaunchCamera(camera, np.arange(len(views))),)))
 
 
 def _names(views: Views) -> list[tuple[int, int, bytes]]:
@@ -169,5 +171,5 @@ def _sorted(launch: Launch) -> Launch:
     order = np.argsort(is_last, kind="stable")
     place = np.empty_like(order)
     place[order] = np.arange(len(order))
-    shots = tuple(Shot(shot.sensor, place[shot.rows]) for shot in launch.shots)
+    shots = tuple(LaunchCamera(shot.sensor, place[shot.rows]) for shot in launch.shots)
     return Launch(launch.views.take(order), launch.intrinsics, shots)

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from mmw.sensors.batch import Job, Rows, collect
-from mmw.sensors.camera_group.launches import Launch, Shot, images_of
+from mmw.sensors.batch import Batch, TableRows, collect
+from mmw.sensors.camera_group.launches import Launch, LaunchCamera, images_of
 from mmw.sensors.camera_group.rows import box_2d_rows, segmentation_rows
 from mmw.sensors.ground_truth.boxes_2d import VisiblePixels, visible_pixels
 from mmw.sensors.ground_truth.boxes_3d import Boxes
@@ -17,7 +17,7 @@ from mmw.storage.codecs.images import encode_instance, encode_semantic
 
 
 @dataclass(frozen=True)
-class Seen:
+class VisibleObjects:
     """The objects in the images of a launch."""
 
     object_id: wp.array
@@ -26,7 +26,7 @@ class Seen:
     """Pixels of the boxed actors, in the order of `boxed_actors`; None if no camera asks for boxes."""
 
 
-def see_objects(job: Job, shots: Sequence[Shot], object_id: wp.array) -> Seen:
+def find_visible_objects(job: Batch, shots: Sequence[LaunchCamera], object_id: wp.array) -> VisibleObjects:
     """Return what the pixels of a launch show, counted for all cameras at once.
 
     Args:
@@ -35,13 +35,15 @@ def see_objects(job: Job, shots: Sequence[Shot], object_id: wp.array) -> Seen:
         object_id: Object in each pixel, -1 for nothing, shape [A, H, W], on the device.
     """
     if not any(shot.sensor.boxes_2d for shot in shots):
-        return Seen(object_id, None)
+        return VisibleObjects(object_id, None)
     wanted = boxed_actors(job.arrays.actors)
     with job.clock.stage("2-D boxes"):
-        return Seen(object_id, visible_pixels(object_id, [job.arrays.actors[i].object_id for i in wanted]))
+        return VisibleObjects(object_id, visible_pixels(object_id, [job.arrays.actors[i].object_id for i in wanted]))
 
 
-def record_objects(job: Job, shot: Shot, launch: Launch, seen: Seen, boxes: Boxes, collected: Rows) -> None:
+def record_objects(
+    job: Batch, shot: LaunchCamera, launch: Launch, seen: VisibleObjects, boxes: Boxes, collected: TableRows
+) -> None:
     """Add segmentation, 2-D boxes and visible pixels of one camera; they are the same in every weather.
 
     Raises:

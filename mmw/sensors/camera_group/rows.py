@@ -6,9 +6,9 @@ from concurrent.futures import Future
 import numpy as np
 import pyarrow as pa
 
-from mmw.config import RgbConfig
+from mmw.config import RgbCamera
 from mmw.core.camera_models import Intrinsics
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.scene_data import SceneData
 from mmw.scene.table_rows import Columns, lists, names
 from mmw.scene.views import Views
 from mmw.sensors.ground_truth.boxes_2d import VisiblePixels, project_boxes
@@ -25,8 +25,8 @@ SUFFIX = {"jpeg": "jpg", "png": "png"}
 
 
 def rgb_rows(
-    arrays: SceneArrays,
-    sensor: RgbConfig,
+    arrays: SceneData,
+    sensor: RgbCamera,
     views: Views,
     images: Images,
     exposure: np.ndarray,
@@ -54,7 +54,7 @@ def rgb_rows(
 
 
 def file_rows(
-    arrays: SceneArrays, sensor: str, kind: str, views: Views, images: Images, scenario: str, weather: str
+    arrays: SceneData, sensor: str, kind: str, views: Views, images: Images, scenario: str, weather: str
 ) -> Columns:
     """Return rows of a table of one PNG file a row, `normals` or `flow`, whose name `kind` is."""
     return {
@@ -64,7 +64,7 @@ def file_rows(
 
 
 def depth_rows(
-    arrays: SceneArrays, sensor: str, views: Views, images: Images, metres: pa.Array, scenario: str, weather: str
+    arrays: SceneData, sensor: str, views: Views, images: Images, metres: pa.Array, scenario: str, weather: str
 ) -> Columns:
     """Return rows of the `depth` table for one sensor: one image a row; `metres` is what `metre_lists` returns."""
     return {
@@ -88,7 +88,7 @@ def metre_lists(views: Views, depth_m: np.ndarray | None) -> pa.Array:
 
 
 def segmentation_rows(
-    arrays: SceneArrays,
+    arrays: SceneData,
     sensor: str,
     views: Views,
     instance: Images,
@@ -105,7 +105,7 @@ def segmentation_rows(
 
 
 def box_2d_rows(
-    arrays: SceneArrays, sensor: str, views: Views, camera: Intrinsics, boxes: Boxes, visible: VisiblePixels
+    arrays: SceneData, sensor: str, views: Views, camera: Intrinsics, boxes: Boxes, visible: VisiblePixels
 ) -> Columns:
     """Return rows of the `boxes_2d` table for one camera.
 
@@ -137,12 +137,12 @@ def box_2d_rows(
     }
 
 
-def _owned(arrays: SceneArrays, sensor: str, views: Views) -> Columns:
+def _owned(arrays: SceneData, sensor: str, views: Views) -> Columns:
     return {"frame": views.frame.astype(np.int32), "agent": names(arrays, views.actor), "sensor": sensor}
 
 
 def _files(
-    arrays: SceneArrays, stem: str, views: Views, images: Images, scenario: str, weather: str, suffix: str = "png"
+    arrays: SceneData, stem: str, views: Views, images: Images, scenario: str, weather: str, suffix: str = "png"
 ) -> list[tuple[Future[bytes] | bytes, str]]:
     paths = [
         f"{scenario}/{weather}/{agent}/{frame:06d}_{stem}.{suffix}"

@@ -2,20 +2,20 @@
 
 from collections.abc import Sequence
 
-from mmw.config import DepthConfig
+from mmw.config import DepthCamera
 from mmw.core.errors import InputError
 from mmw.kernels.camera.depth import DepthImages
 from mmw.scene.views import Views, sensor_actors
-from mmw.sensors.batch import Job, Rows
-from mmw.sensors.camera_group.launches import Shot, images_of
+from mmw.sensors.batch import Batch, TableRows
+from mmw.sensors.camera_group.launches import LaunchCamera, images_of
 from mmw.sensors.camera_group.rows import depth_rows, metre_lists
 from mmw.storage.codecs.images import encode_depth
 
-MOST_LISTED = 2**31 - 1
+MAX_LISTED = 2**31 - 1
 """Numbers that one list column of a shard holds: its offsets are 32-bit."""
 
 
-def record_depth(job: Job, shot: Shot, launched: Views, images: DepthImages, collected: Rows) -> None:
+def record_depth(job: Batch, shot: LaunchCamera, launched: Views, images: DepthImages, collected: TableRows) -> None:
     """Add the images of one depth camera; they are the same in every weather, so each is encoded once.
 
     Args:
@@ -34,7 +34,7 @@ def record_depth(job: Job, shot: Shot, launched: Views, images: DepthImages, col
         tables["depth"].append(depth_rows(job.arrays, sensor.name, views, encoded, metres, scenario, weather))
 
 
-def check_lists(job: Job, sensors: Sequence[DepthConfig]) -> None:
+def check_lists(job: Batch, sensors: Sequence[DepthCamera]) -> None:
     """Check that a shard's unrounded depths fit into a list column.
 
     Raises:
@@ -43,8 +43,8 @@ def check_lists(job: Job, sensors: Sequence[DepthConfig]) -> None:
     for sensor in sensors:
         each = len(sensor_actors(job.arrays, sensor)) * sensor.width_px * sensor.height_px
         frames = min(job.config.output.shard_frames, job.config.frames_of(job.scenario).count)
-        if sensor.format == "float32" and frames * each > MOST_LISTED:
+        if sensor.format == "float32" and frames * each > MAX_LISTED:
             raise InputError(
                 f"sensor {sensor.name!r}: format = float32 gives {frames * each} depths a shard; "
-                f"a column holds {MOST_LISTED}; use output.shard_frames: {max(MOST_LISTED // each, 1)} or less"
+                f"a column holds {MAX_LISTED}; use output.shard_frames: {max(MAX_LISTED // each, 1)} or less"
             )

@@ -6,13 +6,13 @@ from pydantic import Field, model_validator
 
 from mmw.config.section import Name
 from mmw.core.errors import InputError
-from mmw.sensors.base_config import MountConfig, Role, SensorSection
+from mmw.sensors.base_config import MountConfig, Role, SensorConfig
 
 PNG16_RANGE_M = 655.35
 """Longest depth that 16-bit centimetres tell [m]."""
 
 
-class DepthConfig(SensorSection):
+class DepthCamera(SensorConfig):
     """A pinhole depth camera; depth is measured along the optical axis."""
 
     type: Literal["depth"] = "depth"
@@ -40,7 +40,7 @@ class DepthConfig(SensorSection):
     )
 
     @model_validator(mode="after")
-    def _range(self) -> "DepthConfig":
+    def _range(self) -> "DepthCamera":
         if self.format == "png16" and self.range_m > PNG16_RANGE_M:
             raise InputError(
                 f"range_m = {self.range_m}: 16-bit centimetres end at {PNG16_RANGE_M} m; lower it, "

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmw.config import DepthConfig
+from mmw.config import DepthCamera
 from mmw.core.camera_models import Intrinsics
 from mmw.kernels.camera import depth as kernels
-from mmw.scene.device_scene import Scene
+from mmw.scene.device_scene import DeviceScene
 from mmw.scene.views import Views
 from mmw.sensors.lidar.scan_pattern import pinhole
 from mmw.sensors.render.visibility_buffer import depth_images, trace_samples
@@ -35,13 +35,13 @@ class DepthBatch:
     """Object in each pixel, -1 where nothing is in range, shape [A, H, W], int32; only on request."""
 
 
-def intrinsics_of(config: DepthConfig) -> Intrinsics:
+def intrinsics_of(config: DepthCamera) -> Intrinsics:
     """Return the intrinsics of a depth camera."""
     return pinhole(config.width_px, config.height_px, config.fov_deg)
 
 
 def trace_depth_images(
-    scene: Scene, views: Views, config: DepthConfig, *, with_metres: bool, with_objects: bool
+    scene: DeviceScene, views: Views, config: DepthCamera, *, with_metres: bool, with_objects: bool
 ) -> kernels.DepthImages:
     """Return images of every view, on the scene's device.
 
@@ -64,7 +64,7 @@ def trace_depth_images(
     return depth_images(buffer, with_metres=with_metres, with_objects=with_objects)
 
 
-def trace_depth(scene: Scene, views: Views, config: DepthConfig, *, with_details: bool = False) -> DepthBatch:
+def trace_depth(scene: DeviceScene, views: Views, config: DepthCamera, *, with_details: bool = False) -> DepthBatch:
     """Return a depth image of every view; see `trace_depth_images`.
 
     Args:

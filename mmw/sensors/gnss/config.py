@@ -7,10 +7,10 @@ from pydantic import Field, field_validator
 from mmw.config.section import Name
 from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.errors import InputError
-from mmw.sensors.base_config import Role, SensorSection
+from mmw.sensors.base_config import Role, SensorConfig
 
 
-class GnssConfig(SensorSection):
+class Gnss(SensorConfig):
     """A satellite navigation receiver: position, velocity and heading with the errors of `compat` or of `physical`.
 
     The reference point is that of CARLA's first towns, 49 deg north and 8 deg east.

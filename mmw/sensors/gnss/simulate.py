@@ -22,14 +22,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmw.config import GnssConfig
+from mmw.config import Gnss
 from mmw.core.constants import FRAME_DT
 from mmw.core.geodesy import mercator_from_world, sensor_heading, wgs84_from_world
 from mmw.core.kinematics import differentiate, window
 from mmw.core.random_keys import random_keys
 from mmw.core.random_series import gauss_markov, white_series
 from mmw.core.transforms import compose, normalize
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.scene_data import SceneData
 from mmw.scene.views import mount_pose, sensor_actors
 
 SLOWEST = 0.01
@@ -43,7 +43,7 @@ class GnssBatch:
     frame: np.ndarray
     """Frame number, shape [A], int64."""
     actor: np.ndarray
-    """Index of the agent in `SceneArrays.actors`, shape [A], int32."""
+    """Index of the agent in `SceneData.actors`, shape [A], int32."""
     geodetic: np.ndarray
     """Measured latitude [deg], longitude [deg] and altitude [m], shape [A, 3]."""
     geodetic_true: np.ndarray
@@ -56,7 +56,7 @@ class GnssBatch:
     """Measured heading of the sensor's x axis, clockwise from north, in [0, 2 pi), shape [A] [rad]."""
 
 
-def make_gnss(arrays: SceneArrays, frames: Sequence[int], config: GnssConfig, seed: int, scenario: str) -> GnssBatch:
+def make_gnss(arrays: SceneData, frames: Sequence[int], config: Gnss, seed: int, scenario: str) -> GnssBatch:
     """Return the GNSS samples of every agent that carries the sensor.
 
     Args:
@@ -93,7 +93,7 @@ def _measure(
     pose: np.ndarray,
     velocity: np.ndarray,
     frames: np.ndarray,
-    config: GnssConfig,
+    config: Gnss,
     stream: tuple[str | int, ...],
     agents: Sequence[str],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

@@ -7,7 +7,7 @@ import numpy as np
 
 from mmw.core.kinematics import Motion, differentiate
 from mmw.core.transforms import compose, make_pose, normalize, quaternion_to_ypr, rotate
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.scene_data import SceneData
 
 BOX_ROLES = ("cav", "vehicle", "pedestrian")
 """Actors that have a box."""
@@ -20,7 +20,7 @@ class Boxes:
     frame: np.ndarray
     """Frame number, shape [N], int64."""
     actor: np.ndarray
-    """Index in `SceneArrays.actors`, shape [N], int32."""
+    """Index in `SceneData.actors`, shape [N], int32."""
     object_id: np.ndarray
     """Object id, shape [N], int32."""
     pose: np.ndarray
@@ -33,7 +33,7 @@ class Boxes:
     """Velocity of the middle of the box, world frame [m/s], shape [N, 3]."""
 
 
-def make_boxes(arrays: SceneArrays, frames: Sequence[int], motion: Motion | None = None) -> Boxes:
+def make_boxes(arrays: SceneData, frames: Sequence[int], motion: Motion | None = None) -> Boxes:
     """Return the boxes of all vehicles and pedestrians that are present.
 
     Args:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from mmw.core.errors import InputError
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.scene_data import SceneData
 from mmw.usd.semantics import CARLA_TAG
 
 SKY = CARLA_TAG["sky"]
@@ -13,7 +13,7 @@ HIGHEST_OBJECT = 65_534
 """Highest object id that an instance image tells: 16 bits, less one value for nothing."""
 
 
-def object_tags(arrays: SceneArrays) -> np.ndarray:
+def object_tags(arrays: SceneData) -> np.ndarray:
     """Return the CARLA tag of every object, with that of the sky in the last place, where -1 points. Shape [N + 1].
 
     The tags are those of the table `objects`.

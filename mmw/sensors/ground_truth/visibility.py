@@ -11,7 +11,7 @@ import warp as wp
 
 from mmw.core.transforms import make_pose, normalize, transform_points
 from mmw.kernels.core import line_of_sight as sight
-from mmw.scene.device_scene import Scene
+from mmw.scene.device_scene import DeviceScene
 from mmw.sensors.ground_truth.boxes_3d import BOX_ROLES
 
 BLOCK_DIM = 64
@@ -42,7 +42,7 @@ def count_returns(offsets: np.ndarray, object_id: np.ndarray, wanted: Sequence[i
 
 
 @dataclass(frozen=True)
-class Sight:
+class LineOfSight:
     """Lines of sight from agents to boxed actors; rows are ordered by frame, agent and actor. L is their number."""
 
     frame: np.ndarray
@@ -57,7 +57,9 @@ class Sight:
     """Object id of the first thing on the way where it is not free, -1 where it is, shape [L], int32."""
 
 
-def trace_sight(scene: Scene, frames: Sequence[int], antenna_position_m: Mapping[str, Sequence[float]]) -> Sight:
+def trace_sight(
+    scene: DeviceScene, frames: Sequence[int], antenna_position_m: Mapping[str, Sequence[float]]
+) -> LineOfSight:
     """Return whether each agent's antenna sees the middle of each boxed actor, and what stands between.
 
     The agent's own body is passed through, so that a low roof does not hide what drives beside it.
@@ -81,14 +83,16 @@ def trace_sight(scene: Scene, frames: Sequence[int], antenna_position_m: Mapping
     end = transform_points(_unit(arrays.poses[rows[slot], actor]), middle[actor])
     instance_of = np.full(len(arrays.actors), -1, dtype=np.int32)
     instance_of[scene.instance_actor] = np.arange(len(scene.instance_actor))
-    first = cast_sight(scene, slot, start, end, instance_of[agent])
+    first = trace_line_of_sight(scene, slot, start, end, instance_of[agent])
     own = np.array([a.object_id for a in arrays.actors], dtype=np.int32)[actor]
     is_los = (first < 0) | (first == own)
     frame = np.asarray(frames, dtype=np.int64)[slot]
-    return Sight(frame, agent, actor, is_los, np.where(is_los, -1, first).astype(np.int32))
+    return LineOfSight(frame, agent, actor, is_los, np.where(is_los, -1, first).astype(np.int32))
 
 
-def cast_sight(scene: Scene, slot: np.ndarray, start: np.ndarray, end: np.ndarray, ignore: np.ndarray) -> np.ndarray:
+def trace_line_of_sight(
+    scene: DeviceScene, slot: np.ndarray, start: np.ndarray, end: np.ndarray, ignore: np.ndarray
+) -> np.ndarray:
     """Return the object that is met first on each line, -1 for a free one, shape [L], int32.
 
     Args:

@@ -5,10 +5,10 @@ from typing import Literal
 import numpy as np
 import pyarrow as pa
 
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.scene_data import SceneData
 from mmw.scene.table_rows import Columns, names
 from mmw.scene.views import Views
-from mmw.sensors.ground_truth.visibility import Sight, boxed_actors, count_returns
+from mmw.sensors.ground_truth.visibility import LineOfSight, boxed_actors, count_returns
 
 Count = Literal["lidar_points", "radar_points", "pixels"]
 """Columns that count."""
@@ -17,7 +17,7 @@ NULLS = ("lidar_points", "radar_points", "pixels", "is_los", "blocker_id")
 """Columns that are null in the rows of other kinds of sensors."""
 
 
-def seen_rows(arrays: SceneArrays, sensor: str, views: Views, column: Count, counts: np.ndarray) -> Columns:
+def seen_rows(arrays: SceneData, sensor: str, views: Views, column: Count, counts: np.ndarray) -> Columns:
     """Return one row for every actor that a view has a point or pixel on.
 
     Args:
@@ -40,7 +40,7 @@ def seen_rows(arrays: SceneArrays, sensor: str, views: Views, column: Count, cou
 
 
 def point_rows(
-    arrays: SceneArrays, sensor: str, views: Views, column: Count, offsets: np.ndarray, object_id: np.ndarray
+    arrays: SceneData, sensor: str, views: Views, column: Count, offsets: np.ndarray, object_id: np.ndarray
 ) -> Columns:
     """Return one row for every actor that a view has a point on.
 
@@ -56,7 +56,7 @@ def point_rows(
     return seen_rows(arrays, sensor, views, column, count_returns(offsets, object_id, wanted))
 
 
-def sight_rows(arrays: SceneArrays, sensor: str, sight: Sight) -> Columns:
+def sight_rows(arrays: SceneData, sensor: str, sight: LineOfSight) -> Columns:
     """Return one row for every line of sight between an agent's antenna and another actor."""
     return {
         "frame": sight.frame.astype(np.int32),
@@ -69,7 +69,7 @@ def sight_rows(arrays: SceneArrays, sensor: str, sight: Sight) -> Columns:
     }
 
 
-def _object_ids(arrays: SceneArrays) -> np.ndarray:
+def _object_ids(arrays: SceneData) -> np.ndarray:
     return np.array([actor.object_id for actor in arrays.actors], dtype=np.int32)
 
 

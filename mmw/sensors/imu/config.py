@@ -5,10 +5,10 @@ from typing import Literal
 from pydantic import Field
 
 from mmw.config.section import Name
-from mmw.sensors.base_config import Role, SensorSection
+from mmw.sensors.base_config import Role, SensorConfig
 
 
-class ImuConfig(SensorSection):
+class Imu(SensorConfig):
     """An inertial measurement unit: specific force and angular rate with the errors of `compat` or of `physical`."""
 
     type: Literal["imu"] = "imu"

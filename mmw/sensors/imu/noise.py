@@ -26,7 +26,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmw.config import ImuConfig
+from mmw.config import Imu
 from mmw.core.constants import FRAME_DT
 from mmw.core.random_keys import random_keys
 from mmw.core.random_series import gauss_markov, random_walk, white_series
@@ -45,7 +45,7 @@ class ImuErrors:
     """Scale and alignment: true to read axes, shape [2, A, 3, 3]."""
 
 
-def imu_errors(config: ImuConfig, frames: Sequence[int], seed: int, scenario: str, agents: Sequence[str]) -> ImuErrors:
+def imu_errors(config: Imu, frames: Sequence[int], seed: int, scenario: str, agents: Sequence[str]) -> ImuErrors:
     """Return the errors of one sensor on several agents, the same whichever frames are asked for.
 
     Raises:

@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from mmw.config import ImuConfig
-from mmw.scene.scene_data import SceneArrays
+from mmw.config import Imu
+from mmw.scene.scene_data import SceneData
 from mmw.scene.table_rows import Columns, names, split
 from mmw.sensors.gnss.simulate import GnssBatch
 from mmw.sensors.imu.simulate import ImuBatch
 
 
-def imu_rows(arrays: SceneArrays, sensor: ImuConfig, imu: ImuBatch) -> Columns:
+def imu_rows(arrays: SceneData, sensor: Imu, imu: ImuBatch) -> Columns:
     """Return rows of the `imu` table for one sensor."""
     return {
         "frame": imu.frame.astype(np.int32),
@@ -26,7 +26,7 @@ def imu_rows(arrays: SceneArrays, sensor: ImuConfig, imu: ImuBatch) -> Columns:
     }
 
 
-def gnss_rows(arrays: SceneArrays, sensor: str, gnss: GnssBatch) -> Columns:
+def gnss_rows(arrays: SceneData, sensor: str, gnss: GnssBatch) -> Columns:
     """Return rows of the `gnss` table for one sensor."""
     return {
         "frame": gnss.frame.astype(np.int32),

@@ -25,12 +25,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmw.config import ImuConfig
+from mmw.config import Imu
 from mmw.core.constants import FRAME_DT, GRAVITY
 from mmw.core.geodesy import sensor_heading
 from mmw.core.kinematics import differentiate, window
 from mmw.core.transforms import compose, conjugate, multiply, normalize, quaternion_exp, rotate
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.scene_data import SceneData
 from mmw.scene.views import mount_pose, sensor_actors
 from mmw.sensors.imu.noise import imu_errors
 
@@ -43,12 +43,12 @@ LEFT_HANDED = np.array([[1.0, -1.0, 1.0], [-1.0, 1.0, -1.0]])
 
 @dataclass(frozen=True)
 class ImuBatch:
-    """IMU samples of a batch in the axes of `ImuConfig.handedness`, ordered by frame, then by actor; [A] or [A, 3]."""
+    """IMU samples of a batch in the axes of `Imu.handedness`, ordered by frame, then by actor; [A] or [A, 3]."""
 
     frame: np.ndarray
     """Frame number, shape [A], int64."""
     actor: np.ndarray
-    """Index of the agent in `SceneArrays.actors`, shape [A], int32."""
+    """Index of the agent in `SceneData.actors`, shape [A], int32."""
     accel: np.ndarray
     """Specific force as measured [m/s^2]."""
     gyro: np.ndarray
@@ -65,7 +65,7 @@ class ImuBatch:
     """True heading of the sensor's x axis, clockwise from north, in [0, 2 pi), shape [A] [rad]."""
 
 
-def make_imu(arrays: SceneArrays, frames: Sequence[int], config: ImuConfig, seed: int, scenario: str) -> ImuBatch:
+def make_imu(arrays: SceneData, frames: Sequence[int], config: Imu, seed: int, scenario: str) -> ImuBatch:
     """Return the IMU samples of every agent that carries the sensor.
 
     Args:

@@ -2,16 +2,16 @@
 
 from collections.abc import Sequence
 
-from mmw.config import LidarConfig
+from mmw.config import Lidar
 from mmw.core.random_keys import random_key
 from mmw.scene.views import make_views, view_keys
-from mmw.sensors.batch import Job, Rows
+from mmw.sensors.batch import Batch, TableRows
 from mmw.sensors.lidar.rows import lidar_rows, seen_rows
 from mmw.sensors.lidar.scene_flow import scene_flow
-from mmw.sensors.lidar.simulate import shade_lidar, trace_lidar_hits
+from mmw.sensors.lidar.simulate import find_lidar_returns, trace_lidar_hits
 
 
-def record_lidar(job: Job, sensor: LidarConfig, frames: Sequence[int], collected: Rows) -> None:
+def record_lidar(job: Batch, sensor: Lidar, frames: Sequence[int], collected: TableRows) -> None:
     """Add the sweeps of one LiDAR, and how many of its points lie on each actor.
 
     In `compat` the random numbers are the same in every weather, because weather does nothing there.
@@ -22,7 +22,7 @@ def record_lidar(job: Job, sensor: LidarConfig, frames: Sequence[int], collected
         hits = trace_lidar_hits(job.scene, views, sensor, job.motion)
         for name, tables in collected.items():
             keys = view_keys(job.arrays, views, seed, scenario, name if sensor.mode == "physical" else "", sensor.name)
-            points = shade_lidar(
+            points = find_lidar_returns(
                 hits, job.arrays.materials[name], job.weather(name), keys, random_key(seed, scenario, name, "fog")
             )
             flow = scene_flow(job.arrays, views, points) if sensor.scene_flow else None

@@ -7,7 +7,7 @@ from pydantic import Field, field_validator, model_validator
 
 from mmw.config.section import Name
 from mmw.core.errors import InputError
-from mmw.sensors.base_config import MountConfig, Role, SensorSection
+from mmw.sensors.base_config import MountConfig, Role, SensorConfig
 from mmw.sensors.lidar.config_parts import CarlaLidarConfig, LidarOpticsConfig, LidarPreset
 from mmw.sensors.lidar.optics import LidarOptics
 
@@ -15,7 +15,7 @@ CHANNELS = 64
 """Laser channels of the paper's LiDAR."""
 
 
-class LidarConfig(SensorSection):
+class Lidar(SensorConfig):
     """A spinning LiDAR; one whole turn a frame."""
 
     type: Literal["lidar"] = "lidar"
@@ -82,7 +82,7 @@ class LidarConfig(SensorSection):
         return value
 
     @model_validator(mode="after")
-    def _fan(self) -> "LidarConfig":
+    def _fan(self) -> "Lidar":
         if self.elevations_deg is not None:  # the table says the channels and limits that are not given
             table = self.elevations_deg
             implied = {"channels": len(table), "upper_fov_deg": table[0], "lower_fov_deg": table[-1]}

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from mmw.config import LidarConfig
+from mmw.config import Lidar
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.kernels.core import structs
 from mmw.kernels.lidar import returns as lidar_returns
@@ -32,7 +32,7 @@ BLOCK_DIM = 64
 class LidarHits:
     """What the rays of a batch met, on the device; geometry only, so it serves every weather. A views, R rays each."""
 
-    config: LidarConfig
+    config: Lidar
     rays: lidar.LidarRays
     """What every ray meets, shape [A, R]; ray r belongs to channel r // points_per_channel."""
     views: structs.Views
@@ -57,7 +57,7 @@ def shade_on_device(
 ) -> tuple[np.ndarray, lidar_returns.LidarPoints]:
     """Return the first point of every view, and N, shape [A + 1], int32; and the points on the device.
 
-    See `mmw.sensors.lidar.simulate.shade_lidar`.
+    See `mmw.sensors.lidar.simulate.find_lidar_returns`.
     """
     if hits.shape[0] == 0:
         return np.zeros(1, dtype=np.int32), _allocate_points(hits.config, 0, hits.device)
@@ -69,7 +69,7 @@ def find_returns(
 ) -> tuple[wp.array, wp.array]:
     """Return the returns of every ray, shape [A, R, 1 or 2], and how many they are, shape [A, R].
 
-    See `mmw.sensors.lidar.simulate.shade_lidar`.
+    See `mmw.sensors.lidar.simulate.find_lidar_returns`.
     """
     if not materials:
         raise ValueError("shade_lidar: no materials; every id of the scene needs one; pass arrays.materials[weather]")
@@ -108,7 +108,7 @@ def find_returns(
     return returns, count
 
 
-def detector(config: LidarConfig) -> lidar_returns.Detector:
+def detector(config: Lidar) -> lidar_returns.Detector:
     """Return what decides over a return in `physical`.
 
     `absolute` is the link budget: a surface returns if its power P is above the threshold Pmin. With `relative` nothing
@@ -127,7 +127,7 @@ def detector(config: LidarConfig) -> lidar_returns.Detector:
     return found
 
 
-def _carla(config: LidarConfig) -> lidar_returns.CarlaLidar:
+def _carla(config: Lidar) -> lidar_returns.CarlaLidar:
     given = config.carla
     carla = lidar_returns.CarlaLidar()
     carla.attenuation = given.atmosphere_attenuation_rate
@@ -156,7 +156,7 @@ def _gather(hits: LidarHits, returns: wp.array, count: wp.array) -> tuple[np.nda
     return offsets, points
 
 
-def _allocate_points(config: LidarConfig, count: int, device: str) -> lidar_returns.LidarPoints:
+def _allocate_points(config: Lidar, count: int, device: str) -> lidar_returns.LidarPoints:
     points = lidar_returns.LidarPoints()
     points.values = wp.empty((4, count), dtype=float, device=device)
     points.object_id = wp.empty(count, dtype=int, device=device)

@@ -3,11 +3,11 @@
 import numpy as np
 import pyarrow as pa
 
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.scene_data import SceneData
 from mmw.scene.table_rows import Columns, lists, names
 from mmw.scene.views import Views
 from mmw.sensors.ground_truth.visibility_rows import point_rows
-from mmw.sensors.lidar.simulate import LidarBatch
+from mmw.sensors.lidar.simulate import PointCloud
 from mmw.storage.table_spec import F32, list_of
 
 LISTS = ("x", "y", "z", "intensity", "ring", "object_id", "label", "time_offset", "return_number")
@@ -15,7 +15,7 @@ LISTS = ("x", "y", "z", "intensity", "ring", "object_id", "label", "time_offset"
 
 
 def lidar_rows(
-    arrays: SceneArrays, sensor: str, views: Views, points: LidarBatch, flow: np.ndarray | None = None
+    arrays: SceneData, sensor: str, views: Views, points: PointCloud, flow: np.ndarray | None = None
 ) -> Columns:
     """Return rows of the `lidar` table for one sensor: one sweep a row.
 
@@ -40,6 +40,6 @@ def lidar_rows(
     }
 
 
-def seen_rows(arrays: SceneArrays, sensor: str, views: Views, points: LidarBatch) -> Columns:
+def seen_rows(arrays: SceneData, sensor: str, views: Views, points: PointCloud) -> Columns:
     """Return rows of `box_visibility`: how many returns lie on each actor; those of rain and fog lie on none."""
     return point_rows(arrays, sensor, views, "lidar_points", points.offsets, points.object_id)

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from mmw.config import LidarConfig
+from mmw.config import Lidar
 from mmw.core.camera_models import Distortion, Intrinsics, focal_length
 from mmw.core.constants import FRAME_DT
 from mmw.core.errors import InputError
@@ -50,7 +50,7 @@ def lidar_directions(elevations: np.ndarray, azimuths: np.ndarray) -> np.ndarray
     return np.stack([x, y, z], axis=-1).reshape(-1, 3)
 
 
-def lidar_pattern(config: LidarConfig) -> np.ndarray:
+def lidar_pattern(config: Lidar) -> np.ndarray:
     """Return the unit direction of every ray of a configured LiDAR, shape [channels * points_per_channel, 3]."""
     elevations = (
         lidar_elevations(config.channels, config.upper_fov_deg, config.lower_fov_deg)

@@ -3,15 +3,15 @@
 import numpy as np
 
 from mmw.core.transforms import conjugate, invert, rotate, transform_points
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.scene_data import SceneData
 from mmw.scene.views import Views
-from mmw.sensors.lidar.simulate import LidarBatch
+from mmw.sensors.lidar.simulate import PointCloud
 
 FLOW_STEPS_PER_METRE = 65_536.0
 """Grid of stored flow [1/m]: a power of two, so that float32 holds every grid point and compresses well."""
 
 
-def scene_flow(arrays: SceneArrays, views: Views, points: LidarBatch) -> np.ndarray:
+def scene_flow(arrays: SceneData, views: Views, points: PointCloud) -> np.ndarray:
     """Return the displacement of every point to the next frame, in the sensor frame of this frame [m].
 
     A point moves rigidly with its object, from the object's pose in frame k to that in frame k + 1; the motion of the
@@ -53,7 +53,7 @@ def scene_flow(arrays: SceneArrays, views: Views, points: LidarBatch) -> np.ndar
     return flow
 
 
-def _poses(arrays: SceneArrays, row: np.ndarray, actor: np.ndarray) -> np.ndarray:
+def _poses(arrays: SceneData, row: np.ndarray, actor: np.ndarray) -> np.ndarray:
     """Return poses by row and actor, NaN beyond the recording, shape [N, 7]."""
     poses = arrays.poses[np.clip(row, 0, len(arrays.poses) - 1), actor]
     poses[(row < 0) | (row >= len(arrays.poses))] = np.nan

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from mmw.config import LidarConfig
+from mmw.config import Lidar
 from mmw.core.constants import FRAME_DT
 from mmw.core.errors import InputError
 from mmw.core.kinematics import Motion, differentiate
@@ -17,7 +17,7 @@ from mmw.core.transfer import to_host
 from mmw.kernels.lidar import trace as lidar
 from mmw.physics.materials.material import Material
 from mmw.physics.weather.weather import Weather
-from mmw.scene.device_scene import Scene
+from mmw.scene.device_scene import DeviceScene
 from mmw.scene.view_motion import view_twists
 from mmw.scene.views import Views
 from mmw.sensors.lidar.returns import LidarHits, shade_on_device
@@ -26,12 +26,12 @@ from mmw.sensors.lidar.scan_pattern import lidar_order, lidar_pattern
 BLOCK_DIM = 64
 """Threads of a block for kernels that query a BVH, whose stacks lie in shared memory."""
 
-MOST_RETURNS = 2**31 - 1
+MAX_RETURNS = 2**31 - 1
 """Returns of one batch: they are counted in 32 bits."""
 
 
 @dataclass(frozen=True)
-class LidarBatch:
+class PointCloud:
     """Point clouds of a batch in one weather.
 
     A views, N returns in all. The returns of view a are rows `offsets[a]` to `offsets[a + 1]`, channel by channel from
@@ -60,7 +60,7 @@ class LidarBatch:
     """0 the strongest or only return of its ray, 1 the last one of two, shape [N], uint8."""
 
 
-def trace_lidar_hits(scene: Scene, views: Views, config: LidarConfig, motion: Motion | None = None) -> LidarHits:
+def trace_lidar_hits(scene: DeviceScene, views: Views, config: Lidar, motion: Motion | None = None) -> LidarHits:
     """Return the first surface on every ray of every view.
 
     Args:
@@ -75,9 +75,9 @@ def trace_lidar_hits(scene: Scene, views: Views, config: LidarConfig, motion: Mo
     device = scene.device
     directions = lidar_pattern(config)
     shape = len(views), len(directions)
-    if len(views) * len(directions) * (2 if config.returns == "dual" else 1) > MOST_RETURNS:
+    if len(views) * len(directions) * (2 if config.returns == "dual" else 1) > MAX_RETURNS:
         raise InputError(
-            f"LiDAR batch of {len(views)} views x {len(directions)} rays; one launch holds {MOST_RETURNS} returns; "
+            f"LiDAR batch of {len(views)} views x {len(directions)} rays; one launch holds {MAX_RETURNS} returns; "
             "lower compute.batch_frames"
         )
     rays = lidar.LidarRays()
@@ -106,7 +106,7 @@ def trace_lidar_hits(scene: Scene, views: Views, config: LidarConfig, motion: Mo
     return hits
 
 
-def _sweep(scene: Scene, views: Views, config: LidarConfig, motion: Motion | None) -> lidar.Sweep:
+def _sweep(scene: DeviceScene, views: Views, config: Lidar, motion: Motion | None) -> lidar.Sweep:
     sweep = lidar.Sweep()
     sweep.points_per_channel = config.points_per_channel
     if config.rolling:
@@ -118,18 +118,18 @@ def _sweep(scene: Scene, views: Views, config: LidarConfig, motion: Motion | Non
     return sweep
 
 
-def shade_lidar(
+def find_lidar_returns(
     hits: LidarHits,
     materials: Sequence[Material],
     weather: Weather,
     keys: np.ndarray,
     patch_key: tuple[int, int] = (0, 0),
-) -> LidarBatch:
+) -> PointCloud:
     """Return the point clouds of traced hits in one weather.
 
     Args:
         hits: What the rays met.
-        materials: Materials by id, as they are in the weather (`SceneArrays.materials[weather]`).
+        materials: Materials by id, as they are in the weather (`SceneData.materials[weather]`).
         weather: Physical values of the weather; `compat` looks at neither.
         keys: Key of each view's random numbers (`mmw.scene.views.view_keys`), shape [A, 2], uint32.
         patch_key: Key of the patches of fog, one for all sensors and frames of a scenario (`random_key`).
@@ -142,7 +142,7 @@ def shade_lidar(
     values, object_id, marks, time_offset = to_host([points.values, points.object_id, points.marks, points.time_offset])
     x, y, z, intensity = values
     ring, label, *number = marks
-    return LidarBatch(
+    return PointCloud(
         offsets, x, y, z, intensity, ring, object_id, label,
         time_offset if hits.config.rolling else np.zeros(count, dtype=np.float32),
         number[0] if number else np.zeros(count, dtype=np.uint8),
@@ -150,7 +150,7 @@ def shade_lidar(
 
 
 def trace_lidar(
-    scene: Scene, views: Views, config: LidarConfig, materials: Sequence[Material], weather: Weather, keys: np.ndarray
-) -> LidarBatch:
-    """Return the point clouds of every view in one weather: `trace_lidar_hits`, then `shade_lidar`."""
-    return shade_lidar(trace_lidar_hits(scene, views, config), materials, weather, keys)
+    scene: DeviceScene, views: Views, config: Lidar, materials: Sequence[Material], weather: Weather, keys: np.ndarray
+) -> PointCloud:
+    """Return the point clouds of every view in one weather: `trace_lidar_hits`, then `find_lidar_returns`."""
+    return find_lidar_returns(trace_lidar_hits(scene, views, config), materials, weather, keys)

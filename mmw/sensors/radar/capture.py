@@ -5,24 +5,24 @@ from typing import Any
 
 import numpy as np
 
-from mmw.config import RadarConfig
+from mmw.config import Radar
 from mmw.kernels.radar.trace import RadarRays
 from mmw.scene.view_motion import view_twists
 from mmw.scene.views import Views, make_views, view_keys
-from mmw.sensors.batch import Job, Rows
+from mmw.sensors.batch import Batch, TableRows
 from mmw.sensors.ground_truth.visibility_rows import point_rows
 from mmw.sensors.radar.detection import detect
 from mmw.sensors.radar.iq import radar_iq_samples
 from mmw.sensors.radar.map_rows import radar_iq_rows, radar_map_rows
-from mmw.sensors.radar.points import RadarBatch
+from mmw.sensors.radar.points import RadarPoints
 from mmw.sensors.radar.power_maps import radar_maps
 from mmw.sensors.radar.rain_clutter import rain_clutter
-from mmw.sensors.radar.resolution_cells import SortedRays, sort_into_cells, sum_cells
+from mmw.sensors.radar.resolution_cells import SortedRays, bin_rays, sum_cells
 from mmw.sensors.radar.rows import radar_rows
 from mmw.sensors.radar.simulate import compat_points, dense_points, ray_count, shade_radar, trace_radar
 
 
-def record_radar(job: Job, sensor: RadarConfig, frames: Sequence[int], collected: Rows) -> None:
+def record_radar(job: Batch, sensor: Radar, frames: Sequence[int], collected: TableRows) -> None:
     """Add the samples of one radar, and how many of its points lie on each actor.
 
     Where the rays go does not depend on the weather; fluctuation, noise, rain and false alarms do, each by its own key.
@@ -40,7 +40,7 @@ def record_radar(job: Job, sensor: RadarConfig, frames: Sequence[int], collected
             else:
                 rays = shade_radar(hits, job.arrays.materials[weather], job.weather(weather), sensor)
                 if needs_cells and order is None:
-                    order = sort_into_cells(sensor, rays)  # the same in every weather
+                    order = bin_rays(sensor, rays)  # the same in every weather
                 points = _evaluate(job, sensor, views, velocity, weather, order, rays, tables)
             tables["radar"].append(radar_rows(job.arrays, sensor.name, views, points))
             seen = (job.arrays, sensor.name, views, "radar_points", points.offsets, points.object_id)
@@ -48,15 +48,15 @@ def record_radar(job: Job, sensor: RadarConfig, frames: Sequence[int], collected
 
 
 def _evaluate(
-    job: Job,
-    sensor: RadarConfig,
+    job: Batch,
+    sensor: Radar,
     views: Views,
     velocity: np.ndarray,
     weather: str,
     order: SortedRays | None,
     rays: RadarRays,
     tables: dict[str, list[Any]],
-) -> RadarBatch:
+) -> RadarPoints:
     """Return the points of a batch in one weather, and add maps and samples where the sensor stores them."""
     device = job.scene.device
     keys = view_keys(job.arrays, views, job.config.seed, job.scenario.name, weather, sensor.name)

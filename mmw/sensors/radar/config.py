@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 from mmw.config.section import Name
 from mmw.core.constants import FRAME_DT, SPEED_OF_LIGHT
 from mmw.core.errors import InputError
-from mmw.sensors.base_config import MountConfig, Role, SensorSection
+from mmw.sensors.base_config import MountConfig, Role, SensorConfig
 
 REFERENCE_RCS_M2 = 10.0
 """Radar cross section of the target that `reference_snr_db` speaks of: 10 dBsm, a passenger car [m2]. Design value."""
@@ -16,14 +16,14 @@ REFERENCE_RCS_M2 = 10.0
 REFERENCE_RANGE_M = 100.0
 """Distance of that target [m]. Design value."""
 
-MOST_IQ_SAMPLES = 2**24
+MAX_IQ_SAMPLES = 2**24
 """Complex samples that a sweep may have: 128 MiB. Design value."""
 
-MOST_FALSE_ALARMS = 20_000
+MAX_FALSE_ALARMS = 20_000
 """False alarms of a sample: ten times the points of CARLA's. Design value."""
 
 
-class RadarConfig(SensorSection):
+class Radar(SensorConfig):
     """A radar that looks along its x axis, at the instant of the frame.
 
     `compat` casts CARLA's rays and knows no power. `physical` is an FMCW radar: a link budget for every ray of a grid
@@ -93,7 +93,7 @@ class RadarConfig(SensorSection):
     iq: bool = Field(False, description="whether to store the samples of the receiver too, in `physical` (flag)")
 
     @model_validator(mode="after")
-    def _consistent(self) -> "RadarConfig":
+    def _consistent(self) -> "Radar":
         if self.chirp_time_s > self.frame_time_s:
             raise InputError(
                 f"chirp_time_s = {self.chirp_time_s:g} is longer than frame_time_s = {self.frame_time_s:g}; a sample "
@@ -112,17 +112,17 @@ class RadarConfig(SensorSection):
             raise InputError(
                 "mode = compat has no power: output: dense, maps and iq need mode: physical; leave them out"
             )
-        if self.iq and math.prod(self.iq_shape) > MOST_IQ_SAMPLES:
+        if self.iq and math.prod(self.iq_shape) > MAX_IQ_SAMPLES:
             raise InputError(
                 f"iq of {' x '.join(map(str, self.iq_shape))} = {math.prod(self.iq_shape)} samples (antennas, chirps, "
-                f"samples of a chirp); a sweep holds at most {MOST_IQ_SAMPLES}; lower azimuth_antennas, "
+                f"samples of a chirp); a sweep holds at most {MAX_IQ_SAMPLES}; lower azimuth_antennas, "
                 "elevation_antennas or frame_time_s, raise chirp_time_s, or set iq: false"
             )
         false_alarms = self.false_alarm_probability * math.prod(self.iq_shape)
-        if self.mode == "physical" and self.output == "detections" and false_alarms > MOST_FALSE_ALARMS:
+        if self.mode == "physical" and self.output == "detections" and false_alarms > MAX_FALSE_ALARMS:
             raise InputError(
                 f"false_alarm_probability = {self.false_alarm_probability:g} in {math.prod(self.iq_shape)} cells gives "
-                f"{false_alarms:.3g} false alarms a sample; at most {MOST_FALSE_ALARMS} are possible; lower it"
+                f"{false_alarms:.3g} false alarms a sample; at most {MAX_FALSE_ALARMS} are possible; lower it"
             )
         if len(set(self.maps)) != len(self.maps):
             raise InputError(f"maps = {list(self.maps)} names one twice; name each once")

@@ -18,10 +18,10 @@ from dataclasses import dataclass, fields
 import numpy as np
 import warp as wp
 
-from mmw.config import RadarConfig
+from mmw.config import Radar
 from mmw.kernels.radar import detection as radar_detection
 from mmw.kernels.radar import resolution_cells as radar_cells
-from mmw.sensors.radar.points import LABEL_FALSE_ALARM, LABEL_OBJECT, LABEL_RAIN, RadarBatch
+from mmw.sensors.radar.points import LABEL_FALSE_ALARM, LABEL_OBJECT, LABEL_RAIN, RadarPoints
 from mmw.sensors.radar.rain_clutter import RainClutter
 from mmw.sensors.radar.resolution_cells import RadarCells, angle_cells, cell_grid, number
 from mmw.sensors.radar.simulate import decibels
@@ -53,7 +53,7 @@ class _Points:
     """Number of the cell: the item of the random numbers."""
 
 
-def cell_echoes(config: RadarConfig, cells: RadarCells, keys: np.ndarray, device: str) -> np.ndarray:
+def cell_echoes(config: Radar, cells: RadarCells, keys: np.ndarray, device: str) -> np.ndarray:
     """Return what each occupied cell receives, echo and noise [W], shape [K], float64; keyed by view and cell.
 
     Args:
@@ -66,9 +66,7 @@ def cell_echoes(config: RadarConfig, cells: RadarCells, keys: np.ndarray, device
     return -np.log(u) * (config.noise_w + cells.power.astype(np.float64))
 
 
-def detect(
-    config: RadarConfig, cells: RadarCells, clutter: RainClutter | None, keys: np.ndarray, device: str
-) -> RadarBatch:
+def detect(config: Radar, cells: RadarCells, clutter: RainClutter | None, keys: np.ndarray, device: str) -> RadarPoints:
     """Return the detections of a batch in one weather, by view and range.
 
     Echoes of surfaces, of rain and of noise alone pass the same threshold, which is set for the thermal noise. Noise
@@ -122,7 +120,7 @@ def uniform(keys: np.ndarray, view: np.ndarray, item: np.ndarray, draw: int, dev
     return _draw(radar_detection.uniform_kernel, keys, view, item, draw, device)
 
 
-def threshold(config: RadarConfig) -> float:
+def threshold(config: Radar) -> float:
     """Return the power above which a cell is a detection [W]: noise exceeds it with the false alarm probability."""
     return -config.noise_w * math.log(config.false_alarm_probability)
 
@@ -131,7 +129,7 @@ def _take(points: _Points, rows: np.ndarray) -> _Points:
     return _Points(*(getattr(points, f.name)[rows] for f in fields(_Points)))
 
 
-def _objects(config: RadarConfig, cells: RadarCells, keys: np.ndarray, device: str) -> _Points:
+def _objects(config: Radar, cells: RadarCells, keys: np.ndarray, device: str) -> _Points:
     power = cell_echoes(config, cells, keys, device)
     rcs = cells.rcs * (power - config.noise_w) / cells.power
     label = np.full(len(power), LABEL_OBJECT, dtype=np.uint8)
@@ -153,7 +151,7 @@ def _inside(
     )
 
 
-def _rain(config: RadarConfig, clutter: RainClutter, keys: np.ndarray, device: str) -> _Points:
+def _rain(config: Radar, clutter: RainClutter, keys: np.ndarray, device: str) -> _Points:
     grid = cell_grid(config)
     view, r, direction = np.nonzero(clutter.power > threshold(config))
     power = clutter.power[view, r, direction].astype(np.float64)
@@ -166,7 +164,7 @@ def _rain(config: RadarConfig, clutter: RainClutter, keys: np.ndarray, device: s
 
 
 def _false_alarms(
-    config: RadarConfig, cells: RadarCells, clutter: RainClutter | None, keys: np.ndarray, device: str
+    config: Radar, cells: RadarCells, clutter: RainClutter | None, keys: np.ndarray, device: str
 ) -> _Points:
     """Return the cells of the field of view in which noise alone exceeds the threshold.
 
@@ -206,7 +204,7 @@ def _false_alarms(
 
 
 def _is_rain(
-    config: RadarConfig,
+    config: Radar,
     clutter: RainClutter,
     view: np.ndarray,
     r: np.ndarray,
@@ -226,7 +224,7 @@ def _is_rain(
     return is_drawn & ((v - first) % count <= last - first)
 
 
-def _is_peak(config: RadarConfig, points: _Points, device: str) -> np.ndarray:
+def _is_peak(config: Radar, points: _Points, device: str) -> np.ndarray:
     candidates = radar_detection.Candidates()
     candidates.view = wp.array(points.view.astype(np.int32), dtype=int, device=device)
     for name in ("range", "velocity", "y", "z", "power"):
@@ -242,7 +240,7 @@ def _is_peak(config: RadarConfig, points: _Points, device: str) -> np.ndarray:
     return is_peak.numpy() != 0
 
 
-def _measured(config: RadarConfig, points: _Points, keys: np.ndarray, device: str) -> RadarBatch:
+def _measured(config: Radar, points: _Points, keys: np.ndarray, device: str) -> RadarPoints:
     grid = cell_grid(config)
     snr = (points.power - config.noise_w) / config.noise_w
     normal = _draw(radar_detection.normal_kernel, keys, points.view, points.cell, ERROR_DRAW, device)
@@ -257,7 +255,7 @@ def _measured(config: RadarConfig, points: _Points, keys: np.ndarray, device: st
     offsets = np.searchsorted(points.view, np.arange(len(keys) + 1)).astype(np.int32)
     places = (value.astype(np.float32) for value in (range_, azimuth, np.arcsin(z), velocity))
     power = decibels((points.power - config.noise_w) * 1000.0)
-    return RadarBatch(
+    return RadarPoints(
         offsets, *places, power, decibels(snr), decibels(points.rcs), points.object_id.astype(np.int32), points.label
     )
 

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import warp as wp
 
-from mmw.config import RadarConfig
+from mmw.config import Radar
 from mmw.kernels.radar import iq as radar_iq
 from mmw.kernels.radar import trace as radar
 from mmw.sensors.radar.resolution_cells import cell_grid
@@ -17,7 +17,7 @@ IQ_DRAW = 10
 """Draw of the random numbers of the receivers' noise; the item is the sample."""
 
 
-def radar_iq_samples(config: RadarConfig, rays: radar.RadarRays, keys: np.ndarray) -> np.ndarray:
+def radar_iq_samples(config: Radar, rays: radar.RadarRays, keys: np.ndarray) -> np.ndarray:
     """Return the samples of the batch [W^0.5], shape [A, antennas, chirps, samples], complex64.
 
     Each ray is a point that returns sqrt(P) exp(2 pi i (2 R / wavelength + n R / (dR Ns) + m v / (dv M) + (p y + q z) /

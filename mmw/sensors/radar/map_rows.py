@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.scene_data import SceneData
 from mmw.scene.table_rows import Columns, lists, names
 from mmw.scene.views import Views
 from mmw.sensors.radar.power_maps import RadarMaps
@@ -12,7 +12,7 @@ def _offsets(values: np.ndarray) -> np.ndarray:
     return (np.arange(len(values) + 1) * (values.size // max(len(values), 1))).astype(np.int32)
 
 
-def radar_map_rows(arrays: SceneArrays, sensor: str, views: Views, maps: RadarMaps) -> Columns:
+def radar_map_rows(arrays: SceneData, sensor: str, views: Views, maps: RadarMaps) -> Columns:
     """Return rows of the `radar_maps` table for one sensor and kind: one map a row."""
     _, rows, columns = maps.values.shape
     return {
@@ -30,7 +30,7 @@ def radar_map_rows(arrays: SceneArrays, sensor: str, views: Views, maps: RadarMa
     }
 
 
-def radar_iq_rows(arrays: SceneArrays, sensor: str, views: Views, samples: np.ndarray) -> Columns:
+def radar_iq_rows(arrays: SceneData, sensor: str, views: Views, samples: np.ndarray) -> Columns:
     """Return rows of the `radar_iq` table for one sensor: one sweep a row.
 
     Args:

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 
 LABEL_OBJECT, LABEL_RAIN, LABEL_FALSE_ALARM = 0, 1, 2
-"""Values of `RadarBatch.label`: an echo of a surface, rain clutter, noise above the threshold."""
+"""Values of `RadarPoints.label`: an echo of a surface, rain clutter, noise above the threshold."""
 
 
 @dataclass(frozen=True)
-class RadarBatch:
+class RadarPoints:
     """Points of a batch in one weather, A views and N points in all; those of view a are rows `offsets[a]` to
     `offsets[a + 1]`.
 
@@ -30,7 +30,7 @@ class RadarBatch:
     power_db: np.ndarray | None
     """Received power [dBm], losses of the weather included, shape [N], float32."""
     snr_db: np.ndarray | None
-    """The same over the noise power of `RadarConfig.noise_w` [dB], shape [N], float32."""
+    """The same over the noise power of `Radar.noise_w` [dB], shape [N], float32."""
     rcs_dbsm: np.ndarray | None
     """Radar cross section, losses of the weather not included [dBsm], shape [N], float32."""
     object_id: np.ndarray

@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from mmw.config import RadarConfig
+from mmw.config import Radar
 from mmw.kernels.radar import resolution_cells as radar_cells
 from mmw.sensors.radar.detection import cell_echoes, uniform
 from mmw.sensors.radar.rain_clutter import RainClutter
@@ -55,7 +55,7 @@ def hann_response(x: np.ndarray) -> np.ndarray:
 
 
 def radar_maps(
-    config: RadarConfig,
+    config: Radar,
     kind: MapKind,
     cells: RadarCells,
     clutter: RainClutter | None,
@@ -100,7 +100,7 @@ def radar_maps(
 
 
 def _noise(
-    config: RadarConfig, shape: tuple[int, int, int], behind: int, keys: np.ndarray, draw: int, device: str
+    config: Radar, shape: tuple[int, int, int], behind: int, keys: np.ndarray, draw: int, device: str
 ) -> np.ndarray:
     pixels = shape[1] * shape[2]
     view, item = np.repeat(np.arange(shape[0]), pixels), np.tile(np.arange(pixels), shape[0])
@@ -109,7 +109,7 @@ def _noise(
 
 
 def _add_echoes(
-    config: RadarConfig,
+    config: Radar,
     kind: MapKind,
     grid: radar_cells.CellGrid,
     first: int,

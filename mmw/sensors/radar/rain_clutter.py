@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from mmw.config import RadarConfig
+from mmw.config import Radar
 from mmw.core.errors import InputError
 from mmw.core.transforms import rotate
 from mmw.kernels.radar import detection as radar_detection
@@ -47,7 +47,7 @@ NEAREST_M = 1.0
 """Distance from which on rain is seen [m]: nearer, a cell holds few drops, and the antennas are not yet one array.
 Design value."""
 
-LEAST_SHARE = 0.02
+MIN_SHARE = 0.02
 """Rain that returns less than this share of the noise in a direction is left out: at a false alarm probability of 1e-6
 it would raise the false alarms there by less than 32 %. Design value."""
 
@@ -140,7 +140,7 @@ class RainClutter:
 
 
 def rain_clutter(
-    config: RadarConfig, weather: Weather, pose: np.ndarray, velocity: np.ndarray, keys: np.ndarray, device: str
+    config: Radar, weather: Weather, pose: np.ndarray, velocity: np.ndarray, keys: np.ndarray, device: str
 ) -> RainClutter | None:
     """Return the rain clutter of a batch, None without rain.
 
@@ -197,7 +197,7 @@ def rain_clutter(
     link_constant = config.link_constant * 10.0 ** (-radome_loss_db(weather, config) / 10.0)
     rain.constant = link_constant * eta * cell_volume(1.0, 1.0, grid.range_step)
     rain.loss_per_m = 2.0 * air_loss_db_per_km(weather, config.carrier_hz) / 1000.0 * math.log(10.0) / 10.0
-    rain.noise, rain.least, rain.draw = config.noise_w, LEAST_SHARE * config.noise_w, RAIN_DRAW
+    rain.noise, rain.least, rain.draw = config.noise_w, MIN_SHARE * config.noise_w, RAIN_DRAW
     rain.nearest = math.ceil(NEAREST_M / grid.range_step)
     shape = (len(pose), grid.ranges, len(gain))
     power, cell = wp.empty(shape, dtype=float, device=device), wp.empty(shape, dtype=int, device=device)

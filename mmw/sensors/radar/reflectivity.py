@@ -128,7 +128,7 @@ def takes_water(material: Material, carrier_hz: float) -> bool:
     return material.nonvisual_base in POROUS_BASES and material.coating == "none" and not is_wet
 
 
-def echo_table(materials: Sequence[Material], weather: Weather, carrier_hz: float) -> np.ndarray:
+def reflectivity_table(materials: Sequence[Material], weather: Weather, carrier_hz: float) -> np.ndarray:
     """Return what `mmw.kernels.radar.trace.backscatter` takes of every material in one weather.
 
     Water in pores adds to the refractive index in proportion to its share of the volume, and its film takes a part of

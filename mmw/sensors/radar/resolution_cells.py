@@ -9,16 +9,16 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from mmw.config import RadarConfig
+from mmw.config import Radar
 from mmw.core.errors import InputError
 from mmw.core.transfer import to_host
 from mmw.kernels.radar import resolution_cells as radar_cells
 from mmw.kernels.radar import trace as radar
 
-MOST_CELLS = 2**31 - 1
+MAX_CELLS = 2**31 - 1
 """Cells of one sweep: they are counted in 32 bits."""
 
-MOST_PLACES = 2 ** (63 - 24)
+MAX_PLACES = 2 ** (63 - 24)
 """Cells of a batch: with the object they make a key of 63 bits."""
 
 
@@ -63,7 +63,7 @@ class RadarCells:
     """Object with the largest share of the power, shape [K], int32."""
 
 
-def cell_grid(config: RadarConfig) -> radar_cells.CellGrid:
+def cell_grid(config: Radar) -> radar_cells.CellGrid:
     """Return the cells of a radar.
 
     Steps are c / 2B in range, wavelength / 2T in velocity and 2 / N in the direction cosine: N antennas half a
@@ -80,9 +80,9 @@ def cell_grid(config: RadarConfig) -> radar_cells.CellGrid:
     grid.ranges, grid.velocities = config.range_cells + 1, config.chirps
     grid.ys, grid.zs = config.azimuth_antennas, config.elevation_antennas
     count = grid.ranges * grid.velocities * grid.ys * grid.zs
-    if count > MOST_CELLS:
+    if count > MAX_CELLS:
         raise InputError(
-            f"sensor {config.name}: {count} resolution cells; at most {MOST_CELLS} can be counted; lower bandwidth_hz, "
+            f"sensor {config.name}: {count} resolution cells; at most {MAX_CELLS} can be counted; lower bandwidth_hz, "
             "azimuth_antennas or elevation_antennas, or raise chirp_time_s"
         )
     return grid
@@ -120,7 +120,7 @@ def number(grid: radar_cells.CellGrid, r: np.ndarray, v: np.ndarray, y: np.ndarr
     return (((r * grid.velocities + v) * grid.ys + y) * grid.zs + z).astype(np.int32)
 
 
-def sort_into_cells(config: RadarConfig, rays: radar.RadarRays) -> SortedRays:
+def bin_rays(config: Radar, rays: radar.RadarRays) -> SortedRays:
     """Return the rays of a batch in the order of their resolution cells, and where each occupied cell starts.
 
     Rays without an object, and beyond the last range cell, are left out. Equal keys keep the order of the rays, so sums
@@ -136,7 +136,7 @@ def sort_into_cells(config: RadarConfig, rays: radar.RadarRays) -> SortedRays:
     grid = cell_grid(config)
     views, per_view = rays.range.shape
     device = rays.range.device
-    if views * grid.ranges * grid.velocities * grid.ys * grid.zs >= MOST_PLACES:
+    if views * grid.ranges * grid.velocities * grid.ys * grid.zs >= MAX_PLACES:
         raise InputError(
             f"sensor {config.name}: {views} views have more than 2^39 resolution cells; keys hold no more; "
             "lower compute.batch_frames"
@@ -163,7 +163,7 @@ def sum_cells(order: SortedRays, rays: radar.RadarRays) -> RadarCells:
     """Return what the occupied cells return in one weather; cells without any power have no row.
 
     Args:
-        order: From `sort_into_cells`, for rays that differ from these in power at most.
+        order: From `bin_rays`, for rays that differ from these in power at most.
         rays: Echoes [A, R] in the weather.
     """
     count, device = order.start.shape[0], rays.range.device

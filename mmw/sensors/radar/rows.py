@@ -3,13 +3,13 @@
 import numpy as np
 import pyarrow as pa
 
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.scene_data import SceneData
 from mmw.scene.table_rows import Columns, lists, names
 from mmw.scene.views import Views
-from mmw.sensors.radar.points import RadarBatch
+from mmw.sensors.radar.points import RadarPoints
 
 
-def radar_rows(arrays: SceneArrays, sensor: str, views: Views, points: RadarBatch) -> Columns:
+def radar_rows(arrays: SceneData, sensor: str, views: Views, points: RadarPoints) -> Columns:
     """Return rows of the `radar` table for one sensor: one sample a row; what the mode does not know is null."""
     columns: Columns = {
         "frame": views.frame.astype(np.int32),

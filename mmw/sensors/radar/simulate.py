@@ -9,34 +9,34 @@ from collections.abc import Sequence
 import numpy as np
 import warp as wp
 
-from mmw.config import RadarConfig
+from mmw.config import Radar
 from mmw.core.errors import InputError
 from mmw.kernels.radar import trace as radar
 from mmw.physics.em.attenuation import path_loss_db
 from mmw.physics.materials.material import Material
 from mmw.physics.weather.weather import Weather
-from mmw.scene.device_scene import Scene
+from mmw.scene.device_scene import DeviceScene
 from mmw.scene.views import Views
-from mmw.sensors.radar.points import LABEL_OBJECT, RadarBatch
-from mmw.sensors.radar.reflectivity import echo_table
+from mmw.sensors.radar.points import LABEL_OBJECT, RadarPoints
+from mmw.sensors.radar.reflectivity import reflectivity_table
 
 BLOCK_DIM = 64
 """Threads of a block for kernels that query a BVH, whose stacks lie in shared memory."""
 
-MOST_RAYS = 2**31 - 1
+MAX_RAYS = 2**31 - 1
 """Rays of one batch."""
 
 RADOME_RAIN_MM_H = 10.0
-"""Rain rate at which a wet radome has the loss `RadarConfig.wet_radome_db` [mm/h]."""
+"""Rain rate at which a wet radome has the loss `Radar.wet_radome_db` [mm/h]."""
 
 
-def ray_count(config: RadarConfig) -> int:
+def ray_count(config: Radar) -> int:
     """Return the rays of a view."""
     return config.points if config.mode == "compat" else config.azimuth_rays * config.elevation_rays
 
 
 def trace_radar(
-    scene: Scene, views: Views, velocity: np.ndarray, config: RadarConfig, keys: np.ndarray
+    scene: DeviceScene, views: Views, velocity: np.ndarray, config: Radar, keys: np.ndarray
 ) -> radar.RadarHits:
     """Return the first surface on every ray of every view: geometry and motion only, so it serves every weather.
 
@@ -75,9 +75,9 @@ def trace_radar(
                 f"radar: {name} has shape {np.shape(values)}; one row a view is needed, ({len(views)}, {width}); make "
                 "it from the same views"
             )
-    if len(views) * rays > MOST_RAYS:
+    if len(views) * rays > MAX_RAYS:
         raise InputError(
-            f"radar batch of {len(views)} views x {rays} rays; one launch holds {MOST_RAYS} rays; "
+            f"radar batch of {len(views)} views x {rays} rays; one launch holds {MAX_RAYS} rays; "
             "lower compute.batch_frames"
         )
     on_device = views.for_scene(scene)
@@ -122,7 +122,7 @@ def air_loss_db_per_km(weather: Weather, carrier_hz: float) -> float:
     return float(sum(loss[0, 0] for loss in losses.values()))
 
 
-def radome_loss_db(weather: Weather, config: RadarConfig) -> float:
+def radome_loss_db(weather: Weather, config: Radar) -> float:
     """Return what the water film on the radome takes, both ways together [dB]; 0 without rain.
 
     The film grows as the cube root of the rain rate, and the loss of a thin film with its thickness.
@@ -134,7 +134,7 @@ def radome_loss_db(weather: Weather, config: RadarConfig) -> float:
 
 
 def shade_radar(
-    hits: radar.RadarHits, materials: Sequence[Material], weather: Weather, config: RadarConfig
+    hits: radar.RadarHits, materials: Sequence[Material], weather: Weather, config: Radar
 ) -> radar.RadarRays:
     """Return the echoes of traced rays in one weather.
 
@@ -143,7 +143,7 @@ def shade_radar(
 
     Args:
         hits: What the rays met, of `physical`.
-        materials: Materials by id, as they are in the weather (`SceneArrays.materials[weather]`).
+        materials: Materials by id, as they are in the weather (`SceneData.materials[weather]`).
         weather: Rain, fog and air on the way, and how wet surfaces are.
         config: Power, antennas and carrier.
 
@@ -164,7 +164,7 @@ def shade_radar(
     link.loss_per_m = 2.0 * air_loss_db_per_km(weather, config.carrier_hz) / 1000.0 * math.log(10.0) / 10.0
     link.azimuth_beam = math.radians(config.horizontal_beam_deg or config.horizontal_fov_deg)
     link.elevation_beam = math.radians(config.vertical_beam_deg or config.vertical_fov_deg)
-    surface = wp.array(echo_table(materials, weather, config.carrier_hz), dtype=wp.vec3, device=device)
+    surface = wp.array(reflectivity_table(materials, weather, config.carrier_hz), dtype=wp.vec3, device=device)
     outputs = [rays.rcs, rays.power]
     wp.launch(
         radar.echo_kernel, shape, inputs=[hits, surface, link], outputs=outputs, device=device, block_dim=BLOCK_DIM
@@ -177,12 +177,12 @@ def decibels(values: np.ndarray) -> np.ndarray:
     return (10.0 * np.log10(values.astype(np.float64))).astype(np.float32)
 
 
-def compat_points(hits: radar.RadarHits) -> RadarBatch:
+def compat_points(hits: radar.RadarHits) -> RadarPoints:
     """Return what CARLA's radar reports: every ray that meets something, in the order of the rays."""
     return _points(hits, hits.object_id.numpy() >= 0, None, None, None)
 
 
-def dense_points(rays: radar.RadarRays, config: RadarConfig) -> RadarBatch:
+def dense_points(rays: radar.RadarRays, config: Radar) -> RadarPoints:
     """Return every ray that has an echo, in the order of the rays, without noise or threshold."""
     power, rcs = rays.power.numpy(), rays.rcs.numpy()
     is_echo = power > 0.0
@@ -198,9 +198,9 @@ def _points(
     power_db: np.ndarray | None,
     snr_db: np.ndarray | None,
     rcs_dbsm: np.ndarray | None,
-) -> RadarBatch:
+) -> RadarPoints:
     offsets = np.concatenate([[0], np.cumsum(is_kept.sum(axis=1))]).astype(np.int32)
     lists = (getattr(rays, name).numpy()[is_kept] for name in ("range", "azimuth", "elevation", "velocity"))
     object_id = rays.object_id.numpy()[is_kept]
     label = np.full(len(object_id), LABEL_OBJECT, dtype=np.uint8)
-    return RadarBatch(offsets, *lists, power_db, snr_db, rcs_dbsm, object_id, label)
+    return RadarPoints(offsets, *lists, power_db, snr_db, rcs_dbsm, object_id, label)

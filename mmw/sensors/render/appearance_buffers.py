@@ -20,7 +20,7 @@ from mmw.core.errors import InputError
 from mmw.kernels.shading import structs as structs
 from mmw.physics.materials.appearance import LAMPS, Look, TextureUse
 from mmw.physics.materials.material import POROUS_BASES, Material
-from mmw.scene.device_scene import Scene
+from mmw.scene.device_scene import DeviceScene
 from mmw.usd.textures import Image, MissingImageError, decode_image, mip_levels
 
 PUDDLE_BASES = frozenset({"asphalt", "concrete", "stone", "soil", "dirt", "mud", "gravel"})
@@ -86,7 +86,7 @@ class AppearanceArrays:
         notes: What a user should know: textures that are missing or were made smaller, one line each.
     """
 
-    def __init__(self, scene: Scene, *, debug: bool = False):
+    def __init__(self, scene: DeviceScene, *, debug: bool = False):
         """Load corners and textures.
 
         Args:
@@ -131,7 +131,7 @@ class AppearanceArrays:
     def _structs(self, rows: Sequence, dtype) -> wp.array:
         return wp.array(rows, dtype=dtype, device=self._device) if rows else wp.empty(0, dtype, device=self._device)
 
-    def _upload(self, scene: Scene) -> structs.Appearance:
+    def _upload(self, scene: DeviceScene) -> structs.Appearance:
         arrays, struct = scene.arrays, structs.Appearance()
         models = arrays.models
 

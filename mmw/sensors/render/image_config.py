@@ -7,7 +7,7 @@ from pydantic import Field, model_validator
 from mmw.config.section import Section
 from mmw.core.errors import InputError
 
-MOST_LENS_DROPS = 64
+MAX_LENS_DROPS = 64
 """Most drops on a lens. Design value."""
 
 
@@ -73,5 +73,5 @@ class ImageConfig(Section):
         1.0, ge=0, le=20, description="opacity of the drops' streaks over the physical one, a matter of style [-]"
     )
     lens_drops: int = Field(
-        0, ge=0, le=MOST_LENS_DROPS, description="drops that stick to the lens while it rains (count)"
+        0, ge=0, le=MAX_LENS_DROPS, description="drops that stick to the lens while it rains (count)"
     )

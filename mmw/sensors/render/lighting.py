@@ -17,7 +17,7 @@ from mmw.kernels.shading import structs as looks
 from mmw.kernels.shading import surface_samples as surfaces
 from mmw.kernels.shading.sky import Sky
 from mmw.kernels.shading.wet_surfaces import Wet
-from mmw.scene.device_scene import Scene
+from mmw.scene.device_scene import DeviceScene
 from mmw.sensors.render.camera import BLOCK_DIM, TILE
 from mmw.sensors.render.visibility_buffer import FlaggedRows, SampleBuffer, empty_candidates, empty_flags, empty_samples
 
@@ -48,7 +48,7 @@ def read_surfaces(buffer: SampleBuffer, appearance: looks.Appearance) -> tuple[l
     return found, sends_ray
 
 
-def sun_over(scene: Scene, sky: Sky) -> candidates.Sun:
+def sun_over(scene: DeviceScene, sky: Sky) -> candidates.Sun:
     """Return the sun of a weather over the loaded batch of a scene."""
     to_sun = np.array(sky.sun_direction, dtype=np.float64)
     across = np.cross((0.0, 0.0, 1.0) if abs(to_sun[2]) < 0.9 else (1.0, 0.0, 0.0), to_sun)

@@ -9,8 +9,8 @@ from mmw.core.kinematics import differentiate_rows
 from mmw.core.transforms import rotate
 from mmw.kernels.shading import lights as lamps
 from mmw.physics.weather.weather import Weather
-from mmw.scene.device_scene import Scene, instance_actors
-from mmw.scene.scene_data import Actor, SceneArrays
+from mmw.scene.device_scene import DeviceScene, instance_actors
+from mmw.scene.scene_data import Actor, SceneData
 
 DIPPED_SUN_DEG = 6.0
 """Altitude of the sun below which drivers switch head lamps on [deg]. Design value: ambient light falls below the
@@ -67,7 +67,7 @@ def has_lamps(actor: Actor) -> bool:
     return actor.label in LAMP_LABELS and not actor.is_parked
 
 
-def brake_levels(arrays: SceneArrays, frames: Sequence[int]) -> np.ndarray:
+def brake_levels(arrays: SceneData, frames: Sequence[int]) -> np.ndarray:
     """Return how much each instance brakes, from its acceleration along its own x axis.
 
     A frame's values depend on the recording alone, not on the other frames asked for.
@@ -103,14 +103,14 @@ def brake_levels(arrays: SceneArrays, frames: Sequence[int]) -> np.ndarray:
     return level
 
 
-def load_brakes(scene: Scene) -> wp.array:
+def load_brakes(scene: DeviceScene) -> wp.array:
     """Return `brake_levels` of the loaded batch on the device, shape [max_slots, V]; the same for every weather."""
     level = np.full(scene.struct.instance_pose.shape, -1.0, dtype=np.float32)
     level[: scene.slots] = brake_levels(scene.arrays, scene.batch_frames)
     return wp.array(level, dtype=wp.float32, device=scene.device)
 
 
-def find_street_lamps(arrays: SceneArrays, name: str) -> np.ndarray:
+def find_street_lamps(arrays: SceneData, name: str) -> np.ndarray:
     """Return where street lamps are: the middle of the faces of each object of the town whose look is one.
 
     Args:
@@ -160,7 +160,7 @@ def street_grid(
     return low, columns, rows, starts, np.array([lamp for entries in lists for lamp in entries], dtype=np.int64)
 
 
-def _beams(arrays: SceneArrays) -> tuple[np.ndarray, np.ndarray]:
+def _beams(arrays: SceneData) -> tuple[np.ndarray, np.ndarray]:
     """Return the instances whose head lamps can burn [B], and where in their frames the beams start [m] [B, 3]."""
     instances, positions = [], []
     for instance, index in enumerate(instance_actors(arrays)):
@@ -171,7 +171,7 @@ def _beams(arrays: SceneArrays) -> tuple[np.ndarray, np.ndarray]:
     return np.array(instances, dtype=np.int32), np.array(positions, dtype=np.float32).reshape(-1, 3)
 
 
-def make_lamps(scene: Scene, name: str, weather: Weather) -> lamps.Lamps:
+def make_lamps(scene: DeviceScene, name: str, weather: Weather) -> lamps.Lamps:
     """Return the lamps of a scene in one weather.
 
     All but `brake` holds for every batch; set that from `load_brakes` whenever another batch is loaded.

@@ -17,7 +17,7 @@ from mmw.kernels.camera import instance_culling as candidate_kernels
 from mmw.kernels.camera import visibility as kernels
 from mmw.kernels.core import structs
 from mmw.kernels.shading import structs as looks
-from mmw.scene.device_scene import Scene
+from mmw.scene.device_scene import DeviceScene
 from mmw.scene.views import Views
 from mmw.sensors.render.camera import BLOCK_DIM, device_camera, tiles
 
@@ -42,7 +42,7 @@ come, all samples move."""
 class SampleBuffer:
     """The first surface in every pixel of a batch of views, on the device."""
 
-    scene: Scene
+    scene: DeviceScene
     views: Views
     on_device: structs.Views
     intrinsics: Intrinsics
@@ -53,7 +53,7 @@ class SampleBuffer:
     """Further rays of pixels on edges; none unless asked for (`with_extras`)."""
     candidates: structs.Candidates
     """Instances that the rays of each tile can meet."""
-    cut_outs: "looks.Appearance | None"
+    alpha_cutouts: "looks.Appearance | None"
     """Appearance of a scene with cut-out textures."""
 
     @property
@@ -108,11 +108,11 @@ def empty_samples(count: int, device: str, *, with_surfaces: bool) -> looks.Samp
 
 
 def trace_samples(
-    scene: Scene,
+    scene: DeviceScene,
     views: Views,
     intrinsics: Intrinsics,
     range_m: float,
-    cut_outs: "looks.Appearance | None" = None,
+    alpha_cutouts: "looks.Appearance | None" = None,
     *,
     with_surfaces: bool = True,
 ) -> SampleBuffer:
@@ -123,7 +123,7 @@ def trace_samples(
         views: Camera poses (x along the optical axis, y left, z up), A rows.
         intrinsics: Image size, focal length and lens.
         range_m: Longest depth along the optical axis [m].
-        cut_outs: Appearance of a scene with cut-out textures, whose holes rays pass; None where it has none.
+        alpha_cutouts: Appearance of a scene with cut-out textures, whose holes rays pass; None where it has none.
         with_surfaces: Keep surface ids and normals too, which pictures need and depth does not.
 
     Raises:
@@ -136,12 +136,12 @@ def trace_samples(
     camera = device_camera(intrinsics, range_m)
     on_device = views.for_scene(scene)
     met = _tile_candidates(scene, on_device, len(views), intrinsics, camera)
-    buffer = SampleBuffer(scene, views, on_device, intrinsics, camera, samples, none, met, cut_outs)
+    buffer = SampleBuffer(scene, views, on_device, intrinsics, camera, samples, none, met, alpha_cutouts)
     _trace(buffer, 0, buffer.threads)
     return buffer
 
 
-def empty_candidates(groups: int, scene: Scene) -> structs.Candidates:
+def empty_candidates(groups: int, scene: DeviceScene) -> structs.Candidates:
     """Return room for the instances that groups of rays can meet."""
     met = structs.Candidates()
     met.count = wp.zeros(groups, dtype=int, device=scene.device)
@@ -150,7 +150,7 @@ def empty_candidates(groups: int, scene: Scene) -> structs.Candidates:
 
 
 def _tile_candidates(
-    scene: Scene, views: structs.Views, count: int, intrinsics: Intrinsics, camera: camera_kernels.Camera
+    scene: DeviceScene, views: structs.Views, count: int, intrinsics: Intrinsics, camera: camera_kernels.Camera
 ) -> structs.Candidates:
     shape = tiles(count, intrinsics)[:3]
     met = empty_candidates(int(np.prod(shape)), scene)
@@ -177,10 +177,13 @@ def _trace(buffer: SampleBuffer, first: int, threads: int) -> None:
     """Trace the samples of some threads."""
     if threads:
         scene, device = buffer.scene.struct, buffer.scene.device
-        if buffer.cut_outs is None:
+        if buffer.alpha_cutouts is None:
             kernel, inputs = kernels.visibility_kernel, [scene, buffer.picture, buffer.candidates, first]
         else:
-            kernel, inputs = kernels.visibility_through_holes_kernel, [scene, buffer.cut_outs, buffer.picture, first]
+            kernel, inputs = (
+                kernels.visibility_through_holes_kernel,
+                [scene, buffer.alpha_cutouts, buffer.picture, first],
+            )
         wp.launch(kernel, dim=threads, inputs=inputs, outputs=[buffer.samples], device=device, block_dim=BLOCK_DIM)
 
 
@@ -250,7 +253,7 @@ def with_extras(buffer: SampleBuffer, edges: "FlaggedRows", per_pixel: int) -> S
             wp.copy(getattr(both.samples, name), getattr(buffer.samples, name), count=buffer.count)
     extras.source = wp.empty(both.further, dtype=int, device=device)
     is_traced = empty_flags(both.further, device)
-    if buffer.cut_outs is None:
+    if buffer.alpha_cutouts is None:
         _launch(kernels.guess_kernel, both.further, [scene, both.picture], [extras.source, is_traced])
     else:
         is_traced[: both.further].fill_(1)

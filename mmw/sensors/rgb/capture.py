@@ -5,11 +5,11 @@ from collections.abc import Callable
 import numpy as np
 import warp as wp
 
-from mmw.config import RgbConfig
+from mmw.config import RgbCamera
 from mmw.core.random_keys import random_keys
 from mmw.core.transfer import to_host
 from mmw.scene.views import view_keys
-from mmw.sensors.batch import Job, Rows
+from mmw.sensors.batch import Batch, TableRows
 from mmw.sensors.camera_group.launches import Launch, images_of
 from mmw.sensors.camera_group.rows import Images, file_rows, rgb_rows
 from mmw.sensors.render.jpeg import jpeg_files
@@ -18,7 +18,7 @@ from mmw.sensors.rgb.simulate import RgbImages
 from mmw.storage.codecs.images import encode_flow, encode_normals, encode_rgb
 
 
-def record_rgb(job: Job, launch: Launch, buffer: SampleBuffer, collected: Rows) -> None:
+def record_rgb(job: Batch, launch: Launch, buffer: SampleBuffer, collected: TableRows) -> None:
     """Add the images of the RGB cameras of a launch, which have equal settings.
 
     Args:
@@ -27,7 +27,7 @@ def record_rgb(job: Job, launch: Launch, buffer: SampleBuffer, collected: Rows) 
         buffer: What the pixels see.
         collected: Rows to add to.
     """
-    shots = [(shot, shot.sensor) for shot in launch.shots if isinstance(shot.sensor, RgbConfig)]
+    shots = [(shot, shot.sensor) for shot in launch.shots if isinstance(shot.sensor, RgbCamera)]
     found: dict[str, RgbImages] = {}
     exposures: dict[str, np.ndarray] = dict.fromkeys(collected, np.zeros(0))
     files: dict[str, Images] = dict.fromkeys(collected, ())
@@ -50,7 +50,7 @@ def record_rgb(job: Job, launch: Launch, buffer: SampleBuffer, collected: Rows) 
             tables["rgb"].append(rgb_rows(job.arrays, sensor, views, own, exposure, job.scenario.name, weather))
 
 
-def _encoded(job: Job, launch: Launch, images: wp.array, config: RgbConfig) -> Images:
+def _encoded(job: Batch, launch: Launch, images: wp.array, config: RgbCamera) -> Images:
     """Return each view's image as a file that a thread makes."""
     with job.clock.stage(launch.name):
         (on_host,) = to_host([images])
@@ -64,9 +64,9 @@ def makes_files(device: str) -> bool:
     return wp.get_device(device).is_cuda
 
 
-def record_surfaces(job: Job, launch: Launch, buffer: SampleBuffer, collected: Rows) -> None:
+def record_surfaces(job: Batch, launch: Launch, buffer: SampleBuffer, collected: TableRows) -> None:
     """Add normals and flow of the RGB cameras of a launch, where they ask for them."""
-    config = next(shot.sensor for shot in launch.shots if isinstance(shot.sensor, RgbConfig))
+    config = next(shot.sensor for shot in launch.shots if isinstance(shot.sensor, RgbCamera))
     camera = job.rgb_camera(config.debug)
     if config.normals:
         with job.clock.stage("normals"):
@@ -79,7 +79,7 @@ def record_surfaces(job: Job, launch: Launch, buffer: SampleBuffer, collected: R
 
 
 def _record_files(
-    job: Job, launch: Launch, table: str, images: wp.array, encode: Callable[..., bytes], collected: Rows
+    job: Batch, launch: Launch, table: str, images: wp.array, encode: Callable[..., bytes], collected: TableRows
 ) -> None:
     for shot in launch.rgb:
         views = launch.views.take(shot.rows)
@@ -89,7 +89,7 @@ def _record_files(
             tables[table].append(rows)
 
 
-def _keys(job: Job, launch: Launch, weather: str) -> np.ndarray:
+def _keys(job: Batch, launch: Launch, weather: str) -> np.ndarray:
     """Return the key of each view's random numbers in one weather, shape [A, 2], uint32.
 
     They are named after the camera, so that they do not depend on which cameras share a launch.
@@ -101,7 +101,7 @@ def _keys(job: Job, launch: Launch, weather: str) -> np.ndarray:
     return keys
 
 
-def _lens_keys(job: Job, launch: Launch) -> np.ndarray:
+def _lens_keys(job: Batch, launch: Launch) -> np.ndarray:
     """Return the key of each view's lens, the same in every frame and weather, shape [A, 2], uint32."""
     keys = np.zeros((len(launch.views), 2), dtype=np.uint32)
     for shot in launch.rgb:

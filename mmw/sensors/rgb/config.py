@@ -6,11 +6,11 @@ from pydantic import Field, model_validator
 
 from mmw.config.lens import WIDEST_DEG, LensConfig, check_lens
 from mmw.config.section import Name
-from mmw.sensors.base_config import MountConfig, Role, SensorSection
+from mmw.sensors.base_config import MountConfig, Role, SensorConfig
 from mmw.sensors.render.image_config import ImageConfig
 
 
-class RgbConfig(SensorSection):
+class RgbCamera(SensorConfig):
     """A colour camera, and what the same rays show."""
 
     type: Literal["rgb"] = "rgb"
@@ -64,21 +64,21 @@ class RgbConfig(SensorSection):
     debug: bool = Field(False, description="magenta where a texture is missing; otherwise its fallback (true or false)")
 
     @model_validator(mode="after")
-    def _lens(self) -> "RgbConfig":
+    def _lens(self) -> "RgbCamera":
         check_lens(self.lens, self.width_px, self.height_px, self.fov_deg)
         return self
 
 
-def paper_cameras() -> tuple[RgbConfig, ...]:
+def paper_cameras() -> tuple[RgbCamera, ...]:
     """Return the four cameras of the paper: to the front, on CAVs and roadside units, and to the other sides of CAVs.
 
     Source: Multimodal-Wireless generator, `config.yaml`, with y to the left and yaw counter-clockwise.
     """
     others = (("back", (-1.5, 0, 2.4), 180), ("left", (0, 0.7, 2.4), 90), ("right", (0, -0.7, 2.4), -90))
     return (
-        RgbConfig(),
+        RgbCamera(),
         *(
-            RgbConfig(name=name, on=("cav",), mount={"cav": MountConfig(position_m=place, yaw_deg=yaw)})
+            RgbCamera(name=name, on=("cav",), mount={"cav": MountConfig(position_m=place, yaw_deg=yaw)})
             for name, place, yaw in others
         ),
     )

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from mmw.config import RgbConfig
+from mmw.config import RgbCamera
 from mmw.core.constants import FRAME_DT
 from mmw.core.kinematics import Motion, differentiate
 from mmw.kernels.camera import instance_culling as candidates
@@ -25,7 +25,7 @@ from mmw.kernels.shading import structs as looks
 from mmw.kernels.shading.sky import Sky
 from mmw.kernels.shading.wet_surfaces import Wet
 from mmw.physics.weather.weather import Weather
-from mmw.scene.device_scene import Scene
+from mmw.scene.device_scene import DeviceScene
 from mmw.scene.view_motion import view_twists
 from mmw.sensors.render.appearance_buffers import AppearanceArrays
 from mmw.sensors.render.lighting import (
@@ -64,14 +64,14 @@ class RgbImages:
     """Factor on luminance that makes 1 white [1/(kcd/m2)], shape [A], float32."""
 
 
-class RgbCamera:
+class RgbRenderer:
     """Renders camera views of one scene in several weathers.
 
     Attributes:
         notes: What a user should know of textures, one line each.
     """
 
-    def __init__(self, scene: Scene, weathers: Mapping[str, Weather], *, seed: int = 0, debug: bool = False):
+    def __init__(self, scene: DeviceScene, weathers: Mapping[str, Weather], *, seed: int = 0, debug: bool = False):
         """Load textures and bake the skies.
 
         Args:
@@ -109,7 +109,7 @@ class RgbCamera:
         self._groups = list(groups.values())
 
     @property
-    def cut_outs(self) -> "shade.Appearance | None":
+    def alpha_cutouts(self) -> "shade.Appearance | None":
         """Appearance for `trace_samples` where a material has holes, else None."""
         first = next(iter(self._shading.values())).appearance
         return first if first.has_holes else None
@@ -117,7 +117,7 @@ class RgbCamera:
     def render(
         self,
         buffer: SampleBuffer,
-        config: RgbConfig,
+        config: RgbCamera,
         keys: Mapping[str, np.ndarray],
         lens_keys: np.ndarray | None = None,
     ) -> dict[str, RgbImages]:
@@ -195,7 +195,7 @@ class RgbCamera:
             self._lit_frames = self._scene.batch_frames
 
     def radiance(
-        self, buffer: SampleBuffer, config: RgbConfig, weathers: Collection[str] | None = None
+        self, buffer: SampleBuffer, config: RgbCamera, weathers: Collection[str] | None = None
     ) -> dict[str, wp.array]:
         """Return the luminance that reaches every pixel in each weather [kcd/m2], shape [A, H, W], vec3, on the device.
 

@@ -47,7 +47,7 @@ def follow_leader(speed: float, wanted: float, headway: float, gap: float, leade
     return free - ACCELERATION * (target / max(gap, 0.1)) ** 2
 
 
-def wish(car: Car, gap: float, leader_speed: float) -> float:
+def desired_acceleration(car: Car, gap: float, leader_speed: float) -> float:
     """Return the acceleration that the driver wants [m/s^2].
 
     Bends and stop lines are speeds to be reached at a point, followed with a preview.

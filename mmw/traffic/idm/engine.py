@@ -10,9 +10,9 @@ from mmw.traffic.idm.driver import (
     STANDSTILL_GAP,
     STEP,
     asking_distance,
+    desired_acceleration,
     follow_leader,
     integrate,
-    wish,
 )
 from mmw.traffic.idm.junctions import ConflictTable, Held, Passage, Request, grant_requests
 from mmw.traffic.idm.lane_change import LaneChanges, Leader, View
@@ -100,10 +100,10 @@ class Engine:
         self._grant(leaders)
         if self.changes is not None:
             self.changes.decide(View(self.cars, self.marks, leaders, self.held, self.time, self.steps))
-        wishes = [wish(car, *leader[:2]) for car, leader in zip(self.cars, leaders, strict=True)]
+        wishes = [desired_acceleration(car, *leader[:2]) for car, leader in zip(self.cars, leaders, strict=True)]
         for index, (car, wanted) in enumerate(zip(self.cars, wishes, strict=True)):
             integrate(car, wanted)
-            car.stood = car.stood + STEP if car.speed < STANDING else 0.0
+            car.stopped_time = car.stopped_time + STEP if car.speed < STANDING else 0.0
             car.place()
             gap, _, mark = leaders[index]
             if mark is not None and gap < QUEUE_GAP:
@@ -225,7 +225,7 @@ class Engine:
                 inside.add(mark.vehicle)
                 leader = self.cars[mark.vehicle]
                 now = min(now, mark.rear + leader.speed**2 / (2 * COAST))
-                soon = min(soon, mark.rear) if leader.stood > BLOCKED_AFTER else soon
+                soon = min(soon, mark.rear) if leader.stopped_time > BLOCKED_AFTER else soon
         for other in {hold.vehicle for hold in self.held} - inside:
             leader = self.cars[other]
             ways = leader.passages[: leader.granted]

@@ -36,7 +36,7 @@ LATERAL_ACCELERATION = 1.5
 QUINTIC_PEAK = 10 / 3**0.5
 """Largest second derivative of 10 u^3 - 15 u^4 + 6 u^5 on 0..1."""
 
-LEAST_LENGTH = 25.0
+MIN_LENGTH = 25.0
 """Shortest change [m]; design value."""
 
 GAIN_OF_SPEED = 1.5
@@ -239,7 +239,7 @@ class LaneChanges:
         start = row * PATH_STEP - EXTENSION
         front, aside = self.beside.at(lane.name, other, car.nose - begin)
         least = blend_time(aside)
-        length = max(LEAST_LENGTH, least * min(wanted, car.speed + GAIN_OF_SPEED))
+        length = max(MIN_LENGTH, least * min(wanted, car.speed + GAIN_OF_SPEED))
         length = PATH_STEP * round(length / PATH_STEP)
         left = car.ends[car.segment] - lane.stop - car.nose
         if start + length + car.shape.front + SETTLE > car.ends[car.segment] or left < asking_distance(car.speed):

@@ -45,7 +45,7 @@ class VehicleTrack:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class TrafficResult:
     """The motion of a scenario's vehicles, and what lies behind it."""
 
     tracks: list[VehicleTrack]
@@ -64,7 +64,7 @@ def run_traffic(
     frame_count: int,
     seed: int,
     device: str = "cpu",
-) -> Outcome:
+) -> TrafficResult:
     """Return the motion of all vehicles of a scenario, and what they decided.
 
     Args:
@@ -120,7 +120,7 @@ def run_traffic(
         tracks.append(VehicleTrack(name, role, cars[rank].shape.name, paints[rank], poses, cause))
         names[rank] = name
     done = [] if changes is None else changes.done
-    return Outcome(
+    return TrafficResult(
         tracks,
         [(time - before, names[rank], lane, other) for time, rank, lane, other in done],
         {names[rank]: cars[rank].line.lanes for rank in order},

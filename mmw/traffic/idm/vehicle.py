@@ -64,7 +64,7 @@ class Car:
     """Index of the lane under the front bumper."""
     rear_segment: int = 0
     """Index of the lane under the rear bumper."""
-    stood: float = 0.0
+    stopped_time: float = 0.0
     """Time since it last moved [s]."""
     stop_braking: float = STOP_BRAKING
     """Planned deceleration towards the next stop line [m/s^2]."""

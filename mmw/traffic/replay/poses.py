@@ -35,13 +35,13 @@ PATH_SIGMAS = (0.0, 1.0, 2.0, 3.0)
 STATION_JERK = 6.0
 """Largest third derivative of the way over time that the choice aims at [m/s^3]."""
 
-MOST_JERK = 9.5
+MAX_JERK = 9.5
 """Largest horizontal jerk of the body's origin on one axis [m/s^3]; a little below 10, which others may measure."""
 
 BEHIND = 12.0
 """Straight run before the first sample, where the rear of the vehicle is [m]."""
 
-LEAST_LEAD = 0.5
+MIN_LEAD = 0.5
 """The heading of a vehicle whose rear axle is given follows the line within this way [m]."""
 
 AHEAD = 3.0
@@ -135,7 +135,7 @@ def _replay_part(part: Trajectory, shape: Shape, decks: Decks, first: int, last:
             line, way = _smooth_path(path, fine, path_sigma)
             poses = _stand(part, line, shape, decks, _smooth(way, sigma, pad), first)
             jerk = np.abs(np.diff(poses[:, :2], n=3, axis=0)).max(axis=1, initial=0.0) / FRAME_DT**3
-            if jerk.max(initial=0.0) <= MOST_JERK:
+            if jerk.max(initial=0.0) <= MAX_JERK:
                 acceleration = np.linalg.norm(np.diff(poses[:, :2], n=2, axis=0), axis=1) / FRAME_DT**2
                 if acceleration.max(initial=0.0) <= comfort:
                     return poses
@@ -146,7 +146,7 @@ def _replay_part(part: Trajectory, shape: Shape, decks: Decks, first: int, last:
             return rough
     raise InputError(
         f"{_where(part, (first + where) * FRAME_DT, poses[where])}: the samples cannot be made smooth; a jerk of "
-        f"{least:.1f} m/s^3 is left, {MOST_JERK} is allowed; smooth them, or leave out this vehicle"
+        f"{least:.1f} m/s^3 is left, {MAX_JERK} is allowed; smooth them, or leave out this vehicle"
     )
 
 
@@ -239,10 +239,10 @@ def _follow(line: Line, reference: str, shape: Shape) -> Track:
     if reference in ("front_bumper", "front_axle"):
         return follow_line(line, shape)
     lead = 0.5 * shape.length - shape.rear if reference == "center" else 0.0
-    track = follow_line(line, replace(shape, wheelbase=max(lead, LEAST_LEAD)))
+    track = follow_line(line, replace(shape, wheelbase=max(lead, MIN_LEAD)))
     heading = track.heading
     if reference == "rear_axle":  # it lags by the way that was lent
-        heading = np.interp(line.station + LEAST_LEAD, line.station, heading)
+        heading = np.interp(line.station + MIN_LEAD, line.station, heading)
     forward = np.stack([np.cos(heading), np.sin(heading)], axis=1)
     front = track.front + (shape.wheelbase - lead) * forward
     center = front - 0.5 * shape.wheelbase * forward

@@ -7,7 +7,7 @@ import numpy as np
 
 from mmw.config import load_config
 from mmw.core.resources import configs_dir
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.scene_data import SceneData
 from mmw.traffic.roads.lane_graph import LaneGraph
 from mmw.viz.plots.radio_map import draw_scene
 
@@ -23,7 +23,7 @@ SCALE_M = 100.0
 SIZE_PX, DPI = 1200, 120
 
 
-def plot_lanes(lanes: LaneGraph, arrays: SceneArrays, town: str, out: Path) -> None:
+def plot_lanes(lanes: LaneGraph, arrays: SceneData, town: str, out: Path) -> None:
     """Draw the lanes by speed limit, ways through junctions, buildings, and the scenarios that the town has.
 
     Args:

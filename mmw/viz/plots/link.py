@@ -178,8 +178,8 @@ def plot_link(
 
 def _draw_gain(axes: Any, series: LinkSeries) -> None:
     axes.plot(series.time_s, series["gain_db"], color=BLUE, lw=1.4, label="path gain", zorder=3)
-    is_blocked, half = ~series["is_los"].astype(bool), FRAME_DT / 2.0
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], is_blocked, [False]]).astype(int)))
+    occluded, half = ~series["is_los"].astype(bool), FRAME_DT / 2.0
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], occluded, [False]]).astype(int)))
     for number, (first, end) in enumerate(edges.reshape(-1, 2)):
         label = "no line of sight" if number == 0 else None
         ends = series.time_s[first] - half, series.time_s[end - 1] + half

@@ -7,7 +7,7 @@ import numpy as np
 
 from mmw.channel.radio_map.solver import RadioMap
 from mmw.core.transforms import transform_points
-from mmw.scene.scene_data import MODEL_NONE, SceneArrays
+from mmw.scene.scene_data import MODEL_NONE, SceneData
 
 MARGIN_M = 5.0
 """Border around the cells in the picture [m]."""
@@ -19,7 +19,7 @@ LOWEST_SHARE = 2.0
 """The colour scale leaves out the lowest values of this many percent of the cells."""
 
 
-def plot_radio_map(result: RadioMap, arrays: SceneArrays, frame: int, out: Path, title: str) -> None:
+def plot_radio_map(result: RadioMap, arrays: SceneData, frame: int, out: Path, title: str) -> None:
     """Draw the signal strength of the strongest transmitter and its SINR; a cell that nothing reaches stays empty.
 
     Args:
@@ -33,7 +33,7 @@ def plot_radio_map(result: RadioMap, arrays: SceneArrays, frame: int, out: Path,
 
     plan = result.surface.corners[..., :2]
     low, high = plan.min(axis=(0, 1)) - MARGIN_M, plan.max(axis=(0, 1)) + MARGIN_M
-    server, cell = result.best_server, np.arange(len(plan))
+    server, cell = result.tx_association, np.arange(len(plan))
     wide, tall = high - low
     beside = bool(tall >= wide)
     panel = (6.5, 6.5 * tall / wide) if not beside else (6.5 * wide / tall, 6.5)
@@ -71,7 +71,7 @@ def _draw_cells(figure: Any, axes: Any, plan: np.ndarray, values: np.ndarray, la
     figure.colorbar(cells, ax=axes, label=label, extend="min", shrink=0.9)
 
 
-def draw_scene(axes: Any, arrays: SceneArrays, frame: int) -> None:
+def draw_scene(axes: Any, arrays: SceneData, frame: int) -> None:
     """Draw buildings as grey areas below the cells, and the vehicles of a frame as outlines over them."""
     from matplotlib.collections import PolyCollection
 

@@ -19,7 +19,7 @@ PATH_FRAMES = 200
 BEAM_LINKS = 1500
 """Links of a page whose best beams are searched at most: about 1.5 ms of one core each; scenarios share them."""
 
-LEAST_BEAM_LINKS = 100
+MIN_BEAM_LINKS = 100
 """Links that each scenario may search at least."""
 
 KINDS = ("los", "specular", "diffuse", "transmission", "diffraction")
@@ -63,7 +63,7 @@ def radio_section(data: Dataset, inventory: Inventory, scenario: str, rows: Link
         ),
     ]
     if "poses" in data.tables:
-        most = max(LEAST_BEAM_LINKS, BEAM_LINKS // scenarios)
+        most = max(MIN_BEAM_LINKS, BEAM_LINKS // scenarios)
         charts.insert(2, _beams(data, scenario, weather, carrier, rows, most))
     entries = [(f"s{KINDS.index(kind)}", kind) for kind in kinds]
     note = (

@@ -18,13 +18,13 @@ from mmw.viz.report.thumbnails import depth_thumb, image_thumb, radar_thumb, swe
 FRAMES = 3
 """Frames of a scenario that are shown at most."""
 
-MOST_PICTURES = 480
+MAX_PICTURES = 480
 """Pictures on a page at most; scenarios share them."""
 
-LEAST_PICTURES = 16
+MIN_PICTURES = 16
 """Pictures that a scenario may have at least."""
 
-MOST_BYTES = 6_000_000
+MAX_BYTES = 6_000_000
 """Bytes of all pictures at most, before they are written as text, which takes a third more."""
 
 Thumb = tuple[str, bytes]
@@ -45,8 +45,8 @@ class Budget:
 
     def __init__(self, scenarios: int) -> None:
         """Share the pictures out between scenarios."""
-        self.each = max(LEAST_PICTURES, MOST_PICTURES // max(scenarios, 1))
-        self.bytes = MOST_BYTES
+        self.each = max(MIN_PICTURES, MAX_PICTURES // max(scenarios, 1))
+        self.bytes = MAX_BYTES
 
     def take(self, data: bytes) -> bool:
         """Return whether a picture still fits, and count it."""

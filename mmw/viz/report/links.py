@@ -12,22 +12,22 @@ from mmw.viz.report.inventory import Inventory
 from mmw.viz.report.sampling import sample_range, sampled
 from mmw.viz.report.svg import Chart, padded
 
-MOST_FRAMES = 5000
+MAX_FRAMES = 5000
 """Frames of a scenario and weather whose links are read at most."""
 
-MOST_POINTS = 300
+MAX_POINTS = 300
 """Points of a line at most, on a page of few scenarios; more scenarios share them."""
 
-LEAST_POINTS = 80
+MIN_POINTS = 80
 """Points of a line that a page of many scenarios still has."""
 
-MOST_LINKS = 12
+MAX_LINKS = 12
 """Links of a scenario and carrier that get a chart at most; vehicle-to-infrastructure links come first."""
 
 COLUMNS = ("frame", "agent", "peer", "carrier_hz", "link", "path_count", "is_los", "gain_db", "rms_delay_s")
 """Columns of table `links` that are read."""
 
-Ends = tuple[str, str]
+RadioDevices = tuple[str, str]
 """Transmitter and receiver."""
 
 
@@ -40,14 +40,14 @@ class LinkRows:
     by_weather: dict[str, dict[str, np.ndarray]]
     """Weather -> `COLUMNS`, sorted by frame."""
 
-    def of(self, weather: str, ends: Ends, carrier_hz: float) -> dict[str, np.ndarray]:
+    def of(self, weather: str, ends: RadioDevices, carrier_hz: float) -> dict[str, np.ndarray]:
         """Return the rows of one link at one carrier."""
         rows = self.by_weather[weather]
         is_it = (rows["peer"] == ends[0]) & (rows["agent"] == ends[1]) & (rows["carrier_hz"] == carrier_hz)
         return {name: values[is_it] for name, values in rows.items()}
 
     @property
-    def ends(self) -> list[tuple[str, Ends]]:
+    def ends(self) -> list[tuple[str, RadioDevices]]:
         """Kind and ends of every link, v2i before v2v."""
         found = {
             (str(kind), (str(peer), str(agent)))
@@ -67,7 +67,7 @@ def read_links(data: Dataset, inventory: Inventory, scenario: str) -> LinkRows |
     weathers = inventory.weathers(scenario)
     if "links" not in data.tables or not weathers:
         return None
-    frames, found = sample_range(inventory.frames(scenario), MOST_FRAMES), {}
+    frames, found = sample_range(inventory.frames(scenario), MAX_FRAMES), {}
     for weather in weathers:
         rows = data.numpy("links", columns=COLUMNS, scenario=scenario, weather=weather, frames=frames)
         if len(rows["frame"]):
@@ -83,11 +83,11 @@ def link_section(rows: LinkRows, scenarios: int) -> str:
         rows: The links.
         scenarios: Scenarios on the page, which share the points of lines.
     """
-    points = max(LEAST_POINTS, min(MOST_POINTS, 4 * MOST_POINTS // max(scenarios, 1)))
+    points = max(MIN_POINTS, min(MAX_POINTS, 4 * MAX_POINTS // max(scenarios, 1)))
     step = max(1, -(-len(rows.frames) // points))
     drawn = rows.frames[::step]
     ends = rows.ends
-    shown = ends[:MOST_LINKS]
+    shown = ends[:MAX_LINKS]
     weathers = list(rows.by_weather)
     entries = [(f"line s{i % SERIES_COUNT}", name) for i, name in enumerate(weathers)]
     parts = [legend([*entries, ("free", "line of sight is free"), ("blocked", "blocked")])]
@@ -105,7 +105,7 @@ def link_section(rows: LinkRows, scenarios: int) -> str:
     return "".join(parts)
 
 
-def _chart(rows: LinkRows, ends: Ends, carrier_hz: float, drawn: range) -> str:
+def _chart(rows: LinkRows, ends: RadioDevices, carrier_hz: float, drawn: range) -> str:
     lines = []
     for weather in rows.by_weather:
         own = rows.of(weather, ends, carrier_hz)

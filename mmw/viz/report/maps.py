@@ -13,7 +13,7 @@ from mmw.viz.report.inventory import Inventory
 from mmw.viz.report.sampling import sample_range, sampled
 from mmw.viz.report.svg import nice_step
 
-MOST_FRAMES = 200
+MAX_FRAMES = 200
 """Frames of a way that are read at most."""
 
 OTHER_FRAMES = 30
@@ -38,7 +38,7 @@ def trajectory_map(data: Dataset, inventory: Inventory, scenario: str, plan: Tow
     weathers = inventory.weathers(scenario)
     if "poses" not in data.tables or not weathers:
         return ""
-    frames = sample_range(inventory.frames(scenario, weathers[0]), MOST_FRAMES)
+    frames = sample_range(inventory.frames(scenario, weathers[0]), MAX_FRAMES)
     where = {"scenario": scenario, "weather": weathers[0]}
     poses = data.numpy("poses", columns=["frame", "agent", "role", "x", "y"], frames=frames, **where)
     if not len(poses["frame"]):

@@ -7,7 +7,7 @@ from pathlib import Path
 from mmw import __version__
 from mmw.core.errors import InputError
 from mmw.dataset import Dataset, open_dataset
-from mmw.storage.atomic_files import publish_bytes
+from mmw.storage.atomic_files import write_bytes_atomically
 from mmw.viz.plots.map import TownPlan, read_town_plan
 from mmw.viz.report.channel_statistics import radio_section
 from mmw.viz.report.contact_sheets import Budget, contact_sheets
@@ -59,7 +59,7 @@ def make_report(
     inventory, data = take_inventory(root), open_dataset(root)
     shown = _choose(inventory, scenarios)
     page = build_page(inventory, data, shown, tell).encode()
-    publish_bytes(out, page)
+    write_bytes_atomically(out, page)
     return len(page)
 
 

@@ -8,7 +8,7 @@ import rerun as rr
 
 from mmw.channel.antennas.array_response import rotations_from_poses
 from mmw.channel.codebook import BeamPairs
-from mmw.channel.path_table import PathRows
+from mmw.channel.path_table import Paths
 from mmw.dataset import BeamSearch
 from mmw.dataset.frame import Frame, Link
 from mmw.viz.rerun import colors
@@ -105,7 +105,7 @@ def best_beams(frame: Frame, links: list[Link], search: BeamSearch) -> dict[Link
     found = {}
     wanted = {(link.carrier_hz, link.agent, link.peer) for link in links}
     for carrier in sorted({link.carrier_hz for link in links}):
-        paths = PathRows.from_table(frame.table("paths"), carrier, frame.table("links"))
+        paths = Paths.from_table(frame.table("paths"), carrier, frame.table("links"))
         keys = [(carrier, str(key["agent"]), str(key["peer"])) for key in paths.keys]
         own = np.array([index for index, key in enumerate(keys) if key in wanted], dtype=np.int64)
         paths, keys = paths.take(own), [keys[index] for index in own]

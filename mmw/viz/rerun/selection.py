@@ -8,7 +8,7 @@ import numpy as np
 from mmw.core.errors import InputError
 from mmw.dataset import Dataset
 
-MOST_FRAMES = 200
+MAX_FRAMES = 200
 """Frames that are shown if none are named: every one, or every 10th, 100th, ..., so that there are no more. Four sweeps
 and images a frame are about 2 MB: some 0.4 GB then. Design value."""
 
@@ -43,7 +43,7 @@ def choose_scope(
         scenario: Scenario; the first of the configuration that has rows, if empty.
         weather: Weather; the first of the configuration that has rows of the scenario, if empty.
         frames: Frames, those that are not in the dataset are left out; None chooses all, or every 10th, 100th, ... of
-            them, see `MOST_FRAMES`.
+            them, see `MAX_FRAMES`.
         agents: Agents; all if empty.
 
     Raises:
@@ -60,7 +60,7 @@ def choose_scope(
     notes = []
     if frames is None:
         step = 1
-        while len(there) > step * MOST_FRAMES:
+        while len(there) > step * MAX_FRAMES:
             step *= 10
         wanted = there[there % step == there[0] % step] if step > 1 else there
         if step > 1:

@@ -11,7 +11,7 @@ from mmw.core.errors import InputError
 from mmw.dataset.camera_geometry import POSE_COLUMNS
 from mmw.scene.prepare import stored_stage
 from mmw.scene.reader import read_stage
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.scene_data import SceneData
 from mmw.storage.manifest import CONFIG
 from mmw.viz.rerun.entities import TOWN
 from mmw.viz.rerun.selection import Scope
@@ -37,7 +37,7 @@ class TownMesh:
     """8-bit sRGB."""
 
 
-def town_meshes(arrays: SceneArrays, weather: str, low: np.ndarray, high: np.ndarray) -> list[TownMesh]:
+def town_meshes(arrays: SceneData, weather: str, low: np.ndarray, high: np.ndarray) -> list[TownMesh]:
     """Return the faces of the static town, one mesh a material, with vertices of equal place and normal made one.
 
     Args:

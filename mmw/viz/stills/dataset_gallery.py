@@ -7,7 +7,7 @@ from mmw.config import load_config
 from mmw.core.device import choose_device
 from mmw.core.errors import InputError
 from mmw.dataset import open_dataset
-from mmw.scene.device_scene import Scene
+from mmw.scene.device_scene import DeviceScene
 from mmw.scene.prepare import stored_stage
 from mmw.scene.reader import read_stage
 from mmw.storage.manifest import CONFIG, read_dataset
@@ -22,7 +22,7 @@ from mmw.viz.stills.plots import (
     read_rows,
     segmented_cameras,
 )
-from mmw.viz.stills.renderer import Pictures, follow_view, map_frame, street_camera
+from mmw.viz.stills.renderer import StillRenderer, follow_view, map_frame, street_camera
 from mmw.viz.stills.weather_plots import plot_lidar_weathers, plot_radar_weathers
 
 PICTURES = (
@@ -40,7 +40,7 @@ MAP_PX = 1200
 STREET_PX = (1280, 720)
 """Width and height of the street view [px]."""
 
-MOST_BYTES = 400_000
+MAX_BYTES = 400_000
 """Size of one of them at most [bytes]. Design value."""
 
 
@@ -87,7 +87,7 @@ def make_gallery(
         roles=found.actor_roles,
         material_map=found.material_map,
     )
-    scene = Scene(arrays, choose_device(device), 1)
+    scene = DeviceScene(arrays, choose_device(device), 1)
     scene.load_batch([frame])
     names = [actor.name for actor in arrays.actors]
     agent = agent or next((actor.name for actor in arrays.actors if actor.role == "cav"), "")
@@ -95,13 +95,13 @@ def make_gallery(
         raise InputError(f"{root}: scenario {scenario!r} has no agent {agent!r}; it has {', '.join(names[:8])}, ...")
     out.mkdir(parents=True, exist_ok=True)
     files = {name: out / f"{scenario}_{name}.{'jpg' if name in RENDERED else 'png'}" for name in PICTURES}
-    pictures = Pictures(scene, {weather: config.air[weather].weather(weather)}, seed=config.seed)
+    pictures = StillRenderer(scene, {weather: config.air[weather].weather(weather)}, seed=config.seed)
     pose = arrays.poses[0, names.index(agent)]
     town = pictures.map_view(weather, *map_frame(scene), width=MAP_PX, samples=samples)
     close = pictures.map_view(weather, pose[:2], 120.0, width=MAP_PX, samples=samples)
     street = pictures.look(weather, *follow_view(pose), street_camera(*STREET_PX, samples))
     for name, image in zip(RENDERED, (town, close, street), strict=True):
-        save_jpeg(image, files[name], MOST_BYTES)
+        save_jpeg(image, files[name], MAX_BYTES)
     tables = open_dataset(root).tables
     at = {"scenario": scenario, "weather": weather, "frame": frame}
     for table, plot in (("lidar", plot_lidar), ("radar", plot_radar), ("depth", plot_depth)):

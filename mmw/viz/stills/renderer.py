@@ -7,17 +7,17 @@ from functools import cached_property
 import numpy as np
 from PIL import Image
 
-from mmw.config import RgbConfig
+from mmw.config import RgbCamera
 from mmw.core.camera_models import Intrinsics
 from mmw.core.errors import InputError
 from mmw.core.random_keys import random_keys
 from mmw.core.transforms import pose_from_ypr, rotate
 from mmw.physics.weather.weather import Weather
-from mmw.scene.device_scene import Scene
+from mmw.scene.device_scene import DeviceScene
 from mmw.scene.views import Views
 from mmw.sensors.render.projection import intrinsics_of
 from mmw.sensors.render.visibility_buffer import trace_samples
-from mmw.sensors.rgb.simulate import RgbCamera
+from mmw.sensors.rgb.simulate import RgbRenderer
 
 MAP_HEIGHT = 10.0
 """Height of the eye of a map over its middle, in sides of the map [-]: at the edge of any map a roof 30 m up is drawn
@@ -33,7 +33,7 @@ STREET_FOV_DEG = 70.0
 """Horizontal field of view of pictures from an eye [deg]. Design value."""
 
 
-def street_camera(width: int = 1280, height: int = 720, samples: int = 4, fov_deg: float = STREET_FOV_DEG) -> RgbConfig:
+def street_camera(width: int = 1280, height: int = 720, samples: int = 4, fov_deg: float = STREET_FOV_DEG) -> RgbCamera:
     """Return a camera for pictures from an eye: a pinhole.
 
     Args:
@@ -45,7 +45,7 @@ def street_camera(width: int = 1280, height: int = 720, samples: int = 4, fov_de
     Raises:
         InputError: If one of them is not possible.
     """
-    return RgbConfig(width_px=width, height_px=height, samples=samples, fov_deg=fov_deg)
+    return RgbCamera(width_px=width, height_px=height, samples=samples, fov_deg=fov_deg)
 
 
 def look_pose(eye: Sequence[float] | np.ndarray, target: Sequence[float] | np.ndarray) -> np.ndarray:
@@ -75,16 +75,16 @@ def follow_view(pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return pose[:3] - 9.0 * heading + 2.5 * side + (0.0, 0.0, 3.2), pose[:3] + 12.0 * heading + (0.0, 0.0, 1.0)
 
 
-def map_frame(scene: Scene) -> tuple[np.ndarray, float]:
+def map_frame(scene: DeviceScene) -> tuple[np.ndarray, float]:
     """Return the middle [m], shape [2], and the side [m] of a map of the whole town."""
     low, high = scene.arrays.points[:, :2].min(axis=0), scene.arrays.points[:, :2].max(axis=0)
     return 0.5 * (low + high), float((high - low).max())
 
 
-class Pictures:
+class StillRenderer:
     """Takes pictures of a scene. Textures and skies are loaded once."""
 
-    def __init__(self, scene: Scene, weathers: Mapping[str, Weather], *, seed: int = 0):
+    def __init__(self, scene: DeviceScene, weathers: Mapping[str, Weather], *, seed: int = 0):
         """Load textures and bake the skies.
 
         Args:
@@ -100,11 +100,11 @@ class Pictures:
         self._seed = seed
 
     @cached_property
-    def _camera(self) -> RgbCamera:
-        return RgbCamera(self._scene, self._weathers, seed=self._seed)
+    def _camera(self) -> RgbRenderer:
+        return RgbRenderer(self._scene, self._weathers, seed=self._seed)
 
     @cached_property
-    def _map_camera(self) -> RgbCamera:
+    def _map_camera(self) -> RgbRenderer:
         """The same under air that is clear from high up."""
         clear = {
             name: replace(
@@ -117,7 +117,7 @@ class Pictures:
             )
             for name, weather in self._weathers.items()
         }
-        return RgbCamera(self._scene, clear, seed=self._seed)
+        return RgbRenderer(self._scene, clear, seed=self._seed)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -129,7 +129,7 @@ class Pictures:
         weather: str,
         eye: Sequence[float] | np.ndarray,
         target: Sequence[float] | np.ndarray,
-        config: RgbConfig,
+        config: RgbCamera,
         *,
         slot: int = 0,
     ) -> Image.Image:
@@ -168,7 +168,7 @@ class Pictures:
         views = self._standing(look_pose(eye, eye - (0.0, 0.0, 1.0)), slot)
         focal = width * MAP_HEIGHT
         intrinsics = Intrinsics(width, width, focal, focal, 0.5 * width, 0.5 * width)
-        config = RgbConfig(width_px=width, height_px=width, samples=samples)
+        config = RgbCamera(width_px=width, height_px=width, samples=samples)
         keys = self._keys(views, [weather])
         found = self._render(self._map_camera, views, intrinsics, 1.01 * height, config, keys)
         return Image.fromarray(found[weather][0])
@@ -176,7 +176,7 @@ class Pictures:
     def take(
         self,
         views: Views,
-        config: RgbConfig,
+        config: RgbCamera,
         keys: Mapping[str, np.ndarray] | None = None,
         lens_keys: np.ndarray | None = None,
     ) -> dict[str, np.ndarray]:
@@ -201,15 +201,15 @@ class Pictures:
 
     def _render(
         self,
-        camera: RgbCamera,
+        camera: RgbRenderer,
         views: Views,
         intrinsics: Intrinsics,
         range_m: float,
-        config: RgbConfig,
+        config: RgbCamera,
         keys: Mapping[str, np.ndarray],
         lens_keys: np.ndarray | None = None,
     ) -> dict[str, np.ndarray]:
-        buffer = trace_samples(self._scene, views, intrinsics, range_m, camera.cut_outs)
+        buffer = trace_samples(self._scene, views, intrinsics, range_m, camera.alpha_cutouts)
         if lens_keys is None:
             lens_keys = random_keys((self._seed, "lens") for _ in range(len(views)))
         return {name: images.rgb.numpy() for name, images in camera.render(buffer, config, keys, lens_keys).items()}

@@ -17,18 +17,18 @@ import numpy as np
 from PIL import Image
 
 from mmw.cli.command import add_log_options, run_command
-from mmw.config import Config, RgbConfig, ScenarioConfig, load_config
+from mmw.config import Config, RgbCamera, ScenarioConfig, load_config
 from mmw.core.device import choose_device
 from mmw.core.errors import InputError
 from mmw.core.resources import configs_dir
-from mmw.scene.device_scene import Scene
+from mmw.scene.device_scene import DeviceScene
 from mmw.scene.prepare import prepare_scenario
 from mmw.scene.reader import read_stage
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.scene_data import SceneData
 from mmw.scene.views import Views, join_views, make_views, view_keys
 from mmw.sensors.rgb.config import paper_cameras
 from mmw.viz.stills.jpeg import save_jpeg
-from mmw.viz.stills.renderer import Pictures
+from mmw.viz.stills.renderer import StillRenderer
 
 WEATHERS = ("sunny", "rainy", "foggy")
 """Rows of a picture."""
@@ -45,7 +45,7 @@ GAP_PX = 4
 FRAME = 300
 """Frame that is shown unless another is asked for: 3 s."""
 
-MOST_BYTES = 148_000
+MAX_BYTES = 148_000
 """Size of a file at most [bytes]: 16 of them stay below 2.5 MB. Design value."""
 
 
@@ -86,7 +86,7 @@ def draw_scenarios(
         config = load_config(shipped[name], patch=patch)
         picture = draw_scenario(config, config.scenarios[0], shipped[name].parent, agent, samples, device)
         files.append(out / f"{name}.jpg")
-        save_jpeg(picture, files[-1], MOST_BYTES)
+        save_jpeg(picture, files[-1], MAX_BYTES)
         print(f"{files[-1]}  {files[-1].stat().st_size / 1000:.0f} kB, {time.perf_counter() - start:.1f} s", flush=True)
     return files
 
@@ -113,10 +113,10 @@ def draw_scenario(
     with tempfile.TemporaryDirectory() as folder:
         stage = prepare_scenario(config, scenario, base, Path(folder))
         arrays = read_stage(stage, range(frame, frame + 1), config.variants, margin=1)
-        scene = Scene(arrays, choose_device(device), 1)
+        scene = DeviceScene(arrays, choose_device(device), 1)
         scene.load_batch([frame])
         weathers = {name: config.air[name].weather(name) for name in config.weathers}
-        pictures = Pictures(scene, weathers, seed=config.seed)
+        pictures = StillRenderer(scene, weathers, seed=config.seed)
         parts = [view_of(arrays, frame, role, cameras[name], agent) for role, name in COLUMNS]
         views = join_views(parts)
         keys = {
@@ -128,12 +128,12 @@ def draw_scenario(
             )
             for weather in weathers
         }
-        tile = RgbConfig(width_px=width, height_px=height, samples=samples)
+        tile = RgbCamera(width_px=width, height_px=height, samples=samples)
         found = pictures.take(views, tile, keys)
     return join_tiles([list(found[weather]) for weather in config.weathers])
 
 
-def view_of(arrays: SceneArrays, frame: int, role: str, camera: RgbConfig, cav: str) -> Views:
+def view_of(arrays: SceneData, frame: int, role: str, camera: RgbCamera, cav: str) -> Views:
     """Return the view of a camera of the CAV, or of the first roadside unit."""
     views = make_views(arrays, [frame], camera)
     carriers = [arrays.actors[actor] for actor in views.actor]

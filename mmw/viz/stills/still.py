@@ -9,19 +9,19 @@ import numpy as np
 from PIL import Image
 from pydantic import ValidationError
 
-from mmw.config import Config, RgbConfig, ScenarioConfig, config_path, load_config
+from mmw.config import Config, RgbCamera, ScenarioConfig, config_path, load_config
 from mmw.core.bvh_kind import select_bvh
 from mmw.core.device import choose_device
 from mmw.core.errors import InputError
 from mmw.core.random_keys import random_keys
 from mmw.generation.estimate import check_inputs
 from mmw.physics.weather.weather import PRESETS, Weather
-from mmw.scene.device_scene import Scene
+from mmw.scene.device_scene import DeviceScene
 from mmw.scene.prepare import prepare_scenario
 from mmw.scene.reader import read_stage
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.scene_data import SceneData
 from mmw.scene.views import make_views, view_keys
-from mmw.viz.stills.renderer import Pictures, follow_view, street_camera
+from mmw.viz.stills.renderer import StillRenderer, follow_view, street_camera
 from mmw.viz.stills.town_gallery import FOV_DEG, choose_views, selected_weather, view_direction
 from mmw.worlds.checks.check import stage_path
 from mmw.worlds.checks.stage_model import open_world
@@ -69,7 +69,7 @@ class PictureSize:
     samples: int | None = None
     """Rays in a pixel on an edge: 1, 4 or 9."""
 
-    def of(self, camera: RgbConfig) -> RgbConfig:
+    def of(self, camera: RgbCamera) -> RgbCamera:
         """Return a camera with this size.
 
         Raises:
@@ -78,7 +78,7 @@ class PictureSize:
         wanted = {"width_px": self.width, "height_px": self.height, "samples": self.samples}
         given = {key: value for key, value in wanted.items() if value is not None}
         try:
-            return RgbConfig.model_validate({**camera.model_dump(), **given})
+            return RgbCamera.model_validate({**camera.model_dump(), **given})
         except ValidationError as error:
             problem = error.errors()[0]
             key = ".".join(map(str, problem["loc"])) or "lens"
@@ -118,7 +118,7 @@ def draw_scenario(
     frame = config.frames_of(found).start if frame is None else frame
     weather = weather or config.weathers[0]
     values, variants = _configured_weather(config, weather)
-    cameras = {sensor.name: sensor for sensor in config.sensors if isinstance(sensor, RgbConfig)}
+    cameras = {sensor.name: sensor for sensor in config.sensors if isinstance(sensor, RgbCamera)}
     if viewpoint.camera and viewpoint.camera not in cameras:
         listed = f"it has {', '.join(cameras)}" if cameras else "it has none"
         raise InputError(f"{path}: has no RGB camera {viewpoint.camera!r}; {listed}; name one, or use --eye")
@@ -210,16 +210,16 @@ def _configured_weather(config: Config, name: str) -> tuple[Weather, tuple[str, 
 
 
 def _load(
-    arrays: SceneArrays, frame: int, weathers: dict[str, Weather], seed: int, device: str
-) -> tuple[Scene, Pictures]:
-    scene = Scene(arrays, choose_device(device), 1)
+    arrays: SceneData, frame: int, weathers: dict[str, Weather], seed: int, device: str
+) -> tuple[DeviceScene, StillRenderer]:
+    scene = DeviceScene(arrays, choose_device(device), 1)
     scene.load_batch([frame])
-    return scene, Pictures(scene, weathers, seed=seed)
+    return scene, StillRenderer(scene, weathers, seed=seed)
 
 
 def _from_eye(
-    pictures: Pictures,
-    arrays: SceneArrays,
+    pictures: StillRenderer,
+    arrays: SceneData,
     frame: int,
     weather: str,
     viewpoint: Viewpoint,

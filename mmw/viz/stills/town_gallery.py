@@ -11,13 +11,13 @@ from mmw.core.errors import InputError
 from mmw.kernels.core.structs import Hit
 from mmw.kernels.core.trace import cast_kernel
 from mmw.physics.weather.weather import PRESETS, Weather
-from mmw.scene.device_scene import Scene
+from mmw.scene.device_scene import DeviceScene
 from mmw.scene.reader import WEATHER, read_stage
 from mmw.traffic.roads.lane_graph import LaneGraph
 from mmw.usd.open_stage import open_stage
 from mmw.viz.plots.lane_map import plot_lanes
 from mmw.viz.stills.jpeg import save_jpeg
-from mmw.viz.stills.renderer import Pictures, map_frame, street_camera
+from mmw.viz.stills.renderer import StillRenderer, map_frame, street_camera
 from mmw.worlds.checks.stage_model import open_world
 
 STREETS = 3
@@ -38,12 +38,12 @@ SIGHT_M = 150.0
 GRID = (64, 36)
 """Rays that count what a view sees, columns and rows."""
 
-MOST_CANDIDATES = 240
+MAX_CANDIDATES = 240
 """Views that are compared."""
 
 FOV_DEG = 75.0
 
-MOST_BYTES = 190_000
+MAX_BYTES = 190_000
 """Size of a JPEG file at most [bytes], so that documents stay small. Design value."""
 
 View = tuple[float, float, float, float]
@@ -76,19 +76,19 @@ def draw_town(
         raise InputError(f"{len(views)} views are given; a town has {STREETS}; leave some out")
     weather = selected_weather(path)
     arrays = read_stage(path, range(1), [weather])
-    scene = Scene(arrays, choose_device(device), 1)
+    scene = DeviceScene(arrays, choose_device(device), 1)
     scene.load_batch([0])
-    pictures = Pictures(scene, {weather: PRESETS.get(weather, Weather())})
+    pictures = StillRenderer(scene, {weather: PRESETS.get(weather, Weather())})
     lanes = open_world(path).lanes
     out.mkdir(parents=True, exist_ok=True)
     files = [out / f"{path.stem}_above.jpg"]
     above = pictures.map_view(weather, *map_frame(scene), width=WIDTH_PX, samples=samples)
-    save_jpeg(above, files[0], MOST_BYTES)
+    save_jpeg(above, files[0], MAX_BYTES)
     camera = street_camera(WIDTH_PX, HEIGHT_PX, samples, FOV_DEG)
     for number, view in enumerate(views or choose_views(scene, lanes), start=1):
         eye, way = np.array(view[:3]), view_direction(view[3])
         files.append(out / f"{path.stem}_street{number}.jpg")
-        save_jpeg(pictures.look(weather, eye, eye + way, camera), files[-1], MOST_BYTES)
+        save_jpeg(pictures.look(weather, eye, eye + way, camera), files[-1], MAX_BYTES)
     if lanes is not None:
         files.append(out / f"{path.stem}_lanes.png")
         plot_lanes(lanes, arrays, path.stem, files[-1])
@@ -108,13 +108,13 @@ def selected_weather(path: Path) -> str:
     return "sunny"
 
 
-def choose_views(scene: Scene, lanes: LaneGraph | None) -> list[View]:
+def choose_views(scene: DeviceScene, lanes: LaneGraph | None) -> list[View]:
     """Return the street views that see most, far from each other, best first.
 
     A view looks along a lane at the junction ahead; without lanes, from a ring about the middle to the middle.
     """
     candidates = np.array(_along_lanes(lanes) if lanes is not None else _ring(scene))
-    candidates = candidates[:: max(len(candidates) // MOST_CANDIDATES, 1)]
+    candidates = candidates[:: max(len(candidates) // MAX_CANDIDATES, 1)]
     score = np.array([_score(scene, candidate) for candidate in candidates])
     span = scene.arrays.points[:, :2].max(axis=0) - scene.arrays.points[:, :2].min(axis=0)
     chosen: list[np.ndarray] = []
@@ -138,7 +138,7 @@ def _along_lanes(lanes: LaneGraph) -> list[View]:
     return views
 
 
-def _ring(scene: Scene) -> list[View]:
+def _ring(scene: DeviceScene) -> list[View]:
     points = scene.arrays.points
     middle, radius = points[:, :2].mean(axis=0), 0.35 * float(np.ptp(points[:, :2], axis=0).max())
     turns = np.linspace(0.0, 360.0, 24, endpoint=False)
@@ -150,7 +150,7 @@ def _ring(scene: Scene) -> list[View]:
     return [(float(x), float(y), float(h), float(t) + 180.0) for (x, y), h, t in zip(ring, z, turns, strict=True)]
 
 
-def _score(scene: Scene, view: np.ndarray) -> float:
+def _score(scene: DeviceScene, view: np.ndarray) -> float:
     """Return how many objects a view sees, and three for every semantic class; less where something is close by."""
     u, v = np.meshgrid(np.linspace(-1.0, 1.0, GRID[0]), np.linspace(-1.0, 1.0, GRID[1]))
     forward, half = view_direction(view[3]), np.tan(np.radians(FOV_DEG) / 2.0)
@@ -165,7 +165,7 @@ def _score(scene: Scene, view: np.ndarray) -> float:
     return float(len(seen) + 3 * len(labels) - 200.0 * np.mean((t < 8.0) & (way[:, 2] > -0.1)))
 
 
-def _cast(scene: Scene, origin: np.ndarray, way: np.ndarray, t_max: float) -> tuple[np.ndarray, np.ndarray]:
+def _cast(scene: DeviceScene, origin: np.ndarray, way: np.ndarray, t_max: float) -> tuple[np.ndarray, np.ndarray]:
     """Return distance [m] and object of what rays meet, inf and -1 for nothing, shapes [R]."""
     count, device = len(origin), scene.device
     hits, blocked = wp.empty(count, dtype=Hit, device=device), wp.empty(count, dtype=wp.bool, device=device)

@@ -6,10 +6,10 @@ from mmw.worlds.checks.components import Pieces
 from mmw.worlds.checks.findings import Finding, as_place, does_not_apply
 from mmw.worlds.checks.stage_model import World
 
-LEAST_AREA_M2 = 1.0e-10
+MIN_AREA_M2 = 1.0e-10
 """Triangles with less are degenerate [m2]; design value: an equilateral one with sides of 15 um."""
 
-LEAST_VOLUME_M3 = 1.0e-6
+MIN_VOLUME_M3 = 1.0e-6
 """Closed pieces with less than this are not asked which side is out [m3]."""
 
 EYE_HEIGHT_M = 1.6
@@ -21,7 +21,7 @@ EYE_STEP_M = 25.0
 EYE_RAYS = 400
 """Rays of an eye."""
 
-LEAST_HITS = 12
+MIN_HITS = 12
 """A prim is judged by at least this many rays."""
 
 BACK_SHARE = 0.5
@@ -40,7 +40,7 @@ def solid_findings(world: World, pieces: Pieces) -> list[Finding]:
 
 def _degenerate(world: World) -> list[Finding]:
     found, seen = [], set()
-    bad = np.flatnonzero(world.area < LEAST_AREA_M2)
+    bad = np.flatnonzero(world.area < MIN_AREA_M2)
     for k in np.unique(world.part_of[bad]):
         part = world.parts[k]
         if part.source not in seen:
@@ -73,7 +73,7 @@ def _inside_out(world: World, pieces: Pieces) -> list[Finding]:
     a, b, c = np.moveaxis(world.corners[pieces.face] - middle[pieces.piece][:, None], 1, 0)
     volume = np.bincount(pieces.piece, np.einsum("fx,fx->f", a, np.cross(b, c)) / 6.0, pieces.count)
     found = []
-    for k in np.flatnonzero((~is_open & (volume < -LEAST_VOLUME_M3)) | (bent > 0)):
+    for k in np.flatnonzero((~is_open & (volume < -MIN_VOLUME_M3)) | (bent > 0)):
         path, place = world.parts[pieces.part[k]].path, as_place(middle[k])
         if bent[k]:
             text = f"neighbouring faces disagree about their front at {int(bent[k])} edges"
@@ -111,7 +111,7 @@ def _backs(world: World) -> list[Finding]:
     hits = np.bincount(part, minlength=len(world.parts))
     share = np.bincount(part, is_back, len(world.parts)) / np.maximum(hits, 1)
     found = []
-    for k in np.flatnonzero((hits >= LEAST_HITS) & (share > OPEN_SHARE)):
+    for k in np.flatnonzero((hits >= MIN_HITS) & (share > OPEN_SHARE)):
         row = hit[np.flatnonzero((part == k) & is_back)[0]]
         severity = "error" if share[k] > BACK_SHARE and world.parts[k].label in ("building", "wall") else "warning"
         text = f"{100.0 * share[k]:.0f} % of {hits[k]} rays from the streets meet a back"

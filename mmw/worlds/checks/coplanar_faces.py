@@ -17,7 +17,7 @@ ANGLE_RAD = np.radians(0.1)
 PENETRATION_M = 1.0e-3
 """Faces whose interiors reach into each other by less than this only touch [m]: float32 seams and welds."""
 
-LEAST_AREA_M2 = 1.0e-3
+MIN_AREA_M2 = 1.0e-3
 """Overlap of two prims that is reported [m2]; design value, 10 cm2."""
 
 VISIBILITY_RAYS = 24
@@ -112,7 +112,7 @@ def _overlap(
     common, centre = area_and_centre(polygon, count)
     off_plane = np.abs(np.einsum("pc,pc->p", _barycentric(b, centre), height))
     place = origin + np.einsum("pxk,pk->px", axes, centre)
-    keep = (common > 0.1 * LEAST_AREA_M2) & (off_plane < PLANE_M)
+    keep = (common > 0.1 * MIN_AREA_M2) & (off_plane < PLANE_M)
     return (
         np.minimum(large, small)[keep], np.maximum(large, small)[keep], common[keep], place[keep], opposite[keep]
     )  # fmt: skip
@@ -150,7 +150,7 @@ def coplanar_findings(world: World) -> list[Finding]:
     total = np.bincount(group, found.area, len(pairs))
     order = np.lexsort((-found.area, group))
     rank = np.arange(len(order)) - np.searchsorted(group[order], group[order])
-    looked = order[(rank < LOOK_SPOTS) & (total[group[order]] > LEAST_AREA_M2)]
+    looked = order[(rank < LOOK_SPOTS) & (total[group[order]] > MIN_AREA_M2)]
     seen = np.zeros(len(found.first), dtype=bool)
     if len(looked):
         seen[looked] = is_seen(world, found.place[looked], world.normal[found.first[looked]])
@@ -158,7 +158,7 @@ def coplanar_findings(world: World) -> list[Finding]:
     findings = []
     for k, (a, b) in enumerate(pairs):
         rows = order[ends[k] : ends[k + 1]]
-        if total[k] <= LEAST_AREA_M2:
+        if total[k] <= MIN_AREA_M2:
             continue
         visible = rows[seen[rows]]
         row = visible[0] if len(visible) else rows[0]

@@ -10,7 +10,7 @@ from mmw.core.errors import InputError
 from mmw.worlds.importers.imported_scene import World
 from mmw.worlds.towns.mesh_part import MeshPart
 
-LEAST_M, MOST_M = 1.0, 20_000.0
+MIN_M, MAX_M = 1.0, 20_000.0
 """A world smaller or larger than this [m] is taken for a mistake of the unit. Design values."""
 
 REACH_M = 20_000.0
@@ -179,7 +179,7 @@ def check_world(where: str, world: World) -> None:
     """Stop at an empty world, at one of an unlikely size and at one far from its origin.
 
     Raises:
-        InputError: If the world has no triangle, spans less than `LEAST_M` or more than `MOST_M`, or reaches beyond
+        InputError: If the world has no triangle, spans less than `MIN_M` or more than `MAX_M`, or reaches beyond
             `REACH_M`.
     """
     if not world.parts:
@@ -187,8 +187,8 @@ def check_world(where: str, world: World) -> None:
     low, high = bounds(world)
     size = high - low
     text = " x ".join(f"{length:.4g}" for length in size)
-    if not LEAST_M <= size.max() <= MOST_M:
-        wish = "smaller than 1 m" if size.max() < LEAST_M else "larger than 20 km"
+    if not MIN_M <= size.max() <= MAX_M:
+        wish = "smaller than 1 m" if size.max() < MIN_M else "larger than 20 km"
         raise InputError(
             f"{where}: the world is {text} m, {wish}; a wrong unit is likely; say what one unit of the file is with "
             f"--unit ({', '.join(UNITS)})"

@@ -15,9 +15,9 @@ from mmw.worlds.towns.ground_height import Ground
 
 STEP = 2.0  # how far the search for the next lot moves along the street [m]
 FLOOR_STEP = 0.15  # floor above the highest ground at the front [m]
-MOST_BURIED = 1.5  # how far the ground behind a building may lie above its floor [m]
+MAX_BURIED = 1.5  # how far the ground behind a building may lie above its floor [m]
 FOOT_DEPTH = 0.6  # foundation below the lowest ground [m]
-MOST_TURN = math.radians(50)  # between the two ends of a front; more is a street corner [rad]
+MAX_TURN = math.radians(50)  # between the two ends of a front; more is a street corner [rad]
 TOUCH = 0.02  # buildings placed by hand that are closer than this touch each other [m]
 JOINT = 0.01  # how far the walls of a touching building stand back, so that no two lie in one plane [m]
 
@@ -87,7 +87,7 @@ def _site(
         return None
     around = heights_under(ground, shapely.Polygon(plan.paved))
     front = ground.height(*np.linspace(plan.ring[0], plan.ring[1], 5).T)
-    floor = round(max(float(front.max()), float(heights.max()) - MOST_BURIED) + FLOOR_STEP, 2)
+    floor = round(max(float(front.max()), float(heights.max()) - MAX_BURIED) + FLOOR_STEP, 2)
     return Site(center, yaw, width, depth, round(float(np.nanmin(around)) - FOOT_DEPTH, 2), floor)
 
 
@@ -149,7 +149,7 @@ def _try_lot(
 ) -> Site | None:
     """Return a plan at a station of a street front, moved back and made shallower until it fits."""
     width, depth = size
-    if station + width > ring.length or _turn(ring, station, width) > MOST_TURN:
+    if station + width > ring.length or _turn(ring, station, width) > MAX_TURN:
         return None
     middle, yaw, inward = _front(ring, station, width)
     for back, shallow in ((0.0, 1.0), (0.0, 0.75), (2.0, 1.0), (2.0, 0.75), (5.0, 0.75)):

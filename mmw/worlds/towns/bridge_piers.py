@@ -7,7 +7,7 @@ import numpy as np
 import shapely
 
 from mmw.core.errors import InputError
-from mmw.worlds.towns.checks import LEAST_CLEARANCE
+from mmw.worlds.towns.checks import MIN_CLEARANCE
 from mmw.worlds.towns.elevated_roads import FOOT, Structure, Walls, bridge_of, outer_offset
 from mmw.worlds.towns.ground_height import Ground
 from mmw.worlds.towns.mesh_part import MeshPart
@@ -153,7 +153,7 @@ def _is_clear(site: _Site, columns: np.ndarray, carriageway: shapely.Geometry, g
     points = site.at(np.arange(columns.min() - 1.0, columns.max() + 1.0, TRY_STEP))
     points = points[shapely.intersects_xy(shapely.buffer(carriageway, 1.0), points[:, 0], points[:, 1])]
     z = ground.height(points[:, 0], points[:, 1])
-    return bool(np.all(np.isnan(z) | (site.soffit - HEAD_DEPTH - z >= LEAST_CLEARANCE)))
+    return bool(np.all(np.isnan(z) | (site.soffit - HEAD_DEPTH - z >= MIN_CLEARANCE)))
 
 
 def _ring(form: str, width: float) -> np.ndarray:

@@ -23,7 +23,7 @@ from mmw.worlds.towns.network import build_network
 from mmw.worlds.towns.parked_prims import ParkedCar
 from mmw.worlds.towns.parking import find_parking, park_all
 from mmw.worlds.towns.paved_areas import area_regions, pave
-from mmw.worlds.towns.prop_placement import furnish
+from mmw.worlds.towns.prop_placement import place_props
 from mmw.worlds.towns.sidewalk_lines import standing, walk_lines
 from mmw.worlds.towns.skybridges import TOUCH, build_skybridge, find_span
 from mmw.worlds.towns.terrain import build_terrain
@@ -105,7 +105,7 @@ def town_parts(description: TownDescription) -> TownParts:
         parts += build_skybridge(span, ground)
     solid = [*columns, *(structure.supports for structure in network.structures)]
     solid += [bay.outline for bay in parking.bays]
-    props = furnish(
+    props = place_props(
         description, carriageway, network.lanes, lots, blocks, ground, solid, [*above, *paved], network.centre_lines
     )
     supports = [structure.supports for structure in network.structures]

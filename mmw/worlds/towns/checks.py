@@ -14,7 +14,7 @@ from mmw.worlds.towns.roads import RoadBody
 
 STEEPEST = 0.20
 """Largest grade of a road [-]; design value, steeper than all but a few streets."""
-LEAST_CLEARANCE = 5.0
+MIN_CLEARANCE = 5.0
 """Least height from a carriageway to the underside of a bridge [m]: the 4.5 m of headroom that trucks are given, and
 half a metre for later layers of asphalt; design value."""
 HALF_VEHICLE = 1.3
@@ -44,7 +44,7 @@ def check_crossings(bodies: dict[str, RoadBody]) -> None:
             z = [_height_on(points, x, y) for points in (one, two)]
             raise InputError(
                 f"roads {first!r} and {second!r} cross at ({x:.1f}, {y:.1f}) with {abs(z[0] - z[1]):.1f} m between "
-                f"them; {LEAST_CLEARANCE} m are needed below a `bridge`; make one a bridge, or put a node there"
+                f"them; {MIN_CLEARANCE} m are needed below a `bridge`; make one a bridge, or put a node there"
             )
 
 
@@ -61,11 +61,11 @@ def check_clearance(structures: Sequence[Structure], roads: dict[str, np.ndarray
             gap, xy = overlap_gaps(surface, structure.underside)
             if is_bridge:  # where the other one lies above, it is the one that is checked
                 gap, xy = gap[gap > -0.5], xy[gap > -0.5]
-            if len(gap) and gap.min() < LEAST_CLEARANCE:
+            if len(gap) and gap.min() < MIN_CLEARANCE:
                 x, y = xy[int(np.argmin(gap))]
                 raise InputError(
                     f"bridge of road {structure.road!r}: {gap.min():.2f} m of clearance above {name!r} at "
-                    f"({x:.1f}, {y:.1f}); {LEAST_CLEARANCE} m are needed; raise the bridge or move one of the roads"
+                    f"({x:.1f}, {y:.1f}); {MIN_CLEARANCE} m are needed; raise the bridge or move one of the roads"
                 )
 
 

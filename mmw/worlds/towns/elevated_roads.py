@@ -16,8 +16,8 @@ PARAPET_WIDTH = 0.3
 """Thickness of a parapet [m]; design value."""
 FOOT = 1.0
 """How far walls and columns reach into the ground [m]; design value."""
-AROUND, MOST_STEP = 20.0, 1.5
-"""A bridge begins where the road is less than `MOST_STEP` above the ground `AROUND` it, beside and ahead [m]; design
+AROUND, MAX_STEP = 20.0, 1.5
+"""A bridge begins where the road is less than `MAX_STEP` above the ground `AROUND` it, beside and ahead [m]; design
 values."""
 
 
@@ -151,7 +151,7 @@ def _check_ends(body: RoadBody, ground: Ground) -> None:
         points = np.array([xy + offset * left, xy - offset * left, xy + AROUND * ahead])
         around = ground.height(points[:, 0], points[:, 1])
         step = float(body.rows.z[row] - np.mean(around[np.isfinite(around)])) if np.isfinite(around).any() else 0.0
-        if step > MOST_STEP:
+        if step > MAX_STEP:
             raise InputError(
                 f"road {body.road.id!r}: bridge.{key}: the road is {step:.1f} m above the ground around station "
                 f"{body.rows.s[row]:.1f} m; a bridge begins level with the ground; move it to where the slope begins"

@@ -17,11 +17,11 @@ from mmw.worlds.towns.strip_mesh import Chain, Surface, chain_parts, offset_tabl
 
 MARGIN = 1.0
 """Straight kerb between a rounded corner and the border of the pad [m]; design value."""
-LEAST_TRIM = 4.0
+MIN_TRIM = 4.0
 """Least distance from a node to the border of its pad [m]; design value."""
 NEARLY_STRAIGHT = np.radians(150)
 """Neighbouring arms that open wider than this have no corner to round [rad]."""
-LEAST_OPENING = np.radians(30)
+MIN_OPENING = np.radians(30)
 """Arms closer together than this make no junction [rad]: their corner would lie far away."""
 
 
@@ -67,13 +67,13 @@ def find_trims(node: str, arms: list[Arm], radius: float) -> list[float]:
     if len(arms) < 2:
         ids = ", ".join(arm.road.id for arm in arms) or "none"
         raise InputError(f"node {node!r}: roads that meet here: {ids}; 2 or more are needed, a dead end traps vehicles")
-    trims = [LEAST_TRIM] * len(arms)
+    trims = [MIN_TRIM] * len(arms)
     for k, opening in enumerate(openings(arms)):
         i, j = k, (k + 1) % len(arms)
-        if opening < LEAST_OPENING:
+        if opening < MIN_OPENING:
             raise InputError(
                 f"node {node!r}: roads {arms[i].road.id!r} and {arms[j].road.id!r} open by "
-                f"{np.degrees(opening):.1f} deg; {np.degrees(LEAST_OPENING):.0f} deg or more are needed; "
+                f"{np.degrees(opening):.1f} deg; {np.degrees(MIN_OPENING):.0f} deg or more are needed; "
                 "bend one with `via`"
             )
         if opening < NEARLY_STRAIGHT:

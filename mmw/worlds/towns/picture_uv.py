@@ -26,10 +26,10 @@ COLUMN_TILE = 4.0
 COVERS = ("manhole_cover", "drain_grate")
 """Materials whose meshes are many level plates, each of which shows the whole picture."""
 
-LEAST_SIDES = 6
+MIN_SIDES = 6
 """A column of this many sides or more is round."""
 
-LEAST_TEXT = 3.0
+MIN_TEXT = 3.0
 """Width over height from which the side of a board shows its lettering."""
 
 
@@ -126,7 +126,7 @@ def _boards(part: MeshPart) -> np.ndarray:
     corners, normal = _rectangles(part)
     wide = np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1)
     tall = np.maximum(np.linalg.norm(corners[:, 3] - corners[:, 0], axis=1), 1e-6)
-    has_text = (np.abs(normal[:, 2]) < 0.5) & (wide / tall > LEAST_TEXT)
+    has_text = (np.abs(normal[:, 2]) < 0.5) & (wide / tall > MIN_TEXT)
     shop = np.repeat(_numbers(part, len(corners) // 6 + 1, len(SHOPS)), 6)[: len(corners)]
     low = np.column_stack([np.full(len(shop), 0.01), 1.0 - (shop + 0.9) / len(SHOPS)])
     high = np.column_stack([np.full(len(shop), 0.02), 1.0 - (shop + 0.2) / len(SHOPS)])
@@ -192,7 +192,7 @@ def _piers(part: MeshPart) -> np.ndarray:
         own = np.flatnonzero(body == number)
         corners = part.points[part.faces[own]]
         sides = np.ptp(corners[:, :, 2], axis=1) > 1e-3
-        if sides.sum() < 2 * LEAST_SIDES:
+        if sides.sum() < 2 * MIN_SIDES:
             continue
         axis = corners.reshape(-1, 3)[:, :2].mean(axis=0)
         away = corners[sides][:, :, :2] - axis

@@ -9,7 +9,7 @@ from mmw.config.section import PrimName, Section
 Vec2 = tuple[float, float]
 Identifier = PrimName
 
-LEAST_SOFFIT = 5.0
+MIN_SOFFIT = 5.0
 """Least clear height above a carriageway [m]: 4.5 m of headroom that trucks are given, and half a metre to spare."""
 
 
@@ -21,7 +21,7 @@ class Skybridge(Section):
     end: Vec2 = Field(alias="to", description="middle of the other end [m]")
     width: float = Field(8.0, ge=2, le=60, description="outer width [m]")
     soffit: float = Field(
-        6.5, ge=LEAST_SOFFIT, le=60, description="clear height of its underside above the highest road below it [m]"
+        6.5, ge=MIN_SOFFIT, le=60, description="clear height of its underside above the highest road below it [m]"
     )
     storeys: int = Field(1, ge=1, le=6, description="storeys (count)")
     storey_m: float = Field(3.8, ge=2.5, le=8, description="height of a storey [m]")

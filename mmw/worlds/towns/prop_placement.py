@@ -256,7 +256,7 @@ def add_line(furniture: Furniture, line: PropLine, row: int) -> None:
                 furniture.add(line.kind, middle, yaw, 0.45 * length, KERB_CLEARANCE, row)
 
 
-def furnish(
+def place_props(
     description: BlockDescription,
     carriageway: shapely.Geometry,
     lanes: LaneGraph,

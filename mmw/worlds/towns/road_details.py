@@ -14,7 +14,7 @@ import shapely
 from mmw.traffic.roads.lane_graph import Lane, LaneGraph
 from mmw.worlds.towns.mesh_part import MeshPart
 from mmw.worlds.towns.paved_areas import Region, outline_of, pave
-from mmw.worlds.towns.roads import LEAST_WAITING, RoadBody
+from mmw.worlds.towns.roads import MIN_WAITING, RoadBody
 from mmw.worlds.towns.turn_lanes import kind_of_turn
 
 MANHOLE_EVERY, MANHOLE_RADIUS, MANHOLE_SIDES = 40.0, 0.36, 8
@@ -128,7 +128,7 @@ def arrow(kinds: Sequence[str]) -> shapely.Geometry:
 
 def _arrows(lane: Lane, lanes: LaneGraph) -> Iterator[shapely.Polygon]:
     """Yield the arrows of a lane: only where there are several side by side, and they end at paint across the road."""
-    if not (lane.left or lane.right) or lane.stop <= LEAST_WAITING:
+    if not (lane.left or lane.right) or lane.stop <= MIN_WAITING:
         return
     turns = [np.unwrap(lanes.lanes[name].headings)[[0, -1]] for name in lane.successors]
     kinds = {kind_of_turn(float(last - first)) for first, last in turns if abs(last - first) < BACK}

@@ -20,13 +20,13 @@ FINE = 1.5
 """Distance of rows where a road turns or changes its grade [m], about."""
 LANE_STEP = 2.0
 """Largest distance of two points of a lane [m]."""
-LEAST_ROW = 0.4
+MIN_ROW = 0.4
 """Least distance of a row at the begin or end of a bridge from others [m]; design value."""
 PAD_GAP, ZEBRA, STOP_GAP, STOP_LINE = 0.4, 2.6, 0.5, 0.4
 """From the pad outward: plain road, zebra crossing, plain road, stop line [m]; design values."""
 
 
-LEAST_WAITING, WAITING_GAP = 1.2, 0.3
+MIN_WAITING, WAITING_GAP = 1.2, 0.3
 """Least distance of a waiting vehicle from the pad, and from the paint across the road [m]; design values."""
 
 
@@ -42,7 +42,7 @@ class RoadEnd:
     @property
     def waiting(self) -> float:
         """From the pad to the bumper of a vehicle that waits, before the stop line and the zebra crossing [m]."""
-        return round(max(LEAST_WAITING, self.reserved + WAITING_GAP if self.zebra or self.stop_line else 0.0), 3)
+        return round(max(MIN_WAITING, self.reserved + WAITING_GAP if self.zebra or self.stop_line else 0.0), 3)
 
     @property
     def reserved(self) -> float:
@@ -178,8 +178,8 @@ def _cut_rows(
                 "its junctions (measured from the node `from`); correct it"
             )
         near = min(range(before, len(rows)), key=lambda k: abs(rows[k][0] - station))
-        is_near = abs(rows[near][0] - station) < LEAST_ROW
-        if end - station < LEAST_ROW or (is_near and near == before):
+        is_near = abs(rows[near][0] - station) < MIN_ROW
+        if end - station < MIN_ROW or (is_near and near == before):
             continue
         if is_near:
             rows[near] = (station, *rows[near][1:])

@@ -16,7 +16,7 @@ STRAIGHT = np.radians(35)
 """Turns below this angle count as straight on [rad]."""
 RANK = {"straight": 3, "right": 2, "left": 1, "back": 0}
 """Among roads of one priority, who goes first where traffic keeps to the right."""
-LEAST_RADIUS = 5.5
+MIN_RADIUS = 5.5
 """Least radius of a way through a junction [m]: about the turning radius of a car's outer front wheel."""
 CONCENTRIC = np.radians(60)
 """Right turns sharper than this run at a constant distance from the kerb [rad], so that long vehicles stay off it."""
@@ -134,10 +134,10 @@ def build_turns(
         bend = float((h0 - h1) % (2 * np.pi))  # to the right
         lead = MARGIN if CONCENTRIC < bend < np.pi else 0.0
         curve = blend(p0[:2], h0, p1[:2], h1, ARC_STEP, 1.0, lead)
-        if curve.radius < LEAST_RADIUS:
+        if curve.radius < MIN_RADIUS:
             raise InputError(
                 f"node {node!r}: the way from {first.name!r} to {last.name!r} has a radius of {curve.radius:.1f} m; "
-                f"{LEAST_RADIUS} m or more are needed; increase corner_radius or the angle between the roads"
+                f"{MIN_RADIUS} m or more are needed; increase corner_radius or the angle between the roads"
             )
         made.append(_way(node, first, last, curve.xy, 10 * arms[i].road.priority + RANK[kind], phases[i]))
     if settings.uturn:

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mmw.channel import AntennaArray, PathRows, plane_wave_error, synthesize, ula, upa
+from mmw.channel import Paths, PlanarArray, apply_arrays, plane_wave_error, ula, upa
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.core.transforms import quaternion_from_ypr, quaternion_to_matrix
 from tests.fixtures.path_tables import CARRIER, random_turns, sight
@@ -16,7 +16,7 @@ WAVE = SPEED_OF_LIGHT / CARRIER
 
 
 def test_positions_and_order() -> None:
-    array = AntennaArray(rows=2, columns=3, vertical_spacing=0.7, horizontal_spacing=0.5, polarization="VH")
+    array = PlanarArray(rows=2, columns=3, vertical_spacing=0.7, horizontal_spacing=0.5, polarization="VH")
     expected = [  # column by column from the one on the right of somebody who looks along x, each from its top
         [0, -0.5, 0.35], [0, -0.5, -0.35], [0, 0, 0.35], [0, 0, -0.35], [0, 0.5, 0.35], [0, 0.5, -0.35],
     ]  # fmt: skip
@@ -26,8 +26,8 @@ def test_positions_and_order() -> None:
     line = ula(4).element_positions(CARRIER)
     np.testing.assert_allclose(line[:, 1] / WAVE, [-0.75, -0.25, 0.25, 0.75])
     assert not line[:, [0, 2]].any()
-    assert upa(8, 4) == AntennaArray(rows=8, columns=4)
-    np.testing.assert_array_equal(AntennaArray().element_positions(CARRIER), np.zeros((1, 3)))
+    assert upa(8, 4) == PlanarArray(rows=8, columns=4)
+    np.testing.assert_array_equal(PlanarArray().element_positions(CARRIER), np.zeros((1, 3)))
 
 
 def test_orientation_and_fixed_spacing() -> None:
@@ -60,18 +60,18 @@ def test_orientation_and_fixed_spacing() -> None:
 )
 def test_array_errors(change: dict, message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        AntennaArray(**change)
+        PlanarArray(**change)
 
 
 def test_single_isotropic_antennas_give_the_stored_transfer() -> None:
     """Row = receive, column = transmit component; a transfer that is not symmetric shows which is which."""
     rng = np.random.default_rng(6)
     paths = sight(rng.normal(0, 5, (20, 3)), rng.normal(0, 50, (20, 3)))
-    paths = PathRows(**{**vars(paths), "transfer": rng.normal(size=(20, 2, 2)) + 1j * rng.normal(size=(20, 2, 2))})
-    iso, dual = AntennaArray(pattern="iso"), AntennaArray(pattern="iso", polarization="VH")
-    np.testing.assert_allclose(synthesize(paths, iso, iso, CARRIER)[:, 0, 0], paths.transfer[:, 0, 0], atol=1e-14)
-    np.testing.assert_allclose(synthesize(paths, dual, dual, CARRIER), paths.transfer, atol=1e-14)
-    sent = synthesize(paths, dual, iso, CARRIER)
+    paths = Paths(**{**vars(paths), "transfer": rng.normal(size=(20, 2, 2)) + 1j * rng.normal(size=(20, 2, 2))})
+    iso, dual = PlanarArray(pattern="iso"), PlanarArray(pattern="iso", polarization="VH")
+    np.testing.assert_allclose(apply_arrays(paths, iso, iso, CARRIER)[:, 0, 0], paths.transfer[:, 0, 0], atol=1e-14)
+    np.testing.assert_allclose(apply_arrays(paths, dual, dual, CARRIER), paths.transfer, atol=1e-14)
+    sent = apply_arrays(paths, dual, iso, CARRIER)
     np.testing.assert_allclose(sent, paths.transfer[:, :1], atol=1e-14)
 
 
@@ -94,10 +94,11 @@ def test_response_is_within_the_plane_wave_error_of_spherical_waves() -> None:
             steered[name] = points[:, None] + np.einsum("pij,nj->pni", turn, array.element_positions(CARRIER))
         r = np.linalg.norm(steered["r"][:, :, None] - steered["t"][:, None], axis=3)
         exact = WAVE / (4 * np.pi * r) * np.exp(-2j * np.pi * r / WAVE)
-        a = synthesize(paths, tx_array, rx_array, CARRIER, *turns)
-        ends = [AntennaArray(pattern="iso", orientation=array.orientation) for array in (tx_array, rx_array)]
+        a = apply_arrays(paths, tx_array, rx_array, CARRIER, *turns)
+        ends = [PlanarArray(pattern="iso", orientation=array.orientation) for array in (tx_array, rx_array)]
         polarization = (
-            synthesize(paths, *ends, CARRIER, *turns) / (WAVE / (4 * np.pi * paths.tau * SPEED_OF_LIGHT))[:, None, None]
+            apply_arrays(paths, *ends, CARRIER, *turns)
+            / (WAVE / (4 * np.pi * paths.tau * SPEED_OF_LIGHT))[:, None, None]
         )
         assert np.abs(polarization).max() <= 1 + 1e-12
         plane = a / polarization * np.exp(-2j * np.pi * CARRIER * paths.tau)[:, None, None]
@@ -145,12 +146,12 @@ def test_planar_dual_polarised_arrays_of_sionna() -> None:
         | {"pattern": spec["pattern"], "polarization": spec["pol"]}
         for spec in (config["tx_array"], config["rx_array"])
     ]
-    tx_array, rx_array = (AntennaArray(**size) for size in sizes)
+    tx_array, rx_array = (PlanarArray(**size) for size in sizes)
     assert (rx_array.antenna_count, tx_array.antenna_count) == case["a64"].shape[1:] == (8, 128)
 
     def response(transfer: np.ndarray) -> np.ndarray:
         values = {**vars(rows), "transfer": transfer, "theta_r": back.theta_r, "phi_r": back.phi_r}
-        return synthesize(PathRows(**values), tx_array, rx_array, carrier, *turns)
+        return apply_arrays(Paths(**values), tx_array, rx_array, carrier, *turns)
 
     unit = []
     for row in range(2):
@@ -170,11 +171,11 @@ def test_circular_antennas_receive_their_own_hand() -> None:
     """Reciprocity: two antennas of the same hand that face each other couple fully, those of opposite hands not."""
     paths = sight(np.zeros((1, 3)), np.array([[20.0, 0, 0]]))
     facing = np.diag([-1.0, -1.0, 1.0])
-    right = AntennaArray(pattern=lambda theta, phi: (1j / np.sqrt(2), 1 / np.sqrt(2)))
-    left = AntennaArray(pattern=lambda theta, phi: (-1j / np.sqrt(2), 1 / np.sqrt(2)))
+    right = PlanarArray(pattern=lambda theta, phi: (1j / np.sqrt(2), 1 / np.sqrt(2)))
+    left = PlanarArray(pattern=lambda theta, phi: (-1j / np.sqrt(2), 1 / np.sqrt(2)))
     scale = np.abs(paths.transfer).max()
-    assert np.abs(synthesize(paths, right, right, CARRIER, rx_rotation=facing)) == pytest.approx(scale)
-    assert np.abs(synthesize(paths, right, left, CARRIER, rx_rotation=facing)) == pytest.approx(0, abs=1e-12 * scale)
+    assert np.abs(apply_arrays(paths, right, right, CARRIER, rx_rotation=facing)) == pytest.approx(scale)
+    assert np.abs(apply_arrays(paths, right, left, CARRIER, rx_rotation=facing)) == pytest.approx(0, abs=1e-12 * scale)
 
 
 def test_swapping_the_ends_transposes_the_response() -> None:
@@ -185,8 +186,8 @@ def test_swapping_the_ends_transposes_the_response() -> None:
         upa(2, 3, pattern="tr38901", polarization="cross"),
         ula(4, polarization=0.3, polarization_model="tr38901_1"),
     )
-    there = synthesize(sight(tx, rx), *arrays, CARRIER, *turns)
-    back = synthesize(sight(rx, tx), *arrays[::-1], CARRIER, *turns[::-1])
+    there = apply_arrays(sight(tx, rx), *arrays, CARRIER, *turns)
+    back = apply_arrays(sight(rx, tx), *arrays[::-1], CARRIER, *turns[::-1])
     np.testing.assert_allclose(back, there.transpose(0, 2, 1), atol=1e-14 * np.abs(there).max() + 1e-18)
 
 
@@ -195,16 +196,16 @@ def test_turning_the_world_changes_nothing() -> None:
     tx, rx = rng.normal(0, 5, (9, 3)), rng.normal(0, 50, (9, 3))
     turns, world = [random_turns(rng, 9) for _ in range(2)], random_turns(rng, 1)[0]
     arrays = ula(4), upa(2, 2, pattern="tr38901", polarization="VH")
-    before = synthesize(sight(tx, rx), *arrays, CARRIER, *turns)
-    after = synthesize(sight(tx @ world.T, rx @ world.T), *arrays, CARRIER, *(world @ turn for turn in turns))
+    before = apply_arrays(sight(tx, rx), *arrays, CARRIER, *turns)
+    after = apply_arrays(sight(tx @ world.T, rx @ world.T), *arrays, CARRIER, *(world @ turn for turn in turns))
     np.testing.assert_allclose(after, before, atol=1e-10 * np.abs(before).max())
 
 
 def test_synthesize_errors() -> None:
-    paths, one = sight(np.zeros((2, 3)), np.ones((2, 3))), AntennaArray()
+    paths, one = sight(np.zeros((2, 3)), np.ones((2, 3))), PlanarArray()
     with pytest.raises(ValueError, match=r"carrier_hz = 4\.9e\+09, the paths are at 2\.8e\+10 Hz"):
-        synthesize(paths, one, one, 4.9e9)
+        apply_arrays(paths, one, one, 4.9e9)
     with pytest.raises(ValueError, match=r"tx_rotation has shape \(3, 3, 3\).*L = 2 links"):
-        synthesize(paths, one, one, CARRIER, np.zeros((3, 3, 3)))
+        apply_arrays(paths, one, one, CARRIER, np.zeros((3, 3, 3)))
     with pytest.raises(ValueError, match="rx_rotation holds a matrix that is no rotation"):
-        synthesize(paths, one, one, CARRIER, None, np.ones((3, 3)))
+        apply_arrays(paths, one, one, CARRIER, None, np.ones((3, 3)))

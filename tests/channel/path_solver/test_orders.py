@@ -5,19 +5,19 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from mmw.channel.links import Ends, Links, make_links
+from mmw.channel.links import Links, RadioDevices, make_links
 from mmw.channel.path_solver import candidates
 from mmw.channel.path_solver import image_method as finder
 from mmw.channel.path_solver import scatter_paths as finder_diffuse
 from mmw.channel.path_solver.solver import solve_paths
 from mmw.channel.path_solver.surface_table import make_surface_table
-from mmw.channel.paths import PATH_DIFFRACTION, PATH_DIFFUSE, PATH_LOS, PATH_SPECULAR, PATH_TRANSMISSION, Paths
+from mmw.channel.paths import PATH_DIFFRACTION, PATH_DIFFUSE, PATH_LOS, PATH_SPECULAR, PATH_TRANSMISSION, PathSet
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.core.planar_surfaces import find_surfaces
 from mmw.core.transforms import make_pose, pose_from_ypr, rotate
 from mmw.physics.materials.material import Material, RadioMaterial
-from mmw.scene.device_scene import Scene
-from mmw.scene.scene_data import Model, SceneArrays
+from mmw.scene.device_scene import DeviceScene
+from mmw.scene.scene_data import Prototype, SceneData
 from tests.fixtures.scenes import (
     ABSENT,
     arrays_from_parts,
@@ -47,7 +47,7 @@ SIDES = ((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (3, 2, 6, 7), (0, 3, 7, 4), (
 
 def room(
     seed: int, materials: dict[str, Material], *, is_open: bool = False, filled: bool = True, receivers: int = 2
-) -> SceneArrays:
+) -> SceneData:
     """Return a room of any size and attitude with a slanted panel, and a box that has another pose in each frame."""
     rng = np.random.default_rng(seed)
     size, names = rng.uniform([4, 5, 3], [9, 12, 6]), list(materials)
@@ -70,7 +70,7 @@ def room(
         parts.append(quad_part("Props/panel", panel, str(rng.choice(names)), "static"))
         points, faces = box_mesh(rng.uniform(0.6, 1.8, 3))
         ids = np.full(len(faces), rng.integers(len(names)), dtype=np.int32)
-        models.append(Model("box", points, faces, ids, find_surfaces(points, faces, np.zeros_like(ids), ids)))
+        models.append(Prototype("box", points, faces, ids, find_surfaces(points, faces, np.zeros_like(ids), ids)))
         actors.append(("veh_001", "vehicle", 0))
         turns = rng.normal(size=(2, 4))
         poses.append(
@@ -84,7 +84,7 @@ def room(
 
 
 def check_against_brute_force(
-    arrays: SceneArrays, depth: int, device: str, *, refraction: bool = False
+    arrays: SceneData, depth: int, device: str, *, refraction: bool = False
 ) -> tuple[int, int]:
     """Compare every path of both frames with the oracle; return how many were compared and how many are in doubt."""
     links, paths = solve(arrays, channel(max_depth=depth, refraction=refraction), device, [1, 0])
@@ -198,7 +198,7 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def assert_same_bits(one: Paths, rows: np.ndarray, other: Paths, other_rows: np.ndarray) -> None:
+def assert_same_bits(one: PathSet, rows: np.ndarray, other: PathSet, other_rows: np.ndarray) -> None:
     assert rows.sum() == other_rows.sum() > 0
     for name in COLUMNS:
         np.testing.assert_array_equal(getattr(one, name)[rows], getattr(other, name)[other_rows], err_msg=name)
@@ -206,7 +206,7 @@ def assert_same_bits(one: Paths, rows: np.ndarray, other: Paths, other_rows: np.
         np.testing.assert_array_equal(getattr(one, name)["sunny"][rows], getattr(other, name)["sunny"][other_rows])
 
 
-def street(frame_count: int = 4) -> SceneArrays:
+def street(frame_count: int = 4) -> SceneData:
     """Two CAVs, a roadside unit, and a turning truck of panes that is not there in frame 2, on ground that scatters."""
     described = {
         "asphalt": RadioMaterial("constant", relative_permittivity=4.0, conductivity=0.1, scattering=0.4),
@@ -258,7 +258,7 @@ def test_batch_and_order_do_not_change_a_bit(device: str) -> None:
 
 def test_order_of_links_does_not_change_a_bit(device: str) -> None:
     arrays = street(2)
-    scene = Scene(arrays, device, 2)
+    scene = DeviceScene(arrays, device, 2)
     scene.load_batch([0, 1])
     links = make_links(arrays, [0, 1], EVERYTHING)
     paths = solve_paths(scene, links, EVERYTHING, arrays.materials)
@@ -271,7 +271,7 @@ def test_order_of_links_does_not_change_a_bit(device: str) -> None:
 def pick(links: Links, rows: np.ndarray) -> Links:
     """Return some links."""
     columns = {name: getattr(links, name)[rows] for name in ("frame", "slot", "kind", "tx_actor", "rx_actor")}
-    ends = [Ends(end.position[rows], end.rotation[rows], end.velocity[rows]) for end in (links.tx, links.rx)]
+    ends = [RadioDevices(end.position[rows], end.rotation[rows], end.velocity[rows]) for end in (links.tx, links.rx)]
     return Links(**columns, tx=ends[0], rx=ends[1])
 
 
@@ -279,7 +279,7 @@ def pick(links: Links, rows: np.ndarray) -> Links:
 def test_sizes_of_the_work_do_not_change_a_bit(mode: str, device: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Tables that must grow, launches that must be split, few candidates at once: nothing shows."""
     arrays, config = street(2), EVERYTHING.model_copy(update={"candidates": mode, "max_depth": 2})
-    scene = Scene(arrays, device, 2)
+    scene = DeviceScene(arrays, device, 2)
     scene.load_batch([0, 1])
     links, table = make_links(arrays, [0, 1], config), make_surface_table(scene, wedges=True)
     paths = solve_paths(scene, links, config, arrays.materials, table)
@@ -305,7 +305,7 @@ def test_sizes_of_the_work_do_not_change_a_bit(mode: str, device: str, monkeypat
 def test_many_links_of_one_transmitter(device: str) -> None:
     """Seventy receivers, more than one pass over the chains takes, see what each of them sees alone."""
     arrays, config = room(5, MATERIALS, receivers=70), channel(max_depth=2)
-    scene = Scene(arrays, device, 1)
+    scene = DeviceScene(arrays, device, 1)
     scene.load_batch([0])
     links = make_links(arrays, [0], config)
     paths = solve_paths(scene, links, config, arrays.materials)

@@ -5,11 +5,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from mmw.channel.paths import PATH_LOS, PATH_SPECULAR, PATH_TRANSMISSION, Paths
+from mmw.channel.paths import PATH_LOS, PATH_SPECULAR, PATH_TRANSMISSION, PathSet
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.core.transforms import pose_from_ypr, transform_points
 from mmw.physics.materials.material import Material, RadioMaterial
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.scene_data import SceneData
 from mmw.worlds.towns.mesh_part import MeshPart
 from tests.fixtures.scenes import arrays_from_parts, box_model, ground_part, pose, quad_part
 from tests.oracles.channel import (
@@ -41,7 +41,7 @@ def wall(
     return quad_part(f"Buildings/{name}", corners, material, "building")
 
 
-def scene(parts: list[MeshPart], tx: tuple, rx: list[tuple]) -> SceneArrays:
+def scene(parts: list[MeshPart], tx: tuple, rx: list[tuple]) -> SceneData:
     """Return parts, a post far from everything, a transmitter and receivers without bodies."""
     post = quad_part("Props/post", [(77, 900, 0), (77, 901, 0), (77, 901, 1), (77, 900, 1)], "brick", "static")
     parts = [*parts, post]
@@ -49,7 +49,7 @@ def scene(parts: list[MeshPart], tx: tuple, rx: list[tuple]) -> SceneArrays:
     return arrays_from_parts(parts, actors=actors, poses=np.array([[pose(*p) for p in (tx, *rx)]]), materials=MATERIALS)
 
 
-def row(paths: Paths, link: int, *steps: tuple[int, int]) -> int:
+def row(paths: PathSet, link: int, *steps: tuple[int, int]) -> int:
     """Return the one path of a link that meets these (interaction, surface) in turn."""
     return chains(paths, link)[steps]
 

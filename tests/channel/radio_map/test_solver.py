@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from mmw.channel.antennas.arrays import AntennaArray
+from mmw.channel.antennas.arrays import PlanarArray
 from mmw.channel.antennas.patterns import SLANTS, PatternTable, antenna_field
-from mmw.channel.radio_map.measurement_surface import MeasuringSurface, plane_grid
+from mmw.channel.radio_map.measurement_surface import MeasurementSurface, plane_grid
 from mmw.channel.radio_map.solver import (
     BOLTZMANN,
     RadioMap,
@@ -23,8 +23,8 @@ from mmw.core.constants import SPEED_OF_LIGHT, VACUUM_PERMITTIVITY
 from mmw.core.transforms import quaternion_from_ypr, quaternion_to_matrix
 from mmw.physics.em.vectors import direction_angles, spherical_basis
 from mmw.physics.materials.material import Material, RadioMaterial
-from mmw.scene.device_scene import Scene
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.device_scene import DeviceScene
+from mmw.scene.scene_data import SceneData
 from mmw.worlds.towns.mesh_part import MeshPart
 from tests.fixtures.scenes import arrays_from_parts, box_model, box_part, ground_part, pose, quad_part, wall_part
 
@@ -46,18 +46,18 @@ def isotropic(*positions: list[float], polarization: str = "V", power: float = 4
     count = len(positions)
     return Transmitters(
         tuple(f"tx_{i}" for i in range(count)), np.array(positions, dtype=float), np.tile(np.eye(3), (count, 1, 1)),
-        np.full(count, power), AntennaArray(pattern="iso", polarization=polarization),
+        np.full(count, power), PlanarArray(pattern="iso", polarization=polarization),
     )  # fmt: skip
 
 
-def trace(arrays: SceneArrays, device: str, tx: Transmitters, surface: MeasuringSurface, **config) -> RadioMap:
-    scene = Scene(arrays, device, 1)
+def trace(arrays: SceneData, device: str, tx: Transmitters, surface: MeasurementSurface, **config) -> RadioMap:
+    scene = DeviceScene(arrays, device, 1)
     scene.load_batch([arrays.frames[0]])
     settings = RadioMapConfig(**{"carrier_hz": CARRIER, "rays": 400_000, **config})
     return radio_map(scene, 0, tx, surface, settings, arrays.materials["sunny"])
 
 
-def cell_mean(surface: MeasuringSurface, function, steps: int = 6) -> np.ndarray:
+def cell_mean(surface: MeasurementSurface, function, steps: int = 6) -> np.ndarray:
     """Return the mean of a function of points [C, 3] over flat cells, by the midpoint rule."""
     a, b, d = surface.corners[:, 0], surface.corners[:, 1], surface.corners[:, 3]
     at = (np.arange(steps) + 0.5) / steps
@@ -152,7 +152,7 @@ def test_free_space_plane(pattern: str, polarization: str, model: str, device: s
     precoding = np.exp(1j * np.arange(count)) * np.linspace(0.5, 1.5, count)
     agent, turn = quaternion_to_matrix(quaternion_from_ypr(0.4, 0.9, -0.3)), (0.2, -0.1, 0.5)
     rotation = agent @ quaternion_to_matrix(quaternion_from_ypr(*turn))
-    array = AntennaArray(
+    array = PlanarArray(
         2, 2, 0.7, 0.5, pattern=pattern, polarization=polarization, polarization_model=model, orientation=turn
     )
     tx = Transmitters(
@@ -237,7 +237,7 @@ def test_flux_through_a_closed_surface(device: str) -> None:
         for sign in (-1.0, 1.0):
             turn = np.roll(np.eye(3), axis, axis=0)
             sides.append(plane_grid(sign * 5.0 * turn[:, 2] + [0.0, 0.0, 2.0], (10.0, 10.0), 0.25, turn).corners)
-    surface = MeasuringSurface(np.concatenate(sides), 0.25)
+    surface = MeasurementSurface(np.concatenate(sides), 0.25)
     tx = isotropic([1.0, -2.0, 3.0])
     result = trace(arrays_from_parts([]), device, tx, surface, max_depth=0)
     assert surface.area.sum() == pytest.approx(600.0)
@@ -299,7 +299,7 @@ def test_vacuum_walls_change_nothing(device: str) -> None:
 
 def test_same_bytes_for_every_launch_shape(device: str) -> None:
     arrays = arrays_from_parts([ground_part(), wall_part("wall", (-30.0, 20.0), (30.0, 20.0), 10.0)])
-    scene = Scene(arrays, device, 1)
+    scene = DeviceScene(arrays, device, 1)
     scene.load_batch([0])
     tx, surface = isotropic([0, 0, 5], [9, 3, 4]), plane_grid((0, 0, 1.5), (60, 30), 1.0)
     config = RadioMapConfig(CARRIER, 50_000, 2, refraction=True)
@@ -316,7 +316,7 @@ def test_same_bytes_for_every_launch_shape(device: str) -> None:
 def test_a_vehicle_stands_in_the_way_in_its_own_frame_only(device: str) -> None:
     poses = np.array([[pose(6.0, 0.0)], [pose(6.0, 30.0)]])
     arrays = arrays_from_parts([], [box_model("car")], [("car", "vehicle", 0)], poses)
-    scene = Scene(arrays, device, 2)
+    scene = DeviceScene(arrays, device, 2)
     scene.load_batch([0, 1])
     tx, surface = isotropic([0, 0, 1]), plane_grid((12.0, 0.0, 0.8), (4.0, 2.0), 1.0)
     config = RadioMapConfig(CARRIER, 400_000, 0)
@@ -342,7 +342,7 @@ def test_received_power_interference_and_server() -> None:
     np.testing.assert_allclose(result.sinr_db[1, 2], 10 * np.log10(1e-10 / noise))
     assert np.isneginf(result.sinr_db[:, 3]).all()
     assert np.isneginf(result.sinr_db[0, 2])
-    np.testing.assert_array_equal(result.best_server, [0, 1, 1, -1])
+    np.testing.assert_array_equal(result.tx_association, [0, 1, 1, -1])
 
 
 def test_what_cannot_be_traced_is_named() -> None:
@@ -357,7 +357,7 @@ def test_what_cannot_be_traced_is_named() -> None:
         ({"carrier_hz": 15e9}, isotropic([0, 0, 5]), "no permittivity at 15 GHz"),
         ({"bandwidth_hz": 0.0}, isotropic([0, 0, 5]), "bandwidth_hz = 0"),
         ({}, isotropic(), "no transmitter"),
-        ({}, replace(isotropic([0, 0, 5]), array=AntennaArray(pattern=table)), "pattern table"),
+        ({}, replace(isotropic([0, 0, 5]), array=PlanarArray(pattern=table)), "pattern table"),
         ({}, Transmitters(("a",), np.zeros((1, 3)), np.eye(3)[None], np.zeros(1), precoding=np.zeros((1, 1))), "all 0"),
     ):
         with pytest.raises(ValueError, match=part):

@@ -8,14 +8,14 @@ import pyarrow.fs as fs
 import pytest
 import trimesh
 
-from mmw.channel import PATH_COLUMNS, AntennaArray, PathRows, frequency_response, rotations_from_poses, synthesize
+from mmw.channel import PATH_COLUMNS, Paths, PlanarArray, apply_arrays, frequency_response, rotations_from_poses
 from mmw.channel.path_table import LINK_COLUMNS
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.dataset import open_dataset
 from mmw.dataset.export.deepmimo.exporter import FORMAT
 from mmw.dataset.export.deepmimo.scene import GROUND
 from mmw.dataset.export.exporter import Selection, export
-from tests.fixtures.export_radio import BLOCKED, CAVS, SCENARIO, WEATHER, antenna, make_dataset
+from tests.fixtures.export_radio import BLOCKED, CAVS, SCENARIO, WEATHER, antenna, generate_dataset
 from tests.fixtures.small_dataset import small_dataset
 
 dm = pytest.importorskip(
@@ -29,7 +29,7 @@ SUBCARRIERS, SPACING = 64, 480e3
 
 @pytest.fixture(scope="module")
 def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return make_dataset(tmp_path_factory.mktemp("made") / "data", FRAMES)
+    return generate_dataset(tmp_path_factory.mktemp("made") / "data", FRAMES)
 
 
 @pytest.fixture(scope="module")
@@ -58,11 +58,11 @@ def load(packed: Path, monkeypatch: pytest.MonkeyPatch):
     return open_scenario
 
 
-def our_paths(root: Path, peer: str = "rsu_1") -> tuple[PathRows, np.ndarray, np.ndarray]:
+def our_paths(root: Path, peer: str = "rsu_1") -> tuple[Paths, np.ndarray, np.ndarray]:
     """Return paths of one transmitter, links frame by frame and CAV by CAV, and both ends' rotations."""
     data = open_dataset(root)
     links, poses = data.read("links", columns=LINK_COLUMNS), data.read("poses")
-    paths = PathRows.from_table(data.read("paths", columns=PATH_COLUMNS), CARRIER, links)
+    paths = Paths.from_table(data.read("paths", columns=PATH_COLUMNS), CARRIER, links)
     paths = paths.take(np.flatnonzero(paths.keys["peer"] == peer))
     return paths, rotations_from_poses(poses, paths, "tx"), rotations_from_poses(poses, paths, "rx")
 
@@ -92,13 +92,13 @@ def channels(dataset, sides: dict, tx: tuple[int, int], rx: tuple[int, int], pat
     )
 
 
-def from_corner(shape: tuple[int, int], pattern: str) -> tuple[AntennaArray, np.ndarray]:
+def from_corner(shape: tuple[int, int], pattern: str) -> tuple[PlanarArray, np.ndarray]:
     """Return an array of ours with an element at its centre, and the elements that start there, in DeepMIMO's order.
 
     DeepMIMO counts along y first, then upwards, from the element at the antenna's place.
     """
     along, up = shape
-    array = AntennaArray(rows=2 * up - 1, columns=2 * along - 1, pattern=pattern)
+    array = PlanarArray(rows=2 * up - 1, columns=2 * along - 1, pattern=pattern)
     places = array.element_positions(CARRIER) * 2 * CARRIER / SPEED_OF_LIGHT
     wanted = [(0.0, float(m), float(n)) for n in range(up) for m in range(along)]
     return array, np.array([np.flatnonzero(np.abs(places - place).max(axis=1) < 1e-9)[0] for place in wanted])
@@ -107,7 +107,7 @@ def from_corner(shape: tuple[int, int], pattern: str) -> tuple[AntennaArray, np.
 def our_channels(root: Path, tx, rx, pattern: str = "iso", peer: str = "rsu_1", time_s=0.0) -> np.ndarray:
     paths, tx_turn, rx_turn = our_paths(root, peer)
     (tx_array, sent), (rx_array, heard) = from_corner(tx, pattern), from_corner(rx, pattern)
-    a = synthesize(paths, tx_array, rx_array, CARRIER, tx_turn, rx_turn)[:, heard][:, :, sent]
+    a = apply_arrays(paths, tx_array, rx_array, CARRIER, tx_turn, rx_turn)[:, heard][:, :, sent]
     h = frequency_response(a, paths, np.arange(SUBCARRIERS) * SPACING, CARRIER, time_s)
     return h / np.sqrt(SUBCARRIERS)
 

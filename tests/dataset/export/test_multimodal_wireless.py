@@ -9,7 +9,7 @@ import pytest
 import yaml
 from PIL import Image
 
-from mmw.channel import PATH_COLUMNS, PathRows, frequency_response, rotations_from_poses, synthesize, ula, upa
+from mmw.channel import PATH_COLUMNS, Paths, apply_arrays, frequency_response, rotations_from_poses, ula, upa
 from mmw.channel.path_table import LINK_COLUMNS
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.core.transforms import pose_from_ypr, quaternion_from_ypr, quaternion_to_matrix
@@ -19,7 +19,7 @@ from mmw.dataset.export.multimodal_wireless.layout import camera_numbers
 from mmw.dataset.export.read_sensors import Sensor
 from mmw.storage.codecs.carla_depth import decode_bgra, decode_log_grey
 from mmw.storage.codecs.images import decode_depth
-from tests.fixtures.export_radio import BLOCKED, CAVS, WEATHER, antenna, make_dataset
+from tests.fixtures.export_radio import BLOCKED, CAVS, WEATHER, antenna, generate_dataset
 
 FRAMES, PATHS, CARRIER = 3, 5, 28e9
 FLIP = np.diag([1.0, -1.0, 1.0])
@@ -29,7 +29,7 @@ LINK = "Nt_64_Nr_16_fc_28GHz/cav_1"
 
 @pytest.fixture(scope="module")
 def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return make_dataset(tmp_path_factory.mktemp("made") / "data", FRAMES, PATHS)
+    return generate_dataset(tmp_path_factory.mktemp("made") / "data", FRAMES, PATHS)
 
 
 @pytest.fixture(scope="module")
@@ -47,9 +47,9 @@ def published(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out / WEATHER / "Town03" / "Town03_made_up_seed42"
 
 
-def our_link(root: Path, frame: int, agent: str, peer: str = "rsu_1") -> PathRows:
+def our_link(root: Path, frame: int, agent: str, peer: str = "rsu_1") -> Paths:
     data = open_dataset(root)
-    paths = PathRows.from_table(
+    paths = Paths.from_table(
         data.read("paths", columns=PATH_COLUMNS), CARRIER, data.read("links", columns=LINK_COLUMNS)
     )
     keys = paths.keys
@@ -109,7 +109,7 @@ def test_files_give_our_channel(root, out, published, delays):
         paths = our_link(root, frame, "cav_1")
         poses = open_dataset(root).read("poses")
         turns = [rotations_from_poses(poses, paths, end) for end in ("tx", "rx")]
-        coefficients = synthesize(paths, ula(64), ula(16), CARRIER, *turns)
+        coefficients = apply_arrays(paths, ula(64), ula(16), CARRIER, *turns)
         expected = frequency_response(
             coefficients, paths, frequencies, CARRIER, normalize_delays=delays == "normalized"
         )[0]
@@ -141,7 +141,7 @@ def test_planar_arrays_are_counted_as_ours(root, out):
     paths = our_link(root, 2, "cav_3")
     poses = open_dataset(root).read("poses")
     turns = [rotations_from_poses(poses, paths, end) for end in ("tx", "rx")]
-    expected = np.moveaxis(synthesize(paths, upa(8, 8), upa(2, 2), CARRIER, *turns), 0, -1)
+    expected = np.moveaxis(apply_arrays(paths, upa(8, 8), upa(2, 2), CARRIER, *turns), 0, -1)
     np.testing.assert_allclose(np.abs(a), np.abs(expected), rtol=1e-5, atol=1e-12)
     np.testing.assert_allclose(tau, paths.tau, rtol=1e-6)
 

@@ -20,12 +20,12 @@ from mmw.__main__ import main as mmw_main
 from mmw.cli.run import main
 from mmw.config import load_config
 from mmw.core.temp_files import Owner, is_temporary
-from mmw.generation.executors.work_queue import MOST_TRIES, WorkerLostError, WorkQueue
+from mmw.generation.executors.work_queue import MAX_TRIES, WorkerLostError, WorkQueue
 from mmw.generation.progress import Console
-from mmw.generation.shards import Part, Work, all_work, part_of
-from mmw.generation.worker import Making, Worker
+from mmw.generation.shards import Partition, Work, all_work, part_of
+from mmw.generation.worker import GenerationContext, Worker
 from mmw.scene.prepare import read_scenario
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.scene_data import SceneData
 from mmw.storage.file_checks import verify
 from mmw.storage.lock import only_one, writers, writing
 from mmw.storage.manifest import prepare_root
@@ -51,7 +51,7 @@ def config_of(world: Path):
 @pytest.mark.parametrize("count", [1, 2, 3, 5, 40])
 def test_parts_hold_everything_once(world: Path, count: int) -> None:
     work = all_work(config_of(world))
-    parts = [part_of(work, Part(index, count)) for index in range(count)]
+    parts = [part_of(work, Partition(index, count)) for index in range(count)]
     assert [item for part in parts for item in part] == work
     sizes = [sum(item.frames for item in part) for part in parts]
     assert max(sizes) - min(sizes) <= max(item.frames for item in work)
@@ -60,7 +60,7 @@ def test_parts_hold_everything_once(world: Path, count: int) -> None:
 @pytest.mark.parametrize("text", ["", "1", "1/1", "4/4", "-1/4", "a/b", "0/0", "1/2/3"])
 def test_a_part_that_is_none_is_refused(world: Path, text: str, capsys: pytest.CaptureFixture) -> None:
     with pytest.raises(ValueError, match="i/N"):
-        Part.parse(text)
+        Partition.parse(text)
 
 
 def test_a_worker_keeps_its_scenario_and_others_help() -> None:
@@ -113,7 +113,7 @@ def test_a_piece_is_not_divided_for_workers_that_stay_busy() -> None:
 
 def test_lost_work_comes_first_and_not_for_ever() -> None:
     queue = WorkQueue([Work("a", i, i + 1, ("sunny",)) for i in range(3)])
-    for worker in range(MOST_TRIES):
+    for worker in range(MAX_TRIES):
         first = queue.next(worker)
         assert first.frame_begin == 0
         queue.give_back(worker, [first], "by signal 9")
@@ -123,7 +123,7 @@ def test_lost_work_comes_first_and_not_for_ever() -> None:
 
 def test_a_machine_lost_with_all_its_workers_is_no_end() -> None:
     queue = WorkQueue([Work("a", 0, 1, ("sunny",))], workers=8)
-    for worker in range(MOST_TRIES * 8):
+    for worker in range(MAX_TRIES * 8):
         queue.give_back(worker, [], "on a node that is gone")
     with pytest.raises(WorkerLostError, match="25 workers died before they began, the last on a node that is gone"):
         queue.give_back(24, [], "on a node that is gone")
@@ -153,9 +153,9 @@ def test_workers_make_the_same_dataset(world: Path) -> None:
 def test_workers_read_a_scenario_once(world: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     config, root = load_config(world / "mine.yaml", SMALL), world / "shared"
     meta = {"config_sha256": config.sha256(), "mmw_version": "0", "git_sha": ""}
-    making = Making(config, world, Folder(root), meta, threads=1)
+    making = GenerationContext(config, world, Folder(root), meta, threads=1)
     prepare_root(Folder(root), config.identity(), config.sha256(), {}, overwrite=False)
-    read: list[SceneArrays] = []
+    read: list[SceneData] = []
     monkeypatch.setattr(
         "mmw.generation.worker.read_scenario", lambda *some: read.append(read_scenario(*some)) or read[-1]
     )

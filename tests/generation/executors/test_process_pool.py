@@ -21,7 +21,7 @@ on_linux = pytest.mark.skipif(not CAN_FORK, reason="workers are not forked here"
 
 
 class Telling:
-    """A `Making` that says in an error what a worker's environment holds, and who its parent is."""
+    """A `GenerationContext` that says in an error what a worker's environment holds, and who its parent is."""
 
     log_level = logging.WARNING
 

@@ -16,12 +16,12 @@ ray = pytest.importorskip("ray", reason="Ray is not installed: pip install 'mult
 import mmw.generation.executors.ray_executor as engine  # noqa: E402
 from mmw.cli.run import main  # noqa: E402
 from mmw.config import load_config  # noqa: E402
-from mmw.generation.executors.ray_cluster import Room, cluster, room_for  # noqa: E402
+from mmw.generation.executors.ray_cluster import ClusterResources, cluster, room_for  # noqa: E402
 from mmw.generation.executors.work_queue import WorkerLostError  # noqa: E402
 from mmw.generation.progress import Console  # noqa: E402
 from mmw.generation.provenance import versions  # noqa: E402
 from mmw.generation.shards import all_work  # noqa: E402
-from mmw.generation.worker import Making  # noqa: E402
+from mmw.generation.worker import GenerationContext  # noqa: E402
 from mmw.storage.file_checks import verify  # noqa: E402
 from mmw.storage.lock import temporaries  # noqa: E402
 from mmw.storage.manifest import read_dataset  # noqa: E402
@@ -150,14 +150,14 @@ def test_a_node_without_mmw(
 
 
 @pytest.fixture
-def making(world: Path) -> Making:
-    return Making(load_config(world / "mine.yaml", SMALL), world, Folder(world / "alone"), {}, threads=1)
+def making(world: Path) -> GenerationContext:
+    return GenerationContext(load_config(world / "mine.yaml", SMALL), world, Folder(world / "alone"), {}, threads=1)
 
 
-def test_a_node_that_differs_is_refused(making: Making, tmp_path: Path) -> None:
+def test_a_node_that_differs_is_refused(making: GenerationContext, tmp_path: Path) -> None:
     actor, own = engine.Actor(), versions(making.config, making.base, "CPU")
     with engine._sign(making.root) as sign:
-        task = engine.Task(making, Room("cpu", 1), sign, own)
+        task = engine.Task(making, ClusterResources("cpu", 1), sign, own)
         actor._check(task)
         assert actor._said.empty()
         with pytest.raises(ValueError, match=r"Ray node .* has mmw .*, the run 9\.9; install the same"):
@@ -185,7 +185,9 @@ def test_a_bucket_is_filled_by_actors(world: Path, here: str, s3: Server) -> Non
     assert "_manifest.parquet" in there and not [name for name in there if name.startswith("_locks/")]
 
 
-def test_what_other_machines_wrote_may_be_seen_late(making: Making, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+def test_what_other_machines_wrote_may_be_seen_late(
+    making: GenerationContext, monkeypatch: pytest.MonkeyPatch, capsys
+) -> None:
     work = all_work(making.config)
     looks = [work, work[1:], []]
     monkeypatch.setattr(engine, "pending_work", lambda *_: looks.pop(0))
@@ -203,14 +205,14 @@ def test_what_a_cluster_has_for_workers() -> None:
     gb = float(1 << 30)
     big = {"CPU": 64.0, "GPU": 4.0, "memory": 300 * gb, "object_store_memory": 100 * gb}
     small, head = {"CPU": 8.0, "GPU": 2.0, "memory": 30 * gb}, {"CPU": 4.0, "memory": 8 * gb}
-    assert room_for([big], "cuda:0", 2) == Room("cuda:0", 2, 1)
-    assert room_for([big, head], "auto", 8) == Room("cuda:0", 8, 2)
-    assert room_for([big], "auto", "auto") == Room("cuda:0", 32, 8)
-    assert room_for([big], "auto", "auto", 40 * gb) == Room("cuda:0", 20, 5)
-    assert room_for([big, small, head], "auto", "auto") == Room("cuda:0", 12, 2)
-    assert room_for([big, head], "cpu", "auto") == Room("cpu", 68, 1)
-    assert room_for([head], "auto", "auto") == Room("cpu", 4, 1)
-    assert room_for([head], "auto", 6) == Room("cpu", 6, 2)
+    assert room_for([big], "cuda:0", 2) == ClusterResources("cuda:0", 2, 1)
+    assert room_for([big, head], "auto", 8) == ClusterResources("cuda:0", 8, 2)
+    assert room_for([big], "auto", "auto") == ClusterResources("cuda:0", 32, 8)
+    assert room_for([big], "auto", "auto", 40 * gb) == ClusterResources("cuda:0", 20, 5)
+    assert room_for([big, small, head], "auto", "auto") == ClusterResources("cuda:0", 12, 2)
+    assert room_for([big, head], "cpu", "auto") == ClusterResources("cpu", 68, 1)
+    assert room_for([head], "auto", "auto") == ClusterResources("cpu", 4, 1)
+    assert room_for([head], "auto", 6) == ClusterResources("cpu", 6, 2)
     with pytest.raises(ValueError, match="'cuda:0': the Ray cluster has no GPU"):
         room_for([head], "cuda:0", 1)
     with pytest.raises(ValueError, match="'cpu': the Ray cluster has no CPU"):
@@ -220,12 +222,12 @@ def test_what_a_cluster_has_for_workers() -> None:
 
 
 def test_what_a_worker_asks_for() -> None:
-    assert Room("cuda:0", 4).asks == {"num_cpus": 0, "num_gpus": 1.0}
-    assert Room("cuda:0", 12, 3).asks["num_gpus"] == 0.3333  # a step more, and the third has no place
-    assert Room("cpu", 6, 2).asks == {"num_cpus": 0.5}
-    assert Room("cuda:0", 24, 6).workers_on({"CPU": 32.0, "GPU": 2.0}) == 12
-    assert Room("cuda:0", 3, 6).workers_on({"CPU": 32.0, "GPU": 2.0}) == 3
-    assert Room("cpu", 6, 2).workers_on({"CPU": 2.0}) == 4
+    assert ClusterResources("cuda:0", 4).asks == {"num_cpus": 0, "num_gpus": 1.0}
+    assert ClusterResources("cuda:0", 12, 3).asks["num_gpus"] == 0.3333  # a step more, and the third has no place
+    assert ClusterResources("cpu", 6, 2).asks == {"num_cpus": 0.5}
+    assert ClusterResources("cuda:0", 24, 6).workers_on({"CPU": 32.0, "GPU": 2.0}) == 12
+    assert ClusterResources("cuda:0", 3, 6).workers_on({"CPU": 32.0, "GPU": 2.0}) == 3
+    assert ClusterResources("cpu", 6, 2).workers_on({"CPU": 2.0}) == 4
 
 
 @pytest.mark.parametrize(

@@ -6,14 +6,14 @@ from scipy.special import fresnel, hankel2, wofz
 
 from mmw.channel.path_solver.edge_table import find_wedges
 from mmw.channel.path_solver.surface_table import make_surface_table
-from mmw.channel.paths import PATH_DIFFRACTION, PATH_LOS, PATH_SPECULAR, Paths
+from mmw.channel.paths import PATH_DIFFRACTION, PATH_LOS, PATH_SPECULAR, PathSet
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.core.planar_surfaces import find_surfaces
 from mmw.core.transforms import make_pose, rotate, transform_points
 from mmw.physics.em.diffraction import transition
 from mmw.physics.materials.material import Material, RadioMaterial
-from mmw.scene.device_scene import Scene
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.device_scene import DeviceScene
+from mmw.scene.scene_data import SceneData
 from mmw.worlds.towns.mesh_part import MeshPart
 from tests.fixtures.scenes import arrays_from_parts, box_mesh, box_model, ground_part, pose, wall_part
 from tests.oracles.channel import (
@@ -116,7 +116,7 @@ def test_transition_function() -> None:
     assert transition(np.array([1e6]))[0] == pytest.approx(1.0, abs=1e-6)
 
 
-def wedge_scene(inner: float, radio: RadioMaterial, tx: tuple, rx: list[tuple]) -> SceneArrays:
+def wedge_scene(inner: float, radio: RadioMaterial, tx: tuple, rx: list[tuple]) -> SceneData:
     """Return a wedge whose edge is the z axis; one face is y = 0, x > 0, the other lies `inner` [rad] below it."""
     outline = [(0.0, 0.0), (40 * np.cos(inner), -40 * np.sin(inner)), (40.0, 0.0)]
     points, faces = prism(outline, -30.0, 30.0)
@@ -131,12 +131,12 @@ def around(distance: float, angle: float, z: float = 0.0) -> tuple[float, float,
     return distance * np.cos(angle), distance * np.sin(angle), z
 
 
-def at_the_edge(paths: Paths) -> np.ndarray:
+def at_the_edge(paths: PathSet) -> np.ndarray:
     """Return which paths there would be if the wedge were endless: no others than over the edge x = y = 0."""
     return (paths.kind != PATH_DIFFRACTION) | (np.abs(paths.vertex[:, 0, :2]).max(axis=1) < 1e-6)
 
 
-def field_at(paths: Paths, link: int, dipole: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def field_at(paths: PathSet, link: int, dipole: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the sum of all field vectors at a receiver [3], and that of the line of sight, for a short dipole."""
     fields = {
         PATH_LOS: np.zeros(3, complex),
@@ -200,7 +200,7 @@ NEAR, FAR = 4.0, 5.0
 """Distances of receivers and source from the edge, in the comparisons with the series [m]."""
 
 
-def series_errors(paths: Paths, angles: np.ndarray, n: float, source: float, polarization: str) -> list[float]:
+def series_errors(paths: PathSet, angles: np.ndarray, n: float, source: float, polarization: str) -> list[float]:
     """Return how far the paths, as waves of a line source, are from the exact series at each angle, over the direct."""
     keep, axis = at_the_edge(paths), 0 if polarization == "soft" else 1
     sign = 1.0 if polarization == "soft" else -1.0  # phi looks the other way at the far end
@@ -292,7 +292,7 @@ def test_lit_region_can_be_left_out(device: str) -> None:
     assert counts == {True: [1] * 6, False: [0, 0, 0, 0, 1, 1]}
 
 
-def boxes(seed: int, radio: RadioMaterial, town: int) -> tuple[SceneArrays, tuple[ConvexEdge, ...]]:
+def boxes(seed: int, radio: RadioMaterial, town: int) -> tuple[SceneData, tuple[ConvexEdge, ...]]:
     """Return boxes in any attitude, `town` of them in the town and one a vehicle, with three ends, and all edges.
 
     Without a box in the town there is ground and a wall in it.
@@ -334,7 +334,7 @@ def test_diffraction_against_brute_force(town: int, depth: int, refraction: bool
     radio = RadioMaterial("constant", relative_permittivity=4.0, conductivity=0.1, thickness=0.02)
     arrays, edges = boxes(seed, radio, town)
     config = channel(max_depth=depth, diffraction=True, refraction=refraction)
-    scene = Scene(arrays, device, 1)
+    scene = DeviceScene(arrays, device, 1)
     scene.load_batch([0])
     table = make_surface_table(scene, wedges=True)
     pairs = [{a, b} for a, b in zip(table.wedges.surface_0.tolist(), table.wedges.surface_n.tolist(), strict=True)]

@@ -8,13 +8,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mmw.channel.paths import PATH_DIFFUSE, PATH_SPECULAR, Paths
+from mmw.channel.paths import PATH_DIFFUSE, PATH_SPECULAR, PathSet
 from mmw.core.constants import FRAME_DT, SPEED_OF_LIGHT
 from mmw.core.transforms import invert, pose_from_ypr, transform_points
 from mmw.physics.em.scattering import lobe_integral, scattering_pattern
 from mmw.physics.materials.material import Material, RadioMaterial
 from mmw.physics.materials.permittivity import relative_permittivity
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.scene_data import SceneData
 from mmw.worlds.towns.mesh_part import MeshPart
 from tests.fixtures.scenes import arrays_from_parts, arrays_from_ply, box_model, ground_part, pose, quad_part, wall_part
 from tests.oracles.channel import DIFFUSE, SPECULAR, TRANSMISSION, channel, slab_coefficients, solve
@@ -37,7 +37,7 @@ def rough(name: str = "lambertian", **changes) -> RadioMaterial:
     return RadioMaterial("constant", **{**values, **LOBES[name], **changes})
 
 
-def scene(radio: dict[str, RadioMaterial], parts: list[MeshPart], tx=TX, rx=RX) -> SceneArrays:
+def scene(radio: dict[str, RadioMaterial], parts: list[MeshPart], tx=TX, rx=RX) -> SceneData:
     """Return parts with a transmitter and a receiver without bodies."""
     materials = {name: Material(name, own, "none", 0.3, (0.5,) * 3) for name, own in radio.items()}
     ends = {"actors": [("rsu_1", "rsu", -1), ("cav_1", "cav", -1)], "poses": [[pose(*tx), pose(*rx)]]}
@@ -48,7 +48,7 @@ def ground() -> MeshPart:
     return ground_part(HALF, material="rough")
 
 
-def power(paths: Paths, *interactions: int) -> np.ndarray:
+def power(paths: PathSet, *interactions: int) -> np.ndarray:
     """Return sum |transfer|^2 over the paths with these interactions, [receive, transmit] in (theta, phi)."""
     wanted = np.zeros(paths.interaction.shape[1], dtype=int)
     wanted[: len(interactions)] = interactions

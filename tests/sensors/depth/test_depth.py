@@ -9,14 +9,14 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from mmw.config import Config, DepthConfig, MountConfig, load_config
+from mmw.config import Config, DepthCamera, MountConfig, load_config
 from mmw.core.kinematics import differentiate
-from mmw.generation.progress import Clock
-from mmw.scene.device_scene import Scene
-from mmw.scene.scene_data import SceneArrays
+from mmw.generation.progress import StageTimer
+from mmw.scene.device_scene import DeviceScene
+from mmw.scene.scene_data import SceneData
 from mmw.scene.table_rows import resolved
 from mmw.scene.views import make_views
-from mmw.sensors.batch import Job, Rows
+from mmw.sensors.batch import Batch, TableRows
 from mmw.sensors.camera_group.capture import record_cameras
 from mmw.sensors.depth.simulate import depth_to_metres, trace_depth
 from mmw.sensors.lidar.scan_pattern import pinhole, pinhole_directions
@@ -37,11 +37,11 @@ from tests.sensors.lidar.test_lidar import is_ambiguous, loaded
 AT_ORIGIN = {"rsu": MountConfig(), "cav": MountConfig()}
 
 
-def camera(**changes) -> DepthConfig:
-    return DepthConfig(**{"width_px": 60, "height_px": 44, "mount": AT_ORIGIN} | changes)
+def camera(**changes) -> DepthCamera:
+    return DepthCamera(**{"width_px": 60, "height_px": 44, "mount": AT_ORIGIN} | changes)
 
 
-def with_rsu(arrays: SceneArrays, pose) -> SceneArrays:
+def with_rsu(arrays: SceneData, pose) -> SceneData:
     """Return the town of a scene with one roadside unit at a pose."""
     unit = arrays_from_parts([], actors=[("rsu_1", "rsu", -1)])
     actor = replace(unit.actors[0], object_id=len(arrays.objects))
@@ -82,7 +82,7 @@ def test_rows_run_down_and_columns_to_the_right(device: str) -> None:
     assert image[21, 0] == 2000 and image[21, -1] == 0  # wall on the left only
 
 
-def check_against_oracle(arrays: SceneArrays, device: str, config: DepthConfig, frames: list[int]) -> None:
+def check_against_oracle(arrays: SceneData, device: str, config: DepthCamera, frames: list[int]) -> None:
     views = make_views(arrays, frames, config)
     batch = trace_depth(loaded(arrays, device, frames), views, config, with_details=True)
     through = pinhole_directions(pinhole(config.width_px, config.height_px, config.fov_deg)).reshape(-1, 3)
@@ -175,7 +175,7 @@ def test_frame_without_vehicles_and_no_views(device: str) -> None:
     assert np.isin(batch.object_id[0], vehicles).sum() == 0 or not np.isin(batch.object_id[1], vehicles).any()
     assert not np.isin(batch.object_id[1], vehicles).any()
     nobody = camera(on=())
-    scene = Scene(arrays, device, 1)
+    scene = DeviceScene(arrays, device, 1)
     scene.load_batch([0])
     assert trace_depth(scene, make_views(arrays, [0], nobody), nobody).depth.shape == (0, 44, 60)
 
@@ -209,7 +209,7 @@ def test_bad_settings_are_refused(change: dict, words: str) -> None:
 
 
 def test_defaults_are_the_papers() -> None:
-    config = DepthConfig()
+    config = DepthCamera()
     assert (config.on, config.format, config.range_m) == (("rsu",), "png16", 655.0)
     assert (config.segmentation, config.boxes_2d) == (False, True)
 
@@ -224,16 +224,16 @@ sensors:
 """
 
 
-def record(config: Config, arrays: SceneArrays, device: str, frames: list[int]) -> Rows:
+def record(config: Config, arrays: SceneData, device: str, frames: list[int]) -> TableRows:
     with ThreadPoolExecutor(1) as pool:
         scene, motion = loaded(arrays, device, frames), differentiate(arrays.poses)
-        job = Job(config, config.scenarios[0], arrays, motion, scene, None, pool, Clock())
-        rows: Rows = {weather: defaultdict(list) for weather in config.weathers}
+        job = Batch(config, config.scenarios[0], arrays, motion, scene, None, pool, StageTimer())
+        rows: TableRows = {weather: defaultdict(list) for weather in config.weathers}
         record_cameras(job, frames, rows)
     return rows
 
 
-def tables_of(rows: Rows, weather: str) -> dict[str, pa.Table]:
+def tables_of(rows: TableRows, weather: str) -> dict[str, pa.Table]:
     key = {"scenario": "street", "weather": weather}
     ended = {
         name: [b.result() if isinstance(b, Future) else b for b in batches] for name, batches in rows[weather].items()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from mmw.config import GnssConfig, ImuConfig, MountConfig
+from mmw.config import Gnss, Imu, MountConfig
 from mmw.core.constants import FRAME_DT
 from mmw.core.geodesy import (
     E2,
@@ -18,7 +18,7 @@ from mmw.core.geodesy import (
     world_from_wgs84,
 )
 from mmw.core.transforms import pose_from_ypr
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.scene_data import SceneData
 from mmw.sensors.gnss.simulate import GnssBatch, make_gnss
 from mmw.sensors.imu.rows import gnss_rows
 from mmw.sensors.imu.simulate import make_imu
@@ -38,7 +38,7 @@ def points(count: int = 2000, reach: float = 20_000.0) -> np.ndarray:
     return rng.uniform(-1.0, 1.0, (count, 3)) * [reach, reach, 500.0]
 
 
-def driving(*poses: np.ndarray) -> SceneArrays:
+def driving(*poses: np.ndarray) -> SceneData:
     """CAVs on the given poses, and nothing else."""
     agents = [(f"cav_{i + 1}", "cav", -1) for i in range(len(poses))]
     return arrays_from_parts([ground_part()], (), agents, np.stack(poses, axis=1))
@@ -165,7 +165,7 @@ def test_heading_from_north() -> None:
 
 @pytest.mark.parametrize("mode", ["compat", "physical"])
 def test_without_errors_the_reading_is_the_truth(mode: str) -> None:
-    config = GnssConfig(mode=mode, mount={"cav": MountConfig(position_m=(0, 1.5, 1.0), yaw_deg=90.0)}, **SILENT)
+    config = Gnss(mode=mode, mount={"cav": MountConfig(position_m=(0, 1.5, 1.0), yaw_deg=90.0)}, **SILENT)
     arrays = driving(straight(20), still(20))
     batch = make_gnss(arrays, range(20), config, 1, "s")
     np.testing.assert_array_equal(batch.geodetic, batch.geodetic_true)
@@ -181,14 +181,14 @@ def test_without_errors_the_reading_is_the_truth(mode: str) -> None:
 
 def test_a_turning_vehicle_gives_its_antenna_a_speed_of_its_own() -> None:
     yaw = 0.4 * FRAME_DT * np.arange(50)
-    config = GnssConfig(mode="physical", mount={"cav": MountConfig(position_m=(3.0, 0, 0))}, **SILENT)
+    config = Gnss(mode="physical", mount={"cav": MountConfig(position_m=(3.0, 0, 0))}, **SILENT)
     batch = make_gnss(driving(pose_from_ypr(np.zeros((50, 3)), yaw)), range(2, 48), config, 1, "s")
     np.testing.assert_allclose(batch.speed, 1.2, rtol=1e-5)
 
 
 def test_the_published_noise() -> None:
     count = 20_000
-    batch = make_gnss(driving(straight(count), still(count)), range(count), GnssConfig(), 5, "s")
+    batch = make_gnss(driving(straight(count), still(count)), range(count), Gnss(), 5, "s")
     for car, speed in ((0, 10.0), (1, 0.0)):
         error = (batch.geodetic - batch.geodetic_true)[car::2]
         turn = batch.heading[car::2] - (np.pi / 2 - 0.5)
@@ -208,7 +208,7 @@ def test_the_published_noise() -> None:
 
 def test_drift_of_the_physical_mode() -> None:
     """250 receivers at rest: spread and correlation of the error in metres; the standard error is about 4.5 %."""
-    config = GnssConfig(
+    config = Gnss(
         mode="physical", horizontal_drift_std_m=1.5, vertical_drift_std_m=3.0, drift_correlation_s=2.0,
         horizontal_noise_std_m=0.5, vertical_noise_std_m=0.8, velocity_noise_std_m_s=0.07,
     )  # fmt: skip
@@ -228,13 +228,13 @@ def test_drift_of_the_physical_mode() -> None:
 def test_rows_do_not_depend_on_the_batch_or_the_rate(mode: str) -> None:
     arrays = driving(straight(60), still(60))
     arrays.poses[20:23, 1] = ABSENT
-    whole = rows_of(make_gnss(arrays, range(60), GnssConfig(mode=mode), 1, "s"))
+    whole = rows_of(make_gnss(arrays, range(60), Gnss(mode=mode), 1, "s"))
     assert len(whole) == 117
     parts = {}
     for frames in ([40, 3], range(4, 40), [0], range(41, 60), [2, 1], []):
-        parts |= rows_of(make_gnss(arrays, frames, GnssConfig(mode=mode), 1, "s"))
+        parts |= rows_of(make_gnss(arrays, frames, Gnss(mode=mode), 1, "s"))
     assert parts.keys() == whole.keys()
-    slow = rows_of(make_gnss(arrays, range(60), GnssConfig(mode=mode, rate_hz=10), 1, "s"))
+    slow = rows_of(make_gnss(arrays, range(60), Gnss(mode=mode, rate_hz=10), 1, "s"))
     assert sorted({frame for frame, _ in slow}) == [0, 10, 20, 30, 40, 50]
     for key, row in whole.items():
         np.testing.assert_array_equal(parts[key], row)
@@ -250,11 +250,11 @@ def rows_of(batch: GnssBatch) -> dict[tuple[int, int], np.ndarray]:
 def test_errors_differ_between_streams() -> None:
     arrays = driving(still(2), still(2))
 
-    def errors(config: GnssConfig, seed: int = 1, scenario: str = "s", agent: int = 0) -> np.ndarray:
+    def errors(config: Gnss, seed: int = 1, scenario: str = "s", agent: int = 0) -> np.ndarray:
         return rows_of(make_gnss(arrays, [1], config, seed, scenario))[1, agent]
 
     for mode in ("compat", "physical"):
-        config = GnssConfig(mode=mode)
+        config = Gnss(mode=mode)
         other = config.model_copy(update={"name": "gnss_2"})
         rows = [errors(config), errors(config, seed=2), errors(config, scenario="t"), errors(config, agent=1)]
         rows.append(errors(other))
@@ -264,7 +264,7 @@ def test_errors_differ_between_streams() -> None:
 def test_rows_fill_the_table() -> None:
     arrays = driving(straight(20), still(20))
     for frames, count in ((range(20), 4), (range(1, 9), 0)):
-        batch = make_gnss(arrays, frames, GnssConfig(rate_hz=10), 1, "s")
+        batch = make_gnss(arrays, frames, Gnss(rate_hz=10), 1, "s")
         rows = gnss_rows(arrays, "gnss", batch)
         table = table_from_columns("gnss", {"scenario": "s", "weather": "sunny", **rows})
         assert table.num_rows == count
@@ -273,7 +273,7 @@ def test_rows_fill_the_table() -> None:
         {
             "scenario": "s",
             "weather": "sunny",
-            **gnss_rows(arrays, "gnss", make_gnss(arrays, [0], GnssConfig(), 1, "s")),
+            **gnss_rows(arrays, "gnss", make_gnss(arrays, [0], Gnss(), 1, "s")),
         },
     )
     row = table.to_pylist()[0]
@@ -296,11 +296,11 @@ def test_rows_fill_the_table() -> None:
 )
 def test_bad_values_are_refused(change: dict, part: str) -> None:
     with pytest.raises(ValidationError, match=part):
-        GnssConfig(**change)
+        Gnss(**change)
 
 
 def test_without_agents_there_are_no_rows() -> None:
     arrays = arrays_from_parts([ground_part()], (), [("car", "vehicle", -1)], still(3)[:, None])
     for mode in ("compat", "physical"):
-        assert len(make_gnss(arrays, range(3), GnssConfig(mode=mode), 1, "s").frame) == 0
-        assert len(make_imu(arrays, range(3), ImuConfig(mode=mode), 1, "s").frame) == 0
+        assert len(make_gnss(arrays, range(3), Gnss(mode=mode), 1, "s").frame) == 0
+        assert len(make_imu(arrays, range(3), Imu(mode=mode), 1, "s").frame) == 0

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from mmw.config import LidarConfig
+from mmw.config import Lidar
 from mmw.core.kinematics import differentiate
 from mmw.core.transforms import invert, pose_from_ypr, quaternion_from_ypr, transform_points
 from mmw.physics.weather.weather import Weather
-from mmw.scene.device_scene import Scene
+from mmw.scene.device_scene import DeviceScene
 from mmw.scene.views import make_views
 from mmw.sensors.ground_truth.boxes_3d import make_boxes
 from mmw.sensors.ground_truth.visibility import count_returns
@@ -68,9 +68,9 @@ def test_returns_are_counted_per_view_and_object() -> None:
 
 def test_returns_on_a_vehicle_lie_in_its_box() -> None:
     arrays = two_cars(2)
-    scene = Scene(arrays, "cpu", 2)
+    scene = DeviceScene(arrays, "cpu", 2)
     scene.load_batch([0, 1])
-    config = LidarConfig(channels=16, points_per_channel=180, optics={"range_resolution_m": 0})
+    config = Lidar(channels=16, points_per_channel=180, optics={"range_resolution_m": 0})
     views = make_views(arrays, [0, 1], config)
     keys = np.zeros((len(views), 2), np.uint32)
     batch = trace_lidar(scene, views, config, arrays.materials["sunny"], Weather(), keys)

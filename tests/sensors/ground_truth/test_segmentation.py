@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mmw.config import MountConfig
-from mmw.scene.scene_data import SceneArrays, SceneObject
+from mmw.scene.scene_data import SceneData, SceneObject
 from mmw.scene.views import make_views
 from mmw.sensors.depth.simulate import trace_depth, trace_depth_images
 from mmw.sensors.ground_truth.segmentation import instance_image, object_tags, semantic_image
@@ -23,7 +23,7 @@ STREET_MOUNT = {
 }
 
 
-def many_tags(seed: int) -> SceneArrays:
+def many_tags(seed: int) -> SceneData:
     """Return a soup of triangles where each object has a tag of its own, and vehicles carry cameras."""
     arrays = random_triangles(seed, 200, vehicles=3, frames=2)
     objects = tuple(replace(entry, tag=3 + 2 * i) for i, entry in enumerate(arrays.objects))

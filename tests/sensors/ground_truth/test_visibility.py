@@ -3,10 +3,10 @@
 import numpy as np
 
 from mmw.core.transforms import transform_points
-from mmw.scene.device_scene import Scene
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.device_scene import DeviceScene
+from mmw.scene.scene_data import SceneData
 from mmw.scene.views import Views
-from mmw.sensors.ground_truth.visibility import boxed_actors, cast_sight, trace_sight
+from mmw.sensors.ground_truth.visibility import boxed_actors, trace_line_of_sight, trace_sight
 from mmw.sensors.ground_truth.visibility_rows import point_rows, seen_rows, sight_rows
 from mmw.storage.arrow_tables import table_from_columns
 from tests.fixtures.scenes import (
@@ -24,8 +24,8 @@ from tests.oracles.tracing import cast_rays
 ANTENNAS = {"cav": (0.0, 0.0, 2.5), "rsu": (0.0, 0.0, 4.0)}
 
 
-def loaded(arrays: SceneArrays, device: str) -> Scene:
-    scene = Scene(arrays, device, len(arrays.frames))
+def loaded(arrays: SceneData, device: str) -> DeviceScene:
+    scene = DeviceScene(arrays, device, len(arrays.frames))
     scene.load_batch(list(arrays.frames))
     return scene
 
@@ -35,7 +35,7 @@ def test_lines_in_triangle_soup_equal_brute_force(device: str) -> None:
     rng = np.random.default_rng(1)
     start, end = rng.uniform(-25, 25, (2, 200, 3))
     slot = rng.integers(0, 2, 200)
-    found = cast_sight(loaded(arrays, device), slot, start, end, np.full(200, -1))
+    found = trace_line_of_sight(loaded(arrays, device), slot, start, end, np.full(200, -1))
     way = end - start
     length = np.linalg.norm(way, axis=1)
     different = 0
@@ -114,7 +114,7 @@ def test_rows_say_who_sees_what(device: str) -> None:
 def test_batches_do_not_change_a_line(device: str) -> None:
     arrays = two_cars(4)
     whole = trace_sight(loaded(arrays, device), [0, 1, 2, 3], ANTENNAS)
-    scene = Scene(arrays, device, 1)
+    scene = DeviceScene(arrays, device, 1)
     parts = []
     for frame in range(4):
         scene.load_batch([frame])
@@ -129,5 +129,5 @@ def test_middle_of_the_box_is_the_target() -> None:
     scene = loaded(arrays, "cpu")
     target = transform_points(arrays.poses[0, 1], np.array(arrays.actors[1].center))
     start = target + np.array([8.0, 0.0, 0.5])
-    first = cast_sight(scene, np.zeros(1, int), start[None], target[None], np.array([-1]))
+    first = trace_line_of_sight(scene, np.zeros(1, int), start[None], target[None], np.array([-1]))
     assert first.tolist() == [arrays.actors[1].object_id]

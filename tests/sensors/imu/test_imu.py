@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mmw.config import ImuConfig, MountConfig
+from mmw.config import Imu, MountConfig
 from mmw.core.constants import FRAME_DT, GRAVITY
 from mmw.core.kinematics import differentiate, differentiate_rows
 from mmw.core.transforms import (
@@ -18,7 +18,7 @@ from mmw.core.transforms import (
     quaternion_to_ypr,
     rotate,
 )
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.scene_data import SceneData
 from mmw.sensors.imu.noise import imu_errors
 from mmw.sensors.imu.simulate import ImuBatch, integrate_imu, make_imu, measure
 from tests.fixtures.scenes import ABSENT, arrays_from_parts, ground_part, two_cars
@@ -195,7 +195,7 @@ def test_recording_without_frames_has_no_derivatives() -> None:
 
 def test_batch_rows_order_truth_and_errors() -> None:
     arrays = two_cars(8)
-    config = ImuConfig(mount={"cav": MountConfig(position_m=(0.5, 0.0, 1.0))})
+    config = Imu(mount={"cav": MountConfig(position_m=(0.5, 0.0, 1.0))})
     whole = make_imu(arrays, range(8), config, 42, "canyon")
     np.testing.assert_array_equal(whole.frame, np.arange(8))
     np.testing.assert_array_equal(whole.actor, 0)
@@ -205,7 +205,7 @@ def test_batch_rows_order_truth_and_errors() -> None:
     np.testing.assert_allclose(whole.gyro - whole.gyro_true, errors.noise[1, 0] + 0.001, atol=1e-14)
     np.testing.assert_array_equal(whole.accel_bias, 0.0)
     np.testing.assert_array_equal(whole.gyro_bias, 0.001)
-    silent = make_imu(arrays, range(8), ImuConfig(accel_noise_std=0, gyro_noise_std=0, gyro_bias=0), 42, "canyon")
+    silent = make_imu(arrays, range(8), Imu(accel_noise_std=0, gyro_noise_std=0, gyro_bias=0), 42, "canyon")
     np.testing.assert_array_equal(silent.accel, silent.accel_true)
 
 
@@ -215,7 +215,7 @@ def test_batch_rows_order_truth_and_errors() -> None:
 def test_rows_do_not_depend_on_the_batch(mode: str, lag: int, handedness: str) -> None:
     arrays = driving(drive(60), circle(15.0, 9.0, 60))
     arrays.poses[20:23, 1] = ABSENT
-    config = ImuConfig(
+    config = Imu(
         mode=mode, accel_lag_frames=lag, handedness=handedness, bias_correlation_s=None if lag else 5.0,
         accel_scale_std=0.01, misalignment_std_deg=0.5, mount={"cav": MountConfig(position_m=(1, 2, 3), yaw_deg=30)},
     )  # fmt: skip
@@ -235,7 +235,7 @@ def rows_of(batch: ImuBatch) -> dict[tuple[int, int], np.ndarray]:
     return {(int(f), int(a)): row for f, a, row in zip(batch.frame, batch.actor, values, strict=True)}
 
 
-def driving(*poses: np.ndarray) -> SceneArrays:
+def driving(*poses: np.ndarray) -> SceneData:
     """CAVs on the given poses, and nothing else."""
     agents = [(f"cav_{i + 1}", "cav", -1) for i in range(len(poses))]
     return arrays_from_parts([ground_part()], (), agents, np.stack(poses, axis=1))
@@ -256,7 +256,7 @@ def test_left_handed_rates_have_carlas_signs(axis: int) -> None:
     angles = np.zeros((3, 30))
     angles[axis] = 0.02 * times(30)  # yaw, pitch, roll: small, so that order does not matter
     poses = pose_from_ypr(np.zeros((30, 3)), *angles)
-    quiet = ImuConfig(handedness="left", gyro_noise_std=0, gyro_bias=0)
+    quiet = Imu(handedness="left", gyro_noise_std=0, gyro_bias=0)
     left = make_imu(driving(poses), range(30), quiet, 1, "s")
     right = make_imu(driving(poses), range(30), quiet.model_copy(update={"handedness": "right"}), 1, "s")
     np.testing.assert_allclose(left.gyro, carla_rates(poses), atol=1e-9)
@@ -264,7 +264,7 @@ def test_left_handed_rates_have_carlas_signs(axis: int) -> None:
 
 
 def test_left_handed_forces() -> None:
-    config = ImuConfig(handedness="left", accel_noise_std=0)
+    config = Imu(handedness="left", accel_noise_std=0)
     # A left turn accelerates to the left: +y of ours, -y of CARLA's. Rest reads +9.81 on z in both.
     turn = make_imu(driving(circle(15.0, 9.0, 50)), range(5, 45), config, 1, "s")
     np.testing.assert_allclose(turn.accel, np.tile([0.0, -5.4, GRAVITY], (40, 1)), atol=1e-4)
@@ -289,7 +289,7 @@ def test_left_handed_forces() -> None:
 
 def test_carlas_accelerometer_is_one_frame_late() -> None:
     poses = drive(40)
-    config = ImuConfig(accel_lag_frames=1, accel_noise_std=0, gyro_noise_std=0, gyro_bias=0)
+    config = Imu(accel_lag_frames=1, accel_noise_std=0, gyro_noise_std=0, gyro_bias=0)
     late = make_imu(driving(poses), range(40), config, 1, "s")
     # CARLA: second difference of the last three positions, in the axes of now.
     second = (poses[2:, :3] - 2 * poses[1:-1, :3] + poses[:-2, :3]) / FRAME_DT**2
@@ -302,16 +302,16 @@ def test_carlas_accelerometer_is_one_frame_late() -> None:
 def test_compass_is_clockwise_from_north() -> None:
     yaw = np.radians([90.0, 0.0, -90.0, 180.0, 89.0, 91.0])  # north, east, south, west, just east and west of north
     arrays = driving(*(np.tile(pose_from_ypr((0, 0, 0), angle, 0.1, 0.2), (3, 1)) for angle in yaw))
-    found = np.degrees(make_imu(arrays, [1], ImuConfig(), 1, "s").compass)
+    found = np.degrees(make_imu(arrays, [1], Imu(), 1, "s").compass)
     np.testing.assert_allclose(found, [0, 90, 180, 270, 1, 359], atol=1e-9)
-    rear = ImuConfig(mount={"cav": MountConfig(yaw_deg=180.0)})
+    rear = Imu(mount={"cav": MountConfig(yaw_deg=180.0)})
     np.testing.assert_allclose(
         np.degrees(make_imu(arrays, [1], rear, 1, "s").compass[:4]), [180, 270, 0, 90], atol=1e-9
     )
 
 
 def test_scale_and_misalignment_turn_and_stretch_the_true_reading() -> None:
-    config = ImuConfig(
+    config = Imu(
         mode="physical", accel_noise_density=0, gyro_noise_density=0, accel_random_walk=0, gyro_random_walk=0,
         gyro_bias=0, accel_scale_std=0.02, gyro_scale_std=0.05, misalignment_std_deg=1.0,
     )  # fmt: skip
@@ -333,8 +333,8 @@ def test_scale_and_misalignment_turn_and_stretch_the_true_reading() -> None:
 def test_absent_agents_have_no_rows() -> None:
     arrays = two_cars(8)
     arrays.poses[3, 0] = ABSENT
-    np.testing.assert_array_equal(make_imu(arrays, range(8), ImuConfig(), 1, "s").frame, [0, 1, 2, 4, 5, 6, 7])
-    assert len(make_imu(arrays, [3], ImuConfig(), 1, "s").frame) == 0
+    np.testing.assert_array_equal(make_imu(arrays, range(8), Imu(), 1, "s").frame, [0, 1, 2, 4, 5, 6, 7])
+    assert len(make_imu(arrays, [3], Imu(), 1, "s").frame) == 0
 
 
 def test_specific_force_is_what_the_body_frame_sees() -> None:

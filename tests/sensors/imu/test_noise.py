@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from mmw.config import ImuConfig
+from mmw.config import Imu
 from mmw.core.constants import FRAME_DT
 from mmw.sensors.imu.noise import imu_errors
 
 HOUR = 360_000
-PHYSICAL = ImuConfig(mode="physical")
-WANDERING = ImuConfig(mode="physical", bias_correlation_s=60.0, accel_turn_on_std=0.1, gyro_turn_on_std=0.01)
+PHYSICAL = Imu(mode="physical")
+WANDERING = Imu(mode="physical", bias_correlation_s=60.0, accel_turn_on_std=0.1, gyro_turn_on_std=0.01)
 
 
 def allan_deviation(rate: np.ndarray, tau: float, dt: float = FRAME_DT) -> np.ndarray:
@@ -24,8 +24,8 @@ def allan_deviation(rate: np.ndarray, tau: float, dt: float = FRAME_DT) -> np.nd
     return np.sqrt(np.mean(second**2, axis=0) / (2 * tau**2))
 
 
-@pytest.mark.parametrize("config", [ImuConfig(), PHYSICAL, WANDERING], ids=["compat", "physical", "wandering"])
-def test_errors_do_not_depend_on_the_frames_or_agents_asked_for(config: ImuConfig) -> None:
+@pytest.mark.parametrize("config", [Imu(), PHYSICAL, WANDERING], ids=["compat", "physical", "wandering"])
+def test_errors_do_not_depend_on_the_frames_or_agents_asked_for(config: Imu) -> None:
     agents = ["cav_1", "cav_2"]
     whole = imu_errors(config, range(600), 42, "town", agents)
     for frames in (range(100, 200), [599, 3, 3, 500], range(1), range(0)):
@@ -52,7 +52,7 @@ def test_errors_differ_between_streams() -> None:
 
 def test_the_papers_noise_is_the_default() -> None:
     count = 40_000
-    errors = imu_errors(ImuConfig(), range(count), 7, "town", ["cav_1"])
+    errors = imu_errors(Imu(), range(count), 7, "town", ["cav_1"])
     np.testing.assert_array_equal(errors.bias[0], 0.0)
     np.testing.assert_array_equal(errors.bias[1], 0.001)
     np.testing.assert_array_equal(errors.distortion, np.tile(np.eye(3), (2, 1, 1, 1)))
@@ -67,7 +67,7 @@ def test_the_papers_noise_is_the_default() -> None:
 
 def test_physical_defaults_are_the_papers_noise_at_100_hz() -> None:
     physical = imu_errors(PHYSICAL, range(5), 7, "town", ["cav_1"])
-    np.testing.assert_allclose(physical.noise, imu_errors(ImuConfig(), range(5), 7, "town", ["cav_1"]).noise)
+    np.testing.assert_allclose(physical.noise, imu_errors(Imu(), range(5), 7, "town", ["cav_1"]).noise)
 
 
 def test_allan_deviation_of_an_hour() -> None:
@@ -119,7 +119,7 @@ def test_constant_and_correlated_biases() -> None:
 
 
 def test_scale_and_alignment_have_the_spread_asked_for() -> None:
-    config = ImuConfig(mode="physical", accel_scale_std=0.01, gyro_scale_std=0.02, misalignment_std_deg=0.5)
+    config = Imu(mode="physical", accel_scale_std=0.01, gyro_scale_std=0.02, misalignment_std_deg=0.5)
     drawn = imu_errors(config, [0], 1, "town", [f"cav_{k}" for k in range(1000)]).distortion
     scale = np.linalg.norm(drawn, axis=-1) - 1.0
     np.testing.assert_allclose(scale.std(axis=(1, 2)), [0.01, 0.02], rtol=0.1)
@@ -147,4 +147,4 @@ def test_scale_and_alignment_have_the_spread_asked_for() -> None:
 )
 def test_bad_values_are_refused(change: dict) -> None:
     with pytest.raises(ValidationError, match=next(iter(change))):
-        ImuConfig(**change)
+        Imu(**change)

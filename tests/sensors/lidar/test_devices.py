@@ -10,32 +10,32 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mmw.config import LidarConfig, MountConfig
+from mmw.config import Lidar, MountConfig
 from mmw.core.constants import FRAME_DT
 from mmw.physics.weather.weather import PRESETS
-from mmw.scene.device_scene import Scene
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.device_scene import DeviceScene
+from mmw.scene.scene_data import SceneData
 from mmw.scene.views import make_views, view_keys
 from mmw.sensors.lidar.returns import LidarHits, find_returns
 from mmw.sensors.lidar.simulate import trace_lidar_hits
 from tests.fixtures.scenes import random_triangles, two_cars
 
-STREET = LidarConfig(on=("cav",))
-TUMBLING = LidarConfig(
+STREET = Lidar(on=("cav",))
+TUMBLING = Lidar(
     on=("cav",), channels=32, points_per_channel=180, upper_fov_deg=80, lower_fov_deg=-80, range_m=30,
     mount={"cav": MountConfig(position_m=(0.3, -0.2, 0.4), yaw_deg=20, pitch_deg=30, roll_deg=-40)},
 )  # fmt: skip
 
 
-def soup(seed: int) -> SceneArrays:
+def soup(seed: int) -> SceneData:
     """Random triangles, vehicles of them too; every vehicle carries a sensor."""
     arrays = random_triangles(seed, 400, vehicles=6, frames=2)
     return replace(arrays, actors=tuple(replace(actor, role="cav") for actor in arrays.actors))
 
 
-def traced(arrays: SceneArrays, config: LidarConfig, device: str) -> LidarHits:
+def traced(arrays: SceneData, config: Lidar, device: str) -> LidarHits:
     frames = list(arrays.frames)
-    scene = Scene(arrays, device, len(frames), sweep_s=FRAME_DT)
+    scene = DeviceScene(arrays, device, len(frames), sweep_s=FRAME_DT)
     scene.load_batch(frames)
     return trace_lidar_hits(scene, make_views(arrays, frames, config), config)
 
@@ -45,7 +45,7 @@ def values(hits: LidarHits) -> dict[str, np.ndarray]:
 
 
 @pytest.mark.parametrize(("arrays", "config"), [(two_cars(2), STREET), (soup(3), TUMBLING)], ids=["street", "soup"])
-def test_hits_are_those_of_a_cpu_to_the_last_bit(device: str, arrays: SceneArrays, config: LidarConfig) -> None:
+def test_hits_are_those_of_a_cpu_to_the_last_bit(device: str, arrays: SceneData, config: Lidar) -> None:
     own, expected = (values(traced(arrays, config, where)) for where in (device, "cpu"))
     assert np.isfinite(expected["range"]).mean() > 0.2
     for name, wanted in expected.items():
@@ -54,7 +54,7 @@ def test_hits_are_those_of_a_cpu_to_the_last_bit(device: str, arrays: SceneArray
 
 @pytest.mark.parametrize(("arrays", "config"), [(two_cars(2), STREET), (soup(3), TUMBLING)], ids=["street", "soup"])
 def test_hits_of_a_rolling_sweep_are_those_of_a_cpu_but_for_its_turn(
-    device: str, arrays: SceneArrays, config: LidarConfig
+    device: str, arrays: SceneData, config: Lidar
 ) -> None:
     """The bits of a turn are 1e-7 of it: a ray meets another surface only where it passes an edge as near as that."""
     config = config.model_copy(update={"rolling": True})

@@ -5,12 +5,12 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from mmw.config import LidarConfig, MountConfig
+from mmw.config import Lidar, MountConfig
 from mmw.core.constants import FRAME_DT
 from mmw.core.transforms import transform_points
 from mmw.physics.weather.weather import PRESETS, Weather
-from mmw.scene.device_scene import Scene
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.device_scene import DeviceScene
+from mmw.scene.scene_data import SceneData
 from mmw.scene.views import Views, make_views, view_keys
 from mmw.sensors.lidar.config_parts import LidarOpticsConfig
 from mmw.sensors.lidar.scan_pattern import (
@@ -20,7 +20,7 @@ from mmw.sensors.lidar.scan_pattern import (
     lidar_order,
     lidar_pattern,
 )
-from mmw.sensors.lidar.simulate import LidarBatch, shade_lidar, trace_lidar, trace_lidar_hits
+from mmw.sensors.lidar.simulate import PointCloud, find_lidar_returns, trace_lidar, trace_lidar_hits
 from tests.fixtures.scenes import (
     ABSENT,
     arrays_from_parts,
@@ -32,21 +32,21 @@ from tests.fixtures.scenes import (
 )
 from tests.oracles.tracing import cast_rays, sensor_rays
 
-SMALL = LidarConfig(channels=16, points_per_channel=90)
+SMALL = Lidar(channels=16, points_per_channel=90)
 AMBIGUOUS_ANGLE = 1e-6
 """A ray is ambiguous if the oracle's object changes when the ray turns by this [rad]."""
 
 
-def loaded(arrays: SceneArrays, device: str, frames=None) -> Scene:
+def loaded(arrays: SceneData, device: str, frames=None) -> DeviceScene:
     frames = list(arrays.frames) if frames is None else frames
-    scene = Scene(arrays, device, len(frames), sweep_s=FRAME_DT)
+    scene = DeviceScene(arrays, device, len(frames), sweep_s=FRAME_DT)
     scene.load_batch(frames)
     return scene
 
 
 def sweeps(
-    arrays: SceneArrays, device: str, frames, config: LidarConfig, air: str | Weather = "sunny", seed: int = 1
-) -> LidarBatch:
+    arrays: SceneData, device: str, frames, config: Lidar, air: str | Weather = "sunny", seed: int = 1
+) -> PointCloud:
     """Point clouds of some frames; the name of the weather, or `special`, is part of the key of the noise."""
     name, weather = (air, PRESETS[air]) if isinstance(air, str) else ("special", air)
     views = make_views(arrays, frames, config)
@@ -54,9 +54,7 @@ def sweeps(
     return trace_lidar(loaded(arrays, device, frames), views, config, arrays.materials["sunny"], weather, keys)
 
 
-def is_ambiguous(
-    arrays: SceneArrays, frame: int, origin: np.ndarray, direction: np.ndarray, t_max: float
-) -> np.ndarray:
+def is_ambiguous(arrays: SceneData, frame: int, origin: np.ndarray, direction: np.ndarray, t_max: float) -> np.ndarray:
     """Whether the oracle meets another object when a ray turns by `AMBIGUOUS_ANGLE` in one of eight ways, shape [R]."""
     here = cast_rays(arrays, frame, origin, direction, t_max).object_id
     side = np.cross(direction, np.where(np.abs(direction[:, 2:]) < 0.9, [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]))
@@ -70,7 +68,7 @@ def is_ambiguous(
     return found
 
 
-def assert_equals_oracle(arrays: SceneArrays, device: str, config: LidarConfig, views: Views, most: float) -> None:
+def assert_equals_oracle(arrays: SceneData, device: str, config: Lidar, views: Views, most: float) -> None:
     """Compare every ray of every view; `most` bounds the share of ambiguous rays."""
     frames = list(dict.fromkeys(views.frame.tolist()))
     hits = trace_lidar_hits(loaded(arrays, device, frames), views, config)
@@ -98,7 +96,7 @@ def assert_equals_oracle(arrays: SceneArrays, device: str, config: LidarConfig, 
 
 
 def test_pattern_is_the_papers() -> None:
-    pattern = lidar_pattern(LidarConfig()).reshape(64, 469, 3)
+    pattern = lidar_pattern(Lidar()).reshape(64, 469, 3)
     assert pattern.shape[0] * pattern.shape[1] == 30_016
     np.testing.assert_allclose(np.linalg.norm(pattern, axis=-1), 1.0, atol=1e-15)
     elevation = np.degrees(np.arcsin(pattern[..., 2]))
@@ -133,7 +131,7 @@ def test_street_with_cars_equals_the_oracle(device: str) -> None:
 
 def test_full_pattern_equals_the_oracle(device: str) -> None:
     arrays = two_cars(1)
-    config = LidarConfig(on=("cav",))
+    config = Lidar(on=("cav",))
     assert_equals_oracle(arrays, device, config, make_views(arrays, [0], config), most=2e-3)
 
 
@@ -141,7 +139,7 @@ def test_full_pattern_equals_the_oracle(device: str) -> None:
 def test_triangle_soup_equals_the_oracle(device: str, seed: int) -> None:
     arrays = random_triangles(seed, 200, vehicles=4, frames=2)
     arrays = replace(arrays, actors=tuple(replace(actor, role="cav") for actor in arrays.actors))
-    config = LidarConfig(
+    config = Lidar(
         on=("cav",), channels=24, points_per_channel=60, upper_fov_deg=80, lower_fov_deg=-80, range_m=30,
         mount={"cav": MountConfig(position_m=(0.3, -0.2, 0.4), yaw_deg=20, pitch_deg=30, roll_deg=-40)},
     )  # fmt: skip
@@ -152,7 +150,7 @@ def test_closed_room_returns_every_ray(device: str) -> None:
     arrays = closed_box(10.0)
     views = Views(np.zeros(1, int), np.zeros(1, np.int32), np.zeros(1, np.int32), np.array([[1.0, 2, 0.5, 0, 0, 0, 1]]),
                   np.full(1, -1, np.int32))  # fmt: skip
-    config = LidarConfig(optics={"range_resolution_m": 0})
+    config = Lidar(optics={"range_resolution_m": 0})
     keys = np.zeros((1, 2), np.uint32)
     batch = trace_lidar(loaded(arrays, device), views, config, arrays.materials["sunny"], PRESETS["sunny"], keys)
     np.testing.assert_array_equal(batch.offsets, [0, 64 * 469])
@@ -165,7 +163,7 @@ def test_closed_room_returns_every_ray(device: str) -> None:
 
 
 def test_points_lie_on_the_grid_in_channel_order(device: str) -> None:
-    batch = sweeps(two_cars(1), device, [0], LidarConfig(returns="dual"), "rainy")
+    batch = sweeps(two_cars(1), device, [0], Lidar(returns="dual"), "rainy")
     for values, steps in ((batch.x, 1024), (batch.y, 1024), (batch.z, 1024), (batch.intensity, 256)):
         assert values.dtype == np.float32
         np.testing.assert_array_equal(values * steps, np.round(values * steps))
@@ -180,7 +178,7 @@ def test_points_lie_on_the_grid_in_channel_order(device: str) -> None:
 
 def test_own_roof_is_seen(device: str) -> None:
     arrays = two_cars(1)
-    low = LidarConfig(
+    low = Lidar(
         on=("cav",), channels=1, points_per_channel=8, upper_fov_deg=-60, lower_fov_deg=-60,
         mount={"cav": MountConfig(position_m=(0, 0, 1.7))},
     )  # fmt: skip
@@ -195,7 +193,7 @@ def test_own_roof_is_seen(device: str) -> None:
     SMALL.model_copy(update={"rolling": True, "deskew": True}),
 ], ids=["physical", "dual", "compat", "rolling"])  # fmt: skip
 @pytest.mark.parametrize("air", [Weather(rain_mm_h=25, wetness=1), PRESETS["foggy"]], ids=["rain", "fog"])
-def test_batches_do_not_change_a_byte(device: str, air: Weather, config: LidarConfig) -> None:
+def test_batches_do_not_change_a_byte(device: str, air: Weather, config: Lidar) -> None:
     arrays = two_cars(5)
     whole = sweeps(arrays, device, range(5), config, air)
     for frames in ([3], [4, 0], [1, 2, 3]):
@@ -217,12 +215,12 @@ def test_weathers_of_one_trace_are_those_of_traces_of_their_own(device: str) -> 
     hits = trace_lidar_hits(loaded(arrays, device), views, SMALL)
     for name in ("sunny", "rainy", "foggy", "sunny"):
         keys = view_keys(arrays, views, 1, "test", name, SMALL.name)
-        batch = shade_lidar(hits, arrays.materials["sunny"], PRESETS[name], keys)
+        batch = find_lidar_returns(hits, arrays.materials["sunny"], PRESETS[name], keys)
         alone = sweeps(arrays, device, [0, 1], SMALL, name)
         assert [cloud(batch, view) for view in range(4)] == [cloud(alone, view) for view in range(4)]
 
 
-def cloud(batch: LidarBatch, view: int) -> list[bytes]:
+def cloud(batch: PointCloud, view: int) -> list[bytes]:
     part = slice(batch.offsets[view], batch.offsets[view + 1])
     return [np.ascontiguousarray(getattr(batch, field.name)[part]).tobytes() for field in fields(batch)[1:]]
 
@@ -241,7 +239,7 @@ def test_frame_without_vehicles_sees_none(device: str) -> None:
 
 def test_nothing_in_range_and_no_views(device: str) -> None:
     arrays = arrays_from_parts([ground_part()], actors=[("rsu_1", "rsu", -1)])
-    sky = LidarConfig(channels=2, points_per_channel=10, upper_fov_deg=30, lower_fov_deg=10)
+    sky = Lidar(channels=2, points_per_channel=10, upper_fov_deg=30, lower_fov_deg=10)
     batch = sweeps(arrays, device, [0], sky)
     np.testing.assert_array_equal(batch.offsets, [0, 0])
     assert len(batch.x) == 0
@@ -255,7 +253,7 @@ def test_range_ends_where_the_config_says(device: str) -> None:
     arrays = arrays_from_parts([wall_part("wall", (-30.0, 20.0), (30.0, 20.0), 30.0)], actors=[("rsu_1", "rsu", -1)])
     counts = []
     for range_m in (19.9, 20.1, 25.0):
-        config = LidarConfig(channels=1, points_per_channel=360, upper_fov_deg=0, range_m=range_m, lower_fov_deg=0)
+        config = Lidar(channels=1, points_per_channel=360, upper_fov_deg=0, range_m=range_m, lower_fov_deg=0)
         hits = trace_lidar_hits(loaded(arrays, device), make_views(arrays, [0], config), config)
         ranges = hits.rays.range.numpy()
         assert np.all(ranges[np.isfinite(ranges)] < range_m)
@@ -276,9 +274,9 @@ def test_shading_needs_materials_and_keys(device: str) -> None:
     arrays = two_cars(1)
     hits = trace_lidar_hits(loaded(arrays, device), make_views(arrays, [0], SMALL), SMALL)
     with pytest.raises(ValueError, match="no materials"):
-        shade_lidar(hits, (), PRESETS["sunny"], np.zeros((2, 2), np.uint32))
+        find_lidar_returns(hits, (), PRESETS["sunny"], np.zeros((2, 2), np.uint32))
     with pytest.raises(ValueError, match="use view_keys"):
-        shade_lidar(hits, arrays.materials["sunny"], PRESETS["sunny"], np.zeros((1, 2), np.uint32))
+        find_lidar_returns(hits, arrays.materials["sunny"], PRESETS["sunny"], np.zeros((1, 2), np.uint32))
 
 
 def test_returns_lie_on_the_surface_of_their_object() -> None:

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mmw.config import LidarConfig
+from mmw.config import Lidar
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.physics.materials.material import Material, RadioMaterial, wet_reflectance
 from mmw.physics.weather.optics import extinction
 from mmw.physics.weather.weather import PRESETS, Weather
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.scene_data import SceneData
 from mmw.scene.views import make_views, view_keys
 from mmw.sensors.lidar import returns as lidar_returns
 from mmw.sensors.lidar.precipitation import RainTable, air_from_tables
@@ -28,7 +28,7 @@ HAZE = Weather(visibility_m=2_000.0)
 """Extinction and no echo."""
 
 
-def found(arrays: SceneArrays, device: str, config: LidarConfig, weather: Weather, seed: int = 1):
+def found(arrays: SceneData, device: str, config: Lidar, weather: Weather, seed: int = 1):
     """Hits and returns of every view in frame 0, in slots: hits, returns [A, R, K], counts [A, R]."""
     views = make_views(arrays, [0], config)
     hits = trace_lidar_hits(loaded(arrays, device, [0]), views, config)
@@ -37,20 +37,20 @@ def found(arrays: SceneArrays, device: str, config: LidarConfig, weather: Weathe
     return hits, returns.numpy(), count.numpy()
 
 
-def plain(arrays: SceneArrays, lidar_reflectance: float) -> SceneArrays:
+def plain(arrays: SceneData, lidar_reflectance: float) -> SceneData:
     """The scene with one reflectance everywhere."""
     materials = tuple(dataclasses.replace(m, lidar_reflectance=lidar_reflectance) for m in arrays.materials["sunny"])
     return dataclasses.replace(arrays, materials={"sunny": materials})
 
 
-def field() -> SceneArrays:
+def field() -> SceneData:
     """Level ground of asphalt and a concrete wall at 20 m, seen from a mast."""
     parts = [ground_part(200.0), wall_part("wall", (-30.0, 20.0), (30.0, 20.0), 10.0)]
     return arrays_from_parts(parts, actors=[("rsu_1", "rsu", -1)])
 
 
 def test_compat_intensity_is_carlas(device: str) -> None:
-    config = LidarConfig(mode="compat", carla={"atmosphere_attenuation_rate": 0.01, "dropoff_zero_intensity": 0})
+    config = Lidar(mode="compat", carla={"atmosphere_attenuation_rate": 0.01, "dropoff_zero_intensity": 0})
     hits, returns, count = found(field(), device, config, PRESETS["foggy"])
     ranges = hits.rays.range.numpy()
     is_hit = np.isfinite(ranges)
@@ -64,7 +64,7 @@ def test_compat_intensity_is_carlas(device: str) -> None:
 @pytest.mark.parametrize(("limit", "zero", "general"), [(1.0, 0.4, 0.0), (0.8, 0.4, 0.45), (0.9, 1.0, 0.0)])
 def test_compat_keeps_carlas_share(device: str, limit: float, zero: float, general: float) -> None:
     carla = {"dropoff_intensity_limit": limit, "dropoff_zero_intensity": zero, "dropoff_general_rate": general}
-    config = LidarConfig(mode="compat", carla=carla)
+    config = Lidar(mode="compat", carla=carla)
     kept, ranges = [], []
     for seed in range(4):
         hits, _, count = found(field(), device, config, PRESETS["sunny"], seed)
@@ -81,7 +81,7 @@ def test_compat_keeps_carlas_share(device: str, limit: float, zero: float, gener
 
 
 def test_compat_range_noise(device: str) -> None:
-    config = LidarConfig(mode="compat", carla={"noise_stddev": 0.05, "dropoff_zero_intensity": 0})
+    config = Lidar(mode="compat", carla={"noise_stddev": 0.05, "dropoff_zero_intensity": 0})
     hits, returns, count = found(field(), device, config, PRESETS["sunny"])
     is_hit = count > 0
     assert_normal((returns["range"][is_hit][:, 0] - hits.rays.range.numpy()[is_hit]) / 0.05)
@@ -114,7 +114,7 @@ def test_wet_surfaces_darken_by_angstrom() -> None:
 @pytest.mark.parametrize("weather", [Weather(), HAZE, dataclasses.replace(HAZE, wetness=0.7)])
 def test_physical_intensity_is_the_link_budget(device: str, weather: Weather) -> None:
     arrays = field()
-    hits, returns, count = found(arrays, device, LidarConfig(optics=FREE, detection_margin_db=60), weather)
+    hits, returns, count = found(arrays, device, Lidar(optics=FREE, detection_margin_db=60), weather)
     ranges, cosine = hits.rays.range.numpy().astype(float), hits.rays.cos_incidence.numpy().astype(float)
     is_hit = np.isfinite(ranges)
     np.testing.assert_array_equal(count, is_hit.astype(int))
@@ -125,21 +125,21 @@ def test_physical_intensity_is_the_link_budget(device: str, weather: Weather) ->
 
 
 def test_retroreflectors_do_not_exceed_one(device: str) -> None:
-    _, returns, count = found(plain(field(), 30.0), device, LidarConfig(optics=FREE), Weather())
+    _, returns, count = found(plain(field(), 30.0), device, Lidar(optics=FREE), Weather())
     assert returns["intensity"][count > 0].max() == 1.0
 
 
 @pytest.mark.parametrize("weather", [Weather(), Weather(visibility_m=1_500, wetness=1.0)])
 def test_absolute_detection_is_the_threshold(device: str, weather: Weather) -> None:
     arrays = field()
-    hits, _, count = found(arrays, device, LidarConfig(detection="absolute"), weather)
+    hits, _, count = found(arrays, device, Lidar(detection="absolute"), weather)
     power, _ = powers(arrays, hits, weather)
     is_clear = np.abs(power / 4e-5 - 1.0) > 1e-4
     np.testing.assert_array_equal((count > 0)[is_clear], (power > 4e-5)[is_clear])
     assert 0.05 < (count > 0).mean() < 0.9 * np.isfinite(hits.rays.range.numpy()).mean()
 
 
-def powers(arrays: SceneArrays, hits, weather: Weather) -> tuple[np.ndarray, np.ndarray]:
+def powers(arrays: SceneData, hits, weather: Weather) -> tuple[np.ndarray, np.ndarray]:
     """Power of every surface in a weather and in clear dry air [1/m2], shape [A, R]; 0 for a miss."""
     ranges, cosine = hits.rays.range.numpy().astype(float), hits.rays.cos_incidence.numpy().astype(float)
     material = hits.rays.material_id.numpy()
@@ -153,7 +153,7 @@ def powers(arrays: SceneArrays, hits, weather: Weather) -> tuple[np.ndarray, np.
 
 
 def test_relative_detection_loses_nothing_in_clear_dry_air(device: str) -> None:
-    for config in (LidarConfig(), LidarConfig(preset="nir1550"), LidarConfig(preset="lisa", range_m=1000.0)):
+    for config in (Lidar(), Lidar(preset="nir1550"), Lidar(preset="lisa", range_m=1000.0)):
         hits, _, count = found(field(), device, config, PRESETS["sunny"])
         np.testing.assert_array_equal(count, np.isfinite(hits.rays.range.numpy()).astype(int))
 
@@ -161,7 +161,7 @@ def test_relative_detection_loses_nothing_in_clear_dry_air(device: str) -> None:
 @pytest.mark.parametrize("margin_db", [0.5, 3.0])
 def test_relative_detection_takes_the_lower_threshold(device: str, margin_db: float) -> None:
     weather, arrays = Weather(visibility_m=1_500, wetness=1.0), field()
-    hits, _, count = found(arrays, device, LidarConfig(detection_margin_db=margin_db), weather)
+    hits, _, count = found(arrays, device, Lidar(detection_margin_db=margin_db), weather)
     power, dry = powers(arrays, hits, weather)
     threshold = np.minimum(4e-5, dry * 10 ** (-margin_db / 10))
     is_hit = np.isfinite(hits.rays.range.numpy())
@@ -174,7 +174,7 @@ def test_range_noise_grows_as_the_signal_weakens(device: str) -> None:
     arrays = plain(field(), 0.5)
     scaled, snrs = [], []
     for seed in range(3):
-        hits, returns, count = found(arrays, device, LidarConfig(optics={"range_resolution_m": 0.09}), Weather(), seed)
+        hits, returns, count = found(arrays, device, Lidar(optics={"range_resolution_m": 0.09}), Weather(), seed)
         snr = np.maximum(powers(arrays, hits, Weather())[0] / 4e-5, 1.0)[count > 0]
         error = returns["range"][count > 0][:, 0] - hits.rays.range.numpy()[count > 0]
         scaled.append(error / (0.09 / np.sqrt(2.0 * snr)))
@@ -188,7 +188,7 @@ def test_range_noise_grows_as_the_signal_weakens(device: str) -> None:
 def test_dual_is_strongest_and_last(device: str, weather: Weather) -> None:
     arrays = two_cars(1)
     results = {
-        returns: found(arrays, device, LidarConfig(optics=FREE, preset="modern64", returns=returns), weather)[1:]
+        returns: found(arrays, device, Lidar(optics=FREE, preset="modern64", returns=returns), weather)[1:]
         for returns in ("strongest", "last", "dual")
     }
     (first, has_first), (last, has_last), (both, count) = (results[name] for name in ("strongest", "last", "dual"))
@@ -219,7 +219,7 @@ def with_echo(monkeypatch: pytest.MonkeyPatch, power: float, extinction_per_m: f
     monkeypatch.setattr(lidar_returns, "make_air", make)
 
 
-def square_wall(distance: float) -> tuple[SceneArrays, dict]:
+def square_wall(distance: float) -> tuple[SceneData, dict]:
     """A wall at a distance, and the pattern of one ray that meets it squarely, without range noise."""
     half = 10.0 * distance
     parts = [wall_part("wall", (distance, half), (distance, -half), 10.0)]
@@ -248,7 +248,7 @@ def test_echo_against_a_wall(
 ) -> None:
     with_echo(monkeypatch, power)
     arrays, pattern = square_wall(distance)
-    config = LidarConfig(returns=returns, detection=detection, **pattern)
+    config = Lidar(returns=returns, detection=detection, **pattern)
     _, found_returns, count = found(arrays, device, config, Weather())
     rows = found_returns[0, 0, : count[0, 0]]
     assert [(round(float(row["range"]), 4), int(row["label"])) for row in rows] == expected
@@ -261,7 +261,7 @@ def test_echo_of_the_sky(device: str, monkeypatch: pytest.MonkeyPatch) -> None:
     with_echo(monkeypatch, 1e-3)
     arrays, pattern = square_wall(500.0)
     for returns in ("strongest", "last", "dual"):
-        _, rows, count = found(arrays, device, LidarConfig(returns=returns, **pattern), Weather())
+        _, rows, count = found(arrays, device, Lidar(returns=returns, **pattern), Weather())
         assert count[0, 0] == 1 and rows[0, 0, 0]["label"] == 1
 
 
@@ -284,7 +284,7 @@ def test_a_dark_wall_is_lost_in_fog_where_the_table_says(device: str, monkeypatc
                 wall = wall_part("wall", (-30.0, share * farthest), (30.0, share * farthest), 10.0)
                 arrays = plain(arrays_from_parts([wall], actors=[("rsu_1", "rsu", -1)]), 0.1)
                 fan = {"channels": 1, "points_per_channel": 4, "upper_fov_deg": 0, "lower_fov_deg": 0, "range_m": 200}
-                config = LidarConfig(**fan, detection="absolute", optics={"min_power": power})
+                config = Lidar(**fan, detection="absolute", optics={"min_power": power})
                 assert found(arrays, device, config, Weather())[2].sum() == seen, (row["MOR_m"], column, share)
                 checked += 1
     assert checked == 60

@@ -4,39 +4,39 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from mmw.config import LidarConfig
+from mmw.config import Lidar
 from mmw.sensors.lidar.optics import PRESETS
 from mmw.sensors.lidar.scan_pattern import lidar_pattern
 
 
 def test_table_of_elevations_is_the_pattern() -> None:
     table = (15.0, 1.0, 0.0, -0.5, -25.0)
-    config = LidarConfig(elevations_deg=table, points_per_channel=12)
+    config = Lidar(elevations_deg=table, points_per_channel=12)
     assert (config.channels, config.upper_fov_deg, config.lower_fov_deg) == (5, 15.0, -25.0)
     elevation = np.degrees(np.arcsin(lidar_pattern(config)[:, 2]))
     np.testing.assert_allclose(elevation, np.repeat(table, 12), atol=1e-6)
-    again = LidarConfig(**config.model_dump())
+    again = Lidar(**config.model_dump())
     assert again == config
 
 
 def test_sector_is_about_forward() -> None:
-    pattern = lidar_pattern(LidarConfig(horizontal_fov_deg=120.0, points_per_channel=60))
+    pattern = lidar_pattern(Lidar(horizontal_fov_deg=120.0, points_per_channel=60))
     azimuth = np.degrees(np.arctan2(pattern[:, 1], pattern[:, 0]))
     assert azimuth.max() == pytest.approx(60.0) and azimuth.min() == pytest.approx(-58.0)
 
 
 def test_256_channels_fit_a_ring() -> None:
-    assert LidarConfig(channels=256).channels == 256
+    assert Lidar(channels=256).channels == 256
     with pytest.raises(ValidationError, match="256"):
-        LidarConfig(channels=257)
+        Lidar(channels=257)
 
 
 def test_optics_override_the_preset() -> None:
-    optics = LidarConfig(preset="modern64", optics={"min_power": 1e-5, "pulse_s": 3e-9}).lidar_optics()
+    optics = Lidar(preset="modern64", optics={"min_power": 1e-5, "pulse_s": 3e-9}).lidar_optics()
     assert (optics.min_power, optics.pulse_s) == (1e-5, 3e-9)
     assert optics.divergence == PRESETS["modern64"].divergence
-    assert LidarConfig().lidar_optics() == PRESETS["hdl64"]
-    assert LidarConfig().mode == "physical" and LidarConfig().returns == "strongest"
+    assert Lidar().lidar_optics() == PRESETS["hdl64"]
+    assert Lidar().mode == "physical" and Lidar().returns == "strongest"
 
 
 @pytest.mark.parametrize(("keys", "message"), [
@@ -69,5 +69,5 @@ def test_optics_override_the_preset() -> None:
 ])  # fmt: skip
 def test_bad_values_are_refused(keys: dict, message: str) -> None:
     with pytest.raises(ValidationError) as caught:
-        LidarConfig(**keys)
+        Lidar(**keys)
     assert message in str(caught.value)

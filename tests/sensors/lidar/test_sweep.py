@@ -6,16 +6,16 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from mmw.config import LidarConfig, MountConfig
+from mmw.config import Lidar, MountConfig
 from mmw.core.kinematics import differentiate
 from mmw.core.transforms import compose, invert, quaternion_exp, rotate, transform_points
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.scene_data import SceneData
 from mmw.scene.view_motion import view_twists
 from mmw.scene.views import make_views
 from mmw.sensors.lidar.rows import lidar_rows, seen_rows
 from mmw.sensors.lidar.scan_pattern import lidar_pattern
 from mmw.sensors.lidar.scene_flow import scene_flow
-from mmw.sensors.lidar.simulate import LidarBatch
+from mmw.sensors.lidar.simulate import PointCloud
 from mmw.storage.arrow_tables import table_from_columns
 from tests.fixtures.scenes import arrays_from_parts, box_model, ground_part, pose, two_cars, wall_part
 from tests.sensors.lidar.test_lidar import sweeps
@@ -24,7 +24,7 @@ EXACT = {"optics": {"range_resolution_m": 0}, "channels": 24, "points_per_channe
 """Few rays without range noise."""
 
 
-def turning_car(frames: int = 5) -> SceneArrays:
+def turning_car(frames: int = 5) -> SceneData:
     """A car that drives at 30 m/s and turns at 1 rad/s between ground and two walls; another drives ahead of it."""
     parts = [
         ground_part(100.0), wall_part("north", (-90.0, 12.0), (90.0, 12.0), 8.0),
@@ -38,13 +38,13 @@ def turning_car(frames: int = 5) -> SceneArrays:
     return arrays_from_parts(parts, [box_model("sedan")], actors, np.array(rows), materials=["car_paint_red"])
 
 
-def points_of(batch: LidarBatch) -> np.ndarray:
+def points_of(batch: PointCloud) -> np.ndarray:
     return np.stack([batch.x, batch.y, batch.z], axis=1).astype(np.float64)
 
 
 def test_sweep_ends_at_the_frame(device: str) -> None:
     arrays = turning_car()
-    config = LidarConfig(rolling=True, **EXACT)
+    config = Lidar(rolling=True, **EXACT)
     batch = sweeps(arrays, device, [2], config)
     direction = points_of(batch) / np.linalg.norm(points_of(batch), axis=1, keepdims=True)
     pattern = lidar_pattern(config)[:240]  # the firings of one channel
@@ -53,7 +53,7 @@ def test_sweep_ends_at_the_frame(device: str) -> None:
     firing = np.argmax(flat @ flat_pattern.T, axis=1)
     np.testing.assert_allclose(batch.time_offset, -0.01 * (1.0 - firing / 240.0), atol=1e-8)
     assert batch.time_offset.min() == pytest.approx(-0.01) and batch.time_offset.max() < 0.0
-    still = sweeps(arrays, device, [2], LidarConfig(**EXACT))
+    still = sweeps(arrays, device, [2], Lidar(**EXACT))
     assert not still.time_offset.any()
 
 
@@ -61,7 +61,7 @@ def test_deskewed_points_lie_on_the_town(device: str) -> None:
     arrays = turning_car()
     away = {}
     for deskew in (True, False):
-        config = LidarConfig(rolling=True, deskew=deskew, **EXACT)
+        config = Lidar(rolling=True, deskew=deskew, **EXACT)
         batch = sweeps(arrays, device, [2], config)
         views = make_views(arrays, [2], config)
         world = transform_points(views.pose[0], points_of(batch))
@@ -75,7 +75,7 @@ def test_deskewed_points_lie_on_the_town(device: str) -> None:
 def test_raw_points_are_in_the_frame_of_their_firing(device: str) -> None:
     """Float64: the sensor is moved back along its twist, and each point must then lie on what it hit."""
     arrays = turning_car()
-    config = LidarConfig(rolling=True, mount={"cav": MountConfig(position_m=(0.5, 0.2, 2.5), yaw_deg=30)}, **EXACT)
+    config = Lidar(rolling=True, mount={"cav": MountConfig(position_m=(0.5, 0.2, 2.5), yaw_deg=30)}, **EXACT)
     views = make_views(arrays, [2], config)
     batch = sweeps(arrays, device, [2], config)
     motion = differentiate(arrays.poses)
@@ -105,16 +105,16 @@ def test_raw_points_are_in_the_frame_of_their_firing(device: str) -> None:
 
 def test_sweep_of_things_at_rest_is_a_still_picture(device: str) -> None:
     arrays = turning_car(1)  # one frame: nothing is known to move
-    still = sweeps(arrays, device, [0], LidarConfig(**EXACT))
+    still = sweeps(arrays, device, [0], Lidar(**EXACT))
     for deskew in (False, True):
-        swept = sweeps(arrays, device, [0], LidarConfig(rolling=True, deskew=deskew, **EXACT))
+        swept = sweeps(arrays, device, [0], Lidar(rolling=True, deskew=deskew, **EXACT))
         np.testing.assert_array_equal(swept.object_id, still.object_id)
         assert np.abs(points_of(swept) - points_of(still)).max() <= 1.0 / 1024
 
 
 def test_flow_moves_points_with_their_object(device: str) -> None:
     arrays = turning_car(4)
-    config = LidarConfig(scene_flow=True, **EXACT)
+    config = Lidar(scene_flow=True, **EXACT)
     views = make_views(arrays, [1, 2, 3], config)
     batch = sweeps(arrays, device, [1, 2, 3], config)
     flow = scene_flow(arrays, views, batch)
@@ -135,7 +135,7 @@ def test_flow_turns_with_a_turning_object(device: str) -> None:
     arrays = turning_car(3)
     poses = arrays.poses[:, ::-1].copy()  # the mast car is now the straight one, and looks at the turning one
     arrays = dataclasses.replace(arrays, poses=poses)
-    config = LidarConfig(scene_flow=True, **EXACT)
+    config = Lidar(scene_flow=True, **EXACT)
     views = make_views(arrays, [1], config)
     batch = sweeps(arrays, device, [1], config)
     flow = scene_flow(arrays, views, batch)
@@ -152,7 +152,7 @@ def test_flow_turns_with_a_turning_object(device: str) -> None:
 def test_flow_of_what_is_there_once_is_zero(device: str) -> None:
     arrays = turning_car(3)
     arrays.poses[0, 1] = arrays.poses[2, 1] = np.nan
-    config = LidarConfig(scene_flow=True, **EXACT)
+    config = Lidar(scene_flow=True, **EXACT)
     batch = sweeps(arrays, device, [1], config, "rainy")
     flow = scene_flow(arrays, make_views(arrays, [1], config), batch)
     assert (batch.object_id == arrays.actors[1].object_id).sum() > 20 and (batch.label == 1).sum() > 0
@@ -161,7 +161,7 @@ def test_flow_of_what_is_there_once_is_zero(device: str) -> None:
 
 def test_rows_hold_every_column(device: str) -> None:
     arrays = two_cars(2)
-    config = LidarConfig(returns="dual", scene_flow=True, **EXACT)
+    config = Lidar(returns="dual", scene_flow=True, **EXACT)
     views = make_views(arrays, [0, 1], config)
     batch = sweeps(arrays, device, [0, 1], config, "foggy")
     fixed = {"scenario": "s", "weather": "foggy"}
@@ -179,7 +179,7 @@ def test_rows_hold_every_column(device: str) -> None:
 
 def test_only_surfaces_count_as_seen(device: str) -> None:
     arrays = two_cars(2)
-    config = LidarConfig()
+    config = Lidar()
     views = make_views(arrays, [0, 1], config)
     batch = sweeps(arrays, device, [0, 1], config, "foggy")
     assert 0 < (batch.label > 0).sum() == (batch.object_id == -1).sum()

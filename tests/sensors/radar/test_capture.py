@@ -10,10 +10,10 @@ import pytest
 
 from mmw.config import Config, load_config
 from mmw.core.kinematics import differentiate
-from mmw.generation.progress import Clock
-from mmw.scene.device_scene import Scene
-from mmw.scene.scene_data import SceneArrays
-from mmw.sensors.batch import Job, Rows
+from mmw.generation.progress import StageTimer
+from mmw.scene.device_scene import DeviceScene
+from mmw.scene.scene_data import SceneData
+from mmw.sensors.batch import Batch, TableRows
 from mmw.sensors.radar.capture import record_radar
 from mmw.storage.arrow_tables import table_from_columns
 from mmw.worlds.towns.mesh_part import MeshPart
@@ -43,17 +43,17 @@ def plate(name: str, x: float, y: float) -> MeshPart:
     return quad_part(f"Props/{name}", corners, "metal_pole", "static")
 
 
-def two_plates(apart: float, frames: int = 1) -> SceneArrays:
+def two_plates(apart: float, frames: int = 1) -> SceneData:
     """Return two plates side by side, 20 m and a bit more ahead."""
     parts = [plate("near", 20.0, -0.5), plate("far", 20.0 + apart, 0.5)]
     return watched(parts, poses=np.zeros((frames, 0, 7)), weathers=("sunny", "heavy_rain"))
 
 
-def record(config: Config, arrays: SceneArrays, device: str, frames: list[int], batch: int, weathers) -> dict:
-    rows: Rows = {weather: defaultdict(list) for weather in weathers}
+def record(config: Config, arrays: SceneData, device: str, frames: list[int], batch: int, weathers) -> dict:
+    rows: TableRows = {weather: defaultdict(list) for weather in weathers}
     with ThreadPoolExecutor(1) as pool:
-        scene, motion = Scene(arrays, device, batch), differentiate(arrays.poses)
-        job = Job(config, config.scenarios[0], arrays, motion, scene, None, pool, Clock())
+        scene, motion = DeviceScene(arrays, device, batch), differentiate(arrays.poses)
+        job = Batch(config, config.scenarios[0], arrays, motion, scene, None, pool, StageTimer())
         for first in range(0, len(frames), batch):
             scene.load_batch(frames[first : first + batch])
             record_radar(job, config.sensors[0], frames[first : first + batch], rows)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mmw.config import RadarConfig
+from mmw.config import Radar
 from mmw.core.transforms import pose_from_ypr
 from mmw.physics.weather.optics import marshall_palmer
 from mmw.physics.weather.weather import PRESETS, Weather
@@ -20,7 +20,7 @@ from tests.fixtures.radar_points import detections, make_cells, make_keys, targe
 
 RAIN_TABLE = Path(__file__).parents[2] / "reference" / "weather" / "radar_rain_77ghz.csv"
 QUIET = {"false_alarm_probability": 1e-12}
-SMALL = RadarConfig(azimuth_antennas=16, elevation_antennas=4, frame_time_s=1e-3, **QUIET)
+SMALL = Radar(azimuth_antennas=16, elevation_antennas=4, frame_time_s=1e-3, **QUIET)
 
 
 def objects(batch) -> np.ndarray:
@@ -201,7 +201,7 @@ def test_batches_do_not_matter(device):
 
 
 def test_too_many_cells_is_an_error():
-    config = RadarConfig(azimuth_antennas=1024, elevation_antennas=1024)
+    config = Radar(azimuth_antennas=1024, elevation_antennas=1024)
     with pytest.raises(ValueError, match=r"sensor radar: \d+ resolution cells; .* lower bandwidth_hz"):
         cell_grid(config)
 

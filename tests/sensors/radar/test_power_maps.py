@@ -6,7 +6,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from mmw.config import RadarConfig
+from mmw.config import Radar
 from mmw.core.transforms import pose_from_ypr
 from mmw.physics.weather.weather import PRESETS
 from mmw.scene.views import make_views
@@ -20,13 +20,13 @@ from tests.fixtures.radar_points import detections, make_cells, make_keys, make_
 from tests.fixtures.radar_scenes import watched
 from tests.fixtures.scenes import ground_part
 
-SMALL = RadarConfig(
+SMALL = Radar(
     azimuth_antennas=8, elevation_antennas=2, frame_time_s=320e-6, range_m=30.0, false_alarm_probability=1e-12
 )
 """16 antennas, 16 chirps, 62 samples."""
 
 
-def cube(config: RadarConfig, samples: np.ndarray, windows: int = 0) -> np.ndarray:
+def cube(config: Radar, samples: np.ndarray, windows: int = 0) -> np.ndarray:
     """Return powers [W] over (z, y, velocity, range) of each view; the last `windows` axes get a Hann window."""
     shape = (config.elevation_antennas, config.azimuth_antennas, *samples.shape[2:])
     x = samples.reshape(len(samples), *shape).astype(complex)
@@ -105,7 +105,7 @@ def test_samples_do_not_depend_on_the_batch(device):
 
 def test_too_many_samples_is_an_error():
     with pytest.raises(ValueError, match=r"iq of 688 x 500 x 202 = \d+ samples .* set iq: false"):
-        RadarConfig(iq=True)
+        Radar(iq=True)
 
 
 def test_hann_response_is_the_transform_of_the_window():

@@ -7,15 +7,15 @@ import pytest
 import trimesh
 from pydantic import ValidationError
 
-from mmw.config import MountConfig, RadarConfig
+from mmw.config import MountConfig, Radar
 from mmw.core.planar_surfaces import find_surfaces
 from mmw.dataset import RADAR_POINTS
 from mmw.physics.weather.weather import PRESETS, Weather
-from mmw.scene.device_scene import Scene
-from mmw.scene.scene_data import Model
+from mmw.scene.device_scene import DeviceScene
+from mmw.scene.scene_data import Prototype
 from mmw.scene.views import make_views
-from mmw.sensors.radar.points import RadarBatch
-from mmw.sensors.radar.reflectivity import echo_table
+from mmw.sensors.radar.points import RadarPoints
+from mmw.sensors.radar.reflectivity import reflectivity_table
 from mmw.sensors.radar.rows import radar_rows
 from mmw.sensors.radar.simulate import air_loss_db_per_km, compat_points, dense_points, shade_radar, trace_radar
 from mmw.storage.arrow_tables import table_from_columns
@@ -90,7 +90,7 @@ def test_compat_keeps_the_town_at_rest_and_is_mirrored(device: str) -> None:
 
 
 def test_grid_has_one_ray_in_every_cell_anew_each_frame(device: str) -> None:
-    config = RadarConfig(azimuth_rays=40, elevation_rays=12, mount=AT_ORIGIN, range_m=1000.0)
+    config = Radar(azimuth_rays=40, elevation_rays=12, mount=AT_ORIGIN, range_m=1000.0)
     room, faces = box_mesh((100.0,) * 3)
     arrays = watched(
         [MeshPart("Buildings/room", room, faces, "concrete_facade", "building")], poses=np.zeros((2, 0, 7))
@@ -110,7 +110,7 @@ def test_reference_target_has_the_reference_snr(device: str) -> None:
     """A small Lambert plate of known RCS at 100 m: its power is that of the radar equation, worked out by hand."""
     foliage = material("leaves")
     foliage = replace(foliage, nonvisual_base="leaf_grass")
-    config = RadarConfig(
+    config = Radar(
         mount=AT_ORIGIN, range_m=150.0, horizontal_fov_deg=2.0, vertical_fov_deg=2.0, horizontal_beam_deg=110.0,
         vertical_beam_deg=30.0, azimuth_rays=200, elevation_rays=200,
     )  # fmt: skip
@@ -127,7 +127,7 @@ def test_reference_target_has_the_reference_snr(device: str) -> None:
 
 
 def test_beams_lose_three_decibels_each_at_half_their_width(device: str) -> None:
-    config = RadarConfig(mount=AT_ORIGIN, azimuth_rays=110, elevation_rays=30, range_m=1000.0)
+    config = Radar(mount=AT_ORIGIN, azimuth_rays=110, elevation_rays=30, range_m=1000.0)
     room, faces = box_mesh((100.0,) * 3)
     points = dense(watched([MeshPart("Buildings/room", room, faces, "wood", "building")]), device, config)
     # What is left of the power without RCS and distance.
@@ -147,7 +147,7 @@ def test_beams_lose_three_decibels_each_at_half_their_width(device: str) -> None
 
 
 def test_turning_vehicle_spreads_the_velocities(device: str) -> None:
-    config = RadarConfig(mount=AT_ORIGIN, horizontal_fov_deg=40.0, vertical_fov_deg=20.0)
+    config = Radar(mount=AT_ORIGIN, horizontal_fov_deg=40.0, vertical_fov_deg=20.0)
     model = box_model("bus", (12.0, 2.5, 3.0), (0.0, 0.0, 0.0))
     t = 0.01 * (np.arange(5) - 2)
     poses = np.array([[pose(25.0, 3.0 * k, 0.0, yaw=np.pi / 2 + 0.5 * k)] for k in t])  # broadside, drives to its nose
@@ -167,14 +167,12 @@ def test_wheel_spreads_the_velocities(device: str) -> None:
     mesh = trimesh.creation.icosphere(subdivisions=4, radius=radius)
     points, faces = np.array(mesh.vertices) + np.array([0.0, 0.0, radius]), np.array(mesh.faces, dtype=np.int32)
     ids = np.zeros(len(faces), dtype=np.int32)
-    wheel = Model("wheel", points, faces, ids, find_surfaces(points, faces, np.zeros_like(ids), ids),
+    wheel = Prototype("wheel", points, faces, ids, find_surfaces(points, faces, np.zeros_like(ids), ids),
                   wheels=np.array([[0.0, 0.0, radius, radius]]), wheel=np.zeros_like(ids))  # fmt: skip
     t = 0.01 * (np.arange(5) - 2)
     poses = np.array([[pose(10.0 + speed * k, 0.0)] for k in t])  # rolls away from the radar
     arrays = watched([], [wheel], [("veh_001", "vehicle", 0)], poses, mount=(0.0, 0.0, radius))
-    config = RadarConfig(
-        mount=AT_ORIGIN, horizontal_fov_deg=6.0, vertical_fov_deg=6.0, azimuth_rays=60, elevation_rays=60
-    )
+    config = Radar(mount=AT_ORIGIN, horizontal_fov_deg=6.0, vertical_fov_deg=6.0, azimuth_rays=60, elevation_rays=60)
     seen = dense(arrays, device, config, [2])
     at = xyz(seen)
     arm = at - [10.0, 0.0, 0.0]
@@ -190,7 +188,7 @@ def test_turning_radar_sees_the_world_turn(device: str) -> None:
         [wall_part("wall", (20.0, 50.0), (20.0, -50.0), 10.0)], [], [("cav_1", "cav", -1)],
         np.array([[pose(0.0, 0.0, 1.0, yaw=0.4 * k)] for k in t]),
     )  # fmt: skip
-    config = RadarConfig(on=("cav",), mount={"cav": MountConfig(position_m=(3.0, 0.0, 0.0))})
+    config = Radar(on=("cav",), mount={"cav": MountConfig(position_m=(3.0, 0.0, 0.0))})
     points = dense(arrays, device, config, [2])
     np.testing.assert_allclose(points.velocity, -1.2 * xyz(points)[:, 1] / points.range, atol=1e-4)
 
@@ -201,9 +199,9 @@ def test_turning_radar_sees_the_world_turn(device: str) -> None:
 @pytest.mark.parametrize("mode", ["compat", "physical"])
 def test_batches_do_not_change_a_byte(device: str, mode: str) -> None:
     arrays = two_cars(4)
-    config = RadarConfig(mode=mode, on=("cav", "rsu"), azimuth_rays=60, elevation_rays=20, points=500)
+    config = Radar(mode=mode, on=("cav", "rsu"), azimuth_rays=60, elevation_rays=20, points=500)
 
-    def points(frames: list[int]) -> RadarBatch:
+    def points(frames: list[int]) -> RadarPoints:
         _, hits = traced(arrays, device, config, frames)
         if mode == "compat":
             return compat_points(hits)
@@ -219,7 +217,7 @@ def test_batches_do_not_change_a_byte(device: str, mode: str) -> None:
 
 
 def test_weathers_share_the_rays(device: str) -> None:
-    arrays, config = two_cars(1), RadarConfig(azimuth_rays=60, elevation_rays=20)
+    arrays, config = two_cars(1), Radar(azimuth_rays=60, elevation_rays=20)
     _, hits = traced(arrays, device, config)
     sunny, rainy, again = (
         dense_points(shade_radar(hits, arrays.materials["sunny"], PRESETS[name], config), config)
@@ -233,7 +231,7 @@ def test_weathers_share_the_rays(device: str) -> None:
 @pytest.mark.parametrize("mode", ["compat", "physical"])
 def test_rows_fit_the_table(device: str, mode: str) -> None:
     arrays = two_cars(2)
-    config = RadarConfig(mode=mode, azimuth_rays=60, elevation_rays=20, points=500)
+    config = Radar(mode=mode, azimuth_rays=60, elevation_rays=20, points=500)
     views, hits = traced(arrays, device, config)
     points = compat_points(hits)
     if mode == "physical":
@@ -273,11 +271,11 @@ def test_rows_fit_the_table(device: str, mode: str) -> None:
 )  # fmt: skip
 def test_bad_configuration_is_refused(values: dict, words: str) -> None:
     with pytest.raises(ValidationError, match=words):
-        RadarConfig(**values)
+        Radar(**values)
 
 
 def test_derived_values_are_those_of_the_textbook() -> None:
-    config = RadarConfig()
+    config = Radar()
     assert config.range_resolution == pytest.approx(0.49965, abs=1e-4)
     assert config.range_cells == 201 and config.chirps == 500
     assert config.velocity_resolution == pytest.approx(0.19594, abs=1e-4)
@@ -287,7 +285,7 @@ def test_derived_values_are_those_of_the_textbook() -> None:
 
 def test_bad_arguments_are_refused(device: str) -> None:
     arrays = two_cars(1)
-    scene = Scene(arrays, device, 1)
+    scene = DeviceScene(arrays, device, 1)
     scene.load_batch([0])
     views = make_views(arrays, [0], COMPAT)
     with pytest.raises(ValueError, match="keys has shape"):
@@ -295,6 +293,6 @@ def test_bad_arguments_are_refused(device: str) -> None:
     with pytest.raises(ValueError, match="velocity has shape"):
         trace_radar(scene, views, np.zeros((2, 3)), COMPAT, np.zeros((1, 2), dtype=np.uint32))
     with pytest.raises(ValueError, match="no materials"):
-        echo_table((), Weather(), 76.5e9)
+        reflectivity_table((), Weather(), 76.5e9)
     with pytest.raises(ValueError, match="has no radar row"):
-        echo_table((replace(material("asphalt"), nonvisual_base="cheese"),), Weather(), 76.5e9)
+        reflectivity_table((replace(material("asphalt"), nonvisual_base="cheese"),), Weather(), 76.5e9)

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mmw.config import RadarConfig
+from mmw.config import Radar
 from mmw.physics.em.attenuation import fog_attenuation, rain_attenuation
 from mmw.physics.em.gas_attenuation import gas_attenuation
 from mmw.physics.materials.material import LIDAR_REFLECTANCE_905NM, Material, RadioMaterial
 from mmw.physics.weather.weather import PRESETS, Weather
-from mmw.sensors.radar.reflectivity import ROUGHNESS, echo_table
+from mmw.sensors.radar.reflectivity import ROUGHNESS, reflectivity_table
 from tests.fixtures.radar_scenes import AT_ORIGIN, dense, sphere, turntable, wall_ahead, watched
 from tests.fixtures.scenes import material
 from tests.oracles.tracing import trapezoid
@@ -22,7 +22,7 @@ from tests.oracles.tracing import trapezoid
 def test_sphere_has_the_rcs_of_its_cross_section(device: str, radius: float, distance: float) -> None:
     """Geometric optics: pi a^2 for a perfect conductor far away."""
     half = 1.2 * np.degrees(radius / distance)
-    config = RadarConfig(
+    config = Radar(
         mount=AT_ORIGIN, range_m=500.0, horizontal_fov_deg=2 * half, vertical_fov_deg=2 * half, azimuth_rays=300,
         elevation_rays=300,
     )  # fmt: skip
@@ -43,9 +43,7 @@ def test_mean_rcs_is_right_on_the_coarsest_grid(device: str) -> None:
     frames, distance = 2000, 50.0
     leaves = {"leaves": replace(material("leaves"), nonvisual_base="leaf_grass")}
     arrays = watched([sphere(0.5, distance, "leaves")], poses=np.zeros((frames, 0, 7)), materials=leaves)
-    config = RadarConfig(
-        mount=AT_ORIGIN, horizontal_fov_deg=4.5, vertical_fov_deg=4.5, azimuth_rays=3, elevation_rays=3
-    )
+    config = Radar(mount=AT_ORIGIN, horizontal_fov_deg=4.5, vertical_fov_deg=4.5, azimuth_rays=3, elevation_rays=3)
     points = dense(arrays, device, config)
     each = np.zeros(frames)
     np.add.at(each, np.repeat(np.arange(frames), np.diff(points.offsets)), 10 ** (points.rcs_dbsm.astype(float) / 10))
@@ -59,9 +57,7 @@ def test_mean_rcs_is_right_on_the_coarsest_grid(device: str) -> None:
 
 def test_plate_has_the_rcs_of_a_rough_plate(device: str) -> None:
     """Normal incidence: s0 A, s0 = |G|^2 / 2 s^2; turned by two slopes e^-2 of it; less than a smooth plate."""
-    config = RadarConfig(
-        mount=AT_ORIGIN, horizontal_fov_deg=4.0, vertical_fov_deg=4.0, azimuth_rays=300, elevation_rays=300
-    )
+    config = Radar(mount=AT_ORIGIN, horizontal_fov_deg=4.0, vertical_fov_deg=4.0, azimuth_rays=300, elevation_rays=300)
     metal, area = ROUGHNESS["steel"], 1.0
     found = []
     for angle in (0.0, 2.0 * metal.slope):
@@ -86,9 +82,7 @@ def test_shipped_bodies_have_the_rcs_of_their_kind(
     device: str, tmp_path, asset: str, distance: float, least: float, mean: float, most: float
 ) -> None:
     """At 77 GHz, from all sides [dBsm]: cars 0 to 20, trucks 15 to 25 broadside and less aslant, people about -8."""
-    config = RadarConfig(
-        mount=AT_ORIGIN, horizontal_fov_deg=26.0, vertical_fov_deg=10.0, azimuth_rays=200, elevation_rays=80
-    )
+    config = Radar(mount=AT_ORIGIN, horizontal_fov_deg=26.0, vertical_fov_deg=10.0, azimuth_rays=200, elevation_rays=80)
     points = dense(turntable(asset, distance, np.arange(0.0, 360.0, 15.0), tmp_path), device, config)
     each = np.array([np.sum(10 ** (p / 10)) for p in np.split(points.rcs_dbsm.astype(float), points.offsets[1:-1])])
     assert least < 10 * np.log10(each.min()) and 10 * np.log10(each.max()) < most
@@ -101,7 +95,7 @@ def test_shipped_bodies_have_the_rcs_of_their_kind(
 @pytest.mark.parametrize("name", ["sunny", "rainy", "heavy_fog"])
 def test_weather_takes_from_the_power_both_ways(device: str, name: str) -> None:
     """Metal does not get wet; so the difference to no air is the loss of ITU's models over twice the distance."""
-    arrays, config = watched([wall_ahead(80.0, 20.0)]), RadarConfig(mount=AT_ORIGIN, wet_radome_db=3.0)
+    arrays, config = watched([wall_ahead(80.0, 20.0)]), Radar(mount=AT_ORIGIN, wet_radome_db=3.0)
     weather = PRESETS[name]
     with_air = dense(arrays, device, config, weather=weather)
     loss_db = np.sum(gas_attenuation(np.array([76.5e9]), weather.dry_pressure_hpa, weather.temperature_c,
@@ -120,8 +114,8 @@ def test_weather_takes_from_the_power_both_ways(device: str, name: str) -> None:
 def test_water_makes_ground_reflect_more_and_scatter_less() -> None:
     asphalt, steel, paint = material("asphalt"), material("metal_pole"), replace(material("asphalt"), coating="paint")
     wet_soil = Material("mud", RadioMaterial("itu", itu="itu_wet_loam"), "soil", 0.2, (0.2, 0.2, 0.2))
-    dry = echo_table((asphalt, steel, paint, wet_soil), Weather(), 76.5e9)
-    wet = echo_table((asphalt, steel, paint, wet_soil), Weather(wetness=1.0), 76.5e9)
+    dry = reflectivity_table((asphalt, steel, paint, wet_soil), Weather(), 76.5e9)
+    wet = reflectivity_table((asphalt, steel, paint, wet_soil), Weather(wetness=1.0), 76.5e9)
     np.testing.assert_array_equal(dry[1:], wet[1:])
     assert wet[0, 0] > dry[0, 0] and wet[0, 2] < dry[0, 2] and wet[0, 1] == dry[0, 1]
     # Asphalt has no row of P.2040 at 76.5 GHz: |Gamma0| = 0.35 of the table, index 2.08.
@@ -131,7 +125,7 @@ def test_water_makes_ground_reflect_more_and_scatter_less() -> None:
 
 def test_reflection_is_that_of_the_radio_channel() -> None:
     concrete = material("concrete_facade")
-    row = echo_table((concrete,), Weather(), 76.5e9)[0]
+    row = reflectivity_table((concrete,), Weather(), 76.5e9)[0]
     permittivity = 5.24 - 1j * 0.0462 * 76.5**0.7822 * 17.98 / 76.5  # ITU-R P.2040-4, equation 12: 17.98 sigma / f
     index = np.sqrt(permittivity)
     assert row[0] / row[1] + row[2] / 4.0 == pytest.approx(abs((index - 1) / (index + 1)) ** 2, rel=1e-3)

@@ -13,7 +13,7 @@ from mmw.kernels.shading.structs import Look, Surfel
 from mmw.kernels.shading.wet_surfaces import Wet, wetted
 from mmw.physics.weather.weather import PRESETS, Weather
 from mmw.scene.device_scene import Scene
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.scene_data import SceneData
 from mmw.sensors.render.lights import (
     brake_levels,
     find_street_lamps,
@@ -101,7 +101,7 @@ def test_when_lamps_burn() -> None:
     assert lamps_on(NIGHT) and street_lamps_on(NIGHT)
 
 
-def car_on_a_road(poses: np.ndarray, label: str = "car") -> SceneArrays:
+def car_on_a_road(poses: np.ndarray, label: str = "car") -> SceneData:
     """Return a plane with one car, poses [F, 7]."""
     arrays = arrays_from_parts(
         [ground_part()], [box_model("sedan")], [("veh_001", "vehicle", 0)], poses[:, None],
@@ -226,7 +226,7 @@ def test_lamps_of_a_car_by_day_and_night(device: str) -> None:
             assert (head == 0.0).all() and (tail == (0.0 if moves else kernels.BRAKE_GAIN)).all()
 
 
-def street(count: int) -> SceneArrays:
+def street(count: int) -> SceneData:
     """Return a plane with street lamps at random places, each an object of its own."""
     rng = np.random.default_rng(5)
     parts = [ground_part(150.0)]

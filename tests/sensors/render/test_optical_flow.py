@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mmw.config import DepthConfig, MountConfig
+from mmw.config import DepthCamera, MountConfig
 from mmw.config.lens import LensConfig
 from mmw.core.camera_models import Intrinsics
 from mmw.core.constants import FRAME_DT
 from mmw.core.kinematics import differentiate
 from mmw.core.transforms import compose, invert, make_pose, pose_from_ypr, transform_points
-from mmw.scene.device_scene import Scene
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.device_scene import DeviceScene
+from mmw.scene.scene_data import SceneData
 from mmw.scene.view_motion import view_twists
 from mmw.scene.views import Views, make_views
 from mmw.sensors.lidar.scan_pattern import pinhole
@@ -32,15 +32,15 @@ LENSES = {
 
 def scene_of(
     start: np.ndarray, velocity: np.ndarray, rate: np.ndarray, device: str
-) -> tuple[SceneArrays, Scene, Views, tuple]:
+) -> tuple[SceneData, DeviceScene, Views, tuple]:
     """Return a plane with bodies that keep velocity and rate; body 0 carries the camera, which looks along its x."""
     poses = moving_poses(start, velocity, rate, FRAME_DT * np.arange(FRAMES))
     actors = [("cav_1", "cav", 0), *((f"veh_{k}", "vehicle", 1) for k in range(1, len(start)))]
     models = [box_model("mast", (0.01, 0.01, 0.01), (0.0, 0.0, -0.5)), box_model("car")]
     arrays = arrays_from_parts([ground_part(200.0)], models, actors, poses)
-    scene = Scene(arrays, device, 1)
+    scene = DeviceScene(arrays, device, 1)
     scene.load_batch([2])
-    views = make_views(arrays, [2], DepthConfig(on=("cav",), mount={"cav": MountConfig(position_m=(0.0, 0.0, 0.0))}))
+    views = make_views(arrays, [2], DepthCamera(on=("cav",), mount={"cav": MountConfig(position_m=(0.0, 0.0, 0.0))}))
     twists = device_twists(view_twists(arrays, differentiate(arrays.poses), views), device)
     return arrays, scene, views, twists
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from pxr import Gf, Sdf, Usd, UsdGeom
 
-from mmw.config import RgbConfig
+from mmw.config import RgbCamera
 from mmw.core.transforms import pose_from_ypr
 from mmw.physics.weather.weather import PRESETS, Weather
-from mmw.scene.device_scene import Scene, read_stage
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.device_scene import DeviceScene, read_stage
+from mmw.scene.scene_data import SceneData
 from mmw.sensors.render.lights import brake_levels, make_lamps
 from mmw.usd.actors import PARKED, find_actors
 from mmw.usd.prim_specs import new_prim
@@ -22,7 +22,7 @@ from tests.fixtures.stages import add_box, add_material, add_polygons, animate, 
 
 FRAMES = 12
 WEATHERS = {"day": Weather(), "fog": PRESETS["foggy"], "night": Weather(sun_altitude_deg=-15.0)}
-CAMERA = RgbConfig(width_px=96, height_px=72, fov_deg=40.0)
+CAMERA = RgbCamera(width_px=96, height_px=72, fov_deg=40.0)
 WHERE = {"parked": 0.0, "waits": 10.0, "brakes": 20.0, "rolls": 30.0}
 """Actor -> y of its way along x [m]."""
 
@@ -67,7 +67,7 @@ def test_who_is_parked_follows_from_where_a_prim_lies(tmp_path: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def road(tmp_path_factory: pytest.TempPathFactory) -> SceneArrays:
+def road(tmp_path_factory: pytest.TempPathFactory) -> SceneData:
     """Return level ground with the shipped sedan four times: parked as in a town, and in traffic that waits, brakes at
     3 m/s2 and rolls at 8 m/s."""
     path = tmp_path_factory.mktemp("road") / "stage.usda"
@@ -90,7 +90,7 @@ def road(tmp_path_factory: pytest.TempPathFactory) -> SceneArrays:
     return read_stage(path, range(FRAMES), dict.fromkeys(WEATHERS, ("",)))
 
 
-def test_no_lamp_of_a_parked_vehicle_burns(road: SceneArrays, device: str) -> None:
+def test_no_lamp_of_a_parked_vehicle_burns(road: SceneData, device: str) -> None:
     """By its numbers: no brake light in any frame, no beam in any weather, unlike the car beside it that waits."""
     names = [actor.name for actor in road.actors]
     assert {actor.name for actor in road.actors if actor.is_parked} == {"parked"}
@@ -98,7 +98,7 @@ def test_no_lamp_of_a_parked_vehicle_burns(road: SceneArrays, device: str) -> No
     expected = {"parked": -1.0, "waits": 1.0, "brakes": 1.0, "rolls": 0.0}
     for name, level in expected.items():
         assert levels[:, names.index(name)] == pytest.approx(level, abs=1e-3)
-    scene = Scene(road, device, 1)
+    scene = DeviceScene(road, device, 1)
     scene.load_batch([5])
     for name, weather in WEATHERS.items():
         lamps = make_lamps(scene, name, weather)
@@ -106,7 +106,7 @@ def test_no_lamp_of_a_parked_vehicle_burns(road: SceneArrays, device: str) -> No
         assert lit == ([] if name == "day" else [name for name in names if name != "parked"])
 
 
-def test_a_parked_car_is_dark_in_a_picture(road: SceneArrays, device: str) -> None:
+def test_a_parked_car_is_dark_in_a_picture(road: SceneData, device: str) -> None:
     """From behind and in front, by day, in fog and at night: lenses that nothing lights from within look like those of
     the car that rolls by day, and are black at night."""
     x, y = road.poses[5, :, 0], road.poses[5, :, 1]  # the same places about each car, so that lamps alone differ

@@ -10,18 +10,18 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from mmw.config import Config, DepthConfig, MountConfig, RgbConfig, load_config
+from mmw.config import Config, DepthCamera, MountConfig, RgbCamera, load_config
 from mmw.config.lens import LensConfig
 from mmw.core.kinematics import differentiate
 from mmw.core.transforms import compose, invert, transform_points
-from mmw.generation.image_encoder import MOST_WAITING_BYTES, Encoder
-from mmw.generation.progress import Clock
-from mmw.scene.device_scene import Scene
+from mmw.generation.image_encoder import MAX_WAITING_BYTES, Encoder
+from mmw.generation.progress import StageTimer
+from mmw.scene.device_scene import DeviceScene
 from mmw.scene.rows import static_rows
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.scene_data import SceneData
 from mmw.scene.table_rows import resolved
 from mmw.scene.views import make_views
-from mmw.sensors.batch import Job, Rows
+from mmw.sensors.batch import Batch, TableRows
 from mmw.sensors.camera_group import capture as cameras
 from mmw.sensors.camera_group.launches import make_launches
 from mmw.sensors.render.lighting import shade_samples
@@ -59,7 +59,7 @@ LOOKS_DOWN = "mount: {rsu: {position_m: [0, 0, 3.9], pitch_deg: 35}}"
 DEPTH = f"  - {{type: depth, on: [cav], width_px: 64, height_px: 48, segmentation: true, {MOUNT}}}\n"
 
 
-def street(frames: int = 4) -> SceneArrays:
+def street(frames: int = 4) -> SceneData:
     arrays = two_cars(frames)
     return replace(arrays, materials=dict.fromkeys(("sunny", "rainy"), arrays.materials["sunny"]))
 
@@ -73,22 +73,22 @@ def record(
     config: Config,
     device: str,
     batches: Sequence[Sequence[int]],
-    arrays: SceneArrays | None = None,
+    arrays: SceneData | None = None,
     weathers: Sequence[str] | None = None,
-) -> Rows:
+) -> TableRows:
     """Return the rows of batches of frames, as the pipeline makes them, in all or some of the weathers."""
     arrays = street() if arrays is None else arrays
-    rows: Rows = {weather: defaultdict(list) for weather in weathers or config.weathers}
+    rows: TableRows = {weather: defaultdict(list) for weather in weathers or config.weathers}
     with ThreadPoolExecutor(1) as pool:
-        scene = Scene(arrays, device, max_slots=4)
-        job = Job(config, config.scenarios[0], arrays, differentiate(arrays.poses), scene, None, pool, Clock())
+        scene = DeviceScene(arrays, device, max_slots=4)
+        job = Batch(config, config.scenarios[0], arrays, differentiate(arrays.poses), scene, None, pool, StageTimer())
         for frames in batches:
             scene.load_batch(frames)
             cameras.record_cameras(job, frames, rows)
     return rows
 
 
-def tables_of(rows: Rows, weather: str) -> dict[str, pa.Table]:
+def tables_of(rows: TableRows, weather: str) -> dict[str, pa.Table]:
     key, found = {"scenario": "street", "weather": weather}, {}
     for name, batches in rows[weather].items():
         ended = [b.result() if isinstance(b, Future) else b for b in batches]
@@ -97,7 +97,7 @@ def tables_of(rows: Rows, weather: str) -> dict[str, pa.Table]:
     return found
 
 
-def listed(rows: Rows) -> dict[str, dict[str, list[dict]]]:
+def listed(rows: TableRows) -> dict[str, dict[str, list[dict]]]:
     return {weather: {name: table.to_pylist() for name, table in tables_of(rows, weather).items()} for weather in rows}
 
 
@@ -182,7 +182,7 @@ def test_depth_and_colour_see_the_same(made: dict) -> None:
 
 def test_flow_of_the_street_is_that_of_driving(made: dict) -> None:
     """Frame 1 to 2: cav_1 drives 1 m along x; a still point at (x, y, z) of the camera moves to (x - 1, y, z)."""
-    tables, config = made["sunny"], RgbConfig(width_px=64, height_px=48)
+    tables, config = made["sunny"], RgbCamera(width_px=64, height_px=48)
     flow = decode_flow(tables["flow"][0]["image"]["bytes"])
     depth = decode_depth(tables["depth"][0]["image"]["bytes"])
     tags = decode_semantic(tables["segmentation"][1]["semantic"]["bytes"])
@@ -266,7 +266,7 @@ def test_an_image_each_few_frames(device: str, tmp_path: Path) -> None:
 
 def test_which_cameras_share_a_launch() -> None:
     arrays, frames = street(), [0, 1, 2, 3]
-    depth = DepthConfig()
+    depth = DepthCamera()
     (shared,) = make_launches(arrays, [depth, *paper_cameras()], frames)
     assert [shot.sensor.name for shot in shared.shots] == ["front", "back", "left", "right", "depth"]
     assert len(shared.views) == 4 * 5 and shared.range_m == 5000.0
@@ -277,18 +277,18 @@ def test_which_cameras_share_a_launch() -> None:
         np.testing.assert_array_equal(shared.views.actor[shot.rows], own.actor)
     assert sorted(np.concatenate([shot.rows for shot in shared.rgb])) == list(range(20))
     np.testing.assert_array_equal(shared.depth[0].rows, np.arange(4))  # in one piece
-    front = RgbConfig()
-    for other in (DepthConfig(fov_deg=90.0), DepthConfig(mount={"rsu": MountConfig(position_m=(0, 0, 4.1))})):
+    front = RgbCamera()
+    for other in (DepthCamera(fov_deg=90.0), DepthCamera(mount={"rsu": MountConfig(position_m=(0, 0, 4.1))})):
         assert [len(launch.shots) for launch in make_launches(arrays, [front, other], frames)] == [1, 1]
-    others = [RgbConfig(name="b", samples=1), RgbConfig(name="c", lens=LensConfig(model="fisheye"))]
+    others = [RgbCamera(name="b", samples=1), RgbCamera(name="c", lens=LensConfig(model="fisheye"))]
     assert [launch.name for launch in make_launches(arrays, [front, *others], frames)] == ["front", "b", "c"]
     # A camera that skips frames does not have every view of the depth camera.
-    assert len(make_launches(arrays, [RgbConfig(every_frames=2), depth], frames)) == 2
-    assert len(make_launches(arrays, [RgbConfig(every_frames=2), depth], [2])) == 1
+    assert len(make_launches(arrays, [RgbCamera(every_frames=2), depth], frames)) == 2
+    assert len(make_launches(arrays, [RgbCamera(every_frames=2), depth], [2])) == 1
 
 
 def test_pieces_of_a_launch_hold_every_row_once() -> None:
-    (launch,) = make_launches(street(), [DepthConfig(), *paper_cameras()], [0, 1, 2])
+    (launch,) = make_launches(street(), [DepthCamera(), *paper_cameras()], [0, 1, 2])
     pieces = list(launch.pieces(4 * 640 * 480))
     assert [len(piece.views) for piece in pieces] == [4, 4, 4, 3]
     for index, shot in enumerate(launch.shots):
@@ -346,7 +346,7 @@ def test_corners_of_a_box_fall_on_its_pixels(device: str, tmp_path: Path, lens: 
 
 def test_images_wait_for_threads_within_bounds() -> None:
     """With room for two images, a third one is handed over only when the first is done."""
-    image = np.zeros(MOST_WAITING_BYTES // 2 - 1, dtype=np.uint8)
+    image = np.zeros(MAX_WAITING_BYTES // 2 - 1, dtype=np.uint8)
     done: list[int] = []
 
     def encode(_: np.ndarray, number: int) -> bytes:

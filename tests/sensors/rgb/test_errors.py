@@ -16,14 +16,14 @@ from PIL import Image
 from pxr import Gf, Usd, UsdShade
 
 from mmw.physics.weather.weather import Weather
-from mmw.scene.device_scene import Scene, read_stage
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.device_scene import DeviceScene, read_stage
+from mmw.scene.scene_data import SceneData
 from mmw.scene.views import Views
 from mmw.sensors.render.projection import intrinsics_of
 from mmw.sensors.render.visibility_buffer import trace_samples
-from mmw.sensors.rgb.simulate import RgbCamera
+from mmw.sensors.rgb.simulate import RgbRenderer
 from tests.fixtures.material_stages import KINDS, add_quad, connect, give_uv, preview, stage_in
-from tests.fixtures.rgb_scenes import SMALL, Shot, at, even_sky, lambert, shoot
+from tests.fixtures.rgb_scenes import SMALL, LaunchCamera, at, even_sky, lambert, shoot
 from tests.fixtures.scenes import arrays_from_parts, box_model, box_part, ground_part, pose
 from tests.fixtures.stages import add_polygons
 
@@ -32,7 +32,7 @@ ABOVE = (1.0, 1.0, 3.0, 90.0, 90.0, 0.0)
 FALLBACK = (0.3, 0.6, 0.2)
 
 
-def picture_of(stage: Usd.Stage, folder: Path, device: str, **options) -> Shot:
+def picture_of(stage: Usd.Stage, folder: Path, device: str, **options) -> LaunchCamera:
     """Return a shot of a stage from above, under an even sky of 1 kcd/m2."""
     stage.Save()
     arrays = read_stage(folder / "stage.usda", range(1), ["sunny"])
@@ -134,7 +134,7 @@ def test_faces_without_area_are_no_trouble(device: str, tmp_path: Path) -> None:
     assert np.isfinite(shot.camera.normals(shot.buffer).numpy()).all()
 
 
-def empty_town() -> SceneArrays:
+def empty_town() -> SceneData:
     return arrays_from_parts([], materials={"m": lambert(0.5)})
 
 
@@ -166,20 +166,20 @@ def test_no_views_make_no_pictures(device: str) -> None:
 
 
 def test_weather_that_the_scene_does_not_know(device: str) -> None:
-    scene = Scene(empty_town(), device, 1)
+    scene = DeviceScene(empty_town(), device, 1)
     with pytest.raises(ValueError, match="weather 'foggy': the scene has materials for sunny; read it") as caught:
-        RgbCamera(scene, {"foggy": Weather()})
+        RgbRenderer(scene, {"foggy": Weather()})
     assert "\n" not in str(caught.value)
 
 
 def test_frame_that_is_not_loaded(device: str) -> None:
     poses = np.array([[pose(0.0, 0.0)], [pose(1.0, 0.0)]])
     arrays = arrays_from_parts([ground_part()], [box_model("car")], [("veh_001", "vehicle", 0)], poses)
-    scene = Scene(arrays, device, 1)
+    scene = DeviceScene(arrays, device, 1)
     scene.load_batch([0])
-    camera = RgbCamera(scene, {"sunny": Weather()})
+    camera = RgbRenderer(scene, {"sunny": Weather()})
     with pytest.raises(ValueError, match=r"frame 1 in slot 0; the scene holds frames \[0\]"):
-        trace_samples(scene, at((0.0, 0.0, 2.0), frame=1), intrinsics_of(SMALL), 100.0, camera.cut_outs)
+        trace_samples(scene, at((0.0, 0.0, 2.0), frame=1), intrinsics_of(SMALL), 100.0, camera.alpha_cutouts)
 
 
 def test_view_inside_a_solid(device: str) -> None:

@@ -12,7 +12,7 @@ import trimesh
 
 from mmw.physics.materials.material import Material
 from mmw.physics.weather.weather import Weather
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.scene_data import SceneData
 from mmw.sensors.render.projection import intrinsics_of, project
 from mmw.sensors.render.sky.sky import SUN_RADIUS, bake, sun_direction
 from mmw.worlds.towns.mesh_part import MeshPart
@@ -153,7 +153,7 @@ def edge_of(profile: np.ndarray) -> tuple[float, float]:
     return float(middle), float(np.sqrt(np.average((place - middle) ** 2, weights=step)))
 
 
-def box_on_ground(*, materials: dict[str, Material] | None = None) -> SceneArrays:
+def box_on_ground(*, materials: dict[str, Material] | None = None) -> SceneData:
     """Return a box, 2 m each way, on white ground."""
     box = box_part("Buildings/box", (2.0, 8.0, 2.0), (0.0, 0.0, 1.0), "m", "building")
     return arrays_from_parts([ground_part(50.0, 0.0, "m"), box], materials=materials or {"m": lambert(1.0)})

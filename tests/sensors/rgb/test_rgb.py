@@ -16,13 +16,13 @@ from mmw.core.transforms import invert, pose_from_mount, rotate, transform_point
 from mmw.physics.materials.appearance import TextureUse
 from mmw.physics.weather.weather import PRESETS, Weather
 from mmw.scene.device_scene import read_stage
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.scene_data import SceneData
 from mmw.sensors.render import visibility_buffer
 from mmw.sensors.render.projection import intrinsics_of, project, unproject
 from mmw.sensors.render.sky.sky import sun_direction
 from mmw.worlds.towns.mesh_part import MeshPart
 from tests.fixtures.material_stages import add_quad, connect, give_uv, preview, stage_in
-from tests.fixtures.rgb_scenes import SMALL, Shot, at, even_sky, glowing, lambert, matter, shoot
+from tests.fixtures.rgb_scenes import SMALL, LaunchCamera, at, even_sky, glowing, lambert, matter, shoot
 from tests.fixtures.scenes import arrays_from_parts, box_model, box_part, ground_part, pose, quad_part, street_canyon
 
 MOUNT = (12.0, -7.0, 3.0, 40.0, -10.0, 5.0)
@@ -118,7 +118,7 @@ def linear(codes) -> np.ndarray:
     return np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
 
 
-def textured_quad(folder: Path, codes: np.ndarray, **inputs) -> SceneArrays:
+def textured_quad(folder: Path, codes: np.ndarray, **inputs) -> SceneData:
     """Return a square from (0, 0) to (2, 2) that faces up, from a stage, with st (0, 0) at (0, 0)."""
     Image.fromarray(codes.astype(np.uint8)).save(folder / "picture.png")
     stage = stage_in(folder)
@@ -176,7 +176,7 @@ VIEW = at((0.0, 0.0, 0.0))
 """From the origin along x."""
 
 
-def half_plane(slope: float, offset: float) -> SceneArrays:
+def half_plane(slope: float, offset: float) -> SceneData:
     """Return a shining wall at x = 10 that covers z < slope y + offset."""
     along = np.array([0.0, 1.0, slope]) / math.hypot(1.0, slope)
     below = np.array([0.0, slope, -1.0]) / math.hypot(1.0, slope)
@@ -216,7 +216,7 @@ def test_pixels_on_an_edge_follow_what_it_covers(device: str) -> None:
 WEATHERS = {name: PRESETS[name] for name in ("sunny", "rainy", "foggy")}
 
 
-def street(device: str, views, names: tuple[str, ...]) -> Shot:
+def street(device: str, views, names: tuple[str, ...]) -> LaunchCamera:
     """Return a street of glass and marble with cars, seen in some weathers."""
     model = box_model("car", material=3)
     rows = np.array([[pose(-10.0 + 0.2 * k, -3.0), pose(-16.0, 4.0)] for k in range(4)])

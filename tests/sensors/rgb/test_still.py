@@ -3,30 +3,30 @@
 import numpy as np
 
 from bench import still
-from mmw.config import RgbConfig
+from mmw.config import RgbCamera
 from mmw.core.transforms import pose_from_mount
 from mmw.physics.weather.weather import PRESETS
-from mmw.scene.device_scene import Scene
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.device_scene import DeviceScene
+from mmw.scene.scene_data import SceneData
 from mmw.sensors.render.image_config import ImageConfig, NoiseConfig
 from mmw.sensors.render.sky.sky import sun_direction
 from tests.fixtures.scenes import box_model, pose, street_canyon
 
 FRAMES = 10
-CONFIG = RgbConfig(width_px=96, height_px=72)
+CONFIG = RgbCamera(width_px=96, height_px=72)
 CAMERA = pose_from_mount((-30.0, -6.0, 5.0), 10.0, -5.0)
 """Along the street, from one side of it."""
 
 
-def street(step: float, frames: int = FRAMES) -> SceneArrays:
+def street(step: float, frames: int = FRAMES) -> SceneData:
     """Return the street with a red car that drives away, a step [m] each frame, and a parked one."""
     rows = [[pose(-15.0 + step * k, -3.0), pose(-22.0, 4.0)] for k in range(frames)]
     actors = [("veh_001", "vehicle", 0), ("veh_002", "vehicle", 0)]
     return street_canyon([box_model("car", material=3)], actors, np.array(rows))
 
 
-def clip_of(arrays: SceneArrays, device: str, config: RgbConfig = CONFIG, slots: int = 4) -> still.Clip:
-    scene = Scene(arrays, device, slots)
+def clip_of(arrays: SceneData, device: str, config: RgbCamera = CONFIG, slots: int = 4) -> still.Clip:
+    scene = DeviceScene(arrays, device, slots)
     return still.film(scene, np.tile(CAMERA, (len(arrays.frames), 1)), "sunny", config)
 
 
@@ -51,7 +51,7 @@ def test_only_what_moves_changes(device: str) -> None:
 
 
 def test_the_measure_sees_noise(device: str) -> None:
-    noisy = RgbConfig(width_px=96, height_px=72, image=ImageConfig(noise=NoiseConfig(enabled=True)))
+    noisy = RgbCamera(width_px=96, height_px=72, image=ImageConfig(noise=NoiseConfig(enabled=True)))
     arrays = street(0.0, 2)
     differences = still.still_differences(arrays, clip_of(arrays, device, noisy), "sunny")
     assert still.result_of("sunny", "still", differences, 96 * 72).worst > 1.0
@@ -67,7 +67,7 @@ def test_points_lie_where_the_rays_end(device: str) -> None:
 
 def test_a_slow_pan_is_compared_at_the_same_points(device: str) -> None:
     arrays = street(0.0, 3)
-    scene = Scene(arrays, device, 3)
+    scene = DeviceScene(arrays, device, 3)
     turn = np.stack([pose_from_mount((-30.0, -6.0, 5.0), 10.0 + 0.3 * k, -5.0) for k in range(3)])
     clip = still.film(scene, turn, "sunny", CONFIG)
     found = still.result_of("sunny", "pan", still.pan_differences(arrays, clip, "sunny", CONFIG), 96 * 72)

@@ -13,9 +13,9 @@ import pytest
 from mmw.core.constants import FRAME_DT
 from mmw.physics.weather.optics import extinction
 from mmw.physics.weather.weather import PRESETS, Weather
-from mmw.scene.scene_data import SceneArrays
+from mmw.scene.scene_data import SceneData
 from mmw.sensors.render.sky.sky import bake
-from tests.fixtures.rgb_scenes import SMALL, Shot, at, even_sky, glowing, lambert, matter, shoot
+from tests.fixtures.rgb_scenes import SMALL, LaunchCamera, at, even_sky, glowing, lambert, matter, shoot
 from tests.fixtures.scenes import arrays_from_parts, box_model, box_part, ground_part, quad_part, wall_part
 
 NARROW = SMALL.model_copy(update={"fov_deg": 2.0})
@@ -69,7 +69,7 @@ DRY = Weather(cloudiness=1.0)
 WET = replace(DRY, wetness=1.0)
 
 
-def road(weathers: Sequence[str], parts: Sequence = ()) -> SceneArrays:
+def road(weathers: Sequence[str], parts: Sequence = ()) -> SceneData:
     """Return level asphalt and more."""
     materials = {"asphalt": ASPHALT, "wall": glowing((2.0, 0.4, 0.1), "wall")}
     return arrays_from_parts([ground_part(200.0), *parts], materials=materials, weathers=tuple(weathers))
@@ -91,7 +91,7 @@ def test_wet_road_is_darker_from_above_and_brighter_at_a_glance(device: str) -> 
 def test_puddle_mirrors_a_coloured_wall(device: str) -> None:
     """Black ground all under water before a red wall shows it by Schlick's term, within a fifth of Fresnel's law.
 
-    Where less than 12 % is mirrored, blurred sky is blended in, and takes over at 3 % (`mirror.LEAST_WATER_SHARE`).
+    Where less than 12 % is mirrored, blurred sky is blended in, and takes over at 3 % (`mirror.MIN_WATER_SHARE`).
     """
     ground = matter("asphalt", "asphalt", color=(0.0, 0.0, 0.0), roughness=0.9, ior=1.0)
     wall = wall_part("wall", (-60.0, 12.0), (60.0, 12.0), 40.0, "wall")
@@ -172,7 +172,7 @@ LAMPS = {
 }
 
 
-def car_at_night(device: str, views, *, speeds: Sequence[float], weathers: dict[str, Weather]) -> Shot:
+def car_at_night(device: str, views, *, speeds: Sequence[float], weathers: dict[str, Weather]) -> LaunchCamera:
     """Return a car on a road before a house, which drives along x with these speeds [m/s], one a frame.
 
     Its back is tail lamps, its front head lamps.
@@ -227,7 +227,7 @@ def test_head_lamps_light_the_road_at_night(device: str) -> None:
     assert lamps[1] > 100.0 * np.median(light["night"][2][..., 1])
 
 
-def lit_street(device: str, with_lamps: bool) -> Shot:
+def lit_street(device: str, with_lamps: bool) -> LaunchCamera:
     """Return light ground with lamps of 10 klm in two rows 24 m apart, 8 m up and 30 m from the next, or with none."""
     weathers = {
         "noon": Weather(),

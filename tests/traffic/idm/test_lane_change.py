@@ -23,7 +23,7 @@ from mmw.traffic.idm.lane_change import (
     blend_share,
     blend_time,
 )
-from mmw.traffic.idm.run import Outcome, run_traffic
+from mmw.traffic.idm.run import TrafficResult, run_traffic
 from mmw.traffic.idm.vehicle import Car, Plan
 from mmw.traffic.roads.lane_graph import Lane, LaneGraph
 from mmw.traffic.spawn import SpawnPoint
@@ -71,10 +71,10 @@ def brute_follower(gap: float, speed: float, leader: float, wanted: float, headw
     hardest, least = 0.0, gap
     for _ in range(round(time / DT)):
         target = 2.0 + max(0.0, speed * headway + speed * (speed - leader) / (2 * sqrt(1.8 * 2.0)))
-        wish = max(1.8 * (1 - (speed / wanted) ** 4), -2.0) - 1.8 * (target / gap) ** 2
-        hardest, least = max(hardest, -wish), min(least, gap)
+        desired_acceleration = max(1.8 * (1 - (speed / wanted) ** 4), -2.0) - 1.8 * (target / gap) ** 2
+        hardest, least = max(hardest, -desired_acceleration), min(least, gap)
         gap += (leader - speed) * DT
-        speed = max(0.0, speed + wish * DT)
+        speed = max(0.0, speed + desired_acceleration * DT)
     return hardest, least
 
 
@@ -210,7 +210,7 @@ def test_a_slow_vehicle_is_overtaken(circuit, ground):
     np.testing.assert_array_equal(free[: first + 1], held[: first + 1])  # up to the first decision nothing differs
 
 
-def run(graph: LaneGraph, **options) -> Outcome:
+def run(graph: LaneGraph, **options) -> TrafficResult:
     """Return the outcome of traffic on the circuit."""
     return run_traffic(
         graph,

@@ -14,7 +14,7 @@ from pxr import Usd, UsdGeom, UsdSemantics
 from mmw.cli.run import main
 from mmw.config import TrafficConfig
 from mmw.dataset import open_dataset
-from mmw.traffic.engine import run_engine
+from mmw.traffic.engine import simulate_traffic
 from mmw.traffic.ground_height import Ground
 from mmw.traffic.replay.engine import choose_model, replay_file
 from mmw.traffic.replay.path_fit import fill_stations, fit_path
@@ -375,8 +375,10 @@ def test_a_town_without_lanes_will_do(tmp_path: Path):
     write_table(tmp_path / "t.csv", [("a", t, 8 * t - 5, 1.0) for t in np.arange(0, 1.01, 0.1)])
     center = {"spawn_center_m": (0.0, 0.0, 0.0)}
     traffic = TrafficConfig(engine="file", trajectories="t.csv", cav_ids=("a",), **center)
-    (track,) = run_engine(town, traffic, CATALOG, base=tmp_path, frame_count=101, seed=1)
+    (track,) = simulate_traffic(town, traffic, CATALOG, base=tmp_path, frame_count=101, seed=1)
     assert track.poses[:, 2] == pytest.approx(2.0, abs=1e-4)
     for engine in ("idm", "sumo"):
         with pytest.raises(ValueError, match=rf"engine = '{engine}': .*bare.usda has no lanes"):
-            run_engine(town, TrafficConfig(engine=engine, **center), CATALOG, base=tmp_path, frame_count=9, seed=1)
+            simulate_traffic(
+                town, TrafficConfig(engine=engine, **center), CATALOG, base=tmp_path, frame_count=9, seed=1
+            )

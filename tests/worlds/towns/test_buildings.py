@@ -18,7 +18,7 @@ from mmw.worlds.towns.facades import GLASS, WALL, facade_cells, height_of
 from mmw.worlds.towns.ground_height import Ground
 from mmw.worlds.towns.mesh_part import MeshPart
 from mmw.worlds.towns.primitives import Mesh
-from mmw.worlds.towns.prop_placement import Furniture, add_at_approaches, approaches, furnish
+from mmw.worlds.towns.prop_placement import Furniture, add_at_approaches, approaches, place_props
 from mmw.worlds.towns.props import PROPS, build_prop
 
 
@@ -302,7 +302,7 @@ def test_furniture_leaves_the_carriageway_free_and_is_repeatable():
     ]
     description = describe(rows=rows, signalled=["X"], fences=True, scattered_trees=20)
     lots, blocks = place_lots(description, corridor, LAND, ground)
-    first, second = (furnish(description, carriageway, lane_graph(), lots, blocks, ground) for _ in range(2))
+    first, second = (place_props(description, carriageway, lane_graph(), lots, blocks, ground) for _ in range(2))
     kinds = Counter(part.path.split("/")[1].rsplit("_", 1)[0] for part in first)
     assert kinds["street_lamp"] > 30 and kinds["broadleaf_tree"] > 60 and kinds["fence"] > 5 and kinds["oak"] > 2
     plans = shapely.union_all([lot.outline for lot in lots])
@@ -322,7 +322,7 @@ def test_nothing_stands_below_the_canopy_of_a_gas_station():
     carriageway, _, ground = cross()
     rows = [{"kind": "broadleaf_tree", "every_m": 5, "offset_m": 4.0, "clear_m": 1.0}]
     placed = [{"kind": "gas_canopy", "at": [40, 19], "yaw_deg": 270}]
-    parts = furnish(describe(rows=rows, placed=placed), carriageway, LaneGraph(), [], [], ground)
+    parts = place_props(describe(rows=rows, placed=placed), carriageway, LaneGraph(), [], [], ground)
     canopy = next(part for part in parts if part.path.endswith("gas_canopy_001/canopy")).points
     plan = shapely.convex_hull(shapely.MultiPoint(canopy[:, :2]))
     trunks = [part.points[:, :2].mean(axis=0) for part in parts if part.path.endswith("trunk")]
@@ -334,4 +334,4 @@ def test_prop_on_the_road_is_refused():
     carriageway, _, ground = cross()
     description = describe(placed=[{"kind": "bench", "at": [0, 0]}])
     with pytest.raises(ValueError, match=r"'bench' at \(0\.0, 0\.0\): on the carriageway"):
-        furnish(description, carriageway, LaneGraph(), [], [], ground)
+        place_props(description, carriageway, LaneGraph(), [], [], ground)

@@ -32,7 +32,7 @@ from mmw.worlds.towns.gas_station import CLEAR, DRIVEWAY
 from mmw.worlds.towns.mesh_part import MeshPart
 from mmw.worlds.towns.parking import rectangle_at
 from mmw.worlds.towns.primitives import Mesh
-from mmw.worlds.towns.prop_placement import furnish
+from mmw.worlds.towns.prop_placement import place_props
 from mmw.worlds.towns.props import build_prop
 from tests.fixtures.places_town import LEVEL, PLACES, plan_area
 from tests.worlds.towns.test_buildings import by_name, normals, open_edges
@@ -148,17 +148,17 @@ def drive(half: float) -> shapely.Polygon:
 
 def test_canopy_stands_over_a_driveway_with_its_feet_beside_it():
     canopy = {"kind": "gas_canopy", "at": [0, 0], "yaw_deg": 90}
-    parts = furnish(describe(placed=[canopy]), drive(2.6), LaneGraph(), [], [], LEVEL)
+    parts = place_props(describe(placed=[canopy]), drive(2.6), LaneGraph(), [], [], LEVEL)
     meshes = {part.path.split("/")[-1]: part for part in parts}
     assert meshes["canopy"].points[:, 2].min() == pytest.approx(CLEAR)
     for name in ("columns", "islands", "pumps", "displays"):
         assert np.abs(meshes[name].points[:, 1]).min() >= 0.5 * DRIVEWAY - 1e-3, name
     assert drive(2.6).intersects(shapely.MultiPoint(meshes["canopy"].points[:, :2]).convex_hull)
     with pytest.raises(ValueError, match=r"'gas_canopy' at \(0\.0, 0\.0\): on the carriageway"):
-        furnish(describe(placed=[canopy]), drive(3.2), LaneGraph(), [], [], LEVEL)
+        place_props(describe(placed=[canopy]), drive(3.2), LaneGraph(), [], [], LEVEL)
     with pytest.raises(ValueError, match=r"'gas_shop' at \(4\.0, 44\.0\): in a building, a bay or another prop"):
         apart = [canopy | {"at": [0, 40]}, {"kind": "gas_shop", "at": [4, 44]}]
-        furnish(describe(placed=apart), drive(0.1), LaneGraph(), [], [], LEVEL)
+        place_props(describe(placed=apart), drive(0.1), LaneGraph(), [], [], LEVEL)
 
 
 def test_silos_have_the_size_of_silos():
@@ -173,7 +173,7 @@ def test_silos_have_the_size_of_silos():
 
 def test_panels_of_a_line_stand_end_to_end_with_gaps_at_roads():
     line = {"kind": "field_fence", "points": [[-40, -30], [-40, 30], [20, 30]]}
-    parts = furnish(describe(lines=[line]), drive(3.0), LaneGraph(), [], [], LEVEL)
+    parts = place_props(describe(lines=[line]), drive(3.0), LaneGraph(), [], [], LEVEL)
     assert {part.path.split("/")[1] for part in parts} == {"field_fence_001"}
     points = np.concatenate([part.points for part in parts])
     rails = next(part for part in parts if part.path.endswith("rails"))
@@ -187,7 +187,7 @@ def test_rows_keep_to_their_roads():
     roads = {"main": np.array([[-90.0, 0, 0], [90, 0, 0]]), "side": np.array([[0.0, -90, 0], [0, 90, 0]])}
     area = shapely.union(drive(3.0), shapely.box(-3, -90, 3, 90))
     row = {"kind": "bench", "every_m": 10, "offset_m": 2.0, "along": ["s*"]}
-    parts = furnish(describe(rows=[row]), area, LaneGraph(), [], [], LEVEL, roads=roads)
+    parts = place_props(describe(rows=[row]), area, LaneGraph(), [], [], LEVEL, roads=roads)
     middles = np.array([part.points[:, :2].mean(axis=0) for part in parts])
     assert len(middles) > 20 and (np.abs(middles[:, 0]) < np.abs(middles[:, 1])).all()
 

@@ -55,7 +55,7 @@ def test_units_stand_beside_the_road_in_nothing_solid(path: Path) -> None:
     (scenario,) = load_config(path).scenarios
     assert scenario.name == path.stem and scenario.town is not None and scenario.name.startswith(scenario.town)
     if scenario.name == "town05_ring_road":
-        return  # on the parapet: `test_town05.py`
+        return  # on the parapet: `tests/worlds/towns/test_town05.py`
     stage, network = checks.stage_of(scenario.town), checks.network_of(scenario.town)
     for unit in scenario.rsus:
         checks.assert_unit_stands_free(unit.position_m, stage, network)

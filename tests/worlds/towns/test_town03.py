@@ -6,12 +6,12 @@ import pytest
 from mmw.channel.links import make_links
 from mmw.channel.path_solver.solver import solve_paths
 from mmw.channel.paths import PATH_LOS
-from mmw.config import ChannelConfig, DepthConfig, LidarConfig, MountConfig
+from mmw.config import ChannelConfig, DepthCamera, Lidar, MountConfig
 from mmw.core.constants import GRAVITY
 from mmw.core.kinematics import differentiate
 from mmw.core.resources import town_path
 from mmw.core.transforms import angle_between, compose, pose_from_mount, pose_from_ypr
-from mmw.scene.device_scene import Scene, SceneArrays, read_stage
+from mmw.scene.device_scene import DeviceScene, SceneData, read_stage
 from mmw.scene.stage.compose import compose_scenario
 from mmw.scene.views import Views, make_views
 from mmw.sensors.depth.simulate import trace_depth
@@ -53,7 +53,7 @@ def tracks() -> list[VehicleTrack]:
 
 
 @pytest.fixture(scope="module")
-def arrays(tracks: list[VehicleTrack], tmp_path_factory: pytest.TempPathFactory) -> SceneArrays:
+def arrays(tracks: list[VehicleTrack], tmp_path_factory: pytest.TempPathFactory) -> SceneData:
     """The compared frames of the scenario's stage, written and read back, under their own numbers."""
     path = compose_scenario(
         tmp_path_factory.mktemp("town03") / "stage.usdc",
@@ -64,14 +64,14 @@ def arrays(tracks: list[VehicleTrack], tmp_path_factory: pytest.TempPathFactory)
 
 
 @pytest.fixture(scope="module")
-def scene(arrays: SceneArrays) -> Scene:
-    scene = Scene(arrays, "cpu", len(FRAMES))
+def scene(arrays: SceneData) -> DeviceScene:
+    scene = DeviceScene(arrays, "cpu", len(FRAMES))
     scene.load_batch(FRAMES)
     return scene
 
 
 def assert_equals_oracle(
-    arrays: SceneArrays,
+    arrays: SceneData,
     views: Views,
     direction_s: np.ndarray,
     t_max: np.ndarray,
@@ -110,8 +110,8 @@ def assert_equals_oracle(
     assert len(set(views.actor[view].tolist())) > 2 and returns > RAYS // 2
 
 
-def test_lidar_equals_the_oracle(arrays: SceneArrays, scene: Scene) -> None:
-    config = LidarConfig()
+def test_lidar_equals_the_oracle(arrays: SceneData, scene: DeviceScene) -> None:
+    config = Lidar()
     views = make_views(arrays, FRAMES, config)
     hits = trace_lidar_hits(scene, views, config)
     pattern = lidar_pattern(config)
@@ -119,8 +119,8 @@ def test_lidar_equals_the_oracle(arrays: SceneArrays, scene: Scene) -> None:
     assert_equals_oracle(arrays, views, pattern, np.full(len(pattern), config.range_m), found_t, found)
 
 
-def test_depth_equals_the_oracle(arrays: SceneArrays, scene: Scene) -> None:
-    config = DepthConfig(
+def test_depth_equals_the_oracle(arrays: SceneData, scene: DeviceScene) -> None:
+    config = DepthCamera(
         on=("cav", "rsu"), width_px=160, height_px=120, mount={"cav": MountConfig(position_m=(1.5, 0, 2.6))}
     )
     views = make_views(arrays, FRAMES, config)
@@ -134,7 +134,7 @@ def test_depth_equals_the_oracle(arrays: SceneArrays, scene: Scene) -> None:
     )  # fmt: skip
 
 
-def test_radio_paths_equal_brute_force(arrays: SceneArrays, scene: Scene) -> None:
+def test_radio_paths_equal_brute_force(arrays: SceneData, scene: DeviceScene) -> None:
     """Every triangle mirrors the transmitter, both legs are traced in float64: the same surfaces, the same points."""
     high = {"cav": (0.0, 0.0, 5.0), "rsu": (0.0, 0.0, 14.0)}  # above the roofs of vehicles, for more reflections
     config = ChannelConfig(candidates="exhaustive", links=("v2i", "v2v"), antenna_position_m=high)
@@ -161,7 +161,7 @@ def test_radio_paths_equal_brute_force(arrays: SceneArrays, scene: Scene) -> Non
 
 
 def mirror_points(
-    arrays: SceneArrays, frame: int, oracle: OracleScene, tx: np.ndarray, rx: np.ndarray
+    arrays: SceneData, frame: int, oracle: OracleScene, tx: np.ndarray, rx: np.ndarray
 ) -> dict[int, np.ndarray]:
     """Return surface -> point of all reflections from tx to rx, by the image method on every triangle."""
     normal = np.cross(oracle.corners[:, 1] - oracle.corners[:, 0], oracle.corners[:, 2] - oracle.corners[:, 0])
@@ -179,7 +179,7 @@ def mirror_points(
     return dict(zip(oracle.surface[kept].tolist(), point, strict=True))
 
 
-def is_clear(arrays: SceneArrays, frame: int, start: np.ndarray, ends: np.ndarray, own: np.ndarray) -> np.ndarray:
+def is_clear(arrays: SceneData, frame: int, start: np.ndarray, ends: np.ndarray, own: np.ndarray) -> np.ndarray:
     """Return whether rays from one start to each end meet nothing before it but the surface `own`, shape [R]."""
     leg = ends - start
     length = np.linalg.norm(leg, axis=1)

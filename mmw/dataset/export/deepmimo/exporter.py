@@ -38,7 +38,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from mmw.channel import LINK_COLUMNS, PATH_COLUMNS, AntennaArray, PathRows, synthesize
+from mmw.channel import LINK_COLUMNS, PATH_COLUMNS, Paths, PlanarArray, apply_arrays
 from mmw.channel.response import complex_gain
 from mmw.core.errors import InputError
 from mmw.core.transforms import quaternion_to_matrix, quaternion_to_ypr
@@ -62,7 +62,7 @@ DIGITS = {1: 1, 2: 3, 4: 4, 8: 2}
 class Radio:
     """Links and paths of one scenario, weather and carrier."""
 
-    paths: PathRows
+    paths: Paths
     """`row` counts the paths, so that it names the rows of the other two."""
     coefficient: np.ndarray
     """Coefficient of each path without the carrier phase, shape [P], complex128."""
@@ -81,15 +81,15 @@ def read_radio(dataset: Dataset, part: Part, carrier_hz: float, antennas: Antenn
     lists = ["path_id", "interactions", "vertices", "objects"]
     rows = read_part(dataset, "paths", part, [*PATH_COLUMNS, *lists])
     links = read_part(dataset, "links", part, list(LINK_COLUMNS))
-    paths = PathRows.from_table(rows, carrier_hz, links)
+    paths = Paths.from_table(rows, carrier_hz, links)
     coefficient = paths.a
     if options["pattern"] != "stored":
-        antenna = AntennaArray(pattern=options["pattern"], polarization=options["polarization"])
+        antenna = PlanarArray(pattern=options["pattern"], polarization=options["polarization"])
         turns = []
         for end in ("peer", "agent"):
             keys = [(int(frame), str(agent)) for frame, agent in zip(paths.keys["frame"], paths.keys[end], strict=True)]
             turns.append(quaternion_to_matrix(antennas.at(keys)[0][:, 3:]))
-        coefficient = synthesize(paths, antenna, antenna, carrier_hz, *turns)[:, 0, 0]
+        coefficient = apply_arrays(paths, antenna, antenna, carrier_hz, *turns)[:, 0, 0]
     table = rows.select(lists).take(pa.array(paths.row))
     return Radio(replace(paths, row=np.arange(len(paths))), coefficient, table)
 

@@ -6,7 +6,7 @@
     glob_theta_t, ... glob_phi_r        the same in the world's frame
 
 A link without any path has M = 1, gain 0, delay -1 and angles 0, which is how Sionna pads; the published script stopped
-at such a frame. Antennas are counted as Sionna counts them (`mmw.channel.AntennaArray`).
+at such a frame. Antennas are counted as Sionna counts them (`mmw.channel.PlanarArray`).
 
 The published files set the first path of each link to delay 0 before any phase is formed (`delays=normalized`): the
 time of flight is lost, and the phase of the link with it. With `delays=absolute` both are there. Their angles in the
@@ -21,7 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mmw.channel import LINK_COLUMNS, PATH_COLUMNS, AntennaArray, PathRows, impulse_response, synthesize
+from mmw.channel import LINK_COLUMNS, PATH_COLUMNS, Paths, PlanarArray, apply_arrays, impulse_response
 from mmw.core.errors import InputError
 from mmw.core.transforms import quaternion_to_matrix
 from mmw.dataset import Dataset
@@ -36,8 +36,8 @@ ARRAYS = re.compile(r"([1-9]\d*)x([1-9]\d*)-([1-9]\d*)x([1-9]\d*)")
 class ArrayPair:
     """Arrays of both ends."""
 
-    tx: AntennaArray
-    rx: AntennaArray
+    tx: PlanarArray
+    rx: PlanarArray
 
     def folder(self, carrier_hz: float) -> str:
         """Return the name of the folder, `Nt_64_Nr_16_fc_28GHz` for linear and `Nt_8x8_...` for planar arrays."""
@@ -63,7 +63,7 @@ def array_pairs(options: Options) -> list[ArrayPair]:
             )
         sizes = [int(size) for size in found.groups()]
         arrays = [
-            AntennaArray(rows, columns, pattern=options["pattern"], polarization=options["polarization"])
+            PlanarArray(rows, columns, pattern=options["pattern"], polarization=options["polarization"])
             for rows, columns in (sizes[:2], sizes[2:])
         ]
         pairs.append(ArrayPair(*arrays))
@@ -86,7 +86,7 @@ def write_channels(dataset: Dataset, part: Part, folder: str, options: Options, 
     pairs = array_pairs(options)
     rsus = {agent for (_, agent), role in zip(antennas.row, antennas.role, strict=True) if role == "rsu"}
     for carrier in np.unique(links["carrier_hz"].to_numpy()):
-        paths = PathRows.from_table(rows, float(carrier), links)
+        paths = Paths.from_table(rows, float(carrier), links)
         for number in range(paths.link_count):
             link = paths.take([number])
             frame, agent, peer = (link.keys[0][name] for name in ("frame", "agent", "peer"))
@@ -101,7 +101,7 @@ def write_channels(dataset: Dataset, part: Part, folder: str, options: Options, 
                 np.savez_compressed(place / f"{frame:06d}_paths.npz", **values)
 
 
-def link_arrays(link: PathRows, antennas: Antennas, pair: ArrayPair, normalize: bool) -> dict[str, np.ndarray]:
+def link_arrays(link: Paths, antennas: Antennas, pair: ArrayPair, normalize: bool) -> dict[str, np.ndarray]:
     """Return the arrays of one file.
 
     Args:
@@ -114,7 +114,7 @@ def link_arrays(link: PathRows, antennas: Antennas, pair: ArrayPair, normalize: 
     turns = [
         quaternion_to_matrix(antennas.at([(frame, str(link.keys[end][0]))])[0][0, 3:]) for end in ("peer", "agent")
     ]
-    coefficients = synthesize(link, pair.tx, pair.rx, link.carrier_hz, *turns)
+    coefficients = apply_arrays(link, pair.tx, pair.rx, link.carrier_hz, *turns)
     if len(link):
         gains, tau = impulse_response(coefficients, link, link.carrier_hz, normalize_delays=normalize)
     else:

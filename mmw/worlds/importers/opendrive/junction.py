@@ -21,9 +21,9 @@ LARGEST_HOLE = 30.0
 """Gaps between the roads of a junction below this area are paved [m^2]; design value, a small traffic island."""
 SNAP = 2e-3
 """Vertices of the seams with the roads are taken over within this distance [m]."""
-LEAST_OVERLAP = 1e-3
+MIN_OVERLAP = 1e-3
 """Less than this of a junction lies on the roads outside by rounding only [m^2]; design value."""
-LEAST_HEIGHT = 1e-4
+MIN_HEIGHT = 1e-4
 """Triangles that are lower are left out [m]: in single precision, a kilometre from the origin, they have no area."""
 EVERY = 0.25
 """Distance of the samples that a point is related to a road by [m]."""
@@ -63,7 +63,7 @@ def build_junction(name: str, shapes: list[RoadShape], seams: np.ndarray, outsid
         paved, walk, green = (shapely.snap(area, corners, SNAP) for area in (paved, walk, green))
     paved, walk, green = (_repair(area) for area in (paved, walk, green))
     overlap = shapely.intersection(shapely.union_all([paved, walk, green]), outside)
-    if overlap.area > LEAST_OVERLAP:
+    if overlap.area > MIN_OVERLAP:
         paved, walk, green = (shapely.difference(area, outside, grid_size=1e-4) for area in (paved, walk, green))
     walk = shapely.difference(walk, paved, grid_size=1e-4)
     green = shapely.difference(green, shapely.union(paved, walk), grid_size=1e-4)
@@ -173,7 +173,7 @@ def _add_area(sheet: Sheet, material: str, area: shapely.Geometry, ways: list[_W
     area2 = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
     triangles = np.where((area2 < 0)[:, None, None], triangles[:, ::-1], triangles)
     longest = np.sqrt(np.max([((p - q) ** 2).sum(axis=1) for p, q in ((a, b), (b, c), (c, a))], axis=0))
-    triangles = triangles[np.abs(area2) > LEAST_HEIGHT * longest]
+    triangles = triangles[np.abs(area2) > MIN_HEIGHT * longest]
     xy, faces = np.unique(triangles.reshape(-1, 2), axis=0, return_inverse=True)
     index = sheet.surface.add_points(np.column_stack([xy, _blend(ways, xy) + dz]))
     sheet.surface.add_faces(material, index[faces.reshape(-1)].reshape(-1, 3))

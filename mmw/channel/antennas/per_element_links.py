@@ -2,18 +2,18 @@
 
 import numpy as np
 
-from mmw.channel.antennas.arrays import AntennaArray
-from mmw.channel.links import Ends, Links
+from mmw.channel.antennas.arrays import PlanarArray
+from mmw.channel.links import Links, RadioDevices
 from mmw.physics.em.vectors import rotate
 
 
-def element_links(
-    links: Links, tx_array: AntennaArray, rx_array: AntennaArray, carrier_hz: float
+def per_element_links(
+    links: Links, tx_array: PlanarArray, rx_array: PlanarArray, carrier_hz: float
 ) -> tuple[Links, np.ndarray, np.ndarray, np.ndarray]:
     """Return links between all pairs of elements of two arrays, to be traced one by one.
 
     Near an array the waves are spheres, and obstacles and reflections differ from element to element; this traces all
-    of it, at N_t N_r times the cost. `mmw.channel.synthesize` makes the same from one trace for far paths.
+    of it, at N_t N_r times the cost. `mmw.channel.apply_arrays` makes the same from one trace for far paths.
 
     Args:
         links: Links between the phase centres.
@@ -23,7 +23,7 @@ def element_links(
 
     Returns:
         The links, L x N_r x N_t rows (transmitter elements run fastest); and for each the row of `links`, the receiver
-        element and the transmitter element, shape [L N_r N_t] each. Elements count as in `AntennaArray`, without
+        element and the transmitter element, shape [L N_r N_t] each. Elements count as in `PlanarArray`, without
         polarisations. The rotations of the ends are those of the arrays.
     """
     tx_count, rx_count = tx_array.element_count, rx_array.element_count
@@ -31,10 +31,10 @@ def element_links(
         index.ravel() for index in np.indices((len(links), rx_count, tx_count)).astype(np.int32)
     )
 
-    def ends(side: Ends, array: AntennaArray, element: np.ndarray) -> Ends:
+    def ends(side: RadioDevices, array: PlanarArray, element: np.ndarray) -> RadioDevices:
         offset = array.element_positions(carrier_hz)[: array.element_count]
         moved = rotate(side.rotation[link], offset[element])
-        return Ends(side.position[link] + moved, side.rotation[link] @ array.rotation, side.velocity[link])
+        return RadioDevices(side.position[link] + moved, side.rotation[link] @ array.rotation, side.velocity[link])
 
     expanded = Links(
         frame=links.frame[link],

@@ -3,16 +3,25 @@
 import numpy as np
 import pytest
 
-from mmw.channel import element_links, frequency_response, plane_wave_error, rows_from_paths, synthesize, taps, ula, upa
-from mmw.channel.antennas.arrays import AntennaArray
+from mmw.channel import (
+    apply_arrays,
+    frequency_response,
+    per_element_links,
+    plane_wave_error,
+    rows_from_paths,
+    taps,
+    ula,
+    upa,
+)
+from mmw.channel.antennas.arrays import PlanarArray
 from mmw.channel.antennas.patterns import antenna_field
 from mmw.channel.links import Links, make_links
 from mmw.channel.path_solver.solver import solve_paths
-from mmw.channel.paths import Paths
+from mmw.channel.paths import PathSet
 from mmw.config import ChannelConfig
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.physics.em.field import combine
-from mmw.scene.device_scene import Scene
+from mmw.scene.device_scene import DeviceScene
 from tests.fixtures.scenes import arrays_from_parts, ground_part, pose, wall_part
 
 CARRIER = 28e9
@@ -24,19 +33,19 @@ CONFIG = ChannelConfig(
 )
 
 
-def street(device: str, rsu: tuple, cav: tuple) -> tuple[Scene, Links]:
+def street(device: str, rsu: tuple, cav: tuple) -> tuple[DeviceScene, Links]:
     parts = [ground_part(300.0), wall_part("wall", (-300.0, 20.0), (300.0, 20.0), 40.0)]
     actors = [("rsu_1", "rsu", -1), ("cav_1", "cav", -1)]
-    scene = Scene(arrays_from_parts(parts, actors=actors, poses=np.array([[pose(*rsu), pose(*cav)]])), device, 1)
+    scene = DeviceScene(arrays_from_parts(parts, actors=actors, poses=np.array([[pose(*rsu), pose(*cav)]])), device, 1)
     scene.load_batch([0])
     return scene, make_links(scene.arrays, [0], CONFIG)
 
 
 def element_response(
-    scene: Scene, links: Links, tx_array: AntennaArray, rx_array: AntennaArray
-) -> tuple[np.ndarray, np.ndarray, Paths]:
+    scene: DeviceScene, links: Links, tx_array: PlanarArray, rx_array: PlanarArray
+) -> tuple[np.ndarray, np.ndarray, PathSet]:
     """Return path id [P], complex gain with carrier phase [P, N_r, N_t] of paths that all elements have, and paths."""
-    expanded, _, rx_element, tx_element = element_links(links, tx_array, rx_array, CARRIER)
+    expanded, _, rx_element, tx_element = per_element_links(links, tx_array, rx_array, CARRIER)
     paths = solve_paths(scene, expanded, CONFIG, scene.arrays.materials)
     fields = []
     for ends, theta, phi, array in (
@@ -58,13 +67,13 @@ def element_response(
     [(ula(256), ula(16)), (upa(8, 8, orientation=(0.3, -0.1, 0.2)), upa(2, 2, orientation=(2.0, 0.1, 0.0)))],
 )
 def test_synthesis_equals_element_tracing_within_the_plane_wave_error(
-    tx_array: AntennaArray, rx_array: AntennaArray, device: str
+    tx_array: PlanarArray, rx_array: PlanarArray, device: str
 ) -> None:
     scene, links = street(device, (0.0, 0.0, 8.0, 0.4), (120.0, -9.0, 1.5, 2.0))
     ids, exact, traced = element_response(scene, links, tx_array, rx_array)
     centre = solve_paths(scene, links, CONFIG, scene.arrays.materials)
     rows = rows_from_paths(links, centre, "sunny", CARRIER)
-    a = synthesize(rows, tx_array, rx_array, CARRIER, links.tx.rotation, links.rx.rotation)
+    a = apply_arrays(rows, tx_array, rx_array, CARRIER, links.tx.rotation, links.rx.rotation)
     a = a * np.exp(-2j * np.pi * CARRIER * rows.tau)[:, None, None]
     assert len(centre) == 4 and traced.order.max() == 2
     np.testing.assert_array_equal(np.sort(centre.path_id), ids)
@@ -81,7 +90,7 @@ def test_no_path_at_all_is_a_channel_of_zeros(device: str) -> None:
     paths = solve_paths(scene, links, CONFIG, scene.arrays.materials)
     assert len(paths) == 0
     rows = rows_from_paths(links, paths, "sunny", CARRIER)
-    a = synthesize(rows, ula(4), ula(2), CARRIER, links.tx.rotation, links.rx.rotation)
+    a = apply_arrays(rows, ula(4), ula(2), CARRIER, links.tx.rotation, links.rx.rotation)
     np.testing.assert_array_equal(frequency_response(a, rows, [0.0, 1e6], CARRIER), np.zeros((1, 2, 4, 2)))
     np.testing.assert_array_equal(frequency_response(a, rows, [0.0], CARRIER, average=True), np.zeros((1, 2, 4)))
     np.testing.assert_array_equal(taps(a, rows, 1e8, 0, 3, CARRIER), np.zeros((1, 2, 4, 4)))
