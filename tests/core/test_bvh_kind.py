@@ -10,9 +10,9 @@ import pytest
 import warp as wp
 
 from mmw.config import load_config
-from mmw.config.compute import BVH_KINDS, BVH_VARIABLE, default_bvh
 from mmw.core import bvh_kind as bvh
 from mmw.core.bvh import build_bvhs
+from mmw.core.bvh_default import BVH_KINDS, BVH_VARIABLE, default_bvh
 from mmw.core.bvh_kind import select_bvh
 from mmw.core.errors import InputError
 from mmw.core.resources import configs_dir

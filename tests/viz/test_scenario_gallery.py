@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from mmw.config import RgbCamera
+from mmw.sensors import RgbCamera
 from mmw.viz.stills import scenario_gallery
 from mmw.viz.stills.scenario_gallery import GAP_PX, draw_scenarios, join_tiles, main, view_of
 from tests.fixtures.scenes import two_cars

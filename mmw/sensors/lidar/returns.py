@@ -10,13 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from mmw.config import Lidar
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.kernels.core import structs
 from mmw.kernels.lidar import returns as lidar_returns
 from mmw.kernels.lidar import trace as lidar
 from mmw.physics.materials.material import Material, wet_reflectance
 from mmw.physics.weather.weather import Weather
+from mmw.sensors.lidar.config import Lidar
 from mmw.sensors.lidar.precipitation import make_air
 
 RETURNS = {

@@ -17,7 +17,7 @@ import numpy as np
 from PIL import Image
 
 from mmw.cli.command import add_log_options, run_command
-from mmw.config import Config, RgbCamera, ScenarioConfig, load_config
+from mmw.config import Config, ScenarioConfig, load_config
 from mmw.core.device import choose_device
 from mmw.core.errors import InputError
 from mmw.core.resources import configs_dir
@@ -26,7 +26,7 @@ from mmw.scene.prepare import prepare_scenario
 from mmw.scene.reader import read_stage
 from mmw.scene.scene_data import SceneData
 from mmw.scene.views import Views, join_views, make_views, view_keys
-from mmw.sensors.rgb.config import paper_cameras
+from mmw.sensors.rgb.config import RgbCamera, paper_cameras
 from mmw.viz.stills.jpeg import save_jpeg
 from mmw.viz.stills.renderer import StillRenderer
 

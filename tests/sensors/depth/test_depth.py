@@ -9,13 +9,14 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from mmw.config import Config, DepthCamera, MountConfig, load_config
+from mmw.config import Config, MountConfig, load_config
 from mmw.core.kinematics import differentiate
-from mmw.generation.progress import StageTimer
+from mmw.core.timing import StageTimer
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.scene_data import SceneData
 from mmw.scene.table_rows import resolved
 from mmw.scene.views import make_views
+from mmw.sensors import DepthCamera
 from mmw.sensors.batch import Batch, TableRows
 from mmw.sensors.camera_group.capture import record_cameras
 from mmw.sensors.depth.simulate import depth_to_metres, trace_depth

@@ -5,13 +5,14 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from mmw.config import Lidar, MountConfig
+from mmw.config import MountConfig
 from mmw.core.constants import FRAME_DT
 from mmw.core.transforms import transform_points
 from mmw.physics.weather.weather import PRESETS, Weather
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.scene_data import SceneData
 from mmw.scene.views import Views, make_views, view_keys
+from mmw.sensors import Lidar
 from mmw.sensors.lidar.config_parts import LidarOpticsConfig
 from mmw.sensors.lidar.scan_pattern import (
     carla_points_per_channel,

@@ -10,7 +10,7 @@ import pytest
 
 from mmw.config import Config, load_config
 from mmw.core.kinematics import differentiate
-from mmw.generation.progress import StageTimer
+from mmw.core.timing import StageTimer
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.scene_data import SceneData
 from mmw.sensors.batch import Batch, TableRows
