@@ -1,8 +1,9 @@
 """`sensors`: what every agent carries. Defaults are the values of the paper's sensor table."""
 
+import json
 from typing import Annotated, Any, get_args
 
-from pydantic import BeforeValidator, GetJsonSchemaHandler, SerializeAsAny, ValidationError
+from pydantic import BeforeValidator, GetJsonSchemaHandler, SerializeAsAny, ValidationError, ValidationInfo
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError
 from pydantic_core.core_schema import ErrorType
@@ -14,7 +15,7 @@ _PYDANTIC_ERRORS = frozenset(get_args(ErrorType))
 """Types of errors that pydantic has messages for."""
 
 
-def _by_type(value: Any) -> Any:
+def _by_type(value: Any, info: ValidationInfo) -> Any:
     """Return the section of the registered kind that `type` names.
 
     Raises:
@@ -30,8 +31,12 @@ def _by_type(value: Any) -> Any:
         raise PydanticCustomError(
             "union_tag_invalid", "{tag} is unknown; {expected_tags}", {"tag": str(kind), "expected_tags": names}
         )
+    section = SENSORS[kind].config
     try:
-        return SENSORS[kind].config.model_validate(value)
+        # As `mmw.config.yaml_file.validated`: of a file, lists become tuples, but the text "42" is no number.
+        if info.mode == "json":
+            return section.model_validate_json(json.dumps(value), strict=True)
+        return section.model_validate(value)
     except ValidationError as error:
         details = []
         for item in error.errors():

@@ -9,10 +9,10 @@ from mmw.dataset.windows.batch import make_batch
 from mmw.dataset.windows.splits import shared_frames, split_windows
 from mmw.dataset.windows.stream import stream_batches, stream_order
 from mmw.dataset.windows.tracks import Track
-from mmw.dataset.windows.window_spec import MODALITIES, Modality, Take, WindowSpec
+from mmw.dataset.windows.window_spec import Take, WindowSpec, modalities
 from mmw.dataset.windows.windows import Windows, open_windows
 
 __all__ = [
-    "MODALITIES", "Modality", "Take", "Track", "WindowSpec", "Windows", "make_batch", "open_windows", "shared_frames",
+    "Take", "Track", "WindowSpec", "Windows", "make_batch", "modalities", "open_windows", "shared_frames",
     "split_windows", "stream_batches", "stream_order",
 ]  # fmt: skip

@@ -1,6 +1,5 @@
 """What a take is read from: numbers and boxes, which are kept in memory."""
 
-import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
@@ -8,12 +7,12 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 import pyarrow as pa
 
-from mmw.core.constants import FRAME_RATE_HZ
+from mmw.config.sensor_spec import SENSORS
 from mmw.core.errors import InputError
 from mmw.core.transforms import normalize
 from mmw.dataset.camera_geometry import POSE_COLUMNS, from_world
 from mmw.dataset.windows.tracks import Held, Track, groups, hold
-from mmw.dataset.windows.window_spec import WITH_SENSOR, Take
+from mmw.dataset.windows.window_spec import Take
 from mmw.storage.schemas import table_spec
 from mmw.usd.semantics import CARLA_TAG
 
@@ -105,15 +104,25 @@ def nothing_held(tracks: Sequence[Track]) -> list[Held]:
 
 
 def sensor_periods(dataset: "Dataset") -> dict[tuple[str, str, str], int]:
-    """Return the frames from one sample to the next of every scenario, agent and sensor in table `sensors`."""
+    """Return the frames from one sample to the next of every scenario, agent and sensor in table `sensors`.
+
+    Raises:
+        InputError: If no installed package knows a sensor's type.
+    """
     if "sensors" not in dataset.tables:
         return {}
-    rows = dataset.read("sensors", columns=["scenario", "agent", "sensor", "params"]).to_pylist()
+    rows = dataset.read("sensors", columns=["scenario", "agent", "sensor", "type", "params"]).to_pylist()
     found = {}
     for row in rows:
-        params = json.loads(row["params"])
-        period = params.get("every_frames", FRAME_RATE_HZ // params["rate_hz"] if "rate_hz" in params else 1)
-        found[row["scenario"], row["agent"], row["sensor"]] = int(period)
+        if row["type"] == "antenna":
+            continue
+        if row["type"] not in SENSORS:
+            raise InputError(
+                f"sensor {row['sensor']!r}: its type {row['type']!r} is not known here; install the package that made "
+                "this dataset"
+            )
+        section = SENSORS[row["type"]].config.model_validate_json(row["params"])
+        found[row["scenario"], row["agent"], row["sensor"]] = section.period_frames
     return found
 
 
@@ -177,7 +186,7 @@ def number_source(dataset: "Dataset", take: Take, tracks: Sequence[Track]) -> Ro
     Raises:
         InputError: If a column is not one of numbers, or an agent has several sensors and none is named.
     """
-    columns, has_sensor = number_columns(take), take.modality in WITH_SENSOR
+    columns, has_sensor = number_columns(take), take.modality in SENSORS
     # A step of float32 is 0.4 m of latitude.
     dtype = np.float64 if take.modality == "gnss" else np.float32
     held, found, count = nothing_held(tracks), [np.zeros((0, len(columns)), dtype=dtype)], 0

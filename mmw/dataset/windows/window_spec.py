@@ -7,42 +7,31 @@ from typing import Literal
 import numpy as np
 
 from mmw.channel.response import subcarrier_frequencies
+from mmw.config.sensor_spec import SENSORS, Modality
 from mmw.core.errors import InputError
 from mmw.dataset.beams import BeamSearch
 
-Kind = Literal["numbers", "boxes", "beams", "csi", "points", "rgb", "depth"]
-
-
-@dataclass(frozen=True)
-class Modality:
-    """One thing that a window can hold."""
-
-    table: str
-    """Table that it is read from."""
-    kind: Kind
-    columns: tuple[str, ...] = ()
-    """Columns unless others are asked for, in the order of the array's last axis."""
-
-
-MODALITIES: dict[str, Modality] = {
+OWN_MODALITIES: dict[str, Modality] = {
     "poses": Modality("poses", "numbers", ("x", "y", "z", "qx", "qy", "qz", "qw", "vx", "vy", "vz", "wx", "wy", "wz")),
-    "imu": Modality("imu", "numbers", ("ax", "ay", "az", "gx", "gy", "gz")),
-    "gnss": Modality("gnss", "numbers", ("latitude_deg", "longitude_deg", "altitude_m", "v_east", "v_north", "v_up")),
     "links": Modality(
         "links", "numbers", ("gain_db", "mean_delay_s", "rms_delay_s", "doppler_spread_hz", "is_los", "path_count")
     ),
     "beams": Modality("paths", "beams"),
     "csi": Modality("paths", "csi"),
     "boxes": Modality("boxes", "boxes"),
-    "lidar": Modality("lidar", "points", ("x", "y", "z", "intensity")),
-    "radar": Modality("radar", "points", ("range", "azimuth", "elevation", "velocity")),
-    "rgb": Modality("rgb", "rgb"),
-    "depth": Modality("depth", "depth"),
 }
-"""Name -> modality."""
+"""Name -> modality that no sensor gives."""
 
-WITH_SENSOR = ("imu", "gnss", "lidar", "radar", "rgb", "depth")
-"""Modalities of a sensor; `hold` of the others is 0 unless it is given."""
+
+def sensor_modalities() -> dict[str, Modality]:
+    """Return the modalities of the registered kinds of sensors by their names."""
+    return {name: spec.window for name, spec in SENSORS.items() if spec.window is not None}
+
+
+def modalities() -> dict[str, Modality]:
+    """Return every modality by its name."""
+    return OWN_MODALITIES | sensor_modalities()
+
 
 WITH_LINK = ("links", "beams", "csi")
 """Modalities of a radio link, in which the agent is the receiver."""
@@ -60,7 +49,7 @@ class Take:
     """
 
     modality: str
-    """A name of `MODALITIES`."""
+    """A name of `modalities()`."""
     span: Literal["past", "future"] = "past"
     """`past` ends with the frame `now`; `future` begins with the first frame after it."""
     every: int = 1
@@ -86,17 +75,17 @@ class Take:
 
     def __post_init__(self) -> None:
         where = f"Take({self.modality!r})"
-        if self.modality not in MODALITIES:
-            raise InputError(f"{where}: no such modality; they are {', '.join(MODALITIES)}; name one of them")
+        if self.modality not in modalities():
+            raise InputError(f"{where}: no such modality; they are {', '.join(modalities())}; name one of them")
         if self.span not in ("past", "future"):
             raise InputError(f"{where}: span = {self.span!r}; it is past or future")
         if self.every < 1 or (self.hold is not None and self.hold < 0):
             raise InputError(f"{where}: every = {self.every}, hold = {self.hold}; every is at least 1, hold 0")
         if self.shrink not in (1, 2, 4, 8):
             raise InputError(f"{where}: shrink = {self.shrink}; it is 1, 2, 4 or 8")
-        kind = MODALITIES[self.modality].kind
+        kind = modalities()[self.modality].kind
         uses = {
-            "sensor": (self.sensor is not None, self.modality in WITH_SENSOR),
+            "sensor": (self.sensor is not None, self.modality in SENSORS),
             "peer": (self.peer is not None, self.modality in WITH_LINK),
             "carrier_hz": (self.carrier_hz is not None, self.modality in WITH_LINK),
             "columns": (self.columns is not None, kind in ("numbers", "points")),
@@ -123,17 +112,17 @@ class Take:
     @property
     def table(self) -> str:
         """Table that it is read from."""
-        return MODALITIES[self.modality].table
+        return modalities()[self.modality].table
 
     @property
-    def kind(self) -> Kind:
+    def kind(self) -> str:
         """How its rows become an array."""
-        return MODALITIES[self.modality].kind
+        return modalities()[self.modality].kind
 
     @property
     def picked(self) -> tuple[str, ...]:
         """Columns in the order of the array's last axis."""
-        return self.columns if self.columns is not None else MODALITIES[self.modality].columns
+        return self.columns if self.columns is not None else modalities()[self.modality].columns
 
 
 @dataclass(frozen=True, eq=False)

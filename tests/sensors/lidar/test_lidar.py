@@ -266,7 +266,7 @@ def test_range_ends_where_the_config_says(device: str) -> None:
 def test_more_rays_than_can_be_counted_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     arrays = two_cars(1)
     views = make_views(arrays, [0], SMALL)
-    monkeypatch.setattr("mmw.sensors.lidar.simulate.MOST_RETURNS", 2 * 16 * 90 - 1)
+    monkeypatch.setattr("mmw.sensors.lidar.simulate.MAX_RETURNS", 2 * 16 * 90 - 1)
     with pytest.raises(ValueError, match=r"lower compute\.batch_frames"):
         trace_lidar_hits(loaded(arrays, "cpu"), views, SMALL)
 

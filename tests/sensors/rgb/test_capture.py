@@ -85,7 +85,7 @@ def record(
         job = Batch(config, config.scenarios[0], arrays, differentiate(arrays.poses), scene, None, pool, StageTimer())
         for frames in batches:
             scene.load_batch(frames)
-            cameras.record_cameras(job, frames, rows)
+            cameras.capture_cameras(job, config.sensors, frames, rows)
     return rows
 
 
