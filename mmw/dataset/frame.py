@@ -31,7 +31,7 @@ Row = dict[str, Any]
 
 
 @dataclass(frozen=True)
-class Cloud:
+class PointCloud:
     """Points of one LiDAR or radar at one instant."""
 
     agent: str
@@ -196,12 +196,12 @@ class Agent:
         return SimpleNamespace(**found[0]) if found else None
 
     @cached_property
-    def sweeps(self) -> dict[str, Cloud]:
+    def sweeps(self) -> dict[str, PointCloud]:
         """LiDAR -> its sweep."""
         return {row["sensor"]: self._cloud(row, _xyz) for row in self._rows("lidar")}
 
     @cached_property
-    def radars(self) -> dict[str, Cloud]:
+    def radars(self) -> dict[str, PointCloud]:
         """Radar -> its points."""
         return {row["sensor"]: self._cloud(row, _from_polar) for row in self._rows("radar")}
 
@@ -238,9 +238,9 @@ class Agent:
     def _rows(self, table: str) -> list[Row]:
         return [row for row in self.frame.rows(table) if row["agent"] == self.name]
 
-    def _cloud(self, row: Row, points: Callable[[dict[str, np.ndarray]], np.ndarray]) -> Cloud:
+    def _cloud(self, row: Row, points: Callable[[dict[str, np.ndarray]], np.ndarray]) -> PointCloud:
         columns = {name: value for name, value in row.items() if isinstance(value, np.ndarray)}
-        return Cloud(self.name, row["sensor"], self.sensor_pose(row["sensor"]), points(columns), columns)
+        return PointCloud(self.name, row["sensor"], self.sensor_pose(row["sensor"]), points(columns), columns)
 
 
 @dataclass(frozen=True)
@@ -372,12 +372,12 @@ def _values(column: pa.ChunkedArray) -> list[Any]:
     return column.to_pylist()
 
 
-def lidar_points(agent: Agent, sensor: str) -> Cloud | None:
+def lidar_points(agent: Agent, sensor: str) -> PointCloud | None:
     """Return the sweep of a LiDAR; None if there is none."""
     return agent.sweeps.get(sensor)
 
 
-def radar_points(agent: Agent, sensor: str) -> Cloud | None:
+def radar_points(agent: Agent, sensor: str) -> PointCloud | None:
     """Return the points of a radar; None if there are none."""
     return agent.radars.get(sensor)
 

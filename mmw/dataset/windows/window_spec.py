@@ -41,7 +41,7 @@ CSI_HZ = tuple(subcarrier_frequencies(64, 120e3).tolist())
 
 
 @dataclass(frozen=True, eq=False)
-class Take:
+class Feature:
     """One modality of a window, with its own rate.
 
     Raises:
@@ -58,7 +58,7 @@ class Take:
     """Sensor name; None takes the only one that the table has of an agent."""
     columns: tuple[str, ...] | None = None
     """Number columns instead of the modality's own; of point clouds its lists."""
-    hold: int | None = None
+    max_age_frames: int | None = None
     """Frames that a sample may be older than the frame it stands for; None: as the sensor is sampled, else 0."""
     peer: str | None = None
     """Transmitter of the link; None takes the only roadside unit of the scenario."""
@@ -74,13 +74,16 @@ class Take:
     """Key in a sample; None makes `lidar`, `rgb_front`, `future_beams`."""
 
     def __post_init__(self) -> None:
-        where = f"Take({self.modality!r})"
+        where = f"Feature({self.modality!r})"
         if self.modality not in modalities():
             raise InputError(f"{where}: no such modality; they are {', '.join(modalities())}; name one of them")
         if self.span not in ("past", "future"):
             raise InputError(f"{where}: span = {self.span!r}; it is past or future")
-        if self.every < 1 or (self.hold is not None and self.hold < 0):
-            raise InputError(f"{where}: every = {self.every}, hold = {self.hold}; every is at least 1, hold 0")
+        if self.every < 1 or (self.max_age_frames is not None and self.max_age_frames < 0):
+            raise InputError(
+                f"{where}: every = {self.every}, max_age_frames = {self.max_age_frames}; every is at least 1, "
+                "max_age_frames 0"
+            )
         if self.shrink not in (1, 2, 4, 8):
             raise InputError(f"{where}: shrink = {self.shrink}; it is 1, 2, 4 or 8")
         kind = modalities()[self.modality].kind
@@ -104,9 +107,19 @@ class Take:
             "_"
         )
 
-    def has_source_of(self, other: "Take") -> bool:
+    def has_source_of(self, other: "Feature") -> bool:
         """Return whether both take the same samples, of whatever frames."""
-        names = ("modality", "sensor", "columns", "hold", "peer", "carrier_hz", "search", "frequencies_hz", "shrink")
+        names = (
+            "modality",
+            "sensor",
+            "columns",
+            "max_age_frames",
+            "peer",
+            "carrier_hz",
+            "search",
+            "frequencies_hz",
+            "shrink",
+        )
         return all(getattr(self, name) == getattr(other, name) for name in names)
 
     @property
@@ -133,8 +146,8 @@ class WindowSpec:
         InputError: If a length is too small, nothing is taken, or two things have one name.
     """
 
-    takes: Sequence[Take | str]
-    """What a window holds; a text is `Take(text)`."""
+    takes: Sequence[Feature | str]
+    """What a window holds; a text is `Feature(text)`."""
     past: int
     """Past frames P, `now` included."""
     future: int = 0
@@ -145,12 +158,12 @@ class WindowSpec:
     """Frames from one frame of a window to the next; all frames in between must be there too."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "takes", tuple(t if isinstance(t, Take) else Take(t) for t in self.takes))
+        object.__setattr__(self, "takes", tuple(t if isinstance(t, Feature) else Feature(t) for t in self.takes))
         if self.past < 1 or self.future < 0 or self.stride < 1 or self.step < 1:
             sizes = f"past = {self.past}, future = {self.future}, stride = {self.stride}, step = {self.step}"
             raise InputError(f"WindowSpec: {sizes}; future is at least 0, the others 1")
         if not self.takes:
-            raise InputError("WindowSpec: takes is empty; name what a window holds, such as Take('beams')")
+            raise InputError("WindowSpec: takes is empty; name what a window holds, such as Feature('beams')")
         keys = ["now", "track", *(key for take in self.all_takes for key in (take.key, f"{take.key}_frame"))]
         twice = sorted({key for key in keys if keys.count(key) > 1})
         if twice:
@@ -163,9 +176,9 @@ class WindowSpec:
                 )
 
     @property
-    def all_takes(self) -> tuple[Take, ...]:
+    def all_takes(self) -> tuple[Feature, ...]:
         """`takes`, none of them a text."""
-        return tuple(take for take in self.takes if isinstance(take, Take))
+        return tuple(take for take in self.takes if isinstance(take, Feature))
 
     @property
     def before(self) -> int:
@@ -177,7 +190,7 @@ class WindowSpec:
         """Frames from `now` to the last future frame."""
         return self.future * self.step
 
-    def offsets(self, take: Take) -> np.ndarray:
+    def offsets(self, take: Feature) -> np.ndarray:
         """Return the frames that a take has samples for, counted from `now`, growing, shape [T], int64."""
         if take.span == "future":
             return np.arange(take.every, self.future + 1, take.every) * self.step
