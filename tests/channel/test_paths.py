@@ -318,7 +318,7 @@ def test_every_ray_of_the_lattice_is_launched_once(ray_count: int, device: str) 
     scene = DeviceScene(arrays, device, 1)
     scene.load_batch([0])
     table, source = make_surface_table(scene), arrays.poses[:, -2, :3]
-    seen = launch_rays(scene, np.zeros(1, np.int32), source, table)[0].numpy()[0]
+    seen = launch_rays(scene, np.zeros(1, np.int32), source, ray_count, table)[0].numpy()[0]
     index = np.arange(ray_count)
     z, azimuth = 1 - 2 * index / (ray_count - 1), 2 * np.pi * (index * (np.sqrt(5) - 1) / 2 % 1)
     across = np.sqrt(1 - z**2)

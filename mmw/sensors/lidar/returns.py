@@ -72,10 +72,14 @@ def find_returns(
     See `mmw.sensors.lidar.simulate.find_lidar_returns`.
     """
     if not materials:
-        raise ValueError("shade_lidar: no materials; every id of the scene needs one; pass arrays.materials[weather]")
+        raise ValueError(
+            "find_lidar_returns: no materials; every id of the scene needs one; pass arrays.materials[weather]"
+        )
     views = hits.shape[0]
     if keys.shape != (views, 2):
-        raise ValueError(f"shade_lidar: keys of shape {keys.shape}; {views} views need ({views}, 2); use view_keys")
+        raise ValueError(
+            f"find_lidar_returns: keys of shape {keys.shape}; {views} views need ({views}, 2); use view_keys"
+        )
     slots = 2 if hits.config.returns == "dual" else 1
     returns = wp.empty((*hits.shape, slots), dtype=lidar_returns.LidarReturn, device=hits.device)
     count = wp.empty(hits.shape, dtype=int, device=hits.device)
