@@ -1,5 +1,6 @@
 """Describe a kind of sensor in one object, which everything that handles sensors asks."""
 
+import builtins
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
@@ -63,7 +64,7 @@ class SensorSpec:
     """Name for people, such as `LiDAR`."""
     kind: Literal["points", "image", "scalar", "signal"]
     """Shape of a sample, by which viewers and exporters choose what they can show or carry."""
-    config: type[SensorConfig]
+    config: "builtins.type[SensorConfig]"
     """Section of the configuration."""
     tables: "tuple[TableSpec, ...]"
     """Tables that the sensor fills, the primary one first. Sensors that fill one table name the same object."""
