@@ -32,7 +32,7 @@ Point = Sequence[float]
 
 @dataclass(frozen=True)
 class Viewpoint:
-    """Where a picture is taken from: one of its three kinds, or none of them."""
+    """Viewpoint of a picture: one of three kinds, or none."""
 
     agent: str = ""
     """Agent that carries `camera`."""
