@@ -8,11 +8,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from bench.scenes import grid_town, with_vehicles
-from mmw.config import RgbCamera, load_config
+from mmw.config import load_config
 from mmw.physics.weather.weather import PRESETS
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.prepare import prepare_scenario, read_scenario
 from mmw.scene.scene_data import SceneData
+from mmw.sensors import RgbCamera
 from mmw.sensors.camera_group.launches import Launch, make_launches
 from mmw.sensors.rgb.config import paper_cameras
 from mmw.sensors.rgb.simulate import RgbRenderer

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from mmw.config import Config, config_path, load_config
-from mmw.generation.estimate import scenario_source
 from mmw.scene.prepare import make_tracks
+from mmw.scene.sources import scenario_source
 from mmw.usd.vehicle_catalog import load_catalog
 
 NEAR_M = 3.0

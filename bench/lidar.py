@@ -19,11 +19,11 @@ import warp as wp
 
 from bench.rays import machine
 from bench.scenes import grid_town, shipped_town, with_vehicles
-from mmw.config import Lidar
 from mmw.physics.weather.weather import PRESETS
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.scene_data import SceneData
 from mmw.scene.views import make_views, view_keys
+from mmw.sensors import Lidar
 from mmw.sensors.lidar.returns import LidarHits, shade_on_device
 from mmw.sensors.lidar.simulate import find_lidar_returns, trace_lidar_hits
 

@@ -31,13 +31,13 @@ from PIL import Image
 from bench.camera_views import SCENARIOS, camera_scene, launch_of, rgb_camera
 from bench.lidar import seconds_of
 from bench.rays import machine
-from mmw.config import RgbCamera
 from mmw.core.camera_models import Intrinsics
 from mmw.core.transforms import compose
 from mmw.physics.weather.weather import PRESETS, Weather
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.stage.sensor_prims import SENSOR_TO_CAMERA
 from mmw.scene.views import Views, view_keys
+from mmw.sensors import RgbCamera
 from mmw.sensors.camera_group.launches import Launch
 from mmw.sensors.render.sky.sky import sun_direction
 from mmw.sensors.render.visibility_buffer import depth_images, trace_samples

@@ -31,13 +31,13 @@ import warp as wp
 from bench import first_hit
 from bench.scenes import grid_town, shipped_town, with_vehicles
 from mmw import __version__
-from mmw.config import Lidar
-from mmw.config.compute import BVH_VARIABLE
+from mmw.core.bvh_default import BVH_VARIABLE
 from mmw.core.bvh_kind import kind_to_build, select_bvh
 from mmw.core.transforms import compose, pose_from_mount
 from mmw.kernels.core import structs
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.scene_data import SceneData
+from mmw.sensors import Lidar
 from mmw.sensors.lidar.scan_pattern import lidar_order, lidar_pattern, pinhole
 
 

@@ -25,12 +25,12 @@ from bench.camera_views import SCENARIOS, camera_scene, launch_of, rgb_camera
 from bench.kernel_times import KernelTimes
 from bench.lidar import seconds_of
 from bench.rays import machine
-from mmw.config import RgbCamera
 from mmw.core.cuda import keep_memory
 from mmw.core.device import GPU_BYTES_A_WORKER
 from mmw.core.transfer import to_host
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.views import view_keys
+from mmw.sensors import RgbCamera
 from mmw.sensors.camera_group.capture import TRACED_RANGE
 from mmw.sensors.camera_group.launches import Launch, most_pixels
 from mmw.sensors.render.jpeg import jpeg_files

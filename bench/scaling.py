@@ -21,9 +21,10 @@ import warp as wp
 from bench.rays import PRESETS, Preset, machine
 from bench.scaling_frames import FramePoint, Frames, connected, scenario_arrays, scenario_config, with_bodies
 from bench.scaling_towns import TownPoint, finer_towns, larger_towns, measure_town
-from mmw.config import Config, Lidar, RgbCamera
+from mmw.config import Config
 from mmw.physics.weather.weather import PRESETS as WEATHERS
 from mmw.scene.scene_data import SceneData
+from mmw.sensors import Lidar, RgbCamera
 from mmw.sensors.batch import Batch
 
 STEPS = Lidar().points_per_channel

@@ -24,8 +24,8 @@ from bench.camera_views import SCENARIOS, camera_scene
 from bench.scaling_towns import device_bytes
 from bench.scenes import grid_town, with_vehicles
 from mmw.config import Config, load_config
+from mmw.core.timing import StageTimer
 from mmw.generation.pipeline import is_out_of_memory, make_job, record_frames
-from mmw.generation.progress import StageTimer
 from mmw.scene.device_scene import instance_actors
 from mmw.scene.scene_data import MODEL_NONE, Actor, SceneData, SceneObject
 from mmw.sensors.batch import Batch

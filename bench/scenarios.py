@@ -17,8 +17,8 @@ from typing import Any
 from bench.link_census import LinkCensus, census
 from bench.traffic_check import Measures, measure
 from mmw.config import Config, load_config
-from mmw.generation.estimate import scenario_source
 from mmw.scene.prepare import make_tracks, prepare_scenario, read_scenario
+from mmw.scene.sources import scenario_source
 from mmw.traffic.roads.town_asset import open_town
 from mmw.usd.vehicle_catalog import load_catalog
 

@@ -31,13 +31,13 @@ from PIL import Image
 
 from bench.camera_views import SCENARIOS, camera_scene, rgb_camera
 from bench.rays import machine
-from mmw.config import RgbCamera
 from mmw.core.random_keys import random_keys
 from mmw.core.transforms import compose, invert, pose_from_mount, rotate, transform_points
 from mmw.physics.weather.weather import PRESETS
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.scene_data import SceneData
 from mmw.scene.views import Views
+from mmw.sensors import RgbCamera
 from mmw.sensors.camera_group.capture import TRACED_RANGE
 from mmw.sensors.render.image_config import ImageConfig
 from mmw.sensors.render.projection import intrinsics_of

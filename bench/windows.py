@@ -24,7 +24,7 @@ from torch.utils.data import DataLoader
 
 from bench.rays import machine
 from mmw.dataset import Dataset, open_dataset
-from mmw.dataset.windows import Take, Windows, WindowSpec, open_windows
+from mmw.dataset.windows import Feature, Windows, WindowSpec, open_windows
 from mmw.dataset.windows.file_sources import FileSource
 from mmw.dataset.windows.windows import CACHE_BYTES
 from mmw.storage.manifest import finalize, prepare_root
@@ -88,8 +88,8 @@ def repeated(rows: pa.Table, begin: int, end: int, every: int) -> pa.Table:
 def contents(windows_of: Path, order: str, stride: int, carrier_hz: float, shrink: int) -> dict[str, Windows]:
     """Return windows of several contents of one dataset."""
     room = CACHE_BYTES if order == "stream" else RANDOM_BYTES
-    beams = [Take("beams", carrier_hz=carrier_hz), Take("beams", span="future", carrier_hz=carrier_hz)]
-    lidar, image = Take("lidar", every=10), Take("rgb", sensor="front", every=10, shrink=shrink)
+    beams = [Feature("beams", carrier_hz=carrier_hz), Feature("beams", span="future", carrier_hz=carrier_hz)]
+    lidar, image = Feature("lidar", every=10), Feature("rgb", sensor="front", every=10, shrink=shrink)
     takes = {
         "beams": beams,
         "4 LiDAR": [*beams, lidar],

@@ -10,7 +10,7 @@ import pyarrow as pa
 from examples.beam_prediction.config import FeatureConfig, RadioConfig, WindowConfig
 from mmw.core.errors import InputError
 from mmw.dataset import Dataset
-from mmw.dataset.windows import Take, Windows, WindowSpec, open_windows, shared_frames, split_windows
+from mmw.dataset.windows import Feature, Windows, WindowSpec, open_windows, shared_frames, split_windows
 
 
 def find_windows(dataset: Dataset, radio: RadioConfig, config: WindowConfig, features: FeatureConfig) -> Windows:
@@ -25,7 +25,7 @@ def find_windows(dataset: Dataset, radio: RadioConfig, config: WindowConfig, fea
         config: Weathers, length and stride of windows.
         features: How often sensors are sampled.
     """
-    path_count = Take("links", columns=("path_count",), carrier_hz=radio.carrier_hz)
+    path_count = Feature("links", columns=("path_count",), carrier_hz=radio.carrier_hz)
     spec = WindowSpec([path_count], config.past, config.future, config.stride)
     return held_from(open_windows(dataset, spec, weathers=config.weathers, agents=["cav"]), features)
 

@@ -84,7 +84,7 @@ RAY = """
     }
     float nearest = t_max;
     int nearest_face = -1;
-    int waiting[MOST_WAITING];
+    int waiting[MAX_WAITING];
     int size = 0;
     int node = root;
     while (true) {
@@ -273,7 +273,7 @@ def _walk(cuda_order: str, cpu_order: str, found: str, end: str) -> str:
     cuda = CUDA_BOXES + cuda_order + CUDA_LEAF.replace("FOUND", found)
     cpu = CPU_BOXES + cpu_order + CPU_LEAF.replace("FOUND", found)
     code = f"{RAY}#ifdef __CUDA_ARCH__\n{cuda}#else\n{cpu}#endif\n{NEXT.replace('RETURN', end)}"
-    sizes = {"MOST_WAITING": MAX_WAITING, "NODE_NUMBERS": 4 * NODE_ROWS, "LEAF_NUMBERS": 4 * LEAF_ROWS}
+    sizes = {"MAX_WAITING": MAX_WAITING, "NODE_NUMBERS": 4 * NODE_ROWS, "LEAF_NUMBERS": 4 * LEAF_ROWS}
     for name, size in sizes.items():
         code = code.replace(name, str(size))
     return code

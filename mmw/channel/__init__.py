@@ -34,13 +34,13 @@ if TYPE_CHECKING:
 
 _HOME = {
     "PatternTable": "antennas.patterns",
-    **dict.fromkeys(("plane_wave_error", "rotations_from_poses", "synthesize"), "antennas.array_response"),
+    **dict.fromkeys(("plane_wave_error", "rotations_from_poses", "apply_arrays"), "antennas.array_response"),
     **dict.fromkeys(("PlanarArray", "ula", "upa"), "antennas.arrays"),
     **dict.fromkeys(("beam_gains", "best_beams", "dft_codebook", "normalized_gain"), "codebook"),
     **dict.fromkeys(
         ("complex_gain", "frequency_response", "impulse_response", "subcarrier_frequencies", "taps"), "response"
     ),
-    "element_links": "antennas.element_links",
+    "per_element_links": "antennas.per_element_links",
     **dict.fromkeys(("LINK_COLUMNS", "PATH_COLUMNS", "Paths", "rows_from_paths"), "path_table"),
     **dict.fromkeys(("PathTracks", "tracks_from_paths", "tracks_from_table"), "path_tracks"),
 }

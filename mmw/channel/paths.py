@@ -5,12 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mmw.core.constants import SPEED_OF_LIGHT
-
-SPECULAR, DIFFUSE, TRANSMISSION, DIFFRACTION = 1, 2, 4, 8
-"""What a wave does on its way; the numbers are those of Sionna RT. 0 stands behind the last interaction."""
-
-INTERACTIONS = {SPECULAR: "specular", DIFFUSE: "diffuse", TRANSMISSION: "transmission", DIFFRACTION: "diffraction"}
-"""Name of each interaction."""
+from mmw.physics.em.interaction import DIFFRACTION, DIFFUSE, SPECULAR, TRANSMISSION
 
 PATH_KINDS = ("los", "specular", "transmission", "diffuse", "diffraction")
 """Name of each kind of path."""

@@ -88,3 +88,6 @@ PATHS = TableSpec(
     ),
     ("frame", "agent", "peer", "carrier_hz", "path"),
 )
+
+TABLES = (LINKS, PATHS)
+"""Tables of the radio channel."""

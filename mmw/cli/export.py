@@ -33,9 +33,9 @@ def main(argv: Sequence[str], prog: str = "mmw export") -> int:
 
 
 def _list() -> int:
-    from mmw.dataset.export.registry import MODULES, load_format
+    from mmw.dataset.export.registry import EXPORTERS, load_format
 
-    for name in sorted(MODULES):
+    for name in sorted(EXPORTERS):
         form = load_format(name)
         print(f"{name}: {form.summary}")
         for option in form.options:

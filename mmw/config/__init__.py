@@ -7,38 +7,13 @@ from mmw.config.load import load_config
 from mmw.config.model import Config
 from mmw.config.output import OutputConfig
 from mmw.config.scenario import FramesConfig, RsuConfig, ScenarioConfig, TrafficConfig
+from mmw.config.sensor import MountConfig, SensorConfig
 from mmw.config.sensors import AnySensor
 from mmw.config.shipped import CONFIG_HELP, config_path
 from mmw.config.yaml_file import ConfigError
-from mmw.sensors.base_config import MountConfig, SensorConfig
-from mmw.sensors.depth.config import DepthCamera
-from mmw.sensors.gnss.config import Gnss
-from mmw.sensors.imu.config import Imu
-from mmw.sensors.lidar.config import Lidar
-from mmw.sensors.radar.config import Radar
-from mmw.sensors.rgb.config import RgbCamera
 
 __all__ = [
-    "CONFIG_HELP",
-    "AirConfig",
-    "AnySensor",
-    "ChannelConfig",
-    "ComputeConfig",
-    "Config",
-    "ConfigError",
-    "DepthCamera",
-    "FramesConfig",
-    "Gnss",
-    "Imu",
-    "Lidar",
-    "MountConfig",
-    "OutputConfig",
-    "Radar",
-    "RgbCamera",
-    "RsuConfig",
-    "ScenarioConfig",
-    "SensorConfig",
-    "TrafficConfig",
-    "config_path",
+    "CONFIG_HELP", "AirConfig", "AnySensor", "ChannelConfig", "ComputeConfig", "Config", "ConfigError", "FramesConfig",
+    "MountConfig", "OutputConfig", "RsuConfig", "ScenarioConfig", "SensorConfig", "TrafficConfig", "config_path",
     "load_config",
 ]  # fmt: skip

@@ -1,31 +1,12 @@
 """`compute`: what traces and how much at a time. It changes no data but last bits (`docs/concepts/determinism.md`)."""
 
-import os
-from typing import Literal, get_args
+from typing import Literal
 
 from pydantic import Field, field_validator
 
 from mmw.config.section import Section
+from mmw.core.bvh_default import BvhKind, default_bvh
 from mmw.core.errors import InputError
-
-BvhKind = Literal["wide", "warp"]
-BVH_KINDS: tuple[BvhKind, ...] = get_args(BvhKind)
-
-BVH_VARIABLE = "MMW_BVH"
-"""Environment variable that is the default of `compute.bvh`, and the choice of commands without a configuration."""
-
-
-def default_bvh() -> BvhKind:
-    """Return the trees of a process for which no configuration chooses: those of `MMW_BVH`, or our own.
-
-    Raises:
-        InputError: If the variable names no kind.
-    """
-    name = os.environ.get(BVH_VARIABLE) or "wide"
-    for kind in BVH_KINDS:
-        if name == kind:
-            return kind
-    raise InputError(f"{BVH_VARIABLE} = {name!r} in the environment; set it to {' or '.join(BVH_KINDS)}, or unset it")
 
 
 class ComputeConfig(Section):

@@ -9,6 +9,7 @@ import yaml
 from mmw.config.include import include_scenarios
 from mmw.config.model import Config
 from mmw.config.overrides import set_value
+from mmw.config.sensors import add_sensor_schemas
 from mmw.config.shipped import config_path
 from mmw.config.yaml_file import ConfigError, Loader, read_yaml, reason_of, validated
 from mmw.core.errors import InputError
@@ -66,6 +67,7 @@ def _read(path: Path) -> dict[str, Any]:
 def json_schema() -> dict[str, Any]:
     """Return the JSON Schema of the file format, for editors; `configs/mmw.schema.json` is its committed copy."""
     schema = Config.model_json_schema()
+    add_sensor_schemas(schema)
     items = schema["properties"]["scenarios"]
     path = {"type": "string", "description": "another configuration file, whose scenarios and frames are taken (path)"}
     items["items"] = {"anyOf": [items["items"], path]}

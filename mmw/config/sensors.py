@@ -1,19 +1,79 @@
 """`sensors`: what every agent carries. Defaults are the values of the paper's sensor table."""
 
-from typing import Annotated
+import json
+from typing import Annotated, Any, get_args
 
-from pydantic import Field
+from pydantic import BeforeValidator, GetJsonSchemaHandler, SerializeAsAny, ValidationError, ValidationInfo
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError
+from pydantic_core.core_schema import ErrorType
 
-from mmw.sensors.depth.config import DepthCamera
-from mmw.sensors.gnss.config import Gnss
-from mmw.sensors.imu.config import Imu
-from mmw.sensors.lidar.config import Lidar
-from mmw.sensors.radar.config import Radar
-from mmw.sensors.rgb.config import RgbCamera, paper_cameras
+from mmw.config.sensor import SensorConfig
+from mmw.config.sensor_spec import SENSORS
 
-AnySensor = Annotated[Lidar | RgbCamera | DepthCamera | Imu | Radar | Gnss, Field(discriminator="type")]
+_PYDANTIC_ERRORS = frozenset(get_args(ErrorType))
+"""Types of errors that pydantic has messages for."""
 
 
-def default_sensors() -> tuple[Lidar | RgbCamera | DepthCamera | Imu | Radar | Gnss, ...]:
+def _by_type(value: Any, info: ValidationInfo) -> Any:
+    """Return the section of the registered kind that `type` names.
+
+    Raises:
+        ValidationError: With the type in front of each location, as pydantic has it for a tagged union.
+    """
+    if not isinstance(value, dict):
+        return value
+    kind = value.get("type")
+    if kind is None:
+        raise PydanticCustomError("union_tag_not_found", "type is missing")
+    if not isinstance(kind, str) or kind not in SENSORS:
+        names = ", ".join(repr(name) for name in SENSORS)
+        raise PydanticCustomError(
+            "union_tag_invalid", "{tag} is unknown; {expected_tags}", {"tag": str(kind), "expected_tags": names}
+        )
+    section = SENSORS[kind].config
+    try:
+        # As `mmw.config.yaml_file.validated`: of a file, lists become tuples, but the text "42" is no number.
+        if info.mode == "json":
+            return section.model_validate_json(json.dumps(value), strict=True)
+        return section.model_validate(value)
+    except ValidationError as error:
+        details = []
+        for item in error.errors():
+            name: Any = item["type"]
+            if name not in _PYDANTIC_ERRORS:
+                name = PydanticCustomError(name, item["msg"].replace("{", "{{").replace("}", "}}"))
+            location = (kind, *item["loc"])
+            details.append(InitErrorDetails(type=name, loc=location, input=item["input"], ctx=item.get("ctx", {})))
+        raise ValidationError.from_exception_data(error.title, details) from None
+
+
+class _Schema:
+    """JSON schema of a sensor: nothing yet; see `add_sensor_schemas`."""
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        return {}
+
+
+def add_sensor_schemas(schema: dict[str, Any]) -> None:
+    """Fill the schemas of all registered kinds into the JSON schema of a configuration."""
+    definitions, mapping = dict(schema["$defs"]), {}
+    for name, spec in SENSORS.items():
+        own = spec.config.model_json_schema()
+        definitions |= own.pop("$defs", {})
+        definitions[spec.config.__name__] = own
+        mapping[name] = f"#/$defs/{spec.config.__name__}"
+    schema["$defs"] = dict(sorted(definitions.items()))
+    schema["properties"]["sensors"]["items"] = {
+        "discriminator": {"mapping": mapping, "propertyName": "type"},
+        "oneOf": [{"$ref": reference} for reference in mapping.values()],
+    }
+
+
+AnySensor = Annotated[SerializeAsAny[SensorConfig], BeforeValidator(_by_type), _Schema()]
+"""A sensor of any registered kind."""
+
+
+def default_sensors() -> tuple[SensorConfig, ...]:
     """Return the paper's suite."""
-    return (Lidar(), DepthCamera(), Imu(), Gnss(), Radar(), *paper_cameras())
+    return tuple(sensor for spec in SENSORS.values() for sensor in spec.defaults())

@@ -10,6 +10,9 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
+from mmw.config.sensor import SensorConfig
+from mmw.config.sensor_spec import SENSORS
+
 Key = tuple[str | int, ...]
 
 _NEEDED = {
@@ -104,7 +107,9 @@ def models_in(model: type[BaseModel], name: str) -> Iterator[type[BaseModel]]:
     """Yield the sections that a field holds, in lists, maps and unions too."""
 
     def find(annotation: Any) -> Iterator[type[BaseModel]]:
-        if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        if annotation is SensorConfig:
+            yield from (spec.config for spec in SENSORS.values())
+        elif isinstance(annotation, type) and issubclass(annotation, BaseModel):
             yield annotation
         for argument in get_args(annotation):
             yield from find(argument)

@@ -6,7 +6,7 @@ from importlib import import_module
 import warp as wp
 
 import mmw.kernels
-from mmw.config.compute import BVH_KINDS, BVH_VARIABLE, default_bvh
+from mmw.core.bvh_default import BVH_KINDS, BVH_VARIABLE, default_bvh
 from mmw.core.errors import InputError
 from mmw.kernels.core import bvh as tree
 

@@ -3,13 +3,16 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
 
+from mmw.config.sensor_spec import SENSORS
 from mmw.core.constants import FRAME_DT
 from mmw.core.errors import InputError
+from mmw.core.registry import load_reference
 from mmw.core.transforms import compose
 from mmw.dataset.camera_geometry import Camera, box_corners, intrinsics_from_row, pose_from_row, to_world
 from mmw.storage.codecs.images import (
@@ -28,7 +31,7 @@ Row = dict[str, Any]
 
 
 @dataclass(frozen=True)
-class Cloud:
+class PointCloud:
     """Points of one LiDAR or radar at one instant."""
 
     agent: str
@@ -173,13 +176,32 @@ class Agent:
         """Sensor -> its row of table `sensors`."""
         return {row["sensor"]: row for row in self.frame.sensor_rows if row["agent"] == self.name}
 
+    def sensor(self, name: str) -> Any:
+        """Return the sample of one of its sensors in this frame; None if there is none.
+
+        A LiDAR or radar gives its points, a camera its images, any other sensor the columns of its row as attributes.
+
+        Raises:
+            InputError: If it has no such sensor, or no package that is installed knows its type.
+        """
+        kind = self._mount(name)["type"]
+        if kind not in SENSORS:
+            raise InputError(
+                f"sensor {name!r}: its type {kind!r} is not known here; install the package that made this dataset"
+            )
+        spec = SENSORS[kind]
+        if spec.decode:
+            return load_reference(spec.decode)(self, name)
+        found = [row for row in self._rows(spec.tables[0].name) if row["sensor"] == name]
+        return SimpleNamespace(**found[0]) if found else None
+
     @cached_property
-    def sweeps(self) -> dict[str, Cloud]:
+    def sweeps(self) -> dict[str, PointCloud]:
         """LiDAR -> its sweep."""
         return {row["sensor"]: self._cloud(row, _xyz) for row in self._rows("lidar")}
 
     @cached_property
-    def radars(self) -> dict[str, Cloud]:
+    def radars(self) -> dict[str, PointCloud]:
         """Radar -> its points."""
         return {row["sensor"]: self._cloud(row, _from_polar) for row in self._rows("radar")}
 
@@ -216,9 +238,9 @@ class Agent:
     def _rows(self, table: str) -> list[Row]:
         return [row for row in self.frame.rows(table) if row["agent"] == self.name]
 
-    def _cloud(self, row: Row, points: Callable[[dict[str, np.ndarray]], np.ndarray]) -> Cloud:
+    def _cloud(self, row: Row, points: Callable[[dict[str, np.ndarray]], np.ndarray]) -> PointCloud:
         columns = {name: value for name, value in row.items() if isinstance(value, np.ndarray)}
-        return Cloud(self.name, row["sensor"], self.sensor_pose(row["sensor"]), points(columns), columns)
+        return PointCloud(self.name, row["sensor"], self.sensor_pose(row["sensor"]), points(columns), columns)
 
 
 @dataclass(frozen=True)
@@ -348,6 +370,21 @@ def _values(column: pa.ChunkedArray) -> list[Any]:
     if pa.types.is_list(column.type) and not pa.types.is_string(column.type.value_type):
         return [value.values.to_numpy(zero_copy_only=False) if value.is_valid else None for value in column]
     return column.to_pylist()
+
+
+def lidar_points(agent: Agent, sensor: str) -> PointCloud | None:
+    """Return the sweep of a LiDAR; None if there is none."""
+    return agent.sweeps.get(sensor)
+
+
+def radar_points(agent: Agent, sensor: str) -> PointCloud | None:
+    """Return the points of a radar; None if there are none."""
+    return agent.radars.get(sensor)
+
+
+def camera_view(agent: Agent, sensor: str) -> View:
+    """Return the images and the projection of a camera."""
+    return agent.views[sensor]
 
 
 def _xyz(columns: dict[str, np.ndarray]) -> np.ndarray:

@@ -1,13 +1,14 @@
 """What a user should know before a run: settings that are allowed and most likely not meant. One line each."""
 
-from mmw.config import Config, Gnss, RgbCamera, ScenarioConfig, SensorConfig
+from mmw.config import Config, ScenarioConfig
+from mmw.config.sensor_spec import spec_of
 from mmw.scene.scene_data import SceneData
 
 
 def notes(arrays: SceneData, config: Config, scenario: ScenarioConfig) -> list[str]:
     """Return every note on a scenario."""
     lines = [*missing_links(arrays, config), *missing_carriers(arrays, config), *missing_samples(config, scenario)]
-    if any(isinstance(sensor, RgbCamera) for sensor in config.sensors):
+    if any(spec_of(sensor).needs_appearance for sensor in config.sensors):
         lines += arrays.look_notes
     return lines
 
@@ -41,13 +42,6 @@ def missing_samples(config: Config, scenario: ScenarioConfig) -> list[str]:
     return [
         f"sensors: {sensor.name} samples frames 0, {period}, {2 * period}, ...; none of "
         f"{frames.start} to {frames.stop - 1} is one: no rows of it"
-        for sensor, period in ((sensor, period_frames(sensor)) for sensor in config.sensors)
+        for sensor, period in ((sensor, sensor.period_frames) for sensor in config.sensors)
         if -(-frames.start // period) * period >= frames.stop
     ]
-
-
-def period_frames(sensor: SensorConfig) -> int:
-    """Return the frames from one sample of a sensor to the next; 1 for sensors that have no rate of their own."""
-    if isinstance(sensor, Gnss):
-        return sensor.period_frames
-    return sensor.every_frames if isinstance(sensor, RgbCamera) else 1

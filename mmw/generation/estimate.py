@@ -1,67 +1,22 @@
 """What a configuration asks for, before anything is traced: inputs that must exist, frames, rays and bytes."""
 
 import functools
-import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from pxr import Usd
 
-from mmw.config import (
-    ChannelConfig,
-    Config,
-    ConfigError,
-    DepthCamera,
-    Gnss,
-    Imu,
-    Lidar,
-    Radar,
-    RgbCamera,
-    ScenarioConfig,
-)
-from mmw.config.scenario import TOWN_SUFFIXES
+from mmw.config import ChannelConfig, Config, ConfigError, ScenarioConfig
+from mmw.config.sensor_spec import spec_of
 from mmw.core.errors import InputError
-from mmw.core.resources import town_path
 from mmw.generation.progress import si
 from mmw.physics.materials.permittivity import RADIO_ROWS
 from mmw.physics.weather.weather import choose_variant
-from mmw.sensors.radar.simulate import ray_count
+from mmw.scene.sources import scenario_source, trajectory_file, weather_variants
 from mmw.storage.schemas import TABLES
 from mmw.traffic.sumo.engine import check_sumo
 from mmw.usd.actors import find_actors
 from mmw.usd.material_map import unknown_names
-from mmw.usd.open_stage import open_stage
-
-FRAMED_TABLES = sum(table.framed for table in TABLES.values())
-
-LIDAR_BYTES_PER_RAY = 4.65
-"""Bytes of one LiDAR ray in the tables, misses included: 29.16 GB for 209,400 sweeps of 30,016 rays of `full.yaml`;
-dual returns take up to 1.6 times as much."""
-
-DEPTH_BYTES_PER_PIXEL = 0.1
-"""Bytes of one depth pixel as 16-bit PNG: 28 to 32 kB for an image of 640 x 480 on town03."""
-
-DEPTH_FLOAT_BYTES_PER_PIXEL = 0.9
-"""Bytes of one depth pixel before rounding, `format: float32`: 275 kB for an image of 640 x 480 on town03."""
-
-RGB_BYTES_PER_PIXEL = {"jpeg": 0.22, "png": 0.95}
-"""Bytes of one RGB pixel, at the default quality: 46.31 GB for 685,500 images of 640 x 480 of `full.yaml`; PNG takes
-4.3 times as much (648 images of eight scenarios in four towns)."""
-
-NORMALS_BYTES_PER_PIXEL, FLOW_BYTES_PER_PIXEL = 0.1, 0.6
-"""Bytes of one pixel of normals and of flow."""
-
-SEGMENTATION_BYTES_PER_PIXEL = 0.06
-"""Bytes of one pixel in both segmentation images: 17 to 20 kB for 640 x 480 on town03."""
-
-RADAR_BYTES_PER_RAY = {"compat": 8.8, "dense": 24.0}
-"""Bytes of one radar ray where rays are stored, misses included, measured on town03."""
-
-MAP_PIXEL_BYTES, IQ_SAMPLE_BYTES = 4.0, 8.0
-"""Bytes of a pixel of a radar map, float32, and of a sample, complex64."""
-
-BOXES_2D_PER_VIEW = 0.2
-"""Share of the boxed actors that one camera frames, measured on town03."""
 
 PATH_BYTES = 134.0
 """Bytes of one radio path at one carrier, measured on town03."""
@@ -75,62 +30,11 @@ BENT_PATHS_PER_LINK = 118.0
 PATCHES_PER_RAY = 0.4
 """Diffuse paths of a link for each of `channel.diffuse_rays` and order; rough ground below a mast gives 0.38."""
 
-ROW_BYTES = {"poses": 80.0, "boxes": 60.0, "imu": 70.0, "gnss": 48.0, "links": 25.0, "boxes_2d": 20.0, "radar": 3_000.0}
-"""Bytes of one row of the small tables, measured on town03; of `radar`, which holds detections, on eight scenarios."""
+ROW_BYTES = {"poses": 80.0, "boxes": 60.0, "links": 25.0}
+"""Bytes of one row of the small tables, measured on town03."""
 
 FILE_BYTES = 12_000.0
 """Bytes of a Parquet file without rows: schema with units and meanings, and statistics; 6 to 27 kB by table."""
-
-
-def scenario_source(scenario: ScenarioConfig, base: Path) -> Path:
-    """Return the USD file that a scenario starts from: its town asset or the user's own stage.
-
-    A town is a shipped name, or a path relative to `base`, the configuration file's folder.
-
-    Raises:
-        InputError: If the file does not exist.
-    """
-    if scenario.stage is not None:
-        path = base / scenario.stage
-        if not path.is_file():
-            raise InputError(
-                f"scenario {scenario.name!r}: stage = {scenario.stage!r}: no such file ({path}); give a USD file"
-            )
-        return path
-    town = scenario.town or ""
-    if is_town_file(scenario):
-        path = base / town
-        if not path.is_file():
-            raise InputError(
-                f"scenario {scenario.name!r}: town = {town!r}: no such file ({path}); give an existing town asset"
-            )
-        return path
-    try:
-        return town_path(town)
-    except InputError as error:
-        raise InputError(f"scenario {scenario.name!r}: {error}") from None
-
-
-def is_town_file(scenario: ScenarioConfig) -> bool:
-    """Return whether a scenario's town is a file of the user's rather than a shipped town's name."""
-    return scenario.town is not None and scenario.town.endswith(TOWN_SUFFIXES)
-
-
-def trajectory_file(scenario: ScenarioConfig, base: Path) -> Path | None:
-    """Return the table of a scenario's recorded vehicles; None if its traffic is generated.
-
-    Raises:
-        InputError: If the file does not exist.
-    """
-    if scenario.traffic is None or scenario.traffic.trajectories is None:
-        return None
-    path = base / scenario.traffic.trajectories
-    if not path.is_file():
-        raise InputError(
-            f"scenario {scenario.name!r}: traffic.trajectories = {scenario.traffic.trajectories!r}: no such file "
-            f"({path}); give a .parquet, .csv or .xml table"
-        )
-    return path
 
 
 def check_inputs(config: Config, base: Path) -> None:
@@ -191,17 +95,6 @@ def _check_source(
             )
 
 
-def weather_variants(source: Path) -> list[str]:
-    """Return the weather variants of a town or stage; none if its default prim has no such variant set.
-
-    Raises:
-        InputError: If USD cannot read the file.
-    """
-    stage = open_stage(source, Usd.Stage.LoadNone)  # its prims live as long as it does
-    root = stage.GetDefaultPrim()
-    return root.GetVariantSet("weather").GetVariantNames() if root else []
-
-
 def agent_counts(scenario: ScenarioConfig, base: Path) -> dict[str, int]:
     """Return how many CAVs, roadside units, vehicles (CAVs included) and boxes a scenario has.
 
@@ -241,6 +134,7 @@ def describe_plan(config: Config, base: Path, device: str) -> str:
         f"{config.frame_total} frames in all on {device}"
     ]
     total_rays = total_bytes = 0.0
+    framed_tables = sum(table.framed for table in TABLES.values())
     for scenario in config.scenarios:
         counts = agent_counts(scenario, base)
         rays, size = frame_cost(config, counts)
@@ -248,7 +142,7 @@ def describe_plan(config: Config, base: Path, device: str) -> str:
         frame_count = config.frames_of(scenario).count
         shards = -(-frame_count // config.output.shard_frames)
         total_rays += frame_rays * frame_count
-        total_bytes += (size * frame_count + shards * FRAMED_TABLES * FILE_BYTES) * len(config.weathers)
+        total_bytes += (size * frame_count + shards * framed_tables * FILE_BYTES) * len(config.weathers)
         each = ", ".join(f"{name} {si(count).strip()}" for name, count in rays.items())
         lines.append(
             f"  {scenario.name}: {scenario_source(scenario, base).name}, {counts['cav']} CAV + {counts['rsu']} RSU "
@@ -273,28 +167,11 @@ def frame_cost(config: Config, counts: Mapping[str, int]) -> tuple[dict[str, int
     rays: dict[str, int] = {}
     size = (counts["cav"] + counts["rsu"]) * ROW_BYTES["poses"] + counts["boxes"] * ROW_BYTES["boxes"]
     for sensor in config.sensors:
-        agents = sum(counts[role] for role in sensor.on)
-        if isinstance(sensor, Lidar):
-            rays[sensor.name] = agents * sensor.channels * sensor.points_per_channel
-            size += rays[sensor.name] * LIDAR_BYTES_PER_RAY
-        elif isinstance(sensor, DepthCamera | RgbCamera):
-            views = agents / (sensor.every_frames if isinstance(sensor, RgbCamera) else 1)
-            rays[sensor.name] = round(views * sensor.width_px * sensor.height_px)
-            size += rays[sensor.name] * _bytes_per_pixel(sensor)
-            if sensor.boxes_2d:
-                size += views * BOXES_2D_PER_VIEW * counts["boxes"] * ROW_BYTES["boxes_2d"]
-        elif isinstance(sensor, Radar):
-            rays[sensor.name] = agents * ray_count(sensor)
-            stored = "compat" if sensor.mode == "compat" else sensor.output
-            if stored in RADAR_BYTES_PER_RAY:
-                size += rays[sensor.name] * RADAR_BYTES_PER_RAY[stored]
-            else:
-                size += agents * ROW_BYTES["radar"]
-            size += agents * _radar_extra_bytes(sensor)
-        elif isinstance(sensor, Imu):
-            size += agents * ROW_BYTES["imu"]
-        elif isinstance(sensor, Gnss):
-            size += agents * ROW_BYTES["gnss"] / sensor.period_frames
+        samples = sum(counts[role] for role in sensor.on) / sensor.period_frames
+        cost = spec_of(sensor).estimate(sensor)
+        if cost.rays:
+            rays[sensor.name] = round(samples * cost.rays)
+        size += samples * (cost.bytes + cost.bytes_per_box * counts["boxes"])
     if config.channel.enabled:
         channel = config.channel
         half = 0.5 if channel.is_reciprocal else 1.0  # the ends of a pair share the rays
@@ -307,25 +184,6 @@ def frame_cost(config: Config, counts: Mapping[str, int]) -> tuple[dict[str, int
             rays["channel"] = int(senders * channel.rays)
         size += links * len(config.channel.carriers_hz) * (ROW_BYTES["links"] + _paths(config.channel) * PATH_BYTES)
     return rays, size
-
-
-def _bytes_per_pixel(sensor: DepthCamera | RgbCamera) -> float:
-    """Return the bytes of one pixel of a camera in all its images."""
-    if isinstance(sensor, RgbCamera):
-        size = RGB_BYTES_PER_PIXEL[sensor.format]
-        size += sensor.normals * NORMALS_BYTES_PER_PIXEL + sensor.flow * FLOW_BYTES_PER_PIXEL
-    else:
-        size = DEPTH_BYTES_PER_PIXEL + (sensor.format == "float32") * DEPTH_FLOAT_BYTES_PER_PIXEL
-    if sensor.segmentation:
-        size += SEGMENTATION_BYTES_PER_PIXEL
-    return size
-
-
-def _radar_extra_bytes(sensor: Radar) -> float:
-    """Return the bytes of the maps and samples of one view of a radar; noise does not compress."""
-    columns = {"range_azimuth": sensor.azimuth_antennas, "range_doppler": sensor.chirps}
-    pixels = sum(columns[kind] for kind in sensor.maps) * (sensor.range_cells + 1)
-    return pixels * MAP_PIXEL_BYTES + (math.prod(sensor.iq_shape) * IQ_SAMPLE_BYTES if sensor.iq else 0.0)
 
 
 def _paths(channel: ChannelConfig) -> float:

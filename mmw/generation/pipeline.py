@@ -13,10 +13,11 @@ import pyarrow as pa
 
 from mmw.channel.path_solver.solver import check_channel_materials
 from mmw.channel.path_solver.surface_table import make_surface_table
-from mmw.config import Config, Lidar, ScenarioConfig
-from mmw.core.constants import FRAME_DT
+from mmw.config import Config, ScenarioConfig
+from mmw.config.sensor_spec import spec_of
 from mmw.core.kinematics import differentiate
-from mmw.generation.progress import Reporter, StageTimer
+from mmw.core.timing import StageTimer
+from mmw.generation.progress import Reporter
 from mmw.generation.recorders.channel import record_channel
 from mmw.generation.recorders.ground_truth import record_ground_truth
 from mmw.generation.recorders.sensors import record_sensors
@@ -59,8 +60,8 @@ def make_job(
     Raises:
         InputError: If a sensor is inside something, or a material is not known to the channel.
     """
-    sweeps = any(isinstance(sensor, Lidar) and sensor.rolling for sensor in config.sensors)
-    scene = DeviceScene(arrays, device, max_slots=slots, sweep_s=FRAME_DT if sweeps else 0.0)
+    sweep_s = max((spec_of(sensor).sweep_s(sensor) for sensor in config.sensors), default=0.0)
+    scene = DeviceScene(arrays, device, max_slots=slots, sweep_s=sweep_s)
     check_mounts(scene, config)
     surfaces = None
     if config.channel.enabled and with_channel:

@@ -17,7 +17,8 @@ from pathlib import Path
 import warp as wp
 from filelock import Timeout
 
-from mmw.config import Config, DepthCamera, Lidar, Radar, RgbCamera
+from mmw.config import Config
+from mmw.config.sensor_spec import spec_of
 from mmw.core.bvh_kind import select_bvh
 from mmw.storage.lock import only_one
 
@@ -55,29 +56,11 @@ def needed_modules(config: Config, *, on_gpu: bool = True) -> list[str]:
         on_gpu: Whether a GPU is what runs it, which makes its own JPEG files.
     """
     sensors, modules = config.sensors, {"core.trace": 5, "core.line_of_sight": 2, "core.instance_bounds": 0}
-    has_rgb = any(isinstance(sensor, RgbCamera) for sensor in sensors)
-    if has_rgb or any(isinstance(sensor, DepthCamera) for sensor in sensors):
-        modules |= {"camera.visibility": 7, "camera.instance_culling": 1, "camera.depth": 1, "camera.boxes_2d": 0}
-    if has_rgb:
-        modules |= {
-            "shading.reflections": 10, "shading.shade": 7, "shading.shadows": 5, "shading.surface_samples": 4,
-            "shading.denoise": 2, "camera.tone_mapping": 1, "shading.clouds": 1, "camera.image_samples": 1,
-        }  # fmt: skip
-    if on_gpu and any(isinstance(sensor, RgbCamera) and sensor.format == "jpeg" for sensor in sensors):
-        modules |= {"camera.jpeg": 2}
-    if any(isinstance(sensor, Lidar) for sensor in sensors):
-        modules |= {"lidar.trace": 4, "lidar.returns": 2}
-    if any(isinstance(sensor, Radar) for sensor in sensors):
-        modules |= {"radar.trace": 3}
-    if any(isinstance(sensor, Radar) and _needs_cells(sensor) for sensor in sensors):
-        modules |= {"radar.resolution_cells": 1, "radar.detection": 1}
+    for sensor in sensors:
+        modules |= spec_of(sensor).kernels(sensor, on_gpu)
     if config.channel.enabled:
         modules |= {"channel.image_method": 7, "channel.reflection_candidates": 2}
     return sorted(modules, key=lambda name: -modules[name])  # seconds that the CPU compiler takes
-
-
-def _needs_cells(sensor: Radar) -> bool:
-    return sensor.mode == "physical" and sensor.output == "detections"
 
 
 @contextmanager

@@ -4,10 +4,7 @@ import json
 import logging
 import shlex
 import sys
-import time
-from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from types import TracebackType
 from typing import Any, Protocol
 
@@ -16,42 +13,12 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Column
 
 from mmw.config import Config
+from mmw.core.timing import StageTimer
 
 LOGGER = logging.getLogger(__name__)
 
 SET_UP = ("traffic and stage", "scene", "kernels", "textures and skies")
 """Stages that come once a scenario: they would spoil the speed and the time left."""
-
-
-class StageTimer:
-    """Seconds and rays by stage name; stages add up over batches."""
-
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = defaultdict(float)
-        self.rays: dict[str, int] = defaultdict(int)
-        self.start = time.perf_counter()
-
-    @contextmanager
-    def stage(self, name: str, rays: int = 0) -> Iterator[None]:
-        """Add the time of the enclosed block, and its rays, to a stage."""
-        begin = time.perf_counter()
-        try:
-            yield
-        finally:
-            self.seconds[name] += time.perf_counter() - begin
-            self.rays[name] += rays
-
-    def add(self, seconds: Mapping[str, float], rays: Mapping[str, int]) -> None:
-        """Add what another clock has summed up."""
-        for name, value in seconds.items():
-            self.seconds[name] += value
-        for name, count in rays.items():
-            self.rays[name] += count
-
-    @property
-    def elapsed(self) -> float:
-        """Seconds since the clock was made."""
-        return time.perf_counter() - self.start
 
 
 class Reporter(Protocol):

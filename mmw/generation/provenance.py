@@ -1,7 +1,6 @@
 """Where a dataset comes from: the configuration kept with it, versions, hashes, and what a resumed run must match."""
 
 import functools
-import hashlib
 import platform
 import subprocess
 from collections.abc import Mapping
@@ -13,7 +12,8 @@ from mmw import __version__
 from mmw.config import Config
 from mmw.config.load import load_config, to_yaml
 from mmw.core.errors import InputError
-from mmw.generation.estimate import is_town_file, scenario_source, trajectory_file
+from mmw.core.hashing import sha256
+from mmw.scene.sources import is_town_file, scenario_source, trajectory_file
 from mmw.storage.manifest import CONFIG, DATASET, read_dataset, read_markers
 from mmw.storage.store import Root, store_of
 
@@ -155,9 +155,3 @@ def git_revision() -> str:
     return git("rev-parse", "--short=12", "HEAD") + (
         "+" if git("status", "--porcelain", "--untracked-files=no") else ""
     )
-
-
-def sha256(path: Path) -> str:
-    """Return the SHA-256 of a file."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -19,13 +19,14 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from mmw.config import Config, ScenarioConfig
-from mmw.config.compute import BVH_VARIABLE
+from mmw.config.sensor_spec import types_that_fill
+from mmw.core.bvh_default import BVH_VARIABLE
 from mmw.core.bvh_kind import select_bvh
 from mmw.core.device import choose_device
 from mmw.core.errors import InputError
+from mmw.core.timing import StageTimer
 from mmw.dataset import open_dataset
 from mmw.generation.pipeline import join_batches, make_job, record_frames
-from mmw.generation.progress import StageTimer
 from mmw.generation.provenance import stored_config
 from mmw.scene.prepare import ASSETS, STAGES, read_scenario, stored_stage
 from mmw.scene.rows import static_rows
@@ -35,23 +36,6 @@ from mmw.storage.arrow_tables import check_table, table_from_columns
 from mmw.storage.manifest import read_markers
 from mmw.storage.schemas import table_spec
 from mmw.storage.store import Root, store_of
-
-SENSOR_TYPES = {
-    "lidar": ("lidar",),
-    "imu": ("imu",),
-    "gnss": ("gnss",),
-    "radar": ("radar",),
-    "radar_maps": ("radar",),
-    "radar_iq": ("radar",),
-    "rgb": ("rgb",),
-    "normals": ("rgb",),
-    "flow": ("rgb",),
-    "depth": ("depth",),
-    "segmentation": ("depth", "rgb"),
-    "boxes_2d": ("depth", "rgb"),
-    "box_visibility": ("lidar", "radar", "depth", "rgb"),
-}
-"""Table that sensors fill -> types of these sensors; the antenna's rows of `box_visibility` need none."""
 
 CHANNEL_TABLES = ("links", "paths")
 """Tables that the radio channel fills. All links of a frame are traced, because the ends of a pair share rays."""
@@ -159,7 +143,7 @@ class RowRegenerator:
 
     def _restricted(self, table: str, scenario: ScenarioConfig, agent: str | None, sensor: str | None) -> Batch:
         """Return the job that traces what a table's rows need, and nothing else that takes time."""
-        types = SENSOR_TYPES.get(table, ())
+        types = types_that_fill(table)
         sensors = tuple(
             section for section in self.config.sensors if section.type in types and sensor in (None, section.name)
         )

@@ -11,9 +11,11 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from mmw.config import Config, RgbCamera, ScenarioConfig
+from mmw.config import Config, ScenarioConfig
+from mmw.config.sensor_spec import spec_of
 from mmw.core.cuda import keep_memory, wait_asleep
 from mmw.core.device import GPU_BYTES_A_WORKER, machine_kind
+from mmw.core.registry import load_reference
 from mmw.core.temp_files import Owner
 from mmw.generation.configuration_warnings import notes
 from mmw.generation.pipeline import join_batches, make_job, trace_work
@@ -24,7 +26,6 @@ from mmw.scene.prepare import cached_stage, read_scenario
 from mmw.scene.rows import static_rows
 from mmw.scene.scene_data import SceneData
 from mmw.sensors.batch import Batch, TableRows
-from mmw.sensors.render.sky.sky import bake
 from mmw.storage.atomic_files import write_bytes_atomically
 from mmw.storage.lock import only_one
 from mmw.storage.manifest import pending_scenarios
@@ -33,7 +34,7 @@ from mmw.storage.store import Store
 
 BATCHES_IN_FLIGHT = 2
 """Batches that may wait for the writers. Tracing pauses beyond that, which bounds memory: 50 frames of the paper's
-sensors are 0.5 GB without their images, which `mmw.generation.image_encoder` bounds."""
+sensors are 0.5 GB without their images, which `mmw.sensors.image_encoder` bounds."""
 
 
 @dataclass(frozen=True)
@@ -99,8 +100,8 @@ class Worker:
         """Begin to compile what the configuration needs, and to make its skies."""
         config = self._making.config
         self._kernels = self._compiling.enter_context(compiled_ahead(config, self._device))
-        if any(isinstance(sensor, RgbCamera) for sensor in config.sensors):
-            self._skies = [self._pool.submit(_bake_skies, config)]
+        ahead = dict.fromkeys(spec_of(sensor).warm_up for sensor in config.sensors)
+        self._skies = [self._pool.submit(load_reference(work), config) for work in ahead if work]
         return self
 
     def __exit__(
@@ -195,12 +196,6 @@ class Worker:
         with self._reporter.clock.stage("waiting for writers"):
             for future in group:
                 future.result()
-
-
-def _bake_skies(config: Config) -> None:
-    """Make the sky of each weather, which `bake` keeps, while the first scene is made and read."""
-    for name in config.weathers:
-        bake(config.air[name].weather(name), config.seed)
 
 
 def _add(shard: ShardWriter, frames: range, tables: dict[str, list[Any]], before: Future[None] | None) -> None:

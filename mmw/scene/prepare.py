@@ -7,12 +7,12 @@ from pathlib import Path
 from mmw import __version__
 from mmw.config import Config, ScenarioConfig
 from mmw.core.errors import InputError
+from mmw.core.hashing import sha256
 from mmw.core.transforms import pose_from_mount
-from mmw.generation.estimate import scenario_source, weather_variants
-from mmw.generation.provenance import sha256
 from mmw.physics.weather.weather import choose_variant
 from mmw.scene.reader import read_stage
 from mmw.scene.scene_data import SceneData
+from mmw.scene.sources import scenario_source, weather_variants
 from mmw.scene.stage.compose import compose_scenario
 from mmw.scene.stage.rsu_overlay import overlay_rsus
 from mmw.storage.atomic_files import write_bytes_atomically

@@ -6,16 +6,16 @@ from collections.abc import Sequence
 import numpy as np
 import pyarrow as pa
 
-from mmw.config import Config, DepthCamera, RgbCamera, ScenarioConfig, SensorConfig
-from mmw.config.lens import USED, LensConfig
+from mmw.config import Config, ScenarioConfig, SensorConfig
+from mmw.config.lens import USED
 from mmw.config.section import Vec3
+from mmw.config.sensor_spec import spec_of
 from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.kinematics import Motion
 from mmw.core.transforms import normalize
 from mmw.scene.scene_data import SceneData
 from mmw.scene.table_rows import AGENT_ROLES, Columns, choices, names, split
 from mmw.scene.views import mount_pose
-from mmw.sensors.ground_truth.boxes_3d import Boxes
 from mmw.storage.schemas import table_spec
 from mmw.storage.table_spec import F64, list_of
 
@@ -58,21 +58,6 @@ def pose_rows(arrays: SceneData, frames: Sequence[int], motion: Motion) -> Colum
         **split(("qx", "qy", "qz", "qw"), normalize(pose[:, 3:])),
         **split(("vx", "vy", "vz"), motion.velocity[row, actor]),
         **split(("wx", "wy", "wz"), motion.body_rate[row, actor]),
-    }
-
-
-def box_rows(arrays: SceneData, boxes: Boxes) -> Columns:
-    """Return the `boxes` table: every vehicle that is present."""
-    agents = [a.name if a.role in AGENT_ROLES else None for a in arrays.actors]
-    return {
-        "frame": boxes.frame.astype(np.int32),
-        "object_id": boxes.object_id,
-        "category": choices([a.label for a in arrays.actors], boxes.actor),
-        "agent": choices(agents, boxes.actor),
-        **split(("x", "y", "z"), boxes.pose[:, :3]),
-        **split(("yaw", "pitch", "roll"), boxes.ypr),
-        **split(("length", "width", "height"), boxes.size),
-        **split(("vx", "vy", "vz"), boxes.velocity),
     }
 
 
@@ -134,11 +119,12 @@ def _sensor_rows(arrays: SceneData, config: Config) -> Columns:
 
 def _camera(sensor: SensorConfig) -> Columns:
     """Return the columns that only cameras have; none for other sensors."""
-    if not isinstance(sensor, RgbCamera | DepthCamera):
+    projection = spec_of(sensor).camera
+    if projection is None:
         return {}
-    lens = sensor.lens if isinstance(sensor, RgbCamera) else LensConfig()
-    camera = lens.intrinsics(sensor.width_px, sensor.height_px, sensor.fov_deg)
-    numbers = {name: getattr(camera, name) for name in ("fx", "fy", "cx", "cy", "width", "height")}
+    camera = projection(sensor)
+    numbers = {name: getattr(camera.intrinsics, name) for name in ("fx", "fy", "cx", "cy", "width", "height")}
+    lens = camera.lens
     return {**numbers, "lens": lens.model, "coefficients": [getattr(lens, name) for name in USED[lens.model]]}
 
 

@@ -178,3 +178,9 @@ MATERIALS = TableSpec(
     ("weather", "material_id"),
     framed=False,
 )
+
+FRAMED_TABLES = (FRAMES, POSES, BOXES, BOX_VISIBILITY)
+"""Tables with rows for each frame."""
+
+STATIC_TABLES = (OBJECTS, SENSORS, MATERIALS)
+"""Tables of a scenario that no frame changes."""

@@ -1,1 +1,52 @@
-"""The agents' sensors and the ground truth about what they see, as plain NumPy arrays for one batch of frames."""
+"""Simulate sensors: one package a kind, each with a `SensorSpec` that everything else asks.
+
+The names below are loaded when they are first used, so that `import mmw.sensors` stays light.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from mmw.config.sensor import MountConfig as MountConfig
+    from mmw.config.sensor import SensorConfig as SensorConfig
+    from mmw.config.sensor_spec import SENSORS as SENSORS
+    from mmw.config.sensor_spec import Camera as Camera
+    from mmw.config.sensor_spec import Estimate as Estimate
+    from mmw.config.sensor_spec import Modality as Modality
+    from mmw.config.sensor_spec import SensorSpec as SensorSpec
+    from mmw.config.sensor_spec import register_sensor as register_sensor
+    from mmw.sensors.depth.config import DepthCamera as DepthCamera
+    from mmw.sensors.gnss.config import Gnss as Gnss
+    from mmw.sensors.imu.config import Imu as Imu
+    from mmw.sensors.lidar.config import Lidar as Lidar
+    from mmw.sensors.radar.config import Radar as Radar
+    from mmw.sensors.rgb.config import RgbCamera as RgbCamera
+    from mmw.sensors.sensor_input import SensorInput as SensorInput
+    from mmw.storage.table_spec import column as column
+    from mmw.storage.table_spec import sensor_table as sensor_table
+
+_HOME = {
+    **dict.fromkeys(("MountConfig", "SensorConfig"), "mmw.config.sensor"),
+    **dict.fromkeys(
+        ("SENSORS", "Camera", "Estimate", "Modality", "SensorSpec", "register_sensor"), "mmw.config.sensor_spec"
+    ),
+    "DepthCamera": "mmw.sensors.depth.config",
+    "Gnss": "mmw.sensors.gnss.config",
+    "Imu": "mmw.sensors.imu.config",
+    "Lidar": "mmw.sensors.lidar.config",
+    "Radar": "mmw.sensors.radar.config",
+    "RgbCamera": "mmw.sensors.rgb.config",
+    "SensorInput": "mmw.sensors.sensor_input",
+    **dict.fromkeys(("F32", "F64", "I32", "NAME", "column", "sensor_table"), "mmw.storage.table_spec"),
+}
+"""Name -> module that defines it."""
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(_HOME[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *_HOME])

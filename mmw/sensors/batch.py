@@ -6,15 +6,16 @@ from functools import cached_property
 from typing import Any
 
 from mmw.channel.path_solver.surface_table import SurfaceTable
-from mmw.config import Config, RgbCamera, ScenarioConfig
+from mmw.config import Config, ScenarioConfig
 from mmw.core.kinematics import Motion
-from mmw.generation.image_encoder import Encoder
-from mmw.generation.progress import StageTimer
+from mmw.core.timing import StageTimer
 from mmw.kernels.shading import structs as looks
 from mmw.physics.weather.weather import Weather
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.scene_data import SceneData
+from mmw.sensors.image_encoder import Encoder
 from mmw.sensors.render.appearance_buffers import AppearanceArrays
+from mmw.sensors.rgb.config import RgbCamera
 from mmw.sensors.rgb.simulate import RgbRenderer
 
 

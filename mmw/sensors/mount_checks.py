@@ -9,13 +9,11 @@ import numpy as np
 import warp as wp
 
 from mmw.config import Config
+from mmw.config.sensor_spec import spec_of
 from mmw.core.errors import InputError
 from mmw.core.transforms import make_pose, normalize, transform_points
 from mmw.kernels.core import line_of_sight as sight
 from mmw.scene.device_scene import DeviceScene
-
-BLIND_TYPES = ("lidar", "rgb", "depth", "radar")
-"""Sensors that have to be in the open; inertial ones and receivers belong into the body or under its skin."""
 
 RAYS = 64
 """Rays that are sent out of each place; design value."""
@@ -49,7 +47,7 @@ def check_mounts(scene: DeviceScene, config: Config) -> None:
         places = {
             sensor.name: sensor.mount_on(actor.role).position_m
             for sensor in config.sensors
-            if actor.role in sensor.on and sensor.type in BLIND_TYPES
+            if actor.role in sensor.on and spec_of(sensor).needs_clear_view
         }
         if config.channel.enabled:
             places["antenna"] = config.channel.antenna_position_m[actor.role]

@@ -32,8 +32,6 @@ CARD = "README.md"
 CONFIG = "config.yaml"
 """The resolved configuration as a file that `--config` takes again; written by whoever has it
 (`mmw.generation.provenance`)."""
-FOLDERS = (MARKERS, *TABLES, "stages", "assets")
-"""Folders that a run makes; `--overwrite` removes these and nothing else."""
 
 _MANIFEST_SCHEMA = pa.schema(
     [
@@ -51,6 +49,11 @@ _MANIFEST_SCHEMA = pa.schema(
         ("created_utc", pa.string()),
     ]
 )
+
+
+def folders() -> tuple[str, ...]:
+    """Return the folders that a run makes; `--overwrite` removes these and nothing else."""
+    return (MARKERS, *TABLES, "stages", "assets")
 
 
 def prepare_root(
@@ -83,7 +86,7 @@ def prepare_root(
                 "a dataset needs an empty or new folder; give another --out"
             )
     elif overwrite or _is_other_and_empty(store, config_sha256):
-        store.remove((*FOLDERS, MANIFEST, CARD, CONFIG))  # markers first: a kill on the way leaves no false claim
+        store.remove((*folders(), MANIFEST, CARD, CONFIG))  # markers first: a kill on the way leaves no false claim
     else:
         _check_same(store, config_identity, config_sha256)
         _claim(store, None)

@@ -9,48 +9,61 @@ from +x counter-clockwise; a quaternion rotates from the named frame to the worl
 the row and is the receiver of `links` and `paths`; `peer` is the transmitter.
 """
 
+from collections.abc import Iterator, Mapping
+from importlib import import_module
+
 import pyarrow as pa
 
-from mmw.channel import tables as radio
+from mmw.config.sensor_spec import SENSORS
 from mmw.core.errors import InputError
-from mmw.scene import tables as world
-from mmw.sensors.camera_group import tables as images
-from mmw.sensors.imu import tables as inertial
-from mmw.sensors.lidar import tables as lidar
-from mmw.sensors.radar import map_tables as radar_maps
-from mmw.sensors.radar import tables as radar
 from mmw.storage.table_spec import TableSpec
 
 SCHEMA_VERSION = "2.1"
 """Major number: readers must change. Minor number: columns or tables were added."""
 
-TABLES: dict[str, TableSpec] = {
-    spec.name: spec
-    for spec in (
-        world.FRAMES,
-        world.POSES,
-        world.BOXES,
-        world.BOX_VISIBILITY,
-        inertial.IMU,
-        inertial.GNSS,
-        lidar.LIDAR,
-        images.RGB,
-        images.DEPTH,
-        radar.RADAR,
-        radar_maps.RADAR_MAPS,
-        radar_maps.RADAR_IQ,
-        images.SEGMENTATION,
-        images.NORMALS,
-        images.FLOW,
-        images.BOXES_2D,
-        radio.LINKS,
-        radio.PATHS,
-        world.OBJECTS,
-        world.SENSORS,
-        world.MATERIALS,
-    )
-}
-"""Every table by name, in the order of the documentation."""
+CORE_TABLES = ("mmw.scene.tables:FRAMED_TABLES", "mmw.channel.tables:TABLES", "mmw.scene.tables:STATIC_TABLES")
+"""Tables that no sensor fills; those of the sensors stand behind the first. Each module owns its tables."""
+
+
+class _Tables(Mapping[str, TableSpec]):
+    """Every table by name, in the order of the documentation: a sensor that is registered later has its tables here."""
+
+    def __getitem__(self, name: str) -> TableSpec:
+        return self._all()[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._all())
+
+    def __len__(self) -> int:
+        return len(self._all())
+
+    def _all(self) -> dict[str, TableSpec]:
+        """Collect the tables.
+
+        Raises:
+            InputError: If two sensors define a table of the same name differently.
+        """
+        framed, channel, static = (_load(reference) for reference in CORE_TABLES)
+        found = {spec.name: spec for spec in framed}
+        owners = dict.fromkeys(found, "mmw")
+        own = [(sensor, spec) for sensor, kind in SENSORS.items() for spec in kind.tables]
+        core = [("mmw", spec) for spec in (*channel, *static)]
+        for owner, spec in (*own, *core):
+            if found.setdefault(spec.name, spec) is not spec:
+                raise InputError(
+                    f"table {spec.name!r}: both {owners[spec.name]} and {owner} define it; rename one of them"
+                )
+            owners.setdefault(spec.name, owner)
+        return found
+
+
+def _load(reference: str) -> tuple[TableSpec, ...]:
+    module, _, name = reference.partition(":")
+    return getattr(import_module(module), name)
+
+
+TABLES = _Tables()
+"""Every table by name."""
 
 
 def table_spec(name: str) -> TableSpec:

@@ -69,3 +69,23 @@ SENSOR = column("sensor", NAME, "", "sensor name; joins `sensors` on (scenario, 
 OBJECT = column("object_id", I32, "id", "object, a row of `objects`; one number for the object in every table")
 FRAMED = (SCENARIO, WEATHER, FRAME)
 OWNED = (*FRAMED, AGENT)
+
+
+def sensor_table(name: str, doc: str, *columns: pa.Field, frames_per_group: int = 0, level: int = 3) -> TableSpec:
+    """Return the table of a sensor: scenario, weather, frame, agent and sensor come before its own columns.
+
+    Args:
+        name: Table name.
+        doc: Meaning of one row, in one sentence.
+        columns: Columns of the sensor.
+        frames_per_group: See `TableSpec`.
+        level: See `TableSpec`.
+    """
+    return TableSpec(
+        name,
+        doc,
+        (*OWNED, SENSOR, *columns),
+        ("frame", "agent", "sensor"),
+        frames_per_group=frames_per_group,
+        level=level,
+    )

@@ -46,7 +46,7 @@ def test_what_is_laid_out_is_finished(config, tmp_path: Path, capsys: pytest.Cap
 
 
 def test_a_file_gets_new_names_until_it_has_too_many(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(bookkeeping, "MOST_LINKS", 2)
+    monkeypatch.setattr(bookkeeping, "MAX_LINKS", 2)
     first = tmp_path / "a"
     first.write_text("content")
     links = bookkeeping.Links(tmp_path, {"files": [{"table": "poses", "path": "a"}]})

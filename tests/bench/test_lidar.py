@@ -4,8 +4,8 @@ import pytest
 
 from bench.lidar import LIDARS, line, measure, with_sensors
 from bench.scenes import grid_town, with_vehicles
-from mmw.config import Lidar
 from mmw.scene.device_scene import DeviceScene
+from mmw.sensors import Lidar
 
 pytestmark = pytest.mark.slow  # whoever uses mmw can do without its benchmarks
 

@@ -9,9 +9,9 @@ import warp as wp
 from bench import first_hit
 from bench.rays import PRESETS, compare, make_views
 from bench.scenes import grid_town, with_vehicles
-from mmw.config import Lidar
 from mmw.kernels.core import structs
 from mmw.scene.device_scene import DeviceScene
+from mmw.sensors import Lidar
 from mmw.sensors.lidar.scan_pattern import lidar_pattern, pinhole, pinhole_directions
 from tests.fixtures.scenes import two_cars
 

@@ -8,9 +8,9 @@ import warp as wp
 
 from bench import newton_camera, rgb
 from bench.camera_views import launch_of, rgb_camera
-from mmw.config import RgbCamera
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.scene_data import SceneData
+from mmw.sensors import RgbCamera
 from mmw.sensors.camera_group.launches import Launch
 from tests.fixtures.scenes import box_model, pose, street_canyon
 

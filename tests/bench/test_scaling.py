@@ -22,8 +22,8 @@ from bench.scaling_frames import (
 )
 from bench.scaling_towns import finer_towns, larger_towns
 from mmw.config import load_config
+from mmw.core.timing import StageTimer
 from mmw.generation.pipeline import make_job, record_frames
-from mmw.generation.progress import StageTimer
 from mmw.scene.device_scene import instance_actors
 
 pytestmark = pytest.mark.slow  # whoever uses mmw can do without its benchmarks

@@ -10,9 +10,9 @@ import pytest
 import warp as wp
 
 from mmw.config import load_config
-from mmw.config.compute import BVH_KINDS, BVH_VARIABLE, default_bvh
 from mmw.core import bvh_kind as bvh
 from mmw.core.bvh import build_bvhs
+from mmw.core.bvh_default import BVH_KINDS, BVH_VARIABLE, default_bvh
 from mmw.core.bvh_kind import select_bvh
 from mmw.core.errors import InputError
 from mmw.core.resources import configs_dir
@@ -66,12 +66,14 @@ def test_kernels_hold_the_code_of_one_kind(kind: str, tmp_path: Path) -> None:
     script = f"""
 import warp as wp
 wp.config.kernel_cache_dir = {str(tmp_path)!r}
-from mmw.kernels import lidar
+from mmw.kernels.lidar import trace as lidar
 from mmw.core.bvh_kind import select_bvh
 for kind in {("warp", "wide", kind)!r}:  # until there is a tree, the last one counts
     select_bvh(kind)
 import numpy as np
-from mmw.kernels import rays, radar, streaks
+from mmw.kernels.core import mesh_rays
+from mmw.kernels.camera import rain_streaks as streaks
+from mmw.kernels.radar import trace as radar
 from mmw.core.bvh import RayMesh
 mesh = RayMesh(np.eye(3), np.array([[0, 1, 2]]))
 assert mesh.cast(np.zeros((1, 3)), np.full(3, 3**-0.5), 9.0)[1][0] == 0
@@ -102,7 +104,7 @@ def test_warps_trees_live_as_long_as_the_array_of_their_ids() -> None:
 import gc, weakref
 import numpy as np, warp as wp
 from mmw.kernels.core.structs import Scene
-from mmw.core.bvh import build_trees
+from mmw.core.bvh import build_bvhs
 made = []
 Mesh = wp.Mesh
 def watched(**arguments):
@@ -111,7 +113,7 @@ def watched(**arguments):
     return mesh
 wp.Mesh = watched
 scene = Scene()
-scene.tree, _ = build_trees([np.eye(3, dtype=np.float32)[None]], "cpu")
+scene.tree, _ = build_bvhs([np.eye(3, dtype=np.float32)[None]], "cpu")
 gc.collect()
 assert made[0]() is not None
 del scene

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from mmw.config import DepthCamera, MountConfig
+from mmw.config import MountConfig
 from mmw.core.constants import FRAME_DT
 from mmw.core.kinematics import differentiate
 from mmw.core.transforms import (
@@ -25,6 +25,7 @@ from mmw.scene.device_scene import DeviceScene
 from mmw.scene.scene_data import Prototype, SceneData
 from mmw.scene.view_motion import view_twists
 from mmw.scene.views import make_views
+from mmw.sensors import DepthCamera
 from tests.fixtures.scenes import ABSENT, IDENTITY_POSE, arrays_from_parts, box_model, ground_part, moving_poses
 
 FRAMES = 7

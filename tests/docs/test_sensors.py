@@ -7,18 +7,9 @@ import pytest
 import yaml
 from pydantic import BaseModel
 
-from mmw.config import (
-    DepthCamera,
-    Gnss,
-    Imu,
-    Lidar,
-    MountConfig,
-    Radar,
-    RgbCamera,
-    SensorConfig,
-    load_config,
-)
+from mmw.config import MountConfig, SensorConfig, load_config
 from mmw.config.lens import LensConfig
+from mmw.sensors import DepthCamera, Gnss, Imu, Lidar, Radar, RgbCamera
 from mmw.sensors.lidar.config_parts import CarlaLidarConfig, LidarOpticsConfig
 from mmw.sensors.lidar.optics import PRESETS
 from mmw.sensors.render.image_config import ExposureConfig, ImageConfig, NoiseConfig

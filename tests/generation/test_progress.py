@@ -8,7 +8,8 @@ import pytest
 from mmw.cli.run import main
 from mmw.config import Config, load_config
 from mmw.core.resources import configs_dir
-from mmw.generation.progress import StageTimer, closing_summary
+from mmw.core.timing import StageTimer
+from mmw.generation.progress import closing_summary
 
 FULL_BYTES = 77_648e6
 """Tables of all of configs/full.yaml, made on an H100; `bench.pipeline`, bench/README.md."""

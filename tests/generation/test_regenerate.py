@@ -1,4 +1,4 @@
-"""`mmw row`: any row of a dataset is made alone, and equals the stored one bit for bit."""
+"""`mmw regenerate`: any row of a dataset is made alone, and equals the stored one bit for bit."""
 
 import io
 import json
@@ -87,7 +87,7 @@ def test_differences_are_seen_to_the_last_bit() -> None:
 
 
 def test_the_command_prints_writes_and_compares(root, tmp_path, capsys) -> None:
-    base = ["row", "depth", str(root), "weather=sunny", "frame=2", "--device", "cpu"]
+    base = ["regenerate", "depth", str(root), "weather=sunny", "frame=2", "--device", "cpu"]
     assert mmw(base) == 0
     told = capsys.readouterr().out
     assert f"scenario: {SCENARIO}" in told and "agent: rsu_1" in told and told.endswith("1 rows of depth\n")
@@ -106,7 +106,7 @@ def test_the_command_prints_writes_and_compares(root, tmp_path, capsys) -> None:
 def test_the_command_tells_a_difference(root, tmp_path, capsys) -> None:
     other = copy_of(root, tmp_path / "d")
     rewrite(other, part("imu"), lambda rows: replace_column(rows, "ax", lambda found: [x + 1.0 for x in found]))
-    assert mmw(["row", "imu", str(other), "weather=sunny", "frame=1", "--compare", "--device", "cpu"]) == 1
+    assert mmw(["regenerate", "imu", str(other), "weather=sunny", "frame=1", "--compare", "--device", "cpu"]) == 1
     assert capsys.readouterr().out == "3 rows differ in ax\n"
 
 
@@ -131,6 +131,6 @@ def test_the_command_tells_a_difference(root, tmp_path, capsys) -> None:
 )
 def test_bad_input_is_one_line(root, tmp_path, arguments, words, capsys) -> None:
     places = {"ROOT": str(root), "EMPTY": str(tmp_path)}
-    assert mmw(["row", *[places.get(word, word) for word in arguments], "--device", "cpu"]) == 2
+    assert mmw(["regenerate", *[places.get(word, word) for word in arguments], "--device", "cpu"]) == 2
     told = capsys.readouterr().err
     assert words in told and told.count("\n") == 1, told

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-import mmw.cli.row
+import mmw.cli.regenerate
 import mmw.generation.verification.reproducibility
 from mmw.__main__ import main as mmw_main
 from mmw.cli.run import main
@@ -117,7 +117,7 @@ def test_rows_that_differ_are_wrong_on_the_same_kind_of_machine_alone(
     out = capsys.readouterr().out
     assert "made again differs in x" in out and (f"and this is {OTHER}" in out) is not here
     monkeypatch.setattr(mmw.generation.regenerate, "differing_columns", lambda *_: ["x"])
-    row = ["row", "imu", str(dataset), "frame=3", "weather=sunny", "--compare", "--device", "cpu"]
+    row = ["regenerate", "imu", str(dataset), "frame=3", "weather=sunny", "--compare", "--device", "cpu"]
     assert mmw_main(row) == 1
     out = capsys.readouterr().out
     assert "rows differ in x" in out and (f"made on {cpu.cpu_kind()}, and this is {OTHER}" in out) is not here

@@ -98,7 +98,10 @@ def test_a_dataset_that_is_there_is_not_made_again(server: Server, world: Path, 
 def test_every_check_reads_a_bucket(server: Server, made: str, capsys: pytest.CaptureFixture) -> None:
     assert mmw_main(["verify", made, "--rerender", "2", "--device", "cpu"]) == 0
     assert capsys.readouterr().out.count(": equal") == 2
-    assert mmw_main(["row", "imu", made, "frame=3", "weather=sunny", "agent=Ego", "--compare", "--device", "cpu"]) == 0
+    assert (
+        mmw_main(["regenerate", "imu", made, "frame=3", "weather=sunny", "agent=Ego", "--compare", "--device", "cpu"])
+        == 0
+    )
     name = "poses/scenario=mine/weather=sunny/part-000002.parquet"
     whole = server.objects("made")[name]
     Bucket(made).remove([name])

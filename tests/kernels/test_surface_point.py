@@ -13,7 +13,7 @@ from mmw.kernels.core.structs import Scene as SceneStruct
 from mmw.kernels.core.trace import closest_hit
 from mmw.kernels.shading.structs import Appearance, Surfel
 from mmw.kernels.shading.surface_point import is_cut_out, surfel_of
-from mmw.scene.device_scene import Scene, read_stage
+from mmw.scene.device_scene import DeviceScene, read_stage
 from mmw.scene.scene_data import SceneData
 from mmw.sensors.render.appearance_buffers import AppearanceArrays
 from tests.fixtures.material_stages import add_quad, connect, corner_image, give_uv, preview, stage_in
@@ -50,7 +50,7 @@ class VisibleObjects:
     """Surfels along rays, and what else the kernel says of the same hits."""
 
     def __init__(self, arrays: SceneData, device: str, origins, directions, *, spread: float = 1e-4, weather="sunny"):
-        scene = Scene(arrays, device, 1)
+        scene = DeviceScene(arrays, device, 1)
         scene.load_batch([arrays.frames[0]])
         self.appearance = AppearanceArrays(scene)
         origins = np.asarray(origins, dtype=np.float32).reshape(-1, 3) - scene.origin

@@ -12,8 +12,8 @@ from bench.traffic_check import measure
 from mmw.config import Config, load_config
 from mmw.core.resources import configs_dir
 from mmw.core.transforms import quaternion_to_ypr
-from mmw.generation.estimate import scenario_source
 from mmw.scene.prepare import make_tracks
+from mmw.scene.sources import scenario_source
 from mmw.traffic import VehicleTrack
 from mmw.traffic.roads.town_asset import Town, open_town
 from mmw.usd.vehicle_catalog import load_catalog

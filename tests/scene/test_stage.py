@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdSemantics
 
-from mmw.config import DepthCamera, Imu, Lidar, MountConfig
+from mmw.config import MountConfig
 from mmw.core.resources import assets_dir
 from mmw.core.transforms import pose_from_ypr, pose_to_matrix
 from mmw.scene.reader import read_stage
 from mmw.scene.stage.asset_copies import collect_assets
 from mmw.scene.stage.compose import compose_scenario
+from mmw.sensors import DepthCamera, Imu, Lidar
 from mmw.traffic import VehicleTrack
 from mmw.usd.validate import validate_stage
 from mmw.usd.vehicle_catalog import load_catalog

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from mmw.config import DepthCamera, Imu, Lidar, MountConfig
+from mmw.config import MountConfig
 from mmw.core.transforms import pose_to_matrix, quaternion_to_ypr
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.views import make_views, mount_pose, sensor_actors
+from mmw.sensors import DepthCamera, Imu, Lidar
 from tests.fixtures.scenes import ABSENT, two_cars
 
 

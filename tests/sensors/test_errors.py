@@ -96,8 +96,8 @@ SENSORS = [
     for keys, place, cure in cases
 ]
 OTHERS = [
-    ("sensors=[{name: x}]", "sensors[0]", "`type` is missing", "lidar, rgb, depth, imu, radar or gnss"),
-    ("sensors=[{type: sonar}]", "sensors[0]", 'type = "sonar"', "'radar', 'gnss'"),
+    ("sensors=[{name: x}]", "sensors[0]", "`type` is missing", "lidar, depth, imu, gnss, radar or rgb"),
+    ("sensors=[{type: sonar}]", "sensors[0]", 'type = "sonar"', "'gnss', 'radar'"),
     ("sensors=[{type: lidar}, {type: lidar}]", "sensors", "['lidar', 'lidar']", "its own name"),
     ("sensors.0.type=radar", "sensors", "'radar', 'depth', 'imu', 'gnss', 'radar'", "its own name"),
     ("air.sunny.rain_mm_h=-5", "air.sunny.rain_mm_h", "= -5", "greater than or equal to 0"),

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mmw.config import Config, DepthCamera, Lidar, MountConfig
+from mmw.config import Config, MountConfig
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.scene_data import SceneData
+from mmw.sensors import DepthCamera, Lidar
 from mmw.sensors.mount_checks import check_mounts, enclosing_objects
 from tests.fixtures.scenes import arrays_from_parts, box_model, box_part, ground_part, pose, quad_part
 

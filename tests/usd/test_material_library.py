@@ -21,9 +21,10 @@ from mmw.physics.materials.material import (
     lidar_reflectance,
 )
 from mmw.usd import schema
-from mmw.usd.material_library import LIBRARY, NONVISUAL, PAINTS, MaterialSpec, author_material, build_materials
+from mmw.usd.material_library import LIBRARY, NONVISUAL, PAINTS, MaterialSpec
 from mmw.usd.materials import read_material, resolve_material
 from mmw.usd.validate import validate_stage
+from mmw.worlds.materials.library import author_material, build_materials
 
 SHIPPED = assets_dir() / "materials" / "materials.usda"
 

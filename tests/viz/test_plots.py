@@ -208,7 +208,7 @@ def test_a_sweep_is_drawn_in_the_frame_of_its_agent(data) -> None:
 
 
 def test_a_radar_sample_is_drawn_by_label_and_velocity(data) -> None:
-    from mmw.dataset.frame import Cloud
+    from mmw.dataset.frame import PointCloud
 
     columns = {
         "range": np.array([20.0, 10.0, 30.0]), "velocity": np.array([1.0, -2.0, 3.0]), "label": np.array([0, 1, 0]),
@@ -218,7 +218,7 @@ def test_a_radar_sample_is_drawn_by_label_and_velocity(data) -> None:
     pose = np.array([1.0, 2, 0, 0, 0, 0, 1])
     frame = SimpleNamespace(boxes=data.frame(*AT, 0).boxes)
     agent = SimpleNamespace(
-        pose=pose, radars={"radar": Cloud("x", "radar", pose, place, columns)}, sweeps={}, frame=frame
+        pose=pose, radars={"radar": PointCloud("x", "radar", pose, place, columns)}, sweeps={}, frame=frame
     )
     axes = Figure().subplots()
     points = draw_radar(axes, agent, boxes=False)

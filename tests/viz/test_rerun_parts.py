@@ -42,7 +42,7 @@ def test_the_first_scenario_and_weather_and_all_frames_and_agents_are_shown(data
 
 
 def test_many_frames_are_thinned_and_said(data: Dataset, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(scope, "MOST_FRAMES", 3)
+    monkeypatch.setattr(scope, "MAX_FRAMES", 3)
     found = choose_scope(data)
     assert found.frames == (0,)
     assert found.notes == ("1 of 4 frames, every 10th; --frames shows others",)

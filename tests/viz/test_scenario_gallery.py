@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from mmw.config import RgbCamera
+from mmw.cli.scenario_gallery import main
+from mmw.sensors import RgbCamera
 from mmw.viz.stills import scenario_gallery
-from mmw.viz.stills.scenario_gallery import GAP_PX, draw_scenarios, join_tiles, main, view_of
+from mmw.viz.stills.scenario_gallery import GAP_PX, draw_scenarios, join_tiles, view_of
 from tests.fixtures.scenes import two_cars
 
 NAME = "town07_single_lane"

@@ -1,4 +1,4 @@
-"""Sensors of a dataset with several weathers: `mmw pictures` draws each, and the guide's snippet reads them."""
+"""Sensors of a dataset with several weathers: `mmw render` draws each, and the guide's snippet reads them."""
 
 import re
 from pathlib import Path
@@ -37,7 +37,7 @@ def test_pictures_of_every_sensor_and_weather(
     """The radar is on the roadside unit, where there is no LiDAR, and has no power: both are drawn without."""
     monkeypatch.setattr(gallery, "MAP_PX", 96)
     monkeypatch.setattr(gallery, "STREET_PX", (96, 54))
-    assert main(["pictures", str(dataset), "--out", str(tmp_path), "--agent", "cav_2", "--samples", "1"]) == 0
+    assert main(["render", str(dataset), "--out", str(tmp_path), "--agent", "cav_2", "--samples", "1"]) == 0
     files = [Path(line) for line in capsys.readouterr().out.splitlines()]
     assert {file.stem.removeprefix("town03_roundabout_") for file in files} == {
         "above", "close", "street", "lidar", "lidar_weathers", "radar", "radar_weathers", "depth", "camera",

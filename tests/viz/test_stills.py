@@ -115,7 +115,7 @@ def test_pictures_of_a_dataset(
     monkeypatch.setattr(gallery, "MAP_PX", 96)
     monkeypatch.setattr(gallery, "STREET_PX", (96, 54))
     assert (
-        main(["pictures", str(dataset), "--out", str(tmp_path), "--agent", "cav_2", "--frame", "1", "--samples", "1"])
+        main(["render", str(dataset), "--out", str(tmp_path), "--agent", "cav_2", "--frame", "1", "--samples", "1"])
         == 0
     )
     files = [Path(line) for line in capsys.readouterr().out.splitlines()]
@@ -132,7 +132,7 @@ def test_unknown_agent_frame_and_folder_are_named(dataset: Path, tmp_path: Path,
         ([str(dataset), "--frame", "77"], "77"),
         ([str(tmp_path)], "dataset.json"),
     ):
-        assert main(["pictures", *arguments, "--out", str(tmp_path / "p")]) == 2
+        assert main(["render", *arguments, "--out", str(tmp_path / "p")]) == 2
         assert part in capsys.readouterr().err
     with pytest.raises(ValueError, match="no row"):
         read_rows(dataset, "links", ["frame"], agent="nobody")

@@ -53,8 +53,8 @@ def apply_arrays(
     """
     if carrier_hz != paths.carrier_hz:
         raise InputError(
-            f"synthesize: carrier_hz = {carrier_hz:g}, the paths are at {paths.carrier_hz:g} Hz; a transfer holds for "
-            "one carrier; make Paths of the rows at the carrier that is wanted"
+            f"apply_arrays: carrier_hz = {carrier_hz:g}, the paths are at {paths.carrier_hz:g} Hz; a transfer holds "
+            "for one carrier; make Paths of the rows at the carrier that is wanted"
         )
     sent, send_phase = _end(paths, tx_array, paths.theta_t, paths.phi_t, tx_rotation, "tx_rotation")
     heard, hear_phase = _end(paths, rx_array, paths.theta_r, paths.phi_r, rx_rotation, "rx_rotation")
@@ -71,10 +71,10 @@ def _end(
     turn = np.eye(3) if rotation is None else np.asarray(rotation, dtype=np.float64)
     if turn.shape not in ((3, 3), (paths.link_count, 3, 3)):
         raise InputError(
-            f"synthesize: {name} has shape {turn.shape}; it is [3, 3], or [L, 3, 3] with L = {paths.link_count} links"
+            f"apply_arrays: {name} has shape {turn.shape}; it is [3, 3], or [L, 3, 3] with L = {paths.link_count} links"
         )
     if np.abs(turn @ np.swapaxes(turn, -1, -2) - np.eye(3)).max(initial=0.0) > 1e-6:
-        raise InputError(f"synthesize: {name} holds a matrix that is no rotation; its rows must be orthonormal")
+        raise InputError(f"apply_arrays: {name} holds a matrix that is no rotation; its rows must be orthonormal")
     turn = np.broadcast_to(turn, (paths.link_count, 3, 3))[paths.link]
     direction = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=-1)
     field = antenna_field(direction, turn @ array.rotation, array.pattern, array.polarization, array.polarization_model)

@@ -12,7 +12,6 @@ from mmw.channel.path_solver.candidates import Sources
 from mmw.channel.path_solver.hit_buffers import make_hit_buffers
 from mmw.channel.path_solver.scatter_paths import ScatteringPatches, find_patches
 from mmw.channel.path_solver.surface_table import SurfaceTable
-from mmw.channel.paths import DIFFRACTION
 from mmw.config import ChannelConfig
 from mmw.core.transfer import to_host
 from mmw.core.transforms import invert, make_pose, normalize, transform_points
@@ -20,6 +19,7 @@ from mmw.kernels.channel.edges import cull_wedge_kernel
 from mmw.kernels.channel.image_method import Trials, refine_kernel
 from mmw.kernels.channel.segments import LIFT
 from mmw.kernels.channel.surfaces import LinkEnds
+from mmw.physics.em.interaction import DIFFRACTION
 from mmw.physics.em.vectors import norm
 from mmw.scene.device_scene import DeviceScene
 

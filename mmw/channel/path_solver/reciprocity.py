@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from mmw.channel.links import Links
-from mmw.channel.paths import TRANSMISSION, PathSet, path_ids
+from mmw.channel.paths import PathSet, path_ids
+from mmw.physics.em.interaction import TRANSMISSION
 
 
 def one_way(links: Links) -> tuple[np.ndarray, np.ndarray]:

@@ -12,10 +12,10 @@ import warp as wp
 from mmw.channel.path_solver.candidates import Sources
 from mmw.channel.path_solver.hit_buffers import make_hit_buffers
 from mmw.channel.path_solver.surface_table import SurfaceTable
-from mmw.channel.paths import DIFFUSE, SPECULAR, TRANSMISSION
 from mmw.config import ChannelConfig
 from mmw.kernels.channel.scattering import connect_kernel, scatter_kernel
 from mmw.kernels.channel.surfaces import LinkEnds
+from mmw.physics.em.interaction import DIFFUSE, SPECULAR, TRANSMISSION
 from mmw.scene.device_scene import DeviceScene
 
 HITS_AT_ONCE = 2**24

@@ -9,7 +9,7 @@ from mmw.channel.links import Links
 from mmw.channel.path_solver.image_method import TracedPaths, instance_poses, trace_paths
 from mmw.channel.path_solver.reciprocity import one_way, read_both_ways
 from mmw.channel.path_solver.surface_table import SurfaceTable, make_surface_table
-from mmw.channel.paths import DIFFRACTION, DIFFUSE, LOSSES, PathSet, path_ids, path_kinds
+from mmw.channel.paths import LOSSES, PathSet, path_ids, path_kinds
 from mmw.config import ChannelConfig
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.core.errors import InputError
@@ -18,6 +18,7 @@ from mmw.core.transforms import rotate
 from mmw.physics.em.attenuation import path_loss_db
 from mmw.physics.em.diffraction import WedgeHits, is_lit
 from mmw.physics.em.field import PathGeometry, combine, path_geometry
+from mmw.physics.em.interaction import DIFFRACTION, DIFFUSE
 from mmw.physics.em.path_gain import Interactions, path_transfer
 from mmw.physics.em.scattering import ScatteringPoints
 from mmw.physics.em.vectors import dot, norm

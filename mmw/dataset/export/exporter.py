@@ -109,7 +109,7 @@ def export(
 
     Args:
         root: Dataset folder, or a URI such as s3://bucket/folder.
-        format_name: A key of `mmw.dataset.export.registry.MODULES`.
+        format_name: A key of `mmw.dataset.export.registry.EXPORTERS`.
         out: Folder to write; made if it does not exist.
         selection: What to export.
         options: The format's options that differ from their defaults.

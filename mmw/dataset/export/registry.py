@@ -1,25 +1,31 @@
-"""Which formats there are. A format's module is imported when it is used, so that nobody needs another's packages.
+"""Register export formats. A format is imported when it is used, so that nobody needs another's packages.
 
-To add a format: a module of this folder with `FORMAT: Format`, and one line in `MODULES`.
+To add one to mmw: a module of this folder with `FORMAT: Format`, and one line below. Other packages use the entry point
+group `mmw.exporters`.
 """
 
-import importlib
 from typing import TYPE_CHECKING
 
 from mmw.core.errors import InputError
+from mmw.core.registry import Registry
 
 if TYPE_CHECKING:
     from mmw.dataset.export.exporter import Format
 
-MODULES = {
-    "deepmimo": "mmw.dataset.export.deepmimo.exporter",
-    "huggingface": "mmw.dataset.export.huggingface",
-    "kitti": "mmw.dataset.export.kitti",
-    "nuscenes": "mmw.dataset.export.nuscenes.exporter",
-    "opv2v": "mmw.dataset.export.opv2v",
-    "v1": "mmw.dataset.export.multimodal_wireless.layout",
-}
-"""Name of a format -> module whose `FORMAT` describes it."""
+EXPORTERS: "Registry[Format]" = Registry(
+    "mmw.exporters",
+    "export format",
+    "mmw.dataset.export.exporter:Format",
+    {
+        "deepmimo": "mmw.dataset.export.deepmimo.exporter:FORMAT",
+        "huggingface": "mmw.dataset.export.huggingface:FORMAT",
+        "kitti": "mmw.dataset.export.kitti:FORMAT",
+        "nuscenes": "mmw.dataset.export.nuscenes.exporter:FORMAT",
+        "opv2v": "mmw.dataset.export.opv2v:FORMAT",
+        "v1": "mmw.dataset.export.multimodal_wireless.layout:FORMAT",
+    },
+)
+"""Formats by name."""
 
 
 def load_format(name: str) -> "Format":
@@ -29,6 +35,6 @@ def load_format(name: str) -> "Format":
         InputError: If there is no such format.
         ImportError: If the format needs a package that is not installed.
     """
-    if name not in MODULES:
-        raise InputError(f"format {name!r}: is not known; give one of {', '.join(sorted(MODULES))}")
-    return importlib.import_module(MODULES[name]).FORMAT
+    if name not in EXPORTERS:
+        raise InputError(f"format {name!r}: is not known; give one of {', '.join(sorted(EXPORTERS))}")
+    return EXPORTERS[name]

@@ -20,7 +20,7 @@ from mmw.dataset.beams import BeamSearch
 from mmw.dataset.camera_geometry import POSE_COLUMNS
 from mmw.dataset.windows.memory_sources import RowSource, in_order, nothing_held, number_columns, parts_of, stacked
 from mmw.dataset.windows.tracks import Track, groups, hold
-from mmw.dataset.windows.window_spec import Take
+from mmw.dataset.windows.window_spec import Feature
 from mmw.storage.atomic_files import write_bytes_atomically
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 LINK = ("frame", "agent", "peer", "carrier_hz", "link")
 
 
-def link_source(dataset: "Dataset", take: Take, tracks: Sequence[Track], cache: Path | None) -> RowSource:
+def link_source(dataset: "Dataset", take: Feature, tracks: Sequence[Track], cache: Path | None) -> RowSource:
     """Return `links`, `beams` or `csi` of one link and carrier of every agent, one row a frame.
 
     Args:
@@ -59,7 +59,7 @@ def link_source(dataset: "Dataset", take: Take, tracks: Sequence[Track], cache: 
         for (agent,), some in groups(rows, ("agent",)).items():
             track = tracks[agents[agent]]
             some = in_order(frames, some, take, track)
-            held[agents[agent]] = hold(track, frames[some], some + count, take.hold or 0)
+            held[agents[agent]] = hold(track, frames[some], some + count, take.max_age_frames or 0)
         count += len(frames)
         if take.kind == "numbers":
             found.append({"": stacked(rows, columns, np.float32)})
@@ -71,13 +71,13 @@ def link_source(dataset: "Dataset", take: Take, tracks: Sequence[Track], cache: 
             found.append(_beams(dataset, rows, carrier, scenario, weather, take.search, cache))
     if not count:
         raise InputError(
-            f"Take({take.modality!r}): no link of {take.peer or 'a roadside unit'} to these agents at {carrier:g} Hz; "
-            "name a `peer` that transmits to them"
+            f"Feature({take.modality!r}): no link of {take.peer or 'a roadside unit'} to these agents at {carrier:g} "
+            "Hz; name a `peer` that transmits to them"
         )
     return RowSource(held, {name: np.concatenate([one[name] for one in found]) for name in found[0]})
 
 
-def one_carrier(dataset: "Dataset", take: Take) -> float:
+def one_carrier(dataset: "Dataset", take: Feature) -> float:
     """Return the carrier of a take [Hz].
 
     Raises:
@@ -86,14 +86,14 @@ def one_carrier(dataset: "Dataset", take: Take) -> float:
     known = sorted(pc.unique(dataset.read("links", columns=["carrier_hz"]).column("carrier_hz")).to_pylist())
     listed = ", ".join(f"{carrier:g}" for carrier in known) or "no carrier"
     if take.carrier_hz is None and len(known) != 1:
-        raise InputError(f"Take({take.modality!r}): the dataset has {listed} Hz; name one as `carrier_hz`")
+        raise InputError(f"Feature({take.modality!r}): the dataset has {listed} Hz; name one as `carrier_hz`")
     carrier = known[0] if take.carrier_hz is None else take.carrier_hz
     if carrier not in known:
-        raise InputError(f"Take({take.modality!r}): carrier_hz = {carrier:g}; the dataset has {listed} Hz; name one")
+        raise InputError(f"Feature({take.modality!r}): carrier_hz = {carrier:g}; the dataset has {listed} Hz; name one")
     return carrier
 
 
-def one_peer(take: Take, rows: pa.Table, scenario: str) -> str | None:
+def one_peer(take: Feature, rows: pa.Table, scenario: str) -> str | None:
     """Return the transmitter of a take in one scenario; None if nothing transmits.
 
     Raises:
@@ -105,7 +105,7 @@ def one_peer(take: Take, rows: pa.Table, scenario: str) -> str | None:
     known = sorted(pc.unique(rows.filter(is_v2i).column("peer").cast(pa.string())).to_pylist())
     if len(known) > 1:
         raise InputError(
-            f"Take({take.modality!r}): {', '.join(known)} transmit in {scenario}; name one of them as `peer`"
+            f"Feature({take.modality!r}): {', '.join(known)} transmit in {scenario}; name one of them as `peer`"
         )
     return known[0] if known else None
 

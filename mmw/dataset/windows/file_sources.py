@@ -18,15 +18,15 @@ from mmw.core.errors import InputError
 from mmw.dataset.dataset import framed_parts
 from mmw.dataset.windows.memory_sources import (
     by_sensor,
-    hold_of,
     in_order,
+    max_age_of,
     nothing_held,
     number_columns,
     one_sensor,
     sensor_periods,
 )
 from mmw.dataset.windows.tracks import Held, Track, hold
-from mmw.dataset.windows.window_spec import Take
+from mmw.dataset.windows.window_spec import Feature
 from mmw.storage.codecs.images import decode_depth
 
 if TYPE_CHECKING:
@@ -132,7 +132,7 @@ def open_parquet(dataset: "Dataset", path: str) -> pq.ParquetFile:
     return pq.ParquetFile(dataset.filesystem.open_input_file(path))
 
 
-def file_source(dataset: "Dataset", take: Take, tracks: Sequence[Track], cache: Cache, files: Cache) -> FileSource:
+def file_source(dataset: "Dataset", take: Feature, tracks: Sequence[Track], cache: Cache, files: Cache) -> FileSource:
     """Return where point clouds or images of a take are; only keys are read.
 
     Args:
@@ -184,7 +184,7 @@ def file_source(dataset: "Dataset", take: Take, tracks: Sequence[Track], cache: 
         if sensor is not None:
             frames, rows = np.concatenate(sensors[sensor], axis=1)
             order = in_order(frames, np.arange(len(frames)), take, track)
-            held[number] = hold(track, frames[order], rows[order], hold_of(take, periods, track, sensor))
+            held[number] = hold(track, frames[order], rows[order], max_age_of(take, periods, track, sensor))
     return FileSource(
         held, dataset, take.key, take.table, columns, tuple(paths), np.concatenate(where), decode,
         take.kind != "points", cache, files,

@@ -1,6 +1,5 @@
 """What a take is read from: numbers and boxes, which are kept in memory."""
 
-import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
@@ -8,12 +7,12 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 import pyarrow as pa
 
-from mmw.core.constants import FRAME_RATE_HZ
+from mmw.config.sensor_spec import SENSORS
 from mmw.core.errors import InputError
 from mmw.core.transforms import normalize
 from mmw.dataset.camera_geometry import POSE_COLUMNS, from_world
 from mmw.dataset.windows.tracks import Held, Track, groups, hold
-from mmw.dataset.windows.window_spec import WITH_SENSOR, Take
+from mmw.dataset.windows.window_spec import Feature
 from mmw.storage.schemas import table_spec
 from mmw.usd.semantics import CARLA_TAG
 
@@ -105,36 +104,46 @@ def nothing_held(tracks: Sequence[Track]) -> list[Held]:
 
 
 def sensor_periods(dataset: "Dataset") -> dict[tuple[str, str, str], int]:
-    """Return the frames from one sample to the next of every scenario, agent and sensor in table `sensors`."""
+    """Return the frames from one sample to the next of every scenario, agent and sensor in table `sensors`.
+
+    Raises:
+        InputError: If no installed package knows a sensor's type.
+    """
     if "sensors" not in dataset.tables:
         return {}
-    rows = dataset.read("sensors", columns=["scenario", "agent", "sensor", "params"]).to_pylist()
+    rows = dataset.read("sensors", columns=["scenario", "agent", "sensor", "type", "params"]).to_pylist()
     found = {}
     for row in rows:
-        params = json.loads(row["params"])
-        period = params.get("every_frames", FRAME_RATE_HZ // params["rate_hz"] if "rate_hz" in params else 1)
-        found[row["scenario"], row["agent"], row["sensor"]] = int(period)
+        if row["type"] == "antenna":
+            continue
+        if row["type"] not in SENSORS:
+            raise InputError(
+                f"sensor {row['sensor']!r}: its type {row['type']!r} is not known here; install the package that made "
+                "this dataset"
+            )
+        section = SENSORS[row["type"]].config.model_validate_json(row["params"])
+        found[row["scenario"], row["agent"], row["sensor"]] = section.period_frames
     return found
 
 
-def hold_of(take: Take, periods: Mapping[tuple[str, str, str], int], track: Track, sensor: str) -> int:
+def max_age_of(take: Feature, periods: Mapping[tuple[str, str, str], int], track: Track, sensor: str) -> int:
     """Return the frames that a sample of a sensor may be older than the frame it stands for.
 
     Raises:
-        InputError: If the sensor is not among `sensor_periods`, and `hold` is not given.
+        InputError: If the sensor is not among `sensor_periods`, and `max_age_frames` is not given.
     """
-    if take.hold is not None:
-        return take.hold
+    if take.max_age_frames is not None:
+        return take.max_age_frames
     key = track.scenario, track.agent, sensor
     if key not in periods:
         raise InputError(
-            f"Take({take.modality!r}): table sensors has no row for {' '.join(key)}, which would tell how often it is "
-            "sampled; give `hold`"
+            f"Feature({take.modality!r}): table sensors has no row for {' '.join(key)}, which would tell how often it "
+            "is sampled; give `max_age_frames`"
         )
     return periods[key] - 1
 
 
-def one_sensor(take: Take, track: Track, known: Iterable[str]) -> str | None:
+def one_sensor(take: Feature, track: Track, known: Iterable[str]) -> str | None:
     """Return the sensor of an agent that a take is read from; None if it has none.
 
     Raises:
@@ -145,12 +154,13 @@ def one_sensor(take: Take, track: Track, known: Iterable[str]) -> str | None:
         return take.sensor if take.sensor in names else None
     if len(names) > 1:
         raise InputError(
-            f"Take({take.modality!r}): {track.agent} of {track.scenario} has {', '.join(names)}; name one as `sensor`"
+            f"Feature({take.modality!r}): {track.agent} of {track.scenario} has {', '.join(names)}; name one as "
+            "`sensor`"
         )
     return names[0] if names else None
 
 
-def number_columns(take: Take) -> tuple[str, ...]:
+def number_columns(take: Feature) -> tuple[str, ...]:
     """Return the columns of a take of kind numbers or points.
 
     Raises:
@@ -166,18 +176,18 @@ def number_columns(take: Take) -> tuple[str, ...]:
     wrong = [name for name in take.picked if name not in types]
     if wrong or not take.picked:
         raise InputError(
-            f"Take({take.modality!r}): columns {wrong or 'none'}; {take.table} has {', '.join(types)}; name some"
+            f"Feature({take.modality!r}): columns {wrong or 'none'}; {take.table} has {', '.join(types)}; name some"
         )
     return take.picked
 
 
-def number_source(dataset: "Dataset", take: Take, tracks: Sequence[Track]) -> RowSource:
+def number_source(dataset: "Dataset", take: Feature, tracks: Sequence[Track]) -> RowSource:
     """Return numbers of `poses`, `imu` or `gnss`, one row a sample; nulls are NaN.
 
     Raises:
         InputError: If a column is not one of numbers, or an agent has several sensors and none is named.
     """
-    columns, has_sensor = number_columns(take), take.modality in WITH_SENSOR
+    columns, has_sensor = number_columns(take), take.modality in SENSORS
     # A step of float32 is 0.4 m of latitude.
     dtype = np.float64 if take.modality == "gnss" else np.float32
     held, found, count = nothing_held(tracks), [np.zeros((0, len(columns)), dtype=dtype)], 0
@@ -193,7 +203,7 @@ def number_source(dataset: "Dataset", take: Take, tracks: Sequence[Track]) -> Ro
             sensor = one_sensor(take, track, by_agent.get(agent, {}))
             if sensor is not None:
                 some = in_order(frames, by_agent[agent][sensor], take, track)
-                most = hold_of(take, periods, track, sensor) if has_sensor else take.hold or 0
+                most = max_age_of(take, periods, track, sensor) if has_sensor else take.max_age_frames or 0
                 held[number] = hold(track, frames[some], some + count, most)
         found.append(values)
         count += len(values)
@@ -208,7 +218,7 @@ def by_sensor(rows: pa.Table) -> dict[str, dict[str, np.ndarray]]:
     return found
 
 
-def in_order(frames: np.ndarray, rows: np.ndarray, take: Take, track: Track) -> np.ndarray:
+def in_order(frames: np.ndarray, rows: np.ndarray, take: Feature, track: Track) -> np.ndarray:
     """Return rows of one track, sorted by frame.
 
     Raises:
@@ -229,7 +239,7 @@ def stacked(rows: pa.Table, columns: Sequence[str], dtype: type) -> np.ndarray:
     return values
 
 
-def box_source(dataset: "Dataset", tracks: Sequence[Track], take: Take) -> BoxSource:
+def box_source(dataset: "Dataset", tracks: Sequence[Track], take: Feature) -> BoxSource:
     """Return the boxes of every frame of every track; a frame without any box has no sample."""
     held, count, boxes = nothing_held(tracks), 0, 0
     parts: dict[str, list[np.ndarray]] = {}
@@ -262,7 +272,7 @@ def box_source(dataset: "Dataset", tracks: Sequence[Track], take: Take) -> BoxSo
             if agent in agents:
                 track = tracks[agents[agent]]
                 some = in_order(own_frames, some[span[some, 1] > span[some, 0]], take, track)
-                held[agents[agent]] = hold(track, own_frames[some], some + count, take.hold or 0)
+                held[agents[agent]] = hold(track, own_frames[some], some + count, take.max_age_frames or 0)
         boxes += len(frames)
         count += poses.num_rows
     return BoxSource(held, **{name: np.concatenate(values) for name, values in parts.items()})

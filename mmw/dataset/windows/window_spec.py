@@ -7,42 +7,31 @@ from typing import Literal
 import numpy as np
 
 from mmw.channel.response import subcarrier_frequencies
+from mmw.config.sensor_spec import SENSORS, Modality
 from mmw.core.errors import InputError
 from mmw.dataset.beams import BeamSearch
 
-Kind = Literal["numbers", "boxes", "beams", "csi", "points", "rgb", "depth"]
-
-
-@dataclass(frozen=True)
-class Modality:
-    """One thing that a window can hold."""
-
-    table: str
-    """Table that it is read from."""
-    kind: Kind
-    columns: tuple[str, ...] = ()
-    """Columns unless others are asked for, in the order of the array's last axis."""
-
-
-MODALITIES: dict[str, Modality] = {
+OWN_MODALITIES: dict[str, Modality] = {
     "poses": Modality("poses", "numbers", ("x", "y", "z", "qx", "qy", "qz", "qw", "vx", "vy", "vz", "wx", "wy", "wz")),
-    "imu": Modality("imu", "numbers", ("ax", "ay", "az", "gx", "gy", "gz")),
-    "gnss": Modality("gnss", "numbers", ("latitude_deg", "longitude_deg", "altitude_m", "v_east", "v_north", "v_up")),
     "links": Modality(
         "links", "numbers", ("gain_db", "mean_delay_s", "rms_delay_s", "doppler_spread_hz", "is_los", "path_count")
     ),
     "beams": Modality("paths", "beams"),
     "csi": Modality("paths", "csi"),
     "boxes": Modality("boxes", "boxes"),
-    "lidar": Modality("lidar", "points", ("x", "y", "z", "intensity")),
-    "radar": Modality("radar", "points", ("range", "azimuth", "elevation", "velocity")),
-    "rgb": Modality("rgb", "rgb"),
-    "depth": Modality("depth", "depth"),
 }
-"""Name -> modality."""
+"""Name -> modality that no sensor gives."""
 
-WITH_SENSOR = ("imu", "gnss", "lidar", "radar", "rgb", "depth")
-"""Modalities of a sensor; `hold` of the others is 0 unless it is given."""
+
+def sensor_modalities() -> dict[str, Modality]:
+    """Return the modalities of the registered kinds of sensors by their names."""
+    return {name: spec.window for name, spec in SENSORS.items() if spec.window is not None}
+
+
+def modalities() -> dict[str, Modality]:
+    """Return every modality by its name."""
+    return OWN_MODALITIES | sensor_modalities()
+
 
 WITH_LINK = ("links", "beams", "csi")
 """Modalities of a radio link, in which the agent is the receiver."""
@@ -52,7 +41,7 @@ CSI_HZ = tuple(subcarrier_frequencies(64, 120e3).tolist())
 
 
 @dataclass(frozen=True, eq=False)
-class Take:
+class Feature:
     """One modality of a window, with its own rate.
 
     Raises:
@@ -60,7 +49,7 @@ class Take:
     """
 
     modality: str
-    """A name of `MODALITIES`."""
+    """A name of `modalities()`."""
     span: Literal["past", "future"] = "past"
     """`past` ends with the frame `now`; `future` begins with the first frame after it."""
     every: int = 1
@@ -69,7 +58,7 @@ class Take:
     """Sensor name; None takes the only one that the table has of an agent."""
     columns: tuple[str, ...] | None = None
     """Number columns instead of the modality's own; of point clouds its lists."""
-    hold: int | None = None
+    max_age_frames: int | None = None
     """Frames that a sample may be older than the frame it stands for; None: as the sensor is sampled, else 0."""
     peer: str | None = None
     """Transmitter of the link; None takes the only roadside unit of the scenario."""
@@ -85,18 +74,21 @@ class Take:
     """Key in a sample; None makes `lidar`, `rgb_front`, `future_beams`."""
 
     def __post_init__(self) -> None:
-        where = f"Take({self.modality!r})"
-        if self.modality not in MODALITIES:
-            raise InputError(f"{where}: no such modality; they are {', '.join(MODALITIES)}; name one of them")
+        where = f"Feature({self.modality!r})"
+        if self.modality not in modalities():
+            raise InputError(f"{where}: no such modality; they are {', '.join(modalities())}; name one of them")
         if self.span not in ("past", "future"):
             raise InputError(f"{where}: span = {self.span!r}; it is past or future")
-        if self.every < 1 or (self.hold is not None and self.hold < 0):
-            raise InputError(f"{where}: every = {self.every}, hold = {self.hold}; every is at least 1, hold 0")
+        if self.every < 1 or (self.max_age_frames is not None and self.max_age_frames < 0):
+            raise InputError(
+                f"{where}: every = {self.every}, max_age_frames = {self.max_age_frames}; every is at least 1, "
+                "max_age_frames 0"
+            )
         if self.shrink not in (1, 2, 4, 8):
             raise InputError(f"{where}: shrink = {self.shrink}; it is 1, 2, 4 or 8")
-        kind = MODALITIES[self.modality].kind
+        kind = modalities()[self.modality].kind
         uses = {
-            "sensor": (self.sensor is not None, self.modality in WITH_SENSOR),
+            "sensor": (self.sensor is not None, self.modality in SENSORS),
             "peer": (self.peer is not None, self.modality in WITH_LINK),
             "carrier_hz": (self.carrier_hz is not None, self.modality in WITH_LINK),
             "columns": (self.columns is not None, kind in ("numbers", "points")),
@@ -115,25 +107,35 @@ class Take:
             "_"
         )
 
-    def has_source_of(self, other: "Take") -> bool:
+    def has_source_of(self, other: "Feature") -> bool:
         """Return whether both take the same samples, of whatever frames."""
-        names = ("modality", "sensor", "columns", "hold", "peer", "carrier_hz", "search", "frequencies_hz", "shrink")
+        names = (
+            "modality",
+            "sensor",
+            "columns",
+            "max_age_frames",
+            "peer",
+            "carrier_hz",
+            "search",
+            "frequencies_hz",
+            "shrink",
+        )
         return all(getattr(self, name) == getattr(other, name) for name in names)
 
     @property
     def table(self) -> str:
         """Table that it is read from."""
-        return MODALITIES[self.modality].table
+        return modalities()[self.modality].table
 
     @property
-    def kind(self) -> Kind:
+    def kind(self) -> str:
         """How its rows become an array."""
-        return MODALITIES[self.modality].kind
+        return modalities()[self.modality].kind
 
     @property
     def picked(self) -> tuple[str, ...]:
         """Columns in the order of the array's last axis."""
-        return self.columns if self.columns is not None else MODALITIES[self.modality].columns
+        return self.columns if self.columns is not None else modalities()[self.modality].columns
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,8 +146,8 @@ class WindowSpec:
         InputError: If a length is too small, nothing is taken, or two things have one name.
     """
 
-    takes: Sequence[Take | str]
-    """What a window holds; a text is `Take(text)`."""
+    takes: Sequence[Feature | str]
+    """What a window holds; a text is `Feature(text)`."""
     past: int
     """Past frames P, `now` included."""
     future: int = 0
@@ -156,12 +158,12 @@ class WindowSpec:
     """Frames from one frame of a window to the next; all frames in between must be there too."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "takes", tuple(t if isinstance(t, Take) else Take(t) for t in self.takes))
+        object.__setattr__(self, "takes", tuple(t if isinstance(t, Feature) else Feature(t) for t in self.takes))
         if self.past < 1 or self.future < 0 or self.stride < 1 or self.step < 1:
             sizes = f"past = {self.past}, future = {self.future}, stride = {self.stride}, step = {self.step}"
             raise InputError(f"WindowSpec: {sizes}; future is at least 0, the others 1")
         if not self.takes:
-            raise InputError("WindowSpec: takes is empty; name what a window holds, such as Take('beams')")
+            raise InputError("WindowSpec: takes is empty; name what a window holds, such as Feature('beams')")
         keys = ["now", "track", *(key for take in self.all_takes for key in (take.key, f"{take.key}_frame"))]
         twice = sorted({key for key in keys if keys.count(key) > 1})
         if twice:
@@ -174,9 +176,9 @@ class WindowSpec:
                 )
 
     @property
-    def all_takes(self) -> tuple[Take, ...]:
+    def all_takes(self) -> tuple[Feature, ...]:
         """`takes`, none of them a text."""
-        return tuple(take for take in self.takes if isinstance(take, Take))
+        return tuple(take for take in self.takes if isinstance(take, Feature))
 
     @property
     def before(self) -> int:
@@ -188,7 +190,7 @@ class WindowSpec:
         """Frames from `now` to the last future frame."""
         return self.future * self.step
 
-    def offsets(self, take: Take) -> np.ndarray:
+    def offsets(self, take: Feature) -> np.ndarray:
         """Return the frames that a take has samples for, counted from `now`, growing, shape [T], int64."""
         if take.span == "future":
             return np.arange(take.every, self.future + 1, take.every) * self.step

@@ -15,7 +15,7 @@ from mmw.dataset.windows.channel_sources import link_source
 from mmw.dataset.windows.file_sources import OPEN_FILES, Cache, file_source, framed_files
 from mmw.dataset.windows.memory_sources import Source, box_source, number_source
 from mmw.dataset.windows.tracks import Track, find_tracks
-from mmw.dataset.windows.window_spec import WITH_LINK, Take, WindowSpec
+from mmw.dataset.windows.window_spec import WITH_LINK, Feature, WindowSpec
 
 CACHE_BYTES = 256_000_000
 """Decoded images, sweeps and row groups that a process keeps: four agents' sweeps and images of two seconds at 10 Hz
@@ -164,7 +164,7 @@ def open_windows(
 
 
 def _source(
-    data: Dataset, take: Take, tracks: Sequence[Track], kept: Cache, files: Cache, folder: Path | None
+    data: Dataset, take: Feature, tracks: Sequence[Track], kept: Cache, files: Cache, folder: Path | None
 ) -> Source:
     if take.modality in WITH_LINK:
         return link_source(data, take, tracks, folder)
@@ -232,7 +232,7 @@ def _check_tables(data: Dataset, spec: WindowSpec) -> None:
         missing = sorted(needed - set(data.tables))
         if missing:
             raise InputError(
-                f"{data.root}: Take({take.modality!r}) needs table {' and '.join(missing)}, which has no file; it "
+                f"{data.root}: Feature({take.modality!r}) needs table {' and '.join(missing)}, which has no file; it "
                 f"holds {', '.join(data.tables) or 'no table'}; take something else or record it"
             )
 

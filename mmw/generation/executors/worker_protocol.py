@@ -11,7 +11,7 @@ from logging.handlers import QueueHandler
 from typing import Any
 
 from mmw.core.temp_files import owned
-from mmw.generation.progress import StageTimer
+from mmw.core.timing import StageTimer
 from mmw.generation.shards import Work
 from mmw.generation.worker import GenerationContext, Worker
 

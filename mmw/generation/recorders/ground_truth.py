@@ -2,8 +2,9 @@
 
 from collections.abc import Sequence
 
-from mmw.scene.rows import box_rows, frame_rows, pose_rows
+from mmw.scene.rows import frame_rows, pose_rows
 from mmw.sensors.batch import Batch, TableRows, collect
+from mmw.sensors.ground_truth.box_rows import box_rows
 from mmw.sensors.ground_truth.boxes_3d import make_boxes
 from mmw.sensors.ground_truth.visibility import trace_sight
 from mmw.sensors.ground_truth.visibility_rows import sight_rows

@@ -9,7 +9,8 @@ from typing import Any
 
 import pyarrow as pa
 
-from mmw.config import Config, DepthCamera, Gnss, Imu, Lidar, Radar, RgbCamera, SensorConfig
+from mmw.config import Config
+from mmw.config.sensor_spec import spec_of
 from mmw.generation.provenance import stored_config
 from mmw.generation.shards import shard_keys
 from mmw.storage.file_checks import Finding
@@ -19,9 +20,6 @@ from mmw.storage.store import Root, Store, store_of
 
 PATH_KEYS = ("town", "stage")
 """Keys of a scenario that hold a path: `config.yaml` has it absolute, `dataset.json` as it was written."""
-
-TABLE_OF = {Lidar: "lidar", Imu: "imu", Gnss: "gnss", Radar: "radar", RgbCamera: "rgb"} | {DepthCamera: "depth"}
-"""Section -> the table that has a row for each of its samples."""
 
 
 def check_plan(root: Root) -> list[Finding]:
@@ -90,18 +88,25 @@ def _align_paths(stored: dict[str, Any], kept: dict[str, Any]) -> None:
 
 def _check_shard(root: Store, config: Config, key: ShardKey) -> Iterator[Finding]:
     """Yield the tables of a shard whose keys are not the expected ones."""
+    shard = _Shard(root, key)
     try:
-        shard = _Shard(root, key)
         expected = dict(_expected(config, shard))
-        for table, wanted in expected.items():
-            found = Counter(shard.keys(table, KEY_OF[table]))
-            path = table_path(table, key).as_posix()
-            if lost := wanted - found:
-                yield Finding("count", path, f"{sum(lost.values())} rows are missing, the first {_name(table, lost)}")
-            if more := found - wanted:
-                yield Finding("count", path, f"{sum(more.values())} rows too many, the first {_name(table, more)}")
-    except (pa.ArrowException, KeyError, OSError):
+    except _UnreadableError:
         return  # a damaged file or schema, which `mmw.storage.file_checks` names
+    for table, wanted in expected.items():
+        try:
+            found = Counter(shard.keys(table, KEY_OF.get(table, SAMPLE_KEY)))
+        except _UnreadableError:
+            continue
+        path = table_path(table, key).as_posix()
+        if lost := wanted - found:
+            yield Finding("count", path, f"{sum(lost.values())} rows are missing, the first {_name(table, lost)}")
+        if more := found - wanted:
+            yield Finding("count", path, f"{sum(more.values())} rows too many, the first {_name(table, more)}")
+
+
+class _UnreadableError(Exception):
+    """A table that is damaged or lacks a column."""
 
 
 KEY_OF = {
@@ -110,15 +115,16 @@ KEY_OF = {
     "boxes": ("frame",),
     "links": ("frame", "agent", "peer", "carrier_hz"),
     "paths": ("frame", "agent", "peer", "carrier_hz"),
-    **dict.fromkeys(TABLE_OF.values(), ("frame", "agent", "sensor")),
-    **dict.fromkeys(("segmentation", "normals", "flow", "radar_maps", "radar_iq"), ("frame", "agent", "sensor")),
 }
-"""Table -> columns by which its rows are counted."""
+"""Table -> columns by which its rows are counted; those of sensors have `SAMPLE_KEY`."""
+
+SAMPLE_KEY = ("frame", "agent", "sensor")
+"""Columns that name one sample of a sensor."""
 
 
 def _name(table: str, counts: Counter) -> str:
     first = min(counts, key=str)
-    return ", ".join(f"{column} {value}" for column, value in zip(KEY_OF[table], first, strict=True))
+    return ", ".join(f"{column} {value}" for column, value in zip(KEY_OF.get(table, SAMPLE_KEY), first, strict=True))
 
 
 class _Shard:
@@ -133,7 +139,10 @@ class _Shard:
         name = table_path(table, self.key).as_posix()
         if not self.root.sizes([name]):
             return []
-        rows = self.root.rows(name, columns)
+        try:
+            rows = self.root.rows(name, columns)
+        except (pa.ArrowException, KeyError, OSError) as error:
+            raise _UnreadableError(name) from error
         return list(zip(*(rows.column(name).to_pylist() for name in columns), strict=True))
 
 
@@ -147,8 +156,8 @@ def _expected(config: Config, shard: _Shard) -> Iterator[tuple[str, Counter]]:
     samples: dict[str, Counter] = {}
     for sensor in config.sensors:
         due = [(frame, agent, sensor.name) for frame, agent, role in poses if role in sensor.on]
-        due = [row for row in due if row[0] % _period(sensor) == 0]
-        for table, each in _tables_of(sensor).items():
+        due = [row for row in due if row[0] % sensor.period_frames == 0]
+        for table, each in spec_of(sensor).tables_of(sensor).items():
             samples.setdefault(table, Counter()).update(dict.fromkeys(due, each))
     yield from samples.items()
     if config.channel.enabled:
@@ -165,22 +174,3 @@ def _expected(config: Config, shard: _Shard) -> Iterator[tuple[str, Counter]]:
         )
         links = shard.keys("links", (*KEY_OF["links"], "path_count"))
         yield "paths", Counter({row[:4]: row[4] for row in links if row[4]})
-
-
-def _period(sensor: SensorConfig) -> int:
-    """Return the frames from one sample to the next."""
-    if isinstance(sensor, Gnss):
-        return sensor.period_frames
-    return sensor.every_frames if isinstance(sensor, RgbCamera) else 1
-
-
-def _tables_of(sensor: SensorConfig) -> dict[str, int]:
-    """Return the tables that have rows for each sample of a sensor, and how many rows."""
-    tables = {TABLE_OF[type(sensor)]: 1}
-    if isinstance(sensor, RgbCamera):
-        tables |= {"normals": int(sensor.normals), "flow": int(sensor.flow)}
-    if isinstance(sensor, RgbCamera | DepthCamera):
-        tables["segmentation"] = int(sensor.segmentation)
-    if isinstance(sensor, Radar):
-        tables |= {"radar_maps": len(sensor.maps), "radar_iq": int(sensor.iq)}
-    return {table: count for table, count in tables.items() if count}

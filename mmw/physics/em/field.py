@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmw.channel.paths import DIFFRACTION, DIFFUSE, SPECULAR, TRANSMISSION
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.physics.em.fresnel import reflection, transmission
+from mmw.physics.em.interaction import DIFFRACTION, DIFFUSE, SPECULAR, TRANSMISSION
 from mmw.physics.em.vectors import direction_angles, dot, norm, spherical_basis
 
 

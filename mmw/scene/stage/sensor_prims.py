@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from pxr import Gf, Sdf
 
-from mmw.config import DepthCamera, RgbCamera, SensorConfig
-from mmw.config.lens import LensConfig
+from mmw.config import SensorConfig
+from mmw.config.sensor_spec import Camera, spec_of
 from mmw.core.transforms import IDENTITY_POSE, compose, pose_from_mount
 from mmw.scene.stage.layer import define, place
 from mmw.usd.prim_specs import set_value
@@ -26,7 +26,7 @@ def write_sensors(
     sensors: Sequence[SensorConfig],
     antenna_position_m: Mapping[str, Sequence[float]],
 ) -> None:
-    """Write `Sensors` below an agent: a Camera for each RGB or depth camera, an Xform for everything else.
+    """Write `Sensors` below an agent: a Camera for each camera, an Xform for everything else.
 
     Args:
         layer: The layer.
@@ -42,10 +42,10 @@ def write_sensors(
         mount = sensor.mount_on(role)
         pose = pose_from_mount(mount.position_m, mount.yaw_deg, mount.pitch_deg, mount.roll_deg)
         path = f"{agent_path}/Sensors/{prim_name(sensor.name)}"
-        if isinstance(sensor, RgbCamera | DepthCamera):
+        if (projection := spec_of(sensor).camera) is not None:
             prim = define(layer, path, "Camera")
             place(prim, compose(pose, SENSOR_TO_CAMERA))
-            _lens(prim, sensor)
+            _lens(prim, projection(sensor))
         else:
             prim = define(layer, path)
             place(prim, pose)
@@ -63,10 +63,9 @@ def prim_name(name: str) -> str:
     return name.replace("-", "_")
 
 
-def _lens(prim: Sdf.PrimSpec, sensor: RgbCamera | DepthCamera) -> None:
+def _lens(prim: Sdf.PrimSpec, projection: Camera) -> None:
     """Write the camera as a pinhole: a USD camera has no distortion, so that of a lens is left out."""
-    lens = sensor.lens if isinstance(sensor, RgbCamera) else LensConfig()
-    camera = lens.intrinsics(sensor.width_px, sensor.height_px, sensor.fov_deg)
+    camera = projection.intrinsics
     kind = Sdf.ValueTypeNames
     set_value(prim, "focalLength", kind.Float, APERTURE_MM * camera.fx / camera.width)
     set_value(prim, "horizontalAperture", kind.Float, APERTURE_MM)
@@ -76,4 +75,4 @@ def _lens(prim: Sdf.PrimSpec, sensor: RgbCamera | DepthCamera) -> None:
         set_value(prim, "horizontalApertureOffset", kind.Float, offset * (0.5 * camera.width - camera.cx))
         down = offset * camera.fx / camera.fy
         set_value(prim, "verticalApertureOffset", kind.Float, down * (camera.cy - 0.5 * camera.height))
-    set_value(prim, "clippingRange", kind.Float2, Gf.Vec2f(0.01, sensor.range_m))
+    set_value(prim, "clippingRange", kind.Float2, Gf.Vec2f(0.01, projection.range_m))

@@ -2,30 +2,30 @@
 
 from collections.abc import Sequence
 
-from mmw.config import DepthCamera, RgbCamera
 from mmw.sensors.batch import Batch, TableRows
 from mmw.sensors.camera_group.launches import Launch, make_launches, most_pixels
 from mmw.sensors.camera_group.objects import find_visible_objects, record_objects
 from mmw.sensors.depth.capture import check_lists, record_depth
+from mmw.sensors.depth.config import DepthCamera
 from mmw.sensors.ground_truth.boxes_3d import Boxes, make_boxes
 from mmw.sensors.render.visibility_buffer import SampleBuffer, depth_images, trace_samples
 from mmw.sensors.rgb.capture import record_rgb, record_surfaces
+from mmw.sensors.rgb.config import RgbCamera
 
 TRACED_RANGE = 1.001
 """Length of rays over the range of the camera [-]: whether a surface is in range is decided by its depth alone, so that
 an image does not depend on which cameras share its rays. Design value."""
 
 
-def record_cameras(job: Batch, frames: Sequence[int], collected: TableRows) -> None:
+def capture_cameras(
+    job: Batch, cameras: Sequence[RgbCamera | DepthCamera], frames: Sequence[int], collected: TableRows
+) -> None:
     """Add the images of all RGB and depth cameras, and what the same rays show.
 
     Raises:
         InputError: If a shard would hold more unrounded depths than a list column takes, or the scene more objects
             than an instance image.
     """
-    cameras = [sensor for sensor in job.config.sensors if isinstance(sensor, RgbCamera | DepthCamera)]
-    if not cameras:
-        return
     check_lists(job, [camera for camera in cameras if isinstance(camera, DepthCamera)])
     boxes = make_boxes(job.arrays, frames, job.motion)
     for launch in make_launches(job.arrays, cameras, frames):

@@ -6,13 +6,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 import warp as wp
 
-from mmw.config import DepthCamera, RgbCamera
 from mmw.core.camera_models import Intrinsics
 from mmw.core.transfer import numpy_type, to_host
 from mmw.scene.scene_data import SceneData
 from mmw.scene.views import Views, join_views, make_views
 from mmw.sensors.depth import simulate as depth
+from mmw.sensors.depth.config import DepthCamera
 from mmw.sensors.render import projection as lens
+from mmw.sensors.rgb.config import RgbCamera
 
 OWN_KEYS = {"name", "on", "mount"}
 """Keys of an RGB camera that may differ within a launch."""

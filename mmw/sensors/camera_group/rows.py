@@ -6,7 +6,6 @@ from concurrent.futures import Future
 import numpy as np
 import pyarrow as pa
 
-from mmw.config import RgbCamera
 from mmw.core.camera_models import Intrinsics
 from mmw.scene.scene_data import SceneData
 from mmw.scene.table_rows import Columns, lists, names
@@ -15,6 +14,7 @@ from mmw.sensors.ground_truth.boxes_2d import VisiblePixels, project_boxes
 from mmw.sensors.ground_truth.boxes_3d import Boxes
 from mmw.sensors.ground_truth.visibility import boxed_actors
 from mmw.sensors.render.tone_mapping import SATURATION
+from mmw.sensors.rgb.config import RgbCamera
 from mmw.storage.table_spec import F32, list_of
 
 Images = Sequence[Future[bytes] | bytes]

@@ -2,13 +2,13 @@
 
 from collections.abc import Sequence
 
-from mmw.config import DepthCamera
 from mmw.core.errors import InputError
 from mmw.kernels.camera.depth import DepthImages
 from mmw.scene.views import Views, sensor_actors
 from mmw.sensors.batch import Batch, TableRows
 from mmw.sensors.camera_group.launches import LaunchCamera, images_of
 from mmw.sensors.camera_group.rows import depth_rows, metre_lists
+from mmw.sensors.depth.config import DepthCamera
 from mmw.storage.codecs.images import encode_depth
 
 MAX_LISTED = 2**31 - 1

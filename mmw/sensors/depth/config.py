@@ -5,8 +5,8 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from mmw.config.section import Name
+from mmw.config.sensor import MountConfig, Role, SensorConfig
 from mmw.core.errors import InputError
-from mmw.sensors.base_config import MountConfig, Role, SensorConfig
 
 PNG16_RANGE_M = 655.35
 """Longest depth that 16-bit centimetres tell [m]."""

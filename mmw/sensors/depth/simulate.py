@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmw.config import DepthCamera
 from mmw.core.camera_models import Intrinsics
 from mmw.kernels.camera import depth as kernels
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.views import Views
+from mmw.sensors.depth.config import DepthCamera
 from mmw.sensors.lidar.scan_pattern import pinhole
 from mmw.sensors.render.visibility_buffer import depth_images, trace_samples
 

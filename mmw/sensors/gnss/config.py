@@ -5,9 +5,9 @@ from typing import Literal
 from pydantic import Field, field_validator
 
 from mmw.config.section import Name
+from mmw.config.sensor import Role, SensorConfig
 from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.errors import InputError
-from mmw.sensors.base_config import Role, SensorConfig
 
 
 class Gnss(SensorConfig):

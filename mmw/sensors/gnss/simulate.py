@@ -22,7 +22,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmw.config import Gnss
 from mmw.core.constants import FRAME_DT
 from mmw.core.geodesy import mercator_from_world, sensor_heading, wgs84_from_world
 from mmw.core.kinematics import differentiate, window
@@ -31,6 +30,7 @@ from mmw.core.random_series import gauss_markov, white_series
 from mmw.core.transforms import compose, normalize
 from mmw.scene.scene_data import SceneData
 from mmw.scene.views import mount_pose, sensor_actors
+from mmw.sensors.gnss.config import Gnss
 
 SLOWEST = 0.01
 """Speed from which motion has a direction [m/s]; design value."""

@@ -5,7 +5,7 @@ from typing import Literal
 from pydantic import Field
 
 from mmw.config.section import Name
-from mmw.sensors.base_config import Role, SensorConfig
+from mmw.config.sensor import Role, SensorConfig
 
 
 class Imu(SensorConfig):

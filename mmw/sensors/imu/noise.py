@@ -26,11 +26,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmw.config import Imu
 from mmw.core.constants import FRAME_DT
 from mmw.core.random_keys import random_keys
 from mmw.core.random_series import gauss_markov, random_walk, white_series
 from mmw.core.transforms import quaternion_exp, quaternion_to_matrix
+from mmw.sensors.imu.config import Imu
 
 
 @dataclass(frozen=True)

@@ -1,11 +1,10 @@
-"""Rows of the tables of inertial and satellite sensors."""
+"""Make rows of table `imu`."""
 
 import numpy as np
 
-from mmw.config import Imu
 from mmw.scene.scene_data import SceneData
 from mmw.scene.table_rows import Columns, names, split
-from mmw.sensors.gnss.simulate import GnssBatch
+from mmw.sensors.imu.config import Imu
 from mmw.sensors.imu.simulate import ImuBatch
 
 
@@ -23,18 +22,4 @@ def imu_rows(arrays: SceneData, sensor: Imu, imu: ImuBatch) -> Columns:
         **split(("ax_bias", "ay_bias", "az_bias"), imu.accel_bias.astype(np.float32)),
         **split(("gx_bias", "gy_bias", "gz_bias"), imu.gyro_bias.astype(np.float32)),
         "compass": imu.compass,
-    }
-
-
-def gnss_rows(arrays: SceneData, sensor: str, gnss: GnssBatch) -> Columns:
-    """Return rows of the `gnss` table for one sensor."""
-    return {
-        "frame": gnss.frame.astype(np.int32),
-        "agent": names(arrays, gnss.actor),
-        "sensor": sensor,
-        **split(("latitude_deg", "longitude_deg", "altitude_m"), gnss.geodetic),
-        **split(("latitude_true_deg", "longitude_true_deg", "altitude_true_m"), gnss.geodetic_true),
-        **split(("v_east", "v_north", "v_up"), gnss.velocity.astype(np.float32)),
-        "speed": gnss.speed.astype(np.float32),
-        "heading": gnss.heading.astype(np.float32),
     }

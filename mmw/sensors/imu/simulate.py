@@ -25,13 +25,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmw.config import Imu
 from mmw.core.constants import FRAME_DT, GRAVITY
 from mmw.core.geodesy import sensor_heading
 from mmw.core.kinematics import differentiate, window
 from mmw.core.transforms import compose, conjugate, multiply, normalize, quaternion_exp, rotate
 from mmw.scene.scene_data import SceneData
 from mmw.scene.views import mount_pose, sensor_actors
+from mmw.sensors.imu.config import Imu
 from mmw.sensors.imu.noise import imu_errors
 
 GRAVITY_W = np.array([0.0, 0.0, GRAVITY])

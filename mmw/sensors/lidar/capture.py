@@ -2,16 +2,22 @@
 
 from collections.abc import Sequence
 
-from mmw.config import Lidar
 from mmw.core.random_keys import random_key
 from mmw.scene.views import make_views, view_keys
 from mmw.sensors.batch import Batch, TableRows
+from mmw.sensors.lidar.config import Lidar
 from mmw.sensors.lidar.rows import lidar_rows, seen_rows
 from mmw.sensors.lidar.scene_flow import scene_flow
 from mmw.sensors.lidar.simulate import find_lidar_returns, trace_lidar_hits
 
 
-def record_lidar(job: Batch, sensor: Lidar, frames: Sequence[int], collected: TableRows) -> None:
+def capture_lidar(job: Batch, sensors: Sequence[Lidar], frames: Sequence[int], collected: TableRows) -> None:
+    """Add the sweeps of LiDARs, and how many of their points lie on each actor."""
+    for sensor in sensors:
+        _capture(job, sensor, frames, collected)
+
+
+def _capture(job: Batch, sensor: Lidar, frames: Sequence[int], collected: TableRows) -> None:
     """Add the sweeps of one LiDAR, and how many of its points lie on each actor.
 
     In `compat` the random numbers are the same in every weather, because weather does nothing there.

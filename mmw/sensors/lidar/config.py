@@ -6,8 +6,8 @@ from typing import Literal
 from pydantic import Field, field_validator, model_validator
 
 from mmw.config.section import Name
+from mmw.config.sensor import MountConfig, Role, SensorConfig
 from mmw.core.errors import InputError
-from mmw.sensors.base_config import MountConfig, Role, SensorConfig
 from mmw.sensors.lidar.config_parts import CarlaLidarConfig, LidarOpticsConfig, LidarPreset
 from mmw.sensors.lidar.optics import LidarOptics
 

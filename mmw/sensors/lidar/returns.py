@@ -10,13 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from mmw.config import Lidar
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.kernels.core import structs
 from mmw.kernels.lidar import returns as lidar_returns
 from mmw.kernels.lidar import trace as lidar
 from mmw.physics.materials.material import Material, wet_reflectance
 from mmw.physics.weather.weather import Weather
+from mmw.sensors.lidar.config import Lidar
 from mmw.sensors.lidar.precipitation import make_air
 
 RETURNS = {
@@ -72,10 +72,14 @@ def find_returns(
     See `mmw.sensors.lidar.simulate.find_lidar_returns`.
     """
     if not materials:
-        raise ValueError("shade_lidar: no materials; every id of the scene needs one; pass arrays.materials[weather]")
+        raise ValueError(
+            "find_lidar_returns: no materials; every id of the scene needs one; pass arrays.materials[weather]"
+        )
     views = hits.shape[0]
     if keys.shape != (views, 2):
-        raise ValueError(f"shade_lidar: keys of shape {keys.shape}; {views} views need ({views}, 2); use view_keys")
+        raise ValueError(
+            f"find_lidar_returns: keys of shape {keys.shape}; {views} views need ({views}, 2); use view_keys"
+        )
     slots = 2 if hits.config.returns == "dual" else 1
     returns = wp.empty((*hits.shape, slots), dtype=lidar_returns.LidarReturn, device=hits.device)
     count = wp.empty(hits.shape, dtype=int, device=hits.device)

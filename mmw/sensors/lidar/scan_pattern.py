@@ -5,10 +5,10 @@ import math
 
 import numpy as np
 
-from mmw.config import Lidar
 from mmw.core.camera_models import Distortion, Intrinsics, focal_length
 from mmw.core.constants import FRAME_DT
 from mmw.core.errors import InputError
+from mmw.sensors.lidar.config import Lidar
 
 
 def lidar_elevations(channels: int, upper_fov_deg: float, lower_fov_deg: float) -> np.ndarray:

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from mmw.config import Lidar
 from mmw.core.constants import FRAME_DT
 from mmw.core.errors import InputError
 from mmw.core.kinematics import Motion, differentiate
@@ -20,6 +19,7 @@ from mmw.physics.weather.weather import Weather
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.view_motion import view_twists
 from mmw.scene.views import Views
+from mmw.sensors.lidar.config import Lidar
 from mmw.sensors.lidar.returns import LidarHits, shade_on_device
 from mmw.sensors.lidar.scan_pattern import lidar_order, lidar_pattern
 

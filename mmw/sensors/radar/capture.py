@@ -5,12 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from mmw.config import Radar
 from mmw.kernels.radar.trace import RadarRays
 from mmw.scene.view_motion import view_twists
 from mmw.scene.views import Views, make_views, view_keys
 from mmw.sensors.batch import Batch, TableRows
 from mmw.sensors.ground_truth.visibility_rows import point_rows
+from mmw.sensors.radar.config import Radar
 from mmw.sensors.radar.detection import detect
 from mmw.sensors.radar.iq import radar_iq_samples
 from mmw.sensors.radar.map_rows import radar_iq_rows, radar_map_rows
@@ -19,16 +19,22 @@ from mmw.sensors.radar.power_maps import radar_maps
 from mmw.sensors.radar.rain_clutter import rain_clutter
 from mmw.sensors.radar.resolution_cells import SortedRays, bin_rays, sum_cells
 from mmw.sensors.radar.rows import radar_rows
-from mmw.sensors.radar.simulate import compat_points, dense_points, ray_count, shade_radar, trace_radar
+from mmw.sensors.radar.simulate import compat_points, dense_points, shade_radar, trace_radar
 
 
-def record_radar(job: Batch, sensor: Radar, frames: Sequence[int], collected: TableRows) -> None:
+def capture_radar(job: Batch, sensors: Sequence[Radar], frames: Sequence[int], collected: TableRows) -> None:
+    """Add the samples of radars, and how many of their points lie on each actor."""
+    for sensor in sensors:
+        _capture(job, sensor, frames, collected)
+
+
+def _capture(job: Batch, sensor: Radar, frames: Sequence[int], collected: TableRows) -> None:
     """Add the samples of one radar, and how many of its points lie on each actor.
 
     Where the rays go does not depend on the weather; fluctuation, noise, rain and false alarms do, each by its own key.
     """
     views = make_views(job.arrays, frames, sensor)
-    with job.clock.stage(sensor.name, len(views) * ray_count(sensor)):
+    with job.clock.stage(sensor.name, len(views) * sensor.ray_count):
         velocity, _ = view_twists(job.arrays, job.motion, views)
         keys = view_keys(job.arrays, views, job.config.seed, job.scenario.name, sensor.name)
         hits = trace_radar(job.scene, views, velocity, sensor, keys)

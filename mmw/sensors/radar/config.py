@@ -6,9 +6,9 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from mmw.config.section import Name
+from mmw.config.sensor import MountConfig, Role, SensorConfig
 from mmw.core.constants import FRAME_DT, SPEED_OF_LIGHT
 from mmw.core.errors import InputError
-from mmw.sensors.base_config import MountConfig, Role, SensorConfig
 
 REFERENCE_RCS_M2 = 10.0
 """Radar cross section of the target that `reference_snr_db` speaks of: 10 dBsm, a passenger car [m2]. Design value."""
@@ -195,3 +195,8 @@ class Radar(SensorConfig):
         """Solid angle of one ray of the grid, which is even in azimuth and in the sine of elevation [sr]."""
         azimuth = math.radians(self.horizontal_fov_deg) / self.azimuth_rays
         return azimuth * 2.0 * math.sin(math.radians(self.vertical_fov_deg) / 2.0) / self.elevation_rays
+
+    @property
+    def ray_count(self) -> int:
+        """Rays of a sample."""
+        return self.points if self.mode == "compat" else self.azimuth_rays * self.elevation_rays

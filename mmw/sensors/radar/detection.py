@@ -18,9 +18,9 @@ from dataclasses import dataclass, fields
 import numpy as np
 import warp as wp
 
-from mmw.config import Radar
 from mmw.kernels.radar import detection as radar_detection
 from mmw.kernels.radar import resolution_cells as radar_cells
+from mmw.sensors.radar.config import Radar
 from mmw.sensors.radar.points import LABEL_FALSE_ALARM, LABEL_OBJECT, LABEL_RAIN, RadarPoints
 from mmw.sensors.radar.rain_clutter import RainClutter
 from mmw.sensors.radar.resolution_cells import RadarCells, angle_cells, cell_grid, number

@@ -8,9 +8,9 @@ import math
 import numpy as np
 import warp as wp
 
-from mmw.config import Radar
 from mmw.kernels.radar import iq as radar_iq
 from mmw.kernels.radar import trace as radar
+from mmw.sensors.radar.config import Radar
 from mmw.sensors.radar.resolution_cells import cell_grid
 
 IQ_DRAW = 10

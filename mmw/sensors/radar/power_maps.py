@@ -5,8 +5,8 @@ from typing import Literal
 
 import numpy as np
 
-from mmw.config import Radar
 from mmw.kernels.radar import resolution_cells as radar_cells
+from mmw.sensors.radar.config import Radar
 from mmw.sensors.radar.detection import cell_echoes, uniform
 from mmw.sensors.radar.rain_clutter import RainClutter
 from mmw.sensors.radar.resolution_cells import RadarCells, angle_cells, cell_grid, centred, unravel

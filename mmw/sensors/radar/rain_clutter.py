@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from mmw.config import Radar
 from mmw.core.errors import InputError
 from mmw.core.transforms import rotate
 from mmw.kernels.radar import detection as radar_detection
 from mmw.physics.weather.optics import marshall_palmer
 from mmw.physics.weather.weather import Weather
+from mmw.sensors.radar.config import Radar
 from mmw.sensors.radar.resolution_cells import angle_cells, cell_grid
 from mmw.sensors.radar.simulate import air_loss_db_per_km, radome_loss_db
 

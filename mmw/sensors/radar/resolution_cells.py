@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from mmw.config import Radar
 from mmw.core.errors import InputError
 from mmw.core.transfer import to_host
 from mmw.kernels.radar import resolution_cells as radar_cells
 from mmw.kernels.radar import trace as radar
+from mmw.sensors.radar.config import Radar
 
 MAX_CELLS = 2**31 - 1
 """Cells of one sweep: they are counted in 32 bits."""

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 import numpy as np
 import warp as wp
 
-from mmw.config import Radar
 from mmw.core.errors import InputError
 from mmw.kernels.radar import trace as radar
 from mmw.physics.em.attenuation import path_loss_db
@@ -17,6 +16,7 @@ from mmw.physics.materials.material import Material
 from mmw.physics.weather.weather import Weather
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.views import Views
+from mmw.sensors.radar.config import Radar
 from mmw.sensors.radar.points import LABEL_OBJECT, RadarPoints
 from mmw.sensors.radar.reflectivity import reflectivity_table
 
@@ -28,11 +28,6 @@ MAX_RAYS = 2**31 - 1
 
 RADOME_RAIN_MM_H = 10.0
 """Rain rate at which a wet radome has the loss `Radar.wet_radome_db` [mm/h]."""
-
-
-def ray_count(config: Radar) -> int:
-    """Return the rays of a view."""
-    return config.points if config.mode == "compat" else config.azimuth_rays * config.elevation_rays
 
 
 def trace_radar(
@@ -68,7 +63,7 @@ def trace_radar(
     Source: CARLA 0.9.15 `sensor.other.radar`. Its velocity is positive while the distance grows, as ours, whatever its
     documentation says. Stratified sampling: M. Pharr, W. Jakob, G. Humphreys, Physically Based Rendering.
     """
-    device, rays = scene.device, ray_count(config)
+    device, rays = scene.device, config.ray_count
     for name, values, width in (("velocity", velocity, 3), ("keys", keys, 2)):
         if np.shape(values) != (len(views), width):
             raise ValueError(

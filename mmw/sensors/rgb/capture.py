@@ -5,7 +5,6 @@ from collections.abc import Callable
 import numpy as np
 import warp as wp
 
-from mmw.config import RgbCamera
 from mmw.core.random_keys import random_keys
 from mmw.core.transfer import to_host
 from mmw.scene.views import view_keys
@@ -14,6 +13,7 @@ from mmw.sensors.camera_group.launches import Launch, images_of
 from mmw.sensors.camera_group.rows import Images, file_rows, rgb_rows
 from mmw.sensors.render.jpeg import jpeg_files
 from mmw.sensors.render.visibility_buffer import SampleBuffer
+from mmw.sensors.rgb.config import RgbCamera
 from mmw.sensors.rgb.simulate import RgbImages
 from mmw.storage.codecs.images import encode_flow, encode_normals, encode_rgb
 

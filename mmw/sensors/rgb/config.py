@@ -6,7 +6,7 @@ from pydantic import Field, model_validator
 
 from mmw.config.lens import WIDEST_DEG, LensConfig, check_lens
 from mmw.config.section import Name
-from mmw.sensors.base_config import MountConfig, Role, SensorConfig
+from mmw.config.sensor import MountConfig, Role, SensorConfig
 from mmw.sensors.render.image_config import ImageConfig
 
 
@@ -67,6 +67,11 @@ class RgbCamera(SensorConfig):
     def _lens(self) -> "RgbCamera":
         check_lens(self.lens, self.width_px, self.height_px, self.fov_deg)
         return self
+
+    @property
+    def period_frames(self) -> int:
+        """Frames from one image to the next; frame 0 has the first."""
+        return self.every_frames
 
 
 def paper_cameras() -> tuple[RgbCamera, ...]:

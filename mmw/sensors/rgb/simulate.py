@@ -15,7 +15,6 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from mmw.config import RgbCamera
 from mmw.core.constants import FRAME_DT
 from mmw.core.kinematics import Motion, differentiate
 from mmw.kernels.camera import instance_culling as candidates
@@ -48,6 +47,7 @@ from mmw.sensors.render.sky.sky import bake, ground_radiance, make_air, make_sky
 from mmw.sensors.render.tone_mapping import develop, lens_drops, make_exposure
 from mmw.sensors.render.visibility_buffer import EXTRA_OFFSETS, SampleBuffer, find_edges, with_extras
 from mmw.sensors.render.wet_surfaces import make_wet
+from mmw.sensors.rgb.config import RgbCamera
 
 DARK_KLUX = 1.0
 """Illuminance of level ground by sun and sky below which the light that lamps cast is drawn [klux]: a dipped beam gives

@@ -6,8 +6,8 @@ import numpy as np
 import simplejpeg
 from PIL import Image
 
-from mmw.sensors.ground_truth.segmentation import instance_image, semantic_image
 from mmw.storage.codecs.png16 import decode_png16, encode_png16
+from mmw.storage.codecs.segmentation import instance_image, semantic_image
 from mmw.storage.table_spec import DEPTH_STEP_M
 
 PNG_LEVEL = 1

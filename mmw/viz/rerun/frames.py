@@ -7,7 +7,7 @@ import numpy as np
 import rerun as rr
 
 from mmw.core.transforms import quaternion_from_ypr
-from mmw.dataset.frame import Cloud, Frame, Row
+from mmw.dataset.frame import Frame, PointCloud, Row
 from mmw.viz.rerun import colors
 from mmw.viz.rerun.entities import BOXES, agent_entity, sensor_entity
 from mmw.viz.rerun.selection import Scope
@@ -67,11 +67,11 @@ class FramePainter:
             if camera.agent in there:
                 self._log_image(frame, camera)
 
-    def _log_points(self, agent: str, sensor: str, cloud: Cloud, rgb: np.ndarray, size: float) -> None:
+    def _log_points(self, agent: str, sensor: str, cloud: PointCloud, rgb: np.ndarray, size: float) -> None:
         shape = rr.Points3D(cloud.points, colors=rgb, radii=rr.Radius.ui_points(size))
         self.stream.log(sensor_entity(agent, sensor), shape)
 
-    def _lidar_colors(self, cloud: Cloud, actors: np.ndarray) -> np.ndarray:
+    def _lidar_colors(self, cloud: PointCloud, actors: np.ndarray) -> np.ndarray:
         """Return the colour of every return, shape [N, 3], uint8."""
         if self.lidar_color == "intensity":
             return colors.scale(cloud["intensity"], *INTENSITY)

@@ -7,7 +7,6 @@ from functools import cached_property
 import numpy as np
 from PIL import Image
 
-from mmw.config import RgbCamera
 from mmw.core.camera_models import Intrinsics
 from mmw.core.errors import InputError
 from mmw.core.random_keys import random_keys
@@ -17,6 +16,7 @@ from mmw.scene.device_scene import DeviceScene
 from mmw.scene.views import Views
 from mmw.sensors.render.projection import intrinsics_of
 from mmw.sensors.render.visibility_buffer import trace_samples
+from mmw.sensors.rgb.config import RgbCamera
 from mmw.sensors.rgb.simulate import RgbRenderer
 
 MAP_HEIGHT = 10.0

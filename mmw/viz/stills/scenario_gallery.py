@@ -1,13 +1,11 @@
 """Pictures of the shipped scenarios: for each, four cameras of a CAV and one of the roadside unit in three weathers.
 
-    python -m mmw.viz.stills.scenario_gallery --out docs/images/gallery
+    python -m mmw.cli.scenario_gallery --out docs/images/gallery
 
 Rows of a picture are sun, rain and fog; columns are the CAV's cameras to the front, left, right and back, and the
 roadside unit's.
 """
 
-import argparse
-import sys
 import tempfile
 import time
 from collections.abc import Sequence
@@ -16,8 +14,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from mmw.cli.command import add_log_options, run_command
-from mmw.config import Config, RgbCamera, ScenarioConfig, load_config
+from mmw.config import Config, ScenarioConfig, load_config
 from mmw.core.device import choose_device
 from mmw.core.errors import InputError
 from mmw.core.resources import configs_dir
@@ -26,7 +23,7 @@ from mmw.scene.prepare import prepare_scenario
 from mmw.scene.reader import read_stage
 from mmw.scene.scene_data import SceneData
 from mmw.scene.views import Views, join_views, make_views, view_keys
-from mmw.sensors.rgb.config import paper_cameras
+from mmw.sensors.rgb.config import RgbCamera, paper_cameras
 from mmw.viz.stills.jpeg import save_jpeg
 from mmw.viz.stills.renderer import StillRenderer
 
@@ -160,26 +157,3 @@ def join_tiles(rows: Sequence[Sequence[np.ndarray]]) -> Image.Image:
             top, left = i * (height + GAP_PX), k * (width + GAP_PX)
             whole[top : top + height, left : left + width] = image
     return Image.fromarray(whole)
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Draw the gallery and return the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m mmw.viz.stills.scenario_gallery", description="Draw the gallery.")
-    parser.add_argument("scenarios", nargs="*", help="shipped scenarios; all by default")
-    parser.add_argument("--out", type=Path, required=True, help="folder for the JPEG files")
-    parser.add_argument("--frame", type=int, default=FRAME, help="frame that is shown")
-    parser.add_argument("--agent", default="cav_1", help="CAV whose cameras are shown")
-    parser.add_argument("--samples", type=int, default=9, choices=(1, 4, 9), help="rays in a pixel on an edge")
-    parser.add_argument("--device", default="auto", help="auto, cpu or cuda:N")
-    given = add_log_options(parser).parse_args(argv)
-    options = {"frame": given.frame, "agent": given.agent, "samples": given.samples, "device": given.device}
-
-    def work() -> int:
-        draw_scenarios(given.out, given.scenarios, **options)
-        return 0
-
-    return run_command(work, "mmw.viz.stills.scenario_gallery", debug=given.debug)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

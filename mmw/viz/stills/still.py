@@ -9,7 +9,7 @@ import numpy as np
 from PIL import Image
 from pydantic import ValidationError
 
-from mmw.config import Config, RgbCamera, ScenarioConfig, config_path, load_config
+from mmw.config import Config, ScenarioConfig, config_path, load_config
 from mmw.core.bvh_kind import select_bvh
 from mmw.core.device import choose_device
 from mmw.core.errors import InputError
@@ -21,6 +21,7 @@ from mmw.scene.prepare import prepare_scenario
 from mmw.scene.reader import read_stage
 from mmw.scene.scene_data import SceneData
 from mmw.scene.views import make_views, view_keys
+from mmw.sensors.rgb.config import RgbCamera
 from mmw.viz.stills.renderer import StillRenderer, follow_view, street_camera
 from mmw.viz.stills.town_gallery import FOV_DEG, choose_views, selected_weather, view_direction
 from mmw.worlds.checks.check import stage_path

@@ -16,9 +16,10 @@ from mmw.core.resources import assets_dir
 from mmw.traffic.roads.lane_prims import write_lanes
 from mmw.usd import schema
 from mmw.usd.atomic_layers import save_layers
-from mmw.usd.material_library import LIBRARY, MaterialSpec, author_material
+from mmw.usd.material_library import LIBRARY, MaterialSpec
 from mmw.usd.prim_specs import new_mesh, new_prim, set_label
 from mmw.worlds.importers.imported_scene import ForeignMaterial, World
+from mmw.worlds.materials.library import author_material
 from mmw.worlds.towns.block_description import SHIPPED_WEATHER
 from mmw.worlds.towns.mesh_part import MeshPart
 from mmw.worlds.towns.write_usd import GROUND_MATERIALS, ROOT, interface_layer, metres_z_up

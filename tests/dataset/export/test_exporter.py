@@ -11,7 +11,7 @@ from mmw.__main__ import main
 from mmw.dataset import open_dataset
 from mmw.dataset.export import exporter as base
 from mmw.dataset.export.exporter import Format, Option, Selection, Task, checked_options, export, frame_step, parts
-from mmw.dataset.export.registry import MODULES, load_format
+from mmw.dataset.export.registry import EXPORTERS, load_format
 from mmw.storage.manifest import finalize, prepare_root
 from mmw.storage.shard_writer import ShardKey, write_scenario, write_shard
 from tests.fixtures.shards import IDENTITY, META, make_shard, make_statics
@@ -191,7 +191,7 @@ def test_parts_are_what_is_picked(root: Path) -> None:
 
 
 def test_every_format_says_what_it_loses() -> None:
-    for name in MODULES:
+    for name in EXPORTERS:
         form = load_format(name)
         assert form.name == name and form.summary and "\n" not in form.summary and form.losses
         assert all(line and "\n" not in line for line in form.losses)
@@ -201,7 +201,7 @@ def test_every_format_says_what_it_loses() -> None:
 def test_command_lists_formats(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["export", "--list"]) == 0
     text = capsys.readouterr().out
-    for name in MODULES:
+    for name in EXPORTERS:
         form = load_format(name)
         assert f"{name}: {form.summary}" in text and all(line in text for line in form.losses)
 

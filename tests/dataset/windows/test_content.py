@@ -12,7 +12,7 @@ import pytest
 import mmw
 from mmw.core.transforms import quaternion_to_matrix
 from mmw.dataset import BeamSearch
-from mmw.dataset.windows import Take, Windows, WindowSpec, make_batch, open_windows, stream_batches, stream_order
+from mmw.dataset.windows import Feature, Windows, WindowSpec, make_batch, open_windows, stream_batches, stream_order
 from mmw.dataset.windows.file_sources import Cache
 from mmw.storage.codecs.images import decode_depth, decode_rgb
 from tests.fixtures.small_dataset import small_dataset
@@ -20,16 +20,16 @@ from tests.fixtures.window_data import WEATHERS, row_of, window_data
 
 CSI_HZ = (-1e6, 0.0, 2e6)
 TAKES = (
-    Take("poses", span="future", every=2),
-    Take("imu", columns=("gz", "ax")),
+    Feature("poses", span="future", every=2),
+    Feature("imu", columns=("gz", "ax")),
     "gnss",
-    Take("links", carrier_hz=28e9),
-    Take("csi", carrier_hz=4.9e9, frequencies_hz=CSI_HZ),
+    Feature("links", carrier_hz=28e9),
+    Feature("csi", carrier_hz=4.9e9, frequencies_hz=CSI_HZ),
     "boxes",
-    Take("lidar", every=3, columns=("x", "y", "z", "object_id")),
-    Take("radar", sensor="radar_2", columns=("range", "power_db")),
-    Take("rgb", every=3),
-    Take("rgb", every=3, shrink=4, name="small"),
+    Feature("lidar", every=3, columns=("x", "y", "z", "object_id")),
+    Feature("radar", sensor="radar_2", columns=("range", "power_db")),
+    Feature("rgb", every=3),
+    Feature("rgb", every=3, shrink=4, name="small"),
 )
 
 
@@ -134,7 +134,9 @@ def test_depth_is_metres() -> None:
 
 
 def test_beams_are_those_of_the_sql_view_and_are_kept(tmp_path, monkeypatch) -> None:
-    spec = WindowSpec([Take("beams", carrier_hz=28e9), Take("beams", span="future", carrier_hz=28e9)], past=2, future=1)
+    spec = WindowSpec(
+        [Feature("beams", carrier_hz=28e9), Feature("beams", span="future", carrier_hz=28e9)], past=2, future=1
+    )
     windows = open_windows(small_dataset(), spec, cache=tmp_path)
     query = "SELECT weather, agent, frame, rx_beam, tx_beam, gain FROM beams WHERE carrier_hz = 28e9"
     want = {tuple(row[:3]): row[3:] for row in mmw.connect(small_dataset()).sql(query).fetchall()}
@@ -155,7 +157,7 @@ def test_beams_are_those_of_the_sql_view_and_are_kept(tmp_path, monkeypatch) -> 
     kept = open_windows(small_dataset(), spec, cache=tmp_path)
     assert all((kept[n]["beams"] == windows[n]["beams"]).all() for n in range(len(windows)))
     with pytest.raises(AssertionError, match="searched again"):
-        other = Take("beams", carrier_hz=28e9, search=BeamSearch(tx_beams=32))
+        other = Feature("beams", carrier_hz=28e9, search=BeamSearch(tx_beams=32))
         open_windows(small_dataset(), WindowSpec([other], past=1), cache=tmp_path)
 
 

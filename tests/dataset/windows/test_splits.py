@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from mmw.dataset.windows import Take, Windows, WindowSpec, open_windows, shared_frames, split_windows
+from mmw.dataset.windows import Feature, Windows, WindowSpec, open_windows, shared_frames, split_windows
 from tests.fixtures.window_data import TOWNS, WEATHERS, bare_windows, window_data
 
 SHARES = {"train": 0.6, "val": 0.2, "test": 0.2}
@@ -90,7 +90,7 @@ def test_parts_by_track_share_no_frame_and_keep_their_distance(
     seed=st.integers(0, 9),
 )
 def test_no_frame_of_a_read_window_is_in_two_parts(by, every, past, stride, seed) -> None:
-    spec = WindowSpec(["gnss", Take("rgb", every=every)], past=past, stride=stride)
+    spec = WindowSpec(["gnss", Feature("rgb", every=every)], past=past, stride=stride)
     parts = {"train": 0.5, "test": 0.5} if by == "town" else SHARES
     windows = open_windows(window_data(), spec, agents=["cav_1", "cav_2"])
     gap = None if by != "track" else 3

@@ -9,15 +9,16 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from mmw.config import Config, DepthCamera, MountConfig, load_config
+from mmw.config import Config, MountConfig, load_config
 from mmw.core.kinematics import differentiate
-from mmw.generation.progress import StageTimer
+from mmw.core.timing import StageTimer
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.scene_data import SceneData
 from mmw.scene.table_rows import resolved
 from mmw.scene.views import make_views
+from mmw.sensors import DepthCamera
 from mmw.sensors.batch import Batch, TableRows
-from mmw.sensors.camera_group.capture import record_cameras
+from mmw.sensors.camera_group.capture import capture_cameras
 from mmw.sensors.depth.simulate import depth_to_metres, trace_depth
 from mmw.sensors.lidar.scan_pattern import pinhole, pinhole_directions
 from mmw.storage.arrow_tables import table_from_columns
@@ -229,7 +230,7 @@ def record(config: Config, arrays: SceneData, device: str, frames: list[int]) ->
         scene, motion = loaded(arrays, device, frames), differentiate(arrays.poses)
         job = Batch(config, config.scenarios[0], arrays, motion, scene, None, pool, StageTimer())
         rows: TableRows = {weather: defaultdict(list) for weather in config.weathers}
-        record_cameras(job, frames, rows)
+        capture_cameras(job, config.sensors, frames, rows)
     return rows
 
 

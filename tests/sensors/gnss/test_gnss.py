@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from mmw.config import Gnss, Imu, MountConfig
+from mmw.config import MountConfig
 from mmw.core.constants import FRAME_DT
 from mmw.core.geodesy import (
     E2,
@@ -19,8 +19,9 @@ from mmw.core.geodesy import (
 )
 from mmw.core.transforms import pose_from_ypr
 from mmw.scene.scene_data import SceneData
+from mmw.sensors import Gnss, Imu
+from mmw.sensors.gnss.rows import gnss_rows
 from mmw.sensors.gnss.simulate import GnssBatch, make_gnss
-from mmw.sensors.imu.rows import gnss_rows
 from mmw.sensors.imu.simulate import make_imu
 from mmw.storage.arrow_tables import table_from_columns
 from tests.fixtures.scenes import ABSENT, arrays_from_parts, ground_part

@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from mmw.config import Lidar
 from mmw.core.kinematics import differentiate
 from mmw.core.transforms import invert, pose_from_ypr, quaternion_from_ypr, transform_points
 from mmw.physics.weather.weather import Weather
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.views import make_views
+from mmw.sensors import Lidar
 from mmw.sensors.ground_truth.boxes_3d import make_boxes
 from mmw.sensors.ground_truth.visibility import count_returns
 from mmw.sensors.lidar.simulate import trace_lidar

@@ -9,9 +9,10 @@ from mmw.config import MountConfig
 from mmw.scene.scene_data import SceneData, SceneObject
 from mmw.scene.views import make_views
 from mmw.sensors.depth.simulate import trace_depth, trace_depth_images
-from mmw.sensors.ground_truth.segmentation import instance_image, object_tags, semantic_image
+from mmw.sensors.ground_truth.segmentation import object_tags
 from mmw.sensors.lidar.scan_pattern import pinhole, pinhole_directions
 from mmw.storage.codecs.images import decode_instance, decode_semantic, encode_instance, encode_semantic
+from mmw.storage.codecs.segmentation import instance_image, semantic_image
 from tests.fixtures.scenes import random_triangles, two_cars
 from tests.oracles.tracing import cast_rays, sensor_rays
 from tests.sensors.depth.test_depth import camera

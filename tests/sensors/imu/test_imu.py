@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mmw.config import Imu, MountConfig
+from mmw.config import MountConfig
 from mmw.core.constants import FRAME_DT, GRAVITY
 from mmw.core.kinematics import differentiate, differentiate_rows
 from mmw.core.transforms import (
@@ -19,6 +19,7 @@ from mmw.core.transforms import (
     rotate,
 )
 from mmw.scene.scene_data import SceneData
+from mmw.sensors import Imu
 from mmw.sensors.imu.noise import imu_errors
 from mmw.sensors.imu.simulate import ImuBatch, integrate_imu, make_imu, measure
 from tests.fixtures.scenes import ABSENT, arrays_from_parts, ground_part, two_cars

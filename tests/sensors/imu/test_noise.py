@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from mmw.config import Imu
 from mmw.core.constants import FRAME_DT
+from mmw.sensors import Imu
 from mmw.sensors.imu.noise import imu_errors
 
 HOUR = 360_000

@@ -10,12 +10,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mmw.config import Lidar, MountConfig
+from mmw.config import MountConfig
 from mmw.core.constants import FRAME_DT
 from mmw.physics.weather.weather import PRESETS
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.scene_data import SceneData
 from mmw.scene.views import make_views, view_keys
+from mmw.sensors import Lidar
 from mmw.sensors.lidar.returns import LidarHits, find_returns
 from mmw.sensors.lidar.simulate import trace_lidar_hits
 from tests.fixtures.scenes import random_triangles, two_cars

@@ -5,13 +5,14 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from mmw.config import Lidar, MountConfig
+from mmw.config import MountConfig
 from mmw.core.constants import FRAME_DT
 from mmw.core.transforms import transform_points
 from mmw.physics.weather.weather import PRESETS, Weather
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.scene_data import SceneData
 from mmw.scene.views import Views, make_views, view_keys
+from mmw.sensors import Lidar
 from mmw.sensors.lidar.config_parts import LidarOpticsConfig
 from mmw.sensors.lidar.scan_pattern import (
     carla_points_per_channel,
@@ -265,7 +266,7 @@ def test_range_ends_where_the_config_says(device: str) -> None:
 def test_more_rays_than_can_be_counted_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     arrays = two_cars(1)
     views = make_views(arrays, [0], SMALL)
-    monkeypatch.setattr("mmw.sensors.lidar.simulate.MOST_RETURNS", 2 * 16 * 90 - 1)
+    monkeypatch.setattr("mmw.sensors.lidar.simulate.MAX_RETURNS", 2 * 16 * 90 - 1)
     with pytest.raises(ValueError, match=r"lower compute\.batch_frames"):
         trace_lidar_hits(loaded(arrays, "cpu"), views, SMALL)
 

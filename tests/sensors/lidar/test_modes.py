@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mmw.config import Lidar
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.physics.materials.material import Material, RadioMaterial, wet_reflectance
 from mmw.physics.weather.optics import extinction
 from mmw.physics.weather.weather import PRESETS, Weather
 from mmw.scene.scene_data import SceneData
 from mmw.scene.views import make_views, view_keys
+from mmw.sensors import Lidar
 from mmw.sensors.lidar import returns as lidar_returns
 from mmw.sensors.lidar.precipitation import RainTable, air_from_tables
 from mmw.sensors.lidar.simulate import trace_lidar_hits

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from mmw.config import Lidar
+from mmw.sensors import Lidar
 from mmw.sensors.lidar.optics import PRESETS
 from mmw.sensors.lidar.scan_pattern import lidar_pattern
 

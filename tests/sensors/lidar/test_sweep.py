@@ -6,12 +6,13 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from mmw.config import Lidar, MountConfig
+from mmw.config import MountConfig
 from mmw.core.kinematics import differentiate
 from mmw.core.transforms import compose, invert, quaternion_exp, rotate, transform_points
 from mmw.scene.scene_data import SceneData
 from mmw.scene.view_motion import view_twists
 from mmw.scene.views import make_views
+from mmw.sensors import Lidar
 from mmw.sensors.lidar.rows import lidar_rows, seen_rows
 from mmw.sensors.lidar.scan_pattern import lidar_pattern
 from mmw.sensors.lidar.scene_flow import scene_flow

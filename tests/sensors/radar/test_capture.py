@@ -10,11 +10,11 @@ import pytest
 
 from mmw.config import Config, load_config
 from mmw.core.kinematics import differentiate
-from mmw.generation.progress import StageTimer
+from mmw.core.timing import StageTimer
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.scene_data import SceneData
 from mmw.sensors.batch import Batch, TableRows
-from mmw.sensors.radar.capture import record_radar
+from mmw.sensors.radar.capture import capture_radar
 from mmw.storage.arrow_tables import table_from_columns
 from mmw.worlds.towns.mesh_part import MeshPart
 from tests.fixtures.radar_scenes import watched
@@ -56,7 +56,7 @@ def record(config: Config, arrays: SceneData, device: str, frames: list[int], ba
         job = Batch(config, config.scenarios[0], arrays, motion, scene, None, pool, StageTimer())
         for first in range(0, len(frames), batch):
             scene.load_batch(frames[first : first + batch])
-            record_radar(job, config.sensors[0], frames[first : first + batch], rows)
+            capture_radar(job, config.sensors[:1], frames[first : first + batch], rows)
     return {
         (weather, name): pa.concat_tables(
             table_from_columns(

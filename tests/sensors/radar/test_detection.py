@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mmw.config import Radar
 from mmw.core.transforms import pose_from_ypr
 from mmw.physics.weather.optics import marshall_palmer
 from mmw.physics.weather.weather import PRESETS, Weather
+from mmw.sensors import Radar
 from mmw.sensors.radar.detection import cell_echoes, detect
 from mmw.sensors.radar.points import LABEL_FALSE_ALARM, LABEL_OBJECT, LABEL_RAIN
 from mmw.sensors.radar.rain_clutter import cell_volume, fall_speed, rain_backscatter, rain_clutter

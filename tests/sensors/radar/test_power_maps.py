@@ -6,10 +6,10 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from mmw.config import Radar
 from mmw.core.transforms import pose_from_ypr
 from mmw.physics.weather.weather import PRESETS
 from mmw.scene.views import make_views
+from mmw.sensors import Radar
 from mmw.sensors.radar.iq import radar_iq_samples
 from mmw.sensors.radar.map_rows import radar_iq_rows, radar_map_rows
 from mmw.sensors.radar.power_maps import hann_response, radar_maps

@@ -7,13 +7,14 @@ import pytest
 import trimesh
 from pydantic import ValidationError
 
-from mmw.config import MountConfig, Radar
+from mmw.config import MountConfig
 from mmw.core.planar_surfaces import find_surfaces
 from mmw.dataset import RADAR_POINTS
 from mmw.physics.weather.weather import PRESETS, Weather
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.scene_data import Prototype
 from mmw.scene.views import make_views
+from mmw.sensors import Radar
 from mmw.sensors.radar.points import RadarPoints
 from mmw.sensors.radar.reflectivity import reflectivity_table
 from mmw.sensors.radar.rows import radar_rows

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mmw.config import Radar
 from mmw.physics.em.attenuation import fog_attenuation, rain_attenuation
 from mmw.physics.em.gas_attenuation import gas_attenuation
 from mmw.physics.materials.material import LIDAR_REFLECTANCE_905NM, Material, RadioMaterial
 from mmw.physics.weather.weather import PRESETS, Weather
+from mmw.sensors import Radar
 from mmw.sensors.radar.reflectivity import ROUGHNESS, reflectivity_table
 from tests.fixtures.radar_scenes import AT_ORIGIN, dense, sphere, turntable, wall_ahead, watched
 from tests.fixtures.scenes import material

@@ -12,7 +12,7 @@ from mmw.kernels.shading.lights import Lamps, beam_kcd, lamp_emission, lamp_ligh
 from mmw.kernels.shading.structs import Look, Surfel
 from mmw.kernels.shading.wet_surfaces import Wet, wetted
 from mmw.physics.weather.weather import PRESETS, Weather
-from mmw.scene.device_scene import Scene
+from mmw.scene.device_scene import DeviceScene
 from mmw.scene.scene_data import SceneData
 from mmw.sensors.render.lights import (
     brake_levels,
@@ -150,7 +150,13 @@ def test_brakes_do_not_depend_on_the_batch() -> None:
 
 
 def lit(
-    lamps: Lamps, scene: Scene, points: np.ndarray, normal: tuple, to_viewer: tuple, wet: Wet = NO_WATER, slot: int = 0
+    lamps: Lamps,
+    scene: DeviceScene,
+    points: np.ndarray,
+    normal: tuple,
+    to_viewer: tuple,
+    wet: Wet = NO_WATER,
+    slot: int = 0,
 ) -> np.ndarray:
     out = wp.zeros(len(points), dtype=wp.vec3, device=scene.device)
     look = Look()
@@ -161,8 +167,8 @@ def lit(
     return out.numpy().astype(np.float64)
 
 
-def night_car(device: str) -> tuple[Lamps, Scene]:
-    scene = Scene(car_on_a_road(drive(np.arange(40) * 0.1)), device, 2)
+def night_car(device: str) -> tuple[Lamps, DeviceScene]:
+    scene = DeviceScene(car_on_a_road(drive(np.arange(40) * 0.1)), device, 2)
     scene.load_batch([0, 20])
     return make_lamps(scene, "sunny", NIGHT), scene
 
@@ -208,7 +214,7 @@ def test_lamps_of_a_car_by_day_and_night(device: str) -> None:
     views = np.float32([away(-1.0, 0.0), away(2.0, 0.0), [-1.0, 0.0, 0.0]])
     at = wp.array(views, dtype=wp.vec3, device=device)
     for weather, moves in ((NIGHT, True), (PRESETS["sunny"], True), (PRESETS["sunny"], False)):
-        scene = Scene(car_on_a_road(drive(np.arange(20) * (0.1 if moves else 0.0))), device, 1)
+        scene = DeviceScene(car_on_a_road(drive(np.arange(20) * (0.1 if moves else 0.0))), device, 1)
         scene.load_batch([5])
         lamps = make_lamps(scene, "sunny", weather)
         out = {}
@@ -242,7 +248,7 @@ def test_street_lamps_by_grid_and_by_all(device: str) -> None:
     arrays = street(60)
     positions = find_street_lamps(arrays, "sunny")
     assert len(positions) == 60 and positions[:, 2] == pytest.approx(8.3)
-    scene = Scene(arrays, device, 1)
+    scene = DeviceScene(arrays, device, 1)
     scene.load_batch([0])
     lamps = make_lamps(scene, "sunny", NIGHT)
     assert lamps.street_count == 60 and lamps.beam_count == 0
@@ -260,7 +266,7 @@ def test_street_lamps_by_grid_and_by_all(device: str) -> None:
 
 
 def test_no_lamps_by_day(device: str) -> None:
-    scene = Scene(street(3), device, 1)
+    scene = DeviceScene(street(3), device, 1)
     scene.load_batch([0])
     lamps = make_lamps(scene, "sunny", PRESETS["sunny"])
     assert lamps.beam_count == lamps.street_count == 0

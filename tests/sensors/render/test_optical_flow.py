@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mmw.config import DepthCamera, MountConfig
+from mmw.config import MountConfig
 from mmw.config.lens import LensConfig
 from mmw.core.camera_models import Intrinsics
 from mmw.core.constants import FRAME_DT
@@ -15,6 +15,7 @@ from mmw.scene.device_scene import DeviceScene
 from mmw.scene.scene_data import SceneData
 from mmw.scene.view_motion import view_twists
 from mmw.scene.views import Views, make_views
+from mmw.sensors import DepthCamera
 from mmw.sensors.lidar.scan_pattern import pinhole
 from mmw.sensors.render.optical_flow import device_twists, image_motion
 from mmw.sensors.render.projection import project, unproject

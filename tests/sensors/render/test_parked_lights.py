@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from pxr import Gf, Sdf, Usd, UsdGeom
 
-from mmw.config import RgbCamera
 from mmw.core.transforms import pose_from_ypr
 from mmw.physics.weather.weather import PRESETS, Weather
 from mmw.scene.device_scene import DeviceScene, read_stage
 from mmw.scene.scene_data import SceneData
+from mmw.sensors import RgbCamera
 from mmw.sensors.render.lights import brake_levels, make_lamps
 from mmw.usd.actors import PARKED, find_actors
 from mmw.usd.prim_specs import new_prim

@@ -10,20 +10,21 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from mmw.config import Config, DepthCamera, MountConfig, RgbCamera, load_config
+from mmw.config import Config, MountConfig, load_config
 from mmw.config.lens import LensConfig
 from mmw.core.kinematics import differentiate
+from mmw.core.timing import StageTimer
 from mmw.core.transforms import compose, invert, transform_points
-from mmw.generation.image_encoder import MAX_WAITING_BYTES, Encoder
-from mmw.generation.progress import StageTimer
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.rows import static_rows
 from mmw.scene.scene_data import SceneData
 from mmw.scene.table_rows import resolved
 from mmw.scene.views import make_views
+from mmw.sensors import DepthCamera, RgbCamera
 from mmw.sensors.batch import Batch, TableRows
 from mmw.sensors.camera_group import capture as cameras
 from mmw.sensors.camera_group.launches import make_launches
+from mmw.sensors.image_encoder import MAX_WAITING_BYTES, Encoder
 from mmw.sensors.render.lighting import shade_samples
 from mmw.sensors.render.projection import intrinsics_of, project
 from mmw.sensors.rgb import capture as recorded
@@ -84,7 +85,7 @@ def record(
         job = Batch(config, config.scenarios[0], arrays, differentiate(arrays.poses), scene, None, pool, StageTimer())
         for frames in batches:
             scene.load_batch(frames)
-            cameras.record_cameras(job, frames, rows)
+            cameras.capture_cameras(job, config.sensors, frames, rows)
     return rows
 
 

@@ -3,11 +3,11 @@
 import numpy as np
 
 from bench import still
-from mmw.config import RgbCamera
 from mmw.core.transforms import pose_from_mount
 from mmw.physics.weather.weather import PRESETS
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.scene_data import SceneData
+from mmw.sensors import RgbCamera
 from mmw.sensors.render.image_config import ImageConfig, NoiseConfig
 from mmw.sensors.render.sky.sky import sun_direction
 from tests.fixtures.scenes import box_model, pose, street_canyon

@@ -9,8 +9,9 @@ from PIL import Image
 from pxr import Usd, UsdShade
 
 from mmw.core.resources import assets_dir
-from mmw.usd.material_library import LIBRARY, TEXTURES
+from mmw.usd.material_library import LIBRARY
 from mmw.usd.materials import MaterialUse, read_material
+from mmw.worlds.materials.shading_networks import TEXTURES
 from mmw.worlds.materials.textures import TILES, normal_pixels, roughness_scale, tile_pixels, write_tile
 from mmw.worlds.materials.town_decals import TOWN_PICTURES
 from mmw.worlds.materials.vehicle_decals import PICTURES, mean_color

@@ -6,7 +6,7 @@ import pytest
 from mmw.channel.links import make_links
 from mmw.channel.path_solver.solver import solve_paths
 from mmw.channel.paths import PATH_LOS
-from mmw.config import ChannelConfig, DepthCamera, Lidar, MountConfig
+from mmw.config import ChannelConfig, MountConfig
 from mmw.core.constants import GRAVITY
 from mmw.core.kinematics import differentiate
 from mmw.core.resources import town_path
@@ -14,6 +14,7 @@ from mmw.core.transforms import angle_between, compose, pose_from_mount, pose_fr
 from mmw.scene.device_scene import DeviceScene, SceneData, read_stage
 from mmw.scene.stage.compose import compose_scenario
 from mmw.scene.views import Views, make_views
+from mmw.sensors import DepthCamera, Lidar
 from mmw.sensors.depth.simulate import trace_depth
 from mmw.sensors.imu.simulate import integrate_imu, measure
 from mmw.sensors.lidar.scan_pattern import lidar_pattern, pinhole, pinhole_directions

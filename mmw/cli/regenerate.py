@@ -1,4 +1,4 @@
-"""`mmw row`: rows of a dataset made again, alone, from its stored configuration."""
+"""`mmw regenerate`: rows of a dataset made again, alone, from its stored configuration."""
 
 import argparse
 import json
@@ -19,8 +19,8 @@ SUFFIXES = (".parquet", ".jsonl", ".png", ".jpg")
 """Endings of --out."""
 
 
-def main(argv: Sequence[str], prog: str = "mmw row") -> int:
-    """Run `mmw row` and return its exit code: 0 done, 1 rows differ from the stored ones, 2 bad input."""
+def main(argv: Sequence[str], prog: str = "mmw regenerate") -> int:
+    """Run `mmw regenerate` and return its exit code: 0 done, 1 rows differ from the stored ones, 2 bad input."""
     parser = argparse.ArgumentParser(
         prog=prog,
         description="Make rows of a table again, tracing only what they need, and print or write them.",

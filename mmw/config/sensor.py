@@ -59,3 +59,8 @@ class SensorConfig(Section):
         """Return the mount for a role; the agent's origin where the file gives none."""
         mounts: dict[str, MountConfig] = {**self.mount}
         return mounts.get(role, MountConfig())
+
+    @property
+    def period_frames(self) -> int:
+        """Frames from one sample to the next; frame 0 has the first."""
+        return 1

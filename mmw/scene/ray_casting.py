@@ -1,0 +1,75 @@
+"""Cast single rays into a scene on a device."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+from numpy.typing import ArrayLike
+
+from mmw.kernels.core.structs import Hit
+from mmw.kernels.core.trace import cast_kernel
+from mmw.scene.device_scene import DeviceScene
+
+FARTHEST_M = 1.0e6
+"""Length of a ray without a limit [m]."""
+
+
+@dataclass(frozen=True)
+class RayHits:
+    """First surface on each of R rays."""
+
+    distance: np.ndarray
+    """Distance along the ray [m], inf for a miss, shape [R], float32."""
+    object_id: np.ndarray
+    """Row of `objects`, -1 for a miss, shape [R], int32."""
+    material_id: np.ndarray
+    """Material of the weather that is selected, -1 for a miss, shape [R], int32."""
+    normal: np.ndarray
+    """Unit normal of the face, towards the origin of the ray, shape [R, 3], float32; zero for a miss."""
+
+
+def cast_rays(
+    scene: DeviceScene,
+    origins: ArrayLike,
+    directions: ArrayLike,
+    *,
+    batch_index: ArrayLike = 0,
+    max_distance: float = np.inf,
+) -> RayHits:
+    """Find the first surface along each ray.
+
+    Args:
+        scene: Scene with a batch of frames loaded.
+        origins: Ray origins in the world frame [m], shape [R, 3].
+        directions: Unit directions in the world frame, shape [R, 3].
+        batch_index: Position of each ray's frame in the batch, shape [R] or one for all.
+        max_distance: Rays end here [m].
+    """
+    start = np.asarray(origins, dtype=np.float64).reshape(-1, 3) - scene.origin
+    count, device = len(start), scene.device
+    slot = np.ascontiguousarray(np.broadcast_to(np.asarray(batch_index, dtype=np.int32), (count,)))
+    hits, blocked = wp.empty(count, dtype=Hit, device=device), wp.empty(count, dtype=wp.bool, device=device)
+    way = np.ascontiguousarray(np.asarray(directions, dtype=np.float32).reshape(-1, 3))
+    wp.launch(
+        cast_kernel,
+        dim=count,
+        inputs=[
+            scene.struct,
+            wp.array(slot, dtype=wp.int32, device=device),
+            wp.array(np.ascontiguousarray(start.astype(np.float32)), dtype=wp.vec3, device=device),
+            wp.array(way, dtype=wp.vec3, device=device),
+            float(min(max_distance, FARTHEST_M)),
+            wp.full(count, -1, dtype=wp.int32, device=device),
+        ],
+        outputs=[hits, blocked],
+        device=device,
+        block_dim=64,
+    )
+    found = hits.numpy()
+    is_hit = found["object_id"] >= 0
+    return RayHits(
+        np.where(is_hit, found["t"], np.float32(np.inf)),
+        np.where(is_hit, found["object_id"], -1),
+        np.where(is_hit, found["material_id"], -1),
+        np.where(is_hit[:, None], found["normal"], np.float32(0.0)),
+    )

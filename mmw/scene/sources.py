@@ -1,0 +1,73 @@
+"""Find the files that a scenario starts from."""
+
+from pathlib import Path
+
+from pxr import Usd
+
+from mmw.config import ScenarioConfig
+from mmw.config.scenario import TOWN_SUFFIXES
+from mmw.core.errors import InputError
+from mmw.core.resources import town_path
+from mmw.usd.open_stage import open_stage
+
+
+def scenario_source(scenario: ScenarioConfig, base: Path) -> Path:
+    """Return the USD file that a scenario starts from: its town asset or the user's own stage.
+
+    A town is a shipped name, or a path relative to `base`, the configuration file's folder.
+
+    Raises:
+        InputError: If the file does not exist.
+    """
+    if scenario.stage is not None:
+        path = base / scenario.stage
+        if not path.is_file():
+            raise InputError(
+                f"scenario {scenario.name!r}: stage = {scenario.stage!r}: no such file ({path}); give a USD file"
+            )
+        return path
+    town = scenario.town or ""
+    if is_town_file(scenario):
+        path = base / town
+        if not path.is_file():
+            raise InputError(
+                f"scenario {scenario.name!r}: town = {town!r}: no such file ({path}); give an existing town asset"
+            )
+        return path
+    try:
+        return town_path(town)
+    except InputError as error:
+        raise InputError(f"scenario {scenario.name!r}: {error}") from None
+
+
+def is_town_file(scenario: ScenarioConfig) -> bool:
+    """Return whether a scenario's town is a file of the user's rather than a shipped town's name."""
+    return scenario.town is not None and scenario.town.endswith(TOWN_SUFFIXES)
+
+
+def trajectory_file(scenario: ScenarioConfig, base: Path) -> Path | None:
+    """Return the table of a scenario's recorded vehicles; None if its traffic is generated.
+
+    Raises:
+        InputError: If the file does not exist.
+    """
+    if scenario.traffic is None or scenario.traffic.trajectories is None:
+        return None
+    path = base / scenario.traffic.trajectories
+    if not path.is_file():
+        raise InputError(
+            f"scenario {scenario.name!r}: traffic.trajectories = {scenario.traffic.trajectories!r}: no such file "
+            f"({path}); give a .parquet, .csv or .xml table"
+        )
+    return path
+
+
+def weather_variants(source: Path) -> list[str]:
+    """Return the weather variants of a town or stage; none if its default prim has no such variant set.
+
+    Raises:
+        InputError: If USD cannot read the file.
+    """
+    stage = open_stage(source, Usd.Stage.LoadNone)  # its prims live as long as it does
+    root = stage.GetDefaultPrim()
+    return root.GetVariantSet("weather").GetVariantNames() if root else []

@@ -1,0 +1,51 @@
+"""Register the depth camera."""
+
+from collections.abc import Mapping
+
+from mmw.config.lens import LensConfig
+from mmw.config.sensor_spec import Camera, Estimate, Modality, SensorSpec
+from mmw.sensors.camera_group.estimate import KERNELS, camera_estimate
+from mmw.sensors.depth.config import DepthCamera
+from mmw.sensors.depth.tables import DEPTH
+from mmw.sensors.ground_truth.tables import BOXES_2D, SEGMENTATION
+
+BYTES_PER_PIXEL = 0.1
+"""Size of one depth pixel as 16-bit PNG [bytes]: 28 to 32 kB for an image of 640 x 480 on town03."""
+
+FLOAT_BYTES_PER_PIXEL = 0.9
+"""Size of one depth pixel before rounding, `format: float32` [bytes]: 275 kB for an image of 640 x 480 on town03."""
+
+
+def _estimate(config: DepthCamera) -> Estimate:
+    size = BYTES_PER_PIXEL + (config.format == "float32") * FLOAT_BYTES_PER_PIXEL
+    return camera_estimate(
+        config.width_px, config.height_px, size, segmentation=config.segmentation, boxes_2d=config.boxes_2d
+    )
+
+
+def _kernels(config: DepthCamera, on_gpu: bool) -> Mapping[str, float]:
+    return KERNELS
+
+
+def _camera(config: DepthCamera) -> Camera:
+    lens = LensConfig()
+    return Camera(lens.intrinsics(config.width_px, config.height_px, config.fov_deg), lens, config.range_m)
+
+
+SPEC = SensorSpec(
+    type="depth",
+    title="Depth",
+    kind="image",
+    config=DepthCamera,
+    tables=(DEPTH, SEGMENTATION, BOXES_2D),
+    shared_tables=("box_visibility",),
+    capture="mmw.sensors.camera_group.capture:capture_cameras",
+    rows_per_sample=lambda config: {"depth": 1, "segmentation": int(config.segmentation)},
+    estimate=_estimate,
+    defaults=lambda: (DepthCamera(),),
+    kernels=_kernels,
+    camera=_camera,
+    needs_clear_view=True,
+    decode="mmw.dataset.frame:camera_view",
+    window=Modality("depth", "depth"),
+)

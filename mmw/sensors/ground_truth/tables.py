@@ -1,0 +1,49 @@
+"""Define the tables of what cameras see of objects."""
+
+from mmw.storage.table_spec import F32, I32, OBJECT, OWNED, SENSOR, TableSpec, column, encoded_image
+
+SEGMENTATION = TableSpec(
+    "segmentation",
+    "What each pixel of one depth or RGB image shows, from the same rays.",
+    (
+        *OWNED,
+        SENSOR,
+        encoded_image("instance", "", "16-bit PNG; object_id = value - 1, a row of `objects`; 0 = nothing hit"),
+        encoded_image("semantic", "", "8-bit PNG of CARLA tags as in `objects`; 11 (sky) = nothing hit"),
+    ),
+    ("frame", "agent", "sensor"),
+    frames_per_group=4,
+    level=1,
+)
+
+HIDDEN = "; null if no pixel shows it"
+
+BOXES_2D = TableSpec(
+    "boxes_2d",
+    "One actor of which one camera frames a part of the 3-D box, seen or hidden, at any distance; the camera's own "
+    "vehicle too. Columns u count to the right and rows v down from the top left edge of the image. Mirrors stick out "
+    "of a vehicle's 3-D box, so its pixels may reach beyond the amodal rectangle.",
+    (
+        *OWNED,
+        SENSOR,
+        OBJECT,
+        column("pixels", I32, "count", "pixels that show the actor"),
+        column("u_min", I32, "px", "left edge of the pixels that show the actor" + HIDDEN, nullable=True),
+        column("v_min", I32, "px", "upper edge of the pixels that show the actor" + HIDDEN, nullable=True),
+        column("u_max", I32, "px", "right edge of the pixels that show the actor" + HIDDEN, nullable=True),
+        column("v_max", I32, "px", "lower edge of the pixels that show the actor" + HIDDEN, nullable=True),
+        column("amodal_u_min", F32, "px", "left edge of the framed part of the 3-D box, hidden or not"),
+        column("amodal_v_min", F32, "px", "upper edge of the framed part of the 3-D box, hidden or not"),
+        column("amodal_u_max", F32, "px", "right edge of the framed part of the 3-D box, hidden or not"),
+        column("amodal_v_max", F32, "px", "lower edge of the framed part of the 3-D box, hidden or not"),
+        column(
+            "truncation",
+            F32,
+            "-",
+            "share of the rectangle around the whole 3-D box that the amodal one leaves out, 0 to 1; close to 1 if it "
+            "reaches behind the camera",
+        ),
+        column("distance", F32, "m", "from the camera to the middle of the 3-D box"),
+    ),
+    ("frame", "agent", "sensor", "object_id"),
+)

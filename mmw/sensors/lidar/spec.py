@@ -1,0 +1,39 @@
+"""Register the LiDAR."""
+
+from collections.abc import Mapping
+
+from mmw.config.sensor_spec import Estimate, Modality, SensorSpec
+from mmw.core.constants import FRAME_DT
+from mmw.sensors.lidar.config import Lidar
+from mmw.sensors.lidar.tables import LIDAR
+
+BYTES_PER_RAY = 4.65
+"""Size of one ray in the tables, misses included [bytes]: 29.16 GB for 209,400 sweeps of 30,016 rays of `full.yaml`;
+dual returns take up to 1.6 times as much."""
+
+
+def _estimate(config: Lidar) -> Estimate:
+    rays = config.channels * config.points_per_channel
+    return Estimate(rays, rays * BYTES_PER_RAY)
+
+
+def _kernels(config: Lidar, on_gpu: bool) -> Mapping[str, float]:
+    return {"lidar.trace": 4, "lidar.returns": 2}
+
+
+SPEC = SensorSpec(
+    type="lidar",
+    title="LiDAR",
+    kind="points",
+    config=Lidar,
+    tables=(LIDAR,),
+    shared_tables=("box_visibility",),
+    capture="mmw.sensors.lidar.capture:capture_lidar",
+    estimate=_estimate,
+    defaults=lambda: (Lidar(),),
+    kernels=_kernels,
+    sweep_s=lambda config: FRAME_DT if config.rolling else 0.0,
+    needs_clear_view=True,
+    decode="mmw.dataset.frame:lidar_points",
+    window=Modality("lidar", "points", ("x", "y", "z", "intensity")),
+)

@@ -1,0 +1,50 @@
+"""Register the radar."""
+
+import math
+from collections.abc import Mapping
+
+from mmw.config.sensor_spec import Estimate, Modality, SensorSpec
+from mmw.sensors.radar.config import Radar
+from mmw.sensors.radar.tables import RADAR, RADAR_IQ, RADAR_MAPS
+
+BYTES_PER_RAY = {"compat": 8.8, "dense": 24.0}
+"""Size of one ray where rays are stored, misses included, measured on town03 [bytes]."""
+
+DETECTIONS_BYTES = 3_000.0
+"""Size of the detections of one sample, measured on eight scenarios [bytes]."""
+
+MAP_PIXEL_BYTES, IQ_SAMPLE_BYTES = 4.0, 8.0
+"""Sizes of a pixel of a radar map, float32, and of a sample, complex64 [bytes]; noise does not compress."""
+
+
+def _estimate(config: Radar) -> Estimate:
+    stored = "compat" if config.mode == "compat" else config.output
+    size = config.ray_count * BYTES_PER_RAY[stored] if stored in BYTES_PER_RAY else DETECTIONS_BYTES
+    columns = {"range_azimuth": config.azimuth_antennas, "range_doppler": config.chirps}
+    size += sum(columns[kind] for kind in config.maps) * (config.range_cells + 1) * MAP_PIXEL_BYTES
+    if config.iq:
+        size += math.prod(config.iq_shape) * IQ_SAMPLE_BYTES
+    return Estimate(config.ray_count, size)
+
+
+def _kernels(config: Radar, on_gpu: bool) -> Mapping[str, float]:
+    cells = {"radar.resolution_cells": 1, "radar.detection": 1}
+    return {"radar.trace": 3} | (cells if config.mode == "physical" and config.output == "detections" else {})
+
+
+SPEC = SensorSpec(
+    type="radar",
+    title="Radar",
+    kind="points",
+    config=Radar,
+    tables=(RADAR, RADAR_MAPS, RADAR_IQ),
+    shared_tables=("box_visibility",),
+    capture="mmw.sensors.radar.capture:capture_radar",
+    rows_per_sample=lambda config: {"radar": 1, "radar_maps": len(config.maps), "radar_iq": int(config.iq)},
+    estimate=_estimate,
+    defaults=lambda: (Radar(),),
+    kernels=_kernels,
+    needs_clear_view=True,
+    decode="mmw.dataset.frame:radar_points",
+    window=Modality("radar", "points", ("range", "azimuth", "elevation", "velocity")),
+)

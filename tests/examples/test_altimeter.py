@@ -1,0 +1,133 @@
+"""The altimeter of `examples/altimeter`: a sensor in a package of its own needs no change in mmw."""
+
+import hashlib
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+import pytest
+
+pytestmark = pytest.mark.slow
+
+ROOT = Path(__file__).resolve().parents[2]
+CONFIG = ("frames.count=4", "weathers=[sunny, rainy]", "channel.enabled=false", "output.shard_frames=2")
+SENSORS = "sensors=[{type: altimeter, noise_m: 0, range_m: 50}, {type: imu}]"
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """Install the package into a folder, and return the environment of a process that sees it and its entry point."""
+    folder = tmp_path_factory.mktemp("altimeter")
+    source = folder / "source"
+    source.mkdir()
+    for name in ("pyproject.toml", "mmw_altimeter.py"):
+        (source / name).write_text((ROOT / "examples" / "altimeter" / name).read_text())
+    command = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--target", str(folder / "site"), str(source)]
+    subprocess.run(command, check=True)
+    return os.environ | {"PYTHONPATH": os.pathsep.join([str(folder / "site"), str(ROOT)])}
+
+
+@pytest.fixture(scope="module")
+def dataset(installed: dict[str, str], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("data") / "altimeter"
+    run(installed, "-m", "mmw.run", "--config", "quickstart", *CONFIG, SENSORS, "--out", str(out), "--device", "cpu")
+    return out
+
+
+def run(environment: dict[str, str], *arguments: str, code: int = 0) -> str:
+    """Run Python with the package installed, and return its standard output."""
+    result = subprocess.run(
+        [sys.executable, *arguments], env=environment, capture_output=True, text=True, cwd=ROOT, check=False
+    )
+    assert result.returncode == code, result.stdout + result.stderr
+    return result.stdout + result.stderr
+
+
+def test_the_configuration_knows_its_keys(installed: dict[str, str]) -> None:
+    text = run(
+        installed, "-m", "mmw.run", "--config", "quickstart", "sensors=[{type: altimeter, rangem: 3}]", "--dry-run",
+        code=2,
+    )  # fmt: skip
+    assert "sensors[0].rangem = 3: unknown key; did you mean `range_m`?" in text
+    text = run(installed, "-m", "mmw.run", "--config", "quickstart", *CONFIG, SENSORS, "--dry-run")
+    assert "altimeter 3" in text  # one ray for each of three vehicles
+    text = run(
+        installed, "-c", "from mmw.config.load import json_schema; import json; print(json.dumps(json_schema()))"
+    )
+    assert "Altimeter" in json.loads(text.splitlines()[0])["$defs"]
+
+
+def test_heights_are_those_of_a_ray_down(dataset: Path) -> None:
+    """An agent's origin is on the ground below its body, so the first surface below is the road, a few mm away."""
+    rows = pq.ParquetDataset(dataset / "altimeter").read().to_pydict()
+    assert len(rows["frame"]) == 2 * 4 * 3 and set(rows["sensor"]) == {"altimeter"}
+    heights = np.array(rows["height"])
+    assert np.isfinite(heights).all() and (np.abs(heights) < 1.0).all()
+    assert set(rows["weather"]) == {"sunny", "rainy"}
+
+
+def test_the_dataset_reads_it(dataset: Path, installed: dict[str, str]) -> None:
+    code = (
+        "import mmw\n"
+        "from mmw.dataset.windows import WindowSpec, open_windows, Feature\n"
+        f"data = mmw.open({str(dataset)!r})\n"
+        "sample = data.frame('town03_roundabout', 'sunny', 0).agents['cav_1'].sensor('altimeter')\n"
+        "print('height', float(sample.height), sample.object_id)\n"
+        "windows = open_windows(data, WindowSpec([Feature('altimeter')], past=2, future=1))\n"
+        "print('windows', len(windows), windows[0]['altimeter'].shape)\n"
+    )
+    text = run(installed, "-c", code)
+    assert "height " in text and "windows " in text
+
+
+def test_verify_finds_a_removed_row(dataset: Path, installed: dict[str, str], tmp_path: Path) -> None:
+    run(installed, "-m", "mmw", "verify", str(dataset), "--rerender", "5", "--device", "cpu")
+    damaged = tmp_path / "damaged"
+    shutil.copytree(dataset, damaged)
+    path = next((damaged / "altimeter").rglob("part-000002.parquet"))
+    table = pq.ParquetFile(path).read()
+    pq.write_table(table.filter(pc.not_equal(table["agent"].cast("string"), "cav_2")), path)
+    for marker in (damaged / "_shards").glob("*.json"):  # as a wrong run would have left it
+        content = json.loads(marker.read_text())
+        for file in content["files"]:
+            if file["path"] == path.relative_to(damaged).as_posix():
+                data = path.read_bytes()
+                file.update(bytes=len(data), rows=file["rows"] - 1, sha256=hashlib.sha256(data).hexdigest())
+        marker.write_text(json.dumps(content))
+    run(installed, "-m", "mmw", "finalize", str(damaged))
+    text = run(installed, "-m", "mmw", "verify", str(damaged), code=1)
+    assert "altimeter" in text and "rows are missing, the first frame 2, agent cav_2, sensor altimeter" in text
+
+
+def test_rows_are_regenerated(dataset: Path, installed: dict[str, str]) -> None:
+    for verb in ("regenerate",):
+        text = run(
+            installed, "-m", "mmw", verb, "altimeter", str(dataset), "frame=3", "weather=rainy", "agent=cav_1",
+            "--compare", "--device", "cpu",
+        )  # fmt: skip
+        assert "equal" in text
+
+
+def test_viewer_and_report_show_it(dataset: Path, installed: dict[str, str], tmp_path: Path) -> None:
+    run(installed, "-m", "mmw", "report", str(dataset), "--out", str(tmp_path / "report.html"))
+    assert "altimeter" in (tmp_path / "report.html").read_text()
+    run(installed, "-m", "mmw", "view", str(dataset), "--save", str(tmp_path / "view.rrd"))
+    assert (tmp_path / "view.rrd").stat().st_size > 10_000
+
+
+def test_a_dataset_without_its_package_is_named(dataset: Path, installed: dict[str, str]) -> None:
+    environment = installed | {"PYTHONPATH": str(ROOT)}
+    code = (
+        "import mmw\n"
+        f"data = mmw.open({str(dataset)!r})\n"
+        "data.frame('town03_roundabout', 'sunny', 0).agents['cav_1'].sensor('altimeter')\n"
+    )
+    assert "its type 'altimeter' is not known here; install the package" in run(environment, "-c", code, code=1)
+    text = run(environment, "-m", "mmw", "verify", str(dataset), code=2)
+    assert "altimeter" in text
