@@ -1,4 +1,4 @@
-"""Drive and trace the shipped scenarios: `python -m bench.scenarios --seeds 3 --out docs/scenarios.md`.
+"""Drive and trace the shipped scenarios: `python -m bench.scenarios --seeds 3 --out docs/reference/scenarios.md`.
 
 For each scenario: traffic in several seeds at full length (gap, jerk, wheels on the ground, stuck vehicles), and for
 its own seed the line of sight, blockers, first-order paths and reflectors of every link from a roadside unit to a CAV,
@@ -97,14 +97,14 @@ def shares(found: Mapping[str, float]) -> str:
 
 
 def markdown(reports: Sequence[ScenarioReport]) -> str:
-    """Return the page `docs/scenarios.md`."""
+    """Return the page `docs/reference/scenarios.md`."""
     lines = [
         "# Scenarios",
         "",
         "Sixteen places, each with the physical feature that names it. `mmw run --config NAME` runs one, "
         "`--config full` all of them in three weathers.",
-        "This page is made by `python -m bench.scenarios --seeds 3 --out docs/scenarios.md`: the traffic is driven at "
-        "full length, and every tenth frame",
+        "This page is made by `python -m bench.scenarios --seeds 3 --out docs/reference/scenarios.md`: the traffic is "
+        "driven at full length, and every tenth frame",
         "is traced (every surface for every link, first order).",
         "",
         "## What the links meet",

@@ -1,1 +1,1 @@
-"""Multimodal beam prediction: `python -m examples.beam_prediction --help`; `docs/beam-prediction.md`."""
+"""Multimodal beam prediction: `python -m examples.beam_prediction --help`; `docs/guides/beam-prediction.md`."""

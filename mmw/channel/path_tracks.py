@@ -2,7 +2,7 @@
 
 Between two frames of a track the delay is the cubic that has the delays and rates of both, so the carrier's phase and
 the Doppler shift are continuous over frames. Coefficients hold no carrier phase, change slowly and are interpolated
-linearly. `docs/tracks.md` says how far that is from the truth.
+linearly. `docs/guides/tracks.md` says how far that is from the truth.
 """
 
 from dataclasses import dataclass, fields

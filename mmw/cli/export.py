@@ -17,8 +17,8 @@ def main(argv: Sequence[str], prog: str = "mmw export") -> int:
     parser = argparse.ArgumentParser(
         prog=prog,
         description="Write a dataset, or a part of it, in another format. Run the same command again to resume.",
-        epilog="docs/export.md describes every format. Exit codes: 0 done, 2 a format, folder, filter or option that "
-        "cannot be used, 1 failure while running.",
+        epilog="docs/guides/export.md describes every format. Exit codes: 0 done, 2 a format, folder, filter or option "
+        "that cannot be used, 1 failure while running.",
     )
     parser.add_argument("format", nargs="?", default="", help="format; --list prints them")
     parser.add_argument("root", nargs="?", help="dataset folder, or a URI such as s3://bucket/folder")

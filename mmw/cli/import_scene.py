@@ -35,7 +35,9 @@ def main(argv: Sequence[str], prog: str = "mmw import") -> int:
     )
     parser.add_argument("file", type=Path, help=f"world to import: {', '.join(KNOWN)}")
     parser.add_argument("--out", type=Path, required=True, help="folder for the asset, or its .usda file")
-    parser.add_argument("--materials", type=Path, metavar="MAP", help="material map, a YAML file (docs/import.md)")
+    parser.add_argument(
+        "--materials", type=Path, metavar="MAP", help="material map, a YAML file (docs/guides/import.md)"
+    )
     parser.add_argument("--up", choices=("y", "z"), default="", help="axis that points up; the format's by default")
     parser.add_argument("--unit", choices=tuple(UNITS), default="", help="unit of the file; the format's by default")
     parser.add_argument(
@@ -154,7 +156,7 @@ def next_step(world: World, path: Path) -> list[str]:
     if world.lanes is None:
         return [
             *lines,
-            "no lanes, so nothing drives by itself: refer to it from an animated stage (docs/import.md), or",
+            "no lanes, so nothing drives by itself: refer to it from an animated stage (docs/guides/import.md), or",
             "  scenarios:",
             f"    - name: {path.stem}",
             f"      town: {path}",

@@ -14,8 +14,8 @@ def main(argv: Sequence[str], prog: str = "mmw report") -> int:
         prog=prog,
         description="Write one self-contained HTML page about a dataset, finished or not: maps, contact sheets, links "
         "over time, delays, angles and beams, counts and sizes, a quick check, provenance.",
-        epilog="docs/report.md describes the page. Exit codes: 0 done, 2 a folder, file or scenario that cannot be "
-        "used, 1 failure while running.",
+        epilog="docs/guides/report.md describes the page. Exit codes: 0 done, 2 a folder, file or scenario that cannot "
+        "be used, 1 failure while running.",
     )
     parser.add_argument("dataset", help="dataset folder")
     parser.add_argument("--out", type=Path, default=Path("report.html"), metavar="FILE.html", help="file to write")

@@ -15,14 +15,15 @@ def main(argv: Sequence[str], prog: str = "mmw town") -> int:
     commands = parser.add_subparsers(dest="command", required=True)
     build = commands.add_parser(
         "build", help="build a town from its YAML description (needs the extra author)",
-        description="Build the USD asset of a town from its YAML description (docs/towns.md). Needs the extra author.",
+        description="Build the USD asset of a town from its YAML description (docs/guides/towns.md). "
+        "Needs the extra author.",
     )  # fmt: skip
     build.add_argument("description", help="the town's YAML file, or the name of a shipped town")
     build.add_argument("--out", type=Path, help="folder for the built asset; the description's own by default")
     check = commands.add_parser(
         "check", help="check a town, or any USD stage; exit code 1 if there are errors",
-        description="List what is wrong with a town, or any USD stage: where, and what to do (docs/town-check.md). "
-        "Exit codes: 0 no errors, 1 errors, 2 a file that cannot be read.",
+        description="List what is wrong with a town, or any USD stage: where, and what to do "
+        "(docs/guides/town-check.md). Exit codes: 0 no errors, 1 errors, 2 a file that cannot be read.",
     )  # fmt: skip
     check.add_argument("stage", help="USD file, or the name of a shipped town")
     check.add_argument("--json", action="store_true", help="print the findings as one JSON object")

@@ -33,8 +33,8 @@ def main(argv: Sequence[str], prog: str = "mmw view") -> int:
 def _parser(prog: str) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog=prog,
-        description="Open a dataset in the Rerun viewer (docs/viewer.md), or take one picture by the RGB camera, "
-        "straight from a configuration or a stage, without a run (docs/gallery.md).",
+        description="Open a dataset in the Rerun viewer (docs/guides/viewer.md), or take one picture by the RGB "
+        "camera, straight from a configuration or a stage, without a run (docs/getting-started/gallery.md).",
     )
     parser.add_argument("root", nargs="?", metavar="ROOT", help="dataset folder, or a URI such as s3://bucket/folder")
     parser.add_argument("--scenario", default="", help="scenario; the first by default")

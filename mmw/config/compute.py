@@ -1,4 +1,4 @@
-"""`compute`: what traces and how much at a time. It changes no data but last bits (`docs/determinism.md`)."""
+"""`compute`: what traces and how much at a time. It changes no data but last bits (`docs/concepts/determinism.md`)."""
 
 from typing import Literal
 

@@ -187,7 +187,7 @@ class Dataset:
     def paths(
         self, carrier_hz: float, *, scenario: str | None = None, weather: str | None = None, frames: range | None = None
     ) -> "Paths":
-        """Return the radio paths of all links at one carrier, links without any path included, see `docs/csi.md`.
+        """Return the radio paths of all links at one carrier, also of links without any, see `docs/guides/csi.md`.
 
         Raises:
             InputError: If there is no channel in the dataset, or no such carrier.
@@ -200,7 +200,7 @@ class Dataset:
         return Paths.from_table(rows("paths", PATH_COLUMNS), carrier_hz, rows("links", LINK_COLUMNS))
 
     def connect(self, search: "BeamSearch | None" = None) -> "duckdb.DuckDBPyConnection":
-        """Return a DuckDB connection with one view a table and the views and functions of `docs/query.md`.
+        """Return a DuckDB connection with one view a table and the views and functions of `docs/guides/query.md`.
 
         Args:
             search: Arrays, codebooks and band of the function `best_beam`; the paper's by default.

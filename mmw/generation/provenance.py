@@ -92,12 +92,13 @@ def check_continuation(root: Root, config: Config, now: Mapping[str, Any]) -> li
     if old.get("device") != new.get("device"):
         notes.append(
             f"{root}: begun on {old.get('device')}, goes on on {new.get('device')}: all rows are right, but the last "
-            "bits may differ between the two (docs/determinism.md); for the same bits throughout, go on where it began"
+            "bits may differ between the two (docs/concepts/determinism.md); for the same bits throughout, go on "
+            "where it began"
         )
     if old.get("bvh", new["bvh"]) != new["bvh"]:  # older datasets do not say
         notes.append(
             f"{root}: begun with compute.bvh = {old['bvh']!r}, goes on with {new['bvh']!r}: last bits may differ "
-            f"(docs/running.md); for the same bits throughout, set compute.bvh={old['bvh']}"
+            f"(docs/guides/running.md); for the same bits throughout, set compute.bvh={old['bvh']}"
         )
     for name in ("mmw", "git", *before.get("packages", {})):
         if old.get(name) != new.get(name):

@@ -181,7 +181,7 @@ def other_machine(then: str, now: str) -> str:
     """Return why rows that were made on one kind of machine may differ from those made on another."""
     return (
         f"it was made on {then or 'an unknown machine'}, and this is {now}: between the two last bits may differ, and "
-        "what hangs on them (docs/determinism.md); make it again on the first kind to compare bit by bit"
+        "what hangs on them (docs/concepts/determinism.md); make it again on the first kind to compare bit by bit"
     )
 
 

@@ -1,4 +1,4 @@
-"""The page `docs/tables.md`, made from the schemas."""
+"""The page `docs/reference/tables.md`, made from the schemas."""
 
 import pyarrow as pa
 
@@ -10,13 +10,13 @@ def schema_markdown() -> str:
     lines = [
         "# Tables",
         "",
-        "This page is made from `mmw/storage/schema/` by `mmw.storage.schema_docs.schema_markdown`; "
+        "This page is made from `mmw/storage/schemas.py` by `mmw.storage.schema_docs.schema_markdown`; "
         "`MMW_UPDATE_GOLDEN=1 pytest tests/storage/test_tables.py` writes it again.",
         "",
         f"Schema version {SCHEMA_VERSION}. World frame: x east, y north, z up; metres, seconds, radians. Zenith angles "
         "are from +z, azimuths from +x counter-clockwise. An agent's and a sensor's frame is x forward, y left, z up. "
         "`agent` owns a row and is the receiver of `links` and `paths`; `peer` is the transmitter. What each sensor's "
-        "columns mean: [Sensors](sensors.md).",
+        "columns mean: [Sensors](../sensors/index.md).",
         "",
         "Tables with frames are in `TABLE/scenario=S/weather=W/part-FFFFFF.parquet` (F = first frame of the file), the "
         "others in `TABLE/scenario=S/part-000000.parquet`. Rows are sorted by the key. All tables join on the key "

@@ -298,10 +298,10 @@ def test_dataset_to_response_and_back(dataset: Path) -> None:
 
 
 def test_examples_of_the_page_run(dataset: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "csi.md").read_text(), re.DOTALL)
+    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "guides" / "csi.md").read_text(), re.DOTALL)
     assert len(blocks) >= 3
     scope: dict = {}
     for block in blocks:
-        exec(compile(block.replace('"DATASET"', repr(str(dataset))), "docs/csi.md", "exec"), scope)
+        exec(compile(block.replace('"DATASET"', repr(str(dataset))), "docs/guides/csi.md", "exec"), scope)
     assert scope["h"].shape[0] == scope["paths"].link_count
     assert capsys.readouterr().out

@@ -83,7 +83,7 @@ def test_paths_with_their_links(data: Dataset, connection: duckdb.DuckDBPyConnec
 
 @pytest.mark.parametrize("search", [None, BeamSearch(ula(8), ula(4), 16, 8, subcarriers=32, spacing_hz=1e6)])
 def test_best_beams_are_those_of_the_recipe(data: Dataset, search: BeamSearch | None) -> None:
-    """Against the steps of docs/csi.md, link by link."""
+    """Against the steps of docs/guides/csi.md, link by link."""
     found = connect(data.root, search=search).sql("SELECT * FROM beams").to_arrow_table().to_pylist()
     by_key = {tuple(row[n] for n in ("weather", "frame", "agent", "peer", "carrier_hz")): row for row in found}
     assert len(by_key) == len(found) == data.arrow("links").count_rows()

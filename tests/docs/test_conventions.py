@@ -1,4 +1,4 @@
-"""The tables of docs/conventions.md that convert to other tools, evaluated and compared with the code."""
+"""The tables of docs/concepts/conventions.md that convert to other tools, evaluated and compared with the code."""
 
 from pathlib import Path
 
@@ -21,7 +21,7 @@ from mmw.dataset.export.pinhole import OPTICAL_POSE
 from mmw.dataset.export.read_radio import Antennas
 from mmw.dataset.export.read_sensors import Sensor
 
-PAGE = Path(__file__).parents[2] / "docs" / "conventions.md"
+PAGE = Path(__file__).parents[2] / "docs" / "concepts" / "conventions.md"
 YPR = (0.4, -0.3, 0.2)
 POINT = (3.0, -2.0, 0.7)
 

@@ -1,4 +1,4 @@
-"""The Python of docs/query.md runs as printed."""
+"""The Python of docs/guides/query.md runs as printed."""
 
 import re
 from pathlib import Path
@@ -7,7 +7,7 @@ from tests.fixtures.small_dataset import small_dataset
 
 
 def test_the_examples_run(capsys) -> None:
-    text = (Path(__file__).parents[2] / "docs" / "query.md").read_text()
+    text = (Path(__file__).parents[2] / "docs" / "guides" / "query.md").read_text()
     blocks = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
     assert len(blocks) == 6
     names: dict = {}

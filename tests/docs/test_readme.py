@@ -1,43 +1,63 @@
-"""The queries of the README run as they stand and print what it says.
+"""The README is short, its links lead somewhere, and its blocks run as they stand and print what it says.
 
-They run on the small dataset of the tests, in sun: agents, links, paths and objects are those of the quickstart; the
-sensors are coarser.
+They run on the small dataset of the tests: agents, links, paths and objects are those of the quickstart; the sensors
+are coarser. Its first block is CI's: `.ci/run` takes the test command from it.
 """
 
 import os
 import re
-import shutil
 import subprocess
 import sys
 from pathlib import Path
 
-import pytest
+from mmw.core.extras import DISTRIBUTION
+from tests.fixtures.doc_pages import ROOT, blocks_of, run_page
+from tests.fixtures.small_dataset import small_dataset
 
-from tests.fixtures.doc_pages import says
-from tests.fixtures.small_dataset import copy_of, small_dataset
-
-README = (Path(__file__).resolve().parents[2] / "README.md").read_text()
-SECTION = README[README.index("Ask it something") : README.index("## What is in a dataset")]
-QUERIES = re.findall(r"```bash\n(.*?)```\n\n```\n(.*?)```\n", SECTION, re.DOTALL)
+README = ROOT / "README.md"
+MAX_BYTES = 6144
 
 
-def test_every_query_shows_its_output() -> None:
-    assert len(QUERIES) == 2 and SECTION.count("```") == 4 * len(QUERIES)
+def test_the_readme_is_short() -> None:
+    assert len(README.read_bytes()) <= MAX_BYTES
 
 
-@pytest.mark.parametrize("number", range(len(QUERIES)))
-def test_query_prints_what_the_readme_says(tmp_path: Path, number: int) -> None:
-    command, printed = QUERIES[number]
-    assert command.startswith(".venv/bin/python -c ")
+def test_every_link_leads_to_a_file() -> None:
+    targets = re.findall(r"\]\(([^)]+)\)", README.read_text())
+    assert len(targets) >= 20
+    assert {target for target in targets if not (ROOT / target.split("#")[0]).is_file()} == set()
+
+
+def test_ci_finds_the_test_command() -> None:
+    """The first block holds the quickstart and the tests, one line each; only it is not run here."""
+    blocks = blocks_of(README)
+    assert [bool(block.why_not_run) for block in blocks] == [True, *[False] * (len(blocks) - 1)]
+    lines = blocks[0].code.splitlines()
+    assert [line.split()[1].rstrip(":") for line in lines[::2]] == ["quickstart", "test"]
+    for line in lines[1::2]:
+        assert line.startswith("python3 -m venv .venv && .venv/bin/python -m pip install -q -e '.[")
+    assert lines[1].endswith(" && .venv/bin/python -m mmw.run --config configs/quickstart.yaml")
+    assert (ROOT / "configs" / "quickstart.yaml").is_file()
+    command = "grep -m1 -A2 '^# test' README.md | sed -n 2p"
+    assert command in (ROOT / ".ci" / "run").read_text()
+    found = subprocess.run(["bash", "-c", command], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert found.stdout.strip() == lines[3] and " -m pytest " in lines[3]
+
+
+def test_the_blocks_run_and_print_what_the_readme_says(tmp_path: Path) -> None:
+    languages = [block.language for block in blocks_of(README)]
+    assert languages == ["bash", "bash", "python", "text"]
     (tmp_path / "out").mkdir()
-    for rainy in copy_of(small_dataset(), tmp_path / "out" / "quickstart").rglob("weather=rainy"):
-        shutil.rmtree(rainy)
-    (tmp_path / ".venv" / "bin").mkdir(parents=True)
-    (tmp_path / ".venv" / "bin" / "python").symlink_to(sys.executable)
-    path = os.pathsep.join([str(Path(__file__).resolve().parents[2]), *sys.path])
-    environment = {**os.environ, "PYTHONPATH": path, "PYTHONIOENCODING": "utf-8"}
-    found = subprocess.run(
-        ["bash", "-c", command], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
-    )
-    assert found.returncode == 0, found.stderr
-    assert says(printed.strip(), found.stdout.strip()), found.stdout
+    (tmp_path / "out" / "quickstart").symlink_to(small_dataset())
+    run_page(README, tmp_path)
+    assert (tmp_path / "out" / "opv2v").is_dir() and not (tmp_path / "out" / "long").exists()
+
+
+def test_help_that_the_readme_names_is_there() -> None:
+    assert f"`{DISTRIBUTION}" not in README.read_text()  # nothing is on PyPI yet
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path])}
+    for words in (["-m", "mmw", "--help"], ["-m", "mmw", "run", "--config", "quickstart", "--print-config"]):
+        found = subprocess.run(
+            [sys.executable, *words], cwd=ROOT, env=environment, capture_output=True, text=True, check=False
+        )
+        assert found.returncode == 0 and len(found.stdout.splitlines()) > 10, found.stderr

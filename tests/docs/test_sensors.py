@@ -1,4 +1,4 @@
-"""The guide to the sensors: its fragments load, it names every key with its default, and what it refers to is there."""
+"""The pages of the sensors: fragments load, keys are listed with their defaults, and files they refer to exist."""
 
 import re
 from pathlib import Path
@@ -16,23 +16,20 @@ from mmw.sensors.render.image_config import ExposureConfig, ImageConfig, NoiseCo
 from mmw.storage.schemas import table_spec
 
 ROOT = Path(__file__).parents[2]
-GUIDE = ROOT / "docs" / "sensors.md"
-HEADINGS = {
-    "LiDAR": Lidar,
-    "Radar": Radar,
-    "RGB camera": RgbCamera,
-    "Depth, segmentation, 2-D boxes": DepthCamera,
-    "IMU": Imu,
-    "GNSS": Gnss,
-}
-"""Heading of the page -> section of the configuration."""
+PAGES = ROOT / "docs" / "sensors"
+SECTIONS = {"lidar": Lidar, "radar": Radar, "rgb": RgbCamera, "depth": DepthCamera, "imu": Imu, "gnss": Gnss}
+"""Page of a sensor -> section of the configuration."""
 
 MAX_BYTES = 250_000
 """Size of a figure."""
 
 
-def chapter(heading: str) -> str:
-    return GUIDE.read_text().split(f"\n## {heading}\n")[1].split("\n## ")[0]
+def page(name: str) -> str:
+    return (PAGES / f"{name}.md").read_text()
+
+
+def all_pages() -> str:
+    return "\n".join(path.read_text() for path in sorted(PAGES.glob("*.md")))
 
 
 def table(text: str, title: str) -> list[list[str]]:
@@ -57,7 +54,7 @@ def fields_of(cell: str) -> list[str]:
 
 
 def test_every_fragment_of_the_guide_loads(tmp_path: Path) -> None:
-    blocks = re.findall(r"```yaml\n(.*?)```", GUIDE.read_text(), re.DOTALL)
+    blocks = re.findall(r"```yaml\n(.*?)```", all_pages(), re.DOTALL)
     assert len(blocks) >= 8
     types = set()
     for block in blocks:
@@ -70,31 +67,31 @@ def test_every_fragment_of_the_guide_loads(tmp_path: Path) -> None:
     assert types == both | {("depth", ""), ("rgb", "")}
 
 
-@pytest.mark.parametrize("heading", HEADINGS)
-def test_the_guide_names_every_key(heading: str) -> None:
-    text = chapter(heading)
-    keys = set(HEADINGS[heading].model_fields) - set(SensorConfig.model_fields) - {"mode"}
-    if heading == "RGB camera":
+@pytest.mark.parametrize("name", SECTIONS)
+def test_the_page_names_every_key(name: str) -> None:
+    text = page(name)
+    keys = set(SECTIONS[name].model_fields) - set(SensorConfig.model_fields) - {"mode"}
+    if name == "rgb":
         for section in (LensConfig, ImageConfig, ExposureConfig, NoiseConfig):
             keys |= set(section.model_fields)
-    if heading == "LiDAR":
+    if name == "lidar":
         keys |= set(LidarOpticsConfig.model_fields) | set(CarlaLidarConfig.model_fields)
     assert {key for key in keys if not re.search(rf"`{key}[:`]", text)} == set()
 
 
-def test_the_guide_names_the_keys_that_all_sensors_share() -> None:
+def test_the_overview_names_the_keys_that_all_sensors_share() -> None:
     keys = {*SensorConfig.model_fields, *MountConfig.model_fields}
-    assert {key for key in keys if f"`{key}`" not in GUIDE.read_text()} == set()
+    assert {key for key in keys if f"`{key}`" not in page("index")} == set()
 
 
 @pytest.mark.parametrize(
-    ("heading", "least"),
-    [("LiDAR", 8), ("Radar", 19), ("RGB camera", 15), ("Depth, segmentation, 2-D boxes", 4), ("IMU", 14), ("GNSS", 15)],
+    ("sensor", "min_count"),
+    [("lidar", 8), ("radar", 19), ("rgb", 15), ("depth", 4), ("imu", 14), ("gnss", 15)],
 )
-def test_the_defaults_of_the_guide_are_those_of_the_code(heading: str, least: int) -> None:
-    section: BaseModel = HEADINGS[heading]()
+def test_the_defaults_of_the_guide_are_those_of_the_code(sensor: str, min_count: int) -> None:
+    section: BaseModel = SECTIONS[sensor]()
     compared = 0
-    for cells in table(chapter(heading), "key"):
+    for cells in table(page(sensor), "key"):
         names = fields_of(cells[0])
         values = [part.strip() for part in cells[1].split(",")]
         if len(names) != len(values):
@@ -107,11 +104,11 @@ def test_the_defaults_of_the_guide_are_those_of_the_code(heading: str, least: in
             elif number(text) is not None:
                 assert number(text) == pytest.approx(default), name
                 compared += 1
-    assert compared >= least
+    assert compared >= min_count
 
 
 def test_the_presets_of_the_guide_are_those_of_the_code() -> None:
-    rows = table(chapter("LiDAR"), "`optics`")
+    rows = table(page("lidar"), "`optics`")
     compared = set()
     for cells in rows:
         names = fields_of(cells[0])
@@ -125,31 +122,28 @@ def test_the_presets_of_the_guide_are_those_of_the_code() -> None:
 
 
 def test_carla_defaults_of_the_guide() -> None:
-    given = re.search(r"\| `carla` \|(.*)\|", chapter("LiDAR"))
+    given = re.search(r"\| `carla` \|(.*)\|", page("lidar"))
     assert given
     values = {name: float(value) for name, value in re.findall(r"`(\w+)` ([\d.]+)", given[1])}
     assert values == CarlaLidarConfig().model_dump()
 
 
 def test_columns_that_the_guide_names_exist() -> None:
-    columns = {
-        heading: {field.name for field in table_spec(name).columns}
-        for heading, name in (("LiDAR", "lidar"), ("Radar", "radar"))
-    }
-    for heading, known in columns.items():
-        named = {name for cells in table(chapter(heading), "column") for name in fields_of(cells[0])}
+    columns = {sensor: {field.name for field in table_spec(sensor).columns} for sensor in ("lidar", "radar")}
+    for sensor, known in columns.items():
+        named = {name for cells in table(page(sensor), "column") for name in fields_of(cells[0])}
         assert named <= known
         assert known - named <= {"scenario", "weather", "frame", "agent", "sensor", "point_count", "ring"}
 
 
 def test_files_that_the_guide_refers_to_exist() -> None:
-    text = GUIDE.read_text()
-    figures = re.findall(r"\]\((images/\w+\.png)\)", text)
+    text = all_pages()
+    figures = re.findall(r"\]\((\.\./images/\w+\.png)\)", text)
     assert len(figures) == 3
     for figure in figures:
-        assert 20_000 < (GUIDE.parent / figure).stat().st_size <= MAX_BYTES
+        assert 20_000 < (PAGES / figure).stat().st_size <= MAX_BYTES
     tests = set(re.findall(r"`(tests/[\w/]+\.py)`", text))
     assert len(tests) >= 15
     assert {name for name in tests if not (ROOT / name).is_file()} == set()
     assert {name for name in re.findall(r"`(mmw/[\w/]+\.py)`", text) if not (ROOT / name).is_file()} == set()
-    assert {name for name in re.findall(r"`([\w-]+\.md)`", text) if not (ROOT / "docs" / name).is_file()} == set()
+    assert {name for name in re.findall(r"`([\w/-]+\.md)`", text) if not (ROOT / name).is_file()} == set()

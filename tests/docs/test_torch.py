@@ -1,4 +1,4 @@
-"""The Python of docs/torch.md runs as printed."""
+"""The Python of docs/guides/torch.md runs as printed."""
 
 import re
 from pathlib import Path
@@ -16,7 +16,7 @@ pytestmark = pytest.mark.filterwarnings(
 
 def test_the_examples_run(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
-    text = (Path(__file__).parents[2] / "docs" / "torch.md").read_text()
+    text = (Path(__file__).parents[2] / "docs" / "guides" / "torch.md").read_text()
     blocks = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
     assert len(blocks) == 4
     names: dict = {}

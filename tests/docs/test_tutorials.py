@@ -1,4 +1,4 @@
-"""The tour, the recipes and the tutorials run as printed, and print what they say (`tests/fixtures/doc_pages.py`).
+"""Getting started, recipes and tutorials run as printed and print what they say (`tests/fixtures/doc_pages.py`).
 
 The tour's one long command makes the quickstart's dataset. Its place is taken by the small dataset of the tests, which
 is made from the same configuration with coarser sensors and four frames: scenario, traffic, radio paths and boxes are
@@ -16,10 +16,13 @@ DOCS = ROOT / "docs"
 QUICKSTART = "mmw run --config quickstart"
 
 NOT_RUN = {
-    "tour.md": 2,
-    "recipes.md": 1,
-    "tutorials/own-town.md": 1,
-    "tutorials/own-sensor.md": 0,
+    "getting-started/install.md": 3,
+    "getting-started/tour.md": 3,
+    "getting-started/gallery.md": 2,
+    "guides/configure.md": 0,
+    "guides/recipes.md": 1,
+    "guides/own-town.md": 1,
+    "guides/own-sensor.md": 0,
 }
 """Page -> blocks that are shown and not run; each says why."""
 
@@ -41,22 +44,34 @@ def test_only_the_blocks_that_say_so_are_not_run(page: str) -> None:
     assert sum(bool(block.why_not_run) for block in blocks_of(DOCS / page)) == NOT_RUN[page]
 
 
+def test_install_and_configure(clone: Path) -> None:
+    run_page(DOCS / "getting-started" / "install.md", clone, {QUICKSTART: lambda: link_dataset(clone)})
+    run_page(DOCS / "guides" / "configure.md", clone)
+    assert "scenarios:" in (clone / "mine.yaml").read_text()
+
+
+@pytest.mark.slow
+def test_gallery(clone: Path) -> None:
+    run_page(DOCS / "getting-started" / "gallery.md", clone)
+    assert (clone / "a.png").is_file() and (clone / "b.png").is_file()
+
+
 @pytest.mark.slow
 def test_tour(clone: Path) -> None:
-    run_page(DOCS / "tour.md", clone, {QUICKSTART: lambda: link_dataset(clone)})
+    run_page(DOCS / "getting-started" / "tour.md", clone, {QUICKSTART: lambda: link_dataset(clone)})
 
 
 @pytest.mark.slow
 def test_recipes(clone: Path) -> None:
     link_dataset(clone)
-    run_page(DOCS / "recipes.md", clone)
+    run_page(DOCS / "guides" / "recipes.md", clone)
 
 
 @pytest.mark.slow
 def test_tutorials_of_town_and_sensors(tmp_path: Path) -> None:
     """The second goes on in the folder of the first."""
-    run_page(DOCS / "tutorials" / "own-town.md", tmp_path)
-    run_page(DOCS / "tutorials" / "own-sensor.md", tmp_path)
+    run_page(DOCS / "guides" / "own-town.md", tmp_path)
+    run_page(DOCS / "guides" / "own-sensor.md", tmp_path)
 
 
 def test_a_wrong_output_is_found(tmp_path: Path) -> None:

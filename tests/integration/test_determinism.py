@@ -1,4 +1,4 @@
-"""What `docs/determinism.md` promises: the kind of machine is recorded, and another one is told, not refused."""
+"""Promises of `docs/concepts/determinism.md`: the kind of machine is recorded; another one is told, not refused."""
 
 import json
 import shutil

@@ -113,12 +113,12 @@ def test_every_check_reads_a_bucket(server: Server, made: str, capsys: pytest.Ca
 
 
 def test_readers(server: Server, world: Path, made: str, capsys: pytest.CaptureFixture) -> None:
-    """What docs/running.md says of reading a bucket, and docs/query.md of a dataset elsewhere."""
+    """What docs/guides/running.md says of reading a bucket, and docs/guides/query.md of a dataset elsewhere."""
     one, other = mmw.open(world / "local"), mmw.open(made)
     assert other.tables == one.tables and other.read("lidar").equals(one.read("lidar"))
     query = "SELECT weather, frame, agent, gain_db FROM links ORDER BY ALL"
     assert mmw.connect(made).sql(query).fetchall() == mmw.connect(world / "local").sql(query).fetchall() != []
-    (block,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs/running.md").read_text(), re.DOTALL)
+    (block,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs/guides/running.md").read_text(), re.DOTALL)
     assert 's3://my-bucket/full?region=eu-central-1"' in block
     names: dict = {}
     exec(block.replace("s3://my-bucket/full?region=eu-central-1", made), names)

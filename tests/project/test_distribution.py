@@ -79,7 +79,7 @@ def test_every_licence_file_is_there_and_filled_in() -> None:
 
 
 def test_the_page_lists_every_extra() -> None:
-    page = (ROOT / "docs" / "install.md").read_text()
+    page = (ROOT / "docs" / "getting-started" / "install.md").read_text()
     rows = re.findall(r"^\| ((?:`\w+`(?:, )?)+) \|", page, re.M)
     assert {name for row in rows for name in re.findall(r"`(\w+)`", row)} == set(EXTRAS)
 

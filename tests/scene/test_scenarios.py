@@ -21,7 +21,7 @@ from mmw.usd.vehicle_catalog import load_catalog
 SCENARIOS = sorted((configs_dir() / "scenarios").glob("*.yaml"))
 
 EVERY = 50
-"""Every so many frames are traced here; `docs/scenarios.md` has every tenth."""
+"""Every so many frames are traced here; `docs/reference/scenarios.md` has every tenth."""
 
 
 @cache

@@ -1,4 +1,4 @@
-"""What `docs/schema-versions.md` promises of datasets of another schema version."""
+"""What `docs/reference/schema-versions.md` promises of datasets of another schema version."""
 
 import hashlib
 import json
@@ -17,7 +17,7 @@ from mmw.storage.schemas import SCHEMA_VERSION
 from mmw.storage.shard_writer import ShardKey
 from tests.fixtures.shards import IDENTITY, META, write_made_up
 
-PAGE = (Path(__file__).resolve().parents[2] / "docs" / "schema-versions.md").read_text()
+PAGE = (Path(__file__).resolve().parents[2] / "docs" / "reference" / "schema-versions.md").read_text()
 MAJOR, MINOR = version_number(SCHEMA_VERSION)
 KEY = ShardKey("town", "sunny", 0, 2)
 

@@ -62,7 +62,7 @@ def test_hugging_face_sees_images_lists_and_names():
 
 
 def test_committed_page_is_current():
-    page = Path(__file__).parents[2] / "docs" / "tables.md"
+    page = Path(__file__).parents[2] / "docs" / "reference" / "tables.md"
     if os.environ.get("MMW_UPDATE_GOLDEN") == "1":
         page.parent.mkdir(exist_ok=True)
         page.write_text(schema_markdown(), encoding="utf-8")

@@ -284,7 +284,7 @@ def test_errors_say_what_there_is(data, call, message) -> None:
 
 
 def test_the_examples_of_the_docs_run(tmp_path, monkeypatch) -> None:
-    text = (Path(__file__).parents[2] / "docs" / "plotting.md").read_text()
+    text = (Path(__file__).parents[2] / "docs" / "guides" / "plotting.md").read_text()
     blocks = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
     monkeypatch.chdir(tmp_path)
     names: dict = {}

@@ -57,7 +57,7 @@ def test_pose_of_a_sensor_is_its_mount_on_its_agent(dataset: Path) -> None:
 
 
 def test_the_snippet_of_the_guide_gives_carlas_arrays(dataset: Path) -> None:
-    guide = (Path(__file__).parents[2] / "docs" / "sensors.md").read_text()
+    guide = (Path(__file__).parents[2] / "docs" / "sensors" / "index.md").read_text()
     blocks = re.findall(r"```python\n(.*?)```", guide, re.DOTALL)
     assert len(blocks) == 1
     found = {}

@@ -76,7 +76,7 @@ def solve_paths(
         InputError: If a material has no permittivity at a carrier, a link's frame is not in its slot of the scene, or
             the table lacks wedges that diffraction needs.
 
-    Source: image method with ray-launched candidates; frequencies and angles as in `docs/channel.md`.
+    Source: image method with ray-launched candidates; frequencies and angles as in `docs/concepts/channel.md`.
     """
     _check_links(scene, links)
     if table is None:

@@ -1,4 +1,4 @@
-"""Names of what is logged: a tree of entities, as in `docs/viewer.md`. Parts are escaped, so any agent name will do."""
+"""Names of logged entities, a tree as in `docs/guides/viewer.md`. Parts are escaped, so any agent name will do."""
 
 import rerun as rr
 

@@ -33,7 +33,7 @@ def material_findings(
             for severity, rule, text, cure in _lacks(world.stage, part, material, material_map, radio_rows):
                 found.append(Finding(severity, rule, part.path, f"{text} ({bound}){more}", cure))
         if part.label == "unlabeled":
-            cure = "apply SemanticsLabelsAPI:class with a class of docs/conventions.md"
+            cure = "apply SemanticsLabelsAPI:class with a class of docs/concepts/conventions.md"
             found.append(Finding("warning", "label", part.path, f"no semantic class{more}", cure))
     return found
 

@@ -22,7 +22,7 @@ from mmw.worlds.towns.block_description import SHIPPED_WEATHER
 from tests.fixtures.stages import write_town
 
 FOG = Path(__file__).parents[2] / "reference" / "weather" / "mie_fog_water.csv"
-GUIDE = Path(__file__).parents[3] / "docs" / "weather.md"
+GUIDE = Path(__file__).parents[3] / "docs" / "concepts" / "weather.md"
 
 
 def test_liquid_water_of_fog_equals_mie_theory() -> None:
