@@ -16,7 +16,7 @@ from examples.beam_prediction.config import FeatureConfig
 from mmw.core.transforms import rotate
 from mmw.dataset import Dataset
 from mmw.dataset.camera_geometry import Camera, intrinsics_from_row, pose_from_row
-from mmw.dataset.windows import Take, Windows, WindowSpec, open_windows, stream_batches
+from mmw.dataset.windows import Feature, Windows, WindowSpec, open_windows, stream_batches
 from mmw.storage.codecs.images import decode_rgb, encode_rgb
 
 LOWEST_M, HEIGHT_STEP_M = -12.0, 0.0625
@@ -138,10 +138,10 @@ def sensor_windows(
     """
     role, sensor = source.split("/")
     if modality == "lidar":
-        take = Take("lidar", sensor=sensor, columns=("x", "y", "z"), hold=0, name="sample")
+        feature = Feature("lidar", sensor=sensor, columns=("x", "y", "z"), max_age_frames=0, name="sample")
     else:
-        take = Take("rgb", sensor=sensor, shrink=SHRINK, hold=0, name="sample")
-    spec = WindowSpec([take], past=1, stride=config.every_frames)
+        feature = Feature("rgb", sensor=sensor, shrink=SHRINK, max_age_frames=0, name="sample")
+    spec = WindowSpec([feature], past=1, stride=config.every_frames)
     return open_windows(dataset, spec, scenarios=[scenario], weathers=[weather], agents=[role])
 
 

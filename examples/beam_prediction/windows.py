@@ -10,7 +10,7 @@ import pyarrow as pa
 from examples.beam_prediction.config import FeatureConfig, RadioConfig, WindowConfig
 from mmw.core.errors import InputError
 from mmw.dataset import Dataset
-from mmw.dataset.windows import Take, Windows, WindowSpec, open_windows, shared_frames, split_windows
+from mmw.dataset.windows import Feature, Windows, WindowSpec, open_windows, shared_frames, split_windows
 
 
 def find_windows(dataset: Dataset, radio: RadioConfig, config: WindowConfig, features: FeatureConfig) -> Windows:
@@ -25,7 +25,7 @@ def find_windows(dataset: Dataset, radio: RadioConfig, config: WindowConfig, fea
         config: Weathers, length and stride of windows.
         features: How often sensors are sampled.
     """
-    path_count = Take("links", columns=("path_count",), carrier_hz=radio.carrier_hz)
+    path_count = Feature("links", columns=("path_count",), carrier_hz=radio.carrier_hz)
     spec = WindowSpec([path_count], config.past, config.future, config.stride)
     return held_from(open_windows(dataset, spec, weathers=config.weathers, agents=["cav"]), features)
 
@@ -35,7 +35,7 @@ def held_from(windows: Windows, features: FeatureConfig) -> Windows:
     first = windows.now - (windows.spec.past - 1)
     held = first - first % features.every_frames
     begins = np.array([track.first for track in windows.tracks])[windows.track]
-    return replace(windows, first=held).take(held >= begins)
+    return replace(windows, first=held).select(held >= begins)
 
 
 def split(windows: Windows, config: WindowConfig) -> dict[str, Windows]:
@@ -70,7 +70,7 @@ def deal(windows: Windows, parts: Mapping[str, float], seed: int) -> dict[str, W
     empty = [name for name, rows in chosen.items() if not len(rows)]
     if empty:
         raise InputError(f"split: part {empty[0]!r} gets none of {len(windows)} windows; give it a larger share")
-    return {name: windows.take(np.sort(rows)) for name, rows in chosen.items()}
+    return {name: windows.select(np.sort(rows)) for name, rows in chosen.items()}
 
 
 def window_table(parts: dict[str, Windows], mark: str = "") -> pa.Table:

@@ -34,7 +34,7 @@ from mmw.core.camera_models import Distortion, Intrinsics
 from mmw.core.transforms import IDENTITY_POSE, pose_from_ypr
 from mmw.dataset import open_dataset
 from mmw.dataset.camera_geometry import Camera
-from mmw.dataset.windows import Take, Track, Windows, WindowSpec, open_windows, shared_frames
+from mmw.dataset.windows import Feature, Track, Windows, WindowSpec, open_windows, shared_frames
 from tests.fixtures.learn_data import FOLDER
 from tests.fixtures.small_dataset import SCENARIO, small_dataset
 
@@ -96,7 +96,9 @@ def test_labels_of_a_dataset_are_the_beams_of_its_windows() -> None:
     dataset = open_dataset(small_dataset())
     table = part_labels(dataset, SCENARIO, "sunny", RadioConfig())
     assert table.num_rows == 3 * 4 and table["agent"].to_pylist() == sorted(table["agent"].to_pylist())
-    spec = WindowSpec([Take("beams", carrier_hz=28e9), Take("links", columns=("is_los",), carrier_hz=28e9)], past=4)
+    spec = WindowSpec(
+        [Feature("beams", carrier_hz=28e9), Feature("links", columns=("is_los",), carrier_hz=28e9)], past=4
+    )
     windows = open_windows(dataset, spec, weathers=["sunny"], agents=["cav"])
     assert len(windows) == 3
     for sample in (windows[n] for n in range(3)):

@@ -1,4 +1,4 @@
-"""Windows as tensors: datasets, batches and workers. `tests/test_windows_*.py` test what they hold."""
+"""Windows as tensors: datasets, batches and workers; `tests/dataset/windows` tests their content."""
 
 import subprocess
 import sys
@@ -10,7 +10,7 @@ torch = pytest.importorskip("torch", reason="PyTorch is not installed: pip insta
 
 from torch.utils.data import DataLoader  # noqa: E402
 
-from mmw.dataset.windows import Take, Windows, WindowSpec, open_windows, split_windows  # noqa: E402
+from mmw.dataset.windows import Feature, Windows, WindowSpec, open_windows, split_windows  # noqa: E402
 from mmw.torch import WindowDataset, WindowStream, collate, to_tensors  # noqa: E402
 from tests.fixtures.window_data import window_data  # noqa: E402
 
@@ -23,8 +23,8 @@ ROOT = Path(__file__).resolve().parents[2]
 
 @pytest.fixture(scope="module")
 def windows() -> Windows:
-    takes = [Take("links", carrier_hz=28e9), "lidar", "boxes", Take("rgb", every=4), "poses"]
-    return open_windows(window_data(), WindowSpec(takes, past=4, stride=6), scenarios=["circle"])
+    features = [Feature("links", carrier_hz=28e9), "lidar", "boxes", Feature("rgb", every=4), "poses"]
+    return open_windows(window_data(), WindowSpec(features, past=4, stride=6), scenarios=["circle"])
 
 
 def names(batches) -> list[tuple[int, int]]:

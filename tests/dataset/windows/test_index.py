@@ -1,4 +1,4 @@
-"""Which windows there are, and which sample stands for each frame, against plain loops over the tables."""
+"""The windows of a dataset and the sample of each frame, against plain loops over the tables."""
 
 import numpy as np
 import pyarrow as pa
@@ -7,9 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import mmw
-from mmw.dataset.windows import Take, Track, WindowSpec, open_windows
+from mmw.dataset.windows import Feature, Track, WindowSpec, open_windows
 from mmw.dataset.windows.channel_sources import one_peer
-from mmw.dataset.windows.tracks import hold
+from mmw.dataset.windows.tracks import find_latest
 from tests.fixtures.shards import AGENTS
 from tests.fixtures.window_data import FRAMES, TOWNS, WEATHERS, is_there, window_data
 
@@ -17,7 +17,7 @@ PERIOD = {"poses": 1, "imu": 1, "lidar": 1, "rgb": 10, "gnss": 2, "links": 1}
 HAVE = {"imu": AGENTS[:3], "gnss": AGENTS[:3], "links": AGENTS[:3]}
 
 
-def expected(takes: list[Take], past: int, future: int, stride: int, step: int) -> dict:
+def expected(features: list[Feature], past: int, future: int, stride: int, step: int) -> dict:
     """Return scenario, weather, agent and `now` of every window, and the frames of its samples."""
     found = {}
     for scenario in TOWNS:
@@ -28,26 +28,26 @@ def expected(takes: list[Take], past: int, future: int, stride: int, step: int) 
                     if not all(0 <= f < FRAMES and is_there("poses", scenario, agent, f) for f in frames):
                         continue
                     samples = {}
-                    for take in takes:
+                    for feature in features:
                         wanted = (
-                            [now - k * step for k in range(past) if k % take.every == 0][::-1]
-                            if take.span == "past"
-                            else [now + k * step for k in range(1, future + 1) if k % take.every == 0]
+                            [now - k * step for k in range(past) if k % feature.every == 0][::-1]
+                            if feature.span == "past"
+                            else [now + k * step for k in range(1, future + 1) if k % feature.every == 0]
                         )
-                        samples[take.key] = [held(take, scenario, agent, frame) for frame in wanted]
+                        samples[feature.key] = [latest_frame(feature, scenario, agent, frame) for frame in wanted]
                     if all(None not in own for own in samples.values()):
                         found[scenario, weather, agent, now] = samples
     return found
 
 
-def held(take: Take, scenario: str, agent: str, frame: int) -> int | None:
+def latest_frame(feature: Feature, scenario: str, agent: str, frame: int) -> int | None:
     """Return the latest frame with a sample that is not too old, without a hole in between."""
-    if agent not in HAVE.get(take.modality, AGENTS):
+    if agent not in HAVE.get(feature.modality, AGENTS):
         return None
-    for own in range(frame, max(frame - PERIOD[take.modality], -1), -1):
+    for own in range(frame, max(frame - PERIOD[feature.modality], -1), -1):
         if not is_there("poses", scenario, agent, own):
             return None
-        if is_there(take.table, scenario, agent, own):
+        if is_there(feature.table, scenario, agent, own):
             return own
     return None
 
@@ -62,11 +62,11 @@ def held(take: Take, scenario: str, agent: str, frame: int) -> int | None:
     step=st.integers(1, 3),
 )
 def test_windows_are_those_of_plain_loops(names, every, past, future, stride, step) -> None:
-    takes = [Take(name, every=every, carrier_hz=28e9 if name == "links" else None) for name in sorted(names)]
+    features = [Feature(name, every=every, carrier_hz=28e9 if name == "links" else None) for name in sorted(names)]
     if future:
-        takes.append(Take("poses", span="future", every=min(every, future)))
-    want = expected(takes, past, future, stride, step)
-    spec = WindowSpec(takes, past=past, future=future, stride=stride, step=step)
+        features.append(Feature("poses", span="future", every=min(every, future)))
+    want = expected(features, past, future, stride, step)
+    spec = WindowSpec(features, past=past, future=future, stride=stride, step=step)
     if not want:
         with pytest.raises(ValueError, match=r"no window is left|longest unbroken track"):
             open_windows(window_data(), spec)
@@ -93,16 +93,16 @@ def test_windows_are_those_of_plain_loops(names, every, past, future, stride, st
     there=st.lists(st.booleans(), min_size=1, max_size=30),
     sampled=st.lists(st.booleans(), min_size=30, max_size=30),
     first=st.integers(0, 5),
-    most=st.integers(0, 12),
+    max_age=st.integers(0, 12),
 )
-def test_a_held_sample_is_the_latest_before_and_never_from_the_future(there, sampled, first, most) -> None:
+def test_a_sample_is_the_latest_before_and_never_from_the_future(there, sampled, first, max_age) -> None:
     there = [True, *there, True]
     track = Track("s", "w", "a", "cav", np.flatnonzero(there) + first)
     frames = np.array([f for f in range(first, first + len(there)) if sampled[(f * 7) % 30]], dtype=np.int64)
-    found = hold(track, frames, frames + 1000, most)
+    found = find_latest(track, frames, frames + 1000, max_age)
     for place, frame in enumerate(range(first, first + len(there))):
         want = -1
-        for own in range(frame, frame - most - 1, -1):
+        for own in range(frame, frame - max_age - 1, -1):
             if own < first or not there[own - first]:
                 break
             if own in frames:
@@ -113,7 +113,7 @@ def test_a_held_sample_is_the_latest_before_and_never_from_the_future(there, sam
 
 
 def test_images_are_held_for_their_period_and_no_longer() -> None:
-    spec = WindowSpec([Take("rgb")], past=3, stride=1)
+    spec = WindowSpec([Feature("rgb")], past=3, stride=1)
     windows = open_windows(window_data(), spec, scenarios=["circle"], weathers=["sunny"], agents=["cav_1"])
     for index in range(len(windows)):
         sample = windows[index]
@@ -121,7 +121,7 @@ def test_images_are_held_for_their_period_and_no_longer() -> None:
         assert (sample["rgb_frame"] == wanted // 10 * 10).all()
     with pytest.raises(ValueError, match=r"no window is left; without frames or samples are .*rgb: 58"):
         one = {"scenarios": ["circle"], "weathers": ["sunny"], "agents": ["cav_1"]}
-        open_windows(window_data(), WindowSpec([Take("rgb", hold=0)], past=3), **one)
+        open_windows(window_data(), WindowSpec([Feature("rgb", max_age_frames=0)], past=3), **one)
 
 
 def test_left_out_says_why() -> None:
@@ -138,7 +138,9 @@ def test_where_and_take() -> None:
     assert {windows.tracks[t].name for t in some.track} == {("slope", "rainy", "cav_1"), ("slope", "rainy", "rsu_1")}
     assert some[0]["now"] == 4 and len(some) == 2 * 14
     mask = windows.now == 8
-    assert len(windows.take(mask)) == mask.sum() and windows.take([3, 1]).now.tolist() == windows.now[[3, 1]].tolist()
+    assert (
+        len(windows.select(mask)) == mask.sum() and windows.select([3, 1]).now.tolist() == windows.now[[3, 1]].tolist()
+    )
     with pytest.raises(ValueError, match="agent bus; there are cav, cav_1"):
         windows.where(agents=["bus"])
 
@@ -146,18 +148,18 @@ def test_where_and_take() -> None:
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: Take("sonar"), "no such modality; they are poses"),
-        (lambda: Take("lidar", span="now"), "past or future"),
-        (lambda: Take("lidar", every=0), "at least 1"),
-        (lambda: Take("rgb", shrink=3), "1, 2, 4 or 8"),
-        (lambda: Take("poses", sensor="imu"), "no use for sensor"),
-        (lambda: Take("lidar", carrier_hz=28e9), "no use for carrier_hz"),
-        (lambda: Take("rgb", columns=("x",)), "no use for columns"),
-        (lambda: WindowSpec([], past=1), "takes is empty"),
+        (lambda: Feature("sonar"), "no such modality; they are poses"),
+        (lambda: Feature("lidar", span="now"), "past or future"),
+        (lambda: Feature("lidar", every=0), "at least 1"),
+        (lambda: Feature("rgb", shrink=3), "1, 2, 4 or 8"),
+        (lambda: Feature("poses", sensor="imu"), "no use for sensor"),
+        (lambda: Feature("lidar", carrier_hz=28e9), "no use for carrier_hz"),
+        (lambda: Feature("rgb", columns=("x",)), "no use for columns"),
+        (lambda: WindowSpec([], past=1), "features is empty"),
         (lambda: WindowSpec(["poses"], past=0), "past = 0"),
         (lambda: WindowSpec(["poses", "poses"], past=1), "poses, poses_frame would be there twice"),
-        (lambda: WindowSpec([Take("poses", name="now")], past=1), "now would be there twice"),
-        (lambda: WindowSpec([Take("poses", span="future", every=3)], past=1, future=2), "lengthen the future"),
+        (lambda: WindowSpec([Feature("poses", name="now")], past=1), "now would be there twice"),
+        (lambda: WindowSpec([Feature("poses", span="future", every=3)], past=1, future=2), "lengthen the future"),
     ],
 )
 def test_wrong_specs_are_refused(make, message) -> None:
@@ -166,43 +168,44 @@ def test_wrong_specs_are_refused(make, message) -> None:
 
 
 @pytest.mark.parametrize(
-    ("takes", "past", "message"),
+    ("features", "past", "message"),
     [
         (["poses"], 61, "reach over 61 frames; the longest unbroken track has 60"),
-        ([Take("links")], 1, r"the dataset has 4.9e\+09, 2.8e\+10 Hz; name one as `carrier_hz`"),
-        ([Take("beams", carrier_hz=1e9)], 1, r"carrier_hz = 1e\+09"),
-        ([Take("links", carrier_hz=28e9, peer="rsu_9")], 1, "no link of rsu_9"),
-        ([Take("radar")], 1, "has radar, radar_2; name one as `sensor`"),
-        ([Take("lidar", sensor="roof")], 1, "no window is left"),
-        ([Take("imu", columns=("handedness",))], 1, "imu has frame, ax"),
-        ([Take("lidar", columns=("point_count",))], 1, "lidar has x, y, z"),
+        ([Feature("links")], 1, r"the dataset has 4.9e\+09, 2.8e\+10 Hz; name one as `carrier_hz`"),
+        ([Feature("beams", carrier_hz=1e9)], 1, r"carrier_hz = 1e\+09"),
+        ([Feature("links", carrier_hz=28e9, peer="rsu_9")], 1, "no link of rsu_9"),
+        ([Feature("radar")], 1, "has radar, radar_2; name one as `sensor`"),
+        ([Feature("lidar", sensor="roof")], 1, "no window is left"),
+        ([Feature("imu", columns=("handedness",))], 1, "imu has frame, ax"),
+        ([Feature("lidar", columns=("point_count",))], 1, "lidar has x, y, z"),
     ],
 )
-def test_what_is_not_there_is_refused(takes, past, message) -> None:
+def test_what_is_not_there_is_refused(features, past, message) -> None:
     with pytest.raises(ValueError, match=message):
-        open_windows(window_data(), WindowSpec(takes, past=past))
+        open_windows(window_data(), WindowSpec(features, past=past))
 
 
 def test_an_absent_table_is_named(tmp_path) -> None:
     for name in ("dataset.json", "poses", "sensors"):
         (tmp_path / name).symlink_to(window_data() / name)
-    with pytest.raises(ValueError, match=r"Take\('beams'\) needs table links and paths, which has no file"):
+    with pytest.raises(ValueError, match=r"Feature\('beams'\) needs table links and paths, which has no file"):
         open_windows(tmp_path, WindowSpec(["beams"], past=1))
 
 
 def test_without_table_sensors_hold_must_be_given(tmp_path) -> None:
     for name in ("dataset.json", "poses", "rgb"):
         (tmp_path / name).symlink_to(window_data() / name)
-    with pytest.raises(ValueError, match=r"table sensors has no row for circle cav_1 front, .* give `hold`"):
+    with pytest.raises(ValueError, match=r"table sensors has no row for circle cav_1 front, .* give `max_age_frames`"):
         open_windows(tmp_path, WindowSpec(["rgb"], past=1))
-    assert len(open_windows(tmp_path, WindowSpec([Take("rgb", hold=9)], past=1))) > 0
+    assert len(open_windows(tmp_path, WindowSpec([Feature("rgb", max_age_frames=9)], past=1))) > 0
 
 
 def test_several_roadside_units_need_a_name() -> None:
     rows = pa.table({"peer": ["rsu_1", "rsu_2", "cav_2"], "link": ["v2i", "v2i", "v2v"]})
     assert (
-        one_peer(Take("links"), rows.slice(1), "s") == "rsu_2" and one_peer(Take("links"), rows.slice(2), "s") is None
+        one_peer(Feature("links"), rows.slice(1), "s") == "rsu_2"
+        and one_peer(Feature("links"), rows.slice(2), "s") is None
     )
-    assert one_peer(Take("links", peer="cav_2"), rows, "s") == "cav_2"
+    assert one_peer(Feature("links", peer="cav_2"), rows, "s") == "cav_2"
     with pytest.raises(ValueError, match="rsu_1, rsu_2 transmit in s; name one of them as `peer`"):
-        one_peer(Take("links"), rows, "s")
+        one_peer(Feature("links"), rows, "s")
