@@ -36,7 +36,7 @@ SHARD_FRAMES = 100
 IMAGE_FRAMES = 10
 """Frames from one image to the next."""
 RANDOM_BYTES = 10_000_000
-"""What windows in random order may keep: next to nothing is shared, as in a dataset that is larger than memory."""
+"""Size of the cache in random order: next to nothing is shared, as in a dataset that is larger than memory."""
 TABLES = ("poses", "links", "paths", "lidar", "rgb")
 
 
@@ -45,7 +45,7 @@ class Result:
     """One measured line."""
 
     content: str
-    """What a window holds."""
+    """Features of a window."""
     order: str
     """`stream` or `random`."""
     stride: int
@@ -90,7 +90,7 @@ def contents(windows_of: Path, order: str, stride: int, carrier_hz: float, shrin
     room = CACHE_BYTES if order == "stream" else RANDOM_BYTES
     beams = [Feature("beams", carrier_hz=carrier_hz), Feature("beams", span="future", carrier_hz=carrier_hz)]
     lidar, image = Feature("lidar", every=10), Feature("rgb", sensor="front", every=10, shrink=shrink)
-    takes = {
+    features = {
         "beams": beams,
         "4 LiDAR": [*beams, lidar],
         "4 JPEG": [*beams, image],
@@ -103,11 +103,11 @@ def contents(windows_of: Path, order: str, stride: int, carrier_hz: float, shrin
             cache=windows_of / "beams",
             cache_bytes=room,
         )
-        for name, some in takes.items()
+        for name, some in features.items()
     }
 
 
-def measure(windows: Windows, order: str, rounds: int, least_s: float = 0.5) -> float:
+def measure(windows: Windows, order: str, rounds: int, min_s: float = 0.5) -> float:
     """Return windows a second of CPU time, the best of several rounds of at least some seconds."""
     best = 0.0
     for number in range(rounds):
@@ -119,7 +119,7 @@ def measure(windows: Windows, order: str, rounds: int, least_s: float = 0.5) -> 
             else DataLoader(WindowStream(windows, BATCH, seed=number), batch_size=None)
         )
         count, start = 0, time.process_time()
-        while time.process_time() - start < least_s:
+        while time.process_time() - start < min_s:
             for source in windows.sources.values():
                 if isinstance(source, FileSource):
                     source.cache.clear()

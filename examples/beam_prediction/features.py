@@ -138,10 +138,10 @@ def sensor_windows(
     """
     role, sensor = source.split("/")
     if modality == "lidar":
-        take = Feature("lidar", sensor=sensor, columns=("x", "y", "z"), max_age_frames=0, name="sample")
+        feature = Feature("lidar", sensor=sensor, columns=("x", "y", "z"), max_age_frames=0, name="sample")
     else:
-        take = Feature("rgb", sensor=sensor, shrink=SHRINK, max_age_frames=0, name="sample")
-    spec = WindowSpec([take], past=1, stride=config.every_frames)
+        feature = Feature("rgb", sensor=sensor, shrink=SHRINK, max_age_frames=0, name="sample")
+    spec = WindowSpec([feature], past=1, stride=config.every_frames)
     return open_windows(dataset, spec, scenarios=[scenario], weathers=[weather], agents=[role])
 
 

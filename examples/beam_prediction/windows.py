@@ -35,7 +35,7 @@ def held_from(windows: Windows, features: FeatureConfig) -> Windows:
     first = windows.now - (windows.spec.past - 1)
     held = first - first % features.every_frames
     begins = np.array([track.first for track in windows.tracks])[windows.track]
-    return replace(windows, first=held).take(held >= begins)
+    return replace(windows, first=held).select(held >= begins)
 
 
 def split(windows: Windows, config: WindowConfig) -> dict[str, Windows]:
@@ -70,7 +70,7 @@ def deal(windows: Windows, parts: Mapping[str, float], seed: int) -> dict[str, W
     empty = [name for name, rows in chosen.items() if not len(rows)]
     if empty:
         raise InputError(f"split: part {empty[0]!r} gets none of {len(windows)} windows; give it a larger share")
-    return {name: windows.take(np.sort(rows)) for name, rows in chosen.items()}
+    return {name: windows.select(np.sort(rows)) for name, rows in chosen.items()}
 
 
 def window_table(parts: dict[str, Windows], mark: str = "") -> pa.Table:

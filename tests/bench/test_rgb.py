@@ -1,12 +1,10 @@
 """The camera benchmarks measure what they say: every image, every ray, the same picture however it is cut up."""
 
-import sys
-
 import numpy as np
 import pytest
 import warp as wp
 
-from bench import newton_camera, rgb
+from bench import rgb
 from bench.camera_views import launch_of, rgb_camera
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.scene_data import SceneData
@@ -87,25 +85,3 @@ def test_few_views_are_the_first() -> None:
     few = launch_of(scene.arrays, 2, SMALL, most_views=3)
     assert len(launch.views) == VIEWS and len(few.views) == 3
     np.testing.assert_array_equal(few.views.pose, launch.views.pose[:3])
-
-
-def test_depths_agree_within_a_centimetre() -> None:
-    ours = np.array([[1.0, 2.0, np.inf, np.inf]])
-    assert newton_camera.share_close(ours, np.array([[1.009, 2.02, 0.0, 5.0]])) == 0.5
-
-
-def test_without_newton_one_line_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "newton", None)
-    with pytest.raises(ValueError, match=r"^newton: .*; this comparison needs it; `pip install newton`$"):
-        newton_camera.load_newton()
-
-
-def test_newton_renders_the_same_scene() -> None:
-    newton = pytest.importorskip("newton")
-    scene, launch = loaded(["sunny"])
-    options = newton_camera.parse(["--constructors", "sah", "--tiles", "8x8", "--repeats", "1", "--device", "cpu"])
-    results = newton_camera.compare(newton, scene, launch, options)
-    assert [r.mode for r in results] == list(newton_camera.MODES)
-    assert all(
-        r.mmw_images_per_s > 0 and r.newton_images_per_s > 0 and r.mode in newton_camera.line(r) for r in results
-    )

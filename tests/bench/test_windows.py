@@ -24,4 +24,4 @@ def test_rows_are_repeated_and_measured(tmp_path) -> None:
     assert both[0]["rgb_front"].shape == (4, 16, 24, 3) and len(both[0]["lidar"]) == 4
     assert both[0]["rgb_front_frame"].tolist() == both[0]["lidar_frame"].tolist() == [10, 20, 30, 40]
     for order in ("stream", "random"):
-        assert measure(both, order, 1, least_s=0.01) > 0
+        assert measure(both, order, 1, min_s=0.01) > 0

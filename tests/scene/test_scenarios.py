@@ -6,9 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.link_census import LinkCensus
-from bench.scenarios import trace_scenario
-from bench.traffic_check import measure
 from mmw.config import Config, load_config
 from mmw.core.resources import configs_dir
 from mmw.core.transforms import quaternion_to_ypr
@@ -17,6 +14,8 @@ from mmw.scene.sources import scenario_source
 from mmw.traffic import VehicleTrack
 from mmw.traffic.roads.town_asset import Town, open_town
 from mmw.usd.vehicle_catalog import load_catalog
+from tests.fixtures.link_census import LinkCensus, trace_scenario
+from tests.fixtures.traffic_measures import measure
 
 SCENARIOS = sorted((configs_dir() / "scenarios").glob("*.yaml"))
 

@@ -1,4 +1,4 @@
-"""Windows as tensors: datasets, batches and workers. `tests/test_windows_*.py` test what they hold."""
+"""Windows as tensors: datasets, batches and workers; `tests/dataset/windows` tests their content."""
 
 import subprocess
 import sys
@@ -23,8 +23,8 @@ ROOT = Path(__file__).resolve().parents[2]
 
 @pytest.fixture(scope="module")
 def windows() -> Windows:
-    takes = [Feature("links", carrier_hz=28e9), "lidar", "boxes", Feature("rgb", every=4), "poses"]
-    return open_windows(window_data(), WindowSpec(takes, past=4, stride=6), scenarios=["circle"])
+    features = [Feature("links", carrier_hz=28e9), "lidar", "boxes", Feature("rgb", every=4), "poses"]
+    return open_windows(window_data(), WindowSpec(features, past=4, stride=6), scenarios=["circle"])
 
 
 def names(batches) -> list[tuple[int, int]]:

@@ -6,7 +6,6 @@ from itertools import combinations, pairwise
 import numpy as np
 import pytest
 
-from bench.traffic_check import measure
 from mmw.traffic.idm.junctions import ConflictTable
 from mmw.traffic.idm.run import TrafficResult, run_traffic
 from mmw.traffic.roads.lane_graph import LaneGraph
@@ -14,6 +13,7 @@ from mmw.traffic.signals import ALL_RED, GREEN, make_plans, must_stop, signal_st
 from mmw.traffic.vehicle_pose import make_shape
 from mmw.worlds.towns.description import TownDescription
 from mmw.worlds.towns.signal_phases import assign_phases
+from tests.fixtures.traffic_measures import measure
 from tests.fixtures.traffic_towns import CATALOG, crossroad, demand, surface, with_lights
 
 SEDAN = make_shape(CATALOG["sedan"])

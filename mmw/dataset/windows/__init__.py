@@ -1,6 +1,6 @@
 """Windows of past and future frames for learning, as NumPy arrays, and splits without leaks. `mmw.torch` wraps them.
 
-from mmw.dataset.windows import Take, WindowSpec, open_windows, split_windows
+from mmw.dataset.windows import Feature, WindowSpec, open_windows, split_windows
 spec = WindowSpec([Feature("beams", carrier_hz=28e9), "poses"], past=5, future=1)
 parts = split_windows(open_windows("out/quickstart", spec), by="track", parts={"train": 0.8, "test": 0.2})
 """

@@ -1,4 +1,4 @@
-"""Radio of a window: link figures, frequency responses and best beams, one link an agent, kept in memory."""
+"""Radio features of a window in memory: link figures, frequency responses and best beams, one link per agent."""
 
 import dataclasses
 import hashlib
@@ -18,8 +18,8 @@ from mmw.core.errors import InputError
 from mmw.core.transforms import normalize, quaternion_to_matrix
 from mmw.dataset.beams import BeamSearch
 from mmw.dataset.camera_geometry import POSE_COLUMNS
-from mmw.dataset.windows.memory_sources import RowSource, in_order, nothing_held, number_columns, parts_of, stacked
-from mmw.dataset.windows.tracks import Track, groups, hold
+from mmw.dataset.windows.memory_sources import RowSource, in_order, no_samples, number_columns, parts_of, stacked
+from mmw.dataset.windows.tracks import Track, find_latest, groups
 from mmw.dataset.windows.window_spec import Feature
 from mmw.storage.atomic_files import write_bytes_atomically
 
@@ -29,27 +29,27 @@ if TYPE_CHECKING:
 LINK = ("frame", "agent", "peer", "carrier_hz", "link")
 
 
-def link_source(dataset: "Dataset", take: Feature, tracks: Sequence[Track], cache: Path | None) -> RowSource:
+def link_source(dataset: "Dataset", feature: Feature, tracks: Sequence[Track], cache: Path | None) -> RowSource:
     """Return `links`, `beams` or `csi` of one link and carrier of every agent, one row a frame.
 
     Args:
         dataset: The dataset.
-        take: What is taken.
+        feature: The feature.
         tracks: The tracks; the agent of one is the receiver.
-        cache: Folder in which searched beams are kept; None searches again.
+        cache: Folder for the beams found by searches; None searches again.
 
     Raises:
         InputError: If several transmitters or carriers fit and none is named, no link has the one that is named, or
-            beams of a search that cannot be named in a file are to be kept.
+            `cache` is given for a search that cannot be named in a file.
     """
-    columns = number_columns(take) if take.kind == "numbers" else ()
-    held, count, found = nothing_held(tracks), 0, []
-    carrier = one_carrier(dataset, take)
+    columns = number_columns(feature) if feature.kind == "numbers" else ()
+    latest, count, found = no_samples(tracks), 0, []
+    carrier = one_carrier(dataset, feature)
     for scenario, weather, agents in parts_of(tracks):
         names = list(dict.fromkeys([*LINK, *columns]))
         rows = dataset.read("links", columns=names, scenario=scenario, weather=weather)
         rows = rows.filter(pc.equal(rows.column("carrier_hz"), carrier))
-        peer = one_peer(take, rows, scenario)
+        peer = one_peer(feature, rows, scenario)
         own = pc.and_(
             pc.equal(rows.column("peer").cast(pa.string()), peer or ""),
             pc.is_in(rows.column("agent").cast(pa.string()), pa.array(list(agents), pa.string())),
@@ -58,54 +58,56 @@ def link_source(dataset: "Dataset", take: Feature, tracks: Sequence[Track], cach
         frames = rows.column("frame").to_numpy().astype(np.int64)
         for (agent,), some in groups(rows, ("agent",)).items():
             track = tracks[agents[agent]]
-            some = in_order(frames, some, take, track)
-            held[agents[agent]] = hold(track, frames[some], some + count, take.max_age_frames or 0)
+            some = in_order(frames, some, feature, track)
+            latest[agents[agent]] = find_latest(track, frames[some], some + count, feature.max_age_frames or 0)
         count += len(frames)
-        if take.kind == "numbers":
+        if feature.kind == "numbers":
             found.append({"": stacked(rows, columns, np.float32)})
-        elif take.kind == "csi":
+        elif feature.kind == "csi":
             paths = _paths_of(dataset, rows, carrier, scenario, weather)
-            h = frequency_response(paths.a[:, None, None], paths, take.frequencies_hz, carrier)[:, 0, 0]
+            h = frequency_response(paths.a[:, None, None], paths, feature.frequencies_hz, carrier)[:, 0, 0]
             found.append({"": np.stack([h.real, h.imag], axis=1).astype(np.float32)})
         else:
-            found.append(_beams(dataset, rows, carrier, scenario, weather, take.search, cache))
+            found.append(_beams(dataset, rows, carrier, scenario, weather, feature.search, cache))
     if not count:
         raise InputError(
-            f"Feature({take.modality!r}): no link of {take.peer or 'a roadside unit'} to these agents at {carrier:g} "
-            "Hz; name a `peer` that transmits to them"
+            f"Feature({feature.modality!r}): no link of {feature.peer or 'a roadside unit'} to these agents at "
+            f"{carrier:g} Hz; name a `peer` that transmits to them"
         )
-    return RowSource(held, {name: np.concatenate([one[name] for one in found]) for name in found[0]})
+    return RowSource(latest, {name: np.concatenate([one[name] for one in found]) for name in found[0]})
 
 
-def one_carrier(dataset: "Dataset", take: Feature) -> float:
-    """Return the carrier of a take [Hz].
+def one_carrier(dataset: "Dataset", feature: Feature) -> float:
+    """Return the carrier of a feature [Hz].
 
     Raises:
         InputError: If several are there and none is named, or the named one is not there.
     """
     known = sorted(pc.unique(dataset.read("links", columns=["carrier_hz"]).column("carrier_hz")).to_pylist())
     listed = ", ".join(f"{carrier:g}" for carrier in known) or "no carrier"
-    if take.carrier_hz is None and len(known) != 1:
-        raise InputError(f"Feature({take.modality!r}): the dataset has {listed} Hz; name one as `carrier_hz`")
-    carrier = known[0] if take.carrier_hz is None else take.carrier_hz
+    if feature.carrier_hz is None and len(known) != 1:
+        raise InputError(f"Feature({feature.modality!r}): the dataset has {listed} Hz; name one as `carrier_hz`")
+    carrier = known[0] if feature.carrier_hz is None else feature.carrier_hz
     if carrier not in known:
-        raise InputError(f"Feature({take.modality!r}): carrier_hz = {carrier:g}; the dataset has {listed} Hz; name one")
+        raise InputError(
+            f"Feature({feature.modality!r}): carrier_hz = {carrier:g}; the dataset has {listed} Hz; name one"
+        )
     return carrier
 
 
-def one_peer(take: Feature, rows: pa.Table, scenario: str) -> str | None:
-    """Return the transmitter of a take in one scenario; None if nothing transmits.
+def one_peer(feature: Feature, rows: pa.Table, scenario: str) -> str | None:
+    """Return the transmitter of a feature in one scenario; None if nothing transmits.
 
     Raises:
         InputError: If several roadside units transmit and none is named.
     """
-    if take.peer is not None:
-        return take.peer
+    if feature.peer is not None:
+        return feature.peer
     is_v2i = pc.equal(rows.column("link").cast(pa.string()), "v2i")
     known = sorted(pc.unique(rows.filter(is_v2i).column("peer").cast(pa.string())).to_pylist())
     if len(known) > 1:
         raise InputError(
-            f"Feature({take.modality!r}): {', '.join(known)} transmit in {scenario}; name one of them as `peer`"
+            f"Feature({feature.modality!r}): {', '.join(known)} transmit in {scenario}; name one of them as `peer`"
         )
     return known[0] if known else None
 
@@ -135,23 +137,23 @@ def _beams(
         about = [*made, scenario, weather, carrier, search_text(search), links]
         file = cache / f"beams-{hashlib.sha256(json.dumps(about).encode()).hexdigest()[:32]}.parquet"
         if file.is_file():
-            kept = pq.read_table(file)
-            pair = np.stack([kept.column(name).to_numpy() for name in ("rx_beam", "tx_beam")], axis=-1)
-            return {"": pair, "_gain": kept.column("gain").to_numpy()}
+            stored = pq.read_table(file)
+            pair = np.stack([stored.column(name).to_numpy() for name in ("rx_beam", "tx_beam")], axis=-1)
+            return {"": pair, "_gain": stored.column("gain").to_numpy()}
     paths = _paths_of(dataset, rows, carrier, scenario, weather)
     turns = [_rotations(dataset, paths, end, scenario, weather) for end in ("peer", "agent")]
     best = search.best(paths, *turns)
     pair, gain = np.stack([best.rx_beam, best.tx_beam], axis=-1), best.gain.astype(np.float32)
     if file is not None:
-        kept = pa.table({"rx_beam": pair[:, 0], "tx_beam": pair[:, 1], "gain": gain})
+        table = pa.table({"rx_beam": pair[:, 0], "tx_beam": pair[:, 1], "gain": gain})
         sink = pa.BufferOutputStream()
-        pq.write_table(kept, sink)
+        pq.write_table(table, sink)
         write_bytes_atomically(file, memoryview(sink.getvalue()))
     return {"": pair, "_gain": gain}
 
 
 def _rotations(dataset: "Dataset", paths: Paths, end: str, scenario: str, weather: str) -> np.ndarray:
-    """Return how the agent at one end of every link is turned, shape [L, 3, 3]."""
+    """Return the rotation of the agent at one end of every link, shape [L, 3, 3]."""
     columns = ["frame", "agent", *POSE_COLUMNS[3:]]
     poses = dataset.read("poses", columns=columns, scenario=scenario, weather=weather)
     place = {key: n for n, key in enumerate(zip(*(poses.column(c).to_pylist() for c in columns[:2]), strict=True))}
@@ -160,16 +162,16 @@ def _rotations(dataset: "Dataset", paths: Paths, end: str, scenario: str, weathe
 
 
 def search_text(search: BeamSearch) -> dict[str, Any]:
-    """Return everything that a search depends on, as JSON takes it.
+    """Return everything that a search depends on as JSON values.
 
     Raises:
-        InputError: If an array has a pattern or polarisation that is no name or numbers.
+        InputError: If an array has a pattern or polarization that is no name or numbers.
     """
     about = dataclasses.asdict(search)
     try:
         json.dumps(about)
     except TypeError as error:
         raise InputError(
-            "open_windows: beams of a pattern that is a table or function cannot be kept in `cache`; leave it out"
+            "open_windows: beams of a pattern that is a table or function cannot be stored in `cache`; leave it out"
         ) from error
     return about

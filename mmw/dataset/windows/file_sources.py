@@ -1,4 +1,4 @@
-"""Read point clouds and images of windows, row by row from Parquet files, with a cache."""
+"""Sources of features that are read from Parquet files row by row: point clouds and images, with a cache."""
 
 import io
 import os
@@ -20,12 +20,12 @@ from mmw.dataset.windows.memory_sources import (
     by_sensor,
     in_order,
     max_age_of,
-    nothing_held,
+    no_samples,
     number_columns,
     one_sensor,
     sensor_periods,
 )
-from mmw.dataset.windows.tracks import Held, Track, hold
+from mmw.dataset.windows.tracks import LatestSamples, Track, find_latest
 from mmw.dataset.windows.window_spec import Feature
 from mmw.storage.codecs.images import decode_depth
 
@@ -33,14 +33,14 @@ if TYPE_CHECKING:
     from mmw.dataset import Dataset
 
 OPEN_FILES = 64
-"""Files of all tables that are kept open at once. Design value."""
+"""Files of all tables open at once at most. Design value."""
 
 
 class Cache:
-    """Cache of recent reads, up to a number of bytes; every process has its own, which starts empty."""
+    """Cache of the latest values, up to a number of bytes; every process has its own, which starts empty."""
 
     def __init__(self, limit: int):
-        """Make one that holds `limit` bytes."""
+        """Make an empty cache of `limit` bytes."""
         self.limit = limit
         self.clear()
 
@@ -48,10 +48,10 @@ class Cache:
         """Forget everything."""
         self._process = os.getpid()
         self._size = 0
-        self._kept: OrderedDict[Hashable, tuple[Any, int]] = OrderedDict()
+        self._values: OrderedDict[Hashable, tuple[Any, int]] = OrderedDict()
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave the content behind."""
+        """Return the limit alone: the content is not sent to another process."""
         return {"limit": self.limit}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -60,18 +60,18 @@ class Cache:
         self.clear()
 
     def get(self, key: Hashable, make: Callable[[], Any]) -> Any:
-        """Return what is kept under a key, made and kept if it is not there; its `nbytes` count."""
+        """Return the value of a key, made by `make` and stored if it is missing; its `nbytes` count."""
         if self._process != os.getpid():
             self.clear()
-        if key in self._kept:
-            self._kept.move_to_end(key)
-            return self._kept[key][0]
+        if key in self._values:
+            self._values.move_to_end(key)
+            return self._values[key][0]
         value = make()
         size = int(getattr(value, "nbytes", 1))
-        self._kept[key] = value, size
+        self._values[key] = value, size
         self._size += size
-        while self._size > self.limit and len(self._kept) > 1:
-            self._size -= self._kept.popitem(last=False)[1][1]
+        while self._size > self.limit and len(self._values) > 1:
+            self._size -= self._values.popitem(last=False)[1][1]
         return value
 
 
@@ -79,10 +79,10 @@ class Cache:
 class FileSource:
     """Rows of Parquet files, read when they are asked for: the whole row group, then the row out of it."""
 
-    held: Sequence[Held]
+    latest: Sequence[LatestSamples]
     dataset: "Dataset"
     name: str
-    """Key of the take, under which the cache keeps arrays."""
+    """Key of the feature, under which the cache has arrays."""
     table: str
     columns: tuple[str, ...]
     paths: tuple[str, ...]
@@ -132,24 +132,26 @@ def open_parquet(dataset: "Dataset", path: str) -> pq.ParquetFile:
     return pq.ParquetFile(dataset.filesystem.open_input_file(path))
 
 
-def file_source(dataset: "Dataset", take: Feature, tracks: Sequence[Track], cache: Cache, files: Cache) -> FileSource:
-    """Return where point clouds or images of a take are; only keys are read.
+def file_source(
+    dataset: "Dataset", feature: Feature, tracks: Sequence[Track], cache: Cache, files: Cache
+) -> FileSource:
+    """Return the source of the point clouds or images of a feature; only keys are read.
 
     Args:
         dataset: The dataset.
-        take: What is taken.
+        feature: The feature.
         tracks: The tracks.
-        cache: Where arrays and row groups are kept.
-        files: Where open files are kept.
+        cache: Cache of arrays and row groups.
+        files: Cache of open files.
 
     Raises:
         InputError: If an agent has several sensors and none is named, a column is not one of lists of numbers, or a
             file cannot be read.
     """
-    if take.kind == "points":
-        columns, decode = number_columns(take), partial(decode_points, number_columns(take))
-    elif take.kind == "rgb":
-        columns, decode = ("image",), partial(decode_image, take.shrink)
+    if feature.kind == "points":
+        columns, decode = number_columns(feature), partial(decode_points, number_columns(feature))
+    elif feature.kind == "rgb":
+        columns, decode = ("image",), partial(decode_image, feature.shrink)
     else:
         columns, decode = ("image", "depth_m"), decode_metres
     numbers = {track.name: number for number, track in enumerate(tracks)}
@@ -157,7 +159,7 @@ def file_source(dataset: "Dataset", take: Feature, tracks: Sequence[Track], cach
     paths: list[str] = []
     found: dict[int, dict[str, list[np.ndarray]]] = {}
     where, count = [np.zeros((0, 3), dtype=np.int64)], 0
-    for scenario, weather, _, path in framed_files(dataset, take.table):
+    for scenario, weather, _, path in framed_files(dataset, feature.table):
         if (scenario, weather) not in wanted:
             continue
         try:
@@ -165,7 +167,7 @@ def file_source(dataset: "Dataset", take: Feature, tracks: Sequence[Track], cach
                 rows = parquet.read(columns=["frame", "agent", "sensor"], use_threads=False)
                 sizes = [parquet.metadata.row_group(g).num_rows for g in range(parquet.metadata.num_row_groups)]
         except (pa.ArrowException, OSError) as error:
-            raise dataset.damage(take.table, error) from error
+            raise dataset.damage(feature.table, error) from error
         frames = rows.column("frame").to_numpy().astype(np.int64)
         group = np.repeat(np.arange(len(sizes)), sizes)
         inner = np.arange(len(frames)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
@@ -177,17 +179,17 @@ def file_source(dataset: "Dataset", take: Feature, tracks: Sequence[Track], cach
                 pair = np.stack([frames[some], some + count])
                 found.setdefault(number, {}).setdefault(sensor, []).append(pair)
         count += len(frames)
-    held, periods = nothing_held(tracks), sensor_periods(dataset)
+    latest, periods = no_samples(tracks), sensor_periods(dataset)
     for number, sensors in found.items():
         track = tracks[number]
-        sensor = one_sensor(take, track, sensors)
+        sensor = one_sensor(feature, track, sensors)
         if sensor is not None:
             frames, rows = np.concatenate(sensors[sensor], axis=1)
-            order = in_order(frames, np.arange(len(frames)), take, track)
-            held[number] = hold(track, frames[order], rows[order], max_age_of(take, periods, track, sensor))
+            order = in_order(frames, np.arange(len(frames)), feature, track)
+            latest[number] = find_latest(track, frames[order], rows[order], max_age_of(feature, periods, track, sensor))
     return FileSource(
-        held, dataset, take.key, take.table, columns, tuple(paths), np.concatenate(where), decode,
-        take.kind != "points", cache, files,
+        latest, dataset, feature.key, feature.table, columns, tuple(paths), np.concatenate(where), decode,
+        feature.kind != "points", cache, files,
     )  # fmt: skip
 
 
@@ -218,7 +220,7 @@ def decode_image(shrink: int, batch: pa.RecordBatch, index: int) -> np.ndarray:
     data = image_bytes(batch, index)
     image = Image.open(io.BytesIO(data))
     size = tuple(-(-side // shrink) for side in image.size)
-    image.draft("RGB", size)  # the JPEG decoder halves on the way; other files stay as they are
+    image.draft("RGB", size)  # the JPEG decoder halves while it decodes; other files keep their size
     image = image if image.mode == "RGB" else image.convert("RGB")
     return np.asarray(image if image.size == size else image.resize(size, Image.Resampling.BOX))
 

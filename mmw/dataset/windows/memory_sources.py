@@ -1,4 +1,4 @@
-"""Read numbers and boxes of windows, which stay in memory."""
+"""Sources of features that stay in memory: numbers and boxes."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from mmw.config.sensor_spec import SENSORS
 from mmw.core.errors import InputError
 from mmw.core.transforms import normalize
 from mmw.dataset.camera_geometry import POSE_COLUMNS, from_world
-from mmw.dataset.windows.tracks import Held, Track, groups, hold
+from mmw.dataset.windows.tracks import LatestSamples, Track, find_latest, groups
 from mmw.dataset.windows.window_spec import Feature
 from mmw.storage.schemas import table_spec
 from mmw.usd.semantics import CARLA_TAG
@@ -21,20 +21,20 @@ if TYPE_CHECKING:
 
 KEYS = ("scenario", "weather", "frame", "agent")
 BOX_COLUMNS = ("x", "y", "z", "length", "width", "height", "yaw")
-"""Last axis of `boxes`: middle and yaw in the agent's frame [m, rad], size [m]."""
+"""Last axis of `boxes`: center and yaw in the agent's frame [m, rad], size [m]."""
 
 
 class Source(Protocol):
-    """Location of a feature's samples; rows count the samples of all tracks."""
+    """Source of the samples of a feature; rows count the samples of all tracks."""
 
     @property
-    def held(self) -> Sequence[Held]:
-        """The sample of each frame, one entry a track."""
+    def latest(self) -> Sequence[LatestSamples]:
+        """Sample of each frame, one entry per track."""
         ...
 
     def load(self, rows: np.ndarray) -> dict[str, Any]:
-        """Return what rows hold, by what follows the take's key: an array with one entry a row, a tuple of images, or a
-        list of arrays whose lengths differ."""
+        """Return the samples of rows, by the suffix of the feature's key: an array with one entry per row, a tuple of
+        images, or a list of arrays whose lengths differ."""
         ...
 
 
@@ -42,7 +42,7 @@ class Source(Protocol):
 class RowSource:
     """Arrays with one row a sample."""
 
-    held: Sequence[Held]
+    latest: Sequence[LatestSamples]
     arrays: dict[str, np.ndarray]
     """Suffix of the feature's key -> values, shape [rows, ...]."""
 
@@ -55,7 +55,7 @@ class RowSource:
 class BoxSource:
     """Boxes of other actors in the frame of the agent; a row is a frame of a track."""
 
-    held: Sequence[Held]
+    latest: Sequence[LatestSamples]
     pose: np.ndarray
     """Pose of the agent, shape [rows, 7], float64."""
     own: np.ndarray
@@ -63,7 +63,7 @@ class BoxSource:
     span: np.ndarray
     """First and one past the last box of the row's frame, shape [rows, 2], int64."""
     place: np.ndarray
-    """Middle of each box in the world [m], shape [boxes, 3], float64."""
+    """Center of each box in the world [m], shape [boxes, 3], float64."""
     forward: np.ndarray
     """Direction of the box's x in the world, shape [boxes, 3], float64."""
     size: np.ndarray
@@ -97,10 +97,10 @@ def parts_of(tracks: Sequence[Track]) -> Iterable[tuple[str, str, dict[str, int]
         yield scenario, weather, agents
 
 
-def nothing_held(tracks: Sequence[Track]) -> list[Held]:
-    """Return `Held` without any sample for every track."""
+def no_samples(tracks: Sequence[Track]) -> list[LatestSamples]:
+    """Return `LatestSamples` without any sample for every track."""
     none = np.zeros(0, dtype=np.int64)
-    return [hold(track, none, none, 0) for track in tracks]
+    return [find_latest(track, none, none, 0) for track in tracks]
 
 
 def sensor_periods(dataset: "Dataset") -> dict[tuple[str, str, str], int]:
@@ -126,88 +126,89 @@ def sensor_periods(dataset: "Dataset") -> dict[tuple[str, str, str], int]:
     return found
 
 
-def max_age_of(take: Feature, periods: Mapping[tuple[str, str, str], int], track: Track, sensor: str) -> int:
+def max_age_of(feature: Feature, periods: Mapping[tuple[str, str, str], int], track: Track, sensor: str) -> int:
     """Return the frames that a sample of a sensor may be older than the frame it stands for.
 
     Raises:
         InputError: If the sensor is not among `sensor_periods`, and `max_age_frames` is not given.
     """
-    if take.max_age_frames is not None:
-        return take.max_age_frames
+    if feature.max_age_frames is not None:
+        return feature.max_age_frames
     key = track.scenario, track.agent, sensor
     if key not in periods:
         raise InputError(
-            f"Feature({take.modality!r}): table sensors has no row for {' '.join(key)}, which would tell how often it "
-            "is sampled; give `max_age_frames`"
+            f"Feature({feature.modality!r}): table sensors has no row for {' '.join(key)}, which would tell how often "
+            "it is sampled; give `max_age_frames`"
         )
     return periods[key] - 1
 
 
-def one_sensor(take: Feature, track: Track, known: Iterable[str]) -> str | None:
-    """Return the sensor of an agent that a take is read from; None if it has none.
+def one_sensor(feature: Feature, track: Track, known: Iterable[str]) -> str | None:
+    """Return the sensor of an agent that a feature is read from; None if it has none.
 
     Raises:
         InputError: If there are several, and none is named.
     """
     names = sorted(known)
-    if take.sensor is not None:
-        return take.sensor if take.sensor in names else None
+    if feature.sensor is not None:
+        return feature.sensor if feature.sensor in names else None
     if len(names) > 1:
         raise InputError(
-            f"Feature({take.modality!r}): {track.agent} of {track.scenario} has {', '.join(names)}; name one as "
-            "`sensor`"
+            f"Feature({feature.modality!r}): {track.agent} of {track.scenario} has {', '.join(names)}; name one "
+            "as `sensor`"
         )
     return names[0] if names else None
 
 
-def number_columns(take: Feature) -> tuple[str, ...]:
-    """Return the columns of a take of kind numbers or points.
+def number_columns(feature: Feature) -> tuple[str, ...]:
+    """Return the columns of a feature of kind numbers or points.
 
     Raises:
-        InputError: If one is not in the table, or holds something else than numbers (points: lists of them).
+        InputError: If one is not in the table, or its values are no numbers (points: no lists of numbers).
     """
     types = {}
-    for column in table_spec(take.table).columns:
+    for column in table_spec(feature.table).columns:
         value = column.type
-        if take.kind == "points":
+        if feature.kind == "points":
             value = value.value_type if pa.types.is_list(value) else pa.null()
         if pa.types.is_floating(value) or pa.types.is_integer(value) or pa.types.is_boolean(value):
             types[column.name] = value
-    wrong = [name for name in take.picked if name not in types]
-    if wrong or not take.picked:
+    wrong = [name for name in feature.picked if name not in types]
+    if wrong or not feature.picked:
         raise InputError(
-            f"Feature({take.modality!r}): columns {wrong or 'none'}; {take.table} has {', '.join(types)}; name some"
+            f"Feature({feature.modality!r}): columns {wrong or 'none'}; {feature.table} has {', '.join(types)}; name "
+            "some"
         )
-    return take.picked
+    return feature.picked
 
 
-def number_source(dataset: "Dataset", take: Feature, tracks: Sequence[Track]) -> RowSource:
+def number_source(dataset: "Dataset", feature: Feature, tracks: Sequence[Track]) -> RowSource:
     """Return numbers of `poses`, `imu` or `gnss`, one row a sample; nulls are NaN.
 
     Raises:
         InputError: If a column is not one of numbers, or an agent has several sensors and none is named.
     """
-    columns, has_sensor = number_columns(take), take.modality in SENSORS
+    columns, has_sensor = number_columns(feature), feature.modality in SENSORS
     # A step of float32 is 0.4 m of latitude.
-    dtype = np.float64 if take.modality == "gnss" else np.float32
-    held, found, count = nothing_held(tracks), [np.zeros((0, len(columns)), dtype=dtype)], 0
+    dtype = np.float64 if feature.modality == "gnss" else np.float32
+    latest, found, count = no_samples(tracks), [np.zeros((0, len(columns)), dtype=dtype)], 0
     periods = sensor_periods(dataset)
     names = list(dict.fromkeys([*KEYS, *(["sensor"] if has_sensor else []), *columns]))
     for scenario, weather, agents in parts_of(tracks):
-        rows = dataset.read(take.table, columns=names, scenario=scenario, weather=weather)
+        rows = dataset.read(feature.table, columns=names, scenario=scenario, weather=weather)
         frames = rows.column("frame").to_numpy().astype(np.int64)
         values = stacked(rows, columns, dtype)
         by_agent = by_sensor(rows) if has_sensor else {a: {"": r} for (a,), r in groups(rows, ("agent",)).items()}
         for agent, number in agents.items():
             track = tracks[number]
-            sensor = one_sensor(take, track, by_agent.get(agent, {}))
+            sensor = one_sensor(feature, track, by_agent.get(agent, {}))
             if sensor is not None:
-                some = in_order(frames, by_agent[agent][sensor], take, track)
-                most = max_age_of(take, periods, track, sensor) if has_sensor else take.max_age_frames or 0
-                held[number] = hold(track, frames[some], some + count, most)
+                some = in_order(frames, by_agent[agent][sensor], feature, track)
+                max_age = max_age_of(feature, periods, track, sensor) if has_sensor else feature.max_age_frames or 0
+                latest[number] = find_latest(track, frames[some], some + count, max_age)
         found.append(values)
         count += len(values)
-    return RowSource(held, {"": np.concatenate(found)})
+    return RowSource(latest, {"": np.concatenate(found)})
 
 
 def by_sensor(rows: pa.Table) -> dict[str, dict[str, np.ndarray]]:
@@ -218,7 +219,7 @@ def by_sensor(rows: pa.Table) -> dict[str, dict[str, np.ndarray]]:
     return found
 
 
-def in_order(frames: np.ndarray, rows: np.ndarray, take: Feature, track: Track) -> np.ndarray:
+def in_order(frames: np.ndarray, rows: np.ndarray, feature: Feature, track: Track) -> np.ndarray:
     """Return rows of one track, sorted by frame.
 
     Raises:
@@ -227,7 +228,7 @@ def in_order(frames: np.ndarray, rows: np.ndarray, take: Feature, track: Track) 
     some = rows[np.argsort(frames[rows], kind="stable")]
     if (np.diff(frames[some]) == 0).any():
         where = " ".join(track.name)
-        raise InputError(f"table {take.table}: {where} has two rows in one frame; run mmw verify")
+        raise InputError(f"table {feature.table}: {where} has two rows in one frame; run mmw verify")
     return some
 
 
@@ -239,9 +240,9 @@ def stacked(rows: pa.Table, columns: Sequence[str], dtype: type) -> np.ndarray:
     return values
 
 
-def box_source(dataset: "Dataset", tracks: Sequence[Track], take: Feature) -> BoxSource:
+def box_source(dataset: "Dataset", tracks: Sequence[Track], feature: Feature) -> BoxSource:
     """Return the boxes of every frame of every track; a frame without any box has no sample."""
-    held, count, boxes = nothing_held(tracks), 0, 0
+    latest, count, boxes = no_samples(tracks), 0, 0
     parts: dict[str, list[np.ndarray]] = {}
     pose_columns = [*KEYS, "object_id", *POSE_COLUMNS]
     columns = ["frame", "object_id", "category", "x", "y", "z", "yaw", "pitch", "length", "width", "height"]
@@ -271,8 +272,8 @@ def box_source(dataset: "Dataset", tracks: Sequence[Track], take: Feature) -> Bo
         for (agent,), some in groups(poses, ("agent",)).items():
             if agent in agents:
                 track = tracks[agents[agent]]
-                some = in_order(own_frames, some[span[some, 1] > span[some, 0]], take, track)
-                held[agents[agent]] = hold(track, own_frames[some], some + count, take.max_age_frames or 0)
+                some = in_order(own_frames, some[span[some, 1] > span[some, 0]], feature, track)
+                latest[agents[agent]] = find_latest(track, own_frames[some], some + count, feature.max_age_frames or 0)
         boxes += len(frames)
         count += poses.num_rows
-    return BoxSource(held, **{name: np.concatenate(values) for name, values in parts.items()})
+    return BoxSource(latest, **{name: np.concatenate(values) for name, values in parts.items()})

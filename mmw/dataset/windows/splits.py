@@ -2,7 +2,7 @@
 
 All agents and all weathers of a frame show the same place, traffic and geometry, so a frame of a scenario belongs to
 one part whatever the agent and the weather; only a split by weather gives that up, because that is what it asks for.
-What a window uses reaches from the oldest sample that is held for it to its last future frame.
+What a window uses reaches from its oldest sample to its last future frame.
 """
 
 import zlib
@@ -16,7 +16,7 @@ from mmw.dataset import Dataset
 from mmw.dataset.windows.windows import Windows
 
 Parts = Mapping[str, float | Sequence[str]]
-"""Name of each part -> its share (above 0), or the scenarios, towns or weathers that it takes."""
+"""Name of each part -> its share (above 0), or its scenarios, towns or weathers."""
 
 
 def split_windows(
@@ -34,7 +34,7 @@ def split_windows(
         windows: The windows to split.
         by: `track`: the frames of every scenario are cut into blocks, in an order that the seed decides; windows that
             reach out of their block are left out. `scenario`, `town`, `weather`: these go as a whole.
-        parts: Shares, which are scaled to 1; or, but by track, the names that a part takes (those that no part takes
+        parts: Shares, which are scaled to 1; or, but by track, the names of a part (those of no part
             are left out).
         seed: What the order is drawn with.
         gap: By track: frames that no part uses between two blocks; None: as many as the longest window uses.
@@ -54,7 +54,7 @@ def split_windows(
         raise InputError(f"split_windows: shares {shares}; each is above 0")
     if by == "track":
         if not shares:
-            raise InputError("split_windows: by track takes shares, such as {'train': 0.8, 'test': 0.2}")
+            raise InputError("split_windows: by track needs shares, such as {'train': 0.8, 'test': 0.2}")
         chosen = _by_time(windows, shares, seed, gap, blocks)
     else:
         if gap is not None or blocks != 1:
@@ -66,9 +66,9 @@ def split_windows(
         if not mask.any():
             raise InputError(
                 f"split_windows: part {part!r} gets no window of {len(windows)} by {by}; shorten the windows or the "
-                "gap, take fewer parts or blocks, a larger share, or split by something else"
+                "gap, use fewer parts or blocks, a larger share, or split by something else"
             )
-    return {part: windows.take(chosen[part]) for part in parts}
+    return {part: windows.select(chosen[part]) for part in parts}
 
 
 def shared_frames(one: Windows, other: Windows) -> list[tuple[str, int]]:
@@ -88,7 +88,7 @@ def shared_frames(one: Windows, other: Windows) -> list[tuple[str, int]]:
 def _by_time(
     windows: Windows, shares: Mapping[str, float], seed: int, gap: int | None, blocks: int
 ) -> dict[str, np.ndarray]:
-    """Return which windows lie in the blocks of each part."""
+    """Return a mask of the windows in the blocks of each part."""
     gap = int((windows.last - windows.first).max()) + 1 if gap is None else gap
     if gap < 0 or blocks < 1:
         raise InputError(f"split_windows: gap = {gap}, blocks = {blocks}; gap is at least 0, blocks 1")
@@ -118,7 +118,7 @@ def _blocks(
     """
     parts = list(shares)
     order = [parts[n] for _ in range(blocks) for n in rng.permutation(len(parts))]
-    joined: list[tuple[str, float]] = []  # neighbours of one part are one block
+    joined: list[tuple[str, float]] = []  # neighbors of one part are one block
     for part in order:
         if joined and joined[-1][0] == part:
             joined[-1] = part, joined[-1][1] + shares[part]
@@ -166,7 +166,7 @@ def _assign(values: np.ndarray, shares: Mapping[str, float], seed: int) -> dict[
     names, counts = np.unique(values, return_counts=True)
     if len(names) < len(shares):
         listed = ", ".join(names.tolist())
-        raise InputError(f"split_windows: {len(shares)} parts of {len(names)} names ({listed}); take fewer parts")
+        raise InputError(f"split_windows: {len(shares)} parts of {len(names)} names ({listed}); use fewer parts")
     order = np.random.default_rng(seed).permutation(len(names))
     found: dict[str, list[str]] = {part: [] for part in shares}
     missing = {part: share / sum(shares.values()) * len(values) for part, share in shares.items()}

@@ -1,4 +1,4 @@
-"""Windows in the order of the files that hold them, shuffled by shard and buffer, dealt to workers."""
+"""Read windows in the order of their files, shuffled by shard and buffer, and divided among workers."""
 
 from collections.abc import Iterator
 
@@ -9,7 +9,7 @@ from mmw.dataset.windows.batch import Ragged, make_batch
 from mmw.dataset.windows.windows import Sample, Windows
 
 BUFFER = 64
-"""Windows that wait to be drawn. 64 windows with 4 sweeps and 4 images of 640 x 480 that no other window shares take
+"""Windows read ahead to draw from. 64 windows with 4 sweeps and 4 images of 640 x 480 that no other window shares need
 360 MB, a quarter of it where windows overlap. Design value."""
 
 
@@ -24,7 +24,7 @@ def stream_order(
         windows: The windows.
         seed: Decides the order together with `epoch`.
         epoch: Number of the round through all windows.
-        worker: Which worker, 0 to `workers` - 1.
+        worker: Number of the worker, 0 to `workers` - 1.
         workers: Workers that share the windows.
         shuffle: False reads shards in their order.
 
@@ -88,7 +88,7 @@ def stream_batches(
 
 
 def _draw(waiting: list[Sample], rng: np.random.Generator) -> Sample:
-    """Take one out, by chance."""
+    """Remove a random sample and return it."""
     index = int(rng.integers(len(waiting)))
     waiting[index], waiting[-1] = waiting[-1], waiting[index]
     return waiting.pop()

@@ -1,4 +1,4 @@
-"""Tracks: the frames of one agent in one scenario and weather; and which sample each of its frames holds."""
+"""Tracks, the frames of one agent in one scenario and weather, and the latest sample at each of them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -52,8 +52,8 @@ class Track:
 
 
 @dataclass(frozen=True, eq=False)
-class Held:
-    """The sample that stands for each frame of a track: the latest one at or before it."""
+class LatestSamples:
+    """Sample of each frame of a track: the latest one at or before it."""
 
     row: np.ndarray
     """Row of the sample, -1 for none, shape [last - first + 1], int64."""
@@ -61,24 +61,24 @@ class Held:
     """Frame of the sample, -1 for none, same shape, int64."""
 
 
-def hold(track: Track, frames: np.ndarray, rows: np.ndarray, most: int) -> Held:
+def find_latest(track: Track, frames: np.ndarray, rows: np.ndarray, max_age: int) -> LatestSamples:
     """Return the sample of each frame of a track: the latest one at or before it in the same unbroken run of frames.
 
     Args:
         track: The track.
         frames: Frames of the samples, growing, shape [n].
         rows: Their rows, shape [n].
-        most: Frames that a sample may be older than the frame.
+        max_age: Frames that a sample may be older than the frame.
     """
     runs = track.runs
     wanted = np.arange(len(runs)) + track.first
     if not len(frames):
-        return Held(np.full(len(runs), -1, dtype=np.int64), np.full(len(runs), -1, dtype=np.int64))
+        return LatestSamples(np.full(len(runs), -1, dtype=np.int64), np.full(len(runs), -1, dtype=np.int64))
     place = np.searchsorted(frames, wanted, side="right") - 1
     own = frames[np.maximum(place, 0)]
-    is_there = (place >= 0) & (wanted - own <= most) & (runs >= 0) & (own >= track.first)
+    is_there = (place >= 0) & (wanted - own <= max_age) & (runs >= 0) & (own >= track.first)
     is_there &= runs[np.clip(own - track.first, 0, len(runs) - 1)] == runs
-    return Held(np.where(is_there, rows[np.maximum(place, 0)], -1), np.where(is_there, own, -1))
+    return LatestSamples(np.where(is_there, rows[np.maximum(place, 0)], -1), np.where(is_there, own, -1))
 
 
 def find_tracks(dataset: "Dataset") -> list[Track]:

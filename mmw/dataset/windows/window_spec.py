@@ -1,4 +1,4 @@
-"""Specify windows: lengths of past and future, and the features of their frames."""
+"""Specification of windows: the lengths of past and future, and the features of their frames."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -20,7 +20,7 @@ OWN_MODALITIES: dict[str, Modality] = {
     "csi": Modality("paths", "csi"),
     "boxes": Modality("boxes", "boxes"),
 }
-"""Name -> modality that no sensor gives."""
+"""Name -> modality without a sensor."""
 
 
 def sensor_modalities() -> dict[str, Modality]:
@@ -55,17 +55,17 @@ class Feature:
     every: int = 1
     """Steps between samples, counted from `now`: of 40 past frames 10 gives now - 30, now - 20, now - 10 and now."""
     sensor: str | None = None
-    """Sensor name; None takes the only one that the table has of an agent."""
+    """Sensor name; None is the only one that the table has of an agent."""
     columns: tuple[str, ...] | None = None
     """Number columns instead of the modality's own; of point clouds its lists."""
     max_age_frames: int | None = None
-    """Frames that a sample may be older than the frame it stands for; None: as the sensor is sampled, else 0."""
+    """Largest age of a sample at its frame [frames]; None: up to the sensor's period, 0 without a sensor."""
     peer: str | None = None
-    """Transmitter of the link; None takes the only roadside unit of the scenario."""
+    """Transmitter of the link; None is the only roadside unit of the scenario."""
     carrier_hz: float | None = None
-    """Carrier of the link [Hz]; None takes the only one of the dataset."""
+    """Carrier of the link [Hz]; None is the only one of the dataset."""
     search: BeamSearch = field(default_factory=BeamSearch)
-    """Beam search of `beams`."""
+    """Arrays, codebooks and band of the beam search, of `beams`."""
     frequencies_hz: tuple[float, ...] = CSI_HZ
     """Frequencies of `csi`, counted from the carrier [Hz]."""
     shrink: Literal[1, 2, 4, 8] = 1
@@ -107,19 +107,12 @@ class Feature:
             "_"
         )
 
-    def has_source_of(self, other: "Feature") -> bool:
-        """Return whether both take the same samples, of whatever frames."""
+    def shares_source_with(self, other: "Feature") -> bool:
+        """Return whether both read the same samples, whatever their frames."""
         names = (
-            "modality",
-            "sensor",
-            "columns",
-            "max_age_frames",
-            "peer",
-            "carrier_hz",
-            "search",
-            "frequencies_hz",
+            "modality", "sensor", "columns", "max_age_frames", "peer", "carrier_hz", "search", "frequencies_hz",
             "shrink",
-        )
+        )  # fmt: skip
         return all(getattr(self, name) == getattr(other, name) for name in names)
 
     @property
@@ -129,7 +122,7 @@ class Feature:
 
     @property
     def kind(self) -> str:
-        """How its rows become an array."""
+        """Kind of array that its rows become."""
         return modalities()[self.modality].kind
 
     @property
@@ -143,11 +136,11 @@ class WindowSpec:
     """Windows of P past and W future frames; the last past frame is `now`.
 
     Raises:
-        InputError: If a length is too small, nothing is taken, or two things have one name.
+        InputError: If a length is too small, there is no feature, or two keys are equal.
     """
 
-    takes: Sequence[Feature | str]
-    """Features of a window; a string is `Feature(string)`."""
+    features: Sequence[Feature | str]
+    """Features of a window; a text is `Feature(text)`."""
     past: int
     """Past frames P, `now` included."""
     future: int = 0
@@ -158,27 +151,28 @@ class WindowSpec:
     """Frames from one frame of a window to the next; all frames in between must be there too."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "takes", tuple(t if isinstance(t, Feature) else Feature(t) for t in self.takes))
+        object.__setattr__(self, "features", tuple(f if isinstance(f, Feature) else Feature(f) for f in self.features))
         if self.past < 1 or self.future < 0 or self.stride < 1 or self.step < 1:
             sizes = f"past = {self.past}, future = {self.future}, stride = {self.stride}, step = {self.step}"
             raise InputError(f"WindowSpec: {sizes}; future is at least 0, the others 1")
-        if not self.takes:
-            raise InputError("WindowSpec: takes is empty; name what a window holds, such as Feature('beams')")
-        keys = ["now", "track", *(key for take in self.all_takes for key in (take.key, f"{take.key}_frame"))]
+        if not self.features:
+            raise InputError("WindowSpec: features is empty; name some, such as Feature('beams')")
+        own = [feature.key for feature in self.all_features]
+        keys = ["now", "track", *own, *(f"{key}_frame" for key in own)]
         twice = sorted({key for key in keys if keys.count(key) > 1})
         if twice:
-            raise InputError(f"WindowSpec: {', '.join(twice)} would be there twice; give one Take another name")
-        for take in self.all_takes:
-            if take.span == "future" and take.every > self.future:
+            raise InputError(f"WindowSpec: {', '.join(twice)} would be there twice; give one Feature another name")
+        for feature in self.all_features:
+            if feature.span == "future" and feature.every > self.future:
                 raise InputError(
-                    f"WindowSpec: {take.key} has one sample in {take.every} frames, the future {self.future} frames; "
-                    "lengthen the future or lower `every`"
+                    f"WindowSpec: {feature.key} has one sample in {feature.every} frames, the future {self.future} "
+                    "frames; lengthen the future or lower `every`"
                 )
 
     @property
-    def all_takes(self) -> tuple[Feature, ...]:
-        """`takes`, none of them a text."""
-        return tuple(take for take in self.takes if isinstance(take, Feature))
+    def all_features(self) -> tuple[Feature, ...]:
+        """`features`, none of them a text."""
+        return tuple(feature for feature in self.features if isinstance(feature, Feature))
 
     @property
     def before(self) -> int:
@@ -190,8 +184,8 @@ class WindowSpec:
         """Frames from `now` to the last future frame."""
         return self.future * self.step
 
-    def offsets(self, take: Feature) -> np.ndarray:
-        """Return the frames that a take has samples for, counted from `now`, growing, shape [T], int64."""
-        if take.span == "future":
-            return np.arange(take.every, self.future + 1, take.every) * self.step
-        return -np.arange(0, self.past, take.every)[::-1] * self.step
+    def offsets(self, feature: Feature) -> np.ndarray:
+        """Return the frames that a feature has samples for, counted from `now`, growing, shape [T], int64."""
+        if feature.span == "future":
+            return np.arange(feature.every, self.future + 1, feature.every) * self.step
+        return -np.arange(0, self.past, feature.every)[::-1] * self.step

@@ -1,4 +1,4 @@
-"""Windows of a dataset: which there are, and what each holds, as NumPy arrays."""
+"""Find the windows of a dataset, and read one as NumPy arrays."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -18,8 +18,8 @@ from mmw.dataset.windows.tracks import Track, find_tracks
 from mmw.dataset.windows.window_spec import WITH_LINK, Feature, WindowSpec
 
 CACHE_BYTES = 256_000_000
-"""Decoded images, sweeps and row groups that a process keeps: four agents' sweeps and images of two seconds at 10 Hz
-take 110 MB. Design value."""
+"""Size of the cache of decoded images, sweeps and row groups of a process [bytes]. Sweeps and images of four agents
+and two seconds at 10 Hz need 110 MB. Design value."""
 
 Sample = dict[str, Any]
 
@@ -33,26 +33,26 @@ class Windows:
     tracks: tuple[Track, ...]
     """All tracks that windows may come from."""
     sources: Mapping[str, Source]
-    """Key of each take -> where its samples are."""
+    """Key of each feature -> source of its samples."""
     track: np.ndarray
     """Track of each window, shape [n], int64."""
     now: np.ndarray
     """Its last past frame, shape [n], int64."""
     first: np.ndarray
-    """First frame that it uses, held samples counted, shape [n], int64."""
+    """First frame that it uses, that of its oldest sample included, shape [n], int64."""
     last: np.ndarray
     """Last frame that it uses, shape [n], int64."""
     shard: np.ndarray
     """Number of the shard that its `now` is in, over all scenarios and weathers, shape [n], int64."""
     left_out: Mapping[str, int]
-    """Why other windows of these tracks are not there -> how many, among frames that are multiples of the stride."""
+    """Reason -> number of windows left out for it, among frames that are multiples of the stride."""
 
     def __len__(self) -> int:
         """Return the number of windows."""
         return len(self.now)
 
     def __getitem__(self, index: int) -> Sample:
-        """Return one window: `now`, `track`, and for each take its samples and their frames (`KEY_frame`).
+        """Return one window: `now`, `track`, and for each feature its samples and their frames (`KEY_frame`).
 
         Images are one array, shape [T, H, W, ...]; point clouds and boxes are lists of T arrays. All are the caller's.
         """
@@ -66,7 +66,7 @@ class Windows:
 
     @cached_property
     def _plan(self) -> list[tuple[str, Source, np.ndarray]]:
-        return [(take.key, self.sources[take.key], self.spec.offsets(take)) for take in self.spec.all_takes]
+        return [(one.key, self.sources[one.key], self.spec.offsets(one)) for one in self.spec.all_features]
 
     def load(self, index: int) -> Sample:
         """Return one window with arrays that cannot be written where other windows share them; images are a tuple.
@@ -78,14 +78,14 @@ class Windows:
         found: Sample = {"now": np.array(now), "track": np.array(number)}
         begin = now - self.tracks[number].first
         for key, source, offsets in self._plan:
-            held, at = source.held[number], offsets + begin
-            for suffix, value in source.load(held.row[at]).items():
+            latest, at = source.latest[number], offsets + begin
+            for suffix, value in source.load(latest.row[at]).items():
                 found[key + suffix] = value
-            found[f"{key}_frame"] = held.frame[at]
+            found[f"{key}_frame"] = latest.frame[at]
         return found
 
-    def take(self, which: ArrayLike) -> "Windows":
-        """Return some of the windows.
+    def select(self, which: ArrayLike) -> "Windows":
+        """Return a selection of the windows.
 
         Args:
             which: Their numbers, shape [k], or a mask, shape [n].
@@ -96,7 +96,7 @@ class Windows:
         return replace(self, **arrays)
 
     def of_track(self, value: Callable[[Track], Any]) -> np.ndarray:
-        """Return something of every window's track, shape [n], such as `lambda track: track.scenario`."""
+        """Return a value of every window's track, shape [n], such as `lambda track: track.scenario`."""
         values = np.array([value(track) for track in self.tracks])
         return values[self.track]
 
@@ -113,7 +113,7 @@ class Windows:
             InputError: If a name is not among the tracks.
         """
         is_chosen = _choose(self.tracks, scenarios, weathers, agents)
-        return self.take(is_chosen[self.track])
+        return self.select(is_chosen[self.track])
 
 
 def open_windows(
@@ -128,17 +128,18 @@ def open_windows(
 ) -> Windows:
     """Return the windows of a dataset.
 
-    Numbers, boxes and beams are read now and kept in memory, point clouds and images when a window is read. A window is
-    there only if all its frames, from the first to the last, are there without a gap and each of its samples is.
+    Numbers, boxes and beams are read now into memory, point clouds and images when a window is read. A window exists
+    only if all its frames, from the first to the last, are there without a gap and each of its samples exists.
 
     Args:
         dataset: A dataset, or its folder.
-        spec: What a window holds.
+        spec: Features and lengths of a window.
         scenarios: Only these.
         weathers: Only these.
         agents: Only these names or roles (`cav`, `rsu`).
-        cache: Folder in which searched beams are kept for the next time (1.5 ms of a core a link, carrier and frame).
-        cache_bytes: Images, sweeps and row groups that each process keeps.
+        cache: Folder for the beams found by searches (1.5 ms of a core for each link, carrier and frame), which later
+            calls read.
+        cache_bytes: Size of each process's cache of images, sweeps and row groups.
 
     Raises:
         InputError: If a table or a name is not there, the windows are longer than every track, or none is left.
@@ -154,25 +155,25 @@ def open_windows(
             f"{data.root}: windows reach over {spec.before + spec.after + 1} frames; the longest unbroken track has "
             f"{longest}; shorten past, future or step"
         )
-    kept, files = Cache(cache_bytes), Cache(OPEN_FILES)
+    arrays, files = Cache(cache_bytes), Cache(OPEN_FILES)
     folder = None if cache is None else Path(cache)
     sources: dict[str, Source] = {}
-    for number, take in enumerate(spec.all_takes):
-        known = [other for other in spec.all_takes[:number] if other.has_source_of(take)]
-        sources[take.key] = sources[known[0].key] if known else _source(data, take, tracks, kept, files, folder)
+    for number, feature in enumerate(spec.all_features):
+        known = [other for other in spec.all_features[:number] if other.shares_source_with(feature)]
+        sources[feature.key] = sources[known[0].key] if known else _source(data, feature, tracks, arrays, files, folder)
     return _find(data, spec, tracks, sources)
 
 
 def _source(
-    data: Dataset, take: Feature, tracks: Sequence[Track], kept: Cache, files: Cache, folder: Path | None
+    data: Dataset, feature: Feature, tracks: Sequence[Track], arrays: Cache, files: Cache, folder: Path | None
 ) -> Source:
-    if take.modality in WITH_LINK:
-        return link_source(data, take, tracks, folder)
-    if take.kind == "numbers":
-        return number_source(data, take, tracks)
-    if take.kind == "boxes":
-        return box_source(data, tracks, take)
-    return file_source(data, take, tracks, kept, files)
+    if feature.modality in WITH_LINK:
+        return link_source(data, feature, tracks, folder)
+    if feature.kind == "numbers":
+        return number_source(data, feature, tracks)
+    if feature.kind == "boxes":
+        return box_source(data, tracks, feature)
+    return file_source(data, feature, tracks, arrays, files)
 
 
 def _find(data: Dataset, spec: WindowSpec, tracks: tuple[Track, ...], sources: Mapping[str, Source]) -> Windows:
@@ -191,10 +192,10 @@ def _find(data: Dataset, spec: WindowSpec, tracks: tuple[Track, ...], sources: M
         left_out["frames"] += int((~fits).sum())
         at = at[fits]
         first = at + track.first - spec.before
-        for take in spec.all_takes:
-            own = sources[take.key].held[number].frame[at[:, None] + spec.offsets(take)]
+        for feature in spec.all_features:
+            own = sources[feature.key].latest[number].frame[at[:, None] + spec.offsets(feature)]
             is_there = (own >= 0).all(axis=1)
-            left_out[take.key] += int((~is_there).sum())
+            left_out[feature.key] += int((~is_there).sum())
             at, first, own = at[is_there], first[is_there], own[is_there]
             first = np.minimum(first, own.min(axis=1, initial=np.iinfo(np.int64).max))
         now = at + track.first
@@ -203,8 +204,8 @@ def _find(data: Dataset, spec: WindowSpec, tracks: tuple[Track, ...], sources: M
     if not len(now):
         told = ", ".join(f"{name}: {count}" for name, count in left_out.items() if count)
         raise InputError(
-            f"{data.root}: no window is left; without frames or samples are {told}; take less, shorten the window, or "
-            "choose agents that have the sensors and links"
+            f"{data.root}: no window is left; without frames or samples are {told}; use fewer features, shorten "
+            "the window, or choose agents that have the sensors and links"
         )
     shard, part = np.zeros(len(now), dtype=np.int64), np.zeros(len(now), dtype=np.int64)
     count = 0
@@ -227,13 +228,13 @@ def _shards(data: Dataset) -> dict[tuple[str, str], list[int]]:
 
 
 def _check_tables(data: Dataset, spec: WindowSpec) -> None:
-    for take in spec.all_takes:
-        needed = {take.table, "poses"} | ({"links"} if take.modality in WITH_LINK else set())
+    for feature in spec.all_features:
+        needed = {feature.table, "poses"} | ({"links"} if feature.modality in WITH_LINK else set())
         missing = sorted(needed - set(data.tables))
         if missing:
             raise InputError(
-                f"{data.root}: Feature({take.modality!r}) needs table {' and '.join(missing)}, which has no file; it "
-                f"holds {', '.join(data.tables) or 'no table'}; take something else or record it"
+                f"{data.root}: Feature({feature.modality!r}) needs table {' and '.join(missing)}, which has no file; "
+                f"it holds {', '.join(data.tables) or 'no table'}; choose other features or record it"
             )
 
 

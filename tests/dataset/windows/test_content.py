@@ -1,4 +1,4 @@
-"""What windows hold, against the files read directly; and streams, batches and damage."""
+"""Content of windows against the files read directly; streams, batches and damage."""
 
 import itertools
 import pickle
@@ -55,7 +55,9 @@ def test_numbers_are_those_of_the_files(windows: Windows, index: int) -> None:
     sample = windows[index]
     rows, track = read("poses", windows, index)
     assert sample["future_poses_frame"].tolist() == [sample["now"] + 2, sample["now"] + 4]
-    want = [[row[name] for name in windows.spec.all_takes[0].picked] for row in at(rows, track, sample["now"] + [2, 4])]
+    want = [
+        [row[name] for name in windows.spec.all_features[0].picked] for row in at(rows, track, sample["now"] + [2, 4])
+    ]
     np.testing.assert_array_equal(sample["future_poses"], np.float32(want))
     past = np.arange(sample["now"] - 3, sample["now"] + 1)
     want = [[row["gz"], row["ax"]] for row in at(read("imu", windows, index)[0], track, past, "imu")]
@@ -65,7 +67,7 @@ def test_numbers_are_those_of_the_files(windows: Windows, index: int) -> None:
     assert sample["gnss"].dtype == np.float64 and sample["gnss_frame"].tolist() == (past // 2 * 2).tolist()
     rows = read("links", windows, index)[0]
     want = [row_of(rows, agent=track.agent, frame=int(f), carrier_hz=28e9) for f in past]
-    names = windows.spec.all_takes[3].picked
+    names = windows.spec.all_features[3].picked
     np.testing.assert_array_equal(sample["links"], np.array([[r[n] for n in names] for r in want], dtype=np.float32))
     assert track.agent != "cav_3" or (np.isnan(sample["links"][:, 0]).all() and not sample["links"][:, 5].any())
 
@@ -133,7 +135,7 @@ def test_depth_is_metres() -> None:
         np.testing.assert_array_equal(windows[index]["depth"][0], want)
 
 
-def test_beams_are_those_of_the_sql_view_and_are_kept(tmp_path, monkeypatch) -> None:
+def test_beams_are_those_of_the_sql_view_and_are_cached(tmp_path, monkeypatch) -> None:
     spec = WindowSpec(
         [Feature("beams", carrier_hz=28e9), Feature("beams", span="future", carrier_hz=28e9)], past=2, future=1
     )
@@ -154,8 +156,8 @@ def test_beams_are_those_of_the_sql_view_and_are_kept(tmp_path, monkeypatch) -> 
         raise AssertionError("searched again")
 
     monkeypatch.setattr(BeamSearch, "best", fail)
-    kept = open_windows(small_dataset(), spec, cache=tmp_path)
-    assert all((kept[n]["beams"] == windows[n]["beams"]).all() for n in range(len(windows)))
+    cached = open_windows(small_dataset(), spec, cache=tmp_path)
+    assert all((cached[n]["beams"] == windows[n]["beams"]).all() for n in range(len(windows)))
     with pytest.raises(AssertionError, match="searched again"):
         other = Feature("beams", carrier_hz=28e9, search=BeamSearch(tx_beams=32))
         open_windows(small_dataset(), WindowSpec([other], past=1), cache=tmp_path)
@@ -180,7 +182,7 @@ def test_windows_travel_to_other_processes(windows: Windows) -> None:
     windows[0]
     other = pickle.loads(pickle.dumps(windows))
     np.testing.assert_array_equal(other[3]["rgb"], windows[3]["rgb"])
-    assert other.sources["lidar"].cache is other.sources["rgb"].cache  # one cache for all takes
+    assert other.sources["lidar"].cache is other.sources["rgb"].cache  # one cache for all features
 
 
 def test_windows_of_a_dataset_that_is_not_local(windows: Windows) -> None:

@@ -1,4 +1,4 @@
-"""Which windows there are, and which sample stands for each frame, against plain loops over the tables."""
+"""The windows of a dataset and the sample of each frame, against plain loops over the tables."""
 
 import numpy as np
 import pyarrow as pa
@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 import mmw
 from mmw.dataset.windows import Feature, Track, WindowSpec, open_windows
 from mmw.dataset.windows.channel_sources import one_peer
-from mmw.dataset.windows.tracks import hold
+from mmw.dataset.windows.tracks import find_latest
 from tests.fixtures.shards import AGENTS
 from tests.fixtures.window_data import FRAMES, TOWNS, WEATHERS, is_there, window_data
 
@@ -17,7 +17,7 @@ PERIOD = {"poses": 1, "imu": 1, "lidar": 1, "rgb": 10, "gnss": 2, "links": 1}
 HAVE = {"imu": AGENTS[:3], "gnss": AGENTS[:3], "links": AGENTS[:3]}
 
 
-def expected(takes: list[Feature], past: int, future: int, stride: int, step: int) -> dict:
+def expected(features: list[Feature], past: int, future: int, stride: int, step: int) -> dict:
     """Return scenario, weather, agent and `now` of every window, and the frames of its samples."""
     found = {}
     for scenario in TOWNS:
@@ -28,26 +28,26 @@ def expected(takes: list[Feature], past: int, future: int, stride: int, step: in
                     if not all(0 <= f < FRAMES and is_there("poses", scenario, agent, f) for f in frames):
                         continue
                     samples = {}
-                    for take in takes:
+                    for feature in features:
                         wanted = (
-                            [now - k * step for k in range(past) if k % take.every == 0][::-1]
-                            if take.span == "past"
-                            else [now + k * step for k in range(1, future + 1) if k % take.every == 0]
+                            [now - k * step for k in range(past) if k % feature.every == 0][::-1]
+                            if feature.span == "past"
+                            else [now + k * step for k in range(1, future + 1) if k % feature.every == 0]
                         )
-                        samples[take.key] = [held(take, scenario, agent, frame) for frame in wanted]
+                        samples[feature.key] = [latest_frame(feature, scenario, agent, frame) for frame in wanted]
                     if all(None not in own for own in samples.values()):
                         found[scenario, weather, agent, now] = samples
     return found
 
 
-def held(take: Feature, scenario: str, agent: str, frame: int) -> int | None:
+def latest_frame(feature: Feature, scenario: str, agent: str, frame: int) -> int | None:
     """Return the latest frame with a sample that is not too old, without a hole in between."""
-    if agent not in HAVE.get(take.modality, AGENTS):
+    if agent not in HAVE.get(feature.modality, AGENTS):
         return None
-    for own in range(frame, max(frame - PERIOD[take.modality], -1), -1):
+    for own in range(frame, max(frame - PERIOD[feature.modality], -1), -1):
         if not is_there("poses", scenario, agent, own):
             return None
-        if is_there(take.table, scenario, agent, own):
+        if is_there(feature.table, scenario, agent, own):
             return own
     return None
 
@@ -62,11 +62,11 @@ def held(take: Feature, scenario: str, agent: str, frame: int) -> int | None:
     step=st.integers(1, 3),
 )
 def test_windows_are_those_of_plain_loops(names, every, past, future, stride, step) -> None:
-    takes = [Feature(name, every=every, carrier_hz=28e9 if name == "links" else None) for name in sorted(names)]
+    features = [Feature(name, every=every, carrier_hz=28e9 if name == "links" else None) for name in sorted(names)]
     if future:
-        takes.append(Feature("poses", span="future", every=min(every, future)))
-    want = expected(takes, past, future, stride, step)
-    spec = WindowSpec(takes, past=past, future=future, stride=stride, step=step)
+        features.append(Feature("poses", span="future", every=min(every, future)))
+    want = expected(features, past, future, stride, step)
+    spec = WindowSpec(features, past=past, future=future, stride=stride, step=step)
     if not want:
         with pytest.raises(ValueError, match=r"no window is left|longest unbroken track"):
             open_windows(window_data(), spec)
@@ -93,16 +93,16 @@ def test_windows_are_those_of_plain_loops(names, every, past, future, stride, st
     there=st.lists(st.booleans(), min_size=1, max_size=30),
     sampled=st.lists(st.booleans(), min_size=30, max_size=30),
     first=st.integers(0, 5),
-    most=st.integers(0, 12),
+    max_age=st.integers(0, 12),
 )
-def test_a_held_sample_is_the_latest_before_and_never_from_the_future(there, sampled, first, most) -> None:
+def test_a_sample_is_the_latest_before_and_never_from_the_future(there, sampled, first, max_age) -> None:
     there = [True, *there, True]
     track = Track("s", "w", "a", "cav", np.flatnonzero(there) + first)
     frames = np.array([f for f in range(first, first + len(there)) if sampled[(f * 7) % 30]], dtype=np.int64)
-    found = hold(track, frames, frames + 1000, most)
+    found = find_latest(track, frames, frames + 1000, max_age)
     for place, frame in enumerate(range(first, first + len(there))):
         want = -1
-        for own in range(frame, frame - most - 1, -1):
+        for own in range(frame, frame - max_age - 1, -1):
             if own < first or not there[own - first]:
                 break
             if own in frames:
@@ -138,7 +138,9 @@ def test_where_and_take() -> None:
     assert {windows.tracks[t].name for t in some.track} == {("slope", "rainy", "cav_1"), ("slope", "rainy", "rsu_1")}
     assert some[0]["now"] == 4 and len(some) == 2 * 14
     mask = windows.now == 8
-    assert len(windows.take(mask)) == mask.sum() and windows.take([3, 1]).now.tolist() == windows.now[[3, 1]].tolist()
+    assert (
+        len(windows.select(mask)) == mask.sum() and windows.select([3, 1]).now.tolist() == windows.now[[3, 1]].tolist()
+    )
     with pytest.raises(ValueError, match="agent bus; there are cav, cav_1"):
         windows.where(agents=["bus"])
 
@@ -153,7 +155,7 @@ def test_where_and_take() -> None:
         (lambda: Feature("poses", sensor="imu"), "no use for sensor"),
         (lambda: Feature("lidar", carrier_hz=28e9), "no use for carrier_hz"),
         (lambda: Feature("rgb", columns=("x",)), "no use for columns"),
-        (lambda: WindowSpec([], past=1), "takes is empty"),
+        (lambda: WindowSpec([], past=1), "features is empty"),
         (lambda: WindowSpec(["poses"], past=0), "past = 0"),
         (lambda: WindowSpec(["poses", "poses"], past=1), "poses, poses_frame would be there twice"),
         (lambda: WindowSpec([Feature("poses", name="now")], past=1), "now would be there twice"),
@@ -166,7 +168,7 @@ def test_wrong_specs_are_refused(make, message) -> None:
 
 
 @pytest.mark.parametrize(
-    ("takes", "past", "message"),
+    ("features", "past", "message"),
     [
         (["poses"], 61, "reach over 61 frames; the longest unbroken track has 60"),
         ([Feature("links")], 1, r"the dataset has 4.9e\+09, 2.8e\+10 Hz; name one as `carrier_hz`"),
@@ -178,9 +180,9 @@ def test_wrong_specs_are_refused(make, message) -> None:
         ([Feature("lidar", columns=("point_count",))], 1, "lidar has x, y, z"),
     ],
 )
-def test_what_is_not_there_is_refused(takes, past, message) -> None:
+def test_what_is_not_there_is_refused(features, past, message) -> None:
     with pytest.raises(ValueError, match=message):
-        open_windows(window_data(), WindowSpec(takes, past=past))
+        open_windows(window_data(), WindowSpec(features, past=past))
 
 
 def test_an_absent_table_is_named(tmp_path) -> None:

@@ -44,7 +44,7 @@ def many_tracks(draw):
 @given(
     frames=many_tracks(),
     past=st.integers(0, 6),
-    held=st.integers(0, 5),
+    max_age=st.integers(0, 5),
     future=st.integers(0, 4),
     shares=st.lists(st.floats(0.1, 1.0), min_size=2, max_size=4),
     seed=st.integers(0, 5),
@@ -52,10 +52,10 @@ def many_tracks(draw):
     blocks=st.integers(1, 3),
 )
 def test_parts_by_track_share_no_frame_and_keep_their_distance(
-    frames, past, held, future, shares, seed, gap, blocks
+    frames, past, max_age, future, shares, seed, gap, blocks
 ) -> None:
     assume(frames)
-    windows = bare_windows(frames, past, held, future)
+    windows = bare_windows(frames, past, max_age, future)
     assume(len(windows))
     parts = dict(zip("pqrs", shares, strict=False))
     try:
@@ -63,7 +63,7 @@ def test_parts_by_track_share_no_frame_and_keep_their_distance(
     except ValueError as error:
         assert "gets no window" in str(error)
         return
-    least = past + held + future + 1 if gap is None and (windows.now % 2).any() else (gap or 0)
+    least = past + max_age + future + 1 if gap is None and (windows.now % 2).any() else (gap or 0)
     for one, other in itertools.combinations(split.values(), 2):
         assert shared_frames(one, other) == []
         for scenario in "ab":
@@ -108,7 +108,7 @@ def test_all_agents_and_weathers_of_a_frame_go_together() -> None:
     split = split_windows(windows, "track", {"train": 3, "test": 1}, seed=1)
     for part in split.values():
         for scenario in TOWNS:
-            own = part.take(part.of_track(lambda track: track.scenario) == scenario)
+            own = part.select(part.of_track(lambda track: track.scenario) == scenario)
             nows = {
                 (track.weather, track.agent): set(own.now[own.track == number].tolist())
                 for number, track in enumerate(own.tracks)
@@ -163,7 +163,7 @@ def test_by_town_and_scenario() -> None:
         ({"parts": {}}, "0 parts; both are needed"),
         ({"parts": {"train": 0.5, "test": ["circle"]}}, "mix shares and names"),
         ({"parts": {"train": 1.0, "test": 0.0}}, "each is above 0"),
-        ({"parts": {"train": ["circle"]}}, "by track takes shares"),
+        ({"parts": {"train": ["circle"]}}, "by track needs shares"),
         ({"gap": -1}, "gap = -1"),
         ({"blocks": 0}, "blocks = 0"),
         ({"gap": 30}, "part 'train' gets no window"),

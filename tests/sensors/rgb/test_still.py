@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from bench import still
 from mmw.core.transforms import pose_from_mount
 from mmw.physics.weather.weather import PRESETS
 from mmw.scene.device_scene import DeviceScene
@@ -10,6 +9,7 @@ from mmw.scene.scene_data import SceneData
 from mmw.sensors import RgbCamera
 from mmw.sensors.render.image_config import ImageConfig, NoiseConfig
 from mmw.sensors.render.sky.sky import sun_direction
+from tests.fixtures import flicker
 from tests.fixtures.scenes import box_model, pose, street_canyon
 
 FRAMES = 10
@@ -25,9 +25,9 @@ def street(step: float, frames: int = FRAMES) -> SceneData:
     return street_canyon([box_model("car", material=3)], actors, np.array(rows))
 
 
-def clip_of(arrays: SceneData, device: str, config: RgbCamera = CONFIG, slots: int = 4) -> still.Clip:
+def clip_of(arrays: SceneData, device: str, config: RgbCamera = CONFIG, slots: int = 4) -> flicker.Clip:
     scene = DeviceScene(arrays, device, slots)
-    return still.film(scene, np.tile(CAMERA, (len(arrays.frames), 1)), "sunny", config)
+    return flicker.film(scene, np.tile(CAMERA, (len(arrays.frames), 1)), "sunny", config)
 
 
 def test_a_still_scene_gives_equal_bytes(device: str) -> None:
@@ -40,10 +40,10 @@ def test_a_still_scene_gives_equal_bytes(device: str) -> None:
 def test_only_what_moves_changes(device: str) -> None:
     arrays = street(0.15)
     clip = clip_of(arrays, device)
-    result = still.result_of("sunny", "still", still.still_differences(arrays, clip, "sunny"), 96 * 72)
+    result = flicker.result_of(flicker.still_differences(arrays, clip, "sunny"), 96 * 72)
     assert result.pairs == FRAMES - 1 and 0.5 < result.compared < 1.0
     assert result.worst < 1.0 and result.changed < 0.01
-    mask = still.moving_mask(arrays, clip, 0, sun_direction(PRESETS["sunny"]))
+    mask = flicker.moving_mask(arrays, clip, 0, sun_direction(PRESETS["sunny"]))
     changed = np.abs(clip.rgb[1].astype(int) - clip.rgb[0]).max(axis=-1)
     assert changed[mask].max() > 50 and mask[clip.object_id[0] == arrays.actors[0].object_id].all()
     parked = clip.object_id[0] == arrays.actors[1].object_id
@@ -53,8 +53,8 @@ def test_only_what_moves_changes(device: str) -> None:
 def test_the_measure_sees_noise(device: str) -> None:
     noisy = RgbCamera(width_px=96, height_px=72, image=ImageConfig(noise=NoiseConfig(enabled=True)))
     arrays = street(0.0, 2)
-    differences = still.still_differences(arrays, clip_of(arrays, device, noisy), "sunny")
-    assert still.result_of("sunny", "still", differences, 96 * 72).worst > 1.0
+    differences = flicker.still_differences(arrays, clip_of(arrays, device, noisy), "sunny")
+    assert flicker.result_of(differences, 96 * 72).worst > 1.0
 
 
 def test_points_lie_where_the_rays_end(device: str) -> None:
@@ -65,28 +65,17 @@ def test_points_lie_where_the_rays_end(device: str) -> None:
     assert len(points) > 500 and np.abs(points[:, 2]).max() < 1e-3 and np.abs(points[:, 1]).max() < 10.001
 
 
-def test_a_slow_pan_is_compared_at_the_same_points(device: str) -> None:
-    arrays = street(0.0, 3)
-    scene = DeviceScene(arrays, device, 3)
-    turn = np.stack([pose_from_mount((-30.0, -6.0, 5.0), 10.0 + 0.3 * k, -5.0) for k in range(3)])
-    clip = still.film(scene, turn, "sunny", CONFIG)
-    found = still.result_of("sunny", "pan", still.pan_differences(arrays, clip, "sunny", CONFIG), 96 * 72)
-    plain = still.result_of("sunny", "pan", [(clip.rgb[1].astype(float) - clip.rgb[0]).reshape(-1, 3)], 96 * 72)
-    assert found.pairs == 2 and 0.2 < found.compared < 1.0
-    assert found.worst < 0.7 * plain.worst
-
-
 def test_a_mask_grows_into_a_square() -> None:
     mask = np.zeros((9, 12), dtype=bool)
     mask[4, 0] = mask[8, 11] = True
     wanted = np.zeros_like(mask)
     wanted[2:7, :3] = wanted[6:, 9:] = True
-    np.testing.assert_array_equal(still.grow(mask, 2), wanted)
+    np.testing.assert_array_equal(flicker.grow(mask, 2), wanted)
 
 
 def test_the_shadow_and_the_surroundings_of_a_body_count_as_moving() -> None:
     arrays = street(1.0, 2)
     behind_body = np.array([[[-15.0, -3.0 - 4.0, 0.0]], [[-15.0, -3.0 + 4.0, 0.0]], [[-15.0, 3.5, 0.0]]])
     low_sun = np.array([0.0, 0.8, 0.6])  # from +y: the shadow of the body falls to -y
-    found = still.is_reached(behind_body.astype(np.float32), arrays.poses[0, 0], arrays, 0, low_sun)
+    found = flicker.is_reached(behind_body.astype(np.float32), arrays.poses[0, 0], arrays, 0, low_sun)
     np.testing.assert_array_equal(found[:, 0], [True, False, False])

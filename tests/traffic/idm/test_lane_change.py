@@ -6,7 +6,6 @@ from math import inf, sqrt
 import numpy as np
 import pytest
 
-from bench.traffic_check import measure
 from mmw.traffic.ground_height import Ground
 from mmw.traffic.idm.driver import follow_leader
 from mmw.traffic.idm.engine import Engine
@@ -28,6 +27,7 @@ from mmw.traffic.idm.vehicle import Car, Plan
 from mmw.traffic.roads.lane_graph import Lane, LaneGraph
 from mmw.traffic.spawn import SpawnPoint
 from mmw.traffic.vehicle_pose import follow_line, make_shape, sample_poses, stand_on_ground
+from tests.fixtures.traffic_measures import measure
 from tests.fixtures.traffic_towns import CATALOG, demand, oval, surface
 
 SEDAN = make_shape(CATALOG["sedan"])

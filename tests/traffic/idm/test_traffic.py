@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.traffic_check import measure, min_gap
 from mmw.config import TrafficConfig
 from mmw.traffic import VehicleTrack, run_traffic
 from mmw.traffic.idm.junctions import ConflictTable, Held, Passage, Request, boxes_overlap, grant_requests
@@ -14,6 +13,7 @@ from mmw.traffic.roads.lane_graph import Lane, LaneGraph
 from mmw.traffic.route import choose_lanes, living_lanes
 from mmw.traffic.spawn import connected_ranks, nearest_points, spawn_points
 from mmw.traffic.vehicle_pose import make_shape
+from tests.fixtures.traffic_measures import measure, min_gap
 from tests.fixtures.traffic_towns import CATALOG, crossroad, demand, flat, grid, hill, roundabout, surface
 
 SEDAN = make_shape(CATALOG["sedan"])

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.traffic_check import measure
 from mmw.config import ConfigError, load_config
 from mmw.core.errors import MissingPackageError
 from mmw.generation.estimate import check_inputs
@@ -21,6 +20,7 @@ from mmw.traffic.sumo import engine as sumo
 from mmw.traffic.sumo.engine import simulate_sumo
 from mmw.traffic.sumo.network import SumoNetwork, make_network
 from mmw.traffic.sumo.routes import lane_limits
+from tests.fixtures.traffic_measures import measure
 from tests.fixtures.traffic_towns import CATALOG, arc, crossroad, demand, hill, make_town, roundabout, surface
 
 

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 import shapely
 
-from bench.traffic_check import measure
 from mmw.traffic import run_traffic
 from mmw.worlds.towns.checks import overlap_gaps
 from mmw.worlds.towns.description import TownDescription
 from mmw.worlds.towns.mesh_part import MeshPart
 from mmw.worlds.towns.network import RoadNetwork, build_network
+from tests.fixtures.traffic_measures import measure
 from tests.fixtures.traffic_towns import CATALOG, demand
 
 DECK, PARAPET, WALL = 1.2, 1.1, 0.3

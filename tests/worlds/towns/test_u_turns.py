@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import shapely
 
-from bench.traffic_check import measure
 from mmw.traffic.idm.run import run_traffic
 from mmw.worlds.towns.description import TownDescription
 from mmw.worlds.towns.network import RoadNetwork, build_network
 from mmw.worlds.towns.u_turns import KERB_CLEARANCE, LEAST, loop, turn_back
+from tests.fixtures.traffic_measures import measure
 from tests.fixtures.traffic_towns import CATALOG, demand
 
 STEP = np.radians(1.5)
