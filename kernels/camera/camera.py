@@ -13,7 +13,7 @@ import warp as wp
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
 
 TILE = wp.constant(8)
-"""Pixels on a side of the square that one block of 64 threads traces: neighbours walk the same branches of the tree."""
+"""Pixels on a side of the square that one block of 64 threads traces: neighbors traverse the same branches."""
 
 PINHOLE = wp.constant(0)
 BROWN_CONRADY = wp.constant(1)
@@ -31,7 +31,7 @@ NEAREST = wp.constant(1.0e-6)
 
 @wp.struct
 class Camera:
-    """A camera; pixel (u, v) has its centre at (u + 0.5, v + 0.5)."""
+    """A camera; pixel (u, v) has its center at (u + 0.5, v + 0.5)."""
 
     width: int
     height: int

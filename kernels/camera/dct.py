@@ -27,7 +27,7 @@ FAST_BITS = wp.constant(8)
 
 @wp.func
 def rounded(value: int, bits: int) -> int:
-    """Return a number divided by 2^bits, to the nearest, halves upwards."""
+    """Return a number divided by 2^bits, to the nearest, halves upward."""
     return (value + (1 << (bits - 1))) >> bits
 
 
@@ -87,8 +87,8 @@ def fast_product(factor: int, value: int) -> int:
 def fast_cosines(x: Eight) -> Eight:
     """Return the fast cosine transform of eight values, each too large by a factor of its own (`fast_divisors`).
 
-    Arai, Agui and Nakajima's flow graph: five products, with cos(pi/4) = 181, sin(pi/8) = 98,
-    cos(pi/8) - sin(pi/8) = 139 and cos(pi/8) + sin(pi/8) = 334 of 256.
+    Arai, Agui and Nakajima's flow graph: five products, with cos(pi/4) = 181, sin(pi/8) = 98, cos(pi/8) - sin(pi/8) =
+    139 and cos(pi/8) + sin(pi/8) = 334 of 256.
     """
     a0 = x[0] + x[7]
     a1 = x[1] + x[6]

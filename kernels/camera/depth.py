@@ -12,7 +12,7 @@ from mmw.kernels.shading.structs import Samples
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
 
 MAX_CENTIMETRES = wp.constant(65535.0)
-"""Largest depth that the 16-bit image tells [cm]."""
+"""Largest depth that the 16-bit image can store [cm]."""
 
 
 @wp.struct
@@ -36,7 +36,7 @@ def depth_kernel(
     # out
     images_out: DepthImages,
 ):
-    """Read depth and object of every pixel from what its centre sees, as far as `range` [m] along the optical axis.
+    """Read depth and object of every pixel from what its center sees, as far as `range` [m] along the optical axis.
 
     Launch: dim=(A, ceil(H / 8), ceil(W / 8), 64), block_dim=64.
     """

@@ -11,7 +11,7 @@ wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "
 
 @wp.struct
 class Picture:
-    """Images of one camera from several places, and what their samples met."""
+    """Images of one camera from several places, and the hits of their samples."""
 
     views: Views
     camera: Camera
@@ -40,7 +40,7 @@ class SampleRay:
 
 @wp.func
 def sample_row(camera: Camera, view: int, u: int, v: int) -> int:
-    """Return the row of a pixel's centre in the samples of an image."""
+    """Return the row of a pixel's center in the samples of an image."""
     return (view * camera.height + v) * camera.width + u
 
 
@@ -48,7 +48,7 @@ def sample_row(camera: Camera, view: int, u: int, v: int) -> int:
 def row_of_thread(picture: Picture, thread: int) -> int:
     """Return the row of the sample that a thread works on, -1 for none.
 
-    The first threads take the pixels tile by tile, so that neighbours in a warp are neighbours in the image; the
+    The first threads take the pixels tile by tile, so that neighbors in a warp are neighbors in the image; the
     others take the further samples in order: those that are shaded, or all where it is not known yet which those are.
     """
     camera = picture.camera

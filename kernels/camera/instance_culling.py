@@ -1,6 +1,6 @@
-"""Which instances the rays of a part of an image, or those to the sun, can meet at all.
+"""Culling of instances that the rays of a part of an image, or those to the sun, cannot hit.
 
-Rays of a camera's tile lie in a cone; an instance whose box the cone misses cannot be met. Rays to the sun are
+Rays of a camera's tile lie in a cone; they cannot hit an instance whose box the cone misses. Rays to the sun are
 parallel: seen along them, an instance covers a disc, and a grid square to them tells which discs lie where.
 """
 
@@ -20,10 +20,10 @@ SLACK = wp.constant(0.002)
 
 @wp.func
 def is_in_cone(scene: Scene, slot: int, instance: int, eye: wp.vec3, axis: wp.vec3, half_angle: float) -> wp.bool:
-    """Return whether a cone may meet the box about an instance.
+    """Return whether a cone may intersect the box around an instance.
 
     A point of the box in the cone lies within its distance times the sine of the half angle of the axis. So the axis
-    then meets the box that is wider by this on every side.
+    then intersects the box that is wider by this on every side.
 
     Args:
         scene: Town and vehicles.
@@ -31,7 +31,7 @@ def is_in_cone(scene: Scene, slot: int, instance: int, eye: wp.vec3, axis: wp.ve
         instance: The instance.
         eye: Tip of the cone, scene frame [m].
         axis: Unit direction of the cone, scene frame.
-        half_angle: Its half angle [rad]; one of 86 deg and more meets everything.
+        half_angle: Its half angle [rad]; one of 86 deg and more intersects everything.
     """
     if half_angle > 1.5:
         return True
@@ -63,7 +63,7 @@ def tile_candidates_kernel(
     # out
     candidates_out: Candidates,
 ):
-    """List the instances that rays of each tile can meet.
+    """List the instances that rays of each tile can hit.
 
     Launch: dim=(A, tile rows, tile columns); group (view * rows + row) * columns + column.
     """
@@ -108,7 +108,7 @@ class SunGrid:
     columns: int
     rows: int
     margin: float
-    """What discs are wider than the instances [m]: rays go to all of the sun's disc."""
+    """Margin of the discs around the instances [m]: rays go to all of the sun's disc."""
 
 
 @wp.struct

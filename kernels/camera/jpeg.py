@@ -1,8 +1,8 @@
-"""Baseline JPEG files of many images: colours, the integer cosine transform, Huffman codes, stuffed bytes.
+"""Baseline JPEG files of many images: colors, the integer cosine transform, Huffman codes, stuffed bytes.
 
 Every number is an integer and rounded as libjpeg-turbo does, so that the files are those of the library, byte for byte.
 
-Sources: ITU-T T.81 (coding); JFIF 1.02 (colours).
+Sources: ITU-T T.81 (coding); JFIF 1.02 (colors).
 """
 
 import warp as wp
@@ -20,27 +20,27 @@ SIXTEEN_ZEROS = wp.constant(240)
 
 @wp.struct
 class Layout:
-    """How an image of equal ones is cut into blocks of 8 x 8 values."""
+    """Layout of an image, one of equal ones, in blocks of 8 x 8 values."""
 
     width: int
     height: int
     step: int
-    """Pixels of a colour's value on each axis, 1 or 2; lightness has one a pixel."""
+    """Pixels of a color's value on each axis, 1 or 2; lightness has one a pixel."""
     columns: int
     """Units, of all blocks that show the same pixels, side by side."""
     blocks: int
-    """Blocks of an image in the file's order: unit by unit its lightness, row by row, then both colours."""
+    """Blocks of an image in the file's order: unit by unit its lightness, row by row, then both colors."""
 
 
 @wp.func
 def unit_blocks(layout: Layout) -> int:
-    """Return the blocks of a unit: of lightness, and one of each colour."""
+    """Return the blocks of a unit: of lightness, and one of each color."""
     return layout.step * layout.step + 2
 
 
 @wp.func
 def channel_of(layout: Layout, block: int) -> int:
-    """Return 0 for lightness, 1 and 2 for the colours."""
+    """Return 0 for lightness, 1 and 2 for the colors."""
     return wp.max(block % unit_blocks(layout) - layout.step * layout.step + 1, 0)
 
 
@@ -66,9 +66,9 @@ def is_outside(layout: Layout, block: int) -> bool:
 
 @wp.func
 def pixel_value(images: wp.array4d[wp.uint8], view: int, v: int, u: int, channel: int) -> int:
-    """Return lightness or a colour of a pixel, 0 to 255; beyond the edge it goes on.
+    """Return lightness or a color of a pixel, 0 to 255; beyond the edge it goes on.
 
-    Factors of JFIF with 16 bits behind the point; what is added rounds, and moves colours by 128.
+    Factors of JFIF with 16 bits behind the point; what is added rounds, and moves colors by 128.
     """
     row = wp.min(v, images.shape[1] - 1)
     column = wp.min(u, images.shape[2] - 1)
@@ -132,7 +132,7 @@ def columns_kernel(
 ):
     """Transform every column of every block, divide to the nearest step of the quality, and store in the file's order.
 
-    `divisors` has shape [2, 64], of lightness and colours by place in the block: steps times what the transform makes
+    `divisors` has shape [2, 64], of lightness and colors by place in the block: steps times what the transform makes
     values too large by. `place` [64] says where in the file's zigzag a place of the block comes.
 
     Launch: dim=(A x blocks, 8).
@@ -205,7 +205,7 @@ def code_block(
     if kind == 0:
         before = own - 1
         if own % unit_blocks(layout) == 0:
-            before = own - 3  # lightness ends its unit before both colours
+            before = own - 3  # lightness ends its unit before both colors
         while before >= 0 and is_outside(layout, before):
             before -= 1
     mean = int(values[block, 0])

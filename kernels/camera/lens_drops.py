@@ -8,7 +8,7 @@ wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "
 
 SMALLEST = wp.constant(0.008)
 LARGEST = wp.constant(0.045)
-"""Radius of the drops over the image's width. Design values: drops of about a millimetre, millimetres from a lens."""
+"""Radius of the drops over the image's width. Design values: drops of about a millimeter, millimeters from a lens."""
 
 SEEN = wp.constant(0.42)
 """Half of what a drop shows, over the image's size. Design value; a drop is a wide-angle lens and shows nearly all."""
@@ -23,7 +23,7 @@ SOFT = wp.constant(0.25)
 """Share of the radius over which a drop fades at its rim: it is out of focus. Design value."""
 
 RIM = wp.constant(0.75)
-"""Share of the radius from which a drop darkens towards its rim, where light leaves it sideways. Design value."""
+"""Share of the radius from which a drop darkens toward its rim, where light leaves it sideways. Design value."""
 
 
 @wp.kernel
@@ -53,7 +53,7 @@ def between_pixels(image: wp.array3d[wp.vec3], view: int, u: float, v: float) ->
     Args:
         image: Shape [A, H, W].
         view: View.
-        u: Column [px], pixel centres at +0.5.
+        u: Column [px], pixel centers at +0.5.
         v: Row [px].
     """
     x = wp.clamp(u - 0.5, 0.0, float(image.shape[2] - 1))
@@ -82,7 +82,7 @@ def through_drops(image: wp.array3d[wp.vec3], drops: wp.array2d[wp.vec4], view: 
         y = (float(v) + 0.5 - d[1]) / (d[2] * d[3])
         away = wp.sqrt(x * x + y * y)
         if away < 1.0:
-            # A ball lens: what a point at `away` shows lies as far to the other side, ever faster towards the rim.
+            # A ball lens: what a point at `away` shows lies as far to the other side, ever faster toward the rim.
             bend = 0.5 * (1.0 + away * away)
             half_width = 0.5 * float(image.shape[2])
             half_height = 0.5 * float(image.shape[1])

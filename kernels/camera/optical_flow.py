@@ -37,7 +37,7 @@ def image_motion_kernel(
     # out
     motion_out: wp.array3d[wp.vec2],
 ):
-    """Write how far what each pixel shows moves to the right and downwards in some time [px], shape [A, H, W].
+    """Write how far what each pixel shows moves to the right and downward in some time [px], shape [A, H, W].
 
     Everything is reckoned from the camera, so that large coordinates cost no precision. The sky is infinitely far away:
     only the camera's turning moves it.
@@ -48,7 +48,7 @@ def image_motion_kernel(
         velocity: Velocity of each camera, scene frame [m/s].
         rate: Angular velocity of each camera about the axes of the scene frame [rad/s].
         camera: The camera.
-        samples: What each pixel's centre shows, row (view * H + v) * W + u.
+        samples: What each pixel's center shows, row (view * H + v) * W + u.
         time: From the frame on [s].
         motion_out: Image motion.
 

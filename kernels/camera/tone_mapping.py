@@ -31,7 +31,7 @@ BRIGHTEST = wp.constant(1.0e6)
 """Exposed value beyond which the tone map is not evaluated: its squares would overflow, and it is white long before."""
 
 MIDDLE_GREY = wp.constant(0.18)
-"""Exposed value that the mean of a metered picture gets. Source: 18 % grey card, E. Reinhard et al., "Photographic Tone
+"""Exposed value that the mean of a metered picture gets. Source: 18 % gray card, E. Reinhard et al., "Photographic Tone
 Reproduction for Digital Images", SIGGRAPH 2002."""
 
 NOISE_DRAW = wp.constant(0)
@@ -40,7 +40,7 @@ NOISE_DRAW = wp.constant(0)
 
 @wp.struct
 class Film:
-    """How pictures are made of radiance. Arrays of shape 0 leave their step out."""
+    """Parameters of the conversion of radiance to images. Arrays of shape 0 leave their step out."""
 
     exposure: wp.array[float]
     """Factor on kcd/m2 that makes 1 white before the tone map, shape [A]."""
@@ -192,7 +192,7 @@ def auto_exposure_kernel(
     # out
     exposure_out: wp.array[float],
 ):
-    """Write the exposure that brings each view's geometric mean to middle grey.
+    """Write the exposure that brings each view's geometric mean to middle gray.
 
     Args:
         log_sum: From `meter_kernel`, shape [A, W].

@@ -1,4 +1,4 @@
-"""What every pixel of a camera sees: traced once, then shared by colour, depth, segmentation and all weathers."""
+"""First hits of every pixel of a camera: traced once, then shared by color, depth, segmentation and all weathers."""
 
 import warp as wp
 
@@ -25,7 +25,7 @@ FOLD = wp.constant(0.7)
 """Cosine between the normals of two faces of one object below which the line between them is drawn smoothly: 45 deg."""
 
 STEP = wp.constant(0.02)
-"""Distance of a neighbour from the plane of a pixel's surface, over its range, from which there is an edge [-]."""
+"""Distance of a neighbor from the plane of a pixel's surface, over its range, from which there is an edge [-]."""
 
 MAX_HOLES = wp.constant(16)
 """Holes of cut-out textures that one ray passes at most; behind so many leaves the last one is taken for solid."""
@@ -49,7 +49,7 @@ def store(
     # out
     samples_out: Samples,
 ):  # fmt: skip
-    """Write what a ray met to a row of the samples."""
+    """Write what a ray hit to a row of the samples."""
     samples_out.t[row] = near.t
     samples_out.face[row] = near.face
     samples_out.instance[row] = near.instance
@@ -73,7 +73,7 @@ def visibility_kernel(
     # out
     samples_out: Samples,
 ):
-    """Trace the rays of samples: pixel centres, or with an offset of the thread those of pixels on edges.
+    """Trace the rays of samples: pixel centers, or with an offset of the thread those of pixels on edges.
 
     Launch: dim=threads, block_dim=64.
     """
@@ -154,8 +154,8 @@ def is_step(samples: Samples, row: int, other: int, ray: SampleRay, beside: Samp
     """Return whether what one sample shows lies before or behind the surface of the other.
 
     Args:
-        samples: What samples met.
-        row: A sample that met something.
+        samples: Hits of the samples.
+        row: A sample with a hit.
         other: One next to it in the image that did.
         ray: Ray of the first.
         beside: Ray of the other.
@@ -172,7 +172,7 @@ def edge_kernel(
     # out
     is_edge_out: wp.array[wp.uint8],
 ):
-    """Find the pixels that a line crosses: those whose neighbour shows another object, material, fold or depth.
+    """Find the pixels that a line crosses: those whose neighbor shows another object, material, fold or depth.
 
     Launch: dim=threads of all tiles, block_dim=64; a thread's flag stands at its number.
     """
@@ -257,7 +257,7 @@ def guess_kernel(
                     front = samples.t[row]
                     front_row = row
                 instance = samples.instance[row]
-                # Most neighbours show one of two faces.
+                # Most neighbors show one of two faces.
                 if (face != face_own or instance != instance_own) and (face != face_last or instance != instance_last):
                     t = distance_to_face(scene, ray.slot, face, instance, ray.origin, ray.direction)
                     if t < found:

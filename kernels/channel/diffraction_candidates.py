@@ -1,4 +1,4 @@
-"""Chains of reflections with a wedge behind them: which (link, chain, wedge) triples are worth an exact look?"""
+"""Path candidates of reflections and a diffraction behind them: (link, candidate, wedge) triples for the exact test."""
 
 import warp as wp
 
@@ -28,7 +28,7 @@ def could_bend(
     wedge: int,
     link: int,
 ) -> bool:
-    """Return whether a wedge bends what a chain without its last plane reflects towards the receiver of a link."""
+    """Return whether a wedge could diffract a candidate, without its last plane, toward the receiver of a link."""
     world = ends.tx.shape[1] - 1
     rx = ends.rx[link, world]
     edge = edge_world(wedges, pose, ends.slot[link], wedge)
@@ -57,7 +57,7 @@ def bend_kernel(
     link_out: wp.array[int],
     step_out: wp.array2d[int],
 ):
-    """Count the (link, wedge) pairs that each chain could serve, or write them; the wedges are those of its last plane.
+    """Count the (link, wedge) pairs that each candidate could serve, or write them; wedges are those of its last plane.
 
     `first_link` has one entry more than there are sources. Writing needs `end`, the inclusive sum of the counts, and
     leaves `count_out` as it is; counting leaves the other outputs as they are. Launch: dim=N.

@@ -1,4 +1,4 @@
-"""From candidate chains to exact paths: points of interaction in float64, and every leg between them traced."""
+"""Image method: exact paths from candidates, interaction points in float64, every segment between them traced."""
 
 import warp as wp
 
@@ -33,14 +33,14 @@ wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "
 
 @wp.struct
 class Trials:
-    """Candidate paths: a link and what it meets, from transmitter to receiver."""
+    """Candidate paths: a link and its interactions, from transmitter to receiver."""
 
     link: wp.array[int]
     """Link of each candidate, shape [C]."""
     step: wp.array2d[int]
-    """What it meets: a surface id (or plane id), -2 - wedge id, or -1 behind the end, shape [C, D]."""
+    """Interactions of each: a surface id (or plane id), -2 - wedge id, or -1 behind the end, shape [C, D]."""
     is_plane: wp.bool
-    """Whether steps are planes, of which the point picks the surface; `step` then takes the surfaces that are found."""
+    """True if steps are planes, of which the point picks the surface; `step` then takes the surfaces that are found."""
     image: wp.array2d[wp.vec3d]
     """Scratch: image of the end that a step belongs to, before its surface [m], shape [C, D]."""
     normal: wp.array2d[wp.vec3d]
@@ -179,11 +179,10 @@ def refine_kernel(
     order_out: wp.array[int],
     met_out: HitBuffers,
 ):
-    """Find the exact points of each candidate and trace its legs, through up to `passes` slabs on the way.
+    """Find the exact points of each candidate and trace its segments, through up to `passes` slabs on the way.
 
     `order_out` is the number of rows of `met_out` that are filled, -1 where there is no path. `origin` is the world
-    position of the scene frame's origin.
-    Launch: dim=C, block_dim=64.
+    position of the scene frame's origin. Launch: dim=C, block_dim=64.
     """
     trial = wp.tid()
     link = trials.link[trial]

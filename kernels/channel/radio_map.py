@@ -28,7 +28,7 @@ LOW_MASK = wp.constant(wp.int64(2**32 - 1))
 LARGEST_AMOUNT = wp.constant(wp.float64(2.0**62))
 """Largest fixed-point number of one crossing."""
 RAY_LIFT = wp.constant(wp.float64(2e-6))
-"""A ray goes on at this times (5 m + largest coordinate) off the surface that it met: 16 roundings of float32."""
+"""A ray goes on at this times (5 m + largest coordinate) off the surface that it hit: 16 roundings of float32."""
 SMALLEST_COSINE = wp.constant(wp.float64(1e-9))
 """Least cosine of incidence at a surface, where both coefficients are -1 to nine digits and no quotient is 0 / 0."""
 
@@ -67,7 +67,7 @@ class MapMaterials:
 
 @wp.struct
 class MapGrid:
-    """What the rays are counted on: a mesh of which every face belongs to a cell."""
+    """Mesh that counts the rays; every face belongs to a cell."""
 
     tree: Tree
     """Of the mesh, scene frame; its root is node 0."""
@@ -79,7 +79,7 @@ class MapGrid:
 
 @wp.struct
 class MapLaunch:
-    """Which rays a launch takes and how far it follows them."""
+    """Rays of a launch, and the depth to which it follows them."""
 
     slot: int
     """Slot of the frame."""
@@ -88,7 +88,7 @@ class MapLaunch:
     ray_count: int
     """N: rays of a transmitter, over all launches."""
     stride: int
-    """Rays whose numbers differ by it are neighbours on the sphere."""
+    """Rays whose numbers differ by it are neighbors on the sphere."""
     row_count: int
     """ceil(N / stride)."""
     max_depth: int
@@ -320,10 +320,10 @@ def map_kernel(
     high_out: wp.array2d[wp.int64],
     low_out: wp.array2d[wp.int64],
 ):
-    """Follow rays over `max_depth` interactions and add |E|^2 / cos(theta) to every cell that a leg crosses.
+    """Follow rays over `max_depth` interactions and add |E|^2 / cos(theta) to every cell that a segment crosses.
 
-    Bit k of `branch` sends the ray through the surface of its k-th interaction instead of off it. Legs up to the last
-    passage belong to the branch without it, which counts them; so every leg of the tree is counted once.
+    Bit k of `branch` sends the ray through the surface of its k-th interaction instead of off it. Segments up to the
+    last passage belong to the branch without it, which counts them; so every segment of the tree is counted once.
 
     Launch: dim=(T, n, B), block_dim=64; n threads from `launch.first`, `row_count * stride` in all; B = 1, or
     2^max_depth with transmission. Outputs start as zeros, shape [T, C]; an amount is high * 2^32 + low.

@@ -1,10 +1,9 @@
-"""Shooting: which chains of planes do the rays of a transmitter meet? The candidates of the image method.
+"""Ray launching: path candidates of the image method, the sequences of planes that the rays of a transmitter hit.
 
-Coplanar surfaces have one image, so a ray that meets one of them stands for all. A chain is a node of a tree: its last
-plane and its parent, the chain before. The first level is a table of bytes, one for each transmitter and plane; deeper
-nodes live in a hash table keyed by (level, plane, parent), so that equal chains are one node and different chains never
-are. Which cell a node gets depends on the order of the threads; the set
-of nodes does not.
+Coplanar surfaces have one image, so a ray that hits one of them stands for all. A candidate is a node of a tree: its
+last plane and its parent, the candidate before. The first level is a table of bytes, one for each transmitter and
+plane; deeper nodes are in a hash table keyed by (level, plane, parent), so that equal candidates are one node and
+different ones never are. Which cell a node gets depends on the order of the threads; the set of nodes does not.
 """
 
 import warp as wp
@@ -25,7 +24,7 @@ PLANE_BITS = wp.constant(wp.uint64(28))
 PROBES = wp.constant(256)
 """Cells that are tried for a node before the table counts as full."""
 BOUNCE_LIFT = wp.constant(wp.float32(4e-6))
-"""A ray goes on at this times (5 m + largest coordinate) off the surface that it met."""
+"""A ray goes on at this times (5 m + largest coordinate) off the surface that it hit."""
 
 
 @wp.func
@@ -37,13 +36,13 @@ def cell_of(key: wp.uint64, mask: int) -> int:
 
 @wp.func
 def insert_chain(chains: wp.array[wp.uint64], parent: int, plane: int, level: int) -> int:
-    """Return the cell of a chain, which it gets now if it has none; -1 if the table is full.
+    """Return the cell of a candidate, assigned now if it has none; -1 if the table is full.
 
     Args:
         chains: Keys, a power of two of them.
-        parent: Code of the chain before.
+        parent: Code of the candidate before.
         plane: Plane that is added.
-        level: Number of planes of the chain, 2 to 15.
+        level: Number of planes of the candidate, 2 to 15.
     """
     key = wp.uint64(parent) | (wp.uint64(plane) << wp.uint64(32)) | (wp.uint64(level) << (wp.uint64(32) + PLANE_BITS))
     mask = chains.shape[0] - 1
@@ -80,16 +79,15 @@ def launch_kernel(
     chains_out: wp.array[wp.uint64],
     is_full_out: wp.array[int],
 ):
-    """Follow each ray over `depth` surfaces and note every chain of planes that reflects it.
+    """Follow each ray over `depth` surfaces and store every sequence of planes that reflects it.
 
-    Bit k of `passes` lets the ray go through the surface that it meets as its k-th instead of off it. All writers of a
+    Bit k of `passes` lets the ray go through the k-th surface that it hits instead of off it. All writers of a
     byte write 1, so their order does not matter. Rays whose numbers differ by `stride`, a Fibonacci number, are
-    neighbours on the sphere: threads take them one after the other, so that a block's rays stay together.
+    neighbors on the sphere: threads take them one after the other, so that a block's rays stay together.
 
     Launch: dim=(A, row_count * stride), block_dim=64; A transmitters, one a slot and actor, and row_count * stride at
     least the number of rays. `is_seen_out` starts as zeros, shape [A, K], as do `chains_out` and `is_full_out`, which
-    becomes 1 where a node found no cell. `plane` and `is_open` have an entry a
-    surface.
+    becomes 1 where a node found no cell. `plane` and `is_open` have an entry a surface.
     """
     source, thread = wp.tid()
     ray = (thread % row_count) * stride + thread // row_count

@@ -1,4 +1,4 @@
-"""Chains of planes: images of the transmitter, and the (link, chain) pairs that are worth an exact look."""
+"""Path candidates of reflections: images of the transmitter, and (link, candidate) pairs for the exact test."""
 
 import warp as wp
 
@@ -21,12 +21,12 @@ wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "
 LINKS_AT_ONCE = wp.constant(8)
 """Links that one thread tests against its surface: the plane is read once for them."""
 LINK_BITS = wp.constant(31)
-"""Links of a source that one pass over the chains tests: the bits of its answer."""
+"""Links of a source that one pass over the candidates tests: the bits of its result."""
 
 
 @wp.struct
 class Chains:
-    """The tree of chains of a launch; codes below `first` are (source, plane) pairs, the others cells."""
+    """Tree of the path candidates of a launch; codes below `first` are (source, plane) pairs, the others cells."""
 
     key: wp.array[wp.uint64]
     """(level, plane, parent) of each cell, 0 where it is free, shape [N]."""
@@ -35,9 +35,9 @@ class Chains:
     plane_count: int
     """K."""
     source: wp.array[int]
-    """Source of each chain, shape [N]."""
+    """Source of each candidate, shape [N]."""
     image: wp.array[wp.vec3d]
-    """Image of the transmitter before the chain's last plane, world frame [m], shape [N]."""
+    """Image of the transmitter before the candidate's last plane, world frame [m], shape [N]."""
     normal: wp.array[wp.vec3d]
     """Mean plane of the last plane in the world: unit normal, shape [N]."""
     offset: wp.array[wp.float64]
@@ -46,19 +46,19 @@ class Chains:
 
 @wp.func
 def chain_plane(key: wp.uint64) -> int:
-    """Return the last plane of a chain."""
+    """Return the last plane of a candidate."""
     return wp.int32((key >> wp.uint64(32)) & ((wp.uint64(1) << PLANE_BITS) - wp.uint64(1)))
 
 
 @wp.func
 def chain_parent(key: wp.uint64) -> int:
-    """Return the code of the chain before."""
+    """Return the code of the candidate before."""
     return wp.int32(key & wp.uint64(0x7FFFFFFF))
 
 
 @wp.func
 def chain_level(key: wp.uint64) -> int:
-    """Return the number of planes of a chain."""
+    """Return the number of planes of a candidate."""
     return wp.int32(key >> (wp.uint64(32) + PLANE_BITS))
 
 
@@ -77,8 +77,8 @@ def cull_kernel(
     """Find which links could use which surface: their point of reflection falls into the surface's box.
 
     A thread takes one surface and `LINKS_AT_ONCE` links; bit b of `links_out` is link block * LINKS_AT_ONCE + b after
-    `first_link`. `is_seen` has a row for each source from `first_source`, a column a plane.
-    Launch: dim=(ceil(link_count / LINKS_AT_ONCE), G).
+    `first_link`. `is_seen` has a row for each source from `first_source`, a column a plane. Launch:
+    dim=(ceil(link_count / LINKS_AT_ONCE), G).
     """
     block, surface = wp.tid()
     row = surfaces.row[surface]
@@ -143,7 +143,7 @@ def image_kernel(
     normal_out: wp.array[wp.vec3d],
     offset_out: wp.array[wp.float64],
 ):
-    """Work out plane and image of the chains of one level; those of the level before must be there.
+    """Compute plane and image of the candidates of one level; those of the level before must be there.
 
     `slot` and `tx` [m, world frame] have a row a source. The outputs are the arrays of `chains`. Launch: dim=N.
     """
@@ -181,7 +181,7 @@ def points_open(
     link: int,
     end: wp.vec3d,
 ) -> bool:
-    """Return whether the chain with code `last`, read from its last plane to the first, reflects inside their boxes
+    """Return whether the candidate with code `last`, read from its last plane to the first, reflects inside their boxes
     what goes from the transmitter of a link to the point `end`."""
     slot = ends.slot[link]
     target = end
@@ -216,7 +216,7 @@ def write_chain(
     step: int,
     step_out: wp.array2d[int],
 ):
-    """Write the planes of a chain from its last one on, from column `place` in the direction `step`."""
+    """Write the planes of a candidate from its last one on, from column `place` in the direction `step`."""
     at = code
     column = place
     while at >= chains.first:
@@ -239,7 +239,7 @@ def cull_chain_kernel(
     links_out: wp.array[int],
     count_out: wp.array[int],
 ):
-    """Find which links of its source a chain could serve; bit b of `links_out` is link `block` * LINK_BITS + b of it.
+    """Find which links of its source a candidate could serve; bit b of `links_out` is its link `block` * LINK_BITS + b.
 
     `first_link` has one entry more than there are sources. Launch: dim=N.
     """
@@ -272,9 +272,9 @@ def fill_chain_kernel(
     link_out: wp.array[int],
     plane_out: wp.array2d[int],
 ):
-    """Write the (link, chain) pairs that `cull_chain_kernel` kept; `end` is the inclusive sum of its counts.
+    """Write the (link, candidate) pairs that `cull_chain_kernel` kept; `end` is the inclusive sum of its counts.
 
-    A chain is written from transmitter to receiver, -1 behind its end. Launch: dim=N.
+    A candidate is written from transmitter to receiver, -1 behind its end. Launch: dim=N.
     """
     cell = wp.tid()
     bits = links[cell]

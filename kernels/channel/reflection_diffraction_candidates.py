@@ -1,4 +1,4 @@
-"""Reflections on both sides of a wedge: chains of the transmitter joined with chains of the receiver at its edge."""
+"""Reflections on both sides of a wedge: candidates of the transmitter and of the receiver, joined at its edge."""
 
 import warp as wp
 
@@ -28,18 +28,18 @@ wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "
 
 @wp.struct
 class Tails:
-    """Chains of the receivers, sorted by (receiver, last plane), and which of them belongs to a link."""
+    """Candidates of the receivers, sorted by (receiver, last plane), and the receiver of each link."""
 
     ends: LinkEnds
-    """Ends of the links read backwards, in the order of the receivers."""
+    """Ends of the links read backward, in the order of the receivers."""
     chains: Chains
-    """The receivers' chains."""
+    """Candidates of the receivers."""
     key: wp.array[wp.int64]
-    """receiver * K + last plane of each chain, growing, shape [M]."""
+    """receiver * K + last plane of each candidate, growing, shape [M]."""
     cell: wp.array[int]
-    """Cell of each chain, shape [M]."""
+    """Cell of each candidate, shape [M]."""
     link: wp.array[int]
-    """Place of each link among the links read backwards, shape [L]."""
+    """Place of each link among the links read backward, shape [L]."""
     source: wp.array[int]
     """Receiver of each link among those that were launched, -1 if it is not one of them, shape [L]."""
 
@@ -54,9 +54,9 @@ def could_light(
     link: int,
     edge: Edge,
 ) -> bool:
-    """Return whether the last plane of a chain could mirror the transmitter of a link to some point of an edge.
+    """Return whether the last plane of a candidate could mirror the transmitter of a link to some point of an edge.
 
-    Generous: the points for both ends of the edge span a box, which has to meet that of the plane.
+    Generous: the points for both ends of the edge span a box, which has to overlap that of the plane.
     """
     slot = ends.slot[link]
     own = wp.int32(0)
@@ -98,7 +98,7 @@ def could_join(
     tail: int,
     link: int,
 ) -> bool:
-    """Return whether an edge bends what one chain, without its last plane, brings into what the other one takes on."""
+    """Return whether an edge could join one candidate, without its last plane, to the other by diffraction."""
     found = edge_point(edge, chains.image[cell], tails.chains.image[tail])
     is_open = found[3] > wp.float64(0.0)
     if is_open:
@@ -127,11 +127,11 @@ def join_kernel(
     link_out: wp.array[int],
     step_out: wp.array2d[int],
 ):
-    """Count the (link, wedge, tail) triples that each chain could serve, or write them.
+    """Count the (link, wedge, tail) triples that each candidate could serve, or write them.
 
-    The wedges are those of a chain's last plane; a tail ends at a plane of the same wedge. `first_link` has one entry
-    more than there are sources. Writing needs `end`, the inclusive sum of the counts, and leaves `count_out` as it is;
-    counting leaves the other outputs as they are. Launch: dim=N.
+    The wedges are those of a candidate's last plane; a tail ends at a plane of the same wedge. `first_link` has one
+    entry more than there are sources. Writing needs `end`, the inclusive sum of the counts, and leaves `count_out` as
+    it is; counting leaves the other outputs as they are. Launch: dim=N.
     """
     cell = wp.tid()
     key = chains.key[cell]

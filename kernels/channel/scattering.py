@@ -1,4 +1,4 @@
-"""Rough patches: where the rays of one end of a link meet surfaces, in float64, and which other ends see the patch."""
+"""Rough patches: where the rays of one end of a link hit surfaces, in float64, and which other ends see the patch."""
 
 import warp as wp
 
@@ -28,12 +28,12 @@ def scatter_kernel(
     point_out: wp.array3d[wp.vec3d],
     normal_out: wp.array3d[wp.vec3d],
 ):
-    """Follow each ray and write what it meets: surface, exact point, normal against the ray, and how it goes on.
+    """Follow each ray and write its hits: surface, exact point, normal against the ray, and how it goes on.
 
     It goes on as a mirror reflection, through the slab where bit k of `passes` is set for its k-th surface, or not at
-    all. The outputs have a row a source, ray and interaction, surface -1 from where a ray meets nothing. `origin` is
-    the world position of the scene frame's origin; `start` is in the world frame [m].
-    Launch: dim=(A, ray_count), block_dim=64.
+    all. The outputs have a row a source, ray and interaction, surface -1 from where a ray hits nothing. `origin` is the
+    world position of the scene frame's origin; `start` is in the world frame [m]. Launch: dim=(A, ray_count),
+    block_dim=64.
     """
     source, ray = wp.tid()
     depth = surface_out.shape[2]

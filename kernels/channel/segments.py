@@ -1,4 +1,4 @@
-"""Legs of a path: what stands between two points, and which slabs a wave passes on the way."""
+"""Segments of a path: obstacles between two points, and the slabs that a wave passes on the way."""
 
 import warp as wp
 
@@ -16,20 +16,20 @@ DIFFRACTION = wp.constant(8)
 """Interaction: around a wedge."""
 
 MIN_LEG = wp.constant(wp.float64(0.01))
-"""Shortest leg of a path [m]; nearer than this the far field means nothing. Source: Sionna RT 2.2 uses the same."""
+"""Shortest segment of a path [m]; nearer than this the far field means nothing. Source: Sionna RT 2.2 uses the same."""
 LIFT = wp.constant(wp.float64(2e-6))
-"""A leg starts off its surface by this times (5 m + largest coordinate): 16 roundings of float32."""
+"""A segment starts off its surface by this times (5 m + largest coordinate): 16 roundings of float32."""
 EDGE_LIFTS = wp.constant(wp.float64(4.0))
-"""A leg starts off an edge by this many lifts, along the middle of the two outward normals."""
+"""A segment starts off an edge by this many lifts, along the middle of the two outward normals."""
 COVER_SHARE = wp.constant(wp.float64(0.75))
 """Share of the lift, from its upper end, that is searched for a surface that lies on the reflecting one."""
 END_SLACK = wp.constant(wp.float64(6e-6))
-"""Share of a leg at each antenna that is not searched for obstacles: an antenna may lie on a surface."""
+"""Share of a segment at each antenna that is not searched for obstacles: an antenna may lie on a surface."""
 
 
 @wp.struct
 class HitBuffers:
-    """What paths meet in turn, from transmitter to receiver: rows that the tracing of legs fills."""
+    """Interactions of paths in order, from transmitter to receiver; the tracing of segments fills the rows."""
 
     kind: wp.array2d[int]
     """Kind of each interaction, shape [C, D]."""
@@ -45,7 +45,7 @@ class HitBuffers:
 def is_covered(
     scene: Scene, slot: int, start: wp.vec3d, normal: wp.vec3d, lift: wp.float64, origin: wp.vec3d, surface: int
 ) -> bool:
-    """Return whether another surface lies between a point of reflection and `start`, its legs' start above it."""
+    """Return whether another surface lies between a point of reflection and `start`, where its segments start."""
     reach = wp.float32(lift * COVER_SHARE)
     hit = closest_hit(scene, slot, single(start - origin), -single(normal), reach, MISS_ID)
     return hit.surface != MISS_ID and hit.surface != surface
@@ -53,7 +53,7 @@ def is_covered(
 
 @wp.func
 def is_own(surface: int, own: wp.vec4i) -> bool:
-    """Return whether a surface is one of those on which a leg begins or ends."""
+    """Return whether a surface is one of those on which a segment begins or ends."""
     return surface == own[0] or surface == own[1] or surface == own[2] or surface == own[3]
 
 
@@ -71,7 +71,7 @@ def pass_slab(
     limit: int,
     met: HitBuffers,
 ) -> int:
-    """Write that the leg from `begin` to `end` goes through a surface at about `near`; return the new number of rows.
+    """Write that the segment from `begin` to `end` goes through a surface near `near`; return the new row count.
 
     -1 if the surface lets nothing through, or row `limit` is reached.
     """
@@ -107,10 +107,10 @@ def walk_leg(
     room: int,
     met: HitBuffers,
 ) -> int:
-    """Trace a leg; write the slabs that it passes through, `room` at most; return how many rows are filled, or -1.
+    """Trace a segment; write the slabs that it passes through, `room` at most; return how many rows are filled, or -1.
 
     `begin` and `end` are its true ends, `start` and `stop` the same lifted off what they lie on. The surfaces of `own`,
-    being flat, cannot stand in the leg's own way. Behind a slab the ray goes on a little further along; what lies in
+    being flat, cannot obstruct the segment itself. Behind a slab the ray goes on a little further along; what lies in
     that gap is found by looking back from there, and what lies in the slab's own plane by its place in that plane.
     """
     leg = stop - start

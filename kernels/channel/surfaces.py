@@ -7,12 +7,12 @@ from mmw.kernels.core.geometry import is_inside, reflection_point
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
 
 EDGE_MARGIN = wp.constant(wp.float64(1e-9))
-"""A point this close to a triangle's edge is in the triangle [m]: no gap opens between neighbours."""
+"""A point this close to a triangle's edge is in the triangle [m]: no gap opens between neighbors."""
 BOX_MARGIN = wp.constant(wp.float64(1e-6))
 """Slack of the box test, which only has to be generous [m]."""
 
 NEAR = wp.constant(wp.vec3d(1e-3, 1e-3, 1e-3))
-"""What a traced point may lie off its surface's box [m]."""
+"""Tolerance of a traced point against the box of its surface [m]."""
 
 
 @wp.struct

@@ -1,4 +1,4 @@
-"""Which boxes overlap, among the candidates that share a cell of a grid."""
+"""Overlapping boxes among the candidates that share a cell of a grid."""
 
 import warp as wp
 

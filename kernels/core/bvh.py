@@ -9,10 +9,10 @@ any, through Warp's own trees (`tree_warp.py`): `WIDE` is which of them is compi
 - A node holds the boxes of its children side by side, so that the near and the far planes of all four are read with one
   offset a ray and axis, after the sign of its direction.
 - Boxes are a little larger than what they hold, and a ray enters one that it touches: no rounding loses a triangle.
-- The test of a triangle gives neighbours of an edge the same value with opposite signs, in float64 where it is zero in
+- The test of a triangle gives neighbors of an edge the same value with opposite signs, in float64 where it is zero in
   float32: no ray passes between them. Source: S. Woop, C. Benthin and I. Wald, "Watertight ray/triangle intersection",
   2013.
-- Of equal distances the lowest face counts, and the numbers of a triangle do not depend on its neighbours in a leaf, so
+- Of equal distances the lowest face counts, and the numbers of a triangle do not depend on its neighbors in a leaf, so
   the answer does not depend on the tree.
 - Both kinds of processor round every product and every sum, so a ray of the same bits has the same face and distance on
   both: no product is fused with a sum, which CUDA's compiler does wherever it may. Of the boxes, which may be hit or
@@ -26,8 +26,9 @@ from mmw.kernels.core.bvh_warp import mesh_any, mesh_nearest
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
 
 WIDE = wp.constant(True)
-"""Whether rays walk the trees of this file, or Warp's. `mmw.core.bvh.select_bvh` sets it, before any kernel is built:
-what is not taken is not compiled, and kernels of either kind have hashes of their own in Warp's cache."""
+"""True if rays traverse the trees of this file, false if they traverse Warp's. `mmw.core.bvh.select_bvh` sets it,
+before any kernel is built: what is not taken is not compiled, and kernels of either kind have hashes of their own in
+Warp's cache."""
 
 LEAF_FACES = wp.constant(4)
 """Triangles in a leaf at most."""
@@ -91,7 +92,7 @@ RAY = """
         if (node >= 0) {
             const float* n = (const float*)nodes.data + NODE_NUMBERS * node;
 """
-"""What a ray needs of its direction, and the nodes and leaves that wait for it."""
+"""Precomputed values of a ray's direction, and the stack of nodes and leaves still to visit."""
 
 CUDA_BOXES = """
             const float4 lower_x = __ldg((const float4*)(n + near_x));

@@ -1,4 +1,4 @@
-"""Building the trees that `tree.py` walks, on the CPU, one triangle after the other.
+"""Construction of the trees that `bvh.py` traverses, on the CPU, one triangle after the other.
 
 A set of triangles is split where the surface area heuristic is least, over 16 bins of their boxes' middles on each
 axis; the larger part is split again until there are four. Source: I. Wald, "On fast construction of SAH-based bounding
@@ -17,11 +17,11 @@ BINS = wp.constant(16)
 LARGEST = wp.constant(3.0e38)
 
 MARGIN = wp.constant(2.5e-7)
-"""How much larger a box is than what it holds, over its coordinates."""
+"""Relative margin of a box around what it holds, over its coordinates."""
 
 LEAST = wp.constant(wp.vec3(1.0e-3, 1.0e-3, 1.0e-3))
-"""What is added to them [m]: a box that ends at the coordinate 0 is larger too, or a ray along an axis in that plane
-would pass it, and the lowest of equal faces with it."""
+"""Margin that is added to them [m]: a box that ends at the coordinate 0 is larger too, or a ray along an axis in that
+plane would pass it, and the lowest of equal faces with it."""
 
 Corners = wp.types.matrix(shape=(4, 3), dtype=wp.float32)
 """A corner of the box of each child."""
@@ -29,7 +29,7 @@ Corners = wp.types.matrix(shape=(4, 3), dtype=wp.float32)
 
 @wp.struct
 class Work:
-    """What a build needs of the triangles, and where it writes between its steps. M triangles."""
+    """Input of a build and the arrays that it writes between its steps. M triangles."""
 
     corner: wp.array2d[wp.vec3]
     """Corners [m], shape [M, 3]."""
@@ -108,7 +108,7 @@ class Split:
     """Two parts of a stretch of triangles."""
 
     middle: int
-    """Where the second begins."""
+    """Start of the second."""
     left: Box
     right: Box
 

@@ -1,12 +1,12 @@
 """Rays through Warp's own trees over triangles, `wp.Mesh`: what `tree.py` falls back to, without native code.
 
-Warp finds about where a ray meets a mesh first; then every face whose box holds that place is tested once more, in the
+Warp finds about where a ray hits a mesh first; then every face whose box holds that place is tested once more, in the
 numbers of `tree.py`. Hence distances are those of its walk, and of equal distances the lowest face counts, which Warp
 does not promise: it keeps the first one that it comes by.
 
 - `mmw.core.bvh` makes the boxes of Warp's trees a little larger than what they hold, because Warp compares distances to
   boxes without a margin: a ray on the common edge of two faces could miss the box of the one that counts.
-- What remains different: a ray that passes the outline of a thing closer than float32 resolves may meet it in one walk
+- What remains different: a ray that passes the outline of a thing closer than float32 resolves may hit it in one walk
   and pass it in the other, since Warp rounds its shear otherwise.
 - On CUDA a query of boxes keeps its stack in shared memory, apart from that of a query of instances: 16 KiB together
   in a block of 64 threads.
@@ -46,7 +46,7 @@ def inverse_part(part: float) -> float:
 def product(a: float, b: float) -> float:
     """Return a product that is rounded by itself.
 
-    No compiler makes it one instruction with a sum, so neighbours of an edge see one value with opposite signs.
+    No compiler makes it one instruction with a sum, so neighbors of an edge see one value with opposite signs.
     """
     return float(wp.float64(a) * wp.float64(b))
 
@@ -93,7 +93,7 @@ def distance_to_face(p: wp.vec3, q: wp.vec3, r: wp.vec3, shear: Shear) -> float:
     """Return the distance of a face along a ray [m], less than 0 where the ray passes it; its corners are seen from the
     start of the ray.
 
-    Neighbours of an edge see the same value with opposite signs, in float64 where it is zero in float32: no ray passes
+    Neighbors of an edge see the same value with opposite signs, in float64 where it is zero in float32: no ray passes
     between them. Source: S. Woop, C. Benthin and I. Wald, "Watertight ray/triangle intersection", 2013.
     """
     pu = part_along(shear.u, p)
@@ -156,7 +156,7 @@ def mesh_nearest(id: wp.uint64, origin: wp.vec3, direction: wp.vec3, t_max: floa
             if t >= 0.0 and (t < nearest or (t == nearest and face < nearest_face)):
                 nearest = t
                 nearest_face = face
-        if nearest_face < 0:  # an outline that only Warp's shear meets
+        if nearest_face < 0:  # an outline that only Warp's shear hits
             nearest = hit.t
             nearest_face = hit.face
     bits = wp.cast(nearest, wp.uint32)

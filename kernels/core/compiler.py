@@ -1,4 +1,5 @@
-"""What Warp's compiler for the CPU may assume about numbers in a kernel; the option `fast_math` is for CUDA alone.
+"""Assumptions about numbers that Warp's compiler for the CPU may make in a kernel; the option `fast_math` is for CUDA
+alone.
 
 The flags are those of Clang's front end, for the module option `cpu_compiler_flags`. They may change with Clang: with
 `compute.bvh: warp` no kernel has them, only Warp's own (`mmw.core.bvh_kind.select_bvh`).

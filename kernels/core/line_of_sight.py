@@ -24,7 +24,7 @@ def sight_kernel(
     # out
     object_out: wp.array[int],
 ):
-    """Write the object that is met first on the way from `origin` to `target`, -1 for a free way.
+    """Write the first object on the line from `origin` to `target`, -1 for a free line of sight.
 
     Launch: dim=(N,), block_dim=64.
     """

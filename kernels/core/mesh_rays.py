@@ -1,4 +1,4 @@
-"""Single rays on one mesh, given one by one: what a check of a town asks, and how high the road is under a wheel."""
+"""Single rays on one mesh, given one by one: for checks of a town, and for the height of the road under a wheel."""
 
 import warp as wp
 
@@ -18,7 +18,7 @@ def rays_kernel(
     t_out: wp.array[float],
     face_out: wp.array[int],
 ):
-    """Write the distance [m] and the face of what every ray meets first, inf and -1 where it meets nothing.
+    """Write the distance [m] and the face of what every ray hits first, inf and -1 where it hits nothing.
 
     Launch: dim=(R,), block_dim=64.
     """

@@ -10,7 +10,7 @@ def random_bits(key: wp.vec2ui, item: int, draw: int) -> wp.vec4ui:
     """Return four independent 32-bit words.
 
     Args:
-        key: Stream, from `mmw.core.random_keys`: who, where and when.
+        key: Stream, from `mmw.core.random_keys`: object, place and time.
         item: Which ray, point or cell of the stream.
         draw: Which draw of the item.
 
@@ -40,7 +40,7 @@ def random_bits(key: wp.vec2ui, item: int, draw: int) -> wp.vec4ui:
 
 @wp.func
 def unit_interval(bits: wp.uint32) -> float:
-    """Return a word as a number in (0, 1): the middle of one of 2^24 equal cells, so that a logarithm never meets 0.
+    """Return a word as a number in (0, 1): the middle of one of 2^24 equal cells, so that a logarithm never gets 0.
 
     The topmost cell's middle rounds to 1 - 2^-24 in float32.
     """

@@ -1,10 +1,10 @@
-"""How the surfaces of a frame move: bodies as rigid bodies, wheels as wheels that roll without slip.
+"""Motion of the surfaces of a frame: bodies as rigid bodies, wheels as wheels that roll without slip.
 
 Over the 10 ms of a frame a body keeps its velocity v and its angular velocity w: time t after the frame its origin is
 at p + v t and its rotation is exp(w t) R. A point x of it then moves with v + w x (x - p - v t).
 
-A wheel turns about its axle, the body's y axis through the wheel's centre, at v_x / r, where r is its radius and v_x
-the part along the body's x axis of the velocity that the centre has on the body. The lowest point of the wheel is then
+A wheel turns about its axle, the body's y axis through the wheel's center, at v_x / r, where r is its radius and v_x
+the part along the body's x axis of the velocity that the center has on the body. The lowest point of the wheel is then
 at rest on a straight road, and the highest moves at 2 v. The meshes do not steer: front wheels point along their body,
 so in a turn their contact points keep the body's sideways velocity. Nor do the meshes of wheels turn: only the velocity
 is that of a turning wheel.
@@ -58,7 +58,7 @@ def wheel_velocity(pose: wp.transformf, velocity: wp.vec3, rate: wp.vec3, wheel:
         pose: Body to scene frame.
         velocity: Velocity of the body's origin, scene frame [m/s].
         rate: Angular velocity of the body about the axes of the scene frame [rad/s].
-        wheel: Centre of the wheel in the body's frame [m] and radius [m].
+        wheel: Center of the wheel in the body's frame [m] and radius [m].
         point: Point of the wheel, scene frame [m].
     """
     arm = wp.transform_vector(pose, wp.vec3(wheel[0], wheel[1], wheel[2]))

@@ -10,7 +10,7 @@ MISS_ID = wp.constant(-1)
 
 @wp.struct
 class Scene:
-    """Everything a ray can meet, for the frames of one batch. A slot is the position of a frame in its batch."""
+    """All surfaces that a ray can hit, for the frames of one batch. A slot is the position of a frame in its batch."""
 
     tree: Tree
     """Trees of the town, in the scene frame, and of all models, each in its own."""
@@ -37,7 +37,7 @@ class Scene:
     instance_rate: wp.array2d[wp.vec3]
     """Angular velocity of the instance about the axes of the scene frame [rad/s], shape [S, V]; zero where absent."""
     instance_present: wp.array2d[wp.bool]
-    """Whether the instance is in the scene, shape [S, V]."""
+    """True if the instance is in the scene, shape [S, V]."""
     instance_aabb_center: wp.array[wp.vec3]
     """Middle of a box about the instance's model, in its frame [m], shape [V]."""
     instance_aabb_half_extent: wp.array[wp.vec3]
@@ -59,12 +59,12 @@ class Scene:
     model_wheel: wp.array[int]
     """Row of `wheels` that each face of all models turns with, -1 for a face that is fixed to its body."""
     wheels: wp.array[wp.vec4]
-    """Wheels of all models, one after the other: centre x, y, z in the model's frame [m] and radius [m], shape [W]."""
+    """Wheels of all models, one after the other: center x, y, z in the model's frame [m] and radius [m], shape [W]."""
 
 
 @wp.struct
 class Candidates:
-    """The only instances that some rays can meet, by group of rays."""
+    """The only instances that some rays can hit, by group of rays."""
 
     count: wp.array[int]
     """Number of them, shape [G]."""
@@ -102,7 +102,7 @@ class Hit:
 
 @wp.struct
 class RawHit:
-    """What a ray meets first, before its ids are looked up."""
+    """First hit of a ray, before its ids are looked up."""
 
     t: float
     """Distance along the unit direction [m], inf for a miss."""

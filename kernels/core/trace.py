@@ -1,10 +1,10 @@
-"""Ray queries against the town and the vehicles of one frame. The only file that asks a tree.
+"""Ray queries against the town and the vehicles of one frame. The only file that queries a tree.
 
-A ray asks the static town first, which tightens `t_max`; then the vehicles of its own frame. The vehicles of all frames
-of a batch share one `wp.Bvh`; each frame is one group of it, and the query starts at the root of that group. Town and
-models have trees of their own kind.
+A ray is tested against the static town first, which tightens `t_max`; then the vehicles of its own frame. The vehicles
+of all frames of a batch share one `wp.Bvh`; each frame is one group of it, and the query starts at the root of that
+group. Town and models have trees of their own kind.
 
-- Directions are unit vectors. A surface is met where 0 <= t < t_max; exactly 0 happens only to an origin that lies on
+- Directions are unit vectors. A surface is hit where 0 <= t < t_max; exactly 0 happens only to an origin that lies on
   the surface, so a ray that leaves a surface starts a little off it.
 - Instances move rigidly, so `t` in the instance's frame is `t` in the scene.
 - `wp.bvh_get_group_root` gives -1 for a frame without vehicles, and a query reads -1 as "the whole tree", that is
@@ -65,7 +65,7 @@ def nearest_in_tree(tree: Tree, root: int, origin: wp.vec3, direction: wp.vec3, 
 
 @wp.func
 def nearest_in_town(scene: Scene, origin: wp.vec3, direction: wp.vec3, t_max: float) -> RawHit:
-    """Return what the ray meets first of the static town; its `t` is `t_max` for a miss."""
+    """Return what the ray hits first of the static town; its `t` is `t_max` for a miss."""
     near = RawHit()
     near.t = t_max
     near.face = MISS_ID
@@ -79,7 +79,7 @@ def nearest_in_town(scene: Scene, origin: wp.vec3, direction: wp.vec3, t_max: fl
 def nearer_body(
     scene: Scene, instance: int, pose: wp.transformf, origin: wp.vec3, direction: wp.vec3, near: RawHit
 ) -> RawHit:
-    """Return what a ray meets first, from the nearest so far and an instance at a pose."""
+    """Return what a ray hits first, from the nearest so far and an instance at a pose."""
     to_local = wp.transform_inverse(pose)
     body = nearest_in_tree(
         scene.tree,
@@ -110,7 +110,7 @@ def is_blocked_by(scene: Scene, slot: int, instance: int, origin: wp.vec3, direc
 
 @wp.func
 def closest_hit_raw(scene: Scene, slot: int, origin: wp.vec3, direction: wp.vec3, t_max: float, ignore: int) -> RawHit:
-    """Return what the ray meets first, without ids: the cheap form of `closest_hit` for kernels that need few of them.
+    """Return what the ray hits first, without ids: the cheap form of `closest_hit` for kernels that need few of them.
 
     Args:
         scene: Town and vehicles.
@@ -139,7 +139,7 @@ def closest_hit_raw(scene: Scene, slot: int, origin: wp.vec3, direction: wp.vec3
 def nearest_surface_at(
     scene: Scene, slot: int, origin: wp.vec3, direction: wp.vec3, t_max: float, ignore: int, time_offset: float
 ) -> RawHit:
-    """Return what a ray of a rolling sweep meets first: every instance is where it is at the instant of the ray.
+    """Return what a ray of a rolling sweep hits first: every instance is where it is at the instant of the ray.
 
     The walk is that of `closest_hit_raw`, written out a second time so that rays of a still scene pay nothing for it.
 
@@ -174,7 +174,7 @@ def nearest_surface_among(
     scene: Scene, slot: int, origin: wp.vec3, direction: wp.vec3, t_max: float, ignore: int, candidates: Candidates,
     group: int,
 ) -> RawHit:  # fmt: skip
-    """Return what the ray meets first, where all instances that it can meet are known: `closest_hit_raw` without a walk
+    """Return what the ray hits first, where all instances that it can hit are known: `closest_hit_raw` without a walk
     through the tree of instances.
 
     Args:
@@ -266,7 +266,7 @@ def hit_of(scene: Scene, near: RawHit) -> Hit:
 
 @wp.func
 def closest_hit(scene: Scene, slot: int, origin: wp.vec3, direction: wp.vec3, t_max: float, ignore: int) -> Hit:
-    """Return what the ray meets first, with every id and the normal; see `closest_hit_raw` for the arguments."""
+    """Return what the ray hits first, with every id and the normal; see `closest_hit_raw` for the arguments."""
     hit = hit_of(scene, closest_hit_raw(scene, slot, origin, direction, t_max, ignore))
     if hit.instance >= 0:
         hit.normal = wp.transform_vector(scene.instance_pose[slot, hit.instance], hit.normal)
@@ -278,7 +278,7 @@ def closest_hit(scene: Scene, slot: int, origin: wp.vec3, direction: wp.vec3, t_
 def closest_hit_at(
     scene: Scene, slot: int, origin: wp.vec3, direction: wp.vec3, t_max: float, ignore: int, time_offset: float
 ) -> Hit:
-    """Return what a ray of a rolling sweep meets first, with every id and the normal; see `nearest_surface_at`."""
+    """Return what a ray of a rolling sweep hits first, with every id and the normal; see `nearest_surface_at`."""
     hit = hit_of(scene, nearest_surface_at(scene, slot, origin, direction, t_max, ignore, time_offset))
     if hit.instance >= 0:
         hit.normal = wp.transform_vector(instance_pose_at(scene, slot, hit.instance, time_offset), hit.normal)

@@ -1,4 +1,4 @@
-"""What rain and fog return on a LiDAR ray: drops by order statistics of a Poisson process, fog as a noisy target."""
+"""LiDAR returns of rain and fog: drops by order statistics of a Poisson process, fog as a noisy target."""
 
 import warp as wp
 
@@ -73,7 +73,7 @@ class Echoes:
     """The strongest and the farthest echo of the air on a ray; the same where there is one, label 0 where none."""
 
     strongest_power: float
-    """Normalised received power [1/m2], 0 for none."""
+    """Normalized received power [1/m2], 0 for none."""
     strongest_range: float
     """Distance [m], 0 for none."""
     strongest_label: int

@@ -25,7 +25,7 @@ COMPAT_DRAW = wp.constant(100)
 STRONGEST = wp.constant(0)
 LAST = wp.constant(1)
 DUAL = wp.constant(2)
-"""Which returns a ray gives."""
+"""Selection of the returns of a ray."""
 
 
 @wp.struct
@@ -42,7 +42,7 @@ class LidarReturn:
 
 @wp.struct
 class Detector:
-    """What decides over a return in `physical`."""
+    """Parameters that decide over a return in `physical`."""
 
     min_power: float
     """Weakest return [1/m2]."""
@@ -79,7 +79,7 @@ class LidarPoints:
     values: wp.array2d[float]
     """x, y, z in the sensor frame on the stored grid [m], and intensity, shape [4, N]."""
     object_id: wp.array[int]
-    """Object that was met, -1 for rain and fog, shape [N]."""
+    """Object that was hit, -1 for rain and fog, shape [N]."""
     marks: wp.array2d[wp.uint8]
     """Ring, label, and number of the return if there may be two, shape [2 or 3, N]."""
     time_offset: wp.array[float]

@@ -1,4 +1,4 @@
-"""LiDAR: what every ray of every view meets. Geometry only, so it serves every weather."""
+"""LiDAR: first hits of every ray of every view. Geometry only, so it serves every weather."""
 
 import warp as wp
 
@@ -20,21 +20,21 @@ wp.set_module_options(
 
 @wp.struct
 class LidarRays:
-    """What every ray of every view meets, fixed slots [A, R]."""
+    """First hits of every ray of every view, fixed slots [A, R]."""
 
     range: wp.array2d[float]
     """Distance [m], inf for none."""
     cos_incidence: wp.array2d[float]
     """Cosine of the angle between ray and surface normal, 0 to 1."""
     object_id: wp.array2d[int]
-    """Object that is met, -1 for none."""
+    """Object that is hit, -1 for none."""
     material_id: wp.array2d[int]
     """Its material, -1 for none."""
 
 
 @wp.struct
 class Sweep:
-    """When the rays of a turn fire, and how the sensors move meanwhile."""
+    """Firing times of the rays of a turn, and the motion of the sensors meanwhile."""
 
     duration_s: float
     """Length of the turn, which ends at the frame's instant [s]; 0 for a still picture, all rays at that instant."""
@@ -63,7 +63,7 @@ def firing_pose(views: Views, sweep: Sweep, view: int, ray: int) -> wp.transform
 
 @wp.func
 def store_hit(rays: LidarRays, view: int, ray: int, hit: Hit, direction: wp.vec3):
-    """Put what a ray met into its slot."""
+    """Put what a ray hit into its slot."""
     rays.range[view, ray] = hit.t
     rays.cos_incidence[view, ray] = wp.clamp(-wp.dot(hit.normal, direction), 0.0, 1.0)
     rays.object_id[view, ray] = hit.object_id

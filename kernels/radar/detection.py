@@ -1,4 +1,4 @@
-"""What a radar makes of its resolution cells: fluctuating echoes in noise, rain clutter, and local maxima."""
+"""Detections from the resolution cells of a radar: fluctuating echoes in noise, rain clutter, and local maxima."""
 
 import warp as wp
 
@@ -15,7 +15,7 @@ class RainLink:
     constant: float
     """Mean power of a cell of 1 sr / m of range step at 1 m, without loss: link constant x backscatter x volume [W]."""
     loss_per_m: float
-    """Exponent of the air's loss, both ways [Np of power per metre of distance]."""
+    """Exponent of the air's loss, both ways [Np of power per meter of distance]."""
     noise: float
     """Noise power of a cell [W]."""
     least: float

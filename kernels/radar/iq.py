@@ -23,7 +23,7 @@ class Waveform:
     samples: int
     """Samples of a chirp."""
     turns_per_m: wp.float64
-    """Turns of the echo's phase for one metre of distance, 2 / wavelength."""
+    """Turns of the echo's phase for one meter of distance, 2 / wavelength."""
     range_step: float
     """Range that turns the phase once more over the samples of a chirp [m]."""
     velocity_step: float

@@ -40,7 +40,7 @@ class CellGrid:
 
 @wp.struct
 class CellSums:
-    """What the rays of every occupied cell add up to, shape [K]; ordered by view, then by cell."""
+    """Sums over the rays of every occupied cell, shape [K]; ordered by view, then by cell."""
 
     view: wp.array[int]
     cell: wp.array[int]
@@ -201,7 +201,7 @@ def cell_sum_kernel(
     sums_out.rcs[index] = wp.float32(rcs)
     sums_out.range[index] = (float(range_cell) + mean[0]) * grid.range_step
     sums_out.velocity[index] = (float(centred(velocity_cell, grid.velocities)) + mean[1]) * grid.velocity_step
-    # one antenna sees no angle, whatever the rays know
+    # one antenna measures no angle, whatever the rays carry
     sums_out.y[index] = wp.where(grid.ys > 1, (float(centred(y_cell, grid.ys)) + mean[2]) * grid.y_step, 0.0)
     sums_out.z[index] = wp.where(grid.zs > 1, (float(centred(z_cell, grid.zs)) + mean[3]) * grid.z_step, 0.0)
     sums_out.object_id[index] = object_id

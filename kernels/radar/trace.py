@@ -1,4 +1,4 @@
-"""Radar: the rays of CARLA's radar and of a grid over the field of view, what they meet, and the power that returns."""
+"""Radar: the rays of CARLA's radar and of a grid over the field of view, what they hit, and the power that returns."""
 
 import warp as wp
 
@@ -15,14 +15,14 @@ wp.set_module_options(
 
 @wp.struct
 class RadarHits:
-    """What every ray of every view meets, fixed slots [A, R]: geometry and motion, the same in every weather."""
+    """First hits of every ray of every view, fixed slots [A, R]: geometry and motion, the same in every weather."""
 
     range: wp.array2d[float]
     """Distance [m], inf for none."""
     azimuth: wp.array2d[float]
-    """Direction of the ray in the sensor frame, positive towards y, left [rad]."""
+    """Direction of the ray in the sensor frame, positive toward y, left [rad]."""
     elevation: wp.array2d[float]
-    """Direction of the ray in the sensor frame, positive towards z, up [rad]."""
+    """Direction of the ray in the sensor frame, positive toward z, up [rad]."""
     velocity: wp.array2d[float]
     """Radial velocity relative to the sensor, positive while the distance grows [m/s]; 0 for none."""
     cos_incidence: wp.array2d[float]
@@ -38,13 +38,13 @@ class RadarRays:
     range: wp.array2d[float]
     """Distance [m], inf for none."""
     azimuth: wp.array2d[float]
-    """Direction of the ray in the sensor frame, positive towards y, left [rad]."""
+    """Direction of the ray in the sensor frame, positive toward y, left [rad]."""
     elevation: wp.array2d[float]
-    """Direction of the ray in the sensor frame, positive towards z, up [rad]."""
+    """Direction of the ray in the sensor frame, positive toward z, up [rad]."""
     velocity: wp.array2d[float]
     """Radial velocity relative to the sensor, positive while the distance grows [m/s]; 0 for none."""
     object_id: wp.array2d[int]
-    """Object that is met, -1 for none."""
+    """Object that is hit, -1 for none."""
     power: wp.array2d[float]
     """Received power [W], both ways' losses by rain, fog, gas and wet radome included; 0 for none."""
     rcs: wp.array2d[float]
@@ -74,7 +74,7 @@ class RadarLink:
     solid_angle: float
     """Solid angle of a ray [sr]."""
     loss_per_m: float
-    """Exponent of the air's loss, both ways [Np of power per metre of distance]."""
+    """Exponent of the air's loss, both ways [Np of power per meter of distance]."""
     azimuth_beam: float
     """Half-power width of an antenna [rad]."""
     elevation_beam: float
@@ -100,7 +100,7 @@ def trace_ray(
     t_max: float,
     hits_out: RadarHits,
 ):
-    """Trace one ray and store what it meets.
+    """Trace one ray and store what it hits.
 
     Args:
         scene: Town and vehicles.

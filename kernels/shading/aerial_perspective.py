@@ -31,11 +31,11 @@ class Air:
     horizon: wp.array[wp.vec3]
     """Airlight of level directions [kcd/m2], shape [`HORIZON`], from the sun's azimuth to the opposite one."""
     upward: wp.vec3
-    """What airlight straight upwards is more than level [kcd/m2]: light comes from above."""
+    """Excess of the airlight straight upward over the level one [kcd/m2]: light comes from above."""
     downward: wp.vec3
-    """What airlight straight downwards is less than level [kcd/m2]."""
+    """Deficit of the airlight straight downward below the level one [kcd/m2]."""
     glow: wp.vec3
-    """Sunlight [klux] that the fog scatters towards the camera; zero where the sun is hidden."""
+    """Sunlight [klux] that the fog scatters toward the camera; zero where the sun is hidden."""
 
 
 @wp.func
@@ -102,7 +102,7 @@ def through_air(air: Air, sky: Sky, radiance: wp.vec3, origin: wp.vec3, directio
     Args:
         air: The air.
         sky: Its sky.
-        radiance: Of the surface, towards the camera [kcd/m2].
+        radiance: Of the surface, toward the camera [kcd/m2].
         origin: Where the camera is, scene frame [m].
         direction: Unit vector from the camera to the surface, scene frame.
         distance: Of the surface [m].
@@ -115,7 +115,7 @@ def through_air(air: Air, sky: Sky, radiance: wp.vec3, origin: wp.vec3, directio
 
 @wp.func
 def sky_through_air(sky: Sky, direction: wp.vec3) -> wp.vec3:
-    """Return what a camera sees where a ray meets nothing, the sun's disc included [kcd/m2].
+    """Return what a camera sees where a ray hits nothing, the sun's disc included [kcd/m2].
 
     The sky is baked as seen from the ground, through all of its haze, fog and rain, so nothing is left to do: in dense
     fog it is the airlight, and at the horizon the airlight in any weather.

@@ -1,4 +1,4 @@
-"""How a surface sends light on: GGX microfacets with a diffuse base, clear coat and panes of glass.
+"""Reflection of light by surfaces: GGX microfacets with a diffuse base, clear coat and panes of glass.
 
 The inputs are those of UsdPreviewSurface (metallic workflow). Layers, from the eye down:
 
@@ -14,7 +14,7 @@ the albedo of the lobe, which has no closed form: `lobe_albedo` is our own fit t
 less than 2 % reflective loses its reflection at grazing angles as well, so an index of 1 gives a Lambert surface.
 
 A surface of opacity below 1 (and no cut-out) is a pane: two parallel faces by the exact Fresnel equations, behind them
-its own colour. Lights are points at infinity; the highlight of the sun is spread by its disc, see `GLINT_ALPHA2`.
+its own color. Lights are points at infinity; the highlight of the sun is spread by its disc, see `GLINT_ALPHA2`.
 
 Sources: B. Walter et al., "Microfacet models for refraction through rough surfaces", EGSR 2007 (GGX); E. Heitz,
 "Understanding the masking-shadowing function", JCGT 3(2), 2014 (Smith, height-correlated); C. Schlick, "An inexpensive
@@ -30,7 +30,7 @@ from mmw.kernels.shading.structs import Look, Surfel
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": True})
 
 MIN_COSINE = wp.constant(0.01)
-"""Cosines towards the viewer below this count as this: interpolated normals may look away, and the fits end here."""
+"""Cosines toward the viewer below this count as this: interpolated normals may look away, and the fits end here."""
 COAT_REFLECTANCE = wp.constant(0.04)
 """Reflectance of the clear coat at normal incidence: lacquer of index 1.5. Source: UsdPreviewSurface."""
 F90_SLOPE = wp.constant(50.0)
@@ -44,7 +44,7 @@ peel of paint, panes that are not quite flat): design value, with which highligh
 
 @wp.struct
 class Ambient:
-    """Luminance that leaves towards a viewer over the luminance that arrives.
+    """Luminance that leaves toward a viewer over the luminance that arrives.
 
     It is diffuse * E(n) / pi + specular * L(mirror direction, specular_roughness) + coat * L(mirror direction,
     coat_roughness), with E the irradiance and L the luminance blurred as that roughness does.
@@ -216,7 +216,7 @@ def multiple_share(f0: float, f90: float, mean_albedo: float) -> float:
 
 @wp.struct
 class Base:
-    """What of a surface does not depend on the light: reflectances, and what the viewer's angle makes of them."""
+    """Part of a surface's reflection that does not depend on the light: reflectances at the viewer's angle."""
 
     f0: wp.vec3
     f90: float
@@ -226,10 +226,10 @@ class Base:
     dielectric_f90: float
     dielectric_late: float
     albedo: wp.vec2
-    """`lobe_albedo` towards the viewer."""
+    """`lobe_albedo` toward the viewer."""
     mean: wp.vec2
     diffuse: wp.vec3
-    """Colour of the diffuse base."""
+    """Color of the diffuse base."""
     under_coat: float
     """Share that the coat leaves."""
     coat: float

@@ -13,7 +13,7 @@ STEPS = wp.constant(40)
 """Steps of a way through the layer."""
 
 SUN_STEPS = wp.constant(6)
-"""Steps from a point of a cloud towards the sun, each 1.7 times as long as the one before."""
+"""Steps from a point of a cloud toward the sun, each 1.7 times as long as the one before."""
 
 ORDERS = wp.constant(4)
 """Orders of scattering that are followed: each one weaker, more spread and less dimmed than the one before."""
@@ -23,7 +23,7 @@ HEAP_HEIGHT = wp.constant(1.25)
 """Height of a heap of endless rank, over the depth of the layer [-]. Design value."""
 
 HEAP_GROWTH = wp.constant(3.2)
-"""How fast heaps grow with the rank over the threshold [-]. Design value."""
+"""Growth of heaps with the rank over the threshold [-]. Design value."""
 
 
 @wp.struct
@@ -39,7 +39,7 @@ class Clouds:
     detail_size: float
     """Side of the finer pattern [m]."""
     offset: wp.vec2
-    """Where the viewer stands in the pattern [m]."""
+    """Position of the viewer in the pattern [m]."""
     threshold: float
     """Rank from which on there is a cloud."""
     bottom: float

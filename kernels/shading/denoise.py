@@ -1,4 +1,4 @@
-"""Filters that average the rays to sun and sky of neighbouring pixels on the same smooth surface.
+"""Filters that average the rays to sun and sky of neighboring pixels on the same smooth surface.
 
 Source: H. Dammertz et al., "Edge-avoiding A-Trous wavelet transform", High Performance Graphics 2010.
 """
@@ -18,7 +18,7 @@ SHADE_STEP = wp.constant(64.0)
 the first pass stays below half of it."""
 
 EVEN_SKY = wp.constant(6)
-"""Difference between neighbouring rays to the sky, in 255ths, up to which they are blended wherever they left: half of
+"""Difference between neighboring rays to the sky, in 255ths, up to which they are blended wherever they left: half of
 it, the error at worst, is not seen. Design value."""
 
 FLATNESS = wp.constant(0.01)
@@ -43,7 +43,7 @@ class Spot:
 
 @wp.func
 def spot_of(picture: Picture, view: int, u: int, v: int, row: int) -> Spot:
-    """Return what the centre of a pixel shows; it must show something."""
+    """Return what the center of a pixel shows; it must show something."""
     t = picture.samples.t[row]
     spot = Spot()
     spot.normal_in_scene = unpack_unit(picture.samples.normal[row])

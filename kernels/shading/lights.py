@@ -2,7 +2,7 @@
 
 - Head lamps burn in a low beam: below a cut-off, which rises on the right for right-hand traffic. Both lamps of a
   vehicle are one beam from the middle of its front. Tail lamps glow with them, and brighter in braking, by day too.
-- Street lamps shine downwards as Lambert sources. A grid over the town lists those that reach each cell.
+- Street lamps shine downward as Lambert sources. A grid over the town lists those that reach each cell.
 
 No shadow ray is sent to a lamp: light passes through other vehicles and corners of houses. With no lamp lit all this
 costs one comparison.
@@ -63,18 +63,18 @@ class Lamps:
     """The lamps of a scene in one weather, for the frames of one batch."""
 
     is_on: wp.bool
-    """Whether head and tail lamps burn."""
+    """True if head and tail lamps are on."""
     is_street_on: wp.bool
     brake: wp.array2d[float]
-    """How much each instance brakes, 0 to 1, shape [S, V]; -1 for one without lamps, parked, or absent."""
+    """Braking of each instance, 0 to 1, shape [S, V]; -1 for one without lamps, parked, or absent."""
     beam_count: int
     """Number of beams, 0 while they are off."""
     beam_instance: wp.array[int]
     """Instance of each beam, shape [B]."""
     beam_position: wp.array[wp.vec3]
-    """Where each beam starts, frame of its instance [m], shape [B]."""
+    """Origin of each beam, frame of its instance [m], shape [B]."""
     beam_color: wp.vec3
-    """Colour of the beams, luminance 1."""
+    """Color of the beams, luminance 1."""
     street_count: int
     """Number of street lamps, 0 while they are off."""
     street_position: wp.array[wp.vec3]
@@ -128,7 +128,7 @@ def fade(distance2: float, reach: float) -> float:
 def lamp_emission(
     lamps: Lamps, scene: Scene, slot: int, instance: int, look: Look, surfel: Surfel, to_viewer: wp.vec3
 ) -> wp.vec3:
-    """Return the luminance that a surface emits [kcd/m2]: that of its look, of a lamp as it burns.
+    """Return the luminance that a surface emits [kcd/m2]: that of its look, of a lamp as it is switched.
 
     The emission of a head lamp's look is what an oncoming driver sees above the cut-off.
 

@@ -1,7 +1,7 @@
 """One mirrored ray from what reflects sharply: glass, clear coats, bare smooth metal, and water on the ground.
 
-Every second pixel sends one, as on a chessboard, and the others show the mean of their neighbours' images; one without
-a neighbour that shows the same material shows the blurred sky. Wet ground sends a ray from every pixel: where water
+Every second pixel sends one, as on a chessboard, and the others show the mean of their neighbors' images; one without
+a neighbor that shows the same material shows the blurred sky. Wet ground sends a ray from every pixel: where water
 stands depends on the weather, and no picture may depend on the other weathers that are made with it.
 """
 
@@ -33,19 +33,19 @@ MIRROR_FAR_M = wp.constant(1.0e3)
 """Length of a mirrored ray [m]."""
 
 ALIKE = wp.constant(0.95)
-"""Cosine between the normals of neighbours that can show the mean of each other's images [-]. Design value."""
+"""Cosine between the normals of neighbors that can show the mean of each other's images [-]. Design value."""
 
 
 @wp.struct
 class Mirrors:
-    """Mirrored rays and what they meet."""
+    """Mirrored rays and their hits."""
 
     row: wp.array[int]
     """Sample that each was sent from."""
     samples: Samples
     surfaces: Surfaces
     sun: wp.array[wp.uint8]
-    """255 where the sun lights what was met, else 0; empty where it always does."""
+    """255 where the sun lights what was hit, else 0; empty where it always does."""
 
 
 @wp.struct
@@ -57,7 +57,7 @@ class MirrorRay:
     t: float
     """Distance from the camera to the mirror [m]."""
     start: wp.vec3
-    """Where it starts, scene frame [m]."""
+    """Origin, scene frame [m]."""
     direction: wp.vec3
     """Unit direction, scene frame."""
 
@@ -123,7 +123,7 @@ def water_kernel(
     if picture.samples.face[row] < 0 or surfaces.gloss[row] != MATT:
         return
     normal = unpack_unit(picture.samples.normal[row])
-    if normal[2] < 0.2:  # film and puddles lie on what faces upwards
+    if normal[2] < 0.2:  # film and puddles lie on what faces upward
         return
     t = picture.samples.t[row]
     ray = ray_of(picture, row)
@@ -236,7 +236,7 @@ def mirror_surface_kernel(
     # out
     surfaces_out: Surfaces,
 ):
-    """Read colours, roughness and normals of what mirrored rays meet.
+    """Read colors, roughness and normals of what mirrored rays hit.
 
     Launch: dim=mirrored rays, block_dim=64.
     """
@@ -263,7 +263,7 @@ def mirror_sun_kernel(
     # out
     sun_out: wp.array[wp.uint8],
 ):
-    """Send a ray to the sun from what mirrored rays meet: 255 where it arrives, else 0.
+    """Send a ray to the sun from what mirrored rays hit: 255 where it arrives, else 0.
 
     Launch: dim=mirrored rays, block_dim=64.
     """

@@ -137,7 +137,7 @@ def open_beside(picture: Picture, sky: wp.array[wp.uint8], ray: SampleRay, row: 
 def wet_surface(
     weather: Weather, time: wp.array[float], picture: Picture, surfaces: Surfaces, ray: SampleRay, row: int
 ) -> Wetted:
-    """Return what a sample that meets something shows, with the water of the weather on it."""
+    """Return what a sample with a hit shows, with the water of the weather on it."""
     t = picture.samples.t[row]
     normal = unpack_unit(picture.samples.normal[row])
     surfel = read_surface(weather.appearance, surfaces, row, ray.origin + t * ray.direction, normal)
@@ -300,7 +300,7 @@ def normal_kernel(
     # out
     normal_out: wp.array3d[wp.vec3],
 ):
-    """Read the interpolated normal of what every pixel's centre sees, sensor frame, zero for nothing.
+    """Read the interpolated normal of what every pixel's center sees, sensor frame, zero for nothing.
 
     Launch: dim=(A, ceil(H / 8), ceil(W / 8), 64), block_dim=256.
     """

@@ -1,7 +1,7 @@
 """Light that reaches what a camera sees, the same in every weather with the same sun: shadows and open sky.
 
-Every second pixel sends a ray to the sun, the others where their neighbours disagree, and every ninth one to the sky.
-Neighbours take other directions out of 16, the same in every frame, and filters that stop at edges average them: soft
+Every second pixel sends a ray to the sun, the others where their neighbors disagree, and every ninth one to the sky.
+Neighbors take other directions out of 16, the same in every frame, and filters that stop at edges average them: soft
 shadows without noise that moves.
 """
 
@@ -37,7 +37,7 @@ body of a car over its wheels. Design value."""
 
 @wp.func
 def stratum_point(u: int, v: int, salt: int) -> wp.vec2:
-    """Return a pixel's point of the unit disc: 4 x 4 neighbours have one in each of 16 cells of equal area.
+    """Return a pixel's point of the unit disc: 4 x 4 neighbors have one in each of 16 cells of equal area.
 
     Source of the map from the square: P. Shirley and K. Chiu, "A low distortion map between disk and square", 1997.
     """
@@ -165,9 +165,9 @@ def sun_between_kernel(
     # out
     sun_out: wp.array[wp.uint8],
 ):
-    """Fill in the other pixels: those that face the sun take the value of their four neighbours where these agree.
+    """Fill in the other pixels: those that face the sun take the value of their four neighbors where these agree.
 
-    The others, at edges of shadows, send a ray of their own. Neighbours that face away from the sun or show the sky say
+    The others, at edges of shadows, send a ray of their own. Neighbors that face away from the sun or show the sky say
     nothing.
 
     Launch: dim=(A, ceil(H / 8), ceil(W / 16), 64), block_dim=64.

@@ -29,7 +29,7 @@ class Sky:
     """The same as GGX lobes see it, shape [`BLURS` + 1, n + 2, n + 2]; the last is irradiance / pi of planes by
     normal."""
     scale: float
-    """What a value of 1 in the maps stands for [kcd/m2]: halves do not reach from noon to night."""
+    """Luminance of a value of 1 in the maps [kcd/m2]: halves do not reach from noon to night."""
     sun_direction: wp.vec3
     """Unit vector to the sun, scene frame."""
     sun_illuminance: wp.vec3

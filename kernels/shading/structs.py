@@ -54,14 +54,15 @@ class Look:
     lamp: int
     """Index into `mmw.physics.materials.appearance.LAMPS`."""
     is_porous: wp.bool
-    """Whether it soaks up water and darkens (`mmw.physics.materials.material.POROUS_BASES`, no coating)."""
+    """True if it soaks up water and darkens (`mmw.physics.materials.material.POROUS_BASES`, no coating)."""
     holds_puddles: wp.bool
-    """Whether water stands on it where it is level: ground that is no lawn."""
+    """True if water stands on it where it is level: ground that is no lawn."""
 
 
 @wp.struct
 class Appearance:
-    """What a camera needs of a scene beyond its shape. Face rows are those of `Scene.town_*` and `Scene.model_*`."""
+    """Appearance of a scene: all that a camera needs beyond its shape. Face rows are those of `Scene.town_*` and
+    `Scene.model_*`."""
 
     town_uv: wp.array2d[wp.vec2]
     """Texture coordinates `st` of the corners of each town face, shape [M, 3]; zeros where a mesh has none."""
@@ -77,15 +78,15 @@ class Appearance:
     texels: wp.array[wp.uint64]
     """Linear values of all levels of all textures: r, g, b and a as half floats in one word, which is one load."""
     has_emission_textures: wp.bool
-    """Whether a look has an emission texture."""
+    """True if a look has an emission texture."""
     has_holes: wp.bool
-    """Whether a look cuts holes with its opacity texture."""
+    """True if a look cuts holes with its opacity texture."""
 
 
 @wp.struct
 class Samples:
-    """What rays of an image met, one row a sample: first the pixel centres of all views, row by row, then the further
-    rays of pixels on edges (`Extras`)."""
+    """Hits of the rays of an image, one row a sample: first the pixel centers of all views, row by row, then the
+    further rays of pixels on edges (`Extras`)."""
 
     t: wp.array[float]
     """Distance along the unit ray [m], inf for a miss."""
@@ -104,11 +105,11 @@ class Extras:
     """The further rays of pixels on edges: K in each, rows `first + edge * K + k` of the samples."""
 
     first: int
-    """Row of the first one: the number of pixel centres."""
+    """Row of the first one: the number of pixel centers."""
     row: wp.array[int]
-    """Row of the pixel's centre, shape [E]."""
+    """Row of the pixel's center, shape [E]."""
     offset: wp.array[wp.vec2]
-    """Place of the k-th ray from the pixel's centre [px], shape [K]."""
+    """Place of the k-th ray from the pixel's center [px], shape [K]."""
     source: wp.array[int]
     """Row whose light each further ray brings, shape [E * K]: that of a pixel beside it which shows the same, or its
     own."""
@@ -128,11 +129,11 @@ SMOOTH = wp.constant(wp.uint8(3))
 
 @wp.struct
 class Surfaces:
-    """What samples show, before any light: rows of the samples, or of what they mirror."""
+    """Surfaces of samples before any light: rows of the samples, or of what they mirror."""
 
     material: wp.array[int]
     color: wp.array[wp.uint64]
-    """Linear base colour and, fourth, roughness: four halves in one word, which is one load."""
+    """Linear base color and, fourth, roughness: four halves in one word, which is one load."""
     normal: wp.array[wp.uint32]
     """Shading normal, scene frame, packed by `kernels.packing.pack_unit`."""
     more: wp.array[wp.uint32]

@@ -29,7 +29,7 @@ class Patch:
     point: wp.vec3
     """The point [m]."""
     direction: wp.vec3
-    """Direction of the ray that met it, unit."""
+    """Direction of the ray that hit it, unit."""
     normal: wp.vec3
     """Unit normal after the winding; zero for a face without area."""
     toward_b: wp.vec3
@@ -42,7 +42,7 @@ class Patch:
 
 @wp.func
 def distance_to_face(scene: Scene, slot: int, face: int, instance: int, origin: wp.vec3, direction: wp.vec3) -> float:
-    """Return where a ray meets one face [m], inf if it misses it.
+    """Return the distance at which a ray hits one face [m], inf if it misses it.
 
     Source: T. Moeller and B. Trumbore, "Fast, minimum storage ray/triangle intersection", 1997.
 
@@ -79,7 +79,7 @@ def distance_to_face(scene: Scene, slot: int, face: int, instance: int, origin: 
 
 @wp.func
 def patch_of(scene: Scene, slot: int, origin: wp.vec3, direction: wp.vec3, t: float, face: int, instance: int) -> Patch:
-    """Return the face around the point that a ray met; see `surfel_of` for the arguments."""
+    """Return the face around the point that a ray hit; see `surfel_of` for the arguments."""
     start = origin
     patch = Patch()
     patch.direction = direction
@@ -108,7 +108,7 @@ def patch_of(scene: Scene, slot: int, origin: wp.vec3, direction: wp.vec3, t: fl
 
 @wp.struct
 class Footprint:
-    """What a pixel sees of a textured face."""
+    """Texture coordinates and footprint of a pixel on a textured face."""
 
     st: wp.vec2
     """Texture coordinates of the mesh at the point."""
@@ -239,7 +239,7 @@ def surfel_of(
     instance: int,
     spread: float,
 ) -> Surfel:
-    """Return the point that a ray met as a camera shades it.
+    """Return the point that a ray hit as a camera shades it.
 
     Args:
         scene: Town and vehicles.
@@ -248,8 +248,8 @@ def surfel_of(
         origin: Start of the ray, scene frame [m].
         direction: Unit direction, scene frame.
         t: Distance to the point [m].
-        face: Face that was met, of the town or of the instance's model, >= 0.
-        instance: Instance that was met, -1 for the town.
+        face: Face that was hit, of the town or of the instance's model, >= 0.
+        instance: Instance that was hit, -1 for the town.
         spread: Angle that the ray stands for, one pixel's [rad]: textures are filtered over spread * t.
     """
     patch = patch_of(scene, slot, origin, direction, t, face, instance)
@@ -315,7 +315,7 @@ def is_cut_out(
     instance: int,
     spread: float,
 ) -> wp.bool:
-    """Return whether a ray met a hole that an opacity texture cuts; see `surfel_of` for the arguments."""
+    """Return whether a ray hit a hole that an opacity texture cuts; see `surfel_of` for the arguments."""
     look = appearance.looks[material_of(scene, face, instance)]
     is_hole = wp.bool(False)
     if look.opacity_threshold > 0.0:

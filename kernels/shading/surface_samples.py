@@ -1,4 +1,4 @@
-"""What samples show before any light falls on it: textures are read once, and every weather shades the result."""
+"""Surface samples before any light: textures are read once, and every weather shades the result."""
 
 import warp as wp
 
@@ -66,7 +66,7 @@ def write_surface(
     # out
     surfaces_out: Surfaces,
 ):  # fmt: skip
-    """Store a surfel that a ray met, without its place, which follows from the ray."""
+    """Store a surfel that a ray hit, without its place, which follows from the ray."""
     surfaces_out.material[row] = surfel.material
     color = surfel.color
     halves = wp.vec4h(wp.float16(color[0]), wp.float16(color[1]), wp.float16(color[2]), wp.float16(surfel.roughness))
@@ -129,7 +129,7 @@ def surface_kernel(
     surfaces_out: Surfaces,
     sends_ray_out: wp.array[wp.uint8],
 ):
-    """Read colours, roughness and normals of what every sample shows, and choose those that send a mirrored ray: 1.
+    """Read colors, roughness and normals of what every sample shows, and choose those that send a mirrored ray: 1.
 
     Launch: dim=threads of all tiles and further samples that are shaded, block_dim=256; a thread's flag stands at its
     number.

@@ -13,7 +13,7 @@ BLACK = wp.constant(3)
 """Wraps by number, as in `TextureUse.wrap_u`."""
 
 MAX_TAPS = wp.constant(4)
-"""Taps along the long axis of a footprint of a colour; normals, roughness and the like take one. Design value: a road
+"""Taps along the long axis of a footprint of a color; normals, roughness and the like take one. Design value: a road
 seen at 14 degrees or steeper stays sharp."""
 
 FINE_LEVEL = wp.constant(5.0)
@@ -51,7 +51,7 @@ def wrap_coordinate(u: float, wrap: int) -> float:
 
 @wp.func
 def axis_taps(u: float, count: int, wrap: int) -> AxisTaps:
-    """Return what a linear filter reads at a coordinate of `wrap_coordinate`; texel i has its centre at (i + 0.5) / n.
+    """Return what a linear filter reads at a coordinate of `wrap_coordinate`; texel i has its center at (i + 0.5) / n.
 
     Args:
         u: Texture coordinate.

@@ -3,7 +3,7 @@
 Three things change with the weather, and all are functions of place and time alone:
 
 - A porous surface soaks: light is thrown back into it at the water's surface and it darkens
-  (`mmw.physics.materials.material.wet_reflectance` in each colour channel). Walls soak less than the ground.
+  (`mmw.physics.materials.material.wet_reflectance` in each color channel). Walls soak less than the ground.
 - Water lies over it as a film that mirrors by Fresnel's law with an index of 1.33. What the film mirrors is taken from
   what lies below (`film_weights`). On the ground it is thin, follows the grain and is streaky; cars carry it too.
 - Puddles stand on level ground where a smooth noise is high. Their share of the ground is that of the weather, because
@@ -35,7 +35,7 @@ LEVEL_FROM = wp.constant(0.97)
 LEVEL_TO = wp.constant(0.985)
 """Upward component of normals between which ground becomes level enough for puddles: 14 to 10 degrees. Design value."""
 WALL_SOAK = wp.constant(0.4)
-"""Water in an upright wall over that in level ground [-]: rain meets it at a slant only. Design value."""
+"""Water in an upright wall over that in level ground [-]: rain hits it at a slant only. Design value."""
 SOAKED_ROUGHNESS = wp.constant(0.25)
 """Roughness of a soaked porous surface, if it was rougher [-]. Design value."""
 GROUND_FILM = wp.constant(0.75)
@@ -47,7 +47,7 @@ GROUND_FILM_ROUGHNESS = wp.constant(0.28)
 PUDDLE_ROUGHNESS = wp.constant(0.03)
 """Roughness of standing water without rain [-]. Design value."""
 RIM = wp.constant(0.03)
-"""Half width of a puddle's rim on the uniform scale of the noise: about 4 cm, as its slope is about 0.7 per metre."""
+"""Half width of a puddle's rim on the uniform scale of the noise: about 4 cm, as its slope is about 0.7 per meter."""
 RIM_PER_M = wp.constant(0.35)
 """Half width that a footprint of 1 m adds."""
 PUDDLE_SIZE_M = wp.constant(3.4)
@@ -86,7 +86,7 @@ class Wetted:
     """A surfel as water changes it, and the film over it."""
 
     surfel: Surfel
-    """What lies under the film."""
+    """Surface under the film."""
     film: float
     """Share of the surface that the film covers, 0 to 1; 0 for a dry one."""
     film_normal: wp.vec3
@@ -260,7 +260,7 @@ def ripple_normal(wet: Wet, point: wp.vec3, time: float) -> wp.vec3:
 
 @wp.func
 def soaked_color(color: wp.vec3, share: float) -> wp.vec3:
-    """Return the colour of a porous surface of which a share is soaked; 1 / n^2 of the light escapes the water.
+    """Return the color of a porous surface of which a share is soaked; 1 / n^2 of the light escapes the water.
 
     Source: A. Angstrom 1925, J. Lekner and M. Dorf 1988; see `mmw.physics.materials.material.wet_reflectance`.
     """

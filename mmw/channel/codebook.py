@@ -1,6 +1,6 @@
 """DFT codebooks and the best pair of beams by exhaustive search.
 
-Source: the Multimodal-Wireless paper, section on beam prediction: codebook, search and normalised gain.
+Source: the Multimodal-Wireless paper, section on beam prediction: codebook, search and normalized gain.
 """
 
 from dataclasses import dataclass
@@ -55,7 +55,7 @@ def dft_upa(rows: int, columns: int, row_beams: int, column_beams: int) -> np.nd
     Args:
         rows: Elements in a column, M.
         columns: Elements in a row, N.
-        row_beams: Beams of the vertical codebook, Q_v, of phases that grow downwards from row to row.
+        row_beams: Beams of the vertical codebook, Q_v, of phases that grow downward from row to row.
         column_beams: Beams of the horizontal codebook, Q_h.
 
     Returns:

@@ -1,4 +1,4 @@
-"""Who talks to whom: one row a link and frame, with both antennas where they are."""
+"""Radio links: one row a link and frame, with the poses of both antennas."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ class RadioDevices:
     """One side of every link, world frame."""
 
     position: np.ndarray
-    """Phase centre of the antenna [m], shape [L, 3], float64."""
+    """Phase center of the antenna [m], shape [L, 3], float64."""
     rotation: np.ndarray
     """Antenna-to-world rotation, shape [L, 3, 3], float64."""
     velocity: np.ndarray

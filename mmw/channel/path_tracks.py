@@ -1,4 +1,4 @@
-"""Paths followed over frames: when each is born and dies, how fast its delay changes, and the channel between frames.
+"""Paths followed over frames: birth and death of each, the rate of its delay, and the channel between frames.
 
 Between two frames of a track the delay is the cubic that has the delays and rates of both, so the carrier's phase and
 the Doppler shift are continuous over frames. Coefficients hold no carrier phase, change slowly and are interpolated
@@ -22,13 +22,13 @@ from mmw.core.errors import InputError
 from mmw.physics.em.field import times
 
 Edges = Literal["hold", "fade", "drop"]
-"""What a track does between its last frame and the next one, and before its first; see `PathTracks.at`."""
+"""Treatment of a track between its last frame and the next one, and before its first; see `PathTracks.at`."""
 
 TRACK_COLUMNS = (*PATH_COLUMNS, "path_id")
 """Columns of table `paths` that `tracks_from_table` needs."""
 
 SAMPLE_COLUMNS = tuple(field.name for field in fields(Paths)[3:])
-"""What a path has in `Paths` besides its link, and every sample of a track too."""
+"""Fields that a path in `Paths` has besides its link, and every sample of a track too."""
 
 TIME_DECIMALS = 8
 """Times are rounded to this many decimals of a frame (0.1 ns), so that n / 100 in floating point is frame n."""
@@ -56,7 +56,8 @@ class PathTracks:
     link: np.ndarray
     """Link of each track, shape [K], int64."""
     path_id: np.ndarray
-    """What the path is in every frame, shape [K], int64; several tracks of a link may share it, one after another."""
+    """Identifier of the path in every frame, shape [K], int64; several tracks of a link may share it, one after
+    another."""
     offset: np.ndarray
     """First sample of each track, and S behind the last, shape [K + 1], int64."""
     frame: np.ndarray

@@ -27,7 +27,7 @@ def path_kinds(interaction: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class PathSet:
-    """One row a path, sorted by (link, order, kinds, surfaces). World frame, metres, seconds, radians, e^{+jwt}.
+    """One row a path, sorted by (link, order, kinds, surfaces). World frame, meters, seconds, radians, e^{+jwt}.
 
     A link without any path is there with `count` 0. A path in a null of a pattern is there with gain 0.
 
@@ -40,8 +40,8 @@ class PathSet:
     link: np.ndarray
     """Row of `Links`, shape [P], int32."""
     path_id: np.ndarray
-    """What the path is in every frame: a hash of transmitter, receiver and what it meets in turn, shape [P], int64.
-    A diffuse path also hashes its ray, so it lives in one frame only."""
+    """Identifier of a path, the same in every frame: a hash of transmitter, receiver and its interactions in order,
+    shape [P], int64. A diffuse path also hashes its ray, so its identifier is in one frame only."""
     kind: np.ndarray
     """Row of `PATH_KINDS`, shape [P], int8."""
     order: np.ndarray

@@ -111,7 +111,7 @@ class AirConfig(Section):
 
 
 def resolve_air(air: dict[str, AirConfig], weathers: tuple[str, ...]) -> dict[str, AirConfig]:
-    """Return every value of every weather that is made, so that a dataset says what its weather was.
+    """Return every value of every weather that is made, so that a dataset documents its weather.
 
     Args:
         air: The section as the user gave it. Presets that are not made are dropped from it.

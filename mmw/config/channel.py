@@ -9,7 +9,7 @@ from mmw.core.errors import InputError
 
 
 class ChannelConfig(Section):
-    """Paths on every link: line of sight, chains of specular reflections, and what else is switched on."""
+    """Paths on every link: line of sight, sequences of specular reflections, and what else is switched on."""
 
     enabled: bool = Field(True, description="trace radio channels at all (true or false)")
     carriers_hz: tuple[float, ...] = Field((28e9, 4.9e9), description="carrier frequencies, all from one trace [Hz]")
@@ -62,7 +62,7 @@ class ChannelConfig(Section):
 
     @property
     def is_reciprocal(self) -> bool:
-        """Whether a link and its reverse have one transfer: wedges tell the ends apart, diffuse rays start at one."""
+        """True if a link and its reverse have one transfer: wedges tell the ends apart, diffuse rays start at one."""
         return not (self.diffraction or self.diffuse)
 
     @field_validator("antenna_position_m")

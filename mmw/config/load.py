@@ -1,4 +1,4 @@
-"""File + overrides -> Config. Every problem becomes one line that names the file, the key, the value and the cure."""
+"""File + overrides -> Config. Every problem becomes one line that names the file, the key, the value and the remedy."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Material maps: pattern -> what a surface is, for worlds that say too little about their materials."""
+"""Material maps: pattern -> what a surface is, for worlds that describe their materials incompletely."""
 
 from typing import Any
 
@@ -16,7 +16,7 @@ def _or_name(schema: dict[str, Any]) -> None:
 
 
 class MaterialEntry(Section):
-    """What the meshes are that a pattern matches; text instead is the name of a radio material."""
+    """Material of the meshes that a pattern matches; text instead is the name of a radio material."""
 
     model_config = ConfigDict(json_schema_extra=_or_name)
 
@@ -37,7 +37,7 @@ class MaterialEntry(Section):
 
     @property
     def changes(self) -> dict[str, object]:
-        """What is said about a material of one's own: every key that is given but `material` and `label`."""
+        """Properties of a custom material: every key that is given but `material` and `label`."""
         return self.model_dump(exclude_none=True, exclude={"material", "label"})
 
     @model_validator(mode="before")

@@ -48,7 +48,7 @@ class Config(Section):
     @field_validator("air")
     @classmethod
     def _known_weathers(cls, value: dict[str, AirConfig], info: ValidationInfo) -> dict[str, AirConfig]:
-        weathers = info.data.get("weathers")  # absent if it is wrong itself, which is said elsewhere
+        weathers = info.data.get("weathers")  # absent if it is wrong itself, which is reported elsewhere
         return value if weathers is None else resolve_air(value, weathers)
 
     @model_validator(mode="after")

@@ -11,15 +11,15 @@ from mmw.config.validation_errors import models_in, tag_of
 from mmw.core.errors import InputError
 
 EVERY = "*"
-"""What stands for every item of a list."""
+"""Wildcard for every item of a list."""
 
 
 def set_value(data: dict[str, Any], key: str, value: Any) -> None:
     """Replace one value of a configuration file's content, or one in every item of a list.
 
-    An item of a list is named by its number or its `name`; `*` is every item:
-    `scenarios.0.town`, `sensors.lidar.range_m`, `scenarios.*.traffic.warmup_s`. Where the file leaves out something on
-    the way, its default is put there first, so that `sensors.lidar.range_m=80` changes the default LiDAR.
+    An item of a list is named by its number or its `name`; `*` is every item: `scenarios.0.town`,
+    `sensors.lidar.range_m`, `scenarios.*.traffic.warmup_s`. Where the file leaves out something on the way, its default
+    is put there first, so that `sensors.lidar.range_m=80` changes the default LiDAR.
 
     Args:
         data: Content of the file; changed in place.

@@ -34,7 +34,7 @@ class RsuConfig(Section):
 
 
 class TrafficConfig(Section):
-    """The moving vehicles of a scenario, and who of them is connected."""
+    """The moving vehicles of a scenario, and which of them are connected."""
 
     engine: Literal["idm", "sumo", "file"] = Field(
         "idm", description="mmw's own engine, SUMO (needs the extra sumo), or a table of trajectories (token)"
@@ -85,7 +85,7 @@ class TrafficConfig(Section):
 
     @model_validator(mode="after")
     def _ranks_exist(self) -> "TrafficConfig":
-        if self.cav_ids:  # they say who is connected
+        if self.cav_ids:  # they set the connected ones
             return self
         for rank in self.cav_ranks:
             if not 0 <= rank < self.vehicle_count:

@@ -1,4 +1,4 @@
-"""What every sensor's section has: a name, the agents that carry it, and where it sits on them."""
+"""Common section of all sensors: a name, the agents that carry it, and its mount on them."""
 
 from typing import Literal
 
@@ -14,7 +14,7 @@ MAX_OFFSET_M = 1000.0
 
 
 class MountConfig(Section):
-    """Where a sensor sits on its agent: x forward, y left, z up from the agent's origin on the ground."""
+    """Mount of a sensor on its agent: x forward, y left, z up from the agent's origin on the ground."""
 
     position_m: Vec3 = Field(
         (0.0, 0.0, 0.0), description="offset in the agent's frame, x forward, y left, z up, at most 1000 each [m]"

@@ -1,5 +1,6 @@
-"""Describe a kind of sensor in one object, which everything that handles sensors asks."""
+"""Describe a kind of sensor in one object, which all code that handles sensors queries."""
 
+import builtins
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
@@ -63,7 +64,7 @@ class SensorSpec:
     """Name for people, such as `LiDAR`."""
     kind: Literal["points", "image", "scalar", "signal"]
     """Shape of a sample, by which viewers and exporters choose what they can show or carry."""
-    config: type[SensorConfig]
+    config: "builtins.type[SensorConfig]"
     """Section of the configuration."""
     tables: "tuple[TableSpec, ...]"
     """Tables that the sensor fills, the primary one first. Sensors that fill one table name the same object."""
@@ -88,9 +89,9 @@ class SensorSpec:
     sweep_s: Callable[[Any], float] = field(default=lambda config: 0.0)
     """`config -> time before the frame in which rays start [s]`."""
     needs_clear_view: bool = False
-    """Whether it may not sit inside a body."""
+    """True if its mount must not be inside a body."""
     needs_appearance: bool = False
-    """Whether it shows how surfaces look in visible light."""
+    """True if it shows the appearance of surfaces in visible light."""
     warm_up: Reference = ""
     """`(Config)`: slow work that a thread begins while the first scene is read."""
     decode: Reference = ""

@@ -1,4 +1,4 @@
-"""What pydantic found wrong with a file, as one line: file, key, value, and the cure."""
+"""Validation errors of pydantic as one line each: file, key, value, and the remedy."""
 
 import difflib
 import json
@@ -25,7 +25,7 @@ _NEEDED = {
     "bool_type": "true or false is needed, without quotes",
     "string_type": "text is needed; put it in quotes if it looks like a number",
 }
-"""What to say instead of pydantic's words about Python types, by its error type."""
+"""Messages that replace pydantic's words about Python types, by its error type."""
 
 
 def problem_line(path: Path, error: ErrorDetails, root: type[BaseModel]) -> str:

@@ -1,4 +1,4 @@
-"""A YAML file as a validated section; a problem is one line that names the file, the key, the value and the cure."""
+"""A YAML file as a validated section; a problem is one line that names the file, the key, the value and the remedy."""
 
 import json
 import re

@@ -15,7 +15,7 @@ class _Choice:
     """The choice of this process."""
 
     kind = "wide"
-    """What `mmw.kernels` is set to."""
+    """Kind that `mmw.kernels` is set to."""
     is_made = False
     """Whether anybody chose it."""
     is_built = False

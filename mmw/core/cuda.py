@@ -1,4 +1,4 @@
-"""What Warp leaves to CUDA's driver."""
+"""Call CUDA's driver where Warp has no function."""
 
 import ctypes
 import sys

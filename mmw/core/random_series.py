@@ -24,7 +24,7 @@ MULTIPLIERS = (np.uint64(0xD2511F53), np.uint64(0xCD9E8D57))
 """Constants of Philox4x32's two multiplications."""
 
 WEYL_STEPS = (np.uint64(0x9E3779B9), np.uint64(0xBB67AE85))
-"""What Philox adds to the two words of the key after every round."""
+"""Increments of the two key words after every round of Philox."""
 
 LOW, HIGH_SHIFT = np.uint64(0xFFFFFFFF), np.uint64(32)
 

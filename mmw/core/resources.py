@@ -1,4 +1,4 @@
-"""Where the shipped configurations and USD assets are, in a checkout and in an installed wheel; the user's cache."""
+"""Locate the shipped configurations and USD assets, in a checkout or a wheel, and the user's cache."""
 
 import os
 import sys

@@ -19,7 +19,7 @@ PORTION = 256
 
 @dataclass(frozen=True)
 class BeamSearch:
-    """What an exhaustive search for the best pair of beams is made with; the Multimodal-Wireless paper's by default.
+    """Settings of an exhaustive beam search; by default those of the Multimodal-Wireless paper.
 
     H is averaged over the subcarriers, as in the paper, with the first path of each link at delay 0, as in its files: a
     receiver is synchronised. With the time of flight in H, subcarriers would cancel in the average.

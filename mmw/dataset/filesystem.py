@@ -1,4 +1,4 @@
-"""Where the files of a dataset are: a local folder, or a place that pyarrow or fsspec can read, such as S3."""
+"""Open the files of a dataset: a local folder, or a place that pyarrow or fsspec can read, such as S3."""
 
 from pathlib import Path, PurePosixPath
 from typing import Any

@@ -41,7 +41,7 @@ class PointCloud:
     points: np.ndarray
     """Sensor frame [m], shape [N, 3], float32."""
     columns: dict[str, np.ndarray]
-    """What the table has for each point, shape [N] each: of a LiDAR intensity, ring, object_id, label, time_offset,
+    """Columns of each point, shape [N] each: of a LiDAR intensity, ring, object_id, label, time_offset,
     return_number and, if asked for, flow_x ...; of a radar range, azimuth, elevation, velocity, power_db, ..."""
 
     def __len__(self) -> int:

@@ -1,4 +1,4 @@
-"""What a user should know before a run: settings that are allowed and most likely not meant. One line each."""
+"""Warn of settings that are allowed and most likely not meant, one line each."""
 
 from mmw.config import Config, ScenarioConfig
 from mmw.config.sensor_spec import spec_of

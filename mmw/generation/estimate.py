@@ -1,4 +1,4 @@
-"""What a configuration asks for, before anything is traced: inputs that must exist, frames, rays and bytes."""
+"""Check the inputs of a configuration, and estimate its frames, rays and bytes before tracing."""
 
 import functools
 from collections.abc import Callable, Mapping, Sequence

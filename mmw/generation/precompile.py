@@ -55,9 +55,9 @@ def needed_modules(config: Config, *, on_gpu: bool = True) -> list[str]:
         config: The configuration.
         on_gpu: Whether a GPU is what runs it, which makes its own JPEG files.
     """
-    sensors, modules = config.sensors, {"core.trace": 5, "core.line_of_sight": 2, "core.instance_bounds": 0}
-    for sensor in sensors:
-        modules |= spec_of(sensor).kernels(sensor, on_gpu)
+    modules: dict[str, float] = {"core.trace": 5, "core.line_of_sight": 2, "core.instance_bounds": 0}
+    for sensor in config.sensors:
+        modules.update(spec_of(sensor).kernels(sensor, on_gpu))
     if config.channel.enabled:
         modules |= {"channel.image_method": 7, "channel.reflection_candidates": 2}
     return sorted(modules, key=lambda name: -modules[name])  # seconds that the CPU compiler takes

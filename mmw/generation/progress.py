@@ -1,4 +1,4 @@
-"""What the user sees: a progress bar on a terminal, one line a batch elsewhere, a summary at the end."""
+"""Show progress: a bar on a terminal, one line a batch elsewhere, a summary at the end."""
 
 import json
 import logging
@@ -22,7 +22,7 @@ SET_UP = ("traffic and stage", "scene", "kernels", "textures and skies")
 
 
 class Reporter(Protocol):
-    """Where the progress of a worker goes: to the terminal, or to the process that has it."""
+    """Receiver of a worker's progress: the terminal, or the process that owns it."""
 
     clock: StageTimer
 

@@ -1,4 +1,4 @@
-"""Where a dataset comes from: the configuration kept with it, versions, hashes, and what a resumed run must match."""
+"""Record the provenance of a dataset: configuration, versions and hashes, which a resumed run must match."""
 
 import functools
 import platform

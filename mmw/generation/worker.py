@@ -1,4 +1,4 @@
-"""What makes shards: one device with a scenario on it, and threads that encode and write what it traced."""
+"""Make shards: one device holds a scenario, and threads encode and write its rows."""
 
 import logging
 import pickle
@@ -39,15 +39,15 @@ sensors are 0.5 GB without their images, which `mmw.sensors.image_encoder` bound
 
 @dataclass(frozen=True)
 class GenerationContext:
-    """What all workers of a dataset share."""
+    """Settings that all workers of a dataset share."""
 
     config: Config
     base: Path
     """Folder that relative paths in the configuration start from."""
     root: Store
-    """Where the dataset is."""
+    """Root of the dataset."""
     meta: Mapping[str, Any]
-    """What goes into every marker besides the worker's device; see `write_shard`."""
+    """Content of every marker besides the worker's device; see `write_shard`."""
     threads: int
     """Threads of each worker that encode and write."""
     owner: Owner = field(default_factory=Owner)

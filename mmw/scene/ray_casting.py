@@ -25,7 +25,7 @@ class RayHits:
     material_id: np.ndarray
     """Material of the weather that is selected, -1 for a miss, shape [R], int32."""
     normal: np.ndarray
-    """Unit normal of the face, towards the origin of the ray, shape [R, 3], float32; zero for a miss."""
+    """Unit normal of the face, toward the origin of the ray, shape [R, 3], float32; zero for a miss."""
 
 
 def cast_rays(

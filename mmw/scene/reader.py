@@ -53,7 +53,7 @@ def read_stage(
             class.
 
     Returns:
-        The scene in the world frame (z up, metres).
+        The scene in the world frame (z up, meters).
 
     Raises:
         InputError: If the file is missing, unreadable or empty; if a frame or weather is not in it; if a mesh has no
@@ -76,7 +76,7 @@ def read_stage(
 
     meshes = list(reader.meshes.meshes())
     owners = [_owner(mesh.anchor, actor_of) for mesh in meshes]
-    is_shown = [reader.meshes.is_visible(mesh.prim) for mesh in meshes]  # a moving mesh always: its poses say when
+    is_shown = [reader.meshes.is_visible(mesh.prim) for mesh in meshes]  # a moving mesh always: its poses give the time
     parts = reader.parts(
         meshes,
         [
@@ -213,7 +213,7 @@ def _join_corners(parts: list[Part]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _join_wheels(parts: list[Part]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the wheels of several parts, and the wheel of each face; equal centre and radius make one wheel."""
+    """Return the wheels of several parts, and the wheel of each face; equal center and radius make one wheel."""
     row_of: dict[tuple[float, ...], int] = {}
     columns = []
     for part in parts:

@@ -24,8 +24,8 @@ class Prototype:
     surface: np.ndarray
     """Local surface index of each face, 0 to K - 1, shape [M], int32."""
     wheels: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))
-    """Wheels: centre x, y, z in the frame of the actor [m] and radius [m], shape [W, 4], float64. A wheel turns about
-    the actor's y axis through its centre."""
+    """Wheels: center x, y, z in the frame of the actor [m] and radius [m], shape [W, 4], float64. A wheel turns about
+    the actor's y axis through its center."""
     wheel: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
     """Wheel of each face, -1 for a face that is fixed to the body, shape [M], int32; left out, no face turns."""
     uv: np.ndarray = field(default_factory=lambda: np.zeros((0, 3, 2), dtype=np.float32))
@@ -65,7 +65,7 @@ def _fill_corners(shape: "Prototype | SceneData", where: str) -> None:
 
 @dataclass(frozen=True)
 class SceneObject:
-    """What an `object_id` means."""
+    """Object that an `object_id` refers to."""
 
     object_id: int
     prim_path: str
@@ -81,7 +81,7 @@ class SceneObject:
 
 @dataclass(frozen=True)
 class Actor:
-    """One thing that moves, or carries sensors."""
+    """An actor that moves, or an infrastructure unit that carries sensors."""
 
     name: str
     role: str
@@ -96,12 +96,12 @@ class Actor:
     """Middle of the box in the actor's frame [m]."""
     label: str
     is_parked: bool = False
-    """Whether it is a parked vehicle, whose lamps never burn."""
+    """True if it is a parked vehicle, whose lamps are always off."""
 
 
 @dataclass(frozen=True)
 class SceneData:
-    """One scenario: a static town, models, and where the actors are in every frame. World frame, metres."""
+    """One scenario: a static town, models, and where the actors are in every frame. World frame, meters."""
 
     points: np.ndarray
     """Town vertices [m], shape [N, 3], float64."""
@@ -116,7 +116,7 @@ class SceneData:
     models: tuple[Prototype, ...]
     actors: tuple[Actor, ...]
     frames: range
-    """Frames that `poses` covers, consecutive: derivatives take neighbouring rows as 1/100 s apart."""
+    """Frames that `poses` covers, consecutive: derivatives take neighboring rows as 1/100 s apart."""
     poses: np.ndarray
     """Actor-to-world (x, y, z, qx, qy, qz, qw), shape [F, V, 7], float64; NaN where an actor is absent."""
     materials: dict[str, tuple[Material, ...]]
@@ -128,7 +128,7 @@ class SceneData:
     normals: np.ndarray = field(default_factory=lambda: np.zeros((0, 3, 3), dtype=np.float32))
     """Unit normals at the corners of each town face, world frame, shape [M, 3, 3], float32; zeros: it is flat."""
     look_notes: tuple[str, ...] = ()
-    """What a user of the RGB camera should know of the stage's materials, one line each."""
+    """Notes for users of the RGB camera on the stage's materials, one line each."""
     sensing: frozenset[str] | None = None
     """Names of the agents whose sensors are traced; None for all of them."""
 

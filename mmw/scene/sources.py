@@ -68,6 +68,6 @@ def weather_variants(source: Path) -> list[str]:
     Raises:
         InputError: If USD cannot read the file.
     """
-    stage = open_stage(source, Usd.Stage.LoadNone)  # its prims live as long as it does
+    stage = open_stage(source, Usd.Stage.LoadNone)  # its prims are valid as long as it is
     root = stage.GetDefaultPrim()
     return root.GetVariantSet("weather").GetVariantNames() if root else []

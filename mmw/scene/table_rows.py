@@ -1,4 +1,5 @@
-"""What the row makers share: columns by name, names of agents, lists of a sweep, images that threads still encode."""
+"""Common parts of the functions that make rows: columns by name, names of agents, lists of a sweep, images that threads
+still encode."""
 
 from collections.abc import Sequence
 from concurrent.futures import Future

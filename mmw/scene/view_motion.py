@@ -1,4 +1,4 @@
-"""How sensors move while they sweep: velocity and angular rate of each view."""
+"""Motion of sensors while they sweep: velocity and angular rate of each view."""
 
 import numpy as np
 

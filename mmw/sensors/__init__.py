@@ -1,4 +1,4 @@
-"""Simulate sensors: one package a kind, each with a `SensorSpec` that everything else asks.
+"""Simulate sensors: one package a kind, each with a `SensorSpec` that the rest of the program queries.
 
 The names below are loaded when they are first used, so that `import mmw.sensors` stays light.
 """

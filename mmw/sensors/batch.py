@@ -1,4 +1,4 @@
-"""What stays the same while one scenario is traced, and where its rows are gathered."""
+"""Context of the tracing of one scenario: constant inputs, and the lists that gather its rows."""
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -35,7 +35,7 @@ class Batch:
 
     @cached_property
     def encoder(self) -> Encoder:
-        """What hands images to the pool."""
+        """Encoder that submits images to the pool."""
         return Encoder(self.pool)
 
     @property
@@ -68,7 +68,7 @@ class Batch:
         return appearance if appearance.has_holes else None
 
     def texture_notes(self) -> list[str]:
-        """Return what a user should know of textures, one line each; nothing without RGB cameras."""
+        """Return the notes for the user on textures, one line each; nothing without RGB cameras."""
         return [line for debug in {s.debug for s in self.rgb_sensors} for line in self.rgb_camera(debug).notes]
 
 

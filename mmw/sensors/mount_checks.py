@@ -1,4 +1,4 @@
-"""Whether every sensor and antenna is in the open: one inside a vehicle, a building or the ground sees nothing."""
+"""Check that every sensor and antenna is in the open: one inside a vehicle, a building or the ground sees nothing."""
 
 # Warp's structs and small number types are objects, not classes, to a type checker.
 # pyright: reportGeneralTypeIssues=false, reportArgumentType=false
@@ -19,7 +19,7 @@ RAYS = 64
 """Rays that are sent out of each place; design value."""
 
 INSIDE_SHARE = 0.9
-"""Share of the rays that must meet an odd number of surfaces for a place that counts as inside. All do in a closed
+"""Share of the rays that must hit an odd number of surfaces for a place that counts as inside. All do in a closed
 solid or below the ground; a few may slip through an open mesh. Design value."""
 
 REACH_M = 5_000.0
@@ -29,7 +29,7 @@ REACH_M = 5_000.0
 def check_mounts(scene: DeviceScene, config: Config) -> None:
     """Check each sensor and antenna at the first frame in which its agent is there.
 
-    A place is inside something if nearly all rays upwards meet an odd number of surfaces: inside a closed solid every
+    A place is inside something if nearly all rays upward hit an odd number of surfaces: inside a closed solid every
     way out crosses its skin once more than it enters. The winding of faces does not matter.
 
     Args:
@@ -77,7 +77,7 @@ def enclosing_objects(scene: DeviceScene, position: np.ndarray) -> np.ndarray:
         position: World frame [m], shape [N, 3].
 
     Returns:
-        Object ids, the one that most rays meet first, shape [N], int32.
+        Object ids, the one that most rays hit first, shape [N], int32.
     """
     turn = np.arange(RAYS) * math.pi * (3.0 - math.sqrt(5.0))  # golden angle: even in azimuth at every height
     up = np.linspace(0.02, 0.98, RAYS)

@@ -9,7 +9,7 @@ from mmw.core.errors import Error
 from mmw.core.temp_files import temporary_path
 
 FULL = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))
-"""What the system says of a full disk, and where quotas exist of a full quota."""
+"""Error numbers of a full disk and of a full quota."""
 
 
 class OutOfSpaceError(Error, RuntimeError):

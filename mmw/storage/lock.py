@@ -1,4 +1,4 @@
-"""Who writes a dataset folder: one run, or several that make its parts, and nobody else beside them."""
+"""Lock a dataset folder for one run, or for several that make its parts."""
 
 import os
 import platform

@@ -19,14 +19,14 @@ from mmw.storage.shard_writer import MARKERS, META_KEYS, ShardKey, marker_path
 from mmw.storage.store import DATASET, LOCKS, Folder, Root, Store, store_of
 
 HEAD_TYPES = {"schema_version": str, "config_sha256": str, "versions": dict, "config": dict}
-"""What `dataset.json` must hold."""
+"""Required content of `dataset.json`."""
 MARKER_TYPES = {
     "scenario": str, "weather": str | None, "frame_begin": int | None, "frame_end": int | None,
     "schema_version": str, "config_sha256": str,
 }  # fmt: skip
-"""What a marker must hold, besides the list of its files."""
+"""Required content of a marker, besides the list of its files."""
 FILE_TYPES = {"table": str, "path": str, "rows": int, "bytes": int, "sha256": str}
-"""What that list must hold of each."""
+"""Required content of each entry of that list."""
 MANIFEST = "_manifest.parquet"
 CARD = "README.md"
 CONFIG = "config.yaml"

@@ -59,7 +59,7 @@ CAUSES = (
         "set AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, or AWS_PROFILE, of who may list, get, put and delete there",
     ),
 )
-"""What an error says, its cause and its cure, where trying again is of no use."""
+"""Error code -> cause and cure, where a retry is of no use."""
 
 UNREACHABLE = (
     r"NETWORK_CONNECTION|curlCode", "it cannot be reached", "see the network, and endpoint_override in the address"

@@ -27,7 +27,7 @@ MARKERS = "_shards"
 """Folder of the markers; the underscore hides it from readers."""
 
 META_KEYS = ("config_sha256", "mmw_version", "git_sha", "device", "seconds")
-"""What a marker says about the making of its files, besides their list."""
+"""Metadata of a marker, besides the list of its files."""
 
 _FILE_META = {"config_sha256": "mmw.config_sha256", "mmw_version": "mmw.version", "git_sha": "mmw.git"}
 """Marker key -> file-level key; nothing that differs between two equal runs, so that their files are equal too."""

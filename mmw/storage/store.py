@@ -1,4 +1,4 @@
-"""Where a dataset is: what reads and writes its files goes through a `Store`. A folder on this machine is one."""
+"""Read and write the files of a dataset through a `Store`, such as a local folder."""
 
 import os
 import shutil

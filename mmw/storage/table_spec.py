@@ -1,4 +1,4 @@
-"""What the specifications of tables are put together from: types, columns with unit and meaning, the shared keys."""
+"""Specify tables: types, columns with unit and meaning, the shared keys."""
 
 from dataclasses import dataclass
 
@@ -47,7 +47,7 @@ class TableSpec:
 
     name: str
     doc: str
-    """What one row is, in one sentence."""
+    """Meaning of one row, in one sentence."""
     columns: tuple[pa.Field, ...]
     key: tuple[str, ...]
     """Columns that together name a row; rows are sorted by them, in this order."""

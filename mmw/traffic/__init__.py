@@ -1,4 +1,4 @@
-"""What moves: vehicles of three engines, as bodies that stand on their wheels, and pedestrians."""
+"""Move actors: vehicles of three engines, as bodies that stand on their wheels, and pedestrians."""
 
 from mmw.traffic.idm.run import VehicleTrack, run_traffic
 

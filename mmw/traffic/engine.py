@@ -1,4 +1,4 @@
-"""Which engine moves the vehicles: mmw's own, SUMO, or a table of trajectories."""
+"""Choose the traffic engine: IDM, SUMO, or a table of trajectories."""
 
 from collections.abc import Mapping
 from pathlib import Path

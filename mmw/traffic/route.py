@@ -1,4 +1,4 @@
-"""Where a vehicle goes: a chain of lanes, joined to one line."""
+"""Route a vehicle: a sequence of lanes, joined to one line."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

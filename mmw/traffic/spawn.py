@@ -1,4 +1,4 @@
-"""Where vehicles start, which models they are, and which of them are connected."""
+"""Choose start positions, models and connected vehicles."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -119,7 +119,7 @@ def connected_ranks(traffic: TrafficConfig, seed: int) -> tuple[int, ...]:
 
 
 class Places:
-    """Which stretches of the lanes are taken at the start."""
+    """Stretches of the lanes that are occupied at the start."""
 
     def __init__(self, graph: LaneGraph) -> None:
         """Start with empty lanes."""

@@ -58,7 +58,7 @@ MAX_STEER = 0.7
 
 @dataclass(frozen=True)
 class Shape:
-    """What traffic needs of a vehicle model."""
+    """Dimensions of a vehicle model that traffic needs."""
 
     name: str
     wheelbase: float
@@ -163,7 +163,7 @@ def follow_line(line: Line, shape: Shape, before: Track | None = None, row: int 
 
 @dataclass(frozen=True)
 class Stance:
-    """Where a body stands at every sample of its line: the columns that poses are interpolated from."""
+    """Body poses at every sample of a line, from which poses are interpolated."""
 
     track: Track
     columns: np.ndarray

@@ -1,1 +1,1 @@
-"""What mmw writes into and reads from USD prims: schema, materials, semantics, meshes. Leftmost in the data flow."""
+"""Write and read USD prims: schema, materials, semantics, meshes."""

@@ -66,7 +66,7 @@ class MaterialUse:
     prim_path: str
     """Material prim; empty for a mesh without one that the material map describes."""
     fallback: RadioMaterial | None
-    """What the material map, the name, the non-visual base or the label say; None where `mmw:radio:*` must."""
+    """Radio material by material map, name, non-visual base or label; None if `mmw:radio:*` decides."""
     library: str = ""
     """Material of the library that the material map names, for LiDAR and look too; empty if it names none."""
     color: tuple[float, float, float] | None = None

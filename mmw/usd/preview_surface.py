@@ -27,7 +27,7 @@ DEFAULT_PRIMVAR = "st"
 
 Color = tuple[float, float, float]
 Notes = dict[str, None]
-"""What a user should know, one line each, in order and once."""
+"""Notes for the user, one line each, in order and once."""
 
 _NUMBERS = {"roughness": 0.5, "metallic": 0.0, "ior": 1.5, "opacity": 1.0, "opacityThreshold": 0.0, "clearcoat": 0.0,
             "clearcoatRoughness": 0.01}  # fmt: skip

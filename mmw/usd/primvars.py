@@ -16,14 +16,14 @@ _TEXTURE_TYPES = (Sdf.ValueTypeNames.TexCoord2fArray, Sdf.ValueTypeNames.TexCoor
 
 @dataclass(frozen=True)
 class Corners:
-    """What lies at the corners of a mesh's triangles, in the mesh's own space."""
+    """Primvars at the corners of a mesh's triangles, in the mesh's own space."""
 
     uv: np.ndarray | None
     """Texture coordinates, shape [M, 3, 2], float32; None where the mesh has none."""
     normals: np.ndarray | None
     """Normals, any length, shape [M, 3, 3], float32; None where the mesh is flat."""
     notes: tuple[str, ...] = ()
-    """What could not be used, one line each."""
+    """Values that could not be used, one line each."""
 
 
 NO_CORNERS = Corners(None, None)

@@ -46,7 +46,7 @@ class Image:
     halves: np.ndarray
     """The same as half floats."""
     note: str = ""
-    """What the user should know of it, empty for nothing."""
+    """Note for the user; empty for none."""
 
 
 def decode_image(file: str, is_srgb: bool | None, where: str) -> Image:

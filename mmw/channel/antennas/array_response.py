@@ -3,7 +3,7 @@
     A_m[r, t] = F_r^T T_m F_t exp(+j 2 pi / lambda (k_t . d_t + k_r . d_r))
 
 with T_m the stored 2x2 transfer, F the element fields in the world's (theta, phi) basis, d the antennas' offsets from
-the phase centre, k_t the direction of departure and k_r the one from the receiver back along the path. A_m is at the
+the phase center, k_t the direction of departure and k_r the one from the receiver back along the path. A_m is at the
 carrier, and holds no carrier phase: the complex gain is A_m exp(-j 2 pi f_c tau_m).
 
 Source: 3GPP TR 38.901, section 7.5, step 11 (fields, transfer, array phases); Sionna RT 2.2, synthetic arrays.
@@ -130,7 +130,7 @@ def plane_wave_error(
     plane wave. The difference is never below 0, and largest, d^2 / (2 r), in the direction with k . d = d^2 / (2 r).
     With |d| <= D / 2 the phase is off by pi D^2 / (4 lambda r) at most: pi / 8 at the Fraunhofer distance 2 D^2 /
     lambda. With arrays at both ends the difference of their offsets counts, and D is the sum of both apertures. The
-    common phase is exact: it comes from the delay between the phase centres.
+    common phase is exact: it comes from the delay between the phase centers.
 
     Args:
         array: Array of one end.

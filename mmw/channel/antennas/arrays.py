@@ -19,8 +19,8 @@ class PlanarArray:
     """A uniform planar array of equal elements; a single antenna by default.
 
     Local frame of the array: x is the boresight, elements lie in the y-z plane around the origin, which is the phase
-    centre. Column j of N is at y = d_h (j - (N - 1) / 2), row i of M at z = d_v ((M - 1) / 2 - i): columns run along
-    +y, rows downwards. A linear array has one row and lies along y.
+    center. Column j of N is at y = d_h (j - (N - 1) / 2), row i of M at z = d_v ((M - 1) / 2 - i): columns run along
+    +y, rows downward. A linear array has one row and lies along y.
 
     Element e = j M + i: column by column, each from its top. Antenna n = p M N + e: all elements of the first
     polarisation, then all of the second.
@@ -46,7 +46,7 @@ class PlanarArray:
     polarization: Polarization = "V"
     """Polarisation name, or slant angles [rad]."""
     polarization_model: PolarizationModel = "tr38901_2"
-    """How a slant acts (see `mmw.channel.antennas.patterns.polarization_components`)."""
+    """Polarization model of a slant (see `mmw.channel.antennas.patterns.polarization_components`)."""
     orientation: tuple[float, ...] = (0.0, 0.0, 0.0, 1.0)
     """Array to agent: a quaternion (x, y, z, w), or yaw, pitch, roll [rad]."""
 
@@ -110,7 +110,7 @@ class PlanarArray:
         )
 
     def element_positions(self, carrier_hz: float) -> np.ndarray:
-        """Return the antennas' offsets from the phase centre [m], the agent's axes, shape [antennas, 3].
+        """Return the antennas' offsets from the phase center [m], the agent's axes, shape [antennas, 3].
 
         Antennas of one element and different polarisations are at one place. Without an orientation the agent's axes
         are the array's, and the offsets are Sionna RT's.

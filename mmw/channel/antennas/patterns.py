@@ -304,7 +304,7 @@ def antenna_field(
     """Return the far field of an antenna in the world's theta and phi basis.
 
     Args:
-        direction: Unit directions away from the antenna, world frame, shape [P, 3]. For a receiver: towards the
+        direction: Unit directions away from the antenna, world frame, shape [P, 3]. For a receiver: toward the
             incoming wave.
         rotation: Antenna-to-world rotations, shape [P, 3, 3].
         pattern: Element pattern: a name, a `PatternTable`, or a function (see `pattern_components`).

@@ -1,4 +1,4 @@
-"""Exact tracing of antenna arrays: a link for every pair of elements instead of one for their centres."""
+"""Exact tracing of antenna arrays: a link for every pair of elements instead of one for their centers."""
 
 import numpy as np
 
@@ -16,7 +16,7 @@ def per_element_links(
     of it, at N_t N_r times the cost. `mmw.channel.apply_arrays` makes the same from one trace for far paths.
 
     Args:
-        links: Links between the phase centres.
+        links: Links between the phase centers.
         tx_array: Array of every transmitter, in the agent's frame.
         rx_array: Array of every receiver.
         carrier_hz: Carrier that the spacing in wavelengths is for [Hz].

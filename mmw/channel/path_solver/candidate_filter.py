@@ -1,4 +1,4 @@
-"""Which links could use which chains of planes and wedges: a generous test of every chain that rays met."""
+"""Filter of the path candidates that rays found: a generous test for the links that could use each."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -27,20 +27,20 @@ from mmw.kernels.channel.surfaces import LinkEnds
 from mmw.scene.device_scene import DeviceScene
 
 Candidates = tuple[np.ndarray, np.ndarray, bool]
-"""Links, shape [C]; what they meet from transmitter to receiver, shape [C, D], int32: a surface or a plane, -2 - wedge,
+"""Links, shape [C]; interactions from transmitter to receiver, shape [C, D], int32: a surface or a plane, -2 - wedge,
 or -1 behind the end; and whether it is planes."""
 
 
 @dataclass(frozen=True)
 class Backward:
-    """The links read backwards, for chains that start at the receivers."""
+    """The links read backward, for candidates that start at the receivers."""
 
     ends: LinkEnds
     """Ends, sorted by receiver; `tx` are the receivers."""
     sources: Sources
     """The receivers."""
     place: np.ndarray
-    """Place of each link, in the order of the transmitters, among the links read backwards, shape [L], int32."""
+    """Place of each link, in the order of the transmitters, among the links read backward, shape [L], int32."""
 
 
 def reflected_candidates(
@@ -52,7 +52,7 @@ def reflected_candidates(
     config: ChannelConfig,
     backward: Backward | None = None,
 ) -> Iterator[Candidates]:
-    """Yield chains of reflections, and with diffraction those that have a wedge among or behind them.
+    """Yield candidates of reflections, and with diffraction those that have a wedge among or behind them.
 
     Args:
         scene: The scene with the batch loaded.
@@ -61,10 +61,10 @@ def reflected_candidates(
         sources: The transmitters.
         table: Surfaces of the scene.
         config: Candidate mode, rays, depth, interactions.
-        backward: The links read backwards, for diffraction.
+        backward: The links read backward, for diffraction.
 
     Raises:
-        InputError: If there are too many chains to try them all, or to keep them.
+        InputError: If there are too many candidates to try them all, or to keep them.
     """
     depth = config.max_depth
     for part, begin, is_seen, keys in launches(scene, sources, table, config):
@@ -81,7 +81,7 @@ def reflected_candidates(
 def diffracted_candidates(
     scene: DeviceScene, ends: LinkEnds, pose: wp.array, sources: Sources, table: SurfaceTable, config: ChannelConfig
 ) -> Iterator[Candidates]:
-    """Yield chains of reflections with a diffraction behind them only; see `reflected_candidates`."""
+    """Yield candidates of reflections with a diffraction behind them only; see `reflected_candidates`."""
     for part, _, _, keys in launches(scene, sources, table, config):
         if keys is not None:
             chains = _tree(pose, part, table, keys, config.max_depth)
@@ -111,7 +111,7 @@ def _single(
 
 
 def _tree(pose: wp.array, sources: Sources, table: SurfaceTable, keys: wp.array, depth: int) -> Chains:
-    """Return the chains with planes and images of the transmitters."""
+    """Return the candidates with planes and images of the transmitters."""
     device, cells = keys.device, keys.shape[0]
     chains = Chains()
     chains.key, chains.first, chains.plane_count = keys, len(sources) * table.plane_count, table.plane_count
@@ -165,7 +165,7 @@ def _reflected(
 def _bent(
     ends: LinkEnds, pose: wp.array, sources: Sources, table: SurfaceTable, chains: Chains, depth: int
 ) -> Iterator[Candidates]:
-    """Yield the candidates of reflections and then a diffraction at an edge of the surface that the rays met next."""
+    """Yield the candidates of reflections and then a diffraction at an edge of the surface that the rays hit next."""
     device, cells = chains.key.device, chains.key.shape[0]
     first_link = wp.array(sources.first_link, dtype=wp.int32, device=device)
     inputs = [ends, table.device, table.wedges.device, pose, first_link, chains]
@@ -173,7 +173,8 @@ def _bent(
 
 
 def _counted_then_written(kernel: wp.Kernel, inputs: list, cells: int, depth: int, device: str) -> Iterator[Candidates]:
-    """Yield what a kernel writes that counts first; its last inputs say which of both, and the sums of the counts."""
+    """Yield the output of a kernel that counts first and then writes; its last inputs are the mode and the sums of the
+    counts."""
     count = wp.zeros(cells, dtype=wp.int32, device=device)
     link, step = wp.empty(1, dtype=wp.int32, device=device), wp.empty((1, depth), dtype=wp.int32, device=device)
     wp.launch(kernel, dim=cells, inputs=[*inputs, False, count], outputs=[count, link, step], device=device)
@@ -219,7 +220,7 @@ def _between(
 
 
 def _by_last_plane(chains: Chains, depth: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return source * K + last plane, and cell, of the chains that leave room for a wedge and one more; sorted."""
+    """Return source * K + last plane, and cell, of the candidates that leave room for a wedge and one more; sorted."""
     keys, source = chains.key.numpy(), chains.source.numpy()
     level = keys >> np.uint64(32 + PLANE_BITS.value)
     cell = np.flatnonzero((level > 0) & (level < depth))

@@ -1,4 +1,4 @@
-"""Which chains of planes could carry a path of a link: by launched rays, or by trying every one."""
+"""Path candidates: sequences of planes that could carry a path of a link, from launched rays or exhaustively."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ RAYS_AT_ONCE = 2**30
 """Most rays in one kernel launch."""
 
 CELLS_AT_ONCE = {"cuda": 2**26, "cpu": 2**23}
-"""Cells of the table of chains that are worth a launch of several transmitters; 84 bytes each."""
+"""Cells of the table of candidates that justify a launch of several transmitters; 84 bytes each."""
 
 MAX_CELLS = 2**30
 """Cells of the largest table."""
@@ -48,13 +48,13 @@ class Sources:
 
 
 class TableFull(Exception):
-    """The table of chains is too small for this launch."""
+    """The table of candidates is too small for this launch."""
 
 
 def launches(
     scene: DeviceScene, sources: Sources, table: SurfaceTable, config: ChannelConfig
 ) -> Iterator[tuple[Sources, int, wp.array, wp.array | None]]:
-    """Yield what the rays of all sources meet, or everything that they could, a part that fits into memory at a time.
+    """Yield what the rays of all sources hit, or everything that they could, in parts that fit into memory.
 
     Args:
         scene: The scene with the batch loaded.
@@ -63,11 +63,11 @@ def launches(
         config: Candidate mode, rays, depth, refraction.
 
     Yields:
-        Some of the sources; the number of the first of them; the planes that are met first, one byte each, shape
-        [A, K]; and the keys of chains of two planes and more, shape [N], None if none are wanted.
+        Some of the sources; the number of the first of them; the planes that are hit first, one byte each, shape [A,
+        K]; and the keys of candidates of two planes and more, shape [N], None if none are wanted.
 
     Raises:
-        InputError: If there are too many chains to try them all, or to keep them.
+        InputError: If there are too many candidates to try them all, or to keep them.
     """
     waiting = _chunks(sources.first_link, len(table), config)
     while waiting:
@@ -100,7 +100,7 @@ def _chunks(first_link: np.ndarray, surface_count: int, config: ChannelConfig) -
 def _chains(
     scene: DeviceScene, sources: Sources, table: SurfaceTable, config: ChannelConfig
 ) -> tuple[wp.array, wp.array | None]:
-    """Return the first planes, one byte each, shape [A, K], and the keys of longer chains, shape [N], if wanted."""
+    """Return the first planes, one byte each, shape [A, K], and the keys of longer candidates, shape [N], if wanted."""
     if config.candidates == "exhaustive":
         is_seen = wp.full((len(sources), table.plane_count), 1, dtype=wp.uint8, device=scene.device)
         keys = all_path_candidates(len(sources), table.plane_count, config.max_depth) if config.max_depth > 1 else None
@@ -152,12 +152,12 @@ def launch_rays(
         rays: Rays of each transmitter, > 1.
         table: Surfaces of the scene.
         depth: Surfaces that a ray follows.
-        cells: Size of the table of chains, a power of two.
+        cells: Size of the table of candidates, a power of two.
         patterns: Which of its surfaces a ray goes through instead of off them, one launch a bit pattern.
 
     Returns:
-        Which planes are met first, one byte each, shape [A, K]; the keys of chains of two planes and more, shape [N];
-        and whether some chain found no cell.
+        Planes that are hit first, one byte each, shape [A, K]; keys of the candidates of two planes and more, shape
+        [N]; and whether some candidate found no cell.
     """
     device, stride = scene.device, neighbor_stride(rays)
     row_count = -(-rays // stride)
@@ -190,7 +190,7 @@ def launch_rays(
 
 
 def neighbor_stride(ray_count: int) -> int:
-    """Return the Fibonacci number F that makes rays i and i + F of the lattice close neighbours.
+    """Return the Fibonacci number F that makes rays i and i + F of the lattice close neighbors.
 
     Their azimuths differ by 2 pi / (sqrt(5) F) and their heights by 2 F / N, which are alike at F^2 = pi N / sqrt(5).
     """
@@ -201,7 +201,7 @@ def neighbor_stride(ray_count: int) -> int:
 
 
 def all_path_candidates(sources: int, planes: int, depth: int) -> np.ndarray:
-    """Return the keys of all chains of 2 to `depth` planes without the same one twice in a row, shape [N], uint64.
+    """Return the keys of all candidates of 2 to `depth` planes without the same one twice in a row, shape [N], uint64.
 
     Raises:
         InputError: If there are more than `PAIRS_AT_ONCE`.

@@ -1,4 +1,4 @@
-"""Which flat surfaces lie in one plane, so that one image serves them all."""
+"""Groups of flat surfaces in one plane, so that one image serves them all."""
 
 from itertools import product
 

@@ -15,7 +15,7 @@ MIN_BEND_RAD = 0.05
 the facets do not reflect."""
 
 SAME_PLACE_M = 1e-3
-"""Pieces of an edge that meet within this [m] are one edge."""
+"""Pieces of an edge that are closer than this [m] are one edge."""
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ TRIALS_AT_ONCE = 2**20
 """Most candidates that are refined at once, about 400 bytes each at depth 3."""
 
 SAME_POINT_M = 1e-3
-"""Two interactions of one link closer than this, or than a leg's lift, are one: coincident surfaces, seen twice."""
+"""Two interactions of one link closer than this, or than a segment's lift, are one: coincident surfaces, seen twice."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class TracedPaths:
     """Unit normal, turned to where the wave comes from, 0 for a diffraction, NaN behind the last, shape [P, D, 3]."""
 
     ray: np.ndarray
-    """Ray that met the rough patch of a diffuse path: r for the transmitter's, -2 - r for the receiver's, -1 for the
+    """Ray that hit the rough patch of a diffuse path: r for the transmitter's, -2 - r for the receiver's, -1 for the
     other paths, shape [P], int32."""
 
     def __len__(self) -> int:
@@ -72,7 +72,7 @@ def trace_paths(
         is_pair: Links that stand for both directions, whose two ends share the rays, shape [L]; None for none.
 
     Raises:
-        InputError: If there are too many chains to try.
+        InputError: If there are too many candidates to try.
     """
     search = _Search(scene, links, config, table)
     is_pair = np.zeros(len(links), dtype=bool) if is_pair is None else is_pair
@@ -90,7 +90,7 @@ def trace_paths(
 
 
 class _Search:
-    """What every step of a search needs: the links in the order of their transmitters, and the poses of the batch."""
+    """Input of every step of a search: the links in the order of their transmitters, and the poses of the batch."""
 
     def __init__(self, scene: DeviceScene, links: Links, config: ChannelConfig, table: SurfaceTable):
         self.scene, self.links, self.config, self.table = scene, links, config, table
@@ -112,7 +112,7 @@ class _Search:
         return order, sources, ends
 
     def backward(self) -> Backward:
-        """Return the links read backwards."""
+        """Return the links read backward."""
         back, sources, ends = self.sorted(self.links.slot, self.links.rx.position, self.links.tx.position)
         place = np.empty(len(back), dtype=np.int32)
         place[self.rank[back]] = np.arange(len(back))
@@ -151,7 +151,7 @@ def _link_ends(
 
 
 def _candidates(search: _Search, is_pair: np.ndarray) -> Iterator[Candidates]:
-    """Yield everything worth an exact look."""
+    """Yield every candidate for the exact test."""
     config, table, count = search.config, search.table, len(search.links)
     depth = max(1, config.max_depth)
     if config.los:
@@ -176,9 +176,9 @@ def _candidates(search: _Search, is_pair: np.ndarray) -> Iterator[Candidates]:
 
 
 def _shared_reflections(search: _Search, is_pair: np.ndarray) -> Iterator[Candidates]:
-    """Yield the chains of reflections of links of which some stand for both directions.
+    """Yield the candidates of reflections of links of which some stand for both directions.
 
-    Both ends of such a link launch half of the rays, and what either meets serves the link.
+    Both ends of such a link launch half of the rays, and the hits of either serve the link.
     """
     links, config = search.links, search.config
     half = config.model_copy(update={"rays": max(config.rays // 2, 2)})
@@ -324,7 +324,7 @@ def _distinct(found: TracedPaths, links: Links, area: np.ndarray, origin: np.nda
 
 
 def path_lengths(tx: np.ndarray, rx: np.ndarray, found: TracedPaths) -> np.ndarray:
-    """Return the lengths of paths between ends of shape [P, 3], in metres, shape [P]."""
+    """Return the lengths of paths between ends of shape [P, 3], in meters, shape [P]."""
     length, before = np.zeros(len(found)), tx
     for k in range(found.kind.shape[1]):
         is_there = (k < found.order)[:, None]

@@ -10,7 +10,7 @@ from mmw.physics.em.interaction import TRANSMISSION
 
 
 def one_way(links: Links) -> tuple[np.ndarray, np.ndarray]:
-    """Return the links that have to be traced, and for every link the one that reads a traced link backwards.
+    """Return the links that have to be traced, and for every link the one that reads a traced link backward.
 
     Two links of one frame are each other's reverse if each starts where the other ends, with the same attitude there.
     The one with the lower transmitter is traced, so that few transmitters serve all pairs.
@@ -43,7 +43,7 @@ def one_way(links: Links) -> tuple[np.ndarray, np.ndarray]:
 def read_both_ways(paths: PathSet, links: Links, traced: np.ndarray, reverse_of: np.ndarray) -> PathSet:
     """Return the paths of all links from those of the traced ones.
 
-    The transfer backwards is the transpose, and with equal antennas at both ends the coefficient is the same: mirrors
+    The transfer backward is the transpose, and with equal antennas at both ends the coefficient is the same: mirrors
     and slabs are reciprocal. Not for diffraction and diffuse scattering, whose models tell the ends apart.
 
     Args:

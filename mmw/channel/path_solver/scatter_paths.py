@@ -1,7 +1,7 @@
 """Geometry of diffuse paths: one rough patch a path, with mirrors before or behind it, and slabs anywhere.
 
-Rays of the transmitter go from mirror to mirror; every rough surface that they meet scatters straight to the receivers.
-Rays of the receivers do the same backwards, for paths with mirrors behind the patch.
+Rays of the transmitter reflect from surface to surface; every rough surface that they hit scatters straight to the
+receivers. Rays of the receivers do the same backward, for paths with mirrors behind the patch.
 """
 
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ HITS_AT_ONCE = 2**24
 
 @dataclass(frozen=True)
 class ScatteringPatches:
-    """Paths over rough patches, from the end whose rays met them: B of them, D interactions at most."""
+    """Paths over rough patches, from the end whose rays hit them: B of them, D interactions at most."""
 
     link: np.ndarray
     """Link, in the order of the sources, shape [B], int32."""
@@ -106,7 +106,7 @@ def _rough_surfaces(scene: DeviceScene, table: SurfaceTable) -> np.ndarray:
 
 
 Hits = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-"""Kind, surface [A, R, D], point and normal [A, R, D, 3] of what rays meet; surface -1 behind the last."""
+"""Kind, surface [A, R, D], point and normal [A, R, D, 3] of what rays hit; surface -1 behind the last."""
 
 
 def _follow(
@@ -145,7 +145,7 @@ def _follow(
 def _chosen(hits: Hits, is_rough: np.ndarray, passes: int, needs_mirror: bool) -> tuple[np.ndarray, ...]:
     """Return source, ray and interaction of the hits that scatter.
 
-    A hit before the last slab of `passes` is met with fewer slabs too, and counts there.
+    A hit before the last slab of `passes` is hit with fewer slabs too, and counts there.
     """
     kind, surface = hits[:2]
     scatters = (surface >= 0) & is_rough[np.maximum(surface, 0)]

@@ -199,7 +199,7 @@ def _looked_up(values: np.ndarray, row: np.ndarray, is_there: np.ndarray) -> np.
 def _geometry(
     scene: DeviceScene, links: Links, table: SurfaceTable, found: TracedPaths, config: ChannelConfig
 ) -> tuple[PathGeometry, Interactions]:
-    """Return the geometry of found paths, and what they meet."""
+    """Return the geometry of found paths, and their interactions."""
     wedges = _wedge_hits(scene, links, table, found)
     edge = np.zeros_like(found.vertex)
     edge[wedges.path, wedges.step] = wedges.edge

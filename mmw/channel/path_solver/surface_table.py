@@ -45,13 +45,13 @@ class SurfaceTable:
     plane_count: int
     """K."""
     is_open: np.ndarray
-    """Whether a wave passes through the surface in some weather: its material is a slab, shape [G], bool."""
+    """True if a wave passes through the surface in some weather: its material is a slab, shape [G], bool."""
     device: Surfaces
     """The same for kernels."""
     wedges: WedgeTable
     """Convex edges between the surfaces; none unless they were asked for."""
     has_wedges: bool
-    """Whether wedges were asked for."""
+    """True if wedges were requested."""
     sizes: dict[str, int] = field(default_factory=dict)
     """Sizes of the candidate tables that were enough so far, so that the next batch starts with them."""
 

@@ -91,7 +91,7 @@ def road_grid(
     """Return cells that follow the roads of a scene at a height above them.
 
     The grid's lines lie at whole multiples of `cell_m` in x and y. A cell is there where its middle has road below it;
-    it has the height and slope of that road, and shares its corners with its neighbours. A bridge and the road below it
+    it has the height and slope of that road, and shares its corners with its neighbors. A bridge and the road below it
     are two levels with cells of their own; of surfaces less than 1 m apart the upper one counts.
 
     Args:
@@ -145,7 +145,7 @@ def _check_count(count: int, cell_m: float) -> None:
 
 
 def _columns(triangles: np.ndarray, cell_m: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return where the vertical lines through the middles of cells meet triangles that are not steep.
+    """Return where the vertical lines through the middles of cells intersect triangles that are not steep.
 
     Args:
         triangles: Corners [m], shape [M, 3, 3].
@@ -186,7 +186,7 @@ def _upper(column: np.ndarray, height: np.ndarray) -> np.ndarray:
 
 
 def _shared(corner: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """Return heights in which the corners of neighbouring cells of one level have their mean.
+    """Return heights in which the corners of neighboring cells of one level have their mean.
 
     Args:
         corner: Grid point of each corner, shape [K, 2].

@@ -6,9 +6,8 @@ summed without regard to their phases:
     g = (lambda / 4 pi)^2 / A  sum over crossings of  |E|^2 dOmega / cos(theta),   dOmega = 4 pi / N
 
 with E the field of a ray without spreading (`kernels/channel/radio_map.py`), theta the angle between ray and cell
-normal, and
-A the area of the cell. For the line of sight that is (lambda / 4 pi r)^2 |F_t|^2, since a cell takes A cos(theta) / r^2
-of solid angle. N rays leave each transmitter on a Fibonacci lattice, so no random number is drawn.
+normal, and A the area of the cell. For the line of sight that is (lambda / 4 pi r)^2 |F_t|^2, since a cell takes A
+cos(theta) / r^2 of solid angle. N rays leave each transmitter on a Fibonacci lattice, so no random number is drawn.
 
 Source: radio maps by shooting and bouncing rays, as in Sionna RT 2.2 (technical report, "radio map solver").
 """
@@ -65,7 +64,7 @@ class Transmitters:
 
     names: tuple[str, ...]
     position: np.ndarray
-    """Phase centre of the array, world frame [m], shape [T, 3], float64."""
+    """Phase center of the array, world frame [m], shape [T, 3], float64."""
     rotation: np.ndarray
     """Agent-to-world rotation, shape [T, 3, 3], float64; the array may be turned against its agent."""
     power_dbm: np.ndarray
@@ -82,7 +81,7 @@ class Transmitters:
 
 @dataclass(frozen=True)
 class RadioMapConfig:
-    """How a map is made."""
+    """Settings of the computation of a map."""
 
     carrier_hz: float
     """Carrier frequency [Hz]."""
@@ -264,7 +263,7 @@ def _check(transmitters: Transmitters, config: RadioMapConfig) -> None:
             f"radio map: its kernel has no pattern table or function; use one of {', '.join(PATTERN_CODES)}"
         )
     legs = 2 ** (config.max_depth + 1) - 1 if config.refraction else config.max_depth + 1
-    # A leg crosses each of a cell's two triangles once; the low halves of 2^31 crossings fit into 63 bits.
+    # A segment crosses each of a cell's two triangles once; the low halves of 2^31 crossings fit into 63 bits.
     if config.rays * legs * 2 > 2**31:
         raise InputError(
             f"radio map: {config.rays:,} rays of {legs} legs could overflow a cell's sum; "

@@ -1,4 +1,4 @@
-"""What an exporter is made of, and the loop that runs one: tasks that can be made again alone, markers, progress.
+"""Define exporters and run them: tasks that can be repeated alone, markers, progress.
 
 An exporter is a module with one `FORMAT`. Its `tasks` plans the work from the small tables; each task writes its files,
 with their final relative paths, into a folder of its own, and `export` moves them into place:
@@ -25,7 +25,7 @@ from mmw.dataset.export.registry import load_format
 from mmw.storage.atomic_files import write_bytes_atomically
 
 STATE = "_export.json"
-"""What the folder holds an export of."""
+"""File that names the dataset and options of an export."""
 DONE = "_done"
 """Folder of the markers, one a task."""
 FINISHED = "finish"
@@ -52,7 +52,7 @@ class Option:
 
 @dataclass(frozen=True)
 class Selection:
-    """What a user picked of a dataset. An empty tuple is all."""
+    """Selection of a dataset. An empty tuple is all."""
 
     scenarios: tuple[str, ...] = ()
     weathers: tuple[str, ...] = ()
@@ -78,7 +78,7 @@ class Format:
     summary: str
     """One line."""
     losses: tuple[str, ...]
-    """What the format cannot hold, one line each."""
+    """Losses of the format, one line each."""
     tasks: Callable[[Dataset, Selection, Options], list[Task]]
     """Plans the work; raises InputError if the dataset does not have what the format needs."""
     finish: Callable[[Dataset, Selection, Path], None] | None = None
@@ -88,7 +88,7 @@ class Format:
 
 @dataclass(frozen=True)
 class Part:
-    """What is picked of one scenario in one weather."""
+    """Selection of one scenario in one weather."""
 
     scenario: str
     weather: str

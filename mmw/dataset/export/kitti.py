@@ -60,7 +60,7 @@ LOSSES = (
     "only what the camera frames has a label",
     "PNG copies of JPEG images are no sharper than those",
 )
-"""What the format cannot hold."""
+"""Losses of the format."""
 
 OPTIONS = (
     Option("rate", "10", "frames a second [Hz]; a divisor of 100"),

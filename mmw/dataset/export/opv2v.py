@@ -60,7 +60,7 @@ LOSSES = (
     "a camera is a pinhole: lens distortion stays in the image, its coefficients are in data_protocol.yaml alone",
     "PNG copies of JPEG images are no sharper than those",
 )
-"""What the format cannot hold."""
+"""Losses of the format."""
 
 OPTIONS = (
     Option("rate", "10", "frames a second [Hz]; a divisor of 100"),

@@ -11,7 +11,7 @@ OPTICAL_POSE = np.concatenate([np.zeros(3), quaternion_from_matrix(OPTICAL_AXES)
 """The same as a pose, optical frame to sensor, shape [7]."""
 
 NEAREST_M = 0.05
-"""What stands nearer than this before the lens is cut off [m]; design value."""
+"""Near clipping distance [m]; design value."""
 
 _EDGES = np.array([(i, j) for i in range(8) for j in range(i + 1, 8) if bin(i ^ j).count("1") == 1])
 """Edges of a box whose corner k has the bits of k as signs, shape [12, 2]."""

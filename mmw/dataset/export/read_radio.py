@@ -1,4 +1,4 @@
-"""What the radio formats read of a dataset: links and paths, and where the antennas are."""
+"""Read links, paths and antenna poses, for the radio formats."""
 
 from dataclasses import dataclass
 

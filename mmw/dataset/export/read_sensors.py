@@ -1,4 +1,4 @@
-"""What the perception formats read of a dataset: mounts, poses, boxes, sweeps and images, frame by frame."""
+"""Read mounts, poses, boxes, sweeps and images frame by frame, for the perception formats."""
 
 import math
 from collections.abc import Iterator, Sequence

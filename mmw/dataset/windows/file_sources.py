@@ -1,4 +1,4 @@
-"""What a take is read from: point clouds and images, row by row from Parquet files, with a cache of what was read."""
+"""Read point clouds and images of windows, row by row from Parquet files, with a cache."""
 
 import io
 import os
@@ -37,7 +37,7 @@ OPEN_FILES = 64
 
 
 class Cache:
-    """What was read last, up to a number of bytes; every process has its own, which starts empty."""
+    """Cache of recent reads, up to a number of bytes; every process has its own, which starts empty."""
 
     def __init__(self, limit: int):
         """Make one that holds `limit` bytes."""

@@ -1,4 +1,4 @@
-"""What a take is read from: numbers and boxes, which are kept in memory."""
+"""Read numbers and boxes of windows, which stay in memory."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ BOX_COLUMNS = ("x", "y", "z", "length", "width", "height", "yaw")
 
 
 class Source(Protocol):
-    """Where the samples of a take are; rows count the samples of all tracks."""
+    """Location of a feature's samples; rows count the samples of all tracks."""
 
     @property
     def held(self) -> Sequence[Held]:
@@ -44,7 +44,7 @@ class RowSource:
 
     held: Sequence[Held]
     arrays: dict[str, np.ndarray]
-    """What follows the take's key -> values, shape [rows, ...]."""
+    """Suffix of the feature's key -> values, shape [rows, ...]."""
 
     def load(self, rows: np.ndarray) -> dict[str, np.ndarray]:
         """Return the values of rows, shape [T, ...] each."""

@@ -1,4 +1,4 @@
-"""What a window holds: how long past and future are, and what is taken from each of their frames."""
+"""Specify windows: lengths of past and future, and the features of their frames."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -65,7 +65,7 @@ class Feature:
     carrier_hz: float | None = None
     """Carrier of the link [Hz]; None takes the only one of the dataset."""
     search: BeamSearch = field(default_factory=BeamSearch)
-    """What the best beams are searched with, of `beams`."""
+    """Beam search of `beams`."""
     frequencies_hz: tuple[float, ...] = CSI_HZ
     """Frequencies of `csi`, counted from the carrier [Hz]."""
     shrink: Literal[1, 2, 4, 8] = 1
@@ -147,7 +147,7 @@ class WindowSpec:
     """
 
     takes: Sequence[Feature | str]
-    """What a window holds; a text is `Feature(text)`."""
+    """Features of a window; a string is `Feature(string)`."""
     past: int
     """Past frames P, `now` included."""
     future: int = 0

@@ -1,4 +1,4 @@
-"""Which engine makes a dataset."""
+"""Choose the executor of a run."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager

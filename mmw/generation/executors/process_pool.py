@@ -1,4 +1,4 @@
-"""Where worker processes come from: on Linux a server that has imported what they need, and divides for each."""
+"""Start worker processes; on Linux by forking a server that has already imported Warp."""
 
 import multiprocessing
 import os

@@ -27,7 +27,7 @@ ANSWER_S = 10.0
 
 @dataclass(frozen=True)
 class ClusterResources:
-    """What a cluster has for workers."""
+    """Resources of a cluster for workers."""
 
     device: str
     """Warp device, by the name that it has in a worker."""
@@ -37,12 +37,12 @@ class ClusterResources:
 
     @property
     def kind(self) -> str:
-        """What a worker runs on, as Ray names it."""
+        """Resource of a worker, as Ray names it."""
         return "CPU" if self.device == "cpu" else "GPU"
 
     @property
     def asks(self) -> dict[str, float]:
-        """What a worker asks Ray for."""
+        """Resources that a worker requests from Ray."""
         share = math.floor(1e4 / self.sharing) / 1e4  # Ray counts in steps of 1e-4
         return {"num_cpus": share} if self.kind == "CPU" else {"num_cpus": 0, "num_gpus": share}
 

@@ -129,18 +129,18 @@ class RayEngine:
 
 @dataclass(frozen=True)
 class Task:
-    """What an actor needs to begin."""
+    """Arguments of an actor."""
 
     making: GenerationContext
     room: ClusterResources
     sign: str
     """Name of a file of this run alone in the dataset."""
     versions: Mapping[str, Any]
-    """What `versions` returns where the run is."""
+    """Result of `versions` on the machine of the run."""
 
 
 class Actor:
-    """What Ray starts: a worker in a thread, and a method that exchanges work for what it says."""
+    """Ray actor: a worker in a thread, and a method that exchanges work for messages."""
 
     def __init__(self) -> None:
         self._given: queue.SimpleQueue[Work | None] = queue.SimpleQueue()

@@ -1,4 +1,4 @@
-"""Which worker makes what: a scenario's work goes to the worker that has it loaded, and is shared when others idle."""
+"""Distribute work: a scenario goes to the worker that has it loaded, and is shared when others idle."""
 
 import time
 from collections import Counter, defaultdict

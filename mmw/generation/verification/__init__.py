@@ -1,1 +1,1 @@
-"""What `mmw verify` looks at beside files and hashes: counts against the plan, physics, rows that are made again."""
+"""Verify more than files and hashes: counts against the plan, physics, regenerated rows."""

@@ -1,4 +1,4 @@
-"""What rain, fog and air take from a path: Recommendations ITU-R P.838-3, P.840-9 and P.676-13.
+"""Attenuation of paths by rain, fog and air: Recommendations ITU-R P.838-3, P.840-9 and P.676-13.
 
 Paths here are far shorter than a rain cell, so the specific attenuation is the same all along a path and no path
 reduction factor is used; rain turns no polarisation noticeably at these lengths. The air's phase delay (300 ppm of the

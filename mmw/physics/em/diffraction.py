@@ -15,7 +15,7 @@ from mmw.physics.em.fresnel import reflection
 from mmw.physics.em.vectors import dot
 
 DiffractionModel = Literal["utd", "sionna"]
-"""How the four terms of the theory and the reflection matrices of the faces are put together; see `wedge_matrices`."""
+"""Combination of the four terms of the theory with the reflection matrices of the faces; see `wedge_matrices`."""
 
 SERIES_BELOW = 6.0
 """Arguments below this take the power series of the transition function, others its continued fraction."""
@@ -28,7 +28,7 @@ class WedgeHits:
     path: np.ndarray
     """Row of the path, shape [Q]."""
     step: np.ndarray
-    """Which interaction of the path it is, shape [Q]."""
+    """Index of the interaction in its path, shape [Q]."""
     edge: np.ndarray
     """Unit vector along the edge, shape [Q, 3]."""
     normal_0: np.ndarray
@@ -50,7 +50,7 @@ def transition(x: np.ndarray) -> np.ndarray:
         x: Real arguments >= 0, any shape.
 
     Returns:
-        complex128; 0 at 0, and towards 1 for large x.
+        complex128; 0 at 0, and toward 1 for large x.
 
     Source: Kouyoumjian and Pathak 1974, equation 28, written as j sqrt(pi x) e^{-j pi/4} erfcx(sqrt(x) e^{j pi/4});
     erfcx by Abramowitz and Stegun 7.1.6 (series) and 7.1.14 (continued fraction).

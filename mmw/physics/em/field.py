@@ -21,14 +21,14 @@ from mmw.physics.em.vectors import direction_angles, dot, norm, spherical_basis
 
 @dataclass(frozen=True)
 class PathGeometry:
-    """What the field of a path needs, before any material or frequency. D interactions at most."""
+    """Geometry of paths, before any material or frequency. D interactions at most."""
 
     interaction: np.ndarray
     """Kind of each interaction, 0 behind the last, shape [P, D]."""
     direction: np.ndarray
-    """Unit direction of each leg; behind the last leg that of the last, shape [P, D + 1, 3]."""
+    """Unit direction of each segment; behind the last segment that of the last, shape [P, D + 1, 3]."""
     leg: np.ndarray
-    """Length of each leg [m], 0 behind the last, shape [P, D + 1]."""
+    """Length of each segment [m], 0 behind the last, shape [P, D + 1]."""
     cosine: np.ndarray
     """Cosine of incidence at each interaction, 1 where there is no plane, shape [P, D]."""
     incoming: np.ndarray

@@ -1,4 +1,4 @@
-"""Attenuation by oxygen and water vapour, line by line: Recommendation ITU-R P.676-13, Annex 1.
+"""Attenuation by oxygen and water vapor, line by line: Recommendation ITU-R P.676-13, Annex 1.
 
 Source: ITU-R P.676-13, Annex 1, equations 1 to 9; tables 1 and 2 (editions 12 and 13 have the same lines).
 """
@@ -102,29 +102,29 @@ WATER_VAPOUR = _lines("""
  987.926764  134.6  0.257 29.85 0.68  4.55  0.9
 1780.000000  17506  0.952 196.3    2 24.15    5
 """)
-"""Water vapour lines: frequency [GHz], b1 to b6, shape [7, 35]. Source: table 2."""
+"""Water vapor lines: frequency [GHz], b1 to b6, shape [7, 35]. Source: table 2."""
 
 
 def gas_attenuation(
     carrier_hz: ArrayLike, dry_pressure_hpa: float, temperature_c: float, water_vapour_g_m3: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the specific attenuation by dry air and by water vapour.
+    """Return the specific attenuation by dry air and by water vapor.
 
     Args:
         carrier_hz: Carrier frequencies, 1 to 1000 GHz [Hz], any shape.
-        dry_pressure_hpa: Pressure of the air without its water vapour [hPa].
+        dry_pressure_hpa: Pressure of the air without its water vapor [hPa].
         temperature_c: Temperature [C].
-        water_vapour_g_m3: Water vapour density [g/m3].
+        water_vapour_g_m3: Water vapor density [g/m3].
 
     Returns:
-        Dry air and water vapour [dB/km], each of the shape of the carriers.
+        Dry air and water vapor [dB/km], each of the shape of the carriers.
 
     Raises:
         InputError: If a carrier is outside 1 to 1000 GHz.
     """
     f = check_frequency_range(carrier_hz, MIN_GHZ, MAX_GHZ, "gas attenuation", "ITU-R P.676-13")
     kelvin = temperature_c + 273.15
-    p, theta, e = dry_pressure_hpa, 300.0 / kelvin, water_vapour_g_m3 * kelvin / 216.7  # e: vapour pressure [hPa]
+    p, theta, e = dry_pressure_hpa, 300.0 / kelvin, water_vapour_g_m3 * kelvin / 216.7  # e: vapor pressure [hPa]
     oxygen = _oxygen_sum(f, p, e, theta) + _continuum(f, p, e, theta)
     return 0.1820 * f * oxygen, 0.1820 * f * _water_sum(f, p, e, theta)
 
@@ -148,7 +148,7 @@ def _oxygen_sum(f: np.ndarray, p: float, e: float, theta: float) -> np.ndarray:
 
 
 def _water_sum(f: np.ndarray, p: float, e: float, theta: float) -> np.ndarray:
-    """Return the sum over the water vapour lines (equations 2b, 3, 6a, 6b)."""
+    """Return the sum over the water vapor lines (equations 2b, 3, 6a, 6b)."""
     line, b1, b2, b3, b4, b5, b6 = WATER_VAPOUR
     strength = b1 * 1e-1 * e * theta**3.5 * np.exp(b2 * (1.0 - theta))
     width = b3 * 1e-4 * (p * theta**b4 + b5 * e * theta**b6)

@@ -13,7 +13,7 @@ from mmw.physics.materials.permittivity import permittivity_table
 
 @dataclass(frozen=True)
 class Interactions:
-    """What a set of paths meets: P paths of at most D interactions."""
+    """Interactions of a set of paths: P paths of at most D interactions."""
 
     material_id: np.ndarray
     """Material of each interaction, -1 where there is none, shape [P, D]."""
@@ -47,7 +47,7 @@ def path_transfer(
 
     Args:
         geometry: The paths.
-        met: What they meet.
+        met: Their interactions.
         materials: Materials of the weather by id.
         carriers_hz: Carrier frequencies [Hz].
         model: How wedges diffract.
@@ -56,7 +56,7 @@ def path_transfer(
         Shape [P, C, 2, 2], complex128.
 
     Raises:
-        InputError: If a material that a path meets has no permittivity at a carrier.
+        InputError: If a material on a path has no permittivity at a carrier.
     """
     used = np.unique(np.concatenate([met.material_id[met.material_id >= 0], met.wedge_material.ravel()]))
     permittivity = permittivity_table(materials, carriers_hz, used)

@@ -1,6 +1,6 @@
 """Diffuse scattering at rough surfaces: the effective-roughness model, one patch a ray.
 
-Source: V. Degli-Esposti, F. Fuschini, E. M. Vitucci and G. Falciasecca, "Measurement and modelling of scattering from
+Source: V. Degli-Esposti, F. Fuschini, E. M. Vitucci and G. Falciasecca, "Measurement and modeling of scattering from
 buildings", IEEE Trans. AP 55(1), 2007; the solid angle of a ray tube as in Sionna RT 2.2.
 """
 
@@ -23,13 +23,13 @@ class ScatteringPoints:
     path: np.ndarray
     """Row of the path, shape [B]."""
     step: np.ndarray
-    """Which interaction of the path it is, shape [B]."""
+    """Index of the interaction in its path, shape [B]."""
     normal: np.ndarray
     """Unit normal, turned to where the wave comes from, shape [B, 3]."""
     solid_angle: np.ndarray
-    """Solid angle of the ray that met the patch, seen from the end that sent it [sr], shape [B]."""
+    """Solid angle of the ray that hit the patch, seen from the end that sent it [sr], shape [B]."""
     is_backward: np.ndarray
-    """Whether that end is the receiver, shape [B]."""
+    """True if that end is the receiver, shape [B]."""
 
 
 def scattering_pattern(radio: RadioMaterial, k_in: np.ndarray, k_out: np.ndarray, normal: np.ndarray) -> np.ndarray:
@@ -77,10 +77,10 @@ def lobe_integral(exponent: int, cosine: np.ndarray) -> np.ndarray:
 def rough_spreading(geometry: PathGeometry, hits: ScatteringPoints) -> np.ndarray:
     """Return what the spreading leaves of each diffuse path [1/m], shape [B].
 
-    A patch dA that a wave meets at theta_i and leaves at theta_s takes dA cos theta_i of it. Seen from the transmitter,
-    whose ray has the solid angle dW = dA cos theta_i / d_t^2, that is sqrt(dW) / d_r; seen from the receiver, whose ray
-    has dW = dA cos theta_s / d_r^2, it is sqrt(dW cos theta_i / cos theta_s) / d_t; d_t and d_r are the lengths of the
-    path before and behind the patch.
+    A patch dA that a wave reaches at theta_i and leaves at theta_s takes dA cos theta_i of it. Seen from the
+    transmitter, whose ray has the solid angle dW = dA cos theta_i / d_t^2, that is sqrt(dW) / d_r; seen from the
+    receiver, whose ray has dW = dA cos theta_s / d_r^2, it is sqrt(dW cos theta_i / cos theta_s) / d_t; d_t and d_r are
+    the lengths of the path before and behind the patch.
 
     Source: Degli-Esposti et al. 2007, equation 2.
     """

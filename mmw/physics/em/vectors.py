@@ -1,4 +1,4 @@
-"""Float64 vector algebra on rows, written out by component so that a row's bits never depend on its neighbours."""
+"""Float64 vector algebra on rows, written out by component so that a row's bits never depend on its neighbors."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""How a surface looks: the numbers and textures of one material for the RGB camera. Linear colours, 0 to 1."""
+"""Appearance of a surface: the numbers and textures of one material for the RGB camera. Linear colors, 0 to 1."""
 
 from dataclasses import dataclass, field
 from typing import Literal
@@ -18,11 +18,11 @@ class TextureUse:
     file: str
     """Resolved asset path, which `pxr.Ar` opens; inside a package it has the form `file.usdz[image.png]`."""
     is_srgb: bool | None = False
-    """Whether the file holds sRGB values, which are decoded to linear ones; None: if it has 8-bit r, g and b."""
+    """True if the file holds sRGB values, which are decoded to linear ones; None: if it has 8-bit r, g and b."""
     channel: int = 0
-    """Channel that a number is read from: 0 r, 1 g, 2 b, 3 a; colours and normals read rgb."""
+    """Channel that a number is read from: 0 r, 1 g, 2 b, 3 a; colors and normals read rgb."""
     wrap: tuple[Wrap, Wrap] = ("repeat", "repeat")
-    """What lies beyond the edges along u and v."""
+    """Wrap modes along u and v, beyond the edges."""
     scale: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
     """Multiplies the value read."""
     bias: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
@@ -38,16 +38,16 @@ class Look:
     """One material to the RGB camera: the inputs of UsdPreviewSurface that are drawn, and what mmw adds."""
 
     color: tuple[float, float, float] = (0.5, 0.5, 0.5)
-    """Base colour: reflected diffusely by a dielectric, specularly by a metal."""
+    """Base color: reflected diffusely by a dielectric, specularly by a metal."""
     emission: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Emitted luminance over `EMISSION_CD_M2`; of a lamp, while it burns."""
+    """Emitted luminance over `EMISSION_CD_M2`; of a lamp, while it is on."""
     roughness: float = 0.5
     """Perceptual roughness r; GGX alpha is r^2."""
     metallic: float = 0.0
     ior: float = 1.5
     """Refractive index of a dielectric, which gives its reflectance at normal incidence."""
     opacity: float = 1.0
-    """Below 1 the surface is glass: it mirrors by Fresnel's law, and what it lets through is its own dark colour."""
+    """Below 1 the surface is glass: it mirrors by Fresnel's law, and what it lets through is its own dark color."""
     opacity_threshold: float = 0.0
     """Above 0 the opacity texture cuts holes: where it is lower, a ray of a camera passes."""
     clearcoat: float = 0.0
@@ -60,7 +60,7 @@ class Look:
     opacity_texture: TextureUse | None = None
     lamp: Lamp = "none"
     has_uv: bool = True
-    """Whether the meshes have the texture coordinates; without them a texture is drawn as its mean."""
+    """True if the meshes have the texture coordinates; without them a texture is drawn as its mean."""
     prim_path: str = field(default="", compare=False)
     """Material prim, for messages; materials that differ in nothing else are one."""
 
@@ -75,7 +75,7 @@ class Look:
 
 
 GREY = Look()
-"""Look of a material that says nothing of it."""
+"""Look of a material without one of its own."""
 
 EMISSION_CD_M2 = 1000.0
 """Luminance of an emission of 1 [cd/m2]: UsdPreviewSurface gives emission without a unit; design value, a bright

@@ -43,7 +43,7 @@ class RadioMaterial:
     xpd: float = 0.0
     """Cross-polarisation coefficient of scattering, 0 to 1 [-]."""
     scattering_pattern: ScatteringPattern = "lambertian"
-    """Where scattered power goes: `lambertian` cos theta_s around the normal; `directive` a lobe around the reflected
+    """Scattering pattern: `lambertian` cos theta_s around the normal; `directive` a lobe around the reflected
     direction; `backscattering` that lobe and one back to where the wave came from."""
     alpha_r: int = 4
     """Exponent of the lobe around the reflection, 1 to `MAX_LOBE_EXPONENT` [-]; a larger one is narrower."""
@@ -96,7 +96,7 @@ def wrong_radio_value(values: Mapping[str, Any]) -> tuple[str, str] | None:
 
 @dataclass(frozen=True)
 class Material:
-    """What one surface is to every sensor.
+    """Material of a surface for every sensor.
 
     Raises:
         InputError: If the reflectance is below 0 or not finite.
@@ -110,13 +110,13 @@ class Material:
     lidar_reflectance: float
     """Diffuse reflectance at 905 nm, 0 to 1 [-]."""
     color: tuple[float, float, float]
-    """Linear diffuse colour, 0 to 1 [-]."""
+    """Linear diffuse color, 0 to 1 [-]."""
     coating: str = "none"
     """SimReady coating token: none, paint, clearcoat or paint_clearcoat."""
     is_retroreflective: bool = False
-    """Whether the surface sends light back to where it came from."""
+    """True if the surface is retroreflective."""
     look: Look = GREY
-    """How it looks to the RGB camera."""
+    """Appearance to the RGB camera."""
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.lidar_reflectance < math.inf:  # that of a retroreflector may be above 1
@@ -144,10 +144,10 @@ in the visible, titanium dioxide scatters in both. Design values."""
 def lidar_reflectance(
     base: str, coating: str = "none", attributes: Sequence[str] = (), color: Sequence[float] = (0.5, 0.5, 0.5)
 ) -> float:
-    """Return the diffuse reflectance at 905 nm of a material, from its SimReady non-visual tokens and its colour.
+    """Return the diffuse reflectance at 905 nm of a material, from its SimReady non-visual tokens and its color.
 
     A painted surface (coating `paint` or `paint_clearcoat`) hides its base: the value runs linearly between the two of
-    `PAINT_REFLECTANCE_905NM` with the brightest colour channel. The brightest, not the luminance, because coloured
+    `PAINT_REFLECTANCE_905NM` with the brightest color channel. The brightest, not the luminance, because colored
     organic pigments let the near infrared through to the white below while black does not; so red and blue cars return
     more than black ones. A `retroreflective` attribute overrides both.
 
@@ -155,7 +155,7 @@ def lidar_reflectance(
         base: Token of `omni:simready:nonvisual:base`.
         coating: Token of `omni:simready:nonvisual:coating`: none, paint, clearcoat or paint_clearcoat.
         attributes: Tokens of `omni:simready:nonvisual:attributes`.
-        color: Linear diffuse colour, 0 to 1 [-], shape [3].
+        color: Linear diffuse color, 0 to 1 [-], shape [3].
 
     Returns:
         Reflectance, 0 to 1 [-].
@@ -196,10 +196,10 @@ Design value; it takes 0.7 % of the light at 905 nm, and two thirds at 1550 nm."
 def wet_reflectance(material: Material, wetness: float, wavelength_nm: int) -> float:
     """Return the diffuse reflectance of a material when it is wet, 0 to 1 [-].
 
-    A soaked porous surface loses light that the film of water reflects back into it:
-    rho_wet = rho / (n^2 (1 - rho) + rho), and what the film absorbs on both ways. The share `wetness` of the surface is
-    soaked, the rest is dry. Paint and coatings close the pores and retroreflectors work behind a cover, so both stay as
-    they are, as does everything that is not in `POROUS_BASES`.
+    A soaked porous surface loses light that the film of water reflects back into it: rho_wet = rho / (n^2 (1 - rho) +
+    rho), and what the film absorbs on both ways. The share `wetness` of the surface is soaked, the rest is dry. Paint
+    and coatings close the pores and retroreflectors work behind a cover, so both stay as they are, as does everything
+    that is not in `POROUS_BASES`.
 
     The dry reflectance is that of 905 nm at 1550 nm too: most dry minerals and paints differ by less between the two
     than within their class. Leaves, which hold water, are darker there; that is left out.

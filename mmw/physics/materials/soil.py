@@ -22,7 +22,7 @@ SALINITY_G_KG = (0.0, 40.0)
 
 @dataclass(frozen=True)
 class Soil:
-    """What P.527 needs to know about a soil; silt is the rest of sand and clay."""
+    """Soil as P.527 describes it; silt is the rest of sand and clay."""
 
     sand_percent: float
     clay_percent: float

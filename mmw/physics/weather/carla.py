@@ -28,7 +28,7 @@ RANGES: dict[str, tuple[float, float]] = {
     "dust_storm": (0.0, 100.0),
 }
 """CARLA's 14 parameters, in the order of its constructor, and their smallest and largest value: percent, the two sun
-angles in degrees, `fog_distance` in metres, the rest without unit. CARLA documents no upper end of `fog_distance`,
+angles in degrees, `fog_distance` in meters, the rest without unit. CARLA documents no upper end of `fog_distance`,
 `fog_falloff` and the three scatterings; theirs is a design value. Source: CARLA, PythonAPI/docs/weather.yml."""
 
 UNSET = -1.0
@@ -120,7 +120,7 @@ def dust_visibility(dust_storm: float) -> float:
 def fog_decay(fog_falloff: float) -> float:
     """Return the decay of the fog's density with height [1/m] of a falloff: ln(2) x falloff / 10.
 
-    The falloff is that of Unreal's exponential height fog, where density halves every 1000 / falloff centimetres: 10 m
+    The falloff is that of Unreal's exponential height fog, where density halves every 1000 / falloff centimeters: 10 m
     for CARLA's 1 ("reaches normal-sized buildings"), 2 m for its 5 (ground fog). Source: Unreal Engine 4, its fog
     component's conversion and documentation.
     """

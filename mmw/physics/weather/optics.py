@@ -1,4 +1,4 @@
-"""What the weather is to light: extinction and backscatter of rain and fog in the visible and at LiDAR wavelengths.
+"""Weather in the optical range: extinction and backscatter of rain and fog in the visible and at LiDAR wavelengths.
 
 Rain is Marshall and Palmer's drop-size distribution N(D) = N0 exp(-slope D), fog the modified gamma distributions of
 `mmw.physics.weather.weather.FogType`. One distribution serves every sensor: here its optics, in

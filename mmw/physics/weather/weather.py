@@ -66,9 +66,9 @@ class Weather:
     temperature_c: float = 15.0
     """Temperature of air and drops [C]."""
     pressure_hpa: float = 1013.25
-    """Air pressure, water vapour included [hPa]."""
+    """Air pressure, water vapor included [hPa]."""
     relative_humidity: float = 0.58
-    """Water vapour over that of saturated air, 0 to 1 [-]; 0.58 at 15 C is the 7.5 g/m3 of ITU's standard air."""
+    """Water vapor over that of saturated air, 0 to 1 [-]; 0.58 at 15 C is the 7.5 g/m3 of ITU's standard air."""
 
     wetness: float = 0.0
     """Water in the pores of the ground and of walls, 0 dry to 1 soaked [-]."""
@@ -77,7 +77,7 @@ class Weather:
     wind_m_s: float = 2.0
     """Wind speed [m/s]."""
     wind_from_deg: float = 270.0
-    """Where the wind comes from, clockwise from north [deg]: 270 is a west wind."""
+    """Direction from which the wind comes, clockwise from north [deg]: 270 is a west wind."""
     cloudiness: float = 0.1
     """Share of the sky under clouds, 0 to 1 [-]."""
     sun_altitude_deg: float = 65.0
@@ -89,7 +89,7 @@ class Weather:
     fog_falloff_per_m: float = 0.0
     """Decay of the fog's density with height [1/m], 0 for none: a look of CARLA's, for pictures only."""
     scattering_intensity: float = 1.0
-    """Light that fog scatters towards a camera, over the natural one [-]: a look of CARLA's, for pictures only."""
+    """Light that fog scatters toward a camera, over the natural one [-]: a look of CARLA's, for pictures only."""
     mie_scattering_scale: float = 0.03
     """CARLA's haze of the sky [-], with its default; for pictures only."""
     rayleigh_scattering_scale: float = 0.0331
@@ -125,7 +125,7 @@ class Weather:
 
     @property
     def has_wet_ground(self) -> bool:
-        """Whether the ground is wet or under puddles, so that its materials are the wet ones."""
+        """True if the ground is wet or under puddles, so that its materials are the wet ones."""
         return max(self.wetness, self.puddles) >= WET_GROUND
 
     @property
@@ -143,7 +143,7 @@ class Weather:
 
     @property
     def vapour_pressure_hpa(self) -> float:
-        """Partial pressure of the water vapour [hPa].
+        """Partial pressure of the water vapor [hPa].
 
         Source: ITU-R P.453-14, section 1 (saturation over liquid water, after Buck).
         """
@@ -154,12 +154,12 @@ class Weather:
 
     @property
     def water_vapour_g_m3(self) -> float:
-        """Water vapour density [g/m3]. Source: ITU-R P.676-13, equation 4."""
+        """Water vapor density [g/m3]. Source: ITU-R P.676-13, equation 4."""
         return 216.7 * self.vapour_pressure_hpa / (self.temperature_c + 273.15)
 
     @property
     def dry_pressure_hpa(self) -> float:
-        """Pressure of the air without its water vapour [hPa]."""
+        """Pressure of the air without its water vapor [hPa]."""
         return self.pressure_hpa - self.vapour_pressure_hpa
 
 

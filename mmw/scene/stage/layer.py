@@ -12,7 +12,7 @@ from mmw.usd.prim_specs import new_prim, set_op_order, set_pose
 
 
 def new_layer(name: str, meta: Mapping[str, Any], frame_rate: float, frame_count: int) -> Sdf.Layer:
-    """Return an empty layer, z up, in metres, with a default prim and one time code a frame."""
+    """Return an empty layer, z up, in meters, with a default prim and one time code a frame."""
     layer = Sdf.Layer.CreateAnonymous(name)
     root = layer.pseudoRoot
     root.SetInfo("upAxis", "Z")
@@ -46,7 +46,7 @@ def place(prim: Sdf.PrimSpec, pose: np.ndarray) -> None:
 def animate(prim: Sdf.PrimSpec, poses: np.ndarray) -> None:
     """Move a prim along poses, one a time code from 0, shape [F, 7]; it is invisible where a pose is NaN.
 
-    Positions stay float64. Neighbouring quaternions have a positive product, so that viewers turn the short way.
+    Positions stay float64. Neighboring quaternions have a positive product, so that viewers turn the short way.
     """
     is_there = np.all(np.isfinite(poses), axis=1)
     frames = np.flatnonzero(is_there)

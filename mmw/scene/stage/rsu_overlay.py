@@ -14,7 +14,7 @@ from mmw.usd.meshes import to_metres
 from mmw.usd.prim_specs import set_op_order, set_value
 
 ROOT = "/RSU"
-"""Where the units go: beside the user's own root prims, so that no transform of theirs moves them."""
+"""Prim path of the units: beside the user's own root prims, so that no transform of theirs moves them."""
 
 _COPIED = ("upAxis", "metersPerUnit", "startTimeCode", "endTimeCode", "defaultPrim")
 """Layer metadata that a stage reads from its strongest layer only."""
@@ -26,7 +26,7 @@ def overlay_rsus(path: str | Path, source: str | Path, rsus: Sequence[tuple[str,
     Args:
         path: `.usda` file to write; one that is there is replaced.
         source: The user's stage; the layer refers to it by its absolute path.
-        rsus: Names and poses in our world (z up, metres), shape [7].
+        rsus: Names and poses in our world (z up, meters), shape [7].
 
     Returns:
         The layer's path.
@@ -50,7 +50,7 @@ def overlay_rsus(path: str | Path, source: str | Path, rsus: Sequence[tuple[str,
     for name, pose in rsus:
         if stage.GetPrimAtPath(f"{ROOT}/{name}"):
             raise InputError(f"{source}: has a prim {ROOT}/{name} already; name the unit in rsus differently")
-        # Row vectors; the unit's own axes stay x forward, y left, z up in metres once the reader has turned both sides.
+        # Row vectors; the unit's own axes stay x forward, y left, z up in meters once the reader has turned both sides.
         matrix = metres @ pose_to_matrix(pose).T @ np.linalg.inv(metres)
         prim = define(layer, f"{ROOT}/{name}", kind="component")
         kinds = Sdf.ValueTypeNames

@@ -1,4 +1,4 @@
-"""Images of a batch: what each pixel sees is traced once, then shared by colour, depth, objects and all weathers."""
+"""Images of a batch: what each pixel sees is traced once, then shared by color, depth, objects and all weathers."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""Which cameras look in one launch: all RGB cameras of equal settings, and the depth cameras that see the same."""
+"""Grouping of cameras into launches: all RGB cameras of equal settings, and the depth cameras that see the same."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -23,7 +23,7 @@ MAX_PIXELS = 32_000_000
 take twice the memory (`bench/README.md`)."""
 
 BYTES_PER_PIXEL = 1_600
-"""Device memory for each pixel of a launch [bytes]: eight times what its samples, light and colours take, so that there
+"""Device memory for each pixel of a launch [bytes]: eight times what its samples, light and colors take, so that there
 is room for the scene and everything else. Design value."""
 
 MAX_PIXELS_CPU = 2_000_000
@@ -160,7 +160,7 @@ def _join(launches: list[Launch], camera: DepthCamera, views: Views) -> None:
 
 
 def _names(views: Views) -> list[tuple[int, int, bytes]]:
-    """Return what tells two views apart."""
+    """Return the key that distinguishes two views."""
     return [(int(f), int(i), p.tobytes()) for f, i, p in zip(views.frame, views.ignore, views.pose, strict=True)]
 
 

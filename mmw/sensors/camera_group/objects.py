@@ -1,4 +1,4 @@
-"""What the pixels of a camera show: segmentation, 2-D boxes, visible pixels; of depth and RGB cameras alike."""
+"""Object annotations of a camera, depth or RGB: segmentation, 2-D boxes, visible pixels."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ class VisibleObjects:
     object_id: wp.array
     """Object in each pixel, -1 for nothing, shape [A, H, W], int32, on the device."""
     visible: VisiblePixels | None
-    """Pixels of the boxed actors, in the order of `boxed_actors`; None if no camera asks for boxes."""
+    """Pixels of the boxed actors, in the order of `boxed_actors`; None if no camera records boxes."""
 
 
 def find_visible_objects(job: Batch, shots: Sequence[LaunchCamera], object_id: wp.array) -> VisibleObjects:
@@ -47,7 +47,7 @@ def record_objects(
     """Add segmentation, 2-D boxes and visible pixels of one camera; they are the same in every weather.
 
     Raises:
-        InputError: If the scene has more objects than an instance image tells.
+        InputError: If the scene has more objects than an instance image can store.
     """
     sensor, views, arrays = shot.sensor, launch.views.take(shot.rows), job.arrays
     if sensor.segmentation:

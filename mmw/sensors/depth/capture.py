@@ -22,7 +22,7 @@ def record_depth(job: Batch, shot: LaunchCamera, launched: Views, images: DepthI
         job: The job.
         shot: The camera, and which of the views are its own.
         launched: Views of the launch.
-        images: Images of the launch; with metres if the camera's format is `float32`.
+        images: Images of the launch; with meters if the camera's format is `float32`.
         collected: Rows to add to.
     """
     sensor, views, scenario = shot.sensor, launched.take(shot.rows), job.scenario.name

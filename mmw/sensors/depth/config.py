@@ -9,7 +9,7 @@ from mmw.config.sensor import MountConfig, Role, SensorConfig
 from mmw.core.errors import InputError
 
 PNG16_RANGE_M = 655.35
-"""Longest depth that 16-bit centimetres tell [m]."""
+"""Longest depth that 16-bit centimeters can store [m]."""
 
 
 class DepthCamera(SensorConfig):

@@ -1,4 +1,4 @@
-"""Depth camera: planar depth images in 16-bit centimetres, and the object in every pixel, from one launch.
+"""Depth camera: planar depth images in 16-bit centimeters, and the object in every pixel, from one launch.
 
 Depth does not depend on the weather: CARLA's does not either, and a model of a time-of-flight camera in rain or fog is
 not part of this sensor. One image serves every weather.
@@ -20,7 +20,7 @@ from mmw.sensors.lidar.scan_pattern import pinhole
 from mmw.sensors.render.visibility_buffer import depth_images, trace_samples
 
 CENTIMETRES = 0.01
-"""Metres of one step of the image."""
+"""Meters of one step of the image."""
 
 
 @dataclass(frozen=True)
@@ -45,9 +45,9 @@ def trace_depth_images(
 ) -> kernels.DepthImages:
     """Return images of every view, on the scene's device.
 
-    One ray goes through the centre of every pixel, (u + 0.5, v + 0.5) with the optical axis at (W / 2, H / 2). Depth
+    One ray goes through the center of every pixel, (u + 0.5, v + 0.5) with the optical axis at (W / 2, H / 2). Depth
     is measured along the optical axis, so a wall square to it has one depth everywhere. Depths beyond `range_m` are 0;
-    depths below 5 mm read 1 cm, since 0 means no return. Centimetres beyond 655.35 m, which only `format: float32`
+    depths below 5 mm read 1 cm, since 0 means no return. Centimeters beyond 655.35 m, which only `format: float32`
     reaches, are 0 too.
 
     Args:
@@ -83,5 +83,5 @@ def trace_depth(scene: DeviceScene, views: Views, config: DepthCamera, *, with_d
 
 
 def depth_to_metres(depth: np.ndarray) -> np.ndarray:
-    """Return depth in metres of 16-bit centimetres, inf for no return, same shape, float32."""
+    """Return depth in meters of 16-bit centimeters, inf for no return, same shape, float32."""
     return np.where(depth == 0, np.inf, depth * CENTIMETRES).astype(np.float32)

@@ -3,15 +3,14 @@
 compat    CARLA's GNSS sensor and the published dataset's navigation unit: latitude, longitude and altitude by CARLA's
           Mercator map, each with white noise; speed and heading with white noise. The error of the speed lies along
           the motion (along the heading at rest) in the velocity.
-physical  WGS-84 by the tangent plane at the reference point. The error of the position, in metres along the world's
+physical  WGS-84 by the tangent plane at the reference point. The error of the position, in meters along the world's
           axes, is white noise plus a drift: first-order Gauss-Markov noise of the given spread and correlation time.
           White noise on every axis of the velocity; speed is the length of its horizontal part.
 
 Heading is that of the sensor's x axis, not of the motion. East, north and up are the world's x, y and z. Velocity is a
 central difference (`mmw.core.kinematics`) of the mounted sensor, so a lever arm counts. A sample falls on every frame
-that
-is a multiple of 100 / `rate_hz`. Errors are functions of (seed, scenario, agent, sensor, frame), whichever frames are
-asked for, and at any rate; weather and buildings do not change them.
+that is a multiple of 100 / `rate_hz`. Errors are functions of (seed, scenario, agent, sensor, frame), whichever frames
+are asked for, and at any rate; weather and buildings do not change them.
 
 Source: CARLA 0.9.15 `sensor.other.gnss`; error model as in R. G. Brown and P. Y. C. Hwang, "Introduction to Random
 Signals and Applied Kalman Filtering" (2012), chapter 9.

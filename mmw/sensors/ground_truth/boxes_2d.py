@@ -38,12 +38,12 @@ EDGES = np.array([(i, i | bit) for bit in (1, 2, 4) for i in range(8) if not i &
 """Corner numbers of the twelve edges of a box."""
 
 PAIRS = np.array([(i, j) for i in range(len(EDGES)) for j in range(i)])
-"""Pairs of edges: where two of them meet the near plane, what lies between is inside the box."""
+"""Pairs of edges: where two of them cross the near plane, what lies between is inside the box."""
 
 
 @dataclass(frozen=True)
 class VisiblePixels:
-    """Which pixels of each view show each wanted object; K is the number of wanted objects."""
+    """Pixels of each view that show each wanted object; K is the number of wanted objects."""
 
     pixels: np.ndarray
     """Number of pixels, shape [A, K], int32."""
@@ -164,7 +164,7 @@ def _edges(corners: np.ndarray, is_behind: np.ndarray) -> tuple[np.ndarray, np.n
 def _cut_edges(corners: np.ndarray, is_behind: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return segments that outline boxes in front of the near plane: start, end [N, S, 3], and whether they exist.
 
-    These are the edges, cut at the plane, and what joins any two places where edges meet it.
+    These are the edges, cut at the plane, and what joins any two places where edges cross it.
     """
     a, b = corners[:, EDGES[:, 0]], corners[:, EDGES[:, 1]]
     is_front_a, is_front_b = ~is_behind[:, EDGES[:, 0]], ~is_behind[:, EDGES[:, 1]]
@@ -257,7 +257,7 @@ def _bounds(u0: np.ndarray, v0: np.ndarray, u1: np.ndarray, v1: np.ndarray, exis
 def _with_image_corners(
     camera: Intrinsics, bounds: np.ndarray, view_pose: np.ndarray, box_pose: np.ndarray, size: np.ndarray
 ) -> np.ndarray:
-    """Return rectangles [N, 4] grown to those corners of the image whose rays meet the box before it ends.
+    """Return rectangles [N, 4] grown to those corners of the image whose rays enter the box before it ends.
 
     Only there can the image frame a part of a box beyond all its edges: a box that fills a corner, or everything.
     """

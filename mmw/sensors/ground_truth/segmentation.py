@@ -10,7 +10,7 @@ SKY = CARLA_TAG["sky"]
 """CARLA tag of a pixel where nothing was hit."""
 
 HIGHEST_OBJECT = 65_534
-"""Highest object id that an instance image tells: 16 bits, less one value for nothing."""
+"""Highest object id that an instance image can store: 16 bits, less one value for nothing."""
 
 
 def object_tags(arrays: SceneData) -> np.ndarray:

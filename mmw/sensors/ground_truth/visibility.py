@@ -52,9 +52,9 @@ class LineOfSight:
     actor: np.ndarray
     """Actor index of the other one, shape [L], int32."""
     is_los: np.ndarray
-    """Whether the way is free: the first thing on it is the actor itself, or nothing. Shape [L], bool."""
+    """True if the line of sight is unobstructed: its first hit is the actor itself, or nothing. Shape [L], bool."""
     blocker: np.ndarray
-    """Object id of the first thing on the way where it is not free, -1 where it is, shape [L], int32."""
+    """Object id of the first obstacle on the line of sight, -1 where there is none, shape [L], int32."""
 
 
 def trace_sight(
@@ -93,7 +93,7 @@ def trace_sight(
 def trace_line_of_sight(
     scene: DeviceScene, slot: np.ndarray, start: np.ndarray, end: np.ndarray, ignore: np.ndarray
 ) -> np.ndarray:
-    """Return the object that is met first on each line, -1 for a free one, shape [L], int32.
+    """Return the first object on each line, -1 for a free one, shape [L], int32.
 
     Args:
         scene: Town and vehicles, with a batch loaded.

@@ -7,7 +7,7 @@ A sample at frame k is the reading at the instant of frame k, in the sensor fram
     compass         heading of the sensor's x axis, clockwise from north
 
 where a_k and w_k are the central differences of `mmw.core.kinematics`, taken of the mounted sensor, so lever arms
-are exact. `integrate_imu` inverts them. The first and last frame of a recording rest on an extrapolated neighbour.
+are exact. `integrate_imu` inverts them. The first and last frame of a recording rest on an extrapolated neighbor.
 
 Two of CARLA's habits are options. `handedness: left` reports in its axes (x forward, y right, z up): forces become
 (fx, -fy, fz), rates (-wx, wy, -wz). `accel_lag_frames: 1` is its late accelerometer, which turns the acceleration of
@@ -35,7 +35,7 @@ from mmw.sensors.imu.config import Imu
 from mmw.sensors.imu.noise import imu_errors
 
 GRAVITY_W = np.array([0.0, 0.0, GRAVITY])
-"""What a resting accelerometer feels, world frame [m/s^2]."""
+"""Specific force at rest, world frame [m/s^2]."""
 
 LEFT_HANDED = np.array([[1.0, -1.0, 1.0], [-1.0, 1.0, -1.0]])
 """Factors of a force and of a rate from y left to y right: mirrored polar and axial vectors. Its own inverse."""

@@ -1,4 +1,4 @@
-"""What a pulsed LiDAR is to rain and fog: beam, threshold, overlap and pulse, and the sensors that have names here."""
+"""Optics of a pulsed LiDAR for rain and fog: beam, threshold, overlap and pulse, and presets of sensors."""
 
 import math
 from dataclasses import dataclass
@@ -10,14 +10,14 @@ WAVELENGTHS_NM = (905, 1550)
 """Wavelengths of LiDAR that `mmw.physics.weather.optics` has values for [nm]."""
 
 POSITIVE = "a finite number above 0"
-"""What a message asks for."""
+"""Conditions on the values, as error messages state them."""
 
 
 @dataclass(frozen=True)
 class LidarOptics:
     """Beam, receiver and threshold of a LiDAR.
 
-    Power is the normalised received power [1/m2]: a Lambert target of reflectance rho at normal incidence and distance
+    Power is the normalized received power [1/m2]: a Lambert target of reflectance rho at normal incidence and distance
     R, which fills the beam, returns rho exp(-2 extinction R) / R^2. The sensor's constants are divided out.
     """
 
@@ -26,11 +26,11 @@ class LidarOptics:
     aperture_m: float
     """Diameter of the beam at the sensor [m]."""
     divergence: float
-    """Full angle of the beam [rad]: its diameter grows by this much a metre."""
+    """Full angle of the beam [rad]: its diameter grows by this much a meter."""
     min_power: float
     """Power below which nothing is detected [1/m2]; 0.1 / 50^2 sees 10 % of reflectance at 50 m in clear air."""
     overlap_start_m: float
-    """Distance at which the receiver's field of view meets the beam [m]; nothing returns from nearer."""
+    """Distance at which the receiver's field of view reaches the beam [m]; nothing returns from nearer."""
     overlap_full_m: float
     """Distance from which it holds the whole beam [m]; between the two the share grows linearly."""
     pulse_s: float

@@ -59,7 +59,7 @@ FOG_ENTRIES = 16
 
 @dataclass(frozen=True)
 class RainTable:
-    """How strong and how far the drops are that a ray sees, in a uniform grid of the logarithm of their mean number."""
+    """Strength and distance of the drops on a ray, in a uniform grid of the logarithm of their mean number."""
 
     mean: float
     """Mean number of detectable drops on a ray without a surface."""

@@ -30,15 +30,16 @@ BLOCK_DIM = 64
 
 @dataclass(frozen=True)
 class LidarHits:
-    """What the rays of a batch met, on the device; geometry only, so it serves every weather. A views, R rays each."""
+    """First hits of the rays of a batch, on the device; geometry only, so it serves every weather. A views, R rays
+    each."""
 
     config: Lidar
     rays: lidar.LidarRays
-    """What every ray meets, shape [A, R]; ray r belongs to channel r // points_per_channel."""
+    """First hits, shape [A, R]; ray r belongs to channel r // points_per_channel."""
     views: structs.Views
     """Sensor poses at the frame's instant."""
     sweep: lidar.Sweep
-    """When the rays fire, and how the sensors move meanwhile."""
+    """Firing times of the rays, and the motion of the sensors meanwhile."""
     time_s: wp.array
     """Time of each view since the start of the scenario [s], shape [A]."""
     direction_s: wp.array

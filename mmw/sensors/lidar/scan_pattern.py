@@ -25,8 +25,8 @@ def lidar_elevations(channels: int, upper_fov_deg: float, lower_fov_deg: float) 
 def lidar_azimuths(points_per_channel: int, horizontal_fov_deg: float = 360.0) -> np.ndarray:
     """Return the azimuth of every firing of one turn [rad], counter-clockwise from forward, shape [points_per_channel].
 
-    Firing j looks along fov / 2 - j fov / n. With the whole circle the first one points backwards (pi) and the turn
-    runs clockwise seen from above: backwards, left, forwards, right. That is CARLA's sweep from -fov / 2 with growing
+    Firing j looks along fov / 2 - j fov / n. With the whole circle the first one points backward (pi) and the turn
+    runs clockwise seen from above: backward, left, forward, right. That is CARLA's sweep from -fov / 2 with growing
     yaw, written in our frame, where y points left. All channels fire at the same azimuths.
 
     Source: CARLA 0.9.15 `sensor.lidar.ray_cast` with one turn a tick.
@@ -112,7 +112,7 @@ def pinhole(width: int, height: int, fov_deg: float) -> Intrinsics:
 
 
 def pinhole_directions(camera: Intrinsics) -> np.ndarray:
-    """Return the direction through every pixel centre of a pinhole, x (the optical axis) is 1, shape [H, W, 3]."""
+    """Return the direction through every pixel center of a pinhole, x (the optical axis) is 1, shape [H, W, 3]."""
     y = -(np.arange(camera.width) + 0.5 - camera.cx) / camera.fx
     z = -(np.arange(camera.height) + 0.5 - camera.cy) / camera.fy
     directions = np.ones((camera.height, camera.width, 3))

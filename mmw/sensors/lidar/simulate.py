@@ -51,7 +51,7 @@ class PointCloud:
     ring: np.ndarray
     """Channel, 0 the highest, shape [N], uint8."""
     object_id: np.ndarray
-    """Object that was met, -1 for rain and fog, shape [N], int32."""
+    """Object that was hit, -1 for rain and fog, shape [N], int32."""
     label: np.ndarray
     """0 surface, 1 rain, 2 fog, shape [N], uint8."""
     time_offset: np.ndarray
@@ -128,7 +128,7 @@ def find_lidar_returns(
     """Return the point clouds of traced hits in one weather.
 
     Args:
-        hits: What the rays met.
+        hits: Hits of the rays.
         materials: Materials by id, as they are in the weather (`SceneData.materials[weather]`).
         weather: Physical values of the weather; `compat` looks at neither.
         keys: Key of each view's random numbers (`mmw.scene.views.view_keys`), shape [A, 2], uint32.

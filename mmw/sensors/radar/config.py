@@ -11,7 +11,7 @@ from mmw.core.constants import FRAME_DT, SPEED_OF_LIGHT
 from mmw.core.errors import InputError
 
 REFERENCE_RCS_M2 = 10.0
-"""Radar cross section of the target that `reference_snr_db` speaks of: 10 dBsm, a passenger car [m2]. Design value."""
+"""Radar cross section of the target that `reference_snr_db` refers to: 10 dBsm, a passenger car [m2]. Design value."""
 
 REFERENCE_RANGE_M = 100.0
 """Distance of that target [m]. Design value."""

@@ -22,7 +22,7 @@ def radar_iq_samples(config: Radar, rays: radar.RadarRays, keys: np.ndarray) -> 
 
     Each ray is a point that returns sqrt(P) exp(2 pi i (2 R / wavelength + n R / (dR Ns) + m v / (dv M) + (p y + q z) /
     2)) in sample n of Ns, chirp m of M and antenna (p, q): distance, beat frequency, Doppler shift and direction. The
-    antenna is q azimuth_antennas + p, p growing to the left and q upwards. Rays are coherent, so a cell of many
+    antenna is q azimuth_antennas + p, p growing to the left and q upward. Rays are coherent, so a cell of many
     fluctuates by itself as its surfaces move. The noise of a sample is noise_w times the number of samples: a Fourier
     transform over all axes, divided by the number of samples, leaves noise_w in a cell and P in that of an echo.
     Rain takes its part of the echoes but is no echo here; all antennas transmit at once; targets stay in their cell.

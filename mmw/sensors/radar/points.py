@@ -1,4 +1,4 @@
-"""What a radar hands over: one list of points for each view."""
+"""Output of a radar: one list of points for each view."""
 
 from dataclasses import dataclass
 
@@ -22,7 +22,7 @@ class RadarPoints:
     range: np.ndarray
     """Distance from the sensor [m], shape [N], float32."""
     azimuth: np.ndarray
-    """Angle in the x-y plane, positive towards y (left) [rad], shape [N], float32."""
+    """Angle in the x-y plane, positive toward y (left) [rad], shape [N], float32."""
     elevation: np.ndarray
     """Angle above the x-y plane [rad], shape [N], float32."""
     velocity: np.ndarray

@@ -128,9 +128,9 @@ class RainClutter:
     velocity_cell: np.ndarray
     """Velocity cell that it is in, counted from 0 m/s, shape [A, G, J], int32."""
     y_cell: np.ndarray
-    """Angle cell along y of each direction, centred, shape [J]."""
+    """Angle cell along y of each direction, centered, shape [J]."""
     z_cell: np.ndarray
-    """Angle cell along z of each direction, centred, shape [J]."""
+    """Angle cell along z of each direction, centered, shape [J]."""
     rcs_per_w: np.ndarray
     """RCS [m2] for 1 W received, shape [G, J], float64."""
     mean_velocity: np.ndarray

@@ -1,4 +1,4 @@
-"""What surfaces are to a radar: reflection, slope and diffuse share of every material, dry or wet.
+"""Radar reflectivity of surfaces: reflection, slope and diffuse share of every material, dry or wet.
 
 A surface is rough on the scale of the wave: facets with normally distributed slopes mirror the wave back where they
 face the radar, and a share of what the surface reflects is scattered by Lambert's law instead. How much it reflects is
@@ -21,7 +21,7 @@ from mmw.physics.weather.weather import Weather
 
 @dataclass(frozen=True)
 class Roughness:
-    """How a surface scatters at 77 GHz. Design values, after the usual range of each kind of surface."""
+    """Scattering of a surface at 77 GHz. Design values, after the usual range of each kind of surface."""
 
     slope: float
     """Root mean square slope of the facets [-]."""
@@ -32,7 +32,7 @@ class Roughness:
     porosity: float = 0.0
     """Pores near the surface that rain fills, share of the volume [-]."""
     is_volume: bool = False
-    """Whether a volume of leaves scatters rather than a surface: `gamma0` counts, whatever the permittivity."""
+    """True if a volume of leaves scatters rather than a surface: `gamma0` counts, whatever the permittivity."""
 
 
 _METAL = Roughness(0.08, 0.95, 0.02)
@@ -83,7 +83,7 @@ FILM_SMOOTHING = 0.5
 
 
 WET_ROWS = ("itu_wet_", "itu_fresh_water", "itu_sea_water")
-"""How the names of radio rows start whose permittivity is that of a wet material."""
+"""Prefixes of the names of radio rows whose permittivity is that of a wet material."""
 
 
 def roughness_of(material: Material) -> Roughness:

@@ -34,12 +34,12 @@ class SortedRays:
     ray: wp.array
     """Number of each ray in the batch, int32."""
     start: wp.array
-    """Where each of the K occupied cells starts, shape [K], int32."""
+    """Start of each of the K occupied cells, shape [K], int32."""
 
 
 @dataclass(frozen=True)
 class RadarCells:
-    """What every occupied cell of a batch returns in one weather, K cells by view and number."""
+    """Echoes of every occupied cell of a batch in one weather, K cells by view and number."""
 
     offsets: np.ndarray
     """First cell of every view, and K, shape [A + 1], int32."""
@@ -98,17 +98,17 @@ def angle_cells(count: int, fov_deg: float) -> np.ndarray:
 
     Args:
         count: Antennas along the axis, as many as cells.
-        fov_deg: Field of view, centred on boresight [deg].
+        fov_deg: Field of view, centered on boresight [deg].
 
     Returns:
-        Centred cells, shape [n], int64; the middle one is always there.
+        Centered cells, shape [n], int64; the middle one is always there.
     """
     cell = np.sort(centred(np.arange(count), count))
     return cell[np.abs(cell) * 2.0 / count <= math.sin(math.radians(fov_deg / 2.0)) + 1e-9]
 
 
 def unravel(grid: radar_cells.CellGrid, cell: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the range cell and the centred velocity, y and z cells of cells by number."""
+    """Return the range cell and the centered velocity, y and z cells of cells by number."""
     shape = (grid.ranges, grid.velocities, grid.ys, grid.zs)
     r, v, y, z = np.unravel_index(cell, shape)
     return r, centred(v, grid.velocities), centred(y, grid.ys), centred(z, grid.zs)

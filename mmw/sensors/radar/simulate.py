@@ -137,7 +137,7 @@ def shade_radar(
     coefficient that is its share of the RCS, and the radar equation makes power of it.
 
     Args:
-        hits: What the rays met, of `physical`.
+        hits: Hits of the rays, of `physical`.
         materials: Materials by id, as they are in the weather (`SceneData.materials[weather]`).
         weather: Rain, fog and air on the way, and how wet surfaces are.
         config: Power, antennas and carrier.
@@ -173,7 +173,7 @@ def decibels(values: np.ndarray) -> np.ndarray:
 
 
 def compat_points(hits: radar.RadarHits) -> RadarPoints:
-    """Return what CARLA's radar reports: every ray that meets something, in the order of the rays."""
+    """Return what CARLA's radar reports: every ray with a hit, in the order of the rays."""
     return _points(hits, hits.object_id.numpy() >= 0, None, None, None)
 
 

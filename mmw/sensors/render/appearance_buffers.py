@@ -1,9 +1,9 @@
-"""What a camera needs of a scene beyond its shape, on the device: corners of faces, textures, looks of a weather.
+"""Appearance of a scene on the device: corners of faces, textures, and looks of a weather.
 
 Textures lie one after the other in a flat array of half floats with all their mip levels, and
-`kernels/shading/texture.py`
-filters them. `wp.Texture2D` would filter in hardware on CUDA; the array makes the same picture on every device, sets no
-limit to number and size of textures, and one launch can read any of them by a number that a material holds.
+`kernels/shading/texture.py` filters them. `wp.Texture2D` would filter in hardware on CUDA; the array makes the same
+picture on every device, sets no limit to number and size of textures, and one launch can read any of them by a number
+that a material holds.
 """
 
 # Warp's structs and small number types are objects, not classes, to a type checker.
@@ -28,10 +28,10 @@ PUDDLE_BASES = frozenset({"asphalt", "concrete", "stone", "soil", "dirt", "mud",
 A lawn drains, and brick, wood and bark are no ground. Design choice."""
 
 MAGENTA = (1.0, 0.0, 1.0, 1.0)
-"""What is drawn where a texture is missing, for who looks for it (`debug`)."""
+"""Color of faces whose texture is missing, to make them visible (`debug`)."""
 
 WRAPS = ("repeat", "clamp", "mirror", "black")
-"""Wraps by the number that the kernel knows."""
+"""Wraps by their number in the kernel."""
 
 TEXTURED = ("color", "emission", "roughness", "metallic", "normal", "opacity")
 """Inputs of a look that a texture can give: fields `<name>_texture`."""
@@ -83,7 +83,7 @@ class AppearanceArrays:
     """Corners, textures and looks of one scene on its device, for every weather that the scene was read for.
 
     Attributes:
-        notes: What a user should know: textures that are missing or were made smaller, one line each.
+        notes: Notes for the user: textures that are missing or were made smaller, one line each.
     """
 
     def __init__(self, scene: DeviceScene, *, debug: bool = False):
@@ -108,7 +108,7 @@ class AppearanceArrays:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a user should know, one line each."""
+        """Notes for the user, one line each."""
         return tuple(self._textures.notes)
 
     def for_weather(self, name: str) -> structs.Appearance:

@@ -1,4 +1,4 @@
-"""What every camera sensor shares: its intrinsics on the device, and the launch of one thread a pixel."""
+"""Common parts of camera sensors: intrinsics on the device, and the launch of one thread a pixel."""
 
 import warp as wp
 

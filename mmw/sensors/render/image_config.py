@@ -1,4 +1,4 @@
-"""How a camera makes a picture of light: exposure, shutter, noise, tone map, and what rain does before the lens."""
+"""Settings of a camera image: exposure, shutter, noise, tone map, and rain in front of the lens."""
 
 from typing import Literal
 
@@ -12,7 +12,7 @@ MAX_LENS_DROPS = 64
 
 
 class ExposureConfig(Section):
-    """How bright a picture is."""
+    """Exposure of an image."""
 
     mode: Literal["fixed", "auto"] = Field(
         "fixed",

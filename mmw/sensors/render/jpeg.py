@@ -26,15 +26,15 @@ ACCURATE_FROM = 96
 
 @dataclass(frozen=True)
 class Tables:
-    """What a file says of its coding, in its first bytes."""
+    """Header of a file: its coding, in its first bytes."""
 
     header: bytes
     """All that comes before the coded blocks."""
     steps: np.ndarray
-    """Steps of the values of a block, row by row, of lightness and colours, shape [2, 64], int32."""
+    """Steps of the values of a block, row by row, of lightness and colors, shape [2, 64], int32."""
     codes: np.ndarray
     """Code, and its length in the upper 16 bits, of every symbol: means and then others of lightness, then the same of
-    colours, shape [4, 256], uint32."""
+    colors, shape [4, 256], uint32."""
 
 
 @lru_cache(maxsize=16)

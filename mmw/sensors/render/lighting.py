@@ -1,4 +1,4 @@
-"""What reaches the samples of a batch of pictures, traced once for all weathers: surfaces, light, mirrored rays."""
+"""Inputs of the shading of a batch of images, traced once for all weathers: surfaces, light, mirrored rays."""
 
 # Warp's structs and small number types are objects, not classes, to a type checker.
 # pyright: reportGeneralTypeIssues=false, reportArgumentType=false
@@ -105,7 +105,7 @@ def trace_sky(buffer: SampleBuffer) -> wp.array:
 
 
 def gather_light(buffer: SampleBuffer, sun: wp.array | None, sky: wp.array | None) -> tuple[wp.array, wp.array]:
-    """Return sun and sky of every sample; the sky of pixel centres alone. What is None is empty.
+    """Return sun and sky of every sample; the sky of pixel centers alone. What is None is empty.
 
     Args:
         buffer: What the pixels see.
@@ -127,7 +127,7 @@ def gather_light(buffer: SampleBuffer, sun: wp.array | None, sky: wp.array | Non
 
 @dataclass(frozen=True)
 class MirrorRays:
-    """Mirrored rays of a buffer and what they meet."""
+    """Mirrored rays of a buffer and their hits."""
 
     number: wp.array
     """Mirrored ray of each sample, -1 for none; empty where none was sent."""
@@ -183,7 +183,7 @@ def trace_mirrors(
 
 
 def trace_mirror_sun(buffer: SampleBuffer, found: looks.Surfaces, rays: MirrorRays, light: candidates.Sun) -> wp.array:
-    """Return 255 where the sun lights what a mirrored ray meets, else 0."""
+    """Return 255 where the sun lights what a mirrored ray hits, else 0."""
     sun = wp.empty(len(rays), dtype=wp.uint8, device=buffer.scene.device)
     inputs = [buffer.scene.struct, buffer.picture, found, rays.mirrors, light]
     _trace(buffer, mirror.mirror_sun_kernel, len(rays), inputs, [sun])
@@ -208,7 +208,7 @@ def shade_samples(
         time: Of each view's frame [s], shape [A].
         found: Surfaces of the samples.
         light: Light that reaches them.
-        mirrors: What mirrored rays meet.
+        mirrors: Hits of mirrored rays.
         with_lamps: Add the light that lamps cast.
     """
     device, scene = buffer.scene.device, buffer.scene.struct

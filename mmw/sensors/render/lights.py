@@ -1,4 +1,4 @@
-"""Lamps of a scene: when they burn, where they are, and who brakes."""
+"""Lamps of a scene: switching times, positions, and the vehicles that brake."""
 
 from collections.abc import Sequence
 
@@ -17,11 +17,12 @@ DIPPED_SUN_DEG = 6.0
 1000 lux at which UNECE Regulation 48 makes automatic lamps burn at altitudes of about 0 to 2 degrees; people are
 earlier."""
 DIPPED_RAIN_MM_H = 0.5
-"""Rain rate from which they burn [mm/h]. Design value: wipers on, lamps on."""
+"""Rain rate from which they are on [mm/h]. Design value: wipers on, lamps on."""
 DIPPED_VISIBILITY_M = 500.0
-"""Visibility below which they burn [m]. Design value: traffic laws ask for lamps in fog and rain that hinder sight."""
+"""Visibility below which they are on [m]. Design value: traffic laws ask for lamps in fog and rain that hinder
+sight."""
 STREET_SUN_DEG = 0.0
-"""Altitude of the sun below which street lamps burn [deg]. Design value: they are switched near 70 lux on the ground,
+"""Altitude of the sun below which street lamps are on [deg]. Design value: they are switched near 70 lux on the ground,
 which a clear sky gives some minutes after sunset."""
 STREET_KLUX = 0.010
 """Illuminance of level ground by street lamps for which the fixed exposure is made [klux]. Source: EN 13201-2:2015,
@@ -32,9 +33,9 @@ LAMP_LABELS = frozenset({"car", "truck", "bus", "motorcycle"})
 BEAM_HEIGHT_M = 0.65
 """Height of head lamps over the ground [m]; UNECE Regulation 48 allows 0.5 to 1.2. Design value."""
 BEAM_COLOR = (1.02, 1.0, 0.93)
-"""Linear colour of head lamps: white of about 5700 K; design value."""
+"""Linear color of head lamps: white of about 5700 K; design value."""
 STREET_COLOR = (1.25, 0.97, 0.60)
-"""Linear colour of street lamps: LED of about 3500 K; design value."""
+"""Linear color of street lamps: LED of about 3500 K; design value."""
 LUMINANCE = (0.2126, 0.7152, 0.0722)
 """Weights of linear red, green and blue in luminance. Source: ITU-R BT.709."""
 
@@ -58,12 +59,12 @@ def lamps_on(weather: Weather) -> bool:
 
 
 def street_lamps_on(weather: Weather) -> bool:
-    """Return whether street lamps burn: after sunset."""
+    """Return whether street lamps are on: after sunset."""
     return weather.sun_altitude_deg < STREET_SUN_DEG
 
 
 def has_lamps(actor: Actor) -> bool:
-    """Return whether an actor is a vehicle with lamps that can burn, which those of a parked one cannot."""
+    """Return whether an actor is a vehicle with lamps that can be on; those of a parked one are always off."""
     return actor.label in LAMP_LABELS and not actor.is_parked
 
 
@@ -93,7 +94,7 @@ def brake_levels(arrays: SceneData, frames: Sequence[int]) -> np.ndarray:
     forward = rotate(poses[rows][..., 3:], np.array([1.0, 0.0, 0.0]))
     slowing = -np.sum(motion.acceleration * forward, axis=-1)
     low, high = BRAKING_M_S2
-    # A vehicle in reverse that brakes accelerates forwards.
+    # A vehicle in reverse that brakes accelerates forward.
     slowing *= np.where(np.sum(motion.velocity * forward, axis=-1) < 0.0, -1.0, 1.0)
     braking = np.clip((slowing - low) / (high - low), 0.0, 1.0)
     slow, fast = STANDING_M_S
@@ -161,7 +162,7 @@ def street_grid(
 
 
 def _beams(arrays: SceneData) -> tuple[np.ndarray, np.ndarray]:
-    """Return the instances whose head lamps can burn [B], and where in their frames the beams start [m] [B, 3]."""
+    """Return the instances whose head lamps can be on [B], and where in their frames the beams start [m] [B, 3]."""
     instances, positions = [], []
     for instance, index in enumerate(instance_actors(arrays)):
         actor = arrays.actors[index]

@@ -24,7 +24,7 @@ def device_twists(twists: tuple[np.ndarray, np.ndarray], device: str) -> tuple[w
 
 
 def image_motion(buffer: SampleBuffer, twists: tuple[wp.array, wp.array], time_s: float = FRAME_DT) -> wp.array:
-    """Return how far what each pixel's centre shows moves in the image, shape [A, H, W], vec2: right and down [px].
+    """Return how far what each pixel's center shows moves in the image, shape [A, H, W], vec2: right and down [px].
 
     Surface points move with their rigid bodies, at constant velocity and angular velocity; wheels as their bodies do,
     because their meshes do not turn. The camera moves by its twist. The sky turns with the camera alone. A point that

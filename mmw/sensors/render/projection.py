@@ -13,7 +13,7 @@ NEAREST = 1e-6
 
 
 class CameraSection(Protocol):
-    """The keys of a camera's section that say how it projects."""
+    """Keys of a camera's section that set its projection."""
 
     @property
     def width_px(self) -> int: ...
@@ -65,7 +65,7 @@ def unproject(camera: Intrinsics, pixels: np.ndarray) -> np.ndarray:
 
     Args:
         camera: Intrinsics.
-        pixels: Column and row [px], pixel edges at whole numbers: (u + 0.5, v + 0.5) is a pixel's centre; [..., 2].
+        pixels: Column and row [px], pixel edges at whole numbers: (u + 0.5, v + 0.5) is a pixel's center; [..., 2].
 
     Raises:
         InputError: If the lens gives one of them no direction of its own.

@@ -1,4 +1,4 @@
-"""Streaks of the rain drops within a few metres of a camera; what is farther is the veil of the air.
+"""Streaks of the rain drops within a few meters of a camera; what is farther is the veil of the air.
 
 Source: K. Garg, S. K. Nayar, "Vision and Rain", International Journal of Computer Vision 75(1), 2007.
 """

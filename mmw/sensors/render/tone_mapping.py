@@ -29,7 +29,7 @@ def make_exposure(config: ExposureConfig, radiance: wp.array, weather_exposure: 
     """Return the exposure of each picture, the factor on kcd/m2 that makes 1 white, shape [A], float32.
 
     `fixed` takes `ev100`, or else the weather's own exposure. `auto` brings the geometric mean of the luminance of each
-    picture, all pixels alike, to middle grey (0.18) within the limits of EV100. It remembers nothing: the exposure of a
+    picture, all pixels alike, to middle gray (0.18) within the limits of EV100. It remembers nothing: the exposure of a
     frame does not depend on the frames before it, so it is the same for any batch. The compensation comes last.
 
     Args:

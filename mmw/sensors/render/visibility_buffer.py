@@ -1,4 +1,4 @@
-"""What the pixels of a batch of camera views see, traced once for colour, depth and segmentation in every weather."""
+"""Visibility buffer of a batch of camera views, traced once for color, depth and segmentation in every weather."""
 
 # Warp's structs and small number types are objects, not classes, to a type checker.
 # pyright: reportGeneralTypeIssues=false, reportArgumentType=false
@@ -29,12 +29,12 @@ EXTRA_OFFSETS = {
         (0.16, 0.44), (0.44, -0.16), (-0.16, -0.44), (-0.44, 0.16),
     ),
 }  # fmt: skip
-"""Samples in a pixel on an edge -> places of those beside its centre [px]: all rows and columns differ, so that nearly
+"""Samples in a pixel on an edge -> places of those beside its center [px]: all rows and columns differ, so that nearly
 level and nearly upright edges are smooth too. Design values."""
 
 
 ROOM_FOR_EXTRAS = 0.5
-"""Further samples over pixel centres that there is room for from the start: in the shipped towns a third. Where more
+"""Further samples over pixel centers that there is room for from the start: in the shipped towns a third. Where more
 come, all samples move."""
 
 
@@ -48,11 +48,11 @@ class SampleBuffer:
     intrinsics: Intrinsics
     camera: camera_kernels.Camera
     samples: looks.Samples
-    """Rows (view * H + v) * W + u of the pixel centres, A * H * W of them, those of `extras`, then room for more."""
+    """Rows (view * H + v) * W + u of the pixel centers, A * H * W of them, those of `extras`, then room for more."""
     extras: looks.Extras
     """Further rays of pixels on edges; none unless asked for (`with_extras`)."""
     candidates: structs.Candidates
-    """Instances that the rays of each tile can meet."""
+    """Instances that the rays of each tile can hit."""
     alpha_cutouts: "looks.Appearance | None"
     """Appearance of a scene with cut-out textures."""
 
@@ -63,7 +63,7 @@ class SampleBuffer:
 
     @property
     def threads(self) -> int:
-        """Threads that work on the pixel centres, in whole tiles."""
+        """Threads that work on the pixel centers, in whole tiles."""
         return int(np.prod(self.launch))
 
     @property
@@ -83,7 +83,7 @@ class SampleBuffer:
 
     @property
     def picture(self) -> picture.Picture:
-        """What kernels take of it."""
+        """Struct of it for kernels."""
         images = picture.Picture()
         images.views, images.camera, images.extras, images.samples = (
             self.on_device, self.camera, self.extras, self.samples,
@@ -116,7 +116,7 @@ def trace_samples(
     *,
     with_surfaces: bool = True,
 ) -> SampleBuffer:
-    """Trace one ray through the centre of every pixel, (u + 0.5, v + 0.5).
+    """Trace one ray through the center of every pixel, (u + 0.5, v + 0.5).
 
     Args:
         scene: Town and vehicles, with the views' frames loaded.
@@ -142,7 +142,7 @@ def trace_samples(
 
 
 def empty_candidates(groups: int, scene: DeviceScene) -> structs.Candidates:
-    """Return room for the instances that groups of rays can meet."""
+    """Return room for the instances that groups of rays can hit."""
     met = structs.Candidates()
     met.count = wp.zeros(groups, dtype=int, device=scene.device)
     met.instance = wp.empty((groups, max(scene.struct.instance_count, 1)), dtype=wp.int16, device=scene.device)
@@ -193,7 +193,7 @@ def depth_images(
     """Return depth and objects of what the pixels see, on the scene's device.
 
     Depth is measured along the optical axis, so a wall square to it has one depth everywhere. Depths below 5 mm read
-    1 cm, since 0 means no return; depths beyond 655.35 m are 0 in centimetres.
+    1 cm, since 0 means no return; depths beyond 655.35 m are 0 in centimeters.
 
     Args:
         buffer: What the pixels see.
@@ -227,7 +227,7 @@ def find_edges(buffer: SampleBuffer) -> "FlaggedRows":
     """Return the pixels that lie on edges.
 
     Args:
-        buffer: What the pixel centres see, with surfaces.
+        buffer: What the pixel centers see, with surfaces.
     """
     is_edge = empty_flags(buffer.threads, buffer.scene.device)
     _launch(kernels.edge_kernel, buffer.threads, [buffer.scene.struct, buffer.picture], [is_edge])
@@ -235,12 +235,12 @@ def find_edges(buffer: SampleBuffer) -> "FlaggedRows":
 
 
 def with_extras(buffer: SampleBuffer, edges: "FlaggedRows", per_pixel: int) -> SampleBuffer:
-    """Return a buffer with further rays through the pixels on edges, after the pixel centres in its samples.
+    """Return a buffer with further rays through the pixels on edges, after the pixel centers in its samples.
 
-    The pixel centres are those of the other buffer, not a copy, while there is room behind them.
+    The pixel centers are those of the other buffer, not a copy, while there is room behind them.
 
     Args:
-        buffer: What the pixel centres see, with surfaces.
+        buffer: What the pixel centers see, with surfaces.
         edges: From `find_edges`.
         per_pixel: Samples in a pixel on an edge, a key of `EXTRA_OFFSETS` above 1.
     """

@@ -1,4 +1,4 @@
-"""`type: rgb`: a colour camera."""
+"""`type: rgb`: a color camera."""
 
 from typing import Literal
 
@@ -11,7 +11,7 @@ from mmw.sensors.render.image_config import ImageConfig
 
 
 class RgbCamera(SensorConfig):
-    """A colour camera, and what the same rays show."""
+    """A color camera, and what the same rays show."""
 
     type: Literal["rgb"] = "rgb"
     name: Name = Field("front", description="sensor name (name)")

@@ -68,7 +68,7 @@ class RgbRenderer:
     """Renders camera views of one scene in several weathers.
 
     Attributes:
-        notes: What a user should know of textures, one line each.
+        notes: Notes for the user on textures, one line each.
     """
 
     def __init__(self, scene: DeviceScene, weathers: Mapping[str, Weather], *, seed: int = 0, debug: bool = False):
@@ -160,9 +160,9 @@ class RgbRenderer:
         return images
 
     def normals(self, buffer: SampleBuffer) -> wp.array:
-        """Return the interpolated normal in each pixel's centre without normal maps, shape [A, H, W], vec3.
+        """Return the interpolated normal in each pixel's center without normal maps, shape [A, H, W], vec3.
 
-        Sensor frame (x along the optical axis, y left, z up), towards the camera; zero where nothing is seen.
+        Sensor frame (x along the optical axis, y left, z up), toward the camera; zero where nothing is seen.
         """
         images = wp.empty(buffer.shape, dtype=wp.vec3, device=self._scene.device)
         if images.size:
@@ -175,7 +175,7 @@ class RgbRenderer:
         return images
 
     def flow(self, buffer: SampleBuffer) -> wp.array:
-        """Return how far what each pixel's centre shows moves until the next frame [px], shape [A, H, W], vec2."""
+        """Return how far what each pixel's center shows moves until the next frame [px], shape [A, H, W], vec2."""
         return image_motion(buffer, device_twists(self._twists(buffer), self._scene.device))
 
     def _twists(self, buffer: SampleBuffer) -> tuple[np.ndarray, np.ndarray]:
@@ -272,7 +272,7 @@ def _light(buffer: SampleBuffer, sky: "Sky | None", sky_light: wp.array | None) 
 def _mirrors(
     buffer: SampleBuffer, found: looks.Surfaces, rays: MirrorRays, sun: "candidates.Sun | None"
 ) -> mirror.Mirrors:
-    """Return mirrored rays with the light of one place of the sun on what they meet."""
+    """Return mirrored rays with the light of one place of the sun on what they hit."""
     mirrors = mirror.Mirrors()
     mirrors.row, mirrors.samples, mirrors.surfaces = rays.mirrors.row, rays.mirrors.samples, rays.mirrors.surfaces
     mirrors.sun = rays.mirrors.sun

@@ -1,4 +1,4 @@
-"""Who may cross a junction: a conflict table made from swept boxes, and reservations that nobody waits for for ever."""
+"""Decide which vehicles may cross a junction: a conflict table of swept boxes, and reservations without starvation."""
 
 from dataclasses import dataclass, field
 
@@ -18,13 +18,13 @@ SWEEP_STEP = 5
 """Swept boxes are this many path samples apart."""
 
 PATIENCE = 4.0
-"""Who has waited so many seconds more goes before any priority [s]."""
+"""Extra waiting time after which a vehicle goes before any priority [s]."""
 
 HOLD_AFTER = 4.0
 """A vehicle that has waited this long keeps newcomers that conflict with it out of the junction [s]."""
 
 BLOCK_AFTER = 15.0
-"""Who has waited this long enters without room behind the junction, which undoes vehicles that block each other [s]."""
+"""Waiting time after which a vehicle enters without room behind the junction, which resolves deadlocks [s]."""
 
 
 def boxes_overlap(
@@ -79,7 +79,7 @@ class Sweep:
 
 
 class ConflictTable:
-    """Where connections of a junction get in each other's way, worked out when it is first asked for."""
+    """Conflicts between the connections of a junction, computed on first use."""
 
     def __init__(self, graph: LaneGraph) -> None:
         """Keep the lanes and find what leads to each."""

@@ -63,7 +63,7 @@ Leader = tuple[float, float, Mark | None]
 
 @dataclass(frozen=True)
 class View:
-    """What the engine knows at one step."""
+    """State of the engine at one step."""
 
     cars: Sequence[Car]
     marks: dict[str, list[Mark]]
@@ -100,7 +100,7 @@ def blend_time(aside: float) -> float:
 
 
 class Beside:
-    """Where a place on one lane is on the lane beside it, worked out when it is first asked for."""
+    """Mapping of a position on one lane to the lane beside it, computed on first use."""
 
     def __init__(self, graph: LaneGraph) -> None:
         """Keep the lanes."""
@@ -180,7 +180,7 @@ class Wanted:
     advantage: float
     """[m/s^2]."""
     rear: float
-    """Where the rear bumper is on the new lane [m]."""
+    """Station of the rear bumper on the new lane [m]."""
 
 
 class LaneChanges:

@@ -11,7 +11,7 @@ NODE_STEP = 0.5
 """The line is drawn through samples at least this far apart [m]: less is noise of a vehicle that stands or creeps."""
 
 FAR_NODES = 3.0
-"""Where the first or last two nodes are farther apart, the line begins or ends along the heading [m]."""
+"""Distance of the first or last two nodes beyond which the line begins or ends along the heading [m]."""
 
 FIT_S = 0.6
 """Speed and acceleration at the ends are fitted to the samples of this time [s]."""

@@ -1,4 +1,4 @@
-"""Which road a recorded vehicle is on: heights under a line, followed from its start where there are several decks."""
+"""Find the road level of a recorded vehicle: heights under a line, followed from its start where decks overlap."""
 
 import numpy as np
 

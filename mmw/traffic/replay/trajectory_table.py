@@ -50,7 +50,7 @@ class Trajectory:
     heading: np.ndarray | None
     """Heading of the body, counter-clockwise from east [rad], shape [N]; None if the table does not say."""
     type: str = ""
-    """What the table calls the vehicle; empty if it does not say."""
+    """Type of the vehicle in the table; empty if it has none."""
     length: float = 0.0
     """Bumper to bumper [m]; 0 if the table does not say."""
     reference: str = "center"

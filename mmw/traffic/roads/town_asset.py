@@ -1,4 +1,4 @@
-"""What traffic needs of a built town: its lanes and the surface that wheels stand on. Core dependencies only."""
+"""Read the lanes and the drivable surface of a built town, with core dependencies only."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,7 +29,7 @@ class Town:
     faces: np.ndarray
     """Its triangles, shape [M, 3], int32."""
     walks: tuple[Walk, ...] = ()
-    """Where people walk."""
+    """Sidewalk lines."""
 
 
 def open_town(path: str | Path) -> Town:

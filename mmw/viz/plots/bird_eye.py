@@ -10,7 +10,7 @@ from mmw.dataset.frame import Agent
 from mmw.viz.plots.style import BOX_STYLES, DARK, ORANGE, box_kind, object_color
 
 LIDAR_COLORS = ("intensity", "object", "height", "label")
-"""What the points of a sweep can be coloured by."""
+"""Columns by which the points of a sweep can be colored."""
 
 OUTLINE = [0, 2, 6, 4, 0]
 """Corners of a box's floor in turn, of `mmw.dataset.camera_geometry.CORNERS`."""

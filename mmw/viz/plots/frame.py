@@ -29,7 +29,7 @@ LIDAR_BARS = {"intensity": "intensity", "height": "height above the agent's orig
 
 @dataclass(frozen=True)
 class Panels:
-    """What a figure of a frame shows: agent and sensor of each panel."""
+    """Panels of a frame figure: agent and sensor of each."""
 
     cameras: list[tuple[Agent, str]]
     depths: list[tuple[Agent, str]]

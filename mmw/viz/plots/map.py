@@ -1,4 +1,4 @@
-"""What a map of a scenario shows of its town: lanes and buildings from above, from the stage that the dataset keeps."""
+"""Draw a scenario's town from above: lanes and buildings of the stage that the dataset keeps."""
 
 from dataclasses import dataclass
 from functools import lru_cache

@@ -17,7 +17,7 @@ ANTENNA = "antenna"
 """Sensor name of an agent's antenna in table `sensors`."""
 
 MARGIN_M = 15.0
-"""What the map shows around the paths [m]. Design value."""
+"""Margin of the map around the paths [m]. Design value."""
 
 MAP_RATIO = 1.5
 """Width of the map over its height. Design value."""

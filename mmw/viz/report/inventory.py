@@ -1,4 +1,4 @@
-"""What there is in a dataset, by its markers: shards, rows and bytes, what is still to make, and a quick check."""
+"""Take stock of a dataset by its markers: shards, rows, bytes, pending work, and a quick check."""
 
 import hashlib
 import json
@@ -47,7 +47,7 @@ class Inventory:
     pending: list[str]
     """Shards and scenarios that are not finished, by name."""
     notes: list[str] = field(default_factory=list)
-    """What could not be found out."""
+    """Questions that could not be answered."""
 
     @property
     def scenarios(self) -> list[str]:

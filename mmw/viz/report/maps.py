@@ -20,7 +20,7 @@ OTHER_FRAMES = 30
 """Frames of the ways of other vehicles and people that are read at most."""
 
 MARGIN_M = 25.0
-"""What the map shows around the agents' ways [m]. Design value."""
+"""Margin of the map around the agents' trajectories [m]. Design value."""
 
 RATIO = 1.7
 """Width of a map over its height at least."""

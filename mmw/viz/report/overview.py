@@ -1,4 +1,4 @@
-"""What the dataset holds, in numbers: facts, counts and sizes of every table, for each scenario and weather."""
+"""Summarize a dataset in numbers: counts and sizes of every table, for each scenario and weather."""
 
 from collections import defaultdict
 

@@ -20,7 +20,7 @@ from mmw.viz.report.overview import check_section, counts_section, facts, state
 from mmw.viz.report.provenance import provenance_section
 
 MARKER = '<meta name=generator content="mmw report">'
-"""What a page of ours has near its beginning."""
+"""Mark near the beginning of our pages."""
 
 MARKER_WITHIN = 400
 """Bytes from the beginning in which it is."""

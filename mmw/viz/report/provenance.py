@@ -1,4 +1,4 @@
-"""Where the dataset comes from: versions, revision, devices, seconds, weathers, and the configuration itself."""
+"""Show the provenance of a dataset: versions, revision, devices, seconds, weathers, configuration."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""Which frames of many a page reads, and how it says so."""
+"""Choose the frames that a page reads, and state the choice."""
 
 import math
 

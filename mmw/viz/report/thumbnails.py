@@ -15,13 +15,13 @@ QUALITY = 70
 """JPEG quality. Design value."""
 
 VIEW_M = 90.0
-"""What the picture of a sweep or a radar sample shows from its lower to its upper edge [m]. Design value."""
+"""Height of the picture of a sweep or a radar sample [m]. Design value."""
 
 VIEW_PX = (240, 320)
 """Height and width of such a picture [px], as those of the usual images."""
 
 RADAR_BEHIND_M = 8.0
-"""What the picture of a radar sample shows behind the radar [m]; of a sweep it is half of the picture."""
+"""Distance shown behind the radar [m]; for a sweep it is half of the picture."""
 
 DEPTH_M = (2.0, 150.0)
 """Ends of the logarithmic depth scale [m]."""

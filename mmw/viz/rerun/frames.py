@@ -14,7 +14,7 @@ from mmw.viz.rerun.selection import Scope
 from mmw.viz.rerun.sensors import ShownCamera
 
 LIDAR_COLORS = ("object", "class", "intensity", "label")
-"""What the LiDAR's points can be coloured by: the object that they lie on, its class, the intensity, or what returned
+"""Coloring of LiDAR points: by the object that they lie on, its class, the intensity, or the source of the return
 (surface, rain, fog)."""
 
 LIDAR_POINTS, RADAR_POINTS = 1.5, 5.0

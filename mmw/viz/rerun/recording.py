@@ -33,7 +33,7 @@ APPLICATION = "mmw"
 
 @dataclass(frozen=True)
 class Looks:
-    """What is drawn, and how."""
+    """Options of drawing."""
 
     lidar_color: str = "object"
     """One of `LIDAR_COLORS`."""

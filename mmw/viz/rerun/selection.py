@@ -1,4 +1,4 @@
-"""Which part of a dataset is shown: one scenario in one weather, some frames of it, some agents."""
+"""Select the part of a dataset to show: one scenario in one weather, some frames, some agents."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ and images a frame are about 2 MB: some 0.4 GB then. Design value."""
 
 @dataclass(frozen=True)
 class Scope:
-    """What is shown; everything is in the dataset."""
+    """Selection to show; everything is in the dataset."""
 
     data: Dataset
     scenario: str
@@ -25,7 +25,7 @@ class Scope:
     agents: tuple[str, ...]
     """Agents whose sensors are shown, and whose links as receivers."""
     notes: tuple[str, ...] = ()
-    """What was chosen without being asked for, one line each."""
+    """Choices made by default, one line each."""
 
     @property
     def span(self) -> range:

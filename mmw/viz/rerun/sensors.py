@@ -1,4 +1,4 @@
-"""Where sensors are mounted, and what cameras project: logged once."""
+"""Log sensor mounts and camera projections once."""
 
 from dataclasses import dataclass
 

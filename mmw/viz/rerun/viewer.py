@@ -1,4 +1,4 @@
-"""Where a recording goes: a file, the web viewer, or the native viewer. Servers listen on 127.0.0.1 only."""
+"""Send a recording to a file, the web viewer, or the native viewer. Servers listen on 127.0.0.1 only."""
 
 import os
 import signal
@@ -73,7 +73,7 @@ class Viewer:
     url: str
     """Address of its page; empty for a window."""
     address: str
-    """Where it takes data."""
+    """Address for data."""
     process: subprocess.Popen[bytes]
 
     def send(self, scope: Scope, looks: Looks) -> list[str]:

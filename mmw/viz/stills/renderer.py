@@ -121,7 +121,7 @@ class StillRenderer:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a user should know of the textures, one line each."""
+        """Notes on the textures, one line each."""
         return tuple(self._camera.notes)
 
     def look(

@@ -33,7 +33,7 @@ BEFORE_M = 24.0
 """Distance of the eye from the junction that it looks at [m]."""
 
 SIGHT_M = 150.0
-"""What is farther than this does not count for the choice of a view [m]."""
+"""Distance beyond which objects do not count for the choice of a view [m]."""
 
 GRID = (64, 36)
 """Rays that count what a view sees, columns and rows."""

@@ -23,7 +23,7 @@ _SEVERITY: dict[str, Severity] = {"error": "error", "warn": "warning", "info": "
 
 @dataclass(frozen=True)
 class Report:
-    """What a check found."""
+    """Findings of a check."""
 
     path: Path
     findings: tuple[Finding, ...]

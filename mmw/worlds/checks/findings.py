@@ -1,4 +1,4 @@
-"""What a check of a stage reports, and how many places become few."""
+"""Report findings of a stage's checks, and merge many places into few."""
 
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
@@ -25,11 +25,11 @@ class Finding:
     path: str
     """Prim that it is about; two are separated by ` and `; empty for the whole stage."""
     message: str
-    """What was found."""
+    """Description of the finding."""
     cure: str = ""
-    """What to do; empty for information."""
+    """Cure; empty for information."""
     place: tuple[float, float, float] | None = None
-    """Where in the stage [m], x east, y north, z up; None where it is nowhere in particular."""
+    """Place in the stage [m], x east, y north, z up; None if it has none."""
 
     def __str__(self) -> str:
         """Return one line for people."""

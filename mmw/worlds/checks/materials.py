@@ -1,4 +1,4 @@
-"""What every mesh needs to be more than a shape: a radio material, a visual one, and a class."""
+"""Check that every mesh has a radio material, a visual material and a class."""
 
 from collections import Counter
 from collections.abc import Collection, Mapping

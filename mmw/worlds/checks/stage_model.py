@@ -57,7 +57,7 @@ class World:
     lanes: LaneGraph | None
     """Lanes in metres, z up; None if the stage has none or they cannot be read."""
     problems: tuple[Finding, ...] = field(default=())
-    """What could not be read."""
+    """Parts that could not be read."""
 
     @cached_property
     def points(self) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""What every importer returns: meshes with materials in our world frame, and lanes where the source has them."""
+"""Hold an imported scene: meshes with materials in the world frame, and lanes if the source has any."""
 
 from dataclasses import dataclass, field
 
@@ -25,7 +25,7 @@ class ForeignMaterial:
     roughness: float = 0.8
     """GGX roughness of the picture, 0 to 1 [-]."""
     radio: RadioMaterial | None = None
-    """What the source itself says about radio; None if it says nothing."""
+    """Radio material of the source; None if it has none."""
     base: str = ""
     """SimReady base token, a key of `mmw.physics.materials.material.LIDAR_REFLECTANCE_905NM`; empty to take that of
     the radio row."""
@@ -47,6 +47,6 @@ class World:
     lanes: LaneGraph | None = None
     """Lanes that vehicles can drive on; None if the source has none."""
     notes: tuple[str, ...] = ()
-    """What was left out or assumed, one line each, for people."""
+    """Omissions and assumptions, one line each."""
     components: frozenset[str] = frozenset()
     """Paths that the source itself declares as one thing each; others are told from the hierarchy."""

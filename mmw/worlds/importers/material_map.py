@@ -17,7 +17,7 @@ from mmw.worlds.importers.mesh_cleanup import identifier
 from mmw.worlds.towns.mesh_part import MeshPart
 
 NEEDED = 'a map of patterns, such as "*wall*": {radio: itu_brick}'
-"""What the file of a material map holds."""
+"""Content of a material map's file."""
 
 
 def load_material_map(path: str | Path, radio_rows: Collection[str]) -> dict[str, MaterialEntry]:

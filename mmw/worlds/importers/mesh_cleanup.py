@@ -1,4 +1,4 @@
-"""What every reader of meshes does: prim names, clean triangles, and a world of a believable size."""
+"""Clean imported meshes: prim names, degenerate triangles, and a plausible size of the world."""
 
 import re
 from collections.abc import Sequence

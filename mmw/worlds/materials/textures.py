@@ -38,7 +38,7 @@ class Tile:
     tones: Tones
     """Colour along the tone."""
     hues: Tones
-    """What the colour is multiplied by, along the hue."""
+    """Factor of the color, along the hue."""
     size_m: float
     """Side of the tile on the surface [m]."""
     relief: Callable[[], np.ndarray] | None = None
@@ -48,7 +48,7 @@ class Tile:
     file: str = ""
     """Tile whose files this one reads; empty for its own."""
     tint: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    """What the colours of another tile's file are multiplied by."""
+    """Factor of the colors of another tile's file."""
     roughness: float = 0.0
     """How much rougher a white spot is than a black one; negative where dark ones are rougher [-]."""
 

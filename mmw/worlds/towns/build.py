@@ -32,7 +32,7 @@ from mmw.worlds.towns.write_usd import PAYLOAD, write_town
 
 @dataclass(frozen=True)
 class TownReport:
-    """What was built."""
+    """Result of a build."""
 
     path: Path
     """The interface layer."""

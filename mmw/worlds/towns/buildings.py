@@ -30,7 +30,7 @@ AWNINGS = ("car_paint_red", "car_paint_green", "car_paint_blue", "car_paint_whit
 
 @dataclass(frozen=True)
 class Site:
-    """Where a building stands."""
+    """Site of a building."""
 
     center: tuple[float, float]
     """Middle of the plan [m]."""

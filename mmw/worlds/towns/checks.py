@@ -1,4 +1,4 @@
-"""What must hold for a road network; each check stops the build with a message that says what to change."""
+"""Check a road network; a failed check stops the build with a message that names the cure."""
 
 from collections.abc import Sequence
 from itertools import combinations

@@ -80,7 +80,7 @@ class Road(Section):
 
 
 class Junction(Section):
-    """What differs from the defaults at one node."""
+    """Differences from the defaults at one node."""
 
     corner_radius: float | None = Field(default=None, ge=3, le=40, description="radius of the kerb at corners [m]")
     uturn: bool = Field(default=False, description="whether vehicles may turn back (flag)")

@@ -45,7 +45,7 @@ class Structure:
 
 @dataclass(frozen=True)
 class Walls:
-    """Where a structure stands between walls; rows count from the begin of the bridge."""
+    """Stretch of a structure between walls; rows count from the beginning of the bridge."""
 
     first: int
     """Row of the abutment at the end of the first fill."""

@@ -1,4 +1,4 @@
-"""What is attached to walls: belts, steps and canopies at doors, signs and awnings of shops, balconies.
+"""Attach details to walls: belts, steps and canopies at doors, signs and awnings of shops, balconies.
 
 Every piece reaches a little into the wall, so that no two faces lie in one plane. Frame as in `buildings.py`.
 """

@@ -1,4 +1,4 @@
-"""What stands on farms: grain silos, barns, hay bales, field fences, a water tower."""
+"""Build farm props: grain silos, barns, hay bales, field fences, a water tower."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""What props are made of: pieces with a material and a label, in a frame with x to the front and z up."""
+"""Describe the parts of props: meshes with a material and a label, x to the front and z up."""
 
 from collections.abc import Callable
 

@@ -1,4 +1,4 @@
-"""Where props stand: rows along the kerbs, signals and signs at junctions, trees over open land."""
+"""Place props: rows along curbs, signals and signs at junctions, trees on open land."""
 
 import math
 from collections import Counter
@@ -22,7 +22,7 @@ KERB_CLEARANCE = 0.3  # least distance of a prop's foot to the carriageway [m]
 LARGE_AREA = 20.0
 """Plan of a prop above which others keep clear of all of it, not only of its middle [m^2]."""
 HEADROOM = 4.5
-"""What is higher than this above the ground may stand over a carriageway [m]: the height that trucks are given."""
+"""Clearance above a carriageway from which props may overhang it [m]: the height that trucks need."""
 FAR_M = 15.0
 """Distance from the carriageway beyond which a tree's crown is one step coarser, `COARSEST` at least [m]."""
 COARSEST = 2

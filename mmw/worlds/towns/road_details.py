@@ -1,4 +1,4 @@
-"""What lies flush in the carriageway: arrows before junctions, drain grates at kerbs, manhole covers.
+"""Lay flush details into the carriageway: arrows before junctions, drain grates, manhole covers.
 
 Each is cut out of the asphalt, never a second layer on it, and only where there is nothing but asphalt. Roads without
 kerbs have only arrows.

@@ -60,7 +60,7 @@ class Rows:
     kind: tuple[str, ...]
     """Breaks of every row: `pad`, `bars` or `main`."""
     cell: tuple[str, ...]
-    """What lies between each row and the next."""
+    """Kind of surface between each row and the next."""
     between: tuple[int, int]
     """First and last row of the part between the paint across the road."""
     xy: np.ndarray

@@ -1,4 +1,4 @@
-"""Where people walk: lines along the sidewalks, round every block, past whatever stands there."""
+"""Draw the lines that pedestrians follow: along the sidewalks, around every block, past obstacles."""
 
 from collections.abc import Sequence
 

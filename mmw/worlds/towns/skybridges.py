@@ -41,7 +41,7 @@ KERB = 0.3
 
 @dataclass(frozen=True)
 class Span:
-    """Where a skybridge is."""
+    """Placement of a skybridge."""
 
     description: Skybridge
     yaw: float

@@ -1,4 +1,4 @@
-"""What a prim needs to be an actor: role, model, box, class, and an instance of the model's asset."""
+"""Write actor prims: role, model, box, class, and an instance of the model's asset."""
 
 from pxr import Gf, Sdf
 

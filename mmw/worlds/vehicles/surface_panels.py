@@ -19,7 +19,7 @@ BACK_SHARE = 0.3
 the walls to it stay behind the face of a curved panel."""
 
 FAR_M = 20.0
-"""Where rays to the skin start [m]: outside every vehicle."""
+"""Distance from which rays to the skin start [m]: outside every vehicle."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Panel:
     """One panel, a quadrilateral seen from one side of the vehicle. Lengths in metres, in the body frame."""
 
     side: Side
-    """Where it is seen from."""
+    """Viewing direction."""
     corners: tuple[tuple[float, float], ...]
     """Four corners around, the first two along its foot: (y, z) at front and rear, (x, z) at left and right, (x, y)
     from the top."""

@@ -31,7 +31,7 @@ class WheelSpec:
 
 @dataclass(frozen=True)
 class AssetSpec:
-    """What an asset says beside its geometry."""
+    """Metadata of an asset."""
 
     label: str
     """Semantic class."""

@@ -49,7 +49,7 @@ from mmw.dataset.export.read_radio import Antennas, read_antennas, read_part
 from mmw.storage.manifest import DATASET
 
 FOLDER = "deepmimo_scenarios"
-"""Where DeepMIMO looks for scenarios, below the working directory."""
+"""Folder of DeepMIMO's scenarios, below the working directory."""
 VERSION = "4.0.5"
 """DeepMIMO version whose files these are."""
 RSUS, RECEIVERS, SENDERS = 0, 1, 2

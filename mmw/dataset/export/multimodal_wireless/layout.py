@@ -52,11 +52,11 @@ from mmw.storage.codecs.carla_depth import encode_bgra, encode_log_grey
 from mmw.storage.codecs.images import decode_depth
 
 CAMERA_YAW = (0.0, np.pi, np.pi / 2, -np.pi / 2)
-"""Where the published cameras 0 to 3 of a CAV look, our yaw [rad]: front, rear, left, right."""
+"""Yaw of the published cameras 0 to 3 of a CAV [rad]: front, rear, left, right."""
 PERCEPTION_M = 50.0
 """How far `vehicles` of a CAV reaches [m]."""
 NO_COLOR = "255,255,255"
-"""What the published script writes for a vehicle without a colour."""
+"""Value of the published script for a vehicle without a color."""
 NO_IMU = {"accelerometer": dict.fromkeys("xyz", 0.0), "gyroscope": dict.fromkeys("xyz", 0.0), "compass": 0.0}
 
 

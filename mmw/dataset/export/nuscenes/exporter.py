@@ -46,7 +46,7 @@ LOSSES = (
     "a camera is a pinhole: lens distortion stays in the image, its coefficients are in mmw_coefficients alone",
     "velocities: readers difference the places of annotations",
 )
-"""What the format cannot hold."""
+"""Losses of the format."""
 
 OPTIONS = (
     Option("rate", "2", "samples a second [Hz]; a divisor of 100"),

@@ -60,7 +60,7 @@ class Scene:
 
     @property
     def name(self) -> str:
-        """What the scene and its files are called."""
+        """Name of the scene and its files."""
         return f"{self.scenario}_{self.weather}_{self.agent}"
 
     def file(self, channel: str, frame: int, suffix: str) -> str:

@@ -64,13 +64,13 @@ SUN_KELVIN = 5_772.0
 K). Source: IAU 2015 resolution B3; balance: design value."""
 
 GROUND_ALBEDO = 0.2
-"""Share of light that ground far away reflects, in all colours: soil, grass and asphalt mixed. Design value."""
+"""Share of light that ground far away reflects, in all colors: soil, grass and asphalt mixed. Design value."""
 
 
 def _to_rgb() -> np.ndarray:
     """Return the share of each wavelength of sunlight in red, green and blue, columns summing to 1, shape [K, 3].
 
-    Source: colour matching functions, C. Wyman, P.-P. Sloan and P. Shirley, J. Comput. Graph. Tech. 2, 2013; matrix of
+    Source: color matching functions, C. Wyman, P.-P. Sloan and P. Shirley, J. Comput. Graph. Tech. 2, 2013; matrix of
     Rec. 709.
     """
 
@@ -97,7 +97,7 @@ _MANY_HEIGHTS, _MANY_COSINES, _MANY_FROM = 12, 28, -0.5
 
 @dataclass(frozen=True)
 class Air:
-    """What a clear atmosphere is made of: extinction at sea level [1/m], one entry a wavelength."""
+    """Composition of a clear atmosphere: extinction at sea level [1/m], one entry a wavelength."""
 
     rayleigh: tuple[float, ...]
     haze: tuple[float, ...]

@@ -26,7 +26,7 @@ SUN_RADIUS = math.radians(0.53) / 2.0
 """Angular radius of the sun [rad]. Source: 31.5 to 32.5 arc minutes across, Astronomical Almanac."""
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
-"""Share of each colour in luminance. Source: ITU-R BT.709."""
+"""Share of each color in luminance. Source: ITU-R BT.709."""
 
 HAZE_VISIBILITY_M = 10_000.0
 """Haze of the whole sky goes down to this visibility [m]; what takes more lies in a shallow layer, as mist and fog do.
@@ -42,21 +42,21 @@ RAYLEIGH_550 = 13.558e-6
 """Scattering of the gas at 550 nm, which every visibility includes [1/m]. Source: `atmosphere.RAYLEIGH_PER_M`."""
 
 HAZE_COLOURS = (np.array([610.0, 550.0, 465.0]) / 550.0) ** -atmosphere.HAZE_EXPONENT
-"""Extinction of haze in red, green and blue over that at 550 nm: at the middles of the three colours."""
+"""Extinction of haze in red, green and blue over that at 550 nm: at the middles of the three colors."""
 
 NIGHT_KLUX = 0.2e-3
 """Illuminance of level ground by a clear night sky over a town without moon [klux]: glow of lamps, more than the 0.05
 lux of Berlin's clear sky to stand for what lamps spill. Source: C. Kyba et al., PLoS ONE 6, 2011; design value."""
 
 NIGHT_CLOUD_GAIN = 4.0
-"""How much brighter an overcast sky makes the night of a town. Source: Kyba et al. 2011: 10 in the
+"""Factor by which an overcast sky brightens the night of a town. Source: Kyba et al. 2011: 10 in the
 city, 3 in suburbs."""
 
 NIGHT_COLOUR = np.array([0.80, 1.02, 1.39])
-"""Colour of the night sky, luminance 1. Design value."""
+"""Color of the night sky, luminance 1. Design value."""
 
 CLOUD_TINT = 0.4
-"""How much of the colour of daylight an overcast sky has. Design value."""
+"""Share of the color of daylight that an overcast sky has. Design value."""
 
 CLOUD_AIR_SHARE = 0.8
 """Share of the gas above the clouds; haze, which is lower, counts as its cube. Source: exp(-1.7 km / 8 km)."""
@@ -71,7 +71,7 @@ is (illuminance / 100 klux)^0.17. Design values."""
 
 @dataclass(frozen=True)
 class BakedSky:
-    """The sky of a weather in NumPy; directions as in `mmw.kernels.shading.sky`, colours as in
+    """The sky of a weather in NumPy; directions as in `mmw.kernels.shading.sky`, colors as in
     `mmw.sensors.render.sky.atmosphere`."""
 
     map: np.ndarray
@@ -85,9 +85,9 @@ class BakedSky:
     horizon: np.ndarray
     """Airlight of level directions [kcd/m2], shape [`HORIZON`, 3]; see `mmw.kernels.shading.aerial_perspective.Air`."""
     upward: np.ndarray
-    """More airlight upwards [kcd/m2], shape [3]."""
+    """More airlight upward [kcd/m2], shape [3]."""
     downward: np.ndarray
-    """Less airlight downwards [kcd/m2], shape [3]."""
+    """Less airlight downward [kcd/m2], shape [3]."""
     glow: np.ndarray
     """Sunlight that fog scatters [klux], shape [3]."""
 
@@ -147,7 +147,7 @@ def beam_share(cloudiness: float) -> float:
 def exposure(horizontal_klux: float) -> float:
     """Return the fixed exposure [m2/kcd] of a weather, as an incident-light meter on level ground sets it.
 
-    A level grey of 18 % becomes 0.18 x key: exposure = pi key / E with the key (E / 100 klux)^0.17, which is 1 at a
+    A level gray of 18 % becomes 0.18 x key: exposure = pi key / E with the key (E / 100 klux)^0.17, which is 1 at a
     clear noon, 0.8 under clouds, 0.6 in heavy rain, 0.2 under street lamps, and 0.11 at night without them. A meter
     without key would set EV100 = log2(100 E / C), E in lux, C = 250.
 
@@ -190,7 +190,7 @@ def _bake(weather: Weather, seed: int, rows: int) -> BakedSky:
     clear = _clear(weather, air, at)
     sun = atmosphere.sun_illuminance(air, altitude)
     total = _ground_of_half(clear) + sun * max(to_sun[2], 0.0)
-    # An overcast sky in the colour of all the light that reaches the clouds, less deep: their tops stand above haze.
+    # An overcast sky in the color of all the light that reaches the clouds, less deep: their tops stand above haze.
     grey = total * overcast_share(1.0)
     grey = grey * CLOUD_TINT + (grey @ LUMINANCE) * (1.0 - CLOUD_TINT)
     share = float(smooth_step(0.6, 1.0, cover))
@@ -358,7 +358,7 @@ def _texels(values: np.ndarray, device: str) -> wp.array:
 def make_air(weather: Weather, device: str, ground_z: float = 0.0, seed: int = 0, rows: int = ROWS) -> Air:
     """Return the air of a weather on a device, which fades to the horizon of `make_sky`.
 
-    Below a visibility of 1 km fog is grey; up to `HAZE_VISIBILITY_M` haze takes on its colour (it scatters blue more).
+    Below a visibility of 1 km fog is gray; up to `HAZE_VISIBILITY_M` haze takes on its color (it scatters blue more).
     Green has the extinction at 550 nm that every other sensor has.
 
     Args:

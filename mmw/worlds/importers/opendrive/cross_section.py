@@ -1,4 +1,4 @@
-"""Where the points of an OpenDRIVE road lie: borders of its lanes, heights, rows that follow its curves."""
+"""Compute the points of an OpenDRIVE road: lane borders, heights, rows that follow its curves."""
 
 from dataclasses import dataclass
 from itertools import pairwise

@@ -1,4 +1,4 @@
-"""What meets what in an OpenDRIVE file: the ends of lanes that are joined by links of roads and junctions."""
+"""Join the ends of lanes by the links of OpenDRIVE roads and junctions."""
 
 from collections import defaultdict
 

@@ -41,7 +41,7 @@ class Mark:
     """Paint on the outer border of a lane, from a station on."""
 
     start: float
-    """Where it begins, on the road [m]."""
+    """Begin along the road [m]."""
     kind: str
     """`solid`, `broken`, `none`, or two of these with a space between for a double line."""
     width: float
@@ -84,7 +84,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Link:
-    """What follows at one end of a road."""
+    """Link at one end of a road."""
 
     kind: str
     """`road` or `junction`."""

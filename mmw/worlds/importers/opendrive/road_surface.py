@@ -26,7 +26,7 @@ class Sheet:
     name: str
     surface: Surface = field(default_factory=Surface)
     outline: shapely.Geometry = field(default_factory=shapely.Polygon)
-    """What it covers in plan."""
+    """Outline in plan."""
     rows: list[np.ndarray] = field(default_factory=list)
     """Vertices of the rows of a road, the right edge first [m], each [columns, 3]."""
     stations: list[float] = field(default_factory=list)

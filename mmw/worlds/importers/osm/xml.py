@@ -28,7 +28,7 @@ class Feature:
     xy: np.ndarray
     """Position of a node, line of a way [m], shape [N, 2]; of a relation, no points."""
     area: shapely.Polygon | shapely.MultiPolygon | None = None
-    """What a closed way or multipolygon encloses [m]; None for others."""
+    """Area enclosed by a closed way or multipolygon [m]; None for others."""
 
 
 @dataclass
