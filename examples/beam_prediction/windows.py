@@ -1,4 +1,4 @@
-"""Which windows there are and which of them train: `mmw.dataset.windows`, with sensors that are slower than the
+"""Choose the windows of training and test: `mmw.dataset.windows`, with sensors that are slower than the
 frames."""
 
 from collections.abc import Mapping

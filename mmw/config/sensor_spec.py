@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
 from mmw.config.sensor import SensorConfig
+from mmw.core.errors import InputError
 from mmw.core.registry import Registry
 
 if TYPE_CHECKING:
@@ -95,9 +96,19 @@ class SensorSpec:
     warm_up: Reference = ""
     """`(Config)`: slow work that a thread begins while the first scene is read."""
     decode: Reference = ""
-    """`(Agent, row of the primary table) -> sample` for `mmw.dataset`; the columns as attributes if absent."""
+    """`(Agent, name of the sensor) -> sample` for `mmw.dataset`; columns as attributes if absent."""
     window: Modality | None = None
     """Modality of learning windows."""
+
+    def __post_init__(self) -> None:
+        """Check that there is one way to simulate the sensor.
+
+        Raises:
+            InputError: If there is none, or there are two.
+        """
+        alone = (bool(self.simulate), bool(self.to_tables))
+        if alone != ((False, False) if self.capture else (True, True)):
+            raise InputError(f"sensor {self.type!r}: give `simulate` and `to_tables`, or `capture` alone")
 
     def tables_of(self, config: SensorConfig) -> dict[str, int]:
         """Return the tables with a fixed number of rows for each sample of a sensor, and that number."""

@@ -18,9 +18,3 @@ def random_key(*parts: str | int) -> tuple[int, int]:
 def random_keys(parts: Iterable[tuple[str | int, ...]]) -> np.ndarray:
     """Return the keys of several streams, shape [N, 2], uint32: what `mmw.kernels.core.noise` takes."""
     return np.array([random_key(*part) for part in parts], dtype=np.uint32).reshape(-1, 2)
-
-
-def random_generator(*parts: str | int) -> np.random.Generator:
-    """Return a generator of its own for a stream that some parts name; see `random_key`."""
-    first, second = random_key(*parts)
-    return np.random.Generator(np.random.Philox(key=(first << 32) | second))

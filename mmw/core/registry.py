@@ -81,11 +81,9 @@ class Registry(Mapping[str, T], Generic[T]):
         entry = self._entry_points()[name]
         try:
             return entry.load()
-        except Exception as error:
-            raise InputError(
-                f"{self._what} {name!r} of {_owner(entry)}: {entry.value} cannot be imported: {error}; "
-                "repair or remove that package"
-            ) from error
+        except Exception as error:  # a bug of that package: its trace stays, and says whose it is
+            error.add_note(f"{self._what} {name!r}: {entry.value} of {_owner(entry)} cannot be imported")
+            raise
 
     def _entry_points(self) -> dict[str, EntryPoint]:
         """Return the entry points of the group by name, read once.

@@ -49,7 +49,7 @@ def cast_rays(
     count, device = len(start), scene.device
     slot = np.ascontiguousarray(np.broadcast_to(np.asarray(batch_index, dtype=np.int32), (count,)))
     hits, blocked = wp.empty(count, dtype=Hit, device=device), wp.empty(count, dtype=wp.bool, device=device)
-    way = np.ascontiguousarray(np.asarray(directions, dtype=np.float32).reshape(-1, 3))
+    unit = np.ascontiguousarray(np.asarray(directions, dtype=np.float32).reshape(-1, 3))
     wp.launch(
         cast_kernel,
         dim=count,
@@ -57,7 +57,7 @@ def cast_rays(
             scene.struct,
             wp.array(slot, dtype=wp.int32, device=device),
             wp.array(np.ascontiguousarray(start.astype(np.float32)), dtype=wp.vec3, device=device),
-            wp.array(way, dtype=wp.vec3, device=device),
+            wp.array(unit, dtype=wp.vec3, device=device),
             float(min(max_distance, FARTHEST_M)),
             wp.full(count, -1, dtype=wp.int32, device=device),
         ],
@@ -68,8 +68,8 @@ def cast_rays(
     found = hits.numpy()
     is_hit = found["object_id"] >= 0
     return RayHits(
-        np.where(is_hit, found["t"], np.float32(np.inf)),
-        np.where(is_hit, found["object_id"], -1),
+        found["t"],
+        found["object_id"],
         np.where(is_hit, found["material_id"], -1),
         np.where(is_hit[:, None], found["normal"], np.float32(0.0)),
     )

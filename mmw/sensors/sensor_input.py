@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from mmw.core.kinematics import Motion
-from mmw.core.random_keys import random_generator
+from mmw.core.random_series import white_series
 from mmw.physics.weather.weather import Weather
 from mmw.scene.device_scene import DeviceScene
-from mmw.scene.views import Views
+from mmw.scene.views import Views, view_keys
 
 
 @dataclass(frozen=True)
@@ -29,20 +29,15 @@ class SensorInput:
     scenario: str
     """Name of the scenario."""
 
-    def normal(self, sensor: str, *stream: str | int, size: int | tuple[int, ...] = ()) -> np.ndarray:
-        """Return standard normal numbers of each view, shape [A, *size], float64.
+    def normal(self, sensor: str, *stream: str | int, count: int = 1) -> np.ndarray:
+        """Return standard normal numbers of each view, shape [A, count], float64.
 
-        They depend on seed, scenario, sensor, agent and frame alone, not on how frames are batched.
+        They depend on seed, scenario, sensor, agent and frame alone, not on the batches of frames.
 
         Args:
             sensor: Name of the sensor.
-            stream: Names that tell several series of one sensor apart.
-            size: Shape for each view.
+            stream: Names that distinguish several series of one sensor.
+            count: Numbers of a view.
         """
-        shape = (size,) if isinstance(size, int) else size
-        found = np.empty((len(self.views), *shape))
-        for row, (actor, frame) in enumerate(zip(self.views.actor, self.views.frame, strict=True)):
-            agent = self.scene.arrays.actors[actor].name
-            key = (self.seed, self.scenario, sensor, *stream, agent, int(frame))
-            found[row] = random_generator(*key).standard_normal(shape)
-        return found
+        keys = view_keys(self.scene.arrays, self.views, self.seed, self.scenario, sensor, *stream)
+        return white_series(keys, [0], count)[:, 0]

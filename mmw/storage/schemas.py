@@ -10,12 +10,12 @@ the row and is the receiver of `links` and `paths`; `peer` is the transmitter.
 """
 
 from collections.abc import Iterator, Mapping
-from importlib import import_module
 
 import pyarrow as pa
 
 from mmw.config.sensor_spec import SENSORS
 from mmw.core.errors import InputError
+from mmw.core.registry import load_reference
 from mmw.storage.table_spec import TableSpec
 
 SCHEMA_VERSION = "2.1"
@@ -43,7 +43,7 @@ class _Tables(Mapping[str, TableSpec]):
         Raises:
             InputError: If two sensors define a table of the same name differently.
         """
-        framed, channel, static = (_load(reference) for reference in CORE_TABLES)
+        framed, channel, static = (load_reference(reference) for reference in CORE_TABLES)
         found = {spec.name: spec for spec in framed}
         owners = dict.fromkeys(found, "mmw")
         own = [(sensor, spec) for sensor, kind in SENSORS.items() for spec in kind.tables]
@@ -55,11 +55,6 @@ class _Tables(Mapping[str, TableSpec]):
                 )
             owners.setdefault(spec.name, owner)
         return found
-
-
-def _load(reference: str) -> tuple[TableSpec, ...]:
-    module, _, name = reference.partition(":")
-    return getattr(import_module(module), name)
 
 
 TABLES = _Tables()

@@ -113,7 +113,7 @@ def test_every_check_reads_a_bucket(server: Server, made: str, capsys: pytest.Ca
 
 
 def test_readers(server: Server, world: Path, made: str, capsys: pytest.CaptureFixture) -> None:
-    """What docs/guides/running.md says of reading a bucket, and docs/guides/query.md of a dataset elsewhere."""
+    """Buckets are read as docs/guides/running.md and docs/guides/query.md say."""
     one, other = mmw.open(world / "local"), mmw.open(made)
     assert other.tables == one.tables and other.read("lidar").equals(one.read("lidar"))
     query = "SELECT weather, frame, agent, gain_db FROM links ORDER BY ALL"

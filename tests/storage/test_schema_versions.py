@@ -1,4 +1,4 @@
-"""What `docs/reference/schema-versions.md` promises of datasets of another schema version."""
+"""Datasets of other schema versions read as `docs/reference/schema-versions.md` promises."""
 
 import hashlib
 import json

@@ -13,7 +13,7 @@ from mmw.config import Config
 from mmw.config.sensor_spec import spec_of
 from mmw.generation.provenance import stored_config
 from mmw.generation.shards import shard_keys
-from mmw.storage.file_checks import Finding
+from mmw.storage.file_checks import Finding, one_line
 from mmw.storage.manifest import CONFIG, DATASET, config_differences, pending_scenarios, pending_shards, read_dataset
 from mmw.storage.shard_writer import ShardKey, marker_path, table_path
 from mmw.storage.store import Root, Store, store_of
@@ -91,12 +91,14 @@ def _check_shard(root: Store, config: Config, key: ShardKey) -> Iterator[Finding
     shard = _Shard(root, key)
     try:
         expected = dict(_expected(config, shard))
-    except _UnreadableError:
-        return  # a damaged file or schema, which `mmw.storage.file_checks` names
+    except _UnreadableError as error:
+        yield Finding("count", error.path, f"{error}; no rows of this shard were counted")
+        return
     for table, wanted in expected.items():
         try:
             found = Counter(shard.keys(table, KEY_OF.get(table, SAMPLE_KEY)))
-        except _UnreadableError:
+        except _UnreadableError as error:
+            yield Finding("count", error.path, f"{error}; its rows were not counted")
             continue
         path = table_path(table, key).as_posix()
         if lost := wanted - found:
@@ -106,7 +108,11 @@ def _check_shard(root: Store, config: Config, key: ShardKey) -> Iterator[Finding
 
 
 class _UnreadableError(Exception):
-    """A table that is damaged or lacks a column."""
+    """Report a table that is damaged or lacks a column."""
+
+    def __init__(self, path: str, reason: str) -> None:
+        super().__init__(reason)
+        self.path = path
 
 
 KEY_OF = {
@@ -135,15 +141,21 @@ class _Shard:
         self.frames = range(key.frame_begin, key.frame_end)
 
     def keys(self, table: str, columns: tuple[str, ...]) -> list[tuple]:
-        """Return some columns of every row; none if there is no file."""
+        """Return some columns of every row; none if there is no file.
+
+        Raises:
+            _UnreadableError: If the file is damaged or lacks one of the columns.
+        """
         name = table_path(table, self.key).as_posix()
         if not self.root.sizes([name]):
             return []
         try:
             rows = self.root.rows(name, columns)
-        except (pa.ArrowException, KeyError, OSError) as error:
-            raise _UnreadableError(name) from error
-        return list(zip(*(rows.column(name).to_pylist() for name in columns), strict=True))
+        except (pa.ArrowException, OSError) as error:
+            raise _UnreadableError(name, f"cannot be read: {one_line(error)}") from error
+        if missing := [column for column in columns if column not in rows.column_names]:
+            raise _UnreadableError(name, f"lacks the column {', '.join(missing)}")
+        return list(zip(*(rows.column(column).to_pylist() for column in columns), strict=True))
 
 
 def _expected(config: Config, shard: _Shard) -> Iterator[tuple[str, Counter]]:

@@ -4,14 +4,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-import warp as wp
 
 from mmw.core.device import choose_device
 from mmw.core.errors import InputError
-from mmw.kernels.core.structs import Hit
-from mmw.kernels.core.trace import cast_kernel
 from mmw.physics.weather.weather import PRESETS, Weather
 from mmw.scene.device_scene import DeviceScene
+from mmw.scene.ray_casting import cast_rays
 from mmw.scene.reader import WEATHER, read_stage
 from mmw.traffic.roads.lane_graph import LaneGraph
 from mmw.usd.open_stage import open_stage
@@ -145,7 +143,8 @@ def _ring(scene: DeviceScene) -> list[View]:
     ring = middle + radius * np.stack([np.cos(np.radians(turns)), np.sin(np.radians(turns))], axis=1)
     top = float(points[:, 2].max()) + 1.0
     start = np.concatenate([ring, np.full((len(ring), 1), top)], axis=1)
-    fall, _ = _cast(scene, start, np.broadcast_to([0.0, 0.0, -1.0], start.shape), 1.0e4)
+    down = np.broadcast_to([0.0, 0.0, -1.0], start.shape)
+    fall = cast_rays(scene, start, down, max_distance=1.0e4).distance.astype(np.float64)
     z = np.where(np.isfinite(fall), top - fall, float(points[:, 2].min())) + EYE_M
     return [(float(x), float(y), float(h), float(t) + 180.0) for (x, y), h, t in zip(ring, z, turns, strict=True)]
 
@@ -158,29 +157,11 @@ def _score(scene: DeviceScene, view: np.ndarray) -> float:
     up = np.cross(right, forward)
     way = forward + half * (u[..., None] * right + HEIGHT_PX / WIDTH_PX * v[..., None] * up)
     way = (way / np.linalg.norm(way, axis=2, keepdims=True)).reshape(-1, 3)
-    t, thing = _cast(scene, np.broadcast_to(view[:3], way.shape), way, SIGHT_M)
-    seen, count = np.unique(thing[thing >= 0], return_counts=True)
+    hits = cast_rays(scene, np.broadcast_to(view[:3], way.shape), way, max_distance=SIGHT_M)
+    seen, count = np.unique(hits.object_id[hits.object_id >= 0], return_counts=True)
     seen = seen[count >= 3]
     labels = {scene.arrays.objects[k].label for k in seen}
-    return float(len(seen) + 3 * len(labels) - 200.0 * np.mean((t < 8.0) & (way[:, 2] > -0.1)))
-
-
-def _cast(scene: DeviceScene, origin: np.ndarray, way: np.ndarray, t_max: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return distance [m] and object of what rays meet, inf and -1 for nothing, shapes [R]."""
-    count, device = len(origin), scene.device
-    hits, blocked = wp.empty(count, dtype=Hit, device=device), wp.empty(count, dtype=wp.bool, device=device)
-    none = wp.full(count, -1, dtype=int, device=device)
-    rays = [
-        wp.array(np.ascontiguousarray(values, dtype=np.float32), dtype=wp.vec3, device=device)
-        for values in (origin - scene.origin, way)
-    ]
-    slot = wp.zeros(count, dtype=int, device=device)
-    wp.launch(
-        cast_kernel, dim=count, inputs=[scene.struct, slot, *rays, t_max, none], outputs=[hits, blocked],
-        device=device, block_dim=64,
-    )  # fmt: skip
-    found = hits.numpy()
-    return found["t"].astype(np.float64), found["object_id"]
+    return float(len(seen) + 3 * len(labels) - 200.0 * np.mean((hits.distance < 8.0) & (way[:, 2] > -0.1)))
 
 
 def view_direction(yaw_deg: float) -> np.ndarray:

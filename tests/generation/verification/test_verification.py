@@ -1,5 +1,6 @@
 """`mmw verify`: whatever is damaged, missing, foreign or wrong is found and named, in lines, never as a traceback."""
 
+import hashlib
 import json
 import shutil
 from collections.abc import Callable, Iterator
@@ -7,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from mmw.__main__ import main as mmw
@@ -130,7 +132,6 @@ def half_written(root: Path) -> None:
     path = root / part("depth")
     data = path.read_bytes()[:1000]
     path.write_bytes(data)
-    import hashlib
 
     def agree(content: dict) -> None:
         for file in content["files"]:
@@ -162,6 +163,22 @@ def wrong_shard(root: Path) -> None:
 
 def drop_row(root: Path) -> None:
     rewrite(root, part("lidar"), lambda rows: rows.slice(1))
+
+
+def drop_column(root: Path) -> None:
+    """A file without a column that names its rows, and whose marker was made to agree."""
+    path = root / part("imu")
+    table = pq.ParquetFile(path).read()
+    pq.write_table(table.drop_columns(["sensor"]), path)
+    data = path.read_bytes()
+
+    def agree(content: dict) -> None:
+        for file in content["files"]:
+            if file["path"] == part("imu"):
+                file.update(bytes=len(data), sha256=hashlib.sha256(data).hexdigest())
+
+    edit_json(root / f"_shards/{SCENARIO}.sunny.000000.json", agree)
+    finalize(root)
 
 
 def drop_image(root: Path) -> None:
@@ -196,6 +213,8 @@ def drop_path(root: Path) -> None:
         (torn_manifest, "manifest", "_manifest.parquet"),
         (wrong_shard, "key", part("frames")),
         (drop_row, "count", part("lidar")),
+        (drop_column, "count", part("imu")),
+        (half_written, "count", part("depth")),
         (drop_image, "count", part("segmentation")),
         (drop_path, "count", part("paths")),
     ],
