@@ -24,7 +24,7 @@ SCENARIOS = {
     "town07": "town07_crossroad",
     "town10": "town10_crossroad",
 }
-"""Town -> the shipped scenario that stands for it."""
+"""Town -> its shipped scenario."""
 
 CARRIERS = 3
 """Vehicles with cameras in the procedural town, as many as a scenario has."""
@@ -73,21 +73,21 @@ def rgb_camera(scene: DeviceScene, weathers: Sequence[str]) -> RgbRenderer:
     return camera
 
 
-def launch_of(arrays: SceneData, frames: int, settings: RgbCamera, most_views: int | None = None) -> Launch:
+def launch_of(arrays: SceneData, frames: int, settings: RgbCamera, max_views: int | None = None) -> Launch:
     """Return the views of the paper's cameras in all frames: four on each CAV, one on each roadside unit.
 
     Args:
         arrays: The scene.
         frames: Frames from 0 on.
-        settings: Everything about the cameras but who carries them and where.
-        most_views: Take only so many views, the first of them.
+        settings: Settings of the cameras; carriers and mounts are replaced.
+        max_views: Take only so many views, the first of them.
     """
     cameras = [
         settings.model_copy(update={"name": camera.name, "on": camera.on, "mount": camera.mount})
         for camera in paper_cameras()
     ]
     (launch,) = make_launches(arrays, cameras, range(frames))
-    if most_views is not None and most_views < len(launch.views):
+    if max_views is not None and max_views < len(launch.views):
         side = settings.width_px * settings.height_px
-        launch = next(iter(launch.pieces(most_views * side)))
+        launch = next(iter(launch.pieces(max_views * side)))
     return launch

@@ -40,7 +40,7 @@ DEAF = 1e-9
 
 @dataclass(frozen=True)
 class Result:
-    """One measured line: a depth, a way to find candidates, and how the frames were given."""
+    """One measured line: a depth, a mode of candidates, and a mode of frames."""
 
     scene: str
     links: str
@@ -77,18 +77,19 @@ class OwnSide:
     def config(self, depth: int, candidates: str) -> ChannelConfig:
         """Return the channel of a line: one carrier, V dipoles."""
         return ChannelConfig(
-            carriers_hz=(self.options.carrier_hz,), rays=self.options.rays, candidates=candidates, max_depth=depth,
+            carriers_hz=(self.options.carrier_hz,), samples_per_tx=self.options.rays,
+            candidates=candidates, max_depth=depth,
             pattern="dipole", polarization="V",
         )  # fmt: skip
 
     def solve(self, links: Links, config: ChannelConfig) -> PathSet:
         """Load the batch and find its paths; everything returned lies on the host."""
-        self.scene.load_batch(range(int(links.slot.max()) + 1))
+        self.scene.load_batch(range(int(links.batch_index.max()) + 1))
         return solve_paths(self.scene, links, config, self.course.arrays.materials, self.table)
 
     def measure(self, kind: str, mode: str, depth: int, candidates: str) -> tuple[Result, PathList]:
         """Return one line, and its paths to compare."""
-        links = make_links(self.course, kind, one_slot=mode == ONE_SOLVE)
+        links = make_links(self.course, kind, one_frame=mode == ONE_SOLVE)
         config, frames = self.config(depth, candidates), len(self.course.position)
         start = time.perf_counter()
         paths = self.solve(links, config)
@@ -126,7 +127,7 @@ def run_v2v(own: OwnSide) -> list[Result]:
 
 
 def run_v2i(own: OwnSide, other: SionnaScene | None) -> list[Result]:
-    """Measure every depth, mode and way to find candidates, Sionna RT once for each depth and mode."""
+    """Measure every depth, mode of frames and mode of candidates, Sionna RT once for each depth and mode."""
     lines, course, options = [], own.course, own.options
     for mode in (BATCH, ONE_SOLVE):
         rx = course.rx if mode == BATCH else course.rx.reshape(1, -1, 3)
@@ -180,7 +181,7 @@ def parse(arguments: list[str]) -> argparse.Namespace:
     parser.add_argument("--scene", choices=sorted(TRACKS), default="street", help="munich needs Sionna RT")
     parser.add_argument("--frames", type=int, default=64, help="frames in a batch, 10 ms apart")
     parser.add_argument("--rays", type=int, default=1_000_000, help="rays of a transmitter and frame")
-    parser.add_argument("--depth", type=_numbers, default=[1], help="most reflections, such as 1,3")
+    parser.add_argument("--depth", type=_numbers, default=[1], help="largest number of reflections, such as 1,3")
     parser.add_argument(
         "--candidates", type=_modes, default=["launch"], help="launch, exhaustive, or both with a comma"
     )

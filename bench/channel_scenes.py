@@ -1,4 +1,4 @@
-"""What the radio channel is measured on: a static scene, one transmitter, and antennas that drive along streets."""
+"""Scenes of the channel benchmark: a static scene, one transmitter, and antennas that drive along streets."""
 
 import json
 from collections.abc import Sequence
@@ -49,14 +49,14 @@ class ObjectMesh:
 
 @dataclass(frozen=True)
 class Tracks:
-    """Where antennas are: one that stands, and straight ways along streets."""
+    """Places of antennas: one that stands, and straight tracks along streets."""
 
     tx: tuple[float, float, float]
     """Transmitter, world frame [m]."""
     start: tuple[tuple[float, float], ...]
     """First place of each vehicle, x and y [m]."""
     heading: tuple[tuple[float, float], ...]
-    """Where each drives, x and y, any length."""
+    """Direction of each, x and y, any length."""
 
 
 TRACKS = {
@@ -99,7 +99,7 @@ def make_course(name: str, arrays: SceneData, frames: int) -> Course:
         frames: Number of frames, `FRAME_S` apart.
 
     Raises:
-        ValueError: If a way leaves the open street (see `check_outdoors`).
+        ValueError: If a track leaves the open street (see `check_outdoors`).
     """
     tracks = TRACKS[name]
     heading = np.array([(*h, 0.0) for h in tracks.heading])
@@ -107,20 +107,21 @@ def make_course(name: str, arrays: SceneData, frames: int) -> Course:
     start = np.array([(*s, HEIGHT_M) for s in tracks.start])
     driven = start + velocity * (FRAME_S * np.arange(frames))[:, None, None]
     for track in range(len(start)):
-        check_outdoors(arrays, driven[:, track], f"{name}, way {track} from {tracks.start[track]}")
+        check_outdoors(arrays, driven[:, track], f"{name}, track {track} from {tracks.start[track]}")
     standing = np.broadcast_to(np.array(tracks.tx), (frames, 1, 3))
     position = np.concatenate([standing, driven], axis=1)
     over = replace(arrays, frames=range(frames), poses=np.zeros((frames, 0, 7)), models=(), actors=())
     return Course(name, over, position, np.concatenate([np.zeros((1, 3)), velocity]))
 
 
-def make_links(course: Course, kind: str, *, one_slot: bool = False) -> Links:
+def make_links(course: Course, kind: str, *, one_frame: bool = False) -> Links:
     """Return the links of all frames, antennas level and turned along x.
 
     Args:
         course: The nodes.
         kind: `v2i`: node 0 to the first three vehicles; `v2v`: every ordered pair of all vehicles.
-        one_slot: All links in the first slot, as if all frames' receivers stood there at once: rays are launched once.
+        one_frame: Put all links into the first frame, as if all frames' receivers were there at once: rays are launched
+            once.
     """
     frames, nodes = course.position.shape[:2]
     if kind == "v2i":
@@ -129,18 +130,18 @@ def make_links(course: Course, kind: str, *, one_slot: bool = False) -> Links:
         pairs = [(t, r) for t in range(1, nodes) for r in range(1, nodes) if t != r]
     frame = np.repeat(np.arange(frames), len(pairs))
     tx, rx = np.tile(np.array(pairs), (frames, 1)).T
-    slot = np.zeros_like(frame) if one_slot else frame
+    batch_index = np.zeros_like(frame) if one_frame else frame
 
     def ends(node: np.ndarray) -> RadioDevices:
         turn = np.broadcast_to(np.eye(3), (len(node), 3, 3)).copy()
         return RadioDevices(course.position[frame, node], turn, course.velocity[node])
 
     return Links(
-        frame=slot.astype(np.int32),
-        slot=slot.astype(np.int32),
+        frame=batch_index.astype(np.int32),
+        batch_index=batch_index.astype(np.int32),
         kind=np.full(len(frame), LINK_V2I if kind == "v2i" else LINK_V2V, dtype=np.int8),
         tx_actor=tx.astype(np.int32),
-        rx_actor=(rx + nodes * frame if one_slot else rx).astype(np.int32),
+        rx_actor=(rx + nodes * frame if one_frame else rx).astype(np.int32),
         tx=ends(tx),
         rx=ends(rx),
     )
@@ -193,31 +194,33 @@ def _as_slab(material: Material) -> Material:
     return replace(material, radio=replace(material.radio, thickness=material.radio.thickness or SLAB_M))
 
 
-def check_outdoors(arrays: SceneData, way: np.ndarray, where: str) -> None:
-    """Raise unless a straight way of an antenna lies in the open: ground below, only sky above, nothing across.
+def check_outdoors(arrays: SceneData, places: np.ndarray, where: str) -> None:
+    """Raise unless a straight track of an antenna lies in the open: ground below, only sky above, nothing across.
 
     Args:
         arrays: The static scene.
-        way: Places from first to last [m], shape [F, 3].
-        where: Name of the way for the message.
+        places: Places from first to last [m], shape [F, 3].
+        where: Name of the track for the message.
 
     Raises:
-        ValueError: If a place has no ground within 3 m below or something above it, or a face crosses the way.
+        ValueError: If a place has no ground within 3 m below or something above it, or a face crosses the track.
     """
     corners = arrays.points[arrays.faces]
-    low, high = way.min(axis=0), way.max(axis=0)
+    low, high = places.min(axis=0), places.max(axis=0)
     near = (corners.min(axis=1)[:, :2] <= high[:2] + 0.01).all(axis=1)
     near &= (corners.max(axis=1)[:, :2] >= low[:2] - 0.01).all(axis=1)
     corners = corners[near]
-    up = np.broadcast_to(np.array([0.0, 0.0, 1.0]), way.shape)
+    up = np.broadcast_to(np.array([0.0, 0.0, 1.0]), places.shape)
     faults = {
-        "something above": np.isfinite(_distance(way, up, corners)).any(),
-        "no ground within 3 m below": (_distance(way, -up, corners) > 3.0).any(),
-        "a face across": (_distance(way[:1], way[-1:] - way[:1], corners) < 1.0).any(),
+        "something above": np.isfinite(_distance(places, up, corners)).any(),
+        "no ground within 3 m below": (_distance(places, -up, corners) > 3.0).any(),
+        "a face across": (_distance(places[:1], places[-1:] - places[:1], corners) < 1.0).any(),
     }
     for fault, is_there in faults.items():
         if is_there:
-            raise ValueError(f"{where}: {fault}; the ways must stay on open streets; use fewer frames or another start")
+            raise ValueError(
+                f"{where}: {fault}; the tracks must stay on open streets; use fewer frames or another start"
+            )
 
 
 def _distance(origin: np.ndarray, direction: np.ndarray, corners: np.ndarray) -> np.ndarray:

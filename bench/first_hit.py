@@ -1,4 +1,4 @@
-"""Kernels that trace one ray a thread and keep distance and object: what a sensor does, without its physics."""
+"""Trace one ray per thread and store distance and object: a sensor without its physics."""
 
 import warp as wp
 
@@ -42,7 +42,7 @@ def sphere_kernel(
     ray = step * arm + spiral
     direction = fibonacci_direction(ray, ray_count)
     origin = wp.transform_get_translation(views.pose[view])
-    near = closest_hit_raw(scene, views.slot[view], origin, direction, T_MAX, views.ignore[view])
+    near = closest_hit_raw(scene, views.batch_index[view], origin, direction, T_MAX, views.ignore[view])
     t_out[view, ray] = near.t
     object_out[view, ray] = object_of(scene, near)
 
@@ -71,7 +71,7 @@ def camera_kernel(
     )
     direction = wp.transform_vector(pose, wp.normalize(through))
     origin = wp.transform_get_translation(pose)
-    near = closest_hit_raw(scene, views.slot[view], origin, direction, T_MAX, views.ignore[view])
+    near = closest_hit_raw(scene, views.batch_index[view], origin, direction, T_MAX, views.ignore[view])
     pixel = v * width + u
     t_out[view, pixel] = near.t
     object_out[view, pixel] = object_of(scene, near)
@@ -93,6 +93,6 @@ def lidar_kernel(
     pose = views.pose[view]
     direction = wp.transform_vector(pose, direction_s[ray])
     origin = wp.transform_get_translation(pose)
-    near = closest_hit_raw(scene, views.slot[view], origin, direction, T_MAX, views.ignore[view])
+    near = closest_hit_raw(scene, views.batch_index[view], origin, direction, T_MAX, views.ignore[view])
     t_out[view, ray] = near.t
     object_out[view, ray] = object_of(scene, near)

@@ -40,7 +40,7 @@ class Result:
     where: str
     """`on the device` or `with copy`."""
     scans: int
-    """Sweeps that come out."""
+    """Sweeps of a round."""
     returns: int
     """Their returns."""
     echoes: float
@@ -63,14 +63,14 @@ def seconds_of(work: Callable[[], Any], device: str, repeats: int) -> float:
     """Return the median seconds of some work, to the end of the device's part of it."""
     work()
     wp.synchronize_device(device)
-    taken = []
+    seconds = []
     for _ in range(repeats):
         start = time.perf_counter()
-        result = work()  # kept until the clock has stopped: freeing is the next round's
+        result = work()  # freed after the clock has stopped
         wp.synchronize_device(device)
-        taken.append(time.perf_counter() - start)
+        seconds.append(time.perf_counter() - start)
         del result
-    return statistics.median(taken)
+    return statistics.median(seconds)
 
 
 def measure(scene: DeviceScene, config: Lidar, weathers: list[str], repeats: int) -> list[Result]:

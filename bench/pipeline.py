@@ -24,17 +24,17 @@ from statistics import mean, median
 from typing import TYPE_CHECKING
 
 from mmw.config import Config, config_path, load_config
-from mmw.generation.executors.process_pool import CAN_FORK, import_ahead, may_be_several
+from mmw.generation.executors.process_pool import CAN_FORK, may_use_processes, start_server
 
 if TYPE_CHECKING:
-    from mmw.generation.executors.executor import Engine
+    from mmw.generation.executors.executor import Executor
 
 
 SAMPLE_S = 0.2
 """Time between two looks at the GPU and the cores [s]."""
 
 PROCESSOR_TIMES = Path("/proc/stat")
-"""Where Linux counts what its cores do."""
+"""File in which Linux counts the time of its cores."""
 
 
 @dataclass(frozen=True)
@@ -44,8 +44,7 @@ class Busy:
     mean: float
     """After set-up."""
     median: float
-    """What the share after set-up is at least for half of the time: the last pieces, which not all workers share, count
-    less."""
+    """Median of the share after set-up: the last pieces, which not all workers share, count less."""
     whole: float
     """Mean with set-up."""
 
@@ -67,7 +66,7 @@ class Result:
     """Scenario-weather-frames."""
     seconds: float
     set_up_s: float
-    """Of these, what comes once a scenario, over the workers."""
+    """The part of it that runs once per scenario, divided by the workers."""
     seconds_per_frame: float
     frames_per_s: float
     rays_per_s: float
@@ -76,9 +75,9 @@ class Result:
     rows: int
     bytes: int
     gpu_busy: Busy | None
-    """When kernels ran, as `nvidia-smi` samples it; None without a GPU."""
+    """Times with running kernels, as `nvidia-smi` samples them; None without a GPU."""
     cores_busy: Busy | None
-    """When the machine's cores worked, as Linux counts it; None elsewhere."""
+    """Times with busy cores, as Linux counts them; None elsewhere."""
     processor_s: float
     """Processor seconds of the run, its workers included."""
     host_gb: float
@@ -86,7 +85,7 @@ class Result:
     device_gb: float | None
     """Largest memory in use on a GPU [GB]."""
     projected_s: float
-    """Seconds that the whole configuration would take."""
+    """Projected seconds of the whole configuration."""
 
 
 @dataclass
@@ -94,7 +93,7 @@ class Load:
     """Samples of the load of the first GPU and of all cores, and of the GPU's memory, while a block runs."""
 
     on_gpu: bool
-    """Whether a GPU traces; one that has nothing to do with it is not looked at."""
+    """True if a GPU traces; otherwise none is sampled."""
     gpu: list[tuple[float, float]] = field(default_factory=list)
     """Time and share of it that kernels ran."""
     cores: list[tuple[float, float]] = field(default_factory=list)
@@ -145,42 +144,42 @@ def _processor_times() -> tuple[int, int]:
 
 
 def _busy(samples: list[tuple[float, float]], start: float, steady: float, end: float) -> Busy | None:
-    """Return the shares between two times, of which set-up takes the first up to `steady`; None without samples."""
+    """Return the shares between two times, of which set-up is the first up to `steady`; None without samples."""
     whole = [load for at, load in samples if start <= at <= end]
     some = [load for at, load in samples if steady <= at <= end]
     return Busy(mean(some), median(some), mean(whole)) if some else None
 
 
-def measure(config: Config, whole: Config, base: Path, engine: "Engine") -> Result:
+def measure(config: Config, whole: Config, base: Path, executor: "Executor") -> Result:
     """Make a dataset and return what it took.
 
     Args:
         config: What is made.
         whole: What the projection is for.
         base: Folder that relative paths start from.
-        engine: Who makes it.
+        executor: Generates the frames.
     """
     from mmw.generation.generate import generate_dataset
     from mmw.generation.progress import SET_UP, Console
     from mmw.generation.shards import Partition
 
     used = os.times()
-    with Console() as console, Load(engine.devices[0] != "cpu") as load:
-        generate_dataset(config, base=base, engine=engine, part=Partition(), overwrite=False, console=console)
-        seconds, clock, workers = console.clock.elapsed, console.clock, console.workers
+    with Console() as console, Load(executor.devices[0] != "cpu") as load:
+        generate_dataset(config, base=base, executor=executor, part=Partition(), overwrite=False, console=console)
+        seconds, timer, workers = console.timer.elapsed, console.timer, console.workers
     _end_server()
     now = os.times()
     processor = sum(now[:4]) - sum(used[:4])
-    set_up = sum(clock.seconds.get(name, 0.0) for name in SET_UP) / workers
+    set_up = sum(timer.seconds.get(name, 0.0) for name in SET_UP) / workers
     steady = max(seconds - set_up, 1e-9)
-    times = clock.start, clock.start + set_up, clock.start + seconds
+    times = timer.start, timer.start + set_up, timer.start + seconds
     frames = config.frame_total
     projected = set_up / len(config.scenarios) * len(whole.scenarios) + whole.frame_total * steady / frames
     files = list(Path(config.output.dir).rglob("part-*.parquet"))
-    memory = max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    memory = max(resource.getrusage(whose).ru_maxrss for whose in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
     return Result(
         [scenario.name for scenario in config.scenarios], list(config.weathers), workers, frames, seconds, set_up,
-        seconds / frames, frames / seconds, sum(clock.rays.values()) / steady, dict(clock.seconds),
+        seconds / frames, frames / seconds, sum(timer.rays.values()) / steady, dict(timer.seconds),
         sum(_rows(path) for path in files), sum(path.stat().st_size for path in files),
         _busy(load.gpu, *times), _busy(load.cores, *times), processor, memory * 1024 / 1e9, load.memory_gb or None,
         projected,
@@ -232,15 +231,15 @@ def main(arguments: list[str]) -> None:
     if options.frames:
         update = {"frames": config.frames_of(some[0]).model_copy(update={"start": 0, "count": options.frames})}
         config = config.model_copy(update=update)
-    if may_be_several(config.compute, config.frame_total):  # as `mmw.run`, before it imports what takes seconds
-        import_ahead()
+    if may_use_processes(config.compute, config.frame_total):  # as `mmw.run` does, before slow imports
+        start_server()
     from bench.rays import machine
     from mmw.core.device import worker_devices
-    from mmw.generation.executors.executor import LocalEngine
+    from mmw.generation.executors.executor import LocalExecutor
 
     try:
-        engine = LocalEngine(worker_devices(options.device, workers))
-        result = measure(config, whole, path.parent, engine)
+        executor = LocalExecutor(worker_devices(options.device, workers))
+        result = measure(config, whole, path.parent, executor)
     finally:
         if not options.out:
             shutil.rmtree(folder)

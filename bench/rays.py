@@ -94,7 +94,7 @@ MOUNTS = {
     "camera": pose_from_mount((1.5, 0.0, 2.4)),
     "lidar": pose_from_mount((0.0, 0.0, 2.5)),
 }
-"""Where the rays start, on a vehicle's body frame."""
+"""Origin of the rays in a vehicle's body frame."""
 
 
 def make_views(arrays: SceneData, preset: Preset, device: str) -> structs.Views:
@@ -102,9 +102,9 @@ def make_views(arrays: SceneData, preset: Preset, device: str) -> structs.Views:
     frames = len(arrays.frames)
     pose = compose(arrays.poses[:, : preset.views_per_frame], MOUNTS[preset.name]).reshape(-1, 7)
     views = structs.Views()
-    slot = np.repeat(np.arange(frames, dtype=np.int32), preset.views_per_frame)
+    batch_index = np.repeat(np.arange(frames, dtype=np.int32), preset.views_per_frame)
     ignore = np.tile(np.arange(preset.views_per_frame, dtype=np.int32), frames)
-    views.slot = wp.array(slot, dtype=wp.int32, device=device)
+    views.batch_index = wp.array(batch_index, dtype=wp.int32, device=device)
     views.pose = wp.array(pose.astype(np.float32), dtype=wp.transformf, device=device)
     views.ignore = wp.array(ignore, dtype=wp.int32, device=device)
     return views
@@ -146,13 +146,13 @@ def measure(
     preset: Preset,
     levels: str,
     options: argparse.Namespace,
-    keep: Path | None = None,
+    hits_folder: Path | None = None,
 ) -> Result:
     """Return the throughput of one kind of rays in one scene; put what they find into a folder, if one is given."""
     device = scene.device
     is_cuda = wp.get_device(device).is_cuda
     rays = preset.rays_per_view if is_cuda else preset.on_cpu
-    shape = (len(views.slot), rays)
+    shape = (len(views.batch_index), rays)
     t = wp.empty(shape, dtype=float, device=device)
     object_id = wp.empty(shape, dtype=int, device=device)
     kernels = {
@@ -176,12 +176,12 @@ def measure(
     found = object_id.numpy()
     vehicles = [scene.arrays.actors[k].object_id for k in scene.instance_actor]
     median = statistics.median(seconds)
-    if keep is not None:
-        np.save(keep / f"{preset.name}-{levels}-t.npy", t.numpy())
-        np.save(keep / f"{preset.name}-{levels}-object.npy", found)
+    if hits_folder is not None:
+        np.save(hits_folder / f"{preset.name}-{levels}-t.npy", t.numpy())
+        np.save(hits_folder / f"{preset.name}-{levels}-object.npy", found)
     return Result(
         options.scene, kind_to_build(), preset.name, levels, len(scene.arrays.faces), len(vehicles),
-        scene.slots, found.size,
+        scene.batch_size, found.size,
         float((found >= 0).mean()), float((found >= min(vehicles)).mean()) if vehicles else 0.0,
         median, min(seconds), found.size / median * 1e-9, jit,
     )  # fmt: skip
@@ -212,7 +212,7 @@ def machine(device: str) -> dict[str, Any]:
 
 
 def cpu_name() -> str:
-    """Return the model of the CPU, or its architecture where the system does not tell."""
+    """Return the model of the CPU, or its architecture where the system does not report it."""
     info = Path("/proc/cpuinfo")
     rows = info.read_text().splitlines() if info.is_file() else []
     names = [row.split(":")[1].strip() for row in rows if row.startswith("model name")]
@@ -233,7 +233,7 @@ def parse(arguments: list[str]) -> argparse.Namespace:
     parser.add_argument("--sphere-arm", type=int, default=987, help="1: rays in lattice order; 987: along spirals")
     parser.add_argument("--max-registers", type=int, help="registers of a thread on CUDA (as in the sensors if absent)")
     parser.add_argument("--against", choices=("warp",), help="same rays through Warp's trees too")
-    parser.add_argument("--keep", type=Path, help=argparse.SUPPRESS)  # folder for what rays find
+    parser.add_argument("--hits", type=Path, help=argparse.SUPPRESS)  # folder for what rays find
     options = parser.parse_args(arguments)
     if options.frames is None:
         options.frames = 64 if wp.get_device(options.device).is_cuda else 2
@@ -249,14 +249,14 @@ def main(arguments: list[str]) -> None:
         return
     select_bvh("wide")
     with tempfile.TemporaryDirectory() as folder:
-        options.keep = Path(folder) / "wide"
+        options.hits = Path(folder) / "wide"
         there = Path(folder) / "warp"
-        options.keep.mkdir()
+        options.hits.mkdir()
         there.mkdir()
         ours = run(options)
         # Last options count: the child is no parent, and its lines can be read.
         rest = [a for a in arguments if a not in ("--against", "warp", "--against=warp")]
-        command = [sys.executable, "-m", "bench.rays", *rest, "--format", "json", "--keep", str(there)]
+        command = [sys.executable, "-m", "bench.rays", *rest, "--format", "json", "--hits", str(there)]
         environment = {**os.environ, BVH_VARIABLE: "warp"}
         lines = subprocess.run(command, env=environment, check=True, stdout=subprocess.PIPE, text=True).stdout
         theirs = [json.loads(line) for line in lines.splitlines()]
@@ -265,7 +265,7 @@ def main(arguments: list[str]) -> None:
                 "rays     levels     wide Grays/s  warp Grays/s  ratio  hits that differ  largest other difference [m]"
             )
         for own, other in zip(ours, theirs, strict=True):
-            differing, apart = compare(options.keep, there, f"{own.rays}-{own.levels}")
+            differing, apart = compare(options.hits, there, f"{own.rays}-{own.levels}")
             if options.format == "json":
                 print(json.dumps({**other, "differing": differing, "apart_m": apart}))
                 continue
@@ -277,7 +277,7 @@ def main(arguments: list[str]) -> None:
 
 
 def compare(one: Path, other: Path, name: str) -> tuple[int, float]:
-    """Return how many rays meet another object or the same more than `MAX_APART_M` away, and how far apart the hits
+    """Return how many rays hit another object or the same more than `MAX_APART_M` away, and how far apart the hits
     of the others are at most [m]."""
     distance = [np.load(folder / f"{name}-t.npy", mmap_mode="r") for folder in (one, other)]
     is_same = np.load(one / f"{name}-object.npy") == np.load(other / f"{name}-object.npy")
@@ -311,7 +311,7 @@ def run(options: argparse.Namespace) -> list[Result]:
         for preset in PRESETS:
             if options.rays in (None, preset.name):
                 result = measure(
-                    scene, make_views(arrays, preset, options.device), preset, levels, options, options.keep
+                    scene, make_views(arrays, preset, options.device), preset, levels, options, options.hits
                 )
                 results.append(result)
                 print(json.dumps({**asdict(result), **about}) if options.format == "json" else line(result), flush=True)

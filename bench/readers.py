@@ -3,7 +3,7 @@
 The shards of a dataset, the quickstart's for example, are repeated with other frame numbers and weathers until there
 are `--shards` of 100 frames; the result stays in `--out` and is used again. Each reader then gets the sweep of random
 (weather, frame, agent), all with the same keys in order, after a warm-up; pages are in the system's cache. On a
-shared machine the minimum says what the work takes, the median what it took; `cpu` counts all threads of the process.
+shared machine the minimum is the cost of the work, the median the usual time; `cpu` counts all threads of the process.
 """
 
 import argparse
@@ -58,7 +58,7 @@ def repeat(source: Dataset, out: Path, shards: int) -> None:
     """Write a dataset of about `shards` shards in three weathers from the frames of another; nothing if it is there.
 
     Args:
-        source: One with the tables `TABLES`; its first scenario and weather are taken.
+        source: One with the tables `TABLES`; its first scenario and weather are used.
         out: New folder.
         shards: Shards of `FRAMES` frames; rounded up to a multiple of three.
     """
@@ -107,7 +107,7 @@ def _renamed(name: str, table: pa.Table, weather: str = "", begin: int = 0) -> p
 
 
 def readers(root: Path) -> Iterator[tuple[str, Callable[[Key], int]]]:
-    """Yield the name of each way to one sweep, and a function that takes it and returns its rows."""
+    """Yield the name of each reader of one sweep, and a function that returns the rows of a key."""
     import duckdb
     import pandas as pd
     import polars as pl
@@ -185,7 +185,7 @@ def readers(root: Path) -> Iterator[tuple[str, Callable[[Key], int]]]:
 
 
 def whole_scenario(root: Path) -> Iterator[tuple[str, Callable[[], int]]]:
-    """Yield ways to the inputs of the beam search of the whole scenario in one weather."""
+    """Yield readers of the inputs of the beam search of the whole scenario in one weather."""
     connection = mmw.connect(root)
     select = f"SELECT * FROM beam_inputs WHERE scenario = '{SCENARIO}' AND weather = 'rainy' AND carrier_hz = 28e9"
     yield "mmw.connect(...).sql(...).arrow", lambda: connection.sql(select).to_arrow_table().num_rows
@@ -196,15 +196,15 @@ def whole_scenario(root: Path) -> Iterator[tuple[str, Callable[[], int]]]:
 
 def measure(name: str, what: str, work: Callable[..., int], calls: list[tuple[Any, ...]]) -> Result:
     """Return the times of a query, once with each set of arguments; the first set is run twice, to warm up."""
-    rows, taken, busy = work(*calls[0]), [], []
+    rows, wall, busy = work(*calls[0]), [], []
     for arguments in calls:
         start, cpu = time.perf_counter(), time.process_time()
         found = work(*arguments)
-        taken.append(1e3 * (time.perf_counter() - start))
+        wall.append(1e3 * (time.perf_counter() - start))
         busy.append(1e3 * (time.process_time() - cpu))
         if found != rows or not rows:
             raise ValueError(f"{name}: {found} rows for {arguments}, {rows} for others; as many are needed")
-    return Result(name, what, rows, min(taken), statistics.median(taken), min(busy), len(taken))
+    return Result(name, what, rows, min(wall), statistics.median(wall), min(busy), len(wall))
 
 
 def parse(arguments: list[str]) -> argparse.Namespace:

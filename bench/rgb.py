@@ -25,14 +25,14 @@ from bench.camera_views import SCENARIOS, camera_scene, launch_of, rgb_camera
 from bench.kernel_times import KernelTimes
 from bench.lidar import seconds_of
 from bench.rays import machine
-from mmw.core.cuda import keep_memory
-from mmw.core.device import GPU_BYTES_A_WORKER
+from mmw.core.cuda import retain_memory
+from mmw.core.device import GPU_BYTES_PER_WORKER
 from mmw.core.transfer import to_host
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.views import view_keys
 from mmw.sensors import RgbCamera
 from mmw.sensors.camera_group.capture import TRACED_RANGE
-from mmw.sensors.camera_group.launches import Launch, most_pixels
+from mmw.sensors.camera_group.launches import Launch, max_pixels
 from mmw.sensors.render.jpeg import jpeg_files
 from mmw.sensors.render.visibility_buffer import trace_samples
 from mmw.sensors.rgb.simulate import RgbRenderer
@@ -40,18 +40,18 @@ from mmw.sensors.rgb.simulate import RgbRenderer
 STAGES = {
     "visibility": ("visibility", "tile_candidates"),
     "edges": ("edge", "flag", "guess", "source"),
-    "mirrors": ("mirror", "water"),
+    "reflections": ("reflection", "water"),
     "smoothing": ("smooth", "gather"),
+    "shade": ("shade", "surface", "lights_kernel", "resolve", "put_back"),
     "light": ("sun", "sky", "light"),
-    "develop": ("develop", "meter", "exposure"),
-    "shade": ("shade", "surface", "lamp", "resolve", "put_back"),
+    "tone_mapping": ("tone_mapping", "meter", "exposure"),
 }
 """Stage -> parts of the names of its kernels; the first stage that fits counts. Another kernel is its own stage."""
 
 DEVICE, COPY, FILES = "on the device", "with copy", "as JPEG files"
-"""Where the images of a round end."""
+"""Destination of the images of a round."""
 
-TRACING = re.compile(r"visibility|further_sun|^sun_(between_)?kernel|^sky_|mirror_(trace|sun)")
+TRACING = re.compile(r"visibility|further_sun|^sun_(between_)?kernel|^sky_|reflection_(trace|sun)")
 """Names of kernels that cast one ray a thread."""
 
 
@@ -72,7 +72,7 @@ class Result:
 
 @dataclass(frozen=True)
 class Stages:
-    """Where the time of a round goes."""
+    """Time of a round by stages."""
 
     weathers: str
     milliseconds: dict[str, float]
@@ -100,7 +100,7 @@ def render(
         Images of each piece and weather, shape [A, H, W, 3], uint8, or files.
     """
     images: list[Any] = []
-    for piece in launch.pieces(most_pixels(scene.device)):
+    for piece in launch.pieces(max_pixels(scene.device)):
         buffer = trace_samples(scene, piece.views, piece.intrinsics, TRACED_RANGE * piece.range_m, camera.alpha_cutouts)
         keys = {name: view_keys(scene.arrays, piece.views, 0, "bench", name, config.name) for name in weathers}
         found = camera.render(buffer, config, keys)
@@ -198,7 +198,7 @@ def main(arguments: list[str]) -> None:
     wp.config.log_level = wp.LOG_WARNING
     options = parse(arguments)
     weathers = options.weathers.split(",")
-    keep_memory(options.device, GPU_BYTES_A_WORKER)
+    retain_memory(options.device, GPU_BYTES_PER_WORKER)
     arrays = camera_scene(options.scene, options.frames, options.vehicles, weathers)
     config = RgbCamera(
         width_px=options.width, height_px=options.height, samples=options.samples, shadows=options.shadows,

@@ -2,7 +2,7 @@
 
 Curves of time, rays a second and device memory over triangles, vehicles, images, LiDARs, rays, resolution, links,
 frames of a batch and weathers; see `bench.scaling_frames` and `bench.scaling_towns` for what is timed. The scene is the
-roundabout of Town03 with every sensor of the paper unless a curve says otherwise. Then, wherever matplotlib is:
+roundabout of Town03 with every sensor of the paper unless a curve differs. Then, on any machine with matplotlib:
 `python -m bench.scaling --plot FILE.json --pictures docs/images` draws the curves.
 """
 
@@ -33,7 +33,7 @@ STEPS = Lidar().points_per_channel
 
 @dataclass(frozen=True)
 class Sizes:
-    """What is measured."""
+    """Sizes of the measured curves."""
 
     scene: str
     recorded: int
@@ -49,7 +49,7 @@ class Sizes:
     blocks: tuple[int, ...]
     """Blocks of the larger towns along each side."""
     finer: tuple[int, int]
-    """How many towns with finer and finer triangles, and their blocks."""
+    """Number of towns with finer and finer triangles, and their blocks."""
     vehicles: tuple[int, ...]
     cameras: tuple[int, ...]
     """Connected vehicles with four cameras each, beside the unit's one."""
@@ -80,7 +80,7 @@ QUICK = Sizes(
         "sensors=[{type: lidar, channels: 4, points_per_channel: 16}, {type: rgb, width_px: 16, height_px: 12}, "
         "{type: rgb, name: back, on: [cav], width_px: 16, height_px: 12}, "
         "{type: radar, azimuth_rays: 8, elevation_rays: 4}, {type: imu}]",
-        "channel.rays=1000",
+        "channel.samples_per_tx=1000",
     ),
     rays=tuple(replace(each, views_per_frame=1, on_cpu=min(each.on_cpu, 30_016)) for each in PRESETS[::2]),
     blocks=(1, 2), finer=(2, 1),
@@ -114,7 +114,7 @@ class Curves:
 
     @cached_property
     def _everything(self) -> SceneData:
-        """The scene with all vehicles that a curve wants."""
+        """The scene with all vehicles of a curve."""
         sizes = self._sizes
         return scenario_arrays(sizes.scene, sizes.recorded, max(sizes.vehicles), self._names)
 
@@ -124,7 +124,7 @@ class Curves:
 
     @cached_property
     def _job(self) -> Batch:
-        """The scenario as it comes, in all weathers."""
+        """The unchanged scenario in all weathers."""
         return self._frames.job(self._config, self._arrays, self._sizes.frames)
 
     def _in(self, weathers: int) -> Config:
@@ -207,15 +207,15 @@ class Curves:
         ]
 
     def rays(self) -> list[FramePoint]:
-        """The channel over the rays of a transmitter."""
-        return [self._point(self._radio(rays=count), count) for count in self._sizes.launched]
+        """Measure the channel over the rays of a transmitter."""
+        return [self._point(self._radio(samples_per_tx=count), count) for count in self._sizes.launched]
 
     def v2i(self) -> list[FramePoint]:
-        """The channel over links from the roadside unit."""
+        """Measure the channel over links from the roadside unit."""
         return self._links("v2i", lambda count: count)
 
     def v2v(self) -> list[FramePoint]:
-        """The channel over links between vehicles, both ways."""
+        """Measure the channel over links between vehicles in both directions."""
         return self._links("v2v", lambda count: count * (count - 1))
 
     def _links(self, kind: str, links: Callable[[int], int]) -> list[FramePoint]:
@@ -233,7 +233,7 @@ CURVES: dict[str, tuple[str, ...]] = {
     "resolution": ("resolution",), "lidars": ("lidars",), "points": ("points",), "rays": ("rays",),
     "links": ("v2i", "v2v"), "weathers": ("weathers",),
 }  # fmt: skip
-"""What `--only` takes -> curves in the file."""
+"""Value of `--only` -> curves in the file."""
 
 
 def measure(names: Sequence[str], sizes: Sizes, device: str, out: Path) -> None:

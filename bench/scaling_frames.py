@@ -1,6 +1,6 @@
-"""Frames of one scenario in which one thing grows: vehicles, images, sweeps, rays, links, frames of a batch, weathers.
+"""Frames of one scenario in which one size grows: vehicles, images, sweeps, rays, links, frames of a batch, weathers.
 
-Batches are recorded as a run records them, by `make_job` and `record_frames`, but nothing is encoded or written: other
+Batches are traced as in a run, by `make_batch` and `capture_frames`, but nothing is encoded or written: other
 threads do that in a run. After a batch that warms up, several are timed; the median counts. A stage ends when the
 device has done its part. In one more batch, which is not timed, the device's own work is summed up and its memory is
 looked at before every launch.
@@ -24,8 +24,10 @@ from bench.camera_views import SCENARIOS, camera_scene
 from bench.scaling_towns import device_bytes
 from bench.scenes import grid_town, with_vehicles
 from mmw.config import Config, load_config
+from mmw.core.errors import is_out_of_memory
 from mmw.core.timing import StageTimer
-from mmw.generation.pipeline import is_out_of_memory, make_job, record_frames
+from mmw.generation.capture import capture_frames
+from mmw.generation.pipeline import make_batch
 from mmw.scene.device_scene import instance_actors
 from mmw.scene.scene_data import MODEL_NONE, Actor, SceneData, SceneObject
 from mmw.sensors.batch import Batch
@@ -33,10 +35,10 @@ from mmw.sensors.batch import Batch
 CONFIGS = Path(__file__).resolve().parent.parent / "configs" / "scenarios"
 
 LOW_M = 2.2
-"""Vehicles below this carry sensors without being in their way [m]."""
+"""Height below which vehicles carry sensors without blocking them [m]."""
 
 CAVS = 3
-"""Connected vehicles where nobody says how many, as in the paper's scenarios."""
+"""Connected vehicles unless given, as in the paper's scenarios."""
 
 
 @dataclass(frozen=True)
@@ -44,9 +46,9 @@ class FramePoint:
     """One measured point of a curve; everything is for one frame in all its weathers."""
 
     value: float
-    """What the curve grows with."""
+    """Value of the quantity that grows."""
     frames: int
-    """Frames of a batch; fewer than were asked for if memory was full."""
+    """Frames of a batch; fewer than requested if memory was full."""
     frame_ms: float
     """Median time [ms]."""
     least_ms: float
@@ -62,7 +64,7 @@ class FramePoint:
 
 
 class Discarding(ThreadPoolExecutor):
-    """A pool whose work is never done, and at once done with."""
+    """A pool that drops its work and reports it as done."""
 
     def submit(self, *_: Any, **__: Any) -> Future[Any]:  # type: ignore[override]
         """Return a future that holds nothing."""
@@ -72,7 +74,7 @@ class Discarding(ThreadPoolExecutor):
 
 
 class DeviceClock(StageTimer):
-    """A clock whose stages end when the device has done its part of them."""
+    """A clock whose stages end when the device has finished them."""
 
     def __init__(self, device: str) -> None:
         """Make a clock for a Warp device."""
@@ -135,11 +137,11 @@ def with_bodies(arrays: SceneData, count: int) -> SceneData:
     others = np.setdiff1d(instance_actors(arrays), cavs)
     nearest = others[np.argsort(np.linalg.norm(arrays.poses[0, others, :3] - middle, axis=1))]
     standing = [i for i, actor in enumerate(arrays.actors) if actor.model == MODEL_NONE]
-    keep = sorted([*standing, *cavs, *nearest[: max(count - len(cavs), 0)].tolist()])
-    actors = [arrays.actors[i] for i in keep]
+    chosen = sorted([*standing, *cavs, *nearest[: max(count - len(cavs), 0)].tolist()])
+    actors = [arrays.actors[i] for i in chosen]
     if not count:
         actors = [replace(actor, model=MODEL_NONE) for actor in actors]
-    return replace(arrays, actors=tuple(actors), poses=arrays.poses[:, keep])
+    return replace(arrays, actors=tuple(actors), poses=arrays.poses[:, chosen])
 
 
 def connected(arrays: SceneData, count: int) -> SceneData:
@@ -196,7 +198,7 @@ class Frames:
             slots: Frames of a batch at most.
         """
         gc.collect()  # what is gone leaves the device before its memory is looked at
-        job = make_job(config, config.scenarios[0], arrays, self.device, slots, self._pool, StageTimer())
+        job = make_batch(config, config.scenarios[0], arrays, self.device, slots, self._pool, StageTimer())
         notes = job.texture_notes()  # textures and skies are made here
         if notes:
             raise ValueError(f"textures: {notes[0]}; a benchmark needs all of them")
@@ -248,14 +250,14 @@ class Frames:
         )  # fmt: skip
 
     def _look(self, job: Batch, frames: range) -> tuple[float | None, float | None]:
-        """Return the device's own time for a frame [ms], and its most memory in use [GB]; None without a GPU."""
+        """Return the device's own time for a frame [ms], and its peak memory in use [GB]; None without a GPU."""
         if not self.has_gpu:
             return None, None
-        most, launch = 0, wp.launch
+        peak, launch = 0, wp.launch
 
         def looked(*args: Any, **options: Any) -> Any:
-            nonlocal most
-            most = max(most, device_bytes(self.device) or 0)
+            nonlocal peak
+            peak = max(peak, device_bytes(self.device) or 0)
             return launch(*args, **options)
 
         wp.launch = looked
@@ -265,7 +267,7 @@ class Frames:
         finally:
             activities = wp.timing_end()
             wp.launch = launch
-        return sum(activity.elapsed for activity in activities) / len(frames), most / 1e9
+        return sum(activity.elapsed for activity in activities) / len(frames), peak / 1e9
 
 
 def _batch(number: int, frames: int, recorded: int) -> range:
@@ -275,4 +277,4 @@ def _batch(number: int, frames: int, recorded: int) -> range:
 
 
 def _record(job: Batch, frames: range, weathers: Sequence[str]) -> None:
-    record_frames(job, frames, {weather: defaultdict(list) for weather in weathers})
+    capture_frames(job, frames, {weather: defaultdict(list) for weather in weathers})

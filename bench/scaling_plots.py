@@ -20,7 +20,7 @@ STAGES = {
 KINDS = {"sphere": (RED, "sphere"), "camera": (BLUE, "camera"), "lidar": (ORANGE, "LiDAR")}
 """Kind of rays -> colour and name."""
 
-WAYS = {"larger": ("-", "o", "more blocks"), "finer": ("--", "s", "finer triangles")}
+METHODS = {"larger": ("-", "o", "more blocks"), "finer": ("--", "s", "finer triangles")}
 """Curve of towns -> line, marker and name."""
 
 PANEL_INCH = (4.1, 3.3)
@@ -30,7 +30,7 @@ DPI = 110
 
 Curves = dict[str, list[dict[str, Any]]]
 Panel = tuple[tuple[str, ...], str, Callable[[Any, Curves], None]]
-"""Curves of which one at least must be there, the value of theirs that must be known, and what draws them."""
+"""Curves, at least one of which must exist, their required value, and the function that draws them."""
 
 
 def draw(measured: dict[str, Any], folder: Path) -> list[Path]:
@@ -106,8 +106,8 @@ def _columns(points: list[dict[str, Any]], key: str) -> np.ndarray:
 
 def _town_rays(axes: Any, curves: Curves) -> None:
     names = []
-    for way, (style, marker, _) in WAYS.items():
-        points = curves.get(way, [])
+    for method, (style, marker, _) in METHODS.items():
+        points = curves.get(method, [])
         for kind, (color, name) in KINDS.items():
             there = [point for point in points if kind in point["rays_per_s"]]
             if there:
@@ -118,15 +118,15 @@ def _town_rays(axes: Any, curves: Curves) -> None:
     lines = [Line2D([], [], color=color, label=name) for color, name in dict.fromkeys(names)]
     lines += [
         Line2D([], [], color="0.3", ls=style, marker=marker, ms=4, label=name)
-        for way, (style, marker, name) in WAYS.items() if way in curves
+        for method, (style, marker, name) in METHODS.items() if method in curves
     ]  # fmt: skip
     axes.legend(loc="best", handles=lines, fontsize="x-small", handlelength=3)
 
 
 def _town_build(axes: Any, curves: Curves) -> None:
-    for way, (style, marker, name) in WAYS.items():
-        if way in curves:
-            value, found = _columns(curves[way], "value"), _columns(curves[way], "build_s")
+    for method, (style, marker, name) in METHODS.items():
+        if method in curves:
+            value, found = _columns(curves[method], "value"), _columns(curves[method], "build_s")
             axes.plot(value, found, style, marker=marker, ms=4, color=BLUE, label=name)
     _scales(axes, "triangles of the town", "trees built in [s]")
     axes.legend(loc="best", fontsize="x-small", handlelength=3)

@@ -1,6 +1,6 @@
 """Rays in towns of more and more triangles: procedural towns with more blocks, and one in finer and finer triangles.
 
-A larger town shows what a larger map costs: a ray sees no more of it. Finer triangles show what detail costs: rays meet
+A larger town shows what a larger map costs: a ray sees no more of it. Finer triangles show what detail costs: rays hit
 the same places, in four times as many triangles each time.
 """
 
@@ -20,7 +20,7 @@ from mmw.scene.device_scene import DeviceScene
 from mmw.scene.scene_data import SceneData
 
 MAX_SURFACED = 1_000_000
-"""Triangles up to which surfaces are found too: the host takes seconds for each million."""
+"""Triangles up to which surfaces are found too: seconds on the host per million."""
 
 
 @dataclass(frozen=True)
@@ -32,11 +32,11 @@ class TownPoint:
     rays_per_s: dict[str, float]
     """Kind of rays -> how many a second; town and vehicles, closest hit."""
     hit_share: dict[str, float]
-    """Kind of rays -> share of them that meets something."""
+    """Kind of rays -> share of them that hits something."""
     build_s: float
     """From arrays on the host to the scene on the device, trees included [s]."""
     device_gb: float | None
-    """Device memory that the scene takes [GB]; None without a GPU."""
+    """Device memory of the scene [GB]; None without a GPU."""
     surfaces_s: float | None
     """Processor time to find the surfaces, which only the radio channel needs [s]; None for a large town."""
 
@@ -121,6 +121,6 @@ def measure_town(town: SceneData, presets: Sequence[Preset], repeats: int, devic
 
 
 def device_bytes(device: str) -> int | None:
-    """Return how much memory of a GPU is in use, by whoever uses it [bytes]; None for the CPU."""
+    """Return how much memory of a GPU is in use, by all processes [bytes]; None for the CPU."""
     found = wp.get_device(device)
     return found.total_memory - found.free_memory if found.is_cuda else None

@@ -9,11 +9,11 @@ import trimesh
 from mmw.core.planar_surfaces import find_surfaces
 from mmw.core.resources import town_path
 from mmw.physics.materials.material import Material, RadioMaterial
-from mmw.scene.device_scene import read_stage
+from mmw.scene.reader import read_stage
 from mmw.scene.scene_data import Actor, Prototype, SceneData, SceneObject
 
 BLOCKS = 8
-"""Blocks of the procedural town along x and along y, where nobody says how many."""
+"""Blocks of the procedural town along x and along y, unless given."""
 
 CELLS = 12.5
 """Cells of its ground along each side, for each block."""
@@ -32,7 +32,7 @@ def grid_town(blocks: int = BLOCKS, *, with_surfaces: bool = True) -> SceneData:
 
     Args:
         blocks: Blocks along x and along y; 8 x 8 have over 100,000 triangles.
-        with_surfaces: Find its surfaces. Rays do not need them, and a large town takes long; all faces are one then.
+        with_surfaces: Find its surfaces. Rays do not need them, and they are slow for large towns.
     """
     rng = np.random.default_rng(7)
     parts = [_ground(half=0.5 * blocks * PITCH + 20.0, cells=round(CELLS * blocks))]
@@ -145,7 +145,7 @@ def _house(width: float, floors: int, windows: int) -> tuple[np.ndarray, np.ndar
 
 
 def _vehicle(size: Sequence[float]) -> Prototype:
-    """Return a rounded box of 1,280 triangles that stands on z = 0: a superellipsoid."""
+    """Return a rounded box of 1,280 triangles on z = 0: a superellipsoid."""
     ball = trimesh.creation.icosphere(subdivisions=3)
     rounded = np.sign(ball.vertices) * np.abs(ball.vertices) ** 0.4
     points = (rounded / np.abs(rounded).max(axis=0) * 0.5 + [0.0, 0.0, 0.5]) * size

@@ -18,7 +18,6 @@ import trimesh
 
 from bench.channel_scenes import ObjectMesh
 from mmw.core.constants import SPEED_OF_LIGHT, VACUUM_PERMITTIVITY
-from mmw.core.extras import install
 from mmw.physics.materials.permittivity import relative_permittivity
 from mmw.scene.scene_data import SceneData
 
@@ -29,9 +28,11 @@ SAME_VERTEX_M = 0.05
 """Two paths of Sionna RT of one link and length whose points all lie closer are one path, listed twice."""
 
 SIONNA_PATHS = 1_000_000
-"""Sionna RT's default for the most paths of a source, which also sizes its table of candidates."""
+"""Sionna RT's default of the largest number of paths of a source, which also sizes its table of candidates."""
 
-INSTALL = f"{install('sionna')}; on the CPU also LLVM (19 works, 14 does not), its library in DRJIT_LIBLLVM_PATH"
+INSTALL = (
+    "pip install 'sionna-rt>=2.2,<3'; on the CPU also LLVM (19 works, 14 does not), its library in DRJIT_LIBLLVM_PATH"
+)
 
 
 @dataclass(frozen=True)
@@ -47,12 +48,12 @@ class PathList:
     gain: np.ndarray
     """Absolute value of the coefficient [-], shape [P]."""
     repeated: np.ndarray
-    """Whether an earlier row is the same path, shape [P], bool."""
+    """True where an earlier row is the same path, shape [P], bool."""
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Which paths both sides have, and how far their gains are apart."""
+    """Numbers of common paths, and differences of their gains."""
 
     own: int
     """Paths of mmw."""
@@ -77,8 +78,8 @@ def compare(own: PathList, other: PathList) -> Comparison:
     Pairs whose lengths differ least go first. Where that is below the float32 noise of the delays, the nearest gain
     decides: paths of equal length in a symmetric street are told apart by nothing else.
     """
-    keep = np.nonzero(~other.repeated)[0]
-    one, two = _pairs(own, other, keep)
+    unique = np.nonzero(~other.repeated)[0]
+    one, two = _pairs(own, other, unique)
     apart = np.abs(own.length[one] - other.length[two])
     scale = np.maximum(np.maximum(own.gain[one], other.gain[two]), 1e-300)
     gain = np.abs(own.gain[one] - other.gain[two]) / scale
@@ -94,18 +95,18 @@ def compare(own: PathList, other: PathList) -> Comparison:
         repeated=int(other.repeated.sum()),
         matched=len(matched),
         only_own=int((~taken_one).sum()),
-        only_other=int((~taken_two[keep]).sum()),
+        only_other=int((~taken_two[unique]).sum()),
         gain_median=float(np.median(gain[matched])) if matched else float("nan"),
         gain_worst=float(gain[matched].max()) if matched else float("nan"),
         length_worst_m=float(apart[matched].max()) if matched else float("nan"),
     )
 
 
-def _pairs(own: PathList, other: PathList, keep: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _pairs(own: PathList, other: PathList, unique: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the rows of all pairs of one link and order whose lengths differ by less than `SAME_LENGTH_M`."""
     levels = int(max(own.order.max(initial=0), other.order.max(initial=0))) + 1
-    key_own, key_other = own.link * levels + own.order, (other.link * levels + other.order)[keep]
-    order = keep[np.lexsort((other.length[keep], key_other))]
+    key_own, key_other = own.link * levels + own.order, (other.link * levels + other.order)[unique]
+    order = unique[np.lexsort((other.length[unique], key_other))]
     sorted_key = (other.link * levels + other.order)[order]
     one, two = [], []
     for i in range(len(key_own)):
@@ -130,7 +131,7 @@ def missing() -> str:
 
 @dataclass(frozen=True)
 class Timing:
-    """How long a solve of Sionna RT took, with the results on the host."""
+    """Time of a solve of Sionna RT, with the results on the host."""
 
     median_s: float
     """Seconds a solve: median over passes of the mean over solves."""

@@ -2,8 +2,8 @@
 
     python -m examples.cooperative_perception out/quickstart --frame 0 --out out/cooperative
 
-writes the folder that OpenCOOD's loaders take and `bev.png`, and prints which vehicles the ego sees alone and which it
-sees with the help of the others. Only the exported files are read: what this does, a detector's data loader does.
+writes the folder that OpenCOOD's loaders read and `bev.png`, and prints which vehicles the ego sees alone and which it
+sees with the help of the others. Only the exported files are read, as by a detector's data loader.
 """
 
 import argparse
@@ -24,15 +24,15 @@ from mmw.dataset.export.pcd import RGB
 from mmw.viz.plots.bird_eye import FRONT, OUTLINE
 from mmw.viz.plots.style import BLUE, DARK, GREEN, GREY, ORANGE, PURPLE, RED, SKY
 
-LEAST = 5
-"""LiDAR returns from which on a vehicle counts as seen. Design value."""
+MIN_POINTS = 5
+"""LiDAR returns from which a vehicle counts as seen. Design value."""
 
 AGENT_COLORS = (SKY, GREEN, PURPLE, BLUE)
 
 
 @dataclass(frozen=True)
 class View:
-    """What one agent hands over."""
+    """Data of one agent."""
 
     name: str
     """Its folder."""
@@ -84,12 +84,12 @@ def draw(views: Sequence[View], extent_m: float) -> Figure:
         axes.scatter(-y, x, s=0.6, linewidths=0, color=color, label=f"LiDAR of {view.name}", rasterized=True)
     alone, together = seen_points([ego]), seen_points(views)
     for number, vehicle in {n: v for view in views for n, v in view.vehicles.items()}.items():
-        by_ego, by_all = alone.get(number, 0) >= LEAST, together.get(number, 0) >= LEAST
+        by_ego, by_all = alone.get(number, 0) >= MIN_POINTS, together.get(number, 0) >= MIN_POINTS
         floor = from_world(ego.pose, corners_of(vehicle))
         color = ORANGE if by_ego else RED if by_all else GREY
         axes.plot(-floor[OUTLINE, 1], floor[OUTLINE, 0], color=color, lw=1.6)
-        nose = np.stack([floor[[0, 2, 4, 6]].mean(axis=0), floor[FRONT].mean(axis=0)])
-        axes.plot(-nose[:, 1], nose[:, 0], color=color, lw=1.6)
+        front = np.stack([floor[[0, 2, 4, 6]].mean(axis=0), floor[FRONT].mean(axis=0)])
+        axes.plot(-front[:, 1], front[:, 0], color=color, lw=1.6)
     for color, text in ((ORANGE, "seen by the ego"), (RED, "seen by the others"), (GREY, "the ego, or hardly seen")):
         axes.plot([], [], color=color, label=text)
     limits = (-extent_m, extent_m)
@@ -118,9 +118,12 @@ def main(argv: Sequence[str] | None = None) -> None:
     )  # vehicles first, as OpenCOOD; -1 is the roadside unit
     views = [read_view(folder, given.frame) for folder in folders]
     draw(views, given.extent).savefig(given.out / "bev.png", dpi=150)
-    known = [sum(points >= LEAST for points in seen_points(some).values()) for some in (views[:1], views)]
+    known = [sum(points >= MIN_POINTS for points in seen_points(some).values()) for some in (views[:1], views)]
     print(f"{scenario}, {weather}, frame {given.frame}: {', '.join(view.name for view in views)}; the first is the ego")
-    print(f"vehicles with {LEAST} returns or more: {known[0]} by the ego alone, {known[1]} by all {len(views)} agents")
+    alone, together = known
+    print(
+        f"vehicles with {MIN_POINTS} returns or more: {alone} by the ego alone, {together} by all {len(views)} agents"
+    )
     print(f"picture: {given.out / 'bev.png'}")
 
 

@@ -1,10 +1,14 @@
 """Fixtures for every test."""
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 import warp as wp
+
+from mmw.cli.run import main
+from tests.fixtures.own_world import command, write_own_world
 
 if TYPE_CHECKING:
     from pxr import Usd
@@ -33,7 +37,7 @@ def device(request: pytest.FixtureRequest) -> str:
 
 @pytest.fixture(scope="module")
 def network(request: pytest.FixtureRequest) -> "RoadNetwork":
-    """Roads of the shipped town that the test module calls NAME, from its description."""
+    """Return the roads of the shipped town that the test module calls NAME, from its description."""
     from tests.fixtures import town_checks
 
     return town_checks.network_of(request.module.NAME)
@@ -41,7 +45,7 @@ def network(request: pytest.FixtureRequest) -> "RoadNetwork":
 
 @pytest.fixture(scope="module")
 def stage(request: pytest.FixtureRequest) -> "Usd.Stage":
-    """The committed stage of that town."""
+    """Return the committed stage of that town."""
     from tests.fixtures import town_checks
 
     return town_checks.stage_of(request.module.NAME)
@@ -49,7 +53,21 @@ def stage(request: pytest.FixtureRequest) -> "Usd.Stage":
 
 @pytest.fixture(scope="module")
 def lanes(stage: "Usd.Stage") -> "LaneGraph":
-    """Its lanes, which all hang together."""
+    """Return its lanes, all of which are connected."""
     from tests.fixtures import town_checks
 
     return town_checks.assert_connected(stage)
+
+
+@pytest.fixture
+def own_world(tmp_path: Path) -> Path:
+    """Write a small stage and its configuration into an empty folder."""
+    return write_own_world(tmp_path)
+
+
+@pytest.fixture(scope="module")
+def world(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Write the same for a module, with its dataset `single`: ten frames, two a shard, two weathers, one process."""
+    folder = write_own_world(tmp_path_factory.mktemp("world"))
+    assert main(command(folder, "single", "--workers", "1")) == 0
+    return folder

@@ -34,7 +34,7 @@ def simulate(data: SensorInput, config: Altimeter) -> dict[str, AltimeterSamples
     """Cast one ray down from every view; the weather changes nothing."""
     down = np.tile((0.0, 0.0, -1.0), (len(data.views), 1))
     origins = data.views.pose[:, :3]
-    hits = cast_rays(data.scene, origins, down, batch_index=data.views.slot, max_distance=config.range_m)
+    hits = cast_rays(data.scene, origins, down, batch_index=data.views.batch_index, max_distance=config.range_m)
     height = hits.distance + config.noise_m * data.normal(config.name)[:, 0]
     height = np.where(np.isfinite(hits.distance), height, np.nan).astype(np.float32)
     return dict.fromkeys(data.weathers, AltimeterSamples(height, hits.object_id))

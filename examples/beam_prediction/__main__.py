@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mmw.cli.command import add_log_options, run_command
+from mmw.cli.command import run_command
 from mmw.core.errors import InputError
 
 if TYPE_CHECKING:
@@ -62,8 +62,7 @@ def steps_of(text: str) -> tuple[str, ...]:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
-    arguments = add_log_options(parser()).parse_intermixed_args(argv)
-    return run_command(lambda: execute(arguments), "beam_prediction", debug=arguments.debug)
+    return run_command(parser(), execute, argv, intermixed=True)
 
 
 def execute(arguments: argparse.Namespace) -> int:

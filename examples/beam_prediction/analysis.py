@@ -1,4 +1,4 @@
-"""The analysis page: where gain is lost and won, by scenario, line of sight and motion, and cases to look at."""
+"""Write the analysis page: where gain is lost and won, by scenario, line of sight and motion, and cases to look at."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -38,7 +38,7 @@ def write_analysis(folder: Path, methods: Mapping[str, Method], data: BeamData, 
         "line of sight": sight_of(data),
         "motion of the best beam": motion_of(data),
     }
-    pages = ["# Analysis", "All numbers are normalised gains of validation windows, mean over steps and seeds."]
+    pages = ["# Analysis", "All numbers are normalized gains of validation windows, mean over steps and seeds."]
     for name, group in groups.items():
         pages += [f"## By {name}", group_table(methods, group, data)]
     if "index" in methods and set(COLORS) & set(methods):
@@ -63,7 +63,7 @@ def scenarios_of(data: BeamData) -> dict[str, np.ndarray]:
 
 
 def sight_of(data: BeamData) -> dict[str, np.ndarray]:
-    """Return the validation windows by what becomes of the line of sight, masks of shape [n]."""
+    """Return the validation windows by the change of the line of sight, masks of shape [n]."""
     starts = data.starts["val"]
     now = data.is_los[starts + data.past - 1].cpu().numpy()
     later = data.is_los[data.future_frames(starts)].cpu().numpy()
@@ -76,17 +76,17 @@ def sight_of(data: BeamData) -> dict[str, np.ndarray]:
 
 
 def motion_of(data: BeamData) -> dict[str, np.ndarray]:
-    """Return the validation windows by how far the best beam goes from the last one known, masks of shape [n]."""
+    """Return the validation windows by the largest shift of the best beam from the last known one, masks [n]."""
     starts, size = data.starts["val"], data.beams
     last = data.tx_beam[starts + data.past - 1].cpu().numpy()[:, None]
     later = data.targets(starts).cpu().numpy()
-    way = np.abs((later - last + size // 2) % size - size // 2)
-    way = np.where((later >= 0) & (last >= 0), way, 0).max(axis=1)
+    shift = np.abs((later - last + size // 2) % size - size // 2)
+    shift = np.where((later >= 0) & (last >= 0), shift, 0).max(axis=1)
     is_there = (later >= 0).any(axis=1) & (last[:, 0] >= 0)
     return {
-        "stays": is_there & (way == 0),
-        f"moves by 1 or {SMALL} beams": is_there & (way > 0) & (way <= SMALL),
-        "jumps": is_there & (way > SMALL),
+        "stays": is_there & (shift == 0),
+        f"moves by 1 or {SMALL} beams": is_there & (shift > 0) & (shift <= SMALL),
+        "jumps": is_there & (shift > SMALL),
         "no path now or later": ~is_there,
     }
 
@@ -121,7 +121,7 @@ def difference_figure(methods: Mapping[str, Method], groups: Mapping[str, np.nda
     axes.axvline(0.0, color=BLUE, lw=1.0)
     axes.set_yticks(np.arange(len(names)), names)
     axes.invert_yaxis()
-    axes.set_xlabel("normalised gain over index only [hundredths]")
+    axes.set_xlabel("normalized gain over index only [hundredths]")
     axes.legend(fontsize="small")
     plain_axes(axes)
     return figure

@@ -10,13 +10,13 @@ from examples.beam_prediction.data import BeamData
 from examples.beam_prediction.model import last_beam
 
 JUMP = 3
-"""Beams between two frames from which on the path has changed and older frames tell nothing. Design value."""
+"""Beams between two frames from which on the path counts as another one. Design value."""
 
 CHUNK = 256
 """Validation windows that are compared with all of training at a time. Design value."""
 
 SOME = 50
-"""Of so many windows one counts for what distances are usual. Design value."""
+"""Step between the windows that give the usual distance. Design value."""
 
 
 def hold_last(past: Tensor, future: int, beams: int) -> Tensor:
@@ -31,7 +31,7 @@ def hold_last(past: Tensor, future: int, beams: int) -> Tensor:
 
 
 def extrapolate(past: Tensor, future: int, beams: int, angles: Tensor | None = None) -> Tensor:
-    """Return the beams of a direction that goes on as it did, shape [B, W].
+    """Return the beams of a direction extrapolated in a straight line, shape [B, W].
 
     What grows in a straight line is the electrical angle 2 pi q / Q between neighbouring antennas, the sine of the
     azimuth. A least-squares line goes through all past frames since the beam last jumped; of fewer than two frames the
@@ -45,16 +45,16 @@ def extrapolate(past: Tensor, future: int, beams: int, angles: Tensor | None = N
     """
     held = hold_last(past, future, beams)
     is_there = past < beams
-    way = past.double() if angles is None else angles.double()
-    way = torch.where(is_there, (way - held[:, :1] + beams / 2) % beams - beams / 2, 0.0)
-    is_break = ~(is_there[:, 1:] & is_there[:, :-1]) | (way.diff(dim=1).abs() >= JUMP)
+    direction = past.double() if angles is None else angles.double()
+    direction = torch.where(is_there, (direction - held[:, :1] + beams / 2) % beams - beams / 2, 0.0)
+    is_break = ~(is_there[:, 1:] & is_there[:, :-1]) | (direction.diff(dim=1).abs() >= JUMP)
     since = torch.cat([is_break.flip(1).cumsum(1).flip(1) == 0, torch.ones_like(is_there[:, :1])], dim=1)
     weight = (since & is_there).double()
     time = torch.arange(1 - past.shape[1], 1, device=past.device).double().expand(past.shape)
     count = weight.sum(1, keepdim=True).clamp(min=1)
-    middle_t, middle_w = ((weight * x).sum(1, keepdim=True) / count for x in (time, way))
+    middle_t, middle_w = ((weight * x).sum(1, keepdim=True) / count for x in (time, direction))
     spread = (weight * (time - middle_t) ** 2).sum(1, keepdim=True)
-    slope = (weight * (time - middle_t) * (way - middle_w)).sum(1, keepdim=True) / spread.clamp(min=1e-9)
+    slope = (weight * (time - middle_t) * (direction - middle_w)).sum(1, keepdim=True) / spread.clamp(min=1e-9)
     ahead = torch.arange(1, future + 1, device=past.device).double()
     found = (held + torch.round(middle_w + slope * (ahead - middle_t)).long()) % beams
     return torch.where(spread > 0, found, held)

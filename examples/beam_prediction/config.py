@@ -1,4 +1,4 @@
-"""What the experiment is made with: windows, splits, sensor features, model, training, and which runs there are.
+"""Configuration of the experiment: windows, splits, sensor features, model, training and the matrix of runs.
 
 `experiment.yaml` is the experiment, `smoke.yaml` the same in small; `key=value` on the command line replaces values.
 """
@@ -39,7 +39,7 @@ class RadioConfig(Section):
 
 
 class FeatureConfig(Section):
-    """Which sensors are read, and what becomes of a sweep and an image before training (`features.py`)."""
+    """Sensors, and the preparation of their sweeps and images before training (`features.py`)."""
 
     every_frames: int = Field(
         10, ge=1, description="frames from one sample to the next, which is held in between (count)"
@@ -80,7 +80,7 @@ class WindowConfig(Section):
     )  # fmt: skip
     train: float = Field(5.65, gt=0, description="share of training (ratio)")
     val: float = Field(1.0, gt=0, description="share of validation (ratio)")
-    gap: int = Field(0, ge=0, description="split by track: frames between two parts that nobody uses (count)")
+    gap: int = Field(0, ge=0, description="split by track: frames between two parts that no window uses (count)")
     seed: int = Field(0, ge=0, description="decides which stretch or scenario goes where (number)")
 
 
@@ -123,7 +123,7 @@ class ModelConfig(Section):
 
 
 class TrainingConfig(Section):
-    """How every run is trained; nothing is chosen by validation: the last epoch counts."""
+    """Training of every run; nothing is chosen by validation: the last epoch counts."""
 
     epochs: int = Field(10, ge=1, description="rounds through the training windows (count)")
     batch: int = Field(512, ge=1, description="windows of a step (count)")
@@ -170,9 +170,9 @@ def load_experiment(path: str | Path, overrides: Sequence[str] = ()) -> Experime
     data = read_yaml(Path(path), "a map with the key `model`")
     for item in overrides:
         key, sign, text = item.partition("=")
-        *way, last = key.split(".")
+        *parents, last = key.split(".")
         here: Any = data
-        for part in way:
+        for part in parents:
             here = here.setdefault(part, {}) if isinstance(here, dict) else None
         if not sign or not last or not isinstance(here, dict):
             raise ConfigError([f"override {item!r}: write it as section.key=value, such as training.epochs=2"])
@@ -181,5 +181,5 @@ def load_experiment(path: str | Path, overrides: Sequence[str] = ()) -> Experime
 
 
 def fingerprint(content: Mapping[str, Any]) -> str:
-    """Return the SHA-256 of values that JSON takes, whatever their order."""
+    """Return the SHA-256 of JSON values, whatever their order."""
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()

@@ -19,14 +19,14 @@ from mmw.core.errors import InputError
 
 @dataclass(frozen=True, eq=False)
 class Batch:
-    """What the network sees of B windows."""
+    """Inputs of the network of B windows."""
 
     beams: Tensor
     """Transmit beams of the past frames, Q where there was no path, shape [B, P], int64."""
     age: Tensor
-    """Frames since the sample that each past frame holds was taken, shape [B, P], int64."""
+    """Frames since the sample at each past frame, shape [B, P], int64."""
     slot: Tensor
-    """Which of the window's samples each past frame holds, shape [B, P], int64."""
+    """Number of the window's sample at each past frame, shape [B, P], int64."""
     samples: Mapping[str, Tensor]
     """Sensor -> samples that windows hold, in order, the last one again where there is no more, shape
     [B, S, channels, rows, columns], uint8."""
@@ -59,7 +59,7 @@ class BeamData:
     tx_beam: Tensor
     """Best transmit beam, -1 without any path, shape [F], int64."""
     gains: Tensor
-    """Normalised gain of every transmit beam, NaN without any path, shape [F, Q], float32."""
+    """Normalized gain of every transmit beam, NaN without any path, shape [F, Q], float32."""
     is_los: Tensor
     """True with a line of sight, shape [F], bool."""
     age: Tensor
@@ -71,11 +71,11 @@ class BeamData:
 
     @property
     def device(self) -> torch.device:
-        """Where the tensors are."""
+        """Device of the tensors."""
         return self.tx_beam.device
 
     def batch(self, starts: Tensor, sources: Sequence[str], mirrored: Tensor | None = None) -> Batch:
-        """Return what the network sees of windows.
+        """Return the inputs of the network of windows.
 
         Args:
             starts: First past frame of each, shape [B].
@@ -88,7 +88,7 @@ class BeamData:
         slots = torch.arange((self.past - 2) // self.every + 2, device=self.device)  # as many as a window can hold
         first = starts[:, None] + (slots * self.every - age[:, :1]).clamp(0, self.past - 1)
         at_samples = self._turned(self.tx_beam[first], mirrored)
-        found = {source: self.sensors[source].take(first, mirrored) for source in sources}
+        found = {source: self.sensors[source].gather(first, mirrored) for source in sources}
         return Batch(
             beams=torch.where(beams < 0, self.beams, beams),
             age=age,
@@ -103,7 +103,7 @@ class BeamData:
         return self._turned(self.tx_beam[self.future_frames(starts)], mirrored)
 
     def target_gains(self, starts: Tensor, mirrored: Tensor | None = None) -> Tensor:
-        """Return the normalised gain of every beam in the frames to predict, NaN without any path, shape [B, W, Q]."""
+        """Return the normalized gain of every beam in the frames to predict, NaN without any path, shape [B, W, Q]."""
         gains = self.gains[self.future_frames(starts)]
         if mirrored is None:
             return gains
@@ -134,7 +134,7 @@ def beam_angles(beams: Tensor, gains: Tensor) -> Tensor:
 
     Args:
         beams: Best beams, -1 without any path, shape [F].
-        gains: Normalised gain of every beam, shape [F, Q].
+        gains: Normalized gain of every beam, shape [F, Q].
     """
     row, size = torch.arange(len(beams), device=beams.device), gains.shape[1]
     after, before = (gains[row, (beams + step) % size].sqrt() for step in (1, -1))

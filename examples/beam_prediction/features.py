@@ -177,7 +177,7 @@ def part_features(
 
 
 def feature_arrays(data: list[bytes], modality: str, config: FeatureConfig, columns: int) -> np.ndarray:
-    """Return features of the cache as the network takes them, shape [samples, channels, rows, columns], uint8."""
+    """Return features of the cache as the network reads them, shape [samples, channels, rows, columns], uint8."""
     if modality == "lidar":
         return np.frombuffer(b"".join(data), dtype=np.uint8).reshape(-1, 3, 2 * config.ranges, columns)
     return np.stack([decode_rgb(one) for one in data]).transpose(0, 3, 1, 2)

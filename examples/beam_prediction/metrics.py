@@ -1,4 +1,4 @@
-"""How good predicted beams are: top-k accuracy and normalised gain, a step at a time."""
+"""Score predicted beams step by step: top-k accuracy and normalized gain."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,7 @@ TOP = (1, 3, 5)
 """k of the top-k accuracies."""
 
 LIKELY = max(TOP)
-"""Beams that are kept of every prediction."""
+"""Beams stored of every prediction."""
 
 DRAWS = 2000
 """Draws of a bootstrap. Design value."""
@@ -21,7 +21,7 @@ class Scores:
     hits: dict[int, np.ndarray]
     """k -> 1 where the best beam is among the k likeliest, else 0, shape [n, W]."""
     gain: np.ndarray
-    """Normalised gain of the likeliest beam, 0 to 1, shape [n, W]."""
+    """Normalized gain of the likeliest beam, 0 to 1, shape [n, W]."""
 
     def rows(self) -> dict[str, list[float]]:
         """Return the mean of every score over windows, a list of W steps each."""
@@ -36,7 +36,7 @@ def score(predicted: np.ndarray, target: np.ndarray, gains: np.ndarray) -> Score
         predicted: Beams of each window and step, the likeliest first, shape [n, W, k]; fewer than five are told apart
             only as far as they go.
         target: Best beams, -1 without any path, shape [n, W].
-        gains: Normalised gain of every beam in these frames, shape [n, W, Q].
+        gains: Normalized gain of every beam in these frames, shape [n, W, Q].
     """
     is_there = target >= 0
     is_hit = predicted == target[..., None]

@@ -32,7 +32,7 @@ HILL = 0.5
 
 
 class BeamPredictor(nn.Module):
-    """Past beams, and what sensors held meanwhile, to the beams of the next W frames."""
+    """Predict the beams of the next W frames from past beams and samples of sensors."""
 
     def __init__(self, config: ModelConfig, data: BeamData, sources: Sequence[str], backbone: Backbone = "gpt2"):
         """Make one.
@@ -85,9 +85,9 @@ class BeamPredictor(nn.Module):
         return self.absolute(hidden) + shifted * is_known[:, None, None]
 
     def _read(self, batch: Batch, last: Tensor) -> Tensor:
-        """Return what each past frame holds of sensors, shape [B, P, width], or 0 without any."""
+        """Return the sum of sensor tokens at each past frame, shape [B, P, width], or 0 without any."""
         read = torch.zeros((), device=last.device)
-        keep = self._kept(len(last), last.device)
+        weights = self._modality_weights(len(last), last.device)
         for source, sensor in self.sensors.items():
             samples, reader = batch.samples[source], cast(SensorReader, self.readers[name_of(source)])
             center, hint = torch.zeros_like(last), torch.zeros((), device=last.device)
@@ -97,10 +97,10 @@ class BeamPredictor(nn.Module):
                 hint = hills(batch.sample_beams, last, self.beams, reader.cells, reach)
             token = reader(samples, batch.references[source], center, hint.expand(*samples.shape[:2], reader.cells))
             held = token.gather(1, batch.slot[..., None].expand(-1, -1, token.shape[2]))
-            read = read + (held + self.age(batch.age)) * keep[sensor.modality]
+            read = read + (held + self.age(batch.age)) * weights[sensor.modality]
         return read
 
-    def _kept(self, count: int, device: torch.device) -> dict[str, Tensor]:
+    def _modality_weights(self, count: int, device: torch.device) -> dict[str, Tensor]:
         """Return 1 or 0 for each modality and window, shape [B, 1, 1]; in training some windows lack a modality."""
         share = self.sensor_dropout if self.training else 0.0
         return {
@@ -116,7 +116,7 @@ class Gpt2(nn.Module):
         """Make one.
 
         Args:
-            config: Sizes, or a folder of weights whose first layers are taken.
+            config: Sizes, or a folder of weights whose first layers are used.
             length: Tokens of a sequence.
 
         Raises:
@@ -190,8 +190,8 @@ def hills(found: Tensor, last: Tensor, beams: int, cells: int, reach: float) -> 
         reach: Beams that all cells are wide.
     """
     place = ((torch.arange(cells, device=last.device) + 0.5) / cells - 0.5) * reach
-    way = (found - last[:, None] + beams // 2) % beams - beams // 2
-    return torch.exp(-0.5 * ((place - way[..., None]) / HILL) ** 2) * (found < beams)[..., None]
+    shift = (found - last[:, None] + beams // 2) % beams - beams // 2
+    return torch.exp(-0.5 * ((place - shift[..., None]) / HILL) ** 2) * (found < beams)[..., None]
 
 
 def last_beam(past: Tensor, beams: int) -> tuple[Tensor, Tensor]:

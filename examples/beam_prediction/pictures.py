@@ -1,4 +1,4 @@
-"""One window as a picture: what the sensors held last, and the beams that came, that were best and that were named."""
+"""Draw one window: the latest samples of the sensors, and its past, best and predicted beams."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -12,7 +12,7 @@ from mmw.dataset import Dataset
 from mmw.viz.plots.style import DARK, GREEN, GREY, ORANGE, PURPLE, RED, SKY, plain_axes
 
 MARKS = {"last": ("x", GREY), "index": ("s", SKY), "camera": ("v", ORANGE), "lidar": ("^", GREEN), "all": ("D", RED)}
-"""What is drawn of the methods -> marker and colour."""
+"""Method -> its marker and color."""
 
 
 def draw_case(

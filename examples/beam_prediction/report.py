@@ -18,10 +18,10 @@ COLORS = {
     "last": GREY, "line": SKY, "known": DARK, "near": GREY, "near_all": GREY, "gru": PURPLE,
     "index": BLUE, "camera": ORANGE, "lidar": GREEN, "all": RED,
 }  # fmt: skip
-"""What is compared -> its colour."""
+"""Method -> its color."""
 
 MAIN = ("known", "all", "index", "gru", "line", "last")
-"""What the first figure compares: the paper's compares its method with one that knows beam indices alone."""
+"""Methods of the first figure: the paper's compares its method with one that knows beam indices alone."""
 
 ABLATION = ("all", "lidar", "camera", "index")
 """The four input sets, of the second figure."""
@@ -87,7 +87,7 @@ def table(methods: dict[str, Method], data: BeamData) -> str:
     """Return the scores of everything as a Markdown table.
 
     Args:
-        methods: What is compared.
+        methods: The compared methods.
         data: Whose validation windows were predicted.
     """
     shown = sorted({1, (data.future + 1) // 2, data.future})
@@ -136,8 +136,8 @@ def gain_figure(methods: dict[str, Method], labels: tuple[str, ...], steps: int)
     """Return normalised gain against the predicted step, with the spread over seeds.
 
     Args:
-        methods: What there is.
-        labels: What is drawn of it.
+        methods: The compared methods.
+        labels: Those that are drawn.
         steps: Future frames W.
     """
     figure = Figure(figsize=(5.2, 3.9), layout="constrained")

@@ -1,4 +1,4 @@
-"""What runs and baselines predicted, read back and scored window by window."""
+"""Read the predictions of runs and baselines, and score them window by window."""
 
 import json
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ LABELS = {
     "lidar": "index + LiDAR",
     "all": "index + LiDAR + camera",
 }
-"""What is compared, in the order of tables and legends -> its name."""
+"""Method -> its name, in the order of tables and legends."""
 
 BASELINES = ("last", "line", "known", "near", "near_all")
 """Keys of `LABELS` that are not learned. `known` is told past directions to a part of a beam, as no method is: what is
@@ -36,7 +36,7 @@ left of it to 1 is what the future brings that no straight line foresees. `near`
 
 @dataclass(frozen=True, eq=False)
 class Method:
-    """One thing that is compared, on the validation windows."""
+    """One compared method on the validation windows."""
 
     label: str
     """A key of `LABELS`."""
@@ -55,7 +55,7 @@ class Method:
 
     @property
     def window_gain(self) -> np.ndarray:
-        """Normalised gain of every window and step, mean over seeds, shape [n, W]."""
+        """Normalized gain of every window and step, mean over seeds, shape [n, W]."""
         return np.mean([one.gain for one in self.scores], axis=0)
 
 

@@ -1,4 +1,4 @@
-"""One sensor's samples as tensors: which of them a frame holds, what they are compared with, and mirrored worlds."""
+"""One sensor's samples as tensors: the sample of each frame, its reference, and mirrored worlds."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ class SensorData:
     """All samples of one sensor of one role, N of them, for F frames of vehicles."""
 
     is_in_array: bool
-    """Whether it is the roadside unit's, so that its columns are beams of the transmitter."""
+    """True for a roadside unit: its columns are beams of the transmitter."""
     modality: str
     """`lidar` or `camera`."""
     samples: Tensor
@@ -34,8 +34,8 @@ class SensorData:
     agent: Tensor
     """Agent of each sample, shape [N], int64."""
 
-    def take(self, frames: Tensor, mirrored: Tensor | None) -> tuple[Tensor, Tensor]:
-        """Return the samples that frames hold, and what they are compared with.
+    def gather(self, frames: Tensor, mirrored: Tensor | None) -> tuple[Tensor, Tensor]:
+        """Return the samples of frames, and their references.
 
         A sample of the roadside unit is compared with what it usually sees, one of a vehicle with the one before.
 

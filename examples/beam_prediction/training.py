@@ -1,4 +1,4 @@
-"""One run: one input set, one seed, trained for a fixed number of epochs, with checkpoints on the way.
+"""One run: one input set, one seed, trained for a fixed number of epochs, with checkpoints.
 
 Whatever is random is a function of (seed, epoch), so a run that was stopped goes on to the same numbers.
 
@@ -36,12 +36,12 @@ METRICS = "metrics.json"
 PREDICTIONS = "predictions.npz"
 CHECKPOINT = "checkpoint.pt"
 MIN_GAIN = 1e-6
-"""Smaller normalised gains count as this, so that its logarithm is finite. Design value."""
+"""Smaller normalized gains count as this, so that its logarithm is finite. Design value."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """What is trained."""
+    """One input set and seed to train."""
 
     inputs: str
     """A name of `INPUTS`."""
@@ -55,7 +55,7 @@ class Run:
 
     @property
     def label(self) -> str:
-        """What is compared: the input set, or `gru`."""
+        """Method of the comparison: the input set, or `gru`."""
         return "gru" if self.backbone == "gru" else self.inputs
 
 
@@ -69,10 +69,10 @@ def runs_of(experiment: Experiment) -> list[Run]:
 
 
 def train(run: Run, experiment: Experiment, data: BeamData, out: Path, deadline: float = math.inf) -> bool:
-    """Train one run, from its checkpoint if there is one, and write what it predicts.
+    """Train one run, from its checkpoint if there is one, and write its predictions.
 
     Args:
-        run: What is trained.
+        run: Input set and seed.
         experiment: Model and training of it count.
         data: The data.
         out: Folder of all runs.

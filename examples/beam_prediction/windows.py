@@ -1,5 +1,4 @@
-"""Choose the windows of training and test: `mmw.dataset.windows`, with sensors that are slower than the
-frames."""
+"""Find and split the windows by `mmw.dataset.windows`, with sensors that are slower than the frames."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -16,8 +15,8 @@ from mmw.dataset.windows import Feature, Windows, WindowSpec, open_windows, shar
 def find_windows(dataset: Dataset, radio: RadioConfig, config: WindowConfig, features: FeatureConfig) -> Windows:
     """Return all windows of all vehicles.
 
-    A frame holds the latest sensor sample at or before it, one every `every_frames`. So a window uses frames from the
-    oldest sample that it holds, which `first` counts for the split.
+    A frame has the latest sensor sample at or before it, one every `every_frames`. So a window uses frames from the
+    oldest of its samples, which `first` counts for the split.
 
     Args:
         dataset: The dataset.
@@ -27,15 +26,15 @@ def find_windows(dataset: Dataset, radio: RadioConfig, config: WindowConfig, fea
     """
     path_count = Feature("links", columns=("path_count",), carrier_hz=radio.carrier_hz)
     spec = WindowSpec([path_count], config.past, config.future, config.stride)
-    return held_from(open_windows(dataset, spec, weathers=config.weathers, agents=["cav"]), features)
+    return with_oldest_sample(open_windows(dataset, spec, weathers=config.weathers, agents=["cav"]), features)
 
 
-def held_from(windows: Windows, features: FeatureConfig) -> Windows:
-    """Return the windows with the oldest sample that each holds as its first frame; a track has it or they go."""
+def with_oldest_sample(windows: Windows, features: FeatureConfig) -> Windows:
+    """Return the windows with the frame of their oldest sample as the first one; those without it are left out."""
     first = windows.now - (windows.spec.past - 1)
-    held = first - first % features.every_frames
+    oldest = first - first % features.every_frames
     begins = np.array([track.first for track in windows.tracks])[windows.track]
-    return replace(windows, first=held).select(held >= begins)
+    return replace(windows, first=oldest).select(oldest >= begins)
 
 
 def split(windows: Windows, config: WindowConfig) -> dict[str, Windows]:

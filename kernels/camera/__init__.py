@@ -1,1 +1,1 @@
-"""Trace camera rays and develop images."""
+"""Trace camera rays and tone_map images."""

@@ -1,4 +1,4 @@
-"""Visible boxes: how many pixels show each object, and the smallest rectangle that holds them."""
+"""Count the pixels that show each object, and find the smallest rectangle that holds them."""
 
 import warp as wp
 

@@ -1,4 +1,4 @@
-"""Cameras: what every camera kernel shares, the tiles of pixels, the ray through a pixel and the pixel of a point.
+"""Share parts of camera kernels: tiles of pixels, the ray through a pixel and the pixel of a point.
 
 A lens maps a direction to plane coordinates q (pinhole and Brown-Conrady: tangents, right and down; fisheye: the angle
 from the optical axis along both), distorts them, and scales them by the focal lengths. `mmw.core.camera_models` says
@@ -158,10 +158,6 @@ def project_point(camera: Camera, point: wp.vec3) -> wp.vec2:
 
     The point may lie outside the image. It has no meaning behind the image plane of a camera that is no fisheye; test
     its x first.
-
-    Args:
-        camera: The camera.
-        point: Point or direction of any length but 0, sensor frame.
     """
     across = wp.vec2(-point[1], -point[2])
     q = wp.vec2()

@@ -1,4 +1,4 @@
-"""The two integer cosine transforms of JPEG files, rounded as libjpeg-turbo does.
+"""Compute the two integer cosine transforms of JPEG files, rounded as libjpeg-turbo does.
 
 The fast one rounds its products down and leaves a factor in each value, for which the quantisation makes up; the
 accurate one rounds to the nearest. Both make values eight times too large.
@@ -19,7 +19,7 @@ FACTOR_BITS = wp.constant(13)
 """Bits of the accurate transform's factors behind the point."""
 
 MORE_BITS = wp.constant(2)
-"""Bits that values between its two passes keep more."""
+"""Additional bits of values between its two passes."""
 
 FAST_BITS = wp.constant(8)
 """Bits of the fast transform's factors behind the point."""
@@ -32,16 +32,15 @@ def rounded(value: int, bits: int) -> int:
 
 
 @wp.func
+def butterfly(x: Eight):
+    """Return the sums x[k] + x[7 - k] of the two halves of eight values, then the differences."""
+    return x[0] + x[7], x[1] + x[6], x[2] + x[5], x[3] + x[4], x[0] - x[7], x[1] - x[6], x[2] - x[5], x[3] - x[4]
+
+
+@wp.func
 def cosines(x: Eight, bits: int) -> Eight:
     """Return the accurate cosine transform of eight values, divided by 2^bits but for its first and fifth."""
-    a0 = x[0] + x[7]
-    a1 = x[1] + x[6]
-    a2 = x[2] + x[5]
-    a3 = x[3] + x[4]
-    b0 = x[0] - x[7]
-    b1 = x[1] - x[6]
-    b2 = x[2] - x[5]
-    b3 = x[3] - x[4]
+    a0, a1, a2, a3, b0, b1, b2, b3 = butterfly(x)
     out = Eight()
     out[0] = a0 + a3 + a1 + a2
     out[4] = a0 + a3 - a1 - a2
@@ -76,7 +75,7 @@ def accurate_columns(x: Eight) -> Eight:
 def fast_product(factor: int, value: int) -> int:
     """Return `factor` / 256 times a value, rounded down.
 
-    The library's vector instructions take the upper half of a product of 16-bit numbers, for which the value is
+    The library's vector instructions use the upper half of a product of 16-bit numbers, for which the value is
     quadrupled first. That exceeds 16 bits in blocks of the hardest black-and-white patterns alone, where its top bits
     are lost: so here.
     """
@@ -90,14 +89,7 @@ def fast_cosines(x: Eight) -> Eight:
     Arai, Agui and Nakajima's flow graph: five products, with cos(pi/4) = 181, sin(pi/8) = 98, cos(pi/8) - sin(pi/8) =
     139 and cos(pi/8) + sin(pi/8) = 334 of 256.
     """
-    a0 = x[0] + x[7]
-    a1 = x[1] + x[6]
-    a2 = x[2] + x[5]
-    a3 = x[3] + x[4]
-    b0 = x[0] - x[7]
-    b1 = x[1] - x[6]
-    b2 = x[2] - x[5]
-    b3 = x[3] - x[4]
+    a0, a1, a2, a3, b0, b1, b2, b3 = butterfly(x)
     out = Eight()
     out[0] = a0 + a3 + (a1 + a2)
     out[4] = a0 + a3 - (a1 + a2)

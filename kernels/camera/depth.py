@@ -1,10 +1,10 @@
-"""Depth camera: distance along the optical axis, and the object in every pixel, of what a camera sees."""
+"""Read the distance along the optical axis, and the object, of every pixel of a traced image."""
 
 import warp as wp
 
 from mmw.kernels.camera.camera import Camera, camera_ray, tile_column, tile_row
 from mmw.kernels.camera.image_samples import sample_row
-from mmw.kernels.camera.visibility import seen_again
+from mmw.kernels.camera.visibility import stored_hit
 from mmw.kernels.core.structs import MISS_ID, Scene
 from mmw.kernels.core.trace import object_of
 from mmw.kernels.shading.structs import Samples
@@ -45,7 +45,7 @@ def depth_kernel(
     u = tile_column(across, lane)
     if u >= camera.width or v >= camera.height:
         return
-    near = seen_again(samples, sample_row(camera, view, u, v))
+    near = stored_hit(samples, sample_row(camera, view, u, v))
     ray = camera_ray(camera, float(u) + 0.5, float(v) + 0.5)
     depth = near.t * ray[0]
     if depth > range:

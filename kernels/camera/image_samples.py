@@ -1,4 +1,4 @@
-"""A batch of images on the device: which thread works on which sample, and the ray through it."""
+"""Assign samples of a batch of images to threads, and find the rays through them."""
 
 import warp as wp
 
@@ -24,7 +24,7 @@ class SampleRay:
     """The ray through a sample."""
 
     view: int
-    slot: int
+    batch_index: int
     """Slot of the view's frame."""
     u: float
     """Column of the sample [px], pixel edges at whole numbers."""
@@ -48,11 +48,11 @@ def sample_row(camera: Camera, view: int, u: int, v: int) -> int:
 def row_of_thread(picture: Picture, thread: int) -> int:
     """Return the row of the sample that a thread works on, -1 for none.
 
-    The first threads take the pixels tile by tile, so that neighbors in a warp are neighbors in the image; the
-    others take the further samples in order: those that are shaded, or all where it is not known yet which those are.
+    The first threads process the pixels tile by tile, so that neighbors in a warp are neighbors in the image; the
+    others process the further samples in order: those that are shaded, or all where that is not known yet.
     """
     camera = picture.camera
-    views = picture.views.slot.shape[0]
+    views = picture.views.batch_index.shape[0]
     down = (camera.height + TILE - 1) // TILE
     across = (camera.width + TILE - 1) // TILE
     tile = thread // (TILE * TILE)
@@ -78,7 +78,7 @@ def ray_at(picture: Picture, view: int, u: float, v: float) -> SampleRay:
     in_sensor = camera_ray(picture.camera, u, v)
     ray = SampleRay()
     ray.view = view
-    ray.slot = picture.views.slot[view]
+    ray.batch_index = picture.views.batch_index[view]
     ray.u = u
     ray.v = v
     ray.origin = wp.transform_get_translation(pose)

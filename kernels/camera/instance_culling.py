@@ -1,7 +1,7 @@
-"""Culling of instances that the rays of a part of an image, or those to the sun, cannot hit.
+"""Cull instances that the rays of a part of an image, or those to the sun, cannot hit.
 
 Rays of a camera's tile lie in a cone; they cannot hit an instance whose box the cone misses. Rays to the sun are
-parallel: seen along them, an instance covers a disc, and a grid square to them tells which discs lie where.
+parallel: along them, an instance covers a disc, and a grid square to them tells which discs lie where.
 """
 
 import warp as wp
@@ -19,7 +19,9 @@ SLACK = wp.constant(0.002)
 
 
 @wp.func
-def is_in_cone(scene: Scene, slot: int, instance: int, eye: wp.vec3, axis: wp.vec3, half_angle: float) -> wp.bool:
+def is_in_cone(
+    scene: Scene, batch_index: int, instance: int, eye: wp.vec3, axis: wp.vec3, half_angle: float
+) -> wp.bool:
     """Return whether a cone may intersect the box around an instance.
 
     A point of the box in the cone lies within its distance times the sine of the half angle of the axis. So the axis
@@ -27,7 +29,7 @@ def is_in_cone(scene: Scene, slot: int, instance: int, eye: wp.vec3, axis: wp.ve
 
     Args:
         scene: Town and vehicles.
-        slot: Slot of the frame.
+        batch_index: Position of the frame in the batch.
         instance: The instance.
         eye: Tip of the cone, scene frame [m].
         axis: Unit direction of the cone, scene frame.
@@ -35,7 +37,7 @@ def is_in_cone(scene: Scene, slot: int, instance: int, eye: wp.vec3, axis: wp.ve
     """
     if half_angle > 1.5:
         return True
-    to_local = wp.transform_inverse(scene.instance_pose[slot, instance])
+    to_local = wp.transform_inverse(scene.instance_pose[batch_index, instance])
     from_middle = wp.transform_point(to_local, eye) - scene.instance_aabb_center[instance]
     along = wp.transform_vector(to_local, axis)
     half = scene.instance_aabb_half_extent[instance]
@@ -82,12 +84,12 @@ def tile_candidates_kernel(
     # The corners are the farthest points of a tile: lines stay nearly straight over 8 pixels.
     half = 1.05 * wp.acos(wp.clamp(cosine, -1.0, 1.0)) + SLACK
     pose = views.pose[view]
-    slot = views.slot[view]
+    batch_index = views.batch_index[view]
     eye = wp.transform_get_translation(pose)
     axis = wp.transform_vector(pose, axis)
     count = wp.int32(0)
     for instance in range(scene.instance_count):
-        if scene.instance_present[slot, instance] and is_in_cone(scene, slot, instance, eye, axis, half):
+        if scene.instance_present[batch_index, instance] and is_in_cone(scene, batch_index, instance, eye, axis, half):
             candidates_out.instance[group, count] = wp.int16(instance)
             count += 1
     candidates_out.count[group] = count
@@ -95,7 +97,7 @@ def tile_candidates_kernel(
 
 @wp.struct
 class SunGrid:
-    """A grid square to the sun's direction, with one layer a slot: cells hold the instances that shade points there."""
+    """A grid square to the sun's direction, one layer a frame: cells hold the instances that shade points there."""
 
     across: wp.vec3
     """Unit vector along columns, square to the sun."""
@@ -125,13 +127,13 @@ class Sun:
 
 
 @wp.func
-def sun_group(grid: SunGrid, slot: int, point: wp.vec3) -> int:
+def sun_group(grid: SunGrid, batch_index: int, point: wp.vec3) -> int:
     """Return the cell of a point as a group of `Candidates`, -1 outside of the grid, where nothing is shaded."""
     column = int(wp.floor((wp.dot(grid.across, point) - grid.low[0]) / grid.cell))
     row = int(wp.floor((wp.dot(grid.along, point) - grid.low[1]) / grid.cell))
     if column < 0 or row < 0 or column >= grid.columns or row >= grid.rows:
         return -1
-    return (slot * grid.rows + row) * grid.columns + column
+    return (batch_index * grid.rows + row) * grid.columns + column
 
 
 @wp.kernel
@@ -145,15 +147,17 @@ def sun_candidates_kernel(
 
     Launch: dim=(slots, rows, columns).
     """
-    slot, row, column = wp.tid()
-    group = (slot * grid.rows + row) * grid.columns + column
+    batch_index, row, column = wp.tid()
+    group = (batch_index * grid.rows + row) * grid.columns + column
     x = grid.low[0] + (float(column) + 0.5) * grid.cell
     y = grid.low[1] + (float(row) + 0.5) * grid.cell
     half = 0.5 * grid.cell
     count = wp.int32(0)
     for instance in range(scene.instance_count):
-        if scene.instance_present[slot, instance]:
-            middle = wp.transform_point(scene.instance_pose[slot, instance], scene.instance_aabb_center[instance])
+        if scene.instance_present[batch_index, instance]:
+            middle = wp.transform_point(
+                scene.instance_pose[batch_index, instance], scene.instance_aabb_center[instance]
+            )
             apart_x = wp.max(wp.abs(wp.dot(grid.across, middle) - x) - half, 0.0)
             apart_y = wp.max(wp.abs(wp.dot(grid.along, middle) - y) - half, 0.0)
             reach = wp.length(scene.instance_aabb_half_extent[instance]) + grid.margin

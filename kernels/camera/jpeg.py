@@ -1,4 +1,4 @@
-"""Baseline JPEG files of many images: colors, the integer cosine transform, Huffman codes, stuffed bytes.
+"""Write baseline JPEG files of many images: colors, the integer cosine transform, Huffman codes, stuffed bytes.
 
 Every number is an integer and rounded as libjpeg-turbo does, so that the files are those of the library, byte for byte.
 

@@ -1,4 +1,4 @@
-"""Drops that stick to a camera's lens: small lenses that show the scene upside down, blurred, with a dark rim."""
+"""Draw drops on a camera's lens: small lenses that show the scene upside down, blurred, with a dark rim."""
 
 import warp as wp
 

@@ -1,4 +1,4 @@
-"""Optical flow: how far what each pixel shows moves in the image, by its body's motion and the camera's."""
+"""Compute optical flow: how far each pixel moves in the image, by the motion of its body and of the camera."""
 
 import warp as wp
 
@@ -11,16 +11,18 @@ wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "
 
 
 @wp.func
-def displacement(scene: Scene, slot: int, instance: int, point: wp.vec3, time: float) -> wp.vec3:
+def displacement(scene: Scene, batch_index: int, instance: int, point: wp.vec3, time: float) -> wp.vec3:
     """Return how far a surface point moves with its body in some time [s], scene frame [m]; 0 for the town.
 
     Bodies keep velocity and angular velocity. Wheels move as their bodies do: their meshes do not turn.
     """
     moved = wp.vec3()
     if instance >= 0:
-        arm = point - wp.transform_get_translation(scene.instance_pose[slot, instance])
+        arm = point - wp.transform_get_translation(scene.instance_pose[batch_index, instance])
         still = wp.transformf(wp.vec3(), wp.quatf(0.0, 0.0, 0.0, 1.0))
-        change = moved_pose(still, scene.instance_velocity[slot, instance], scene.instance_rate[slot, instance], time)
+        change = moved_pose(
+            still, scene.instance_velocity[batch_index, instance], scene.instance_rate[batch_index, instance], time
+        )
         moved = wp.transform_point(change, arm) - arm
     return moved
 
@@ -68,8 +70,8 @@ def image_motion_kernel(
     if samples.face[row] >= 0:
         now = samples.t[row] * direction
         point = wp.transform_get_translation(pose) + now
-        slot = views.slot[view]
-        then = now + displacement(scene, slot, samples.instance[row], point, time) - time * velocity[view]
+        batch_index = views.batch_index[view]
+        then = now + displacement(scene, batch_index, samples.instance[row], point, time) - time * velocity[view]
     if then == now and rate[view] == wp.vec3(0.0, 0.0, 0.0):  # exactly, however a device rounds
         motion_out[view, v, u] = wp.vec2(0.0, 0.0)
         return

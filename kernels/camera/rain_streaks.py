@@ -1,7 +1,7 @@
-"""Falling drops near a camera, each drawn as the streak that it leaves while the shutter is open.
+"""Draw falling drops near a camera, each as the streak that it leaves while the shutter is open.
 
-A drop covers pi/4 D^2 of the image at every instant, so over the exposure it takes this area, in pixels, times the way
-it goes; spread along the streak that is the opacity (tau / T) of Garg and Nayar. Opacities add up in whole numbers, so
+A drop covers pi/4 D^2 of the image at every instant, so over the exposure it covers this area, in pixels, times its
+path; spread along the streak that is the opacity (tau / T) of Garg and Nayar. Opacities add up in whole numbers, so
 the order of the threads does not matter.
 
 Source: K. Garg, S. K. Nayar, "Vision and Rain", International Journal of Computer Vision 75(1), 2007.
@@ -19,14 +19,14 @@ wp.set_module_options(
 )
 
 COVER_SCALE = wp.constant(16777216.0)
-"""Whole number that stands for an opacity of 1."""
+"""Whole number of an opacity of 1."""
 
 NEAR_PLANE = wp.constant(0.02)
 """Depth from which on a drop before a pinhole is drawn [m]."""
 
 COUNT_DRAW = wp.constant(1)
 PLACE_DRAW = wp.constant(2)
-"""Draws of a view's stream; the sensor noise takes another."""
+"""Draws of a view's stream; the sensor noise uses another."""
 
 
 @wp.struct
@@ -108,12 +108,12 @@ def streaks_kernel(
 
     Launch: dim=(A, N), N the most drops; views with fewer leave the last ones out.
     """
-    view, slot = wp.tid()
+    view, batch_index = wp.tid()
     spread = uniform4(key[view], 0, COUNT_DRAW)
     present = rain.count + wp.sqrt(rain.count) * normal2(spread[0], spread[1])[0]
-    if float(slot) + 0.5 > present:
+    if float(batch_index) + 0.5 > present:
         return
-    place = uniform4(key[view], slot, PLACE_DRAW)
+    place = uniform4(key[view], batch_index, PLACE_DRAW)
     distance = rain.range * wp.pow(place[2], 1.0 / 3.0)
     if distance < rain.nearest:
         return
@@ -141,20 +141,20 @@ def streaks_kernel(
     width = wp.sqrt(size * size + blur * blur)
 
     # Pixels along the longer axis of the streak, and across it at each of them.
-    way = last - first
-    is_level = wp.abs(way[0]) >= wp.abs(way[1])
+    span = last - first
+    is_level = wp.abs(span[0]) >= wp.abs(span[1])
     if not is_level:
-        way = wp.vec2(way[1], way[0])
+        span = wp.vec2(span[1], span[0])
         first = wp.vec2(first[1], first[0])
-    length = wp.length(way)
-    tangent = wp.where(wp.abs(way[0]) > 1.0e-3, way[1] / wp.where(way[0] == 0.0, 1.0, way[0]), 0.0)
-    extent = wp.max(wp.abs(way[0]) + width, 1.0)
-    across = wp.max(width * wp.where(wp.abs(way[0]) > 1.0e-3, length / wp.max(wp.abs(way[0]), 1.0e-3), 1.0), 1.0)
+    length = wp.length(span)
+    tangent = wp.where(wp.abs(span[0]) > 1.0e-3, span[1] / wp.where(span[0] == 0.0, 1.0, span[0]), 0.0)
+    extent = wp.max(wp.abs(span[0]) + width, 1.0)
+    across = wp.max(width * wp.where(wp.abs(span[0]) > 1.0e-3, length / wp.max(wp.abs(span[0]), 1.0e-3), 1.0), 1.0)
     # Both ends and both sides fade over a ramp, a pixel wide where the streak is thin; its sum stays the same.
     ramp = wp.max(width, 1.0)
     side_ramp = wp.max(0.5 * across, 1.0)
-    middle = first[0] + 0.5 * way[0]
-    center = first[1] + 0.5 * way[1]
+    middle = first[0] + 0.5 * span[0]
+    center = first[1] + 0.5 * span[1]
     slant = tangent / (1.0 + tangent * tangent)
     columns = wp.where(is_level, camera.width, camera.height)
     rows = wp.where(is_level, camera.height, camera.width)

@@ -1,4 +1,4 @@
-"""From light to a picture: blur, rain before the lens, exposure, vignette, noise, tone map, sRGB, 8 bits.
+"""Map light to an image: blur, rain before the lens, exposure, vignette, noise, tone map, sRGB, 8 bits.
 
 All steps are one kernel, because a plain picture is read and written once. What is not asked for costs a comparison
 that is the same for all threads.
@@ -35,7 +35,7 @@ MIDDLE_GREY = wp.constant(0.18)
 Reproduction for Digital Images", SIGGRAPH 2002."""
 
 NOISE_DRAW = wp.constant(0)
-"""Draw of a view's stream that the sensor noise takes; streaks take the others."""
+"""Draw of a view's stream of the sensor noise; streaks use the others."""
 
 
 @wp.struct
@@ -104,7 +104,7 @@ def display(x: float, tone_map: int) -> wp.uint8:
 
 
 @wp.func
-def blurred(radiance: wp.array3d[wp.vec3], view: int, u: int, v: int, way: wp.vec2) -> wp.vec3:
+def blurred(radiance: wp.array3d[wp.vec3], view: int, u: int, v: int, motion: wp.vec2) -> wp.vec3:
     """Return the mean radiance along the motion of a pixel.
 
     Args:
@@ -112,19 +112,19 @@ def blurred(radiance: wp.array3d[wp.vec3], view: int, u: int, v: int, way: wp.ve
         view: View.
         u: Column of the pixel.
         v: Row of the pixel.
-        way: Motion while the shutter is open [px]; the shutter is half open at the frame's instant.
+        motion: Motion while the shutter is open [px]; the shutter is half open at the frame's instant.
     """
-    if wp.dot(way, way) < MIN_BLUR * MIN_BLUR:
+    if wp.dot(motion, motion) < MIN_BLUR * MIN_BLUR:
         return radiance[view, v, u]
     total = wp.vec3()
     for tap in range(BLUR_TAPS):
         place = (float(tap) + 0.5) / float(BLUR_TAPS) - 0.5
-        total += between_pixels(radiance, view, float(u) + 0.5 + place * way[0], float(v) + 0.5 + place * way[1])
+        total += between_pixels(radiance, view, float(u) + 0.5 + place * motion[0], float(v) + 0.5 + place * motion[1])
     return total / float(BLUR_TAPS)
 
 
 @wp.kernel
-def develop_kernel(
+def tone_mapping_kernel(
     radiance: wp.array3d[wp.vec3],
     film: Film,
     # out
@@ -135,11 +135,11 @@ def develop_kernel(
     Launch: dim=(A, H, W).
     """
     view, v, u = wp.tid()
-    seen = wp.vec4()
+    sample = wp.vec4()
     if film.drops.shape[1] > 0:
-        seen = through_drops(radiance, film.drops, view, u, v)
-    light = wp.vec3(seen[0], seen[1], seen[2])
-    if seen[3] < 0.5:
+        sample = through_drops(radiance, film.drops, view, u, v)
+    light = wp.vec3(sample[0], sample[1], sample[2])
+    if sample[3] < 0.5:
         if film.motion.shape[0] > 0:
             light = blurred(radiance, view, u, v, film.blur_share * film.motion[view, v, u])
         else:

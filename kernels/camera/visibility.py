@@ -1,4 +1,4 @@
-"""First hits of every pixel of a camera: traced once, then shared by color, depth, segmentation and all weathers."""
+"""Trace the first hits of all pixels of a camera once for color, depth, segmentation and all weathers."""
 
 import warp as wp
 
@@ -11,13 +11,13 @@ from mmw.kernels.core.structs import Candidates, RawHit, Scene
 from mmw.kernels.core.trace import (
     PICTURE_REGISTERS,
     closest_hit_raw,
-    nearest_surface_among,
+    closest_hit_raw_among,
     object_of,
     surface_of,
     world_normal,
 )
-from mmw.kernels.shading.structs import Appearance, Samples
-from mmw.kernels.shading.surface_point import distance_to_face, is_cut_out
+from mmw.kernels.shading.structs import AppearanceTable, Samples
+from mmw.kernels.shading.surface_point import distance_to_face, is_cut_out, ray_hit
 
 wp.set_module_options(PICTURE_RAYS)
 
@@ -45,7 +45,7 @@ def ray_length(camera: Camera, forward: float) -> float:
 
 @wp.func
 def store(
-    scene: Scene, slot: int, near: RawHit, direction: wp.vec3, row: int,
+    scene: Scene, batch_index: int, near: RawHit, direction: wp.vec3, row: int,
     # out
     samples_out: Samples,
 ):  # fmt: skip
@@ -57,7 +57,7 @@ def store(
         samples_out.surface[row] = surface_of(scene, near)
         normal = wp.vec3(0.0, 0.0, 1.0)
         if near.face >= 0:
-            normal = world_normal(scene, slot, near)
+            normal = world_normal(scene, batch_index, near)
             if wp.dot(normal, normal) < 0.5:  # a face without area
                 normal = -direction
             normal = wp.where(wp.dot(normal, direction) > 0.0, -normal, normal)
@@ -81,17 +81,17 @@ def visibility_kernel(
     if row < 0:
         return
     ray = ray_of(picture, row)
-    near = nearest_surface_among(
-        scene, ray.slot, ray.origin, ray.direction, ray_length(picture.camera, ray.forward),
+    near = closest_hit_raw_among(
+        scene, ray.batch_index, ray.origin, ray.direction, ray_length(picture.camera, ray.forward),
         picture.views.ignore[ray.view], candidates, tile_of(picture.camera, ray),
     )  # fmt: skip
-    store(scene, ray.slot, near, ray.direction, row, samples_out)
+    store(scene, ray.batch_index, near, ray.direction, row, samples_out)
 
 
 @wp.kernel
 def visibility_through_holes_kernel(
     scene: Scene,
-    appearance: Appearance,
+    table: AppearanceTable,
     picture: Picture,
     thread_offset: int,
     # out
@@ -107,26 +107,25 @@ def visibility_through_holes_kernel(
     ray = ray_of(picture, row)
     ignore = picture.views.ignore[ray.view]
     t_max = ray_length(picture.camera, ray.forward)
-    near = closest_hit_raw(scene, ray.slot, ray.origin, ray.direction, t_max, ignore)
+    near = closest_hit_raw(scene, ray.batch_index, ray.origin, ray.direction, t_max, ignore)
     behind = wp.float32(0.0)
     for _ in range(MAX_HOLES):
         is_hole = wp.bool(False)
         if near.face >= 0:
-            is_hole = is_cut_out(
-                scene, appearance, ray.slot, ray.origin, ray.direction, behind + near.t, near.face, near.instance,
-                1.0 / picture.camera.fx,
-            )  # fmt: skip
+            t = behind + near.t
+            hit = ray_hit(ray.batch_index, ray.origin, ray.direction, t, near.face, near.instance)
+            is_hole = is_cut_out(scene, table, hit, 1.0 / picture.camera.fx)
         if not is_hole:
             break
         behind += near.t + PAST_HOLE * wp.max(1.0, behind + near.t)
         start = ray.origin + behind * ray.direction
-        near = closest_hit_raw(scene, ray.slot, start, ray.direction, t_max - behind, ignore)
+        near = closest_hit_raw(scene, ray.batch_index, start, ray.direction, t_max - behind, ignore)
     near.t += behind
-    store(scene, ray.slot, near, ray.direction, row, samples_out)
+    store(scene, ray.batch_index, near, ray.direction, row, samples_out)
 
 
 @wp.func
-def seen_again(samples: Samples, row: int) -> RawHit:
+def stored_hit(samples: Samples, row: int) -> RawHit:
     """Return a stored sample as the tracer found it, without its normal."""
     near = RawHit()
     near.t = samples.t[row]
@@ -138,8 +137,8 @@ def seen_again(samples: Samples, row: int) -> RawHit:
 @wp.func
 def is_other_thing(scene: Scene, samples: Samples, row: int, other: int) -> wp.bool:
     """Return whether two samples show different objects or materials, or two sides of a fold."""
-    near = seen_again(samples, row)
-    next_to = seen_again(samples, other)
+    near = stored_hit(samples, row)
+    next_to = stored_hit(samples, other)
     if near.face < 0 or next_to.face < 0:
         return True
     if object_of(scene, near) != object_of(scene, next_to):
@@ -151,15 +150,7 @@ def is_other_thing(scene: Scene, samples: Samples, row: int, other: int) -> wp.b
 
 @wp.func
 def is_step(samples: Samples, row: int, other: int, ray: SampleRay, beside: SampleRay) -> wp.bool:
-    """Return whether what one sample shows lies before or behind the surface of the other.
-
-    Args:
-        samples: Hits of the samples.
-        row: A sample with a hit.
-        other: One next to it in the image that did.
-        ray: Ray of the first.
-        beside: Ray of the other.
-    """
+    """Return whether what one sample shows lies before or behind the surface of the other."""
     t = samples.t[row]
     normal = unpack_unit(samples.normal[row])
     return wp.abs(wp.dot(samples.t[other] * beside.direction - t * ray.direction, normal)) > STEP * t
@@ -174,7 +165,7 @@ def edge_kernel(
 ):
     """Find the pixels that a line crosses: those whose neighbor shows another object, material, fold or depth.
 
-    Launch: dim=threads of all tiles, block_dim=64; a thread's flag stands at its number.
+    Launch: dim=threads of all tiles, block_dim=64; a thread's flag has its number.
     """
     thread = wp.tid()
     row = row_of_thread(picture, thread)
@@ -231,8 +222,8 @@ def guess_kernel(
 ):
     """Find what further samples show among the faces that the pixels about them show.
 
-    The nearest of these faces on its ray is what a sample shows, unless one of another thing lies before it in a pixel
-    about it: the sample may show another face of that thing, as at the outline of a round pole. Those samples, and
+    The nearest of these faces on its ray is what a sample shows, unless one of another object lies before it in a pixel
+    about it: the sample may show another face of that object, as at the outline of a round pole. Those samples, and
     the ones whose rays miss all four faces, are traced: their flag is 1.
 
     Launch: dim=further samples, block_dim=64.
@@ -259,7 +250,7 @@ def guess_kernel(
                 instance = samples.instance[row]
                 # Most neighbors show one of two faces.
                 if (face != face_own or instance != instance_own) and (face != face_last or instance != instance_last):
-                    t = distance_to_face(scene, ray.slot, face, instance, ray.origin, ray.direction)
+                    t = distance_to_face(scene, ray.batch_index, face, instance, ray.origin, ray.direction)
                     if t < found:
                         found = t
                         source = row
@@ -272,7 +263,7 @@ def guess_kernel(
     if source >= 0:
         is_known = found <= front * (1.0 + STEP)
         if not is_known:
-            is_known = object_of(scene, seen_again(samples, source)) == object_of(scene, seen_again(samples, front_row))
+            is_known = object_of(scene, stored_hit(samples, source)) == object_of(scene, stored_hit(samples, front_row))
     source_out[extra] = source
     is_traced_out[extra] = wp.where(is_known, wp.uint8(0), wp.uint8(1))
 
@@ -286,7 +277,7 @@ def source_kernel(
     source_out: wp.array[int],
     is_shaded_out: wp.array[wp.uint8],
 ):
-    """Find the pixel about each further sample that was traced which shows the same, whose light it takes.
+    """Find the pixel about each further sample that was traced which shows the same, whose light it uses.
 
     A sample without such a pixel is shaded for itself: its source is its own row and its flag 1.
 

@@ -1,55 +1,126 @@
-"""Path candidates of reflections and a diffraction behind them: (link, candidate, wedge) triples for the exact test."""
+"""Test path candidates with a diffraction behind or between their reflections: links and wedges for the exact test."""
 
 import warp as wp
 
-from mmw.kernels.channel.edges import Wedges, edge_point, edge_world, is_outside
+from mmw.kernels.channel.edges import Edge, Wedges, edge_point, edge_world, is_outside
 from mmw.kernels.channel.ray_launch import EMPTY_CELL
 from mmw.kernels.channel.reflection_candidates import (
-    Chains,
-    chain_level,
-    chain_parent,
-    chain_plane,
-    points_open,
-    write_chain,
+    CandidateTree,
+    candidate_depth,
+    candidate_parent,
+    candidate_plane,
+    points_in_boxes,
+    write_planes,
 )
-from mmw.kernels.channel.surfaces import LinkEnds, Surfaces
+from mmw.kernels.channel.surfaces import (
+    LinkEnds,
+    Plane,
+    Surfaces,
+    is_mirror,
+    largest,
+    mean_plane,
+    mirror_point,
+    to_carrier,
+)
 
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
 
 
+@wp.struct
+class ReverseCandidates:
+    """Candidates of the receivers, sorted by (receiver, last plane), and the receiver of each link."""
+
+    ends: LinkEnds
+    """Ends of the links read backward, in the order of the receivers."""
+    tree: CandidateTree
+    """Candidates of the receivers."""
+    key: wp.array[wp.int64]
+    """receiver * K + last plane of each candidate, growing, shape [M]."""
+    cell: wp.array[int]
+    """Cell of each candidate, shape [M]."""
+    link: wp.array[int]
+    """Place of each link among the links read backward, shape [L]."""
+    source: wp.array[int]
+    """Receiver of each link among those that were launched, -1 if it is not one of them, shape [L]."""
+
+
 @wp.func
-def could_bend(
+def can_illuminate(
     ends: LinkEnds,
     surfaces: Surfaces,
-    wedges: Wedges,
     pose: wp.array2d[wp.transformd],
-    chains: Chains,
-    cell: int,
-    wedge: int,
+    tree: CandidateTree,
+    code: int,
     link: int,
+    edge: Edge,
 ) -> bool:
-    """Return whether a wedge could diffract a candidate, without its last plane, toward the receiver of a link."""
-    world = ends.tx.shape[1] - 1
-    rx = ends.rx[link, world]
-    edge = edge_world(wedges, pose, ends.slot[link], wedge)
-    is_open = is_outside(edge, rx)
-    if is_open:
-        found = edge_point(edge, chains.image[cell], rx)
-        is_open = found[3] > wp.float64(0.0)
-        if is_open:
-            point = wp.vec3d(found[0], found[1], found[2])
-            is_open = points_open(ends, surfaces, pose, chains, chain_parent(chains.key[cell]), link, point)
-    return is_open
+    """Return whether the last plane of a candidate could mirror the transmitter of a link to some point of an edge.
+
+    Generous: the points for both ends of the edge span a box, which has to overlap that of the plane.
+    """
+    batch_index = ends.batch_index[link]
+    own = wp.int32(0)
+    plane = Plane()
+    image = ends.tx[link, ends.tx.shape[1] - 1]
+    if code >= tree.first:
+        at = code - tree.first
+        own = candidate_plane(tree.key[at])
+        plane.normal = tree.normal[at]
+        plane.offset = tree.offset[at]
+        image = tree.image[at]
+    else:
+        own = code % tree.plane_count
+        plane = mean_plane(surfaces, pose, batch_index, surfaces.lead[own])
+    far = edge.begin + edge.length * edge.along
+    is_begin = is_mirror(plane.normal, plane.offset, image, edge.begin)
+    is_far = is_mirror(plane.normal, plane.offset, image, far)
+    is_possible = is_begin or is_far
+    if is_begin and is_far:
+        carrier = surfaces.carrier[surfaces.lead[own]]
+        one = to_carrier(mirror_point(plane, image, edge.begin), pose, batch_index, carrier)
+        other = to_carrier(mirror_point(plane, image, far), pose, batch_index, carrier)
+        slack = wp.float64(1e-6) * (wp.float64(1.0) + wp.max(largest(one), largest(other)))
+        low = wp.min(one, other) - surfaces.plane_upper[own]
+        high = surfaces.plane_lower[own] - wp.max(one, other)
+        is_possible = wp.max(low) <= slack and wp.max(high) <= slack
+    return is_possible
+
+
+@wp.func
+def reaches(
+    ends: LinkEnds, surfaces: Surfaces, pose: wp.array2d[wp.transformd], tree: CandidateTree, parent: int, link: int,
+    found: wp.vec4d,
+) -> bool:  # fmt: skip
+    """Return whether a candidate reaches a point of an edge from the transmitter of a link; see `edge_point`."""
+    is_valid = found[3] > wp.float64(0.0)
+    if is_valid:
+        point = wp.vec3d(found[0], found[1], found[2])
+        is_valid = points_in_boxes(ends, surfaces, pose, tree, parent, link, point)
+    return is_valid
+
+
+@wp.func
+def write_to_wedge(
+    tree: CandidateTree, key: wp.uint64, wedge: int, link: int, row: int,
+    # out
+    link_out: wp.array[int],
+    step_out: wp.array2d[int],
+):  # fmt: skip
+    """Write a link, and the steps of a candidate with a wedge in place of its last plane."""
+    link_out[row] = link
+    column = candidate_depth(key) - 1
+    step_out[row, column] = -2 - wedge
+    write_planes(tree, candidate_parent(key), row, column - 1, -1, step_out)
 
 
 @wp.kernel
-def bend_kernel(
+def diffraction_kernel(
     ends: LinkEnds,
     surfaces: Surfaces,
     wedges: Wedges,
     pose: wp.array2d[wp.transformd],
     first_link: wp.array[int],
-    chains: Chains,
+    tree: CandidateTree,
     is_writing: wp.bool,
     end: wp.array[int],
     # out
@@ -60,26 +131,97 @@ def bend_kernel(
     """Count the (link, wedge) pairs that each candidate could serve, or write them; wedges are those of its last plane.
 
     `first_link` has one entry more than there are sources. Writing needs `end`, the inclusive sum of the counts, and
-    leaves `count_out` as it is; counting leaves the other outputs as they are. Launch: dim=N.
+    does not change `count_out`; counting changes nothing else. Launch: dim=N.
     """
     cell = wp.tid()
-    key = chains.key[cell]
+    key = tree.key[cell]
     count = wp.int32(0)
     if key != EMPTY_CELL:
         row = wp.int32(0)
         if is_writing:
             row = end[cell] - count_out[cell]
-        source = chains.source[cell]
-        plane = chain_plane(key)
-        for place in range(wedges.first[plane], wedges.first[plane + 1]):
-            wedge = wedges.of_plane[place]
-            for link in range(first_link[source], first_link[source + 1]):
-                if could_bend(ends, surfaces, wedges, pose, chains, cell, wedge, link):
-                    if is_writing:
-                        link_out[row + count] = link
-                        column = chain_level(key) - 1
-                        step_out[row + count, column] = -2 - wedge
-                        write_chain(chains, chain_parent(key), row + count, column - 1, -1, step_out)
-                    count = count + 1
+        source = tree.source[cell]
+        plane = candidate_plane(key)
+        parent = candidate_parent(key)
+        first = first_link[source]
+        for index in range(wedges.first[plane], wedges.first[plane + 1]):
+            wedge = wedges.of_plane[index]
+            edge = edge_world(wedges, pose, ends.batch_index[first], wedge)
+            for link in range(first, first_link[source + 1]):
+                rx = ends.rx[link, ends.rx.shape[1] - 1]
+                if is_outside(edge, rx):
+                    found = edge_point(edge, tree.image[cell], rx)
+                    if reaches(ends, surfaces, pose, tree, parent, link, found):
+                        if is_writing:
+                            write_to_wedge(tree, key, wedge, link, row + count, link_out, step_out)
+                        count = count + 1
+    if not is_writing:
+        count_out[cell] = count
+
+
+@wp.kernel
+def double_sided_kernel(
+    ends: LinkEnds,
+    surfaces: Surfaces,
+    wedges: Wedges,
+    pose: wp.array2d[wp.transformd],
+    first_link: wp.array[int],
+    tree: CandidateTree,
+    reverse: ReverseCandidates,
+    depth: int,
+    is_writing: wp.bool,
+    end: wp.array[int],
+    # out
+    count_out: wp.array[int],
+    link_out: wp.array[int],
+    step_out: wp.array2d[int],
+):
+    """Count the (link, wedge, reverse candidate) triples that each candidate could serve, or write them.
+
+    The wedges are those of a candidate's last plane; a reverse candidate ends at a plane of the same wedge.
+    `first_link` has one entry more than there are sources. Writing needs `end`, the inclusive sum of the counts, and
+    does not change `count_out`; counting changes nothing else. Launch: dim=N.
+    """
+    cell = wp.tid()
+    key = tree.key[cell]
+    count = wp.int32(0)
+    if key != EMPTY_CELL:
+        row = wp.int32(0)
+        if is_writing:
+            row = end[cell] - count_out[cell]
+        source = tree.source[cell]
+        plane = candidate_plane(key)
+        parent = candidate_parent(key)
+        first = first_link[source]
+        for index in range(wedges.first[plane], wedges.first[plane + 1]):
+            wedge = wedges.of_plane[index]
+            edge = edge_world(wedges, pose, ends.batch_index[first], wedge)
+            stop = first_link[source + 1]
+            if not can_illuminate(ends, surfaces, pose, tree, parent, first, edge):
+                stop = first
+            for link in range(first, stop):
+                receiver = reverse.source[link]
+                for face in range(2):
+                    surface = wp.where(face == 0, wedges.surface_0[wedge], wedges.surface_n[wedge])
+                    wanted_key = wp.int64(receiver) * wp.int64(tree.plane_count) + wp.int64(surfaces.plane[surface])
+                    item = wp.lower_bound(reverse.key, wanted_key)
+                    while receiver >= 0 and item < reverse.key.shape[0] and reverse.key[item] == wanted_key:
+                        other = reverse.cell[item]
+                        other_depth = candidate_depth(reverse.tree.key[other])
+                        found = wp.vec4d()
+                        fits = wp.bool(candidate_depth(key) + other_depth - 1 <= depth)
+                        if fits:
+                            found = edge_point(edge, tree.image[cell], reverse.tree.image[other])
+                            fits = reaches(ends, surfaces, pose, tree, parent, link, found)
+                        if fits:
+                            last = candidate_parent(reverse.tree.key[other])
+                            back = reverse.link[link]
+                            if reaches(reverse.ends, surfaces, pose, reverse.tree, last, back, found):
+                                if is_writing:
+                                    write_to_wedge(tree, key, wedge, link, row + count, link_out, step_out)
+                                    column = candidate_depth(key)
+                                    write_planes(reverse.tree, last, row + count, column, 1, step_out)
+                                count = count + 1
+                        item = item + 1
     if not is_writing:
         count_out[cell] = count

@@ -1,4 +1,4 @@
-"""Wedges: convex edges between two flat surfaces or of an open sheet, and where a wave bends around them."""
+"""Describe wedges, convex edges of two flat surfaces or of an open sheet, and find points of diffraction on them."""
 
 import warp as wp
 
@@ -49,7 +49,7 @@ class Edge:
 
 
 @wp.func
-def edge_world(wedges: Wedges, pose: wp.array2d[wp.transformd], slot: int, wedge: int) -> Edge:
+def edge_world(wedges: Wedges, pose: wp.array2d[wp.transformd], batch_index: int, wedge: int) -> Edge:
     """Return a wedge in the world frame; `pose` has a column an instance."""
     begin = wedges.begin[wedge]
     end = wedges.end[wedge]
@@ -59,11 +59,11 @@ def edge_world(wedges: Wedges, pose: wp.array2d[wp.transformd], slot: int, wedge
     edge.away = wedges.away[wedge]
     carrier = wedges.carrier[wedge]
     if carrier < pose.shape[1]:
-        begin = wp.transform_point(pose[slot, carrier], begin)
-        end = wp.transform_point(pose[slot, carrier], end)
-        edge.normal_0 = wp.transform_vector(pose[slot, carrier], edge.normal_0)
-        edge.normal_n = wp.transform_vector(pose[slot, carrier], edge.normal_n)
-        edge.away = wp.transform_vector(pose[slot, carrier], edge.away)
+        begin = wp.transform_point(pose[batch_index, carrier], begin)
+        end = wp.transform_point(pose[batch_index, carrier], end)
+        edge.normal_0 = wp.transform_vector(pose[batch_index, carrier], edge.normal_0)
+        edge.normal_n = wp.transform_vector(pose[batch_index, carrier], edge.normal_n)
+        edge.away = wp.transform_vector(pose[batch_index, carrier], edge.away)
     edge.begin = begin
     edge.length = wp.length(end - begin)
     edge.along = (end - begin) / edge.length
@@ -72,9 +72,9 @@ def edge_world(wedges: Wedges, pose: wp.array2d[wp.transformd], slot: int, wedge
 
 @wp.func
 def edge_point(edge: Edge, tx: wp.vec3d, rx: wp.vec3d) -> wp.vec4d:
-    """Return the point of the edge on the shortest way from `tx` to `rx` over it, and 1; 0 if that is off the edge.
+    """Return the point of the edge on the shortest path from `tx` to `rx` over it, and 1; 0 if that is off the edge.
 
-    Turning both ends about the edge into one plane makes the way a straight line (Fermat; the law of diffraction).
+    Turning both ends about the edge into one plane makes the path a straight line (Fermat; the law of diffraction).
     Source: J. B. Keller, Geometrical theory of diffraction, J. Opt. Soc. Am. 52 (1962), section 2.
     """
     tx_along = wp.dot(edge.along, tx - edge.begin)
@@ -95,8 +95,8 @@ def is_outside(edge: Edge, point: wp.vec3d) -> bool:
 
 
 @wp.kernel
-def cull_wedge_kernel(
-    slot: wp.array[int],
+def cull_wedges_kernel(
+    batch_index: wp.array[int],
     tx: wp.array[wp.vec3d],
     rx: wp.array[wp.vec3d],
     wedges: Wedges,
@@ -104,12 +104,12 @@ def cull_wedge_kernel(
     # out
     is_candidate_out: wp.array2d[wp.uint8],
 ):
-    """Keep the (link, wedge) pairs whose point of diffraction is on the edge, with both ends outside the wedge.
+    """Select the (link, wedge) pairs whose point of diffraction is on the edge, with both ends outside the wedge.
 
-    `slot`, `tx` and `rx` have a row a link. Launch: dim=(L, E).
+    `batch_index`, `tx` and `rx` have a row a link. Launch: dim=(L, E).
     """
     link, wedge = wp.tid()
-    edge = edge_world(wedges, pose, slot[link], wedge)
-    is_bent = is_outside(edge, tx[link]) and is_outside(edge, rx[link])
-    is_bent = is_bent and edge_point(edge, tx[link], rx[link])[3] > wp.float64(0.0)
-    is_candidate_out[link, wedge] = wp.where(is_bent, wp.uint8(1), wp.uint8(0))
+    edge = edge_world(wedges, pose, batch_index[link], wedge)
+    is_diffracted = is_outside(edge, tx[link]) and is_outside(edge, rx[link])
+    is_diffracted = is_diffracted and edge_point(edge, tx[link], rx[link])[3] > wp.float64(0.0)
+    is_candidate_out[link, wedge] = wp.where(is_diffracted, wp.uint8(1), wp.uint8(0))

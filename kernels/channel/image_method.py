@@ -7,18 +7,18 @@ from mmw.kernels.channel.segments import (
     DIFFRACTION,
     EDGE_LIFTS,
     END_SLACK,
-    LIFT,
     SPECULAR,
     HitBuffers,
+    Segment,
     is_covered,
-    walk_leg,
+    trace_segment,
 )
 from mmw.kernels.channel.surfaces import (
     LinkEnds,
     Plane,
     Surfaces,
     is_mirror,
-    largest,
+    lift_at,
     mean_plane,
     mirror_point,
     mirrored,
@@ -32,7 +32,7 @@ wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "
 
 
 @wp.struct
-class Trials:
+class PathCandidates:
     """Candidate paths: a link and its interactions, from transmitter to receiver."""
 
     link: wp.array[int]
@@ -40,7 +40,7 @@ class Trials:
     step: wp.array2d[int]
     """Interactions of each: a surface id (or plane id), -2 - wedge id, or -1 behind the end, shape [C, D]."""
     is_plane: wp.bool
-    """True if steps are planes, of which the point picks the surface; `step` then takes the surfaces that are found."""
+    """True if steps are planes, of which the point picks the surface; `step` then gets the surfaces that are found."""
     image: wp.array2d[wp.vec3d]
     """Scratch: image of the end that a step belongs to, before its surface [m], shape [C, D]."""
     normal: wp.array2d[wp.vec3d]
@@ -52,21 +52,21 @@ class Trials:
 
 
 @wp.func
-def plane_at(trials: Trials, trial: int, step: int) -> Plane:
+def plane_at(candidates: PathCandidates, candidate: int, step: int) -> Plane:
     """Return the plane of a step."""
     plane = Plane()
-    plane.normal = trials.normal[trial, step]
-    plane.offset = trials.offset[trial, step]
+    plane.normal = candidates.normal[candidate, step]
+    plane.offset = candidates.offset[candidate, step]
     return plane
 
 
 @wp.func
 def find_points(
-    trials: Trials,
+    candidates: PathCandidates,
     wedges: Wedges,
     pose: wp.array2d[wp.transformd],
-    slot: int,
-    trial: int,
+    batch_index: int,
+    candidate: int,
     steps: int,
     edge: int,
     tx: wp.vec3d,
@@ -79,51 +79,51 @@ def find_points(
     """
     image = tx
     for k in range(edge):
-        trials.image[trial, k] = image
-        image = mirrored(image, plane_at(trials, trial, k))
+        candidates.image[candidate, k] = image
+        image = mirrored(image, plane_at(candidates, candidate, k))
     target = rx
-    is_open = wp.bool(True)
+    is_valid = wp.bool(True)
     if edge < steps:
         back = rx
         step = steps - 1
         while step > edge:
-            trials.image[trial, step] = back
-            back = mirrored(back, plane_at(trials, trial, step))
+            candidates.image[candidate, step] = back
+            back = mirrored(back, plane_at(candidates, candidate, step))
             step = step - 1
-        wedge = -2 - trials.step[trial, edge]
-        ends = edge_world(wedges, pose, slot, wedge)
+        wedge = -2 - candidates.step[candidate, edge]
+        ends = edge_world(wedges, pose, batch_index, wedge)
         found = edge_point(ends, image, back)
-        is_open = found[3] > wp.float64(0.0)
+        is_valid = found[3] > wp.float64(0.0)
         target = wp.vec3d(found[0], found[1], found[2])
-        trials.point[trial, edge] = target
+        candidates.point[candidate, edge] = target
         on = target
         step = edge + 1
-        while is_open and step < steps:
-            plane = plane_at(trials, trial, step)
-            is_open = is_mirror(plane.normal, plane.offset, trials.image[trial, step], on)
-            if is_open:
-                on = mirror_point(plane, trials.image[trial, step], on)
-                trials.point[trial, step] = on
+        while is_valid and step < steps:
+            plane = plane_at(candidates, candidate, step)
+            is_valid = is_mirror(plane.normal, plane.offset, candidates.image[candidate, step], on)
+            if is_valid:
+                on = mirror_point(plane, candidates.image[candidate, step], on)
+                candidates.point[candidate, step] = on
             step = step + 1
     step = edge - 1
-    while is_open and step >= 0:
-        plane = plane_at(trials, trial, step)
-        is_open = is_mirror(plane.normal, plane.offset, trials.image[trial, step], target)
-        if is_open:
-            target = mirror_point(plane, trials.image[trial, step], target)
-            trials.point[trial, step] = target
+    while is_valid and step >= 0:
+        plane = plane_at(candidates, candidate, step)
+        is_valid = is_mirror(plane.normal, plane.offset, candidates.image[candidate, step], target)
+        if is_valid:
+            target = mirror_point(plane, candidates.image[candidate, step], target)
+            candidates.point[candidate, step] = target
         step = step - 1
-    return is_open
+    return is_valid
 
 
 @wp.func
 def find_exact_points(
-    trials: Trials,
+    candidates: PathCandidates,
     surfaces: Surfaces,
     wedges: Wedges,
     pose: wp.array2d[wp.transformd],
-    slot: int,
-    trial: int,
+    batch_index: int,
+    candidate: int,
     steps: int,
     edge: int,
     tx: wp.vec3d,
@@ -136,33 +136,33 @@ def find_exact_points(
     """
     for k in range(steps):
         if k != edge:
-            surface = trials.step[trial, k]
-            if trials.is_plane:
+            surface = candidates.step[candidate, k]
+            if candidates.is_plane:
                 surface = surfaces.lead[surface]
-            plane = mean_plane(surfaces, pose, slot, surface)
-            trials.normal[trial, k] = plane.normal
-            trials.offset[trial, k] = plane.offset
-    is_open = find_points(trials, wedges, pose, slot, trial, steps, edge, tx, rx)
+            plane = mean_plane(surfaces, pose, batch_index, surface)
+            candidates.normal[candidate, k] = plane.normal
+            candidates.offset[candidate, k] = plane.offset
+    is_valid = find_points(candidates, wedges, pose, batch_index, candidate, steps, edge, tx, rx)
     step = wp.int32(0)
-    while is_open and step < steps:
+    while is_valid and step < steps:
         if step != edge:
-            if trials.is_plane:
-                trials.step[trial, step] = surface_at(
-                    surfaces, pose, slot, trials.step[trial, step], trials.point[trial, step]
+            if candidates.is_plane:
+                candidates.step[candidate, step] = surface_at(
+                    surfaces, pose, batch_index, candidates.step[candidate, step], candidates.point[candidate, step]
                 )
-            is_open = trials.step[trial, step] >= 0
-            if is_open:
-                surface = trials.step[trial, step]
-                corner = triangle_at(surfaces, pose, slot, surface, trials.point[trial, step])
-                is_open = corner >= 0
-                if is_open:
-                    plane = triangle_plane(surfaces, pose, slot, surface, corner)
-                    trials.normal[trial, step] = plane.normal
-                    trials.offset[trial, step] = plane.offset
+            is_valid = candidates.step[candidate, step] >= 0
+            if is_valid:
+                surface = candidates.step[candidate, step]
+                corner = triangle_at(surfaces, pose, batch_index, surface, candidates.point[candidate, step])
+                is_valid = corner >= 0
+                if is_valid:
+                    plane = triangle_plane(surfaces, pose, batch_index, surface, corner)
+                    candidates.normal[candidate, step] = plane.normal
+                    candidates.offset[candidate, step] = plane.offset
         step = step + 1
-    if is_open and steps > 0:
-        is_open = find_points(trials, wedges, pose, slot, trial, steps, edge, tx, rx)
-    return is_open
+    if is_valid and steps > 0:
+        is_valid = find_points(candidates, wedges, pose, batch_index, candidate, steps, edge, tx, rx)
+    return is_valid
 
 
 @wp.kernel
@@ -173,98 +173,88 @@ def refine_kernel(
     wedges: Wedges,
     pose: wp.array2d[wp.transformd],
     origin: wp.vec3d,
-    trials: Trials,
+    candidates: PathCandidates,
     passes: int,
     # out
     order_out: wp.array[int],
-    met_out: HitBuffers,
+    hits_out: HitBuffers,
 ):
-    """Find the exact points of each candidate and trace its segments, through up to `passes` slabs on the way.
+    """Find the exact points of each candidate and trace its segments, through up to `passes` slabs.
 
-    `order_out` is the number of rows of `met_out` that are filled, -1 where there is no path. `origin` is the world
+    `order_out` is the number of rows of `hits_out` that are filled, -1 where there is no path. `origin` is the world
     position of the scene frame's origin. Launch: dim=C, block_dim=64.
     """
-    trial = wp.tid()
-    link = trials.link[trial]
-    slot = ends.slot[link]
+    candidate = wp.tid()
+    link = candidates.link[candidate]
+    batch_index = ends.batch_index[link]
     world = ends.tx.shape[1] - 1
     tx = ends.tx[link, world]
     rx = ends.rx[link, world]
-    order_out[trial] = -1
+    order_out[candidate] = -1
     steps = wp.int32(0)
     edge = wp.int32(-1)
-    while steps < trials.step.shape[1] and trials.step[trial, steps] != MISS_ID:
-        if trials.step[trial, steps] < MISS_ID:
+    while steps < candidates.step.shape[1] and candidates.step[candidate, steps] != MISS_ID:
+        if candidates.step[candidate, steps] < MISS_ID:
             edge = steps
         steps = steps + 1
     if edge < 0:
         edge = steps
-    if not find_exact_points(trials, surfaces, wedges, pose, slot, trial, steps, edge, tx, rx):
+    if not find_exact_points(candidates, surfaces, wedges, pose, batch_index, candidate, steps, edge, tx, rx):
         return
-    depth = met_out.kind.shape[1]
-    room = wp.min(depth - steps, passes)
+    depth = hits_out.kind.shape[1]
+    max_slabs = wp.min(depth - steps, passes)
     filled = wp.int32(0)
-    begin = tx
-    start = tx
-    own = wp.vec4i(MISS_ID, MISS_ID, MISS_ID, MISS_ID)
+    segment = Segment()
+    segment.begin = tx
+    segment.start = tx
+    segment.own = wp.vec4i(MISS_ID, MISS_ID, MISS_ID, MISS_ID)
     for k in range(steps + 1):
-        end = rx
-        stop = rx
+        segment.end = rx
+        segment.stop = rx
         away = wp.vec3d()
-        own[2] = MISS_ID
-        own[3] = MISS_ID
+        segment.own[2] = MISS_ID
+        segment.own[3] = MISS_ID
         if k < steps:
-            end = trials.point[trial, k]
-            lift = LIFT * (wp.float64(5.0) + largest(end - origin))
+            segment.end = candidates.point[candidate, k]
+            lift = lift_at(segment.end - origin)
             if k == edge:
-                wedge = -2 - trials.step[trial, k]
-                own[2] = wedges.surface_0[wedge]
-                own[3] = wedges.surface_n[wedge]
+                wedge = -2 - candidates.step[candidate, k]
+                segment.own[2] = wedges.surface_0[wedge]
+                segment.own[3] = wedges.surface_n[wedge]
                 after = rx
                 if k + 1 < steps:
-                    after = trials.point[trial, k + 1]
-                ends_w = edge_world(wedges, pose, slot, wedge)
-                if not (is_outside(ends_w, begin) and is_outside(ends_w, after)):
+                    after = candidates.point[candidate, k + 1]
+                ends_w = edge_world(wedges, pose, batch_index, wedge)
+                if not (is_outside(ends_w, segment.begin) and is_outside(ends_w, after)):
                     return
-                stop = end + EDGE_LIFTS * lift * ends_w.away
+                segment.stop = segment.end + EDGE_LIFTS * lift * ends_w.away
             else:
-                own[2] = trials.step[trial, k]
-                away = trials.normal[trial, k]
-                if wp.dot(away, begin) < trials.offset[trial, k]:
+                segment.own[2] = candidates.step[candidate, k]
+                away = candidates.normal[candidate, k]
+                if wp.dot(away, segment.begin) < candidates.offset[candidate, k]:
                     away = -away
-                stop = end + lift * away
-                if is_covered(scene, slot, stop, away, lift, origin, own[2]):
+                segment.stop = segment.end + lift * away
+                if is_covered(scene, batch_index, segment.stop, away, lift, origin, segment.own[2]):
                     return
         if k == 0:
-            start = start + END_SLACK * (end - start)
+            segment.start = segment.start + END_SLACK * (segment.end - segment.start)
         if k == steps:
-            stop = stop + END_SLACK * (begin - stop)
-        filled = walk_leg(
-            scene,
-            surfaces,
-            pose,
-            origin,
-            slot,
-            begin,
-            end,
-            start,
-            stop,
-            own,
-            trial,
-            filled,
-            room - (filled - k),
-            met_out,
+            segment.stop = segment.stop + END_SLACK * (segment.begin - segment.stop)
+        filled = trace_segment(
+            scene, surfaces, pose, origin, batch_index, segment, candidate, filled, max_slabs - (filled - k), hits_out
         )
         if filled < 0:
             return
         if k < steps:
-            met_out.kind[trial, filled] = wp.where(k == edge, DIFFRACTION, SPECULAR)
-            met_out.surface[trial, filled] = wp.where(k == edge, -2 - trials.step[trial, k], trials.step[trial, k])
-            met_out.vertex[trial, filled] = end
-            met_out.normal[trial, filled] = away
+            hits_out.kind[candidate, filled] = wp.where(k == edge, DIFFRACTION, SPECULAR)
+            hits_out.surface[candidate, filled] = wp.where(
+                k == edge, -2 - candidates.step[candidate, k], candidates.step[candidate, k]
+            )
+            hits_out.vertex[candidate, filled] = segment.end
+            hits_out.normal[candidate, filled] = away
             filled = filled + 1
-        begin = end
-        start = stop
-        own[0] = own[2]
-        own[1] = own[3]
-    order_out[trial] = filled
+        segment.begin = segment.end
+        segment.start = segment.stop
+        segment.own[0] = segment.own[2]
+        segment.own[1] = segment.own[3]
+    order_out[candidate] = filled

@@ -6,8 +6,9 @@ same bytes for every launch shape.
 
 import warp as wp
 
+from mmw.kernels.channel.surfaces import lift_at
 from mmw.kernels.core.bvh import Tree
-from mmw.kernels.core.geometry import fibonacci_direction
+from mmw.kernels.core.geometry import double, fibonacci_direction, single
 from mmw.kernels.core.structs import MISS_ID, Scene
 from mmw.kernels.core.trace import closest_hit, nearest_in_tree
 
@@ -25,12 +26,10 @@ LOW_BITS = wp.constant(wp.int64(32))
 """Bits of a fixed-point number that go to the low half."""
 LOW_MASK = wp.constant(wp.int64(2**32 - 1))
 """Mask of the low half."""
-LARGEST_AMOUNT = wp.constant(wp.float64(2.0**62))
+MAX_AMOUNT = wp.constant(wp.float64(2.0**62))
 """Largest fixed-point number of one crossing."""
-RAY_LIFT = wp.constant(wp.float64(2e-6))
-"""A ray goes on at this times (5 m + largest coordinate) off the surface that it hit: 16 roundings of float32."""
-SMALLEST_COSINE = wp.constant(wp.float64(1e-9))
-"""Least cosine of incidence at a surface, where both coefficients are -1 to nine digits and no quotient is 0 / 0."""
+MIN_COSINE = wp.constant(wp.float64(1e-9))
+"""Minimum cosine of incidence at a surface, where both coefficients are -1 to nine digits and no quotient is 0 / 0."""
 
 
 @wp.struct
@@ -81,8 +80,8 @@ class MapGrid:
 class MapLaunch:
     """Rays of a launch, and the depth to which it follows them."""
 
-    slot: int
-    """Slot of the frame."""
+    batch_index: int
+    """Position of the frame in the batch."""
     first: int
     """First thread number of this launch."""
     ray_count: int
@@ -150,7 +149,7 @@ def slab_pair(outside: wp.vec2d, inner: wp.vec2d, single_trip: wp.vec2d) -> wp.v
     one = wp.vec2d(wp.float64(1.0), wp.float64(0.0))
     total = outside + inner
     r = complex_quotient(outside - inner, total)
-    # 1 - r^2 as it stands would lose its digits at grazing incidence.
+    # 1 - r^2 itself would lose its digits at grazing incidence.
     crossing = complex_quotient(wp.float64(4.0) * complex_product(outside, inner), complex_product(total, total))
     round_trip = complex_product(single_trip, single_trip)
     echoes = one - round_trip + complex_product(crossing, round_trip)
@@ -174,13 +173,13 @@ def slab_field(permittivity: wp.vec2d, cosine: wp.float64, thickness: wp.float64
         result.reflect_te = wp.vec2d(wp.float64(-1.0), zero)
         result.reflect_tm = wp.vec2d(wp.float64(1.0), zero)
     else:
-        c = wp.vec2d(wp.max(cosine, SMALLEST_COSINE), zero)
+        c = wp.vec2d(wp.max(cosine, MIN_COSINE), zero)
         inner = complex_root(permittivity - wp.vec2d(wp.float64(1.0) - c[0] * c[0], zero))
-        single_trip = wp.vec2d()  # e^{-jq}, q = 2 pi d inner / lambda: what one passage leaves
+        single_trip = wp.vec2d()  # e^{-jq}, q = 2 pi d inner / lambda: factor of one passage
         if thickness > zero:
             q = wavenumber * thickness * inner
-            left = wp.exp(q[1])
-            single_trip = wp.vec2d(left * wp.cos(q[0]), -left * wp.sin(q[0]))
+            specular = wp.exp(q[1])
+            single_trip = wp.vec2d(specular * wp.cos(q[0]), -specular * wp.sin(q[0]))
         te = slab_pair(c, inner, single_trip)
         tm = slab_pair(complex_product(permittivity, c), inner, single_trip)
         result.reflect_te = wp.vec2d(te[0], te[1])
@@ -204,18 +203,18 @@ def pattern_amplitude(pattern: int, theta: wp.float64, phi: wp.float64) -> wp.fl
             amplitude = wp.sqrt(wp.float64(1.643)) * wp.abs(wp.cos(half_pi * wp.cos(theta)) / sine)
     elif pattern == PATTERN_TR38901:
         beam = wp.float64(65.0 * wp.PI / 180.0)
-        most = wp.float64(30.0)
+        max_loss = wp.float64(30.0)
         up = (theta - half_pi) / beam
         aside = phi / beam
-        vertical = wp.min(wp.float64(12.0) * up * up, most)
-        horizontal = wp.min(wp.float64(12.0) * aside * aside, most)
-        loss = wp.min(vertical + horizontal, most)
+        vertical = wp.min(wp.float64(12.0) * up * up, max_loss)
+        horizontal = wp.min(wp.float64(12.0) * aside * aside, max_loss)
+        loss = wp.min(vertical + horizontal, max_loss)
         amplitude = wp.pow(wp.float64(10.0), (wp.float64(8.0) - loss) / wp.float64(20.0))
     return amplitude
 
 
 @wp.func
-def sent_field(sources: MapSources, source: int, direction: wp.vec3d) -> RayField:
+def transmitted_field(sources: MapSources, source: int, direction: wp.vec3d) -> RayField:
     """Return the far field of a transmitter's array in a direction, without spreading.
 
     Source: 3GPP TR 38.901 section 7.3 for element and polarisation; the synthetic array h^T p with the phases
@@ -264,7 +263,7 @@ def te_axis(direction: wp.vec3d, normal: wp.vec3d) -> wp.vec3d:
 
 
 @wp.func
-def meet_surface(
+def apply_surface(
     field: RayField, before: wp.vec3d, after: wp.vec3d, normal: wp.vec3d, te: wp.vec2d, tm: wp.vec2d
 ) -> RayField:
     """Return the field behind a surface that turns a ray from `before` to `after`.
@@ -280,24 +279,6 @@ def meet_surface(
     result.real = te_part[0] * across + tm_part[0] * along_after
     result.imag = te_part[1] * across + tm_part[1] * along_after
     return result
-
-
-@wp.func
-def as_single(v: wp.vec3d) -> wp.vec3:
-    """Return a vector in the precision of the tracer."""
-    return wp.vec3(wp.float32(v[0]), wp.float32(v[1]), wp.float32(v[2]))
-
-
-@wp.func
-def as_double(v: wp.vec3) -> wp.vec3d:
-    """Return a vector of the tracer in float64."""
-    return wp.vec3d(wp.float64(v[0]), wp.float64(v[1]), wp.float64(v[2]))
-
-
-@wp.func
-def lift_of(place: wp.vec3d) -> wp.float64:
-    """Return how far off a surface a ray goes on [m]."""
-    return RAY_LIFT * (wp.float64(5.0) + wp.max(wp.abs(place)))
 
 
 @wp.func
@@ -333,51 +314,53 @@ def map_kernel(
     ray = (thread % launch.row_count) * launch.stride + thread // launch.row_count
     if ray >= launch.ray_count:
         return
-    direction = wp.normalize(as_double(fibonacci_direction(ray, launch.ray_count)))
-    place = sources.position[source]
-    field = sent_field(sources, source, direction)
-    first_leg = interaction_count(branch)
-    leg = wp.int32(0)
-    while leg <= launch.max_depth:
+    direction = wp.normalize(double(fibonacci_direction(ray, launch.ray_count)))
+    position = sources.position[source]
+    field = transmitted_field(sources, source, direction)
+    first_segment = interaction_count(branch)
+    segment = wp.int32(0)
+    while segment <= launch.max_depth:
         power = wp.dot(field.real, field.real) + wp.dot(field.imag, field.imag)
         if power * launch.scale < wp.float64(0.5) * COSINE_FLOOR:  # no crossing could add a step any more
             return
-        crossing = nearest_in_tree(grid.tree, 0, as_single(place), as_single(direction), wp.inf)
-        if crossing.face < 0 and leg == launch.max_depth:
+        crossing = nearest_in_tree(grid.tree, 0, single(position), single(direction), wp.inf)
+        if crossing.face < 0 and segment == launch.max_depth:
             return
-        hit = closest_hit(scene, launch.slot, as_single(place), as_single(direction), wp.inf, MISS_ID)
-        if leg >= first_leg:
-            at = place
-            gone = crossing.t
-            while crossing.face >= 0 and gone < hit.t:
+        hit = closest_hit(scene, launch.batch_index, single(position), single(direction), wp.inf, MISS_ID)
+        if segment >= first_segment:
+            at = position
+            travelled = crossing.t
+            while crossing.face >= 0 and travelled < hit.t:
                 normal = grid.normal[crossing.face]
                 normal = wp.where(wp.dot(normal, direction) > wp.float64(0.0), -normal, normal)
                 cosine = wp.max(wp.abs(wp.dot(normal, direction)), COSINE_FLOOR)
-                amount = wp.int64(wp.rint(wp.min(power / cosine * launch.scale, LARGEST_AMOUNT)))
+                amount = wp.int64(wp.rint(wp.min(power / cosine * launch.scale, MAX_AMOUNT)))
                 cell = grid.cell[crossing.face]
                 if (amount >> LOW_BITS) > wp.int64(0):
                     wp.atomic_add(high_out, source, cell, amount >> LOW_BITS)
                 wp.atomic_add(low_out, source, cell, amount & LOW_MASK)
                 at = at + wp.float64(crossing.t) * direction
-                at = at - lift_of(at) * normal
-                crossing = nearest_in_tree(grid.tree, 0, as_single(at), as_single(direction), wp.inf)
-                gone = gone + crossing.t
-        if hit.object_id == MISS_ID or leg == launch.max_depth:
+                at = at - lift_at(at) * normal
+                crossing = nearest_in_tree(grid.tree, 0, single(at), single(direction), wp.inf)
+                travelled = travelled + crossing.t
+        if hit.object_id == MISS_ID or segment == launch.max_depth:
             return
-        normal = wp.normalize(as_double(hit.normal))
+        normal = wp.normalize(double(hit.normal))
         cosine = wp.min(-wp.dot(normal, direction), wp.float64(1.0))
         thickness = materials.thickness[hit.material_id]
         slab = slab_field(materials.permittivity[hit.material_id], cosine, thickness, launch.wavenumber)
-        place = place + wp.float64(hit.t) * direction
-        if (branch >> leg) & 1 == 1:
+        position = position + wp.float64(hit.t) * direction
+        if (branch >> segment) & 1 == 1:
             if not thickness > wp.float64(0.0):
                 return
-            field = meet_surface(field, direction, direction, normal, slab.pass_te, slab.pass_tm)
-            place = place - lift_of(place) * normal
+            field = apply_surface(field, direction, direction, normal, slab.pass_te, slab.pass_tm)
+            position = position - lift_at(position) * normal
         else:
-            left = materials.specular[hit.material_id]
+            specular = materials.specular[hit.material_id]
             after = wp.normalize(direction + wp.float64(2.0) * cosine * normal)
-            field = meet_surface(field, direction, after, normal, left * slab.reflect_te, left * slab.reflect_tm)
+            field = apply_surface(
+                field, direction, after, normal, specular * slab.reflect_te, specular * slab.reflect_tm
+            )
             direction = after
-            place = place + lift_of(place) * normal
-        leg = leg + 1
+            position = position + lift_at(position) * normal
+        segment = segment + 1

@@ -1,6 +1,6 @@
-"""Ray launching: path candidates of the image method, the sequences of planes that the rays of a transmitter hit.
+"""Launch rays: the sequences of planes that they hit are the path candidates of the image method.
 
-Coplanar surfaces have one image, so a ray that hits one of them stands for all. A candidate is a node of a tree: its
+Coplanar surfaces have one image, so a ray that hits one of them counts for all. A candidate is a node of a tree: its
 last plane and its parent, the candidate before. The first level is a table of bytes, one for each transmitter and
 plane; deeper nodes are in a hash table keyed by (level, plane, parent), so that equal candidates are one node and
 different ones never are. Which cell a node gets depends on the order of the threads; the set of nodes does not.
@@ -35,24 +35,24 @@ def cell_of(key: wp.uint64, mask: int) -> int:
 
 
 @wp.func
-def insert_chain(chains: wp.array[wp.uint64], parent: int, plane: int, level: int) -> int:
+def insert_candidate(keys: wp.array[wp.uint64], parent: int, plane: int, level: int) -> int:
     """Return the cell of a candidate, assigned now if it has none; -1 if the table is full.
 
     Args:
-        chains: Keys, a power of two of them.
+        keys: Keys of the candidates, a power of two of them.
         parent: Code of the candidate before.
         plane: Plane that is added.
         level: Number of planes of the candidate, 2 to 15.
     """
     key = wp.uint64(parent) | (wp.uint64(plane) << wp.uint64(32)) | (wp.uint64(level) << (wp.uint64(32) + PLANE_BITS))
-    mask = chains.shape[0] - 1
+    mask = keys.shape[0] - 1
     cell = cell_of(key, mask)
     result = wp.int32(-1)
     tries = wp.int32(0)
     while tries < PROBES and result < 0:
-        found = chains[cell]
+        found = keys[cell]
         if found == EMPTY_CELL:
-            found = wp.atomic_cas(chains, cell, EMPTY_CELL, key)
+            found = wp.atomic_cas(keys, cell, EMPTY_CELL, key)
             if found == EMPTY_CELL:
                 result = cell
         if found == key:
@@ -65,18 +65,18 @@ def insert_chain(chains: wp.array[wp.uint64], parent: int, plane: int, level: in
 @wp.kernel(cuda_max_registers=TRACE_REGISTERS)
 def launch_kernel(
     scene: Scene,
-    slot: wp.array[int],
+    batch_index: wp.array[int],
     origin: wp.array[wp.vec3],
     plane: wp.array[int],
-    is_open: wp.array[wp.uint8],
+    is_slab: wp.array[wp.uint8],
     ray_count: int,
     stride: int,
     row_count: int,
     depth: int,
     passes: int,
     # out
-    is_seen_out: wp.array2d[wp.uint8],
-    chains_out: wp.array[wp.uint64],
+    is_hit_out: wp.array2d[wp.uint8],
+    keys_out: wp.array[wp.uint64],
     is_full_out: wp.array[int],
 ):
     """Follow each ray over `depth` surfaces and store every sequence of planes that reflects it.
@@ -85,48 +85,48 @@ def launch_kernel(
     byte write 1, so their order does not matter. Rays whose numbers differ by `stride`, a Fibonacci number, are
     neighbors on the sphere: threads take them one after the other, so that a block's rays stay together.
 
-    Launch: dim=(A, row_count * stride), block_dim=64; A transmitters, one a slot and actor, and row_count * stride at
-    least the number of rays. `is_seen_out` starts as zeros, shape [A, K], as do `chains_out` and `is_full_out`, which
-    becomes 1 where a node found no cell. `plane` and `is_open` have an entry a surface.
+    Launch: dim=(A, row_count * stride), block_dim=64; A transmitters, one a frame and actor, and row_count * stride at
+    least the number of rays. `is_hit_out` starts as zeros, shape [A, K], as do `keys_out` and `is_full_out`, which
+    becomes 1 where a node found no cell. `plane` and `is_slab` have an entry a surface.
     """
     source, thread = wp.tid()
     ray = (thread % row_count) * stride + thread // row_count
     if ray >= ray_count:
         return
     direction = fibonacci_direction(ray, ray_count)
-    place = origin[source]
+    position = origin[source]
     parent = wp.int32(-1)
     level = wp.int32(1)
-    met = wp.int32(0)
-    while met < depth:
-        near = closest_hit_raw(scene, slot[source], place, direction, wp.inf, MISS_ID)
+    hit_count = wp.int32(0)
+    while hit_count < depth:
+        near = closest_hit_raw(scene, batch_index[source], position, direction, wp.inf, MISS_ID)
         if near.face < 0:
-            met = depth
+            hit_count = depth
         else:
             surface = surface_of(scene, near)
             own = plane[surface]
-            code = source * is_seen_out.shape[1] + own
+            code = source * is_hit_out.shape[1] + own
             if level == 1:
-                is_seen_out[source, own] = wp.uint8(1)
+                is_hit_out[source, own] = wp.uint8(1)
             else:
-                cell = insert_chain(chains_out, parent, own, level)
-                code = is_seen_out.shape[0] * is_seen_out.shape[1] + cell
+                cell = insert_candidate(keys_out, parent, own, level)
+                code = is_hit_out.shape[0] * is_hit_out.shape[1] + cell
                 if cell < 0:
                     is_full_out[0] = 1
-                    met = depth
-            met = met + 1
-            if met < depth:
-                normal = world_normal(scene, slot[source], near)
+                    hit_count = depth
+            hit_count = hit_count + 1
+            if hit_count < depth:
+                normal = world_normal(scene, batch_index[source], near)
                 if wp.dot(normal, direction) > 0.0:
                     normal = -normal
-                place = place + near.t * direction
-                lift = BOUNCE_LIFT * (5.0 + wp.max(wp.abs(place)))
-                if (passes >> (met - 1)) & 1 == 0:
+                position = position + near.t * direction
+                lift = BOUNCE_LIFT * (5.0 + wp.max(wp.abs(position)))
+                if (passes >> (hit_count - 1)) & 1 == 0:
                     parent = code
                     level = level + 1
                     direction = wp.normalize(direction - 2.0 * wp.dot(normal, direction) * normal)
-                    place = place + lift * normal
-                elif is_open[surface] == wp.uint8(0):
-                    met = depth
+                    position = position + lift * normal
+                elif is_slab[surface] == wp.uint8(0):
+                    hit_count = depth
                 else:
-                    place = place - lift * normal
+                    position = position - lift * normal

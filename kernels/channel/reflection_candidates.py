@@ -1,4 +1,4 @@
-"""Path candidates of reflections: images of the transmitter, and (link, candidate) pairs for the exact test."""
+"""Test path candidates of reflections: images of the transmitter, and (link, candidate) pairs for the exact test."""
 
 import warp as wp
 
@@ -25,7 +25,7 @@ LINK_BITS = wp.constant(31)
 
 
 @wp.struct
-class Chains:
+class CandidateTree:
     """Tree of the path candidates of a launch; codes below `first` are (source, plane) pairs, the others cells."""
 
     key: wp.array[wp.uint64]
@@ -45,38 +45,38 @@ class Chains:
 
 
 @wp.func
-def chain_plane(key: wp.uint64) -> int:
+def candidate_plane(key: wp.uint64) -> int:
     """Return the last plane of a candidate."""
     return wp.int32((key >> wp.uint64(32)) & ((wp.uint64(1) << PLANE_BITS) - wp.uint64(1)))
 
 
 @wp.func
-def chain_parent(key: wp.uint64) -> int:
+def candidate_parent(key: wp.uint64) -> int:
     """Return the code of the candidate before."""
     return wp.int32(key & wp.uint64(0x7FFFFFFF))
 
 
 @wp.func
-def chain_level(key: wp.uint64) -> int:
+def candidate_depth(key: wp.uint64) -> int:
     """Return the number of planes of a candidate."""
     return wp.int32(key >> (wp.uint64(32) + PLANE_BITS))
 
 
 @wp.kernel
-def cull_kernel(
+def cull_reflections_kernel(
     ends: LinkEnds,
     surfaces: Surfaces,
     first_link: int,
     link_count: int,
     first_source: int,
-    is_seen: wp.array2d[wp.uint8],
+    is_hit: wp.array2d[wp.uint8],
     # out
     links_out: wp.array2d[int],
     count_out: wp.array2d[int],
 ):
     """Find which links could use which surface: their point of reflection falls into the surface's box.
 
-    A thread takes one surface and `LINKS_AT_ONCE` links; bit b of `links_out` is link block * LINKS_AT_ONCE + b after
+    A thread tests one surface and `LINKS_AT_ONCE` links; bit b of `links_out` is link block * LINKS_AT_ONCE + b after
     `first_link`. `is_seen` has a row for each source from `first_source`, a column a plane. Launch:
     dim=(ceil(link_count / LINKS_AT_ONCE), G).
     """
@@ -92,7 +92,7 @@ def cull_kernel(
         number = block * LINKS_AT_ONCE + bit
         if number < link_count:
             link = first_link + number
-            if is_seen[ends.source[link] - first_source, plane] != wp.uint8(0):
+            if is_hit[ends.source[link] - first_source, plane] != wp.uint8(0):
                 tx = ends.tx[link, carrier]
                 rx = ends.rx[link, carrier]
                 if is_mirror(normal, offset, tx, rx):
@@ -105,7 +105,7 @@ def cull_kernel(
 
 
 @wp.kernel
-def fill_kernel(
+def fill_reflections_kernel(
     first_link: int,
     links: wp.array2d[int],
     end: wp.array2d[int],
@@ -113,19 +113,19 @@ def fill_kernel(
     link_out: wp.array[int],
     step_out: wp.array2d[int],
 ):
-    """Write the (link, surface) pairs that `cull_kernel` kept; `end` is the inclusive sum of its counts.
+    """Write the (link, surface) pairs that `cull_reflections_kernel` chose; `end` is the inclusive sum of its counts.
 
-    Launch: dim as `cull_kernel`.
+    Launch: dim as `cull_reflections_kernel`.
     """
     block, surface = wp.tid()
     bits = links[block, surface]
-    place = end[block, surface]
+    index = end[block, surface]
     bit = LINKS_AT_ONCE - 1
     while bits != 0 and bit >= 0:
         if (bits >> bit) & 1 == 1:
-            place = place - 1
-            link_out[place] = first_link + block * LINKS_AT_ONCE + bit
-            step_out[place, 0] = surface
+            index = index - 1
+            link_out[index] = first_link + block * LINKS_AT_ONCE + bit
+            step_out[index, 0] = surface
         bit = bit - 1
 
 
@@ -133,10 +133,10 @@ def fill_kernel(
 def image_kernel(
     surfaces: Surfaces,
     pose: wp.array2d[wp.transformd],
-    slot: wp.array[int],
+    batch_index: wp.array[int],
     tx: wp.array[wp.vec3d],
     level: int,
-    chains: Chains,
+    tree: CandidateTree,
     # out
     source_out: wp.array[int],
     image_out: wp.array[wp.vec3d],
@@ -145,26 +145,26 @@ def image_kernel(
 ):
     """Compute plane and image of the candidates of one level; those of the level before must be there.
 
-    `slot` and `tx` [m, world frame] have a row a source. The outputs are the arrays of `chains`. Launch: dim=N.
+    `batch_index` and `tx` [m, world frame] have a row a source. The outputs are the arrays of `tree`. Launch: dim=N.
     """
     cell = wp.tid()
-    key = chains.key[cell]
-    if key == EMPTY_CELL or chain_level(key) != level:
+    key = tree.key[cell]
+    if key == EMPTY_CELL or candidate_depth(key) != level:
         return
-    parent = chain_parent(key)
+    parent = candidate_parent(key)
     source = wp.int32(0)
     image = wp.vec3d()
     before = Plane()
-    if parent < chains.first:
-        source = parent // chains.plane_count
+    if parent < tree.first:
+        source = parent // tree.plane_count
         image = tx[source]
-        before = mean_plane(surfaces, pose, slot[source], surfaces.lead[parent % chains.plane_count])
+        before = mean_plane(surfaces, pose, batch_index[source], surfaces.lead[parent % tree.plane_count])
     else:
-        source = chains.source[parent - chains.first]
-        image = chains.image[parent - chains.first]
-        before.normal = chains.normal[parent - chains.first]
-        before.offset = chains.offset[parent - chains.first]
-    own = mean_plane(surfaces, pose, slot[source], surfaces.lead[chain_plane(key)])
+        source = tree.source[parent - tree.first]
+        image = tree.image[parent - tree.first]
+        before.normal = tree.normal[parent - tree.first]
+        before.offset = tree.offset[parent - tree.first]
+    own = mean_plane(surfaces, pose, batch_index[source], surfaces.lead[candidate_plane(key)])
     source_out[cell] = source
     image_out[cell] = mirrored(image, before)
     normal_out[cell] = own.normal
@@ -172,69 +172,69 @@ def image_kernel(
 
 
 @wp.func
-def points_open(
+def points_in_boxes(
     ends: LinkEnds,
     surfaces: Surfaces,
     pose: wp.array2d[wp.transformd],
-    chains: Chains,
+    tree: CandidateTree,
     last: int,
     link: int,
     end: wp.vec3d,
 ) -> bool:
     """Return whether the candidate with code `last`, read from its last plane to the first, reflects inside their boxes
     what goes from the transmitter of a link to the point `end`."""
-    slot = ends.slot[link]
+    batch_index = ends.batch_index[link]
     target = end
     code = last
-    is_open = wp.bool(True)
-    while is_open and code >= chains.first:
-        at = code - chains.first
-        key = chains.key[at]
-        normal = chains.normal[at]
-        image = chains.image[at]
-        is_open = is_mirror(normal, chains.offset[at], image, target)
-        if is_open:
-            target = reflection_point(image, target, normal, chains.offset[at])
-            is_open = in_plane_box(surfaces, pose, slot, chain_plane(key), target)
-        code = chain_parent(key)
-    if is_open:
-        first = code % chains.plane_count
-        plane = mean_plane(surfaces, pose, slot, surfaces.lead[first])
+    is_valid = wp.bool(True)
+    while is_valid and code >= tree.first:
+        at = code - tree.first
+        key = tree.key[at]
+        normal = tree.normal[at]
+        image = tree.image[at]
+        is_valid = is_mirror(normal, tree.offset[at], image, target)
+        if is_valid:
+            target = reflection_point(image, target, normal, tree.offset[at])
+            is_valid = in_plane_box(surfaces, pose, batch_index, candidate_plane(key), target)
+        code = candidate_parent(key)
+    if is_valid:
+        first = code % tree.plane_count
+        plane = mean_plane(surfaces, pose, batch_index, surfaces.lead[first])
         tx = ends.tx[link, ends.tx.shape[1] - 1]
-        is_open = is_mirror(plane.normal, plane.offset, tx, target)
-        if is_open:
-            is_open = in_plane_box(surfaces, pose, slot, first, mirror_point(plane, tx, target))
-    return is_open
+        is_valid = is_mirror(plane.normal, plane.offset, tx, target)
+        if is_valid:
+            is_valid = in_plane_box(surfaces, pose, batch_index, first, mirror_point(plane, tx, target))
+    return is_valid
 
 
 @wp.func
-def write_chain(
-    chains: Chains,
+def write_planes(
+    tree: CandidateTree,
     code: int,
     row: int,
-    place: int,
+    index: int,
     step: int,
     step_out: wp.array2d[int],
 ):
-    """Write the planes of a candidate from its last one on, from column `place` in the direction `step`."""
+    """Write the planes of a candidate from its last one on, from column `index` in the direction `step`."""
     at = code
-    column = place
-    while at >= chains.first:
-        key = chains.key[at - chains.first]
-        step_out[row, column] = chain_plane(key)
-        at = chain_parent(key)
+    column = index
+    while at >= tree.first:
+        key = tree.key[at - tree.first]
+        step_out[row, column] = candidate_plane(key)
+        at = candidate_parent(key)
         column = column + step
-    step_out[row, column] = at % chains.plane_count
+    step_out[row, column] = at % tree.plane_count
 
 
 @wp.kernel
-def cull_chain_kernel(
+def cull_candidates_kernel(
     ends: LinkEnds,
     surfaces: Surfaces,
     pose: wp.array2d[wp.transformd],
     first_link: wp.array[int],
     block: int,
-    chains: Chains,
+    tree: CandidateTree,
     # out
     links_out: wp.array[int],
     count_out: wp.array[int],
@@ -246,14 +246,14 @@ def cull_chain_kernel(
     cell = wp.tid()
     bits = wp.int32(0)
     count = wp.int32(0)
-    if chains.key[cell] != EMPTY_CELL:
-        source = chains.source[cell]
+    if tree.key[cell] != EMPTY_CELL:
+        source = tree.source[cell]
         begin = first_link[source] + block * LINK_BITS
         stop = wp.min(first_link[source + 1], begin + LINK_BITS)
         link = begin
         while link < stop:
             rx = ends.rx[link, ends.rx.shape[1] - 1]
-            if points_open(ends, surfaces, pose, chains, chains.first + cell, link, rx):
+            if points_in_boxes(ends, surfaces, pose, tree, tree.first + cell, link, rx):
                 bits = bits | (1 << (link - begin))
                 count = count + 1
             link = link + 1
@@ -262,17 +262,17 @@ def cull_chain_kernel(
 
 
 @wp.kernel
-def fill_chain_kernel(
+def fill_candidates_kernel(
     first_link: wp.array[int],
     block: int,
-    chains: Chains,
+    tree: CandidateTree,
     links: wp.array[int],
     end: wp.array[int],
     # out
     link_out: wp.array[int],
     plane_out: wp.array2d[int],
 ):
-    """Write the (link, candidate) pairs that `cull_chain_kernel` kept; `end` is the inclusive sum of its counts.
+    """Write the (link, candidate) pairs that `cull_candidates_kernel` chose; `end` is the inclusive sum of its counts.
 
     A candidate is written from transmitter to receiver, -1 behind its end. Launch: dim=N.
     """
@@ -280,13 +280,13 @@ def fill_chain_kernel(
     bits = links[cell]
     if bits == 0:
         return
-    begin = first_link[chains.source[cell]] + block * LINK_BITS
-    place = end[cell]
+    begin = first_link[tree.source[cell]] + block * LINK_BITS
+    index = end[cell]
     bit = LINK_BITS - 1
     while bit >= 0:
         if (bits >> bit) & 1 == 1:
-            place = place - 1
-            link_out[place] = begin + bit
-            last = chain_level(chains.key[cell]) - 1
-            write_chain(chains, chains.first + cell, place, last, -1, plane_out)
+            index = index - 1
+            link_out[index] = begin + bit
+            last = candidate_depth(tree.key[cell]) - 1
+            write_planes(tree, tree.first + cell, index, last, -1, plane_out)
         bit = bit - 1

@@ -1,10 +1,18 @@
-"""Rough patches: where the rays of one end of a link hit surfaces, in float64, and which other ends see the patch."""
+"""Trace rays to rough patches in float64, and connect the patches with the other end of their links."""
 
 import warp as wp
 
-from mmw.kernels.channel.segments import END_SLACK, LIFT, MIN_LEG, SPECULAR, TRANSMISSION, HitBuffers, walk_leg
-from mmw.kernels.channel.surfaces import LinkEnds, Surfaces, largest, mean_plane, single, triangle_at, triangle_plane
-from mmw.kernels.core.geometry import fibonacci_direction_64
+from mmw.kernels.channel.segments import (
+    END_SLACK,
+    MIN_SEGMENT_M,
+    SPECULAR,
+    TRANSMISSION,
+    HitBuffers,
+    Segment,
+    trace_segment,
+)
+from mmw.kernels.channel.surfaces import LinkEnds, Surfaces, lift_at, plane_at
+from mmw.kernels.core.geometry import fibonacci_direction_64, single
 from mmw.kernels.core.structs import MISS_ID, Scene
 from mmw.kernels.core.trace import closest_hit_raw, surface_of
 
@@ -17,7 +25,7 @@ def scatter_kernel(
     surfaces: Surfaces,
     pose: wp.array2d[wp.transformd],
     origin: wp.vec3d,
-    slot: wp.array[int],
+    batch_index: wp.array[int],
     start: wp.array[wp.vec3d],
     ray_count: int,
     is_mirroring: int,
@@ -37,45 +45,42 @@ def scatter_kernel(
     """
     source, ray = wp.tid()
     depth = surface_out.shape[2]
-    own_slot = slot[source]
-    place = start[source]
-    begin = place
+    own_batch_index = batch_index[source]
+    vertex = start[source]
+    begin = vertex
     direction = fibonacci_direction_64(ray, ray_count)
-    met = wp.int32(0)
-    is_open = wp.bool(True)
-    while is_open and met < depth:
-        near = closest_hit_raw(scene, own_slot, single(begin - origin), single(direction), wp.inf, MISS_ID)
+    hit_count = wp.int32(0)
+    is_active = wp.bool(True)
+    while is_active and hit_count < depth:
+        near = closest_hit_raw(scene, own_batch_index, single(begin - origin), single(direction), wp.inf, MISS_ID)
         surface = surface_of(scene, near)
-        is_open = surface != MISS_ID
-        if is_open:
+        is_active = surface != MISS_ID
+        if is_active:
             at = begin + wp.float64(near.t) * direction
-            plane = mean_plane(surfaces, pose, own_slot, surface)
-            corner = triangle_at(surfaces, pose, own_slot, surface, at)
-            if corner >= 0:
-                plane = triangle_plane(surfaces, pose, own_slot, surface, corner)
+            plane = plane_at(surfaces, pose, own_batch_index, surface, at)
             along = wp.dot(plane.normal, direction)
-            leg = (plane.offset - wp.dot(plane.normal, place)) / along
-            is_open = wp.abs(along) > wp.float64(1e-6) and leg > MIN_LEG
-            if is_open:
+            distance = (plane.offset - wp.dot(plane.normal, vertex)) / along
+            is_active = wp.abs(along) > wp.float64(1e-6) and distance > MIN_SEGMENT_M
+            if is_active:
                 normal = wp.where(along > wp.float64(0.0), -plane.normal, plane.normal)
-                place = place + leg * direction
-                lift = LIFT * (wp.float64(5.0) + largest(place - origin))
-                surface_out[source, ray, met] = surface
-                point_out[source, ray, met] = place
-                normal_out[source, ray, met] = normal
-                if (passes >> met) & 1 == 1:
-                    kind_out[source, ray, met] = TRANSMISSION
-                    is_open = surfaces.is_open[surface] != wp.uint8(0)
-                    begin = place - lift * normal
+                vertex = vertex + distance * direction
+                lift = lift_at(vertex - origin)
+                surface_out[source, ray, hit_count] = surface
+                point_out[source, ray, hit_count] = vertex
+                normal_out[source, ray, hit_count] = normal
+                if (passes >> hit_count) & 1 == 1:
+                    kind_out[source, ray, hit_count] = TRANSMISSION
+                    is_active = surfaces.is_slab[surface] != wp.uint8(0)
+                    begin = vertex - lift * normal
                 else:
-                    kind_out[source, ray, met] = SPECULAR
-                    is_open = is_mirroring == 1
+                    kind_out[source, ray, hit_count] = SPECULAR
+                    is_active = is_mirroring == 1
                     direction = wp.normalize(direction - wp.float64(2.0) * wp.dot(normal, direction) * normal)
-                    begin = place + lift * normal
-                met = met + 1
-    while met < depth:
-        surface_out[source, ray, met] = MISS_ID
-        met = met + 1
+                    begin = vertex + lift * normal
+                hit_count = hit_count + 1
+    while hit_count < depth:
+        surface_out[source, ray, hit_count] = MISS_ID
+        hit_count = hit_count + 1
 
 
 @wp.kernel
@@ -89,38 +94,26 @@ def connect_kernel(
     surface: wp.array[int],
     point: wp.array[wp.vec3d],
     normal: wp.array[wp.vec3d],
-    room: wp.array[int],
+    max_slabs: wp.array[int],
     # out
     count_out: wp.array[int],
-    met_out: HitBuffers,
+    hits_out: HitBuffers,
 ):
     """Go from a patch straight to the far end (`rx`) of a link, on the side of the patch's normal.
 
-    `count_out` is the number of slabs on the way, at most `room` of the row, -1 where the end does not see the patch;
-    the slabs themselves fill `met_out`, from the patch on. Launch: dim=B, block_dim=64.
+    `count_out` is the number of slabs in between, at most `max_slabs` of the row, -1 where the end does not see the
+    patch; the slabs themselves fill `hits_out`, from the patch on. Launch: dim=B, block_dim=64.
     """
     row = wp.tid()
     world = ends.tx.shape[1] - 1
     rx = ends.rx[link[row], world]
-    begin = point[row]
+    segment = Segment()
+    segment.begin = point[row]
+    segment.end = rx
     count_out[row] = -1
-    if wp.dot(normal[row], rx - begin) > wp.float64(0.0):
-        start = begin + LIFT * (wp.float64(5.0) + largest(begin - origin)) * normal[row]
-        stop = rx + END_SLACK * (begin - rx)
-        own = wp.vec4i(surface[row], MISS_ID, MISS_ID, MISS_ID)
-        count_out[row] = walk_leg(
-            scene,
-            surfaces,
-            pose,
-            origin,
-            ends.slot[link[row]],
-            begin,
-            rx,
-            start,
-            stop,
-            own,
-            row,
-            0,
-            room[row],
-            met_out,
-        )
+    if wp.dot(normal[row], rx - segment.begin) > wp.float64(0.0):
+        segment.start = segment.begin + lift_at(segment.begin - origin) * normal[row]
+        segment.stop = rx + END_SLACK * (segment.begin - rx)
+        segment.own = wp.vec4i(surface[row], MISS_ID, MISS_ID, MISS_ID)
+        index = ends.batch_index[link[row]]
+        count_out[row] = trace_segment(scene, surfaces, pose, origin, index, segment, row, 0, max_slabs[row], hits_out)

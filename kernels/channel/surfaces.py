@@ -1,4 +1,4 @@
-"""Flat surfaces, wedge edges and link ends for the channel kernels, in float64, and the questions asked of them."""
+"""Describe flat surfaces and link ends for the channel kernels, in float64, with their geometric tests."""
 
 import warp as wp
 
@@ -11,7 +11,10 @@ EDGE_MARGIN = wp.constant(wp.float64(1e-9))
 BOX_MARGIN = wp.constant(wp.float64(1e-6))
 """Slack of the box test, which only has to be generous [m]."""
 
-NEAR = wp.constant(wp.vec3d(1e-3, 1e-3, 1e-3))
+LIFT = wp.constant(wp.float64(2e-6))
+"""A ray starts off its surface by this times (5 m + largest coordinate): 16 roundings of float32."""
+
+BOX_TOLERANCE = wp.constant(wp.vec3d(1e-3, 1e-3, 1e-3))
 """Tolerance of a traced point against the box of its surface [m]."""
 
 
@@ -37,12 +40,12 @@ class Surfaces:
     """Triangles of each row, shape [K]."""
     corner: wp.array[wp.vec3d]
     """Corners of all triangles [m], shape [3 T]."""
-    is_open: wp.array[wp.uint8]
+    is_slab: wp.array[wp.uint8]
     """1 where a wave can pass through the surface in some weather, shape [G]."""
     plane: wp.array[int]
     """Plane that each surface lies in: coplanar surfaces of one carrier have one, shape [G]."""
     lead: wp.array[int]
-    """Largest surface of each plane, whose mean plane stands for it, shape [K]."""
+    """Largest surface of each plane, whose mean plane it has, shape [K]."""
     plane_lower: wp.array[wp.vec3d]
     """Low corner of the box of each plane's surfaces, in the carrier's frame [m], shape [K]."""
     plane_upper: wp.array[wp.vec3d]
@@ -57,8 +60,8 @@ class Surfaces:
 class LinkEnds:
     """Both ends of every link in the frame of every instance, and in the world frame (column V), float64."""
 
-    slot: wp.array[int]
-    """Slot of the link's frame, shape [L]."""
+    batch_index: wp.array[int]
+    """Position of the link's frame in the batch, shape [L]."""
     source: wp.array[int]
     """Row of the link's transmitter among the launched ones, shape [L]."""
     tx: wp.array2d[wp.vec3d]
@@ -82,9 +85,9 @@ def largest(v: wp.vec3d) -> wp.float64:
 
 
 @wp.func
-def single(v: wp.vec3d) -> wp.vec3:
-    """Return a vector in the precision of the tracer."""
-    return wp.vec3(wp.float32(v[0]), wp.float32(v[1]), wp.float32(v[2]))
+def lift_at(point: wp.vec3d) -> wp.float64:
+    """Return how far off a surface at a point of the scene frame a ray starts [m]."""
+    return LIFT * (wp.float64(5.0) + largest(point))
 
 
 @wp.func
@@ -102,33 +105,33 @@ def mirrored(point: wp.vec3d, plane: Plane) -> wp.vec3d:
 
 
 @wp.func
-def to_world(plane: Plane, pose: wp.array2d[wp.transformd], slot: int, carrier: int) -> Plane:
+def to_world(plane: Plane, pose: wp.array2d[wp.transformd], batch_index: int, carrier: int) -> Plane:
     """Return a plane of an instance's frame in the world frame; the town's (carrier = number of instances) as it is."""
     moved = Plane()
     moved.normal = plane.normal
     moved.offset = plane.offset
     if carrier < pose.shape[1]:
-        moved.normal = wp.transform_vector(pose[slot, carrier], plane.normal)
-        moved.offset = plane.offset + wp.dot(moved.normal, wp.transform_get_translation(pose[slot, carrier]))
+        moved.normal = wp.transform_vector(pose[batch_index, carrier], plane.normal)
+        moved.offset = plane.offset + wp.dot(moved.normal, wp.transform_get_translation(pose[batch_index, carrier]))
     return moved
 
 
 @wp.func
-def mean_plane(surfaces: Surfaces, pose: wp.array2d[wp.transformd], slot: int, surface: int) -> Plane:
+def mean_plane(surfaces: Surfaces, pose: wp.array2d[wp.transformd], batch_index: int, surface: int) -> Plane:
     """Return the mean plane of a surface in the world frame. `pose` has V columns, none for a scene of a town only."""
     row = surfaces.row[surface]
     plane = Plane()
     plane.normal = surfaces.normal[row]
     plane.offset = surfaces.offset[row]
-    return to_world(plane, pose, slot, surfaces.carrier[surface])
+    return to_world(plane, pose, batch_index, surfaces.carrier[surface])
 
 
 @wp.func
-def to_carrier(point: wp.vec3d, pose: wp.array2d[wp.transformd], slot: int, carrier: int) -> wp.vec3d:
+def to_carrier(point: wp.vec3d, pose: wp.array2d[wp.transformd], batch_index: int, carrier: int) -> wp.vec3d:
     """Return a world point in the frame of what carries a surface."""
     local = point
     if carrier < pose.shape[1]:
-        local = wp.transform_point(wp.transform_inverse(pose[slot, carrier]), point)
+        local = wp.transform_point(wp.transform_inverse(pose[batch_index, carrier]), point)
     return local
 
 
@@ -140,9 +143,11 @@ def in_box(low: wp.vec3d, high: wp.vec3d, point: wp.vec3d) -> bool:
 
 
 @wp.func
-def in_plane_box(surfaces: Surfaces, pose: wp.array2d[wp.transformd], slot: int, plane: int, point: wp.vec3d) -> bool:
+def in_plane_box(
+    surfaces: Surfaces, pose: wp.array2d[wp.transformd], batch_index: int, plane: int, point: wp.vec3d
+) -> bool:
     """Return whether a world point lies in the box of a plane's surfaces, or very near it."""
-    local = to_carrier(point, pose, slot, surfaces.carrier[surfaces.lead[plane]])
+    local = to_carrier(point, pose, batch_index, surfaces.carrier[surfaces.lead[plane]])
     return in_box(surfaces.plane_lower[plane], surfaces.plane_upper[plane], local)
 
 
@@ -163,45 +168,63 @@ def local_triangle(surfaces: Surfaces, surface: int, local: wp.vec3d) -> int:
 
 
 @wp.func
-def triangle_at(surfaces: Surfaces, pose: wp.array2d[wp.transformd], slot: int, surface: int, point: wp.vec3d) -> int:
+def triangle_at(
+    surfaces: Surfaces, pose: wp.array2d[wp.transformd], batch_index: int, surface: int, point: wp.vec3d
+) -> int:
     """Return the first corner of the triangle of a surface that holds a world point, -1 if none does."""
-    return local_triangle(surfaces, surface, to_carrier(point, pose, slot, surfaces.carrier[surface]))
+    return local_triangle(surfaces, surface, to_carrier(point, pose, batch_index, surfaces.carrier[surface]))
 
 
 @wp.func
-def holds(surfaces: Surfaces, pose: wp.array2d[wp.transformd], slot: int, surface: int, point: wp.vec3d) -> bool:
+def holds(surfaces: Surfaces, pose: wp.array2d[wp.transformd], batch_index: int, surface: int, point: wp.vec3d) -> bool:
     """Return whether a surface holds a world point that lies in its plane."""
-    local = to_carrier(point, pose, slot, surfaces.carrier[surface])
+    local = to_carrier(point, pose, batch_index, surfaces.carrier[surface])
     row = surfaces.row[surface]
-    is_near = in_box(surfaces.lower[row] - NEAR, surfaces.upper[row] + NEAR, local)
+    is_near = in_box(surfaces.lower[row] - BOX_TOLERANCE, surfaces.upper[row] + BOX_TOLERANCE, local)
     return is_near and local_triangle(surfaces, surface, local) >= 0
 
 
 @wp.func
-def surface_at(surfaces: Surfaces, pose: wp.array2d[wp.transformd], slot: int, plane: int, point: wp.vec3d) -> int:
+def surface_at(
+    surfaces: Surfaces, pose: wp.array2d[wp.transformd], batch_index: int, plane: int, point: wp.vec3d
+) -> int:
     """Return the smallest surface of a plane that holds a world point, -1 if none does."""
-    local = to_carrier(point, pose, slot, surfaces.carrier[surfaces.lead[plane]])
-    place = surfaces.first_member[plane]
+    local = to_carrier(point, pose, batch_index, surfaces.carrier[surfaces.lead[plane]])
+    index = surfaces.first_member[plane]
     last = surfaces.first_member[plane + 1]
     found = wp.int32(-1)
-    while place < last and found < 0:
-        surface = surfaces.member[place]
+    while index < last and found < 0:
+        surface = surfaces.member[index]
         row = surfaces.row[surface]
         is_near = in_box(surfaces.lower[row], surfaces.upper[row], local)
         if is_near and local_triangle(surfaces, surface, local) >= 0:
             found = surface
-        place = place + 1
+        index = index + 1
     return found
 
 
 @wp.func
-def triangle_plane(surfaces: Surfaces, pose: wp.array2d[wp.transformd], slot: int, surface: int, corner: int) -> Plane:
+def triangle_plane(
+    surfaces: Surfaces, pose: wp.array2d[wp.transformd], batch_index: int, surface: int, corner: int
+) -> Plane:
     """Return the plane of a triangle, given by its first corner, in the world frame."""
     a = surfaces.corner[corner]
     plane = Plane()
     plane.normal = wp.normalize(wp.cross(surfaces.corner[corner + 1] - a, surfaces.corner[corner + 2] - a))
     plane.offset = wp.dot(plane.normal, a)
-    return to_world(plane, pose, slot, surfaces.carrier[surface])
+    return to_world(plane, pose, batch_index, surfaces.carrier[surface])
+
+
+@wp.func
+def plane_at(
+    surfaces: Surfaces, pose: wp.array2d[wp.transformd], batch_index: int, surface: int, point: wp.vec3d
+) -> Plane:
+    """Return the plane of the triangle of a surface that holds a world point, its mean plane if none does."""
+    plane = mean_plane(surfaces, pose, batch_index, surface)
+    corner = triangle_at(surfaces, pose, batch_index, surface, point)
+    if corner >= 0:
+        plane = triangle_plane(surfaces, pose, batch_index, surface, corner)
+    return plane
 
 
 @wp.func

@@ -1,10 +1,10 @@
-"""Rays through a tree of boxes over triangles: four children a node, up to four triangles a leaf.
+"""Traverse a four-wide BVH over triangles, with up to four triangles in a leaf.
 
-The walk is the only native code of the project, because it is written once for each kind of processor: on CUDA a thread
-takes boxes and triangles one by one, on a CPU the four boxes of a node and the four triangles of a leaf are one vector.
-`tree_build.py` makes the tree. Native code leans on what Warp's compilers are today, so there is another walk without
-any, through Warp's own trees (`tree_warp.py`): `WIDE` is which of them is compiled, and nobody but `nearest_face` and
-`is_any_face` knows.
+The traversal is the only native code of the project, because it is written once for each kind of processor: on CUDA a
+thread tests boxes and triangles one by one, on a CPU the four boxes of a node and the four triangles of a leaf are one
+vector. `bvh_build.py` builds the BVH. Native code depends on Warp's present compilers, so there is a fallback without
+any, through Warp's own BVHs (`bvh_warp.py`): `WIDE` says which of the two is compiled into `nearest_face` and
+`is_any_face`.
 
 - A node holds the boxes of its children side by side, so that the near and the far planes of all four are read with one
   offset a ray and axis, after the sign of its direction.
@@ -13,10 +13,10 @@ any, through Warp's own trees (`tree_warp.py`): `WIDE` is which of them is compi
   float32: no ray passes between them. Source: S. Woop, C. Benthin and I. Wald, "Watertight ray/triangle intersection",
   2013.
 - Of equal distances the lowest face counts, and the numbers of a triangle do not depend on its neighbors in a leaf, so
-  the answer does not depend on the tree.
+  the result does not depend on the BVH.
 - Both kinds of processor round every product and every sum, so a ray of the same bits has the same face and distance on
-  both: no product is fused with a sum, which CUDA's compiler does wherever it may. Of the boxes, which may be hit or
-  missed by a rounding, this is not asked.
+  both: no product is fused with a sum, which CUDA's compiler does wherever it may. Boxes, which may be hit or missed
+  by a rounding, are exempt.
 """
 
 import warp as wp
@@ -26,12 +26,12 @@ from mmw.kernels.core.bvh_warp import mesh_any, mesh_nearest
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
 
 WIDE = wp.constant(True)
-"""True if rays traverse the trees of this file, false if they traverse Warp's. `mmw.core.bvh.select_bvh` sets it,
-before any kernel is built: what is not taken is not compiled, and kernels of either kind have hashes of their own in
+"""True if rays traverse the BVHs of this file, false if they traverse Warp's. `mmw.core.bvh.select_bvh` sets it
+before any kernel is built: the other one is not compiled, and kernels of either kind have hashes of their own in
 Warp's cache."""
 
 LEAF_FACES = wp.constant(4)
-"""Triangles in a leaf at most."""
+"""Maximum number of triangles in a leaf."""
 
 NODE_ROWS = wp.constant(8)
 """Rows of four numbers in a node: lower x, y, z and upper x, y, z of its children, references to them, a spare row."""
@@ -42,24 +42,24 @@ REFERENCE_ROW = wp.constant(6)
 LEAF_ROWS = wp.constant(10)
 """Rows of four numbers in a leaf: x, y, z of the first, second and third corners of its triangles, and their faces."""
 
-MAX_LEVELS = wp.constant(15)
-"""Nodes on the way to a leaf at most."""
+MAX_DEPTH = wp.constant(15)
+"""Maximum number of nodes from the root to a leaf."""
 
-MAX_WAITING = 3 * MAX_LEVELS + 1
-"""Nodes and leaves that may wait for a ray: three of each level, and the next. More room, or the distances of what
-waits, cost CUDA more than they save: local memory is what its walk spends its time on."""
+MAX_STACK = 3 * MAX_DEPTH + 1
+"""Nodes and leaves on the stack of a ray: three of each level, and the next. A larger stack, or one that holds
+distances too, costs CUDA more than it saves: local memory bounds its traversal."""
 
 
 @wp.struct
 class Tree:
-    """Trees of several meshes; the root of each is the number of a node, with Warp's trees that of a mesh."""
+    """BVHs of several meshes; the root of each is the number of a node, with Warp's BVHs that of a mesh."""
 
     nodes: wp.array[wp.vec4]
     """`NODE_ROWS` rows a node. A reference >= 0 is a node; any other is -1 - (8 * leaf + number of its triangles)."""
     leaves: wp.array[wp.vec4]
-    """`LEAF_ROWS` rows a leaf. What lies behind the number of its triangles repeats the last one."""
+    """`LEAF_ROWS` rows a leaf. Unused places repeat the last one."""
     meshes: wp.array[wp.uint64]
-    """wp.Mesh ids, where rays walk Warp's trees; the other two are empty then, and this one is otherwise."""
+    """wp.Mesh ids, where rays traverse Warp's BVHs; the other two are empty then, and this one is otherwise."""
 
 
 RAY = """
@@ -85,7 +85,7 @@ RAY = """
     }
     float nearest = t_max;
     int nearest_face = -1;
-    int waiting[MAX_WAITING];
+    int stack[MAX_STACK];
     int size = 0;
     int node = root;
     while (true) {
@@ -145,12 +145,12 @@ CUDA_ORDER = """
             if (enter[0] < FAR) {
 #pragma unroll
                 for (int i = 3; i > 0; --i)
-                    if (enter[i] < FAR) waiting[size++] = child[i];
+                    if (enter[i] < FAR) stack[size++] = child[i];
                 node = child[0];
                 continue;
             }
 """
-"""The nearest child is next; the others wait, the nearest of them last, which goes on first."""
+"""Visit the nearest child next; push the others, the nearest of them last."""
 
 CPU_ORDER = """
             const int first = size;
@@ -160,17 +160,17 @@ CPU_ORDER = """
                     int place = size++;
                     for (; place > first && t[place - first - 1] < enter[i]; --place) {
                         t[place - first] = t[place - first - 1];
-                        waiting[place] = waiting[place - 1];
+                        stack[place] = stack[place - 1];
                     }
                     t[place - first] = enter[i];
-                    waiting[place] = child[i];
+                    stack[place] = child[i];
                 }
-            if (size > first) { node = waiting[--size]; continue; }
+            if (size > first) { node = stack[--size]; continue; }
 """
 
 NO_ORDER = """
             for (int i = 0; i < 4; ++i)
-                if (enter[i] < FAR) waiting[size++] = child[i];
+                if (enter[i] < FAR) stack[size++] = child[i];
 """
 
 CUDA_LEAF = """
@@ -229,14 +229,14 @@ CPU_LEAF = """
             }
             const f4 volume = a + b + g;
             const i4 is_left = (a < 0.0f) | (b < 0.0f) | (g < 0.0f), is_right = (a > 0.0f) | (b > 0.0f) | (g > 0.0f);
-            const i4 is_met = ~(is_left & is_right) & (volume != 0.0f);
-            if (__builtin_reduce_or(is_met)) {
+            const i4 is_hit = ~(is_left & is_right) & (volume != 0.0f);
+            if (__builtin_reduce_or(is_hit)) {
                 const f4 at = (a * (sw * pl) + b * (sw * ql) + g * (sw * rl)) / volume;
                 i4 faces;
                 memcpy(&faces, leaf + 36, 16);
                 for (int k = 0; k < count; ++k) {
                     const float t = at[k];
-                    if (is_met[k] && t >= 0.0f && t <= nearest) {
+                    if (is_hit[k] && t >= 0.0f && t <= nearest) {
                         const int face = faces[k];
                         FOUND
                     }
@@ -247,7 +247,7 @@ CPU_LEAF = """
 
 NEXT = """
         if (size == 0) { RETURN }
-        node = waiting[--size];
+        node = stack[--size];
     }
 """
 
@@ -262,33 +262,33 @@ RETURN_NEAREST = """
 STOP_BEFORE_END = "if (t < nearest) return true;"
 
 
-def _walk(cuda_order: str, cpu_order: str, found: str, end: str) -> str:
-    """Return the code of a walk.
+def _traversal(cuda_order: str, cpu_order: str, found: str, end: str) -> str:
+    """Return the code of a traversal.
 
     Args:
-        cuda_order: How the children that the ray enters wait, on CUDA.
+        cuda_order: Code that pushes the children that the ray enters, on CUDA.
         cpu_order: The same on a CPU.
-        found: What to do with a face on the ray, up to the end so far.
-        end: What to return when nothing waits any more.
+        found: Code for a face on the ray, up to the end so far.
+        end: Code that returns when the stack is empty.
     """
     cuda = CUDA_BOXES + cuda_order + CUDA_LEAF.replace("FOUND", found)
     cpu = CPU_BOXES + cpu_order + CPU_LEAF.replace("FOUND", found)
     code = f"{RAY}#ifdef __CUDA_ARCH__\n{cuda}#else\n{cpu}#endif\n{NEXT.replace('RETURN', end)}"
-    sizes = {"MAX_WAITING": MAX_WAITING, "NODE_NUMBERS": 4 * NODE_ROWS, "LEAF_NUMBERS": 4 * LEAF_ROWS}
+    sizes = {"MAX_STACK": MAX_STACK, "NODE_NUMBERS": 4 * NODE_ROWS, "LEAF_NUMBERS": 4 * LEAF_ROWS}
     for name, size in sizes.items():
         code = code.replace(name, str(size))
     return code
 
 
-@wp.func_native(_walk(CUDA_ORDER, CPU_ORDER, KEEP_NEAREST, RETURN_NEAREST))
-def walk_nearest(
+@wp.func_native(_traversal(CUDA_ORDER, CPU_ORDER, KEEP_NEAREST, RETURN_NEAREST))
+def traverse_nearest(
     nodes: wp.array[wp.vec4], leaves: wp.array[wp.vec4], root: int, origin: wp.vec3, direction: wp.vec3, t_max: float
 ) -> wp.uint64:
     """Return the nearest face on a ray: the bits of its distance, and below them its number + 1, 0 for a miss."""
 
 
-@wp.func_native(_walk(NO_ORDER, NO_ORDER, STOP_BEFORE_END, "return false;"))
-def walk_any(
+@wp.func_native(_traversal(NO_ORDER, NO_ORDER, STOP_BEFORE_END, "return false;"))
+def traverse_any(
     nodes: wp.array[wp.vec4], leaves: wp.array[wp.vec4], root: int, origin: wp.vec3, direction: wp.vec3, t_max: float
 ) -> bool:
     """Return whether a face lies on a ray before `t_max`."""
@@ -299,7 +299,7 @@ def nearest_face(tree: Tree, root: int, origin: wp.vec3, direction: wp.vec3, t_m
     """Return the nearest face of one mesh on a ray: the bits of its distance, and below them its number + 1, 0 for a
     miss."""
     if WIDE:
-        found = walk_nearest(tree.nodes, tree.leaves, root, origin, direction, t_max)
+        found = traverse_nearest(tree.nodes, tree.leaves, root, origin, direction, t_max)
     else:
         found = mesh_nearest(tree.meshes[root], origin, direction, t_max)
     return found
@@ -309,7 +309,7 @@ def nearest_face(tree: Tree, root: int, origin: wp.vec3, direction: wp.vec3, t_m
 def is_any_face(tree: Tree, root: int, origin: wp.vec3, direction: wp.vec3, t_max: float) -> bool:
     """Return whether a face of one mesh lies on a ray before `t_max`."""
     if WIDE:
-        is_met = walk_any(tree.nodes, tree.leaves, root, origin, direction, t_max)
+        is_hit = traverse_any(tree.nodes, tree.leaves, root, origin, direction, t_max)
     else:
-        is_met = mesh_any(tree.meshes[root], origin, direction, t_max)
-    return is_met
+        is_hit = mesh_any(tree.meshes[root], origin, direction, t_max)
+    return is_hit

@@ -1,25 +1,25 @@
-"""Construction of the trees that `bvh.py` traverses, on the CPU, one triangle after the other.
+"""Build the BVHs that `bvh.py` traverses, on the CPU, one triangle after the other.
 
-A set of triangles is split where the surface area heuristic is least, over 16 bins of their boxes' middles on each
+A set of triangles is split where the surface area heuristic is lowest, over 16 bins of their boxes' middles on each
 axis; the larger part is split again until there are four. Source: I. Wald, "On fast construction of SAH-based bounding
 volume hierarchies", 2007.
 """
 
 import warp as wp
 
-from mmw.kernels.core.bvh import LEAF_FACES, LEAF_ROWS, MAX_LEVELS, NODE_ROWS, REFERENCE_ROW
+from mmw.kernels.core.bvh import LEAF_FACES, LEAF_ROWS, MAX_DEPTH, NODE_ROWS, REFERENCE_ROW
 
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False, "max_unroll": 1})
 
 BINS = wp.constant(16)
-"""Places on an axis where a set may be split, and one."""
+"""Bins of an axis; a set may be split between any two."""
 
-LARGEST = wp.constant(3.0e38)
+MAX_FLOAT = wp.constant(3.0e38)
 
 MARGIN = wp.constant(2.5e-7)
 """Relative margin of a box around what it holds, over its coordinates."""
 
-LEAST = wp.constant(wp.vec3(1.0e-3, 1.0e-3, 1.0e-3))
+MIN_MARGIN = wp.constant(wp.vec3(1.0e-3, 1.0e-3, 1.0e-3))
 """Margin that is added to them [m]: a box that ends at the coordinate 0 is larger too, or a ray along an axis in that
 plane would pass it, and the lowest of equal faces with it."""
 
@@ -34,13 +34,13 @@ class Work:
     corner: wp.array2d[wp.vec3]
     """Corners [m], shape [M, 3]."""
     order: wp.array[int]
-    """Triangles; every node and leaf holds a stretch of them, shape [M]."""
+    """Triangles; every node and leaf holds a range of them, shape [M]."""
     lower: wp.array[wp.vec3]
     """Lower corner of the box of each triangle in that order [m], shape [M]."""
     upper: wp.array[wp.vec3]
     """Upper corner [m], shape [M]."""
-    waiting: wp.array2d[int]
-    """Nodes that are not made yet: number, first triangle, last + 1, level; shape [M, 4]."""
+    stack: wp.array2d[int]
+    """Nodes that are not built yet: number, first triangle, last + 1, level; shape [M, 4]."""
     bin_count: wp.array2d[int]
     """Triangles in each bin of each axis, shape [3, BINS]."""
     bin_lower: wp.array2d[wp.vec3]
@@ -62,7 +62,7 @@ class Box:
 def no_box() -> Box:
     """Return a box that holds nothing."""
     box = Box()
-    box.lower = wp.vec3(LARGEST, LARGEST, LARGEST)
+    box.lower = wp.vec3(MAX_FLOAT, MAX_FLOAT, MAX_FLOAT)
     box.upper = -box.lower
     return box
 
@@ -76,7 +76,7 @@ def half_area(box: Box) -> float:
 
 @wp.func
 def box_of(work: Work, begin: int, end: int) -> Box:
-    """Return the box about a stretch of triangles [m]."""
+    """Return the box about a range of triangles [m]."""
     box = no_box()
     for i in range(begin, end):
         box.lower = wp.min(box.lower, work.lower[i])
@@ -105,7 +105,7 @@ def bins_of(middle: wp.vec3, start: wp.vec3, scale: wp.vec3) -> wp.vec3i:
 
 @wp.struct
 class Split:
-    """Two parts of a stretch of triangles."""
+    """Two parts of a range of triangles."""
 
     middle: int
     """Start of the second."""
@@ -115,7 +115,7 @@ class Split:
 
 @wp.func
 def halves(work: Work, begin: int, end: int) -> Split:
-    """Return the two halves of a stretch of triangles as it stands."""
+    """Return the two halves of a range of triangles in its present order."""
     split = Split()
     split.middle = (begin + end) // 2
     split.left = box_of(work, begin, split.middle)
@@ -125,8 +125,8 @@ def halves(work: Work, begin: int, end: int) -> Split:
 
 @wp.func
 def best_split(work: Work, begin: int, end: int) -> Split:
-    """Order a stretch of triangles so that its two parts cost rays least; halve it if all have one middle."""
-    low = wp.vec3(LARGEST, LARGEST, LARGEST)
+    """Order a range of triangles so that its two parts have the lowest cost; halve it if all have one middle."""
+    low = wp.vec3(MAX_FLOAT, MAX_FLOAT, MAX_FLOAT)
     high = -low
     for i in range(begin, end):
         middle = 0.5 * (work.lower[i] + work.upper[i])
@@ -139,8 +139,8 @@ def best_split(work: Work, begin: int, end: int) -> Split:
             scale[axis] = float(BINS) / width[axis]
         for k in range(BINS):
             work.bin_count[axis, k] = 0
-            work.bin_lower[axis, k] = wp.vec3(LARGEST, LARGEST, LARGEST)
-            work.bin_upper[axis, k] = wp.vec3(-LARGEST, -LARGEST, -LARGEST)
+            work.bin_lower[axis, k] = wp.vec3(MAX_FLOAT, MAX_FLOAT, MAX_FLOAT)
+            work.bin_upper[axis, k] = wp.vec3(-MAX_FLOAT, -MAX_FLOAT, -MAX_FLOAT)
     for i in range(begin, end):
         lower = work.lower[i]
         upper = work.upper[i]
@@ -150,7 +150,7 @@ def best_split(work: Work, begin: int, end: int) -> Split:
             work.bin_count[axis, k] = work.bin_count[axis, k] + 1
             work.bin_lower[axis, k] = wp.min(work.bin_lower[axis, k], lower)
             work.bin_upper[axis, k] = wp.max(work.bin_upper[axis, k], upper)
-    least = wp.float32(LARGEST)
+    min_cost = wp.float32(MAX_FLOAT)
     best_axis = wp.int32(-1)
     best_bin = wp.int32(0)
     for axis in range(3):
@@ -162,7 +162,7 @@ def best_split(work: Work, begin: int, end: int) -> Split:
                 count += work.bin_count[axis, k]
                 behind.lower = wp.min(behind.lower, work.bin_lower[axis, k])
                 behind.upper = wp.max(behind.upper, work.bin_upper[axis, k])
-                work.cost_behind[k] = LARGEST
+                work.cost_behind[k] = MAX_FLOAT
                 if count > 0:
                     work.cost_behind[k] = half_area(behind) * float(count)
             before = no_box()
@@ -171,10 +171,10 @@ def best_split(work: Work, begin: int, end: int) -> Split:
                 count += work.bin_count[axis, k]
                 before.lower = wp.min(before.lower, work.bin_lower[axis, k])
                 before.upper = wp.max(before.upper, work.bin_upper[axis, k])
-                if count > 0 and work.cost_behind[k + 1] < LARGEST:
+                if count > 0 and work.cost_behind[k + 1] < MAX_FLOAT:
                     cost = half_area(before) * float(count) + work.cost_behind[k + 1]
-                    if cost < least:
-                        least = cost
+                    if cost < min_cost:
+                        min_cost = cost
                         best_axis = axis
                         best_bin = k
     if best_axis < 0:
@@ -204,14 +204,14 @@ def best_split(work: Work, begin: int, end: int) -> Split:
 
 
 @wp.func
-def levels_of(count: int, leaf_faces: int) -> int:
-    """Return the levels of nodes over so many triangles if each node quarters them, down to leaves of so many."""
-    levels = wp.int32(1)
+def depth_of(count: int, leaf_faces: int) -> int:
+    """Return the depth of a BVH over `count` triangles whose nodes quarter them down to leaves of `leaf_faces`."""
+    depth = wp.int32(1)
     held = wp.int32(4 * leaf_faces)
     while held < count:
         held *= 4
-        levels += 1
-    return levels
+        depth += 1
+    return depth
 
 
 @wp.func
@@ -220,7 +220,7 @@ def write_leaf(
     # out
     leaves_out: wp.array2d[wp.vec4],
 ):  # fmt: skip
-    """Write the corners and numbers of a stretch of triangles, the last one again where there are fewer than four."""
+    """Write the corners and numbers of a range of triangles, the last one again where there are fewer than four."""
     for corner in range(3):
         for axis in range(3):
             row = wp.vec4()
@@ -242,7 +242,7 @@ def build_tree_kernel(
     leaves_out: wp.array2d[wp.vec4],
     counts_out: wp.array[int],
 ):
-    """Build the tree of one mesh; the root is node 0. `counts_out` is how many nodes and leaves there are.
+    """Build the BVH of one mesh; the root is node 0. `counts_out` holds the numbers of nodes and leaves.
 
     A leaf gets `leaf_faces` triangles at most, 1 to `LEAF_FACES`.
 
@@ -260,18 +260,18 @@ def build_tree_kernel(
     node_count = wp.int32(1)
     leaf_count = wp.int32(0)
     size = wp.int32(1)
-    work.waiting[0, 0] = 0
-    work.waiting[0, 1] = 0
-    work.waiting[0, 2] = faces
-    work.waiting[0, 3] = 0
+    work.stack[0, 0] = 0
+    work.stack[0, 1] = 0
+    work.stack[0, 2] = faces
+    work.stack[0, 3] = 0
     while size > 0:
         size -= 1
-        node = work.waiting[size, 0]
-        level = work.waiting[size, 3]
-        begin = wp.vec4i(work.waiting[size, 1], 0, 0, 0)
-        end = wp.vec4i(work.waiting[size, 2], 0, 0, 0)
-        # A tree that has become deep goes on by halves, so that it ends.
-        is_deep = level + levels_of(end[0] - begin[0], leaf_faces) >= MAX_LEVELS
+        node = work.stack[size, 0]
+        depth_above = work.stack[size, 3]
+        begin = wp.vec4i(work.stack[size, 1], 0, 0, 0)
+        end = wp.vec4i(work.stack[size, 2], 0, 0, 0)
+        # Deep in the BVH split by halves, so that it ends.
+        is_deep = depth_above + depth_of(end[0] - begin[0], leaf_faces) >= MAX_DEPTH
         area = wp.vec4(1.0, 0.0, 0.0, 0.0)
         lower = Corners()
         upper = Corners()
@@ -308,7 +308,7 @@ def build_tree_kernel(
                 lower[children] = parts.right.lower
                 upper[children] = parts.right.upper
                 children += 1
-        lower_x = wp.vec4(LARGEST, LARGEST, LARGEST, LARGEST)
+        lower_x = wp.vec4(MAX_FLOAT, MAX_FLOAT, MAX_FLOAT, MAX_FLOAT)
         lower_y = lower_x
         lower_z = lower_x
         upper_x = -lower_x
@@ -316,8 +316,8 @@ def build_tree_kernel(
         upper_z = -lower_x
         child = wp.vec4i(-1, -1, -1, -1)
         for k in range(children):
-            low = lower[k] - MARGIN * (wp.abs(lower[k]) + LEAST)
-            high = upper[k] + MARGIN * (wp.abs(upper[k]) + LEAST)
+            low = lower[k] - MARGIN * (wp.abs(lower[k]) + MIN_MARGIN)
+            high = upper[k] + MARGIN * (wp.abs(upper[k]) + MIN_MARGIN)
             lower_x[k] = low[0]
             lower_y[k] = low[1]
             lower_z[k] = low[2]
@@ -331,10 +331,10 @@ def build_tree_kernel(
                 leaf_count += 1
             else:
                 child[k] = node_count
-                work.waiting[size, 0] = node_count
-                work.waiting[size, 1] = begin[k]
-                work.waiting[size, 2] = end[k]
-                work.waiting[size, 3] = level + 1
+                work.stack[size, 0] = node_count
+                work.stack[size, 1] = begin[k]
+                work.stack[size, 2] = end[k]
+                work.stack[size, 3] = depth_above + 1
                 size += 1
                 node_count += 1
         nodes_out[node, 0] = lower_x

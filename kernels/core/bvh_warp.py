@@ -1,14 +1,14 @@
-"""Rays through Warp's own trees over triangles, `wp.Mesh`: what `tree.py` falls back to, without native code.
+"""Traverse Warp's own BVHs over triangles, `wp.Mesh`: the fallback of `bvh.py`, without native code.
 
-Warp finds about where a ray hits a mesh first; then every face whose box holds that place is tested once more, in the
-numbers of `tree.py`. Hence distances are those of its walk, and of equal distances the lowest face counts, which Warp
-does not promise: it keeps the first one that it comes by.
+Warp finds about where a ray hits a mesh first; then every face whose box holds that point is tested once more, in the
+arithmetic of `bvh.py`. Hence distances are those of its traversal, and of equal distances the lowest face counts, which
+Warp does not promise: it returns the first one that it finds.
 
-- `mmw.core.bvh` makes the boxes of Warp's trees a little larger than what they hold, because Warp compares distances to
+- `mmw.core.bvh` makes the boxes of Warp's BVHs a little larger than what they hold, because Warp compares distances to
   boxes without a margin: a ray on the common edge of two faces could miss the box of the one that counts.
-- What remains different: a ray that passes the outline of a thing closer than float32 resolves may hit it in one walk
-  and pass it in the other, since Warp rounds its shear otherwise.
-- On CUDA a query of boxes keeps its stack in shared memory, apart from that of a query of instances: 16 KiB together
+- What remains different: a ray that passes an outline closer than float32 resolves may hit it in one traversal
+  and miss it in the other, since Warp rounds its shear otherwise.
+- On CUDA a query of boxes has its stack in shared memory, apart from that of a query of instances: 16 KiB together
   in a block of 64 threads.
 """
 
@@ -16,12 +16,12 @@ import warp as wp
 
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
 
-MIN_PART = wp.constant(1.0e-20)
-"""Size that a part of a direction along an axis is given where it has less, as in `tree.py`, to divide by it."""
+MIN_COMPONENT = wp.constant(1.0e-20)
+"""Minimum magnitude of a direction component before its inverse is taken, as in `bvh.py`."""
 
-MIN_WAY = wp.constant(1.0e-37)
-"""A part of a direction whose size is less is none for Warp's walk: its inverse would be infinite, and times zero not
-a number."""
+TINY_COMPONENT = wp.constant(1.0e-37)
+"""Direction components below this magnitude are zero for Warp's traversal: their inverse would be infinite, and times
+zero not a number."""
 
 
 @wp.struct
@@ -34,12 +34,12 @@ class Shear:
 
 
 @wp.func
-def inverse_part(part: float) -> float:
-    """Return the inverse of a part of a direction, large where there is none."""
-    least = wp.float32(part)
-    if wp.abs(part) < MIN_PART:
-        least = MIN_PART
-    return 1.0 / least
+def inverse_component(component: float) -> float:
+    """Return the inverse of a direction component, large for zero."""
+    nonzero = wp.float32(component)
+    if wp.abs(component) < MIN_COMPONENT:
+        nonzero = MIN_COMPONENT
+    return 1.0 / nonzero
 
 
 @wp.func
@@ -58,8 +58,8 @@ def exact_difference(a: float, b: float, c: float, d: float) -> float:
 
 
 @wp.func
-def part_along(axis: wp.vec3, point: wp.vec3) -> float:
-    """Return the inner product, each of its three rounded by itself."""
+def rounded_dot(axis: wp.vec3, point: wp.vec3) -> float:
+    """Return the inner product, each of its products rounded by itself."""
     return product(axis[0], point[0]) + product(axis[1], point[1]) + product(axis[2], point[2])
 
 
@@ -71,17 +71,17 @@ def shear_of(direction: wp.vec3) -> Shear:
     z = direction[2]
     shear = Shear()
     if wp.abs(z) >= wp.abs(x) and wp.abs(z) >= wp.abs(y):
-        inverse = inverse_part(z)
+        inverse = inverse_component(z)
         shear.u = wp.vec3(1.0, 0.0, -product(x, inverse))
         shear.v = wp.vec3(0.0, 1.0, -product(y, inverse))
         shear.w = wp.vec3(0.0, 0.0, inverse)
     elif wp.abs(x) >= wp.abs(y):
-        inverse = inverse_part(x)
+        inverse = inverse_component(x)
         shear.u = wp.vec3(-product(y, inverse), 1.0, 0.0)
         shear.v = wp.vec3(-product(z, inverse), 0.0, 1.0)
         shear.w = wp.vec3(inverse, 0.0, 0.0)
     else:
-        inverse = inverse_part(y)
+        inverse = inverse_component(y)
         shear.u = wp.vec3(0.0, -product(z, inverse), 1.0)
         shear.v = wp.vec3(1.0, -product(x, inverse), 0.0)
         shear.w = wp.vec3(0.0, inverse, 0.0)
@@ -90,18 +90,18 @@ def shear_of(direction: wp.vec3) -> Shear:
 
 @wp.func
 def distance_to_face(p: wp.vec3, q: wp.vec3, r: wp.vec3, shear: Shear) -> float:
-    """Return the distance of a face along a ray [m], less than 0 where the ray passes it; its corners are seen from the
-    start of the ray.
+    """Return the distance of a face along a ray [m], less than 0 where the ray passes it; its corners are relative to
+    the start of the ray.
 
     Neighbors of an edge see the same value with opposite signs, in float64 where it is zero in float32: no ray passes
     between them. Source: S. Woop, C. Benthin and I. Wald, "Watertight ray/triangle intersection", 2013.
     """
-    pu = part_along(shear.u, p)
-    pv = part_along(shear.v, p)
-    qu = part_along(shear.u, q)
-    qv = part_along(shear.v, q)
-    ru = part_along(shear.u, r)
-    rv = part_along(shear.v, r)
+    pu = rounded_dot(shear.u, p)
+    pv = rounded_dot(shear.v, p)
+    qu = rounded_dot(shear.u, q)
+    qv = rounded_dot(shear.v, q)
+    ru = rounded_dot(shear.u, r)
+    rv = rounded_dot(shear.v, r)
     a = product(ru, qv) - product(rv, qu)
     b = product(pu, rv) - product(pv, ru)
     g = product(qu, pv) - product(qv, pu)
@@ -113,24 +113,24 @@ def distance_to_face(p: wp.vec3, q: wp.vec3, r: wp.vec3, shear: Shear) -> float:
     t = wp.float32(-1.0)
     is_outside = wp.min(a, wp.min(b, g)) < 0.0 and wp.max(a, wp.max(b, g)) > 0.0
     if volume != 0.0 and not is_outside:
-        along = product(a, part_along(shear.w, p)) + product(b, part_along(shear.w, q))
-        t = (along + product(g, part_along(shear.w, r))) / volume
+        along = product(a, rounded_dot(shear.w, p)) + product(b, rounded_dot(shear.w, q))
+        t = (along + product(g, rounded_dot(shear.w, r))) / volume
     return t
 
 
 @wp.func
-def way_of(direction: wp.vec3) -> wp.vec3:
-    """Return a direction for Warp's walk, which takes care of parts that are zero, but not of the tiniest ones."""
-    way = wp.vec3(direction)
+def without_tiny_components(direction: wp.vec3) -> wp.vec3:
+    """Return a direction with its tiniest components zeroed, which Warp's traversal cannot invert."""
+    cleaned = wp.vec3(direction)
     for axis in range(3):
-        if wp.abs(direction[axis]) < MIN_WAY:
-            way[axis] = 0.0
-    return way
+        if wp.abs(direction[axis]) < TINY_COMPONENT:
+            cleaned[axis] = 0.0
+    return cleaned
 
 
 @wp.func
 def mesh_nearest(id: wp.uint64, origin: wp.vec3, direction: wp.vec3, t_max: float) -> wp.uint64:
-    """Return the nearest face on a ray as `tree.walk_nearest` does: the bits of its distance, and below them its
+    """Return the nearest face on a ray as `bvh.traverse_nearest` does: the bits of its distance, and below them its
     number + 1, 0 for a miss.
 
     Args:
@@ -141,7 +141,7 @@ def mesh_nearest(id: wp.uint64, origin: wp.vec3, direction: wp.vec3, t_max: floa
     """
     nearest = wp.float32(t_max)
     nearest_face = wp.int32(-1)
-    hit = wp.mesh_query_ray(id, origin, way_of(direction), t_max)
+    hit = wp.mesh_query_ray(id, origin, without_tiny_components(direction), t_max)
     if hit.result:
         mesh = wp.mesh_get(id)
         shear = shear_of(direction)
@@ -166,4 +166,4 @@ def mesh_nearest(id: wp.uint64, origin: wp.vec3, direction: wp.vec3, t_max: floa
 @wp.func
 def mesh_any(id: wp.uint64, origin: wp.vec3, direction: wp.vec3, t_max: float) -> bool:
     """Return whether a face lies on a ray before `t_max`; see `mesh_nearest`."""
-    return wp.mesh_query_ray_anyhit(id, origin, way_of(direction), t_max)
+    return wp.mesh_query_ray_anyhit(id, origin, without_tiny_components(direction), t_max)

@@ -9,6 +9,18 @@ GOLDEN_RATIO_INVERSE = wp.constant(wp.float64(0.6180339887498949))
 
 
 @wp.func
+def single(v: wp.vec3d) -> wp.vec3:
+    """Return a vector in the precision of the tracer."""
+    return wp.vec3(wp.float32(v[0]), wp.float32(v[1]), wp.float32(v[2]))
+
+
+@wp.func
+def double(v: wp.vec3) -> wp.vec3d:
+    """Return a vector of the tracer in float64."""
+    return wp.vec3d(wp.float64(v[0]), wp.float64(v[1]), wp.float64(v[2]))
+
+
+@wp.func
 def fibonacci_direction_64(ray: int, ray_count: int) -> wp.vec3d:
     """Return direction `ray` of `ray_count` > 1 spread evenly over the sphere by the Fibonacci lattice.
 
@@ -24,8 +36,7 @@ def fibonacci_direction_64(ray: int, ray_count: int) -> wp.vec3d:
 @wp.func
 def fibonacci_direction(ray: int, ray_count: int) -> wp.vec3:
     """Return the same direction in the precision of the tracer."""
-    direction = fibonacci_direction_64(ray, ray_count)
-    return wp.vec3(wp.float32(direction[0]), wp.float32(direction[1]), wp.float32(direction[2]))
+    return single(fibonacci_direction_64(ray, ray_count))
 
 
 @wp.func

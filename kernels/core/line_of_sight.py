@@ -1,4 +1,4 @@
-"""Straight lines of sight: what lies between two points, and whether a point is inside something."""
+"""Test line of sight between point pairs and count surface crossings along rays."""
 
 import warp as wp
 
@@ -11,13 +11,13 @@ wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "
 MAX_CROSSINGS = wp.constant(64)
 """Surfaces that are counted on one ray."""
 CLEARANCE = wp.constant(1.0e-4)
-"""Way behind a surface after which the next one is looked for [m]."""
+"""Distance behind a surface from which the next one is searched [m]."""
 
 
 @wp.kernel
-def sight_kernel(
+def line_of_sight_kernel(
     scene: Scene,
-    slot: wp.array[int],
+    batch_index: wp.array[int],
     origin: wp.array[wp.vec3],
     target: wp.array[wp.vec3],
     ignore: wp.array[int],
@@ -29,18 +29,18 @@ def sight_kernel(
     Launch: dim=(N,), block_dim=64.
     """
     line = wp.tid()
-    way = target[line] - origin[line]
-    distance = wp.length(way)
+    span = target[line] - origin[line]
+    distance = wp.length(span)
     object_out[line] = MISS_ID
     if distance > 0.0:
-        near = closest_hit_raw(scene, slot[line], origin[line], way / distance, distance, ignore[line])
+        near = closest_hit_raw(scene, batch_index[line], origin[line], span / distance, distance, ignore[line])
         object_out[line] = object_of(scene, near)
 
 
 @wp.kernel
 def count_hits_kernel(
     scene: Scene,
-    slot: wp.array[int],
+    batch_index: wp.array[int],
     origin: wp.array[wp.vec3],
     direction: wp.array[wp.vec3],
     t_max: float,
@@ -58,7 +58,7 @@ def count_hits_kernel(
     first = wp.int32(MISS_ID)
     is_on = wp.bool(True)
     while is_on and count < MAX_CROSSINGS:
-        near = closest_hit_raw(scene, slot[point], start, direction[ray], t_max, MISS_ID)
+        near = closest_hit_raw(scene, batch_index[point], start, direction[ray], t_max, MISS_ID)
         is_on = near.face >= 0
         if is_on:
             if count == 0:

@@ -40,12 +40,12 @@ def moved_pose(pose: wp.transformf, velocity: wp.vec3, rate: wp.vec3, time_offse
 
 
 @wp.func
-def instance_pose_at(scene: Scene, slot: int, instance: int, time_offset: float) -> wp.transformf:
+def instance_pose_at(scene: Scene, batch_index: int, instance: int, time_offset: float) -> wp.transformf:
     """Return where an instance is some time [s] after its frame: instance to scene frame."""
     return moved_pose(
-        scene.instance_pose[slot, instance],
-        scene.instance_velocity[slot, instance],
-        scene.instance_rate[slot, instance],
+        scene.instance_pose[batch_index, instance],
+        scene.instance_velocity[batch_index, instance],
+        scene.instance_rate[batch_index, instance],
         time_offset,
     )
 
@@ -69,10 +69,12 @@ def wheel_velocity(pose: wp.transformf, velocity: wp.vec3, rate: wp.vec3, wheel:
 
 
 @wp.func
-def velocity_on(scene: Scene, slot: int, instance: int, face: int, pose: wp.transformf, point: wp.vec3) -> wp.vec3:
+def velocity_on(
+    scene: Scene, batch_index: int, instance: int, face: int, pose: wp.transformf, point: wp.vec3
+) -> wp.vec3:
     """Return the velocity of a point on an instance that is at `pose`, scene frame [m/s]."""
-    velocity = scene.instance_velocity[slot, instance]
-    rate = scene.instance_rate[slot, instance]
+    velocity = scene.instance_velocity[batch_index, instance]
+    rate = scene.instance_rate[batch_index, instance]
     result = velocity + wp.cross(rate, point - wp.transform_get_translation(pose))
     wheel = scene.model_wheel[scene.instance_face_offset[instance] + face]
     if wheel >= 0:
@@ -81,33 +83,33 @@ def velocity_on(scene: Scene, slot: int, instance: int, face: int, pose: wp.tran
 
 
 @wp.func
-def surface_velocity(scene: Scene, slot: int, instance: int, face: int, point: wp.vec3) -> wp.vec3:
+def surface_velocity(scene: Scene, batch_index: int, instance: int, face: int, point: wp.vec3) -> wp.vec3:
     """Return the velocity of a surface point at the instant of its frame, scene frame [m/s].
 
     Zero for the town; for an instance that of its rigid body, and on a wheel that of the rolling wheel.
 
     Args:
         scene: Town and vehicles.
-        slot: Position of the frame in the batch.
+        batch_index: Position of the frame in the batch.
         instance: Instance of the surface, -1 for the town.
         face: Face of the instance's model; not read for the town.
         point: The surface point, scene frame [m].
     """
     result = wp.vec3()
     if instance >= 0:
-        result = velocity_on(scene, slot, instance, face, scene.instance_pose[slot, instance], point)
+        result = velocity_on(scene, batch_index, instance, face, scene.instance_pose[batch_index, instance], point)
     return result
 
 
 @wp.func
 def surface_velocity_at(
-    scene: Scene, slot: int, instance: int, face: int, point: wp.vec3, time_offset: float
+    scene: Scene, batch_index: int, instance: int, face: int, point: wp.vec3, time_offset: float
 ) -> wp.vec3:
     """Return the velocity of a surface point some time after its frame, scene frame [m/s]; see `surface_velocity`.
 
     Args:
         scene: Town and vehicles.
-        slot: Position of the frame in the batch.
+        batch_index: Position of the frame in the batch.
         instance: Instance of the surface, -1 for the town.
         face: Face of the instance's model; not read for the town.
         point: Where the surface point is at that time, scene frame [m].
@@ -115,5 +117,7 @@ def surface_velocity_at(
     """
     result = wp.vec3()
     if instance >= 0:
-        result = velocity_on(scene, slot, instance, face, instance_pose_at(scene, slot, instance, time_offset), point)
+        result = velocity_on(
+            scene, batch_index, instance, face, instance_pose_at(scene, batch_index, instance, time_offset), point
+        )
     return result

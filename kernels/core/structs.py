@@ -5,17 +5,17 @@ import warp as wp
 from mmw.kernels.core.bvh import Tree
 
 MISS_ID = wp.constant(-1)
-"""The one spelling of "nothing": object, material, surface, face and instance of a miss."""
+"""Object, material, surface, face and instance of a miss."""
 
 
 @wp.struct
 class Scene:
-    """All surfaces that a ray can hit, for the frames of one batch. A slot is the position of a frame in its batch."""
+    """All surfaces that a ray can hit, for the frames of one batch; a batch index is the position of a frame in it."""
 
     tree: Tree
-    """Trees of the town, in the scene frame, and of all models, each in its own."""
+    """BVHs of the town, in the scene frame, and of all models, each in its own."""
     town_root: int
-    """Root of the static town's tree; -1 for a scene without static geometry."""
+    """Root of the static town's BVH; -1 for a scene without static geometry."""
     town_corner: wp.array2d[wp.vec3]
     """Corners of each town face, scene frame [m], shape [M, 3]."""
     town_material: wp.array[int]
@@ -25,11 +25,11 @@ class Scene:
     town_surface: wp.array[int]
     """Surface id of each town face, shape [M]."""
     instances: wp.uint64
-    """wp.Bvh id over instance boxes, grouped by slot; item = slot * V + instance."""
+    """wp.Bvh id over instance boxes, grouped by batch index; item = batch_index * V + instance."""
     group_root: wp.array[int]
-    """BVH root of each slot, shape [S]; -1 where the slot has no instance present."""
+    """BVH root of each frame's group, shape [S]; -1 where the frame has no instance present."""
     instance_count: int
-    """V: instances of a slot, present or not."""
+    """V: instances of a frame, present or not."""
     instance_pose: wp.array2d[wp.transformf]
     """Instance to scene frame, shape [S, V]."""
     instance_velocity: wp.array2d[wp.vec3]
@@ -43,7 +43,7 @@ class Scene:
     instance_aabb_half_extent: wp.array[wp.vec3]
     """Half the sides of that box [m], shape [V]."""
     instance_root: wp.array[int]
-    """Root of the tree of the instance's model, shape [V]."""
+    """Root of the BVH of the instance's model, shape [V]."""
     instance_object: wp.array[int]
     """Object id, shape [V]."""
     instance_face_offset: wp.array[int]
@@ -76,8 +76,8 @@ class Candidates:
 class Views:
     """Sensor poses: one row a view."""
 
-    slot: wp.array[int]
-    """Slot of the view's frame, shape [A]."""
+    batch_index: wp.array[int]
+    """Position of the view's frame in the batch, shape [A]."""
     pose: wp.array[wp.transformf]
     """Sensor to scene frame, shape [A]."""
     ignore: wp.array[int]

@@ -1,21 +1,21 @@
-"""Ray queries against the town and the vehicles of one frame. The only file that queries a tree.
+"""Cast rays against the town and the vehicles of one frame; only this file queries the BVH of instances.
 
 A ray is tested against the static town first, which tightens `t_max`; then the vehicles of its own frame. The vehicles
 of all frames of a batch share one `wp.Bvh`; each frame is one group of it, and the query starts at the root of that
-group. Town and models have trees of their own kind.
+group. Town and models have BVHs of their own kind.
 
 - Directions are unit vectors. A surface is hit where 0 <= t < t_max; exactly 0 happens only to an origin that lies on
   the surface, so a ray that leaves a surface starts a little off it.
 - Instances move rigidly, so `t` in the instance's frame is `t` in the scene.
-- `wp.bvh_get_group_root` gives -1 for a frame without vehicles, and a query reads -1 as "the whole tree", that is
-  everybody's vehicles. Every query here is guarded by the root.
-- A query of that tree keeps its stack in shared memory, one stack a thread: two queries alive in one thread would
+- `wp.bvh_get_group_root` gives -1 for a frame without vehicles, and a query reads -1 as "the whole BVH", that is
+  the vehicles of all frames. Every query here is guarded by the root.
+- A query of that BVH keeps its stack in shared memory, one stack a thread: two queries alive in one thread would
   overwrite each other. Launch kernels that call these functions, and all others of their modules, with `block_dim=64`,
-  so that the stacks of a block fit: 8 KiB, and as much again where rays walk Warp's trees of the meshes.
-- Within a rolling sweep the vehicles are asked where they are at the instant of the ray (`closest_hit_at`); their boxes
-  in the tree then hold their way during the sweep (`Scene.sweep_s` on the host).
-- Equal distances go to the town, then to the lower instance index and the lower face, so the answer does not depend
-  on the tree, and the tree may depend on the batch.
+  so that the stacks of a block fit: 8 KiB, and as much again where rays traverse Warp's BVHs of the meshes.
+- Within a rolling sweep every vehicle is where it is at the instant of the ray (`closest_hit_at`); its box in the BVH
+  then covers the whole sweep (`DeviceScene.sweep_s`).
+- Equal distances go to the town, then to the lower instance index and the lower face, so the result does not depend
+  on the BVH, and the BVH may depend on the batch.
 """
 
 import warp as wp
@@ -28,18 +28,18 @@ from mmw.kernels.core.structs import MISS_ID, Candidates, Hit, RawHit, Scene
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
 
 TRACE_REGISTERS = 80
-"""Registers of a thread that casts one ray, on CUDA: the compiler would take 96, and the smaller number keeps more rays
+"""Registers of a thread that casts one ray, on CUDA: the compiler's choice is 96, and the smaller number has more rays
 in flight, 8 % more a second on an H100 (`bench/README.md`)."""
 
 PICTURE_REGISTERS = 64
 """The same for rays of pictures, of which those of a block go side by side: 2 % more of them a second than with 80 or
-96. A LiDAR's take the same time with both."""
+96. A LiDAR's need the same time with both."""
 
 FACE_BITS = wp.constant(wp.uint64(0xFFFFFFFF))
 """The part of what `nearest_face` returns that names the face."""
 
 TIE_REACH = wp.constant(1.000001)
-"""A later instance is searched to this multiple of the distance so far, so that equal distances are seen."""
+"""A later instance is searched to this multiple of the distance so far, so that equal distances are found."""
 
 
 @wp.func
@@ -47,7 +47,7 @@ def nearest_in_tree(tree: Tree, root: int, origin: wp.vec3, direction: wp.vec3, 
     """Return the first face of one mesh on a ray, such as the road under a wheel; its `t` is `t_max` for a miss.
 
     Args:
-        tree: Trees of some meshes.
+        tree: BVHs of some meshes.
         root: Root of the one.
         origin: Start of the ray in the mesh's frame [m].
         direction: Unit direction in the mesh's frame.
@@ -96,9 +96,11 @@ def nearer_body(
 
 
 @wp.func
-def is_blocked_by(scene: Scene, slot: int, instance: int, origin: wp.vec3, direction: wp.vec3, t_max: float) -> wp.bool:
+def is_blocked_by(
+    scene: Scene, batch_index: int, instance: int, origin: wp.vec3, direction: wp.vec3, t_max: float
+) -> wp.bool:
     """Return whether an instance lies on a ray before `t_max`."""
-    to_local = wp.transform_inverse(scene.instance_pose[slot, instance])
+    to_local = wp.transform_inverse(scene.instance_pose[batch_index, instance])
     return is_any_face(
         scene.tree,
         scene.instance_root[instance],
@@ -109,77 +111,15 @@ def is_blocked_by(scene: Scene, slot: int, instance: int, origin: wp.vec3, direc
 
 
 @wp.func
-def closest_hit_raw(scene: Scene, slot: int, origin: wp.vec3, direction: wp.vec3, t_max: float, ignore: int) -> RawHit:
-    """Return what the ray hits first, without ids: the cheap form of `closest_hit` for kernels that need few of them.
-
-    Args:
-        scene: Town and vehicles.
-        slot: Position of the ray's frame in the batch.
-        origin: Start of the ray, scene frame [m].
-        direction: Unit direction, scene frame.
-        t_max: Length of the ray [m].
-        ignore: Instance that the ray passes through, -1 for none.
-    """
-    near = nearest_in_town(scene, origin, direction, t_max)
-    root = scene.group_root[slot]
-    if root >= 0:  # -1 would search every frame's vehicles
-        first = slot * scene.instance_count
-        item = wp.int32(0)
-        query = wp.bvh_query_ray(scene.instances, origin, direction, root)
-        while wp.bvh_query_next(query, item, near.t):
-            instance = item - first
-            if instance != ignore:
-                near = nearer_body(scene, instance, scene.instance_pose[slot, instance], origin, direction, near)
-    if near.face < 0:
-        near.t = wp.inf
-    return near
-
-
-@wp.func
-def nearest_surface_at(
-    scene: Scene, slot: int, origin: wp.vec3, direction: wp.vec3, t_max: float, ignore: int, time_offset: float
-) -> RawHit:
-    """Return what a ray of a rolling sweep hits first: every instance is where it is at the instant of the ray.
-
-    The walk is that of `closest_hit_raw`, written out a second time so that rays of a still scene pay nothing for it.
-
-    Args:
-        scene: Town and vehicles.
-        slot: Position of the ray's frame in the batch.
-        origin: Start of the ray, scene frame [m].
-        direction: Unit direction, scene frame.
-        t_max: Length of the ray [m].
-        ignore: Instance that the ray passes through, -1 for none.
-        time_offset: Time of the ray after its frame [s], from -`Scene.sweep_s` to 0: outside of it the boxes of the
-            tree do not hold the instances.
-    """
-    near = nearest_in_town(scene, origin, direction, t_max)
-    root = scene.group_root[slot]
-    if root >= 0:  # -1 would search every frame's vehicles
-        first = slot * scene.instance_count
-        item = wp.int32(0)
-        query = wp.bvh_query_ray(scene.instances, origin, direction, root)
-        while wp.bvh_query_next(query, item, near.t):
-            instance = item - first
-            if instance != ignore:
-                pose = instance_pose_at(scene, slot, instance, time_offset)
-                near = nearer_body(scene, instance, pose, origin, direction, near)
-    if near.face < 0:
-        near.t = wp.inf
-    return near
-
-
-@wp.func
-def nearest_surface_among(
-    scene: Scene, slot: int, origin: wp.vec3, direction: wp.vec3, t_max: float, ignore: int, candidates: Candidates,
-    group: int,
+def closest_hit_raw_among(
+    scene: Scene, batch_index: int, origin: wp.vec3, direction: wp.vec3, t_max: float, ignore: int,
+    candidates: Candidates, group: int,
 ) -> RawHit:  # fmt: skip
-    """Return what the ray hits first, where all instances that it can hit are known: `closest_hit_raw` without a walk
-    through the tree of instances.
+    """Return what the ray hits first among the town and given instances; it does not search the BVH of instances.
 
     Args:
         scene: Town and vehicles.
-        slot: Position of the ray's frame in the batch.
+        batch_index: Position of the ray's frame in the batch.
         origin: Start of the ray, scene frame [m].
         direction: Unit direction, scene frame.
         t_max: Length of the ray [m].
@@ -191,17 +131,23 @@ def nearest_surface_among(
     for k in range(candidates.count[group]):
         instance = int(candidates.instance[group, k])
         if instance != ignore:
-            near = nearer_body(scene, instance, scene.instance_pose[slot, instance], origin, direction, near)
+            near = nearer_body(scene, instance, scene.instance_pose[batch_index, instance], origin, direction, near)
     if near.face < 0:
         near.t = wp.inf
     return near
 
 
 @wp.func
-def is_blocked_among(
-    scene: Scene, slot: int, origin: wp.vec3, direction: wp.vec3, t_max: float, candidates: Candidates, group: int
+def occluded_among(
+    scene: Scene,
+    batch_index: int,
+    origin: wp.vec3,
+    direction: wp.vec3,
+    t_max: float,
+    candidates: Candidates,
+    group: int,
 ) -> bool:
-    """Return whether anything lies on the ray before `t_max`; see `nearest_surface_among`. A negative group has no
+    """Return whether anything lies on the ray before `t_max`; see `closest_hit_raw_among`. A negative group has no
     instances."""
     blocked = wp.bool(False)
     if scene.town_root >= 0:
@@ -210,7 +156,7 @@ def is_blocked_among(
         for k in range(candidates.count[group]):
             if not blocked:
                 instance = int(candidates.instance[group, k])
-                blocked = is_blocked_by(scene, slot, instance, origin, direction, t_max)
+                blocked = is_blocked_by(scene, batch_index, instance, origin, direction, t_max)
     return blocked
 
 
@@ -240,11 +186,11 @@ def surface_of(scene: Scene, near: RawHit) -> int:
 
 
 @wp.func
-def world_normal(scene: Scene, slot: int, near: RawHit) -> wp.vec3:
+def world_normal(scene: Scene, batch_index: int, near: RawHit) -> wp.vec3:
     """Return the unit normal of what `closest_hit_raw` found, after the winding, in the scene frame."""
     normal = face_normal(scene, near.face, near.instance)
     if near.instance >= 0:
-        normal = wp.transform_vector(scene.instance_pose[slot, near.instance], normal)
+        normal = wp.transform_vector(scene.instance_pose[batch_index, near.instance], normal)
     return normal
 
 
@@ -264,43 +210,106 @@ def hit_of(scene: Scene, near: RawHit) -> Hit:
     return hit
 
 
+def _make_cast(is_moving: bool) -> tuple[wp.Function, wp.Function]:
+    """Return the casts of a ray without ids and with them; instances are at their frame, or move until the ray."""
+
+    @wp.func
+    def cast_raw(
+        scene: Scene, batch_index: int, origin: wp.vec3, direction: wp.vec3, t_max: float, ignore: int,
+        time_offset: float,
+    ) -> RawHit:  # fmt: skip
+        """Return what the ray hits first, without ids."""
+        near = nearest_in_town(scene, origin, direction, t_max)
+        root = scene.group_root[batch_index]
+        if root >= 0:  # -1 would search every frame's vehicles
+            first = batch_index * scene.instance_count
+            item = wp.int32(0)
+            query = wp.bvh_query_ray(scene.instances, origin, direction, root)
+            while wp.bvh_query_next(query, item, near.t):
+                instance = item - first
+                if instance != ignore:
+                    if wp.static(is_moving):
+                        pose = instance_pose_at(scene, batch_index, instance, time_offset)
+                    else:
+                        pose = scene.instance_pose[batch_index, instance]
+                    near = nearer_body(scene, instance, pose, origin, direction, near)
+        if near.face < 0:
+            near.t = wp.inf
+        return near
+
+    @wp.func
+    def cast(
+        scene: Scene, batch_index: int, origin: wp.vec3, direction: wp.vec3, t_max: float, ignore: int,
+        time_offset: float,
+    ) -> Hit:  # fmt: skip
+        """Return what the ray hits first, with every id and the normal towards the ray."""
+        hit = hit_of(scene, cast_raw(scene, batch_index, origin, direction, t_max, ignore, time_offset))
+        if hit.instance >= 0:
+            if wp.static(is_moving):
+                pose = instance_pose_at(scene, batch_index, hit.instance, time_offset)
+            else:
+                pose = scene.instance_pose[batch_index, hit.instance]
+            hit.normal = wp.transform_vector(pose, hit.normal)
+        hit.normal = wp.where(wp.dot(hit.normal, direction) > 0.0, -hit.normal, hit.normal)
+        return hit
+
+    return cast_raw, cast
+
+
+_cast_raw, _cast = _make_cast(is_moving=False)
+_, _cast_moving = _make_cast(is_moving=True)
+
+
 @wp.func
-def closest_hit(scene: Scene, slot: int, origin: wp.vec3, direction: wp.vec3, t_max: float, ignore: int) -> Hit:
+def closest_hit_raw(
+    scene: Scene, batch_index: int, origin: wp.vec3, direction: wp.vec3, t_max: float, ignore: int
+) -> RawHit:
+    """Return what the ray hits first, without ids: the cheap form of `closest_hit` for kernels that need few of them.
+
+    Args:
+        scene: Town and vehicles.
+        batch_index: Position of the ray's frame in the batch.
+        origin: Start of the ray, scene frame [m].
+        direction: Unit direction, scene frame.
+        t_max: Length of the ray [m].
+        ignore: Instance that the ray passes through, -1 for none.
+    """
+    return _cast_raw(scene, batch_index, origin, direction, t_max, ignore, 0.0)
+
+
+@wp.func
+def closest_hit(scene: Scene, batch_index: int, origin: wp.vec3, direction: wp.vec3, t_max: float, ignore: int) -> Hit:
     """Return what the ray hits first, with every id and the normal; see `closest_hit_raw` for the arguments."""
-    hit = hit_of(scene, closest_hit_raw(scene, slot, origin, direction, t_max, ignore))
-    if hit.instance >= 0:
-        hit.normal = wp.transform_vector(scene.instance_pose[slot, hit.instance], hit.normal)
-    hit.normal = wp.where(wp.dot(hit.normal, direction) > 0.0, -hit.normal, hit.normal)
-    return hit
+    return _cast(scene, batch_index, origin, direction, t_max, ignore, 0.0)
 
 
 @wp.func
 def closest_hit_at(
-    scene: Scene, slot: int, origin: wp.vec3, direction: wp.vec3, t_max: float, ignore: int, time_offset: float
+    scene: Scene, batch_index: int, origin: wp.vec3, direction: wp.vec3, t_max: float, ignore: int, time_offset: float
 ) -> Hit:
-    """Return what a ray of a rolling sweep hits first, with every id and the normal; see `nearest_surface_at`."""
-    hit = hit_of(scene, nearest_surface_at(scene, slot, origin, direction, t_max, ignore, time_offset))
-    if hit.instance >= 0:
-        hit.normal = wp.transform_vector(instance_pose_at(scene, slot, hit.instance, time_offset), hit.normal)
-    hit.normal = wp.where(wp.dot(hit.normal, direction) > 0.0, -hit.normal, hit.normal)
-    return hit
+    """Return what a ray of a rolling sweep hits first; every instance is where it is at the instant of the ray.
+
+    See `closest_hit_raw` for the arguments. `time_offset` is the time of the ray after its frame [s], from
+    -`DeviceScene.sweep_s` to 0: outside of it the boxes of the BVH do not hold the instances.
+    """
+    return _cast_moving(scene, batch_index, origin, direction, t_max, ignore, time_offset)
 
 
 @wp.func
-def occluded(scene: Scene, slot: int, origin: wp.vec3, direction: wp.vec3, t_max: float, ignore: int) -> bool:
+def occluded(scene: Scene, batch_index: int, origin: wp.vec3, direction: wp.vec3, t_max: float, ignore: int) -> bool:
     """Return whether anything lies on the ray before `t_max`; see `closest_hit_raw` for the arguments."""
     blocked = wp.bool(False)
     if scene.town_root >= 0:
         blocked = is_any_face(scene.tree, scene.town_root, origin, direction, t_max)
-    root = scene.group_root[slot]
+    root = scene.group_root[batch_index]
     if root >= 0 and not blocked:  # -1 would search every frame's vehicles
-        first = slot * scene.instance_count
+        first = batch_index * scene.instance_count
         item = wp.int32(0)
         query = wp.bvh_query_ray(scene.instances, origin, direction, root)
         while not blocked and wp.bvh_query_next(query, item, t_max):
             instance = item - first
             if instance != ignore:
-                blocked = is_blocked_by(scene, slot, instance, origin, direction, t_max)
+                blocked = is_blocked_by(scene, batch_index, instance, origin, direction, t_max)
     return blocked
 
 
@@ -310,18 +319,18 @@ def group_root_kernel(
     # out
     group_root_out: wp.array[int],
 ):
-    """Look up the root of each slot's group, -1 for a slot without vehicles.
+    """Look up the root of each frame's group, -1 for a frame without vehicles.
 
     Launch: dim=S, block_dim=64, after every build.
     """
-    slot = wp.tid()
-    group_root_out[slot] = wp.bvh_get_group_root(instances, slot)
+    batch_index = wp.tid()
+    group_root_out[batch_index] = wp.bvh_get_group_root(instances, batch_index)
 
 
 @wp.kernel
 def cast_kernel(
     scene: Scene,
-    slot: wp.array[int],
+    batch_index: wp.array[int],
     origin: wp.array[wp.vec3],
     direction: wp.array[wp.vec3],
     t_max: float,
@@ -330,19 +339,19 @@ def cast_kernel(
     hit_out: wp.array[Hit],
     is_blocked_out: wp.array[wp.bool],
 ):
-    """Trace rays that are given one by one: the plain door to the tracer, for tests and tools.
+    """Trace rays that are given one by one.
 
     Launch: dim=R, block_dim=64.
     """
     ray = wp.tid()
-    hit_out[ray] = closest_hit(scene, slot[ray], origin[ray], direction[ray], t_max, ignore[ray])
-    is_blocked_out[ray] = occluded(scene, slot[ray], origin[ray], direction[ray], t_max, ignore[ray])
+    hit_out[ray] = closest_hit(scene, batch_index[ray], origin[ray], direction[ray], t_max, ignore[ray])
+    is_blocked_out[ray] = occluded(scene, batch_index[ray], origin[ray], direction[ray], t_max, ignore[ray])
 
 
 @wp.kernel
 def cast_at_kernel(
     scene: Scene,
-    slot: wp.array[int],
+    batch_index: wp.array[int],
     origin: wp.array[wp.vec3],
     direction: wp.array[wp.vec3],
     t_max: float,
@@ -356,4 +365,6 @@ def cast_at_kernel(
     Launch: dim=R, block_dim=64.
     """
     ray = wp.tid()
-    hit_out[ray] = closest_hit_at(scene, slot[ray], origin[ray], direction[ray], t_max, ignore[ray], time_offset[ray])
+    hit_out[ray] = closest_hit_at(
+        scene, batch_index[ray], origin[ray], direction[ray], t_max, ignore[ray], time_offset[ray]
+    )

@@ -1,4 +1,4 @@
-"""LiDAR returns of rain and fog: drops by order statistics of a Poisson process, fog as a noisy target."""
+"""Draw LiDAR returns of rain and fog: drops by order statistics of a Poisson process, fog as a noisy target."""
 
 import warp as wp
 
@@ -211,12 +211,12 @@ def fog_echoes(
     """Return the echoes and those of fog nearer than a surface.
 
     The mean power of fog over range is multiplied by two log-normal factors of mean 1, one drawn for every sample
-    (speckle and shot noise), one from patches of the fog that stand in the scene and drift with the wind. The strongest
+    (speckle and shot noise), one from patches of the fog, which drift with the wind. The strongest
     echo is the maximum of the noisy samples, so it is stronger than the maximum of the mean, in the median 1.5 times at
     75 m of visibility: a receiver that looks for peaks in noise has the same bias.
 
     Samples lie anywhere in steps of the logarithm of range, whose edges differ from ray to ray, or the farthest echoes
-    would stand in rings. They do not depend on the surface, which only hides those behind it.
+    would form rings. They do not depend on the surface, which only hides those behind it.
 
     Source: mean power, `mmw.sensors.lidar.precipitation.fog_power`; sampling and noise are design values.
     """

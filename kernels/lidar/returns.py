@@ -1,4 +1,4 @@
-"""LiDAR returns: which rays of a traced pattern return what in one weather, and the list of them."""
+"""Find the returns of traced LiDAR rays in one weather, and gather them in a list."""
 
 import warp as wp
 
@@ -19,7 +19,7 @@ NEAREST_M = wp.constant(1.0e-3)
 SURFACE_DRAW = wp.constant(100)
 FIRST_DRAW = wp.constant(101)
 LAST_DRAW = wp.constant(102)
-COMPAT_DRAW = wp.constant(100)
+CARLA_DRAW = wp.constant(100)
 """Draws of a ray's key; those below 100 belong to the echoes of the air."""
 
 STRONGEST = wp.constant(0)
@@ -140,9 +140,9 @@ def physical_kernel(
     if distance < wp.inf:
         material = rays.material_id[view, ray]
         reach = wp.max(distance, NEAREST_M)
-        seen = reflectance[1, material] * wp.exp(-2.0 * air.extinction * reach)
-        power = seen * rays.cos_incidence[view, ray] / (reach * reach)
-        is_surface = power > detector.min_power or seen >= detector.kept_share * reflectance[0, material]
+        attenuated = reflectance[1, material] * wp.exp(-2.0 * air.extinction * reach)
+        power = attenuated * rays.cos_incidence[view, ray] / (reach * reach)
+        is_surface = power > detector.min_power or attenuated >= detector.kept_share * reflectance[0, material]
     pose = firing_pose(views, sweep, view, ray)
     echoes = air_echoes(
         air,
@@ -185,7 +185,7 @@ def physical_kernel(
 
 
 @wp.kernel
-def compat_kernel(
+def carla_kernel(
     rays: LidarRays,
     carla: CarlaLidar,
     key: wp.array[wp.vec2ui],
@@ -195,7 +195,7 @@ def compat_kernel(
 ):
     """Find the returns of every ray as CARLA has them, in any weather. Launch: dim=(A, R).
 
-    Intensity is exp(-rate d). A return at or below the limit is kept with probability alpha I + 1 - zero, with alpha =
+    Intensity is exp(-rate d). A return at or below the limit stays with probability alpha I + 1 - zero, with alpha =
     zero / limit.
 
     Source: CARLA 0.9.15 `sensor.lidar.ray_cast`.
@@ -205,7 +205,7 @@ def compat_kernel(
     count_out[view, ray] = 0
     if distance == wp.inf:
         return
-    u = uniform4(key[view], ray, COMPAT_DRAW)
+    u = uniform4(key[view], ray, CARLA_DRAW)
     if u[0] < carla.general_loss:
         return
     intensity = wp.exp(-carla.attenuation * distance)

@@ -1,10 +1,11 @@
-"""LiDAR: first hits of every ray of every view. Geometry only, so it serves every weather."""
+"""Trace the first hits of all LiDAR rays. Geometry only, so it serves every weather."""
 
 import warp as wp
 
 from mmw.kernels.core.compiler import FINITE
+from mmw.kernels.core.first_hits import store_hit
 from mmw.kernels.core.rigid_motion import moved_pose
-from mmw.kernels.core.structs import Hit, Scene, Views
+from mmw.kernels.core.structs import Scene, Views
 from mmw.kernels.core.trace import TRACE_REGISTERS, closest_hit, closest_hit_at
 
 wp.set_module_options(
@@ -20,7 +21,7 @@ wp.set_module_options(
 
 @wp.struct
 class LidarRays:
-    """First hits of every ray of every view, fixed slots [A, R]."""
+    """First hits of every ray of every view, shape [A, R]."""
 
     range: wp.array2d[float]
     """Distance [m], inf for none."""
@@ -61,15 +62,6 @@ def firing_pose(views: Views, sweep: Sweep, view: int, ray: int) -> wp.transform
     return pose
 
 
-@wp.func
-def store_hit(rays: LidarRays, view: int, ray: int, hit: Hit, direction: wp.vec3):
-    """Put what a ray hit into its slot."""
-    rays.range[view, ray] = hit.t
-    rays.cos_incidence[view, ray] = wp.clamp(-wp.dot(hit.normal, direction), 0.0, 1.0)
-    rays.object_id[view, ray] = hit.object_id
-    rays.material_id[view, ray] = hit.material_id
-
-
 @wp.kernel(cuda_max_registers=TRACE_REGISTERS)
 def lidar_kernel(
     scene: Scene,
@@ -80,12 +72,14 @@ def lidar_kernel(
     # out
     rays_out: LidarRays,
 ):
-    """Find the first surface on every ray; thread i takes ray `order[i]`. Launch: dim=(A, R), block_dim=64."""
+    """Find the first surface on every ray; thread i traces ray `order[i]`. Launch: dim=(A, R), block_dim=64."""
     view, thread = wp.tid()
     ray = order[thread]
     pose = views.pose[view]
     direction = wp.transform_vector(pose, direction_s[ray])
-    hit = closest_hit(scene, views.slot[view], wp.transform_get_translation(pose), direction, t_max, views.ignore[view])
+    hit = closest_hit(
+        scene, views.batch_index[view], wp.transform_get_translation(pose), direction, t_max, views.ignore[view]
+    )
     store_hit(rays_out, view, ray, hit, direction)
 
 
@@ -107,5 +101,5 @@ def rolling_kernel(
     origin = wp.transform_get_translation(pose)
     direction = wp.transform_vector(pose, direction_s[ray])
     offset = firing_offset(sweep, ray)
-    hit = closest_hit_at(scene, views.slot[view], origin, direction, t_max, views.ignore[view], offset)
+    hit = closest_hit_at(scene, views.batch_index[view], origin, direction, t_max, views.ignore[view], offset)
     store_hit(rays_out, view, ray, hit, direction)

@@ -1,4 +1,4 @@
-"""Detections from the resolution cells of a radar: fluctuating echoes in noise, rain clutter, and local maxima."""
+"""Draw echoes of resolution cells: fluctuating echoes in noise, rain clutter, and local maxima."""
 
 import warp as wp
 
@@ -136,7 +136,7 @@ def rain_kernel(
 
 @wp.func
 def is_within(a: float, b: float, step: float) -> bool:
-    """Return whether two positions are less than a step apart; a ten-thousandth of a step stands for rounding."""
+    """Return whether two positions are less than a step apart; a ten-thousandth of a step allows for rounding."""
     return wp.abs(a - b) < 0.9999 * step
 
 

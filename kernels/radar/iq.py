@@ -1,4 +1,4 @@
-"""Samples of an FMCW receiver: every ray is a point that adds one complex oscillation, and noise is added."""
+"""Synthesize samples of an FMCW receiver: every ray is a point that adds one complex oscillation; noise is added."""
 
 import warp as wp
 
@@ -30,7 +30,7 @@ class Waveform:
     """Velocity that turns it once more over the chirps of a sweep [m/s]."""
     noise_sd: float
     """Standard deviation of the noise, in i and in q [W^0.5]."""
-    most_range: float
+    max_range: float
     """Distance from which on echoes are left out [m]."""
     draw: int
     """Draw of the noise."""
@@ -53,7 +53,7 @@ def scatterer_kernel(
     start = wp.float32(0.0)
     turns = wp.vec4()
     distance = rays.range[view, ray]
-    if rays.power[view, ray] > 0.0 and distance < waveform.most_range:
+    if rays.power[view, ray] > 0.0 and distance < waveform.max_range:
         amplitude = wp.sqrt(rays.power[view, ray])
         whole = wp.float64(distance) * waveform.turns_per_m
         start = wp.float32(whole - wp.floor(whole))

@@ -1,4 +1,4 @@
-"""Resolution cells of a radar: which cell each ray's echo falls into, and what the rays of a cell add up to.
+"""Find the resolution cell of each ray's echo, and sum the rays of a cell.
 
 A cell is a whole number along each of four axes: range, radial velocity, and the direction cosines along y (left) and z
 (up), which is what an array of antennas measures. Cell i of an axis covers (i - 1/2, i + 1/2) steps, as the bins of a
@@ -89,9 +89,9 @@ def cell_key_kernel(
 ):
     """Give every ray the key (view, cell, object) that it is sorted by, and its own number. Launch: dim=(A, R)."""
     view, ray = wp.tid()
-    slot = view * rays.range.shape[1] + ray
-    ray_out[slot] = slot
-    key_out[slot] = NO_KEY
+    index = view * rays.range.shape[1] + ray
+    ray_out[index] = index
+    key_out[index] = NO_KEY
     distance = rays.range[view, ray]
     if rays.object_id[view, ray] < 0 or not wp.isfinite(distance):
         return
@@ -106,7 +106,7 @@ def cell_key_kernel(
     cell = ((range_cell * grid.velocities + velocity_cell) * grid.ys + y_cell) * grid.zs + z_cell
     cells = wp.int64(grid.ranges) * wp.int64(grid.velocities) * wp.int64(grid.ys) * wp.int64(grid.zs)
     place = wp.int64(view) * cells + wp.int64(cell)
-    key_out[slot] = (place << wp.int64(OBJECT_BITS)) | wp.int64(rays.object_id[view, ray])
+    key_out[index] = (place << wp.int64(OBJECT_BITS)) | wp.int64(rays.object_id[view, ray])
 
 
 @wp.kernel

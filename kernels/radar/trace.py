@@ -1,8 +1,9 @@
-"""Radar: the rays of CARLA's radar and of a grid over the field of view, what they hit, and the power that returns."""
+"""Trace the rays of CARLA's radar or of a grid over the field of view, and evaluate the power that returns."""
 
 import warp as wp
 
 from mmw.kernels.core.compiler import FINITE
+from mmw.kernels.core.first_hits import store_hit
 from mmw.kernels.core.noise import uniform4
 from mmw.kernels.core.rigid_motion import surface_velocity
 from mmw.kernels.core.structs import Scene, Views
@@ -15,7 +16,7 @@ wp.set_module_options(
 
 @wp.struct
 class RadarHits:
-    """First hits of every ray of every view, fixed slots [A, R]: geometry and motion, the same in every weather."""
+    """First hits of every ray of every view, shape [A, R]: geometry and motion, the same in every weather."""
 
     range: wp.array2d[float]
     """Distance [m], inf for none."""
@@ -28,23 +29,20 @@ class RadarHits:
     cos_incidence: wp.array2d[float]
     """Cosine of the angle between ray and surface normal, 0 to 1; 0 for none."""
     object_id: wp.array2d[int]
+    """Object that is hit, -1 for none."""
     material_id: wp.array2d[int]
+    """Its material, -1 for none."""
 
 
 @wp.struct
 class RadarRays:
-    """The echoes of every ray in one weather, fixed slots [A, R]. All but power and RCS is shared with `RadarHits`."""
+    """The echoes of every ray in one weather, shape [A, R]. All but power and RCS is shared with `RadarHits`."""
 
     range: wp.array2d[float]
-    """Distance [m], inf for none."""
     azimuth: wp.array2d[float]
-    """Direction of the ray in the sensor frame, positive toward y, left [rad]."""
     elevation: wp.array2d[float]
-    """Direction of the ray in the sensor frame, positive toward z, up [rad]."""
     velocity: wp.array2d[float]
-    """Radial velocity relative to the sensor, positive while the distance grows [m/s]; 0 for none."""
     object_id: wp.array2d[int]
-    """Object that is hit, -1 for none."""
     power: wp.array2d[float]
     """Received power [W], both ways' losses by rain, fog, gas and wet radome included; 0 for none."""
     rcs: wp.array2d[float]
@@ -108,33 +106,28 @@ def trace_ray(
         velocity: Velocity of each view's sensor, scene frame [m/s].
         is_rigid: Whether a surface moves as the point of a rigid body or wheel that it is, or as its actor's origin.
         view: View of the ray.
-        ray: Slot to store it in.
+        ray: Number of the ray.
         direction_s: Unit direction, sensor frame.
         t_max: Length of the ray [m].
         hits_out: Where to store.
     """
     pose = views.pose[view]
-    slot = views.slot[view]
+    batch_index = views.batch_index[view]
     origin = wp.transform_get_translation(pose)
     direction = wp.transform_vector(pose, direction_s)
-    hit = closest_hit(scene, slot, origin, direction, t_max, views.ignore[view])
+    hit = closest_hit(scene, batch_index, origin, direction, t_max, views.ignore[view])
+    store_hit(hits_out, view, ray, hit, direction)
     radial = 0.0
-    cosine = 0.0
     if hit.object_id >= 0:
         surface = wp.vec3()
         if is_rigid:
-            surface = surface_velocity(scene, slot, hit.instance, hit.face, origin + hit.t * direction)
+            surface = surface_velocity(scene, batch_index, hit.instance, hit.face, origin + hit.t * direction)
         elif hit.instance >= 0:
-            surface = scene.instance_velocity[slot, hit.instance]
+            surface = scene.instance_velocity[batch_index, hit.instance]
         radial = wp.dot(surface - velocity[view], direction)
-        cosine = wp.clamp(-wp.dot(hit.normal, direction), 0.0, 1.0)
-    hits_out.range[view, ray] = hit.t
     hits_out.azimuth[view, ray] = wp.atan2(direction_s[1], direction_s[0])
     hits_out.elevation[view, ray] = wp.asin(wp.clamp(direction_s[2], -1.0, 1.0))
     hits_out.velocity[view, ray] = radial
-    hits_out.cos_incidence[view, ray] = cosine
-    hits_out.object_id[view, ray] = hit.object_id
-    hits_out.material_id[view, ray] = hit.material_id
 
 
 @wp.kernel(cuda_max_registers=TRACE_REGISTERS)
@@ -190,7 +183,7 @@ def grid_kernel(
 def backscatter(surface: wp.vec3, cosine: float) -> float:
     """Return the backscatter coefficient s0 of a rough surface, RCS per area [-].
 
-    |G|^2 exp(-tan^2 / 2 s^2) / (2 s^2 cos^4) of facets that mirror the wave back, and 4 rho cos^2 of a Lambert surface.
+    |G|^2 exp(-tan^2 / 2 s^2) / (2 s^2 cos^4) of facets that reflect the wave, and 4 rho cos^2 of a Lambert surface.
 
     Args:
         surface: |G|^2 / 2 s^2, 1 / 2 s^2 and 4 rho, from `mmw.sensors.radar.reflectivity`.

@@ -1,4 +1,4 @@
-"""The air between a camera and what it sees: haze, fog and rain take light away and scatter light of the sky in."""
+"""Attenuate light in the air in front of a camera: haze, fog and rain absorb it and scatter light of the sky in."""
 
 import warp as wp
 
@@ -40,7 +40,7 @@ class Air:
 
 @wp.func
 def henyey_greenstein(cosine: float, anisotropy: float) -> float:
-    """Return the share of light scattered per solid angle [1/sr] at an angle from its way on, given by its cosine.
+    """Return the share of light scattered per solid angle [1/sr] at an angle from its direction, given by its cosine.
 
     Source: Henyey and Greenstein, Astrophys. J. 93, 1941.
     """
@@ -50,13 +50,7 @@ def henyey_greenstein(cosine: float, anisotropy: float) -> float:
 
 @wp.func
 def airlight(air: Air, sun_direction: wp.vec3, direction: wp.vec3) -> wp.vec3:
-    """Return the radiance of endless air in a direction [kcd/m2]: what everything far away fades to.
-
-    Args:
-        air: The air.
-        sun_direction: Unit vector to the sun, scene frame.
-        direction: Unit vector away from the viewer, scene frame.
-    """
+    """Return the radiance of endless air in a direction [kcd/m2]: what everything far away fades to."""
     level = wp.sqrt(direction[0] * direction[0] + direction[1] * direction[1])
     sun_level = wp.sqrt(sun_direction[0] * sun_direction[0] + sun_direction[1] * sun_direction[1])
     both = wp.max(level * sun_level, 1e-12)
@@ -70,16 +64,16 @@ def airlight(air: Air, sun_direction: wp.vec3, direction: wp.vec3) -> wp.vec3:
 
 @wp.func
 def transmittance(air: Air, origin: wp.vec3, direction: wp.vec3, distance: float) -> wp.vec3:
-    """Return the share of light that comes through the air on a way, in red, green and blue.
+    """Return the share of light that comes through the air on a ray, in red, green and blue.
 
-    Fog of density exp(-k z) on a way that climbs from z0 to z1 has the mean density (e0 - e1) / (k (z1 - z0)), e being
+    Fog of density exp(-k z) on a ray that climbs from z0 to z1 has the mean density (e0 - e1) / (k (z1 - z0)), e being
     the densities at the ends. Over a short climb, where that is 0 / 0, it is the density at the middle.
 
     Args:
         air: The air.
         origin: Where the camera is, scene frame [m].
         direction: Unit vector away from it, scene frame.
-        distance: Length of the way [m].
+        distance: Length of the ray [m].
     """
     through_fog = wp.max(distance - air.fog_start, 0.0)
     density = wp.float32(1.0)
@@ -119,9 +113,5 @@ def sky_through_air(sky: Sky, direction: wp.vec3) -> wp.vec3:
 
     The sky is baked as seen from the ground, through all of its haze, fog and rain, so nothing is left to do: in dense
     fog it is the airlight, and at the horizon the airlight in any weather.
-
-    Args:
-        sky: The sky.
-        direction: Unit vector away from the camera, scene frame.
     """
     return sky_radiance(sky, direction, 0.0) + sun_disc(sky, direction)

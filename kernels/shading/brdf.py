@@ -1,4 +1,4 @@
-"""Reflection of light by surfaces: GGX microfacets with a diffuse base, clear coat and panes of glass.
+"""Reflect light at surfaces: GGX microfacets with a diffuse base, clear coat and panes of glass.
 
 The inputs are those of UsdPreviewSurface (metallic workflow). Layers, from the eye down:
 
@@ -9,7 +9,7 @@ The inputs are those of UsdPreviewSurface (metallic workflow). Layers, from the 
 - the diffuse base of a dielectric, which gets what the lobe lets through on the way in and lets out again what it lets
   through on the way out, after Kelemen and Szirmay-Kalos.
 
-All but the coat is reciprocal, and a surface that absorbs nothing sends on all it gets (white furnace). That asks for
+All but the coat is reciprocal, and a surface that absorbs nothing reflects all it gets (white furnace). That needs
 the albedo of the lobe, which has no closed form: `lobe_albedo` is our own fit to its integral. A dielectric that is
 less than 2 % reflective loses its reflection at grazing angles as well, so an index of 1 gives a Lambert surface.
 
@@ -25,12 +25,12 @@ S. Lagarde and C. de Rousiers, "Moving Frostbite to physically based rendering",
 
 import warp as wp
 
-from mmw.kernels.shading.structs import Look, Surfel
+from mmw.kernels.shading.structs import Appearance, SurfacePoint
 
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": True})
 
 MIN_COSINE = wp.constant(0.01)
-"""Cosines toward the viewer below this count as this: interpolated normals may look away, and the fits end here."""
+"""Cosines toward the viewer below this count as this: interpolated normals may point away, and the fits end here."""
 COAT_REFLECTANCE = wp.constant(0.04)
 """Reflectance of the clear coat at normal incidence: lacquer of index 1.5. Source: UsdPreviewSurface."""
 F90_SLOPE = wp.constant(50.0)
@@ -46,7 +46,7 @@ peel of paint, panes that are not quite flat): design value, with which highligh
 class Ambient:
     """Luminance that leaves toward a viewer over the luminance that arrives.
 
-    It is diffuse * E(n) / pi + specular * L(mirror direction, specular_roughness) + coat * L(mirror direction,
+    It is diffuse * E(n) / pi + specular * L(reflected direction, specular_roughness) + coat * L(reflected direction,
     coat_roughness), with E the irradiance and L the luminance blurred as that roughness does.
     """
 
@@ -178,9 +178,9 @@ def ior_of(normal_reflectance: float) -> float:
 
 
 @wp.func
-def is_pane(surfel: Surfel, look: Look) -> bool:
+def is_pane(surface_point: SurfacePoint, appearance: Appearance) -> bool:
     """Return whether a surface is clear glass, not a cut-out."""
-    return surfel.opacity < 1.0 and look.opacity_threshold <= 0.0
+    return surface_point.opacity < 1.0 and appearance.opacity_threshold <= 0.0
 
 
 @wp.func
@@ -206,7 +206,7 @@ def grazing_reflectance(f0: float) -> float:
 
 @wp.func
 def multiple_share(f0: float, f90: float, mean_albedo: float) -> float:
-    """Return which share of the light that leaves the facets late was not absorbed on its way.
+    """Return which share of the light that leaves the facets late was not absorbed before.
 
     Source: Kulla and Conty 2017, with the mean of Schlick's term over the hemisphere.
     """
@@ -233,7 +233,7 @@ class Base:
     under_coat: float
     """Share that the coat leaves."""
     coat: float
-    """Share that the coat mirrors."""
+    """Share that the coat reflects."""
 
 
 @wp.func
@@ -244,99 +244,99 @@ def dielectric_albedo(base: Base, albedo: wp.vec2) -> float:
 
 
 @wp.func
-def base_of(surfel: Surfel, look: Look, n_v: float) -> Base:
+def base_of(surface_point: SurfacePoint, appearance: Appearance, n_v: float) -> Base:
     """Return what of a surface does not depend on the light."""
     base = Base()
-    metallic = surfel.metallic
-    color = surfel.color
-    base.dielectric_f0 = look.normal_reflectance
+    metallic = surface_point.metallic
+    color = surface_point.color
+    base.dielectric_f0 = appearance.normal_reflectance
     base.dielectric_f90 = grazing_reflectance(base.dielectric_f0)
     metal_f90 = grazing_reflectance(wp.max(color))
     base.f0 = color * metallic + wp.vec3(1.0, 1.0, 1.0) * (base.dielectric_f0 * (1.0 - metallic))
     base.f90 = metal_f90 * metallic + base.dielectric_f90 * (1.0 - metallic)
-    base.albedo = lobe_albedo(n_v, surfel.roughness)
-    base.mean = mean_lobe_albedo(surfel.roughness)
+    base.albedo = lobe_albedo(n_v, surface_point.roughness)
+    base.mean = mean_lobe_albedo(surface_point.roughness)
     base.dielectric_late = multiple_share(base.dielectric_f0, base.dielectric_f90, base.mean[0])
     for i in range(3):
         late = multiple_share(color[i], metal_f90, base.mean[0])
         base.late[i] = late * metallic + base.dielectric_late * (1.0 - metallic)
     base.diffuse = color * (1.0 - metallic)
     base.coat = wp.float32(0.0)
-    if look.clearcoat > 0.0:
-        coat = lobe_albedo(n_v, look.clearcoat_roughness)
-        base.coat = look.clearcoat * (COAT_REFLECTANCE * (coat[0] - coat[1]) + coat[1])
+    if appearance.clearcoat > 0.0:
+        coat = lobe_albedo(n_v, appearance.clearcoat_roughness)
+        base.coat = appearance.clearcoat * (COAT_REFLECTANCE * (coat[0] - coat[1]) + coat[1])
     base.under_coat = 1.0 - base.coat
     return base
 
 
 @wp.func
-def direct_light(surfel: Surfel, look: Look, to_viewer: wp.vec3, to_light: wp.vec3) -> wp.vec3:
+def direct_light(surface_point: SurfacePoint, appearance: Appearance, to_viewer: wp.vec3, to_light: wp.vec3) -> wp.vec3:
     """Return BRDF times cosine of a far light [1/sr]: times its illuminance in klux, at normal incidence, kcd/m2.
 
     Zero for a light behind the face or behind the shading normal.
 
     Args:
-        surfel: The point, with its interpolated inputs.
-        look: Its material, for index, coat and kind.
+        surface_point: The point, with its interpolated inputs.
+        appearance: Its material, for index, coat and kind.
         to_viewer: Unit direction, scene frame.
         to_light: Unit direction, scene frame.
     """
     result = wp.vec3()
-    n = surfel.shading_normal
+    n = surface_point.shading_normal
     n_l = wp.dot(n, to_light)
-    if n_l > 0.0 and wp.dot(surfel.normal, to_light) > 0.0:
+    if n_l > 0.0 and wp.dot(surface_point.normal, to_light) > 0.0:
         n_v = wp.clamp(wp.dot(n, to_viewer), MIN_COSINE, 1.0)
         half = wp.normalize(to_viewer + to_light)
         v_h = wp.clamp(wp.dot(to_viewer, half), 0.0, 1.0)
         sine = wp.cross(n, half)
         sine2 = wp.min(wp.dot(sine, sine), 1.0)
-        mirror = lobe(n_v, n_l, sine2, wavy_alpha2(surfel.roughness))
-        if is_pane(surfel, look):
-            ior = ior_of(look.normal_reflectance)
+        specular_lobe = lobe(n_v, n_l, sine2, wavy_alpha2(surface_point.roughness))
+        if is_pane(surface_point, appearance):
+            ior = ior_of(appearance.normal_reflectance)
             through = (1.0 - pane_reflectance(n_v, ior)) * (1.0 - pane_reflectance(n_l, ior))
-            behind = through / (wp.PI * (1.0 - mean_pane_reflectance(look.normal_reflectance)))
-            glint = mirror * pane_reflectance(v_h, ior)
-            result = (surfel.color * behind + wp.vec3(glint, glint, glint)) * n_l
+            behind = through / (wp.PI * (1.0 - mean_pane_reflectance(appearance.normal_reflectance)))
+            glint = specular_lobe * pane_reflectance(v_h, ior)
+            result = (surface_point.color * behind + wp.vec3(glint, glint, glint)) * n_l
         else:
             x = 1.0 - v_h
             x5 = x * x * x * x * x
-            base = base_of(surfel, look, n_v)
-            light = lobe_albedo(wp.max(n_l, MIN_COSINE), surfel.roughness)
+            base = base_of(surface_point, appearance, n_v)
+            light = lobe_albedo(wp.max(n_l, MIN_COSINE), surface_point.roughness)
             grazing = wp.vec3(base.f90, base.f90, base.f90)
-            specular = (base.f0 * (1.0 - x5) + grazing * x5) * mirror
+            specular = (base.f0 * (1.0 - x5) + grazing * x5) * specular_lobe
             late = base.late * ((1.0 - base.albedo[0]) * (1.0 - light[0]) / (wp.PI * (1.0 - base.mean[0])))
             into = (1.0 - dielectric_albedo(base, base.albedo)) * (1.0 - dielectric_albedo(base, light))
             diffuse = base.diffuse * (into / (wp.PI * (1.0 - dielectric_albedo(base, base.mean))))
             result = (specular + late + diffuse) * (base.under_coat * n_l)
-            if look.clearcoat > 0.0:
-                coat = lobe(n_v, n_l, sine2, wavy_alpha2(look.clearcoat_roughness))
-                shine = look.clearcoat * (COAT_REFLECTANCE * (1.0 - x5) + x5) * coat * n_l
+            if appearance.clearcoat > 0.0:
+                coat = lobe(n_v, n_l, sine2, wavy_alpha2(appearance.clearcoat_roughness))
+                shine = appearance.clearcoat * (COAT_REFLECTANCE * (1.0 - x5) + x5) * coat * n_l
                 result += wp.vec3(shine, shine, shine)
     return result
 
 
 @wp.func
-def ambient_weights(surfel: Surfel, look: Look, to_viewer: wp.vec3) -> Ambient:
-    """Return how much of the light from all round a surface sends to a viewer, by the way it takes.
+def ambient_weights(surface_point: SurfacePoint, appearance: Appearance, to_viewer: wp.vec3) -> Ambient:
+    """Return how much of the light from all round a surface sends to a viewer, by its lobe.
 
     Source: split sum of B. Karis, "Real shading in Unreal Engine 4", SIGGRAPH course 2013; late light among the diffuse
     after C. Fdez-Aguera, "A multiple-scattering microfacet model for real-time image-based lighting", JCGT 8(1), 2019.
 
     Args:
-        surfel: The point, with its interpolated inputs.
-        look: Its material, for index, coat and kind.
+        surface_point: The point, with its interpolated inputs.
+        appearance: Its material, for index, coat and kind.
         to_viewer: Unit direction, scene frame.
     """
     ambient = Ambient()
-    n_v = wp.clamp(wp.dot(surfel.shading_normal, to_viewer), MIN_COSINE, 1.0)
-    ambient.specular_roughness = surfel.roughness
-    ambient.coat_roughness = look.clearcoat_roughness
-    if is_pane(surfel, look):
-        mirror = pane_reflectance(n_v, ior_of(look.normal_reflectance))
-        ambient.specular = wp.vec3(mirror, mirror, mirror)
-        ambient.diffuse = surfel.color * (1.0 - mirror)
+    n_v = wp.clamp(wp.dot(surface_point.shading_normal, to_viewer), MIN_COSINE, 1.0)
+    ambient.specular_roughness = surface_point.roughness
+    ambient.coat_roughness = appearance.clearcoat_roughness
+    if is_pane(surface_point, appearance):
+        reflectance = pane_reflectance(n_v, ior_of(appearance.normal_reflectance))
+        ambient.specular = wp.vec3(reflectance, reflectance, reflectance)
+        ambient.diffuse = surface_point.color * (1.0 - reflectance)
     else:
-        base = base_of(surfel, look, n_v)
+        base = base_of(surface_point, appearance, n_v)
         grazing = wp.vec3(base.f90, base.f90, base.f90) * base.albedo[1]
         ambient.specular = (base.f0 * (base.albedo[0] - base.albedo[1]) + grazing) * base.under_coat
         into = 1.0 - dielectric_albedo(base, base.albedo)

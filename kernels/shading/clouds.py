@@ -1,4 +1,4 @@
-"""A layer of heaped clouds in the sky: light is marched through it once a weather, for every texel of the sky's map."""
+"""March light through a layer of heaped clouds once a weather, for every texel of the sky's map."""
 
 import warp as wp
 
@@ -10,7 +10,7 @@ EARTH = wp.constant(6.36e6)
 """Radius of the ground [m]."""
 
 STEPS = wp.constant(40)
-"""Steps of a way through the layer."""
+"""Steps of a ray through the layer."""
 
 SUN_STEPS = wp.constant(6)
 """Steps from a point of a cloud toward the sun, each 1.7 times as long as the one before."""
@@ -31,7 +31,7 @@ class Clouds:
     """A layer of clouds, the same everywhere but for its pattern, which repeats itself."""
 
     cover: wp.array2d[float]
-    """Ranks 0 to 1 of a random field, evenly spread, shape [N, N], N a power of two: clouds stand where it is high."""
+    """Ranks 0 to 1 of a random field, evenly spread, shape [N, N], N a power of two: clouds are where it is high."""
     detail: wp.array3d[float]
     """Ranks 0 to 1 of a finer one, shape [M, M, M], M a power of two."""
     cover_size: float
@@ -97,7 +97,7 @@ def pattern_3d(values: wp.array3d[float], at: wp.vec3) -> float:
 
 @wp.func
 def cloud_density(clouds: Clouds, x: float, y: float, height: float) -> float:
-    """Return how much cloud is at a point, 0 to 1, without what detail takes away; below 0 outside.
+    """Return how much cloud is at a point, 0 to 1, without what detail removes; below 0 outside.
 
     Args:
         clouds: The layer.

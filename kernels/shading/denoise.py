@@ -1,4 +1,4 @@
-"""Filters that average the rays to sun and sky of neighboring pixels on the same smooth surface.
+"""Average the rays to sun and sky of neighboring pixels on the same smooth surface.
 
 Source: H. Dammertz et al., "Edge-avoiding A-Trous wavelet transform", High Performance Graphics 2010.
 """
@@ -19,7 +19,7 @@ the first pass stays below half of it."""
 
 EVEN_SKY = wp.constant(6)
 """Difference between neighboring rays to the sky, in 255ths, up to which they are blended wherever they left: half of
-it, the error at worst, is not seen. Design value."""
+it, the error at worst, is not visible. Design value."""
 
 FLATNESS = wp.constant(0.01)
 """Distance from a plane that still belongs to its surface, over the range and at least of 1 m [-]. Design value."""
@@ -108,7 +108,7 @@ def smooth_sky_kernel(
                 # The 16 directions of 4 x 4 rays count the same: those at both ends of the square share one.
                 weight *= wp.where(wp.abs(a) == 2, 0.5, 1.0) * wp.where(wp.abs(b) == 2, 0.5, 1.0)
                 value = float(sky[view, y, x])
-                if reach > 1:  # what the first pass made differs by noise or by a near thing's shade, which stays
+                if reach > 1:  # values of the first pass differ by noise or by a near shadow, which stays
                     weight *= wp.max(1.0 - wp.abs(value - own) / SHADE_STEP, 0.0)
                 total += weight
                 is_open += weight * value
@@ -142,7 +142,7 @@ def smooth_sun(picture: Picture, sun: wp.array[wp.uint8], view: int, u: int, v: 
             if y >= 0 and x >= 0 and y < picture.camera.height and x < picture.camera.width:
                 beside = sample_row(picture.camera, view, x, y)
                 weight = likeness(picture, beside, x, y, spot)
-                # The 16 points of the disc that 4 x 4 pixels look at count the same.
+                # The 16 points of the disc that 4 x 4 pixels appearance at count the same.
                 weight *= wp.where(wp.abs(a) == 2, 0.5, 1.0) * wp.where(wp.abs(b) == 2, 0.5, 1.0)
                 total += weight
                 lit += weight * float(sun[beside])

@@ -1,10 +1,10 @@
-"""Lamps of vehicles and streets: how they glow, and what they light.
+"""Compute the glow and the light of vehicle lights and street lights.
 
-- Head lamps burn in a low beam: below a cut-off, which rises on the right for right-hand traffic. Both lamps of a
-  vehicle are one beam from the middle of its front. Tail lamps glow with them, and brighter in braking, by day too.
-- Street lamps shine downward as Lambert sources. A grid over the town lists those that reach each cell.
+- Headlights burn in a low beam: below a cut-off, which rises on the right for right-hand traffic. Both lights of a
+  vehicle are one beam from the middle of its front. Taillights glow with them, and brighter in braking, by day too.
+- Street lights shine downward as Lambert sources. A grid over the town lists those that reach each cell.
 
-No shadow ray is sent to a lamp: light passes through other vehicles and corners of houses. With no lamp lit all this
+No shadow ray is sent to a light: light passes through other vehicles and corners of houses. With no light on all this
 costs one comparison.
 """
 
@@ -12,7 +12,7 @@ import warp as wp
 
 from mmw.kernels.core.structs import Scene
 from mmw.kernels.shading.brdf import direct_light
-from mmw.kernels.shading.structs import Look, Surfel
+from mmw.kernels.shading.structs import Appearance, SurfacePoint
 from mmw.kernels.shading.wet_surfaces import Wetted, film_light, film_weights
 
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": True})
@@ -29,7 +29,7 @@ for 10.1 kcd or more at 75R and 50R and for 13.2 or less at 50L."""
 BEAM_STRAY_KCD = wp.constant(0.25)
 """Of one low beam above the cut-off [kcd]. Design value: Regulation 112 allows 0.35 at B50L and 0.625 in zone III."""
 CUT_OFF = wp.constant(-0.01)
-"""Tangent of the cut-off's elevation: 1 % down, which Regulation 48 asks of lamps below 0.8 m."""
+"""Tangent of the cut-off's elevation: 1 % down, which Regulation 48 asks of lights below 0.8 m."""
 CUT_OFF_RISE = wp.constant(0.268)
 """Slope of the cut-off on the right, tan 15 degrees. Source: Regulation 112."""
 CUT_OFF_TOP = wp.constant(0.03)
@@ -44,29 +44,29 @@ BEAM_REACH_M = wp.constant(80.0)
 """Distance at which the light of a beam is taken to zero [m]: twice a low beam's range of sight. Design value."""
 
 STREET_KCD = wp.constant(3.183)
-"""Luminous intensity of a street lamp straight down [kcd]: 10 klm over pi. Design value, a lamp of 100 W LED."""
+"""Luminous intensity of a street light straight down [kcd]: 10 klm over pi. Design value, a lamp of 100 W LED."""
 STREET_REACH_M = wp.constant(30.0)
-"""Distance at which the light of a street lamp is taken to zero [m]: about the distance of posts. Design value."""
+"""Distance at which the light of a street light is taken to zero [m]: about the distance of posts. Design value."""
 
 BRAKE_GAIN = wp.constant(10.0)
-"""Luminance of brake lights over that of tail lamps. Source: UNECE Regulation 7, 4 to 17 cd for a tail lamp (R1) and
-60 to 260 cd for a stop lamp (S1)."""
-LAMP_ALPHA2 = wp.constant(1.0e-3)
-"""Added to the square of GGX's alpha in the glint of a lamp on water [-]: a lamp of 0.2 m at 3 m and more. Design
+"""Luminance of brake lights over that of taillights. Source: UNECE Regulation 7, 4 to 17 cd for a taillight (R1) and
+60 to 260 cd for a stop light (S1)."""
+LIGHT_ALPHA2 = wp.constant(1.0e-3)
+"""Added to the square of GGX's alpha in the glint of a light on water [-]: a light of 0.2 m at 3 m and more. Design
 value."""
 NEAR_M2 = wp.constant(0.1)
-"""Least square of the distance to a lamp [m2]: nearer than 0.3 m it is no point."""
+"""Least square of the distance to a light [m2]: nearer than 0.3 m it is no point."""
 
 
 @wp.struct
-class Lamps:
-    """The lamps of a scene in one weather, for the frames of one batch."""
+class Lights:
+    """The lights of a scene in one weather, for the frames of one batch."""
 
     is_on: wp.bool
-    """True if head and tail lamps are on."""
+    """True if head and taillights are on."""
     is_street_on: wp.bool
     brake: wp.array2d[float]
-    """Braking of each instance, 0 to 1, shape [S, V]; -1 for one without lamps, parked, or absent."""
+    """Braking of each instance, 0 to 1, shape [S, V]; -1 for one without lights, parked, or absent."""
     beam_count: int
     """Number of beams, 0 while they are off."""
     beam_instance: wp.array[int]
@@ -76,7 +76,7 @@ class Lamps:
     beam_color: wp.vec3
     """Color of the beams, luminance 1."""
     street_count: int
-    """Number of street lamps, 0 while they are off."""
+    """Number of street lights, 0 while they are off."""
     street_position: wp.array[wp.vec3]
     """Scene frame [m], shape [L]."""
     street_color: wp.vec3
@@ -88,9 +88,9 @@ class Lamps:
     """Cells along x; cell = row * columns + column."""
     grid_rows: int
     grid_first: wp.array[int]
-    """First entry of each cell in `grid_lamp`, and one past the last, shape [cells + 1]."""
-    grid_lamp: wp.array[int]
-    """Street lamps that reach into each cell, cell after cell."""
+    """First entry of each cell in `grid_light`, and one past the last, shape [cells + 1]."""
+    grid_light: wp.array[int]
+    """Street lights that reach into each cell, cell after cell."""
 
 
 @wp.func
@@ -98,7 +98,7 @@ def beam_kcd(away: wp.vec3) -> float:
     """Return the luminous intensity of one low beam [kcd].
 
     Args:
-        away: Direction away from the lamp, unit, frame of the vehicle: x forward, y left, z up.
+        away: Direction away from the light, unit, frame of the vehicle: x forward, y left, z up.
 
     Source: lobe of ours through the test points of UNECE Regulation 112, class B, right-hand traffic.
     """
@@ -118,95 +118,90 @@ def beam_kcd(away: wp.vec3) -> float:
 
 @wp.func
 def fade(distance2: float, reach: float) -> float:
-    """Return 1 near a lamp and 0 at its reach. Source: window of Karis 2013."""
+    """Return 1 near a light and 0 at its reach. Source: window of Karis 2013."""
     x = distance2 / (reach * reach)
     rest = wp.clamp(1.0 - x * x, 0.0, 1.0)
     return rest * rest
 
 
 @wp.func
-def lamp_emission(
-    lamps: Lamps, scene: Scene, slot: int, instance: int, look: Look, surfel: Surfel, to_viewer: wp.vec3
+def light_emission(
+    lights: Lights,
+    scene: Scene,
+    batch_index: int,
+    instance: int,
+    appearance: Appearance,
+    surface_point: SurfacePoint,
+    to_viewer: wp.vec3,
 ) -> wp.vec3:
-    """Return the luminance that a surface emits [kcd/m2]: that of its look, of a lamp as it is switched.
+    """Return the luminance that a surface emits [kcd/m2]: that of its appearance, of a light as it is switched.
 
-    The emission of a head lamp's look is what an oncoming driver sees above the cut-off.
-
-    Args:
-        lamps: The lamps.
-        scene: Poses of the vehicles.
-        slot: Slot of the frame.
-        instance: Instance of the surface, -1 for the town.
-        look: Its material.
-        surfel: The point.
-        to_viewer: Unit direction, scene frame.
+    The emission of a headlight's appearance is what an oncoming driver sees above the cut-off.
     """
     share = wp.float32(1.0)
-    if look.lamp == STREET:
-        share = wp.where(lamps.is_street_on, 1.0, 0.0)
-    elif look.lamp == HEADLIGHT or look.lamp == TAILLIGHT or look.lamp == BRAKE:
+    if appearance.lamp == STREET:
+        share = wp.where(lights.is_street_on, 1.0, 0.0)
+    elif appearance.lamp == HEADLIGHT or appearance.lamp == TAILLIGHT or appearance.lamp == BRAKE:
         share = 0.0
         if instance >= 0:
-            brake = lamps.brake[slot, instance]
+            brake = lights.brake[batch_index, instance]
             if brake >= 0.0:
-                if lamps.is_on and look.lamp != BRAKE:
+                if lights.is_on and appearance.lamp != BRAKE:
                     share = 1.0
-                if look.lamp != HEADLIGHT:
+                if appearance.lamp != HEADLIGHT:
                     share = wp.max(share, BRAKE_GAIN * brake)
-                elif lamps.is_on:
-                    turn = wp.transform_get_rotation(scene.instance_pose[slot, instance])
+                elif lights.is_on:
+                    turn = wp.transform_get_rotation(scene.instance_pose[batch_index, instance])
                     share = beam_kcd(wp.quat_rotate_inv(turn, to_viewer)) / BEAM_STRAY_KCD
-    return surfel.emission * share
+    return surface_point.emission * share
 
 
 @wp.func
-def reflected(wet: Wetted, look: Look, to_viewer: wp.vec3, to_light: wp.vec3, share: float) -> wp.vec3:
+def reflected(wet: Wetted, appearance: Appearance, to_viewer: wp.vec3, to_light: wp.vec3, share: float) -> wp.vec3:
     """Return BRDF times cosine of a wet surface, film and all [1/sr]; `share` is that of `film_weights`."""
-    result = direct_light(wet.surfel, look, to_viewer, to_light) * (1.0 - share)
+    result = direct_light(wet.surface_point, appearance, to_viewer, to_light) * (1.0 - share)
     if share > 0.0:
-        glint = film_light(wet, to_viewer, to_light, LAMP_ALPHA2)
+        glint = film_light(wet, to_viewer, to_light, LIGHT_ALPHA2)
         result += wp.vec3(glint, glint, glint)
     return result
 
 
 @wp.func
-def lamp_light(lamps: Lamps, scene: Scene, slot: int, wet: Wetted, look: Look, to_viewer: wp.vec3) -> wp.vec3:
-    """Return the luminance that a surface and the film over it send on from lamps [kcd/m2].
-
-    Args:
-        lamps: The lamps.
-        scene: Poses of the vehicles.
-        slot: Slot of the frame.
-        wet: The surface as the weather's water makes it.
-        look: Its material.
-        to_viewer: Unit direction, scene frame.
-    """
+def reflected_lights(
+    lights: Lights, scene: Scene, batch_index: int, wet: Wetted, appearance: Appearance, to_viewer: wp.vec3
+) -> wp.vec3:
+    """Return the luminance that a surface and the film over it send on from lights [kcd/m2]."""
     light = wp.vec3(0.0, 0.0, 0.0)
-    if lamps.beam_count + lamps.street_count > 0:
-        point = wet.surfel.point
+    if lights.beam_count + lights.street_count > 0:
+        point = wet.surface_point.point
         share = film_weights(wet, to_viewer)
-        for b in range(lamps.beam_count):
-            instance = lamps.beam_instance[b]
-            if lamps.brake[slot, instance] >= 0.0:
-                pose = scene.instance_pose[slot, instance]
-                offset = wp.transform_point(pose, lamps.beam_position[b]) - point
+        for b in range(lights.beam_count):
+            instance = lights.beam_instance[b]
+            if lights.brake[batch_index, instance] >= 0.0:
+                pose = scene.instance_pose[batch_index, instance]
+                offset = wp.transform_point(pose, lights.beam_position[b]) - point
                 distance2 = wp.dot(offset, offset)
                 if distance2 < BEAM_REACH_M * BEAM_REACH_M:
                     to_light = wp.normalize(offset)
                     away = wp.quat_rotate_inv(wp.transform_get_rotation(pose), -to_light)
                     klux = 2.0 * beam_kcd(away) * fade(distance2, BEAM_REACH_M) / wp.max(distance2, NEAR_M2)
                     if klux > 0.0:
-                        light += wp.cw_mul(lamps.beam_color, reflected(wet, look, to_viewer, to_light, share)) * klux
-        if lamps.street_count > 0:
-            column = int(wp.floor((point[0] - lamps.grid_low[0]) / lamps.grid_cell))
-            row = int(wp.floor((point[1] - lamps.grid_low[1]) / lamps.grid_cell))
-            if column >= 0 and column < lamps.grid_columns and row >= 0 and row < lamps.grid_rows:
-                cell = row * lamps.grid_columns + column
-                for k in range(lamps.grid_first[cell], lamps.grid_first[cell + 1]):
-                    offset = lamps.street_position[lamps.grid_lamp[k]] - point
+                        light += (
+                            wp.cw_mul(lights.beam_color, reflected(wet, appearance, to_viewer, to_light, share)) * klux
+                        )
+        if lights.street_count > 0:
+            column = int(wp.floor((point[0] - lights.grid_low[0]) / lights.grid_cell))
+            row = int(wp.floor((point[1] - lights.grid_low[1]) / lights.grid_cell))
+            if column >= 0 and column < lights.grid_columns and row >= 0 and row < lights.grid_rows:
+                cell = row * lights.grid_columns + column
+                for k in range(lights.grid_first[cell], lights.grid_first[cell + 1]):
+                    offset = lights.street_position[lights.grid_light[k]] - point
                     distance2 = wp.dot(offset, offset)
                     if distance2 < STREET_REACH_M * STREET_REACH_M and offset[2] > 0.0:
                         to_light = wp.normalize(offset)
                         klux = STREET_KCD * to_light[2] * fade(distance2, STREET_REACH_M) / wp.max(distance2, NEAR_M2)
-                        light += wp.cw_mul(lamps.street_color, reflected(wet, look, to_viewer, to_light, share)) * klux
+                        light += (
+                            wp.cw_mul(lights.street_color, reflected(wet, appearance, to_viewer, to_light, share))
+                            * klux
+                        )
     return light

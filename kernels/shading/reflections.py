@@ -1,4 +1,4 @@
-"""One mirrored ray from what reflects sharply: glass, clear coats, bare smooth metal, and water on the ground.
+"""Trace one reflected ray from what reflects sharply: glass, clear coats, bare smooth metal, water on the ground.
 
 Every second pixel sends one, as on a chessboard, and the others show the mean of their neighbors' images; one without
 a neighbor that shows the same material shows the blurred sky. Wet ground sends a ray from every pixel: where water
@@ -15,30 +15,30 @@ from mmw.kernels.core.packing import unpack_unit
 from mmw.kernels.core.structs import Scene
 from mmw.kernels.core.trace import PICTURE_REGISTERS, closest_hit_raw
 from mmw.kernels.shading.shadows import lift, sees_sun, stratum_point
-from mmw.kernels.shading.structs import MATT, Appearance, Samples, Surfaces
-from mmw.kernels.shading.surface_point import surfel_of
+from mmw.kernels.shading.structs import MATT, AppearanceTable, Samples, Surfaces
+from mmw.kernels.shading.surface_point import ray_hit, surface_point_of
 from mmw.kernels.shading.surface_samples import read_surface, schlick, write_surface
 from mmw.kernels.shading.wet_surfaces import WATER_REFLECTANCE, Wet, smoothstep, wetted
 
 wp.set_module_options(PICTURE_RAYS)
 
 MIN_WATER_SHARE = wp.constant(0.03)
-"""Share of the light that the film on wet ground must mirror for a ray to be worth it [-]: that of water to an eye
+"""Share of the light that the film on wet ground must reflect for a ray to be worth it [-]: that of water to an eye
 37 deg above it. Design value."""
 
 FULL_WATER_SHARE = wp.constant(0.12)
-"""Share of water's mirrored light from which the ray alone counts [-]. Design value."""
+"""Share of the light that water reflects from which the ray alone counts [-]. Design value."""
 
-MIRROR_FAR_M = wp.constant(1.0e3)
-"""Length of a mirrored ray [m]."""
+REFLECTION_LENGTH_M = wp.constant(1.0e3)
+"""Length of a reflected ray [m]."""
 
 ALIKE = wp.constant(0.95)
 """Cosine between the normals of neighbors that can show the mean of each other's images [-]. Design value."""
 
 
 @wp.struct
-class Mirrors:
-    """Mirrored rays and their hits."""
+class Reflections:
+    """Reflected rays and their hits."""
 
     row: wp.array[int]
     """Sample that each was sent from."""
@@ -49,13 +49,13 @@ class Mirrors:
 
 
 @wp.struct
-class MirrorRay:
-    """A mirrored ray."""
+class ReflectedRay:
+    """A reflected ray."""
 
     source: SampleRay
-    """The ray that was mirrored."""
+    """The ray that was reflected."""
     t: float
-    """Distance from the camera to the mirror [m]."""
+    """Distance from the camera to the reflecting surface [m]."""
     start: wp.vec3
     """Origin, scene frame [m]."""
     direction: wp.vec3
@@ -63,8 +63,8 @@ class MirrorRay:
 
 
 @wp.func
-def mirrored(direction: wp.vec3, normal: wp.vec3, face_normal: wp.vec3) -> wp.vec3:
-    """Return the mirrored direction, kept above the face where a bent normal would send it below."""
+def reflect(direction: wp.vec3, normal: wp.vec3, face_normal: wp.vec3) -> wp.vec3:
+    """Return the reflected direction, kept above the face where a bent normal would send it below."""
     away = direction - 2.0 * wp.dot(direction, normal) * normal
     below = wp.dot(away, face_normal)
     if below < 0.02:
@@ -80,7 +80,7 @@ def footprint_on(normal: wp.vec3, direction: wp.vec3, width: float) -> float:
 
 @wp.func
 def water_weight(film: float, normal: wp.vec3, to_viewer: wp.vec3) -> float:
-    """Return how much of what the film on a wet surface mirrors comes by a ray of its own, 0 to 1 (Schlick, flat).
+    """Return how much of what the film on a wet surface reflections comes by a ray of its own, 0 to 1 (Schlick, flat).
 
     The rest is the blurred sky. It rises smoothly, so that no line shows where rays begin.
     """
@@ -88,9 +88,9 @@ def water_weight(film: float, normal: wp.vec3, to_viewer: wp.vec3) -> float:
 
 
 @wp.func
-def mirror_ray(picture: Picture, surfaces: Surfaces, row: int) -> MirrorRay:
-    """Return the mirrored ray of a sample. It does not depend on the weather: water lies flat over a rough surface."""
-    ray = MirrorRay()
+def reflected_ray(picture: Picture, surfaces: Surfaces, row: int) -> ReflectedRay:
+    """Return the reflected ray of a sample. It does not depend on the weather: water lies flat over a rough surface."""
+    ray = ReflectedRay()
     ray.source = ray_of(picture, row)
     ray.t = picture.samples.t[row]
     face_normal = unpack_unit(picture.samples.normal[row])
@@ -98,22 +98,22 @@ def mirror_ray(picture: Picture, surfaces: Surfaces, row: int) -> MirrorRay:
     if surfaces.gloss[row] != MATT:
         normal = unpack_unit(surfaces.normal[row])
     ray.start = lift(ray.source.origin + ray.t * ray.source.direction, face_normal, ray.t)
-    ray.direction = mirrored(ray.source.direction, normal, face_normal)
+    ray.direction = reflect(ray.source.direction, normal, face_normal)
     return ray
 
 
 @wp.kernel
 def water_kernel(
-    appearance: Appearance,
+    table: AppearanceTable,
     wet: Wet,
     picture: Picture,
     surfaces: Surfaces,
     # out
     sends_ray_out: wp.array[wp.uint8],
 ):
-    """Let the samples whose water mirrors enough send a ray too: 1 for those; the other flags stay.
+    """Let the samples whose water reflections enough send a ray too: 1 for those; the other flags stay.
 
-    Launch: dim=threads of all tiles and further samples that are shaded, block_dim=64; a thread's flag stands at its
+    Launch: dim=threads of all tiles and further samples that are shaded, block_dim=64; a thread's flag is at its
     number.
     """
     thread = wp.tid()
@@ -127,9 +127,9 @@ def water_kernel(
         return
     t = picture.samples.t[row]
     ray = ray_of(picture, row)
-    look = appearance.looks[surfaces.material[row]]
-    surfel = read_surface(appearance, surfaces, row, ray.origin + t * ray.direction, normal)
-    film = wetted(wet, look, surfel, 0.0, footprint_on(normal, ray.direction, t / picture.camera.fx)).film
+    appearance = table.appearances[surfaces.material[row]]
+    surface_point = read_surface(table, surfaces, row, ray.origin + t * ray.direction, normal)
+    film = wetted(wet, appearance, surface_point, 0.0, footprint_on(normal, ray.direction, t / picture.camera.fx)).film
     if water_weight(film, normal, -ray.direction) > 0.0:
         sends_ray_out[thread] = wp.uint8(1)
 
@@ -164,27 +164,27 @@ def alike_beside(picture: Picture, surfaces: Surfaces, row: int, side: int) -> i
 
 
 @wp.kernel
-def mirror_number_kernel(
+def reflection_number_kernel(
     row: wp.array[int],
     # out
-    mirror_out: wp.array[int],
+    number_out: wp.array[int],
 ):
-    """Write the number of each mirrored ray to the row of its sample. Launch: dim=mirrored rays."""
+    """Write the number of each reflected ray to the row of its sample. Launch: dim=reflected rays."""
     ray = wp.tid()
-    mirror_out[row[ray]] = ray
+    number_out[row[ray]] = ray
 
 
 @wp.func
-def mirror_image(
+def reflection_image(
     picture: Picture, surfaces: Surfaces, number: wp.array[int], image: wp.array[wp.vec3], row: int
 ) -> wp.vec4:
-    """Return what a sample mirrors [kcd/m2], and fourth 1, or 0 where no ray was sent for it.
+    """Return what a sample reflections [kcd/m2], and fourth 1, or 0 where no ray was sent for it.
 
     Args:
         picture: The images.
         surfaces: What their samples show.
-        number: Mirrored ray of each sample, -1 for none.
-        image: What mirrored rays bring [kcd/m2].
+        number: Reflected ray of each sample, -1 for none.
+        image: What reflected rays bring [kcd/m2].
         row: The sample.
     """
     total = wp.vec3()
@@ -207,7 +207,7 @@ def mirror_image(
 
 
 @wp.kernel(cuda_max_registers=PICTURE_REGISTERS)
-def mirror_trace_kernel(
+def reflection_trace_kernel(
     scene: Scene,
     picture: Picture,
     surfaces: Surfaces,
@@ -215,66 +215,65 @@ def mirror_trace_kernel(
     # out
     samples_out: Samples,
 ):
-    """Trace mirrored rays.
+    """Trace reflected rays.
 
-    Launch: dim=mirrored rays, block_dim=64.
+    Launch: dim=reflected rays, block_dim=64.
     """
     number = wp.tid()
-    ray = mirror_ray(picture, surfaces, row[number])
-    slot = ray.source.slot
-    near = closest_hit_raw(scene, slot, ray.start, ray.direction, MIRROR_FAR_M, -1)
-    store(scene, slot, near, ray.direction, number, samples_out)
+    ray = reflected_ray(picture, surfaces, row[number])
+    batch_index = ray.source.batch_index
+    near = closest_hit_raw(scene, batch_index, ray.start, ray.direction, REFLECTION_LENGTH_M, -1)
+    store(scene, batch_index, near, ray.direction, number, samples_out)
 
 
 @wp.kernel(cuda_max_registers=80)
-def mirror_surface_kernel(
+def reflection_surface_kernel(
     scene: Scene,
-    appearance: Appearance,
+    table: AppearanceTable,
     picture: Picture,
     surfaces: Surfaces,
-    mirrors: Mirrors,
+    reflections: Reflections,
     # out
     surfaces_out: Surfaces,
 ):
-    """Read colors, roughness and normals of what mirrored rays hit.
+    """Read colors, roughness and normals of what reflected rays hit.
 
-    Launch: dim=mirrored rays, block_dim=64.
+    Launch: dim=reflected rays, block_dim=64.
     """
     number = wp.tid()
-    face = mirrors.samples.face[number]
+    face = reflections.samples.face[number]
     if face < 0:
         return
-    ray = mirror_ray(picture, surfaces, mirrors.row[number])
-    t = mirrors.samples.t[number]
-    surfel = surfel_of(
-        scene, appearance, ray.source.slot, ray.start, ray.direction, t, face, mirrors.samples.instance[number],
-        (1.0 + ray.t / t) / picture.camera.fx,
-    )  # fmt: skip
-    write_surface(appearance, surfel, -ray.direction, number, surfaces_out)
+    ray = reflected_ray(picture, surfaces, reflections.row[number])
+    t = reflections.samples.t[number]
+    instance = reflections.samples.instance[number]
+    hit = ray_hit(ray.source.batch_index, ray.start, ray.direction, t, face, instance)
+    surface_point = surface_point_of(scene, table, hit, (1.0 + ray.t / t) / picture.camera.fx)
+    write_surface(table, surface_point, -ray.direction, number, surfaces_out)
 
 
 @wp.kernel(cuda_max_registers=PICTURE_REGISTERS)
-def mirror_sun_kernel(
+def reflection_sun_kernel(
     scene: Scene,
     picture: Picture,
     surfaces: Surfaces,
-    mirrors: Mirrors,
+    reflections: Reflections,
     sun: Sun,
     # out
     sun_out: wp.array[wp.uint8],
 ):
-    """Send a ray to the sun from what mirrored rays hit: 255 where it arrives, else 0.
+    """Send a ray to the sun from what reflected rays hit: 255 where it arrives, else 0.
 
-    Launch: dim=mirrored rays, block_dim=64.
+    Launch: dim=reflected rays, block_dim=64.
     """
     number = wp.tid()
     is_lit = wp.bool(False)
-    if mirrors.samples.face[number] >= 0:
-        normal = unpack_unit(mirrors.samples.normal[number])
+    if reflections.samples.face[number] >= 0:
+        normal = unpack_unit(reflections.samples.normal[number])
         if wp.dot(normal, sun.direction) > -sun.radius:
-            ray = mirror_ray(picture, surfaces, mirrors.row[number])
-            t = mirrors.samples.t[number]
+            ray = reflected_ray(picture, surfaces, reflections.row[number])
+            t = reflections.samples.t[number]
             start = lift(ray.start + t * ray.direction, normal, t)
             stratum = stratum_point(int(ray.source.u), int(ray.source.v), 4)
-            is_lit = sees_sun(scene, ray.source.slot, start, normal, sun, stratum)
+            is_lit = sees_sun(scene, ray.source.batch_index, start, normal, sun, stratum)
     sun_out[number] = wp.where(is_lit, wp.uint8(255), wp.uint8(0))

@@ -1,4 +1,4 @@
-"""Radiance of every sample in one weather, from what was traced for all of them. No ray is cast here."""
+"""Compute the radiance of every sample in one weather, from what was traced for all of them. Casts no ray."""
 
 import warp as wp
 
@@ -9,11 +9,18 @@ from mmw.kernels.core.packing import unpack_unit
 from mmw.kernels.core.structs import Scene
 from mmw.kernels.shading.aerial_perspective import Air, sky_through_air, through_air, transmittance
 from mmw.kernels.shading.brdf import GLINT_ALPHA2, ambient_weights, direct_light
-from mmw.kernels.shading.lights import Lamps, lamp_emission, lamp_light
-from mmw.kernels.shading.reflections import Mirrors, footprint_on, mirror_image, mirror_ray, mirrored, water_weight
+from mmw.kernels.shading.lights import Lights, light_emission, reflected_lights
+from mmw.kernels.shading.reflections import (
+    Reflections,
+    footprint_on,
+    reflect,
+    reflected_ray,
+    reflection_image,
+    water_weight,
+)
 from mmw.kernels.shading.sky import Sky, sky_irradiance, sky_radiance
-from mmw.kernels.shading.structs import MATT, SMOOTH, Appearance, Extras, Surfaces
-from mmw.kernels.shading.surface_point import interpolated_normal, patch_of, toward_viewer
+from mmw.kernels.shading.structs import MATT, SMOOTH, AppearanceTable, Extras, Surfaces
+from mmw.kernels.shading.surface_point import interpolated_normal, patch_of, ray_hit, toward_viewer
 from mmw.kernels.shading.surface_samples import coat_weight, read_surface
 from mmw.kernels.shading.wet_surfaces import Wet, Wetted, film_light, film_weights, wetted
 
@@ -22,28 +29,28 @@ wp.set_module_options(PICTURE_SHADING)
 SHADED_GROUND = wp.constant(0.5)
 """Light of what blocks the sky, over that of open ground [-]: half of it lies in shadow. Design value."""
 
-MIRRORED_OPEN = wp.constant(0.7)
-"""Share of the sky that is in sight from what a mirror shows, where no ray asks [-]. Design value."""
+REFLECTED_OPEN_SKY = wp.constant(0.7)
+"""Share of the sky that is in sight from what a reflection shows, where no ray was sent [-]. Design value."""
 
 SHARP_IMAGE = wp.constant(0.15)
-"""Roughness of a base under a coat up to which it shows the image of its one mirrored ray [-]. Design value."""
+"""Roughness of a base under a coat up to which it shows the image of its one reflected ray [-]. Design value."""
 
 BLURS_IMAGE = wp.constant(0.4)
 """Roughness from which it shows the blurred sky alone [-]. Design value."""
 
 MIN_ROUGH_SKY = wp.constant(0.1)
-"""Roughness that a sky mirrored without a ray has at least [-]: nothing sharp is drawn where nothing was traced."""
+"""Roughness that a sky reflected without a ray has at least [-]: nothing sharp is drawn where nothing was traced."""
 
 
 @wp.struct
 class Weather:
     """One weather to the camera."""
 
-    appearance: Appearance
+    appearance_table: AppearanceTable
     sky: Sky
     air: Air
     wet: Wet
-    lamps: Lamps
+    lights: Lights
     glow: wp.vec3
     """Luminance of open ground under the sky and the sun [kcd/m2]."""
 
@@ -56,51 +63,53 @@ class Light:
     """Share of the sun's disc in sight, in 255ths, a row a sample; empty where all of it is."""
     sky: wp.array[wp.uint8]
     """Share of the sky in sight, weighted by the cosine, in 255ths, a row a pixel; empty where all of it is."""
-    mirror: wp.array[int]
-    """Mirrored ray of each sample, -1 for none; empty where none was sent."""
+    reflection: wp.array[int]
+    """Reflected ray of each sample, -1 for none; empty where none was sent."""
 
 
 @wp.kernel
-def mirror_shade_kernel(
+def reflection_shade_kernel(
     scene: Scene,
     weather: Weather,
     picture: Picture,
     surfaces: Surfaces,
-    mirrors: Mirrors,
+    reflections: Reflections,
     # out
     image_out: wp.array[wp.vec3],
 ):
-    """Shade what mirrored rays bring [kcd/m2].
+    """Shade what reflected rays bring [kcd/m2].
 
-    Launch: dim=mirrored rays, block_dim=256.
+    Launch: dim=reflected rays, block_dim=256.
     """
     number = wp.tid()
-    ray = mirror_ray(picture, surfaces, mirrors.row[number])
+    ray = reflected_ray(picture, surfaces, reflections.row[number])
     away = ray.direction
-    if mirrors.samples.face[number] < 0:
+    if reflections.samples.face[number] < 0:
         image_out[number] = sky_radiance(weather.sky, away, 0.0)
         return
-    t = mirrors.samples.t[number]
-    normal = unpack_unit(mirrors.samples.normal[number])
-    surfel = read_surface(weather.appearance, mirrors.surfaces, number, ray.start + t * away, normal)
-    look = weather.appearance.looks[surfel.material]
+    t = reflections.samples.t[number]
+    normal = unpack_unit(reflections.samples.normal[number])
+    surface_point = read_surface(weather.appearance_table, reflections.surfaces, number, ray.start + t * away, normal)
+    appearance = weather.appearance_table.appearances[surface_point.material]
     if weather.wet.wetness + weather.wet.puddles > 0.0:
         width = (ray.t + t) / picture.camera.fx
-        surfel = wetted(weather.wet, look, surfel, 0.0, footprint_on(normal, away, width)).surfel
-    ambient = ambient_weights(surfel, look, -away)
-    irradiance = MIRRORED_OPEN * sky_irradiance(weather.sky, surfel.shading_normal)
-    irradiance += (1.0 - MIRRORED_OPEN) * SHADED_GROUND * wp.PI * weather.glow
+        surface_point = wetted(
+            weather.wet, appearance, surface_point, 0.0, footprint_on(normal, away, width)
+        ).surface_point
+    ambient = ambient_weights(surface_point, appearance, -away)
+    irradiance = REFLECTED_OPEN_SKY * sky_irradiance(weather.sky, surface_point.shading_normal)
+    irradiance += (1.0 - REFLECTED_OPEN_SKY) * SHADED_GROUND * wp.PI * weather.glow
     light = wp.cw_mul(ambient.diffuse, irradiance) / wp.PI
-    glossy = mirrored(away, surfel.shading_normal, normal)
+    glossy = reflect(away, surface_point.shading_normal, normal)
     light += wp.cw_mul(ambient.specular, sky_radiance(weather.sky, glossy, wp.max(ambient.specular_roughness, 0.3)))
     is_lit = wp.bool(True)
-    if mirrors.sun.shape[0] > 0:
-        is_lit = mirrors.sun[number] > wp.uint8(0)
+    if reflections.sun.shape[0] > 0:
+        is_lit = reflections.sun[number] > wp.uint8(0)
     if is_lit:
         sun = weather.sky.sun_direction
-        light += wp.cw_mul(direct_light(surfel, look, -away, sun), weather.sky.sun_illuminance)
-    instance = mirrors.samples.instance[number]
-    light += lamp_emission(weather.lamps, scene, ray.source.slot, instance, look, surfel, -away)
+        light += wp.cw_mul(direct_light(surface_point, appearance, -away, sun), weather.sky.sun_illuminance)
+    instance = reflections.samples.instance[number]
+    light += light_emission(weather.lights, scene, ray.source.batch_index, instance, appearance, surface_point, -away)
     image_out[number] = through_air(weather.air, weather.sky, light, ray.start, away, t)
 
 
@@ -140,10 +149,10 @@ def wet_surface(
     """Return what a sample with a hit shows, with the water of the weather on it."""
     t = picture.samples.t[row]
     normal = unpack_unit(picture.samples.normal[row])
-    surfel = read_surface(weather.appearance, surfaces, row, ray.origin + t * ray.direction, normal)
-    look = weather.appearance.looks[surfel.material]
+    surface_point = read_surface(weather.appearance_table, surfaces, row, ray.origin + t * ray.direction, normal)
+    appearance = weather.appearance_table.appearances[surface_point.material]
     footprint = footprint_on(normal, ray.direction, t / picture.camera.fx)
-    return wetted(weather.wet, look, surfel, time[ray.view], footprint)
+    return wetted(weather.wet, appearance, surface_point, time[ray.view], footprint)
 
 
 @wp.kernel(cuda_max_registers=64)
@@ -158,7 +167,7 @@ def shade_kernel(
     # out
     radiance_out: wp.array[wp.vec3],
 ):
-    """Shade every sample [kcd/m2]. `time` is that of each view's frame [s], `image` what mirrored rays bring.
+    """Shade every sample [kcd/m2]. `time` is that of each view's frame [s], `image` what reflected rays bring.
 
     Launch: dim=threads of all tiles and further samples that are shaded, block_dim=256.
     """
@@ -184,49 +193,53 @@ def shade_kernel(
             is_open = open_beside(picture, light.sky, ray, row)
 
     to_viewer = -direction
-    look = weather.appearance.looks[surfaces.material[row]]
+    appearance = weather.appearance_table.appearances[surfaces.material[row]]
     gloss = surfaces.gloss[row]
     sharp = gloss != MATT
     # A ray may be there for another weather, in which the surface is wetter.
     weight = wp.float32(1.0)
     if gloss > MATT and gloss < SMOOTH:  # a coat
-        weight = coat_weight(look, unpack_unit(surfaces.normal[row]), to_viewer)
+        weight = coat_weight(appearance, unpack_unit(surfaces.normal[row]), to_viewer)
     wet = wet_surface(weather, time, picture, surfaces, ray, row)
     if not sharp:
         weight = water_weight(wet.film, normal, to_viewer)
-    surfel = wet.surfel
-    ambient = ambient_weights(surfel, look, to_viewer)
+    surface_point = wet.surface_point
+    ambient = ambient_weights(surface_point, appearance, to_viewer)
     dark = (1.0 - is_open) * SHADED_GROUND * weather.glow
-    color = wp.cw_mul(ambient.diffuse, is_open * sky_irradiance(sky, surfel.shading_normal) / wp.PI + dark)
+    color = wp.cw_mul(ambient.diffuse, is_open * sky_irradiance(sky, surface_point.shading_normal) / wp.PI + dark)
     lit = sun > 0.0 and sky.sun_illuminance[1] > 0.0
     if lit:
-        color += sun * wp.cw_mul(direct_light(surfel, look, to_viewer, sky.sun_direction), sky.sun_illuminance)
+        color += sun * wp.cw_mul(
+            direct_light(surface_point, appearance, to_viewer, sky.sun_direction), sky.sun_illuminance
+        )
 
-    # Where no ray was sent, what hides the sky from the surface hides it from the mirror too.
-    away = mirrored(direction, surfel.shading_normal, normal)
+    # Where no ray was sent, what hides the sky from the surface hides it from its reflection too.
+    away = reflect(direction, surface_point.shading_normal, normal)
     blurred = is_open * sky_radiance(sky, away, wp.max(ambient.specular_roughness, MIN_ROUGH_SKY)) + dark
-    seen = wp.vec3()
-    if light.mirror.shape[0] > 0 and weight > 0.0:
-        found = mirror_image(picture, surfaces, light.mirror, image, row)
-        seen = wp.vec3(found[0], found[1], found[2])
+    traced = wp.vec3()
+    if light.reflection.shape[0] > 0 and weight > 0.0:
+        found = reflection_image(picture, surfaces, light.reflection, image, row)
+        traced = wp.vec3(found[0], found[1], found[2])
         weight *= found[3]
     else:
         weight = wp.float32(0.0)
     reflected = blurred
     base = blurred
     if sharp:
-        reflected = wp.lerp(blurred, seen, weight)
+        reflected = wp.lerp(blurred, traced, weight)
         # Under a coat the base is rougher and shows the ray's image only as far as it is smooth itself.
-        clear = wp.clamp((BLURS_IMAGE - surfel.roughness) / (BLURS_IMAGE - SHARP_IMAGE), 0.0, 1.0)
+        clear = wp.clamp((BLURS_IMAGE - surface_point.roughness) / (BLURS_IMAGE - SHARP_IMAGE), 0.0, 1.0)
         base = wp.lerp(blurred, reflected, clear)
     color += wp.cw_mul(ambient.specular, base) + ambient.coat * reflected
-    color += lamp_emission(weather.lamps, scene, ray.slot, picture.samples.instance[row], look, surfel, to_viewer)
+    color += light_emission(
+        weather.lights, scene, ray.batch_index, picture.samples.instance[row], appearance, surface_point, to_viewer
+    )
     share = film_weights(wet, to_viewer)
     if share > 0.0:
-        over = mirrored(direction, wet.film_normal, normal)
+        over = reflect(direction, wet.film_normal, normal)
         sheen = is_open * sky_radiance(sky, over, wet.film_roughness) + dark
-        # A film mirrors half as sharply as a puddle.
-        sheen = wp.lerp(sheen, wp.lerp(0.5 * (seen + sheen), seen, wet.puddle), weight)
+        # A film reflects half as sharply as a puddle.
+        sheen = wp.lerp(sheen, wp.lerp(0.5 * (traced + sheen), traced, wet.puddle), weight)
         color = (1.0 - share) * color + share * sheen
         if lit:
             color += sun * film_light(wet, to_viewer, sky.sun_direction, GLINT_ALPHA2) * sky.sun_illuminance
@@ -234,7 +247,7 @@ def shade_kernel(
 
 
 @wp.kernel
-def lamp_kernel(
+def lights_kernel(
     scene: Scene,
     weather: Weather,
     time: wp.array[float],
@@ -243,7 +256,7 @@ def lamp_kernel(
     # out
     radiance_out: wp.array[wp.vec3],
 ):
-    """Add the light that head lamps and street lamps cast [kcd/m2]; for weathers in which it counts.
+    """Add the light that headlights and street lights cast [kcd/m2]; for weathers in which it counts.
 
     Launch: dim=threads of all tiles and further samples that are shaded, block_dim=256.
     """
@@ -255,10 +268,10 @@ def lamp_kernel(
         return
     ray = ray_of(picture, row)
     wet = wet_surface(weather, time, picture, surfaces, ray, row)
-    look = weather.appearance.looks[wet.surfel.material]
-    light = lamp_light(weather.lamps, scene, ray.slot, wet, look, -ray.direction)
-    seen = wp.cw_mul(light, transmittance(weather.air, ray.origin, ray.direction, t))
-    radiance_out[row] = radiance_out[row] + seen
+    appearance = weather.appearance_table.appearances[wet.surface_point.material]
+    light = reflected_lights(weather.lights, scene, ray.batch_index, wet, appearance, -ray.direction)
+    arriving = wp.cw_mul(light, transmittance(weather.air, ray.origin, ray.direction, t))
+    radiance_out[row] = radiance_out[row] + arriving
 
 
 @wp.kernel
@@ -295,7 +308,7 @@ def put_back_kernel(
 @wp.kernel
 def normal_kernel(
     scene: Scene,
-    appearance: Appearance,
+    table: AppearanceTable,
     picture: Picture,
     # out
     normal_out: wp.array3d[wp.vec3],
@@ -315,14 +328,15 @@ def normal_kernel(
     if face >= 0:
         instance = picture.samples.instance[row]
         ray = ray_at(picture, view, float(u) + 0.5, float(v) + 0.5)
-        patch = patch_of(scene, ray.slot, ray.origin, ray.direction, picture.samples.t[row], face, instance)
+        hit = ray_hit(ray.batch_index, ray.origin, ray.direction, picture.samples.t[row], face, instance)
+        patch = patch_of(scene, hit)
         smooth = -patch.direction
         if wp.dot(patch.normal, patch.normal) > 0.5:
             side = wp.where(wp.dot(patch.normal, patch.direction) > 0.0, -1.0, 1.0)
             smooth = toward_viewer(
-                interpolated_normal(appearance, patch, instance) * side, patch.normal * side, patch.direction
+                interpolated_normal(table, patch, instance) * side, patch.normal * side, patch.direction
             )
         if instance >= 0:
-            smooth = wp.transform_vector(scene.instance_pose[ray.slot, instance], smooth)
+            smooth = wp.transform_vector(scene.instance_pose[ray.batch_index, instance], smooth)
         normal = wp.transform_vector(wp.transform_inverse(picture.views.pose[view]), smooth)
     normal_out[view, v, u] = normal

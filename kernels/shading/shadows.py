@@ -1,7 +1,7 @@
-"""Light that reaches what a camera sees, the same in every weather with the same sun: shadows and open sky.
+"""Trace the light that reaches what a camera sees, for all weathers with the same sun: shadows and open sky.
 
 Every second pixel sends a ray to the sun, the others where their neighbors disagree, and every ninth one to the sky.
-Neighbors take other directions out of 16, the same in every frame, and filters that stop at edges average them: soft
+Neighbors use other directions out of 16, the same in every frame, and filters that stop at edges average them: soft
 shadows without noise that moves.
 """
 
@@ -14,7 +14,7 @@ from mmw.kernels.core.compiler import PICTURE_RAYS
 from mmw.kernels.core.noise import uniform4
 from mmw.kernels.core.packing import unpack_unit
 from mmw.kernels.core.structs import Scene
-from mmw.kernels.core.trace import PICTURE_REGISTERS, is_blocked_among, occluded
+from mmw.kernels.core.trace import PICTURE_REGISTERS, occluded, occluded_among
 
 wp.set_module_options(PICTURE_RAYS)
 
@@ -28,7 +28,7 @@ SUN_FAR_M = wp.constant(2.0e3)
 """Length of a ray to the sun [m]: no town is wider."""
 
 SKY_FAR_M = wp.constant(60.0)
-"""Length of a ray to the sky [m]; what stands farther hides a part of the horizon only. Design value."""
+"""Length of a ray to the sky [m]; what is farther hides a part of the horizon only. Design value."""
 
 GROUND_NEAR_M = wp.constant(1.2)
 """Length of a ray below the horizon [m]: the ground itself shines back, so only what is close by darkens, such as the
@@ -41,7 +41,7 @@ def stratum_point(u: int, v: int, salt: int) -> wp.vec2:
 
     Source of the map from the square: P. Shirley and K. Chiu, "A low distortion map between disk and square", 1997.
     """
-    # Cells in an order in which pixels side by side look far apart: bit-reversed rows and columns.
+    # Cells in an order in which pixels side by side appearance far apart: bit-reversed rows and columns.
     column = (u % 2) * 2 + (u // 2) % 2
     row = (v % 2) * 2 + (v // 2) % 2
     column = (column + row) % 4
@@ -84,12 +84,12 @@ def lift(point: wp.vec3, normal: wp.vec3, t: float) -> wp.vec3:
 
 
 @wp.func
-def sees_sun(scene: Scene, slot: int, start: wp.vec3, normal: wp.vec3, sun: Sun, point: wp.vec2) -> wp.bool:
+def sees_sun(scene: Scene, batch_index: int, start: wp.vec3, normal: wp.vec3, sun: Sun, point: wp.vec2) -> wp.bool:
     """Return whether a point of the sun's disc is in sight.
 
     Args:
         scene: Town and vehicles.
-        slot: Slot of the frame.
+        batch_index: Position of the frame in the batch.
         start: Where the ray starts, scene frame [m].
         normal: Unit normal of the face.
         sun: The sun.
@@ -98,19 +98,19 @@ def sees_sun(scene: Scene, slot: int, start: wp.vec3, normal: wp.vec3, sun: Sun,
     direction = wp.normalize(sun.direction + sun.radius * across(sun.direction, point))
     is_lit = wp.dot(normal, direction) > 0.0
     if is_lit:
-        group = sun_group(sun.grid, slot, start)
-        is_lit = not is_blocked_among(scene, slot, start, direction, SUN_FAR_M, sun.candidates, group)
+        group = sun_group(sun.grid, batch_index, start)
+        is_lit = not occluded_among(scene, batch_index, start, direction, SUN_FAR_M, sun.candidates, group)
     return is_lit
 
 
 @wp.func
-def sees_sky(scene: Scene, slot: int, start: wp.vec3, normal: wp.vec3, point: wp.vec2) -> wp.bool:
+def sees_sky(scene: Scene, batch_index: int, start: wp.vec3, normal: wp.vec3, point: wp.vec2) -> wp.bool:
     """Return whether one direction about a normal is open; points of the unit disc that are spread evenly give
     directions with the density of the cosine."""
     height = wp.sqrt(wp.max(1.0 - wp.dot(point, point), 0.0))
     direction = wp.normalize(normal * height + across(normal, point))
     far = wp.where(direction[2] >= 0.0, SKY_FAR_M, GROUND_NEAR_M)
-    return not occluded(scene, slot, start, direction, far, -1)
+    return not occluded(scene, batch_index, start, direction, far, -1)
 
 
 @wp.func
@@ -132,7 +132,7 @@ def sun_of_row(scene: Scene, picture: Picture, sun: Sun, row: int) -> wp.bool:
         ray = ray_of(picture, row)
         stratum = stratum_point(int(ray.u), int(ray.v), 3)
         start = lift(ray.origin + t * ray.direction, normal, t)
-        is_lit = sees_sun(scene, ray.slot, start, normal, sun, stratum)
+        is_lit = sees_sun(scene, ray.batch_index, start, normal, sun, stratum)
     return is_lit
 
 
@@ -165,7 +165,7 @@ def sun_between_kernel(
     # out
     sun_out: wp.array[wp.uint8],
 ):
-    """Fill in the other pixels: those that face the sun take the value of their four neighbors where these agree.
+    """Fill in the other pixels: those that face the sun get the value of their four neighbors where these agree.
 
     The others, at edges of shadows, send a ray of their own. Neighbors that face away from the sun or show the sky say
     nothing.
@@ -238,5 +238,5 @@ def sky_kernel(
         ray = ray_at(picture, view, float(u) + 0.5, float(v) + 0.5)
         normal = unpack_unit(picture.samples.normal[row])
         start = lift(ray.origin + t * ray.direction, normal, t)
-        is_open = sees_sky(scene, ray.slot, start, normal, stratum_point(j, i, 2))
+        is_open = sees_sky(scene, ray.batch_index, start, normal, stratum_point(j, i, 2))
     sky_out[view, i, j] = wp.where(is_open, wp.uint8(255), wp.uint8(0))

@@ -1,4 +1,4 @@
-"""The light of the sky and of the sun: radiance seen in a direction, sharp or blurred, and irradiance of a plane.
+"""Compute the light of sky and sun: radiance from a direction, sharp or blurred, and irradiance of a plane.
 
 Maps are equirectangular: column 0 begins at north and columns run clockwise (east next), row 0 begins at the zenith.
 They are baked on the host, once a weather (`mmw.sensors.render.sky.sky.make_sky`).
@@ -77,7 +77,7 @@ def sky_radiance(sky: Sky, direction: wp.vec3, roughness: float) -> wp.vec3:
 
     Args:
         sky: The sky.
-        direction: Unit vector away from the viewer, scene frame; of a glossy surface the mirrored one.
+        direction: Unit vector away from the viewer, scene frame; of a glossy surface the reflected one.
         roughness: 0 sharp, else mean over the GGX lobe of that perceptual roughness (alpha = roughness^2), up to 1.
     """
     at = octahedral(direction)
@@ -96,12 +96,7 @@ def sky_radiance(sky: Sky, direction: wp.vec3, roughness: float) -> wp.vec3:
 
 @wp.func
 def sky_irradiance(sky: Sky, normal: wp.vec3) -> wp.vec3:
-    """Return the illuminance of a plane by sky and far ground, without the sun [klux].
-
-    Args:
-        sky: The sky.
-        normal: Unit normal of the plane, scene frame.
-    """
+    """Return the illuminance of a plane by sky and far ground, without the sun [klux]."""
     return sample_map(sky.blurred[BLURS], octahedral(normal)) * (sky.scale * wp.PI)
 
 
@@ -109,10 +104,6 @@ def sky_irradiance(sky: Sky, normal: wp.vec3) -> wp.vec3:
 def sun_disc(sky: Sky, direction: wp.vec3) -> wp.vec3:
     """Return the luminance of the sun's disc seen directly [kcd/m2], zero off the disc; its integral is
     `sun_illuminance`.
-
-    Args:
-        sky: The sky.
-        direction: Unit vector away from the viewer, scene frame.
 
     Source: linear limb darkening, whose mean over the disc is 1 - u / 3.
     """

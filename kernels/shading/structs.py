@@ -1,11 +1,11 @@
-"""Types of the RGB camera: looks of materials, textures, corners of faces, and the samples of an image."""
+"""Define types of the RGB camera: appearances of materials, textures, corners of faces, samples of an image."""
 
 import warp as wp
 
 
 @wp.struct
 class Texture:
-    """One image with its mip levels in `Appearance.texels`; level k has max(w >> k, 1) x max(h >> k, 1) texels."""
+    """One image with its mip levels in `AppearanceTable.texels`; level k has max(w >> k, 1) x max(h >> k, 1) texels."""
 
     first: int
     """First texel of level 0; the levels follow one another, row 0 at the bottom (v = 0)."""
@@ -18,7 +18,7 @@ class Texture:
 
 @wp.struct
 class TextureUse:
-    """One texture as one input of a look reads it; see `mmw.physics.materials.appearance.TextureUse`."""
+    """One texture as one input of a appearance reads it; see `mmw.physics.materials.appearance.TextureUse`."""
 
     texture: int
     row_u: wp.vec3
@@ -32,8 +32,8 @@ class TextureUse:
 
 
 @wp.struct
-class Look:
-    """One material; see `mmw.physics.materials.appearance.Look`. A texture use of -1 is none."""
+class Appearance:
+    """One material; see `mmw.physics.materials.appearance.Appearance`. A texture use of -1 is none."""
 
     color: wp.vec3
     emission: wp.vec3
@@ -60,8 +60,8 @@ class Look:
 
 
 @wp.struct
-class Appearance:
-    """Appearance of a scene: all that a camera needs beyond its shape. Face rows are those of `Scene.town_*` and
+class AppearanceTable:
+    """AppearanceTable of a scene: all that a camera needs beyond its shape. Face rows are those of `Scene.town_*` and
     `Scene.model_*`."""
 
     town_uv: wp.array2d[wp.vec2]
@@ -71,16 +71,16 @@ class Appearance:
     model_uv: wp.array2d[wp.vec2]
     model_normal: wp.array2d[wp.vec3]
     """Like the town's, in the frame of the model."""
-    looks: wp.array[Look]
-    """Look of each material id in one weather."""
+    appearances: wp.array[Appearance]
+    """Appearance of each material id in one weather."""
     uses: wp.array[TextureUse]
     textures: wp.array[Texture]
     texels: wp.array[wp.uint64]
     """Linear values of all levels of all textures: r, g, b and a as half floats in one word, which is one load."""
     has_emission_textures: wp.bool
-    """True if a look has an emission texture."""
+    """True if a appearance has an emission texture."""
     has_holes: wp.bool
-    """True if a look cuts holes with its opacity texture."""
+    """True if a appearance cuts holes with its opacity texture."""
 
 
 @wp.struct
@@ -118,9 +118,9 @@ class Extras:
 
 
 MATT = wp.constant(wp.uint8(0))
-"""Gloss of what mirrors nothing sharply while it is dry, and of nothing."""
+"""Gloss of what reflects nothing sharply while it is dry, and of nothing."""
 FAINT_COAT = wp.constant(wp.uint8(1))
-"""Gloss of a smooth clear coat that is looked at so straight that it mirrors no more than the blurred sky is worth."""
+"""Gloss of a smooth clear coat that is looked at so straight that it reflects no more than the blurred sky is worth."""
 COATED = wp.constant(wp.uint8(2))
 """Gloss of a smooth clear coat over a rougher base."""
 SMOOTH = wp.constant(wp.uint8(3))
@@ -129,7 +129,7 @@ SMOOTH = wp.constant(wp.uint8(3))
 
 @wp.struct
 class Surfaces:
-    """Surfaces of samples before any light: rows of the samples, or of what they mirror."""
+    """Surfaces of samples before any light: rows of the samples, or of what they reflect."""
 
     material: wp.array[int]
     color: wp.array[wp.uint64]
@@ -139,13 +139,13 @@ class Surfaces:
     more: wp.array[wp.uint32]
     """Metallic and opacity: two halves in one word."""
     emission: wp.array[wp.uint64]
-    """Emission, like `color`, of looks with an emission texture; empty where no look has one."""
+    """Emission, like `color`, of appearances with an emission texture; empty where no appearance has one."""
     gloss: wp.array[wp.uint8]
     """`MATT`, `FAINT_COAT`, `COATED` or `SMOOTH`."""
 
 
 @wp.struct
-class Surfel:
+class SurfacePoint:
     """A point of a surface as a camera shades it."""
 
     point: wp.vec3

@@ -1,8 +1,8 @@
-"""Textures: a footprint of a pixel on a surface to a filtered value. Mip levels, and taps along a long footprint."""
+"""Filter textures over the footprint of a pixel: mip levels, and taps along a long footprint."""
 
 import warp as wp
 
-from mmw.kernels.shading.structs import Appearance, Texture, TextureUse
+from mmw.kernels.shading.structs import AppearanceTable, Texture, TextureUse
 
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": True})
 
@@ -13,7 +13,7 @@ BLACK = wp.constant(3)
 """Wraps by number, as in `TextureUse.wrap_u`."""
 
 MAX_TAPS = wp.constant(4)
-"""Taps along the long axis of a footprint of a color; normals, roughness and the like take one. Design value: a road
+"""Taps along the long axis of a footprint of a color; normals, roughness and the like get one. Design value: a road
 seen at 14 degrees or steeper stays sharp."""
 
 FINE_LEVEL = wp.constant(5.0)
@@ -79,15 +79,15 @@ def axis_taps(u: float, count: int, wrap: int) -> AxisTaps:
 
 
 @wp.func
-def texel(appearance: Appearance, index: int) -> wp.vec4:
+def texel(table: AppearanceTable, index: int) -> wp.vec4:
     """Return one texel."""
-    value = wp.cast(appearance.texels[index], wp.vec4h)
+    value = wp.cast(table.texels[index], wp.vec4h)
     return wp.vec4(float(value[0]), float(value[1]), float(value[2]), float(value[3]))
 
 
 @wp.func
 def level_value(
-    appearance: Appearance, first: int, width: int, height: int, u: float, v: float, wrap_u: int, wrap_v: int
+    table: AppearanceTable, first: int, width: int, height: int, u: float, v: float, wrap_u: int, wrap_v: int
 ) -> wp.vec4:
     """Return the bilinear value of one mip level, whose texels begin at `first`."""
     across = axis_taps(u, width, wrap_u)
@@ -95,10 +95,10 @@ def level_value(
     low = first + upward.low * width
     high = first + upward.high * width
     return (
-        texel(appearance, low + across.low) * (across.low_weight * upward.low_weight)
-        + texel(appearance, low + across.high) * (across.high_weight * upward.low_weight)
-        + texel(appearance, high + across.low) * (across.low_weight * upward.high_weight)
-        + texel(appearance, high + across.high) * (across.high_weight * upward.high_weight)
+        texel(table, low + across.low) * (across.low_weight * upward.low_weight)
+        + texel(table, low + across.high) * (across.high_weight * upward.low_weight)
+        + texel(table, high + across.low) * (across.low_weight * upward.high_weight)
+        + texel(table, high + across.high) * (across.high_weight * upward.high_weight)
     )
 
 
@@ -125,24 +125,24 @@ def in_texels(used: TextureUse, size: wp.vec2, side: wp.vec2) -> wp.vec2:
 
 
 @wp.func
-def sample_texture(appearance: Appearance, use: int, st: wp.vec2, ds: wp.vec2, dt: wp.vec2, most_taps: int) -> wp.vec4:
+def sample_texture(table: AppearanceTable, use: int, st: wp.vec2, ds: wp.vec2, dt: wp.vec2, max_taps: int) -> wp.vec4:
     """Return the filtered value of a texture over the footprint of a pixel, after scale and bias of its use.
 
-    The footprint is a parallelogram. Up to `most_taps` trilinear taps lie along its longer side; each is as wide as the
+    The footprint is a parallelogram. Up to `max_taps` trilinear taps lie along its longer side; each is as wide as the
     shorter side, or as the share of a tap where the footprint is longer than they reach. After L. Williams, "Pyramidal
     parametrics", SIGGRAPH 1983, and J. McCormack et al., "Feline: fast elliptical lines for anisotropic texture
     mapping", SIGGRAPH 1999.
 
     Args:
-        appearance: Textures and their uses.
-        use: Row of `Appearance.uses`, >= 0.
+        table: Textures and their uses.
+        use: Row of `AppearanceTable.uses`, >= 0.
         st: Texture coordinates of the mesh in the middle of the pixel.
         ds: One side of the footprint in those coordinates.
         dt: Another side.
-        most_taps: `MAX_TAPS` for what the eye follows, 1 for the rest.
+        max_taps: `MAX_TAPS` for what the eye follows, 1 for the rest.
     """
-    used = appearance.uses[use]
-    texture = appearance.textures[used.texture]
+    used = table.uses[use]
+    texture = table.textures[used.texture]
     across = used.row_u
     upward = used.row_v
     size = wp.vec2(float(texture.width), float(texture.height))
@@ -151,17 +151,17 @@ def sample_texture(appearance: Appearance, use: int, st: wp.vec2, ds: wp.vec2, d
     long_axis = wp.where(wp.dot(a, a) > wp.dot(b, b), a, b)
     length = wp.max(wp.length(long_axis), MIN_TEXELS)
     breadth = wp.max(wp.abs(a[0] * b[1] - a[1] * b[0]) / length, MIN_TEXELS)
-    taps = wp.clamp(int(length / breadth + 0.5), 1, most_taps)
+    taps = wp.clamp(int(length / breadth + 0.5), 1, max_taps)
     top = texture.levels - 1
     level = wp.clamp(wp.log2(wp.max(breadth, length / float(taps))), 0.0, float(top))
     if level <= 0.0:
         taps = wp.clamp(int(length + 0.5), 1, taps)  # magnified: one tap a texel is enough
 
     mean_share = wp.float32(0.0)
-    if most_taps == 1:
+    if max_taps == 1:
         mean_share = wp.clamp(level - FINE_LEVEL, 0.0, 1.0)
         if mean_share == 1.0:
-            return wp.cw_mul(texel(appearance, texture.mean), used.scale) + used.bias
+            return wp.cw_mul(texel(table, texture.mean), used.scale) + used.bias
 
     lower = int(level)
     share = level - float(lower)
@@ -178,10 +178,10 @@ def sample_texture(appearance: Appearance, use: int, st: wp.vec2, ds: wp.vec2, d
     for _ in range(taps):
         at_u = wrap_coordinate(u, used.wrap_u)
         at_v = wrap_coordinate(v, used.wrap_v)
-        value = level_value(appearance, first, width, height, at_u, at_v, used.wrap_u, used.wrap_v)
+        value = level_value(table, first, width, height, at_u, at_v, used.wrap_u, used.wrap_v)
         if share > 0.0 and lower < top:
             coarser = level_value(
-                appearance,
+                table,
                 first + width * height,
                 next_width,
                 next_height,
@@ -196,5 +196,5 @@ def sample_texture(appearance: Appearance, use: int, st: wp.vec2, ds: wp.vec2, d
         v += step[1]
     total = total / float(taps)
     if mean_share > 0.0:
-        total += (texel(appearance, texture.mean) - total) * mean_share
+        total += (texel(table, texture.mean) - total) * mean_share
     return wp.cw_mul(total, used.scale) + used.bias

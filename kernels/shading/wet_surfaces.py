@@ -1,11 +1,11 @@
-"""Wet surfaces: darker where water fills pores, under a film that mirrors, with puddles and the rings of rain on them.
+"""Wet surfaces: water darkens pores and lies over them as a film, with puddles and the rings of rain on them.
 
-Three things change with the weather, and all are functions of place and time alone:
+Three effects change with the weather, and all are functions of place and time alone:
 
 - A porous surface soaks: light is thrown back into it at the water's surface and it darkens
   (`mmw.physics.materials.material.wet_reflectance` in each color channel). Walls soak less than the ground.
-- Water lies over it as a film that mirrors by Fresnel's law with an index of 1.33. What the film mirrors is taken from
-  what lies below (`film_weights`). On the ground it is thin, follows the grain and is streaky; cars carry it too.
+- Water lies over it as a film that reflects by Fresnel's law with an index of 1.33. What it reflects is taken from what
+  lies below (`film_weights`). On the ground it is thin, follows the grain and is streaky; cars carry it too.
 - Puddles stand on level ground where a smooth noise is high. Their share of the ground is that of the weather, because
   the noise is brought to a uniform distribution. They are flat but for the rings of drops.
 
@@ -15,7 +15,7 @@ Noise is hashed from whole numbers, so that every device has the same puddles.
 import warp as wp
 
 from mmw.kernels.shading.brdf import MIN_COSINE, lobe, lobe_albedo
-from mmw.kernels.shading.structs import Look, Surfel
+from mmw.kernels.shading.structs import Appearance, SurfacePoint
 
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": True})
 
@@ -25,7 +25,7 @@ MIX_C = wp.constant(wp.uint32(0xC2B2AE3D))
 MIX_D = wp.constant(wp.uint32(0x7FEB352D))
 MIX_E = wp.constant(wp.uint32(0x846CA68B))
 MIX_F = wp.constant(wp.uint32(0xFFFF))
-"""Odd numbers of the hash of a cell; typed, so that no compiler takes them for negative ones."""
+"""Odd numbers of the hash of a cell; typed, so that no compiler reads them as negative ones."""
 
 WATER_REFLECTANCE = wp.constant(0.02)
 """Reflectance of water at normal incidence, ((1.33 - 1) / (1.33 + 1))^2 [-]."""
@@ -83,9 +83,9 @@ class Wet:
 
 @wp.struct
 class Wetted:
-    """A surfel as water changes it, and the film over it."""
+    """A surface_point as water changes it, and the film over it."""
 
-    surfel: Surfel
+    surface_point: SurfacePoint
     """Surface under the film."""
     film: float
     """Share of the surface that the film covers, 0 to 1; 0 for a dry one."""
@@ -164,21 +164,21 @@ def hollows(at: wp.vec2) -> float:
 
 
 @wp.func
-def puddle_at(wet: Wet, look: Look, normal: wp.vec3, point: wp.vec3, footprint: float) -> float:
+def puddle_at(wet: Wet, appearance: Appearance, normal: wp.vec3, point: wp.vec3, footprint: float) -> float:
     """Return the share of a surface that is under standing water, 0 to 1.
 
     Over a large level area its mean is `wet.puddles`, whatever the footprint.
 
     Args:
         wet: The weather's water.
-        look: Material of the surface.
+        appearance: Material of the surface.
         normal: Unit normal of the face.
         point: Scene frame [m].
         footprint: Longest side of what a pixel covers on the surface [m]; 0 for a point. Rims get as soft as that, and
             where puddles are smaller than it, their mean is left.
     """
     result = wp.float32(0.0)
-    if look.holds_puddles and wet.puddles > 0.0 and normal[2] > LEVEL_FROM:
+    if appearance.holds_puddles and wet.puddles > 0.0 and normal[2] > LEVEL_FROM:
         at = wp.vec2(point[0] + wet.origin[0], point[1] + wet.origin[1])
         edge = 1.0 - wet.puddles
         width = wp.min(RIM + RIM_PER_M * footprint, wp.max(wp.min(edge, wet.puddles), 1.0e-3))
@@ -192,7 +192,7 @@ def puddle_at(wet: Wet, look: Look, normal: wp.vec3, point: wp.vec3, footprint: 
 
 @wp.func
 def large_drops(rain_mm_h: float) -> float:
-    """Return how many drops of 2 mm or more fall [1/(m2 s)]: those whose rings are seen.
+    """Return how many drops of 2 mm or more fall [1/(m2 s)]: those whose rings are visible.
 
     Source: J. Marshall and W. Palmer, J. Meteor. 5, 1948: N(D) = 8000 exp(-4.1 R^-0.21 D) per m3 and mm; they fall at
     6.6 m/s (2 mm, Atlas et al. 1973).
@@ -272,55 +272,57 @@ def soaked_color(color: wp.vec3, share: float) -> wp.vec3:
 
 
 @wp.func
-def wetted(wet: Wet, look: Look, surfel: Surfel, time: float, footprint: float) -> Wetted:
-    """Return a dry surfel as the weather's water makes it.
+def wetted(wet: Wet, appearance: Appearance, surface_point: SurfacePoint, time: float, footprint: float) -> Wetted:
+    """Return a dry surface_point as the weather's water makes it.
 
     Args:
         wet: The weather's water.
-        look: Material of the surface.
-        surfel: The dry surface.
+        appearance: Material of the surface.
+        surface_point: The dry surface.
         time: Time, for the rings on puddles [s].
         footprint: Longest side of what a pixel covers on the surface [m]; rings and streaks that are finer fade into
             the film's roughness.
     """
     out = Wetted()
-    out.surfel = surfel
+    out.surface_point = surface_point
     out.film = wp.float32(0.0)
     out.puddle = wp.float32(0.0)
-    out.film_normal = surfel.shading_normal
+    out.film_normal = surface_point.shading_normal
     out.film_roughness = GROUND_FILM_ROUGHNESS
     if wet.wetness > 0.0 or wet.puddles > 0.0:
-        up = surfel.normal[2]
-        puddle = puddle_at(wet, look, surfel.normal, surfel.point, footprint)
+        up = surface_point.normal[2]
+        puddle = puddle_at(wet, appearance, surface_point.normal, surface_point.point, footprint)
         soak = wp.float32(0.0)
-        if look.is_porous:
-            # Undersides stay dry, walls take a part.
+        if appearance.is_porous:
+            # Undersides stay dry, walls get a part.
             share = WALL_SOAK * smoothstep(-0.5, 0.0, up) + (1.0 - WALL_SOAK) * smoothstep(0.1, 0.7, up)
             soak = wp.max(wet.wetness * share, puddle)
-            out.surfel.color = soaked_color(surfel.color, soak)
-            out.surfel.roughness = wp.lerp(surfel.roughness, wp.min(surfel.roughness, SOAKED_ROUGHNESS), soak)
+            out.surface_point.color = soaked_color(surface_point.color, soak)
+            out.surface_point.roughness = wp.lerp(
+                surface_point.roughness, wp.min(surface_point.roughness, SOAKED_ROUGHNESS), soak
+            )
         level = smoothstep(0.2, 0.8, up)
-        if look.is_porous or look.holds_puddles:
+        if appearance.is_porous or appearance.holds_puddles:
             # A damp ground has no film yet: it grows with the square of the wetness.
-            at = wp.vec2(surfel.point[0] + wet.origin[0], surfel.point[1] + wet.origin[1])
+            at = wp.vec2(surface_point.point[0] + wet.origin[0], surface_point.point[1] + wet.origin[1])
             streak = value_noise(turned(at, 0.5, 0.9), 8) + 0.6 * value_noise(turned(at, 1.9, 0.22), 9) - 0.8
             streak *= wp.exp(-footprint)
-            # A pitched roof or a wall's top sheds the water that a road keeps.
-            stays = wp.where(look.holds_puddles, 1.0, SHED_FILM)
+            # A pitched roof or a wall's top sheds the water that stays on a road.
+            stays = wp.where(appearance.holds_puddles, 1.0, SHED_FILM)
             out.film = (
                 stays * wet.wetness * wet.wetness * level * wp.clamp(GROUND_FILM * (1.0 + 0.15 * streak), 0.0, 1.0)
             )
             out.film_roughness = GROUND_FILM_ROUGHNESS - 0.04 * streak
-            out.film_normal = wp.normalize(surfel.normal + surfel.shading_normal)
+            out.film_normal = wp.normalize(surface_point.normal + surface_point.shading_normal)
         else:
-            out.film = SHEEN_FILM * wet.wetness * level * (1.0 - surfel.roughness)
-            out.film_roughness = wp.max(0.1, surfel.roughness)
+            out.film = SHEEN_FILM * wet.wetness * level * (1.0 - surface_point.roughness)
+            out.film_roughness = wp.max(0.1, surface_point.roughness)
         if puddle > 0.0:
             near = wp.exp(-10.0 * footprint)
             ripple = wp.vec3(0.0, 0.0, 1.0)
             if wet.rain_mm_h > 0.0 and near > 0.02:
-                ripple = wp.normalize(wp.lerp(ripple, ripple_normal(wet, surfel.point, time), near))
-            # The rings of the many small drops are never drawn; they and the faded ones blur the mirror.
+                ripple = wp.normalize(wp.lerp(ripple, ripple_normal(wet, surface_point.point, time), near))
+            # The rings of the many small drops are never drawn; they and the faded ones blur the reflection.
             rough = PUDDLE_ROUGHNESS + (0.05 + 0.07 * (1.0 - near)) * (1.0 - wp.exp(-wet.rain_mm_h / 25.0))
             out.film = wp.lerp(out.film, 1.0, puddle)
             out.film_roughness = wp.lerp(out.film_roughness, rough, puddle)
@@ -331,12 +333,7 @@ def wetted(wet: Wet, look: Look, surfel: Surfel, time: float, footprint: float) 
 
 @wp.func
 def film_weights(wetted: Wetted, to_viewer: wp.vec3) -> float:
-    """Return the share that the film mirrors, of light from all round; what lies below it is scaled by 1 - share.
-
-    Args:
-        wetted: The wet surface.
-        to_viewer: Unit direction, scene frame.
-    """
+    """Return the share that the film reflects, of light from all round; what lies below it is scaled by 1 - share."""
     share = wp.float32(0.0)
     if wetted.film > 0.0:
         n_v = wp.clamp(wp.dot(wetted.film_normal, to_viewer), MIN_COSINE, 1.0)
@@ -347,7 +344,7 @@ def film_weights(wetted: Wetted, to_viewer: wp.vec3) -> float:
 
 @wp.func
 def film_light(wetted: Wetted, to_viewer: wp.vec3, to_light: wp.vec3, alpha2: float) -> float:
-    """Return BRDF times cosine of the film for a far light [1/sr]: the sun's or a lamp's glint on wet ground.
+    """Return BRDF times cosine of the film for a far light [1/sr]: the sun's or a light's glint on wet ground.
 
     Args:
         wetted: The wet surface.
@@ -358,7 +355,7 @@ def film_light(wetted: Wetted, to_viewer: wp.vec3, to_light: wp.vec3, alpha2: fl
     result = wp.float32(0.0)
     n = wetted.film_normal
     n_l = wp.dot(n, to_light)
-    if wetted.film > 0.0 and n_l > 0.0 and wp.dot(wetted.surfel.normal, to_light) > 0.0:
+    if wetted.film > 0.0 and n_l > 0.0 and wp.dot(wetted.surface_point.normal, to_light) > 0.0:
         n_v = wp.clamp(wp.dot(n, to_viewer), MIN_COSINE, 1.0)
         half = wp.normalize(to_viewer + to_light)
         sine = wp.cross(n, half)

@@ -1,4 +1,4 @@
-"""DFT codebooks and the best pair of beams by exhaustive search.
+"""Make DFT codebooks and find the best pair of beams by exhaustive search.
 
 Source: the Multimodal-Wireless paper, section on beam prediction: codebook, search and normalized gain.
 """
@@ -49,27 +49,11 @@ def dft_ula(count: int, beams: int = 64) -> np.ndarray:
     return np.exp(2j * np.pi * turns) / np.sqrt(count)
 
 
-def dft_upa(rows: int, columns: int, row_beams: int, column_beams: int) -> np.ndarray:
-    """Return the DFT codebook of a planar array: the Kronecker product of the horizontal and the vertical one.
-
-    Args:
-        rows: Elements in a column, M.
-        columns: Elements in a row, N.
-        row_beams: Beams of the vertical codebook, Q_v, of phases that grow downward from row to row.
-        column_beams: Beams of the horizontal codebook, Q_h.
-
-    Returns:
-        Unit columns, shape [M N, Q_h Q_v]. Element j M + i is row i of column j, as in `PlanarArray`; beam
-        q_h Q_v + q_v is beam q_h of `dft_ula(N, Q_h)` along the rows and q_v of `dft_ula(M, Q_v)` down the columns.
-
-    Raises:
-        InputError: If a count is below 1.
-    """
-    return np.kron(dft_ula(columns, column_beams), dft_ula(rows, row_beams))
-
-
 def dft_codebook(array: PlanarArray, beams: int | tuple[int, int] = 64) -> np.ndarray:
     """Return the DFT codebook of an array, in the order of its antennas.
+
+    That of a planar array is the Kronecker product of the horizontal and the vertical one: beam q_h Q_v + q_v is beam
+    q_h of `dft_ula(N, Q_h)` along the rows and q_v of `dft_ula(M, Q_v)` down the columns.
 
     Args:
         array: Linear or planar array.
@@ -84,16 +68,16 @@ def dft_codebook(array: PlanarArray, beams: int | tuple[int, int] = 64) -> np.nd
     """
     if isinstance(beams, tuple):
         row_beams, column_beams = beams
-    elif array.rows == 1:
+    elif array.num_rows == 1:
         row_beams, column_beams = 1, beams
-    elif array.columns == 1:
+    elif array.num_cols == 1:
         row_beams, column_beams = beams, 1
     else:
         raise InputError(
-            f"dft_codebook: beams = {beams} for {array.rows} x {array.columns} elements; give (down the columns, along "
-            "the rows)"
+            f"dft_codebook: beams = {beams} for {array.num_rows} x {array.num_cols} elements; give (down the columns, "
+            "along the rows)"
         )
-    book = dft_upa(array.rows, array.columns, row_beams, column_beams)
+    book = np.kron(dft_ula(array.num_cols, column_beams), dft_ula(array.num_rows, row_beams))
     return np.kron(np.eye(array.polarization_count), book)
 
 

@@ -1,4 +1,4 @@
-"""Radio links: one row a link and frame, with the poses of both antennas."""
+"""Make radio links: one row a link and frame, with the poses of both antennas."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,10 +12,8 @@ from mmw.core.transforms import normalize, quaternion_to_matrix
 from mmw.physics.em.vectors import rotate
 from mmw.scene.scene_data import SceneData
 
-LINK_V2I = 0
-"""`Links.kind` of a downlink from a roadside unit to a CAV."""
-LINK_V2V = 1
-"""`Links.kind` of a link between two CAVs."""
+LINK_V2I, LINK_V2V = range(2)
+"""`Links.kind` of a downlink from a roadside unit to a CAV, and of a link between two CAVs."""
 LINK_KINDS = ("v2i", "v2v")
 """Name of each kind."""
 
@@ -42,7 +40,7 @@ class Links:
 
     frame: np.ndarray
     """Frame number, shape [L], int32."""
-    slot: np.ndarray
+    batch_index: np.ndarray
     """Position of the frame in the batch, shape [L], int32."""
     kind: np.ndarray
     """`LINK_V2I` or `LINK_V2V`, shape [L], int8."""
@@ -59,7 +57,7 @@ class Links:
     def take(self, rows: np.ndarray) -> "Links":
         """Return some of the links."""
         return Links(
-            *(getattr(self, name)[rows] for name in ("frame", "slot", "kind", "tx_actor", "rx_actor")),
+            *(getattr(self, name)[rows] for name in ("frame", "batch_index", "kind", "tx_actor", "rx_actor")),
             tx=self.tx.take(rows),
             rx=self.rx.take(rows),
         )
@@ -70,7 +68,7 @@ def make_links(arrays: SceneData, frames: Sequence[int], config: ChannelConfig) 
 
     Args:
         arrays: The scene on the host.
-        frames: Frames of the batch; slot s is `frames[s]`.
+        frames: Frames of the batch; batch index b is `frames[b]`.
         config: Which links there are, and where antennas sit on their agents.
 
     Returns:
@@ -89,24 +87,24 @@ def make_links(arrays: SceneData, frames: Sequence[int], config: ChannelConfig) 
     rows = np.array([arrays.frame_row(int(frame)) for frame in frames], dtype=np.int64)
     poses = arrays.poses[rows]
     is_here = np.asarray(np.isfinite(poses).all(axis=2))
-    slot, column = np.nonzero(is_here[:, pair[:, 1]] & is_here[:, pair[:, 2]])
+    batch_index, column = np.nonzero(is_here[:, pair[:, 1]] & is_here[:, pair[:, 2]])
     kind, tx_actor, rx_actor = pair[column].T
     motion = differentiate_rows(arrays.poses, rows)
     places: Mapping[str, Vec3] = {**config.antenna_position_m}
     mount = np.array([places.get(actor.role, (0.0, 0.0, 0.0)) for actor in actors]).reshape(-1, 3)
 
     def ends(actor: np.ndarray) -> RadioDevices:
-        rotation = quaternion_to_matrix(normalize(poses[slot, actor, 3:]))
+        rotation = quaternion_to_matrix(normalize(poses[batch_index, actor, 3:]))
         lever = rotate(rotation, mount[actor])
         return RadioDevices(
-            position=poses[slot, actor, :3] + lever,
+            position=poses[batch_index, actor, :3] + lever,
             rotation=rotation,
-            velocity=motion.velocity[slot, actor] + np.cross(motion.world_rate[slot, actor], lever),
+            velocity=motion.velocity[batch_index, actor] + np.cross(motion.world_rate[batch_index, actor], lever),
         )
 
     return Links(
-        frame=np.array(frames, dtype=np.int32)[slot],
-        slot=slot.astype(np.int32),
+        frame=np.array(frames, dtype=np.int32)[batch_index],
+        batch_index=batch_index.astype(np.int32),
         kind=kind.astype(np.int8),
         tx_actor=tx_actor,
         rx_actor=rx_actor,

@@ -1,8 +1,8 @@
-"""Between two instants of a path: its delay by a cubic, its directions along an arc, its transfer in carried bases."""
+"""Interpolate a path between two instants: delay by a cubic, directions along an arc, transfer in carried bases."""
 
 import numpy as np
 
-from mmw.physics.em.vectors import direction_angles, dot, norm, spherical_basis
+from mmw.physics.em.vectors import direction_angles, dot, norm, spherical_basis, unit_vector
 
 
 def cubic_between(
@@ -14,8 +14,8 @@ def cubic_between(
 
     Args:
         values: v_0 and v_1, shape [n] each.
-        slopes: r_0 and r_1, changes over the whole way from 0 to 1, shape [n] each.
-        s: Share of the way, 0 to 1, shape [n].
+        slopes: r_0 and r_1, changes from 0 to 1, shape [n] each.
+        s: Position between the two, 0 to 1, shape [n].
 
     Returns:
         Value and slope, shape [n] each. At most 1 / 384 of the largest fourth derivative off, with exact slopes.
@@ -31,28 +31,24 @@ def cubic_between(
 def direction_between(
     theta: tuple[np.ndarray, np.ndarray], phi: tuple[np.ndarray, np.ndarray], s: np.ndarray
 ) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
-    """Return the direction at share s of the way from one to another, and what carries fields there.
+    """Return the direction between two others, and the matrices that carry fields there.
 
     Args:
         theta: Zeniths of both directions, which are not opposite, shape [n] each.
         phi: Azimuths of both, shape [n] each.
-        s: Share of the way, 0 to 1, shape [n].
+        s: Position between the two, 0 to 1, shape [n].
 
     Returns:
-        Zenith and azimuth of the unit vector in between, shape [n] each; and for both ends the matrix that takes
+        Zenith and azimuth of the unit vector in between, shape [n] each; and for both ends the matrix from
         components in the (theta, phi) basis there to components in the basis in between, shape [n, 2, 2] each.
     """
-    ends = [_unit_vector(*angles) for angles in zip(theta, phi, strict=True)]
+    ends = [unit_vector(*angles) for angles in zip(theta, phi, strict=True)]
     between = (1.0 - s)[:, None] * ends[0] + s[:, None] * ends[1]
     between = between / norm(between)[:, None]
     angles = direction_angles(between)
     basis = np.stack(spherical_basis(*angles), axis=1)
     turns = [_carried(theta[k], phi[k], ends[k], between, basis) for k in (0, 1)]
     return angles, (turns[0], turns[1])
-
-
-def _unit_vector(theta: np.ndarray, phi: np.ndarray) -> np.ndarray:
-    return np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=-1)
 
 
 def _carried(theta: np.ndarray, phi: np.ndarray, old: np.ndarray, new: np.ndarray, basis: np.ndarray) -> np.ndarray:

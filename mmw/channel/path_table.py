@@ -1,4 +1,4 @@
-"""Paths of any number of links at one carrier, as flat arrays made from rows of the tables `paths` and `links`."""
+"""Read paths of any number of links at one carrier from rows of the tables `paths` and `links`, as flat arrays."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
@@ -24,25 +24,14 @@ KEY_TYPE = np.dtype([(name, np.int64 if name == "frame" else object) for name in
 """Type of `Paths.keys`."""
 
 
-@dataclass(frozen=True, eq=False)
-class Paths:
-    """Paths of L links at one carrier, sorted by link. World frame, seconds, radians, time convention e^{+jwt}.
-
-    A link without any path is a row of `keys` that no entry of `link` names.
-
-    Raises:
-        InputError: If arrays differ in length, or paths are not sorted by link.
-    """
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PathSamples:
+    """Samples of paths at one carrier, each from a row of table `paths`. World frame, seconds, radians, e^{+jwt}."""
 
     carrier_hz: float
     """Carrier frequency of every path [Hz]."""
-    keys: np.ndarray
-    """Name of each link: scenario, weather, frame, agent (the receiver) and peer (the transmitter), a structured array
-    of `KEY_TYPE`, shape [L]."""
-    link: np.ndarray
-    """Link of each path, 0 to L - 1, growing, shape [P], int64."""
     row: np.ndarray
-    """Row of the table that each path came from, shape [P], int64; for columns that are not here."""
+    """Row of the table (or of `PathSet`) that each came from, shape [P], int64; for columns that are not here."""
     is_los: np.ndarray
     """True for the line of sight, shape [P]."""
     tau: np.ndarray
@@ -64,8 +53,29 @@ class Paths:
     doppler_hz: np.ndarray
     """Doppler shift, positive while the path gets shorter [Hz], shape [P]."""
 
+
+SAMPLE_COLUMNS = tuple(field.name for field in fields(PathSamples)[1:])
+"""Arrays of `PathSamples`."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Paths(PathSamples):
+    """Paths of L links at one carrier, sorted by link.
+
+    A link without any path is a row of `keys` that no entry of `link` names.
+
+    Raises:
+        InputError: If arrays differ in length, or paths are not sorted by link.
+    """
+
+    keys: np.ndarray
+    """Name of each link: scenario, weather, frame, agent (the receiver) and peer (the transmitter), a structured array
+    of `KEY_TYPE`, shape [L]."""
+    link: np.ndarray
+    """Link of each path, 0 to L - 1, growing, shape [P], int64."""
+
     def __post_init__(self) -> None:
-        lengths = {field.name: len(getattr(self, field.name)) for field in fields(self)[2:]}
+        lengths = {name: len(getattr(self, name)) for name in ("link", *SAMPLE_COLUMNS)}
         if len(set(lengths.values())) != 1 or self.transfer.shape[1:] != (2, 2):
             raise InputError(
                 f"Paths: {lengths} paths, transfer {self.transfer.shape}; every array needs one row a path"
@@ -103,7 +113,7 @@ class Paths:
         link = where[self.link]
         path = np.flatnonzero(link >= 0)
         path = path[np.argsort(link[path], kind="stable")]
-        columns = {field.name: getattr(self, field.name)[path] for field in fields(self)[3:]}
+        columns = {name: getattr(self, name)[path] for name in SAMPLE_COLUMNS}
         return replace(self, keys=self.keys[links], link=link[path], **columns)
 
     @classmethod
@@ -113,7 +123,7 @@ class Paths:
         Args:
             table: Rows of table `paths` in any order, with at least `PATH_COLUMNS`: a pyarrow Table, a pandas
                 DataFrame, or a mapping of column names to arrays.
-            carrier_hz: Carrier to take [Hz]; None takes the only one there is.
+            carrier_hz: Carrier [Hz]; None selects the only one there is.
             links: Rows of table `links` (at least `LINK_COLUMNS`), of any of those kinds. Links are then in the order
                 of these rows, and links without any path are among them. Without it links are in the order in which
                 they come in `table`, and a link without a path cannot be known.
@@ -192,7 +202,7 @@ def rows_from_paths(
         paths: Paths of `solve_paths`; `row` of the result counts these.
         weather: Weather of the gains.
         carrier_hz: Carrier of the gains [Hz].
-        actors: Name of each actor, for `agent` and `peer`; None takes actor indices as text.
+        actors: Name of each actor, for `agent` and `peer`; None uses actor indices as text.
         scenario: Name of the scenario.
 
     Raises:
@@ -225,18 +235,14 @@ def rows_from_paths(
     )
 
 
-def _names_of(table: Any) -> list[str]:
-    """Return the column names of a pyarrow Table, a pandas DataFrame or a mapping of columns."""
-    return list(table.column_names) if isinstance(table, pa.Table) else [str(name) for name in table]
-
-
 def read_column(table: Any, kind: str, name: str, needed: tuple[str, ...]) -> pa.Array:
     """Return one column as an Arrow array; names are plain strings.
 
     Raises:
         InputError: If one of the needed columns is missing, or the column has nulls.
     """
-    missing = [column for column in needed if column not in _names_of(table)]
+    columns = table.column_names if isinstance(table, pa.Table) else [str(column) for column in table]
+    missing = [column for column in needed if column not in columns]
     if missing:
         raise InputError(f"table {kind}: columns {missing} are missing; it needs {', '.join(needed)}; read them too")
     values = table[name]
@@ -275,7 +281,7 @@ def encode_key(name: str, parts: list[pa.Array]) -> tuple[np.ndarray, np.ndarray
 
 
 def _one_carrier(present: np.ndarray, wanted: float | None) -> float:
-    """Return the carrier to take [Hz]."""
+    """Return the selected carrier [Hz]."""
     known = np.unique(present)
     listed = ", ".join(f"{carrier:g}" for carrier in known)
     if wanted is None:

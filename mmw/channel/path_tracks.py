@@ -1,11 +1,11 @@
-"""Paths followed over frames: birth and death of each, the rate of its delay, and the channel between frames.
+"""Track paths over frames: birth and death of each, the rate of its delay, and the channel between frames.
 
 Between two frames of a track the delay is the cubic that has the delays and rates of both, so the carrier's phase and
 the Doppler shift are continuous over frames. Coefficients hold no carrier phase, change slowly and are interpolated
-linearly. `docs/guides/tracks.md` says how far that is from the truth.
+linearly. `docs/guides/csi.md` says how far that is from the truth.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal
 
@@ -15,7 +15,16 @@ from numpy.typing import ArrayLike
 
 from mmw.channel.links import Links
 from mmw.channel.path_interpolation import cubic_between, direction_between
-from mmw.channel.path_table import KEY_TYPE, PATH_COLUMNS, Paths, encode_key, read_column, rows_from_paths
+from mmw.channel.path_table import (
+    KEY_TYPE,
+    PATH_COLUMNS,
+    SAMPLE_COLUMNS,
+    Paths,
+    PathSamples,
+    encode_key,
+    read_column,
+    rows_from_paths,
+)
 from mmw.channel.paths import PathSet
 from mmw.core.constants import FRAME_DT, FRAME_RATE_HZ
 from mmw.core.errors import InputError
@@ -27,24 +36,19 @@ Edges = Literal["hold", "fade", "drop"]
 TRACK_COLUMNS = (*PATH_COLUMNS, "path_id")
 """Columns of table `paths` that `tracks_from_table` needs."""
 
-SAMPLE_COLUMNS = tuple(field.name for field in fields(Paths)[3:])
-"""Fields that a path in `Paths` has besides its link, and every sample of a track too."""
-
 TIME_DECIMALS = 8
 """Times are rounded to this many decimals of a frame (0.1 ns), so that n / 100 in floating point is frame n."""
 
 
-@dataclass(frozen=True, eq=False)
-class PathTracks:
-    """Tracks of one scenario, weather and carrier: L links, K tracks, S samples. World frame, seconds, radians.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PathTracks(PathSamples):
+    """Tracks of one scenario, weather and carrier: L links, K tracks, S samples (P = S).
 
     A track is one path of one link over consecutive frames. A path that is away for a frame comes back as a new track.
     Tracks are sorted by (link, path_id, birth); the samples of track k are `offset[k]` to `offset[k + 1]`, in the order
     of frames.
     """
 
-    carrier_hz: float
-    """Carrier frequency [Hz]."""
     scenario: str
     weather: str
     agent: np.ndarray
@@ -62,27 +66,6 @@ class PathTracks:
     """First sample of each track, and S behind the last, shape [K + 1], int64."""
     frame: np.ndarray
     """Frame of each sample, shape [S], int64."""
-    row: np.ndarray
-    """Row of the table (or of `PathSet`) that each sample came from, shape [S], int64; for columns that are not
-    here."""
-    is_los: np.ndarray
-    """True for the line of sight, shape [S]."""
-    tau: np.ndarray
-    """Absolute delay [s], shape [S]."""
-    doppler_hz: np.ndarray
-    """Doppler shift, positive while the path gets shorter [Hz], shape [S]."""
-    transfer: np.ndarray
-    """2x2 polarimetric transfer as in `Paths`, shape [S, 2, 2], complex128."""
-    a: np.ndarray
-    """Coefficient between the configured antennas, without the carrier phase, shape [S], complex128."""
-    theta_t: np.ndarray
-    """Zenith of departure, shape [S]."""
-    phi_t: np.ndarray
-    """Azimuth of departure, shape [S]."""
-    theta_r: np.ndarray
-    """Zenith of arrival: direction from the receiver back along the path, shape [S]."""
-    phi_r: np.ndarray
-    """Azimuth of arrival, shape [S]."""
 
     def __len__(self) -> int:
         """Return the number of tracks."""
@@ -115,12 +98,12 @@ class PathTracks:
 
     @property
     def is_birth(self) -> np.ndarray:
-        """True where the frame before the birth was recorded, so the path was seen not to be there, shape [K]."""
+        """True where the frame before the birth was recorded, so the path is known not to be there, shape [K]."""
         return np.isin(self.birth - 1, self.frames)
 
     @property
     def is_death(self) -> np.ndarray:
-        """True where the frame after the death was recorded, so the path was seen to be gone, shape [K]."""
+        """True where the frame after the death was recorded, so the path is known to be gone, shape [K]."""
         return np.isin(self.death + 1, self.frames)
 
     @property
@@ -128,39 +111,21 @@ class PathTracks:
         """Rate of change of the delay by the stored Doppler shift, d(tau)/dt = -f_D / f [s/s], shape [S]."""
         return -self.doppler_hz / self.carrier_hz
 
-    def difference_rate(self) -> np.ndarray:
-        """Return the rate of change of the delay by differences of delays alone [s/s], shape [S].
-
-        Central differences, and at both ends of a track those of the parabola through three frames: wrong by h^2 / 6
-        and h^2 / 3 times the third derivative. A track of two frames has one slope, a track of one frame NaN.
-        """
-        length, place = self.length[self.track], np.arange(len(self.frame)) - self.offset[self.track]
-        rate = np.full(len(self.frame), np.nan)
-        tau, h = self.tau, FRAME_DT
-        inner = np.flatnonzero((place > 0) & (place < length - 1))
-        rate[inner] = (tau[inner + 1] - tau[inner - 1]) / (2.0 * h)
-        for end, step in ((place == 0, 1), (place == length - 1, -1)):
-            i = np.flatnonzero(end & (length > 2))
-            rate[i] = step * (4.0 * (tau[i + step] - tau[i]) - (tau[i + 2 * step] - tau[i])) / (2.0 * h)
-            i = np.flatnonzero(end & (length == 2))
-            rate[i] = step * (tau[i + step] - tau[i]) / h
-        return rate
-
     def lifetimes(self, complete: bool = True) -> np.ndarray:
-        """Return how long tracks live [s], shape [n]: frames times 1/100 s, wrong by up to one frame either way.
+        """Return the lifetimes of tracks [s], shape [n]: frames times 1/100 s, wrong by up to one frame.
 
         Args:
-            complete: Only tracks whose birth and death were seen; the others live longer than was recorded.
+            complete: Only tracks whose birth and death are in the record; the others last longer.
         """
         keep = self.is_birth & self.is_death if complete else np.ones(len(self), dtype=bool)
         return self.length[keep] * FRAME_DT
 
     def births(self) -> np.ndarray:
-        """Return how many tracks were seen to be born in each of `frames`, shape [F], int64."""
+        """Return the number of tracks born in each of `frames`, shape [F], int64."""
         return self._counted(self.birth[self.is_birth])
 
     def deaths(self) -> np.ndarray:
-        """Return how many tracks have each of `frames` as their last one and are gone in the next, shape [F], int64."""
+        """Return the number of tracks that end with each of `frames`, shape [F], int64."""
         return self._counted(self.death[self.is_death])
 
     def alive(self) -> np.ndarray:
@@ -198,31 +163,32 @@ class PathTracks:
         time = np.atleast_1d(np.asarray(time_s, dtype=np.float64))
         if time.ndim != 1:
             raise InputError(f"PathTracks.at: time_s has shape {time.shape}; give one time, or shape [T]")
-        frame, share = self._place(time)
+        frame, share = self._locate(time)
         moment, first = self._samples_in(frame)
         s, has_next = share[moment], first + 1 < self.offset[self.track[first] + 1]
-        is_born, born = self._samples_in(frame + 1)
-        new = (born == self.offset[self.track[born]]) & (share[is_born] > 0.0)
+        next_moment, next_sample = self._samples_in(frame + 1)
+        new = (next_sample == self.offset[self.track[next_sample]]) & (share[next_moment] > 0.0)
         keep = has_next | (s == 0.0)
         if edges == "drop":
             new[:] = False
         else:
             keep |= (s < 0.5) | (edges == "fade")
-            new &= (share[is_born] >= 0.5) | (edges == "fade")
+            new &= (share[next_moment] >= 0.5) | (edges == "fade")
         moment, first, s, has_next = moment[keep], first[keep], s[keep], has_next[keep]
-        is_born, born = is_born[new], born[new]
-        sample = np.concatenate([first, born])
-        beyond = np.concatenate([s, share[is_born] - 1.0])  # frames from the sample to the time
-        both = np.concatenate([has_next & (s > 0.0), np.zeros(len(born), dtype=bool)])
-        moment = np.concatenate([moment, is_born])
+        next_moment, next_sample = next_moment[new], next_sample[new]
+        sample = np.concatenate([first, next_sample])
+        beyond = np.concatenate([s, share[next_moment] - 1.0])  # frames from the sample to the time
+        both = np.concatenate([has_next & (s > 0.0), np.zeros(len(next_sample), dtype=bool)])
+        moment = np.concatenate([moment, next_moment])
         order = np.lexsort((self.track[sample], moment))
         moment, sample, beyond, both = moment[order], sample[order], beyond[order], both[order]
         link = moment * self.link_count + self.link[self.track[sample]]
         keys = self._keys(frame + (share >= 0.5))
-        return Paths(self.carrier_hz, keys, link, **self._values(sample, beyond, both, edges))
+        values = self._values(sample, beyond, both, edges)
+        return Paths(carrier_hz=self.carrier_hz, keys=keys, link=link, **values)
 
-    def _place(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the frame at or before each time, and the share of the way to the next one."""
+    def _locate(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the frame at or before each time, and the share of a frame since then."""
         position = np.round(time * FRAME_RATE_HZ, TIME_DECIMALS)
         is_there = np.isfinite(position)
         frame = np.floor(np.where(is_there, position, -1.0)).astype(np.int64)
@@ -272,11 +238,11 @@ class PathTracks:
         first, second = (-FRAME_DT / self.carrier_hz * doppler for doppler in pair("doppler_hz"))
         values["tau"][both], change = cubic_between(pair("tau"), (first, second), s)
         values["doppler_hz"][both] = -self.carrier_hz / FRAME_DT * change
-        departure, sent = direction_between(pair("theta_t"), pair("phi_t"), s)
-        arrival, heard = direction_between(pair("theta_r"), pair("phi_r"), s)
+        departure, tx_turn = direction_between(pair("theta_t"), pair("phi_t"), s)
+        arrival, rx_turn = direction_between(pair("theta_r"), pair("phi_r"), s)
         values["theta_t"][both], values["phi_t"][both] = departure
         values["theta_r"][both], values["phi_r"][both] = arrival
-        parts = [times(times(heard[k], self.transfer[ends[k]]), sent[k].swapaxes(1, 2)) for k in (0, 1)]
+        parts = [times(times(rx_turn[k], self.transfer[ends[k]]), tx_turn[k].swapaxes(1, 2)) for k in (0, 1)]
         values["transfer"][both] = (1.0 - s)[:, None, None] * parts[0] + s[:, None, None] * parts[1]
         values["a"][both] = (1.0 - s) * self.a[ends[0]] + s * self.a[ends[1]]
         values["row"][both] = self.row[ends[0] + (s >= 0.5)]
@@ -288,7 +254,7 @@ def tracks_from_table(table: Any, carrier_hz: float | None = None, links: Any = 
 
     Args:
         table: Rows in any order with at least `TRACK_COLUMNS`: a pyarrow Table, a pandas DataFrame or a mapping.
-        carrier_hz: Carrier to take [Hz]; None takes the only one there is.
+        carrier_hz: Carrier [Hz]; None selects the only one there is.
         links: Rows of table `links`, of any of those kinds. They say which frames and links there are besides those
             that have paths.
 

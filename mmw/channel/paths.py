@@ -1,4 +1,4 @@
-"""Propagation paths of a batch: geometry once, gains for every weather and carrier."""
+"""Hold the propagation paths of a batch: geometry once, gains for every weather and carrier."""
 
 from dataclasses import dataclass
 
@@ -47,7 +47,7 @@ class PathSet:
     order: np.ndarray
     """Number of interactions, shape [P], int8."""
     interaction: np.ndarray
-    """Each interaction from transmitter to receiver, a key of `INTERACTIONS` or 0, shape [P, D], int8."""
+    """Each interaction from transmitter to receiver (see `mmw.physics.em.interaction`), or 0, shape [P, D], int8."""
     surface: np.ndarray
     """Global surface of each interaction (of a diffraction: its wedge), -1 behind the last, shape [P, D], int32."""
     object_id: np.ndarray

@@ -1,4 +1,4 @@
-"""Channel state information: frequency responses, impulse responses and taps of links, from the paths' coefficients.
+"""Compute channel state information: frequency responses, impulse responses and taps from the paths' coefficients.
 
 Which A_m: `apply_arrays` returns A_m **without** the carrier phase, the coefficient that the dataset stores. The matrix
 A_m of the Multimodal-Wireless paper is the complex gain at f_c, **with** it: `complex_gain` of ours. So
@@ -47,16 +47,13 @@ def subcarrier_frequencies(count: int, spacing_hz: float, grid: Literal["centere
     raise InputError(f"subcarrier_frequencies: grid = {grid!r}; it is centered or fft")
 
 
-def first_delay(paths: Paths) -> np.ndarray:
-    """Return the smallest delay of each link [s], shape [L]; NaN for a link without path."""
-    first = np.full(paths.link_count, np.inf)
-    np.minimum.at(first, paths.link, paths.tau)
-    return np.where(np.isfinite(first), first, np.nan)
-
-
 def delays(paths: Paths, normalize_delays: bool = False) -> np.ndarray:
     """Return the delay of each path, absolute or after the first path of its link [s], shape [P]."""
-    return paths.tau - first_delay(paths)[paths.link] if normalize_delays else paths.tau
+    if not normalize_delays:
+        return paths.tau
+    first = np.full(paths.link_count, np.inf)
+    np.minimum.at(first, paths.link, paths.tau)
+    return paths.tau - first[paths.link]
 
 
 def complex_gain(
@@ -99,11 +96,11 @@ def frequency_response(
             (narrowband) channel.
         carrier_hz: Carrier f_c of the paths [Hz].
         time_s: Times t after the instant of the paths [s], one or shape [T]; absolute phase advances by Doppler.
-        carrier_phase: True applies exp(-j 2 pi f_c tau); False leaves it out, for coefficients that hold it.
+        carrier_phase: Apply exp(-j 2 pi f_c tau); False for coefficients that hold it.
         normalize_delays: Count delays from the first path of each link. With `carrier_phase=False` this shifts the
             baseband phases only.
         normalize: Divide each link by the root mean square of |H| over antennas, times and frequencies (Sionna's
-            `cfr(normalize=True)`). With `average` too, of what the average leaves.
+            `cfr(normalize=True)`). With `average` too, of the average.
         average: Return the mean over frequencies, without ever holding all of them.
 
     Returns:
@@ -153,7 +150,7 @@ def taps(
         l_max: Last tap. With absolute delays it must reach beyond W tau of the last path.
         carrier_hz: Carrier f_c of the paths [Hz].
         time_s: Times t after the instant of the paths [s], one or shape [T].
-        carrier_phase: True applies exp(-j 2 pi f_c tau); False leaves it out, for coefficients that hold it.
+        carrier_phase: Apply exp(-j 2 pi f_c tau); False for coefficients that hold it.
         normalize_delays: Count delays from the first path of each link.
 
     Returns:
@@ -185,7 +182,7 @@ def impulse_response(
         paths: The paths that `a` belongs to.
         carrier_hz: Carrier f_c of the paths [Hz].
         time_s: Times t after the instant of the paths [s], one or shape [T].
-        carrier_phase: True applies exp(-j 2 pi f_c tau); False leaves it out, for coefficients that hold it.
+        carrier_phase: Apply exp(-j 2 pi f_c tau); False for coefficients that hold it.
         normalize_delays: Count delays from the first path of each link.
 
     Returns:
@@ -199,12 +196,12 @@ def impulse_response(
     if a.ndim != 3:
         raise InputError(f"a has shape {a.shape}; it is [P, N_r, N_t]")
     count = paths.path_count
-    place = np.arange(len(paths)) - (np.cumsum(count) - count)[paths.link]
-    most = int(count.max(initial=0))
-    gains = np.zeros((paths.link_count, most, *a.shape[1:], *turn.shape[1:]), dtype=np.complex128)
-    gains[paths.link, place] = a.reshape(*a.shape, *(1,) * (turn.ndim - 1)) * turn[:, None, None]
-    tau = np.full((paths.link_count, most), -1.0)
-    tau[paths.link, place] = delays(paths, normalize_delays)
+    index = np.arange(len(paths)) - (np.cumsum(count) - count)[paths.link]
+    max_count = int(count.max(initial=0))
+    gains = np.zeros((paths.link_count, max_count, *a.shape[1:], *turn.shape[1:]), dtype=np.complex128)
+    gains[paths.link, index] = a.reshape(*a.shape, *(1,) * (turn.ndim - 1)) * turn[:, None, None]
+    tau = np.full((paths.link_count, max_count), -1.0)
+    tau[paths.link, index] = delays(paths, normalize_delays)
     return np.moveaxis(gains, 1, 3), tau
 
 

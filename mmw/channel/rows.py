@@ -1,4 +1,4 @@
-"""Rows of the tables of the radio channel."""
+"""Make the rows of the tables of the radio channel."""
 
 import numpy as np
 import pyarrow as pa

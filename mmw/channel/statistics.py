@@ -1,8 +1,8 @@
-"""Large-scale and dispersion statistics of links, from the powers of their paths.
+"""Compute large-scale and dispersion statistics of links from the powers of their paths.
 
 Every function returns one value a link, shape [L], and NaN for a link without path (or whose paths all have power 0).
 `power` is the power of each path, shape [P]; |a|^2 of the dataset's own antennas when not given. For arrays give
-`antenna_power(apply_arrays(...))`. Paths are taken as resolved: powers add, phases do not matter.
+`antenna_power(apply_arrays(...))`. Paths count as resolved: powers add, phases do not matter.
 """
 
 from typing import Literal
@@ -63,10 +63,10 @@ def k_factor(paths: Paths, power: np.ndarray | None = None) -> np.ndarray:
     Infinite if there is the line of sight alone, 0 without it. Source: 3GPP TR 38.901, equation 7.5-30.
     """
     power = _power(paths, power)
-    sight = _total(paths, np.where(paths.is_los, power, 0.0))
+    los = _total(paths, np.where(paths.is_los, power, 0.0))
     rest = _total(paths, np.where(paths.is_los, 0.0, power))
-    alone = np.where(sight > 0, np.inf, np.nan)
-    return np.where(rest > 0, sight / np.where(rest > 0, rest, 1.0), alone)
+    alone = np.where(los > 0, np.inf, np.nan)
+    return np.where(rest > 0, los / np.where(rest > 0, rest, 1.0), alone)
 
 
 def mean_delay(paths: Paths, power: np.ndarray | None = None) -> np.ndarray:
@@ -121,7 +121,7 @@ def _angle(end: str, departure: np.ndarray, arrival: np.ndarray) -> np.ndarray:
 def _circular_spread(paths: Paths, angle: np.ndarray, power: np.ndarray | None) -> np.ndarray:
     weight = _weights(paths, power)
     mean = np.arctan2(_total(paths, weight * np.sin(angle)), _total(paths, weight * np.cos(angle)))
-    # About the mean direction the sum is real: 1 - |sum| keeps its digits however small the spread is.
+    # About the mean direction the sum is real: 1 - |sum| loses no digits however small the spread is.
     lost = 2 * _total(paths, weight * np.sin(0.5 * (angle - mean[paths.link])) ** 2)
     is_empty = paths.path_count == 0
     with np.errstate(divide="ignore"):

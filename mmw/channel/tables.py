@@ -1,4 +1,4 @@
-"""Tables of the radio channel."""
+"""Describe the tables of the radio channel."""
 
 import pyarrow as pa
 
@@ -9,6 +9,9 @@ LINK = (
     column("peer", NAME, "", "transmitter of the link; `agent` is the receiver"),
     column("carrier_hz", F64, "Hz", "carrier frequency"),
 )
+PARTS = (("re", "real"), ("im", "imaginary"))
+FIELDS = {"t": "theta (zenith)", "p": "phi (azimuth)"}
+WITHOUT_PHASE = "antenna patterns included, exp(-j 2 pi f tau) not"
 NO_PATH = "; null where the link has no path"
 
 LINKS = TableSpec(
@@ -39,26 +42,17 @@ PATHS = TableSpec(
         column("kind", NAME, "", "los, specular, transmission, diffuse or diffraction: the last of these on its way"),
         column("order", I8, "count", "interactions on the way"),
         column("tau_s", F64, "s", "absolute delay: path length over the speed of light"),
-        *(
-            column(
-                f"a_{part}",
-                F64,
-                "-",
-                f"{word} part of the coefficient, antenna patterns included, exp(-j 2 pi f tau) not",
-            )
-            for part, word in (("re", "real"), ("im", "imaginary"))
-        ),
+        *(column(f"a_{part}", F64, "-", f"{word} part of the coefficient, {WITHOUT_PHASE}") for part, word in PARTS),
         *(
             column(
                 f"t_{to}{of}_{part}",
                 F64,
                 "-",
-                f"{word} part of the transfer from the {name[of]} field at departure to the "
-                f"{name[to]} field at arrival, antenna patterns and exp(-j 2 pi f tau) not included",
+                f"{word} part of the transfer from the {FIELDS[of]} field at departure "
+                f"to the {FIELDS[to]} field at arrival, antenna patterns and exp(-j 2 pi f tau) not included",
             )
-            for name in ({"t": "theta (zenith)", "p": "phi (azimuth)"},)
             for to, of in ("tt", "tp", "pt", "pp")
-            for part, word in (("re", "real"), ("im", "imaginary"))
+            for part, word in PARTS
         ),
         column("aod_az", F64, "rad", "azimuth of departure from `peer`, world frame, -pi to pi"),
         column("aod_ze", F64, "rad", "zenith angle of departure from `peer`, world frame, 0 to pi"),

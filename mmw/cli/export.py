@@ -1,11 +1,11 @@
-"""`mmw export`: a dataset, or a part of it, as files of other people's tools."""
+"""Write a dataset, or a part of it, in the format of another tool: `mmw export`."""
 
 import argparse
 import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from mmw.cli.command import add_log_options, run_command
+from mmw.cli.command import run_command
 from mmw.core.errors import InputError
 
 FILTERS = {"scenario": "scenarios", "weather": "weathers", "agent": "agents"}
@@ -28,11 +28,10 @@ def main(argv: Sequence[str], prog: str = "mmw export") -> int:
         help="filters: scenario=A,B weather=A,B agent=A,B frames=START:STOP:STEP; others are options of the format",
     )  # fmt: skip
     parser.add_argument("--list", action="store_true", help="print the formats, their options and what they lose")
-    arguments = add_log_options(parser).parse_intermixed_args(argv)
-    return run_command(lambda: _list() if arguments.list else _export(arguments), prog, debug=arguments.debug)
+    return run_command(parser, _export, argv, intermixed=True)
 
 
-def _list() -> int:
+def _list() -> None:
     from mmw.dataset.export.registry import EXPORTERS, load_format
 
     for name in sorted(EXPORTERS):
@@ -44,10 +43,12 @@ def _list() -> int:
         print("  cannot hold:")
         for line in form.losses:
             print(f"    - {line}")
-    return 0
 
 
-def _export(arguments: argparse.Namespace) -> int:
+def _export(arguments: argparse.Namespace) -> None:
+    if arguments.list:
+        _list()
+        return
     from mmw.dataset.export.exporter import Selection, export
 
     if arguments.out is None:
@@ -66,14 +67,13 @@ def _export(arguments: argparse.Namespace) -> int:
             options[name] = value
     export(arguments.root, arguments.format, arguments.out, Selection(**picked, frames=frames), options)
     print(arguments.out)
-    return 0
 
 
 def frames_of(text: str) -> range:
     """Return the frames of `START:STOP` or `START:STOP:STEP`; STOP is not among them.
 
     Raises:
-        InputError: If the text is no such thing or holds no frame.
+        InputError: If the text is no range or the range is empty.
     """
     if not re.fullmatch(r"\d+:\d+(:\d+)?", text):
         raise InputError(f"frames={text}: START:STOP or START:STOP:STEP is needed, such as 0:100:10; write it so")

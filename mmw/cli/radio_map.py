@@ -1,4 +1,4 @@
-"""`mmw radiomap --config FILE`: path gain, RSS and SINR of a scenario's roadside units, as a table and a picture.
+"""Trace path gain, RSS and SINR of a scenario's roadside units, as a table and a picture: `mmw radiomap`.
 
 Exit codes: 0 done, 2 bad configuration or input (one line a problem), 1 failure while running.
 """
@@ -20,7 +20,7 @@ from mmw import __version__
 from mmw.channel.antennas.arrays import PlanarArray
 from mmw.channel.radio_map.measurement_surface import MeasurementSurface, plane_grid, road_grid
 from mmw.channel.radio_map.solver import RadioMap, RadioMapConfig, Transmitters, actor_transmitters, radio_map
-from mmw.cli.command import add_log_options, run_command
+from mmw.cli.command import run_command
 from mmw.config import CONFIG_HELP, Config, ScenarioConfig, config_path, load_config
 from mmw.core.bvh_kind import select_bvh
 from mmw.core.device import choose_device, device_name
@@ -34,32 +34,33 @@ from mmw.scene.reader import read_stage
 from mmw.scene.scene_data import SceneData
 from mmw.storage.atomic_files import write_bytes_atomically
 from mmw.storage.manifest import DATASET
-
-
-def _column(name: str, type_: pa.DataType, unit: str, doc: str, *, nullable: bool = False) -> pa.Field:
-    return pa.field(name, type_, nullable=nullable, metadata={"unit": unit, "doc": doc})
-
+from mmw.storage.parquet_schema import arrow_schema, write_options
+from mmw.storage.table_spec import F64, I32, NAME, TableSpec, column, xyz
 
 _NOTHING = "; null where nothing of it arrives"
 
-COLUMNS = (
-    _column("transmitter", pa.dictionary(pa.int32(), pa.string()), "-", "transmitter, an agent's name"),
-    _column("cell", pa.int32(), "id", "number of the cell; the same for every transmitter"),
-    _column("x", pa.float64(), "m", "x of the cell's middle, world frame"),
-    _column("y", pa.float64(), "m", "y of the cell's middle, world frame"),
-    _column("z", pa.float64(), "m", "z of the cell's middle, world frame"),
-    _column("area_m2", pa.float64(), "m^2", "area of the cell"),
-    _column(
-        "path_gain_db", pa.float64(), "dB",
-        "mean path gain to an ideal isotropic receiver, transmit antenna included" + _NOTHING, nullable=True,
+RADIO_MAP = TableSpec(
+    "radio_map",
+    "one transmitter and cell",
+    (
+        column("transmitter", NAME, "-", "transmitter, an agent's name"),
+        column("cell", I32, "id", "number of the cell; the same for every transmitter"),
+        *xyz("x y z", F64, "m", "{} of the cell's middle, world frame"),
+        column("area_m2", F64, "m^2", "area of the cell"),
+        column(
+            "path_gain_db", F64, "dB",
+            "mean path gain to an ideal isotropic receiver, transmit antenna included" + _NOTHING, nullable=True,
+        ),
+        column("rss_dbm", F64, "dBm", "mean received signal strength" + _NOTHING, nullable=True),
+        column(
+            "sinr_db", F64, "dB",
+            "signal of this transmitter over thermal noise and all other transmitters" + _NOTHING, nullable=True,
+        ),
     ),
-    _column("rss_dbm", pa.float64(), "dBm", "mean received signal strength" + _NOTHING, nullable=True),
-    _column(
-        "sinr_db", pa.float64(), "dB",
-        "signal of this transmitter over thermal noise and all other transmitters" + _NOTHING, nullable=True,
-    ),
+    ("transmitter", "cell"),
+    framed=False,
 )  # fmt: skip
-"""Columns of the table `radio_map`: one row a transmitter and cell."""
+"""Table of a radio map."""
 
 
 def parser(prog: str = "mmw radiomap") -> argparse.ArgumentParser:
@@ -85,7 +86,7 @@ def parser(prog: str = "mmw radiomap") -> argparse.ArgumentParser:
         "--size", type=float, metavar="M", help="side of the square about the transmitters [m]; the town by default"
     )
     result.add_argument("--depth", type=int, default=3, metavar="N", help="most interactions of a ray")
-    result.add_argument("--rays", type=_count, default=10_000_000, metavar="N", help="rays of each transmitter")
+    result.add_argument("--samples-per-tx", type=_count, default=10_000_000, metavar="N", help="rays of a transmitter")
     result.add_argument(
         "--refraction",
         action=argparse.BooleanOptionalAction,
@@ -97,7 +98,7 @@ def parser(prog: str = "mmw radiomap") -> argparse.ArgumentParser:
     result.add_argument("--device", metavar="NAME", help="auto, cpu or cuda:N; compute.device by default")
     result.add_argument("--out", type=Path, default=Path("radio_map"), metavar="DIR", help="folder for the files")
     result.add_argument("--table-only", action="store_true", help="write no picture")
-    return add_log_options(result)
+    return result
 
 
 def _count(text: str) -> int:
@@ -113,24 +114,11 @@ def _count(text: str) -> int:
 
 def main(argv: Sequence[str] | None = None, prog: str = "mmw radiomap") -> int:
     """Run the command line and return its exit code."""
-    arguments = parser(prog).parse_intermixed_args(argv)
-
-    def work() -> int:
-        for line in run(arguments):
-            print(line)
-        return 0
-
-    return run_command(work, prog, debug=arguments.debug, interrupted="interrupted; nothing was written")
+    return run_command(parser(prog), run, argv, intermixed=True)
 
 
-def run(arguments: argparse.Namespace) -> list[str]:
-    """Trace and write the map that a command line asks for.
-
-    Args:
-        arguments: What `parser` returns.
-
-    Returns:
-        Lines to print: what was traced how fast, and the files.
+def run(arguments: argparse.Namespace) -> None:
+    """Trace and write the radio map of a command line, and print the speed and the files.
 
     Raises:
         ConfigError: If the configuration cannot be used.
@@ -142,7 +130,7 @@ def run(arguments: argparse.Namespace) -> list[str]:
     config = load_config(path, arguments.overrides, patch)
     select_bvh(config.compute.bvh)
     device = choose_device(arguments.device or config.compute.device)
-    scenario = _scenario(config, arguments.scenario)
+    scenario = config.scenario(arguments.scenario)
     check_inputs(config.model_copy(update={"scenarios": (scenario,)}), path.parent)
     frame = config.frames_of(scenario).start if arguments.frame is None else arguments.frame
     arrays = _arrays(config, scenario, frame, path.parent)
@@ -157,7 +145,7 @@ def run(arguments: argparse.Namespace) -> list[str]:
     surface = _surface(arguments, arrays, transmitters)
     map_config = RadioMapConfig(
         carrier_hz=arguments.carrier,
-        rays=arguments.rays,
+        samples_per_tx=arguments.samples_per_tx,
         max_depth=arguments.depth,
         refraction=channel.refraction if arguments.refraction is None else arguments.refraction,
         bandwidth_hz=arguments.bandwidth,
@@ -182,12 +170,12 @@ def run(arguments: argparse.Namespace) -> list[str]:
         "mmw_version": __version__,
         "device": device_name(device),
     }
-    rays = len(transmitters) * map_config.rays
-    lines = [
+    rays = len(transmitters) * map_config.samples_per_tx
+    print(
         f"{scenario.name}, {weather}, frame {frame}: {len(transmitters)} transmitter(s), "
-        f"{len(surface):,} cells, {si(rays)}rays in {seconds:.1f} s ({si(rays / seconds)}rays/s), {meta['device']}",
-        str(write_radio_map(result, stem.with_suffix(".parquet"), meta)),
-    ]
+        f"{len(surface):,} cells, {si(rays)}rays in {seconds:.1f} s ({si(rays / seconds)}rays/s), {meta['device']}"
+    )
+    print(write_radio_map(result, stem.with_suffix(".parquet"), meta))
     if not arguments.table_only:
         with needed_by("the picture of a radio map (--table-only leaves it out)"):
             from mmw.viz.plots.radio_map import plot_radio_map
@@ -201,12 +189,11 @@ def run(arguments: argparse.Namespace) -> list[str]:
             f"{scenario.name}, {weather}, frame {frame}: {arguments.carrier / 1e9:g} GHz, {arguments.power:g} dBm, "
             f"{over} {arguments.height:g} m, depth {map_config.max_depth}",
         )
-        lines.append(str(stem.with_suffix(".png")))
-    return lines
+        print(stem.with_suffix(".png"))
 
 
 def radio_map_table(result: RadioMap) -> pa.Table:
-    """Return a map as a table of `COLUMNS`, transmitter by transmitter and cell by cell."""
+    """Return a map as the table `RADIO_MAP`, transmitter by transmitter and cell by cell."""
     count, cells = result.path_gain.shape
     names = pa.DictionaryArray.from_arrays(
         np.repeat(np.arange(count, dtype=np.int32), cells), result.transmitters.names
@@ -216,48 +203,25 @@ def radio_map_table(result: RadioMap) -> pa.Table:
     columns += [np.tile(values, count) for values in (*center.T, result.surface.area)]
     for values in (result.path_gain_db, result.rss_dbm, result.sinr_db):
         columns.append(pa.array(values.ravel(), mask=~np.isfinite(values.ravel())))
-    return pa.Table.from_arrays([pa.array(values) for values in columns], schema=pa.schema(COLUMNS))
+    return pa.Table.from_arrays([pa.array(values) for values in columns], schema=pa.schema(RADIO_MAP.columns))
 
 
 def write_radio_map(result: RadioMap, path: Path, meta: dict[str, Any]) -> Path:
     """Write a map as a Parquet file and return its path.
 
-    Args:
-        result: The map.
-        path: File; one that is there is replaced.
-        meta: What the map was made of; JSON under the file-level key `mmw.radio_map`.
-
     Raises:
         OutOfSpaceError: If the disk is full.
     """
-    units = {
-        column.name: {key.decode(): value.decode() for key, value in (column.metadata or {}).items()}
-        for column in COLUMNS
-    }
-    keys = {"mmw.table": "radio_map", "mmw.columns": json.dumps(units), "mmw.radio_map": json.dumps(meta)}
-    table = radio_map_table(result).replace_schema_metadata(keys)
-    floats = [column.name for column in COLUMNS if pa.types.is_floating(column.type)]
+    schema = arrow_schema(RADIO_MAP, {"mmw.radio_map": json.dumps(meta)})
+    table = radio_map_table(result).replace_schema_metadata(schema.metadata)
     sink = pa.BufferOutputStream()
-    pq.write_table(
-        table,
-        sink,
-        compression="zstd",
-        use_dictionary=["transmitter"],
-        column_encoding={**dict.fromkeys(floats, "BYTE_STREAM_SPLIT"), "cell": "DELTA_BINARY_PACKED"},
-    )
+    pq.write_table(table, sink, **write_options(RADIO_MAP))
     write_bytes_atomically(path, memoryview(sink.getvalue()))
     return path
 
 
-def _scenario(config: Config, name: str) -> ScenarioConfig:
-    names = [scenario.name for scenario in config.scenarios]
-    if name and name not in names:
-        raise InputError(f"--scenario {name}: the configuration has {', '.join(names)}; name one of them")
-    return config.scenarios[names.index(name) if name else 0]
-
-
 def _arrays(config: Config, scenario: ScenarioConfig, frame: int, base: Path) -> SceneData:
-    """Read one frame of the stage of a scenario: a dataset's own, or one made for the purpose."""
+    """Read one frame of the stage of a scenario: a dataset's own, or a temporary one."""
     frames = config.frames_of(scenario)
     if not frames.start <= frame < frames.stop:
         raise InputError(
@@ -277,7 +241,7 @@ def _arrays(config: Config, scenario: ScenarioConfig, frame: int, base: Path) ->
 
 
 def _surface(arguments: argparse.Namespace, arrays: SceneData, transmitters: Transmitters) -> MeasurementSurface:
-    """Return the measuring surface that a command line asks for."""
+    """Return the measurement surface of a command line."""
     if arguments.size is not None and not arguments.size > 0.0:
         raise InputError(
             f"--size {arguments.size:g}: it must be above 0 m; give the side of the square, or leave it out"

@@ -1,4 +1,4 @@
-"""`mmw regenerate`: rows of a dataset made again, alone, from its stored configuration."""
+"""Generate single rows of a dataset again, from its stored configuration: `mmw regenerate`."""
 
 import argparse
 import json
@@ -9,7 +9,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from mmw.cli.command import add_log_options, run_command
+from mmw.cli.command import run_command
 from mmw.core.errors import InputError
 
 MAX_SHOWN = 6
@@ -23,7 +23,7 @@ def main(argv: Sequence[str], prog: str = "mmw regenerate") -> int:
     """Run `mmw regenerate` and return its exit code: 0 done, 1 rows differ from the stored ones, 2 bad input."""
     parser = argparse.ArgumentParser(
         prog=prog,
-        description="Make rows of a table again, tracing only what they need, and print or write them.",
+        description="Generate rows of a table again, tracing only what they need, and print or write them.",
         epilog="Example: %(prog)s lidar out/quickstart frame=3 agent=cav_1 --compare. Scenario and weather may be left "
         "out where the dataset has one; what else is left out means all.",
     )
@@ -38,13 +38,12 @@ def main(argv: Sequence[str], prog: str = "mmw regenerate") -> int:
         metavar="FILE",
         help="write the rows (.parquet, .jsonl) or the image of a row (.png, .jpg)",
     )
-    parser.add_argument("--compare", action="store_true", help="say whether the rows equal the stored ones bit for bit")
+    parser.add_argument("--compare", action="store_true", help="compare the rows with the stored ones bit for bit")
     parser.add_argument("--device", default="auto", help="auto, cpu or cuda:N")
-    arguments = add_log_options(parser).parse_intermixed_args(argv)
-    return run_command(lambda: _row(arguments), prog, debug=arguments.debug)
+    return run_command(parser, _regenerate, argv, intermixed=True)
 
 
-def _row(arguments: argparse.Namespace) -> int:
+def _regenerate(arguments: argparse.Namespace) -> int:
     out: Path | None = arguments.out
     if out is not None and out.suffix not in SUFFIXES:
         raise InputError(f"--out {out}: the file must end in {', '.join(SUFFIXES)}; rename it")
@@ -53,21 +52,21 @@ def _row(arguments: argparse.Namespace) -> int:
     from mmw.storage.schemas import table_spec
 
     spec = table_spec(arguments.table)
-    with RowRegenerator(arguments.dataset, arguments.device) as maker:
+    with RowRegenerator(arguments.dataset, arguments.device) as regenerator:
         key = parse_key(arguments.table, arguments.key)
         for name, names in (
-            ("scenario", [scenario.name for scenario in maker.config.scenarios]),
-            ("weather", list(maker.config.weathers)),
+            ("scenario", [scenario.name for scenario in regenerator.config.scenarios]),
+            ("weather", list(regenerator.config.weathers)),
         ):
             if name not in key and len(names) == 1:
                 key[name] = names[0]
             elif name not in key and (name == "scenario" or spec.framed):
                 raise InputError(f"{name} is missing: the dataset has {', '.join(names)}; add {name}=NAME")
-        made = maker.rows(arguments.table, **key)
+        made = regenerator.rows(arguments.table, **key)
     if arguments.compare:
         columns = differing_columns(made, stored_rows(arguments.dataset, arguments.table, key))
         print(f"{made.num_rows} rows differ in {', '.join(columns)}" if columns else f"{made.num_rows} rows are equal")
-        now = machine_kind(maker.device)
+        now = machine_kind(regenerator.device)
         there = machines(arguments.dataset, key["scenario"], key.get("weather"), key.get("frame"))
         if columns and there != [now]:
             print(other_machine(" and ".join(there), now))
@@ -131,7 +130,7 @@ def write_rows(rows: pa.Table, out: Path) -> None:
 
 
 def _plain(value: Any) -> Any:
-    """Return a value as JSON holds it; of an image its name."""
+    """Return a value for JSON; of an image its name."""
     return value["path"] if isinstance(value, dict) and "bytes" in value else value
 
 

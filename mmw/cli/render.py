@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from mmw.cli.command import add_log_options, run_command
+from mmw.cli.command import run_command
 
 
 def main(argv: Sequence[str], prog: str = "mmw render") -> int:
@@ -19,14 +19,12 @@ def main(argv: Sequence[str], prog: str = "mmw render") -> int:
     parser.add_argument("--frame", type=int, default=-1, help="frame; the first by default")
     parser.add_argument("--samples", type=int, default=4, choices=(1, 4, 9), help="rays in a pixel on an edge")
     parser.add_argument("--device", default="auto", help="auto, cpu or cuda:N")
-    arguments = add_log_options(parser).parse_args(argv)
-    return run_command(lambda: _render(arguments), prog, debug=arguments.debug)
+    return run_command(parser, _render, argv)
 
 
-def _render(arguments: argparse.Namespace) -> int:
+def _render(arguments: argparse.Namespace) -> None:
     from mmw.viz.stills.dataset_gallery import make_gallery
 
     names = "scenario", "agent", "frame", "samples", "device"
     options = {name: getattr(arguments, name) for name in names}
     print(*make_gallery(arguments.dataset, arguments.out, **options), sep="\n")
-    return 0

@@ -1,11 +1,11 @@
-"""`mmw report`: one HTML page about a dataset."""
+"""Write one HTML page about a dataset: `mmw report`."""
 
 import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from mmw.cli.command import add_log_options, run_command
+from mmw.cli.command import run_command
 
 
 def main(argv: Sequence[str], prog: str = "mmw report") -> int:
@@ -14,7 +14,7 @@ def main(argv: Sequence[str], prog: str = "mmw report") -> int:
         prog=prog,
         description="Write one self-contained HTML page about a dataset, finished or not: maps, contact sheets, links "
         "over time, delays, angles and beams, counts and sizes, a quick check, provenance.",
-        epilog="docs/guides/report.md describes the page. Exit codes: 0 done, 2 a folder, file or scenario that cannot "
+        epilog="docs/guides/viewer.md describes the page. Exit codes: 0 done, 2 a folder, file or scenario that cannot "
         "be used, 1 failure while running.",
     )
     parser.add_argument("dataset", help="dataset folder")
@@ -23,11 +23,10 @@ def main(argv: Sequence[str], prog: str = "mmw report") -> int:
         "--scenario", action="append", default=[], metavar="A,B", help="scenarios to show; all by default"
     )
     parser.add_argument("--force", action="store_true", help="replace a file that mmw report did not write")
-    arguments = add_log_options(parser).parse_args(argv)
-    return run_command(lambda: _report(arguments), prog, debug=arguments.debug)
+    return run_command(parser, _report, argv)
 
 
-def _report(arguments: argparse.Namespace) -> int:
+def _report(arguments: argparse.Namespace) -> None:
     from mmw.viz.report import make_report
 
     names = [name for item in arguments.scenario for name in item.split(",") if name]
@@ -36,4 +35,3 @@ def _report(arguments: argparse.Namespace) -> int:
         tell=lambda line: print(f"mmw: {line}", file=sys.stderr),
     )  # fmt: skip
     print(arguments.out)
-    return 0

@@ -5,7 +5,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from mmw.cli.command import add_log_options, run_command
+from mmw.cli.command import run_command
 from mmw.viz.stills.scenario_gallery import FRAME, draw_scenarios
 
 
@@ -18,14 +18,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--agent", default="cav_1", help="CAV whose cameras are shown")
     parser.add_argument("--samples", type=int, default=9, choices=(1, 4, 9), help="rays in a pixel on an edge")
     parser.add_argument("--device", default="auto", help="auto, cpu or cuda:N")
-    given = add_log_options(parser).parse_args(argv)
-    options = {"frame": given.frame, "agent": given.agent, "samples": given.samples, "device": given.device}
+    return run_command(parser, _draw, argv)
 
-    def work() -> int:
-        draw_scenarios(given.out, given.scenarios, **options)
-        return 0
 
-    return run_command(work, "mmw.cli.scenario_gallery", debug=given.debug)
+def _draw(arguments: argparse.Namespace) -> None:
+    options = {name: getattr(arguments, name) for name in ("frame", "agent", "samples", "device")}
+    draw_scenarios(arguments.out, arguments.scenarios, **options)
 
 
 if __name__ == "__main__":

@@ -1,13 +1,13 @@
-"""`mmw status`: how far a dataset is, by the markers on the disk, whoever makes it."""
+"""Report the progress of a dataset from its stored markers: `mmw status`."""
 
 import argparse
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
-from mmw.cli.command import add_log_options, run_command
+from mmw.cli.command import run_command
 from mmw.generation.progress import si
 from mmw.generation.provenance import stored_config
-from mmw.generation.shards import Work, all_work, pending_work
+from mmw.generation.shards import all_work, pending_work
 from mmw.storage.lock import temporaries, writers
 from mmw.storage.manifest import MANIFEST, read_markers
 from mmw.storage.store import store_of
@@ -16,18 +16,21 @@ from mmw.storage.store import store_of
 def main(argv: Sequence[str], prog: str = "mmw status") -> int:
     """Run `mmw status` and return its exit code: 0 complete, 1 not yet, 2 no dataset."""
     parser = argparse.ArgumentParser(
-        prog=prog, description="Say how far a dataset is and who writes it. Exit codes: 0 complete, 1 not yet."
+        prog=prog,
+        description="Report the progress of a dataset and its writers. Exit codes: 0 complete, 1 not yet.",
     )
     parser.add_argument("dataset", help="dataset folder, or s3://bucket/folder")
-    arguments = add_log_options(parser).parse_args(argv)
-    return run_command(lambda: _status(arguments.dataset), prog, debug=arguments.debug)
+    return run_command(parser, _status, argv)
 
 
-def _status(address: str) -> int:
-    config = stored_config(address)
-    root = store_of(address, config.output.staging)
+def _status(arguments: argparse.Namespace) -> int:
+    config = stored_config(arguments.dataset)
+    root = store_of(arguments.dataset, config.output.staging)
     everything = all_work(config)
-    wanted, missing = frames_by_scenario(everything), frames_by_scenario(pending_work(root, everything))
+    wanted, missing = Counter[str](), Counter[str]()
+    for counts, work in ((wanted, everything), (missing, pending_work(root, everything))):
+        for item in work:
+            counts[item.scenario] += item.frames
     size: dict[str, int] = defaultdict(int)
     for marker in read_markers(root):
         size[marker["scenario"]] += sum(file["bytes"] for file in marker["files"])
@@ -49,13 +52,5 @@ def _status(address: str) -> int:
         if done == total:
             print(f"every shard is there; `mmw finalize {root}` writes the manifest")
         else:
-            print(f"nobody writes it; the command that began it resumes{left_text}")
+            print(f"no process writes it; the command that began it resumes{left_text}")
     return 1
-
-
-def frames_by_scenario(work: Iterable[Work]) -> Counter[str]:
-    """Return the scenario-weather-frames of each scenario in a list of work, in its order."""
-    counts: Counter[str] = Counter()
-    for item in work:
-        counts[item.scenario] += item.frames
-    return counts

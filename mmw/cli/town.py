@@ -1,11 +1,11 @@
-"""`mmw town`: build, check and draw towns."""
+"""Build, check and draw towns: `mmw town`."""
 
 import argparse
 import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from mmw.cli.command import add_log_options, run_command
+from mmw.cli.command import run_command
 from mmw.core.errors import InputError
 
 
@@ -18,13 +18,15 @@ def main(argv: Sequence[str], prog: str = "mmw town") -> int:
         description="Build the USD asset of a town from its YAML description (docs/guides/towns.md). "
         "Needs the extra author.",
     )  # fmt: skip
+    build.set_defaults(work=_build)
     build.add_argument("description", help="the town's YAML file, or the name of a shipped town")
     build.add_argument("--out", type=Path, help="folder for the built asset; the description's own by default")
     check = commands.add_parser(
         "check", help="check a town, or any USD stage; exit code 1 if there are errors",
         description="List what is wrong with a town, or any USD stage: where, and what to do "
-        "(docs/guides/town-check.md). Exit codes: 0 no errors, 1 errors, 2 a file that cannot be read.",
+        "(docs/guides/towns.md). Exit codes: 0 no errors, 1 errors, 2 a file that cannot be read.",
     )  # fmt: skip
+    check.set_defaults(work=_check)
     check.add_argument("stage", help="USD file, or the name of a shipped town")
     check.add_argument("--json", action="store_true", help="print the findings as one JSON object")
     check.add_argument("--all", action="store_true", help="list hidden faces that touch one by one")
@@ -36,6 +38,7 @@ def main(argv: Sequence[str], prog: str = "mmw town") -> int:
         "render", help="draw a town: from above, three streets, its lanes (needs the extra plot)",
         description="Draw a town, or any USD stage, by the RGB camera, from above and in three streets, and its lanes.",
     )  # fmt: skip
+    render.set_defaults(work=_render)
     render.add_argument("stage", help="USD file, or the name of a shipped town")
     render.add_argument("--out", type=Path, default=Path("pictures"), help="folder for the files")
     render.add_argument(
@@ -44,12 +47,10 @@ def main(argv: Sequence[str], prog: str = "mmw town") -> int:
     )  # fmt: skip
     render.add_argument("--samples", type=int, default=4, choices=(1, 4, 9), help="rays in a pixel on an edge")
     render.add_argument("--device", default="auto", help="auto, cpu or cuda:N")
-    arguments = add_log_options(parser).parse_args(argv)
-    work = {"build": _build, "check": _check, "render": _render}[arguments.command]
-    return run_command(lambda: work(arguments), prog, debug=arguments.debug)
+    return run_command(parser, lambda arguments: arguments.work(arguments), argv)
 
 
-def _build(arguments: argparse.Namespace) -> int:
+def _build(arguments: argparse.Namespace) -> None:
     from mmw.physics.materials.permittivity import RADIO_ROWS
     from mmw.worlds.towns.build import build_shipped_town, build_town
 
@@ -58,7 +59,6 @@ def _build(arguments: argparse.Namespace) -> int:
         print(build_town(path, arguments.out or path.parent, radio_rows=RADIO_ROWS))
     else:
         print(build_shipped_town(arguments.description, arguments.out))
-    return 0
 
 
 def _check(arguments: argparse.Namespace) -> int:
@@ -66,7 +66,7 @@ def _check(arguments: argparse.Namespace) -> int:
     from mmw.physics.materials.permittivity import RADIO_ROWS
     from mmw.worlds.checks.check import check_stage, stage_path
 
-    choose_device("cpu")  # and keep Warp's own lines out of the output
+    choose_device("cpu")  # and suppress Warp's own lines in the output
     wrong = [entry for entry in arguments.material_map if "=" not in entry]
     if wrong:
         raise InputError(f"--material-map {wrong[0]}: GLOB=ROW is needed, such as '/World/Wall*=itu_concrete'")
@@ -88,11 +88,10 @@ def _check(arguments: argparse.Namespace) -> int:
     return 1 if report.count("error") else 0
 
 
-def _render(arguments: argparse.Namespace) -> int:
+def _render(arguments: argparse.Namespace) -> None:
     from mmw.viz.stills.town_gallery import draw_town
     from mmw.worlds.checks.check import stage_path
 
     path, views = stage_path(arguments.stage), [tuple(view) for view in arguments.at]
     files = draw_town(path, arguments.out, views=views, samples=arguments.samples, device=arguments.device)
     print(*files, sep="\n")
-    return 0

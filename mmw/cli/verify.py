@@ -1,10 +1,10 @@
-"""`mmw verify`: is a dataset whole, as its configuration asks, and right."""
+"""Verify that a dataset is complete, intact and physically consistent: `mmw verify`."""
 
 import argparse
 import sys
 from collections.abc import Sequence
 
-from mmw.cli.command import add_log_options, run_command
+from mmw.cli.command import run_command
 from mmw.storage.file_checks import Finding, verify
 from mmw.storage.store import Root, store_of
 
@@ -21,15 +21,14 @@ def main(argv: Sequence[str], prog: str = "mmw verify") -> int:
     )
     parser.add_argument("dataset", help="dataset folder, or s3://bucket/folder")
     parser.add_argument(
-        "--rerender", type=int, default=0, metavar="K", help="make K random rows again and compare them bit for bit"
+        "--rerender", type=int, default=0, metavar="K", help="generate K random rows again and compare them bit for bit"
     )
     parser.add_argument("--seed", type=int, default=0, help="which random rows")
     parser.add_argument(
         "--frames", type=int, default=5, metavar="N", help="frames of each scenario and weather held against physics"
     )
     parser.add_argument("--device", default="auto", help="auto, cpu or cuda:N, for --rerender")
-    arguments = add_log_options(parser).parse_args(argv)
-    return run_command(lambda: _verify(arguments), prog, debug=arguments.debug)
+    return run_command(parser, _verify, argv)
 
 
 def _verify(arguments: argparse.Namespace) -> int:
@@ -38,9 +37,7 @@ def _verify(arguments: argparse.Namespace) -> int:
     if arguments.rerender and not any(finding.is_error for finding in findings):
         from mmw.generation.verification.reproducibility import rerender
 
-        findings += rerender(
-            root, arguments.rerender, seed=arguments.seed, device=arguments.device, tell=lambda line: print(line)
-        )
+        findings += rerender(root, arguments.rerender, seed=arguments.seed, device=arguments.device, tell=print)
     errors = [finding for finding in findings if finding.is_error]
     leftovers = [finding for finding in findings if not finding.is_error]
     for finding in (errors + leftovers)[:MAX_LINES]:
@@ -48,8 +45,8 @@ def _verify(arguments: argparse.Namespace) -> int:
     if len(findings) > MAX_LINES:
         print(f"and {len(findings) - MAX_LINES} more")
     if errors:
-        skipped = ", no row was made again" if arguments.rerender and errors[-1].kind != "remade" else ""
-        print(f"mmw: {root}: {len(errors)} things are wrong{skipped}", file=sys.stderr)
+        skipped = ", no row was generated again" if arguments.rerender and errors[-1].kind != "regenerated" else ""
+        print(f"mmw: {root}: {len(errors)} errors{skipped}", file=sys.stderr)
         return 1
     print(f"{root}: every file is there and unchanged; counts, keys and physics are right")
     return 0
@@ -57,10 +54,6 @@ def _verify(arguments: argparse.Namespace) -> int:
 
 def check(root: Root, frames_each: int) -> list[Finding]:
     """Return what is wrong with files, then counts, then physics; physics only where files and counts are right.
-
-    Args:
-        root: Dataset.
-        frames_each: Frames of each scenario and weather that are held against physics.
 
     Raises:
         InputError: If the folder is not a dataset, or its configuration cannot be read.

@@ -1,4 +1,4 @@
-"""`mmw view`: a dataset in the Rerun viewer, or one picture of a configuration or a town, without a run."""
+"""Open a dataset in the Rerun viewer, or draw one picture of a configuration or a town without a run: `mmw view`."""
 
 import argparse
 import sys
@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from mmw.cli.command import add_log_options, run_command
+from mmw.cli.command import run_command
 from mmw.config import CONFIG_HELP
 from mmw.core.errors import InputError
 
@@ -24,16 +24,13 @@ STILL_ONLY = (
 
 def main(argv: Sequence[str], prog: str = "mmw view") -> int:
     """Run `mmw view` and return its exit code."""
-    arguments = add_log_options(_parser(prog)).parse_args(argv)
-    if arguments.root is None:
-        return run_command(lambda: _still(arguments), prog, debug=arguments.debug)
-    return run_command(lambda: _dataset(arguments), prog, debug=arguments.debug)
+    return run_command(_parser(prog), lambda given: _still(given) if given.root is None else _dataset(given), argv)
 
 
 def _parser(prog: str) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog=prog,
-        description="Open a dataset in the Rerun viewer (docs/guides/viewer.md), or take one picture by the RGB "
+        description="Open a dataset in the Rerun viewer (docs/guides/viewer.md), or draw one picture by the RGB "
         "camera, straight from a configuration or a stage, without a run (docs/getting-started/gallery.md).",
     )
     parser.add_argument("root", nargs="?", metavar="ROOT", help="dataset folder, or a URI such as s3://bucket/folder")
@@ -79,10 +76,10 @@ def _refuse(arguments: argparse.Namespace, names: Sequence[str], where: str) -> 
             raise InputError(f"view: --{name.replace('_', '-')} goes with {where}; leave it out")
 
 
-def _dataset(arguments: argparse.Namespace) -> int:
+def _dataset(arguments: argparse.Namespace) -> None:
     if arguments.still is not None:
         raise InputError(
-            "view: --still takes a picture of --config FILE or --town NAME, not of a dataset; leave one out"
+            "view: --still draws a picture of --config FILE or --town NAME, not of a dataset; leave one out"
         )
     _refuse(arguments, STILL_ONLY, "--still")
     if arguments.save is not None and arguments.web:
@@ -108,14 +105,13 @@ def _dataset(arguments: argparse.Namespace) -> int:
     if arguments.save is not None:
         _note(save(scope, looks, arguments.save))
         print(arguments.save)
-        return 0
+        return
     opened = web_viewer(PORT if arguments.port is None else arguments.port) if arguments.web else native_viewer()
     with opened as viewer, suppress(KeyboardInterrupt):  # Ctrl+C is how the web viewer is ended
         if viewer.url:
             print(viewer.url, flush=True)
         _note(viewer.send(scope, looks))
         viewer.wait()
-    return 0
 
 
 def _note(lines: Iterable[str]) -> None:
@@ -123,7 +119,7 @@ def _note(lines: Iterable[str]) -> None:
         print(f"mmw: {line}", file=sys.stderr, flush=True)
 
 
-def _still(arguments: argparse.Namespace) -> int:
+def _still(arguments: argparse.Namespace) -> None:
     if arguments.still is None:
         raise InputError("view: a dataset folder or --still OUT.png is needed; give one")
     _refuse(arguments, DATASET_ONLY, "a dataset folder")
@@ -150,4 +146,3 @@ def _still(arguments: argparse.Namespace) -> int:
     arguments.still.parent.mkdir(parents=True, exist_ok=True)
     image.save(arguments.still, quality=90)  # of JPEG; PNG has none
     print(arguments.still)
-    return 0

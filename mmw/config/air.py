@@ -1,7 +1,7 @@
 """`air`: the physical values behind the names of `weathers`."""
 
 from dataclasses import asdict, replace
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import Field
 
@@ -14,15 +14,15 @@ from mmw.physics.weather.weather import LIMITS, PRESETS, FogType, Weather
 PresetName = Literal["sunny", "light_rain", "rainy", "heavy_rain", "light_fog", "foggy", "heavy_fog"]
 
 
-def _bounds(name: str) -> dict[str, float]:
+def _value(name: str, description: str) -> Any:
     low, high = LIMITS[name]
-    return {"ge": low, "le": high}
+    return Field(None, ge=low, le=high, description=description)
 
 
 class AirConfig(Section):
-    """One weather. What is left out comes from `preset`, else from the preset of the same name, else is clear air.
+    """One weather. Missing values come from `preset`, else from the preset of the same name, else from clear air.
 
-    The parameters of `carla` go between: they replace what the preset says, and every other key replaces what they say.
+    Parameters of `carla` replace values of the preset, and every other key replaces both.
     """
 
     preset: PresetName | None = Field(None, description="preset that fills in what is left out (name)")
@@ -35,71 +35,43 @@ class AirConfig(Section):
         description="variant of the stage's materials; left out, it is the one of the weather's own name, else one "
         "for wet or dry ground (name)",
     )
-    rain_mm_h: float | None = Field(None, **_bounds("rain_mm_h"), description="rain rate [mm/h]")
-    visibility_m: float | None = Field(
-        None,
-        **_bounds("visibility_m"),
-        description="meteorological optical range that fog or haze leaves, without the rain's share [m]",
+    rain_mm_h: float | None = _value("rain_mm_h", "rain rate [mm/h]")
+    visibility_m: float | None = _value(
+        "visibility_m", "meteorological optical range that fog or haze leaves, without the rain's share [m]"
     )
     fog_type: FogType | None = Field(
         None, description="drop sizes of the fog: the water that a visibility means (name)"
     )
-    lwc_g_m3: float | None = Field(
-        None,
-        **_bounds("lwc_g_m3"),
-        description="liquid water content of the fog; left out, it follows from visibility and fog type [g/m3]",
+    lwc_g_m3: float | None = _value(
+        "lwc_g_m3", "liquid water content of the fog; left out, it follows from visibility and fog type [g/m3]"
     )
-    temperature_c: float | None = Field(
-        None, **_bounds("temperature_c"), description="temperature of air and drops [C]"
-    )
-    pressure_hpa: float | None = Field(None, **_bounds("pressure_hpa"), description="air pressure [hPa]")
-    relative_humidity: float | None = Field(
-        None, **_bounds("relative_humidity"), description="water vapour over that of saturated air, 0 to 1 [-]"
-    )
+    temperature_c: float | None = _value("temperature_c", "temperature of air and drops [C]")
+    pressure_hpa: float | None = _value("pressure_hpa", "air pressure [hPa]")
+    relative_humidity: float | None = _value("relative_humidity", "water vapour over that of saturated air, 0 to 1 [-]")
 
-    wetness: float | None = Field(
-        None, **_bounds("wetness"), description="water in the pores of ground and walls, 0 dry to 1 soaked [-]"
+    wetness: float | None = _value("wetness", "water in the pores of ground and walls, 0 dry to 1 soaked [-]")
+    puddles: float | None = _value("puddles", "share of level ground under standing water, 0 to 1 [-]")
+    wind_m_s: float | None = _value("wind_m_s", "wind speed [m/s]")
+    wind_from_deg: float | None = _value("wind_from_deg", "where the wind comes from, clockwise from north [deg]")
+    cloudiness: float | None = _value("cloudiness", "share of the sky under clouds, 0 to 1 [-]")
+    sun_altitude_deg: float | None = _value("sun_altitude_deg", "height of the sun above the horizon [deg]")
+    sun_azimuth_deg: float | None = _value("sun_azimuth_deg", "direction of the sun, clockwise from north [deg]")
+    fog_start_m: float | None = _value(
+        "fog_start_m", "distance from a camera at which fog begins, for pictures only [m]"
     )
-    puddles: float | None = Field(
-        None, **_bounds("puddles"), description="share of level ground under standing water, 0 to 1 [-]"
+    fog_falloff_per_m: float | None = _value(
+        "fog_falloff_per_m", "decay of the fog with height above the ground, for pictures only [1/m]"
     )
-    wind_m_s: float | None = Field(None, **_bounds("wind_m_s"), description="wind speed [m/s]")
-    wind_from_deg: float | None = Field(
-        None, **_bounds("wind_from_deg"), description="where the wind comes from, clockwise from north [deg]"
+    scattering_intensity: float | None = _value(
+        "scattering_intensity", "light that fog scatters, for pictures only [-]"
     )
-    cloudiness: float | None = Field(
-        None, **_bounds("cloudiness"), description="share of the sky under clouds, 0 to 1 [-]"
-    )
-    sun_altitude_deg: float | None = Field(
-        None, **_bounds("sun_altitude_deg"), description="height of the sun above the horizon [deg]"
-    )
-    sun_azimuth_deg: float | None = Field(
-        None, **_bounds("sun_azimuth_deg"), description="direction of the sun, clockwise from north [deg]"
-    )
-    fog_start_m: float | None = Field(
-        None, **_bounds("fog_start_m"), description="distance from a camera at which fog begins, for pictures only [m]"
-    )
-    fog_falloff_per_m: float | None = Field(
-        None,
-        **_bounds("fog_falloff_per_m"),
-        description="decay of the fog with height above the ground, for pictures only [1/m]",
-    )
-    scattering_intensity: float | None = Field(
-        None, **_bounds("scattering_intensity"), description="light that fog scatters, for pictures only [-]"
-    )
-    mie_scattering_scale: float | None = Field(
-        None, **_bounds("mie_scattering_scale"), description="haze of the sky, for pictures only [-]"
-    )
-    rayleigh_scattering_scale: float | None = Field(
-        None, **_bounds("rayleigh_scattering_scale"), description="blue of the sky, for pictures only [-]"
+    mie_scattering_scale: float | None = _value("mie_scattering_scale", "haze of the sky, for pictures only [-]")
+    rayleigh_scattering_scale: float | None = _value(
+        "rayleigh_scattering_scale", "blue of the sky, for pictures only [-]"
     )
 
     def weather(self, name: str) -> Weather:
-        """Return the physical values of this weather.
-
-        Args:
-            name: Its name in `weathers`.
-        """
+        """Return the physical values of this weather."""
         base = PRESETS[self.preset] if self.preset else PRESETS.get(name, Weather())
         given = self.model_dump(exclude={"preset", "carla"}, exclude_none=True)
         if self.carla is not None:
@@ -111,15 +83,11 @@ class AirConfig(Section):
 
 
 def resolve_air(air: dict[str, AirConfig], weathers: tuple[str, ...]) -> dict[str, AirConfig]:
-    """Return every value of every weather that is made, so that a dataset documents its weather.
-
-    Args:
-        air: The section as the user gave it. Presets that are not made are dropped from it.
-        weathers: Names of the weathers to make.
+    """Return all values of the configured weathers, so that a dataset documents its weather; drop other presets.
 
     Raises:
         InputError: If a weather is neither in the section nor a preset, or the section describes one that is neither
-            made nor a preset.
+            configured nor a preset.
     """
     for name in weathers:
         if name not in air and name not in PRESETS:

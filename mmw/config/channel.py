@@ -16,7 +16,7 @@ class ChannelConfig(Section):
     links: tuple[Literal["v2i", "v2v"], ...] = Field(
         ("v2i",), description="`v2i`: every RSU to every CAV (downlink); `v2v`: every ordered pair of CAVs (list)"
     )
-    rays: int = Field(
+    samples_per_tx: int = Field(
         1_000_000,
         ge=1000,
         le=2**24,
@@ -28,7 +28,7 @@ class ChannelConfig(Section):
     )
     max_depth: int = Field(1, ge=0, le=8, description="most interactions on a path (count)")
     los: bool = Field(True, description="the line of sight (true or false)")
-    specular: bool = Field(True, description="mirror reflections (true or false)")
+    specular_reflection: bool = Field(True, description="mirror reflections (true or false)")
     refraction: bool = Field(
         False, description="straight through slabs, materials with a thickness, on any leg (true or false)"
     )
@@ -44,10 +44,10 @@ class ChannelConfig(Section):
         "utd",
         description="field of a wedge: `utd`, right for conductors, or `sionna`, as Sionna RT 2.2 (name)",
     )
-    diffuse: bool = Field(
+    diffuse_reflection: bool = Field(
         False, description="scattering at one rough surface, materials with a scattering coefficient (true or false)"
     )
-    diffuse_rays: int = Field(
+    diffuse_samples: int = Field(
         1000, ge=2, le=2**24, description="rays that look for rough surfaces; each gives a path a link (count)"
     )
     pattern: Literal["dipole", "iso", "hw_dipole", "tr38901"] = Field(
@@ -63,7 +63,7 @@ class ChannelConfig(Section):
     @property
     def is_reciprocal(self) -> bool:
         """True if a link and its reverse have one transfer: wedges tell the ends apart, diffuse rays start at one."""
-        return not (self.diffraction or self.diffuse)
+        return not (self.diffraction or self.diffuse_reflection)
 
     @field_validator("antenna_position_m")
     @classmethod

@@ -1,4 +1,4 @@
-"""`compute`: what traces and how much at a time. It changes no data but last bits (`docs/concepts/determinism.md`)."""
+"""`compute`: devices and batch size. It changes no data but last bits (`docs/concepts/determinism.md`)."""
 
 from typing import Literal
 
@@ -14,15 +14,15 @@ class ComputeConfig(Section):
 
     engine: Literal["local", "ray"] = Field(
         "local",
-        description="who starts workers: `local` as processes of this machine, `ray` as actors of a Ray cluster (extra "
-        "`ray`); `--engine` replaces it (name)",
+        description="workers are `local` processes of this machine, or actors of a Ray cluster, `ray` (extra `ray`); "
+        "`--engine` replaces it (name)",
     )
     device: str = Field("auto", description="`auto` (first CUDA device, else the CPU), `cpu`, or `cuda:N` (name)")
     bvh: BvhKind = Field(
         default_factory=default_bvh,
         json_schema_extra={"default": "wide"},
-        description="trees that rays walk: `wide` for our own, the faster ones, `warp` for Warp's, without native "
-        "code; where the key is not given, the environment variable `MMW_BVH` decides (name)",
+        description="BVHs for ray tracing: `wide` for our own, the faster ones, `warp` for Warp's, without native "
+        "code; the default is that of the environment variable `MMW_BVH`, if set (name)",
     )
     batch_frames: int = Field(
         50, ge=1, le=1024, description="frames traced in one launch; `--batch-frames` replaces it (count)"

@@ -1,4 +1,4 @@
-"""Scenarios from other files: an entry of `scenarios` that is a path stands for the scenarios of that configuration."""
+"""Include scenarios of other files: a path under `scenarios` is replaced by the scenarios of that configuration."""
 
 import os
 from collections.abc import Callable
@@ -10,15 +10,10 @@ from mmw.core.errors import InputError
 
 
 def include_scenarios(data: dict[str, Any], path: Path, read: Callable[[Path], dict[str, Any]]) -> dict[str, Any]:
-    """Return a configuration's content in which every path under `scenarios` is replaced by what it names.
+    """Return a configuration's content in which every path under `scenarios` is replaced by that file's scenarios.
 
     An included scenario brings its frames along (its own, else those of its file). Weathers, sensors, channel, output
     and compute are those of the including file. Relative paths in it start from its own file's folder.
-
-    Args:
-        data: Content of the configuration.
-        path: Its file.
-        read: Reads the content of a file, and raises the error to show if it cannot.
 
     Raises:
         InputError: If an included file holds no list of scenarios, or includes further files.

@@ -1,4 +1,4 @@
-"""File + overrides -> Config. Every problem becomes one line that names the file, the key, the value and the remedy."""
+"""Load a configuration from a file and overrides; each problem is one line with file, key, value and remedy."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,12 +18,7 @@ _NEEDED = "a mapping with the key `scenarios`"
 
 
 def load_config(path: str | Path, overrides: Sequence[str] = (), patch: dict[str, Any] | None = None) -> Config:
-    """Read, override and validate a configuration.
-
-    Args:
-        path: YAML file, or the name of a shipped configuration, see `config_path`.
-        overrides: `a.b=c` items applied in order, see `set_value`; values are YAML.
-        patch: Dotted key -> value, applied last (the command line's own options).
+    """Read a configuration, apply `a.b=c` overrides, then the options of `patch` by dotted key, and validate it.
 
     Raises:
         ConfigError: If the file, an override or a value cannot be used.

@@ -65,13 +65,24 @@ class Config(Section):
             raise InputError(f"weathers = {list(self.weathers)} names one twice; name each once")
         return self
 
+    def scenario(self, name: str) -> ScenarioConfig:
+        """Return a scenario by its name, the first one for an empty name.
+
+        Raises:
+            InputError: If no scenario has this name.
+        """
+        found = {scenario.name: scenario for scenario in self.scenarios}
+        if name and name not in found:
+            raise InputError(f"scenario = {name}: there are {', '.join(found)}; name one of them")
+        return found[name] if name else self.scenarios[0]
+
     def frames_of(self, scenario: ScenarioConfig) -> FramesConfig:
-        """Return the frames that are made of a scenario."""
+        """Return the frames of a scenario."""
         return self.frames or scenario.frames or FramesConfig()
 
     @property
     def variants(self) -> dict[str, tuple[str, ...]]:
-        """Weather -> variants of a stage's materials that can stand for it, the best first."""
+        """Weather -> variants of a stage's materials that can represent it, the best first."""
         return {name: air.weather(name).variants(name) for name, air in self.air.items()}
 
     @property

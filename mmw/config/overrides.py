@@ -1,4 +1,4 @@
-"""`a.b=c` on the command line: one value of the file replaced, defaults that the file leaves out included."""
+"""Apply an `a.b=c` override of the command line to the content of a configuration file."""
 
 import copy
 from typing import Any
@@ -18,13 +18,8 @@ def set_value(data: dict[str, Any], key: str, value: Any) -> None:
     """Replace one value of a configuration file's content, or one in every item of a list.
 
     An item of a list is named by its number or its `name`; `*` is every item: `scenarios.0.town`,
-    `sensors.lidar.range_m`, `scenarios.*.traffic.warmup_s`. Where the file leaves out something on the way, its default
-    is put there first, so that `sensors.lidar.range_m=80` changes the default LiDAR.
-
-    Args:
-        data: Content of the file; changed in place.
-        key: Dotted key.
-        value: The new value.
+    `sensors.lidar.range_m`, `scenarios.*.traffic.warmup_s`. Missing sections are
+    filled with their defaults first, so that `sensors.lidar.range_m=80` changes the default LiDAR.
 
     Raises:
         InputError: If the key does not lead anywhere.
@@ -36,7 +31,7 @@ def set_value(data: dict[str, Any], key: str, value: Any) -> None:
 
 
 def _set(here: Any, parts: list[str], depth: int, models: list[type[BaseModel]], value: Any) -> None:
-    """Replace what `parts[depth:]` lead to below a place of the file, whose models are known."""
+    """Replace the value at `parts[depth:]` below a place of the file, whose models are known."""
     part, is_last = parts[depth], depth == len(parts) - 1
     for place in _places(here, part, ".".join(parts[:depth]), models):
         if is_last:
@@ -87,11 +82,11 @@ def _name(item: Any, models: list[type[BaseModel]]) -> str | None:
     fields = [model.model_fields for model in models if tag_of(model) == item.get("type", tag_of(model))]
     defaults = [known["name"].default for known in fields if "name" in known]
     name = item.get("name", *defaults[:1])
-    return name if isinstance(name, str) else None  # a file may hold anything
+    return name if isinstance(name, str) else None  # a file may contain anything
 
 
 def _default(owners: list[type[BaseModel]], name: str) -> Any:
-    """Return what a key has if the file leaves it out, as a file says it; an empty section where it must be given."""
+    """Return the default of a key as file content; an empty section for a required one."""
     for owner in owners:
         default = owner.model_fields[name].get_default(call_default_factory=True)
         if default is not PydanticUndefined and default is not None:
@@ -100,9 +95,9 @@ def _default(owners: list[type[BaseModel]], name: str) -> Any:
 
 
 def _as_file(value: Any) -> Any:
-    """Return a value as the shortest file that gives it: of sections what is set, and their `type`.
+    """Return a value as the shortest file content: of sections their `type` and the keys that are set.
 
-    What depends on another key, such as a LiDAR's channels on its table of elevations, is then still free.
+    Values that depend on another key, such as a LiDAR's channels on its table of elevations, are not set.
     """
     if isinstance(value, BaseModel):
         given = {

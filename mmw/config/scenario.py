@@ -1,12 +1,13 @@
-"""`scenarios`: which world, which traffic, which of the vehicles are connected, where the roadside units stand."""
+"""`scenarios`: world, traffic, connected vehicles, roadside units."""
 
 import re
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
 from mmw.config.material_map import MaterialEntry
 from mmw.config.section import Name, PrimName, Section, Vec3
+from mmw.config.traffic_engine import ENGINE_KEYS, ENGINES, engine_spec
 from mmw.core.errors import InputError
 
 TOWN_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
@@ -36,8 +37,10 @@ class RsuConfig(Section):
 class TrafficConfig(Section):
     """The moving vehicles of a scenario, and which of them are connected."""
 
-    engine: Literal["idm", "sumo", "file"] = Field(
-        "idm", description="mmw's own engine, SUMO (needs the extra sumo), or a table of trajectories (token)"
+    engine: str = Field(
+        "idm",
+        json_schema_extra=lambda schema: schema.update(enum=list(ENGINES)),
+        description="idm: mmw's own engine; sumo: SUMO, needs the extra sumo; replay: a table of trajectories (token)",
     )
     vehicle_count: int = Field(20, ge=1, le=500, description="vehicles in the scenario, CAVs included (count)")
     spawn_center_m: Vec3 = Field(description="x_spawn: vehicles take the spawn points nearest to it, world frame [m]")
@@ -58,27 +61,30 @@ class TrafficConfig(Section):
     )
     pedestrian_count: int = Field(0, ge=0, le=500, description="people walking on the sidewalks (count)")
     trajectories: str | None = Field(
-        None, description="engine file: Parquet, CSV or SUMO FCD table of who is where when (path)"
+        None, description="engine replay: Parquet, CSV or SUMO FCD table of who is where when (path)"
     )
     cav_ids: tuple[str, ...] = Field(
-        (), description="engine file: ids of the vehicles that become CAVs; by `cav_ranks` if empty (names)"
+        (), description="engine replay: ids of the vehicles that become CAVs; by `cav_ranks` if empty (names)"
+    )
+
+    options: dict[str, Any] = Field(
+        default_factory=dict, description="keys of an engine of another package, which checks them (map)"
     )
 
     @model_validator(mode="after")
     def _engine_fits(self) -> "TrafficConfig":
-        if self.engine == "file" and self.trajectories is None:
-            raise InputError("engine = 'file' needs `trajectories`, a .parquet, .csv or .xml table; give its path")
-        for key in ("trajectories", "cav_ids"):
-            if self.engine != "file" and getattr(self, key):
+        spec = engine_spec(self.engine)
+        fields = type(self).model_fields
+        for key in ENGINE_KEYS:
+            is_default = getattr(self, key) == fields[key].get_default(call_default_factory=True)
+            if key in spec.required and is_default:
+                raise InputError(f"engine = {self.engine!r} needs `{key}` ({fields[key].description}); give it")
+            if key not in spec.keys and not is_default:
+                users = " or ".join(name for name, other in ENGINES.items() if key in other.keys)
+                users = users or "of a package that is not installed"
                 raise InputError(
-                    f"`{key}` goes with engine: file; engine is {self.engine!r}; remove it, or change engine"
+                    f"`{key}` goes with engine: {users}; engine is {self.engine!r}; remove it, or change engine"
                 )
-        if self.engine == "file" and self.cav_pool is not None:
-            raise InputError(
-                "cav_pool goes with engine: idm or sumo; choose recorded CAVs with `cav_ids` or `cav_ranks`"
-            )
-        if self.engine != "idm" and self.signals:
-            raise InputError(f"signals goes with engine: idm; engine is {self.engine!r}; remove it, or change engine")
         if len(set(self.cav_ids)) != len(self.cav_ids):
             raise InputError(f"cav_ids = {list(self.cav_ids)} names a vehicle twice; give each id once")
         return self

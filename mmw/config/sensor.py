@@ -1,13 +1,19 @@
 """Common section of all sensors: a name, the agents that carry it, and its mount on them."""
 
+from collections.abc import Iterable
 from typing import Literal
 
 from pydantic import Field, field_validator
 
 from mmw.config.section import Name, Section, Vec3
+from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.errors import InputError
 
 Role = Literal["cav", "rsu"]
+
+RATE_TOLERANCE = 1e-3
+"""Largest relative difference between a rate and the nearest whole part of the frame rate: 33.33 Hz is every third
+frame. Design value."""
 
 MAX_OFFSET_M = 1000.0
 """Largest offset of a sensor from its agent along an axis [m]. Design value."""
@@ -39,6 +45,12 @@ class SensorConfig(Section):
     type: str
     name: Name = Field(description="unique among the sensors; the `sensor` or `camera` key of its rows (name)")
     on: tuple[Role, ...] = Field(description="agents that carry it: `cav`, `rsu` (list)")
+    rate_hz: float = Field(
+        float(FRAME_RATE_HZ),
+        gt=0,
+        le=FRAME_RATE_HZ,
+        description="samples a second, 100 / n; frame 0 has the first [Hz]",
+    )
     mount: dict[Role, MountConfig] = Field(
         default_factory=dict, description="mount for each role; a role that is left out keeps its default (map)"
     )
@@ -48,6 +60,18 @@ class SensorConfig(Section):
     def _once(cls, value: tuple[Role, ...]) -> tuple[Role, ...]:
         if len(set(value)) != len(value):
             raise InputError(f"{list(value)} names a role twice; name each once")
+        return value
+
+    @field_validator("rate_hz")
+    @classmethod
+    def _fits_frames(cls, value: float) -> float:
+        period = FRAME_RATE_HZ / value
+        if abs(period - round(period)) > RATE_TOLERANCE * period:
+            nearest = [f"{FRAME_RATE_HZ / n:g}" for n in (int(period), int(period) + 1)]
+            raise InputError(
+                f"samples fall on frames, {FRAME_RATE_HZ} a second, and {value:g} Hz does not divide them; "
+                f"give {' or '.join(nearest)}"
+            )
         return value
 
     @field_validator("mount")
@@ -63,4 +87,8 @@ class SensorConfig(Section):
     @property
     def period_frames(self) -> int:
         """Frames from one sample to the next; frame 0 has the first."""
-        return 1
+        return round(FRAME_RATE_HZ / self.rate_hz)
+
+    def sample_frames(self, frames: Iterable[int]) -> list[int]:
+        """Return those of the frames in which the sensor samples, in their order."""
+        return [int(frame) for frame in frames if frame % self.period_frames == 0]

@@ -18,6 +18,10 @@ Reference = str
 """`module:attribute`; imported when it is first used, so that reading a configuration loads neither Warp nor USD."""
 
 
+VIEWS = ("plot", "figure", "viewer")
+"""Names of the drawing functions of a sensor, see `SensorSpec.views`."""
+
+
 @dataclass(frozen=True)
 class Estimate:
     """Cost of one sample, for `--dry-run`."""
@@ -48,7 +52,9 @@ class Modality:
     """Table that it is read from."""
     kind: Literal["numbers", "points", "rgb", "depth", "beams", "csi", "boxes"]
     columns: tuple[str, ...] = ()
-    """Columns unless others are asked for, in the order of the array's last axis."""
+    """Default columns, in the order of the array's last axis."""
+    dtype: Literal["float32", "float64"] = "float32"
+    """Type of `numbers`."""
 
 
 @dataclass(frozen=True)
@@ -96,16 +102,26 @@ class SensorSpec:
     warm_up: Reference = ""
     """`(Config)`: slow work that a thread begins while the first scene is read."""
     decode: Reference = ""
-    """`(Agent, name of the sensor) -> sample` for `mmw.dataset`; columns as attributes if absent."""
+    """`(Agent, name of the sensor) -> sample` for `mmw.dataset`; by `kind` if absent, see `Agent.sensor`."""
     window: Modality | None = None
-    """Modality of learning windows."""
+    """Modality of learning windows; of a scalar sensor its columns are those drawn over time."""
+    views: Mapping[Literal["plot", "figure", "viewer"], Reference] = field(default_factory=dict)
+    """Drawing functions; the kind of the sensor decides where one is absent.
+
+    `plot`: `(axes, Agent, name of the sensor, SampleStyle) -> SamplePlot` draws one sample, in figures and reports
+    (`mmw.viz.plots.samples`). `figure`: `(Dataset, scenario, weathers, frame, agent, sensor, figure=) -> Figure`
+    compares weathers (`mmw.viz.plots.sensors`). `viewer`: `(FrameLogger, Agent, name of the sensor)` logs one sample to
+    Rerun (`mmw.viz.rerun.samples`).
+    """
 
     def __post_init__(self) -> None:
-        """Check that there is one way to simulate the sensor.
+        """Check that the sensor is simulated by exactly one of both interfaces, and that its views are known.
 
         Raises:
-            InputError: If there is none, or there are two.
+            InputError: If there is none, or there are two, or a view has another name.
         """
+        if unknown := sorted(set(self.views) - set(VIEWS)):
+            raise InputError(f"sensor {self.type!r}: view {unknown[0]!r} is not known; name one of {', '.join(VIEWS)}")
         alone = (bool(self.simulate), bool(self.to_tables))
         if alone != ((False, False) if self.capture else (True, True)):
             raise InputError(f"sensor {self.type!r}: give `simulate` and `to_tables`, or `capture` alone")

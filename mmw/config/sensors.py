@@ -16,11 +16,7 @@ _PYDANTIC_ERRORS = frozenset(get_args(ErrorType))
 
 
 def _by_type(value: Any, info: ValidationInfo) -> Any:
-    """Return the section of the registered kind that `type` names.
-
-    Raises:
-        ValidationError: With the type in front of each location, as pydantic has it for a tagged union.
-    """
+    """Return the section of the registered kind that `type` names."""
     if not isinstance(value, dict):
         return value
     kind = value.get("type")

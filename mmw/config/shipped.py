@@ -17,9 +17,6 @@ def config_path(given: str | Path) -> Path:
     `quickstart`, `full`, and the scenarios such as `town03_roundabout`. Relative paths in a configuration start from
     the folder of the file that is returned.
 
-    Args:
-        given: A path, or a name.
-
     Raises:
         ConfigError: If neither a file nor a shipped configuration is meant.
     """

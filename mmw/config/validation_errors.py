@@ -38,7 +38,8 @@ def problem_line(path: Path, error: ErrorDetails, root: type[BaseModel]) -> str:
         near = difflib.get_close_matches(str(key[-1]), known, n=1)
         cure = f"did you mean `{near[0]}`?" if near else f"known keys here: {', '.join(known)}"
         return f"{path}: {where} = {_short(error['input'])}: unknown key; {cure}"
-    described = _description(models, key)
+    field = _field(models, key)
+    described = (field.description if field else None) or ""
     if error["type"] == "missing" and not isinstance(key[-1], str):  # a tuple that is too short
         where, count = where.rpartition("[")[0], int(key[-1])
         return f"{path}: {where}: holds {count} or fewer values; more are needed" + (
@@ -56,8 +57,9 @@ def problem_line(path: Path, error: ErrorDetails, root: type[BaseModel]) -> str:
         others = "`_` and `-`" if "_-" in str(context.get("pattern")) else "`_`"
         message = f"a name is needed: a letter, then letters, digits, {others}"
     if error["type"] == "too_long":
-        most = "" if _is_fixed(models, key) else "at most "
-        message = f"holds {context.get('actual_length')} values; {most}{context.get('max_length')} are needed"
+        has_limit = field is not None and any(hasattr(rule, "max_length") for rule in field.metadata)
+        limit = f"{'at most ' * has_limit}{context.get('max_length')}"  # else as many as a point has, for example
+        message = f"holds {context.get('actual_length')} values; {limit} are needed"
     if error["type"] == "union_tag_not_found":
         tags = [str(tag) for tag in map(tag_of, models) if tag]
         message = f"`type` is missing; say which sensor it is: {', '.join(tags[:-1])} or {tags[-1]}"
@@ -73,7 +75,7 @@ def _walk(location: Sequence[str | int], root: type[BaseModel]) -> tuple[list[ty
     Pydantic puts the type of a sensor into the location, which is no key of the file; it is left out here.
 
     Returns:
-        The models that may hold the last key, and the location as the user wrote it.
+        The models that may have the last key, and the location as the user wrote it.
     """
     models: list[type[BaseModel]] = [root]
     inside: list[type[BaseModel]] = [root]
@@ -104,7 +106,7 @@ def tag_of(model: type[BaseModel]) -> Any:
 
 
 def models_in(model: type[BaseModel], name: str) -> Iterator[type[BaseModel]]:
-    """Yield the sections that a field holds, in lists, maps and unions too."""
+    """Yield the sections of a field, also those in lists, maps and unions."""
 
     def find(annotation: Any) -> Iterator[type[BaseModel]]:
         if annotation is SensorConfig:
@@ -121,17 +123,6 @@ def _field(models: list[type[BaseModel]], key: Key) -> FieldInfo | None:
     names = [part for part in key if isinstance(part, str)]
     fields = [keys_of(model)[names[-1]] for model in models if names and names[-1] in keys_of(model)]
     return fields[0] if fields else None
-
-
-def _description(models: list[type[BaseModel]], key: Key) -> str:
-    field = _field(models, key)
-    return (field.description or "") if field else ""
-
-
-def _is_fixed(models: list[type[BaseModel]], key: Key) -> bool:
-    """Return whether a list has a number of values of its own, such as a point's three, and no upper limit."""
-    field = _field(models, key)
-    return field is None or not any(hasattr(rule, "max_length") for rule in field.metadata)
 
 
 def _short(value: Any) -> str:

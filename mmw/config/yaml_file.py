@@ -1,4 +1,4 @@
-"""A YAML file as a validated section; a problem is one line that names the file, the key, the value and the remedy."""
+"""Read a YAML file as a validated section; each problem is one line with file, key, value and remedy."""
 
 import json
 import re
@@ -34,7 +34,7 @@ class ConfigError(InputError):
 
 
 class Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # libyaml's parser is ten times as fast
-    """YAML as people read it: `28e9` is a number, `on` is a key and no boolean, a key given twice is an error."""
+    """YAML loader with intuitive rules: `28e9` is a number, `on` is no boolean, a repeated key is an error."""
 
 
 _BOOL, _TIMESTAMP = "tag:yaml.org,2002:bool", "tag:yaml.org,2002:timestamp"
@@ -62,14 +62,10 @@ Loader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping)
 
 
 def read_yaml(path: Path, needed: str) -> dict[Any, Any]:
-    """Return the content of a YAML file that holds a map.
-
-    Args:
-        path: The file.
-        needed: What it has to hold, for the error.
+    """Return the map in a YAML file.
 
     Raises:
-        ConfigError: If it cannot be read, is not YAML, or holds no map.
+        ConfigError: If it cannot be read, is not YAML, or is no map.
     """
     try:
         data = yaml.load(path.read_text(encoding="utf-8"), Loader=Loader)
@@ -94,13 +90,7 @@ def reason_of(error: yaml.YAMLError | ValueError) -> str:
 
 
 def validated(model: type[Model], data: Any, path: Path, key: tuple[str, ...] = ()) -> Model:
-    """Return the content of a file, or of one of its keys, as a section.
-
-    Args:
-        model: The section.
-        data: What the file holds there.
-        path: The file, for errors.
-        key: Where in the file the section stands; empty for all of it.
+    """Return the content of a file, or of its `key`, as a section.
 
     Raises:
         ConfigError: With one line for each problem.

@@ -1,7 +1,7 @@
-"""The trees that rays walk, and rays on one mesh.
+"""Build BVHs of meshes, and cast rays on a single mesh.
 
-Our own are built on the CPU, one a mesh, then put one behind the other. Warp's are those of a `wp.Mesh` each, where
-`mmw.core.bvh_kind` has chosen them.
+Our own BVHs are built on the CPU, one per mesh, and concatenated. Warp's are those of one `wp.Mesh` each, if
+`mmw.core.bvh_kind` has selected them.
 """
 
 import weakref
@@ -16,34 +16,34 @@ from mmw.kernels.core.bvh_build import BINS, Work, build_tree_kernel
 from mmw.kernels.core.mesh_rays import rays_kernel
 
 LEAF_FACES_CUDA = 2
-"""Triangles in a leaf at most where a thread tests them one by one: on an H100 incoherent rays are 8 % faster than with
-`LEAF_FACES`, others 1 % (`bench/README.md`). A CPU tests that many at once."""
+"""Maximum number of triangles in a leaf on CUDA, where a thread tests them one by one: on an H100 incoherent rays are
+8 % faster than with `LEAF_FACES`, others 1 % (`bench/README.md`). A CPU tests `LEAF_FACES` at once."""
 
 WARP_BUILD = {"cuda": ("cubql", 2), "cpu": ("sah", 4)}
-"""How Warp builds its trees, and triangles in a leaf of them at most: the best of its constructors with 1, 2 and 4, on
-an H100 and on a CPU with AVX-512 (`bench/README.md`)."""
+"""Constructor of Warp's BVHs and maximum number of triangles in a leaf: the fastest of all constructors with 1, 2 and
+4, on an H100 and on a CPU with AVX-512 (`bench/README.md`)."""
 
 BOX_MARGIN = 5e-7
-"""How much larger Warp's boxes are than what they hold, over the size of the mesh and `BOX_RANGE_M`. Distances to the
-sides of a box, which it compares as they are, are wrong by 3 * 2^-24 at most: rounding loses no triangle that lies so
-far from where its ray starts, nor one two times further."""
+"""Enlargement of Warp's bounding boxes, relative to the size of the mesh plus `BOX_RANGE_M`. Distances to the sides of
+a box, which Warp compares directly, have errors up to 3 * 2^-24: with this margin, rounding loses no triangle at that
+distance from the origin of its ray, nor at twice that."""
 
 BOX_RANGE_M = 1000.0
-"""Length of rays on small things, such as a vehicle [m]."""
+"""Length of rays on small meshes, such as a vehicle [m]."""
 
 
 def build_bvhs(meshes: Sequence[np.ndarray], device: str) -> tuple[Tree, np.ndarray]:
-    """Return the trees of meshes on a device, and the root of each.
+    """Return the BVHs of meshes on a device, and the root of each.
 
     Args:
         meshes: Corners of the triangles of each mesh [m], shape [M, 3, 3]; M > 0.
         device: Warp device name.
 
     Returns:
-        The trees; the root of each, shape [K], int32.
+        The BVHs; the root of each, shape [K], int32.
 
     Raises:
-        InputError: If nobody has chosen the kind of trees, and the environment names none that there is.
+        InputError: If no BVH kind was selected, and the environment names an unknown one.
     """
     if kind_to_build() == "warp":
         return _build_warp(meshes, device), np.arange(len(meshes), dtype=np.int32)
@@ -66,11 +66,11 @@ def build_bvhs(meshes: Sequence[np.ndarray], device: str) -> tuple[Tree, np.ndar
 
 
 def build_tree(corners: np.ndarray, leaf_faces: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the tree of one mesh.
+    """Return the BVH of one mesh.
 
     Args:
         corners: Corners of the triangles [m], shape [M, 3, 3]; M > 0.
-        leaf_faces: Triangles in a leaf at most, 1 to `LEAF_FACES`.
+        leaf_faces: Maximum number of triangles in a leaf, 1 to `LEAF_FACES`.
 
     Returns:
         Nodes, shape [N, NODE_ROWS, 4], and leaves, shape [L, LEAF_ROWS, 4], float32; the root is node 0.
@@ -79,7 +79,7 @@ def build_tree(corners: np.ndarray, leaf_faces: int) -> tuple[np.ndarray, np.nda
     work = Work()
     work.corner = wp.array(np.ascontiguousarray(corners, dtype=np.float32), dtype=wp.vec3, device="cpu")
     work.lower, work.upper = _empty(faces, wp.vec3), _empty(faces, wp.vec3)
-    work.order, work.waiting = _empty(faces, int), _empty((faces, 4), int)
+    work.order, work.stack = _empty(faces, int), _empty((faces, 4), int)
     work.bin_count, work.cost_behind = _empty((3, BINS), int), _empty(BINS, float)
     work.bin_lower, work.bin_upper = _empty((3, BINS), wp.vec3), _empty((3, BINS), wp.vec3)
     nodes, leaves, counts = _empty((faces, NODE_ROWS), wp.vec4), _empty((faces, LEAF_ROWS), wp.vec4), _empty(2, int)
@@ -89,7 +89,7 @@ def build_tree(corners: np.ndarray, leaf_faces: int) -> tuple[np.ndarray, np.nda
 
 
 def _build_warp(meshes: Sequence[np.ndarray], device: str) -> Tree:
-    """Return Warp's trees of meshes, which live as long as the array of their ids."""
+    """Return Warp's BVHs of meshes, which exist as long as the array of their ids."""
     built = [_build_warp_mesh(np.ascontiguousarray(corners, dtype=np.float32), device) for corners in meshes]
     tree = Tree()
     tree.nodes = wp.empty(0, dtype=wp.vec4, device=device)
@@ -100,12 +100,7 @@ def _build_warp(meshes: Sequence[np.ndarray], device: str) -> Tree:
 
 
 def _build_warp_mesh(corners: np.ndarray, device: str) -> wp.Mesh:
-    """Return Warp's tree of one mesh, whose boxes are `BOX_MARGIN` larger than its triangles.
-
-    Args:
-        corners: Corners of the triangles [m], shape [M, 3, 3], float32.
-        device: Warp device name.
-    """
+    """Return Warp's BVH of one mesh, with boxes enlarged by `BOX_MARGIN`."""
     margin = BOX_MARGIN * (np.abs(corners).max() + BOX_RANGE_M)
     boxed = np.stack([corners.min(axis=1) - margin, corners.max(axis=1) + margin, corners[:, 0]], axis=1)
     constructor, leaf_faces = WARP_BUILD["cuda" if wp.get_device(device).is_cuda else "cpu"]
@@ -116,7 +111,7 @@ def _build_warp_mesh(corners: np.ndarray, device: str) -> wp.Mesh:
         bvh_constructor=constructor,
         bvh_leaf_size=leaf_faces,
     )
-    # The tree keeps the boxes that it was built over until it is told to refit.
+    # The BVH uses the boxes of its construction until it is refit.
     points.assign(corners.reshape(-1, 3))
     return mesh
 
@@ -126,13 +121,13 @@ def _empty(shape: int | tuple[int, ...], dtype: type) -> wp.array:
 
 
 class RayMesh:
-    """Triangles to cast rays on, in float64 coordinates.
+    """Triangle mesh for ray casting, with float64 coordinates.
 
-    They are moved to their own middle, so that float32 keeps a hundredth of a millimetre.
+    It is centered at the origin, so that float32 resolves a hundredth of a millimeter.
     """
 
     def __init__(self, points: np.ndarray, faces: np.ndarray, device: str = "cpu") -> None:
-        """Build the tree.
+        """Build the BVH.
 
         Args:
             points: Vertices in the world frame [m], shape [N, 3].
@@ -144,10 +139,10 @@ class RayMesh:
         self._tree, _ = build_bvhs([(points - self._origin)[faces]], device)
 
     def cast(self, origin: np.ndarray, direction: np.ndarray, t_max: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return what rays meet first.
+        """Return the closest hits of rays.
 
         Args:
-            origin: Starts [m], shape [R, 3].
+            origin: Ray origins [m], shape [R, 3].
             direction: Unit directions, shape [R, 3] or [3].
             t_max: Length of the rays [m].
 
@@ -155,12 +150,12 @@ class RayMesh:
             Distance [m], shape [R], float64, inf for a miss; face, shape [R], -1 for a miss.
         """
         count, device = len(origin), self._device
-        ways = np.ascontiguousarray(np.broadcast_to(direction, (count, 3)), dtype=np.float32)
+        directions = np.ascontiguousarray(np.broadcast_to(direction, (count, 3)), dtype=np.float32)
         exact = origin - self._origin
         starts = exact.astype(np.float32)
-        rays = [wp.array(values, dtype=wp.vec3, device=device) for values in (starts, ways)]
+        rays = [wp.array(values, dtype=wp.vec3, device=device) for values in (starts, directions)]
         t, face = wp.empty(count, dtype=float, device=device), wp.empty(count, dtype=int, device=device)
         inputs = [self._tree, *rays, t_max]
         wp.launch(rays_kernel, dim=count, inputs=inputs, outputs=[t, face], block_dim=64, device=device)
-        # From where a ray was meant to start, not from where float32 puts it.
-        return t.numpy() + np.einsum("rx,rx->r", starts - exact, ways), face.numpy()
+        # Distance from the exact origin of a ray, not from its float32 origin.
+        return t.numpy() + np.einsum("rx,rx->r", starts - exact, directions), face.numpy()

@@ -9,14 +9,14 @@ BvhKind = Literal["wide", "warp"]
 BVH_KINDS: tuple[BvhKind, ...] = get_args(BvhKind)
 
 BVH_VARIABLE = "MMW_BVH"
-"""Environment variable that is the default of `compute.bvh`, and the choice of commands without a configuration."""
+"""Environment variable with the default of `compute.bvh`, and with the BVH of commands without a configuration."""
 
 
 def default_bvh() -> BvhKind:
-    """Return the trees of a process for which no configuration chooses: those of `MMW_BVH`, or our own.
+    """Return the BVH kind of a process without a configuration: that of `MMW_BVH`, or our own.
 
     Raises:
-        InputError: If the variable names no kind.
+        InputError: If the variable names an unknown kind.
     """
     name = os.environ.get(BVH_VARIABLE) or "wide"
     for kind in BVH_KINDS:

@@ -12,35 +12,35 @@ from mmw.kernels.core import bvh as tree
 
 
 class _Choice:
-    """The choice of this process."""
+    """Choice of this process."""
 
     kind = "wide"
     """Kind that `mmw.kernels` is set to."""
     is_made = False
-    """Whether anybody chose it."""
+    """Whether the kind was chosen."""
     is_built = False
-    """Whether there is a tree, so that kernels may have been compiled for its kind."""
+    """Whether a BVH was built, so that kernels may have been compiled for its kind."""
 
 
 _flags: dict[str, str | None] = {}
-"""Compiler flags of the modules of kernels, where they are taken from them."""
+"""Compiler flags that were removed from modules of kernels."""
 
 
 def select_bvh(kind: str) -> None:
-    """Choose the trees of this process, before it builds one; the same choice again changes nothing.
+    """Choose the BVHs of this process, before it builds one; the same choice again changes nothing.
 
     Args:
-        kind: `wide` for our own trees, `warp` for Warp's, without native code and with the compiler's plain flags.
+        kind: `wide` for our own BVHs, `warp` for Warp's, without native code and with the compiler's plain flags.
 
     Raises:
-        InputError: If there is no such kind, or this process has built a tree of the other.
+        InputError: If there is no such kind, or this process has built a BVH of the other.
     """
     if kind not in BVH_KINDS:
         raise InputError(f"compute.bvh = {kind!r}; give {' or '.join(BVH_KINDS)}")
     if kind != _Choice.kind:
         if _Choice.is_built:
             raise InputError(
-                f"compute.bvh = {kind!r}: this process has built a tree of kind {_Choice.kind!r}, and its kernels are "
+                f"compute.bvh = {kind!r}: this process has built a BVH of kind {_Choice.kind!r}, and its kernels are "
                 f"compiled for one kind; start a new process, and set {BVH_VARIABLE} = {kind} for all that it does"
             )
         _compile_for(kind)
@@ -48,10 +48,10 @@ def select_bvh(kind: str) -> None:
 
 
 def kind_to_build() -> str:
-    """Return the kind of the trees of this process, which no longer changes: a tree of it is about to be built.
+    """Return the BVH kind of this process for building one; it can no longer be changed.
 
     Raises:
-        InputError: If nobody has chosen, and the environment names no kind.
+        InputError: If no kind was chosen, and the environment names an unknown one.
     """
     if not _Choice.is_made:
         select_bvh(default_bvh())
@@ -60,7 +60,7 @@ def kind_to_build() -> str:
 
 
 def _compile_for(kind: str) -> None:
-    """Set all kernels to a kind; those that are compiled for the other are compiled again when they are launched."""
+    """Set all kernels to a kind; those compiled for the other are compiled again at their next launch."""
     tree.WIDE = kind == "wide"
     for info in pkgutil.walk_packages(mmw.kernels.__path__, "mmw.kernels."):
         if info.ispkg:

@@ -1,5 +1,4 @@
-"""Lens models: from plane coordinates to distorted ones and back, in float64; on the device:
-`kernels/camera/camera.py`.
+"""Apply and invert lens distortion in float64; `kernels/camera/camera.py` does the same on the device.
 
 Plane coordinates q of a direction point right and down. Pinhole and Brown-Conrady: q = (X / Z, Y / Z) with Z along the
 optical axis. Fisheye: |q| is the angle from the axis [rad]. A pixel is at (cx + fx q'_x, cy + fy q'_y), q' distorted:
@@ -25,13 +24,13 @@ from mmw.core.errors import InputError
 LensModel = Literal["pinhole", "brown_conrady", "fisheye"]
 
 MODELS: tuple[LensModel, ...] = ("pinhole", "brown_conrady", "fisheye")
-"""Models by number."""
+"""Models by number in kernels."""
 
 STEPS = 64
-"""Steps from the optical axis to the edge of the image when a lens is followed outwards."""
+"""Steps from the optical axis to the edge of the image of an inversion."""
 
 BORDER_POINTS = 16
-"""Points on each side of the image that are followed; the corners are among them."""
+"""Points on each side of the image that are inverted, corners included."""
 
 TOLERANCE = 1e-11
 """Error of distorted plane coordinates at which an inversion has converged [-]."""
@@ -39,7 +38,7 @@ TOLERANCE = 1e-11
 
 @dataclass(frozen=True)
 class Distortion:
-    """A lens model with its coefficients; see the module.
+    """Lens model with its coefficients; see the module.
 
     Raises:
         InputError: If the model is unknown, or coefficients are missing or not finite.
@@ -70,7 +69,7 @@ class Distortion:
         return (*self.radial[:2], *self.tangential, self.radial[2], *self.rational)
 
     def radial_factor(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the radial distortion over |q|, and its derivative by s = |q|^2, both of the shape of s."""
+        """Return the radial distortion factor, and its derivative with respect to s = |q|^2, both of the shape of s."""
         a, b = (1.0, *self.radial), (1.0, *self.rational)
         above, below = np.polyval(a[::-1], s), np.polyval(b[::-1], s)
         slope_above = np.polyval([k * x for k, x in enumerate(a)][:0:-1], s)
@@ -80,7 +79,7 @@ class Distortion:
             return factor, (slope_above - factor * slope_below) / below
 
     def distort(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return distorted plane coordinates of q [..., 2], same shape, and their derivatives by q [..., 2, 2]."""
+        """Return distorted plane coordinates of q [..., 2], same shape, and their Jacobian [..., 2, 2]."""
         x, y = q[..., 0], q[..., 1]
         s = x * x + y * y
         p1, p2 = self.tangential
@@ -98,17 +97,17 @@ class Distortion:
         return bent, np.stack([np.stack([xx, xy], axis=-1), np.stack([xy, yy], axis=-1)], axis=-2)
 
     def undistort(self, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the plane coordinates of distorted ones, and whether they were reached without a fold on the way.
+        """Return the plane coordinates of distorted ones, and how far the distortion is one to one.
 
-        Each point is followed from the optical axis outwards, `STEPS` steps of Newton's method, so that the solution
-        is the one that hangs together with the axis.
+        Each point is continued from the optical axis outward in `STEPS` steps of Newton's method, so that the solution
+        is on the branch that contains the axis.
 
         Args:
             target: Distorted plane coordinates, shape [..., 2].
 
         Returns:
-            Plane coordinates, shape [..., 2], and the share of the way to `target` that is one to one, 1 for all of
-            it, shape [...].
+            Plane coordinates, shape [..., 2], and the fraction of the segment from the axis to `target` on which the
+            distortion is one to one, shape [...].
         """
         share = np.ones(target.shape[:-1])
         if self.model == "pinhole":
@@ -124,7 +123,7 @@ class Distortion:
                     following = following - _solve(slope, bent - wanted)
                 ends, slope = self.distort(following)
                 is_good = np.abs(ends - wanted).max(axis=-1) < TOLERANCE * (1.0 + np.abs(wanted).max(axis=-1))
-                for part in (0.25, 0.5, 0.75, 1.0):  # positive definite all the way: no fold, no jump across one
+                for part in (0.25, 0.5, 0.75, 1.0):  # positive definite on the segment: no fold, no jump across one
                     slope = self.distort(q + part * (following - q))[1]
                     is_good &= (_determinant(slope) > 0.0) & (slope[..., 0, 0] + slope[..., 1, 1] > 0.0)
                 if self.model == "fisheye":
@@ -141,21 +140,16 @@ def _determinant(slope: np.ndarray) -> np.ndarray:
 
 def _solve(slope: np.ndarray, error: np.ndarray) -> np.ndarray:
     x, y = error[..., 0], error[..., 1]
-    return (
-        np.stack(
-            [slope[..., 1, 1] * x - slope[..., 0, 1] * y, slope[..., 0, 0] * y - slope[..., 1, 0] * x],
-            axis=-1,
-        )
-        / _determinant(slope)[..., None]
-    )
+    solved = [slope[..., 1, 1] * x - slope[..., 0, 1] * y, slope[..., 0, 0] * y - slope[..., 1, 0] * x]
+    return np.stack(solved, axis=-1) / _determinant(slope)[..., None]
 
 
 @dataclass(frozen=True)
 class Intrinsics:
-    """A camera: image size, focal lengths, principal point and lens.
+    """Camera intrinsics: image size, focal lengths, principal point and lens.
 
-    Column u counts to the right, row v downwards, both from 0; the centre of pixel (u, v) is at (u + 0.5, v + 0.5).
-    Code that puts pixel centres at whole numbers (OpenCV) uses cx - 0.5 and cy - 0.5 with the same image, and the same
+    Column u counts to the right, row v downward, both from 0; the center of pixel (u, v) is at (u + 0.5, v + 0.5).
+    Code with pixel centers at whole numbers (OpenCV) uses cx - 0.5 and cy - 0.5 with the same image, and the same
     focal lengths and coefficients.
 
     Raises:
@@ -185,10 +179,10 @@ class Intrinsics:
             raise InputError(f"camera: cx = {self.cx:g}, cy = {self.cy:g} px; finite numbers are needed; correct them")
 
     def reach(self) -> float:
-        """Return the largest |q| of a point of the image [-; fisheye: rad].
+        """Return the largest |q| in the image [-; fisheye: rad].
 
         Raises:
-            InputError: If the lens is not one to one in the image: it folds, or looks beyond 180 deg from its axis.
+            InputError: If the lens is not one to one in the image: it folds, or sees beyond 180 deg from its axis.
         """
         return _reach(self)
 
@@ -213,9 +207,9 @@ def _reach(camera: Intrinsics) -> float:
 
 
 def focal_length(distortion: Distortion, width: int, fov_deg: float) -> float:
-    """Return the focal length [px] at which the middles of the left and right edges are `fov_deg` apart.
+    """Return the focal length [px] for a horizontal field of view, between the centers of the left and right edges.
 
-    The tangential part of the lens is left out. Without distortion it is W / (2 tan(fov / 2)) of a pinhole, as in
+    The tangential part of the lens is ignored. Without distortion it is W / (2 tan(fov / 2)) of a pinhole, as in
     CARLA 0.9.15 `sensor.camera.*` (`fov`), or W / fov of an equidistant fisheye.
 
     Args:

@@ -10,7 +10,7 @@ GRAVITY = 9.81
 """Acceleration of gravity that the IMU model uses [m/s^2]: CARLA's value, so that rest reads +9.81 on z."""
 
 FRAME_RATE_HZ = 100
-"""Frames a second: one 5G NR frame (10 ms) a sample; timeCodesPerSecond of every scenario stage."""
+"""Frames per second: one sample per 5G NR frame (10 ms); timeCodesPerSecond of every scenario stage."""
 
 FRAME_DT = 1.0 / FRAME_RATE_HZ
 """Time between frames [s]."""

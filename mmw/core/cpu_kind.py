@@ -12,10 +12,10 @@ SIMD = (
     ("SVE", {"sve"}),
     ("NEON", {"asimd"}),
 )
-"""Level -> flags of Linux that it needs, the widest first: what NumPy, the C library and the kernels' compiler ask."""
+"""Level -> required flags of Linux, widest first: those that NumPy, the C library and the kernels' compiler query."""
 
 NUMBERS = {"cpu family": "family", "model": "model", "CPU implementer": "implementer", "CPU part": "part"}
-"""Key of Linux's `cpuinfo` -> what it is called here; a model's name alone may stand for many."""
+"""Key of Linux's `cpuinfo` -> its label; several models may share a name."""
 
 CPU_INFO = Path("/proc/cpuinfo")
 
@@ -28,13 +28,13 @@ def cpu_kind() -> str:
     """
     try:
         text = CPU_INFO.read_text()
-    except OSError:  # no Linux
+    except OSError:  # not Linux
         text = ""
-    return described(text) or platform.processor() or platform.machine()
+    return parse_cpu_info(text) or platform.processor() or platform.machine()
 
 
-def described(info: str) -> str:
-    """Return model and SIMD level of the first processor that Linux's `cpuinfo` tells of; empty if it tells none."""
+def parse_cpu_info(info: str) -> str:
+    """Return model and SIMD level of the first processor in Linux's `cpuinfo`; empty if it lists none."""
     first = info.strip().partition("\n\n")[0]
     rows = {name.strip(): value.strip() for name, _, value in (line.partition(":") for line in first.splitlines())}
     flags = set((rows.get("flags") or rows.get("Features") or "").split())

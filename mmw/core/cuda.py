@@ -9,17 +9,14 @@ _BLOCKING_SYNC = 0x04
 """`CU_CTX_SCHED_BLOCKING_SYNC`: CUDA driver API, enum `CUctx_flags`."""
 
 
-def wait_asleep(device: str) -> bool:
-    """Let threads of this process that wait for a GPU sleep, before the process first uses it.
+def use_blocking_sync(device: str) -> bool:
+    """Let threads that wait for a GPU sleep; to be called before this process first uses the GPU.
 
-    By default they poll as long as there are more cores than contexts (CUDA driver API, `CU_CTX_SCHED_AUTO`), and take
-    a core each from the threads that encode. Nothing changes on the CPU.
-
-    Args:
-        device: Warp device name.
+    By default they poll as long as there are more cores than contexts (CUDA driver API, `CU_CTX_SCHED_AUTO`), and each
+    occupies a core that encoders need. No effect on the CPU.
 
     Returns:
-        Whether the driver did it; where not, runs are slower.
+        Whether the driver supports it; otherwise runs are slower.
     """
     found = wp.get_device(device)
     if not found.is_cuda:
@@ -30,16 +27,16 @@ def wait_asleep(device: str) -> bool:
     return not failed and not driver.cuDevicePrimaryCtxSetFlags_v2(handle, ctypes.c_uint(_BLOCKING_SYNC))
 
 
-def keep_memory(device: str, most_bytes: int) -> None:
-    """Let this process keep device memory that its arrays free for the next ones.
+def retain_memory(device: str, max_bytes: int) -> None:
+    """Reuse freed device memory of this process for new arrays.
 
-    By default the pool of CUDA's driver gives it back whenever the host waits for the device, and the next array pays
-    for it again: 208 RGB images on an H100 took 78 ms so and 53 ms with the memory kept (`bench/README.md`). Nothing
-    changes on the CPU.
+    By default CUDA's memory pool returns freed memory to the driver whenever the host waits for the device, and the
+    next array is allocated again: 208 RGB images on an H100 took 78 ms this way and 53 ms with retained memory
+    (`bench/README.md`). No effect on the CPU.
 
     Args:
         device: Warp device name.
-        most_bytes: Memory to keep; what is free beyond it is given back.
+        max_bytes: Maximum free memory to retain [bytes]; more is returned to the driver.
     """
     if wp.get_device(device).is_cuda and wp.is_mempool_enabled(device):
-        wp.set_mempool_release_threshold(device, most_bytes)
+        wp.set_mempool_release_threshold(device, max_bytes)

@@ -1,4 +1,4 @@
-"""Choosing the device that traces."""
+"""Choose the devices and the number of workers."""
 
 import math
 import os
@@ -11,14 +11,14 @@ from mmw.core.cpu_kind import cpu_kind
 from mmw.core.errors import InputError
 
 wp.config.log_level = wp.LOG_ERROR
-"""Warp's own start-up lines and its note that there is no GPU say nothing that `choose_device` does not say better."""
+"""Warp's start-up lines and its note on a missing GPU are redundant: `choose_device` reports the same."""
 
 
 def choose_device(name: str) -> str:
     """Return the Warp device for a configured name: `auto`, `cpu` or `cuda:N`.
 
     Raises:
-        InputError: If the machine has no such device; the message lists those that it has.
+        InputError: If the machine has no such device; the message lists the available ones.
     """
     wp.init()
     known = [device.alias for device in wp.get_devices()]
@@ -33,24 +33,24 @@ def choose_device(name: str) -> str:
     return name
 
 
-CORES_A_WORKER = 2
-"""Processor cores for each worker on a GPU: it traces with one and encodes with another. Measured on an H100 with 16
-cores, which eight workers keep busier than six, and twelve no better (`bench/README.md`)."""
+CORES_PER_WORKER = 2
+"""Processor cores of each worker on a GPU: one for tracing, one for encoding. Measured on an H100 with 16 cores, where
+eight workers are faster than six, and twelve are not faster (`bench/README.md`)."""
 
-GPU_BYTES_A_WORKER = 8 << 30
-"""Device memory for each worker on a GPU [bytes]; the paper's sensors take 6.7 GB on an H100."""
+GPU_BYTES_PER_WORKER = 8 << 30
+"""Device memory of each worker on a GPU [bytes]; the paper's sensors take 6.7 GB on an H100."""
 
-HOST_BYTES_A_WORKER = 6 << 30
-"""Memory of the machine for each worker on a GPU [bytes]; the paper's sensors take up to 5.7 GB."""
+HOST_BYTES_PER_WORKER = 6 << 30
+"""Host memory of each worker on a GPU [bytes]; the paper's sensors take up to 5.7 GB."""
 
 
 def worker_devices(name: str, workers: int | str) -> list[str]:
-    """Return the Warp device of each worker process, the devices in turn.
+    """Return the Warp device of each worker process, in round-robin order.
 
     Args:
         name: Configured device: `auto`, `cpu` or `cuda:N`.
-        workers: How many, or `auto`: on the CPU, where a kernel takes one core, one a core; on each of the CUDA
-            devices, or on the one that is named, as many as the machine's cores and both memories allow.
+        workers: Number of workers, or `auto`: on the CPU, where a kernel uses one core, one per core; on each CUDA
+            device, or on the given one, as many as cores, host memory and device memory allow.
 
     Raises:
         InputError: If the machine has no such device.
@@ -59,60 +59,60 @@ def worker_devices(name: str, workers: int | str) -> list[str]:
     if first == "cpu":
         return ["cpu"] * (cores() if workers == "auto" else int(workers))
     found = wp.get_cuda_devices() if name == "auto" else [wp.get_device(first)]
-    count = workers_a_gpu(found) * len(found) if workers == "auto" else int(workers)
+    count = workers_per_gpu(found) * len(found) if workers == "auto" else int(workers)
     return [found[i % len(found)].alias for i in range(count)]
 
 
-def workers_a_gpu(found: Sequence[wp.Device]) -> int:
-    """Return how many workers each of the machine's GPUs can have, at least one."""
+def workers_per_gpu(found: Sequence[wp.Device]) -> int:
+    """Return how many workers can share each GPU of this machine, at least one."""
     return workers_that_fit(len(found), cores(), host_bytes(), min(device.total_memory for device in found))
 
 
 def workers_that_fit(gpu_count: int, core_count: float, host_bytes: float, gpu_bytes: float) -> int:
-    """Return how many workers each GPU of a machine can have, at least one.
+    """Return how many workers can share each GPU of a machine, at least one.
 
     Args:
-        gpu_count: GPUs of the machine.
-        core_count: Its processor cores.
-        host_bytes: Its memory [bytes].
+        gpu_count: Number of GPUs.
+        core_count: Number of processor cores.
+        host_bytes: Memory of the machine [bytes].
         gpu_bytes: Memory of each GPU [bytes].
     """
-    most = min(
-        math.ceil(core_count / (CORES_A_WORKER * gpu_count)),
-        host_bytes / (HOST_BYTES_A_WORKER * gpu_count),
-        gpu_bytes / GPU_BYTES_A_WORKER,
+    limit = min(
+        math.ceil(core_count / (CORES_PER_WORKER * gpu_count)),
+        host_bytes / (HOST_BYTES_PER_WORKER * gpu_count),
+        gpu_bytes / GPU_BYTES_PER_WORKER,
     )
-    return max(int(most), 1)
+    return max(int(limit), 1)
 
 
 def gpu_bytes(device: str) -> float:
-    """Return the memory of a GPU [bytes]; infinite for the CPU, which has none of its own."""
+    """Return the memory of a GPU [bytes]; infinite for the CPU."""
     found = wp.get_device(device)
     return float(found.total_memory) if found.is_cuda else math.inf
 
 
 def host_bytes() -> float:
-    """Return the memory of the machine [bytes]; infinite where the system does not say, as on Windows."""
+    """Return the memory of the machine [bytes]; infinite if unknown, as on Windows."""
     if not hasattr(os, "sysconf"):
         return math.inf
     return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
 
 
 def writer_threads(configured: int | str, workers: int) -> int:
-    """Return the threads of each of some workers of this machine that encode and write.
+    """Return the number of threads with which each worker of this machine encodes and writes.
 
-    `auto` is three for each core, so that some work while others wait for Python's lock or the disk. Design value.
+    `auto` is three per core, so that some run while others wait for Python's lock or the disk. Design value.
     """
     return int(configured) if configured != "auto" else min(max(3 * cores() // workers, 4), 16)
 
 
 def device_name(device: str) -> str:
-    """Return the device's name for people: the GPU's, or how many processors there are."""
+    """Return a device name for people: that of the GPU, or the number of processors."""
     found = wp.get_device(device)
     return found.name if found.is_cuda else f"CPU ({os.cpu_count()} threads)"
 
 
 def machine_kind(device: str) -> str:
-    """Return what the bits of a dataset depend on: the processor, which makes poses and traffic, and the GPU if any."""
+    """Return processor and GPU kind, on which the bits of a dataset depend: poses and traffic come from the CPU."""
     found = wp.get_device(device)
     return f"{found.name} and {cpu_kind()}" if found.is_cuda else cpu_kind()

@@ -1,14 +1,14 @@
-"""Errors that mmw raises on purpose. Anything else that escapes is a bug, and keeps its trace.
+"""Errors with messages for users. Any other exception is a bug and is reported with its stack trace.
 
-A command prints these as one line each and ends with `exit_code`; see `mmw.cli.command`.
+A command prints these as one line each and exits with `exit_code`; see `mmw.cli.command`.
 """
 
 
 class Error(Exception):
-    """Base of every error whose message says all that a user needs: where, what was found, what to do."""
+    """Base class of errors whose message is complete for a user: location, problem, remedy."""
 
     exit_code = 1
-    """Exit code of a command that ends with this error: 2 for input that has to be corrected, 1 for anything else."""
+    """Exit code of a command: 2 for input that must be corrected, 1 for any other error."""
 
 
 class InputError(Error, ValueError):
@@ -22,9 +22,10 @@ class InputError(Error, ValueError):
         return [str(self)]
 
 
-class OutOfMemoryError(Error, MemoryError):
-    """Report that the smallest piece of work does not fit into memory."""
-
-
 class MissingPackageError(Error, ImportError):
-    """Report an optional package that is not installed; the message says how to install it."""
+    """Report an optional package that is not installed; the message gives the command that installs it."""
+
+
+def is_out_of_memory(error: BaseException) -> bool:
+    """Return whether an error reports that the memory of a device or the host is full; Warp raises `RuntimeError`."""
+    return isinstance(error, MemoryError) or (isinstance(error, RuntimeError) and "Failed to allocate" in str(error))

@@ -1,6 +1,6 @@
-"""Optional packages: which extra of the distribution installs each, and the error for one that is missing.
+"""Report missing optional packages with the extra of the distribution that installs them.
 
-`mmw` on the package index is a program of other people; a message that named it would have users install that.
+`mmw` on the package index is an unrelated program, so messages must not name it.
 """
 
 from collections.abc import Iterator
@@ -15,8 +15,7 @@ EXTRA_OF = {
     "shapely": "author", "mapbox_earcut": "author", "scipy": "author",
     "duckdb": "query", "pandas": "query",
     "matplotlib": "plot",
-    "torch": "torch",
-    "transformers": "learn",
+    "torch": "torch", "transformers": "torch",
     "rerun": "viz",
     "libsumo": "sumo",
     "ray": "ray",
@@ -25,21 +24,12 @@ EXTRA_OF = {
 
 
 def install(*extras: str) -> str:
-    """Return the shell command that installs this project with optional packages.
-
-    Args:
-        extras: Names under `project.optional-dependencies`, such as `plot`; none for the core alone.
-    """
+    """Return the shell command that installs this project with optional packages."""
     return f"pip install '{DISTRIBUTION}[{','.join(extras)}]'" if extras else f"pip install {DISTRIBUTION}"
 
 
 def missing_package(error: ModuleNotFoundError, what: str = "this command") -> MissingPackageError | None:
-    """Return the error for an optional package that is not installed; None if another module is missing.
-
-    Args:
-        error: What the import raised.
-        what: What needs the package.
-    """
+    """Return the error for an optional package that is not installed; None if another module is missing."""
     package = (error.name or "").partition(".")[0]
     if package not in EXTRA_OF:
         return None
@@ -50,10 +40,7 @@ def missing_package(error: ModuleNotFoundError, what: str = "this command") -> M
 
 @contextmanager
 def needed_by(what: str) -> Iterator[None]:
-    """Import optional packages within the block, for something that needs them.
-
-    Args:
-        what: What needs them, such as `mmw.viz.plots`.
+    """Import optional packages within the block.
 
     Raises:
         MissingPackageError: If one of `EXTRA_OF` is not installed.

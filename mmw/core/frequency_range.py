@@ -1,4 +1,4 @@
-"""Frequency ranges of the Recommendations: nothing is extrapolated beyond them."""
+"""Check that frequencies are in the range of a model, which is never extrapolated."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -7,14 +7,14 @@ from mmw.core.errors import InputError
 
 
 def check_frequency_range(carrier_hz: ArrayLike, low_ghz: float, high_ghz: float, what: str, source: str) -> np.ndarray:
-    """Return carrier frequencies in GHz, each inside a model's range; both ends belong to it.
+    """Return carrier frequencies in GHz after a check that they are in the range of a model, ends included.
 
     Args:
         carrier_hz: Carrier frequencies [Hz], any shape.
         low_ghz: Lower end of the range [GHz].
         high_ghz: Upper end of the range [GHz].
-        what: What is computed, for the error message.
-        source: Recommendation that gives the range.
+        what: Computed quantity, for the error message.
+        source: Recommendation that defines the range.
 
     Raises:
         InputError: If a frequency is outside the range.

@@ -1,16 +1,16 @@
-"""World coordinates to latitude, longitude and height and back, and headings from north.
+"""Convert world coordinates to latitude, longitude and height and back, and compute headings from north.
 
-The world (x east, y north, z up) touches the earth at a reference point, given as latitude [deg], longitude [deg] and
+The origin of the world (x east, y north, z up) is a reference point, given as latitude [deg], longitude [deg] and
 height [m]. There are two maps:
 
 - WGS-84: the world is the tangent plane of the ellipsoid at the reference point, so height above the ellipsoid grows
   by 8 cm at 1 km. Exact in both directions, errors below 1e-8 m within 100 km.
-- Mercator: what CARLA's GNSS sensor reports: a spherical Mercator map whose scale is 1 at the reference latitude, and
-  height as z. Against WGS-84 it is off by as much as the sphere differs from the ellipsoid: at 49 deg north 0.10 % of
+- Mercator, as reported by CARLA's GNSS sensor: a spherical Mercator map whose scale is 1 at the reference latitude,
+  and height as z. It deviates from WGS-84 as the sphere does from the ellipsoid: at 49 deg north 0.10 % of
   the distance to the north and 0.19 % to the east. In CARLA's world y points south: its y is our -y.
 
 Source: WGS-84 constants, NIMA TR8350.2 (2000); geodetic to geocentric coordinates, B. Hofmann-Wellenhof et al., "GPS:
-Theory and Practice"; back in closed form, H. Vermeille, "Direct transformation from geocentric coordinates to geodetic
+Theory and Practice"; inverse, H. Vermeille, "Direct transformation from geocentric coordinates to geodetic
 coordinates", J. Geodesy 76 (2002); Mercator map of CARLA 0.9.15, `carla/geom/GeoLocation.cpp` (versions from 2025 on
 use a transverse one).
 """
@@ -62,7 +62,7 @@ def world_from_wgs84(geodetic: ArrayLike, reference: ArrayLike) -> np.ndarray:
 
 
 def mercator_from_world(points: ArrayLike, reference: ArrayLike) -> np.ndarray:
-    """Return what CARLA calls latitude [deg], longitude [deg] and altitude [m] of world points, shape [..., 3].
+    """Return CARLA's latitude [deg], longitude [deg] and altitude [m] of world points, shape [..., 3].
 
     Args and Raises as `wgs84_from_world`; the reference must not be a pole.
     """
@@ -95,7 +95,7 @@ def world_from_mercator(geodetic: ArrayLike, reference: ArrayLike) -> np.ndarray
 
 
 def ecef_from_geodetic(geodetic: ArrayLike) -> np.ndarray:
-    """Return earth-centred, earth-fixed points [m], shape [..., 3], of WGS-84 latitude, longitude [deg], height [m]."""
+    """Return earth-centered, earth-fixed points [m] of WGS-84 latitude, longitude [deg], height [m], shape [..., 3]."""
     latitude, longitude, height = np.moveaxis(np.asarray(geodetic, dtype=np.float64), -1, 0)
     latitude, longitude = np.radians(latitude), np.radians(longitude)
     normal = SEMI_MAJOR_AXIS / np.sqrt(1.0 - E2 * np.sin(latitude) ** 2)  # radius of curvature across the meridian
@@ -111,9 +111,9 @@ def ecef_from_geodetic(geodetic: ArrayLike) -> np.ndarray:
 
 
 def geodetic_from_ecef(points: ArrayLike) -> np.ndarray:
-    """Return WGS-84 latitude, longitude [deg] and height [m], shape [..., 3], of earth-centred points [m].
+    """Return WGS-84 latitude, longitude [deg] and height [m], shape [..., 3], of earth-centered points [m].
 
-    Holds everywhere but within 43 km of the earth's centre. The names are those of Vermeille's paper.
+    Valid except within 43 km of the earth's center. Symbols as in Vermeille's paper.
     """
     x, y, z = np.moveaxis(np.asarray(points, dtype=np.float64), -1, 0)
     across = np.hypot(x, y)
@@ -135,11 +135,11 @@ def geodetic_from_ecef(points: ArrayLike) -> np.ndarray:
 def heading_from_north(direction: ArrayLike) -> np.ndarray:
     """Return the heading of world vectors [rad], clockwise from north (+y) seen from above, in [0, 2 pi), shape [...].
 
-    It is CARLA's compass too: 0 north, pi / 2 east. A vector without a horizontal part gives 0.
+    Same as CARLA's compass: 0 north, pi / 2 east. A vector without a horizontal part gives 0.
     """
     direction = np.asarray(direction, dtype=np.float64)
     heading = np.mod(np.arctan2(direction[..., 0], direction[..., 1]), 2.0 * np.pi)
-    return np.where(heading >= 2.0 * np.pi, 0.0, heading)  # the remainder of -1e-17 rounds up
+    return np.where(heading >= 2.0 * np.pi, 0.0, heading)  # np.mod rounds up for -1e-17
 
 
 def sensor_heading(q: ArrayLike) -> np.ndarray:
@@ -156,25 +156,25 @@ def _axes(reference: np.ndarray) -> np.ndarray:
 
 
 def _turn(matrix: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Return matrix x vector, shape [..., 3]; plain sums, because a matrix library may round by the batch's size."""
+    """Return matrix x vector, shape [..., 3], by plain sums: the rounding of BLAS may depend on the batch size."""
     return np.sum(matrix * vectors[..., None, :], axis=-1)
 
 
 def _wrap_deg(longitude: ArrayLike) -> np.ndarray:
-    """Return longitudes in [-180, 180); those that are there already keep every bit."""
+    """Return longitudes in [-180, 180); values in this range are returned unchanged."""
     longitude = np.asarray(longitude, dtype=np.float64)
     return np.where(np.abs(longitude) < 180.0, longitude, np.mod(longitude + 180.0, 360.0) - 180.0)
 
 
 def _checked(name: str, geodetic: ArrayLike, is_open: bool = False) -> np.ndarray:
-    """Return coordinates after a check of their latitudes; `is_open` leaves out the poles."""
+    """Return coordinates after a check of their latitudes; `is_open` excludes the poles."""
     geodetic = np.asarray(geodetic, dtype=np.float64)
     latitude = np.abs(geodetic[..., 0])
     is_bad = ~(latitude < 90.0) if is_open else ~(latitude <= 90.0)
     if np.any(is_bad):
         found = geodetic[..., 0][is_bad].ravel()[0] if geodetic.ndim > 1 else geodetic[0]
         raise InputError(
-            f"{name}: latitude {found} deg; it must lie between -90 and 90 deg{', poles left out' if is_open else ''}; "
+            f"{name}: latitude {found} deg; it must lie between -90 and 90 deg{', poles excluded' if is_open else ''}; "
             "give latitude, longitude, height in this order"
         )
     return geodetic

@@ -1,4 +1,4 @@
-"""Velocity, acceleration and angular rate of moving bodies, by central differences of their float64 poses.
+"""Compute velocity, acceleration and angular rate of moving bodies by central differences of their float64 poses.
 
 At frame k, with p the position, R the rotation, dt the time between frames and u_k = log(R_k^-1 R_(k+1)) / dt the mean
 body rate of the interval after k:
@@ -8,11 +8,11 @@ body rate of the interval after k:
     body rate     w_k = (u_(k-1) + u_k) / 2
 
 so that `p_(k+1) = p_k + v_k dt + a_k dt^2 / 2` and `v_(k+1) = v_k + (a_k + a_(k+1)) dt / 2` hold exactly (velocity
-Verlet). u_(k-1) and u_k are both given in the body frame of frame k, because a rotation leaves its own axis alone.
+Verlet). u_(k-1) and u_k are both given in the body frame of frame k, because a rotation does not change its own axis.
 
-The frames at both ends of a recording have one neighbour. The missing one is extrapolated: positions by the cubic
-through the nearest four (lower for shorter recordings), rotations by an angular rate that goes on changing at the same
-pace. The formulas above, and both identities, then hold there too. A recording of one frame is taken to be at rest.
+The frames at both ends of a recording have one neighbor. The missing one is extrapolated: positions by the cubic
+through the nearest four (lower for shorter recordings), rotations by a constant angular
+acceleration. The formulas above and both identities then hold there too. A body with one frame is at rest.
 
 Source: L. Verlet, Phys. Rev. 159 (1967); rotation vectors as in J. Solà (2017), section 4.
 """
@@ -35,7 +35,7 @@ class Motion:
     acceleration: np.ndarray
     """Acceleration in the world frame, without gravity [m/s^2]."""
     body_rate: np.ndarray
-    """Angular velocity in the body's own frame [rad/s]: what a gyroscope fixed to it reads."""
+    """Angular velocity in the body's own frame [rad/s]: the reading of a gyroscope fixed to it."""
     world_rate: np.ndarray
     """The same angular velocity in the world frame [rad/s]."""
 
@@ -48,34 +48,34 @@ def differentiate(poses: np.ndarray, dt: float = FRAME_DT) -> Motion:
         dt: Time between frames [s].
 
     Returns:
-        Derivatives, shape [F, ..., 3]. A body that comes or goes is differentiated over each of its stays alone.
+        Derivatives, shape [F, ..., 3]. Each interval of presence of a body is differentiated separately.
     """
     poses = np.asarray(poses, dtype=np.float64)
     is_present = np.isfinite(poses).all(axis=-1)
     if poses.size and is_present.all():
-        return _differentiate_stay(poses, dt)
+        return _differentiate_interval(poses, dt)
     bodies = poses.reshape(len(poses), math.prod(poses.shape[1:-1]), 7)
     out = np.full((4, len(poses), bodies.shape[1], 3), np.nan)
     for body, presence in enumerate(is_present.reshape(bodies.shape[:2]).T):
         edges = np.flatnonzero(np.diff(np.concatenate([[False], presence, [False]])))
         for start, stop in edges.reshape(-1, 2):
-            motion = _differentiate_stay(bodies[start:stop, body], dt)
+            motion = _differentiate_interval(bodies[start:stop, body], dt)
             out[:, start:stop, body] = motion.velocity, motion.acceleration, motion.body_rate, motion.world_rate
     return Motion(*out.reshape(4, *poses.shape[:-1], 3))
 
 
 REACH_FRAMES = 4
-"""Frames on either side that hold all that the derivatives of a frame depend on: an open end takes the nearest four."""
+"""Frames on either side on which the derivatives of a frame may depend: an open end uses the nearest four."""
 
 
 def window(rows: np.ndarray) -> slice:
-    """Return the part of a recording that gives some of its rows, in any order, the derivatives of the whole."""
+    """Return the part of a recording on which the derivatives of some of its rows depend."""
     first, last = (int(rows.min()), int(rows.max())) if len(rows) else (0, 0)
     return slice(max(first - REACH_FRAMES, 0), last + REACH_FRAMES + 1)
 
 
 def differentiate_rows(poses: np.ndarray, rows: np.ndarray, dt: float = FRAME_DT) -> Motion:
-    """Return the derivatives at some frames of a recording, to the bit those of `differentiate`, at the cost of a part.
+    """Return the derivatives at some frames of a recording, bit for bit those of `differentiate`.
 
     Args:
         poses: Body-to-world in consecutive frames, shape [F, ..., 7], float64; NaN where absent.
@@ -90,7 +90,7 @@ def differentiate_rows(poses: np.ndarray, rows: np.ndarray, dt: float = FRAME_DT
     return Motion(motion.velocity[at], motion.acceleration[at], motion.body_rate[at], motion.world_rate[at])
 
 
-def _differentiate_stay(poses: np.ndarray, dt: float) -> Motion:
+def _differentiate_interval(poses: np.ndarray, dt: float) -> Motion:
     q = normalize(poses[..., 3:])
     position = np.concatenate(
         [_one_before(poses[..., :3])[None], poses[..., :3], _one_before(poses[::-1, ..., :3])[None]]
@@ -110,10 +110,10 @@ def _differentiate_stay(poses: np.ndarray, dt: float) -> Motion:
 
 
 EXTRAPOLATION = {1: (1.0,), 2: (2.0, -1.0), 3: (3.0, -3.0, 1.0), 4: (4.0, -6.0, 4.0, -1.0)}
-"""Weights of the first n samples that continue their polynomial (degree n - 1) one step backwards."""
+"""Weights of the first n samples that extrapolate their polynomial (degree n - 1) one step backward."""
 
 
 def _one_before(series: np.ndarray) -> np.ndarray:
     count = min(len(series), 4)
-    # The weights add up to one; differences to the first sample keep a body at rest exactly at rest.
+    # The weights sum to one; with differences to the first sample, a body at rest is exactly at rest.
     return series[0] + np.tensordot(np.array(EXTRAPOLATION[count]), series[:count] - series[0], axes=1)

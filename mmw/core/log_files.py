@@ -1,7 +1,7 @@
-"""Log files of commands: what was run, what it said, and the trace of whatever failed.
+"""Write log files of commands: arguments, messages, and stack traces of errors.
 
-Every module logs below the logger `mmw`. A program that uses mmw as a library decides itself where that goes; a command
-writes it to a file. Records of worker processes travel to the command as messages
+Every module logs below the logger `mmw`. A program that uses mmw as a library configures it as usual; a command writes
+it to a file. Records of worker processes are sent to the command as messages
 (`mmw.generation.executors.worker_protocol`).
 """
 
@@ -21,27 +21,17 @@ ROOT = logging.getLogger("mmw")
 """Parent of every logger of the package."""
 
 LOG_DIR_VARIABLE = "MMW_LOG_DIR"
-"""Environment variable that names another folder for log files."""
+"""Environment variable with another folder for log files."""
 
 MAX_FILES = 20
-"""Log files that are kept; older ones are removed. Design value."""
+"""Maximum number of log files; the oldest are removed. Design value."""
 
 FORMAT = "%(asctime)s %(levelname)s %(processName)s %(name)s: %(message)s"
-
-
-def log_dir() -> Path:
-    """Return the folder of the log files; it need not exist."""
-    given = os.environ.get(LOG_DIR_VARIABLE)
-    return Path(given) if given else cache_dir() / "mmw" / "logs"
 
 
 @contextmanager
 def logging_to_file(command: str, *, debug: bool) -> Iterator[Path | None]:
     """Write the records of a command to a file of its own while the block runs.
-
-    Args:
-        command: Name of the command, such as `mmw export`.
-        debug: Keep records of level DEBUG too, and show all on standard error.
 
     Yields:
         The file; None if it cannot be written.
@@ -68,7 +58,7 @@ def logging_to_file(command: str, *, debug: bool) -> Iterator[Path | None]:
 def _new_file(command: str) -> Path | None:
     """Create an empty log file, and remove the oldest of more than `MAX_FILES`; return None if that fails."""
     name = "-".join(part for part in command.replace(".", " ").split() if part not in ("python", "-m"))
-    folder = log_dir()
+    folder = Path(os.environ.get(LOG_DIR_VARIABLE) or cache_dir() / "mmw" / "logs")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         path = folder / f"{time.strftime('%Y%m%d-%H%M%S')}-{name}-{os.getpid()}.log"
@@ -76,6 +66,6 @@ def _new_file(command: str) -> Path | None:
     except OSError:
         return None
     for old in sorted(folder.glob("*.log"))[:-MAX_FILES]:
-        with suppress(OSError):  # another command removes it too
+        with suppress(OSError):  # another command may remove it too
             old.unlink()
     return path

@@ -1,6 +1,6 @@
-"""Surfaces: the plane pieces of a triangle mesh, which are what mirrors a radio wave.
+"""Find the surfaces of a triangle mesh: its planar pieces, which reflect radio waves.
 
-A surface is a maximal set of faces that lie in one plane, hang together over edges, and have one object and material.
+A surface is a maximal set of coplanar faces, connected by edges, of one object and material.
 """
 
 from collections.abc import Sequence
@@ -9,20 +9,20 @@ from itertools import product
 import numpy as np
 
 WELD_M = 2.0e-4
-"""Vertices closer than half of this on every axis [m] are one vertex, also when the mesh stores them apart."""
+"""Weld tolerance [m]: vertices closer than half of this on every axis are one vertex."""
 
 PLANE_M = 1.0e-3
-"""Farthest that a vertex of a surface may lie from its plane [m]."""
+"""Maximum distance of a vertex of a surface from its plane [m]."""
 
 ANGLE_RAD = 1.0e-4
-"""Largest angle between neighbouring faces of a surface [rad]; float32 vertices of a 0.1 m face at 100 m give 1e-4."""
+"""Maximum angle between neighboring faces of a surface [rad]; float32 vertices of a 0.1 m face at 100 m give 1e-4."""
 
 
 def find_surfaces(points: np.ndarray, faces: np.ndarray, object_id: np.ndarray, material: np.ndarray) -> np.ndarray:
     """Return the surface of every face.
 
-    Both windings count as the same plane. A face without area is a surface of its own. Surfaces are numbered in the
-    order of their first faces.
+    Faces of opposite winding may be coplanar. A face without area is a surface of its own. Surfaces are numbered in
+    the order of their first faces.
 
     Args:
         points: Vertices [m], shape [N, 3].
@@ -40,7 +40,7 @@ def find_surfaces(points: np.ndarray, faces: np.ndarray, object_id: np.ndarray, 
     twice_area = np.linalg.norm(cross, axis=1)
     has_area = twice_area > 1e-12
     normal = np.where(has_area[:, None], cross / np.maximum(twice_area, 1e-300)[:, None], 0.0)
-    first, second = _neighbours(weld(points).take(faces), object_id, material)
+    first, second = _neighbors(weld(points).take(faces), object_id, material)
     keep = has_area[first] & has_area[second]
     keep &= np.linalg.norm(np.cross(normal[first], normal[second]), axis=1) < ANGLE_RAD
     first, second = first[keep], second[keep]
@@ -51,7 +51,7 @@ def find_surfaces(points: np.ndarray, faces: np.ndarray, object_id: np.ndarray, 
     while len(first):
         label = components(len(faces), first, second)
         surface = label[surface]
-        own = np.flatnonzero(np.bincount(label, minlength=len(faces))[label] > 2)  # two fit each other's planes already
+        own = np.flatnonzero(np.bincount(label, minlength=len(faces))[label] > 2)  # pairs were checked above
         if len(own) == 0:
             break
         fits, is_bent = np.ones(len(faces), dtype=bool), np.zeros(len(faces), dtype=bool)
@@ -68,20 +68,20 @@ def weld(points: np.ndarray) -> np.ndarray:
 
 
 def linked_rows(values: np.ndarray, kind: np.ndarray | None = None) -> np.ndarray:
-    """Return the lowest row that each row hangs together with, over rows that are close to each other, shape [N].
+    """Return the lowest row of the cluster of each row, where close rows are connected, shape [N].
 
-    Rows in one cell of a grid with unit steps are close. A grid for every choice of columns, moved by half a step along
-    them, makes sure that two rows that differ by less than 1/2 in every column share a cell of at least one.
+    Rows in one cell of a unit grid are close. Using a grid for every subset of columns, shifted by half a step along
+    them, two rows that differ by less than 1/2 in every column share a cell of at least one grid.
 
     Args:
         values: Numbers to compare, shape [N, K], float64.
-        kind: Whole number of each row; rows of different kinds are never close, shape [N].
+        kind: Integer label of each row; rows of different labels are never close, shape [N].
     """
     count, width = values.shape
-    halves = list(np.floor(2.0 * values.T + 0.38).astype(np.int64))  # half cells; two make a cell of a grid
+    halves = list(np.floor(2.0 * values.T + 0.38).astype(np.int64))  # half cells; two form a cell of a grid
     kind = np.zeros(count, dtype=np.int64) if kind is None else kind
     ends = [_same_cells(sum(_hashed([*halves, kind])))]
-    rows = np.setdiff1d(np.arange(count), ends[0][0], assume_unique=True)  # one of each half cell
+    rows = np.setdiff1d(np.arange(count), ends[0][0], assume_unique=True)  # one row of each half cell
     halves, kind = [half[rows] for half in halves], kind[rows]
     cells = [_hashed([*((half + by) >> 1 for half in halves), kind]) for by in (0, 1)]
     for moved in product((0, 1), repeat=width):
@@ -92,12 +92,12 @@ def linked_rows(values: np.ndarray, kind: np.ndarray | None = None) -> np.ndarra
 
 
 def _hashed(columns: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Return terms whose sum tells rows of whole numbers apart, by 64 bits."""
+    """Return terms whose sum is a 64-bit hash of rows of integers."""
     return [column.astype(np.uint64) * np.uint64(pow(_HASH, k, 1 << 64)) for k, column in enumerate(columns)]
 
 
 def _same_cells(cell: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return pairs of rows that link all rows of a cell, given the cell of each row, shape [pairs] each, int64."""
+    """Return pairs of rows that connect all rows of a cell, given the cell of each row, shape [pairs] each, int64."""
     order = np.argsort(cell)
     ordered = cell[order]
     is_same = ordered[1:] == ordered[:-1]
@@ -105,10 +105,10 @@ def _same_cells(cell: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 _HASH = 0x9E3779B97F4A7C15
-"""Odd multiplier near 2^64 divided by the golden ratio: spreads cells over 64 bits. Source: Knuth, TAOCP 3, 6.4."""
+"""Odd multiplier near 2^64 divided by the golden ratio: distributes cells over 64 bits. Source: Knuth, TAOCP 3, 6.4."""
 
 
-def _neighbours(faces: np.ndarray, object_id: np.ndarray, material: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _neighbors(faces: np.ndarray, object_id: np.ndarray, material: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the pairs of faces that share an edge, an object and a material; each array has shape [pairs]."""
     begin, end = faces.ravel(), faces[:, [1, 2, 0]].ravel()
     low, high = np.minimum(begin, end), np.maximum(begin, end)
@@ -120,7 +120,7 @@ def _neighbours(faces: np.ndarray, object_id: np.ndarray, material: np.ndarray) 
     first, second = [], []
     row = np.flatnonzero(same_as_next)
     step = 1
-    while len(row):  # rows whose edge continues for `step` more rows; two at most in a clean mesh
+    while len(row):  # rows whose edge has `step` more rows; at most two in a manifold mesh
         first.append(face[row])
         second.append(face[row + step])
         row = row[row + step < len(face) - 1]
@@ -149,7 +149,7 @@ def components(count: int, first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 
 def _plane_distance(corners: np.ndarray, origin: np.ndarray, normal: np.ndarray, face: np.ndarray) -> np.ndarray:
-    """Return how far the farthest corner of each face lies from a plane [m]; one plane a face."""
+    """Return the maximum distance of the corners of each face from its plane [m]."""
     return np.abs(np.einsum("pcx,px->pc", corners.take(face, axis=0) - origin[:, None], normal)).max(
         axis=1, initial=0.0
     )
@@ -158,19 +158,13 @@ def _plane_distance(corners: np.ndarray, origin: np.ndarray, normal: np.ndarray,
 def _plane_fit(
     label: np.ndarray, corners: np.ndarray, normal: np.ndarray, area: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Find the components in which many small bends have added up to a curve, and the flat piece of each to cut out.
+    """Find the components that are curved by many small bends, and the planar piece to split off each.
 
-    A component is flat if it fits its mean plane. A bent one is cut around a face in its middle: the faces that fit the
-    plane of that face stay together, the others will be looked at again.
-
-    Args:
-        label: Component of each face, shape [M].
-        corners: Vertices of each face [m], shape [M, 3, 3].
-        normal: Unit normal of each face, shape [M, 3].
-        area: Weight of each face, shape [M].
+    A component is planar if it fits its mean plane. A curved one is split at a face near its center: the faces that fit
+    the plane of that face stay together, the others are examined again.
 
     Returns:
-        Whether the face fits the plane of its component's middle face, and whether its component is bent; both [M].
+        Whether the face fits the plane of its component's central face, and whether its component is curved; both [M].
     """
     group = np.unique(label, return_inverse=True)[1]
     count, face = int(group.max()) + 1, np.arange(len(label))
@@ -180,7 +174,7 @@ def _plane_fit(
     centre = (corners[:, 0] + corners[:, 1] + corners[:, 2]) / 3.0
     mean = np.stack([np.bincount(group, area * centre[:, k], count) / total for k in range(3)], axis=1)
     away = np.linalg.norm(centre - mean[group], axis=1)
-    away[area < 0.5 * largest[group]] = np.inf  # a small face has a poor normal
+    away[area < 0.5 * largest[group]] = np.inf  # the normal of a small face is inaccurate
     order = np.lexsort((away, group))
     middle = order[np.searchsorted(group[order], np.arange(count))]
     turned = np.where(np.einsum("fx,fx->f", normal, normal[middle[group]])[:, None] < 0.0, -normal, normal)

@@ -1,4 +1,4 @@
-"""Keys of the counter-based random numbers: noise is a function of who, where and when, never of order or batch."""
+"""Derive keys of counter-based random numbers from names, so that noise never depends on order or batches."""
 
 import hashlib
 from collections.abc import Iterable
@@ -7,7 +7,7 @@ import numpy as np
 
 
 def random_key(*parts: str | int) -> tuple[int, int]:
-    """Return the 64-bit key of a stream as two 32-bit words, from what names it, such as (seed, scenario, agent).
+    """Return the 64-bit key of a stream as two 32-bit words, from its name, such as (seed, scenario, agent).
 
     Source: BLAKE2b, RFC 7693.
     """
@@ -16,5 +16,5 @@ def random_key(*parts: str | int) -> tuple[int, int]:
 
 
 def random_keys(parts: Iterable[tuple[str | int, ...]]) -> np.ndarray:
-    """Return the keys of several streams, shape [N, 2], uint32: what `mmw.kernels.core.noise` takes."""
+    """Return the keys of several streams for `mmw.kernels.core.noise`, shape [N, 2], uint32."""
     return np.array([random_key(*part) for part in parts], dtype=np.uint32).reshape(-1, 2)

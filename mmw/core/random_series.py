@@ -1,11 +1,11 @@
-"""Random series that any frame can be asked of: white noise, random walk, and first-order Gauss-Markov noise.
+"""Generate random series with random access by frame: white noise, random walk, first-order Gauss-Markov noise.
 
 White noise is a function of (key, frame). A random walk and a Gauss-Markov series are sums over all earlier frames, so
 their values are drawn from coarse to fine instead: both ends of a span of 2^31 frames first, then the middle of the
 span, then the middles of its halves, and so on down to the frame. The middle of a span given its ends is normal for
-both processes, with a mean and a spread in closed form, so the values have exactly the law of the sums. Every node of
-the tree owns a counter of the generator. A frame costs 31 nodes and n consecutive frames about 2 n, however late they
-are, and no value depends on which frames are asked for together.
+both processes, with mean and standard deviation in closed form, so the values have exactly the distribution of the
+sums. Every node of the tree has its own counter of the generator. A frame costs 31 nodes, n consecutive frames about
+2 n at any position, and no value depends on the other requested frames.
 
 Source: Brownian bridge, P. Levy, "Processus stochastiques et mouvement brownien" (1948); the middle of a first-order
 Gauss-Markov (Ornstein-Uhlenbeck) series follows from its correlation exp(-|t| / T) by conditioning a normal vector.
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 DEPTH = 31
-"""Levels of the tree: frames from 0 to 2^31 - 1, what the tables' `frame` column can hold (248 days)."""
+"""Levels of the tree: frames from 0 to 2^31 - 1, the range of the tables' `frame` column (248 days)."""
 
 ROUNDS = 10
 """Rounds of Philox4x32; the authors' recommended number."""
@@ -33,8 +33,8 @@ def philox(key: ArrayLike, counter: ArrayLike) -> np.ndarray:
     """Return four independent 32-bit words for every key and counter, shape [..., 4], uint32.
 
     Args:
-        key: Stream, two 32-bit words, shape [..., 2]; leading shapes broadcast.
-        counter: Place in the stream, four 32-bit words, shape [..., 4].
+        key: Key of the stream, two 32-bit words, shape [..., 2]; leading shapes broadcast.
+        counter: Position in the stream, four 32-bit words, shape [..., 4].
 
     Source: Philox4x32-10, J. Salmon et al., "Parallel random numbers: as easy as 1, 2, 3" (2011).
     """
@@ -49,12 +49,12 @@ def philox(key: ArrayLike, counter: ArrayLike) -> np.ndarray:
 
 
 def white_series(keys: ArrayLike, frames: ArrayLike, count: int) -> np.ndarray:
-    """Return independent standard normal numbers for every frame, shape [A, F, count].
+    """Return independent standard normal numbers for each frame, shape [A, F, count].
 
     Args:
         keys: Keys of the streams, shape [A, 2], uint32, from `mmw.core.random_keys`.
         frames: Frame numbers, 0 to 2^31 - 1, in any order, shape [F].
-        count: Numbers of a frame.
+        count: Number of values per frame.
 
     Raises:
         ValueError: If a frame is out of range.
@@ -83,7 +83,7 @@ def gauss_markov(keys: ArrayLike, frames: ArrayLike, count: int, correlation_fra
     # Given both ends, p the correlation over half a span: mean p (left + right) / (1 + p^2), variance
     # (1 - p^2) / (1 + p^2).
     weight, spread = decay / (1.0 + decay**2), np.sqrt(np.tanh(half))
-    # The whole span may be short of the correlation time too: its right end leans on its left one.
+    # The whole span may be shorter than the correlation time: its ends are correlated.
     whole = 2.0**DEPTH / correlation_frames
     last, carry = float(np.sqrt(-np.expm1(-2.0 * whole))), float(np.exp(-whole))
     return _bisect(keys, frames, count, weight, spread, 1.0, last, carry)
@@ -112,13 +112,13 @@ def _bisect(
         carry: See `last`.
     """
     wanted, back = np.unique(_checked(frames), return_inverse=True)
-    spans = [wanted]  # of every level, from the frames up to the one span that holds all
+    spans = [wanted]  # of every level, from the frames up to the single span that contains all
     for _ in range(DEPTH):
         parents = spans[-1] >> 1
         spans.append(parents[np.concatenate([np.ones(min(len(parents), 1), dtype=bool), np.diff(parents) > 0])])
     stop = np.cumsum([0, *(len(span) for span in spans[1:])])
     level = np.repeat(np.arange(1, DEPTH + 1), np.diff(stop))
-    draws = _normal(keys, np.concatenate(spans[1:]), level, count)  # one generator call for the whole tree
+    draws = _normal(keys, np.concatenate(spans[1:]), level, count)  # one call of the generator for the whole tree
     ends = _normal(keys, np.array([0, 1]), DEPTH + 1, count)
     left = first * ends[:, :1]
     right = carry * left + last * ends[:, 1:]
@@ -145,7 +145,7 @@ def _normal(keys: ArrayLike, item: np.ndarray, level: ArrayLike, count: int) -> 
     counter[..., 1] = draw
     counter[..., 2] = np.broadcast_to(level, len(item))[:, None]
     bits = philox(np.asarray(keys).reshape(-1, 1, 1, 2), counter)
-    uniform = (bits + 0.5) * 2.0**-32  # the middle of one of 2^32 cells: the logarithm never meets zero
+    uniform = (bits + 0.5) * 2.0**-32  # center of one of 2^32 cells: never zero, for the logarithm
     radius, angle = np.sqrt(-2.0 * np.log(uniform[..., ::2])), 2.0 * np.pi * uniform[..., 1::2]
     normal = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1)
     return normal.reshape(*normal.shape[:2], 4 * len(draw))[..., :count]

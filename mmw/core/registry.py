@@ -17,17 +17,17 @@ def load_reference(reference: str) -> Any:
 
 
 class Registry(Mapping[str, T], Generic[T]):
-    """Map names to plug-ins, which are imported when they are first asked for.
+    """Map names to plug-ins, which are imported when they are first requested.
 
     Iteration yields built-in names first, then those of entry points sorted by name, then those of `register`.
     """
 
     def __init__(self, group: str, what: str, kind: str, builtin: Mapping[str, str]) -> None:
-        """Make a registry.
+        """Store names and references, without importing a plug-in.
 
         Args:
             group: Entry point group of other packages, such as `mmw.sensors`.
-            what: What a plug-in is, for messages, such as `sensor`.
+            what: Kind of plug-in, for messages, such as `sensor`.
             kind: Its class as `module:class`; anything else is refused.
             builtin: Name -> `module:attribute` of the plug-ins of mmw.
         """
@@ -48,7 +48,7 @@ class Registry(Mapping[str, T], Generic[T]):
         return plugin
 
     def owner(self, name: str) -> str:
-        """Return who provides a plug-in: `mmw`, the distribution of an entry point, or `register()`."""
+        """Return the provider of a plug-in: `mmw`, the distribution of an entry point, or `register()`."""
         if name in self._builtin:
             return "mmw"
         if name in self._entry_points():
@@ -81,16 +81,12 @@ class Registry(Mapping[str, T], Generic[T]):
         entry = self._entry_points()[name]
         try:
             return entry.load()
-        except Exception as error:  # a bug of that package: its trace stays, and says whose it is
+        except Exception as error:  # a bug of that package: its trace stays, with a note of its owner
             error.add_note(f"{self._what} {name!r}: {entry.value} of {_owner(entry)} cannot be imported")
             raise
 
     def _entry_points(self) -> dict[str, EntryPoint]:
-        """Return the entry points of the group by name, read once.
-
-        Raises:
-            InputError: If two packages provide the same name.
-        """
+        """Return the entry points of the group by name, read once."""
         if self._found is None:
             found: dict[str, EntryPoint] = {}
             for entry in entry_points(group=self._group):

@@ -14,7 +14,7 @@ def configs_dir() -> Path:
 
 
 def shipped_configs() -> dict[str, Path]:
-    """Return the shipped configurations by name: those of every scenario, and the others before them."""
+    """Return the shipped configurations by name, those of single scenarios last."""
     folder = configs_dir()
     return {path.stem: path for path in (*sorted(folder.glob("*.yaml")), *sorted(folder.glob("scenarios/*.yaml")))}
 
@@ -25,9 +25,9 @@ def assets_dir() -> Path:
 
 
 def cache_dir() -> Path:
-    """Return the user's folder for what programs keep for themselves; it need not exist.
+    """Return the user's cache folder, which need not exist.
 
-    Source: XDG Base Directory Specification; Windows and macOS have their own places.
+    Source: XDG Base Directory Specification; Windows and macOS have their own folders.
     """
     if given := os.environ.get("XDG_CACHE_HOME"):
         return Path(given)

@@ -1,4 +1,4 @@
-"""Names of files that are not complete yet, and whose they are."""
+"""Name temporary files, and tell from a name which run is writing the file."""
 
 import os
 import re
@@ -16,21 +16,21 @@ _OWNED = re.compile(r"\..*\.(\d+)of(\d+)-([0-9a-f]{12})(?:-w(\d+))?(?:-[0-9a-f]{
 
 @dataclass(frozen=True)
 class Owner:
-    """Identify the maker of a file: a run of a part of a dataset, or one worker of it. No two runs are equal."""
+    """Identify the writer of a file: a run of a part of a dataset, or one of its workers. Each run is unique."""
 
     index: int = 0
-    """Part of the dataset that the run makes."""
+    """Part of the dataset that the run generates."""
     count: int = 1
-    """Parts in all."""
+    """Total number of parts."""
     run: str = field(default_factory=lambda: uuid4().hex[:12])
     worker: int | None = None
-    """Number of the worker in its run; None for the run itself, which all its workers belong to."""
+    """Number of the worker in its run; None for the run itself."""
 
     def __str__(self) -> str:
         return f"{self.index}of{self.count}-{self.run}" + ("" if self.worker is None else f"-w{self.worker}")
 
     def has(self, other: "Owner") -> bool:
-        """Return whether another one is this one, or a worker of this run."""
+        """Return whether another owner is this one, or a worker of this run."""
         return (self.run, self.index, self.count) == (other.run, other.index, other.count) and (
             self.worker in (None, other.worker)
         )
@@ -42,12 +42,7 @@ _changing = threading.Lock()
 
 @contextmanager
 def owned(folder: Path, owner: Owner) -> Iterator[None]:
-    """Let temporary files of this process in a folder, or below it, bear an owner's mark; the innermost block counts.
-
-    Args:
-        folder: Absolute, or relative to the working directory of now.
-        owner: Whose they are.
-    """
+    """Put an owner into the names of temporary files of this process below a folder; inner blocks override outer."""
     folder = folder.absolute()
     with _changing:
         _owners[folder] = [*_owners.get(folder, []), owner]
@@ -63,14 +58,10 @@ def owned(folder: Path, owner: Owner) -> Iterator[None]:
 
 
 def temporary_path(path: Path, suffix: str = "") -> Path:
-    """Return the name that a file has until it is complete; readers skip it (leading dot, no `.parquet` at the end).
+    """Return the name of a file until it is complete; readers skip it (leading dot, no `.parquet` at the end).
 
-    Every process has its own, on whatever machine: two that write the same file never mix their bytes. Within a block
-    of `owned` the name tells the owner too.
-
-    Args:
-        path: Final name.
-        suffix: What the name must end with, for a library that tells the format by it.
+    The name is unique to this process on any machine, so that two processes can write the same file. Within a block of
+    `owned` it includes the owner.
     """
     owners = next((_owners[folder] for folder in path.absolute().parents if folder in _owners), ())
     mark = "-".join([*(str(owner) for owner in owners[-1:]), _mark(os.getpid())])
@@ -83,7 +74,7 @@ def is_temporary(path: PurePath) -> bool:
 
 
 def owner_of(path: PurePath) -> Owner | None:
-    """Return whose a temporary file is; None if its name does not tell."""
+    """Return the owner of a temporary file; None if its name has none."""
     found = _OWNED.fullmatch(path.name)
     if found is None:
         return None

@@ -25,7 +25,7 @@ class StageTimer:
             self.rays[name] += rays
 
     def add(self, seconds: Mapping[str, float], rays: Mapping[str, int]) -> None:
-        """Add what another clock has summed up."""
+        """Add the sums of another timer."""
         for name, value in seconds.items():
             self.seconds[name] += value
         for name, count in rays.items():
@@ -33,5 +33,5 @@ class StageTimer:
 
     @property
     def elapsed(self) -> float:
-        """Seconds since the clock was made."""
+        """Time since the timer was created [s]."""
         return time.perf_counter() - self.start

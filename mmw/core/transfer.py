@@ -1,4 +1,4 @@
-"""Arrays from the device to the host, through page-locked memory that is used again."""
+"""Copy arrays from the device to the host through a pool of page-locked buffers."""
 
 import weakref
 from collections import deque
@@ -9,29 +9,24 @@ import numpy as np
 import warp as wp
 
 POOL_BYTES = 4 << 30
-"""Page-locked memory of a process at most [bytes]: arrays beyond that come through ordinary memory, about ten times as
-slowly. One batch of 64 frames of four LiDARs of 30,016 rays takes 0.17 GB in one weather."""
+"""Maximum page-locked memory of a process [bytes]: further arrays are copied through pageable memory, about ten times
+slower. One batch of 64 frames of four LiDARs of 30,016 rays takes 0.17 GB in one weather."""
 
 ROUND_BYTES = 1 << 20
-"""Buffers are whole numbers of this [bytes]."""
+"""Granularity of buffer sizes [bytes]."""
 
 _free: deque[wp.array] = deque()
-"""Buffers that nobody looks at. Finalizers append to it in any thread."""
+"""Free buffers. Finalizers append to it in any thread."""
 
 _allocated = 0
-"""Size of all buffers [bytes]; arrays are copied by one thread."""
+"""Total size of all buffers [bytes]; only one thread copies arrays."""
 
 
 class HostCopy:
-    """Device arrays on their way to the host. The device may be given other work before they are waited for, as long as
-    it leaves them as they are."""
+    """Asynchronous copy of device arrays to the host. They must not change before `wait`, whatever else is launched."""
 
     def __init__(self, arrays: Sequence[wp.array]) -> None:
-        """Queue the copies behind the work that was launched so far.
-
-        Args:
-            arrays: Contiguous arrays on one device.
-        """
+        """Queue the copies after all work launched so far."""
         self._arrays = arrays
         self._pinned: list[np.ndarray | None] = [None] * len(arrays)
         self._stream: wp.Stream | None = None
@@ -41,7 +36,7 @@ class HostCopy:
             self._pinned = [_pinned(array, self._stream) for array in arrays]
 
     def wait(self) -> list[np.ndarray]:
-        """Return the arrays once they are there; see `to_host`."""
+        """Wait, and return the arrays; see `to_host`."""
         if self._stream is not None:
             wp.synchronize_stream(self._stream)
         return [array.numpy() if view is None else view for array, view in zip(self._arrays, self._pinned, strict=True)]
@@ -49,24 +44,21 @@ class HostCopy:
 
 @cache
 def _copy_stream(device: str) -> wp.Stream:
-    """Return the stream of a device's copies, which others' work does not wait for."""
+    """Return a device's stream for copies, for which other work does not wait."""
     return wp.Stream(device)
 
 
 def to_host(arrays: Sequence[wp.array]) -> list[np.ndarray]:
-    """Return device arrays as NumPy arrays, after one wait for all of them.
+    """Return device arrays as NumPy arrays, after a single synchronization.
 
-    From a GPU they come through page-locked buffers, which the arrays are views of; a buffer is free again when the
-    last view of it is gone. Arrays of the CPU are shared, not copied.
-
-    Args:
-        arrays: Contiguous arrays on one device.
+    Arrays of a GPU become views of page-locked buffers; a buffer is free again when its last view is deleted. Arrays
+    of the CPU are shared, not copied.
     """
     return HostCopy(arrays).wait()
 
 
 def numpy_type(array: wp.array) -> tuple[np.dtype, tuple[int, ...]]:
-    """Return the NumPy type of an array's numbers, and the shape of an element: empty, or that of a vector."""
+    """Return the NumPy type of an array's scalars, and the shape of an element: empty, or that of a vector."""
     scalar = getattr(array.dtype, "_wp_scalar_type_", array.dtype)
     return np.dtype(wp.dtype_to_numpy(scalar)), getattr(array.dtype, "_shape_", ())
 
@@ -76,7 +68,7 @@ def _pinned(array: wp.array, stream: wp.Stream) -> np.ndarray | None:
     size = array.size * wp.types.type_size_in_bytes(array.dtype)
     if size == 0:
         return None
-    buffer = _take(size)
+    buffer = _allocate(size)
     if buffer is None:
         return None
     source = wp.array(ptr=array.ptr, shape=size, dtype=wp.uint8, device=array.device)
@@ -87,14 +79,14 @@ def _pinned(array: wp.array, stream: wp.Stream) -> np.ndarray | None:
     return whole[:size].view(kind).reshape(*array.shape, *element)
 
 
-def _take(size: int) -> wp.array | None:
-    """Return a free buffer that holds some bytes and not twice as many, or a new one; None if the pool is full."""
+def _allocate(size: int) -> wp.array | None:
+    """Return a free buffer of at least and less than about twice a size, or a new one; None if the pool is full."""
     global _allocated
     free = [_free.popleft() for _ in range(len(_free))]
     fitting = min((b for b in free if size <= b.size <= 2 * size + ROUND_BYTES), key=lambda b: b.size, default=None)
     needed = -(-size // ROUND_BYTES) * ROUND_BYTES
     if fitting is None:
-        while free and _allocated + needed > POOL_BYTES:  # make room: buffers of the wrong size go
+        while free and _allocated + needed > POOL_BYTES:  # release buffers of other sizes
             _allocated -= free.pop(0).size
     _free.extend(buffer for buffer in free if buffer is not fitting)
     if fitting is None and _allocated + needed <= POOL_BYTES:

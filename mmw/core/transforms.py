@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 IDENTITY_POSE = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
-"""The pose that changes nothing."""
+"""Identity transformation."""
 
 
 def normalize(q: ArrayLike) -> np.ndarray:
@@ -47,7 +47,7 @@ def multiply(a: ArrayLike, b: ArrayLike) -> np.ndarray:
 
 
 def rotate(q: ArrayLike, v: ArrayLike) -> np.ndarray:
-    """Return vectors turned by unit quaternions, shape [..., 3]."""
+    """Return vectors rotated by unit quaternions, shape [..., 3]."""
     q, v = np.asarray(q, dtype=np.float64), np.asarray(v, dtype=np.float64)
     twice = 2.0 * np.cross(q[..., :3], v)
     return v + q[..., 3:] * twice + np.cross(q[..., :3], twice)
@@ -96,7 +96,7 @@ def quaternion_to_ypr(q: ArrayLike) -> np.ndarray:
     """Return yaw (-pi, pi], pitch [-pi/2, pi/2] and roll (-pi, pi] of unit quaternions [rad], shape [..., 3]."""
     m = quaternion_to_matrix(q)
     yaw = np.arctan2(m[..., 1, 0], m[..., 0, 0])
-    # atan2 keeps full precision near +-90 deg, where an arcsine would lose half of the digits.
+    # arctan2 has full precision near +-90 deg, where an arcsine would lose half of the digits.
     pitch = np.arctan2(-m[..., 2, 0], np.hypot(m[..., 0, 0], m[..., 1, 0]))
     roll = np.arctan2(m[..., 2, 1], m[..., 2, 2])
     return np.stack([yaw, pitch, roll], axis=-1)
@@ -151,12 +151,12 @@ def pose_from_ypr(
 def pose_from_mount(
     position_m: ArrayLike, yaw_deg: float = 0.0, pitch_deg: float = 0.0, roll_deg: float = 0.0
 ) -> np.ndarray:
-    """Return the pose of a sensor on its agent as a configuration gives it: offset [m] and angles [deg], shape [7]."""
+    """Return the sensor-to-agent pose of a configured mount: offset [m] and angles [deg], shape [7]."""
     return pose_from_ypr(position_m, *np.radians([yaw_deg, pitch_deg, roll_deg]))
 
 
 def compose(parent: ArrayLike, child: ArrayLike) -> np.ndarray:
-    """Return poses of the child in the frame that the parent's pose is given in, shape [..., 7]."""
+    """Return poses of the child in the reference frame of the parent's pose, shape [..., 7]."""
     parent, child = np.asarray(parent, dtype=np.float64), np.asarray(child, dtype=np.float64)
     position = transform_points(parent, child[..., :3])
     return make_pose(position, multiply(parent[..., 3:], child[..., 3:]))
@@ -186,7 +186,7 @@ def pose_to_matrix(pose: ArrayLike) -> np.ndarray:
 
 
 def continuous(q: ArrayLike) -> np.ndarray:
-    """Return a series of quaternions, shape [F, ..., 4], with signs such that neighbours have a product above 0."""
+    """Return a series of quaternions, shape [F, ..., 4], with signs such that neighbors have a positive product."""
     q = np.asarray(q, dtype=np.float64)
     flip = np.sum(q[1:] * q[:-1], axis=-1) < 0.0
     sign = np.concatenate([np.ones((min(len(q), 1), *q.shape[1:-1])), np.where(flip, -1.0, 1.0)]).cumprod(axis=0)

@@ -8,8 +8,5 @@ mmw.open("out/quickstart").frame("town03_roundabout", "sunny", 0).agents["cav_1"
 from mmw.dataset.beams import BeamSearch
 from mmw.dataset.dataset import Dataset, connect, open_dataset
 from mmw.dataset.frame import Frame
-from mmw.dataset.sql import LIDAR_POINTS, POINT_VIEWS, RADAR_POINTS
 
-__all__ = [
-    "LIDAR_POINTS", "POINT_VIEWS", "RADAR_POINTS", "BeamSearch", "Dataset", "Frame", "connect", "open_dataset",
-]  # fmt: skip
+__all__ = ["BeamSearch", "Dataset", "Frame", "connect", "open_dataset"]

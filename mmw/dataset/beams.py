@@ -1,4 +1,4 @@
-"""The best pair of beams of many links by the utilities of `mmw.channel`, and what SQL calls of them."""
+"""Search the best pairs of beams of links, and give the search and frequency responses to SQL."""
 
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -14,7 +14,7 @@ from mmw.channel.response import frequency_response, subcarrier_frequencies
 from mmw.core.transforms import normalize, quaternion_to_matrix
 
 PORTION = 256
-"""Links that are searched at once: 16 x 64 antennas and 5 paths take 21 MB of array responses. Design value."""
+"""Links searched at once: array responses of 16 x 64 antennas and 5 paths are 21 MB. Design value."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class BeamSearch:
     tx_beams: int | tuple[int, int] = 64
     """Beams of the transmitter's DFT codebook, see `dft_codebook`."""
     rx_beams: int | tuple[int, int] = 64
-    """Beams of the receiver's."""
+    """Beams of the receiver's DFT codebook."""
     subcarriers: int = 1024
     """Subcarriers that H is averaged over."""
     spacing_hz: float = 120e3
@@ -55,9 +55,9 @@ class BeamSearch:
         frequencies = subcarrier_frequencies(self.subcarriers, self.spacing_hz)
         found = []
         for first in range(0, paths.link_count, PORTION):
-            which = np.arange(first, min(first + PORTION, paths.link_count))
-            part, carrier = paths.take(which), paths.carrier_hz
-            a = apply_arrays(part, self.tx_array, self.rx_array, carrier, tx_rotation[which], rx_rotation[which])
+            links = np.arange(first, min(first + PORTION, paths.link_count))
+            part, carrier = paths.take(links), paths.carrier_hz
+            a = apply_arrays(part, self.tx_array, self.rx_array, carrier, tx_rotation[links], rx_rotation[links])
             h = frequency_response(a, part, frequencies, carrier, average=True, normalize_delays=True)
             found.append(best_beams(beam_gains(h, tx_book, rx_book)))
         names = ("rx_beam", "tx_beam", "gain")
@@ -73,7 +73,7 @@ class BeamSearch:
         rx_rotation: pa.ChunkedArray,
         carrier_hz: pa.ChunkedArray,
     ) -> pa.StructArray:
-        """Return rx_beam, tx_beam (-1 without path) and gain of each row, as DuckDB calls it.
+        """Return rx_beam, tx_beam (-1 without path) and gain of each row, for DuckDB.
 
         Args:
             tau_s: Delays of the row's paths [s].
@@ -150,7 +150,7 @@ def csi_sql(
     carrier_hz: pa.ChunkedArray,
     frequencies_hz: pa.ChunkedArray,
 ) -> pa.StructArray:
-    """Return H(f_k) between the configured single antennas of each row as lists `re` and `im`, as DuckDB calls it.
+    """Return H(f_k) between the configured single antennas of each row as lists `re` and `im`, for DuckDB.
 
     Args:
         tau_s: Delays of the row's paths [s].

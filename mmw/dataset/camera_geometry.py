@@ -1,4 +1,4 @@
-"""From the world to an agent, to a sensor, to a pixel and back, from the poses and intrinsics that a dataset stores."""
+"""Transform points between world, agent, sensor and pixels by the poses and intrinsics of a dataset."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,6 +17,9 @@ POSE_COLUMNS = ("x", "y", "z", "qx", "qy", "qz", "qw")
 
 CORNERS = np.array([[sx, sy, sz] for sx in (-0.5, 0.5) for sy in (-0.5, 0.5) for sz in (-0.5, 0.5)])
 """Corners of a box over its size, shape [8, 3]: z changes first, then y, then x."""
+
+EDGES = np.array([(a, b) for a in range(8) for b in range(a + 1, 8) if bin(a ^ b).count("1") == 1])
+"""Edges of a box as pairs of `CORNERS`, shape [12, 2]."""
 
 
 def pose_from_row(row: Mapping[str, Any]) -> np.ndarray:
@@ -70,9 +73,9 @@ class Camera:
     """Sensor to world, shape [7]; x along the optical axis, y left, z up."""
 
     def pixels(self, points: ArrayLike) -> np.ndarray:
-        """Return where points of the world lie in the image, column and row [px], shape [..., 2].
+        """Return the places of world points in the image, column and row [px], shape [..., 2].
 
-        Pixel (u, v) is the one with these whole parts; places beside the image lie outside it, points behind a camera
+        Pixel (u, v) is the one with these whole parts; points beside the image lie outside it, those behind a camera
         that is no fisheye are NaN.
 
         Args:
@@ -94,7 +97,7 @@ class Camera:
         """Return the unit directions through places of the image in the world, shape [..., 3].
 
         Args:
-            pixels: Column and row [px]; (u + 0.5, v + 0.5) is the centre of pixel (u, v), shape [..., 2].
+            pixels: Column and row [px]; (u + 0.5, v + 0.5) is the center of pixel (u, v), shape [..., 2].
 
         Raises:
             InputError: If the lens gives one of them no direction of its own.
@@ -109,7 +112,7 @@ class Camera:
             depth: Depth along the optical axis [m], inf for nothing, shape [H, W].
 
         Raises:
-            InputError: If the image has another size than the camera.
+            InputError: If the image differs in size from the camera's.
         """
         size = (self.intrinsics.height, self.intrinsics.width)
         if depth.shape != size:

@@ -1,4 +1,4 @@
-"""The tables of a dataset as Arrow, pandas and NumPy, read with the folders and row groups that a filter leaves."""
+"""Read the tables of a dataset as Arrow, pandas and NumPy; a filter skips folders and row groups."""
 
 import re
 from collections.abc import Sequence
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Dataset:
-    """A dataset folder. Which files there are is looked up once; open it again after a run has added some."""
+    """A dataset folder. Its files are listed once; open it again after a run has added some."""
 
     root: Path
     """The folder; in `filesystem` where that is given."""
@@ -122,11 +122,11 @@ class Dataset:
             raise self.damage(table, error) from error
         for field_ in table_spec(table).columns:
             if not field_.nullable and field_.name in found.column_names and found[field_.name].null_count:
-                raise self.damage(table, InputError(f"{field_.name} is null in some rows"))  # a file does not have it
+                raise self.damage(table, InputError(f"{field_.name} is null in some rows"))  # a file has no such column
         return found
 
     def _files(self, name: str, scenario: str | None, weather: str | None, frames: range | None) -> pds.Dataset:
-        """Return a table without the files that, by folder and number, cannot hold what is asked for.
+        """Return a table without the files whose folder and number exclude them.
 
         Readers would open the footer of every file of the weather to find one frame; the number of a file is its first
         frame, and the next file's number is one past its last, or less.
@@ -173,7 +173,7 @@ class Dataset:
         return {name: _to_numpy(column) for name, column in _named(self.read(table, **where))}
 
     def frame(self, scenario: str, weather: str, frame: int) -> "Frame":
-        """Return one frame: all agents with poses, sweeps, images, boxes, links and paths, read as they are used.
+        """Return one frame: all agents with poses, sweeps, images, boxes, links and paths, read at their first use.
 
         Raises:
             InputError: If the dataset has no such frame.
@@ -228,7 +228,7 @@ class Dataset:
         return damage_of(self.root, table, self.filesystem, error)
 
     def _check_columns(self, table: str, names: Sequence[str]) -> None:
-        """Check that the files of a table, by the first, have columns; reading all of them to find out takes long.
+        """Check that the files of a table, by the first, have columns; reading all of them is slow.
 
         Raises:
             InputError: If one is missing.

@@ -1,4 +1,4 @@
-"""The files of a table: their names, and one line about the first that cannot be read."""
+"""List the files of a table, check their names, and name the first that cannot be read."""
 
 import os
 import re
@@ -15,7 +15,7 @@ from mmw.storage.schemas import table_spec
 
 
 def list_files(root: PurePath, table: str, filesystem: pafs.FileSystem | None) -> list[str]:
-    """Return the paths of a table's files, sorted; what begins with . or _ is nobody's, as for other readers.
+    """Return the paths of a table's files, sorted; names with a leading . or _ are skipped, as by other readers.
 
     Links to folders count as files, so that they are found to be foreign: a reader that follows one that leads back
     would have every row many times.
@@ -57,7 +57,7 @@ def _walk(folder: Path) -> Iterator[str]:
 
 
 def check_names(root: PurePath, table: str, paths: list[str]) -> None:
-    """Check that a table's folder holds nothing but its files.
+    """Check that a table's folder holds its files alone.
 
     Raises:
         InputError: If a file has another name, or is a link that leads nowhere: readers would leave it out.
@@ -71,14 +71,7 @@ def check_names(root: PurePath, table: str, paths: list[str]) -> None:
 
 
 def damage_of(root: PurePath, table: str, filesystem: pafs.FileSystem | None, error: Exception) -> InputError:
-    """Return an error that names the first file of a table that cannot be read; footers are looked at before rows.
-
-    Args:
-        root: Dataset folder.
-        table: Table name.
-        filesystem: Where the folder is; None for the local disk.
-        error: What the reader said, for a table whose files can all be read.
-    """
+    """Return an error that names the first file of a table that cannot be read, by footers, then rows."""
     place = filesystem or pafs.LocalFileSystem()
     key = table_spec(table).key
     try:

@@ -10,7 +10,7 @@ from mmw.core.errors import InputError
 
 
 def find_storage(root: str | Path, filesystem: Any = None) -> tuple[Path | PurePosixPath, pafs.FileSystem | None]:
-    """Return the folder of a dataset, and the filesystem that it is in; None for the local one.
+    """Return the folder of a dataset and its filesystem, None for the local one.
 
     Args:
         root: Folder, or a URI such as `s3://bucket/folder` or `file:///folder`. pyarrow opens s3, gs, hdfs and file;

@@ -1,4 +1,4 @@
-"""One frame of a dataset: its agents with all they sense, boxes and radio links; read and decoded as it is used."""
+"""Read one frame of a dataset: agents with their samples, boxes and radio links, decoded at their first use."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyarrow as pa
 
-from mmw.config.sensor_spec import SENSORS
+from mmw.config.sensor_spec import SENSORS, SensorSpec
 from mmw.core.constants import FRAME_DT
 from mmw.core.errors import InputError
 from mmw.core.registry import load_reference
@@ -42,7 +42,7 @@ class PointCloud:
     """Sensor frame [m], shape [N, 3], float32."""
     columns: dict[str, np.ndarray]
     """Columns of each point, shape [N] each: of a LiDAR intensity, ring, object_id, label, time_offset,
-    return_number and, if asked for, flow_x ...; of a radar range, azimuth, elevation, velocity, power_db, ..."""
+    return_number and, if configured, flow_x ...; of a radar range, azimuth, elevation, velocity, power_db, ..."""
 
     def __len__(self) -> int:
         return len(self.points)
@@ -58,7 +58,7 @@ class PointCloud:
 
 @dataclass(frozen=True)
 class View:
-    """A camera of one agent at one instant; images are decoded when they are asked for, None where there is none."""
+    """A camera of one agent at one instant; images are decoded at each use, None where there is none."""
 
     frame: "Frame"
     agent: str
@@ -72,7 +72,7 @@ class View:
 
     @property
     def rgb(self) -> np.ndarray | None:
-        """sRGB colours, shape [H, W, 3], uint8."""
+        """sRGB colors, shape [H, W, 3], uint8."""
         return self._image("rgb", "image", decode_rgb)
 
     @property
@@ -81,8 +81,8 @@ class View:
         row = self.frame.row_of("depth", self.agent, self.sensor)
         if row is not None and row["depth_m"] is not None:
             size = (self.camera.intrinsics.height, self.camera.intrinsics.width)
-            metres = np.asarray(row["depth_m"], dtype=np.float32).reshape(size)
-            return np.where(metres > 0.0, metres, np.float32(np.inf))
+            depth_m = np.asarray(row["depth_m"], dtype=np.float32).reshape(size)
+            return np.where(depth_m > 0.0, depth_m, np.float32(np.inf))
         return self._image("depth", "image", decode_depth)
 
     @property
@@ -179,31 +179,38 @@ class Agent:
     def sensor(self, name: str) -> Any:
         """Return the sample of one of its sensors in this frame; None if there is none.
 
-        A LiDAR or radar gives its points, a camera its images, any other sensor the columns of its row as attributes.
+        A sensor of points gives a `PointCloud`, a camera a `View`, any other sensor the columns of its row as
+        attributes.
 
         Raises:
-            InputError: If it has no such sensor, or no package that is installed knows its type.
+            InputError: If it has no such sensor, or no installed package provides its type.
         """
-        kind = self._mount(name)["type"]
-        if kind not in SENSORS:
-            raise InputError(
-                f"sensor {name!r}: its type {kind!r} is not known here; install the package that made this dataset"
-            )
-        spec = SENSORS[kind]
+        spec = sensor_spec(self._mount(name))
         if spec.decode:
             return load_reference(spec.decode)(self, name)
-        found = [row for row in self._rows(spec.tables[0].name) if row["sensor"] == name]
-        return SimpleNamespace(**found[0]) if found else None
+        row = self.frame.row_of(spec.tables[0].name, self.name, name)
+        if row is None:
+            return None
+        columns = {column: value for column, value in row.items() if isinstance(value, np.ndarray)}
+        points = _points(columns) if spec.kind == "points" else None
+        if points is None:
+            return SimpleNamespace(**row)
+        return PointCloud(self.name, name, self.sensor_pose(name), points, columns)
+
+    def samples(self, type_: str) -> dict[str, Any]:
+        """Return the samples of its sensors of a type in this frame by name, as `sensor` does; those that there are."""
+        found = {name: self.sensor(name) for name, row in self.sensors.items() if row["type"] == type_}
+        return {name: sample for name, sample in found.items() if sample is not None}
 
     @cached_property
     def sweeps(self) -> dict[str, PointCloud]:
         """LiDAR -> its sweep."""
-        return {row["sensor"]: self._cloud(row, _xyz) for row in self._rows("lidar")}
+        return self.samples("lidar")
 
     @cached_property
     def radars(self) -> dict[str, PointCloud]:
         """Radar -> its points."""
-        return {row["sensor"]: self._cloud(row, _from_polar) for row in self._rows("radar")}
+        return self.samples("radar")
 
     @cached_property
     def views(self) -> dict[str, View]:
@@ -216,16 +223,6 @@ class Agent:
         return found
 
     @cached_property
-    def imu(self) -> dict[str, Row]:
-        """IMU -> its row."""
-        return {row["sensor"]: row for row in self._rows("imu")}
-
-    @cached_property
-    def gnss(self) -> dict[str, Row]:
-        """GNSS receiver -> its row."""
-        return {row["sensor"]: row for row in self._rows("gnss")}
-
-    @cached_property
     def links(self) -> tuple[Link, ...]:
         """The links in which it is the receiver."""
         return tuple(link for link in self.frame.links if link.agent == self.name)
@@ -235,17 +232,10 @@ class Agent:
             raise InputError(f"sensor {sensor!r}: {self.name} has {', '.join(self.sensors) or 'none'}; name one")
         return self.sensors[sensor]
 
-    def _rows(self, table: str) -> list[Row]:
-        return [row for row in self.frame.rows(table) if row["agent"] == self.name]
-
-    def _cloud(self, row: Row, points: Callable[[dict[str, np.ndarray]], np.ndarray]) -> PointCloud:
-        columns = {name: value for name, value in row.items() if isinstance(value, np.ndarray)}
-        return PointCloud(self.name, row["sensor"], self.sensor_pose(row["sensor"]), points(columns), columns)
-
 
 @dataclass(frozen=True)
 class Frame:
-    """One frame of one scenario in one weather. Tables are read at their first use and kept with the frame."""
+    """One frame of one scenario in one weather. Tables are read at their first use and stay with the frame."""
 
     data: "Dataset"
     scenario: str
@@ -372,14 +362,18 @@ def _values(column: pa.ChunkedArray) -> list[Any]:
     return column.to_pylist()
 
 
-def lidar_points(agent: Agent, sensor: str) -> PointCloud | None:
-    """Return the sweep of a LiDAR; None if there is none."""
-    return agent.sweeps.get(sensor)
+def sensor_spec(row: Row) -> SensorSpec:
+    """Return the kind of sensor of a row of table `sensors`.
 
-
-def radar_points(agent: Agent, sensor: str) -> PointCloud | None:
-    """Return the points of a radar; None if there are none."""
-    return agent.radars.get(sensor)
+    Raises:
+        InputError: If no installed package provides its type.
+    """
+    if row["type"] not in SENSORS:
+        raise InputError(
+            f"sensor {row['sensor']!r}: its type {row['type']!r} is not known here; install the package that made this "
+            "dataset"
+        )
+    return SENSORS[row["type"]]
 
 
 def camera_view(agent: Agent, sensor: str) -> View:
@@ -387,12 +381,12 @@ def camera_view(agent: Agent, sensor: str) -> View:
     return agent.views[sensor]
 
 
-def _xyz(columns: dict[str, np.ndarray]) -> np.ndarray:
-    return np.stack([columns.pop(axis) for axis in "xyz"], axis=1)
-
-
-def _from_polar(columns: dict[str, np.ndarray]) -> np.ndarray:
-    """Return points of range, azimuth (to the left) and elevation."""
+def _points(columns: dict[str, np.ndarray]) -> np.ndarray | None:
+    """Return points of x, y and z, which leave the columns, or of range, azimuth (to the left) and elevation."""
+    if columns.keys() >= set("xyz"):
+        return np.stack([columns.pop(axis) for axis in "xyz"], axis=1)
+    if not columns.keys() >= {"range", "azimuth", "elevation"}:
+        return None
     distance, azimuth, elevation = (columns[name] for name in ("range", "azimuth", "elevation"))
     across = distance * np.cos(elevation)
     return np.stack([across * np.cos(azimuth), across * np.sin(azimuth), distance * np.sin(elevation)], axis=1)

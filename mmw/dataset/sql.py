@@ -1,4 +1,4 @@
-"""DuckDB on a dataset: a view a table, views that join and unfold them, and functions of the channel utilities."""
+"""Open a dataset in DuckDB: a view per table, views that join and unnest them, and channel functions."""
 
 import atexit
 import glob
@@ -6,9 +6,12 @@ import math
 import re
 import weakref
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
+import pyarrow as pa
+
+from mmw.config.sensor_spec import SENSORS
 from mmw.core.errors import InputError
 from mmw.core.extras import needed_by
 from mmw.dataset.beams import BeamSearch, csi_sql
@@ -19,43 +22,22 @@ if TYPE_CHECKING:
 
     from mmw.dataset.dataset import Dataset
 
-LIDAR_POINTS = """
-CREATE OR REPLACE VIEW lidar_points AS
-SELECT scenario, weather, frame, agent, sensor, unnest(x) AS x, unnest(y) AS y, unnest(z) AS z,
-       unnest(intensity) AS intensity, unnest(ring) AS ring, unnest(object_id) AS object_id, unnest(label) AS label,
-       unnest(time_offset) AS time_offset, unnest(return_number) AS return_number
-FROM lidar
-"""
-"""A view with one row a LiDAR return, sensor frame."""
-
-RADAR_POINTS = """
-CREATE OR REPLACE VIEW radar_points AS
-SELECT scenario, weather, frame, agent, sensor, unnest(range) AS range, unnest(azimuth) AS azimuth,
-       unnest(elevation) AS elevation, unnest(velocity) AS velocity, unnest(power_db) AS power_db,
-       unnest(snr_db) AS snr_db, unnest(rcs_dbsm) AS rcs_dbsm, unnest(object_id) AS object_id, unnest(label) AS label
-FROM radar
-"""
-"""A view with one row a radar point, sensor frame; power, SNR and RCS are null where the sensor is CARLA's."""
-
-POINT_VIEWS = {"lidar": LIDAR_POINTS, "radar": RADAR_POINTS}
-"""Table -> the view that takes its lists apart."""
-
 LINK_PATHS = """
 CREATE OR REPLACE VIEW link_paths AS
 SELECT p.*, l.link, l.path_count, l.is_los, l.gain_db AS link_gain_db
 FROM paths p JOIN links l USING (scenario, weather, frame, agent, peer, carrier_hz)
 """
-"""A view with one row a path, and what the table `links` says of its link."""
+"""A view with one row per path, with the columns of its link."""
 
 
 def turned(axis: str, v: str, q: str, *, back: bool = False) -> str:
-    """Return SQL for one axis of a vector turned by a quaternion, or with `back` by its inverse.
+    """Return SQL for one axis of a vector rotated by a quaternion, or with `back` by its inverse.
 
     Args:
         axis: x, y or z.
         v: SQL of the vector's components, with `{}` for the axis.
         q: SQL of the quaternion's components, with `{}` for x, y, z or w.
-        back: True turns by the inverse.
+        back: True rotates by the inverse.
 
     Source: matrix of a unit quaternion, as `mmw.core.transforms.quaternion_to_matrix`.
     """
@@ -89,7 +71,7 @@ FROM poses p JOIN boxes b USING (scenario, weather, frame)
 
 
 AGENT_BOXES = _agent_boxes()
-"""A view with one row an agent and box: centre, yaw and velocity over ground in the agent's frame, its own too."""
+"""A view with one row per agent and box: center, yaw and velocity over ground in the agent's frame, its own too."""
 
 
 def _sensor_poses() -> str:
@@ -129,7 +111,7 @@ JOIN (SELECT scenario, weather, frame, agent, [qx, qy, qz, qw] AS rx_rotation FR
     USING (scenario, weather, frame, agent)
 LEFT JOIN listed USING (scenario, weather, frame, agent, peer, carrier_hz)
 """
-"""A view with one row a link and carrier: its paths as lists, and how both ends are turned; empty lists: no path."""
+"""A view with one row per link and carrier: its paths as lists, empty without any, and the rotations of both ends."""
 
 BEAMS = """
 CREATE OR REPLACE VIEW beams AS
@@ -141,37 +123,57 @@ SELECT * EXCLUDE (pair), pair.rx_beam AS rx_beam, pair.tx_beam AS tx_beam, pair.
 """
 """A view with the best pair of beams of every link and carrier; -1, -1 and gain 0 without any path."""
 
-VIEWS: Mapping[str, tuple[tuple[str, ...], str]] = {
-    "lidar_points": (("lidar",), LIDAR_POINTS),
-    "radar_points": (("radar",), RADAR_POINTS),
+VIEWS: dict[str, tuple[tuple[str, ...], str]] = {
     "link_paths": (("links", "paths"), LINK_PATHS),
     "agent_boxes": (("poses", "boxes"), AGENT_BOXES),
     "sensor_poses": (("poses", "sensors"), SENSOR_POSES),
     "beam_inputs": (("links", "paths", "poses"), BEAM_INPUTS),
     "beams": (("links", "paths", "poses"), BEAMS),
 }
-"""View -> tables that it needs, and its statement."""
+"""View -> tables that it needs and its statement."""
+
+
+def point_views() -> dict[str, tuple[tuple[str, ...], str]]:
+    """Return, as `VIEWS` does, a view `TABLE_points` for each sensor of points: one row a point, sensor frame.
+
+    A list that is null, such as the power of CARLA's radar, is null at each of its points.
+    """
+    found = {}
+    for spec in SENSORS.values():
+        table = spec.tables[0]
+        lists = [column.name for column in table.columns if pa.types.is_list(column.type)]
+        if spec.kind == "points" and lists:
+            columns = ", ".join(f"unnest({name}) AS {name}" for name in lists)
+            found[f"{table.name}_points"] = (
+                (table.name,),
+                f"CREATE OR REPLACE VIEW {table.name}_points AS "
+                f"SELECT scenario, weather, frame, agent, sensor, {columns} FROM {table.name}",
+            )
+    return found
+
 
 _FILE = re.compile(r"/scenario=([^/]+)/weather=[^/]+/part-(\d+)\.parquet$")
 """Scenario and first frame in a file's path."""
 
 _OPEN: "weakref.WeakSet[Any]" = weakref.WeakSet()
-"""Connections that are open."""
+"""Open connections."""
 
 
 @atexit.register
 def _close_all() -> None:
-    """Close connections before the interpreter ends: one that holds Python functions is reported as leaked else."""
+    """Close connections before the interpreter ends: otherwise one with Python functions is reported as leaked."""
     for connection in list(_OPEN):
         connection.close()
 
 
 def make_connection(dataset: "Dataset", search: BeamSearch | None = None) -> "duckdb.DuckDBPyConnection":
-    """Return a connection with one view a table, `VIEWS`, and the functions `best_beam`, `csi` and `TABLE_at`.
+    """Return a connection with the views `VIEWS` and `point_views()`, one a table, and SQL functions.
+
+    The functions are `best_beam`, `csi` and `TABLE_at`.
 
     Args:
         dataset: The dataset; one that is not local is read through Arrow.
-        search: What `best_beam` is made with; None for the paper's.
+        search: Arrays, codebooks and band of `best_beam`; None for the paper's.
 
     Raises:
         InputError: If the dataset holds no table, or a file is damaged.
@@ -202,7 +204,7 @@ def make_connection(dataset: "Dataset", search: BeamSearch | None = None) -> "du
         if table_spec(name).framed:
             connection.execute(frame_macro(name, str(dataset.root), names))
     _add_functions(connection, search or BeamSearch())
-    for needed, statement in VIEWS.values():
+    for needed, statement in (point_views() | VIEWS).values():
         if set(needed) <= set(dataset.tables):
             connection.execute(statement)
     _OPEN.add(connection)
@@ -210,7 +212,7 @@ def make_connection(dataset: "Dataset", search: BeamSearch | None = None) -> "du
 
 
 def frame_macro(table: str, root: str, files: Sequence[str]) -> str:
-    """Return SQL that makes `TABLE_at(scenario, weather, frame)`: the rows of one frame, from the one file that has it.
+    """Return SQL that makes `TABLE_at(scenario, weather, frame)`: the rows of one frame, read from one file.
 
     A query of the view looks into the footer of every file of the weather instead.
 

@@ -1,20 +1,21 @@
 """Check the inputs of a configuration, and estimate its frames, rays and bytes before tracing."""
 
 import functools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 from pxr import Usd
 
 from mmw.config import ChannelConfig, Config, ConfigError, ScenarioConfig
 from mmw.config.sensor_spec import spec_of
+from mmw.config.traffic_engine import check_package
 from mmw.core.errors import InputError
 from mmw.generation.progress import si
 from mmw.physics.materials.permittivity import RADIO_ROWS
 from mmw.physics.weather.weather import choose_variant
 from mmw.scene.sources import scenario_source, trajectory_file, weather_variants
 from mmw.storage.schemas import TABLES
-from mmw.traffic.sumo.engine import check_sumo
 from mmw.usd.actors import find_actors
 from mmw.usd.material_map import unknown_names
 
@@ -28,7 +29,7 @@ BENT_PATHS_PER_LINK = 118.0
 """Diffracted paths of a link at first order, measured on town03; every order more makes 3.3 times as many."""
 
 PATCHES_PER_RAY = 0.4
-"""Diffuse paths of a link for each of `channel.diffuse_rays` and order; rough ground below a mast gives 0.38."""
+"""Diffuse paths of a link for each of `channel.diffuse_samples` and order; rough ground below a mast gives 0.38."""
 
 ROW_BYTES = {"poses": 80.0, "boxes": 60.0, "links": 25.0}
 """Bytes of one row of the small tables, measured on town03."""
@@ -43,23 +44,21 @@ def check_inputs(config: Config, base: Path) -> None:
     Raises:
         ConfigError: With one line for each problem.
     """
-    problems = []
+    problems: list[str] = []
+
+    def attempt(check: Callable[..., Any], *arguments: Any, where: str = "") -> None:
+        try:
+            check(*arguments)
+        except InputError as error:
+            problems.append(f"{where}{error}")
+
     variants_of = functools.cache(weather_variants)  # scenarios share towns
     for scenario in config.scenarios:
         where = f"scenario {scenario.name!r}"
-        try:
-            _check_source(scenario, scenario_source(scenario, base), config.variants, variants_of)
-        except InputError as error:
-            problems.append(str(error))
-        try:
-            trajectory_file(scenario, base)
-        except InputError as error:
-            problems.append(str(error))
-        if scenario.traffic is not None and scenario.traffic.engine == "sumo":
-            try:
-                check_sumo()
-            except InputError as error:
-                problems.append(f"{where}: traffic.{error}")
+        attempt(_check_source, scenario, base, config, variants_of)
+        attempt(trajectory_file, scenario, base)
+        if scenario.traffic is not None:
+            attempt(check_package, scenario.traffic.engine, where=f"{where}: traffic.")
         for pattern, entry in scenario.material_map.items():
             problems += unknown_names(f"{where}: material_map[{pattern!r}]", entry, RADIO_ROWS)
         if config.channel.enabled and "v2i" in config.channel.links and scenario.town and not scenario.rsus:
@@ -72,22 +71,16 @@ def check_inputs(config: Config, base: Path) -> None:
 
 
 def _check_source(
-    scenario: ScenarioConfig,
-    source: Path,
-    variants: Mapping[str, Sequence[str]],
-    variants_of: Callable[[Path], list[str]],
+    scenario: ScenarioConfig, base: Path, config: Config, variants_of: Callable[[Path], list[str]]
 ) -> None:
-    """Open a stage or town without its payloads, and look for a variant of a town for each weather.
-
-    Raises:
-        InputError: If USD cannot read the file, or the town has no variant for a weather.
-    """
+    """Open a stage or town without its payloads, and look for a variant of a town for each weather."""
+    source = scenario_source(scenario, base)
     key, value = ("stage", scenario.stage) if scenario.stage is not None else ("town", scenario.town)
     try:
         known = variants_of(source)
     except InputError as error:
         raise InputError(f"scenario {scenario.name!r}: {key} = {value!r}: {error}") from None
-    for weather, names in variants.items() if scenario.town is not None and known else ():
+    for weather, names in config.variants.items() if scenario.town is not None and known else ():
         if choose_variant(names, known) is None:
             raise InputError(
                 f"weathers holds {weather!r}: {value} has the variants {', '.join(known)}, none of {', '.join(names)}; "
@@ -101,26 +94,15 @@ def agent_counts(scenario: ScenarioConfig, base: Path) -> dict[str, int]:
     Raises:
         InputError: If a stage of the user's own cannot be read, or `actor_roles` does not fit it.
     """
-    if scenario.traffic is not None:
-        parked = find_actors(Usd.Stage.Open(str(scenario_source(scenario, base))), {})  # they belong to the town
-        boxed = scenario.traffic.vehicle_count + scenario.traffic.pedestrian_count + len(parked)
-        counts = {
-            "cav": len(scenario.traffic.cav_ids or scenario.traffic.cav_ranks),
-            "rsu": 0,
-            "vehicles": scenario.traffic.vehicle_count,
-            "boxes": boxed,
-        }
-    else:
-        found = find_actors(Usd.Stage.Open(str(scenario_source(scenario, base))), scenario.actor_roles)
-        roles = [actor.role for actor in found]
-        boxed = len(roles) - roles.count("rsu")
-        counts = {
-            "cav": roles.count("cav"),
-            "rsu": roles.count("rsu"),
-            "vehicles": boxed - roles.count("pedestrian"),
-            "boxes": boxed,
-        }
-    return {**counts, "rsu": counts["rsu"] + len(scenario.rsus)}
+    traffic = scenario.traffic
+    stage = Usd.Stage.Open(str(scenario_source(scenario, base)))
+    roles = [actor.role for actor in find_actors(stage, {} if traffic else scenario.actor_roles)]
+    boxes, rsus = len(roles) - roles.count("rsu"), roles.count("rsu") + len(scenario.rsus)
+    if traffic is None:
+        return {"cav": roles.count("cav"), "rsu": rsus, "vehicles": boxes - roles.count("pedestrian"), "boxes": boxes}
+    boxes = traffic.vehicle_count + traffic.pedestrian_count + len(roles)  # the stage has parked vehicles
+    cavs = len(traffic.cav_ids or traffic.cav_ranks)
+    return {"cav": cavs, "rsu": len(scenario.rsus), "vehicles": traffic.vehicle_count, "boxes": boxes}
 
 
 def describe_plan(config: Config, base: Path, device: str) -> str:
@@ -158,12 +140,7 @@ def describe_plan(config: Config, base: Path, device: str) -> str:
 
 
 def frame_cost(config: Config, counts: Mapping[str, int]) -> tuple[dict[str, int], float]:
-    """Return the rays of each sensor and of the channel in one frame, and the bytes of its rows in one weather.
-
-    Args:
-        config: The configuration.
-        counts: What `agent_counts` returns.
-    """
+    """Return the rays of each sensor and of the channel in one frame, and the bytes of its rows in one weather."""
     rays: dict[str, int] = {}
     size = (counts["cav"] + counts["rsu"]) * ROW_BYTES["poses"] + counts["boxes"] * ROW_BYTES["boxes"]
     for sensor in config.sensors:
@@ -181,7 +158,7 @@ def frame_cost(config: Config, counts: Mapping[str, int]) -> tuple[dict[str, int
         if "v2v" in channel.links and counts["cav"] > 1:
             senders, links = senders + half * counts["cav"], links + counts["cav"] * (counts["cav"] - 1)
         if channel.candidates == "launch":
-            rays["channel"] = int(senders * channel.rays)
+            rays["channel"] = int(senders * channel.samples_per_tx)
         size += links * len(config.channel.carriers_hz) * (ROW_BYTES["links"] + _paths(config.channel) * PATH_BYTES)
     return rays, size
 
@@ -192,6 +169,6 @@ def _paths(channel: ChannelConfig) -> float:
     count = PATHS_PER_LINK + max(order - 1, 0)
     if channel.diffraction and order:
         count += BENT_PATHS_PER_LINK * 3.3 ** (order - 1)
-    if channel.diffuse:
-        count += PATCHES_PER_RAY * channel.diffuse_rays * order
+    if channel.diffuse_reflection:
+        count += PATCHES_PER_RAY * channel.diffuse_samples * order
     return count

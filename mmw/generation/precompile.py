@@ -1,8 +1,8 @@
-"""Kernels that a configuration surely needs, compiled while its first scene is made and read.
+"""Compile the kernels that a configuration certainly needs while its first scene is prepared and read.
 
 Warp compiles a module at the first launch of one of its kernels, which takes a CPU 1 to 10 s each. Its compilers run
 outside Python's lock and make the same object whichever thread or process calls them, so threads compile different
-modules, and processes share them out: what one has compiled, the others load from Warp's cache.
+modules, and processes divide them: the others load a compiled module from Warp's cache.
 """
 
 import os
@@ -20,26 +20,18 @@ from filelock import Timeout
 from mmw.config import Config
 from mmw.config.sensor_spec import spec_of
 from mmw.core.bvh_kind import select_bvh
-from mmw.storage.lock import only_one
+from mmw.storage.lock import exclusive_lock
 
 MAX_THREADS = 4
 """Threads of a worker that compile at most; each takes about 0.5 GB. Design value."""
 
 BLOCKS = {"lidar.returns": (256, 64)} | dict.fromkeys(
     (
-        "channel.image_method",
-        "camera.depth",
-        "lidar.trace",
-        "shading.shadows",
-        "shading.reflections",
-        "camera.image_samples",
-        "radar.trace",
-        "core.line_of_sight",
-        "core.trace",
-        "camera.visibility",
+        "camera.depth", "camera.image_samples", "camera.visibility", "channel.image_method", "core.line_of_sight",
+        "core.trace", "lidar.trace", "radar.trace", "shading.reflections", "shading.shadows",
     ),
     (64,),
-)
+)  # fmt: skip
 """Module -> threads of a block in its launches, where it is not 256 alone; on a GPU each is compiled by itself."""
 
 POLL_S = 0.1
@@ -49,11 +41,7 @@ POLL_S = 0.1
 def needed_modules(config: Config, *, on_gpu: bool = True) -> list[str]:
     """Return the modules of `mmw.kernels` that every run of a configuration launches, the slowest to compile first.
 
-    What only some weathers, materials or options need is left out; Warp compiles it when it is launched.
-
-    Args:
-        config: The configuration.
-        on_gpu: Whether a GPU is what runs it, which makes its own JPEG files.
+    Warp compiles modules that only some weathers, materials or options need when they are launched.
     """
     modules: dict[str, float] = {"core.trace": 5, "core.line_of_sight": 2, "core.instance_bounds": 0}
     for sensor in config.sensors:
@@ -65,19 +53,15 @@ def needed_modules(config: Config, *, on_gpu: bool = True) -> list[str]:
 
 @contextmanager
 def compiled_ahead(config: Config, device: str) -> Iterator[list[Future[None]]]:
-    """Compile and load the kernels of a configuration in threads; who is about to launch them waits for the futures.
-
-    Args:
-        config: The configuration.
-        device: Warp device name.
+    """Compile and load the kernels of a configuration in threads; wait for the futures before a launch.
 
     Yields:
         One future a thread.
 
     Raises:
-        InputError: If this process has built trees of another kind than the configuration's `compute.bvh`.
+        InputError: If this process has built BVHs of another kind than the configuration's `compute.bvh`.
     """
-    select_bvh(config.compute.bvh)  # the kernels of either kind are others
+    select_bvh(config.compute.bvh)  # each kind has its own kernels
     is_cpu = wp.get_device(device).is_cpu
     waiting = deque(
         (name, block)
@@ -94,20 +78,20 @@ def compiled_ahead(config: Config, device: str) -> Iterator[list[Future[None]]]:
 
 
 def kernel_cache() -> Path:
-    """Return the folder in which Warp keeps what was compiled."""
+    """Return the folder of Warp's compiled modules."""
     wp.init()
     return Path(wp.config.kernel_cache_dir)
 
 
 def lock_name(module: str, block: int | None) -> str:
-    """Return the name of the lock of who compiles a module for blocks of some size, None for a CPU."""
+    """Return the name of the lock for compiling a module with some block size, None for a CPU."""
     return f"{module}-{block or 'cpu'}"
 
 
 def _open(device: str) -> None:
-    """Make a GPU's context, which Warp does for whoever first needs it, and twice for two threads at once.
+    """Create a GPU's context once; Warp would create it twice for two threads.
 
-    A machine makes one after the other, 0.12 s each on H200s, however many processes ask for theirs.
+    A machine creates the contexts of all processes one after the other, 0.12 s each on H200s.
     """
     found = wp.get_device(device)
     if found.is_cuda:
@@ -115,7 +99,7 @@ def _open(device: str) -> None:
 
 
 def _compile(waiting: deque[tuple[str, int | None]], device: str, opened: Future[None]) -> None:
-    """Compile and load what waits; what another worker is compiling waits until it has."""
+    """Compile and load waiting modules; one that another worker is compiling goes to the end of the queue."""
     opened.result()
     while True:
         try:
@@ -123,7 +107,7 @@ def _compile(waiting: deque[tuple[str, int | None]], device: str, opened: Future
         except IndexError:
             return
         try:
-            with only_one(kernel_cache(), lock_name(name, block), timeout_s=0.0):
+            with exclusive_lock(kernel_cache(), lock_name(name, block), timeout_s=0.0):
                 wp.load_module(import_module(f"mmw.kernels.{name}"), device=device, block_dim=block, max_workers=0)
         except Timeout:
             waiting.append((name, block))

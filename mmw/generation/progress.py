@@ -1,30 +1,30 @@
-"""Show progress: a bar on a terminal, one line a batch elsewhere, a summary at the end."""
+"""Show the progress of a run: a bar on a terminal, one line a batch elsewhere, a summary at the end."""
 
 import json
 import logging
 import shlex
 import sys
 from collections.abc import Sequence
-from types import TracebackType
 from typing import Any, Protocol
 
 from rich.console import Console as RichConsole
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import Progress, TextColumn
 from rich.table import Column
 
 from mmw.config import Config
+from mmw.core.progress_bar import make_bar
 from mmw.core.timing import StageTimer
 
 LOGGER = logging.getLogger(__name__)
 
 SET_UP = ("traffic and stage", "scene", "kernels", "textures and skies")
-"""Stages that come once a scenario: they would spoil the speed and the time left."""
+"""Stages that run once a scenario, excluded from the speed and the time left."""
 
 
 class Reporter(Protocol):
     """Receiver of a worker's progress: the terminal, or the process that owns it."""
 
-    clock: StageTimer
+    timer: StageTimer
 
     def warn_once(self, text: str) -> None:
         """Show a warning the first time it is given."""
@@ -34,7 +34,7 @@ class Reporter(Protocol):
 
 
 class Console:
-    """Progress and messages on standard error, so that standard output stays clean for the summary."""
+    """Progress and messages on standard error; standard output is for the summary."""
 
     def __init__(self) -> None:
         self._rich = RichConsole(stderr=True, highlight=False, soft_wrap=True)
@@ -43,14 +43,12 @@ class Console:
         self._warned: set[str] = set()
         self.total = self.done = 0
         self.workers = 1
-        self.clock = StageTimer()
+        self.timer = StageTimer()
 
     def __enter__(self) -> "Console":
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._progress:
             self._progress.stop()
 
@@ -67,27 +65,13 @@ class Console:
             self._rich.print(f"note: {text}", markup=False)
 
     def begin(self, total: int, done: int, workers: int = 1) -> None:
-        """Start counting scenario-weather-frames.
-
-        Args:
-            total: What is to be there in the end.
-            done: Of these, what is there from an earlier run.
-            workers: Processes that trace; the seconds of stages are summed up over them.
-        """
+        """Start counting scenario-weather-frames, of which an earlier run has done some, with the workers of a run."""
         self.total, self.done, self.workers = total, done, workers
-        self.clock = StageTimer()
+        self.timer = StageTimer()
         self._fresh = 0
         if self._rich.is_terminal:
-            self._progress = Progress(
-                # A long scenario name gives way, so that numbers stay readable on 80 columns.
-                TextColumn("{task.description}", table_column=Column(overflow="ellipsis", min_width=8)),
-                BarColumn(bar_width=10, table_column=Column(min_width=10)),
-                TextColumn("{task.completed:,.0f}/{task.total:,.0f}", table_column=Column(no_wrap=True)),
-                TextColumn("{task.fields[speed]}", table_column=Column(no_wrap=True)),
-                TimeRemainingColumn(compact=True, table_column=Column(no_wrap=True)),
-                TextColumn("left", table_column=Column(no_wrap=True)),
-                console=self._rich,
-            )
+            speed = TextColumn("{task.fields[speed]}", table_column=Column(no_wrap=True))
+            self._progress = make_bar(self._rich, speed)
             self._task = self._progress.add_task("setting up", total=total, completed=done, speed="")
             self._progress.start()
 
@@ -95,9 +79,9 @@ class Console:
         """Count traced frames and show the speed."""
         self.done += frames
         self._fresh += frames
-        rays = sum(self.clock.rays.values())
-        set_up = sum(self.clock.seconds.get(name, 0.0) for name in SET_UP) / self.workers
-        elapsed = max(self.clock.elapsed - set_up, 1e-9)
+        rays = sum(self.timer.rays.values())
+        set_up = sum(self.timer.seconds.get(name, 0.0) for name in SET_UP) / self.workers
+        elapsed = max(self.timer.elapsed - set_up, 1e-9)
         speed = f"{self._fresh / elapsed:.1f} frames/s, {si(rays / elapsed)}rays/s"
         if self._progress and self._task is not None:
             self._progress.update(self._task, completed=self.done, description=where, speed=speed)
@@ -125,30 +109,20 @@ def si(value: float) -> str:
 
 
 def closing_summary(
-    root: object, config: Config, device: str, workers: int, result: dict[str, Any], clock: StageTimer, frames: int
+    root: object, config: Config, device: str, workers: int, result: dict[str, Any], timer: StageTimer, frames: int
 ) -> str:
-    """Return what a run prints last: what was made, where, how fast, and a query to paste.
-
-    Args:
-        root: Dataset folder or address.
-        config: The configuration.
-        device: The device's name for people.
-        workers: How many traced.
-        result: What `finalize` returned: rows and bytes of every table.
-        clock: Seconds and rays of every stage, those of all workers together.
-        frames: Scenario-weather-frames that this run traced.
-    """
+    """Return the closing text of a run: size of each table, time and rays of each stage, an example query."""
     tables = [("table", "rows", "bytes")]
     for name, entry in [*result["tables"].items(), ("all", result)]:
         tables.append((name, f"{entry['rows']:,}", f"{si(entry['bytes'])}B"))
     stages = [("stage", "seconds" if workers == 1 else f"seconds of {workers} workers", "rays/s")]
-    for name, seconds in clock.seconds.items():
-        rays = clock.rays[name]
+    for name, seconds in timer.seconds.items():
+        rays = timer.rays[name]
         stages.append((name, f"{seconds:.2f}", f"{si(rays / seconds) if seconds > 0 else 0}rays/s" if rays else ""))
     made_by = device if workers == 1 else f"{workers} workers, {device}"
     return "\n".join(
         [
-            f"{frames} frames in {clock.elapsed:.1f} s on {made_by} -> {root}",
+            f"{frames} frames in {timer.elapsed:.1f} s on {made_by} -> {root}",
             "",
             *_aligned(tables),
             "",
@@ -161,7 +135,7 @@ def closing_summary(
 
 
 def _aligned(rows: Sequence[tuple[str, ...]]) -> list[str]:
-    """Return lines whose columns stand below each other, the first on the left and numbers on the right."""
+    """Return lines of aligned columns, the first left-aligned, the others right-aligned."""
     first, *others = (max(map(len, column)) for column in zip(*rows, strict=True))
     lines = []
     for name, *texts in rows:

@@ -11,6 +11,7 @@ from typing import Any
 from mmw import __version__
 from mmw.config import Config
 from mmw.config.load import load_config, to_yaml
+from mmw.config.traffic_engine import engine_spec
 from mmw.core.errors import InputError
 from mmw.core.hashing import sha256
 from mmw.scene.sources import is_town_file, scenario_source, trajectory_file
@@ -18,11 +19,11 @@ from mmw.storage.manifest import CONFIG, DATASET, read_dataset, read_markers
 from mmw.storage.store import Root, store_of
 
 
-def keep_config(config: Config, base: Path, root: Root) -> None:
+def write_config(config: Config, base: Path, root: Root) -> None:
     """Write the resolved configuration, every default included, as `config.yaml` into the dataset.
 
-    `python -m mmw.run --config <dataset>/config.yaml --out <other>` makes the same rows again. Paths of stages, of
-    trajectories and of towns that are not shipped are absolute in it. A file that is there stays.
+    `python -m mmw.run --config <dataset>/config.yaml --out <other>` generates the same rows. Paths of stages, of
+    trajectories and of towns that are not shipped are absolute in it. An existing file is not replaced.
     """
     store = store_of(root)
     if store.sizes([CONFIG]):
@@ -41,33 +42,28 @@ def keep_config(config: Config, base: Path, root: Root) -> None:
         "# The configuration that made this dataset, every default written out.\n"
         "# To make the same data again: python -m mmw.run --config THIS_FILE --out ANOTHER_FOLDER\n"
     )
-    store.publish(CONFIG, (text + to_yaml(Config.model_validate(data))).encode())
+    store.write_atomically(CONFIG, (text + to_yaml(Config.model_validate(data))).encode())
 
 
 def stored_config(root: Root) -> Config:
-    """Return the configuration that a dataset holds.
+    """Return the configuration that is stored in a dataset.
 
     Raises:
-        InputError: If it is no dataset, or has no configuration.
+        InputError: If the root is no dataset, or has no configuration.
     """
     store = store_of(root)
     read_dataset(store)
-    with store.copy(CONFIG) as folder:
+    with store.local_copy(CONFIG) as folder:
         if not (folder / CONFIG).is_file():
-            raise InputError(f"{store.where()}: has no {CONFIG}; run the configuration again, which writes it")
+            raise InputError(f"{store.location()}: has no {CONFIG}; run the configuration again, which writes it")
         return load_config(folder / CONFIG)
 
 
 def check_continuation(root: Root, config: Config, now: Mapping[str, Any]) -> list[str]:
-    """Compare what goes on with a dataset to what began it.
-
-    Args:
-        root: Dataset; nothing is compared if it holds no data of this configuration.
-        config: The configuration.
-        now: What `versions` returns today.
+    """Compare the software, machine and files of a resumed run with those that began the dataset.
 
     Returns:
-        One line for everything that differs: versions, machine, kind of trees, town files.
+        One line for each difference: versions, machine, kind of BVH, town files.
 
     Raises:
         InputError: If a user's own stage has changed: its old and new frames would be mixed.
@@ -78,7 +74,7 @@ def check_continuation(root: Root, config: Config, now: Mapping[str, Any]) -> li
     head = read_dataset(root)
     if head["config_sha256"] != config.sha256() or not read_markers(root):
         return []
-    before, notes = head["versions"], []
+    before, lines = head["versions"], []
     for scenario in config.scenarios:
         old, new = (made.get("sources", {}).get(scenario.name, {}) for made in (before, now))
         changed = sorted(name for name in old.keys() | new.keys() if old.get(name) != new.get(name))
@@ -87,39 +83,35 @@ def check_continuation(root: Root, config: Config, now: Mapping[str, Any]) -> li
                 f"{root}: scenario {scenario.name!r}: {', '.join(changed)} changed since the dataset was begun; "
                 "use --overwrite to make it again, or another --out"
             )
-        notes += [f"{root}: {name} changed since; the dataset goes on with its own copy" for name in changed]
+        lines += [f"{root}: {name} changed since; the dataset goes on with its own copy" for name in changed]
     old, new = ({**made, **made.get("packages", {})} for made in (before, now))
     if old.get("device") != new.get("device"):
-        notes.append(
+        lines.append(
             f"{root}: begun on {old.get('device')}, goes on on {new.get('device')}: all rows are right, but the last "
             "bits may differ between the two (docs/concepts/determinism.md); for the same bits throughout, go on "
             "where it began"
         )
     if old.get("bvh", new["bvh"]) != new["bvh"]:  # older datasets do not say
-        notes.append(
+        lines.append(
             f"{root}: begun with compute.bvh = {old['bvh']!r}, goes on with {new['bvh']!r}: last bits may differ "
             f"(docs/guides/running.md); for the same bits throughout, set compute.bvh={old['bvh']}"
         )
     for name in ("mmw", "git", *before.get("packages", {})):
         if old.get(name) != new.get(name):
-            notes.append(f"{root}: begun with {name} {old.get(name)!r}, goes on with {new.get(name)!r}")
-    return notes
+            lines.append(f"{root}: begun with {name} {old.get(name)!r}, goes on with {new.get(name)!r}")
+    return lines
 
 
 def versions(config: Config, base: Path, machine: str) -> dict[str, Any]:
-    """Return what makes the data: versions, revision, device, and the hashes of towns, stages and trajectories.
-
-    Args:
-        config: The configuration.
-        base: Folder that relative paths in it start from.
-        machine: Kind of machine that makes it, see `machine_kind`.
+    """Return versions, revision, device, and the hashes of towns, stages and trajectories.
 
     Raises:
         InputError: If a file of the configuration does not exist.
     """
     packages = {}
     names = ["warp-lang", "numpy", "usd-core", "pyarrow", "pydantic", "trimesh", "pillow", "simplejpeg"]
-    names += ["libsumo"] * any(scenario.traffic and scenario.traffic.engine == "sumo" for scenario in config.scenarios)
+    engines = [engine_spec(scenario.traffic.engine) for scenario in config.scenarios if scenario.traffic]
+    names += sorted({engine.package for engine in engines if engine.package})
     for name in names:
         try:
             packages[name] = version(name)

@@ -1,7 +1,7 @@
-"""Rows of a dataset made once more, from its stored configuration and stages, by the code that made them first.
+"""Generate rows of a dataset again, from its stored configuration and stages, by the code of a run.
 
-One frame is traced, and of the sensors and agents only what the rows need. As results depend on neither, the rows equal
-the stored ones bit for bit, on the same kind of device.
+One frame is traced, and of the sensors and agents only those that the rows need. As results depend on neither, the rows
+equal the stored ones bit for bit, on the same kind of machine.
 """
 
 import io
@@ -10,7 +10,7 @@ from collections import defaultdict
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from mmw.config import Config, ScenarioConfig
+from mmw.config import ScenarioConfig
 from mmw.config.sensor_spec import types_that_fill
 from mmw.core.bvh_default import BVH_VARIABLE
 from mmw.core.bvh_kind import select_bvh
@@ -26,7 +26,8 @@ from mmw.core.device import choose_device
 from mmw.core.errors import InputError
 from mmw.core.timing import StageTimer
 from mmw.dataset import open_dataset
-from mmw.generation.pipeline import join_batches, make_job, record_frames
+from mmw.generation.capture import capture_frames
+from mmw.generation.pipeline import join_batches, make_batch
 from mmw.generation.provenance import stored_config
 from mmw.scene.prepare import ASSETS, STAGES, read_scenario, stored_stage
 from mmw.scene.rows import static_rows
@@ -41,33 +42,32 @@ CHANNEL_TABLES = ("links", "paths")
 """Tables that the radio channel fills. All links of a frame are traced, because the ends of a pair share rays."""
 
 
-@dataclass
 class RowRegenerator:
-    """Makes rows of one dataset again; a scenario's scene stays on the device until another scenario is asked for."""
+    """Generates rows of one dataset again; a scenario stays on the device until rows of another one are requested."""
 
-    root: Root
-    """Dataset; nothing in it is changed."""
-    device: str
-    """Warp device name, or `auto`."""
-    _scenario: str = ""
-    _arrays: SceneData | None = None
-    _job: Batch | None = None
-    _held: ExitStack = field(default_factory=ExitStack)
-    _pool: ThreadPoolExecutor = field(default_factory=lambda: ThreadPoolExecutor(2, thread_name_prefix="mmw-remake"))
+    def __init__(self, root: Root, device: str) -> None:
+        """Read the configuration of a dataset, in which nothing is changed.
 
-    def __post_init__(self) -> None:
-        store = store_of(self.root)
+        Args:
+            root: Dataset.
+            device: Warp device name, or `auto`.
+        """
+        store = store_of(root)
         self.address = store.address
         self.config = stored_config(store)
         select_bvh(os.environ.get(BVH_VARIABLE) or self.config.compute.bvh)
-        self.device = choose_device(self.device)
-        self._stages: Path = self._held.enter_context(store.copy(STAGES, ASSETS))
+        self.device = choose_device(device)
+        self._held = ExitStack()
+        self._pool = self._held.enter_context(ThreadPoolExecutor(2, thread_name_prefix="mmw-regenerate"))
+        self._stages: Path = self._held.enter_context(store.local_copy(STAGES, ASSETS))
+        self._arrays: SceneData | None = None
+        self._scenario = ""
+        self._batch: Batch | None = None
 
     def __enter__(self) -> "RowRegenerator":
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._pool.shutdown()
         self._held.close()
 
     def rows(
@@ -80,7 +80,7 @@ class RowRegenerator:
         sensor: str | None = None,
         **key: Any,
     ) -> pa.Table:
-        """Return rows of a table, made now, sorted by the table's key.
+        """Generate rows of a table, sorted by the table's key.
 
         Args:
             table: Table name.
@@ -89,13 +89,13 @@ class RowRegenerator:
             frame: One of its frames; needed by every table with frames.
             agent: Only rows of this agent, and only its sensors are traced; None for all.
             sensor: Only rows of this sensor, and only it is traced; None for all.
-            key: Further columns of the table's key and the values wanted, such as `peer` or `object_id`.
+            key: Values of further columns of the table's key, such as `peer` or `object_id`.
 
         Raises:
             InputError: If a name is not known, or the dataset's configuration makes no such row.
         """
         spec = table_spec(table)
-        found = self._find(scenario)
+        found = self.config.scenario(scenario)
         wanted = {"agent": agent, "sensor": sensor, "weather": None if spec.framed else weather, **key}
         wanted = {name: value for name, value in wanted.items() if value is not None}
         columns = [column.name for column in spec.columns]
@@ -103,82 +103,71 @@ class RowRegenerator:
             if name not in columns:
                 raise InputError(f"{name} = {wanted[name]}: table {table} has no such column; leave it out")
         if not spec.framed:
-            columns_of = static_rows(self._read(found), self.config, found)[table]
-            return _only(table_from_columns(table, {"scenario": scenario, **columns_of}), wanted)
+            columns_of = static_rows(self._read(found), self.config)[table]
+            return check_table(
+                table, select_rows(table_from_columns(table, {"scenario": scenario, **columns_of}), wanted)
+            )
         if weather not in self.config.weathers:
             raise InputError(f"weather = {weather}: the dataset has {', '.join(self.config.weathers)}; name one")
         frames = self.config.frames_of(found)
         if frame is None or not frames.start <= frame < frames.stop:
             raise InputError(f"frame = {frame}: {scenario} has {frames.start} to {frames.stop - 1}; name one")
-        job = self._restricted(table, found, agent, sensor)
         collected: TableRows = {weather: defaultdict(list)}
-        record_frames(job, [frame], collected)
+        capture_frames(self._restricted(table, found, agent, sensor), [frame], collected)
         batches = collected[weather].get(table)
         if not batches:
             raise InputError(f"table {table}: the dataset's configuration makes no row of it; name another table")
-        return _only(join_batches(table, scenario, weather, batches), wanted)
-
-    def _find(self, name: str) -> ScenarioConfig:
-        for scenario in self.config.scenarios:
-            if scenario.name == name:
-                return scenario
-        names = ", ".join(scenario.name for scenario in self.config.scenarios)
-        raise InputError(f"scenario = {name}: the dataset has {names}; name one")
+        return check_table(table, select_rows(join_batches(table, scenario, weather, batches), wanted))
 
     def _read(self, scenario: ScenarioConfig) -> SceneData:
         if self._scenario != scenario.name or self._arrays is None:
-            self._job = None
+            self._batch = None
             self._arrays = read_scenario(self.config, scenario, stored_stage(self._stages, scenario))
             self._scenario = scenario.name
         return self._arrays
 
-    def _job_of(self, scenario: ScenarioConfig, with_channel: bool) -> Batch:
-        """Return the job of a scenario with all its sensors, one frame a batch."""
-        arrays = self._read(scenario)
-        if self._job is None or (with_channel and self._job.surfaces is None):
-            self._job = make_job(
-                self.config, scenario, arrays, self.device, 1, self._pool, StageTimer(), with_channel=with_channel
-            )
-        return self._job if with_channel else replace(self._job, surfaces=None)
-
     def _restricted(self, table: str, scenario: ScenarioConfig, agent: str | None, sensor: str | None) -> Batch:
-        """Return the job that traces what a table's rows need, and nothing else that takes time."""
-        types = types_that_fill(table)
-        sensors = tuple(
-            section for section in self.config.sensors if section.type in types and sensor in (None, section.name)
-        )
-        if sensor is not None and not sensors and sensor != "antenna":
-            names = ", ".join(section.name for section in self.config.sensors if section.type in types)
-            raise InputError(f"sensor = {sensor}: table {table} has {names or 'none'} in this dataset; name one")
+        """Return the batch of a scenario that traces only what a table's rows need, one frame at a time."""
+        named = {section.name: section for section in self.config.sensors if section.type in types_that_fill(table)}
+        if sensor is not None and sensor not in named and sensor != "antenna":
+            raise InputError(
+                f"sensor = {sensor}: table {table} has {', '.join(named) or 'none'} in this dataset; name one"
+            )
         arrays = self._read(scenario)
         if agent is not None and agent not in {actor.name for actor in arrays.actors}:
             names = ", ".join(actor.name for actor in arrays.actors if actor.role in ("cav", "rsu"))
             raise InputError(f"agent = {agent}: {scenario.name} has {names}; name one")
-        job = self._job_of(scenario, table in CHANNEL_TABLES)
-        config: Config = job.config.model_copy(update={"sensors": sensors})
-        sensing = None if agent is None else frozenset([agent])
-        return replace(job, config=config, arrays=replace(job.arrays, sensing=sensing))
+        with_channel = table in CHANNEL_TABLES
+        if self._batch is None or (with_channel and self._batch.surfaces is None):
+            self._batch = make_batch(
+                self.config, scenario, arrays, self.device, 1, self._pool, StageTimer(), with_channel=with_channel
+            )
+        batch = self._batch
+        sensors = tuple(section for section in named.values() if sensor in (None, section.name))
+        return replace(
+            batch,
+            config=self.config.model_copy(update={"sensors": sensors}),
+            arrays=replace(batch.arrays, sensing=None if agent is None else frozenset([agent])),
+            surfaces=batch.surfaces if with_channel else None,
+        )
 
 
 def stored_rows(root: str | Path, table: str, key: dict[str, Any]) -> pa.Table:
     """Return the rows of a dataset that have a key, with the columns in the table's order."""
-    spec = table_spec(table)
-    frame = key.get("frame")
-    rest = {name: value for name, value in key.items() if name not in ("scenario", "weather", "frame")}
-    if not spec.framed and "weather" in [column.name for column in spec.columns] and "weather" in key:
-        rest["weather"] = key["weather"]
+    spec, frame = table_spec(table), key.get("frame")
+    names = [column.name for column in spec.columns]
     found = open_dataset(root).read(
         table,
-        columns=[column.name for column in spec.columns],
+        columns=names,
         scenario=key.get("scenario"),
         weather=key.get("weather") if spec.framed else None,
         frames=None if frame is None else range(frame, frame + 1),
     )
-    return select_rows(found, rest)
+    return select_rows(found, {name: value for name, value in key.items() if name in names})
 
 
 def other_machine(then: str, now: str) -> str:
-    """Return why rows that were made on one kind of machine may differ from those made on another."""
+    """Explain why rows of one kind of machine may differ from those of another."""
     return (
         f"it was made on {then or 'an unknown machine'}, and this is {now}: between the two last bits may differ, and "
         "what hangs on them (docs/concepts/determinism.md); make it again on the first kind to compare bit by bit"
@@ -186,7 +175,7 @@ def other_machine(then: str, now: str) -> str:
 
 
 def machines(root: Root, scenario: str, weather: str | None = None, frame: int | None = None) -> list[str]:
-    """Return the kinds of machine that made some rows: of a scenario, a weather of it, or a frame; sorted."""
+    """Return the kinds of machine that generated a scenario, a weather of it, or a frame, sorted."""
     return sorted(
         {
             str(marker.get("device") or "")
@@ -201,7 +190,7 @@ def machines(root: Root, scenario: str, weather: str | None = None, frame: int |
 def differing_columns(one: pa.Table, other: pa.Table) -> list[str]:
     """Return the columns that two tables of the same schema do not share bit for bit; all if they differ in length.
 
-    -0 is not 0 here, and what stands below a null does not count.
+    -0 is not 0 here, and values below a null do not count.
     """
     if one.num_rows != other.num_rows:
         return list(one.column_names)
@@ -227,8 +216,3 @@ def select_rows(table: pa.Table, wanted: Mapping[str, Any]) -> pa.Table:
             column = column.cast(pa.string())
         table = table.filter(pc.equal(column, pa.scalar(value).cast(column.type)))
     return table
-
-
-def _only(table: pa.Table, wanted: Mapping[str, Any]) -> pa.Table:
-    name = (table.schema.metadata or {})[b"mmw.table"].decode()
-    return check_table(name, select_rows(table, wanted)) if wanted else table

@@ -1,4 +1,4 @@
-"""Make shards: one device holds a scenario, and threads encode and write its rows."""
+"""Trace shards on one device, while threads encode and write rows that were traced before."""
 
 import logging
 import pickle
@@ -8,17 +8,16 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 from mmw.config import Config, ScenarioConfig
 from mmw.config.sensor_spec import spec_of
-from mmw.core.cuda import keep_memory, wait_asleep
-from mmw.core.device import GPU_BYTES_A_WORKER, machine_kind
+from mmw.core.cuda import retain_memory, use_blocking_sync
+from mmw.core.device import GPU_BYTES_PER_WORKER, machine_kind
 from mmw.core.registry import load_reference
 from mmw.core.temp_files import Owner
-from mmw.generation.configuration_warnings import notes
-from mmw.generation.pipeline import join_batches, make_job, trace_work
+from mmw.generation.configuration_warnings import configuration_warnings
+from mmw.generation.pipeline import join_batches, make_batch, trace_work
 from mmw.generation.precompile import compiled_ahead
 from mmw.generation.progress import Reporter
 from mmw.generation.shards import Work
@@ -27,7 +26,7 @@ from mmw.scene.rows import static_rows
 from mmw.scene.scene_data import SceneData
 from mmw.sensors.batch import Batch, TableRows
 from mmw.storage.atomic_files import write_bytes_atomically
-from mmw.storage.lock import only_one
+from mmw.storage.lock import exclusive_lock
 from mmw.storage.manifest import pending_scenarios
 from mmw.storage.shard_writer import ShardWriter, write_scenario
 from mmw.storage.store import Store
@@ -56,38 +55,29 @@ class GenerationContext:
     """Lowest level of log records that workers send to the run."""
 
     def shared_name(self, scenario: str) -> str:
-        """Return the name in `root.folder` of what the first worker of this run has read of a scenario."""
+        """Return the name in `root.folder` of the arrays that the first worker of this run has read of a scenario."""
         return f".{scenario}.{replace(self.owner, worker=None)}.tmp.scene"
 
     def for_worker(self, number: int) -> "GenerationContext":
-        """Return the same for one of the run's workers."""
+        """Return the context of one of the run's workers."""
         return replace(self, owner=replace(self.owner, worker=number))
 
 
 class Worker:
-    """Makes shards on one device. Tracing goes on while threads write what was traced before.
+    """Generates shards on one device; a scenario stays on the device until work of another one comes."""
 
-    A scenario stays on the device until work of another one comes.
-    """
-
-    def __init__(self, making: GenerationContext, device: str, reporter: Reporter):
-        """Start the threads.
-
-        Args:
-            making: What is made.
-            device: Warp device name.
-            reporter: Where progress goes.
-        """
-        if not wait_asleep(device):
+    def __init__(self, context: GenerationContext, device: str, reporter: Reporter):
+        """Start the threads."""
+        if not use_blocking_sync(device):
             reporter.warn_once(f"threads that wait for {device} keep a core busy: its driver does not let them sleep")
-        keep_memory(device, GPU_BYTES_A_WORKER)
-        self._making = making
+        retain_memory(device, GPU_BYTES_PER_WORKER)
+        self._context = context
         self._device = device
-        self._meta = {**making.meta, "device": machine_kind(device)}
+        self._meta = {**context.meta, "device": machine_kind(device)}
         self._reporter = reporter
-        self._pool = ThreadPoolExecutor(making.threads, thread_name_prefix="mmw-writer")
-        self._scenarios = {scenario.name: scenario for scenario in making.config.scenarios}
-        self._job: Batch | None = None
+        self._pool = ThreadPoolExecutor(context.threads, thread_name_prefix="mmw-writer")
+        self._scenarios = {scenario.name: scenario for scenario in context.config.scenarios}
+        self._batch: Batch | None = None
         self._current = ""
         self._batch_frames = 0
         self._writing: list[list[Future[None]]] = []
@@ -97,47 +87,45 @@ class Worker:
         self._shared: list[Path] = []
 
     def __enter__(self) -> "Worker":
-        """Begin to compile what the configuration needs, and to make its skies."""
-        config = self._making.config
+        """Begin to compile kernels and to prepare skies in threads."""
+        config = self._context.config
         self._kernels = self._compiling.enter_context(compiled_ahead(config, self._device))
         ahead = dict.fromkeys(spec_of(sensor).warm_up for sensor in config.sensors)
         self._skies = [self._pool.submit(load_reference(work), config) for work in ahead if work]
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         self._compiling.close()
         for path in self._shared:
             path.unlink(missing_ok=True)
         self._pool.shutdown(cancel_futures=kind is not None)
 
-    def make(self, work: Work) -> None:
-        """Trace a piece of work and hand it to the writers; what came long before it is on the disk then.
+    def trace(self, work: Work) -> None:
+        """Trace a piece of work and queue its rows for the writers.
 
         Raises:
-            InputError: If the scenario cannot be made or read.
+            InputError: If the scenario cannot be prepared or read.
             OutOfSpaceError: If the disk is full.
             StoreError: If a store cannot be reached or refuses.
         """
         scenario = self._scenarios[work.scenario]
         if self._current != work.scenario:
-            self._job = None  # the device has room for one
-            self._job = self._load(scenario, with_job=bool(work.weathers))
-            self._current = work.scenario if self._job is not None else ""
-            self._batch_frames = self._job.scene.max_slots if self._job is not None else 0
-        if self._job is None or not work.weathers:
+            self._batch = None  # the device has room for one
+            self._batch = self._load(scenario, on_device=bool(work.weathers))
+            self._current = work.scenario if self._batch is not None else ""
+            self._batch_frames = self._batch.scene.max_batch_frames if self._batch is not None else 0
+        if self._batch is None or not work.weathers:
             return
-        shards = {key.weather: ShardWriter(self._making.root, key, self._meta) for key in work.keys}
+        shards = {key.weather: ShardWriter(self._context.root, key, self._meta) for key in work.keys}
         ends: dict[str, Future[None]] = {}
         begin = time.perf_counter()
 
-        def on_batch(frames: range, rows: TableRows) -> None:
+        def on_rows(frames: range, rows: TableRows) -> None:
             for weather, tables in rows.items():
                 ends[weather] = self._pool.submit(_add, shards[weather], frames, tables, ends.get(weather))
             self._queue(list(ends.values()))
 
-        self._batch_frames = trace_work(self._job, work, self._batch_frames, self._reporter, on_batch)
+        self._batch_frames = trace_work(self._batch, work, self._batch_frames, self._reporter, on_rows)
         self._queue([self._pool.submit(_close, shards[name], begin, end) for name, end in ends.items()])
 
     def finish(self) -> None:
@@ -145,72 +133,69 @@ class Worker:
         while self._writing:
             self._wait(self._writing.pop(0))
 
-    def _load(self, scenario: ScenarioConfig, *, with_job: bool) -> Batch | None:
-        """Write a scenario's static tables; return it on the device if anything is traced."""
-        making, clock = self._making, self._reporter.clock
-        with clock.stage("traffic and stage"), only_one(making.root.folder, f"stage-{scenario.name}"):
-            stage = cached_stage(making.config, scenario, making.base, making.root)
-        with clock.stage("scene"):
+    def _load(self, scenario: ScenarioConfig, *, on_device: bool) -> Batch | None:
+        """Write a scenario's static tables, and load the scenario onto the device if `on_device`."""
+        context, timer = self._context, self._reporter.timer
+        with timer.stage("traffic and stage"), exclusive_lock(context.root.folder, f"stage-{scenario.name}"):
+            stage = cached_stage(context.config, scenario, context.base, context.root)
+        with timer.stage("scene"):
             arrays = self._read(scenario, stage)
-            for line in notes(arrays, making.config, scenario):
+            for line in configuration_warnings(arrays, context.config, scenario):
                 self._reporter.warn_once(line)
-            if pending_scenarios(making.root, [scenario.name]):
-                write_scenario(making.root, scenario.name, static_rows(arrays, making.config, scenario), self._meta)
-        if not with_job:
+            if pending_scenarios(context.root, [scenario.name]):
+                write_scenario(context.root, scenario.name, static_rows(arrays, context.config), self._meta)
+        if not on_device:
             return None
-        with clock.stage("kernels"):
+        with timer.stage("kernels"):
             for kernel in self._kernels:
                 kernel.result()
         for skies in self._skies:
-            with clock.stage("textures and skies"):
+            with timer.stage("textures and skies"):
                 skies.result()
-        with clock.stage("scene"):
-            slots = min(making.config.compute.batch_frames, making.config.output.shard_frames)
-            job = make_job(making.config, scenario, arrays, self._device, slots, self._pool, clock)
-        for line in job.texture_notes():
+        with timer.stage("scene"):
+            max_frames = min(context.config.compute.batch_frames, context.config.output.shard_frames)
+            batch = make_batch(context.config, scenario, arrays, self._device, max_frames, self._pool, timer)
+        for line in batch.texture_notes():
             self._reporter.warn_once(line)
-        return job
+        return batch
 
     def _read(self, scenario: ScenarioConfig, stage: Path) -> SceneData:
-        """Return a scenario's arrays: the first worker of a run reads the stage, the others what it has read.
+        """Return a scenario's arrays: the first worker of a run reads the stage, the others read its pickled arrays.
 
-        A town of 280,000 triangles takes 7 s of a core to read from its stage, and 0.03 s from the first one's file.
+        A town of 280,000 triangles takes 7 s of a core to read from its stage, and 0.03 s from the pickle.
         """
-        folder = self._making.root.folder
-        path = folder / self._making.shared_name(scenario.name)
-        with only_one(folder, f"scene-{scenario.name}"):
+        folder = self._context.root.folder
+        path = folder / self._context.shared_name(scenario.name)
+        with exclusive_lock(folder, f"scene-{scenario.name}"):
             if path.is_file():
                 return pickle.loads(path.read_bytes())
-            arrays = read_scenario(self._making.config, scenario, stage)
+            arrays = read_scenario(self._context.config, scenario, stage)
             write_bytes_atomically(path, pickle.dumps(arrays, pickle.HIGHEST_PROTOCOL))
             self._shared.append(path)
         return arrays
 
     def _queue(self, group: list[Future[None]]) -> None:
-        """Let writers go on beside the tracing, but not far behind it."""
+        """Queue writes, and wait for those of earlier batches if too many are unfinished."""
         self._writing.append(group)
         while len(self._writing) > BATCHES_IN_FLIGHT:
             self._wait(self._writing.pop(0))
 
     def _wait(self, group: list[Future[None]]) -> None:
-        with self._reporter.clock.stage("waiting for writers"):
+        with self._reporter.timer.stage("waiting for writers"):
             for future in group:
                 future.result()
 
 
-def _add(shard: ShardWriter, frames: range, tables: dict[str, list[Any]], before: Future[None] | None) -> None:
-    """Encode the rows of a batch, after those of the batch before. Runs in a writer thread.
-
-    Threads take what was queued first, so the batch before is done or being done.
-    """
+def _add(shard: ShardWriter, frames: range, tables: dict[str, list[Any]], previous: Future[None] | None) -> None:
+    """Encode the rows of a batch in a writer thread, and append them after those of the previous batch."""
     key = shard.key
     ready = {name: join_batches(name, key.scenario, key.weather, batches) for name, batches in tables.items()}
-    if before:
-        before.result()
+    if previous:
+        previous.result()
     shard.add(ready, frames.stop)
 
 
-def _close(shard: ShardWriter, begin: float, before: Future[None]) -> None:
-    """Publish a shard after its last batch. Runs in a writer thread."""
-    before.result()
+def _close(shard: ShardWriter, begin: float, previous: Future[None]) -> None:
+    """Write a shard after its last batch, in a writer thread."""
+    previous.result()
     shard.close(time.perf_counter() - begin)

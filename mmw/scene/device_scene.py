@@ -1,4 +1,4 @@
-"""The scene on the device: the static town as one mesh, vehicles as instances grouped by frame."""
+"""Put a scene on a device: the static town as one mesh, vehicles as instances grouped by frame."""
 
 from collections.abc import Sequence
 
@@ -10,17 +10,14 @@ from mmw.core.kinematics import differentiate
 from mmw.core.transforms import make_pose, normalize
 from mmw.kernels.core import instance_bounds as bounds
 from mmw.kernels.core import structs, trace
-from mmw.scene.reader import read_stage
-from mmw.scene.scene_data import MODEL_NONE, Actor, Prototype, SceneData, SceneObject
-
-__all__ = ["Actor", "DeviceScene", "Prototype", "SceneData", "SceneObject", "instance_actors", "read_stage"]
+from mmw.scene.scene_data import MODEL_NONE, SceneData
 
 REBASE_BEYOND_M = 2000.0
-"""A town that reaches further from the world origin [m] is traced about its middle; float32 resolves 0.12 mm here."""
+"""Distance from the world origin [m] beyond which a town is traced about its center; float32 resolves 0.12 mm here."""
 
 
 def instance_actors(arrays: SceneData) -> np.ndarray:
-    """Return the actor index of every instance: the actors that have a model, in their order. Shape [V], int32."""
+    """Return the actor index of every instance: the actors that have a prototype, in their order. Shape [V], int32."""
     return np.array([i for i, actor in enumerate(arrays.actors) if actor.model != MODEL_NONE], dtype=np.int32)
 
 
@@ -35,55 +32,55 @@ class DeviceScene:
     """Town and vehicles on one device, for a batch of frames at a time.
 
     The scene frame is the world frame moved by `origin`: a position in it is the world position minus `origin`, which
-    is zero for every town within 2 km of the world's origin. A slot is the position of a frame in the batch.
+    is zero for every town within 2 km of the world's origin. The batch index of a frame is its position in the batch.
 
     Attributes:
-        arrays: The host arrays.
+        arrays: The scene on the host.
         device: Warp device name.
-        struct: What kernels take.
+        struct: Argument of kernels.
         origin: World position of the scene frame's origin [m], shape [3], float64.
         instance_actor: Actor index of each instance, shape [V].
-        instance_radius_m: Radius about an instance's origin that holds any instance [m].
+        instance_radius_m: Radius of a sphere about the origin of an instance that contains any instance [m].
         surface_count: Number of surfaces of town and instances.
         surface_offset: First surface id of each instance, shape [V].
-        batch_frames: The frames that are loaded, one a slot.
-        sweep_s: How long before each frame instances can be traced where they were then [s].
+        batch_frames: Loaded frames by batch index.
+        sweep_s: Longest time before a frame at which instances can be traced where they were then [s].
     """
 
     def __init__(
         self,
         arrays: SceneData,
         device: str,
-        max_slots: int,
+        max_batch_frames: int,
         *,
         sweep_s: float = 0.0,
         instance_constructor: str | None = None,
     ):
-        """Build the trees of town and models; `load_batch` brings the vehicles.
+        """Build the BVHs of town and prototypes; `load_batch` adds the vehicles.
 
         Args:
             arrays: The scene on the host.
             device: Warp device name.
-            max_slots: Frames in the largest batch, > 0.
-            sweep_s: Longest sweep before a frame that rays will be traced in by `closest_hit_at` [s], >= 0.
-            instance_constructor: Tree builder over instances; the default is LBVH on CUDA and SAH on the CPU.
+            max_batch_frames: Frames in the largest batch, > 0.
+            sweep_s: Longest sweep before a frame for rays of `closest_hit_at` [s], >= 0.
+            instance_constructor: Constructor of the BVH over instances; the default is LBVH on CUDA and SAH on the CPU.
 
         Raises:
-            ValueError: If `max_slots` is not positive, or `sweep_s` is negative or not finite.
+            ValueError: If `max_batch_frames` is not positive, or `sweep_s` is negative or not finite.
         """
-        if max_slots < 1:
-            raise ValueError(f"max_slots = {max_slots}; a scene needs at least one slot")
+        if max_batch_frames < 1:
+            raise ValueError(f"max_batch_frames = {max_batch_frames}; a batch needs at least one frame")
         if not 0.0 <= sweep_s < np.inf:
             raise ValueError(f"sweep_s = {sweep_s}; a scene needs a time of 0 s or more; give the length of one sweep")
         self.arrays = arrays
         self.device = device
-        self.max_slots = max_slots
+        self.max_batch_frames = max_batch_frames
         self.sweep_s = sweep_s
         self.batch_frames: tuple[int, ...] = ()
         self.origin = scene_origin(arrays.points)
         self._instance_constructor = instance_constructor
         self.instance_actor = instance_actors(arrays)
-        # Of the whole recording, once: what a batch cuts out of it does not depend on the batch.
+        # Of the whole recording, once, so that derivatives do not depend on the batch.
         motion = differentiate(arrays.poses[:, self.instance_actor])
         self._velocity, self._rate = motion.velocity, motion.world_rate
         self.struct = structs.Scene()
@@ -91,9 +88,25 @@ class DeviceScene:
         self._load_models()
 
     @property
-    def slots(self) -> int:
-        """Number of loaded slots."""
+    def batch_size(self) -> int:
+        """Number of loaded frames."""
         return len(self.batch_frames)
+
+    def check_loaded(self, kind: str, batch_index: np.ndarray, frame: np.ndarray) -> None:
+        """Check that frames are loaded at their batch indices, shape [n] each; `kind` names a row in the message.
+
+        Raises:
+            ValueError: If a frame is not.
+        """
+        loaded = np.asarray(self.batch_frames, dtype=np.int64)
+        is_loaded = (batch_index >= 0) & (batch_index < len(loaded))
+        is_loaded[is_loaded] = loaded[batch_index[is_loaded]] == frame[is_loaded]
+        if not is_loaded.all():
+            row = int(np.argmin(is_loaded))
+            raise ValueError(
+                f"{kind} {row}: frame {frame[row]} at batch index {batch_index[row]}; the scene holds frames "
+                f"{list(self.batch_frames[:8])}; call load_batch with the frames that the {kind}s were made for"
+            )
 
     def _array(self, values: np.ndarray, dtype: type) -> wp.array:
         return wp.array(values, dtype=dtype, device=self.device)
@@ -139,42 +152,42 @@ class DeviceScene:
         upper = np.array([m.points.max(axis=0) for m in arrays.models]).reshape(-1, 3)[model]
         self._model_lower = self._array(lower.astype(np.float32), wp.vec3)
         self._model_upper = self._array(upper.astype(np.float32), wp.vec3)
-        slots, instances = self.max_slots, len(actors)
-        struct.instance_present = wp.zeros((slots, instances), dtype=wp.bool, device=self.device)
+        frames, instances = self.max_batch_frames, len(actors)
+        struct.instance_present = wp.zeros((frames, instances), dtype=wp.bool, device=self.device)
         struct.instance_aabb_center = self._array((0.5 * (lower + upper)).astype(np.float32), wp.vec3)
-        # A little more than half the sides, for what rounding moves.
+        # Slightly more than half the extent, as a margin for rounding.
         half = 0.5001 * (upper - lower) + 1e-3
         struct.instance_aabb_half_extent = self._array(half.astype(np.float32), wp.vec3)
         around_origin = np.linalg.norm(half, axis=1) + 0.5 * np.linalg.norm(lower + upper, axis=1)
         self.instance_radius_m = float(around_origin.max(initial=0.0))
-        self._lower = wp.zeros(slots * instances, dtype=wp.vec3, device=self.device)
-        self._upper = wp.zeros(slots * instances, dtype=wp.vec3, device=self.device)
-        self._group = wp.full(slots * instances, slots, dtype=wp.int32, device=self.device)
-        struct.instance_pose = wp.zeros((slots, instances), dtype=wp.transformf, device=self.device)
-        struct.instance_velocity = wp.zeros((slots, instances), dtype=wp.vec3, device=self.device)
-        struct.instance_rate = wp.zeros((slots, instances), dtype=wp.vec3, device=self.device)
-        struct.group_root = wp.full(slots, -1, dtype=wp.int32, device=self.device)
+        self._lower = wp.zeros(frames * instances, dtype=wp.vec3, device=self.device)
+        self._upper = wp.zeros(frames * instances, dtype=wp.vec3, device=self.device)
+        self._group = wp.full(frames * instances, frames, dtype=wp.int32, device=self.device)
+        struct.instance_pose = wp.zeros((frames, instances), dtype=wp.transformf, device=self.device)
+        struct.instance_velocity = wp.zeros((frames, instances), dtype=wp.vec3, device=self.device)
+        struct.instance_rate = wp.zeros((frames, instances), dtype=wp.vec3, device=self.device)
+        struct.group_root = wp.full(frames, -1, dtype=wp.int32, device=self.device)
         self._instances: wp.Bvh | None = None
 
     def load_batch(self, frames: Sequence[int]) -> None:
-        """Put frames into slots: slot s holds `frames[s]`. The same frame may be in several slots.
+        """Load a batch of frames: batch index b holds `frames[b]`. The same frame may be listed more than once.
 
         Args:
-            frames: Frame numbers, 1 to `max_slots` of them.
+            frames: Frame numbers, 1 to `max_batch_frames` of them.
 
         Raises:
             ValueError: If there are none or too many, or the scene does not cover one.
         """
-        if not 1 <= len(frames) <= self.max_slots:
-            raise ValueError(f"batch of {len(frames)} frames; this scene holds 1 to {self.max_slots} at a time")
+        if not 1 <= len(frames) <= self.max_batch_frames:
+            raise ValueError(f"batch of {len(frames)} frames; this scene holds 1 to {self.max_batch_frames} at a time")
         rows = [self.arrays.frame_row(int(frame)) for frame in frames]
         self.batch_frames = tuple(int(frame) for frame in frames)
         if self.struct.instance_count == 0:
             return
         pose = self.arrays.poses[rows][:, self.instance_actor]
-        is_present = np.zeros((self.max_slots, pose.shape[1]), dtype=bool)
+        is_present = np.zeros((self.max_batch_frames, pose.shape[1]), dtype=bool)
         is_present[: len(rows)] = np.isfinite(pose).all(axis=2)
-        on_device = np.zeros((self.max_slots, pose.shape[1], 7), dtype=np.float32)
+        on_device = np.zeros((self.max_batch_frames, pose.shape[1], 7), dtype=np.float32)
         on_device[..., 6] = 1.0
         pose = make_pose(pose[..., :3] - self.origin, normalize(pose[..., 3:]))
         on_device[: len(rows)] = np.where(is_present[: len(rows), :, None], pose, on_device[: len(rows)])
@@ -184,9 +197,9 @@ class DeviceScene:
             (self._velocity, self.struct.instance_velocity),
             (self._rate, self.struct.instance_rate),
         ):
-            in_slots = np.zeros((self.max_slots, pose.shape[1], 3), dtype=np.float32)
-            in_slots[: len(rows)] = np.where(is_present[: len(rows), :, None], derivative[rows], 0.0)
-            target.assign(in_slots)
+            in_batch = np.zeros((self.max_batch_frames, pose.shape[1], 3), dtype=np.float32)
+            in_batch[: len(rows)] = np.where(is_present[: len(rows), :, None], derivative[rows], 0.0)
+            target.assign(in_batch)
         self._build_instances()
 
     def _build_instances(self) -> None:
@@ -206,14 +219,14 @@ class DeviceScene:
             outputs=[self._lower, self._upper, self._group],
             device=self.device,
         )
-        # A new tree every time: rebuilding in place keeps the groups that the tree was made with.
+        # A new BVH every time: rebuilding in place would have the groups of the first build.
         tree = wp.Bvh(self._lower, self._upper, constructor=self._instance_constructor, groups=self._group)
         self._instances, struct.instances = tree, tree.id
         wp.launch(
             trace.group_root_kernel,
-            dim=self.max_slots,
+            dim=self.max_batch_frames,
             inputs=[tree.id],
             outputs=[struct.group_root],
             device=self.device,
-            block_dim=64,  # as all kernels of its module: two sizes of blocks would be two modules to compile
+            block_dim=64,  # as all kernels of its module: a second block size would compile the module twice
         )

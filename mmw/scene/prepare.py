@@ -1,4 +1,4 @@
-"""Before tracing: a scenario's USD stage, made once and kept with the data, and its arrays."""
+"""Prepare a scenario for tracing: its USD stage, made once and stored with the data, and its arrays."""
 
 import json
 from collections.abc import Mapping
@@ -17,7 +17,7 @@ from mmw.scene.stage.compose import compose_scenario
 from mmw.scene.stage.rsu_overlay import overlay_rsus
 from mmw.storage.atomic_files import write_bytes_atomically
 from mmw.storage.store import Store
-from mmw.traffic import VehicleTrack
+from mmw.traffic.demand import TrafficDemand, VehicleTrack
 from mmw.traffic.engine import simulate_traffic
 from mmw.traffic.roads.town_asset import open_town
 from mmw.usd.vehicle_catalog import VehicleModel, load_catalog, load_figures
@@ -30,9 +30,9 @@ ASSETS = "assets"
 
 
 def cached_stage(config: Config, scenario: ScenarioConfig, base: Path, root: Store) -> Path:
-    """Return the scenario's USD stage, see `prepare_scenario`, kept with the dataset.
+    """Return the scenario's USD stage, see `prepare_scenario`, stored with the dataset.
 
-    A store that has the stage already, made on another machine, is asked for it.
+    If the store has the stage already, made on another machine, it is downloaded.
 
     Raises:
         InputError: If town, traffic or stage cannot be used.
@@ -41,13 +41,13 @@ def cached_stage(config: Config, scenario: ScenarioConfig, base: Path, root: Sto
     """
     own = f"{STAGES}/{scenario.name}"
     if scenario.stage is None:
-        root.fetch((f"{own}.usdc", ASSETS), f"{own}.json")
+        root.download((f"{own}.usdc", ASSETS), f"{own}.json")
         stage = prepare_scenario(config, scenario, base, root.folder)
-        root.keep((f"{own}.usdc", ASSETS), f"{own}.json")
+        root.upload((f"{own}.usdc", ASSETS), f"{own}.json")
         return stage
     stage = prepare_scenario(config, scenario, base, root.folder)
     if scenario.rsus:
-        root.keep((), f"{own}.usda")
+        root.upload((), f"{own}.usda")
     return stage
 
 
@@ -128,7 +128,7 @@ def make_tracks(
         raise InputError(f"{where}: is missing; `town` needs it (vehicle_count, spawn_center_m, cav_ranks)")
     try:
         frame_count = config.frames_of(scenario).stop + 1
-        return simulate_traffic(town, traffic, catalog, base=base, frame_count=frame_count, seed=config.seed)
+        return simulate_traffic(TrafficDemand(town, traffic, catalog, frame_count, config.seed, base)).tracks
     except InputError as error:
         raise InputError(f"{where}.{error}") from error
 

@@ -10,7 +10,7 @@ from mmw.kernels.core.structs import Hit
 from mmw.kernels.core.trace import cast_kernel
 from mmw.scene.device_scene import DeviceScene
 
-FARTHEST_M = 1.0e6
+MAX_RAY_LENGTH_M = 1.0e6
 """Length of a ray without a limit [m]."""
 
 
@@ -47,7 +47,7 @@ def cast_rays(
     """
     start = np.asarray(origins, dtype=np.float64).reshape(-1, 3) - scene.origin
     count, device = len(start), scene.device
-    slot = np.ascontiguousarray(np.broadcast_to(np.asarray(batch_index, dtype=np.int32), (count,)))
+    index = np.ascontiguousarray(np.broadcast_to(np.asarray(batch_index, dtype=np.int32), (count,)))
     hits, blocked = wp.empty(count, dtype=Hit, device=device), wp.empty(count, dtype=wp.bool, device=device)
     unit = np.ascontiguousarray(np.asarray(directions, dtype=np.float32).reshape(-1, 3))
     wp.launch(
@@ -55,10 +55,10 @@ def cast_rays(
         dim=count,
         inputs=[
             scene.struct,
-            wp.array(slot, dtype=wp.int32, device=device),
+            wp.array(index, dtype=wp.int32, device=device),
             wp.array(np.ascontiguousarray(start.astype(np.float32)), dtype=wp.vec3, device=device),
             wp.array(unit, dtype=wp.vec3, device=device),
-            float(min(max_distance, FARTHEST_M)),
+            float(min(max_distance, MAX_RAY_LENGTH_M)),
             wp.full(count, -1, dtype=wp.int32, device=device),
         ],
         outputs=[hits, blocked],

@@ -40,13 +40,13 @@ def read_stage(
 
     A mesh under a prim that moves, or that has `mmw:actor:role` cav or vehicle, belongs to the topmost such prim; every
     other mesh is static town. Frame n is n / 100 s after the stage's start. Meshes that are invisible, or of purpose
-    proxy or guide, are left out; an actor is absent in the frames in which it is invisible.
+    proxy or guide, are ignored; an actor is absent in the frames in which it is invisible.
 
     Args:
         path: USD file.
         frames: Frames to read.
         weathers: Weathers to read materials for, each a variant of the stage's variant sets called `weather`; or
-            weather -> variants that can stand for it, of which each set takes the first that it has.
+            weather -> variants that can stand for it, of which each set selects the first that it has.
         margin: Frames to read beyond `frames` on each side where the stage has them, for derivatives at the ends.
         roles: Prim path -> cav, vehicle or rsu, for stages without `mmw:actor:role`.
         material_map: Glob of mesh prim paths or material names -> what a mesh is that has no radio material, or no
@@ -88,10 +88,10 @@ def read_stage(
         [row is not None for row in owners],
     )
     static, moving = [], [[] for _ in actors]
-    for part, row, is_seen in zip(parts, owners, is_shown, strict=True):
+    for part, row, is_visible in zip(parts, owners, is_shown, strict=True):
         if part is not None and row is not None:
             moving[row].append(part)
-        elif part is not None and is_seen:
+        elif part is not None and is_visible:
             static.append(part)
     if reader.unresolved:
         listed = "\n  ".join(reader.unresolved)
@@ -110,7 +110,7 @@ def read_stage(
 def _frame_times(stage: Usd.Stage, name: str, frames: range, margin: int) -> tuple[range, np.ndarray]:
     """Return the frames to read, margins included, and the time code of each."""
     if len(frames) == 0:
-        raise InputError(f"{name}: no frames are asked for; at least one is needed")
+        raise InputError(f"{name}: no frames are given; at least one is needed")
     rate, start, last = stage.GetTimeCodesPerSecond(), 0.0, frames[-1]
     if stage.HasAuthoredTimeCodeRange():
         start = stage.GetStartTimeCode()
@@ -119,7 +119,7 @@ def _frame_times(stage: Usd.Stage, name: str, frames: range, margin: int) -> tup
         if outside:
             raise InputError(
                 f"{name}: frame {outside[0]} is outside the stage, which holds frames 0 to {last} "
-                f"({stage.GetEndTimeCode() - start:g} time codes at {rate:g} a second); ask for frames within"
+                f"({stage.GetEndTimeCode() - start:g} time codes at {rate:g} a second); give frames within"
             )
     frames = range(max(frames[0] - margin, 0), min(frames[-1] + margin, last) + 1)
     return frames, start + np.array(frames, dtype=np.float64) * rate / FRAME_RATE_HZ  # whole time codes stay whole
@@ -141,7 +141,7 @@ def _check_weathers(switches: list[Usd.Prim], name: str, variants: Mapping[str, 
 
 
 def _select(stage: Usd.Stage, switches: list[Usd.Prim], names: Sequence[str]) -> None:
-    """Select in each set the first variant that it has, in the session layer, which leaves the files as they are."""
+    """Select in each set the first variant that it has, in the session layer, which changes no file."""
     with Usd.EditContext(stage, stage.GetSessionLayer()):
         for path in [prim.GetPath() for prim in switches]:
             variants = stage.GetPrimAtPath(path).GetVariantSet(WEATHER)
@@ -173,10 +173,10 @@ def _materials(
         _select(stage, switches, names)
         columns[weather] = read_materials(stage, uses, reader.notes, reader.copies)
         for use, material in zip(uses, columns[weather], strict=True):
-            if material.look.textures and not material.look.has_uv:
+            if material.appearance.textures and not material.appearance.has_uv:
                 reader.notes[
-                    f"material {material.look.prim_path}: mesh {reader.first_mesh[use]} has no texture coordinates; "
-                    "each texture is drawn as its mean there"
+                    f"material {material.appearance.prim_path}: mesh {reader.first_mesh[use]} has no texture "
+                    "coordinates; each texture is drawn as its mean there"
                 ] = None
     rows = [tuple(column[k] for column in columns.values()) for k in range(len(uses))]
     if not variants:

@@ -1,18 +1,20 @@
-"""Rows of the tables of the world: frames, poses, boxes, and what no frame changes."""
+"""Make the rows of the tables of the world: frames, poses, boxes, and what no frame changes."""
 
 import json
 from collections.abc import Sequence
+from dataclasses import fields
 
 import numpy as np
 import pyarrow as pa
 
-from mmw.config import Config, ScenarioConfig, SensorConfig
+from mmw.config import Config, SensorConfig
 from mmw.config.lens import USED
 from mmw.config.section import Vec3
 from mmw.config.sensor_spec import spec_of
 from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.kinematics import Motion
 from mmw.core.transforms import normalize
+from mmw.physics.materials.material import RadioMaterial
 from mmw.scene.scene_data import SceneData
 from mmw.scene.table_rows import AGENT_ROLES, Columns, choices, names, split
 from mmw.scene.views import mount_pose
@@ -61,7 +63,7 @@ def pose_rows(arrays: SceneData, frames: Sequence[int], motion: Motion) -> Colum
     }
 
 
-def static_rows(arrays: SceneData, config: Config, scenario: ScenarioConfig) -> dict[str, Columns]:
+def static_rows(arrays: SceneData, config: Config) -> dict[str, Columns]:
     """Return the tables of a scenario that no frame changes: `objects`, `sensors`, `materials`."""
     objects = arrays.objects
     materials = [(w, i, m) for w in config.weathers for i, m in enumerate(arrays.materials[w])]
@@ -80,16 +82,8 @@ def static_rows(arrays: SceneData, config: Config, scenario: ScenarioConfig) -> 
             "weather": [w for w, _, _ in materials],
             "material_id": np.array([i for _, i, _ in materials], dtype=np.int32),
             "name": [m.name for _, _, m in materials],
-            "model": [r.model for r in radio],
+            **{field.name: [getattr(r, field.name) for r in radio] for field in fields(RadioMaterial)},
             "itu": [r.itu or None for r in radio],
-            **{
-                name: np.array([getattr(r, name) for r in radio], dtype=np.float64)
-                for name in ("relative_permittivity", "conductivity", "thickness", "scattering", "xpd")
-            },
-            "scattering_pattern": [r.scattering_pattern for r in radio],
-            "alpha_r": np.array([r.alpha_r for r in radio], dtype=np.int16),
-            "alpha_i": np.array([r.alpha_i for r in radio], dtype=np.int16),
-            "lobe_share": np.array([r.lobe_share for r in radio], dtype=np.float64),
             "nonvisual_base": [m.nonvisual_base for _, _, m in materials],
             "lidar_reflectance": np.array([m.lidar_reflectance for _, _, m in materials]),
             "color": [np.array(m.color, dtype=np.float32) for _, _, m in materials],

@@ -1,4 +1,4 @@
-"""The scene on the host: plain arrays, made by `read_stage` from a USD stage or by tests from code."""
+"""Hold the scene on the host: plain arrays, made by `read_stage` from a USD stage or by tests from code."""
 
 from dataclasses import dataclass, field
 
@@ -18,7 +18,7 @@ class Prototype:
     points: np.ndarray
     """Vertices in the frame of the actor [m], shape [N, 3], float64."""
     faces: np.ndarray
-    """Triangles, counter-clockwise seen from outside, shape [M, 3], int32."""
+    """Triangles, counter-clockwise from outside, shape [M, 3], int32."""
     material: np.ndarray
     """Material id of each face, shape [M], int32."""
     surface: np.ndarray
@@ -27,7 +27,7 @@ class Prototype:
     """Wheels: center x, y, z in the frame of the actor [m] and radius [m], shape [W, 4], float64. A wheel turns about
     the actor's y axis through its center."""
     wheel: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
-    """Wheel of each face, -1 for a face that is fixed to the body, shape [M], int32; left out, no face turns."""
+    """Wheel of each face, -1 for a face that is fixed to the body, shape [M], int32; by default no face turns."""
     uv: np.ndarray = field(default_factory=lambda: np.zeros((0, 3, 2), dtype=np.float32))
     """Texture coordinates of the corners of each face, shape [M, 3, 2], float32; zeros where there are none."""
     normals: np.ndarray = field(default_factory=lambda: np.zeros((0, 3, 3), dtype=np.float32))
@@ -52,7 +52,7 @@ class Prototype:
 
 
 def _fill_corners(shape: "Prototype | SceneData", where: str) -> None:
-    """Give faces whose texture coordinates or normals are left out zeros, and check that no face lacks them."""
+    """Fill missing texture coordinates or normals with zeros, and check that no face lacks them."""
     for name, values in (("uv", 2), ("normals", 3)):
         found, needed = getattr(shape, name), (len(shape.faces), 3, values)
         if len(found) == 0:

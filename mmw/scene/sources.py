@@ -20,24 +20,21 @@ def scenario_source(scenario: ScenarioConfig, base: Path) -> Path:
         InputError: If the file does not exist.
     """
     if scenario.stage is not None:
-        path = base / scenario.stage
-        if not path.is_file():
-            raise InputError(
-                f"scenario {scenario.name!r}: stage = {scenario.stage!r}: no such file ({path}); give a USD file"
-            )
-        return path
+        return _existing(scenario, base, "stage", scenario.stage, "a USD file")
     town = scenario.town or ""
     if is_town_file(scenario):
-        path = base / town
-        if not path.is_file():
-            raise InputError(
-                f"scenario {scenario.name!r}: town = {town!r}: no such file ({path}); give an existing town asset"
-            )
-        return path
+        return _existing(scenario, base, "town", town, "an existing town asset")
     try:
         return town_path(town)
     except InputError as error:
         raise InputError(f"scenario {scenario.name!r}: {error}") from None
+
+
+def _existing(scenario: ScenarioConfig, base: Path, key: str, value: str, needed: str) -> Path:
+    path = base / value
+    if not path.is_file():
+        raise InputError(f"scenario {scenario.name!r}: {key} = {value!r}: no such file ({path}); give {needed}")
+    return path
 
 
 def is_town_file(scenario: ScenarioConfig) -> bool:
@@ -53,13 +50,8 @@ def trajectory_file(scenario: ScenarioConfig, base: Path) -> Path | None:
     """
     if scenario.traffic is None or scenario.traffic.trajectories is None:
         return None
-    path = base / scenario.traffic.trajectories
-    if not path.is_file():
-        raise InputError(
-            f"scenario {scenario.name!r}: traffic.trajectories = {scenario.traffic.trajectories!r}: no such file "
-            f"({path}); give a .parquet, .csv or .xml table"
-        )
-    return path
+    value = scenario.traffic.trajectories
+    return _existing(scenario, base, "traffic.trajectories", value, "a .parquet, .csv or .xml table")
 
 
 def weather_variants(source: Path) -> list[str]:

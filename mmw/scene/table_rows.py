@@ -1,4 +1,4 @@
-"""Common parts of the functions that make rows: columns by name, names of agents, lists of a sweep, images that threads
+"""Share parts of the functions that make rows: columns by name, names of agents, lists of a sweep, images that threads
 still encode."""
 
 from collections.abc import Sequence
@@ -20,6 +20,11 @@ AGENT_ROLES = ("cav", "rsu")
 def names(arrays: SceneData, actor: np.ndarray) -> pa.DictionaryArray:
     """Return the names of actors given by their indices."""
     return choices([a.name for a in arrays.actors], actor)
+
+
+def sample_columns(arrays: SceneData, sensor: str, frame: np.ndarray, actor: np.ndarray) -> Columns:
+    """Return the columns that every table of a sensor has: frame, agent and sensor of each row."""
+    return {"frame": frame.astype(np.int32), "agent": names(arrays, actor), "sensor": sensor}
 
 
 def choices(texts: Sequence[str | None], index: np.ndarray) -> pa.DictionaryArray:

@@ -1,4 +1,4 @@
-"""Tables of the world: frames, agents, boxes, and what a scenario is made of."""
+"""Describe the tables of the world: frames, agents, boxes, and what a scenario is made of."""
 
 import pyarrow as pa
 
@@ -131,13 +131,7 @@ SENSORS = TableSpec(
         column("cy", F64, "px", "row of the optical axis from the top edge; null if not a camera", nullable=True),
         column("width", I32, "px", "image width; null if not a camera", nullable=True),
         column("height", I32, "px", "image height; null if not a camera", nullable=True),
-        column(
-            "lens",
-            NAME,
-            "",
-            "lens model: pinhole, brown_conrady or fisheye; null if not a camera",
-            nullable=True,
-        ),
+        column("lens", NAME, "", "lens model: pinhole, brown_conrady or fisheye; null if not a camera", nullable=True),
         column(
             "coefficients",
             list_of(F64),

@@ -1,4 +1,4 @@
-"""Sensors x frames -> view tables: which sensor of which agent looks from where, in which frame."""
+"""Make tables of views: one pose for each agent that carries a sensor, in each frame of a batch."""
 
 # Warp's structs and small number types are objects, not classes, to a type checker.
 # pyright: reportGeneralTypeIssues=false
@@ -10,6 +10,7 @@ import numpy as np
 import warp as wp
 
 from mmw.config import SensorConfig
+from mmw.core.kinematics import Motion
 from mmw.core.random_keys import random_keys
 from mmw.core.transforms import compose, normalize, pose_from_mount
 from mmw.kernels.core import structs
@@ -23,25 +24,26 @@ class Views:
 
     frame: np.ndarray
     """Frame number, shape [A], int64."""
-    slot: np.ndarray
+    batch_index: np.ndarray
     """Position of the frame in its batch, shape [A], int32."""
     actor: np.ndarray
-    """Index of the agent in `SceneData.actors`, -1 for a view that nobody carries and that stands still, shape [A],
-    int32."""
+    """Index of the agent in `SceneData.actors`, -1 for a view that is fixed in the world, shape [A], int32."""
     pose: np.ndarray
     """Sensor to world, shape [A, 7], float64."""
-    ignore: np.ndarray
-    """Instance that the view does not see, -1 for none, shape [A], int32."""
+    ignore_instance: np.ndarray
+    """Instance that is invisible to the view, -1 for none, shape [A], int32."""
 
     def __len__(self) -> int:
         return len(self.frame)
 
     def take(self, rows: np.ndarray | slice) -> "Views":
         """Return some of the views, given by their rows."""
-        return Views(self.frame[rows], self.slot[rows], self.actor[rows], self.pose[rows], self.ignore[rows])
+        return Views(
+            self.frame[rows], self.batch_index[rows], self.actor[rows], self.pose[rows], self.ignore_instance[rows]
+        )
 
     def to_device(self, device: str, origin: np.ndarray | None = None) -> structs.Views:
-        """Return the views as kernels take them.
+        """Return the views as an argument of kernels.
 
         Args:
             device: Warp device name.
@@ -51,26 +53,18 @@ class Views:
         if origin is not None:
             pose[:, :3] -= origin
         views = structs.Views()
-        views.slot = wp.array(self.slot, dtype=wp.int32, device=device)
+        views.batch_index = wp.array(self.batch_index, dtype=wp.int32, device=device)
         views.pose = wp.array(pose.astype(np.float32), dtype=wp.transformf, device=device)
-        views.ignore = wp.array(self.ignore, dtype=wp.int32, device=device)
+        views.ignore = wp.array(self.ignore_instance, dtype=wp.int32, device=device)
         return views
 
     def for_scene(self, scene: DeviceScene) -> structs.Views:
-        """Return the views on the device of a scene, after a check that the scene holds their frames.
+        """Return the views on the device of a scene, after a check that their frames are loaded.
 
         Raises:
-            ValueError: If a view's frame is not in its slot of the scene.
+            ValueError: If a view's frame is not at its index of the batch.
         """
-        loaded = np.asarray(scene.batch_frames, dtype=np.int64)
-        is_loaded = (self.slot >= 0) & (self.slot < len(loaded))
-        is_loaded[is_loaded] = loaded[self.slot[is_loaded]] == self.frame[is_loaded]
-        if not is_loaded.all():
-            row = int(np.argmin(is_loaded))
-            raise ValueError(
-                f"view {row}: frame {self.frame[row]} in slot {self.slot[row]}; the scene holds frames "
-                f"{list(scene.batch_frames[:8])}; call load_batch with the frames that the views were made for"
-            )
+        scene.check_loaded("view", self.batch_index, self.frame)
         return self.to_device(scene.device, scene.origin)
 
 
@@ -94,14 +88,14 @@ def mount_pose(sensor: SensorConfig, role: str) -> np.ndarray:
 
 
 def make_views(arrays: SceneData, frames: Sequence[int], sensor: SensorConfig) -> Views:
-    """Return where a sensor is in each frame: pose of its agent x mount.
+    """Return the poses of a sensor in each frame: pose of its agent x mount.
 
-    Nothing is ignored: like CARLA's, a sensor sees its own vehicle, so a ray that starts above a roof may end on it.
+    As in CARLA, a sensor sees its own vehicle: `ignore_instance` is -1.
 
     Args:
         arrays: The scene on the host.
-        frames: Frames of the batch; frame `frames[s]` is in slot s.
-        sensor: Its `on` and `mount` decide who carries it and where.
+        frames: Frames of the batch; frame `frames[b]` has batch index b.
+        sensor: Sensor, whose `on` and `mount` give its agents and its pose on them.
 
     Returns:
         One row for every frame and every agent that carries the sensor and is present in that frame.
@@ -112,20 +106,27 @@ def make_views(arrays: SceneData, frames: Sequence[int], sensor: SensorConfig) -
     actors = sensor_actors(arrays, sensor)
     rows = np.array([arrays.frame_row(int(frame)) for frame in frames], dtype=np.int64)
     frame = np.repeat(np.asarray(frames, dtype=np.int64), len(actors))
-    slot = np.repeat(np.arange(len(rows), dtype=np.int32), len(actors))
+    batch_index = np.repeat(np.arange(len(rows), dtype=np.int32), len(actors))
     actor = np.tile(actors, len(rows))
     pose = arrays.poses[rows][:, actors].reshape(-1, 7)
     is_present = np.isfinite(pose).all(axis=1)
-    frame, slot, actor, pose = frame[is_present], slot[is_present], actor[is_present], pose[is_present]
+    frame, batch_index = frame[is_present], batch_index[is_present]
+    actor, pose = actor[is_present], pose[is_present]
     mounts = {role: mount_pose(sensor, role) for role in sensor.on}
     mount = np.array([mounts[arrays.actors[i].role] for i in actor]).reshape(-1, 7)
     pose = np.concatenate([pose[:, :3], normalize(pose[:, 3:])], axis=1)
-    return Views(frame, slot, actor, compose(pose, mount), np.full(len(frame), -1, dtype=np.int32))
+    return Views(frame, batch_index, actor, compose(pose, mount), np.full(len(frame), -1, dtype=np.int32))
+
+
+def sample_views(arrays: SceneData, frames: Sequence[int], sensor: SensorConfig) -> Views:
+    """Return the views of the frames in which a sensor samples; otherwise as `make_views`."""
+    views = make_views(arrays, frames, sensor)
+    return views.take(views.frame % sensor.period_frames == 0)
 
 
 def join_views(parts: Sequence[Views]) -> Views:
-    """Return the views of several sensors in one table, one after the other; at least one part."""
-    columns = zip(*((p.frame, p.slot, p.actor, p.pose, p.ignore) for p in parts), strict=True)
+    """Return the views of several sensors in one table, one after the other."""
+    columns = zip(*((p.frame, p.batch_index, p.actor, p.pose, p.ignore_instance) for p in parts), strict=True)
     return Views(*(np.concatenate(column) for column in columns))
 
 
@@ -135,7 +136,28 @@ def view_keys(arrays: SceneData, views: Views, *stream: str | int) -> np.ndarray
     Args:
         arrays: The scene on the host, for the names of the agents.
         views: The views.
-        stream: What else names the stream: seed, scenario, weather, sensor.
+        stream: Other parts of the name of the stream: seed, scenario, weather, sensor.
     """
     names = [arrays.actors[actor].name for actor in views.actor]
     return random_keys((*stream, name, int(frame)) for name, frame in zip(names, views.frame, strict=True))
+
+
+def view_twists(arrays: SceneData, motion: Motion, views: Views) -> tuple[np.ndarray, np.ndarray]:
+    """Return how each view's sensor moves at the instant of its frame.
+
+    Args:
+        arrays: The scene on the host.
+        motion: Derivatives of `arrays.poses`, all frames and actors (`differentiate(arrays.poses)`).
+        views: The views.
+
+    Returns:
+        Velocity of the sensor's origin in the world frame [m/s], shape [A, 3], and angular velocity about the axes of
+        the world frame [rad/s], shape [A, 3], both float64: v + w x (sensor - agent) and w of the agent's body.
+
+    Raises:
+        ValueError: If the scene does not cover a frame of the views.
+    """
+    rows = np.array([arrays.frame_row(int(frame)) for frame in views.frame], dtype=np.int64)
+    rate = motion.world_rate[rows, views.actor]
+    lever_arm = views.pose[:, :3] - arrays.poses[rows, views.actor, :3]
+    return motion.velocity[rows, views.actor] + np.cross(rate, lever_arm), rate

@@ -1,4 +1,4 @@
-"""Context of the tracing of one scenario: constant inputs, and the lists that gather its rows."""
+"""Hold the context of one scenario's sensors: constant inputs, and the lists that gather its rows."""
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -9,7 +9,7 @@ from mmw.channel.path_solver.surface_table import SurfaceTable
 from mmw.config import Config, ScenarioConfig
 from mmw.core.kinematics import Motion
 from mmw.core.timing import StageTimer
-from mmw.kernels.shading import structs as looks
+from mmw.kernels.shading import structs as shading
 from mmw.physics.weather.weather import Weather
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.scene_data import SceneData
@@ -56,13 +56,13 @@ class Batch:
         return self._rgb[debug]
 
     @cached_property
-    def alpha_cutouts(self) -> "looks.Appearance | None":
+    def alpha_cutouts(self) -> "shading.AppearanceTable | None":
         """Appearance of a scene with cut-out textures, whose holes the rays of all cameras pass; None without any."""
         if self.rgb_sensors:
             return self.rgb_camera(self.rgb_sensors[0].debug).alpha_cutouts
         first = self.config.weathers[0]
-        found = [material.look for material in self.arrays.materials[first]]
-        if not any(look.opacity_threshold > 0.0 and look.opacity_texture for look in found):
+        found = [material.appearance for material in self.arrays.materials[first]]
+        if not any(entry.opacity_threshold > 0.0 and entry.opacity_texture for entry in found):
             return None
         appearance = AppearanceArrays(self.scene).for_weather(first)
         return appearance if appearance.has_holes else None

@@ -1,4 +1,4 @@
-"""Images on their way to the threads that encode them: as many as fit, so that a fast device does not fill memory."""
+"""Submit images to the threads that encode them, as many as fit, so that a fast device does not fill memory."""
 
 from collections import deque
 from collections.abc import Callable

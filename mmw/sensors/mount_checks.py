@@ -30,7 +30,7 @@ def check_mounts(scene: DeviceScene, config: Config) -> None:
     """Check each sensor and antenna at the first frame in which its agent is there.
 
     A place is inside something if nearly all rays upward hit an odd number of surfaces: inside a closed solid every
-    way out crosses its skin once more than it enters. The winding of faces does not matter.
+    ray out crosses its skin once more than it enters. The winding of faces does not matter.
 
     Args:
         scene: Town and vehicles; another batch is loaded afterwards.

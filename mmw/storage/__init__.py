@@ -1,1 +1,1 @@
-"""The dataset's tables: their schemas, and how shards are written, listed and verified."""
+"""Store datasets: schemas of the tables; writing, listing and verifying shards; local folders and S3 buckets."""

@@ -1,4 +1,4 @@
-"""Columns in, checked Arrow table out: the one gate between the tracer's arrays and the files."""
+"""Convert columns to checked and sorted Arrow tables, for all files of a dataset."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -22,12 +22,12 @@ def table_from_columns(name: str, columns: Mapping[str, Any]) -> pa.Table:
 
 
 def unsorted_table(name: str, columns: Mapping[str, Any]) -> pa.Table:
-    """Return a table of the given columns, cast to the schema and checked, with rows and names as they come.
+    """Return a table of the given columns, cast to the schema and checked, in the given order of rows.
 
     Args:
         name: Table name.
         columns: Every column of the table by name. A column is a NumPy array, an Arrow array, a sequence, or one scalar
-            (text, number or truth value) that stands for all rows. A list column is a sequence of arrays, one a row, or
+            (text, number or truth value) for all rows. A list column is a sequence of arrays, one per row, or
             an Arrow list array. An image column is a sequence of `(bytes, path)` pairs, None for no image.
 
     Raises:
@@ -51,12 +51,12 @@ def unsorted_table(name: str, columns: Mapping[str, Any]) -> pa.Table:
 
 
 def check_table(name: str, table: pa.Table) -> pa.Table:
-    """Return a table that came as Arrow, after the same checks as `table_from_columns`."""
+    """Return an Arrow table after the checks of `table_from_columns`."""
     return table_from_columns(name, {column: table.column(column) for column in table.column_names})
 
 
 def sort_rows(spec: TableSpec, table: pa.Table) -> pa.Table:
-    """Return the rows sorted by the table's key, and names with dictionaries as `normalize_names` gives them.
+    """Return the rows sorted by the table's key, with the dictionaries of `normalize_names`.
 
     Raises:
         ValueError: If two rows have the same key.
@@ -78,7 +78,7 @@ def sort_rows(spec: TableSpec, table: pa.Table) -> pa.Table:
 
 
 def _order_of(values: pa.ChunkedArray) -> np.ndarray:
-    """Return numbers that are in order and equal where values are; of names those of their dictionary in order."""
+    """Return numbers with the order of the values; of names, their ranks in the sorted dictionary."""
     if not (pa.types.is_dictionary(values.type) or pa.types.is_string(values.type)):
         return values.to_numpy()
     array = values.combine_chunks()
@@ -90,7 +90,7 @@ def _order_of(values: pa.ChunkedArray) -> np.ndarray:
 
 
 def _is_sorted(keys: Sequence[np.ndarray]) -> bool:
-    """Return whether rows are in the order of their keys, of which the first counts most."""
+    """Return whether rows are sorted by their keys, the first being the most significant."""
     is_equal = np.ones(len(keys[0]) - 1, dtype=bool)
     for values in keys:
         if (is_equal & (values[:-1] > values[1:])).any():
@@ -100,7 +100,7 @@ def _is_sorted(keys: Sequence[np.ndarray]) -> bool:
 
 
 def normalize_names(table: pa.Table) -> pa.Table:
-    """Return the table with dictionaries of the names it has, in order of appearance, however its rows came."""
+    """Return the table with dictionaries of its own names only, in order of first appearance."""
     columns = [
         _to_names(column.combine_chunks()) if pa.types.is_dictionary(column.type) else column
         for column in table.columns
@@ -130,7 +130,7 @@ def _cast(table: str, field: pa.Field, values: Any, rows: int) -> pa.Array:
         raise ValueError(f"{where}: row {row} is null; every row needs a value")
     leaf = array.flatten() if pa.types.is_list(array.type) else array
     if leaf.null_count and leaf is not array:
-        raise ValueError(f"{where}: a list holds a null; every element needs a value")
+        raise ValueError(f"{where}: a list contains a null; every element needs a value")
     if pa.types.is_floating(leaf.type):
         finite = np.isfinite(leaf.drop_null().to_numpy(zero_copy_only=False))
         if not finite.all():
@@ -146,12 +146,14 @@ def _to_arrow(type_: pa.DataType, values: Any, rows: int) -> pa.Array:
         values = pa.repeat(value, rows)
     if isinstance(values, pa.ChunkedArray):
         values = values.combine_chunks()
-    if isinstance(values, pa.ChunkedArray):  # no chunk at all
+    if isinstance(values, pa.ChunkedArray):  # without any chunk
         values = pa.array([], type_)
     if pa.types.is_dictionary(type_):
         return values if _are_names(values) else _to_names(values)
     if type_.equals(IMAGE):
-        return values.cast(type_) if isinstance(values, pa.Array) else _to_images(values)
+        if isinstance(values, pa.Array):
+            return values.cast(type_)
+        return pa.array([None if pair is None else {"bytes": pair[0], "path": pair[1]} for pair in values], type_)
     if pa.types.is_list(type_) and not isinstance(values, pa.Array):
         return _to_lists(type_, values)
     if isinstance(values, pa.Array):
@@ -173,7 +175,7 @@ def _to_names(values: Any) -> pa.Array:
 
 
 def _are_names(values: Any) -> bool:
-    """Return whether values are what tables hold: names by their place in a dictionary that has none of them twice."""
+    """Return whether values are dictionary-encoded names without repeated entries."""
     if not (isinstance(values, pa.DictionaryArray) and values.type.equals(NAME)):
         return False
     texts = values.dictionary
@@ -181,7 +183,7 @@ def _are_names(values: Any) -> bool:
 
 
 def _in_order(values: pa.DictionaryArray) -> pa.DictionaryArray:
-    """Return names with a dictionary of those that are there, in order of first appearance; none is in it twice."""
+    """Return names with a dictionary of the used ones, in order of first appearance, without repetition."""
     names = len(values.dictionary)
     if names == 1 and values.null_count == 0 and len(values):
         return values
@@ -193,10 +195,6 @@ def _in_order(values: pa.DictionaryArray) -> pa.DictionaryArray:
     code = (values.indices.fill_null(names) if values.null_count else values.indices).to_numpy()
     indices = pa.array(place[code], mask=code == names if values.null_count else None)
     return pa.DictionaryArray.from_arrays(indices, values.dictionary.take(pa.array(order)))
-
-
-def _to_images(values: Sequence[tuple[bytes, str] | None]) -> pa.Array:
-    return pa.array([None if pair is None else {"bytes": pair[0], "path": pair[1]} for pair in values], type=IMAGE)
 
 
 def _to_lists(type_: pa.DataType, values: Sequence[Any]) -> pa.Array:

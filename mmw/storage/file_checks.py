@@ -1,16 +1,12 @@
-"""Is the dataset what its markers say? Every file is read, hashed, and its rows are checked against their keys."""
+"""Verify the files of a dataset against its markers: read and hash each file, and check the keys of its rows."""
 
 import hashlib
-import json
 import re
-from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import PurePosixPath
-from typing import Any
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -19,10 +15,10 @@ from mmw.core.temp_files import is_temporary
 from mmw.storage.manifest import DATASET, MANIFEST, read_dataset, read_markers
 from mmw.storage.parquet_schema import arrow_schema
 from mmw.storage.schemas import SCHEMA_VERSION, TABLES, table_spec
-from mmw.storage.shard_writer import MARKERS
+from mmw.storage.shard_writer import MARKERS, key_of, marker_path
 from mmw.storage.store import Root, Store, store_of
 
-LEFTOVERS = ("orphan", "temporary", "note")
+HARMLESS = ("orphan", "temporary", "note")
 """Kinds of findings that are no error."""
 
 SHARD_FILE = re.compile(r"[^/]+/scenario=[^/]+(/weather=[^/]+)?/part-\d{6,}\.parquet")
@@ -31,65 +27,66 @@ SHARD_FILE = re.compile(r"[^/]+/scenario=[^/]+(/weather=[^/]+)?/part-\d{6,}\.par
 
 @dataclass(frozen=True)
 class Finding:
-    """Something that is not as it should be."""
+    """Problem of a dataset, or a note."""
 
     kind: str
     """missing, size, sha256, parquet, rows, schema, key, duplicate, foreign, config, marker, manifest, count, friis,
-    sight, box, remade: the data is not whole or not right. orphan, temporary: a killed run's leftovers, harmless,
-    replaced when it is run again. note: what could not be checked."""
+    sight, box, regenerated: the data is incomplete or wrong. orphan, temporary: harmless files of a killed run, which
+    a rerun replaces. note: anything that could not be checked."""
     path: str
     """File, relative to the dataset folder."""
     text: str
 
     @property
     def is_error(self) -> bool:
-        """True if data is missing or damaged; False for leftovers."""
-        return self.kind not in LEFTOVERS
+        """True if data is missing or damaged; False for harmless files and notes."""
+        return self.kind not in HARMLESS
 
     def __str__(self) -> str:
         return f"{self.kind}: {self.path}: {self.text}"
 
 
 def verify(root: Root) -> list[Finding]:
-    """Return everything that is wrong with a dataset; an empty list means that every file is as its marker says.
+    """Return all problems of a dataset; none means that every file matches its marker.
 
     Raises:
         InputError: If it is not a dataset.
         StoreError: If a store cannot be reached.
     """
-    store = store_of(root)
+    return list(_find(store_of(root)))
+
+
+def _find(store: Store) -> Iterator[Finding]:
     head = read_dataset(store)
-    sha256 = head["config_sha256"]
-    findings = _check_version(DATASET, head["schema_version"])
-    markers = read_markers(store)
-    readable = {_marker_name(marker) for marker in markers}
+    yield from _check_version(DATASET, head["schema_version"])
+    markers = {marker_path(key_of(marker)).as_posix(): marker for marker in read_markers(store)}
     for name in store.names(MARKERS):
-        if name.endswith(".json") and PurePosixPath(name).name not in readable:
-            findings.append(Finding("marker", name, "cannot be read; run the configuration again"))
+        if name.endswith(".json") and name not in markers:
+            yield Finding("marker", name, "cannot be read; run the configuration again")
     listed: dict[str, dict] = {}
-    for marker in markers:
-        findings += _check_version(f"{MARKERS}/{_marker_name(marker)}", marker["schema_version"])
+    for name, marker in markers.items():
+        yield from _check_version(name, marker["schema_version"])
         for file in marker["files"]:
             if file["path"] in listed:
-                findings.append(Finding("marker", file["path"], "two markers list the file"))
+                yield Finding("marker", file["path"], "two markers list the file")
             listed[file["path"]] = file
-            if marker["config_sha256"] != sha256:
-                findings.append(
-                    Finding("config", file["path"], f"made by configuration {marker['config_sha256'][:12]}")
-                )
-            findings += _check_file(store, file, marker)
-    made_on = sorted({str(marker["device"]) for marker in markers if marker.get("device")})
+            if marker["config_sha256"] != head["config_sha256"]:
+                yield Finding("config", file["path"], f"made by configuration {marker['config_sha256'][:12]}")
+            yield from _check_file(store, file, marker)
+    made_on = sorted({str(marker["device"]) for marker in markers.values() if marker.get("device")})
     if len(made_on) > 1:
         text = f"made on {len(made_on)} kinds of machine, between which last bits may differ: {'; '.join(made_on)}"
-        findings.append(Finding("note", MARKERS, text))
-    return findings + _check_overlaps(markers) + _check_others(store, listed) + _check_manifest(store, listed)
+        yield Finding("note", MARKERS, text)
+    yield from _check_overlaps(markers)
+    yield from _check_others(store, listed)
+    yield from _check_manifest(store, listed)
 
 
 def version_number(text: str) -> tuple[int, int]:
     """Return the major and minor number of a schema version.
 
     Raises:
-        InputError: If it is none.
+        InputError: If the text is not a version.
     """
     major, dot, minor = str(text).partition(".")
     if not (dot and major.isdigit() and minor.isdigit()):
@@ -97,49 +94,44 @@ def version_number(text: str) -> tuple[int, int]:
     return int(major), int(minor)
 
 
-def _check_version(path: str, text: str) -> list[Finding]:
+def _check_version(path: str, text: str) -> Iterator[Finding]:
     try:
         found, own = version_number(text), version_number(SCHEMA_VERSION)
     except InputError as error:
-        return [Finding("schema", path, str(error))]
+        yield Finding("schema", path, str(error))
+        return
     if found > own:
-        return [Finding("schema", path, f"schema {text} is newer than {SCHEMA_VERSION} of this mmw; update mmw")]
-    if found[0] < own[0]:
-        return [Finding("schema", path, f"schema {text} is older than {own[0]}.0; use the mmw that made it")]
-    return []
+        yield Finding("schema", path, f"schema {text} is newer than {SCHEMA_VERSION} of this mmw; update mmw")
+    elif found[0] < own[0]:
+        yield Finding("schema", path, f"schema {text} is older than {own[0]}.0; use the mmw that made it")
 
 
-def _marker_name(marker: dict[str, Any]) -> str:
-    if marker["weather"] is None:
-        return f"{marker['scenario']}.json"
-    return f"{marker['scenario']}.{marker['weather']}.{marker['frame_begin']:06d}.json"
-
-
-def _check_file(store: Store, file: dict, marker: dict) -> list[Finding]:
+def _check_file(store: Store, file: dict, marker: dict) -> Iterator[Finding]:
     name = file["path"]
     data = store.read(name)
     if data is None:
-        return [Finding("missing", name, "the marker lists it, but it is not there")]
-    if len(data) != file["bytes"]:
-        return [Finding("size", name, f"{len(data)} bytes; the marker says {file['bytes']}")]
-    if hashlib.sha256(data).hexdigest() != file["sha256"]:
-        return [Finding("sha256", name, "the content is not what was written")]
-    try:
-        with pq.ParquetFile(pa.BufferReader(data)) as parquet:
-            return list(_check_content(parquet, file, marker))
-    except (pa.ArrowException, OSError) as error:
-        return [Finding("parquet", name, f"cannot be read: {one_line(error)}")]
+        yield Finding("missing", name, "the marker lists it, but it does not exist")
+    elif len(data) != file["bytes"]:
+        yield Finding("size", name, f"{len(data)} bytes; the marker has {file['bytes']}")
+    elif hashlib.sha256(data).hexdigest() != file["sha256"]:
+        yield Finding("sha256", name, "the content is not what was written")
+    else:
+        try:
+            with pq.ParquetFile(pa.BufferReader(data)) as parquet:
+                yield from _check_content(parquet, file, marker)
+        except (pa.ArrowException, OSError) as error:
+            yield Finding("parquet", name, f"cannot be read: {one_line(error)}")
 
 
 def one_line(error: BaseException) -> str:
-    """Return what an error says, on one line."""
+    """Return the message of an error on one line."""
     return " ".join(str(error).split())
 
 
-def _check_content(parquet: pq.ParquetFile, file: dict, marker: dict) -> Iterable[Finding]:
+def _check_content(parquet: pq.ParquetFile, file: dict, marker: dict) -> Iterator[Finding]:
     name, table = file["path"], file["table"]
     if parquet.metadata.num_rows != file["rows"]:
-        yield Finding("rows", name, f"{parquet.metadata.num_rows} rows; the marker says {file['rows']}")
+        yield Finding("rows", name, f"{parquet.metadata.num_rows} rows; the marker has {file['rows']}")
     if table not in TABLES:
         yield Finding("schema", name, f"table {table!r} is not known to this mmw (schema {SCHEMA_VERSION})")
         return
@@ -171,64 +163,49 @@ def _check_content(parquet: pq.ParquetFile, file: dict, marker: dict) -> Iterabl
 
 
 def _repeated(keys: pa.Table) -> int:
-    """Return how many rows have the key of another row."""
-    if not keys.num_rows:
-        return 0
-    code = np.zeros(keys.num_rows, dtype=np.int64)
-    for column in keys.columns:
-        if pa.types.is_dictionary(column.type):
-            column = column.cast(pa.string())
-        number = column.combine_chunks().dictionary_encode().indices.to_numpy()
-        code = np.unique(code * (int(number.max()) + 1) + number, return_inverse=True)[1]
-    return keys.num_rows - len(np.unique(code))
+    """Return how many rows repeat the key of another row."""
+    names = [field.with_type(pa.string()) if pa.types.is_dictionary(field.type) else field for field in keys.schema]
+    return keys.num_rows - keys.cast(pa.schema(names)).group_by(keys.column_names).aggregate([]).num_rows
 
 
-def _check_overlaps(markers: Iterable[dict]) -> list[Finding]:
-    """Return shards that hold frames of another: their rows would be there twice."""
-    findings, ranges = [], defaultdict(list)
-    for marker in markers:
-        if marker["weather"] is not None:
-            ranges[marker["scenario"], marker["weather"]].append(marker)
-    for (scenario, weather), some in ranges.items():
-        some.sort(key=lambda marker: marker["frame_begin"])
-        for one, other in pairwise(some):
-            if other["frame_begin"] < one["frame_end"]:
-                text = f"frames {other['frame_begin']} to {one['frame_end'] - 1} of {scenario}, {weather} are in two"
-                findings.append(Finding("duplicate", f"{MARKERS}/{_marker_name(other)}", f"{text} shards"))
-    return findings
+def _check_overlaps(markers: Mapping[str, dict]) -> Iterator[Finding]:
+    """Yield shards that share frames with another: their rows would be duplicated."""
+    framed = sorted(
+        (marker["scenario"], marker["weather"], marker["frame_begin"], marker["frame_end"], name)
+        for name, marker in markers.items()
+        if marker["weather"] is not None
+    )
+    for (*one, _, end, _), (*other, begin, _, name) in pairwise(framed):
+        if one == other and begin < end:
+            yield Finding("duplicate", name, f"frames {begin} to {end - 1} of {', '.join(one)} are in two shards")
 
 
-def _check_others(store: Store, listed: dict[str, dict]) -> list[Finding]:
-    """Return files that no marker lists."""
-    findings = []
-    names = [(name, PurePosixPath(name)) for name in store.names()]
-    for name, path in names:
-        if path.parts[0] not in TABLES or name in listed or is_temporary(path):
-            continue
-        if SHARD_FILE.fullmatch(name) and store.sizes([name]):
-            findings.append(Finding("orphan", name, "no marker lists the file; its shard was not finished"))
-        else:
-            findings.append(Finding("foreign", name, "no file of a dataset has this name; move it away"))
-    for name in store.top():
-        if name.endswith(".parquet") and name != MANIFEST:
-            findings.append(Finding("foreign", name, "no file of a dataset has this name; move it away"))
-    for name, path in names:
-        if path.parts[0] == MARKERS and path.suffix != ".json" and not is_temporary(path):
-            findings.append(Finding("foreign", name, "no marker has this name; move it away"))
-    for name, path in names:
+def _check_others(store: Store, listed: dict[str, dict]) -> Iterator[Finding]:
+    """Yield files that no marker lists."""
+    for name in store.names():
+        path = PurePosixPath(name)
         if is_temporary(path):
-            findings.append(Finding("temporary", name, "left by a killed run"))
-    return findings
+            yield Finding("temporary", name, "left by a killed run")
+        elif path.parts[0] in TABLES and name not in listed:
+            if SHARD_FILE.fullmatch(name) and store.sizes([name]):
+                yield Finding("orphan", name, "no marker lists the file; its shard was not finished")
+            else:
+                yield Finding("foreign", name, "no file of a dataset has this name; move it away")
+        elif path.parts[0] == MARKERS and path.suffix != ".json":
+            yield Finding("foreign", name, "no marker has this name; move it away")
+    for name in store.top_level_names():
+        if name.endswith(".parquet") and name != MANIFEST:
+            yield Finding("foreign", name, "no file of a dataset has this name; move it away")
 
 
-def _check_manifest(store: Store, listed: dict[str, dict]) -> list[Finding]:
+def _check_manifest(store: Store, listed: dict[str, dict]) -> Iterator[Finding]:
     data = store.read(MANIFEST)
     if data is None:
-        return []
+        return
     try:
         manifest = pq.read_table(pa.BufferReader(data), columns=["path", "sha256"]).to_pylist()
-    except (pa.ArrowException, OSError, json.JSONDecodeError) as error:
-        return [Finding("manifest", MANIFEST, f"cannot be read: {one_line(error)}; run the configuration again")]
+    except (pa.ArrowException, OSError) as error:
+        yield Finding("manifest", MANIFEST, f"cannot be read: {one_line(error)}; run the configuration again")
+        return
     if {row["path"]: row["sha256"] for row in manifest} != {path: file["sha256"] for path, file in listed.items()}:
-        return [Finding("manifest", MANIFEST, "does not list what the markers list; run the configuration again")]
-    return []
+        yield Finding("manifest", MANIFEST, "does not list what the markers list; run the configuration again")

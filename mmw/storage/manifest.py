@@ -1,4 +1,4 @@
-"""The dataset as a whole: whose it is, what is still to make, and the list of what was made."""
+"""Manage a dataset as a whole: its identity, its pending work, and the list of its files."""
 
 import io
 import json
@@ -15,8 +15,8 @@ from mmw.core.errors import InputError
 from mmw.core.temp_files import is_temporary
 from mmw.storage.atomic_files import StoreError
 from mmw.storage.schemas import SCHEMA_VERSION, TABLES
-from mmw.storage.shard_writer import MARKERS, META_KEYS, ShardKey, marker_path
-from mmw.storage.store import DATASET, LOCKS, Folder, Root, Store, store_of
+from mmw.storage.shard_writer import MARKERS, META_KEYS, ShardKey, key_of, marker_path
+from mmw.storage.store import DATASET, LOCKS, Root, Store, store_of
 
 HEAD_TYPES = {"schema_version": str, "config_sha256": str, "versions": dict, "config": dict}
 """Required content of `dataset.json`."""
@@ -30,66 +30,51 @@ FILE_TYPES = {"table": str, "path": str, "rows": int, "bytes": int, "sha256": st
 MANIFEST = "_manifest.parquet"
 CARD = "README.md"
 CONFIG = "config.yaml"
-"""The resolved configuration as a file that `--config` takes again; written by whoever has it
-(`mmw.generation.provenance`)."""
+"""The resolved configuration, a valid argument of `--config`; written by `mmw.generation.provenance`."""
 
-_MANIFEST_SCHEMA = pa.schema(
-    [
-        ("table", pa.string()),
-        ("scenario", pa.string()),
-        ("weather", pa.string()),
-        ("frame_begin", pa.int32()),
-        ("frame_end", pa.int32()),
-        ("path", pa.string()),
-        ("rows", pa.int64()),
-        ("bytes", pa.int64()),
-        ("sha256", pa.string()),
-        ("schema_version", pa.string()),
-        *((name, pa.float64() if name == "seconds" else pa.string()) for name in META_KEYS),
-        ("created_utc", pa.string()),
-    ]
-)
+_NUMBERS = {
+    "frame_begin": pa.int32(), "frame_end": pa.int32(), "rows": pa.int64(), "bytes": pa.int64(), "seconds": pa.float64()
+}  # fmt: skip
+_COLUMNS = (
+    "table", "scenario", "weather", "frame_begin", "frame_end", "path", "rows", "bytes", "sha256", "schema_version",
+    *META_KEYS, "created_utc",
+)  # fmt: skip
+_MANIFEST_SCHEMA = pa.schema([(name, _NUMBERS.get(name, pa.string())) for name in _COLUMNS])
 
 
 def folders() -> tuple[str, ...]:
-    """Return the folders that a run makes; `--overwrite` removes these and nothing else."""
+    """Return the folders that a run creates; `--overwrite` removes only these."""
     return (MARKERS, *TABLES, "stages", "assets")
 
 
 def prepare_root(
     root: Root, config_identity: Mapping[str, Any], config_sha256: str, versions: Mapping[str, Any], overwrite: bool
 ) -> None:
-    """Begin a dataset, or take up an unfinished one of the same configuration.
+    """Start a dataset, or resume an unfinished one of the same configuration.
 
-    A dataset of another configuration without a finished shard, after a wrong first try for example, is taken over.
-
-    Args:
-        root: Dataset; its folder is made if it does not exist.
-        config_identity: What decides the data (`Config.identity`).
-        config_sha256: Its hash (`Config.sha256`).
-        versions: What made it: versions of mmw and its libraries, asset hashes, device; stored, not compared.
-        overwrite: Remove the data that is there, also another configuration's.
+    A dataset of another configuration without a finished shard, such as after a failed first run, is replaced. Versions
+    are stored, not compared.
 
     Raises:
-        InputError: If the place belongs to another configuration or schema version, holds something else, or cannot be
-            made, reached or written.
+        InputError: If the store has data of another configuration or schema version, contains other files, or cannot be
+            created, reached or written.
         OutOfSpaceError: If the disk is full.
     """
     store = store_of(root)
-    store.check()
-    there = store.top()  # once: another part may begin it meanwhile
-    if DATASET not in there:
-        foreign = [name for name in there if name != LOCKS and not is_temporary(Path(name))]
+    store.check_writable()
+    found = store.top_level_names()  # once: another part may start the dataset meanwhile
+    if DATASET not in found:
+        foreign = [name for name in found if name != LOCKS and not is_temporary(Path(name))]
         if foreign:
             raise InputError(
-                f"{store}: holds {', '.join(foreign[:5])}{' and more' if len(foreign) > 5 else ''} but no {DATASET}; "
+                f"{store}: has {', '.join(foreign[:5])}{' and more' if len(foreign) > 5 else ''} but no {DATASET}; "
                 "a dataset needs an empty or new folder; give another --out"
             )
     elif overwrite or _is_other_and_empty(store, config_sha256):
-        store.remove((*folders(), MANIFEST, CARD, CONFIG))  # markers first: a kill on the way leaves no false claim
+        store.remove((*folders(), MANIFEST, CARD, CONFIG))  # markers first, so that a kill leaves no false marker
     else:
         _check_same(store, config_identity, config_sha256)
-        _claim(store, None)
+        _start_writing(store, None)
         return
     content = {
         "schema_version": SCHEMA_VERSION,
@@ -98,12 +83,12 @@ def prepare_root(
         "created_utc": datetime.now(UTC).isoformat(timespec="seconds"),
         "config": dict(config_identity),
     }
-    _claim(store, json.dumps(content, indent=1).encode())
+    _start_writing(store, json.dumps(content, indent=1).encode())
 
 
-def _claim(store: Store, head: bytes | None) -> None:
+def _start_writing(store: Store, head: bytes | None) -> None:
     try:
-        store.claim(head)
+        store.start_writing(head)
     except StoreError as error:
         raise InputError(str(error)) from error
 
@@ -115,24 +100,22 @@ def read_dataset(root: Root) -> dict[str, Any]:
         InputError: If there is no dataset, or the file is damaged or another program's.
     """
     store = store_of(root)
-    return parse_dataset(_read_head(store), store.where())
+    return parse_dataset(_read_head(store), store.location())
 
 
 def _read_head(store: Store) -> bytes | None:
     try:
         return store.read(DATASET)
     except OSError as error:
-        raise InputError(f"{store.where(DATASET)}: cannot be read ({error.strerror}); let yourself read it") from error
+        raise InputError(
+            f"{store.location(DATASET)}: cannot be read ({error.strerror}); change its permissions"
+        ) from error
     except StoreError as error:
         raise InputError(str(error)) from error
 
 
 def parse_dataset(data: bytes | None, root: object) -> dict[str, Any]:
     """Return the content of a `dataset.json`.
-
-    Args:
-        data: The file's bytes; None if there is no such file.
-        root: Its folder, for messages.
 
     Raises:
         InputError: If there is none, or it is damaged or another program's.
@@ -154,20 +137,16 @@ def parse_dataset(data: bytes | None, root: object) -> dict[str, Any]:
 
 
 def read_markers(root: Root) -> list[dict[str, Any]]:
-    """Return every readable marker of a dataset, in the order of their names; damaged ones are left out."""
+    """Return every readable marker of a dataset, sorted by name; damaged ones are skipped."""
     store = store_of(root)
     names = [name for name in store.names(MARKERS) if name.endswith(".json")]
     return list(_markers(store, names).values())
 
 
 def pending(root: Root, keys: Iterable[ShardKey | str]) -> list[ShardKey | str]:
-    """Return what has no valid marker: none of this configuration, or one whose files are not as it says.
+    """Return the shards and scenarios without a valid marker of this configuration.
 
-    Only existence and size of the files are looked at; `verify` also reads them.
-
-    Args:
-        root: Dataset.
-        keys: Shards, and names of scenarios for their static tables.
+    A marker is valid if its files exist with their sizes; `verify` also reads them.
     """
     store, keys = store_of(root), list(keys)
     done = _finished(store, keys, read_dataset(store)["config_sha256"])
@@ -184,28 +163,24 @@ def pending_scenarios(root: Root, names: Iterable[str]) -> list[str]:
     return [name for name in pending(root, names) if isinstance(name, str)]
 
 
-def keep_finished(root: Root, keys: Iterable[ShardKey]) -> int:
-    """Put shards into the store that an earlier run finished on this machine and could not put.
-
-    Args:
-        root: Dataset.
-        keys: Shards that are pending.
+def upload_finished(root: Root, keys: Iterable[ShardKey]) -> int:
+    """Upload shards that an earlier run finished on this machine and could not upload.
 
     Returns:
-        How many there were; none where the dataset is local.
+        Number of uploaded shards; 0 if the dataset is local.
 
     Raises:
         StoreError: If the store cannot be reached or refuses.
     """
     store = store_of(root)
-    found = _finished(Folder(store.folder), list(keys), read_dataset(store)["config_sha256"])
+    found = _finished(Store(store.folder), list(keys), read_dataset(store)["config_sha256"])
     for key, marker in found.items():
-        store.keep([file["path"] for file in marker["files"]], marker_path(key).as_posix(), drop=True)
+        store.upload([file["path"] for file in marker["files"]], marker_path(key).as_posix(), remove_local=True)
     return len(found)
 
 
 def finalize(root: Root) -> dict[str, Any]:
-    """Write `_manifest.parquet` (one row a file) and the dataset card `README.md`, from the markers.
+    """Write `_manifest.parquet` (one row per file) and the dataset card `README.md`, from the markers.
 
     Returns:
         `tables`: name -> {files, rows, bytes}; and the totals `files`, `rows`, `bytes`.
@@ -220,53 +195,48 @@ def finalize(root: Root) -> dict[str, Any]:
     rows.sort(key=lambda row: (order[row["table"]], row["path"]))
     buffer = io.BytesIO()
     pq.write_table(pa.Table.from_pylist(rows, schema=_MANIFEST_SCHEMA), buffer, compression="zstd")
-    store.publish(MANIFEST, buffer.getvalue())
+    store.write_atomically(MANIFEST, buffer.getvalue())
     tables: dict[str, dict[str, int]] = defaultdict(lambda: {"files": 0, "rows": 0, "bytes": 0})
     for row in rows:
         entry = tables[row["table"]]
         entry["files"] += 1
         entry["rows"] += row["rows"]
         entry["bytes"] += row["bytes"]
-    store.publish(CARD, dataset_card(head, tables).encode())
+    store.write_atomically(CARD, dataset_card(head, tables).encode())
     totals = {name: sum(entry[name] for entry in tables.values()) for name in ("files", "rows", "bytes")}
     return {"tables": dict(tables), **totals}
 
 
 def dataset_card(head: Mapping[str, Any], tables: Mapping[str, Mapping[str, int]]) -> str:
-    """Return the text of the dataset card: one Hugging Face configuration a table, and a list of the tables."""
-    lines = ["---", "configs:"]
-    for name in tables:
-        lines += [f"- config_name: {name}", f"  data_files: {name}/**/*.parquet"]
-    lines += [
-        "---",
-        "",
-        "# Multimodal wireless dataset",
-        "",
-        f"Made with mmw {head['versions'].get('mmw', '')}".rstrip() + f", schema {head['schema_version']}, "
-        f"configuration `{head['config_sha256'][:12]}` (the whole of it is in `{DATASET}`; `{CONFIG}` makes it again).",
-        "",
-        "| table | one row is | rows | MB |",
-        "|---|---|---:|---:|",
-    ]
-    lines += [
-        f"| {name} | {TABLES[name].doc} | {t['rows']:,} | {t['bytes'] / 1e6:,.1f} |" for name, t in tables.items()
-    ]
-    lines += [
-        "",
-        "Every column has its unit and meaning in the files' `mmw.columns` key. Read with any Parquet reader, or:",
-        "",
-        "```python",
-        "from mmw.dataset import connect",
-        "",
-        f'connect(".").sql("SELECT * FROM {next(iter(tables), "frames")} LIMIT 5")',
-        "```",
-        "",
-    ]
-    return "\n".join(lines)
+    """Return the text of the dataset card: one Hugging Face configuration per table, and a list of the tables."""
+    configs = "".join(f"- config_name: {name}\n  data_files: {name}/**/*.parquet\n" for name in tables)
+    rows = "".join(
+        f"| {name} | {TABLES[name].doc} | {t['rows']:,} | {t['bytes'] / 1e6:,.1f} |\n" for name, t in tables.items()
+    )
+    version, sha256 = f"mmw {head['versions'].get('mmw', '')}".rstrip(), head["config_sha256"][:12]
+    return f"""---
+configs:
+{configs}---
+
+# Multimodal wireless dataset
+
+Made with {version}, schema {head["schema_version"]}, configuration `{sha256}` (the whole of it is in `{DATASET}`; `{CONFIG}` makes it again).
+
+| table | one row is | rows | MB |
+|---|---|---:|---:|
+{rows}
+Every column has its unit and meaning in the files' `mmw.columns` key. Read with any Parquet reader, or:
+
+```python
+from mmw.dataset import connect
+
+connect(".").sql("SELECT * FROM {next(iter(tables), "frames")} LIMIT 5")
+```
+"""  # noqa: E501
 
 
 def _markers(store: Store, names: Iterable[str]) -> dict[str, dict[str, Any]]:
-    """Return the markers that can be read and are whole."""
+    """Return the markers that are readable and complete."""
     found = {name: _parse_marker(data) for name, data in store.read_all(names).items()}
     return {name: marker for name, marker in found.items() if marker is not None}
 
@@ -279,31 +249,29 @@ def _parse_marker(data: bytes) -> dict[str, Any] | None:
     if not isinstance(marker, dict) or not isinstance(marker.get("files"), list):
         return None
     is_framed = marker.get("weather") is not None
-    is_whole = (
+    is_complete = (
         _fits(marker, MARKER_TYPES)
         and all(_fits(file, FILE_TYPES) for file in marker["files"])
         and all((marker[name] is not None) == is_framed for name in ("frame_begin", "frame_end"))
     )
-    return marker if is_whole else None
+    return marker if is_complete else None
 
 
 def _fits(content: Any, types: Mapping[str, Any]) -> bool:
-    """True if a value is a mapping whose keys hold what they should."""
+    """Return whether a value is a mapping with the given keys and types of values."""
     return isinstance(content, dict) and all(
         key in content and isinstance(content[key], type_) for key, type_ in types.items()
     )
 
 
 def _finished(store: Store, keys: Iterable[ShardKey | str], sha256: str) -> dict[ShardKey | str, dict[str, Any]]:
-    """Return the markers of shards and static tables that are there as this configuration wants them."""
+    """Return the valid markers of this configuration, of shards and static tables."""
     names = {marker_path(key).as_posix(): key for key in keys}
-    found = {}
-    for name, marker in _markers(store, names).items():
-        key = names[name]
-        frames = (key.frame_begin, key.frame_end) if isinstance(key, ShardKey) else (None, None)
-        wanted = (sha256, SCHEMA_VERSION, *frames)
-        if wanted == tuple(marker[part] for part in ("config_sha256", "schema_version", "frame_begin", "frame_end")):
-            found[key] = marker
+    found = {
+        names[name]: marker
+        for name, marker in _markers(store, names).items()
+        if (key_of(marker), marker["config_sha256"], marker["schema_version"]) == (names[name], sha256, SCHEMA_VERSION)
+    }
     sizes = store.sizes({file["path"] for marker in found.values() for file in marker["files"]})
     return {
         key: marker for key, marker in found.items()
@@ -318,18 +286,18 @@ def _is_other_and_empty(store: Store, sha256: str) -> bool:
 
 
 def _check_same(store: Store, identity: Mapping[str, Any], sha256: str) -> None:
-    there = read_dataset(store)
-    if there["schema_version"] != SCHEMA_VERSION:
+    found = read_dataset(store)
+    if found["schema_version"] != SCHEMA_VERSION:
         raise InputError(
-            f"{store}: has schema {there['schema_version']}; this version writes {SCHEMA_VERSION}; "
+            f"{store}: has schema {found['schema_version']}; this version writes {SCHEMA_VERSION}; "
             "use --overwrite to replace the data, or another --out"
         )
-    if there["config_sha256"] == sha256:
+    if found["config_sha256"] == sha256:
         return
-    differences = config_differences(there["config"], identity)
+    differences = config_differences(found["config"], identity)
     shown = "; ".join(differences[:6]) + (f"; and {len(differences) - 6} more" if len(differences) > 6 else "")
     raise InputError(
-        f"{store}: belongs to configuration {there['config_sha256'][:12]}, this one is {sha256[:12]}: {shown}; "
+        f"{store}: belongs to configuration {found['config_sha256'][:12]}, this one is {sha256[:12]}: {shown}; "
         "use --overwrite to replace the data, or another --out"
     )
 
@@ -340,7 +308,7 @@ def config_differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[s
 
 
 def _differences(where: str, old: Any, new: Any) -> list[str]:
-    """Return `key: old -> new` for every leaf that differs."""
+    """Return `key: old -> new` for every leaf that differs, recursively."""
     if isinstance(old, dict) and isinstance(new, dict):
         keys = sorted(set(old) | set(new))
         return [text for key in keys for text in _differences(f"{where}.{key}", old.get(key), new.get(key))]

@@ -1,4 +1,4 @@
-"""How a table becomes a Parquet file: its Arrow schema with file-level keys, and the encoding of every column."""
+"""Build the Arrow schema of a table with its file-level keys, and choose the encoding of every column."""
 
 import json
 from typing import Any
@@ -6,22 +6,17 @@ from typing import Any
 import pyarrow as pa
 
 from mmw.storage.schemas import SCHEMA_VERSION, column_text, table_spec
-from mmw.storage.table_spec import IMAGE
+from mmw.storage.table_spec import IMAGE, TableSpec
 
 
-def arrow_schema(name: str, meta: dict[str, str] | None = None) -> pa.Schema:
-    """Return a table's Arrow schema with its file-level keys.
-
-    Args:
-        name: Table name.
-        meta: Further file-level keys, such as `mmw.config_sha256`.
-    """
-    spec = table_spec(name)
+def arrow_schema(table: str | TableSpec, meta: dict[str, str] | None = None) -> pa.Schema:
+    """Return a table's Arrow schema with its file-level keys."""
+    spec = table_spec(table) if isinstance(table, str) else table
     columns = {field.name: column_text(field) for field in spec.columns}
     features = {field.name: _feature(field.type) for field in spec.columns}
     keys = {
         "mmw.schema_version": SCHEMA_VERSION,
-        "mmw.table": name,
+        "mmw.table": spec.name,
         "mmw.columns": json.dumps(columns),
         "huggingface": json.dumps({"info": {"features": features}}),
     }
@@ -32,7 +27,7 @@ _HF_TYPES = {"float": "float32", "double": "float64"}
 
 
 def _feature(type_: pa.DataType) -> dict[str, Any]:
-    """Return a type as Hugging Face datasets spell it."""
+    """Return the Hugging Face feature of a type."""
     if pa.types.is_dictionary(type_):
         return {"dtype": "string", "_type": "Value"}
     if type_.equals(IMAGE):
@@ -42,9 +37,9 @@ def _feature(type_: pa.DataType) -> dict[str, Any]:
     return {"dtype": _HF_TYPES.get(str(type_), str(type_)), "_type": "Value"}
 
 
-def write_options(name: str) -> dict[str, Any]:
-    """Return how `pyarrow.parquet` encodes a table: dictionaries for names and ids, split bytes for floats, zstd."""
-    spec = table_spec(name)
+def write_options(table: str | TableSpec) -> dict[str, Any]:
+    """Return the options of `pyarrow.parquet`: dictionaries for names and ids, split bytes for floats, zstd."""
+    spec = table_spec(table) if isinstance(table, str) else table
     encoding: dict[str, str] = {}
     compression: dict[str, str] = {}
     dictionary: list[str] = []

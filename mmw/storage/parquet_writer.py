@@ -1,6 +1,6 @@
-"""A Parquet file that grows in memory, batch of frames by batch, with row groups of whole frames.
+"""Write a Parquet file in memory, batch by batch, with row groups of whole frames.
 
-What a file holds does not depend on how its frames came in batches.
+The content of a file does not depend on the sizes of the batches.
 """
 
 import pyarrow as pa
@@ -11,20 +11,14 @@ from mmw.storage.parquet_schema import arrow_schema, write_options
 from mmw.storage.schemas import table_spec
 
 ROWS_PER_GROUP = 65_536
-"""Rows of a row group in tables that name no frames for it. Design value."""
+"""Rows of a row group in tables without `frames_per_group`. Design value."""
 
 
-class GrowingFile:
-    """One table of a shard. Row groups that are complete are encoded at once; the rest waits for its frames."""
+class ParquetFileBuilder:
+    """File of one table of a shard. Complete row groups are encoded at once; other rows wait for their frames."""
 
     def __init__(self, name: str, frame_begin: int, file_meta: dict[str, str]):
-        """Begin an empty file.
-
-        Args:
-            name: Table name.
-            frame_begin: First frame of the shard; groups are counted from it.
-            file_meta: File-level keys.
-        """
+        """Start an empty file."""
         self._spec = table_spec(name)
         self._schema = arrow_schema(name, file_meta)
         self._sink = pa.BufferOutputStream()
@@ -34,12 +28,7 @@ class GrowingFile:
         self.rows = 0
 
     def add(self, table: pa.Table, frame_end: int) -> None:
-        """Add rows of frames that follow those before, sorted by the table's key.
-
-        Args:
-            table: The rows.
-            frame_end: One past the last frame that is complete now.
-        """
+        """Add the rows of the next frames, sorted by the table's key."""
         self.rows += table.num_rows
         self._waiting.append(table)
         step = self._spec.frames_per_group
@@ -47,13 +36,13 @@ class GrowingFile:
             self._write_groups(frame_end - (frame_end - self._next_frame) % step)
 
     def close(self) -> memoryview:
-        """Encode what waits and return the file.
+        """Encode the waiting rows and return the file.
 
         Raises:
             ValueError: If two rows have the same key.
         """
         if self._waiting:
-            rest = self._take()
+            rest = self._pop_waiting()
             if rest.num_rows or not self.rows:
                 rest = sort_rows(self._spec, rest)
                 self._write(rest, max(rest.num_rows, 1) if self._spec.frames_per_group else ROWS_PER_GROUP)
@@ -61,8 +50,8 @@ class GrowingFile:
         return memoryview(self._sink.getvalue())
 
     def _write_groups(self, frame_end: int) -> None:
-        """Encode the groups before a frame, each of as many frames as the table wants."""
-        table = self._take()
+        """Encode the row groups before a frame, each of `frames_per_group` frames."""
+        table = self._pop_waiting()
         frame = table.column("frame").to_numpy()
         begin = 0
         for first in range(self._next_frame, frame_end, self._spec.frames_per_group):
@@ -74,8 +63,8 @@ class GrowingFile:
         if begin < table.num_rows:
             self._waiting = [table.slice(begin)]
 
-    def _take(self) -> pa.Table:
-        """Return everything that waits as one table, which waits no longer."""
+    def _pop_waiting(self) -> pa.Table:
+        """Remove and return all waiting rows as one table."""
         waiting, self._waiting = self._waiting, []
         return waiting[0] if len(waiting) == 1 else pa.concat_tables(waiting).unify_dictionaries().combine_chunks()
 

@@ -1,7 +1,7 @@
-"""A dataset in an S3-compatible store: files are made in a folder on this machine, then put; the marker goes last.
+"""Store a dataset in an S3-compatible bucket: files are written to a local folder, then uploaded, the marker last.
 
-An object is there whole or not at all. What decides what is done is what the store holds: one listing says it, to
-whatever machine asks.
+An object exists completely or not at all. The content of the bucket alone decides which work is finished, so that any
+machine can resume it from one listing.
 """
 
 import hashlib
@@ -25,28 +25,28 @@ from mmw.core.errors import InputError
 from mmw.core.resources import cache_dir
 from mmw.core.temp_files import is_temporary
 from mmw.storage.atomic_files import StoreError, write_bytes_atomically
-from mmw.storage.store import DATASET, Folder, Store
+from mmw.storage.store import DATASET, Store
 
-WAITS_S = (1.0, 5.0, 25.0)
-"""Pauses before a request that failed is tried again [s]; the S3 client has tried it for some seconds each time. Design
-value: a minute without network passes unnoticed."""
+RETRY_DELAYS_S = (1.0, 5.0, 25.0)
+"""Delays before a failed request is repeated [s], after some seconds of retries of the S3 client itself. Design value:
+enough for a network failure of a minute."""
 
-SINGLE_PUT = 5_000_000
-"""Objects up to this size are put by one request [byte]. Arrow sends up to 10 MB so, and what is more in parts."""
+MAX_SINGLE_PUT_BYTES = 5_000_000
+"""Size up to which objects are uploaded by one request [bytes]. Arrow does so up to 10 MB."""
 
-FEW = 64
-"""Files up to which each is asked for by itself, where otherwise the whole dataset is listed."""
+MAX_SINGLE_LOOKUPS = 64
+"""Number of files up to which each is looked up by itself; for more, the whole dataset is listed."""
 
-READERS = 16
+READ_THREADS = 16
 """Threads that read small files."""
 
 CAUSES = (
-    ("NO_SUCH_BUCKET|Bucket '.*' not found", "there is no such bucket", "make it, or correct the address"),
+    ("NO_SUCH_BUCKET|Bucket '.*' not found", "there is no such bucket", "create it, or correct the address"),
     (
         r"INVALID_ACCESS_KEY|SIGNATURE_DOES_NOT_MATCH|INVALID_CLIENT_TOKEN|UNRECOGNIZED_CLIENT|MISSING_AUTHENTICATION"
         "|ExpiredToken|InvalidToken|TokenRefreshRequired",
         "the credentials are not accepted",
-        "see AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, AWS_SESSION_TOKEN or AWS_PROFILE",
+        "check AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, AWS_SESSION_TOKEN or AWS_PROFILE",
     ),
     (
         r"PermanentRedirect|AuthorizationHeaderMalformed|HTTP status 301",
@@ -56,41 +56,36 @@ CAUSES = (
     (
         r"ACCESS_DENIED|HTTP status 40[13]",
         "permission is denied",
-        "set AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, or AWS_PROFILE, of who may list, get, put and delete there",
+        "set AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, or AWS_PROFILE, with permission to list, get, put and delete",
     ),
 )
 """Error code -> cause and cure, where a retry is of no use."""
 
 UNREACHABLE = (
-    r"NETWORK_CONNECTION|curlCode", "it cannot be reached", "see the network, and endpoint_override in the address"
+    r"NETWORK_CONNECTION|curlCode", "it cannot be reached", "check the network, and endpoint_override in the address"
 )  # fmt: skip
-"""The same where trying again may help."""
+"""The same for errors that may pass."""
 
 Result = TypeVar("Result")
 
 
 class Bucket(Store):
-    """A dataset below a prefix of a bucket."""
+    """Dataset below a prefix of a bucket."""
 
     def __init__(self, address: str, staging: str | Path | None = None, part: str = "0-of-1"):
-        """Name the place; nothing is asked of it yet.
-
-        Args:
-            address: `s3://bucket/folder`, with options as pyarrow has them: `?endpoint_override=...&region=...`.
-            staging: Folder on this machine below which files are made; None for one in the user's cache.
-            part: Which part of the dataset is made from here.
+        """Parse `s3://bucket/folder?endpoint_override=...&region=...`, without a request to the bucket.
 
         Raises:
-            InputError: If it is no such address, or holds credentials.
+            InputError: If the address is not valid, or contains credentials.
         """
         parts = urlsplit(address)
         if "@" in parts.netloc:
             raise InputError(
-                f"{parts.scheme}://...@{parts.netloc.rpartition('@')[2]}: credentials do not belong into an address, "
+                f"{parts.scheme}://...@{parts.netloc.rpartition('@')[2]}: credentials must not be in an address, "
                 "which is stored with the data; set AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY"
             )
         if parts.scheme != "s3" or not parts.netloc:
-            raise InputError(f"{address}: is no place for a dataset; give a folder or s3://bucket/folder")
+            raise InputError(f"{address}: is not the address of a dataset; give a folder or s3://bucket/folder")
         self.address = address
         self._root = "/".join([parts.netloc, *filter(None, unquote(parts.path).split("/"))])
         self._part = part
@@ -98,35 +93,35 @@ class Bucket(Store):
         mark = hashlib.sha256(f"{endpoint} {self._root}".encode()).hexdigest()[:8]
         own = re.sub(r"[^\w.-]+", "-", self._root)[-60:].strip("-.")
         self._staging = Path(staging or cache_dir() / "mmw" / "staging").absolute() / f"{own}-{mark}"
-        self._same: set[str] = set()
-        """Files that are in the store as they are in `folder`."""
+        self._synchronized: set[str] = set()
+        """Files that are the same in the bucket and in `folder`."""
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave the connections out: another process opens its own."""
+        """Leave out the connections, which each process opens itself."""
         return {name: value for name, value in self.__dict__.items() if name not in ("_system", "_single")}
 
     @cached_property
     def folder(self) -> Path:
-        """Folder in which files of this very dataset are made: what is left of another one is in another folder."""
+        """Folder to which files are written; its name depends on `dataset.json`, so that no two datasets share one."""
         head = self.read(DATASET)
         if head is None:
-            raise InputError(f"{self.where()}: has no {DATASET}; it is no dataset; run its configuration again")
+            raise InputError(f"{self.location()}: has no {DATASET}; it is no dataset; run its configuration again")
         return self._staging / f"{hashlib.sha256(head).hexdigest()[:12]}.{self._part}"
 
     @property
     def staging(self) -> Path:
         return self._staging
 
-    def where(self, name: str = "") -> str:
+    def location(self, name: str = "") -> str:
         return "/".join(part for part in (f"s3://{self._root}", name) if part)
 
-    def anywhere(self) -> "Bucket":
+    def resolved(self) -> "Bucket":
         return self
 
-    def check(self) -> None:
-        Folder(self._staging).check()
+    def check_writable(self) -> None:
+        Store(self._staging).check_writable()
         try:
-            self._do("listed", "", lambda: self._list("", recursive=False), waits=())
+            self._request("listed", "", lambda: self._list("", recursive=False), delays_s=())
         except StoreError as error:
             raise InputError(str(error)) from error
 
@@ -138,18 +133,19 @@ class Bucket(Store):
             except FileNotFoundError:
                 return None
 
-        return self._do("read", name, read)
+        return self._request("read", name, read)
 
     def read_all(self, names: Iterable[str]) -> dict[str, bytes]:
         names = list(names)
-        if len(names) > FEW:
-            there = {name for top in sorted({name.partition("/")[0] for name in names}) for name in self._sizes(top)}
-            names = [name for name in names if name in there]
-        with ThreadPoolExecutor(READERS) as pool:
+        if len(names) > MAX_SINGLE_LOOKUPS:
+            tops = sorted({name.partition("/")[0] for name in names})
+            existing = {name for top in tops for name in self._sizes(top)}
+            names = [name for name in names if name in existing]
+        with ThreadPoolExecutor(READ_THREADS) as pool:
             found = pool.map(self.read, names)
             return {name: data for name, data in zip(names, found, strict=True) if data is not None}
 
-    def rows(self, name: str, columns: Sequence[str]) -> pa.Table:
+    def read_columns(self, name: str, columns: Sequence[str]) -> pa.Table:
         def read() -> pa.Table | Exception:
             try:
                 with self._system.open_input_file(self._path(name)) as source, pq.ParquetFile(source) as file:
@@ -157,88 +153,88 @@ class Bucket(Store):
             except (pa.ArrowException, OSError) as error:
                 if "AWS Error" in str(error):
                     raise
-                return error  # it is the file's fault
+                return error  # the file is damaged or missing
 
-        found = self._do("read", name, read)
+        found = self._request("read", name, read)
         if isinstance(found, Exception):
             raise found
         return found
 
-    def top(self) -> list[str]:
-        found = self._do("listed", "", lambda: self._list("", recursive=False))
+    def top_level_names(self) -> list[str]:
+        found = self._request("listed", "", lambda: self._list("", recursive=False))
         return sorted(self._name(info) for info in found)
 
     def names(self, folder: str = "") -> list[str]:
         return sorted(self._sizes(folder))
 
     def sizes(self, names: Collection[str]) -> dict[str, int]:
-        if len(names) > FEW:
+        if len(names) > MAX_SINGLE_LOOKUPS:
             found = self._sizes("")
             return {name: found[name] for name in names if name in found}
         paths = [self._path(name) for name in names]
-        infos = self._do("looked at", "", lambda: self._system.get_file_info(paths)) if paths else []
+        infos = self._request("looked at", "", lambda: self._system.get_file_info(paths)) if paths else []
         return {self._name(info): info.size for info in infos if info.type == pafs.FileType.File}
 
-    def publish(self, name: str, data: bytes) -> None:
-        self._do("written", name, lambda: _undisturbed(lambda: self._put(name, data)))
+    def write_atomically(self, name: str, data: bytes) -> None:
+        self._request("written", name, lambda: self._put(name, data))
 
     def remove(self, names: Iterable[str]) -> None:
         for name in names:
             path = self._path(name)
-            kind = self._do("looked at", name, lambda path=path: self._system.get_file_info(path)).type
+            kind = self._request("looked at", name, lambda path=path: self._system.get_file_info(path)).type
             if kind == pafs.FileType.Directory:
-                self._do("removed", name, lambda path=path: self._system.delete_dir(path))
+                self._request("removed", name, lambda path=path: self._system.delete_dir(path))
             elif kind == pafs.FileType.File:
-                self._do("removed", name, lambda path=path: self._system.delete_file(path))
+                self._request("removed", name, lambda path=path: self._system.delete_file(path))
 
-    def claim(self, head: bytes | None) -> None:
+    def start_writing(self, head: bytes | None) -> None:
         head = head or self.read(DATASET)
         if head is not None:
-            self.publish(DATASET, head)  # also as it is: to know before anything is made whether it can be written
+            self.write_atomically(DATASET, head)  # unchanged if it exists: this tests early that the bucket is writable
         self.folder.mkdir(parents=True, exist_ok=True)
-        is_whole = self._part == "0-of-1"  # then nobody else writes here
+        is_whole = self._part == "0-of-1"  # then no other run uses this folder
         for other in self._staging.iterdir():
             named = re.fullmatch(r"[0-9a-f]{12}\.(\d+-of-\d+)", other.name)
             if named and other != self.folder and (is_whole or named[1] == self._part):
                 shutil.rmtree(other, ignore_errors=True)
 
-    def keep(self, names: Iterable[str], last: str, *, drop: bool = False) -> None:
-        files = self._here(names)
+    def upload(self, names: Iterable[str], last: str, *, remove_local: bool = False) -> None:
+        files = self._local_sizes(names)
         data = (self.folder / last).read_bytes()
-        if self.read(last) != data or self._differing(files):
+        if self.read(last) != data or self._missing(files):
             for name in files:
-                if name not in self._same:
-                    self.publish(name, (self.folder / name).read_bytes())
-            if wrong := self._differing(files):
-                raise StoreError(self._said("written", wrong[0], "it is not there whole after it was put"))
-            self.publish(last, data)
-        if drop:
-            for name in (*files, last):  # the marker last: without it nothing that is left counts
+                if name not in self._synchronized:
+                    self.write_atomically(name, (self.folder / name).read_bytes())
+            if wrong := self._missing(files):
+                raise StoreError(self._message("written", wrong[0], "it is incomplete or missing after its upload"))
+            self.write_atomically(last, data)
+        if remove_local:
+            for name in (*files, last):  # the marker last: without it the other files would be ignored
                 (self.folder / name).unlink(missing_ok=True)
         else:
-            self._same.update(files)
+            self._synchronized.update(files)
 
-    def fetch(self, names: Iterable[str], last: str) -> None:
+    def download(self, names: Iterable[str], last: str) -> None:
         data = self.read(last)
-        here = self.folder / last
-        if data is None or (here.is_file() and here.read_bytes() == data):
+        marker = self.folder / last
+        if data is None or (marker.is_file() and marker.read_bytes() == data):
             return
-        there = [name for name in self._below(names) if name not in self._same]
-        self._bring(there, self.folder)
-        self._same.update(there)
-        write_bytes_atomically(here, data)
+        outdated = [name for name in self._expand(names) if name not in self._synchronized]
+        self._download(outdated, self.folder)
+        self._synchronized.update(outdated)
+        write_bytes_atomically(marker, data)
 
-    def leave(self) -> None:
+    def remove_staging(self) -> None:
         shutil.rmtree(self.folder, ignore_errors=True)
 
     @contextmanager
-    def copy(self, *names: str) -> Iterator[Path]:
-        with tempfile.TemporaryDirectory(prefix="mmw-") as made:
-            self._bring(self._below(names), Path(made))
-            yield Path(made)
+    def local_copy(self, *names: str) -> Iterator[Path]:
+        with tempfile.TemporaryDirectory(prefix="mmw-") as folder:
+            self._download(self._expand(names), Path(folder))
+            yield Path(folder)
 
-    def _here(self, names: Iterable[str]) -> dict[str, int]:
-        """Return files of `folder` and their sizes [byte]; a folder stands for the files in it."""
+    def _local_sizes(self, names: Iterable[str]) -> dict[str, int]:
+        """Return the sizes [bytes] of files in `folder`; a folder is replaced by its files."""
         files: dict[str, int] = {}
         for name in names:
             path = self.folder / name
@@ -247,33 +243,38 @@ class Bucket(Store):
                     files[file.relative_to(self.folder).as_posix()] = file.stat().st_size
         return files
 
-    def _differing(self, files: dict[str, int]) -> list[str]:
-        """Return the files that are not in the store with their sizes."""
-        there = self.sizes(files.keys())
-        return [name for name, size in files.items() if there.get(name) != size]
+    def _missing(self, files: dict[str, int]) -> list[str]:
+        """Return the files that do not exist in the bucket with their sizes."""
+        found = self.sizes(files.keys())
+        return [name for name, size in files.items() if found.get(name) != size]
 
-    def _below(self, names: Iterable[str]) -> list[str]:
-        """Return the files that are there of some files and folders."""
+    def _expand(self, names: Iterable[str]) -> list[str]:
+        """Return the names of existing files, with folders replaced by their files."""
         return [name for top in names for name in ([top] if self.sizes([top]) else self.names(top))]
 
-    def _bring(self, names: Sequence[str], folder: Path) -> None:
-        def bring(name: str) -> None:
+    def _download(self, names: Sequence[str], folder: Path) -> None:
+        def download(name: str) -> None:
             data = self.read(name)
             if data is not None:
                 write_bytes_atomically(folder / name, data)
 
-        with ThreadPoolExecutor(READERS) as pool:
-            list(pool.map(bring, names))
+        with ThreadPoolExecutor(READ_THREADS) as pool:
+            list(pool.map(download, names))
 
     def _put(self, name: str, data: bytes) -> None:
-        """Put an object. The data is at hand before it is begun: closing a stream publishes what was written to it."""
-        system = self._single if len(data) <= SINGLE_PUT else self._system
-        stream = system.open_output_stream(self._path(name), compression=None)
-        stream.write(data)
-        stream.close()
+        """Upload an object from complete data: closing a stream of Arrow commits what was written to it."""
+
+        def put() -> None:
+            system = self._single if len(data) <= MAX_SINGLE_PUT_BYTES else self._system
+            stream = system.open_output_stream(self._path(name), compression=None)
+            stream.write(data)
+            stream.close()
+
+        with ThreadPoolExecutor(1) as pool:  # where Ctrl-C cannot interrupt it
+            pool.submit(put).result()
 
     def _sizes(self, folder: str) -> dict[str, int]:
-        found = self._do("listed", folder, lambda: self._list(folder, recursive=True))
+        found = self._request("listed", folder, lambda: self._list(folder, recursive=True))
         return {self._name(info): info.size for info in found if info.type == pafs.FileType.File}
 
     def _list(self, folder: str, *, recursive: bool) -> list[pafs.FileInfo]:
@@ -288,48 +289,39 @@ class Bucket(Store):
 
     @cached_property
     def _system(self) -> pafs.FileSystem:
-        """The store; objects are put in parts."""
+        """File system of the bucket; objects are uploaded in parts."""
         return pafs.FileSystem.from_uri(self.address)[0]
 
     @cached_property
     def _single(self) -> pafs.FileSystem:
-        """The store; objects are put by one request, as far as they are small. With a large one that could not be begun
-        Arrow would leave an empty object."""
+        """File system of the bucket; small objects are uploaded by one request. If the first request for a large object
+        failed, Arrow would leave an empty object."""
         sign = "&" if "?" in self.address else "?"
         try:
             return pafs.FileSystem.from_uri(f"{self.address}{sign}allow_delayed_open=true")[0]
         except pa.ArrowInvalid:
-            return self._system  # until version 20 addresses do not have that option
+            return self._system  # before version 20 Arrow has no such option
 
-    def _do(self, done: str, name: str, work: Callable[[], Result], waits: tuple[float, ...] | None = None) -> Result:
-        """Ask something of the store, and again after a pause where that may help.
-
-        Raises:
-            StoreError: If it cannot be reached or refuses.
-            FileNotFoundError: If there is no such object.
-        """
-        for wait in (*(WAITS_S if waits is None else waits), None):
+    def _request(
+        self, verb: str, name: str, send: Callable[[], Result], delays_s: tuple[float, ...] | None = None
+    ) -> Result:
+        """Send a request, and repeat it after a delay if the error may pass; else raise `StoreError`."""
+        for delay_s in (*(RETRY_DELAYS_S if delays_s is None else delays_s), None):
             try:
-                return work()
+                return send()
             except FileNotFoundError:
                 raise
             except (pa.ArrowException, OSError) as error:
                 reason = " ".join(str(error).split())
-                is_lasting = isinstance(error, pa.ArrowInvalid) or any(re.search(cause[0], reason) for cause in CAUSES)
-                if wait is None or is_lasting:
-                    raise StoreError(self._said(done, name, reason)) from error
-            time.sleep(wait)
+                is_permanent = isinstance(error, pa.ArrowInvalid) or any(re.search(c[0], reason) for c in CAUSES)
+                if delay_s is None or is_permanent:
+                    raise StoreError(self._message(verb, name, reason)) from error
+            time.sleep(delay_s)
         raise AssertionError("unreachable")
 
-    def _said(self, done: str, name: str, reason: str) -> str:
-        where = self.where(name)
+    def _message(self, verb: str, name: str, reason: str) -> str:
+        where = self.location(name)
         for pattern, cause, cure in (*CAUSES, UNREACHABLE):
             if re.search(pattern, reason):
-                return f"{where}: cannot be {done}: {cause} ({reason}); {cure}"
-        return f"{where}: cannot be {done} ({reason}); see the address and the state of the store"
-
-
-def _undisturbed(work: Callable[[], None]) -> None:
-    """Do something in a thread of its own, which no Ctrl-C can interrupt halfway."""
-    with ThreadPoolExecutor(1) as pool:
-        pool.submit(work).result()
+                return f"{where}: cannot be {verb}: {cause} ({reason}); {cure}"
+        return f"{where}: cannot be {verb} ({reason}); check the address and the state of the store"

@@ -1,4 +1,4 @@
-"""The page `docs/reference/tables.md`, made from the schemas."""
+"""Generate the page `docs/reference/tables.md` from the schemas."""
 
 import pyarrow as pa
 

@@ -1,4 +1,4 @@
-"""Every table of a dataset; `mmw.storage` holds the name, type, unit and meaning of each column.
+"""Collect the tables of a dataset, with name, type, unit and meaning of each column.
 
 A table is either *framed* (one file a shard, `TABLE/scenario=S/weather=W/part-FFFFFF.parquet`) or *static* (one file a
 scenario, `TABLE/scenario=S/part-000000.parquet`). Key columns are stored in the files as well as in the folder names,
@@ -22,7 +22,7 @@ SCHEMA_VERSION = "2.1"
 """Major number: readers must change. Minor number: columns or tables were added."""
 
 CORE_TABLES = ("mmw.scene.tables:FRAMED_TABLES", "mmw.channel.tables:TABLES", "mmw.scene.tables:STATIC_TABLES")
-"""Tables that no sensor fills; those of the sensors stand behind the first. Each module owns its tables."""
+"""Tables that no sensor fills; those of the sensors follow the first. Each module owns its tables."""
 
 
 class _Tables(Mapping[str, TableSpec]):
@@ -38,11 +38,7 @@ class _Tables(Mapping[str, TableSpec]):
         return len(self._all())
 
     def _all(self) -> dict[str, TableSpec]:
-        """Collect the tables.
-
-        Raises:
-            InputError: If two sensors define a table of the same name differently.
-        """
+        """Collect the tables."""
         framed, channel, static = (load_reference(reference) for reference in CORE_TABLES)
         found = {spec.name: spec for spec in framed}
         owners = dict.fromkeys(found, "mmw")

@@ -1,13 +1,13 @@
-"""Shards on disk: every table of a piece of a scenario, each published whole, then the marker that makes it count.
+"""Write shards: one file for each table of a range of frames, written atomically, then the marker of the shard.
 
-A reader that finds a file may trust it; a marker (`_shards/*.json`, written last) says that all files of its shard are
-there. At worst a killed run leaves files without a marker: they are valid, and the next run replaces them by equals.
+Every file under its final name is complete; a marker (`_shards/*.json`, written last) states that all files of its
+shard exist. A killed run may leave files without a marker: they are valid, and the next run writes the same again.
 """
 
 import hashlib
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, fields
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -17,27 +17,27 @@ import pyarrow as pa
 from mmw.storage.arrow_tables import check_table, table_from_columns
 from mmw.storage.atomic_files import OutOfSpaceError, write_bytes_atomically
 from mmw.storage.parquet_schema import arrow_schema
-from mmw.storage.parquet_writer import GrowingFile
+from mmw.storage.parquet_writer import ParquetFileBuilder
 from mmw.storage.schemas import SCHEMA_VERSION, table_spec
 from mmw.storage.store import Root, Store, store_of
 
 __all__ = ["OutOfSpaceError", "ShardKey", "ShardWriter", "marker_path", "table_path", "write_scenario", "write_shard"]
 
 MARKERS = "_shards"
-"""Folder of the markers; the underscore hides it from readers."""
+"""Folder of the markers; readers skip folders with an underscore."""
 
 META_KEYS = ("config_sha256", "mmw_version", "git_sha", "device", "seconds")
 """Metadata of a marker, besides the list of its files."""
 
 _FILE_META = {"config_sha256": "mmw.config_sha256", "mmw_version": "mmw.version", "git_sha": "mmw.git"}
-"""Marker key -> file-level key; nothing that differs between two equal runs, so that their files are equal too."""
+"""Marker key -> file-level key; only values that are equal in two runs of a configuration, so that files are equal."""
 
 Columns = Mapping[str, Any] | pa.Table
 
 
 @dataclass(frozen=True)
 class ShardKey:
-    """The unit of writing and resuming: some frames of one scenario in one weather."""
+    """Unit of writing and resuming: a range of frames of one scenario in one weather."""
 
     scenario: str
     weather: str
@@ -51,39 +51,41 @@ class ShardKey:
 
 
 def table_path(table: str, key: ShardKey | str) -> Path:
-    """Return where a shard's table is, relative to the dataset folder; a static table takes the scenario's name."""
+    """Return the path of a shard's table in the dataset; of a static table if `key` is the name of a scenario."""
     if isinstance(key, str):
         return Path(table, f"scenario={key}", "part-000000.parquet")
     return Path(table, f"scenario={key.scenario}", f"weather={key.weather}", f"part-{key.frame_begin:06d}.parquet")
 
 
 def marker_path(key: ShardKey | str) -> Path:
-    """Return where the marker of a shard, or of a scenario's static tables, is, relative to the dataset folder."""
+    """Return the path of the marker of a shard, or of a scenario's static tables, in the dataset."""
     if isinstance(key, str):
         return Path(MARKERS, f"{key}.json")
     return Path(MARKERS, f"{key.scenario}.{key.weather}.{key.frame_begin:06d}.json")
 
 
+def key_of(marker: Mapping[str, Any]) -> ShardKey | str:
+    """Return the shard of a marker; the name of the scenario if the marker is of static tables."""
+    if marker["weather"] is None:
+        return marker["scenario"]
+    return ShardKey(*(marker[field.name] for field in fields(ShardKey)))
+
+
 class ShardWriter:
-    """One shard that grows in memory, batch of frames by batch; nothing of it is on the disk before `close`."""
+    """Shard that grows in memory batch by batch; `close` writes its files."""
 
     def __init__(self, root: Root, key: ShardKey, meta: Mapping[str, Any]):
-        """Begin an empty shard.
-
-        Args:
-            root: Dataset.
-            key: Which shard.
-            meta: `config_sha256`, and of the making what is known: `mmw_version`, `git_sha`, `device`.
+        """Start an empty shard; `meta` has `config_sha256`, and `mmw_version`, `git_sha` and `device` if known.
 
         Raises:
             ValueError: If `meta` has no or unknown keys.
         """
         self._root, self.key, self._meta = store_of(root), key, meta
         self._file_meta = _file_meta(meta)
-        self._files: dict[str, GrowingFile] = {}
+        self._files: dict[str, ParquetFileBuilder] = {}
 
     def add(self, tables: Mapping[str, Columns], frame_end: int) -> None:
-        """Add the rows of frames that follow those before.
+        """Add the rows of the next frames.
 
         Args:
             tables: Framed tables by name, as columns (see `table_from_columns`; `scenario` and `weather` may be left
@@ -99,14 +101,11 @@ class ShardWriter:
             table = _to_table(name, columns, {"scenario": self.key.scenario, "weather": self.key.weather})
             _check_key(name, table, self.key)
             if name not in self._files:
-                self._files[name] = GrowingFile(name, self.key.frame_begin, self._file_meta)
+                self._files[name] = ParquetFileBuilder(name, self.key.frame_begin, self._file_meta)
             self._files[name].add(table, frame_end)
 
     def close(self, seconds: float | None = None) -> dict[str, Any]:
-        """Publish every table, then the marker; an existing shard of the same name is replaced.
-
-        Args:
-            seconds: What the shard took, for its marker [s].
+        """Write every table, then the marker with the duration [s]; an existing shard of the same key is replaced.
 
         Returns:
             The marker: the key, `meta`, `seconds`, `schema_version`, `created_utc` and `files` with path, rows, bytes
@@ -114,21 +113,15 @@ class ShardWriter:
 
         Raises:
             ValueError: If two rows of a table have the same key.
-            OutOfSpaceError: If the disk is full; what was published before is not touched.
+            OutOfSpaceError: If the disk is full; finished files are not touched.
             StoreError: If the store cannot be reached or refuses; the shard stays in its staging folder.
         """
-        identity = {
-            "scenario": self.key.scenario,
-            "weather": self.key.weather,
-            "frame_begin": self.key.frame_begin,
-            "frame_end": self.key.frame_end,
-        }
         encoded = ((name, file.rows, file.close()) for name, file in self._files.items())
-        return _publish(self._root, self.key, identity, encoded, {**self._meta, "seconds": seconds})
+        return _write_files(self._root, self.key, encoded, {**self._meta, "seconds": seconds})
 
 
 def write_shard(root: Root, key: ShardKey, tables: Mapping[str, Columns], meta: Mapping[str, Any]) -> dict[str, Any]:
-    """Publish a shard of which all rows are there; see `ShardWriter`, whose marker it returns.
+    """Write a complete shard and return its marker; see `ShardWriter`.
 
     Threads may write different shards of one folder at the same time.
     """
@@ -138,7 +131,7 @@ def write_shard(root: Root, key: ShardKey, tables: Mapping[str, Columns], meta: 
 
 
 def write_scenario(root: Root, scenario: str, tables: Mapping[str, Columns], meta: Mapping[str, Any]) -> dict[str, Any]:
-    """Publish the static tables of a scenario (`objects`, `sensors`, `materials`), then their marker.
+    """Write the static tables of a scenario (`objects`, `sensors`, `materials`), then their marker.
 
     Arguments, result and errors are those of `write_shard`; the marker has no weather and no frames.
     """
@@ -149,17 +142,16 @@ def write_scenario(root: Root, scenario: str, tables: Mapping[str, Columns], met
             raise ValueError(f"table {name!r} has frames; write it with write_shard")
         table = _to_table(name, columns, {"scenario": scenario})
         _check_names(name, table, "scenario", scenario)
-        file = GrowingFile(name, 0, file_meta)
+        file = ParquetFileBuilder(name, 0, file_meta)
         file.add(table, 0)
         encoded.append((name, file.rows, file.close()))
-    identity = {"scenario": scenario, "weather": None, "frame_begin": None, "frame_end": None}
-    return _publish(store_of(root), scenario, identity, encoded, meta)
+    return _write_files(store_of(root), scenario, encoded, meta)
 
 
 def _to_table(name: str, columns: Any, key: dict[str, str]) -> pa.Table:
     if isinstance(columns, pa.Table):
         if columns.schema.equals(arrow_schema(name), check_metadata=True):
-            return columns  # made by table_from_columns
+            return columns  # a result of table_from_columns
         return check_table(name, columns)
     return table_from_columns(name, {**key, **columns})
 
@@ -171,7 +163,7 @@ def _check_key(name: str, table: pa.Table, key: ShardKey) -> None:
         frame = table.column("frame").to_numpy()
         if frame.min() < key.frame_begin or frame.max() >= key.frame_end:
             raise ValueError(
-                f"table {name!r}: frames {frame.min()} to {frame.max()}; shard {key} holds only its own; "
+                f"table {name!r}: frames {frame.min()} to {frame.max()}; shard {key} has only its own; "
                 "give each shard its rows"
             )
 
@@ -183,29 +175,26 @@ def _check_names(name: str, table: pa.Table, column: str, value: str) -> None:
 
 
 def _file_meta(meta: Mapping[str, Any]) -> dict[str, str]:
-    """Return the file-level keys of what is known of the making."""
+    """Return the file-level keys of the metadata of a shard."""
     unknown = sorted(set(meta) - set(META_KEYS))
     if unknown or "config_sha256" not in meta:
         raise ValueError(f"meta has unknown keys {unknown}; give config_sha256 and any of {', '.join(META_KEYS[1:])}")
     return {text: str(meta[name]) for name, text in _FILE_META.items() if name in meta}
 
 
-def _publish(
-    root: Store,
-    key: ShardKey | str,
-    identity: dict[str, Any],
-    encoded: Iterable[tuple[str, int, memoryview]],
-    meta: Mapping[str, Any],
+def _write_files(
+    root: Store, key: ShardKey | str, encoded: Iterable[tuple[str, int, memoryview]], meta: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Publish files given by table, rows and content, then their marker."""
+    """Write files given by table, number of rows and content, then their marker."""
     files = []
     for name, rows, data in encoded:
         path = table_path(name, key)
         write_bytes_atomically(root.folder / path, data)
         digest = hashlib.sha256(data).hexdigest()
         files.append({"table": name, "path": path.as_posix(), "rows": rows, "bytes": data.nbytes, "sha256": digest})
+    static = {"scenario": key, "weather": None, "frame_begin": None, "frame_end": None}
     marker = {
-        **identity,
+        **(asdict(key) if isinstance(key, ShardKey) else static),
         "schema_version": SCHEMA_VERSION,
         **{name: meta.get(name) for name in META_KEYS},
         "created_utc": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -213,5 +202,5 @@ def _publish(
     }
     last = marker_path(key)
     write_bytes_atomically(root.folder / last, json.dumps(marker, indent=1).encode())
-    root.keep([file["path"] for file in files], last.as_posix(), drop=isinstance(key, ShardKey))
+    root.upload([file["path"] for file in files], last.as_posix(), remove_local=isinstance(key, ShardKey))
     return marker

@@ -1,159 +1,183 @@
-"""Read and write the files of a dataset through a `Store`, such as a local folder."""
+"""Read and write the files of a dataset through a `Store`: a local folder, or a place elsewhere."""
 
 import os
 import shutil
-from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from mmw.core.errors import InputError
-from mmw.storage.atomic_files import FULL, OutOfSpaceError, write_bytes_atomically
+from mmw.storage.atomic_files import DISK_FULL, OutOfSpaceError, write_bytes_atomically
 
 DATASET = "dataset.json"
-"""Whose dataset it is: configuration, its hash, versions."""
+"""File that identifies a dataset: configuration, its hash, versions."""
 LOCKS = "_locks"
-"""Folder of the locks (`mmw.storage.lock`); the underscore hides it from readers."""
+"""Folder of the locks (`mmw.storage.lock`); readers skip folders with an underscore."""
 
 
-class Store(ABC):
-    """A place that holds a dataset. Its files have names relative to it, with slashes.
+class Store:
+    """Storage of a dataset in a local folder; a subclass stores it elsewhere and overrides all methods.
 
-    What a run makes it makes in `folder`, on this machine; `keep` then makes it a part of the dataset.
+    Names of files are relative to it, with slashes. A run writes its files to `folder`, on this machine; `upload` then
+    makes them a part of the dataset.
     """
 
     address: str
-    """How people call it."""
+    """Path or URL for people."""
+
+    def __init__(self, root: str | Path):
+        """Store the path of the folder, which need not exist."""
+        self._root = Path(root)
+        self.address = str(self._root)
 
     def __str__(self) -> str:
         return self.address
 
     @property
-    @abstractmethod
     def folder(self) -> Path:
-        """Folder on this machine in which files are made; the dataset itself where that is local."""
+        """Folder on this machine to which files are written; the dataset itself if that is local."""
+        return self._root
 
     @property
-    @abstractmethod
     def staging(self) -> Path:
-        """Folder on this machine that holds `folder`, and the locks of the runs that write the dataset from here."""
+        """Folder on this machine that contains `folder`, and the locks of the runs on this machine."""
+        return self._root
 
-    @abstractmethod
-    def where(self, name: str = "") -> str:
-        """Return what people call one of its files, or the place itself without what only programs need."""
+    def location(self, name: str = "") -> str:
+        """Return the path or URL of a file, or of the store itself, for people: without connection options."""
+        return str(self._root / name)
 
-    @abstractmethod
-    def anywhere(self) -> "Store":
-        """Return the same place by a name that holds in any working directory, and on machines that share it."""
+    def resolved(self) -> "Store":
+        """Return the store by an absolute name, valid in any working directory and on machines that share it."""
+        return Store(self._root.absolute())
 
-    @abstractmethod
-    def check(self) -> None:
-        """See that the place is there and can be written to.
+    def check_writable(self) -> None:
+        """Check that the store can be reached and written to.
 
         Raises:
             InputError: If not.
             OutOfSpaceError: If the disk is full.
         """
+        root = self._root
+        existing = next(path for path in (root, *root.absolute().parents) if path.exists())
+        if not existing.is_dir():
+            raise InputError(f"{root}: {existing} is a file; the dataset needs a folder; give another --out")
+        if not os.access(existing, os.W_OK | os.X_OK):
+            raise InputError(f"{root}: {existing} cannot be written to; give another --out, or change its permissions")
+        try:
+            root.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            if error.errno in DISK_FULL:
+                raise OutOfSpaceError(f"{root}: no space left to create it; free some space and run again") from error
+            raise InputError(f"{root}: cannot be created ({error.strerror}); give another --out") from error
 
-    @abstractmethod
     def read(self, name: str) -> bytes | None:
-        """Return the content of a file; None if there is none."""
+        """Return the content of a file; None if it does not exist."""
+        path = self._root / name
+        return path.read_bytes() if path.is_file() else None
 
-    @abstractmethod
     def read_all(self, names: Iterable[str]) -> dict[str, bytes]:
-        """Return the content of those files that can be read."""
+        """Return the contents of the files that can be read."""
+        found = {}
+        for name in names:
+            with suppress(OSError):
+                found[name] = (self._root / name).read_bytes()
+        return found
 
-    @abstractmethod
-    def rows(self, name: str, columns: Sequence[str]) -> pa.Table:
+    def read_columns(self, name: str, columns: Sequence[str]) -> pa.Table:
         """Return columns of a Parquet file.
 
         Raises:
-            pa.ArrowException, OSError: If there is none, or it is damaged.
+            pa.ArrowException, OSError: If it does not exist or is damaged.
             StoreError: If the store cannot be reached or refuses.
         """
+        with pq.ParquetFile(self._root / name) as file:
+            return file.read(columns=list(columns))
 
-    @abstractmethod
-    def top(self) -> list[str]:
-        """Return the names of files and folders that are in it, not further down."""
+    def top_level_names(self) -> list[str]:
+        """Return the names of the files and folders at the top level."""
+        return sorted(path.name for path in self._root.iterdir()) if self._root.is_dir() else []
 
-    @abstractmethod
     def names(self, folder: str = "") -> list[str]:
-        """Return the names of all files below a folder, sorted."""
+        """Return the names of all files below a folder, sorted; links count as files, whatever they point to."""
+        found = (path for path in (self._root / folder).rglob("*") if path.is_file() or path.is_symlink())
+        return sorted(path.relative_to(self._root).as_posix() for path in found)
 
-    @abstractmethod
     def sizes(self, names: Collection[str]) -> dict[str, int]:
-        """Return the size [byte] of those files that are there."""
+        """Return the sizes [byte] of the files that exist."""
+        paths = {name: self._root / name for name in names}
+        return {name: path.stat().st_size for name, path in paths.items() if path.is_file()}
 
-    @abstractmethod
-    def publish(self, name: str, data: bytes) -> None:
-        """Write a file so that a reader sees all of it or nothing; one that is there is replaced.
+    def write_atomically(self, name: str, data: bytes) -> None:
+        """Write or replace a file so that readers see all of it or nothing.
 
         Raises:
             OutOfSpaceError: If the disk is full.
             StoreError: If the store cannot be reached or refuses.
         """
+        write_bytes_atomically(self._root / name, data)
 
-    @abstractmethod
     def remove(self, names: Iterable[str]) -> None:
-        """Remove files, and folders with everything in them, in this order; those that are not there are left out."""
+        """Remove files, and folders with their contents, in this order; names that do not exist are skipped."""
+        for path in (self._root / name for name in names):
+            if path.is_dir():
+                shutil.rmtree(path)
+            else:
+                path.unlink(missing_ok=True)
 
-    @abstractmethod
-    def claim(self, head: bytes | None) -> None:
-        """Begin to write a dataset, or go on: `dataset.json` and `folder` are there then, and the place can be written.
+    def start_writing(self, head: bytes | None) -> None:
+        """Start or resume writing a dataset: write `dataset.json`, and create `folder`.
 
         Args:
-            head: Content of `dataset.json`; None goes on with the one that is there.
+            head: Content of `dataset.json`; None resumes with the existing one.
 
         Raises:
-            OutOfSpaceError, StoreError: As `publish`.
+            OutOfSpaceError, StoreError: As `write_atomically`.
         """
+        if head is not None:
+            self.write_atomically(DATASET, head)
 
-    @abstractmethod
-    def keep(self, names: Iterable[str], last: str, *, drop: bool = False) -> None:
-        """Make files of `folder` a part of the dataset, `last` not before all others are there whole.
+    def upload(self, names: Iterable[str], last: str, *, remove_local: bool = False) -> None:
+        """Make files of `folder` a part of the dataset, `last` only after all others are complete.
 
         Args:
             names: Files and folders.
-            last: File that says that they are there.
-            drop: Whether `folder` needs them no more.
+            last: Marker file that declares them complete.
+            remove_local: Remove them from `folder` if that is not the dataset itself.
 
         Raises:
             StoreError: If the store cannot be reached or refuses; the files stay in `folder`.
         """
 
-    @abstractmethod
-    def fetch(self, names: Iterable[str], last: str) -> None:
-        """Have in `folder` what `keep` made a part of the dataset, by whomever; nothing happens if `last` is not there.
+    def download(self, names: Iterable[str], last: str) -> None:
+        """Copy files of the dataset to `folder`, whichever machine uploaded them; do nothing if `last` does not exist.
 
-        Arguments and errors are those of `keep`.
+        Arguments and errors are those of `upload`.
         """
 
-    @abstractmethod
-    def leave(self) -> None:
-        """Remove `folder` if everything in it is kept elsewhere; the run that made it has ended well."""
+    def remove_staging(self) -> None:
+        """Remove `folder` unless it is the dataset itself, after a run that succeeded."""
 
-    @abstractmethod
-    def copy(self, *names: str) -> AbstractContextManager[Path]:
-        """Hold a folder on this machine with some files and folders of the dataset, which nobody changes."""
+    @contextmanager
+    def local_copy(self, *names: str) -> Iterator[Path]:
+        """Provide a read-only folder on this machine with some files and folders of the dataset."""
+        yield self._root
 
 
 Root = str | Path | Store
-"""A dataset by its folder, its address, or as a store."""
+"""Dataset given by its folder, its URL, or as a store."""
 
 
 def store_of(root: Root, staging: str | Path | None = None, part: str = "0-of-1") -> Store:
-    """Return the store that a folder or an address names.
+    """Return the store of a folder or of `s3://bucket/folder?options`; a store is returned as it is.
 
-    Args:
-        root: A folder, or `s3://bucket/folder?options`; a store is returned as it is.
-        staging: Folder on this machine for what is on its way to another place; None for one in the user's cache.
-        part: Which part of the dataset is made: each has a folder of its own there.
+    Files to upload are staged below the folder `staging`, by default in the user's cache; each part has its own.
 
     Raises:
-        InputError: If it is an address of another kind, or not whole.
+        InputError: If the URL is of another kind or incomplete.
     """
     if isinstance(root, Store):
         return root
@@ -161,97 +185,4 @@ def store_of(root: Root, staging: str | Path | None = None, part: str = "0-of-1"
         from mmw.storage.s3_store import Bucket
 
         return Bucket(str(root), staging, part)
-    return Folder(root)
-
-
-class Folder(Store):
-    """A dataset in a local folder."""
-
-    def __init__(self, root: str | Path):
-        """Name the folder; it need not exist."""
-        self._root = Path(root)
-        self.address = str(self._root)
-
-    @property
-    def folder(self) -> Path:
-        return self._root
-
-    @property
-    def staging(self) -> Path:
-        return self._root
-
-    def where(self, name: str = "") -> str:
-        return str(self._root / name)
-
-    def anywhere(self) -> "Folder":
-        return Folder(self._root.absolute())
-
-    def check(self) -> None:
-        root = self._root
-        there = next(path for path in (root, *root.absolute().parents) if path.exists())
-        if not there.is_dir():
-            raise InputError(f"{root}: {there} is a file; the dataset needs a folder; give another --out")
-        if not os.access(there, os.W_OK | os.X_OK):
-            raise InputError(f"{root}: {there} cannot be written to; give another --out, or change its permissions")
-        try:
-            root.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            if error.errno in FULL:
-                raise OutOfSpaceError(f"{root}: no space left to make it; free some space and run again") from error
-            raise InputError(f"{root}: cannot be made ({error.strerror}); give another --out") from error
-
-    def read(self, name: str) -> bytes | None:
-        path = self._root / name
-        return path.read_bytes() if path.is_file() else None
-
-    def read_all(self, names: Iterable[str]) -> dict[str, bytes]:
-        found = {}
-        for name in names:
-            try:
-                found[name] = (self._root / name).read_bytes()
-            except OSError:
-                continue
-        return found
-
-    def rows(self, name: str, columns: Sequence[str]) -> pa.Table:
-        with pq.ParquetFile(self._root / name) as file:
-            return file.read(columns=list(columns))
-
-    def top(self) -> list[str]:
-        return sorted(path.name for path in self._root.iterdir()) if self._root.is_dir() else []
-
-    def names(self, folder: str = "") -> list[str]:
-        """Return the names of all files below a folder, sorted; links count as files, wherever they lead."""
-        found = (path for path in (self._root / folder).rglob("*") if path.is_file() or path.is_symlink())
-        return sorted(path.relative_to(self._root).as_posix() for path in found)
-
-    def sizes(self, names: Collection[str]) -> dict[str, int]:
-        paths = {name: self._root / name for name in names}
-        return {name: path.stat().st_size for name, path in paths.items() if path.is_file()}
-
-    def publish(self, name: str, data: bytes) -> None:
-        write_bytes_atomically(self._root / name, data)
-
-    def remove(self, names: Iterable[str]) -> None:
-        for path in (self._root / name for name in names):
-            if path.is_dir():
-                shutil.rmtree(path)
-            else:
-                path.unlink(missing_ok=True)
-
-    def claim(self, head: bytes | None) -> None:
-        if head is not None:
-            self.publish(DATASET, head)
-
-    def keep(self, names: Iterable[str], last: str, *, drop: bool = False) -> None:
-        """Nothing is to be done: what is made in the folder is a part of the dataset."""
-
-    def fetch(self, names: Iterable[str], last: str) -> None:
-        """Nothing is to be done, see `keep`."""
-
-    def leave(self) -> None:
-        """Nothing is to be done: the folder is the dataset."""
-
-    @contextmanager
-    def copy(self, *names: str) -> Iterator[Path]:
-        yield self._root
+    return Store(root)

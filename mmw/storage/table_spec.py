@@ -26,8 +26,7 @@ def column(name: str, type_: pa.DataType, unit: str, doc: str, *, nullable: bool
 
 
 def encoded_image(name: str, unit: str, doc: str) -> pa.Field:
-    """Return a column of encoded images. No row lacks one but where its text says so; the column is nullable because
-    Hugging Face's image feature is, and gives a dictionary otherwise."""
+    """Return a column of encoded images, nullable as Hugging Face's image feature, which is a dictionary otherwise."""
     return column(name, IMAGE, unit, doc, nullable=True)
 
 
@@ -54,7 +53,7 @@ class TableSpec:
     framed: bool = True
     """True: a file a shard. False: a file a scenario."""
     frames_per_group: int = 0
-    """Frames in one Parquet row group, what a reader must fetch for one row; 0 leaves groups of 65,536 rows."""
+    """Frames in one Parquet row group, which a reader must fetch for one row; 0 for groups of 65,536 rows."""
     level: int = 3
     """zstd level."""
 
@@ -72,15 +71,7 @@ OWNED = (*FRAMED, AGENT)
 
 
 def sensor_table(name: str, doc: str, *columns: pa.Field, frames_per_group: int = 0, level: int = 3) -> TableSpec:
-    """Return the table of a sensor: scenario, weather, frame, agent and sensor come before its own columns.
-
-    Args:
-        name: Table name.
-        doc: Meaning of one row, in one sentence.
-        columns: Columns of the sensor.
-        frames_per_group: See `TableSpec`.
-        level: See `TableSpec`.
-    """
+    """Return the table of a sensor: scenario, weather, frame, agent and sensor come before its own columns."""
     return TableSpec(
         name,
         doc,

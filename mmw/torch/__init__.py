@@ -1,5 +1,4 @@
-"""Windows for PyTorch: a map-style and a streaming dataset, and a collate function; `mmw.dataset.windows` does the
-rest.
+"""Windows for PyTorch: a map-style and a streaming dataset, and a collate function, on `mmw.dataset.windows`.
 
 from torch.utils.data import DataLoader
 from mmw.torch import WindowDataset, collate

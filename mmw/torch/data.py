@@ -20,11 +20,11 @@ class WindowDataset(Dataset):
     """Windows by their number, for `DataLoader(..., shuffle=True, collate_fn=collate)` and any sampler."""
 
     def __init__(self, windows: Windows, transform: Callable[[Tensors], Any] | None = None):
-        """Make one.
+        """Make a dataset of windows.
 
         Args:
-            windows: What `open_windows` or `split_windows` returns.
-            transform: Called with every window; its result is what the dataset gives.
+            windows: Result of `open_windows` or `split_windows`.
+            transform: Called with every window; the dataset gives its result.
         """
         self.windows = windows
         self.transform = transform
@@ -65,18 +65,18 @@ class WindowStream(IterableDataset):
         ranks: int = 1,
         transform: Callable[[Tensors], Any] | None = None,
     ):
-        """Make one.
+        """Make a stream of windows.
 
         Args:
-            windows: What `open_windows` or `split_windows` returns.
+            windows: Result of `open_windows` or `split_windows`.
             batch_size: Windows in a batch; the last one of each worker may be smaller.
-            seed: What shards and windows are shuffled with.
+            seed: Seed of the order of shards and windows.
             shuffle: False gives them in the order of the files.
             buffer: Windows that each worker reads ahead and draws from.
-            ragged: What becomes of point clouds and boxes, see `collate`.
+            ragged: Treatment of point clouds and boxes, see `collate`.
             rank: Number of this process in distributed training.
             ranks: Processes in distributed training; they get whole shards, so their counts differ.
-            transform: Called with every batch; its result is what the dataset gives.
+            transform: Called with every batch; the dataset gives its result.
 
         Raises:
             InputError: If there is no such rank, or a size is below 1.
@@ -89,7 +89,7 @@ class WindowStream(IterableDataset):
         self.ragged: Ragged = ragged
         self.rank, self.ranks = rank, ranks
         self.transform = transform
-        # Shared, so that workers that live on see the next epoch.
+        # Shared, so that persistent workers see the next epoch.
         self._epoch = torch.zeros((), dtype=torch.int64).share_memory_()
 
     def set_epoch(self, epoch: int) -> None:
@@ -119,16 +119,10 @@ class WindowStream(IterableDataset):
 
 
 def collate(samples: Sequence[Tensors], ragged: Ragged = "pad") -> Tensors:
-    """Return a batch of windows of a `WindowDataset`.
-
-    Args:
-        samples: The windows.
-        ragged: What becomes of point clouds and boxes. `pad`: KEY is [B, T, N, ...] with N the largest of the batch,
-            zeros behind each (-1 where numbers are whole), and KEY_count [B, T], int64, tells how many count. `list`: a
-            list a window of a list a frame of tensors.
+    """Return a batch of windows of a `WindowDataset`; `ragged` is that of `mmw.dataset.windows.make_batch`.
 
     Raises:
-        InputError: If there is no sample, tensors of one key differ in shape, or `ragged` is neither.
+        InputError: If there is no sample, tensors of one key differ in shape, or `ragged` is unknown.
     """
     return to_tensors(make_batch([{key: _to_arrays(value) for key, value in one.items()} for one in samples], ragged))
 

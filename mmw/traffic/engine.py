@@ -1,80 +1,76 @@
-"""Choose the traffic engine: IDM, SUMO, or a table of trajectories."""
+"""Run the configured traffic engine, and add the pedestrians."""
 
-from collections.abc import Mapping
-from pathlib import Path
-from typing import Any
+from dataclasses import replace
+from typing import Protocol
 
 import numpy as np
 
-from mmw.config import TrafficConfig
+from mmw.config.traffic_engine import ENGINES, check_package, engine_spec
 from mmw.core.errors import InputError
-from mmw.traffic.idm.run import VehicleTrack, run_traffic
-from mmw.traffic.pedestrians import walk_people
-from mmw.traffic.replay.engine import replay_file
-from mmw.traffic.roads.town_asset import Town
-from mmw.traffic.sumo.engine import simulate_sumo
-from mmw.usd.vehicle_catalog import load_figures
+from mmw.core.registry import load_reference
+from mmw.traffic.demand import TrafficDemand, TrafficResult
+from mmw.traffic.pedestrians import simulate_pedestrians
 
 FAR_FROM_LANES = 500.0
-"""A spawn centre farther than this from every lane is taken for a mistake [m]."""
+"""A spawn centre farther than this from every lane is a mistake [m]."""
 
 
-def simulate_traffic(
-    town: Town, traffic: TrafficConfig, catalog: Mapping[str, Any], *, base: Path, frame_count: int, seed: int
-) -> list[VehicleTrack]:
+class TrafficEngine(Protocol):
+    """A function that moves the vehicles of a scenario; a `TrafficEngineSpec` names it."""
+
+    def __call__(self, demand: TrafficDemand, /) -> TrafficResult:
+        """Return the tracks of all vehicles.
+
+        Raises:
+            InputError: If the demand cannot be met. The message starts with the key below `traffic`.
+        """
+        ...
+
+
+class SteppedTraffic(Protocol):
+    """Vehicles that are advanced step by step."""
+
+    time: float
+    """Time since the first step [s]."""
+
+    def step(self) -> None:
+        """Advance all vehicles by one step."""
+        ...
+
+
+def simulate_traffic(demand: TrafficDemand) -> TrafficResult:
     """Return the motion of all vehicles and pedestrians of a scenario.
 
-    Args:
-        town: Lanes and drivable surface; engine `file` needs no lanes.
-        traffic: Which engine, and what it needs.
-        catalog: Vehicle models by name.
-        base: Folder that the path of a trajectory file starts from.
-        frame_count: F, frames at 100 Hz.
-        seed: Same seed, same motion.
-
     Returns:
-        `cav_1`, `cav_2`..., then `veh_001`, `veh_002`... by distance to the spawn centre, then `ped_001`...; poses are
-        NaN in frames in which a recorded vehicle is not there.
+        The result of the engine, with the tracks of pedestrians, `ped_001`, `ped_002`..., behind those of vehicles.
 
     Raises:
-        InputError: If the town has no lanes, the spawn centre is far from them, there is no room for the vehicles, SUMO
-            is not installed, or the trajectories cannot be used. The message starts with the key below `traffic`.
+        InputError: If the engine is unknown, its package is not installed, the town has no lanes and the engine needs
+            them, the spawn centre is far from them, or the engine cannot meet the demand. The message starts with the
+            key below `traffic`.
     """
-    tracks = _drive(town, traffic, catalog, base, frame_count, seed)
-    if not traffic.pedestrian_count:
-        return tracks
-    center, count = traffic.spawn_center_m, traffic.pedestrian_count
-    return tracks + walk_people(
-        town.walks, load_figures(), frame_count=frame_count, count=count, center=center, seed=seed
-    )
+    spec = engine_spec(demand.traffic.engine)
+    check_package(demand.traffic.engine)
+    if spec.needs_lanes:
+        _check_center(demand)
+    engine: TrafficEngine = load_reference(spec.simulate)
+    result = engine(demand)
+    return replace(result, tracks=[*result.tracks, *simulate_pedestrians(demand)])
 
 
-def _drive(
-    town: Town, traffic: TrafficConfig, catalog: Mapping[str, Any], base: Path, frame_count: int, seed: int
-) -> list[VehicleTrack]:
-    """Return the motion of the vehicles."""
-    drivable = (town.points, town.faces)
-    if traffic.engine == "file":
-        path = base / (traffic.trajectories or "")
-        return replay_file(path, drivable, catalog, traffic, frame_count=frame_count, seed=seed)
-    _check_center(town, traffic)
-    if traffic.engine == "sumo":
-        return simulate_sumo(town.lanes, drivable, catalog, traffic, frame_count=frame_count, seed=seed)
-    return run_traffic(town.lanes, drivable, catalog, traffic, frame_count=frame_count, seed=seed).tracks
-
-
-def _check_center(town: Town, traffic: TrafficConfig) -> None:
+def _check_center(demand: TrafficDemand) -> None:
+    town, center = demand.town, demand.traffic.spawn_center_m
     if not town.lanes.lanes:
+        others = " or ".join(name for name, spec in ENGINES.items() if not spec.needs_lanes)
         raise InputError(
-            f"engine = {traffic.engine!r}: {town.path} has no lanes below its root; generated traffic needs them; "
-            "use a town with lanes, or engine: file"
+            f"engine = {demand.traffic.engine!r}: {town.path} has no lanes below its root; generated traffic needs "
+            f"them; use a town with lanes, or engine: {others}"
         )
     points = np.concatenate([lane.points for lane in town.lanes.lanes.values()])
     low, high = points.min(axis=0), points.max(axis=0)
-    away = np.linalg.norm(points[:, :2] - traffic.spawn_center_m[:2], axis=1).min()
+    away = np.linalg.norm(points[:, :2] - center[:2], axis=1).min()
     if away > FAR_FROM_LANES:
         raise InputError(
-            f"spawn_center_m = {list(traffic.spawn_center_m)}: {away:.0f} m from the nearest lane; lanes of "
-            f"{town.path.name} reach from ({low[0]:.0f}, {low[1]:.0f}) to ({high[0]:.0f}, {high[1]:.0f}) m; choose a "
-            "place"
+            f"spawn_center_m = {list(center)}: {away:.0f} m from the nearest lane; lanes of {town.path.name} reach "
+            f"from ({low[0]:.0f}, {low[1]:.0f}) to ({high[0]:.0f}, {high[1]:.0f}) m; choose a place"
         )

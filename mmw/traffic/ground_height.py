@@ -1,4 +1,4 @@
-"""The drivable surface as wheels feel it: heights under points, found by rays that fall on the mesh."""
+"""Find the height of the drivable surface under points by rays that fall on the mesh."""
 
 import numpy as np
 
@@ -14,28 +14,21 @@ DROP_BELOW = 1.0
 """Drops end this far below the height hint [m]."""
 
 EDGE_STEP = 1e-3
-"""A drop that meets nothing is tried again this far aside [m], in case it fell exactly between two triangles."""
+"""A drop that hits nothing is repeated this far aside [m], in case it fell exactly between two triangles."""
 
 
 class Ground:
     """The drivable mesh of a town on a device, with float64 heights outside."""
 
     def __init__(self, points: np.ndarray, faces: np.ndarray, device: str = "cpu") -> None:
-        """Build the tree.
-
-        Args:
-            points: Vertices in the world frame [m], shape [N, 3].
-            faces: Triangles, shape [M, 3].
-            device: Warp device.
+        """Build the BVH of vertices in the world frame [m], shape [N, 3], and triangles, shape [M, 3].
 
         Raises:
             InputError: If there is no face.
         """
-        points = np.asarray(points, np.float64)
-        faces = np.asarray(faces, np.int32)
         if not len(faces):
             raise InputError("drivable mesh: 0 faces; vehicles need a surface; label the roads `road` or `road_line`")
-        self._rays = RayMesh(points, faces, device)
+        self._rays = RayMesh(np.asarray(points, np.float64), np.asarray(faces, np.int32), device)
 
     def heights(self, points: np.ndarray) -> np.ndarray:
         """Return the height of the surface under points.

@@ -1,7 +1,6 @@
-"""People on the sidewalks: each follows the walk line of a block, at a pace of their own, behind whoever is ahead.
+"""Move people on sidewalks: each follows the walk line of a block at a pace of their own, all in one direction.
 
-Everybody on one line goes the same way round, so two people meet only on different sides of a street, and who is faster
-slows down behind who is slower. Nobody crosses a street.
+Faster people slow down behind slower ones. Nobody crosses a street.
 """
 
 from collections.abc import Mapping, Sequence
@@ -11,11 +10,13 @@ import numpy as np
 
 from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.errors import InputError
-from mmw.traffic.idm.run import VehicleTrack
-from mmw.traffic.roads.sidewalk_prims import Walk
+from mmw.traffic.demand import TrafficDemand, VehicleTrack
+from mmw.traffic.polyline import arc_length, sample_polyline
+from mmw.traffic.roads.sidewalk_prims import Sidewalk
+from mmw.traffic.route import PATH_STEP
 from mmw.traffic.smoothing import gaussian_smooth
-from mmw.traffic.spawn import seeded
-from mmw.usd.vehicle_catalog import ActorModel
+from mmw.traffic.spawn import draw_paint, seeded
+from mmw.usd.vehicle_catalog import ActorModel, load_figures
 
 WALKING_SPEED = (0.9, 1.6)
 """Range of free walking speeds [m/s]. Source: mean 1.34, deviation 0.26 m/s, Weidmann, Transporttechnik der
@@ -31,13 +32,10 @@ PERSONAL_SPACE = 0.9
 """Gap between the middles of two people at which the one behind stands still [m]; design value."""
 
 RELAXATION = 0.5
-"""Time in which a person takes up the wanted speed [s]. Source: Helbing and Molnar, Phys. Rev. E 51 (1995), 4282."""
+"""Time in which a person reaches the desired speed [s]. Source: Helbing and Molnar, Phys. Rev. E 51 (1995), 4282."""
 
 TURN_SIGMA = 0.35
-"""Gaussian on the path, standard deviation [m]: nobody turns on the spot."""
-
-PATH_STEP = 0.1
-"""Spacing of path samples [m]."""
+"""Gaussian on the path, standard deviation [m]: no turning on the spot."""
 
 
 @dataclass(frozen=True)
@@ -61,39 +59,26 @@ class _Path:
         return np.stack([x, y, z, level, level, np.sin(0.5 * heading), np.cos(0.5 * heading)], axis=1)
 
 
-def walk_people(
-    walks: Sequence[Walk],
-    figures: Mapping[str, ActorModel],
-    *,
-    frame_count: int,
-    count: int,
-    center: Sequence[float],
-    seed: int,
-) -> list[VehicleTrack]:
-    """Return the motion of pedestrians near a place.
-
-    Args:
-        walks: The town's walk lines.
-        figures: Models by name; one called `child` is drawn with its own share.
-        frame_count: F, frames at 100 Hz.
-        count: People in all; they start at the places nearest to `center`, at least 2 m apart on a line.
-        center: World frame [m], shape [3].
-        seed: Same seed, same motion.
+def simulate_pedestrians(demand: TrafficDemand) -> list[VehicleTrack]:
+    """Return the motion of `pedestrian_count` pedestrians near `spawn_center_m`.
 
     Returns:
-        Tracks `ped_001`, `ped_002`... of role `pedestrian`, by distance to `center`.
+        Tracks `ped_001`, `ped_002`... of role `pedestrian`, by distance to the centre.
 
     Raises:
-        InputError: If the walks have fewer places than people.
+        InputError: If the town's sidewalks have fewer places than people.
     """
-    duration = frame_count / FRAME_RATE_HZ
-    paths = [_smooth(walk) for walk in walks]
-    places = _places(paths, duration)
-    if not walks:
+    count, center, seed = demand.traffic.pedestrian_count, demand.traffic.spawn_center_m, demand.seed
+    if not count:
+        return []
+    if not demand.town.sidewalks:
         raise InputError("pedestrian_count: the town has no walk lines (prims below Walks); use 0, or a town with them")
+    figures, frame_count = load_figures(), demand.frame_count
+    paths = [_smooth(sidewalk) for sidewalk in demand.town.sidewalks]
+    places = _places(paths, frame_count / FRAME_RATE_HZ)
     if len(places) < count:
         raise InputError(
-            f"pedestrian_count = {count}: the town's sidewalks have {len(places)} places; ask for at most that many"
+            f"pedestrian_count = {count}: the town's sidewalks have {len(places)} places; give at most that many"
         )
     position = np.array([paths[line].at(np.array([station]))[0, :3] for line, station in places]).reshape(-1, 3)
     distance = np.linalg.norm(position - np.asarray(center, np.float64), axis=1)
@@ -103,30 +88,22 @@ def walk_people(
         generator = seeded(seed, rank, 2)
         speeds.append(float(generator.uniform(*WALKING_SPEED)))
         models.append(_draw_figure(figures, generator))
-        paints.append(figures[models[-1]].paints[int(generator.integers(len(figures[models[-1]].paints)))])
+        paints.append(draw_paint(figures[models[-1]], generator))
     stations = _walk(chosen, paths, np.array(speeds), frame_count)
-    return [
-        VehicleTrack(
-            f"ped_{rank + 1:03d}",
-            "pedestrian",
-            models[rank],
-            paints[rank],
-            paths[chosen[rank][0]].at(stations[:, rank]),
-        )
-        for rank in range(count)
-    ]
+    poses = [paths[line].at(stations[:, rank]) for rank, (line, _) in enumerate(chosen)]
+    names = [f"ped_{rank + 1:03d}" for rank in range(count)]
+    return list(map(VehicleTrack, names, ["pedestrian"] * count, models, paints, poses))
 
 
-def _smooth(walk: Walk) -> _Path:
+def _smooth(sidewalk: Sidewalk) -> _Path:
     """Return a line with rounded corners, sampled every `PATH_STEP`."""
-    points = np.concatenate([walk.points, walk.points[:1]]) if walk.is_closed else walk.points
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points[:, :2], axis=0), axis=1))])
-    step = PATH_STEP
-    count = max(2, int(np.floor(along[-1] / step)))
-    station = along[-1] * np.arange(count) / count if walk.is_closed else step * np.arange(count + 1)
-    fine = np.stack([np.interp(station, along, points[:, axis]) for axis in range(3)], axis=1)
-    sigma = TURN_SIGMA / step
-    if walk.is_closed:
+    points = np.concatenate([sidewalk.points, sidewalk.points[:1]]) if sidewalk.is_closed else sidewalk.points
+    along = arc_length(points[:, :2])
+    count = max(2, int(np.floor(along[-1] / PATH_STEP)))
+    station = along[-1] * np.arange(count) / count if sidewalk.is_closed else PATH_STEP * np.arange(count + 1)
+    fine = sample_polyline(points, along, station)
+    sigma = TURN_SIGMA / PATH_STEP
+    if sidewalk.is_closed:
         reach = min(count, int(6 * sigma))
         padded = np.concatenate([fine[-reach:], fine, fine[:reach]])
         fine = gaussian_smooth(padded, sigma)[reach : reach + count]
@@ -134,12 +111,12 @@ def _smooth(walk: Walk) -> _Path:
     else:
         fine = gaussian_smooth(fine, sigma)
     move = np.diff(fine[:, :2], axis=0)
-    way = np.unwrap(np.arctan2(move[:, 1], move[:, 0]))
-    return _Path(fine, np.append(way, way[-1]), step * (len(fine) - 1), walk.is_closed)
+    direction = np.unwrap(np.arctan2(move[:, 1], move[:, 0]))
+    return _Path(fine, np.append(direction, direction[-1]), PATH_STEP * (len(fine) - 1), sidewalk.is_closed)
 
 
 def _places(paths: Sequence[_Path], duration: float) -> list[tuple[int, float]]:
-    """Return line and station of every place where somebody may start; on open lines with room to walk on."""
+    """Return line and station of every start position; on open lines with room to walk on."""
     places = []
     for line, path in enumerate(paths):
         room = 0.0 if path.is_closed else WALKING_SPEED[1] * duration + 1.0
@@ -158,10 +135,10 @@ def _draw_figure(figures: Mapping[str, ActorModel], generator: np.random.Generat
 def _walk(
     chosen: Sequence[tuple[int, float]], paths: Sequence[_Path], speeds: np.ndarray, frame_count: int
 ) -> np.ndarray:
-    """Return the station of everybody at every frame [m], shape [F, P].
+    """Return the station of every person in every frame [m], shape [F, P].
 
-    Source: relaxation to the wanted speed, Helbing and Molnar 1995, equation 2, in one dimension; the speed wanted
-    behind somebody falls linearly to zero over one second of distance ahead of the personal space.
+    Source: relaxation to the desired speed, Helbing and Molnar 1995, equation 2, in one dimension; the speed desired
+    behind another person falls linearly to zero over one second of distance ahead of the personal space.
     """
     line = np.array([where for where, _ in chosen])
     station = np.array([start for _, start in chosen])
@@ -174,7 +151,7 @@ def _walk(
         ahead = station[None, :] - station[:, None]
         ahead = np.where(np.isfinite(length)[:, None], ahead % length[:, None], np.where(ahead > 0, ahead, np.inf))
         gap = np.where(same, ahead, np.inf).min(axis=1, initial=np.inf)
-        wanted = np.minimum(speeds, np.maximum(0.0, gap - PERSONAL_SPACE))
-        speed = speed + step / RELAXATION * (wanted - speed)
+        desired = np.minimum(speeds, np.maximum(0.0, gap - PERSONAL_SPACE))
+        speed = speed + step / RELAXATION * (desired - speed)
         station = station + step * speed
     return out

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mmw.traffic.polyline import arc_length, sample_polyline
 from mmw.traffic.roads.lane_graph import Lane, LaneGraph
 
 PATH_STEP = 0.1
@@ -28,30 +29,23 @@ class Line:
     """Samples in the world frame [m], shape [N, 3], as the lanes give them."""
 
 
-def living_lanes(graph: LaneGraph) -> frozenset[str]:
-    """Return the lanes from which a vehicle can go on for ever, so that it never has to stop at a dead end."""
-    alive = set(graph.lanes)
+def endless_lanes(graph: LaneGraph) -> frozenset[str]:
+    """Return the lanes from which a vehicle can drive on endlessly, so that it never has to stop at a dead end."""
+    endless = set(graph.lanes)
     while True:
-        dead = [name for name in alive if not any(s in alive for s in graph.lanes[name].successors)]
+        dead = [name for name in endless if not any(s in endless for s in graph.lanes[name].successors)]
         if not dead:
-            return frozenset(alive)
-        alive.difference_update(dead)
+            return frozenset(endless)
+        endless.difference_update(dead)
 
 
 def choose_lanes(
     graph: LaneGraph, first: str, length: float, generator: np.random.Generator, is_open: Callable[[str], bool]
 ) -> list[str]:
-    """Return a random chain of lanes, each successor as likely as the others.
+    """Return a random chain of lanes that covers a plan length [m] after the first, each successor as likely as others.
 
     Every successor draws a number and the lowest open one wins. So closing a lane changes only the chains that would
-    have used it, and a longer chain begins like a shorter one.
-
-    Args:
-        graph: The lanes.
-        first: Name of the lane that the vehicle stands on.
-        length: Plan length to cover after the first lane [m].
-        generator: Source of the draws, fresh for every call.
-        is_open: Whether the vehicle may use the lane with this name. A lane without an open successor ends the chain.
+    have used it, and a longer chain begins like a shorter one. A lane without an open successor ends the chain.
     """
     chain = [first]
     covered = 0.0
@@ -62,62 +56,52 @@ def choose_lanes(
         if not open_draws:
             break
         chain.append(min(open_draws)[1])
-        covered += plan_length(graph.lanes[chain[-1]])
+        covered += graph.lanes[chain[-1]].plan_length
     return chain
-
-
-def plan_stations(lane: Lane) -> np.ndarray:
-    """Return the length of a lane up to each of its points, seen from above [m], shape [N]."""
-    step = np.linalg.norm(np.diff(lane.points[:, :2], axis=0), axis=1)
-    return np.concatenate([[0.0], np.cumsum(step)])
-
-
-def plan_length(lane: Lane) -> float:
-    """Return the length of a lane seen from above [m]."""
-    return float(np.linalg.norm(np.diff(lane.points[:, :2], axis=0), axis=1).sum())
 
 
 def join_lanes(lanes: Sequence[Lane]) -> Line:
     """Return the centre lines of successive lanes as one line with equally spaced samples."""
     points = np.concatenate([np.asarray(lane.points, np.float64) for lane in lanes])
     counts = np.cumsum([len(lane.points) for lane in lanes])
-    step = np.linalg.norm(np.diff(points[:, :2], axis=0), axis=1)
-    along = np.concatenate([[0.0], np.cumsum(step)])
+    along = arc_length(points[:, :2])
     ends = along[counts - 1]
-    keep = np.concatenate([[True], step > 1e-6])
-    points, along = points[keep], along[keep]
-    head = points[0] - EXTENSION * _direction(points[0], points[1])
-    tail = points[-1] + EXTENSION * _direction(points[-2], points[-1])
-    points = np.concatenate([[head], points, [tail]])
+    points, along = _without_repeats(points, along)
+    first = points[0] - EXTENSION * _direction(points[0], points[1])
+    last = points[-1] + EXTENSION * _direction(points[-2], points[-1])
+    points = np.concatenate([[first], points, [last]])
     along = np.concatenate([[-EXTENSION], along, [along[-1] + EXTENSION]])
     count = int(np.floor((along[-1] - along[0]) / PATH_STEP)) + 1
     station = along[0] + PATH_STEP * np.arange(count)
-    sampled = np.stack([np.interp(station, along, points[:, axis]) for axis in range(3)], axis=1)
-    return Line(tuple(lane.name for lane in lanes), ends, station, sampled)
+    return Line(tuple(lane.name for lane in lanes), ends, station, sample_polyline(points, along, station))
 
 
 def branch_line(line: Line, row: int, points: np.ndarray, names: Sequence[str], last: Sequence[int]) -> Line:
-    """Return a line that is the same as another up to a sample, and goes on through other points.
+    """Return a line that equals another up to a sample, and goes on through other points.
 
     Args:
         line: The line up to `row`.
-        row: Last sample that is kept.
-        points: How it goes on; the first point is that sample [m], shape [N, 3].
+        row: Last common sample.
+        points: Further points [m], shape [N, 3]; the first one is that sample.
         names: Lanes from the first one that ends after `row`.
         last: Index in `points` where each of these lanes ends.
     """
-    step = np.linalg.norm(np.diff(points[:, :2], axis=0), axis=1)
-    along = line.station[row] + np.concatenate([[0.0], np.cumsum(step)])
+    along = line.station[row] + arc_length(points[:, :2])
     kept = int(np.searchsorted(line.ends, line.station[row], side="right"))
     ends = np.concatenate([line.ends[:kept], along[np.asarray(last)]])
-    keep = np.concatenate([[True], step > 1e-6])
-    points, along = points[keep], along[keep]
+    points, along = _without_repeats(points, along)
     points = np.concatenate([points, [points[-1] + EXTENSION * _direction(points[-2], points[-1])]])
     along = np.append(along, along[-1] + EXTENSION)
     count = int(np.floor((along[-1] - line.station[0]) / PATH_STEP)) + 1
     station = line.station[0] + PATH_STEP * np.arange(count)
-    onward = np.stack([np.interp(station[row + 1 :], along, points[:, axis]) for axis in range(3)], axis=1)
+    onward = sample_polyline(points, along, station[row + 1 :])
     return Line((*line.lanes[:kept], *names), ends, station, np.concatenate([line.points[: row + 1], onward]))
+
+
+def _without_repeats(points: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return points and stations without points that repeat the one before, seen from above."""
+    kept = np.concatenate([[True], np.linalg.norm(np.diff(points[:, :2], axis=0), axis=1) > 1e-6])
+    return points[kept], along[kept]
 
 
 def _direction(start: np.ndarray, end: np.ndarray) -> np.ndarray:

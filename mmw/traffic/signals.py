@@ -1,4 +1,4 @@
-"""Traffic lights: a fixed-time plan a junction, and what drivers make of amber."""
+"""Plan fixed-time traffic lights for every junction, and decide when drivers stop at amber."""
 
 import zlib
 from collections.abc import Mapping
@@ -23,10 +23,10 @@ REACTION = 1.0
 """Time until a driver brakes for amber [s]. Source: ITE, as above."""
 
 AMBER_BRAKING = 3.05
-"""Deceleration that amber may ask for [m/s^2]. Source: ITE, as above: 10 ft/s^2."""
+"""Largest deceleration for amber [m/s^2]. Source: ITE, as above: 10 ft/s^2."""
 
 LEFT_TURN = 35 * pi / 180
-"""Ways that turn further to the left than this wait for oncoming traffic [rad]; as in the town kit's turn rules."""
+"""Lanes that turn further to the left than this yield to oncoming traffic [rad]; as in the town kit's turn rules."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class SignalPlan:
 def make_plans(graph: LaneGraph, seed: int) -> dict[str, SignalPlan]:
     """Return the plan of every junction that has lights, by the junction's name; empty if none has.
 
-    Amber lasts as long as the fastest driver needs who cannot stop: reaction + speed / (2 deceleration).
+    Amber lasts as long as the fastest driver that cannot stop needs: reaction + speed / (2 deceleration).
     Source: Gazis, Herman, Maradudin, Operations Research 8 (1960), 112, equation 4; ITE, as above.
 
     Args:
@@ -76,38 +76,23 @@ def make_plans(graph: LaneGraph, seed: int) -> dict[str, SignalPlan]:
 
 
 def signal_states(graph: LaneGraph, seed: int, time: float) -> dict[str, dict[str, str]]:
-    """Return what the lights show: junction -> phase -> `green`, `amber` or `red`; empty without lights.
-
-    Args:
-        graph: The town's lanes.
-        seed: Seed of the traffic.
-        time: Since frame 0 [s].
-    """
+    """Return junction -> phase -> `green`, `amber` or `red` at a time since frame 0 [s]; empty without lights."""
     return {junction: plan.state(time) for junction, plan in make_plans(graph, seed).items()}
 
 
-def shown(states: Mapping[str, Mapping[str, str]], lane: Lane) -> str:
-    """Return what the light of a way through a junction shows, `green` where there is none.
-
-    Args:
-        states: Junction -> phase -> state; empty if the lights are off.
-        lane: The way.
-    """
+def light_state(states: Mapping[str, Mapping[str, str]], lane: Lane) -> str:
+    """Return the state of the light of a lane through a junction, `green` where there is none."""
     return states[lane.junction][lane.signal] if lane.signal and states else "green"
 
 
 def must_stop(distance: float, speed: float) -> bool:
-    """Return whether a driver stops when the light turns amber: whether that is possible in comfort.
+    """Return whether a driver can stop in comfort within a distance [m] from a speed [m/s] when the light turns amber.
 
     Source: Gazis, Herman, Maradudin, as above, equation 2.
-
-    Args:
-        distance: From the front bumper to the place to stop [m].
-        speed: [m/s].
     """
     return distance > REACTION * speed + speed**2 / (2 * AMBER_BRAKING)
 
 
 def turns_left(lane: Lane) -> bool:
-    """Return whether a way through a junction turns left, and so waits for oncoming traffic of the same phase."""
+    """Return whether a lane through a junction turns left, and so yields to oncoming traffic of the same phase."""
     return float(np.unwrap(lane.headings)[-1] - lane.headings[0]) > LEFT_TURN

@@ -1,14 +1,16 @@
-"""Choose start positions, models and connected vehicles."""
+"""Choose start positions, drivers, models, paints and connected vehicles: what all engines draw alike."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import numpy as np
 
 from mmw.config import TrafficConfig
 from mmw.core.errors import InputError
-from mmw.traffic.roads.lane_graph import Lane, LaneGraph
-from mmw.traffic.route import plan_length, plan_stations
+from mmw.traffic.demand import TrafficDemand
+from mmw.traffic.polyline import sample_polyline
+from mmw.traffic.roads.lane_graph import LaneGraph
 from mmw.traffic.vehicle_pose import Shape
 
 SPACING = 12.0
@@ -42,6 +44,20 @@ MODEL_WEIGHT: Mapping[str, float] = {
 
 OTHER_WEIGHT = 0.1
 
+DRIVER_FACTOR = (0.85, 1.0)
+"""Range of the drivers' share of the speed limit."""
+
+DRIVER_HEADWAY = (1.0, 1.5)
+"""Range of the drivers' time gap [s]."""
+
+RUN_OUT = 80.0
+"""Routes go on this far beyond what the fastest vehicle can cover, so that no vehicle brakes for their end [m]."""
+
+SETTLE_S = 1.5
+"""Simulated before the warm-up and after the last frame, as support of the filters in time [s]."""
+
+Route = TypeVar("Route")
+
 
 def seeded(*key: int) -> np.random.Generator:
     """Return a generator of its own for a key."""
@@ -60,27 +76,15 @@ class SpawnPoint:
 
 
 def spawn_points(graph: LaneGraph, usable: frozenset[str]) -> list[SpawnPoint]:
-    """Return points every 12 m along the lanes outside junctions, in order of lane name and station.
-
-    Args:
-        graph: All lanes.
-        usable: Names of lanes that may be used.
-    """
+    """Return points every 12 m along the usable lanes outside junctions, in order of lane name and station."""
     points: list[SpawnPoint] = []
-    for name in sorted(usable):
-        lane = graph.lanes[name]
-        if lane.junction:
-            continue
-        margin = CLEARANCE + GRID_HALF_LENGTH
-        for station in np.arange(margin, plan_length(lane) - margin + 1e-9, SPACING):
-            points.append(SpawnPoint(name, float(station), _position(lane, float(station))))
+    margin = CLEARANCE + GRID_HALF_LENGTH
+    for lane in (graph.lanes[name] for name in sorted(usable)):
+        if not lane.junction:
+            stations = np.arange(margin, lane.plan_length - margin + 1e-9, SPACING)
+            places = sample_polyline(lane.points, lane.plan_station, stations)
+            points += map(SpawnPoint, [lane.name] * len(stations), stations.tolist(), map(tuple, places.tolist()))
     return points
-
-
-def _position(lane: Lane, station: float) -> tuple[float, float, float]:
-    along = plan_stations(lane)
-    x, y, z = (float(np.interp(station, along, lane.points[:, axis])) for axis in range(3))
-    return x, y, z
 
 
 def nearest_points(points: Sequence[SpawnPoint], center: Sequence[float], count: int) -> list[SpawnPoint]:
@@ -99,23 +103,60 @@ def nearest_points(points: Sequence[SpawnPoint], center: Sequence[float], count:
         if not (apart < SAME_PLACE).any():
             chosen.append(int(index))
     if len(chosen) < count:
-        raise InputError(
-            f"vehicle_count = {count}: the town has {len(chosen)} spawn points; ask for at most that many vehicles"
-        )
+        raise InputError(f"vehicle_count = {count}: the town has {len(chosen)} spawn points; give at most that many")
     return [points[index] for index in chosen]
 
 
 def connected_ranks(traffic: TrafficConfig, seed: int) -> tuple[int, ...]:
-    """Return which vehicles are CAVs: their ranks by distance to the spawn centre, `cav_1` first.
-
-    Args:
-        traffic: `cav_ranks`, or how many vehicles they are drawn from.
-        seed: Same seed, same vehicles.
-    """
+    """Return which vehicles are CAVs: their ranks by distance to the spawn centre, `cav_1` first."""
     if traffic.cav_pool is None:
         return traffic.cav_ranks
     drawn = seeded(seed, 0, 3).choice(traffic.cav_pool, len(traffic.cav_ranks), replace=False)
     return tuple(sorted(drawn.tolist()))
+
+
+def vehicle_order(cav_ranks: Sequence[int], count: int) -> list[int]:
+    """Return the ranks of all vehicles, CAVs first."""
+    return [*cav_ranks, *(rank for rank in range(count) if rank not in set(cav_ranks))]
+
+
+def name_vehicle(position: int, cav_count: int) -> tuple[str, str]:
+    """Return name and role of a vehicle by its position in the list: `cav_1`, `cav_2`..., then `veh_001`..."""
+    if position < cav_count:
+        return f"cav_{position + 1}", "cav"
+    return f"veh_{position - cav_count + 1:03d}", "vehicle"
+
+
+@dataclass(frozen=True)
+class Start:
+    """A vehicle before it has a model and a route."""
+
+    rank: int
+    """By distance to the spawn centre."""
+    point: SpawnPoint
+    is_cav: bool
+    factor: float
+    """The driver's share of the speed limit."""
+    headway: float
+    """The driver's time gap [s]."""
+    generator: np.random.Generator
+    """Draws the model, then the paint."""
+
+
+def draw_starts(demand: TrafficDemand, usable: frozenset[str]) -> list[Start]:
+    """Return the vehicles of a scenario and their drivers, by distance to the spawn centre, on usable lanes.
+
+    Raises:
+        InputError: If the town has too few places.
+    """
+    traffic, starts = demand.traffic, []
+    cav_ranks = connected_ranks(traffic, demand.seed)
+    points = nearest_points(spawn_points(demand.town.lanes, usable), traffic.spawn_center_m, traffic.vehicle_count)
+    for rank, point in enumerate(points):
+        generator = seeded(demand.seed, rank, 0)
+        factor, headway = generator.uniform(*DRIVER_FACTOR), generator.uniform(*DRIVER_HEADWAY)
+        starts.append(Start(rank, point, rank in cav_ranks, factor, headway, generator))
+    return starts
 
 
 class Places:
@@ -124,34 +165,58 @@ class Places:
     def __init__(self, graph: LaneGraph) -> None:
         """Start with empty lanes."""
         self.graph = graph
-        self.taken: dict[str, list[tuple[float, float]]] = {}
+        self.occupied: dict[str, list[tuple[float, float]]] = {}
 
-    def span(self, point: SpawnPoint, shape: Shape) -> tuple[float, float]:
+    def add(
+        self, start: Start, shapes: Sequence[Shape], find_route: Callable[[Shape], tuple[Route | None, str]]
+    ) -> tuple[Shape, Route]:
+        """Return the first drawn model that has room and a route, and that route; occupy its stretch.
+
+        `find_route` returns the route of a model; or None, and what prevents one.
+
+        Raises:
+            InputError: If no model has both.
+        """
+        point, reason = start.point, "no model has room between its neighbours"
+        for shape in draw_models(shapes, start.is_cav, start.generator):
+            span = self._span(point, shape)
+            if not self._fits(point.lane, span):
+                continue
+            route, why = find_route(shape)
+            if route is not None:
+                self.occupied.setdefault(point.lane, []).append(span)
+                return shape, route
+            reason = why
+        x, y, z = point.position
+        raise InputError(
+            f"spawn point on lane {point.lane!r} at ({x:.1f}, {y:.1f}, {z:.1f}) m: {reason}; every vehicle needs a "
+            "route that keeps its wheels on the road; widen the road there, or add a shorter vehicle model"
+        )
+
+    def _span(self, point: SpawnPoint, shape: Shape) -> tuple[float, float]:
         """Return the stations of both bumpers of a vehicle at a point [m]."""
         half = 0.5 * shape.wheelbase
         return point.station - half - shape.rear, point.station + half + shape.front
 
-    def fits(self, point: SpawnPoint, shape: Shape) -> bool:
-        """Return whether a vehicle has room at a point: clear of junctions and of those that are there already."""
-        rear, front = self.span(point, shape)
+    def _fits(self, lane: str, span: tuple[float, float]) -> bool:
+        """Return whether a stretch is clear of junctions and of the vehicles that are there already."""
+        rear, front = span
         slack = 0.5  # box centres may sit a little off the middle between the axles
-        if rear < CLEARANCE - slack or front > plan_length(self.graph.lanes[point.lane]) - CLEARANCE + slack:
+        if rear < CLEARANCE - slack or front > self.graph.lanes[lane].plan_length - CLEARANCE + slack:
             return False
-        others = self.taken.get(point.lane, [])
+        others = self.occupied.get(lane, [])
         return all(front + START_GAP <= low or high + START_GAP <= rear for low, high in others)
 
-    def take(self, point: SpawnPoint, shape: Shape) -> None:
-        """Mark the stretch of a vehicle as taken."""
-        self.taken.setdefault(point.lane, []).append(self.span(point, shape))
+
+def draw_paint(model: Any, generator: np.random.Generator) -> str:
+    """Return one of the paints of a model."""
+    return model.paints[int(generator.integers(len(model.paints)))]
 
 
 def draw_models(shapes: Sequence[Shape], is_cav: bool, generator: np.random.Generator) -> list[Shape]:
-    """Return the models in the order in which a vehicle tries them, drawn by weight without putting back.
+    """Return the models in the order in which a vehicle tries them, drawn by weight without replacement.
 
-    Args:
-        shapes: Models to choose from.
-        is_cav: Whether the vehicle carries sensors; then low models come before high ones.
-        generator: Source of the draw.
+    Vehicles that carry sensors try low models before high ones.
     """
     weight = np.array([MODEL_WEIGHT.get(shape.name, OTHER_WEIGHT) for shape in shapes])
     order = np.argsort(-np.log(generator.random(len(shapes))) / weight, kind="stable")  # exponential races

@@ -1,4 +1,4 @@
-"""How fast a vehicle may go at every point of its path: lane limit, comfort in bends and over crests, braking ahead."""
+"""Limit the speed along a path: lane limit, comfort in bends and over crests, braking ahead."""
 
 import numpy as np
 
@@ -22,16 +22,16 @@ CURVE_BRAKING = 1.6
 """Deceleration ahead of a slower place [m/s^2]; with the control error it stays below 2."""
 
 LOWEST_SPEED = 1.5
-"""A place that asks for less is driven at this speed [m/s]."""
+"""A place with a lower limit is driven at this speed [m/s]."""
 
 
 def speed_limit(
     stance: Stance, graph: LaneGraph, factor: float, slow: tuple[float, float, float] | None = None
 ) -> np.ndarray:
-    """Return the speed that a driver wants at every sample of a path.
+    """Return the speed that a driver desires at every sample of a path.
 
     Args:
-        stance: Where the body stands along the path.
+        stance: The body along the path.
         graph: Lanes with their limits.
         factor: The driver's share of the lane's limit.
         slow: First and last station [m] of a stretch with a limit of its own, and that limit [m/s].
@@ -42,20 +42,32 @@ def speed_limit(
     line = stance.track.line
     lane = np.minimum(np.searchsorted(line.ends, line.station, side="right"), len(line.lanes) - 1)
     speed = factor * np.array([graph.lanes[name].speed for name in line.lanes])[lane]
-    body = stance.columns[:, [0, 1, 3]]
-    second = np.gradient(np.gradient(body, PATH_STEP, axis=0), PATH_STEP, axis=0)
-    third = np.gradient(second, PATH_STEP, axis=0)
-    tiny = 1e-9
-    comfort = np.minimum(
-        np.sqrt(LATERAL_ACCELERATION / (np.hypot(second[:, 0], second[:, 1]) + tiny)),
-        np.sqrt(VERTICAL_ACCELERATION / (np.abs(second[:, 2]) + tiny)),
-    )
-    comfort = np.minimum(comfort, np.cbrt(PATH_JERK / (np.hypot(third[:, 0], third[:, 1]) + tiny)))
-    comfort = np.minimum(comfort, np.cbrt(VERTICAL_JERK / (np.abs(third[:, 2]) + tiny)))
-    speed = np.minimum(speed, np.maximum(comfort, LOWEST_SPEED))
+    speed = np.minimum(speed, np.maximum(comfort_speed(stance.columns[:, [0, 1, 3]]), LOWEST_SPEED))
     if slow is not None:
         inside = (line.station >= slow[0]) & (line.station <= slow[1])
         speed = np.where(inside, np.minimum(speed, slow[2]), speed)
-    ramp = 2 * CURVE_BRAKING * line.station
-    reachable = np.minimum.accumulate((speed**2 + ramp)[::-1])[::-1] - ramp
-    return np.sqrt(np.maximum(reachable, 0.0))
+    return brake_ahead(speed, 2 * CURVE_BRAKING * line.station)
+
+
+def comfort_speed(body: np.ndarray) -> np.ndarray:
+    """Return the speed at which a path is within the limits of acceleration and jerk [m/s].
+
+    Args:
+        body: Points every `PATH_STEP` [m], shape [N, 3].
+    """
+    second = np.gradient(np.gradient(body, PATH_STEP, axis=0), PATH_STEP, axis=0)
+    third = np.gradient(second, PATH_STEP, axis=0)
+    tiny = 1e-9
+    return np.minimum.reduce(
+        [
+            np.sqrt(LATERAL_ACCELERATION / (np.hypot(second[:, 0], second[:, 1]) + tiny)),
+            np.sqrt(VERTICAL_ACCELERATION / (np.abs(second[:, 2]) + tiny)),
+            np.cbrt(PATH_JERK / (np.hypot(third[:, 0], third[:, 1]) + tiny)),
+            np.cbrt(VERTICAL_JERK / (np.abs(third[:, 2]) + tiny)),
+        ]
+    )
+
+
+def brake_ahead(speed: np.ndarray, ramp: np.ndarray) -> np.ndarray:
+    """Return speeds from which a driver can brake to the later ones; `ramp` is 2 a s at each of them [m^2/s^2]."""
+    return np.sqrt(np.maximum(np.minimum.accumulate((speed**2 + ramp)[::-1])[::-1] - ramp, 0.0))

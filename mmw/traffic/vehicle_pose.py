@@ -1,7 +1,7 @@
-"""From a line on the road to a body that stands on its wheels: heading, height and tilt, and poses over time.
+"""Place a body on its four wheels along a line on the road: heading, height and tilt, and poses over time.
 
-Everything about where a body stands is a function of the station alone, so a vehicle at rest is exactly at rest. Time
-enters through the station and through the small lean of the tyres under acceleration.
+A pose is a function of the station alone, so a vehicle at rest is exactly at rest. Time enters through the station and
+through the small lean of the tyres under acceleration.
 """
 
 from dataclasses import dataclass
@@ -18,8 +18,8 @@ PATH_SIGMA = 1.0
 """Gaussian on the path, standard deviation [m]: continuous curvature, at most some centimetres aside in tight bends."""
 
 GROUND_SIGMA = 0.7
-"""Gaussian on height and tilt along the path [m]: the suspension's low pass, fixed to the road instead of to time. What
-it takes off is smoothed and added once more, so that crests and sags of constant curvature are followed without bias.
+"""Gaussian on height and tilt along the path [m]: the suspension's low pass, fixed to the road instead of to time. The
+remainder is smoothed and added once more, so that crests and sags of constant curvature are followed without bias.
 Source: twicing, Tukey, Exploratory Data Analysis, 1977, chapter 16."""
 
 TILT_SIGMA = 0.3
@@ -49,11 +49,11 @@ MASS_HEIGHT = 0.38
 Measured Vehicle Inertial Parameters, SAE 1999-01-1336."""
 
 REWORK = 60
-"""Samples before the place where a line leaves another one that are worked out anew: the Gaussian of `PATH_SIGMA`
-reaches 50 samples, and the spline between samples a few more."""
+"""Samples before the branch of two lines that are computed anew: the Gaussian of `PATH_SIGMA` reaches 50 samples, and
+the spline between samples a few more."""
 
 MAX_STEER = 0.7
-"""Largest angle between the front wheels' way and the body [rad]; sharper turns are left to shorter vehicles."""
+"""Largest angle between the front wheels' direction and the body [rad]; sharper turns need shorter vehicles."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ def make_shape(model) -> Shape:
 
 @dataclass(frozen=True)
 class Track:
-    """The way of one body along one line; every array has one row a sample of the line."""
+    """The path of one body along one line; every array has one row a sample of the line."""
 
     line: Line
     shape: Shape
@@ -112,7 +112,7 @@ class Track:
     center: np.ndarray
     """Middle between the axles, seen from above [m], shape [N, 2]."""
     steer: np.ndarray
-    """Angle between the front axle's way and the body [rad], shape [N]."""
+    """Angle between the front axle's direction and the body [rad], shape [N]."""
 
 
 def follow_line(line: Line, shape: Shape, before: Track | None = None, row: int = 0) -> Track:
@@ -121,44 +121,43 @@ def follow_line(line: Line, shape: Shape, before: Track | None = None, row: int 
     Args:
         line: The line.
         shape: The body.
-        before: The body's way along another line that is the same up to sample `row`, if there is one; its samples up
-            to `REWORK` before that row are taken over bit by bit.
+        before: The body's path along another line that is the same up to sample `row`, if there is one; its samples
+            up to `REWORK` before that row are copied bit by bit.
         row: Last sample that both lines share.
 
     Source: kinematic bicycle, heading' = sin(path - heading) / wheelbase (Rajamani, Vehicle Dynamics and Control, 2nd
     ed., section 2.2), integrated over the station with the midpoint rule.
     """
-    keep = 0 if before is None else max(0, row - REWORK)
-    support = max(0, keep - REWORK)
+    shared = 0 if before is None else max(0, row - REWORK)
+    support = max(0, shared - REWORK)
     front = gaussian_smooth(line.points[support:, :2], PATH_SIGMA / PATH_STEP)
-    tangent = np.gradient(front, PATH_STEP, axis=0)[keep - support :]
-    front = front[keep - support :]
-    way = np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0]))
+    tangent = np.gradient(front, PATH_STEP, axis=0)[shared - support :]
+    front = front[shared - support :]
+    direction = np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0]))
     gain = np.linalg.norm(tangent, axis=1) * PATH_STEP / shape.wheelbase
-    theta = float(way[0])
+    theta = float(direction[0])
     if before is not None:
-        theta = float(before.heading[keep])
-        way += 2 * np.pi * round((theta + float(before.steer[keep]) - float(way[0])) / (2 * np.pi))
-    middle = (0.5 * (way[1:] + way[:-1])).tolist()
+        theta = float(before.heading[shared])
+        direction += 2 * np.pi * round((theta + float(before.steer[shared]) - float(direction[0])) / (2 * np.pi))
+    middle = (0.5 * (direction[1:] + direction[:-1])).tolist()
     step = (0.5 * (gain[1:] + gain[:-1])).tolist()
     heading = [theta]
-    for path, angle, share in zip(way.tolist(), middle, step, strict=False):
+    for path, angle, share in zip(direction.tolist(), middle, step, strict=False):
         half = theta + 0.5 * share * sin(path - theta)
         theta += share * sin(angle - half)
         heading.append(theta)
     heading = np.array(heading)
-    forward = np.stack([np.cos(heading), np.sin(heading)], axis=1)
-    center = front - 0.5 * shape.wheelbase * forward
-    if before is None:
-        return Track(line, shape, front, heading, center, way - heading)
-    return Track(
-        line,
-        shape,
-        np.concatenate([before.front[:keep], front]),
-        np.concatenate([before.heading[:keep], heading]),
-        np.concatenate([before.center[:keep], center]),
-        np.concatenate([before.steer[:keep], way - heading]),
-    )
+    center = front - 0.5 * shape.wheelbase * directions(heading)
+    columns = [front, heading, center, direction - heading]
+    if before is not None:
+        kept = (before.front, before.heading, before.center, before.steer)
+        columns = [np.concatenate([old[:shared], new]) for old, new in zip(kept, columns, strict=True)]
+    return Track(line, shape, *columns)
+
+
+def directions(heading: np.ndarray) -> np.ndarray:
+    """Return unit vectors of headings [rad], shape [N, 2]."""
+    return np.stack([np.cos(heading), np.sin(heading)], axis=1)
 
 
 @dataclass(frozen=True)
@@ -170,13 +169,13 @@ class Stance:
     """Middle x, y, heading, height [m, m, rad, m] and slopes forward and to the left, shape [N, 6]."""
 
 
-def stand_on_ground(
+def place_on_ground(
     track: Track, ground: Ground, start: float, before: Stance | None = None, row: int = 0
 ) -> tuple[Stance | None, float, str]:
     """Drop the four wheels on the road along a track and lay the body through them.
 
     Args:
-        track: The body's way seen from above.
+        track: The body's path seen from above.
         ground: The drivable surface.
         start: Station of the front axle where the vehicle starts [m]; the road is also needed a little before.
         before: The stance on a line that is the same up to sample `row`, if there is one, as in `follow_line`.
@@ -187,10 +186,10 @@ def stand_on_ground(
     """
     line, shape = track.line, track.shape
     last = line.ends[-1] - PATH_STEP
-    keep = 0 if before is None else max(0, row - REWORK)
+    shared = 0 if before is None else max(0, row - REWORK)
     rows = np.flatnonzero((line.station >= start - GROUND_REACH) & (line.station <= last))
-    rows = rows[rows >= keep - GROUND_SUPPORT]
-    forward = np.stack([np.cos(track.heading), np.sin(track.heading)], axis=1)[rows]
+    rows = rows[rows >= shared - GROUND_SUPPORT]
+    forward = directions(track.heading)[rows]
     left = np.stack([-forward[:, 1], forward[:, 0]], axis=1)
     behind = np.interp(line.station[rows] - shape.wheelbase, line.station, line.points[:, 2])
     drops = []
@@ -221,7 +220,7 @@ def stand_on_ground(
     whole = np.pad(smooth, ((rows[0], len(line.station) - 1 - rows[-1]), (0, 0)), mode="edge")
     columns = np.column_stack([track.center, track.heading, whole])
     if before is not None:
-        columns[:keep] = before.columns[:keep]
+        columns[:shared] = before.columns[:shared]
     return Stance(track, columns), np.nan, ""
 
 
@@ -241,7 +240,7 @@ def sample_poses(stance: Stance, station: np.ndarray) -> np.ndarray:
     """Return body-to-world poses at 100 Hz.
 
     Args:
-        stance: Where the body stands along its line.
+        stance: The body along its line.
         station: Front axle's station at every frame [m], shape [F], F >= 3, already smooth in time.
 
     Returns:
@@ -276,29 +275,6 @@ def _quaternion(yaw: np.ndarray, pitch: np.ndarray, roll: np.ndarray) -> np.ndar
     cy, sy = np.cos(0.5 * yaw), np.sin(0.5 * yaw)
     cp, sp = np.cos(0.5 * pitch), np.sin(0.5 * pitch)
     cr, sr = np.cos(0.5 * roll), np.sin(0.5 * roll)
-    return np.stack(
-        [
-            sr * cp * cy - cr * sp * sy,
-            cr * sp * cy + sr * cp * sy,
-            cr * cp * sy - sr * sp * cy,
-            cr * cp * cy + sr * sp * sy,
-        ],
-        axis=1,
-    )
-
-
-def wheel_points(poses: np.ndarray, shape: Shape) -> np.ndarray:
-    """Return where the four tyres of a rigid body touch the ground.
-
-    Args:
-        poses: Body to world, shape [F, 7].
-        shape: The vehicle.
-
-    Returns:
-        Contact points front left, front right, rear left, rear right, world frame [m], shape [F, 4, 3].
-    """
-    x, y, z, w = poses[:, 3:].T
-    forward = np.stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)], axis=1)
-    left = np.stack([2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)], axis=1)
-    along, aside = np.array(_wheel_places(shape)).T[:, :, None]
-    return poses[:, None, :3] + along * forward[:, None] + aside * left[:, None]
+    x, y = sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy
+    z, w = cr * cp * sy - sr * sp * cy, cr * cp * cy + sr * sp * sy
+    return np.stack([x, y, z, w], axis=1)

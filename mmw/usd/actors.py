@@ -1,8 +1,8 @@
-"""Actors of a stage: which prims move or carry sensors, and where they are in every frame."""
+"""Find the actors of a stage, the prims that move or carry sensors, and their poses in every frame."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from itertools import takewhile
 
 import numpy as np
 from pxr import Usd, UsdGeom
@@ -11,6 +11,7 @@ from mmw.core.errors import InputError
 from mmw.core.transforms import continuous, quaternion_from_matrix
 from mmw.usd.builtin_shapes import SHAPES
 from mmw.usd.meshes import FoundMesh, MeshReader, semantic_label
+from mmw.usd.prim_values import ancestors, attribute_value, decimals
 
 ROLES = ("cav", "vehicle", "rsu", "pedestrian")
 
@@ -57,35 +58,35 @@ def find_actors(stage: Usd.Stage, roles: Mapping[str, str]) -> list[FoundActor]:
                 f"actor_roles: {path} is not a prim of {stage.GetRootLayer().identifier}; correct the path"
             )
     found = []
-    walk = iter(Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()))
-    next(walk)  # the root of all prims
-    for prim in walk:
-        role = roles.get(str(prim.GetPath())) or _value(prim, "mmw:actor:role")
+    prims = iter(Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()))
+    next(prims)  # the root of all prims
+    for prim in prims:
+        role = roles.get(str(prim.GetPath())) or attribute_value(prim, "mmw:actor:role")
         if role is None and _moves(prim) and _has_mesh(prim):
             role = "vehicle"
         if role is None:
             continue
-        walk.PruneChildren()
+        prims.PruneChildren()
         if role not in ROLES:
             raise InputError(f"{prim.GetPath()}: mmw:actor:role = {role!r}; one of {', '.join(ROLES)} is needed")
-        model_name = str(_value(prim, "mmw:actor:model") or prim.GetName())
-        size, center = _triple(prim, "mmw:actor:size"), _triple(prim, "mmw:actor:center")
+        model_name = str(attribute_value(prim, "mmw:actor:model") or prim.GetName())
+        box = (attribute_value(prim, f"mmw:actor:{key}") for key in ("size", "center"))
+        size, center = (None if value is None else decimals(value) for value in box)
         label, path = semantic_label(prim), str(prim.GetPath())
         is_parked = f"/{PARKED}/" in path and role in ("cav", "vehicle") and not _moves(prim)
         found.append(FoundActor(prim, path, prim.GetName(), str(role), label, model_name, size, center, is_parked))
-    seen: dict[str, FoundActor] = {}
+    seen: dict[str, str] = {}
     for actor in found:
-        if actor.name in seen:
+        if seen.setdefault(actor.name, actor.path) != actor.path:
             raise InputError(
-                f"{actor.path} and {seen[actor.name].path} are both called {actor.name!r}; "
+                f"{actor.path} and {seen[actor.name]} are both called {actor.name!r}; "
                 "actors need names of their own; rename one prim"
             )
-        seen[actor.name] = actor
     return found
 
 
 def actor_poses(actors: list[FoundActor], times: np.ndarray, metres: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Return where the actors are.
+    """Return the poses of actors.
 
     A pose is rigid, so the constant scale of an actor's transform, if it has one, goes into its model: model points
     times the actor's stretch are in its rigid frame.
@@ -102,13 +103,13 @@ def actor_poses(actors: list[FoundActor], times: np.ndarray, metres: np.ndarray)
         InputError: If an actor's scale changes over the frames, or is zero.
     """
     poses, stretches = np.empty((len(times), len(actors), 7)), np.empty((len(actors), 4, 4))
-    moves = np.array([_moves_in_world(actor.prim) for actor in actors], dtype=bool)
-    for columns, asked in ((np.flatnonzero(moves), times), (np.flatnonzero(~moves), times[:1])):  # a still one once
+    moves = np.array([any(map(_moves, ancestors(actor.prim))) for actor in actors], dtype=bool)
+    for columns, codes in ((np.flatnonzero(moves), times), (np.flatnonzero(~moves), times[:1])):  # a still one once
         if len(columns):
-            poses[:, columns], stretches[columns] = _rigid_poses([actors[k] for k in columns], asked, metres)
+            poses[:, columns], stretches[columns] = _rigid_poses([actors[k] for k in columns], codes, metres)
     for column, actor in enumerate(actors):
-        image, asked = UsdGeom.Imageable(actor.prim), times if _visibility_varies(actor.prim) else times[:1]
-        hidden = np.array([image.ComputeVisibility(time) == UsdGeom.Tokens.invisible for time in asked])
+        image, codes = UsdGeom.Imageable(actor.prim), times if _visibility_varies(actor.prim) else times[:1]
+        hidden = np.array([image.ComputeVisibility(time) == UsdGeom.Tokens.invisible for time in codes])
         poses[np.broadcast_to(hidden, len(times)), column] = np.nan
     return poses, list(stretches)
 
@@ -146,16 +147,14 @@ def model_matrix(meshes: MeshReader, mesh: FoundMesh, actor: Usd.Prim) -> np.nda
     """Return mesh space to actor space, row vectors, stage units, shape [4, 4].
 
     Raises:
-        InputError: If something between the mesh and its actor moves.
+        InputError: If a prim between the mesh and its actor moves.
     """
-    prim = mesh.anchor
-    while prim != actor:
+    for prim in takewhile(lambda prim: prim != actor, ancestors(mesh.anchor)):
         if _moves(prim):
             raise InputError(
                 f"{prim.GetPath()}: moves inside the actor {actor.GetPath()}; an actor is one rigid body; "
                 "remove the inner animation, or move the prim out of the actor"
             )
-        prim = prim.GetParent()
     to_actor = meshes.relative(mesh.anchor, actor)
     return to_actor if mesh.to_anchor is None else mesh.to_anchor @ to_actor
 
@@ -173,31 +172,8 @@ def _orthonormal(linear: np.ndarray, actors: list[FoundActor]) -> np.ndarray:
     return np.stack([x, y, np.cross(x, y)], axis=-2)
 
 
-def _value(prim: Usd.Prim, name: str) -> Any:
-    attribute = prim.GetAttribute(name)
-    return attribute.Get() if attribute else None
-
-
-def _triple(prim: Usd.Prim, name: str) -> tuple[float, float, float] | None:
-    value = _value(prim, name)
-    if value is None:
-        return None
-    # float32 on the stage; seven digits give back the decimal numbers that were written
-    x, y, z = (float(f"{float(v):.7g}") for v in value)
-    return x, y, z
-
-
 def _moves(prim: Usd.Prim) -> bool:
     return prim.IsA(UsdGeom.Xformable) and UsdGeom.Xformable(prim).TransformMightBeTimeVarying()
-
-
-def _moves_in_world(prim: Usd.Prim) -> bool:
-    """Return whether a prim or anything that it stands on moves."""
-    while prim and not prim.IsPseudoRoot():
-        if _moves(prim):
-            return True
-        prim = prim.GetParent()
-    return False
 
 
 def _has_mesh(prim: Usd.Prim) -> bool:
@@ -206,8 +182,5 @@ def _has_mesh(prim: Usd.Prim) -> bool:
 
 
 def _visibility_varies(prim: Usd.Prim) -> bool:
-    while prim and not prim.IsPseudoRoot():
-        if prim.IsA(UsdGeom.Imageable) and UsdGeom.Imageable(prim).GetVisibilityAttr().ValueMightBeTimeVarying():
-            return True
-        prim = prim.GetParent()
-    return False
+    shown = (UsdGeom.Imageable(p) for p in ancestors(prim) if p.IsA(UsdGeom.Imageable))
+    return any(image.GetVisibilityAttr().ValueMightBeTimeVarying() for image in shown)

@@ -1,4 +1,4 @@
-"""Files of USD layers that are there completely or not at all."""
+"""Write USD layers atomically."""
 
 import errno
 import os
@@ -11,11 +11,7 @@ from mmw.core.temp_files import temporary_path
 
 
 def save_layer(layer: Sdf.Layer, path: Path) -> None:
-    """Write a layer to a file that is there completely or not at all, and refresh it where it is open.
-
-    Raises:
-        OSError: If it cannot be written; the file that was there before stays.
-    """
+    """Write a layer to a file as `save_layers` does."""
     save_layers({path: layer})
 
 

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from pxr import Usd, UsdGeom
 
+from mmw.usd.prim_values import attribute_value
+
 if TYPE_CHECKING:
     import trimesh
 
@@ -13,14 +15,14 @@ SECTIONS = 32
 """Sides of a round shape."""
 
 SUBDIVISIONS = 3
-"""Of the icosahedron that stands for a sphere: 1,280 triangles."""
+"""Subdivisions of the icosahedron that approximates a sphere: 1,280 triangles."""
 
 Shape = tuple[np.ndarray, np.ndarray]
 """Points [N, 3], float64, and outward triangles [M, 3], int32, in the prim's space."""
 
 
 def _creation() -> Any:
-    """Return `trimesh.creation`, which takes a second to import: most stages have meshes alone."""
+    """Return `trimesh.creation`, imported late: it needs a second, and most stages have meshes alone."""
     import trimesh.creation
 
     return trimesh.creation
@@ -31,19 +33,17 @@ def _number(prim: Usd.Prim, name: str) -> float:
 
 
 def _along_axis(prim: Usd.Prim, mesh: "trimesh.Trimesh") -> Shape:
-    """Return a shape that was built along z, turned to the prim's axis; turning keeps the faces outward."""
-    shift = {"X": 1, "Y": 2, "Z": 0}[prim.GetAttribute("axis").Get()]
+    """Return a shape that was built along z, turned to the prim's axis if it has one; the faces stay outward."""
+    shift = {"X": 1, "Y": 2, "Z": 0}[attribute_value(prim, "axis", "Z")]
     return np.roll(np.array(mesh.vertices, dtype=np.float64), shift, axis=1), np.array(mesh.faces, dtype=np.int32)
 
 
 def _cube(prim: Usd.Prim) -> Shape:
-    box = _creation().box((_number(prim, "size"),) * 3)
-    return np.array(box.vertices, dtype=np.float64), np.array(box.faces, dtype=np.int32)
+    return _along_axis(prim, _creation().box((_number(prim, "size"),) * 3))
 
 
 def _sphere(prim: Usd.Prim) -> Shape:
-    ball = _creation().icosphere(subdivisions=SUBDIVISIONS, radius=_number(prim, "radius"))
-    return np.array(ball.vertices, dtype=np.float64), np.array(ball.faces, dtype=np.int32)
+    return _along_axis(prim, _creation().icosphere(subdivisions=SUBDIVISIONS, radius=_number(prim, "radius")))
 
 
 def _cylinder(prim: Usd.Prim) -> Shape:

@@ -18,7 +18,7 @@ LAMP = "mmw:lamp"
 
 @dataclass(frozen=True)
 class MaterialSpec:
-    """One material of the library: what `author_material` writes on one Material prim."""
+    """One material of the library: what `write_material` writes on one Material prim."""
 
     radio: RadioMaterial
     base: str

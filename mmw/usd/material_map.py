@@ -1,4 +1,4 @@
-"""Entries of a material map, applied: which one a mesh has, and what it makes of a radio description."""
+"""Find the entry of a material map for a mesh, and apply it to a radio description."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import replace
@@ -25,12 +25,7 @@ def find_entry(material_map: MaterialMap, *names: str) -> MaterialEntry | None:
 
 
 def mapped_radio(entry: MaterialEntry, known: RadioMaterial | None) -> RadioMaterial | None:
-    """Return a radio description after an entry.
-
-    Args:
-        entry: The entry.
-        known: What is known without it; None if nothing is.
-    """
+    """Return the radio description that an entry makes of a known one, None for none."""
     if entry.material is not None:
         return LIBRARY[entry.material].radio
     if entry.radio is not None:

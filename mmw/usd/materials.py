@@ -1,16 +1,15 @@
-"""Material prims of a stage to `mmw.physics.materials.material.Material`, whatever the stage says about radio."""
+"""Read Material prims as `mmw.physics.materials.material.Material`, with or without radio attributes."""
 
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cache
-from typing import Any
 
 from pxr import Usd, UsdShade
 
 from mmw.core.errors import InputError
 from mmw.core.resources import assets_dir
-from mmw.physics.materials.appearance import Look
+from mmw.physics.materials.appearance import Appearance
 from mmw.physics.materials.material import (
     LIDAR_REFLECTANCE_905NM,
     Material,
@@ -18,13 +17,11 @@ from mmw.physics.materials.material import (
     lidar_reflectance,
     wrong_radio_value,
 )
-from mmw.usd.material_library import LIBRARY, ROOT
+from mmw.usd.material_library import LIBRARY, NONVISUAL, ROOT
 from mmw.usd.material_map import MaterialMap, find_entry, mapped_radio
-from mmw.usd.preview_surface import Notes, read_look
+from mmw.usd.preview_surface import Notes, read_appearance
+from mmw.usd.prim_values import attribute_value, decimal, decimals
 from mmw.usd.schema import RADIO_ATTRIBUTES
-
-NONVISUAL = "omni:simready:nonvisual:"
-"""Prefix of the SimReady attributes of a Material prim."""
 
 NO_COLOR = (0.5, 0.5, 0.5)
 """Diffuse colour of a material that gives none as a number [-]."""
@@ -68,7 +65,7 @@ class MaterialUse:
     fallback: RadioMaterial | None
     """Radio material by material map, name, non-visual base or label; None if `mmw:radio:*` decides."""
     library: str = ""
-    """Material of the library that the material map names, for LiDAR and look too; empty if it names none."""
+    """Material of the library that the material map names, for LiDAR and appearance too; empty if it names none."""
     color: tuple[float, float, float] | None = None
     """Colour that the material map gives; None for the material's own."""
     display_color: tuple[float, float, float] | None = None
@@ -80,25 +77,16 @@ class MaterialUse:
 def resolve_material(
     mesh_path: str, label: str, material: Usd.Prim | None, material_map: MaterialMap
 ) -> MaterialUse | None:
-    """Decide where the radio description of a mesh comes from; the first that exists counts.
+    """Return the source of the radio description of a mesh; the first that exists counts, None if there is none.
 
     `mmw:radio:*` of the bound material; the user's map, by glob of the mesh's prim path or of the material's name; a
     material name that is or holds an `itu_...` row; its non-visual base; the semantic class.
-
-    Args:
-        mesh_path: Prim path of the mesh.
-        label: Its semantic class.
-        material: Its bound material, or None.
-        material_map: Glob of prim paths or material names -> what the mesh is.
-
-    Returns:
-        The use, or None where nothing describes the mesh.
     """
     path = str(material.GetPath()) if material else ""
     name = material.GetName() if material else ""
     if material and _has_radio(material):
         return MaterialUse(name, path, None)
-    fallback = _said_by(material, name, label) if material else None
+    fallback = _infer_radio(material, name, label) if material else None
     entry = find_entry(material_map, mesh_path, name)
     if entry is not None:
         fallback = mapped_radio(entry, fallback)
@@ -108,12 +96,12 @@ def resolve_material(
     return MaterialUse(name, path, fallback) if fallback else None
 
 
-def _said_by(material: Usd.Prim, name: str, label: str) -> RadioMaterial | None:
+def _infer_radio(material: Usd.Prim, name: str, label: str) -> RadioMaterial | None:
     """Return the radio description by name, non-visual base or semantic class, without `mmw:radio:*`."""
     row = re.search(r"itu_[a-z_]*[a-z]", name)  # also inside a longer name, such as mat_itu_concrete_001
     if row:
         return RadioMaterial("itu", itu=row[0])
-    return RADIO_OF_BASE.get(_value(material, NONVISUAL + "base", "none")) or RADIO_OF_LABEL.get(label)
+    return RADIO_OF_BASE.get(attribute_value(material, NONVISUAL + "base", "none")) or RADIO_OF_LABEL.get(label)
 
 
 def read_material(stage: Usd.Stage, use: MaterialUse, notes: Notes | None = None) -> Material:
@@ -122,7 +110,7 @@ def read_material(stage: Usd.Stage, use: MaterialUse, notes: Notes | None = None
     Args:
         stage: The stage.
         use: The material as a mesh uses it.
-        notes: Takes what a user of the RGB camera should know.
+        notes: Receives notes for users of the RGB camera.
 
     Raises:
         InputError: If its `mmw:radio:*` attributes contradict themselves or are out of range.
@@ -131,35 +119,33 @@ def read_material(stage: Usd.Stage, use: MaterialUse, notes: Notes | None = None
         spec = LIBRARY[use.library]
         reflectance = lidar_reflectance(spec.base, spec.coating, spec.attributes, spec.color)
         is_retro = "retroreflective" in spec.attributes
-        look = replace(library_look(use.library), has_uv=use.has_uv)
-        return Material(use.name, spec.radio, spec.base, reflectance, spec.color, spec.coating, is_retro, look)
+        appearance = replace(library_appearance(use.library), has_uv=use.has_uv)
+        return Material(use.name, spec.radio, spec.base, reflectance, spec.color, spec.coating, is_retro, appearance)
     if not use.prim_path and use.fallback is not None:
         color = use.color or use.display_color or NO_COLOR
-        return Material(use.name, use.fallback, "none", lidar_reflectance("none"), color, look=Look(color=color))
+        return Material(
+            use.name, use.fallback, "none", lidar_reflectance("none"), color, appearance=Appearance(color=color)
+        )
     prim = stage.GetPrimAtPath(use.prim_path)
-    base = str(_value(prim, NONVISUAL + "base", "none"))
-    coating = str(_value(prim, NONVISUAL + "coating", "none"))
-    attributes = tuple(_value(prim, NONVISUAL + "attributes", None) or ())
+    base = str(attribute_value(prim, NONVISUAL + "base", "none"))
+    coating = str(attribute_value(prim, NONVISUAL + "coating", "none"))
+    attributes = tuple(attribute_value(prim, NONVISUAL + "attributes") or ())
     color = _diffuse_color(prim)
     reflectance = lidar_reflectance(base if base in LIDAR_REFLECTANCE_905NM else "none", coating, attributes, color)
     radio = use.fallback if use.fallback is not None else _read_radio(prim)
     is_retro = "retroreflective" in attributes
-    look = replace(read_look(prim, {} if notes is None else notes, use.display_color), has_uv=use.has_uv)
+    appearance = replace(read_appearance(prim, {} if notes is None else notes, use.display_color), has_uv=use.has_uv)
     if use.color:
-        look = replace(look, color=use.color, color_texture=None)
-    if not look.textures:
-        look = replace(look, has_uv=True)
-    return Material(use.name, radio, base, reflectance, use.color or color, coating, is_retro, look)
+        appearance = replace(appearance, color=use.color, color_texture=None)
+    if not appearance.textures:
+        appearance = replace(appearance, has_uv=True)
+    return Material(use.name, radio, base, reflectance, use.color or color, coating, is_retro, appearance)
 
 
 def read_materials(stage: Usd.Stage, uses: Iterable[MaterialUse], notes: Notes, copies: "Copies") -> list[Material]:
-    """Return what `read_material` does for each use; copies of one material are read once, unless they have notes.
+    """Return the material of each use; copies of one material are read once, unless they have notes.
 
-    Args:
-        stage: The stage.
-        uses: The materials as meshes use them.
-        notes: Takes what a user of the RGB camera should know.
-        copies: What was read before, also in other weathers: a material that a weather changes is no copy.
+    `copies` remembers materials across weathers: a material that a weather changes is no copy.
     """
     found = []
     for use in uses:
@@ -170,7 +156,7 @@ def read_materials(stage: Usd.Stage, uses: Iterable[MaterialUse], notes: Notes, 
         if known is None:
             known = read_material(stage, use, own)
         else:
-            known = replace(known, look=replace(known.look, prim_path=use.prim_path))
+            known = replace(known, appearance=replace(known.appearance, prim_path=use.prim_path))
         found.append(known)
         notes.update(own)
         if specs and not own:
@@ -180,13 +166,10 @@ def read_materials(stage: Usd.Stage, uses: Iterable[MaterialUse], notes: Notes, 
 
 @dataclass
 class Copies:
-    """Tells which materials are copies of one: every vehicle of a stage has its own of the same library.
-
-    Attributes:
-        materials: Use without its path, and specs -> the material that was read for them.
-    """
+    """Finds materials that are copies of one: every vehicle of a stage has its own of the same library."""
 
     materials: dict[tuple[MaterialUse, tuple], Material] = field(default_factory=dict)
+    """Use without its path, and specs -> the material that was read for them."""
     _is_closed: dict[tuple, bool] = field(default_factory=dict)
 
     def specs(self, prim: Usd.Prim) -> tuple | None:
@@ -201,10 +184,10 @@ class Copies:
 
 
 @cache
-def library_look(name: str) -> Look:
-    """Return how a material of the shipped library looks."""
+def library_appearance(name: str) -> Appearance:
+    """Return the appearance of a material of the shipped library."""
     stage = Usd.Stage.Open(str(assets_dir() / "materials" / "materials.usda"))
-    return read_look(stage.GetPrimAtPath(f"{ROOT}/{name}"), {})
+    return read_appearance(stage.GetPrimAtPath(f"{ROOT}/{name}"), {})
 
 
 def _has_radio(prim: Usd.Prim) -> bool:
@@ -212,21 +195,12 @@ def _has_radio(prim: Usd.Prim) -> bool:
     return bool(attribute) and attribute.HasAuthoredValue()
 
 
-def _value(prim: Usd.Prim, name: str, default: Any) -> Any:
-    attribute = prim.GetAttribute(name)
-    value = attribute.Get() if attribute else None
-    return default if value is None else value
-
-
 def _read_radio(prim: Usd.Prim) -> RadioMaterial:
     where = prim.GetPath()
-    fallback = RadioMaterial("constant")
     values = {}
-    for name, attribute in RADIO_ATTRIBUTES.items():
-        default = getattr(fallback, name)
-        value = _value(prim, attribute.name, default)
-        # The attributes are float32; seven digits give back the decimal number that was written.
-        values[name] = float(f"{value:.7g}") if isinstance(default, float) else type(default)(value)
+    for name, default in asdict(RadioMaterial("constant")).items():
+        value = attribute_value(prim, RADIO_ATTRIBUTES[name].name, default)
+        values[name] = decimal(value) if isinstance(default, float) else type(default)(value)
     wrong = wrong_radio_value(values)
     if wrong is not None:
         name, needed = wrong
@@ -239,13 +213,9 @@ def _read_radio(prim: Usd.Prim) -> RadioMaterial:
 def _diffuse_color(prim: Usd.Prim) -> tuple[float, float, float]:
     """Return the diffuse colour where the surface shader has it as a number, else a middle grey.
 
-    Beside a texture the number is its mean in our own materials; other tools leave one there that means nothing, so a
-    connected colour counts only where the radio schema shows that the material is ours.
+    Beside a texture the number is its mean in materials of mmw, which have the radio schema; elsewhere it is arbitrary.
     """
     shader = UsdShade.Material(prim).ComputeSurfaceSource()[0]
     port = shader.GetInput("diffuseColor") if shader else None
     value = port.Get() if port and (_has_radio(prim) or not port.HasConnectedSource()) else None
-    if value is None:
-        return NO_COLOR
-    red, green, blue = (float(f"{float(channel):.7g}") for channel in value)
-    return red, green, blue
+    return NO_COLOR if value is None else decimals(value)

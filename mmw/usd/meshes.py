@@ -1,4 +1,4 @@
-"""Triangle meshes of any USD stage: n-gons, shapes, instances, point instancers, subsets, units, axes, handedness."""
+"""Read triangle meshes of any USD stage: n-gons, shapes, instances, point instancers, subsets, units, handedness."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -9,13 +9,13 @@ from pxr import Kind, Sdf, Usd, UsdGeom, UsdShade, Vt
 
 from mmw.core.errors import InputError
 from mmw.usd.builtin_shapes import SHAPES
+from mmw.usd.prim_values import attribute_value
 from mmw.usd.primvars import NO_CORNERS, Corners, is_mirror, read_corners
 from mmw.usd.semantics import CARLA_TAG, TAXONOMY
 from mmw.usd.triangulate import Polygons, Triangles, cut_meshes
 
 SKIPPED_PURPOSES = (UsdGeom.Tokens.proxy, UsdGeom.Tokens.guide)
 """Purposes that are no geometry of the world: stand-ins and construction aids."""
-
 
 _RADIO = "radio"
 """Purpose of a material binding that counts before the one for all purposes."""
@@ -35,17 +35,13 @@ class FoundMesh:
 
 @dataclass
 class MeshReader:
-    """Reads mesh prims; a prototype is cut into triangles once, however often it is used.
-
-    Attributes:
-        stage: The stage.
-        time: When the static parts are read.
-        keeps_flat: Keep triangles without area, for who looks for them.
-    """
+    """Reads mesh prims; a prototype is cut into triangles once, however often it is used."""
 
     stage: Usd.Stage
     time: Usd.TimeCode
+    """Time at which static parts are read."""
     keeps_flat: bool = False
+    """Keep triangles without area, for checks that count them."""
     _triangles: dict[str, Triangles] = field(default_factory=dict)
     _corners: dict[tuple[int, str], Corners] = field(default_factory=dict)
     _labels: dict[Sdf.Path, str] = field(default_factory=dict)
@@ -57,12 +53,12 @@ class MeshReader:
 
     def meshes(self) -> Iterator[FoundMesh]:
         """Yield every mesh and shape that is visible and no proxy or guide, in the stage's order."""
-        walk = iter(Usd.PrimRange(self.stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()))
-        for prim in walk:
+        prims = iter(Usd.PrimRange(self.stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()))
+        for prim in prims:
             if not self.is_visible(prim) and is_hidden(prim):
-                walk.PruneChildren()
+                prims.PruneChildren()
             elif prim.IsA(UsdGeom.PointInstancer):
-                walk.PruneChildren()
+                prims.PruneChildren()
                 yield from self._instanced(UsdGeom.PointInstancer(prim))
             elif _is_geometry(prim):
                 yield FoundMesh(prim, prim, None)
@@ -77,19 +73,19 @@ class MeshReader:
         )
         if not index or not places or not all(roots):
             return
-        kept = instancer.ComputeMaskAtTime(self.time) or [True] * len(index)
+        mask = instancer.ComputeMaskAtTime(self.time) or [True] * len(index)
         meshes = [self._prototype_meshes(root) for root in roots]
-        for k, place, keep in zip(index, places, kept, strict=True):
-            if keep:
+        for k, place, is_shown in zip(index, places, mask, strict=True):
+            if is_shown:
                 for mesh, to_root in meshes[k]:
                     yield FoundMesh(mesh, prim, to_root @ np.array(place))
 
     def _prototype_meshes(self, root: Usd.Prim) -> list[tuple[Usd.Prim, np.ndarray]]:
         found = []
-        walk = iter(Usd.PrimRange(root, Usd.TraverseInstanceProxies()))
-        for prim in walk:
+        prims = iter(Usd.PrimRange(root, Usd.TraverseInstanceProxies()))
+        for prim in prims:
             if is_hidden(prim):
-                walk.PruneChildren()
+                prims.PruneChildren()
             elif prim.IsA(UsdGeom.PointInstancer):
                 raise InputError(
                     f"{prim.GetPath()}: a point instancer inside a prototype of another one; one level of point "
@@ -100,7 +96,7 @@ class MeshReader:
         return found
 
     def relative(self, prim: Usd.Prim, ancestor: Usd.Prim) -> np.ndarray:
-        """Return prim space to ancestor space, row vectors, [4, 4]: the same bits for equal parts of equal things."""
+        """Return prim space to ancestor space, row vectors, [4, 4]: the same bits for equal parts of equal objects."""
         if prim == ancestor:
             return np.eye(4)
         matrix, is_reset = self.xforms.ComputeRelativeTransform(prim, ancestor)
@@ -113,16 +109,11 @@ class MeshReader:
         return np.array(self.xforms.GetLocalToWorldTransform(prim))
 
     def label(self, prim: Usd.Prim) -> str:
-        """Return what `semantic_label` does; what an ancestor says is looked up once for all below it."""
-        path = prim.GetPath()
-        if path not in self._labels:
-            own = _own_label(prim)
-            parent = prim.GetParent()
-            self._labels[path] = own or (self.label(parent) if parent else "unlabeled")
-        return self._labels[path]
+        """Return what `semantic_label` does; ancestors are read once for all below them."""
+        return semantic_label(prim, self._labels)
 
     def is_visible(self, prim: Usd.Prim) -> bool:
-        """Return whether neither a prim nor an ancestor is invisible at the reader's time; ancestors are asked once."""
+        """Return whether neither a prim nor an ancestor is invisible at the reader's time; ancestors are read once."""
         path = prim.GetPath()
         if path not in self._visible:
             attribute = prim.GetAttribute(UsdGeom.Tokens.visibility) if prim.IsA(UsdGeom.Imageable) else None
@@ -132,28 +123,17 @@ class MeshReader:
         return self._visible[path]
 
     def component(self, prim: Usd.Prim) -> Usd.Prim:
-        """Return what `component_of` does; an ancestor is looked at once for all below it."""
-        return self._component(prim) or prim
-
-    def _component(self, prim: Usd.Prim) -> Usd.Prim | None:
-        path = prim.GetPath()
-        if path not in self._components:
-            if not prim or prim.IsPseudoRoot():
-                self._components[path] = None
-            else:
-                self._components[path] = prim if _is_component(prim) else self._component(prim.GetParent())
-        return self._components[path]
+        """Return what `component_of` does; ancestors are read once for all below them."""
+        return component_of(prim, self._components)
 
     def triangles(self, prim: Usd.Prim) -> Triangles:
         """Return a mesh prim as triangles.
 
         Raises:
-            InputError: If its points move against each other, or its topology is broken.
+            InputError: As `read`.
         """
-        key = _source(prim)
-        if key not in self._triangles:
-            self.read([prim])
-        return self._triangles[key]
+        self.read([prim])
+        return self._triangles[_source(prim)]
 
     def read(self, prims: Iterable[Usd.Prim]) -> None:
         """Cut many mesh prims into triangles at once, so that `triangles` has them at hand.
@@ -161,21 +141,15 @@ class MeshReader:
         Raises:
             InputError: If the points of one move against each other, or its topology is broken.
         """
-        wanted = {_source(prim): prim for prim in prims}
-        new = {key: prim for key, prim in wanted.items() if key not in self._triangles}
+        sources = {_source(prim): prim for prim in prims}
+        new = {key: prim for key, prim in sources.items() if key not in self._triangles}
         meshes = {key: self._polygons(prim) for key, prim in new.items() if prim.IsA(UsdGeom.Mesh)}
         self._triangles.update((key, _read_shape(prim)) for key, prim in new.items() if key not in meshes)
         self._triangles.update(zip(meshes, cut_meshes([*meshes.values()], keeps_flat=self.keeps_flat), strict=True))
 
     def corners(self, prim: Usd.Prim, cut: Triangles, name: str) -> Corners:
-        """Return texture coordinates and normals at the corners of a mesh prim's triangles.
-
-        Args:
-            prim: The Mesh prim, or a shape, which has none.
-            cut: What `triangles` returned for it.
-            name: Primvar of the texture coordinates that its material reads.
-        """
-        key = id(cut), name  # `_triangles` keeps it, so its id stays its own
+        """Return what lies at the corners of a mesh prim cut into triangles, with the texture coordinates `name`."""
+        key = id(cut), name  # `_triangles` holds it, so its id stays unique
         if key not in self._corners:
             is_mesh = prim.IsA(UsdGeom.Mesh)
             read = read_corners(prim, name, cut.faces, cut.polygon, cut.corners, self.time) if is_mesh else NO_CORNERS
@@ -257,17 +231,14 @@ def place(triangles: Triangles, matrix: np.ndarray) -> tuple[np.ndarray, np.ndar
 def bound_materials(
     prim: Usd.Prim, polygon: np.ndarray, bound: Usd.Prim | EllipsisType | None = ...
 ) -> tuple[list[Usd.Prim | None], np.ndarray]:
-    """Return the materials of a mesh prim and which one each triangle has.
+    """Return the material prims of a mesh (None for no material) and the index of that of each triangle, shape [M].
 
     The binding of purpose `radio` counts where there is one, else the one for all purposes.
 
     Args:
         prim: The Mesh prim.
         polygon: Polygon of each triangle, shape [M].
-        bound: What `materials_of` returned for it; left out, it is looked up.
-
-    Returns:
-        Material prims (None for "no material"), and an index into them for each triangle, shape [M].
+        bound: Result of `materials_of` for the prim, if it is known.
     """
     materials: list[Usd.Prim | None] = [_bound(prim) if bound is ... else bound]
     index = np.zeros(len(polygon), dtype=np.int32)
@@ -294,37 +265,40 @@ def _bound(prim: Usd.Prim) -> Usd.Prim | None:
     return material.GetPrim() if material else None
 
 
-def component_of(prim: Usd.Prim) -> Usd.Prim:
-    """Return the nearest component that holds a prim, or the prim itself."""
-    here = prim
-    while here and not here.IsPseudoRoot():
-        if _is_component(here):
-            return here
-        here = here.GetParent()
-    return prim
+def component_of(prim: Usd.Prim, known: dict[Sdf.Path, Usd.Prim | None] | None = None) -> Usd.Prim:
+    """Return the nearest component that holds a prim, or the prim itself; `known` remembers the answers."""
+    return _component(prim, {} if known is None else known) or prim
 
 
-def _is_component(prim: Usd.Prim) -> bool:
-    return Kind.Registry.IsA(Usd.ModelAPI(prim).GetKind(), Kind.Tokens.component)
+def _component(prim: Usd.Prim, known: dict[Sdf.Path, Usd.Prim | None]) -> Usd.Prim | None:
+    if not prim or prim.IsPseudoRoot():
+        return None
+    path = prim.GetPath()
+    if path not in known:
+        is_component = Kind.Registry.IsA(Usd.ModelAPI(prim).GetKind(), Kind.Tokens.component)
+        known[path] = prim if is_component else _component(prim.GetParent(), known)
+    return known[path]
 
 
-def semantic_label(prim: Usd.Prim) -> str:
-    """Return the nearest known semantic class of a prim and its ancestors, `unlabeled` where there is none."""
-    while prim and not prim.IsPseudoRoot():
-        label = _own_label(prim)
-        if label:
-            return label
-        prim = prim.GetParent()
-    return "unlabeled"
+def semantic_label(prim: Usd.Prim, known: dict[Sdf.Path, str] | None = None) -> str:
+    """Return the nearest known semantic class of a prim and its ancestors, `unlabeled` where there is none.
+
+    Args:
+        prim: The prim.
+        known: Remembers the answers, for many prims with the same ancestors.
+    """
+    known = {} if known is None else known
+    path = prim.GetPath()
+    if path not in known:
+        parent = prim.GetParent()
+        known[path] = _own_label(prim) or (semantic_label(parent, known) if parent else "unlabeled")
+    return known[path]
 
 
 def _own_label(prim: Usd.Prim) -> str:
     """Return the first known semantic class that a prim itself has, empty for none."""
-    attribute = prim.GetAttribute(_LABELS)
-    for label in (attribute.Get() if attribute else None) or ():
-        if label in CARLA_TAG:
-            return str(label)
-    return ""
+    labels = attribute_value(prim, _LABELS) or ()
+    return next((str(label) for label in labels if label in CARLA_TAG), "")
 
 
 _LABELS = f"semantics:labels:{TAXONOMY}"

@@ -1,4 +1,4 @@
-"""Opening a USD file that may not be there, not be USD, or refer to what is not there."""
+"""Open a USD file that may be missing, broken, or refer to missing files."""
 
 from pathlib import Path
 

@@ -1,20 +1,19 @@
-"""Surface shaders of a stage to `mmw.physics.materials.appearance.Look`: UsdPreviewSurface with UsdUVTexture, in the
-weather selected now.
+"""Read UsdPreviewSurface with UsdUVTexture as an `Appearance`, in the selected weather.
 
-What is drawn and what is not: every input of UsdPreviewSurface but `occlusion` and `displacement`, each as a number or
-from a texture; `clearcoat`, `ior` and `specularColor` as numbers. A node that is not read is named in a note, and the
-input's own number is drawn. UsdPreviewSurface and its nodes: https://openusd.org/release/spec_usdpreviewsurface.html
+Every input of UsdPreviewSurface but `occlusion` and `displacement`, each as a number or
+from a texture; `clearcoat`, `ior` and `specularColor` as numbers, is read. A node that is not read is named in a
+note, and the input's own number is drawn. UsdPreviewSurface and its nodes: https://openusd.org/release/spec_usdpreviewsurface.html
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from pxr import Usd, UsdShade
 
 from mmw.core.errors import InputError
-from mmw.physics.materials.appearance import LAMPS, Look, TextureUse, Wrap
+from mmw.physics.materials.appearance import LAMPS, Appearance, TextureUse, Wrap
 from mmw.usd.material_library import LAMP
+from mmw.usd.prim_values import attribute_value, decimal, decimals
 
 CUT_AT = 0.5
 """Opacity below which an opacity texture cuts a hole, where the material leaves the threshold out. Design value."""
@@ -32,6 +31,10 @@ Notes = dict[str, None]
 _NUMBERS = {"roughness": 0.5, "metallic": 0.0, "ior": 1.5, "opacity": 1.0, "opacityThreshold": 0.0, "clearcoat": 0.0,
             "clearcoatRoughness": 0.01}  # fmt: skip
 """Inputs of UsdPreviewSurface that are one number, and its defaults."""
+
+_TEXTURED = {"color": "diffuseColor", "emission": "emissiveColor", "roughness": "roughness", "metallic": "metallic",
+             "normal": "normal", "opacity": "opacity"}  # fmt: skip
+"""Texture of an `Appearance` -> input of UsdPreviewSurface that it comes from."""
 
 _CHANNELS = {"rgb": 0, "r": 0, "g": 1, "b": 2, "a": 3}
 
@@ -92,14 +95,15 @@ class _Shader:
             fallback = tuple(fallback)[:3] if is_color or name == "normal" else fallback[channel]
         row_u, row_v = self.coordinates(node)
         wrap = (self.wrap(node, "wrapS"), self.wrap(node, "wrapT"))
-        scale, bias = (_four(_input(node, key, (value,) * 4)) for key, value in (("scale", 1.0), ("bias", 0.0)))
+        scale, bias = (
+            tuple(map(decimal, _input(node, key, (value,) * 4))) for key, value in (("scale", 1.0), ("bias", 0.0))
+        )
         return TextureUse(path, is_srgb, channel, wrap, scale, bias, row_u, row_v), fallback
 
     def wrap(self, node: UsdShade.Shader, name: str) -> Wrap:
-        """Return a wrap mode. Files that we read hold no wrap metadata; without it a texture repeats."""
+        """Return a wrap mode; files that are read hold no wrap metadata, and without it a texture repeats."""
         value = str(_input(node, name, "useMetadata"))
-        wraps: dict[str, Wrap] = {"clamp": "clamp", "mirror": "mirror", "black": "black"}
-        return wraps.get(value, "repeat")
+        return value if value in ("clamp", "mirror", "black") else "repeat"
 
     def coordinates(self, node: UsdShade.Shader) -> tuple[Color, Color]:
         """Return the rows that make a texture's u and v of the mesh's coordinates, through all UsdTransform2d."""
@@ -120,7 +124,7 @@ class _Shader:
                     "mesh are drawn"
                 )
             break
-        return _row(matrix[0]), _row(matrix[1])
+        return decimals(matrix[0]), decimals(matrix[1])
 
 
 def _transform(node: UsdShade.Shader) -> np.ndarray:
@@ -133,23 +137,22 @@ def _transform(node: UsdShade.Shader) -> np.ndarray:
     return matrix
 
 
-def read_look(prim: Usd.Prim, notes: Notes, display_color: Color | None = None) -> Look:
-    """Return how a material looks, in the weather that is selected now.
+def read_appearance(prim: Usd.Prim, notes: Notes, display_color: Color | None = None) -> Appearance:
+    """Return the appearance of a material in the selected weather.
 
-    Textures whose path does not resolve stay in the look; who loads them reports them. Opacity textures cut holes, at
-    0.5 where `opacityThreshold` is left out. With `useSpecularWorkflow`, a grey `specularColor` up to 0.2 becomes the
+    Textures whose path does not resolve stay in it; their loader reports them. Opacity textures cut holes, at 0.5 where
+    `opacityThreshold` is left out. With `useSpecularWorkflow`, a grey `specularColor` up to 0.2 becomes the
     refractive index of a dielectric; a brighter or coloured one becomes a metal as `metallic_workflow` says.
 
     Args:
         prim: The Material prim.
-        notes: Takes what a user should know.
+        notes: Receives notes for the user.
         display_color: Colour of the mesh, drawn where the material has no UsdPreviewSurface.
     """
-    lamp = prim.GetAttribute(LAMP)
-    lamp = (lamp.Get() if lamp else None) or "none"
+    lamp = attribute_value(prim, LAMP) or "none"
     if lamp not in LAMPS:
         raise InputError(f"{prim.GetPath()}: {LAMP} = {lamp!r}; needed is one of {', '.join(LAMPS)}; correct it")
-    plain = Look(color=display_color or Look.color, lamp=lamp, prim_path=str(prim.GetPath()))
+    plain = Appearance(color=display_color or Appearance.color, lamp=lamp, prim_path=str(prim.GetPath()))
     source = surface_shader(prim)
     shader = _Shader(prim, source, display_color, notes)
     if not source or _id(source) != "UsdPreviewSurface":
@@ -158,7 +161,7 @@ def read_look(prim: Usd.Prim, notes: Notes, display_color: Color | None = None) 
         )
         shader.note(f"{found}; needed is UsdPreviewSurface; drawn in {_text(plain.color)}")
         return plain
-    values = {name: shader.read(name) for name in ("diffuseColor", "emissiveColor", "normal", *_NUMBERS)}
+    values = {name: shader.read(name) for name in (*_TEXTURED.values(), *_NUMBERS)}
     numbers = {name: _number(values[name][0], default) for name, default in _NUMBERS.items()}
     for name in ("ior", "opacityThreshold", "clearcoat", "clearcoatRoughness"):
         if values[name][1] is not None:
@@ -179,7 +182,7 @@ def read_look(prim: Usd.Prim, notes: Notes, display_color: Color | None = None) 
     if len(shader.varnames) > 1:
         first, *others = shader.varnames
         shader.note(f"textures use several coordinates; {first} is read for {', '.join(others)} too")
-    return Look(
+    return Appearance(
         color=color,
         emission=_color(values["emissiveColor"][0], (0.0, 0.0, 0.0)),
         roughness=numbers["roughness"],
@@ -189,19 +192,14 @@ def read_look(prim: Usd.Prim, notes: Notes, display_color: Color | None = None) 
         opacity_threshold=threshold,
         clearcoat=numbers["clearcoat"],
         clearcoat_roughness=numbers["clearcoatRoughness"],
-        color_texture=values["diffuseColor"][1],
-        emission_texture=values["emissiveColor"][1],
-        roughness_texture=values["roughness"][1],
-        metallic_texture=values["metallic"][1],
-        normal_texture=values["normal"][1],
-        opacity_texture=values["opacity"][1],
         lamp=lamp,
         prim_path=str(prim.GetPath()),
+        **{f"{name}_texture": values[source][1] for name, source in _TEXTURED.items()},
     )
 
 
 def metallic_workflow(diffuse: Color, specular: Color, is_textured: bool) -> tuple[Color, float, float]:
-    """Return base colour, metallic and refractive index that look like a diffuse and a specular colour.
+    """Return base colour, metallic and refractive index of the diffuse and specular colours of the specular workflow.
 
     A grey specular colour up to 0.2, or any beside a diffuse texture, is the reflectance F0 of a dielectric of index
     (1 + sqrt F0) / (1 - sqrt F0). Otherwise metallic m solves, by brightness (largest channel) d and s,
@@ -220,7 +218,7 @@ def metallic_workflow(diffuse: Color, specular: Color, is_textured: bool) -> tup
     as_dielectric = np.array(diffuse) * (1.0 - s) / ((1.0 - a) * max(1.0 - metal, 1e-6))
     as_metal = (np.array(specular) - a * (1.0 - metal)) / max(metal, 1e-6)
     base = np.clip(as_dielectric + (as_metal - as_dielectric) * metal**2, 0.0, 1.0)
-    return _row(base), metal, 1.5
+    return decimals(base), metal, 1.5
 
 
 def surface_shader(prim: Usd.Prim) -> UsdShade.Shader | None:
@@ -265,33 +263,17 @@ def _id(node: UsdShade.Shader) -> str:
 
 
 def _name(node: UsdShade.Shader) -> str:
-    """Return what a node is, whichever way it says so."""
-    source = node.GetPrim().GetAttribute("info:mdl:sourceAsset:subIdentifier")
-    return _id(node) or str((source.Get() if source else None) or "without info:id")
-
-
-def _four(values: Sequence[float]) -> tuple[float, float, float, float]:
-    a, b, c, d = (_tidy(value) for value in values)
-    return a, b, c, d
-
-
-def _tidy(value: float) -> float:
-    """Return the decimal number that was written as float32."""
-    return float(f"{float(value):.7g}")
-
-
-def _row(values: Sequence[float] | np.ndarray) -> Color:
-    a, b, c = (_tidy(value) for value in values)
-    return a, b, c
+    """Return the kind of a node, by id or MDL name."""
+    return _id(node) or attribute_value(node.GetPrim(), "info:mdl:sourceAsset:subIdentifier") or "without info:id"
 
 
 def _number(value: object, default: float) -> float:
-    return _tidy(value) if isinstance(value, (int, float)) else default
+    return decimal(value) if isinstance(value, (int, float)) else default
 
 
 def _color(value: object, default: Color) -> Color:
     try:
-        return _row(tuple(value))  # pyright: ignore[reportArgumentType] - checked by trying
+        return decimals(tuple(value))  # pyright: ignore[reportArgumentType] - checked by trying
     except (TypeError, ValueError):
         return default
 

@@ -1,4 +1,4 @@
-"""Prims written spec by spec: much faster than through a stage, and relative asset paths stay as they are."""
+"""Write prims spec by spec: much faster than through a stage, and relative asset paths stay as they are."""
 
 from typing import Any
 
@@ -85,13 +85,7 @@ def new_mesh(
 
 
 def set_texture_coordinates(mesh: Sdf.PrimSpec, st: np.ndarray, index: np.ndarray | None) -> None:
-    """Write the primvar `st` of a mesh.
-
-    Args:
-        mesh: The Mesh prim.
-        st: Coordinates, shape [K, 2].
-        index: Which of them each corner of each face has, shape [corners]; None for one a vertex.
-    """
+    """Write the primvar `st` of a mesh, shape [K, 2], with an index for each corner of each face or one a vertex."""
     array = Vt.Vec2fArray.FromNumpy(np.ascontiguousarray(st, np.float32))
     set_value(mesh, "primvars:st", Sdf.ValueTypeNames.TexCoord2fArray, array)
     attribute = mesh.attributes["primvars:st"]

@@ -1,4 +1,4 @@
-"""Texture coordinates and normals at the corners of a mesh's triangles, of every interpolation, indexed or not."""
+"""Read texture coordinates and normals at the corners of triangles, of every interpolation, indexed or not."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -7,8 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom
 
+from mmw.usd.prim_values import decimals
+
 COMMON_NAMES = ("st", "st0", "UVMap")
-"""Names of texture coordinates by custom, after the one that a material asks for; then any texCoord2f[]."""
+"""Names of texture coordinates by custom, after the one that a material names; then any texCoord2f[]."""
 
 _TEXTURE_TYPES = (Sdf.ValueTypeNames.TexCoord2fArray, Sdf.ValueTypeNames.TexCoord2hArray,
                   Sdf.ValueTypeNames.TexCoord2dArray)  # fmt: skip
@@ -41,10 +43,10 @@ def read_corners(
         faces: Points of each triangle, shape [M, 3].
         polygon: Polygon of each triangle, shape [M].
         corners: Row of `faceVertexIndices` of each corner, shape [M, 3].
-        time: When they are read.
+        time: Time code of the values.
     """
     rows = {"uniform": polygon, "vertex": faces, "varying": faces, "faceVarying": corners}
-    authored = prim.GetAuthoredPropertyNames()  # asked once: a town has thousands of meshes
+    authored = prim.GetAuthoredPropertyNames()  # read once: a town has thousands of meshes
     notes: list[str] = []
     st = _texture_coordinates(prim, name, authored)
     uv = _at_corners(prim, st, 2, rows, authored, time, notes) if st else None
@@ -55,13 +57,10 @@ def read_corners(
 
 def _texture_coordinates(prim: Usd.Prim, name: str, authored: Sequence[str]) -> str:
     """Return the attribute that holds a mesh's texture coordinates, empty for none."""
-    for known in (name, *COMMON_NAMES):
-        if f"primvars:{known}" in authored:
-            return f"primvars:{known}"
-    for known in authored:
-        if known.startswith("primvars:") and prim.GetAttribute(known).GetTypeName() in _TEXTURE_TYPES:
-            return known
-    return ""
+    named = (f"primvars:{known}" for known in (name, *COMMON_NAMES))
+    found = next((known for known in named if known in authored), "")
+    primvars = (known for known in authored if known.startswith("primvars:"))
+    return found or next((p for p in primvars if prim.GetAttribute(p).GetTypeName() in _TEXTURE_TYPES), "")
 
 
 def _at_corners(
@@ -139,5 +138,4 @@ def display_color(prim: Usd.Prim) -> tuple[float, float, float] | None:
     values = primvar.Get()
     if values is None or len(values) == 0 or (len(values) > 1 and primvar.GetInterpolation() != "constant"):
         return None
-    red, green, blue = (float(f"{float(channel):.7g}") for channel in values[0])
-    return red, green, blue
+    return decimals(values[0])

@@ -1,4 +1,4 @@
-"""Meshes of a stage as parts of a scene: placed, in metres, with materials, classes and what lies at their corners."""
+"""Read meshes of a stage as parts of a scene: placed, in metres, with materials, classes and corner primvars."""
 
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -40,24 +40,18 @@ class Part:
 
 @dataclass
 class PartReader:
-    """Makes parts of meshes, and gathers what is found on the way.
-
-    Attributes:
-        meshes: Reads the meshes.
-        material_map: Glob of mesh prim paths or material names -> what a mesh is.
-        uses: Material uses in the order in which they are met, with their numbers.
-        unresolved: Meshes without a radio material, one line each.
-        notes: What a user should know of looks, one line each.
-        first_mesh: Material use -> the first mesh that has no texture coordinates, or a colour of its own.
-        copies: Tells copies of one material.
-    """
+    """Turns meshes into parts, and collects their materials and notes."""
 
     meshes: MeshReader
     material_map: MaterialMap
     uses: dict[MaterialUse, int] = field(default_factory=dict)
+    """Material uses and their numbers, in order of appearance."""
     unresolved: dict[str, None] = field(default_factory=dict)
+    """Meshes without a radio material, one line each."""
     notes: dict[str, None] = field(default_factory=dict)
+    """Notes for the user on looks, one line each."""
     first_mesh: dict[MaterialUse, str] = field(default_factory=dict)
+    """Material use -> the first mesh without texture coordinates, or with a colour of its own."""
     copies: Copies = field(default_factory=Copies)
     _shading: dict[Sdf.Path, tuple[str, bool]] = field(default_factory=dict)
     _resolved: dict[tuple[Sdf.Path | None, str], MaterialUse | None] = field(default_factory=dict)
@@ -68,8 +62,7 @@ class PartReader:
     ) -> list[Part | None]:
         """Return meshes as parts; None for one without a triangle.
 
-        One step is done for all meshes before the next step: a town has thousands of small ones, and going through all
-        steps for each takes twice as long.
+        Each step handles all meshes: a town has thousands of small ones, and mesh after mesh takes twice as long.
 
         Args:
             meshes: The meshes.
@@ -130,9 +123,9 @@ class PartReader:
 
     def _object(self, mesh: FoundMesh, label: str) -> tuple[str, str]:
         """Return path and class of the component that a mesh belongs to."""
-        thing = self.meshes.component(mesh.anchor)
-        own = label if thing == mesh.prim else self.meshes.label(thing)
-        return str(thing.GetPath()), label if own == "unlabeled" else own
+        component = self.meshes.component(mesh.anchor)
+        own = label if component == mesh.prim else self.meshes.label(component)
+        return str(component.GetPath()), label if own == "unlabeled" else own
 
     def _corners(self, names: Sequence[str], found: Sequence[Corners], index: np.ndarray) -> Corners:
         """Return what lies at a mesh's corners, from the primvars that its materials read; notes what is wrong."""
@@ -152,7 +145,7 @@ class PartReader:
     ) -> int:
         """Return the number of the use of one of a mesh's materials, -1 where nothing describes it."""
         key = material.GetPath() if material else None, label
-        if self.material_map or key not in self._resolved:  # the map asks for the path of the mesh
+        if self.material_map or key not in self._resolved:  # the map needs the path of the mesh
             self._resolved[key] = resolve_material(str(prim.GetPath()), label, material, self.material_map)
         use, has_uv = self._resolved[key], corners.uv is not None
         if use is None:

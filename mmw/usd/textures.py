@@ -1,4 +1,4 @@
-"""Image files that a stage names: opened by USD's asset resolver, decoded to linear values, with mip levels."""
+"""Decode images that a stage refers to, through USD's asset resolver, to linear values with mip levels."""
 
 import io
 import math
@@ -34,7 +34,7 @@ RAW_16 = np.arange(65536, dtype=np.float32) / np.float32(65535.0)
 
 
 class MissingImageError(Exception):
-    """An image that is not there, or of a format that is not read: a picture can be made without it."""
+    """A missing image, or one of a format that is not read: a picture can be made without it."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ def decode_image(file: str, is_srgb: bool | None, where: str) -> Image:
         file: Resolved asset path; inside a package, `file.usdz[image.png]`.
         is_srgb: Whether r, g and b are sRGB values; None: if the file has 8 bits and three or four channels, which is
             how UsdUVTexture's `auto` reads files that say nothing else.
-        where: What asks for it, for messages.
+        where: Prim that refers to it, for messages.
 
     Raises:
         MissingImageError: If there is no such file, or its format is not read.

@@ -1,4 +1,4 @@
-"""Polygons to triangles: fans for convex ones, ear clipping for the rest."""
+"""Cut polygons into triangles: fans for convex ones, ear clipping for the rest."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -75,7 +75,7 @@ def cut_meshes(meshes: Sequence[Polygons], *, keeps_flat: bool = False) -> list[
     ]
     corners, polygon = triangulate(points, counts, indices + start, np.concatenate([np.zeros(0, np.int64), *holes]))
     faces = (indices + start).take(corners)
-    if not keeps_flat:  # what has no area is nowhere: no ray can say how it is met
+    if not keeps_flat:  # a triangle without area has no normal where a ray hits it
         edge = points.take(faces[:, 1:], axis=0) - points.take(faces[:, :1], axis=0)
         area = np.linalg.norm(np.cross(edge[:, 0], edge[:, 1]), axis=1)
         has_area = area > MIN_SLIMNESS * np.einsum("mkx,mkx->m", edge, edge)
@@ -92,15 +92,11 @@ def cut_meshes(meshes: Sequence[Polygons], *, keeps_flat: bool = False) -> list[
 
 
 def _check(mesh: Polygons) -> None:
-    """Check a mesh.
-
-    Raises:
-        InputError: If its topology is broken, or a point is not finite.
-    """
+    """Raise the error of a mesh whose topology is broken, or of which a point is not finite."""
     indices, corner_count, point_count = mesh.indices, mesh.counts.sum(), len(mesh.points)
     if corner_count != len(indices) or (len(indices) and not 0 <= indices.min() <= indices.max() < point_count):
         raise InputError(
-            f"{mesh.where}: {len(mesh.counts)} faces ask for {corner_count} corners, {len(indices)} are given, over "
+            f"{mesh.where}: {len(mesh.counts)} faces need {corner_count} corners, {len(indices)} are given, over "
             f"{point_count} points; repair the mesh in the tool that made it"
         )
     if not np.isfinite(mesh.points).all():

@@ -25,11 +25,7 @@ class Problem:
 
 
 def find_problems(stage: Usd.Stage) -> list[Problem]:
-    """Return what USD's validators find wrong with a stage, after composition; an empty list for a clean stage.
-
-    Args:
-        stage: The stage, with its payloads loaded.
-    """
+    """Return the findings of USD's validators on a stage whose payloads are loaded; empty for a clean stage."""
     schema.register()
     validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
     findings = UsdValidation.ValidationContext(validators).Validate(stage)
@@ -48,9 +44,7 @@ def _problem(finding: UsdValidation.ValidationError) -> Problem:
 
 
 def _site_name(site: UsdValidation.ValidationErrorSite) -> str:
-    if site.IsPrim():
-        return str(site.GetPrim().GetPath())
-    if site.IsProperty():
-        return str(site.GetProperty().GetPath())
+    if site.IsPrim() or site.IsProperty():
+        return str((site.GetPrim() if site.IsPrim() else site.GetProperty()).GetPath())
     layer = site.GetLayer()
     return layer.identifier if layer else "stage"

@@ -5,10 +5,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pxr import Usd, UsdSemantics
+from pxr import Usd
 
 from mmw.core.errors import InputError
 from mmw.core.resources import assets_dir
+from mmw.usd.prim_values import attribute_value
 from mmw.usd.semantics import TAXONOMY
 
 
@@ -47,19 +48,14 @@ class VehicleModel(ActorModel):
 
 
 def load_catalog(directory: str | Path | None = None) -> dict[str, VehicleModel]:
-    """Read every vehicle asset `<name>/<name>.usda` of a folder, without its geometry.
-
-    Args:
-        directory: Folder with one sub-folder a model; the shipped vehicles when left out.
-
-    Returns:
-        Model name -> model, sorted by name.
+    """Read every vehicle asset `<name>/<name>.usda` of a folder, the shipped ones when left out, sorted by name.
 
     Raises:
         InputError: If the folder holds no vehicle, or an asset lacks its label, its paints or one of its dimensions.
     """
     folder = assets_dir() / "vehicles" if directory is None else Path(directory)
-    return {path.stem: _read_vehicle(path) for path in _assets(folder, "vehicles")}
+    own = {"wheelbase": "wheelbase", "track": "track", "wheel_radius": "wheelRadius"}
+    return {path.stem: VehicleModel(**_read_model(path, "mmw:vehicle:", own)) for path in _assets(folder, "vehicles")}
 
 
 def load_figures(directory: str | Path | None = None) -> dict[str, ActorModel]:
@@ -83,19 +79,13 @@ def _assets(folder: Path, what: str) -> list[Path]:
     return assets
 
 
-def _read_vehicle(path: Path) -> VehicleModel:
-    own = {"wheelbase": "wheelbase", "track": "track", "wheel_radius": "wheelRadius"}
-    return VehicleModel(**_read_model(path, "mmw:vehicle:", own))
-
-
 def _read_model(path: Path, prefix: str, own: Mapping[str, str]) -> dict[str, Any]:
     """Return the arguments of `ActorModel`, and of a further field for each key of `own`, which names its attribute."""
     stage = Usd.Stage.Open(str(path), Usd.Stage.LoadNone)
     root = stage.GetDefaultPrim()
     if not root:
         raise InputError(f"{path}: no defaultPrim; the asset's root prim is needed; set it on the layer")
-    labels = UsdSemantics.LabelsAPI(root, TAXONOMY).GetLabelsAttr()
-    label = labels.Get() if labels else None
+    label = attribute_value(root, f"semantics:labels:{TAXONOMY}")
     variants = root.GetVariantSet("paint")
     paints = variants.GetVariantNames()
     if not label or not paints:
@@ -120,8 +110,7 @@ def _metres(value: float) -> float:
 
 
 def _dimension(path: Path, root: Usd.Prim, name: str):
-    attribute = root.GetAttribute(name)
-    value = attribute.Get() if attribute else None
+    value = attribute_value(root, name)
     if value is None:
         raise InputError(f"{path}: no value of {name} on {root.GetPath()}; needed in metres; author it")
     return value

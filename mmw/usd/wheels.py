@@ -1,4 +1,4 @@
-"""Wheels of a vehicle's meshes: which faces turn, about what centre, on what radius.
+"""Read the wheels of a vehicle's meshes: the faces that turn, their centre and their radius.
 
 A Mesh, or a GeomSubset of its faces, is (part of) a wheel where it has the attribute `mmw:wheel:radius`: the radius on
 which the wheel rolls, that of its tyre also on a rim. `mmw:wheel:center` is its centre; left out, the middle of the
@@ -11,6 +11,7 @@ import numpy as np
 from pxr import Usd, UsdGeom
 
 from mmw.core.errors import InputError
+from mmw.usd.prim_values import attribute_value
 from mmw.usd.triangulate import Triangles
 
 WHEEL_RADIUS = "mmw:wheel:radius"
@@ -20,7 +21,7 @@ WHEEL_CENTER = "mmw:wheel:center"
 """Attribute with the centre of a wheel."""
 
 WHEEL_FAMILY = "wheel"
-"""Family of the GeomSubsets that the shipped vehicles have; the reader takes subsets of any family."""
+"""Family of the GeomSubsets that the shipped vehicles have; the reader accepts any family."""
 
 
 def mesh_wheels(prim: Usd.Prim, triangles: Triangles, matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -42,8 +43,7 @@ def mesh_wheels(prim: Usd.Prim, triangles: Triangles, matrix: np.ndarray) -> tup
     wheels: list[Sequence[float]] = []
     scale = float(np.cbrt(abs(np.linalg.det(matrix[:3, :3]))))
     for holder in (prim, *(subset.GetPrim() for subset in UsdGeom.Subset.GetAllGeomSubsets(UsdGeom.Imageable(prim)))):
-        attribute = holder.GetAttribute(WHEEL_RADIUS)
-        radius = attribute.Get() if attribute else None
+        radius = attribute_value(holder, WHEEL_RADIUS)
         if radius is None:
             continue
         inside = np.ones(len(wheel), dtype=bool)
@@ -52,8 +52,7 @@ def mesh_wheels(prim: Usd.Prim, triangles: Triangles, matrix: np.ndarray) -> tup
             inside = np.isin(triangles.polygon, np.array([] if indices is None else indices, dtype=np.int64))
         if not inside.any():
             continue
-        attribute = holder.GetAttribute(WHEEL_CENTER)
-        center = attribute.Get() if attribute else None
+        center = attribute_value(holder, WHEEL_CENTER)
         if center is None:
             corners = triangles.points[triangles.faces[inside]].reshape(-1, 3)
             center = 0.5 * (corners.min(axis=0) + corners.max(axis=0))

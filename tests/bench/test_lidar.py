@@ -1,19 +1,18 @@
-"""The LiDAR benchmark measures what it says: sweeps of every weather, on the device and with the copy."""
+"""The LiDAR benchmark measures sweeps of every weather, on the device and with the copy."""
 
 import pytest
 
 from bench.lidar import LIDARS, line, measure, with_sensors
 from bench.scenes import grid_town, with_vehicles
-from mmw.scene.device_scene import DeviceScene
 from mmw.sensors import Lidar
+from tests.fixtures.device_rays import loaded
 
-pytestmark = pytest.mark.slow  # whoever uses mmw can do without its benchmarks
+pytestmark = pytest.mark.slow  # benchmarks are not part of the package
 
 
 def test_every_weather_is_measured_twice() -> None:
     arrays = with_sensors(with_vehicles(grid_town(), 1))
-    scene = DeviceScene(arrays, "cpu", 1)
-    scene.load_batch([0])
+    scene = loaded(arrays, "cpu")
     config = Lidar(on=("cav",), channels=8, points_per_channel=64)
     results = measure(scene, config, ["sunny", "foggy"], repeats=1)
     assert [(r.weather, r.where) for r in results] == [

@@ -1,4 +1,4 @@
-"""The benchmark of whole runs ends with one line of JSON that holds what it says."""
+"""The benchmark of whole runs ends with one line of JSON with its figures."""
 
 import json
 import os
@@ -8,15 +8,13 @@ import pytest
 import bench.pipeline
 from bench.pipeline import Busy, _busy, main
 from mmw.generation.executors.process_pool import CAN_FORK
-from tests.fixtures.own_world import write_own_world
 
-pytestmark = pytest.mark.slow  # whoever uses mmw can do without its benchmarks
+pytestmark = pytest.mark.slow  # benchmarks are not part of the package
 
 
-def test_a_run_is_measured(tmp_path, capsys):
-    folder = write_own_world(tmp_path)
+def test_a_run_is_measured(own_world, capsys):
     weathers = "weathers=[sunny,foggy]"
-    main(["--config", str(folder / "mine.yaml"), "--device", "cpu", "--frames", "4", "--format", "json", weathers])
+    main(["--config", str(own_world / "mine.yaml"), "--device", "cpu", "--frames", "4", "--format", "json", weathers])
     result = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert result["frames"] == 8 and result["workers"] == 1
     assert result["seconds_per_frame"] * result["frames_per_s"] == pytest.approx(1.0)
@@ -28,8 +26,8 @@ def test_a_run_is_measured(tmp_path, capsys):
     assert result["seconds"] < result["projected_s"] < 10 * result["seconds"]
 
 
-def test_work_of_other_processes_counts(tmp_path, capsys, monkeypatch):
-    """The system adds the workers' processor time to this process's when the server that they come from has ended."""
+def test_work_of_other_processes_counts(own_world, capsys, monkeypatch):
+    """The system adds the workers' processor time to this process's when their server has ended."""
     end_server, added = bench.pipeline._end_server, []
 
     def end() -> None:
@@ -38,9 +36,8 @@ def test_work_of_other_processes_counts(tmp_path, capsys, monkeypatch):
         added.append(os.times().children_user - before.children_user)
 
     monkeypatch.setattr(bench.pipeline, "_end_server", end)
-    folder = write_own_world(tmp_path)
     work = ["--device", "cpu", "--workers", "2", "--format", "json", "output.shard_frames=2"]
-    main(["--config", str(folder / "mine.yaml"), *work])
+    main(["--config", str(own_world / "mine.yaml"), *work])
     result = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert result["workers"] == 2 and "lidar" in result["stages"]
     assert CAN_FORK is (len(added) == 1 and added[0] > 0.0)
@@ -55,7 +52,6 @@ def test_set_up_counts_in_one_share_alone():
     assert _busy(samples, 1.0, 6.0, 7.0) is None
 
 
-def test_an_unknown_scenario_is_named(tmp_path):
-    folder = write_own_world(tmp_path)
+def test_an_unknown_scenario_is_named(own_world):
     with pytest.raises(SystemExit, match="--scenarios nowhere"):
-        main(["--config", str(folder / "mine.yaml"), "--device", "cpu", "--scenarios", "nowhere"])
+        main(["--config", str(own_world / "mine.yaml"), "--device", "cpu", "--scenarios", "nowhere"])

@@ -13,17 +13,15 @@ from mmw.kernels.core import structs
 from mmw.scene.device_scene import DeviceScene
 from mmw.sensors import Lidar
 from mmw.sensors.lidar.scan_pattern import lidar_pattern, pinhole, pinhole_directions
+from tests.fixtures.device_rays import loaded
 from tests.fixtures.scenes import two_cars
 
-pytestmark = pytest.mark.slow  # whoever uses mmw can do without its benchmarks
+pytestmark = pytest.mark.slow  # benchmarks are not part of the package
 
 
 def small_scene(device: str) -> tuple[DeviceScene, structs.Views]:
-    arrays = two_cars(2)
-    scene = DeviceScene(arrays, device, 2)
-    scene.load_batch([0, 1])
-    views = structs.Views()
-    views.slot = wp.array([0, 1], dtype=wp.int32, device=device)
+    scene, views = loaded(two_cars(2), device), structs.Views()
+    views.batch_index = wp.array([0, 1], dtype=wp.int32, device=device)
     views.pose = wp.array([[0, 0, 3, 0, 0, 0, 1], [1, 0, 3, 0, 0, 0.6, 0.8]], dtype=wp.transformf, device=device)
     views.ignore = wp.array([-1, 0], dtype=wp.int32, device=device)
     return scene, views
@@ -70,7 +68,7 @@ def test_measured_scene_is_large_enough() -> None:
     assert len(arrays.actors) >= 40
     assert np.isfinite(arrays.poses).all()
     for preset in PRESETS:
-        assert len(make_views(arrays, preset, "cpu").slot) == 2 * preset.views_per_frame
+        assert len(make_views(arrays, preset, "cpu").batch_index) == 2 * preset.views_per_frame
     assert lidar_pattern(Lidar()).shape == (PRESETS[2].rays_per_view, 3)
 
 

@@ -12,7 +12,7 @@ from mmw.sensors import RgbCamera
 from mmw.sensors.camera_group.launches import Launch
 from tests.fixtures.scenes import box_model, pose, street_canyon
 
-pytestmark = pytest.mark.slow  # whoever uses mmw can do without its benchmarks
+pytestmark = pytest.mark.slow  # benchmarks are not part of the package
 
 VIEWS = 10
 """Four of the CAV and one of the roadside unit in two frames."""
@@ -54,7 +54,7 @@ def test_every_kernel_has_its_stage_and_every_ray_a_thread() -> None:
     assert all(spent > 0.0 for spent in found.milliseconds.values())
     views = sum(threads for kernel, threads in found.rays.items() if "visibility" in kernel)
     assert views >= VIEWS * 40 * 32
-    for stage in ("visibility", "light", "mirrors"):
+    for stage in ("visibility", "light", "reflections"):
         assert any(rgb.stage_of(kernel) == stage and threads > 0 for kernel, threads in found.rays.items())
     assert 0.0 < found.tracing_ms <= sum(found.milliseconds.values())
     assert all(name in rgb.stage_lines(found) for name in (*rgb.STAGES, *found.rays))
@@ -73,7 +73,7 @@ def test_pieces_are_the_pictures_of_the_whole(monkeypatch: pytest.MonkeyPatch) -
     scene, launch = loaded(["sunny"])
     camera = rgb_camera(scene, ["sunny"])
     (whole,) = rgb.render(scene, camera, launch, SMALL, ["sunny"], rgb.COPY)
-    monkeypatch.setattr(rgb, "most_pixels", lambda _: 3 * 40 * 32)
+    monkeypatch.setattr(rgb, "max_pixels", lambda _: 3 * 40 * 32)
     pieces = rgb.render(scene, camera, launch, SMALL, ["sunny"], rgb.COPY)
     assert [len(piece) for piece in pieces] == [3, 3, 3, 1]
     np.testing.assert_array_equal(np.concatenate(pieces), whole)
@@ -82,6 +82,6 @@ def test_pieces_are_the_pictures_of_the_whole(monkeypatch: pytest.MonkeyPatch) -
 
 def test_few_views_are_the_first() -> None:
     scene, launch = loaded(["sunny"])
-    few = launch_of(scene.arrays, 2, SMALL, most_views=3)
+    few = launch_of(scene.arrays, 2, SMALL, max_views=3)
     assert len(launch.views) == VIEWS and len(few.views) == 3
     np.testing.assert_array_equal(few.views.pose, launch.views.pose[:3])

@@ -1,4 +1,4 @@
-"""The curves of cost: all of them are measured, each grows with what it says, and its pictures are drawn."""
+"""The curves of cost: all of them are measured over their quantity, and drawn."""
 
 import json
 from collections import defaultdict
@@ -23,10 +23,12 @@ from bench.scaling_frames import (
 from bench.scaling_towns import finer_towns, larger_towns
 from mmw.config import load_config
 from mmw.core.timing import StageTimer
-from mmw.generation.pipeline import make_job, record_frames
+from mmw.generation.capture import capture_frames
+from mmw.generation.pipeline import make_batch
 from mmw.scene.device_scene import instance_actors
+from tests.fixtures.meshes import area
 
-pytestmark = pytest.mark.slow  # whoever uses mmw can do without its benchmarks
+pytestmark = pytest.mark.slow  # benchmarks are not part of the package
 
 NAMES = [curve for curves in scaling.CURVES.values() for curve in curves]
 AGENTS = 4
@@ -45,7 +47,6 @@ def measured(path: Path) -> dict[str, Any]:
     return json.loads(path.read_text())
 
 
-@pytest.mark.slow
 def test_every_curve_is_measured(measured: dict[str, Any]) -> None:
     assert list(measured["curves"]) == list(measured["seconds"]) == NAMES
     assert measured["machine"]["device"] and measured["scene"] == "grid"
@@ -55,7 +56,6 @@ def test_every_curve_is_measured(measured: dict[str, Any]) -> None:
         assert len(values) == 2 or name == "v2v"
 
 
-@pytest.mark.slow
 def test_towns_grow_and_rays_meet_the_same_in_finer_triangles(measured: dict[str, Any]) -> None:
     for name in ("larger", "finer"):
         for point in measured["curves"][name]:
@@ -68,7 +68,6 @@ def test_towns_grow_and_rays_meet_the_same_in_finer_triangles(measured: dict[str
         assert abs(fine["hit_share"][kind] - share) < 1e-3
 
 
-@pytest.mark.slow
 def test_points_count_what_was_traced(measured: dict[str, Any]) -> None:
     found = {
         name: [(point["value"], point["rays"]) for point in points]
@@ -86,7 +85,6 @@ def test_points_count_what_was_traced(measured: dict[str, Any]) -> None:
         assert few == more and set(few) == {"cameras", "lidar", "radar", "channel"}
 
 
-@pytest.mark.slow
 def test_stages_add_up_to_the_frame(measured: dict[str, Any]) -> None:
     for point in measured["curves"]["batch"]:
         assert point["frames"] == point["value"]
@@ -96,7 +94,6 @@ def test_stages_add_up_to_the_frame(measured: dict[str, Any]) -> None:
         assert point["device_ms"] is point["device_gb"] is None
 
 
-@pytest.mark.slow
 def test_some_curves_are_measured_again_and_the_others_stay(path: Path, tmp_path: Path) -> None:
     out = tmp_path / "again.json"
     out.write_text(path.read_text())
@@ -116,7 +113,6 @@ def test_wrong_options_are_refused(arguments: list[str], message: str, capsys: p
     assert message in capsys.readouterr().err
 
 
-@pytest.mark.slow
 def test_pictures_are_drawn(path: Path, measured: dict[str, Any], tmp_path: Path) -> None:
     pytest.importorskip("matplotlib", reason="matplotlib is not installed: pip install 'multimodal-wireless[plot]'")
     from PIL import Image
@@ -164,10 +160,6 @@ def test_as_many_low_vehicles_are_connected_as_wanted() -> None:
 
 
 def test_larger_towns_have_more_of_the_same_and_finer_ones_the_same_area() -> None:
-    def area(town) -> float:
-        a, b, c = np.moveaxis(town.points[town.faces], 1, 0)
-        return float(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
-
     small, large = larger_towns((1, 2), 1)
     assert len(large.objects) - 41 == 4 * (len(small.objects) - 41)
     coarse, fine = finer_towns(2, blocks=1, frames=1)
@@ -212,7 +204,7 @@ def test_nothing_is_encoded(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("mmw.sensors.rgb.capture.encode_rgb", lambda *_: pytest.fail("an image was encoded"))
     config = scenario_config(["frames.count=1", *scaling.QUICK.overrides])
     arrays = scenario_arrays("grid", 1, 40, ["sunny"])
-    job = make_job(config, config.scenarios[0], arrays, "cpu", 1, Discarding(1), StageTimer())
+    job = make_batch(config, config.scenarios[0], arrays, "cpu", 1, Discarding(1), StageTimer())
     rows: dict[str, Any] = {"sunny": defaultdict(list)}
-    record_frames(job, [0], rows)
+    capture_frames(job, [0], rows)
     assert {"rgb", "lidar", "radar", "paths"} <= set(rows["sunny"])

@@ -1,4 +1,4 @@
-"""Between two frames: the cubic, and transfers whose bases swing about the zenith, in closed form."""
+"""Interpolation between two frames: the cubic, and transfers whose bases swing about the zenith, in closed form."""
 
 from dataclasses import replace
 
@@ -26,9 +26,9 @@ def mirrored(frames: np.ndarray, offset_m: float) -> Paths:
     mirror = 2 * np.outer(normal, normal) - np.eye(3)
     tx = np.array([0.0, 0.0, 8.0])
     rx = np.stack([-4.05 + 20 * frames * FRAME_DT, np.full(len(frames), offset_m), np.full(len(frames), 1.5)], axis=1)
-    way = rx + mirror @ tx  # from the transmitter's image, -mirror tx
-    length = np.linalg.norm(way, axis=1)
-    arrive = way / length[:, None]
+    unit = rx + mirror @ tx  # from the transmitter's image, -mirror tx
+    length = np.linalg.norm(unit, axis=1)
+    arrive = unit / length[:, None]
     theta_t, phi_t, *out = basis(-arrive @ mirror)
     theta_r, phi_r, *back = basis(-arrive)
     scale = SPEED_OF_LIGHT / CARRIER / (4 * np.pi * length)

@@ -6,25 +6,20 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from mmw.channel.antennas.array_response import apply_arrays
-from mmw.channel.antennas.arrays import ula
-from mmw.channel.links import Links, make_links
-from mmw.channel.path_solver.solver import solve_paths
-from mmw.channel.path_table import KEY_TYPE, Paths
+from mmw.channel.links import Links
+from mmw.channel.path_table import KEY_TYPE, SAMPLE_COLUMNS, Paths
 from mmw.channel.path_tracks import PathTracks, tracks_from_paths, tracks_from_rows, tracks_from_table
 from mmw.channel.paths import PATH_LOS, PATH_SPECULAR, PathSet
-from mmw.channel.response import frequency_response, subcarrier_frequencies
 from mmw.channel.rows import link_rows, path_rows
-from mmw.config import ChannelConfig
 from mmw.core.constants import FRAME_DT, SPEED_OF_LIGHT
 from mmw.core.transforms import pose_from_ypr
-from mmw.scene.device_scene import DeviceScene
 from mmw.scene.scene_data import SceneData
 from tests.fixtures.path_tables import CARRIER, path_table, sight
 from tests.fixtures.scenes import box_model, pose, street_canyon
+from tests.oracles.channel import channel, solve
 
 FRAMES = 61
-EXACT = [field.name for field in fields(Paths)[4:]]
+EXACT = SAMPLE_COLUMNS[1:]
 
 
 def street(times: np.ndarray) -> SceneData:
@@ -45,20 +40,9 @@ def street(times: np.ndarray) -> SceneData:
     return street_canyon(models, actors, np.array(rows))
 
 
-def trace(arrays: SceneData, device: str, **changes) -> tuple[Links, PathSet]:
-    config = ChannelConfig(
-        **{
-            "carriers_hz": (CARRIER, 4.9e9),
-            "candidates": "exhaustive",
-            "links": ("v2i", "v2v"),
-            "antenna_position_m": {"cav": (0.3, 0.2, 2.5), "rsu": (0.0, 0.0, 1.0)},
-            **changes,
-        }
-    )
-    scene = DeviceScene(arrays, device, len(arrays.frames))
-    scene.load_batch(list(arrays.frames))
-    links = make_links(arrays, scene.batch_frames, config)
-    return links, solve_paths(scene, links, config, arrays.materials)
+def trace(arrays: SceneData, device: str) -> tuple[Links, PathSet]:
+    places = {"cav": (0.3, 0.2, 2.5), "rsu": (0.0, 0.0, 1.0)}
+    return solve(arrays, channel(links=("v2i", "v2v"), antenna_position_m=places), device)
 
 
 def both_tables(arrays: SceneData, links: Links, paths: PathSet) -> tuple[pa.Table, pa.Table]:
@@ -129,7 +113,7 @@ def test_no_track_crosses_links() -> None:
     assert tracks_from_rows(rows, np.array([5, 5, 5, 6, 6, 6])).length.tolist() == [3, 3]
 
 
-def test_births_and_deaths_that_were_seen() -> None:
+def test_births_and_deaths_inside_the_record() -> None:
     """Frame 20 was not recorded: what ends at 19 may live on, what begins at 21 may be older."""
     tracks = tracks_from_table(random_table())
     there = {f: {(tracks.link[k], tracks.path_id[k]) for k in tracks.track[tracks.frame == f]} for f in range(40)}
@@ -178,31 +162,16 @@ def test_on_a_frame_are_the_stored_rows(device: str) -> None:
 def test_rates_are_differences_of_delays(device: str) -> None:
     """Stored Doppler against delays alone: apart by h^2 / 6 d3(tau)/dt3 and what central velocities leave."""
     tracks = tracks_from_paths(*trace(street(np.arange(FRAMES) * FRAME_DT), device), "sunny", CARRIER)
-    apart = np.abs(tracks.difference_rate() - tracks.tau_rate) * SPEED_OF_LIGHT
-    place = np.arange(len(apart)) - tracks.offset[tracks.track]
-    inner = (place > 0) & (place < tracks.length[tracks.track] - 1)
-    assert inner.sum() > 400 and apart[inner].max() < 3e-3  # of 26 m/s
-    assert apart[~inner].max() < 5e-3
+    place = np.arange(len(tracks.frame)) - tracks.offset[tracks.track]
+    inner = np.flatnonzero((place > 0) & (place < tracks.length[tracks.track] - 1))
+    central = (tracks.tau[inner + 1] - tracks.tau[inner - 1]) / (2 * FRAME_DT)
+    apart = np.abs(central - tracks.tau_rate[inner]) * SPEED_OF_LIGHT
+    assert len(inner) > 400 and apart.max() < 3e-3  # of 26 m/s
     assert np.abs(tracks.tau_rate).max() * SPEED_OF_LIGHT > 20
 
 
-def test_rates_of_parabolas_and_short_tracks() -> None:
-    rows = moving_sight(np.arange(9))
-    delay = lambda t: 1e-6 - 4e-8 * t + 3e-7 * t**2  # noqa: E731
-    rows = replace(rows, tau=delay(np.arange(9) * FRAME_DT))
-    whole = tracks_from_rows(rows, np.zeros(9, dtype=np.int64))
-    exact = -4e-8 + 6e-7 * np.arange(9) * FRAME_DT
-    np.testing.assert_allclose(whole.difference_rate(), exact, rtol=1e-8)
-    parts = tracks_from_rows(rows, np.array([1, 2, 2, 3, 3, 3, 4, 4, 4]))
-    assert parts.length.tolist() == [1, 2, 3, 3]
-    rate = parts.difference_rate()
-    assert np.isnan(rate[0])
-    np.testing.assert_allclose(rate[1:3], np.diff(rows.tau)[1] / FRAME_DT, rtol=1e-12)
-    np.testing.assert_allclose(rate[3:], exact[3:], rtol=1e-8)
-
-
-def half_way(device: str) -> tuple[PathTracks, Paths, PathTracks, np.ndarray, np.ndarray, np.ndarray]:
-    """Return tracks at 100 Hz, their paths at half frames, the trace at 200 Hz, and which samples are the same path."""
+def test_halfway_against_an_exact_trace(device: str) -> None:
+    """Tracks at 100 Hz, at half frames, against the trace at 200 Hz."""
     links, paths = trace(street(np.arange(FRAMES) * FRAME_DT), device)
     tracks = tracks_from_paths(links, paths, "sunny", CARRIER)
     fine_links, fine_paths = trace(street(np.arange(2 * FRAMES - 1) * FRAME_DT / 2), device)
@@ -211,14 +180,10 @@ def half_way(device: str) -> tuple[PathTracks, Paths, PathTracks, np.ndarray, np
     assert (fine.agent.tolist(), fine.peer.tolist()) == (tracks.agent.tolist(), tracks.peer.tolist())
     place = {(fine.frame[s], fine.link[k], fine.path_id[k]): s for s, k in enumerate(fine.track)}
     moment, link = np.divmod(rows.link, tracks.link_count)
-    # half way from n to n + 1 is frame 2 n + 1 at 200 Hz
+    # halfway from n to n + 1 is frame 2 n + 1 at 200 Hz
     names = zip(2 * moment + 1, link, paths.path_id[rows.row], strict=True)
     same = np.array([place.get(name, -1) for name in names])
-    return tracks, rows, fine, np.flatnonzero(same >= 0), same[same >= 0], fine_paths.kind[fine.row]
-
-
-def test_half_way_against_an_exact_trace(device: str) -> None:
-    tracks, rows, fine, i, j, kind = half_way(device)
+    i, j, kind = np.flatnonzero(same >= 0), same[same >= 0], fine_paths.kind[fine.row]
     assert tracks.births().sum() > 0 and tracks.deaths().sum() > 0
     assert len(i) == len(rows) > 500 and (kind[j] == PATH_LOS).sum() > 100 and (kind[j] == PATH_SPECULAR).sum() > 300
     phase = 2 * np.pi * CARRIER * (rows.tau[i] - fine.tau[j])
@@ -231,28 +196,6 @@ def test_half_way_against_an_exact_trace(device: str) -> None:
     for name in ("theta_t", "phi_t", "theta_r", "phi_r"):
         apart = np.exp(1j * getattr(rows, name)[i]) - np.exp(1j * getattr(fine, name)[j])
         assert np.abs(apart).max() < 1e-4
-    # a straight line between the same delays
-    start = {(tracks.frame[s], tracks.link[k], tracks.path_id[k]): s for s, k in enumerate(tracks.track)}
-    track = fine.track[j]
-    names = zip((fine.frame[j] - 1) // 2, fine.link[track], fine.path_id[track], strict=True)
-    before = np.array([start[name] for name in names])
-    straight = 2 * np.pi * CARRIER * (0.5 * (tracks.tau[before] + tracks.tau[before + 1]) - fine.tau[j])
-    assert np.abs(straight).max() > 0.15 and np.abs(straight).max() > 100 * np.abs(phase).max()
-
-
-def test_responses_half_way(device: str) -> None:
-    """Through `apply_arrays` and `frequency_response`, against the same of the exact paths; no path is born or dies."""
-    tracks, _, fine, *_ = half_way(device)
-    times = np.arange(30) + 0.5
-    rows, exact = tracks.at(times * FRAME_DT), fine.at(2 * times * FRAME_DT)
-    array, frequencies = ula(4), subcarrier_frequencies(64, 240e3)
-    response = [
-        frequency_response(apply_arrays(r, array, array, CARRIER), r, frequencies, CARRIER).reshape(30, -1, 4 * 4 * 64)
-        for r in (rows, exact)
-    ]
-    assert response[0].shape[1] == tracks.link_count == 4
-    error = np.linalg.norm(response[0] - response[1], axis=2) / np.linalg.norm(response[1], axis=2)
-    assert error.max() < 5e-3
 
 
 def moving_sight(frames: np.ndarray, velocity: tuple = (20.0, 3.0, 0.0)) -> Paths:
@@ -288,7 +231,8 @@ def test_birth_and_death() -> None:
     keys = np.concatenate([one.keys, two.keys[2:]])  # frames 0 to 5
     link = np.array([0, 1, 2, 3, 2, 3, 4, 5, 4])
     order = np.argsort(link, kind="stable")
-    rows = Paths(CARRIER, keys, link[order], np.arange(9), **{name: value[order] for name, value in values.items()})
+    values = {name: value[order] for name, value in values.items()}
+    rows = Paths(carrier_hz=CARRIER, keys=keys, link=link[order], row=np.arange(9), **values)
     name = np.array([1] * 4 + [2] * 4 + [3])
     tracks = tracks_from_rows(rows, name[order])
     assert (tracks.birth.tolist(), tracks.death.tolist()) == ([0, 2, 4], [3, 5, 4])
@@ -337,7 +281,7 @@ def test_a_link_without_paths_is_there() -> None:
     nothing = replace(moving_sight(np.arange(0)), keys=links)
     tracks = tracks_from_rows(nothing, np.zeros(0, dtype=np.int64))
     assert len(tracks) == 0 and tracks.frames.tolist() == [0, 1, 2] and tracks.alive().tolist() == [0, 0, 0]
-    assert len(tracks.lifetimes()) == len(tracks.birth) == len(tracks.difference_rate()) == 0
+    assert len(tracks.lifetimes()) == len(tracks.birth) == 0
     rows = tracks.at([0.004, 0.02])
     assert (len(rows), rows.link_count) == (0, 2)
 

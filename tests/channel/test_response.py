@@ -1,6 +1,5 @@
 """Frequency responses, taps and impulse responses against closed forms, sums written out, and Sionna RT."""
 
-import re
 from pathlib import Path
 
 import numpy as np
@@ -30,9 +29,9 @@ from mmw.dataset import open_dataset
 from mmw.storage.manifest import prepare_root
 from tests.fixtures.path_tables import CARRIER, link_table, path_table, pose_table, two_paths
 from tests.fixtures.shards import IDENTITY, META
+from tests.oracles.sionna import read_case
 
 ROOT = Path(__file__).resolve().parents[2]
-CASE = ROOT / "tests" / "reference" / "sionna" / "cases" / "fun_cir_cfr_taps.npz"
 
 
 def random_rows() -> tuple[Paths, np.ndarray]:
@@ -43,9 +42,6 @@ def random_rows() -> tuple[Paths, np.ndarray]:
     paths = Paths(**{**vars(paths), "keys": keys, "doppler_hz": 300 * paths.doppler_hz})
     rng = np.random.default_rng(0)
     return paths, rng.normal(size=(len(paths), 2, 3)) + 1j * rng.normal(size=(len(paths), 2, 3))
-
-
-# ---------------------------------------------------------------- grids
 
 
 def test_grids() -> None:
@@ -59,9 +55,6 @@ def test_grids() -> None:
         subcarrier_frequencies(4, 1.0, "dc")
     with pytest.raises(ValueError, match="count = 0"):
         subcarrier_frequencies(0, 1.0)
-
-
-# ---------------------------------------------------------------- closed forms
 
 
 def test_two_paths_in_closed_form() -> None:
@@ -98,24 +91,6 @@ def test_two_paths_in_closed_form() -> None:
     x = lags - 22.5
     spread = g2 * carried[1] * np.sin(np.pi * x) / (np.pi * x) + g1 * carried[0] * (lags == 18)
     assert np.abs(half - spread).max() < 1e-10 * g1
-
-
-def test_carrier_phase_is_absolute() -> None:
-    """A quarter of a wavelength farther away is a quarter of a turn of phase, at each of two carriers."""
-    for carrier in (4.9e9, CARRIER):
-        wave = SPEED_OF_LIGHT / carrier
-        lengths = np.array([100.0, 100.0 + wave / 4])
-        h = [
-            frequency_response(
-                np.ones((1, 1, 1)), two_paths([r / SPEED_OF_LIGHT], [1.0], carrier_hz=carrier), 0, carrier
-            )
-            for r in lengths
-        ]
-        assert (h[1] / h[0]).item() == pytest.approx(-1j, abs=1e-8)
-        assert h[0].item() == pytest.approx(np.exp(-2j * np.pi * ((lengths[0] / wave) % 1)), abs=1e-8)
-
-
-# ---------------------------------------------------------------- sums written out
 
 
 @pytest.mark.parametrize("carrier_phase", [True, False])
@@ -198,9 +173,6 @@ def test_errors() -> None:
         impulse_response(a, paths, CARRIER, [[0.0]])
 
 
-# ---------------------------------------------------------------- Sionna RT
-
-
 def reference_rows(case: dict, tau: str) -> Paths:
     table = {name: np.zeros(len(case["rx"])) for name in PATH_COLUMNS}
     table |= {name: np.full(len(case["rx"]), "-") for name in ("scenario", "weather", "peer")}
@@ -215,7 +187,7 @@ def reference_rows(case: dict, tau: str) -> Paths:
 
 def test_sionna_fun_cir_cfr_taps() -> None:
     """Sionna's own paths through our sums give Sionna's CFR, taps and CIR; so do the paths redone in float64."""
-    case = dict(np.load(CASE))
+    case = read_case("fun_cir_cfr_taps")
     for columns, absolute, relative in (("", 2e-3, 2e-4), ("64", 2e-3, 2e-3)):
         a, paths = case[f"a{columns}"].astype(np.complex128), reference_rows(case, f"tau{columns}")
         assert paths.link_count == 4 and (paths.row == np.arange(len(paths))).all()
@@ -251,12 +223,9 @@ def test_sionna_fun_cir_cfr_taps() -> None:
         assert error(unit, "cfr_unit_energy") < relative
 
 
-# ---------------------------------------------------------------- from a dataset
-
-
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with the columns of `paths`, `links` and `poses` that CSI needs: two scenarios, two carriers."""
+    """Write a folder with the columns of `paths`, `links` and `poses` that CSI needs: two scenarios, two carriers."""
     root = tmp_path_factory.mktemp("csi") / "dataset"
     prepare_root(root, IDENTITY, META["config_sha256"], {"mmw": "0.1.0"}, False)
     paths = path_table(200)
@@ -295,13 +264,3 @@ def test_dataset_to_response_and_back(dataset: Path) -> None:
     h = frequency_response(a, paths, f, 28e9, average=True)
     best = best_beams(beam_gains(h, dft_codebook(ula(8), 16), dft_codebook(ula(4), 16)))
     np.testing.assert_array_equal(best.tx_beam < 0, paths.path_count == 0)
-
-
-def test_examples_of_the_page_run(dataset: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "guides" / "csi.md").read_text(), re.DOTALL)
-    assert len(blocks) >= 3
-    scope: dict = {}
-    for block in blocks:
-        exec(compile(block.replace('"DATASET"', repr(str(dataset))), "docs/guides/csi.md", "exec"), scope)
-    assert scope["h"].shape[0] == scope["paths"].link_count
-    assert capsys.readouterr().out

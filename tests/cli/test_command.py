@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mmw.__main__ import main as command
 from mmw.cli.run import main
 from mmw.config import ConfigError
 from mmw.core import log_files as log
@@ -20,12 +19,12 @@ from mmw.generation.worker import GenerationContext
 from tests.fixtures.own_world import SMALL, write_own_world
 
 RAISE = """
-import sys
+import argparse, sys
 from mmw.cli.command import run_command
-def work():
+def work(options):
     print("a line")
     raise {error}
-sys.exit(run_command(work, "mmw test"))
+sys.exit(run_command(argparse.ArgumentParser("mmw test"), work, []))
 """
 
 
@@ -41,7 +40,7 @@ def broken(*arguments: object, **named: object) -> None:
 
 
 @dataclass(frozen=True)
-class BrokenMaking(GenerationContext):
+class BrokenContext(GenerationContext):
     """Fails in the worker process that first uses it."""
 
     def shared_name(self, scenario: str) -> str:
@@ -61,17 +60,17 @@ def only_log(folder: Path) -> str:
     return path.read_text()
 
 
-def test_a_reader_that_has_enough_is_no_error() -> None:
-    assert outcome("BrokenPipeError(32, 'Broken pipe')") == (0, "")
-
-
-def test_an_error_of_the_system_is_one_line() -> None:
-    assert outcome("FileNotFoundError(2, 'No such file', 'a/b')") == (1, "mmw: a/b: No such file\n")
-
-
-def test_bad_input_is_one_line_and_exit_code_2() -> None:
-    code = "__import__('mmw.core.errors').core.errors.InputError('x: 3; name one')"
-    assert outcome(code) == (2, "mmw: x: 3; name one\n")
+@pytest.mark.parametrize(
+    ("error", "expected"),
+    [
+        ("BrokenPipeError(32, 'Broken pipe')", (0, "")),  # the reader has closed the pipe, such as `head`
+        ("FileNotFoundError(2, 'No such file', 'a/b')", (1, "mmw: a/b: No such file\n")),
+        ("KeyboardInterrupt()", (1, "mmw: interrupted\n")),
+        ("__import__('mmw.core.errors').core.errors.InputError('x: 3; name one')", (2, "mmw: x: 3; name one\n")),
+    ],
+)
+def test_an_error_is_one_line_with_its_exit_code(error: str, expected: tuple[int, str]) -> None:
+    assert outcome(error) == expected
 
 
 def test_a_library_s_value_error_is_a_bug() -> None:
@@ -82,7 +81,7 @@ def test_a_library_s_value_error_is_a_bug() -> None:
 
 def test_a_bug_in_a_sensor(tmp_path, logs, monkeypatch, capsys) -> None:
     folder = write_own_world(tmp_path)
-    monkeypatch.setattr("mmw.generation.pipeline.record_sensors", broken)
+    monkeypatch.setattr("mmw.generation.capture.capture_sensors", broken)
     arguments = ["--config", str(folder / "mine.yaml"), "--out", str(tmp_path / "out"), "--device", "cpu", *SMALL]
     assert main([*arguments, "--workers", "1"]) == 1
     (line,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("mmw: ")]
@@ -96,8 +95,8 @@ def test_a_bug_in_a_sensor(tmp_path, logs, monkeypatch, capsys) -> None:
 
 def test_a_bug_in_a_worker_process(tmp_path, logs, monkeypatch, capsys) -> None:
     folder = write_own_world(tmp_path)
-    monkeypatch.setattr("mmw.generation.generate.GenerationContext", BrokenMaking)
-    monkeypatch.setattr(BrokenMaking, "__module__", "tests.cli.test_command")
+    monkeypatch.setattr("mmw.generation.generate.GenerationContext", BrokenContext)
+    monkeypatch.setattr(BrokenContext, "__module__", "tests.cli.test_command")
     monkeypatch.setitem(sys.modules, "tests.cli.test_command", sys.modules[__name__])
     arguments = ["--config", str(folder / "mine.yaml"), "--out", str(tmp_path / "out"), "--device", "cpu", *SMALL]
     assert main([*arguments, "--workers", "2"]) == 1
@@ -109,19 +108,6 @@ def test_a_bug_in_a_worker_process(tmp_path, logs, monkeypatch, capsys) -> None:
         and "in shared_name" in text
         and "mmw.generation.executors.worker_protocol" in text
     )
-
-
-def test_a_bug_in_an_exporter(tmp_path, logs, monkeypatch, capsys) -> None:
-    folder = write_own_world(tmp_path)
-    data = tmp_path / "out"
-    assert main(["--config", str(folder / "mine.yaml"), "--out", str(data), "--device", "cpu", "frames.count=1"]) == 0
-    for path in logs.glob("*.log"):
-        path.unlink()
-    monkeypatch.setattr("mmw.dataset.export.huggingface._copy", broken)
-    assert command(["export", "huggingface", str(data), str(tmp_path / "exported")]) == 1
-    (line,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("mmw: ")]
-    assert "internal error: ValueError: operands" in line
-    assert "in broken" in only_log(logs)
 
 
 def test_bad_input_of_a_run_is_one_line(tmp_path, logs, capsys) -> None:

@@ -15,8 +15,8 @@ from mmw.traffic.roads.lane_graph import Lane, LaneGraph
 from mmw.traffic.roads.lane_prims import read_lanes
 from mmw.usd import atomic_layers as save
 from mmw.usd.validate import validate_stage
-from mmw.worlds.importers.imported_scene import ForeignMaterial, World
-from mmw.worlds.importers.write_asset import asset_files, write_world
+from mmw.worlds.importers.imported_scene import ImportedMaterial, ImportedScene
+from mmw.worlds.importers.write_asset import asset_files, write_scene
 from mmw.worlds.towns.mesh_part import MeshPart
 from tests.fixtures.import_files import HIGH, HOUSE, LOW, write_glb, write_mitsuba, write_obj
 from tests.fixtures.scenes import quad_part
@@ -39,7 +39,7 @@ def test_an_asset_like_the_shipped_towns(glb: tuple[Path, Path], tmp_path: Path,
         "bounds: (-20.00, -15.00, 0.00) to (20.00, 15.00, 6.00) m, 40.00 x 30.00 x 6.00 m",
         "14 triangles in 2 meshes", "material red_brick: 12 triangles, itu_brick, slab of 0.2 m",
         "material asphalt: 2 triangles, of the library", "labels: road 1, building 1", "lanes: none",
-        f"wrote {path}", f"mmw town check {path}", "engine: file",
+        f"wrote {path}", f"mmw town check {path}", "engine: replay",
     ):  # fmt: skip
         assert part in printed
     stage = Usd.Stage.Open(str(path))
@@ -128,7 +128,7 @@ def test_an_import_of_an_import_is_the_same_world(tmp_path: Path, capsys: pytest
 def test_lanes_are_written(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     lane = Lane("a", np.array([[-9.0, 0, 0], [9, 0, 0]]), 3.5, 8.0, successors=("a",))
     road = quad_part("Roads/a", [(-10, -4, 0), (10, -4, 0), (10, 4, 0), (-10, 4, 0)])
-    path = write_world(World([road], lanes=LaneGraph({"a": lane})), tmp_path, "town")
+    path = write_scene(ImportedScene([road], lanes=LaneGraph({"a": lane})), tmp_path, "town")
     stage = Usd.Stage.Open(str(path))
     assert validate_stage(stage) == []
     assert read_lanes(stage, "/Town/Lanes").lanes["a"].successors == ("a",)
@@ -139,7 +139,7 @@ def test_lanes_are_written(tmp_path: Path, capsys: pytest.CaptureFixture) -> Non
 
 
 def test_labels_stand_as_high_as_they_hold(tmp_path: Path) -> None:
-    brick = ForeignMaterial("brick", "brick", radio=RadioMaterial("itu", itu="itu_brick"))
+    brick = ImportedMaterial("brick", "brick", radio=RadioMaterial("itu", itu="itu_brick"))
     parts = [
         MeshPart(path, *HOUSE, "brick", label)
         for path, label in (
@@ -147,8 +147,8 @@ def test_labels_stand_as_high_as_they_hold(tmp_path: Path) -> None:
             ("B/x/flag", "pole"), ("C/free", "unlabeled"), ("D", "car"),
         )
     ]  # fmt: skip
-    world = World(parts, {"brick": brick}, components=frozenset({"B/x", "D"}))
-    stage = Usd.Stage.Open(str(write_world(world, tmp_path, "town")))
+    world = ImportedScene(parts, {"brick": brick}, components=frozenset({"B/x", "D"}))
+    stage = Usd.Stage.Open(str(write_scene(world, tmp_path, "town")))
     assert validate_stage(stage) == []
     labels = {
         str(prim.GetPath())[6:]: list(prim.GetAttribute("semantics:labels:class").Get())
@@ -173,7 +173,7 @@ def test_centimetres_taken_for_metres_are_noted(tmp_path: Path, capsys: pytest.C
     for unit, is_noted in (("m", True), ("cm", False)):
         options = ["--materials", str(tmp_path / "map.yaml"), "--unit", unit]
         assert main([str(source), "--out", str(tmp_path / unit), *options]) == 0
-        assert ("note: 600 m high; if its unit is no metre" in capsys.readouterr().out) == is_noted
+        assert ("note: 600 m high; if its unit is no meter" in capsys.readouterr().out) == is_noted
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from mmw.__main__ import main
-from mmw.cli.radio_map import COLUMNS
+from mmw.cli.radio_map import RADIO_MAP
 from mmw.core.resources import configs_dir
 
 CONFIG = str(configs_dir() / "quickstart.yaml")
@@ -21,7 +21,19 @@ TWO_UNITS = (
 
 @pytest.mark.slow
 def test_table_and_picture_of_a_scenario(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
-    arguments = ["radiomap", "--config", CONFIG, "--rays", "4e4", "--depth", "1", "--size", "120", "--frame", "1"]
+    arguments = [
+        "radiomap",
+        "--config",
+        CONFIG,
+        "--samples-per-tx",
+        "4e4",
+        "--depth",
+        "1",
+        "--size",
+        "120",
+        "--frame",
+        "1",
+    ]
     arguments += ["--carrier", "4.9e9", "--weather", "rainy", "--device", "cpu", "--out", str(tmp_path)]
     assert main([*arguments, "frames.count=2", TWO_UNITS]) == 0
     said, *files = capsys.readouterr().out.splitlines()
@@ -30,7 +42,7 @@ def test_table_and_picture_of_a_scenario(tmp_path: Path, capsys: pytest.CaptureF
         "town03_roundabout_radio_map.parquet", "town03_roundabout_radio_map.png",
     ]  # fmt: skip
     table = pq.read_table(files[0])
-    assert table.column_names == [column.name for column in COLUMNS]
+    assert table.column_names == [column.name for column in RADIO_MAP.columns]
     assert all(field.metadata[b"unit"] and field.metadata[b"doc"] for field in table.schema)
     made = json.loads(table.schema.metadata[b"mmw.radio_map"])
     assert (made["weather"], made["frame"], made["carrier_hz"], made["surface"]) == ("rainy", 1, 4.9e9, "roads")
@@ -63,5 +75,5 @@ def test_mistakes_are_named(tmp_path: Path, capsys: pytest.CaptureFixture) -> No
         assert main(["radiomap", *arguments, "--out", str(tmp_path)]) == 2
         assert part in capsys.readouterr().err
     with pytest.raises(SystemExit, match="2"):
-        main(["radiomap", "--config", CONFIG, "--rays", "1.5"])
+        main(["radiomap", "--config", CONFIG, "--samples-per-tx", "1.5"])
     assert "whole number" in capsys.readouterr().err

@@ -18,12 +18,12 @@ def write(path: Path, content: object) -> Path:
 
 @pytest.fixture
 def full(tmp_path: Path) -> Path:
-    """A configuration of one own and three included scenarios with frames from different places."""
+    """Write a configuration of one own and three included scenarios with frames from different places."""
     write(
         tmp_path / "places/a.yaml",
         {"scenarios": [{"name": "a", "town": "town03", "traffic": TRAFFIC}], "frames": {"count": 30}, "seed": 5},
     )
-    file_traffic = TRAFFIC | {"engine": "file", "trajectories": "../tracks.csv"}
+    file_traffic = TRAFFIC | {"engine": "replay", "trajectories": "../tracks.csv"}
     write(
         tmp_path / "places/b.yaml",
         {

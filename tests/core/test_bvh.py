@@ -7,6 +7,8 @@ import warp as wp
 from mmw.core.bvh import LEAF_FACES_CUDA, build_bvhs, build_tree
 from mmw.core.bvh_kind import kind_to_build
 from mmw.kernels.core import bvh as tree
+from tests.fixtures.device_rays import grid, soup
+from tests.fixtures.launches import launch, vectors
 from tests.oracles.tracing import triangle_hits
 
 MISS = -1
@@ -34,12 +36,8 @@ def cast_kernel(
 def cast(device: str, trees: tree.Tree, root: int, origin, direction, t_max: float = 1e4):
     """Return distances, faces and whether anything is met, of rays that broadcast."""
     origin, direction = np.broadcast_arrays(np.atleast_2d(origin), np.atleast_2d(direction))
-    count = len(origin)
-    rays = [wp.array(np.ascontiguousarray(v, np.float32), dtype=wp.vec3, device=device) for v in (origin, direction)]
-    out = [wp.empty(count, dtype=kind, device=device) for kind in (float, int, wp.bool)]
-    inputs = [trees, root, *rays, t_max]
-    wp.launch(cast_kernel, dim=count, inputs=inputs, outputs=out, device=device, block_dim=64)
-    t, face, is_met = (array.numpy() for array in out)
+    inputs = [trees, root, vectors(origin, device), vectors(direction, device), t_max]
+    t, face, is_met = launch(cast_kernel, len(origin), inputs, (float, int, wp.bool), device)
     np.testing.assert_array_equal(is_met, face >= 0)
     np.testing.assert_array_equal(t[face < 0], np.float32(t_max))
     return t, face
@@ -47,20 +45,6 @@ def cast(device: str, trees: tree.Tree, root: int, origin, direction, t_max: flo
 
 def one(device: str, corners) -> tree.Tree:
     return build_bvhs([np.asarray(corners, np.float32)], device)[0]
-
-
-def soup(seed: int, count: int, size: float = 1.0) -> np.ndarray:
-    rng = np.random.default_rng(seed)
-    return (rng.uniform(-10.0, 10.0, (count, 1, 3)) + rng.normal(size=(count, 3, 3)) * size).astype(np.float32)
-
-
-def grid(cells: int) -> np.ndarray:
-    """An uneven sheet over [0, cells]^2, two triangles a cell, all edges shared but those of the border."""
-    x, y = np.meshgrid(np.arange(cells + 1.0), np.arange(cells + 1.0), indexing="ij")
-    height = np.random.default_rng(5).uniform(0.0, 0.1, x.shape)
-    point = np.stack([x, y, height], axis=2)
-    a, b, c, d = point[:-1, :-1], point[1:, :-1], point[1:, 1:], point[:-1, 1:]
-    return np.concatenate([np.stack([a, b, c], axis=2), np.stack([a, c, d], axis=2)]).reshape(-1, 3, 3)
 
 
 def leaves_below(nodes: np.ndarray, leaves: np.ndarray, leaf_faces: int) -> tuple[list[int], int]:
@@ -108,7 +92,7 @@ def test_trees_stay_shallow_whatever_the_triangles(leaf_faces: int) -> None:
     for corners in (nested.astype(np.float32), np.repeat(soup(1, 1), 5000, axis=0), np.zeros((300, 3, 3), np.float32)):
         faces, longest = leaves_below(*build_tree(corners, leaf_faces), leaf_faces)
         assert sorted(faces) == list(range(len(corners)))
-        assert longest <= int(tree.MAX_LEVELS)
+        assert longest <= int(tree.MAX_DEPTH)
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -94,7 +94,7 @@ def test_the_kind_stays_once_there_is_a_tree() -> None:
     np.testing.assert_array_equal(len(trees.meshes) > 0, bvh.kind_to_build() == "warp")
     select_bvh(bvh.kind_to_build())
     was = bool(tree.WIDE)
-    with pytest.raises(InputError, match=r"has built a tree of kind .* start a new process"):
+    with pytest.raises(InputError, match=r"has built a BVH of kind .* start a new process"):
         select_bvh(next(kind for kind in BVH_KINDS if kind != bvh.kind_to_build()))
     assert was == bool(tree.WIDE) and len(roots) == 2
 

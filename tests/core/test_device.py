@@ -1,4 +1,4 @@
-"""How many workers, threads and cores who gets, where nobody says so."""
+"""Default numbers of workers, threads and cores."""
 
 import math
 import os
@@ -11,9 +11,9 @@ import pytest
 import warp as wp
 
 from mmw.core import device
-from mmw.core.cpu_cores import one_thread_a_library
-from mmw.core.cuda import keep_memory, wait_asleep
-from mmw.core.device import workers_a_gpu, writer_threads
+from mmw.core.cpu_cores import single_threaded_libraries
+from mmw.core.cuda import retain_memory, use_blocking_sync
+from mmw.core.device import workers_per_gpu, writer_threads
 
 GB = 1 << 30
 
@@ -34,9 +34,10 @@ GB = 1 << 30
     ],
 )
 def test_a_gpu_gets_workers_as_cores_and_memories_allow(monkeypatch, gpus, gpu_gb, cores, host_gb, expected):
+    assert device.host_bytes() > GB  # of this machine
     monkeypatch.setattr(device, "cores", lambda: cores)
     monkeypatch.setattr(device, "host_bytes", lambda: host_gb * GB)
-    assert workers_a_gpu([SimpleNamespace(total_memory=gpu_gb * GB)] * gpus) == expected
+    assert workers_per_gpu([SimpleNamespace(total_memory=gpu_gb * GB)] * gpus) == expected
 
 
 @pytest.mark.parametrize(("cores", "workers", "expected"), [(16, 1, 16), (16, 6, 8), (2, 2, 4), (2, 1, 6)])
@@ -46,32 +47,25 @@ def test_threads_are_divided_among_the_workers(monkeypatch, cores, workers, expe
     assert writer_threads(5, workers) == 5
 
 
-def test_the_memory_of_this_machine_is_known():
-    assert device.host_bytes() > GB
-
-
 @pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="the system does not list threads")
 def test_libraries_of_a_process_start_no_threads():
     ask = "import os, numpy; numpy.ones((500, 500)) @ numpy.ones((500, 500)); print(len(os.listdir('/proc/self/task')))"
     before = dict(os.environ)
-    with one_thread_a_library():
+    with single_threaded_libraries():
         told = subprocess.run([sys.executable, "-c", ask], capture_output=True, text=True, check=True).stdout
     assert told.split() == ["1"] and dict(os.environ) == before
 
 
 def test_a_number_of_threads_that_the_user_has_set_stays(monkeypatch):
     monkeypatch.setenv("OMP_NUM_THREADS", "3")
-    with one_thread_a_library():
+    with single_threaded_libraries():
         assert os.environ["OMP_NUM_THREADS"] == "3" and os.environ["OPENBLAS_NUM_THREADS"] == "1"
     assert os.environ["OMP_NUM_THREADS"] == "3"
 
 
-def test_threads_can_sleep_while_they_wait(device):
-    assert wait_asleep(device)
-
-
-def test_freed_memory_stays_up_to_the_limit(device: str) -> None:
-    keep_memory(device, 1 << 30)
+def test_threads_can_sleep_and_freed_memory_stays_up_to_the_limit(device: str) -> None:
+    assert use_blocking_sync(device)
+    retain_memory(device, 1 << 30)
     if wp.get_device(device).is_cuda:
         assert wp.get_mempool_release_threshold(device) == 1 << 30
-        keep_memory(device, 0)  # as it was
+        retain_memory(device, 0)  # as it was

@@ -1,4 +1,4 @@
-"""How surfaces and sensors move: finite differences of world positions in float64, and the closed forms of a wheel."""
+"""Motion of surfaces and sensors: finite differences of world positions in float64, closed forms of a wheel."""
 
 from dataclasses import replace
 
@@ -23,9 +23,10 @@ from mmw.kernels.core import rigid_motion as motion
 from mmw.kernels.core import structs
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.scene_data import Prototype, SceneData
-from mmw.scene.view_motion import view_twists
-from mmw.scene.views import make_views
+from mmw.scene.views import make_views, view_twists
 from mmw.sensors import DepthCamera
+from tests.fixtures.device_rays import loaded
+from tests.fixtures.launches import launch, vectors
 from tests.fixtures.scenes import ABSENT, IDENTITY_POSE, arrays_from_parts, box_model, ground_part, moving_poses
 
 FRAMES = 7
@@ -34,7 +35,7 @@ FRAMES = 7
 @wp.kernel
 def velocity_kernel(
     scene: structs.Scene,
-    slot: wp.array[int],
+    batch_index: wp.array[int],
     instance: wp.array[int],
     face: wp.array[int],
     point: wp.array[wp.vec3],
@@ -44,9 +45,9 @@ def velocity_kernel(
     velocity_at_out: wp.array[wp.vec3],
 ):
     row = wp.tid()
-    velocity_out[row] = motion.surface_velocity(scene, slot[row], instance[row], face[row], point[row])
+    velocity_out[row] = motion.surface_velocity(scene, batch_index[row], instance[row], face[row], point[row])
     velocity_at_out[row] = motion.surface_velocity_at(
-        scene, slot[row], instance[row], face[row], point[row], time_offset[row]
+        scene, batch_index[row], instance[row], face[row], point[row], time_offset[row]
     )
 
 
@@ -64,19 +65,16 @@ def moved_pose_kernel(
 
 
 def surface_velocities(
-    scene: DeviceScene, slot, instance, face, point, time_offset=0.0
+    scene: DeviceScene, batch_index, instance, face, point, time_offset=0.0
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the velocity of surface points at the frame, and at a time after it, each [N, 3]."""
     count = len(point)
     integers = [
-        wp.array(np.broadcast_to(k, count).astype(np.int32), device=scene.device) for k in (slot, instance, face)
+        wp.array(np.broadcast_to(k, count).astype(np.int32), device=scene.device) for k in (batch_index, instance, face)
     ]
-    points = wp.array((point - scene.origin).astype(np.float32), dtype=wp.vec3, device=scene.device)
     offsets = wp.array(np.broadcast_to(time_offset, count).astype(np.float32), dtype=float, device=scene.device)
-    outputs = [wp.zeros(count, dtype=wp.vec3, device=scene.device) for _ in range(2)]
-    inputs = [scene.struct, *integers, points, offsets]
-    wp.launch(velocity_kernel, dim=count, inputs=inputs, outputs=outputs, device=scene.device)
-    return outputs[0].numpy(), outputs[1].numpy()
+    inputs = [scene.struct, *integers, vectors(point - scene.origin, scene.device), offsets]
+    return tuple(launch(velocity_kernel, count, inputs, (wp.vec3, wp.vec3), scene.device))
 
 
 def turning_boxes(seed: int = 0, count: int = 6) -> tuple[SceneData, np.ndarray, np.ndarray, np.ndarray]:
@@ -89,20 +87,13 @@ def turning_boxes(seed: int = 0, count: int = 6) -> tuple[SceneData, np.ndarray,
     return arrays_from_parts([ground_part()], [box_model("box")], actors, poses), start, velocity, rate
 
 
-def loaded(arrays: SceneData, device: str, frames=None, **options) -> DeviceScene:
-    frames = list(arrays.frames) if frames is None else frames
-    scene = DeviceScene(arrays, device, len(frames), **options)
-    scene.load_batch(frames)
-    return scene
-
-
 @pytest.mark.parametrize("time_offset", [0.0, -0.004, -0.01])
 def test_every_point_moves_as_its_finite_difference(device: str, time_offset: float) -> None:
     arrays, start, velocity, rate = turning_boxes()
     scene = loaded(arrays, device)
     rng = np.random.default_rng(1)
     seen = []
-    for slot in range(FRAMES):
+    for batch_index in range(FRAMES):
         instance = rng.integers(0, len(start), 50)
         local = rng.uniform([-2.25, -0.9, 0.0], [2.25, 0.9, 1.5], (50, 3))
 
@@ -110,9 +101,9 @@ def test_every_point_moves_as_its_finite_difference(device: str, time_offset: fl
             moved = moving_poses(start, velocity, rate, np.array([time]))[0]
             return transform_points(moved[instance], local)
 
-        now, step = slot * FRAME_DT + time_offset, 1e-5
+        now, step = batch_index * FRAME_DT + time_offset, 1e-5
         wanted = (place(now + step) - place(now - step)) / (2.0 * step)
-        still, moved = surface_velocities(scene, slot, instance, 0, place(now), time_offset)
+        still, moved = surface_velocities(scene, batch_index, instance, 0, place(now), time_offset)
         np.testing.assert_allclose(moved, wanted, atol=2e-4)
         if time_offset == 0.0:
             np.testing.assert_array_equal(still, moved)
@@ -127,12 +118,12 @@ def test_outer_side_of_a_turn_is_faster(device: str) -> None:
     position = radius * np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1)
     poses = pose_from_ypr(position, yaw=angle + 0.5 * np.pi)[:, None]
     scene = loaded(arrays_from_parts([], [box_model("car")], [("car", "vehicle", 0)], poses), device)
-    for slot in range(FRAMES):
-        sides = transform_points(poses[slot], [[0.0, 0.9, 0.5], [0.0, -0.9, 0.5]])
-        found, _ = surface_velocities(scene, slot, 0, 0, sides)
+    for batch_index in range(FRAMES):
+        sides = transform_points(poses[batch_index], [[0.0, 0.9, 0.5], [0.0, -0.9, 0.5]])
+        found, _ = surface_velocities(scene, batch_index, 0, 0, sides)
         lengths = np.linalg.norm(found, axis=1)
         np.testing.assert_allclose(lengths, speed * np.array([radius - 0.9, radius + 0.9]) / radius, rtol=2e-5)
-        np.testing.assert_allclose(found[0] @ position[slot] / radius, 0.0, atol=2e-3)
+        np.testing.assert_allclose(found[0] @ position[batch_index] / radius, 0.0, atol=2e-3)
 
 
 def test_town_and_absent_instances_stand_still(device: str) -> None:
@@ -160,14 +151,13 @@ def test_moved_pose_is_the_exponential(device: str) -> None:
     time[::7] = 0.0
     inputs = [
         wp.array(poses.astype(np.float32), dtype=wp.transformf, device=device),
-        *(wp.array(values.astype(np.float32), dtype=wp.vec3, device=device) for values in (velocity, rate)),
+        *(vectors(values, device) for values in (velocity, rate)),
         wp.array(time.astype(np.float32), dtype=float, device=device),
     ]
-    out = wp.zeros(count, dtype=wp.transformf, device=device)
-    wp.launch(moved_pose_kernel, dim=count, inputs=inputs, outputs=[out], device=device)
+    (found,) = launch(moved_pose_kernel, count, inputs, [wp.transformf], device)
     turned = multiply(quaternion_exp(rate * time[:, None]), poses[:, 3:])
-    np.testing.assert_allclose(out.numpy(), make_pose(poses[:, :3] + velocity * time[:, None], turned), atol=1e-5)
-    np.testing.assert_array_equal(out.numpy()[::7], poses.astype(np.float32)[::7])
+    np.testing.assert_allclose(found, make_pose(poses[:, :3] + velocity * time[:, None], turned), atol=1e-5)
+    np.testing.assert_array_equal(found[::7], poses.astype(np.float32)[::7])
 
 
 WHEEL = (1.4, 0.79, 0.325, 0.325)
@@ -200,11 +190,11 @@ def test_wheel_rolls_without_slip(device: str, speed: float) -> None:
     center, radius = np.array(WHEEL[:3]), WHEEL[3]
     local = center + radius * np.array([[0, 0, -1], [0, 0, 1], [1, 0, 0], [-1, 0, 0], [0, 0, 0], [0, 0.3, 0]])
     wanted = speed * np.array([0 * forward, 2 * forward, forward - up, forward + up, forward, forward])
-    for slot in (0, 3, FRAMES - 1):
-        points = transform_points(poses[slot], local)
-        found, _ = surface_velocities(scene, slot, 1, 3, points)
+    for batch_index in (0, 3, FRAMES - 1):
+        points = transform_points(poses[batch_index], local)
+        found, _ = surface_velocities(scene, batch_index, 1, 3, points)
         np.testing.assert_allclose(found, wanted, atol=2e-4)
-        body_only, _ = surface_velocities(scene, slot, 1, 2, points)
+        body_only, _ = surface_velocities(scene, batch_index, 1, 2, points)
         np.testing.assert_allclose(body_only, np.tile(speed * forward, (6, 1)), atol=2e-4)
 
 
@@ -227,11 +217,11 @@ def test_each_wheel_of_a_turn_rolls_at_its_own_speed(device: str) -> None:
 def test_derivatives_do_not_depend_on_the_batch(device: str) -> None:
     arrays, *_ = turning_boxes(5)
     together = loaded(arrays, device, sweep_s=0.01)
-    for slot, frame in enumerate(arrays.frames):
+    for batch_index, frame in enumerate(arrays.frames):
         alone = loaded(arrays, device, [frame], sweep_s=0.01)
         for name in ("instance_velocity", "instance_rate", "instance_pose"):
             ours, theirs = (getattr(scene.struct, name).numpy() for scene in (together, alone))
-            assert ours[slot].tobytes() == theirs[0].tobytes(), name
+            assert ours[batch_index].tobytes() == theirs[0].tobytes(), name
 
 
 def test_view_twists_are_finite_differences_of_the_view() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pxr import Gf, Sdf, Usd, UsdGeom
 
-from mmw.scene.device_scene import read_stage
+from mmw.scene.reader import read_stage
 from mmw.scene.scene_data import Prototype
 from mmw.usd.vehicle_catalog import load_catalog
 from mmw.worlds.vehicles.models import BLUEPRINTS

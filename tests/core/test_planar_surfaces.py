@@ -15,7 +15,7 @@ def surfaces(points: np.ndarray, faces: np.ndarray, object_id=0, material=0) -> 
 
 
 def apart(points: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The same triangles, none of which shares a vertex index with another."""
+    """Return the same triangles, none of which shares a vertex index with another."""
     return points[faces].reshape(-1, 3), np.arange(3 * len(faces)).reshape(-1, 3)
 
 

@@ -5,6 +5,7 @@ import warp as wp
 
 from mmw.core.random_keys import random_key, random_keys
 from mmw.kernels.core import noise
+from tests.fixtures.launches import launch
 
 COUNT = 1 << 18
 
@@ -25,13 +26,11 @@ def draw_kernel(
 
 
 def draws(device: str, key: tuple[int, int], draw: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    out = [wp.empty(COUNT, dtype=t, device=device) for t in (wp.vec4ui, wp.vec4, wp.vec2)]
-    wp.launch(draw_kernel, dim=COUNT, inputs=[wp.vec2ui(*key), draw], outputs=out, device=device)
-    return tuple(array.numpy() for array in out)
+    return tuple(launch(draw_kernel, COUNT, [wp.vec2ui(*key), draw], (wp.vec4ui, wp.vec4, wp.vec2), device))
 
 
 def pcg4d(key: tuple[int, int], item: np.ndarray, draw: int) -> np.ndarray:
-    """The published hash in 64-bit integers, taken modulo 2^32."""
+    """Compute the published hash in 64-bit integers, taken modulo 2^32."""
     mask = np.uint64(0xFFFFFFFF)
     x, y, z, w = (np.broadcast_to(np.uint64(v), item.shape).astype(np.uint64) for v in (*key, 0, draw))
     z = item.astype(np.uint64)

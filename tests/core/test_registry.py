@@ -11,9 +11,7 @@ from mmw.core.registry import Registry
 BUILTIN = {"join": "os.path:join", "split": "os.path:split"}
 
 
-def make(
-    monkeypatch: pytest.MonkeyPatch, *entries: tuple[str, str], kind: str = "collections.abc:Callable"
-) -> Registry:
+def make(monkeypatch: pytest.MonkeyPatch, *entries: tuple[str, str]) -> Registry:
     found = [EntryPoint(name, value, "mmw.tests") for name, value in entries]
     monkeypatch.setattr(mmw.core.registry, "entry_points", lambda group: found)
     return Registry("mmw.tests", "tool", "collections.abc:Callable", BUILTIN)

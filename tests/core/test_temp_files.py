@@ -14,17 +14,9 @@ from mmw.storage.file_checks import verify
 from mmw.storage.lock import clean_other_parts, temporaries, writing
 from tests.fixtures import dying_workers
 from tests.fixtures.dying_workers import note_of
-from tests.fixtures.own_world import assert_same_rows, command, write_own_world
+from tests.fixtures.own_world import assert_same_files, command
 
 IN_PROC = pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="finds the names of open files in /proc")
-
-
-@pytest.fixture(scope="module")
-def world(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A small stage of one's own, ten frames, two a shard, in two weathers, and its dataset made by one worker."""
-    folder = write_own_world(tmp_path_factory.mktemp("temporary"))
-    assert main(command(folder, "alone", "--workers", "1")) == 0
-    return folder
 
 
 def test_a_name_tells_the_owner(tmp_path: Path) -> None:
@@ -77,10 +69,10 @@ def test_a_part_removes_what_nobody_can_be_writing(tmp_path: Path) -> None:
 
 
 def assert_whole(world: Path, out: str) -> None:
-    """A process was killed while it wrote; nothing of it is left, and the rows are those of an undisturbed run."""
+    """Kill a process while it writes: nothing of it is left, and the rows are those of an undisturbed run."""
     assert note_of(world / out, 0).read_text().startswith(".part-")
     assert temporaries(world / out) == [] and verify(world / out) == []
-    assert_same_rows(world / "alone", world / out)
+    assert_same_files(world / "single", world / out)
 
 
 @IN_PROC
@@ -96,7 +88,7 @@ def test_a_worker_killed_while_it_writes_leaves_nothing(
 @IN_PROC
 @pytest.mark.parametrize("next_part", [0, 1])
 def test_a_part_killed_while_it_writes_leaves_nothing(world: Path, next_part: int) -> None:
-    """Whether it is resumed at once, or after the other part has come to its end."""
+    """Resume at once, or after the other part has ended."""
     out = f"part-{next_part}"
     code = (
         "import sys; from pathlib import Path; from mmw.run import main; from tests.fixtures import dying_workers;"

@@ -1,4 +1,4 @@
-"""Truncated, half-written and foreign folders: every way in says in one line which file it is."""
+"""Truncated, half-written and foreign folders: every reader names the file in one line."""
 
 import json
 import os
@@ -22,7 +22,7 @@ POSES, LIDAR = part("poses", "sunny", 2), part("lidar", "sunny", 2)
 
 @pytest.fixture
 def root() -> Iterator[Path]:
-    """A copy that any user of the machine may read."""
+    """Return a copy that any user of the machine may read."""
     folder = Path(tempfile.mkdtemp(prefix="mmw-damaged-"))
     folder.chmod(0o755)
     yield copy_of(small_dataset(), folder / "d")
@@ -35,7 +35,7 @@ def edit_json(path: Path, change: Callable[[dict], None]) -> None:
     path.write_text(json.dumps(content))
 
 
-def said(work: Callable[[], object]) -> str:
+def message_of(work: Callable[[], object]) -> str:
     """Return the one line of the ValueError that some work ends with."""
     with pytest.raises(ValueError) as error:
         work()
@@ -85,10 +85,10 @@ def foreign_parquet(root: Path) -> str:
 )
 def test_readers_and_exporters_name_the_file(root: Path, tmp_path: Path, damage: Callable[[Path], str]) -> None:
     words = damage(root)
-    assert words in said(lambda: read_all(root, "poses"))
-    assert words in said(lambda: export(root, "opv2v", tmp_path / "out"))
+    assert words in message_of(lambda: read_all(root, "poses"))
+    assert words in message_of(lambda: export(root, "opv2v", tmp_path / "out"))
     if damage is not foreign_rows:  # DuckDB looks at the first file alone, and names the other when it gets there
-        assert words in said(lambda: mmw.connect(root))
+        assert words in message_of(lambda: mmw.connect(root))
 
 
 def test_foreign_rows_in_the_first_file(root: Path) -> None:
@@ -96,7 +96,7 @@ def test_foreign_rows_in_the_first_file(root: Path) -> None:
     for file in (part("poses", "rainy"), part("poses", "rainy", 2)):
         (root / file).unlink()
     for work in (lambda: mmw.connect(root), lambda: read_all(root, "poses")):
-        assert f"{part('poses')}: has no column frame, agent" in said(work)
+        assert f"{part('poses')}: has no column frame, agent" in message_of(work)
 
 
 @pytest.mark.parametrize("damage", [link_to_the_table, foreign_text])
@@ -114,16 +114,18 @@ def test_verify_calls_it_foreign(root: Path, damage: Callable[[Path], str], caps
 def test_a_head_of_other_types_is_named(root: Path, change: dict, capsys: pytest.CaptureFixture) -> None:
     edit_json(root / "dataset.json", lambda content: content.update(change))
     for work in (lambda: mmw.open(root), lambda: mmw.connect(root)):
-        assert said(work).startswith(f"{root}/dataset.json: ")
+        assert message_of(work).startswith(f"{root}/dataset.json: ")
     for arguments in (["export", "kitti", str(root), str(root / "out")], ["verify", str(root)]):
         assert main(arguments) in (1, 2)
-        told = capsys.readouterr()
-        assert "dataset.json: " in told.out + told.err
+        output = capsys.readouterr()
+        assert "dataset.json: " in output.out + output.err
 
 
 def test_a_configuration_without_channel(root: Path, tmp_path: Path) -> None:
     edit_json(root / "dataset.json", lambda content: content["config"].pop("channel"))
-    assert "dataset.json: its configuration has no channel" in said(lambda: export(root, "deepmimo", tmp_path / "out"))
+    assert "dataset.json: its configuration has no channel" in message_of(
+        lambda: export(root, "deepmimo", tmp_path / "out")
+    )
 
 
 @pytest.mark.parametrize("change", [{"frame_begin": "x"}, {"weather": 4}, {"files": [{"table": "poses"}]}], ids=str)
@@ -137,18 +139,18 @@ def test_a_marker_of_other_types_is_a_finding(root: Path, change: dict, capsys: 
 @pytest.mark.parametrize("size", [0, 900])
 def test_a_copied_file_that_is_truncated_is_named(root: Path, tmp_path: Path, size: int) -> None:
     (root / LIDAR).write_bytes((root / LIDAR).read_bytes()[:size])
-    assert f"{root / LIDAR}: cannot be read" in said(lambda: export(root, "huggingface", tmp_path / "out"))
+    assert f"{root / LIDAR}: cannot be read" in message_of(lambda: export(root, "huggingface", tmp_path / "out"))
 
 
 def test_a_missing_file_of_a_finished_shard_is_not_left_out(root: Path, tmp_path: Path) -> None:
     (root / LIDAR).unlink()
-    assert f"{root / LIDAR}: is missing" in said(lambda: export(root, "huggingface", tmp_path / "out"))
+    assert f"{root / LIDAR}: is missing" in message_of(lambda: export(root, "huggingface", tmp_path / "out"))
 
 
 def test_a_folder_that_links_to_itself(tmp_path: Path) -> None:
     (tmp_path / "loop").symlink_to(tmp_path / "loop")
     for work in (lambda: mmw.open(tmp_path / "loop"), lambda: mmw.connect(tmp_path / "loop")):
-        assert str(tmp_path / "loop") in said(work)
+        assert str(tmp_path / "loop") in message_of(work)
 
 
 def test_a_column_that_is_not_there_reads_no_file(root: Path) -> None:
@@ -156,13 +158,13 @@ def test_a_column_that_is_not_there_reads_no_file(root: Path) -> None:
     data.arrow("lidar")
     for path in (root / "lidar").rglob("*.parquet"):
         path.write_bytes(b"")
-    assert "table 'lidar': has no column scent; it has" in said(lambda: data.read("lidar", columns=["scent"]))
-    assert "table 'frames': has no column agent" in said(lambda: data.read("frames", agent="cav_1"))
+    assert "table 'lidar': has no column scent; it has" in message_of(lambda: data.read("lidar", columns=["scent"]))
+    assert "table 'frames': has no column agent" in message_of(lambda: data.read("frames", agent="cav_1"))
 
 
 @contextmanager
-def somebody_else() -> Iterator[None]:
-    """Do something without the rights of the superuser, whom no permission stops."""
+def ordinary_user() -> Iterator[None]:
+    """Drop the rights of the superuser, who may read every file, in this context."""
     if os.geteuid() != 0:
         yield
         return
@@ -177,13 +179,13 @@ def somebody_else() -> Iterator[None]:
     ("path", "named"),
     [("dataset.json", "dataset.json"), (".", "dataset.json"), ("poses", "poses"), (POSES, POSES)],
 )
-def test_what_may_not_be_read_is_named(root: Path, path: str, named: str) -> None:
-    read_all(root, "poses")  # imports what it needs, which somebody else may not
+def test_unreadable_files_are_named(root: Path, path: str, named: str) -> None:
+    read_all(root, "poses")  # imports what it needs, which an ordinary user may not
     mmw.connect(root).close()
     (root / path).chmod(0)
-    with somebody_else():
-        text = said(lambda: read_all(root, "poses"))
-        other = said(lambda: mmw.connect(root)) if path != POSES else text
+    with ordinary_user():
+        text = message_of(lambda: read_all(root, "poses"))
+        other = message_of(lambda: mmw.connect(root)) if path != POSES else text
     (root / path).chmod(0o755)
     for words in (text, other):
         assert f"{root / named}: cannot be read (Permission denied)" in words

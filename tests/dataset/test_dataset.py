@@ -7,13 +7,12 @@ from pathlib import Path
 
 import duckdb
 import numpy as np
-import pandas as pd
 import pyarrow as pa
 import pytest
 from PIL import Image
 
 from mmw.dataset import connect, open_dataset
-from mmw.dataset.sql import VIEWS
+from mmw.dataset.sql import VIEWS, point_views
 from mmw.storage.manifest import prepare_root
 from mmw.storage.schemas import TABLES
 from mmw.storage.shard_writer import ShardKey
@@ -29,7 +28,7 @@ KEYS = [
 
 @pytest.fixture(scope="module")
 def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A dataset in a folder whose name is hard to quote."""
+    """Write a dataset in a folder whose name is hard to quote."""
     return write_made_up(tmp_path_factory.mktemp("it's") / "data [1] *", KEYS)
 
 
@@ -54,7 +53,7 @@ def test_views_hold_every_row_once(root):
         name for (name,) in connection.execute("SELECT view_name FROM duckdb_views() WHERE NOT internal").fetchall()
     }
     assert open_dataset(root).tables == tuple(TABLES)
-    assert views == {*TABLES, *VIEWS}
+    assert views == {*TABLES, *VIEWS, *point_views()}
     for table in open_dataset(root).tables:
         (count,) = connection.execute(f"SELECT count(*) FROM {table}").fetchone()
         assert count == open_dataset(root).arrow(table).count_rows()
@@ -95,7 +94,7 @@ def test_lidar_points_view_has_one_row_a_return(root):
 
 
 @pytest.mark.parametrize("sensor", ["radar", "radar_2"])
-def test_radar_points_view_has_one_row_a_point_and_null_where_nothing_is_known(root, sensor):
+def test_radar_points_view_has_one_row_a_point_and_null_without_a_value(root, sensor):
     shard, row = make_shard(KEYS[1])["radar"], 2 * 9 + (sensor == "radar_2")
     query = "SELECT * FROM radar_points WHERE scenario = 'town_a' AND weather = 'rainy' AND frame = 6 AND "
     rows = connect(root).sql(f"{query} agent = 'cav_2' AND sensor = '{sensor}'").to_arrow_table()
@@ -109,7 +108,7 @@ def test_radar_points_view_has_one_row_a_point_and_null_where_nothing_is_known(r
     assert points == sum(sum(make_shard(key)["radar"]["point_count"]) for key in KEYS)
 
 
-def test_visibility_says_what_each_kind_of_sensor_knows(root):
+def test_visibility_has_the_column_of_each_type_of_sensor(root):
     query = """
         SELECT sensor, count(*) = count(lidar_points), count(*) = count(radar_points), count(*) = count(pixels),
                count(*) = count(is_los), count(blocker_id) = count(*) FILTER (WHERE NOT is_los)
@@ -123,7 +122,7 @@ def test_visibility_says_what_each_kind_of_sensor_knows(root):
     ]
 
 
-def test_arrow_reads_only_what_is_asked(root):
+def test_arrow_reads_only_the_selection(root):
     table = open_dataset(root).read(
         "poses",
         columns=["frame", "agent", "x"],
@@ -145,13 +144,6 @@ def test_arrow_skips_files_of_other_scenarios(root):
     condition = (pa.compute.field("scenario") == "town_a") & (pa.compute.field("weather") == "sunny")
     files = [fragment.path for fragment in dataset.get_fragments(filter=condition)]
     assert len(files) == 2 and all("scenario=town_a/weather=sunny" in path for path in files)
-
-
-def test_pandas_reads_a_folder(root):
-    filters = [("scenario", "==", "town_b"), ("weather", "==", "rainy"), ("frame", "==", 3)]
-    frame = pd.read_parquet(root / "poses", filters=filters)
-    np.testing.assert_array_equal(frame["x"], make_shard(KEYS[4])["poses"]["x"][12:])
-    assert list(frame["agent"]) == ["cav_1", "cav_2", "cav_3", "rsu_1"]
 
 
 def test_null_means_no_path(root):

@@ -1,4 +1,4 @@
-"""One frame as an object, and the way from the world to an agent, a sensor, a pixel and back."""
+"""One frame as an object, and transforms from the world to an agent, a sensor, a pixel and back."""
 
 import subprocess
 import sys
@@ -36,12 +36,13 @@ def test_open_is_lazy_and_mmw_stays_light() -> None:
     subprocess.run([sys.executable, "-c", code], check=True, cwd=Path(__file__).parents[2])
 
 
-def test_agents_and_what_they_sense(frame: Frame, data: Dataset) -> None:
+def test_agents_and_their_samples(frame: Frame, data: Dataset) -> None:
     assert list(frame.agents) == ["cav_1", "cav_2", "cav_3", "rsu_1"]
     assert frame.time_s == 0.02 and frame.row["cav_count"] == 3
     cav, rsu = frame.agents["cav_2"], frame.agents["rsu_1"]
     assert (cav.role, rsu.role) == ("cav", "rsu")
-    assert set(cav.sweeps) == {"lidar"} and set(cav.imu) == {"imu"} and set(cav.gnss) == {"gnss"} and not rsu.imu
+    assert set(cav.sweeps) == {"lidar"} and set(cav.samples("imu")) == {"imu"}
+    assert set(cav.samples("gnss")) == {"gnss"} and cav.sensor("imu").az > 5.0 and not rsu.samples("imu")
     assert set(cav.views) == {"front"} and set(rsu.views) == {"front", "depth"}
     (row,) = data.read("lidar", weather="rainy", frames=range(2, 3), agent="cav_2").to_pylist()
     cloud = cav.sweeps["lidar"]
@@ -76,15 +77,15 @@ def test_links_hold_their_paths(frame: Frame) -> None:
             assert len(link.vertices(path)) == link.paths["order"][path]
     reflected = [(link, p) for link in frame.links for p in range(len(link.a)) if link.paths["kind"][p] == "specular"]
     assert reflected
-    for link, path in reflected:  # the way over the vertices is c times the delay
+    for link, path in reflected:  # the length over the vertices is c times the delay
         ends = [frame.agents[name].sensor_pose("antenna")[:3] for name in (link.peer, link.agent)]
-        way = np.concatenate([ends[:1], link.vertices(path), ends[1:]])
-        length = np.linalg.norm(np.diff(way, axis=0), axis=1).sum()
+        points = np.concatenate([ends[:1], link.vertices(path), ends[1:]])
+        length = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
         assert length == pytest.approx(299_792_458.0 * link.paths["tau_s"][path], rel=1e-6)
 
 
 def test_lidar_points_and_depth_agree_in_pixels(frame: Frame) -> None:
-    """Returns of the LiDAR, by way of the world, fall on pixels whose depth is theirs."""
+    """Returns of the LiDAR, through the world, fall on pixels whose depth is theirs."""
     rsu = frame.agents["rsu_1"]
     cloud, view = rsu.sweeps["lidar"], rsu.views["depth"]
     depth = view.depth
@@ -186,7 +187,7 @@ def test_tables_as_pandas_and_numpy(data: Dataset) -> None:
     assert only.num_rows == data.arrow("rgb").count_rows() and data.read("rgb", sensor="none").num_rows == 0
 
 
-def test_every_frame_range_reads_what_a_filter_leaves(data: Dataset) -> None:
+def test_every_frame_range_reads_the_rows_of_a_filter(data: Dataset) -> None:
     """Files are left out by their names; the rows are the same as those of a filter over all files."""
     whole = data.read("poses").to_pylist()
     for begin in range(-1, 6):

@@ -18,10 +18,10 @@ from mmw.channel import (
     subcarrier_frequencies,
     ula,
 )
-from mmw.core.transforms import compose, invert, pose_from_ypr, rotate, transform_points
+from mmw.core.transforms import compose, invert, pose_from_ypr, rotate
 from mmw.dataset import BeamSearch, Dataset, connect
 from mmw.dataset.beams import plain_paths
-from tests.fixtures.small_dataset import SCENARIO, small_dataset
+from tests.fixtures.small_dataset import small_dataset
 
 POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
 
@@ -136,17 +136,7 @@ def test_csi_is_the_sum_over_the_paths(data: Dataset, connection: duckdb.DuckDBP
         np.testing.assert_allclose(h, turn @ a, atol=1e-9 * np.abs(a).sum() + 1e-30)
 
 
-def test_points_of_a_sweep_in_the_world(data: Dataset, connection: duckdb.DuckDBPyConnection) -> None:
-    """`lidar_points` and the sweep of a frame are the same points."""
-    query = "SELECT x, y, z FROM lidar_points WHERE weather = 'sunny' AND frame = 3 AND agent = 'cav_2'"
-    rows = connection.sql(query).fetchnumpy()
-    cloud = data.frame(SCENARIO, "sunny", 3).agents["cav_2"].sweeps["lidar"]
-    points = np.stack([rows[axis] for axis in "xyz"], axis=1)
-    np.testing.assert_array_equal(points, cloud.points)
-    np.testing.assert_allclose(cloud.world, transform_points(cloud.pose, points))
-
-
-def test_a_connection_leaves_quietly() -> None:
+def test_a_connection_ends_without_output() -> None:
     """DuckDB reports a connection with Python functions that is open at the end as leaked; ours are closed before."""
     import subprocess
     import sys

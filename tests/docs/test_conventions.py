@@ -60,7 +60,7 @@ def test_carla(tool: str) -> None:
     cells = TOOLS[tool]
     np.testing.assert_allclose(value(cells["point"]), carla_point(POINT))
     roll, yaw, pitch = np.radians(carla_angles(YPR))
-    np.testing.assert_allclose(value(cells["turn"]), [yaw, pitch, roll])
+    np.testing.assert_allclose(value(cells["rotation"]), [yaw, pitch, roll])
     pose = carla_pose(pose_from_ypr(POINT, *YPR))  # x, y, z, roll, yaw, pitch, as the cell of OPV2V says
     np.testing.assert_allclose(np.radians(pose[[4, 5, 3]]), [yaw, pitch, roll])
     # Unreal's own matrix of these angles, written out: yaw and roll turn left-handed, pitch lifts the nose.
@@ -87,7 +87,7 @@ def test_kitti_rotation_y() -> None:
     box = {"x": 20.0, "y": 1.0, "z": 0.0, "yaw": 0.4, "pitch": 0.0, "roll": 0.0}
     box |= {"length": 4.0, "width": 2.0, "height": 1.5, "category": "car"}
     fields = label_line(box, invert(OPTICAL_POSE), camera, None).split()
-    np.testing.assert_allclose(float(fields[-1]), value(TOOLS["KITTI, camera"]["turn"])[0], atol=1e-4)
+    np.testing.assert_allclose(float(fields[-1]), value(TOOLS["KITTI, camera"]["rotation"])[0], atol=1e-4)
     assert [float(size) for size in fields[8:11]] == [1.5, 2.0, 4.0]  # height, width, length
     np.testing.assert_allclose([float(place) for place in fields[11:14]], [-1.0, 0.75, 20.0])  # its underside
 
@@ -96,7 +96,7 @@ def test_kitti_rotation_y() -> None:
 def test_turns_that_are_ours(tool: str) -> None:
     """R = Rz(yaw) Ry(pitch) Rx(roll), built from rotations about single axes."""
     turn = dict(zip(("yaw", "pitch", "roll"), YPR, strict=True))
-    named = [name.strip(" ()") for name in TOOLS[tool]["turn"].split(",")]
+    named = [name.strip(" ()") for name in TOOLS[tool]["rotation"].split(",")]
     assert sorted(named) == ["pitch", "roll", "yaw"]
     c, s = {n: np.cos(a) for n, a in turn.items()}, {n: np.sin(a) for n, a in turn.items()}
     z = np.array([[c["yaw"], -s["yaw"], 0], [s["yaw"], c["yaw"], 0], [0, 0, 1]])
@@ -111,7 +111,7 @@ def test_deepmimo_rotation_and_interactions(tmp_path: Path) -> None:
     antennas = Antennas({(0, "a"): 0}, pose[None], np.zeros((1, 3)), ["cav"])
     deepmimo._write_ends(tmp_path / "ends.npz", antennas, [(0, "a")])
     written = np.load(tmp_path / "ends.npz")["rotation_deg"][0]
-    np.testing.assert_allclose(np.radians(written), value(TOOLS["DeepMIMO"]["turn"]))
+    np.testing.assert_allclose(np.radians(written), value(TOOLS["DeepMIMO"]["rotation"]))
     cells = QUANTITIES["interactions"]
     ours = [int(part.split()[0]) for part in cells["mmw"].split(", ")]
     theirs = [int(part) for part in cells["DeepMIMO v4"].split(", ")]

@@ -1,11 +1,10 @@
-"""The README is short, its links lead somewhere, and its blocks run as they stand and print what it says.
+"""The README is short, and its blocks run as printed and print what it shows.
 
 They run on the small dataset of the tests: agents, links, paths and objects are those of the quickstart; the sensors
-are coarser. Its first block is CI's: `.ci/run` takes the test command from it.
+are coarser. Its first block is CI's: `.ci/run` reads the test command from it.
 """
 
 import os
-import re
 import subprocess
 import sys
 from pathlib import Path
@@ -20,12 +19,6 @@ MAX_BYTES = 6144
 
 def test_the_readme_is_short() -> None:
     assert len(README.read_bytes()) <= MAX_BYTES
-
-
-def test_every_link_leads_to_a_file() -> None:
-    targets = re.findall(r"\]\(([^)]+)\)", README.read_text())
-    assert len(targets) >= 20
-    assert {target for target in targets if not (ROOT / target.split("#")[0]).is_file()} == set()
 
 
 def test_ci_finds_the_test_command() -> None:

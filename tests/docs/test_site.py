@@ -1,4 +1,4 @@
-"""The documentation site: built strictly, every page in its navigation, nothing loaded from another host."""
+"""The documentation site: built strictly, nothing loaded from another host."""
 
 import os
 import re
@@ -8,7 +8,6 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
-import yaml
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
@@ -17,13 +16,13 @@ LOADING = {
     "video": ("src", "poster"), "audio": ("src",), "track": ("src",), "object": ("data",), "link": ("href",),
     "form": ("action",), "use": ("href",), "image": ("href",), "input": ("src",),
 }  # fmt: skip
-"""Element -> attributes that make a browser ask for something without a click."""
+"""Element -> attributes that make a browser load a file without a click."""
 
 ELSEWHERE = re.compile(r"(?:https?:)?//", re.I)
 
 
 class Page(HTMLParser):
-    """What a page loads, its text outside code, and what its classes are."""
+    """Addresses that a page loads, its text outside code, and its classes."""
 
     def __init__(self, text: str) -> None:
         super().__init__()
@@ -70,33 +69,12 @@ def pages(site: Path) -> dict[str, Page]:
     return {str(path.relative_to(site)): Page(path.read_text()) for path in sorted(site.rglob("*.html"))}
 
 
-def navigation() -> list[str]:
-    """Return the files that mkdocs.yml lists."""
-
-    def leaves(item: object) -> list[str]:
-        if isinstance(item, str):
-            return [item]
-        parts = item.values() if isinstance(item, dict) else item
-        return [leaf for part in parts for leaf in leaves(part)]
-
-    return leaves(yaml.safe_load((ROOT / "mkdocs.yml").read_text())["nav"])
-
-
-def test_every_page_is_in_the_navigation_once() -> None:
-    listed = navigation()
-    assert sorted(listed) == sorted(str(path.relative_to(DOCS)) for path in DOCS.rglob("*.md"))
-
-
-def test_every_page_is_built(pages: dict[str, Page]) -> None:
-    assert {name.removesuffix(".md") + ".html" for name in navigation()} <= set(pages)
-
-
 def test_nothing_is_loaded_from_another_host(site: Path, pages: dict[str, Page]) -> None:
     for name, page in pages.items():
         assert page.loads, name
         assert [address for address in page.loads if ELSEWHERE.match(address)] == [], name
         assert not [style for style in page.styles if re.search(r"(?:url\(|@import)\W*(?:https?:)?//", style)], name
-        # The theme's script asks other hosts for diagrams and for facts about a repository, if a page has such.
+        # The theme's script loads diagrams and facts about a repository from other hosts.
         assert not page.classes & {"mermaid", "md-source"}, name
     sheets = list(site.rglob("*.css"))
     assert len(sheets) >= 3
@@ -113,7 +91,7 @@ def test_what_pages_load_is_there(site: Path, pages: dict[str, Page]) -> None:
 
 
 def test_markdown_is_understood_as_it_is_meant(pages: dict[str, Page]) -> None:
-    """Python-Markdown wants a blank line before a list or a table; without it they end up as text."""
+    """Python-Markdown requires a blank line before a list or a table; otherwise they are text."""
     for name, page in pages.items():
         text = "".join(page.prose)
         assert not re.search(r"^\s*(?:- |\* |\d+\. |\|)", text, re.M), name

@@ -106,28 +106,55 @@ def test_verify_finds_a_removed_row(dataset: Path, installed: dict[str, str], tm
 
 
 def test_rows_are_regenerated(dataset: Path, installed: dict[str, str]) -> None:
-    for verb in ("regenerate",):
-        text = run(
-            installed, "-m", "mmw", verb, "altimeter", str(dataset), "frame=3", "weather=rainy", "agent=cav_1",
-            "--compare", "--device", "cpu",
-        )  # fmt: skip
-        assert "equal" in text
+    where = ("frame=3", "weather=rainy", "agent=cav_1")
+    assert "equal" in run(
+        installed, "-m", "mmw", "regenerate", "altimeter", str(dataset), *where, "--compare", "--device", "cpu"
+    )
 
 
-def test_viewer_and_report_show_it(dataset: Path, installed: dict[str, str], tmp_path: Path) -> None:
+def test_it_is_a_time_series_in_viewer_report_and_figures(
+    dataset: Path, installed: dict[str, str], tmp_path: Path
+) -> None:
+    """The package gives no view: its kind, `scalar`, decides."""
     run(installed, "-m", "mmw", "report", str(dataset), "--out", str(tmp_path / "report.html"))
-    assert "altimeter" in (tmp_path / "report.html").read_text()
-    run(installed, "-m", "mmw", "view", str(dataset), "--save", str(tmp_path / "view.rrd"))
-    assert (tmp_path / "view.rrd").stat().st_size > 10_000
-
-
-def test_a_dataset_without_its_package_is_named(dataset: Path, installed: dict[str, str]) -> None:
-    environment = installed | {"PYTHONPATH": str(ROOT)}
+    page = (tmp_path / "report.html").read_text()
+    assert "Radar altimeter samples" in page and "Radar altimeter altimeter: height [m] over time" in page
+    run(installed, "-m", "mmw", "view", str(dataset), "--weather", "sunny", "--save", str(tmp_path / "view.rrd"))
     code = (
         "import mmw\n"
+        "from mmw.viz.plots import plot_readings, plot_sensor\n"
+        "from mmw.viz.rerun.entities import reading_entity\n"
+        "from tests.fixtures.rrd_files import read_recording\n"
+        f"data, scenario = mmw.open({str(dataset)!r}), 'town03_roundabout'\n"
+        f"recording = read_recording({str(tmp_path / 'view.rrd')!r})\n"
+        "rows = data.numpy('altimeter', weather='sunny', agent='cav_2')\n"
+        "for frame, height in zip(rows['frame'], rows['height']):\n"
+        "    entity = reading_entity('altimeter', 'height', 'cav_2')\n"
+        "    assert recording.array(entity, frame, 'Scalars:scalars')[0] == height\n"
+        "(axes,) = plot_readings(data, scenario, 'sunny', 'altimeter').axes\n"
+        "assert axes.get_ylabel() == 'height [m]' and len(axes.lines) == 3\n"
+        "(axes,) = plot_sensor(data, scenario, ['sunny'], 0, 'cav_2', 'altimeter').axes\n"
+        "assert (axes.lines[0].get_ydata() == rows['height']).all()\n"
+    )
+    run(installed, "-c", code)
+
+
+def test_a_dataset_without_its_package_is_named(dataset: Path, installed: dict[str, str], tmp_path: Path) -> None:
+    hidden = (  # an environment of this machine may have the package installed
+        "import importlib.metadata as metadata, sys\n"
+        "found = metadata.entry_points\n"
+        "metadata.entry_points = lambda **group: [e for e in found(**group) if e.name != 'altimeter']\n"
+        "import mmw, mmw.__main__\n"
+    )
+    environment = installed | {"PYTHONPATH": str(ROOT)}
+    code = (
         f"data = mmw.open({str(dataset)!r})\n"
         "data.frame('town03_roundabout', 'sunny', 0).agents['cav_1'].sensor('altimeter')\n"
     )
-    assert "its type 'altimeter' is not known here; install the package" in run(environment, "-c", code, code=1)
-    text = run(environment, "-m", "mmw", "verify", str(dataset), code=2)
+    text = run(environment, "-c", hidden + code, code=1)
+    assert "its type 'altimeter' is not known here; install the package" in text
+    text = run(environment, "-c", f"{hidden}sys.exit(mmw.__main__.main(['verify', {str(dataset)!r}]))", code=2)
     assert "altimeter" in text
+    view = ["view", str(dataset), "--save", str(tmp_path / "view.rrd"), "--no-town"]
+    text = run(environment, "-c", f"{hidden}sys.exit(mmw.__main__.main({view!r}))")
+    assert "altimeter: no installed package provides this type of sensor" in text

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-torch = pytest.importorskip("torch", reason="PyTorch is not installed: pip install 'multimodal-wireless[learn]'")
-pytest.importorskip("transformers", reason="transformers is not installed: pip install 'multimodal-wireless[learn]'")
+torch = pytest.importorskip("torch", reason="PyTorch is not installed: pip install 'multimodal-wireless[torch]'")
+pytest.importorskip("transformers", reason="transformers is not installed: pip install 'multimodal-wireless[torch]'")
 
 from examples.beam_prediction.__main__ import main  # noqa: E402
 from examples.beam_prediction.config import Experiment, load_experiment  # noqa: E402
@@ -134,25 +134,14 @@ def test_further_datasets_train_alone(out: Path, data: BeamData, tmp_path: Path)
     cache, more = tmp_path / "cache", str(smoke_dataset())
     shutil.copytree(out / "cache", cache)
     (cache / "cache.json").unlink()  # it was made of one dataset
-    options = [
-        "--config",
-        CONFIG,
-        "--data",
-        more,
-        "--more",
-        more,
-        "--cache",
-        str(cache),
-        "--out",
-        str(tmp_path / "out"),
-    ]
+    options = ["--config", CONFIG, "--data", more, "--more", more, "--cache", str(cache), "--out", str(tmp_path / "o")]
     assert main([*options, "--steps", "prepare", "--workers", "1", "inputs=[index]"]) == 0
     both = load_data(cache, load_experiment(CONFIG, ["inputs=[index]"]), CPU)
     assert len(both.starts["val"]) == len(data.starts["val"])
     scenarios = {part: {both.track[start][0] for start in rows.tolist()} for part, rows in both.starts.items()}
     assert scenarios == {"train": {"town03_roundabout", "town03_roundabout+1"}, "val": {"town03_roundabout"}}
     assert len(both.frame) == 2 * len(data.frame)
-    assert len(both.starts["train"]) > 2 * len(data.starts["train"])  # none of it is kept for validation
+    assert len(both.starts["train"]) > 2 * len(data.starts["train"])  # none of it is for validation
 
 
 def test_time_that_is_up_leaves_the_rest_for_later(

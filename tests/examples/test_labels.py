@@ -1,7 +1,5 @@
 """Beam prediction's labels, features and windows: searches against brute force, splits without leaks. No PyTorch."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -27,16 +25,17 @@ from examples.beam_prediction.features import (
     part_features,
 )
 from examples.beam_prediction.labels import beam_search, label_channels, part_labels
-from examples.beam_prediction.windows import find_windows, held_from, split, window_table
+from examples.beam_prediction.windows import find_windows, split, window_table, with_oldest_sample
 from mmw.config import load_config
 from mmw.config.yaml_file import ConfigError
 from mmw.core.camera_models import Distortion, Intrinsics
 from mmw.core.transforms import IDENTITY_POSE, pose_from_ypr
 from mmw.dataset import open_dataset
 from mmw.dataset.camera_geometry import Camera
-from mmw.dataset.windows import Feature, Track, Windows, WindowSpec, open_windows, shared_frames
+from mmw.dataset.windows import Feature, Windows, WindowSpec, open_windows, shared_frames
 from tests.fixtures.learn_data import FOLDER
 from tests.fixtures.small_dataset import SCENARIO, small_dataset
+from tests.fixtures.window_data import bare_windows
 
 Q = 64
 
@@ -145,7 +144,7 @@ def test_a_sweep_by_beam_and_distance_has_the_highest_return_of_each_cell() -> N
 
 @pytest.mark.parametrize("yaw_deg", [0.0, 180.0, 90.0])
 def test_an_image_is_seen_where_the_array_looks(yaw_deg: float) -> None:
-    """A mark in an image, at a direction that the camera's own projection gives, comes out in the beam's column."""
+    """A mark in an image, at a direction that the camera's own projection gives, appears in the beam's column."""
     intrinsics = Intrinsics(640, 480, 224.0, 224.0, 320.0, 240.0, Distortion())
     camera = Camera(intrinsics, pose_from_ypr([0, 0, 0], np.radians(yaw_deg), 0, 0))
     pixels = camera_pixels(camera, 48, 256)
@@ -184,24 +183,18 @@ def test_features_of_a_dataset_come_in_the_shape_of_the_network() -> None:
 def windows_of_the_paper(config: WindowConfig) -> Windows:
     """Return the windows of the full dataset, no frame of which is missing."""
     made = load_config(FOLDER / "dataset.yaml")
-    tracks = [
-        Track(scenario.name, "sunny", f"cav_{number + 1}", "cav", np.arange(made.frames_of(scenario).count))
+    frames = {
+        (scenario.name, "sunny", f"cav_{number + 1}"): range(made.frames_of(scenario).count)
         for scenario in made.scenarios
         if scenario.traffic
         for number in range(len(scenario.traffic.cav_ranks))
-    ]
-    rows = [
-        (number, now, now - config.past + 1, now + config.future, 0)
-        for number, track in enumerate(tracks)
-        for now in range(config.past - 1, len(track.frames) - config.future)
-    ]
-    spec = WindowSpec(["poses"], config.past, config.future)
-    return Windows(None, spec, tuple(tracks), {}, *np.array(rows).T, {})  # pyright: ignore[reportArgumentType]
+    }
+    return bare_windows(frames, config.past - 1, 0, config.future)
 
 
 def test_the_full_dataset_gives_as_many_windows_as_the_paper_has() -> None:
     experiment = load_experiment(FOLDER / "experiment.yaml")
-    windows = held_from(windows_of_the_paper(experiment.windows), experiment.features)
+    windows = with_oldest_sample(windows_of_the_paper(experiment.windows), experiment.features)
     assert len(windows.tracks) == 50 and len(windows) == 50_450
     parts = split(windows, experiment.windows)
     assert {name: len(part) for name, part in parts.items()} == {"train": 42_485, "val": 5_440}
@@ -223,8 +216,8 @@ def test_windows_that_are_dealt_singly_share_frames() -> None:
 
 def test_a_held_sample_counts_as_used() -> None:
     windows = windows_of_the_paper(WindowConfig())
-    held = held_from(windows, FeatureConfig())
-    assert (held.first % 10 == 0).all() and (held.now - 39 - held.first < 10).all() and len(held) == len(windows)
+    found = with_oldest_sample(windows, FeatureConfig())
+    assert (found.first % 10 == 0).all() and (found.now - 39 - found.first < 10).all() and len(found) == len(windows)
 
 
 def test_windows_of_a_dataset_become_a_table() -> None:
@@ -271,6 +264,5 @@ def test_configurations_of_datasets_are_valid() -> None:
     full = load_config(FOLDER / "dataset.yaml")
     assert len(full.scenarios) == 16 and full.frame_total == 16_900 and full.channel.carriers_hz == (28e9,)
     assert {sensor.name for sensor in full.sensors} == {"lidar", "front", "back", "left", "right"}
-    assert all(sensor.every_frames == 10 for sensor in full.sensors if sensor.type == "rgb")
+    assert all(sensor.rate_hz == 10 for sensor in full.sensors if sensor.type == "rgb")
     assert load_config(FOLDER / "dataset_smoke.yaml").frame_total == 80
-    assert isinstance(Path(FOLDER), Path)

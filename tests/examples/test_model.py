@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-torch = pytest.importorskip("torch", reason="PyTorch is not installed: pip install 'multimodal-wireless[learn]'")
-pytest.importorskip("transformers", reason="transformers is not installed: pip install 'multimodal-wireless[learn]'")
+torch = pytest.importorskip("torch", reason="PyTorch is not installed: pip install 'multimodal-wireless[torch]'")
+pytest.importorskip("transformers", reason="transformers is not installed: pip install 'multimodal-wireless[torch]'")
 
 from torch import Tensor  # noqa: E402
 from transformers import GPT2Config, GPT2Model  # noqa: E402
@@ -33,7 +33,7 @@ CONFIG = ModelConfig(
 
 @pytest.fixture
 def data() -> BeamData:
-    """Return 100 made-up frames of one vehicle with two sensors at 10 Hz."""
+    """Return 100 synthetic frames of one vehicle with two sensors at 10 Hz."""
     generator = torch.Generator().manual_seed(3)
     count = 100
     beam = torch.randint(0, Q, (count,), generator=generator)
@@ -133,7 +133,7 @@ def test_a_window_is_predicted_alike_in_any_batch(data: BeamData) -> None:
 
 
 def test_no_frame_sees_a_sample_of_later_frames(data: BeamData) -> None:
-    """Tokens of the past hold samples up to their own time; the state at a token knows nothing of later tokens."""
+    """Tokens of the past hold samples up to their own time; the state at a token does not depend on later tokens."""
     torch.manual_seed(0)
     model = BeamPredictor(CONFIG, data, SOURCES).eval()
     batch = data.batch(torch.tensor([5]), SOURCES)  # frames 5 to 16: samples 0 and 1
@@ -147,8 +147,8 @@ def test_no_frame_sees_a_sample_of_later_frames(data: BeamData) -> None:
 def test_some_windows_are_trained_without_a_sensor(data: BeamData) -> None:
     torch.manual_seed(0)
     model = BeamPredictor(CONFIG.model_copy(update={"sensor_dropout": 0.5}), data, SOURCES)
-    assert (model._kept(1000, torch.device("cpu"))["lidar"].mean() - 0.5).abs() < 0.1
-    assert (model.eval()._kept(1000, torch.device("cpu"))["camera"] == 1).all()
+    assert (model._modality_weights(1000, torch.device("cpu"))["lidar"].mean() - 0.5).abs() < 0.1
+    assert (model.eval()._modality_weights(1000, torch.device("cpu"))["camera"] == 1).all()
 
 
 def test_what_is_learned_in_one_direction_holds_in_all(data: BeamData) -> None:
@@ -170,7 +170,7 @@ def test_what_is_learned_in_one_direction_holds_in_all(data: BeamData) -> None:
 
 
 def test_sensors_of_a_vehicle_are_seen_whole(data: BeamData) -> None:
-    """Their columns are beams of the vehicle, so the transmitter's beam says nothing about them."""
+    """Their columns are beams of the vehicle, so they do not depend on the transmitter's beam."""
     model = BeamPredictor(CONFIG, data, ["cav/lidar"]).eval()
     assert model.readers["cav_lidar"].columns == Q
     batch = data.batch(torch.tensor([3, 21]), ["cav/lidar"])
@@ -194,11 +194,11 @@ def test_a_hint_shows_the_beam_of_a_sample() -> None:
     assert found.shape == (2, 3, 32)
     peak = found.argmax(dim=2)
     assert peak[0, 0] in (13, 14) and peak[0, 1] in (19, 20) and peak[1, 0] in (13, 14) and peak[1, 1] in (17, 18)
-    assert not found[0, 2].any() and found[1, 2].max() < 1e-9  # none known; out of what is seen
+    assert not found[0, 2].any() and found[1, 2].max() < 1e-9  # none is known; outside the crop
 
 
 def test_angles_between_beams_are_found() -> None:
-    """Of one path in a known direction, the two strongest beams say where it is between them."""
+    """Of one path in a known direction, the two strongest beams give its position between them."""
     angle = torch.tensor([0.0, 7.3, 20.5, 41.75, 63.6])
     n = np.arange(64)
     h = np.exp(2j * np.pi * np.outer(angle.numpy(), n) / Q).conj()[:, None, :]  # one receive antenna
@@ -210,7 +210,7 @@ def test_angles_between_beams_are_found() -> None:
 
 
 def test_known_angles_make_a_straight_line_better() -> None:
-    """A beam that will move on in two frames has not moved yet: only its angle tells."""
+    """A beam that will move on in two frames has not moved yet: only its angle has."""
     angle = 10.01 + 0.02 * (torch.arange(50) - 20.0)  # 10.5 after the 44th frame
     beams = torch.round(angle).long()[None]
     assert (beams[0, :40] == 10).all() and beams[0, 49] == 11

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 import warp as wp
 
-from mmw.channel.path_solver.coplanar import group_coplanar
+from mmw.channel.path_solver.surface_table import group_coplanar
 from mmw.config import Config, load_config
 from mmw.core.resources import configs_dir
 from mmw.generation.precompile import BLOCKS, compiled_ahead, kernel_cache, lock_name, needed_modules
-from mmw.storage.lock import only_one
+from mmw.storage.lock import exclusive_lock
 
 KERNELS = Path(__file__).parents[2] / "kernels"
 ALWAYS = {"core.instance_bounds", "core.line_of_sight", "core.trace"}
@@ -27,8 +27,8 @@ def test_what_is_needed_follows_the_sensors() -> None:
     assert set(lidar) == {*ALWAYS, "lidar.trace", "lidar.returns"}
     radar = needed_modules(config_with("sensors=[{type: radar}]", "channel.enabled=false"))
     assert set(radar) == {*ALWAYS, "radar.trace", "radar.resolution_cells", "radar.detection"}
-    compat = needed_modules(config_with("sensors=[{type: radar, mode: compat}]", "channel.enabled=false"))
-    assert set(compat) == {*ALWAYS, "radar.trace"}
+    carla = needed_modules(config_with("sensors=[{type: radar, mode: carla}]", "channel.enabled=false"))
+    assert set(carla) == {*ALWAYS, "radar.trace"}
     assert {"channel.image_method", "channel.reflection_candidates"} < set(
         needed_modules(config_with("sensors=[{type: imu}]"))
     )
@@ -61,7 +61,10 @@ def test_files_that_cast_rays_are_compiled_for_small_blocks_alone() -> None:
 
 def test_modules_are_loaded_when_the_futures_are_done() -> None:
     config = config_with("sensors=[{type: imu}]", "channel.enabled=false")
-    with only_one(kernel_cache(), lock_name("core.line_of_sight", None)), compiled_ahead(config, "cpu") as futures:
+    with (
+        exclusive_lock(kernel_cache(), lock_name("core.line_of_sight", None)),
+        compiled_ahead(config, "cpu") as futures,
+    ):
         time.sleep(0.5)
         assert not all(future.done() for future in futures)  # another worker seems to compile one
     with compiled_ahead(config, "cpu") as futures:

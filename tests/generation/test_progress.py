@@ -1,4 +1,4 @@
-"""What a run says before and after: the bytes that it foresees, and the tables of what was made."""
+"""Output of a run before and after: the bytes that it estimates, and the tables that it wrote."""
 
 import re
 from typing import Any
@@ -16,12 +16,12 @@ FULL_BYTES = 77_648e6
 
 
 def summary(workers: int, tables: dict[str, dict[str, Any]], seconds: dict[str, float]) -> list[str]:
-    clock = StageTimer()
-    clock.seconds.update(seconds)
-    clock.rays["front, back, left, right, depth"] = 62_000_000_000
+    timer = StageTimer()
+    timer.seconds.update(seconds)
+    timer.rays["front, back, left, right, depth"] = 62_000_000_000
     config: Config = load_config(configs_dir() / "quickstart.yaml")
     totals = {"rows": sum(t["rows"] for t in tables.values()), "bytes": sum(t["bytes"] for t in tables.values())}
-    return closing_summary("out/here", config, "a GPU", workers, {"tables": tables, **totals}, clock, 9600).splitlines()
+    return closing_summary("out/here", config, "a GPU", workers, {"tables": tables, **totals}, timer, 9600).splitlines()
 
 
 def test_columns_stand_below_each_other() -> None:

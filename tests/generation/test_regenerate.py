@@ -2,7 +2,6 @@
 
 import io
 import json
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -14,14 +13,9 @@ from PIL import Image
 from mmw.__main__ import main as mmw
 from mmw.dataset import open_dataset
 from mmw.generation.regenerate import RowRegenerator, differing_columns, select_rows
-from tests.fixtures.small_dataset import SCENARIO, copy_of, part, read_once, replace_column, rewrite, small_dataset
+from tests.fixtures.small_dataset import SCENARIO, copy_of, one_scene, part, replace_column, rewrite, small_dataset
 
-
-@pytest.fixture(scope="module", autouse=True)
-def one_scene() -> Iterator[None]:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("mmw.generation.regenerate.read_scenario", read_once)
-        yield
+__all__ = ["one_scene"]
 
 
 @pytest.fixture(scope="module")
@@ -30,9 +24,9 @@ def root() -> Path:
 
 
 @pytest.fixture(scope="module")
-def maker(root: Path):
-    with RowRegenerator(root, "cpu") as maker:
-        yield maker
+def regenerator(root: Path):
+    with RowRegenerator(root, "cpu") as regenerator:
+        yield regenerator
 
 
 @pytest.mark.parametrize(
@@ -56,8 +50,8 @@ def maker(root: Path):
     ],
 )
 @pytest.mark.parametrize("weather", ["sunny", "rainy"])
-def test_rows_made_alone_equal_the_stored_ones(root, maker, table, key, rows, weather) -> None:
-    made = maker.rows(table, SCENARIO, weather, **key)
+def test_rows_made_alone_equal_the_stored_ones(root, regenerator, table, key, rows, weather) -> None:
+    made = regenerator.rows(table, SCENARIO, weather, **key)
     stored = open_dataset(root).read(table, scenario=SCENARIO, weather=weather, frames=range(key["frame"], 4))
     stored = select_rows(stored.select(made.column_names), key)
     assert made.num_rows == (stored.num_rows if rows is None else rows)
@@ -65,16 +59,16 @@ def test_rows_made_alone_equal_the_stored_ones(root, maker, table, key, rows, we
 
 
 @pytest.mark.parametrize("table", ["objects", "sensors", "materials"])
-def test_static_tables_are_made_too(root, maker, table) -> None:
-    made = maker.rows(table, SCENARIO)
+def test_static_tables_are_made_too(root, regenerator, table) -> None:
+    made = regenerator.rows(table, SCENARIO)
     assert differing_columns(made, open_dataset(root).read(table, columns=made.column_names)) == []
     assert made.num_rows > 10
 
 
-def test_one_agent_traces_its_own_sensors_alone(maker) -> None:
-    job = maker._restricted("rgb", maker.config.scenarios[0], "cav_1", None)
-    assert [sensor.name for sensor in job.config.sensors] == ["front"] and job.arrays.sensing == {"cav_1"}
-    assert job.surfaces is None
+def test_one_agent_traces_its_own_sensors_alone(regenerator) -> None:
+    batch = regenerator._restricted("rgb", regenerator.config.scenarios[0], "cav_1", None)
+    assert [sensor.name for sensor in batch.config.sensors] == ["front"] and batch.arrays.sensing == {"cav_1"}
+    assert batch.surfaces is None
 
 
 def test_differences_are_seen_to_the_last_bit() -> None:

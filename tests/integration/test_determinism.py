@@ -1,4 +1,4 @@
-"""Promises of `docs/concepts/determinism.md`: the kind of machine is recorded; another one is told, not refused."""
+"""Promises of `docs/concepts/determinism.md`: the kind of machine is recorded; another one is noted, not refused."""
 
 import json
 import shutil
@@ -14,23 +14,15 @@ from mmw.core import cpu_kind as cpu
 from mmw.core.device import machine_kind
 from mmw.storage.file_checks import verify
 from mmw.storage.manifest import read_dataset, read_markers
-from tests.fixtures.own_world import assert_same_rows, command, write_own_world
+from tests.fixtures.own_world import assert_same_files, command
 
 OTHER = "Some CPU (family 6, model 85, AVX2)"
-
-
-@pytest.fixture(scope="module")
-def world(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A small stage of one's own, ten frames, two a shard, in two weathers, and its dataset."""
-    folder = write_own_world(tmp_path_factory.mktemp("determinism"))
-    assert main(command(folder, "alone", "--workers", "1")) == 0
-    return folder
 
 
 @pytest.fixture
 def dataset(world: Path) -> Path:
     shutil.rmtree(world / "copy", ignore_errors=True)
-    return Path(shutil.copytree(world / "alone", world / "copy"))
+    return Path(shutil.copytree(world / "single", world / "copy"))
 
 
 AMD = """processor\t: 0
@@ -51,20 +43,20 @@ CPU part\t: 0xd40
 
 def test_a_processor_is_named_by_model_and_width(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     more = " avx512f avx512bw avx512dq avx512vl"
-    assert cpu.described(AMD.format(more=more)) == "AMD EPYC (family 25, model 17, AVX-512)"
-    assert cpu.described(AMD.format(more="")) == "AMD EPYC (family 25, model 17, AVX2)"
-    assert cpu.described(AMD.format(more="").replace("avx2 fma", "")) == "AMD EPYC (family 25, model 17, AVX)"
-    assert cpu.described(ARM).endswith(" (implementer 0x41, part 0xd40, NEON)")
-    assert cpu.described("") == cpu.described("nothing\n") == ""
+    assert cpu.parse_cpu_info(AMD.format(more=more)) == "AMD EPYC (family 25, model 17, AVX-512)"
+    assert cpu.parse_cpu_info(AMD.format(more="")) == "AMD EPYC (family 25, model 17, AVX2)"
+    assert cpu.parse_cpu_info(AMD.format(more="").replace("avx2 fma", "")) == "AMD EPYC (family 25, model 17, AVX)"
+    assert cpu.parse_cpu_info(ARM).endswith(" (implementer 0x41, part 0xd40, NEON)")
+    assert cpu.parse_cpu_info("") == cpu.parse_cpu_info("nothing\n") == ""
     monkeypatch.setattr(cpu, "CPU_INFO", tmp_path / "none")
     monkeypatch.setattr(cpu.platform, "processor", lambda: "i386")
     assert cpu.cpu_kind.__wrapped__() == "i386"
 
 
 def test_every_shard_says_what_made_it(world: Path) -> None:
-    made_on = {marker["device"] for marker in read_markers(world / "alone")}
+    made_on = {marker["device"] for marker in read_markers(world / "single")}
     assert made_on == {machine_kind("cpu")} == {cpu.cpu_kind()}
-    assert read_dataset(world / "alone")["versions"]["device"] == cpu.cpu_kind()
+    assert read_dataset(world / "single")["versions"]["device"] == cpu.cpu_kind()
 
 
 def begun_elsewhere(dataset: Path) -> None:
@@ -84,7 +76,7 @@ def test_a_run_goes_on_on_another_kind_of_machine(world: Path, dataset: Path, ca
     lines = [line for line in capsys.readouterr().err.splitlines() if OTHER in line]
     assert len(lines) == 1 and f"begun on {OTHER}, goes on on {cpu.cpu_kind()}" in lines[0]
     assert "last bits may differ" in lines[0] and "go on where it began" in lines[0]
-    assert_same_rows(world / "alone", dataset)  # of one machine, in truth
+    assert_same_files(world / "single", dataset)  # of one machine, in truth
     (finding,) = verify(dataset)
     assert not finding.is_error and "made on 2 kinds of machine" in finding.text and OTHER in finding.text
     assert mmw_main(["verify", str(dataset)]) == 0

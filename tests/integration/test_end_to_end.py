@@ -2,14 +2,10 @@
 
 import json
 import re
-import signal
 import subprocess
-import sys
-import time
 from pathlib import Path
 
 import duckdb
-import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from pxr import Usd, UsdGeom
@@ -22,12 +18,12 @@ from mmw.generation.estimate import frame_cost
 from mmw.generation.progress import example_query
 from mmw.storage.file_checks import verify
 from mmw.storage.schemas import TABLES
-from tests.fixtures.own_world import STAGE, write_own_world
+from tests.fixtures.own_world import STAGE, assert_same_rows, run_own
 
 SMALL = [
-    "frames.count=6",
+    "frames.count=4",
     "output.shard_frames=2",
-    "channel.rays=20_000",
+    "channel.samples_per_tx=20_000",
     "channel.links=[v2i, v2v]",
     "weathers=[sunny, rainy]",
     "sensors=[{type: lidar, channels: 8, points_per_channel: 64}, "
@@ -40,20 +36,6 @@ CONFIG = str(configs_dir() / "quickstart.yaml")
 
 def command(out: Path, *extra: str) -> list[str]:
     return ["--config", CONFIG, *SMALL, *extra, "--out", str(out), "--device", "cpu"]
-
-
-def rows_of(root: Path) -> dict[str, pa.Table]:
-    """Every Parquet file of a dataset by its path; the manifest, which holds times, is left out."""
-    files = sorted(p for p in root.rglob("*.parquet") if not p.name.startswith("_"))
-    return {str(p.relative_to(root)): pq.ParquetFile(p).read() for p in files}
-
-
-def assert_same_rows(one: Path, other: Path) -> None:
-    first, second = rows_of(one), rows_of(other)
-    assert list(first) == list(second)
-    for path, table in first.items():
-        assert table.num_rows == second[path].num_rows, path
-        assert table.equals(second[path]), path
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +52,7 @@ def test_every_table_is_there_and_complete(dataset: Path) -> None:
         for name in set(TABLES) - NO_ROWS
     }
     assert set(open_dataset(dataset).tables) == set(counts)
-    frames, weathers, carriers, cavs, rsus = 6, 2, 2, 3, 1
+    frames, weathers, carriers, cavs, rsus = 4, 2, 2, 3, 1
     assert counts["frames"] == frames * weathers
     assert counts["poses"] == counts["lidar"] == frames * weathers * (cavs + rsus)
     assert counts["depth"] == counts["segmentation"] == frames * weathers * rsus
@@ -129,30 +111,6 @@ def test_provenance(dataset: Path) -> None:
     assert table.metadata[b"mmw.config_sha256"].decode() == head["config_sha256"]
 
 
-def test_batch_size_does_not_change_a_row(dataset: Path, tmp_path: Path) -> None:
-    assert main(command(tmp_path / "d", "--batch-frames", "1")) == 0
-    assert_same_rows(dataset, tmp_path / "d")
-
-
-@pytest.mark.slow
-def test_killed_and_resumed_equals_undisturbed(dataset: Path, tmp_path: Path) -> None:
-    root = tmp_path / "d"
-    arguments = [sys.executable, "-m", "mmw.run", *command(root)]
-    markers, ends = root / "_shards", []
-    for wanted in (0, 1, 3):
-        process = subprocess.Popen(arguments, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        while process.poll() is None:
-            if (root / "dataset.json").exists() and len(list(markers.glob("*.json"))) > wanted:
-                break
-            time.sleep(0.01)
-        process.kill()  # does nothing if it has ended
-        ends.append(process.wait())
-    assert ends[:2] == [-signal.SIGKILL] * 2
-    assert main(command(root)) == 0
-    assert verify(root) == []
-    assert_same_rows(dataset, root)
-
-
 def test_a_finished_dataset_is_left_alone(dataset: Path) -> None:
     before = {p: p.stat().st_mtime_ns for p in dataset.rglob("part-*.parquet")}
     assert main(command(dataset)) == 0
@@ -194,13 +152,8 @@ def test_another_configuration_is_refused(dataset: Path, capsys: pytest.CaptureF
     assert "seed" in text
 
 
-@pytest.fixture
-def own_world(tmp_path: Path) -> Path:
-    return write_own_world(tmp_path)
-
-
 def test_a_stage_of_ones_own_runs_through_the_same_path(own_world: Path) -> None:
-    assert main(["--config", str(own_world / "mine.yaml"), "--out", str(own_world / "d"), "--device", "cpu"]) == 0
+    assert run_own(own_world, "d") == 0
     kinds = duckdb.sql(
         f"SELECT kind, count(*) FROM '{own_world}/d/paths/**/*.parquet' GROUP BY kind ORDER BY kind"
     ).fetchall()
@@ -222,29 +175,23 @@ def test_a_stage_of_ones_own_runs_through_the_same_path(own_world: Path) -> None
     ],
 )
 def test_bad_stages_are_exit_code_2(own_world: Path, change: str, part: str, capsys: pytest.CaptureFixture) -> None:
-    assert (
-        main(["--config", str(own_world / "mine.yaml"), change, "--out", str(own_world / "d"), "--device", "cpu"]) == 2
-    )
+    assert run_own(own_world, "d", change) == 2
     assert part in capsys.readouterr().err
 
 
-def make_own(own_world: Path, out: str, *changes: str, config: str = "mine.yaml") -> int:
-    return main(["--config", str(own_world / config), *changes, "--out", str(own_world / out), "--device", "cpu"])
-
-
 def test_the_stored_configuration_makes_the_same_data(own_world: Path) -> None:
-    assert make_own(own_world, "d", "channel.carriers_hz=[28e9]", "seed=7") == 0
-    assert make_own(own_world, "again", config="d/config.yaml") == 0
+    assert run_own(own_world, "d", "channel.carriers_hz=[28e9]", "seed=7") == 0
+    assert run_own(own_world, "again", config="d/config.yaml") == 0
     assert_same_rows(own_world / "d", own_world / "again")
     stored = load_config(own_world / "d" / "config.yaml")
-    assert (stored.seed, stored.channel.rays) == (7, 10_000)
+    assert (stored.seed, stored.channel.samples_per_tx) == (7, 10_000)
     assert Path(stored.scenarios[0].stage) == (own_world / "mine.usda").resolve()
 
 
 def test_the_query_of_the_summary_can_be_pasted(own_world: Path) -> None:
     """Also where the folder has spaces and both quotes in its name."""
     name = """it's a "test" $HOME"""
-    assert make_own(own_world, name, "frames.count=2", "sensors=[]") == 0
+    assert run_own(own_world, name, "frames.count=2", "sensors=[]") == 0
     config = load_config(own_world / "mine.yaml", ["frames.count=2", "sensors=[]"])
     line = example_query(own_world / name, config)
     shown = subprocess.run(["sh", "-c", line], capture_output=True, text=True, check=True, cwd=Path(CONFIG).parents[1])
@@ -252,7 +199,7 @@ def test_the_query_of_the_summary_can_be_pasted(own_world: Path) -> None:
 
 
 def test_nothing_but_ground_truth(own_world: Path) -> None:
-    assert make_own(own_world, "d", "sensors=[]", "channel.enabled=false", "frames.count=1") == 0
+    assert run_own(own_world, "d", "sensors=[]", "channel.enabled=false", "frames.count=1") == 0
     assert open_dataset(own_world / "d").read("poses").num_rows == 2
     assert open_dataset(own_world / "d").read("sensors").num_rows == 0
 
@@ -265,7 +212,7 @@ def test_roadside_units_of_the_file_stand_on_an_own_stage(own_world: Path) -> No
     turned = turned.replace("(-50, -50, 0), (50, -50, 0), (50, 50, 0), (-50, 50, 0)", flat)
     (own_world / "turned.usda").write_text(turned.replace("(0.9, 0, 0)", "(90, 0, 0)"))
     for name in ("mine.usda", "turned.usda"):
-        assert make_own(own_world, f"{name}.d", rsus, f"scenarios.0.stage={name}") == 0
+        assert run_own(own_world, f"{name}.d", rsus, f"scenarios.0.stage={name}") == 0
         poses = open_dataset(own_world / f"{name}.d").read("poses", agent="gate")
         assert poses.num_rows == 10
         pose = [poses.column(c)[3].as_py() for c in ("x", "y", "z", "qx", "qy", "qz", "qw", "vx")]
@@ -276,7 +223,7 @@ def test_roadside_units_of_the_file_stand_on_an_own_stage(own_world: Path) -> No
 
 
 def test_a_unit_under_the_ground_is_refused(own_world: Path, capsys: pytest.CaptureFixture) -> None:
-    assert make_own(own_world, "d", "scenarios.0.rsus=[{name: gate, position_m: [5, -8, -9]}]") == 2
+    assert run_own(own_world, "d", "scenarios.0.rsus=[{name: gate, position_m: [5, -8, -9]}]") == 2
     text = capsys.readouterr().err
     assert "gate: antenna at (0.0, 0.0, 4.0) m is inside /World/" in text and "raise or move the unit" in text
     assert "Mast" not in text
@@ -285,20 +232,20 @@ def test_a_unit_under_the_ground_is_refused(own_world: Path, capsys: pytest.Capt
 def test_going_on_with_other_versions_is_noted_and_with_another_stage_refused(
     own_world: Path, capsys: pytest.CaptureFixture
 ) -> None:
-    assert make_own(own_world, "d") == 0
+    assert run_own(own_world, "d") == 0
     path = own_world / "d" / "dataset.json"
     path.write_text(path.read_text().replace('"numpy": "', '"numpy": "0.1.'))
     capsys.readouterr()
-    assert make_own(own_world, "d") == 0
+    assert run_own(own_world, "d") == 0
     assert "begun with numpy '0.1." in capsys.readouterr().err
     (own_world / "mine.usda").write_text(STAGE.replace("(0.9, 0, 0)", "(0.8, 0, 0)"))
-    assert make_own(own_world, "d") == 2
+    assert run_own(own_world, "d") == 2
     assert "mine.usda changed" in capsys.readouterr().err
-    assert make_own(own_world, "d", "--overwrite") == 0
+    assert run_own(own_world, "d", "--overwrite") == 0
 
 
 def test_a_wrong_first_try_does_not_block_the_folder(own_world: Path) -> None:
-    assert make_own(own_world, "d", "frames.count=500") == 2
-    assert make_own(own_world, "d") == 0
+    assert run_own(own_world, "d", "frames.count=500") == 2
+    assert run_own(own_world, "d") == 0
     assert load_config(own_world / "d" / "config.yaml").frames.count == 10
     assert verify(own_world / "d") == []

@@ -1,9 +1,12 @@
 """Every sensor in every mode and with every key set, in one run: tables, batches, weathers, resuming, stored values."""
 
 import os
+import shutil
 from pathlib import Path
 
 import duckdb
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
 import pytest
 
 from mmw.__main__ import main as mmw
@@ -11,189 +14,13 @@ from mmw.cli.run import main
 from mmw.config import load_config
 from mmw.config.load import to_yaml
 from mmw.config.section import Section
+from mmw.config.sensor_spec import spec_of
 from mmw.config.sensors import default_sensors
 from mmw.dataset import connect, open_dataset
 from mmw.storage import atomic_files as publish
 from mmw.storage.schemas import TABLES
-from tests.fixtures.own_world import STAGE
-from tests.integration.test_end_to_end import assert_same_rows, rows_of
+from tests.fixtures.own_world import DATA, assert_same_rows, run_own, table_files
 
-CONFIG = """
-scenarios:
-  - name: mine
-    stage: mine.usda
-    actor_roles: {/World/Ego: cav, /World/Mast: rsu}
-    material_map: {"/World/*": itu_concrete}
-weathers: [sunny, foggy, mine]
-air:
-  mine: {carla: {precipitation: 80, fog_density: 20, wetness: 90}, temperature_c: 4}
-frames: {start: 3, count: 2}
-output: {shard_frames: 1}
-channel: {candidates: exhaustive, carriers_hz: [28e9]}
-compute: {batch_frames: 2}
-sensors:
-  - type: lidar
-    name: compat
-    mode: compat
-    on: [rsu]
-    channels: 4
-    points_per_channel: 32
-    range_m: 80
-    upper_fov_deg: -2
-    lower_fov_deg: -30
-    horizontal_fov_deg: 270
-    mount: {rsu: {position_m: [0.1, 0, 3.6], yaw_deg: 180}}
-    carla:
-      atmosphere_attenuation_rate: 0.01
-      dropoff_general_rate: 0.1
-      dropoff_intensity_limit: 0.9
-      dropoff_zero_intensity: 0.5
-      noise_stddev: 0.02
-  - type: lidar
-    name: physical
-    elevations_deg: [3.0, 1.0, -2.0, -8.0, -20.0]
-    points_per_channel: 32
-    returns: dual
-    preset: nir1550
-    optics:
-      wavelength_nm: 905
-      aperture_m: 0.03
-      divergence: 0.002
-      min_power: 1e-5
-      overlap_start_m: 0.5
-      overlap_full_m: 3.0
-      pulse_s: 1e-8
-      nearest_m: 1.5
-      range_resolution_m: 0.05
-      drop_backscatter: 0.6
-    detection: absolute
-    detection_margin_db: 6
-    rolling: true
-    deskew: true
-    scene_flow: true
-  - type: depth
-    name: camera
-    on: [cav, rsu]
-    width_px: 48
-    height_px: 32
-    fov_deg: 90
-    range_m: 900
-    format: float32
-    segmentation: true
-    mount: {rsu: {position_m: [0, 0, 3.9], yaw_deg: 180, pitch_deg: 10, roll_deg: 2}}
-  - {type: depth, name: plain, boxes_2d: false, width_px: 16, height_px: 16}
-  - type: rgb
-    name: colour
-    on: [cav]
-    every_frames: 2
-    width_px: 48
-    height_px: 32
-    fov_deg: 90
-    range_m: 2000
-    samples: 9
-    shadows: false
-    sky_light: false
-    reflections: false
-    format: png
-    jpeg_quality: 80
-    jpeg_subsampling: "4:4:4"
-    segmentation: true
-    boxes_2d: false
-    normals: true
-    flow: true
-    debug: true
-    mount: {cav: {position_m: [1, 0, 2.2], yaw_deg: 10, pitch_deg: 5}}
-    lens:
-      model: brown_conrady
-      k1: -0.05
-      k2: 0.01
-      k3: -0.001
-      k4: 0.02
-      k5: 0.003
-      k6: 0.0004
-      p1: 0.001
-      p2: -0.002
-      fx_px: 30
-      fy_px: 31
-      cx_px: 23
-      cy_px: 17
-    image:
-      exposure: {mode: auto, ev_compensation: 0.5, min_ev100: 0, max_ev100: 16}
-      shutter_ms: 8
-      motion_blur: true
-      tone_map: none
-      noise: {enabled: true, full_well: 5000, read_noise: 5}
-      vignette: 0.3
-      streak_strength: 2
-      lens_drops: 6
-  - {type: rgb, name: still, width_px: 16, height_px: 16, image: {streaks: false, exposure: {ev100: 13}}}
-  - type: imu
-    name: physical_imu
-    on: [cav, rsu]
-    mode: physical
-    handedness: left
-    accel_lag_frames: 1
-    gyro_bias: 0.002
-    accel_noise_std: 0.2
-    gyro_noise_std: 0.004
-    accel_noise_density: 0.02
-    gyro_noise_density: 4e-4
-    accel_random_walk: 2e-4
-    gyro_random_walk: 2e-5
-    bias_correlation_s: 50
-    accel_turn_on_std: 0.1
-    gyro_turn_on_std: 0.01
-    accel_scale_std: 0.01
-    gyro_scale_std: 0.02
-    misalignment_std_deg: 1
-    mount: {cav: {position_m: [0.5, 0, 0.3]}}
-  - {type: imu}
-  - type: gnss
-    name: physical_gnss
-    on: [cav, rsu]
-    mode: physical
-    rate_hz: 25
-    reference_latitude_deg: 12
-    reference_longitude_deg: -30
-    reference_altitude_m: 100
-    heading_noise_std_deg: 0.5
-    latitude_noise_std_deg: 2e-5
-    longitude_noise_std_deg: 3e-5
-    altitude_noise_std_m: 0.1
-    speed_noise_std_m_s: 0.1
-    horizontal_drift_std_m: 2
-    vertical_drift_std_m: 3
-    drift_correlation_s: 60
-    horizontal_noise_std_m: 0.2
-    vertical_noise_std_m: 0.3
-    velocity_noise_std_m_s: 0.1
-    mount: {cav: {position_m: [0, 0, 2.2]}}
-  - {type: gnss}
-  - {type: radar, name: carla, mode: compat, points: 100, on: [cav, rsu], range_m: 80}
-  - type: radar
-    name: maps
-    horizontal_fov_deg: 100
-    vertical_fov_deg: 40
-    azimuth_rays: 24
-    elevation_rays: 8
-    carrier_hz: 79e9
-    bandwidth_hz: 100e6
-    chirp_time_s: 5e-4
-    frame_time_s: 5e-3
-    azimuth_antennas: 16
-    elevation_antennas: 2
-    transmit_power_dbm: 15
-    antenna_gain_dbi: 12
-    horizontal_beam_deg: 60
-    vertical_beam_deg: 20
-    reference_snr_db: 20
-    false_alarm_probability: 1e-4
-    wet_radome_db: 3
-    maps: [range_azimuth, range_doppler]
-    iq: true
-    mount: {rsu: {position_m: [0, 0, 4.2], yaw_deg: 180, pitch_deg: 5}}
-  - {type: radar, name: dense, on: [cav], output: dense, azimuth_rays: 24, elevation_rays: 8}
-"""
 VIEWS = 2
 """Samples that one agent's sensor gives in one weather: the frames."""
 ROWS = {
@@ -217,18 +44,14 @@ ROWS = {
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("every")
-    (folder / "mine.usda").write_text(STAGE)
-    (folder / "mine.yaml").write_text(CONFIG)
+    shutil.copy(DATA / "mine.usda", folder)
+    shutil.copy(DATA / "every_sensor.yaml", folder / "mine.yaml")
     return folder
-
-
-def make(folder: Path, out: str, *changes: str, config: str = "mine.yaml") -> int:
-    return main(["--config", str(folder / config), *changes, "--out", str(folder / out), "--device", "cpu"])
 
 
 @pytest.fixture(scope="module")
 def dataset(folder: Path) -> Path:
-    assert make(folder, "d") == 0
+    assert run_own(folder, "d") == 0
     return folder / "d"
 
 
@@ -237,7 +60,7 @@ def test_every_key_of_every_sensor_is_set(folder: Path) -> None:
     sensors = load_config(folder / "mine.yaml").sensors
     for default in default_sensors():
         own = [sensor for sensor in sensors if sensor.type == default.type]
-        for name in set(type(default).model_fields) - {"type"}:
+        for name in set(type(default).model_fields) - {"type", "rate_hz"}:  # rates: below
             usual, values = getattr(default, name), [getattr(sensor, name) for sensor in own]
             assert any(value != usual for value in values), (default.type, name)
             if isinstance(usual, Section):
@@ -269,21 +92,21 @@ def test_every_mode_leaves_its_mark(dataset: Path) -> None:
 
     assert one("SELECT DISTINCT kind FROM radar_maps ORDER BY kind") == ["range_azimuth", "range_doppler"]
     assert one("SELECT DISTINCT sensor FROM radar WHERE power_db IS NULL") == ["carla"]
-    assert one("SELECT DISTINCT sensor FROM lidar WHERE flow_x IS NULL") == ["compat"]
+    assert one("SELECT DISTINCT sensor FROM lidar WHERE flow_x IS NULL") == ["carla_lidar"]
     assert one("SELECT DISTINCT sensor FROM depth WHERE depth_m IS NULL") == ["plain"]
     assert one("SELECT DISTINCT sensor FROM rgb WHERE format = 'png'") == ["colour"]
     assert one("SELECT frame FROM rgb WHERE sensor = 'colour' AND weather = 'mine'") == [4]
     assert one("SELECT DISTINCT round(ev100, 3) FROM rgb WHERE sensor = 'still'") == [13.0]
     assert one("SELECT DISTINCT sensor FROM sensors WHERE lens = 'brown_conrady'") == ["colour"]
     assert one("SELECT DISTINCT sensor FROM imu WHERE handedness = 'left'") == ["physical_imu"]
-    assert one("SELECT DISTINCT weather FROM lidar_points WHERE label = 2 AND sensor = 'compat'") == []
+    assert one("SELECT DISTINCT weather FROM lidar_points WHERE label = 2 AND sensor = 'carla_lidar'") == []
     assert "foggy" in one("SELECT DISTINCT weather FROM lidar_points WHERE label = 2")
     assert one("SELECT min(time_offset) < 0 FROM lidar_points WHERE sensor = 'physical'") == [True]
-    assert one("SELECT max(time_offset) = 0 FROM lidar_points WHERE sensor = 'compat'") == [True]
+    assert one("SELECT max(time_offset) = 0 FROM lidar_points WHERE sensor = 'carla_lidar'") == [True]
 
 
-@pytest.mark.parametrize(("table", "sensor"), [("lidar", "compat"), ("radar", "carla")])
-def test_compat_does_not_know_the_weather(dataset: Path, table: str, sensor: str) -> None:
+@pytest.mark.parametrize(("table", "sensor"), [("lidar", "carla_lidar"), ("radar", "carla")])
+def test_carla_does_not_know_the_weather(dataset: Path, table: str, sensor: str) -> None:
     """CARLA's LiDAR and radar have equal points in every weather."""
     query = f"SELECT * EXCLUDE weather FROM {table} WHERE sensor = '{sensor}' AND weather = '%s' ORDER BY frame, agent"
     connection = connect(dataset)
@@ -293,17 +116,33 @@ def test_compat_does_not_know_the_weather(dataset: Path, table: str, sensor: str
 
 
 def test_batch_size_does_not_change_a_row(folder: Path, dataset: Path) -> None:
-    assert make(folder, "batch", "compute.batch_frames=1") == 0
+    assert run_own(folder, "batch", "--batch-frames", "1") == 0
     assert_same_rows(dataset, folder / "batch")
 
 
+def test_a_rate_leaves_the_samples_that_remain_as_they_are(folder: Path, dataset: Path) -> None:
+    config = load_config(folder / "mine.yaml")
+    slow = tuple(sensor.model_copy(update={"rate_hz": 50.0}) for sensor in config.sensors)
+    (folder / "half.yaml").write_text(to_yaml(config.model_copy(update={"sensors": slow})))
+    assert run_own(folder, "half", config="half.yaml") == 0
+    assert mmw(["verify", str(folder / "half")]) == 0
+    tables = {table.name for sensor in default_sensors() for table in spec_of(sensor).tables}
+    filled = set()
+    for name in table_files(folder / "half"):
+        if (table := name.split("/")[0]) in tables:
+            half, all_ = (pq.ParquetFile(root / name).read() for root in (folder / "half", dataset))
+            assert half.equals(all_.filter(pc.equal(all_["frame"], 4))), name  # the only even frame
+            filled |= {table} if half.num_rows else set()
+    assert filled == tables
+
+
 def test_a_weather_alone_has_the_rows_that_it_has_among_others(folder: Path, dataset: Path) -> None:
-    assert make(folder, "alone", "weathers=[mine]") == 0
-    own, all_ = rows_of(folder / "alone"), rows_of(dataset)
-    own = {path: table for path, table in own.items() if "weather=" in path}
-    assert list(own) == [path for path in all_ if "weather=mine" in path]
-    for path, table in own.items():
-        assert table.equals(all_[path]), path
+    assert run_own(folder, "alone", "weathers=[mine]") == 0
+    names = [name for name in table_files(dataset) if "weather=mine" in name]
+    assert names == [name for name in table_files(folder / "alone") if "weather=" in name] != []
+    for name in names:
+        own, among = (pq.ParquetFile(root / name).read() for root in (folder / "alone", dataset))
+        assert own.equals(among), name  # not their bytes: files name their configuration
 
 
 def test_interrupted_and_resumed_gives_the_same_rows(
@@ -319,11 +158,11 @@ def test_interrupted_and_resumed_gives_the_same_rows(
 
     with monkeypatch.context() as patch:
         patch.setattr(publish.os, "fsync", full)
-        assert make(folder, "torn", "compute.writer_threads=1") == 1  # one shard after the other
+        assert run_own(folder, "torn", "compute.writer_threads=1") == 1  # one shard after the other
     assert "resume" in capsys.readouterr().err
     done = len(list((folder / "torn" / "_shards").glob("mine.*.json")))
     assert 0 < done < len(list((dataset / "_shards").glob("mine.*.json")))
-    assert make(folder, "torn") == 0
+    assert run_own(folder, "torn") == 0
     assert_same_rows(dataset, folder / "torn")
 
 
@@ -338,7 +177,7 @@ def test_what_is_printed_and_what_is_stored_load_again(
     assert again == config and again.sha256() == config.sha256() and to_yaml(again) == printed
     stored = load_config(dataset / "config.yaml")
     assert (stored.sensors, stored.air, stored.weathers) == (config.sensors, config.air, config.weathers)
-    assert make(folder, "again", config="d/config.yaml") == 0
+    assert run_own(folder, "again", config="d/config.yaml") == 0
     assert_same_rows(dataset, folder / "again")
     params = duckdb.sql(f"SELECT DISTINCT sensor, params FROM '{dataset}/sensors/**/*.parquet'").fetchall()
     assert {name for name, _ in params} == {sensor.name for sensor in config.sensors} | {"antenna"}

@@ -9,7 +9,7 @@ import pytest
 
 from mmw.cli.run import main
 from mmw.storage.file_checks import verify
-from tests.fixtures.own_world import write_own_world
+from tests.fixtures.own_world import command, table_files
 
 
 def mount(*arguments: str) -> bool:
@@ -22,7 +22,7 @@ def mount(*arguments: str) -> bool:
 
 @pytest.fixture
 def disk(tmp_path: Path) -> Iterator[Path]:
-    """A disk of 400 kB in memory."""
+    """Mount a disk of 400 kB in memory."""
     folder = tmp_path / "disk"
     folder.mkdir()
     if not mount("-t", "tmpfs", "-o", "size=400k", "tmpfs", str(folder)):
@@ -31,36 +31,29 @@ def disk(tmp_path: Path) -> Iterator[Path]:
     subprocess.run(["umount", "-l", str(folder)], check=True)
 
 
-def command(tmp_path: Path, out: Path) -> list[str]:
-    config = tmp_path / "mine.yaml"
-    if not config.exists():
-        write_own_world(tmp_path)
-    return ["--config", str(config), "--out", str(out), "--device", "cpu", "--workers", "1", "output.shard_frames=2"]
+def run(folder: Path, out: Path) -> int:
+    return main(command(folder, out, "--workers", "1"))
 
 
-def tables(root: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(root)): path.read_bytes() for path in root.rglob("part-*.parquet")}
-
-
-def test_a_full_disk_ends_a_run_that_goes_on_with_more_room(disk, tmp_path, capsys):
+def test_a_full_disk_ends_a_run_that_goes_on_with_more_room(disk, own_world, capsys):
     out = disk / "out"
-    assert main(command(tmp_path, out)) == 1
+    assert run(own_world, out) == 1
     said = capsys.readouterr().err
     assert said.count("no space left") == 1 and "run the same command again: it resumes" in said
-    there = tables(out)
+    there = table_files(out)
     assert there and all(pq.ParquetFile(out / name).metadata for name in there)  # what has its name is whole
     assert not list(out.rglob(".*.tmp"))
     assert mount("-o", "remount,size=64m", str(disk))
-    assert main(command(tmp_path, out)) == 0
-    assert main(command(tmp_path, tmp_path / "roomy")) == 0
-    assert tables(out) == tables(tmp_path / "roomy")
-    assert there.items() <= tables(out).items()
+    assert run(own_world, out) == 0
+    assert run(own_world, own_world / "roomy") == 0
+    assert table_files(out) == table_files(own_world / "roomy")
+    assert there.items() <= table_files(out).items()
     assert [finding for finding in verify(out) if finding.is_error] == []
 
 
-def test_a_disk_that_nobody_may_write_is_named(disk, tmp_path, capsys):
+def test_a_disk_that_nobody_may_write_is_named(disk, own_world, capsys):
     assert mount("-o", "remount,ro", str(disk))
     out = disk / "out"
-    assert main(command(tmp_path, out)) == 2
+    assert run(own_world, out) == 2
     said = capsys.readouterr().err.strip().splitlines()
     assert len(said) == 1 and str(out) in said[0] and "--out" in said[0]

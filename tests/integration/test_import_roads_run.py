@@ -3,18 +3,19 @@
 from pathlib import Path
 
 import numpy as np
-import pyarrow.parquet as pq
 import pytest
 from pxr import Gf, Usd, UsdGeom
 
 from mmw.cli.import_scene import main as import_main
 from mmw.cli.run import main as run_main
+from mmw.dataset import open_dataset
 from tests.fixtures.osm_files import quarter
+from tests.fixtures.stages import animate, new_stage
 from tests.fixtures.xodr_files import ARM, LANE, RADIUS, WALK, t_town
 
 SENSORS = (
     "sensors: [{type: lidar, channels: 8, points_per_channel: 64}, {type: depth, width_px: 48, height_px: 32}, "
-    "{type: imu}]\nchannel: {rays: 20_000}\nframes: {start: 0, count: 1}\nweathers: [rainy]\n"
+    "{type: imu}]\nchannel: {samples_per_tx: 20_000}\nframes: {start: 0, count: 1}\nweathers: [rainy]\n"
 )
 
 
@@ -25,17 +26,13 @@ def bounds(path: Path, prim: str = "/Town") -> tuple[np.ndarray, np.ndarray]:
     return np.array(box.GetMin()), np.array(box.GetMax())
 
 
-def rows(root: Path, table: str) -> list[dict]:
-    files = sorted((root / table).rglob("*.parquet"))
-    return [row for file in files for row in pq.ParquetFile(file).read().to_pylist()]
-
-
 def check(root: Path, classes: set[str], materials: set[str]) -> None:
     """Every sensor has rows, a link is seen, and classes and materials are those of the source."""
+    data = open_dataset(root)
     for table in ("lidar", "depth", "imu", "paths"):
-        assert rows(root, table), table
-    assert any(row["is_los"] for row in rows(root, "links"))
-    objects = rows(root, "objects")
+        assert data.read(table).num_rows, table
+    assert any(data.read("links")["is_los"].to_pylist())
+    objects = data.read("objects").to_pylist()
     assert classes <= {row["label"] for row in objects}
     assert materials <= {name for row in objects for name in row["materials"]}
 
@@ -71,16 +68,9 @@ def test_osm_extract_runs_below_an_own_stage(tmp_path: Path, capsys: pytest.Capt
     assert "lanes: none" in out and "material brick_facade" in out
     low, high = bounds(tmp_path / "quarter" / "quarter.usda", "/Town/Buildings")
     np.testing.assert_allclose(high - low, [130.0, 90.0, 19.0], atol=1e-3)
-    stage = Usd.Stage.CreateNew(str(tmp_path / "drive.usda"))
-    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
-    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
-    stage.SetStartTimeCode(0)
-    stage.SetEndTimeCode(10)
+    stage = new_stage(tmp_path / "drive.usda", frames=11)
     stage.DefinePrim("/World/Town").GetReferences().AddReference("quarter/quarter.usda")
-    stage.SetDefaultPrim(stage.GetPrimAtPath("/World"))
-    move = UsdGeom.Xform.Define(stage, "/World/Ego").AddTranslateOp()
-    for code in (0, 10):
-        move.Set(Gf.Vec3d(-40.0 + code, -1.75, 0.0), code)
+    animate(stage, "/World/Ego", np.array([(-40.0 + k, -1.75, 0.0) for k in range(11)]))
     stage.Save()
     config = tmp_path / "config.yaml"
     config.write_text(
@@ -89,8 +79,5 @@ def test_osm_extract_runs_below_an_own_stage(tmp_path: Path, capsys: pytest.Capt
     )
     root = tmp_path / "data"
     assert run_main(["--config", str(config), "--out", str(root), "--device", "cpu"]) == 0
-    check(
-        root,
-        {"road", "sidewalk", "terrain", "building", "vegetation"},
-        {"brick_facade", "glass_facade", "marble_facade"},
-    )
+    classes = {"road", "sidewalk", "terrain", "building", "vegetation"}
+    check(root, classes, {"brick_facade", "glass_facade", "marble_facade"})

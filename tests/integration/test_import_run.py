@@ -1,66 +1,31 @@
 """The product on imported worlds: one frame with every sensor, with the right bounds and materials in the tables."""
 
 import io
+import shutil
+from collections.abc import Callable
 from pathlib import Path
 
-import duckdb
 import numpy as np
 import pytest
 from PIL import Image
 
 from mmw.cli.import_scene import main as import_main
 from mmw.cli.run import main as run_main
-from tests.fixtures.import_files import HIGH, HOUSE_HIGH, HOUSE_LOW, LOW, write_glb, write_mitsuba, write_obj
-from tests.worlds.importers.test_usd_stage import write_stage
-
-CAMERA_X = 1.5
-STAGE = """#usda 1.0
-(
-    defaultPrim = "World"
-    metersPerUnit = 1
-    upAxis = "Z"
-    startTimeCode = 0
-    endTimeCode = 9
-    timeCodesPerSecond = 100
+from mmw.dataset import connect
+from tests.fixtures.import_files import (
+    HIGH,
+    HOUSE_HIGH,
+    HOUSE_LOW,
+    LOW,
+    write_glb,
+    write_mitsuba,
+    write_obj,
+    write_stage,
 )
 
-def Xform "World"
-{
-    def "Place" (references = @./town/world.usda@)
-    {
-    }
-    def Xform "Ego"
-    {
-        double3 xformOp:translate.timeSamples = { 0: (-3, 6, 0), 9: (-2.1, 6, 0) }
-        uniform token[] xformOpOrder = ["xformOp:translate"]
-        def Cube "Body"
-        {
-            double size = 1
-            double3 xformOp:translate = (0, 0, 0.6)
-            uniform token[] xformOpOrder = ["xformOp:translate"]
-        }
-    }
-}
-"""
-CONFIG = f"""
-scenarios:
-  - name: mine
-    stage: mine.usda
-    actor_roles: {{/World/Ego: cav}}
-    material_map: {{"/World/Ego/*": itu_metal}}
-    rsus: [{{name: rsu_1, position_m: [-12, 8, 0]}}]
-weathers: [sunny, rainy]
-frames: {{start: 4, count: 1}}
-sensors:
-  - {{type: lidar, channels: 16, points_per_channel: 180, on: [cav]}}
-  - {{type: depth, width_px: 48, height_px: 32, on: [cav], mount: {{cav: {{position_m: [{CAMERA_X}, 0, 2]}}}}}}
-  - {{type: imu}}
-channel: {{rays: 10_000}}
-"""
-MAP = """
-"*ground*": {material: asphalt, label: road}
-"*": {radio: itu_brick, thickness: 0.3, label: building}
-"""
+DATA = Path(__file__).parents[1] / "fixtures" / "data"
+CAMERA_X = 1.5
+"""Place of the camera of `on_import.yaml` on its vehicle [m]."""
 
 
 def write_source(folder: Path, kind: str) -> tuple[Path, bool]:
@@ -74,24 +39,28 @@ def write_source(folder: Path, kind: str) -> tuple[Path, bool]:
     return (write_glb if kind == "glb" else write_obj)(folder / f"w.{kind}"), True
 
 
+def run_imported(source: Path, config: str, folder: Path, has_map: bool) -> Callable[[str], list[tuple]]:
+    """Import a world, run a configuration on it, and return the function that queries the dataset."""
+    shutil.copy(DATA / config, folder)
+    extra = ["--materials", str(DATA / "import_map.yaml")] if has_map else []
+    assert import_main([str(source), "--out", str(folder / "town" / "world.usda"), *extra]) == 0
+    assert run_main(["--config", str(folder / config), "--out", str(folder / "d"), "--device", "cpu"]) == 0
+    connection = connect(folder / "d")
+    return lambda query: connection.sql(query).fetchall()
+
+
 @pytest.mark.parametrize("kind", ["mitsuba-new", "mitsuba-old", "glb", "obj", "usd-cm-y-up"])
 def test_an_imported_world_runs(tmp_path: Path, kind: str) -> None:
     source, has_map = write_source(tmp_path / "source", kind)
-    (tmp_path / "map.yaml").write_text(MAP)
-    (tmp_path / "mine.usda").write_text(STAGE)
-    (tmp_path / "mine.yaml").write_text(CONFIG)
-    extra = ["--materials", str(tmp_path / "map.yaml")] if has_map else []
-    assert import_main([str(source), "--out", str(tmp_path / "town" / "world.usda"), *extra]) == 0
-    assert run_main(["--config", str(tmp_path / "mine.yaml"), "--out", str(tmp_path / "d"), "--device", "cpu"]) == 0
-
-    def rows(query: str) -> list[tuple]:
-        return duckdb.sql(query.replace("FROM ", f"FROM '{tmp_path}/d/").replace("/*", "/**/*.parquet'")).fetchall()
+    shutil.copy(DATA / "on_import.usda", tmp_path)
+    rows = run_imported(source, "on_import.yaml", tmp_path, has_map)
 
     objects = {path.rpartition("/")[2]: (number, label, names) for number, path, label, names in rows(
-        "SELECT object_id, prim_path, label, materials FROM objects/* WHERE actor IS NULL")}  # fmt: skip
-    house, ground = _things(objects)
+        "SELECT object_id, prim_path, label, materials FROM objects WHERE actor IS NULL")}  # fmt: skip
     assert len(objects) == 2
-    rows_of = dict(rows("SELECT name, itu FROM materials/* WHERE weather = 'rainy'"))
+    (ground,) = (value for name, value in objects.items() if "ground" in name)
+    (house,) = (value for value in objects.values() if value is not ground)
+    rows_of = dict(rows("SELECT name, itu FROM materials WHERE weather = 'rainy'"))
     if has_map:
         assert (house[1], ground[1]) == ("building", "road")
         assert rows_of[ground[2][0]] == "itu_wet_ground"
@@ -100,9 +69,9 @@ def test_an_imported_world_runs(tmp_path: Path, kind: str) -> None:
     assert rows_of[house[2][0]] == "itu_brick"
 
     # the LiDAR, whose axes are the world's, sees the west and the south wall of the house, and ground
-    (x, y, z, ids), = rows("SELECT x, y, z, object_id FROM lidar/* WHERE weather = 'sunny'")  # fmt: skip
-    mount = np.array(rows("SELECT x, y, z FROM sensors/* WHERE sensor = 'lidar'")[0])
-    at = np.array(rows("SELECT x, y, z FROM poses/* WHERE agent = 'Ego'")[0])
+    (x, y, z, ids), = rows("SELECT x, y, z, object_id FROM lidar WHERE weather = 'sunny'")  # fmt: skip
+    mount = np.array(rows("SELECT x, y, z FROM sensors WHERE sensor = 'lidar'")[0])
+    at = np.array(rows("SELECT x, y, z FROM poses WHERE agent = 'Ego'")[0])
     points, ids = np.stack([x, y, z], axis=1) + mount + at, np.array(ids)
     assert np.allclose(at, (-2.6, 6, 0))
     assert (points >= np.array(LOW) - 0.01).all()
@@ -114,39 +83,22 @@ def test_an_imported_world_runs(tmp_path: Path, kind: str) -> None:
     assert walls[:, 1].min() >= HOUSE_LOW[1] - 0.01
     assert walls[:, 1].max() <= HOUSE_HIGH[1] + 0.01
 
-    (png,), = rows("SELECT image FROM depth/* WHERE weather = 'sunny'")  # fmt: skip
+    (png,), = rows("SELECT image FROM depth WHERE weather = 'sunny'")  # fmt: skip
     depth = np.asarray(Image.open(io.BytesIO(png["bytes"])), dtype=np.float64) * 0.01
     wall = np.abs(depth - (HOUSE_LOW[0] - at[0] - CAMERA_X)) < 0.011
     assert 0.05 < wall.mean() < 0.5  # the wall spans 8 m of the 22 m that 110 degrees see at 8.1 m
 
-    (ax, az), = rows("SELECT ax_true, az_true FROM imu/* WHERE weather = 'sunny'")  # fmt: skip
+    (ax, az), = rows("SELECT ax_true, az_true FROM imu WHERE weather = 'sunny'")  # fmt: skip
     assert (ax, az) == pytest.approx((0, 9.81), abs=0.01)
-    kinds = rows("SELECT kind, objects FROM paths/* WHERE weather = 'sunny' AND \"order\" < 2")
+    kinds = rows("SELECT kind, objects FROM paths WHERE weather = 'sunny' AND \"order\" < 2")
     assert ("los", []) in kinds
     assert ("specular", [ground[0]]) in kinds
     assert ("specular", [house[0]]) in kinds
 
 
-RECORDED = """
-scenarios:
-  - name: recorded
-    town: town/world.usda
-    traffic: {engine: file, trajectories: drive.csv, cav_ids: [ego, probe], spawn_center_m: [0, 0, 0]}
-    rsus: [{name: rsu_1, position_m: [18, -2, 0], yaw_deg: 180}]
-frames: {count: 1}
-sensors:
-  - {type: lidar, channels: 16, points_per_channel: 180, on: [cav]}
-  - {type: depth, width_px: 48, height_px: 32}
-  - {type: imu}
-channel: {links: [v2i, v2v], candidates: exhaustive}
-"""
-
-
 def test_recorded_vehicles_drive_on_a_town_without_lanes(tmp_path: Path) -> None:
     """Three vehicles drive east at 8 m/s on the ground of a GLB, 12 m apart; the last one to the west."""
     write_glb(tmp_path / "w.glb")
-    (tmp_path / "map.yaml").write_text(MAP)
-    (tmp_path / "recorded.yaml").write_text(RECORDED)
     starts = {
         "ego": (-15.0, -6.0, 8.0),
         "probe": (-3.0, -6.0, 8.0),
@@ -156,35 +108,23 @@ def test_recorded_vehicles_drive_on_a_town_without_lanes(tmp_path: Path) -> None
     times = np.arange(0.0, 0.51, 0.1).tolist()
     lines = [f"{t:.1f},{name},{x + v * t:.3f},{y}" for name, (x, y, v) in starts.items() for t in times]
     (tmp_path / "drive.csv").write_text("\n".join(["t,id,x,y", *lines]))
-    town = tmp_path / "town" / "world.usda"
-    assert import_main([str(tmp_path / "w.glb"), "--out", str(town), "--materials", str(tmp_path / "map.yaml")]) == 0
-    assert run_main(["--config", str(tmp_path / "recorded.yaml"), "--out", str(tmp_path / "d"), "--device", "cpu"]) == 0
-
-    def rows(query: str) -> list[tuple]:
-        return duckdb.sql(query.replace("FROM ", f"FROM '{tmp_path}/d/").replace("/*", "/**/*.parquet'")).fetchall()
-
-    poses = {agent: row for agent, *row in rows("SELECT agent, x, y, z, qz, vx, vy, vz FROM poses/*")}
+    rows = run_imported(tmp_path / "w.glb", "recorded.yaml", tmp_path, True)
+    poses = {agent: row for agent, *row in rows("SELECT agent, x, y, z, qz, vx, vy, vz FROM poses")}
     assert set(poses) == {"cav_1", "cav_2", "rsu_1"}
     for agent, x in (("cav_1", -15.0), ("cav_2", -3.0)):
         assert poses[agent][0] == pytest.approx(x, abs=0.2)  # the origin lies between the axles, x and y in the middle
         assert poses[agent][1:] == pytest.approx((-6.0, 0.0, 0.0, 8.0, 0.0, 0.0), abs=0.02)
-    bodies = rows("SELECT label, COUNT(*) FROM objects/* WHERE actor LIKE 'cav%' OR actor LIKE 'veh%' GROUP BY label")
+    bodies = rows("SELECT label, COUNT(*) FROM objects WHERE actor LIKE 'cav%' OR actor LIKE 'veh%' GROUP BY label")
     assert sum(count for _, count in bodies) == 4
-    (ground,), (house,) = (rows(f"SELECT object_id FROM objects/* WHERE label = '{n}'") for n in ("road", "building"))
-    kinds = rows('SELECT agent, peer, kind, objects FROM paths/* WHERE "order" < 2')
+    (ground,), (house,) = (rows(f"SELECT object_id FROM objects WHERE label = '{n}'") for n in ("road", "building"))
+    kinds = rows('SELECT agent, peer, kind, objects FROM paths WHERE "order" < 2')
     for link in (("cav_1", "rsu_1"), ("cav_2", "rsu_1"), ("cav_1", "cav_2"), ("cav_2", "cav_1")):
         assert (*link, "los", []) in kinds
         assert (*link, "specular", [ground[0]]) in kinds
     assert ("cav_2", "rsu_1", "specular", [house[0]]) in kinds
-    assert rows("SELECT agent FROM depth/*") == [("rsu_1",)]
-    (z, ids), = rows("SELECT z, object_id FROM lidar/* WHERE agent = 'cav_1'")  # fmt: skip
-    (mount,), = rows("SELECT z FROM sensors/* WHERE agent = 'cav_1' AND sensor = 'lidar'")  # fmt: skip
+    assert rows("SELECT agent FROM depth") == [("rsu_1",)]
+    (z, ids), = rows("SELECT z, object_id FROM lidar WHERE agent = 'cav_1'")  # fmt: skip
+    (mount,), = rows("SELECT z FROM sensors WHERE agent = 'cav_1' AND sensor = 'lidar'")  # fmt: skip
     on_ground = np.array(ids) == ground[0]
     assert on_ground.sum() > 100
     assert np.abs(np.array(z)[on_ground] + mount).max() < 0.01
-
-
-def _things(objects: dict) -> tuple[tuple, tuple]:
-    """Return house and ground: what has walls stands as a component or a mesh of its own."""
-    ground = next(value for name, value in objects.items() if "ground" in name)
-    return next(value for value in objects.values() if value is not ground), ground

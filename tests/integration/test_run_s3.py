@@ -1,4 +1,4 @@
-"""Whole runs into a bucket: the same dataset as in a folder, whatever fails, stops or is killed on the way."""
+"""Whole runs into a bucket: the same dataset as in a folder, whatever fails, stops or is killed."""
 
 import os
 import re
@@ -23,19 +23,17 @@ from mmw.storage import s3_store as bucket
 from mmw.storage.file_checks import verify
 from mmw.storage.manifest import prepare_root
 from mmw.storage.s3_store import Bucket
-from tests.fixtures.own_world import write_own_world
+from tests.fixtures import own_world
 from tests.fixtures.s3_server import Answer, Server, puts, s3
 
 __all__ = ["s3"]
 
 ROOT = Path(__file__).parents[2]
-SMALL = ["frames.count=4", "output.shard_frames=2", "weathers=[sunny, rainy]"]
 FRAMES = 2 * 4
 
 
 def command(world: Path, out: str | Path, *extra: str) -> list[str]:
-    options = ["--out", str(out), "--device", "cpu", "--workers", "1"]
-    return ["--config", str(world / "mine.yaml"), *SMALL, *options, *extra]
+    return own_world.command(world, out, "frames.count=4", "--workers", "1", *extra)
 
 
 def files_of(root: Path) -> dict[str, bytes]:
@@ -50,8 +48,8 @@ def tables_of(files: dict[str, bytes]) -> dict[str, bytes]:
 
 @pytest.fixture(scope="module")
 def world(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A small stage of one's own, and its dataset in a folder."""
-    folder = write_own_world(tmp_path_factory.mktemp("s3"))
+    """Write a small stage of one's own, and its dataset in a folder."""
+    folder = own_world.write_own_world(tmp_path_factory.mktemp("s3"))
     assert main(command(folder, folder / "local")) == 0
     return folder
 
@@ -65,7 +63,7 @@ def local(world: Path) -> dict[str, bytes]:
 def server(s3: Server) -> Iterator[Server]:
     s3.reset()
     yield s3
-    s3.reset()  # tests that take the server as it is meet no refusals of this one
+    s3.reset()  # for tests without this fixture
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +81,7 @@ def test_a_bucket_holds_what_a_folder_does(server: Server, made: str, local: dic
     assert there.keys() == local.keys() and tables_of(there) == tables_of(local)
     assert verify(Bucket(made)) == []
     here = [path.relative_to(bucket.cache_dir()).as_posix() for path in bucket.cache_dir().rglob("*") if path.is_file()]
-    assert all("/_locks/" in name for name in here)  # what is put is not kept
+    assert all("/_locks/" in name for name in here)  # uploaded files are deleted
 
 
 def test_a_dataset_that_is_there_is_not_made_again(server: Server, world: Path, made: str, capsys) -> None:
@@ -109,7 +107,7 @@ def test_every_check_reads_a_bucket(server: Server, made: str, capsys: pytest.Ca
         assert mmw_main(["verify", made]) == 1
         assert f"missing: {name}: the marker lists it" in capsys.readouterr().out
     finally:
-        Bucket(made).publish(name, whole)
+        Bucket(made).write_atomically(name, whole)
 
 
 def test_readers(server: Server, world: Path, made: str, capsys: pytest.CaptureFixture) -> None:
@@ -135,20 +133,20 @@ def test_a_run_that_cannot_put_stops_and_goes_on(server: Server, world: Path, lo
     assert main(command(world, address)) == 1
     lines = capsys.readouterr().err.strip().splitlines()
     assert lines[-1].startswith("mmw: s3://bucket/stops/") and "permission is denied" in lines[-1]
-    assert lines[-1].endswith("everything that is finished is kept, and the same command resumes")
+    assert lines[-1].endswith("every finished shard is kept and the same command resumes")
     server.reset()
     assert server.false_markers("stops") == [] and "_manifest.parquet" not in server.objects("stops")
     assert mmw_main(["status", address]) == 1
     assert "the command that began it resumes" in capsys.readouterr().out
     finished = list(bucket.cache_dir().rglob("mine.*.*.json"))
     assert finished, "nothing was traced that could not be put: the test is of no use"
-    there, record, traced = len(server.objects("stops/_shards")), mmw.generation.pipeline.record_frames, []
+    there, record, traced = len(server.objects("stops/_shards")), mmw.generation.pipeline.capture_frames, []
 
     def counted(job, frames, collected) -> None:
         traced.append(len(frames))
         record(job, frames, collected)
 
-    monkeypatch.setattr(mmw.generation.pipeline, "record_frames", counted)
+    monkeypatch.setattr(mmw.generation.pipeline, "capture_frames", counted)
     assert main(command(world, address)) == 0
     assert sum(traced) <= 4 - 2 * ((there + len(finished)) // 2)
     assert tables_of(server.objects("stops")) == tables_of(local) and verify(Bucket(address)) == []
@@ -198,9 +196,9 @@ def test_a_place_that_cannot_be_used_is_said_before_anything_is_made(
         server.before = lambda method, path: (403, "AccessDenied") if method == "PUT" else None
         words = "s3://bucket/start/dataset.json: cannot be written: permission is denied"
     elif why == "secrets":
-        out, words = "s3://me:secret@bucket/x", "credentials do not belong into an address"
+        out, words = "s3://me:secret@bucket/x", "credentials must not be in an address"
     elif why == "another kind":
-        out, words = "gs://bucket/x", "gs://bucket/x: is no place for a dataset"
+        out, words = "gs://bucket/x", "gs://bucket/x: is not the address of a dataset"
     else:
         (tmp_path / "file").write_text("")
         extra, words = [f"output.staging={tmp_path / 'file'}"], "is a file; the dataset needs a folder"
@@ -233,7 +231,7 @@ def test_a_killed_run_of_two_workers_is_completed(server: Server, world: Path, l
 
 @pytest.mark.slow
 def test_a_stage_is_made_once_for_all_machines(server: Server, tmp_path: Path, monkeypatch) -> None:
-    """Stage and copies of its assets are put, the note of its hash last; another machine takes what is there."""
+    """Stage and copies of its assets are put, the file with its hash last; another machine downloads them."""
     config = load_config(configs_dir() / "quickstart.yaml", ["frames.count=2"])
     one, other, third = (Bucket(server.address("stage"), tmp_path / name) for name in ("one", "other", "third"))
     prepare_root(one, config.identity(), config.sha256(), {}, False)
@@ -251,9 +249,9 @@ def test_a_stage_is_made_once_for_all_machines(server: Server, tmp_path: Path, m
         assert stage.read_bytes() == made.read_bytes() and files_of(root.folder) == files_of(one.folder)
     assert set(puts(server.requests)) == {"stage/dataset.json"}
     Bucket(server.address("stage")).remove([note])  # as if it were killed before the last object
-    third.claim(there["dataset.json"])
+    third.start_writing(there["dataset.json"])
     parts = (f"stages/{scenario.name}.usdc", "assets")
-    third.fetch(parts, note)
+    third.download(parts, note)
     assert files_of(third.folder) == {}
-    Bucket(server.address("stage"), tmp_path / "one").keep(parts, note)
+    Bucket(server.address("stage"), tmp_path / "one").upload(parts, note)
     assert server.objects("stage") == there

@@ -5,28 +5,34 @@ import pytest
 import warp as wp
 
 from mmw.kernels.shading import brdf
-from mmw.kernels.shading.structs import Look, Surfel
+from mmw.kernels.shading.structs import Appearance, SurfacePoint
+from tests.fixtures.directions import direction, sphere_about
+from tests.fixtures.kernels import launched
 
 wp.set_module_options({"enable_backward": False, "fast_math": True})
 
 
 @wp.kernel
 def direct_kernel(
-    surfel: Surfel, look: Look, to_viewer: wp.array[wp.vec3], to_light: wp.array[wp.vec3], value_out: wp.array[wp.vec3]
+    surface_point: SurfacePoint,
+    appearance: Appearance,
+    to_viewer: wp.array[wp.vec3],
+    to_light: wp.array[wp.vec3],
+    value_out: wp.array[wp.vec3],
 ):
     """BRDF times cosine of pairs of directions. Launch: dim=N."""
     k = wp.tid()
-    value_out[k] = brdf.direct_light(surfel, look, to_viewer[k], to_light[k])
+    value_out[k] = brdf.direct_light(surface_point, appearance, to_viewer[k], to_light[k])
 
 
 @wp.kernel
 def ambient_kernel(
-    surfel: Surfel, look: Look, to_viewer: wp.array[wp.vec3], diffuse_out: wp.array[wp.vec3],
+    surface_point: SurfacePoint, appearance: Appearance, to_viewer: wp.array[wp.vec3], diffuse_out: wp.array[wp.vec3],
     specular_out: wp.array[wp.vec3], coat_out: wp.array[float],
 ):  # fmt: skip
     """Ambient weights. Launch: dim=N."""
     k = wp.tid()
-    ambient = brdf.ambient_weights(surfel, look, to_viewer[k])
+    ambient = brdf.ambient_weights(surface_point, appearance, to_viewer[k])
     diffuse_out[k] = ambient.diffuse
     specular_out[k] = ambient.specular
     coat_out[k] = ambient.coat
@@ -43,50 +49,34 @@ def fresnel_kernel(cosine: wp.array[float], ior: float, value_out: wp.array2d[fl
 
 def surface(
     color=(1.0, 1.0, 1.0), roughness=0.5, metallic=0.0, f0=0.04, coat=0.0, coat_roughness=0.1, opacity=1.0
-) -> tuple[Surfel, Look]:
-    surfel, look = Surfel(), Look()
-    surfel.normal = surfel.shading_normal = wp.vec3(0.0, 0.0, 1.0)
-    surfel.color, surfel.roughness, surfel.metallic, surfel.opacity = wp.vec3(*color), roughness, metallic, opacity
-    look.normal_reflectance, look.clearcoat, look.clearcoat_roughness = f0, coat, coat_roughness
-    return surfel, look
+) -> tuple[SurfacePoint, Appearance]:
+    surface_point, appearance = SurfacePoint(), Appearance()
+    surface_point.normal = surface_point.shading_normal = wp.vec3(0.0, 0.0, 1.0)
+    surface_point.color, surface_point.roughness, surface_point.metallic, surface_point.opacity = (
+        wp.vec3(*color),
+        roughness,
+        metallic,
+        opacity,
+    )
+    appearance.normal_reflectance, appearance.clearcoat, appearance.clearcoat_roughness = f0, coat, coat_roughness
+    return surface_point, appearance
 
 
-def direction(angle: float, azimuth: float = 0.0) -> np.ndarray:
-    return np.array([np.sin(angle) * np.cos(azimuth), np.sin(angle) * np.sin(azimuth), np.cos(angle)])
-
-
-def direct(parts: tuple[Surfel, Look], to_viewer: np.ndarray, to_light: np.ndarray, device: str) -> np.ndarray:
+def direct(
+    parts: tuple[SurfacePoint, Appearance], to_viewer: np.ndarray, to_light: np.ndarray, device: str
+) -> np.ndarray:
     to_viewer, to_light = np.broadcast_arrays(np.atleast_2d(to_viewer), np.atleast_2d(to_light))
-    out = wp.zeros(len(to_light), dtype=wp.vec3, device=device)
-    arrays = [wp.array(np.float32(v), dtype=wp.vec3, device=device) for v in (to_viewer, to_light)]
-    wp.launch(direct_kernel, dim=len(to_light), inputs=[*parts, *arrays], outputs=[out], device=device)
-    return out.numpy().astype(np.float64)
+    (found,) = launched(direct_kernel, len(to_light), [*parts, to_viewer, to_light], device)
+    return found.astype(np.float64)
 
 
-def ambient(parts: tuple[Surfel, Look], to_viewer: np.ndarray, device: str) -> tuple[np.ndarray, ...]:
+def ambient(parts: tuple[SurfacePoint, Appearance], to_viewer: np.ndarray, device: str) -> tuple[np.ndarray, ...]:
     to_viewer = np.atleast_2d(to_viewer)
-    out = [wp.zeros(len(to_viewer), dtype=d, device=device) for d in (wp.vec3, wp.vec3, wp.float32)]
-    inputs = [*parts, wp.array(np.float32(to_viewer), dtype=wp.vec3, device=device)]
-    wp.launch(ambient_kernel, dim=len(to_viewer), inputs=inputs, outputs=out, device=device)
-    return tuple(a.numpy().astype(np.float64) for a in out)
+    found = launched(ambient_kernel, len(to_viewer), [*parts, to_viewer], device)
+    return tuple(values.astype(np.float64) for values in found)
 
 
-def sphere_about(axis: np.ndarray, rings: int = 240, sectors: int = 64) -> tuple[np.ndarray, np.ndarray]:
-    """Return directions over the sphere, dense about an axis, and the solid angle of each [sr]."""
-    u = (np.arange(rings) + 0.5) / rings
-    polar, width = np.pi * u**3, 3.0 * np.pi * u**2 / rings
-    azimuth = 2.0 * np.pi * (np.arange(sectors) + 0.5) / sectors
-    side = np.cross(axis, [0.0, 1.0, 0.0] if abs(axis[1]) < 0.9 else [1.0, 0.0, 0.0])
-    side /= np.linalg.norm(side)
-    other = np.cross(axis, side)
-    p, a = np.meshgrid(polar, azimuth, indexing="ij")
-    found = np.cos(p)[..., None] * axis
-    found = found + np.sin(p)[..., None] * (np.cos(a)[..., None] * side + np.sin(a)[..., None] * other)
-    solid = np.broadcast_to((np.sin(polar) * width)[:, None] * 2.0 * np.pi / sectors, p.shape)
-    return found.reshape(-1, 3), solid.ravel()
-
-
-def reflected_share(parts: tuple[Surfel, Look], to_viewer: np.ndarray, device: str) -> np.ndarray:
+def reflected_share(parts: tuple[SurfacePoint, Appearance], to_viewer: np.ndarray, device: str) -> np.ndarray:
     """Return the integral of BRDF times cosine over all lights."""
     mirror = to_viewer * [-1.0, -1.0, 1.0]
     lights, solid = sphere_about(mirror)
@@ -138,7 +128,7 @@ def test_lambert_plane_under_the_sun(device: str) -> None:
 
 
 def test_matte_plane_under_the_sun(device: str) -> None:
-    """With its index of 1.5 a matte plane differs from Lambert's law by what its surface mirrors, a few per cent."""
+    """With its index of 1.5 a matte plane differs from Lambert's law by what its surface reflects, a few per cent."""
     found = direct(surface((0.5, 0.5, 0.5), roughness=1.0), direction(0.5, 1.0), direction(0.5), device)[0]
     assert found == pytest.approx(0.5 / np.pi * np.cos(0.5), rel=0.05)
 
@@ -234,7 +224,7 @@ def test_fresnel(device: str, ior: float) -> None:
 
 
 def test_pane(device: str) -> None:
-    """Window glass mirrors by Fresnel's law at both faces; the rest is its own dark colour."""
+    """Window glass reflects by Fresnel's law at both faces; the rest is its own dark colour."""
     dark = (0.02, 0.03, 0.04)
     parts = surface(dark, 0.05, f0=0.04, opacity=0.2)
     for angle in np.radians([0.0, 45.0, 70.0]):

@@ -1,4 +1,4 @@
-"""What a camera shades where its ray meets a face: colours at the right place, normals, footprints, holes."""
+"""Points that a camera shades where its ray hits a face: colours at the right place, normals, footprints, holes."""
 
 from pathlib import Path
 
@@ -11,9 +11,10 @@ from pxr import Gf, UsdGeom
 from mmw.kernels.core.faces import material_of
 from mmw.kernels.core.structs import Scene as SceneStruct
 from mmw.kernels.core.trace import closest_hit
-from mmw.kernels.shading.structs import Appearance, Surfel
-from mmw.kernels.shading.surface_point import is_cut_out, surfel_of
-from mmw.scene.device_scene import DeviceScene, read_stage
+from mmw.kernels.shading.structs import AppearanceTable, SurfacePoint
+from mmw.kernels.shading.surface_point import is_cut_out, ray_hit, surface_point_of
+from mmw.scene.device_scene import DeviceScene
+from mmw.scene.reader import read_stage
 from mmw.scene.scene_data import SceneData
 from mmw.sensors.render.appearance_buffers import AppearanceArrays
 from tests.fixtures.material_stages import add_quad, connect, corner_image, give_uv, preview, stage_in
@@ -24,30 +25,31 @@ CORNERS = {(0.5, 0.5): RED, (1.5, 0.5): GREEN, (0.5, 1.5): BLUE, (1.5, 1.5): WHI
 
 
 @wp.kernel
-def look_kernel(
+def surface_point_kernel(
     scene: SceneStruct,
-    appearance: Appearance,
+    appearance: AppearanceTable,
     origin: wp.array[wp.vec3],
     direction: wp.array[wp.vec3],
     spread: float,
-    surfel_out: wp.array[Surfel],
+    surface_point_out: wp.array[SurfacePoint],
     normal_out: wp.array[wp.vec3],
     is_hole_out: wp.array[wp.bool],
 ):
-    """Look along rays in slot 0. Launch: dim=R, block_dim=64."""
+    """Find surface points along rays of frame 0. Launch: dim=R, block_dim=64."""
     i = wp.tid()
     near = closest_hit(scene, 0, origin[i], direction[i], 1.0e4, -1)
     if near.face < 0:
-        surfel_out[i].material = -1
+        surface_point_out[i].material = -1
         return
-    surfel_out[i] = surfel_of(scene, appearance, 0, origin[i], direction[i], near.t, near.face, near.instance, spread)
+    hit = ray_hit(0, origin[i], direction[i], near.t, near.face, near.instance)
+    surface_point_out[i] = surface_point_of(scene, appearance, hit, spread)
     normal_out[i] = near.normal
-    is_hole_out[i] = is_cut_out(scene, appearance, 0, origin[i], direction[i], near.t, near.face, near.instance, spread)
-    assert surfel_out[i].material == material_of(scene, near.face, near.instance)
+    is_hole_out[i] = is_cut_out(scene, appearance, hit, spread)
+    assert surface_point_out[i].material == material_of(scene, near.face, near.instance)
 
 
-class VisibleObjects:
-    """Surfels along rays, and what else the kernel says of the same hits."""
+class TracedPoints:
+    """Surface points along rays, and normals and holes of the same hits."""
 
     def __init__(self, arrays: SceneData, device: str, origins, directions, *, spread: float = 1e-4, weather="sunny"):
         scene = DeviceScene(arrays, device, 1)
@@ -57,14 +59,14 @@ class VisibleObjects:
         directions = np.broadcast_to(np.asarray(directions, dtype=np.float64), origins.shape)
         directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
         rays = [wp.array(v.astype(np.float32), dtype=wp.vec3, device=device) for v in (origins, directions)]
-        out = [wp.zeros(len(origins), dtype=kind, device=device) for kind in (Surfel, wp.vec3, wp.bool)]
+        out = [wp.zeros(len(origins), dtype=kind, device=device) for kind in (SurfacePoint, wp.vec3, wp.bool)]
         inputs = [scene.struct, self.appearance.for_weather(weather), *rays, spread]
-        wp.launch(look_kernel, dim=len(origins), inputs=inputs, outputs=out, device=device, block_dim=64)
-        self.surfel, self.normal, self.is_hole = (array.numpy() for array in out)
+        wp.launch(surface_point_kernel, dim=len(origins), inputs=inputs, outputs=out, device=device, block_dim=64)
+        self.surface_point, self.normal, self.is_hole = (array.numpy() for array in out)
         self.direction = directions
 
     def __getattr__(self, name: str) -> np.ndarray:
-        return self.surfel[name]
+        return self.surface_point[name]
 
 
 def above(points) -> np.ndarray:
@@ -77,7 +79,7 @@ def read(stage, **options) -> SceneData:
 
 
 def textured(folder: Path, **inputs):
-    """A stage and a material whose colour is the image of four corners."""
+    """Write a stage and a material whose colour is the image of four corners."""
     stage = stage_in(folder)
     material, shader = preview(stage, "/World/Looks/four")
     connect(stage, shader, "diffuseColor", corner_image(folder / "four.png"), sourceColorSpace="sRGB", **inputs)
@@ -85,8 +87,8 @@ def textured(folder: Path, **inputs):
 
 
 def check_corners(arrays: SceneData, device: str, expected=CORNERS) -> None:
-    seen = VisibleObjects(arrays, device, above(expected), (0, 0, -1))
-    np.testing.assert_allclose(seen.color, list(expected.values()), atol=1e-3)
+    points_hit = TracedPoints(arrays, device, above(expected), (0, 0, -1))
+    np.testing.assert_allclose(points_hit.color, list(expected.values()), atol=1e-3)
 
 
 def test_texture_orientation(device: str, tmp_path: Path) -> None:
@@ -155,7 +157,7 @@ def test_point_instancer_and_actor(device: str, tmp_path: Path) -> None:
 
 
 def test_names_of_coordinates(device: str, tmp_path: Path) -> None:
-    """What the material asks for counts before `st`; else common names, else any texture coordinates."""
+    """The name that the material gives counts before `st`; else common names, else any texture coordinates."""
     stage, material = textured(tmp_path, varname="second")
     both = give_uv(give_uv(add_quad(stage, "/World/both", material), [(0.9, 0.9)] * 4), name="second")
     assert both
@@ -180,7 +182,7 @@ def test_mesh_without_coordinates_has_the_mean(device: str, tmp_path: Path) -> N
 
 
 def test_footprint_grows_with_distance(device: str, tmp_path: Path) -> None:
-    """Fine stripes: seen from near, from so far that a pixel covers many, and at a slant that covers many along it."""
+    """Fine stripes: from near, from so far that a pixel covers many, and at a slant that covers many along it."""
     stage = stage_in(tmp_path)
     material, shader = preview(stage, "/World/Looks/stripes")
     codes = np.repeat(np.repeat(np.where(np.arange(64) % 2, 255, 0)[None], 64, axis=0)[..., None], 3, axis=2)
@@ -189,15 +191,15 @@ def test_footprint_grows_with_distance(device: str, tmp_path: Path) -> None:
     give_uv(add_quad(stage, "/World/quad", material))
     arrays = read(stage)
     x = (2 * np.arange(20) + 1) / 64 + 0.5  # middles of stripes
-    near = VisibleObjects(arrays, device, [(v, 1.0, 0.5) for v in x], (0, 0, -1), spread=1e-3)
+    near = TracedPoints(arrays, device, [(v, 1.0, 0.5) for v in x], (0, 0, -1), spread=1e-3)
     assert near.color[:, 0].std() > 0.45
-    far = VisibleObjects(arrays, device, [(v, 1.0, 400.0) for v in x], (0, 0, -1), spread=1e-3)
+    far = TracedPoints(arrays, device, [(v, 1.0, 400.0) for v in x], (0, 0, -1), spread=1e-3)
     np.testing.assert_allclose(far.color[:, 0], 0.5, atol=0.01)
     down = np.array([0.0, 1.0, -0.1])  # along the stripes
-    slant = VisibleObjects(arrays, device, [(v, 1.0, 0.0) - 10.0 * down for v in x], down, spread=1e-3)
+    slant = TracedPoints(arrays, device, [(v, 1.0, 0.0) - 10.0 * down for v in x], down, spread=1e-3)
     assert slant.color[:, 0].std() > 0.4
     down = np.array([1.0, 0.0, -0.1])  # across them: a pixel covers 10 mm / 0.1, three stripes
-    slant = VisibleObjects(arrays, device, [(v, 1.0, 0.0) - 10.0 * down for v in x], down, spread=1e-2)
+    slant = TracedPoints(arrays, device, [(v, 1.0, 0.0) - 10.0 * down for v in x], down, spread=1e-2)
     np.testing.assert_allclose(slant.color[:, 0], 0.5, atol=0.1)
 
 
@@ -230,23 +232,23 @@ def test_normals_of_a_stretched_ball(device: str, tmp_path: Path, scale, name: s
     target = rng.normal(size=(200, 3)) * 0.2
     direction = rng.normal(size=(200, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    seen = VisibleObjects(read(stage), device, target - 20.0 * direction, direction)
-    exact = np.where(seen.material[:, None] >= 0, seen.point / np.square(scale), 1.0)
+    points_hit = TracedPoints(read(stage), device, target - 20.0 * direction, direction)
+    exact = np.where(points_hit.material[:, None] >= 0, points_hit.point / np.square(scale), 1.0)
     exact /= np.linalg.norm(exact, axis=1, keepdims=True)
     facing = (exact * direction).sum(axis=1) < -0.2  # nearer the rim normals are bent towards the viewer
-    facing &= seen.material >= 0
+    facing &= points_hit.material >= 0
     assert facing.sum() > 80
-    angle = np.arccos(np.clip((seen.shading_normal * exact).sum(axis=1), -1, 1))[facing]
-    flat = np.arccos(np.clip((seen.surfel["normal"] * exact).sum(axis=1), -1, 1))[facing]
+    angle = np.arccos(np.clip((points_hit.shading_normal * exact).sum(axis=1), -1, 1))[facing]
+    flat = np.arccos(np.clip((points_hit.surface_point["normal"] * exact).sum(axis=1), -1, 1))[facing]
     assert angle.max() < 0.02  # the facets are up to that far from the ellipsoid; a wrong rule misses by 0.5
     assert flat.mean() > 5 * angle.mean()
-    np.testing.assert_allclose(seen.surfel["normal"], seen.normal, atol=1e-5)
-    hit = seen.material >= 0
+    np.testing.assert_allclose(points_hit.surface_point["normal"], points_hit.normal, atol=1e-5)
+    hit = points_hit.material >= 0
     assert hit.mean() > 0.8
-    assert ((seen.surfel["normal"] * seen.direction).sum(axis=1) < 0)[hit].all()
-    assert ((seen.shading_normal * seen.direction).sum(axis=1) < 0)[hit].all()
-    assert ((seen.shading_normal * seen.surfel["normal"]).sum(axis=1) > 0)[hit].all()
-    np.testing.assert_allclose(np.linalg.norm(seen.shading_normal, axis=1)[hit], 1.0, atol=1e-5)
+    assert ((points_hit.surface_point["normal"] * points_hit.direction).sum(axis=1) < 0)[hit].all()
+    assert ((points_hit.shading_normal * points_hit.direction).sum(axis=1) < 0)[hit].all()
+    assert ((points_hit.shading_normal * points_hit.surface_point["normal"]).sum(axis=1) > 0)[hit].all()
+    np.testing.assert_allclose(np.linalg.norm(points_hit.shading_normal, axis=1)[hit], 1.0, atol=1e-5)
 
 
 def test_normals_written_inside_out_and_back_sides(device: str, tmp_path: Path) -> None:
@@ -256,11 +258,11 @@ def test_normals_written_inside_out_and_back_sides(device: str, tmp_path: Path) 
     mesh.CreateNormalsAttr([Gf.Vec3f(0.6, 0.0, -0.8)] * 4)
     mesh.SetNormalsInterpolation("vertex")
     arrays = read(stage)
-    top = VisibleObjects(arrays, device, [(1, 1.2, 5)], (0, 0, -1))
+    top = TracedPoints(arrays, device, [(1, 1.2, 5)], (0, 0, -1))
     np.testing.assert_allclose(top.shading_normal[0], (-0.6, 0.0, 0.8), atol=1e-5)
-    below = VisibleObjects(arrays, device, [(1, 1.2, -5)], (0, 0, 1))
+    below = TracedPoints(arrays, device, [(1, 1.2, -5)], (0, 0, 1))
     np.testing.assert_allclose(below.shading_normal[0], (0.6, 0.0, -0.8), atol=1e-5)
-    np.testing.assert_allclose(below.surfel["normal"][0], (0.0, 0.0, -1.0), atol=1e-6)
+    np.testing.assert_allclose(below.surface_point["normal"][0], (0.0, 0.0, -1.0), atol=1e-6)
 
 
 def test_normal_map(device: str, tmp_path: Path) -> None:
@@ -277,8 +279,8 @@ def test_normal_map(device: str, tmp_path: Path) -> None:
     give_uv(add_quad(stage, "/World/b", turned, [(10, 0, 0), (12, 0, 0), (12, 2, 0), (10, 2, 0)]))
     mirrored = add_quad(stage, "/World/c", straight, [(20, 0, 0), (22, 0, 0), (22, 2, 0), (20, 2, 0)])
     give_uv(mirrored, [(1, 0), (0, 0), (0, 1), (1, 1)])
-    seen = VisibleObjects(read(stage), device, above([(0.9, 0.7), (10.9, 0.7), (20.9, 0.7)]), (0, 0, -1))
-    np.testing.assert_allclose(seen.shading_normal, [(0.6, 0, 0.8), (0, 0.6, 0.8), (-0.6, 0, 0.8)], atol=0.006)
+    points_hit = TracedPoints(read(stage), device, above([(0.9, 0.7), (10.9, 0.7), (20.9, 0.7)]), (0, 0, -1))
+    np.testing.assert_allclose(points_hit.shading_normal, [(0.6, 0, 0.8), (0, 0.6, 0.8), (-0.6, 0, 0.8)], atol=0.006)
 
 
 def test_numbers_from_channels(device: str, tmp_path: Path) -> None:
@@ -288,11 +290,11 @@ def test_numbers_from_channels(device: str, tmp_path: Path) -> None:
     for name, output in (("roughness", "g"), ("metallic", "b"), ("emissiveColor", "rgb"), ("opacity", "a")):
         connect(stage, shader, name, "orm.png", output=output, sourceColorSpace="raw")
     give_uv(add_quad(stage, "/World/quad", material))
-    seen = VisibleObjects(read(stage), device, above([(0.9, 0.7)]), (0, 0, -1))
-    assert seen.roughness[0] == pytest.approx(0.4, abs=1e-3)
-    assert seen.metallic[0] == pytest.approx(0.8, abs=1e-3)
-    np.testing.assert_allclose(seen.emission[0], (0.2, 0.4, 0.8), atol=1e-3)
-    assert not seen.is_hole[0]
+    points_hit = TracedPoints(read(stage), device, above([(0.9, 0.7)]), (0, 0, -1))
+    assert points_hit.roughness[0] == pytest.approx(0.4, abs=1e-3)
+    assert points_hit.metallic[0] == pytest.approx(0.8, abs=1e-3)
+    np.testing.assert_allclose(points_hit.emission[0], (0.2, 0.4, 0.8), atol=1e-3)
+    assert not points_hit.is_hole[0]
 
 
 def test_holes_of_an_opacity_texture(device: str, tmp_path: Path) -> None:
@@ -303,9 +305,9 @@ def test_holes_of_an_opacity_texture(device: str, tmp_path: Path) -> None:
     Image.fromarray(codes).save(tmp_path / "leaf.png")
     connect(stage, shader, "opacity", "leaf.png", output="a", wrapS="clamp", wrapT="clamp")
     give_uv(add_quad(stage, "/World/quad", material))
-    seen = VisibleObjects(read(stage), device, above(CORNERS), (0, 0, -1))
-    assert seen.is_hole.tolist() == [True, False, True, False]
-    np.testing.assert_array_equal(seen.opacity, 1.0)
+    points_hit = TracedPoints(read(stage), device, above(CORNERS), (0, 0, -1))
+    assert points_hit.is_hole.tolist() == [True, False, True, False]
+    np.testing.assert_array_equal(points_hit.opacity, 1.0)
 
 
 def test_faces_without_area_make_no_nan(device: str, tmp_path: Path) -> None:
@@ -318,9 +320,9 @@ def test_faces_without_area_make_no_nan(device: str, tmp_path: Path) -> None:
     mesh.SetNormalsInterpolation("vertex")
     rng = np.random.default_rng(0)
     at = np.concatenate([rng.random((300, 2)) * 2, np.stack([rng.random(300) * 2, np.zeros(300)], axis=1)])
-    seen = VisibleObjects(read(stage), device, above(at), (0.01, 0.02, -1))
-    hit = seen.material >= 0
+    points_hit = TracedPoints(read(stage), device, above(at), (0.01, 0.02, -1))
+    hit = points_hit.material >= 0
     assert hit.sum() > 300
     for name in ("color", "roughness", "shading_normal", "normal"):
-        assert np.isfinite(seen.surfel[name][hit]).all(), name
-    np.testing.assert_allclose(seen.color[hit], np.tile(RED, (hit.sum(), 1)), atol=1e-3)
+        assert np.isfinite(points_hit.surface_point[name][hit]).all(), name
+    np.testing.assert_allclose(points_hit.color[hit], np.tile(RED, (hit.sum(), 1)), atol=1e-3)

@@ -7,21 +7,22 @@ import pytest
 import warp as wp
 from PIL import Image
 
-from mmw.kernels.shading.structs import Appearance
+from mmw.kernels.shading.structs import AppearanceTable
 from mmw.kernels.shading.texture import MAX_TAPS, sample_texture
-from mmw.physics.materials.appearance import Look, TextureUse
+from mmw.physics.materials.appearance import Appearance, TextureUse
 from mmw.physics.materials.material import Material, RadioMaterial
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.scene_data import SceneData
 from mmw.sensors.render.appearance_buffers import AppearanceArrays
 from mmw.usd.textures import area_shrink, decode_image, mip_levels
+from tests.fixtures.kernels import launched
 
 RADIO = RadioMaterial("constant")
 
 
 @wp.kernel
 def sample_kernel(
-    appearance: Appearance,
+    appearance: AppearanceTable,
     use: int,
     st: wp.array[wp.vec2],
     ds: wp.array[wp.vec2],
@@ -33,25 +34,24 @@ def sample_kernel(
     value_out[i] = sample_texture(appearance, use, st[i], ds[i], dt[i], MAX_TAPS)
 
 
-def arrays_with(*looks: Look) -> SceneData:
-    """One triangle, and a material for each look."""
+def arrays_with(*appearances: Appearance) -> SceneData:
+    """One triangle, and a material for each appearance."""
     points, faces = np.eye(3), np.array([[0, 1, 2]], dtype=np.int32)
     zero = np.zeros(1, dtype=np.int32)
-    materials = tuple(Material(f"m{k}", RADIO, "none", 0.3, look.color, look=look) for k, look in enumerate(looks))
+    materials = tuple(
+        Material(f"m{k}", RADIO, "none", 0.3, entry.color, appearance=entry) for k, entry in enumerate(appearances)
+    )
     return SceneData(points, faces, zero, zero, zero, (), (), range(1), np.zeros((1, 0, 7)), {"sunny": materials})
 
 
 def sample(device: str, use: TextureUse, st, ds=(0.0, 0.0), dt=(0.0, 0.0)) -> np.ndarray:
     """Values of a texture at coordinates [N, 2] for a footprint, [N, 4]."""
     appearance = AppearanceArrays(
-        DeviceScene(arrays_with(Look(color_texture=use)), device, 1), debug=False
+        DeviceScene(arrays_with(Appearance(color_texture=use)), device, 1), debug=False
     ).for_weather("sunny")
     st = np.asarray(st, dtype=np.float32).reshape(-1, 2)
     spread = [np.broadcast_to(np.asarray(v, dtype=np.float32), st.shape) for v in (ds, dt)]
-    inputs = [wp.array(np.ascontiguousarray(v), dtype=wp.vec2, device=device) for v in (st, *spread)]
-    out = wp.zeros(len(st), dtype=wp.vec4, device=device)
-    wp.launch(sample_kernel, dim=len(st), inputs=[appearance, 0, *inputs], outputs=[out], device=device)
-    return out.numpy()
+    return launched(sample_kernel, len(st), [appearance, 0, st, *spread], device)[0]
 
 
 def write(path: Path, codes: np.ndarray) -> str:
@@ -237,7 +237,7 @@ def test_textures_are_stored_once(device: str, tmp_path: Path) -> None:
     copy = tmp_path / "copy.png"
     copy.write_bytes(Path(file).read_bytes())
     uses = [TextureUse(file), TextureUse(file, wrap=("clamp", "clamp")), TextureUse(str(copy))]
-    scene = DeviceScene(arrays_with(*(Look(color_texture=use) for use in uses)), device, 1)
+    scene = DeviceScene(arrays_with(*(Appearance(color_texture=use) for use in uses)), device, 1)
     appearance = AppearanceArrays(scene).for_weather("sunny")
     assert len(appearance.textures) == 1
     assert len(appearance.uses) == 3
@@ -246,27 +246,27 @@ def test_textures_are_stored_once(device: str, tmp_path: Path) -> None:
 
 def test_missing_texture(device: str, tmp_path: Path) -> None:
     use = TextureUse(str(tmp_path / "none.png"))
-    looks = [
-        Look(color=(0.1, 0.2, 0.3), color_texture=use, prim_path="/M/a"),
-        Look(color_texture=use, prim_path="/M/b"),
+    appearances = [
+        Appearance(color=(0.1, 0.2, 0.3), color_texture=use, prim_path="/M/a"),
+        Appearance(color_texture=use, prim_path="/M/b"),
     ]
-    scene = DeviceScene(arrays_with(*looks), device, 1)
+    scene = DeviceScene(arrays_with(*appearances), device, 1)
     plain = AppearanceArrays(scene)
     (note,) = plain.notes
     assert "/M/a" in note and "none.png" in note and "not there" in note
-    looks_of = plain.for_weather("sunny").looks.numpy()
-    assert looks_of[0]["color_texture"] == -1
-    np.testing.assert_allclose(looks_of[0]["color"], [0.1, 0.2, 0.3], rtol=1e-6)
+    appearances_of = plain.for_weather("sunny").appearances.numpy()
+    assert appearances_of[0]["color_texture"] == -1
+    np.testing.assert_allclose(appearances_of[0]["color"], [0.1, 0.2, 0.3], rtol=1e-6)
     debug = AppearanceArrays(scene, debug=True).for_weather("sunny")
-    assert debug.looks.numpy()["color_texture"].tolist() == [0, 0]
+    assert debug.appearances.numpy()["color_texture"].tolist() == [0, 0]
     np.testing.assert_array_equal(debug.texels.numpy().view(np.float16)[:4], [1.0, 0.0, 1.0, 1.0])
 
 
 @pytest.mark.parametrize("suffix", ["exr", "hdr"])
 def test_formats_that_are_not_read_are_named(device: str, tmp_path: Path, suffix: str) -> None:
     (tmp_path / f"sky.{suffix}").write_bytes(b"v/1\x01")
-    look = Look(color_texture=TextureUse(str(tmp_path / f"sky.{suffix}")), prim_path="/M/a")
-    (note,) = AppearanceArrays(DeviceScene(arrays_with(look), device, 1)).notes
+    appearance = Appearance(color_texture=TextureUse(str(tmp_path / f"sky.{suffix}")), prim_path="/M/a")
+    (note,) = AppearanceArrays(DeviceScene(arrays_with(appearance), device, 1)).notes
     assert suffix.upper() in note and "/M/a" in note
 
 
@@ -275,7 +275,7 @@ def test_corrupt_file_is_one_error(device: str, tmp_path: Path, content: bytes |
     file = tmp_path / "bad.png"
     write(file, np.random.default_rng(0).integers(0, 256, (64, 64, 3)))
     file.write_bytes(file.read_bytes()[:2000] if content is None else content)
-    scene = DeviceScene(arrays_with(Look(color_texture=TextureUse(str(file)), prim_path="/M/a")), device, 1)
+    scene = DeviceScene(arrays_with(Appearance(color_texture=TextureUse(str(file)), prim_path="/M/a")), device, 1)
     with pytest.raises(ValueError, match=r"^/M/a: texture .*bad\.png cannot be decoded \(.*\); ") as caught:
         AppearanceArrays(scene)
     assert "\n" not in str(caught.value)
@@ -292,4 +292,4 @@ def test_huge_texture_is_made_smaller_in_linear_light(tmp_path: Path) -> None:
 
 def test_weather_that_was_not_read(device: str) -> None:
     with pytest.raises(ValueError, match="weather 'foggy'"):
-        AppearanceArrays(DeviceScene(arrays_with(Look()), device, 1)).for_weather("foggy")
+        AppearanceArrays(DeviceScene(arrays_with(Appearance()), device, 1)).for_weather("foggy")

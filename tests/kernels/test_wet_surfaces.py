@@ -7,46 +7,55 @@ import pytest
 import warp as wp
 
 from mmw.kernels.shading import wet_surfaces as kernels
-from mmw.kernels.shading.structs import Look, Surfel
+from mmw.kernels.shading.structs import Appearance, SurfacePoint
 from mmw.kernels.shading.wet_surfaces import Wet, film_light, film_weights, puddle_at, ripple_normal, wetted
 from mmw.physics.materials.material import wet_reflectance
 from mmw.physics.weather.weather import PRESETS, Weather
 from mmw.sensors.render.wet_surfaces import make_wet
+from tests.fixtures.directions import direction, sphere_about
+from tests.fixtures.kernels import launched
 from tests.fixtures.scenes import material
-from tests.kernels.test_brdf import direction, sphere_about
 
 wp.set_module_options({"enable_backward": False, "fast_math": True})
 
 
 @wp.kernel
 def puddle_kernel(
-    wet: Wet, look: Look, normal: wp.vec3, footprint: float, point: wp.array[wp.vec3], share_out: wp.array[float]
+    wet: Wet,
+    appearance: Appearance,
+    normal: wp.vec3,
+    footprint: float,
+    point: wp.array[wp.vec3],
+    share_out: wp.array[float],
 ):
     """Shares of standing water. Launch: dim=N."""
     k = wp.tid()
-    share_out[k] = puddle_at(wet, look, normal, point[k], footprint)
+    share_out[k] = puddle_at(wet, appearance, normal, point[k], footprint)
 
 
 @wp.kernel
 def ripple_kernel(wet: Wet, point: wp.array[wp.vec3], time: float, normal_out: wp.array[wp.vec3]):
-    """Normals of standing water. Launch: dim=N."""
+    """Compute normals of standing water. Launch: dim=N."""
     k = wp.tid()
     normal_out[k] = ripple_normal(wet, point[k], time)
 
 
 @wp.kernel
 def wetted_kernel(
-    wet: Wet, look: Look, surfel: Surfel, point: wp.array[wp.vec3], to_viewer: wp.vec3, to_light: wp.array[wp.vec3],
+    wet: Wet, appearance: Appearance, surface_point: SurfacePoint, point: wp.array[wp.vec3], to_viewer: wp.vec3,
+    to_light: wp.array[wp.vec3],
     color_out: wp.array[wp.vec3], film_out: wp.array[wp.vec4], normal_out: wp.array[wp.vec3],
     light_out: wp.array[float],
 ):  # fmt: skip
-    """Wet surfels: colour; roughness, film, its roughness and its share; its normal; its lobe. Launch: dim=N."""
+    """Wet surface points: colour; roughness, film, its roughness and its share; its normal; its lobe. Launch: dim=N."""
     k = wp.tid()
-    own = surfel
+    own = surface_point
     own.point = point[k]
-    found = wetted(wet, look, own, 1.5, 0.0)
-    color_out[k] = found.surfel.color
-    film_out[k] = wp.vec4(found.surfel.roughness, found.film, found.film_roughness, film_weights(found, to_viewer))
+    found = wetted(wet, appearance, own, 1.5, 0.0)
+    color_out[k] = found.surface_point.color
+    film_out[k] = wp.vec4(
+        found.surface_point.roughness, found.film, found.film_roughness, film_weights(found, to_viewer)
+    )
     normal_out[k] = found.film_normal
     light_out[k] = film_light(found, to_viewer, to_light[k], 1.05e-4)
 
@@ -55,12 +64,12 @@ def water(wetness: float = 0.0, puddles: float = 0.0, rain: float = 0.0) -> Wet:
     return make_wet(Weather(rain_mm_h=rain, wetness=wetness, puddles=puddles), np.zeros(3))
 
 
-def ground(color=(0.2, 0.15, 0.1), roughness: float = 0.9, normal=(0.0, 0.0, 1.0)) -> tuple[Surfel, Look]:
-    surfel, look = Surfel(), Look()
-    surfel.normal = surfel.shading_normal = wp.vec3(*normal)
-    surfel.color, surfel.roughness, surfel.opacity = wp.vec3(*color), roughness, 1.0
-    look.normal_reflectance, look.is_porous, look.holds_puddles = 0.04, True, True
-    return surfel, look
+def ground(color=(0.2, 0.15, 0.1), roughness: float = 0.9, normal=(0.0, 0.0, 1.0)) -> tuple[SurfacePoint, Appearance]:
+    surface_point, appearance = SurfacePoint(), Appearance()
+    surface_point.normal = surface_point.shading_normal = wp.vec3(*normal)
+    surface_point.color, surface_point.roughness, surface_point.opacity = wp.vec3(*color), roughness, 1.0
+    appearance.normal_reflectance, appearance.is_porous, appearance.holds_puddles = 0.04, True, True
+    return surface_point, appearance
 
 
 def scattered(count: int, half: float = 1000.0) -> np.ndarray:
@@ -70,23 +79,22 @@ def scattered(count: int, half: float = 1000.0) -> np.ndarray:
 
 
 def puddles_of(wet: Wet, points: np.ndarray, device: str, footprint: float = 0.0, normal=(0.0, 0.0, 1.0)) -> np.ndarray:
-    out = wp.zeros(len(points), dtype=float, device=device)
-    at = wp.array(points, dtype=wp.vec3, device=device)
-    inputs = [wet, ground()[1], wp.vec3(*normal), footprint, at]
-    wp.launch(puddle_kernel, dim=len(points), inputs=inputs, outputs=[out], device=device)
-    return out.numpy()
+    inputs = [wet, ground()[1], wp.vec3(*normal), footprint, points]
+    return launched(puddle_kernel, len(points), inputs, device)[0]
 
 
 def wet_of(
-    wet: Wet, parts: tuple[Surfel, Look], device: str, points=((0.0, 0.0, 0.0),), angle: float = 1.4, lights=None
+    wet: Wet,
+    parts: tuple[SurfacePoint, Appearance],
+    device: str,
+    points=((0.0, 0.0, 0.0),),
+    angle: float = 1.4,
+    lights=None,
 ) -> tuple[np.ndarray, ...]:
     points = np.float32(points)
     lights = np.zeros_like(points) if lights is None else np.float32(lights)
-    out = [wp.zeros(len(points), dtype=d, device=device) for d in (wp.vec3, wp.vec4, wp.vec3, wp.float32)]
-    at, to_light = (wp.array(v, dtype=wp.vec3, device=device) for v in (points, lights))
-    inputs = [wet, parts[1], parts[0], at, wp.vec3(*direction(angle)), to_light]
-    wp.launch(wetted_kernel, dim=len(points), inputs=inputs, outputs=out, device=device)
-    return tuple(a.numpy() for a in out)
+    inputs = [wet, parts[1], parts[0], points, wp.vec3(*direction(angle)), lights]
+    return tuple(launched(wetted_kernel, len(points), inputs, device))
 
 
 @pytest.mark.parametrize("share", [0.02, 0.1, 0.3, 0.5, 0.8, 0.97])
@@ -132,10 +140,7 @@ def test_puddles_stay_in_the_world(device: str) -> None:
 
 
 def ripples(wet: Wet, points: np.ndarray, time: float, device: str) -> np.ndarray:
-    out = wp.zeros(len(points), dtype=wp.vec3, device=device)
-    inputs = [wet, wp.array(points, dtype=wp.vec3, device=device), time]
-    wp.launch(ripple_kernel, dim=len(points), inputs=inputs, outputs=[out], device=device)
-    return out.numpy()
+    return launched(ripple_kernel, len(points), [wet, points, time], device)[0]
 
 
 def test_rings_of_rain(device: str) -> None:
@@ -157,7 +162,7 @@ def test_rings_of_rain(device: str) -> None:
 
 
 def test_rings_run_outwards(device: str) -> None:
-    """What a ring is at a point now, it is farther out a little later: slopes of small steps are continuous."""
+    """A ring that is at a point now is farther out a little later: slopes of small steps are continuous."""
     points = scattered(20_000, 20.0)
     wet = water(puddles=1.0, rain=50.0)
     change = np.abs(ripples(wet, points, 3.0, device) - ripples(wet, points, 3.0005, device)).max()
@@ -184,16 +189,16 @@ def test_what_gets_wet(device: str) -> None:
     assert level[0, 0] < wall[0, 0] < under[0, 0] == pytest.approx(dry)
     assert film[0, 0] == pytest.approx(kernels.SOAKED_ROUGHNESS) and film[0, 1] > 0.3
     assert on_wall[0, 1] == 0.0 and below[0, 1] == 0.0
-    surfel, look = ground(roughness=0.2)
-    look.is_porous = look.holds_puddles = False
-    roof, on_roof, *_ = wet_of(soaked, (surfel, look), device)
+    surface_point, appearance = ground(roughness=0.2)
+    appearance.is_porous = appearance.holds_puddles = False
+    roof, on_roof, *_ = wet_of(soaked, (surface_point, appearance), device)
     assert roof[0, 0] == pytest.approx(dry) and on_roof[0, 1] > 0.0
     unchanged, none, *_ = wet_of(water(), ground(), device)
     assert unchanged[0] == pytest.approx([0.2, 0.15, 0.1]) and (none[0, [1, 3]] == 0.0).all()
 
 
-def test_standing_water_mirrors(device: str) -> None:
-    """A puddle without rain is level, whole and mirrors as water does by Fresnel's law."""
+def test_standing_water_reflects(device: str) -> None:
+    """A puddle without rain is level, whole and reflects as water does by Fresnel's law."""
     for angle, expected in ((0.0, 0.0201), (np.radians(60.0), 0.0593), (np.radians(80.0), 0.3871)):
         _, film, normal, _ = wet_of(water(1.0, 1.0), ground(), device, angle=angle)
         assert film[0, 1] == 1.0 and normal[0] == pytest.approx([0.0, 0.0, 1.0])
@@ -203,7 +208,7 @@ def test_standing_water_mirrors(device: str) -> None:
 
 
 def test_film_keeps_energy(device: str) -> None:
-    """What the film mirrors of light from all round is the integral of its lobe, and never above its share."""
+    """The film reflects the integral of its lobe of light from all round, and never more than its share."""
     parts = ground()
     for wet in (water(1.0), water(1.0, 1.0, 50.0)):
         for angle in (0.3, 1.0, 1.3):

@@ -1,5 +1,6 @@
 """Float64 oracles of the radio channel: the image method by brute force, dyadic fields, exact wedges, 60 digits."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal, localcontext
 from itertools import product
@@ -12,24 +13,27 @@ from mmw.channel.path_solver.solver import solve_paths
 from mmw.channel.paths import PathSet
 from mmw.config import ChannelConfig
 from mmw.core.constants import SPEED_OF_LIGHT
-from mmw.physics.materials.material import RadioMaterial
+from mmw.core.transforms import pose_from_ypr
+from mmw.physics.materials.material import Material, RadioMaterial
 from mmw.physics.materials.permittivity import relative_permittivity
-from mmw.scene.device_scene import DeviceScene
 from mmw.scene.scene_data import SceneData
+from mmw.worlds.towns.mesh_part import MeshPart
+from tests.fixtures.device_rays import loaded
+from tests.fixtures.scenes import arrays_from_parts, pose
 from tests.oracles.tracing import OracleScene, oracle_scene, triangle_hits
 
 SPECULAR, DIFFUSE, TRANSMISSION, DIFFRACTION = 1, 2, 4, 8
 SHIFT_M = 1e-4
-"""An answer that changes when the end of a leg, or an edge, is moved by this is in doubt."""
-SHORTEST_M = 0.01
-"""A leg shorter than this is none."""
+"""An answer that changes when the end of a segment, or an edge, is moved by this is in doubt."""
+MIN_SEGMENT_M = 0.01
+"""A segment shorter than this is none."""
 
-Chain = tuple[tuple[int, int], ...]
+Interactions = tuple[tuple[int, int], ...]
 """(interaction, surface) from transmitter to receiver; of a diffraction, the number of its edge."""
 
 
 def channel(**changes) -> ChannelConfig:
-    """Return a configuration that tries every chain, with both antennas at their agents' origins."""
+    """Return a configuration that tries every candidate, with both antennas at their agents' origins."""
     values = {
         "carriers_hz": (28e9, 4.9e9),
         "candidates": "exhaustive",
@@ -38,19 +42,47 @@ def channel(**changes) -> ChannelConfig:
     return ChannelConfig(**{**values, **changes})
 
 
+def radio_materials(radio: Mapping[str, RadioMaterial]) -> dict[str, Material]:
+    """Return materials by name that differ in their radio properties only."""
+    return {name: Material(name, values, "none", 0.3, (0.5,) * 3) for name, values in radio.items()}
+
+
+def link_scene(parts: Sequence[MeshPart], tx: Sequence, *rx: Sequence, **options) -> SceneData:
+    """Return parts with a roadside unit and CAVs without bodies at (x, y, z, ...); `options` of `arrays_from_parts`."""
+    actors = [("rsu_1", "rsu", -1), *((f"cav_{k + 1}", "cav", -1) for k in range(len(rx)))]
+    return arrays_from_parts(parts, actors=actors, poses=[[pose(*at) for at in (tx, *rx)]], **options)
+
+
+DRIVING = (("cav_1", "cav", 0), ("cav_2", "cav", 0), ("veh_001", "vehicle", 1), ("rsu_1", "rsu", -1))
+"""Actors of `driving`; model 0 is a car, 1 a truck."""
+
+
+def driving(times: np.ndarray, truck_y: float = 6.5) -> np.ndarray:
+    """Return poses of two CAVs, a turning truck and a roadside unit in a street along x, shape [times, 4, 7]."""
+    rows = []
+    for t in times:
+        rows.append(
+            [
+                pose_from_ypr([-20 + 12 * t, -3 + 0.5 * t, 0.02 * t], 0.05 + 0.3 * t, 0.01, 0.02 * t),
+                pose_from_ypr([15 - 9 * t, 3.0, 0.0], np.pi - 0.2 * t),
+                pose_from_ypr([-2 + 5 * t, truck_y - t, 0.0], 0.15 + 0.6 * t),
+                np.array(pose(0.0, -9.0, 5.0)),
+            ]
+        )
+    return np.array(rows)
+
+
 def solve(
     arrays: SceneData, config: ChannelConfig, device: str, frames: list[int] | None = None
 ) -> tuple[Links, PathSet]:
     """Return the links of some frames, all by default, and their paths."""
-    frames = list(arrays.frames) if frames is None else frames
-    scene = DeviceScene(arrays, device, len(frames))
-    scene.load_batch(frames)
+    scene = loaded(arrays, device, frames)
     links = make_links(arrays, scene.batch_frames, config)
     return links, solve_paths(scene, links, config, arrays.materials)
 
 
-def chains(paths: PathSet, link: int) -> dict[Chain, int]:
-    """Return the row of every path of a link by what it meets."""
+def paths_by_interactions(paths: PathSet, link: int) -> dict[Interactions, int]:
+    """Return the row of every path of a link by its interactions."""
     rows = np.nonzero(paths.link == link)[0]
     keys = [
         tuple(zip(*(v[p, : paths.order[p]].tolist() for v in (paths.interaction, paths.surface)), strict=True))
@@ -60,8 +92,37 @@ def chains(paths: PathSet, link: int) -> dict[Chain, int]:
     return dict(zip(keys, rows.tolist(), strict=True))
 
 
+def matched(
+    own: dict[Interactions, int], wanted: dict[Interactions, "OraclePath"]
+) -> tuple[list[tuple[Interactions, int, "OraclePath"]], int]:
+    """Return the paths that are in both, after a check that the others are in doubt, and how many are in doubt."""
+    doubtful = {without_slabs(steps) for steps, path in wanted.items() if not path.is_sure}
+    for steps, path in wanted.items():
+        assert steps in own or not path.is_sure, f"{steps} is missing"
+    for steps in own:
+        assert steps in wanted or without_slabs(steps) in doubtful, f"{steps} is no path"
+    return [(steps, row, wanted[steps]) for steps, row in own.items() if steps in wanted], len(doubtful)
+
+
+def launched_share(arrays: SceneData, device: str, **changes) -> tuple[int, int]:
+    """Return how many paths there are and how many launched rays miss, after a check that they find no others."""
+    every, launched = (
+        solve(arrays, channel(candidates=mode, **changes), device)[1] for mode in ("exhaustive", "launch")
+    )
+    found, missed = 0, 0
+    for link in range(len(every.count)):
+        own, all_own = set(paths_by_interactions(launched, link)), set(paths_by_interactions(every, link))
+        assert own <= all_own and {steps for steps in all_own if len(steps) < 2} <= own
+        found, missed = found + len(all_own), missed + len(all_own - own)
+    return found, missed
+
+
+def without_slabs(steps: Interactions) -> Interactions:
+    return tuple(step for step in steps if step[0] != TRANSMISSION)
+
+
 @dataclass(frozen=True)
-class ChainPath:
+class OraclePath:
     """A path by brute force."""
 
     point: np.ndarray
@@ -93,18 +154,8 @@ def brute_force(
     depth: int,
     slabs: frozenset[int] = frozenset(),
     edges: tuple[ConvexEdge, ...] = (),
-) -> dict[Chain, ChainPath]:
-    """Return every path of at most `depth` interactions: all sequences of planes, images, all triangles for each leg.
-
-    Args:
-        arrays: The scene.
-        frame: Frame number.
-        tx: Transmitter [m], shape [3].
-        rx: Receiver [m], shape [3].
-        depth: Most interactions, transmissions among them.
-        slabs: Surfaces that let a wave through.
-        edges: Edges that diffract, once a path.
-    """
+) -> dict[Interactions, OraclePath]:
+    """Return every path of at most `depth` interactions: sequences of planes, passages of slabs, one edge at most."""
     scene, found = oracle_scene(arrays, frame), {}
     ids = np.unique(scene.surface)
     corner = scene.corners[[int(np.argmax(scene.surface == i)) for i in ids]]
@@ -122,7 +173,7 @@ def brute_force(
         for cut, behind in ((a, b) for a in range(depth) for b in range(depth - a)):
             one, two = _sequences(len(ids), cut), _sequences(len(ids), behind)
             rows = np.concatenate([np.repeat(one, len(two), axis=0), np.tile(two, (len(one), 1))], axis=1)
-            point, sure = _bent_points(tx, rx, normal[rows], offset[rows], cut, edge)
+            point, sure = _diffracted_points(tx, rx, normal[rows], offset[rows], cut, edge)
             axis = np.insert(normal[rows], cut, 0.0, axis=1)
             steps = [[(SPECULAR, int(ids[i])) for i in row] for row in rows]
             steps = [[*row[:cut], (DIFFRACTION, number), *row[cut:]] for row in steps]
@@ -159,7 +210,7 @@ def _specular_points(
     return point, sure
 
 
-def _bent_points(
+def _diffracted_points(
     tx: np.ndarray, rx: np.ndarray, normal: np.ndarray, offset: np.ndarray, cut: int, edge: ConvexEdge
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the points of `cut` reflections, a diffraction and the other reflections, as `_specular_points` does.
@@ -202,7 +253,7 @@ def _bent_points(
 
 
 def _keep(
-    found: dict[Chain, ChainPath],
+    found: dict[Interactions, OraclePath],
     scene: OracleScene,
     steps: list[list[tuple[int, int]]],
     point: np.ndarray,
@@ -212,23 +263,23 @@ def _keep(
     slabs: frozenset[int],
     edge: ConvexEdge | None = None,
 ) -> None:
-    """Add the rows that are paths: points in their triangles, legs that meet nothing but slabs."""
+    """Add the rows that are paths: points in their triangles, segments that hit nothing but slabs."""
     for row in np.nonzero(np.isfinite(point).all(axis=(1, 2)))[0]:
         at, is_sure = point[row], bool(sure[row])
         margin = [_margin(at[k + 1], scene, own) for k, (kind, own) in enumerate(steps[row]) if kind == SPECULAR]
-        legs = np.linalg.norm(np.diff(at, axis=0), axis=1)
-        if min(margin, default=1.0) < -SHIFT_M or legs.min() < SHORTEST_M - 1e-3:
+        segments = np.linalg.norm(np.diff(at, axis=0), axis=1)
+        if min(margin, default=1.0) < -SHIFT_M or segments.min() < MIN_SEGMENT_M - 1e-3:
             continue
-        is_sure &= min(margin, default=1.0) > SHIFT_M and bool(legs.min() > SHORTEST_M + 1e-3)
+        is_sure &= min(margin, default=1.0) > SHIFT_M and bool(segments.min() > MIN_SEGMENT_M + 1e-3)
         on = [{-1}, *({own} if kind == SPECULAR else set(edge.surface) for kind, own in steps[row]), {-1}]
         full, points, normals, is_open = [], [at[0]], [], True
         for k in range(len(at) - 1):
-            met, at_t, is_clear = _crossings(scene, at[k], at[k + 1], on[k] | on[k + 1])
+            hits, at_t, is_clear = _crossings(scene, at[k], at[k + 1], on[k] | on[k + 1])
             is_sure &= is_clear
-            is_open &= set(met) <= slabs
-            for own, t in zip(met, at_t, strict=True):
+            is_open &= set(hits) <= slabs
+            for own, t in zip(hits, at_t, strict=True):
                 full.append((TRANSMISSION, own))
-                points.append(at[k] + t * (at[k + 1] - at[k]) / legs[k])
+                points.append(at[k] + t * (at[k + 1] - at[k]) / segments[k])
                 first = scene.corners[int(np.argmax(scene.surface == own))]
                 axis = np.cross(first[1] - first[0], first[2] - first[0])
                 normals.append(axis / np.linalg.norm(axis))
@@ -238,7 +289,7 @@ def _keep(
                 normals.append(normal[row, k])
         points.append(at[-1])
         if not is_sure or (is_open and len(full) <= depth):
-            found[tuple(full)] = ChainPath(np.array(points), np.array(normals).reshape(-1, 3), is_sure)
+            found[tuple(full)] = OraclePath(np.array(points), np.array(normals).reshape(-1, 3), is_sure)
 
 
 def _margin(point: np.ndarray, scene: OracleScene, surface: int) -> float:
@@ -254,18 +305,18 @@ def _margin(point: np.ndarray, scene: OracleScene, surface: int) -> float:
 def _crossings(
     scene: OracleScene, start: np.ndarray, end: np.ndarray, own: set[int]
 ) -> tuple[list[int], list[float], bool]:
-    """Return the surfaces on a leg and their distances, without those on its ends; and whether that is sure."""
+    """Return the surfaces on a segment and their distances, without those on its ends; and whether that is sure."""
     rng, answers, places = np.random.default_rng(0), [], []
     shifts = np.concatenate([np.zeros((1, 2, 3)), SHIFT_M * rng.normal(size=(3, 2, 3))])
-    origin, leg = start + shifts[:, 0], end + shifts[:, 1] - start - shifts[:, 0]
-    length = np.linalg.norm(leg, axis=1)
-    ray, triangle, t = triangle_hits(origin, leg / length[:, None], scene.corners)
+    origin, segment = start + shifts[:, 0], end + shifts[:, 1] - start - shifts[:, 0]
+    length = np.linalg.norm(segment, axis=1)
+    ray, triangle, t = triangle_hits(origin, segment / length[:, None], scene.corners)
     for k in range(len(shifts)):
         at = (ray == k) & (t < length[k]) & ~np.isin(scene.surface[triangle], list(own))
         order = np.argsort(t[at], kind="stable")
-        met, place = scene.surface[triangle[at]][order], t[at][order]
-        new = np.append(True, met[1:] != met[:-1]) if len(met) else np.zeros(0, bool)
-        answers.append(met[new].tolist())
+        hits, place = scene.surface[triangle[at]][order], t[at][order]
+        new = np.append(True, hits[1:] != hits[:-1]) if len(hits) else np.zeros(0, bool)
+        answers.append(hits[new].tolist())
         places.append(place[new].tolist())
     ends = np.concatenate([[0.0], places[0], [length[0]]])
     apart = np.diff(ends).min() > 1e-3 if len(places[0]) else True
@@ -291,22 +342,22 @@ def slab_coefficients(eta: complex, cosine: float, thickness: float, carrier_hz:
     return r_te, -r_tm, t_te, t_tm
 
 
-def dyadic_transfer(path: ChainPath, kinds: list[int], radio: list[RadioMaterial], carrier_hz: float) -> np.ndarray:
+def dyadic_transfer(path: OraclePath, kinds: list[int], radio: list[RadioMaterial], carrier_hz: float) -> np.ndarray:
     """Return the 2x2 transfer of reflections and transmissions by dyads on field vectors in space."""
-    leg = np.diff(path.point, axis=0)
-    way = leg / np.linalg.norm(leg, axis=1, keepdims=True)
-    field = np.stack(sphere_axes(way[0]), axis=1).astype(complex)
+    segment = np.diff(path.point, axis=0)
+    unit = segment / np.linalg.norm(segment, axis=1, keepdims=True)
+    field = np.stack(sphere_axes(unit[0]), axis=1).astype(complex)
     for k, (kind, material) in enumerate(zip(kinds, radio, strict=True)):
-        axis = np.cross(way[k], path.normal[k])
+        axis = np.cross(unit[k], path.normal[k])
         axis /= np.linalg.norm(axis)
-        cosine = abs(float(way[k] @ path.normal[k]))
+        cosine = abs(float(unit[k] @ path.normal[k]))
         eta = relative_permittivity(material, carrier_hz)
         r_te, r_tm, t_te, t_tm = slab_coefficients(eta, cosine, material.thickness, carrier_hz)
         te, tm = (r_te, r_tm) if kind == SPECULAR else (t_te, t_tm)
-        dyad = te * np.outer(axis, axis) + tm * np.outer(np.cross(way[k + 1], axis), np.cross(way[k], axis))
+        dyad = te * np.outer(axis, axis) + tm * np.outer(np.cross(unit[k + 1], axis), np.cross(unit[k], axis))
         field = dyad @ field
     wave = SPEED_OF_LIGHT / carrier_hz / (4 * np.pi * path.length)
-    return wave * np.stack(sphere_axes(-way[-1])) @ field
+    return wave * np.stack(sphere_axes(-unit[-1])) @ field
 
 
 def sphere_axes(direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,4 +1,4 @@
-"""Float64 NumPy oracles: the slow, plain way to get what the kernels compute."""
+"""Float64 NumPy oracles: slow and plain counterparts of the kernels."""
 
 from dataclasses import dataclass
 
@@ -23,7 +23,7 @@ class OracleScene:
 
 @dataclass(frozen=True)
 class OracleHits:
-    """What each ray meets first; t = inf and ids -1 for a miss. Shapes [R], normal [R, 3]."""
+    """First hits of rays; t = inf and ids -1 for a miss. Shapes [R], normal [R, 3]."""
 
     t: np.ndarray
     object_id: np.ndarray
@@ -63,7 +63,7 @@ def oracle_scene(arrays: SceneData, frame: int) -> OracleScene:
 def triangle_hits(
     origin: np.ndarray, direction: np.ndarray, corners: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return ray, triangle and distance [m] of every meeting of a ray and a triangle; both sides count.
+    """Return ray, triangle and distance [m] of every hit of a ray and a triangle; both sides count.
 
     Every ray is tried against every triangle whose bounding sphere it comes near; spheres of `GROUP` neighbours in the
     list are asked first.
@@ -82,8 +82,8 @@ def triangle_hits(
         q = np.cross(s, edge_1)
         v = np.einsum("px,px->p", q, direction[ray]) * inverse
         t = np.einsum("px,px->p", q, edge_2) * inverse
-        meets = (np.abs(determinant) > 1e-14) & (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (t > 0.0)
-    return ray[meets], triangle[meets], t[meets]
+        is_hit = (np.abs(determinant) > 1e-14) & (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (t > 0.0)
+    return ray[is_hit], triangle[is_hit], t[is_hit]
 
 
 GROUP = 32
@@ -91,7 +91,7 @@ GROUP = 32
 
 
 def _near_pairs(origin: np.ndarray, direction: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (ray, triangle) pairs that come near each other: all that meet, and some more."""
+    """Return the (ray, triangle) pairs that come near each other: all hits, and some more."""
     middle = corners.mean(axis=1)
     reach = np.linalg.norm(corners - middle[:, None], axis=2).max(axis=1, initial=0.0) + 1e-6
     starts = np.arange(0, len(corners), GROUP)
@@ -118,16 +118,7 @@ def cast_rays(
     t_max: float = np.inf,
     ignore: np.ndarray | int = -1,
 ) -> OracleHits:
-    """Return what rays meet first in one frame.
-
-    Args:
-        arrays: The scene.
-        frame: Frame number.
-        origin: World frame [m], shape [R, 3].
-        direction: Unit, world frame, shape [R, 3].
-        t_max: Length of the rays [m].
-        ignore: Instance that a ray does not see, -1 for none; one number or shape [R].
-    """
+    """Return what rays hit first in one frame; `ignore` is an instance that rays do not see, -1 for none."""
     scene = oracle_scene(arrays, frame)
     origin = np.broadcast_to(np.asarray(origin, dtype=np.float64), direction.shape)
     ignore = np.broadcast_to(ignore, len(direction))
@@ -183,3 +174,48 @@ def trapezoid(values: np.ndarray, at: np.ndarray) -> float:
         at: Where they are, shape [N].
     """
     return float(np.sum((values[1:] + values[:-1]) / 2 * np.diff(at)))
+
+
+AMBIGUOUS_ANGLE = 1e-6
+"""A ray is ambiguous if the oracle's object changes when the ray turns by this [rad]."""
+
+
+def is_ambiguous(arrays: SceneData, frame: int, origin: np.ndarray, direction: np.ndarray, t_max: float) -> np.ndarray:
+    """Return whether the oracle hits another object when a ray turns by `AMBIGUOUS_ANGLE` in one of eight ways, [R]."""
+    here = cast_rays(arrays, frame, origin, direction, t_max).object_id
+    side = np.cross(direction, np.where(np.abs(direction[:, 2:]) < 0.9, [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]))
+    side /= np.linalg.norm(side, axis=1, keepdims=True)
+    other = np.cross(direction, side)
+    found = np.zeros(len(direction), dtype=bool)
+    for angle in np.arange(8) * np.pi / 4:
+        turned = direction + AMBIGUOUS_ANGLE * (np.cos(angle) * side + np.sin(angle) * other)
+        turned /= np.linalg.norm(turned, axis=1, keepdims=True)
+        found |= cast_rays(arrays, frame, origin, turned, t_max).object_id != here
+    return found
+
+
+def agreeing_rays(
+    arrays: SceneData, frame: int, rays: tuple[np.ndarray, np.ndarray], found: tuple[np.ndarray, np.ndarray],
+    expected: tuple[np.ndarray, np.ndarray], reach: float, t_max: float = np.inf,
+) -> np.ndarray:  # fmt: skip
+    """Return which rays agree with the oracle, shape [R], after a check that each of the others is ambiguous.
+
+    Args:
+        arrays: The scene.
+        frame: Its frame.
+        rays: Origins and unit directions, world frame, shape [R, 3] each.
+        found: Distances, inf for a miss, and objects of the rays, shape [R] each.
+        expected: Those of the oracle before they end at `reach`, an edge like any other.
+        reach: Distance at which what a ray hits is too far.
+        t_max: Length of the rays of the oracle [m].
+    """
+    distance = np.where(expected[0] < reach, expected[0], np.inf)
+    object_id = np.where(expected[0] < reach, expected[1], -1)
+    with np.errstate(invalid="ignore"):
+        is_same = (found[1] == object_id) & ~(np.abs(found[0] - distance) > 1e-3)
+    odd = np.flatnonzero(~is_same)
+    if len(odd):
+        clear = ~is_ambiguous(arrays, frame, rays[0][odd], rays[1][odd], t_max)
+        clear &= np.abs(expected[0][odd] - reach) > 1e-3
+        assert not clear.any(), (frame, odd[clear], found[0][odd[clear]], distance[odd[clear]])
+    return is_same

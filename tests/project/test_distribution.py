@@ -1,4 +1,4 @@
-"""What users install: its name, what messages tell them to install, and what goes along."""
+"""The distribution: its name, the install commands in messages, its dependencies and licences."""
 
 import re
 import subprocess
@@ -8,6 +8,7 @@ import warnings
 from pathlib import Path
 
 import pytest
+import yaml
 
 from mmw import __version__
 from mmw.core.extras import DISTRIBUTION, EXTRA_OF, install
@@ -27,6 +28,8 @@ def test_messages_name_the_distribution() -> None:
     assert PROJECT["name"] == DISTRIBUTION
     assert install() == "pip install multimodal-wireless"
     assert install("plot", "viz") == "pip install 'multimodal-wireless[plot,viz]'"
+    own = [line for lines in EXTRAS.values() for line in lines if line.startswith(f"{DISTRIBUTION}[")]
+    assert own and {name for line in own for name in re.findall(r"\w+", line.split("[")[1])} <= set(EXTRAS)
 
 
 def test_nobody_is_told_to_install_another_projects_mmw() -> None:
@@ -37,7 +40,7 @@ def test_nobody_is_told_to_install_another_projects_mmw() -> None:
         for names in re.findall(r"multimodal-wireless\[([a-z,]+)\]", text):
             assert set(names.split(",")) <= set(EXTRAS), (path, names)
     used = {name for path in TEXTS for name in re.findall(r"install\(['\"]([a-z]+)['\"]\)", path.read_text())}
-    assert {"ray", "sumo", "viz"} <= used and used | set(EXTRA_OF.values()) <= set(EXTRAS)
+    assert "ray" in used and used | set(EXTRA_OF.values()) <= set(EXTRAS)
 
 
 def test_lowest_requirements() -> None:
@@ -55,13 +58,6 @@ def test_lowest_requirements() -> None:
         *(re.split("[><=]", line)[0] for line in PROJECT["dependencies"]), "libsumo",
     }  # fmt: skip
     assert "no extra nothing" in lowest("nothing").stderr
-
-
-@pytest.mark.parametrize("extra", EXTRAS)
-def test_extras_that_name_extras_name_ours(extra: str) -> None:
-    for line in EXTRAS[extra]:
-        if line.startswith(f"{DISTRIBUTION}["):
-            assert set(re.findall(r"\w+", line.split("[")[1])) <= set(EXTRAS)
 
 
 def test_every_dependency_has_its_licence() -> None:
@@ -84,11 +80,19 @@ def test_the_page_lists_every_extra() -> None:
     assert {name for row in rows for name in re.findall(r"`(\w+)`", row)} == set(EXTRAS)
 
 
-def test_the_changelog_has_this_release() -> None:
+def test_changelog_and_citation_have_this_release() -> None:
     heads = re.findall(r"^## \[(.+?)\](?: - (\d{4}-\d\d-\d\d))?$", (ROOT / "CHANGELOG.md").read_text(), re.M)
     assert heads[0] == ("Unreleased", "") and heads[1][0] == __version__
     dates = [date for _, date in heads[1:]]
     assert all(dates) and dates == sorted(dates, reverse=True)
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert {"cff-version", "message", "title", "authors", "license"} <= set(citation)
+    assert (citation["version"], citation["date-released"]) == heads[1]
+
+
+def test_hooks_run_ruff_of_the_environment() -> None:
+    hooks = yaml.safe_load((ROOT / ".pre-commit-config.yaml").read_text())["repos"][0]["hooks"]
+    assert [hook["entry"].split()[:2] for hook in hooks] == [[".venv/bin/ruff", "check"], [".venv/bin/ruff", "format"]]
 
 
 def test_warnings_about_our_code_are_errors_and_others_are_shown() -> None:

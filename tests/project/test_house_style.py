@@ -4,11 +4,9 @@ import ast
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pyarrow as pa
-from pydantic import BaseModel
 
 ROOT = Path(__file__).resolve().parents[2]
 KERNELS_LINK = ROOT / "mmw" / "kernels"
@@ -38,12 +36,21 @@ def test_files_are_short() -> None:
 
 def test_kernels_import_only_warp_and_kernels() -> None:
     for path in KERNELS:
-        assert all(name.split(".")[0] == "warp" or name.startswith("mmw.kernels") for name in imports_of(path)), path
+        others = [name for name in imports_of(path) if not name.startswith(("warp", "mmw.kernels", "typing"))]
+        assert others == [], path
 
 
-def test_kernels_are_imported_as_part_of_mmw() -> None:
+def test_no_module_imports_a_test_module() -> None:
     for path in SOURCES:
-        assert not any(name == "kernels" or name.startswith("kernels.") for name in imports_of(path)), path
+        assert not any(re.match(r"tests\.(\w+\.)*test_", name) for name in imports_of(path)), path
+
+
+def test_docstrings_do_not_open_with_a_question_word() -> None:
+    for path in SOURCES:
+        for node in ast.walk(ast.parse(path.read_text())):
+            match node:
+                case ast.Expr(value=ast.Constant(value=str(text))):
+                    assert not re.match(r"\s*(What|Where|Which|Who)\b", text), f"{path}:{node.lineno}"
 
 
 def test_only_trace_touches_a_tree() -> None:
@@ -56,51 +63,22 @@ def test_only_the_tree_is_native_code() -> None:
     assert [path.name for path in KERNELS if "func_native" in path.read_text()] == ["bvh.py"]
 
 
-def kernel_functions() -> Iterator[tuple[str, ast.FunctionDef, list[str]]]:
-    """Yield where each Warp function is, its definition and its decorators."""
+def test_kernel_signatures() -> None:
     for path in KERNELS:
         for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.FunctionDef):
-                decorators = [ast.unparse(decorator) for decorator in node.decorator_list]
-                if any(decorator.startswith(("wp.kernel", "wp.func")) for decorator in decorators):
-                    yield f"{path.name}:{node.name}", node, decorators
-
-
-def test_kernel_signatures() -> None:
-    for where, node, decorators in kernel_functions():
-        doc = ast.get_docstring(node)
-        assert not node.args.defaults, f"{where} has default values"
-        assert doc, f"{where} has no docstring"
-        for argument in node.args.args:
-            assert argument.annotation is not None, f"{where}: {argument.arg} has no type"
-        if any(decorator.startswith("wp.kernel") for decorator in decorators):
-            assert node.name.endswith("_kernel"), f"{where} must end in _kernel"
-            assert "Launch:" in doc, f"{where} does not say how it is launched"
-            outputs = [argument.arg.endswith("_out") for argument in node.args.args]
-            assert outputs == sorted(outputs), f"{where}: outputs (`_out`) come last"
-            assert any(outputs), f"{where} has no output"
-
-
-def config_models() -> list[type[BaseModel]]:
-    from mmw.config import Config
-
-    seen: list[type[BaseModel]] = []
-
-    def walk(schema: type[BaseModel]) -> None:
-        if schema in seen:
-            return
-        seen.append(schema)
-        for info in schema.model_fields.values():
-            for found in find(info.annotation):
-                walk(found)
-
-    def find(annotation: object) -> list[type[BaseModel]]:
-        if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-            return [annotation]
-        return [model for argument in getattr(annotation, "__args__", ()) for model in find(argument)]
-
-    walk(Config)
-    return seen
+            decorators = [ast.unparse(decorator) for decorator in getattr(node, "decorator_list", ())]
+            if not any(decorator.startswith(("wp.kernel", "wp.func")) for decorator in decorators):
+                continue
+            where, doc, arguments = f"{path.name}:{node.name}", ast.get_docstring(node), node.args.args
+            assert not node.args.defaults, f"{where} has default values"
+            assert doc, f"{where} has no docstring"
+            assert all(argument.annotation is not None for argument in arguments), f"{where} has an untyped argument"
+            if any(decorator.startswith("wp.kernel") for decorator in decorators):
+                assert node.name.endswith("_kernel"), f"{where} must end in _kernel"
+                assert "Launch:" in doc, f"{where} does not say how it is launched"
+                outputs = [argument.arg.endswith("_out") for argument in arguments]
+                assert outputs == sorted(outputs), f"{where}: outputs (`_out`) come last"
+                assert any(outputs), f"{where} has no output"
 
 
 UNIT_OF_SUFFIX = {
@@ -110,16 +88,18 @@ UNIT_OF_SUFFIX = {
 
 
 def test_config_fields_say_their_unit() -> None:
-    models = config_models()
-    assert len(models) >= 10
-    for model in models:
-        for name, info in model.model_fields.items():
-            if name == "type":
-                continue
-            assert info.description, f"{model.__name__}.{name} has no description"
-            assert re.search(r"[\[(][^\])]+[\])]$", info.description), f"{model.__name__}.{name} must end with its unit"
-            unit = next((unit for suffix, unit in UNIT_OF_SUFFIX.items() if name.endswith(suffix)), "")
-            assert info.description.endswith(unit), f"{model.__name__}.{name} must end with {unit}"
+    from mmw.config.load import json_schema
+
+    schema = json_schema()
+    sections = {"Config": schema, **schema["$defs"]}
+    assert len(sections) >= 10
+    for section, parts in sections.items():
+        for name, field in parts.get("properties", {}).items():
+            if name != "type":
+                text = field.get("description", "")
+                assert re.search(r"[\[(][^\])]+[\])]$", text), f"{section}.{name} must have a description with its unit"
+                unit = next((unit for suffix, unit in UNIT_OF_SUFFIX.items() if name.endswith(suffix)), "")
+                assert text.endswith(unit), f"{section}.{name} must end with {unit}"
 
 
 def test_table_columns_have_unit_and_meaning() -> None:

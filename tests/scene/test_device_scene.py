@@ -9,7 +9,9 @@ import pytest
 from pxr import Gf, Sdf, Usd, UsdGeom
 
 from mmw.core.transforms import quaternion_to_matrix
-from mmw.scene.device_scene import DeviceScene, SceneData, read_stage
+from mmw.scene.device_scene import DeviceScene
+from mmw.scene.reader import read_stage
+from tests.fixtures.device_rays import loaded
 from tests.fixtures.scenes import ABSENT, arrays_from_parts, box_model, ground_part, two_cars
 from tests.fixtures.stages import (
     add_box,
@@ -96,7 +98,7 @@ def test_any_range_of_frames(scenario: Path) -> None:
 
 
 def user_stage(path: Path, **kind) -> Usd.Stage:
-    """A stage without any mmw attribute: a floor, and a box below a moving Xform."""
+    """Write a stage without any mmw attribute: a floor, and a box below a moving Xform."""
     stage = new_stage(path, **kind)
     concrete = add_material(stage, "/World/Looks/itu_concrete")
     steel = add_material(stage, "/World/Looks/lacquer", base="steel")
@@ -308,7 +310,7 @@ def spoil_reference(stage: Usd.Stage) -> None:
         (spoil_scale, "/World/cart: its scale changes"),
         (spoil_role, "mmw:actor:role = 'pilot'"),
         (spoil_names, "are both called 'cart'"),
-        (spoil_indices, "/World/floor: 1 faces ask for 4 corners"),
+        (spoil_indices, "/World/floor: 1 faces need 4 corners"),
         (spoil_meshes, "no visible mesh"),
         (spoil_reference, "references or payloads do not resolve"),
     ],
@@ -334,7 +336,7 @@ def test_unknown_weather_and_frames(scenario: Path) -> None:
         read_stage(scenario, range(5), ["sunny", "foggy"])
     with pytest.raises(ValueError, match="frame 5 is outside the stage, which holds frames 0 to 4"):
         read_stage(scenario, range(6), ["sunny"])
-    with pytest.raises(ValueError, match="no frames are asked for"):
+    with pytest.raises(ValueError, match="no frames are given"):
         read_stage(scenario, range(0), ["sunny"])
 
 
@@ -344,7 +346,7 @@ def test_batches_are_checked() -> None:
         scene.load_batch([0, 1, 2])
     with pytest.raises(ValueError, match="frame 4 is not in the scene, which covers 0 to 3"):
         scene.load_batch([4])
-    with pytest.raises(ValueError, match="at least one slot"):
+    with pytest.raises(ValueError, match="at least one frame"):
         DeviceScene(two_cars(1), "cpu", 0)
 
 
@@ -364,19 +366,18 @@ def test_boxes_hold_the_posed_models(device: str) -> None:
     poses[1, 2] = ABSENT
     models = [box_model("a"), box_model("b", (9.0, 2.5, 3.0), (1.0, 0.0, 1.5))]
     actors = [(f"v{k}", "vehicle", k % 2) for k in range(5)]
-    arrays: SceneData = arrays_from_parts([], models, actors, poses)
-    scene = DeviceScene(arrays, device, 3)
+    scene = DeviceScene(arrays_from_parts([], models, actors, poses), device, 3)
     scene.load_batch([0, 1])
     lower, upper = scene._lower.numpy().reshape(3, 5, 3), scene._upper.numpy().reshape(3, 5, 3)
     group = scene._group.numpy().reshape(3, 5)
     np.testing.assert_array_equal(group, [[0] * 5, [1, 1, 3, 1, 1], [3] * 5])
-    for slot in range(2):
+    for index in range(2):
         for v in range(5):
-            if group[slot, v] < 3:
-                turn = quaternion_to_matrix(poses[slot, v, 3:])
-                corners = models[v % 2].points @ turn.T + poses[slot, v, :3]
-                np.testing.assert_allclose(lower[slot, v], corners.min(axis=0) - 1e-3, atol=2e-5)
-                np.testing.assert_allclose(upper[slot, v], corners.max(axis=0) + 1e-3, atol=2e-5)
+            if group[index, v] < 3:
+                turn = quaternion_to_matrix(poses[index, v, 3:])
+                corners = models[v % 2].points @ turn.T + poses[index, v, :3]
+                np.testing.assert_allclose(lower[index, v], corners.min(axis=0) - 1e-3, atol=2e-5)
+                np.testing.assert_allclose(upper[index, v], corners.max(axis=0) + 1e-3, atol=2e-5)
 
 
 def test_length_of_a_quaternion_does_not_scale_a_vehicle(device: str) -> None:
@@ -385,8 +386,7 @@ def test_length_of_a_quaternion_does_not_scale_a_vehicle(device: str) -> None:
     long[..., 3:] *= 3.0
     reach = []
     for poses in (arrays.poses, long):
-        scene = DeviceScene(replace(arrays, poses=poses), device, 1)
-        scene.load_batch([0])
+        scene = loaded(replace(arrays, poses=poses), device, [0])
         reach.append(scene.struct.instance_pose.numpy())
     np.testing.assert_array_equal(reach[0], reach[1])
 

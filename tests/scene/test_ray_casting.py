@@ -4,6 +4,7 @@ import numpy as np
 
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.ray_casting import cast_rays
+from tests.fixtures.device_rays import loaded
 from tests.fixtures.scenes import random_triangles
 from tests.oracles.tracing import cast_rays as oracle
 
@@ -32,6 +33,5 @@ def test_rays_hit_what_brute_force_finds(device: str) -> None:
 
 
 def test_one_ray_needs_no_list(device: str) -> None:
-    scene = DeviceScene(random_triangles(3, 10), device, 1)
-    scene.load_batch([scene.arrays.frames[0]])
+    scene = loaded(random_triangles(3, 10), device)
     assert cast_rays(scene, (0, 0, 900.0), (0, 0, 1.0)).distance.tolist() == [np.inf]

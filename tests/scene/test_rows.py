@@ -5,16 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mmw.channel.links import make_links
-from mmw.channel.path_solver.solver import solve_paths
 from mmw.channel.rows import link_rows, path_rows
 from mmw.config import ChannelConfig
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.core.kinematics import differentiate
 from mmw.core.transforms import conjugate, pose_from_ypr, rotate
-from mmw.scene.device_scene import DeviceScene
 from mmw.scene.rows import frame_rows, pose_rows
 from tests.fixtures.scenes import arrays_from_parts, pose, two_cars, wall_part
+from tests.oracles.channel import link_scene, solve
 
 
 def test_times_are_the_nearest_numbers_to_their_decimals() -> None:
@@ -25,10 +23,7 @@ def test_times_are_the_nearest_numbers_to_their_decimals() -> None:
 def test_link_statistics_are_those_of_their_paths() -> None:
     arrays = two_cars(3)
     config = ChannelConfig(candidates="exhaustive", links=("v2i",))
-    scene = DeviceScene(arrays, "cpu", 2)
-    scene.load_batch([1, 2])
-    links = make_links(arrays, [1, 2], config)
-    paths = solve_paths(scene, links, config, arrays.materials)
+    links, paths = solve(arrays, config, "cpu", [1, 2])
     rows, each = link_rows(arrays, links, paths, "sunny"), path_rows(arrays, links, paths, "sunny")
     assert rows["frame"].tolist() == [1, 1, 2, 2] and rows["carrier_hz"].tolist() == [28e9, 4.9e9] * 2
     for k in range(4):
@@ -47,16 +42,8 @@ def test_link_statistics_are_those_of_their_paths() -> None:
 
 
 def test_link_without_power_has_no_statistics() -> None:
-    arrays = arrays_from_parts(
-        [wall_part("wall", (0.0, -500.0), (0.0, 500.0), 300.0)],
-        actors=[("rsu_1", "rsu", -1), ("cav_1", "cav", -1)],
-        poses=np.array([[pose(-10, 0), pose(10, 0)]]),
-    )
-    config = ChannelConfig(candidates="exhaustive")
-    scene = DeviceScene(arrays, "cpu", 1)
-    scene.load_batch([0])
-    links = make_links(arrays, [0], config)
-    rows = link_rows(arrays, links, solve_paths(scene, links, config, arrays.materials), "sunny")
+    arrays = link_scene([wall_part("wall", (0.0, -500.0), (0.0, 500.0), 300.0)], (-10, 0), (10, 0))
+    rows = link_rows(arrays, *solve(arrays, ChannelConfig(candidates="exhaustive"), "cpu"), "sunny")
     assert rows["path_count"].tolist() == [0, 0] and rows["is_los"].tolist() == [False, False]
     for name in ("gain_db", "mean_delay_s", "rms_delay_s", "doppler_spread_hz"):
         assert rows[name].null_count == 2
@@ -67,10 +54,7 @@ def test_angles_and_doppler_of_the_line_of_sight() -> None:
     poses = np.array([[pose(0, 0), pose(30 + 0.2 * k, 30)] for k in range(5)])
     arrays = arrays_from_parts([], actors=[("rsu_1", "rsu", -1), ("cav_1", "cav", -1)], poses=poses)
     config = ChannelConfig(max_depth=0, antenna_position_m={"cav": (0, 0, 1.5), "rsu": (0, 0, 5.0)})
-    scene = DeviceScene(arrays, "cpu", 1)
-    scene.load_batch([2])
-    links = make_links(arrays, [2], config)
-    rows = path_rows(arrays, links, solve_paths(scene, links, config, arrays.materials), "sunny")
+    rows = path_rows(arrays, *solve(arrays, config, "cpu", [2]), "sunny")
     away = np.array([30.4, 30.0, -3.5])
     length = np.linalg.norm(away)
     np.testing.assert_allclose(rows["tau_s"], length / SPEED_OF_LIGHT, rtol=1e-14)

@@ -11,10 +11,10 @@ from mmw.core.resources import configs_dir
 from mmw.core.transforms import quaternion_to_ypr
 from mmw.scene.prepare import make_tracks
 from mmw.scene.sources import scenario_source
-from mmw.traffic import VehicleTrack
+from mmw.traffic.demand import VehicleTrack
 from mmw.traffic.roads.town_asset import Town, open_town
 from mmw.usd.vehicle_catalog import load_catalog
-from tests.fixtures.link_census import LinkCensus, trace_scenario
+from tests.fixtures.link_census import LinkCensus, census
 from tests.fixtures.traffic_measures import measure
 
 SCENARIOS = sorted((configs_dir() / "scenarios").glob("*.yaml"))
@@ -70,7 +70,7 @@ def test_a_scenario_replays_bit_by_bit(name: str) -> None:
 @cache
 def links_of(name: str) -> list[LinkCensus]:
     path = configs_dir() / "scenarios" / f"{name}.yaml"
-    return trace_scenario(load_config(path), path.parent, EVERY, "cpu")
+    return census(load_config(path), path.parent, EVERY)
 
 
 @pytest.mark.slow
@@ -107,4 +107,4 @@ def test_the_feature_reflects(name: str, reflector: str, least: float) -> None:
 def test_the_rural_crossroad_is_open() -> None:
     links = links_of("town07_crossroad")
     assert all(link.los_share > 0.8 for link in links)
-    assert np.mean([link.path_count[1] for link in links]) < 2.0
+    assert np.mean([link.mean_paths for link in links]) < 2.0

@@ -16,87 +16,28 @@ from mmw.scene.reader import read_stage
 from mmw.scene.stage.asset_copies import collect_assets
 from mmw.scene.stage.compose import compose_scenario
 from mmw.sensors import DepthCamera, Imu, Lidar
-from mmw.traffic import VehicleTrack
+from mmw.traffic.demand import VehicleTrack
 from mmw.usd.validate import validate_stage
 from mmw.usd.vehicle_catalog import load_catalog
+from tests.fixtures.stages import write_town
 
 FRAMES = 40
 SENSORS = (Lidar(), DepthCamera(fov_deg=90.0), Imu(), DepthCamera(name="front-depth", on=("cav",)))
 META = {"mmw": "0.1.0", "scenario": "test", "seed": 7}
 RSU = pose_from_ypr((5.0, -3.0, 0.5), math.radians(200.0))
 
-GEOMETRY = """#usda 1.0
-(
-    defaultPrim = "Town"
-    metersPerUnit = 1
-    upAxis = "Z"
-)
-def Xform "Town"
-{
-    def Xform "Roads" (
-        kind = "group"
-    )
-    {
-        def Mesh "ground" (
-            prepend apiSchemas = ["MaterialBindingAPI", "SemanticsLabelsAPI:class"]
-        )
-        {
-            token[] semantics:labels:class = ["road"]
-            uniform token subdivisionScheme = "none"
-            point3f[] points = [(-300, -300, 0), (300, -300, 0), (300, 300, 0), (-300, 300, 0)]
-            float3[] extent = [(-300, -300, 0), (300, 300, 0)]
-            int[] faceVertexCounts = [4]
-            int[] faceVertexIndices = [0, 1, 2, 3]
-            rel material:binding = </Town/Materials/asphalt>
-        }
-    }
-    def Scope "Materials"
-    {
-        def Material "asphalt" (
-            prepend references = @MATERIALS@</Materials/asphalt>
-        )
-        {
-        }
-    }
-}
-"""
-
-INTERFACE = """#usda 1.0
-(
-    defaultPrim = "Town"
-    metersPerUnit = 1
-    upAxis = "Z"
-)
-def Xform "Town" (
-    kind = "assembly"
-    prepend payload = @./geometry.usda@
-    prepend variantSets = "weather"
-    variants = {
-        string weather = "sunny"
-    }
-)
-{
-    variantSet "weather" = {
-        "sunny" {
-            custom double mmw:weather:rain = 0
-        }
-        "rainy" {
-            custom double mmw:weather:rain = 10
-        }
-    }
-}
-"""
-
 
 def make_town(folder: Path, materials: str = "") -> Path:
-    """Write a town of one square in a folder of its own, with the shipped materials beside it unless told otherwise."""
+    """Write a town in a folder of its own, with the shipped materials beside it unless told otherwise."""
     (folder / "town").mkdir(parents=True)
+    path = write_town(folder / "town" / "square.usda")
     if not materials:
         shutil.copytree(assets_dir() / "materials", folder / "materials")
         materials = "../materials/materials.usda"
-    (folder / "town" / "geometry.usda").write_text(GEOMETRY.replace("MATERIALS", materials))
-    path = folder / "town" / "square.usda"
-    path.write_text(INTERFACE)
+    geometry = Usd.Stage.Open(str(path.with_name("geometry.usda")))
+    wood = geometry.DefinePrim("/Town/Materials/wood", "Material")
+    wood.GetReferences().AddReference(materials, "/Materials/wood")
+    geometry.Save()
     return path
 
 
@@ -151,7 +92,7 @@ def test_structure(stage):
     assert [prim.GetName() for prim in stage.GetPrimAtPath("/World").GetChildren()] == ["Town", "Actors", "RSU"]
     assert [p.GetName() for p in stage.GetPrimAtPath("/World/Actors").GetChildren()] == ["cav_1", "veh_001", "veh_002"]
     assert stage.GetPrimAtPath("/World/Town").GetVariantSet("weather").GetVariantSelection() == "rainy"
-    assert stage.GetPrimAtPath("/World/Town").GetAttribute("mmw:weather:rain").Get() == 10
+    assert stage.GetPrimAtPath("/World/Town/Materials/asphalt").GetAttribute("mmw:radio:itu").Get() == "itu_wet_ground"
 
 
 def test_vehicles_are_instances_of_the_catalogue(stage):

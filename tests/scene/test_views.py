@@ -5,18 +5,18 @@ import pytest
 
 from mmw.config import MountConfig
 from mmw.core.transforms import pose_to_matrix, quaternion_to_ypr
-from mmw.scene.device_scene import DeviceScene
 from mmw.scene.views import make_views, mount_pose, sensor_actors
 from mmw.sensors import DepthCamera, Imu, Lidar
+from tests.fixtures.device_rays import loaded
 from tests.fixtures.scenes import ABSENT, two_cars
 
 
 def test_rows_go_by_frame_then_agent() -> None:
     views = make_views(two_cars(4), [2, 0, 3], Lidar())
     np.testing.assert_array_equal(views.frame, [2, 2, 0, 0, 3, 3])
-    np.testing.assert_array_equal(views.slot, [0, 0, 1, 1, 2, 2])
+    np.testing.assert_array_equal(views.batch_index, [0, 0, 1, 1, 2, 2])
     np.testing.assert_array_equal(views.actor, [0, 2, 0, 2, 0, 2])
-    np.testing.assert_array_equal(views.ignore, -1)
+    np.testing.assert_array_equal(views.ignore_instance, -1)
     assert len(views) == 6
 
 
@@ -45,7 +45,7 @@ def test_absent_agent_has_no_view() -> None:
     arrays.poses[1, 0] = ABSENT
     views = make_views(arrays, [0, 1, 2], Lidar())
     np.testing.assert_array_equal(views.frame, [0, 0, 1, 2, 2])
-    np.testing.assert_array_equal(views.slot, [0, 0, 1, 2, 2])
+    np.testing.assert_array_equal(views.batch_index, [0, 0, 1, 2, 2])
     np.testing.assert_array_equal(views.actor, [0, 2, 2, 0, 2])
 
 
@@ -59,15 +59,14 @@ def test_device_rows_are_relative_to_the_scene_origin() -> None:
     on_device = views.to_device("cpu", np.array([100.0, 0.0, -1.0]))
     expected = views.pose - np.array([100.0, 0, -1, 0, 0, 0, 0])
     np.testing.assert_allclose(on_device.pose.numpy(), expected, atol=1e-5)
-    np.testing.assert_array_equal(on_device.slot.numpy(), views.slot)
-    np.testing.assert_array_equal(on_device.ignore.numpy(), views.ignore)
+    np.testing.assert_array_equal(on_device.batch_index.numpy(), views.batch_index)
+    np.testing.assert_array_equal(on_device.ignore.numpy(), views.ignore_instance)
 
 
 def test_views_of_another_batch_are_refused() -> None:
     arrays = two_cars(4)
-    scene = DeviceScene(arrays, "cpu", 2)
-    scene.load_batch([0, 1])
-    assert make_views(arrays, [0, 1], Lidar()).for_scene(scene).slot.shape == (4,)
+    scene = loaded(arrays, "cpu", [0, 1])
+    assert make_views(arrays, [0, 1], Lidar()).for_scene(scene).batch_index.shape == (4,)
     for frames in ([1, 0], [0, 1, 2]):
         with pytest.raises(ValueError, match="call load_batch"):
             make_views(arrays, frames, Lidar()).for_scene(scene)

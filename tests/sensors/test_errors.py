@@ -7,10 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import warp as wp
+from pydantic import ValidationError
 
 from mmw.cli.run import main
 from mmw.config import load_config
-from mmw.generation.configuration_warnings import notes
+from mmw.generation.configuration_warnings import configuration_warnings
+from mmw.sensors import DepthCamera, Gnss, Imu, Lidar, Radar, RgbCamera
 from mmw.sensors.camera_group import capture as cameras
 from tests.fixtures.own_world import STAGE, write_own_world
 from tests.fixtures.scenes import two_cars
@@ -36,8 +38,8 @@ LIDAR = [
     ("elevations_deg: [1, x]", 'elevations_deg[1] = "x"', "a number is needed"),
     (f"elevations_deg: {[0] * 300}", "elevations_deg: holds 300 values", "at most 256"),
     ("preset: hdl32", 'preset = "hdl32"', "'hdl64'"),
-    ("mode: carla", 'mode = "carla"', "'compat' or 'physical'"),
-    ("mode: compat, returns: dual", "returns = 'dual' in mode compat", "use mode: physical"),
+    ("mode: compat", 'mode = "compat"', "'carla' or 'physical'"),
+    ("mode: carla, returns: dual", "returns = 'dual' in mode carla", "use mode: physical"),
     ("range_m: 1", "range_m = 1", "raise it"),
     ("range_m: .nan", "range_m = NaN", "finite number"),
     ("optics: {wavelength_nm: 532}", "optics: wavelength_nm = 532", "905 or 1550"),
@@ -63,28 +65,39 @@ DEPTH = [
     ("width_px: 640.5", "width_px = 640.5", "whole number"),
 ]
 IMU = [
-    ("mode: real", 'mode = "real"', "'compat' or 'physical'"),
+    ("mode: real", 'mode = "real"', "'carla' or 'physical'"),
     ("handedness: both", 'handedness = "both"', "'right' or 'left'"),
     ("accel_noise_std: -1", "accel_noise_std = -1", "greater than or equal to 0"),
     ("gyro_bias: 1e300", "gyro_bias = 1", "less than or equal to 100"),
     ("bias_correlation_s: 0", "bias_correlation_s = 0", "greater than 0"),
-    ("rate_hz: 100", "rate_hz = 100: unknown key", "known keys here"),
+    ("samples: 1", "samples = 1: unknown key", "known keys here"),
 ]
 GNSS = [
-    ("rate_hz: 30", "rate_hz = 30", "give one of [1, 2, 4, 5, 10, 20, 25, 50, 100]"),
+    ("rate_hz: 30", "30 Hz does not divide them", "give 33.3333 or 25"),
     ("reference_latitude_deg: 95", "reference_latitude_deg = 95", "less than or equal to 89"),
-    ("mode: rtk", 'mode = "rtk"', "'compat' or 'physical'"),
+    ("mode: rtk", 'mode = "rtk"', "'carla' or 'physical'"),
     ("horizontal_drift_std_m: 1e9", "horizontal_drift_std_m = 1000000000", "less than or equal to 10000"),
+]
+RGB = [
+    ("fov_deg: 180", "fov_deg = 180", "fisheye"),
+    ("samples: 2", "samples = 2", "1, 4 or 9"),
+    ("format: webp", 'format = "webp"', "'jpeg' or 'png'"),
+    ("lens: {model: brown_conrady, k1: -0.9}", "brown_conrady", "folds"),
+    ("lens: {k1: 0.1}", "k1", "choose another model"),
+    ("image: {exposure: {mode: auto, ev100: 12}}", "ev100 = 12", "mode: fixed"),
+    ("image: {bloom: 1}", "image.bloom = 1", "unknown key"),
 ]
 RADAR = [
     ("horizontal_fov_deg: 0", "horizontal_fov_deg = 0", "greater than 0"),
-    ("mode: compat, maps: [range_azimuth]", "mode = compat has no power", "mode: physical"),
-    ("mode: compat, iq: true", "mode = compat has no power", "mode: physical"),
+    ("mode: carla, maps: [range_azimuth]", "mode = carla has no power", "mode: physical"),
+    ("mode: carla, iq: true", "mode = carla has no power", "mode: physical"),
     ("maps: [doppler]", 'maps[0] = "doppler"', "'range_azimuth' or 'range_doppler'"),
     ("maps: range_azimuth", 'maps = "range_azimuth"', "a list is needed, such as [range_azimuth]"),
     ("maps: [range_azimuth, range_azimuth]", "names one twice", "name each once"),
     ("iq: true, azimuth_antennas: 1024", "iq of 8192 x 500 x 202", "at most 16777216"),
     ("bandwidth_hz: 1e5", "bandwidth_hz = 100000", "raise bandwidth_hz"),
+    ("carrier_hz: 1e9, bandwidth_hz: 9e8", "bandwidth_hz = 9e+08", "half of carrier_hz"),
+    ("mode: carla, output: dense", "mode = carla has no power", "mode: physical"),
     ("carrier_hz: 77", "carrier_hz = 77", "greater than or equal to 1000000000"),
     ("chirp_time_s: 0.005, frame_time_s: 0.001", "chirp_time_s = 0.005", "shorten it"),
     ("false_alarm_probability: 0", "false_alarm_probability = 0", "greater than 0"),
@@ -92,7 +105,14 @@ RADAR = [
 ]
 SENSORS = [
     (f"sensors=[{{type: {kind}, {keys}}}]", "sensors[0]", place, cure)
-    for kind, cases in (("lidar", LIDAR), ("depth", DEPTH), ("imu", IMU), ("gnss", GNSS), ("radar", RADAR))
+    for kind, cases in (
+        ("lidar", LIDAR),
+        ("depth", DEPTH),
+        ("imu", IMU),
+        ("gnss", GNSS),
+        ("radar", RADAR),
+        ("rgb", RGB),
+    )
     for keys, place, cure in cases
 ]
 OTHERS = [
@@ -114,6 +134,27 @@ OTHERS = [
     ("weathers=[sunny, sunny]", "weathers", "names one twice", "name each once"),
     ("weathers=sunny", "weathers", '= "sunny"', "such as [sunny]"),
 ]
+
+
+BOUNDS = [
+    (Lidar, {"horizontal_fov_deg": 361, "channels": 257, "returns": "first", "points_per_channel": 0}),
+    (Lidar, {"range_m": -1, "detection_margin_db": -3, "carla": {"noise_stddev": -0.1}, "optics": {"min_power": -1}}),
+    (Lidar, {"optics": {"divergence": -0.001}, "carla": {"dropoff_zero_intensity": 1.5}}),
+    (DepthCamera, {"range_m": 0, "width_px": 7, "boxes": True}),
+    (RgbCamera, {"fov_deg": 230, "jpeg_quality": 0, "rate_hz": 0, "shutter_ms": 5}),
+    (Imu, {"accel_noise_density": -1e-3, "gyro_noise_density": -1e-9, "accel_random_walk": -1, "gyro_scale_std": 0.5}),
+    (Imu, {"gyro_random_walk": np.nan, "accel_turn_on_std": -1, "misalignment_std_deg": 45, "accel_lag_frames": 2}),
+    (Gnss, {"rate_hz": 200, "reference_longitude_deg": 200, "horizontal_noise_std_m": -1, "drift_correlation_s": 0}),
+    (Gnss, {"rate_hz": 0, "latitude_noise_std_deg": -1e-9}),
+    (Radar, {"vertical_fov_deg": 180, "range_m": -1, "points": 0, "azimuth_rays": 0, "frame_time_s": 0.02}),
+]
+"""Sensors, and values each of which is refused."""
+
+
+@pytest.mark.parametrize(("kind", "key", "value"), [(kind, *item) for kind, bad in BOUNDS for item in bad.items()])
+def test_values_out_of_bounds_are_refused(kind: type, key: str, value: object) -> None:
+    with pytest.raises(ValidationError, match=key):
+        kind(**{key: value})
 
 
 @pytest.fixture
@@ -211,7 +252,7 @@ def test_a_memory_that_is_full_with_one_frame_is_exit_code_1_and_resumable(
         "note: memory is full with 3 frames a launch; going on with 1",
     ]
     (line,) = [line for line in lines if line.startswith("mmw: ")]
-    assert "memory is full with a single frame a launch" in line and "the same command resumes" in line
+    assert "memory is full (" in line and "fewer --workers" in line and "the same command resumes" in line
     assert make_own(own_world, small, "frames.count=7") == 0
 
 
@@ -232,7 +273,7 @@ def test_what_gives_no_rows_is_noted(config_file: Path) -> None:
         config = load_config(config_file, [sensors, *changes])
         keep = [k for k, actor in enumerate(arrays.actors) if actor.role in roles]
         own = replace(arrays, actors=tuple(arrays.actors[k] for k in keep), poses=arrays.poses[:, keep])
-        return notes(own, config, config.scenarios[0])
+        return list(configuration_warnings(own, config, config.scenarios[0]))
 
     assert found(("cav", "rsu")) == []
     assert found(("cav",)) == ["sensors: there is no RSU to carry depth: no rows of them"]

@@ -10,6 +10,7 @@ from mmw.scene.device_scene import DeviceScene
 from mmw.scene.scene_data import SceneData
 from mmw.sensors import DepthCamera, Lidar
 from mmw.sensors.mount_checks import check_mounts, enclosing_objects
+from tests.fixtures.device_rays import loaded
 from tests.fixtures.scenes import arrays_from_parts, box_model, box_part, ground_part, pose, quad_part
 
 HOUSE = box_part("Buildings/house", (20.0, 10.0, 8.0), (30.0, 0.0, 4.0), "concrete_facade", "building")
@@ -24,9 +25,7 @@ def world(actors=(), poses=None, models=(), flip: bool = False) -> SceneData:
 
 
 def scene_of(arrays: SceneData, device: str) -> DeviceScene:
-    scene = DeviceScene(arrays, device, 1)
-    scene.load_batch([arrays.frames[0]])
-    return scene
+    return loaded(arrays, device, [arrays.frames[0]])
 
 
 def configured(sensors: list, **channel) -> Config:

@@ -1,4 +1,4 @@
-"""Datasets of other schema versions read as `docs/reference/schema-versions.md` promises."""
+"""Datasets of another schema version, as `docs/reference/schema-versions.md` describes them."""
 
 import hashlib
 import json
@@ -46,7 +46,7 @@ def make_other(root: Path, version: str, change: Callable[[pa.Table], pa.Table])
 
 
 def assert_no_run(root: Path, version: str) -> None:
-    """A run of this mmw into the folder is refused, with both versions and what to do."""
+    """Check that a run of this mmw into the folder is refused, with both versions and what to do."""
     with pytest.raises(ValueError, match=f"has schema {re.escape(version)}.*writes {SCHEMA_VERSION}.*--overwrite"):
         prepare_root(root, IDENTITY, META["config_sha256"], {}, overwrite=False)
 

@@ -105,7 +105,7 @@ def test_ranks_share_the_windows(windows: Windows) -> None:
 
 
 def test_a_model_learns_from_parts_that_share_nothing() -> None:
-    """The whole way: split, stream, and a linear model that finds x of the pose from itself."""
+    """From end to end: split, stream, and a linear model that finds x of the pose from itself."""
     windows = open_windows(window_data(), WindowSpec(["poses"], past=4, stride=3), scenarios=["circle"])
     parts = split_windows(windows, "track", {"train": 2, "test": 1}, seed=1, gap=4)
     model = torch.nn.Linear(13, 1)
@@ -133,5 +133,5 @@ def test_without_torch_one_error_names_the_extra() -> None:
         "import sys\nsys.modules['torch'] = None\nimport mmw.dataset.windows\n"
         "try:\n    import mmw.torch\nexcept ImportError as error:\n    print(error)\n"
     )
-    told = subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT, capture_output=True, text=True).stdout
-    assert "needs the package torch, which is not installed; pip install 'multimodal-wireless[torch]'" in told
+    output = subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT, capture_output=True, text=True).stdout
+    assert "needs the package torch, which is not installed; pip install 'multimodal-wireless[torch]'" in output

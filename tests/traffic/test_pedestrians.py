@@ -1,4 +1,6 @@
-"""People: figures that are closed bodies, walk lines that keep clear of things, and motion without collisions."""
+"""People: figures that are closed bodies, walk lines that are clear of obstacles, and motion without collisions."""
+
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -7,23 +9,25 @@ import trimesh
 from pxr import Usd, UsdGeom
 from scipy.spatial import cKDTree
 
-from mmw.config import load_config
+from mmw.config import TrafficConfig, load_config
 from mmw.core.constants import VACUUM_PERMITTIVITY
 from mmw.core.resources import assets_dir, configs_dir, town_path
 from mmw.physics.materials.material import RadioMaterial
 from mmw.physics.materials.permittivity import relative_permittivity
-from mmw.physics.materials.skin import tissue_permittivity
+from mmw.physics.materials.skin import skin_permittivity
 from mmw.scene.prepare import prepare_scenario, read_scenario
 from mmw.scene.reader import read_stage
 from mmw.scene.rows import frame_rows
 from mmw.sensors.ground_truth.boxes_3d import make_boxes
+from mmw.traffic.demand import TrafficDemand, VehicleTrack
 from mmw.traffic.ground_height import Ground
-from mmw.traffic.pedestrians import PERSONAL_SPACE, WALKING_SPEED, walk_people
-from mmw.traffic.roads.sidewalk_prims import Walk, read_walks, write_walks
-from mmw.traffic.roads.town_asset import open_town
+from mmw.traffic.pedestrians import PERSONAL_SPACE, WALKING_SPEED, simulate_pedestrians
+from mmw.traffic.roads.lane_graph import LaneGraph
+from mmw.traffic.roads.sidewalk_prims import Sidewalk, read_sidewalks, write_sidewalks
+from mmw.traffic.roads.town_asset import Town, open_town
 from mmw.usd.validate import validate_stage
 from mmw.usd.vehicle_catalog import load_figures
-from mmw.worlds.towns.sidewalk_lines import BODY_ROOM, KERB_ROOM, STEP, walk_lines
+from mmw.worlds.towns.sidewalk_lines import BODY_ROOM, KERB_ROOM, STEP, sidewalk_lines
 from mmw.worlds.vehicles.build import build_figures
 from mmw.worlds.vehicles.pedestrian_models import FIGURES, build_figure
 
@@ -71,62 +75,69 @@ def test_figures_are_pedestrians_with_their_dimensions() -> None:
 )
 def test_skin_equals_the_published_tables(ghz: float, eps_r: float, sigma: float) -> None:
     """Values of the IFAC-CNR tables of dielectric properties, which are made from the same model."""
-    value = tissue_permittivity(ghz * 1e9)
+    value = skin_permittivity(ghz * 1e9)
     assert value.real == pytest.approx(eps_r, rel=1e-3)
     assert -value.imag * 2 * np.pi * ghz * 1e9 * VACUUM_PERMITTIVITY == pytest.approx(sigma, rel=1e-3)
     assert relative_permittivity(RadioMaterial("itu", itu="itu_skin"), ghz * 1e9) == value
 
 
 def test_walk_line_follows_the_middle_of_a_free_sidewalk() -> None:
-    (walk,) = walk_lines([sidewalk(20.0, 2.0)], [])
+    (walk,) = sidewalk_lines([sidewalk(20.0, 2.0)], [])
     assert walk.is_closed
     radius = np.hypot(walk.points[:, 0], walk.points[:, 1])
     assert radius == pytest.approx(21.15, abs=0.06) and np.allclose(walk.points[:, 2], 0.14)
 
 
-def test_walk_line_steps_aside_for_things_and_stays_on_the_sidewalk() -> None:
+def test_walk_line_steps_aside_for_obstacles_and_stays_on_the_sidewalk() -> None:
     posts = [shapely.Point(21.15 * np.cos(a), 21.15 * np.sin(a)).buffer(0.1) for a in (0.4, 2.0, 4.5)]
-    (walk,) = walk_lines([sidewalk(20.0, 2.4)], posts)
+    (walk,) = sidewalk_lines([sidewalk(20.0, 2.4)], posts)
     points = np.array(shapely.points(walk.points[:, :2]))
     assert min(shapely.distance(post, points).min() for post in posts) >= BODY_ROOM
     radius = np.hypot(walk.points[:, 0], walk.points[:, 1])
     assert radius.min() >= 20.15 + KERB_ROOM - 0.01 and radius.max() <= 22.55 - KERB_ROOM + 0.01
-    assert np.abs(np.diff(np.append(radius, radius[0]))).max() < STEP  # nobody jumps aside
+    assert np.abs(np.diff(np.append(radius, radius[0]))).max() < STEP  # without jumps
 
 
-def test_walk_line_breaks_off_where_nobody_can_pass() -> None:
+def test_walk_line_ends_at_a_wall() -> None:
     wall = shapely.box(18.0, -1.0, 25.0, 1.0)
-    (walk,) = walk_lines([sidewalk(20.0, 2.0)], [wall])
+    (walk,) = sidewalk_lines([sidewalk(20.0, 2.0)], [wall])
     assert not walk.is_closed
     assert shapely.distance(wall, shapely.LineString(walk.points[:, :2])) >= BODY_ROOM - 1e-6
     assert len(walk.points) * STEP > 0.9 * 2 * np.pi * 21.15
-    assert walk_lines([sidewalk(20.0, 0.0)], []) == []  # no sidewalk
+    assert sidewalk_lines([sidewalk(20.0, 0.0)], []) == []  # no sidewalk
 
 
-def test_walks_survive_usd() -> None:
+def test_sidewalks_survive_usd() -> None:
     stage = Usd.Stage.CreateInMemory()
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
-    walks = walk_lines([sidewalk(20.0, 2.0)], [shapely.box(18.0, -1.0, 25.0, 1.0)])
-    write_walks(stage, "/Town/Walks", walks)
-    (read,) = read_walks(stage, "/Town/Walks")
-    assert read.name == walks[0].name and read.is_closed == walks[0].is_closed
-    assert np.abs(read.points - walks[0].points).max() < 1e-5
-    assert read_walks(stage, "/Town/Nothing") == []
+    sidewalks = sidewalk_lines([sidewalk(20.0, 2.0)], [shapely.box(18.0, -1.0, 25.0, 1.0)])
+    write_sidewalks(stage, "/Town/Walks", sidewalks)
+    (read,) = read_sidewalks(stage, "/Town/Walks")
+    assert read.name == sidewalks[0].name and read.is_closed == sidewalks[0].is_closed
+    assert np.abs(read.points - sidewalks[0].points).max() < 1e-5
+    assert read_sidewalks(stage, "/Town/Nothing") == []
+
+
+def pedestrians(sidewalks: list[Sidewalk], count: int, frame_count: int = 50, seed: int = 4) -> list[VehicleTrack]:
+    """Return the tracks of people on sidewalks without a road."""
+    town = Town(Path("town.usda"), LaneGraph(), np.zeros((0, 3)), np.zeros((0, 3), np.int32), tuple(sidewalks))
+    traffic = TrafficConfig(spawn_center_m=(0, 0, 0), pedestrian_count=count)
+    return simulate_pedestrians(TrafficDemand(town, traffic, {}, frame_count, seed))
 
 
 @pytest.fixture(scope="module")
 def people() -> np.ndarray:
     """Poses of thirty people on one closed line and one open one, sixty seconds, shape [P, F, 7]."""
     straight = np.column_stack([np.linspace(0, 200, 401), np.full(401, 60.0), np.zeros(401)])
-    walks = [Walk("ring", circle(12.0), True), Walk("line", straight, False)]
-    tracks = walk_people(walks, load_figures(), frame_count=6000, count=30, center=(0, 0, 0), seed=3)
+    sidewalks = [Sidewalk("ring", circle(12.0), True), Sidewalk("line", straight, False)]
+    tracks = pedestrians(sidewalks, 30, frame_count=6000, seed=3)
     assert [track.name for track in tracks][:2] == ["ped_001", "ped_002"]
     assert {track.role for track in tracks} == {"pedestrian"}
     return np.stack([track.poses for track in tracks])
 
 
-def test_nobody_comes_too_close_and_everybody_walks(people: np.ndarray) -> None:
+def test_people_are_apart_and_walk(people: np.ndarray) -> None:
     position = people[:, ::20, :2]
     apart = np.linalg.norm(position[:, None] - position[None], axis=-1) + 1e3 * np.eye(len(people))[:, :, None]
     assert apart.min() > 0.9 * PERSONAL_SPACE
@@ -144,24 +155,25 @@ def test_people_move_smoothly_and_look_where_they_go(people: np.ndarray) -> None
 
 
 def test_same_seed_same_people_and_a_clear_word_about_too_many() -> None:
-    walks = [Walk("ring", circle(12.0), True)]
-    arguments = {"frame_count": 50, "count": 5, "center": (0, 0, 0)}
-    first, second = (walk_people(walks, load_figures(), **arguments, seed=4) for _ in range(2))
+    ring = [Sidewalk("ring", circle(12.0), True)]
+    first, second = (pedestrians(ring, 5, seed=4) for _ in range(2))
     assert all(np.array_equal(a.poses, b.poses) and a.model == b.model for a, b in zip(first, second, strict=True))
-    other = walk_people(walks, load_figures(), **arguments, seed=5)
+    other = pedestrians(ring, 5, seed=5)
     assert any(not np.array_equal(a.poses, b.poses) for a, b in zip(first, other, strict=True))
     with pytest.raises(ValueError, match=r"pedestrian_count = 500: .* have 37 places"):
-        walk_people(walks, load_figures(), frame_count=50, count=500, center=(0, 0, 0), seed=4)
+        pedestrians(ring, 500)
+    with pytest.raises(ValueError, match=r"pedestrian_count: the town has no walk lines"):
+        pedestrians([], 5)
 
 
 @pytest.mark.parametrize("name", ["town03", "town05", "town07", "town10"])
 def test_people_of_a_shipped_town_walk_on_its_sidewalks_past_its_props(name: str) -> None:
     """Every metre of the walk lines has a sidewalk under it, nothing that stands within a forearm, and no road."""
     town = open_town(town_path(name))
-    assert len(town.walks) >= 4 and len({walk.name for walk in town.walks}) == len(town.walks)
+    assert len(town.sidewalks) >= 4 and len({walk.name for walk in town.sidewalks}) == len(town.sidewalks)
     arrays = read_stage(town_path(name), range(1), ["sunny"])
-    label = np.array([thing.label for thing in arrays.objects])[arrays.object_id]
-    points = np.concatenate([walk.points[::2] for walk in town.walks])
+    label = np.array([object_.label for object_ in arrays.objects])[arrays.object_id]
+    points = np.concatenate([walk.points[::2] for walk in town.sidewalks])
     pavement = Ground(arrays.points, arrays.faces[label == "sidewalk"]).heights(points)
     assert np.abs(pavement - points[:, 2]).max() < 0.03  # NaN fails too
     assert np.isnan(Ground(town.points, town.faces).heights(points)).all()  # nothing to drive on

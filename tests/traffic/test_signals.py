@@ -1,4 +1,4 @@
-"""Traffic lights: the plan, the phases of a junction's arms, and what drivers make of them."""
+"""Traffic lights: the plan, the phases of a junction's arms, and the reaction of drivers."""
 
 from dataclasses import replace
 from itertools import combinations, pairwise
@@ -6,11 +6,13 @@ from itertools import combinations, pairwise
 import numpy as np
 import pytest
 
+from mmw.core.transforms import quaternion_to_ypr
+from mmw.traffic.demand import TrafficResult
 from mmw.traffic.idm.junctions import ConflictTable
-from mmw.traffic.idm.run import TrafficResult, run_traffic
+from mmw.traffic.idm.run import simulate_idm
 from mmw.traffic.roads.lane_graph import LaneGraph
 from mmw.traffic.signals import ALL_RED, GREEN, make_plans, must_stop, signal_states, turns_left
-from mmw.traffic.vehicle_pose import make_shape
+from mmw.traffic.vehicle_pose import directions, make_shape
 from mmw.worlds.towns.description import TownDescription
 from mmw.worlds.towns.signal_phases import assign_phases
 from tests.fixtures.traffic_measures import measure
@@ -22,18 +24,13 @@ PHASES = {"r0": "a", "r2": "a", "r1": "b", "r3": "b"}
 
 @pytest.fixture(scope="module")
 def lit() -> LaneGraph:
-    """A crossroad with lights in the middle; its east and west arms share a phase."""
+    """Return a crossroad with lights in the middle; its east and west arms share a phase."""
     return with_lights(crossroad(), "X", PHASES)
 
 
 def run(graph: LaneGraph, **changes) -> TrafficResult:
     options = {"frame_count": 4000, "vehicle_count": 20, "seed": 1, "signals": True}
-    return run_traffic(
-        graph,
-        surface(graph),
-        CATALOG,
-        **demand(spawn_center_m=(0.0, 0.0, 0.0), cav_ranks=(), warmup_s=1.0, **(options | changes)),
-    )
+    return simulate_idm(demand(graph, **(options | changes)))
 
 
 @pytest.mark.parametrize(
@@ -79,7 +76,7 @@ def test_plan_gives_every_phase_its_turn(lit):
     assert make_plans(crossroad(), 3) == {}
 
 
-def test_amber_is_long_enough_for_who_cannot_stop(lit):
+def test_amber_is_long_enough_for_drivers_that_cannot_stop(lit):
     fast = LaneGraph({name: replace(lane, speed=20.0) for name, lane in lit.lanes.items()})
     for graph in (lit, fast):
         plan = make_plans(graph, 0)["X"]
@@ -88,39 +85,37 @@ def test_amber_is_long_enough_for_who_cannot_stop(lit):
             assert away / speed <= plan.amber + 1e-6
 
 
-def entries(graph: LaneGraph, outcome: TrafficResult) -> list[tuple[int, str, int]]:
-    """Return (vehicle, way, frame) whenever a front bumper comes to the start of a way through X, from the poses."""
-    ways = [lane for lane in graph.lanes.values() if lane.signal]
+def entries(graph: LaneGraph, result: TrafficResult) -> list[tuple[int, str, int]]:
+    """Return (vehicle, connection, frame) of every front bumper that reaches the start of a connection through X."""
+    connections = [lane for lane in graph.lanes.values() if lane.signal]
     found = []
-    for vehicle, track in enumerate(outcome.tracks):
+    for vehicle, track in enumerate(result.tracks):
         shape = make_shape(CATALOG[track.model])
-        x, y, z, w = track.poses[:, 3:].T
-        heading = np.arctan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z))
-        forward = np.stack([np.cos(heading), np.sin(heading)], axis=1)
+        forward = directions(quaternion_to_ypr(track.poses[:, 3:])[:, 0])
         bumper = track.poses[:, :2] + (0.5 * shape.wheelbase + shape.front) * forward
-        route = outcome.routes[track.name]
-        for way in ways:
-            if way.name not in route:
+        route = result.routes[track.name]
+        for connection in connections:
+            if connection.name not in route:
                 continue
-            along = np.array([np.cos(way.headings[0]), np.sin(way.headings[0])])
-            ahead = (bumper - way.points[0, :2]) @ along
-            aside = np.abs((bumper - way.points[0, :2]) @ np.array([-along[1], along[0]]))
+            along = np.array([np.cos(connection.headings[0]), np.sin(connection.headings[0])])
+            ahead = (bumper - connection.points[0, :2]) @ along
+            aside = np.abs((bumper - connection.points[0, :2]) @ np.array([-along[1], along[0]]))
             crossed = (ahead[:-1] < 0) & (ahead[1:] >= 0) & (aside[1:] < 1.0) & (forward[1:] @ along > 0.9)
-            found += [(vehicle, way.name, int(frame)) for frame in np.flatnonzero(crossed)[:1]]
+            found += [(vehicle, connection.name, int(frame)) for frame in np.flatnonzero(crossed)[:1]]
     return found
 
 
 @pytest.mark.parametrize("seed", [1, 2])
-def test_nobody_enters_on_red_and_nobody_is_stuck(lit, seed):
-    outcome = run(lit, seed=seed)
+def test_no_vehicle_enters_on_red_or_is_stuck(lit, seed):
+    result = run(lit, seed=seed)
     plan = make_plans(lit, seed)["X"]
     seen = set()
-    for _, way, frame in entries(lit, outcome):
-        shown = plan.state(frame / 100)[lit.lanes[way].signal]
+    for _, connection, frame in entries(lit, result):
+        shown = plan.state(frame / 100)[lit.lanes[connection].signal]
         seen.add(shown)
         assert shown != "red"
-    assert "green" in seen and len(entries(lit, outcome)) > 6
-    laws = measure(outcome.tracks, lit, surface(lit), CATALOG)
+    assert "green" in seen and len(entries(lit, result)) > 6
+    laws = measure(result.tracks, lit, surface(lit), CATALOG)
     assert laws.min_gap > 0.4 and laws.max_jerk < 9.0 and laws.stuck == 0 and laws.max_braking < 4.5
     assert laws.longest_stop > 5.0  # they do stop
 
@@ -138,24 +133,25 @@ def test_signals_need_lights():
 
 
 def test_left_turns_yield_to_oncoming_traffic(lit):
-    """Who turns left on green enters only when nobody who goes straight on is let in within the next 2 seconds."""
+    """Left turns on green enter only if no vehicle straight on enters within the next 2 seconds."""
     table, lefts = ConflictTable(lit), 0
     for seed in range(3):
         found = entries(lit, run(lit, seed=seed))
-        for vehicle, way, frame in found:
-            if not turns_left(lit.lanes[way]):
+        for vehicle, connection, frame in found:
+            if not turns_left(lit.lanes[connection]):
                 continue
             lefts += 1
             for other, across, later in found:
-                meets = table.last_conflict(way, SEDAN, across, SEDAN) > -np.inf and not turns_left(lit.lanes[across])
-                if other != vehicle and meets and lit.lanes[across].signal == lit.lanes[way].signal:
+                is_straight = not turns_left(lit.lanes[across])
+                conflicts = is_straight and table.last_conflict(connection, SEDAN, across, SEDAN) > -np.inf
+                if other != vehicle and conflicts and lit.lanes[across].signal == lit.lanes[connection].signal:
                     assert not 0 <= later - frame < 200
     assert lefts > 5
 
 
-def test_town_ways_of_one_phase_meet_only_at_left_turns() -> None:
+def test_connections_of_one_phase_conflict_only_at_left_turns() -> None:
     from mmw.worlds.towns.network import build_network
-    from tests.worlds.towns.test_roads import small_town
+    from tests.fixtures.road_towns import small_town
 
     town = small_town()
     town["nodes"] |= {"E": [160, 0, 0], "F": [80, -90, 0]}
@@ -169,12 +165,13 @@ def test_town_ways_of_one_phase_meet_only_at_left_turns() -> None:
     town["props"] = {"signalled": ["B", "E"]}
     graph = build_network(TownDescription.model_validate(town)).lanes
     for node, count in (("B", 2), ("E", 2)):
-        ways = [lane for lane in graph.lanes.values() if lane.junction == node]
-        assert len({way.signal for way in ways}) == count and all(way.signal for way in ways)
+        connections = [lane for lane in graph.lanes.values() if lane.junction == node]
+        signals = {connection.signal for connection in connections}
+        assert len(signals) == count and all(signals)
         table = ConflictTable(graph)
-        for one, two in combinations(ways, 2):
-            arms = {graph.predecessors[way.name][0].rsplit("_", 1)[0] for way in (one, two)}
-            meets = len(arms) == 2 and table.last_conflict(one.name, SEDAN, two.name, SEDAN) > -np.inf
-            if meets and one.signal == two.signal:
+        for one, two in combinations(connections, 2):
+            arms = {graph.predecessors[name][0].rsplit("_", 1)[0] for name in (one.name, two.name)}
+            conflicts = len(arms) == 2 and table.last_conflict(one.name, SEDAN, two.name, SEDAN) > -np.inf
+            if conflicts and one.signal == two.signal:
                 assert turns_left(one) or turns_left(two)
     assert not any(lane.signal for lane in graph.lanes.values() if lane.junction not in ("B", "E"))

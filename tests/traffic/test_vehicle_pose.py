@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from mmw.core.transforms import quaternion_to_matrix
 from mmw.traffic.ground_height import Ground
 from mmw.traffic.roads.lane_graph import Lane
 from mmw.traffic.route import join_lanes
@@ -12,12 +13,13 @@ from mmw.traffic.vehicle_pose import (
     MAX_FLOAT,
     PATH_SIGMA,
     PATH_STEP,
+    Stance,
     follow_line,
     make_shape,
+    place_on_ground,
     sample_poses,
-    stand_on_ground,
-    wheel_points,
 )
+from tests.fixtures.traffic_measures import wheel_points
 from tests.fixtures.traffic_towns import CATALOG
 
 SEDAN = make_shape(CATALOG["sedan"])
@@ -29,23 +31,26 @@ def straight(length: float = 80.0, slope: float = 0.0) -> Lane:
     return Lane("straight", np.column_stack([x, np.zeros_like(x), slope * x]), 3.5, 10.0)
 
 
+def bend(radius: float, angle: np.ndarray) -> Lane:
+    """Return a level lane to the left on a circle, from the origin eastward."""
+    points = [radius * np.sin(angle), radius - radius * np.cos(angle), np.zeros_like(angle)]
+    return Lane("bend", np.column_stack(points), 3.5, 10.0)
+
+
+def stance_on(lane: Lane, *slopes: float) -> Stance:
+    """Return a sedan on a lane of a tilted plane."""
+    stance, _, why = place_on_ground(
+        follow_line(join_lanes([lane]), SEDAN), Ground(*plane(*slopes or (0.0, 0.0))), 10.0
+    )
+    assert stance is not None, why
+    return stance
+
+
 def plane(slope_x: float, slope_y: float, half: float = 120.0) -> tuple[np.ndarray, np.ndarray]:
     """Return a tilted square of two triangles around the origin."""
     xy = half * np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
     z = slope_x * xy[:, 0] + slope_y * xy[:, 1]
     return np.column_stack([xy, z]), np.array([(0, 1, 2), (0, 2, 3)], np.int32)
-
-
-def rotation(pose: np.ndarray) -> np.ndarray:
-    """Return the matrix of a pose's quaternion by the textbook formula."""
-    x, y, z, w = pose[3:]
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
 
 
 def test_gaussian_keeps_lines_and_shrinks_a_wave_as_theory_says():
@@ -81,9 +86,7 @@ def test_spline_refuses_positions_outside():
 
 def test_rear_axle_cuts_the_corner_by_the_tractrix():
     radius = 20.0
-    angle = np.arange(0, 2 * np.pi * 0.99, 0.5 / radius)
-    points = np.column_stack([radius * np.sin(angle), radius - radius * np.cos(angle), np.zeros_like(angle)])
-    track = follow_line(join_lanes([Lane("arc", points, 3.5, 10.0)]), SEDAN)
+    track = follow_line(join_lanes([bend(radius, np.arange(0, 2 * np.pi * 0.99, 0.5 / radius))]), SEDAN)
     settled = (track.line.station > 40) & (track.line.station < 100)
     middle = np.array([0.0, radius])
     front = np.linalg.norm(track.front[settled] - middle, axis=1)
@@ -114,14 +117,10 @@ def test_ground_needs_faces():
 
 @pytest.mark.parametrize(("slope_x", "slope_y"), [(0.0, 0.0), (0.15, 0.0), (-0.1, 0.04)])
 def test_constant_speed_on_a_plane_lies_in_the_plane(slope_x, slope_y):
-    ground = Ground(*plane(slope_x, slope_y))
-    track = follow_line(join_lanes([straight(80.0, slope_x)]), SEDAN)
-    stance, where, why = stand_on_ground(track, ground, 10.0)
-    assert stance is not None and np.isnan(where) and why == ""
-    poses = sample_poses(stance, 20.0 + 0.05 * np.arange(400))
+    poses = sample_poses(stance_on(straight(80.0, slope_x), slope_x, slope_y), 20.0 + 0.05 * np.arange(400))
     normal = np.array([-slope_x, -slope_y, 1.0]) / np.sqrt(1 + slope_x**2 + slope_y**2)
     for pose in poses[::80]:
-        matrix = rotation(pose)
+        matrix = quaternion_to_matrix(pose[3:])
         np.testing.assert_allclose(matrix[:, 2], normal, atol=1e-5)
         assert matrix[0, 0] > 0 and abs(matrix[1, 0]) < 1e-6
     wheels = wheel_points(poses, SEDAN)
@@ -132,42 +131,32 @@ def test_constant_speed_on_a_plane_lies_in_the_plane(slope_x, slope_y):
 
 
 def test_rest_is_exactly_rest():
-    stance, _, _ = stand_on_ground(
-        follow_line(join_lanes([straight(80.0, 0.1)]), SEDAN), Ground(*plane(0.1, 0.0)), 10.0
-    )
-    poses = sample_poses(stance, np.full(300, 30.0))
+    poses = sample_poses(stance_on(straight(80.0, 0.1), 0.1, 0.0), np.full(300, 30.0))
     assert (poses == poses[0]).all()
 
 
 def test_body_leans_back_when_it_speeds_up():
-    stance, _, _ = stand_on_ground(follow_line(join_lanes([straight()]), SEDAN), Ground(*plane(0.0, 0.0)), 10.0)
     t = 0.01 * np.arange(300)
-    poses = sample_poses(stance, 20.0 + t**2)  # 2 m/s^2
+    poses = sample_poses(stance_on(straight()), 20.0 + t**2)  # 2 m/s^2
     lift = wheel_points(poses, SEDAN)[150, 0, 2] - poses[150, 2]
     assert lift == pytest.approx(2 * 0.015 * (2 / 9.81) * 0.38 * SEDAN.height / SEDAN.wheelbase, rel=1e-3)
 
 
 def test_body_leans_out_of_a_bend():
-    angle = np.arange(0, 3.0, 0.02)
-    points = np.column_stack([25 * np.sin(angle), 25 - 25 * np.cos(angle), np.zeros_like(angle)])  # to the left
-    line = join_lanes([Lane("arc", points, 3.5, 10.0)])
-    stance, _, _ = stand_on_ground(follow_line(line, SEDAN), Ground(*plane(0.0, 0.0)), 10.0)
+    stance = stance_on(bend(25.0, np.arange(0, 3.0, 0.02)))
     wheels = wheel_points(sample_poses(stance, 20.0 + 0.07 * np.arange(500)), SEDAN)[250]
     assert 5e-4 < wheels[0, 2] < MAX_FLOAT and -MAX_FLOAT < wheels[1, 2] < -5e-4
 
 
 def test_quaternion_never_changes_sign_over_a_full_circle():
-    angle = np.arange(0, 4.5 * np.pi, 0.02)
-    points = np.column_stack([25 * np.sin(angle), 25 - 25 * np.cos(angle), np.zeros_like(angle)])
-    line = join_lanes([Lane("spiral", points, 3.5, 10.0)])
-    stance, _, _ = stand_on_ground(follow_line(line, SEDAN), Ground(*plane(0.0, 0.0)), 10.0)
+    stance = stance_on(bend(25.0, np.arange(0, 4.5 * np.pi, 0.02)))
     poses = sample_poses(stance, 12.0 + 0.08 * np.arange(4000))
     assert (poses[1:, 3:] * poses[:-1, 3:]).sum(axis=1).min() > 0.99999
 
 
 def test_missing_road_is_reported_where_it_begins():
     points, faces = plane(0.0, 0.0, half=40.0)
-    stance, where, why = stand_on_ground(follow_line(join_lanes([straight()]), SEDAN), Ground(points, faces), 10.0)
+    stance, where, why = place_on_ground(follow_line(join_lanes([straight()]), SEDAN), Ground(points, faces), 10.0)
     assert stance is None and why == "a wheel leaves the drivable surface"
     assert where == pytest.approx(40.0, abs=2 * PATH_STEP)
 
@@ -178,7 +167,7 @@ def test_a_step_in_the_road_is_refused():
     low[:, 0] = np.clip(low[:, 0], None, 40.0)
     high[:, 0] = np.clip(high[:, 0], 40.0, None)
     ground = Ground(np.concatenate([low, high]), np.concatenate([faces, faces + 4]))
-    stance, where, why = stand_on_ground(follow_line(join_lanes([straight()]), SEDAN), ground, 10.0)
+    stance, where, why = place_on_ground(follow_line(join_lanes([straight()]), SEDAN), ground, 10.0)
     assert stance is None and "uneven" in why and 36.0 < where < 44.0
 
 

@@ -7,19 +7,20 @@ import pytest
 from pxr import Gf, Sdf, UsdGeom, UsdShade, UsdUtils, Vt
 
 from mmw.config.material_map import MaterialEntry
-from mmw.physics.materials.appearance import Look
+from mmw.physics.materials.appearance import Appearance
 from mmw.physics.materials.material import Material
-from mmw.scene.device_scene import DeviceScene, read_stage
+from mmw.scene.device_scene import DeviceScene
+from mmw.scene.reader import read_stage
 from mmw.sensors.render.appearance_buffers import AppearanceArrays
 from mmw.usd.material_library import LIBRARY
 from mmw.usd.materials import Copies, MaterialUse, read_material, read_materials
-from mmw.usd.preview_surface import metallic_workflow, read_look
+from mmw.usd.preview_surface import metallic_workflow, read_appearance
 from tests.fixtures.material_stages import KINDS, add_quad, connect, corner_image, give_uv, preview, stage_in
 from tests.fixtures.stages import add_material, animate
 
 
-def look_of(material: UsdShade.Material, notes: dict[str, None] | None = None) -> Look:
-    return read_look(material.GetPrim(), {} if notes is None else notes)
+def appearance_of(material: UsdShade.Material, notes: dict[str, None] | None = None) -> Appearance:
+    return read_appearance(material.GetPrim(), {} if notes is None else notes)
 
 
 def test_numbers(tmp_path: Path) -> None:
@@ -31,14 +32,14 @@ def test_numbers(tmp_path: Path) -> None:
     material, _ = preview(stage, "/World/a", given)
     material.GetPrim().CreateAttribute("mmw:lamp", KINDS.Token).Set("headlight")
     notes: dict[str, None] = {}
-    assert look_of(material, notes) == Look(
+    assert appearance_of(material, notes) == Appearance(
         (0.1, 0.2, 0.3), (2.0, 3.0, 4.0), 0.7, 0.9, 1.4, 0.3, 0.1, 0.8, 0.05, lamp="headlight"
     )
     assert not notes
-    assert look_of(preview(stage, "/World/b")[0]) == Look((0.18, 0.18, 0.18))
+    assert appearance_of(preview(stage, "/World/b")[0]) == Appearance((0.18, 0.18, 0.18))
     material.GetPrim().GetAttribute("mmw:lamp").Set("torch")
     with pytest.raises(ValueError, match=r"/World/a: mmw:lamp = 'torch'; needed is one of none, headlight"):
-        look_of(material)
+        appearance_of(material)
 
 
 def test_copies_of_a_material_are_told_from_changed_ones(tmp_path: Path) -> None:
@@ -57,15 +58,19 @@ def test_copies_of_a_material_are_told_from_changed_ones(tmp_path: Path) -> None
     uses = [MaterialUse(name, f"/World/copy_{k}/{name}", None) for name in ("paint", "shared", "odd") for k in range(3)]
     notes: dict[str, None] = {}
     found = read_materials(stage, uses, notes, copies := Copies())
-    assert [material.look.roughness for material in found[:3]] == [0.7, 0.4, 0.7]
-    assert [material.look.color[0] for material in found[3:6]] == [0.1, 0.9, 0.1]
+    assert [material.appearance.roughness for material in found[:3]] == [0.7, 0.4, 0.7]
+    assert [material.appearance.color[0] for material in found[3:6]] == [0.1, 0.9, 0.1]
     assert found == [read_material(stage, use) for use in uses]
-    assert [material.look.prim_path for material in found] == [use.prim_path for use in uses]
+    assert [material.appearance.prim_path for material in found] == [use.prim_path for use in uses]
     assert len(notes) == 3, "every copy of what is not read is named"
     specs = [copies.specs(stage.GetPrimAtPath(use.prim_path)) for use in uses]
     assert specs[0] == specs[2] != specs[1] and specs[3:6] == [None] * 3
     node.GetInput("fallback").Set(Gf.Vec4f(0.5, 0.5, 0.5, 1.0))  # as a weather would
-    assert [material.look.color[0] for material in read_materials(stage, uses, notes, copies)[3:6]] == [0.5, 0.9, 0.5]
+    assert [material.appearance.color[0] for material in read_materials(stage, uses, notes, copies)[3:6]] == [
+        0.5,
+        0.9,
+        0.5,
+    ]
 
 
 def test_values_through_a_material_interface(tmp_path: Path) -> None:
@@ -74,7 +79,7 @@ def test_values_through_a_material_interface(tmp_path: Path) -> None:
     port = material.CreateInput("tint", KINDS.Color3f)
     port.Set(Gf.Vec3f(0.4, 0.5, 0.6))
     shader.CreateInput("diffuseColor", KINDS.Color3f).ConnectToSource(port)
-    assert look_of(material).color == (0.4, 0.5, 0.6)
+    assert appearance_of(material).color == (0.4, 0.5, 0.6)
 
 
 def test_textures(tmp_path: Path) -> None:
@@ -87,25 +92,29 @@ def test_textures(tmp_path: Path) -> None:
     connect(stage, shader, "emissiveColor", file, sourceColorSpace="raw", fallback=(0.1, 0.2, 0.3, 1))
     connect(stage, shader, "opacity", file, output="a", sourceColorSpace="sRGB")
     shader.CreateInput("opacityThreshold", KINDS.Float).Set(0.25)
-    look = look_of(material)
-    assert look.color_texture is not None and look.normal_texture is not None
-    assert look.roughness_texture is not None and look.emission_texture is not None and look.opacity_texture is not None
-    assert look.color_texture.file == str(tmp_path / "a.png")
-    assert look.color_texture.wrap == ("clamp", "mirror")
-    assert look.color_texture.scale == (1.0, 2.0, 3.0, 4.0)
-    assert look.color_texture.bias == (0.5, 0.0, 0.0, 1.0)
-    assert look.normal_texture.wrap == ("black", "repeat")
-    assert (look.roughness_texture.channel, look.opacity_texture.channel) == (1, 3)
+    appearance = appearance_of(material)
+    assert appearance.color_texture is not None and appearance.normal_texture is not None
+    assert (
+        appearance.roughness_texture is not None
+        and appearance.emission_texture is not None
+        and appearance.opacity_texture is not None
+    )
+    assert appearance.color_texture.file == str(tmp_path / "a.png")
+    assert appearance.color_texture.wrap == ("clamp", "mirror")
+    assert appearance.color_texture.scale == (1.0, 2.0, 3.0, 4.0)
+    assert appearance.color_texture.bias == (0.5, 0.0, 0.0, 1.0)
+    assert appearance.normal_texture.wrap == ("black", "repeat")
+    assert (appearance.roughness_texture.channel, appearance.opacity_texture.channel) == (1, 3)
     spaces = [
-        look.color_texture,
-        look.roughness_texture,
-        look.normal_texture,
-        look.emission_texture,
-        look.opacity_texture,
+        appearance.color_texture,
+        appearance.roughness_texture,
+        appearance.normal_texture,
+        appearance.emission_texture,
+        appearance.opacity_texture,
     ]
     assert [use.is_srgb for use in spaces] == [None, False, False, False, True]
-    assert look.emission == (0.1, 0.2, 0.3)  # drawn where the file is missing
-    assert (look.opacity_threshold, look.metallic_texture) == (0.25, None)
+    assert appearance.emission == (0.1, 0.2, 0.3)  # drawn where the file is missing
+    assert (appearance.opacity_threshold, appearance.metallic_texture) == (0.25, None)
 
 
 def test_opacity_texture_without_threshold_is_noted(tmp_path: Path) -> None:
@@ -113,7 +122,7 @@ def test_opacity_texture_without_threshold_is_noted(tmp_path: Path) -> None:
     material, shader = preview(stage, "/World/a")
     connect(stage, shader, "opacity", corner_image(tmp_path / "a.png"), output="r")
     notes: dict[str, None] = {}
-    assert look_of(material, notes).opacity_threshold == 0.5
+    assert appearance_of(material, notes).opacity_threshold == 0.5
     assert [line for line in notes if "/World/a" in line and "0.5" in line]
 
 
@@ -127,7 +136,7 @@ def test_transforms_of_coordinates(tmp_path: Path) -> None:
         {"scale": Gf.Vec2f(-1, 0.5), "translation": Gf.Vec2f(5, 6)},
     ]
     connect(stage, shader, "diffuseColor", corner_image(tmp_path / "a.png"), transforms=chain)
-    use = look_of(material).color_texture
+    use = appearance_of(material).color_texture
     assert use is not None
     for st in np.random.default_rng(0).normal(size=(5, 2)):
         point = Gf.Vec3d(*st, 0.0)
@@ -148,8 +157,8 @@ def test_node_that_is_not_read_is_named(tmp_path: Path) -> None:
         kind = KINDS.Color3f if name == "diffuseColor" else KINDS.Float
         shader.CreateInput(name, kind).ConnectToSource(node.CreateOutput("out", kind))
     notes: dict[str, None] = {}
-    look = look_of(material, notes)
-    assert (look.color, look.roughness) == ((0.2, 0.3, 0.4), 0.5)
+    appearance = appearance_of(material, notes)
+    assert (appearance.color, appearance.roughness) == ((0.2, 0.3, 0.4), 0.5)
     first, second = notes
     for text in ("/World/a", "diffuseColor", "ND_fractal3d_color3", "/World/a/Noise", "(0.2, 0.3, 0.4) is drawn"):
         assert text in first
@@ -176,7 +185,7 @@ def test_surface_that_is_not_read(tmp_path: Path, context: str, shader_id: str) 
     add_quad(stage, "/World/b", material, [(10, 0, 0), (12, 0, 0), (12, 2, 0), (10, 2, 0)])
     stage.Save()
     arrays = read_stage(tmp_path / "stage.usda", range(1), ["sunny"])
-    colors = [arrays.materials["sunny"][k].look.color for k in arrays.material[[0, -1]]]
+    colors = [arrays.materials["sunny"][k].appearance.color for k in arrays.material[[0, -1]]]
     assert colors == [(0.7, 0.6, 0.5), (0.5, 0.5, 0.5)]
     assert len(arrays.look_notes) == 2  # one for each colour that is drawn
     for note, color in zip(sorted(arrays.look_notes), ("(0.5, 0.5, 0.5)", "(0.7, 0.6, 0.5)"), strict=True):
@@ -189,7 +198,7 @@ def test_preview_surface_beside_others_counts(tmp_path: Path) -> None:
     material, _ = preview(stage, "/World/a", {"roughness": 0.25})
     surface(stage, material, "mtlx", "ND_standard_surface_surfaceshader")
     notes: dict[str, None] = {}
-    assert look_of(material, notes).roughness == 0.25
+    assert appearance_of(material, notes).roughness == 0.25
     assert not notes
 
 
@@ -204,7 +213,7 @@ def test_display_color_of_a_mesh_without_material(tmp_path: Path) -> None:
     arrays = read_stage(
         tmp_path / "stage.usda", range(1), ["sunny"], material_map={"/World/*": MaterialEntry(radio="itu_wood")}
     )
-    colors = {arrays.materials["sunny"][k].look.color for k in arrays.material}
+    colors = {arrays.materials["sunny"][k].appearance.color for k in arrays.material}
     assert colors == {(0.9, 0.8, 0.7), (0.1, 0.2, 0.3)}
 
 
@@ -217,15 +226,15 @@ def test_material_of_the_library_has_its_look(device: str, tmp_path: Path) -> No
     mapped = {"/World/*": MaterialEntry(material="brick_facade")}
     arrays = read_stage(tmp_path / "stage.usda", range(1), ["sunny"], material_map=mapped)
     spec = LIBRARY["brick_facade"]
-    with_uv, without = (arrays.materials["sunny"][k].look for k in arrays.material[[0, -1]])
+    with_uv, without = (arrays.materials["sunny"][k].appearance for k in arrays.material[[0, -1]])
     assert with_uv.has_uv and not without.has_uv
     assert with_uv.color_texture is not None and Path(with_uv.color_texture.file).is_file()
     np.testing.assert_allclose(with_uv.color, spec.color, rtol=1e-6)
     (note,) = arrays.look_notes
     assert "/World/without" in note
-    looks = AppearanceArrays(DeviceScene(arrays, device, 1)).for_weather("sunny").looks.numpy()
-    assert sorted(looks["color_texture"] >= 0) == [False, True]
-    plain = looks[looks["color_texture"] < 0][0]
+    appearances = AppearanceArrays(DeviceScene(arrays, device, 1)).for_weather("sunny").appearances.numpy()
+    assert sorted(appearances["color_texture"] >= 0) == [False, True]
+    plain = appearances[appearances["color_texture"] < 0][0]
     np.testing.assert_allclose(plain["color"], spec.color, atol=0.01)
 
 
@@ -244,8 +253,8 @@ def test_looks_follow_the_weather(device: str, tmp_path: Path) -> None:
     arrays = read_stage(tmp_path / "stage.usda", range(1), ["sunny", "rainy"])
     appearance = AppearanceArrays(DeviceScene(arrays, device, 1))
     sunny, rainy = (appearance.for_weather(name) for name in ("sunny", "rainy"))
-    assert sunny.looks.numpy()["roughness"][0] == pytest.approx(0.8)
-    assert rainy.looks.numpy()["roughness"][0] == pytest.approx(0.1)
+    assert sunny.appearances.numpy()["roughness"][0] == pytest.approx(0.8)
+    assert rainy.appearances.numpy()["roughness"][0] == pytest.approx(0.1)
     assert sunny.texels.ptr == rainy.texels.ptr and sunny.town_uv.ptr == rainy.town_uv.ptr
 
 
@@ -296,7 +305,7 @@ def test_textures_in_a_package(device: str, tmp_path: Path) -> None:
     package = tmp_path / "packed.usdz"
     assert UsdUtils.CreateNewUsdzPackage(Sdf.AssetPath(str(tmp_path / "loose" / "stage.usda")), str(package))
     arrays = read_stage(package, range(1), ["sunny"])
-    use = arrays.materials["sunny"][0].look.color_texture
+    use = arrays.materials["sunny"][0].appearance.color_texture
     assert use is not None and use.file.startswith(str(package)) and use.file.endswith("four.png]")
     appearance = AppearanceArrays(DeviceScene(arrays, device, 1))
     assert not appearance.notes
@@ -330,8 +339,8 @@ def test_ground_that_holds_puddles_and_pores(device: str, tmp_path: Path) -> Non
         add_quad(stage, f"/World/q{k}", material, [(x + 10 * k, y, 0) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))])
     stage.Save()
     arrays = read_stage(tmp_path / "stage.usda", range(1), ["sunny"])
-    looks = AppearanceArrays(DeviceScene(arrays, device, 1)).for_weather("sunny").looks.numpy()
+    appearances = AppearanceArrays(DeviceScene(arrays, device, 1)).for_weather("sunny").appearances.numpy()
     names = [material.name for material in arrays.materials["sunny"]]
-    assert {names[k] for k in np.flatnonzero(looks["is_porous"])} == {"m0", "m3"}
-    assert {names[k] for k in np.flatnonzero(looks["holds_puddles"])} == {"m0", "m1"}
+    assert {names[k] for k in np.flatnonzero(appearances["is_porous"])} == {"m0", "m3"}
+    assert {names[k] for k in np.flatnonzero(appearances["holds_puddles"])} == {"m0", "m1"}
     assert isinstance(arrays.materials["sunny"][0], Material)

@@ -8,7 +8,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import trimesh.transformations as tf
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from scipy.spatial import ConvexHull
@@ -23,13 +22,16 @@ from mmw.viz.plots import (
     draw_radar,
     plot_link,
     plot_paths,
+    plot_readings,
+    plot_sensor,
     read_town_plan,
     render_frame,
 )
-from mmw.viz.plots.frame import cameras_of, choose_panels
+from mmw.viz.plots.frame import choose_panels, sensors_of
 from mmw.viz.plots.images import box_lines, seen_objects
 from mmw.viz.plots.map import convex_outline
 from mmw.viz.plots.style import box_kind
+from tests.fixtures.export_data import box_matrix, matrix
 from tests.fixtures.small_dataset import SCENARIO, small_dataset
 
 AT = (SCENARIO, "sunny")
@@ -49,13 +51,6 @@ def axes_of(figure, text: str):
         stack += list(getattr(one, "subfigs", []))
         found += [axes for axes in one.axes if axes not in found]
     return next(a for a in found if any(text in words for words in (a.get_ylabel(), a.get_xlabel(), a.get_title())))
-
-
-def matrix(row: dict) -> np.ndarray:
-    """Return the transform of x, y, z and qw, qx, qy, qz, shape [4, 4], by trimesh."""
-    result = tf.quaternion_matrix([row["qw"], row["qx"], row["qy"], row["qz"]])
-    result[:3, 3] = row["x"], row["y"], row["z"]
-    return result
 
 
 def antenna(data: Dataset, agent: str, frame: int) -> np.ndarray:
@@ -148,8 +143,7 @@ def test_boxes_land_where_a_pinhole_camera_sees_them(data) -> None:
     )
     size, found = view.camera.intrinsics, 0
     for box in data.read("boxes", weather="sunny", frames=range(1)).to_pylist():
-        turn = tf.euler_matrix(box["yaw"], box["pitch"], box["roll"], "rzyx")
-        turn[:3, 3] = box["x"], box["y"], box["z"]
+        turn = box_matrix(box)
         half = np.array([box["length"], box["width"], box["height"]]) / 2
         for signs in np.ndindex(2, 2, 2):
             x, y, z, _ = to_camera @ turn @ [*(half * (2 * np.array(signs) - 1)), 1.0]
@@ -227,12 +221,12 @@ def test_a_radar_sample_is_drawn_by_label_and_velocity(data) -> None:
     assert [text.get_text() for text in axes.get_legend().get_texts()] == ["object (2)", "rain (1)"]
 
 
-def test_a_frame_shows_what_its_agents_carry(data) -> None:
+def test_a_frame_shows_the_sensors_of_its_agents(data) -> None:
     figure = render_frame(data, *AT, 0)
     titles = {axes.get_title().split(":")[0] for part in figure.subfigs for axes in part.axes} - {""}
     assert titles == {"cav_1 front", "cav_1 lidar", "rsu_1 depth"}  # the first CAV's; it carries no depth camera
-    own = choose_panels(data.frame(*AT, 0), "cav_1")
-    assert not own.depths and [name for _, name in own.lidars] == ["lidar"]
+    cameras, others = choose_panels(data.frame(*AT, 0), "cav_1")
+    assert [name for _, name in cameras] == ["front"] and [name for _, name in others] == ["lidar"]
     blank = render_frame(data, *AT, 1, "cav_1", boxes="none", color="height")
     words = [text.get_text() for part in blank.subfigs for axes in part.axes for text in axes.texts]
     assert words == ["no image stored in this frame"]  # cameras take every second frame
@@ -247,9 +241,9 @@ def test_cameras_go_from_left_to_rear() -> None:
         return {"type": "rgb", "qx": 0.0, "qy": 0.0, "qz": np.sin(half), "qw": np.cos(half)}
 
     sensors = {"back": row(180), "front": row(0), "left": row(90), "rear_right": row(-135), "right": row(-90)}
-    agent = SimpleNamespace(sensors=sensors, views=sensors)
-    assert cameras_of(agent, "rgb") == ["left", "front", "right", "rear_right", "back"]
-    assert cameras_of(agent, "depth") == []
+    agent = SimpleNamespace(sensors=sensors)
+    assert sensors_of(agent, "rgb") == ["left", "front", "right", "rear_right", "back"]
+    assert sensors_of(agent, "depth") == []
 
 
 def test_the_plan_of_a_town_has_lanes_and_buildings(data) -> None:
@@ -268,28 +262,34 @@ def test_the_plan_of_a_town_has_lanes_and_buildings(data) -> None:
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda d: plot_link(d, *AT, "rsu_1", "cav_9"), "no link rsu_1 to cav_9 .* it has rsu_1 to cav_1"),
+        (lambda d: plot_link(d, *AT, "rsu_1", "cav_9"), "sunny has no link rsu_1 to cav_9; it has rsu_1 to cav_1"),
         (lambda d: plot_link(d, *AT, "rsu_1", "cav_1", carrier_hz=1e9), "no carrier 1e.09 Hz; it has 4.9e.09, 2.8e.10"),
         (lambda d: plot_paths(d, *AT, 0, "cav_1", "rsu_1"), "no link cav_1 to rsu_1"),
         (lambda d: plot_paths(d, *AT, 99, "rsu_1", "cav_1"), "no frame 99"),
         (lambda d: render_frame(d, *AT, 0, "cav_9"), "no agent 'cav_9'; it has cav_1, cav_2, cav_3, rsu_1"),
+        (lambda d: plot_sensor(d, SCENARIO, ["sunny"], 0, "cav_9", "imu"), "no agent 'cav_9'; it has cav_1"),
+        (
+            lambda d: plot_sensor(d, SCENARIO, ["sunny"], 0, "cav_1", "radar"),
+            "sensor 'radar': cav_1 has antenna",
+        ),
+        (lambda d: plot_readings(d, *AT, "lidar"), "no scalar sensor 'lidar'; it has gnss, imu"),
         (lambda d: render_frame(d, *AT, 0, color="red"), "color='red': one of intensity"),
         (lambda d: render_frame(d, *AT, 0, boxes="some"), "boxes='some': seen, all or none"),
         (lambda d: draw_lidar(None, d.frame(*AT, 0).agents["cav_1"], "radar"), "no LiDAR sweep of 'radar'"),
     ],
 )
-def test_errors_say_what_there_is(data, call, message) -> None:
+def test_errors_list_the_known_names(data, call, message) -> None:
     with pytest.raises(ValueError, match=message):
         call(data)
 
 
 def test_the_examples_of_the_docs_run(tmp_path, monkeypatch) -> None:
-    text = (Path(__file__).parents[2] / "docs" / "guides" / "plotting.md").read_text()
+    text = (Path(__file__).parents[2] / "docs" / "guides" / "viewer.md").read_text()
     blocks = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
     monkeypatch.chdir(tmp_path)
     names: dict = {}
     for block in blocks:
-        exec(compile(block.replace("DATASET", str(small_dataset())), "plotting.md", "exec"), names)
+        exec(compile(block.replace("out/quickstart", str(small_dataset())), "viewer.md", "exec"), names)
     assert {file.name for file in tmp_path.iterdir()} == {"frame.png", "paths.png", "link.png", "panels.png"}
 
 

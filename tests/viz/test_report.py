@@ -15,12 +15,18 @@ from PIL import Image
 
 from mmw.cli.report import main
 from mmw.dataset import open_dataset
+from mmw.viz.plots import read_town_plan
+from mmw.viz.plots.readings import draw_reading, read_readings
 from mmw.viz.report import make_report
+from mmw.viz.report.channel_statistics import AZIMUTH, BINS, draw_beams, draw_histogram
 from mmw.viz.report.contact_sheets import Budget, picture_frames
+from mmw.viz.report.css import COLORS
+from mmw.viz.report.figures import figure_style, new_chart, svg
+from mmw.viz.report.inventory import take_inventory
+from mmw.viz.report.links import draw_gains, read_links
+from mmw.viz.report.maps import draw_trajectories
 from mmw.viz.report.page import MARKER
 from mmw.viz.report.sampling import sample_range, sampled
-from mmw.viz.report.svg import nice_step, ticks
-from mmw.viz.report.thumbnails import VIEW_M, VIEW_PX, radar_thumb, sweep_thumb
 from tests.fixtures.small_dataset import SCENARIO, copy_of, part, small_dataset
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -33,10 +39,10 @@ class Page(HTMLParser):
         super().__init__()
         self.tables: list[list[list[str]]] = []
         self.attributes: list[tuple[str, str, str]] = []
-        self.charts: dict[str, list[tuple[str, dict, str]]] = {}
+        self.charts: list[str] = []
         self.images: list[dict] = []
         self.tags: list[str] = []
-        self.words, self._cell, self._chart = "", False, None
+        self.words, self._cell = "", False
         self.feed(source)
 
     def handle_starttag(self, tag: str, attributes: list) -> None:
@@ -51,37 +57,21 @@ class Page(HTMLParser):
             self.tables[-1][-1].append("")
             self._cell = True
         elif tag == "svg":
-            self._chart = self.charts.setdefault(values["aria-label"], [])
+            self.charts.append(values["aria-label"])
         elif tag == "img":
             self.images.append(values)
-        elif self._chart is not None:
-            self._chart.append((tag, values, ""))
 
     def handle_endtag(self, tag: str) -> None:
         self._cell = self._cell and tag not in ("td", "th")
-        if tag == "svg":
-            self._chart = None
 
     def handle_data(self, data: str) -> None:
         self.words += data
         if self._cell:
             self.tables[-1][-1][-1] += data
-        elif self._chart:
-            tag, values, text = self._chart[-1]
-            self._chart[-1] = tag, values, text + data
 
     def table(self, heading: str) -> list[list[str]]:
         """Return the rows below the heading that begins a table."""
         return next(rows[1:] for rows in self.tables if rows[0][0] == heading)
-
-    def scale(self, chart: str, anchor: str) -> tuple[float, float]:
-        """Return factor and offset from pixels to values, from the ticks of an axis: `end` is y, `middle` x."""
-        axis = "y" if anchor == "end" else "x"
-        found = []
-        for tag, values, text in self.charts[chart]:
-            if tag == "text" and values["text-anchor"] == anchor and re.fullmatch(r"-?[\d.]+", text):
-                found.append((float(values[axis]) - (4 if axis == "y" else 0), float(text)))
-        return tuple(np.polyfit(*zip(*found, strict=True), 1))
 
 
 def page_of(root: Path, out: Path, **options) -> Page:
@@ -125,7 +115,7 @@ def size_of(words: str) -> float:
     return float(number.replace(",", "")) * {"B": 1, "kB": 1e3, "MB": 1e6, "GB": 1e9}[unit]
 
 
-def test_the_table_of_links_is_what_sql_says(page) -> None:
+def test_the_table_of_links_agrees_with_sql(page) -> None:
     query = (
         "SELECT peer || ' to ' || agent, link, weather, carrier_hz / 1e9, count(*), 100 * avg(is_los::int), "
         "avg(gain_db), min(gain_db), max(gain_db), avg(path_count), 1e9 * avg(rms_delay_s) FROM links GROUP BY ALL"
@@ -142,49 +132,76 @@ def test_the_table_of_links_is_what_sql_says(page) -> None:
             assert number is None if cell == "-" else abs(float(cell) - number) <= 0.051
 
 
-def test_a_line_is_the_gain_of_the_table(page) -> None:
-    chart = "Path gain of rsu_1 to cav_1 at 28 GHz over time"
-    query = (
-        "SELECT frame, gain_db FROM links WHERE weather = 'rainy' AND agent = 'cav_1' AND carrier_hz = 28e9 ORDER BY 1"
-    )
-    rows = np.array(open_dataset(small_dataset()).connect().sql(query).fetchall(), dtype=float)
-    (line,) = (values["d"] for tag, values, _ in page.charts[chart] if values.get("class") == "s1")
-    points = np.array(re.findall(r"[ML]([\d.]+) ([\d.]+)", line), dtype=float)
-    across, up = page.scale(chart, "middle"), page.scale(chart, "end")
-    np.testing.assert_allclose(np.polyval(across, points[:, 0]), rows[:, 0] / 100, atol=2e-5)
-    np.testing.assert_allclose(np.polyval(up, points[:, 1]), rows[:, 1], atol=0.01)
-    strips = [values for tag, values, _ in page.charts[chart] if values.get("class") in ("free", "blocked")]
-    assert [values["class"] for values in strips] == ["free"] and float(strips[0]["width"]) > 300
+def test_a_line_is_the_gain_of_the_table_and_shade_where_it_is_blocked() -> None:
+    data = open_dataset(small_dataset())
+    rows = read_links(data, take_inventory(small_dataset()), SCENARIO)
+    blocked = data.connect().sql("SELECT agent FROM links GROUP BY 1 HAVING NOT bool_or(is_los)").fetchall()
+    for agent, carrier in (("cav_1", 28e9), (blocked[0][0], 4.9e9)):
+        (axes,) = draw_gains(rows, ("rsu_1", agent), carrier, rows.frames).axes
+        for line in axes.lines:
+            where = f"weather = '{line.get_label()}' AND agent = '{agent}' AND carrier_hz = {carrier}"
+            query = f"SELECT frame / 100, gain_db FROM links WHERE {where} ORDER BY 1"
+            found = data.connect().sql(query).fetchall()
+            np.testing.assert_allclose(line.get_xydata(), np.array(found, dtype=float))
+        assert [line.get_label() for line in axes.lines] == ["sunny", "rainy"]
+        spans = [patch.get_extents().transformed(axes.transData.inverted()) for patch in axes.patches]
+        assert [(span.x0, span.x1) for span in spans] == ([] if agent == "cav_1" else [pytest.approx((-0.005, 0.035))])
+    (axes,) = draw_gains(rows, ("rsu_1", "cav_1"), 28e9, rows.frames[::3]).axes
+    assert len(axes.lines[0].get_xdata()) == 2
+
+
+def test_a_frame_that_is_missing_is_a_gap() -> None:
+    rows = read_links(open_dataset(small_dataset()), take_inventory(small_dataset()), SCENARIO)
+    for own in rows.by_weather.values():
+        kept = own["frame"] != 1
+        own.update({name: values[kept] for name, values in own.items()})
+    line = draw_gains(rows, ("rsu_1", "cav_1"), 28e9, rows.frames).axes[0].lines[0]
+    assert np.isnan(line.get_ydata()).tolist() == [False, True, False, False]
 
 
 def test_histograms_count_every_path(page) -> None:
     connection = open_dataset(small_dataset()).connect()
     where = "WHERE weather = 'sunny' AND carrier_hz = 28e9"
-    total = connection.sql(f"SELECT count(*) FROM paths {where}").fetchall()[0][0]
-    spreads = connection.sql(f"SELECT count(*) FROM links {where} AND rms_delay_s IS NOT NULL").fetchall()[0][0]
-    for label, wanted in (
-        ("delay [ns]", total), ("azimuth from the transmitter [deg]", total), ("RMS delay spread [ns]", spreads),
-        ("azimuth at the receiver [deg]", total), ("zenith angle at the receiver [deg]", total),
-    ):  # fmt: skip
-        chart = f"Histogram: {label}"
-        heights = [float(values["height"]) for tag, values, _ in page.charts[chart] if tag == "rect"]
-        assert sum(heights) * abs(page.scale(chart, "end")[0]) == pytest.approx(wanted, rel=0.002), label
-    assert f"{total} paths at 28 GHz in sunny, every frame" in page.words
+    rows = connection.sql(f"SELECT kind, degrees(aoa_az) FROM paths {where}").fetchall()
+    kind, angle = (np.array(column) for column in zip(*rows, strict=True))
+    edges = np.linspace(*AZIMUTH, BINS + 1)
+    parts = [angle[kind == name] for name in np.unique(kind)]
+    colors = [f"s{number}" for number in range(len(parts))]
+    (axes,) = draw_histogram(parts, colors, edges, "azimuth [deg]", "paths").axes
+    top = np.zeros(BINS)
+    for patch in axes.patches:
+        x, y = patch.get_xy().T
+        middle = (edges[:-1] + edges[1:]) / 2
+        top = np.maximum(top, [max(y[:-1][(x[:-1] <= m) & (x[1:] >= m)], default=0.0) for m in middle])
+    np.testing.assert_array_equal(top, np.histogram(angle, edges)[0])
+    assert f"{len(rows)} paths at 28 GHz in sunny, every frame" in page.words
+    labels = ("delay [ns]", "RMS delay spread [ns]", "azimuth from the transmitter [deg]")
+    labels += ("azimuth at the receiver [deg]", "zenith angle at the receiver [deg]")
+    assert {f"Histogram: {label}" for label in labels} <= set(page.charts)
 
 
 def test_the_heat_map_counts_the_best_beams(page) -> None:
     query = "SELECT tx_beam, rx_beam, count(*) FROM beams WHERE weather = 'sunny' AND carrier_hz = 28e9 GROUP BY ALL"
-    rows = open_dataset(small_dataset()).connect().sql(query).fetchall()
-    wanted = {row[:2]: row[2] for row in rows if row[0] >= 0}
-    chart, found = "Best pairs of beams", {}
-    across, up = page.scale(chart, "middle"), page.scale(chart, "end")
-    for tag, values, _ in page.charts[chart]:
-        if tag == "rect":
-            x, y = (float(values[a]) + float(values[s]) / 2 for a, s in (("x", "width"), ("y", "height")))
-            found[round(np.polyval(across, x)), round(np.polyval(up, y))] = float(values["opacity"])
-    most = max(wanted.values())
-    assert found == {pair: pytest.approx(0.15 + 0.85 * n / most, abs=0.006) for pair, n in wanted.items()}
-    assert f"Best pairs of {sum(wanted.values())} links and frames" in page.words
+    rows = np.array([row for row in open_dataset(small_dataset()).connect().sql(query).fetchall() if row[0] >= 0])
+    assert f"Best pairs of {rows[:, 2].sum()} links and frames" in page.words and "Best pairs of beams" in page.charts
+    assert f"{rows[:, 2].max()} times" in page.words
+    (axes,) = draw_beams(rows[:, 0], rows[:, 1], rows[:, 2] / rows[:, 2].max(), (64, 16)).axes
+    (cells,) = axes.collections
+    middle = [path.vertices[:4].mean(axis=0) for path in cells.get_paths()]
+    np.testing.assert_allclose(middle, rows[:, :2])
+    np.testing.assert_allclose(cells.get_facecolor()[:, 3], 0.15 + 0.85 * rows[:, 2] / rows[:, 2].max())
+
+
+def test_a_chart_has_the_colors_of_the_page() -> None:
+    with figure_style():
+        figure, axes = new_chart("time [s]", "<gain>")
+        axes.plot([0.0, 0.00123], [1.0, 2.0], color=COLORS["s0"])
+        found, again = svg(figure, "a <chart>"), svg(figure, "a <chart>")
+    assert found.startswith("<svg class=c viewBox=") and found.rstrip().endswith("</svg>")
+    assert "stroke: var(--s0)" in found and "var(--muted)" in found and COLORS["s0"] not in found
+    assert 'aria-label="a &lt;chart&gt;"' in found and "&lt;gain&gt;" in found and "0.0010" in found
+    assert "<style" not in found and "//" not in found and "figure_1" not in found
+    assert found == again
 
 
 def test_every_sensor_has_its_pictures(page) -> None:
@@ -199,37 +216,43 @@ def test_every_sensor_has_its_pictures(page) -> None:
         kind, data = re.fullmatch(r"data:image/(\w+);base64,(.*)", image["src"]).groups()
         with Image.open(io.BytesIO(base64.b64decode(data))) as picture:
             assert picture.format.lower() == kind and min(picture.size) > 40
-    assert "Shown: 2 frames of 4 frames" in page.words
+    assert "Shown: 2 frames of 4 frames" in page.words and "LiDAR: bright is a strong return." in page.words
 
 
-def test_points_are_drawn_where_they_are() -> None:
-    def pixels(thumb) -> np.ndarray:
-        return np.asarray(Image.open(io.BytesIO(thumb[1])).convert("RGB"), dtype=int)
-
-    image = pixels(sweep_thumb(np.array([22.5]), np.array([-15.0]), np.array([0.5])))
-    per_m = VIEW_PX[0] / VIEW_M
-    row, column = round((VIEW_M / 2 - 22.5) * per_m), round(VIEW_PX[1] / 2 + 15.0 * per_m)
-    bright = np.argwhere(image[..., 0] > 240)
-    assert [row, column] in bright.tolist()  # to the right of the cross in the middle, ahead of it
-    image = pixels(radar_thumb(np.array([40.0, 40.0]), np.array([0.3, -0.3]), np.array([-8.0, 8.0])))
-    blue, orange = np.argwhere(image[..., 2] > image[..., 0] + 60), np.argwhere(image[..., 0] > image[..., 2] + 60)
-    assert blue[:, 1].mean() < VIEW_PX[1] / 2 < orange[:, 1].mean()  # approaching on the left
+def test_scalar_sensors_are_lines_over_time(page) -> None:
+    data = open_dataset(small_dataset())
+    readings = read_readings(data, SCENARIO, "sunny", "gnss")
+    column = next(column for column in readings.columns if column.name == "altitude_m")
+    _, axes = new_chart("time [s]", "")
+    draw_reading(axes, readings, column, ["red"])
+    for line in axes.lines:
+        rows = data.numpy("gnss", columns=["frame", "altitude_m"], weather="sunny", agent=line.get_label())
+        np.testing.assert_allclose(line.get_xydata(), np.stack([rows["frame"] / 100, rows["altitude_m"]], axis=1))
+    assert {"GNSS gnss: altitude [m] over time", "IMU imu: az [m/s²] over time"} <= set(page.charts)
 
 
-def test_the_map_shows_ways_and_units(page) -> None:
-    shapes = page.charts[f"Ways of the agents of {SCENARIO}"]
-    rows = open_dataset(small_dataset()).read("poses", weather="sunny").to_pylist()
-    for number, agent in enumerate(("cav_1", "cav_2", "cav_3")):
-        (way,) = (values["d"] for _, values, _ in shapes if values.get("class") == f"t s{number}")
-        points = np.array([pair.split() for pair in way[1:].split("L")], dtype=float)
-        wanted = np.array([(row["x"], -row["y"]) for row in rows if row["agent"] == agent])
-        assert np.abs(points[[0, -1]] - wanted[[0, -1]]).max() <= 0.11
-    assert {text for tag, _, text in shapes if tag == "text"} >= {"cav_1", "cav_2", "cav_3", "rsu_1"}
-    kinds = [values.get("class") for _, values, _ in shapes]
-    assert kinds.count("road") > 20 and kinds.count("b") > 5 and kinds.count("r") == 1
+def test_the_map_shows_trajectories_and_units(page) -> None:
+    data = open_dataset(small_dataset())
+    rows = data.read("poses", weather="sunny").to_pylist()
+    places = {
+        agent: np.array([(row["x"], row["y"]) for row in rows if row["agent"] == agent])
+        for agent in ("cav_1", "cav_2", "cav_3", "rsu_1")
+    }
+    units = {"rsu_1": places.pop("rsu_1")[-1]}
+    (axes,) = draw_trajectories(read_town_plan(data, SCENARIO), places, units, [places["cav_1"] + 5.0]).axes
+    lines = {line.get_label(): line.get_xydata() for line in axes.lines}
+    for name, place in {**places, "rsu_1": units["rsu_1"][None]}.items():
+        np.testing.assert_array_equal(lines[name], place)
+    assert {text.get_text() for text in axes.texts} == {"cav_1", "cav_2", "cav_3", "rsu_1"}
+    counts = [len(part.get_paths()) for part in axes.collections]
+    assert counts[0] == counts[1] > 20 and counts[2] > 5  # lanes with their middle lines, buildings
+    low, high = np.array([axes.get_xlim(), axes.get_ylim()]).T
+    assert all((place > low).all() and (place < high).all() for place in (*places.values(), units["rsu_1"]))
+    assert f"Trajectories of the agents of {SCENARIO}" in page.charts
+    assert "Trajectories of 3 connected vehicles" in page.words and "Lanes and buildings from the stage." in page.words
 
 
-def test_the_page_asks_no_other_file_or_host(path, page) -> None:
+def test_the_page_refers_to_no_other_file_or_host(path, page) -> None:
     source = path.read_text(encoding="utf-8")
     assert "script" not in page.tags and "object" not in page.tags and "iframe" not in page.tags
     for tag, name, value in page.attributes:
@@ -253,7 +276,7 @@ def test_provenance_and_check(page) -> None:
     weathers = {row[0]: row[1] for row in page.table("weather")}
     assert float(weathers["rainy"]) == info["config"]["air"]["rainy"]["rain_mm_h"]
     files = len(list(small_dataset().glob("*/**/part-*.parquet")))
-    assert "Nothing wrong found." in page.words and f"{files} files that the markers list" in page.words
+    assert "No problem found." in page.words and f"{files} files that the markers list" in page.words
     assert "not finished" not in page.words
 
 
@@ -268,10 +291,7 @@ def test_an_unfinished_dataset_says_so(tmp_path) -> None:
     (root / "_shards" / f"{SCENARIO}.rainy.000002.json").unlink()
     (root / part("lidar", "sunny", 2)).unlink()
     page = page_of(root, tmp_path / "page.html")
-    assert (
-        "This dataset is not finished: 2 parts are still to make (" in page.words
-        and "of 4 planned shards" in page.words
-    )
+    assert "This dataset is not finished: 2 parts are pending (" in page.words and "of 4 planned shards" in page.words
     assert f"{SCENARIO}/rainy/2-3" in page.words and f"{SCENARIO}/sunny/2-3" in page.words
     assert f"{part('lidar', 'sunny', 2)}: is missing" in page.words and "_manifest.parquet: does not list" in page.words
     rows = {row[1]: row for row in page.table("scenario")}
@@ -280,19 +300,24 @@ def test_an_unfinished_dataset_says_so(tmp_path) -> None:
 
 def test_a_dataset_without_tables_or_shards(tmp_path) -> None:
     root = copy_of(small_dataset(), tmp_path / "d")
-    for name in ("links", "paths", "rgb", "poses", "_shards/" + f"{SCENARIO}.json"):
-        shutil.rmtree(root / name) if (root / name).is_dir() else (root / name).unlink()
+    for name in ("links", "paths", "rgb"):
+        shutil.rmtree(root / name)
+    (root / "_shards" / f"{SCENARIO}.json").unlink()
     (root / "config.yaml").unlink()
     page = page_of(root, tmp_path / "page.html")
-    assert "Nothing in the dataset yet, or at all, for: map, radio links, radio paths." in page.words
+    assert "The dataset has nothing for: radio links, radio paths." in page.words
     assert "config.yaml cannot be read" in page.words and len(page.images) == 2 * 3 * 5  # LiDAR and depth alone
+    shutil.rmtree(root / "poses")  # nothing has a place without them
+    bare = page_of(root, tmp_path / "page.html")
+    missing = "map, what the agents sense, radio links, radio paths"
+    assert f"The dataset has nothing for: {missing}." in bare.words and not bare.images
     for marker in (root / "_shards").glob("*.json"):
         marker.unlink()
     empty = page_of(root, tmp_path / "page.html")
     assert "no shard is complete yet" in empty.words and not empty.images
 
 
-def test_what_cannot_be_used_is_named(tmp_path, capsys) -> None:
+def test_unusable_arguments_are_named(tmp_path, capsys) -> None:
     out = tmp_path / "page.html"
     assert main([str(tmp_path), "--out", str(out)]) == 2
     assert "has no dataset.json" in capsys.readouterr().err and not out.exists()
@@ -328,8 +353,7 @@ def test_samples_of_much_data() -> None:
     assert picture_frames([set(range(0, 100, 10)), set(range(100)), {0}], 3) == [0]
     assert picture_frames([set(range(0, 100, 10)), set(range(100))], 3) == [0, 40, 90]
     budget = Budget(16)
-    assert budget.each == 30 and budget.take(b"x" * 5_999_999) and not budget.take(b"xx") and not budget.take(b"x")
-    assert ticks(-0.1, 2.0) == [0.0, 0.5, 1.0, 1.5, 2.0] and nice_step(0.3) == 0.5 and ticks(0, 90, 30.0)[-1] == 90.0
+    assert budget.each == 30 and budget.spend(b"x" * 5_999_999) and not budget.spend(b"xx") and not budget.spend(b"x")
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="needs chromium")

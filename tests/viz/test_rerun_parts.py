@@ -1,4 +1,4 @@
-"""What the viewer is made of: scopes, colours, the town's meshes, gaps, notes and damaged datasets."""
+"""Parts of the viewer: scopes, colors, the town's meshes, gaps, notes and damaged datasets."""
 
 from pathlib import Path
 
@@ -9,17 +9,19 @@ import pytest
 
 rr = pytest.importorskip("rerun")
 
+from mmw.core.mesh import TriangleMesh  # noqa: E402
 from mmw.core.transforms import quaternion_from_ypr  # noqa: E402
 from mmw.dataset import Dataset, open_dataset  # noqa: E402
 from mmw.storage.codecs.images import decode_depth, encode_depth  # noqa: E402
 from mmw.usd.semantics import CARLA_TAG  # noqa: E402
-from mmw.viz.rerun import colors  # noqa: E402
+from mmw.viz.plots import style  # noqa: E402
 from mmw.viz.rerun import selection as scope  # noqa: E402
 from mmw.viz.rerun.entities import agent_entity, paths_entity, sensor_entity, series_entity  # noqa: E402
-from mmw.viz.rerun.frames import depth_image, flat_boxes  # noqa: E402
+from mmw.viz.rerun.frames import flat_boxes  # noqa: E402
 from mmw.viz.rerun.recording import Looks  # noqa: E402
+from mmw.viz.rerun.samples import depth_image  # noqa: E402
 from mmw.viz.rerun.selection import choose_scope  # noqa: E402
-from mmw.viz.rerun.sensors import ShownCamera, lens_notes  # noqa: E402
+from mmw.viz.rerun.sensors import sensor_notes  # noqa: E402
 from mmw.viz.rerun.town import town_meshes  # noqa: E402
 from mmw.viz.rerun.viewer import save  # noqa: E402
 from tests.fixtures.rrd_files import read_recording  # noqa: E402
@@ -41,7 +43,7 @@ def test_the_first_scenario_and_weather_and_all_frames_and_agents_are_shown(data
     assert found.notes == ()
 
 
-def test_many_frames_are_thinned_and_said(data: Dataset, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_many_frames_are_thinned_with_a_note(data: Dataset, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(scope, "MAX_FRAMES", 3)
     found = choose_scope(data)
     assert found.frames == (0,)
@@ -57,7 +59,7 @@ def test_many_frames_are_thinned_and_said(data: Dataset, monkeypatch: pytest.Mon
         ({"agents": ["cav_9"]}, r"no agent 'cav_9'; it has cav_1, cav_2, cav_3, rsu_1"),
     ],
 )
-def test_what_is_not_there_is_one_line(data: Dataset, where: dict, message: str) -> None:
+def test_absent_names_give_one_line(data: Dataset, where: dict, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         choose_scope(data, **where)
 
@@ -73,13 +75,13 @@ def test_tables_that_are_missing_are_named_in_one_line(tmp_path: Path) -> None:
     for name in ("lidar", "links", "paths", "rgb"):
         (root / name).rename(tmp_path / name)
     notes = save(choose_scope(open_dataset(root), frames=range(1)), FLAT, tmp_path / "few.rrd")
-    assert notes == ["the dataset has no lidar, rgb, radar, links, paths: not shown"]
+    assert notes == ["the dataset has no lidar, rgb, links, paths: not shown"]
     recording = read_recording(tmp_path / "few.rrd")
     assert not list(recording.under("gain"))
     assert recording.frames("world/boxes") == [0]
 
 
-def test_a_town_that_is_not_there_is_left_out_and_said(tmp_path: Path) -> None:
+def test_an_absent_town_is_omitted_with_a_note(tmp_path: Path) -> None:
     root = copy_of(small_dataset(), tmp_path / "bare")
     (root / "stages").unlink()
     notes = save(choose_scope(open_dataset(root), frames=range(1)), Looks(), tmp_path / "bare.rrd")
@@ -114,7 +116,7 @@ def test_an_agent_that_leaves_is_cleared_with_its_links(tmp_path: Path) -> None:
     assert not recording.is_cleared(series_entity("gain", 28e9, "cav_1", "rsu_1"), 2)
 
 
-def test_a_damaged_file_is_named_and_leaves_no_recording(tmp_path: Path) -> None:
+def test_a_damaged_file_is_named_and_gives_no_recording(tmp_path: Path) -> None:
     root = copy_of(small_dataset(), tmp_path / "bad")
     file = root / part("lidar")
     file.write_bytes(file.read_bytes()[:-100])
@@ -128,13 +130,13 @@ def test_a_recording_has_its_ending(data: Dataset, tmp_path: Path) -> None:
         save(choose_scope(data), FLAT, tmp_path / "out.mp4")
 
 
-def test_lidar_colours_are_known_by_name() -> None:
+def test_lidar_colors_are_known_by_name() -> None:
     with pytest.raises(ValueError, match="object, class, intensity, label"):
         Looks("height")
 
 
 @pytest.mark.parametrize("by", ["class", "intensity", "label"])
-def test_lidar_can_be_coloured_otherwise(data: Dataset, tmp_path: Path, by: str) -> None:
+def test_lidar_can_be_colored_otherwise(data: Dataset, tmp_path: Path, by: str) -> None:
     save(
         choose_scope(data, weather="rainy", frames=range(1), agents=["cav_1"]),
         Looks(by, with_town=False),
@@ -145,28 +147,29 @@ def test_lidar_can_be_coloured_otherwise(data: Dataset, tmp_path: Path, by: str)
     sweep = data.frame(SCENARIO, "rainy", 0).agents["cav_1"].sweeps["lidar"]
     if by == "label":
         assert (sweep["label"] == 1).sum() > 0  # rain
-        np.testing.assert_array_equal(rgb, colors.RETURNS[sweep["label"]])
+        np.testing.assert_array_equal(rgb, style.LABEL_COLORS[sweep["label"]])
     elif by == "class":
         objects = {row["object_id"]: row["label"] for row in data.read("objects", scenario=SCENARIO).to_pylist()}
-        expected = [colors.CLASS_COLOR[objects[thing]] if thing >= 0 else (255,) * 3 for thing in sweep["object_id"]]
+        expected = [style.CLASS_COLORS[objects[thing]] if thing >= 0 else (255,) * 3 for thing in sweep["object_id"]]
         np.testing.assert_array_equal(rgb, expected)
     else:
         brightest, darkest = np.argmax(sweep["intensity"]), np.argmin(sweep["intensity"])
         assert rgb[brightest, 0] - rgb[brightest, 2] > rgb[darkest, 0] - rgb[darkest, 2]  # hotter
 
 
-def test_colours() -> None:
-    np.testing.assert_array_equal(colors.of_gain([-1000.0, -140.0, -70.0, np.nan]), colors.SCALE[[0, 0, -1, 0]])
-    near, rest, away = colors.of_velocity([-50.0, 0.0, 50.0]).astype(int)
+def test_colors() -> None:
+    found = style.scale_colors([-1000.0, -140.0, -70.0, np.nan], *style.GAIN_DB)
+    np.testing.assert_array_equal(found, style.SCALE[[0, 0, -1, 0]])
+    near, rest, away = style.velocity_colors([-50.0, 0.0, 50.0]).astype(int)
     assert near[2] > 200 > near[0]
     assert np.ptp(rest) == 0
     assert away[0] > 200 > away[2]
-    found = colors.of_objects(np.arange(200), np.ones(200, dtype=bool)).astype(int)
+    found = style.object_colors(np.arange(200)).astype(int)
     assert np.abs(np.diff(found, axis=0)).sum(axis=1).min() > 100  # neighbours differ
-    pale = colors.of_objects([5], [False]).astype(int)
+    pale = style.object_colors([5], [False]).astype(int)
     assert np.ptp(pale) < np.ptp(found[5])
-    assert set(colors.CLASS_COLOR) == set(CARLA_TAG)
-    assert len(set(colors.CLASS_COLOR.values())) == len(CARLA_TAG)
+    assert set(style.CLASS_COLORS) == set(CARLA_TAG)
+    assert len(set(style.CLASS_COLORS.values())) == len(CARLA_TAG)
 
 
 def test_depth_before_rounding_is_in_metres() -> None:
@@ -196,30 +199,22 @@ def test_rectangles_are_those_of_visible_pixels() -> None:
     assert len(flat_boxes([]).half_sizes.as_arrow_array()) == 0
 
 
-def test_cameras_with_a_lens_that_bends_are_named() -> None:
-    straight = ShownCamera("cav_1", "front", "rgb", True, (2, 2))
-    bent = ShownCamera("cav_1", "fish", "rgb", False, (2, 2))
-    assert lens_notes([straight]) == []
-    (note,) = lens_notes([straight, bent])
-    assert note.startswith("cav_1 fish: the lens bends")
+def test_lenses_that_bend_and_unknown_sensors_are_named() -> None:
+    straight = {"agent": "cav_1", "sensor": "front", "type": "rgb", "lens": "pinhole"}
+    bent, sonar = straight | {"sensor": "fish", "lens": "fisheye"}, straight | {"type": "sonar", "lens": None}
+    assert sensor_notes([straight, {**straight, "type": "antenna", "lens": None}]) == []
+    lens, unknown = sensor_notes([straight, bent, sonar])
+    assert lens.startswith("cav_1 fish: the lens bends") and unknown.startswith("sonar: no installed package")
 
 
-def test_meshes_of_the_town_keep_every_face_near_the_agents() -> None:
+def test_meshes_of_the_town_have_every_face_near_the_agents() -> None:
     arrays = two_cars(1)
     everywhere = np.array([np.inf, np.inf])
     (weather,) = list(arrays.materials)[:1]
     meshes = town_meshes(arrays, weather, -everywhere, everywhere)
-
-    def area(points: np.ndarray, faces: np.ndarray) -> float:
-        corners = points[faces].astype(np.float64)
-        return float(
-            np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum()
-        )
-
     assert sum(len(mesh.faces) for mesh in meshes) == len(arrays.faces) > 0
-    assert sum(area(mesh.points, mesh.faces) for mesh in meshes) == pytest.approx(
-        area(arrays.points, arrays.faces), rel=1e-5
-    )
+    area = sum(TriangleMesh(mesh.points.astype(np.float64), mesh.faces).areas.sum() for mesh in meshes)
+    assert area == pytest.approx(TriangleMesh(arrays.points, arrays.faces).areas.sum(), rel=1e-5)
     assert all(len(mesh.points) <= 3 * len(mesh.faces) for mesh in meshes)
     assert town_meshes(arrays, weather, everywhere, everywhere) == []
     assert quaternion_from_ypr(0.0, 0.0, 0.0).tolist() == [0, 0, 0, 1]  # order that Rerun is given

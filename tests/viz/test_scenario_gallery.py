@@ -9,13 +9,14 @@ from PIL import Image
 from mmw.cli.scenario_gallery import main
 from mmw.sensors import RgbCamera
 from mmw.viz.stills import scenario_gallery
-from mmw.viz.stills.scenario_gallery import GAP_PX, draw_scenarios, join_tiles, view_of
+from mmw.viz.stills.image_files import GAP_PX, join_tiles
+from mmw.viz.stills.scenario_gallery import draw_scenarios, view_of
 from tests.fixtures.scenes import two_cars
 
 NAME = "town07_single_lane"
 
 
-def test_tiles_stand_in_rows_and_columns() -> None:
+def test_tiles_are_in_rows_and_columns() -> None:
     tiles = [[np.full((3, 5, 3), 10 * (2 * i + k), dtype=np.uint8) for k in range(2)] for i in range(3)]
     whole = np.asarray(join_tiles(tiles))
     assert whole.shape == (3 * 3 + 2 * GAP_PX, 2 * 5 + GAP_PX, 3)
@@ -49,7 +50,7 @@ def test_a_scenario_is_drawn_in_three_weathers_by_five_cameras(
     assert all(np.abs(tiles[0][0] - tiles[0][k]).mean() > 5 for k in range(1, 5))
 
 
-def test_what_cannot_be_drawn_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_impossible_pictures_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["atlantis", "--out", str(tmp_path), "--device", "cpu"]) == 2
     assert "'atlantis': is not shipped; those are town03_crossroad_slope" in capsys.readouterr().err
     with pytest.raises(ValueError, match="no cav_9 in frame 0"):

@@ -8,8 +8,7 @@ from PIL import Image
 
 from mmw.__main__ import main
 from mmw.cli.run import main as run
-from mmw.storage.codecs.images import decode_rgb
-from mmw.viz.stills.plots import read_rows
+from mmw.dataset import open_dataset
 from tests.fixtures.circuit import add_block, write_circuit
 from tests.fixtures.stages import write_scenario
 
@@ -60,8 +59,8 @@ def test_an_agents_camera_gives_the_image_of_the_run(
         view = ["--agent", "cav_1", "--camera", "front", "--frame", "2", "--weather", weather]
         assert main([*command, *view]) == 0
         assert capsys.readouterr().out == f"{out}\n"
-        rows = read_rows(tmp_path / "d", "rgb", ["image"], weather=weather, frame=2, agent="cav_1")["image"]
-        np.testing.assert_array_equal(pixels(out), decode_rgb(rows[0]["bytes"]))
+        view = open_dataset(tmp_path / "d").frame("street", weather, 2).agents["cav_1"].views["front"]
+        np.testing.assert_array_equal(pixels(out), view.rgb)
         assert pixels(out).std() > 5
 
 

@@ -7,17 +7,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from mmw.__main__ import main
-from mmw.cli.run import main as run
-from mmw.core.resources import configs_dir
 from mmw.core.transforms import rotate
 from mmw.physics.weather.weather import PRESETS, Weather
-from mmw.scene.device_scene import DeviceScene
 from mmw.scene.scene_data import SceneData
-from mmw.viz.stills import dataset_gallery as gallery
-from mmw.viz.stills.jpeg import save_jpeg
-from mmw.viz.stills.plots import read_rows
+from mmw.viz.stills.image_files import save_jpeg
 from mmw.viz.stills.renderer import StillRenderer, follow_view, look_pose, street_camera
+from tests.fixtures.device_rays import loaded
 from tests.fixtures.scenes import arrays_from_parts, pose, quad_part, two_cars
 
 
@@ -26,8 +21,7 @@ def mean_color(image: Image.Image, box: tuple[int, int, int, int]) -> np.ndarray
 
 
 def pictures_of(arrays: SceneData, device: str, weather: Weather = PRESETS["sunny"]) -> StillRenderer:
-    scene = DeviceScene(arrays, device, 1)
-    scene.load_batch([0])
+    scene = loaded(arrays, device, [0])
     return StillRenderer(scene, {"sunny": weather})
 
 
@@ -57,7 +51,7 @@ def test_a_view_looks_at_its_target_and_north_is_up_from_above() -> None:
         look_pose(eye, eye)
 
 
-def test_map_has_north_up_and_the_scale_that_is_asked_for(device: str) -> None:
+def test_map_has_north_up_and_the_given_scale(device: str) -> None:
     """A bright square of 10 m on dark ground is as many pixels wide as the map says, and where it says."""
     arrays = arrays_from_parts([
         quad_part("/World/Ground", [(-60, -60, -0.1), (60, -60, -0.1), (60, 60, -0.1), (-60, 60, -0.1)], "dark"),
@@ -65,7 +59,7 @@ def test_map_has_north_up_and_the_scale_that_is_asked_for(device: str) -> None:
     ])  # fmt: skip
     names = [material.name for material in arrays.materials["sunny"]]
     painted = tuple(
-        replace(material, look=replace(material.look, color=(shade,) * 3))
+        replace(material, appearance=replace(material.appearance, color=(shade,) * 3))
         for material, shade in zip(
             arrays.materials["sunny"], [0.02 if n == "dark" else 0.8 for n in names], strict=True
         )
@@ -94,45 +88,3 @@ def test_a_jpeg_stays_below_its_limit(tmp_path: Path) -> None:
     save_jpeg(noise, tmp_path / "large.jpg", 10**6)
     save_jpeg(noise, tmp_path / "small.jpg", 10_000)
     assert (tmp_path / "small.jpg").stat().st_size < 10_000 < (tmp_path / "large.jpg").stat().st_size
-
-
-@pytest.fixture(scope="module")
-def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    root = tmp_path_factory.mktemp("view") / "d"
-    small = [
-        "frames.count=3",
-        "channel.rays=10_000",
-        "sensors=[{type: lidar, channels: 16, points_per_channel: 64}, {type: depth, width_px: 64, height_px: 48}]",
-    ]
-    assert run(["--config", str(configs_dir() / "quickstart.yaml"), *small, "--out", str(root), "--device", "cpu"]) == 0
-    return root
-
-
-@pytest.mark.slow
-def test_pictures_of_a_dataset(
-    dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(gallery, "MAP_PX", 96)
-    monkeypatch.setattr(gallery, "STREET_PX", (96, 54))
-    assert (
-        main(["render", str(dataset), "--out", str(tmp_path), "--agent", "cav_2", "--frame", "1", "--samples", "1"])
-        == 0
-    )
-    files = [Path(line) for line in capsys.readouterr().out.splitlines()]
-    assert {file.stem.removeprefix("town03_roundabout_") for file in files} == {
-        "above", "close", "street", "lidar", "depth", "link",
-    }  # fmt: skip
-    for file in files:
-        assert np.asarray(Image.open(file).convert("L")).std() > 5, file
-
-
-def test_unknown_agent_frame_and_folder_are_named(dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
-    for arguments, part in (
-        ([str(dataset), "--agent", "cav_9"], "cav_9"),
-        ([str(dataset), "--frame", "77"], "77"),
-        ([str(tmp_path)], "dataset.json"),
-    ):
-        assert main(["render", *arguments, "--out", str(tmp_path / "p")]) == 2
-        assert part in capsys.readouterr().err
-    with pytest.raises(ValueError, match="no row"):
-        read_rows(dataset, "links", ["frame"], agent="nobody")

@@ -8,12 +8,12 @@ from PIL import Image
 from pxr import Gf, Sdf, UsdGeom
 
 from mmw.__main__ import main
-from mmw.scene.device_scene import DeviceScene
 from mmw.scene.reader import read_stage
 from mmw.traffic.roads.lane_graph import LaneGraph
 from mmw.viz.plots.lane_map import scenarios_of
 from mmw.viz.stills.town_gallery import choose_views, draw_town, selected_weather
 from tests.fixtures.circuit import add_block, ring_lanes, write_circuit
+from tests.fixtures.device_rays import loaded
 from tests.fixtures.stages import write_town
 
 MAX_BYTES = 200_000
@@ -39,7 +39,7 @@ def pictures(town: Path, tmp_path_factory: pytest.TempPathFactory) -> list[Path]
     return draw_town(town, tmp_path_factory.mktemp("pictures"), samples=1, device="cpu")
 
 
-def test_every_picture_is_there_and_shows_something(pictures: list[Path]) -> None:
+def test_every_picture_exists_and_has_contrast(pictures: list[Path]) -> None:
     sizes = {path.name: pixels(path).shape[::-1] for path in pictures}
     assert sizes == {
         "circuit_above.jpg": (1200, 1200), "circuit_street1.jpg": (1200, 675), "circuit_street2.jpg": (1200, 675),
@@ -55,7 +55,7 @@ def test_the_same_town_gives_the_same_pictures(town: Path, pictures: list[Path],
     assert [path.read_bytes() for path in again] == [path.read_bytes() for path in pictures]
 
 
-def test_a_given_view_is_taken_and_parked_cars_show(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+def test_a_given_view_is_used_and_parked_cars_show(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     images = []
     for name, x in (("near", 15.0), ("away", -15.0)):
         stage = write_circuit(tmp_path / f"{name}.usda")
@@ -77,8 +77,7 @@ def test_a_given_view_is_taken_and_parked_cars_show(tmp_path: Path, capsys: pyte
 
 
 def test_views_look_along_lanes_and_lie_apart(town: Path) -> None:
-    scene = DeviceScene(read_stage(town, range(1), ["sunny"]), "cpu", 1)
-    scene.load_batch([0])
+    scene = loaded(read_stage(town, range(1), ["sunny"]), "cpu", [0])
     views = choose_views(scene, LaneGraph(ring_lanes()))
     assert len(views) == 2
     for x, y, z, yaw in views:
@@ -109,7 +108,7 @@ def test_the_selected_weather_is_drawn(tmp_path: Path, town: Path) -> None:
     ("arguments", "part"),
     [(["--device", "cuda:99"], "cuda:99"), (["--at", "0", "0", "2", "0"] * 4, "4 views")],
 )
-def test_what_cannot_be_drawn_is_said(
+def test_impossible_pictures_are_refused(
     town: Path, tmp_path: Path, arguments: list[str], part: str, capsys: pytest.CaptureFixture
 ) -> None:
     assert main(["town", "render", str(town), "--out", str(tmp_path), *arguments]) == 2

@@ -1,4 +1,4 @@
-"""Arrays on paths: the coefficient of every path between every antenna of both ends, under plane waves.
+"""Apply arrays to paths: the coefficient between every antenna of both ends, under plane waves.
 
     A_m[r, t] = F_r^T T_m F_t exp(+j 2 pi / lambda (k_t . d_t + k_r . d_r))
 
@@ -20,6 +20,7 @@ from mmw.channel.path_table import Paths, encode_key, read_column, read_numbers
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.core.errors import InputError
 from mmw.core.transforms import normalize, quaternion_to_matrix
+from mmw.physics.em.vectors import unit_vector
 
 POSE_COLUMNS = ("scenario", "weather", "frame", "agent", "qx", "qy", "qz", "qw")
 """Columns of table `poses` that `rotations_from_poses` needs."""
@@ -39,14 +40,14 @@ def apply_arrays(
         paths: Paths of L links.
         tx_array: Array of the transmitters (`peer`).
         rx_array: Array of the receivers (`agent`).
-        carrier_hz: Carrier of the paths [Hz], said once more because spacings in wavelengths depend on it.
+        carrier_hz: Carrier of the paths [Hz], given again because spacings in wavelengths depend on it.
         tx_rotation: Agent-to-world rotations of the transmitters, shape [L, 3, 3] or [3, 3]; None for agents whose axes
             are the world's. `rotations_from_poses` gives them.
         rx_rotation: The same for the receivers.
 
     Returns:
-        Voltage ratios without the carrier phase, shape [P, N_r, N_t], complex128: 16 P N_r N_t bytes. Take links in
-        portions (`Paths.take`) where that is too much.
+        Voltage ratios without the carrier phase, shape [P, N_r, N_t], complex128: 16 P N_r N_t bytes. Process links
+        in portions (`Paths.take`) where that is too much.
 
     Raises:
         InputError: If the carrier is not that of the paths, or a rotation has another shape or is none.
@@ -56,11 +57,11 @@ def apply_arrays(
             f"apply_arrays: carrier_hz = {carrier_hz:g}, the paths are at {paths.carrier_hz:g} Hz; a transfer holds "
             "for one carrier; make Paths of the rows at the carrier that is wanted"
         )
-    sent, send_phase = _end(paths, tx_array, paths.theta_t, paths.phi_t, tx_rotation, "tx_rotation")
-    heard, hear_phase = _end(paths, rx_array, paths.theta_r, paths.phi_r, rx_rotation, "rx_rotation")
-    element = np.einsum("pri,pij,ptj->prt", heard, paths.transfer, sent)
+    tx_field, tx_phase = _end(paths, tx_array, paths.theta_t, paths.phi_t, tx_rotation, "tx_rotation")
+    rx_field, rx_phase = _end(paths, rx_array, paths.theta_r, paths.phi_r, rx_rotation, "rx_rotation")
+    element = np.einsum("pri,pij,ptj->prt", rx_field, paths.transfer, tx_field)
     count = len(paths)
-    full = element[:, :, None, :, None] * hear_phase[:, None, :, None, None] * send_phase[:, None, None, None, :]
+    full = element[:, :, None, :, None] * rx_phase[:, None, :, None, None] * tx_phase[:, None, None, None, :]
     return full.reshape(count, rx_array.antenna_count, tx_array.antenna_count)
 
 
@@ -76,7 +77,7 @@ def _end(
     if np.abs(turn @ np.swapaxes(turn, -1, -2) - np.eye(3)).max(initial=0.0) > 1e-6:
         raise InputError(f"apply_arrays: {name} holds a matrix that is no rotation; its rows must be orthonormal")
     turn = np.broadcast_to(turn, (paths.link_count, 3, 3))[paths.link]
-    direction = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=-1)
+    direction = unit_vector(theta, phi)
     field = antenna_field(direction, turn @ array.rotation, array.pattern, array.polarization, array.polarization_model)
     offset = array.element_positions(paths.carrier_hz)[: array.element_count]
     local = np.einsum("pji,pj->pi", turn, direction)
@@ -107,8 +108,8 @@ def rotations_from_poses(poses: Any, paths: Paths, which: Literal["tx", "rx"]) -
     twice = np.flatnonzero(np.diff(known[order]) == 0)
     if len(twice):
         raise InputError(f"table poses: rows {order[twice[0]]} and {order[twice[0] + 1]} are one agent in one frame")
-    place = np.searchsorted(known, wanted, sorter=order)
-    row = order[np.minimum(place, len(known) - 1)] if len(known) else np.zeros(count, dtype=np.int64)
+    index = np.searchsorted(known, wanted, sorter=order)
+    row = order[np.minimum(index, len(known) - 1)] if len(known) else np.zeros(count, dtype=np.int64)
     is_there = known[row] == wanted if len(known) else np.zeros(count, dtype=bool)
     if not is_there.all():
         lost = paths.keys[~is_there][0]

@@ -1,4 +1,4 @@
-"""Antenna arrays: where the elements sit on an agent, which way they look, and in which order they are counted.
+"""Describe planar antenna arrays: positions, orientation and order of their elements.
 
 Source: element positions and counting as in Sionna RT 2.2 (`PlanarArray`).
 """
@@ -29,14 +29,14 @@ class PlanarArray:
         InputError: If a count is below 1, a spacing is not above 0, or orientation, pattern or polarisation is not one.
     """
 
-    rows: int = 1
+    num_rows: int = 1
     """Elements in a column, M."""
-    columns: int = 1
+    num_cols: int = 1
     """Elements in a row, N."""
     vertical_spacing: float = 0.5
-    """Distance between rows, in wavelengths of the carrier that is asked for."""
+    """Distance between rows, in wavelengths of the requested carrier."""
     horizontal_spacing: float = 0.5
-    """Distance between columns, in wavelengths of the carrier that is asked for."""
+    """Distance between columns, in wavelengths of the requested carrier."""
     vertical_spacing_m: float | None = None
     """Distance between rows [m], the same at every carrier; used instead of `vertical_spacing` if given."""
     horizontal_spacing_m: float | None = None
@@ -51,7 +51,7 @@ class PlanarArray:
     """Array to agent: a quaternion (x, y, z, w), or yaw, pitch, roll [rad]."""
 
     def __post_init__(self) -> None:
-        for name in ("rows", "columns"):
+        for name in ("num_rows", "num_cols"):
             count = getattr(self, name)
             if not (np.isfinite(count) and int(count) == count and count >= 1):
                 raise InputError(f"antenna array: {name} = {count}; a whole number from 1 on is needed; correct it")
@@ -82,7 +82,7 @@ class PlanarArray:
     @property
     def element_count(self) -> int:
         """Number of elements, each with all polarisations: M N."""
-        return self.rows * self.columns
+        return self.num_rows * self.num_cols
 
     @property
     def polarization_count(self) -> int:
@@ -116,23 +116,24 @@ class PlanarArray:
         are the array's, and the offsets are Sionna RT's.
         """
         vertical, horizontal = self.spacing_m(carrier_hz)
-        row, column = np.tile(np.arange(self.rows), self.columns), np.repeat(np.arange(self.columns), self.rows)
+        row = np.tile(np.arange(self.num_rows), self.num_cols)
+        column = np.repeat(np.arange(self.num_cols), self.num_rows)
         local = np.zeros((self.element_count, 3))
-        local[:, 1] = horizontal * (column - (self.columns - 1) / 2)
-        local[:, 2] = vertical * ((self.rows - 1) / 2 - row)
+        local[:, 1] = horizontal * (column - (self.num_cols - 1) / 2)
+        local[:, 2] = vertical * ((self.num_rows - 1) / 2 - row)
         return np.tile(local @ self.rotation.T, (self.polarization_count, 1))
 
     def aperture_m(self, carrier_hz: float) -> float:
         """Return the largest distance between two elements, the aperture D [m]."""
         vertical, horizontal = self.spacing_m(carrier_hz)
-        return float(np.hypot(vertical * (self.rows - 1), horizontal * (self.columns - 1)))
+        return float(np.hypot(vertical * (self.num_rows - 1), horizontal * (self.num_cols - 1)))
 
 
 def ula(count: int, **options: Any) -> PlanarArray:
     """Return a uniform linear array along the agent's y axis; `options` are the fields of `PlanarArray`."""
-    return PlanarArray(rows=1, columns=count, **options)
+    return PlanarArray(num_rows=1, num_cols=count, **options)
 
 
-def upa(rows: int, columns: int, **options: Any) -> PlanarArray:
+def upa(num_rows: int, num_cols: int, **options: Any) -> PlanarArray:
     """Return a uniform planar array across the agent's x axis; `options` are the fields of `PlanarArray`."""
-    return PlanarArray(rows=rows, columns=columns, **options)
+    return PlanarArray(num_rows=num_rows, num_cols=num_cols, **options)

@@ -1,4 +1,4 @@
-"""Element patterns and polarisation: the field vector of an antenna in any direction.
+"""Compute element patterns and polarisation: the field vector of an antenna in any direction.
 
 Angles: zenith theta from +z, azimuth phi from +x. The local frame of an antenna is the agent's frame: x forward, y
 left, z up; a vertical dipole lies along local z, and turns with the agent's full attitude.
@@ -159,7 +159,7 @@ def _read_csv(path: Path) -> dict[str, np.ndarray]:
                 "phi_deg) and c_theta_re"
             )
         parts = [name for name in ("c_theta_re", "c_theta_im", "c_phi_re", "c_phi_im") if name in names]
-        seen: dict[tuple[float, float], list[float]] = {}
+        values_at: dict[tuple[float, float], list[float]] = {}
         for row in reader:
             cells = [row[name] for name in (*angles, *parts)]
             try:
@@ -168,18 +168,18 @@ def _read_csv(path: Path) -> dict[str, np.ndarray]:
                 raise InputError(f"{path}, row {reader.line_num}: {cells}; every cell needs a number") from None
             if not all(math.isfinite(number) for number in numbers):
                 raise InputError(f"{path}, row {reader.line_num}: {cells}; every number must be finite")
-            if (numbers[0], numbers[1]) in seen:
+            if (numbers[0], numbers[1]) in values_at:
                 raise InputError(f"{path}, row {reader.line_num}: direction {cells[:2]} was there before; give it once")
-            seen[numbers[0], numbers[1]] = numbers[2:]
-    grid = [sorted({direction[axis] for direction in seen}) for axis in range(2)]
+            values_at[numbers[0], numbers[1]] = numbers[2:]
+    grid = [sorted({direction[axis] for direction in values_at}) for axis in range(2)]
     for theta in grid[0]:
         for phi in grid[1]:
-            if (theta, phi) not in seen:
+            if (theta, phi) not in values_at:
                 raise InputError(
                     f"{path}: {angles[0]} = {theta:g}, {angles[1]} = {phi:g} has no row; give the full grid"
                 )
-    table = np.array([[seen[theta, phi] for phi in grid[1]] for theta in grid[0]])
-    value = {name: table[..., i] for i, name in enumerate(parts)} if seen else {"c_theta_re": np.zeros((0, 0))}
+    table = np.array([[values_at[theta, phi] for phi in grid[1]] for theta in grid[0]])
+    value = {name: table[..., i] for i, name in enumerate(parts)} if values_at else {"c_theta_re": np.zeros((0, 0))}
     fields: dict[str, np.ndarray] = {
         name: np.radians(axis) if angle.endswith("_deg") else np.array(axis)
         for name, angle, axis in zip(("theta", "phi"), angles, grid, strict=True)

@@ -1,4 +1,4 @@
-"""Exact tracing of antenna arrays: a link for every pair of elements instead of one for their centers."""
+"""Expand links of arrays to a link for every pair of elements, for exact tracing."""
 
 import numpy as np
 
@@ -38,7 +38,7 @@ def per_element_links(
 
     expanded = Links(
         frame=links.frame[link],
-        slot=links.slot[link],
+        batch_index=links.batch_index[link],
         kind=links.kind[link],
         tx_actor=links.tx_actor[link],
         rx_actor=links.rx_actor[link],

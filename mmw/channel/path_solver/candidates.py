@@ -1,11 +1,11 @@
-"""Path candidates: sequences of planes that could carry a path of a link, from launched rays or exhaustively."""
+"""Find path candidates, sequences of planes that could carry a path of a link, by launched rays or exhaustively."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 import warp as wp
 
+from mmw.channel.path_solver.search import Search, Sources
 from mmw.channel.path_solver.surface_table import SurfaceTable
 from mmw.config import ChannelConfig
 from mmw.core.errors import InputError
@@ -13,10 +13,10 @@ from mmw.kernels.channel.ray_launch import PLANE_BITS, launch_kernel
 from mmw.scene.device_scene import DeviceScene
 
 PAIRS_AT_ONCE = 2**27
-"""Most (link, surface) or (transmitter, plane) pairs at once: about one byte each on the device."""
+"""Maximum number of (link, surface) or (transmitter, plane) pairs at once: about one byte each on the device."""
 
 RAYS_AT_ONCE = 2**30
-"""Most rays in one kernel launch."""
+"""Maximum number of rays in one kernel launch."""
 
 CELLS_AT_ONCE = {"cuda": 2**26, "cpu": 2**23}
 """Cells of the table of candidates that justify a launch of several transmitters; 84 bytes each."""
@@ -28,56 +28,33 @@ FIRST_CELLS = 2**15
 """Cells for each transmitter and each level below the first, until a launch needs more."""
 
 
-@dataclass(frozen=True)
-class Sources:
-    """The transmitters of a batch, one row a slot and actor, with their links one after the other."""
-
-    slot: np.ndarray
-    """Slot of each source, shape [A], int32."""
-    position: np.ndarray
-    """World frame [m], shape [A, 3]."""
-    first_link: np.ndarray
-    """First link of each source, and the number of links, shape [A + 1], int32."""
-
-    def __len__(self) -> int:
-        return len(self.slot)
-
-    def part(self, begin: int, end: int) -> "Sources":
-        """Return some of the sources; links keep their numbers."""
-        return Sources(self.slot[begin:end], self.position[begin:end], self.first_link[begin : end + 1])
-
-
 class TableFull(Exception):
     """The table of candidates is too small for this launch."""
 
 
-def launches(
-    scene: DeviceScene, sources: Sources, table: SurfaceTable, config: ChannelConfig
-) -> Iterator[tuple[Sources, int, wp.array, wp.array | None]]:
+def launches(search: Search, sources: Sources) -> Iterator[tuple[Sources, int, wp.array, wp.array | None]]:
     """Yield what the rays of all sources hit, or everything that they could, in parts that fit into memory.
 
     Args:
-        scene: The scene with the batch loaded.
+        search: Surfaces, candidate mode, rays, depth, refraction.
         sources: Where the rays start.
-        table: Surfaces of the scene.
-        config: Candidate mode, rays, depth, refraction.
 
     Yields:
         Some of the sources; the number of the first of them; the planes that are hit first, one byte each, shape [A,
         K]; and the keys of candidates of two planes and more, shape [N], None if none are wanted.
 
     Raises:
-        InputError: If there are too many candidates to try them all, or to keep them.
+        InputError: If there are too many candidates to try them all, or to hold them.
     """
-    waiting = _chunks(sources.first_link, len(table), config)
-    while waiting:
-        begin, end = waiting.pop(0)
+    pending = _chunks(sources.first_link, len(search.table), search.config)
+    while pending:
+        begin, end = pending.pop(0)
         part = sources.part(begin, end)
         try:
-            yield part, begin, *_chains(scene, part, table, config)
+            yield part, begin, *_first_planes_and_keys(search, part)
         except TableFull:
             middle = (begin + end) // 2
-            waiting = [(begin, middle), (middle, end), *waiting]
+            pending = [(begin, middle), (middle, end), *pending]
 
 
 def _chunks(first_link: np.ndarray, surface_count: int, config: ChannelConfig) -> list[tuple[int, int]]:
@@ -89,7 +66,7 @@ def _chunks(first_link: np.ndarray, surface_count: int, config: ChannelConfig) -
             end < len(first_link) - 1
             and (first_link[end + 1] - first_link[begin]) * surface_count <= PAIRS_AT_ONCE
             and (end + 1 - begin) * surface_count <= PAIRS_AT_ONCE
-            and (end + 1 - begin) * config.rays <= RAYS_AT_ONCE
+            and (end + 1 - begin) * config.samples_per_tx <= RAYS_AT_ONCE
         ):
             end += 1
         chunks.append((begin, end))
@@ -97,45 +74,44 @@ def _chunks(first_link: np.ndarray, surface_count: int, config: ChannelConfig) -
     return chunks
 
 
-def _chains(
-    scene: DeviceScene, sources: Sources, table: SurfaceTable, config: ChannelConfig
-) -> tuple[wp.array, wp.array | None]:
+def _first_planes_and_keys(search: Search, sources: Sources) -> tuple[wp.array, wp.array | None]:
     """Return the first planes, one byte each, shape [A, K], and the keys of longer candidates, shape [N], if wanted."""
+    scene, table, config = search.scene, search.table, search.config
     if config.candidates == "exhaustive":
-        is_seen = wp.full((len(sources), table.plane_count), 1, dtype=wp.uint8, device=scene.device)
+        is_hit = wp.full((len(sources), table.plane_count), 1, dtype=wp.uint8, device=scene.device)
         keys = all_path_candidates(len(sources), table.plane_count, config.max_depth) if config.max_depth > 1 else None
         has_keys = keys is not None and len(keys) > 0
-        return is_seen, wp.array(keys, dtype=wp.uint64, device=scene.device) if has_keys else None
+        return is_hit, wp.array(keys, dtype=wp.uint64, device=scene.device) if has_keys else None
     origin = sources.position - scene.origin
     if config.max_depth == 1:
-        is_seen, _, _ = launch_rays(scene, sources.slot, origin, config.rays, table)
-        return is_seen, None
-    patterns = range(2 ** (config.max_depth - 1)) if config.refraction and table.is_open.any() else range(1)
+        is_hit, _, _ = launch_rays(scene, sources.batch_index, origin, config.samples_per_tx, table)
+        return is_hit, None
+    patterns = range(2 ** (config.max_depth - 1)) if config.refraction and table.is_slab.any() else range(1)
     name = f"cells at depth {config.max_depth}"
-    most = CELLS_AT_ONCE["cuda" if "cuda" in scene.device else "cpu"]
-    most_chains = 2 * config.rays * (config.max_depth - 1) * len(patterns)  # half full at worst
-    each = table.sizes.get(name, min(FIRST_CELLS << 3 * (config.max_depth - 2), most_chains))
+    max_cells = CELLS_AT_ONCE["cuda" if "cuda" in scene.device else "cpu"]
+    max_candidates = 2 * config.samples_per_tx * (config.max_depth - 1) * len(patterns)  # half full at worst
+    each = table.sizes.get(name, min(FIRST_CELLS << 3 * (config.max_depth - 2), max_candidates))
     while True:
         cells = 2 ** int(np.ceil(np.log2(each * len(sources))))
-        if cells > most and len(sources) > 1:
+        if cells > max_cells and len(sources) > 1:
             raise TableFull
         if cells > MAX_CELLS:
             raise InputError(
-                f"channel.rays = {config.rays}, max_depth = {config.max_depth}: the chains of one transmitter do not "
-                f"fit into {MAX_CELLS} cells; launch fewer rays or lower the depth"
+                f"channel.samples_per_tx = {config.samples_per_tx}, max_depth = {config.max_depth}: the candidates of "
+                f"one transmitter do not fit into {MAX_CELLS} cells; launch fewer rays or lower the depth"
             )
-        is_seen, keys, is_full = launch_rays(
-            scene, sources.slot, origin, config.rays, table, config.max_depth, cells, patterns
+        is_hit, keys, is_full = launch_rays(
+            scene, sources.batch_index, origin, config.samples_per_tx, table, config.max_depth, cells, patterns
         )
         if not is_full:
             table.sizes[name] = each
-            return is_seen, keys
+            return is_hit, keys
         each *= 4
 
 
 def launch_rays(
     scene: DeviceScene,
-    slot: np.ndarray,
+    batch_index: np.ndarray,
     origin: np.ndarray,
     rays: int,
     table: SurfaceTable,
@@ -147,7 +123,7 @@ def launch_rays(
 
     Args:
         scene: The scene with its batch loaded.
-        slot: Slot of each transmitter, shape [A].
+        batch_index: Position of each transmitter's frame in the batch, shape [A].
         origin: Transmitters in the scene frame [m], shape [A, 3].
         rays: Rays of each transmitter, > 1.
         table: Surfaces of the scene.
@@ -161,32 +137,32 @@ def launch_rays(
     """
     device, stride = scene.device, neighbor_stride(rays)
     row_count = -(-rays // stride)
-    is_seen = wp.zeros((len(slot), table.plane_count), dtype=wp.uint8, device=device)
+    is_hit = wp.zeros((len(batch_index), table.plane_count), dtype=wp.uint8, device=device)
     keys = wp.zeros(cells, dtype=wp.uint64, device=device)
     is_full = wp.zeros(1, dtype=wp.int32, device=device)
-    slots = wp.array(slot, dtype=wp.int32, device=device)
+    batch_indices = wp.array(batch_index, dtype=wp.int32, device=device)
     origins = wp.array(origin.astype(np.float32), dtype=wp.vec3, device=device)
     for passes in patterns:
         wp.launch(
             launch_kernel,
-            dim=(len(slot), row_count * stride),
+            dim=(len(batch_index), row_count * stride),
             inputs=[
                 scene.struct,
-                slots,
+                batch_indices,
                 origins,
                 table.device.plane,
-                table.device.is_open,
+                table.device.is_slab,
                 rays,
                 stride,
                 row_count,
                 depth,
                 passes,
             ],
-            outputs=[is_seen, keys, is_full],
+            outputs=[is_hit, keys, is_full],
             device=device,
             block_dim=64,
         )
-    return is_seen, keys, depth > 1 and bool(is_full.numpy()[0])
+    return is_hit, keys, depth > 1 and bool(is_full.numpy()[0])
 
 
 def neighbor_stride(ray_count: int) -> int:
@@ -209,7 +185,7 @@ def all_path_candidates(sources: int, planes: int, depth: int) -> np.ndarray:
     count = sources * planes * sum((planes - 1) ** k for k in range(1, depth))
     if count > PAIRS_AT_ONCE:
         raise InputError(
-            f"channel.candidates = 'exhaustive' with max_depth = {depth}: {planes} planes make {count} chains, the "
+            f"channel.candidates = 'exhaustive' with max_depth = {depth}: {planes} planes make {count} candidates, the "
             f"most is {PAIRS_AT_ONCE}; use candidates: launch, or a lower depth"
         )
     parent = np.arange(sources * planes)

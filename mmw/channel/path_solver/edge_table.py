@@ -1,4 +1,4 @@
-"""Convex edges between the flat surfaces of a scene, and edges of open sheets: what a wave can bend around."""
+"""Find the wedges of a scene: convex edges between its flat surfaces, and edges of open sheets."""
 
 from dataclasses import dataclass
 
@@ -10,9 +10,12 @@ from mmw.kernels.channel.edges import Wedges
 from mmw.physics.em.vectors import dot, norm
 from mmw.scene.device_scene import DeviceScene
 
-MIN_BEND_RAD = 0.05
-"""Smallest angle between the normals of a wedge's faces [rad]; flatter edges, as on a rounded bonnet, bend nothing that
-the facets do not reflect."""
+MIN_WEDGE_RAD = 0.05
+"""Smallest angle between the normals of a wedge's faces [rad]; flatter edges, as on a rounded bonnet, diffract
+nothing that the facets do not reflect."""
+
+NO_WEDGES = (*(np.zeros((0, 3)) for _ in range(5)), *(np.zeros(0, np.int32) for _ in range(2)))
+"""Result of `find_wedges` where there are none."""
 
 SAME_PLACE_M = 1e-3
 """Pieces of an edge that are closer than this [m] are one edge."""
@@ -54,25 +57,18 @@ def make_wedge_table(scene: DeviceScene, plane: np.ndarray, *, enabled: bool, sh
         enabled: Whether diffraction is wanted.
         sheets: Whether the edges of open sheets are wanted too.
     """
-    arrays = scene.arrays
-    town = len(scene.instance_actor)
-    columns = []
+    arrays, instances = scene.arrays, enumerate(scene.instance_actor)
+    columns = [(len(scene.instance_actor), 0, NO_WEDGES)]
     if enabled:
-        columns.append((np.int32(town), 0, *find_wedges(arrays.points, arrays.faces, arrays.surface, sheets=sheets)))
+        town = find_wedges(arrays.points, arrays.faces, arrays.surface, sheets=sheets)
         of_model = [find_wedges(model.points, model.faces, model.surface, sheets=sheets) for model in arrays.models]
-        for instance, actor in enumerate(scene.instance_actor):
-            wedges = of_model[arrays.actors[actor].model]
-            columns.append((np.int32(instance), int(scene.surface_offset[instance]), *wedges))
-    parts = {name: [np.zeros((0, 3))] for name in ("begin", "end", "normal_0", "normal_n", "away")}
-    ids = {name: [np.zeros(0, np.int32)] for name in ("carrier", "surface_0", "surface_n")}
-    for carrier, offset, begin, end, normal_0, normal_n, away, surface_0, surface_n in columns:
-        for name, values in zip(parts, (begin, end, normal_0, normal_n, away), strict=True):
-            parts[name].append(values)
-        ids["carrier"].append(np.full(len(begin), carrier))
-        ids["surface_0"].append(surface_0 + offset)
-        ids["surface_n"].append(surface_n + offset)
-    table = {name: np.concatenate(values) for name, values in parts.items()}
-    numbers = {name: np.concatenate(values).astype(np.int32) for name, values in ids.items()}
+        columns.append((len(scene.instance_actor), 0, town))
+        columns += [(k, int(scene.surface_offset[k]), of_model[arrays.actors[actor].model]) for k, actor in instances]
+    vectors = [np.concatenate(values) for values in zip(*(wedges[:5] for _, _, wedges in columns), strict=True)]
+    ids = [np.concatenate([wedges[k] + offset for _, offset, wedges in columns]) for k in (5, 6)]
+    ids.append(np.concatenate([np.full(len(wedges[0]), carrier) for carrier, _, wedges in columns]))
+    table = dict(zip(("begin", "end", "normal_0", "normal_n", "away"), vectors, strict=True))
+    numbers = dict(zip(("surface_0", "surface_n", "carrier"), (values.astype(np.int32) for values in ids), strict=True))
     device = Wedges()
     for name, values in table.items():
         setattr(device, name, wp.array(values, dtype=wp.vec3d, device=scene.device))
@@ -91,7 +87,7 @@ def find_wedges(
 ) -> tuple[np.ndarray, ...]:
     """Return the convex edges that two flat surfaces of a mesh share, and on request those that one face has alone.
 
-    Faces are counter-clockwise seen from outside, so that convex and concave edges can be told apart; an edge between
+    Faces are counter-clockwise from outside, so that convex and concave edges can be told apart; an edge between
     faces that disagree about the outside, or with three faces, is none.
 
     Args:
@@ -103,9 +99,8 @@ def find_wedges(
     Returns:
         begin, end, normal_0, normal_n, away, each [E, 3], and surface_0, surface_n, each [E]; sorted by the surfaces.
     """
-    none = (*(np.zeros((0, 3)) for _ in range(5)), *(np.zeros(0, np.int32) for _ in range(2)))
     if len(faces) == 0:
-        return none
+        return NO_WEDGES
     vertex = weld(points)[faces]
     edges = vertex[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     face, opposite = np.repeat(np.arange(len(faces)), 3), faces[:, [2, 0, 1]].reshape(-1)
@@ -126,7 +121,7 @@ def find_wedges(
     one, two = one[keep], two[keep]
     n0, nn = normal[face[one]], normal[face[two]]
     depth = dot(n0, points[opposite[two]] - points[edges[one, 0]])
-    keep = (dot(n0, nn) < np.cos(MIN_BEND_RAD)) & (depth < 0.0)
+    keep = (dot(n0, nn) < np.cos(MIN_WEDGE_RAD)) & (depth < 0.0)
     one, two, n0, nn = one[keep], two[keep], n0[keep], nn[keep]
     away = (n0 + nn) / norm(n0 + nn)[:, None]
     s0, sn = surface[face[one]], surface[face[two]]
@@ -144,18 +139,12 @@ def find_wedges(
         away = np.concatenate([away, out])
         s0, sn = (np.concatenate([s, surface[face[open_edge]]]) for s in (s0, sn))
     if len(one) == 0:
-        return none
+        return NO_WEDGES
     return _joined(points[edges[one, 0]], points[edges[one, 1]], n0, nn, away, s0, sn)
 
 
 def _joined(
-    begin: np.ndarray,
-    end: np.ndarray,
-    n0: np.ndarray,
-    nn: np.ndarray,
-    away: np.ndarray,
-    s0: np.ndarray,
-    sn: np.ndarray,
+    begin: np.ndarray, end: np.ndarray, n0: np.ndarray, nn: np.ndarray, away: np.ndarray, s0: np.ndarray, sn: np.ndarray
 ) -> tuple[np.ndarray, ...]:
     """Return the edges with pieces that lie one behind the other on one line, between the same surfaces, made one."""
     along = (end - begin) / norm(end - begin)[:, None]
@@ -175,5 +164,13 @@ def _joined(
     is_new = np.append(True, (group[1:] != group[:-1]) | (low[1:] > high[:-1] + SAME_PLACE_M))
     first = np.flatnonzero(is_new)
     last = np.append(first[1:], len(order)) - 1
-    head, tail = order[first], order[last]
-    return begin[head], end[tail], n0[head], nn[head], away[head], s0[head].astype(np.int32), sn[head].astype(np.int32)
+    first_piece, last_piece = order[first], order[last]
+    return (
+        begin[first_piece],
+        end[last_piece],
+        n0[first_piece],
+        nn[first_piece],
+        away[first_piece],
+        s0[first_piece].astype(np.int32),
+        sn[first_piece].astype(np.int32),
+    )

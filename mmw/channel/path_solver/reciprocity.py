@@ -1,15 +1,16 @@
-"""Links in both directions: traced once, read both ways."""
+"""Trace links of both directions once: find the unique ones and add their reverse."""
 
 from dataclasses import replace
 
 import numpy as np
 
 from mmw.channel.links import Links
+from mmw.channel.path_solver.traced_paths import reverse_columns
 from mmw.channel.paths import PathSet, path_ids
 from mmw.physics.em.interaction import TRANSMISSION
 
 
-def one_way(links: Links) -> tuple[np.ndarray, np.ndarray]:
+def unique_links(links: Links) -> tuple[np.ndarray, np.ndarray]:
     """Return the links that have to be traced, and for every link the one that reads a traced link backward.
 
     Two links of one frame are each other's reverse if each starts where the other ends, with the same attitude there.
@@ -24,9 +25,11 @@ def one_way(links: Links) -> tuple[np.ndarray, np.ndarray]:
     """
     low = np.minimum(links.tx_actor, links.rx_actor)
     high = np.maximum(links.tx_actor, links.rx_actor)
-    order = np.lexsort((links.tx_actor, high, low, links.slot))
+    order = np.lexsort((links.tx_actor, high, low, links.batch_index))
     first, second = order[:-1], order[1:]
-    is_pair = (links.slot[first] == links.slot[second]) & (links.tx_actor[first] == links.rx_actor[second])
+    is_pair = (links.batch_index[first] == links.batch_index[second]) & (
+        links.tx_actor[first] == links.rx_actor[second]
+    )
     is_pair &= (links.rx_actor[first] == links.tx_actor[second]) & (links.tx_actor[first] < links.tx_actor[second])
     for one, other in ((links.tx, links.rx), (links.rx, links.tx)):
         is_pair &= (one.position[first] == other.position[second]).all(axis=1)
@@ -40,7 +43,7 @@ def one_way(links: Links) -> tuple[np.ndarray, np.ndarray]:
     return traced, np.where(reverse_of >= 0, number[reverse_of], -1)
 
 
-def read_both_ways(paths: PathSet, links: Links, traced: np.ndarray, reverse_of: np.ndarray) -> PathSet:
+def add_reversed_links(paths: PathSet, links: Links, traced: np.ndarray, reverse_of: np.ndarray) -> PathSet:
     """Return the paths of all links from those of the traced ones.
 
     The transfer backward is the transpose, and with equal antennas at both ends the coefficient is the same: mirrors
@@ -57,29 +60,19 @@ def read_both_ways(paths: PathSet, links: Links, traced: np.ndarray, reverse_of:
     many = paths.count[reverse_of[backward]]
     link = np.repeat(backward, many)
     row = np.repeat(begin[reverse_of[backward]] - np.cumsum(many) + many, many) + np.arange(len(link))
-    column = paths.order[row, None].astype(np.int64) - 1 - np.arange(paths.interaction.shape[1])
-    is_there, column = column >= 0, np.maximum(column, 0)
-
-    def turned(values: np.ndarray, nothing: float) -> np.ndarray:
-        taken = values[row[:, None], column]
-        return np.where(is_there.reshape(is_there.shape + (1,) * (taken.ndim - 2)), taken, nothing).astype(values.dtype)
-
-    interaction = turned(paths.interaction, 0)
-    normal = turned(paths.normal, np.nan)
+    joined = {}
+    for name, fill in (("interaction", 0), ("surface", -1), ("object_id", -1), ("material_id", -1), ("vertex", np.nan)):
+        values = getattr(paths, name)
+        joined[name] = np.concatenate([values, reverse_columns(values[row], paths.order[row], fill)])
+    interaction = joined["interaction"][len(paths) :]
+    normal = reverse_columns(paths.normal[row], paths.order[row], np.nan)
     normal = np.where((interaction == TRANSMISSION)[..., None], -normal, normal)
+    joined["normal"] = np.concatenate([paths.normal, normal])
+    for angle in ("theta", "phi"):
+        at_tx, at_rx = getattr(paths, f"{angle}_t"), getattr(paths, f"{angle}_r")
+        joined[f"{angle}_t"] = np.concatenate([at_tx, at_rx[row]])
+        joined[f"{angle}_r"] = np.concatenate([at_rx, at_tx[row]])
     all_link = np.concatenate([traced[paths.link], link])
-    joined = {
-        "interaction": np.concatenate([paths.interaction, interaction]),
-        "surface": np.concatenate([paths.surface, turned(paths.surface, -1)]),
-        "object_id": np.concatenate([paths.object_id, turned(paths.object_id, -1)]),
-        "material_id": np.concatenate([paths.material_id, turned(paths.material_id, -1)]),
-        "vertex": np.concatenate([paths.vertex, turned(paths.vertex, np.nan)]),
-        "normal": np.concatenate([paths.normal, normal]),
-        "theta_t": np.concatenate([paths.theta_t, paths.theta_r[row]]),
-        "phi_t": np.concatenate([paths.phi_t, paths.phi_r[row]]),
-        "theta_r": np.concatenate([paths.theta_r, paths.theta_t[row]]),
-        "phi_r": np.concatenate([paths.phi_r, paths.phi_t[row]]),
-    }
     own = np.concatenate([np.arange(len(paths)), row])
     for name in ("kind", "order", "tau", "range_rate"):
         joined[name] = getattr(paths, name)[own]

@@ -1,27 +1,29 @@
-"""Every flat surface of a scene: its plane, box and triangles in float64, in the frame of whatever carries it."""
+"""Tabulate the flat surfaces of a scene: plane, box and triangles in float64, in the frame of their carrier."""
 
 from dataclasses import dataclass, field
+from itertools import product
 
 import numpy as np
 import warp as wp
 
-from mmw.channel.path_solver.coplanar import group_coplanar
 from mmw.channel.path_solver.edge_table import WedgeTable, make_wedge_table
+from mmw.core.planar_surfaces import linked_rows
 from mmw.kernels.channel.surfaces import Surfaces
 from mmw.physics.em.vectors import dot, norm
 from mmw.scene.device_scene import DeviceScene
 
+SAME_PLANE_M = 1e-4
+"""Farthest that the corners of a surface's box may lie from the plane of its group, beyond what they do from its
+own [m]: less than float32 rays resolve in a town."""
+
+REACH_M = 100.0
+"""Distance over which the tilt of two normals is measured against `SAME_PLANE_M` in the first, coarse search [m]."""
+
 
 @dataclass(frozen=True)
 class SurfaceTable:
-    """Surfaces of the town and of every instance, by global id 0 to G - 1.
+    """Surfaces of the town and of every instance, by global id 0 to G - 1; their geometry is on the device."""
 
-    Geometry is kept once for each model: row `row[g]` holds plane and triangles of surface g, in the world frame for
-    the town and in the vehicle's frame for an instance.
-    """
-
-    row: np.ndarray
-    """Geometry row of each surface, shape [G], int32."""
     owner: np.ndarray
     """Instance that carries the surface, -1 for the town, shape [G], int32."""
     object_id: np.ndarray
@@ -30,33 +32,23 @@ class SurfaceTable:
     """Material id, shape [G], int32."""
     area: np.ndarray
     """Area [m^2], shape [G]."""
-    normal: np.ndarray
-    """Unit normal of the mean plane, shape [K, 3]."""
-    offset: np.ndarray
-    """normal . p of the mean plane [m], shape [K]."""
-    first: np.ndarray
-    """First triangle of each row, shape [K], int32."""
-    triangle_count: np.ndarray
-    """Triangles of each row, shape [K], int32."""
-    triangle: np.ndarray
-    """Corners [m], triangles in the order of rows, shape [T, 3, 3]."""
-    plane: np.ndarray
-    """Plane of each surface, 0 to K - 1; coplanar surfaces of one carrier have one, shape [G], int32."""
     plane_count: int
-    """K."""
-    is_open: np.ndarray
+    """K: number of planes; coplanar surfaces of one carrier have one."""
+    is_slab: np.ndarray
     """True if a wave passes through the surface in some weather: its material is a slab, shape [G], bool."""
+    is_rough: np.ndarray
+    """True if the surface scatters in some weather, shape [G], bool."""
     device: Surfaces
-    """The same for kernels."""
+    """Surfaces for kernels; geometry rows, one for each surface of a model, are in the frame of their carrier."""
     wedges: WedgeTable
-    """Convex edges between the surfaces; none unless they were asked for."""
+    """Convex edges between the surfaces; none unless requested."""
     has_wedges: bool
     """True if wedges were requested."""
     sizes: dict[str, int] = field(default_factory=dict)
     """Sizes of the candidate tables that were enough so far, so that the next batch starts with them."""
 
     def __len__(self) -> int:
-        return len(self.row)
+        return len(self.owner)
 
 
 def make_surface_table(scene: DeviceScene, *, wedges: bool = False, sheets: bool = False) -> SurfaceTable:
@@ -115,13 +107,14 @@ def make_surface_table(scene: DeviceScene, *, wedges: bool = False, sheets: bool
         "triangle_count": triangle_count.astype(np.int32),
         "triangle": triangle,
     }
-    table["is_open"] = _slabs(scene)[table["material_id"]]
+    table["is_slab"] = _in_any_weather(scene, "thickness")[table["material_id"]]
+    table["is_rough"] = _in_any_weather(scene, "scattering")[table["material_id"]]
     part = np.repeat(np.arange(len(counts)), counts)
     of_row = group_coplanar(normal, offset, lower, upper, area, part)
     table["plane"] = _planes(of_row[row_all], table["owner"])
     plane_count = int(table["plane"].max()) + 1 if len(row_all) else 0
     return SurfaceTable(
-        **table,
+        **{name: table[name] for name in ("owner", "object_id", "material_id", "area", "is_slab", "is_rough")},
         device=_to_device(table, lower, upper, len(scene.instance_actor), scene.device),
         plane_count=plane_count,
         wedges=make_wedge_table(scene, table["plane"], enabled=wedges, sheets=sheets),
@@ -136,9 +129,9 @@ def _planes(group: np.ndarray, owner: np.ndarray) -> np.ndarray:
     return np.argsort(np.argsort(first))[inverse.reshape(-1)].astype(np.int32)
 
 
-def _slabs(scene: DeviceScene) -> np.ndarray:
-    """Return which materials are slabs, and so let something through, in some weather, by material id."""
-    by_weather = [[material.radio.thickness > 0.0 for material in some] for some in scene.arrays.materials.values()]
+def _in_any_weather(scene: DeviceScene, name: str) -> np.ndarray:
+    """Return which materials have a radio property above 0 in some weather, by material id."""
+    by_weather = [[getattr(m.radio, name) > 0.0 for m in some] for some in scene.arrays.materials.values()]
     return np.any(by_weather, axis=0) if by_weather else np.zeros(0, dtype=bool)
 
 
@@ -179,7 +172,7 @@ def _to_device(
         ("first", table["first"], wp.int32),
         ("triangle_count", table["triangle_count"], wp.int32),
         ("corner", table["triangle"].reshape(-1, 3), wp.vec3d),
-        ("is_open", table["is_open"], wp.uint8),
+        ("is_slab", table["is_slab"], wp.uint8),
         ("plane", plane, wp.int32),
         ("lead", member[first_member[1:] - 1], wp.int32),
         ("plane_lower", plane_lower, wp.vec3d),
@@ -189,3 +182,42 @@ def _to_device(
     ):
         setattr(surfaces, name, wp.array(values, dtype=dtype, device=device))
     return surfaces
+
+
+def group_coplanar(
+    normal: np.ndarray, offset: np.ndarray, lower: np.ndarray, upper: np.ndarray, area: np.ndarray, part: np.ndarray
+) -> np.ndarray:
+    """Return the plane group of every surface, 0 to K - 1, numbered by their first surfaces, shape [N], int32.
+
+    Args:
+        normal: Unit normals, either side, shape [N, 3].
+        offset: normal . p of the planes [m], shape [N].
+        lower: Low corners of the surfaces' boxes [m], shape [N, 3].
+        upper: High corners [m], shape [N, 3].
+        area: Areas [m^2], shape [N]; the largest surface of a group gives its plane.
+        part: Surfaces of different parts never share a group, such as town and models, shape [N].
+    """
+    count = len(normal)
+    if count == 0:
+        return np.zeros(0, dtype=np.int32)
+    lead = np.argmax(np.abs(normal) > 1e-6, axis=1)
+    sign = np.sign(normal[np.arange(count), lead])
+    sign[sign == 0.0] = 1.0
+    normal, offset = normal * sign[:, None], offset * sign
+    key = np.concatenate([normal * REACH_M, offset[:, None]], axis=1) / (20.0 * SAME_PLANE_M)
+    group = linked_rows(key, part)
+    order = np.lexsort((-area, group))
+    is_first = np.append(True, group[order][1:] != group[order][:-1])
+    leader = order[is_first][np.cumsum(is_first) - 1]
+    leader = leader[np.argsort(order, kind="stable")]  # largest surface of each surface's group
+    row = np.flatnonzero(leader != np.arange(count))
+    lead, low, high = leader[row], lower[row], upper[row]
+    off = np.zeros(len(row))
+    for pick in product((False, True), repeat=3):
+        corner = np.where(np.array(pick), high, low)
+        off_own = np.abs(dot(normal[row], corner) - offset[row])
+        off_lead = np.abs(dot(normal[lead], corner) - offset[lead])
+        off = np.maximum(off, np.abs(off_lead - off_own))
+    apart = row[off > SAME_PLANE_M]
+    leader[apart] = apart
+    return np.unique(leader, return_inverse=True)[1].reshape(-1).astype(np.int32)

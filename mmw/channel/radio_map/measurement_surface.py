@@ -1,4 +1,4 @@
-"""Measuring surfaces of radio maps: cells that rays pass through, on a plane or some height above the roads."""
+"""Make measurement surfaces of radio maps: cells on a plane, or at some height above the roads."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,14 +11,14 @@ from mmw.scene.scene_data import SceneData
 ROAD_LABELS = ("road", "road_line")
 """Semantic classes of the objects that a road grid covers."""
 
-LEVEL_GAP_M = 1.0
+MIN_LEVEL_GAP_M = 1.0
 """Surfaces over one another that are closer than this [m] are one level of road (a marking lies on its road)."""
 
-STEEPEST_COSINE = 0.7
+MIN_ROAD_COSINE = 0.7
 """Faces of a road whose normal is farther from the vertical than this cosine are kerb or wall, not road."""
 
-LARGEST_GRID = 10_000_000
-"""Most cells of a grid: 1 GB of corners."""
+MAX_CELLS = 10_000_000
+"""Maximum number of cells of a grid: 1 GB of corners."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class MeasurementSurface:
     corners: np.ndarray
     """Corners of each cell, world frame [m], shape [C, 4, 3], float64."""
     cell_m: float
-    """Side of a cell [m]; on a slope, the side of its outline seen from above."""
+    """Side of a cell [m]; on a slope, the side of its outline from above."""
 
     def __len__(self) -> int:
         return len(self.corners)
@@ -62,7 +62,7 @@ def plane_grid(
         size_m: Extent along the plane's x and y [m], shape [2]; the grid has as many whole cells as cover it, about the
             same middle.
         cell_m: Side of a cell [m].
-        rotation: Plane to world, shape [3, 3]; the plane's x and y are its columns 0 and 1. Level if left out.
+        rotation: Plane to world, shape [3, 3]; the plane's x and y are its columns 0 and 1. Level by default.
 
     Raises:
         InputError: If size or cell is not positive, or there are too many cells.
@@ -99,7 +99,7 @@ def road_grid(
         cell_m: Side of a cell seen from above [m].
         height_m: Vertical distance of the cells from the road [m], above 0.
         labels: Semantic classes of the objects that count as road.
-        within_m: Lowest x, lowest y, highest x and highest y of the cells' middles [m]; everything if left out.
+        within_m: Lowest x, lowest y, highest x and highest y of the cells' middles [m]; all by default.
 
     Raises:
         InputError: If cell or height is not positive, there are too many cells, or no road is there.
@@ -107,7 +107,7 @@ def road_grid(
     _check_cell(cell_m)
     if not height_m > 0.0:
         raise InputError(f"road_grid: height_m = {height_m:g}; it must be above 0 m; give the height of an antenna")
-    is_road = np.array([thing.label in labels for thing in arrays.objects], dtype=bool)
+    is_road = np.array([item.label in labels for item in arrays.objects], dtype=bool)
     triangles = arrays.points[arrays.faces[is_road[arrays.object_id]]] if len(arrays.faces) else np.zeros((0, 3, 3))
     if within_m is not None:
         low, high = triangles[..., :2].min(axis=1), triangles[..., :2].max(axis=1)
@@ -118,7 +118,7 @@ def road_grid(
         inside = ((middle >= within_m[:2]) & (middle <= within_m[2:])).all(axis=1)
         column, height, slope = column[inside], height[inside], slope[inside]
     if not len(column):
-        found = ", ".join(sorted({thing.label for thing in arrays.objects})) or "nothing"
+        found = ", ".join(sorted({item.label for item in arrays.objects})) or "nothing"
         raise InputError(
             f"road_grid: no cell of {cell_m:g} m has its middle over {' or '.join(labels)}; the scene has {found}; "
             "use a smaller cell, a place with roads, or a plane"
@@ -138,9 +138,9 @@ def _check_cell(cell_m: float) -> None:
 
 
 def _check_count(count: int, cell_m: float) -> None:
-    if count > LARGEST_GRID:
+    if count > MAX_CELLS:
         raise InputError(
-            f"cell = {cell_m:g} m makes {count:,} cells to look at; at most {LARGEST_GRID:,} can be; use larger ones"
+            f"cell = {cell_m:g} m makes {count:,} cells to look at; at most {MAX_CELLS:,} can be; use larger ones"
         )
 
 
@@ -155,7 +155,7 @@ def _columns(triangles: np.ndarray, cell_m: float) -> tuple[np.ndarray, np.ndarr
         Cell (x, y), shape [K, 2], int64; height [m], shape [K]; slope dz/dx, dz/dy, shape [K, 2].
     """
     normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    is_flat = np.abs(normal[:, 2]) > STEEPEST_COSINE * np.linalg.norm(normal, axis=1)
+    is_flat = np.abs(normal[:, 2]) > MIN_ROAD_COSINE * np.linalg.norm(normal, axis=1)
     triangles, normal = triangles[is_flat], normal[is_flat]
     low = np.ceil(triangles[..., :2].min(axis=1) / cell_m - 0.5).astype(np.int64)
     high = np.floor(triangles[..., :2].max(axis=1) / cell_m - 0.5).astype(np.int64)
@@ -181,7 +181,7 @@ def _columns(triangles: np.ndarray, cell_m: float) -> tuple[np.ndarray, np.ndarr
 def _upper(column: np.ndarray, height: np.ndarray) -> np.ndarray:
     """Return the rows that are the upper surface of a level, sorted by row, column and from the top down."""
     order = np.lexsort((-height, column[:, 0], column[:, 1]))
-    same = (np.diff(column[order], axis=0) == 0).all(axis=1) & (-np.diff(height[order]) < LEVEL_GAP_M)
+    same = (np.diff(column[order], axis=0) == 0).all(axis=1) & (-np.diff(height[order]) < MIN_LEVEL_GAP_M)
     return order[np.concatenate([[True], ~same])]
 
 
@@ -193,7 +193,7 @@ def _shared(corner: np.ndarray, z: np.ndarray) -> np.ndarray:
         z: Height after the corner's own cell [m], shape [K].
     """
     order = np.lexsort((z, corner[:, 0], corner[:, 1]))
-    same = (np.diff(corner[order], axis=0) == 0).all(axis=1) & (np.diff(z[order]) < LEVEL_GAP_M)
+    same = (np.diff(corner[order], axis=0) == 0).all(axis=1) & (np.diff(z[order]) < MIN_LEVEL_GAP_M)
     group = np.concatenate([[0], np.cumsum(~same)])
     mean = np.bincount(group, z[order]) / np.bincount(group)
     shared = np.empty_like(z)

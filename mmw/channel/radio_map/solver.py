@@ -1,12 +1,12 @@
-"""Radio maps: mean path gain of every transmitter over every cell of a surface, and what follows: RSS, SINR, server.
+"""Solve radio maps: mean path gain of every transmitter over every cell of a surface, RSS, SINR and association.
 
-The gain of a cell is the mean over its area of the power that an ideal isotropic receiver takes out of all paths,
+The gain of a cell is the mean over its area of the power that an ideal isotropic receiver gets from all paths,
 summed without regard to their phases:
 
     g = (lambda / 4 pi)^2 / A  sum over crossings of  |E|^2 dOmega / cos(theta),   dOmega = 4 pi / N
 
 with E the field of a ray without spreading (`kernels/channel/radio_map.py`), theta the angle between ray and cell
-normal, and A the area of the cell. For the line of sight that is (lambda / 4 pi r)^2 |F_t|^2, since a cell takes A
+normal, and A the area of the cell. For the line of sight that is (lambda / 4 pi r)^2 |F_t|^2, since a cell covers A
 cos(theta) / r^2 of solid angle. N rays leave each transmitter on a Fibonacci lattice, so no random number is drawn.
 
 Source: radio maps by shooting and bouncing rays, as in Sionna RT 2.2 (technical report, "radio map solver").
@@ -36,18 +36,18 @@ BOLTZMANN = 1.380_649e-23
 """Boltzmann constant [J/K], exact (SI of 2019)."""
 
 RAYS_AT_ONCE = 2**22
-"""Most rays of one kernel launch; it changes no byte of a map."""
+"""Maximum number of rays of one kernel launch; it changes no byte of a map."""
 
 MAX_RAYS = 2**26
-"""Most rays of a transmitter."""
+"""Maximum number of rays of a transmitter."""
 
 MAX_DEPTH = 30
-"""Most interactions of a ray."""
+"""Maximum number of interactions of a ray."""
 
 MAX_BRANCHING_DEPTH = 8
-"""Most interactions of a ray with transmission, where every one doubles the branches."""
+"""Maximum number of interactions of a ray with transmission, where every one doubles the branches."""
 
-LARGEST_ELEMENT_GAIN = 8.0
+MAX_ELEMENT_GAIN = 8.0
 """No element of `mmw.channel.antennas.patterns` has more gain than this (tr38901: 8 dBi = 6.3)."""
 
 PATTERN_CODES: dict[PatternName, int] = {
@@ -85,12 +85,12 @@ class RadioMapConfig:
 
     carrier_hz: float
     """Carrier frequency [Hz]."""
-    rays: int = 10_000_000
+    samples_per_tx: int = 10_000_000
     """N: rays of each transmitter."""
     max_depth: int = 3
-    """Most reflections (and transmissions) of a ray; 0 is the line of sight."""
+    """Maximum number of reflections (and transmissions) of a ray; 0 is the line of sight."""
     refraction: bool = False
-    """Follow what passes straight through slabs, too."""
+    """Follow transmissions through slabs, too."""
     bandwidth_hz: float = 1e6
     """Bandwidth of the noise [Hz]. Source of this default and the next: Sionna RT 2.2."""
     temperature_k: float = 293.0
@@ -163,7 +163,7 @@ def actor_transmitters(
         frame: Frame number.
         role: `rsu` or `cav`.
         mount_m: Antenna in the actor's frame [m].
-        array: Antennas; one vertical short dipole if left out.
+        array: Antennas; one vertical short dipole by default.
         power_dbm: Transmit power of each [dBm]; the default is Sionna RT's.
 
     Raises:
@@ -186,13 +186,11 @@ def actor_transmitters(
 
 def radio_map(
     scene: DeviceScene,
-    slot: int,
+    batch_index: int,
     transmitters: Transmitters,
     surface: MeasurementSurface,
     config: RadioMapConfig,
     materials: tuple[Material, ...],
-    *,
-    rays_at_once: int = RAYS_AT_ONCE,
 ) -> RadioMap:
     """Return the path gain of every transmitter in every cell.
 
@@ -202,22 +200,23 @@ def radio_map(
 
     Args:
         scene: Town and vehicles, with a batch loaded.
-        slot: Slot of the frame in that batch.
+        batch_index: Position of the frame in that batch.
         transmitters: T transmitters.
         surface: C cells.
         config: Carrier, rays and depth.
         materials: Materials by id, of the weather that is wanted.
-        rays_at_once: Rays of one launch; without effect on the map.
 
     Raises:
-        InputError: If slot, transmitters or configuration cannot be used, or a material has no data at the carrier.
+        InputError: If index, transmitters or configuration cannot be used, or a material has no data at the carrier.
     """
-    if not 0 <= slot < scene.slots:
-        raise InputError(f"slot {slot}: the scene holds {scene.slots} frames; load the frame, then give its slot")
+    if not 0 <= batch_index < scene.batch_size:
+        raise InputError(
+            f"batch_index {batch_index}: the scene holds {scene.batch_size} frames; load the frame, then give its index"
+        )
     _check(transmitters, config)
     branches = 2**config.max_depth if config.refraction else 1
     weight, norm = _weights(transmitters)
-    bits = 62 - 16 - int(np.ceil(np.log2(LARGEST_ELEMENT_GAIN * transmitters.array.antenna_count)))
+    bits = 62 - 16 - int(np.ceil(np.log2(MAX_ELEMENT_GAIN * transmitters.array.antenna_count)))
     grid = _grid(scene, surface)
     shape = (len(transmitters), len(surface))
     high, low = (wp.zeros(shape, dtype=wp.int64, device=scene.device) for _ in range(2))
@@ -227,9 +226,15 @@ def radio_map(
         _materials(scene, materials, config.carrier_hz),
         grid,
     ]
-    launch = _launch(slot, config, bits)
+    launch = kernels.MapLaunch()
+    launch.batch_index = batch_index
+    launch.ray_count, launch.stride = config.samples_per_tx, neighbor_stride(config.samples_per_tx)
+    launch.row_count = -(-config.samples_per_tx // launch.stride)
+    launch.max_depth = config.max_depth
+    launch.wavenumber = 2.0 * np.pi * config.carrier_hz / SPEED_OF_LIGHT
+    launch.scale = 2.0**bits
     threads = launch.row_count * launch.stride
-    step = max(1, rays_at_once // (len(transmitters) * branches))
+    step = max(1, RAYS_AT_ONCE // (len(transmitters) * branches))
     for first in range(0, threads, step):
         launch.first = first
         wp.launch(
@@ -242,7 +247,7 @@ def radio_map(
         )
     total = np.ldexp(high.numpy().astype(np.float64), 32 - bits) + np.ldexp(low.numpy().astype(np.float64), -bits)
     wavelength = SPEED_OF_LIGHT / config.carrier_hz
-    unit = (wavelength / (4.0 * np.pi)) ** 2 * 4.0 * np.pi / config.rays
+    unit = (wavelength / (4.0 * np.pi)) ** 2 * 4.0 * np.pi / config.samples_per_tx
     return RadioMap(transmitters, surface, config, unit * norm[:, None] ** 2 * total / surface.area)
 
 
@@ -250,24 +255,24 @@ def _check(transmitters: Transmitters, config: RadioMapConfig) -> None:
     """Raise InputError for what cannot be traced."""
     if not len(transmitters):
         raise InputError("radio map: no transmitter; a map needs at least one; add one")
-    if not 1000 <= config.rays <= MAX_RAYS:
-        raise InputError(f"radio map: rays = {config.rays}; 1000 to {MAX_RAYS:,} are possible; choose a number within")
-    most = MAX_BRANCHING_DEPTH if config.refraction else MAX_DEPTH
-    if not 0 <= config.max_depth <= most:
+    if not 1000 <= config.samples_per_tx <= MAX_RAYS:
+        raise InputError(f"radio map: samples_per_tx = {config.samples_per_tx}; choose 1000 to {MAX_RAYS:,}")
+    limit = MAX_BRANCHING_DEPTH if config.refraction else MAX_DEPTH
+    if not 0 <= config.max_depth <= limit:
         raise InputError(
-            f"radio map: max_depth = {config.max_depth}; 0 to {most} is possible "
+            f"radio map: max_depth = {config.max_depth}; 0 to {limit} is possible "
             f"{'with' if config.refraction else 'without'} transmission; choose a number within"
         )
     if transmitters.array.pattern not in PATTERN_CODES:
         raise InputError(
             f"radio map: its kernel has no pattern table or function; use one of {', '.join(PATTERN_CODES)}"
         )
-    legs = 2 ** (config.max_depth + 1) - 1 if config.refraction else config.max_depth + 1
+    segments = 2 ** (config.max_depth + 1) - 1 if config.refraction else config.max_depth + 1
     # A segment crosses each of a cell's two triangles once; the low halves of 2^31 crossings fit into 63 bits.
-    if config.rays * legs * 2 > 2**31:
+    if config.samples_per_tx * segments * 2 > 2**31:
         raise InputError(
-            f"radio map: {config.rays:,} rays of {legs} legs could overflow a cell's sum; "
-            f"rays times legs must stay within {2**30:,}; use fewer rays or a smaller depth"
+            f"radio map: {config.samples_per_tx:,} rays of {segments} segments could overflow a cell's sum; "
+            f"rays times segments must stay within {2**30:,}; use fewer rays or a smaller depth"
         )
     for name in ("carrier_hz", "bandwidth_hz", "temperature_k"):
         if not 0.0 < getattr(config, name) < np.inf:
@@ -336,15 +341,3 @@ def _grid(scene: DeviceScene, surface: MeasurementSurface) -> kernels.MapGrid:
     grid.normal = wp.array(across / np.linalg.norm(across, axis=1, keepdims=True), dtype=wp.vec3d, device=scene.device)
     grid.cell = wp.array(np.arange(len(faces), dtype=np.int32) // 2, dtype=wp.int32, device=scene.device)
     return grid
-
-
-def _launch(slot: int, config: RadioMapConfig, bits: int) -> kernels.MapLaunch:
-    launch = kernels.MapLaunch()
-    launch.slot = slot
-    launch.ray_count = config.rays
-    launch.stride = neighbor_stride(config.rays)
-    launch.row_count = -(-config.rays // launch.stride)
-    launch.max_depth = config.max_depth
-    launch.wavenumber = 2.0 * np.pi * config.carrier_hz / SPEED_OF_LIGHT
-    launch.scale = 2.0**bits
-    return launch

@@ -3,11 +3,11 @@
 An exporter is a module with one `FORMAT`. Its `tasks` plans the work from the small tables; each task writes its files,
 with their final relative paths, into a folder of its own, and `export` moves them into place:
 
-    OUT/_export.json         what is exported: format, dataset, selection, options; another one is refused
+    OUT/_export.json         format, dataset, selection and options; an export with others is refused
     OUT/_done/TASK.json      the files of a task that is done, written last
-    .OUT.TASK.tmp/           files of the task that is being made, beside OUT
+    .OUT.TASK.tmp/           files of the running task, beside OUT
 
-A task that was killed leaves no marker, so the same command makes it again.
+A killed task leaves no marker, so the same command runs it again.
 """
 
 import json
@@ -18,6 +18,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.errors import InputError
 from mmw.core.progress_bar import Progress
 from mmw.dataset import Dataset, open_dataset
@@ -31,21 +32,18 @@ DONE = "_done"
 FINISHED = "finish"
 """Marker of a format's last step, which no task may be called."""
 
-FRAME_RATE_HZ = 100
-"""Frames a second of every dataset."""
-
 Options = Mapping[str, str]
 """Every option of a format, given or by default."""
 
 
 @dataclass(frozen=True)
 class Option:
-    """One `name=value` that a format takes."""
+    """One option of a format, given as `name=value`."""
 
     name: str
     default: str
     summary: str
-    """One line: what it does."""
+    """Its effect in one line."""
     choices: tuple[str, ...] = ()
     """Values that it may have; any if empty."""
 
@@ -62,7 +60,7 @@ class Selection:
 
 @dataclass(frozen=True)
 class Task:
-    """One unit of an export that can be made again alone."""
+    """One unit of an export that can be repeated alone."""
 
     name: str
     """Deterministic, unique in the export, letters, digits and `_.-=`: the file name of its marker."""
@@ -80,7 +78,7 @@ class Format:
     losses: tuple[str, ...]
     """Losses of the format, one line each."""
     tasks: Callable[[Dataset, Selection, Options], list[Task]]
-    """Plans the work; raises InputError if the dataset does not have what the format needs."""
+    """Plans the work; raises InputError if the dataset lacks something that the format needs."""
     finish: Callable[[Dataset, Selection, Path], None] | None = None
     """Last step in the finished folder, after every task; it must be possible to repeat it."""
     options: tuple[Option, ...] = ()
@@ -105,17 +103,17 @@ def export(
     selection: Selection = Selection(),
     options: Options | None = None,
 ) -> None:
-    """Write a dataset, or a part of it, in another format; what is there already is not made again.
+    """Write a dataset, or a part of it, in another format; finished tasks are skipped.
 
     Args:
         root: Dataset folder, or a URI such as s3://bucket/folder.
         format_name: A key of `mmw.dataset.export.registry.EXPORTERS`.
         out: Folder to write; made if it does not exist.
-        selection: What to export.
+        selection: Part of the dataset to export.
         options: The format's options that differ from their defaults.
 
     Raises:
-        InputError: If the format, the selection or an option is not known, the dataset does not have what the format
+        InputError: If the format, the selection or an option is not known, the dataset lacks something that the format
             needs, or `out` holds something else: other files, or the export of another dataset, selection or options.
         OutOfSpaceError: If the disk is full; the same call resumes.
     """
@@ -127,7 +125,7 @@ def export(
         raise InputError(f"{out}: overlaps the dataset {dataset.root}; an export needs a folder of its own; give one")
     tasks = form.tasks(dataset, selection, values)
     _check_names(form, tasks)
-    _take_up(out, _state(dataset, form, selection, values, tasks))
+    _open_folder(out, _state(dataset, form, selection, values, tasks))
     pending = [task for task in tasks if not _is_done(out, task.name)]
     with Progress(f"{form.name} -> {out}", len(tasks), len(tasks) - len(pending)) as progress:
         for task in pending:
@@ -148,7 +146,7 @@ def checked_options(form: Format, given: Options) -> Options:
     for name, value in given.items():
         if name not in known:
             raise InputError(
-                f"{form.name}: option {name!r} is not known; it takes {', '.join(known) or 'no option'}; leave it out"
+                f"{form.name}: option {name!r} is not known; the options are {', '.join(known) or 'none'}; omit it"
             )
         choices = known[name].choices
         if choices and value not in choices:
@@ -157,7 +155,7 @@ def checked_options(form: Format, given: Options) -> Options:
 
 
 def frame_step(form: str, name: str, options: Options) -> int:
-    """Return every how many frames a rate option [Hz] picks one.
+    """Return the step in frames of a rate option [Hz].
 
     Raises:
         InputError: If the rate does not divide the frame rate.
@@ -183,12 +181,12 @@ def require(dataset: Dataset, form: str, *tables: str, hint: str = "record it, o
 
 
 def parts(dataset: Dataset, selection: Selection, step: int = 1) -> list[Part]:
-    """Return what a selection picks, scenario by scenario and weather by weather, in the order of their names.
+    """Return the parts of a selection, scenario by scenario and weather by weather, in the order of their names.
 
     Args:
         dataset: The dataset.
-        selection: What the user picked.
-        step: Take only frames that are multiples of it: every camera's `every_frames` counts from frame 0 too.
+        selection: Scenarios, weathers, agents and frames.
+        step: Only frames that are multiples of it: a sensor of a lower rate samples multiples of its period too.
 
     Raises:
         InputError: If the dataset has no such scenario, weather or agent, or nothing is left.
@@ -245,7 +243,7 @@ def _check_names(form: Format, tasks: list[Task]) -> None:
             raise InputError(f"{form.name}: task {name!r}: is no file name; letters, digits and _.=- are needed")
     if len(set(names)) != len(names):
         twice = next(name for name in names if names.count(name) > 1)
-        raise InputError(f"{form.name}: task {twice!r}: stands twice; every task needs its own name")
+        raise InputError(f"{form.name}: task {twice!r}: is there twice; every task needs its own name")
 
 
 def _state(dataset: Dataset, form: Format, selection: Selection, options: Options, tasks: list[Task]) -> dict[str, Any]:
@@ -261,8 +259,8 @@ def _state(dataset: Dataset, form: Format, selection: Selection, options: Option
     }
 
 
-def _take_up(out: Path, state: dict[str, Any]) -> None:
-    """Make the folder, or check that it holds an unfinished export of the same thing.
+def _open_folder(out: Path, state: dict[str, Any]) -> None:
+    """Make the folder, or check that it holds an unfinished export with the same state.
 
     Raises:
         InputError: If it holds something else.
@@ -299,7 +297,7 @@ def _marker(out: Path, name: str) -> Path:
 
 
 def _is_done(out: Path, name: str) -> bool:
-    """True if a task has a marker and its files are there in the sizes that it says."""
+    """Return whether a task has a marker and its files are there in the sizes that it says."""
     try:
         files = json.loads(_marker(out, name).read_text(encoding="utf-8"))["files"]
     except (FileNotFoundError, json.JSONDecodeError):

@@ -1,7 +1,7 @@
-"""A folder for the Hugging Face Hub: plain Parquet files, one configuration a table, and a dataset card.
+"""Hugging Face Hub: plain Parquet files, one configuration per table, and a dataset card.
 
     OUT/README.md                                   dataset card: configurations, columns, provenance
-    OUT/config.yaml, dataset.json                   what makes the dataset again, and what made it
+    OUT/config.yaml, dataset.json                   configuration to generate it again, and its provenance
     OUT/rgb/town03_roundabout.sunny.000000.parquet  rows of 100 frames of one scenario in one weather
     OUT/sensors/town03_roundabout.parquet           rows of a static table
 
@@ -135,7 +135,7 @@ def _copy(table: str, path: Path, picks: dict[str, Iterable[Any]], target: Path)
 
 
 def _read(path: Path, reader: Callable[[Path], Any]) -> Any:
-    """Return what a reader makes of a file.
+    """Return the result of a reader.
 
     Raises:
         InputError: If it cannot read the file.
@@ -143,17 +143,17 @@ def _read(path: Path, reader: Callable[[Path], Any]) -> Any:
     try:
         return reader(path)
     except (pa.ArrowException, OSError) as error:
-        raise InputError(f"{path}: cannot be read ({one_line(error)}); `mmw verify` tells what is damaged") from error
+        raise InputError(f"{path}: cannot be read ({one_line(error)}); `mmw verify` lists the damage") from error
 
 
 def _with_nullable_images(schema: pa.Schema) -> pa.Schema:
-    """Return a schema whose images may be null: `datasets` takes others for dictionaries of bytes and path."""
+    """Return a schema whose images may be null: `datasets` reads others as dictionaries of bytes and path."""
     fields = [field.with_nullable(True) if field.type.equals(IMAGE) else field for field in schema]
     return pa.schema(fields, metadata=schema.metadata)
 
 
 def finish(dataset: Dataset, selection: Selection, out: Path) -> None:
-    """Write the dataset card, from what is in the folder."""
+    """Write the dataset card from the files in the folder."""
     counts: dict[str, dict[str, int]] = {}
     for table in TABLES:
         files = sorted((out / table).glob("*.parquet"))
@@ -165,14 +165,7 @@ def finish(dataset: Dataset, selection: Selection, out: Path) -> None:
 
 
 def card(dataset: Dataset, picked: list[Part], counts: dict[str, dict[str, int]], options: Options) -> str:
-    """Return the text of the dataset card.
-
-    Args:
-        dataset: The dataset.
-        picked: What is exported of it.
-        counts: Rows and bytes of each exported table.
-        options: Options of the format.
-    """
+    """Return the text of the dataset card for exported parts, with rows and bytes of each exported table."""
     info = dataset.info
     first = "rgb" if "rgb" in counts else next(iter(counts))
     head = {
@@ -243,14 +236,14 @@ def card(dataset: Dataset, picked: list[Part], counts: dict[str, dict[str, int]]
 
 
 def _size(rows: int) -> str:
-    return next((name for most, name in SIZES if rows < most), "n>1B")
+    return next((name for limit, name in SIZES if rows < limit), "n>1B")
 
 
 FORMAT = Format(
     name="huggingface",
     summary="folder for the Hugging Face Hub: Parquet with image features, one configuration a table, a dataset card",
     losses=(
-        "every column is kept; the USD stages and assets are left out",
+        "every column is there; the USD stages and assets are omitted",
         "the folders scenario=... and weather=... are gone: filter by the columns of these names",
         "all rows are split `train`: leak-free splits are the user's choice",
     ),

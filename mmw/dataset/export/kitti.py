@@ -7,12 +7,12 @@
     OUT/ImageSets/trainval.txt          the numbers
     OUT/mmw_index.csv                   number -> scenario, weather, agent, frame
 
-Camera frames are optical: x right, y down, z forward. Tr_imu_to_velo takes points of the agent's frame to the LiDAR's,
-as KITTI's takes those of its GPS/IMU. A label's place is the middle of the dataset's box moved half a height along the
-camera's y, so that readers, which move it back, get the middle exactly.
+Camera frames are optical: x right, y down, z forward. Tr_imu_to_velo transforms points of the agent's frame to the
+LiDAR's, as KITTI's transforms those of its GPS/IMU. A label's place is the center of the dataset's box moved half a
+height along the camera's y, so that readers, which move it back, get the center exactly.
 
-A label stands for what shows in the image (`boxes_2d`), or returned LiDAR pulses where there is no image. Its
-`truncated` is the share of the rectangle around the box outside the image; `occluded` compares the rectangle of its
+Objects that show in the image (`boxes_2d`) have a label; where there is no image, those that returned LiDAR pulses.
+`truncated` is the share of the rectangle around the box outside the image; `occluded` compares the rectangle of the
 visible pixels with the one that the image frames: 0 from FULLY of its area, 1 from PARTLY, 2 below, 3 unknown.
 
 Losses: see `LOSSES`.
@@ -24,6 +24,7 @@ Source: A. Geiger, P. Lenz, R. Urtasun, "Are we ready for autonomous driving? Th
 import csv
 import io
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -33,27 +34,23 @@ import numpy as np
 from mmw.core.errors import InputError
 from mmw.core.transforms import compose, invert, pose_to_matrix, transform_points
 from mmw.dataset import Dataset
-from mmw.dataset.export.exporter import Format, Option, Options, Part, Selection, Task, frame_step, parts, require
-from mmw.dataset.export.image_files import png_of
+from mmw.dataset.export.exporter import Format, Option, Options, Selection, Task, frame_step, parts, require
 from mmw.dataset.export.pinhole import OPTICAL_POSE, area, box_rectangle, clipped
 from mmw.dataset.export.read_sensors import (
+    Block,
     Sensor,
-    blocks,
     box_corners,
     box_pose,
-    by_frame,
     pick_sensor,
     pose_of,
-    recorded,
-    rows_of,
     sensor_to_world,
     sensors_of,
-    sweeps,
 )
+from mmw.dataset.export.write_files import png_of
 
 LOSSES = (
     "no radio, radar, depth, IMU, GNSS, segmentation, normals and flow",
-    "one LiDAR and one camera an agent; each agent and frame stands alone: no ego pose, no time, no track",
+    "one LiDAR and one camera an agent; agents and frames are separate: no ego pose, no time, no track",
     "ring, object, label, time and number of a LiDAR return are dropped",
     "boxes turn about the camera's y axis alone: pitch and roll against the camera are dropped",
     "velocities and object numbers are dropped; classes are KITTI's: buses and motorcycles become Misc",
@@ -78,8 +75,8 @@ CLASSES = {
 FULLY, PARTLY = 0.8, 0.4
 """Shares of the framed rectangle from which a box counts as fully and as partly visible; design values."""
 
-MOST = 1_000_000
-"""Numbers that six digits can hold."""
+MAX_FRAMES = 1_000_000
+"""Frames that six digits can number."""
 
 Item = tuple[int, str, str, str, int]
 """Number, scenario, weather, agent, frame."""
@@ -110,19 +107,17 @@ def plan(dataset: Dataset, selection: Selection, options: Options) -> list[Task]
                     f"kitti: camera={camera.name}: agent {agent} has the lens {camera.lens}; calib holds a pinhole "
                     "only; name another camera"
                 )
-            frames: Sequence[int] = part.frames
+            block = Block(dataset, part.scenario, part.weather, part.frames, agent)
             if has_images:
-                there = recorded(dataset, "rgb", part.scenario, part.weather, part.frames, agent)
-                frames = sorted(there.get(camera.name, ()))
-            for some in blocks(frames):
-                first = len(index)
-                index += [(first + i, part.scenario, part.weather, agent, frame) for i, frame in enumerate(some)]
-                name = f"{part.scenario}_{part.weather}_{agent}_{some[0]:06d}"
-                work = partial(_write, dataset, part, agent, some, first, lidar, camera, has_images)
-                tasks.append(Task(name, work))
+                block = replace(block, frames=sorted(block.recorded("rgb").get(camera.name, ())))
+            for some in block.split():
+                first, frames = len(index), some.frames
+                index += [(first + i, part.scenario, part.weather, agent, frame) for i, frame in enumerate(frames)]
+                name = f"{part.scenario}_{part.weather}_{agent}_{frames[0]:06d}"
+                tasks.append(Task(name, partial(_write, some, first, lidar, camera, has_images)))
     if not index:
         raise InputError(f"{dataset.root}: no frame that is picked has an image; pick other frames, or images=none")
-    if len(index) > MOST:
+    if len(index) > MAX_FRAMES:
         raise InputError(f"kitti: {len(index):,} frames are more than six digits can number; pick fewer")
     return [*tasks, Task("index", partial(_write_index, index))]
 
@@ -137,63 +132,40 @@ def _write_index(index: Sequence[Item], out: Path) -> None:
     (out / "mmw_index.csv").write_text(stream.getvalue())
 
 
-def _write(
-    dataset: Dataset,
-    part: Part,
-    agent: str,
-    frames: Sequence[int],
-    first: int,
-    lidar: Sensor,
-    camera: Sensor,
-    has_images: bool,
-    out: Path,
-) -> None:
+def _write(block: Block, first: int, lidar: Sensor, camera: Sensor, has_images: bool, out: Path) -> None:
     """Write the files of one agent in some frames, numbered from `first`."""
-    where = (part.scenario, part.weather, frames)
     folders = {name: out / "training" / name for name in ("velodyne", "calib", "label_2", "image_2")}
     for name, folder in folders.items():
         if has_images or name != "image_2":
             folder.mkdir(parents=True)
-    poses = {row["frame"]: row for row in rows_of(dataset, "poses", *where, agent=agent)}
-    boxes = by_frame(rows_of(dataset, "boxes", *where))
-    seen = _seen(dataset, where, agent, lidar, camera, has_images)
-    number = {frame: f"{first + i:06d}" for i, frame in enumerate(frames)}
+    poses = {row["frame"]: row for row in block.rows("poses")}
+    boxes = block.boxes()
+    visible = _visible_rectangles(block, lidar, camera, has_images)
+    number = {frame: f"{first + i:06d}" for i, frame in enumerate(block.frames)}
     calibration = calib_text(lidar, camera)
-    for frame in frames:
+    for frame in block.frames:
         (folders["calib"] / f"{number[frame]}.txt").write_text(calibration)
         own = poses[frame]["object_id"]
         to_camera = invert(compose(sensor_to_world(pose_of(poses[frame]), camera), OPTICAL_POSE))
         lines = [
-            label_line(box, to_camera, camera, seen[frame, box["object_id"]])
+            label_line(box, to_camera, camera, visible[frame, box["object_id"]])
             for box in boxes.get(frame, [])
-            if box["object_id"] != own and (frame, box["object_id"]) in seen
+            if box["object_id"] != own and (frame, box["object_id"]) in visible
         ]
         text = "".join(f"{line}\n" for line in lines if line)
         (folders["label_2"] / f"{number[frame]}.txt").write_text(text)
-    written = set()
-    for frame, cloud in sweeps(dataset, part.scenario, part.weather, frames, lidar):
+    for frame, cloud in block.sweep_of_each(lidar).items():
         points = np.stack([cloud[name] for name in ("x", "y", "z", "intensity")], axis=-1)
         (folders["velodyne"] / f"{number[frame]}.bin").write_bytes(points.astype("<f4").tobytes())
-        written.add(frame)
-    if missing := sorted(set(frames) - written):
-        raise InputError(
-            f"{dataset.root}: {part.scenario}, {part.weather}, frame {missing[0]}: {agent} has no sweep of "
-            f"{lidar.name}; every frame needs one; pick other frames"
-        )
-    for row in rows_of(dataset, "rgb", *where, ["sensor", "image", "format"], agent) if has_images else ():
+    for row in block.rows("rgb", ["sensor", "image", "format"]) if has_images else ():
         if row["sensor"] == camera.name:
             data = row["image"]["bytes"]
             png = data if row["format"] == "png" else png_of(data)
             (folders["image_2"] / f"{number[row['frame']]}.png").write_bytes(png)
 
 
-def _seen(
-    dataset: Dataset,
-    where: tuple[str, str, Sequence[int]],
-    agent: str,
-    lidar: Sensor,
-    camera: Sensor,
-    has_images: bool,
+def _visible_rectangles(
+    block: Block, lidar: Sensor, camera: Sensor, has_images: bool
 ) -> dict[tuple[int, int], np.ndarray | None]:
     """Return the rectangle [px] of the visible pixels of each (frame, object) that gets a label.
 
@@ -201,7 +173,7 @@ def _seen(
     """
     edges = ("u_min", "v_min", "u_max", "v_max")
     if has_images:
-        rows = rows_of(dataset, "boxes_2d", *where, ["sensor", "object_id", "pixels", *edges], agent)
+        rows = block.rows("boxes_2d", ["sensor", "object_id", "pixels", *edges])
         rows = [row for row in rows if row["sensor"] == camera.name]
         if rows:
             return {
@@ -210,7 +182,7 @@ def _seen(
                 for row in rows
                 if row["pixels"]
             }
-    rows = rows_of(dataset, "box_visibility", *where, ["sensor", "object_id", "lidar_points"], agent)
+    rows = block.rows("box_visibility", ["sensor", "object_id", "lidar_points"])
     return {
         (row["frame"], row["object_id"]): None for row in rows if row["sensor"] == lidar.name and row["lidar_points"]
     }
@@ -231,10 +203,10 @@ def calib_text(lidar: Sensor, camera: Sensor) -> str:
 
 
 def label_line(box: dict[str, Any], to_camera: np.ndarray, camera: Sensor, visible: np.ndarray | None) -> str:
-    """Return the label of a box, empty if it is not in the image.
+    """Return the label of a row of `boxes`, empty if it is not in the image.
 
     Args:
-        box: Row of `boxes`.
+        box: The box.
         to_camera: Pose [7], world to the camera's optical frame.
         camera: The camera.
         visible: left, top, right, bottom of its visible pixels [px], shape [4]; None if not known.

@@ -1,4 +1,4 @@
-"""OPV2V: the folders that OpenCOOD's loaders take, in CARLA's left-handed frames.
+"""OPV2V: the folders that OpenCOOD's loaders read, in CARLA's left-handed frames.
 
     OUT/SPLIT/SCENARIO_WEATHER/data_protocol.yaml     names of agents and cameras; loaders skip it
     OUT/SPLIT/SCENARIO_WEATHER/AGENT/000070.yaml      poses, cameras, and the vehicles that the LiDAR hits
@@ -6,11 +6,11 @@
     OUT/SPLIT/SCENARIO_WEATHER/AGENT/000070_camera0.png
 
 AGENT is the `object_id` of a connected vehicle, filled up with zeros so that the names of a scenario sort as the
-numbers do, and -1 for the roadside unit. Vehicles have the same number in every file. The loader takes the first agent
-for the ego, so it is the connected vehicle with the smallest `object_id`, cav_1 in generated traffic.
+numbers do, and -1 for the roadside unit. Vehicles have the same number in every file. To the loader the first agent
+is the ego, so it is the connected vehicle with the smallest `object_id`, cav_1 in generated traffic.
 
 A vehicle's box is `location` + `center`, which the loader adds without turning them: `location` is the point half a
-height below the middle of the box, `center` is (0, 0, height / 2), and their sum is the middle of the dataset's box on
+height below the center of the box, `center` is (0, 0, height / 2), and their sum is the center of the dataset's box on
 any slope. `extent` holds half sizes.
 
 Losses: see `LOSSES`.
@@ -19,42 +19,37 @@ Source: layout and fields of OPV2V, R. Xu et al., "OPV2V: An open benchmark data
 with vehicle-to-vehicle communication", ICRA 2022, and what OpenCOOD's loader expects of them.
 """
 
-import json
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from mmw.core.errors import InputError
-from mmw.core.geodesy import world_from_mercator, world_from_wgs84
 from mmw.core.transforms import compose, invert, multiply, quaternion_from_ypr, quaternion_to_ypr, rotate
 from mmw.dataset import Dataset
 from mmw.dataset.export.carla_frames import carla_angles, carla_matrix, carla_point, carla_pose
 from mmw.dataset.export.exporter import Format, Option, Options, Part, Selection, Task, frame_step, parts, require
-from mmw.dataset.export.image_files import png_of
 from mmw.dataset.export.pcd import intensity_pcd
 from mmw.dataset.export.read_sensors import (
     PEOPLE,
+    Block,
     Sensor,
-    blocks,
-    by_frame,
+    gnss_position,
     pick_sensor,
     pose_of,
-    rows_of,
     sensor_to_world,
     sensors_of,
-    sweeps,
 )
+from mmw.dataset.export.write_files import png_of, write_yaml
 
 LOSSES = (
     "no radio: links, paths and materials",
     "no radar, depth, IMU, segmentation, normals, flow and 2-D boxes",
     "LiDAR intensity has 8 bits; ring, object, label, time and number of a return are dropped",
     "frames at `rate`, 10 Hz by default, as OpenCOOD counts its delays in tenths of a second",
-    "one roadside unit a scenario: OpenCOOD would take the second for the ego vehicle",
+    "one roadside unit a scenario: OpenCOOD would treat the second as the ego vehicle",
     "vehicles only, no people; no velocity vector, only speed",
     "plan_trajectory is empty; predicted_ego_pos is the true pose in frames without a GNSS fix and for roadside units",
     "a camera is a pinhole: lens distortion stays in the image, its coefficients are in data_protocol.yaml alone",
@@ -72,12 +67,10 @@ OPTIONS = (
 )
 
 KM_H = 3.6
-"""Kilometres an hour in a metre a second."""
+"""Kilometers per hour in a meter per second."""
 
 DECIMALS = 6
-"""Digits after the point in YAML: a micrometre, a microdegree."""
-
-_Dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
+"""Digits after the point in YAML: a micrometer, a microdegree."""
 
 
 def plan(dataset: Dataset, selection: Selection, options: Options) -> list[Task]:
@@ -104,9 +97,9 @@ def plan(dataset: Dataset, selection: Selection, options: Options) -> list[Task]
         for agent in part.agents:
             lidar = pick_sensor(known, agent, "lidar", options["lidar"], "opv2v: lidar=")
             cameras = cameras_of(known, agent, options)
-            for frames in blocks(part.frames):
-                work = partial(_write, dataset, part, agent, frames, lidar, cameras, f"{folder}/{ids[agent]}", options)
-                tasks.append(Task(f"{name}_{agent}_{frames[0]:06d}", work))
+            for block in Block(dataset, part.scenario, part.weather, part.frames, agent).split():
+                work = partial(_write, block, lidar, cameras, f"{folder}/{ids[agent]}", options)
+                tasks.append(Task(f"{name}_{agent}_{block.frames[0]:06d}", work))
     return tasks
 
 
@@ -116,15 +109,15 @@ def agent_folders(dataset: Dataset, part: Part) -> dict[str, str]:
     Raises:
         InputError: If there is no connected vehicle, or more than one roadside unit.
     """
-    rows = rows_of(dataset, "poses", part.scenario, part.weather, part.frames[:1], ["agent", "role", "object_id"])
-    rows = [row for row in rows if row["agent"] in part.agents]
+    block = Block(dataset, part.scenario, part.weather, part.frames[:1])
+    rows = [row for row in block.rows("poses", ["agent", "role", "object_id"]) if row["agent"] in part.agents]
     cavs = {row["agent"]: str(row["object_id"]) for row in rows if row["role"] == "cav"}
     rsus = [row["agent"] for row in rows if row["role"] != "cav"]
     if not cavs:
         raise InputError(f"opv2v: {part.scenario}: no connected vehicle is picked; the loader needs one; pick it")
     if len(rsus) > 1:
         raise InputError(
-            f"opv2v: {part.scenario}: has the roadside units {', '.join(rsus)}; the format takes one; "
+            f"opv2v: {part.scenario}: has the roadside units {', '.join(rsus)}; the format has one; "
             f"pick it with agent={','.join([*cavs, rsus[0]])}"
         )
     digits = max(len(number) for number in cavs.values())
@@ -149,7 +142,7 @@ def _protocol(
     options: Options,
     out: Path,
 ) -> None:
-    """Write what the names and numbers of a scenario's folder stand for."""
+    """Write the meaning of the names and numbers in a scenario's folder."""
     agents = {}
     for agent in part.agents:
         cameras = {
@@ -169,33 +162,22 @@ def _protocol(
             "agents": agents,
         }
     }
-    _dump(protocol, out / folder / "data_protocol.yaml")
+    write_yaml(out / folder / "data_protocol.yaml", protocol, flow=None)
 
 
-def _write(
-    dataset: Dataset,
-    part: Part,
-    agent: str,
-    frames: Sequence[int],
-    lidar: Sensor,
-    cameras: Sequence[Sensor],
-    folder: str,
-    options: Options,
-    out: Path,
-) -> None:
+def _write(block: Block, lidar: Sensor, cameras: Sequence[Sensor], folder: str, options: Options, out: Path) -> None:
     """Write the files of one agent in some frames."""
-    where = (part.scenario, part.weather, frames)
     target = out / folder
     target.mkdir(parents=True)
-    poses = {row["frame"]: row for row in rows_of(dataset, "poses", *where, agent=agent)}
-    boxes = by_frame(rows_of(dataset, "boxes", *where))
+    poses = {row["frame"]: row for row in block.rows("poses")}
+    boxes = block.boxes()
     hits: dict[tuple[int, int], int] = {}
-    for row in rows_of(dataset, "box_visibility", *where, ["sensor", "object_id", "lidar_points"], agent):
+    for row in block.rows("box_visibility", ["sensor", "object_id", "lidar_points"]):
         if row["sensor"] == lidar.name and row["lidar_points"]:
             hits[row["frame"], row["object_id"]] = row["lidar_points"]
-    fixes = _gnss_poses(dataset, part, agent, frames, poses)
-    clouds = dict(sweeps(dataset, part.scenario, part.weather, frames, lidar))
-    for frame in frames:
+    fixes = _gnss_poses(block, poses)
+    clouds = block.sweep_of_each(lidar)
+    for frame in block.frames:
         row = poses[frame]
         vehicles = [
             box
@@ -208,17 +190,12 @@ def _write(
             **_agent_fields(row, lidar, cameras, fixes.get(frame)),
             "vehicles": {box["object_id"]: _vehicle(box, hits.get((frame, box["object_id"]), 0)) for box in vehicles},
         }
-        if frame not in clouds:
-            raise InputError(
-                f"{dataset.root}: {part.scenario}, {part.weather}, frame {frame}: {agent} has no sweep of "
-                f"{lidar.name}; every frame needs one; pick other frames"
-            )
         cloud = clouds[frame]
         xyz = carla_point(np.stack([cloud[axis] for axis in "xyz"], axis=-1))
         (target / f"{frame:06d}.pcd").write_bytes(intensity_pcd(xyz, cloud["intensity"]))
-        _dump(content, target / f"{frame:06d}.yaml")
+        write_yaml(target / f"{frame:06d}.yaml", content, flow=None)
     if options["images"] != "none":
-        _write_images(dataset, where, agent, cameras, options["images"], target)
+        _write_images(block, cameras, options["images"], target)
 
 
 def _agent_fields(
@@ -259,22 +236,14 @@ def _vehicle(box: dict[str, Any], points: int) -> dict[str, Any]:
     }
 
 
-def _gnss_poses(
-    dataset: Dataset, part: Part, agent: str, frames: Sequence[int], poses: dict[int, dict[str, Any]]
-) -> dict[int, np.ndarray]:
+def _gnss_poses(block: Block, poses: dict[int, dict[str, Any]]) -> dict[int, np.ndarray]:
     """Return the pose [7] of an agent by its GNSS in each frame that has a fix: place and heading are measured, pitch
     and roll true."""
-    rows = rows_of(dataset, "gnss", part.scenario, part.weather, frames, agent=agent)
-    if not rows:
-        return {}
-    sensors = sensors_of(dataset, part.scenario)
-    result = {}
+    rows, result = block.rows("gnss"), {}
+    sensors = sensors_of(block.dataset, block.scenario) if rows else {}
     for row in rows:
-        sensor = sensors[agent, row["sensor"]]
-        params = json.loads(sensor.params)
-        reference = [params[f"reference_{name}"] for name in ("latitude_deg", "longitude_deg", "altitude_m")]
-        to_world = world_from_mercator if params["mode"] == "compat" else world_from_wgs84
-        place = to_world([row["latitude_deg"], row["longitude_deg"], row["altitude_m"]], reference)
+        sensor = sensors[str(block.agent), row["sensor"]]
+        place = gnss_position(row, sensor)
         true = pose_of(poses[row["frame"]])
         yaw, pitch, roll = quaternion_to_ypr(multiply(true[3:], sensor.mount[3:]))
         yaw = np.pi / 2.0 - row["heading"]
@@ -283,17 +252,10 @@ def _gnss_poses(
     return result
 
 
-def _write_images(
-    dataset: Dataset,
-    where: tuple[str, str, Sequence[int]],
-    agent: str,
-    cameras: Sequence[Sensor],
-    kind: str,
-    target: Path,
-) -> None:
-    """Write the images that there are: cameras may be slower than the frames."""
+def _write_images(block: Block, cameras: Sequence[Sensor], kind: str, target: Path) -> None:
+    """Write the images of the frames that have one: cameras may be slower than the frames."""
     number = {camera.name: index for index, camera in enumerate(cameras)}
-    for row in rows_of(dataset, "rgb", *where, ["sensor", "image", "format"], agent):
+    for row in block.rows("rgb", ["sensor", "image", "format"]):
         path, data = target / f"{row['frame']:06d}_camera{number[row['sensor']]}", row["image"]["bytes"]
         if kind == "source" or row["format"] == "png":
             path.with_suffix(f".{row['format']}").write_bytes(data)
@@ -304,12 +266,6 @@ def _write_images(
 def numbers(values: Any) -> Any:
     """Return an array as nested lists of plain floats, a scalar as a float, rounded; -0 becomes 0."""
     return (np.round(np.asarray(values, dtype=np.float64), DECIMALS) + 0.0).tolist()
-
-
-def _dump(content: dict[str, Any], path: Path) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("w", encoding="utf-8") as file:
-        yaml.dump(content, file, Dumper=_Dumper, default_flow_style=None, sort_keys=False)
 
 
 FORMAT = Format(

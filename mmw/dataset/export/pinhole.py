@@ -3,6 +3,7 @@
 import numpy as np
 
 from mmw.core.transforms import quaternion_from_matrix
+from mmw.dataset.camera_geometry import EDGES
 
 OPTICAL_AXES = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """Rotation from optical axes (x right, y down, z forward) to a sensor's (x forward, y left, z up)."""
@@ -12,9 +13,6 @@ OPTICAL_POSE = np.concatenate([np.zeros(3), quaternion_from_matrix(OPTICAL_AXES)
 
 NEAREST_M = 0.05
 """Near clipping distance [m]; design value."""
-
-_EDGES = np.array([(i, j) for i in range(8) for j in range(i + 1, 8) if bin(i ^ j).count("1") == 1])
-"""Edges of a box whose corner k has the bits of k as signs, shape [12, 2]."""
 
 
 def box_rectangle(corners: np.ndarray, intrinsic: np.ndarray) -> np.ndarray | None:
@@ -28,7 +26,7 @@ def box_rectangle(corners: np.ndarray, intrinsic: np.ndarray) -> np.ndarray | No
     Returns:
         Shape [4]; None if the box is behind the camera.
     """
-    begin, end = corners[_EDGES[:, 0]], corners[_EDGES[:, 1]]
+    begin, end = corners[EDGES[:, 0]], corners[EDGES[:, 1]]
     depth = np.stack([begin[:, 2], end[:, 2]])
     crosses = (depth.min(axis=0) < NEAREST_M) & (depth.max(axis=0) > NEAREST_M)
     share = (NEAREST_M - begin[crosses, 2]) / (end[crosses, 2] - begin[crosses, 2])

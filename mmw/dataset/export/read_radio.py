@@ -9,8 +9,9 @@ import pyarrow.compute as pc
 from mmw.core.errors import InputError
 from mmw.core.transforms import compose, make_pose, normalize, rotate
 from mmw.dataset import Dataset
+from mmw.dataset.camera_geometry import POSE_COLUMNS
 from mmw.dataset.export.exporter import Part
-from mmw.dataset.export.read_sensors import frame_range
+from mmw.dataset.export.read_sensors import Block
 
 
 @dataclass(frozen=True)
@@ -32,25 +33,16 @@ class Antennas:
         return np.where(absent, np.nan, self.pose[rows]), np.where(absent, np.nan, self.velocity[rows])
 
 
-def read_part(dataset: Dataset, table: str, part: Part, columns: list[str] | None = None) -> pa.Table:
-    """Return the rows of a table in one part's frames, of every agent."""
-    frames = frame_range(part.frames)
-    rows = dataset.read(table, columns=columns, scenario=part.scenario, weather=part.weather, frames=frames)
-    return rows.filter(pc.is_in(rows["frame"], value_set=pa.array(part.frames, pa.int32())))
-
-
 def read_antennas(dataset: Dataset, part: Part) -> Antennas:
-    """Return where the antennas are.
+    """Return the poses and velocities of the antennas.
 
     Raises:
         InputError: If an agent has no antenna in table `sensors`.
     """
     sensors = dataset.read("sensors", scenario=part.scenario)
     sensors = sensors.filter(pc.equal(sensors["type"].cast(pa.string()), "antenna")).to_pylist()
-    mounts = {
-        row["agent"]: np.array([row[name] for name in ("x", "y", "z", "qx", "qy", "qz", "qw")]) for row in sensors
-    }
-    rows = read_part(dataset, "poses", part)
+    mounts = {row["agent"]: np.array([row[name] for name in POSE_COLUMNS]) for row in sensors}
+    rows = Block(dataset, part.scenario, part.weather, part.frames).table("poses")
     agents = rows["agent"].to_pylist()
     lost = sorted(set(agents) - set(mounts))
     if lost:
@@ -58,7 +50,7 @@ def read_antennas(dataset: Dataset, part: Part) -> Antennas:
     columns = {
         name: rows[name].to_numpy() for name in rows.column_names if rows.schema.field(name).type == pa.float64()
     }
-    q = normalize(np.stack([columns[name] for name in ("qx", "qy", "qz", "qw")], axis=-1))
+    q = normalize(np.stack([columns[name] for name in POSE_COLUMNS[3:]], axis=-1))
     agent_pose = make_pose(np.stack([columns[name] for name in "xyz"], axis=-1), q)
     mount = np.array([mounts[agent] for agent in agents])
     arm = np.cross(np.stack([columns[f"w{axis}"] for axis in "xyz"], axis=-1), mount[:, :3])

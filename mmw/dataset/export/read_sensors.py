@@ -1,16 +1,21 @@
 """Read mounts, poses, boxes, sweeps and images frame by frame, for the perception formats."""
 
+import json
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
 
 from mmw.core.errors import InputError
+from mmw.core.geodesy import world_from_mercator, world_from_wgs84
 from mmw.core.transforms import compose, make_pose, pose_from_ypr
 from mmw.dataset import Dataset
+from mmw.dataset.camera_geometry import CORNERS
 
 BLOCK_FRAMES = 100
 """Frames of the dataset that one task covers, about a shard: 1 s; design value."""
@@ -52,30 +57,22 @@ def sensors_of(dataset: Dataset, scenario: str) -> dict[tuple[str, str], Sensor]
     return result
 
 
-def pick_sensor(sensors: dict[tuple[str, str], Sensor], agent: str, kind: str, name: str, where: str) -> Sensor:
-    """Return the sensor of a kind on an agent: the named one, or the only one if no name is given.
-
-    Args:
-        sensors: What `sensors_of` returns.
-        agent: Agent.
-        kind: lidar, rgb, ...
-        name: Its name; empty for the only one.
-        where: Format and option, for the error.
+def pick_sensor(sensors: dict[tuple[str, str], Sensor], agent: str, type_: str, name: str, where: str) -> Sensor:
+    """Return the sensor of a type on an agent: the named one, or the only one if no name is given.
 
     Raises:
-        InputError: If there is none, or several and no name.
+        InputError: If there is none, or several and no name; it begins with `where`, the format and option.
     """
-    found = [sensor for (owner, _), sensor in sensors.items() if owner == agent and sensor.type == kind]
-    if name:
-        found = [sensor for sensor in found if sensor.name == name]
+    own = sorted(
+        (sensor for (owner, _), sensor in sensors.items() if owner == agent and sensor.type == type_),
+        key=lambda sensor: sensor.name,
+    )
+    found = [sensor for sensor in own if name in ("", sensor.name)]
     if len(found) == 1:
         return found[0]
-    have = ", ".join(
-        sensor.name for (owner, _), sensor in sorted(sensors.items()) if owner == agent and sensor.type == kind
-    )
     raise InputError(
-        f"{where}{name}: agent {agent} has {have or 'none'} of type {kind}; exactly one is needed; "
-        "name it, or leave the agent out by agent=..."
+        f"{where}{name}: agent {agent} has {', '.join(sensor.name for sensor in own) or 'none'} of type {type_}; "
+        "exactly one is needed; name it, or leave the agent out by agent=..."
     )
 
 
@@ -85,40 +82,21 @@ def pose_of(row: dict[str, Any]) -> np.ndarray:
 
 
 def box_pose(row: dict[str, Any]) -> np.ndarray:
-    """Return the pose [7] of a row of `boxes`: box (x forward, origin in the middle) to world."""
+    """Return the pose [7] of a row of `boxes`: box (x forward, origin at the center) to world."""
     return pose_from_ypr([row["x"], row["y"], row["z"]], row["yaw"], row["pitch"], row["roll"])
 
 
 def box_corners(row: dict[str, Any]) -> np.ndarray:
     """Return the corners of a row of `boxes` in its own frame [m], shape [8, 3]."""
-    signs = np.array(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5], indexing="ij")).reshape(3, 8).T
-    return signs * [row["length"], row["width"], row["height"]]
+    return CORNERS * [row["length"], row["width"], row["height"]]
 
 
-def blocks(frames: Sequence[int]) -> Iterator[tuple[int, ...]]:
-    """Yield frames in groups of the same `BLOCK_FRAMES` frames of the dataset."""
-    for number in sorted({frame // BLOCK_FRAMES for frame in frames}):
-        yield tuple(frame for frame in frames if frame // BLOCK_FRAMES == number)
-
-
-def rows_of(
-    dataset: Dataset,
-    table: str,
-    scenario: str,
-    weather: str,
-    frames: Sequence[int],
-    columns: Sequence[str] | None = None,
-    agent: str | None = None,
-) -> list[dict[str, Any]]:
-    """Return the rows of some frames as dictionaries, sorted by frame; nothing if the table has no file."""
-    if table not in dataset.tables or not frames:
-        return []
-    names = None if columns is None else [*dict.fromkeys(["frame", *columns])]
-    found = dataset.read(
-        table, columns=names, scenario=scenario, weather=weather, frames=frame_range(frames), agent=agent
-    )
-    wanted = set(frames)
-    return sorted((row for row in found.to_pylist() if row["frame"] in wanted), key=lambda row: row["frame"])
+def gnss_position(row: dict[str, Any], sensor: Sensor) -> np.ndarray:
+    """Return the position of a row of `gnss` in the world [m], shape [3], by the reference point of its sensor."""
+    params = json.loads(sensor.params)
+    reference = [params[f"reference_{name}"] for name in ("latitude_deg", "longitude_deg", "altitude_m")]
+    to_world = world_from_mercator if params["mode"] == "carla" else world_from_wgs84
+    return to_world([row["latitude_deg"], row["longitude_deg"], row["altitude_m"]], reference)
 
 
 def by_frame(rows: Sequence[dict[str, Any]]) -> dict[int, list[dict[str, Any]]]:
@@ -129,35 +107,76 @@ def by_frame(rows: Sequence[dict[str, Any]]) -> dict[int, list[dict[str, Any]]]:
     return result
 
 
-def frame_range(frames: Sequence[int]) -> range:
+def _frame_range(frames: Sequence[int]) -> range:
     """Return the shortest range that holds all frames; it may hold others between them."""
     step = reduce(math.gcd, (frame - frames[0] for frame in frames), 0) or 1
     return range(min(frames), max(frames) + 1, step)
 
 
-def sweeps(
-    dataset: Dataset, scenario: str, weather: str, frames: Sequence[int], sensor: Sensor, extra: Sequence[str] = ()
-) -> Iterator[tuple[int, dict[str, np.ndarray]]]:
-    """Yield frame and columns of each sweep of a LiDAR: x, y, z, intensity and `extra`, each of shape [N]."""
-    names = ["x", "y", "z", "intensity", *extra]
-    table = dataset.read(
-        "lidar", columns=["frame", "sensor", *names], scenario=scenario, weather=weather,
-        frames=frame_range(frames), agent=sensor.agent,
-    )  # fmt: skip
-    wanted = set(frames)
-    for index, (frame, name) in enumerate(zip(table["frame"].to_pylist(), table["sensor"].to_pylist(), strict=True)):
-        if name == sensor.name and frame in wanted:
-            yield frame, {column: table[column][index].values.to_numpy(zero_copy_only=False) for column in names}
+@dataclass(frozen=True)
+class Block:
+    """Frames of one scenario in one weather, and an agent whose rows are read."""
 
+    dataset: Dataset
+    scenario: str
+    weather: str
+    frames: Sequence[int]
+    agent: str | None = None
+    """None reads the rows of all agents."""
 
-def recorded(
-    dataset: Dataset, table: str, scenario: str, weather: str, frames: Sequence[int], agent: str
-) -> dict[str, set[int]]:
-    """Return the frames of each sensor of an agent that have a row in a table."""
-    result: dict[str, set[int]] = {}
-    for row in rows_of(dataset, table, scenario, weather, frames, ["sensor"], agent):
-        result.setdefault(row["sensor"], set()).add(row["frame"])
-    return result
+    def split(self) -> "Iterator[Block]":
+        """Yield the frames in groups of the same `BLOCK_FRAMES` frames of the dataset."""
+        for number in sorted({frame // BLOCK_FRAMES for frame in self.frames}):
+            yield replace(self, frames=tuple(frame for frame in self.frames if frame // BLOCK_FRAMES == number))
+
+    def rows(self, table: str, columns: Sequence[str] | None = None) -> list[dict[str, Any]]:
+        """Return the rows of a table as dictionaries, sorted by frame; nothing if the table has no file."""
+        if table not in self.dataset.tables or not self.frames:
+            return []
+        names = None if columns is None else [*dict.fromkeys(["frame", *columns])]
+        return sorted(self.table(table, names).to_pylist(), key=lambda row: row["frame"])
+
+    def boxes(self) -> dict[int, list[dict[str, Any]]]:
+        """Return the rows of table `boxes` of each frame, whatever the agent."""
+        return by_frame(replace(self, agent=None).rows("boxes"))
+
+    def recorded(self, table: str) -> dict[str, set[int]]:
+        """Return the frames of each sensor of the agent that have a row in a table."""
+        result: dict[str, set[int]] = {}
+        for row in self.rows(table, ["sensor"]):
+            result.setdefault(row["sensor"], set()).add(row["frame"])
+        return result
+
+    def sweeps(self, lidar: Sensor, extra: Sequence[str] = ()) -> Iterator[tuple[int, dict[str, np.ndarray]]]:
+        """Yield frame and columns of each sweep of a LiDAR: x, y, z, intensity and `extra`, each of shape [N]."""
+        names = ["x", "y", "z", "intensity", *extra]
+        table = self.table("lidar", ["frame", "sensor", *names])
+        keys = zip(table["frame"].to_pylist(), table["sensor"].to_pylist(), strict=True)
+        for index, (frame, name) in enumerate(keys):
+            if name == lidar.name:
+                yield frame, {column: table[column][index].values.to_numpy(zero_copy_only=False) for column in names}
+
+    def sweep_of_each(self, lidar: Sensor) -> dict[int, dict[str, np.ndarray]]:
+        """Return the columns of the sweep of every frame, see `sweeps`.
+
+        Raises:
+            InputError: If a frame has none.
+        """
+        found = dict(self.sweeps(lidar))
+        if missing := sorted(set(self.frames) - set(found)):
+            raise InputError(
+                f"{self.dataset.root}: {self.scenario}, {self.weather}, frame {missing[0]}: {lidar.agent} has no sweep "
+                f"of {lidar.name}; every frame needs one; pick other frames"
+            )
+        return found
+
+    def table(self, name: str, columns: Sequence[str] | None = None) -> pa.Table:
+        """Return the rows of a table; `frame` is among the columns."""
+        rows = self.dataset.read(
+            name, columns=columns, scenario=self.scenario, weather=self.weather, frames=_frame_range(self.frames),
+            agent=self.agent,
+        )  # fmt: skip
+        return rows.filter(pc.is_in(rows["frame"], value_set=pa.array(self.frames, pa.int32())))
 
 
 def sensor_to_world(agent_pose: np.ndarray, sensor: Sensor) -> np.ndarray:

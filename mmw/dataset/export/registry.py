@@ -1,4 +1,4 @@
-"""Register export formats. A format is imported when it is used, so that nobody needs another's packages.
+"""Register export formats. A format is imported when it is used, so that packages of others stay optional.
 
 To add one to mmw: a module of this folder with `FORMAT: Format`, and one line below. Other packages use the entry point
 group `mmw.exporters`.

@@ -1,4 +1,4 @@
-"""Batches of windows: arrays joined along a new first axis, point clouds and boxes padded."""
+"""Make batches of windows: arrays joined along a new first axis, point clouds and boxes padded."""
 
 from collections.abc import Sequence
 from typing import Any, Literal
@@ -11,13 +11,13 @@ Ragged = Literal["pad", "list"]
 
 
 def make_batch(samples: Sequence[dict[str, Any]], ragged: Ragged = "pad") -> dict[str, Any]:
-    """Return samples of `Windows` as one, all arrays newly made.
+    """Return samples of `Windows` as one batch of new arrays.
 
     Args:
         samples: Windows of one dataset. A tuple of arrays, as `Windows.load` has it, is joined too.
-        ragged: What becomes of a list of arrays [N, ...], such as point clouds and boxes. `pad`: KEY is [B, T, N, ...]
+        ragged: Treatment of a list of arrays [N, ...], such as point clouds and boxes. `pad`: KEY is [B, T, N, ...]
             with N the largest of the batch, zeros behind each (-1 where numbers are whole), and KEY_count [B, T],
-            int64, tells how many count. `list`: KEY is a list a window of a list a frame of arrays.
+            int64, is the number of valid rows. `list`: KEY is a list a window of a list a frame of arrays.
 
     Raises:
         InputError: If there is no sample, arrays of one key differ in shape, or `ragged` is neither.

@@ -12,12 +12,11 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
+from mmw.channel.antennas.array_response import POSE_COLUMNS, rotations_from_poses
 from mmw.channel.path_table import Paths
 from mmw.channel.response import frequency_response
 from mmw.core.errors import InputError
-from mmw.core.transforms import normalize, quaternion_to_matrix
 from mmw.dataset.beams import BeamSearch
-from mmw.dataset.camera_geometry import POSE_COLUMNS
 from mmw.dataset.windows.memory_sources import RowSource, in_order, no_samples, number_columns, parts_of, stacked
 from mmw.dataset.windows.tracks import Track, find_latest, groups
 from mmw.dataset.windows.window_spec import Feature
@@ -30,17 +29,11 @@ LINK = ("frame", "agent", "peer", "carrier_hz", "link")
 
 
 def link_source(dataset: "Dataset", feature: Feature, tracks: Sequence[Track], cache: Path | None) -> RowSource:
-    """Return `links`, `beams` or `csi` of one link and carrier of every agent, one row a frame.
-
-    Args:
-        dataset: The dataset.
-        feature: The feature.
-        tracks: The tracks; the agent of one is the receiver.
-        cache: Folder for the beams found by searches; None searches again.
+    """Return `links`, `beams` or `csi` of one link and carrier of every agent, the receiver, one row a frame.
 
     Raises:
-        InputError: If several transmitters or carriers fit and none is named, no link has the one that is named, or
-            `cache` is given for a search that cannot be named in a file.
+        InputError: If several transmitters or carriers fit and none is named, no link has the one that is named, or a
+            folder `cache` is given for a search that cannot be named in a file.
     """
     columns = number_columns(feature) if feature.kind == "numbers" else ()
     latest, count, found = no_samples(tracks), 0, []
@@ -121,14 +114,9 @@ def _paths_of(dataset: "Dataset", rows: pa.Table, carrier: float, scenario: str,
 
 
 def _beams(
-    dataset: "Dataset",
-    rows: pa.Table,
-    carrier: float,
-    scenario: str,
-    weather: str,
-    search: BeamSearch,
+    dataset: "Dataset", rows: pa.Table, carrier: float, scenario: str, weather: str, search: BeamSearch,
     cache: Path | None,
-) -> dict[str, np.ndarray]:
+) -> dict[str, np.ndarray]:  # fmt: skip
     """Return the best pair of beams and its gain of rows of `links`."""
     file = None
     if cache is not None:
@@ -141,8 +129,8 @@ def _beams(
             pair = np.stack([stored.column(name).to_numpy() for name in ("rx_beam", "tx_beam")], axis=-1)
             return {"": pair, "_gain": stored.column("gain").to_numpy()}
     paths = _paths_of(dataset, rows, carrier, scenario, weather)
-    turns = [_rotations(dataset, paths, end, scenario, weather) for end in ("peer", "agent")]
-    best = search.best(paths, *turns)
+    poses = dataset.read("poses", columns=list(POSE_COLUMNS), scenario=scenario, weather=weather)
+    best = search.best(paths, *(rotations_from_poses(poses, paths, end) for end in ("tx", "rx")))
     pair, gain = np.stack([best.rx_beam, best.tx_beam], axis=-1), best.gain.astype(np.float32)
     if file is not None:
         table = pa.table({"rx_beam": pair[:, 0], "tx_beam": pair[:, 1], "gain": gain})
@@ -150,15 +138,6 @@ def _beams(
         pq.write_table(table, sink)
         write_bytes_atomically(file, memoryview(sink.getvalue()))
     return {"": pair, "_gain": gain}
-
-
-def _rotations(dataset: "Dataset", paths: Paths, end: str, scenario: str, weather: str) -> np.ndarray:
-    """Return the rotation of the agent at one end of every link, shape [L, 3, 3]."""
-    columns = ["frame", "agent", *POSE_COLUMNS[3:]]
-    poses = dataset.read("poses", columns=columns, scenario=scenario, weather=weather)
-    place = {key: n for n, key in enumerate(zip(*(poses.column(c).to_pylist() for c in columns[:2]), strict=True))}
-    which = [place[key] for key in zip(paths.keys["frame"].tolist(), paths.keys[end].tolist(), strict=True)]
-    return quaternion_to_matrix(normalize(stacked(poses, POSE_COLUMNS[3:], np.float64)[which]))
 
 
 def search_text(search: BeamSearch) -> dict[str, Any]:

@@ -77,7 +77,7 @@ class Cache:
 
 @dataclass(frozen=True, eq=False)
 class FileSource:
-    """Rows of Parquet files, read when they are asked for: the whole row group, then the row out of it."""
+    """Rows of Parquet files, read on demand: the whole row group, then the row out of it."""
 
     latest: Sequence[LatestSamples]
     dataset: "Dataset"
@@ -136,13 +136,6 @@ def file_source(
     dataset: "Dataset", feature: Feature, tracks: Sequence[Track], cache: Cache, files: Cache
 ) -> FileSource:
     """Return the source of the point clouds or images of a feature; only keys are read.
-
-    Args:
-        dataset: The dataset.
-        feature: The feature.
-        tracks: The tracks.
-        cache: Cache of arrays and row groups.
-        files: Cache of open files.
 
     Raises:
         InputError: If an agent has several sensors and none is named, a column is not one of lists of numbers, or a
@@ -220,7 +213,7 @@ def decode_image(shrink: int, batch: pa.RecordBatch, index: int) -> np.ndarray:
     data = image_bytes(batch, index)
     image = Image.open(io.BytesIO(data))
     size = tuple(-(-side // shrink) for side in image.size)
-    image.draft("RGB", size)  # the JPEG decoder halves while it decodes; other files keep their size
+    image.draft("RGB", size)  # the JPEG decoder halves while it decodes; other files stay as large
     image = image if image.mode == "RGB" else image.convert("RGB")
     return np.asarray(image if image.size == size else image.resize(size, Image.Resampling.BOX))
 

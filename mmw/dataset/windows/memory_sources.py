@@ -11,8 +11,9 @@ from mmw.config.sensor_spec import SENSORS
 from mmw.core.errors import InputError
 from mmw.core.transforms import normalize
 from mmw.dataset.camera_geometry import POSE_COLUMNS, from_world
+from mmw.dataset.frame import sensor_spec
 from mmw.dataset.windows.tracks import LatestSamples, Track, find_latest, groups
-from mmw.dataset.windows.window_spec import Feature
+from mmw.dataset.windows.window_spec import Feature, modalities
 from mmw.storage.schemas import table_spec
 from mmw.usd.semantics import CARLA_TAG
 
@@ -20,8 +21,6 @@ if TYPE_CHECKING:
     from mmw.dataset import Dataset
 
 KEYS = ("scenario", "weather", "frame", "agent")
-BOX_COLUMNS = ("x", "y", "z", "length", "width", "height", "yaw")
-"""Last axis of `boxes`: center and yaw in the agent's frame [m, rad], size [m]."""
 
 
 class Source(Protocol):
@@ -74,7 +73,10 @@ class BoxSource:
     """CARLA's number of the class, shape [boxes], int64."""
 
     def load(self, rows: np.ndarray) -> dict[str, list[np.ndarray]]:
-        """Return boxes [N, 7], ids [N] and classes [N] of each row; the agent's own box is left out."""
+        """Return boxes [N, 7], ids [N] and classes [N] of each row; without the agent's own box.
+
+        A box is x, y, z, length, width, height [m] and yaw [rad], center and yaw in the agent's frame.
+        """
         found: dict[str, list[np.ndarray]] = {"": [], "_object_id": [], "_class": []}
         for row in rows:
             some = np.arange(*self.span[row])
@@ -107,7 +109,7 @@ def sensor_periods(dataset: "Dataset") -> dict[tuple[str, str, str], int]:
     """Return the frames from one sample to the next of every scenario, agent and sensor in table `sensors`.
 
     Raises:
-        InputError: If no installed package knows a sensor's type.
+        InputError: If no installed package provides a sensor's type.
     """
     if "sensors" not in dataset.tables:
         return {}
@@ -116,18 +118,13 @@ def sensor_periods(dataset: "Dataset") -> dict[tuple[str, str, str], int]:
     for row in rows:
         if row["type"] == "antenna":
             continue
-        if row["type"] not in SENSORS:
-            raise InputError(
-                f"sensor {row['sensor']!r}: its type {row['type']!r} is not known here; install the package that made "
-                "this dataset"
-            )
-        section = SENSORS[row["type"]].config.model_validate_json(row["params"])
+        section = sensor_spec(row).config.model_validate_json(row["params"])
         found[row["scenario"], row["agent"], row["sensor"]] = section.period_frames
     return found
 
 
 def max_age_of(feature: Feature, periods: Mapping[tuple[str, str, str], int], track: Track, sensor: str) -> int:
-    """Return the frames that a sample of a sensor may be older than the frame it stands for.
+    """Return the frames that a sample of a sensor may be older than its frame.
 
     Raises:
         InputError: If the sensor is not among `sensor_periods`, and `max_age_frames` is not given.
@@ -137,8 +134,8 @@ def max_age_of(feature: Feature, periods: Mapping[tuple[str, str, str], int], tr
     key = track.scenario, track.agent, sensor
     if key not in periods:
         raise InputError(
-            f"Feature({feature.modality!r}): table sensors has no row for {' '.join(key)}, which would tell how often "
-            "it is sampled; give `max_age_frames`"
+            f"Feature({feature.modality!r}): table sensors has no row for {' '.join(key)}, which would give its "
+            "sampling rate; give `max_age_frames`"
         )
     return periods[key] - 1
 
@@ -183,14 +180,13 @@ def number_columns(feature: Feature) -> tuple[str, ...]:
 
 
 def number_source(dataset: "Dataset", feature: Feature, tracks: Sequence[Track]) -> RowSource:
-    """Return numbers of `poses`, `imu` or `gnss`, one row a sample; nulls are NaN.
+    """Return the numbers of poses, links or a scalar sensor, one row a sample; nulls are NaN.
 
     Raises:
         InputError: If a column is not one of numbers, or an agent has several sensors and none is named.
     """
     columns, has_sensor = number_columns(feature), feature.modality in SENSORS
-    # A step of float32 is 0.4 m of latitude.
-    dtype = np.float64 if feature.modality == "gnss" else np.float32
+    dtype = np.dtype(modalities()[feature.modality].dtype)
     latest, found, count = no_samples(tracks), [np.zeros((0, len(columns)), dtype=dtype)], 0
     periods = sensor_periods(dataset)
     names = list(dict.fromkeys([*KEYS, *(["sensor"] if has_sensor else []), *columns]))
@@ -232,7 +228,7 @@ def in_order(frames: np.ndarray, rows: np.ndarray, feature: Feature, track: Trac
     return some
 
 
-def stacked(rows: pa.Table, columns: Sequence[str], dtype: type) -> np.ndarray:
+def stacked(rows: pa.Table, columns: Sequence[str], dtype: "np.dtype | type") -> np.ndarray:
     """Return number columns side by side, shape [rows, columns]; nulls are NaN."""
     values = np.empty((rows.num_rows, len(columns)), dtype=dtype)
     for index, name in enumerate(columns):

@@ -1,7 +1,7 @@
 """Splits of windows for training and test that share no frame.
 
 All agents and all weathers of a frame show the same place, traffic and geometry, so a frame of a scenario belongs to
-one part whatever the agent and the weather; only a split by weather gives that up, because that is what it asks for.
+one part whatever the agent and the weather; only a split by weather shares frames, by definition.
 What a window uses reaches from its oldest sample to its last future frame.
 """
 
@@ -33,10 +33,10 @@ def split_windows(
     Args:
         windows: The windows to split.
         by: `track`: the frames of every scenario are cut into blocks, in an order that the seed decides; windows that
-            reach out of their block are left out. `scenario`, `town`, `weather`: these go as a whole.
+            reach out of their block are dropped. `scenario`, `town`, `weather`: these go as a whole.
         parts: Shares, which are scaled to 1; or, but by track, the names of a part (those of no part
-            are left out).
-        seed: What the order is drawn with.
+            are dropped).
+        seed: Seed of the order.
         gap: By track: frames that no part uses between two blocks; None: as many as the longest window uses.
         blocks: By track: blocks that every part has in a scenario.
 
@@ -107,15 +107,7 @@ def _by_time(
 def _blocks(
     frames: np.ndarray, shares: Mapping[str, float], rng: np.random.Generator, gap: int, blocks: int
 ) -> list[tuple[str, int, int]]:
-    """Return part, first and last frame of each block of one scenario; nothing if it is too short.
-
-    Args:
-        frames: All its frames, growing, shape [F].
-        shares: Share of each part.
-        rng: Draws the order.
-        gap: Frames between two blocks.
-        blocks: Blocks of each part.
-    """
+    """Return part, first and last frame of each block of one scenario's frames; nothing if it is too short."""
     parts = list(shares)
     order = [parts[n] for _ in range(blocks) for n in rng.permutation(len(parts))]
     joined: list[tuple[str, float]] = []  # neighbors of one part are one block
@@ -146,13 +138,13 @@ def _values(windows: Windows, by: str) -> np.ndarray:
     lost = sorted({track.scenario for track in windows.tracks} - set(towns))
     if lost:
         raise InputError(
-            f"{windows.dataset.root}: dataset.json tells no town of {', '.join(lost)}; split by scenario instead"
+            f"{windows.dataset.root}: dataset.json has no town of {', '.join(lost)}; split by scenario instead"
         )
     return windows.of_track(lambda track: towns[track.scenario])
 
 
 def town_names(dataset: Dataset) -> dict[str, str]:
-    """Return the town of every scenario, or its stage where that is the user's own, as `dataset.json` tells."""
+    """Return the town of every scenario, or its stage where that is the user's own, as in `dataset.json`."""
     scenarios = dataset.info["config"].get("scenarios") or []
     return {one["name"]: str(one.get("stage") or one.get("town")) for one in scenarios}
 

@@ -54,18 +54,10 @@ def stream_batches(
     buffer: int = BUFFER,
     ragged: Ragged = "pad",
 ) -> Iterator[Sample]:
-    """Yield a worker's windows in batches, each once; the last batch may be smaller.
+    """Yield a worker's windows in batches of a size, each once; the last batch may be smaller.
 
-    Args:
-        windows: The windows.
-        size: Windows in a batch.
-        seed: As of `stream_order`.
-        epoch: As of `stream_order`.
-        worker: As of `stream_order`.
-        workers: As of `stream_order`.
-        shuffle: False yields them in the order of reading, without a buffer.
-        buffer: Windows that are read ahead; each next one is drawn from these.
-        ragged: As of `make_batch`.
+    Each next window is drawn from `buffer` windows that are read ahead, or without `shuffle` in the order of reading.
+    The other arguments are those of `stream_order` and `make_batch`.
 
     Raises:
         InputError: If there is no such worker, size or buffer is below 1, or a file cannot be read.

@@ -23,14 +23,9 @@ OWN_MODALITIES: dict[str, Modality] = {
 """Name -> modality without a sensor."""
 
 
-def sensor_modalities() -> dict[str, Modality]:
-    """Return the modalities of the registered kinds of sensors by their names."""
-    return {name: spec.window for name, spec in SENSORS.items() if spec.window is not None}
-
-
 def modalities() -> dict[str, Modality]:
-    """Return every modality by its name."""
-    return OWN_MODALITIES | sensor_modalities()
+    """Return every modality by its name: those of no sensor, and those of the registered types of sensors."""
+    return OWN_MODALITIES | {name: spec.window for name, spec in SENSORS.items() if spec.window is not None}
 
 
 WITH_LINK = ("links", "beams", "csi")

@@ -44,8 +44,8 @@ class Windows:
     """Last frame that it uses, shape [n], int64."""
     shard: np.ndarray
     """Number of the shard that its `now` is in, over all scenarios and weathers, shape [n], int64."""
-    left_out: Mapping[str, int]
-    """Reason -> number of windows left out for it, among frames that are multiples of the stride."""
+    dropped: Mapping[str, int]
+    """Reason -> number of windows dropped for it, among frames that are multiples of the stride."""
 
     def __len__(self) -> int:
         """Return the number of windows."""
@@ -182,29 +182,29 @@ def _find(data: Dataset, spec: WindowSpec, tracks: tuple[Track, ...], sources: M
     Raises:
         InputError: If there is none.
     """
-    left_out = dict.fromkeys(("frames", *sources), 0)
+    dropped = dict.fromkeys(("frames", *sources), 0)
     found: list[np.ndarray] = []
     for number, track in enumerate(tracks):
         runs = track.runs
         at = np.flatnonzero((runs >= 0) & ((np.arange(len(runs)) + track.first) % spec.stride == 0))
         fits = (at >= spec.before) & (at + spec.after < len(runs))
         fits[fits] = runs[at[fits] - spec.before] == runs[at[fits] + spec.after]
-        left_out["frames"] += int((~fits).sum())
+        dropped["frames"] += int((~fits).sum())
         at = at[fits]
         first = at + track.first - spec.before
         for feature in spec.all_features:
             own = sources[feature.key].latest[number].frame[at[:, None] + spec.offsets(feature)]
             is_there = (own >= 0).all(axis=1)
-            left_out[feature.key] += int((~is_there).sum())
+            dropped[feature.key] += int((~is_there).sum())
             at, first, own = at[is_there], first[is_there], own[is_there]
             first = np.minimum(first, own.min(axis=1, initial=np.iinfo(np.int64).max))
         now = at + track.first
         found.append(np.stack([np.full(len(now), number), now, first, now + spec.after]))
     track, now, first, last = np.concatenate(found, axis=1)
     if not len(now):
-        told = ", ".join(f"{name}: {count}" for name, count in left_out.items() if count)
+        reasons = ", ".join(f"{name}: {count}" for name, count in dropped.items() if count)
         raise InputError(
-            f"{data.root}: no window is left; without frames or samples are {told}; use fewer features, shorten "
+            f"{data.root}: no window is left; without frames or samples are {reasons}; use fewer features, shorten "
             "the window, or choose agents that have the sensors and links"
         )
     shard, part = np.zeros(len(now), dtype=np.int64), np.zeros(len(now), dtype=np.int64)
@@ -216,7 +216,7 @@ def _find(data: Dataset, spec: WindowSpec, tracks: tuple[Track, ...], sources: M
         count += len(begins)
     order = np.lexsort((track, now, part))
     arrays = (values[order] for values in (track, now, first, last, shard))
-    return Windows(data, spec, tracks, sources, *arrays, left_out)
+    return Windows(data, spec, tracks, sources, *arrays, dropped)
 
 
 def _shards(data: Dataset) -> dict[tuple[str, str], list[int]]:

@@ -1,1 +1,1 @@
-"""Engines: who makes the work of a dataset, in this process, in several of this machine, or on a Ray cluster."""
+"""Executors: run the work of a dataset in this process, in several processes of this machine, or on a Ray cluster."""

@@ -1,4 +1,4 @@
-"""Work in several processes of this machine, one a device or a core; they end with their parent, however that ends."""
+"""Run work in several processes of this machine, which end with their parent, whatever ends it."""
 
 import os
 import signal
@@ -7,37 +7,30 @@ from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from multiprocessing.connection import Connection, Pipe, wait
 
-from mmw.generation.executors.process_pool import start
-from mmw.generation.executors.supervisor import LostError, Supervisor
+from mmw.generation.executors.process_pool import start_process
+from mmw.generation.executors.supervisor import Supervisor, WorkerDiedError
 from mmw.generation.executors.worker_protocol import Message, serve
 from mmw.generation.progress import Console
 from mmw.generation.shards import Work
 from mmw.generation.worker import GenerationContext
 
 
-def make_in_processes(
-    making: GenerationContext, work: Sequence[Work], devices: Sequence[str], console: Console
+def run_in_processes(
+    context: GenerationContext, work: Sequence[Work], devices: Sequence[str], console: Console
 ) -> None:
-    """Make all work; see `Supervisor.run` for errors.
-
-    Args:
-        making: What is made.
-        work: The work.
-        devices: Device of each worker; the same may stand there more than once.
-        console: Where progress goes.
-    """
-    Supervisor(making, work, devices, console, _Process, _wait).run()
+    """Generate all work; see `Supervisor.run` for errors."""
+    Supervisor(context, work, devices, console, _WorkerProcess, _wait).run()
 
 
-class _Process:
-    """One worker process and the connection to it."""
+class _WorkerProcess:
+    """One worker process and the connection to it; see `WorkerConnection`."""
 
-    def __init__(self, making: GenerationContext, device: str):
-        self.connection, there = Pipe()
-        ends, self._lifeline = Pipe(duplex=False)
-        self._process = start(_serve, there, ends, making, device)
-        there.close()
-        ends.close()
+    def __init__(self, context: GenerationContext, device: str):
+        self.connection, worker_end = Pipe()
+        lifeline, self._lifeline = Pipe(duplex=False)
+        self._process = start_process(_serve, worker_end, lifeline, context, device)
+        worker_end.close()
+        lifeline.close()
 
     def receive(self) -> Iterable[Message]:
         try:
@@ -46,10 +39,10 @@ class _Process:
             self._process.join()
             code = self._process.exitcode
             cause = f"by signal {-code}" if code is not None and code < 0 else f"with exit code {code}"
-            raise LostError(cause) from None
+            raise WorkerDiedError(cause) from None
 
     def send(self, work: Work | None) -> None:
-        with suppress(BrokenPipeError):  # then the next message is that it died
+        with suppress(BrokenPipeError):  # the next call of `receive` reports that it died
             self.connection.send(work)
 
     def close(self) -> None:
@@ -62,26 +55,19 @@ class _Process:
         self.close()
 
 
-def _wait(links: list[_Process]) -> list[_Process]:
-    ready = wait([link.connection for link in links])
-    return [link for link in links if link.connection in ready]
+def _wait(workers: list[_WorkerProcess]) -> list[_WorkerProcess]:
+    ready = wait([worker.connection for worker in workers])
+    return [worker for worker in workers if worker.connection in ready]
 
 
-def _serve(connection: Connection, lifeline: Connection, making: GenerationContext, device: str) -> None:
-    """Body of a worker process.
-
-    Args:
-        connection: To the parent.
-        lifeline: Never sends; it closes when the parent ends.
-        making: What is made.
-        device: Warp device name.
-    """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides what Ctrl-C means
-    threading.Thread(target=_end_with, args=(lifeline,), daemon=True).start()
-    serve(making, device, connection.recv, connection.send)
+def _serve(connection: Connection, lifeline: Connection, context: GenerationContext, device: str) -> None:
+    """Run a worker in this process."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C
+    threading.Thread(target=_exit_with_parent, args=(lifeline,), daemon=True).start()
+    serve(context, device, connection.recv, connection.send)
 
 
-def _end_with(lifeline: Connection) -> None:
+def _exit_with_parent(lifeline: Connection) -> None:
     with suppress(EOFError, OSError):
         lifeline.recv()
     os._exit(1)

@@ -13,61 +13,52 @@ from multiprocessing.process import BaseProcess
 from typing import Any
 
 from mmw.config.compute import ComputeConfig
-from mmw.core.cpu_cores import one_thread_a_library
+from mmw.core.cpu_cores import single_threaded_libraries
 
 CAN_FORK = sys.platform == "linux"
-"""Elsewhere libraries of the system do not survive it: each worker starts as a new interpreter, which imports for some
-seconds."""
+"""True if workers are forked. On other systems native libraries do not support it: each worker starts as a new
+interpreter, whose imports take some seconds."""
 
-PAUSES_S = 0.1, 0.2, 0.4, 0.8
-"""Waits before the start of a worker is tried again [s]."""
+RETRY_DELAYS_S = 0.1, 0.2, 0.4, 0.8
+"""Delays before the start of a worker is tried again [s]."""
 
-FRAMES_A_WORKER = {"cpu": 16, "cuda": 300}
-"""Scenario-weather-frames from which on another process is worth it, where nobody says how many: reading a town takes
-as long as some ten frames on a core, and as 200 on an H100. Design values."""
+MIN_FRAMES_PER_WORKER = {"cpu": 16, "cuda": 300}
+"""Scenario-weather-frames for which one more process pays off, where the number of workers is `auto`: reading a town
+takes as long as some ten frames on a core, and as 200 on an H100. Design values."""
 
 
-def may_be_several(compute: ComputeConfig, frames: int) -> bool:
-    """Return whether a run may need worker processes of this machine, before its devices are known.
-
-    Args:
-        compute: How it is to be made.
-        frames: Scenario-weather-frames of the dataset.
-    """
+def may_use_processes(compute: ComputeConfig, frames: int) -> bool:
+    """Return whether a run may need worker processes of this machine, before its devices are known."""
     if compute.workers == "auto":
-        return compute.engine == "local" and frames >= 2 * min(FRAMES_A_WORKER.values())
+        return compute.engine == "local" and frames >= 2 * min(MIN_FRAMES_PER_WORKER.values())
     return compute.engine == "local" and int(compute.workers) > 1
 
 
-def import_ahead() -> None:
-    """Start the server unless it runs; it imports while this process goes on."""
+def start_server() -> None:
+    """Start the fork server unless it is running; its imports run in parallel with this process."""
     if CAN_FORK:
         from multiprocessing import forkserver
 
         _context()
-        with one_thread_a_library(), _not_interrupted():
+        with single_threaded_libraries(), _ignoring_interrupts():
             forkserver.ensure_running()
 
 
-def start(target: Callable[..., None], *arguments: Any) -> BaseProcess:
-    """Start a worker process, by another server if the one that runs is dying; it ends with this process at the latest.
-
-    Args:
-        target: What it does. It finds this process's environment, and one thread a library.
-        arguments: For `target`.
+def start_process(target: Callable[..., None], *arguments: Any) -> BaseProcess:
+    """Start a worker process, from a new fork server if the current one is dying; it ends with this process at latest.
 
     Raises:
-        OSError, EOFError: If servers die again and again.
+        OSError, EOFError: If one server after the other dies.
     """
-    with one_thread_a_library():
+    with single_threaded_libraries():
         process = _context().Process(target=_run, args=(dict(os.environ), target, arguments), daemon=True)
-        for pause_s in PAUSES_S:
+        for delay_s in RETRY_DELAYS_S:
             try:
-                import_ahead()
+                start_server()
                 process.start()
                 return process
-            except (ConnectionError, EOFError):  # it was killed; until all its threads have gone, it counts as running
-                time.sleep(pause_s)
+            except (ConnectionError, EOFError):  # it was killed; it counts as running until all its threads have ended
+                time.sleep(delay_s)
         process.start()
     return process
 
@@ -81,16 +72,16 @@ def _context() -> BaseContext:
 
 
 def _run(environment: Mapping[str, str], target: Callable[..., None], arguments: tuple[Any, ...]) -> None:
-    """Body of a worker process. A server has the environment of its own start, perhaps that of an earlier run."""
+    """Call a function in a worker process, with an environment in place of the fork server's, which may be older."""
     os.environ.clear()
     os.environ.update(environment)
     target(*arguments)
 
 
 @contextmanager
-def _not_interrupted() -> Iterator[None]:
-    """Let a process that starts within the block ignore Ctrl-C, which goes to all of a terminal's processes."""
-    if threading.current_thread() is not threading.main_thread():  # only that one may say so
+def _ignoring_interrupts() -> Iterator[None]:
+    """Let a process that starts within the block ignore Ctrl-C, which a terminal sends to all of its processes."""
+    if threading.current_thread() is not threading.main_thread():  # only the main thread may set signal handlers
         yield
         return
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)

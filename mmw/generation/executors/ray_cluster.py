@@ -1,4 +1,4 @@
-"""The Ray cluster of a run: how it is found, what it has for workers, and how it stays quiet."""
+"""Find the Ray cluster of a run, connect to it, and plan its workers."""
 
 import logging
 import math
@@ -19,10 +19,10 @@ from ray.exceptions import RayError
 from mmw.core.device import workers_that_fit
 from mmw.core.errors import InputError
 
-STORE_BYTES = 100 * 2**20
-"""Ray's object store where this run starts Ray itself; only messages go through it. Ray wants 75 MiB at least."""
-ANSWER_S = 10.0
-"""Time that a cluster has to answer [s]. Design value."""
+OBJECT_STORE_BYTES = 100 * 2**20
+"""Size of Ray's object store where this run starts Ray itself [bytes]; it holds only messages. Ray needs 75 MiB."""
+CONNECT_TIMEOUT_S = 10.0
+"""Time that a cluster has to accept a connection [s]. Design value."""
 
 
 @dataclass(frozen=True)
@@ -30,9 +30,9 @@ class ClusterResources:
     """Resources of a cluster for workers."""
 
     device: str
-    """Warp device, by the name that it has in a worker."""
+    """Warp device, by its name in a worker."""
     workers: int
-    sharing: int = 1
+    workers_per_device: int = 1
     """Workers that share a GPU or a CPU."""
 
     @property
@@ -41,30 +41,30 @@ class ClusterResources:
         return "CPU" if self.device == "cpu" else "GPU"
 
     @property
-    def asks(self) -> dict[str, float]:
+    def actor_options(self) -> dict[str, float]:
         """Resources that a worker requests from Ray."""
-        share = math.floor(1e4 / self.sharing) / 1e4  # Ray counts in steps of 1e-4
+        share = math.floor(1e4 / self.workers_per_device) / 1e4  # Ray counts in steps of 1e-4
         return {"num_cpus": share} if self.kind == "CPU" else {"num_cpus": 0, "num_gpus": share}
 
     def workers_on(self, node: Mapping[str, float]) -> int:
-        """Return how many of the workers a machine with some resources may have, at least one."""
-        return max(min(self.workers, int(node.get(self.kind, 0)) * self.sharing), 1)
+        """Return how many of the workers may run on a machine with some resources, at least one."""
+        return max(min(self.workers, int(node.get(self.kind, 0)) * self.workers_per_device), 1)
 
 
-def room_for(
+def plan_workers(
     nodes: Sequence[Mapping[str, float]], device: str, workers: int | str, gpu_bytes: float = math.inf
 ) -> ClusterResources:
-    """Return which workers a cluster gets.
+    """Return the resources of a cluster that its workers use.
 
     Args:
         nodes: Resources of each machine, as `ray.nodes` names them.
         device: Configured device: `auto` (GPUs, else CPUs), `cpu`, or `cuda:0` for a GPU that Ray chooses.
-        workers: How many, or `auto`: one a CPU, or on each GPU as many as fit on the machine that has least for each.
-            If there are more than GPUs or CPUs, some share one.
-        gpu_bytes: Memory of a GPU [bytes], as far as it is known.
+        workers: Number of workers, or `auto`: one per CPU, or on each GPU as many as fit on the machine that has least
+            memory and cores for each. If there are more than GPUs or CPUs, some share one.
+        gpu_bytes: Memory of a GPU [bytes]; infinite if unknown.
 
     Raises:
-        InputError: If the cluster has no such device, or a certain one is named.
+        InputError: If the cluster has no such device, or the configuration names a specific GPU.
     """
     if device not in ("auto", "cpu", "cuda", "cuda:0"):
         raise InputError(
@@ -73,30 +73,30 @@ def room_for(
     gpu_nodes = [node for node in nodes if node.get("GPU", 0) >= 1]
     on_cpus = device == "cpu" or (device == "auto" and not gpu_nodes)
     kind = "CPU" if on_cpus else "GPU"
-    there = sum(int(node.get(kind, 0)) for node in nodes)
-    if not there:
+    count = sum(int(node.get(kind, 0)) for node in nodes)
+    if not count:
         raise InputError(f"compute.device = {device!r}: the Ray cluster has no {kind}; start nodes that have one")
     name = "cpu" if on_cpus else "cuda:0"
     if workers != "auto":
-        return ClusterResources(name, int(workers), math.ceil(int(workers) / there))
-    sharing = 1 if on_cpus else min(_workers_a_gpu(node, gpu_bytes) for node in gpu_nodes)
-    return ClusterResources(name, there * sharing, sharing)
+        return ClusterResources(name, int(workers), math.ceil(int(workers) / count))
+    workers_per_device = 1 if on_cpus else min(_workers_per_gpu(node, gpu_bytes) for node in gpu_nodes)
+    return ClusterResources(name, count * workers_per_device, workers_per_device)
 
 
-def _workers_a_gpu(node: Mapping[str, float], gpu_bytes: float) -> int:
-    """Return how many workers each GPU of a machine with some resources can have."""
-    memory = node.get("memory", math.inf) + node.get("object_store_memory", 0)  # Ray divides it in these two
+def _workers_per_gpu(node: Mapping[str, float], gpu_bytes: float) -> int:
+    """Return how many workers can share each GPU of a machine with some resources."""
+    memory = node.get("memory", math.inf) + node.get("object_store_memory", 0)  # Ray splits it into these two
     return workers_that_fit(int(node["GPU"]), node.get("CPU", 0), memory, gpu_bytes)
 
 
 @contextmanager
-def cluster() -> Iterator[str]:
+def connect_cluster() -> Iterator[str]:
     """Connect to the cluster of RAY_ADDRESS, else to the latest that was started on this machine, else start one here.
 
-    A connection that is there stays as it is.
+    An existing connection is used and left open.
 
     Yields:
-        What the cluster is, for people.
+        Description of the cluster for people.
 
     Raises:
         InputError: If it cannot be reached.
@@ -106,7 +106,7 @@ def cluster() -> Iterator[str]:
         _connect(_address())
     try:
         with _quiet():
-            nodes = machines()
+            nodes = node_resources()
             counts = ", ".join(f"{sum(int(node.get(kind, 0)) for node in nodes)} {kind}s" for kind in ("CPU", "GPU"))
             where = f"{len(nodes)} machine{'s' * (len(nodes) != 1)}"
             yield f"Ray at {ray.get_runtime_context().gcs_address}: {counts} on {where}"
@@ -115,17 +115,17 @@ def cluster() -> Iterator[str]:
             ray.shutdown(wait_for_processes=True)
 
 
-def machines() -> list[dict[str, float]]:
+def node_resources() -> list[dict[str, float]]:
     """Return the resources of each machine of the cluster."""
     return [node["Resources"] for node in ray.nodes() if node["Alive"]]
 
 
 def _connect(address: str | None) -> None:
-    options: dict[str, Any] = {}  # Ray finds the same address, and the token that may belong to it
+    options: dict[str, Any] = {}  # Ray finds the same address itself, and the token that may belong to it
     if address is None:
-        options = {"address": "local", "include_dashboard": False, "object_store_memory": STORE_BYTES}
+        options = {"address": "local", "include_dashboard": False, "object_store_memory": OBJECT_STORE_BYTES}
     else:
-        _knock(address)
+        _check_address(address)
     terminated = signal.getsignal(signal.SIGTERM)
     try:
         ray.init(**options, log_to_driver=False, logging_level=logging.ERROR)
@@ -135,11 +135,11 @@ def _connect(address: str | None) -> None:
             "versions there, and if it wants a token, the same ~/.ray/auth_token and RAY_AUTH_MODE=token"
         ) from error
     if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGTERM, terminated)  # Ray's own aborts the process; Ray ends with it anyway
+        signal.signal(signal.SIGTERM, terminated)  # Ray's handler aborts the process; Ray ends with it anyway
 
 
 def _address() -> str | None:
-    """Return the address of the cluster there is, by Ray's own rules (`ray.init`); None if there is none."""
+    """Return the address of the existing cluster, by Ray's own rules (`ray.init`); None if there is none."""
     named = os.environ.get("RAY_ADDRESS") or "auto"
     if named != "auto":
         return None if named == "local" else named
@@ -149,12 +149,8 @@ def _address() -> str | None:
     return None
 
 
-def _knock(address: str) -> None:
-    """See whether a cluster answers, for which Ray itself would wait many minutes.
-
-    Raises:
-        InputError: If it does not.
-    """
+def _check_address(address: str) -> None:
+    """Check that a cluster accepts connections, for which Ray itself would wait many minutes."""
     host, _, port = address.rpartition(":")
     if "://" in address or not host or not port.isdecimal():
         raise InputError(
@@ -162,7 +158,7 @@ def _knock(address: str) -> None:
             "local for this machine alone"
         )
     try:
-        socket.create_connection((host.strip("[]"), int(port)), timeout=ANSWER_S).close()
+        socket.create_connection((host.strip("[]"), int(port)), timeout=CONNECT_TIMEOUT_S).close()
     except OSError as error:
         raise InputError(
             f"Ray at {address} does not answer ({error.strerror or error}); start it (ray start), tidy up after one "
@@ -172,8 +168,8 @@ def _knock(address: str) -> None:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep Ray's lines about workers that died off standard output, where the summary goes; the console has its own."""
-    worker = ray._private.worker  # no option does this
+    """Suppress Ray's lines about dead workers on standard output, where the summary goes; the console reports them."""
+    worker = ray._private.worker  # Ray has no option for this
     before = worker._worker_logs_enabled
     worker._worker_logs_enabled = False
     try:

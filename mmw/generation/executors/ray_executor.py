@@ -1,7 +1,7 @@
-"""Work on a Ray cluster, of one machine or many: each worker is an actor, which keeps its scenario loaded.
+"""Run work on a Ray cluster of one machine or several: each worker is an actor, which keeps its scenario loaded.
 
-Ray says where an actor runs and which GPU it has; everything else is as with processes. All machines need one file
-system for the dataset, which every worker checks before it begins.
+Ray chooses the machine and the GPU of an actor; everything else is as with local processes. All machines need access to
+the dataset, on a shared file system or in a bucket, which every worker checks before it starts.
 """
 
 import queue
@@ -22,8 +22,8 @@ from mmw.core.device import choose_device, device_name, gpu_bytes, machine_kind,
 from mmw.core.errors import InputError
 from mmw.core.extras import install
 from mmw.core.temp_files import Owner, temporary_path
-from mmw.generation.executors.ray_cluster import ClusterResources, cluster, machines, room_for
-from mmw.generation.executors.supervisor import LostError, Supervisor
+from mmw.generation.executors.ray_cluster import ClusterResources, connect_cluster, node_resources, plan_workers
+from mmw.generation.executors.supervisor import Supervisor, WorkerDiedError
 from mmw.generation.executors.work_queue import WorkerLostError
 from mmw.generation.executors.worker_protocol import NOTE, Message, serve
 from mmw.generation.progress import Console
@@ -32,109 +32,106 @@ from mmw.generation.shards import Work, pending_work
 from mmw.generation.worker import GenerationContext
 from mmw.storage.store import LOCKS, Store
 
-PATIENCE_S = 30.0
-"""Time after which the user hears that no worker has begun [s]. Design value."""
-SEEN_S = 120.0
-"""Longest time until a shared file system shows here what another machine wrote [s]: twice what NFS keeps in mind by
-default (`acdirmax`, nfs(5))."""
+SLOW_START_S = 30.0
+"""Time after which the user is told that no worker has started [s]. Design value."""
+VISIBLE_TIMEOUT_S = 120.0
+"""Longest time until a shared file system shows what another machine wrote [s]: twice the time that NFS caches folders
+by default (`acdirmax`, nfs(5))."""
 
 
 @contextmanager
-def connected(compute: ComputeConfig, console: Console) -> Iterator["RayEngine"]:
-    """Return an engine on a Ray cluster; see `cluster` for which.
+def open_ray_executor(compute: ComputeConfig, console: Console) -> Iterator["RayExecutor"]:
+    """Return an executor on the Ray cluster that `connect_cluster` finds.
 
     Raises:
         InputError: If the cluster cannot be reached or has no such device, or mmw is missing on it.
     """
-    with cluster() as description:
+    with connect_cluster() as description:
         console.say(description)
-        engine = RayEngine(machines(), compute, console)
+        executor = RayExecutor(node_resources(), compute, console)
         try:
-            yield engine
+            yield executor
         finally:
-            engine.close()
+            executor.close()
 
 
-class RayEngine:
-    """Workers on a cluster that this process is connected to; see `Engine`."""
+class RayExecutor:
+    """Workers on a cluster that this process is connected to; see `Executor`."""
 
     def __init__(self, nodes: Sequence[Mapping[str, float]], compute: ComputeConfig, console: Console):
-        """Start a first worker, and see what it runs on.
-
-        Args:
-            nodes: Resources of each machine.
-            compute: The device, and how many workers.
-            console: Where is said that Ray has no place for a worker.
+        """Start a first worker and ask it for its device.
 
         Raises:
             InputError: If the cluster has no such device, or a worker cannot run there.
         """
-        self._room = room_for(nodes, compute.device, compute.workers)
+        self._resources = plan_workers(nodes, compute.device, compute.workers)
         self._first: Any = self._new_actor()
-        described = self._first.describe.remote(self._room.device)
-        while not self._ready([described], console, nobody=True):
+        described = self._first.describe.remote(self._resources.device)
+        while not self._ready([described], console, is_first=True):
             pass
         try:
             self.device_name, self.machine, gpu_bytes = ray.get(described)
         except RayError as error:
-            raise _meaning(error) from error
-        room = room_for(nodes, compute.device, compute.workers, gpu_bytes)
-        if room != self._room:  # fewer, so that each asks for more
+            raise _translated(error) from error
+        resources = plan_workers(nodes, compute.device, compute.workers, gpu_bytes)
+        if resources != self._resources:  # fewer workers, so each requests a larger share
             self.close()
-            self._room = room
-        self.devices: Sequence[str] = [room.device] * room.workers
+            self._resources = resources
+        self.devices: Sequence[str] = [resources.device] * resources.workers
 
-    def make(self, making: GenerationContext, work: Sequence[Work], workers: int, console: Console) -> None:
-        """Make all work; see `Engine.make`.
+    def run(self, context: GenerationContext, work: Sequence[Work], workers: int, console: Console) -> None:
+        """Generate all work; see `Executor.run`.
 
         Raises:
             InputError: If a worker's machine does not see the dataset's folder, or has other files or another mmw.
         """
-        making = replace(making, base=making.base.absolute(), root=making.root.anywhere())
-        here = versions(making.config, making.base, self.machine)
+        context = replace(context, base=context.base.absolute(), root=context.root.resolved())
+        own_versions = versions(context.config, context.base, self.machine)
 
-        def start(own: GenerationContext, device: str) -> _Link:
+        def connect(worker_context: GenerationContext, device: str) -> _ActorConnection:
             actor, self._first = self._first or self._new_actor(), None
-            return _Link(actor, device, task, own.owner)
+            return _ActorConnection(actor, device, task, worker_context.owner)
 
-        def wait(links: list[_Link]) -> list[_Link]:
-            heard = {link.listen(): link for link in links}
-            ready = self._ready(list(heard), console, nobody=not any(link.node for link in links))
-            return [heard[reference] for reference in ready]
+        def wait(connections: list[_ActorConnection]) -> list[_ActorConnection]:
+            replies = {connection.request(): connection for connection in connections}
+            is_first = not any(connection.node for connection in connections)
+            ready = self._ready(list(replies), console, is_first=is_first)
+            return [replies[reference] for reference in ready]
 
-        with _sign(making.root) as sign:
-            task = ray.put(Task(making, replace(self._room, workers=workers), sign, here))
-            Supervisor(making, work, self.devices[:workers], console, start, wait).run()
-        _wait_until_seen(making.root, work, console)
+        with _probe_file(context.root) as probe:
+            task = ray.put(ActorTask(context, replace(self._resources, workers=workers), probe, own_versions))
+            Supervisor(context, work, self.devices[:workers], console, connect, wait).run()
+        _wait_until_visible(context.root, work, console)
 
     def close(self) -> None:
-        """Let go of a worker that has nothing to do."""
+        """Stop the first worker if it has no work."""
         if self._first is not None:
             ray.kill(self._first)
             self._first = None
 
     def _new_actor(self) -> Any:
-        return ray.remote(Actor).options(**self._room.asks, scheduling_strategy="SPREAD", max_restarts=0).remote()
+        options = self._resources.actor_options
+        return ray.remote(Actor).options(**options, scheduling_strategy="SPREAD", max_restarts=0).remote()
 
-    def _ready(self, references: list[Any], console: Console, *, nobody: bool) -> list[Any]:
-        """Return those that are ready, one at least; none if that takes long, said if nobody has begun yet."""
-        ready, _ = ray.wait(references, timeout=PATIENCE_S)
+    def _ready(self, references: list[Any], console: Console, *, is_first: bool) -> list[Any]:
+        """Wait, and return the references that are ready; none, with a warning if no worker has started, on timeout."""
+        ready, _ = ray.wait(references, timeout=SLOW_START_S)
         if ready:
             return ray.wait(references, num_returns=len(references), timeout=0)[0]
-        if nobody:
-            asks = " and ".join(f"{name} = {count:g}" for name, count in self._room.asks.items())
-            console.warn_once(f"Ray has found no place yet for an actor with {asks}; `ray status` says why")
+        if is_first:
+            options = " and ".join(f"{name} = {count:g}" for name, count in self._resources.actor_options.items())
+            console.warn_once(f"Ray has found no place yet for an actor with {options}; `ray status` says why")
         return []
 
 
 @dataclass(frozen=True)
-class Task:
+class ActorTask:
     """Arguments of an actor."""
 
-    making: GenerationContext
-    room: ClusterResources
-    sign: str
-    """Name of a file of this run alone in the dataset."""
+    context: GenerationContext
+    resources: ClusterResources
+    probe: str
+    """Name of a file in the dataset that only this run has written."""
     versions: Mapping[str, Any]
     """Result of `versions` on the machine of the run."""
 
@@ -143,8 +140,8 @@ class Actor:
     """Ray actor: a worker in a thread, and a method that exchanges work for messages."""
 
     def __init__(self) -> None:
-        self._given: queue.SimpleQueue[Work | None] = queue.SimpleQueue()
-        self._said: queue.SimpleQueue[Message] = queue.SimpleQueue()
+        self._work: queue.SimpleQueue[Work | None] = queue.SimpleQueue()
+        self._messages: queue.SimpleQueue[Message] = queue.SimpleQueue()
         self._node = ray.util.get_node_ip_address()
 
     def describe(self, device: str) -> tuple[str, str, float]:
@@ -155,92 +152,82 @@ class Actor:
         chosen = choose_device(device)
         return device_name(chosen), machine_kind(chosen), gpu_bytes(device)
 
-    def begin(self, device: str, task: Task, owner: Owner) -> tuple[str, list[Message]]:
-        """Begin to work; see `talk` for what it returns.
-
-        Args:
-            device: Warp device name.
-            task: What is made, and how.
-            owner: Mark of this worker.
-        """
+    def start(self, device: str, task: ActorTask, owner: Owner) -> tuple[str, list[Message]]:
+        """Start the worker; see `exchange` for the result."""
         own = ray.get_runtime_context().get_node_id()
-        has = next(node["Resources"] for node in ray.nodes() if node["NodeID"] == own)
-        threads = writer_threads(task.making.config.compute.writer_threads, task.room.workers_on(has))
-        making = replace(task.making, threads=threads, owner=owner)
-        arguments = (making, device, self._given.get, self._said.put, lambda: self._check(task))
+        node = next(node["Resources"] for node in ray.nodes() if node["NodeID"] == own)
+        threads = writer_threads(task.context.config.compute.writer_threads, task.resources.workers_on(node))
+        context = replace(task.context, threads=threads, owner=owner)
+        arguments = (context, device, self._work.get, self._messages.put, lambda: self._check(task))
         threading.Thread(target=serve, args=arguments, daemon=True).start()
         return self._node, []
 
-    def talk(self, *work: Work | None) -> tuple[str, list[Message]]:
-        """Take work; wait until the worker says something, and return the name of this machine and all that it said."""
+    def exchange(self, *work: Work | None) -> tuple[str, list[Message]]:
+        """Queue work, wait for a message, and return the name of this machine and all messages of the worker."""
         for item in work:
-            self._given.put(item)
-        said = [self._said.get()]
+            self._work.put(item)
+        messages = [self._messages.get()]
         with suppress(queue.Empty):
             while True:
-                said.append(self._said.get_nowait())
-        return self._node, said
+                messages.append(self._messages.get_nowait())
+        return self._node, messages
 
-    def _check(self, task: Task) -> None:
-        """See whether this machine has what the run's has; note where its packages differ.
-
-        Raises:
-            InputError: If it has not.
-        """
-        where, making, there = f"Ray node {self._node}", task.making, task.versions
-        if __version__ != there["mmw"]:
-            raise InputError(f"{where} has mmw {__version__}, the run {there['mmw']}; install the same on all nodes")
-        if making.root.read(task.sign) is None:
+    def _check(self, task: ActorTask) -> None:
+        """Check that this machine has the software and the files of the run's; report packages that differ."""
+        where, context, wanted = f"Ray node {self._node}", task.context, task.versions
+        if __version__ != wanted["mmw"]:
+            raise InputError(f"{where} has mmw {__version__}, the run {wanted['mmw']}; install the same on all nodes")
+        if context.root.read(task.probe) is None:
             raise InputError(
-                f"{making.root}: {where} does not see what this run wrote there; give an --out on a file system that "
+                f"{context.root}: {where} does not see what this run wrote there; give an --out on a file system that "
                 "all nodes share, or in a bucket, or use --engine local"
             )
-        making.root.folder.mkdir(parents=True, exist_ok=True)  # of a bucket each machine has its own
+        context.root.folder.mkdir(parents=True, exist_ok=True)  # each machine has its own if the root is a bucket
         try:
-            here = versions(making.config, making.base, there["device"])
+            found = versions(context.config, context.base, wanted["device"])
         except InputError as error:
             raise InputError(f"{where}: {error}; all nodes need the files of the configuration") from error
-        for scenario, files in there["sources"].items():
-            if here["sources"][scenario] != files:
+        for scenario, files in wanted["sources"].items():
+            if found["sources"][scenario] != files:
                 raise InputError(
                     f"{where}: scenario {scenario!r}: {', '.join(files)}: other content than where the run is; all "
                     "nodes need the same files"
                 )
-        own = {"git": here["git"], **here["packages"]}
-        for name, value in {"git": there["git"], **there["packages"]}.items():
+        own = {"git": found["git"], **found["packages"]}
+        for name, value in {"git": wanted["git"], **wanted["packages"]}.items():
             if own[name] != value:
-                self._said.put((NOTE, f"{where} has {name} {own[name]!r}, the run {value!r}"))
+                self._messages.put((NOTE, f"{where} has {name} {own[name]!r}, the run {value!r}"))
 
 
-class _Link:
-    """The run's end of the connection to an actor."""
+class _ActorConnection:
+    """Connection of the run to an actor; see `WorkerConnection`."""
 
     def __init__(self, actor: Any, device: str, task: Any, owner: Owner):
         self.node = ""
-        """Its machine; empty until it has begun."""
+        """Machine of the actor; empty until it has started."""
         self._actor = actor
-        self._given: list[Work | None] = []
-        self._heard: Any = actor.begin.remote(device, task, owner)
+        self._unsent: list[Work | None] = []
+        self._reply: Any = actor.start.remote(device, task, owner)
 
-    def listen(self) -> Any:
-        """Return Ray's reference to what the worker says next; hand over what it was given."""
-        if self._heard is None:
-            self._heard = self._actor.talk.remote(*self._given)
-            self._given = []
-        return self._heard
+    def request(self) -> Any:
+        """Return Ray's reference to the next messages; send the work that is queued for the worker."""
+        if self._reply is None:
+            self._reply = self._actor.exchange.remote(*self._unsent)
+            self._unsent = []
+        return self._reply
 
     def receive(self) -> list[Message]:
-        heard, self._heard = self._heard, None
+        reply, self._reply = self._reply, None
         try:
-            self.node, said = ray.get(heard)
+            self.node, messages = ray.get(reply)
         except RayError as error:
             if isinstance(error, RayActorError | OutOfMemoryError) and not getattr(error, "actor_init_failed", False):
-                raise LostError(f"on Ray node {self.node or _node(error)}: {_reason(error)}") from error
-            raise _meaning(error) from error
-        return said
+                raise WorkerDiedError(f"on Ray node {self.node or _node(error)}: {_reason(error)}") from error
+            raise _translated(error) from error
+        return messages
 
     def send(self, work: Work | None) -> None:
-        self._given.append(work)
+        self._unsent.append(work)
 
     def close(self) -> None:
         ray.kill(self._actor)
@@ -249,45 +236,40 @@ class _Link:
 
 
 @contextmanager
-def _sign(root: Store) -> Iterator[str]:
-    """Keep a file of this run alone in a dataset: who sees it sees that dataset, not another of the same name."""
+def _probe_file(root: Store) -> Iterator[str]:
+    """Write a file into a dataset while the block runs: a machine that sees it sees this dataset and no other."""
     name = temporary_path(root.staging / LOCKS / "ray").relative_to(root.staging).as_posix()
-    root.publish(name, b"")
+    root.write_atomically(name, b"")
     try:
         yield name
     finally:
         root.remove([name])
 
 
-def _wait_until_seen(root: Store, work: Sequence[Work], console: Console) -> None:
-    """Wait until this machine sees all that others wrote.
-
-    Raises:
-        WorkerLostError: If it does not.
-    """
-    end = time.monotonic() + SEEN_S
+def _wait_until_visible(root: Store, work: Sequence[Work], console: Console) -> None:
+    """Wait until this machine sees all files that others wrote."""
+    end = time.monotonic() + VISIBLE_TIMEOUT_S
     while rest := pending_work(root, work):
         if time.monotonic() > end:
             raise WorkerLostError(
-                f"{root}: {rest[0]} cannot be seen here {SEEN_S:.0f} s after another machine wrote them; see whether "
-                "its file system is shared by all nodes, and run the same command again"
+                f"{root}: {rest[0]} cannot be seen here {VISIBLE_TIMEOUT_S:.0f} s after another machine wrote them; "
+                "check that all nodes share its file system, and run the same command again"
             )
         console.warn_once(f"{root}: waiting until the file system shows what other machines wrote")
         time.sleep(1.0)
 
 
-def _meaning(error: RayError) -> Exception:
-    """Return the error that stands for one of Ray's: its node is not fit for a worker, or Ray has failed."""
+def _translated(error: RayError) -> Exception:
+    """Return the error of mmw for one of Ray: the node is not fit for a worker, or Ray has failed."""
     cause = error.cause if isinstance(error, RayTaskError) else None
     if isinstance(cause, InputError):
         return InputError(f"Ray node {_node(error)}: {cause}")
     if isinstance(cause, ImportError) or getattr(error, "actor_init_failed", False):
         return InputError(f"Ray node {_node(error)}: {_reason(error)}; all nodes need the same mmw: {install('ray')}")
-    if cause is not None:  # a bug: Ray's error holds the trace of the node
+    if cause is not None:  # a bug: Ray's error holds the stack trace of the node
         return error
-    return WorkerLostError(
-        f"Ray has failed: {_reason(error)}; everything that was finished is kept, and the same command resumes"
-    )
+    reason = f"Ray has failed: {_reason(error)}; all finished work is stored, and the same command resumes"
+    return WorkerLostError(reason)
 
 
 def _node(error: RayError) -> str:
@@ -297,7 +279,7 @@ def _node(error: RayError) -> str:
 
 
 def _reason(error: RayError) -> str:
-    """Return what a long message of Ray says last, without advice."""
+    """Return the last sentence of a long message of Ray, without advice."""
     if isinstance(error, ActorUnavailableError):
         return "it cannot be reached"
     last = re.sub(r"\x1b\[[0-9;]*m", "", str(error)).strip().splitlines()[-1]

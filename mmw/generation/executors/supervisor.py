@@ -1,6 +1,6 @@
-"""The run's end of an engine: who makes what, what the console shows of it, and who replaces a worker that died.
+"""Supervise the workers of a run: assign work, handle their messages, replace workers that died.
 
-It hands out one piece of work after another and counts what comes back; what is finished, the markers on the disk say.
+Work is finished when its markers are stored, whatever a worker reported.
 """
 
 import logging
@@ -16,147 +16,142 @@ from mmw.generation.worker import GenerationContext
 from mmw.storage.lock import remove_temporaries
 
 
-class LostError(Exception):
-    """A worker died; the text says how."""
+class WorkerDiedError(Exception):
+    """Report that a worker died; the text gives the cause."""
 
 
-class Link(Protocol):
+class WorkerConnection(Protocol):
     """Connection to one worker."""
 
     def receive(self) -> Iterable[Message]:
-        """Return what the worker said; something is there.
+        """Return the messages that have arrived, at least one.
 
         Raises:
-            LostError: If it died.
+            WorkerDiedError: If the worker died.
         """
         ...
 
     def send(self, work: Work | None) -> None:
-        """Give it work; None lets it go."""
+        """Send a piece of work; None tells the worker to finish."""
 
     def close(self) -> None:
         """Clean up after a worker that ended or died."""
 
     def kill(self) -> None:
-        """End a worker, whatever it is at, and clean up."""
+        """Kill the worker and clean up."""
 
 
-L = TypeVar("L", bound=Link)
+C = TypeVar("C", bound=WorkerConnection)
 
 
 @dataclass
-class _Member:
-    """One worker."""
+class _WorkerState:
+    """State of one worker."""
 
     number: int
     device: str
-    has: list[Work] = field(default_factory=list)
-    """Everything that it was given."""
+    assigned: list[Work] = field(default_factory=list)
+    """All work that was sent to it."""
     traced: int = 0
     """Scenario-weather-frames that it traced."""
-    is_up: bool = False
-    """Whether it has said anything."""
+    has_started: bool = False
+    """True once a message of it has arrived."""
 
 
-class Supervisor(Generic[L]):
-    """Workers that make a list of work, on whatever an engine starts them."""
+class Supervisor(Generic[C]):
+    """Workers that run a list of work, wherever an executor starts them."""
 
     def __init__(
         self,
-        making: GenerationContext,
+        context: GenerationContext,
         work: Sequence[Work],
         devices: Sequence[str],
         console: Console,
-        start: Callable[[GenerationContext, str], L],
-        wait: Callable[[list[L]], Iterable[L]],
+        connect: Callable[[GenerationContext, str], C],
+        wait: Callable[[list[C]], Iterable[C]],
     ):
-        """Queue the work.
-
-        Args:
-            making: What is made.
-            work: The work.
-            devices: Device of each worker; the same may stand there more than once.
-            console: Where progress goes.
-            start: Starts a worker, which makes what `making` says, on a device.
-            wait: Returns those of some links that have something to receive; none if it waited long enough.
-        """
-        self._making = making
+        """Queue the work; `connect` starts a worker, `wait` returns connections with messages, none if it timed out."""
+        self._context = context
         self._queue = WorkQueue(work, len(devices))
         self._devices = devices
         self._console = console
-        self._start = start
+        self._connect = connect
         self._wait = wait
-        self._members: dict[L, _Member] = {}
-        self._born = 0
+        self._workers: dict[C, _WorkerState] = {}
+        self._start_count = 0
 
     def run(self) -> None:
-        """Make everything.
+        """Run all work.
 
         Raises:
-            WorkerLostError: If workers die over the same work again and again.
-            InputError, OutOfSpaceError, OSError, MemoryError, RuntimeError: What a worker raised, see `Worker.make`.
+            WorkerLostError: If workers die repeatedly over the same work.
+            InputError, OutOfSpaceError, OSError, MemoryError, RuntimeError: Errors of a worker, see `Worker.trace`.
         """
         try:
             for device in self._devices[: len(self._queue)]:
-                self._hire(device)
-            while len(self._queue) or any(member.is_up for member in self._members.values()):
-                for link in self._wait(list(self._members)):
-                    self._hear(link, self._members[link])
+                self._start_worker(device)
+            while len(self._queue) or any(worker.has_started for worker in self._workers.values()):
+                for connection in self._wait(list(self._workers)):
+                    self._handle_messages(connection, self._workers[connection])
         finally:
-            for link in self._members:  # who has not begun when all is done, or everybody if something failed
-                link.kill()
+            for connection in self._workers:  # workers that have not started yet, or all of them after an error
+                connection.kill()
 
-    def _hire(self, device: str) -> None:
-        making = self._making.for_worker(self._born)
-        self._members[self._start(making, device)] = _Member(self._born, device)
-        self._born += 1
+    def _start_worker(self, device: str) -> None:
+        context = self._context.for_worker(self._start_count)
+        self._workers[self._connect(context, device)] = _WorkerState(self._start_count, device)
+        self._start_count += 1
 
-    def _hear(self, link: L, member: _Member) -> None:
+    def _handle_messages(self, connection: C, worker: _WorkerState) -> None:
         try:
-            messages = link.receive()
-        except LostError as error:
-            self._let_go(link)
-            self._lost(member, str(error))
+            messages = connection.receive()
+        except WorkerDiedError as error:
+            self._stop_worker(connection)
+            self._replace_worker(worker, str(error))
             return
-        member.is_up = True
-        for kind, *content in messages:
-            if kind == READY:
-                work = self._queue.next(member.number)
-                if work is not None:
-                    member.has.append(work)
-                link.send(work)
-            elif kind == TRACED:
-                frames, where, seconds, rays = content
-                member.traced += frames
-                self._console.clock.add(seconds, rays)
-                self._console.advance(frames, where)
-            elif kind == NOTE:
-                self._console.warn_once(*content)
-            elif kind == LOG:
-                logging.getLogger(content[0].name).handle(content[0])
-            elif kind == ENDED:
-                self._console.clock.add(*content)
-                self._let_go(link)
-                if len(self._queue):  # given back by one that died after this one had been let go
-                    self._hire(member.device)
-            elif kind == FAILED:
-                raise content[0]
-            else:
-                raise AssertionError(f"message {kind!r} of a worker has no case")
+        worker.has_started = True
+        for message in messages:
+            self._handle_message(connection, worker, message)
 
-    def _let_go(self, link: L) -> None:
-        del self._members[link]
-        link.close()
+    def _handle_message(self, connection: C, worker: _WorkerState, message: Message) -> None:
+        kind, *content = message
+        if kind == READY:
+            work = self._queue.next(worker.number)
+            if work is not None:
+                worker.assigned.append(work)
+            connection.send(work)
+        elif kind == TRACED:
+            frames, scenario, seconds, rays = content
+            worker.traced += frames
+            self._console.timer.add(seconds, rays)
+            self._console.advance(frames, scenario)
+        elif kind == NOTE:
+            self._console.warn_once(*content)
+        elif kind == LOG:
+            logging.getLogger(content[0].name).handle(content[0])
+        elif kind == ENDED:
+            self._console.timer.add(*content)
+            self._stop_worker(connection)
+            if len(self._queue):  # requeued from a worker that died after this one was told to finish
+                self._start_worker(worker.device)
+        elif kind == FAILED:
+            raise content[0]
+        else:
+            raise AssertionError(f"message {kind!r} of a worker has no handler")
 
-    def _lost(self, member: _Member, cause: str) -> None:
-        """Replace a worker that died, and queue what it had not finished."""
-        own, root = self._making.for_worker(member.number).owner, self._making.root
-        # On another machine it may only be out of reach. Then what it writes fails, and another one makes that again.
-        remove_temporaries(root.staging, lambda owner: owner == own)
-        unfinished = pending_work(root, member.has)
-        self._console.say(f"a worker on {member.device} died {cause}; its work goes to another one")
-        finished = sum(item.frames for item in member.has) - sum(item.frames for item in unfinished)
-        self._console.done -= member.traced - finished
-        self._queue.give_back(member.number, unfinished, cause)
+    def _stop_worker(self, connection: C) -> None:
+        del self._workers[connection]
+        connection.close()
+
+    def _replace_worker(self, worker: _WorkerState, cause: str) -> None:
+        """Requeue the unfinished work of a worker that died, and start another one for it."""
+        owner, root = self._context.for_worker(worker.number).owner, self._context.root
+        # A worker on another machine may be alive but unreachable. It then fails to write, and its work is redone.
+        remove_temporaries(root.staging, lambda other: other == owner)
+        unfinished = pending_work(root, worker.assigned)
+        self._console.say(f"a worker on {worker.device} died {cause}; its work goes to another one")
+        finished = sum(item.frames for item in worker.assigned) - sum(item.frames for item in unfinished)
+        self._console.done -= worker.traced - finished
+        self._queue.requeue(worker.number, unfinished, cause)
         if len(self._queue):
-            self._hire(member.device)
+            self._start_worker(worker.device)

@@ -1,4 +1,4 @@
-"""A worker's end of an engine: it asks for work and makes it; what it says goes to the run as messages."""
+"""Messages between a worker and the run, and the worker's side of them: receive work, run it, report progress."""
 
 import faulthandler
 import logging
@@ -8,6 +8,7 @@ import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from logging.handlers import QueueHandler
+from types import SimpleNamespace
 from typing import Any
 
 from mmw.core.temp_files import owned
@@ -16,27 +17,20 @@ from mmw.generation.shards import Work
 from mmw.generation.worker import GenerationContext, Worker
 
 READY, TRACED, NOTE, LOG, ENDED, FAILED = "ready", "traced", "note", "log", "ended", "failed"
-"""Kinds of messages from a worker: it wants work; frames, scenario and times; one line; a log record; its last times;
-its error."""
+"""Kinds of messages of a worker: ready for work; frames, scenario and times; one line of text; a log record; its last
+times; its error."""
 
 LOGGER = logging.getLogger(__name__)
 
 Message = tuple[Any, ...]
-"""A kind and its content; it can be pickled."""
-
-
-class _Sender(QueueHandler):
-    """A logging handler that turns records into messages."""
-
-    def enqueue(self, record: logging.LogRecord) -> None:
-        """Send a record that `QueueHandler.prepare` has made fit for another process."""
-        self.queue((LOG, record))
+"""A kind and its content, picklable."""
 
 
 @contextmanager
 def _logging_to(send: Callable[[Message], None], level: int) -> Iterator[None]:
-    """Send the records of this process as messages while the block runs."""
-    root, handler = logging.getLogger("mmw"), _Sender(send)
+    """Send the log records of this process as messages while the block runs."""
+    queue = SimpleNamespace(put_nowait=lambda record: send((LOG, record)))  # records are picklable there
+    root, handler = logging.getLogger("mmw"), QueueHandler(queue)
     before = root.level
     root.addHandler(handler)
     root.setLevel(level)
@@ -47,77 +41,69 @@ def _logging_to(send: Callable[[Message], None], level: int) -> Iterator[None]:
         root.setLevel(before)
 
 
-class Relay:
-    """A worker's `Reporter`: what it says becomes messages."""
+class MessageReporter:
+    """`Reporter` of a worker that sends messages."""
 
     def __init__(self, send: Callable[[Message], None]):
         self._send = send
         self._sent = StageTimer()
-        self.clock = StageTimer()
+        self.timer = StageTimer()
 
     def warn_once(self, text: str) -> None:
-        """Send a warning; the run shows each once."""
+        """Send a warning; the run shows each text once."""
         self._send((NOTE, text))
 
     def advance(self, frames: int, where: str) -> None:
-        """Send how many frames were traced, and the times since the last message."""
-        self._send((TRACED, frames, where, *self.since()))
+        """Send how many frames of a scenario were traced, and the times since the last message."""
+        self._send((TRACED, frames, where, *self.unsent_times()))
 
-    def since(self) -> tuple[dict[str, float], dict[str, int]]:
-        """Return seconds and rays of each stage since this was last asked."""
-        seconds = {name: value - self._sent.seconds[name] for name, value in self.clock.seconds.items()}
-        rays = {name: count - self._sent.rays[name] for name, count in self.clock.rays.items()}
+    def unsent_times(self) -> tuple[dict[str, float], dict[str, int]]:
+        """Return seconds and rays of each stage since the last call."""
+        seconds = {name: value - self._sent.seconds[name] for name, value in self.timer.seconds.items()}
+        rays = {name: count - self._sent.rays[name] for name, count in self.timer.rays.items()}
         self._sent.add(seconds, rays)
         return seconds, rays
 
 
 def serve(
-    making: GenerationContext,
+    context: GenerationContext,
     device: str,
     receive: Callable[[], Work | None],
     send: Callable[[Message], None],
     check: Callable[[], None] = lambda: None,
 ) -> None:
-    """Be a worker: make what comes until None comes.
-
-    Args:
-        making: What is made.
-        device: Warp device name.
-        receive: Waits for the next piece of work.
-        send: Takes messages.
-        check: Raises an error if this is no place to work.
-    """
+    """Run a worker until it receives None; `check` raises an error if this machine is not fit for a worker."""
     lock = threading.Lock()
 
-    def send_whole(message: Message) -> None:
-        with lock:  # threads log while this one reports
+    def send_locked(message: Message) -> None:
+        with lock:  # other threads log while this one reports
             send(message)
 
-    relay = Relay(send_whole)
+    reporter = MessageReporter(send_locked)
     if not faulthandler.is_enabled():
-        faulthandler.enable()  # a crash of native code says on standard error where it was
-    with _logging_to(send_whole, making.log_level):
+        faulthandler.enable()  # prints the stack on standard error if native code crashes
+    with _logging_to(send_locked, context.log_level):
         try:
             check()
-            LOGGER.info("worker on %s begins", device)
-            with owned(making.root.staging, making.owner), Worker(making, device, relay) as worker:
-                send_whole((READY,))
+            LOGGER.info("worker on %s started", device)
+            with owned(context.root.staging, context.owner), Worker(context, device, reporter) as worker:
+                send_locked((READY,))
                 while (work := receive()) is not None:
-                    LOGGER.info("makes %s", work)
-                    worker.make(work)
-                    send_whole((READY,))
+                    LOGGER.info("starting %s", work)
+                    worker.trace(work)
+                    send_locked((READY,))
                 worker.finish()
-            send_whole((ENDED, *relay.since()))
-        except Exception as error:  # the run says what it means, and logs the trace that goes with it
-            send_whole((FAILED, portable(error)))
+            send_locked((ENDED, *reporter.unsent_times()))
+        except Exception as error:  # the run explains it, and logs the trace that comes with it
+            send_locked((FAILED, picklable_error(error)))
 
 
-def portable(error: Exception) -> Exception:
-    """Return an error that can go to another process, with where it was raised as a note."""
+def picklable_error(error: Exception) -> Exception:
+    """Return an error that can be sent to another process, with its stack trace as a note."""
     error.add_note("in a worker process:\n" + "".join(traceback.format_exception(error)))
     try:
         pickle.loads(pickle.dumps(error))
-    except Exception:  # whatever a library's error does when it is copied
+    except Exception:  # the error class of a library may fail in any way when it is copied
         copied = RuntimeError(f"{type(error).__name__}: {error}")
         copied.__notes__ = error.__notes__
         return copied

@@ -1,9 +1,9 @@
-"""Does a dataset hold what its configuration asks for: every shard, and in it a row for every key?"""
+"""Check that a dataset has all shards of its configuration, and a row for each expected key."""
 
 import hashlib
 import json
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -19,19 +19,16 @@ from mmw.storage.shard_writer import ShardKey, marker_path, table_path
 from mmw.storage.store import Root, Store, store_of
 
 PATH_KEYS = ("town", "stage")
-"""Keys of a scenario that hold a path: `config.yaml` has it absolute, `dataset.json` as it was written."""
+"""Keys of a scenario with a path: absolute in `config.yaml`, as it was written in `dataset.json`."""
 
 
 def check_plan(root: Root) -> list[Finding]:
     """Compare a dataset with its configuration.
 
-    Args:
-        root: Dataset.
-
     Returns:
         Where `config.yaml` and `dataset.json` differ or do not have the hash that is stored, shards and scenarios
         that were not finished, files of shards that the configuration does not have, and tables of a shard whose keys
-        are not those that frames, agents, sensors and links ask for.
+        differ from those of its frames, agents, sensors and links.
 
     Raises:
         InputError: If the folder is not a dataset or its configuration cannot be read.
@@ -43,7 +40,7 @@ def check_plan(root: Root) -> list[Finding]:
     config = stored_config(root)
     findings = _check_config(config, head)
     if findings:
-        return findings  # counts of another configuration would say nothing
+        return findings  # counts of another configuration have no meaning
     names = [scenario.name for scenario in config.scenarios]
     for name in pending_scenarios(root, names):
         findings.append(Finding("missing", marker_path(name).as_posix(), f"static tables of {name} are not finished"))
@@ -66,21 +63,21 @@ def _check_config(config: Config, head: dict[str, Any]) -> list[Finding]:
     text = json.dumps(head["config"], sort_keys=True, separators=(",", ":"))
     if hashlib.sha256(text.encode()).hexdigest() != head["config_sha256"]:
         return [Finding("config", DATASET, "its configuration does not have its config_sha256; the file was changed")]
-    stored, kept = json.loads(text), config.identity()
-    if len(stored["scenarios"]) == len(kept["scenarios"]):
-        for one, other in zip(stored["scenarios"], kept["scenarios"], strict=True):
+    stored, current = json.loads(text), config.identity()
+    if len(stored["scenarios"]) == len(current["scenarios"]):
+        for one, other in zip(stored["scenarios"], current["scenarios"], strict=True):
             _align_paths(one, other)
-    differences = config_differences(stored, kept)
+    differences = config_differences(stored, current)
     if differences:
         return [Finding("config", CONFIG, f"is not what made the data: {'; '.join(differences[:3])}")]
     return []
 
 
-def _align_paths(stored: dict[str, Any], kept: dict[str, Any]) -> None:
+def _align_paths(stored: dict[str, Any], current: dict[str, Any]) -> None:
     """Give a scenario the paths of the other where both name the same file."""
-    pairs = [(stored, kept, key) for key in PATH_KEYS]
-    if stored.get("traffic") and kept.get("traffic"):
-        pairs.append((stored["traffic"], kept["traffic"], "trajectories"))
+    pairs = [(stored, current, key) for key in PATH_KEYS]
+    if stored.get("traffic") and current.get("traffic"):
+        pairs.append((stored["traffic"], current["traffic"], "trajectories"))
     for one, other, key in pairs:
         if one.get(key) and other.get(key) and Path(one[key]).name == Path(other[key]).name:
             other[key] = one[key]
@@ -88,23 +85,26 @@ def _align_paths(stored: dict[str, Any], kept: dict[str, Any]) -> None:
 
 def _check_shard(root: Store, config: Config, key: ShardKey) -> Iterator[Finding]:
     """Yield the tables of a shard whose keys are not the expected ones."""
-    shard = _Shard(root, key)
+
+    def keys(table: str, columns: tuple[str, ...]) -> list[tuple]:
+        return _keys(root, table_path(table, key).as_posix(), columns)
+
     try:
-        expected = dict(_expected(config, shard))
+        expected = dict(_expected(config, range(key.frame_begin, key.frame_end), keys))
     except _UnreadableError as error:
         yield Finding("count", error.path, f"{error}; no rows of this shard were counted")
         return
     for table, wanted in expected.items():
         try:
-            found = Counter(shard.keys(table, KEY_OF.get(table, SAMPLE_KEY)))
+            found = Counter(keys(table, KEY_OF.get(table, SAMPLE_KEY)))
         except _UnreadableError as error:
             yield Finding("count", error.path, f"{error}; its rows were not counted")
             continue
         path = table_path(table, key).as_posix()
-        if lost := wanted - found:
-            yield Finding("count", path, f"{sum(lost.values())} rows are missing, the first {_name(table, lost)}")
-        if more := found - wanted:
-            yield Finding("count", path, f"{sum(more.values())} rows too many, the first {_name(table, more)}")
+        if missing := wanted - found:
+            yield Finding("count", path, f"{missing.total()} rows are missing, the first {_name(table, missing)}")
+        if extra := found - wanted:
+            yield Finding("count", path, f"{extra.total()} rows too many, the first {_name(table, extra)}")
 
 
 class _UnreadableError(Exception):
@@ -133,38 +133,28 @@ def _name(table: str, counts: Counter) -> str:
     return ", ".join(f"{column} {value}" for column, value in zip(KEY_OF.get(table, SAMPLE_KEY), first, strict=True))
 
 
-class _Shard:
-    """The tables of a shard, as far as they are there."""
-
-    def __init__(self, root: Store, key: ShardKey) -> None:
-        self.root, self.key = root, key
-        self.frames = range(key.frame_begin, key.frame_end)
-
-    def keys(self, table: str, columns: tuple[str, ...]) -> list[tuple]:
-        """Return some columns of every row; none if there is no file.
-
-        Raises:
-            _UnreadableError: If the file is damaged or lacks one of the columns.
-        """
-        name = table_path(table, self.key).as_posix()
-        if not self.root.sizes([name]):
-            return []
-        try:
-            rows = self.root.rows(name, columns)
-        except (pa.ArrowException, OSError) as error:
-            raise _UnreadableError(name, f"cannot be read: {one_line(error)}") from error
-        if missing := [column for column in columns if column not in rows.column_names]:
-            raise _UnreadableError(name, f"lacks the column {', '.join(missing)}")
-        return list(zip(*(rows.column(column).to_pylist() for column in columns), strict=True))
+def _keys(root: Store, path: str, columns: tuple[str, ...]) -> list[tuple]:
+    """Return some columns of every row of a file; none if it does not exist."""
+    if not root.sizes([path]):
+        return []
+    try:
+        rows = root.read_columns(path, columns)
+    except (pa.ArrowException, OSError) as error:
+        raise _UnreadableError(path, f"cannot be read: {one_line(error)}") from error
+    if missing := [column for column in columns if column not in rows.column_names]:
+        raise _UnreadableError(path, f"lacks the column {', '.join(missing)}")
+    return list(zip(*(rows.column(column).to_pylist() for column in columns), strict=True))
 
 
-def _expected(config: Config, shard: _Shard) -> Iterator[tuple[str, Counter]]:
+def _expected(
+    config: Config, frames: range, keys: Callable[[str, tuple[str, ...]], list[tuple]]
+) -> Iterator[tuple[str, Counter]]:
     """Yield tables and how many rows of each key they must have, from frames, poses and links."""
-    yield "frames", Counter((frame,) for frame in shard.frames)
-    counts = shard.keys("frames", ("frame", "cav_count", "rsu_count", "vehicle_count", "pedestrian_count"))
+    yield "frames", Counter((frame,) for frame in frames)
+    counts = keys("frames", ("frame", "cav_count", "rsu_count", "vehicle_count", "pedestrian_count"))
     yield "poses", Counter({(row[0], role): row[i] for row in counts for i, role in ((1, "cav"), (2, "rsu")) if row[i]})
     yield "boxes", Counter({(row[0],): row[3] + row[4] for row in counts if row[3] + row[4]})
-    poses = shard.keys("poses", ("frame", "agent", "role"))
+    poses = keys("poses", ("frame", "agent", "role"))
     samples: dict[str, Counter] = {}
     for sensor in config.sensors:
         due = [(frame, agent, sensor.name) for frame, agent, role in poses if role in sensor.on]
@@ -184,5 +174,5 @@ def _expected(config: Config, shard: _Shard) -> Iterator[tuple[str, Counter]]:
                 for carrier in config.channel.carriers_hz
             ),
         )
-        links = shard.keys("links", (*KEY_OF["links"], "path_count"))
+        links = keys("links", (*KEY_OF["links"], "path_count"))
         yield "paths", Counter({row[:4]: row[4] for row in links if row[4]})

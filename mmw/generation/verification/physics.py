@@ -1,4 +1,4 @@
-"""Does a dataset agree with physics and with itself? Some frames of every scenario and weather are looked at."""
+"""Check rows of some frames of each scenario and weather against physics and against each other."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -22,14 +22,14 @@ DELAY_S = 1e-12
 """Largest difference between a line of sight's delay and distance over c [s], 0.3 mm. Design value."""
 
 MIRROR_M = 0.35
-"""How far what is on a vehicle, such as a wing mirror, and four sigma of a LiDAR's range reach out of its box [m]:
-0.25 + 0.12, rounded down as the two do not meet. Design value."""
+"""Distance by which parts of a vehicle, such as wing mirrors, and four sigma of a LiDAR's range exceed its box [m]:
+0.25 + 0.12, rounded down because both are rarely at their limit. Design value."""
 
 STRAY_SHARE = 0.001
 """Share of LiDAR points that may lie outside the boxes of their objects [-]. Design value."""
 
 PARALLAX_M = 0.5
-"""How far a depth camera or LiDAR may be from an antenna to judge its line of sight [m]. Design value."""
+"""Maximum distance of a depth camera or LiDAR from an antenna whose line of sight it can judge [m]. Design value."""
 
 AROUND, MARGIN_M = 1 / 160, 1.0
 """Share of the image's width around the other antenna that must agree, and metres by which depth must differ from its
@@ -39,7 +39,7 @@ NEAREST_RETURNS, WINDOW_DEG = 6, 2.5
 """LiDAR returns next to a line that must agree, and how far from it the last of them may be [deg]. Design values."""
 
 SIGHT_SHARE = 0.1
-"""Share of the lines of sight that may not be what depth images and LiDAR say [-]: parallax, and poles and twigs
+"""Share of the lines of sight that may contradict depth images and LiDAR [-]: parallax, and poles and twigs
 between rays. Design value."""
 
 
@@ -61,14 +61,9 @@ class Slice:
         return found.to_pylist()
 
     @cached_property
-    def agents(self) -> dict[str, np.ndarray]:
-        """Agent -> its pose, shape [7]."""
-        return {row["agent"]: pose_of(row) for row in self.rows("poses")}
-
-    @cached_property
-    def speeds(self) -> dict[str, float]:
-        """Agent -> its speed [m/s]."""
-        return {row["agent"]: speed_of(row) for row in self.rows("poses")}
+    def agents(self) -> dict[str, dict[str, Any]]:
+        """Agent -> row of `poses`."""
+        return {row["agent"]: row for row in self.rows("poses")}
 
     @cached_property
     def mounts(self) -> dict[tuple[str, str], dict[str, Any]]:
@@ -78,7 +73,7 @@ class Slice:
 
     def sensor(self, agent: str, sensor: str) -> np.ndarray:
         """Return the pose of a sensor in the world, shape [7]."""
-        return compose(self.agents[agent], pose_of(self.mounts[agent, sensor]))
+        return compose(pose_of(self.agents[agent]), pose_of(self.mounts[agent, sensor]))
 
     def path(self, table: str) -> str:
         """Return where rows of a table come from, for people."""
@@ -96,14 +91,10 @@ def speed_of(row: dict[str, Any]) -> float:
 
 
 def check_physics(root: str | Path, frames_each: int = 5) -> list[Finding]:
-    """Return where rows contradict physics or each other.
+    """Return rows of some evenly spaced frames that contradict physics or each other.
 
-    Lines of sight are held against Friis' formula and distance over c, LiDAR points against the boxes of their
-    objects, and lines of sight against depth images and sweeps of sensors near an antenna.
-
-    Args:
-        root: Dataset folder or address, whose files are known to be whole.
-        frames_each: Frames of every scenario and weather that are looked at, evenly spaced.
+    Lines of sight are compared with Friis' formula, distance over c, and the depth images and sweeps of sensors near an
+    antenna; LiDAR points with the boxes of their objects.
 
     Raises:
         InputError: If the folder is not a dataset.
@@ -113,17 +104,17 @@ def check_physics(root: str | Path, frames_each: int = 5) -> list[Finding]:
         return []
     findings: list[Finding] = []
     judged: list[tuple[bool, str]] = []
-    for scenario, weather, frame in _chosen(data, frames_each):
+    for scenario, weather, frame in _choose_frames(data, frames_each):
         here = Slice(data, scenario, weather, frame)
         findings += [*check_friis(here), *check_boxes(here)]
-        judged += judge_sight(here)
+        judged += judge_lines_of_sight(here)
     wrong = [text for is_right, text in judged if not is_right]
     if len(wrong) > max(SIGHT_SHARE * len(judged), 1):
         findings.append(Finding("sight", "links", f"{len(wrong)} of {len(judged)} links differ, the first: {wrong[0]}"))
     return findings
 
 
-def _chosen(data: Dataset, frames_each: int) -> Iterator[tuple[str, str, int]]:
+def _choose_frames(data: Dataset, frames_each: int) -> Iterator[tuple[str, str, int]]:
     rows = data.read("frames", columns=["scenario", "weather", "frame"])
     frames: dict[tuple[str, str], list[int]] = {}
     columns = [rows.column(name).to_pylist() for name in ("scenario", "weather", "frame")]
@@ -176,32 +167,29 @@ def check_friis(here: Slice) -> Iterator[Finding]:
             yield Finding("sight", here.path("links"), text)
         total = 10.0 * np.log10(power[key]) if power.get(key) else None
         stored = link["gain_db"]
-        if (total is None) != (stored is None) or (
-            total is not None and stored is not None and abs(total - stored) > GAIN_DB
-        ):
+        if not np.allclose(*np.array([total, stored], float), rtol=0.0, atol=GAIN_DB, equal_nan=True):  # None is NaN
             yield Finding("friis", here.path("links"), f"{where}: gain_db is {stored}; its paths sum to {total}")
 
 
 def check_boxes(here: Slice) -> Iterator[Finding]:
-    """Yield boxes that do not hold the LiDAR points of their objects."""
+    """Yield boxes that do not contain the LiDAR points of their objects."""
     boxes = {row["object_id"]: row for row in here.rows("boxes")}
     if not boxes:
         return
     for sweep in here.rows("lidar", ["agent", "sensor", "x", "y", "z", "object_id"]):
-        thing = np.array(sweep["object_id"], dtype=np.int64)
+        hit = np.array(sweep["object_id"], dtype=np.int64)
         points = np.array([sweep[axis] for axis in "xyz"], dtype=np.float64).T.reshape(-1, 3)
         world = transform_points(here.sensor(sweep["agent"], sweep["sensor"]), points)
-        own = here.mounts[sweep["agent"], sweep["sensor"]]
-        rolls = '"rolling": true' in own["params"]
+        rolls = '"rolling": true' in here.mounts[sweep["agent"], sweep["sensor"]]["params"]
         checked, stray = 0, dict[int, int]()
-        for object_id in np.intersect1d(thing, list(boxes)):
+        for object_id in np.intersect1d(hit, list(boxes)):
             box = boxes[int(object_id)]
             turn = quaternion_from_ypr(box["yaw"], box["pitch"], box["roll"])
             middle = make_pose([box[axis] for axis in "xyz"], turn)
-            on_it = np.abs(transform_points(invert(middle), world[thing == object_id]))
+            on_it = np.abs(transform_points(invert(middle), world[hit == object_id]))
             reach = 0.5 * np.array([box["length"], box["width"], box["height"]]) + MIRROR_M
-            if rolls:  # points of a turn are where things were up to a frame before
-                reach = reach + FRAME_DT * (speed_of(box) + here.speeds[sweep["agent"]])
+            if rolls:  # a point of a sweep is where its object was up to a frame before
+                reach = reach + FRAME_DT * (speed_of(box) + speed_of(here.agents[sweep["agent"]]))
             outside = int((on_it > reach).any(axis=1).sum())
             checked += len(on_it)
             if outside:
@@ -212,13 +200,13 @@ def check_boxes(here: Slice) -> Iterator[Finding]:
             yield Finding("box", here.path("lidar"), f"{text} the boxes of their objects, most of object {worst}")
 
 
-def judge_sight(here: Slice) -> Iterator[tuple[bool, str]]:
+def judge_lines_of_sight(here: Slice) -> Iterator[tuple[bool, str]]:
     """Yield, for each link that a depth image or LiDAR of one of its ends can judge, whether `is_los` agrees."""
     links = {(row["agent"], row["peer"]): row["is_los"] for row in here.rows("links")}
     if not links:
         return
-    watchers = [*_depth_watchers(here), *_lidar_watchers(here)]
-    for agent, sensor, watch in watchers:
+    observers = [*_depth_observers(here), *_lidar_observers(here)]
+    for agent, sensor, is_free_in in observers:
         antenna = here.mounts.get((agent, "antenna"))
         mount = pose_of(here.mounts[agent, sensor])
         if antenna is None or np.linalg.norm(mount[:3] - pose_of(antenna)[:3]) > PARALLAX_M:
@@ -227,18 +215,18 @@ def judge_sight(here: Slice) -> Iterator[tuple[bool, str]]:
             if agent not in (rx, tx):
                 continue
             other = here.sensor(tx if agent == rx else rx, "antenna")[:3]
-            is_free = watch(transform_points(invert(here.sensor(agent, sensor)), other))
+            is_free = is_free_in(transform_points(invert(here.sensor(agent, sensor)), other))
             if is_free is not None:
                 text = f"{rx} from {tx} in {here.path('links')}: is_los is {is_los}, but {sensor} of {agent} sees "
                 yield is_free == is_los, text + ("past its antenna" if is_free else "something before it")
 
 
-Watch = Callable[[np.ndarray], bool | None]
-"""Point in the sensor frame [m], shape [3] -> whether the line to it is free; None where that cannot be told."""
+Observer = Callable[[np.ndarray], bool | None]
+"""Point in the sensor frame [m], shape [3] -> whether the line to it is free; None if that cannot be decided."""
 
 
-def _depth_watchers(here: Slice) -> Iterator[tuple[str, str, Watch]]:
-    """Yield agent and name of each depth camera, and what it says of lines."""
+def _depth_observers(here: Slice) -> Iterator[tuple[str, str, Observer]]:
+    """Yield agent and name of each depth camera, and its judgement of lines."""
     for row in here.rows("depth", ["agent", "sensor", "image"]):
         if row["image"]:
             mount = here.mounts[row["agent"], row["sensor"]]
@@ -255,8 +243,8 @@ def _in_depth(depth: np.ndarray, mount: dict[str, Any], point: np.ndarray) -> bo
     return _agree(depth[v - around : v + around + 1, u - around : u + around + 1], point[0])
 
 
-def _lidar_watchers(here: Slice) -> Iterator[tuple[str, str, Watch]]:
-    """Yield agent and name of each LiDAR, and what its returns on surfaces say of lines."""
+def _lidar_observers(here: Slice) -> Iterator[tuple[str, str, Observer]]:
+    """Yield agent and name of each LiDAR, and the judgement of its returns on surfaces."""
     for row in here.rows("lidar", ["agent", "sensor", "x", "y", "z", "label"]):
         points = np.array([row[axis] for axis in "xyz"], dtype=np.float64).T.reshape(-1, 3)
         yield row["agent"], row["sensor"], partial(_in_sweep, points[np.array(row["label"], dtype=np.int64) == 0])
@@ -274,7 +262,7 @@ def _in_sweep(points: np.ndarray, point: np.ndarray) -> bool | None:
 
 
 def _agree(seen: np.ndarray, distance: float) -> bool | None:
-    """Return whether all of some distances [m] lie beyond a place, None if they disagree or are next to it."""
+    """Return whether all of some distances [m] lie beyond a place, None if they disagree or are close to it."""
     if (seen > distance + MARGIN_M).all():
         return True
     return False if (seen < distance - MARGIN_M).all() else None

@@ -1,4 +1,4 @@
-"""Random rows of a dataset, made again and compared with the stored ones bit for bit."""
+"""Generate random rows of a dataset again and compare them with the stored ones bit for bit."""
 
 import random
 from collections.abc import Callable
@@ -27,7 +27,7 @@ class RowName:
     path: str
     """File, relative to the dataset folder."""
     device: str
-    """Device that made it."""
+    """Kind of machine that generated it."""
 
     def __str__(self) -> str:
         parts = {"scenario": self.scenario, "weather": self.weather, "frame": self.frame, **self.key}
@@ -35,13 +35,7 @@ class RowName:
 
 
 def choose_rows(root: Root, count: int, seed: int) -> list[RowName]:
-    """Return random rows of a dataset, by scenario and frame; every table is as likely as any other.
-
-    Args:
-        root: Dataset.
-        count: Rows, fewer if a row is drawn twice.
-        seed: The same seed draws the same rows of the same dataset.
-    """
+    """Return random rows of a dataset, by scenario and frame; every table is as likely as any other."""
     store = store_of(root)
     files: dict[str, list[tuple[dict, dict]]] = {}
     for marker in read_markers(store):
@@ -54,7 +48,7 @@ def choose_rows(root: Root, count: int, seed: int) -> list[RowName]:
         table = draw.choice(sorted(files))
         ((marker, file),) = draw.choices(files[table], weights=[file["rows"] for _, file in files[table]])
         row = draw.randrange(file["rows"])
-        (key,) = store.rows(file["path"], table_spec(table).key).slice(row, 1).to_pylist()
+        (key,) = store.read_columns(file["path"], table_spec(table).key).slice(row, 1).to_pylist()
         frame = key.pop("frame", None)
         device = str(marker.get("device") or "")
         name = RowName(table, marker["scenario"], marker["weather"], frame, key, file["path"], device)
@@ -65,40 +59,40 @@ def choose_rows(root: Root, count: int, seed: int) -> list[RowName]:
 def rerender(
     root: Root, count: int, *, seed: int = 0, device: str = "auto", tell: Callable[[str], None] = lambda _: None
 ) -> list[Finding]:
-    """Make random rows again and return those that are not the stored ones.
+    """Generate random rows again and return those that differ from the stored ones.
 
     Args:
-        root: Dataset, whose files are known to be whole.
+        root: Dataset with intact files.
         count: Rows to draw, see `choose_rows`.
         seed: Seed of the draw.
-        device: Warp device name, or `auto`. Rows are equal bit for bit only on the kind of machine that made them: on
-            another one a row that differs is a note, not an error.
-        tell: Takes one line for each row that was compared.
+        device: Warp device name, or `auto`. Rows are equal bit for bit only on the kind of machine that generated
+            them; on another one a difference is a note, not an error.
+        tell: Receives one line for each compared row.
 
     Raises:
         InputError: If the folder is not a dataset, or its configuration or stages cannot be used.
     """
     findings = []
-    with RowRegenerator(root, device) as maker:
+    with RowRegenerator(root, device) as regenerator:
         for name in choose_rows(root, count, seed):
-            columns = compare_row(maker, name)
+            columns = compare_row(regenerator, name)
             tell(f"{name.table} {name}: {'differs in ' + ', '.join(columns) if columns else 'equal'}")
             if columns:
                 text = f"row {name} made again differs in {', '.join(columns)}"
-                now = machine_kind(maker.device)
+                now = machine_kind(regenerator.device)
                 if name.device == now:
-                    findings.append(Finding("remade", name.path, text))
+                    findings.append(Finding("regenerated", name.path, text))
                 else:
                     findings.append(Finding("note", name.path, f"{text}; {other_machine(name.device, now)}"))
     return findings
 
 
-def compare_row(maker: RowRegenerator, name: RowName) -> list[str]:
-    """Return the columns in which a row made again differs from the stored one; `row` if there is no such row."""
+def compare_row(regenerator: RowRegenerator, name: RowName) -> list[str]:
+    """Return the columns in which a regenerated row differs from the stored one; `row` if there is no such row."""
     named = {"scenario": name.scenario, "weather": name.weather, "frame": name.frame}
     named = {column: value for column, value in named.items() if value is not None}
-    made = maker.rows(name.table, **{**named, **name.key})
-    stored = stored_rows(maker.address, name.table, {**named, **name.key})
+    made = regenerator.rows(name.table, **{**named, **name.key})
+    stored = stored_rows(regenerator.address, name.table, {**named, **name.key})
     if made.num_rows != 1 or stored.num_rows != 1:
         return ["row"]
     return differing_columns(made, stored)

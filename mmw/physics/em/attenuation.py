@@ -1,8 +1,8 @@
-"""Attenuation of paths by rain, fog and air: Recommendations ITU-R P.838-3, P.840-9 and P.676-13.
+"""Compute the attenuation of paths by rain, fog and air: Recommendations ITU-R P.838-3, P.840-9 and P.676-13.
 
 Paths here are far shorter than a rain cell, so the specific attenuation is the same all along a path and no path
 reduction factor is used; rain turns no polarisation noticeably at these lengths. The air's phase delay (300 ppm of the
-length) and dispersion are left out.
+length) and dispersion are neglected.
 """
 
 import numpy as np
@@ -113,16 +113,12 @@ def fog_attenuation(lwc_g_m3: ArrayLike, carrier_hz: ArrayLike, temperature_c: A
 
 
 def path_loss_db(
-    weather: Weather,
-    carriers_hz: ArrayLike,
-    length_m: np.ndarray,
-    elevation: np.ndarray,
-    tilt: float = VERTICAL_TILT,
+    weather: Weather, carriers_hz: ArrayLike, length_m: np.ndarray, elevation: np.ndarray, tilt: float = VERTICAL_TILT
 ) -> dict[str, np.ndarray]:
-    """Return what rain, fog and air take from each path, one way.
+    """Return the one-way losses of each path in rain, fog and air.
 
-    Rain depends a little on how steep a path runs (9 % between horizontal and vertical at 28 GHz, 25 mm/h). A path with
-    bends has no one elevation; the elevation of its departure stands for all of it.
+    Rain depends a little on how steep a path runs (9 % between horizontal and vertical at 28 GHz, 25 mm/h). The
+    elevation of departure is used for the whole path.
 
     Args:
         weather: The weather.

@@ -1,4 +1,4 @@
-"""Diffraction at wedges: the uniform theory, with the reflection coefficients of the two faces.
+"""Compute diffraction at wedges by the uniform theory, with the reflection coefficients of the two faces.
 
 Source: R. G. Kouyoumjian and P. H. Pathak, Proc. IEEE 62(11), 1974, for the transition function and the four terms;
 ITU-R P.526-15, section 4.4, and Sionna RT 2.2's technical report for faces of finite conductivity.
@@ -18,7 +18,7 @@ DiffractionModel = Literal["utd", "sionna"]
 """Combination of the four terms of the theory with the reflection matrices of the faces; see `wedge_matrices`."""
 
 SERIES_BELOW = 6.0
-"""Arguments below this take the power series of the transition function, others its continued fraction."""
+"""The transition function uses its power series below this argument, its continued fraction above."""
 
 
 @dataclass(frozen=True)
@@ -37,10 +37,6 @@ class WedgeHits:
     """Outward normal of the other face, shape [Q, 3]."""
     away: np.ndarray
     """Unit vector across the edge into the open, shape [Q, 3]."""
-    surface_0: np.ndarray
-    """Surface of the first face, shape [Q]."""
-    surface_n: np.ndarray
-    """Surface of the other face, shape [Q]."""
 
 
 def transition(x: np.ndarray) -> np.ndarray:
@@ -72,7 +68,7 @@ def transition(x: np.ndarray) -> np.ndarray:
 
 def wedge_spreading(geometry: PathGeometry, hits: WedgeHits) -> np.ndarray:
     """Return 1 / sqrt(s' s (s' + s)) of each diffraction, s' the path before and s the path behind it, shape [Q]."""
-    before, behind = _sides(geometry, hits)
+    before, behind = geometry.lengths_around(hits.path, hits.step)
     return 1.0 / np.sqrt(before * behind * (before + behind))
 
 
@@ -115,7 +111,7 @@ def wedge_matrices(
     swap, phi_in, phi_out, n = _angles(geometry, hits)
     wave = 2.0 * np.pi * carrier_hz / SPEED_OF_LIGHT
     sin_b = np.sqrt(np.maximum(1.0 - dot(k_in, hits.edge) ** 2, 1e-300))
-    before, behind = _sides(geometry, hits)
+    before, behind = geometry.lengths_around(hits.path, hits.step)
     reach = wave * before * behind / (before + behind) * sin_b**2
     scale = -np.exp(-0.25j * np.pi) / (2.0 * n * np.sqrt(2.0 * np.pi * wave) * sin_b)
     minus, plus = phi_out - phi_in, phi_out + phi_in
@@ -136,16 +132,6 @@ def wedge_matrices(
     is_dark = (n * np.pi > np.pi + phi_in)[:, None, None]
     r_n = np.where(is_dark, -np.eye(2), r_n)
     return r_0 * (d1 - d4) + r_n * (d2 - d3)
-
-
-def _sides(geometry: PathGeometry, hits: WedgeHits) -> tuple[np.ndarray, np.ndarray]:
-    """Return the length of the path before and behind each diffraction [m], shape [Q] each."""
-    before, behind = np.zeros(len(hits.path)), np.zeros(len(hits.path))
-    for k in range(geometry.leg.shape[1]):
-        leg = geometry.leg[hits.path, k]
-        before += np.where(k <= hits.step, leg, 0.0)
-        behind += np.where(k > hits.step, leg, 0.0)
-    return before, behind
 
 
 def _angles(geometry: PathGeometry, hits: WedgeHits) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -195,14 +181,14 @@ def _face(
     axis = perpendicular(k_in, normal)
     cosine = np.minimum(np.abs(dot(k_in, normal)), 1.0)
     te, tm = reflection(permittivity, cosine, thickness, carrier_hz)
-    left = np.sqrt(1.0 - scattering**2)
+    specular_share = np.sqrt(1.0 - scattering**2)
     into, out = perpendicular(k_in, edge), -perpendicular(k_out, edge)
     basis_in, basis_out = (into, np.cross(k_in, into)), (out, np.cross(k_out, out))
     tm_in, tm_out = np.cross(k_in, axis), np.cross(k_out, axis)
     matrix = np.empty((len(k_in), 2, 2), dtype=np.complex128)
     for i in range(2):
         for j in range(2):
-            matrix[:, i, j] = left * (
+            matrix[:, i, j] = specular_share * (
                 te * dot(basis_out[i], axis) * dot(axis, basis_in[j])
                 + tm * dot(basis_out[i], tm_out) * dot(tm_in, basis_in[j])
             )

@@ -1,4 +1,4 @@
-"""The field along found paths: angles, polarisation, interactions and spreading, all in float64.
+"""Compute the field along traced paths: angles, polarisation, interactions and spreading, all in float64.
 
 Every interaction is a 2x2 matrix between a basis of the incoming and one of the outgoing wave; between interactions,
 and at both ends, real 2x2 matrices turn one basis into the next. So geometry is worked out once, and a weather or a
@@ -27,7 +27,7 @@ class PathGeometry:
     """Kind of each interaction, 0 behind the last, shape [P, D]."""
     direction: np.ndarray
     """Unit direction of each segment; behind the last segment that of the last, shape [P, D + 1, 3]."""
-    leg: np.ndarray
+    segment_length: np.ndarray
     """Length of each segment [m], 0 behind the last, shape [P, D + 1]."""
     cosine: np.ndarray
     """Cosine of incidence at each interaction, 1 where there is no plane, shape [P, D]."""
@@ -54,19 +54,23 @@ class PathGeometry:
     @property
     def length(self) -> np.ndarray:
         """Total length [m], shape [P]."""
-        total = self.leg[:, 0]
-        for k in range(1, self.leg.shape[1]):
-            total = total + self.leg[:, k]
+        total = self.segment_length[:, 0]
+        for k in range(1, self.segment_length.shape[1]):
+            total = total + self.segment_length[:, k]
         return total
+
+    def lengths_around(self, path: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the lengths of paths before and behind their interaction `step` [m], shape [Q] each."""
+        before, behind = np.zeros(len(path)), np.zeros(len(path))
+        for k in range(self.segment_length.shape[1]):
+            length = self.segment_length[path, k]
+            before += np.where(k <= step, length, 0.0)
+            behind += np.where(k > step, length, 0.0)
+        return before, behind
 
 
 def path_geometry(
-    tx: np.ndarray,
-    rx: np.ndarray,
-    interaction: np.ndarray,
-    vertex: np.ndarray,
-    normal: np.ndarray,
-    edge: np.ndarray,
+    tx: np.ndarray, rx: np.ndarray, interaction: np.ndarray, vertex: np.ndarray, normal: np.ndarray, edge: np.ndarray
 ) -> PathGeometry:
     """Return directions, lengths and polarisation bases of paths.
 
@@ -80,17 +84,17 @@ def path_geometry(
     """
     count, depth = interaction.shape
     order = (interaction != 0).sum(axis=1)
-    direction, leg = np.empty((count, depth + 1, 3)), np.zeros((count, depth + 1))
+    direction, segment_length = np.empty((count, depth + 1, 3)), np.zeros((count, depth + 1))
     before = tx
     for k in range(depth + 1):
-        is_last, is_leg = k == order, k <= order
+        is_last, is_segment = k == order, k <= order
         at = vertex[:, k] if k < depth else rx
         at = np.where(is_last[:, None], rx, at)
-        at = np.where(is_leg[:, None], at, before)
-        way = at - before
-        leg[:, k] = norm(way)
-        unit = way / np.where(leg[:, k] > 0.0, leg[:, k], 1.0)[:, None]
-        direction[:, k] = np.where(is_leg[:, None], unit, direction[:, k - 1] if k else unit)
+        at = np.where(is_segment[:, None], at, before)
+        span = at - before
+        segment_length[:, k] = norm(span)
+        unit = span / np.where(segment_length[:, k] > 0.0, segment_length[:, k], 1.0)[:, None]
+        direction[:, k] = np.where(is_segment[:, None], unit, direction[:, k - 1] if k else unit)
         before = at
     theta_t, phi_t = direction_angles(direction[:, 0])
     theta_r, phi_r = direction_angles(-direction[:, -1])
@@ -108,7 +112,7 @@ def path_geometry(
     return PathGeometry(
         interaction=interaction,
         direction=direction,
-        leg=leg,
+        segment_length=segment_length,
         cosine=cosine,
         incoming=incoming,
         turn=turn,
@@ -175,8 +179,8 @@ def plane_matrices(
     for code, coefficients in ((SPECULAR, reflection), (TRANSMISSION, transmission)):
         at = np.nonzero(kind == code)
         te, tm = coefficients(permittivity[at], geometry.cosine[at], thickness[at], carrier_hz)
-        left = np.sqrt(1.0 - scattering[at] ** 2) if code == SPECULAR else 1.0
-        matrices[(*at, 0, 0)], matrices[(*at, 1, 1)] = te * left, tm * left
+        specular_share = np.sqrt(1.0 - scattering[at] ** 2) if code == SPECULAR else 1.0
+        matrices[(*at, 0, 0)], matrices[(*at, 1, 1)] = te * specular_share, tm * specular_share
     return matrices
 
 
@@ -185,16 +189,17 @@ def polarimetric_transfer(
     matrices: np.ndarray,
     spreading: np.ndarray,
     carrier_hz: float,
-    weaken: Callable[[int, np.ndarray], np.ndarray] | None = None,
+    attenuate: Callable[[int, np.ndarray], np.ndarray] | None = None,
 ) -> np.ndarray:
     """Return the 2x2 transfer of every path: receive by transmit component in the (theta, phi) basis.
 
     Args:
         geometry: The paths.
-        matrices: What each interaction does, shape [P, D, 2, 2].
-        spreading: What the spreading of the wave leaves, 1 / length for image theory [1/m], shape [P].
+        matrices: Matrix of each interaction, shape [P, D, 2, 2].
+        spreading: Spreading factor, 1 / length for image theory [1/m], shape [P].
         carrier_hz: Carrier frequency [Hz].
-        weaken: What a field that comes to an interaction, [P, 2, 2], leaves of each column, [P, 2]; see
+        attenuate: Function of the number of an interaction and the field that arrives there, [P, 2, 2], that returns a
+            factor for each column, [P, 2]; see
             `mmw.physics.em.scattering.rough_columns`.
 
     Returns:
@@ -202,8 +207,8 @@ def polarimetric_transfer(
     """
     total = geometry.turn[:, 0].astype(np.complex128)
     for k in range(matrices.shape[1]):
-        if weaken is not None:
-            total = total * weaken(k, total)[:, None, :]
+        if attenuate is not None:
+            total = total * attenuate(k, total)[:, None, :]
         total = times(geometry.turn[:, k + 1], times(matrices[:, k], total))
     scale = SPEED_OF_LIGHT / carrier_hz / (4.0 * np.pi) * spreading
     return scale[:, None, None] * total
@@ -230,5 +235,5 @@ def combine(receive: np.ndarray, transfer: np.ndarray, transmit: np.ndarray) -> 
         F_r^T transfer F_t, shape [P, K, T], complex128.
     """
     theta, phi = transmit[:, :, 0], transmit[:, :, 1]
-    sent = [transfer[:, row, None, 0] * theta + transfer[:, row, None, 1] * phi for row in range(2)]
-    return receive[:, :, 0, None] * sent[0][:, None, :] + receive[:, :, 1, None] * sent[1][:, None, :]
+    transmitted = [transfer[:, row, None, 0] * theta + transfer[:, row, None, 1] * phi for row in range(2)]
+    return receive[:, :, 0, None] * transmitted[0][:, None, :] + receive[:, :, 1, None] * transmitted[1][:, None, :]

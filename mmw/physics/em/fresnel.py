@@ -1,4 +1,4 @@
-"""Reflection and transmission at a flat surface: half-space, slab or perfect conductor, in complex float64."""
+"""Compute reflection and transmission at a flat surface: half-space, slab or perfect conductor, in complex float64."""
 
 import numpy as np
 
@@ -26,8 +26,8 @@ def reflection(
 
     Source: ITU-R P.2040-4, equations 37a, 37b (half-space), 43 and 44 (slab).
     """
-    conductor, one_way, interfaces = _slab(permittivity, cosine, thickness, carrier_hz)
-    round_trip = one_way**2
+    conductor, single_trip, interfaces = _slab(permittivity, cosine, thickness, carrier_hz)
+    round_trip = single_trip**2
     te, tm = (r * (1.0 - round_trip) / _echoes(crossing, round_trip) for r, crossing in interfaces)
     return np.where(conductor, -1.0, te), np.where(conductor, 1.0, tm)
 
@@ -37,7 +37,7 @@ def transmission(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the transmission coefficients of a slab with air on both sides, for both polarisations.
 
-    The wave leaves in its old direction. The coefficient holds what the slab does to the phase, e^{-jq}; the length of
+    The wave goes on in its old direction. The coefficient holds the phase of the slab, e^{-jq}; the length of
     a straight ray through the slab is counted on top of it, as Sionna RT does.
 
     Args:
@@ -51,8 +51,8 @@ def transmission(
 
     Source: ITU-R P.2040-4, equations 43 and 44: T = (1 - r^2) e^{-jq} / (1 - r^2 e^{-2jq}).
     """
-    conductor, one_way, interfaces = _slab(permittivity, cosine, thickness, carrier_hz)
-    te, tm = (crossing * one_way / _echoes(crossing, one_way**2) for _, crossing in interfaces)
+    conductor, single_trip, interfaces = _slab(permittivity, cosine, thickness, carrier_hz)
+    te, tm = (crossing * single_trip / _echoes(crossing, single_trip**2) for _, crossing in interfaces)
     return np.where(conductor, 0.0, te), np.where(conductor, 0.0, tm)
 
 
@@ -69,13 +69,13 @@ def _slab(
     inner = np.where(inner.imag > 0.0, -inner, inner)  # the wave dies out inside, also without any loss
     exponent = -2j * np.pi * thickness * carrier_hz / SPEED_OF_LIGHT * inner
     through = (thickness > 0.0) & ~(exponent.real < -OPAQUE_NEPER)
-    one_way = np.where(through, np.exp(np.where(through, exponent, 0.0)), 0.0)
+    single_trip = np.where(through, np.exp(np.where(through, exponent, 0.0)), 0.0)
     interfaces = []
     for outside in (cosine, eta * cosine):
         total = outside + inner
         total = np.where(total == 0.0, 1.0, total)  # vacuum at grazing incidence: r = 0 / 0, and nothing reflects
         interfaces.append(((outside - inner) / total, 4.0 * outside * inner / total**2))
-    return conductor, one_way, interfaces
+    return conductor, single_trip, interfaces
 
 
 def _echoes(crossing: np.ndarray, round_trip: np.ndarray) -> np.ndarray:

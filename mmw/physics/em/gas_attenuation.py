@@ -1,4 +1,4 @@
-"""Attenuation by oxygen and water vapor, line by line: Recommendation ITU-R P.676-13, Annex 1.
+"""Compute attenuation by oxygen and water vapor, line by line: Recommendation ITU-R P.676-13, Annex 1.
 
 Source: ITU-R P.676-13, Annex 1, equations 1 to 9; tables 1 and 2 (editions 12 and 13 have the same lines).
 """

@@ -2,6 +2,3 @@
 
 SPECULAR, DIFFUSE, TRANSMISSION, DIFFRACTION = 1, 2, 4, 8
 """Types of interaction; the numbers are those of Sionna RT. 0 fills the rows behind the last interaction."""
-
-INTERACTIONS = {SPECULAR: "specular", DIFFUSE: "diffuse", TRANSMISSION: "transmission", DIFFRACTION: "diffraction"}
-"""Name of each interaction."""

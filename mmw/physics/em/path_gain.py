@@ -1,4 +1,4 @@
-"""Transfer and coefficient of every path, for one weather and all carriers: what materials make of the geometry."""
+"""Compute the transfer of every path for one weather and all carriers, from its geometry and the materials on it."""
 
 from dataclasses import dataclass
 
@@ -25,20 +25,9 @@ class Interactions:
     """The diffuse reflections among them."""
 
 
-def spreading_factor(geometry: PathGeometry, met: Interactions) -> np.ndarray:
-    """Return what the spreading of the wave leaves of each path [1/m], shape [P].
-
-    1 / length by image theory; behind a wedge and behind a rough patch, what those say.
-    """
-    factor = 1.0 / geometry.length
-    factor[met.wedges.path] = wedge_spreading(geometry, met.wedges)
-    factor[met.rough.path] = rough_spreading(geometry, met.rough)
-    return factor
-
-
 def path_transfer(
     geometry: PathGeometry,
-    met: Interactions,
+    interactions: Interactions,
     materials: tuple[Material, ...],
     carriers_hz: tuple[float, ...],
     model: DiffractionModel = "utd",
@@ -47,7 +36,7 @@ def path_transfer(
 
     Args:
         geometry: The paths.
-        met: Their interactions.
+        interactions: Their interactions.
         materials: Materials of the weather by id.
         carriers_hz: Carrier frequencies [Hz].
         model: How wedges diffract.
@@ -58,28 +47,32 @@ def path_transfer(
     Raises:
         InputError: If a material on a path has no permittivity at a carrier.
     """
-    used = np.unique(np.concatenate([met.material_id[met.material_id >= 0], met.wedge_material.ravel()]))
+    used = np.unique(
+        np.concatenate([interactions.material_id[interactions.material_id >= 0], interactions.wedge_material.ravel()])
+    )
     permittivity = permittivity_table(materials, carriers_hz, used)
     thickness, scattering = (
         np.array([getattr(material.radio, name) for material in materials] or [0.0])
         for name in ("thickness", "scattering")
     )
-    row = np.where(met.material_id >= 0, met.material_id, 0)
-    spreading = spreading_factor(geometry, met)
+    row = np.where(interactions.material_id >= 0, interactions.material_id, 0)
+    spreading = 1.0 / geometry.length
+    spreading[interactions.wedges.path] = wedge_spreading(geometry, interactions.wedges)
+    spreading[interactions.rough.path] = rough_spreading(geometry, interactions.rough)
     out = np.zeros((len(spreading), len(carriers_hz), 2, 2), dtype=np.complex128)
-    pattern = rough_matrices(geometry, met.rough, materials, met.material_id)
+    pattern = rough_matrices(geometry, interactions.rough, materials, interactions.material_id)
     for column, carrier in enumerate(carriers_hz):
         eta = permittivity[:, column] if len(materials) else np.ones(1, dtype=np.complex128)
         matrices = plane_matrices(geometry, eta[row], thickness[row], scattering[row], carrier)
-        if len(met.wedges.path):
-            faces = met.wedge_material
-            matrices[met.wedges.path, met.wedges.step] = wedge_matrices(
-                geometry, met.wedges, eta[faces], thickness[faces], scattering[faces], carrier, model
+        if len(interactions.wedges.path):
+            faces = interactions.wedge_material
+            matrices[interactions.wedges.path, interactions.wedges.step] = wedge_matrices(
+                geometry, interactions.wedges, eta[faces], thickness[faces], scattering[faces], carrier, model
             )
         scale = None
-        if len(met.rough.path):
-            matrices[met.rough.path, met.rough.step] = pattern
-            own = met.material_id[met.rough.path, met.rough.step]
-            scale = rough_columns(geometry, met.rough, eta[own], thickness[own], carrier)
+        if len(interactions.rough.path):
+            matrices[interactions.rough.path, interactions.rough.step] = pattern
+            own = interactions.material_id[interactions.rough.path, interactions.rough.step]
+            scale = rough_columns(geometry, interactions.rough, eta[own], thickness[own], carrier)
         out[:, column] = polarimetric_transfer(geometry, matrices, spreading, carrier, scale)
     return out

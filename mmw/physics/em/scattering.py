@@ -1,4 +1,4 @@
-"""Diffuse scattering at rough surfaces: the effective-roughness model, one patch a ray.
+"""Compute diffuse scattering at rough surfaces: the effective-roughness model, one patch a ray.
 
 Source: V. Degli-Esposti, F. Fuschini, E. M. Vitucci and G. Falciasecca, "Measurement and modeling of scattering from
 buildings", IEEE Trans. AP 55(1), 2007; the solid angle of a ray tube as in Sionna RT 2.2.
@@ -75,20 +75,16 @@ def lobe_integral(exponent: int, cosine: np.ndarray) -> np.ndarray:
 
 
 def rough_spreading(geometry: PathGeometry, hits: ScatteringPoints) -> np.ndarray:
-    """Return what the spreading leaves of each diffuse path [1/m], shape [B].
+    """Return the spreading factor of each diffuse path [1/m], shape [B].
 
-    A patch dA that a wave reaches at theta_i and leaves at theta_s takes dA cos theta_i of it. Seen from the
+    A patch dA that a wave reaches at theta_i and leaves at theta_s intercepts dA cos theta_i of it. Seen from the
     transmitter, whose ray has the solid angle dW = dA cos theta_i / d_t^2, that is sqrt(dW) / d_r; seen from the
     receiver, whose ray has dW = dA cos theta_s / d_r^2, it is sqrt(dW cos theta_i / cos theta_s) / d_t; d_t and d_r are
     the lengths of the path before and behind the patch.
 
     Source: Degli-Esposti et al. 2007, equation 2.
     """
-    before, behind = np.zeros(len(hits.path)), np.zeros(len(hits.path))
-    for k in range(geometry.leg.shape[1]):
-        leg = geometry.leg[hits.path, k]
-        before += np.where(k <= hits.step, leg, 0.0)
-        behind += np.where(k > hits.step, leg, 0.0)
+    before, behind = geometry.lengths_around(hits.path, hits.step)
     cosine_in = np.abs(dot(geometry.direction[hits.path, hits.step], hits.normal))
     cosine_out = np.maximum(np.abs(dot(geometry.direction[hits.path, hits.step + 1], hits.normal)), 1e-12)
     turned = np.sqrt(cosine_in / cosine_out) / before
@@ -149,8 +145,8 @@ def rough_columns(
             for axis in (te_axis, tm_axis)
         )
         power = np.abs(along_te) ** 2 + np.abs(along_tm) ** 2
-        left = np.abs(te[at, None] * along_te) ** 2 + np.abs(tm[at, None] * along_tm) ** 2
-        out[hits.path[at]] = np.sqrt(left / np.where(power > 0.0, power, 1.0))
+        specular_share = np.abs(te[at, None] * along_te) ** 2 + np.abs(tm[at, None] * along_tm) ** 2
+        out[hits.path[at]] = np.sqrt(specular_share / np.where(power > 0.0, power, 1.0))
         return out
 
     return factor

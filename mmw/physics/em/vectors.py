@@ -1,4 +1,4 @@
-"""Float64 vector algebra on rows, written out by component so that a row's bits never depend on its neighbors."""
+"""Do float64 vector algebra on rows, written out by component so that a row's bits never depend on its neighbors."""
 
 import numpy as np
 
@@ -32,6 +32,11 @@ def direction_angles(direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     theta = np.arctan2(across, direction[..., 2])
     phi = np.where(across < 1e-9, 0.0, np.arctan2(direction[..., 1], direction[..., 0]))
     return theta, phi
+
+
+def unit_vector(theta: np.ndarray, phi: np.ndarray) -> np.ndarray:
+    """Return the directions of zenith and azimuth angles [rad], shape [...] -> [..., 3]."""
+    return np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=-1)
 
 
 def spherical_basis(theta: np.ndarray, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

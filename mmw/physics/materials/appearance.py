@@ -1,4 +1,4 @@
-"""Appearance of a surface: the numbers and textures of one material for the RGB camera. Linear colors, 0 to 1."""
+"""Describe the appearance of a material for the RGB camera by numbers and textures. Linear colors, 0 to 1."""
 
 from dataclasses import dataclass, field
 from typing import Literal
@@ -34,7 +34,7 @@ class TextureUse:
 
 
 @dataclass(frozen=True)
-class Look:
+class Appearance:
     """One material to the RGB camera: the inputs of UsdPreviewSurface that are drawn, and what mmw adds."""
 
     color: tuple[float, float, float] = (0.5, 0.5, 0.5)
@@ -74,8 +74,8 @@ class Look:
         return tuple(use for use in uses if use is not None)
 
 
-GREY = Look()
-"""Look of a material without one of its own."""
+GREY = Appearance()
+"""Appearance of a material without one of its own."""
 
 EMISSION_CD_M2 = 1000.0
 """Luminance of an emission of 1 [cd/m2]: UsdPreviewSurface gives emission without a unit; design value, a bright

@@ -7,7 +7,7 @@ from numbers import Integral, Real
 from typing import Any, Literal, get_args
 
 from mmw.core.errors import InputError
-from mmw.physics.materials.appearance import GREY, Look
+from mmw.physics.materials.appearance import GREY, Appearance
 
 ScatteringPattern = Literal["lambertian", "directive", "backscattering"]
 
@@ -65,7 +65,7 @@ class RadioMaterial:
 def wrong_radio_value(values: Mapping[str, Any]) -> tuple[str, str] | None:
     """Return the first field of a `RadioMaterial` that has a wrong value and what it needs, None if all are right.
 
-    Readers of files ask before they make the material, to name the place and the key.
+    Readers of files call it before they make the material, to name the place and the key.
 
     Args:
         values: Value of every field.
@@ -115,7 +115,7 @@ class Material:
     """SimReady coating token: none, paint, clearcoat or paint_clearcoat."""
     is_retroreflective: bool = False
     """True if the surface is retroreflective."""
-    look: Look = GREY
+    appearance: Appearance = GREY
     """Appearance to the RGB camera."""
 
     def __post_init__(self) -> None:
@@ -197,12 +197,12 @@ def wet_reflectance(material: Material, wetness: float, wavelength_nm: int) -> f
     """Return the diffuse reflectance of a material when it is wet, 0 to 1 [-].
 
     A soaked porous surface loses light that the film of water reflects back into it: rho_wet = rho / (n^2 (1 - rho) +
-    rho), and what the film absorbs on both ways. The share `wetness` of the surface is soaked, the rest is dry. Paint
-    and coatings close the pores and retroreflectors work behind a cover, so both stay as they are, as does everything
-    that is not in `POROUS_BASES`.
+    rho), and what the film absorbs in both directions. The share `wetness` of the surface is soaked, the rest is dry.
+    Paint and coatings close the pores and retroreflectors work behind a cover, so both stay as they are, as does
+    everything that is not in `POROUS_BASES`.
 
     The dry reflectance is that of 905 nm at 1550 nm too: most dry minerals and paints differ by less between the two
-    than within their class. Leaves, which hold water, are darker there; that is left out.
+    than within their class. Leaves, which hold water, are darker there; that is neglected.
 
     Args:
         material: The dry material.

@@ -1,11 +1,11 @@
-"""Permittivity of surfaces: the table of Recommendation ITU-R P.2040-4, the paper's grounds at 28 GHz, soils and water
-of ITU-R P.527-6, human skin, the perfect conductor, and constants.
+"""Compute the permittivity of surfaces: the table of Recommendation ITU-R P.2040-4, the paper's grounds at 28 GHz,
+soils and water of ITU-R P.527-6, human skin, the perfect conductor, and constants.
 
 A row of P.2040 is `eps_r = a f^b`, `sigma = c f^d` with f in GHz and sigma in S/m, inside its own frequency range.
 Outside all ranges of a name there is no value: nothing is extrapolated.
 
 Source: ITU-R P.2040-4, section 3, table 3; for the grounds from 26.5 to 29.5 GHz the constants of the
-Multimodal-Wireless paper, which takes them from ITU-R P.527-5; for soils and water `mmw.physics.materials.soil`.
+Multimodal-Wireless paper, with those of ITU-R P.527-5; for soils and water `mmw.physics.materials.soil`.
 """
 
 import math
@@ -17,10 +17,8 @@ import numpy as np
 
 from mmw.core.constants import VACUUM_PERMITTIVITY
 from mmw.core.errors import InputError
+from mmw.physics.materials import skin
 from mmw.physics.materials.material import Material, RadioMaterial
-from mmw.physics.materials.skin import MAX_GHZ as TISSUE_MAX_GHZ
-from mmw.physics.materials.skin import MIN_GHZ as TISSUE_MIN_GHZ
-from mmw.physics.materials.skin import tissue_permittivity
 from mmw.physics.materials.soil import MAX_GHZ, MIN_GHZ, Soil, soil_permittivity, water_permittivity
 
 P2040 = "ITU-R P.2040-4, table 3"
@@ -32,39 +30,13 @@ PREFIX = "itu_"
 
 @dataclass(frozen=True)
 class PermittivityRow:
-    """One line of the table: a power law in one frequency range."""
+    """One line of the table: the permittivity in one frequency range."""
 
     min_ghz: float
     max_ghz: float
-    a: float
-    """Real relative permittivity at 1 GHz [-]."""
-    b: float
-    """Exponent of the permittivity [-]."""
-    c: float
-    """Conductivity at 1 GHz [S/m]."""
-    d: float
-    """Exponent of the conductivity [-]."""
-    source: str = P2040
-
-    def at(self, carrier_hz: float) -> complex:
-        """Return the complex relative permittivity at a frequency [Hz]."""
-        ghz = carrier_hz / 1e9
-        return complex_permittivity(self.a * ghz**self.b, self.c * ghz**self.d, carrier_hz)
-
-
-@dataclass(frozen=True)
-class ModelRow:
-    """One line of the table: a model of its own in one frequency range."""
-
-    min_ghz: float
-    max_ghz: float
-    model: Callable[[float], complex]
+    at: Callable[[float], complex]
     """Frequency [Hz] -> complex relative permittivity."""
-    source: str
-
-    def at(self, carrier_hz: float) -> complex:
-        """Return the complex relative permittivity at a frequency [Hz]."""
-        return self.model(carrier_hz)
+    source: str = P2040
 
 
 def complex_permittivity(eps_r: float, sigma: float, carrier_hz: float) -> complex:
@@ -75,15 +47,24 @@ def complex_permittivity(eps_r: float, sigma: float, carrier_hz: float) -> compl
     return complex(eps_r, -sigma / (2.0 * math.pi * carrier_hz * VACUUM_PERMITTIVITY))
 
 
+def power_law(carrier_hz: float, a: float, b: float, c: float, d: float) -> complex:
+    """Return the complex relative permittivity of eps_r = a f^b and sigma = c f^d, f in GHz and sigma in S/m.
+
+    Source: ITU-R P.2040-4, equations 28 and 29.
+    """
+    ghz = carrier_hz / 1e9
+    return complex_permittivity(a * ghz**b, c * ghz**d, carrier_hz)
+
+
 def _rows(*lines: tuple[float, float, float, float, float, float]) -> tuple[PermittivityRow, ...]:
-    return tuple(PermittivityRow(*line) for line in lines)
+    return tuple(PermittivityRow(low, high, partial(power_law, a=a, b=b, c=c, d=d)) for low, high, a, b, c, d in lines)
 
 
 def _paper_ground(eps_r: float, sigma: float) -> PermittivityRow:
-    return PermittivityRow(26.5, 29.5, eps_r, 0.0, sigma, 0.0, P527)
+    return PermittivityRow(26.5, 29.5, partial(power_law, a=eps_r, b=0.0, c=sigma, d=0.0), P527)
 
 
-def _soils() -> dict[str, tuple[ModelRow, ...]]:
+def _soils() -> dict[str, tuple[PermittivityRow, ...]]:
     """Return the four example soils of P.527 at 23 C, dry (0.07 of the volume is water) and wet (0.5)."""
     textures = {
         # name: sand [%], clay [%], specific gravity, bulk density [g/cm3], where the model of the dry soil starts [GHz]
@@ -96,13 +77,15 @@ def _soils() -> dict[str, tuple[ModelRow, ...]]:
     for state, moisture in (("dry", 0.07), ("wet", 0.5)):
         for name, (sand, clay, gravity, density, dry_from) in textures.items():
             model = partial(soil_permittivity, soil=Soil(sand, clay, moisture, 23.0, gravity, density))
-            rows[f"{state}_{name}"] = (ModelRow(dry_from if state == "dry" else MIN_GHZ, MAX_GHZ, model, P527_MODEL),)
+            rows[f"{state}_{name}"] = (
+                PermittivityRow(dry_from if state == "dry" else MIN_GHZ, MAX_GHZ, model, P527_MODEL),
+            )
     return rows
 
 
-def _water(temperature_c: float, salinity_g_kg: float) -> tuple[ModelRow, ...]:
+def _water(temperature_c: float, salinity_g_kg: float) -> tuple[PermittivityRow, ...]:
     model = partial(water_permittivity, temperature_c=temperature_c, salinity_g_kg=salinity_g_kg)
-    return (ModelRow(MIN_GHZ, MAX_GHZ, model, P527_MODEL),)
+    return (PermittivityRow(MIN_GHZ, MAX_GHZ, model, P527_MODEL),)
 
 
 def _conductor(carrier_hz: float) -> complex:
@@ -111,7 +94,7 @@ def _conductor(carrier_hz: float) -> complex:
 
 VERY_DRY_28, MEDIUM_DRY_28, WET_28 = _paper_ground(2.5, 0.03), _paper_ground(3.0, 0.4), _paper_ground(3.0, 2.5)
 
-PERMITTIVITY: dict[str, tuple[PermittivityRow | ModelRow, ...]] = {
+PERMITTIVITY: dict[str, tuple[PermittivityRow, ...]] = {
     # name: (GHz from, GHz to, a, b, c, d), ...
     "vacuum": _rows((0.001, 100, 1, 0, 0, 0)),
     "concrete": _rows((1, 100, 5.24, 0, 0.0462, 0.7822), (110, 330, 5.17, 0, 0.0145, 1.09)),
@@ -156,23 +139,23 @@ PERMITTIVITY: dict[str, tuple[PermittivityRow | ModelRow, ...]] = {
     **_soils(),
     "fresh_water": _water(20.0, 0.0),
     "sea_water": _water(20.0, 35.0),  # 35 g/kg of salt, the open sea
-    "skin": (ModelRow(TISSUE_MIN_GHZ, TISSUE_MAX_GHZ, tissue_permittivity, "Gabriel et al. 1996, dry skin"),),
-    "pec": (ModelRow(0.0, math.inf, _conductor, "perfect electric conductor, no Recommendation"),),
+    "skin": (PermittivityRow(skin.MIN_GHZ, skin.MAX_GHZ, skin.skin_permittivity, "Gabriel et al. 1996, dry skin"),),
+    "pec": (PermittivityRow(0.0, math.inf, _conductor, "perfect electric conductor, no Recommendation"),),
 }
 """Rows by name; where ranges overlap the first row that holds the frequency counts. `pec` reflects everything at every
-frequency: its permittivity is infinite, which `mmw.physics.em.fresnel` knows."""
+frequency: its permittivity is infinite, which `mmw.physics.em.fresnel` supports."""
 
 RADIO_ROWS = tuple(PREFIX + name for name in PERMITTIVITY)
 """Names of all rows as materials give them."""
 
 
-def permittivity_row(name: str, carrier_hz: float, used_by: str = "") -> PermittivityRow | ModelRow:
+def permittivity_row(name: str, carrier_hz: float, used_by: str = "") -> PermittivityRow:
     """Return the row of a named material that holds a carrier frequency.
 
     Args:
         name: Table name, with or without the prefix `itu_`.
         carrier_hz: Carrier frequency [Hz]; both ends of a range belong to it.
-        used_by: Name of the material that asks, for the error message.
+        used_by: Name of the material, for the error message.
 
     Raises:
         InputError: If the table has no such name, or the name has no row at this frequency.

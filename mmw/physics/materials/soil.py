@@ -1,4 +1,4 @@
-"""Permittivity of soil and water by Recommendation ITU-R P.527: texture, moisture and temperature to a number.
+"""Compute the permittivity of soil and water by Recommendation ITU-R P.527.
 
 Source: ITU-R P.527-6, sections 5.1.1 (pure water), 5.1.2 (sea water) and 5.2 (soil). The soil equations are the mixing
 model of Dobson et al. 1985 with a double-Debye water.
@@ -115,7 +115,7 @@ def soil_permittivity(carrier_hz: float, soil: Soil) -> complex:
         raise InputError(
             f"soil: {sand:g} % sand, {clay:g} % clay, moisture {moisture:g} has no value at {ghz:g} GHz: the water's "
             f"permittivity would be {real:.3g} - j {loss:.3g} (ITU-R P.527-6, equations 65 and 66); both parts must be "
-            "positive; take a moister soil, a higher frequency, or the model `constant`"
+            "positive; use a moister soil, a higher frequency, or the model `constant`"
         )
     alpha = 0.65
     beta_real = 1.2748 - 0.00519 * sand - 0.00152 * clay

@@ -1,7 +1,7 @@
-"""CARLA's weather parameters and presets, and what they mean as physical values.
+"""Map CARLA's weather parameters and presets to physical values.
 
 CARLA publishes no formula from its parameters to physical quantities: they steer the look of its RGB camera and nothing
-else. The mapping here is our convention (design); where it rests on something, its docstring says on what.
+else. The mapping here is our convention (design); docstrings name what it rests on.
 """
 
 import math
@@ -109,7 +109,7 @@ def fog_visibility(fog_density: float) -> float:
 
 
 def dust_visibility(dust_storm: float) -> float:
-    """Return the meteorological optical range [m] that dust alone leaves: 500 m x 100 / dust_storm; inf without dust.
+    """Return the meteorological optical range [m] in dust alone: 500 m x 100 / dust_storm; inf without dust.
 
     Design: extinction grows as the amount of dust. A dust storm is dust that lowers the visibility below 1 km, a strong
     one below 500 m. Source of these limits: WMO International Cloud Atlas; China's GB/T 20480-2017.
@@ -131,10 +131,10 @@ def from_carla(parameters: Mapping[str, float], base: Weather) -> Weather:
     """Return a weather with the physical values of CARLA's parameters.
 
     The sun's azimuth counts clockwise from north. CARLA calls its zero "an arbitrary North", and its compass has north
-    at -y, which is our +y. Dust is dry: it lowers the visibility and leaves the liquid water as it was.
+    at -y, which is our +y. Dust is dry: it lowers the visibility and not the liquid water.
 
     Args:
-        parameters: Names of `RANGES` -> value; what is -1 or left out stays as it is in `base`.
+        parameters: Names of `RANGES` -> value; others, and those that are -1, are those of `base`.
         base: What gives everything else: air, fog type, wind direction.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Weather in the optical range: extinction and backscatter of rain and fog in the visible and at LiDAR wavelengths.
+"""Compute extinction and backscatter of rain and fog in the visible and at LiDAR wavelengths.
 
 Rain is Marshall and Palmer's drop-size distribution N(D) = N0 exp(-slope D), fog the modified gamma distributions of
 `mmw.physics.weather.weather.FogType`. One distribution serves every sensor: here its optics, in
@@ -87,7 +87,7 @@ def extinction(weather: Weather, wavelength_nm: int) -> float:
 
 
 def rain_visibility(rain_mm_h: float) -> float:
-    """Return the meteorological optical range that the drops of rain alone leave [m]; inf without rain.
+    """Return the meteorological optical range in the drops of rain alone [m]; inf without rain.
 
     Source: Koschmieder's law over `rain_extinction` at 550 nm; 1.08 km at 25 mm/h.
     """
@@ -95,7 +95,7 @@ def rain_visibility(rain_mm_h: float) -> float:
 
 
 def visibility(weather: Weather) -> float:
-    """Return the meteorological optical range in a weather [m]: what its fog or haze and its rain leave together.
+    """Return the meteorological optical range in a weather [m]: in its fog or haze and its rain together.
 
     Source: Koschmieder's law over `extinction` at 550 nm.
     """

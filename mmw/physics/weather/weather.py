@@ -1,4 +1,4 @@
-"""The weather as physical values: what falls, what floats and what the air is. Every sensor derives its own from it."""
+"""Describe the weather by physical values, from which every sensor derives its own."""
 
 import math
 from collections.abc import Collection, Sequence
@@ -58,7 +58,7 @@ class Weather:
     rain_mm_h: float = 0.0
     """Rain rate [mm/h]."""
     visibility_m: float = 20_000.0
-    """Meteorological optical range (5 % contrast) that fog or haze leaves, without what the rain takes [m]."""
+    """Meteorological optical range (5 % contrast) in fog or haze, without rain [m]."""
     fog_type: FogType = "moderate_advection"
     """Drop-size distribution of the fog; it decides how much water a visibility means."""
     lwc_g_m3: float | None = None
@@ -96,7 +96,7 @@ class Weather:
     """CARLA's blue of the sky [-], with its default; for pictures only."""
 
     variant: str | None = None
-    """Variant of the stage's materials; None leaves the choice to `variants`."""
+    """Variant of the stage's materials; None selects it by `variants`."""
 
     def __post_init__(self) -> None:
         for name, (low, high) in LIMITS.items():

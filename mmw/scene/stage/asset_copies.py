@@ -1,4 +1,4 @@
-"""Copies of the USD files that a stage needs, beside it: a dataset can then be moved, archived and opened anywhere."""
+"""Copy the USD files that a stage needs beside it, so that a dataset can be moved, archived and opened anywhere."""
 
 import os
 from collections.abc import Iterable
@@ -8,7 +8,7 @@ from pxr import UsdUtils
 
 from mmw.core.errors import InputError
 from mmw.core.resources import assets_dir
-from mmw.core.temp_files import temporary_path
+from mmw.storage.atomic_files import write_bytes_atomically
 from mmw.usd.atomic_layers import reload_layer
 
 
@@ -21,7 +21,7 @@ def collect_assets(sources: Iterable[Path], folder: Path) -> dict[Path, Path]:
 
     Args:
         sources: Interface layers.
-        folder: Where the copies go; equal files that are there already are left alone.
+        folder: Where the copies go; equal files that exist are not written.
 
     Returns:
         Source -> its copy, or the source itself where it cannot be moved.
@@ -68,11 +68,5 @@ def _copy(source: Path, target: Path) -> None:
     data = source.read_bytes()
     if target.is_file() and target.read_bytes() == data:
         return
-    target.parent.mkdir(parents=True, exist_ok=True)
-    temporary = temporary_path(target)
-    try:
-        temporary.write_bytes(data)
-        temporary.replace(target)
-    finally:
-        temporary.unlink(missing_ok=True)
+    write_bytes_atomically(target, data)
     reload_layer(target)

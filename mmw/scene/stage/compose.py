@@ -23,7 +23,7 @@ from mmw.core.errors import InputError
 from mmw.scene.stage.asset_copies import collect_assets
 from mmw.scene.stage.layer import animate, define, new_layer, place
 from mmw.scene.stage.sensor_prims import write_sensors
-from mmw.traffic import VehicleTrack
+from mmw.traffic.demand import VehicleTrack
 from mmw.usd.atomic_layers import save_layer
 from mmw.usd.prim_specs import set_label, set_value
 from mmw.usd.vehicle_catalog import ActorModel

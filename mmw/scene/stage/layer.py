@@ -1,4 +1,4 @@
-"""The layer of a scenario: its metadata, prims with names of their own, and what moves."""
+"""Write the layer of a scenario: its metadata, prims and animation."""
 
 from collections.abc import Mapping
 from typing import Any

@@ -1,4 +1,4 @@
-"""Roadside units of the configuration on a user's own stage: a small layer over it, the stage itself is not touched."""
+"""Add roadside units of the configuration to a user's own stage, by a small layer over it."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The sensors of an agent as prims, so that a USD viewer can look through its cameras and see where everything sits."""
+"""Write the sensors of an agent as prims, so that a USD viewer can look through its cameras."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -64,7 +64,7 @@ def prim_name(name: str) -> str:
 
 
 def _lens(prim: Sdf.PrimSpec, projection: Camera) -> None:
-    """Write the camera as a pinhole: a USD camera has no distortion, so that of a lens is left out."""
+    """Write the camera as a pinhole: a USD camera has no distortion."""
     camera = projection.intrinsics
     kind = Sdf.ValueTypeNames
     set_value(prim, "focalLength", kind.Float, APERTURE_MM * camera.fx / camera.width)

@@ -12,7 +12,7 @@ BOX_2D_BYTES = 20.0
 """Size of one row of `boxes_2d`, measured on town03 [bytes]."""
 
 KERNELS = {"camera.visibility": 7, "camera.instance_culling": 1, "camera.depth": 1, "camera.boxes_2d": 0}
-"""Modules of `mmw.kernels` that every camera needs, and the seconds that a CPU takes to compile each."""
+"""Modules of `mmw.kernels` that every camera needs, and the seconds that a CPU needs to compile each."""
 
 
 def camera_estimate(

@@ -1,4 +1,4 @@
-"""Grouping of cameras into launches: all RGB cameras of equal settings, and the depth cameras that see the same."""
+"""Group cameras into launches: all RGB cameras of equal settings, and the depth cameras of the same views."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -9,9 +9,9 @@ import warp as wp
 from mmw.core.camera_models import Intrinsics
 from mmw.core.transfer import numpy_type, to_host
 from mmw.scene.scene_data import SceneData
-from mmw.scene.views import Views, join_views, make_views
-from mmw.sensors.depth import simulate as depth
+from mmw.scene.views import Views, join_views, sample_views
 from mmw.sensors.depth.config import DepthCamera
+from mmw.sensors.lidar.scan_pattern import pinhole
 from mmw.sensors.render import projection as lens
 from mmw.sensors.rgb.config import RgbCamera
 
@@ -20,11 +20,11 @@ OWN_KEYS = {"name", "on", "mount"}
 
 MAX_PIXELS = 32_000_000
 """Pixels of a launch at most: 104 images of 640 x 480, which keep a large GPU busy. Twice as many are no faster and
-take twice the memory (`bench/README.md`)."""
+need twice the memory (`bench/README.md`)."""
 
 BYTES_PER_PIXEL = 1_600
-"""Device memory for each pixel of a launch [bytes]: eight times what its samples, light and colors take, so that there
-is room for the scene and everything else. Design value."""
+"""Device memory for each pixel of a launch [bytes]: eight times the size of its samples, light and colors, so that
+there is room for the scene and everything else. Design value."""
 
 MAX_PIXELS_CPU = 2_000_000
 """The same on a CPU: six images. Design value."""
@@ -47,7 +47,7 @@ class Launch:
 
     views: Views
     intrinsics: Intrinsics
-    shots: tuple[LaunchCamera, ...]
+    cameras: tuple[LaunchCamera, ...]
 
     @property
     def pixels(self) -> int:
@@ -57,43 +57,38 @@ class Launch:
     @property
     def name(self) -> str:
         """Names of its cameras."""
-        return ", ".join(shot.sensor.name for shot in self.shots)
+        return ", ".join(camera.sensor.name for camera in self.cameras)
 
     @property
     def range_m(self) -> float:
         """Longest depth of any of its cameras [m]."""
-        return max(shot.sensor.range_m for shot in self.shots)
+        return max(camera.sensor.range_m for camera in self.cameras)
 
     @property
     def rgb(self) -> tuple[LaunchCamera, ...]:
         """Its RGB cameras, which have equal settings."""
-        return tuple(shot for shot in self.shots if isinstance(shot.sensor, RgbCamera))
+        return tuple(camera for camera in self.cameras if isinstance(camera.sensor, RgbCamera))
 
     @property
     def depth(self) -> tuple[LaunchCamera, ...]:
         """Its depth cameras."""
-        return tuple(shot for shot in self.shots if isinstance(shot.sensor, DepthCamera))
+        return tuple(camera for camera in self.cameras if isinstance(camera.sensor, DepthCamera))
 
-    def pieces(self, most_pixels: int) -> Iterator["Launch"]:
+    def pieces(self, max_pixels: int) -> Iterator["Launch"]:
         """Yield the launch in pieces of at most so many pixels, or of one view; one piece where there is no view."""
-        step = max(most_pixels // (self.intrinsics.width * self.intrinsics.height), 1)
+        step = max(max_pixels // (self.intrinsics.width * self.intrinsics.height), 1)
         for begin in range(0, max(len(self.views), 1), step):
             end = begin + step
-            shots = tuple(
-                LaunchCamera(shot.sensor, shot.rows[(shot.rows >= begin) & (shot.rows < end)] - begin)
-                for shot in self.shots
+            own = tuple(
+                LaunchCamera(camera.sensor, camera.rows[(camera.rows >= begin) & (camera.rows < end)] - begin)
+                for camera in self.cameras
             )
-            yield Launch(self.views.take(slice(begin, end)), self.intrinsics, shots)
+            yield Launch(self.views.take(slice(begin, end)), self.intrinsics, own)
 
 
-def images_of(images: wp.array, shot: LaunchCamera) -> np.ndarray:
-    """Return one camera's images of those of a launch, on the host.
-
-    Args:
-        images: Images of the launch, shape [A, H, W, ...], on any device.
-        shot: The camera.
-    """
-    rows = shot.rows
+def images_of(images: wp.array, camera: LaunchCamera) -> np.ndarray:
+    """Return one camera's images of those of a launch, on the host."""
+    rows = camera.rows
     if not len(rows):
         kind, element = numpy_type(images)
         return np.empty((0, *images.shape[1:], *element), dtype=kind)
@@ -102,7 +97,7 @@ def images_of(images: wp.array, shot: LaunchCamera) -> np.ndarray:
     return found if np.array_equal(rows, np.arange(begin, end)) else found[rows - begin]
 
 
-def most_pixels(device: str) -> int:
+def max_pixels(device: str) -> int:
     """Return the pixels of a launch that a device has memory for."""
     found = wp.get_device(device)
     return min(MAX_PIXELS, found.total_memory // BYTES_PER_PIXEL) if found.is_cuda else MAX_PIXELS_CPU
@@ -113,24 +108,19 @@ def make_launches(arrays: SceneData, cameras: Sequence[Camera], frames: Sequence
 
     RGB cameras of equal settings share one; a depth camera joins the first launch of the same intrinsics that has all
     its views, and has its own where there is none. How cameras are grouped changes no pixel.
-
-    Args:
-        arrays: The scene on the host.
-        cameras: RGB and depth cameras.
-        frames: Frames of the batch.
     """
     launches: list[Launch] = []
     for group in _groups([camera for camera in cameras if isinstance(camera, RgbCamera)]):
-        parts = [_views(arrays, camera, frames) for camera in group]
+        parts = [sample_views(arrays, frames, camera) for camera in group]
         ends = np.cumsum([len(part) for part in parts])
-        shots = tuple(
+        own = tuple(
             LaunchCamera(camera, np.arange(end - len(part), end))
             for camera, part, end in zip(group, parts, ends, strict=True)
         )
-        launches.append(Launch(join_views(parts), lens.intrinsics_of(group[0]), shots))
+        launches.append(Launch(join_views(parts), lens.intrinsics_of(group[0]), own))
     for camera in cameras:
         if isinstance(camera, DepthCamera):
-            _join(launches, camera, make_views(arrays, frames, camera))
+            _join(launches, camera, sample_views(arrays, frames, camera))
     return [_sorted(launch) for launch in launches]
 
 
@@ -142,35 +132,32 @@ def _groups(cameras: Sequence[RgbCamera]) -> list[list[RgbCamera]]:
     return list(groups.values())
 
 
-def _views(arrays: SceneData, camera: RgbCamera, frames: Sequence[int]) -> Views:
-    views = make_views(arrays, frames, camera)
-    return views.take(views.frame % camera.every_frames == 0)
-
-
 def _join(launches: list[Launch], camera: DepthCamera, views: Views) -> None:
     """Add a depth camera to the launch that sees what it sees, or to the list."""
-    intrinsics, wanted = depth.intrinsics_of(camera), _names(views)
+    intrinsics, wanted = pinhole(camera.width_px, camera.height_px, camera.fov_deg), _names(views)
     for index, launch in enumerate(launches):
         row_of = {name: row for row, name in enumerate(_names(launch.views))}
         if launch.intrinsics == intrinsics and all(name in row_of for name in wanted):
-            shot = LaunchCamera(camera, np.array([row_of[name] for name in wanted], dtype=np.int64))
-            launches[index] = replace(launch, shots=(*launch.shots, shot))
+            joined = LaunchCamera(camera, np.array([row_of[name] for name in wanted], dtype=np.int64))
+            launches[index] = replace(launch, cameras=(*launch.cameras, joined))
             return
     launches.append(Launch(views, intrinsics, (LaunchCamera(camera, np.arange(len(views))),)))
 
 
 def _names(views: Views) -> list[tuple[int, int, bytes]]:
     """Return the key that distinguishes two views."""
-    return [(int(f), int(i), p.tobytes()) for f, i, p in zip(views.frame, views.ignore, views.pose, strict=True)]
+    return [
+        (int(f), int(i), p.tobytes()) for f, i, p in zip(views.frame, views.ignore_instance, views.pose, strict=True)
+    ]
 
 
 def _sorted(launch: Launch) -> Launch:
     """Return the launch with the views of its depth cameras first, so that their images are one piece of memory."""
     is_last = np.ones(len(launch.views), dtype=bool)
-    for shot in launch.depth:
-        is_last[shot.rows] = False
+    for camera in launch.depth:
+        is_last[camera.rows] = False
     order = np.argsort(is_last, kind="stable")
     place = np.empty_like(order)
     place[order] = np.arange(len(order))
-    shots = tuple(LaunchCamera(shot.sensor, place[shot.rows]) for shot in launch.shots)
-    return Launch(launch.views.take(order), launch.intrinsics, shots)
+    own = tuple(LaunchCamera(camera.sensor, place[camera.rows]) for camera in launch.cameras)
+    return Launch(launch.views.take(order), launch.intrinsics, own)

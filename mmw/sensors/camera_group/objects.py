@@ -1,4 +1,4 @@
-"""Object annotations of a camera, depth or RGB: segmentation, 2-D boxes, visible pixels."""
+"""Capture object annotations of a camera, depth or RGB: segmentation, 2-D boxes, visible pixels."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from mmw.sensors.ground_truth.boxes_2d import VisiblePixels, visible_pixels
 from mmw.sensors.ground_truth.boxes_3d import Boxes
 from mmw.sensors.ground_truth.segmentation import object_tags
 from mmw.sensors.ground_truth.visibility import boxed_actors
-from mmw.sensors.ground_truth.visibility_rows import seen_rows
+from mmw.sensors.ground_truth.visibility_rows import visible_rows
 from mmw.storage.codecs.images import encode_instance, encode_semantic
 
 
@@ -22,46 +22,46 @@ class VisibleObjects:
 
     object_id: wp.array
     """Object in each pixel, -1 for nothing, shape [A, H, W], int32, on the device."""
-    visible: VisiblePixels | None
+    pixels: VisiblePixels | None
     """Pixels of the boxed actors, in the order of `boxed_actors`; None if no camera records boxes."""
 
 
-def find_visible_objects(job: Batch, shots: Sequence[LaunchCamera], object_id: wp.array) -> VisibleObjects:
+def find_visible_objects(batch: Batch, cameras: Sequence[LaunchCamera], object_id: wp.array) -> VisibleObjects:
     """Return what the pixels of a launch show, counted for all cameras at once.
 
     Args:
-        job: The job.
-        shots: Cameras with `segmentation` or `boxes_2d`.
+        batch: The scenario and its device.
+        cameras: Cameras with `segmentation` or `boxes_2d`.
         object_id: Object in each pixel, -1 for nothing, shape [A, H, W], on the device.
     """
-    if not any(shot.sensor.boxes_2d for shot in shots):
+    if not any(camera.sensor.boxes_2d for camera in cameras):
         return VisibleObjects(object_id, None)
-    wanted = boxed_actors(job.arrays.actors)
-    with job.clock.stage("2-D boxes"):
-        return VisibleObjects(object_id, visible_pixels(object_id, [job.arrays.actors[i].object_id for i in wanted]))
+    wanted = boxed_actors(batch.arrays.actors)
+    with batch.clock.stage("2-D boxes"):
+        return VisibleObjects(object_id, visible_pixels(object_id, [batch.arrays.actors[i].object_id for i in wanted]))
 
 
 def record_objects(
-    job: Batch, shot: LaunchCamera, launch: Launch, seen: VisibleObjects, boxes: Boxes, collected: TableRows
+    batch: Batch, camera: LaunchCamera, launch: Launch, visible: VisibleObjects, boxes: Boxes, collected: TableRows
 ) -> None:
     """Add segmentation, 2-D boxes and visible pixels of one camera; they are the same in every weather.
 
     Raises:
         InputError: If the scene has more objects than an instance image can store.
     """
-    sensor, views, arrays = shot.sensor, launch.views.take(shot.rows), job.arrays
+    sensor, views, arrays = camera.sensor, launch.views.take(camera.rows), batch.arrays
     if sensor.segmentation:
         tags = object_tags(arrays)
-        with job.clock.stage("segmentation"):
-            objects = images_of(seen.object_id, shot)
-        instance = [job.encoder.submit(encode_instance, image) for image in objects]
-        semantic = [job.encoder.submit(encode_semantic, image, tags) for image in objects]
+        with batch.clock.stage("segmentation"):
+            objects = images_of(visible.object_id, camera)
+        instance = [batch.encoder.submit(encode_instance, image) for image in objects]
+        semantic = [batch.encoder.submit(encode_semantic, image, tags) for image in objects]
         for weather, tables in collected.items():
             tables["segmentation"].append(
-                segmentation_rows(arrays, sensor.name, views, instance, semantic, job.scenario.name, weather)
+                segmentation_rows(arrays, sensor.name, views, instance, semantic, batch.scenario.name, weather)
             )
-    if sensor.boxes_2d and seen.visible is not None:
-        own = VisiblePixels(seen.visible.pixels[shot.rows], seen.visible.bounds[shot.rows])
-        rows = job.pool.submit(box_2d_rows, arrays, sensor.name, views, launch.intrinsics, boxes, own)
-        counts = seen_rows(arrays, sensor.name, views, "pixels", own.pixels)
+    if sensor.boxes_2d and visible.pixels is not None:
+        own = VisiblePixels(visible.pixels.pixels[camera.rows], visible.pixels.bounds[camera.rows])
+        rows = batch.pool.submit(box_2d_rows, arrays, sensor.name, views, launch.intrinsics, boxes, own)
+        counts = visible_rows(arrays, sensor.name, views, "pixels", own.pixels)
         collect(collected, {"boxes_2d": rows, "box_visibility": counts})

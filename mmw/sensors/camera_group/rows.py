@@ -1,5 +1,6 @@
-"""Rows of the tables of images, and of what they frame."""
+"""Make rows of the tables of images and of 2-D boxes."""
 
+import math
 from collections.abc import Sequence
 from concurrent.futures import Future
 
@@ -8,7 +9,7 @@ import pyarrow as pa
 
 from mmw.core.camera_models import Intrinsics
 from mmw.scene.scene_data import SceneData
-from mmw.scene.table_rows import Columns, lists, names
+from mmw.scene.table_rows import Columns, lists, names, sample_columns
 from mmw.scene.views import Views
 from mmw.sensors.ground_truth.boxes_2d import VisiblePixels, project_boxes
 from mmw.sensors.ground_truth.boxes_3d import Boxes
@@ -35,17 +36,10 @@ def rgb_rows(
 ) -> Columns:
     """Return rows of the `rgb` table for one sensor.
 
-    Args:
-        arrays: The scene on the host.
-        sensor: The camera.
-        views: Its views, A rows.
-        images: Encoded in the camera's format.
-        exposure: Factor from luminance [kcd/m2] to display linear, where 1 is white, shape [A].
-        scenario: Scenario name.
-        weather: Weather name.
+    `exposure` is the factor from luminance [kcd/m2] to display linear, where 1 is white, shape [A].
     """
     return {
-        **_owned(arrays, sensor.name, views),
+        **sample_columns(arrays, sensor.name, views.frame, views.actor),
         "image": _files(arrays, sensor.name, views, images, scenario, weather, SUFFIX[sensor.format]),
         "format": sensor.format,
         "exposure": exposure.astype(np.float32),
@@ -58,7 +52,7 @@ def file_rows(
 ) -> Columns:
     """Return rows of a table of one PNG file a row, `normals` or `flow`, whose name `kind` is."""
     return {
-        **_owned(arrays, sensor, views),
+        **sample_columns(arrays, sensor, views.frame, views.actor),
         "image": _files(arrays, f"{sensor}_{kind}", views, images, scenario, weather),
     }
 
@@ -68,7 +62,7 @@ def depth_rows(
 ) -> Columns:
     """Return rows of the `depth` table for one sensor: one image a row; `metres` is what `metre_lists` returns."""
     return {
-        **_owned(arrays, sensor, views),
+        **sample_columns(arrays, sensor, views.frame, views.actor),
         "image": _files(arrays, sensor, views, images, scenario, weather),
         "depth_m": metres,
     }
@@ -77,13 +71,11 @@ def depth_rows(
 def metre_lists(views: Views, depth_m: np.ndarray | None) -> pa.Array:
     """Return the `depth_m` column: one list of depths [m] a row, 0 for no return; null in every row without images.
 
-    Args:
-        views: The views, A rows.
-        depth_m: Depth [m], inf for no return, shape [A, H, W], float32.
+    `depth_m` has inf for no return, shape [A, H, W], float32.
     """
     if depth_m is None:
         return pa.nulls(len(views), list_of(F32))
-    flat = np.where(np.isfinite(depth_m), depth_m, np.float32(0.0)).reshape(len(views), -1)
+    flat = np.where(np.isfinite(depth_m), depth_m, np.float32(0.0)).reshape(len(views), math.prod(depth_m.shape[1:]))
     return lists(np.arange(len(views) + 1, dtype=np.int32) * np.int32(flat.shape[1]), flat.reshape(-1))
 
 
@@ -98,7 +90,7 @@ def segmentation_rows(
 ) -> Columns:
     """Return rows of the `segmentation` table for one sensor."""
     return {
-        **_owned(arrays, sensor, views),
+        **sample_columns(arrays, sensor, views.frame, views.actor),
         "instance": _files(arrays, f"{sensor}_instance", views, instance, scenario, weather),
         "semantic": _files(arrays, f"{sensor}_semantic", views, semantic, scenario, weather),
     }
@@ -107,16 +99,7 @@ def segmentation_rows(
 def box_2d_rows(
     arrays: SceneData, sensor: str, views: Views, camera: Intrinsics, boxes: Boxes, visible: VisiblePixels
 ) -> Columns:
-    """Return rows of the `boxes_2d` table for one camera.
-
-    Args:
-        arrays: The scene on the host.
-        sensor: Sensor name.
-        views: The views, A rows.
-        camera: Intrinsics.
-        boxes: 3-D boxes of the same frames.
-        visible: Pixels of the boxed actors, in the order of `boxed_actors`.
-    """
+    """Return rows of the `boxes_2d` table for one camera; `visible` is in the order of `boxed_actors`."""
     found = project_boxes(camera, views, boxes)
     place_of = np.full(len(arrays.actors), -1, dtype=np.int64)
     wanted = boxed_actors(arrays.actors)
@@ -125,9 +108,7 @@ def box_2d_rows(
     pixels, bounds = visible.pixels[found.view, place], visible.bounds[found.view, place]
     edges = ("u_min", "v_min", "u_max", "v_max")
     return {
-        "frame": views.frame[found.view].astype(np.int32),
-        "agent": names(arrays, views.actor[found.view]),
-        "sensor": sensor,
+        **sample_columns(arrays, sensor, views.frame[found.view], views.actor[found.view]),
         "object_id": boxes.object_id[found.box],
         "pixels": pixels,
         **{name: pa.array(bounds[:, i], mask=pixels == 0) for i, name in enumerate(edges)},
@@ -135,10 +116,6 @@ def box_2d_rows(
         "truncation": found.truncation.astype(np.float32),
         "distance": found.distance.astype(np.float32),
     }
-
-
-def _owned(arrays: SceneData, sensor: str, views: Views) -> Columns:
-    return {"frame": views.frame.astype(np.int32), "agent": names(arrays, views.actor), "sensor": sensor}
 
 
 def _files(

@@ -1,4 +1,4 @@
-"""Depth images of a batch."""
+"""Capture depth images of a batch."""
 
 from collections.abc import Sequence
 
@@ -15,34 +15,28 @@ MAX_LISTED = 2**31 - 1
 """Numbers that one list column of a shard holds: its offsets are 32-bit."""
 
 
-def record_depth(job: Batch, shot: LaunchCamera, launched: Views, images: DepthImages, collected: TableRows) -> None:
-    """Add the images of one depth camera; they are the same in every weather, so each is encoded once.
-
-    Args:
-        job: The job.
-        shot: The camera, and which of the views are its own.
-        launched: Views of the launch.
-        images: Images of the launch; with meters if the camera's format is `float32`.
-        collected: Rows to add to.
-    """
-    sensor, views, scenario = shot.sensor, launched.take(shot.rows), job.scenario.name
-    with job.clock.stage("depth images"):
-        depth = images_of(images.depth, shot)
-        metres = metre_lists(views, images_of(images.depth_m, shot) if sensor.format == "float32" else None)
-    encoded = [job.encoder.submit(encode_depth, image) for image in depth]
+def record_depth(
+    batch: Batch, camera: LaunchCamera, launched: Views, images: DepthImages, collected: TableRows
+) -> None:
+    """Add the images of one depth camera; they are the same in every weather, so each is encoded once."""
+    sensor, views, scenario = camera.sensor, launched.take(camera.rows), batch.scenario.name
+    with batch.clock.stage("depth images"):
+        depth = images_of(images.depth, camera)
+        metres = metre_lists(views, images_of(images.depth_m, camera) if sensor.format == "float32" else None)
+    encoded = [batch.encoder.submit(encode_depth, image) for image in depth]
     for weather, tables in collected.items():
-        tables["depth"].append(depth_rows(job.arrays, sensor.name, views, encoded, metres, scenario, weather))
+        tables["depth"].append(depth_rows(batch.arrays, sensor.name, views, encoded, metres, scenario, weather))
 
 
-def check_lists(job: Batch, sensors: Sequence[DepthCamera]) -> None:
+def check_lists(batch: Batch, sensors: Sequence[DepthCamera]) -> None:
     """Check that a shard's unrounded depths fit into a list column.
 
     Raises:
         InputError: With the camera that has too many, and how many frames fit.
     """
     for sensor in sensors:
-        each = len(sensor_actors(job.arrays, sensor)) * sensor.width_px * sensor.height_px
-        frames = min(job.config.output.shard_frames, job.config.frames_of(job.scenario).count)
+        each = len(sensor_actors(batch.arrays, sensor)) * sensor.width_px * sensor.height_px
+        frames = min(batch.config.output.shard_frames, batch.config.frames_of(batch.scenario).count)
         if sensor.format == "float32" and frames * each > MAX_LISTED:
             raise InputError(
                 f"sensor {sensor.name!r}: format = float32 gives {frames * each} depths a shard; "

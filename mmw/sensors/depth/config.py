@@ -1,4 +1,4 @@
-"""`type: depth`: a depth camera."""
+"""Define the section `type: depth`, a depth camera."""
 
 from typing import Literal
 

@@ -48,4 +48,9 @@ SPEC = SensorSpec(
     needs_clear_view=True,
     decode="mmw.dataset.frame:camera_view",
     window=Modality("depth", "depth"),
+    views={
+        "plot": "mmw.viz.plots.samples:draw_depth_sample",
+        "figure": "mmw.viz.plots.sensors:plot_depth",
+        "viewer": "mmw.viz.rerun.samples:log_depth",
+    },
 )

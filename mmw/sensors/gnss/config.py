@@ -1,47 +1,44 @@
-"""`type: gnss`: a satellite navigation receiver."""
+"""Define the section `type: gnss`, a satellite navigation receiver."""
 
 from typing import Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field
 
 from mmw.config.section import Name
 from mmw.config.sensor import Role, SensorConfig
-from mmw.core.constants import FRAME_RATE_HZ
-from mmw.core.errors import InputError
 
 
 class Gnss(SensorConfig):
-    """A satellite navigation receiver: position, velocity and heading with the errors of `compat` or of `physical`.
+    """A satellite navigation receiver: position, velocity and heading with the errors of `carla` or of `physical`.
 
     The reference point is that of CARLA's first towns, 49 deg north and 8 deg east.
 
     Source: geoReference of Town01 (carla-simulator/carla pull request 1167) and of Town07; the files of Town10HD give
-    0, 0 (opendilab/LMDrive issue 19). Values of `compat`: the published dataset's configuration. Values of `physical`:
+    0, 0 (opendilab/LMDrive issue 19). Values of `carla`: the published dataset's configuration. Values of `physical`:
     design values for a single-frequency receiver under open sky.
     """
 
     type: Literal["gnss"] = "gnss"
     name: Name = Field("gnss", description="sensor name (name)")
     on: tuple[Role, ...] = Field(("cav",), description="agents that carry it (list)")
-    mode: Literal["compat", "physical"] = Field(
-        "compat", description="CARLA's map and white noise, or WGS-84 and errors that drift (name)"
+    mode: Literal["carla", "physical"] = Field(
+        "carla", description="CARLA's map and white noise, or WGS-84 and errors that drift (name)"
     )
-    rate_hz: int = Field(FRAME_RATE_HZ, ge=1, le=FRAME_RATE_HZ, description="samples a second, a divisor of 100 [Hz]")
     reference_latitude_deg: float = Field(49.0, ge=-89, le=89, description="latitude of the world's origin [deg]")
     reference_longitude_deg: float = Field(8.0, ge=-180, le=180, description="longitude of the world's origin [deg]")
     reference_altitude_m: float = Field(0.0, ge=-1000, le=10_000, description="height of the world's origin [m]")
     heading_noise_std_deg: float = Field(
         0.1, ge=0, le=180, description="white noise of the heading, in both modes [deg]"
     )
-    # compat
+    # carla
     latitude_noise_std_deg: float = Field(
-        1e-5, ge=0, le=0.1, description="compat: white noise, 1.1 m at the default [deg]"
+        1e-5, ge=0, le=0.1, description="carla: white noise, 1.1 m at the default [deg]"
     )
     longitude_noise_std_deg: float = Field(
-        1e-5, ge=0, le=0.1, description="compat: white noise, 0.7 m at 49 deg north [deg]"
+        1e-5, ge=0, le=0.1, description="carla: white noise, 0.7 m at 49 deg north [deg]"
     )
-    altitude_noise_std_m: float = Field(0.005, ge=0, le=10_000, description="compat: white noise [m]")
-    speed_noise_std_m_s: float = Field(0.2, ge=0, le=1000, description="compat: white noise of the speed [m/s]")
+    altitude_noise_std_m: float = Field(0.005, ge=0, le=10_000, description="carla: white noise [m]")
+    speed_noise_std_m_s: float = Field(0.2, ge=0, le=1000, description="carla: white noise of the speed [m/s]")
     # physical
     horizontal_drift_std_m: float = Field(1.0, ge=0, le=10_000, description="physical: drift of x and of y [m]")
     vertical_drift_std_m: float = Field(2.0, ge=0, le=10_000, description="physical: drift of z [m]")
@@ -56,16 +53,3 @@ class Gnss(SensorConfig):
     def reference(self) -> tuple[float, float, float]:
         """Latitude [deg], longitude [deg] and height [m] of the world's origin."""
         return self.reference_latitude_deg, self.reference_longitude_deg, self.reference_altitude_m
-
-    @property
-    def period_frames(self) -> int:
-        """Frames from one sample to the next; the sample at frame 0 is the first."""
-        return FRAME_RATE_HZ // self.rate_hz
-
-    @field_validator("rate_hz")
-    @classmethod
-    def _divides(cls, value: int) -> int:
-        if FRAME_RATE_HZ % value:
-            fitting = [rate for rate in range(1, FRAME_RATE_HZ + 1) if FRAME_RATE_HZ % rate == 0]
-            raise InputError(f"samples fall on frames, {FRAME_RATE_HZ} a second; give one of {fitting}")
-        return value

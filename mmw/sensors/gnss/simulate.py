@@ -1,6 +1,6 @@
-"""Satellite navigation receiver: position, velocity and heading from float64 poses.
+"""Simulate a satellite navigation receiver: position, velocity and heading from float64 poses.
 
-compat    CARLA's GNSS sensor and the published dataset's navigation unit: latitude, longitude and altitude by CARLA's
+carla    CARLA's GNSS sensor and the published dataset's navigation unit: latitude, longitude and altitude by CARLA's
           Mercator map, each with white noise; speed and heading with white noise. The error of the speed lies along
           the motion (along the heading at rest) in the velocity.
 physical  WGS-84 by the tangent plane at the reference point. The error of the position, in meters along the world's
@@ -50,7 +50,7 @@ class GnssBatch:
     velocity: np.ndarray
     """Measured velocity to the east, to the north and up [m/s], shape [A, 3]."""
     speed: np.ndarray
-    """Measured horizontal speed [m/s], shape [A]; `compat`'s noise can make it negative near rest."""
+    """Measured horizontal speed [m/s], shape [A]; `carla`'s noise can make it negative near rest."""
     heading: np.ndarray
     """Measured heading of the sensor's x axis, clockwise from north, in [0, 2 pi), shape [A] [rad]."""
 
@@ -58,21 +58,13 @@ class GnssBatch:
 def make_gnss(arrays: SceneData, frames: Sequence[int], config: Gnss, seed: int, scenario: str) -> GnssBatch:
     """Return the GNSS samples of every agent that carries the sensor.
 
-    Args:
-        arrays: The scene on the host; the frames around `frames` are differentiated too, so give all batches the same
-            recording.
-        frames: Frames of the batch; those without a sample are passed over.
-        config: Mount, reference point, rate and errors.
-        seed: Seed of the run.
-        scenario: Name of the scenario.
+    The frames around `frames` are differentiated too, so give all batches the same recording.
 
     Raises:
         ValueError: If the scene does not cover a frame.
     """
-    rows = np.array([arrays.frame_row(int(frame)) for frame in frames], dtype=np.int64)
-    numbers = np.asarray(frames, dtype=np.int64)
-    is_due = numbers % config.period_frames == 0
-    rows, numbers = rows[is_due], numbers[is_due]
+    numbers = np.array(config.sample_frames(frames), dtype=np.int64)
+    rows = np.array([arrays.frame_row(int(frame)) for frame in numbers], dtype=np.int64)
     part = window(rows)
     actors = sensor_actors(arrays, config)
     pose, velocity = np.full((len(actors), len(rows), 7), np.nan), np.full((len(actors), len(rows), 3), np.nan)
@@ -104,7 +96,7 @@ def _measure(
     heading_true = sensor_heading(pose[..., 3:])
     heading = np.mod(heading_true + np.radians(config.heading_noise_std_deg) * white[..., 6], 2.0 * np.pi)
     heading = np.where(heading >= 2.0 * np.pi, 0.0, heading)
-    if config.mode == "compat":
+    if config.mode == "carla":
         true = mercator_from_world(pose[..., :3], config.reference)
         spread = (config.latitude_noise_std_deg, config.longitude_noise_std_deg, config.altitude_noise_std_m)
         speed_true = np.linalg.norm(velocity[..., :2], axis=-1)

@@ -16,5 +16,7 @@ SPEC = SensorSpec(
     capture="mmw.sensors.gnss.capture:capture_gnss",
     estimate=lambda config: Estimate(bytes=SAMPLE_BYTES),
     defaults=lambda: (Gnss(),),
-    window=Modality("gnss", "numbers", ("latitude_deg", "longitude_deg", "altitude_m", "v_east", "v_north", "v_up")),
+    window=Modality(
+        "gnss", "numbers", ("latitude_deg", "longitude_deg", "altitude_m", "v_east", "v_north", "v_up"), "float64"
+    ),  # a step of float32 is 0.4 m of latitude
 )

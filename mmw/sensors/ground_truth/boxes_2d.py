@@ -1,4 +1,4 @@
-"""2-D boxes of a camera: the pixels that show each vehicle and person, and where its whole 3-D box would be."""
+"""Compute 2-D boxes: of the pixels that show each vehicle and person, and of the whole 3-D box."""
 
 # Warp's structs and small number types are objects, not classes, to a type checker.
 # pyright: reportGeneralTypeIssues=false, reportArgumentType=false
@@ -103,13 +103,8 @@ def project_boxes(camera: Intrinsics, views: Views, boxes: Boxes) -> Boxes2d:
 
     A box is cut at the near plane (`NEAR_M`) and at the four sides of the image, not only its rectangle, so `amodal`
     is the tight rectangle around what is framed. There is a row for every box of which a part is framed, the view's
-    own vehicle included, however far away, and whether anything stands before it or not. A fisheye sees what is beside
+    own vehicle included, however far away, and whether anything hides it or not. A fisheye sees what is beside
     and behind it too, so nothing is cut at the near plane there.
-
-    Args:
-        camera: Intrinsics.
-        views: Camera poses, A rows.
-        boxes: 3-D boxes of the same frames.
     """
     view, box = np.nonzero(views.frame[:, None] == boxes.frame[None, :])
     to_camera = invert(views.pose)[view]
@@ -126,10 +121,10 @@ def project_boxes(camera: Intrinsics, views: Views, boxes: Boxes) -> Boxes2d:
         whole[rows], framed[rows] = _rectangles(camera, *segments(corners[rows], is_behind[rows]))
     framed = _with_image_corners(camera, framed, views.pose[view], boxes.pose[box], boxes.size[box])
     is_framed = (framed[:, 2] > framed[:, 0]) & (framed[:, 3] > framed[:, 1])
-    kept = framed[is_framed]
-    share = _area(kept) / np.maximum(_area(whole[is_framed]), np.finfo(np.float64).tiny)
+    rectangle = framed[is_framed]
+    share = _area(rectangle) / np.maximum(_area(whole[is_framed]), np.finfo(np.float64).tiny)
     distance = np.linalg.norm(middle[is_framed], axis=1)
-    return Boxes2d(view[is_framed], box[is_framed], kept, np.clip(1.0 - share, 0.0, 1.0), distance)
+    return Boxes2d(view[is_framed], box[is_framed], rectangle, np.clip(1.0 - share, 0.0, 1.0), distance)
 
 
 def _may_be_framed(camera: Intrinsics, middle: np.ndarray, radius: np.ndarray) -> np.ndarray:
@@ -168,17 +163,17 @@ def _cut_edges(corners: np.ndarray, is_behind: np.ndarray) -> tuple[np.ndarray, 
     """
     a, b = corners[:, EDGES[:, 0]], corners[:, EDGES[:, 1]]
     is_front_a, is_front_b = ~is_behind[:, EDGES[:, 0]], ~is_behind[:, EDGES[:, 1]]
-    meets = is_front_a != is_front_b
-    along = np.where(meets, b[..., 0] - a[..., 0], 1.0)
+    crosses = is_front_a != is_front_b
+    along = np.where(crosses, b[..., 0] - a[..., 0], 1.0)
     cut = a + (b - a) * ((NEAR_M - a[..., 0]) / along)[..., None]
     cut[..., 0] = NEAR_M
-    start = np.where((meets & ~is_front_a)[..., None], cut, a)
-    end = np.where((meets & ~is_front_b)[..., None], cut, b)
+    start = np.where((crosses & ~is_front_a)[..., None], cut, a)
+    end = np.where((crosses & ~is_front_b)[..., None], cut, b)
     first, second = PAIRS[:, 0], PAIRS[:, 1]
     return (
         np.concatenate([start, cut[:, first]], axis=1),
         np.concatenate([end, cut[:, second]], axis=1),
-        np.concatenate([is_front_a | is_front_b, meets[:, first] & meets[:, second]], axis=1),
+        np.concatenate([is_front_a | is_front_b, crosses[:, first] & crosses[:, second]], axis=1),
     )
 
 
@@ -222,9 +217,9 @@ def _clip(
 
     Source: Y.-D. Liang, B. A. Barsky, "A new concept and method for line clipping", ACM Trans. Graphics 3(1), 1984.
     """
-    (u, v), way = start, (end[0] - start[0], end[1] - start[1])
+    (u, v), delta = start, (end[0] - start[0], end[1] - start[1])
     enter, leave = np.zeros(u.shape), np.ones(u.shape)
-    for value, step, size in ((u, way[0], camera.width), (v, way[1], camera.height)):
+    for value, step, size in ((u, delta[0], camera.width), (v, delta[1], camera.height)):
         with np.errstate(divide="ignore", invalid="ignore"):
             low, high = -value / step, (size - value) / step
         is_parallel = step == 0.0
@@ -235,7 +230,7 @@ def _clip(
     parts = [
         np.clip(value + t * step, 0.0, size)
         for t in (enter, leave)
-        for value, step, size in ((u, way[0], camera.width), (v, way[1], camera.height))
+        for value, step, size in ((u, delta[0], camera.width), (v, delta[1], camera.height))
     ]
     return parts[0], parts[1], parts[2], parts[3], exists
 
@@ -272,11 +267,11 @@ def _with_image_corners(
         a = (-0.5 * size - origin)[:, None] / direction
         b = (0.5 * size - origin)[:, None] / direction
     enter = np.maximum(np.minimum(a, b).max(axis=2), NEAR_M)
-    meets = enter <= np.maximum(a, b).min(axis=2)
+    is_hit = enter <= np.maximum(a, b).min(axis=2)
     grown = bounds.copy()
     for column, values, fold in ((0, u, np.minimum), (1, v, np.minimum), (2, u, np.maximum), (3, v, np.maximum)):
         nothing = np.inf if fold is np.minimum else -np.inf
-        grown[:, column] = fold(bounds[:, column], fold.reduce(np.where(meets, values, nothing), axis=1))
+        grown[:, column] = fold(bounds[:, column], fold.reduce(np.where(is_hit, values, nothing), axis=1))
     return grown
 
 

@@ -1,4 +1,4 @@
-"""Ground truth: the 3-D box of every vehicle and pedestrian in every frame, and how many LiDAR returns lie on it."""
+"""Compute the 3-D box of every vehicle and pedestrian in every frame."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,6 +8,7 @@ import numpy as np
 from mmw.core.kinematics import Motion, differentiate
 from mmw.core.transforms import compose, make_pose, normalize, quaternion_to_ypr, rotate
 from mmw.scene.scene_data import SceneData
+from mmw.scene.table_rows import AGENT_ROLES, Columns, choices, split
 
 BOX_ROLES = ("cav", "vehicle", "pedestrian")
 """Actors that have a box."""
@@ -36,11 +37,6 @@ class Boxes:
 def make_boxes(arrays: SceneData, frames: Sequence[int], motion: Motion | None = None) -> Boxes:
     """Return the boxes of all vehicles and pedestrians that are present.
 
-    Args:
-        arrays: The scene on the host.
-        frames: Frames of the batch.
-        motion: `differentiate(arrays.poses)`, if at hand.
-
     Raises:
         ValueError: If the scene does not cover a frame.
     """
@@ -66,3 +62,18 @@ def make_boxes(arrays: SceneData, frames: Sequence[int], motion: Motion | None =
         size=np.array([arrays.actors[i].size for i in actor], dtype=np.float64).reshape(-1, 3),
         velocity=motion.velocity[row, actor] + np.cross(motion.world_rate[row, actor], rotate(q, center)),
     )
+
+
+def box_rows(arrays: SceneData, boxes: Boxes) -> Columns:
+    """Return the `boxes` table: every vehicle that is present."""
+    agents = [a.name if a.role in AGENT_ROLES else None for a in arrays.actors]
+    return {
+        "frame": boxes.frame.astype(np.int32),
+        "object_id": boxes.object_id,
+        "category": choices([a.label for a in arrays.actors], boxes.actor),
+        "agent": choices(agents, boxes.actor),
+        **split(("x", "y", "z"), boxes.pose[:, :3]),
+        **split(("yaw", "pitch", "roll"), boxes.ypr),
+        **split(("length", "width", "height"), boxes.size),
+        **split(("vx", "vy", "vz"), boxes.velocity),
+    }

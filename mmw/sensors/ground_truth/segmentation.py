@@ -1,4 +1,4 @@
-"""Segmentation: instance and semantic images of the object in every pixel."""
+"""Find the CARLA tags of objects for instance and semantic images."""
 
 import numpy as np
 

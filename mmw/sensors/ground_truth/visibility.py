@@ -1,4 +1,4 @@
-"""Ground truth about what agents see: returns, detections and pixels on each actor, and lines of sight between them."""
+"""Find what agents see: returns, detections and pixels on each actor, and lines of sight between them."""
 
 # Warp's structs and small number types are objects, not classes, to a type checker.
 # pyright: reportGeneralTypeIssues=false, reportArgumentType=false
@@ -13,9 +13,7 @@ from mmw.core.transforms import make_pose, normalize, transform_points
 from mmw.kernels.core import line_of_sight as sight
 from mmw.scene.device_scene import DeviceScene
 from mmw.sensors.ground_truth.boxes_3d import BOX_ROLES
-
-BLOCK_DIM = 64
-"""Threads of a block for kernels that query a BVH."""
+from mmw.sensors.ray_batch import BLOCK_DIM
 
 
 def boxed_actors(scene_actors: Sequence) -> np.ndarray:
@@ -60,7 +58,7 @@ class LineOfSight:
 def trace_sight(
     scene: DeviceScene, frames: Sequence[int], antenna_position_m: Mapping[str, Sequence[float]]
 ) -> LineOfSight:
-    """Return whether each agent's antenna sees the middle of each boxed actor, and what stands between.
+    """Return whether each agent's antenna sees the middle of each boxed actor, and the first obstacle between them.
 
     The agent's own body is passed through, so that a low roof does not hide what drives beside it.
 
@@ -72,47 +70,49 @@ def trace_sight(
     arrays = scene.arrays
     agents = np.array([i for i, actor in enumerate(arrays.actors) if actor.role in antenna_position_m], dtype=np.int32)
     others = boxed_actors(arrays.actors)
-    slot, agent, actor = (grid.ravel() for grid in np.meshgrid(np.arange(len(frames)), agents, others, indexing="ij"))
+    batch_index, agent, actor = (
+        grid.ravel() for grid in np.meshgrid(np.arange(len(frames)), agents, others, indexing="ij")
+    )
     rows = np.array([arrays.frame_row(int(frame)) for frame in frames], dtype=np.int64)
     is_here = np.asarray(np.isfinite(arrays.poses[rows]).all(axis=2))
-    keep = (agent != actor) & is_here[slot, agent] & is_here[slot, actor]
-    slot, agent, actor = slot[keep], agent[keep], actor[keep]
+    keep = (agent != actor) & is_here[batch_index, agent] & is_here[batch_index, actor]
+    batch_index, agent, actor = batch_index[keep], agent[keep], actor[keep]
     antenna = np.array([antenna_position_m.get(a.role, (0.0, 0.0, 0.0)) for a in arrays.actors]).reshape(-1, 3)
     middle = np.array([a.center for a in arrays.actors]).reshape(-1, 3)
-    start = transform_points(_unit(arrays.poses[rows[slot], agent]), antenna[agent])
-    end = transform_points(_unit(arrays.poses[rows[slot], actor]), middle[actor])
+    start = transform_points(_unit(arrays.poses[rows[batch_index], agent]), antenna[agent])
+    end = transform_points(_unit(arrays.poses[rows[batch_index], actor]), middle[actor])
     instance_of = np.full(len(arrays.actors), -1, dtype=np.int32)
     instance_of[scene.instance_actor] = np.arange(len(scene.instance_actor))
-    first = trace_line_of_sight(scene, slot, start, end, instance_of[agent])
+    first = trace_line_of_sight(scene, batch_index, start, end, instance_of[agent])
     own = np.array([a.object_id for a in arrays.actors], dtype=np.int32)[actor]
     is_los = (first < 0) | (first == own)
-    frame = np.asarray(frames, dtype=np.int64)[slot]
+    frame = np.asarray(frames, dtype=np.int64)[batch_index]
     return LineOfSight(frame, agent, actor, is_los, np.where(is_los, -1, first).astype(np.int32))
 
 
 def trace_line_of_sight(
-    scene: DeviceScene, slot: np.ndarray, start: np.ndarray, end: np.ndarray, ignore: np.ndarray
+    scene: DeviceScene, batch_index: np.ndarray, start: np.ndarray, end: np.ndarray, ignore: np.ndarray
 ) -> np.ndarray:
     """Return the first object on each line, -1 for a free one, shape [L], int32.
 
     Args:
         scene: Town and vehicles, with a batch loaded.
-        slot: Position of each line's frame in the batch, shape [L].
+        batch_index: Position of each line's frame in the batch, shape [L].
         start: World frame [m], shape [L, 3].
         end: World frame [m], shape [L, 3].
         ignore: Instance that each line passes through, -1 for none, shape [L].
     """
-    found = wp.empty(len(slot), dtype=int, device=scene.device)
-    if len(slot):
+    found = wp.empty(len(batch_index), dtype=int, device=scene.device)
+    if len(batch_index):
         lines = [
-            wp.array(slot.astype(np.int32), dtype=int, device=scene.device),
+            wp.array(batch_index.astype(np.int32), dtype=int, device=scene.device),
             wp.array((start - scene.origin).astype(np.float32), dtype=wp.vec3, device=scene.device),
             wp.array((end - scene.origin).astype(np.float32), dtype=wp.vec3, device=scene.device),
             wp.array(ignore.astype(np.int32), dtype=int, device=scene.device),
         ]
         wp.launch(
-            sight.sight_kernel,
-            dim=len(slot),
+            sight.line_of_sight_kernel,
+            dim=len(batch_index),
             inputs=[scene.struct, *lines],
             outputs=[found],
             device=scene.device,

@@ -1,4 +1,4 @@
-"""Rows of the `box_visibility` table: what each sensor, and the radio, sees of each actor."""
+"""Make rows of table `box_visibility`: what each sensor, and the radio, sees of each actor."""
 
 from typing import Literal
 
@@ -6,7 +6,7 @@ import numpy as np
 import pyarrow as pa
 
 from mmw.scene.scene_data import SceneData
-from mmw.scene.table_rows import Columns, names
+from mmw.scene.table_rows import Columns, sample_columns
 from mmw.scene.views import Views
 from mmw.sensors.ground_truth.visibility import LineOfSight, boxed_actors, count_returns
 
@@ -17,22 +17,15 @@ NULLS = ("lidar_points", "radar_points", "pixels", "is_los", "blocker_id")
 """Columns that are null in the rows of other kinds of sensors."""
 
 
-def seen_rows(arrays: SceneData, sensor: str, views: Views, column: Count, counts: np.ndarray) -> Columns:
+def visible_rows(arrays: SceneData, sensor: str, views: Views, column: Count, counts: np.ndarray) -> Columns:
     """Return one row for every actor that a view has a point or pixel on.
 
-    Args:
-        arrays: The scene on the host.
-        sensor: Sensor name.
-        views: Its views, A rows.
-        column: What is counted.
-        counts: Points or pixels on each boxed actor, in the order of `boxed_actors`, shape [A, K], int32.
+    `counts` are of each boxed actor, in the order of `boxed_actors`, shape [A, K], int32.
     """
     view, place = np.nonzero(counts)
     actor = boxed_actors(arrays.actors)[place]
     return {
-        "frame": views.frame[view].astype(np.int32),
-        "agent": names(arrays, views.actor[view]),
-        "sensor": sensor,
+        **sample_columns(arrays, sensor, views.frame[view], views.actor[view]),
         "object_id": _object_ids(arrays)[actor],
         **_nulls(len(view)),
         column: counts[view, place],
@@ -44,24 +37,16 @@ def point_rows(
 ) -> Columns:
     """Return one row for every actor that a view has a point on.
 
-    Args:
-        arrays: The scene on the host.
-        sensor: Sensor name.
-        views: Its views, A rows.
-        column: What is counted.
-        offsets: First point of every view, and the number of points, shape [A + 1].
-        object_id: Object of every point, -1 for none, shape [N].
+    `offsets` is the first point of every view, and N, shape [A + 1]; `object_id` -1 for none, shape [N].
     """
     wanted = _object_ids(arrays)[boxed_actors(arrays.actors)].tolist()
-    return seen_rows(arrays, sensor, views, column, count_returns(offsets, object_id, wanted))
+    return visible_rows(arrays, sensor, views, column, count_returns(offsets, object_id, wanted))
 
 
 def sight_rows(arrays: SceneData, sensor: str, sight: LineOfSight) -> Columns:
     """Return one row for every line of sight between an agent's antenna and another actor."""
     return {
-        "frame": sight.frame.astype(np.int32),
-        "agent": names(arrays, sight.agent),
-        "sensor": sensor,
+        **sample_columns(arrays, sensor, sight.frame, sight.agent),
         "object_id": _object_ids(arrays)[sight.actor],
         **_nulls(len(sight.frame)),
         "is_los": sight.is_los,

@@ -1,4 +1,4 @@
-"""`type: imu`: an inertial measurement unit."""
+"""Define the section `type: imu`, an inertial measurement unit."""
 
 from typing import Literal
 
@@ -9,13 +9,13 @@ from mmw.config.sensor import Role, SensorConfig
 
 
 class Imu(SensorConfig):
-    """An inertial measurement unit: specific force and angular rate with the errors of `compat` or of `physical`."""
+    """An inertial measurement unit: specific force and angular rate with the errors of `carla` or of `physical`."""
 
     type: Literal["imu"] = "imu"
     name: Name = Field("imu", description="sensor name (name)")
     on: tuple[Role, ...] = Field(("cav",), description="agents that carry it (list)")
-    mode: Literal["compat", "physical"] = Field(
-        "compat", description="CARLA's white noise a sample, or noise densities with wandering biases (name)"
+    mode: Literal["carla", "physical"] = Field(
+        "carla", description="CARLA's white noise a sample, or noise densities with wandering biases (name)"
     )
     handedness: Literal["right", "left"] = Field(
         "right", description="axes of the readings: y left (right), or CARLA's y right (left) (name)"
@@ -24,12 +24,12 @@ class Imu(SensorConfig):
     gyro_bias: float = Field(
         0.001, ge=-100, le=100, description="constant added to every gyroscope axis, in both modes [rad/s]"
     )
-    # compat
+    # carla
     accel_noise_std: float = Field(
-        0.1, ge=0, le=1000, description="compat: standard deviation of an accelerometer axis [m/s^2]"
+        0.1, ge=0, le=1000, description="carla: standard deviation of an accelerometer axis [m/s^2]"
     )
     gyro_noise_std: float = Field(
-        0.002, ge=0, le=100, description="compat: standard deviation of a gyroscope axis [rad/s]"
+        0.002, ge=0, le=100, description="carla: standard deviation of a gyroscope axis [rad/s]"
     )
     # physical; "per root hertz" densities as in Allan deviation plots
     accel_noise_density: float = Field(

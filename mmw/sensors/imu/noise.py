@@ -1,10 +1,10 @@
-"""Errors of an inertial measurement unit: white noise, wandering and constant biases, scale and alignment.
+"""Draw errors of an inertial measurement unit: white noise, wandering and constant biases, scale and alignment.
 
 With x the true specific force or angular rate, a reading is
 
     y_k = D x_k + b_k + n_k
 
-compat    D = 1; b = 0 (accelerometer) or `gyro_bias`; n_k = std N(0, 1) for every sample, whatever the frame rate.
+carla    D = 1; b = 0 (accelerometer) or `gyro_bias`; n_k = std N(0, 1) for every sample, whatever the frame rate.
 physical  n_k = density / sqrt(dt) N(0, 1).
           b_k = gyro_bias + turn_on N(0, 1) + w_k with w_0 = 0, w_(k+1) = w_k + random_walk sqrt(dt) N(0, 1); with a
           correlation time T, w is stationary: w_(k+1) = exp(-dt / T) w_k + ..., of variance random_walk^2 T / 2.
@@ -64,7 +64,7 @@ def imu_errors(config: Imu, frames: Sequence[int], seed: int, scenario: str, age
     white = triads(white_series(keys("white"), frames, 6))
     constant = np.broadcast_to(pair(0.0, config.gyro_bias), white.shape)
     perfect = np.broadcast_to(np.eye(3), (2, len(agents), 3, 3))
-    if config.mode == "compat":
+    if config.mode == "carla":
         return ImuErrors(pair(config.accel_noise_std, config.gyro_noise_std) * white, constant, perfect)
     noise = pair(config.accel_noise_density, config.gyro_noise_density) / np.sqrt(FRAME_DT) * white
     walk = pair(config.accel_random_walk, config.gyro_random_walk)

@@ -1,4 +1,4 @@
-"""Inertial measurement unit: specific force and angular rate from float64 poses, and the inverse integrator.
+"""Simulate an inertial measurement unit: specific force and angular rate from float64 poses, and the inverse.
 
 A sample at frame k is the reading at the instant of frame k, in the sensor frame (x forward, y left, z up):
 
@@ -68,18 +68,13 @@ class ImuBatch:
 def make_imu(arrays: SceneData, frames: Sequence[int], config: Imu, seed: int, scenario: str) -> ImuBatch:
     """Return the IMU samples of every agent that carries the sensor.
 
-    Args:
-        arrays: The scene on the host; the frames around `frames` are differentiated too, so give all batches the same
-            recording.
-        frames: Frames of the batch.
-        config: Mount, axes and errors.
-        seed: Seed of the run.
-        scenario: Name of the scenario.
+    The frames around `frames` are differentiated too, so give all batches the same recording.
 
     Raises:
         ValueError: If the scene does not cover a frame.
     """
-    rows = np.array([arrays.frame_row(int(frame)) for frame in frames], dtype=np.int64)
+    frames = config.sample_frames(frames)
+    rows = np.array([arrays.frame_row(frame) for frame in frames], dtype=np.int64)
     lag = config.accel_lag_frames
     part = window(np.concatenate([rows, np.maximum(rows - lag, 0)]))
     actors = sensor_actors(arrays, config)

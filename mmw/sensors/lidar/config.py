@@ -1,4 +1,4 @@
-"""`type: lidar`: a spinning LiDAR."""
+"""Define the section `type: lidar`, a spinning LiDAR."""
 
 import itertools
 from typing import Literal
@@ -28,7 +28,7 @@ class Lidar(SensorConfig):
         },
         description="mount for each role; a role that is left out keeps its default (map)",
     )
-    mode: Literal["compat", "physical"] = Field(
+    mode: Literal["carla", "physical"] = Field(
         "physical", description="CARLA's LiDAR, or materials, weather and a link budget (name)"
     )
     channels: int = Field(CHANNELS, ge=1, le=256, description="laser channels, index 0 the highest (count)")
@@ -55,7 +55,7 @@ class Lidar(SensorConfig):
         3.0, ge=0, le=60, description="what weather may take from a weak surface in `relative` before it is lost [dB]"
     )
     carla: CarlaLidarConfig = Field(
-        default_factory=CarlaLidarConfig, description="CARLA's attributes, for `compat` (map)"
+        default_factory=CarlaLidarConfig, description="CARLA's attributes, for `carla` (map)"
     )
     rolling: bool = Field(False, description="fire through the 10 ms before the frame instead of at once (true/false)")
     deskew: bool = Field(
@@ -113,9 +113,9 @@ class Lidar(SensorConfig):
             raise InputError(
                 "scene_flow with rolling needs deskew: true, because the flow starts at the frame's instant; set it"
             )
-        if self.mode == "compat" and self.returns != "strongest":
+        if self.mode == "carla" and self.returns != "strongest":
             raise InputError(
-                f"returns = {self.returns!r} in mode compat; CARLA's LiDAR has one return a ray; leave returns out, or "
+                f"returns = {self.returns!r} in mode carla; CARLA's LiDAR has one return a ray; leave returns out, or "
                 "use mode: physical"
             )
         nearest = self.lidar_optics().nearest_m

@@ -1,4 +1,4 @@
-"""Sub-sections of a LiDAR: its laser and receiver (`optics`), and CARLA's attributes (`carla`)."""
+"""Define sub-sections of a LiDAR: its laser and receiver (`optics`), and CARLA's attributes (`carla`)."""
 
 from dataclasses import replace
 from typing import Literal

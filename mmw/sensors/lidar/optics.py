@@ -1,4 +1,4 @@
-"""Optics of a pulsed LiDAR for rain and fog: beam, threshold, overlap and pulse, and presets of sensors."""
+"""Describe the optics of a pulsed LiDAR for rain and fog: beam, threshold, overlap, pulse, and presets of sensors."""
 
 import math
 from dataclasses import dataclass

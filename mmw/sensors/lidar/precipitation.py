@@ -1,4 +1,4 @@
-"""Rain and fog as a LiDAR sees them: tables of the power and range of drops, and the mean power of fog over range."""
+"""Tabulate rain and fog for a LiDAR: power and range of drops, and the mean power of fog over range."""
 
 # Warp's structs and small number types are objects, not classes, to a type checker.
 # pyright: reportGeneralTypeIssues=false, reportArgumentType=false
@@ -153,9 +153,9 @@ def fog_power(
     if length == 0.0:
         return np.zeros(np.shape(range_m))
     x = ((np.arange(points) + 0.5) / points * 2.0 - 1.0) * length
-    seen = np.asarray(range_m)[:, None] - x
-    share = np.where(seen > 0.0, overlap(seen, optics), 0.0)
-    scattered = share * np.exp(-2.0 * extinction_per_m * seen) / np.where(share > 0.0, seen, 1.0) ** 2
+    distance = np.asarray(range_m)[:, None] - x
+    share = np.where(distance > 0.0, overlap(distance, optics), 0.0)
+    scattered = share * np.exp(-2.0 * extinction_per_m * distance) / np.where(share > 0.0, distance, 1.0) ** 2
     return math.pi * backscatter * (scattered @ np.cos(math.pi * x / (2.0 * length)) ** 2) * (2.0 * length / points)
 
 

@@ -1,4 +1,4 @@
-"""Returns of traced LiDAR rays in one weather, on the device: which rays return what, counted, placed and gathered."""
+"""Find the returns of traced LiDAR rays in one weather, on the device, and gather them."""
 
 # Warp's structs and small number types are objects, not classes, to a type checker.
 # pyright: reportGeneralTypeIssues=false, reportArgumentType=false
@@ -50,7 +50,7 @@ class LidarHits:
     @property
     def shape(self) -> tuple[int, int]:
         """Views, and rays of a view."""
-        return self.views.slot.shape[0], self.direction_s.shape[0]
+        return self.views.batch_index.shape[0], self.direction_s.shape[0]
 
 
 def shade_on_device(
@@ -85,9 +85,9 @@ def find_returns(
     returns = wp.empty((*hits.shape, slots), dtype=lidar_returns.LidarReturn, device=hits.device)
     count = wp.empty(hits.shape, dtype=int, device=hits.device)
     key = wp.array(keys, dtype=wp.vec2ui, device=hits.device)
-    if hits.config.mode == "compat":
+    if hits.config.mode == "carla":
         wp.launch(
-            lidar_returns.compat_kernel,
+            lidar_returns.carla_kernel,
             dim=hits.shape,
             inputs=[hits.rays, _carla(hits.config), key],
             outputs=[returns, count],

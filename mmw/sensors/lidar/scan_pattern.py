@@ -1,4 +1,4 @@
-"""Ray patterns in the sensor frame (x forward, y left, z up): pure NumPy, float64."""
+"""Make ray patterns in the sensor frame (x forward, y left, z up): pure NumPy, float64."""
 
 import functools
 import math
@@ -6,8 +6,6 @@ import math
 import numpy as np
 
 from mmw.core.camera_models import Distortion, Intrinsics, focal_length
-from mmw.core.constants import FRAME_DT
-from mmw.core.errors import InputError
 from mmw.sensors.lidar.config import Lidar
 
 
@@ -60,37 +58,12 @@ def lidar_pattern(config: Lidar) -> np.ndarray:
     return lidar_directions(elevations, lidar_azimuths(config.points_per_channel, config.horizontal_fov_deg))
 
 
-def carla_points_per_channel(points_per_second: float, channels: int, tick_s: float = FRAME_DT) -> int:
-    """Return `points_per_channel` of a CARLA LiDAR: the firings of each channel in one tick, halves away from zero.
-
-    With `rotation_frequency = 1 / tick_s` these are one whole turn, as ours always is: 469 for the paper's 3,000,000
-    points a second, 64 channels and 10 ms.
-
-    Args:
-        points_per_second: CARLA's attribute, over all channels [1/s].
-        channels: Number of lasers.
-        tick_s: Length of a simulation step [s].
-
-    Raises:
-        InputError: If a channel would not fire once.
-
-    Source: CARLA 0.9.15 `sensor.lidar.ray_cast`.
-    """
-    count = math.floor(points_per_second * tick_s / channels + 0.5)
-    if count < 1:
-        raise InputError(
-            f"points_per_second = {points_per_second:g} with {channels} channels and ticks of {tick_s:g} s gives each "
-            "channel less than half a point a tick; at least one is needed; raise points_per_second"
-        )
-    return count
-
-
 @functools.lru_cache(maxsize=16)
 def lidar_order(channels: int, points_per_channel: int) -> np.ndarray:
-    """Return the ray indices in the order in which threads take them, shape [channels * points_per_channel], int32.
+    """Return the ray indices in the order of the threads, shape [channels * points_per_channel], int32.
 
     Blocks of 8 channels x 4 firings stay together, about 3 x 3 deg of the usual pattern, so that the 32 threads of a
-    warp walk through the same part of the trees. The order decides speed only: results are stored by ray index.
+    warp traverse the same part of the BVHs. The order decides speed only: results are stored by ray index.
     It is made once and must not be written to.
     """
     channel, firing = np.divmod(np.arange(channels * points_per_channel), points_per_channel)

@@ -1,4 +1,4 @@
-"""Scene flow of LiDAR points: how far each point moves with its object until the next frame."""
+"""Compute scene flow of LiDAR points: how far each point moves with its object until the next frame."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""LiDAR: one turn a frame; geometry traced once, returns found in every weather."""
+"""Simulate a LiDAR: one turn a frame; geometry traced once, returns found in every weather."""
 
 # Warp's structs and small number types are objects, not classes, to a type checker.
 # pyright: reportGeneralTypeIssues=false, reportArgumentType=false
@@ -10,24 +10,17 @@ import numpy as np
 import warp as wp
 
 from mmw.core.constants import FRAME_DT
-from mmw.core.errors import InputError
 from mmw.core.kinematics import Motion, differentiate
 from mmw.core.transfer import to_host
 from mmw.kernels.lidar import trace as lidar
 from mmw.physics.materials.material import Material
 from mmw.physics.weather.weather import Weather
 from mmw.scene.device_scene import DeviceScene
-from mmw.scene.view_motion import view_twists
-from mmw.scene.views import Views
+from mmw.scene.views import Views, view_twists
 from mmw.sensors.lidar.config import Lidar
 from mmw.sensors.lidar.returns import LidarHits, shade_on_device
 from mmw.sensors.lidar.scan_pattern import lidar_order, lidar_pattern
-
-BLOCK_DIM = 64
-"""Threads of a block for kernels that query a BVH, whose stacks lie in shared memory."""
-
-MAX_RETURNS = 2**31 - 1
-"""Returns of one batch: they are counted in 32 bits."""
+from mmw.sensors.ray_batch import BLOCK_DIM, check_count, empty_struct
 
 
 @dataclass(frozen=True)
@@ -47,7 +40,7 @@ class PointCloud:
     z: np.ndarray
     """Up in the sensor frame, on a grid of 1/1024 m, shape [N], float32."""
     intensity: np.ndarray
-    """0 to 1 on a grid of 1/256, shape [N], float32: received power x range^2, in `compat` exp(-rate d)."""
+    """0 to 1 on a grid of 1/256, shape [N], float32: received power x range^2, in `carla` exp(-rate d)."""
     ring: np.ndarray
     """Channel, 0 the highest, shape [N], uint8."""
     object_id: np.ndarray
@@ -75,14 +68,8 @@ def trace_lidar_hits(scene: DeviceScene, views: Views, config: Lidar, motion: Mo
     device = scene.device
     directions = lidar_pattern(config)
     shape = len(views), len(directions)
-    if len(views) * len(directions) * (2 if config.returns == "dual" else 1) > MAX_RETURNS:
-        raise InputError(
-            f"LiDAR batch of {len(views)} views x {len(directions)} rays; one launch holds {MAX_RETURNS} returns; "
-            "lower compute.batch_frames"
-        )
-    rays = lidar.LidarRays()
-    for name, dtype in (("range", float), ("cos_incidence", float), ("object_id", int), ("material_id", int)):
-        setattr(rays, name, wp.empty(shape, dtype=dtype, device=device))
+    check_count("LiDAR", *shape, 2 if config.returns == "dual" else 1)
+    rays = empty_struct(lidar.LidarRays, shape, device)
     hits = LidarHits(
         config,
         rays,
@@ -130,7 +117,7 @@ def find_lidar_returns(
     Args:
         hits: Hits of the rays.
         materials: Materials by id, as they are in the weather (`SceneData.materials[weather]`).
-        weather: Physical values of the weather; `compat` looks at neither.
+        weather: Physical values of the weather; `carla` looks at neither.
         keys: Key of each view's random numbers (`mmw.scene.views.view_keys`), shape [A, 2], uint32.
         patch_key: Key of the patches of fog, one for all sensors and frames of a scenario (`random_key`).
 
@@ -147,10 +134,3 @@ def find_lidar_returns(
         time_offset if hits.config.rolling else np.zeros(count, dtype=np.float32),
         number[0] if number else np.zeros(count, dtype=np.uint8),
     )  # fmt: skip
-
-
-def trace_lidar(
-    scene: DeviceScene, views: Views, config: Lidar, materials: Sequence[Material], weather: Weather, keys: np.ndarray
-) -> PointCloud:
-    """Return the point clouds of every view in one weather: `trace_lidar_hits`, then `find_lidar_returns`."""
-    return find_lidar_returns(trace_lidar_hits(scene, views, config), materials, weather, keys)

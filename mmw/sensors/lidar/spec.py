@@ -34,6 +34,10 @@ SPEC = SensorSpec(
     kernels=_kernels,
     sweep_s=lambda config: FRAME_DT if config.rolling else 0.0,
     needs_clear_view=True,
-    decode="mmw.dataset.frame:lidar_points",
     window=Modality("lidar", "points", ("x", "y", "z", "intensity")),
+    views={
+        "plot": "mmw.viz.plots.samples:draw_lidar_sample",
+        "figure": "mmw.viz.plots.sensors:plot_lidar",
+        "viewer": "mmw.viz.rerun.samples:log_lidar",
+    },
 )

@@ -1,4 +1,4 @@
-"""The table of LiDAR sweeps."""
+"""Define the table of LiDAR sweeps."""
 
 import pyarrow as pa
 

@@ -1,4 +1,4 @@
-"""`type: radar`: an automotive radar at 77 GHz."""
+"""Define the section `type: radar`, an automotive radar at 77 GHz."""
 
 import math
 from typing import Literal
@@ -26,7 +26,7 @@ MAX_FALSE_ALARMS = 20_000
 class Radar(SensorConfig):
     """A radar that looks along its x axis, at the instant of the frame.
 
-    `compat` casts CARLA's rays and knows no power. `physical` is an FMCW radar: a link budget for every ray of a grid
+    `carla` casts CARLA's rays and has no power. `physical` is an FMCW radar: a link budget for every ray of a grid
     over the field of view, then detections of its resolution cells, or the rays themselves (`output: dense`). Its
     virtual antennas transmit at the same time, half a wavelength apart.
     """
@@ -41,16 +41,16 @@ class Radar(SensorConfig):
         },
         description="mount for each role; a role that is left out keeps its default (map)",
     )
-    mode: Literal["compat", "physical"] = Field("physical", description="CARLA's radar, or a link budget (name)")
+    mode: Literal["carla", "physical"] = Field("physical", description="CARLA's radar, or a link budget (name)")
     output: Literal["detections", "dense"] = Field(
-        "detections", description="in `physical`: what is detected, or every ray that meets something (name)"
+        "detections", description="in `physical`: what is detected, or every ray that hits something (name)"
     )
     horizontal_fov_deg: float = Field(110.0, gt=0, lt=180, description="horizontal field of view [deg]")
     vertical_fov_deg: float = Field(30.0, gt=0, lt=180, description="vertical field of view [deg]")
     range_m: float = Field(
-        100.0, gt=0, le=1000, description="longest distance; in `compat` the distance of CARLA's plane of targets [m]"
+        100.0, gt=0, le=1000, description="longest distance; in `carla` the distance of CARLA's plane of targets [m]"
     )
-    points: int = Field(2000, ge=1, le=1_000_000, description="rays of a sample in `compat` (count)")
+    points: int = Field(2000, ge=1, le=1_000_000, description="rays of a sample in `carla` (count)")
 
     azimuth_rays: int = Field(220, ge=1, le=4096, description="columns of the grid of rays in `physical` (count)")
     elevation_rays: int = Field(60, ge=1, le=4096, description="rows of the grid of rays in `physical` (count)")
@@ -108,9 +108,9 @@ class Radar(SensorConfig):
                 f"bandwidth_hz = {self.bandwidth_hz:g} resolves {self.range_resolution:.3g} m, range_m = "
                 f"{self.range_m:g}; a cell must be shorter than the range; raise bandwidth_hz"
             )
-        if self.mode == "compat" and (self.maps or self.iq or self.output == "dense"):
+        if self.mode == "carla" and (self.maps or self.iq or self.output == "dense"):
             raise InputError(
-                "mode = compat has no power: output: dense, maps and iq need mode: physical; leave them out"
+                "mode = carla has no power: output: dense, maps and iq need mode: physical; leave them out"
             )
         if self.iq and math.prod(self.iq_shape) > MAX_IQ_SAMPLES:
             raise InputError(
@@ -171,11 +171,6 @@ class Radar(SensorConfig):
         return 2.0 / self.azimuth_antennas
 
     @property
-    def elevation_resolution(self) -> float:
-        """Width of an elevation cell on boresight, 2 / N [rad]; see `azimuth_resolution`."""
-        return 2.0 / self.elevation_antennas
-
-    @property
     def link_constant(self) -> float:
         """Pt Gt Gr wavelength^2 / (4 pi)^3 on boresight [W m2]: times RCS over R^4 it is the received power [W].
 
@@ -199,4 +194,4 @@ class Radar(SensorConfig):
     @property
     def ray_count(self) -> int:
         """Rays of a sample."""
-        return self.points if self.mode == "compat" else self.azimuth_rays * self.elevation_rays
+        return self.points if self.mode == "carla" else self.azimuth_rays * self.elevation_rays

@@ -1,4 +1,4 @@
-"""From resolution cells to detections: fluctuating echoes, noise, threshold, local maxima, and errors of the estimates.
+"""Detect targets in resolution cells: fluctuating echoes, noise, threshold, local maxima, errors of the estimates.
 
 An echo in noise, after a square-law detector, is an exponential number with the mean N (1 + SNR): Swerling's first case
 in complex Gaussian noise. Above the threshold -N ln(Pfa) it is a detection, so Pd = Pfa^(1 / (1 + SNR)). Cells of rain
@@ -54,14 +54,7 @@ class _Points:
 
 
 def cell_echoes(config: Radar, cells: RadarCells, keys: np.ndarray, device: str) -> np.ndarray:
-    """Return what each occupied cell receives, echo and noise [W], shape [K], float64; keyed by view and cell.
-
-    Args:
-        config: Noise.
-        cells: Mean powers of the occupied cells.
-        keys: Key of each view's random numbers, with the weather, shape [A, 2], uint32.
-        device: Warp device name.
-    """
+    """Return what each occupied cell receives, echo and noise [W], shape [K], float64; keyed by view and cell."""
     u = uniform(keys, cells.view, cells.cell, ECHO_DRAW, device)[:, 0]
     return -np.log(u) * (config.noise_w + cells.power.astype(np.float64))
 
@@ -88,8 +81,8 @@ def detect(config: Radar, cells: RadarCells, clutter: RainClutter | None, keys: 
         found.append(_rain(config, clutter, keys, device))
     found.append(_false_alarms(config, cells, clutter, keys, device))
     points = _Points(*(np.concatenate([getattr(part, f.name) for part in found]) for f in fields(_Points)))
-    points = _take(points, np.lexsort((points.range.astype(np.float32), points.view)))
-    points = _take(points, _is_peak(config, points, device))
+    points = _select(points, np.lexsort((points.range.astype(np.float32), points.view)))
+    points = _select(points, _is_peak(config, points, device))
     return _measured(config, points, keys, device)
 
 
@@ -125,7 +118,7 @@ def threshold(config: Radar) -> float:
     return -config.noise_w * math.log(config.false_alarm_probability)
 
 
-def _take(points: _Points, rows: np.ndarray) -> _Points:
+def _select(points: _Points, rows: np.ndarray) -> _Points:
     return _Points(*(getattr(points, f.name)[rows] for f in fields(_Points)))
 
 
@@ -135,7 +128,7 @@ def _objects(config: Radar, cells: RadarCells, keys: np.ndarray, device: str) ->
     label = np.full(len(power), LABEL_OBJECT, dtype=np.uint8)
     places = (cells.range, cells.velocity, cells.y, cells.z)
     points = _Points(cells.view, *places, power, rcs, cells.object_id, label, cells.cell)
-    return _take(points, power > threshold(config))
+    return _select(points, power > threshold(config))
 
 
 def _inside(
@@ -168,7 +161,7 @@ def _false_alarms(
 ) -> _Points:
     """Return the cells of the field of view in which noise alone exceeds the threshold.
 
-    The cells stand in a line; from one false alarm to the next it is a geometric number of cells. Cells that echoes or
+    The cells form a line; from one false alarm to the next it is a geometric number of cells. Cells that echoes or
     rain were drawn for have had their noise.
     """
     grid = cell_grid(config)
@@ -191,10 +184,10 @@ def _false_alarms(
     per_view = np.int64(2**31)
     occupied = np.append(cells.view * per_view + cells.cell, np.iinfo(np.int64).max)  # ascending
     alarm = view * per_view + cell
-    is_taken = occupied[np.searchsorted(occupied, alarm)] == alarm
+    is_occupied = occupied[np.searchsorted(occupied, alarm)] == alarm
     if clutter is not None:
-        is_taken |= _is_rain(config, clutter, view, r, v, y, z)
-    rows = ~is_taken & ((y * grid.y_step) ** 2 + (z * grid.z_step) ** 2 <= 1.0)
+        is_occupied |= _is_rain(config, clutter, view, r, v, y, z)
+    rows = ~is_occupied & ((y * grid.y_step) ** 2 + (z * grid.z_step) ** 2 <= 1.0)
     view, item, cell, u = view[rows], item[rows], cell[rows], u[rows]
     places = _inside(grid, r[rows], v[rows], y[rows], z[rows], uniform(keys, view, item, ALARM_PLACE_DRAW, device))
     power = threshold(config) - config.noise_w * np.log(u[:, 1])

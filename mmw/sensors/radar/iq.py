@@ -1,4 +1,4 @@
-"""FMCW samples of a radar: what the receivers of all virtual antennas digitise, from the rays of the detections."""
+"""Synthesize FMCW samples of all virtual antennas from the rays of the detections."""
 
 # Warp's structs and small number types are objects, not classes, to a type checker.
 # pyright: reportGeneralTypeIssues=false, reportArgumentType=false
@@ -25,7 +25,7 @@ def radar_iq_samples(config: Radar, rays: radar.RadarRays, keys: np.ndarray) -> 
     antenna is q azimuth_antennas + p, p growing to the left and q upward. Rays are coherent, so a cell of many
     fluctuates by itself as its surfaces move. The noise of a sample is noise_w times the number of samples: a Fourier
     transform over all axes, divided by the number of samples, leaves noise_w in a cell and P in that of an echo.
-    Rain takes its part of the echoes but is no echo here; all antennas transmit at once; targets stay in their cell.
+    Rain attenuates the echoes but is no echo here; all antennas transmit at once; targets stay in their cell.
 
     Args:
         config: Waveform and noise.
@@ -42,7 +42,7 @@ def radar_iq_samples(config: Radar, rays: radar.RadarRays, keys: np.ndarray) -> 
     waveform.turns_per_m = 2.0 / config.wavelength
     waveform.range_step, waveform.velocity_step = grid.range_step, grid.velocity_step
     waveform.noise_sd = math.sqrt(config.noise_w * antennas * chirps * samples / 2.0)
-    waveform.most_range = (grid.ranges - 0.5) * grid.range_step
+    waveform.max_range = (grid.ranges - 0.5) * grid.range_step
     waveform.draw = IQ_DRAW
     turns = wp.empty(rays.range.shape, dtype=wp.vec4, device=device)
     start = wp.empty(rays.range.shape, dtype=wp.vec2, device=device)

@@ -1,4 +1,4 @@
-"""Output of a radar: one list of points for each view."""
+"""Hold the output of a radar: one list of points for each view."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ class RadarPoints:
     `offsets[a + 1]`.
 
     Angles are in the right-handed sensor frame, x forward, y left, z up: CARLA's azimuth is minus this one, its
-    altitude is this elevation. `compat` knows no power: `power_db`, `snr_db` and `rcs_dbsm` are None then.
+    altitude is this elevation. `carla` has no power: `power_db`, `snr_db` and `rcs_dbsm` are None then.
     """
 
     offsets: np.ndarray

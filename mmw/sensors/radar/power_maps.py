@@ -1,4 +1,4 @@
-"""Power maps of a radar: range against azimuth, or against velocity, from the cells that the detections come from."""
+"""Make power maps of a radar: range against azimuth, or against velocity, from the cells of the detections."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -66,17 +66,9 @@ def radar_maps(
 
     The echo of a cell, drawn as for the detections, leaks along the two axes of the map as a Hann window spreads it
     from where its mean is: an echo between two cells is 1.4 dB down in both. Thermal noise is the largest of as many
-    exponential numbers as a pixel stands for cells of the field of view, by inverse transform of its distribution, so a
+    exponential numbers as a pixel holds cells of the field of view, by inverse transform of its distribution, so a
     detection of power P shows up as about P, over a floor of about ln(n) times the noise of one cell. Rain is that of
     `RainClutter`, without leakage.
-
-    Args:
-        config: Cells and noise.
-        kind: Which map.
-        cells: Mean powers of the occupied cells.
-        clutter: Rain, None without.
-        keys: Key of each view's random numbers, with the weather, shape [A, 2], uint32.
-        device: Warp device name.
     """
     grid = cell_grid(config)
     y_cells = angle_cells(grid.ys, config.horizontal_fov_deg)

@@ -1,4 +1,4 @@
-"""Rain as a radar sees it: how much it scatters back, how fast it moves, what each resolution cell receives of it."""
+"""Model rain for a radar: its backscatter, its velocity, and what each resolution cell receives of it."""
 
 # Warp's structs and small number types are objects, not classes, to a type checker.
 # pyright: reportGeneralTypeIssues=false, reportArgumentType=false
@@ -44,7 +44,7 @@ TURBULENCE_M_S = 0.5
 1 m/s for the far larger cells of surveillance radars."""
 
 NEAREST_M = 1.0
-"""Distance from which on rain is seen [m]: nearer, a cell holds few drops, and the antennas are not yet one array.
+"""Distance from which on rain is modeled [m]: nearer, a cell holds few drops, and the antennas are not yet one array.
 Design value."""
 
 MIN_SHARE = 0.02
@@ -52,7 +52,7 @@ MIN_SHARE = 0.02
 it would raise the false alarms there by less than 32 %. Design value."""
 
 RAIN_DRAW = 64
-"""First draw of the random numbers of rain; echoes, errors and false alarms take those below."""
+"""First draw of the random numbers of rain; echoes, errors and false alarms use those below."""
 
 
 def rain_backscatter(rain_mm_h: float, carrier_hz: float) -> float:
@@ -146,7 +146,7 @@ def rain_clutter(
 
     A cell returns the radar equation of its RCS eta V, spread over velocity cells as a normal distribution: wind and
     falling drops give the mean, the fall speeds of the drops and turbulence the width. Velocity cells beyond three
-    standard deviations hold none. Rain behind a wall is seen all the same.
+    standard deviations hold none. Rain behind a wall counts too.
 
     Args:
         config: Cells, link and noise.

@@ -1,6 +1,6 @@
-"""Radar reflectivity of surfaces: reflection, slope and diffuse share of every material, dry or wet.
+"""Tabulate radar reflectivity of surfaces: reflection, slope and diffuse share of every material, dry or wet.
 
-A surface is rough on the scale of the wave: facets with normally distributed slopes mirror the wave back where they
+A surface is rough on the scale of the wave: facets with normally distributed slopes reflect the wave back where they
 face the radar, and a share of what the surface reflects is scattered by Lambert's law instead. How much it reflects is
 |Gamma0|^2, the reflection at normal incidence: of the permittivity that the radio channel uses, where that is known at
 the carrier, else of a table by non-visual base.
@@ -68,18 +68,18 @@ ROUGHNESS: dict[str, Roughness] = {
     "retroreflective": Roughness(0.08, 0.90, 0.05),
     "none": Roughness(0.30, 0.55, 0.10),
 }
-"""SimReady non-visual base -> roughness; `none` stands for people: skin and cloth."""
+"""SimReady non-visual base -> roughness; `none` is for people: skin and cloth."""
 
 BODYWORK = Roughness(0.25, 0.95, 0.30)
 """Painted metal. Meshes leave out the seams, handles, grilles and cavities of bodywork, and rays that bounce twice: a
-larger slope and diffuse share stand for them, such that the shipped cars have 0 to 20 dBsm from every side, a mean of
+larger slope and diffuse share represent them, such that the shipped cars have 0 to 20 dBsm from every side, a mean of
 8 to 11, and the box truck 16. Design value."""
 
 METALS = ("aluminum", "steel", "oxidized_steel", "iron")
 """Non-visual bases of metal."""
 
 FILM_SMOOTHING = 0.5
-"""Share of the diffuse part that the water film of a soaked surface takes away: it fills the texture. Design value."""
+"""Share of the diffuse part that the water film of a soaked surface removes: it fills the texture. Design value."""
 
 
 WET_ROWS = ("itu_wet_", "itu_fresh_water", "itu_sea_water")
@@ -116,7 +116,7 @@ def normal_reflection(material: Material, carrier_hz: float) -> complex:
 
 
 def has_permittivity(radio: RadioMaterial, carrier_hz: float) -> bool:
-    """Return whether the radio channel knows a permittivity of a material at a carrier [Hz]."""
+    """Return whether the radio channel has a permittivity of a material at a carrier [Hz]."""
     rows = PERMITTIVITY.get(radio.itu.removeprefix(PREFIX), ())
     return radio.model == "constant" or any(row.min_ghz <= carrier_hz / 1e9 <= row.max_ghz for row in rows)
 
@@ -129,9 +129,9 @@ def takes_water(material: Material, carrier_hz: float) -> bool:
 
 
 def reflectivity_table(materials: Sequence[Material], weather: Weather, carrier_hz: float) -> np.ndarray:
-    """Return what `mmw.kernels.radar.trace.backscatter` takes of every material in one weather.
+    """Return the arguments of `mmw.kernels.radar.trace.backscatter` of every material in one weather.
 
-    Water in pores adds to the refractive index in proportion to its share of the volume, and its film takes a part of
+    Water in pores adds to the refractive index in proportion to its share of the volume, and its film removes a part of
     the diffuse scattering away. Materials of P.527's wet soils are wet already and stay as they are.
 
     Args:

@@ -1,4 +1,4 @@
-"""Resolution cells of a radar: the rays of a batch sorted into cells once, added up in every weather."""
+"""Sort the rays of a batch into resolution cells once, and sum the cells in every weather."""
 
 # Warp's structs and small number types are objects, not classes, to a type checker.
 # pyright: reportGeneralTypeIssues=false, reportArgumentType=false
@@ -14,6 +14,7 @@ from mmw.core.transfer import to_host
 from mmw.kernels.radar import resolution_cells as radar_cells
 from mmw.kernels.radar import trace as radar
 from mmw.sensors.radar.config import Radar
+from mmw.sensors.ray_batch import empty_struct
 
 MAX_CELLS = 2**31 - 1
 """Cells of one sweep: they are counted in 32 bits."""
@@ -167,11 +168,7 @@ def sum_cells(order: SortedRays, rays: radar.RadarRays) -> RadarCells:
         rays: Echoes [A, R] in the weather.
     """
     count, device = order.start.shape[0], rays.range.device
-    sums = radar_cells.CellSums()
-    for name in ("view", "cell", "object_id"):
-        setattr(sums, name, wp.empty(count, dtype=int, device=device))
-    for name in ("power", "rcs", "range", "velocity", "y", "z"):
-        setattr(sums, name, wp.empty(count, dtype=float, device=device))
+    sums = empty_struct(radar_cells.CellSums, count, device)
     wp.launch(
         radar_cells.cell_sum_kernel,
         dim=count,
@@ -179,7 +176,7 @@ def sum_cells(order: SortedRays, rays: radar.RadarRays) -> RadarCells:
         outputs=[sums],
         device=device,
     )
-    names = ("view", "cell", "power", "rcs", "range", "velocity", "y", "z", "object_id")
+    names = list(radar_cells.CellSums.vars)
     found = dict(zip(names, to_host([getattr(sums, name) for name in names]), strict=True))
     has_power = found["power"] > 0.0
     values = {name: column[has_power] for name, column in found.items()}

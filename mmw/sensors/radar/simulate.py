@@ -1,4 +1,4 @@
-"""Radar: rays traced once a batch, the radar equation evaluated in every weather."""
+"""Trace radar rays once a batch, and evaluate the radar equation in every weather."""
 
 # Warp's structs and small number types are objects, not classes, to a type checker.
 # pyright: reportGeneralTypeIssues=false, reportArgumentType=false
@@ -9,7 +9,6 @@ from collections.abc import Sequence
 import numpy as np
 import warp as wp
 
-from mmw.core.errors import InputError
 from mmw.kernels.radar import trace as radar
 from mmw.physics.em.attenuation import path_loss_db
 from mmw.physics.materials.material import Material
@@ -19,12 +18,7 @@ from mmw.scene.views import Views
 from mmw.sensors.radar.config import Radar
 from mmw.sensors.radar.points import LABEL_OBJECT, RadarPoints
 from mmw.sensors.radar.reflectivity import reflectivity_table
-
-BLOCK_DIM = 64
-"""Threads of a block for kernels that query a BVH, whose stacks lie in shared memory."""
-
-MAX_RAYS = 2**31 - 1
-"""Rays of one batch."""
+from mmw.sensors.ray_batch import BLOCK_DIM, check_count, empty_struct
 
 RADOME_RAIN_MM_H = 10.0
 """Rain rate at which a wet radome has the loss `Radar.wet_radome_db` [mm/h]."""
@@ -35,9 +29,9 @@ def trace_radar(
 ) -> radar.RadarHits:
     """Return the first surface on every ray of every view: geometry and motion only, so it serves every weather.
 
-    `compat` casts CARLA's rays: end points on the plane x = range, at a radius u and an angle 2 pi v of the ellipse
+    `carla` casts CARLA's rays: end points on the plane x = range, at a radius u and an angle 2 pi v of the ellipse
     that the field of view cuts out of it, with u and v uniform. The rays are dense in the middle, and reach
-    range / cos(angle) off it. A surface moves with its actor's origin; the town stands still, and is seen like
+    range / cos(angle) off it. A surface moves with its actor's origin; the town is at rest, and is hit like
     everything else.
 
     `physical` casts one ray in each cell of a grid that is even in azimuth and in the sine of elevation, so that all
@@ -48,7 +42,7 @@ def trace_radar(
     Args:
         scene: Town and vehicles, with the views' frames loaded.
         views: Sensor poses, A rows.
-        velocity: Velocity of each view's sensor, world frame [m/s], shape [A, 3] (`mmw.scene.view_motion.view_twists`).
+        velocity: Velocity of each view's sensor, world frame [m/s], shape [A, 3] (`mmw.scene.views.view_twists`).
         config: Field of view, range and number of rays R.
         keys: Key of each view's random numbers, without the weather (`mmw.scene.views.view_keys`), shape [A, 2],
         uint32.
@@ -70,13 +64,9 @@ def trace_radar(
                 f"radar: {name} has shape {np.shape(values)}; one row a view is needed, ({len(views)}, {width}); make "
                 "it from the same views"
             )
-    if len(views) * rays > MAX_RAYS:
-        raise InputError(
-            f"radar batch of {len(views)} views x {rays} rays; one launch holds {MAX_RAYS} rays; "
-            "lower compute.batch_frames"
-        )
+    check_count("radar", len(views), rays)
     on_device = views.for_scene(scene)
-    hits = _allocate(len(views), rays, device)
+    hits = empty_struct(radar.RadarHits, (len(views), rays), device)
     if len(views) == 0:
         return hits
     common = [
@@ -87,7 +77,7 @@ def trace_radar(
     ]
     half_azimuth = math.radians(config.horizontal_fov_deg) / 2.0
     half_elevation = math.radians(config.vertical_fov_deg) / 2.0
-    if config.mode == "compat":
+    if config.mode == "carla":
         plane = config.range_m * np.array([1.0, math.tan(half_azimuth), math.tan(half_elevation)])
         kernel, inputs = radar.carla_kernel, [*common, wp.vec3(*plane)]
     else:
@@ -99,17 +89,8 @@ def trace_radar(
     return hits
 
 
-def _allocate(views: int, rays: int, device: str) -> radar.RadarHits:
-    hits = radar.RadarHits()
-    for name in ("range", "azimuth", "elevation", "velocity", "cos_incidence"):
-        setattr(hits, name, wp.empty((views, rays), dtype=float, device=device))
-    for name in ("object_id", "material_id"):
-        setattr(hits, name, wp.empty((views, rays), dtype=int, device=device))
-    return hits
-
-
 def air_loss_db_per_km(weather: Weather, carrier_hz: float) -> float:
-    """Return what rain, fog and gas of a weather take from a level, vertically polarised wave, one way [dB/km].
+    """Return the attenuation of a level, vertically polarised wave by rain, fog and gas of a weather, one way [dB/km].
 
     Source: ITU-R P.838-3, P.840-9 and P.676-13, see `mmw.physics.em.attenuation`.
     """
@@ -118,7 +99,7 @@ def air_loss_db_per_km(weather: Weather, carrier_hz: float) -> float:
 
 
 def radome_loss_db(weather: Weather, config: Radar) -> float:
-    """Return what the water film on the radome takes, both ways together [dB]; 0 without rain.
+    """Return the loss of the water film on the radome, both ways together [dB]; 0 without rain.
 
     The film grows as the cube root of the rain rate, and the loss of a thin film with its thickness.
 
@@ -133,13 +114,13 @@ def shade_radar(
 ) -> radar.RadarRays:
     """Return the echoes of traced rays in one weather.
 
-    A ray stands for the surface that its solid angle W covers, W R^2 / cos(incidence): times the backscatter
+    A ray represents the surface that its solid angle W covers, W R^2 / cos(incidence): times the backscatter
     coefficient that is its share of the RCS, and the radar equation makes power of it.
 
     Args:
         hits: Hits of the rays, of `physical`.
         materials: Materials by id, as they are in the weather (`SceneData.materials[weather]`).
-        weather: Rain, fog and air on the way, and how wet surfaces are.
+        weather: Rain, fog and air on the path, and how wet surfaces are.
         config: Power, antennas and carrier.
 
     Returns:
@@ -172,7 +153,7 @@ def decibels(values: np.ndarray) -> np.ndarray:
     return (10.0 * np.log10(values.astype(np.float64))).astype(np.float32)
 
 
-def compat_points(hits: radar.RadarHits) -> RadarPoints:
+def carla_points(hits: radar.RadarHits) -> RadarPoints:
     """Return what CARLA's radar reports: every ray with a hit, in the order of the rays."""
     return _points(hits, hits.object_id.numpy() >= 0, None, None, None)
 

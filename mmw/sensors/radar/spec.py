@@ -7,7 +7,7 @@ from mmw.config.sensor_spec import Estimate, Modality, SensorSpec
 from mmw.sensors.radar.config import Radar
 from mmw.sensors.radar.tables import RADAR, RADAR_IQ, RADAR_MAPS
 
-BYTES_PER_RAY = {"compat": 8.8, "dense": 24.0}
+BYTES_PER_RAY = {"carla": 8.8, "dense": 24.0}
 """Size of one ray where rays are stored, misses included, measured on town03 [bytes]."""
 
 DETECTIONS_BYTES = 3_000.0
@@ -18,7 +18,7 @@ MAP_PIXEL_BYTES, IQ_SAMPLE_BYTES = 4.0, 8.0
 
 
 def _estimate(config: Radar) -> Estimate:
-    stored = "compat" if config.mode == "compat" else config.output
+    stored = "carla" if config.mode == "carla" else config.output
     size = config.ray_count * BYTES_PER_RAY[stored] if stored in BYTES_PER_RAY else DETECTIONS_BYTES
     columns = {"range_azimuth": config.azimuth_antennas, "range_doppler": config.chirps}
     size += sum(columns[kind] for kind in config.maps) * (config.range_cells + 1) * MAP_PIXEL_BYTES
@@ -45,6 +45,10 @@ SPEC = SensorSpec(
     defaults=lambda: (Radar(),),
     kernels=_kernels,
     needs_clear_view=True,
-    decode="mmw.dataset.frame:radar_points",
     window=Modality("radar", "points", ("range", "azimuth", "elevation", "velocity")),
+    views={
+        "plot": "mmw.viz.plots.samples:draw_radar_sample",
+        "figure": "mmw.viz.plots.sensors:plot_radar",
+        "viewer": "mmw.viz.rerun.samples:log_radar",
+    },
 )

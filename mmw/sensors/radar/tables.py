@@ -6,7 +6,7 @@ from mmw.storage.table_spec import F32, F64, I32, OWNED, SENSOR, TableSpec, colu
 
 RADAR = TableSpec(
     "radar",
-    "One radar sample: its points, detections or rays as the sensor is configured; what meets nothing is left out.",
+    "One radar sample: its points, detections or rays as the sensor is configured; rays that hit nothing are left out.",
     (
         *OWNED,
         SENSOR,
@@ -21,11 +21,11 @@ RADAR = TableSpec(
             "power_db",
             list_of(F32),
             "dBm",
-            "received power, losses of the weather included; null in compat",
+            "received power, losses of the weather included; null in carla",
             nullable=True,
         ),
-        column("snr_db", list_of(F32), "dB", "power over the noise of a cell; null in compat", nullable=True),
-        column("rcs_dbsm", list_of(F32), "dBsm", "radar cross section; null in compat", nullable=True),
+        column("snr_db", list_of(F32), "dB", "power over the noise of a cell; null in carla", nullable=True),
+        column("rcs_dbsm", list_of(F32), "dBsm", "radar cross section; null in carla", nullable=True),
         column(
             "object_id",
             list_of(I32),

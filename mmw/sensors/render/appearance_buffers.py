@@ -1,4 +1,4 @@
-"""Appearance of a scene on the device: corners of faces, textures, and looks of a weather.
+"""Load the appearance of a scene on the device: corners of faces, textures, and materials of each weather.
 
 Textures lie one after the other in a flat array of half floats with all their mip levels, and
 `kernels/shading/texture.py` filters them. `wp.Texture2D` would filter in hardware on CUDA; the array makes the same
@@ -18,7 +18,7 @@ import warp as wp
 
 from mmw.core.errors import InputError
 from mmw.kernels.shading import structs as structs
-from mmw.physics.materials.appearance import LAMPS, Look, TextureUse
+from mmw.physics.materials.appearance import LAMPS, Appearance, TextureUse
 from mmw.physics.materials.material import POROUS_BASES, Material
 from mmw.scene.device_scene import DeviceScene
 from mmw.usd.textures import Image, MissingImageError, decode_image, mip_levels
@@ -34,12 +34,12 @@ WRAPS = ("repeat", "clamp", "mirror", "black")
 """Wraps by their number in the kernel."""
 
 TEXTURED = ("color", "emission", "roughness", "metallic", "normal", "opacity")
-"""Inputs of a look that a texture can give: fields `<name>_texture`."""
+"""Inputs of a appearance that a texture can give: fields `<name>_texture`."""
 
 
 @dataclass
 class _Textures:
-    """Images that are loaded, each once for every way of decoding it."""
+    """Images that are loaded, each once for every kind of decoding."""
 
     debug: bool
     notes: dict[str, None] = field(default_factory=dict)
@@ -47,15 +47,15 @@ class _Textures:
     row_of_content: dict[tuple[tuple[int, ...], bytes], int] = field(default_factory=dict)
     levels: list[list[np.ndarray]] = field(default_factory=list)
 
-    def row(self, use: TextureUse, look: Look) -> int | None:
+    def row(self, use: TextureUse, appearance: Appearance) -> int | None:
         """Return the row of a texture, which is loaded if it is new; None where it is missing."""
         key = use.file, use.is_srgb
         if key not in self.row_of:
-            self.row_of[key] = self._load(use, look)
+            self.row_of[key] = self._load(use, appearance)
         return self.row_of[key]
 
-    def _load(self, use: TextureUse, look: Look) -> int | None:
-        where = look.prim_path or "a material"
+    def _load(self, use: TextureUse, appearance: Appearance) -> int | None:
+        where = appearance.prim_path or "a material"
         try:
             image = decode_image(use.file, use.is_srgb, where)
         except MissingImageError as error:
@@ -80,7 +80,7 @@ class _Textures:
 
 
 class AppearanceArrays:
-    """Corners, textures and looks of one scene on its device, for every weather that the scene was read for.
+    """Corners, textures and appearances of one scene on its device, for every weather that the scene was read for.
 
     Attributes:
         notes: Notes for the user: textures that are missing or were made smaller, one line each.
@@ -89,10 +89,6 @@ class AppearanceArrays:
     def __init__(self, scene: DeviceScene, *, debug: bool = False):
         """Load corners and textures.
 
-        Args:
-            scene: The scene.
-            debug: Draw what has a missing texture in magenta.
-
         Raises:
             InputError: If a texture file is there and cannot be decoded.
         """
@@ -100,19 +96,19 @@ class AppearanceArrays:
         self._materials = scene.arrays.materials
         self._textures = _Textures(debug)
         self._uses: dict[TextureUse, int] = {}
-        self._rows: dict[str, list[structs.Look]] = {}
+        self._rows: dict[str, list[structs.Appearance]] = {}
         for weather, materials in self._materials.items():
-            self._rows[weather] = [self._look(material) for material in materials]
+            self._rows[weather] = [self._appearance(material) for material in materials]
         self._struct = self._upload(scene)
-        self._of_weather: dict[str, structs.Appearance] = {}
+        self._of_weather: dict[str, structs.AppearanceTable] = {}
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Notes for the user, one line each."""
         return tuple(self._textures.notes)
 
-    def for_weather(self, name: str) -> structs.Appearance:
-        """Return what kernels take in one weather; all weathers share corners and textures.
+    def for_weather(self, name: str) -> structs.AppearanceTable:
+        """Return the kernel struct of one weather; all weathers share corners and textures.
 
         Raises:
             InputError: If the scene was not read for the weather.
@@ -121,18 +117,18 @@ class AppearanceArrays:
             known = ", ".join(self._rows) or "none"
             raise InputError(f"weather {name!r}: the scene has materials for {known}; read it for this weather too")
         if name not in self._of_weather:
-            shared, struct = self._struct, structs.Appearance()
-            for key in structs.Appearance.vars:
+            shared, struct = self._struct, structs.AppearanceTable()
+            for key in structs.AppearanceTable.vars:
                 setattr(struct, key, getattr(shared, key))
-            struct.looks = self._structs(self._rows[name], structs.Look)
+            struct.appearances = self._structs(self._rows[name], structs.Appearance)
             self._of_weather[name] = struct
         return self._of_weather[name]
 
     def _structs(self, rows: Sequence, dtype) -> wp.array:
         return wp.array(rows, dtype=dtype, device=self._device) if rows else wp.empty(0, dtype, device=self._device)
 
-    def _upload(self, scene: DeviceScene) -> structs.Appearance:
-        arrays, struct = scene.arrays, structs.Appearance()
+    def _upload(self, scene: DeviceScene) -> structs.AppearanceTable:
+        arrays, struct = scene.arrays, structs.AppearanceTable()
         models = arrays.models
 
         def corners(values: np.ndarray, dtype) -> wp.array:
@@ -157,9 +153,9 @@ class AppearanceArrays:
         struct.textures = self._structs(textures, structs.Texture)
         words = np.concatenate(texels).view(np.uint64).reshape(-1)
         struct.texels = wp.array(words, dtype=wp.uint64, device=self._device)
-        looks = [look for rows in self._rows.values() for look in rows]
-        struct.has_emission_textures = any(look.emission_texture >= 0 for look in looks)
-        struct.has_holes = any(look.opacity_threshold > 0.0 for look in looks)
+        appearances = [appearance for rows in self._rows.values() for appearance in rows]
+        struct.has_emission_textures = any(appearance.emission_texture >= 0 for appearance in appearances)
+        struct.has_holes = any(appearance.opacity_threshold > 0.0 for appearance in appearances)
         struct.uses = self._structs([self._use_struct(use) for use in self._uses], structs.TextureUse)
         return struct
 
@@ -172,14 +168,14 @@ class AppearanceArrays:
         struct.wrap_u, struct.wrap_v = (WRAPS.index(wrap) for wrap in use.wrap)
         return struct
 
-    def _look(self, material: Material) -> structs.Look:
-        """Return the look of a material as kernels take it; its textures are loaded."""
-        look, struct = material.look, structs.Look()
-        numbers = {name: getattr(look, name) for name in TEXTURED if name != "normal"}
+    def _appearance(self, material: Material) -> structs.Appearance:
+        """Return the kernel struct of a material; its textures are loaded."""
+        appearance, struct = material.appearance, structs.Appearance()
+        numbers = {name: getattr(appearance, name) for name in TEXTURED if name != "normal"}
         for name in TEXTURED:
-            row, use = -1, getattr(look, f"{name}_texture")
-            texture = self._textures.row(use, look) if use is not None else None
-            if texture is not None and look.has_uv:
+            row, use = -1, getattr(appearance, f"{name}_texture")
+            texture = self._textures.row(use, appearance) if use is not None else None
+            if texture is not None and appearance.has_uv:
                 row = self._uses.setdefault(use, len(self._uses))
             elif use is not None and texture is not None and name != "normal":
                 mean = self._textures.mean(texture) * use.scale + use.bias
@@ -190,13 +186,13 @@ class AppearanceArrays:
         struct.emission = wp.vec3(*np.maximum(numbers["emission"], 0.0))
         for name in ("roughness", "metallic", "opacity"):
             setattr(struct, name, float(np.clip(numbers[name], 0.0, 1.0)))
-        has_holes = struct.opacity_texture >= 0 or look.opacity_texture is None
-        struct.opacity_threshold = look.opacity_threshold if has_holes else 0.0  # a lost texture cuts nothing
-        if look.opacity_threshold > 0.0 and not has_holes:
+        has_holes = struct.opacity_texture >= 0 or appearance.opacity_texture is None
+        struct.opacity_threshold = appearance.opacity_threshold if has_holes else 0.0  # a lost texture cuts nothing
+        if appearance.opacity_threshold > 0.0 and not has_holes:
             struct.opacity = 1.0
-        struct.normal_reflectance = ((look.ior - 1.0) / (look.ior + 1.0)) ** 2
-        struct.clearcoat, struct.clearcoat_roughness = look.clearcoat, look.clearcoat_roughness
-        struct.lamp = LAMPS.index(look.lamp)
+        struct.normal_reflectance = ((appearance.ior - 1.0) / (appearance.ior + 1.0)) ** 2
+        struct.clearcoat, struct.clearcoat_roughness = appearance.clearcoat, appearance.clearcoat_roughness
+        struct.lamp = LAMPS.index(appearance.lamp)
         is_open = material.coating == "none" and not material.is_retroreflective
         struct.is_porous = material.nonvisual_base in POROUS_BASES and is_open
         struct.holds_puddles = material.nonvisual_base in PUDDLE_BASES

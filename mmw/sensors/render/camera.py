@@ -1,4 +1,4 @@
-"""Common parts of camera sensors: intrinsics on the device, and the launch of one thread a pixel."""
+"""Share parts of camera sensors: intrinsics on the device, and the launch of one thread a pixel."""
 
 import warp as wp
 
@@ -14,10 +14,6 @@ BLOCK_DIM = TILE * TILE
 
 def device_camera(intrinsics: Intrinsics, range_m: float) -> kernels.Camera:
     """Return a camera as kernels take it.
-
-    Args:
-        intrinsics: Size, focal lengths, principal point and lens.
-        range_m: Longest depth [m].
 
     Raises:
         InputError: If the lens is not one to one in the image.

@@ -1,4 +1,4 @@
-"""Settings of a camera image: exposure, shutter, noise, tone map, and rain in front of the lens."""
+"""Define settings of a camera image: exposure, shutter, noise, tone map, and rain in front of the lens."""
 
 from typing import Literal
 

@@ -1,4 +1,4 @@
-"""JPEG files of many images at once, made on the GPU that rendered them.
+"""Make JPEG files of many images at once, on the GPU that rendered them.
 
 A core makes 700 files of 640 x 480 a second, and a GPU renders thousands: the cores beside it would be its limit. The
 files are those of `mmw.storage.codecs.images.encode_rgb`, byte for byte, which libjpeg-turbo writes: with its fast

@@ -1,4 +1,4 @@
-"""Inputs of the shading of a batch of images, traced once for all weathers: surfaces, light, mirrored rays."""
+"""Trace inputs of the shading of a batch of images once for all weathers: surfaces, light, reflected rays."""
 
 # Warp's structs and small number types are objects, not classes, to a type checker.
 # pyright: reportGeneralTypeIssues=false, reportArgumentType=false
@@ -10,14 +10,15 @@ import warp as wp
 
 from mmw.kernels.camera import instance_culling as candidates
 from mmw.kernels.shading import denoise as light_filter
-from mmw.kernels.shading import reflections as mirror
+from mmw.kernels.shading import reflections as reflection_kernels
 from mmw.kernels.shading import shade
 from mmw.kernels.shading import shadows as lighting
-from mmw.kernels.shading import structs as looks
+from mmw.kernels.shading import structs as shading
 from mmw.kernels.shading import surface_samples as surfaces
 from mmw.kernels.shading.sky import Sky
 from mmw.kernels.shading.wet_surfaces import Wet
 from mmw.scene.device_scene import DeviceScene
+from mmw.sensors.ray_batch import empty_struct
 from mmw.sensors.render.camera import BLOCK_DIM, TILE
 from mmw.sensors.render.visibility_buffer import FlaggedRows, SampleBuffer, empty_candidates, empty_flags, empty_samples
 
@@ -26,7 +27,7 @@ SUN_CELL_M = 16.0
 
 SUN_GRID_RANGE_M = 500.0
 """Distance between an instance and what it shades [m] up to which the whole of the sun's disc counts: the shadow of
-what is farther away is too soft to be seen."""
+what is farther away is too soft to see."""
 
 SHADING_BLOCK_DIM = 256
 """Threads of a block of kernels in files that cast no ray: 12 % faster than with `BLOCK_DIM` on an H100."""
@@ -39,8 +40,8 @@ SMOOTH_REACH = (1, 4)
 values."""
 
 
-def read_surfaces(buffer: SampleBuffer, appearance: looks.Appearance) -> tuple[looks.Surfaces, wp.array]:
-    """Return what every sample shows, and flags of the threads whose samples mirror sharply while they are dry."""
+def read_surfaces(buffer: SampleBuffer, appearance: shading.AppearanceTable) -> tuple[shading.Surfaces, wp.array]:
+    """Return what every sample shows, and flags of the threads whose samples reflect sharply while they are dry."""
     found = _empty_surfaces(buffer.count, appearance, buffer.scene.device)
     sends_ray = empty_flags(buffer.shading_threads, buffer.scene.device)
     inputs = [buffer.scene.struct, appearance, buffer.picture]
@@ -66,14 +67,15 @@ def sun_over(scene: DeviceScene, sky: Sky) -> candidates.Sun:
         low, high = places.min(axis=0) - around, places.max(axis=0) + around
         grid.low = wp.vec2(*low)
         grid.columns, grid.rows = (int(n) for n in np.ceil((high - low) / SUN_CELL_M))
-    met = empty_candidates(scene.slots * grid.rows * grid.columns, scene)
+    instances = empty_candidates(scene.batch_size * grid.rows * grid.columns, scene)
     if grid.columns:
         wp.launch(
-            candidates.sun_candidates_kernel, dim=(scene.slots, grid.rows, grid.columns), inputs=[scene.struct, grid],
-            outputs=[met], device=scene.device,
+            candidates.sun_candidates_kernel, dim=(scene.batch_size, grid.rows, grid.columns),
+            inputs=[scene.struct, grid],
+            outputs=[instances], device=scene.device,
         )  # fmt: skip
     sun = candidates.Sun()
-    sun.direction, sun.radius, sun.grid, sun.candidates = sky.sun_direction, sky.sun_radius, grid, met
+    sun.direction, sun.radius, sun.grid, sun.candidates = sky.sun_direction, sky.sun_radius, grid, instances
     return sun
 
 
@@ -126,67 +128,54 @@ def gather_light(buffer: SampleBuffer, sun: wp.array | None, sky: wp.array | Non
 
 
 @dataclass(frozen=True)
-class MirrorRays:
-    """Mirrored rays of a buffer and their hits."""
+class ReflectedRays:
+    """Reflected rays of a buffer and their hits."""
 
     number: wp.array
-    """Mirrored ray of each sample, -1 for none; empty where none was sent."""
-    mirrors: mirror.Mirrors
-    """Without the sun, which depends on where it stands: see `trace_mirror_sun`."""
+    """Reflected ray of each sample, -1 for none; empty where none was sent."""
+    reflections: reflection_kernels.Reflections
+    """Without the sun, which depends on where it stands: see `trace_reflection_sun`."""
 
     def __len__(self) -> int:
-        return len(self.mirrors.row)
+        return len(self.reflections.row)
 
 
-def find_mirrors(
-    buffer: SampleBuffer, appearance: looks.Appearance, wet: Wet, found: looks.Surfaces, sends_ray: wp.array
+def find_reflections(
+    buffer: SampleBuffer, appearance: shading.AppearanceTable, wet: Wet, found: shading.Surfaces, sends_ray: wp.array
 ) -> FlaggedRows:
-    """Return the samples that send a mirrored ray.
-
-    Args:
-        buffer: What the pixels see.
-        appearance: Looks.
-        wet: Water of the wettest weather.
-        found: Surfaces of the samples.
-        sends_ray: Flags of the threads whose samples mirror while they are dry; those of water are added.
-    """
+    """Return the samples that send a reflected ray."""
     if wet.wetness + wet.puddles > 0.0:
         inputs = [appearance, wet, buffer.picture, found]
-        _trace(buffer, mirror.water_kernel, buffer.shading_threads, inputs, [sends_ray])
+        _trace(buffer, reflection_kernels.water_kernel, buffer.shading_threads, inputs, [sends_ray])
     return FlaggedRows(buffer, sends_ray)
 
 
-def trace_mirrors(
-    buffer: SampleBuffer, appearance: looks.Appearance, found: looks.Surfaces, mirrored: FlaggedRows | None
-) -> MirrorRays:
-    """Return the mirrored rays of a buffer.
-
-    Args:
-        buffer: What the pixels see.
-        appearance: Looks.
-        found: Surfaces of the samples.
-        mirrored: From `find_mirrors`; None where no ray is sent.
-    """
+def trace_reflections(
+    buffer: SampleBuffer, appearance: shading.AppearanceTable, found: shading.Surfaces, senders: FlaggedRows | None
+) -> ReflectedRays:
+    """Return the reflected rays of a buffer."""
     device, scene, picture = buffer.scene.device, buffer.scene.struct, buffer.picture
-    rays = mirror.Mirrors()
-    number = wp.full(buffer.count if mirrored else 0, -1, dtype=int, device=device)
-    rays.row = mirrored.listed() if mirrored else wp.empty(0, dtype=int, device=device)
+    rays = reflection_kernels.Reflections()
+    number = wp.full(buffer.count if senders else 0, -1, dtype=int, device=device)
+    rays.row = senders.listed() if senders else wp.empty(0, dtype=int, device=device)
     count = len(rays.row)
     rays.samples = empty_samples(count, device, with_surfaces=True)
     rays.surfaces = _empty_surfaces(count, appearance, device)
     rays.sun = wp.empty(0, dtype=wp.uint8, device=device)
-    _trace(buffer, mirror.mirror_number_kernel, count, [rays.row], [number])
-    _trace(buffer, mirror.mirror_trace_kernel, count, [scene, picture, found, rays.row], [rays.samples])
+    _trace(buffer, reflection_kernels.reflection_number_kernel, count, [rays.row], [number])
+    _trace(buffer, reflection_kernels.reflection_trace_kernel, count, [scene, picture, found, rays.row], [rays.samples])
     inputs = [scene, appearance, picture, found, rays]
-    _trace(buffer, mirror.mirror_surface_kernel, count, inputs, [rays.surfaces])
-    return MirrorRays(number, rays)
+    _trace(buffer, reflection_kernels.reflection_surface_kernel, count, inputs, [rays.surfaces])
+    return ReflectedRays(number, rays)
 
 
-def trace_mirror_sun(buffer: SampleBuffer, found: looks.Surfaces, rays: MirrorRays, light: candidates.Sun) -> wp.array:
-    """Return 255 where the sun lights what a mirrored ray hits, else 0."""
+def trace_reflection_sun(
+    buffer: SampleBuffer, found: shading.Surfaces, rays: ReflectedRays, light: candidates.Sun
+) -> wp.array:
+    """Return 255 where the sun lights what a reflected ray hits, else 0."""
     sun = wp.empty(len(rays), dtype=wp.uint8, device=buffer.scene.device)
-    inputs = [buffer.scene.struct, buffer.picture, found, rays.mirrors, light]
-    _trace(buffer, mirror.mirror_sun_kernel, len(rays), inputs, [sun])
+    inputs = [buffer.scene.struct, buffer.picture, found, rays.reflections, light]
+    _trace(buffer, reflection_kernels.reflection_sun_kernel, len(rays), inputs, [sun])
     return sun
 
 
@@ -194,11 +183,11 @@ def shade_samples(
     buffer: SampleBuffer,
     weather: shade.Weather,
     time: wp.array,
-    found: looks.Surfaces,
+    found: shading.Surfaces,
     light: shade.Light,
-    mirrors: mirror.Mirrors,
+    reflections: reflection_kernels.Reflections,
     *,
-    with_lamps: bool,
+    with_lights: bool,
 ) -> wp.array:
     """Return the luminance that reaches every pixel [kcd/m2], shape [A, H, W], vec3.
 
@@ -208,18 +197,24 @@ def shade_samples(
         time: Of each view's frame [s], shape [A].
         found: Surfaces of the samples.
         light: Light that reaches them.
-        mirrors: Hits of mirrored rays.
-        with_lamps: Add the light that lamps cast.
+        reflections: Hits of reflected rays.
+        with_lights: Add the light of vehicles and streets.
     """
     device, scene = buffer.scene.device, buffer.scene.struct
-    image = wp.empty(len(mirrors.row), dtype=wp.vec3, device=device)
+    image = wp.empty(len(reflections.row), dtype=wp.vec3, device=device)
     radiance = wp.empty(buffer.count, dtype=wp.vec3, device=device)
     extras, picture, threads = buffer.extras, buffer.picture, buffer.shading_threads
-    _shade(buffer, shade.mirror_shade_kernel, len(mirrors.row), [scene, weather, picture, found, mirrors], [image])
-    seen = [scene, weather, time, picture, found]
-    _shade(buffer, shade.shade_kernel, threads, [*seen, light, image], [radiance])
-    if with_lamps:
-        _shade(buffer, shade.lamp_kernel, threads, seen, [radiance])
+    _shade(
+        buffer,
+        shade.reflection_shade_kernel,
+        len(reflections.row),
+        [scene, weather, picture, found, reflections],
+        [image],
+    )
+    shared = [scene, weather, time, picture, found]
+    _shade(buffer, shade.shade_kernel, threads, [*shared, light, image], [radiance])
+    if with_lights:
+        _shade(buffer, shade.lights_kernel, threads, shared, [radiance])
     mean = wp.empty(len(extras.row), dtype=wp.vec3, device=device)
     _shade(buffer, shade.resolve_kernel, len(extras.row), [extras, radiance], [mean])
     _shade(buffer, shade.put_back_kernel, len(extras.row), [extras, mean], [radiance])
@@ -239,12 +234,6 @@ def _shade(buffer: SampleBuffer, kernel: wp.Kernel, dim: int | tuple[int, ...], 
         wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=device, block_dim=SHADING_BLOCK_DIM)
 
 
-def _empty_surfaces(count: int, appearance: looks.Appearance, device: str) -> looks.Surfaces:
-    found = looks.Surfaces()
-    found.material = wp.empty(count, dtype=int, device=device)
-    found.color = wp.empty(count, dtype=wp.uint64, device=device)
-    found.normal = wp.empty(count, dtype=wp.uint32, device=device)
-    found.more = wp.empty(count, dtype=wp.uint32, device=device)
-    found.gloss = wp.empty(count, dtype=wp.uint8, device=device)
-    found.emission = wp.empty(count if appearance.has_emission_textures else 0, dtype=wp.uint64, device=device)
-    return found
+def _empty_surfaces(count: int, appearance: shading.AppearanceTable, device: str) -> shading.Surfaces:
+    emission = count if appearance.has_emission_textures else 0
+    return empty_struct(shading.Surfaces, count, device, emission=emission)

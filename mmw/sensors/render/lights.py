@@ -1,4 +1,4 @@
-"""Lamps of a scene: switching times, positions, and the vehicles that brake."""
+"""Collect the lights of a scene: switching times, positions, and the vehicles that brake."""
 
 from collections.abc import Sequence
 
@@ -7,50 +7,50 @@ import warp as wp
 
 from mmw.core.kinematics import differentiate_rows
 from mmw.core.transforms import rotate
-from mmw.kernels.shading import lights as lamps
+from mmw.kernels.shading import lights as kernels
 from mmw.physics.weather.weather import Weather
 from mmw.scene.device_scene import DeviceScene, instance_actors
 from mmw.scene.scene_data import Actor, SceneData
 
 DIPPED_SUN_DEG = 6.0
-"""Altitude of the sun below which drivers switch head lamps on [deg]. Design value: ambient light falls below the
-1000 lux at which UNECE Regulation 48 makes automatic lamps burn at altitudes of about 0 to 2 degrees; people are
+"""Altitude of the sun below which drivers switch headlights on [deg]. Design value: ambient light falls below the
+1000 lux at which UNECE Regulation 48 makes automatic lights burn at altitudes of about 0 to 2 degrees; people are
 earlier."""
 DIPPED_RAIN_MM_H = 0.5
-"""Rain rate from which they are on [mm/h]. Design value: wipers on, lamps on."""
+"""Rain rate from which they are on [mm/h]. Design value: wipers on, lights on."""
 DIPPED_VISIBILITY_M = 500.0
-"""Visibility below which they are on [m]. Design value: traffic laws ask for lamps in fog and rain that hinder
+"""Visibility below which they are on [m]. Design value: traffic laws ask for lights in fog and rain that hinder
 sight."""
 STREET_SUN_DEG = 0.0
-"""Altitude of the sun below which street lamps are on [deg]. Design value: they are switched near 70 lux on the ground,
-which a clear sky gives some minutes after sunset."""
+"""Altitude of the sun below which street lights are on [deg]. Design value: they are switched near 70 lux on the
+ground, which a clear sky gives some minutes after sunset."""
 STREET_KLUX = 0.010
-"""Illuminance of level ground by street lamps for which the fixed exposure is made [klux]. Source: EN 13201-2:2015,
+"""Illuminance of level ground by street lights for which the fixed exposure is made [klux]. Source: EN 13201-2:2015,
 lighting class C4 of traffic areas, 10 lux on average."""
 
-LAMP_LABELS = frozenset({"car", "truck", "bus", "motorcycle"})
-"""Classes of actors with head and tail lamps."""
+LIGHT_LABELS = frozenset({"car", "truck", "bus", "motorcycle"})
+"""Classes of actors with head and taillights."""
 BEAM_HEIGHT_M = 0.65
-"""Height of head lamps over the ground [m]; UNECE Regulation 48 allows 0.5 to 1.2. Design value."""
+"""Height of headlights over the ground [m]; UNECE Regulation 48 allows 0.5 to 1.2. Design value."""
 BEAM_COLOR = (1.02, 1.0, 0.93)
-"""Linear color of head lamps: white of about 5700 K; design value."""
+"""Linear color of headlights: white of about 5700 K; design value."""
 STREET_COLOR = (1.25, 0.97, 0.60)
-"""Linear color of street lamps: LED of about 3500 K; design value."""
+"""Linear color of street lights: LED of about 3500 K; design value."""
 LUMINANCE = (0.2126, 0.7152, 0.0722)
 """Weights of linear red, green and blue in luminance. Source: ITU-R BT.709."""
 
 BRAKING_M_S2 = (0.5, 1.0)
 """Deceleration at which brake lights begin to glow, and at which they are full [m/s2]. Design value: a car that rolls
-with its engine decelerates by 0.5 to 1 m/s2; UNECE Regulation 13-H asks for stop lamps from 1.3."""
+with its engine decelerates by 0.5 to 1 m/s2; UNECE Regulation 13-H asks for stop lights from 1.3."""
 STANDING_M_S = (0.1, 0.3)
 """Speed below which a foot is on the brake, and above which it is not [m/s]. Design value."""
 
 GRID_CELL_M = 15.0
-"""Side of a cell of the street lamps' grid [m]."""
+"""Side of a cell of the street lights' grid [m]."""
 
 
-def lamps_on(weather: Weather) -> bool:
-    """Return whether vehicles have their lamps on: dusk, rain, or fog."""
+def vehicle_lights_on(weather: Weather) -> bool:
+    """Return whether vehicles have their lights on: dusk, rain, or fog."""
     return (
         weather.sun_altitude_deg < DIPPED_SUN_DEG
         or weather.rain_mm_h > DIPPED_RAIN_MM_H
@@ -58,24 +58,20 @@ def lamps_on(weather: Weather) -> bool:
     )
 
 
-def street_lamps_on(weather: Weather) -> bool:
-    """Return whether street lamps are on: after sunset."""
+def street_lights_on(weather: Weather) -> bool:
+    """Return whether street lights are on: after sunset."""
     return weather.sun_altitude_deg < STREET_SUN_DEG
 
 
-def has_lamps(actor: Actor) -> bool:
-    """Return whether an actor is a vehicle with lamps that can be on; those of a parked one are always off."""
-    return actor.label in LAMP_LABELS and not actor.is_parked
+def has_lights(actor: Actor) -> bool:
+    """Return whether an actor is a vehicle with lights that can be on; those of a parked one are always off."""
+    return actor.label in LIGHT_LABELS and not actor.is_parked
 
 
 def brake_levels(arrays: SceneData, frames: Sequence[int]) -> np.ndarray:
     """Return how much each instance brakes, from its acceleration along its own x axis.
 
     A frame's values depend on the recording alone, not on the other frames asked for.
-
-    Args:
-        arrays: The scene.
-        frames: Frame numbers, shape [S].
 
     Returns:
         0 to 1, shape [S, V], float32; -1 for an instance that is no vehicle, is parked, or is absent.
@@ -86,7 +82,7 @@ def brake_levels(arrays: SceneData, frames: Sequence[int]) -> np.ndarray:
     rows = np.array([arrays.frame_row(int(frame)) for frame in frames], dtype=np.int64)
     actors = instance_actors(arrays)
     level = np.full((len(rows), len(actors)), -1.0, dtype=np.float32)
-    drives = np.array([has_lamps(arrays.actors[a]) for a in actors], dtype=bool)
+    drives = np.array([has_lights(arrays.actors[a]) for a in actors], dtype=bool)
     if len(rows) == 0 or not drives.any():
         return level
     poses = arrays.poses[:, actors[drives]]
@@ -105,24 +101,20 @@ def brake_levels(arrays: SceneData, frames: Sequence[int]) -> np.ndarray:
 
 
 def load_brakes(scene: DeviceScene) -> wp.array:
-    """Return `brake_levels` of the loaded batch on the device, shape [max_slots, V]; the same for every weather."""
+    """Return `brake_levels` of the loaded batch on the device, shape [max_batch_frames, V], for all weathers."""
     level = np.full(scene.struct.instance_pose.shape, -1.0, dtype=np.float32)
-    level[: scene.slots] = brake_levels(scene.arrays, scene.batch_frames)
+    level[: scene.batch_size] = brake_levels(scene.arrays, scene.batch_frames)
     return wp.array(level, dtype=wp.float32, device=scene.device)
 
 
-def find_street_lamps(arrays: SceneData, name: str) -> np.ndarray:
-    """Return where street lamps are: the middle of the faces of each object of the town whose look is one.
-
-    Args:
-        arrays: The scene.
-        name: Name of a weather, for its materials.
+def find_street_lights(arrays: SceneData, name: str) -> np.ndarray:
+    """Return where street lights are: the middle of the faces of each object of the town that is one.
 
     Returns:
         World frame [m], shape [L, 3], float64, in the order of their objects.
     """
-    is_lamp = np.array([material.look.lamp == "street" for material in arrays.materials[name]], dtype=bool)
-    rows = np.flatnonzero(is_lamp[arrays.material]) if len(is_lamp) else np.zeros(0, dtype=np.int64)
+    is_light = np.array([material.appearance.lamp == "street" for material in arrays.materials[name]], dtype=bool)
+    rows = np.flatnonzero(is_light[arrays.material]) if len(is_light) else np.zeros(0, dtype=np.int64)
     corners = arrays.points[arrays.faces[rows]]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     objects, index = np.unique(arrays.object_id[rows], return_inverse=True)
@@ -136,72 +128,67 @@ def find_street_lamps(arrays: SceneData, name: str) -> np.ndarray:
 def street_grid(
     positions: np.ndarray, reach: float, cell: float
 ) -> tuple[np.ndarray, int, int, np.ndarray, np.ndarray]:
-    """Return a grid of cells that each list the lamps which reach into them.
+    """Return a grid of cells that each list the lights which reach into them.
 
     Args:
-        positions: Lamps [m], shape [L, 3], L > 0.
+        positions: Lights [m], shape [L, 3], L > 0.
         reach: Distance that their light goes [m].
         cell: Side of a cell [m].
 
     Returns:
-        Corner of the first cell [m] [2], columns, rows, first entry of each cell [cells + 1], lamps of the cells.
+        Corner of the first cell [m] [2], columns, rows, first entry of each cell [cells + 1], lights of the cells.
     """
     low = positions[:, :2].min(axis=0) - reach
     columns, rows = (int(n) for n in np.ceil((positions[:, :2].max(axis=0) + reach - low) / cell) + 1)
     lists: list[list[int]] = [[] for _ in range(columns * rows)]
-    for lamp, position in enumerate(positions[:, :2]):
+    for light, position in enumerate(positions[:, :2]):
         first = np.floor((position - reach - low) / cell).astype(int)
         last = np.floor((position + reach - low) / cell).astype(int)
         for row in range(max(first[1], 0), min(last[1], rows - 1) + 1):
             for column in range(max(first[0], 0), min(last[0], columns - 1) + 1):
                 corner = low + np.array([column, row]) * cell
                 if np.linalg.norm(np.clip(position, corner, corner + cell) - position) <= reach:
-                    lists[row * columns + column].append(lamp)
+                    lists[row * columns + column].append(light)
     starts = np.cumsum([0] + [len(entries) for entries in lists])
-    return low, columns, rows, starts, np.array([lamp for entries in lists for lamp in entries], dtype=np.int64)
+    return low, columns, rows, starts, np.array([light for entries in lists for light in entries], dtype=np.int64)
 
 
 def _beams(arrays: SceneData) -> tuple[np.ndarray, np.ndarray]:
-    """Return the instances whose head lamps can be on [B], and where in their frames the beams start [m] [B, 3]."""
+    """Return the instances whose headlights can be on [B], and where in their frames the beams start [m] [B, 3]."""
     instances, positions = [], []
     for instance, index in enumerate(instance_actors(arrays)):
         actor = arrays.actors[index]
-        if has_lamps(actor):
+        if has_lights(actor):
             instances.append(instance)
             positions.append((actor.center[0] + 0.5 * actor.size[0], 0.0, BEAM_HEIGHT_M))
     return np.array(instances, dtype=np.int32), np.array(positions, dtype=np.float32).reshape(-1, 3)
 
 
-def make_lamps(scene: DeviceScene, name: str, weather: Weather) -> lamps.Lamps:
-    """Return the lamps of a scene in one weather.
+def make_lights(scene: DeviceScene, name: str, weather: Weather) -> kernels.Lights:
+    """Return the lights of a scene in one weather.
 
     All but `brake` holds for every batch; set that from `load_brakes` whenever another batch is loaded.
-
-    Args:
-        scene: The scene.
-        name: Name of the weather, for its materials.
-        weather: The weather.
     """
     arrays, device = scene.arrays, scene.device
-    result = lamps.Lamps()
-    result.is_on, result.is_street_on = lamps_on(weather), street_lamps_on(weather)
+    result = kernels.Lights()
+    result.is_on, result.is_street_on = vehicle_lights_on(weather), street_lights_on(weather)
     result.brake = load_brakes(scene)
     result.beam_color, result.street_color = _of_luminance_1(BEAM_COLOR), _of_luminance_1(STREET_COLOR)
     instances, starts = _beams(arrays)
     result.beam_count = len(instances) if result.is_on else 0
     result.beam_instance = wp.array(instances, dtype=wp.int32, device=device)
     result.beam_position = wp.array(starts, dtype=wp.vec3, device=device)
-    positions = find_street_lamps(arrays, name) if result.is_street_on else np.zeros((0, 3))
+    positions = find_street_lights(arrays, name) if result.is_street_on else np.zeros((0, 3))
     result.street_count = len(positions)
     result.street_position = wp.array((positions - scene.origin).astype(np.float32), dtype=wp.vec3, device=device)
     if len(positions):
         low, columns, rows, first, lists = street_grid(
-            positions - scene.origin, float(lamps.STREET_REACH_M), GRID_CELL_M
+            positions - scene.origin, float(kernels.STREET_REACH_M), GRID_CELL_M
         )
         result.grid_low, result.grid_cell = (float(low[0]), float(low[1])), GRID_CELL_M
         result.grid_columns, result.grid_rows = columns, rows
         result.grid_first = wp.array(first.astype(np.int32), dtype=wp.int32, device=device)
-        result.grid_lamp = wp.array(lists.astype(np.int32), dtype=wp.int32, device=device)
+        result.grid_light = wp.array(lists.astype(np.int32), dtype=wp.int32, device=device)
     return result
 
 

@@ -1,4 +1,4 @@
-"""Optical flow of camera images, for the flow image and for motion blur."""
+"""Compute optical flow of camera images, for the flow image and for motion blur."""
 
 # Warp's structs and small number types are objects, not classes, to a type checker.
 # pyright: reportGeneralTypeIssues=false, reportArgumentType=false
@@ -16,7 +16,7 @@ def device_twists(twists: tuple[np.ndarray, np.ndarray], device: str) -> tuple[w
     """Return velocity [m/s] and angular velocity [rad/s] of each view on a device, shape [A] each, vec3.
 
     Args:
-        twists: From `mmw.scene.view_motion.view_twists`, world axes, shape [A, 3] each.
+        twists: From `mmw.scene.views.view_twists`, world axes, shape [A, 3] each.
         device: Warp device name.
     """
     velocity, rate = (wp.array(part.astype(np.float32), dtype=wp.vec3, device=device) for part in twists)
@@ -28,7 +28,7 @@ def image_motion(buffer: SampleBuffer, twists: tuple[wp.array, wp.array], time_s
 
     Surface points move with their rigid bodies, at constant velocity and angular velocity; wheels as their bodies do,
     because their meshes do not turn. The camera moves by its twist. The sky turns with the camera alone. A point that
-    leaves the image has its place outside it. What still cameras see of still things is exactly 0.
+    leaves the image has its place outside it. Between still cameras and still objects it is exactly 0.
 
     Args:
         buffer: What the pixels show.

@@ -1,4 +1,4 @@
-"""Points to pixels and pixels to directions, in float64: what `kernels/camera/camera.py` does on the device."""
+"""Project points to pixels and pixels to directions, in float64, as `kernels/camera/camera.py` does on the device."""
 
 from typing import Protocol
 

@@ -1,4 +1,4 @@
-"""Streaks of the rain drops within a few meters of a camera; what is farther is the veil of the air.
+"""Draw streaks of the rain drops within a few meters of a camera; farther ones are part of the air.
 
 Source: K. Garg, S. K. Nayar, "Vision and Rain", International Journal of Computer Vision 75(1), 2007.
 """
@@ -22,7 +22,7 @@ DROP_REFLECTANCE = 0.94
 """Luminance of a drop over the mean luminance of the field of 165 deg that it refracts. Source: Garg and Nayar 2007."""
 
 RANGE_M = 3.0
-"""Farthest drop that is drawn by itself [m]: beyond, one takes less than 0.5 % of a pixel (fx 224 px, 5 ms)."""
+"""Farthest drop that is drawn by itself [m]: beyond, one covers less than 0.5 % of a pixel (fx 224 px, 5 ms)."""
 
 NEAREST_M = 0.15
 """Nearest drop [m]; a housing keeps nearer ones away. Design value."""
@@ -41,13 +41,7 @@ MARGIN_RAD = 0.15
 
 
 def make_rain(weather: Weather, config: ImageConfig, intrinsics: Intrinsics) -> kernels.Rain:
-    """Return the drops around a camera, for kernels.
-
-    Args:
-        weather: Rain rate and wind.
-        config: Image section: shutter and strength.
-        intrinsics: The camera, whose field of view the drops fill.
-    """
+    """Return the drops around a camera, for kernels."""
     reach = intrinsics.reach()
     angle = min((reach if intrinsics.distortion.model == "fisheye" else math.atan(reach)) + MARGIN_RAD, math.pi)
     rain = kernels.Rain()

@@ -1,4 +1,4 @@
-"""From radiance to 8-bit sRGB pictures: exposure and the steps of `kernels/camera/tone_mapping.py`."""
+"""Map radiance to 8-bit sRGB images: exposure and the steps of `kernels/camera/tone_mapping.py`."""
 
 # Warp's structs and small number types are objects, not classes, to a type checker.
 # pyright: reportGeneralTypeIssues=false, reportArgumentType=false
@@ -80,7 +80,7 @@ def lens_drops(keys: wp.array, count: int, intrinsics: Intrinsics) -> wp.array:
     return drops
 
 
-def develop(
+def tone_map(
     radiance: wp.array,
     config: ImageConfig,
     intrinsics: Intrinsics,
@@ -119,7 +119,9 @@ def develop(
     )
     for key, is_on, name, value in needs:
         if is_on and value is None:
-            raise ValueError(f"develop: {key} is on and {name} is None; the step needs it; pass {name}, or turn it off")
+            raise ValueError(
+                f"tone_map: {key} is on and {name} is None; the step needs it; pass {name}, or turn it off"
+            )
     device = radiance.device
     views, height, width = radiance.shape
     film = kernels.Film()
@@ -139,6 +141,10 @@ def develop(
     image = wp.empty((views, height, width, 3), dtype=wp.uint8, device=device)
     if image.size:
         wp.launch(
-            kernels.develop_kernel, dim=(views, height, width), inputs=[radiance, film], outputs=[image], device=device
+            kernels.tone_mapping_kernel,
+            dim=(views, height, width),
+            inputs=[radiance, film],
+            outputs=[image],
+            device=device,
         )
     return image

@@ -1,4 +1,4 @@
-"""Visibility buffer of a batch of camera views, traced once for color, depth and segmentation in every weather."""
+"""Trace the visibility buffer of camera views once for color, depth and segmentation in every weather."""
 
 # Warp's structs and small number types are objects, not classes, to a type checker.
 # pyright: reportGeneralTypeIssues=false, reportArgumentType=false
@@ -16,9 +16,10 @@ from mmw.kernels.camera import image_samples as picture
 from mmw.kernels.camera import instance_culling as candidate_kernels
 from mmw.kernels.camera import visibility as kernels
 from mmw.kernels.core import structs
-from mmw.kernels.shading import structs as looks
+from mmw.kernels.shading import structs as shading
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.views import Views
+from mmw.sensors.ray_batch import empty_struct
 from mmw.sensors.render.camera import BLOCK_DIM, device_camera, tiles
 
 EXTRA_OFFSETS = {
@@ -47,13 +48,13 @@ class SampleBuffer:
     on_device: structs.Views
     intrinsics: Intrinsics
     camera: camera_kernels.Camera
-    samples: looks.Samples
+    samples: shading.Samples
     """Rows (view * H + v) * W + u of the pixel centers, A * H * W of them, those of `extras`, then room for more."""
-    extras: looks.Extras
+    extras: shading.Extras
     """Further rays of pixels on edges; none unless asked for (`with_extras`)."""
     candidates: structs.Candidates
     """Instances that the rays of each tile can hit."""
-    alpha_cutouts: "looks.Appearance | None"
+    alpha_cutouts: "shading.AppearanceTable | None"
     """Appearance of a scene with cut-out textures."""
 
     @property
@@ -96,15 +97,10 @@ class SampleBuffer:
         return tiles(len(self.views), self.intrinsics)
 
 
-def empty_samples(count: int, device: str, *, with_surfaces: bool) -> looks.Samples:
+def empty_samples(count: int, device: str, *, with_surfaces: bool) -> shading.Samples:
     """Return room for samples on a device; `surface` and `normal` are empty unless asked for."""
-    samples = looks.Samples()
-    samples.t = wp.empty(count, dtype=float, device=device)
-    samples.face = wp.empty(count, dtype=int, device=device)
-    samples.instance = wp.empty(count, dtype=int, device=device)
-    samples.surface = wp.empty(count if with_surfaces else 0, dtype=int, device=device)
-    samples.normal = wp.empty(count if with_surfaces else 0, dtype=wp.uint32, device=device)
-    return samples
+    details = count if with_surfaces else 0
+    return empty_struct(shading.Samples, count, device, surface=details, normal=details)
 
 
 def trace_samples(
@@ -112,7 +108,7 @@ def trace_samples(
     views: Views,
     intrinsics: Intrinsics,
     range_m: float,
-    alpha_cutouts: "looks.Appearance | None" = None,
+    alpha_cutouts: "shading.AppearanceTable | None" = None,
     *,
     with_surfaces: bool = True,
 ) -> SampleBuffer:
@@ -135,36 +131,36 @@ def trace_samples(
     samples = empty_samples(count + room, scene.device, with_surfaces=with_surfaces)
     camera = device_camera(intrinsics, range_m)
     on_device = views.for_scene(scene)
-    met = _tile_candidates(scene, on_device, len(views), intrinsics, camera)
-    buffer = SampleBuffer(scene, views, on_device, intrinsics, camera, samples, none, met, alpha_cutouts)
+    candidates = _tile_candidates(scene, on_device, len(views), intrinsics, camera)
+    buffer = SampleBuffer(scene, views, on_device, intrinsics, camera, samples, none, candidates, alpha_cutouts)
     _trace(buffer, 0, buffer.threads)
     return buffer
 
 
 def empty_candidates(groups: int, scene: DeviceScene) -> structs.Candidates:
     """Return room for the instances that groups of rays can hit."""
-    met = structs.Candidates()
-    met.count = wp.zeros(groups, dtype=int, device=scene.device)
-    met.instance = wp.empty((groups, max(scene.struct.instance_count, 1)), dtype=wp.int16, device=scene.device)
-    return met
+    candidates = structs.Candidates()
+    candidates.count = wp.zeros(groups, dtype=int, device=scene.device)
+    candidates.instance = wp.empty((groups, max(scene.struct.instance_count, 1)), dtype=wp.int16, device=scene.device)
+    return candidates
 
 
 def _tile_candidates(
     scene: DeviceScene, views: structs.Views, count: int, intrinsics: Intrinsics, camera: camera_kernels.Camera
 ) -> structs.Candidates:
     shape = tiles(count, intrinsics)[:3]
-    met = empty_candidates(int(np.prod(shape)), scene)
+    candidates = empty_candidates(int(np.prod(shape)), scene)
     if count and scene.struct.instance_count:
         wp.launch(
-            candidate_kernels.tile_candidates_kernel, dim=shape, inputs=[scene.struct, views, camera], outputs=[met],
-            device=scene.device,
+            candidate_kernels.tile_candidates_kernel, dim=shape, inputs=[scene.struct, views, camera],
+            outputs=[candidates], device=scene.device,
         )  # fmt: skip
-    return met
+    return candidates
 
 
-def _extras(first: int, row: wp.array, offsets: tuple) -> looks.Extras:
+def _extras(first: int, row: wp.array, offsets: tuple) -> shading.Extras:
     """Return the further rays of the pixels of some rows, before it is known whose light they bring."""
-    extras = looks.Extras()
+    extras = shading.Extras()
     extras.first, extras.row = first, row
     at = np.array(offsets, dtype=np.float32).reshape(-1, 2)
     extras.offset = wp.array(at, dtype=wp.vec2, device=row.device)
@@ -202,10 +198,8 @@ def depth_images(
         range_m: Longest depth [m], at most that of the buffer, which it is if absent.
     """
     shape, none, device = buffer.shape, (0, 0, 0), buffer.scene.device
-    images = depth_kernels.DepthImages()
-    images.depth = wp.empty(shape, dtype=wp.uint16, device=device)
-    images.depth_m = wp.empty(shape if with_metres else none, dtype=float, device=device)
-    images.object_id = wp.empty(shape if with_objects else none, dtype=int, device=device)
+    metres, objects = shape if with_metres else none, shape if with_objects else none
+    images = empty_struct(depth_kernels.DepthImages, shape, device, depth_m=metres, object_id=objects)
     if len(buffer.views):
         wp.launch(
             depth_kernels.depth_kernel,
@@ -224,11 +218,7 @@ def depth_images(
 
 
 def find_edges(buffer: SampleBuffer) -> "FlaggedRows":
-    """Return the pixels that lie on edges.
-
-    Args:
-        buffer: What the pixel centers see, with surfaces.
-    """
+    """Return the pixels that lie on edges."""
     is_edge = empty_flags(buffer.threads, buffer.scene.device)
     _launch(kernels.edge_kernel, buffer.threads, [buffer.scene.struct, buffer.picture], [is_edge])
     return FlaggedRows(buffer, is_edge)

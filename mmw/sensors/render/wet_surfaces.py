@@ -1,4 +1,4 @@
-"""Water on the surfaces of a scene, from the weather."""
+"""Make the water on the surfaces of a scene from the weather."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""RGB images of a batch, in every weather from the same rays; normals and flow, which no weather changes."""
+"""Capture RGB images of a batch, in every weather from the same rays; normals and flow, which no weather changes."""
 
 from collections.abc import Callable
 
@@ -18,45 +18,38 @@ from mmw.sensors.rgb.simulate import RgbImages
 from mmw.storage.codecs.images import encode_flow, encode_normals, encode_rgb
 
 
-def record_rgb(job: Batch, launch: Launch, buffer: SampleBuffer, collected: TableRows) -> None:
-    """Add the images of the RGB cameras of a launch, which have equal settings.
-
-    Args:
-        job: The job.
-        launch: Its views and cameras.
-        buffer: What the pixels see.
-        collected: Rows to add to.
-    """
-    shots = [(shot, shot.sensor) for shot in launch.shots if isinstance(shot.sensor, RgbCamera)]
+def record_rgb(batch: Batch, launch: Launch, buffer: SampleBuffer, collected: TableRows) -> None:
+    """Add the images of the RGB cameras of a launch, which have equal settings."""
+    cameras = [(camera, camera.sensor) for camera in launch.cameras if isinstance(camera.sensor, RgbCamera)]
     found: dict[str, RgbImages] = {}
     exposures: dict[str, np.ndarray] = dict.fromkeys(collected, np.zeros(0))
     files: dict[str, Images] = dict.fromkeys(collected, ())
-    config = shots[0][1]
+    config = cameras[0][1]
     if len(launch.views):
-        with job.clock.stage(launch.name):
-            keys = {weather: _keys(job, launch, weather) for weather in collected}
-            found = job.rgb_camera(config.debug).render(buffer, config, keys, _lens_keys(job, launch))
+        with batch.clock.stage(launch.name):
+            keys = {weather: _keys(batch, launch, weather) for weather in collected}
+            found = batch.rgb_camera(config.debug).render(buffer, config, keys, _lens_keys(batch, launch))
             exposures = dict(zip(found, to_host([images.exposure for images in found.values()]), strict=True))
-        if config.format == "jpeg" and makes_files(job.scene.device):
-            with job.clock.stage("JPEG files"):
+        if config.format == "jpeg" and makes_files(batch.scene.device):
+            with batch.clock.stage("JPEG files"):
                 rgb = [images.rgb for images in found.values()]
                 files = dict(zip(found, jpeg_files(rgb, config.jpeg_quality, config.jpeg_subsampling), strict=True))
     for weather, tables in collected.items():
-        if found and not files[weather]:  # one weather after the other: all at once take three times the memory
-            files[weather] = _encoded(job, launch, found[weather].rgb, config)
-        for shot, sensor in shots:
-            views = launch.views.take(shot.rows)
-            own, exposure = [files[weather][row] for row in shot.rows], exposures[weather][shot.rows]
-            tables["rgb"].append(rgb_rows(job.arrays, sensor, views, own, exposure, job.scenario.name, weather))
+        if found and not files[weather]:  # one weather after the other: all at once need three times the memory
+            files[weather] = _encoded(batch, launch, found[weather].rgb, config)
+        for camera, sensor in cameras:
+            views = launch.views.take(camera.rows)
+            own, exposure = [files[weather][row] for row in camera.rows], exposures[weather][camera.rows]
+            tables["rgb"].append(rgb_rows(batch.arrays, sensor, views, own, exposure, batch.scenario.name, weather))
 
 
-def _encoded(job: Batch, launch: Launch, images: wp.array, config: RgbCamera) -> Images:
+def _encoded(batch: Batch, launch: Launch, images: wp.array, config: RgbCamera) -> Images:
     """Return each view's image as a file that a thread makes."""
-    with job.clock.stage(launch.name):
+    with batch.clock.stage(launch.name):
         (on_host,) = to_host([images])
     settings = config.format, config.jpeg_quality, config.jpeg_subsampling
-    with job.clock.stage("waiting for encoders"):
-        return [job.encoder.submit(encode_rgb, image, *settings) for image in on_host]
+    with batch.clock.stage("waiting for encoders"):
+        return [batch.encoder.submit(encode_rgb, image, *settings) for image in on_host]
 
 
 def makes_files(device: str) -> bool:
@@ -64,48 +57,50 @@ def makes_files(device: str) -> bool:
     return wp.get_device(device).is_cuda
 
 
-def record_surfaces(job: Batch, launch: Launch, buffer: SampleBuffer, collected: TableRows) -> None:
-    """Add normals and flow of the RGB cameras of a launch, where they ask for them."""
-    config = next(shot.sensor for shot in launch.shots if isinstance(shot.sensor, RgbCamera))
-    camera = job.rgb_camera(config.debug)
+def record_surfaces(batch: Batch, launch: Launch, buffer: SampleBuffer, collected: TableRows) -> None:
+    """Add normals and flow of the RGB cameras of a launch, where their settings say so."""
+    config = next(camera.sensor for camera in launch.cameras if isinstance(camera.sensor, RgbCamera))
+    renderer = batch.rgb_camera(config.debug)
     if config.normals:
-        with job.clock.stage("normals"):
-            images = camera.normals(buffer)
-        _record_files(job, launch, "normals", images, encode_normals, collected)
+        with batch.clock.stage("normals"):
+            images = renderer.normals(buffer)
+        _record_files(batch, launch, "normals", images, encode_normals, collected)
     if config.flow:
-        with job.clock.stage("flow"):
-            images = camera.flow(buffer)
-        _record_files(job, launch, "flow", images, encode_flow, collected)
+        with batch.clock.stage("flow"):
+            images = renderer.flow(buffer)
+        _record_files(batch, launch, "flow", images, encode_flow, collected)
 
 
 def _record_files(
-    job: Batch, launch: Launch, table: str, images: wp.array, encode: Callable[..., bytes], collected: TableRows
+    batch: Batch, launch: Launch, table: str, images: wp.array, encode: Callable[..., bytes], collected: TableRows
 ) -> None:
-    for shot in launch.rgb:
-        views = launch.views.take(shot.rows)
-        encoded = [job.encoder.submit(encode, image) for image in images_of(images, shot)]
+    for camera in launch.rgb:
+        views = launch.views.take(camera.rows)
+        encoded = [batch.encoder.submit(encode, image) for image in images_of(images, camera)]
         for weather, tables in collected.items():
-            rows = file_rows(job.arrays, shot.sensor.name, table, views, encoded, job.scenario.name, weather)
+            rows = file_rows(batch.arrays, camera.sensor.name, table, views, encoded, batch.scenario.name, weather)
             tables[table].append(rows)
 
 
-def _keys(job: Batch, launch: Launch, weather: str) -> np.ndarray:
+def _keys(batch: Batch, launch: Launch, weather: str) -> np.ndarray:
     """Return the key of each view's random numbers in one weather, shape [A, 2], uint32.
 
     They are named after the camera, so that they do not depend on which cameras share a launch.
     """
     keys = np.zeros((len(launch.views), 2), dtype=np.uint32)
-    for shot in launch.rgb:
-        views = launch.views.take(shot.rows)
-        keys[shot.rows] = view_keys(job.arrays, views, job.config.seed, job.scenario.name, weather, shot.sensor.name)
+    for camera in launch.rgb:
+        views = launch.views.take(camera.rows)
+        keys[camera.rows] = view_keys(
+            batch.arrays, views, batch.config.seed, batch.scenario.name, weather, camera.sensor.name
+        )
     return keys
 
 
-def _lens_keys(job: Batch, launch: Launch) -> np.ndarray:
+def _lens_keys(batch: Batch, launch: Launch) -> np.ndarray:
     """Return the key of each view's lens, the same in every frame and weather, shape [A, 2], uint32."""
     keys = np.zeros((len(launch.views), 2), dtype=np.uint32)
-    for shot in launch.rgb:
-        agents = [job.arrays.actors[actor].name for actor in launch.views.actor[shot.rows]]
-        stream = (job.config.seed, job.scenario.name, shot.sensor.name, "lens")
-        keys[shot.rows] = random_keys((*stream, agent) for agent in agents)
+    for camera in launch.rgb:
+        agents = [batch.arrays.actors[actor].name for actor in launch.views.actor[camera.rows]]
+        stream = (batch.config.seed, batch.scenario.name, camera.sensor.name, "lens")
+        keys[camera.rows] = random_keys((*stream, agent) for agent in agents)
     return keys

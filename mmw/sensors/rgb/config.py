@@ -1,4 +1,4 @@
-"""`type: rgb`: a color camera."""
+"""Define the section `type: rgb`, a color camera."""
 
 from typing import Literal
 
@@ -31,9 +31,6 @@ class RgbCamera(SensorConfig):
     range_m: float = Field(5_000.0, gt=0, le=100_000, description="longest depth; beyond is sky [m]")
     lens: LensConfig = Field(default_factory=LensConfig, description="lens model and calibration (map)")
     image: ImageConfig = Field(default_factory=ImageConfig, description="exposure, noise, motion blur, rain (map)")
-    every_frames: int = Field(
-        1, ge=1, le=1000, description="an image each so many frames, in those whose number it divides (count)"
-    )
     samples: Literal[1, 4, 9] = Field(
         4, description="rays in a pixel on an edge; 1 leaves edges jagged; inside surfaces one is enough (count)"
     )
@@ -42,7 +39,7 @@ class RgbCamera(SensorConfig):
         True, description="rays that find how much sky each point sees; false: all of it everywhere (true or false)"
     )
     reflections: bool = Field(
-        True, description="rays that find what glass, car paint and puddles mirror; false: sky alone (true or false)"
+        True, description="rays that find what glass, car paint and puddles reflect; false: sky alone (true or false)"
     )
     format: Literal["jpeg", "png"] = Field(
         "jpeg", description="`jpeg`, or `png`, without loss: 5 times the bytes, 20 to 30 times the time (name)"
@@ -67,11 +64,6 @@ class RgbCamera(SensorConfig):
     def _lens(self) -> "RgbCamera":
         check_lens(self.lens, self.width_px, self.height_px, self.fov_deg)
         return self
-
-    @property
-    def period_frames(self) -> int:
-        """Frames from one image to the next; frame 0 has the first."""
-        return self.every_frames
 
 
 def paper_cameras() -> tuple[RgbCamera, ...]:

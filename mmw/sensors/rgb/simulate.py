@@ -1,9 +1,9 @@
-"""RGB camera: pictures of a batch of views in every weather, from one visibility.
+"""Render images of a batch of views in every weather, from one visibility.
 
 1. `trace_samples` finds what every pixel sees; `with_extras` sends more rays through pixels on edges.
-2. `rgb_light` reads the surfaces' textures, traces the sun's shadows, how much sky every pixel sees, and one mirrored
-   ray where something mirrors. None of it depends on the weather, but for where the sun stands and what it wets.
-3. Each weather shades what was traced, and its pictures are developed: exposure, tone map, noise, sRGB.
+2. `rgb_light` reads the surfaces' textures, traces the sun's shadows, how much sky every pixel sees, and one reflected
+   ray where something reflects sharply. None of it depends on the weather, but for the place of the sun and wet ground.
+3. Each weather shades what was traced, and its pictures are tone-mapped: exposure, tone map, noise, sRGB.
 """
 
 # Warp's structs and small number types are objects, not classes, to a type checker.
@@ -18,40 +18,40 @@ import warp as wp
 from mmw.core.constants import FRAME_DT
 from mmw.core.kinematics import Motion, differentiate
 from mmw.kernels.camera import instance_culling as candidates
-from mmw.kernels.shading import reflections as mirror
+from mmw.kernels.shading import reflections as reflection_kernels
 from mmw.kernels.shading import shade
-from mmw.kernels.shading import structs as looks
+from mmw.kernels.shading import structs as shading
 from mmw.kernels.shading.sky import Sky
 from mmw.kernels.shading.wet_surfaces import Wet
 from mmw.physics.weather.weather import Weather
 from mmw.scene.device_scene import DeviceScene
-from mmw.scene.view_motion import view_twists
+from mmw.scene.views import view_twists
 from mmw.sensors.render.appearance_buffers import AppearanceArrays
 from mmw.sensors.render.lighting import (
     SHADING_BLOCK_DIM,
-    MirrorRays,
-    find_mirrors,
+    ReflectedRays,
+    find_reflections,
     gather_light,
     read_surfaces,
     shade_samples,
     sun_over,
-    trace_mirror_sun,
-    trace_mirrors,
+    trace_reflection_sun,
+    trace_reflections,
     trace_sky,
     trace_sun,
 )
-from mmw.sensors.render.lights import STREET_KLUX, load_brakes, make_lamps
+from mmw.sensors.render.lights import STREET_KLUX, load_brakes, make_lights
 from mmw.sensors.render.optical_flow import device_twists, image_motion
 from mmw.sensors.render.rain_streaks import drop_light, make_rain, streak_cover
 from mmw.sensors.render.sky.sky import bake, ground_radiance, make_air, make_sky, mean_radiance
-from mmw.sensors.render.tone_mapping import develop, lens_drops, make_exposure
+from mmw.sensors.render.tone_mapping import lens_drops, make_exposure, tone_map
 from mmw.sensors.render.visibility_buffer import EXTRA_OFFSETS, SampleBuffer, find_edges, with_extras
 from mmw.sensors.render.wet_surfaces import make_wet
 from mmw.sensors.rgb.config import RgbCamera
 
 DARK_KLUX = 1.0
-"""Illuminance of level ground by sun and sky below which the light that lamps cast is drawn [klux]: a dipped beam gives
-some 0.02 klux on a road 20 m ahead. Design value."""
+"""Illuminance of level ground by sun and sky below which the light of vehicles and streets is drawn [klux]: a
+dipped beam gives some 0.02 klux on a road 20 m ahead. Design value."""
 
 
 @dataclass(frozen=True)
@@ -74,12 +74,6 @@ class RgbRenderer:
     def __init__(self, scene: DeviceScene, weathers: Mapping[str, Weather], *, seed: int = 0, debug: bool = False):
         """Load textures and bake the skies.
 
-        Args:
-            scene: Town and vehicles.
-            weathers: Weather name -> values; the scene was read for each of them.
-            seed: Of the clouds.
-            debug: Draw what has a missing texture in magenta.
-
         Raises:
             ValueError: If the scene was not read for a weather, or a texture cannot be decoded.
         """
@@ -95,23 +89,23 @@ class RgbRenderer:
         self._is_dark = {name: bake(weather, seed).horizontal_klux < DARK_KLUX for name, weather in weathers.items()}
         for name, weather in weathers.items():
             struct = shade.Weather()
-            struct.appearance = appearance.for_weather(name)
-            struct.lamps = make_lamps(scene, name, weather)
-            street_klux = STREET_KLUX if struct.lamps.street_count > 0 else 0.0
-            struct.sky = make_sky(weather, scene.device, seed, lamps_klux=street_klux)
+            struct.appearance_table = appearance.for_weather(name)
+            struct.lights = make_lights(scene, name, weather)
+            street_klux = STREET_KLUX if struct.lights.street_count > 0 else 0.0
+            struct.sky = make_sky(weather, scene.device, seed, lights_klux=street_klux)
             struct.air = make_air(weather, scene.device, ground, seed)
             struct.wet = make_wet(weather, scene.origin)
             struct.glow = wp.vec3(*ground_radiance(weather, seed))
             self._shading[name] = struct
         groups: dict[tuple, list[str]] = {}
         for name in weathers:
-            groups.setdefault(tuple(material.look for material in scene.arrays.materials[name]), []).append(name)
+            groups.setdefault(tuple(material.appearance for material in scene.arrays.materials[name]), []).append(name)
         self._groups = list(groups.values())
 
     @property
-    def alpha_cutouts(self) -> "shade.Appearance | None":
+    def alpha_cutouts(self) -> "shading.AppearanceTable | None":
         """Appearance for `trace_samples` where a material has holes, else None."""
-        first = next(iter(self._shading.values())).appearance
+        first = next(iter(self._shading.values())).appearance_table
         return first if first.has_holes else None
 
     def render(
@@ -151,7 +145,7 @@ class RgbRenderer:
                 rain = make_rain(weather, image, buffer.intrinsics)
                 cover = streak_cover(buffer.on_device, twists, key, buffer.camera, buffer.samples.t, rain)
                 of_drop = drop_light(wp.vec3(*mean_radiance(weather, self._seed)))
-            rgb = develop(
+            rgb = tone_map(
                 radiance, image, buffer.intrinsics, exposure,
                 keys=key, motion=motion, cover=cover, drop_light=of_drop,
                 drops=drops if weather.rain_mm_h > 0.0 else None,
@@ -162,11 +156,11 @@ class RgbRenderer:
     def normals(self, buffer: SampleBuffer) -> wp.array:
         """Return the interpolated normal in each pixel's center without normal maps, shape [A, H, W], vec3.
 
-        Sensor frame (x along the optical axis, y left, z up), toward the camera; zero where nothing is seen.
+        Sensor frame (x along the optical axis, y left, z up), toward the camera; zero where nothing is hit.
         """
         images = wp.empty(buffer.shape, dtype=wp.vec3, device=self._scene.device)
         if images.size:
-            appearance = next(iter(self._shading.values())).appearance
+            appearance = next(iter(self._shading.values())).appearance_table
             wp.launch(
                 shade.normal_kernel, dim=buffer.launch,
                 inputs=[self._scene.struct, appearance, buffer.picture],
@@ -191,19 +185,13 @@ class RgbRenderer:
         if self._scene.batch_frames != self._lit_frames:
             brakes = load_brakes(self._scene)
             for weather in self._shading.values():
-                weather.lamps.brake = brakes
+                weather.lights.brake = brakes
             self._lit_frames = self._scene.batch_frames
 
     def radiance(
         self, buffer: SampleBuffer, config: RgbCamera, weathers: Collection[str] | None = None
     ) -> dict[str, wp.array]:
-        """Return the luminance that reaches every pixel in each weather [kcd/m2], shape [A, H, W], vec3, on the device.
-
-        Args:
-            buffer: What the pixels see.
-            config: Rays to send.
-            weathers: Names of weathers; all of the camera's if absent.
-        """
+        """Return the luminance at every pixel in each weather [kcd/m2], shape [A, H, W], vec3, on the device."""
         wanted = list(self._shading if weathers is None else weathers)
         self._load_batch()
         device = self._scene.device
@@ -220,27 +208,29 @@ class RgbRenderer:
             names = [name for name in group if name in wanted]
             if not names:
                 continue
-            appearance = self._shading[names[0]].appearance
+            appearance = self._shading[names[0]].appearance_table
             found, sends_ray = read_surfaces(buffer, appearance)
             wettest = self._wettest(names)
-            mirrored = find_mirrors(buffer, appearance, wettest, found, sends_ray) if config.reflections else None
+            senders = find_reflections(buffer, appearance, wettest, found, sends_ray) if config.reflections else None
             suns = {name: _sun_of(self._shading[name].sky) for name in names}
             skies = {suns[name]: self._shading[name].sky for name in names}
             lights = {
                 sun: _light(buffer, sky if sun and config.shadows else None, sky_light) for sun, sky in skies.items()
             }
-            rays = trace_mirrors(buffer, appearance, found, mirrored)
-            mirrors = {sun: _mirrors(buffer, found, rays, light.sun) for sun, light in lights.items()}
+            rays = trace_reflections(buffer, appearance, found, senders)
+            reflections = {sun: _reflections(buffer, found, rays, light.sun) for sun, light in lights.items()}
             for name in names:
                 weather, sun = self._shading[name], suns[name]
                 light = lights[sun].struct
-                light.mirror = rays.number
-                with_lamps = self._is_dark[name] and weather.lamps.beam_count + weather.lamps.street_count > 0
-                images[name] = shade_samples(buffer, weather, time, found, light, mirrors[sun], with_lamps=with_lamps)
+                light.reflection = rays.number
+                with_lights = self._is_dark[name] and weather.lights.beam_count + weather.lights.street_count > 0
+                images[name] = shade_samples(
+                    buffer, weather, time, found, light, reflections[sun], with_lights=with_lights
+                )
         return {name: images[name] for name in wanted}
 
     def _wettest(self, names: Sequence[str]) -> Wet:
-        """Return water that is nowhere less than in any of some weathers: it decides where mirrored rays are sent."""
+        """Return water that is nowhere less than in any of some weathers: it decides where reflected rays are sent."""
         wet = make_wet(self._weathers[names[0]], self._scene.origin)
         wet.wetness = max(self._weathers[name].wetness for name in names)
         wet.puddles = max(self._weathers[name].puddles for name in names)
@@ -257,7 +247,7 @@ class _Light:
 
 
 def _sun_of(sky: Sky) -> tuple[float, ...]:
-    """Return where the sun of a sky stands, a unit vector; nothing where it does not shine."""
+    """Return the unit vector to the sun of a sky; nothing where it does not shine."""
     return tuple(sky.sun_direction) if any(sky.sun_illuminance) else ()
 
 
@@ -269,13 +259,17 @@ def _light(buffer: SampleBuffer, sky: "Sky | None", sky_light: wp.array | None) 
     return _Light(struct, sun)
 
 
-def _mirrors(
-    buffer: SampleBuffer, found: looks.Surfaces, rays: MirrorRays, sun: "candidates.Sun | None"
-) -> mirror.Mirrors:
-    """Return mirrored rays with the light of one place of the sun on what they hit."""
-    mirrors = mirror.Mirrors()
-    mirrors.row, mirrors.samples, mirrors.surfaces = rays.mirrors.row, rays.mirrors.samples, rays.mirrors.surfaces
-    mirrors.sun = rays.mirrors.sun
+def _reflections(
+    buffer: SampleBuffer, found: shading.Surfaces, rays: ReflectedRays, sun: "candidates.Sun | None"
+) -> reflection_kernels.Reflections:
+    """Return reflected rays with the light of one place of the sun on what they hit."""
+    reflections = reflection_kernels.Reflections()
+    reflections.row, reflections.samples, reflections.surfaces = (
+        rays.reflections.row,
+        rays.reflections.samples,
+        rays.reflections.surfaces,
+    )
+    reflections.sun = rays.reflections.sun
     if sun is not None:
-        mirrors.sun = trace_mirror_sun(buffer, found, rays, sun)
-    return mirrors
+        reflections.sun = trace_reflection_sun(buffer, found, rays, sun)
+    return reflections

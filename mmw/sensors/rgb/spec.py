@@ -60,4 +60,8 @@ SPEC = SensorSpec(
     warm_up="mmw.sensors.render.sky.warm_up:bake_skies",
     decode="mmw.dataset.frame:camera_view",
     window=Modality("rgb", "rgb"),
+    views={
+        "plot": "mmw.viz.plots.samples:draw_rgb_sample",
+        "viewer": "mmw.viz.rerun.samples:log_rgb",
+    },
 )

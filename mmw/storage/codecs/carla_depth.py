@@ -1,6 +1,6 @@
 """CARLA's encodings of depth, for tools that expect its files: 24-bit colour, linear grey and logarithmic grey.
 
-All of them count to 1000 m, which stands for the sky as well as for anything beyond. Depth is measured along the
+All of them count to 1000 m, which means the sky or anything beyond. Depth is measured along the
 optical axis, as in the table `depth`: `mmw.storage.codecs.images.decode_depth` and the column `depth_m` give it in
 metres.
 
@@ -17,7 +17,7 @@ from mmw.core.errors import InputError
 FULL_SCALE_M = 1000.0
 """Depth of the largest value, and of the sky [m]. Source: CARLA 0.9.15."""
 
-MOST = 2**24 - 1
+MAX_VALUE = 2**24 - 1
 """Largest 24-bit value."""
 
 LOG_SPAN = 5.70378
@@ -28,8 +28,8 @@ def encode_bgra(depth_m: np.ndarray) -> np.ndarray:
     """Return depth as CARLA's camera delivers it: 24 bits over four channels, in steps of 0.06 mm.
 
     Value = round(depth / 1000 m * (2^24 - 1)), cut off at both ends; red is its low byte, green the middle, blue the
-    high one. Channels stand in the order blue, green, red, alpha (255), that of CARLA's `raw_data`; for a PNG file as
-    CARLA saves it take `encode_bgra(depth)[..., 2::-1]`, which is red, green, blue.
+    high one. Channels are in the order blue, green, red, alpha (255), that of CARLA's `raw_data`; for a PNG file as
+    CARLA saves it use `encode_bgra(depth)[..., 2::-1]`, which is red, green, blue.
 
     Args:
         depth_m: Depth along the optical axis [m], inf for nothing, any shape [...].
@@ -40,7 +40,7 @@ def encode_bgra(depth_m: np.ndarray) -> np.ndarray:
     Raises:
         InputError: If a depth is negative or not a number.
     """
-    value = np.rint(_share(depth_m) * MOST).astype(np.uint32)
+    value = np.rint(_share(depth_m) * MAX_VALUE).astype(np.uint32)
     channels = [value >> 16, (value >> 8) & 255, value & 255, np.full_like(value, 255)]
     return np.stack(channels, axis=-1).astype(np.uint8)
 
@@ -50,8 +50,7 @@ def decode_bgra(image: np.ndarray) -> np.ndarray:
 
     The sky comes back as 1000 m.
 
-    Args:
-        image: Blue, green, red and perhaps alpha, shape [..., 3 or 4], uint8.
+    The image is blue, green, red and perhaps alpha, shape [..., 3 or 4], uint8.
 
     Raises:
         InputError: If it is not an image of 8-bit colours.
@@ -63,20 +62,13 @@ def decode_bgra(image: np.ndarray) -> np.ndarray:
             "blue, green, red; give such an array"
         )
     blue, green, red = (image[..., channel].astype(np.uint32) for channel in range(3))
-    return FULL_SCALE_M * (red + 256 * green + 65536 * blue) / MOST
+    return FULL_SCALE_M * (red + 256 * green + 65536 * blue) / MAX_VALUE
 
 
 def encode_grey(depth_m: np.ndarray) -> np.ndarray:
     """Return depth as CARLA's `Depth` converter saves it: grey = depth / 1000 m, in 255 steps of 3.92 m.
 
-    Args:
-        depth_m: Depth along the optical axis [m], inf for nothing, any shape.
-
-    Returns:
-        Same shape, uint8, rounded to the nearest step; the sky is 255.
-
-    Raises:
-        InputError: If a depth is negative or not a number.
+    Args and Raises as `encode_bgra`; same shape, uint8, rounded to the nearest step; the sky is 255.
     """
     return np.rint(255.0 * _share(depth_m)).astype(np.uint8)
 
@@ -95,14 +87,7 @@ def encode_log_grey(depth_m: np.ndarray) -> np.ndarray:
 
     Neighbouring steps differ by 2.26 %; everything nearer than 3.33 m is black, the sky is 255.
 
-    Args:
-        depth_m: Depth along the optical axis [m], inf for nothing, any shape.
-
-    Returns:
-        Same shape, uint8, rounded to the nearest step.
-
-    Raises:
-        InputError: If a depth is negative or not a number.
+    Args and Raises as `encode_bgra`; same shape, uint8, rounded to the nearest step.
     """
     with np.errstate(divide="ignore"):
         grey = 1.0 + np.log(_share(depth_m)) / LOG_SPAN
@@ -112,7 +97,7 @@ def encode_log_grey(depth_m: np.ndarray) -> np.ndarray:
 def decode_log_grey(grey: np.ndarray) -> np.ndarray:
     """Return depth of a logarithmic grey image, 1000 * exp((grey / 255 - 1) * 5.70378) [m], same shape, float64.
 
-    Black comes back as 3.33 m, which stands for anything nearer; the sky as 1000 m.
+    Black comes back as 3.33 m, which means anything nearer; the sky as 1000 m.
 
     Raises:
         InputError: If it is not an image of 8-bit numbers.

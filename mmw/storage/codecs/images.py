@@ -1,4 +1,4 @@
-"""Images as a cell of a table holds them, and back. `mmw.storage.codecs.carla_depth` has CARLA's encodings of depth."""
+"""Encode images for the cells of tables, and decode them. `mmw.storage.codecs.carla_depth` has CARLA's formats."""
 
 import io
 
@@ -7,7 +7,6 @@ import simplejpeg
 from PIL import Image
 
 from mmw.storage.codecs.png16 import decode_png16, encode_png16
-from mmw.storage.codecs.segmentation import instance_image, semantic_image
 from mmw.storage.table_spec import DEPTH_STEP_M
 
 PNG_LEVEL = 1
@@ -15,10 +14,10 @@ PNG_LEVEL = 1
 colours, a tenth larger."""
 
 NORMAL_STEPS = 127
-"""Steps of a unit normal's component from 0 to 1; 128 stands for 0. Design value: whole axes are exact, 0.4 deg."""
+"""Steps of a unit normal's component from 0 to 1; 128 is 0. Design value: whole axes are exact, 0.4 deg."""
 
 FLOW_STEPS = 64
-"""Steps of a pixel of stored flow; 2^15 stands for 0. Source: KITTI 2015 flow development kit."""
+"""Steps of a pixel of stored flow; 2^15 is 0. Source: KITTI 2015 flow development kit."""
 
 FLOW_ZERO = 2**15
 """See `FLOW_STEPS`."""
@@ -27,11 +26,8 @@ FLOW_ZERO = 2**15
 def encode_rgb(image: np.ndarray, format_: str, quality: int, subsampling: str = "4:2:0") -> bytes:
     """Return an RGB image as a JPEG file, or as an 8-bit PNG.
 
-    A street of 640 x 480 with sensor noise takes one core 1.4 ms and 104 kB as JPEG of quality 95 with one colour for
-    four pixels (40.0 dB, lightness alone 44.8 dB), 2.2 ms and 125 kB with a colour for each (42.6 and 44.8 dB), and 44
-    ms and 570 kB as PNG. JPEG files are made outside Python's lock; Pillow copies each image inside it first, which
-    more than halves the speed of a whole run (`bench/README.md`). libjpeg-turbo transforms fast below quality 96 and
-    accurately from there on, whatever its flag says; `mmw.sensors.render.jpeg` writes the same bytes on a GPU.
+    libjpeg-turbo, which works outside Python's lock, transforms fast below quality 96 and accurately from there on;
+    `mmw.sensors.render.jpeg` writes the same bytes on a GPU.
 
     Args:
         image: sRGB values, shape [H, W, 3], uint8.
@@ -69,29 +65,19 @@ def encode_depth(depth: np.ndarray) -> bytes:
 
 
 def encode_instance(object_id: np.ndarray) -> bytes:
-    """Return an instance image as a 16-bit PNG: object id + 1, 0 where nothing was hit.
-
-    Args:
-        object_id: Object in each pixel, -1 for nothing, at most 65,534, shape [H, W], int32.
-    """
-    return _png(instance_image(object_id))
+    """Return object ids, -1 for nothing, at most 65,534, int32 [H, W], as a 16-bit PNG: id + 1, 0 for nothing."""
+    return _png((object_id + 1).astype(np.uint16))
 
 
 def encode_semantic(object_id: np.ndarray, tags: np.ndarray) -> bytes:
-    """Return a semantic image as an 8-bit PNG of CARLA tags.
-
-    Args:
-        object_id: Object in each pixel, -1 for nothing, shape [H, W], int32.
-        tags: What `mmw.sensors.ground_truth.segmentation.object_tags` returns.
-    """
-    return _png(semantic_image(object_id, tags))
+    """Return object ids, -1 for nothing, int32 [H, W], as an 8-bit PNG of CARLA tags, those of `object_tags`."""
+    return _png(tags[object_id])
 
 
 def encode_normals(normals: np.ndarray) -> bytes:
     """Return an image of surface normals as an 8-bit PNG: value = round(127 n) + 128 for x, y, z; 0, 0, 0 = nothing.
 
-    Args:
-        normals: Unit normals, sensor frame (x forward, y left, z up), zero for nothing, shape [H, W, 3], float32.
+    Normals are unit vectors in the sensor frame (x forward, y left, z up), zero for nothing, float32 [H, W, 3].
     """
     value = np.rint(normals * NORMAL_STEPS).astype(np.int16) + NORMAL_STEPS + 1
     value[(normals == 0.0).all(axis=2)] = 0
@@ -101,11 +87,8 @@ def encode_normals(normals: np.ndarray) -> bytes:
 def encode_flow(flow: np.ndarray) -> bytes:
     """Return optical flow as KITTI's 16-bit PNG: red = 64 u + 2^15, green = 64 v + 2^15, blue = 1; 0, 0, 0 = none.
 
-    Flow of 512 px and more, which the file cannot tell, counts as none.
-
-    Args:
-        flow: Way of each pixel's point to the next frame, u to the right and v down [px], not finite for none, shape
-            [H, W, 2], float32.
+    Flow is the motion of each pixel's point to the next frame, u to the right and v down [px], float32 [H, W, 2]; not
+    finite or 512 px and more, which the file cannot hold, counts as none.
     """
     with np.errstate(invalid="ignore"):
         steps = np.rint(flow * FLOW_STEPS) + FLOW_ZERO

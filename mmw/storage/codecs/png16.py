@@ -20,12 +20,7 @@ FIXED = (16, 2, 0, 0, 0)
 
 
 def encode_png16(image: np.ndarray, level: int) -> bytes:
-    """Return a PNG of three 16-bit channels.
-
-    Args:
-        image: Red, green, blue, shape [H, W, 3], uint16.
-        level: zlib level.
-    """
+    """Return an image of red, green and blue, shape [H, W, 3], uint16, as a PNG of some zlib level."""
     height, width, _ = image.shape
     rows = np.ascontiguousarray(image.astype(">u2")).view(np.uint8).reshape(height, width * 6)
     filtered = np.full((height, 1 + width * 6), UP, dtype=np.uint8)

@@ -1,4 +1,4 @@
-"""How a driver holds the speed: behind a leader, in bends, before a stop line, with limited jerk."""
+"""Compute the acceleration of a driver behind a leader, in bends and before a stop line, with limited jerk."""
 
 from math import inf, sqrt
 
@@ -23,23 +23,23 @@ JERK = 5.0
 """Limit of the change of acceleration [m/s^3]."""
 
 PREVIEW = 0.5
-"""A driver looks this far ahead in time at the speed that the road asks for [s]."""
+"""A driver looks this far ahead in time at the speed that the road allows [s]."""
 
 
-def follow_leader(speed: float, wanted: float, headway: float, gap: float, leader_speed: float) -> float:
+def follow_leader(speed: float, desired: float, headway: float, gap: float, leader_speed: float) -> float:
     """Return the acceleration of the intelligent driver model [m/s^2].
 
     Args:
         speed: Own speed [m/s].
-        wanted: Speed on a free road [m/s], > 0.
+        desired: Speed on a free road [m/s], > 0.
         headway: Time gap [s].
         gap: Distance from the front bumper to the leader's rear bumper [m]; inf without a leader.
         leader_speed: Speed of the leader [m/s].
 
     Source: Treiber, Hennecke, Helbing, Phys. Rev. E 62 (2000), 1805, equations 3 and 4, with exponent 4; above the
-    wanted speed no harder than the comfortable deceleration.
+    desired speed no harder than the comfortable deceleration.
     """
-    free = max(ACCELERATION * (1 - (speed / wanted) ** 4), -BRAKING)
+    free = max(ACCELERATION * (1 - (speed / desired) ** 4), -BRAKING)
     if gap == inf:
         return free
     closing = speed * (speed - leader_speed) / (2 * sqrt(ACCELERATION * BRAKING))
@@ -48,35 +48,35 @@ def follow_leader(speed: float, wanted: float, headway: float, gap: float, leade
 
 
 def desired_acceleration(car: Car, gap: float, leader_speed: float) -> float:
-    """Return the acceleration that the driver wants [m/s^2].
+    """Return the acceleration that the driver desires [m/s^2].
 
-    Bends and stop lines are speeds to be reached at a point, followed with a preview.
+    Bends and stop lines set speeds at points ahead, followed with a preview.
     """
     speed = car.speed
-    wanted = follow_leader(speed, car.wanted_speed(car.station), car.headway, gap, leader_speed)
+    desired = follow_leader(speed, car.desired_speed(car.station), car.headway, gap, leader_speed)
     ahead = car.station + speed * PREVIEW
-    wanted = min(wanted, (car.wanted_speed(ahead) - speed) / PREVIEW)
-    left = car.stop_station() - car.nose - speed * PREVIEW
-    wanted = min(wanted, (sqrt(2 * car.stop_braking * max(0.0, left)) - speed) / PREVIEW)
-    return max(wanted, -HARDEST_BRAKING)
+    desired = min(desired, (car.desired_speed(ahead) - speed) / PREVIEW)
+    left = car.stop_station() - car.front - speed * PREVIEW
+    desired = min(desired, (sqrt(2 * car.stop_braking * max(0.0, left)) - speed) / PREVIEW)
+    return max(desired, -HARDEST_BRAKING)
 
 
-def asking_distance(speed: float) -> float:
-    """Return how far from a stop line a driver looks whether the junction is free [m], at a speed [m/s].
+def request_distance(speed: float) -> float:
+    """Return the distance from a stop line at which a driver requests the junction [m], at a speed [m/s].
 
-    That is the way to stop as planned and some more, so that who is let in at once need not brake.
+    It is a little longer than the planned braking, so that a vehicle that may enter at once need not brake.
     """
     return speed**2 / (2 * STOP_BRAKING) + (PREVIEW + 0.3) * speed + 2.0
 
 
-def integrate(car: Car, wanted: float) -> None:
+def integrate(car: Car, desired: float) -> None:
     """Move a vehicle by one step with linearly changing acceleration."""
-    if car.speed == 0.0 and wanted < 0.1:
+    if car.speed == 0.0 and desired < 0.1:
         car.acceleration = 0.0
         return
     before = car.acceleration
-    after = min(max(wanted, before - JERK * STEP), before + JERK * STEP)
-    after = max(after, -sqrt(2 * JERK * car.speed))  # can still be let go before the vehicle stands
+    after = min(max(desired, before - JERK * STEP), before + JERK * STEP)
+    after = max(after, -sqrt(2 * JERK * car.speed))  # zero acceleration can be reached before the vehicle stops
     speed = car.speed + 0.5 * STEP * (before + after)
     if speed <= 0.0:
         car.station += max(0.0, car.speed * STEP / 3)

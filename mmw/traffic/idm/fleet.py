@@ -1,118 +1,86 @@
-"""The vehicles of a scenario: models, paints, and routes that their bodies can drive, also after a change of lanes."""
+"""Give vehicles models, paints and routes that their bodies can drive, also after a change of lanes."""
 
 from collections.abc import Callable
 
 import numpy as np
 
-from mmw.core.errors import InputError
-from mmw.traffic.ground_height import Ground
-from mmw.traffic.idm.lane_change import CLEAR_SHARE, Beside, Wanted
-from mmw.traffic.idm.vehicle import Car, Change, Plan, find_passages, lane_begins
-from mmw.traffic.roads.lane_graph import Lane, LaneGraph
-from mmw.traffic.route import choose_lanes, join_lanes, living_lanes, plan_length
-from mmw.traffic.spawn import Places, SpawnPoint, draw_models, seeded
+from mmw.traffic.demand import TrafficDemand
+from mmw.traffic.idm.lane_change import CLEAR_SHARE, AdjacentLanes, DesiredChange
+from mmw.traffic.idm.vehicle import Car, Change, Plan, find_passages
+from mmw.traffic.roads.lane_graph import Lane
+from mmw.traffic.route import choose_lanes, endless_lanes, join_lanes
+from mmw.traffic.spawn import RUN_OUT, Places, Start, draw_paint, seeded
 from mmw.traffic.speed_profile import speed_limit
-from mmw.traffic.vehicle_pose import MAX_STEER, Shape, Stance, Track, follow_line, stand_on_ground
-
-DRIVER_FACTOR = (0.85, 1.0)
-"""Range of the drivers' share of the speed limit."""
-
-DRIVER_HEADWAY = (1.0, 1.5)
-"""Range of the drivers' time gap [s]."""
-
-RUN_OUT = 80.0
-"""Routes go on this far beyond what the fastest vehicle can cover, so that nobody brakes for their end [m]."""
+from mmw.traffic.vehicle_pose import MAX_STEER, Shape, Stance, Track, follow_line, place_on_ground
 
 
 class Fleet:
     """Puts vehicles on the road, each with a route that its body can drive."""
 
-    def __init__(self, graph: LaneGraph, ground: Ground, shapes: list[Shape], duration: float, seed: int) -> None:
-        """Keep what routes are made from.
+    def __init__(self, demand: TrafficDemand, duration: float) -> None:
+        """Start with empty lanes.
 
         Args:
-            graph: The town's lanes.
-            ground: The drivable surface.
-            shapes: Models to draw from.
+            demand: The scenario.
             duration: Time that routes have to last [s].
-            seed: Seeds every draw.
         """
-        self.graph = graph
-        self.ground = ground
-        self.shapes = shapes
+        self.demand = demand
+        self.graph = graph = demand.town.lanes
         self.duration = duration
-        self.seed = seed
         self.fastest = max(lane.speed for lane in graph.lanes.values())
-        alive = living_lanes(graph)
-        self.has_circuit = bool(alive)
-        self.alive = alive or frozenset(graph.lanes)
+        endless = endless_lanes(graph)
+        self.has_circuit = bool(endless)
+        self.endless = endless or frozenset(graph.lanes)
         self.places = Places(graph)
-        self.beside = Beside(graph)
+        self.adjacent = AdjacentLanes(graph)
         self.closed: set[tuple[str, str]] = set()
         """(model, lane) pairs that the model cannot drive without leaving the road."""
 
-    def add(self, point: SpawnPoint, rank: int, is_cav: bool, generator: np.random.Generator) -> Car:
-        """Place a vehicle; `generator` draws the driver and the model, seed and rank the route.
+    def add(self, start: Start) -> Car:
+        """Place a vehicle with a model, a paint and a route.
 
         Raises:
             InputError: If no model has room, or none can drive from here without leaving the road.
         """
-        factor, headway = generator.uniform(*DRIVER_FACTOR), generator.uniform(*DRIVER_HEADWAY)
-        reason = "no model has room between its neighbours"
-        for shape in draw_models(self.shapes, is_cav, generator):
-            if not self.places.fits(point, shape):
-                continue
-            start = point.station + 0.5 * shape.wheelbase
-            stance, why = self._find_route(point, shape, start, rank)
-            if stance is not None:
-                self.places.take(point, shape)
-                line = stance.track.line
-                limit = speed_limit(stance, self.graph, factor).tolist()
-                plan = Plan(stance, limit, lane_begins(line), find_passages(line, self.graph, shape))
-                return Car(plan, start, headway, factor)
-            reason = why
-        x, y, z = point.position
-        raise InputError(
-            f"spawn point on lane {point.lane!r} at ({x:.1f}, {y:.1f}, {z:.1f}) m: {reason}; every vehicle needs a way "
-            "that keeps its wheels on the road; widen the road there, or add a shorter vehicle model"
-        )
-
-    def _find_route(self, point: SpawnPoint, shape: Shape, start: float, rank: int) -> tuple[Stance | None, str]:
-        """Return a stance along a route that the model can drive, or None and what stood in the way."""
-
-        def drive(lanes: list[Lane]) -> tuple[Stance | None, int, str]:
-            return self._drive(follow_line(join_lanes(lanes), shape), lanes, start)
-
         need = self.fastest * self.duration + RUN_OUT
-        return self._search(shape, point.lane, need, (self.seed, rank, 1), drive)
 
-    def change(self, rank: int, car: Car, wanted: Wanted, elapsed: float) -> Plan | None:
-        """Return the way of a vehicle that changes lanes and goes on by a new random route; None if there is none.
+        def find_route(shape: Shape) -> tuple[Stance | None, str]:
+            def drive(lanes: list[Lane]) -> tuple[Stance | None, int, str]:
+                station = start.point.station + 0.5 * shape.wheelbase
+                return self._drive(follow_line(join_lanes(lanes), shape), lanes, station)
 
-        Args:
-            rank: The vehicle.
-            car: The same.
-            wanted: The change.
-            elapsed: Time since the engine's start [s].
+            return self._search(shape, start.point.lane, need, (self.demand.seed, start.rank, 1), drive)
+
+        shape, stance = self.places.add(start, self.demand.shapes, find_route)
+        line = stance.track.line
+        limit = speed_limit(stance, self.graph, start.factor).tolist()
+        plan = Plan(stance, limit, [0.0, *line.ends[:-1].tolist()], find_passages(line, self.graph, shape))
+        paint = draw_paint(self.demand.catalog[shape.name], start.generator)
+        return Car(plan, start.point.station + 0.5 * shape.wheelbase, start.headway, start.factor, paint)
+
+    def change(self, rank: int, car: Car, desired: DesiredChange, elapsed: float) -> Plan | None:
+        """Return the path of a vehicle that changes lanes and follows a new random route; None if there is none.
+
+        `elapsed` is the time since the engine's start [s].
         """
         before = car.plan.stance
         begins: list[float] = []
 
         def drive(lanes: list[Lane]) -> tuple[Stance | None, int, str]:
-            line, begins[:] = self.beside.line(car, wanted.lane, wanted.row, wanted.length, lanes[1:])
-            track = follow_line(line, car.shape, before.track, wanted.row)
+            line, begins[:] = self.adjacent.line(car, desired.lane, desired.row, desired.length, lanes[1:])
+            track = follow_line(line, car.shape, before.track, desired.row)
             path = [*(self.graph.lanes[name] for name in car.line.lanes[: car.segment + 1]), *lanes]
-            stance, culprit, why = self._drive(track, path, car.station, before, wanted.row)
+            stance, culprit, why = self._drive(track, path, car.station, before, desired.row)
             return stance, culprit - car.segment - 1, why
 
         need = self.fastest * max(0.0, self.duration - elapsed) + RUN_OUT
-        stance, _ = self._search(car.shape, wanted.lane, need, (self.seed, rank, 1, car.changes + 1), drive)
+        stance, _ = self._search(car.shape, desired.lane, need, (self.demand.seed, rank, 1, car.changes + 1), drive)
         if stance is None:
             return None
         line = stance.track.line
-        start = float(line.station[wanted.row])
-        change = Change(car.segment, start + CLEAR_SHARE * wanted.length, start + wanted.length)
-        slow = (start, start + wanted.length, wanted.speed)
+        start = float(line.station[desired.row])
+        change = Change(car.segment, start + CLEAR_SHARE * desired.length, start + desired.length)
+        slow = (start, start + desired.length, desired.speed)
         limit = speed_limit(stance, self.graph, car.factor, slow).tolist()
         return Plan(stance, limit, begins, find_passages(line, self.graph, car.shape), change)
 
@@ -124,27 +92,20 @@ class Fleet:
         key: tuple[int, ...],
         drive: Callable[[list[Lane]], tuple[Stance | None, int, str]],
     ) -> tuple[Stance | None, str]:
-        """Return a stance along a random route from a lane on, or None and what stood in the way.
+        """Return a stance along a random route of a length [m] after a first lane, or None and what prevents one.
 
         A route is driven from end to end before it is accepted. The connection that fails is closed for the model.
-
-        Args:
-            shape: The model.
-            first: Lane that the route begins with.
-            need: Length of the route after this lane [m].
-            key: Seeds the draws.
-            drive: Returns a stance along lanes; or None, the index of the lane that cannot be driven (negative if it
-                lies before `first`), and why.
+        `drive` returns a stance; or None, the index of the lane that fails (negative before `first`), and why.
         """
-        why = "no way on"
+        why = "the lane leads nowhere"
 
         def is_open(name: str) -> bool:
-            return name in self.alive and (shape.name, name) not in self.closed
+            return name in self.endless and (shape.name, name) not in self.closed
 
         while is_open(first):
             names = choose_lanes(self.graph, first, need, seeded(*key), is_open)
             lanes = [self.graph.lanes[name] for name in names]
-            if sum(plan_length(lane) for lane in lanes[1:]) < need and self.has_circuit:
+            if sum(lane.plan_length for lane in lanes[1:]) < need and self.has_circuit:
                 self.closed.add((shape.name, names[-1]))
                 continue
             stance, culprit, why = drive(lanes)
@@ -164,7 +125,7 @@ class Fleet:
         if len(steep):
             lost, what = float(track.line.station[steep[0]]), "the bend is too tight"
         else:
-            stance, lost, what = stand_on_ground(track, self.ground, start, before, row)
+            stance, lost, what = place_on_ground(track, self.demand.ground, start, before, row)
         if stance is not None:
             return stance, 0, ""
         at = int(np.searchsorted(track.line.station, lost))

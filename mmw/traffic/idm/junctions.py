@@ -1,4 +1,4 @@
-"""Decide which vehicles may cross a junction: a conflict table of swept boxes, and reservations without starvation."""
+"""Decide which vehicles may cross a junction, from swept boxes and reservations, without starvation."""
 
 from dataclasses import dataclass, field
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from mmw.traffic.roads.lane_graph import LaneGraph
 from mmw.traffic.route import PATH_STEP, join_lanes
-from mmw.traffic.vehicle_pose import Shape, follow_line
+from mmw.traffic.vehicle_pose import Shape, directions, follow_line
 
 SIDE_MARGIN = 0.25
 """Added to each side of a swept box [m]: two vehicles pass at least twice this apart."""
@@ -21,7 +21,7 @@ PATIENCE = 4.0
 """Extra waiting time after which a vehicle goes before any priority [s]."""
 
 HOLD_AFTER = 4.0
-"""A vehicle that has waited this long keeps newcomers that conflict with it out of the junction [s]."""
+"""A vehicle that has waited this long blocks later ones that conflict with it [s]."""
 
 BLOCK_AFTER = 15.0
 """Waiting time after which a vehicle enters without room behind the junction, which resolves deadlocks [s]."""
@@ -64,10 +64,10 @@ def boxes_overlap(
 
 @dataclass(frozen=True)
 class Sweep:
-    """The boxes of a shape on its way over one connection, from the front bumper's entry to the rear one's exit."""
+    """The boxes of a shape over one connection, from the front bumper's entry to the rear one's exit."""
 
     station: np.ndarray
-    """Front axle's way from the start of the connection [m], shape [K]."""
+    """Front axle's distance from the start of the connection [m], shape [K]."""
     center: np.ndarray
     """Middles of the boxes [m], shape [K, 2]."""
     heading: np.ndarray
@@ -82,7 +82,6 @@ class ConflictTable:
     """Conflicts between the connections of a junction, computed on first use."""
 
     def __init__(self, graph: LaneGraph) -> None:
-        """Keep the lanes and find what leads to each."""
         self.graph = graph
         self.before: dict[str, str] = {}
         for name in sorted(graph.lanes):
@@ -92,16 +91,16 @@ class ConflictTable:
         self._last: dict[tuple[str, Shape, str, Shape], float] = {}
 
     def last_conflict(self, name: str, shape: Shape, other: str, other_shape: Shape) -> float:
-        """Return how far a vehicle has to go on one connection until it is out of the way of another connection.
+        """Return how far a vehicle has to go on one connection until it no longer conflicts with another connection.
 
         Args:
             name: Connection of the vehicle that moves.
             shape: Its shape.
             other: Connection that has to become free.
-            other_shape: Shape that wants to use it.
+            other_shape: Shape that is to use it.
 
         Returns:
-            Front axle's way from the start of connection `name` [m]; -inf if the two never meet.
+            Front axle's distance from the start of connection `name` [m]; -inf if the two never meet.
         """
         if name == other or self.graph.lanes[name].junction != self.graph.lanes[other].junction:
             return -np.inf
@@ -129,8 +128,7 @@ class ConflictTable:
             inside = (line.station >= start - shape.front) & (line.station <= line.ends[index] + shape.behind)
             rows = np.flatnonzero(inside)[::SWEEP_STEP]
             heading = track.heading[rows]
-            forward = np.stack([np.cos(heading), np.sin(heading)], axis=1)
-            middle = track.center[rows] + 0.5 * (shape.front - shape.rear) * forward
+            middle = track.center[rows] + 0.5 * (shape.front - shape.rear) * directions(heading)
             half = (0.5 * shape.length + END_MARGIN, shape.half_width + SIDE_MARGIN)
             self._sweeps[key] = Sweep(line.station[rows] - start, middle, heading, line.points[rows, 2], half)
         return self._sweeps[key]
@@ -138,7 +136,7 @@ class ConflictTable:
 
 @dataclass
 class Passage:
-    """One way through a junction (or several without room between them) on a vehicle's path."""
+    """A junction (or several without room between them) on a vehicle's path."""
 
     connections: tuple[tuple[str, float, float], ...]
     """Name, first and last station of every connection [m]."""
@@ -154,31 +152,31 @@ class Passage:
     """Station where that lane begins [m]."""
     priority: int
     """Priority of the first connection."""
-    asked_at: float = field(default=np.nan)
+    requested_at: float = field(default=np.nan)
     """Time of the first request [s]; NaN before."""
 
 
 @dataclass(frozen=True)
 class Request:
-    """A vehicle that asks for its next passage."""
+    """The request of a vehicle for its next passage."""
 
     vehicle: int
     shape: Shape
     passage: Passage
     has_room: bool
-    """Whether the lane behind the junction can take the vehicle now."""
+    """Whether the lane behind the junction has room now."""
     will_have_room: bool = True
-    """Whether it can once those who move there, or have been let in, have moved on."""
-    takers: tuple[int, ...] = ()
-    """Vehicles that are on that lane or on the way to it."""
+    """Whether it has room once moving vehicles have left it."""
+    occupants: tuple[int, ...] = ()
+    """Vehicles that are on that lane or on their path to it."""
     has_green: bool = False
     """Whether a traffic light shows green; then neither priority nor waiting changes the order."""
     gives_way: bool = False
-    """Whether it turns left on green, and so waits for oncoming traffic however long it has waited."""
+    """Whether it turns left on green, and so always waits for oncoming traffic."""
 
 
 @dataclass(frozen=True)
-class Held:
+class Reservation:
     """A connection that a vehicle has been granted and not left yet."""
 
     vehicle: int
@@ -191,25 +189,25 @@ class Held:
 def grant_requests(
     table: ConflictTable,
     requests: list[Request],
-    held: list[Held],
+    reservations: list[Reservation],
     station: list[float],
     time: float,
     blockers: dict[int, list[int]],
 ) -> list[int]:
-    """Decide who may enter, and write it into `held`.
+    """Decide which vehicles may enter, and append their reservations.
 
-    Who has waited through more periods of `PATIENCE` seconds goes first, then higher priority, then who asked first.
-    On green, those who turn left come last, and the others in the order in which they asked.
-    Who has waited `HOLD_AFTER` seconds in vain keeps out later ones: those who would take the same room, and those in
-    conflict, unless the exit is blocked by a standing vehicle, which may itself wait for one of them.
+    Vehicles that waited through more periods of `PATIENCE` seconds go first, then higher priority, then the earlier
+    request. On green, left turns come last, and the others in the order of their requests.
+    A vehicle that has waited `HOLD_AFTER` seconds in vain blocks later ones that need the same room or are in conflict,
+    unless its exit is blocked by a standing vehicle, which may itself wait for one of them.
 
     Args:
         table: Conflicts.
         requests: Vehicles at a stop line or near it.
-        held: Connections in use; granted ones are appended.
+        reservations: Connections in use; granted ones are appended.
         station: Front axle's station of every vehicle [m].
         time: Now [s].
-        blockers: Vehicle -> those that it waits for; who is in the way of a refused request is added.
+        blockers: Vehicle -> those that it waits for; those that prevent a refused request are added.
 
     Returns:
         Vehicles that were granted their passage, in order. Vehicles without room are skipped until `BLOCK_AFTER`.
@@ -218,44 +216,46 @@ def grant_requests(
     def rank(request: Request) -> tuple:
         passage = request.passage
         if request.has_green:
-            return 0, request.gives_way, passage.asked_at, request.vehicle
-        waited = time - passage.asked_at
-        return -int(waited / PATIENCE), -passage.priority, passage.asked_at, request.vehicle
+            return 0, request.gives_way, passage.requested_at, request.vehicle
+        waited = time - passage.requested_at
+        return -int(waited / PATIENCE), -passage.priority, passage.requested_at, request.vehicle
 
     granted: list[int] = []
-    kept_free: list[tuple[str, Shape, int]] = []
-    kept_exits: dict[str, int] = {}
+    reserved: list[tuple[str, Shape, int]] = []
+    reserved_exits: dict[str, int] = {}
     for request in sorted(requests, key=rank):
-        wanted = [name for name, _, _ in request.passage.connections]
+        names = [name for name, _, _ in request.passage.connections]
         exit_lane = request.passage.exit_lane
-        waited = time - request.passage.asked_at
+        waited = time - request.passage.requested_at
         before: list[int] = []
         if waited < BLOCK_AFTER:
-            before += [kept_exits[exit_lane]] if exit_lane in kept_exits else []
-            before += [] if request.has_room else request.takers
+            before += [reserved_exits[exit_lane]] if exit_lane in reserved_exits else []
+            before += [] if request.has_room else request.occupants
         crowded = bool(before) or not (request.has_room or waited >= BLOCK_AFTER)
         before += [
-            hold.vehicle
-            for hold in held
-            if hold.vehicle != request.vehicle
+            other.vehicle
+            for other in reservations
+            if other.vehicle != request.vehicle
             and any(
-                station[hold.vehicle] - hold.start <= table.last_conflict(hold.name, hold.shape, name, request.shape)
-                for name in wanted
+                station[other.vehicle] - other.start
+                <= table.last_conflict(other.name, other.shape, name, request.shape)
+                for name in names
             )
         ]
         before += [
             vehicle
-            for other, shape, vehicle in kept_free
-            if any(table.last_conflict(name, request.shape, other, shape) > -np.inf for name in wanted)
+            for other, shape, vehicle in reserved
+            if any(table.last_conflict(name, request.shape, other, shape) > -np.inf for name in names)
         ]
         if not before and not crowded:
-            held += [Held(request.vehicle, request.shape, *connection) for connection in request.passage.connections]
+            own = request.vehicle, request.shape
+            reservations += [Reservation(*own, *connection) for connection in request.passage.connections]
             granted.append(request.vehicle)
             continue
         blockers.setdefault(request.vehicle, []).extend(before)
         if waited >= HOLD_AFTER and not request.gives_way:
             if exit_lane:
-                kept_exits.setdefault(exit_lane, request.vehicle)
+                reserved_exits.setdefault(exit_lane, request.vehicle)
             if request.will_have_room:
-                kept_free += [(name, request.shape, request.vehicle) for name in wanted]
+                reserved += [(name, request.shape, request.vehicle) for name in names]
     return granted

@@ -1,130 +1,86 @@
-"""From a town's lanes to the 6-DoF poses of all its vehicles."""
-
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+"""Run the IDM engine: from a demand to the 6-DoF poses of all its vehicles."""
 
 import numpy as np
 
-from mmw.config import TrafficConfig
 from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.errors import InputError
-from mmw.traffic.ground_height import Ground
+from mmw.traffic.demand import TrafficDemand, TrafficResult, VehicleTrack
 from mmw.traffic.idm.driver import STEP
-from mmw.traffic.idm.engine import Engine
+from mmw.traffic.idm.engine import IdmEngine
 from mmw.traffic.idm.fleet import Fleet
 from mmw.traffic.idm.lane_change import LaneChanges
-from mmw.traffic.roads.lane_graph import LaneGraph
+from mmw.traffic.idm.wait_causes import find_causes
 from mmw.traffic.signals import make_plans
 from mmw.traffic.smoothing import gaussian_smooth
-from mmw.traffic.spawn import connected_ranks, nearest_points, seeded, spawn_points
-from mmw.traffic.vehicle_pose import make_shape, sample_poses
-
-SETTLE_S = 1.5
-"""Simulated before the warm-up and after the last frame, as support of the filters in time [s]."""
+from mmw.traffic.spawn import SETTLE_S, connected_ranks, draw_starts, name_vehicle, vehicle_order
+from mmw.traffic.vehicle_pose import sample_poses
 
 STATION_SIGMA = 0.12
 """Gaussian on the station over time, standard deviation [s]."""
 
 
-@dataclass(frozen=True)
-class VehicleTrack:
-    """One vehicle of a scenario and where it is at every frame."""
-
-    name: str
-    role: str
-    """`cav`, `vehicle` or `pedestrian`."""
-    model: str
-    paint: str
-    poses: np.ndarray
-    """Body to world (x, y, z, qx, qy, qz, qw) at 100 Hz, shape [F, 7], float64; the body's origin is the ground point
-    midway between the axles."""
-    waits: np.ndarray | None = None
-    """Whether it stands with a cause (`mmw.traffic.idm.wait_causes`), shape [F]; None where the engine does not say
-    so."""
-
-
-@dataclass(frozen=True)
-class TrafficResult:
-    """The motion of a scenario's vehicles, and what lies behind it."""
-
-    tracks: list[VehicleTrack]
-    changes: list[tuple[float, str, str, str]]
-    """Changes of lanes: time of the decision since frame 0 [s], vehicle, lane before, lane after."""
-    routes: dict[str, tuple[str, ...]]
-    """Vehicle -> lanes of its path, those beyond the last frame included."""
-
-
-def run_traffic(
-    graph: LaneGraph,
-    drivable: tuple[np.ndarray, np.ndarray],
-    catalog: Mapping[str, Any],
-    traffic: TrafficConfig,
-    *,
-    frame_count: int,
-    seed: int,
-    device: str = "cpu",
-) -> TrafficResult:
-    """Return the motion of all vehicles of a scenario, and what they decided.
-
-    Args:
-        graph: The town's lanes.
-        drivable: Vertices [m], shape [N, 3], and triangles, shape [M, 3], of what wheels may stand on.
-        catalog: Vehicle models by name, each with `name, paints, wheelbase, track, length, width, height, center`.
-        traffic: How many vehicles, where, which are CAVs, warm-up, changes of lanes, traffic lights.
-        frame_count: F, frames at 100 Hz.
-        seed: Same seed, same motion.
-        device: Warp device of the wheel drops.
-
-    Returns:
-        Tracks `cav_1`, `cav_2`... in the order of `connected_ranks`, then `veh_001`, `veh_002`... by distance;
-        changes of lanes and routes.
+def start_idm(demand: TrafficDemand) -> IdmEngine:
+    """Return the vehicles of a scenario at their starts, `SETTLE_S` and the warm-up before frame 0.
 
     Raises:
-        InputError: If the town has too few places, no model can drive from a place without leaving the road, or lights
-            are asked for where there are none.
+        InputError: If the town has too few places, no model can drive from a place without leaving the road, or
+            `signals` is true in a town without lights.
     """
-    cav_ranks, vehicle_count = connected_ranks(traffic, seed), traffic.vehicle_count
-    plans = make_plans(graph, seed) if traffic.signals else {}
+    traffic, graph = demand.traffic, demand.town.lanes
+    plans = make_plans(graph, demand.seed) if traffic.signals else {}
     if traffic.signals and not plans:
         raise InputError(
             "signals = true: no junction of the town has traffic lights; lanes with a phase (`mmw:lane:signal`) are "
             "needed; name junctions in the town's props.signalled, or set signals: false"
         )
     before = SETTLE_S + traffic.warmup_s
-    duration = before + SETTLE_S + frame_count / FRAME_RATE_HZ
-    shapes = [make_shape(catalog[name]) for name in sorted(catalog)]
-    fleet = Fleet(graph, Ground(*drivable, device=device), shapes, duration, seed)
-    points = nearest_points(spawn_points(graph, fleet.alive), traffic.spawn_center_m, vehicle_count)
-    cars, paints = [], []
-    for rank, point in enumerate(points):
-        generator = seeded(seed, rank, 0)
-        cars.append(fleet.add(point, rank, rank in cav_ranks, generator))
-        choices = tuple(catalog[cars[-1].shape.name].paints)
-        paints.append(choices[int(generator.integers(len(choices)))])
-    lead = round(before / STEP)
-    steps = lead + int(np.ceil((frame_count / FRAME_RATE_HZ + SETTLE_S) / STEP))
-    changes = LaneChanges(graph, fleet.beside, fleet.change) if traffic.lane_changes else None
-    station, speed, waits = Engine(graph, cars, changes, plans, -before).run(steps)
+    fleet = Fleet(demand, before + SETTLE_S + demand.frame_count / FRAME_RATE_HZ)
+    cars = [fleet.add(start) for start in draw_starts(demand, fleet.endless)]
+    changes = LaneChanges(graph, fleet.adjacent, fleet.change) if traffic.lane_changes else None
+    return IdmEngine(graph, cars, changes, plans, -before)
+
+
+def simulate_idm(demand: TrafficDemand) -> TrafficResult:
+    """Return the motion of all vehicles of a scenario, changes of lanes and routes; errors as of `start_idm`."""
+    engine = start_idm(demand)
+    lead = round(-engine.start / STEP)
+    steps = lead + int(np.ceil((demand.frame_count / FRAME_RATE_HZ + SETTLE_S) / STEP))
+    station, speed, waits = record_steps(engine, steps)
     smooth = _resample(station, speed)
     per_step = round(STEP * FRAME_RATE_HZ)
-    frames = slice(lead * per_step, lead * per_step + frame_count)
-    order = [*cav_ranks, *(rank for rank in range(vehicle_count) if rank not in set(cav_ranks))]
+    frames = slice(lead * per_step, lead * per_step + demand.frame_count)
+    cav_ranks = connected_ranks(demand.traffic, demand.seed)
     tracks, names = [], {}
-    for position, rank in enumerate(order):
-        is_cav = position < len(cav_ranks)
-        name = f"cav_{position + 1}" if is_cav else f"veh_{position - len(cav_ranks) + 1:03d}"
-        poses = sample_poses(cars[rank].plan.stance, smooth[:, rank])[frames]
-        role = "cav" if is_cav else "vehicle"
+    for position, rank in enumerate(vehicle_order(cav_ranks, len(engine.cars))):
+        car = engine.cars[rank]
+        names[rank], role = name_vehicle(position, len(cav_ranks))
+        poses = sample_poses(car.plan.stance, smooth[:, rank])[frames]
         cause = np.repeat(waits[:, rank], per_step)[frames]
-        tracks.append(VehicleTrack(name, role, cars[rank].shape.name, paints[rank], poses, cause))
-        names[rank] = name
-    done = [] if changes is None else changes.done
+        tracks.append(VehicleTrack(names[rank], role, car.shape.name, car.paint, poses, cause))
+    done = [] if engine.changes is None else engine.changes.done
     return TrafficResult(
         tracks,
-        [(time - before, names[rank], lane, other) for time, rank, lane, other in done],
-        {names[rank]: cars[rank].line.lanes for rank in order},
+        [(time + engine.start, names[rank], lane, other) for time, rank, lane, other in done],
+        {name: engine.cars[rank].line.lanes for rank, name in names.items()},
     )
+
+
+def record_steps(engine: IdmEngine, steps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Advance an engine.
+
+    Returns:
+        Stations [m], speeds [m/s] and whether a vehicle stands with a cause, at every step, start included, each of
+        shape [steps + 1, V].
+    """
+    station = [[car.station for car in engine.cars]]
+    speed = [[car.speed for car in engine.cars]]
+    waits = [[False] * len(engine.cars)]
+    for _ in range(steps):
+        engine.step()
+        station.append([car.station for car in engine.cars])
+        speed.append([car.speed for car in engine.cars])
+        waits.append(find_causes(speed[-1], engine.blockers, engine.at_red))
+    return np.array(station), np.array(speed), np.array(waits)
 
 
 def _resample(station: np.ndarray, speed: np.ndarray) -> np.ndarray:

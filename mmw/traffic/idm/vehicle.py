@@ -1,4 +1,4 @@
-"""A vehicle in the engine: where it is on its line, which lanes it is on, and the junctions on its way."""
+"""A vehicle: its station on its line, the lanes under it, and the junctions ahead."""
 
 from dataclasses import dataclass
 from math import inf
@@ -32,14 +32,13 @@ class Change:
 
 @dataclass
 class Plan:
-    """The way of a vehicle from its start to the end of its route, as it stands."""
+    """The path of a vehicle from its start to the end of its route."""
 
     stance: Stance
     limit: list[float]
-    """Wanted speed at every sample of the path [m/s]."""
+    """Desired speed at every sample of the path [m/s]."""
     begins: list[float]
-    """Station where each lane of the path begins [m]; of a lane that is entered from the side, where it would begin if
-    the line had followed it from its start."""
+    """Station where each lane of the path begins [m]; extrapolated for a lane that is entered from the side."""
     passages: list[Passage]
     change: Change | None = None
     """The last change of lanes on the path."""
@@ -56,6 +55,7 @@ class Car:
     """IDM: time gap [s]."""
     factor: float = 1.0
     """The driver's share of the speed limit."""
+    paint: str = ""
     speed: float = 0.0
     acceleration: float = 0.0
     granted: int = 0
@@ -78,7 +78,7 @@ class Car:
         self.follow(self.plan)
 
     def follow(self, plan: Plan) -> None:
-        """Take a way whose part behind the vehicle is the one that it has driven."""
+        """Change to a plan that is the same behind the vehicle."""
         self.plan = plan
         self.line: Line = plan.stance.track.line
         self.begins = plan.begins
@@ -87,22 +87,22 @@ class Car:
         self.change = plan.change
 
     @property
-    def nose(self) -> float:
+    def front(self) -> float:
         """Station of the front bumper [m]."""
         return self.station + self.shape.front
 
     @property
-    def tail(self) -> float:
+    def rear(self) -> float:
         """Station of the rear bumper [m]."""
         return self.station - self.shape.behind
 
     def place(self) -> None:
         """Find the lanes under both bumpers."""
-        while self.segment + 1 < len(self.ends) and self.nose >= self.ends[self.segment]:
+        while self.segment + 1 < len(self.ends) and self.front >= self.ends[self.segment]:
             self.segment += 1
-        while self.rear_segment < self.segment and self.tail >= self.ends[self.rear_segment]:
+        while self.rear_segment < self.segment and self.rear >= self.ends[self.rear_segment]:
             self.rear_segment += 1
-        if self.change is not None and self.tail >= self.change.end:
+        if self.change is not None and self.rear >= self.change.end:
             self.change = None
 
     @property
@@ -118,7 +118,7 @@ class Car:
         """First and last index of the lanes that the vehicle is on, front to rear."""
         if self.change is None:
             return self.rear_segment, self.segment
-        first = self.change.segment if self.tail < self.change.clear else self.rear_segment
+        first = self.change.segment if self.rear < self.change.clear else self.rear_segment
         return min(first, self.rear_segment), max(self.change.segment + 1, self.segment)
 
     def index_of(self, lane: str, first: int = 0) -> int:
@@ -126,19 +126,19 @@ class Car:
         return self.line.lanes.index(lane, max(first, min(self.occupied[0], self.ahead[0])))
 
     def stop_station(self) -> float:
-        """Return where the front bumper has to stop, as things are [m]."""
+        """Return the station where the front bumper has to stop [m]."""
         if self.granted < len(self.passages):
             return self.passages[self.granted].stop
         return self.ends[-1] - STOP_SHORT
 
-    def wanted_speed(self, station: float) -> float:
-        """Return the speed that the road asks for at a station of the front axle [m/s]."""
+    def desired_speed(self, station: float) -> float:
+        """Return the speed that the road allows at a station of the front axle [m/s]."""
         limit = self.plan.limit
         return limit[min(int((station + EXTENSION) / PATH_STEP), len(limit) - 1)]
 
 
 @dataclass(frozen=True)
-class Mark:
+class OccupiedSpan:
     """A vehicle on a lane; stations from the start of the lane [m]."""
 
     rear: float
@@ -148,20 +148,15 @@ class Mark:
     """Index of the lane on the vehicle's path."""
 
 
-def lane_begins(line: Line) -> list[float]:
-    """Return the station where each lane of a line without changes of lanes begins [m]."""
-    return [0.0, *line.ends[:-1].tolist()]
-
-
 def usable_length(lane: Lane, begin: float, end: float) -> float:
-    """Return the length of a lane up to `STOP_SHORT` beyond the bumper of who waits at its end [m]."""
+    """Return the length of a lane up to `STOP_SHORT` beyond the bumper of a vehicle that waits at its end [m]."""
     return end - begin - lane.stop + STOP_SHORT
 
 
 def find_passages(line: Line, graph: LaneGraph, shape: Shape) -> list[Passage]:
     """Return the junctions on a path; those without room for the vehicle between them form one passage."""
-    begins = lane_begins(line)
     ends = line.ends.tolist()
+    begins = [0.0, *ends[:-1]]
     passages: list[Passage] = []
     index = 0
     while index < len(line.lanes):
@@ -190,8 +185,3 @@ def find_passages(line: Line, graph: LaneGraph, shape: Shape) -> list[Passage]:
             )
         )
     return passages
-
-
-def count_entered(passages: list[Passage], segment: int) -> int:
-    """Return how many passages begin at or before a lane of the path (count)."""
-    return sum(passage.first_segment <= segment for passage in passages)

@@ -1,4 +1,4 @@
-"""Why vehicles stand: whether the chain of those that one waits for ends at a red light or at somebody who moves."""
+"""Find out whether a stopped vehicle waits, directly or not, for a red light or for a moving vehicle."""
 
 from collections.abc import Mapping, Sequence
 from collections.abc import Set as AbstractSet
@@ -10,18 +10,17 @@ STANDING = 0.5
 def find_causes(speed: Sequence[float], blockers: Mapping[int, Sequence[int]], at_red: AbstractSet[int]) -> list[bool]:
     """Return which vehicles stand with a cause.
 
-    A standing vehicle has a cause if it waits for green, if somebody it waits for moves, or if somebody it waits for
-    stands with a cause. So the tail of a queue has the cause of its head, and vehicles that wait for each other in a
-    circle have none.
+    A standing vehicle has a cause if it waits for green, or for a vehicle that moves or stands with a cause. So the
+    last vehicle of a queue has the cause of the first, and vehicles that wait for each other in a circle have none.
 
     Args:
         speed: Speed of every vehicle [m/s].
-        blockers: Vehicle -> those it waits for: its leader in a queue, those who cross or are about to, those who take
-            the room behind the junction.
+        blockers: Vehicle -> those it waits for: its leader in a queue, crossing vehicles, and those that occupy the
+            room behind the junction.
         at_red: Vehicles that wait for green.
 
     Returns:
-        One value a vehicle; False for those who move.
+        One value a vehicle; False for moving ones.
     """
     stands = [value < STANDING for value in speed]
     found = [stands[index] and index in at_red for index in range(len(speed))]

@@ -1,130 +1,91 @@
-"""Engine `file`: vehicles of a trajectory table, each with a model, a paint and a role."""
+"""Replay vehicles of a trajectory table, each with a model, a paint and a role."""
 
-from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
-from mmw.config import TrafficConfig
 from mmw.core.constants import FRAME_DT
 from mmw.core.errors import InputError
-from mmw.traffic.ground_height import Ground
-from mmw.traffic.idm.run import VehicleTrack
+from mmw.traffic.demand import TrafficDemand, TrafficResult, VehicleTrack
 from mmw.traffic.replay.poses import LONGEST_GAP, replay
 from mmw.traffic.replay.road_level import Decks
 from mmw.traffic.replay.trajectory_table import Trajectory, read_trajectories
-from mmw.traffic.spawn import draw_models, seeded
-from mmw.traffic.vehicle_pose import Shape, make_shape
+from mmw.traffic.spawn import draw_models, draw_paint, name_vehicle, seeded
+from mmw.traffic.vehicle_pose import Shape
 
 SAME_TIME = 1e-6
-"""Times that differ by no more are the same [s]; float64 seconds since 1970 keep a quarter of this."""
+"""Times that differ by no more are the same [s]; float64 seconds since 1970 resolve a quarter of this."""
 
 
-def replay_file(
-    path: Path,
-    drivable: tuple[np.ndarray, np.ndarray],
-    catalog: Mapping[str, Any],
-    traffic: TrafficConfig,
-    *,
-    frame_count: int,
-    seed: int,
-    device: str = "cpu",
-) -> list[VehicleTrack]:
-    """Return the motion of recorded vehicles; frame 0 is the earliest time in the file.
+def replay_table(demand: TrafficDemand) -> TrafficResult:
+    """Return the motion of recorded vehicles; frame 0 is the earliest time in the table `trajectories`.
 
-    Args:
-        path: Table of trajectories, see `read_trajectories`.
-        drivable: Vertices [m], shape [N, 3], and triangles, shape [M, 3], of what wheels may stand on.
-        catalog: Vehicle models by name.
-        traffic: At most `vehicle_count` vehicles are taken: those nearest to `spawn_center_m`, and all of `cav_ids`,
-            which are the CAVs; where it is empty, `cav_ranks` says which are.
-        frame_count: F, frames at 100 Hz.
-        seed: Same seed, same models and paints where the table leaves them open.
-        device: Warp device of the wheel drops.
+    At most `vehicle_count` vehicles appear: those nearest to `spawn_center_m`, and all of `cav_ids`, which are the
+    CAVs; where it is empty, `cav_ranks` gives their ranks. The seed draws models and paints that the table leaves open.
 
     Returns:
-        `cav_1`, `cav_2`... in the order of `cav_ids` or `cav_ranks`, then `veh_001`, `veh_002`... by distance. Poses
-        are NaN in frames in which a vehicle is not there.
+        Tracks in the order of `cav_ids` or `cav_ranks`, then by distance.
 
     Raises:
         InputError: If the file cannot be read, a CAV is not in it or not there in all frames, or a vehicle cannot be
             replayed.
     """
-    where = f"trajectories = {path.name!r}"
+    traffic, frame_count = demand.traffic, demand.frame_count
+    path = demand.base / (traffic.trajectories or "")
     try:
-        found = read_trajectories(path)
-        ranked = _rank(found, traffic.spawn_center_m, frame_count)
+        ranked = _rank(read_trajectories(path), traffic.spawn_center_m, frame_count)
         cavs = _choose_cavs(ranked, traffic.cav_ids, traffic.cav_ranks)
         for cav in cavs:
             _check_presence(cav, frame_count)
-        taken = {cav.id for cav in cavs}
-        rest = [vehicle for vehicle in ranked if vehicle.id not in taken][: max(0, traffic.vehicle_count - len(cavs))]
-        return place_vehicles(cavs, rest, drivable, catalog, frame_count=frame_count, seed=seed, device=device)
+        ids = {cav.id for cav in cavs}
+        rest = [vehicle for vehicle in ranked if vehicle.id not in ids][: max(0, traffic.vehicle_count - len(cavs))]
+        return TrafficResult(place_vehicles(demand, [*cavs, *rest], len(cavs)))
     except InputError as error:
-        text = str(error)
-        raise InputError(f"{where}: {text.removeprefix(f'{path}: ')}") from None
+        text = str(error).removeprefix(f"{path}: ")
+        raise InputError(f"trajectories = {path.name!r}: {text}") from None
 
 
 def place_vehicles(
-    cavs: Sequence[Trajectory],
-    others: Sequence[Trajectory],
-    drivable: tuple[np.ndarray, np.ndarray],
-    catalog: Mapping[str, Any],
-    *,
-    frame_count: int,
-    seed: int,
-    device: str,
-    comfort: float = np.inf,
+    demand: TrafficDemand, vehicles: Sequence[Trajectory], cav_count: int, comfort: float = np.inf
 ) -> list[VehicleTrack]:
-    """Return the tracks of trajectories; vehicles that are there in no frame are left out.
-
-    `comfort` is that of `replay`, the rest as in `replay_file`.
+    """Return the tracks of trajectories, CAVs first, without vehicles that are in no frame; `comfort` as in `replay`.
 
     Raises:
         InputError: If a vehicle cannot be replayed, or none is there in any frame.
     """
-    shapes = [make_shape(catalog[name]) for name in sorted(catalog)]
-    heights = drivable[0][np.unique(drivable[1]), 2]
-    decks = Decks(Ground(*drivable, device=device), float(heights.min()), float(heights.max()))
+    town = demand.town
+    heights = town.points[np.unique(town.faces), 2]
+    decks = Decks(demand.ground, float(heights.min()), float(heights.max()))
     tracks: list[VehicleTrack] = []
-    for vehicle in (*cavs, *others):
-        is_cav = len(tracks) < len(cavs)
+    for vehicle in vehicles:
+        name, role = name_vehicle(len(tracks), cav_count)
         # the id is the key, so that other vehicles of the file change nothing
-        generator = seeded(seed, *vehicle.id.encode())
-        shape = choose_model(vehicle, shapes, catalog, is_cav, generator)
-        paints = tuple(catalog[shape.name].paints)
-        paint = paints[int(generator.integers(len(paints)))]
-        poses = replay(vehicle, shape, decks, frame_count, comfort)
+        generator = seeded(demand.seed, *vehicle.id.encode())
+        shape = choose_model(vehicle, demand, role == "cav", generator)
+        paint = draw_paint(demand.catalog[shape.name], generator)
+        poses = replay(vehicle, shape, decks, demand.frame_count, comfort)
         if np.isfinite(poses).any():
-            number = len(tracks) + 1
-            name = f"cav_{number}" if is_cav else f"veh_{number - len(cavs):03d}"
-            tracks.append(VehicleTrack(name, "cav" if is_cav else "vehicle", shape.name, paint, poses))
+            tracks.append(VehicleTrack(name, role, shape.name, paint, poses))
     if not tracks:
         raise InputError(
-            f"no vehicle is there in the first {frame_count * FRAME_DT:.2f} s; at least one is needed; give samples "
-            "there, time counts from the earliest one"
+            f"no vehicle is there in the first {demand.frame_count * FRAME_DT:.2f} s; at least one is needed; give "
+            "samples there, time counts from the earliest one"
         )
     return tracks
 
 
-def choose_model(
-    vehicle: Trajectory,
-    shapes: Sequence[Shape],
-    catalog: Mapping[str, Any],
-    is_cav: bool,
-    generator: np.random.Generator,
-) -> Shape:
+def choose_model(vehicle: Trajectory, demand: TrafficDemand, is_cav: bool, generator: np.random.Generator) -> Shape:
     """Return the model of a recorded vehicle.
 
     The type counts first: a model's name, or a class label (`car`, `truck`, `bus`) that narrows the choice. Then the
     length: the nearest one. A vehicle without either is drawn, as in generated traffic; a type that is unknown here
     (SUMO files have types of their own) is drawn among the cars.
     """
+    shapes = demand.shapes
     for shape in shapes:
         if shape.name == vehicle.type:
             return shape
-    labels = {shape.name: catalog[shape.name].label for shape in shapes}
+    labels = {shape.name: demand.catalog[shape.name].label for shape in shapes}
     some = [shape for shape in shapes if labels[shape.name] == vehicle.type] or list(shapes)
     if vehicle.length > 0.0:
         return min(some, key=lambda shape: (abs(shape.length - vehicle.length), shape.name))

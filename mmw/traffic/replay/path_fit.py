@@ -1,10 +1,11 @@
-"""Samples of a recorded vehicle as a smooth line on the ground and a way along it."""
+"""Fit a smooth line on the ground, and distances along it, to the samples of a recorded vehicle."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from mmw.core.errors import InputError
+from mmw.traffic.polyline import arc_length, sample_polyline
 from mmw.traffic.route import PATH_STEP
 
 NODE_STEP = 0.5
@@ -30,7 +31,7 @@ class FittedPath:
     points: np.ndarray
     """Samples at most `PATH_STEP` apart [m], shape [N, 2], N >= 2."""
     station: np.ndarray
-    """Way of every given sample from the first one [m], shape [M], never falling."""
+    """Distance of every given sample from the first one [m], shape [M], never falling."""
 
 
 class BacktrackError(InputError):
@@ -81,11 +82,11 @@ def fit_path(samples: np.ndarray, heading: np.ndarray | None) -> FittedPath:
             angle = heading[nodes[node]]
             tangent[node] = np.cos(angle), np.sin(angle)
     dense, knot = _draw(place, tangent, length)
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(dense, axis=0), axis=1))])
+    along = arc_length(dense)
     count = max(2, int(np.ceil(along[-1] / PATH_STEP)) + 1)
     at = np.linspace(0.0, along[-1], count)
-    points = np.stack([np.interp(at, along, dense[:, axis]) for axis in range(2)], axis=1)
-    drawn = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    points = sample_polyline(dense, along, at)
+    drawn = arc_length(points)
     return FittedPath(points, _stations(samples, nodes, place, slope, length, np.interp(along[knot], at, drawn)))
 
 
@@ -126,15 +127,15 @@ def _stations(
 
 
 def fill_stations(time: np.ndarray, station: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Return the way at any time: monotone cubic pieces, so that a vehicle that stands does not move.
+    """Return the distance at any time: monotone cubic pieces, so that a vehicle that stands does not move.
 
     Args:
         time: Times of the samples [s], shape [M], strictly rising, M >= 2.
-        station: Way at the samples [m], shape [M], never falling.
-        at: Times to fill in [s], shape [F]; beyond the ends the vehicle keeps its acceleration there.
+        station: Distance at the samples [m], shape [M], never falling.
+        at: Times to fill in [s], shape [F]; beyond the ends the acceleration stays as it is there.
 
     Returns:
-        Way [m], shape [F].
+        Distance [m], shape [F].
 
     Source: F. N. Fritsch, J. Butland, A method for constructing local monotone piecewise cubic interpolants, SIAM J.
     Sci. Stat. Comput. 5 (1984), 300-304: weighted harmonic means of the neighbouring speeds.
@@ -162,7 +163,7 @@ def _onward(time: np.ndarray, station: np.ndarray, after: np.ndarray) -> np.ndar
 
     Args:
         time: Times of the samples relative to the end, from 0 into the past [s].
-        station: Way at the samples [m].
+        station: Distance at the samples [m].
         after: Times after the end [s].
     """
     near = time >= -FIT_S

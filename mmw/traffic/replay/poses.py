@@ -1,4 +1,4 @@
-"""From the samples of a recorded vehicle to the 6-DoF poses of a body on the road, as smooth as generated traffic."""
+"""Turn samples of a recorded vehicle into 6-DoF poses of a body on the road, as smooth as generated traffic."""
 
 from dataclasses import replace
 
@@ -6,13 +6,14 @@ import numpy as np
 
 from mmw.core.constants import FRAME_DT, FRAME_RATE_HZ
 from mmw.core.errors import InputError
+from mmw.traffic.polyline import arc_length
 from mmw.traffic.replay.path_fit import BacktrackError, FittedPath, fill_stations, fit_path
 from mmw.traffic.replay.road_level import Decks
 from mmw.traffic.replay.trajectory_table import Trajectory
 from mmw.traffic.roads.lane_graph import Lane
 from mmw.traffic.route import PATH_STEP, Line, join_lanes
 from mmw.traffic.smoothing import gaussian_smooth
-from mmw.traffic.vehicle_pose import GROUND_REACH, Shape, Track, follow_line, sample_poses, stand_on_ground
+from mmw.traffic.vehicle_pose import GROUND_REACH, Shape, Track, directions, follow_line, place_on_ground, sample_poses
 
 LONGEST_GAP = 2.0
 """Without samples for longer than this, a vehicle is not there [s]; shorter gaps are filled."""
@@ -21,19 +22,19 @@ FASTEST = 70.0
 """A vehicle does not go faster than this [m/s]."""
 
 NOISE = 0.5
-"""Noise of samples that is not taken for speed [m]."""
+"""Noise of samples that is not speed [m]."""
 
 SUPPORT_S = 5.0
 """Samples are read this far before the first and after the last frame [s]."""
 
 TIME_SIGMAS = (0.12, 0.18, 0.27, 0.4, 0.6)
-"""Gaussian on the way over time: the first of these standard deviations that is smooth enough is taken [s]."""
+"""Gaussian on the distance over time, standard deviation; the first that is smooth enough is used [s]."""
 
 PATH_SIGMAS = (0.0, 1.0, 2.0, 3.0)
 """The same for the line, in addition to the pose stage's own metre [m]."""
 
 STATION_JERK = 6.0
-"""Largest third derivative of the way over time that the choice aims at [m/s^3]."""
+"""Largest third derivative of the distance over time that the choice aims at [m/s^3]."""
 
 MAX_JERK = 9.5
 """Largest horizontal jerk of the body's origin on one axis [m/s^3]; a little below 10, which others may measure."""
@@ -42,13 +43,13 @@ BEHIND = 12.0
 """Straight run before the first sample, where the rear of the vehicle is [m]."""
 
 MIN_LEAD = 0.5
-"""The heading of a vehicle whose rear axle is given follows the line within this way [m]."""
+"""The heading of a vehicle whose rear axle is given follows the line within this distance [m]."""
 
 AHEAD = 3.0
 """Straight run after the last sample [m]."""
 
 ROAD_MARGIN = 0.6
-"""The road is needed this far before and after the way of the front axle [m]."""
+"""The road is needed this far before and after the path of the front axle [m]."""
 
 OPPOSITE = 0.5
 """Mean cosine between heading and motion below which a table's heading cannot be right [-]."""
@@ -89,10 +90,8 @@ def replay(trajectory: Trajectory, shape: Shape, decks: Decks, frame_count: int,
 
 def _part(trajectory: Trajectory, rows: np.ndarray) -> Trajectory:
     """Return some of a vehicle's samples."""
-    height, heading = (None if v is None else v[rows] for v in (trajectory.height, trajectory.heading))
-    return replace(
-        trajectory, time=trajectory.time[rows], points=trajectory.points[rows], height=height, heading=heading
-    )
+    columns = {name: getattr(trajectory, name) for name in ("time", "points", "height", "heading")}
+    return replace(trajectory, **{name: None if all_ is None else all_[rows] for name, all_ in columns.items()})
 
 
 def _check_speed(trajectory: Trajectory, rows: np.ndarray) -> None:
@@ -132,8 +131,8 @@ def _replay_part(part: Trajectory, shape: Shape, decks: Decks, first: int, last:
     least, where, rough = np.inf, 0, None
     for sigma in calm:
         for path_sigma in PATH_SIGMAS:
-            line, way = _smooth_path(path, fine, path_sigma)
-            poses = _stand(part, line, shape, decks, _smooth(way, sigma, pad), first)
+            line, distance = _smooth_path(path, fine, path_sigma)
+            poses = _stand(part, line, shape, decks, _smooth(distance, sigma, pad), first)
             jerk = np.abs(np.diff(poses[:, :2], n=3, axis=0)).max(axis=1, initial=0.0) / FRAME_DT**3
             if jerk.max(initial=0.0) <= MAX_JERK:
                 acceleration = np.linalg.norm(np.diff(poses[:, :2], n=2, axis=0), axis=1) / FRAME_DT**2
@@ -150,57 +149,51 @@ def _replay_part(part: Trajectory, shape: Shape, decks: Decks, first: int, last:
     )
 
 
-def _smooth(way: np.ndarray, sigma: float, pad: int) -> np.ndarray:
-    """Return a way over time after a Gaussian [s], without the frames that were added at both ends."""
-    return gaussian_smooth(way, sigma * FRAME_RATE_HZ)[pad : len(way) - pad]
+def _smooth(distance: np.ndarray, sigma: float, pad: int) -> np.ndarray:
+    """Return a distance over time after a Gaussian [s], without the frames that were added at both ends."""
+    return gaussian_smooth(distance, sigma * FRAME_RATE_HZ)[pad : len(distance) - pad]
 
 
-def _smooth_path(path: FittedPath, way: np.ndarray, sigma: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return a line after a Gaussian [m], and ways along it: rounder bends are shorter."""
+def _smooth_path(path: FittedPath, distance: np.ndarray, sigma: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return a line after a Gaussian [m], and distances along it: rounder bends are shorter."""
     if sigma == 0.0:
-        return path.points, way
+        return path.points, distance
     points = gaussian_smooth(path.points, sigma / PATH_STEP)
-    before, after = _along(path.points), _along(points)
-    beyond = np.minimum(way, 0.0) + np.maximum(way - before[-1], 0.0)
-    return points, np.interp(way, before, after) + beyond
+    before, after = arc_length(path.points), arc_length(points)
+    beyond = np.minimum(distance, 0.0) + np.maximum(distance - before[-1], 0.0)
+    return points, np.interp(distance, before, after) + beyond
 
 
-def _jerk(way: np.ndarray) -> float:
-    return float(np.abs(np.diff(way, n=3)).max(initial=0.0)) / FRAME_DT**3
+def _jerk(distance: np.ndarray) -> float:
+    return float(np.abs(np.diff(distance, n=3)).max(initial=0.0)) / FRAME_DT**3
 
 
 def _check_heading(part: Trajectory, path: FittedPath) -> None:
     """Compare a table's heading with the motion: degrees for radians, or another sense of turning, shows there."""
     if part.heading is None or path.station[-1] < 2.0:
         return
-    row = np.minimum(np.searchsorted(_along(path.points), path.station), len(path.points) - 2)
-    way = path.points[row + 1] - path.points[row]
+    row = np.minimum(np.searchsorted(arc_length(path.points), path.station), len(path.points) - 2)
+    move = path.points[row + 1] - path.points[row]
     moves = np.flatnonzero(np.diff(path.station, prepend=-1.0) > 0)
-    agree = np.cos(np.arctan2(way[moves, 1], way[moves, 0]) - part.heading[moves])
+    agree = np.cos(np.arctan2(move[moves, 1], move[moves, 0]) - part.heading[moves])
     if agree.mean() < OPPOSITE:
         raise InputError(
             f"{_where(part, part.time[0], part.points[0])}: its heading is {np.degrees(part.heading[0]):.0f} deg where "
-            f"it moves towards {np.degrees(np.arctan2(way[0, 1], way[0, 0])):.0f} deg; headings count "
+            f"it moves towards {np.degrees(np.arctan2(move[0, 1], move[0, 0])):.0f} deg; headings count "
             "counter-clockwise from east, in rad (heading) or degrees (heading_deg), and vehicles drive forward"
         )
 
 
-def _stand(part: Trajectory, points: np.ndarray, shape: Shape, decks: Decks, way: np.ndarray, first: int) -> np.ndarray:
-    """Return the poses for one choice of smoothing.
-
-    Args:
-        part: The samples.
-        points: The line of the reference point [m], shape [N, 2].
-        shape: The model.
-        decks: The drivable surface.
-        way: Way of the reference point along its line at every frame [m].
-        first: Number of the first frame.
-    """
-    way, points = way + BEHIND, _lengthen(points, part)
+def _stand(
+    part: Trajectory, points: np.ndarray, shape: Shape, decks: Decks, distance: np.ndarray, first: int
+) -> np.ndarray:
+    """Return the poses from frame `first` on, for the line of the reference point and its distance along it [m]."""
+    distance, points = distance + BEHIND, _lengthen(points, part)
     if part.reference == "front_bumper":
-        way = way - shape.front
-    along = _along(points)
-    low, start, high = np.searchsorted(along, [way[0] - ROAD_MARGIN, way[0], way.max() + ROAD_MARGIN]).tolist()
+        distance = distance - shape.front
+    along = arc_length(points)
+    ends = [distance[0] - ROAD_MARGIN, distance[0], distance.max() + ROAD_MARGIN]
+    low, start, high = np.searchsorted(along, ends).tolist()
     high = min(high, len(points) - 1)
     hint = np.nan if part.height is None else float(np.interp(first * FRAME_DT, part.time, part.height))
     height, lost = decks.follow(points, start, high, hint)
@@ -208,11 +201,11 @@ def _stand(part: Trajectory, points: np.ndarray, shape: Shape, decks: Decks, way
     if lost < 0:
         line = join_lanes([Lane(part.id, np.column_stack([points, height])[: high + 1], 0.0, 0.0)])
         track = _follow(line, part.reference, shape)
-        stance, at, what = stand_on_ground(track, decks.ground, float(along[low]) + GROUND_REACH)
+        stance, at, what = place_on_ground(track, decks.ground, float(along[low]) + GROUND_REACH)
         if stance is not None:
-            return sample_poses(stance, way)
+            return sample_poses(stance, distance)
         lost = min(int(np.searchsorted(along, at)), len(along) - 1)
-    time = (first + min(int(np.searchsorted(way, along[lost])), len(way) - 1)) * FRAME_DT
+    time = (first + min(int(np.searchsorted(distance, along[lost])), len(distance) - 1)) * FRAME_DT
     raise InputError(
         f"{_where(part, time, points[lost])}: {what} (model {shape.name!r}); vehicles stay on meshes of class road or "
         "road_line; check the origin and axes of the table, or leave out this vehicle"
@@ -233,21 +226,17 @@ def _lengthen(points: np.ndarray, part: Trajectory) -> np.ndarray:
 def _follow(line: Line, reference: str, shape: Shape) -> Track:
     """Return how a body moves of which a given point follows a line.
 
-    A point that leads the rear axle by b turns the body as a front axle with wheelbase b does. The front axle takes the
-    line of a front bumper, as it takes that of a lane in generated traffic.
+    A point that leads the rear axle by b turns the body as a front axle with wheelbase b does. The front axle follows
+    the line of a front bumper, as it does that of a lane in generated traffic.
     """
     if reference in ("front_bumper", "front_axle"):
         return follow_line(line, shape)
     lead = 0.5 * shape.length - shape.rear if reference == "center" else 0.0
     track = follow_line(line, replace(shape, wheelbase=max(lead, MIN_LEAD)))
     heading = track.heading
-    if reference == "rear_axle":  # it lags by the way that was lent
+    if reference == "rear_axle":  # it lags by the lead that was added
         heading = np.interp(line.station + MIN_LEAD, line.station, heading)
-    forward = np.stack([np.cos(heading), np.sin(heading)], axis=1)
+    forward = directions(heading)
     front = track.front + (shape.wheelbase - lead) * forward
     center = front - 0.5 * shape.wheelbase * forward
     return replace(track, shape=shape, front=front, heading=heading, center=center)
-
-
-def _along(points: np.ndarray) -> np.ndarray:
-    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])

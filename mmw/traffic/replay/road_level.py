@@ -15,13 +15,7 @@ class Decks:
     """All drivable surfaces above each other."""
 
     def __init__(self, ground: Ground, low: float, high: float) -> None:
-        """Look for surfaces between two heights.
-
-        Args:
-            ground: The drivable mesh.
-            low: Height of its lowest vertex [m].
-            high: Height of its highest vertex [m].
-        """
+        """Look for surfaces between the heights of the lowest and the highest vertex [m]."""
         self.ground = ground
         step = 0.95 * (DROP_ABOVE + DROP_BELOW)  # a little less, so that no height falls between two levels
         self.levels = np.arange(high, low - step, -step)
@@ -33,7 +27,7 @@ class Decks:
             line: Places close to each other, seen from above [m], shape [N, 2].
             first: Row where the vehicle starts.
             last: Row up to which it needs a road.
-            hint: Height of the road at row `first` [m]; NaN to take the highest deck that reaches `last`.
+            hint: Height of the road at row `first` [m]; NaN for the highest deck that reaches `last`.
 
         Returns:
             Heights [m], shape [N], before and after the road as at its ends; and -1, or the first row of `first`..

@@ -1,4 +1,4 @@
-"""Tables of who is where when: Parquet, CSV and SUMO's floating-car data, read into one form."""
+"""Read tables of vehicle positions over time: Parquet, CSV and SUMO's floating-car data."""
 
 import gzip
 import io
@@ -193,7 +193,7 @@ SAME_PLACE = 0.2
 
 
 def _distinct(time: np.ndarray, columns: dict[str, np.ndarray], rows: np.ndarray, name: str, path: Path) -> np.ndarray:
-    """Return which of a vehicle's rows to keep: the first one of each time stamp."""
+    """Return a mask of a vehicle's rows: the first one of each time stamp."""
     twice = np.flatnonzero(np.diff(time) <= 0)
     step = np.hypot(np.diff(columns["x"][rows]), np.diff(columns["y"][rows]))
     far = twice[step[twice] > SAME_PLACE]
@@ -202,6 +202,6 @@ def _distinct(time: np.ndarray, columns: dict[str, np.ndarray], rows: np.ndarray
             f"{path}: vehicle {name!r} is at two places {step[far[0]]:.1f} m apart at t = {time[far[0]]:.2f} s; one "
             "place at a time is needed; give every vehicle an id of its own"
         )
-    keep = np.ones(len(time), bool)
-    keep[twice + 1] = False
-    return keep
+    is_first = np.ones(len(time), bool)
+    is_first[twice + 1] = False
+    return is_first

@@ -1,4 +1,4 @@
-"""The lane graph: centre lines that vehicles follow, and what leads to what."""
+"""Define the lane graph: centre lines that vehicles follow, and their successors."""
 
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -6,11 +6,12 @@ from functools import cached_property
 import numpy as np
 
 from mmw.core.errors import InputError
+from mmw.traffic.polyline import arc_length
 
 
 @dataclass(frozen=True)
 class Lane:
-    """One driving lane, or one way through a junction, in driving direction."""
+    """One driving lane, or one connection through a junction, in driving direction."""
 
     name: str
     points: np.ndarray
@@ -30,15 +31,24 @@ class Lane:
     right: str = ""
     """The same to the right."""
     signal: str = ""
-    """In a junction with traffic lights, the phase that shows this way green, such as `a`; empty without lights."""
+    """In a junction with traffic lights, the phase in which it is green, such as `a`; empty without lights."""
     stop: float = 1.2
     """Vehicles that have to wait stop with the bumper this far before the end of the lane [m]: behind the stop line."""
 
     @cached_property
     def station(self) -> np.ndarray:
         """Arc length of every point from the start [m], shape [N]."""
-        step = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
-        return np.concatenate([[0.0], np.cumsum(step)])
+        return arc_length(self.points)
+
+    @cached_property
+    def plan_station(self) -> np.ndarray:
+        """Arc length of every point seen from above [m], shape [N]."""
+        return arc_length(self.points[:, :2])
+
+    @cached_property
+    def plan_length(self) -> float:
+        """Length of the lane seen from above [m]."""
+        return float(np.linalg.norm(np.diff(self.points[:, :2], axis=0), axis=1).sum())
 
     @property
     def length(self) -> float:

@@ -4,8 +4,8 @@ import numpy as np
 from pxr import Sdf, Usd, UsdGeom, Vt
 
 from mmw.core.errors import InputError
+from mmw.traffic.roads.guide_curves import define_guides, read_curves
 from mmw.traffic.roads.lane_graph import Lane, LaneGraph
-from mmw.usd.meshes import to_metres
 from mmw.usd.prim_specs import new_prim, set_value
 
 WIDTH = "mmw:lane:width"
@@ -20,18 +20,12 @@ STOP = "mmw:lane:stop"
 
 
 def write_lanes(stage: Usd.Stage, path: str, graph: LaneGraph) -> None:
-    """Write every lane as a linear curve of purpose `guide`, sorted by name.
-
-    Args:
-        stage: Stage whose edit target receives the prims.
-        path: Prim path of the group, such as `/Town/Lanes`.
-        graph: Lanes; their names must be identifiers.
+    """Write every lane as a linear curve of purpose `guide` below a prim such as `/Town/Lanes`, sorted by name.
 
     Raises:
         InputError: If a lane's name cannot be a prim name.
     """
-    group = UsdGeom.Scope.Define(stage, path)
-    UsdGeom.Imageable(group).CreatePurposeAttr(UsdGeom.Tokens.guide)
+    define_guides(stage, path)
     with Sdf.ChangeBlock():
         layer = stage.GetEditTarget().GetLayer()
         for name in sorted(graph.lanes):
@@ -67,10 +61,6 @@ def has_lanes(stage: Usd.Stage) -> bool:
 def read_lanes(stage: Usd.Stage, root_path: str) -> LaneGraph:
     """Return the lanes at or below a prim, in metres with z up, whatever the axes and units of the stage.
 
-    Args:
-        stage: A town, or a scenario that references one.
-        root_path: Where to look, such as `/Town/Lanes` or `/World/Town`.
-
     Raises:
         InputError: If the prim does not exist, holds no lane, or a lane lacks an attribute or its points.
     """
@@ -78,23 +68,16 @@ def read_lanes(stage: Usd.Stage, root_path: str) -> LaneGraph:
     where = stage.GetRootLayer().identifier
     if not root:
         raise InputError(f"{where}: no prim {root_path}; the lanes of a town are needed there; give the right path")
-    transforms, metres = UsdGeom.XformCache(), to_metres(stage)
     lanes = {}
-    for prim in Usd.PrimRange(root):
-        if not prim.IsA(UsdGeom.BasisCurves) or not prim.HasAttribute(WIDTH):
-            continue
+    for prim, points in read_curves(root, WIDTH):
         values = {name: prim.GetAttribute(name).Get() for name in (WIDTH, SPEED, JUNCTION, PRIORITY, SUCCESSORS)}
         missing = [name for name, value in values.items() if value is None]
-        points = UsdGeom.BasisCurves(prim).GetPointsAttr().Get()
-        if missing or points is None or len(points) < 2:
+        if missing or len(points) < 2:
             found = f"no {', '.join(missing)}" if missing else "fewer than two points"
             raise InputError(f"{where}: lane {prim.GetPath()} has {found}; all are needed; write it with write_lanes")
-        matrix = np.array(transforms.GetLocalToWorldTransform(prim), dtype=np.float64)
-        matrix = matrix @ metres
-        xyz = np.array(points, dtype=np.float64) @ matrix[:3, :3] + matrix[3, :3]
         lanes[prim.GetName()] = Lane(
             prim.GetName(),
-            xyz,
+            points,
             float(values[WIDTH]),
             float(values[SPEED]),
             values[JUNCTION],

@@ -1,4 +1,4 @@
-"""Walk lines in USD: where people go on the sidewalks."""
+"""Write and read sidewalks in USD: the lines that people walk along."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,13 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom, Vt
 
-from mmw.usd.meshes import to_metres
+from mmw.traffic.roads.guide_curves import define_guides, read_curves
 
 CLOSED = "mmw:walk:closed"
 
 
 @dataclass(frozen=True)
-class Walk:
+class Sidewalk:
     """One line that people follow, all in its direction."""
 
     name: str
@@ -21,33 +21,22 @@ class Walk:
     is_closed: bool
 
 
-def write_walks(stage: Usd.Stage, path: str, walks: Sequence[Walk]) -> None:
-    """Write every walk as a linear curve of purpose `guide`."""
-    group = UsdGeom.Scope.Define(stage, path)
-    UsdGeom.Imageable(group).CreatePurposeAttr(UsdGeom.Tokens.guide)
-    for walk in walks:
-        curve = UsdGeom.BasisCurves.Define(stage, f"{path}/{walk.name}")
-        points = np.ascontiguousarray(walk.points, dtype=np.float32)
+def write_sidewalks(stage: Usd.Stage, path: str, sidewalks: Sequence[Sidewalk]) -> None:
+    """Write every sidewalk as a linear curve of purpose `guide`."""
+    define_guides(stage, path)
+    for sidewalk in sidewalks:
+        curve = UsdGeom.BasisCurves.Define(stage, f"{path}/{sidewalk.name}")
+        points = np.ascontiguousarray(sidewalk.points, dtype=np.float32)
         curve.CreateTypeAttr(UsdGeom.Tokens.linear)
         curve.CreateCurveVertexCountsAttr([len(points)])
         curve.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(points))
         curve.CreateExtentAttr(Vt.Vec3fArray.FromNumpy(np.stack([points.min(axis=0), points.max(axis=0)])))
-        curve.GetPrim().CreateAttribute(CLOSED, Sdf.ValueTypeNames.Bool).Set(walk.is_closed)
+        curve.GetPrim().CreateAttribute(CLOSED, Sdf.ValueTypeNames.Bool).Set(sidewalk.is_closed)
 
 
-def read_walks(stage: Usd.Stage, root_path: str) -> list[Walk]:
-    """Return the walks below a prim in metres with z up, sorted by name; none if the prim does not exist."""
+def read_sidewalks(stage: Usd.Stage, root_path: str) -> list[Sidewalk]:
+    """Return the sidewalks below a prim in metres with z up, sorted by name; none if the prim does not exist."""
     root = stage.GetPrimAtPath(root_path)
-    if not root:
-        return []
-    transforms, metres = UsdGeom.XformCache(), to_metres(stage)
-    walks = []
-    for prim in Usd.PrimRange(root):
-        if not prim.IsA(UsdGeom.BasisCurves) or not prim.HasAttribute(CLOSED):
-            continue
-        matrix = np.array(transforms.GetLocalToWorldTransform(prim), dtype=np.float64)
-        points = np.array(UsdGeom.BasisCurves(prim).GetPointsAttr().Get(), dtype=np.float64)
-        matrix = matrix @ metres
-        xyz = points @ matrix[:3, :3] + matrix[3, :3]
-        walks.append(Walk(prim.GetName(), xyz, bool(prim.GetAttribute(CLOSED).Get())))
-    return sorted(walks, key=lambda walk: walk.name)
+    found = read_curves(root, CLOSED) if root else ()
+    sidewalks = [Sidewalk(prim.GetName(), points, bool(prim.GetAttribute(CLOSED).Get())) for prim, points in found]
+    return sorted(sidewalks, key=lambda sidewalk: sidewalk.name)

@@ -7,9 +7,10 @@ import numpy as np
 from pxr import Usd
 
 from mmw.core.errors import InputError
+from mmw.core.mesh import TriangleMesh, merge
 from mmw.traffic.roads.lane_graph import LaneGraph
 from mmw.traffic.roads.lane_prims import read_lanes
-from mmw.traffic.roads.sidewalk_prims import Walk, read_walks
+from mmw.traffic.roads.sidewalk_prims import Sidewalk, read_sidewalks
 from mmw.usd.meshes import MeshReader, place, semantic_label, to_metres
 from mmw.usd.open_stage import open_stage
 
@@ -28,8 +29,7 @@ class Town:
     """Vertices of the drivable surface, town frame [m], shape [N, 3], float64."""
     faces: np.ndarray
     """Its triangles, shape [M, 3], int32."""
-    walks: tuple[Walk, ...] = ()
-    """Sidewalk lines."""
+    sidewalks: tuple[Sidewalk, ...] = ()
 
 
 def open_town(path: str | Path) -> Town:
@@ -46,18 +46,17 @@ def open_town(path: str | Path) -> Town:
     lanes_path = root.GetPath().AppendChild("Lanes")
     lanes = read_lanes(stage, str(lanes_path)) if stage.GetPrimAtPath(lanes_path) else LaneGraph()
     reader, metres = MeshReader(stage, Usd.TimeCode.Default()), to_metres(stage)
-    points, faces, count = [], [], 0
     drivable = [mesh for mesh in reader.meshes() if semantic_label(mesh.anchor) in DRIVABLE_LABELS]
     reader.read([mesh.prim for mesh in drivable])
+    parts = []
     for mesh in drivable:
         to_anchor = np.eye(4) if mesh.to_anchor is None else mesh.to_anchor
-        placed, triangles = place(reader.triangles(mesh.prim), to_anchor @ reader.to_world(mesh.anchor) @ metres)
-        points.append(placed)
-        faces.append(triangles + count)
-        count += len(placed)
-    if not count:
+        matrix = to_anchor @ reader.to_world(mesh.anchor) @ metres
+        parts.append(TriangleMesh(*place(reader.triangles(mesh.prim), matrix)))
+    road = merge(parts)
+    if not len(road.faces):
         raise InputError(
             f"{path}: no mesh has the class {' or '.join(DRIVABLE_LABELS)}; vehicles need a road to stand on; label it"
         )
-    walks = tuple(read_walks(stage, str(root.GetPath().AppendChild("Walks"))))
-    return Town(path, lanes, np.concatenate(points), np.concatenate(faces).astype(np.int32), walks)
+    sidewalks = tuple(read_sidewalks(stage, str(root.GetPath().AppendChild("Walks"))))
+    return Town(path, lanes, road.points, road.faces, sidewalks)

@@ -1,4 +1,4 @@
-"""The lane graph as a SUMO network: the same lanes, the same ways across junctions, the same right of way.
+"""Write the lane graph as a SUMO network: the same lanes, connections and right of way.
 
 Lanes beside each other become one edge, lanes across a junction become its internal lanes, with our points as shapes.
 The network is written as it is, so SUMO's netconvert is not needed.
@@ -14,13 +14,12 @@ from pathlib import Path
 import numpy as np
 
 from mmw.traffic.roads.lane_graph import Lane, LaneGraph
-from mmw.traffic.route import plan_length
 
 CLOSE = 2.4
-"""Ways across a junction whose centre lines come nearer than this are in each other's way [m]: the width of a lorry."""
+"""Connections whose centre lines come nearer than this conflict [m]: the width of a lorry."""
 
 VISIBILITY = "50"
-"""Drivers who have to give way see the others from this far before a junction [m]; SUMO's 4.5 m makes them stop."""
+"""Drivers that have to give way see the others from this far before a junction [m]; SUMO's 4.5 m makes them stop."""
 
 SLOWEST = 1.5
 """Lowest speed limit that is written [m/s]."""
@@ -55,28 +54,12 @@ class SumoNetwork:
 
 @dataclass(frozen=True)
 class _Link:
-    """One way from a lane to a lane."""
+    """One connection from a lane to a lane."""
 
     before: str
-    way: str
+    across: str
     """The lane across the junction; empty where a road goes on."""
     after: str
-
-
-class _Joined:
-    """Sets of things that are the same node."""
-
-    def __init__(self) -> None:
-        self.parent: dict[str, str] = {}
-
-    def find(self, item: str) -> str:
-        while self.parent.setdefault(item, item) != item:
-            item = self.parent[item]
-        return item
-
-    def join(self, one: str, other: str) -> None:
-        a, b = sorted((self.find(one), self.find(other)))
-        self.parent[b] = a
 
 
 def make_network(graph: LaneGraph, limit: Mapping[str, float]) -> SumoNetwork:
@@ -93,41 +76,39 @@ def make_network(graph: LaneGraph, limit: Mapping[str, float]) -> SumoNetwork:
     edge_of = {name: edge for edge, names in edges.items() for name in names}
     links = _find_links(graph, inside)
     node = _find_nodes(edges, edge_of, links, graph)
-    mean = {edge: float(np.mean([plan_length(lanes[name]) for name in names])) for edge, names in edges.items()}
+    mean = {edge: float(np.mean([lanes[name].plan_length for name in names])) for edge, names in edges.items()}
     place = {
-        name: SumoPlace(edge, index, mean[edge] / plan_length(lanes[name]))
+        name: SumoPlace(edge, index, mean[edge] / lanes[name].plan_length)
         for edge, names in edges.items()
         for index, name in enumerate(names)
     }
     root = ElementTree.Element("net", version="1.20", junctionCornerDetail="5", limitTurnSpeed="-1")
     _write_location(root, graph)
     at_node: dict[str, list[_Link]] = {}
-    for name in sorted(lanes):  # the order of links: incoming lanes by name, then as the lanes name them
-        for link in links:
-            if link.before == name:
-                at_node.setdefault(node[f"end {edge_of[name]}"], []).append(link)
+    for link in sorted(links, key=lambda link: link.before):  # incoming lanes by name, then as the lanes name them
+        at_node.setdefault(node[f"end {edge_of[link.before]}"], []).append(link)
     internal: dict[str, str] = {f"{spot.edge}_{spot.index}": name for name, spot in place.items()}
     via: dict[_Link, str] = {}
     for junction in sorted(at_node):
         for number, link in enumerate(at_node[junction]):
-            if link.way:
+            if link.across:
                 via[link] = f":{junction}_{number}"
                 edge = ElementTree.SubElement(root, "edge", id=via[link], function="internal")
-                lane = lanes[link.way]
-                _write_lane(edge, f"{via[link]}_0", 0, lane, plan_length(lane), max(limit[link.way], SLOWEST))
-                internal[f"{via[link]}_0"] = link.way
+                lane = lanes[link.across]
+                _write_lane(edge, f"{via[link]}_0", 0, lane, lane.plan_length, max(limit[link.across], SLOWEST))
+                internal[f"{via[link]}_0"] = link.across
     for edge in sorted(edges):
         ends = {"from": node[f"start {edge}"], "to": node[f"end {edge}"]}
         element = ElementTree.SubElement(root, "edge", id=edge, priority="1", **ends)
         for index, name in enumerate(edges[edge]):
             _write_lane(element, f"{edge}_{index}", index, lanes[name], mean[edge], max(limit[name], SLOWEST))
+    gives_way: dict[_Link, bool] = {}
     for junction in sorted(set(node.values())):
-        _write_junction(root, junction, at_node.get(junction, []), edges, node, via, graph)
+        yields = _write_junction(root, junction, at_node.get(junction, []), edges, node, via, graph)
+        gives_way |= zip(at_node.get(junction, []), yields.any(axis=1).tolist(), strict=True)
     for junction in sorted(at_node):
-        yields = _yields(at_node[junction], graph)
-        for number, link in enumerate(at_node[junction]):
-            state = "m" if yields[number].any() else "M"
-            _write_connection(root, link, place, via.get(link), state)
+        for link in at_node[junction]:
+            _write_connection(root, link, place, via.get(link), "m" if gives_way[link] else "M")
     return SumoNetwork(root, place, internal)
 
 
@@ -174,32 +155,34 @@ def _find_nodes(
     edges: Mapping[str, list[str]], edge_of: Mapping[str, str], links: list[_Link], graph: LaneGraph
 ) -> dict[str, str]:
     """Return the junction at both ends of every edge: keys are `start EDGE` and `end EDGE`."""
-    joined = _Joined()
-    for link in links:
-        joined.join(f"end {edge_of[link.before]}", f"start {edge_of[link.after]}")
-        if link.way:
-            joined.join(f"end {edge_of[link.before]}", f"junction {graph.lanes[link.way].junction}")
     ends = [f"{end} {edge}" for edge in edges for end in ("start", "end")]
-    number = {group: f"J{index}" for index, group in enumerate(sorted({joined.find(end) for end in ends}))}
-    return {end: number[joined.find(end)] for end in ends}
+    members = {end: {end} for end in ends}  # end -> the set, shared by all in it, of ends that are one junction
+    for link in links:
+        before = members[f"end {edge_of[link.before]}"]
+        names = [f"start {edge_of[link.after]}"]
+        names += [f"junction {graph.lanes[link.across].junction}"] if link.across else []
+        for name in names:
+            before |= members.setdefault(name, {name})
+            members.update(dict.fromkeys(before, before))
+    number = {group: f"J{index}" for index, group in enumerate(sorted({min(members[end]) for end in ends}))}
+    return {end: number[min(members[end])] for end in ends}
 
 
-def _yields(links: list[_Link], graph: LaneGraph) -> np.ndarray:
+def _yields(links: list[_Link], foes: np.ndarray, graph: LaneGraph) -> np.ndarray:
     """Return which link gives way to which, shape [L, L]: by priority, between equals the later one in the list.
 
     This is an order, so no vehicles wait for each other in a circle.
     """
-    foes = _foes(links, graph)
-    priority = [graph.lanes[link.way or link.after].priority for link in links]
+    priority = [graph.lanes[link.across or link.after].priority for link in links]
     rank = np.array(sorted(range(len(links)), key=lambda index: (-priority[index], index)))
     place = np.argsort(rank)
     return foes & (place[:, None] > place[None, :])
 
 
 def _foes(links: list[_Link], graph: LaneGraph) -> np.ndarray:
-    """Return which links of a junction are in each other's way, shape [L, L]: their lines come close or meet."""
+    """Return which links of a junction conflict, shape [L, L]: their lines come close or meet."""
     out = np.zeros((len(links), len(links)), bool)
-    lines = [graph.lanes[link.way].points if link.way else None for link in links]
+    lines = [graph.lanes[link.across].points if link.across else None for link in links]
     for i, one in enumerate(lines):
         for j in range(i):
             other = lines[j]
@@ -214,23 +197,14 @@ def _foes(links: list[_Link], graph: LaneGraph) -> np.ndarray:
 def _write_location(root: ElementTree.Element, graph: LaneGraph) -> None:
     points = np.concatenate([lane.points[:, :2] for lane in graph.lanes.values()])
     box = ",".join(f"{value:.2f}" for value in (*points.min(axis=0), *points.max(axis=0)))
-    ElementTree.SubElement(
-        root, "location", netOffset="0.00,0.00", convBoundary=box, origBoundary=box, projParameter="!"
-    )
+    frame = {"netOffset": "0.00,0.00", "convBoundary": box, "origBoundary": box, "projParameter": "!"}
+    ElementTree.SubElement(root, "location", frame)
 
 
 def _write_lane(edge: ElementTree.Element, name: str, index: int, lane: Lane, length: float, speed: float) -> None:
+    size = {"speed": f"{speed:.3f}", "length": f"{length:.4f}", "width": f"{lane.width:.3f}"}
     shape = " ".join(f"{x:.4f},{y:.4f},{z:.4f}" for x, y, z in lane.points)
-    ElementTree.SubElement(
-        edge,
-        "lane",
-        id=name,
-        index=str(index),
-        speed=f"{speed:.3f}",
-        length=f"{length:.4f}",
-        width=f"{lane.width:.3f}",
-        shape=shape,
-    )
+    ElementTree.SubElement(edge, "lane", size, id=name, index=str(index), shape=shape)
 
 
 def _write_junction(
@@ -241,28 +215,22 @@ def _write_junction(
     node: Mapping[str, str],
     via: Mapping[_Link, str],
     graph: LaneGraph,
-) -> None:
+) -> np.ndarray:
+    """Write a junction and return which of its links gives way to which, shape [L, L]."""
     ending = [edge for edge in edges if node[f"end {edge}"] == name]
     coming = {lane: f"{edge}_{index}" for edge in ending for index, lane in enumerate(edges[edge])}
     going = [edges[edge][0] for edge in edges if node[f"start {edge}"] == name]
-    x, y, z = graph.lanes[min(coming)].points[-1] if coming else graph.lanes[min(going)].points[0]
-    element = ElementTree.SubElement(
-        root,
-        "junction",
-        id=name,
-        type="priority" if links else "dead_end",
-        x=f"{x:.4f}",
-        y=f"{y:.4f}",
-        z=f"{z:.4f}",
-        incLanes=" ".join(coming[lane] for lane in sorted(coming)),
-        intLanes=" ".join(f"{via[link]}_0" for link in links if link in via),
-        shape="",
-    )
-    foes, yields = _foes(links, graph), _yields(links, graph)
-    for index in range(len(links)):
-        ElementTree.SubElement(
-            element, "request", index=str(index), response=_bits(yields[index]), foes=_bits(foes[index]), cont="0"
-        )
+    place = graph.lanes[min(coming)].points[-1] if coming else graph.lanes[min(going)].points[0]
+    attributes = {axis: f"{value:.4f}" for axis, value in zip("xyz", place, strict=True)}
+    attributes |= {"type": "priority" if links else "dead_end", "shape": ""}
+    attributes["incLanes"] = " ".join(coming[lane] for lane in sorted(coming))
+    attributes["intLanes"] = " ".join(f"{via[link]}_0" for link in links if link in via)
+    element = ElementTree.SubElement(root, "junction", attributes, id=name)
+    foes = _foes(links, graph)
+    yields = _yields(links, foes, graph)
+    for index, (response, conflicts) in enumerate(zip(map(_bits, yields), map(_bits, foes), strict=True)):
+        ElementTree.SubElement(element, "request", index=str(index), response=response, foes=conflicts, cont="0")
+    return yields
 
 
 def _bits(row: np.ndarray) -> str:
@@ -271,17 +239,11 @@ def _bits(row: np.ndarray) -> str:
 
 
 def _write_connection(
-    root: ElementTree.Element,
-    link: _Link,
-    place: Mapping[str, SumoPlace],
-    via: str | None,
-    state: str,
+    root: ElementTree.Element, link: _Link, place: Mapping[str, SumoPlace], via: str | None, state: str
 ) -> None:
     before, after = place[link.before], place[link.after]
     common = {"to": after.edge, "toLane": str(after.index), "dir": "s"}
     first = {"from": before.edge, "fromLane": str(before.index), **common, "state": state, "visibility": VISIBILITY}
-    if via is None:
-        ElementTree.SubElement(root, "connection", first)
-        return
-    ElementTree.SubElement(root, "connection", {**first, "via": f"{via}_0"})
-    ElementTree.SubElement(root, "connection", {"from": via, "fromLane": "0", **common, "state": "M"})
+    ElementTree.SubElement(root, "connection", first | ({"via": f"{via}_0"} if via else {}))
+    if via:
+        ElementTree.SubElement(root, "connection", {"from": via, "fromLane": "0", **common, "state": "M"})

@@ -6,24 +6,16 @@ from functools import partial
 
 import numpy as np
 
-from mmw.core.errors import InputError
-from mmw.traffic.ground_height import Ground
+from mmw.traffic.demand import TrafficDemand
 from mmw.traffic.roads.lane_graph import Lane, LaneGraph
-from mmw.traffic.route import PATH_STEP, choose_lanes, join_lanes, living_lanes, plan_length, plan_stations
+from mmw.traffic.route import PATH_STEP, choose_lanes, endless_lanes, join_lanes
 from mmw.traffic.smoothing import gaussian_smooth
-from mmw.traffic.spawn import Places, SpawnPoint, draw_models, seeded
-from mmw.traffic.speed_profile import (
-    CURVE_BRAKING,
-    LATERAL_ACCELERATION,
-    LOWEST_SPEED,
-    PATH_JERK,
-    VERTICAL_ACCELERATION,
-    VERTICAL_JERK,
-)
-from mmw.traffic.vehicle_pose import GROUND_SIGMA, MAX_STEER, PATH_SIGMA, Shape, follow_line, stand_on_ground
+from mmw.traffic.spawn import Places, Start, seeded
+from mmw.traffic.speed_profile import CURVE_BRAKING, LOWEST_SPEED, brake_ahead, comfort_speed
+from mmw.traffic.vehicle_pose import GROUND_SIGMA, MAX_STEER, PATH_SIGMA, Shape, follow_line, place_on_ground
 
 LEAD_IN = 25.0
-"""A way across a junction is tried out from this far before it to this far behind it [m]."""
+"""A lane across a junction is tried out from this far before it to this far behind it [m]."""
 
 REACH = 12.0
 """Neighbouring lanes count for the bend of a lane up to this far [m]."""
@@ -33,63 +25,57 @@ REACH = 12.0
 class SumoVehicle:
     """A vehicle before SUMO runs."""
 
+    start: Start
     shape: Shape
-    point: SpawnPoint
     lanes: tuple[str, ...]
     """Lanes in driving order, those across junctions included."""
 
+    @property
+    def front(self) -> float:
+        """Station of the front bumper on the first lane [m]."""
+        return self.start.point.station + 0.5 * self.shape.wheelbase + self.shape.front
 
-class Drivers:
-    """Draws vehicles that can drive where they are sent."""
+    @property
+    def rear(self) -> float:
+        """Station of the rear bumper on the first lane [m]."""
+        return self.start.point.station - 0.5 * self.shape.wheelbase - self.shape.rear
 
-    def __init__(self, graph: LaneGraph, ground: Ground, shapes: Sequence[Shape], length: float) -> None:
-        """Start with an empty town.
 
-        Args:
-            graph: The lanes.
-            ground: The drivable surface.
-            shapes: Models.
-            length: Plan length that every route covers at least [m].
-        """
-        self.graph, self.ground, self.shapes, self.length = graph, ground, shapes, length
-        self.alive = living_lanes(graph) or frozenset(graph.lanes)
-        self.places = Places(graph)
+class RoutePlanner:
+    """Draws vehicles that can drive their routes."""
+
+    def __init__(self, demand: TrafficDemand, length: float) -> None:
+        """Start with an empty town; every route covers at least a plan length [m]."""
+        self.demand, self.graph, self.length = demand, demand.town.lanes, length
+        self.endless = endless_lanes(self.graph) or frozenset(self.graph.lanes)
+        self.places = Places(self.graph)
         self._fits: dict[tuple[str, str], bool] = {}
 
-    def add(self, point: SpawnPoint, is_cav: bool, generator: np.random.Generator, key: Sequence[int]) -> SumoVehicle:
-        """Return a vehicle at a spawn point.
-
-        Args:
-            point: Where it starts.
-            is_cav: Whether it carries sensors; then low models come before high ones.
-            generator: Draws the model.
-            key: Seeds the route.
+    def add(self, start: Start) -> SumoVehicle:
+        """Return a vehicle with a model and a route.
 
         Raises:
-            InputError: If no model has room there, or a way on that it can drive.
+            InputError: If no model has room there, or a route that it can drive.
         """
-        for shape in draw_models(self.shapes, is_cav, generator):
-            if self.places.fits(point, shape):
-                is_open = partial(self._is_open, shape)
-                lanes = choose_lanes(self.graph, point.lane, self.length, seeded(*key), is_open)
-                if sum(plan_length(self.graph.lanes[name]) for name in lanes[1:]) >= self.length:
-                    self.places.take(point, shape)
-                    return SumoVehicle(shape, point, tuple(lanes))
-        x, y, z = point.position
-        raise InputError(
-            f"spawn point on lane {point.lane!r} at ({x:.1f}, {y:.1f}, {z:.1f}) m: no model has room and a way on that "
-            "keeps its wheels on the road; widen the road there, or add a shorter vehicle model"
-        )
+
+        def find_route(shape: Shape) -> tuple[list[str] | None, str]:
+            generator = seeded(self.demand.seed, start.rank, 1)
+            lanes = choose_lanes(self.graph, start.point.lane, self.length, generator, partial(self._is_open, shape))
+            is_long = sum(self.graph.lanes[name].plan_length for name in lanes[1:]) >= self.length
+            return (lanes if is_long else None), f"model {shape.name!r} has no route on"
+
+        shape, lanes = self.places.add(start, self.demand.shapes, find_route)
+        return SumoVehicle(start, shape, tuple(lanes))
 
     def _is_open(self, shape: Shape, name: str) -> bool:
         """Return whether a body can drive a lane and leave it again with its wheels on the road."""
-        if name not in self.alive:
+        if name not in self.endless:
             return False
         lane = self.graph.lanes[name]
         if not lane.junction:
             return any(self._fits_on(after, shape) for after in lane.successors)
-        exits = [way for after in lane.successors for way in self.graph.lanes[after].successors]
-        return self._fits_on(name, shape) and any(self._fits_on(way, shape) for way in exits)
+        exits = [exit_ for after in lane.successors for exit_ in self.graph.lanes[after].successors]
+        return self._fits_on(name, shape) and any(self._fits_on(exit_, shape) for exit_ in exits)
 
     def _fits_on(self, name: str, shape: Shape) -> bool:
         """Return whether a body's wheels stay on the road on a lane, which is tried out where it crosses a junction."""
@@ -102,24 +88,24 @@ class Drivers:
     def _can_drive(self, lane: Lane, shape: Shape) -> bool:
         before = self.graph.predecessors[lane.name]
         lanes = [_piece(self.graph.lanes[before[0]], -(LEAD_IN + shape.length)), lane] if before else [lane]
-        behind = plan_length(lanes[0]) if before else 0.0
-        end = behind + plan_length(lane)
+        behind = lanes[0].plan_length if before else 0.0
+        end = behind + lane.plan_length
         covered, onward = 0.0, lane
         while onward.successors and covered < LEAD_IN:
             onward = self.graph.lanes[onward.successors[0]]
             lanes.append(_piece(onward, LEAD_IN - covered))
-            covered += plan_length(lanes[-1])
+            covered += lanes[-1].plan_length
         track = follow_line(join_lanes(lanes), shape)
         inside = (track.line.station > behind - 1.0) & (track.line.station < end + LEAD_IN)
         if (np.abs(track.steer[inside]) > MAX_STEER).any():
             return False
-        stance, _, _ = stand_on_ground(track, self.ground, min(behind, LEAD_IN))
+        stance, _, _ = place_on_ground(track, self.demand.ground, min(behind, LEAD_IN))
         return stance is not None
 
 
 def _piece(lane: Lane, length: float) -> Lane:
     """Return the first points of a lane up to a length [m], or the last ones if it is negative; at least two."""
-    along = plan_stations(lane)
+    along = lane.plan_station
     if length < 0.0:
         return replace(lane, points=lane.points[min(int(np.searchsorted(along, along[-1] + length)), len(along) - 2) :])
     return replace(lane, points=lane.points[: max(int(np.searchsorted(along, length)) + 1, 2)])
@@ -143,17 +129,7 @@ def lane_limits(graph: LaneGraph) -> dict[str, np.ndarray]:
         flat = gaussian_smooth(line.points, PATH_SIGMA / PATH_STEP)
         height = gaussian_smooth(flat[:, 2], GROUND_SIGMA / PATH_STEP)
         body = np.column_stack([flat[:, :2], height])
-        second = np.gradient(np.gradient(body, PATH_STEP, axis=0), PATH_STEP, axis=0)
-        third = np.gradient(second, PATH_STEP, axis=0)
-        tiny = 1e-9
-        speed = np.minimum.reduce(
-            [
-                np.sqrt(LATERAL_ACCELERATION / (np.hypot(second[:, 0], second[:, 1]) + tiny)),
-                np.sqrt(VERTICAL_ACCELERATION / (np.abs(second[:, 2]) + tiny)),
-                np.cbrt(PATH_JERK / (np.hypot(third[:, 0], third[:, 1]) + tiny)),
-                np.cbrt(VERTICAL_JERK / (np.abs(third[:, 2]) + tiny)),
-            ]
-        )[inside]
+        speed = comfort_speed(body)[inside]
         out[name] = np.clip(speed, LOWEST_SPEED, max(lane.speed, LOWEST_SPEED))
     ramped = {name: _ramp(speed) for name, speed in out.items()}
     for name, lane in graph.lanes.items():
@@ -175,8 +151,7 @@ def _straightest(graph: LaneGraph, names: Sequence[str], heading: float) -> list
 
 def _ramp(speed: np.ndarray) -> np.ndarray:
     """Return speeds from which a driver can brake in comfort to those behind."""
-    fall = 2 * CURVE_BRAKING * PATH_STEP * np.arange(len(speed))
-    return np.sqrt(np.maximum(np.minimum.accumulate((speed**2 + fall)[::-1])[::-1] - fall, 0.0))
+    return brake_ahead(speed, 2 * CURVE_BRAKING * PATH_STEP * np.arange(len(speed)))
 
 
 def entry_speeds(
@@ -185,13 +160,12 @@ def entry_speeds(
     """Return speeds at the start from which every vehicle can stop at the end of its lane and behind its leader."""
     out = []
     for vehicle in vehicles:
-        lane = graph.lanes[vehicle.point.lane]
-        nose = vehicle.point.station + 0.5 * vehicle.shape.wheelbase + vehicle.shape.front
-        room = plan_length(lane) - nose - 2.0
+        lane = graph.lanes[vehicle.start.point.lane]
+        room = lane.plan_length - vehicle.front - 2.0
         for other in vehicles:
-            if other.point.lane == lane.name and other.point.station > vehicle.point.station:
-                tail = other.point.station - 0.5 * other.shape.wheelbase - other.shape.rear
-                room = min(room, tail - nose - 2.0)
-        allowed = float(limit[lane.name][min(int(nose / PATH_STEP), len(limit[lane.name]) - 1)])
+            point = other.start.point
+            if point.lane == lane.name and point.station > vehicle.start.point.station:
+                room = min(room, other.rear - vehicle.front - 2.0)
+        allowed = float(limit[lane.name][min(int(vehicle.front / PATH_STEP), len(limit[lane.name]) - 1)])
         out.append(min(allowed, float(np.sqrt(2 * braking * max(room, 0.0)))))
     return out

@@ -14,15 +14,16 @@ HINT_STEP = 1.0
 """Speed limits of a lane are this far apart [m]."""
 
 NOT_LOADED = 3
-"""Exit code if `libsumo` cannot be loaded; the reason stands on stderr."""
+"""Exit code if `libsumo` cannot be loaded; the reason is on stderr."""
 
 
 def main(folder: Path) -> None:
     """Run the job of a folder.
 
-    `job.json` holds `options` (SUMO's command line), `vehicles` (ids), `steps` (count), `limits` (SUMO lane -> speed
-    limit every metre [m/s]) and `top_speed` [m/s]. `states.npy` gets float64 [steps + 1, V, 4]: x, y, z of the front
-    bumper [m] and the angle clockwise from north [deg]; NaN where a vehicle is not in the network.
+    `job.json` holds `options` (SUMO's command line), `vehicles` (count; their ids are numbers), `steps` (count),
+    `limits` (SUMO lane -> speed limit every metre [m/s]) and `top_speed` [m/s]. `states.npy` gets float64
+    [steps + 1, V, 4]: x, y, z of the front bumper [m] and the angle clockwise from north [deg]; NaN where a vehicle is
+    not in the network.
     """
     try:
         import libsumo
@@ -31,15 +32,14 @@ def main(folder: Path) -> None:
         sys.exit(NOT_LOADED)
 
     job = json.loads((folder / "job.json").read_text())
-    number = {name: index for index, name in enumerate(job["vehicles"])}
-    states = np.full((job["steps"] + 1, len(number), 4), np.nan)
+    states = np.full((job["steps"] + 1, job["vehicles"], 4), np.nan)
     libsumo.start(["sumo", *job["options"]])
     try:
         for step in range(job["steps"] + 1):
             libsumo.simulationStep()
             for name in libsumo.vehicle.getIDList():
                 x, y, z = libsumo.vehicle.getPosition3D(name)
-                states[step, number[name]] = x, y, z, libsumo.vehicle.getAngle(name)
+                states[step, int(name)] = x, y, z, libsumo.vehicle.getAngle(name)
                 libsumo.vehicle.setMaxSpeed(name, _limit(libsumo.vehicle, name, job))
     finally:
         libsumo.close()

@@ -1,17 +1,16 @@
-"""One frame as a figure, in the manner of nuScenes: cameras with boxes, a sweep from above, radar, depth."""
+"""One frame as a figure, in the manner of nuScenes: cameras with boxes, point clouds from above, other images."""
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from mmw.config.sensor_spec import SENSORS
 from mmw.core.errors import InputError
 from mmw.core.transforms import quaternion_to_ypr
 from mmw.dataset import Dataset, Frame
-from mmw.dataset.frame import Agent, View
-from mmw.viz.plots.bird_eye import draw_lidar, draw_radar
-from mmw.viz.plots.images import draw_camera, draw_depth
+from mmw.dataset.frame import Agent, sensor_spec
+from mmw.viz.plots.samples import SampleStyle, draw_sample, drawn_types, has_sample
 from mmw.viz.plots.style import box_legend, new_figure, side_bar
 
 if TYPE_CHECKING:
@@ -23,18 +22,8 @@ WIDTH_IN = 16.0
 PER_ROW = 4
 """Images in a row at most."""
 
-LIDAR_BARS = {"intensity": "intensity", "height": "height above the agent's origin [m]"}
-"""Colour of a sweep -> label of its colour bar."""
-
-
-@dataclass(frozen=True)
-class Panels:
-    """Panels of a frame figure: agent and sensor of each."""
-
-    cameras: list[tuple[Agent, str]]
-    depths: list[tuple[Agent, str]]
-    lidars: list[tuple[Agent, str]]
-    radars: list[tuple[Agent, str]]
+Panel = tuple[Agent, str]
+"""Agent and sensor."""
 
 
 def render_frame(
@@ -49,18 +38,18 @@ def render_frame(
     extent_m: float = 60.0,
     figure: "Figure | SubFigure | None" = None,
 ) -> "Figure | SubFigure":
-    """Draw one frame: all cameras with projected boxes, LiDAR from above with boxes, depth, radar.
+    """Draw one frame: photographs with projected boxes, and below them every other sensor that gives points or images.
 
     Args:
         data: The dataset, from `mmw.open`.
         scenario: Scenario name.
         weather: Weather name.
         frame: Frame.
-        agent: Whose sensors; its own alone. None takes the first connected vehicle, and for a kind of sensor that it
-            does not carry the first agent that does; titles say whose it is.
-        color: What LiDAR points are coloured by, see `draw_lidar`: intensity, object, height or label.
+        agent: Agent whose sensors alone are shown. None shows those of the first connected vehicle, and of a type that
+            it does not carry those of the first agent that does; titles name the agent.
+        color: Quantity that LiDAR points are colored by, see `draw_lidar`: intensity, object, height or label.
         boxes: Boxes on images, see `draw_camera`: seen, all or none; with `none` the views from above have none too.
-        extent_m: Half of the side of the LiDAR's square [m].
+        extent_m: Half of the width of views from above [m].
         figure: Figure or subfigure to draw into; None makes a new one.
 
     Returns:
@@ -72,97 +61,90 @@ def render_frame(
         ImportError: If matplotlib is not installed.
     """
     found = data.frame(scenario, weather, frame)
-    panels = choose_panels(found, agent)
-    below = len(panels.lidars) + len(panels.radars) + len(panels.depths)
-    if not panels.cameras and not below:
+    cameras, others = choose_panels(found, agent)
+    if not cameras and not others:
         raise InputError(
-            f"{data.root}: {agent or 'no agent'} has no camera, LiDAR or radar sample in frame {frame} of {scenario} "
+            f"{data.root}: {agent or 'no agent'} has no sample of points or image in frame {frame} of {scenario} "
             f"{weather}; name another frame or agent"
         )
-    columns = min(PER_ROW, max(len(panels.cameras), 1))
-    rows = math.ceil(len(panels.cameras) / columns)
+    columns = min(PER_ROW, max(len(cameras), 1))
+    rows = math.ceil(len(cameras) / columns)
     top_in = rows * (WIDTH_IN / max(columns, 3) * 0.75 + 0.3)
-    below_in = min(0.8 * WIDTH_IN / below, 6.5) if below else 0.0
+    below_in = min(0.8 * WIDTH_IN / len(others), 6.5) if others else 0.0
     canvas = new_figure(figure, (WIDTH_IN, top_in + below_in + 0.5))
     parts = [part for part in (top_in, below_in) if part]
     places = list(np.atleast_1d(canvas.subfigures(len(parts), 1, height_ratios=parts)))
-    if panels.cameras:
-        _draw_cameras(places.pop(0), panels.cameras, rows, columns, boxes)
-    if below:
-        _draw_below(places.pop(0), panels, color, boxes, extent_m)
+    style = SampleStyle(color, boxes, extent_m)
+    if cameras:
+        _draw_cameras(places.pop(0).subplots(rows, columns, squeeze=False).ravel(), cameras, style)
+    if others:
+        _draw_others(places.pop(0), others, style)
     canvas.suptitle(f"{scenario}, {weather}, frame {frame} ({found.time_s:.2f} s)", fontsize="large")
     return canvas
 
 
-def choose_panels(frame: Frame, agent: str | None) -> Panels:
-    """Return what a figure of a frame shows, see `render_frame`.
+def find_agent(frame: Frame, name: str) -> Agent:
+    """Return an agent of a frame.
+
+    Raises:
+        InputError: If the frame has no such agent.
+    """
+    if name not in frame.agents:
+        raise InputError(
+            f"{frame.data.root}: frame {frame.frame} of {frame.scenario} {frame.weather} has no agent {name!r}; it "
+            f"has {', '.join(frame.agents) or 'none'}; name one"
+        )
+    return frame.agents[name]
+
+
+def choose_panels(frame: Frame, agent: str | None) -> tuple[list[Panel], list[Panel]]:
+    """Return the photographs, and the other samples that a figure of a frame shows, see `render_frame`.
 
     Raises:
         InputError: If the frame has no such agent.
     """
     agents = list(frame.agents.values())
-    if agent is not None and agent not in frame.agents:
-        raise InputError(
-            f"{frame.data.root}: frame {frame.frame} of {frame.scenario} {frame.weather} has no agent {agent!r}; it "
-            f"has {', '.join(frame.agents) or 'none'}; name one"
-        )
     first = next((one for one in agents if one.role == "cav"), agents[0] if agents else None)
-    owners = [frame.agents[agent]] if agent is not None else [first, *(one for one in agents if one is not first)]
-
-    def pick(sensors: Any) -> list[tuple[Agent, str]]:
+    owners = [find_agent(frame, agent)] if agent is not None else [first, *(one for one in agents if one is not first)]
+    cameras: list[Panel] = []
+    others: list[Panel] = []
+    for type_ in sorted(drawn_types(), key=lambda name: SENSORS[name].kind == "image"):
+        is_camera = SENSORS[type_].needs_appearance
         for owner in owners:
-            if owner is not None and (names := sensors(owner)):
-                return [(owner, name) for name in names]
-        return []
-
-    return Panels(
-        cameras=pick(lambda one: cameras_of(one, "rgb")),
-        depths=pick(lambda one: [name for name in cameras_of(one, "depth") if one.views[name].depth is not None]),
-        lidars=pick(lambda one: list(one.sweeps)),
-        radars=pick(lambda one: list(one.radars)),
-    )
+            names = [] if owner is None else sensors_of(owner, type_)
+            found = [(owner, name) for name in names if is_camera or has_sample(owner, name)]
+            if found:
+                (cameras if is_camera else others).extend(found)
+                break
+    return cameras, others
 
 
-def cameras_of(agent: Agent, kind: str) -> list[str]:
-    """Return the cameras of a type (rgb or depth) of an agent, from the one that looks left, clockwise, to the rear."""
+def sensors_of(agent: Agent, type_: str) -> list[str]:
+    """Return the sensors of a type of an agent, from the one that looks left, clockwise, to the rear."""
 
     def turn(name: str) -> float:
         row = agent.sensors[name]
         yaw = quaternion_to_ypr(np.array([row[f"q{axis}"] for axis in "xyzw"]))[0]
         return math.pi / 2 - float(yaw) if yaw < math.radians(135.0) else 2.5 * math.pi - float(yaw)
 
-    return sorted((name for name in agent.views if agent.sensors[name]["type"] == kind), key=turn)
+    return sorted((name for name, row in agent.sensors.items() if row["type"] == type_), key=turn)
 
 
-def _draw_cameras(place: Any, cameras: list[tuple[Agent, str]], rows: int, columns: int, boxes: str) -> None:
-    grid = place.subplots(rows, columns, squeeze=False).ravel()
+def _draw_cameras(grid: Any, cameras: list[Panel], style: SampleStyle) -> None:
     kinds: set[str] = set()
     for axes, (owner, name) in zip(grid, cameras, strict=False):
-        view: View = owner.views[name]
-        kinds |= draw_camera(axes, view, boxes=boxes)
+        kinds |= draw_sample(axes, owner, name, style).box_kinds
         axes.set_title(f"{owner.name} {name}", fontsize="medium")
     for axes in grid[len(cameras) :]:
         axes.set_axis_off()
     box_legend(grid[0], kinds, loc="upper left", framealpha=0.85)
 
 
-def _draw_below(place: Any, panels: Panels, color: str, boxes: str, extent_m: float) -> None:
-    count = len(panels.lidars) + len(panels.radars) + len(panels.depths)
-    widths = [1.0] * len(panels.lidars) + [1.1] * len(panels.radars) + [1.25] * len(panels.depths)
-    grid = iter(place.subplots(1, count, squeeze=False, width_ratios=widths).ravel())
-    for owner, name in panels.lidars:
-        axes = next(grid)
-        points = draw_lidar(axes, owner, name, color=color, extent_m=extent_m, boxes=boxes != "none")
-        axes.set_title(f"{owner.name} {name}: {len(owner.sweeps[name]):,} returns", fontsize="medium")
-        if points is not None:
-            side_bar(axes, points, LIDAR_BARS[color])
-    for owner, name in panels.radars:
-        axes = next(grid)
-        points = draw_radar(axes, owner, name, boxes=boxes != "none")
-        axes.set_title(f"{owner.name} {name}: {len(owner.radars[name]):,} points", fontsize="medium")
-        side_bar(axes, points, "radial velocity, + receding [m/s]")
-    for owner, name in panels.depths:
-        axes = next(grid)
-        image = draw_depth(axes, owner.views[name], boxes=boxes)
-        axes.set_title(f"{owner.name} {name}", fontsize="medium")
-        side_bar(axes, image, "depth along the optical axis [m]")
+def _draw_others(place: Any, panels: list[Panel], style: SampleStyle) -> None:
+    widths = [1.25 if sensor_spec(owner.sensors[name]).kind == "image" else 1.05 for owner, name in panels]
+    grid = place.subplots(1, len(panels), squeeze=False, width_ratios=widths).ravel()
+    for axes, (owner, name) in zip(grid, panels, strict=True):
+        drawn = draw_sample(axes, owner, name, style)
+        axes.set_title(f"{owner.name} {name}{': ' * bool(drawn.note)}{drawn.note}", fontsize="medium")
+        if drawn.scale is not None:
+            side_bar(axes, drawn.scale, drawn.scale_label)

@@ -5,11 +5,9 @@ from typing import Any
 import numpy as np
 
 from mmw.core.errors import InputError
+from mmw.dataset.camera_geometry import EDGES
 from mmw.dataset.frame import View
-from mmw.viz.plots.style import BOX_STYLES, box_kind
-
-EDGES = np.array([[a, b] for a in range(8) for b in range(a + 1, 8) if bin(a ^ b).count("1") == 1])
-"""Edges of a box as pairs of `mmw.dataset.camera_geometry.CORNERS`, shape [12, 2]."""
+from mmw.viz.plots.style import BOX_STYLES, DEPTH_M, box_kind, object_colors
 
 PIECES = 16
 """Pieces that an edge is drawn in, so that it bends with the lens. Design value."""
@@ -20,8 +18,8 @@ NEAREST_M = 0.05
 FARTHEST_M = 100.0
 """Distance up to which boxes are drawn [m]. Design value."""
 
-DEPTH_M = (2.0, 150.0)
-"""Ends of the depth scale [m]."""
+SMALL_BOX_PX = 12
+"""Height up to which a 2-D box gets no text [px]. Design value."""
 
 
 def draw_camera(axes: Any, view: View, *, boxes: str = "seen", farthest_m: float = FARTHEST_M) -> set[str]:
@@ -52,17 +50,10 @@ def draw_camera(axes: Any, view: View, *, boxes: str = "seen", farthest_m: float
 def draw_depth(axes: Any, view: View, *, boxes: str = "seen", farthest_m: float = FARTHEST_M) -> Any:
     """Draw a depth image on a logarithmic scale, with the boxes of the frame; what is infinitely far is white.
 
-    Args:
-        axes: matplotlib axes to draw on.
-        view: The camera at one instant.
-        boxes: As of `draw_camera`.
-        farthest_m: As of `draw_camera`.
+    Arguments and errors are those of `draw_camera`.
 
     Returns:
-        What a colour bar needs; None if no depth is stored.
-
-    Raises:
-        InputError: If `boxes` is none of the three.
+        Mappable for a color bar; None if no depth is stored.
     """
     from matplotlib.colors import LogNorm
 
@@ -73,6 +64,39 @@ def draw_depth(axes: Any, view: View, *, boxes: str = "seen", farthest_m: float 
     shown = _show(axes, view, np.where(np.isfinite(depth), depth, np.nan), cmap="magma_r", norm=LogNorm(*DEPTH_M))
     _draw_boxes(axes, view, boxes, farthest_m, True)
     return shown
+
+
+def draw_instances(axes: Any, view: View) -> None:
+    """Draw the instance image of a camera, a color for each object; nothing is white.
+
+    Args:
+        axes: matplotlib axes to draw on.
+        view: The camera at one instant; it must have a segmentation.
+    """
+    ids = view.instance
+    _show(axes, view, None if ids is None else object_colors(ids), interpolation="nearest")
+
+
+def draw_boxes_2d(axes: Any, view: View, color: str = "black") -> None:
+    """Draw the rectangles of table `boxes_2d`: solid around visible pixels, dashed around the whole body.
+
+    Args:
+        axes: matplotlib axes with an image of `draw_camera`, `draw_depth` or `draw_instances`.
+        view: The camera at one instant.
+        color: Color of the lines.
+    """
+    from matplotlib.patches import Rectangle
+
+    for row in view.frame.rows("boxes_2d"):
+        if (row["agent"], row["sensor"]) != (view.agent, view.sensor) or not row["pixels"]:
+            continue
+        for prefix, style in (("", "-"), ("amodal_", "--")):
+            u0, v0, u1, v1 = (row[f"{prefix}{side}"] for side in ("u_min", "v_min", "u_max", "v_max"))
+            axes.add_patch(Rectangle((u0, v0), u1 - u0, v1 - v0, fill=False, ec=color, ls=style, lw=1.2, clip_on=True))
+        if row["v_max"] - row["v_min"] > SMALL_BOX_PX:
+            plate = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0}
+            place = max(row["u_min"], 6), row["v_min"] - 8
+            axes.text(*place, f"{row['distance']:.0f} m", fontsize=8, va="bottom", bbox=plate, clip_on=True)
 
 
 def _show(axes: Any, view: View, image: np.ndarray | None, **options: Any) -> Any:

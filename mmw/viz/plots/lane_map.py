@@ -24,24 +24,17 @@ SIZE_PX, DPI = 1200, 120
 
 
 def plot_lanes(lanes: LaneGraph, arrays: SceneData, town: str, out: Path) -> None:
-    """Draw the lanes by speed limit, ways through junctions, buildings, and the scenarios that the town has.
-
-    Args:
-        lanes: The lanes, world frame.
-        arrays: The scene, for buildings and parked vehicles.
-        town: Name of the town, by which configurations refer to it.
-        out: PNG file.
-    """
+    """Draw a town's lanes by speed limit, connections through junctions, buildings and scenarios to a PNG file."""
     from matplotlib.collections import LineCollection
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(SIZE_PX / DPI, SIZE_PX / DPI), layout="constrained")
     axes = figure.subplots()
     draw_scene(axes, arrays, arrays.frames[0])
-    ways = [lane for lane in lanes.lanes.values() if lane.junction]
+    connections = [lane for lane in lanes.lanes.values() if lane.junction]
     roads = [lane for lane in lanes.lanes.values() if not lane.junction]
     axes.add_collection(
-        LineCollection([lane.points[:, :2] for lane in ways], colors="tab:orange", linewidths=0.5, zorder=3)
+        LineCollection([lane.points[:, :2] for lane in connections], colors="tab:orange", linewidths=0.5, zorder=3)
     )
     lines = LineCollection(
         [lane.points[:, :2] for lane in roads], array=np.array([lane.speed * 3.6 for lane in roads]), cmap="viridis",
@@ -66,8 +59,8 @@ def plot_lanes(lanes: LaneGraph, arrays: SceneData, town: str, out: Path) -> Non
         )  # fmt: skip
     length = sum(lane.length for lane in roads) / 1000.0
     axes.set_title(
-        f"{town}: {len(roads)} lanes of {length:.1f} km, {len(ways)} ways through junctions (orange)\n"
-        "stars: where scenarios gather their vehicles; triangles: roadside units", fontsize="medium",
+        f"{town}: {len(roads)} lanes of {length:.1f} km, {len(connections)} connections through junctions (orange)\n"
+        "stars: spawn centers of scenarios; triangles: roadside units", fontsize="medium",
     )  # fmt: skip
     figure.savefig(out, dpi=DPI)
 
@@ -90,8 +83,8 @@ def _draw_arrows(axes: Any, points: np.ndarray, station: np.ndarray) -> None:
     at = (np.arange(count) + 0.5) * station[-1] / count
     place = np.stack([np.interp(at, station, points[:, k]) for k in range(2)], axis=1)
     segment = np.clip(np.searchsorted(station, at, "right") - 1, 0, len(points) - 2)
-    way = points[segment + 1] - points[segment]
-    turn = np.degrees(np.arctan2(way[:, 1], way[:, 0]))
+    along = points[segment + 1] - points[segment]
+    turn = np.degrees(np.arctan2(along[:, 1], along[:, 0]))
     for (x, y), angle in zip(place, turn, strict=True):
         axes.plot(x, y, marker=(3, 0, float(angle) - 90.0), color="0.15", markersize=3.5, zorder=5)
 

@@ -6,13 +6,25 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from mmw.channel.antennas.array_response import POSE_COLUMNS, rotations_from_poses
+from mmw.channel.codebook import BeamPairs
+from mmw.channel.path_table import Paths
 from mmw.core.constants import FRAME_DT
-from mmw.core.errors import InputError
-from mmw.core.transforms import normalize, quaternion_to_matrix
 from mmw.dataset import BeamSearch, Dataset
 from mmw.dataset.frame import Link
-from mmw.viz.plots.paths import find_link, gains_db
-from mmw.viz.plots.style import BLUE, GREEN, GREY, ORANGE, PURPLE, RED, at_least, new_figure, plain_axes
+from mmw.viz.plots.paths import choose_carrier, find_link, gains_db
+from mmw.viz.plots.style import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PURPLE,
+    at_least,
+    gain_colors,
+    new_figure,
+    plain_axes,
+    shade_blocked,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
@@ -27,10 +39,10 @@ KINDS = {
     "los": ("o", BLUE), "specular": ("s", ORANGE), "diffuse": ("x", GREY), "transmission": ("D", GREEN),
     "diffraction": ("^", PURPLE),
 }  # fmt: skip
-"""`paths.kind` -> marker and colour."""
+"""`paths.kind` -> marker and color."""
 
 MARKED = 50
-"""Searches up to which each has a marker. Design value."""
+"""Samples up to which each has a marker, or a large one. Design value."""
 
 SPAN_DB = 50.0
 """Gain below the strongest path that delay profile and angles show at least [dB]. Design value."""
@@ -62,20 +74,10 @@ def read_link(
     Raises:
         InputError: If the dataset has no such link or carrier.
     """
-    where = {"scenario": scenario, "weather": weather}
-    rows = data.numpy("links", columns=[*SERIES, "agent"], frames=frames, **where)
-    is_own = (rows["agent"] == rx) & (rows["peer"] == tx)
-    if not is_own.any():
-        ends = sorted(set(zip(rows["peer"], rows["agent"], strict=True)))
-        known = ", ".join(f"{peer} to {agent}" for peer, agent in ends[:8]) + (" and more" if len(ends) > 8 else "")
-        raise InputError(
-            f"{data.root}: has no link {tx} to {rx} in {scenario} {weather}; it has {known or 'none'}; name one"
-        )
-    carriers = np.unique(rows["carrier_hz"][is_own])
-    if carrier_hz is not None and carrier_hz not in carriers:
-        listed = ", ".join(f"{carrier:g}" for carrier in carriers)
-        raise InputError(f"{data.root}: link {tx} to {rx} has no carrier {carrier_hz:g} Hz; it has {listed}; name one")
-    is_own &= rows["carrier_hz"] == (carriers[0] if carrier_hz is None else carrier_hz)
+    rows = data.numpy("links", columns=[*SERIES, "agent"], frames=frames, scenario=scenario, weather=weather)
+    links = sorted(set(zip(rows["peer"], rows["agent"], rows["carrier_hz"].tolist(), strict=True)))
+    carrier_hz = choose_carrier(f"{data.root}: {scenario} {weather}", links, tx, rx, carrier_hz)
+    is_own = (rows["agent"] == rx) & (rows["peer"] == tx) & (rows["carrier_hz"] == carrier_hz)
     order = np.flatnonzero(is_own)[np.argsort(rows["frame"][is_own], kind="stable")]
     return LinkSeries(rows["frame"][order].astype(np.int64), {name: values[order] for name, values in rows.items()})
 
@@ -85,32 +87,21 @@ def best_beams_over_time(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return frames, and the best transmit and receive beam in each; NaN without any path; shape [T] each.
 
-    Args:
-        data: The dataset.
-        scenario: Scenario name.
-        weather: Weather name.
-        tx: Transmitter.
-        rx: Receiver.
-        carrier_hz: Carrier [Hz].
-        frames: Frames to search at; those that the link does not have are left out.
-        search: Arrays, codebooks and band.
+    Frames are searched that the link has; the other arguments are those of `plot_link`.
     """
     paths = data.paths(carrier_hz, scenario=scenario, weather=weather, frames=frames)
     own = paths.take((paths.keys["agent"] == rx) & (paths.keys["peer"] == tx))
-    frame = own.keys["frame"].astype(np.int64)
-    pairs = search.best(own, *(_rotations(data, scenario, weather, name, frame, frames) for name in (tx, rx)))
+    pairs = search_beams(data, own, scenario, weather, frames, search)
     beams = [np.where(beam < 0, np.nan, beam.astype(float)) for beam in (pairs.tx_beam, pairs.rx_beam)]
-    return frame, beams[0], beams[1]
+    return own.keys["frame"].astype(np.int64), beams[0], beams[1]
 
 
-def _rotations(data: Dataset, scenario: str, weather: str, agent: str, frame: np.ndarray, frames: range) -> np.ndarray:
-    """Return the agent-to-world rotations of an agent in some frames, shape [T, 3, 3]."""
-    names = ["qx", "qy", "qz", "qw"]
-    where = {"scenario": scenario, "weather": weather, "agent": agent, "frames": frames}
-    rows = data.numpy("poses", columns=["frame", *names], **where)
-    order = np.argsort(rows["frame"])
-    at = order[np.searchsorted(rows["frame"][order], frame)]
-    return quaternion_to_matrix(normalize(np.stack([rows[name][at] for name in names], axis=1)))
+def search_beams(
+    data: Dataset, paths: Paths, scenario: str, weather: str, frames: range, search: BeamSearch
+) -> BeamPairs:
+    """Return the best pair of beams of every link, its arrays turned as the agents of `data` are in the frames."""
+    poses = data.read("poses", columns=list(POSE_COLUMNS), scenario=scenario, weather=weather, frames=frames)
+    return search.best(paths, *(rotations_from_poses(poses, paths, end) for end in ("tx", "rx")))
 
 
 def plot_link(
@@ -135,9 +126,9 @@ def plot_link(
         weather: Weather name.
         tx: Transmitter, `peer` of the link.
         rx: Receiver, `agent` of the link.
-        carrier_hz: Carrier [Hz]; None takes the lowest.
-        frame: Frame of delay profile and angles; None takes the first with most paths.
-        frames: Frames of the time series; None takes all.
+        carrier_hz: Carrier [Hz]; None means the lowest.
+        frame: Frame of delay profile and angles; None means the first with most paths.
+        frames: Frames of the time series; None means all.
         search: Arrays, codebooks and band of the beam search; the paper's by default.
         beam_frames: Frames at which beams are searched at most, evenly spread; 0 leaves the beams out.
         figure: Figure or subfigure to draw into; None makes a new one.
@@ -161,8 +152,8 @@ def plot_link(
     _draw_spread(axes[1], series)
     if beam_frames:
         stride = math.ceil(len(series.frame) / beam_frames)
-        asked = range(int(series.frame[0]), int(series.frame[-1]) + 1, stride)
-        beams = best_beams_over_time(data, scenario, weather, tx, rx, carrier_hz, asked, search or BeamSearch())
+        searched = range(int(series.frame[0]), int(series.frame[-1]) + 1, stride)
+        beams = best_beams_over_time(data, scenario, weather, tx, rx, carrier_hz, searched, search or BeamSearch())
         _draw_beams(axes[2], *beams, stride)
     for one in axes:
         one.axvline(at * FRAME_DT, color="0.3", lw=0.8, ls=":")
@@ -176,14 +167,52 @@ def plot_link(
     return canvas
 
 
+def plot_path_history(
+    data: Dataset,
+    scenario: str,
+    weather: str,
+    tx: str,
+    rx: str,
+    *,
+    carrier_hz: float | None = None,
+    frames: range | None = None,
+    figure: "Figure | SubFigure | None" = None,
+) -> "Figure | SubFigure":
+    """Draw the gain of a link over time, and delay and Doppler shift of every one of its paths, colored by gain.
+
+    Arguments, return value and errors are those of `plot_link`.
+    """
+    series = read_link(data, scenario, weather, tx, rx, carrier_hz, frames)
+    carrier_hz = float(series["carrier_hz"][0])
+    names = ["frame", "peer", "carrier_hz", "tau_s", "a_re", "a_im", "doppler_hz"]
+    rows = data.numpy("paths", columns=names, scenario=scenario, weather=weather, agent=rx, frames=frames)
+    is_own = (rows["peer"] == tx) & (rows["carrier_hz"] == carrier_hz)
+    rows = {name: values[is_own] for name, values in rows.items()}
+    gain_db = 20.0 * np.log10(np.maximum(np.hypot(rows["a_re"], rows["a_im"]), 1e-30))
+    order = np.argsort(gain_db, kind="stable")
+    top = float(gain_db.max(initial=-300.0))
+    size = 5 if len(series.frame) > MARKED else 24
+    style = {"c": gain_db[order], "s": size, "linewidths": 0, "cmap": gain_colors(), "vmin": top - SPAN_DB, "vmax": top}
+    canvas = new_figure(figure, (10.0, 8.0))
+    axes = list(canvas.subplots(3, 1, sharex=True))
+    _draw_gain(axes[0], series)
+    points = None
+    for one, values, label in (
+        (axes[1], rows["tau_s"] * 1e9, "delay [ns]"), (axes[2], rows["doppler_hz"], "Doppler shift [Hz]"),
+    ):  # fmt: skip
+        points = one.scatter(rows["frame"][order] * FRAME_DT, values[order], **style)
+        one.set(ylabel=label)
+        plain_axes(one)
+    axes[2].set_xlabel("time [s]")
+    canvas.align_ylabels(axes)
+    canvas.colorbar(points, ax=axes[1:], label="path gain |a|$^2$ [dB]")
+    canvas.suptitle(f"{tx} to {rx} at {carrier_hz / 1e9:g} GHz: {scenario}, {weather}", fontsize="large")
+    return canvas
+
+
 def _draw_gain(axes: Any, series: LinkSeries) -> None:
     axes.plot(series.time_s, series["gain_db"], color=BLUE, lw=1.4, label="path gain", zorder=3)
-    occluded, half = ~series["is_los"].astype(bool), FRAME_DT / 2.0
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], occluded, [False]]).astype(int)))
-    for number, (first, end) in enumerate(edges.reshape(-1, 2)):
-        label = "no line of sight" if number == 0 else None
-        ends = series.time_s[first] - half, series.time_s[end - 1] + half
-        axes.axvspan(*ends, color=RED, alpha=0.16, lw=0, label=label, zorder=1)
+    shade_blocked(axes, series.frame, series["is_los"].astype(bool))
     axes.set(ylabel="path gain [dB]")
     at_least(axes, 6.0)
     plain_axes(axes)
@@ -231,8 +260,8 @@ def _draw_profile(axes: Any, link: Link, frame: int) -> None:
 def _draw_angles(axes: Any, link: Link, side: str) -> None:
     """Draw the azimuths of paths as a compass with east to the right; the farther out, the stronger."""
     gain = gains_db(link)
-    where = f"departure from {link.peer}" if side == "aod" else f"arrival at {link.agent}"
-    axes.set_title(f"azimuth of {where}", fontsize="small", pad=10)
+    end = f"departure from {link.peer}" if side == "aod" else f"arrival at {link.agent}"
+    axes.set_title(f"azimuth of {end}", fontsize="small", pad=10)
     top = float(gain.max()) if len(gain) else 0.0
     floor = min(float(gain.min(initial=top)) - 5.0, top - SPAN_DB)
     for kind, (marker, color) in KINDS.items():

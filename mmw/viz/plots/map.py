@@ -1,4 +1,4 @@
-"""Draw a scenario's town from above: lanes and buildings of the stage that the dataset keeps."""
+"""Draw a scenario's town from above: lanes and buildings of the stage in the dataset."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -14,7 +14,7 @@ BUILDING = "building"
 
 @dataclass(frozen=True)
 class TownPlan:
-    """Lanes and buildings in the plan of the world; both empty where there are none."""
+    """Lanes and buildings in the plan of the world; both may be empty."""
 
     lanes: tuple[np.ndarray, ...] = ()
     """Centre lines [m], shape [N, 2] each."""
@@ -40,7 +40,7 @@ class TownPlan:
 
 
 def read_town_plan(data: Dataset, scenario: str) -> TownPlan:
-    """Return the map of a scenario; an empty one if the dataset is not local or keeps no stage of it.
+    """Return the map of a scenario; an empty one if the dataset is not local or has no stage of it.
 
     Args:
         data: The dataset.

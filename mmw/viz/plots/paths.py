@@ -1,5 +1,6 @@
 """Radio paths of one link over the map of the town, from above and from the side, in the manner of DeepMIMO."""
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -7,8 +8,21 @@ import numpy as np
 from mmw.core.errors import InputError
 from mmw.dataset import Dataset, Frame
 from mmw.dataset.frame import Link
+from mmw.viz.plots.bird_eye import OUTLINE
 from mmw.viz.plots.map import TownPlan, read_town_plan
-from mmw.viz.plots.style import BLUE, BOX_STYLES, GREY, ORANGE, PATH_MARKS, box_kind, new_figure, plain_axes
+from mmw.viz.plots.style import (
+    BLUE,
+    BOX_STYLES,
+    BUILDING,
+    GREY,
+    ORANGE,
+    PATH_MARKS,
+    ROAD,
+    box_kind,
+    gain_colors,
+    new_figure,
+    plain_axes,
+)  # fmt: skip
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
@@ -23,10 +37,7 @@ MAP_RATIO = 1.5
 """Width of the map over its height. Design value."""
 
 SPAN_DB = 60.0
-"""Range of the colour scale below the strongest path at most [dB]. Design value."""
-
-OUTLINE = [0, 2, 6, 4, 0]
-"""Corners of a box's floor in turn, of `mmw.dataset.camera_geometry.CORNERS`."""
+"""Range of the color scale below the strongest path at most [dB]. Design value."""
 
 
 def plot_paths(
@@ -42,7 +53,7 @@ def plot_paths(
     strongest: int | None = None,
     figure: "Figure | SubFigure | None" = None,
 ) -> "Figure | SubFigure":
-    """Draw the radio paths of a link in one frame over the map: from above, and from the side, coloured by gain.
+    """Draw the radio paths of a link in one frame over the map: from above, and from the side, colored by gain.
 
     Args:
         data: The dataset.
@@ -51,8 +62,8 @@ def plot_paths(
         frame: Frame.
         tx: Transmitter, `peer` of the link.
         rx: Receiver, `agent` of the link.
-        carrier_hz: Carrier [Hz]; None takes the first.
-        town: Draw lanes and buildings, which takes some seconds the first time a town is read.
+        carrier_hz: Carrier [Hz]; None means the first.
+        town: Draw lanes and buildings; a town is read in some seconds, once.
         strongest: Draw so many of the strongest paths; None draws all.
         figure: Figure or subfigure to draw into; None makes a new one.
 
@@ -87,21 +98,35 @@ def find_link(frame: Frame, tx: str, rx: str, carrier_hz: float | None) -> Link:
     Raises:
         InputError: If there is no such link, or no such carrier.
     """
-    ends = [link for link in frame.links if (link.peer, link.agent) == (tx, rx)]
-    if not ends:
-        known = list(dict.fromkeys(f"{link.peer} to {link.agent}" for link in frame.links))
+    known = {(link.peer, link.agent, link.carrier_hz): link for link in frame.links}
+    where = f"{frame.data.root}: frame {frame.frame} of {frame.scenario} {frame.weather}"
+    return known[tx, rx, choose_carrier(where, list(known), tx, rx, carrier_hz)]
+
+
+def choose_carrier(
+    where: str, links: Sequence[tuple[str, str, float]], tx: str, rx: str, carrier_hz: float | None
+) -> float:
+    """Return the carrier of a link [Hz], the lowest if none is given.
+
+    Args:
+        where: Part of the dataset, for messages.
+        links: Transmitter, receiver and carrier of the links there.
+        tx: Transmitter.
+        rx: Receiver.
+        carrier_hz: Carrier [Hz]; None means the lowest.
+
+    Raises:
+        InputError: If there is no such link, or no such carrier.
+    """
+    carriers = sorted(carrier for *ends, carrier in links if ends == [tx, rx])
+    if not carriers:
+        known = list(dict.fromkeys(f"{peer} to {agent}" for peer, agent, _ in links))
         listed = ", ".join(known[:8]) + (" and more" if len(known) > 8 else "")
-        raise InputError(
-            f"{frame.data.root}: frame {frame.frame} of {frame.scenario} {frame.weather} has no link {tx} to {rx}; "
-            f"it has {listed or 'none'}; name one of these"
-        )
-    for link in ends:
-        if carrier_hz is None or link.carrier_hz == carrier_hz:
-            return link
-    listed = ", ".join(f"{link.carrier_hz:g}" for link in ends)
-    raise InputError(
-        f"{frame.data.root}: link {tx} to {rx} has no carrier {carrier_hz:g} Hz; it has {listed}; name one"
-    )
+        raise InputError(f"{where} has no link {tx} to {rx}; it has {listed or 'none'}; name one of these")
+    if carrier_hz is not None and carrier_hz not in carriers:
+        listed = ", ".join(f"{carrier:g}" for carrier in carriers)
+        raise InputError(f"{where}: link {tx} to {rx} has no carrier {carrier_hz:g} Hz; it has {listed}; name one")
+    return carriers[0] if carrier_hz is None else carrier_hz
 
 
 def path_lines(frame: Frame, link: Link) -> list[np.ndarray]:
@@ -118,16 +143,9 @@ def draw_map(axes: Any, frame: Frame, plan: TownPlan) -> None:
         frame: The frame.
         plan: Lanes and buildings, from `read_town_plan`.
     """
-    from matplotlib.collections import LineCollection, PolyCollection
+    from matplotlib.collections import PolyCollection
 
-    if plan.lanes:
-        areas = [_widened(line, width) for line, width in zip(plan.lanes, plan.widths, strict=True)]
-        axes.add_collection(PolyCollection(areas, facecolors="0.9", edgecolors="0.9", linewidths=0.3, zorder=0))
-        axes.add_collection(LineCollection(list(plan.lanes), colors="white", linewidths=0.5, zorder=0.5))
-    if plan.buildings:
-        axes.add_collection(
-            PolyCollection(list(plan.buildings), facecolors="0.72", edgecolors="0.55", linewidths=0.5, zorder=1)
-        )
+    draw_town_plan(axes, plan)
     rows = frame.boxes
     if len(rows):
         floors = rows.corners[:, OUTLINE, :2]
@@ -140,8 +158,22 @@ def draw_map(axes: Any, frame: Frame, plan: TownPlan) -> None:
             )
 
 
+def draw_town_plan(axes: Any, plan: TownPlan) -> None:
+    """Draw lanes and buildings in the plan of the world."""
+    from matplotlib.collections import LineCollection, PolyCollection
+
+    if plan.lanes:
+        areas = [_widened(line, width) for line, width in zip(plan.lanes, plan.widths, strict=True)]
+        axes.add_collection(PolyCollection(areas, facecolors=ROAD, edgecolors=ROAD, linewidths=0.3, zorder=0))
+        axes.add_collection(LineCollection(list(plan.lanes), colors="white", linewidths=0.5, zorder=0.5))
+    if plan.buildings:
+        axes.add_collection(
+            PolyCollection(list(plan.buildings), facecolors=BUILDING, edgecolors="0.55", linewidths=0.5, zorder=1)
+        )
+
+
 def draw_paths_above(axes: Any, frame: Frame, link: Link, *, strongest: int | None = None) -> Any:
-    """Draw the paths of a link in the plan of the world, coloured by gain.
+    """Draw the paths of a link in the plan of the world, colored by gain.
 
     Args:
         axes: matplotlib axes to draw on.
@@ -150,7 +182,7 @@ def draw_paths_above(axes: Any, frame: Frame, link: Link, *, strongest: int | No
         strongest: Draw so many of the strongest paths; None draws all.
 
     Returns:
-        What a colour bar needs; None without any path.
+        Mappable for a color bar; None without any path.
     """
     lines = path_lines(frame, link)
     drawn = _draw(axes, link, [line[:, :2] for line in lines], strongest)
@@ -168,14 +200,7 @@ def draw_paths_above(axes: Any, frame: Frame, link: Link, *, strongest: int | No
 def draw_paths_aside(axes: Any, frame: Frame, link: Link, *, strongest: int | None = None) -> Any:
     """Draw the paths of a link from the side: height over the distance along the line from transmitter to receiver.
 
-    Args:
-        axes: matplotlib axes to draw on.
-        frame: The frame.
-        link: A link of it.
-        strongest: Draw so many of the strongest paths; None draws all.
-
-    Returns:
-        What a colour bar needs; None without any path.
+    Arguments and return value are those of `draw_paths_above`.
     """
     ends = np.stack([frame.agents[name].sensor_pose(ANTENNA)[:3] for name in (link.peer, link.agent)])
     flat = ends[1, :2] - ends[0, :2]
@@ -205,7 +230,7 @@ def _draw(axes: Any, link: Link, lines: list[np.ndarray], strongest: int | None)
     top = float(gain_db[order].max())
     low = max(float(gain_db[order].min()), top - SPAN_DB)
     drawn = LineCollection(
-        [lines[path] for path in order], array=gain_db[order], cmap="plasma", zorder=4,
+        [lines[path] for path in order], array=gain_db[order], cmap=gain_colors(), zorder=4,
         linewidths=[2.6 if link.paths["order"][path] == 0 else 1.3 for path in order],
     )  # fmt: skip
     drawn.set_clim(low if low < top else top - 1.0, top)
@@ -243,9 +268,9 @@ def _legend(axes: Any, link: Link) -> None:
         return Line2D([], [], ls="", marker=marker, color=color, markeredgecolor=edge, label=name)
 
     handles = [mark("^", BLUE, "transmitter"), mark("o", ORANGE, "receiver")]
-    met = {int(kind) for kinds in link.paths["interactions"] for kind in kinds}
+    present = {int(kind) for kinds in link.paths["interactions"] for kind in kinds}
     handles += [
-        mark(marker, "white", name) for marker, name, number in PATH_MARKS.values() if number in met
+        mark(marker, "white", name) for marker, name, number in PATH_MARKS.values() if number in present
     ]  # fmt: skip
     if link.is_los:
         handles.append(Line2D([], [], color=GREY, lw=2.6, label="line of sight"))
@@ -254,6 +279,6 @@ def _legend(axes: Any, link: Link) -> None:
 
 def _widened(line: np.ndarray, width: float) -> np.ndarray:
     """Return the outline of a lane around its centre line, shape [2 N, 2]."""
-    way = np.gradient(line, axis=0)
-    left = np.stack([-way[:, 1], way[:, 0]], axis=1) / np.maximum(np.linalg.norm(way, axis=1), 1e-9)[:, None]
+    along = np.gradient(line, axis=0)
+    left = np.stack([-along[:, 1], along[:, 0]], axis=1) / np.maximum(np.linalg.norm(along, axis=1), 1e-9)[:, None]
     return np.concatenate([line + left * width / 2.0, (line - left * width / 2.0)[::-1]])

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from mmw.channel.radio_map.solver import RadioMap
+from mmw.core.mesh import TriangleMesh
 from mmw.core.transforms import transform_points
 from mmw.scene.scene_data import MODEL_NONE, SceneData
 
@@ -16,7 +17,7 @@ FLAT_COSINE = 0.2
 """Faces of buildings whose normal is nearer to the vertical than this show in plan; the others are walls."""
 
 LOWEST_SHARE = 2.0
-"""The colour scale leaves out the lowest values of this many percent of the cells."""
+"""The color scale begins above the lowest values of this many percent of the cells."""
 
 
 def plot_radio_map(result: RadioMap, arrays: SceneData, frame: int, out: Path, title: str) -> None:
@@ -27,7 +28,7 @@ def plot_radio_map(result: RadioMap, arrays: SceneData, frame: int, out: Path, t
         arrays: The scene, for buildings and vehicles.
         frame: Frame whose vehicles are drawn.
         out: PNG file.
-        title: What is shown, one line.
+        title: Title, one line.
     """
     from matplotlib.figure import Figure
 
@@ -75,11 +76,12 @@ def draw_scene(axes: Any, arrays: SceneData, frame: int) -> None:
     """Draw buildings as grey areas below the cells, and the vehicles of a frame as outlines over them."""
     from matplotlib.collections import PolyCollection
 
-    is_building = np.array([thing.label == "building" for thing in arrays.objects], dtype=bool)
-    corners = arrays.points[arrays.faces[is_building[arrays.object_id]]]
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    is_flat = np.abs(normal[:, 2]) > FLAT_COSINE * np.linalg.norm(normal, axis=1)
-    axes.add_collection(PolyCollection(list(corners[is_flat, :, :2]), facecolors="0.75", edgecolors="0.75", zorder=1))
+    is_building = np.array([one.label == "building" for one in arrays.objects], dtype=bool)
+    mesh = TriangleMesh(arrays.points, arrays.faces[is_building[arrays.object_id]])
+    is_flat = np.abs(mesh.normals[:, 2]) > FLAT_COSINE
+    axes.add_collection(
+        PolyCollection(list(mesh.corners[is_flat, :, :2]), facecolors="0.75", edgecolors="0.75", zorder=1)
+    )
     pose, outlines = arrays.poses[arrays.frame_row(frame)], []
     for row, actor in enumerate(arrays.actors):
         if actor.model != MODEL_NONE and np.isfinite(pose[row]).all():

@@ -1,4 +1,4 @@
-"""One HTML page about a dataset: pictures, maps, links, counts and provenance, in a single file that asks no other."""
+"""One HTML page about a dataset: pictures, maps, links, counts and provenance, in one self-contained file."""
 
 from mmw.viz.report.page import make_report
 

@@ -1,17 +1,18 @@
 """Statistics of the channel: histograms of delays and angles, and which pairs of beams are best how often."""
 
 import math
+from typing import Any
 
 import numpy as np
 
-from mmw.core.transforms import normalize, quaternion_to_matrix
 from mmw.dataset import BeamSearch, Dataset
-from mmw.viz.report.css import SERIES_COUNT
+from mmw.viz.plots.link import search_beams
+from mmw.viz.report.css import COLORS
+from mmw.viz.report.figures import new_chart, svg
 from mmw.viz.report.html import card, legend, paragraph, plural
 from mmw.viz.report.inventory import Inventory
 from mmw.viz.report.links import LinkRows
 from mmw.viz.report.sampling import sample_range, sampled
-from mmw.viz.report.svg import Chart, nice_step
 
 PATH_FRAMES = 200
 """Frames of a scenario whose paths are read at most."""
@@ -23,25 +24,17 @@ MIN_BEAM_LINKS = 100
 """Links that each scenario may search at least."""
 
 KINDS = ("los", "specular", "diffuse", "transmission", "diffraction")
-"""`paths.kind`, in the order of their colours."""
+"""`paths.kind`, in the order of their colors."""
 
 BINS = 36
 """Bins of a histogram."""
 
-AZIMUTH = (-180.0, 180.0, 90.0)
-"""First and last angle of a histogram, and distance between its ticks [deg]."""
+AZIMUTH = (-180.0, 180.0)
+"""Ends of the histogram of an azimuth [deg]."""
 
 
 def radio_section(data: Dataset, inventory: Inventory, scenario: str, rows: LinkRows, scenarios: int) -> str:
-    """Return histograms and the beam heat map of a scenario; empty if it has no path.
-
-    Args:
-        data: The dataset.
-        inventory: What there is.
-        scenario: Scenario name.
-        rows: Its links.
-        scenarios: Scenarios on the page, which share the beam searches.
-    """
+    """Return histograms and the beam heat map of a scenario, empty without paths; scenarios share the beam searches."""
     weather, carrier = next(iter(rows.by_weather)), rows.carriers[-1]
     if "paths" not in data.tables:
         return ""
@@ -52,19 +45,22 @@ def radio_section(data: Dataset, inventory: Inventory, scenario: str, rows: Link
     if not len(paths["kind"]):
         return ""
     kinds = [kind for kind in KINDS if (paths["kind"] == kind).any()]
+    delay = paths["tau_s"] * 1e9
     charts = [
-        card("Delay of the paths", _delays(paths, kinds)),
-        card("RMS delay spread of the links", _spreads(rows, weather, carrier)),
-        card("Azimuth of departure", _angles(paths, kinds, "aod_az", AZIMUTH, "azimuth from the transmitter [deg]")),
-        card("Azimuth of arrival", _angles(paths, kinds, "aoa_az", AZIMUTH, "azimuth at the receiver [deg]")),
-        card(
-            "Zenith angle of arrival",
-            _angles(paths, kinds, "aoa_ze", _zenith(paths["aoa_ze"]), "zenith angle at the receiver [deg]"),
-        ),
+        _paths_card("Delay of the paths", paths["kind"], delay, _edges(delay), "delay [ns]"),
+        _spreads(rows, weather, carrier),
     ]
+    for title, column, label, zenith in (
+        ("Azimuth of departure", "aod_az", "azimuth from the transmitter [deg]", False),
+        ("Azimuth of arrival", "aoa_az", "azimuth at the receiver [deg]", False),
+        ("Zenith angle of arrival", "aoa_ze", "zenith angle at the receiver [deg]", True),
+    ):
+        angle = np.degrees(paths[column])
+        edges = np.linspace(*(_zenith(angle) if zenith else AZIMUTH), BINS + 1)
+        charts.append(_paths_card(title, paths["kind"], angle, edges, label))
     if "poses" in data.tables:
-        most = max(MIN_BEAM_LINKS, BEAM_LINKS // scenarios)
-        charts.insert(2, _beams(data, scenario, weather, carrier, rows, most))
+        max_links = max(MIN_BEAM_LINKS, BEAM_LINKS // scenarios)
+        charts.insert(2, _beams(data, scenario, weather, carrier, rows, max_links))
     entries = [(f"s{KINDS.index(kind)}", kind) for kind in kinds]
     note = (
         f"{plural(len(paths['kind']), 'path')} at {carrier / 1e9:g} GHz in {weather}, {sampled(frames)}. Azimuths are "
@@ -73,60 +69,45 @@ def radio_section(data: Dataset, inventory: Inventory, scenario: str, rows: Link
     return legend(entries) + f"<div class=grid>{''.join(charts)}</div>" + paragraph(note, "note")
 
 
-def _stacked(values: np.ndarray, group: np.ndarray, groups: list[str], edges: np.ndarray) -> list[np.ndarray]:
-    """Return a histogram of each group, shape [B] each."""
-    return [np.histogram(values[group == name], edges)[0] for name in groups]
+def draw_histogram(parts: list[np.ndarray], colors: list[str], edges: np.ndarray, x_label: str, y_label: str) -> Any:
+    """Return a histogram of stacked parts, each in its color, a name in `COLORS`."""
+    figure, axes = new_chart(x_label, y_label)
+    colors = [COLORS[name] for name in colors]
+    axes.hist(parts, edges, stacked=True, color=colors, histtype="stepfilled", zorder=2)
+    axes.set_xlim(edges[0], edges[-1])
+    axes.yaxis.get_major_locator().set_params(integer=True)
+    if edges[-1] - edges[0] >= 180.0 and x_label.endswith("[deg]"):
+        axes.set_xticks(np.arange(edges[0], edges[-1] + 1.0, 90.0))
+    return figure
 
 
-def _histogram(
-    edges: np.ndarray, counts: list[np.ndarray], kinds: list[str], x_label: str, what: str, x_step: float | None = None
-) -> str:
-    top = max(int(np.sum(counts, axis=0).max()), 1)
-    chart = Chart((float(edges[0]), float(edges[-1])), (0.0, top * 1.05), x_label=x_label, y_label=what, x_step=x_step)
-    chart.bars(edges, counts, kinds)
-    return chart.svg(f"Histogram: {x_label}")
+def _paths_card(title: str, kind: np.ndarray, values: np.ndarray, edges: np.ndarray, x_label: str) -> str:
+    """Return a card with a histogram of the paths, stacked by kind."""
+    shown = [one for one in KINDS if (kind == one).any()]
+    parts, colors = [values[kind == one] for one in shown], [f"s{KINDS.index(one)}" for one in shown]
+    return card(title, svg(draw_histogram(parts, colors, edges, x_label, "paths"), f"Histogram: {x_label}"))
 
 
 def _edges(values: np.ndarray) -> np.ndarray:
-    """Return the edges of bins of a round width from 0 to the greatest value."""
-    width = nice_step(max(float(values.max(initial=0.0)), 1.0) / BINS)
-    return np.arange(0.0, max(float(values.max(initial=0.0)), 1.0) + width, width)
-
-
-def _delays(paths: dict[str, np.ndarray], kinds: list[str]) -> str:
-    delay = paths["tau_s"] * 1e9
-    edges = _edges(delay)
-    counts = _stacked(delay, paths["kind"], kinds, edges)
-    return _histogram(edges, counts, [_color(kind) for kind in kinds], "delay [ns]", "paths")
+    """Return the edges of bins of equal width from 0 to the greatest value, at least 1."""
+    return np.linspace(0.0, max(float(values.max(initial=0.0)), 1.0), BINS + 1)
 
 
 def _spreads(rows: LinkRows, weather: str, carrier: float) -> str:
     own = rows.by_weather[weather]
     is_it = (own["carrier_hz"] == carrier) & np.isfinite(own["rms_delay_s"].astype(float))
     spread, is_los = own["rms_delay_s"][is_it].astype(float) * 1e9, own["is_los"][is_it].astype(bool)
-    edges = _edges(spread)
-    counts = [np.histogram(spread[is_los], edges)[0], np.histogram(spread[~is_los], edges)[0]]
+    label = "RMS delay spread [ns]"
+    parts = [spread[is_los], spread[~is_los]]
+    figure = draw_histogram(parts, ["s2", "s1"], _edges(spread), label, "links and frames")
     entries = legend([("free", "line of sight"), ("blocked", "blocked")])
-    return _histogram(edges, counts, ["free", "blocked"], "RMS delay spread [ns]", "links and frames") + entries
+    return card("RMS delay spread of the links", svg(figure, f"Histogram: {label}") + entries)
 
 
-def _angles(
-    paths: dict[str, np.ndarray], kinds: list[str], column: str, ends: tuple[float, float, float], x_label: str
-) -> str:
-    """Return a histogram of an angle [deg] between two ends with a distance between ticks."""
-    edges = np.linspace(ends[0], ends[1], BINS + 1)
-    counts = _stacked(np.degrees(paths[column]), paths["kind"], kinds, edges)
-    return _histogram(edges, counts, [_color(kind) for kind in kinds], x_label, "paths", ends[2])
-
-
-def _zenith(angle: np.ndarray) -> tuple[float, float, float]:
-    """Return ends, in steps of 10 degrees, between which all angles [rad] are, and a distance between ticks [deg]."""
-    low, high = math.floor(np.degrees(angle.min()) / 10.0) * 10.0, math.ceil(np.degrees(angle.max()) / 10.0) * 10.0
-    return low, max(high, low + 10.0), 10.0 if high - low <= 60.0 else 30.0
-
-
-def _color(kind: str) -> str:
-    return f"s{KINDS.index(kind) % SERIES_COUNT}"
+def _zenith(angle: np.ndarray) -> tuple[float, float]:
+    """Return ends, in steps of 10 degrees, between which all angles are [deg]."""
+    low, high = math.floor(angle.min() / 10.0) * 10.0, math.ceil(angle.max() / 10.0) * 10.0
+    return low, max(high, low + 10.0)
 
 
 def beam_counts(
@@ -134,29 +115,12 @@ def beam_counts(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
     """Return how often each pair of beams is the best.
 
-    Args:
-        data: The dataset.
-        scenario: Scenario name.
-        weather: Weather name.
-        carrier_hz: Carrier [Hz].
-        frames: Frames to search at.
-        search: Arrays, codebooks and band.
-
     Returns:
         Transmit beam, receive beam and count of every pair that is the best at least once, shape [N] each; and the
         number of links without any path.
     """
     paths = data.paths(carrier_hz, scenario=scenario, weather=weather, frames=frames)
-    names = ["qx", "qy", "qz", "qw"]
-    rows = data.numpy("poses", columns=["frame", "agent", *names], scenario=scenario, weather=weather, frames=frames)
-    turn = quaternion_to_matrix(normalize(np.stack([rows[name] for name in names], axis=1)))
-    at = {key: index for index, key in enumerate(zip(rows["frame"].tolist(), rows["agent"].tolist(), strict=True))}
-    keys = paths.keys
-    rotations = [
-        turn[[at[int(frame), str(agent)] for frame, agent in zip(keys["frame"], keys[end], strict=True)]]
-        for end in ("peer", "agent")
-    ]
-    pairs = search.best(paths, *rotations)
+    pairs = search_beams(data, paths, scenario, weather, frames, search)
     is_found = pairs.tx_beam >= 0
     found, counts = np.unique(
         np.stack([pairs.tx_beam[is_found], pairs.rx_beam[is_found]], axis=1), axis=0, return_counts=True
@@ -164,20 +128,16 @@ def beam_counts(
     return found[:, 0], found[:, 1], counts, int((~is_found).sum())
 
 
-def _beams(data: Dataset, scenario: str, weather: str, carrier: float, rows: LinkRows, most: int) -> str:
+def _beams(data: Dataset, scenario: str, weather: str, carrier: float, rows: LinkRows, max_links: int) -> str:
     own = rows.by_weather[weather]
     each = max(len(rows.ends), 1)
-    frames = sample_range(range(int(own["frame"].min()), int(own["frame"].max()) + 1), max(1, most // each))
+    frames = sample_range(range(int(own["frame"].min()), int(own["frame"].max()) + 1), max(1, max_links // each))
     search = BeamSearch()
     tx_beam, rx_beam, counts, without = beam_counts(data, scenario, weather, carrier, frames, search)
     if not len(counts):
         return card("Best pairs of beams", "", "No link has a path.")
     tx_count, rx_count = (book.shape[1] for book in search.codebooks)
-    chart = Chart(
-        (-0.5, tx_count - 0.5), (-0.5, rx_count - 0.5), x_label="transmit beam (index)", y_label="receive beam (index)",
-        x_step=8.0 if tx_count <= 64 else None,
-    )  # fmt: skip
-    chart.cells(tx_beam, rx_beam, counts / counts.max())
+    figure = draw_beams(tx_beam, rx_beam, counts / counts.max(), (tx_count, rx_count))
     note = (
         f"Best pairs of {plural(int(counts.sum()), 'link and frame', 'links and frames')} at {carrier / 1e9:g} GHz in "
         f"{weather}, {sampled(frames)}; {without} without any path. {search.tx_array.antenna_count} transmit and "
@@ -185,4 +145,25 @@ def _beams(data: Dataset, scenario: str, weather: str, carrier: float, rows: Lin
         f"mean of {search.subcarriers} subcarriers."
     )
     entries = legend([("h1", "best once"), ("h2", plural(int(counts.max()), "time"))])
-    return card("Best pairs of beams", chart.svg("Best pairs of beams") + entries, note)
+    return card("Best pairs of beams", svg(figure, "Best pairs of beams") + entries, note)
+
+
+def draw_beams(tx_beam: np.ndarray, rx_beam: np.ndarray, share: np.ndarray, counts: tuple[int, int]) -> Any:
+    """Return a heat map of pairs of beams, the darker the greater their share, 0 to 1; shape [N] each."""
+    from matplotlib.collections import PolyCollection
+
+    figure, axes = new_chart("transmit beam (index)", "receive beam (index)")
+    corners = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
+    cells = np.stack([tx_beam, rx_beam], axis=1)[:, None] + corners
+    axes.add_collection(
+        PolyCollection(
+            list(cells),
+            facecolors=COLORS["heat"],
+            alpha=0.15 + 0.85 * share,
+            edgecolors="face",
+            linewidths=1.5,
+            zorder=2,
+        )
+    )
+    axes.set(xlim=(-0.5, counts[0] - 0.5), ylim=(-0.5, counts[1] - 0.5))
+    return figure

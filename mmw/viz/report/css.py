@@ -1,22 +1,27 @@
 """Style sheet of the report: light and dark by the reader's setting, readable at the width of a phone."""
 
-SERIES_COUNT = 6
-"""Classes s0 to s5 of lines, bars and samples; more series begin again."""
+from mmw.viz.plots.style import BUILDING, ROAD
 
-_LIGHT = {
-    "page": "#f6f7f9", "card": "#ffffff", "ink": "#1c2128", "muted": "#5a6472", "line": "#d9dee5", "grid": "#e9ecf0",
-    "accent": "#0a5fa8", "warn": "#8a4b00", "warnback": "#fff3df", "road": "#dfe3e8", "lane": "#ffffff",
-    "building": "#b9c0ca", "other": "#8b94a1", "heat": "#08519c", "free": "#00805e", "blocked": "#d55e00",
-    "s0": "#0072b2", "s1": "#d55e00", "s2": "#00805e", "s3": "#b0508a", "s4": "#8a6d00", "s5": "#3c8dbc",
+SERIES_COUNT = 6
+"""Colors s0 to s5 of lines, bars and samples; more series begin again."""
+
+COLORS = {
+    "page": "#f6f7f9", "card": "#fefefe", "ink": "#1c2128", "muted": "#5a6472", "line": "#d9dee5", "grid": "#e9ecf0",
+    "accent": "#0a5fa8", "warn": "#8a4b00", "warnback": "#fff3df", "road": ROAD, "building": BUILDING,
+    "other": "#8b94a1", "heat": "#08519c", "s0": "#0072b2", "s1": "#d55e00", "s2": "#00805e", "s3": "#b0508a",
+    "s4": "#8a6d00", "s5": "#3c8dbc",
 }  # fmt: skip
+"""Name of a color -> its value in the light scheme; figures are drawn in these, see `mmw.viz.report.figures`."""
+
 _DARK = {
     "page": "#12151a", "card": "#1b2027", "ink": "#e6e9ee", "muted": "#a2acb9", "line": "#333b46", "grid": "#2a313a",
-    "accent": "#6cb6f5", "warn": "#ffc46b", "warnback": "#3a2c12", "road": "#343c47", "lane": "#4b5562",
-    "building": "#59636f", "other": "#8b94a1", "heat": "#7cc4ff", "free": "#2fc297", "blocked": "#ff8a4c",
-    "s0": "#5ab4ee", "s1": "#ff8f5a", "s2": "#3cc79c", "s3": "#e39bc6", "s4": "#e8c547", "s5": "#9ad1f2",
+    "accent": "#6cb6f5", "warn": "#ffc46b", "warnback": "#3a2c12", "road": "#343c47", "building": "#59636f",
+    "other": "#8b94a1", "heat": "#7cc4ff", "s0": "#5ab4ee", "s1": "#ff8f5a", "s2": "#3cc79c", "s3": "#e39bc6",
+    "s4": "#e8c547", "s5": "#9ad1f2",
 }  # fmt: skip
 
-_DASHES = ("none", "6 3", "2 2.5", "8 3 2 3", "1 3", "4 4")
+DASHES = ((0, ()), (0, (6, 3)), (0, (2, 2.5)), (0, (8, 3, 2, 3)), (0, (1, 3)), (0, (4, 4)))
+"""Dashes of the lines of each series."""
 
 
 def _variables(colors: dict[str, str]) -> str:
@@ -24,19 +29,15 @@ def _variables(colors: dict[str, str]) -> str:
 
 
 def _series() -> str:
-    rules = []
-    for i in range(SERIES_COUNT):
-        rules += [
-            f".c path.s{i}{{stroke:var(--s{i});stroke-dasharray:{_DASHES[i]}}}.m .s{i}{{stroke:var(--s{i})}}",
-            f".c rect.s{i},.m .f{i}{{fill:var(--s{i})}}",
-            f"i.s{i}{{background:var(--s{i})}}i.line.s{i}{{background:none;border-top:2.5px "
-            f"{'solid' if i == 0 else 'dashed' if i % 2 else 'dotted'} var(--s{i})}}",
-        ]
-    return "".join(rules)
+    return "".join(
+        f"i.s{i}{{background:var(--s{i})}}i.line.s{i}{{background:none;border-top:2.5px "
+        f"{'solid' if i == 0 else 'dashed' if i % 2 else 'dotted'} var(--s{i})}}"
+        for i in range(SERIES_COUNT)
+    )
 
 
 STYLE = (
-    f":root{{color-scheme:light dark;{_variables(_LIGHT)}}}"
+    f":root{{color-scheme:light dark;{_variables(COLORS)}}}"
     f"@media(prefers-color-scheme:dark){{:root{{{_variables(_DARK)}}}}}"
     """
 *{box-sizing:border-box}
@@ -82,28 +83,13 @@ pre{overflow:auto;max-height:70vh;margin:0 0 14px;padding:12px;background:var(--
 .grid{display:grid;grid-template-columns:repeat(auto-fill,minmax(min(100%,390px),1fr));gap:14px;margin:10px 0}
 .card{background:var(--card);border:1px solid var(--line);border-radius:8px;padding:12px 14px;margin:0;min-width:0}
 figcaption{color:var(--muted);font-size:12.5px;margin-top:6px}
-.c,.m{display:block;width:100%;height:auto}
-.c text{fill:var(--muted);font-size:11px}
-.c .axis{stroke:var(--muted);stroke-width:1;fill:none}
-.c .g{stroke:var(--grid);stroke-width:1}
-.c path{fill:none;stroke-width:1.8;stroke-linejoin:round}
-.c .free{fill:var(--free)}.c .blocked{fill:var(--blocked)}
-.c .h{fill:var(--heat)}
-.m{max-height:640px;background:var(--card);border-radius:6px}
-.m .road{stroke:var(--road);fill:none;stroke-linejoin:round;stroke-linecap:round}
-.m .lane{stroke:var(--lane);fill:none;stroke-width:1px}
-.m .b{fill:var(--building);stroke:none}
-.m .o{stroke:var(--other);fill:none;stroke-width:1.4px;stroke-dasharray:3 3}
-.m .t{fill:none;stroke-width:3px;stroke-linecap:round;stroke-linejoin:round}
-.m .o,.m .lane,.m .t,.m .k{vector-effect:non-scaling-stroke}
-.m .k{stroke:var(--ink);stroke-width:2px;fill:none}
-.m .r{fill:var(--ink);stroke:var(--card);stroke-width:1px;vector-effect:non-scaling-stroke}
-.m text{font-size:var(--u);fill:var(--ink);paint-order:stroke;stroke:var(--card);stroke-width:.35em;
-stroke-linejoin:round;font-weight:600}
+.c{display:block;width:100%;height:auto;max-height:640px}
+.c *{stroke-linejoin:round;stroke-linecap:butt}
+.c text{font-family:system-ui,sans-serif}
 .legend{display:flex;flex-wrap:wrap;gap:4px 16px;font-size:13px;color:var(--muted);margin:6px 0}
 .legend i{display:inline-block;width:18px;height:10px;margin-right:6px;vertical-align:1px;border-radius:2px}
 .legend i.line{height:0;border-radius:0;vertical-align:4px;width:24px}
-i.free{background:var(--free)}i.blocked{background:var(--blocked)}
+i.free{background:var(--s2)}i.blocked{background:var(--s1)}i.shade{background:var(--s1);opacity:.25}
 i.h1{background:var(--heat);opacity:.2}i.h2{background:var(--heat)}
 i.dashed{border-top:2px dashed var(--other)}i.unit{background:var(--ink);clip-path:polygon(50% 0,100% 100%,0 100%)}
 .sheet{overflow-x:auto;max-width:100%;background:var(--card);border:1px solid var(--line);border-radius:8px;
@@ -117,7 +103,7 @@ padding:2px 4px;overflow-wrap:anywhere}
 .strip figcaption{margin:2px 0 0;font-size:11.5px}
 @media(max-width:600px){main,header,footer{padding-left:12px;padding-right:12px}h1{font-size:23px}
 .strip figure{width:150px}.strip b{width:64px}.tiles dd{font-size:17px}th,td{padding:5px 9px}
-.card{padding:10px}.m text{font-size:calc(var(--u)*1.8)}.tiles div{flex-basis:128px}.c text{font-size:13px}}
+.card{padding:10px}.tiles div{flex-basis:128px}}
 @media print{body{background:#fff}.scroll,.sheet{overflow:visible}}
 """ + _series()
 )

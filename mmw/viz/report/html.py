@@ -1,4 +1,4 @@
-"""Pieces of HTML: escaped text, tables, tiles, figures, and numbers as people write them."""
+"""Write parts of HTML: escaped text, tables, tiles, figures, and formatted numbers."""
 
 from collections.abc import Container, Iterable, Sequence
 from html import escape
@@ -30,14 +30,7 @@ def plural(number: int, word: str, words: str = "") -> str:
 def table(
     head: Sequence[str], rows: Iterable[Sequence[object]], *, numbers: Container[int] = (), caption: str = ""
 ) -> str:
-    """Return a table that scrolls sideways where it is too wide.
-
-    Args:
-        head: Titles of the columns; no line of titles if all are empty.
-        rows: Cells; they are escaped.
-        numbers: Columns that hold numbers.
-        caption: Text below it; escaped.
-    """
+    """Return a table that scrolls sideways if it is too wide; `numbers` are the columns of numbers. Text is escaped."""
 
     def cells(tag: str, values: Sequence[object]) -> str:
         return "".join(
@@ -74,11 +67,7 @@ def card(title: str, body: str, note: str = "") -> str:
 
 
 def legend(entries: Iterable[tuple[str, str]]) -> str:
-    """Return a legend.
-
-    Args:
-        entries: Class of the sample and name, such as `("line s0", "sunny")`.
-    """
+    """Return a legend of entries such as `("line s0", "sunny")`: class of the sample and name."""
     found = "".join(f'<span><i class="{text(kind)}"></i>{text(name)}</span>' for kind, name in entries)
     return f"<div class=legend>{found}</div>"
 

@@ -1,4 +1,4 @@
-"""Take stock of a dataset by its markers: shards, rows, bytes, pending work, and a quick check."""
+"""Count shards, rows and bytes of a dataset by its markers, and check them quickly."""
 
 import hashlib
 import json
@@ -43,7 +43,7 @@ class Inventory:
     statics: list[dict[str, Any]]
     """Markers of the tables without frames."""
     planned: int | None
-    """Shards that the configuration asks for; None if it is not known."""
+    """Shards of the configuration; None if it is not known."""
     pending: list[str]
     """Shards and scenarios that are not finished, by name."""
     notes: list[str] = field(default_factory=list)
@@ -52,15 +52,15 @@ class Inventory:
     @property
     def scenarios(self) -> list[str]:
         """Scenarios that have a shard or static tables, in the order of the configuration."""
-        there = {marker["scenario"] for marker in [*self.shards, *self.statics]}
+        present = {marker["scenario"] for marker in [*self.shards, *self.statics]}
         order = [scenario["name"] for scenario in self.head["config"].get("scenarios", [])]
-        return [name for name in order if name in there] + sorted(there - set(order))
+        return [name for name in order if name in present] + sorted(present - set(order))
 
     def weathers(self, scenario: str) -> list[str]:
         """Return the weathers of which a scenario has a shard, in the order of the configuration."""
-        there = {marker["weather"] for marker in self.shards if marker["scenario"] == scenario}
+        present = {marker["weather"] for marker in self.shards if marker["scenario"] == scenario}
         order = list(self.head["config"].get("weathers", []))
-        return [name for name in order if name in there] + sorted(there - set(order))
+        return [name for name in order if name in present] + sorted(present - set(order))
 
     def frames(self, scenario: str, weather: str | None = None) -> range:
         """Return the frames from the first to the last that a scenario has, in one weather or in any."""
@@ -93,7 +93,7 @@ class Inventory:
 
 
 def take_inventory(root: Path) -> Inventory:
-    """Return what there is in a dataset.
+    """Return the inventory of a dataset.
 
     Raises:
         InputError: If the folder is no dataset.
@@ -101,7 +101,7 @@ def take_inventory(root: Path) -> Inventory:
     head, markers, notes = read_dataset(root), read_markers(root), []
     unread = sum(1 for _ in (root / MARKERS).glob("*.json")) - len(markers)
     if unread:
-        notes.append(f"{unread} markers in {MARKERS} cannot be read and are left out")
+        notes.append(f"{unread} markers in {MARKERS} cannot be read and do not count")
     order = {name: index for index, name in enumerate(head["config"].get("weathers", []))}
     shards = [marker for marker in markers if marker["weather"] is not None]
     shards.sort(key=lambda one: (one["scenario"], order.get(one["weather"], len(order)), one["frame_begin"]))
@@ -110,7 +110,7 @@ def take_inventory(root: Path) -> Inventory:
         config = load_config(root / CONFIG)
     except (InputError, OSError) as error:
         reason = "; ".join(error.problems) if isinstance(error, InputError) else str(error)
-        notes.append(f"{CONFIG} cannot be read, so what is still to make is not known ({' '.join(reason.split())})")
+        notes.append(f"{CONFIG} cannot be read, so the pending work is not known ({' '.join(reason.split())})")
     if config is not None:
         keys = [key for scenario in config.scenarios for key in shard_keys(config, scenario)]
         planned = len(keys)
@@ -123,15 +123,15 @@ def take_inventory(root: Path) -> Inventory:
 
 
 def quick_check(inventory: Inventory) -> tuple[list[str], list[str]]:
-    """Return what was checked, and what is wrong, without reading data: existence, sizes, manifest, configuration."""
+    """Return the checks made, and the problems found: existence, sizes, manifest, configuration; no data are read."""
     root, wrong = inventory.root, []
     listed = {file["path"]: file for marker in [*inventory.shards, *inventory.statics] for file in marker["files"]}
     for path, file in sorted(listed.items()):
-        there = root / path
-        if not there.is_file():
+        file_path = root / path
+        if not file_path.is_file():
             wrong.append(f"{path}: is missing")
-        elif there.stat().st_size != file["bytes"]:
-            wrong.append(f"{path}: has {there.stat().st_size:,} bytes; its marker says {file['bytes']:,}")
+        elif file_path.stat().st_size != file["bytes"]:
+            wrong.append(f"{path}: has {file_path.stat().st_size:,} bytes; its marker says {file['bytes']:,}")
     checked = [f"{len(listed):,} files that the markers list are there and as long as listed"]
     text = json.dumps(inventory.head["config"], sort_keys=True, separators=(",", ":"))
     if hashlib.sha256(text.encode()).hexdigest() != inventory.head["config_sha256"]:

@@ -1,16 +1,22 @@
 """Radio links over time: gain in every weather, when the line of sight is free, and a table of the links."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mmw.core.constants import FRAME_DT
 from mmw.dataset import Dataset
-from mmw.viz.report.css import SERIES_COUNT
+from mmw.viz.plots.style import at_least, shade_blocked
+from mmw.viz.report.css import COLORS, DASHES, SERIES_COUNT
+from mmw.viz.report.figures import new_chart, svg
 from mmw.viz.report.html import card, legend, paragraph, plural, table
 from mmw.viz.report.inventory import Inventory
 from mmw.viz.report.sampling import sample_range, sampled
-from mmw.viz.report.svg import Chart, padded
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 MAX_FRAMES = 5000
 """Frames of a scenario and weather whose links are read at most."""
@@ -77,12 +83,7 @@ def read_links(data: Dataset, inventory: Inventory, scenario: str) -> LinkRows |
 
 
 def link_section(rows: LinkRows, scenarios: int) -> str:
-    """Return charts and table of the links of a scenario.
-
-    Args:
-        rows: The links.
-        scenarios: Scenarios on the page, which share the points of lines.
-    """
+    """Return charts and table of the links of a scenario; scenarios share the points of lines."""
     points = max(MIN_POINTS, min(MAX_POINTS, 4 * MAX_POINTS // max(scenarios, 1)))
     step = max(1, -(-len(rows.frames) // points))
     drawn = rows.frames[::step]
@@ -90,10 +91,16 @@ def link_section(rows: LinkRows, scenarios: int) -> str:
     shown = ends[:MAX_LINKS]
     weathers = list(rows.by_weather)
     entries = [(f"line s{i % SERIES_COUNT}", name) for i, name in enumerate(weathers)]
-    parts = [legend([*entries, ("free", "line of sight is free"), ("blocked", "blocked")])]
+    parts = [legend([*entries, ("shade", "no line of sight")])]
     for carrier in rows.carriers:
         charts = [
-            card(f"{peer} to {agent}, {carrier / 1e9:g} GHz", _chart(rows, (peer, agent), carrier, drawn))
+            card(
+                f"{peer} to {agent}, {carrier / 1e9:g} GHz",
+                svg(
+                    draw_gains(rows, (peer, agent), carrier, drawn),
+                    f"Path gain of {peer} to {agent} at {carrier / 1e9:g} GHz over time",
+                ),
+            )
             for _, (peer, agent) in shown
         ]
         parts.append(f"<div class=grid>{''.join(charts)}</div>")
@@ -105,41 +112,27 @@ def link_section(rows: LinkRows, scenarios: int) -> str:
     return "".join(parts)
 
 
-def _chart(rows: LinkRows, ends: RadioDevices, carrier_hz: float, drawn: range) -> str:
-    lines = []
-    for weather in rows.by_weather:
+def draw_gains(rows: LinkRows, ends: RadioDevices, carrier_hz: float, drawn: range) -> "Figure":
+    """Return the gain of a link over time, a line for each weather, shaded where it has no line of sight."""
+    figure, axes = new_chart("time [s]", "path gain [dB]")
+    sight: dict[int, bool] = {}  # equal in all weathers, which may have different frames
+    for number, weather in enumerate(rows.by_weather):
         own = rows.of(weather, ends, carrier_hz)
-        kept = np.isin(own["frame"], np.asarray(drawn))
-        lines.append({name: values[kept] for name, values in own.items()})
-    gains = np.concatenate([line["gain_db"].astype(float) for line in lines])
-    time = np.asarray(rows.frames) * FRAME_DT
-    strips = _distinct_sights(lines)
-    chart = Chart(
-        (float(time[0]), float(time[-1]) + rows.frames.step * FRAME_DT), padded(gains, 6.0), x_label="time [s]",
-        y_label="path gain [dB]", below=4 + 9 * len(strips),
-    )  # fmt: skip
-    for number, line in enumerate(lines):
-        chart.line(*_with_gaps(line, drawn.step), f"s{number % SERIES_COUNT}")
-    for number, (frame, is_los) in enumerate(strips):
-        chart.strip(frame * FRAME_DT, is_los, drawn.step * FRAME_DT, ("free", "blocked"), number)
-    return chart.svg(f"Path gain of {ends[0]} to {ends[1]} at {carrier_hz / 1e9:g} GHz over time")
-
-
-def _with_gaps(line: dict[str, np.ndarray], step: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return times and gains with a NaN where frames are missing, such as those of an unfinished shard."""
-    frame, gain = line["frame"].astype(float), line["gain_db"].astype(float)
-    holes = np.flatnonzero(np.diff(frame) > step) + 1
-    return np.insert(frame, holes, np.nan) * FRAME_DT, np.insert(gain, holes, np.nan)
-
-
-def _distinct_sights(lines: list[dict[str, np.ndarray]]) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return frames and lines of sight without repeats: they are equal in all weathers that have the same frames."""
-    found: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
-    for line in lines:
-        if len(line["frame"]):
-            is_los = line["is_los"].astype(bool)
-            found.setdefault(line["frame"].tobytes() + is_los.tobytes(), (line["frame"], is_los))
-    return list(found.values())
+        is_drawn = np.isin(own["frame"], np.asarray(drawn))
+        frame, gain = own["frame"][is_drawn].astype(float), own["gain_db"][is_drawn].astype(float)
+        sight |= dict(zip(own["frame"][is_drawn].tolist(), own["is_los"][is_drawn].astype(bool).tolist(), strict=True))
+        holes = np.flatnonzero(np.diff(frame) > drawn.step) + 1  # frames are missing, such as those of a shard
+        series = number % SERIES_COUNT
+        axes.plot(
+            np.insert(frame, holes, np.nan) * FRAME_DT, np.insert(gain, holes, np.nan), color=COLORS[f"s{series}"],
+            ls=DASHES[series], lw=1.6, label=weather, marker="o" if len(frame) == 1 else "",
+        )  # fmt: skip
+    frames = np.array(sorted(sight), dtype=np.int64)
+    is_los = np.array([sight[frame] for frame in frames.tolist()], dtype=bool)
+    shade_blocked(axes, frames, is_los, drawn.step, COLORS["s1"])
+    at_least(axes, 6.0)
+    axes.set_xlim(rows.frames[0] * FRAME_DT, (rows.frames[-1] + rows.frames.step) * FRAME_DT)
+    return figure
 
 
 def link_table(rows: LinkRows) -> str:
@@ -160,11 +153,11 @@ def link_table(rows: LinkRows) -> str:
         "link", "kind", "weather", "carrier [GHz]", "frames", "line of sight [%]", "mean gain [dB]", "least [dB]",
         "greatest [dB]", "paths", "mean RMS delay spread [ns]",
     )  # fmt: skip
-    caption = f"Over {sampled(rows.frames)}; means of the values in dB and ns, frames without any path left out."
+    caption = f"Over {sampled(rows.frames)}; means of the values in dB and ns, frames without any path do not count."
     return table(head, cells, numbers=range(3, 11), caption=caption)
 
 
-def _number(values: np.ndarray, what: object, digits: int) -> str:
-    """Return a number of the values that there are, a dash if there is none."""
-    kept = values.astype(float)[np.isfinite(values.astype(float))]
-    return f"{what(kept):.{digits}f}" if len(kept) and callable(what) else "-"
+def _number(values: np.ndarray, statistic: Callable[[np.ndarray], float], digits: int) -> str:
+    """Return a statistic of the finite values, a dash if there is none."""
+    finite = values.astype(float)[np.isfinite(values.astype(float))]
+    return f"{statistic(finite):.{digits}f}" if len(finite) else "-"

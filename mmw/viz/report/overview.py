@@ -2,15 +2,24 @@
 
 from collections import defaultdict
 
+from mmw.config.sensor_spec import SENSORS
 from mmw.core.constants import FRAME_DT
 from mmw.dataset import Dataset
 from mmw.storage.schemas import TABLES
 from mmw.viz.report.html import count, details, paragraph, plural, size, table, tiles
 from mmw.viz.report.inventory import LISTED, Inventory, quick_check
 
-TILES = {"lidar": "LiDAR sweeps", "rgb": "RGB images", "depth": "depth images", "radar": "radar samples",
-         "links": "link rows", "paths": "radio paths", "boxes": "boxes"}  # fmt: skip
-"""Table -> what a row of it is called on top of the page."""
+TILES = {"links": "link rows", "paths": "radio paths", "boxes": "boxes"}
+"""Table without a sensor -> name of its rows on top of the page."""
+
+
+def _tiles() -> dict[str, str]:
+    """Return the name of the rows of each table on top of the page."""
+    sensors = {
+        spec.tables[0].name: f"{spec.title} {'images' if spec.kind == 'image' else 'samples'}"
+        for spec in SENSORS.values()
+    }
+    return sensors | TILES
 
 
 def state(inventory: Inventory, scenarios: list[str]) -> str:
@@ -22,15 +31,15 @@ def state(inventory: Inventory, scenarios: list[str]) -> str:
         listed = "; ".join(inventory.pending[:LISTED]) + ("; and more" if len(inventory.pending) > LISTED else "")
         parts.append(
             paragraph(
-                f"This dataset is not finished: {plural(len(inventory.pending), 'part is', 'parts are')} still to make "
+                f"This dataset is not finished: {plural(len(inventory.pending), 'part is', 'parts are')} pending "
                 f"({listed}), of {plural(inventory.planned or 0, 'planned shard')} and the tables without frames. The "
-                "page shows what is there. Run the same configuration again to go on.",
+                "page shows the finished parts. Run the same configuration again to continue.",
                 "warning",
             )
         )
     if scenarios != inventory.scenarios:
         left = len(inventory.scenarios) - len(scenarios)
-        parts.append(paragraph(f"{plural(left, 'other scenario')} of this dataset left out, as asked.", "note"))
+        parts.append(paragraph(f"{plural(left, 'other scenario')} of this dataset not shown.", "note"))
     return "".join(parts) + "".join(paragraph(f"{note}.", "warning") for note in inventory.notes)
 
 
@@ -49,7 +58,7 @@ def facts(inventory: Inventory, data: Dataset, scenarios: list[str]) -> str:
         ("scenarios", count(len(scenarios))), ("weathers", count(len(weathers))), ("frames", count(frames)),
         ("simulated time", f"{seconds:,.2f} s"),
     ]  # fmt: skip
-    found += [(name, count(rows[table_])) for table_, name in TILES.items() if rows[table_]]
+    found += [(name, count(rows[table_])) for table_, name in _tiles().items() if rows[table_]]
     return tiles([*found, ("size", size(everything))])
 
 
@@ -92,12 +101,10 @@ def _matrix(
 
 
 def check_section(inventory: Inventory) -> str:
-    """Return what was checked and what is wrong."""
+    """Return the checks made and the problems found."""
     checked, wrong = quick_check(inventory)
-    words = "Looked at: " + "; ".join(checked) + ". Not looked at: what is in the files; mmw verify reads them all."
+    words = "Checked: " + "; ".join(checked) + ". Not checked: the content of the files; mmw verify reads them all."
     if not wrong:
-        return paragraph("Nothing wrong found.") + paragraph(words, "note")
+        return paragraph("No problem found.") + paragraph(words, "note")
     listed = "; ".join(wrong[:LISTED]) + ("; and more" if len(wrong) > LISTED else "")
-    return paragraph(f"{plural(len(wrong), 'thing is', 'things are')} wrong: {listed}.", "warning") + paragraph(
-        words, "note"
-    )
+    return paragraph(f"{plural(len(wrong), 'problem', 'problems')}: {listed}.", "warning") + paragraph(words, "note")

@@ -12,12 +12,14 @@ from mmw.viz.plots.map import TownPlan, read_town_plan
 from mmw.viz.report.channel_statistics import radio_section
 from mmw.viz.report.contact_sheets import Budget, contact_sheets
 from mmw.viz.report.css import STYLE
+from mmw.viz.report.figures import figure_style
 from mmw.viz.report.html import paragraph, section, text
 from mmw.viz.report.inventory import Inventory, take_inventory
 from mmw.viz.report.links import link_section, read_links
 from mmw.viz.report.maps import trajectory_map
 from mmw.viz.report.overview import check_section, counts_section, facts, state
 from mmw.viz.report.provenance import provenance_section
+from mmw.viz.report.readings import readings_section
 
 MARKER = '<meta name=generator content="mmw report">'
 """Mark near the beginning of our pages."""
@@ -58,7 +60,8 @@ def make_report(
     check_target(out, force)
     inventory, data = take_inventory(root), open_dataset(root)
     shown = _choose(inventory, scenarios)
-    page = build_page(inventory, data, shown, tell).encode()
+    with figure_style():
+        page = build_page(inventory, data, shown, tell).encode()
     write_bytes_atomically(out, page)
     return len(page)
 
@@ -67,7 +70,7 @@ def check_target(out: Path, force: bool) -> None:
     """Check that a page may be written to a path.
 
     Raises:
-        InputError: If it is a folder, or a file that is no page of ours and `force` is not given.
+        InputError: If it is a folder, or a file that `mmw report` did not write and `force` is not given.
     """
     if out.is_dir():
         raise InputError(f"{out}: is a folder; the name of an HTML file is needed; give --out FILE.html")
@@ -90,14 +93,7 @@ def _choose(inventory: Inventory, scenarios: Sequence[str]) -> list[str]:
 def build_page(
     inventory: Inventory, data: Dataset, scenarios: list[str], tell: Callable[[str], None] = lambda line: None
 ) -> str:
-    """Return the page.
-
-    Args:
-        inventory: What there is.
-        data: The dataset.
-        scenarios: Scenarios to show.
-        tell: Is called with one line before each scenario.
-    """
+    """Return the page; `tell` is called with one line before each scenario."""
     title = f"Dataset {inventory.root.name}"
     budget, plans = Budget(len(scenarios)), dict[str, TownPlan]()
     bodies = []
@@ -109,7 +105,7 @@ def build_page(
     menu = "".join(f'<a href="#{text(identity)}">{text(name)}</a>' for identity, name in links)
     config = inventory.head["config_sha256"][:12]
     lead = f"Multimodal wireless dataset, schema {inventory.head['schema_version']}, configuration {config}."
-    cut = "Some pictures were left out to keep the page small; --scenario shows fewer scenarios."
+    cut = "Some pictures are missing to limit the size of the page; --scenario selects scenarios."
     parts = [
         f"<header><h1>{text(title)}</h1>{paragraph(lead, 'lead')}{state(inventory, scenarios)}</header><main>",
         facts(inventory, data, scenarios),
@@ -141,18 +137,19 @@ def _scenario(
     found = [
         ("map", "Map", trajectory_map(data, inventory, name, plan) + problem),
         ("pictures", "What the agents sense", contact_sheets(data, inventory, name, budget)),
+        ("readings", "Scalar sensors", readings_section(data, inventory, name)),
         ("links", "Radio links", link_section(links, len(scenarios)) if links else ""),
         ("paths", "Radio paths", radio_section(data, inventory, name, links, len(scenarios)) if links else ""),
     ]
     parts = [section(f"{identity}-{key}", title, body, level=3) for key, title, body in found if body]
     missing = [title.lower() for _, title, body in found if not body]
     if missing:
-        parts.append(paragraph(f"Nothing in the dataset yet, or at all, for: {', '.join(missing)}.", "note"))
+        parts.append(paragraph(f"The dataset has nothing for: {', '.join(missing)}.", "note"))
     return section(identity, name, paragraph(words, "lead") if words else "", *parts)
 
 
 def _plan(inventory: Inventory, data: Dataset, name: str, plans: dict[str, TownPlan]) -> tuple[TownPlan, str]:
-    """Return the map of a scenario's town, read once a town, and a note where it cannot be read."""
+    """Return the map of a scenario's town, read once a town, and a note if it cannot be read."""
     sources = inventory.head["versions"].get("sources", {}).get(name, {})
     key = repr(sorted(sources.items())) if sources else name
     try:

@@ -23,7 +23,7 @@ def provenance_section(inventory: Inventory) -> str:
         ("schema", head["schema_version"]), ("python", versions.get("python", "unknown")),
         ("packages", ", ".join(f"{name} {number}" for name, number in versions.get("packages", {}).items())),
         ("device", _several(versions.get("device", ""), [marker.get("device") for marker in markers])),
-        ("begun", head.get("created_utc", "unknown")),
+        ("created", head.get("created_utc", "unknown")),
         ("last shard", max((marker.get("created_utc") or "" for marker in markers), default="") or "none yet"),
         ("seconds of the shards", _seconds(inventory)),
         ("configuration SHA-256", head["config_sha256"]),

@@ -1,11 +1,11 @@
-"""Choose the frames that a page reads, and state the choice."""
+"""Choose some frames of many, and say so."""
 
 import math
 
 
-def sample_range(frames: range, most: int) -> range:
-    """Return every n-th frame, so that there are no more than `most`."""
-    return range(frames.start, frames.stop, max(1, math.ceil(len(frames) / most)))
+def sample_range(frames: range, max_count: int) -> range:
+    """Return every n-th frame, so that there are no more than `max_count`."""
+    return range(frames.start, frames.stop, max(1, math.ceil(len(frames) / max_count)))
 
 
 def sampled(frames: range) -> str:

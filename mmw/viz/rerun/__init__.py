@@ -1,1 +1,1 @@
-"""A finished dataset in the Rerun viewer (extra `viz`): what is shown, how it is drawn, and where it is opened."""
+"""Show a finished dataset in the Rerun viewer (extra `viz`)."""

@@ -1,12 +1,15 @@
-"""How the viewer is laid out: the 3-D view, the links over time, and tabs of images for each agent."""
+"""Layout of the viewer: the 3-D view, the links over time, and tabs of images for each agent."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import rerun.blueprint as rrb
 
-from mmw.viz.rerun.entities import BOXES, PATHS, WORLD, paths_entity, sensor_entity
-from mmw.viz.rerun.sensors import ShownCamera
+from mmw.config.sensor_spec import SENSORS
+from mmw.dataset.frame import Row
+from mmw.viz.plots.samples import drawn_types, label_of
+from mmw.viz.rerun.entities import BOXES, PATHS, WORLD, paths_entity, reading_entity, sensor_entity
 
 EYE = np.array([-0.45, -0.35, 0.82])
 """Direction of the eye from the point that it looks at, world frame. Design value."""
@@ -22,8 +25,9 @@ SERIES_NAMES = {"gain": "Path gain [dB]", "beam_gain": "Best-beam gain [dB]"}
 
 
 def layout(
-    cameras: Sequence[ShownCamera],
+    cameras: Sequence[Row],
     carriers_hz: Sequence[float],
+    readings: Mapping[str, Sequence[Any]],
     overlays: Sequence[str],
     places: np.ndarray,
     *,
@@ -32,15 +36,17 @@ def layout(
     """Return the blueprint.
 
     Args:
-        cameras: Cameras in the order of their tabs.
+        cameras: Rows of table `sensors` of sensors of images.
         carriers_hz: Carriers [Hz]; paths of the first are shown, those of the others can be switched on.
-        overlays: LiDARs and other entities with a place that an image can show too, hidden until they are switched on.
-        places: Where agents are, which the eye looks at, world frame [m], shape [N, 3].
+        readings: Scalar sensor -> columns of its numbers.
+        overlays: Point clouds and other entities with a place that an image can show too, hidden until switched on.
+        places: Agents, which the eye looks at, world frame [m], shape [N, 3].
         with_beams: Whether best beams were searched.
     """
     left: list[rrb.View | rrb.Container] = [_world(cameras, carriers_hz, places)]
-    if carriers_hz:
-        left.append(_series(with_beams))
+    tabs = (_links(with_beams) if carriers_hz else []) + _readings(readings)
+    if tabs:
+        left.append(rrb.Tabs(*tabs, active_tab=0))
     parts: list[rrb.View | rrb.Container] = [rrb.Vertical(*left, row_shares=[5, 2][: len(left)])]
     if cameras:
         parts.append(_images(cameras, overlays))
@@ -53,12 +59,12 @@ def layout(
     )
 
 
-def _world(cameras: Sequence[ShownCamera], carriers_hz: Sequence[float], places: np.ndarray) -> rrb.Spatial3DView:
+def _world(cameras: Sequence[Row], carriers_hz: Sequence[float], places: np.ndarray) -> rrb.Spatial3DView:
     target = places.mean(axis=0) if len(places) else np.zeros(3)
     away = max(EYE_M[0], EYE_M[1] * np.linalg.norm(places - target, axis=1).max(initial=0.0))
     hidden = {f"/{paths_entity(carrier)}": rrb.EntityBehavior(visible=False) for carrier in carriers_hz[1:]}
-    flat = [f"- /{camera.entity}/depth/**" for camera in cameras if camera.type == "depth"]
-    flat += [f"- /{camera.entity}/boxes_2d/**" for camera in cameras]
+    flat = [f"- /{_entity(row)}/{row['type']}/**" for row in cameras if not SENSORS[row["type"]].needs_appearance]
+    flat += [f"- /{_entity(row)}/boxes_2d/**" for row in cameras]
     return rrb.Spatial3DView(
         origin=f"/{WORLD}",
         name="Town",
@@ -70,7 +76,7 @@ def _world(cameras: Sequence[ShownCamera], carriers_hz: Sequence[float], places:
     )
 
 
-def _series(with_beams: bool) -> rrb.Tabs:
+def _links(with_beams: bool) -> list[rrb.View | rrb.Container]:
     views: list[rrb.View | rrb.Container] = [
         rrb.TimeSeriesView(origin=f"/{series}", name=name)
         for series, name in SERIES_NAMES.items()
@@ -80,38 +86,48 @@ def _series(with_beams: bool) -> rrb.Tabs:
     if with_beams:
         pair = [rrb.TimeSeriesView(origin=f"/{end}_beam", name=f"Best {end} beam") for end in ("tx", "rx")]
         views.append(rrb.Horizontal(*pair, name="Best beams"))
-    return rrb.Tabs(*views, active_tab=0)
+    return views
 
 
-def _images(cameras: Sequence[ShownCamera], overlays: Sequence[str]) -> rrb.Tabs:
+def _readings(readings: Mapping[str, Sequence[Any]]) -> list[rrb.View | rrb.Container]:
+    """Return a tab for each scalar sensor, a chart for each of its numbers with a line for each agent."""
+    return [
+        rrb.Grid(
+            *(rrb.TimeSeriesView(origin=f"/{reading_entity(sensor, one.name)}", name=label_of(one)) for one in columns),
+            name=sensor,
+        )
+        for sensor, columns in readings.items()
+    ]
+
+
+def _images(cameras: Sequence[Row], overlays: Sequence[str]) -> rrb.Tabs:
+    """Return a tab of images for each agent and type of sensor."""
     tabs = []
-    for agent in dict.fromkeys(camera.agent for camera in cameras):
-        for type_ in ("rgb", "depth"):
-            own = [camera for camera in cameras if (camera.agent, camera.type) == (agent, type_)]
-            if own:
-                name = agent if type_ == "rgb" else f"{agent} depth"
-                columns = 1 if len(own) < 4 else 2
-                tabs.append(rrb.Grid(*(_image(camera, overlays) for camera in own), grid_columns=columns, name=name))
+    order = drawn_types()
+    for agent in dict.fromkeys(row["agent"] for row in cameras):
+        mine = [row for row in cameras if row["agent"] == agent]
+        for type_ in sorted({row["type"] for row in mine}, key=order.index):
+            views = [_image(row, overlays) for row in mine if row["type"] == type_]
+            name = agent if SENSORS[type_].needs_appearance else f"{agent} {type_}"
+            tabs.append(rrb.Grid(*views, grid_columns=1 if len(views) < 4 else 2, name=name))
     return rrb.Tabs(*tabs, active_tab=0)
 
 
-def _image(camera: ShownCamera, overlays: Sequence[str]) -> rrb.Spatial2DView:
-    others = [f"/{entity}" for entity in overlays] if camera.has_pinhole else []
+def _image(row: Row, overlays: Sequence[str]) -> rrb.Spatial2DView:
+    others = [f"/{entity}" for entity in overlays] if row["lens"] == "pinhole" else []
     hidden = {entity: rrb.EntityBehavior(visible=False) for entity in others}
     return rrb.Spatial2DView(
-        origin=f"/{camera.entity}",
-        name=f"{camera.agent} {camera.sensor}",
+        origin=f"/{_entity(row)}",
+        name=f"{row['agent']} {row['sensor']}",
         contents=["$origin/**", *(f"+ {entity}/**" for entity in others)],
         overrides=hidden,
     )
 
 
-def image_overlays(lidars: Sequence[tuple[str, str]], *, boxes: bool, paths: bool) -> list[str]:
-    """Return entities with a place that images can show.
+def _entity(row: Row) -> str:
+    return sensor_entity(row["agent"], row["sensor"])
 
-    Args:
-        lidars: Agent and name of each LiDAR.
-        boxes: Whether there are boxes.
-        paths: Whether there are radio paths.
-    """
-    return [sensor_entity(*lidar) for lidar in lidars] + [BOXES] * boxes + [PATHS] * paths
+
+def image_overlays(clouds: Sequence[tuple[str, str]], *, boxes: bool, paths: bool) -> list[str]:
+    """Return the entities with a place that images can show: point clouds by agent and name, boxes and radio paths."""
+    return [sensor_entity(*cloud) for cloud in clouds] + [BOXES] * boxes + [PATHS] * paths

@@ -11,12 +11,13 @@ from mmw.channel.codebook import BeamPairs
 from mmw.channel.path_table import Paths
 from mmw.dataset import BeamSearch
 from mmw.dataset.frame import Frame, Link
-from mmw.viz.rerun import colors
+from mmw.viz.plots.paths import ANTENNA, gains_db, path_lines
+from mmw.viz.plots.style import GAIN_DB, scale_colors
 from mmw.viz.rerun.entities import SERIES, carrier_name, paths_entity, series_entity
 from mmw.viz.rerun.selection import Scope
 
 STATES = {"los": (90, 210, 120), "nlos": (240, 160, 50), "no path": (200, 60, 60)}
-"""State of a link in the series `los` -> colour."""
+"""State of a link in the series `los` -> color."""
 
 LINE_POINTS = 2.0
 """Width of a path's line on the screen, in Rerun's points. Design value."""
@@ -26,19 +27,19 @@ LinkName = tuple[float, str, str]
 
 
 @dataclass
-class RadioPainter:
-    """Logs the links of frames one after the other; the stream's time is set by who calls."""
+class RadioLogger:
+    """Logs the links of frames one after the other; the caller sets the stream's time."""
 
     stream: rr.RecordingStream
     scope: Scope
     search: BeamSearch | None
-    """How best beams are searched; None leaves them out."""
+    """Search for best beams; None leaves them out."""
     links: dict[LinkName, None] = field(default_factory=dict)
     """Links that were logged so far."""
     _shown: set[str] = field(default_factory=set)
     _there: set[LinkName] = field(default_factory=set)
 
-    def paint(self, frame: Frame) -> None:
+    def log(self, frame: Frame) -> None:
         """Log one frame; paths that are gone are cleared, and series of links that are gone have a gap."""
         found = [link for link in frame.links if link.agent in self.scope.agents]
         beams = best_beams(frame, found, self.search) if self.search and "paths" in self.scope.data.tables else {}
@@ -49,7 +50,7 @@ class RadioPainter:
             if name not in self.links:
                 self.links[name] = None
                 self._describe(name)
-            shape = path_lines(frame, link)
+            shape = path_strips(frame, link)
             if shape is not None:
                 shown.add(paths_entity(*name))
                 self.stream.log(paths_entity(*name), shape)
@@ -69,7 +70,7 @@ class RadioPainter:
             self.stream.log(series_entity(series, *name), rr.Scalars(value))
 
     def _describe(self, name: LinkName) -> None:
-        """Log names of a link's series, and colours of its states."""
+        """Log names of a link's series, and colors of its states."""
         text = f"{name[1]} from {name[2]}, {carrier_name(name[0])}"
         for series in SERIES:
             if series == "los":
@@ -79,29 +80,23 @@ class RadioPainter:
                 self.stream.log(series_entity(series, *name), rr.SeriesLines(names=text), static=True)
 
 
-def path_lines(frame: Frame, link: Link) -> rr.LineStrips3D | None:
+def path_strips(frame: Frame, link: Link) -> rr.LineStrips3D | None:
     """Return the paths of a link as lines from transmitter to receiver; None without any, or without an end's place."""
-    a = link.a
     ends = [frame.agents.get(name) for name in (link.peer, link.agent)]
-    if not len(a) or any(end is None or "antenna" not in end.sensors for end in ends):
+    if not len(link.a) or any(end is None or ANTENNA not in end.sensors for end in ends):
         return None
-    first, last = (end.sensor_pose("antenna")[:3] for end in ends if end is not None)
-    gain_db = 10.0 * np.log10(np.maximum(np.abs(a) ** 2, np.finfo(np.float64).tiny))
-    strips = [np.concatenate([first[None], link.vertices(path), last[None]]) for path in range(len(a))]
-    labels = [f"{kind}, {gain:.1f} dB" for kind, gain in zip(link.paths["kind"], gain_db, strict=True)]
+    gain_db = gains_db(link)
     return rr.LineStrips3D(
-        strips, colors=colors.of_gain(gain_db), radii=rr.Radius.ui_points(LINE_POINTS), labels=labels, show_labels=False
+        path_lines(frame, link),
+        colors=scale_colors(gain_db, *GAIN_DB),
+        radii=rr.Radius.ui_points(LINE_POINTS),
+        labels=[f"{kind}, {gain:.1f} dB" for kind, gain in zip(link.paths["kind"], gain_db, strict=True)],
+        show_labels=False,
     )
 
 
 def best_beams(frame: Frame, links: list[Link], search: BeamSearch) -> dict[LinkName, dict[str, float]]:
-    """Return gain [dB] and numbers of the best pair of beams of each link, NaN for a link without path.
-
-    Args:
-        frame: The frame.
-        links: Links that are wanted.
-        search: Arrays, codebooks and band.
-    """
+    """Return gain [dB] and numbers of the best pair of beams of each link, NaN for a link without path."""
     found = {}
     wanted = {(link.carrier_hz, link.agent, link.peer) for link in links}
     for carrier in sorted({link.carrier_hz for link in links}):

@@ -31,19 +31,18 @@ def carrier_name(carrier_hz: float) -> str:
 
 
 def paths_entity(carrier_hz: float, agent: str = "", peer: str = "") -> str:
-    """Return the entity of the paths of a link, or without agents of all links at a carrier.
-
-    Args:
-        carrier_hz: Carrier [Hz].
-        agent: Receiver.
-        peer: Transmitter.
-    """
+    """Return the entity of the paths of a link (receiver, transmitter), or without agents of a carrier's links."""
     return _under(PATHS, carrier_hz, agent, peer)
 
 
 def series_entity(series: str, carrier_hz: float, agent: str, peer: str) -> str:
     """Return the entity of a time series of a link, see `SERIES`."""
     return _under(series, carrier_hz, agent, peer)
+
+
+def reading_entity(sensor: str, column: str, agent: str = "") -> str:
+    """Return the entity of a number of a scalar sensor over time, or without an agent the root of those of all."""
+    return rr.new_entity_path(["readings", sensor, column, *([agent] if agent else [])]).lstrip("/")
 
 
 def _under(root: str, carrier_hz: float, agent: str, peer: str) -> str:

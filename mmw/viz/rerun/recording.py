@@ -1,4 +1,4 @@
-"""Logs a part of a dataset to a Rerun stream, frame by frame: what one frame needs is read, logged and forgotten."""
+"""Log a part of a dataset to a Rerun stream; one frame is in memory at a time."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -9,26 +9,31 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from mmw.config.sensor_spec import SENSORS
 from mmw.core.constants import FRAME_DT
 from mmw.core.errors import InputError
 from mmw.core.progress_bar import Progress
 from mmw.dataset import BeamSearch, Dataset
 from mmw.viz.rerun.blueprint import image_overlays, layout
-from mmw.viz.rerun.channel import RadioPainter
+from mmw.viz.rerun.channel import RadioLogger
 from mmw.viz.rerun.entities import WORLD
-from mmw.viz.rerun.frames import LIDAR_COLORS, FramePainter
+from mmw.viz.rerun.frames import LIDAR_COLORS, FrameLogger
 from mmw.viz.rerun.selection import Scope
-from mmw.viz.rerun.sensors import lens_notes, log_sensors, sensor_rows, shown_cameras
+from mmw.viz.rerun.sensors import (
+    log_sensors,
+    missing_tables,
+    reading_columns,
+    sampled_rows,
+    sensor_notes,
+    sensor_rows,
+)  # fmt: skip
 from mmw.viz.rerun.town import log_town, read_town
 
-SHOWN_TABLES = ("lidar", "rgb", "depth", "radar", "boxes", "boxes_2d", "links", "paths", "sensors")
-"""Tables that are shown where they are."""
-
 FLUSH_EVERY = 10
-"""Frames after which what was logged must have left this process: keeps its memory small. Design value."""
+"""Frames after which the stream is flushed, which limits the memory of this process. Design value."""
 
 APPLICATION = "mmw"
-"""Name of the application in Rerun; the viewer keeps one layout for it."""
+"""Name of the application in Rerun; the viewer stores one layout for it."""
 
 
 @dataclass(frozen=True)
@@ -38,9 +43,9 @@ class Looks:
     lidar_color: str = "object"
     """One of `LIDAR_COLORS`."""
     with_town: bool = True
-    """Whether the static town is drawn."""
+    """Draw the static town."""
     search: BeamSearch | None = None
-    """How best beams are searched; None leaves them out."""
+    """Search for best beams; None leaves them out."""
 
     def __post_init__(self) -> None:
         if self.lidar_color not in LIDAR_COLORS:
@@ -49,14 +54,16 @@ class Looks:
 
 def blueprint(scope: Scope, looks: Looks) -> rrb.Blueprint:
     """Return how the viewer is laid out for a part of a dataset."""
-    tables, rows = scope.data.tables, sensor_rows(scope)
-    lidars = [(row["agent"], row["sensor"]) for row in rows if row["type"] == "lidar" and "lidar" in tables]
+    tables, rows = scope.data.tables, sampled_rows(scope, sensor_rows(scope))
+    images = [row for row in rows if SENSORS[row["type"]].kind == "image"]
+    clouds = [(row["agent"], row["sensor"]) for row in rows if SENSORS[row["type"]].kind == "points"]
     first = scope.data.frame(scope.scenario, scope.weather, scope.frames[0])
     places = np.array([first.agents[name].pose[:3] for name in scope.agents if name in first.agents]).reshape(-1, 3)
     return layout(
-        shown_cameras(scope, rows),
+        images,
         carriers(scope.data),
-        image_overlays(lidars, boxes="boxes" in tables, paths="paths" in tables),
+        {row["sensor"]: columns for row in rows if (columns := reading_columns(row))},
+        image_overlays(clouds, boxes="boxes" in tables, paths="paths" in tables),
         places,
         with_beams=looks.search is not None and "paths" in tables,
     )
@@ -70,41 +77,32 @@ def carriers(data: Dataset) -> list[float]:
 
 
 def record(stream: rr.RecordingStream, scope: Scope, looks: Looks) -> list[str]:
-    """Log a part of a dataset.
-
-    Args:
-        stream: Where it goes; a sink is connected already.
-        scope: What is shown.
-        looks: How it is drawn.
-
-    Returns:
-        What is left out and why, one line each.
+    """Log a part of a dataset to a stream with a connected sink; returns a line for each omission and its reason.
 
     Raises:
         InputError: If a file of the dataset is damaged.
     """
     data = scope.data
-    notes = list(scope.notes)
-    missing = [name for name in SHOWN_TABLES if name not in data.tables]
+    notes, rows = list(scope.notes), sensor_rows(scope)
+    missing = missing_tables(scope, rows)
     if missing:
         notes.append(f"the dataset has no {', '.join(missing)}: not shown")
+    notes += sensor_notes(rows)
     with strict():
-        rows = sensor_rows(scope)
-        cameras = shown_cameras(scope, rows)
-        notes += lens_notes(cameras)
         stream.send_blueprint(blueprint(scope, looks))
         stream.send_recording_name(f"{scope.scenario} {scope.weather}")
         stream.log(WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         log_sensors(stream, scope, rows)
-        frames = FramePainter(stream, scope, cameras, object_tags(data, scope.scenario), looks.lidar_color)
-        radio = RadioPainter(stream, scope, looks.search)
+        tags = object_tags(data, scope.scenario)
+        frames = FrameLogger(stream, scope, sampled_rows(scope, rows), tags, looks.lidar_color)
+        radio = RadioLogger(stream, scope, looks.search)
         with Progress("view", len(scope.frames), 0) as progress:
             for number, frame in enumerate(scope.frames):
                 stream.set_time("frame", sequence=frame)
                 stream.set_time("time", duration=frame * FRAME_DT)
                 moment = data.frame(scope.scenario, scope.weather, frame)
-                frames.paint(moment)
-                radio.paint(moment)
+                frames.log(moment)
+                radio.log(moment)
                 if number % FLUSH_EVERY == 0:
                     stream.flush()
                 progress.advance(f"frame {frame}")

@@ -21,7 +21,7 @@ class Scope:
     scenario: str
     weather: str
     frames: tuple[int, ...]
-    """Frames in order; those of the dataset that were asked for."""
+    """Frames in order, all in the dataset."""
     agents: tuple[str, ...]
     """Agents whose sensors are shown, and whose links as receivers."""
     notes: tuple[str, ...] = ()
@@ -42,12 +42,12 @@ def choose_scope(
         data: The dataset.
         scenario: Scenario; the first of the configuration that has rows, if empty.
         weather: Weather; the first of the configuration that has rows of the scenario, if empty.
-        frames: Frames, those that are not in the dataset are left out; None chooses all, or every 10th, 100th, ... of
+        frames: Frames, those of the dataset count; None chooses all, or every 10th, 100th, ... of
             them, see `MAX_FRAMES`.
         agents: Agents; all if empty.
 
     Raises:
-        InputError: If the dataset holds no frame, or not what is asked for.
+        InputError: If the dataset holds no frame, or not the selection.
     """
     if "frames" not in data.tables:
         raise InputError(f"{data.root}: holds no frames yet; run mmw.run first, then view it")

@@ -1,4 +1,4 @@
-"""The static town of a dataset's stage as coloured meshes."""
+"""The static town of a dataset's stage as colored meshes."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,6 +8,7 @@ import rerun as rr
 
 from mmw.config import load_config
 from mmw.core.errors import InputError
+from mmw.core.mesh import TriangleMesh
 from mmw.dataset.camera_geometry import POSE_COLUMNS
 from mmw.scene.prepare import stored_stage
 from mmw.scene.reader import read_stage
@@ -38,26 +39,24 @@ class TownMesh:
 
 
 def town_meshes(arrays: SceneData, weather: str, low: np.ndarray, high: np.ndarray) -> list[TownMesh]:
-    """Return the faces of the static town, one mesh a material, with vertices of equal place and normal made one.
+    """Return the faces of the static town, one mesh a material; vertices of equal place and normal are joined.
 
     Args:
         arrays: The scene.
-        weather: Whose materials.
+        weather: Weather of the materials.
         low: Least x and y of a face's middle [m], shape [2].
         high: Largest x and y.
     """
-    corners = arrays.points[arrays.faces]
-    middle = corners[..., :2].mean(axis=1)
+    mesh = TriangleMesh(arrays.points, arrays.faces)
+    middle = mesh.corners[..., :2].mean(axis=1)
     is_near = ((middle >= low) & (middle <= high)).all(axis=1)
-    flat = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    flat /= np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-30)
-    normals = np.where((arrays.normals == 0.0).all(axis=-1, keepdims=True), flat[:, None], arrays.normals)
+    normals = np.where((arrays.normals == 0.0).all(axis=-1, keepdims=True), mesh.normals[:, None], arrays.normals)
     found = []
     for index, material in enumerate(arrays.materials[weather]):
         own = is_near & (arrays.material == index)
         if not own.any():
             continue
-        both = np.concatenate([corners[own], normals[own]], axis=-1).reshape(-1, 6).astype(np.float32)
+        both = np.concatenate([mesh.corners[own], normals[own]], axis=-1).reshape(-1, 6).astype(np.float32)
         vertices, place = np.unique(both, axis=0, return_inverse=True)
         red, green, blue = (int(value) for value in srgb(np.asarray(material.color)))
         faces = place.reshape(-1, 3).astype(np.uint32)

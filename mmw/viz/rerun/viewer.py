@@ -1,4 +1,4 @@
-"""Send a recording to a file, the web viewer, or the native viewer. Servers listen on 127.0.0.1 only."""
+"""Send a recording to a file, the web viewer or the native viewer. Servers listen on 127.0.0.1 only."""
 
 import os
 import signal
@@ -17,7 +17,9 @@ import rerun as rr
 from mmw.core.errors import InputError
 from mmw.viz.rerun.recording import APPLICATION, Looks, record
 from mmw.viz.rerun.selection import Scope
-from mmw.viz.rerun.web_page import HOST, serve_page
+
+HOST = "127.0.0.1"
+"""The only address that is listened on."""
 
 PORT = 9090
 """Port of the web page; data come over the next one. Source: Rerun's own default."""
@@ -26,7 +28,7 @@ COMMAND = "import sys; from rerun_cli.__main__ import main; sys.exit(main())"
 """Rerun's command with its exit code, which `python -m rerun_cli` does not pass on."""
 
 START_S = 60.0
-"""Longest time that a viewer may take to listen [s]. Design value."""
+"""Longest time until a viewer listens [s]. Design value."""
 
 MEMORY = "50%"
 """Memory that the server may fill with data; beyond, it drops the earliest. Share of all there is. Design value."""
@@ -41,12 +43,7 @@ def new_stream() -> rr.RecordingStream:
 
 
 def save(scope: Scope, looks: Looks, file: Path) -> list[str]:
-    """Write a recording as a file, whole or not at all; returns the notes of `record`.
-
-    Args:
-        scope: What is shown.
-        looks: How it is drawn.
-        file: File to write, `.rrd`.
+    """Write a recording `.rrd`, whole or not at all; returns the notes of `record`.
 
     Raises:
         InputError: If the file has another ending, or the dataset is damaged.
@@ -73,7 +70,7 @@ class Viewer:
     url: str
     """Address of its page; empty for a window."""
     address: str
-    """Address for data."""
+    """Address of the data server."""
     process: subprocess.Popen[bytes]
 
     def send(self, scope: Scope, looks: Looks) -> list[str]:
@@ -87,7 +84,7 @@ class Viewer:
         try:
             notes = record(stream, scope, looks)
             stream.disconnect()
-        except RuntimeError:  # of Rerun: nobody takes the data any more
+        except RuntimeError:  # of Rerun: the data server is gone
             self.wait()
             return []
         return notes
@@ -108,26 +105,21 @@ class Viewer:
 
 @contextmanager
 def web_viewer(port: int = PORT) -> Iterator[Viewer]:
-    """Serve the web viewer on 127.0.0.1 while it is used.
-
-    Args:
-        port: Port of the page; data come over the next one.
+    """Serve the web viewer on 127.0.0.1 in this context: the page on a port, data on the next one.
 
     Raises:
         InputError: If one of them is not free.
     """
     for one in (port, port + 1):
         _check_free(one)
-    own = _free_port()
-    with _run(port + 1, ["--serve-web", "--web-viewer-port", str(own)], (port + 1, own)) as process:
+    with _run(port + 1, ["--serve-web", "--web-viewer-port", str(port)], (port + 1, port)) as process:
         address = _address(port + 1)
-        with serve_page(port, own):
-            yield Viewer(f"http://{HOST}:{port}/?{urlencode({'url': address})}&hide_welcome_screen", address, process)
+        yield Viewer(f"http://{HOST}:{port}/?{urlencode({'url': address})}&hide_welcome_screen", address, process)
 
 
 @contextmanager
 def native_viewer() -> Iterator[Viewer]:
-    """Open a window while it is used.
+    """Open a window in this context.
 
     Raises:
         InputError: If there is no display.
@@ -148,10 +140,10 @@ def _address(port: int) -> str:
 
 @contextmanager
 def _run(port: int, options: list[str], ports: tuple[int, ...]) -> Iterator[subprocess.Popen[bytes]]:
-    """Run Rerun's command while it is used; it ends with this process, also where that is told to end.
+    """Run Rerun's command in this context; it ends with this process, also at SIGTERM.
 
-    `rerun.serve_grpc`, `rerun.serve_web_viewer` and `rerun.spawn` listen on every address; the command can be told not
-    to. It runs the viewer as a process of its own, so both are a group.
+    `rerun.serve_grpc`, `rerun.serve_web_viewer` and `rerun.spawn` listen on every address; the command has an option
+    against that. It runs the viewer as a process of its own, so both are a group.
     """
     command = [sys.executable, "-c", COMMAND, "--bind", HOST, "--port", str(port)]
     command += ["--server-memory-limit", MEMORY, *options]

@@ -1,1 +1,1 @@
-"""Looking at what was made: previews of a stage, plots of a dataset."""
+"""Render pictures of stages, scenarios and datasets."""

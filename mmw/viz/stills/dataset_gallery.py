@@ -1,44 +1,34 @@
 """One set of pictures of a dataset: the town from above, a street, every sensor, weathers side by side, a link."""
 
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from mmw.config import load_config
-from mmw.core.device import choose_device
+from mmw.config.sensor_spec import SENSORS
 from mmw.core.errors import InputError
-from mmw.dataset import open_dataset
-from mmw.scene.device_scene import DeviceScene
+from mmw.dataset import Dataset, open_dataset
+from mmw.dataset.frame import Frame
 from mmw.scene.prepare import stored_stage
 from mmw.scene.reader import read_stage
 from mmw.storage.manifest import CONFIG, read_dataset
-from mmw.viz.stills.jpeg import save_jpeg
-from mmw.viz.stills.plots import (
-    plot_camera,
-    plot_depth,
-    plot_lidar,
-    plot_link,
-    plot_radar,
-    plot_rgb,
-    read_rows,
-    segmented_cameras,
-)
-from mmw.viz.stills.renderer import StillRenderer, follow_view, map_frame, street_camera
-from mmw.viz.stills.weather_plots import plot_lidar_weathers, plot_radar_weathers
-
-PICTURES = (
-    "above", "close", "street", "lidar", "lidar_weathers", "radar", "radar_weathers", "rgb", "depth", "camera",
-    "link",
-)  # fmt: skip
-"""Names of the pictures."""
+from mmw.viz.plots import plot_link, plot_path_history, plot_sensor
+from mmw.viz.plots.frame import sensors_of
+from mmw.viz.plots.samples import has_sample, plot_view
+from mmw.viz.stills.image_files import save_jpeg
+from mmw.viz.stills.renderer import follow_view, load_renderer, map_frame, street_camera
 
 RENDERED = ("above", "close", "street")
-"""Those that the RGB camera takes, as JPEG files."""
+"""Names of the pictures by the RGB camera, as JPEG files."""
 
 MAP_PX = 1200
 """Side of the maps [px]."""
 
 STREET_PX = (1280, 720)
 """Width and height of the street view [px]."""
+
+DPI = 100
+"""Resolution of the plots."""
 
 MAX_BYTES = 400_000
 """Size of one of them at most [bytes]. Design value."""
@@ -54,13 +44,13 @@ def make_gallery(
     samples: int = 4,
     device: str = "auto",
 ) -> list[Path]:
-    """Write pictures of one scenario of a dataset, in its first weather, and LiDAR and radar in all of them.
+    """Write pictures of one scenario of a dataset: the town, its sensors, a link.
 
     Args:
         root: Dataset folder.
         out: Folder for the files.
         scenario: Scenario name; the first one if empty.
-        agent: Whose sensors and link are shown, and who is followed in the street view; the first CAV if empty. Of a
+        agent: Agent whose sensors and link are shown, and that the street view follows; the first CAV if empty. Of a
             sensor that it does not carry the first agent's is shown.
         frame: Frame to show; the first one if negative.
         samples: Rays in a pixel on an edge, for the rendered pictures: 1, 4 or 9.
@@ -87,42 +77,54 @@ def make_gallery(
         roles=found.actor_roles,
         material_map=found.material_map,
     )
-    scene = DeviceScene(arrays, choose_device(device), 1)
-    scene.load_batch([frame])
     names = [actor.name for actor in arrays.actors]
     agent = agent or next((actor.name for actor in arrays.actors if actor.role == "cav"), "")
     if agent not in names:
         raise InputError(f"{root}: scenario {scenario!r} has no agent {agent!r}; it has {', '.join(names[:8])}, ...")
     out.mkdir(parents=True, exist_ok=True)
-    files = {name: out / f"{scenario}_{name}.{'jpg' if name in RENDERED else 'png'}" for name in PICTURES}
-    pictures = StillRenderer(scene, {weather: config.air[weather].weather(weather)}, seed=config.seed)
+    air = {weather: config.air[weather].weather(weather)}
+    pictures = load_renderer(arrays, frame, air, seed=config.seed, device=device)
     pose = arrays.poses[0, names.index(agent)]
-    town = pictures.map_view(weather, *map_frame(scene), width=MAP_PX, samples=samples)
+    town = pictures.map_view(weather, *map_frame(pictures.scene), width=MAP_PX, samples=samples)
     close = pictures.map_view(weather, pose[:2], 120.0, width=MAP_PX, samples=samples)
     street = pictures.look(weather, *follow_view(pose), street_camera(*STREET_PX, samples))
-    for name, image in zip(RENDERED, (town, close, street), strict=True):
-        save_jpeg(image, files[name], MAX_BYTES)
-    tables = open_dataset(root).tables
-    at = {"scenario": scenario, "weather": weather, "frame": frame}
-    for table, plot in (("lidar", plot_lidar), ("radar", plot_radar), ("depth", plot_depth)):
-        if table in tables:
-            plot(root, scenario, weather, frame, _owner(root, table, agent, at), files[table])
-    cameras = [owner for owner, _ in segmented_cameras(root, **at)]
-    if cameras:
-        plot_camera(root, scenario, weather, frame, agent if agent in cameras else cameras[0], files["camera"])
-    if "rgb" in tables:
-        owner = _owner(root, "rgb", agent, {"scenario": scenario, "weather": weather})
-        plot_rgb(root, scenario, config.weathers, frame, owner, files["rgb"])
-    for table, plot in (("lidar", plot_lidar_weathers), ("radar", plot_radar_weathers)):
-        if table in tables and len(config.weathers) > 1:
-            owner = _owner(root, table, agent, at)
-            plot(root, scenario, config.weathers, frame, owner, files[f"{table}_weathers"])
-    if "links" in tables:
-        plot_link(root, scenario, weather, agent, carriers[0], files["link"])
-    return [path for path in files.values() if path.is_file()]
+    files = [out / f"{scenario}_{name}.jpg" for name in RENDERED]
+    for path, image in zip(files, (town, close, street), strict=True):
+        save_jpeg(image, path, MAX_BYTES)
+    data = open_dataset(root)
+
+    def save(name: str, figure: Any) -> None:
+        files.append(out / f"{scenario}_{name}.png")
+        figure.savefig(files[-1], dpi=DPI)
+
+    for name, figure in sensor_figures(data, data.frame(scenario, weather, frame), config.weathers, agent):
+        save(name, figure)
+    if "links" in data.tables:
+        found = data.numpy("links", columns=["peer", "path_count"], scenario=scenario, weather=weather, agent=agent)
+        if len(found["peer"]):
+            ends = (scenario, weather, str(found["peer"][0]), agent)
+            save("link", plot_link(data, *ends, carrier_hz=carriers[0]))
+            if found["path_count"].any():
+                save("paths", plot_path_history(data, *ends, carrier_hz=carriers[0]))
+    return files
 
 
-def _owner(root: Path, table: str, agent: str, at: dict[str, Any]) -> str:
-    """Return the agent if the table has a row of it in a frame, else the first that has one."""
-    owners = read_rows(root, table, ["agent"], **at)["agent"]
-    return agent if agent in owners else owners[0]
+def sensor_figures(data: Dataset, frame: Frame, weathers: Sequence[str], agent: str) -> Iterator[tuple[str, Any]]:
+    """Yield name and figure of every type of sensor in a frame; of points in one weather and in all.
+
+    Of a type that the agent does not carry the first agent's is shown.
+    """
+    agents = sorted(frame.agents.values(), key=lambda one: one.name != agent)
+    for type_, spec in SENSORS.items():
+        found = [(one, name) for one in agents for name in sensors_of(one, type_)]
+        there = [(one, name) for one, name in found if has_sample(one, name)]
+        if not there and spec.kind == "image" and "figure" not in spec.views and spec.tables[0].name in data.tables:
+            there = found  # the figure shows images of other frames
+        if not there or not (plot_view(spec) or spec.kind == "scalar"):
+            continue
+        owner, sensor = there[0]
+        shown = {"": [frame.weather]} if spec.kind == "points" else {"": weathers}
+        if spec.kind == "points" and len(weathers) > 1:
+            shown["_weathers"] = weathers
+        for ending, some in shown.items():
+            yield f"{type_}{ending}", plot_sensor(data, frame.scenario, some, frame.frame, owner.name, sensor)

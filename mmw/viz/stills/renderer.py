@@ -8,11 +8,13 @@ import numpy as np
 from PIL import Image
 
 from mmw.core.camera_models import Intrinsics
+from mmw.core.device import choose_device
 from mmw.core.errors import InputError
 from mmw.core.random_keys import random_keys
 from mmw.core.transforms import pose_from_ypr, rotate
 from mmw.physics.weather.weather import Weather
 from mmw.scene.device_scene import DeviceScene
+from mmw.scene.scene_data import SceneData
 from mmw.scene.views import Views
 from mmw.sensors.render.projection import intrinsics_of
 from mmw.sensors.render.visibility_buffer import trace_samples
@@ -34,16 +36,10 @@ STREET_FOV_DEG = 70.0
 
 
 def street_camera(width: int = 1280, height: int = 720, samples: int = 4, fov_deg: float = STREET_FOV_DEG) -> RgbCamera:
-    """Return a camera for pictures from an eye: a pinhole.
-
-    Args:
-        width: Image width [px].
-        height: Image height [px].
-        samples: Rays in a pixel on an edge: 1, 4 or 9.
-        fov_deg: Horizontal field of view [deg].
+    """Return a pinhole camera for pictures from an eye; `samples` is 1, 4 or 9 rays in a pixel on an edge.
 
     Raises:
-        InputError: If one of them is not possible.
+        InputError: If the camera cannot be like this.
     """
     return RgbCamera(width_px=width, height_px=height, samples=samples, fov_deg=fov_deg)
 
@@ -54,22 +50,18 @@ def look_pose(eye: Sequence[float] | np.ndarray, target: Sequence[float] | np.nd
     It does not roll; straight above the target north is up.
 
     Raises:
-        InputError: If the target is where the eye is.
+        InputError: If eye and target coincide.
     """
-    way = np.asarray(target, dtype=float) - np.asarray(eye, dtype=float)
-    level, length = float(np.hypot(way[0], way[1])), float(np.linalg.norm(way))
+    offset = np.asarray(target, dtype=float) - np.asarray(eye, dtype=float)
+    level, length = float(np.hypot(offset[0], offset[1])), float(np.linalg.norm(offset))
     if not length > 0.0:
         raise InputError(f"eye and target are both {list(map(float, eye))}; a view needs a direction; move one of them")
-    yaw = np.arctan2(way[1], way[0]) if level > 1e-9 * length else 0.5 * np.pi
-    return pose_from_ypr(eye, yaw, np.arctan2(-way[2], level))
+    yaw = np.arctan2(offset[1], offset[0]) if level > 1e-9 * length else 0.5 * np.pi
+    return pose_from_ypr(eye, yaw, np.arctan2(-offset[2], level))
 
 
 def follow_view(pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the eye that follows an actor, over its left shoulder, and the point that it looks at, both [3].
-
-    Args:
-        pose: Of the actor, to the world, shape [7].
-    """
+    """Return eye and target of a view over the left shoulder of an actor with a pose [7], both [3]."""
     heading = rotate(pose[3:], (1.0, 0.0, 0.0)) * (1.0, 1.0, 0.0)
     side = np.array([-heading[1], heading[0], 0.0])
     return pose[:3] - 9.0 * heading + 2.5 * side + (0.0, 0.0, 3.2), pose[:3] + 12.0 * heading + (0.0, 0.0, 1.0)
@@ -81,8 +73,17 @@ def map_frame(scene: DeviceScene) -> tuple[np.ndarray, float]:
     return 0.5 * (low + high), float((high - low).max())
 
 
+def load_renderer(
+    arrays: SceneData, frame: int, weathers: Mapping[str, Weather], *, seed: int = 0, device: str = "auto"
+) -> "StillRenderer":
+    """Return a renderer of one frame of a scene that was read for some weathers."""
+    scene = DeviceScene(arrays, choose_device(device), 1)
+    scene.load_batch([frame])
+    return StillRenderer(scene, weathers, seed=seed)
+
+
 class StillRenderer:
-    """Takes pictures of a scene. Textures and skies are loaded once."""
+    """Renders pictures of a scene. Textures and skies are loaded once."""
 
     def __init__(self, scene: DeviceScene, weathers: Mapping[str, Weather], *, seed: int = 0):
         """Load textures and bake the skies.
@@ -95,13 +96,13 @@ class StillRenderer:
         Raises:
             InputError: If the scene was not read for a weather, or a texture cannot be decoded.
         """
-        self._scene = scene
+        self.scene = scene
         self._weathers = dict(weathers)
         self._seed = seed
 
     @cached_property
     def _camera(self) -> RgbRenderer:
-        return RgbRenderer(self._scene, self._weathers, seed=self._seed)
+        return RgbRenderer(self.scene, self._weathers, seed=self._seed)
 
     @cached_property
     def _map_camera(self) -> RgbRenderer:
@@ -117,7 +118,7 @@ class StillRenderer:
             )
             for name, weather in self._weathers.items()
         }
-        return RgbRenderer(self._scene, clear, seed=self._seed)
+        return RgbRenderer(self.scene, clear, seed=self._seed)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -131,26 +132,26 @@ class StillRenderer:
         target: Sequence[float] | np.ndarray,
         config: RgbCamera,
         *,
-        slot: int = 0,
+        batch_index: int = 0,
     ) -> Image.Image:
-        """Return a picture from an eye that nobody carries.
+        """Return a picture from an eye without an agent.
 
         Args:
             weather: One of the weathers.
             eye: Position in the world [m].
             target: Point in the middle of the picture [m]; not the eye itself.
             config: The camera, such as a `street_camera`.
-            slot: Slot of the frame.
+            batch_index: Index of the frame in the batch.
 
         Raises:
-            InputError: If the target is where the eye is.
+            InputError: If eye and target coincide.
         """
-        views = self._standing(look_pose(eye, target), slot)
-        return Image.fromarray(self.take(views, config, self._keys(views, [weather]))[weather][0])
+        views = self._free_view(look_pose(eye, target), batch_index)
+        return Image.fromarray(self.render(views, config, self._keys(views, [weather]))[weather][0])
 
     def map_view(
         self, weather: str, center: Sequence[float] | np.ndarray, size_m: float, *,
-        width: int = 1280, samples: int = 4, slot: int = 0,
+        width: int = 1280, samples: int = 4, batch_index: int = 0,
     ) -> Image.Image:  # fmt: skip
         """Return a square map: the scene from high above, north up, without fog and rain.
 
@@ -160,12 +161,12 @@ class StillRenderer:
             size_m: Side of the map at the ground [m].
             width: Side of the image [px].
             samples: Rays in a pixel on an edge: 1, 4 or 9.
-            slot: Slot of the frame.
+            batch_index: Index of the frame in the batch.
         """
-        ground = float(self._scene.arrays.points[:, 2].min()) if len(self._scene.arrays.points) else 0.0
+        ground = float(self.scene.arrays.points[:, 2].min()) if len(self.scene.arrays.points) else 0.0
         height = MAP_HEIGHT * size_m
         eye = np.array([center[0], center[1], ground + height])
-        views = self._standing(look_pose(eye, eye - (0.0, 0.0, 1.0)), slot)
+        views = self._free_view(look_pose(eye, eye - (0.0, 0.0, 1.0)), batch_index)
         focal = width * MAP_HEIGHT
         intrinsics = Intrinsics(width, width, focal, focal, 0.5 * width, 0.5 * width)
         config = RgbCamera(width_px=width, height_px=width, samples=samples)
@@ -173,7 +174,7 @@ class StillRenderer:
         found = self._render(self._map_camera, views, intrinsics, 1.01 * height, config, keys)
         return Image.fromarray(found[weather][0])
 
-    def take(
+    def render(
         self,
         views: Views,
         config: RgbCamera,
@@ -183,7 +184,7 @@ class StillRenderer:
         """Return what a camera sees from several views, weather -> sRGB, shape [A, H, W, 3], uint8.
 
         Args:
-            views: Where it looks from.
+            views: Poses of the camera.
             config: The camera.
             keys: Weather -> random numbers of each view, shape [A, 2], uint32; all weathers, by their name and the
                 frame alone, if absent.
@@ -209,16 +210,16 @@ class StillRenderer:
         keys: Mapping[str, np.ndarray],
         lens_keys: np.ndarray | None = None,
     ) -> dict[str, np.ndarray]:
-        buffer = trace_samples(self._scene, views, intrinsics, range_m, camera.alpha_cutouts)
+        buffer = trace_samples(self.scene, views, intrinsics, range_m, camera.alpha_cutouts)
         if lens_keys is None:
             lens_keys = random_keys((self._seed, "lens") for _ in range(len(views)))
         return {name: images.rgb.numpy() for name, images in camera.render(buffer, config, keys, lens_keys).items()}
 
-    def _standing(self, pose: np.ndarray, slot: int) -> Views:
+    def _free_view(self, pose: np.ndarray, batch_index: int) -> Views:
         return Views(
-            frame=np.array([self._scene.batch_frames[slot]], dtype=np.int64),
-            slot=np.array([slot], dtype=np.int32),
+            frame=np.array([self.scene.batch_frames[batch_index]], dtype=np.int64),
+            batch_index=np.array([batch_index], dtype=np.int32),
             actor=np.array([-1], dtype=np.int32),
             pose=pose[None],
-            ignore=np.array([-1], dtype=np.int32),
+            ignore_instance=np.array([-1], dtype=np.int32),
         )

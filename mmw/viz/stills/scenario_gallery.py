@@ -1,7 +1,5 @@
 """Pictures of the shipped scenarios: for each, four cameras of a CAV and one of the roadside unit in three weathers.
 
-    python -m mmw.cli.scenario_gallery --out docs/images/gallery
-
 Rows of a picture are sun, rain and fog; columns are the CAV's cameras to the front, left, right and back, and the
 roadside unit's.
 """
@@ -15,17 +13,15 @@ import numpy as np
 from PIL import Image
 
 from mmw.config import Config, ScenarioConfig, load_config
-from mmw.core.device import choose_device
 from mmw.core.errors import InputError
 from mmw.core.resources import configs_dir
-from mmw.scene.device_scene import DeviceScene
 from mmw.scene.prepare import prepare_scenario
 from mmw.scene.reader import read_stage
 from mmw.scene.scene_data import SceneData
 from mmw.scene.views import Views, join_views, make_views, view_keys
 from mmw.sensors.rgb.config import RgbCamera, paper_cameras
-from mmw.viz.stills.jpeg import save_jpeg
-from mmw.viz.stills.renderer import StillRenderer
+from mmw.viz.stills.image_files import join_tiles, save_jpeg
+from mmw.viz.stills.renderer import load_renderer
 
 WEATHERS = ("sunny", "rainy", "foggy")
 """Rows of a picture."""
@@ -35,9 +31,6 @@ COLUMNS = (("cav", "front"), ("cav", "left"), ("cav", "right"), ("cav", "back"),
 
 TILE_PX = (320, 240)
 """Width and height of a tile [px]."""
-
-GAP_PX = 4
-"""White between tiles [px]."""
 
 FRAME = 300
 """Frame that is shown unless another is asked for: 3 s."""
@@ -91,18 +84,10 @@ def draw_scenarios(
 def draw_scenario(
     config: Config, scenario: ScenarioConfig, base: Path, agent: str, samples: int, device: str
 ) -> Image.Image:
-    """Return the picture of one scenario at its first frame: weathers in rows, cameras in columns.
-
-    Args:
-        config: Configuration; its weathers are the rows.
-        scenario: One of its scenarios, with at least one roadside unit.
-        base: Folder of the configuration.
-        agent: CAV whose cameras are shown.
-        samples: Rays in a pixel on an edge: 1, 4 or 9.
-        device: Warp device that renders.
+    """Return the picture of one scenario at its first frame: the configuration's weathers in rows, cameras in columns.
 
     Raises:
-        InputError: If the CAV or a roadside unit is not there in the frame.
+        InputError: If the CAV or a roadside unit is absent in the frame.
     """
     frame = config.frames_of(scenario).start
     width, height = TILE_PX
@@ -110,10 +95,8 @@ def draw_scenario(
     with tempfile.TemporaryDirectory() as folder:
         stage = prepare_scenario(config, scenario, base, Path(folder))
         arrays = read_stage(stage, range(frame, frame + 1), config.variants, margin=1)
-        scene = DeviceScene(arrays, choose_device(device), 1)
-        scene.load_batch([frame])
         weathers = {name: config.air[name].weather(name) for name in config.weathers}
-        pictures = StillRenderer(scene, weathers, seed=config.seed)
+        pictures = load_renderer(arrays, frame, weathers, seed=config.seed, device=device)
         parts = [view_of(arrays, frame, role, cameras[name], agent) for role, name in COLUMNS]
         views = join_views(parts)
         keys = {
@@ -126,8 +109,8 @@ def draw_scenario(
             for weather in weathers
         }
         tile = RgbCamera(width_px=width, height_px=height, samples=samples)
-        found = pictures.take(views, tile, keys)
-    return join_tiles([list(found[weather]) for weather in config.weathers])
+        found = pictures.render(views, tile, keys)
+    return join_tiles([found[weather] for weather in config.weathers])
 
 
 def view_of(arrays: SceneData, frame: int, role: str, camera: RgbCamera, cav: str) -> Views:
@@ -141,19 +124,3 @@ def view_of(arrays: SceneData, frame: int, role: str, camera: RgbCamera, cav: st
         f"no {cav if role == 'cav' else 'roadside unit'} in frame {frame}; the gallery shows one; choose another frame "
         "or agent"
     )
-
-
-def join_tiles(rows: Sequence[Sequence[np.ndarray]]) -> Image.Image:
-    """Return images of equal size as one, `GAP_PX` of white between them.
-
-    Args:
-        rows: Images [H, W, 3] uint8, top row first, left image first.
-    """
-    height, width = rows[0][0].shape[:2]
-    size = (len(rows) * (height + GAP_PX) - GAP_PX, len(rows[0]) * (width + GAP_PX) - GAP_PX, 3)
-    whole = np.full(size, 255, dtype=np.uint8)
-    for i, row in enumerate(rows):
-        for k, image in enumerate(row):
-            top, left = i * (height + GAP_PX), k * (width + GAP_PX)
-            whole[top : top + height, left : left + width] = image
-    return Image.fromarray(whole)

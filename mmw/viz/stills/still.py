@@ -11,21 +11,18 @@ from pydantic import ValidationError
 
 from mmw.config import Config, ScenarioConfig, config_path, load_config
 from mmw.core.bvh_kind import select_bvh
-from mmw.core.device import choose_device
 from mmw.core.errors import InputError
 from mmw.core.random_keys import random_keys
 from mmw.generation.estimate import check_inputs
 from mmw.physics.weather.weather import PRESETS, Weather
-from mmw.scene.device_scene import DeviceScene
 from mmw.scene.prepare import prepare_scenario
 from mmw.scene.reader import read_stage
-from mmw.scene.scene_data import SceneData
 from mmw.scene.views import make_views, view_keys
 from mmw.sensors.rgb.config import RgbCamera
-from mmw.viz.stills.renderer import StillRenderer, follow_view, street_camera
+from mmw.viz.stills.renderer import StillRenderer, follow_view, load_renderer, street_camera
 from mmw.viz.stills.town_gallery import FOV_DEG, choose_views, selected_weather, view_direction
 from mmw.worlds.checks.check import stage_path
-from mmw.worlds.checks.stage_model import open_world
+from mmw.worlds.checks.stage_model import open_stage_model
 
 Point = Sequence[float]
 
@@ -61,7 +58,7 @@ class Viewpoint:
 
 @dataclass(frozen=True)
 class PictureSize:
-    """Image size and samples; None keeps those of the camera."""
+    """Image size and samples; None means those of the camera."""
 
     width: int | None = None
     """Image width [px]."""
@@ -96,13 +93,13 @@ def draw_scenario(
     weather: str = "",
     device: str = "auto",
 ) -> tuple[Image.Image, tuple[str, ...]]:
-    """Return a picture of a configured scenario, with its traffic, and what a user should know of its textures.
+    """Return a picture of a configured scenario, with its traffic, and notes on its textures.
 
     From a camera of the configuration it is the very image that a run stores, before compression.
 
     Args:
         path: Configuration file, or the name of a shipped one.
-        viewpoint: Where from; the first CAV is followed if it says nothing.
+        viewpoint: Viewpoint; the first CAV is followed if it is empty.
         size: Image size and samples.
         scenario: Its name; the first if empty.
         frame: Frame; the first that the configuration makes if None.
@@ -119,7 +116,7 @@ def draw_scenario(
     frame = config.frames_of(found).start if frame is None else frame
     weather = weather or config.weathers[0]
     values, variants = _configured_weather(config, weather)
-    cameras = {sensor.name: sensor for sensor in config.sensors if sensor.type == "rgb"}
+    cameras = {sensor.name: sensor for sensor in config.sensors if isinstance(sensor, RgbCamera)}
     if viewpoint.camera and viewpoint.camera not in cameras:
         listed = f"it has {', '.join(cameras)}" if cameras else "it has none"
         raise InputError(f"{path}: has no RGB camera {viewpoint.camera!r}; {listed}; name one, or use --eye")
@@ -130,10 +127,10 @@ def draw_scenario(
             stage, _frames(frame), {weather: variants}, margin=1, roles=found.actor_roles,
             material_map=found.material_map,
         )  # fmt: skip
-        scene, pictures = _load(arrays, frame, {weather: values}, config.seed, device)
+        pictures = load_renderer(arrays, frame, {weather: values}, seed=config.seed, device=device)
         if not viewpoint.camera:
             followed = viewpoint.follow or next((actor.name for actor in arrays.actors if actor.role == "cav"), "")
-            image = _from_eye(pictures, arrays, frame, weather, viewpoint, followed, size)
+            image = _from_eye(pictures, frame, weather, viewpoint, followed, size)
             return image, pictures.notes
         camera = size.of(cameras[viewpoint.camera])
         views = make_views(arrays, [frame], camera)
@@ -144,19 +141,19 @@ def draw_scenario(
                 f"{', '.join(row) or 'none'}; name one of them"
             )
         views = views.take(np.array([row.index(viewpoint.agent)]))
-        keys = {weather: view_keys(scene.arrays, views, config.seed, found.name, weather, camera.name)}
+        keys = {weather: view_keys(arrays, views, config.seed, found.name, weather, camera.name)}
         lens_keys = random_keys([(config.seed, found.name, camera.name, "lens", viewpoint.agent)])
-        return Image.fromarray(pictures.take(views, camera, keys, lens_keys)[weather][0]), pictures.notes
+        return Image.fromarray(pictures.render(views, camera, keys, lens_keys)[weather][0]), pictures.notes
 
 
 def draw_stage(
     name: str, viewpoint: Viewpoint, size: PictureSize, *, frame: int = 0, weather: str = "", device: str = "auto"
 ) -> tuple[Image.Image, tuple[str, ...]]:
-    """Return a picture of a town or of any other stage, and what a user should know of its textures.
+    """Return a picture of a town or of any other stage, and notes on its textures.
 
     Args:
         name: A shipped town, or a USD file.
-        viewpoint: Where from; the street view that sees most if it says nothing.
+        viewpoint: Viewpoint; the street view that sees most if it is empty.
         size: Image size and samples.
         frame: Frame of an animated stage.
         weather: A preset; the one that the stage has selected if empty.
@@ -176,13 +173,13 @@ def draw_stage(
         raise InputError(f"--weather {weather}: no preset; presets are {', '.join(PRESETS)}; use one of them")
     values = PRESETS.get(weather, Weather())
     arrays = read_stage(path, _frames(frame), {weather: values.variants(weather)})
-    scene, pictures = _load(arrays, frame, {weather: values}, 0, device)
+    pictures = load_renderer(arrays, frame, {weather: values}, device=device)
     if viewpoint.eye is None and not viewpoint.follow:
-        view = choose_views(scene, open_world(path).lanes)[0]
+        view = choose_views(pictures.scene, open_stage_model(path).lanes)[0]
         eye = np.array(view[:3])
         camera = size.of(street_camera(fov_deg=FOV_DEG))
         return pictures.look(weather, eye, eye + view_direction(view[3]), camera), pictures.notes
-    return _from_eye(pictures, arrays, frame, weather, viewpoint, viewpoint.follow, size), pictures.notes
+    return _from_eye(pictures, frame, weather, viewpoint, viewpoint.follow, size), pictures.notes
 
 
 def _frames(frame: int) -> range:
@@ -199,7 +196,7 @@ def _scenario(config: Config, path: Path, name: str) -> ScenarioConfig:
 
 
 def _configured_weather(config: Config, name: str) -> tuple[Weather, tuple[str, ...]]:
-    """Return the values of a weather of a configuration or of a preset, and the variants that can stand for it."""
+    """Return the values of a weather of a configuration or of a preset, and the variants that may replace it."""
     if name in config.weathers:
         return config.air[name].weather(name), config.variants[name]
     if name in PRESETS:
@@ -210,31 +207,18 @@ def _configured_weather(config: Config, name: str) -> tuple[Weather, tuple[str, 
     )
 
 
-def _load(
-    arrays: SceneData, frame: int, weathers: dict[str, Weather], seed: int, device: str
-) -> tuple[DeviceScene, StillRenderer]:
-    scene = DeviceScene(arrays, choose_device(device), 1)
-    scene.load_batch([frame])
-    return scene, StillRenderer(scene, weathers, seed=seed)
-
-
 def _from_eye(
-    pictures: StillRenderer,
-    arrays: SceneData,
-    frame: int,
-    weather: str,
-    viewpoint: Viewpoint,
-    followed: str,
-    size: PictureSize,
+    pictures: StillRenderer, frame: int, weather: str, viewpoint: Viewpoint, followed: str, size: PictureSize
 ) -> Image.Image:
     """Return the picture from the given eye, or of the followed actor."""
     camera = size.of(street_camera())
     if viewpoint.eye is not None and viewpoint.target is not None:
         return pictures.look(weather, viewpoint.eye, viewpoint.target, camera)
+    arrays = pictures.scene.arrays
     pose = arrays.poses[arrays.frame_row(frame)]
     present = [actor.name for actor, own in zip(arrays.actors, pose, strict=True) if np.isfinite(own).all()]
     if followed not in present:
-        listed = f"{', '.join(present[:8])}{', ...' if len(present) > 8 else ''}" if present else "nobody"
+        listed = f"{', '.join(present[:8])}{', ...' if len(present) > 8 else ''}" if present else "none"
         what = f"no actor {followed!r}" if followed else "no CAV to follow"
         raise InputError(f"{what} in frame {frame}; it has {listed}; name one with --follow, or use --eye")
     eye, target = follow_view(pose[[actor.name for actor in arrays.actors].index(followed)])

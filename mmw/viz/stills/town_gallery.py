@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 
-from mmw.core.device import choose_device
 from mmw.core.errors import InputError
 from mmw.physics.weather.weather import PRESETS, Weather
 from mmw.scene.device_scene import DeviceScene
@@ -14,9 +13,9 @@ from mmw.scene.reader import WEATHER, read_stage
 from mmw.traffic.roads.lane_graph import LaneGraph
 from mmw.usd.open_stage import open_stage
 from mmw.viz.plots.lane_map import plot_lanes
-from mmw.viz.stills.jpeg import save_jpeg
-from mmw.viz.stills.renderer import StillRenderer, map_frame, street_camera
-from mmw.worlds.checks.stage_model import open_world
+from mmw.viz.stills.image_files import save_jpeg
+from mmw.viz.stills.renderer import load_renderer, map_frame, street_camera
+from mmw.worlds.checks.stage_model import open_stage_model
 
 STREETS = 3
 """Street views of a town."""
@@ -54,7 +53,7 @@ def draw_town(
     """Write the pictures of a town, or of any other stage at its start, as the RGB camera sees it.
 
     The files are `<name>_above.jpg`, `<name>_street1.jpg` to `3`, and, for a stage with lanes, `<name>_lanes.png`.
-    Equal stages give equal pictures. Without given views, those that see most distinct objects are taken. The stage's
+    Equal stages give equal pictures. Without given views, those that see most distinct objects are chosen. The stage's
     selected weather is drawn, with the values of the preset of its name.
 
     Args:
@@ -74,19 +73,17 @@ def draw_town(
         raise InputError(f"{len(views)} views are given; a town has {STREETS}; leave some out")
     weather = selected_weather(path)
     arrays = read_stage(path, range(1), [weather])
-    scene = DeviceScene(arrays, choose_device(device), 1)
-    scene.load_batch([0])
-    pictures = StillRenderer(scene, {weather: PRESETS.get(weather, Weather())})
-    lanes = open_world(path).lanes
+    pictures = load_renderer(arrays, 0, {weather: PRESETS.get(weather, Weather())}, device=device)
+    lanes = open_stage_model(path).lanes
     out.mkdir(parents=True, exist_ok=True)
     files = [out / f"{path.stem}_above.jpg"]
-    above = pictures.map_view(weather, *map_frame(scene), width=WIDTH_PX, samples=samples)
+    above = pictures.map_view(weather, *map_frame(pictures.scene), width=WIDTH_PX, samples=samples)
     save_jpeg(above, files[0], MAX_BYTES)
     camera = street_camera(WIDTH_PX, HEIGHT_PX, samples, FOV_DEG)
-    for number, view in enumerate(views or choose_views(scene, lanes), start=1):
-        eye, way = np.array(view[:3]), view_direction(view[3])
+    for number, view in enumerate(views or choose_views(pictures.scene, lanes), start=1):
+        eye, direction = np.array(view[:3]), view_direction(view[3])
         files.append(out / f"{path.stem}_street{number}.jpg")
-        save_jpeg(pictures.look(weather, eye, eye + way, camera), files[-1], MAX_BYTES)
+        save_jpeg(pictures.look(weather, eye, eye + direction, camera), files[-1], MAX_BYTES)
     if lanes is not None:
         files.append(out / f"{path.stem}_lanes.png")
         plot_lanes(lanes, arrays, path.stem, files[-1])
@@ -155,17 +152,17 @@ def _score(scene: DeviceScene, view: np.ndarray) -> float:
     forward, half = view_direction(view[3]), np.tan(np.radians(FOV_DEG) / 2.0)
     right = np.array([forward[1], -forward[0], 0.0]) / np.hypot(*forward[:2])
     up = np.cross(right, forward)
-    way = forward + half * (u[..., None] * right + HEIGHT_PX / WIDTH_PX * v[..., None] * up)
-    way = (way / np.linalg.norm(way, axis=2, keepdims=True)).reshape(-1, 3)
-    hits = cast_rays(scene, np.broadcast_to(view[:3], way.shape), way, max_distance=SIGHT_M)
+    rays = forward + half * (u[..., None] * right + HEIGHT_PX / WIDTH_PX * v[..., None] * up)
+    rays = (rays / np.linalg.norm(rays, axis=2, keepdims=True)).reshape(-1, 3)
+    hits = cast_rays(scene, np.broadcast_to(view[:3], rays.shape), rays, max_distance=SIGHT_M)
     seen, count = np.unique(hits.object_id[hits.object_id >= 0], return_counts=True)
     seen = seen[count >= 3]
     labels = {scene.arrays.objects[k].label for k in seen}
-    return float(len(seen) + 3 * len(labels) - 200.0 * np.mean((hits.distance < 8.0) & (way[:, 2] > -0.1)))
+    return float(len(seen) + 3 * len(labels) - 200.0 * np.mean((hits.distance < 8.0) & (rays[:, 2] > -0.1)))
 
 
 def view_direction(yaw_deg: float) -> np.ndarray:
-    """Return a unit direction that falls a little, so that the road takes half of the picture and more."""
+    """Return a unit direction that falls a little, so that the road fills half of the picture and more."""
     yaw, rise = np.radians(yaw_deg), -0.03
-    way = np.array([np.cos(yaw), np.sin(yaw), rise])
-    return way / np.linalg.norm(way)
+    direction = np.array([np.cos(yaw), np.sin(yaw), rise])
+    return direction / np.linalg.norm(direction)

@@ -1,13 +1,14 @@
 """Pairs of boxes that overlap, and convex pieces cut by planes: what the geometric checks have in common."""
 
 from collections.abc import Iterator
+from itertools import product
 
 import numpy as np
 import warp as wp
 
 from mmw.kernels.core.box_pairs import pairs_kernel
 
-SMALLEST_CELL = 0.25
+MIN_CELL = 0.25
 """Side of the smallest cell of the grid [m]; smaller boxes share it."""
 
 CHUNK = 100_000_000
@@ -20,46 +21,40 @@ Pairs = tuple[np.ndarray, np.ndarray]
 
 
 def box_pairs(low_a: np.ndarray, high_a: np.ndarray, low_b: np.ndarray, high_b: np.ndarray) -> Iterator[Pairs]:
-    """Yield every pair of a box of set a and a box of set b that overlap or touch, once, in chunks.
+    """Yield every pair of a box of set a and another box of set b that overlap or touch, once, in chunks.
 
-    Boxes of one power of two in size live in a grid with cells of that size, where each lies in few cells; a pair is
-    looked for in the grid of its larger box and taken in the cell that holds the lowest corner of the intersection.
+    Boxes of one power of two in size share a grid with cells of that size, where each lies in few cells; a pair is
+    searched in the grid of its larger box and counted in the cell that holds the lowest corner of the intersection.
 
     Args:
-        low_a: Lower corners of set a, shape [A, D]; the first three axes are metres, further ones are compared alike
-            and span at most `SMALLEST_CELL`.
+        low_a: Lower corners of set a, shape [A, D]; the first three axes are meters, further ones are compared alike
+            and span at most `MIN_CELL`.
         high_a: Upper corners, shape [A, D].
         low_b: The same for set b, shape [B, D].
         high_b: Upper corners, shape [B, D].
     """
     level_a, level_b = _levels(low_a, high_a), _levels(low_b, high_b)
-    for a in np.unique(level_a):
-        for b in np.unique(level_b):
-            cell = np.full(low_a.shape[1], SMALLEST_CELL)
-            cell[:3] = SMALLEST_CELL * 2.0 ** max(a, b)
-            rows_a, rows_b = np.flatnonzero(level_a == a), np.flatnonzero(level_b == b)
-            for i, j in _join(low_a[rows_a], high_a[rows_a], low_b[rows_b], high_b[rows_b], cell):
-                yield rows_a[i], rows_b[j]
+    is_own = low_a is low_b and high_a is high_b
+    for a, b in product(np.unique(level_a), np.unique(level_b)):
+        if is_own and a > b:
+            continue
+        cell = np.full(low_a.shape[1], MIN_CELL)
+        cell[:3] = MIN_CELL * 2.0 ** max(a, b)
+        rows_a, rows_b = np.flatnonzero(level_a == a), np.flatnonzero(level_b == b)
+        for i, j in _join(low_a[rows_a], high_a[rows_a], low_b[rows_b], high_b[rows_b], cell):
+            kept = i < j if is_own and a == b else slice(None)
+            yield rows_a[i[kept]], rows_b[j[kept]]
 
 
 def own_pairs(low: np.ndarray, high: np.ndarray) -> Iterator[Pairs]:
     """Yield every pair of two different boxes of one set that overlap or touch, once; see `box_pairs`."""
-    level = _levels(low, high)
-    levels = np.unique(level)
-    for k, a in enumerate(levels):
-        for b in levels[k:]:
-            cell = np.full(low.shape[1], SMALLEST_CELL)
-            cell[:3] = SMALLEST_CELL * 2.0**b
-            rows_a, rows_b = np.flatnonzero(level == a), np.flatnonzero(level == b)
-            for i, j in _join(low[rows_a], high[rows_a], low[rows_b], high[rows_b], cell):
-                keep = slice(None) if a != b else i < j
-                yield rows_a[i[keep]], rows_b[j[keep]]
+    return box_pairs(low, high, low, high)
 
 
 def _levels(low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Return the power of two of the grid in which each box spans at most two cells an axis, shape [N]."""
-    size = (high - low)[:, :3].max(axis=1, initial=SMALLEST_CELL)
-    return np.ceil(np.log2(size / SMALLEST_CELL)).astype(np.int64)
+    size = (high - low)[:, :3].max(axis=1, initial=MIN_CELL)
+    return np.ceil(np.log2(size / MIN_CELL)).astype(np.int64)
 
 
 def _cells(low: np.ndarray, high: np.ndarray, cell: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -102,7 +97,7 @@ def _join(
 
 
 def _overlapping(given: list[wp.array], span: np.ndarray) -> Pairs:
-    """Return (row, box of set b) of the candidates that overlap; `pairs_kernel` says what is given."""
+    """Return (row, box of set b) of the candidates that overlap; see `pairs_kernel` for its inputs."""
     given = [*given, _on_device(span, wp.int32)]
     offset, none = wp.empty(len(span), dtype=int, device="cpu"), wp.empty(0, dtype=int, device="cpu")
     wp.launch(pairs_kernel, len(span), inputs=[*given, False], outputs=[offset, none, none], device="cpu")
@@ -146,6 +141,12 @@ def clip(points: np.ndarray, count: np.ndarray, normal: np.ndarray, offset: np.n
     keep = np.stack([is_corner & is_in, crosses], axis=2).reshape(rows, 2 * size)
     order = np.argsort(~keep, axis=1, kind="stable")[:, : size + 1]
     return both[row, order], np.minimum(keep.sum(axis=1), size + 1)
+
+
+def spiral(z: np.ndarray) -> np.ndarray:
+    """Return unit vectors at heights z [N] that turn by the golden angle from one to the next, shape [N, 3]."""
+    turn = 2.0 * np.pi * 0.6180339887498949 * np.arange(len(z))
+    return np.stack([np.sqrt(1 - z * z) * np.cos(turn), np.sqrt(1 - z * z) * np.sin(turn), z], axis=1)
 
 
 def area_and_centre(points: np.ndarray, count: np.ndarray) -> Pairs:

@@ -8,15 +8,15 @@ from pathlib import Path
 from mmw.core.resources import town_path
 from mmw.usd.validate import find_problems
 from mmw.worlds.checks.closed_meshes import solid_findings
-from mmw.worlds.checks.components import find_pieces
+from mmw.worlds.checks.components import find_components
 from mmw.worlds.checks.coplanar_faces import coplanar_findings
 from mmw.worlds.checks.findings import SEVERITIES, Finding, Severity
 from mmw.worlds.checks.lane_graph import lane_findings
 from mmw.worlds.checks.materials import material_findings
 from mmw.worlds.checks.road import road_findings
 from mmw.worlds.checks.scale import size_findings
-from mmw.worlds.checks.stage_model import World, open_world
-from mmw.worlds.checks.support import standing_findings
+from mmw.worlds.checks.stage_model import StageModel, open_stage_model
+from mmw.worlds.checks.support import support_findings
 
 _SEVERITY: dict[str, Severity] = {"error": "error", "warn": "warning", "info": "info"}
 
@@ -58,25 +58,25 @@ def check_stage(
     Args:
         path: USD file.
         material_map: Glob of mesh prim paths -> row such as `itu_concrete`, as in a scenario.
-        radio_rows: Radio materials that exist; None to leave that to the run.
+        radio_rows: Radio materials that exist; None to check them at the run only.
 
     Raises:
         InputError: If USD cannot read the file.
     """
-    world = open_world(path)
-    found = [*world.problems, *_usd_findings(world), *material_findings(world, material_map or {}, radio_rows)]
-    found += [*size_findings(world), *lane_findings(world)]
-    if world.faces.size:
-        pieces = find_pieces(world)
-        found += [*road_findings(world), *coplanar_findings(world)]
-        found += [*standing_findings(world, pieces), *solid_findings(world, pieces)]
+    model = open_stage_model(path)
+    found = [*model.problems, *_usd_findings(model), *material_findings(model, material_map or {}, radio_rows)]
+    found += [*size_findings(model), *lane_findings(model)]
+    if model.mesh.faces.size:
+        connected = find_components(model)
+        found += [*road_findings(model), *coplanar_findings(model)]
+        found += [*support_findings(model, connected), *solid_findings(model, connected)]
     order = {severity: k for k, severity in enumerate(SEVERITIES)}
     found.sort(key=lambda finding: (order[finding.severity], finding.rule, finding.path, finding.place or ()))
     return Report(path, tuple(found))
 
 
-def _usd_findings(world: World) -> list[Finding]:
+def _usd_findings(model: StageModel) -> list[Finding]:
     return [
         Finding(_SEVERITY[problem.severity], "usd", problem.site, f"{problem.message} [{problem.validator}]")
-        for problem in find_problems(world.stage)
+        for problem in find_problems(model.stage)
     ]

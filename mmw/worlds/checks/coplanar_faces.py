@@ -1,12 +1,12 @@
-"""Faces that lie in one plane and overlap: a ray that meets them cannot tell which one is there."""
+"""Find faces that lie in one plane and overlap: which of them a ray hits is undefined."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from mmw.worlds.checks.box_pairs import area_and_centre, clip, own_pairs
+from mmw.worlds.checks.box_pairs import area_and_centre, clip, own_pairs, spiral
 from mmw.worlds.checks.findings import Finding, as_place
-from mmw.worlds.checks.stage_model import World
+from mmw.worlds.checks.stage_model import StageModel
 
 PLANE_M = 2.0e-3
 """Faces closer than this lie in one plane [m]; design value, ten times what rays are moved off a surface."""
@@ -21,7 +21,7 @@ MIN_AREA_M2 = 1.0e-3
 """Overlap of two prims that is reported [m2]; design value, 10 cm2."""
 
 VISIBILITY_RAYS = 24
-"""Rays on each side of an overlap that look whether anybody can see it."""
+"""Rays on each side of an overlap that test whether it is visible."""
 
 OFF_SURFACE_M = 5.0e-3
 """Height over an overlap at which those rays start [m]: clear of both faces."""
@@ -29,12 +29,10 @@ OFF_SURFACE_M = 5.0e-3
 FAR_M = 2000.0
 """Length of those rays [m]: beyond a town."""
 
-LOWEST_RISE = 0.03
-"""Sine of the elevation above which a ray that meets nothing has reached the sky [-]."""
+MIN_RISE = 0.03
+"""Sine of the elevation above which a ray that hits nothing has reached the sky [-]."""
 
-GOLDEN_RATIO_INVERSE = 0.6180339887498949
-
-LOOK_SPOTS = 6
+MAX_SPOTS = 6
 """Largest overlaps of a pair of prims that are looked at."""
 
 _SHARE_OF_CELL = 5.0
@@ -53,7 +51,7 @@ class Overlaps:
     place: np.ndarray
     """Middle of the common area [m], shape [P, 3]."""
     is_opposite: np.ndarray
-    """Whether the two look opposite ways, shape [P]."""
+    """Whether the two face opposite directions, shape [P]."""
 
 
 def find_overlaps(corners: np.ndarray, normal: np.ndarray, area: np.ndarray) -> Overlaps:
@@ -139,21 +137,21 @@ def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
 
 
-def coplanar_findings(world: World) -> list[Finding]:
-    """Return overlapping faces by pair of prims: those that somebody can see as errors, hidden ones as information."""
-    if not len(world.faces):
+def coplanar_findings(model: StageModel) -> list[Finding]:
+    """Return overlapping faces by pair of prims: visible ones as errors, hidden ones as information."""
+    if not len(model.mesh.faces):
         return []
-    found = find_overlaps(world.corners, world.normal, world.area)
-    pair = np.sort(np.stack([world.part_of[found.first], world.part_of[found.second]], axis=1), axis=1)
+    found = find_overlaps(model.mesh.corners, model.mesh.normals, model.mesh.areas)
+    pair = np.sort(np.stack([model.part_of[found.first], model.part_of[found.second]], axis=1), axis=1)
     pairs, group = np.unique(pair, axis=0, return_inverse=True)
     group = group.ravel()
     total = np.bincount(group, found.area, len(pairs))
     order = np.lexsort((-found.area, group))
     rank = np.arange(len(order)) - np.searchsorted(group[order], group[order])
-    looked = order[(rank < LOOK_SPOTS) & (total[group[order]] > MIN_AREA_M2)]
+    chosen = order[(rank < MAX_SPOTS) & (total[group[order]] > MIN_AREA_M2)]
     seen = np.zeros(len(found.first), dtype=bool)
-    if len(looked):
-        seen[looked] = is_seen(world, found.place[looked], world.normal[found.first[looked]])
+    if len(chosen):
+        seen[chosen] = is_seen(model, found.place[chosen], model.mesh.normals[found.first[chosen]])
     ends = np.searchsorted(group[order], np.arange(len(pairs) + 1))
     findings = []
     for k, (a, b) in enumerate(pairs):
@@ -162,9 +160,9 @@ def coplanar_findings(world: World) -> list[Finding]:
             continue
         visible = rows[seen[rows]]
         row = visible[0] if len(visible) else rows[0]
-        paths = " and ".join(dict.fromkeys((world.parts[a].path, world.parts[b].path)))
-        way = "look opposite ways" if found.is_opposite[row] else "look the same way"
-        text = f"{len(rows)} pairs of faces overlap in one plane, {total[k]:.3f} m2 in all; they {way}"
+        paths = " and ".join(dict.fromkeys((model.parts[a].path, model.parts[b].path)))
+        facing = "face opposite directions" if found.is_opposite[row] else "face the same direction"
+        text = f"{len(rows)} pairs of faces overlap in one plane, {total[k]:.3f} m2 in all; they {facing}"
         at = as_place(found.place[row])
         if len(visible):
             cure = "remove one of the two, or move them apart by more than 2 mm"
@@ -174,14 +172,14 @@ def coplanar_findings(world: World) -> list[Finding]:
     return findings
 
 
-def is_seen(world: World, place: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """Return whether somebody in the open can see places on surfaces, from either side.
+def is_seen(model: StageModel, place: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """Return whether places on surfaces are visible from the open, from either side.
 
-    A place is seen if a ray from it rises to the sky, or meets the front of a face from where one does. Inside a solid
-    every ray meets a back; inside a box without a bottom it meets the ground, from where nothing rises to the sky.
+    A place is seen if a ray from it rises to the sky, or hits the front of a face from where one does. Inside a solid
+    every ray hits a back; inside a box without a bottom it hits the ground, from where nothing rises to the sky.
 
     Args:
-        world: All triangles.
+        model: All triangles.
         place: Places [m], shape [P, 3].
         normal: Unit normal there, shape [P, 3].
 
@@ -190,16 +188,18 @@ def is_seen(world: World, place: np.ndarray, normal: np.ndarray) -> np.ndarray:
     """
     seen = np.zeros(len(place), dtype=bool)
     for side in (normal, -normal):
-        way = _hemisphere(side)
+        direction = _hemisphere(side)
         start = np.repeat(place + OFF_SURFACE_M * side, VISIBILITY_RAYS, axis=0)
-        t, face = world.rays.cast(start, way, FAR_M)
-        reaches = (face < 0) & (way[:, 2] > LOWEST_RISE)
-        front = np.flatnonzero((face >= 0) & (np.einsum("rx,rx->r", world.normal[face], way) < 0.0))
+        t, face = model.rays.cast(start, direction, FAR_M)
+        reaches = (face < 0) & (direction[:, 2] > MIN_RISE)
+        front = np.flatnonzero((face >= 0) & (np.einsum("rx,rx->r", model.mesh.normals[face], direction) < 0.0))
         if len(front):
-            met = start[front] + way[front] * t[front, None] + OFF_SURFACE_M * world.normal[face[front]]
-            second = _hemisphere(world.normal[face[front]])
-            _, beyond = world.rays.cast(np.repeat(met, VISIBILITY_RAYS, axis=0), second, FAR_M)
-            rises = (beyond < 0) & (second[:, 2] > LOWEST_RISE)
+            hit_point = (
+                start[front] + direction[front] * t[front, None] + OFF_SURFACE_M * model.mesh.normals[face[front]]
+            )
+            second = _hemisphere(model.mesh.normals[face[front]])
+            _, beyond = model.rays.cast(np.repeat(hit_point, VISIBILITY_RAYS, axis=0), second, FAR_M)
+            rises = (beyond < 0) & (second[:, 2] > MIN_RISE)
             reaches[front] = rises.reshape(len(front), -1).any(axis=1)
         seen |= reaches.reshape(len(place), -1).any(axis=1)
     return seen
@@ -207,9 +207,7 @@ def is_seen(world: World, place: np.ndarray, normal: np.ndarray) -> np.ndarray:
 
 def _hemisphere(normal: np.ndarray) -> np.ndarray:
     """Return `VISIBILITY_RAYS` unit directions over the hemisphere about each normal [P, 3], shape [P * rays, 3]."""
-    count = np.arange(VISIBILITY_RAYS)
-    z, turn = (count + 0.5) / VISIBILITY_RAYS, 2.0 * np.pi * GOLDEN_RATIO_INVERSE * count
-    local = np.stack([np.sqrt(1 - z * z) * np.cos(turn), np.sqrt(1 - z * z) * np.sin(turn), z], axis=1)
+    local = spiral((np.arange(VISIBILITY_RAYS) + 0.5) / VISIBILITY_RAYS)
     helper = np.where(np.abs(normal[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
     u = np.cross(helper, normal)
     u /= np.linalg.norm(u, axis=1, keepdims=True)

@@ -1,5 +1,6 @@
 """Report findings of a stage's checks, and merge many places into few."""
 
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
@@ -17,7 +18,7 @@ SPOT_M = 4.0
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that a rule has found."""
+    """One finding of a rule."""
 
     severity: Severity
     rule: str
@@ -38,13 +39,13 @@ class Finding:
         return f"{self.severity}: {self.rule}: {path}{self.message}" + (f"; {self.cure}" if self.cure else "")
 
     def record(self) -> dict[str, Any]:
-        """Return the fields for JSON, the place in millimetres."""
+        """Return the fields for JSON, the place in millimeters."""
         place = None if self.place is None else [round(value, 3) for value in self.place]
         return asdict(self) | {"place": place}
 
 
 def does_not_apply(rule: str, reason: str) -> Finding:
-    """Return the line which says that a rule was not looked at."""
+    """Return the finding that a rule does not apply."""
     return Finding("info", rule, "", f"does not apply: {reason}")
 
 
@@ -52,6 +53,12 @@ def as_place(point: np.ndarray) -> tuple[float, float, float]:
     """Return a point [3] as a place."""
     x, y, z = (float(value) for value in point)
     return x, y, z
+
+
+def listed(names: Iterable[str], most: int = 4) -> str:
+    """Return the first names of a list, and how many more there are."""
+    names = list(names)
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
 def merge_spots(points: np.ndarray) -> list[np.ndarray]:

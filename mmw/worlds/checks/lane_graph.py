@@ -1,10 +1,11 @@
-"""The lanes as a graph: what cannot be reached, where lanes end, and whether they meet."""
+"""Check the lane graph: lanes that cannot be reached, dead ends, gaps, kinks, neighbors."""
 
 import numpy as np
 
 from mmw.traffic.roads.lane_graph import Lane, LaneGraph
-from mmw.worlds.checks.findings import Finding, as_place, does_not_apply
-from mmw.worlds.checks.stage_model import World
+from mmw.worlds.checks.findings import Finding, as_place, does_not_apply, listed
+from mmw.worlds.checks.stage_model import StageModel
+from mmw.worlds.lane_reach import strong_components
 
 GAP_M = 0.05
 """Largest distance from the end of a lane to the start of its successor [m]; design value."""
@@ -15,66 +16,20 @@ KINK_RAD = np.radians(5.0)
 PARALLEL_RAD = np.radians(5.0)
 """Largest angle between neighbours [rad]; design value."""
 
-SHOWN = 6
-"""Names that are listed of a larger set."""
 
-
-def lane_findings(world: World) -> list[Finding]:
+def lane_findings(model: StageModel) -> list[Finding]:
     """Return islands, dead ends, gaps, kinks and neighbours that are none."""
-    graph = world.lanes
+    graph = model.lanes
     if graph is None:
         return [does_not_apply("lanes", "no lanes")]
     return [*_islands(graph), *_ends(graph), *_joints(graph), *_neighbours(graph)]
-
-
-def strong_components(graph: LaneGraph) -> list[list[str]]:
-    """Return the sets of lanes that can all be reached from each other, the largest first, then by name.
-
-    Vehicles go on to successors and change to the lanes beside theirs.
-
-    Source: M. Sharir, Computers & Mathematics with Applications 7(1), 1981 (Kosaraju's two passes).
-    """
-    order: list[str] = []
-    seen: set[str] = set()
-    for root in sorted(graph.lanes):
-        stack = [(root, False)]
-        while stack:
-            name, is_done = stack.pop()
-            if is_done:
-                order.append(name)
-            elif name not in seen:
-                seen.add(name)
-                stack.append((name, True))
-                ahead = (*graph.lanes[name].successors, *_beside(graph, name))
-                stack += [(follower, False) for follower in ahead if follower not in seen]
-    seen.clear()
-    groups = []
-    for root in reversed(order):
-        if root in seen:
-            continue
-        group, queue = [], [root]
-        seen.add(root)
-        while queue:
-            name = queue.pop()
-            group.append(name)
-            behind = (*graph.predecessors[name], *_beside(graph, name))
-            fresh = [before for before in behind if before not in seen]
-            seen.update(fresh)
-            queue += fresh
-        groups.append(sorted(group))
-    return sorted(groups, key=lambda group: (-len(group), group[0]))
-
-
-def _beside(graph: LaneGraph, name: str) -> tuple[str, ...]:
-    """Return the lanes that vehicles on a lane may change to."""
-    return tuple(side for side in (graph.lanes[name].left, graph.lanes[name].right) if side)
 
 
 def _islands(graph: LaneGraph) -> list[Finding]:
     groups = strong_components(graph)
     return [
         Finding(
-            "warning", "islands", f"lane {_listed(group)}",
+            "warning", "islands", f"lane {listed(group, 6)}",
             f"{len(group)} of {len(graph.lanes)} lanes cannot be reached from the others, or not be left to them",
             "join their roads to the rest of the town", as_place(graph.lanes[group[0]].points[0]),
         )
@@ -87,16 +42,12 @@ def _ends(graph: LaneGraph) -> list[Finding]:
     for lane in graph.lanes.values():
         if not lane.successors:
             cure = "give it a successor; vehicles cannot drive on here"
-            found.append(
-                Finding("warning", "dead_ends", f"lane {lane.name}", "leads nowhere", cure, as_place(lane.points[-1]))
-            )
+            place = as_place(lane.points[-1])
+            found.append(Finding("warning", "dead_ends", f"lane {lane.name}", "leads nowhere", cure, place))
         if not graph.predecessors[lane.name]:
-            found.append(
-                Finding(
-                    "warning", "dead_ends", f"lane {lane.name}", "no lane leads to it",
-                    "make it a successor of another one", as_place(lane.points[0]),
-                )
-            )  # fmt: skip
+            cure = "make it a successor of another one"
+            place = as_place(lane.points[0])
+            found.append(Finding("warning", "dead_ends", f"lane {lane.name}", "no lane leads to it", cure, place))
     return found
 
 
@@ -120,20 +71,16 @@ def _neighbours(graph: LaneGraph) -> list[Finding]:
     found = []
     for lane in graph.lanes.values():
         for side, name in (("left", lane.left), ("right", lane.right)):
-            if name:
-                text = _misfit(lane, graph.lanes[name], side)
-                if text:
-                    found.append(
-                        Finding(
-                            "error", "neighbours", f"lane {lane.name} and lane {name}", text,
-                            "correct mmw:lane:left and mmw:lane:right", as_place(lane.points[len(lane.points) // 2]),
-                        )
-                    )  # fmt: skip
+            text = _misfit(lane, graph.lanes[name], side) if name else ""
+            if text:
+                paths, cure = f"lane {lane.name} and lane {name}", "correct mmw:lane:left and mmw:lane:right"
+                place = as_place(lane.points[len(lane.points) // 2])
+                found.append(Finding("error", "neighbours", paths, text, cure, place))
     return found
 
 
 def _misfit(lane: Lane, other: Lane, side: str) -> str:
-    """Return what keeps a lane from being a neighbour, empty if nothing does."""
+    """Return why a lane is no neighbor of another, empty if it is one."""
     back = other.right if side == "left" else other.left
     if back != lane.name:
         return f"the second lies to the {side} of the first, but not the first to the other side of the second"
@@ -152,7 +99,3 @@ def _misfit(lane: Lane, other: Lane, side: str) -> str:
     widest = lane.width + other.width
     distance = float(np.linalg.norm(away[near]))
     return f"neighbours, but {distance:.1f} m apart" if distance > widest else ""
-
-
-def _listed(names: list[str]) -> str:
-    return ", ".join(names[:SHOWN]) + (f" and {len(names) - SHOWN} more" if len(names) > SHOWN else "")

@@ -8,29 +8,25 @@ from pxr import Usd, UsdShade
 from mmw.core.errors import InputError
 from mmw.usd.materials import read_material, resolve_material
 from mmw.worlds.checks.findings import Finding
-from mmw.worlds.checks.stage_model import Part, World
+from mmw.worlds.checks.stage_model import StageMesh, StageModel
 
 
 def material_findings(
-    world: World, material_map: Mapping[str, str], radio_rows: Collection[str] | None
+    model: StageModel, material_map: Mapping[str, str], radio_rows: Collection[str] | None
 ) -> list[Finding]:
-    """Return every mesh prim that lacks something; a prototype is named once, at its first use.
-
-    Args:
-        world: The stage.
-        material_map: Glob of mesh prim paths -> row such as `itu_concrete`, as in a scenario.
-        radio_rows: Radio materials that exist; None to leave that to the run.
-    """
-    uses = Counter(part.source for part in world.parts)
+    """Return every mesh prim that lacks something; a prototype is named once, at its first use."""
+    uses = Counter(part.source for part in model.parts)
     found, seen = [], set()
-    for part in world.parts:
+    for part in model.parts:
         if part.source in seen:
             continue
         seen.add(part.source)
         more = f" ({uses[part.source]} uses)" if uses[part.source] > 1 else ""
         for material in part.materials:
             bound = f"material {material.GetPath()}" if material else "no material is bound"
-            for severity, rule, text, cure in _lacks(world.stage, part, material, material_map, radio_rows):
+            for severity, rule, text, cure in _missing_properties(
+                model.stage, part, material, material_map, radio_rows
+            ):
                 found.append(Finding(severity, rule, part.path, f"{text} ({bound}){more}", cure))
         if part.label == "unlabeled":
             cure = "apply SemanticsLabelsAPI:class with a class of docs/concepts/conventions.md"
@@ -38,9 +34,9 @@ def material_findings(
     return found
 
 
-def _lacks(
+def _missing_properties(
     stage: Usd.Stage,
-    part: Part,
+    part: StageMesh,
     material: Usd.Prim | None,
     material_map: Mapping[str, str],
     radio_rows: Collection[str] | None,

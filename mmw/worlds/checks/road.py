@@ -1,4 +1,4 @@
-"""The road under the lanes, and the room over them: holes, grades, headroom, and things that stand in the way."""
+"""Check the road under the lanes and the space over them: holes, grades, headroom, obstacles."""
 
 import numpy as np
 
@@ -6,10 +6,10 @@ from mmw.traffic.ground_height import Ground
 from mmw.traffic.roads.lane_graph import Lane
 from mmw.traffic.roads.town_asset import DRIVABLE_LABELS
 from mmw.worlds.checks.box_pairs import box_pairs, clip
-from mmw.worlds.checks.findings import Finding, as_place, does_not_apply, merge_spots
-from mmw.worlds.checks.stage_model import World
+from mmw.worlds.checks.findings import Finding, as_place, does_not_apply, listed, merge_spots
+from mmw.worlds.checks.stage_model import StageModel
 
-STEEPEST = 0.20
+MAX_GRADE = 0.20
 """Largest grade of a lane [-]; the limit that towns are built with."""
 
 ALONG_M = 0.5
@@ -39,7 +39,7 @@ LOW_M = 0.3
 """Lower end of the swept volume [m]: what is lower passes under a bumper; kerbs are."""
 
 HIGH_M = 2.5
-"""Height up to which a thing is in the way [m]; above, it takes headroom."""
+"""Height up to which an object is an obstacle [m]; above, it reduces the headroom."""
 
 HEADROOM_M = 4.5
 """Least clearance above a lane [m]: what trucks are given on European roads."""
@@ -48,36 +48,32 @@ EDGE_M = 0.05
 """A road lane is probed to this far inside of its borders [m]."""
 
 
-def road_findings(world: World) -> list[Finding]:
+def road_findings(model: StageModel) -> list[Finding]:
     """Return holes in the road, grades, headroom and obstacles."""
-    if world.lanes is None:
+    if model.lanes is None:
         return [does_not_apply(rule, "no lanes") for rule in ("holes", "grade", "clearance", "obstacles")]
-    found = [finding for lane in world.lanes.lanes.values() for finding in _grade(lane)]
-    if not len(world.drivable):
-        reason = f"no mesh has the class {' or '.join(DRIVABLE_LABELS)}"
-        found.append(
-            Finding(
-                "error", "holes", "", f"{reason}, but there are lanes", "label the road meshes, so wheels find them"
-            )
-        )
+    found = [finding for lane in model.lanes.lanes.values() for finding in _grade(lane)]
+    if not len(model.drivable):
+        text = f"no mesh has the class {' or '.join(DRIVABLE_LABELS)}, but there are lanes"
+        found.append(Finding("error", "holes", "", text, "label the road meshes, so wheels find them"))
     else:
-        found += _holes(world)
-    return found + _in_the_way(world)
+        found += _holes(model)
+    return found + _obstructions(model)
 
 
 def _grade(lane: Lane) -> list[Finding]:
     step = np.diff(lane.points, axis=0)
     grade = np.abs(step[:, 2]) / np.maximum(np.hypot(step[:, 0], step[:, 1]), 1.0e-6)
-    steep = np.flatnonzero(grade > STEEPEST)
+    steep = np.flatnonzero(grade > MAX_GRADE)
     if not len(steep):
         return []
     k = int(np.argmax(grade))
-    text = f"grade {grade[k]:.3f}; more than {STEEPEST:.2f} on {len(steep)} segments"
+    text = f"grade {grade[k]:.3f}; more than {MAX_GRADE:.2f} on {len(steep)} segments"
     return [Finding("error", "grade", f"lane {lane.name}", text, "lengthen the slope", as_place(lane.points[k]))]
 
 
 def probes(lane: Lane, *, is_joined: tuple[bool, bool] = (True, True)) -> tuple[np.ndarray, np.ndarray]:
-    """Return where a lane asks for a road: points [R, 3] at the height of its middle, and distance from it [R] [m].
+    """Return where a lane needs a road: points [R, 3] at the height of its middle, and distance from it [R] [m].
 
     Where no other lane joins its start or its end, the road ends there too, so it is probed to a little inside only.
     """
@@ -100,14 +96,14 @@ def probes(lane: Lane, *, is_joined: tuple[bool, bool] = (True, True)) -> tuple[
     return point, np.abs(offset)
 
 
-def _holes(world: World) -> list[Finding]:
-    assert world.lanes is not None
-    lanes = list(world.lanes.lanes.values())
-    before = world.lanes.predecessors
+def _holes(model: StageModel) -> list[Finding]:
+    assert model.lanes is not None
+    lanes = list(model.lanes.lanes.values())
+    before = model.lanes.predecessors
     each = [probes(lane, is_joined=(bool(before[lane.name]), bool(lane.successors))) for lane in lanes]
     point, offset = (np.concatenate(column) for column in zip(*each, strict=True))
     owner = np.repeat(np.arange(len(lanes)), [len(points) for points, _ in each])
-    height = Ground(world.points, world.faces[world.drivable]).heights(point)
+    height = Ground(model.mesh.points, model.mesh.faces[model.drivable]).heights(point)
     off = height - point[:, 2]
     is_hole = np.isnan(off)
     is_step = ~is_hole & (np.abs(off) > HEIGHT_M + CAMBER * offset)
@@ -116,8 +112,7 @@ def _holes(world: World) -> list[Finding]:
         for spot in merge_spots(point[rows]):
             chosen = rows[spot]
             low, high = point[chosen].min(axis=0), point[chosen].max(axis=0)
-            names = list(dict.fromkeys(lanes[k].name for k in owner[chosen]))
-            shown = ", ".join(names[:4]) + (", ..." if len(names) > 4 else "")
+            shown = listed(dict.fromkeys(lanes[k].name for k in owner[chosen]))
             place = as_place(point[chosen[np.argmin(np.linalg.norm(point[chosen] - (low + high) / 2, axis=1))]])
             size = f"{len(chosen)} probes within {high[0] - low[0]:.1f} x {high[1] - low[1]:.1f} m"
             if rule == "holes":
@@ -131,10 +126,10 @@ def _holes(world: World) -> list[Finding]:
     return findings
 
 
-def _in_the_way(world: World) -> list[Finding]:
+def _obstructions(model: StageModel) -> list[Finding]:
     """Cut every triangle near a lane by the volume that vehicles sweep, segment by segment."""
-    assert world.lanes is not None
-    lanes = list(world.lanes.lanes.values())
+    assert model.lanes is not None
+    lanes = list(model.lanes.lanes.values())
     start = np.concatenate([lane.points[:-1] for lane in lanes])
     step = np.concatenate([np.diff(lane.points, axis=0) for lane in lanes])
     owner = np.repeat(np.arange(len(lanes)), [len(lane.points) - 1 for lane in lanes])
@@ -143,9 +138,9 @@ def _in_the_way(world: World) -> list[Finding]:
     start, step, owner, length = start[kept], step[kept], owner[kept], length[kept]
     low = np.minimum(start, start + step) - (HALF_SWEPT_M, HALF_SWEPT_M, -LOW_M)
     high = np.maximum(start, start + step) + np.array((HALF_SWEPT_M, HALF_SWEPT_M, HEADROOM_M))
-    faces = world.faces_where(not part.is_moving for part in world.parts)
-    corners = world.corners[faces]
-    is_road = np.array([part.label in DRIVABLE_LABELS for part in world.parts], dtype=bool)[world.part_of[faces]]
+    faces = model.faces_where(not part.is_moving for part in model.parts)
+    corners = model.mesh.corners[faces]
+    is_road = np.array([part.label in DRIVABLE_LABELS for part in model.parts], dtype=bool)[model.part_of[faces]]
     found = []
     for i, j in box_pairs(low, high, corners.min(axis=1), corners.max(axis=1)):
         forward = step[i, :2] / length[i, None]
@@ -177,30 +172,26 @@ def _in_the_way(world: World) -> list[Finding]:
     if not found:
         return []
     segment, face, height, offset, place = (np.concatenate(column) for column in zip(*found, strict=True))
-    return _by_prim(world, [lanes[k] for k in owner[segment]], world.part_of[face], height, offset, place)
+    return _by_prim(model, [lanes[k] for k in owner[segment]], model.part_of[face], height, offset, place)
 
 
 def _by_prim(
-    world: World, lanes: list[Lane], part: np.ndarray, height: np.ndarray, offset: np.ndarray, place: np.ndarray
+    model: StageModel, lanes: list[Lane], part: np.ndarray, height: np.ndarray, offset: np.ndarray, place: np.ndarray
 ) -> list[Finding]:
-    """Return one finding for every prim in the way and for every prim that takes headroom; all arrays [hits]."""
+    """Return one finding for every prim that is an obstacle or reduces the headroom; all arrays [hits]."""
     findings = []
     for k in np.unique(part):
-        path = world.parts[k].path
-        for rule, rows in (
-            ("obstacles", np.flatnonzero((part == k) & (height < HIGH_M))),
-            ("clearance", np.flatnonzero((part == k) & (height >= HIGH_M))),
-        ):
-            if not len(rows) or (rule == "clearance" and findings and findings[-1].path == path):
-                continue
-            row = rows[np.argmin(height[rows] if rule == "clearance" else offset[rows])]
-            names = sorted({lanes[r].name for r in rows})
-            shown = ", ".join(names[:4]) + (", ..." if len(names) > 4 else "")
-            if rule == "obstacles":
-                text = f"stands in the way of lane {shown}: {offset[row]:.2f} m from its middle, {height[row]:.2f} m up"
-                cure = f"keep {HALF_SWEPT_M} m on each side of a lane free, from {LOW_M} m to {HIGH_M} m"
-            else:
-                text = f"leaves {height[row]:.2f} m above lane {shown}"
-                cure = f"{HEADROOM_M} m are needed; raise it or lower the road"
-            findings.append(Finding("error", rule, path, text, cure, as_place(place[row])))
+        rows = np.flatnonzero((part == k) & (height < HIGH_M))
+        is_obstacle = len(rows) > 0
+        rows = rows if is_obstacle else np.flatnonzero(part == k)
+        row = rows[np.argmin(offset[rows] if is_obstacle else height[rows])]
+        shown = listed(sorted({lanes[r].name for r in rows}))
+        if is_obstacle:
+            text = f"stands in the way of lane {shown}: {offset[row]:.2f} m from its middle, {height[row]:.2f} m up"
+            cure = f"keep {HALF_SWEPT_M} m on each side of a lane free, from {LOW_M} m to {HIGH_M} m"
+        else:
+            text = f"leaves {height[row]:.2f} m above lane {shown}"
+            cure = f"{HEADROOM_M} m are needed; raise it or lower the road"
+        rule = "obstacles" if is_obstacle else "clearance"
+        findings.append(Finding("error", rule, model.parts[k].path, text, cure, as_place(place[row])))
     return findings

@@ -1,4 +1,4 @@
-"""A stage as the checks see it: every mesh in metres, the lanes, and what could not be read."""
+"""A stage as the checks see it: every mesh in meters, the lanes, and what could not be read."""
 
 import time
 from collections.abc import Iterator
@@ -11,6 +11,7 @@ from pxr import Usd
 
 from mmw.core.bvh import RayMesh
 from mmw.core.errors import InputError
+from mmw.core.mesh import TriangleMesh, merge
 from mmw.traffic.roads.lane_graph import LaneGraph
 from mmw.traffic.roads.lane_prims import has_lanes, read_lanes
 from mmw.traffic.roads.town_asset import DRIVABLE_LABELS
@@ -20,24 +21,20 @@ from mmw.usd.open_stage import open_stage
 from mmw.worlds.checks.findings import Finding
 
 GROUND_LABELS = (*DRIVABLE_LABELS, "sidewalk", "terrain", "ground", "water", "bridge")
-"""Semantic classes that things stand on."""
+"""Semantic classes that support objects."""
 
 
-@dataclass(frozen=True)
-class Part:
-    """One mesh prim where it stands; a mesh that is used many times is as many parts."""
+@dataclass(frozen=True, eq=False)
+class StageMesh(TriangleMesh):
+    """One mesh prim in the world frame; a mesh that is used many times is as many parts."""
 
     prim: Usd.Prim
     path: str
     source: str
     """Prim that holds the mesh: the same for all uses of one prototype."""
-    thing: str
+    object_path: str
     """Prim path of the object: the actor, else the nearest component, else the mesh prim."""
     label: str
-    points: np.ndarray
-    """Vertices in the world frame [m], shape [N, 3], float64."""
-    faces: np.ndarray
-    """Triangles, counter-clockwise seen from the front, shape [M, 3], int32."""
     materials: tuple[Usd.Prim | None, ...]
     """Bound materials, the one of purpose `radio` first; None for faces without one."""
     is_actor: bool
@@ -46,30 +43,23 @@ class Part:
 
 
 @dataclass(frozen=True)
-class World:
+class StageModel:
     """A stage that was read for a check."""
 
     path: Path
     stage: Usd.Stage
     open_s: float
     """Time that opening the stage took [s]."""
-    parts: tuple[Part, ...]
+    parts: tuple[StageMesh, ...]
     lanes: LaneGraph | None
-    """Lanes in metres, z up; None if the stage has none or they cannot be read."""
+    """Lanes in meters, z up; None if the stage has none or they cannot be read."""
     problems: tuple[Finding, ...] = field(default=())
     """Parts that could not be read."""
 
     @cached_property
-    def points(self) -> np.ndarray:
-        """Vertices of all parts [m], shape [N, 3]."""
-        return np.concatenate([np.zeros((0, 3))] + [part.points for part in self.parts])
-
-    @cached_property
-    def faces(self) -> np.ndarray:
-        """Triangles of all parts, shape [M, 3], int64."""
-        offset = np.cumsum([0] + [len(part.points) for part in self.parts])
-        shifted = [part.faces + at for part, at in zip(self.parts, offset[:-1], strict=True)]
-        return np.concatenate([np.zeros((0, 3), dtype=np.int64), *shifted]).astype(np.int64)
+    def mesh(self) -> TriangleMesh:
+        """Triangles of all parts, in order."""
+        return merge(self.parts)
 
     @cached_property
     def part_of(self) -> np.ndarray:
@@ -77,29 +67,9 @@ class World:
         return np.repeat(np.arange(len(self.parts)), [len(part.faces) for part in self.parts])
 
     @cached_property
-    def corners(self) -> np.ndarray:
-        """Corners of each triangle [m], shape [M, 3, 3]."""
-        return self.points[self.faces]
-
-    @cached_property
-    def _cross(self) -> np.ndarray:
-        return np.cross(self.corners[:, 1] - self.corners[:, 0], self.corners[:, 2] - self.corners[:, 0])
-
-    @cached_property
-    def area(self) -> np.ndarray:
-        """Area of each triangle [m2], shape [M]."""
-        return 0.5 * np.linalg.norm(self._cross, axis=1)
-
-    @cached_property
-    def normal(self) -> np.ndarray:
-        """Unit normal of each triangle, shape [M, 3]; zero where it has no area."""
-        has_area = self.area > 0.0
-        return np.where(has_area[:, None], self._cross / np.where(has_area, 2.0 * self.area, 1.0)[:, None], 0.0)
-
-    @cached_property
     def rays(self) -> RayMesh:
         """All triangles, to cast rays on; there must be one."""
-        return RayMesh(self.points, self.faces)
+        return RayMesh(self.mesh.points, self.mesh.faces)
 
     def faces_where(self, is_chosen: Iterator[bool]) -> np.ndarray:
         """Return the numbers of the triangles of chosen parts, given one truth value a part."""
@@ -112,11 +82,11 @@ class World:
 
     @cached_property
     def ground(self) -> np.ndarray:
-        """Numbers of the triangles that things stand on."""
+        """Numbers of the triangles that support objects."""
         return self.faces_where(part.label in GROUND_LABELS for part in self.parts)
 
 
-def open_world(path: Path) -> World:
+def open_stage_model(path: Path) -> StageModel:
     """Open a stage and read it, as far as that is possible.
 
     Raises:
@@ -129,13 +99,13 @@ def open_world(path: Path) -> World:
         Finding("error", "files", "", str(error).strip().splitlines()[-1], "repair the path")
         for error in stage.GetCompositionErrors()
     ]
-    metres = to_metres(stage)
-    parts, broken = _read_parts(stage, metres)
+    meters = to_metres(stage)
+    parts, broken = _read_parts(stage, meters)
     lanes, bad_lanes = _read_lanes(stage)
-    return World(path, stage, open_s, tuple(parts), lanes, (*problems, *broken, *bad_lanes))
+    return StageModel(path, stage, open_s, tuple(parts), lanes, (*problems, *broken, *bad_lanes))
 
 
-def _read_parts(stage: Usd.Stage, metres: np.ndarray) -> tuple[list[Part], list[Finding]]:
+def _read_parts(stage: Usd.Stage, meters: np.ndarray) -> tuple[list[StageMesh], list[Finding]]:
     start = stage.GetStartTimeCode() if stage.HasAuthoredTimeCodeRange() else 0.0
     reader, problems, parts = MeshReader(stage, Usd.TimeCode(start), keeps_flat=True), [], []
     actors = {}
@@ -165,14 +135,14 @@ def _read_parts(stage: Usd.Stage, metres: np.ndarray) -> tuple[list[Part], list[
         if owner and owner not in moves:
             moves[owner] = _moves(actors[owner].prim)
         to_anchor = np.eye(4) if mesh.to_anchor is None else mesh.to_anchor
-        points, faces = place(triangles, to_anchor @ reader.to_world(mesh.anchor) @ metres)
+        points, faces = place(triangles, to_anchor @ reader.to_world(mesh.anchor) @ meters)
         source = mesh.prim.GetPrimInPrototype() if mesh.prim.IsInstanceProxy() else mesh.prim
         parts.append(
-            Part(
+            StageMesh(
                 prim=mesh.prim,
                 path=path,
                 source=str(source.GetPath()),
-                thing=owner or str(component_of(mesh.anchor).GetPath()),
+                object_path=owner or str(component_of(mesh.anchor).GetPath()),
                 label=semantic_label(mesh.prim),
                 points=points,
                 faces=faces,

@@ -1,1 +1,1 @@
-"""Worlds from other tools: each reader returns a `World`, which becomes an ordinary town asset."""
+"""Worlds from other tools: each reader returns a `ImportedScene`, which becomes an ordinary town asset."""

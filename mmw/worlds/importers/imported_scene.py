@@ -4,11 +4,12 @@ from dataclasses import dataclass, field
 
 from mmw.physics.materials.material import RadioMaterial
 from mmw.traffic.roads.lane_graph import LaneGraph
+from mmw.usd.material_library import LIBRARY
 from mmw.worlds.towns.mesh_part import MeshPart
 
 
 @dataclass(frozen=True)
-class ForeignMaterial:
+class ImportedMaterial:
     """A material of the source file that is not one of our library."""
 
     name: str
@@ -27,7 +28,7 @@ class ForeignMaterial:
     radio: RadioMaterial | None = None
     """Radio material of the source; None if it has none."""
     base: str = ""
-    """SimReady base token, a key of `mmw.physics.materials.material.LIDAR_REFLECTANCE_905NM`; empty to take that of
+    """SimReady base token, a key of `mmw.physics.materials.material.LIDAR_REFLECTANCE_905NM`; empty for that of
     the radio row."""
     coating: str = "none"
     """SimReady coating token."""
@@ -35,18 +36,25 @@ class ForeignMaterial:
     """SimReady attribute tokens."""
 
 
+def library_material(name: str) -> ImportedMaterial:
+    """Return a material of the library as an imported one, to be changed."""
+    spec = LIBRARY[name]
+    fields = ("color", "opacity", "metallic", "roughness", "radio", "base", "coating", "attributes")
+    return ImportedMaterial(name, name, **{field: getattr(spec, field) for field in fields})
+
+
 @dataclass(frozen=True)
-class World:
-    """An imported world: z up, metres, x east, y north."""
+class ImportedScene:
+    """An imported world: z up, meters, x east, y north."""
 
     parts: list[MeshPart]
     """Meshes; `path` is below the town's root, `material` names a library material or one of `materials`, `label` a
-    semantic class (`unlabeled` where the source says nothing)."""
-    materials: dict[str, ForeignMaterial] = field(default_factory=dict)
+    semantic class (`unlabeled` where the source has none)."""
+    materials: dict[str, ImportedMaterial] = field(default_factory=dict)
     """Name -> material, for parts whose material is not in the library."""
     lanes: LaneGraph | None = None
     """Lanes that vehicles can drive on; None if the source has none."""
     notes: tuple[str, ...] = ()
     """Omissions and assumptions, one line each."""
     components: frozenset[str] = frozenset()
-    """Paths that the source itself declares as one thing each; others are told from the hierarchy."""
+    """Paths that the source itself declares as components; others follow from the hierarchy."""

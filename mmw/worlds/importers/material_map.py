@@ -1,4 +1,4 @@
-"""The material map of an import: a YAML file that says what the materials of a foreign world are."""
+"""The material map of an import: a YAML file with the materials of an imported scene."""
 
 import re
 from collections.abc import Collection, Mapping
@@ -12,8 +12,8 @@ from mmw.core.errors import InputError
 from mmw.physics.materials.material import RadioMaterial
 from mmw.usd.material_library import LIBRARY
 from mmw.usd.material_map import find_pattern, mapped_radio, unknown_names
-from mmw.worlds.importers.imported_scene import ForeignMaterial, World
-from mmw.worlds.importers.mesh_cleanup import identifier
+from mmw.worlds.importers.imported_scene import ImportedMaterial, ImportedScene, library_material
+from mmw.worlds.importers.mesh_cleanup import free_name, identifier
 from mmw.worlds.towns.mesh_part import MeshPart
 
 NEEDED = 'a map of patterns, such as "*wall*": {radio: itu_brick}'
@@ -24,10 +24,6 @@ def load_material_map(path: str | Path, radio_rows: Collection[str]) -> dict[str
     """Return the entries of a material map, in the file's order.
 
     An entry is a map of keys, or only the name of a radio material (`"*wall*": itu_brick`).
-
-    Args:
-        path: YAML file.
-        radio_rows: Radio materials that exist, such as `itu_brick`.
 
     Raises:
         ConfigError: If the file cannot be read, or with one line for each unknown key, material, row or label.
@@ -51,59 +47,56 @@ def load_material_map(path: str | Path, radio_rows: Collection[str]) -> dict[str
 
 
 @dataclass
-class _Mapped:
+class _MappedMaterials:
     """Materials of the world after the map, by what made them."""
 
-    taken: set[str]
+    used_names: set[str]
     names: dict[tuple[str, str], str] = field(default_factory=dict)  # (source material, pattern) -> name
-    materials: dict[str, ForeignMaterial] = field(default_factory=dict)
+    materials: dict[str, ImportedMaterial] = field(default_factory=dict)
 
-    def name_for(self, key: tuple[str, str], made: ForeignMaterial) -> str:
+    def name_for(self, key: tuple[str, str], imported: ImportedMaterial) -> str:
         if key not in self.names:
-            name, number = made.name, 1
-            while name in self.taken:
-                number += 1
-                name = f"{made.name}_{number}"
-            self.taken.add(name)
+            name = free_name(imported.name, self.used_names)
+            self.used_names.add(name)
             self.names[key] = name
-            self.materials[name] = replace(made, name=name)
+            self.materials[name] = replace(imported, name=name)
         return self.names[key]
 
 
 def apply_material_map(
-    where: str, world: World, entries: Mapping[str, MaterialEntry], radio_rows: Collection[str] | None = None
-) -> World:
-    """Return a world in which every material has a radio description.
+    where: str, scene: ImportedScene, entries: Mapping[str, MaterialEntry], radio_rows: Collection[str] | None = None
+) -> ImportedScene:
+    """Return a scene in which every material has a radio description.
 
-    The first pattern that matches a mesh decides what it says; all else stays as the source has it. A pattern is
+    The first pattern that matches a mesh decides the keys that it has; all others are the source's. A pattern is
     matched against the mesh's prim path in the town (`/Town/Shapes/house`), the same path without `/Town`, and its
     material's name in the source. A material without an entry that names a row (`itu_brick`) in its own name has that.
 
     Args:
         where: The source file, for errors.
-        world: The imported world.
+        scene: The imported scene.
         entries: The material map.
-        radio_rows: Radio materials that exist; None to leave that to the run.
+        radio_rows: Radio materials that exist; None to check them at the run only.
 
     Raises:
         InputError: If a mesh is left without radio material, with the list of all such meshes and a map to fill in, or
             if the source names a radio material that does not exist.
     """
-    found = [(part, _match(part, world, entries)) for part in world.parts]
+    found = [(part, _match(part, scene, entries)) for part in scene.parts]
     by_map = {entries[pattern].material for _, pattern in found if pattern}
-    taken = {part.material for part in world.parts if part.material not in world.materials} | (by_map - {None})
-    mapped, parts, missing = _Mapped({str(name) for name in taken}), [], {}
+    used_names = {part.material for part in scene.parts if part.material not in scene.materials} | (by_map - {None})
+    mapped, parts, missing = _MappedMaterials({str(name) for name in used_names}), [], {}
     for part, pattern in found:
         entry = entries[pattern] if pattern else None
         label = entry.label if entry and entry.label else part.label
-        made = _made(part, world, entry)
-        name = part.material if made is None else ""
+        imported = _imported_material(part, scene, entry)
+        name = part.material if imported is None else ""
         if entry and entry.material:
             name = entry.material
-        elif made is not None:
-            name = mapped.name_for((part.material, pattern if entry and entry.changes else ""), made)
-            if made.radio is None:
-                missing.setdefault(made.source, []).append(f"/Town/{part.path}")
+        elif imported is not None:
+            name = mapped.name_for((part.material, pattern if entry and entry.changes else ""), imported)
+            if imported.radio is None:
+                missing.setdefault(imported.source, []).append(f"/Town/{part.path}")
         parts.append(replace(part, material=name, label=label))
     if missing:
         raise InputError(_missing(where, missing))
@@ -111,30 +104,26 @@ def apply_material_map(
         _check(where, material, radio_rows)
     used = {pattern for _, pattern in found}
     idle = tuple(f"{name!r} of the material map decides nothing" for name in entries if name not in used)
-    return replace(world, parts=parts, materials=mapped.materials, notes=(*world.notes, *idle))
+    return replace(scene, parts=parts, materials=mapped.materials, notes=(*scene.notes, *idle))
 
 
-def _match(part: MeshPart, world: World, entries: Mapping[str, MaterialEntry]) -> str:
+def _match(part: MeshPart, scene: ImportedScene, entries: Mapping[str, MaterialEntry]) -> str:
     """Return the first pattern that matches a mesh, empty if none does."""
-    material = world.materials.get(part.material)
+    material = scene.materials.get(part.material)
     source = material.source if material else part.material
     return find_pattern(entries, f"/Town/{part.path}", f"/{part.path}", source)
 
 
-def _made(part: MeshPart, world: World, entry: MaterialEntry | None) -> ForeignMaterial | None:
+def _imported_material(part: MeshPart, scene: ImportedScene, entry: MaterialEntry | None) -> ImportedMaterial | None:
     """Return a mesh's material with the changes of its entry; None for a library material that stays as it is."""
     changes = entry.changes if entry else {}
-    source = world.materials.get(part.material)
+    source = scene.materials.get(part.material)
     if source is None:
         if part.material not in LIBRARY:
             raise InputError(f"{part.path}: material {part.material!r} is neither in the library nor in the world")
         if not changes or (entry and entry.material):
             return None
-        spec = LIBRARY[part.material]
-        source = ForeignMaterial(
-            part.material, part.material, spec.color, spec.opacity, spec.metallic, spec.roughness, spec.radio,
-            spec.base, spec.coating, spec.attributes,
-        )  # fmt: skip
+        source = library_material(part.material)
     radio, named = source.radio, re.search(r"itu_[a-z_]*[a-z]", source.source)
     if radio is None and named:
         radio = RadioMaterial("itu", itu=named[0])
@@ -167,7 +156,7 @@ def _quoted(name: str) -> str:
     return '"' + literal.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
-def _check(where: str, material: ForeignMaterial, radio_rows: Collection[str] | None) -> None:
+def _check(where: str, material: ImportedMaterial, radio_rows: Collection[str] | None) -> None:
     radio = material.radio
     if radio is None:
         return

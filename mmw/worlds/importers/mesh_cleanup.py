@@ -1,24 +1,23 @@
 """Clean imported meshes: prim names, degenerate triangles, and a plausible size of the world."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from mmw.core.errors import InputError
-from mmw.worlds.importers.imported_scene import World
+from mmw.core.mesh import TriangleMesh, compact
+from mmw.worlds.importers.imported_scene import ImportedScene
+from mmw.worlds.importers.registry import UNITS
 from mmw.worlds.towns.mesh_part import MeshPart
 
-MIN_M, MAX_M = 1.0, 20_000.0
-"""A world smaller or larger than this [m] is taken for a mistake of the unit. Design values."""
+MIN_SIZE_M, MAX_SIZE_M = 1.0, 20_000.0
+"""A world smaller or larger than this [m] is assumed to have a wrong unit. Design values."""
 
-REACH_M = 20_000.0
+MAX_COORDINATE_M = 20_000.0
 """Farthest coordinate from the origin [m]: float32 vertices there are 2 mm apart, `PLANE_M` of
 `mmw.core.planar_surfaces` is 1 mm. Design value."""
-
-UNITS = {"mm": 0.001, "cm": 0.01, "m": 1.0, "km": 1000.0, "in": 0.0254, "ft": 0.3048}
-"""Unit -> metres. Source of inch and foot: international yard and pound agreement, 1959."""
 
 Y_UP = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 """A world with y up, to ours with z up: x stays, y becomes z, z becomes -y. Column vectors, shape [4, 4]."""
@@ -33,21 +32,26 @@ def identifier(name: str) -> str:
     return f"_{name}" if name[0].isdigit() else name
 
 
+def free_name(stem: str, used: Collection[str]) -> str:
+    """Return a name that is not used yet: `stem`, `stem_2`, `stem_3`, ..."""
+    name, number = stem, 1
+    while name in used:
+        number += 1
+        name = f"{stem}_{number}"
+    return name
+
+
 @dataclass
 class PrimNames:
-    """Gives everything a name of its own: the second `wall` below one parent becomes `wall_2`."""
+    """Unique prim names: the second `wall` below one parent becomes `wall_2`."""
 
-    taken: set[str] = field(default_factory=lambda: set(RESERVED))
+    used_names: set[str] = field(default_factory=lambda: set(RESERVED))
     folders: dict[tuple[str, str], str] = field(default_factory=dict)
 
     def child(self, parent: str, name: str) -> str:
         """Return a free path below a parent; an empty parent is the town's root."""
-        stem = f"{parent}/{identifier(name)}".lstrip("/")
-        path, number = stem, 1
-        while path in self.taken:
-            number += 1
-            path = f"{stem}_{number}"
-        self.taken.add(path)
+        path = free_name(f"{parent}/{identifier(name)}".lstrip("/"), self.used_names)
+        self.used_names.add(path)
         return path
 
     def folder(self, parent: str, name: str) -> str:
@@ -58,8 +62,8 @@ class PrimNames:
 
 
 @dataclass
-class PartsList:
-    """Collects the meshes of a source, cleaned."""
+class MeshCollector:
+    """The meshes of a source, cleaned."""
 
     origin: np.ndarray = field(default_factory=lambda: np.zeros(3))
     """Point of the source [m] that becomes (0, 0, 0), shape [3]."""
@@ -77,15 +81,15 @@ class PartsList:
         """Add a mesh, z up; one without triangles is left out.
 
         Args:
-            where: File and thing, for errors.
+            where: File and object, for errors.
             path: Prim path below the town's root.
-            points: Vertices before `origin` is taken off [m], shape [N, 3].
+            points: Vertices before `origin` is subtracted [m], shape [N, 3].
             faces: Triangles, shape [M, 3].
             material: Material name.
             label: Semantic class.
 
         Raises:
-            InputError: If a vertex is not finite, or a face asks for a vertex that is not there.
+            InputError: If a vertex is not finite, or a face refers to a vertex that does not exist.
         """
         points, faces = np.asarray(points, np.float64).reshape(-1, 3), np.asarray(faces).reshape(-1, 3)
         bad = ~np.isfinite(points).all(axis=1)
@@ -96,14 +100,14 @@ class PartsList:
             )
         if len(faces) and not 0 <= faces.min() <= faces.max() < len(points):
             raise InputError(
-                f"{where}: a face asks for vertex {faces.max()} of {len(points)}; existing ones are needed; repair the "
-                "mesh in the tool that made it"
+                f"{where}: a face refers to vertex {faces.max()} of {len(points)}; existing ones are needed; repair "
+                "the mesh in the tool that made it"
             )
-        points, faces, degenerate, repeated = clean(points - self.origin, faces)
+        mesh, degenerate, repeated = clean(points - self.origin, faces)
         self.degenerate += degenerate
         self.repeated += repeated
-        if len(faces):
-            self.parts.append(MeshPart(path, points, faces, material, label))
+        if len(mesh.faces):
+            self.parts.append(MeshPart.of(path, mesh, material, label))
         else:
             self.empty.append(path)
 
@@ -120,32 +124,28 @@ class PartsList:
         return lines
 
 
-def clean(points: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, int, int]:
+def clean(points: np.ndarray, faces: np.ndarray) -> tuple[TriangleMesh, int, int]:
     """Merge equal vertices; drop triangles without area, repeated triangles, and vertices without triangles.
 
     Vertices are compared as the float32 numbers that a USD file holds, so that faces that share an edge in the file
     share it in the mesh. Of triangles with the same three corners, also of opposite winding, the first stays: a wave
-    that met both would be reflected, or weakened, twice.
+    that hits both would be reflected, or weakened, twice.
 
     Args:
         points: Vertices [m], shape [N, 3].
         faces: Triangles, shape [M, 3].
 
     Returns:
-        Vertices, float64 of float32 numbers, and triangles, int32; how many triangles had no area, how many were
-        repeated.
+        The mesh, its vertices float64 of float32 numbers; how many triangles had no area, how many were repeated.
     """
     exact = points.astype(np.float32) + np.float32(0.0)  # no negative zero
     _, first, inverse = np.unique(_as_rows(exact), return_index=True, return_inverse=True)
-    unique, faces = exact[first], inverse.reshape(-1)[faces]
-    corners = unique[faces].astype(np.float64)
-    twice_area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    solid = faces[twice_area > 1e-12]  # the limit of `mmw.core.planar_surfaces.find_surfaces`
+    unique, faces = exact[first].astype(np.float64), inverse.reshape(-1)[faces]
+    # the limit of `mmw.core.planar_surfaces.find_surfaces`
+    solid = faces[2.0 * TriangleMesh(unique, faces).areas > 1e-12]
     corners_of = np.sort(solid, axis=1).astype(np.int32)
     kept = solid[np.sort(np.unique(_as_rows(corners_of), return_index=True)[1])]
-    used, index = np.unique(kept, return_inverse=True)
-    triangles = index.reshape(-1, 3).astype(np.int32)
-    return unique[used].astype(np.float64), triangles, len(faces) - len(solid), len(solid) - len(kept)
+    return compact(unique, kept), len(faces) - len(solid), len(solid) - len(kept)
 
 
 def _as_rows(triples: np.ndarray) -> np.ndarray:
@@ -169,31 +169,26 @@ def linear(srgb: Sequence[float]) -> tuple[float, float, float]:
     return red, green, blue
 
 
-def bounds(world: World) -> tuple[np.ndarray, np.ndarray]:
+def bounds(scene: ImportedScene) -> tuple[np.ndarray, np.ndarray]:
     """Return the lowest and the highest corner of a world [m], shape [3] each."""
-    low = np.min([part.points.min(axis=0) for part in world.parts], axis=0)
-    return low, np.max([part.points.max(axis=0) for part in world.parts], axis=0)
+    low, high = np.swapaxes([part.mesh.bounds for part in scene.parts], 0, 1)
+    return low.min(axis=0), high.max(axis=0)
 
 
-def check_world(where: str, world: World) -> None:
-    """Stop at an empty world, at one of an unlikely size and at one far from its origin.
-
-    Raises:
-        InputError: If the world has no triangle, spans less than `MIN_M` or more than `MAX_M`, or reaches beyond
-            `REACH_M`.
-    """
-    if not world.parts:
+def check_scene(where: str, scene: ImportedScene) -> None:
+    """Raise InputError for a scene without triangles, of an unlikely size, or with coordinates beyond the limits."""
+    if not scene.parts:
         raise InputError(f"{where}: holds no triangle; a world needs surfaces; give a file with meshes")
-    low, high = bounds(world)
+    low, high = bounds(scene)
     size = high - low
     text = " x ".join(f"{length:.4g}" for length in size)
-    if not MIN_M <= size.max() <= MAX_M:
-        wish = "smaller than 1 m" if size.max() < MIN_M else "larger than 20 km"
+    if not MIN_SIZE_M <= size.max() <= MAX_SIZE_M:
+        needed = "smaller than 1 m" if size.max() < MIN_SIZE_M else "larger than 20 km"
         raise InputError(
-            f"{where}: the world is {text} m, {wish}; a wrong unit is likely; say what one unit of the file is with "
+            f"{where}: the world is {text} m, {needed}; a wrong unit is likely; say what one unit of the file is with "
             f"--unit ({', '.join(UNITS)})"
         )
-    if max(np.abs(low).max(), np.abs(high).max()) > REACH_M:
+    if max(np.abs(low).max(), np.abs(high).max()) > MAX_COORDINATE_M:
         middle = " ".join(f"{value:.0f}" for value in (*(0.5 * (low + high))[:2], low[2]))
         raise InputError(
             f"{where}: the world ({text} m) lies around ({middle.replace(' ', ', ')}) m, more than 20 km from its "

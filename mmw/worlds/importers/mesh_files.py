@@ -9,10 +9,10 @@ import numpy as np
 import trimesh
 
 from mmw.core.errors import InputError
-from mmw.worlds.importers.imported_scene import ForeignMaterial, World
-from mmw.worlds.importers.mesh_cleanup import Y_UP, PartsList, PrimNames, identifier, linear, transformed
+from mmw.worlds.importers.imported_scene import ImportedMaterial, ImportedScene
+from mmw.worlds.importers.mesh_cleanup import Y_UP, MeshCollector, PrimNames, free_name, identifier, linear, transformed
+from mmw.worlds.importers.registry import MESHES
 
-SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl", ".off")
 GROUP = "Model"
 """Group below the town's root that holds the meshes."""
 
@@ -20,19 +20,19 @@ SINGLE = (".ply", ".stl", ".off")
 """Formats that hold one mesh, which is called after the file."""
 
 UP_OF_SUFFIX = {".glb": "y", ".gltf": "y"}
-"""Source: glTF 2.0, 3.4: +Y is up, units are metres. The other formats say nothing; z and metres are assumed."""
+"""Source: glTF 2.0, 3.4: +Y is up, units are meters. The other formats say nothing; z and meters are assumed."""
 
 
 def read_meshes(
     path: str | Path, *, up: str = "", unit_m: float = 0.0, origin: Sequence[float] = (0.0, 0.0, 0.0)
-) -> World:
+) -> ImportedScene:
     """Return the meshes of a file.
 
     Every node that has a mesh becomes a prim below `Model`, with its ancestors above it. Instances become meshes of
     their own; a mirroring transform turns the faces over. Textures are not read: a material has the mean colour.
 
     Args:
-        path: File with one of `SUFFIXES`.
+        path: File of a format of `mmw.worlds.importers.registry.MESHES`.
         up: Axis that points up in the file, `y` or `z`; the format's own if empty.
         unit_m: One unit of the file [m]; 1 if zero.
         origin: Point of the world [m] that becomes (0, 0, 0).
@@ -45,11 +45,11 @@ def read_meshes(
     scene = _load(path, suffix)
     up, notes = up or UP_OF_SUFFIX.get(suffix, "z"), []
     if suffix not in UP_OF_SUFFIX and not unit_m:
-        notes.append(f"{suffix[1:]} files say neither unit nor up axis: metres and {up} up are taken (--unit, --up)")
+        notes.append(f"{suffix[1:]} files say neither unit nor up axis: meters and {up} up are assumed (--unit, --up)")
     unit = unit_m or 1.0
     scale = np.diag([unit, unit, unit, 1.0])
     to_world = Y_UP @ scale if up == "y" else scale
-    meshes, materials = PartsList(np.asarray(origin, float)), _Materials()
+    meshes, materials = MeshCollector(np.asarray(origin, float)), _Materials()
     for node, prim in _prim_paths(scene, path.stem, suffix in SINGLE).items():
         matrix, geometry = scene.graph[node]
         mesh = scene.geometry[geometry]
@@ -58,16 +58,16 @@ def read_meshes(
             continue
         points, faces = transformed(mesh.vertices, mesh.faces, to_world @ np.asarray(matrix, float))
         meshes.add(f"{path}: {node}", prim, points, faces, materials.name_of(mesh))
-    return World(meshes.parts, materials.found, None, (*notes, *materials.notes, *meshes.notes()))
+    return ImportedScene(meshes.parts, materials.found, None, (*notes, *materials.notes, *meshes.notes()))
 
 
 def _load(path: Path, suffix: str) -> trimesh.Scene:
     if not path.is_file():
-        raise InputError(f"{path}: no such file; give an existing {', '.join(SUFFIXES)} file")
+        raise InputError(f"{path}: no such file; give an existing {', '.join(MESHES.suffixes)} file")
     options = {"split_objects": True, "split_groups": True} if suffix == ".obj" else {}
     try:
         return trimesh.load_scene(str(path), process=False, **options)
-    except Exception as error:  # trimesh raises whatever its parsers meet
+    except Exception as error:  # trimesh raises any exception of its parsers
         reason = " ".join(str(error).split())[:120] or type(error).__name__
         raise InputError(f"{path}: cannot be read as {suffix[1:]} ({reason}); write the file again") from None
 
@@ -101,7 +101,7 @@ def _prim_paths(scene: trimesh.Scene, stem: str, is_single: bool) -> dict[str, s
 class _Materials:
     """Materials of the file, by what they are: two of the same name may differ."""
 
-    found: dict[str, ForeignMaterial] = field(default_factory=dict)
+    found: dict[str, ImportedMaterial] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     _name_of: dict[tuple, str] = field(default_factory=dict)
 
@@ -112,11 +112,8 @@ class _Materials:
         look = _look(mesh, material)
         key = (source, *look.items())
         if key not in self._name_of:
-            name, number = identifier(source) if source else "no_material", 1
-            while name in self.found:
-                number += 1
-                name = f"{identifier(source) if source else 'no_material'}_{number}"
-            self.found[name] = ForeignMaterial(name, source, **look)
+            name = free_name(identifier(source) if source else "no_material", self.found)
+            self.found[name] = ImportedMaterial(name, source, **look)
             self._name_of[key] = name
             if _texture(material) is not None:
                 self.notes.append(f"material {source or 'without a name'}: of its texture the mean colour is kept")
@@ -132,7 +129,7 @@ def _texture(material: Any) -> Any:
 
 
 def _look(mesh: trimesh.Trimesh, material: Any) -> Mapping[str, Any]:
-    """Return colour, opacity, metallic and roughness of a mesh, as fields of `ForeignMaterial`."""
+    """Return colour, opacity, metallic and roughness of a mesh, as fields of `ImportedMaterial`."""
     if material is None:
         visual: Any = mesh.visual
         if getattr(visual, "kind", None) not in ("face", "vertex"):

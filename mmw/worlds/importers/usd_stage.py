@@ -1,6 +1,6 @@
-"""Any USD stage as a world: its meshes are copied, z up and in metres, with what it says about materials.
+"""Read any USD stage: its meshes, z up and in meters, with its materials, labels and lanes.
 
-The geometry is copied and not referenced, because a reference cannot repair what makes a stage foreign: it takes one
+The geometry is copied and not referenced, because a reference cannot repair such a stage: it has one
 root prim only, so that bindings to materials beside that prim are lost; nothing below an instance can be given a
 material or a label; and left-handed meshes and mirrored transforms stay as they are.
 """
@@ -18,18 +18,16 @@ from mmw.traffic.roads.lane_prims import has_lanes, read_lanes
 from mmw.usd.materials import NONVISUAL, MaterialUse, read_material, resolve_material
 from mmw.usd.meshes import FoundMesh, MeshReader, bound_materials, component_of, place, semantic_label, to_metres
 from mmw.usd.open_stage import check_references, open_stage
-from mmw.worlds.importers.imported_scene import ForeignMaterial, World
-from mmw.worlds.importers.mesh_cleanup import PartsList, PrimNames, identifier
-
-SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
+from mmw.worlds.importers.imported_scene import ImportedMaterial, ImportedScene
+from mmw.worlds.importers.mesh_cleanup import MeshCollector, PrimNames, free_name, identifier
 
 
-def read_usd(path: str | Path, *, unit_m: float = 0.0, origin: Sequence[float] = (0.0, 0.0, 0.0)) -> World:
+def read_usd(path: str | Path, *, unit_m: float = 0.0, origin: Sequence[float] = (0.0, 0.0, 0.0)) -> ImportedScene:
     """Return the meshes, materials, labels, components and lanes of a stage, at its start time.
 
     Args:
         path: USD file.
-        unit_m: One unit of the file [m]; what the stage says if zero.
+        unit_m: One unit of the file [m]; the stage's own if zero.
         origin: Point of the world [m] that becomes (0, 0, 0).
 
     Raises:
@@ -39,19 +37,19 @@ def read_usd(path: str | Path, *, unit_m: float = 0.0, origin: Sequence[float] =
     stage = open_stage(path)
     check_references(stage, path)
     start = stage.GetStartTimeCode() if stage.HasAuthoredTimeCodeRange() else 0.0
-    meshes, metres = MeshReader(stage, Usd.TimeCode(start)), to_metres(stage)
+    meshes, meters = MeshReader(stage, Usd.TimeCode(start)), to_metres(stage)
     if unit_m:
-        metres[:3, :3] *= unit_m / UsdGeom.GetStageMetersPerUnit(stage)
-    reader = _Reader(stage, PartsList(np.asarray(origin, float)))
+        meters[:3, :3] *= unit_m / UsdGeom.GetStageMetersPerUnit(stage)
+    reader = _Reader(stage, MeshCollector(np.asarray(origin, float)))
     found = [mesh for mesh in meshes.meshes() if _is_visible(mesh.anchor, start)]
     reader.above = {str(prefix) for mesh in found for prefix in mesh.anchor.GetPath().GetParentPath().GetPrefixes()}
     for mesh in found:
         to_anchor = np.eye(4) if mesh.to_anchor is None else mesh.to_anchor
-        reader.add(mesh, meshes, to_anchor @ meshes.to_world(mesh.anchor) @ metres, str(path))
+        reader.add(mesh, meshes, to_anchor @ meshes.to_world(mesh.anchor) @ meters, str(path))
     stretch = unit_m / UsdGeom.GetStageMetersPerUnit(stage) if unit_m else 1.0
     lanes = _lanes(stage, stretch, np.asarray(origin, float))
     notes = (*_notes(stage), *reader.notes(), *reader.parts.notes())
-    return World(reader.parts.parts, reader.materials, lanes, notes, frozenset(reader.components))
+    return ImportedScene(reader.parts.parts, reader.materials, lanes, notes, frozenset(reader.components))
 
 
 def _is_visible(prim: Usd.Prim, time: float) -> bool:
@@ -61,9 +59,9 @@ def _is_visible(prim: Usd.Prim, time: float) -> bool:
 @dataclass
 class _Reader:
     stage: Usd.Stage
-    parts: PartsList
+    parts: MeshCollector
     names: PrimNames = field(default_factory=PrimNames)
-    materials: dict[str, ForeignMaterial] = field(default_factory=dict)
+    materials: dict[str, ImportedMaterial] = field(default_factory=dict)
     components: set[str] = field(default_factory=set)
     above: set[str] = field(default_factory=set)  # prims that have meshes below them
     textured: set[str] = field(default_factory=set)
@@ -75,8 +73,8 @@ class _Reader:
         points, faces = place(triangles, matrix)
         materials, index = bound_materials(mesh.prim, triangles.polygon)
         label = semantic_label(mesh.prim)
-        thing, anchor = component_of(mesh.anchor), mesh.anchor
-        is_component = Kind.Registry.IsA(Usd.ModelAPI(thing).GetKind(), Kind.Tokens.component)
+        component_prim, anchor = component_of(mesh.anchor), mesh.anchor
+        is_component = Kind.Registry.IsA(Usd.ModelAPI(component_prim).GetKind(), Kind.Tokens.component)
         is_folder = mesh.to_anchor is not None or len(materials) > 1 or str(anchor.GetPath()) in self.above
         parent = self.folder(anchor if is_folder else anchor.GetParent())
         for k, material in enumerate(materials):
@@ -84,7 +82,7 @@ class _Reader:
             own = name if len(materials) > 1 else mesh.prim.GetName()
             path = self.names.child(parent, own)
             if is_component:
-                self.components.add(path if thing == anchor and not is_folder else self.folder(thing))
+                self.components.add(path if component_prim == anchor and not is_folder else self.folder(component_prim))
             self.parts.add(f"{where}: {mesh.prim.GetPath()}", path, points, faces[index == k], name, label)
 
     def folder(self, prim: Usd.Prim) -> str:
@@ -97,18 +95,15 @@ class _Reader:
         """Return the name of a mesh's material, which is added if it is new."""
         use = resolve_material(mesh_path, label, prim, {})
         if prim is None:
-            self.materials.setdefault("no_material", ForeignMaterial("no_material", ""))
+            self.materials.setdefault("no_material", ImportedMaterial("no_material", ""))
             return "no_material"
         path = str(prim.GetPath())
         known = read_material(self.stage, use or MaterialUse(prim.GetName(), path, RadioMaterial("constant")))
         radio = known.radio if use else None
         if (path, radio) not in self._name_of:
-            name, number = identifier(prim.GetName()), 1
-            while name in self.materials:
-                number += 1
-                name = f"{identifier(prim.GetName())}_{number}"
+            name = free_name(identifier(prim.GetName()), self.materials)
             self._name_of[path, radio] = name
-            self.materials[name] = ForeignMaterial(
+            self.materials[name] = ImportedMaterial(
                 name,
                 prim.GetName(),
                 radio=radio,
@@ -120,7 +115,7 @@ class _Reader:
         return self._name_of[path, radio]
 
     def look(self, prim: Usd.Prim, color: tuple[float, float, float]) -> dict:
-        """Return the numbers of the surface shader, as fields of `ForeignMaterial`."""
+        """Return the numbers of the surface shader, as fields of `ImportedMaterial`."""
         shader = UsdShade.Material(prim).ComputeSurfaceSource()[0]
         if not shader:
             return {}
@@ -149,7 +144,7 @@ def _value(prim: Usd.Prim, name: str, default: object) -> object:
 
 
 def _lanes(stage: Usd.Stage, stretch: float, origin: np.ndarray) -> LaneGraph | None:
-    """Return the lanes of a stage that has some, z up and in metres; `stretch` corrects the stage's unit."""
+    """Return the lanes of a stage that has some, z up and in meters; `stretch` corrects the stage's unit."""
     if not has_lanes(stage):
         return None
     lanes = read_lanes(stage, "/").lanes
@@ -157,10 +152,10 @@ def _lanes(stage: Usd.Stage, stretch: float, origin: np.ndarray) -> LaneGraph | 
 
 
 def _notes(stage: Usd.Stage) -> list[str]:
-    """Return what an import assumes and what it does not keep: motion and variants."""
+    """Return notes on the assumptions of an import, and on motion and variants, which are lost."""
     moving, notes = 0, []
     if not UsdGeom.StageHasAuthoredMetersPerUnit(stage):
-        notes.append("the stage does not say its unit: USD's fallback, the centimetre, is taken (--unit)")
+        notes.append("the stage does not say its unit: USD's fallback, the centimeter, is assumed (--unit)")
     for prim in stage.Traverse():
         moving += prim.IsA(UsdGeom.Xformable) and UsdGeom.Xformable(prim).TransformMightBeTimeVarying()
         sets = prim.GetVariantSets()
@@ -169,5 +164,5 @@ def _notes(stage: Usd.Stage) -> list[str]:
             if len(sets.GetVariantSet(name).GetVariantNames()) > 1:
                 notes.append(f"{prim.GetPath()}: of variant set {name} only {selected or 'none'!r} is kept")
     if moving:
-        notes.append(f"{moving} prims move; they stand where they are at the start (to keep motion, use `stage:`)")
+        notes.append(f"{moving} prims move; they stay where they are at the start (to keep motion, use `stage:`)")
     return notes

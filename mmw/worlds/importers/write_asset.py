@@ -1,4 +1,4 @@
-"""An imported world as a town asset: an interface layer with weather variants over a payload with the geometry.
+"""Write an imported scene as a town asset: an interface layer with weather variants over a payload with the geometry.
 
 Materials of the library come by reference, materials of the source are written into the payload, so that a weather
 variant of the interface layer can override both.
@@ -18,11 +18,11 @@ from mmw.usd import schema
 from mmw.usd.atomic_layers import save_layers
 from mmw.usd.material_library import LIBRARY, MaterialSpec
 from mmw.usd.prim_specs import new_mesh, new_prim, set_label
-from mmw.worlds.importers.imported_scene import ForeignMaterial, World
-from mmw.worlds.materials.library import author_material
+from mmw.worlds.importers.imported_scene import ImportedMaterial, ImportedScene
+from mmw.worlds.materials.library import write_material
 from mmw.worlds.towns.block_description import SHIPPED_WEATHER
 from mmw.worlds.towns.mesh_part import MeshPart
-from mmw.worlds.towns.write_usd import GROUND_MATERIALS, ROOT, interface_layer, metres_z_up
+from mmw.worlds.towns.write_usd import GROUND_MATERIALS, ROOT, interface_layer, set_meters_z_up
 
 UNLABELED = "unlabeled"
 
@@ -50,8 +50,8 @@ class _Node:
         return own.union(*(child.labels() for child in self.children.values()))
 
 
-def write_world(
-    world: World,
+def write_scene(
+    scene: ImportedScene,
     out: str | Path,
     name: str,
     *,
@@ -60,7 +60,7 @@ def write_world(
     """Write an interface layer and its payload, `<name>_geometry.usdc`: both or none, the same input the same bytes.
 
     Args:
-        world: The world, after `check_world` and `apply_material_map`.
+        scene: The scene, after `check_scene` and `apply_material_map`.
         out: Folder of the asset, made if missing, or the interface layer itself, a `.usda`, `.usd` or `.usdc` file.
         name: Name of the asset, and of the interface layer in a folder.
         overwrite: Whether files that are there are replaced.
@@ -77,7 +77,7 @@ def write_world(
     for file in (path, payload):
         if file.exists() and not overwrite:
             raise InputError(f"{file}: is there already; give --overwrite to replace it, or another --out")
-    save_layers({payload: _geometry(world), path: _interface(world, path, payload, name)})
+    save_layers({payload: _geometry(scene), path: _interface(scene, path, payload, name)})
     return path
 
 
@@ -89,26 +89,26 @@ def asset_files(out: str | Path, name: str) -> tuple[Path, Path]:
     return path, path.with_name(f"{path.stem}_geometry.usdc")
 
 
-def _geometry(world: World) -> Sdf.Layer:
+def _geometry(scene: ImportedScene) -> Sdf.Layer:
     """Return the payload: meshes, lanes and the source's own materials."""
     layer = Sdf.Layer.CreateAnonymous("geometry.usdc")
     stage = Usd.Stage.Open(layer)
-    metres_z_up(stage)
+    set_meters_z_up(stage)
     stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, ROOT).GetPrim())
     UsdGeom.Scope.Define(stage, ROOT.AppendChild("Materials"))
-    used = {part.material for part in world.parts}
-    for name, material in world.materials.items():
+    used = {part.material for part in scene.parts}
+    for name, material in scene.materials.items():
         if name in used:
-            author_material(stage, str(ROOT.AppendPath(f"Materials/{name}")), material_spec(material))
+            write_material(stage, str(ROOT.AppendPath(f"Materials/{name}")), material_spec(material))
     with Sdf.ChangeBlock():
-        for node in _tree(world).children.values():
-            _author(layer, node, 1, UNLABELED, False, world.components)
-    if world.lanes is not None:
-        write_lanes(stage, str(ROOT.AppendChild("Lanes")), world.lanes)
+        for node in _tree(scene).children.values():
+            _write_node(layer, node, 1, UNLABELED, False, scene.components)
+    if scene.lanes is not None:
+        write_lanes(stage, str(ROOT.AppendChild("Lanes")), scene.lanes)
     return layer
 
 
-def material_spec(material: ForeignMaterial) -> MaterialSpec:
+def material_spec(material: ImportedMaterial) -> MaterialSpec:
     """Return a foreign material as the library describes its own.
 
     Raises:
@@ -133,9 +133,9 @@ def material_spec(material: ForeignMaterial) -> MaterialSpec:
     )
 
 
-def _tree(world: World) -> _Node:
+def _tree(scene: ImportedScene) -> _Node:
     root = _Node("")
-    for part in world.parts:
+    for part in scene.parts:
         node, names = root, part.path.split("/")
         for depth, name in enumerate(names):
             if not Sdf.Path.IsValidIdentifier(name) or names[0] in ("Materials", "Lanes"):
@@ -149,10 +149,10 @@ def _tree(world: World) -> _Node:
     return root
 
 
-def _author(
+def _write_node(
     layer: Sdf.Layer, node: _Node, depth: int, inherited: str, is_inside: bool, components: Collection[str]
 ) -> None:
-    """Write a prim and what is below it; a label that holds for all of that stands on the prim.
+    """Write a prim and what is below it; a label of all of that is written on the prim.
 
     Everything above a component is a group. A prim right above meshes is a component, unless it is a top-level group.
     """
@@ -170,7 +170,7 @@ def _author(
         inherited = labels.pop()
         set_label(spec, inherited)
     for child in node.children.values():
-        _author(layer, child, depth + 1, inherited, is_inside or kind == Kind.Tokens.component, components)
+        _write_node(layer, child, depth + 1, inherited, is_inside or kind == Kind.Tokens.component, components)
 
 
 def _kind(node: _Node, depth: int, components: Collection[str]) -> str:
@@ -178,15 +178,15 @@ def _kind(node: _Node, depth: int, components: Collection[str]) -> str:
         return Kind.Tokens.component
     if node.part is not None:
         return ""
-    has_things = any(child.part is None or child.path in components for child in node.children.values())
-    return Kind.Tokens.group if depth == 1 or has_things else Kind.Tokens.component
+    has_components = any(child.part is None or child.path in components for child in node.children.values())
+    return Kind.Tokens.group if depth == 1 or has_components else Kind.Tokens.component
 
 
-def _interface(world: World, path: Path, payload: Path, name: str) -> Sdf.Layer:
+def _interface(scene: ImportedScene, path: Path, payload: Path, name: str) -> Sdf.Layer:
     """Return the layer that users refer to, with its library materials."""
-    library = sorted({part.material for part in world.parts if part.material not in world.materials})
+    library = sorted({part.material for part in scene.parts if part.material not in scene.materials})
     wet = [material for material in GROUND_MATERIALS if material in library]
-    layer = interface_layer(name, world.parts, payload.name, SHIPPED_WEATHER, wet)
+    layer = interface_layer(name, scene.parts, payload.name, SHIPPED_WEATHER, wet)
     source = Path(os.path.relpath(assets_dir() / "materials" / "materials.usda", path.parent)).as_posix()
     for material in library:
         spec = new_prim(layer, ROOT.AppendPath(f"Materials/{material}"), "Material")

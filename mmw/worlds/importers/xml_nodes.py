@@ -1,5 +1,6 @@
 """XML elements that know their file and line, so that an error can name them."""
 
+import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -63,3 +64,22 @@ def read_xml(path: Path) -> XmlNode:
         reason = expat.ErrorString(error.code)
         raise InputError(f"{path}:{error.lineno}: not well-formed XML ({reason}); correct that line") from None
     return top.children[0]
+
+
+def parse_xml(path: Path, tag: str, cure: str) -> ElementTree.Element:
+    """Return the root element of a file, whose elements have no namespace.
+
+    Raises:
+        InputError: If the file is missing, no well-formed XML, or its root has another tag.
+    """
+    try:
+        root = ElementTree.parse(path).getroot()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); give the path of an existing file") from None
+    except ElementTree.ParseError as error:
+        raise InputError(f"{path}: broken XML ({error}); {cure}") from None
+    for element in root.iter():
+        element.tag = str(element.tag).rpartition("}")[2]
+    if root.tag != tag:
+        raise InputError(f"{path}: root element <{root.tag}>; <{tag}> is needed; give such a file, or {cure}")
+    return root

@@ -7,13 +7,13 @@ from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade
 from mmw.core.resources import assets_dir
 from mmw.usd import schema
 from mmw.usd.material_library import LAMP, LIBRARY, NONVISUAL, ROOT, MaterialSpec
-from mmw.worlds.materials.shading_networks import TEXTURES, author_picture, author_tile
+from mmw.worlds.materials.shading_networks import TEXTURES, write_picture_nodes, write_tile_nodes
 from mmw.worlds.materials.textures import TILES, Tile, write_tile
 from mmw.worlds.materials.town_decals import TOWN_PICTURES
 from mmw.worlds.materials.vehicle_decals import PICTURES, Picture, write_picture
 
 
-def author_material(
+def write_material(
     stage: Usd.Stage, path: str, spec: MaterialSpec, tile: Tile | None = None, picture: Picture | None = None
 ) -> UsdShade.Material:
     """Write one Material prim: UsdPreviewSurface, SimReady non-visual attributes and `MmwRadioMaterialAPI`.
@@ -45,9 +45,9 @@ def author_material(
     for name, value in scalars.items():
         shader.CreateInput(name, Sdf.ValueTypeNames.Float).Set(value)
     if tile:
-        author_tile(stage, shader, tile, spec.color, spec.roughness)
+        write_tile_nodes(stage, shader, tile, spec.color, spec.roughness)
     if picture:
-        author_picture(stage, shader, picture, spec.emission)
+        write_picture_nodes(stage, shader, picture, spec.emission)
     output = shader.CreateOutput("surface", Sdf.ValueTypeNames.Token)
     material.CreateSurfaceOutput().ConnectToSource(output)
 
@@ -66,11 +66,7 @@ def author_material(
 
 
 def build_materials(path: str | Path) -> None:
-    """Write the whole library as one layer with its textures beside it; the same library gives the same bytes.
-
-    Args:
-        path: File to write, `assets/usd/materials/materials.usda` for the shipped one.
-    """
+    """Write the whole library as one layer with its textures beside it; the same library gives the same bytes."""
     schema.register()
     stage = Usd.Stage.CreateInMemory("materials.usda")
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
@@ -79,7 +75,7 @@ def build_materials(path: str | Path) -> None:
     stage.SetDefaultPrim(root)
     pictures = {**PICTURES, **TOWN_PICTURES}
     for name, spec in LIBRARY.items():
-        author_material(stage, f"{ROOT}/{name}", spec, TILES.get(name), pictures.get(name))
+        write_material(stage, f"{ROOT}/{name}", spec, TILES.get(name), pictures.get(name))
         file = Path(path).parent / TEXTURES / f"{name}.png"
         if name in TILES and not TILES[name].file:
             write_tile(file, TILES[name], spec.color)

@@ -1,4 +1,4 @@
-"""Fields that texture tiles are made of: seamless noise, stones with joints, cracks, leaves. Square arrays, 0 to 1.
+"""Make the fields of texture tiles: seamless noise, stones with joints, cracks, leaves. Square arrays, 0 to 1.
 
 Rows run upward, so row 0 is the lower edge of a tile.
 """

@@ -11,63 +11,49 @@ TEXTURES = "textures"
 _KINDS = Sdf.ValueTypeNames
 
 
-def author_tile(
+def write_tile_nodes(
     stage: Usd.Stage, shader: UsdShade.Shader, tile: Tile, color: tuple[float, float, float], roughness: float
 ) -> None:
-    """Connect a tile to colour, normal and roughness, repeated every `size_m` of `st`: metres on town meshes.
+    """Connect a tile to colour, normal and roughness, repeated every `size_m` of `st`: meters on town meshes.
 
-    The inputs keep their own values too, the means of the textures, for readers that draw none. Roughness is read from
+    The inputs also have their own values, the means of the textures, for readers that draw none. Roughness is read from
     the red channel of the colours' file, through a scale.
-
-    Args:
-        stage: Stage to write to.
-        shader: The UsdPreviewSurface, child `Preview` of its Material prim.
-        tile: The tile; its files are `<name>.png` and `<name>_normal.png`, of its own name or the one that it gives.
-        color: Mean linear colour.
-        roughness: Mean roughness.
     """
     path = shader.GetPath().GetParentPath()
-    st = _author_repeat(stage, path.AppendChild("Repeat"), _author_reader(stage, path), tile.size_m)
+    st = _write_repeat(stage, path.AppendChild("Repeat"), _write_reader(stage, path), tile.size_m)
     file = tile.file or path.name
     at = path.AppendChild("Texture")
-    colors = _author_read(stage, at, f"{file}.png", st, True, (*tile.tint, 1.0), (0.0,) * 4)
+    colors = _write_texture(stage, at, f"{file}.png", st, True, (*tile.tint, 1.0), (0.0,) * 4)
     shader.CreateInput("diffuseColor", _KINDS.Color3f).ConnectToSource(colors.CreateOutput("rgb", _KINDS.Float3))
     if tile.roughness:
         scale, bias = roughness_scale(tile, color, roughness)
         at = path.AppendChild("RoughnessTexture")
-        rough = _author_read(stage, at, f"{file}.png", st, False, (scale,) * 4, (bias,) * 4)
+        rough = _write_texture(stage, at, f"{file}.png", st, False, (scale,) * 4, (bias,) * 4)
         shader.CreateInput("roughness", _KINDS.Float).ConnectToSource(rough.CreateOutput("r", _KINDS.Float))
     if tile.relief:
         if tile.relief_m:
-            st = _author_repeat(stage, path.AppendChild("NormalRepeat"), _author_reader(stage, path), tile.relief_m)
+            st = _write_repeat(stage, path.AppendChild("NormalRepeat"), _write_reader(stage, path), tile.relief_m)
         at = path.AppendChild("NormalTexture")
         scale, bias = (2.0, 2.0, 2.0, 1.0), (-1.0, -1.0, -1.0, 0.0)
-        bent = _author_read(stage, at, f"{file}_normal.png", st, False, scale, bias)
+        bent = _write_texture(stage, at, f"{file}_normal.png", st, False, scale, bias)
         shader.CreateInput("normal", _KINDS.Normal3f).ConnectToSource(bent.CreateOutput("rgb", _KINDS.Float3))
 
 
-def author_picture(
+def write_picture_nodes(
     stage: Usd.Stage, shader: UsdShade.Shader, picture: Picture, emission: tuple[float, float, float]
 ) -> None:
-    """Connect a picture, which fills `st` from 0 to 1, to the colour, and to the emission if it shines.
-
-    Args:
-        stage: Stage to write to.
-        shader: The UsdPreviewSurface, child `Preview` of its Material prim.
-        picture: The picture; its file is `<name>.png`, and that of its light, if it has one, `<name>_light.png`.
-        emission: Emission where the picture, or its light, is white.
-    """
+    """Connect a picture, which fills `st` from 0 to 1, to the colour, and to the emission if it shines."""
     path = shader.GetPath().GetParentPath()
-    st = _author_reader(stage, path)
-    colors = _author_read(stage, path.AppendChild("Texture"), f"{path.name}.png", st, True, (1.0,) * 4, (0.0,) * 4)
+    st = _write_reader(stage, path)
+    colors = _write_texture(stage, path.AppendChild("Texture"), f"{path.name}.png", st, True, (1.0,) * 4, (0.0,) * 4)
     shader.CreateInput("diffuseColor", _KINDS.Color3f).ConnectToSource(colors.CreateOutput("rgb", _KINDS.Float3))
     if picture.shines or picture.light:
         file = f"{path.name}_light.png" if picture.light else f"{path.name}.png"
-        light = _author_read(stage, path.AppendChild("Light"), file, st, True, (*emission, 1.0), (0.0,) * 4)
+        light = _write_texture(stage, path.AppendChild("Light"), file, st, True, (*emission, 1.0), (0.0,) * 4)
         shader.CreateInput("emissiveColor", _KINDS.Color3f).ConnectToSource(light.CreateOutput("rgb", _KINDS.Float3))
 
 
-def _author_reader(stage: Usd.Stage, path: Sdf.Path) -> UsdShade.Output:
+def _write_reader(stage: Usd.Stage, path: Sdf.Path) -> UsdShade.Output:
     """Return the texture coordinates of the mesh."""
     reader = UsdShade.Shader.Define(stage, path.AppendChild("St"))
     reader.CreateIdAttr("UsdPrimvarReader_float2")
@@ -75,7 +61,7 @@ def _author_reader(stage: Usd.Stage, path: Sdf.Path) -> UsdShade.Output:
     return reader.CreateOutput("result", _KINDS.Float2)
 
 
-def _author_repeat(stage: Usd.Stage, path: Sdf.Path, st: UsdShade.Output, size_m: float) -> UsdShade.Output:
+def _write_repeat(stage: Usd.Stage, path: Sdf.Path, st: UsdShade.Output, size_m: float) -> UsdShade.Output:
     """Return coordinates that grow by 1 every `size_m`."""
     scale = UsdShade.Shader.Define(stage, path)
     scale.CreateIdAttr("UsdTransform2d")
@@ -84,7 +70,7 @@ def _author_repeat(stage: Usd.Stage, path: Sdf.Path, st: UsdShade.Output, size_m
     return scale.CreateOutput("result", _KINDS.Float2)
 
 
-def _author_read(
+def _write_texture(
     stage: Usd.Stage,
     path: Sdf.Path,
     file: str,

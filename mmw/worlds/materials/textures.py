@@ -172,7 +172,7 @@ def _gravel() -> Painting:
 
 
 def _roof_shape(size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the curve across a roof tile (1 at its middle), the way up it (0 at its lower edge), and its number."""
+    """Return the curve across a roof tile (1 at its middle), the height on it (0 at its lower edge), and its number."""
     x, y = grid(size)
     row = np.floor(y * 8).astype(int)
     along = x * 8 + 0.5 * (row % 2)
@@ -325,10 +325,6 @@ def _along(tones: Tones, levels: int) -> np.ndarray:
 @cache
 def tile_pixels(tile: Tile, color: tuple[float, float, float]) -> tuple[np.ndarray, np.ndarray]:
     """Return a tile as palette image; the same arrays every time.
-
-    Args:
-        tile: The tile.
-        color: Mean linear colour that it shall have.
 
     Returns:
         Palette index of every pixel, rows downward, shape [N, N], uint8, and sRGB colours, shape [256, 3].

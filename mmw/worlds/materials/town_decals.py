@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from mmw.worlds.materials.vehicle_decals import Picture, write_text
+from mmw.worlds.materials.vehicle_decals import Picture, tiled, write_text
 
 ROOMS = (8, 8)
 """Columns and rows of rooms of `window_glass` and `glass_facade`; rows go on to the right without an end."""
@@ -39,13 +39,6 @@ _ROOM = 64
 _RED, _WHITE, _BLUE, _BLACK = (176, 24, 30), (238, 238, 234), (20, 70, 150), (24, 24, 26)
 
 
-def cell(index: int, cells: tuple[int, int]) -> tuple[float, float, float, float]:
-    """Return where a cell lies in a picture: u, v of its lower left and upper right corner, 0 to 1."""
-    columns, rows = cells
-    row, column = divmod(index % (columns * rows), columns)
-    return column / columns, 1.0 - (row + 1) / rows, (column + 1) / columns, 1.0 - row / rows
-
-
 def _plane(height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
     """Return x to the right and y downward of the pixels' middles [px]."""
     y, x = np.mgrid[0:height, 0:width] + 0.5
@@ -73,34 +66,27 @@ def _sign(name: str) -> np.ndarray:
     """Draw one sign; the plate reaches to the edges of the cell, with its own shape."""
     x, y = _plane(_SIGN, _SIGN)
     half = 0.5 * _SIGN
-    canvas = np.full((_SIGN, _SIGN, 3), 120.0)
+    ground = {"give_way": _RED, "no_entry": _RED, "one_way": _BLUE, "parking": _BLUE, "crossing": _BLUE}
+    canvas = np.full((_SIGN, _SIGN, 3), ground.get(name, _RED if name.startswith("speed") else _WHITE), dtype=float)
     disc = half - np.hypot(x - half, y - half)
     if name == "stop":
-        _paint(canvas, np.ones_like(x), _WHITE)
         _paint(canvas, _regular(x, y, (half - 5) / np.cos(np.pi / 8), 8, np.pi / 8), _RED)
         write_text(canvas, "STOP", (20, 48, 108, 80), _WHITE, 1.0)
     elif name == "give_way":
-        _paint(canvas, np.ones_like(x), _RED)
         _paint(canvas, np.minimum(y - 17, half - 17 - 0.5 * y - np.abs(x - half)), _WHITE)
     elif name.startswith("speed"):
-        _paint(canvas, np.ones_like(x), _RED)
         _paint(canvas, disc - 15, _WHITE)
         write_text(canvas, name[-2:], (36, 44, 92, 84), _BLACK, 1.15)
     elif name == "priority":
-        _paint(canvas, np.ones_like(x), _WHITE)
         _paint(canvas, 0.7 * (half - 16 - np.abs(x - half) - np.abs(y - half)), (236, 176, 20))
     elif name == "one_way":
-        _paint(canvas, np.ones_like(x), _BLUE)
         _paint(canvas, _box(x, y, 56, 50, 72, 108), _WHITE)
         _paint(canvas, np.minimum(y - 20, 0.7 * (y - 18 - 1.1 * np.abs(x - half))) * (y < 54), _WHITE)
     elif name == "parking":
-        _paint(canvas, np.ones_like(x), _BLUE)
         write_text(canvas, "P", (42, 26, 90, 102), _WHITE, 1.3)
     elif name == "no_entry":
-        _paint(canvas, np.ones_like(x), _RED)
         _paint(canvas, _box(x, y, 20, 52, 108, 76), _WHITE)
     elif name == "crossing":
-        _paint(canvas, np.ones_like(x), _BLUE)
         _paint(canvas, np.minimum(y - 16, 0.45 * (y - 14 - 2.0 * np.abs(x - half) + 0.0)) * (y < 112), _WHITE)
         for stripe in range(5):
             _paint(canvas, _box(x, y, 27 + 16 * stripe, 100, 36 + 16 * stripe, 110), _BLACK)
@@ -109,19 +95,14 @@ def _sign(name: str) -> np.ndarray:
         for x0, y0, x1, y1 in limbs:
             along = np.clip(((x - x0) * (x1 - x0) + (y - y0) * (y1 - y0)) / ((x1 - x0) ** 2 + (y1 - y0) ** 2), 0, 1)
             _paint(canvas, 3.6 - np.hypot(x - x0 - along * (x1 - x0), y - y0 - along * (y1 - y0)), _BLACK)
-    elif name == "plain":
-        _paint(canvas, np.ones_like(x), _WHITE)
-    else:
-        _paint(canvas, np.ones_like(x), _WHITE)
+    elif name != "plain":
         _paint(canvas, _box(x, y, 2, 8, _SIGN - 2, _SIGN - 8), _BLUE)
         write_text(canvas, name.upper().replace("_", " "), (10, 36, 118, 92), _WHITE, 0.8)
     return canvas
 
 
 def _signs() -> np.ndarray:
-    columns, rows = SIGN_CELLS
-    faces = [_sign(name) for name in SIGNS]
-    return _bytes(np.concatenate([np.concatenate(faces[k * columns : (k + 1) * columns], 1) for k in range(rows)]))
+    return tiled([_sign(name) for name in SIGNS], SIGN_CELLS[0])
 
 
 def _shops() -> np.ndarray:
@@ -134,7 +115,7 @@ def _shops() -> np.ndarray:
         size = 15.0 * len(name)
         write_text(canvas, name, (0.5 * (width - size), 10, 0.5 * (width + size), 30), letters, 1.0)
         boards.append(canvas)
-    return _bytes(np.concatenate(boards))
+    return tiled(boards, 1)
 
 
 def _manhole() -> np.ndarray:
@@ -152,7 +133,7 @@ def _manhole() -> np.ndarray:
     _paint(canvas, np.clip(2.0 - size * np.abs(away - 0.40), 0, 1), (22, 21, 20))
     _paint(canvas, np.clip(size * (away - 0.43), 0, 1), (96, 92, 87))
     _paint(canvas, _box(x, y, 58, 16, 70, 20) + _box(x, y, 58, 108, 70, 112), (18, 17, 16))
-    return _bytes(canvas)
+    return tiled([canvas], 1)
 
 
 def _grate() -> np.ndarray:
@@ -164,11 +145,7 @@ def _grate() -> np.ndarray:
         left = 10 + 10.2 * slot
         _paint(canvas, _box(x, y, left, 8, left + 5.5, 30) + _box(x, y, left, 34, left + 5.5, 56), (10, 10, 10))
     _paint(canvas, 1.0 - _box(x, y, 1.5, 1.5, width - 1.5, height - 1.5), (30, 29, 28))
-    return _bytes(canvas)
-
-
-def _bytes(canvas: np.ndarray) -> np.ndarray:
-    return np.clip(np.rint(canvas), 0, 255).astype(np.uint8)
+    return tiled([canvas], 1)
 
 
 def _room(rng: np.random.Generator, lit: bool) -> tuple[np.ndarray, np.ndarray]:
@@ -179,7 +156,7 @@ def _room(rng: np.random.Generator, lit: bool) -> tuple[np.ndarray, np.ndarray]:
     canvas = np.ones((_ROOM, _ROOM, 3)) * wall * (0.75 + 0.5 * depth)  # daylight falls on what is low
     back = _box(x, y, rng.uniform(8, 20), 10, rng.uniform(44, 56), 50)
     _paint(canvas, 0.5 * back, 0.7 * wall)
-    if rng.uniform() < 0.5:  # something dark that stands in the room
+    if rng.uniform() < 0.5:  # something dark in the room
         left = rng.uniform(6, 40)
         _paint(canvas, 0.8 * _box(x, y, left, rng.uniform(30, 44), left + rng.uniform(10, 20), 60), 0.45 * wall)
     cloth = rng.uniform(60, 105) * np.array(((1, 0.98, 0.93), (0.92, 0.95, 1), (1, 0.92, 0.8))[int(rng.integers(3))])
@@ -232,7 +209,7 @@ def _sheet(seed: int, draw: _Draw, share: float, layer: int) -> np.ndarray:
     columns, rows = ROOMS
     lit = rng.permutation(columns * rows) < share * columns * rows
     rooms = [draw(np.random.default_rng([seed, k]), bool(lit[k]))[layer] for k in range(columns * rows)]
-    return _bytes(np.concatenate([np.concatenate(rooms[k * columns : (k + 1) * columns], 1) for k in range(rows)]))
+    return tiled(rooms, columns)
 
 
 TOWN_PICTURES: Mapping[str, Picture] = {

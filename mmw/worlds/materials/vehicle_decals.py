@@ -4,7 +4,7 @@ A picture fills the texture coordinates 0 to 1. Its characters are strokes on a 
 that it has the same pixels on every platform. All names and numbers are made up.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -82,19 +82,16 @@ def _distance(x: np.ndarray, y: np.ndarray, start: np.ndarray, end: np.ndarray) 
 
 
 def _plates() -> np.ndarray:
-    """Number plates: dark characters on white, a blue field at the left, a dark rim."""
-    columns, rows = PLATE_CELLS
-    width, height = 256, 64
-    sheet = np.empty((rows * height, columns * width, 3))
-    for index, text in enumerate(PLATE_TEXTS):
-        plate = np.full((height, width, 3), 236.0)
+    """Draw number plates: dark characters on white, a blue field at the left, a dark rim."""
+    plates = []
+    for text in PLATE_TEXTS:
+        plate = np.full((64, 256, 3), 236.0)
         plate[:, :24] = (22, 62, 148)
         write_text(plate, text, (38, 14, 240, 50), (20, 20, 22), 1.0)
         for edge in (plate[:2], plate[-2:], plate[:, :2], plate[:, -2:]):
             edge[:] = 40
-        row, column = divmod(index, columns)
-        sheet[row * height : (row + 1) * height, column * width : (column + 1) * width] = plate
-    return np.rint(sheet).astype(np.uint8)
+        plates.append(plate)
+    return tiled(plates, PLATE_CELLS[0])
 
 
 def _lettering() -> np.ndarray:
@@ -131,11 +128,17 @@ PICTURES: Mapping[str, Picture] = {
 """Material -> the picture that it shows."""
 
 
-def plate_cell(index: int) -> tuple[float, float, float, float]:
-    """Return where a plate lies in the picture `car_plate`: u, v of its lower left and upper right corner, 0 to 1."""
-    columns, rows = PLATE_CELLS
+def cell(index: int, cells: tuple[int, int]) -> tuple[float, float, float, float]:
+    """Return where a cell lies in a picture of columns and rows: u, v of its lower left and upper right corner."""
+    columns, rows = cells
     row, column = divmod(index % (columns * rows), columns)
     return column / columns, 1.0 - (row + 1) / rows, (column + 1) / columns, 1.0 - row / rows
+
+
+def tiled(images: Sequence[np.ndarray], columns: int) -> np.ndarray:
+    """Return images of one size in rows of some columns, from the upper left, as bytes."""
+    rows = [np.concatenate(images[k : k + columns], axis=1) for k in range(0, len(images), columns)]
+    return np.clip(np.rint(np.concatenate(rows)), 0, 255).astype(np.uint8)
 
 
 def mean_color(picture: Picture) -> tuple[float, float, float]:

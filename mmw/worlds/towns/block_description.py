@@ -1,4 +1,4 @@
-"""Sections `blocks`, `buildings`, `props` and `weather` of a town's YAML: what stands between the roads."""
+"""Sections `blocks`, `buildings`, `props` and `weather` of a town's YAML: everything between the roads."""
 
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
@@ -22,7 +22,7 @@ def is_named(name: str, patterns: Sequence[str]) -> bool:
 
 
 class BuildingStyle(Section):
-    """How one kind of building looks and how much ground it takes."""
+    """Appearance and plot of one kind of building."""
 
     facade: str = Field("marble_facade", description="material of the walls (material name)")
     glass: str = Field("window_glass", description="material of the windows (material name)")
@@ -102,7 +102,7 @@ class BlocksSection(Section):
 
 
 class PlacedBuilding(Section):
-    """A building put where the author wants it."""
+    """A building at a given place."""
 
     name: Name = Field(description="name of the prim (name)")
     style: str = Field(description="one of `blocks.styles` (name)")
@@ -115,7 +115,7 @@ class PlacedBuilding(Section):
 
 
 class PlacedProp(Section):
-    """One prop put where the author wants it."""
+    """One prop at a given place."""
 
     kind: str = Field(description="kind of prop, such as `bus_shelter` (name)")
     at: Vec2 = Field(description="position, x east, y north [m]")
@@ -165,7 +165,7 @@ class TownWeather(Section):
 
 
 def _variant(weather: Weather) -> TownWeather:
-    """Return the variant of a preset; its visibility is what the drops of rain leave, to 10 m, else what fog leaves."""
+    """Return the variant of a preset; its visibility is that of the rain, to 10 m, else that of the fog."""
     return TownWeather(
         rain_rate_mm_h=weather.rain_mm_h,
         visibility_m=round(rain_visibility(weather.rain_mm_h), -1) if weather.rain_mm_h else weather.visibility_m,

@@ -10,14 +10,11 @@ from mmw.worlds.towns.strip_mesh import Chain
 def link_chains(chains: list[Chain]) -> list[np.ndarray]:
     """Return closed loops of kerb, sidewalk and verge borders, the carriageway on their left.
 
-    Args:
-        chains: Edges of roads and corners, whose ends coincide exactly.
-
     Returns:
         One table a loop, shape [N, 5, 3], without the repeated last row.
 
     Raises:
-        InputError: If the end of a chain does not meet exactly one start.
+        InputError: If the end of a chain does not touch exactly one start.
     """
     start: dict[tuple[float, float], int] = {}
     for k, chain in enumerate(chains):
@@ -44,14 +41,8 @@ def link_chains(chains: list[Chain]) -> list[np.ndarray]:
     return loops
 
 
-def signed_area(xy: np.ndarray) -> float:
-    """Return the area inside a closed polygon [m^2], positive when counter-clockwise."""
-    x, y = xy[:, 0], xy[:, 1]
-    return 0.5 * float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
-
-
 def enclosed(loops: list[np.ndarray], border: int) -> shapely.Geometry:
-    """Return the region on the left of all loops, taken along one border of the edge strips.
+    """Return the region on the left of all loops, along one border of the edge strips.
 
     Args:
         loops: Tables from `link_chains`.
@@ -67,8 +58,8 @@ def enclosed(loops: list[np.ndarray], border: int) -> shapely.Geometry:
                 f"roads overlap: {shapely.is_valid_reason(polygon)}; "
                 "move the roads there apart or narrow their sidewalks"
             )
-    outer = [p for p, loop in zip(polygons, loops, strict=True) if signed_area(loop[:, border, :2]) > 0]
-    inner = [p for p, loop in zip(polygons, loops, strict=True) if signed_area(loop[:, border, :2]) < 0]
+    outer = [polygon for polygon in polygons if polygon.exterior.is_ccw]
+    inner = [polygon for polygon in polygons if not polygon.exterior.is_ccw]
     tree = shapely.STRtree(polygons)
     a, b = tree.query(np.array(polygons), predicate="overlaps")
     if len(a):

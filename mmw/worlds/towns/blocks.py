@@ -1,4 +1,4 @@
-"""Blocks and lots: what the road corridors leave over is filled with building plans along every street front."""
+"""Blocks and lots: building plans along every street front on the land between the road corridors."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -19,7 +19,7 @@ MAX_BURIED = 1.5  # how far the ground behind a building may lie above its floor
 FOOT_DEPTH = 0.6  # foundation below the lowest ground [m]
 MAX_TURN = math.radians(50)  # between the two ends of a front; more is a street corner [rad]
 TOUCH = 0.02  # buildings placed by hand that are closer than this touch each other [m]
-JOINT = 0.01  # how far the walls of a touching building stand back, so that no two lie in one plane [m]
+JOINT = 0.01  # how far the walls of a touching building are set back, so that no two lie in one plane [m]
 
 
 @dataclass(frozen=True)
@@ -40,9 +40,9 @@ class Lot:
 
 
 def start_west(ring: shapely.LinearRing) -> shapely.LinearRing:
-    """Return the ring begun at its westernmost vertex (to the centimetre; of several, the southernmost).
+    """Return the ring begun at its westernmost vertex (to the centimeter; of several, the southernmost).
 
-    Where a ring begins decides where the first lot or lamp stands, so it must not hang on the last bit of a coordinate.
+    The begin decides the place of the first lot or lamp, so it must not depend on the last bit of a coordinate.
     """
     corners = shapely.get_coordinates(ring)[:-1]
     rounded = np.round(corners, 2)
@@ -52,11 +52,6 @@ def start_west(ring: shapely.LinearRing) -> shapely.LinearRing:
 
 def find_blocks(corridor: shapely.Geometry, land: shapely.Polygon, reach: float) -> list[shapely.Polygon]:
     """Return the land beside the roads, one polygon a block, in a fixed order.
-
-    Args:
-        corridor: Roads with their walks.
-        land: Where the ground is.
-        reach: How far from the roads anything may stand [m].
 
     Returns:
         Polygons, outer rings counter-clockwise, sorted from west to east, then south to north.
@@ -99,16 +94,16 @@ def _district_at(districts: Sequence[District], xy: Sequence[float]) -> District
 
 
 class _Plots:
-    """Plans taken so far, and whether another one fits."""
+    """Plans placed so far, and whether another one fits."""
 
-    def __init__(self, corridor: shapely.Geometry, taken: Sequence[shapely.Geometry]) -> None:
+    def __init__(self, corridor: shapely.Geometry, occupied_plans: Sequence[shapely.Geometry]) -> None:
         self.corridor = corridor
-        self.taken = np.array(list(taken), object)
+        self.occupied_plans = np.array(list(occupied_plans), object)
         self.paved = np.array([], object)
         shapely.prepare(self.corridor)
 
-    def take(self, site: Site) -> None:
-        self.taken = np.append(self.taken, shapely.Polygon(site.ring))
+    def add(self, site: Site) -> None:
+        self.occupied_plans = np.append(self.occupied_plans, shapely.Polygon(site.ring))
         self.paved = np.append(self.paved, shapely.Polygon(site.paved))
 
     def fits(self, site: Site, block: shapely.Polygon, style: BuildingStyle) -> bool:
@@ -118,7 +113,7 @@ class _Plots:
             return False
         if shapely.dwithin(self.paved, paved, 0.2).any():
             return False
-        return not shapely.dwithin(self.taken, outline, style.gap_m - 1e-6).any()
+        return not shapely.dwithin(self.occupied_plans, outline, style.gap_m - 1e-6).any()
 
 
 def _front(ring: shapely.LinearRing, start: float, width: float) -> tuple[np.ndarray, float, np.ndarray]:
@@ -165,12 +160,7 @@ def _try_lot(
 def place_by_hand(buildings: Sequence[PlacedBuilding], corridor: shapely.Geometry, ground: Ground) -> list[Lot]:
     """Return the buildings that the author put in certain places.
 
-    They may share edges: then the walls of both stand back by a joint of 1 cm.
-
-    Args:
-        buildings: The buildings.
-        corridor: Roads with their walks.
-        ground: Height of the ground.
+    They may share edges: then the walls of both are set back by a joint of 1 cm.
 
     Raises:
         InputError: If one reaches into a road, off the ground or into another one.
@@ -196,7 +186,7 @@ def place_by_hand(buildings: Sequence[PlacedBuilding], corridor: shapely.Geometr
 
 
 def forecourt_bounds(lot: Lot, by_hand: Sequence[Lot], areas: Sequence[shapely.Geometry]) -> list[shapely.Geometry]:
-    """Return what the paving around a building placed by hand leaves free: roads, other paving and earlier neighbours.
+    """Return what the paving around a building placed by hand must not cover: roads, paving, neighbors.
 
     Args:
         lot: The building; one along a street has room for its paving, and the result is empty.
@@ -218,16 +208,9 @@ def place_lots(
     corridor: shapely.Geometry,
     land: shapely.Polygon,
     ground: Ground,
-    keep_free: Sequence[shapely.Geometry] = (),
+    reserved_areas: Sequence[shapely.Geometry] = (),
 ) -> tuple[list[Lot], list[shapely.Polygon]]:
     """Return the buildings of a town: those placed by hand, then those along the streets.
-
-    Args:
-        description: Styles, districts, hand-placed buildings and open spaces.
-        corridor: Roads with their walks.
-        land: Extent of the ground in plan.
-        ground: Height of the ground; nothing is built beside it.
-        keep_free: Further areas that stay empty.
 
     Returns:
         The lots, and the blocks that they are on.
@@ -238,10 +221,10 @@ def place_lots(
     blocks_section, styles = description.blocks, description.blocks.styles
     blocks = find_blocks(corridor, shapely.buffer(land, -4.0), blocks_section.reach_m)
     open_spaces = [shapely.Point(s.center).buffer(s.radius_m) for s in blocks_section.open_spaces]
-    plots = _Plots(corridor, [*keep_free, *open_spaces])
+    plots = _Plots(corridor, [*reserved_areas, *open_spaces])
     lots = place_by_hand(description.buildings, corridor, ground)
     for lot in lots:
-        plots.take(lot.site)
+        plots.add(lot.site)
     rng = np.random.default_rng(blocks_section.seed)
     for block in blocks:
         for ring in map(start_west, (block.exterior, *block.interiors)):
@@ -288,6 +271,6 @@ def _along(
             station += STEP
             continue
         if built:
-            plots.take(site)
+            plots.add(site)
             yield site, name, storeys
         station += site.width + style.gap_m

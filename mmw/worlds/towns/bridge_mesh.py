@@ -19,12 +19,7 @@ deck on the outer face, the edge of the soffit, and the foot of the wall."""
 
 
 def build_solid(body: RoadBody, walls: Walls) -> Structure:
-    """Return the solid of a bridge without its piers.
-
-    Args:
-        body: A road with a bridge.
-        walls: Where it is filled.
-    """
+    """Return the solid of a bridge without its piers."""
     _, begin, end = bridge_of(body)
     name, piece = body.road.id, slice(begin, end + 1)
     top, rail, mass = Surface(), Surface(), Surface()
@@ -98,15 +93,7 @@ def _across(body: RoadBody, carriageway: np.ndarray, row: int) -> np.ndarray:
 
 
 def _strip(surface: Surface, material: str, a: np.ndarray, b: np.ndarray, is_left: bool) -> np.ndarray:
-    """Add the strip between two lines of points along the road, and return its triangles turned over, [M, 3, 3].
-
-    Args:
-        surface: Takes the faces.
-        material: Material of the strip.
-        a: Points of the line nearer to the road [m], shape [N, 3].
-        b: Points outward of these to the right, or below them, shape [N, 3].
-        is_left: Whether `b` lies to the left instead.
-    """
+    """Add the strip between two lines of points along the road, and return its triangles turned over, [M, 3, 3]."""
     low, high = surface.add_points(a), surface.add_points(b)
     faces = np.stack(
         [

@@ -7,17 +7,18 @@ import numpy as np
 import shapely
 
 from mmw.core.errors import InputError
+from mmw.core.mesh import TriangleMesh, merge
 from mmw.worlds.towns.checks import MIN_CLEARANCE
 from mmw.worlds.towns.elevated_roads import FOOT, Structure, Walls, bridge_of, outer_offset
 from mmw.worlds.towns.ground_height import Ground
 from mmw.worlds.towns.mesh_part import MeshPart
-from mmw.worlds.towns.primitives import Mesh, circle, merge, place, prism, quads
+from mmw.worlds.towns.primitives import circle, place, prism, quads
 from mmw.worlds.towns.roads import RoadBody
 
 CLEAR = 0.5
 """Least distance of a column from the corridor of a road on the ground [m]; design value."""
 COLUMN_PITCH = 9.0
-"""A cross-head has a column for every so many metres of its length, begun [m]; design value."""
+"""A cross-head has a column for every so many meters of its length, begun [m]; design value."""
 HEAD_DEPTH = 1.0
 """Depth of a cross-head below the soffit [m]; design value."""
 HEAD_MARGIN = 0.75
@@ -75,11 +76,11 @@ def add_piers(
     count = max(1, round((last - first) / bridge.piers_every))
     pitch = (last - first) / count
     ring = _ring(bridge.columns, bridge.column_width)
-    keep_off = shapely.buffer(blocked, CLEAR + np.linalg.norm(ring[0]))
-    shapely.prepare(keep_off)
+    avoided = shapely.buffer(blocked, CLEAR + np.linalg.norm(ring[0]))
+    shapely.prepare(avoided)
     meshes, plans, heads = [], [structure.supports], [structure.underside]
     for k in range(1, count):
-        tries = _tries(body, first + k * pitch, 0.45 * pitch, keep_off)
+        tries = _tries(body, first + k * pitch, 0.45 * pitch, avoided)
         fits = ((site, t) for site, t in tries if _is_clear(site, t, carriageway, ground))
         site, columns = next(fits, (None, None))
         if site is None or columns is None:
@@ -104,7 +105,7 @@ def add_piers(
         heads.append(low)
     if not meshes:
         return structure
-    part = MeshPart(f"Bridges/{name}/piers", *merge(meshes), "concrete_structure", "bridge")
+    part = MeshPart.of(f"Bridges/{name}/piers", merge(meshes), "concrete_structure", "bridge")
     return replace(
         structure,
         parts=(*structure.parts, part),
@@ -125,7 +126,7 @@ def _site(body: RoadBody, station: float) -> _Site:
 
 
 def _tries(
-    body: RoadBody, station: float, reach: float, keep_off: shapely.Geometry
+    body: RoadBody, station: float, reach: float, avoided: shapely.Geometry
 ) -> Iterator[tuple[_Site, np.ndarray]]:
     """Yield places for a pier with the lateral positions of its columns [m], the best first."""
     half = outer_offset(body)
@@ -134,18 +135,18 @@ def _tries(
     steps = np.arange(0.0, reach, TRY_STEP)
     sites = [_site(body, station + sign * step) for step in steps for sign in ((1, -1) if step else (1,))]
     for site in sites:
-        if _is_free(site, regular, keep_off).all():
+        if _is_free(site, regular, avoided).all():
             yield site, regular
     beside = np.arange(0.5 * half, half + REACH, TRY_STEP)
     for site in sites:
-        free = [np.flatnonzero(_is_free(site, sign * beside, keep_off)) for sign in (-1, 1)]
+        free = [np.flatnonzero(_is_free(site, sign * beside, avoided)) for sign in (-1, 1)]
         if all(len(found) for found in free):
             yield site, np.array([-beside[free[0][0]], beside[free[1][0]]])
 
 
-def _is_free(site: _Site, offset: np.ndarray, keep_off: shapely.Geometry) -> np.ndarray:
+def _is_free(site: _Site, offset: np.ndarray, avoided: shapely.Geometry) -> np.ndarray:
     points = site.at(offset)
-    return ~shapely.intersects_xy(keep_off, points[:, 0], points[:, 1])
+    return ~shapely.intersects_xy(avoided, points[:, 0], points[:, 1])
 
 
 def _is_clear(site: _Site, columns: np.ndarray, carriageway: shapely.Geometry, ground: Ground) -> bool:
@@ -161,7 +162,7 @@ def _ring(form: str, width: float) -> np.ndarray:
     return circle(0.5 * width, SIDES) if form == "round" else circle(width / np.sqrt(2), 4, np.pi / 4)
 
 
-def _head(site: _Site, columns: np.ndarray, half: float, width: float) -> tuple[Mesh, np.ndarray]:
+def _head(site: _Site, columns: np.ndarray, half: float, width: float) -> tuple[TriangleMesh, np.ndarray]:
     """Return a cross-head, a box across the road that reaches a little into the deck, and its underside facing up."""
     reach = max(half - HEAD_MARGIN, float(np.abs(columns).max()) + 0.5 * width + 0.2)
     along = 0.5 * width + 0.2

@@ -11,7 +11,7 @@ import shapely
 from mmw.core.errors import InputError
 from mmw.core.resources import assets_dir, shipped_towns
 from mmw.traffic.roads.lane_graph import LaneGraph
-from mmw.traffic.roads.sidewalk_prims import Walk
+from mmw.traffic.roads.sidewalk_prims import Sidewalk
 from mmw.usd.vehicle_catalog import load_catalog
 from mmw.worlds.towns.block_description import TownWeather
 from mmw.worlds.towns.blocks import forecourt_bounds, place_by_hand, place_lots
@@ -24,9 +24,8 @@ from mmw.worlds.towns.parked_prims import ParkedCar
 from mmw.worlds.towns.parking import find_parking, park_all
 from mmw.worlds.towns.paved_areas import area_regions, pave
 from mmw.worlds.towns.prop_placement import place_props
-from mmw.worlds.towns.sidewalk_lines import standing, walk_lines
+from mmw.worlds.towns.sidewalk_lines import obstacle_plans, sidewalk_lines
 from mmw.worlds.towns.skybridges import TOUCH, build_skybridge, find_span
-from mmw.worlds.towns.terrain import build_terrain
 from mmw.worlds.towns.write_usd import PAYLOAD, write_town
 
 
@@ -36,8 +35,6 @@ class TownReport:
 
     path: Path
     """The interface layer."""
-    meshes: dict[str, int]
-    """Group -> number of Mesh prims."""
     triangles: dict[str, int]
     """Group -> number of triangles."""
     buildings: int
@@ -64,7 +61,7 @@ class TownParts:
     """All meshes, ground first."""
     lanes: LaneGraph
     parked: list[ParkedCar]
-    walks: list[Walk]
+    walks: list[Sidewalk]
 
 
 def town_parts(description: TownDescription) -> TownParts:
@@ -74,9 +71,8 @@ def town_parts(description: TownDescription) -> TownParts:
         InputError: If the description cannot be built; the message says where.
     """
     network = build_network(description)
-    terrain = build_terrain(description, network)
-    parking = find_parking(description, network, terrain)
-    terrain = pave(terrain, [*parking.regions, *area_regions(description.paved)])
+    parking = find_parking(description, network)
+    terrain = pave(network.terrain, [*parking.regions, *area_regions(description.paved)])
     parts = [*network.parts, *terrain]
     ground = Ground(parts)
     carriageway, corridor = (shapely.normalize(area) for area in (network.carriageway, network.corridor))
@@ -98,8 +94,8 @@ def town_parts(description: TownDescription) -> TownParts:
         style = description.blocks.styles[lot.style]
         if any(shapely.dwithin(span.plan, lot.outline, TOUCH) for span in spans):
             style = style.model_copy(update={"balconies": False})  # they would reach into the bridge
-        keep_off = forecourt_bounds(lot, lots[: len(by_hand)], [corridor, *paved, *columns])
-        parts += build_building(lot.name, style, lot.site, lot.storeys, rng, keep_off, lot.is_joined)
+        avoided = forecourt_bounds(lot, lots[: len(by_hand)], [corridor, *paved, *columns])
+        parts += build_building(lot.name, style, lot.site, lot.storeys, rng, avoided, lot.is_joined)
     parts += network.structure_parts
     for span in spans:
         parts += build_skybridge(span, ground)
@@ -109,7 +105,7 @@ def town_parts(description: TownDescription) -> TownParts:
         description, carriageway, network.lanes, lots, blocks, ground, solid, [*above, *paved], network.centre_lines
     )
     supports = [structure.supports for structure in network.structures]
-    walks = walk_lines(network.edges, [*standing(props, ground), *columns, *supports])
+    walks = sidewalk_lines(network.edges, [*obstacle_plans(props, ground), *columns, *supports])
     parked = park_all(parking, load_catalog() if parking.groups else {}, ground)
     return TownParts([*parts, *props], network.lanes, parked, walks)
 
@@ -127,7 +123,7 @@ def build_town(
         description_path: The YAML file.
         out_dir: Folder of the town asset.
         materials: The material library to reference; the shipped one by default.
-        radio_rows: Radio materials that exist, such as `itu_wet_ground`; None to leave that to the run.
+        radio_rows: Radio materials that exist, such as `itu_wet_ground`; None to check them at the run only.
 
     Raises:
         InputError: If the description is wrong or cannot be built.
@@ -141,18 +137,15 @@ def build_town(
         path = write_town(out_dir, name, parts, town.lanes, weather, materials, town.parked, town.walks)
     except InputError as error:
         raise InputError(f"{description_path}: {error}") from None
-    meshes: Counter[str] = Counter()
     triangles: Counter[str] = Counter()
     for part in parts:
         group = part.path.split("/")[0]
-        meshes[group] += 1
         triangles[group] += len(part.faces)
     components = {tuple(part.path.split("/")[:2]) for part in parts}
     count = Counter(group for group, _ in components)
     size = path.stat().st_size + (path.parent / PAYLOAD).stat().st_size
     return TownReport(
         path,
-        dict(meshes),
         dict(triangles),
         count["Buildings"],
         count["Props"],

@@ -13,12 +13,13 @@ import shapely
 from shapely.affinity import affine_transform
 from shapely.geometry.polygon import orient
 
+from mmw.core.mesh import TriangleMesh, merge
 from mmw.worlds.towns.block_description import BuildingStyle
 from mmw.worlds.towns.building_footprints import Plan, rectangle
 from mmw.worlds.towns.facade_details import balconies, belt, entrance, shop_front
 from mmw.worlds.towns.facades import DOOR, GLASS, WALL, facade_cells, height_of
 from mmw.worlds.towns.mesh_part import MeshPart
-from mmw.worlds.towns.primitives import Mesh, box, merge, place, prism, wall_cells, weld
+from mmw.worlds.towns.primitives import box, place, prism, wall_cells, weld
 from mmw.worlds.towns.roofs import Meshes, add_chimney, add_equipment, add_plant_room, flat_roof, gable_roof, hip_roof
 
 FORECOURT = (2.4, 1.2)  # paved ground in front of and beside a building with a flat roof [m]
@@ -76,13 +77,13 @@ def _walls(
                 out[name].append(meshes[kind])
 
 
-def _forecourt(site: Site, keep_off: Sequence[shapely.Geometry]) -> Mesh:
-    """Return the paving around a building, a hand's breadth below its floor, without what lies in `keep_off`."""
+def _forecourt(site: Site, avoided: Sequence[shapely.Geometry]) -> TriangleMesh:
+    """Return the paving around a building, a hand's breadth below its floor, without what lies in `avoided`."""
     front, side = FORECOURT
     size = (site.width + 2 * side, site.depth + front + side, site.floor - 0.1 - site.foot)
     middle = (0.0, 0.5 * (side - front), 0.5 * (site.floor - 0.1 + site.foot))
     cos, sin = np.cos(site.yaw), np.sin(site.yaw)
-    own = [affine_transform(a, [cos, sin, -sin, cos, *_origin(site)]) for a in keep_off]
+    own = [affine_transform(a, [cos, sin, -sin, cos, *_origin(site)]) for a in avoided]
     paved = shapely.Polygon(rectangle(*size[:2]) + middle[:2])
     if not any(shapely.intersects(paved, area) for area in own):
         return box(size, middle, bottom=False)
@@ -113,7 +114,7 @@ def build_building(
     site: Site,
     storeys: int,
     rng: np.random.Generator,
-    keep_off: Sequence[shapely.Geometry] = (),
+    avoided: Sequence[shapely.Geometry] = (),
     is_joined: bool = False,
 ) -> list[MeshPart]:
     """Return the meshes of one building, one for each material and use.
@@ -124,7 +125,7 @@ def build_building(
         site: Plan, ground floor and foot, in the town frame.
         storeys: Storeys above the ground floor level, the ground storey included, >= 1.
         rng: Chooses the form of the plan, roof equipment, chimneys, balconies and awnings.
-        keep_off: Areas that its forecourt leaves free, in the town frame.
+        avoided: Areas that its forecourt leaves free, in the town frame.
         is_joined: Whether it shares an edge with a neighbour, so that belts and cornices have no room.
     """
     out: Meshes = defaultdict(list)
@@ -152,7 +153,7 @@ def build_building(
         (gable_roof if style.roof_form == "gable" else hip_roof)(style, site.width, site.depth, top, out)
         add_chimney(style, site.width, site.depth, top, rng, out)
     if is_flat:
-        out["forecourt"].append(_forecourt(site, keep_off))
+        out["forecourt"].append(_forecourt(site, avoided))
     awning = AWNINGS[int(rng.integers(len(AWNINGS)))] if style.shop_front else ""
     if style.shop_front:
         shop_front(style, plan, floor, out)
@@ -166,9 +167,9 @@ def build_building(
     label = {"forecourt": "sidewalk"}
     at = (*site.center, 0.0)
     return [
-        MeshPart(
+        MeshPart.of(
             f"Buildings/{name}/{part}",
-            *place(weld(merge(out[part])), at, site.yaw),
+            place(weld(merge(out[part])), at, site.yaw),
             material[part],
             label.get(part, "building"),
         )

@@ -8,27 +8,29 @@ import shapely
 
 from mmw.core.errors import InputError
 from mmw.traffic.roads.lane_graph import Lane, LaneGraph
+from mmw.worlds.lane_reach import ahead, behind, reach
 from mmw.worlds.towns.alignment import Elevation
 from mmw.worlds.towns.elevated_roads import Structure
+from mmw.worlds.towns.plan_geometry import row_stations
 from mmw.worlds.towns.roads import RoadBody
 
-STEEPEST = 0.20
+MAX_GRADE = 0.20
 """Largest grade of a road [-]; design value, steeper than all but a few streets."""
 MIN_CLEARANCE = 5.0
 """Least height from a carriageway to the underside of a bridge [m]: the 4.5 m of headroom that trucks are given, and
-half a metre for later layers of asphalt; design value."""
+half a meter for later layers of asphalt; design value."""
 HALF_VEHICLE = 1.3
 """Least distance from the middle of a lane to a kerb [m]: half the width of a city bus (2.55 m), rounded up."""
 
 
 def check_grade(name: str, elevation: Elevation) -> None:
     """Raise InputError if a road is steeper than 0.20."""
-    if elevation.steepest > STEEPEST:
+    if elevation.steepest > MAX_GRADE:
         grade = np.abs(np.diff(elevation.height) / np.diff(elevation.station))
         k = int(np.argmax(grade))
         raise InputError(
             f"road {name!r}: grade {grade[k]:.3f} between stations {elevation.station[k]:.1f} and "
-            f"{elevation.station[k + 1]:.1f} m; {STEEPEST:.2f} or less is needed; lengthen the slope or lower its end"
+            f"{elevation.station[k + 1]:.1f} m; {MAX_GRADE:.2f} or less is needed; lengthen the slope or lower its end"
         )
 
 
@@ -101,7 +103,7 @@ def _plane(triangles: np.ndarray, xy: np.ndarray) -> np.ndarray:
 
 def _height_on(line: np.ndarray, x: float, y: float) -> float:
     """Height of a polyline where it passes closest to a point in plan [m]."""
-    station = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line[:, :2], axis=0), axis=1))])
+    station = row_stations(line[:, :2])
     at = shapely.line_locate_point(shapely.LineString(line[:, :2]), shapely.Point(x, y))
     return float(np.interp(at, station, line[:, 2]))
 
@@ -123,9 +125,9 @@ def check_lanes(graph: LaneGraph, kerb: shapely.Geometry, own: dict[str, shapely
             raise InputError(f"lane {lane.name!r} has no predecessor; join a road that leads to it")
         step = np.diff(lane.points, axis=0)
         grade = float(np.max(np.abs(step[:, 2]) / np.hypot(step[:, 0], step[:, 1])))
-        if grade > STEEPEST:
+        if grade > MAX_GRADE:
             raise InputError(
-                f"lane {lane.name!r}: grade {grade:.3f} on the inside of a bend; {STEEPEST:.2f} or less is needed; "
+                f"lane {lane.name!r}: grade {grade:.3f} on the inside of a bend; {MAX_GRADE:.2f} or less is needed; "
                 "lengthen the slope or widen the bend"
             )
         distance = _kerb_distance(lane, own.get(lane.name, kerb))
@@ -139,19 +141,10 @@ def check_lanes(graph: LaneGraph, kerb: shapely.Geometry, own: dict[str, shapely
 def check_connected(graph: LaneGraph) -> None:
     """Raise InputError if some lane cannot be reached from another: vehicles would gather in one part of the town."""
     first = next(iter(graph.lanes))
-    beside = {name: tuple(side for side in (lane.left, lane.right) if side) for name, lane in graph.lanes.items()}
-    onward = {name: (*lane.successors, *beside[name]) for name, lane in graph.lanes.items()}
-    backward = {name: (*before, *beside[name]) for name, before in graph.predecessors.items()}
-    for reach, way in ((onward, "reached from"), (backward, "left towards")):
-        seen, queue = {first}, [first]
-        while queue:
-            for name in reach[queue.pop()]:
-                if name not in seen:
-                    seen.add(name)
-                    queue.append(name)
-        lost = sorted(set(graph.lanes) - seen)
+    for step, verb in ((ahead(graph), "reached from"), (behind(graph), "left towards")):
+        lost = sorted(set(graph.lanes) - reach(first, step))
         if lost:
-            raise InputError(f"lane {lost[0]!r} cannot be {way} lane {first!r}; join its road to the rest of the town")
+            raise InputError(f"lane {lost[0]!r} cannot be {verb} lane {first!r}; join its road to the rest of the town")
 
 
 def _kerb_distance(lane: Lane, kerb: shapely.Geometry) -> float:

@@ -1,4 +1,4 @@
-"""Elevated roads: where a bridge stands on walls, where on piers, and how the ground closes around it."""
+"""Elevated roads: where walls carry a bridge, where piers, and how the ground closes around it."""
 
 from dataclasses import dataclass
 
@@ -30,7 +30,7 @@ class Structure:
     plan: shapely.Polygon
     """Everything between the outer faces of the parapets."""
     supports: shapely.Geometry
-    """Plan of what stands on the ground: walls, fill and columns."""
+    """Plan of walls, fill and columns on the ground."""
     surface: np.ndarray
     """Triangles of the carriageway, facing up [m], shape [M, 3, 3]."""
     underside: np.ndarray
@@ -95,13 +95,9 @@ def plan_of(body: RoadBody, rows: slice = slice(None)) -> shapely.Polygon:
 def find_walls(body: RoadBody, ground: Ground) -> Walls:
     """Return how far a bridge is filled at both ends.
 
-    Args:
-        body: A road with a bridge.
-        ground: The ground, closed across the ends of the bridge and level with the road there.
-
     Raises:
         InputError: If the bridge begins or ends above the ground, leaves the terrain, lies in the ground, never rises
-            to `fill_below`, or comes down to it on the way.
+            to `fill_below`, or comes down to it in between.
     """
     bridge, begin, end = bridge_of(body)
     name, rows = body.road.id, slice(begin, end + 1)
@@ -159,12 +155,7 @@ def _check_ends(body: RoadBody, ground: Ground) -> None:
 
 
 def ground_chains(body: RoadBody, walls: Walls | None) -> list[Chain]:
-    """Return the edges of a road on the ground, closed across the ends of its bridge.
-
-    Args:
-        body: A road.
-        walls: Where the bridge is filled: the ground ends at the walls. None closes straight across.
-    """
+    """Return the edges of a road on the ground, closed at its bridge: around its walls, or straight across without."""
     if body.cut is None:
         return [body.right, body.left]
     begin, end = body.cut

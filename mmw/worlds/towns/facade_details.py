@@ -5,11 +5,12 @@ Every piece reaches a little into the wall, so that no two faces lie in one plan
 
 import numpy as np
 
+from mmw.core.mesh import TriangleMesh
 from mmw.worlds.materials.town_decals import SHOP_ASPECT
 from mmw.worlds.towns.block_description import BuildingStyle
 from mmw.worlds.towns.building_footprints import Plan
 from mmw.worlds.towns.facades import window_columns
-from mmw.worlds.towns.primitives import Mesh, box, prism, quads
+from mmw.worlds.towns.primitives import box, prism, quads, stacked
 from mmw.worlds.towns.prop_parts import upright
 from mmw.worlds.towns.roofs import Meshes
 
@@ -27,15 +28,8 @@ RAIL = 0.1
 def belt(plan: Plan, level: float, out: Meshes) -> None:
     """Add a stone belt around the walls at the floor of the first storey."""
     reach, half = BELT
-    rings = [(0.0, level - half), (reach, level - half), (reach, level + half), (0.0, level + half)]
-    corners = [plan.ring(-r) for r, _ in rings]
-    count = len(corners[0])
-    points = np.concatenate(
-        [np.column_stack([ring, np.full(count, z)]) for ring, (_, z) in zip(corners, rings, strict=True)]
-    )
-    corner, following = np.arange(count), np.roll(np.arange(count), -1)
-    strips = [np.column_stack([corner, following, following + count, corner + count]) + count * k for k in range(3)]
-    out["structure"].append(quads(points, np.concatenate(strips)))
+    profile = [(0.0, level - half), (reach, level - half), (reach, level + half), (0.0, level + half)]
+    out["structure"].append(quads(*stacked([(plan.ring(-offset), z) for offset, z in profile])))
 
 
 def entrance(style: BuildingStyle, plan: Plan, foot: float, floor: float, out: Meshes) -> None:
@@ -89,13 +83,11 @@ def balconies(
             out["structure"].append(_tray(float(left), float(right), front, level))
 
 
-def _tray(left: float, right: float, front: float, level: float) -> Mesh:
+def _tray(left: float, right: float, front: float, level: float) -> TriangleMesh:
     """Return a slab with a parapet on all sides, one closed solid; its back lies in the wall."""
     reach, thick, tall = BALCONY
     outer = np.array([[left, front - reach], [right, front - reach], [right, front + SUNK], [left, front + SUNK]])
     inner = outer + RAIL * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
     rings = [(outer, level - thick), (outer, level + tall), (inner, level + tall), (inner, level + 0.03)]
-    points = np.concatenate([np.column_stack([ring, np.full(4, z)]) for ring, z in rings])
-    corner, following = np.arange(4), np.roll(np.arange(4), -1)
-    strips = [np.column_stack([corner, following, following + 4, corner + 4]) + 4 * k for k in range(3)]
-    return quads(points, [*np.concatenate(strips), [3, 2, 1, 0], [12, 13, 14, 15]])
+    points, strips = stacked(rings)
+    return quads(points, [*strips, [3, 2, 1, 0], [12, 13, 14, 15]])

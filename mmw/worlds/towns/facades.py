@@ -65,7 +65,7 @@ def facade_cells(
     entrance = -1
     if door:
         across, windows, entrance = _with_door(across, windows, width)
-    heights = [foot, floor] if door else [foot]  # without one, nothing tells the wall below the floor from that above
+    heights = [foot, floor] if door else [foot]  # without one, the walls below and above the floor are one
     level = floor
     for storey in range(storeys):
         tall = style.ground_storey_m if ground and storey == 0 else style.storey_m

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from mmw.worlds.towns.plan_geometry import at_stations, row_stations
 from mmw.worlds.towns.section import CrossSection
 
 DASH, SHORT_DASH = 3.0, 1.0
@@ -29,7 +30,7 @@ def through_lines(
     Returns:
         Closed counter-clockwise outlines, none touching another [m], each [K, 2].
     """
-    station = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(xy, axis=0), axis=1))])
+    station = row_stations(xy)
     unwrapped = np.unwrap(heading)
     outlines = []
     for low, high, kind in zip(section.breaks[:-1], section.breaks[1:], section.paint, strict=True):
@@ -45,7 +46,7 @@ def through_lines(
         for begin, end in pieces:
             s = np.linspace(begin, end, max(2, int(np.ceil((end - begin) / STEP)) + 1))
             angle = np.interp(s, station, unwrapped)
-            middle = np.column_stack([np.interp(s, station, xy[:, k]) for k in range(2)])
+            middle = at_stations(s, station, xy)
             left = np.column_stack([-np.sin(angle), np.cos(angle)])
             outlines.append(np.concatenate([middle + low * left, (middle + high * left)[::-1]]))
     return outlines

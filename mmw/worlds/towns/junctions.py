@@ -8,9 +8,10 @@ import shapely
 
 from mmw.core.errors import InputError
 from mmw.worlds.towns.alignment import Alignment
-from mmw.worlds.towns.description import Junction, Road
+from mmw.worlds.towns.description import Road
 from mmw.worlds.towns.junction_markings import through_lines
 from mmw.worlds.towns.mesh_part import MeshPart
+from mmw.worlds.towns.plan_geometry import at_stations, row_stations, triangulate_polygons
 from mmw.worlds.towns.roads import RoadBody
 from mmw.worlds.towns.section import CrossSection
 from mmw.worlds.towns.strip_mesh import Chain, Surface, chain_parts, offset_table
@@ -132,11 +133,10 @@ def blend(
     speed = (6 * t**2 - 6 * t) * (p0 - p1) + (3 * t**2 - 4 * t + 1) * m0 + (3 * t**2 - 2 * t) * m1
     bend = (12 * t - 6) * (p0 - p1) + (6 * t - 4) * m0 + (6 * t - 2) * m1
     kappa = np.abs(speed[:, 0] * bend[:, 1] - speed[:, 1] * bend[:, 0]) / np.linalg.norm(speed, axis=1) ** 3
-    station = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(fine, axis=0), axis=1))])
+    station = row_stations(fine)
     count = max(2, int(np.ceil(station[-1] / min(line_step, max(0.3, arc_step / max(kappa.max(), 1e-9))))))
     pick = np.interp(np.linspace(0, station[-1], count + 1), station, t[:, 0])
-    xy = np.stack([np.interp(pick, t[:, 0], fine[:, k]) for k in range(2)], axis=1)
-    direction = np.stack([np.interp(pick, t[:, 0], speed[:, k]) for k in range(2)], axis=1)
+    xy, direction = (at_stations(pick, t[:, 0], values) for values in (fine, speed))
     xy[0], xy[-1] = p0, p1
     return Blend(xy, np.arctan2(direction[:, 1], direction[:, 0]), float(1 / kappa.max()))
 
@@ -195,16 +195,8 @@ class Pad:
     """Border of the carriageway, counter-clockwise [m], shape [N, 2]."""
 
 
-def build_pad(node: str, arms: list[Arm], trims: list[float], bodies: dict[str, RoadBody], settings: Junction) -> Pad:
-    """Return the pad of a junction between the ends of its arms.
-
-    Args:
-        node: Name of the node.
-        arms: Arms, counter-clockwise.
-        trims: Distance of every arm's end from the node [m].
-        bodies: Roads as built.
-        settings: Settings of this junction.
-    """
+def build_pad(node: str, arms: list[Arm], trims: list[float], bodies: dict[str, RoadBody]) -> Pad:
+    """Return the pad of a junction between the ends of its arms."""
     outline, corners = [], []
     for k, arm in enumerate(arms):
         other = arms[(k + 1) % len(arms)]
@@ -214,7 +206,7 @@ def build_pad(node: str, arms: list[Arm], trims: list[float], bodies: dict[str, 
         h1 = other.outward(trims[(k + 1) % len(arms)])
         curve = blend(first[0, :2], h0, last[0, :2], h1, np.radians(9.5), 3.0)
         foot = np.column_stack([curve.xy, np.full(len(curve.xy), first[0, 2])])
-        part = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(curve.xy, axis=0), axis=1))])
+        part = row_stations(curve.xy)
         part = (part / part[-1])[:, None, None]
         edge = (1 - part) * arm.section.edge + part * other.section.edge
         outward = np.stack([np.sin(curve.heading), -np.cos(curve.heading)], axis=1)
@@ -276,10 +268,6 @@ def triangulate(border: np.ndarray, name: str, holes: Sequence[np.ndarray] = ())
             "increase the angle between the arms or reduce corner_radius"
         )
     index = {(x, y): k for k, (x, y) in enumerate(border)}
-    triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(polygon))
-    corners = shapely.get_coordinates(triangles).reshape(-1, 4, 2)[:, :3]
-    faces = np.array([[index[(x, y)] for x, y in triangle] for triangle in corners], dtype=np.int64)
-    a, b, c = (border[faces[:, k]] for k in range(3))
-    flipped = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) < (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
-    faces[flipped] = faces[flipped][:, ::-1]
-    return faces
+    return np.array(
+        [[index[(x, y)] for x, y in triangle] for triangle in triangulate_polygons(polygon)], dtype=np.int64
+    )

@@ -42,7 +42,7 @@ def add_island(
 def _fan(row: np.ndarray) -> np.ndarray:
     """Triangles of a section through the island that look against the direction of the road, shape [4, 3].
 
-    The first and the last vertex are the feet; the outer ones of the top stand straight above them.
+    The first and the last vertex are the feet; the outer ones of the top are straight above them.
     """
     right, left, top = row[0], row[-1], row[1:-1]
     fan = [(left, top[k], top[k + 1]) for k in range(len(top) - 1)]

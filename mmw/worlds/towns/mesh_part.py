@@ -1,8 +1,10 @@
-"""The unit of town geometry: a triangle mesh with one material, on its way to a USD prim."""
+"""The unit of town geometry: a triangle mesh with one material that becomes a USD prim."""
 
 from dataclasses import dataclass
 
 import numpy as np
+
+from mmw.core.mesh import TriangleMesh
 
 
 @dataclass(frozen=True)
@@ -19,3 +21,13 @@ class MeshPart:
     """Name of a material of `assets/usd/materials/materials.usda`."""
     label: str
     """Semantic class, a key of `mmw.usd.semantics.CARLA_TAG`."""
+
+    @classmethod
+    def of(cls, path: str, mesh: TriangleMesh, material: str, label: str) -> "MeshPart":
+        """Return a mesh as a part."""
+        return cls(path, mesh.points, mesh.faces, material, label)
+
+    @property
+    def mesh(self) -> TriangleMesh:
+        """Points and faces alone."""
+        return TriangleMesh(self.points, self.faces)

@@ -80,12 +80,7 @@ class RoadNetwork:
         return Ground([*self.parts, *self.terrain])
 
     def height(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Return the height of the ground [m], of the shape of `x`; NaN beyond the terrain.
-
-        Args:
-            x: East [m].
-            y: North [m], shape of `x`.
-        """
+        """Return the height of the ground [m], of the shape of `x`; NaN beyond the terrain."""
         return self._ground.height(x, y)
 
 
@@ -129,7 +124,7 @@ def build_network(description: TownDescription) -> RoadNetwork:
     lanes = {lane.name: lane for body in bodies.values() for lane in body.lanes}
     outlines = {}
     for name in nodes:
-        pad = build_pad(name, arms[name], trims[name], bodies, chosen[name])
+        pad = build_pad(name, arms[name], trims[name], bodies)
         parts += pad.parts
         corners += pad.corners
         outlines[name] = pad.outline
@@ -202,7 +197,7 @@ def _surfaces(parts: list[MeshPart]) -> dict[str, np.ndarray]:
     found: dict[str, list[np.ndarray]] = {}
     for part in parts:
         if part.label in ("road", "road_line"):
-            found.setdefault(part.path.split("/")[1], []).append(part.points[part.faces])
+            found.setdefault(part.path.split("/")[1], []).append(part.mesh.corners)
     return {name: np.concatenate(triangles) for name, triangles in found.items()}
 
 

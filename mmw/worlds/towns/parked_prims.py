@@ -28,15 +28,7 @@ class ParkedCar:
 def write_parked(
     layer: Sdf.Layer, group: Sdf.Path, cars: Sequence[ParkedCar], catalog: Mapping[str, VehicleModel], folder: Path
 ) -> None:
-    """Write one Xform a car, with `mmw:actor:*` attributes, over an instance of its vehicle asset.
-
-    Args:
-        layer: Layer that receives the prims; the parent of `group` exists in it.
-        group: Prim path of the group.
-        cars: The cars; their names become prim names.
-        catalog: Model name -> model.
-        folder: Folder in which the layer will lie; the references are relative to it.
-    """
+    """Write one Xform a car, with `mmw:actor:*` attributes, over an instance of its vehicle asset."""
     new_prim(layer, group, "Xform", Kind.Tokens.group)
     for car in cars:
         model = catalog[car.model]

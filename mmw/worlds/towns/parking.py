@@ -268,19 +268,10 @@ def park(
     rng: np.random.Generator,
     both_ways: bool,
 ) -> list[ParkedCar]:
-    """Return cars in some of the bays, each inside its bay with all wheels on the ground; names are left empty.
-
-    Args:
-        bays: Bays.
-        occupied: Part of the bays that is taken (fraction).
-        models: Models to draw from, all smaller than the bays.
-        ground: Height of the ground.
-        rng: Chooses bays, models, paints and small deviations from the middle.
-        both_ways: Whether some cars back in.
-    """
-    taken = np.sort(rng.permutation(len(bays))[: round(occupied * len(bays))])
+    """Return cars in the share `occupied` of the bays, each inside its bay on all wheels; names are empty."""
+    occupied_plans = np.sort(rng.permutation(len(bays))[: round(occupied * len(bays))])
     cars = []
-    for k in taken:
+    for k in occupied_plans:
         bay, model = bays[int(k)], models[int(rng.integers(len(models)))]
         paint = model.paints[int(rng.integers(len(model.paints)))]
         deviation = rng.uniform(-1.0, 1.0, 3)
@@ -295,11 +286,11 @@ def park(
         aim = np.array([[math.cos(bay.yaw), -math.sin(bay.yaw)], [math.sin(bay.yaw), math.cos(bay.yaw)]])
         heading = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
         origin = np.asarray(bay.center) + aim @ offset - heading @ np.array(model.center[:2])
-        cars.append(ParkedCar("", model.name, paint, _stand(model, origin, heading, ground)))
+        cars.append(ParkedCar("", model.name, paint, _pose_on_ground(model, origin, heading, ground)))
     return cars
 
 
-def _stand(model: VehicleModel, origin: np.ndarray, heading: np.ndarray, ground: Ground) -> np.ndarray:
+def _pose_on_ground(model: VehicleModel, origin: np.ndarray, heading: np.ndarray, ground: Ground) -> np.ndarray:
     """Return the pose of a car whose wheels touch the ground: the plane nearest to the four heights, shape [7]."""
     wheels = 0.5 * np.array([[x * model.wheelbase, y * model.track] for x in (-1, 1) for y in (-1, 1)])
     z = ground.height(*(origin + wheels @ heading.T).T)
@@ -315,7 +306,7 @@ def _stand(model: VehicleModel, origin: np.ndarray, heading: np.ndarray, ground:
     return np.round(np.concatenate([origin, [height], quaternion_from_matrix(rotation)]), 9)
 
 
-def find_parking(description: TownDescription, network: RoadNetwork, terrain: Sequence[MeshPart]) -> Parking:
+def find_parking(description: TownDescription, network: RoadNetwork) -> Parking:
     """Return the bays of sections `lots` and `bays`.
 
     Raises:
@@ -324,7 +315,7 @@ def find_parking(description: TownDescription, network: RoadNetwork, terrain: Se
     groups: list[tuple[ParkingLot | StreetBays, tuple[Bay, ...]]] = []
     blocks, regions = [], []
     for lot in description.lots:
-        block = block_of(lot, terrain)
+        block = block_of(lot, network.terrain)
         bays = lay_out(lot, block)
         groups.append((lot, tuple(bays)))
         blocks.append(block)

@@ -5,8 +5,10 @@ import zlib
 import numpy as np
 
 from mmw.core.errors import InputError
+from mmw.core.mesh import TriangleMesh
 from mmw.core.planar_surfaces import components
-from mmw.worlds.materials.town_decals import ROOMS, SHOP_ASPECT, SHOPS, SIGN_CELLS, SIGNS, cell
+from mmw.worlds.materials.town_decals import ROOMS, SHOP_ASPECT, SHOPS, SIGN_CELLS, SIGNS
+from mmw.worlds.materials.vehicle_decals import cell
 from mmw.worlds.towns.mesh_part import MeshPart
 from mmw.worlds.towns.smooth_normals import PIERS
 from mmw.worlds.towns.texture_uv import texture_coordinates
@@ -34,11 +36,11 @@ MIN_TEXT = 3.0
 
 
 def picture_coordinates(part: MeshPart) -> np.ndarray | None:
-    """Return the texture coordinates of the corners of a mesh, shape [M, 3, 2], or None where metres will do.
+    """Return the texture coordinates of the corners of a mesh, shape [M, 3, 2], or None where meters will do.
 
     Args:
         part: The mesh. Windows and signboards are made of rectangles of two triangles each. The last name of the path
-            of a `sign_face` says which sign it shows.
+            of a `sign_face` is the name of its sign.
     """
     if part.material in ROOM_WIDTH:
         return _rooms(part, ROOM_WIDTH[part.material])
@@ -77,7 +79,7 @@ def _as_corners(low: np.ndarray, high: np.ndarray) -> np.ndarray:
 
 
 def _numbers(part: MeshPart, count: int, below: int) -> np.ndarray:
-    """Return a number for each of `count` things of a mesh, the same at every build."""
+    """Return a number for each of `count` pieces of a mesh, the same at every build."""
     return np.random.default_rng(zlib.crc32(part.path.encode())).integers(below, size=count)
 
 
@@ -100,9 +102,7 @@ def _sign(part: MeshPart) -> np.ndarray:
     if name not in SIGNS:
         raise InputError(f"part {part.path!r}: no sign of this name; signs are: {', '.join(SIGNS)}; name it so")
     u0, v0, u1, v1 = cell(SIGNS.index(name), SIGN_CELLS)
-    corners = part.points[part.faces]
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    corners, normal = part.mesh.corners, part.mesh.normals
     across = np.column_stack([-normal[:, 1], normal[:, 0]])
     along = np.einsum("fcx,fx->fc", corners[:, :, :2], across)
     st = np.empty((len(corners), 3, 2))
@@ -139,10 +139,10 @@ def _boards(part: MeshPart) -> np.ndarray:
 def _covers(part: MeshPart) -> np.ndarray:
     """Lay the picture over every plate by the smallest rectangle around it, its longer side along s.
 
-    Of the two ways round the one whose s runs north is taken, or east on a level: last bits, which differ between CPUs,
-    decide nothing.
+    Of the two orientations the one whose s runs north is chosen, or east on a level, so that last bits, which differ
+    between CPUs, decide nothing.
     """
-    import shapely  # of the extra `author`, which who only reads this module's callers need not have
+    import shapely  # of the extra `author`, which not every caller needs
 
     st = np.empty((len(part.faces), 3, 2))
     plate = components(len(part.points), part.faces[:, [0, 1]].ravel(), part.faces[:, [1, 2]].ravel())[part.faces[:, 0]]
@@ -166,10 +166,9 @@ def _covers(part: MeshPart) -> np.ndarray:
 
 
 def _crown(part: MeshPart) -> np.ndarray:
-    """Wrap leaves around the axis of a crown, and lay them from above where it is level; metres, as texture tiles."""
-    corners = part.points[part.faces] - part.points.mean(axis=0)
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    """Wrap leaves around the axis of a crown, and lay them from above where it is level; meters, as texture tiles."""
+    mesh = TriangleMesh(part.points - part.points.mean(axis=0), part.faces)
+    corners, normal = mesh.corners, mesh.normals
     turns = max(1, round(2 * np.pi * 0.8 * float(np.hypot(*corners[:, :, :2].reshape(-1, 2).T).max()) / LEAF_TILE))
     angle = np.arctan2(corners[:, :, 1], corners[:, :, 0])
     middle = np.arctan2(corners[:, :, 1].mean(axis=1), corners[:, :, 0].mean(axis=1))[:, None]
@@ -181,11 +180,11 @@ def _crown(part: MeshPart) -> np.ndarray:
 
 
 def _piers(part: MeshPart) -> np.ndarray:
-    """Wrap the texture around every upright round column without a seam; metres, as texture tiles.
+    """Wrap the texture around every upright round column without a seam; meters, as texture tiles.
 
-    The columns and cross-heads that are boxes keep the coordinates of walls, and all ends those of level ground.
+    The columns and cross-heads that are boxes have the coordinates of walls, and all ends those of level ground.
     """
-    st, index = texture_coordinates(part.points, part.faces)
+    st, index = texture_coordinates(part.mesh)
     result = (st[part.faces] if index is None else st[index].reshape(-1, 3, 2)).astype(float)
     body = components(len(part.points), part.faces[:, [0, 1]].ravel(), part.faces[:, [1, 2]].ravel())[part.faces[:, 0]]
     for number in np.unique(body):

@@ -10,7 +10,7 @@ Vec2 = tuple[float, float]
 Identifier = PrimName
 
 MIN_SOFFIT = 5.0
-"""Least clear height above a carriageway [m]: 4.5 m of headroom that trucks are given, and half a metre to spare."""
+"""Least clear height above a carriageway [m]: 4.5 m of headroom that trucks are given, and half a meter to spare."""
 
 
 class Skybridge(Section):

@@ -1,62 +1,41 @@
 """Simple shapes as points and triangles with outward normals: boxes, prisms, tapered cylinders, balls, wall grids."""
 
 import itertools
-from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from collections.abc import Sequence
 
 import mapbox_earcut
 import numpy as np
 
-
-class Mesh(NamedTuple):
-    """Triangles without a material."""
-
-    points: np.ndarray
-    """Vertices [m], shape [N, 3], float64."""
-    faces: np.ndarray
-    """Triangles, counter-clockwise seen from outside, shape [M, 3], int32."""
+from mmw.core.mesh import TriangleMesh, compact, merge
+from mmw.worlds.towns.plan_geometry import twice_areas
 
 
-EMPTY = Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32))
-"""No triangles."""
-
-
-def merge(meshes: Iterable[Mesh]) -> Mesh:
-    """Return all triangles in one mesh, in order; vertices are not welded."""
-    meshes = [mesh for mesh in meshes if len(mesh.faces)]
-    if not meshes:
-        return EMPTY
-    offsets = np.cumsum([0] + [len(mesh.points) for mesh in meshes[:-1]])
-    faces = [mesh.faces + offset for mesh, offset in zip(meshes, offsets, strict=True)]
-    return Mesh(np.concatenate([mesh.points for mesh in meshes]), np.concatenate(faces).astype(np.int32))
-
-
-def place(mesh: Mesh, at: Sequence[float], yaw: float = 0.0) -> Mesh:
+def place(mesh: TriangleMesh, at: Sequence[float], yaw: float = 0.0) -> TriangleMesh:
     """Return the mesh turned about z by `yaw` [rad], then moved so that its origin comes to `at` [m], shape [3]."""
     cos, sin = np.cos(yaw), np.sin(yaw)
     turn = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
-    return Mesh(mesh.points @ turn + np.asarray(at, float), mesh.faces)
+    return TriangleMesh(mesh.points @ turn + np.asarray(at, float), mesh.faces)
 
 
-def weld(mesh: Mesh) -> Mesh:
-    """Return the mesh with vertices closer than a micrometre joined, so that neighbouring faces share their edges."""
+def weld(mesh: TriangleMesh) -> TriangleMesh:
+    """Return the mesh with vertices closer than a micrometer joined, so that neighbouring faces share their edges."""
     if not len(mesh.faces):
         return mesh
     _, first, joined = np.unique(np.round(mesh.points * 1e6), axis=0, return_index=True, return_inverse=True)
     order = np.argsort(first)  # in order of first use, which does not depend on the last bit of a coordinate
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
-    return Mesh(mesh.points[first[order]], rank[joined.reshape(-1)][mesh.faces].astype(np.int32))
+    return TriangleMesh(mesh.points[first[order]], rank[joined.reshape(-1)][mesh.faces].astype(np.int32))
 
 
-def quads(points: np.ndarray, corners: Sequence[Sequence[int]] | np.ndarray) -> Mesh:
+def quads(points: np.ndarray, corners: Sequence[Sequence[int]] | np.ndarray) -> TriangleMesh:
     """Return quadrilaterals `corners` (counter-clockwise from outside, indices into `points`), two triangles each."""
     four = np.asarray(corners, np.int32).reshape(-1, 4)
     faces = np.stack([four[:, [0, 1, 2]], four[:, [0, 2, 3]]], axis=1).reshape(-1, 3)
-    return Mesh(np.asarray(points, float), faces.astype(np.int32))
+    return TriangleMesh(np.asarray(points, float), faces.astype(np.int32))
 
 
-def box(size: Sequence[float], center: Sequence[float], bottom: bool = True) -> Mesh:
+def box(size: Sequence[float], center: Sequence[float], bottom: bool = True) -> TriangleMesh:
     """Return an axis-aligned box of `size` [m] around `center` [m]; without its underside if `bottom` is false."""
     corners = np.array([[x, y, z] for z in (-0.5, 0.5) for y in (-0.5, 0.5) for x in (-0.5, 0.5)])
     sides = [[0, 1, 5, 4], [1, 3, 7, 5], [3, 2, 6, 7], [2, 0, 4, 6], [4, 5, 7, 6]]
@@ -67,31 +46,33 @@ def triangulate(ring: np.ndarray) -> np.ndarray:
     """Return triangles over a simple counter-clockwise polygon `ring`, shape [K, 2]; faces shape [M, 3], upward."""
     ends = np.array([len(ring)], np.uint32)
     faces = mapbox_earcut.triangulate_float64(np.ascontiguousarray(ring, float), ends).reshape(-1, 3).astype(np.int32)
-    a, b, c = (ring[faces[:, i]] for i in range(3))
-    (abx, aby), (acx, acy) = (b - a).T, (c - a).T
-    faces[abx * acy - aby * acx < 0] = faces[abx * acy - aby * acx < 0][:, ::-1]
-    return faces
+    return np.where((twice_areas(ring[faces]) < 0)[:, None], faces[:, ::-1], faces)
 
 
-def flat(ring: np.ndarray, z: float) -> Mesh:
+def flat(ring: np.ndarray, z: float) -> TriangleMesh:
     """Return an upward polygon at height `z` [m] over the counter-clockwise `ring`, shape [K, 2]."""
-    return Mesh(np.column_stack([ring, np.full(len(ring), float(z))]), triangulate(ring))
+    return TriangleMesh(np.column_stack([ring, np.full(len(ring), float(z))]), triangulate(ring))
 
 
-def prism(ring: np.ndarray, z0: float, z1: float, bottom: bool = True, top: bool = True) -> Mesh:
+def stacked(rings: Sequence[tuple[np.ndarray, float]], inward: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """Return points [N, 3] and quadrilaterals [Q, 4] between successive rings [K, 2], each at a height [m].
+
+    They look outward where counter-clockwise rings rise, or inward.
+    """
+    count = len(rings[0][0])
+    points = np.concatenate([np.column_stack([ring, np.full(count, float(z))]) for ring, z in rings])
+    first, second = np.arange(count), np.roll(np.arange(count), -1)
+    first, second = (second, first) if inward else (first, second)
+    strip = np.column_stack([first, second, second + count, first + count])
+    return points, np.concatenate([strip + count * k for k in range(len(rings) - 1)])
+
+
+def prism(ring: np.ndarray, z0: float, z1: float, bottom: bool = True) -> TriangleMesh:
     """Return the counter-clockwise `ring`, shape [K, 2], extruded from `z0` to `z1` [m]."""
-    count = len(ring)
-    low = np.column_stack([ring, np.full(count, float(z0))])
-    high = np.column_stack([ring, np.full(count, float(z1))])
-    following = np.roll(np.arange(count), -1)
-    sides = np.column_stack([np.arange(count), following, following + count, np.arange(count) + count])
-    caps = triangulate(ring)
-    parts = [quads(np.concatenate([low, high]), sides)]
-    if top:
-        parts.append(Mesh(high, caps))
-    if bottom:
-        parts.append(Mesh(low, caps[:, ::-1]))
-    return merge(parts)
+    points, sides = stacked([(ring, z0), (ring, z1)])
+    caps, count = triangulate(ring), len(ring)
+    parts = [quads(points, sides), TriangleMesh(points[count:], caps)]
+    return merge([*parts, TriangleMesh(points[:count], caps[:, ::-1])] if bottom else parts)
 
 
 def circle(radius: float, sides: int, turn: float = 0.0) -> np.ndarray:
@@ -100,7 +81,7 @@ def circle(radius: float, sides: int, turn: float = 0.0) -> np.ndarray:
     return radius * np.column_stack([np.cos(angle), np.sin(angle)])
 
 
-def lathe(profile: Sequence[tuple[float, float]], sides: int, center: Sequence[float] = (0.0, 0.0)) -> Mesh:
+def lathe(profile: Sequence[tuple[float, float]], sides: int, center: Sequence[float] = (0.0, 0.0)) -> TriangleMesh:
     """Return a solid of revolution about a vertical axis.
 
     Args:
@@ -129,19 +110,19 @@ def lathe(profile: Sequence[tuple[float, float]], sides: int, center: Sequence[f
         faces.append(rings[0][fan[:, ::-1]])
     if len(rings[-1]) > 1:
         faces.append(rings[-1][fan])
-    return Mesh(np.concatenate(points), np.concatenate(faces).astype(np.int32))
+    return TriangleMesh(np.concatenate(points), np.concatenate(faces).astype(np.int32))
 
 
-def ball(radii: Sequence[float], center: Sequence[float], sides: int = 7, rows: int = 4) -> Mesh:
+def ball(radii: Sequence[float], center: Sequence[float], sides: int = 7, rows: int = 4) -> TriangleMesh:
     """Return an ellipsoid of few faces with half-axes `radii` [m] around `center` [m]."""
     angle = np.pi * np.arange(rows + 1) / rows
     radius = np.sin(angle)
     radius[[0, -1]] = 0.0
     mesh = lathe(list(zip(radius, -np.cos(angle), strict=True)), sides)
-    return Mesh(mesh.points * np.asarray(radii) + np.asarray(center), mesh.faces)
+    return TriangleMesh(mesh.points * np.asarray(radii) + np.asarray(center), mesh.faces)
 
 
-def beam(start: Sequence[float], end: Sequence[float], thickness: float) -> Mesh:
+def beam(start: Sequence[float], end: Sequence[float], thickness: float) -> TriangleMesh:
     """Return a square bar of `thickness` [m] from `start` to `end` [m], capped at both ends."""
     a, b = np.asarray(start, float), np.asarray(end, float)
     along = (b - a) / np.linalg.norm(b - a)
@@ -160,7 +141,7 @@ def wall_cells(
     heights: np.ndarray,
     kinds: np.ndarray,
     is_plain: bool = False,
-) -> dict[int, Mesh]:
+) -> dict[int, TriangleMesh]:
     """Return a vertical wall cut into a grid of cells, one mesh for each kind of cell.
 
     The cells lie in one plane and share their edges, so their areas add up to the wall and no seam is left open.
@@ -195,8 +176,7 @@ def wall_cells(
     for kind in np.unique(kinds[kinds >= 0]).tolist():
         cells = corners[(kinds == kind) & ~(is_ring & (len(ring) > 0))]
         pairs = np.stack([cells[:, [0, 1, 2]], cells[:, [0, 2, 3]]], axis=1).reshape(-1, 3)
-        used, faces = np.unique(np.concatenate([pairs, ring if kind == frame else ring[:0]]), return_inverse=True)
-        meshes[kind] = Mesh(points[used], faces.reshape(-1, 3).astype(np.int32))
+        meshes[kind] = compact(points, np.concatenate([pairs, ring if kind == frame else ring[:0]]))
     return meshes
 
 
@@ -212,15 +192,3 @@ def _ring(index: np.ndarray) -> np.ndarray:
         faces += [(side[middle], first, last)]
         faces += [(side[k], last, side[k + 1]) for k in range(middle, len(side) - 1)]
     return np.array(faces)
-
-
-def area(mesh: Mesh) -> float:
-    """Return the area of all triangles [m^2]."""
-    a, b, c = (mesh.points[mesh.faces[:, i]] for i in range(3))
-    return float(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
-
-
-def volume(mesh: Mesh) -> float:
-    """Return the enclosed volume [m^3] of a closed mesh; positive when its normals point outward."""
-    a, b, c = (mesh.points[mesh.faces[:, i]] for i in range(3))
-    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)

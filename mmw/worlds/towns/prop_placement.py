@@ -3,19 +3,19 @@
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 import shapely
 
 from mmw.core.errors import InputError
+from mmw.core.mesh import merge
 from mmw.traffic.roads.lane_graph import Lane, LaneGraph
 from mmw.worlds.towns.block_description import BlockDescription, PlacedProp, PropLine, PropRow, is_named
 from mmw.worlds.towns.blocks import Lot, start_west
 from mmw.worlds.towns.ground_height import Ground
 from mmw.worlds.towns.mesh_part import MeshPart
-from mmw.worlds.towns.primitives import Mesh, merge
 from mmw.worlds.towns.props import FENCE_LENGTH, PANEL_LENGTH, build_prop
 
 KERB_CLEARANCE = 0.3  # least distance of a prop's foot to the carriageway [m]
@@ -24,14 +24,14 @@ LARGE_AREA = 20.0
 HEADROOM = 4.5
 """Clearance above a carriageway from which props may overhang it [m]: the height that trucks need."""
 FAR_M = 15.0
-"""Distance from the carriageway beyond which a tree's crown is one step coarser, `COARSEST` at least [m]."""
-COARSEST = 2
+"""Distance from the carriageway beyond which a tree's crown is one step coarser, `MIN_DETAIL` at least [m]."""
+MIN_DETAIL = 2
 PANEL_GAP = 0.02
 """Least gap between two panels of a line [m], so that their ends do not lie in one plane."""
 
 
 FIRST_PHASE = "a"
-"""Phase that has green in pictures, where all signals stand still; `mmw.worlds.towns.signal_phases` names them."""
+"""Phase that has green in pictures, where all signals are still; `mmw.worlds.towns.signal_phases` names them."""
 
 NAMED_AS = {"traffic_light_green": "traffic_light"}
 """Kinds of prop that are called as another one is."""
@@ -49,8 +49,8 @@ class Spot:
     """Spots of one row number become one prop; -1 for a prop of its own."""
 
 
-class Furniture:
-    """Spots found so far, and the rules that every further spot keeps."""
+class PropPlacer:
+    """Place props: the places found so far, and the rules for further ones."""
 
     def __init__(self, carriageway: shapely.Geometry, lots: Sequence[Lot], ground: Ground) -> None:
         self.carriageway = carriageway
@@ -63,7 +63,7 @@ class Furniture:
     def add(
         self, kind: str, xy: Sequence[float], yaw: float, clear: float, kerb: float = KERB_CLEARANCE, row: int = -1
     ) -> bool:
-        """Take a spot if it is on the ground, off the carriageway and `clear` of buildings and props; say whether."""
+        """Add a place on the ground, off the carriageway and `clear` of buildings and props; return whether it fits."""
         xy = (round(float(xy[0]), 2), round(float(xy[1]), 2))
         point = shapely.Point(xy)
         if shapely.dwithin(self.carriageway, point, kerb) or np.isnan(self.ground.height(*xy)):
@@ -72,24 +72,27 @@ class Furniture:
             return False
         if (np.hypot(*(self._feet[: len(self.spots)] - xy).T) < clear).any():
             return False
-        if len(self.spots) == len(self._feet):
-            self._feet = np.concatenate([self._feet, np.zeros_like(self._feet)])
-        self._feet[len(self.spots)] = xy
-        self.spots.append(Spot(kind, xy, round(float(yaw), 4), row))
+        self._append(Spot(kind, xy, round(float(yaw), 4), row))
         return True
 
-    def keep_off(self, plans: Sequence[shapely.Geometry]) -> None:
-        """Keep every further spot off some areas."""
+    def _append(self, spot: Spot) -> None:
+        if len(self.spots) == len(self._feet):
+            self._feet = np.concatenate([self._feet, np.zeros_like(self._feet)])
+        self._feet[len(self.spots)] = spot.xy
+        self.spots.append(spot)
+
+    def avoided(self, plans: Sequence[shapely.Geometry]) -> None:
+        """Keep all further places off some areas."""
         self._plans = np.append(self._plans, np.array(plans, object))
         shapely.prepare(self._plans)
 
     def place(self, prop: PlacedProp) -> None:
-        """Take the spot of a prop that is placed by hand. What stands on the ground keeps off roads and buildings.
+        """Add a prop placed by hand; its parts on the ground must be off roads and buildings.
 
         Parts above the headroom of trucks, such as a canopy, may reach over a carriageway.
 
         Raises:
-            InputError: If a part stands on the carriageway, in a building, in a bay or off the ground.
+            InputError: If a part is on the carriageway, in a building, in a bay or off the ground.
         """
         spot = Spot(prop.kind, (round(prop.at[0], 2), round(prop.at[1], 2)), round(math.radians(prop.yaw_deg), 4))
         where = f"props: {prop.kind!r} at {prop.at}"
@@ -101,12 +104,9 @@ class Furniture:
         crowded = (np.hypot(*(self._feet[: len(self.spots)] - spot.xy).T) < KERB_CLEARANCE).any()
         if crowded or shapely.intersects(self._plans, low).any():
             raise InputError(f"{where}: in a building, a bay or another prop; move it away")
-        if len(self.spots) == len(self._feet):
-            self._feet = np.concatenate([self._feet, np.zeros_like(self._feet)])
-        self._feet[len(self.spots)] = spot.xy
-        self.spots.append(spot)
+        self._append(spot)
         if shapely.convex_hull(whole).area > LARGE_AREA:
-            self.keep_off([shapely.convex_hull(whole)])
+            self.avoided([shapely.convex_hull(whole)])
 
     def to_street(self, xy: Sequence[float]) -> float:
         """Return the direction from a point to the nearest kerb [rad]."""
@@ -114,13 +114,7 @@ class Furniture:
         return math.atan2(kerb[1] - xy[1], kerb[0] - xy[0])
 
     def add_row(self, row: PropRow, rng: np.random.Generator, roads: Mapping[str, np.ndarray]) -> None:
-        """Take spots along a line at a constant distance from the kerbs.
-
-        Args:
-            row: The row.
-            rng: Shifts the spots.
-            roads: Road -> its reference line [m], [N, 3]; a spot belongs to the nearest one.
-        """
+        """Add places along a line at a constant distance from the kerbs."""
         names = list(roads)
         lines = np.array([shapely.LineString(roads[name][:, :2]) for name in names], object)
         chosen = np.array([is_named(name, row.along) for name in names], bool)
@@ -139,7 +133,7 @@ class Furniture:
 def _plan_of(spot: Spot, below: float) -> shapely.Geometry:
     """Return the plan of the faces of a prop that reach below a height above its ground [m]."""
     parts = build_prop("plan", spot.kind, (*spot.xy, 0.0), spot.yaw, np.random.default_rng(0))
-    corners = np.concatenate([part.points[part.faces] for part in parts])
+    corners = np.concatenate([part.mesh.corners for part in parts])
     faces = np.asarray(shapely.polygons(corners[corners[:, :, 2].min(axis=1) < below][:, :, :2]))
     return shapely.union_all(shapely.buffer(faces[shapely.area(faces) > 1e-6], 0.0))
 
@@ -150,7 +144,7 @@ def approaches(lanes: LaneGraph, patterns: Sequence[str], yielding: bool = False
     Args:
         lanes: Lane graph.
         patterns: Junction names, with `*` for anything.
-        yielding: Only those whose ways through the junction all give way to some other way.
+        yielding: Only those whose turns all yield to another turn.
     """
     highest: dict[str, int] = {}
     for lane in lanes.lanes.values():
@@ -165,21 +159,13 @@ def approaches(lanes: LaneGraph, patterns: Sequence[str], yielding: bool = False
     return [lane for _, lane in sorted(lanes.lanes.items()) if not lane.junction and enters(lane)]
 
 
-def shows_green(lanes: LaneGraph, lane: Lane) -> bool:
-    """Return whether the signal of an approach stands at green: in the first phase of its junction."""
+def is_green(lanes: LaneGraph, lane: Lane) -> bool:
+    """Return whether the signal of an approach is green, in the first phase of its junction."""
     return any(lanes.lanes[name].signal == FIRST_PHASE for name in lane.successors)
 
 
-def add_at_approaches(furniture: Furniture, kind: str, lanes: Sequence[Lane], aside: float, back: float) -> None:
-    """Take a spot at the right-hand kerb of every approach; the prop looks at the drivers.
-
-    Args:
-        furniture: Takes the spots.
-        kind: Kind of prop.
-        lanes: Lanes that end at a junction.
-        aside: Distance from the kerb [m].
-        back: Distance before the end of the lane [m].
-    """
+def add_at_approaches(placer: PropPlacer, kind: str, lanes: Sequence[Lane], aside: float, back: float) -> None:
+    """Add a place `aside` of the right-hand kerb, `back` before the end of every approach [m], facing the drivers."""
     for lane in lanes:
         station = lane.station
         at = max(0.0, lane.length - back)
@@ -189,13 +175,13 @@ def add_at_approaches(furniture: Furniture, kind: str, lanes: Sequence[Lane], as
         right = np.array([along[1], -along[0]])
         for distance in np.arange(0.5 * lane.width, 16.0, 0.25):
             xy = point + right * distance
-            if not shapely.dwithin(furniture.carriageway, shapely.Point(xy), aside):
-                furniture.add(kind, xy, math.atan2(-along[1], -along[0]), 4.0, 0.5 * aside)
+            if not shapely.dwithin(placer.carriageway, shapely.Point(xy), aside):
+                placer.add(kind, xy, math.atan2(-along[1], -along[0]), 4.0, 0.5 * aside)
                 break
 
 
 def add_trees(
-    furniture: Furniture,
+    placer: PropPlacer,
     blocks: Sequence[shapely.Geometry],
     count: int,
     clear: float,
@@ -212,16 +198,16 @@ def add_trees(
             if share <= 0:
                 break
             kind = ("oak", "spruce", "broadleaf_tree")[int(rng.choice(3, p=[0.45, 0.25, 0.3]))]
-            if shapely.contains_xy(inside, *xy) and furniture.add(kind, xy, rng.uniform(0, 2 * np.pi), clear, 5.0):
+            if shapely.contains_xy(inside, *xy) and placer.add(kind, xy, rng.uniform(0, 2 * np.pi), clear, 5.0):
                 share -= 1
 
 
-def add_fences(furniture: Furniture, lots: Sequence[Lot], styles: set[str]) -> None:
-    """Take fence panels along the street in front of houses of the given styles, with a gap at the door.
+def add_fences(placer: PropPlacer, lots: Sequence[Lot], styles: set[str]) -> None:
+    """Add fence panels along the street in front of houses of the given styles, with a gap at the door.
 
     A panel that would run through one of another house is left out.
     """
-    taken = np.array([], object)
+    occupied_plans = np.array([], object)
     for row, lot in enumerate(lots):
         if lot.style not in styles:
             continue
@@ -234,15 +220,15 @@ def add_fences(furniture: Furniture, lots: Sequence[Lot], styles: set[str]) -> N
             for side in (-1, 1):
                 xy, half = middle + along * side * offset, along * 0.5 * FENCE_LENGTH
                 panel = shapely.LineString([xy - half, xy + half])
-                is_free = not shapely.dwithin(taken, panel, 0.1).any()
-                if is_free and not shapely.dwithin(furniture.carriageway, panel, 1.0):
+                is_free = not shapely.dwithin(occupied_plans, panel, 0.1).any()
+                if is_free and not shapely.dwithin(placer.carriageway, panel, 1.0):
                     yaw = math.atan2(outward[1], outward[0])
-                    own += [panel] * furniture.add("fence", xy, yaw, 0.5 * FENCE_LENGTH, 1.0, row)
-        taken = np.append(taken, np.array(own, object))
+                    own += [panel] * placer.add("fence", xy, yaw, 0.5 * FENCE_LENGTH, 1.0, row)
+        occupied_plans = np.append(occupied_plans, np.array(own, object))
 
 
-def add_line(furniture: Furniture, line: PropLine, row: int) -> None:
-    """Take panels end to end along a line, as one prop; a gap stays at roads, buildings and other props."""
+def add_line(placer: PropPlacer, line: PropLine, row: int) -> None:
+    """Add panels end to end along a line, as one prop; a gap stays at roads, buildings and other props."""
     length = PANEL_LENGTH[line.kind]
     for a, b in pairwise(np.array(line.points, float)):
         side = float(np.linalg.norm(b - a))
@@ -251,9 +237,9 @@ def add_line(furniture: Furniture, line: PropLine, row: int) -> None:
         for k in range(count):
             middle = a + along * (k + 0.5) * side / count
             ends = [middle - 0.5 * length * along, middle + 0.5 * length * along]
-            if not shapely.dwithin(furniture.carriageway, shapely.LineString(ends), KERB_CLEARANCE):
+            if not shapely.dwithin(placer.carriageway, shapely.LineString(ends), KERB_CLEARANCE):
                 yaw = math.atan2(-along[0], along[1])  # the panel's y axis runs along the line
-                furniture.add(line.kind, middle, yaw, 0.45 * length, KERB_CLEARANCE, row)
+                placer.add(line.kind, middle, yaw, 0.45 * length, KERB_CLEARANCE, row)
 
 
 def place_props(
@@ -264,7 +250,7 @@ def place_props(
     blocks: Sequence[shapely.Polygon],
     ground: Ground,
     solid: Sequence[shapely.Geometry] = (),
-    keep_free: Sequence[shapely.Geometry] = (),
+    reserved_areas: Sequence[shapely.Geometry] = (),
     roads: Mapping[str, np.ndarray] | None = None,
 ) -> list[MeshPart]:
     """Return all props of a town, named `<kind>_NNN` in the order in which they were placed.
@@ -276,37 +262,37 @@ def place_props(
         lots: Buildings that props keep clear of.
         blocks: Land for scattered trees.
         ground: Heights.
-        solid: Further areas that nothing stands in, such as bays and the columns of bridges.
-        keep_free: Areas that only props placed by hand stand in, such as car parks and the plans of bridges.
+        solid: Further areas without props, such as bays and the columns of bridges.
+        reserved_areas: Areas for props placed by hand only, such as car parks and the plans of bridges.
         roads: Road -> its reference line [m], [N, 3], for rows along certain roads.
 
     Raises:
-        InputError: If a prop placed by hand stands on the carriageway, in a building or off the ground.
+        InputError: If a prop placed by hand is on the carriageway, in a building or off the ground.
     """
     section = description.props
     rng = np.random.default_rng([description.blocks.seed, 1])
-    furniture = Furniture(carriageway, lots, ground)
-    furniture.keep_off(solid)
+    placer = PropPlacer(carriageway, lots, ground)
+    placer.avoided(solid)
     for placed in section.placed:
-        furniture.place(placed)
-    furniture.keep_off(keep_free)
+        placer.place(placed)
+    placer.avoided(reserved_areas)
     for number, line in enumerate(section.lines):
-        add_line(furniture, line, len(lots) + number)
+        add_line(placer, line, len(lots) + number)
     for lane in approaches(lanes, section.signalled):
-        kind = "traffic_light_green" if shows_green(lanes, lane) else "traffic_light"
-        add_at_approaches(furniture, kind, [lane], 0.6, 0.5)
-    add_at_approaches(furniture, "give_way_sign", approaches(lanes, section.give_way, True), 0.7, 1.5)
+        kind = "traffic_light_green" if is_green(lanes, lane) else "traffic_light"
+        add_at_approaches(placer, kind, [lane], 0.6, 0.5)
+    add_at_approaches(placer, "give_way_sign", approaches(lanes, section.give_way, True), 0.7, 1.5)
     for row in section.rows:
-        furniture.add_row(row, rng, roads or {})
+        placer.add_row(row, rng, roads or {})
     if section.fences:
         pitched = {name for name, style in description.blocks.styles.items() if style.roof_form != "flat"}
-        add_fences(furniture, lots, pitched)
+        add_fences(placer, lots, pitched)
     spaces = [shapely.Point(space.center).buffer(space.radius_m) for space in description.blocks.open_spaces]
     for space, area in zip(description.blocks.open_spaces, spaces, strict=True):
-        add_trees(furniture, [area], space.trees, 3.0, rng)
+        add_trees(placer, [area], space.trees, 3.0, rng)
     rest = [shapely.difference(block, shapely.union_all(spaces)) for block in blocks]
-    add_trees(furniture, rest, section.scattered_trees, 4.5, rng)
-    return _build(furniture.spots, ground, rng, section.crown_detail, carriageway)
+    add_trees(placer, rest, section.scattered_trees, 4.5, rng)
+    return _build(placer.spots, ground, rng, section.crown_detail, carriageway)
 
 
 def _build(
@@ -325,12 +311,10 @@ def _build(
             called = NAMED_AS.get(spot.kind, spot.kind)
             counts[called] += 1
             names[key] = f"{called}_{counts[called]:03d}"
-        fine = max(detail - 1, COARSEST) if is_far[number] else detail
+        fine = max(detail - 1, MIN_DETAIL) if is_far[number] else detail
         for part in build_prop(names[key], spot.kind, (*spot.xy, float(z)), spot.yaw, rng, fine):
             parts.setdefault(part.path, []).append(part)
     return [
-        replace(same[0], **merge(Mesh(part.points, part.faces) for part in same)._asdict())
-        if len(same) > 1
-        else same[0]
-        for same in parts.values()
+        MeshPart.of(path, merge(part.mesh for part in same), same[0].material, same[0].label)
+        for path, same in parts.items()
     ]

@@ -14,6 +14,7 @@ import shapely
 from mmw.traffic.roads.lane_graph import Lane, LaneGraph
 from mmw.worlds.towns.mesh_part import MeshPart
 from mmw.worlds.towns.paved_areas import Region, outline_of, pave
+from mmw.worlds.towns.plan_geometry import at_stations
 from mmw.worlds.towns.roads import MIN_WAITING, RoadBody
 from mmw.worlds.towns.turn_lanes import kind_of_turn
 
@@ -41,13 +42,7 @@ APART = 0.3
 
 
 def add_road_details(parts: Sequence[MeshPart], bodies: Mapping[str, RoadBody], lanes: LaneGraph) -> list[MeshPart]:
-    """Return the meshes of a road network with the details of its roads cut out of their asphalt.
-
-    Args:
-        parts: Meshes on the ground; those of the details follow each road's asphalt.
-        bodies: Roads as built.
-        lanes: All lanes; their ways on through the junction say what their arrows show.
-    """
+    """Return the meshes of a road network with the details of its roads cut out of their asphalt."""
     owner = {f"Roads/{name}/asphalt": body for name, body in bodies.items()}
     made: list[MeshPart] = []
     for part in parts:
@@ -65,17 +60,17 @@ def _with_details(part: MeshPart, body: RoadBody, lanes: LaneGraph) -> list[Mesh
         ("drains", "drain_grate", "road", _drains(body) if has_sewer else ()),
         ("manholes", "manhole_cover", "road", _manholes(body, own) if has_sewer else ()),
     )
-    taken: list[shapely.Geometry] = []
+    occupied_plans: list[shapely.Geometry] = []
     regions = []
     for name, material, label, areas in wanted:
         found = []
         for area in areas:
             if (
                 shapely.contains(outline, area)
-                and not shapely.dwithin(np.array(taken, dtype=object), area, APART).any()
+                and not shapely.dwithin(np.array(occupied_plans, dtype=object), area, APART).any()
             ):
                 found.append(area)
-                taken.append(area)
+                occupied_plans.append(area)
         if found:
             path = f"Roads/{body.road.id}/{name}"
             regions.append(Region(path, shapely.MultiPolygon(found), material, label))
@@ -100,7 +95,7 @@ def _frames(line: np.ndarray, station: np.ndarray) -> tuple[np.ndarray, np.ndarr
     at = np.concatenate([[0.0], np.cumsum(np.hypot(step[:, 0], step[:, 1]))])
     heading = np.unwrap(np.arctan2(step[:, 1], step[:, 0]))
     angle = np.interp(station, 0.5 * (at[:-1] + at[1:]), heading)
-    middle = np.column_stack([np.interp(station, at, line[:, k]) for k in range(2)])
+    middle = at_stations(station, at, line[:, :2])
     return middle, np.column_stack([-np.sin(angle), np.cos(angle)])
 
 

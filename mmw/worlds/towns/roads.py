@@ -32,7 +32,7 @@ MIN_WAITING, WAITING_GAP = 1.2, 0.3
 
 @dataclass(frozen=True)
 class RoadEnd:
-    """How a road meets the junction pad at one of its ends."""
+    """End of a road at a junction pad."""
 
     trim: float
     """Distance from the node to the pad's border along the reference line [m]."""
@@ -214,13 +214,6 @@ def build_road(
     road: Road, section: CrossSection, alignment: Alignment, elevation: Elevation, ends: tuple[RoadEnd, RoadEnd]
 ) -> RoadBody:
     """Return a road between its two junction pads.
-
-    Args:
-        road: Its description.
-        section: Its cross-section.
-        alignment: Reference line in plan, from node to node.
-        elevation: Height along the reference line.
-        ends: The junction at the first and at the last node.
 
     Raises:
         InputError: If the pads and the paint across the road leave nothing between them.

@@ -1,16 +1,17 @@
-"""Roofs: flat behind a parapet, gable, hip; chimneys and what stands on a flat roof. Frame as in `buildings.py`."""
+"""Roofs: flat behind a parapet, gable, hip; chimneys and the equipment of a flat roof. Frame as in `buildings.py`."""
 
 from collections import defaultdict
 
 import numpy as np
 import shapely
 
+from mmw.core.mesh import TriangleMesh, merge
 from mmw.worlds.towns.block_description import BuildingStyle
 from mmw.worlds.towns.building_footprints import Plan, rectangle
 from mmw.worlds.towns.facades import window_columns
-from mmw.worlds.towns.primitives import Mesh, box, flat, lathe, merge, place, quads
+from mmw.worlds.towns.primitives import box, flat, lathe, place, quads, stacked
 
-Meshes = defaultdict[str, list[Mesh]]
+Meshes = defaultdict[str, list[TriangleMesh]]
 """Use, such as `facade` -> what has been made for it so far."""
 
 PARAPET_THICKNESS = 0.3
@@ -22,7 +23,7 @@ PLANT_ROOM = (0.42, 0.36, 3.4)
 
 
 def flat_roof(style: BuildingStyle, plan: Plan, top: float, is_joined: bool, out: Meshes) -> None:
-    """Add a roof behind a parapet, with a cornice where no neighbour is in its way."""
+    """Add a roof behind a parapet, with a cornice where no neighbor adjoins."""
     rim = top + style.parapet_m
     overhang = CORNICE[0] if style.windows == "punched" and not is_joined else 0.0
     rings = [
@@ -32,14 +33,7 @@ def flat_roof(style: BuildingStyle, plan: Plan, top: float, is_joined: bool, out
     ]
     if overhang:
         rings += [(plan.ring(-overhang), rim - CORNICE[1]), (plan.ring(), rim - CORNICE[1])]
-    points = np.concatenate([np.column_stack([ring, np.full(len(ring), z)]) for ring, z in rings])
-    count = len(rings[0][0])
-    corner, following = np.arange(count), np.roll(np.arange(count), -1)
-    strips = [
-        np.column_stack([following, corner, corner + count, following + count]) + count * strip
-        for strip in range(len(rings) - 1)
-    ]
-    out["facade"].append(quads(points, np.concatenate(strips)))
+    out["facade"].append(quads(*stacked(rings, inward=True)))
     out["roof"].append(flat(plan.ring(PARAPET_THICKNESS), top))
 
 
@@ -67,7 +61,7 @@ def gable_roof(style: BuildingStyle, width: float, depth: float, top: float, out
         base = np.column_stack([np.full(len(along), sign * 0.5 * length), along, np.full(len(along), top)])
         apex = len(base)
         faces = [[i, i + 1, apex] for i in range(apex - 1)]
-        end = Mesh(np.vstack([base, [sign * 0.5 * length, 0.0, top + rise]]), np.array(faces, np.int32))
+        end = TriangleMesh(np.vstack([base, [sign * 0.5 * length, 0.0, top + rise]]), np.array(faces, np.int32))
         out["facade"].append(place(end, (0, 0, 0), 0.5 * np.pi if turned else 0.0))
 
 
@@ -85,7 +79,7 @@ def hip_roof(style: BuildingStyle, width: float, depth: float, top: float, out: 
     fascia = [[0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7], [0, 3, 2, 1]]
     slopes = quads(points, [*fascia, [4, 5, 9, 8], [6, 7, 8, 9]] if ridge else fascia)
     rises = [[5, 6, 9], [7, 4, 8]] if ridge else [[4, 5, 8], [5, 6, 8], [6, 7, 8], [7, 4, 8]]
-    ends = Mesh(points, np.array(rises, np.int32))
+    ends = TriangleMesh(points, np.array(rises, np.int32))
     out["roof"].append(place(merge([slopes, ends]), (0, 0, 0), 0.5 * np.pi if turned else 0.0))
 
 

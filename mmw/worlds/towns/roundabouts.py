@@ -37,7 +37,7 @@ def expand_roundabouts(
 
 
 def _ring_road(ring: Roundabout, arm: str, after: str, begin: float, span: float) -> Road:
-    """The arc from one arm to the next: one corner point whose arc uses up both legs."""
+    """Return the arc from one arm to the next: one corner point whose arc uses up both legs."""
     reach = ring.radius / np.cos(0.5 * span)
     corner = (
         float(ring.centre[0] + reach * np.cos(begin + 0.5 * span)),

@@ -5,9 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 import shapely
 
-from mmw.traffic.roads.sidewalk_prims import Walk
+from mmw.traffic.roads.sidewalk_prims import Sidewalk
 from mmw.worlds.towns.ground_height import Ground
 from mmw.worlds.towns.mesh_part import MeshPart
+from mmw.worlds.towns.plan_geometry import at_stations, row_stations
 
 STEP = 0.5
 """Spacing of the points of a walk line [m]."""
@@ -16,49 +17,43 @@ KERB_ROOM = 0.45
 """Least distance of a walk line from the kerb, and from the outer edge of the sidewalk [m]: half a person."""
 
 BODY_ROOM = 0.42
-"""Least distance of a walk line from anything that stands on the sidewalk [m]: half a person and a hand's breadth."""
+"""Least distance of a walk line from any obstacle on the sidewalk [m]: half a person and a hand's breadth."""
 
 SIDESTEP = 0.5
-"""Largest move aside per metre of way [-]."""
+"""Largest lateral shift per meter [-]."""
 
 HEADROOM = 2.1
-"""Whatever is higher above the ground than this is in nobody's way [m]."""
+"""Parts higher above the ground than this are no obstacles [m]."""
 
-SHORTEST = 15.0
+MIN_LENGTH = 15.0
 """Walk lines shorter than this are left out [m]."""
 
 
-def walk_lines(tables: Sequence[np.ndarray], obstacles: Sequence[shapely.Geometry]) -> list[Walk]:
+def sidewalk_lines(tables: Sequence[np.ndarray], obstacles: Sequence[shapely.Geometry]) -> list[Sidewalk]:
     """Return walk lines along the sidewalks.
 
-    Each line keeps to the middle of its sidewalk and steps aside for obstacles. Where nobody can pass, and where there
+    Each line follows the middle of its sidewalk and passes obstacles. Where there is no room, and where there
     is no sidewalk, it breaks off.
-
-    Args:
-        tables: Closed loops of edge strips (`mmw.worlds.towns.block_outlines.link_chains`): rows along the kerb,
-        borders kerb foot, kerb
-            top, inner and outer edge of the sidewalk, verge [m], each [N, 5, 3].
-        obstacles: Plans of what stands on the sidewalks.
     """
     tree = shapely.STRtree(list(obstacles))
-    walks: list[Walk] = []
+    sidewalks: list[Sidewalk] = []
     for table in tables:
         inner, outer = _resample(table[:, 2], table[:, 3])
         lateral = _lateral(inner, outer, tree)
         points = inner + lateral[:, None] * (outer - inner)
         free = np.isfinite(lateral)
         if free.all():
-            if STEP * len(points) >= SHORTEST:
-                walks.append(Walk(f"walk_{len(walks):03d}", _directed(points, len(walks)), True))
+            if STEP * len(points) >= MIN_LENGTH:
+                sidewalks.append(Sidewalk(f"walk_{len(sidewalks):03d}", _directed(points, len(sidewalks)), True))
             continue
         for run in _runs(free):
-            if STEP * len(run) >= SHORTEST:
-                walks.append(Walk(f"walk_{len(walks):03d}", _directed(points[run], len(walks)), False))
-    return walks
+            if STEP * len(run) >= MIN_LENGTH:
+                sidewalks.append(Sidewalk(f"walk_{len(sidewalks):03d}", _directed(points[run], len(sidewalks)), False))
+    return sidewalks
 
 
-def standing(parts: Sequence[MeshPart], ground: Ground) -> list[shapely.Geometry]:
-    """Return the plans of parts as far as they are in the way of people: what is below `HEADROOM` above the ground."""
+def obstacle_plans(parts: Sequence[MeshPart], ground: Ground) -> list[shapely.Geometry]:
+    """Return the plans of the obstacles for people: parts below `HEADROOM` above the ground."""
     plans = []
     for part in parts:
         low = part.points[part.points[:, 2] < ground.height(part.points[:, 0], part.points[:, 1]) + HEADROOM]
@@ -76,11 +71,10 @@ def _resample(inner: np.ndarray, outer: np.ndarray) -> tuple[np.ndarray, np.ndar
     """Return both edges of a closed sidewalk with rows `STEP` apart along its middle."""
     inner, outer = np.concatenate([inner, inner[:1]]), np.concatenate([outer, outer[:1]])
     middle = 0.5 * (inner + outer)
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(middle[:, :2], axis=0), axis=1))])
+    along = row_stations(middle[:, :2])
     count = max(3, int(along[-1] / STEP))
     station = along[-1] * np.arange(count) / count
-    edges = [np.stack([np.interp(station, along, edge[:, k]) for k in range(3)], axis=1) for edge in (inner, outer)]
-    return edges[0], edges[1]
+    return at_stations(station, along, inner), at_stations(station, along, outer)
 
 
 def _lateral(inner: np.ndarray, outer: np.ndarray, obstacles: shapely.STRtree) -> np.ndarray:
@@ -93,7 +87,7 @@ def _lateral(inner: np.ndarray, outer: np.ndarray, obstacles: shapely.STRtree) -
     points = np.array(shapely.points(spots.reshape(-1, 2)))
     blocked = np.unique(obstacles.query(points, predicate="dwithin", distance=BODY_ROOM)[0])
     free.reshape(-1)[blocked] = False
-    # The cheapest way through the free cells of the rows: away from the middle costs, and so does moving aside.
+    # The cheapest path through the free cells: distance from the middle costs, and so does a lateral shift.
     reach = np.clip(np.floor(SIDESTEP * STEP / np.maximum(width, 1e-6) * 20), 1, 20).astype(int)
     return _cheapest(free, (offsets - 0.5) ** 2, int(np.median(reach)))
 
@@ -103,17 +97,12 @@ def _cheapest(free: np.ndarray, cost: np.ndarray, reach: int) -> np.ndarray:
 
     Dynamic programming over the rows; on a closed line the first row is repeated at its end, pinned to its own choice.
 
-    Args:
-        free: Which cells may be used, shape [N, K].
-        cost: Cost of each column, shape [K].
-        reach: Largest change of column from one row to the next.
-
     Returns:
         Position of the chosen column, 0 to 1, shape [N]; NaN in rows that have no free cell to go to.
     """
     rows, columns = free.shape
     lateral = np.full(rows, np.nan)
-    start = _calm_row(free)
+    start = _clearest_row(free)
     order = (np.arange(rows) + start) % rows
     moves = 0.02 * np.arange(-reach, reach + 1) ** 2
     total = np.full((rows, columns), np.inf)
@@ -143,7 +132,7 @@ def _cheapest(free: np.ndarray, cost: np.ndarray, reach: int) -> np.ndarray:
     return lateral
 
 
-def _calm_row(free: np.ndarray) -> int:
+def _clearest_row(free: np.ndarray) -> int:
     """Return a row whose middle is free and that is farthest from any obstacle, to begin at."""
     clear = free.sum(axis=1)
     return int(np.argmax(np.minimum(clear, np.minimum(np.roll(clear, 4), np.roll(clear, -4)))))

@@ -6,7 +6,7 @@ import numpy as np
 
 OPPOSITE = np.radians(35)
 """Two arms face each other if the angle between them differs from 180 deg by less than this [rad]; design value. Then
-only a left turn of one meets oncoming traffic of the other."""
+only a left turn of one crosses oncoming traffic of the other."""
 
 
 def assign_phases(heading: list[float], lanes_in: list[int]) -> list[str]:

@@ -11,10 +11,11 @@ import numpy as np
 import shapely
 
 from mmw.core.errors import InputError
+from mmw.core.mesh import TriangleMesh, merge
 from mmw.worlds.towns.ground_height import Ground
 from mmw.worlds.towns.mesh_part import MeshPart
 from mmw.worlds.towns.place_description import Skybridge
-from mmw.worlds.towns.primitives import Mesh, box, merge, place, quads, wall_cells, weld
+from mmw.worlds.towns.primitives import box, place, quads, wall_cells, weld
 
 FRAME, PANE = 0, 1
 SILL, HEAD = 0.35, 0.35
@@ -77,12 +78,6 @@ def find_span(
 ) -> Span:
     """Return where a skybridge runs, how high, and where its columns stand.
 
-    Args:
-        bridge: The description.
-        carriageway: Drivable area.
-        buildings: Plans of the buildings placed by hand.
-        ground: Height of the ground and of the roads.
-
     Raises:
         InputError: If the ends lie too close, a building stands below the bridge, or a column would stand on a road.
     """
@@ -125,7 +120,7 @@ def find_span(
 
 
 def _samples(area: shapely.Geometry) -> np.ndarray:
-    """Return points over an area and along its border, about a metre apart, shape [N, 2]."""
+    """Return points over an area and along its border, about a meter apart, shape [N, 2]."""
     west, south, east, north = area.bounds
     grid = np.stack(np.meshgrid(np.arange(west, east), np.arange(south, north)), axis=-1).reshape(-1, 2)
     border = shapely.get_coordinates(shapely.segmentize(area.boundary, 1.0))
@@ -133,13 +128,7 @@ def _samples(area: shapely.Geometry) -> np.ndarray:
 
 
 def side_cells(bridge: Skybridge, length: float, soffit: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the grid of one glass side: borders across (fractions), heights [m], kinds `FRAME | PANE`.
-
-    Args:
-        bridge: Panes, mullions and storeys.
-        length: Length of the side [m].
-        soffit: Height of the underside [m].
-    """
+    """Return the grid of one glass side: borders across (fractions), heights [m], kinds `FRAME | PANE`."""
     count = max(1, round(length / bridge.bay_m))
     post = min(bridge.mullion_m, 0.5 * length / (count + 1)) / length
     pane = (1.0 - (count + 1) * post) / count
@@ -180,8 +169,9 @@ def build_skybridge(span: Span, ground: Ground) -> list[MeshPart]:
         "roof": (_deck(x, y, float(heights[-1]), is_up=True), bridge.roof),
     }
     middle = 0.5 * (np.array(bridge.start) + np.array(bridge.end))
+    path, at = f"Skybridges/{bridge.name}", (*middle, 0.0)
     parts = [
-        MeshPart(f"Skybridges/{bridge.name}/{name}", *place(weld(mesh), (*middle, 0.0), span.yaw), material, "building")
+        MeshPart.of(f"{path}/{name}", place(weld(mesh), at, span.yaw), material, "building")
         for name, (mesh, material) in meshes.items()
     ]
     if span.columns:
@@ -191,14 +181,11 @@ def build_skybridge(span: Span, ground: Ground) -> list[MeshPart]:
             top = span.soffit + SUNK
             post = box((POST, POST, top - foot), (0.0, 0.0, 0.5 * (top + foot)))
             posts.append(place(post, (*column, 0.0), span.yaw))
-        mesh = merge(posts)
-        parts.append(
-            MeshPart(f"Skybridges/{bridge.name}/columns", mesh.points, mesh.faces, bridge.underside, "building")
-        )
+        parts.append(MeshPart.of(f"{path}/columns", merge(posts), bridge.underside, "building"))
     return parts
 
 
-def _deck(x: np.ndarray, y: float, z: float, *, is_up: bool) -> Mesh:
+def _deck(x: np.ndarray, y: float, z: float, *, is_up: bool) -> TriangleMesh:
     """Return a level strip between the two sides, cut at the stations `x` [m] of their grid."""
     count = len(x)
     points = np.column_stack([np.tile(x, 2), np.repeat([-y, y], count), np.full(2 * count, z)])

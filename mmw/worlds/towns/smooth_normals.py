@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from mmw.core.mesh import TriangleMesh
 from mmw.worlds.towns.mesh_part import MeshPart
 
 CREASE_DEG = {
@@ -30,7 +31,7 @@ def part_normals(part: MeshPart) -> np.ndarray | None:
     crease = CROWN_CREASE_DEG if part.path.endswith("/crown") else CREASE_DEG.get(part.material)
     if crease is None or not (part.path.split("/")[0] in GROUPS or part.path.endswith(PIERS)):
         return None
-    corners = corner_normals(part.points, part.faces, crease)
+    corners = corner_normals(part.mesh, crease)
     if corners is None:
         return None
     at_vertex = np.zeros_like(part.points)
@@ -38,26 +39,24 @@ def part_normals(part: MeshPart) -> np.ndarray | None:
     return at_vertex if np.abs(at_vertex[part.faces] - corners).max() < 1e-3 else corners
 
 
-def corner_normals(points: np.ndarray, faces: np.ndarray, crease_deg: float) -> np.ndarray | None:
+def corner_normals(mesh: TriangleMesh, crease_deg: float) -> np.ndarray | None:
     """Return the normal of every corner: the mean of the faces around it that lie less than an angle from its own.
 
     A face counts by its angle at the corner.
 
     Args:
-        points: Vertices [m], shape [N, 3]; those closer than 0.1 mm count as one.
-        faces: Triangles, shape [M, 3].
+        mesh: The mesh; vertices closer than 0.1 mm count as one.
         crease_deg: The angle [deg].
 
     Returns:
         Unit normals, shape [M, 3, 3]; None if each is that of its face.
     """
-    corners = points[faces]
-    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normal = cross / np.maximum(np.linalg.norm(cross, axis=1, keepdims=True), 1e-300)
+    corners, normal = mesh.corners, mesh.normals
     ahead, behind = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
     lengths = np.linalg.norm(ahead, axis=2) * np.linalg.norm(behind, axis=2)
     angle = np.arccos(np.clip(np.einsum("fcx,fcx->fc", ahead, behind) / np.maximum(lengths, 1e-300), -1.0, 1.0))
-    vertex = np.unique(np.round(points * 1e4).astype(np.int64), axis=0, return_inverse=True)[1].reshape(-1)[faces]
+    vertex = np.unique(np.round(mesh.points * 1e4).astype(np.int64), axis=0, return_inverse=True)[1]
+    vertex = vertex.reshape(-1)[mesh.faces]
     order = np.argsort(vertex.reshape(-1), kind="stable")
     ends = np.flatnonzero(np.diff(vertex.reshape(-1)[order], append=-1))
     result = np.repeat(normal[:, None], 3, axis=1)

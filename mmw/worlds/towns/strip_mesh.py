@@ -5,10 +5,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from mmw.core.mesh import TriangleMesh
 from mmw.worlds.towns.mesh_part import MeshPart
 from mmw.worlds.towns.section import EDGE_STRIPS
 
-SMALLEST_AREA = 1e-8
+MIN_AREA = 1e-8
 """Triangles below this area are left out [m^2]: strips of no width where a profile has no kerb or no sidewalk."""
 
 
@@ -34,23 +35,16 @@ class Surface:
         self.faces.setdefault(material, []).append(np.asarray(faces, dtype=np.int64).reshape(-1, 3))
 
     def parts(self, paths: dict[str, tuple[str, str]]) -> list[MeshPart]:
-        """Return one mesh part a material.
-
-        Args:
-            paths: Material -> prim path and label.
-        """
+        """Return one mesh part a material."""
         points = np.concatenate(self.points)
         made = []
         for material, (path, label) in paths.items():
             if material not in self.faces:
                 continue
-            faces = np.concatenate(self.faces[material])
-            a, b, c = (points[faces[:, k]] for k in range(3))
-            faces = faces[0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1) > SMALLEST_AREA]
-            if len(faces) == 0:
-                continue
-            used, inverse = np.unique(faces, return_inverse=True)
-            made.append(MeshPart(path, points[used], inverse.reshape(-1, 3).astype(np.int32), material, label))
+            mesh = TriangleMesh(points, np.concatenate(self.faces[material]))
+            mesh = mesh.select(mesh.areas > MIN_AREA)
+            if len(mesh.faces):
+                made.append(MeshPart.of(path, mesh, material, label))
         return made
 
 
@@ -104,12 +98,7 @@ class Chain:
 
 
 def chain_parts(name: str, chains: Sequence[Chain]) -> list[MeshPart]:
-    """Return the meshes of kerbs, sidewalks and verges of one road or one junction.
-
-    Args:
-        name: Name of the road or junction, unique in the town.
-        chains: Its edges.
-    """
+    """Return the meshes of kerbs, sidewalks and verges of one road or one junction."""
     surface = Surface()
     for chain in chains:
         rows, borders, _ = chain.table.shape

@@ -2,29 +2,17 @@
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy.sparse
-import scipy.sparse.linalg
 import scipy.spatial
 import shapely
 
 from mmw.core.errors import InputError
-from mmw.worlds.towns.block_outlines import signed_area
-from mmw.worlds.towns.description import TownDescription
 from mmw.worlds.towns.mesh_part import MeshPart
-
-if TYPE_CHECKING:
-    from mmw.worlds.towns.network import RoadNetwork
+from mmw.worlds.towns.plan_geometry import harmonic_heights, triangular_lattice, twice_areas
 
 ROW_PITCH = 0.5 * np.sqrt(3.0)
 """Distance of the rows of a triangular lattice, by its spacing [-]."""
-
-
-def build_terrain(description: TownDescription, network: "RoadNetwork") -> list[MeshPart]:
-    """Return the ground outside the roads: one mesh a block, and one around the town."""
-    return list(network.terrain)
 
 
 def mesh_terrain(
@@ -39,13 +27,13 @@ def mesh_terrain(
         margin: How far the ground reaches beyond the outermost road [m].
         cover: Plans of bridges, which the ground reaches beyond as well.
     """
-    outer = [loop for loop in loops if signed_area(loop[:, :2]) > 0]
+    outer = [loop for loop in loops if shapely.LinearRing(loop[:, :2]).is_ccw]
     parts = []
     for k, loop in enumerate(outer):
         reach = [loop[:, :2], *(shapely.get_coordinates(plan) for plan in cover)]
         frame = _frame(np.concatenate(reach), spacing, margin)
         parts.append(_mesh_block(f"Terrain/surroundings_{k:02d}", loop, frame, spacing))
-    blocks = [loop for loop in loops if signed_area(loop[:, :2]) < 0]
+    blocks = [loop for loop in loops if not shapely.LinearRing(loop[:, :2]).is_ccw]
     order = sorted(blocks, key=lambda loop: tuple(np.round(loop[:, :2].mean(axis=0), 3)))
     for k, loop in enumerate(order):
         parts.append(_mesh_block(f"Terrain/block_{k:02d}", loop, None, spacing))
@@ -71,17 +59,14 @@ def _mesh_block(path: str, loop: np.ndarray, frame: np.ndarray | None, spacing: 
         raise InputError(f"{path}: {shapely.is_valid_reason(polygon)}; the roads around this block overlap; move them")
     low, high = np.array(polygon.bounds[:2]), np.array(polygon.bounds[2:])
     count = np.maximum(np.round((high - low) / (spacing * np.array([1.0, ROW_PITCH]))).astype(int), 1)
-    x, y = (np.linspace(low[k], high[k], count[k] + 1) for k in range(2))
-    grid = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
-    grid[:, 1::2, 0] += 0.5 * (x[1] - x[0])  # a triangular lattice has one Delaunay triangulation, a square one many
-    grid = grid.reshape(-1, 2)
+    grid = triangular_lattice(low, high, count)
     shapely.prepare(polygon)
     grid = grid[shapely.contains_xy(polygon, grid[:, 0], grid[:, 1])]
     grid = grid[np.asarray(shapely.distance(polygon.boundary, np.array(shapely.points(grid)))) > 0.55 * spacing]
     fixed = border if frame is None else np.concatenate([border, frame])
     edges = _edges(len(border), 0 if frame is None else len(frame))
     faces, xy = _triangulate(polygon, fixed, edges, grid)
-    z = _heights(xy, faces, loop[:, 2])
+    z = harmonic_heights(faces, len(xy), loop[:, 2])
     return MeshPart(path, np.column_stack([xy, z]), faces, "grass", "terrain")
 
 
@@ -121,29 +106,9 @@ def _triangulate(
 
 def _face_up(faces: np.ndarray, xy: np.ndarray) -> np.ndarray:
     """Return triangles counter-clockwise from above, in the order of their vertices: Qhull's hangs on last bits."""
-    a, b, c = (xy[faces[:, k]] for k in range(3))
-    area = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
+    area = twice_areas(xy[faces])
     faces = np.where((area < 0)[:, None], faces[:, ::-1], faces)
     faces = faces[np.abs(area) > 1e-9].astype(np.int32)
     turns = (np.argmin(faces, axis=1)[:, None] + np.arange(3)) % 3  # the same triangle, from its first vertex on
     faces = np.take_along_axis(faces, turns, axis=1)
     return faces[np.lexsort(faces.T[::-1])]
-
-
-def _heights(xy: np.ndarray, faces: np.ndarray, border: np.ndarray) -> np.ndarray:
-    """Heights that equal `border` at the first vertices and, at the others, the mean of their neighbours [m].
-
-    Discrete harmonic interpolation: no bump or hollow between roads, and level ground between level roads.
-    """
-    count, known = len(xy), len(border)
-    i = faces[:, [0, 1, 2, 1, 2, 0]].ravel()
-    j = faces[:, [1, 2, 0, 0, 1, 2]].ravel()
-    link = scipy.sparse.coo_matrix((np.ones(len(i)), (i, j)), shape=(count, count)).tocsr()
-    link.data[:] = 1.0
-    laplacian = (scipy.sparse.diags(np.asarray(link.sum(axis=1)).ravel()) - link).tocsr()
-    z = np.concatenate([border, np.zeros(count - known)])
-    if count > known:
-        free = laplacian[known:]
-        inner = scipy.sparse.linalg.spsolve(free[:, known:].tocsc(), -free[:, :known] @ border)
-        z[known:] = np.round(np.asarray(inner), 6)
-    return z

@@ -1,6 +1,8 @@
-"""Texture coordinates of town meshes: metres along the surface, upright on walls, on the map on level ground."""
+"""Texture coordinates of town meshes: meters along the surface, upright on walls, on the map on level ground."""
 
 import numpy as np
+
+from mmw.core.mesh import TriangleMesh
 
 LEVEL = 0.9
 """A face whose normal's vertical share exceeds this takes its coordinates from the map."""
@@ -12,34 +14,30 @@ PICTURE_GRID = 1.0 / 4096.0
 """Coordinates of pictures are rounded to this."""
 
 
-def texture_coordinates(points: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-    """Return texture coordinates in metres, the same scale on every face, without a seam inside a plane.
+def texture_coordinates(mesh: TriangleMesh) -> tuple[np.ndarray, np.ndarray | None]:
+    """Return texture coordinates in meters, the same scale on every face, without a seam inside a plane.
 
     On level faces they are x and y. On all others s runs horizontally, to the right seen from the front, and t up the
     slope.
 
     Args:
-        points: Vertices [m], shape [N, 3].
-        faces: Triangles, shape [M, 3].
+        mesh: The mesh.
 
     Returns:
         Coordinates (s, t) [m], float32: one a vertex, shape [N, 2], and None; or, where a vertex needs several, the
         different ones, shape [K, 2], and the index of each corner into them, shape [3 M], int32.
     """
-    corners = points[faces]
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normal = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
-    normal = np.round(normal, 5)  # neighbouring faces of one plane agree
+    normal = np.round(mesh.normals, 5)  # neighbouring faces of one plane agree
     flat = (np.abs(normal[:, 2]) > LEVEL) | ~normal.any(axis=1)  # a face without area has no slope
     across = np.stack([-normal[:, 1], normal[:, 0], np.zeros(len(normal))], axis=1)
     across = np.where(flat[:, None], (1.0, 0.0, 0.0), across)
     across = across / np.linalg.norm(across, axis=1, keepdims=True)
     upward = np.where(flat[:, None], (0.0, 1.0, 0.0), np.cross(normal, across))
-    st = np.stack([np.einsum("fcx,fx->fc", corners, axis) for axis in (across, upward)], axis=-1)
+    st = np.stack([np.einsum("fcx,fx->fc", mesh.corners, axis) for axis in (across, upward)], axis=-1)
     steps = np.round(st.reshape(-1, 2) / GRID_M).astype(np.int64)
-    vertex = faces.reshape(-1).astype(np.int64)
+    vertex = mesh.faces.reshape(-1).astype(np.int64)
     keyed, first, inverse = np.unique(np.column_stack([vertex, steps]), axis=0, return_index=True, return_inverse=True)
-    if len(keyed) == len(points) and np.array_equal(keyed[:, 0], np.arange(len(points))):
+    if len(keyed) == len(mesh.points) and np.array_equal(keyed[:, 0], np.arange(len(mesh.points))):
         return (keyed[:, 1:] * GRID_M).astype(np.float32), None
     return _by_first_use(keyed[:, 1:] * GRID_M, first, inverse)
 

@@ -1,4 +1,4 @@
-"""Trees, hedges and shrubs: closed crowns with lumps, whose normals are smooth, on tapered trunks.
+"""Trees: closed crowns with lumps, whose normals are smooth, on tapered trunks.
 
 No leaf is cut out: every sensor sees the same closed crown. A crown is one surface around its middle, the outer hull
 of several round clumps, so that no triangle is hidden inside it. Frame as in `props.py`.
@@ -8,7 +8,8 @@ import itertools
 
 import numpy as np
 
-from mmw.worlds.towns.primitives import Mesh, box, lathe
+from mmw.core.mesh import TriangleMesh
+from mmw.worlds.towns.primitives import lathe
 from mmw.worlds.towns.prop_parts import ROOT, Piece
 
 GREENS = ("foliage", "foliage_light", "foliage_dark")
@@ -19,7 +20,7 @@ SMOOTHED, SHARPNESS = 3, 14.0
 """Crowns coarser than this `frequency` follow the mean hull around each vertex; how narrow that mean is [-]."""
 
 
-def sphere(frequency: int) -> Mesh:
+def sphere(frequency: int) -> TriangleMesh:
     """Return a unit sphere of 20 x `frequency`^2 triangles: an icosahedron whose faces are divided."""
     golden = 0.5 * (1.0 + np.sqrt(5.0))
     corners = np.array([(0.0, a, b * golden) for a, b in itertools.product((-1.0, 1.0), repeat=2)])
@@ -48,12 +49,12 @@ def sphere(frequency: int) -> Mesh:
             if i + j < frequency - 1:
                 faces.append([at[i + 1, j], at[i + 1, j + 1], at[i, j + 1]])
     unit = np.array(points)
-    return Mesh(unit / np.linalg.norm(unit, axis=1, keepdims=True), np.array(faces, np.int32))
+    return TriangleMesh(unit / np.linalg.norm(unit, axis=1, keepdims=True), np.array(faces, np.int32))
 
 
 def crown(
     rng: np.random.Generator, radius: float, low: float, high: float, clumps: int, frequency: int, lean: float = 0.0
-) -> Mesh:
+) -> TriangleMesh:
     """Return a crown: the hull of clumps around a middle, seen from there.
 
     Args:
@@ -89,10 +90,10 @@ def crown(
     bottom, top = points[:, 2].min(), points[:, 2].max()
     share = (points[:, 2] - bottom) / (top - bottom)
     points[:, 2] = low + (high - low) * (share + lean * share * (1.0 - share))
-    return Mesh(points, unit.faces)
+    return TriangleMesh(points, unit.faces)
 
 
-def trunk(height: float, radius: float, sides: int = 5) -> Mesh:
+def trunk(height: float, radius: float, sides: int = 5) -> TriangleMesh:
     """Return a trunk that is wider at its foot."""
     return lathe([(1.5 * radius, -ROOT), (radius, 0.6), (0.55 * radius, height)], sides)
 
@@ -139,21 +140,8 @@ def spruce(rng: np.random.Generator, frequency: int = 3) -> list[Piece]:
         ring, following = start + np.arange(rays), start + np.roll(np.arange(rays), -1)
         ends = np.full(rays, start + rays)
         faces += [np.column_stack([ring, following, ends]), np.column_stack([following, ring, ends + 1])]
-    hull = Mesh(np.concatenate(points), np.concatenate(faces).astype(np.int32))
+    hull = TriangleMesh(np.concatenate(points), np.concatenate(faces).astype(np.int32))
     return [
         ("trunk", trunk(0.2 * height, 0.16), "bark", "vegetation"),
         ("crown", hull, "foliage_dark", "vegetation"),
-    ]
-
-
-def hedge(rng: np.random.Generator) -> list[Piece]:
-    """Return a clipped hedge, 4 m along y."""
-    return [("leaves", box((0.7, 4.0, 1.1 + ROOT), (0, 0, 0.5 * (1.1 - ROOT))), "foliage", "vegetation")]
-
-
-def planter(rng: np.random.Generator) -> list[Piece]:
-    """Return a round concrete tub with a shrub."""
-    return [
-        ("tub", lathe([(0.55, -0.2), (0.75, 0.65)], 8), "concrete_structure", "static"),
-        ("crown", crown(rng, 0.7, 0.45, 1.45, 7, 2), "foliage_light", "vegetation"),
     ]

@@ -1,4 +1,4 @@
-"""Turn rules: which lane leads to which across a junction, on which curve, and who goes first."""
+"""Turn rules: which lane leads to which across a junction, on which curve, and with which priority."""
 
 from collections.abc import Sequence
 
@@ -10,18 +10,18 @@ from mmw.worlds.towns.description import Junction
 from mmw.worlds.towns.junctions import MARGIN, Arm, Pad, blend
 from mmw.worlds.towns.roads import RoadBody
 from mmw.worlds.towns.signal_phases import assign_phases
-from mmw.worlds.towns.u_turns import KERB_CLEARANCE, LEAST, turn_back
+from mmw.worlds.towns.u_turns import KERB_CLEARANCE, MIN_U_TURN_RADIUS, u_turn
 
 STRAIGHT = np.radians(35)
 """Turns below this angle count as straight on [rad]."""
 RANK = {"straight": 3, "right": 2, "left": 1, "back": 0}
-"""Among roads of one priority, who goes first where traffic keeps to the right."""
+"""Among roads of one priority, priority of turns in right-hand traffic."""
 MIN_RADIUS = 5.5
-"""Least radius of a way through a junction [m]: about the turning radius of a car's outer front wheel."""
+"""Minimum radius of a lane through a junction [m]: about the turning radius of a car's outer front wheel."""
 CONCENTRIC = np.radians(60)
 """Right turns sharper than this run at a constant distance from the kerb [rad], so that long vehicles stay off it."""
 ARC_STEP = np.radians(1.5)
-"""Largest change of heading from one point of a way to the next [rad]."""
+"""Largest change of heading from one point of a lane to the next [rad]."""
 
 
 def kind_of_turn(turn: float) -> str:
@@ -45,16 +45,10 @@ def outgoing(body: RoadBody, is_start: bool) -> list[Lane]:
 def choose_turns(
     arms: list[Arm], lanes_in: list[int], lanes_out: list[int], settings: Junction
 ) -> list[tuple[int, int, int, int, str]]:
-    """Return every way through a junction but those back into the same arm.
+    """Return every turn at a junction but U-turns.
 
     The left lane turns left, the right lane turns right, every lane goes straight on into the lane of the same place.
-    A lane that these rules leave without a way, or that none leads to, gets the nearest one.
-
-    Args:
-        arms: Arms, counter-clockwise.
-        lanes_in: Lanes of every arm that lead to the node.
-        lanes_out: Lanes of every arm that lead away.
-        settings: Settings of this junction.
+    A lane that these rules leave without a turn, or that none leads to, gets the nearest one.
 
     Returns:
         Arm and lane before, arm and lane after, kind of turn.
@@ -102,20 +96,10 @@ def build_turns(
     pad: Pad,
     is_signalled: bool,
 ) -> list[tuple[str, Lane]]:
-    """Return the ways through a junction as lanes, each with the name of the lane that leads to it.
-
-    Args:
-        node: Name of the node.
-        arms: Arms, counter-clockwise.
-        trims: Distance of every arm's end from the node [m].
-        bodies: Roads as built.
-        settings: Settings of this junction.
-        pad: The junction's ground; ways back stay on it.
-        is_signalled: Whether it has traffic lights; then every way names the phase of its arm.
+    """Return the turns of a junction as lanes, each with the name of the lane that leads to it.
 
     Raises:
-        InputError: If a lane ends here without a way on, a way is too tight for a car, or vehicles may turn back but
-            have no room for it at any arm.
+        InputError: If a lane ends here without a turn, a turn is too tight for a car, or no arm has room for a U-turn.
     """
     before = [incoming(bodies[arm.road.id], arm.is_start) for arm in arms]
     after = [outgoing(bodies[arm.road.id], arm.is_start) for arm in arms]
@@ -139,19 +123,19 @@ def build_turns(
                 f"node {node!r}: the way from {first.name!r} to {last.name!r} has a radius of {curve.radius:.1f} m; "
                 f"{MIN_RADIUS} m or more are needed; increase corner_radius or the angle between the roads"
             )
-        made.append(_way(node, first, last, curve.xy, 10 * arms[i].road.priority + RANK[kind], phases[i]))
+        made.append(_turn_lane(node, first, last, curve.xy, 10 * arms[i].road.priority + RANK[kind], phases[i]))
     if settings.uturn:
-        back = _ways_back(node, arms, trims, before, after, pad, phases)
+        back = _u_turn_lanes(node, arms, trims, before, after, pad, phases)
         if not back:
             raise InputError(
-                f"node {node!r}: uturn: true, but no arm has room to turn back; {LEAST} m of radius and "
+                f"node {node!r}: uturn: true, but no arm has room to turn back; {MIN_U_TURN_RADIUS} m of radius and "
                 f"{KERB_CLEARANCE} m from the kerbs are needed; increase corner_radius or `centre`, or remove uturn"
             )
         made += back
     return made
 
 
-def _ways_back(
+def _u_turn_lanes(
     node: str,
     arms: list[Arm],
     trims: list[float],
@@ -160,7 +144,7 @@ def _ways_back(
     pad: Pad,
     phases: list[str],
 ) -> list[tuple[str, Lane]]:
-    """Return the ways from the innermost lane of an arm back into the same arm, where there is room."""
+    """Return the U-turns from the innermost lane of every arm that has room for one."""
     kerbs = [corner.table[:, 0, :2] for corner in pad.corners]
     made = []
     for i, arm in enumerate(arms):
@@ -168,14 +152,14 @@ def _ways_back(
             continue
         first, heading = before[i][0], arm.outward(trims[i]) + np.pi
         exits = [lane.points[0, :2] for lane in after[i]]
-        found = turn_back(first.points[-1, :2], heading, exits, pad.outline, kerbs, ARC_STEP)
+        found = u_turn(first.points[-1, :2], heading, exits, pad.outline, kerbs, ARC_STEP)
         if found is not None:
             lane, xy = found
-            made.append(_way(node, first, after[i][lane], xy, 10 * arm.road.priority + RANK["back"], phases[i]))
+            made.append(_turn_lane(node, first, after[i][lane], xy, 10 * arm.road.priority + RANK["back"], phases[i]))
     return made
 
 
-def _way(node: str, first: Lane, last: Lane, xy: np.ndarray, priority: int, phase: str) -> tuple[str, Lane]:
+def _turn_lane(node: str, first: Lane, last: Lane, xy: np.ndarray, priority: int, phase: str) -> tuple[str, Lane]:
     p0, p1 = first.points[-1], last.points[0]
     points = np.column_stack([xy, np.linspace(p0[2], p1[2], len(xy))])
     points[0], points[-1] = p0, p1

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import shapely
 
-WIDEST, LEAST = 7.0, 5.0
+MAX_U_TURN_RADIUS, MIN_U_TURN_RADIUS = 7.0, 5.0
 """Largest radius of a half circle and least radius of any turn [m]; 5 m is about the turning radius of a car's front
 axle, 10.5 to 11.5 m between kerbs; design values."""
 
@@ -19,7 +19,7 @@ KERB_CLEARANCE = 1.5
 """Least distance from a kerb [m]: at 5 m radius the outer front corner of a car swings 1.3 m beyond the line."""
 
 
-def turn_back(
+def u_turn(
     start: np.ndarray,
     heading: float,
     exits: Sequence[np.ndarray],
@@ -46,10 +46,10 @@ def turn_back(
     left = np.array([-forward[1], forward[0]])
     for lane, end in enumerate(exits):
         ahead, aside = float((end - start) @ forward), float((end - start) @ left)
-        radii = SWING if aside < 2 * LEAST else (min(0.5 * aside, WIDEST), LEAST)
+        radii = SWING if aside < 2 * MIN_U_TURN_RADIUS else (min(0.5 * aside, MAX_U_TURN_RADIUS), MIN_U_TURN_RADIUS)
         for radius in radii:
             for lead in LEADS:
-                local = loop(aside, radius, step)
+                local = u_turn_curve(aside, radius, step)
                 local[:, 0] += max(lead, lead + ahead)
                 points = np.concatenate([[start], start + local @ np.stack([forward, left]), [end]])
                 points = points[np.concatenate([[True], np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-6])]
@@ -59,7 +59,7 @@ def turn_back(
     return None
 
 
-def loop(aside: float, radius: float, step: float) -> np.ndarray:
+def u_turn_curve(aside: float, radius: float, step: float) -> np.ndarray:
     """Return a turn by 180 deg to the left from the origin, heading along x, to (0, aside).
 
     Where the way aside is less than two radii, it first swings out to the right, turns left by more than 180 deg, and

@@ -16,7 +16,7 @@ from mmw.core.errors import InputError
 from mmw.core.resources import assets_dir
 from mmw.traffic.roads.lane_graph import LaneGraph
 from mmw.traffic.roads.lane_prims import write_lanes
-from mmw.traffic.roads.sidewalk_prims import Walk, write_walks
+from mmw.traffic.roads.sidewalk_prims import Sidewalk, write_sidewalks
 from mmw.usd import schema
 from mmw.usd.actors import PARKED
 from mmw.usd.atomic_layers import save_layers
@@ -38,37 +38,37 @@ GROUND_MATERIALS = ("asphalt", "road_marking", "concrete_sidewalk", "curb", "gra
 PAYLOAD = "geometry.usdc"
 
 
-def metres_z_up(stage: Usd.Stage) -> None:
+def set_meters_z_up(stage: Usd.Stage) -> None:
     """Write axes and unit of every town."""
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
 
 
-def _author_mesh(layer: Sdf.Layer, path: Sdf.Path, part: MeshPart) -> Sdf.PrimSpec:
+def _write_mesh(layer: Sdf.Layer, path: Sdf.Path, part: MeshPart) -> Sdf.PrimSpec:
     if layer.GetPrimAtPath(path):
         raise InputError(f"part {part.path!r} is given twice; give each mesh its own path")
     if part.material not in LIBRARY:
         known = ", ".join(sorted(LIBRARY))
         raise InputError(f"{path}: material {part.material!r}; the library holds {known}; use one of them")
-    mesh = new_mesh(layer, path, _without_noise(part.points), part.faces, ROOT.AppendPath(f"Materials/{part.material}"))
+    mesh = new_mesh(layer, path, _rounded(part.points), part.faces, ROOT.AppendPath(f"Materials/{part.material}"))
     corners = picture_coordinates(part)
     if corners is not None:
         set_texture_coordinates(mesh, *indexed(corners.reshape(-1, 2)))
     elif part.material in TILES:
-        set_texture_coordinates(mesh, *texture_coordinates(part.points, part.faces))
+        set_texture_coordinates(mesh, *texture_coordinates(part.mesh))
     normals = part_normals(part)
     if normals is not None:
-        set_normals(mesh, _without_noise(normals))
+        set_normals(mesh, _rounded(normals))
     return mesh
 
 
-def _without_noise(values: np.ndarray) -> np.ndarray:
+def _rounded(values: np.ndarray) -> np.ndarray:
     """Return float64 values whose float32 is the same on every CPU: a zero may be 1e-18 or -0 on another one."""
     return np.round(values, 9) + 0.0
 
 
-def _author_groups(layer: Sdf.Layer, parts: Sequence[MeshPart]) -> None:
-    """Write groups, components and meshes; a label that holds for a whole group stands on the group."""
+def _write_groups(layer: Sdf.Layer, parts: Sequence[MeshPart]) -> None:
+    """Write groups, components and meshes; a label of a whole group is written on the group."""
     groups: dict[str, dict[str, list[MeshPart]]] = {}
     for part in parts:
         names = part.path.split("/")
@@ -83,26 +83,26 @@ def _author_groups(layer: Sdf.Layer, parts: Sequence[MeshPart]) -> None:
         if shared:
             set_label(spec, shared)
         for name, member in members.items():
-            _author_component(layer, path.AppendChild(name), member, shared)
+            _write_component(layer, path.AppendChild(name), member, shared)
 
 
-def _author_component(layer: Sdf.Layer, path: Sdf.Path, parts: Sequence[MeshPart], inherited: str) -> None:
-    """Write one component with its meshes, or a single mesh that stands directly in its group."""
+def _write_component(layer: Sdf.Layer, path: Sdf.Path, parts: Sequence[MeshPart], inherited: str) -> None:
+    """Write one component with its meshes, or a single mesh directly in its group."""
     label = parts[0].label
     if len(parts[0].path.split("/")) == 2:
-        specs = [_author_mesh(layer, ROOT.AppendPath(part.path), part) for part in parts]
+        specs = [_write_mesh(layer, ROOT.AppendPath(part.path), part) for part in parts]
         owner = specs[0]
     else:
         owner = new_prim(layer, path, "Xform", Kind.Tokens.component)
         for part in parts:
-            mesh = _author_mesh(layer, ROOT.AppendPath(part.path), part)
+            mesh = _write_mesh(layer, ROOT.AppendPath(part.path), part)
             if part.label != label:
                 set_label(mesh, part.label)
     if label != inherited:
         set_label(owner, label)
 
 
-def _author_weather(stage: Usd.Stage, weather: Mapping[str, TownWeather], materials: Sequence[str]) -> None:
+def _write_weather(stage: Usd.Stage, weather: Mapping[str, TownWeather], materials: Sequence[str]) -> None:
     """Write the variant set `weather`, which gives materials the radio row of wet ground; the first one is selected.
 
     Looks are the same in all variants: a camera darkens and smooths what is wet itself.
@@ -121,11 +121,11 @@ def _author_weather(stage: Usd.Stage, weather: Mapping[str, TownWeather], materi
                 attribute.Set(value)
                 attribute.SetDocumentation(doc)
             for material in materials if state.ground_itu else ():
-                _author_ground(stage, material, state.ground_itu)
+                _write_ground(stage, material, state.ground_itu)
     variants.SetVariantSelection(next(iter(weather)))
 
 
-def _author_ground(stage: Usd.Stage, material: str, itu: str) -> None:
+def _write_ground(stage: Usd.Stage, material: str, itu: str) -> None:
     prim = stage.OverridePrim(ROOT.AppendPath(f"Materials/{material}"))
     for key, value in (("model", "itu"), ("itu", itu)):
         attribute = schema.RADIO_ATTRIBUTES[key]
@@ -146,7 +146,7 @@ def interface_layer(
     """
     layer = Sdf.Layer.CreateAnonymous(f"{name}.usda")
     stage = Usd.Stage.Open(layer)
-    metres_z_up(stage)
+    set_meters_z_up(stage)
     root = UsdGeom.Xform.Define(stage, ROOT).GetPrim()
     stage.SetDefaultPrim(root)
     Usd.ModelAPI(root).SetKind(Kind.Tokens.assembly)
@@ -155,7 +155,7 @@ def interface_layer(
     extent = np.stack([np.min(corners, axis=(0, 1)), np.max(corners, axis=(0, 1))]).astype(np.float32)
     UsdGeom.ModelAPI.Apply(root).SetExtentsHint(Vt.Vec3fArray.FromNumpy(extent))
     UsdGeom.Scope.Define(stage, ROOT.AppendChild("Materials"))
-    _author_weather(stage, weather, wet)
+    _write_weather(stage, weather, wet)
     del stage  # the payload is relative to a file that does not exist yet, so nothing may compose it here
     layer.GetPrimAtPath(ROOT).payloadList.Prepend(Sdf.Payload(f"./{payload}", ROOT))
     return layer
@@ -169,7 +169,7 @@ def write_town(
     weather: Mapping[str, TownWeather],
     materials: str | Path | None = None,
     parked: Sequence[ParkedCar] = (),
-    walks: Sequence[Walk] = (),
+    walks: Sequence[Sidewalk] = (),
 ) -> Path:
     """Write `<name>.usda` (interface) and `geometry.usdc` (payload); the same input gives the same bytes.
 
@@ -197,13 +197,13 @@ def write_town(
 
     geometry = Sdf.Layer.CreateAnonymous(PAYLOAD)
     stage = Usd.Stage.Open(geometry)
-    metres_z_up(stage)
+    set_meters_z_up(stage)
     with Sdf.ChangeBlock():
         new_prim(geometry, ROOT, "Xform")
-        _author_groups(geometry, parts)
+        _write_groups(geometry, parts)
     stage.SetDefaultPrim(stage.GetPrimAtPath(ROOT))
     write_lanes(stage, str(ROOT.AppendChild("Lanes")), lanes)
-    write_walks(stage, str(ROOT.AppendChild("Walks")), walks)
+    write_sidewalks(stage, str(ROOT.AppendChild("Walks")), walks)
     del stage
     if parked:  # with references relative to the file, so after the stage that would compose them
         write_parked(geometry, ROOT.AppendChild(PARKED), parked, load_catalog(), out_dir)

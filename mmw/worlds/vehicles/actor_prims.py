@@ -7,15 +7,7 @@ from mmw.usd.vehicle_catalog import ActorModel
 
 
 def describe_actor(prim: Sdf.PrimSpec, role: str, model: ActorModel, asset: str, paint: str) -> None:
-    """Write the attributes `mmw:actor:*` and the class of an actor, and its `Model`.
-
-    Args:
-        prim: The actor; its transform is the caller's.
-        role: `cav`, `vehicle` or `pedestrian`.
-        model: Its model.
-        asset: Path of the model's asset, as the layer writes it.
-        paint: Variant of the asset.
-    """
+    """Write the attributes `mmw:actor:*` and the class of an actor, and its `Model`."""
     types = Sdf.ValueTypeNames
     set_value(prim, "mmw:actor:role", types.Token, role)
     set_value(prim, "mmw:actor:model", types.String, model.name)

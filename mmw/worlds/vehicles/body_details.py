@@ -1,8 +1,8 @@
-"""Lamps, grilles, plates, wipers and lettering of the vehicle models, as panels. All lengths in metres, body frame."""
+"""Lamps, grilles, plates, wipers and lettering of the vehicle models, as panels. All lengths in meters, body frame."""
 
 from dataclasses import dataclass
 
-from mmw.worlds.materials.vehicle_decals import plate_cell
+from mmw.worlds.materials.vehicle_decals import PLATE_CELLS, cell
 from mmw.worlds.vehicles.surface_panels import Panel, Side
 
 PLATE = (0.52, 0.112)
@@ -12,7 +12,7 @@ Span = tuple[float, float]
 
 
 @dataclass(frozen=True)
-class Face:
+class CarFront:
     """The front of a car."""
 
     knee: float
@@ -28,7 +28,7 @@ class Face:
 
 
 @dataclass(frozen=True)
-class Back:
+class CarRear:
     """The rear of a car."""
 
     knee: float
@@ -51,12 +51,12 @@ def plates(index: int, front_z: float, rear_z: float) -> tuple[Panel, ...]:
     """Return the two number plates of the model with this number."""
     half, height = PLATE[0] / 2, PLATE[1]
     return tuple(
-        band(side, (-half, half), (z, z + height), "plates", 0.006, cells=(4, 1), picture=plate_cell(index))
+        band(side, (-half, half), (z, z + height), "plates", 0.006, cells=(4, 1), picture=cell(index, PLATE_CELLS))
         for side, z in (("front", front_z), ("rear", rear_z))
     )
 
 
-def face_panels(face: Face) -> tuple[Panel, ...]:
+def face_panels(face: CarFront) -> tuple[Panel, ...]:
     """Return head lamps with indicators in dark housings, grille with bars and badge, air intake with fog lamps."""
     wrap, mirror = (face.knee, face.corner), True
     inner, foot, outer_foot, height = face.lamp
@@ -95,7 +95,7 @@ def face_panels(face: Face) -> tuple[Panel, ...]:
     )  # fmt: skip
 
 
-def back_panels(back: Back) -> tuple[Panel, ...]:
+def back_panels(back: CarRear) -> tuple[Panel, ...]:
     """Return tail lamps with indicator and reverse lamp, third brake lamp, edge of the lid, reflectors."""
     inner, outer, low, high = back.lamp
     wrap, height = (back.knee, back.corner), high - low

@@ -32,9 +32,6 @@ FIGURE_MATERIAL = {
 def build_shape(model: str) -> Shape:
     """Return the whole model in the body frame, faces named after the mesh they go to.
 
-    Args:
-        model: A key of `BLUEPRINTS`.
-
     Raises:
         InputError: If there is no such model.
     """
@@ -95,13 +92,6 @@ def _wheel_specs(blueprint: Blueprint, face_count: int) -> list[WheelSpec]:
 def build_vehicle(model: str, out_dir: str | Path) -> Path:
     """Write the asset of one model, `<model>.usda` and `geometry.usdc`; the same model gives the same bytes.
 
-    Args:
-        model: A key of `BLUEPRINTS`.
-        out_dir: Folder to write into, `assets/usd/vehicles/<model>` for the shipped one.
-
-    Returns:
-        Path of the interface layer.
-
     Raises:
         InputError: If there is no such model.
     """
@@ -142,7 +132,7 @@ def _figure_material(figure: Figure, material: str) -> str:
 
 
 def declared_box(blueprint: Blueprint, shape: Shape) -> tuple[np.ndarray, np.ndarray]:
-    """Return the corners of the model's box, which leaves the mirrors out, in the body frame [m], shape [3] each."""
+    """Return the corners of the model's box, without the mirrors, in the body frame [m], shape [3] each."""
     middle = (shape.points[:, 0].min() + shape.points[:, 0].max()) / 2
     half = np.array([blueprint.length, blueprint.width]) / 2
     return np.array([middle - half[0], -half[1], 0.0]), np.array([middle + half[0], half[1], blueprint.height])

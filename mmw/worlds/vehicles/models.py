@@ -1,12 +1,12 @@
-"""Dimensions of every vehicle model, after typical vehicles of each class. All lengths in metres, in the body frame."""
+"""Dimensions of every vehicle model, after typical vehicles of each class. All lengths in meters, in the body frame."""
 
 from dataclasses import dataclass
 
 from mmw.worlds.vehicles.body_details import (
     BUS_PANELS,
     TRUCK_PANELS,
-    Back,
-    Face,
+    CarFront,
+    CarRear,
     back_panels,
     band,
     face_panels,
@@ -70,7 +70,7 @@ class Body:
     seams: tuple[float, ...] = ()
     """x of each door edge."""
     tumblehome: float = 0.4
-    """Lean of the side windows inward, per metre of height."""
+    """Lean of the side windows inward, per meter of height."""
     crown: float = 0.03
     """Drop of the hood from its middle to its edge."""
     roof_crown: float = 0.06
@@ -273,37 +273,37 @@ BLUEPRINTS: dict[str, Blueprint] = {
     "sedan": Blueprint(
         "car", 4.71, 1.85, 1.45, 2.80, Wheels(0.325, 0.22, 0.225, 1.58), (_SEDAN,),
         (*_mirrors(0.80, 0.87, 0.93), _handle(0.11, 0.925, 0.80), _handle(-0.71, 0.925, 0.81)),
-        (*face_panels(Face(0.66, 0.20, (0.40, 0.59, 0.635, 0.115), (0.36, 0.56, 0.695), (0.56, 0.27, 0.375))),
-         *back_panels(Back(0.68, 0.18, (0.40, 0.25, 0.70, 0.87), (0.17, 0.955, 0.975), (0.66, 0.60))),
+        (*face_panels(CarFront(0.66, 0.20, (0.40, 0.59, 0.635, 0.115), (0.36, 0.56, 0.695), (0.56, 0.27, 0.375))),
+         *back_panels(CarRear(0.68, 0.18, (0.40, 0.25, 0.70, 0.87), (0.17, 0.955, 0.975), (0.66, 0.60))),
          *plates(0, 0.41, 0.72), *wipers(0.985, 0.70, 0.05), side_marker(1.86, 0.70)),
     ),
     "hatchback": Blueprint(
         "car", 4.29, 1.79, 1.46, 2.63, Wheels(0.316, 0.205, 0.215, 1.54, 6), (_HATCHBACK,),
         (*_mirrors(0.79, 0.84, 0.96), _handle(0.06, 0.895, 0.82), _handle(-0.70, 0.895, 0.83)),
-        (*face_panels(Face(0.62, 0.20, (0.40, 0.60, 0.66, 0.135), (0.33, 0.58, 0.70), (0.54, 0.27, 0.385))),
-         *back_panels(Back(0.66, 0.17, (0.50, 0.24, 0.70, 0.92), (0.2, 1.355, 1.372), (0.62, 0.52))),
+        (*face_panels(CarFront(0.62, 0.20, (0.40, 0.60, 0.66, 0.135), (0.33, 0.58, 0.70), (0.54, 0.27, 0.385))),
+         *back_panels(CarRear(0.66, 0.17, (0.50, 0.24, 0.70, 0.92), (0.2, 1.355, 1.372), (0.62, 0.52))),
          *plates(1, 0.43, 0.60), *wipers(0.955, 0.68, 0.05), side_marker(1.78, 0.72)),
     ),
     "suv": Blueprint(
         "car", 4.66, 1.88, 1.69, 2.70, Wheels(0.36, 0.235, 0.24, 1.61), (_SUV,),
         (*_mirrors(0.86, 0.88, 1.10, 1.1), _handle(0.05, 0.94, 0.95), _handle(-0.78, 0.94, 0.96),
          Block((-1.7, 0.60, 1.58), (0.1, 0.64, 1.68), "trim", 0.012, True)),
-        (*face_panels(Face(0.68, 0.20, (0.47, 0.79, 0.83, 0.10), (0.42, 0.66, 0.89), (0.58, 0.35, 0.46))),
-         *back_panels(Back(0.72, 0.18, (0.46, 0.25, 0.86, 1.03), (0.22, 1.575, 1.592), (0.68, 0.64))),
+        (*face_panels(CarFront(0.68, 0.20, (0.47, 0.79, 0.83, 0.10), (0.42, 0.66, 0.89), (0.58, 0.35, 0.46))),
+         *back_panels(CarRear(0.72, 0.18, (0.46, 0.25, 0.86, 1.03), (0.22, 1.575, 1.592), (0.68, 0.64))),
          *plates(2, 0.50, 0.72), *wipers(1.015, 0.72, 0.05), side_marker(1.85, 0.90)),
     ),
     "pickup": Blueprint(
         "car", 5.33, 1.86, 1.82, 3.09, Wheels(0.385, 0.255, 0.24, 1.57, 6), (_PICKUP,),
         (*_mirrors(1.06, 0.87, 1.17, 1.2), _handle(0.34, 0.93, 1.0), _handle(-0.50, 0.93, 1.0)),
-        (*face_panels(Face(0.68, 0.19, (0.50, 0.85, 0.885, 0.13), (0.45, 0.72, 0.98), (0.60, 0.44, 0.55))),
-         *back_panels(Back(0.80, 0.10, (0.73, 0.10, 0.78, 1.05), (0.2, 1.07, 1.09), (0.70, 0.60))),
+        (*face_panels(CarFront(0.68, 0.19, (0.50, 0.85, 0.885, 0.13), (0.45, 0.72, 0.98), (0.60, 0.44, 0.55))),
+         *back_panels(CarRear(0.80, 0.10, (0.73, 0.10, 0.78, 1.05), (0.2, 1.07, 1.09), (0.70, 0.60))),
          *plates(3, 0.585, 0.65), *wipers(1.235, 0.70, 0.06), side_marker(2.05, 0.96)),
     ),
     "van": Blueprint(
         "car", 5.14, 1.93, 1.91, 3.20, Wheels(0.335, 0.215, 0.215, 1.64, 6), (_VAN,),
         (*_mirrors(1.50, 0.92, 1.16, 1.3), _handle(0.52, 0.965, 0.98), _handle(0.16, 0.965, 0.98)),
-        (*face_panels(Face(0.70, 0.20, (0.46, 0.70, 0.755, 0.145), (0.42, 0.62, 0.80), (0.60, 0.32, 0.44))),
-         *back_panels(Back(0.88, 0.08, (0.82, 0.10, 0.78, 1.15), (0.2, 1.855, 1.875), (0.84, 0.50))),
+        (*face_panels(CarFront(0.70, 0.20, (0.46, 0.70, 0.755, 0.145), (0.42, 0.62, 0.80), (0.60, 0.32, 0.44))),
+         *back_panels(CarRear(0.88, 0.08, (0.82, 0.10, 0.78, 1.15), (0.2, 1.855, 1.875), (0.84, 0.50))),
          band("rear", (-0.004, 0.004), (0.52, 1.10), "trim", 0.003, cells=(1, 3)),
          *plates(4, 0.47, 0.58), *wipers(1.72, 0.72, 0.07), side_marker(2.09, 0.90)),
         _WORK_PAINTS,

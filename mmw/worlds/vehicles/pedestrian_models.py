@@ -63,7 +63,7 @@ def limb(start, end, radii: tuple[tuple[float, float], ...], part: str, flatten:
     Args:
         start: Axis' first point [m], shape [3].
         end: Axis' last point [m], shape [3].
-        radii: (share of the way, radius [m]) along the axis; the ends close to a point.
+        radii: (share of the axis, radius [m]); the ends close to a point.
         part: Part name of every face.
         flatten: Thickness along the frame's x against y [-], for upright limbs.
     """
@@ -183,7 +183,7 @@ _HAIR = (
     (0.62, -0.12, 0.36, 0.362), (0.74, -0.05, 0.42, 0.352), (0.86, -0.03, 0.385, 0.30), (0.96, -0.03, 0.27, 0.20),
     (1.02, -0.03, 0.13, 0.10),
 )  # fmt: skip
-"""Sections of the hair, in the same way."""
+"""Sections of the hair, likewise."""
 
 _LONG_HAIR = (
     (-0.28, -0.30, 0.06, 0.16), (-0.25, -0.29, 0.12, 0.26), (0.0, -0.27, 0.17, 0.34), (0.24, -0.24, 0.22, 0.36),
@@ -222,7 +222,7 @@ def _head(h: float, figure: Figure) -> list[Shape]:
 
 
 def _shoe(ankle: np.ndarray, h: float, g: float) -> Shape:
-    """Return a shoe that stands level on the ground."""
+    """Return a shoe level on the ground."""
     length = 0.15 * h
     heel = np.array([ankle[0] - 0.3 * length, ankle[1], 0.024 * g])
     outline = ((0.0, 0.012), (0.05, 0.020), (0.2, 0.024), (0.45, 0.024), (0.75, 0.023), (0.93, 0.017), (1.0, 0.010))

@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 
 from mmw.core.errors import InputError
+from mmw.core.mesh import TriangleMesh, merge
 
 WELD = 1e-6
 """Vertices closer than this become one [m]."""
@@ -15,14 +16,10 @@ CREASE_COS = float(np.cos(np.radians(38.0)))
 """Faces that meet at a larger angle keep a hard edge between them."""
 
 
-@dataclass(frozen=True)
-class Shape:
-    """A triangle mesh whose faces carry the name of the part (`body`, `glass`, ...) that they belong to."""
+@dataclass(frozen=True, eq=False)
+class Shape(TriangleMesh):
+    """A triangle mesh in the body frame whose faces carry the name of their part (`body`, `glass`, ...)."""
 
-    points: np.ndarray
-    """Vertices in the body frame [m], shape [N, 3], float64."""
-    faces: np.ndarray
-    """Triangles, counter-clockwise seen from outside, shape [M, 3], int32."""
     parts: np.ndarray
     """Part name of each face, shape [M], str."""
     st: np.ndarray | None = None
@@ -44,10 +41,10 @@ class Shape:
 
 def join(shapes: Sequence[Shape]) -> Shape:
     """Return the shapes as one, without welding anything."""
-    offsets = np.cumsum([0, *(len(shape.points) for shape in shapes[:-1])])
+    mesh = merge(shapes)
     return Shape(
-        np.concatenate([shape.points for shape in shapes]),
-        np.concatenate([shape.faces + offset for shape, offset in zip(shapes, offsets, strict=True)]).astype(np.int32),
+        mesh.points,
+        mesh.faces,
         np.concatenate([shape.parts for shape in shapes]),
         np.concatenate([shape.coordinates() for shape in shapes]),
     )
@@ -179,24 +176,14 @@ def pod(low: Sequence[float], high: Sequence[float], part: str, segments: int = 
     return weld(quads(centre + half * grid, lambda _, __: part))
 
 
-def corner_normals(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Return the shading normal of every face corner: faces that meet below the crease angle share it, others do not.
-
-    Args:
-        points: Vertices [m], shape [N, 3].
-        faces: Triangles, shape [M, 3].
-
-    Returns:
-        Unit normals, shape [M, 3, 3].
-    """
-    corners = points[faces]
-    area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    unit = area / np.linalg.norm(area, axis=1, keepdims=True)
+def corner_normals(mesh: TriangleMesh) -> np.ndarray:
+    """Return the shading normal of every corner, shared by faces that touch below the crease angle, shape [M, 3, 3]."""
+    faces, area, unit = mesh.faces, mesh.crosses, mesh.normals
     order = np.argsort(faces.reshape(-1), kind="stable")
     owner = order // 3
-    starts = np.searchsorted(faces.reshape(-1)[order], np.arange(len(points) + 1))
+    starts = np.searchsorted(faces.reshape(-1)[order], np.arange(len(mesh.points) + 1))
     normals = np.empty((len(faces), 3, 3))
-    for vertex in range(len(points)):
+    for vertex in range(len(mesh.points)):
         slots = order[starts[vertex] : starts[vertex + 1]]
         around = owner[starts[vertex] : starts[vertex + 1]]
         smooth = unit[around] @ unit[around].T > CREASE_COS

@@ -1,6 +1,6 @@
 """Panels on the skin of a vehicle: lamps, grilles, number plates, lettering, wipers, seams.
 
-A panel is a closed plate whose front follows the skin a few millimetres before it and whose back is a point inside the
+A panel is a closed plate whose front follows the skin a few millimeters before it and whose back is a point inside the
 body, so that it needs no cut in the skin.
 """
 
@@ -24,7 +24,7 @@ FAR_M = 20.0
 
 @dataclass(frozen=True)
 class Panel:
-    """One panel, a quadrilateral seen from one side of the vehicle. Lengths in metres, in the body frame."""
+    """One panel, a quadrilateral seen from one side of the vehicle. Lengths in meters, in the body frame."""
 
     side: Side
     """Viewing direction."""
@@ -86,7 +86,7 @@ def _on_skin(panel: Panel, at: np.ndarray, skin: Shape) -> tuple[np.ndarray, np.
 
 
 def _bulge(panel: Panel, at: np.ndarray, on: np.ndarray, skin: Shape) -> float:
-    """Return how far the skin stands out before the facets that join points on it, at most [m]."""
+    """Return how far the skin protrudes before the facets that join points on it, at most [m]."""
     most = 0.0
     for u, v in ((0.5, 0.5), (0.5, 0.02), (0.5, 0.98), (0.02, 0.5), (0.98, 0.5), (0.25, 0.25), (0.75, 0.75),
                  (0.25, 0.75), (0.75, 0.25)):  # fmt: skip
@@ -103,7 +103,7 @@ def _bulge(panel: Panel, at: np.ndarray, on: np.ndarray, skin: Shape) -> float:
 
 def cast(skin: Shape, start: np.ndarray, direction: np.ndarray) -> np.ndarray:
     """Return how far along each ray the skin begins, infinity where it is missed before `FAR_M` [m], shape [N]."""
-    corners = skin.points[skin.faces]
+    corners = skin.corners
     ends = np.concatenate([start, start + FAR_M * direction])
     is_near = (corners.max(axis=1) >= ends.min(axis=0) - 1e-6) & (corners.min(axis=1) <= ends.max(axis=0) + 1e-6)
     corners = corners[is_near.all(axis=1)]

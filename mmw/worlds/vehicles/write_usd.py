@@ -36,7 +36,7 @@ class AssetSpec:
     label: str
     """Semantic class."""
     materials: Mapping[str, str]
-    """Part of the shape -> material of the library; `<paint>` in it stands for the variant's name."""
+    """Part of the shape -> material of the library; `<paint>` in it is replaced by the variant's name."""
     paints: Sequence[str]
     """Variants; the first is selected."""
     prefix: str
@@ -63,13 +63,13 @@ def write_asset(name: str, shape: Shape, spec: AssetSpec, out_dir: str | Path) -
 def _geometry_stage(model: str, shape: Shape, spec: AssetSpec) -> Usd.Stage:
     """Return the payload: one Mesh a part, with a normal at every face corner.
 
-    Numbers are rounded to the micrometre, so that the last bit of a platform's cosine does not show in the file.
+    Numbers are rounded to the micrometer, so that the last bit of a platform's cosine does not show in the file.
     """
     stage = Usd.Stage.CreateInMemory("geometry.usdc")
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
     stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, f"/{model}").GetPrim())
-    normals = np.round(corner_normals(shape.points, shape.faces), 6) + 0.0
+    normals = np.round(corner_normals(shape), 6) + 0.0
     for part in spec.materials:
         chosen = shape.parts == part
         if not chosen.any():
@@ -156,7 +156,7 @@ def _child(parent: Sdf.PrimSpec, name: str) -> Sdf.PrimSpec:
 
 
 def _bind(root: Sdf.PrimSpec, scope: Sdf.PrimSpec, part: str, material: str) -> None:
-    """Reference one material of the library below `scope` and bind it to one mesh of the vehicle."""
+    """Add a reference to one material of the library below `scope` and bind it to one mesh of the vehicle."""
     if material not in scope.nameChildren:  # two parts may share one
         _child(scope, material).referenceList.Prepend(Sdf.Reference(MATERIALS_ASSET, f"/Materials/{material}"))
     mesh = _child(root, part)

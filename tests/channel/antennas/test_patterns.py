@@ -7,6 +7,7 @@ import pytest
 
 from mmw.channel import PatternTable
 from mmw.channel.antennas.patterns import antenna_field, pattern_amplitude, pattern_components
+from mmw.physics.em.vectors import unit_vector
 from tests.fixtures.path_tables import random_turns
 
 
@@ -72,11 +73,7 @@ def test_table_of_one_azimuth_is_round() -> None:
     ],
 )
 def test_table_errors(change: dict, message: str) -> None:
-    good = {
-        "theta": np.linspace(0, np.pi, 5),
-        "phi": np.linspace(0, 1.5 * np.pi, 4),
-        "c_theta": np.ones((5, 4)),
-    }
+    good = {"theta": np.linspace(0, np.pi, 5), "phi": np.linspace(0, 1.5 * np.pi, 4), "c_theta": np.ones((5, 4))}
     PatternTable(**good)
     with pytest.raises(ValueError, match=message):
         PatternTable(**{**good, **change})
@@ -157,7 +154,7 @@ def test_functions_as_patterns() -> None:
 @pytest.mark.parametrize("model", ["tr38901_1", "tr38901_2"])
 def test_slants(model: str) -> None:
     theta, phi = directions(60)
-    away = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=1)
+    away = unit_vector(theta, phi)
     turns = np.broadcast_to(np.eye(3), (60, 3, 3))
     named = antenna_field(away, turns, "tr38901", "cross", model)
     np.testing.assert_array_equal(named, antenna_field(away, turns, "tr38901", (-np.pi / 4, np.pi / 4), model))

@@ -14,30 +14,22 @@ from mmw.channel import (
     upa,
 )
 from mmw.channel.antennas.arrays import PlanarArray
-from mmw.channel.antennas.patterns import antenna_field
 from mmw.channel.links import Links, make_links
 from mmw.channel.path_solver.solver import solve_paths
 from mmw.channel.paths import PathSet
-from mmw.config import ChannelConfig
 from mmw.core.constants import SPEED_OF_LIGHT
-from mmw.physics.em.field import combine
 from mmw.scene.device_scene import DeviceScene
-from tests.fixtures.scenes import arrays_from_parts, ground_part, pose, wall_part
+from tests.fixtures.device_rays import loaded
+from tests.fixtures.scenes import ground_part, wall_part
+from tests.oracles.channel import channel, link_scene
 
 CARRIER = 28e9
-CONFIG = ChannelConfig(
-    carriers_hz=(CARRIER,),
-    candidates="exhaustive",
-    max_depth=2,
-    antenna_position_m={"cav": (0, 0, 0), "rsu": (0, 0, 0)},
-)
+CONFIG = channel(carriers_hz=(CARRIER,), max_depth=2)
 
 
 def street(device: str, rsu: tuple, cav: tuple) -> tuple[DeviceScene, Links]:
     parts = [ground_part(300.0), wall_part("wall", (-300.0, 20.0), (300.0, 20.0), 40.0)]
-    actors = [("rsu_1", "rsu", -1), ("cav_1", "cav", -1)]
-    scene = DeviceScene(arrays_from_parts(parts, actors=actors, poses=np.array([[pose(*rsu), pose(*cav)]])), device, 1)
-    scene.load_batch([0])
+    scene = loaded(link_scene(parts, rsu, cav), device, [0])
     return scene, make_links(scene.arrays, [0], CONFIG)
 
 
@@ -47,14 +39,7 @@ def element_response(
     """Return path id [P], complex gain with carrier phase [P, N_r, N_t] of paths that all elements have, and paths."""
     expanded, _, rx_element, tx_element = per_element_links(links, tx_array, rx_array, CARRIER)
     paths = solve_paths(scene, expanded, CONFIG, scene.arrays.materials)
-    fields = []
-    for ends, theta, phi, array in (
-        (expanded.rx, paths.theta_r, paths.phi_r, rx_array),
-        (expanded.tx, paths.theta_t, paths.phi_t, tx_array),
-    ):
-        direction = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=-1)
-        fields.append(antenna_field(direction, ends.rotation[paths.link], array.pattern, array.polarization))
-    gain = combine(fields[0], paths.transfer["sunny"][:, 0], fields[1])[:, 0, 0]
+    gain = paths.a["sunny"][:, 0]  # of one element of either array
     gain = gain * np.exp(-2j * np.pi * CARRIER * paths.tau)
     ids = np.unique(paths.path_id)
     out = np.full((len(ids), rx_array.element_count, tx_array.element_count), np.nan + 0j)

@@ -1,11 +1,11 @@
-"""Chains of specular reflections of any order: brute force, closed forms, and every way to split the work."""
+"""Specular reflections of any order: brute force, closed forms, and every split of the work."""
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from mmw.channel.links import Links, RadioDevices, make_links
+from mmw.channel.links import make_links
 from mmw.channel.path_solver import candidates
 from mmw.channel.path_solver import image_method as finder
 from mmw.channel.path_solver import scatter_paths as finder_diffuse
@@ -16,8 +16,8 @@ from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.core.planar_surfaces import find_surfaces
 from mmw.core.transforms import make_pose, pose_from_ypr, rotate
 from mmw.physics.materials.material import Material, RadioMaterial
-from mmw.scene.device_scene import DeviceScene
 from mmw.scene.scene_data import Prototype, SceneData
+from tests.fixtures.device_rays import loaded
 from tests.fixtures.scenes import (
     ABSENT,
     arrays_from_parts,
@@ -25,11 +25,11 @@ from tests.fixtures.scenes import (
     box_model,
     box_part,
     ground_part,
-    pose,
     quad_part,
     wall_part,
 )
-from tests.oracles.channel import TRANSMISSION, brute_force, chains, channel, dyadic_transfer, solve
+from tests.oracles import channel as oracle
+from tests.oracles.channel import DRIVING
 
 HYPOTHESIS = settings(
     max_examples=6, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]
@@ -40,7 +40,7 @@ RADIO = {
     "pane": RadioMaterial("constant", relative_permittivity=6.3, conductivity=0.03, thickness=0.006),
     "board": RadioMaterial("constant", relative_permittivity=2.7, conductivity=0.02, thickness=0.013),
 }
-MATERIALS = {name: Material(name, radio, "none", 0.3, (0.5,) * 3) for name, radio in RADIO.items()}
+MATERIALS = oracle.radio_materials(RADIO)
 CORNERS = [[(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)][i] for i in (0, 1, 3, 2, 4, 5, 7, 6)]
 SIDES = ((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (3, 2, 6, 7), (0, 3, 7, 4), (1, 2, 6, 5))
 
@@ -87,7 +87,7 @@ def check_against_brute_force(
     arrays: SceneData, depth: int, device: str, *, refraction: bool = False
 ) -> tuple[int, int]:
     """Compare every path of both frames with the oracle; return how many were compared and how many are in doubt."""
-    links, paths = solve(arrays, channel(max_depth=depth, refraction=refraction), device, [1, 0])
+    links, paths = oracle.solve(arrays, oracle.channel(max_depth=depth, refraction=refraction), device, [1, 0])
     by_id = arrays.materials["sunny"]
     material_of = dict(zip(arrays.surface.tolist(), arrays.material.tolist(), strict=True))
     for model in arrays.models:
@@ -97,35 +97,24 @@ def check_against_brute_force(
     compared, doubts = 0, 0
     for link in range(len(links)):
         tx, rx = links.tx.position[link], links.rx.position[link]
-        wanted = brute_force(arrays, int(links.frame[link]), tx, rx, depth, slabs)
-        own = chains(paths, link)
-        doubtful = {reflections(chain) for chain, path in wanted.items() if not path.is_sure}
-        for chain, path in wanted.items():
-            assert chain in own or not path.is_sure, f"{chain} is missing"
-        for chain, p in own.items():
-            if chain not in wanted:
-                assert reflections(chain) in doubtful, f"{chain} is no path"
-                continue
-            path, order = wanted[chain], len(chain)
+        wanted = oracle.brute_force(arrays, int(links.frame[link]), tx, rx, depth, slabs)
+        both, doubtful = oracle.matched(oracle.paths_by_interactions(paths, link), wanted)
+        for steps, p, path in both:
+            order = len(steps)
             np.testing.assert_allclose(paths.tau[p], path.length / SPEED_OF_LIGHT, rtol=1e-12)
             np.testing.assert_allclose(paths.vertex[p, :order], path.point[1:-1], atol=1e-9)
-            radio = [by_id[material_of[surface]].radio for _, surface in chain]
+            radio = [by_id[material_of[surface]].radio for _, surface in steps]
             for column, carrier in enumerate(paths.carriers_hz):
-                expected = dyadic_transfer(path, [kind for kind, _ in chain], radio, carrier)
+                expected = oracle.dyadic_transfer(path, [kind for kind, _ in steps], radio, carrier)
                 scale = SPEED_OF_LIGHT / carrier / (4 * np.pi * path.length)
                 np.testing.assert_allclose(paths.transfer["sunny"][p, column], expected, atol=1e-9 * scale)
-            compared += 1
-        doubts += len(doubtful)
+        compared, doubts = compared + len(both), doubts + doubtful
     return compared, doubts
-
-
-def reflections(chain: tuple) -> tuple:
-    return tuple(step for step in chain if step[0] != TRANSMISSION)
 
 
 @HYPOTHESIS
 @given(seed=st.integers(0, 10_000), is_open=st.booleans())
-def test_chains_against_brute_force(seed: int, is_open: bool, device: str) -> None:
+def test_reflections_against_brute_force(seed: int, is_open: bool, device: str) -> None:
     """Sets of paths, delays, points and transfers to order 3, with a body in any pose."""
     compared, doubts = check_against_brute_force(room(seed, MATERIALS, is_open=is_open), 3, device)
     assert compared > 30 and doubts < 0.3 * compared
@@ -133,62 +122,24 @@ def test_chains_against_brute_force(seed: int, is_open: bool, device: str) -> No
 
 @HYPOTHESIS
 @given(seed=st.integers(0, 10_000), is_open=st.booleans())
-def test_chains_through_slabs_against_brute_force(seed: int, is_open: bool, device: str) -> None:
-    """The same with panes and boards that let the wave through on any leg."""
+def test_reflections_through_slabs_against_brute_force(seed: int, is_open: bool, device: str) -> None:
+    """The same with panes and boards that let the wave through on any segment."""
     slabs = {name: MATERIALS[name] for name in ("pane", "stone", "board")}
     compared, doubts = check_against_brute_force(room(seed, slabs, is_open=is_open), 3, device, refraction=True)
     assert compared > 30 and doubts < 0.3 * compared
 
 
-@HYPOTHESIS
-@given(seed=st.integers(0, 10_000))
-def test_empty_room_is_a_lattice_of_images(seed: int, device: str) -> None:
-    """A closed room has 4 k^2 + 2 paths of order k, as long as the ways to the images of the lattice.
-
-    Those with a leg below 1 cm, in a corner, are none.
-
-    Source: J. B. Allen and D. A. Berkley, "Image method for efficiently simulating small-room acoustics", JASA 65
-    (1979), for the lattice.
-    """
-    arrays = room(seed, MATERIALS, filled=False)
-    _, paths = solve(arrays, channel(max_depth=3), device, [0])
-    corner = arrays.points[[0, 4, 1, 2]]  # of the sides x = 0 and x = 1: a corner of the room and its neighbours
-    axes = corner[1:] - corner[0]
-    size = np.linalg.norm(axes, axis=1)
-    for link in range(2):
-        tx, rx = ((arrays.poses[0, k, :3] - corner[0]) @ (axes / size[:, None]).T for k in (1 + link, 0))
-        number = np.indices((7, 7, 7)).reshape(3, -1).T - 3  # walls crossed along each axis
-        image = np.where(number % 2 == 0, number * size + tx, (number + 1) * size - tx)
-        length, order = np.linalg.norm(image - rx, axis=1), np.abs(number).sum(axis=1)
-        is_long = np.array([shortest_leg(*row, rx, size) > 0.01 for row in zip(number, image, strict=True)])
-        for k in range(4):
-            assert (order == k).sum() == (1, 6, 18, 38)[k]
-            own = np.sort(paths.tau[(paths.link == link) & (paths.order == k)]) * SPEED_OF_LIGHT
-            np.testing.assert_allclose(own, np.sort(length[(order == k) & is_long]), rtol=1e-12)
-
-
-def shortest_leg(number: np.ndarray, image: np.ndarray, rx: np.ndarray, size: np.ndarray) -> float:
-    """Return the shortest piece of the line from an image to the receiver between the walls of the lattice [m]."""
-    walls = [range(1, n + 1) if n > 0 else range(n + 1, 1) for n in number]
-    at = [(m * size[i] - rx[i]) / (image[i] - rx[i]) for i in range(3) for m in walls[i]]
-    return float(np.diff(np.sort([0.0, 1.0, *at])).min() * np.linalg.norm(image - rx))
-
-
-def test_launched_chains_are_a_subset(device: str, record_property) -> None:
-    """What rays find is what there is; the share that 10^5 rays miss is reported, and small."""
-    found, missed = 0, 0
-    for seed in range(3):
-        arrays = room(seed, MATERIALS, is_open=seed == 2)
-        for refraction in (False, True):
-            every, launched = (
-                solve(arrays, channel(max_depth=3, refraction=refraction, candidates=mode, rays=100_000), device)[1]
-                for mode in ("exhaustive", "launch")
-            )
-            for link in range(len(every.count)):
-                own, all_own = set(chains(launched, link)), set(chains(every, link))
-                assert own <= all_own
-                found, missed = found + len(all_own), missed + len(all_own - own)
-    record_property("share_missed", missed / found)
+def test_launched_candidates_are_a_subset(device: str, record_property) -> None:
+    """Rays find no path that is none; the share that 10^5 rays miss is reported, and small."""
+    counts = [
+        oracle.launched_share(
+            room(k, MATERIALS, is_open=k == 2), device, max_depth=3, refraction=on, samples_per_tx=100_000
+        )
+        for k in range(3)
+        for on in (False, True)
+    ]
+    found, missed = np.sum(counts, axis=0)
+    record_property("share_missed", float(missed / found))
     assert found > 500 and missed <= 0.01 * found
 
 
@@ -221,32 +172,22 @@ def street(frame_count: int = 4) -> SceneData:
         box_part("Buildings/kiosk", (4.0, 3.0, 3.0), (8.0, 8.0, 1.5), "facade", "building"),
     ]
     models = (box_model("sedan", material=3), box_model("truck", (8.0, 2.5, 3.5), (0.5, 0.0, 1.75), material=2))
-    actors = [("cav_1", "cav", 0), ("cav_2", "cav", 0), ("veh_001", "vehicle", 1), ("rsu_1", "rsu", -1)]
-    rows = []
-    for k in range(frame_count):
-        t = 0.1 * k
-        truck = pose_from_ypr([-2 + 5 * t, 5.5 - t, 0.0], 0.15 + 0.6 * t)
-        rows.append(
-            [
-                pose_from_ypr([-20 + 12 * t, -3 + 0.5 * t, 0.02 * t], 0.05 + 0.3 * t, 0.01, 0.02 * t),
-                pose_from_ypr([15 - 9 * t, 3.0, 0.0], np.pi - 0.2 * t),
-                truck if k != 2 else np.array(ABSENT),
-                np.array(pose(0.0, -9.0, 5.0)),
-            ]
-        )
-    materials = {name: Material(name, radio, "none", 0.3, (0.5,) * 3) for name, radio in described.items()}
-    return arrays_from_parts(parts, models, actors, np.array(rows), materials=materials)
+    rows = oracle.driving(0.1 * np.arange(frame_count), truck_y=5.5)
+    rows[2:3, 2] = ABSENT
+    return arrays_from_parts(parts, models, DRIVING, rows, materials=oracle.radio_materials(described))
 
 
-EVERYTHING = channel(
-    candidates="launch", rays=20_000, links=("v2i", "v2v"), max_depth=3, refraction=True, diffraction=True,
-    diffuse=True, diffuse_rays=300, antenna_position_m={"cav": (0.3, 0.2, 1.9), "rsu": (0.0, 0.0, 1.0)},
+EVERYTHING = oracle.channel(
+    candidates="launch", samples_per_tx=20_000, links=("v2i", "v2v"), max_depth=3, refraction=True, diffraction=True,
+    diffuse_reflection=True, diffuse_samples=300, antenna_position_m={"cav": (0.3, 0.2, 1.9), "rsu": (0.0, 0.0, 1.0)},
 )  # fmt: skip
 
 
 def test_batch_and_order_do_not_change_a_bit(device: str) -> None:
     arrays = street()
-    batches = [solve(arrays, EVERYTHING, device, frames) for frames in ([0, 1, 2, 3], [3, 1, 0, 2], [0], [1], [2], [3])]
+    batches = [
+        oracle.solve(arrays, EVERYTHING, device, frames) for frames in ([0, 1, 2, 3], [3, 1, 0, 2], [0], [1], [2], [3])
+    ]
     links, paths = batches[0]
     assert {PATH_LOS, PATH_SPECULAR, PATH_TRANSMISSION, PATH_DIFFUSE, PATH_DIFFRACTION} <= set(paths.kind.tolist())
     assert set(paths.order.tolist()) == {0, 1, 2, 3}
@@ -258,29 +199,20 @@ def test_batch_and_order_do_not_change_a_bit(device: str) -> None:
 
 def test_order_of_links_does_not_change_a_bit(device: str) -> None:
     arrays = street(2)
-    scene = DeviceScene(arrays, device, 2)
-    scene.load_batch([0, 1])
+    scene = loaded(arrays, device, [0, 1])
     links = make_links(arrays, [0, 1], EVERYTHING)
     paths = solve_paths(scene, links, EVERYTHING, arrays.materials)
     mixed = np.random.default_rng(1).permutation(len(links))
-    turned = solve_paths(scene, pick(links, mixed), EVERYTHING, arrays.materials)
+    turned = solve_paths(scene, links.take(mixed), EVERYTHING, arrays.materials)
     for k, link in enumerate(mixed):
         assert_same_bits(paths, paths.link == link, turned, turned.link == k)
-
-
-def pick(links: Links, rows: np.ndarray) -> Links:
-    """Return some links."""
-    columns = {name: getattr(links, name)[rows] for name in ("frame", "slot", "kind", "tx_actor", "rx_actor")}
-    ends = [RadioDevices(end.position[rows], end.rotation[rows], end.velocity[rows]) for end in (links.tx, links.rx)]
-    return Links(**columns, tx=ends[0], rx=ends[1])
 
 
 @pytest.mark.parametrize("mode", ["launch", "exhaustive"])
 def test_sizes_of_the_work_do_not_change_a_bit(mode: str, device: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Tables that must grow, launches that must be split, few candidates at once: nothing shows."""
     arrays, config = street(2), EVERYTHING.model_copy(update={"candidates": mode, "max_depth": 2})
-    scene = DeviceScene(arrays, device, 2)
-    scene.load_batch([0, 1])
+    scene = loaded(arrays, device, [0, 1])
     links, table = make_links(arrays, [0, 1], config), make_surface_table(scene, wedges=True)
     paths = solve_paths(scene, links, config, arrays.materials, table)
     grown = dict(table.sizes)
@@ -288,7 +220,7 @@ def test_sizes_of_the_work_do_not_change_a_bit(mode: str, device: str, monkeypat
     table.sizes.clear()
     monkeypatch.setattr(candidates, "FIRST_CELLS", 1)
     monkeypatch.setattr(candidates, "CELLS_AT_ONCE", {"cpu": 512, "cuda": 512})
-    monkeypatch.setattr(finder, "TRIALS_AT_ONCE", 7)
+    monkeypatch.setattr(finder, "CANDIDATES_AT_ONCE", 7)
     monkeypatch.setattr(finder_diffuse, "HITS_AT_ONCE", 1)
     small = solve_paths(scene, links, config, arrays.materials, table)
     if mode == "launch":
@@ -303,27 +235,26 @@ def test_sizes_of_the_work_do_not_change_a_bit(mode: str, device: str, monkeypat
 
 
 def test_many_links_of_one_transmitter(device: str) -> None:
-    """Seventy receivers, more than one pass over the chains takes, see what each of them sees alone."""
-    arrays, config = room(5, MATERIALS, receivers=70), channel(max_depth=2)
-    scene = DeviceScene(arrays, device, 1)
-    scene.load_batch([0])
+    """Seventy receivers, more than one pass over the candidates takes, see what each of them sees alone."""
+    arrays, config = room(5, MATERIALS, receivers=70), oracle.channel(max_depth=2)
+    scene = loaded(arrays, device, [0])
     links = make_links(arrays, [0], config)
     paths = solve_paths(scene, links, config, arrays.materials)
     for link in (0, 30, 31, 32, 61, 62, 69):
-        alone = solve_paths(scene, pick(links, np.array([link])), config, arrays.materials)
+        alone = solve_paths(scene, links.take(np.array([link])), config, arrays.materials)
         assert_same_bits(paths, paths.link == link, alone, np.ones(len(alone), dtype=bool))
 
 
-def test_too_many_chains(device: str) -> None:
-    with pytest.raises(ValueError, match=r"'exhaustive' with max_depth = 8: 13 planes make \d+ chains"):
-        solve(room(0, MATERIALS), channel(max_depth=8), device, [0])
+def test_too_many_candidates(device: str) -> None:
+    with pytest.raises(ValueError, match=r"'exhaustive' with max_depth = 8: 13 planes make \d+ candidates"):
+        oracle.solve(room(0, MATERIALS), oracle.channel(max_depth=8), device, [0])
 
 
 @pytest.mark.parametrize("depth", [2, 3])
 def test_deeper_searches_keep_the_paths(depth: int, device: str) -> None:
     """A larger depth adds paths of that order and changes none of the others, to the bit, nor their identity."""
     arrays = room(3, MATERIALS)
-    (_, less), (_, more) = (solve(arrays, channel(max_depth=d), device, [0]) for d in (depth - 1, depth))
+    (_, less), (_, more) = (oracle.solve(arrays, oracle.channel(max_depth=d), device, [0]) for d in (depth - 1, depth))
     old = more.order < depth
     assert old.sum() == len(less) < len(more)
     for name in ("link", "path_id", "tau", "theta_t", "phi_r", "range_rate"):
@@ -334,10 +265,10 @@ def test_deeper_searches_keep_the_paths(depth: int, device: str) -> None:
 
 @pytest.mark.parametrize("mode", ["launch", "exhaustive"])
 def test_one_plane_at_depth_two(mode: str, device: str) -> None:
-    """A scene of a single plane has no chain of two, and one of none has only the line of sight."""
-    ends = {"actors": [("rsu_1", "rsu", -1), ("cav_1", "cav", -1)], "poses": [[pose(-9, 0, 2), pose(9, 0, 3)]]}
+    """A scene of a single plane has no candidate of two, and one of none has only the line of sight."""
     for parts, count in (([], 1), ([ground_part()], 2)):
-        _, paths = solve(arrays_from_parts(parts, **ends), channel(max_depth=2, candidates=mode, rays=1000), device)
+        arrays = oracle.link_scene(parts, (-9, 0, 2), (9, 0, 3))
+        _, paths = oracle.solve(arrays, oracle.channel(max_depth=2, candidates=mode, samples_per_tx=1000), device)
         assert paths.count.tolist() == [count]
 
 
@@ -345,7 +276,6 @@ def test_one_plane_at_depth_two(mode: str, device: str) -> None:
 def test_deepest_search(depth: int, device: str) -> None:
     """The deepest search that a configuration allows, with few rays: two parallel walls mirror to any order."""
     walls = [wall_part("north", (-50.0, 5.0), (50.0, 5.0), 9.0), wall_part("south", (50.0, -5.0), (-50.0, -5.0), 9.0)]
-    actors = [("rsu_1", "rsu", -1), ("cav_1", "cav", -1)]
-    arrays = arrays_from_parts(walls, actors=actors, poses=[[pose(0, 1, 4), pose(9, 2, 5)]])
-    _, paths = solve(arrays, channel(max_depth=depth, candidates="launch", rays=1000), device)
+    arrays = oracle.link_scene(walls, (0, 1, 4), (9, 2, 5))
+    _, paths = oracle.solve(arrays, oracle.channel(max_depth=depth, candidates="launch", samples_per_tx=1000), device)
     assert paths.order.tolist() == [0, *(k for k in range(1, depth + 1) for _ in range(2))]

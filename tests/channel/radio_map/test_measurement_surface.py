@@ -21,7 +21,7 @@ def test_plane_grid_has_whole_cells_about_its_middle() -> None:
 
 
 def test_road_grid_follows_a_slope_at_its_height() -> None:
-    """A road of 10 % is met 1.5 m above; only cells with their middle over it are there."""
+    """A road of 10 % is followed 1.5 m above; only cells with their middle over it are there."""
     corners = [(-9.2, -3.9, -0.92), (9.2, -3.9, 0.92), (9.2, 3.9, 0.92), (-9.2, 3.9, -0.92)]
     arrays = arrays_from_parts([quad_part("Roads/slope", corners, cells=3), wall_part("w", (-9, 4), (9, 4), 8.0)])
     surface = road_grid(arrays, 2.0, 1.5)

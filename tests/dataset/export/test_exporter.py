@@ -84,7 +84,7 @@ def files(out: Path) -> list[str]:
     return sorted(path.relative_to(out).as_posix() for path in out.rglob("*") if path.is_file())
 
 
-def test_a_broken_export_resumes_with_what_is_missing(root: Path, tmp_path: Path, toy: Recorder) -> None:
+def test_a_broken_export_resumes_with_the_missing_tasks(root: Path, tmp_path: Path, toy: Recorder) -> None:
     out, toy.fails = tmp_path / "o", "b"
     with pytest.raises(ValueError, match="b: broken"):
         export(root, "toy", out)
@@ -157,7 +157,7 @@ def test_task_names_are_file_names(root: Path, tmp_path: Path, monkeypatch: pyte
 def test_options_and_rates() -> None:
     form = Recorder().format
     assert checked_options(form, {}) == {"size": "small"}
-    with pytest.raises(ValueError, match="option 'colour' is not known; it takes size"):
+    with pytest.raises(ValueError, match="option 'colour' is not known; the options are size"):
         checked_options(form, {"colour": "red"})
     with pytest.raises(ValueError, match="size=huge: is not known; give one of small, large"):
         checked_options(form, {"size": "huge"})
@@ -167,7 +167,7 @@ def test_options_and_rates() -> None:
             frame_step("toy", "rate", {"rate": text})
 
 
-def test_parts_are_what_is_picked(root: Path) -> None:
+def test_parts_follow_the_selection(root: Path) -> None:
     dataset = open_dataset(root)
     every = parts(dataset, Selection())
     assert [(part.scenario, part.weather) for part in every] == [
@@ -190,7 +190,7 @@ def test_parts_are_what_is_picked(root: Path) -> None:
         parts(dataset, Selection(frames=range(1, 2)), step=2)
 
 
-def test_every_format_says_what_it_loses() -> None:
+def test_every_format_lists_its_losses() -> None:
     for name in EXPORTERS:
         form = load_format(name)
         assert form.name == name and form.summary and "\n" not in form.summary and form.losses
@@ -228,7 +228,7 @@ def test_command_exports(root: Path, tmp_path: Path, toy: Recorder, capsys: pyte
         (["kitti", "ROOT", "OUT", "frames=5:9:0"], "holds no frame"),
         (["kitti", "ROOT", "OUT", "sunny"], "'sunny': name=value is needed"),
         (["kitti", "ROOT", "OUT", "weather=snow"], "weather=snow: "),
-        (["kitti", "ROOT", "OUT", "colour=red"], "option 'colour' is not known; it takes rate"),
+        (["kitti", "ROOT", "OUT", "colour=red"], "option 'colour' is not known; the options are rate"),
         (["kitti", "ROOT"], "FORMAT, ROOT and OUT are needed"),
         (["kitti", "NO_RGB", "OUT"], "has no table 'rgb', which kitti needs"),
         (["opv2v", "NO_RGB", "OUT"], "has no table 'rgb', which opv2v needs; record RGB cameras, or give images=none"),

@@ -29,10 +29,8 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def out(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("hub") / "out"
-    export(root, "huggingface", out, Selection(), {"license": "cc-by-4.0", "title": "Made up: a test"})
-    return out
+def out(root: Path, exported) -> Path:
+    return exported("huggingface", {"license": "cc-by-4.0", "title": "Made up: a test"}, root)
 
 
 @pytest.fixture

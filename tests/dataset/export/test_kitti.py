@@ -62,20 +62,15 @@ def label_corners(label: dict) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def out(exported) -> Path:
     """Frames with an image of the front camera, of every agent."""
-    result = tmp_path_factory.mktemp("kitti") / "out"
-    export(dataset().root, "kitti", result, Selection(), {"rate": "100"})
-    return result
+    return exported("kitti", {"rate": "100"})
 
 
 @pytest.fixture(scope="module")
-def left(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The same of the level camera to the left, in every frame, without images."""
-    result = tmp_path_factory.mktemp("kitti") / "left"
-    options = {"rate": "100", "camera": "left", "images": "none"}
-    export(dataset().root, "kitti", result, Selection(agents=("cav_1", "cav_2", "cav_3")), options)
-    return result
+def left(exported) -> Path:
+    """Export the level camera to the left, in every frame, without images."""
+    return exported("kitti", {"rate": "100", "camera": "left", "images": "none"}, agents=("cav_1", "cav_2", "cav_3"))
 
 
 def index_of(out: Path) -> list[dict]:
@@ -112,7 +107,7 @@ def test_points_and_images_are_the_datasets(out: Path) -> None:
 
 
 @pytest.mark.parametrize("which", ["out", "left"])
-def test_calibration_takes_points_to_the_camera(which: str, request: pytest.FixtureRequest) -> None:
+def test_calibration_transforms_points_to_the_camera(which: str, request: pytest.FixtureRequest) -> None:
     root, camera = request.getfixturevalue(which), "front" if which == "out" else "left"
     for entry in index_of(root)[::3]:
         calib = read_calib(root / "training" / "calib" / f"{entry['number']}.txt")

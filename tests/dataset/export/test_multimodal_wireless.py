@@ -33,17 +33,14 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def out(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("v1") / "out"
-    export(root, "v1", out, Selection(), {"arrays": "1x64-1x16,8x8-2x2"})
-    return out / WEATHER / "Town03" / "Town03_made_up_seed42"
+def out(root: Path, exported) -> Path:
+    return exported("v1", {"arrays": "1x64-1x16,8x8-2x2"}, root) / WEATHER / "Town03" / "Town03_made_up_seed42"
 
 
 @pytest.fixture(scope="module")
-def published(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The same with the published delays."""
-    out = tmp_path_factory.mktemp("published") / "out"
-    export(root, "v1", out, Selection(agents=("cav_1",)), {"delays": "normalized", "depth": "raw24"})
+def published(root: Path, exported) -> Path:
+    """Export with the published delays."""
+    out = exported("v1", {"delays": "normalized"}, root, agents=("cav_1",))
     return out / WEATHER / "Town03" / "Town03_made_up_seed42"
 
 
@@ -124,12 +121,12 @@ def test_line_of_sight_in_closed_form(root, out):
             values = {name: float(file[name][0, 0, 0, 0]) for name in ("tau", *ANGLES)}
         gap = antenna(poses, frame, "cav_1") - antenna(poses, frame, "cav_2")  # cav_2 transmits
         assert values["tau"] == pytest.approx(np.linalg.norm(gap) / SPEED_OF_LIGHT, rel=1e-6)
-        for end, agent, way in (("t", "cav_2", gap), ("r", "cav_1", -gap)):
+        for end, agent, line in (("t", "cav_2", gap), ("r", "cav_1", -gap)):
             row = next(
                 k for k, key in enumerate(zip(poses["frame"], poses["agent"], strict=True)) if key == (frame, agent)
             )
             turn = quaternion_to_matrix([poses[name][row] for name in ("qx", "qy", "qz", "qw")])
-            for glob, local in (("glob_", way), ("", turn.T @ way)):
+            for glob, local in (("glob_", line), ("", turn.T @ line)):
                 theta, phi = values[f"{glob}theta_{end}"], values[f"{glob}phi_{end}"]
                 found = [np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)]
                 np.testing.assert_allclose(found, local / np.linalg.norm(local), atol=2e-6)
@@ -159,7 +156,7 @@ def test_point_clouds_round_trip(root, out):
         np.testing.assert_allclose((points["rgb"] >> 16) / 255, row["intensity"], atol=0.5 / 255 + 1e-9)
 
 
-def test_images_round_trip(root, out, published):
+def test_images_round_trip(root, out):
     data = open_dataset(root)
     for row in data.read("rgb").to_pylist():
         image = Image.open(out / row["agent"] / f"{row['frame']:06d}_camera0.png")

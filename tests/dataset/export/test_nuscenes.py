@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import trimesh.transformations as tf
 
-from mmw.dataset.export.exporter import Selection, export
 from tests.fixtures.export_data import (
     FRAMES,
     IMAGE_FRAMES,
@@ -15,7 +14,6 @@ from tests.fixtures.export_data import (
     box_matrix,
     cloud,
     corners,
-    dataset,
     move,
     row,
     rows,
@@ -56,11 +54,9 @@ FIELDS = {
 
 
 @pytest.fixture(scope="module")
-def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Samples of every second frame, sweeps of all."""
-    result = tmp_path_factory.mktemp("nuscenes") / "out"
-    export(dataset().root, "nuscenes", result, Selection(), {"rate": "50", "sweeps": "100"})
-    return result
+def out(exported) -> Path:
+    """Export samples of every second frame, sweeps of all."""
+    return exported("nuscenes", {"rate": "50", "sweeps": "100"})
 
 
 @pytest.fixture(scope="module")
@@ -277,7 +273,7 @@ def test_visibility_compares_rectangles(tables: dict) -> None:
     assert len(found) >= 3
 
 
-def test_the_same_export_has_the_same_bytes(out: Path, tmp_path: Path) -> None:
-    export(dataset().root, "nuscenes", tmp_path / "b", Selection(), {"rate": "50", "sweeps": "100"})
+def test_the_same_export_has_the_same_bytes(out: Path, exported) -> None:
+    again = exported("nuscenes", {"rate": "50", "sweeps": "100"})
     for path in sorted(path.relative_to(out) for path in out.rglob("*") if path.is_file()):
-        assert (out / path).read_bytes() == (tmp_path / "b" / path).read_bytes(), path
+        assert (out / path).read_bytes() == (again / path).read_bytes(), path

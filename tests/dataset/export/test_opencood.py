@@ -1,4 +1,4 @@
-"""OPV2V as OpenCOOD's own loader takes it, where a developer supplies OpenCOOD: poses, boxes, points, agents, times.
+"""OPV2V as OpenCOOD's own loader reads it, where a developer supplies OpenCOOD: poses, boxes, points, agents, times.
 
 OpenCOOD may not be shipped and is no dependency (its licence); with a checkout and what it imports (torch, open3d):
 
@@ -12,13 +12,11 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from mmw.dataset.export.exporter import Selection, export
 from tests.fixtures.export_data import (
     IMAGE_FRAMES,
     box_matrix,
     cloud,
     corners,
-    dataset,
     matrix,
     move,
     row,
@@ -31,9 +29,9 @@ pytestmark = pytest.mark.filterwarnings("ignore")  # OpenCOOD leaves its files o
 WEATHER = "rainy"
 FLIP = np.diag([1.0, -1.0, 1.0, 1.0])
 RANGE = [-140.8, -40.0, -3.0, 140.8, 40.0, 1.0]
-"""Where OpenCOOD looks for vehicles: two corners in the LiDAR's frame [m], as its configurations have them."""
+"""Region in which OpenCOOD looks for vehicles by its configurations: two corners in the LiDAR's frame [m]."""
 NEAR_M = 70.0
-"""How far from the ego another agent may be, OpenCOOD's range of communication [m]."""
+"""OpenCOOD's range of communication around the ego vehicle [m]."""
 
 
 def opencood(module: str) -> ModuleType:
@@ -67,11 +65,9 @@ def parameters(split: Path, fusion: str) -> dict:
 
 
 @pytest.fixture(scope="module")
-def split(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def split(exported) -> Path:
     opencood("data_utils.datasets")
-    out = tmp_path_factory.mktemp("opencood") / "out"
-    export(dataset().root, "opv2v", out, Selection(weathers=(WEATHER,)), {"rate": "50"})
-    return out / "train"
+    return exported("opv2v", {"rate": "50"}, weathers=(WEATHER,)) / "train"
 
 
 @pytest.fixture(scope="module")

@@ -28,7 +28,7 @@ from tests.fixtures.export_data import (
 
 WEATHER = "rainy"
 MIRROR_M = 0.25
-"""How far wing mirrors stick out of a vehicle's box [m]."""
+"""Reach of wing mirrors beyond a vehicle's box [m]."""
 FLIP = np.diag([1.0, -1.0, 1.0, 1.0])
 
 
@@ -70,10 +70,8 @@ def loader_boxes(content: dict) -> dict[int, np.ndarray]:
 
 
 @pytest.fixture(scope="module")
-def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    result = tmp_path_factory.mktemp("opv2v") / "out"
-    export(dataset().root, "opv2v", result, Selection(weathers=(WEATHER,)), {"rate": "50"})
-    return result
+def out(exported) -> Path:
+    return exported("opv2v", {"rate": "50"}, weathers=(WEATHER,))
 
 
 @pytest.fixture(scope="module")
@@ -101,7 +99,7 @@ def contents(folder: Path, names: dict[str, str]) -> dict[tuple[str, int], dict]
 
 @pytest.mark.parametrize("seed", range(3))
 def test_frame_algebra(seed: int) -> None:
-    """F R F of any pose is CARLA's matrix of its angles, and the way back is exact."""
+    """F R F of any pose is CARLA's matrix of its angles, and the inverse is exact."""
     rng = np.random.default_rng(seed)
     turns = rng.uniform([-np.pi, -1.5, -np.pi], [np.pi, 1.5, np.pi], (50, 3))
     poses = pose_from_ypr(rng.normal(0, 50, (50, 3)), *turns.T)
@@ -132,7 +130,7 @@ def test_folders_follow_the_rules_of_the_loader(out: Path, folder: Path, names: 
     }
 
 
-def test_fields_are_what_the_loader_takes(contents: dict) -> None:
+def test_fields_are_those_of_the_loader(contents: dict) -> None:
     for (agent, _), content in contents.items():
         for key in ("lidar_pose", "true_ego_pos", "predicted_ego_pos"):
             assert len(content[key]) == 6 and all(isinstance(value, float) for value in content[key])

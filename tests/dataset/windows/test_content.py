@@ -194,7 +194,7 @@ def test_windows_of_a_dataset_that_is_not_local(windows: Windows) -> None:
             np.testing.assert_array_equal(one, two)
 
 
-def test_the_cache_forgets_what_was_used_longest_ago() -> None:
+def test_the_cache_drops_the_least_recently_used() -> None:
     cache, made = Cache(250), []
 
     def make(key: int) -> np.ndarray:

@@ -124,15 +124,15 @@ def test_images_are_held_for_their_period_and_no_longer() -> None:
         open_windows(window_data(), WindowSpec([Feature("rgb", max_age_frames=0)], past=3), **one)
 
 
-def test_left_out_says_why() -> None:
+def test_dropped_windows_are_counted_by_reason() -> None:
     spec = WindowSpec(["lidar"], past=2, stride=1)
     windows = open_windows(window_data(), spec, scenarios=["circle"], weathers=["sunny"], agents=["cav_1", "cav_2"])
     # Two of each track's frames begin one; frames 33 and 34 of cav_1 need the sweep that is not there.
-    assert windows.left_out == {"frames": 1 + 2, "lidar": 2}
+    assert windows.dropped == {"frames": 1 + 2, "lidar": 2}
     assert len(windows) == (59 - 2) + (57 - 2)
 
 
-def test_where_and_take() -> None:
+def test_where_and_select() -> None:
     windows = open_windows(mmw.open(window_data()), WindowSpec(["poses"], past=4, stride=4))
     some = windows.where(scenarios=["slope"], weathers="rainy", agents=["rsu", "cav_1"])
     assert {windows.tracks[t].name for t in some.track} == {("slope", "rainy", "cav_1"), ("slope", "rainy", "rsu_1")}
@@ -180,7 +180,7 @@ def test_wrong_specs_are_refused(make, message) -> None:
         ([Feature("lidar", columns=("point_count",))], 1, "lidar has x, y, z"),
     ],
 )
-def test_what_is_not_there_is_refused(features, past, message) -> None:
+def test_absent_names_are_refused(features, past, message) -> None:
     with pytest.raises(ValueError, match=message):
         open_windows(window_data(), WindowSpec(features, past=past))
 

@@ -63,7 +63,7 @@ def test_parts_by_track_share_no_frame_and_keep_their_distance(
     except ValueError as error:
         assert "gets no window" in str(error)
         return
-    least = past + max_age + future + 1 if gap is None and (windows.now % 2).any() else (gap or 0)
+    distance = past + max_age + future + 1 if gap is None and (windows.now % 2).any() else (gap or 0)
     for one, other in itertools.combinations(split.values(), 2):
         assert shared_frames(one, other) == []
         for scenario in "ab":
@@ -73,7 +73,7 @@ def test_parts_by_track_share_no_frame_and_keep_their_distance(
                 spans = zip(part.first[own], part.last[own], strict=True)
                 sides.append(np.array([frame for first, last in spans for frame in range(first, last + 1)]))
             if all(map(len, sides)):
-                assert np.abs(sides[0][:, None] - sides[1]).min() > least
+                assert np.abs(sides[0][:, None] - sides[1]).min() > distance
     again = split_windows(windows, "track", parts, seed=seed, gap=gap, blocks=blocks)
     for part, some in split.items():
         assert (some.now == again[part].now).all() and (some.track == again[part].track).all()
@@ -132,7 +132,7 @@ def test_seeds_differ_and_blocks_multiply() -> None:
     assert (np.diff(own) > 1).sum() == 1  # two blocks with frames of other parts between them
 
 
-def test_by_weather_is_what_it_says_and_shares_the_geometry() -> None:
+def test_parts_by_weather_share_the_geometry() -> None:
     windows = open_windows(window_data(), WindowSpec(["poses"], past=2))
     split = split_windows(windows, "weather", {"train": ["sunny"], "test": "rainy"})
     assert {split["train"].tracks[t].weather for t in split["train"].track} == {"sunny"}

@@ -1,17 +1,11 @@
-"""Who makes the work of a dataset: parts, queues, worker processes that die, locks, and a memory that is full."""
+"""Executors of a run: parts, work queues, worker processes that die, locks, and full memory."""
 
-import contextlib
 import os
-import random
-import shutil
-import signal
 import subprocess
 import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 
-import pyarrow.parquet as pq
 import pytest
 
 import mmw.generation.pipeline
@@ -27,21 +21,10 @@ from mmw.generation.worker import GenerationContext, Worker
 from mmw.scene.prepare import read_scenario
 from mmw.scene.scene_data import SceneData
 from mmw.storage.file_checks import verify
-from mmw.storage.lock import only_one, writers, writing
+from mmw.storage.lock import exclusive_lock, writers, writing
 from mmw.storage.manifest import prepare_root
-from mmw.storage.store import Folder
-from tests.fixtures.own_world import SMALL, assert_same_rows, command, write_own_world
-
-KILL_ROUNDS = int(os.environ.get("MMW_KILL_ROUNDS", "1"))
-"""Datasets that are made among kills."""
-
-
-@pytest.fixture(scope="module")
-def world(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A small stage of one's own, ten frames, two a shard, in two weathers, and its dataset made by one worker."""
-    folder = write_own_world(tmp_path_factory.mktemp("engines"))
-    assert main(command(folder, "alone", "--workers", "1")) == 0
-    return folder
+from mmw.storage.store import Store
+from tests.fixtures.own_world import SMALL, assert_same_files, command
 
 
 def config_of(world: Path):
@@ -50,7 +33,7 @@ def config_of(world: Path):
 
 @pytest.mark.parametrize("count", [1, 2, 3, 5, 40])
 def test_parts_hold_everything_once(world: Path, count: int) -> None:
-    work = all_work(config_of(world))
+    work = all_work(load_config(world / "mine.yaml", SMALL))
     parts = [part_of(work, Partition(index, count)) for index in range(count)]
     assert [item for part in parts for item in part] == work
     sizes = [sum(item.frames for item in part) for part in parts]
@@ -58,14 +41,14 @@ def test_parts_hold_everything_once(world: Path, count: int) -> None:
 
 
 @pytest.mark.parametrize("text", ["", "1", "1/1", "4/4", "-1/4", "a/b", "0/0", "1/2/3"])
-def test_a_part_that_is_none_is_refused(world: Path, text: str, capsys: pytest.CaptureFixture) -> None:
+def test_a_part_that_is_none_is_refused(text: str) -> None:
     with pytest.raises(ValueError, match="i/N"):
         Partition.parse(text)
 
 
 def test_a_worker_keeps_its_scenario_and_others_help() -> None:
     queue = WorkQueue([Work(name, i, i + 1, ("sunny",)) for name, n in (("a", 4), ("b", 2)) for i in range(n)])
-    assert queue.next(0).scenario == "a"  # most is left there
+    assert queue.next(0).scenario == "a"  # most frames are left there
     assert queue.next(1).scenario == "b"
     assert [queue.next(0).frame_begin for _ in range(2)] == [1, 2]
     assert queue.next(1).scenario == "b"
@@ -79,15 +62,15 @@ def test_the_last_weathers_go_to_workers_of_their_own() -> None:
     queue = WorkQueue(work, workers=4, clock=lambda: now[0])
     given = []
     for worker in (0, 1, 2, 3):
-        given.append(queue.next(worker))  # nobody knows yet how long a piece takes
+        given.append(queue.next(worker))  # no duration is known yet
         now[0] += 1.0
     assert [len(item.weathers) for item in given] == [3, 3, 3, 3]
     now[0] = 30.0
-    given.append(queue.next(0))  # three are left, and the others are free any moment: one each
+    given.append(queue.next(0))  # three are left, and the others are about to be idle: one each
     now[0] = 31.0
     given.append(queue.next(1))  # two are left for three
     now[0] = 32.0
-    given += [queue.next(2), queue.next(3)]  # one is left: worker 3 is late, so two share it; and the rest of it
+    given += [queue.next(2), queue.next(3)]  # one is left; worker 3 is late, so the other two share it
     assert [len(item.weathers) for item in given[4:]] == [3, 3, 2, 1]
     assert queue.next(0) is None
     keys = [key for item in given for key in item.keys]
@@ -95,19 +78,19 @@ def test_the_last_weathers_go_to_workers_of_their_own() -> None:
 
 
 def test_a_piece_is_not_divided_for_workers_that_stay_busy() -> None:
-    """Two workers that began together: whoever is first with the last piece makes it whole, as the other has to end."""
+    """Two workers that started together: the first idle one runs the last piece whole."""
     now = [0.0]
     queue = WorkQueue([Work("a", i, i + 10, ("sunny", "rainy")) for i in (0, 10, 20)], 2, clock=lambda: now[0])
     first, second = queue.next(0), queue.next(1)
     now[0] = 10.0
-    assert queue.next(0).weathers == ("sunny",)  # the other is free any moment
+    assert queue.next(0).weathers == ("sunny",)  # the other is about to be idle
     assert queue.next(1).weathers == ("rainy",)
     queue = WorkQueue([Work("a", i, i + 10, ("sunny", "rainy")) for i in (0, 10, 20)], 2, clock=lambda: now[0])
     assert (queue.next(0), queue.next(1)) == (first, second)
     now[0] = 20.0
-    queue.give_back(1, [second], "by signal 9")
+    queue.requeue(1, [second], "by signal 9")
     assert queue.next(2).weathers == ("sunny", "rainy")
-    assert queue.next(0).weathers == ("sunny", "rainy")  # worker 2 has just begun
+    assert queue.next(0).weathers == ("sunny", "rainy")  # worker 2 has just started
     assert queue.next(0) is None
 
 
@@ -116,20 +99,20 @@ def test_lost_work_comes_first_and_not_for_ever() -> None:
     for worker in range(MAX_TRIES):
         first = queue.next(worker)
         assert first.frame_begin == 0
-        queue.give_back(worker, [first], "by signal 9")
+        queue.requeue(worker, [first], "by signal 9")
     with pytest.raises(WorkerLostError, match=r"4 workers died at a, frames 0 to 0, the last by signal 9"):
-        queue.give_back(9, [queue.next(9)], "by signal 9")
+        queue.requeue(9, [queue.next(9)], "by signal 9")
 
 
-def test_a_machine_lost_with_all_its_workers_is_no_end() -> None:
+def test_losing_a_machine_with_all_its_workers_does_not_end_the_run() -> None:
     queue = WorkQueue([Work("a", 0, 1, ("sunny",))], workers=8)
     for worker in range(MAX_TRIES * 8):
-        queue.give_back(worker, [], "on a node that is gone")
-    with pytest.raises(WorkerLostError, match="25 workers died before they began, the last on a node that is gone"):
-        queue.give_back(24, [], "on a node that is gone")
+        queue.requeue(worker, [], "on a node that is gone")
+    with pytest.raises(WorkerLostError, match="25 workers died before they started, the last on a node that is gone"):
+        queue.requeue(24, [], "on a node that is gone")
 
 
-def test_an_engine_that_is_not_installed(
+def test_an_executor_that_is_not_installed(
     world: Path, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for name in ("mmw.generation.executors.ray_executor", "mmw.generation.executors.ray_cluster"):
@@ -144,38 +127,38 @@ def test_an_engine_that_is_not_installed(
     assert "must be 'local' or 'ray'" in capsys.readouterr().err
 
 
-def test_workers_make_the_same_dataset(world: Path) -> None:
+def test_workers_generate_the_same_dataset(world: Path) -> None:
     assert main(command(world, "two", "--workers", "2")) == 0
-    assert_same_rows(world / "alone", world / "two")
+    assert_same_files(world / "single", world / "two")
     assert verify(world / "two") == []
 
 
 def test_workers_read_a_scenario_once(world: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     config, root = load_config(world / "mine.yaml", SMALL), world / "shared"
     meta = {"config_sha256": config.sha256(), "mmw_version": "0", "git_sha": ""}
-    making = GenerationContext(config, world, Folder(root), meta, threads=1)
-    prepare_root(Folder(root), config.identity(), config.sha256(), {}, overwrite=False)
+    context = GenerationContext(config, world, Store(root), meta, threads=1)
+    prepare_root(Store(root), config.identity(), config.sha256(), {}, overwrite=False)
     read: list[SceneData] = []
     monkeypatch.setattr(
         "mmw.generation.worker.read_scenario", lambda *some: read.append(read_scenario(*some)) or read[-1]
     )
     console, items = Console(), all_work(config)
     console.begin(20, 0)
-    with Worker(making, "cpu", console) as one, Worker(making, "cpu", console) as other:
-        one.make(items[0])
-        other.make(items[1])
+    with Worker(context, "cpu", console) as one, Worker(context, "cpu", console) as other:
+        one.trace(items[0])
+        other.trace(items[1])
         (file,) = root.glob(".*.scene")
         assert is_temporary(file)
         one.finish()
         other.finish()
     assert len(read) == 1 and not list(root.glob(".*.scene"))
-    with Worker(replace(making, owner=Owner()), "cpu", console) as later:
-        later.make(items[2])
+    with Worker(replace(context, owner=Owner()), "cpu", console) as later:
+        later.trace(items[2])
         later.finish()
-    assert len(read) == 2  # nothing of one run is used by the next
+    assert len(read) == 2  # no run uses files of another
 
 
-def test_parts_make_the_same_dataset(world: Path, capsys: pytest.CaptureFixture) -> None:
+def test_parts_generate_the_same_dataset(world: Path, capsys: pytest.CaptureFixture) -> None:
     out = world / "parts"
     for index in (2, 0, 1):
         assert not (out / "_manifest.parquet").exists()
@@ -183,7 +166,7 @@ def test_parts_make_the_same_dataset(world: Path, capsys: pytest.CaptureFixture)
         assert mmw_main(["status", str(out)]) == (0 if index == 1 else 1)
     lines = [line.split()[1] for line in capsys.readouterr().out.splitlines() if line.startswith("all ")]
     assert lines == ["8/20", "16/20", "20/20"]
-    assert_same_rows(world / "alone", out)
+    assert_same_files(world / "single", out)
     assert verify(out) == []
 
 
@@ -196,7 +179,7 @@ def test_finalize_refuses_what_is_missing(world: Path, capsys: pytest.CaptureFix
 
 
 def test_overwriting_a_part_is_refused(world: Path, capsys: pytest.CaptureFixture) -> None:
-    assert main(command(world, "alone", "--shard", "0/2", "--overwrite")) == 2
+    assert main(command(world, "single", "--shard", "0/2", "--overwrite")) == 2
     assert "would remove the other parts" in capsys.readouterr().err
 
 
@@ -214,82 +197,34 @@ def test_two_writers_of_one_folder_are_refused(world: Path, capsys: pytest.Captu
         pass
 
 
-def test_a_file_system_without_locks_is_said_and_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_system_without_locks_is_reported_and_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def no_locks(*_: object, **__: object) -> None:
         raise NotImplementedError("FileSystem does not appear to support flock")
 
     monkeypatch.setattr(mmw.storage.lock, "FileLock", no_locks)
-    told: list[str] = []
-    with writing(tmp_path, 0, 1, told.append), only_one(tmp_path, "stage-a"):
+    lines: list[str] = []
+    with writing(tmp_path, 0, 1, lines.append), exclusive_lock(tmp_path, "stage-a"):
         assert writers(tmp_path) == []
-    assert len(told) == 1 and "its file system has no locks" in told[0]
+    assert len(lines) == 1 and "its file system has no locks" in lines[0]
 
 
 def test_a_full_memory_halves_the_batch(world: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
-    record, calls = mmw.generation.pipeline.record_frames, []
+    capture, calls = mmw.generation.pipeline.capture_frames, []
 
-    def full(job, frames, collected):
-        record(job, frames, collected)  # rows that are thrown away must leave no trace
+    def full(batch, frames, collected):
+        capture(batch, frames, collected)  # discarded rows must leave no trace
         calls.append(len(frames))
         if len(frames) > 1:
             raise RuntimeError("Failed to allocate 123 bytes on device 'cuda:0'")
 
-    monkeypatch.setattr(mmw.generation.pipeline, "record_frames", full)
+    monkeypatch.setattr(mmw.generation.pipeline, "capture_frames", full)
     assert main(command(world, "tight", "--workers", "1")) == 0
     assert "memory is full with 2 frames a launch; going on with 1" in capsys.readouterr().err
     assert calls == [2] + [1] * 10
-    assert_same_rows(world / "alone", world / "tight")
+    assert_same_files(world / "single", world / "tight")
 
     monkeypatch.setattr(
-        mmw.generation.pipeline, "record_frames", lambda *_: (_ for _ in ()).throw(MemoryError("no room"))
+        mmw.generation.pipeline, "capture_frames", lambda *_: (_ for _ in ()).throw(MemoryError("no room"))
     )
     assert main(command(world, "none", "--workers", "1")) == 1
-    assert "memory is full with a single frame a launch (no room)" in capsys.readouterr().err
-
-
-def children(process: int) -> list[int]:
-    """Return the worker processes of a run and the server that they are forked from, not the tracker of resources."""
-    found = []
-    with contextlib.suppress(OSError):
-        for child in map(int, Path(f"/proc/{process}/task/{process}/children").read_text().split()):
-            if b"forkserver" in Path(f"/proc/{child}/cmdline").read_bytes():
-                found += [child, *children(child)]
-    return found
-
-
-@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="finds processes in /proc")
-@pytest.mark.parametrize("seed", range(KILL_ROUNDS))
-def test_killed_workers_and_runs_leave_nothing_wrong(world: Path, seed: int) -> None:
-    """Workers and the run itself are killed, after some more shards each time, until the dataset is there."""
-    random_s, out, kills, longest_s = random.Random(seed), world / f"killed-{seed}", 0, 1.0
-    for _ in range(30):
-        run = subprocess.Popen(
-            [sys.executable, "-m", "mmw.run", *command(world, out.name, "--workers", "2")],
-            stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
-        )  # fmt: skip
-        victim = 0
-        while run.poll() is None and victim != run.pid:
-            wanted = len(list(out.rglob("_shards/*.json"))) + random_s.randint(0, 3)
-            while run.poll() is None and len(list(out.rglob("_shards/*.json"))) < wanted:
-                time.sleep(0.05)
-            time.sleep(random_s.uniform(0.0, longest_s))
-            if run.poll() is None:
-                workers = children(run.pid)
-                victim = random_s.choice([run.pid, *workers, *workers])
-                with contextlib.suppress(ProcessLookupError):
-                    os.kill(victim, signal.SIGKILL)
-                    kills += 1
-        errors = run.communicate()[1]
-        for path in out.rglob("part-*.parquet"):
-            pq.ParquetFile(path)  # whatever is there under its name is whole
-        if run.returncode == 0 and kills:
-            break
-        if run.returncode == 0:  # a quick machine was done before the first of them
-            shutil.rmtree(out)
-            longest_s /= 2
-        else:
-            assert run.returncode in (1, -signal.SIGKILL), errors
-    assert run.returncode == 0 and kills > 0
-    print(f"{kills} kills")
-    assert_same_rows(world / "alone", out)
-    assert [finding for finding in verify(out) if finding.is_error] == []
+    assert "memory is full (no room)" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""Where worker processes come from: what they inherit, and what happens if that is killed."""
+"""Fork server of the worker processes: their environment, and the death of the server."""
 
 import logging
 import os
@@ -12,16 +12,16 @@ from typing import NoReturn
 import pytest
 
 from mmw.config.compute import ComputeConfig
-from mmw.generation.executors.local_processes import _Process
-from mmw.generation.executors.process_pool import CAN_FORK, import_ahead, may_be_several
-from mmw.generation.executors.supervisor import LostError
+from mmw.generation.executors.local_processes import _WorkerProcess
+from mmw.generation.executors.process_pool import CAN_FORK, may_use_processes, start_server
+from mmw.generation.executors.supervisor import WorkerDiedError
 from mmw.generation.executors.worker_protocol import FAILED
 
 on_linux = pytest.mark.skipif(not CAN_FORK, reason="workers are not forked here")
 
 
-class Telling:
-    """A `GenerationContext` that says in an error what a worker's environment holds, and who its parent is."""
+class ReportingContext:
+    """`GenerationContext` whose error reports a worker's environment variables and its parent process."""
 
     log_level = logging.WARNING
 
@@ -30,9 +30,9 @@ class Telling:
         raise ValueError(f"{os.environ.get('MMW_TEST_WORD')} {os.environ['OPENBLAS_NUM_THREADS']} {os.getppid()}")
 
 
-def told() -> list[str]:
-    """Start a worker and return what it says."""
-    worker = _Process(Telling(), "cpu")
+def report() -> list[str]:
+    """Start a worker and return the words of its report."""
+    worker = _WorkerProcess(ReportingContext(), "cpu")
     try:
         ((kind, error),) = worker.receive()
         assert kind == FAILED
@@ -43,33 +43,33 @@ def told() -> list[str]:
 
 def test_a_worker_has_the_environment_of_its_start(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
-    assert told()[:2] == ["None", "1"]
+    assert report()[:2] == ["None", "1"]
     monkeypatch.setenv("MMW_TEST_WORD", "later")
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "2")
-    assert told()[:2] == ["later", "2"]
+    assert report()[:2] == ["later", "2"]
 
 
 @on_linux
 def test_workers_are_forked_from_one_server_and_from_another_if_it_dies(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
-    server = told()[2]
-    assert told()[2] == server != str(os.getpid())
+    server = report()[2]
+    assert report()[2] == server != str(os.getpid())
     os.kill(int(server), signal.SIGKILL)
-    other = told()[2]
+    other = report()[2]
     assert other not in (server, str(os.getpid()))
     assert b"OPENBLAS_NUM_THREADS=1" in Path(f"/proc/{other}/environ").read_bytes().split(b"\0")
 
 
 @on_linux
 def test_a_worker_outlives_its_server() -> None:
-    worker = _Process(SimpleNamespace(log_level=logging.WARNING), "cpu")
-    other = _Process(SimpleNamespace(log_level=logging.WARNING), "cpu")
-    os.kill(int(told()[2]), signal.SIGKILL)
+    worker = _WorkerProcess(SimpleNamespace(log_level=logging.WARNING), "cpu")
+    other = _WorkerProcess(SimpleNamespace(log_level=logging.WARNING), "cpu")
+    os.kill(int(report()[2]), signal.SIGKILL)
     try:
-        ((kind, _),) = worker.receive()  # its error: there is nothing to make
+        ((kind, _),) = worker.receive()  # its error: the context is empty
         assert kind == FAILED
         other.receive()
-        with pytest.raises(LostError, match="exit code"):
+        with pytest.raises(WorkerDiedError, match="exit code"):
             other.receive()
     finally:
         worker.kill()
@@ -77,19 +77,19 @@ def test_a_worker_outlives_its_server() -> None:
 
 
 def servers() -> list[int]:
-    """Return the servers of this process that live."""
+    """Return the running fork servers of this process."""
     found = Path(f"/proc/self/task/{os.getpid()}/children").read_text().split()
     return [int(child) for child in found if b"forkserver" in Path(f"/proc/{child}/cmdline").read_bytes()]
 
 
 @on_linux
 def test_ctrl_c_leaves_a_server_alone_that_still_imports() -> None:
-    old = int(told()[2])
+    old = int(report()[2])
     os.kill(old, signal.SIGKILL)
     while not (new := [server for server in servers() if server != old]):
-        import_ahead()  # nothing happens until all threads of the killed one have gone
+        start_server()  # does nothing until all threads of the killed one have ended
     os.kill(new[0], signal.SIGINT)
-    assert told()[2] == str(new[0])
+    assert report()[2] == str(new[0])
 
 
 @on_linux
@@ -110,6 +110,6 @@ def test_the_server_has_no_gpu_and_no_thread_of_a_library() -> None:
 
 
 def test_the_server_is_not_started_for_a_run_of_one_worker() -> None:
-    assert not may_be_several(ComputeConfig(), 31) and may_be_several(ComputeConfig(), 32)
-    assert not may_be_several(ComputeConfig(workers=1), 1000) and may_be_several(ComputeConfig(workers=2), 1)
-    assert not may_be_several(ComputeConfig(engine="ray"), 1000)
+    assert not may_use_processes(ComputeConfig(), 31) and may_use_processes(ComputeConfig(), 32)
+    assert not may_use_processes(ComputeConfig(workers=1), 1000) and may_use_processes(ComputeConfig(workers=2), 1)
+    assert not may_use_processes(ComputeConfig(engine="ray"), 1000)

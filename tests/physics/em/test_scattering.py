@@ -1,7 +1,4 @@
-"""Diffuse scattering: patterns, power against integrals and Sionna RT, mirrors and slabs on the way, short legs."""
-
-import json
-from pathlib import Path
+"""Diffuse scattering: patterns, power against integrals and Sionna RT, mirrors and slabs on the way, short segments."""
 
 import numpy as np
 import pytest
@@ -12,12 +9,15 @@ from mmw.channel.paths import PATH_DIFFUSE, PATH_SPECULAR, PathSet
 from mmw.core.constants import FRAME_DT, SPEED_OF_LIGHT
 from mmw.core.transforms import invert, pose_from_ypr, transform_points
 from mmw.physics.em.scattering import lobe_integral, scattering_pattern
-from mmw.physics.materials.material import Material, RadioMaterial
+from mmw.physics.em.vectors import unit_vector
+from mmw.physics.materials.material import RadioMaterial
 from mmw.physics.materials.permittivity import relative_permittivity
 from mmw.scene.scene_data import SceneData
 from mmw.worlds.towns.mesh_part import MeshPart
 from tests.fixtures.scenes import arrays_from_parts, arrays_from_ply, box_model, ground_part, pose, quad_part, wall_part
-from tests.oracles.channel import DIFFUSE, SPECULAR, TRANSMISSION, channel, slab_coefficients, solve
+from tests.oracles import channel as oracle
+from tests.oracles.channel import DIFFUSE, SPECULAR, TRANSMISSION
+from tests.oracles.sionna import FOLDER, MANIFEST, read_case, used_material
 
 CARRIER_HZ = 28e9
 WAVELENGTH = SPEED_OF_LIGHT / CARRIER_HZ
@@ -26,7 +26,14 @@ LOBES = {
     "directive": {"scattering_pattern": "directive", "alpha_r": 6},
     "backscattering": {"scattering_pattern": "backscattering", "alpha_r": 5, "alpha_i": 9, "lobe_share": 0.6},
 }
-ALONE = channel(carriers_hz=(CARRIER_HZ,), diffuse=True, diffuse_rays=100_000, los=False, specular=False, pattern="iso")
+ALONE = oracle.channel(
+    carriers_hz=(CARRIER_HZ,),
+    diffuse_reflection=True,
+    diffuse_samples=100_000,
+    los=False,
+    specular_reflection=False,
+    pattern="iso",
+)
 TX, RX = np.array([-4.0, 2.0, 5.0]), np.array([6.0, -3.0, 4.0])
 HALF = 12.0
 """Half of the side of the rough ground [m]."""
@@ -39,9 +46,7 @@ def rough(name: str = "lambertian", **changes) -> RadioMaterial:
 
 def scene(radio: dict[str, RadioMaterial], parts: list[MeshPart], tx=TX, rx=RX) -> SceneData:
     """Return parts with a transmitter and a receiver without bodies."""
-    materials = {name: Material(name, own, "none", 0.3, (0.5,) * 3) for name, own in radio.items()}
-    ends = {"actors": [("rsu_1", "rsu", -1), ("cav_1", "cav", -1)], "poses": [[pose(*tx), pose(*rx)]]}
-    return arrays_from_parts(parts, **ends, materials=materials)
+    return oracle.link_scene(parts, tx, rx, materials=oracle.radio_materials(radio))
 
 
 def ground() -> MeshPart:
@@ -117,11 +122,13 @@ def patch_power(
                 + (1 - share) * (0.5 * (1 - source @ out)) ** radio.alpha_i
             )
 
-        ways = np.stack([np.sqrt(1 - grid**2), np.zeros(400), -grid], axis=1)
-        whole = lobes(ways * [1, 1, -1], ways, direction.T) @ solid
-        value = [lobes(way * [1, 1, -1], way, out) for way, out in zip(k_in, k_out, strict=True)]
+        directions = np.stack([np.sqrt(1 - grid**2), np.zeros(400), -grid], axis=1)
+        whole = lobes(directions * [1, 1, -1], directions, direction.T) @ solid
+        value = [lobes(unit * [1, 1, -1], unit, out) for unit, out in zip(k_in, k_out, strict=True)]
         density = np.array(value) / np.interp(cosine, grid, whole)
-    r_te, r_tm, _, _ = slab_coefficients(relative_permittivity(radio, CARRIER_HZ), cosine, radio.thickness, CARRIER_HZ)
+    r_te, r_tm, _, _ = oracle.slab_coefficients(
+        relative_permittivity(radio, CARRIER_HZ), cosine, radio.thickness, CARRIER_HZ
+    )
     common = (WAVELENGTH / (4 * np.pi) * radio.scattering / (r_1 * r_2)) ** 2 * density * cosine * area
     return np.stack([common * np.abs(r_tm) ** 2, common * np.abs(r_te) ** 2], axis=1), place, cosine
 
@@ -130,28 +137,23 @@ def patch_power(
 def test_power_and_angles_against_the_integral(name: str, device: str) -> None:
     """Level ground: theta is TM and phi TE; power of each, and where it comes from."""
     radio = rough(name)
-    _, paths = solve(scene({"rough": radio}, [ground()]), ALONE, device)
+    _, paths = oracle.solve(scene({"rough": radio}, [ground()]), ALONE, device)
     pieces, place, _ = patch_power(radio, TX, RX)
     whole, kept = pieces.sum(axis=0), np.array([1 - radio.xpd, radio.xpd])
     expected = np.array([[whole[0] * kept[0], whole[1] * kept[1]], [whole[0] * kept[1], whole[1] * kept[0]]])
     np.testing.assert_allclose(power(paths, DIFFUSE), expected, rtol=0.02)
-    arrival = np.stack(
-        [
-            np.sin(paths.theta_r) * np.cos(paths.phi_r),
-            np.sin(paths.theta_r) * np.sin(paths.phi_r),
-            np.cos(paths.theta_r),
-        ],
-        axis=1,
-    )
+    arrival = unit_vector(paths.theta_r, paths.phi_r)
     for column in range(2):
         weight = (np.abs(paths.transfer["sunny"][:, 0, :, column]) ** 2).sum(axis=1)
-        way = (place - RX) / np.linalg.norm(place - RX, axis=1, keepdims=True)
-        mean = (weight @ arrival / weight.sum(), pieces[:, column] @ way / whole[column])
+        unit = (place - RX) / np.linalg.norm(place - RX, axis=1, keepdims=True)
+        mean = (weight @ arrival / weight.sum(), pieces[:, column] @ unit / whole[column])
         np.testing.assert_allclose(mean[0], mean[1], atol=0.005)
-        second = [np.einsum("n,ni,nj->ij", w, v, v) / w.sum() for w, v in ((weight, arrival), (pieces[:, column], way))]
+        second = [
+            np.einsum("n,ni,nj->ij", w, v, v) / w.sum() for w, v in ((weight, arrival), (pieces[:, column], unit))
+        ]
         np.testing.assert_allclose(second[0], second[1], atol=0.01)
-        for angle, axis in ((paths.theta_r, way[:, 2]), (paths.phi_r, None)):
-            wanted = np.arccos(axis) if axis is not None else np.arctan2(way[:, 1], way[:, 0])
+        for angle, axis in ((paths.theta_r, unit[:, 2]), (paths.phi_r, None)):
+            wanted = np.arccos(axis) if axis is not None else np.arctan2(unit[:, 1], unit[:, 0])
             turned = [np.angle(w @ np.exp(1j * a)) for w, a in ((weight, angle), (pieces[:, column], wanted))]
             assert abs(np.angle(np.exp(1j * (turned[0] - turned[1])))) < 0.01
         delay = [
@@ -164,45 +166,22 @@ def lengths(place: np.ndarray) -> np.ndarray:
     return np.linalg.norm(place - TX, axis=1) + np.linalg.norm(place - RX, axis=1)
 
 
-def test_power_converges(device: str) -> None:
-    """The error falls with the number of rays, and twice the rays have no more power."""
-    wanted = patch_power(rough(), TX, RX)[0].sum()
-    errors = []
-    for rays in (1_000, 10_000, 100_000):
-        _, paths = solve(scene({"rough": rough()}, [ground()]), ALONE.model_copy(update={"diffuse_rays": rays}), device)
-        errors.append(abs((np.abs(paths.transfer["sunny"]) ** 2).sum() / wanted - 1))
-    assert errors[0] < 0.1 and errors[1] < 0.02 and errors[2] < 0.004
-
-
-FOLDER = Path(__file__).parents[2] / "reference" / "sionna"
 CASES = [f"dif_{name}_f28" for name in sorted(LOBES)]
 
 
 @pytest.mark.parametrize("name", CASES)
 def test_sionna_diffuse_power(name: str, device: str, record_property) -> None:
     """Summed power of each pair of polarisations against Sionna RT with 10^5 and 10^6 rays."""
-    case = json.loads((FOLDER / "manifest.json").read_text())["cases"][name]
-    config, used = case["config"], case["materials"]["m_g"]
+    config, used = MANIFEST[name]["config"], MANIFEST[name]["materials"]["m_g"]
     spec = config["scene"]["materials"]["m_g"]
-    lobes = {{"lambda_": "lobe_share"}.get(k, k): v for k, v in spec.get("pattern_args", {}).items()}
-    radio = RadioMaterial(
-        "constant",
-        relative_permittivity=used["eps_r"],
-        conductivity=used["sigma"],
-        thickness=used["thickness"],
-        scattering=used["S"],
-        xpd=used["Kx"],
-        scattering_pattern=spec.get("pattern", "lambertian"),
-        **lobes,
-    )
     tx, rx = (config[end][0]["pos"] for end in ("tx", "rx"))
     arrays = arrays_from_ply(
-        {"g": (FOLDER / config["scene"]["objects"][0]["ply"], Material("m_g", radio, "none", 0.3, (0.5,) * 3))},
+        {"g": (FOLDER / config["scene"]["objects"][0]["ply"], used_material("m_g", used, spec))},
         actors=[("rsu_1", "rsu", -1), ("cav_1", "cav", -1)],
         poses=[[pose(*tx), pose(*rx)]],
     )
-    _, paths = solve(arrays, ALONE, device)
-    for rays, count, *wanted in np.load(FOLDER / "cases" / f"{name}.npz")["diffuse_power"]:
+    _, paths = oracle.solve(arrays, ALONE, device)
+    for rays, count, *wanted in read_case(name)["diffuse_power"]:
         share = power(paths, DIFFUSE).ravel() / wanted - 1
         record_property(f"share_of_{rays:.0f}_rays", share.tolist())
         assert np.abs(share).max() < 0.02
@@ -213,8 +192,8 @@ def test_mirrors_before_and_behind_the_patch(device: str) -> None:
     """A conducting wall is a second transmitter, or a second receiver, behind it: power of the image."""
     wall = wall_part("wall", (-200.0, HALF + 1), (200.0, HALF + 1), 150.0, "mirror")
     radio = {"rough": rough(xpd=0.0), "mirror": RadioMaterial("itu", itu="itu_pec")}
-    config = ALONE.model_copy(update={"specular": True, "max_depth": 2, "diffuse_rays": 400_000})
-    _, paths = solve(scene(radio, [ground(), wall]), config, device)
+    config = ALONE.model_copy(update={"specular_reflection": True, "max_depth": 2, "diffuse_samples": 400_000})
+    _, paths = oracle.solve(scene(radio, [ground(), wall]), config, device)
     turned = np.array([0.0, 2 * (HALF + 1), 0.0])
     for steps, tx, rx in (
         ((DIFFUSE,), TX, RX),
@@ -227,19 +206,6 @@ def test_mirrors_before_and_behind_the_patch(device: str) -> None:
     assert rows[paths.kind == PATH_DIFFUSE].tolist() == [1] * int((paths.kind == PATH_DIFFUSE).sum())
 
 
-def test_power_is_reciprocal(device: str) -> None:
-    """Lambertian patches that reflect everything scatter as much back as forth, also over a mirror."""
-    wall = wall_part("wall", (-200.0, HALF + 1), (200.0, HALF + 1), 150.0, "mirror")
-    radio = {
-        "rough": RadioMaterial("itu", itu="itu_pec", scattering=0.6),
-        "mirror": RadioMaterial("itu", itu="itu_pec"),
-    }
-    config = ALONE.model_copy(update={"specular": True, "max_depth": 2, "diffuse_rays": 400_000})
-    there, back = (solve(scene(radio, [ground(), wall], *ends), config, device)[1] for ends in ((TX, RX), (RX, TX)))
-    for steps in ((DIFFUSE,), (SPECULAR, DIFFUSE), (DIFFUSE, SPECULAR)):
-        assert power(there, *steps).sum() == pytest.approx(power(back, *steps[::-1]).sum(), rel=0.02)
-
-
 @pytest.mark.parametrize("behind", [True, False])
 def test_slab_before_or_behind_the_patch(behind: bool, device: str) -> None:
     """A level pane above the ground weakens theta by T_TM and phi by T_TE of each ray, on either side of the patch."""
@@ -248,9 +214,9 @@ def test_slab_before_or_behind_the_patch(behind: bool, device: str) -> None:
     radio = {"rough": rough(xpd=0.0), "pane": slab}
     low, high = (6.0, -3.0, 1.2), (-4.0, 2.0, 5.0)
     ends = (low, high) if behind else (high, low)
-    config = ALONE.model_copy(update={"diffuse_rays": 5000})
-    _, bare = solve(scene(radio, [ground()], *ends), config, device)
-    _, paths = solve(
+    config = ALONE.model_copy(update={"diffuse_samples": 5000})
+    _, bare = oracle.solve(scene(radio, [ground()], *ends), config, device)
+    _, paths = oracle.solve(
         scene(radio, [ground(), pane], *ends), config.model_copy(update={"max_depth": 2, "refraction": True}), device
     )
     steps = [DIFFUSE, TRANSMISSION] if behind else [TRANSMISSION, DIFFUSE]
@@ -260,7 +226,7 @@ def test_slab_before_or_behind_the_patch(behind: bool, device: str) -> None:
     assert len(rows) == len(bare) > 500
     angle = bare.theta_r[partner] if behind else bare.theta_t[partner]
     eta = relative_permittivity(slab, CARRIER_HZ)
-    _, _, t_te, t_tm = slab_coefficients(eta, np.abs(np.cos(angle)), slab.thickness, CARRIER_HZ)
+    _, _, t_te, t_tm = oracle.slab_coefficients(eta, np.abs(np.cos(angle)), slab.thickness, CARRIER_HZ)
     factor = np.stack([t_tm, t_te], axis=1)
     straight, across = (p.transfer["sunny"][rows_of, 0] for p, rows_of in ((bare, partner), (paths, rows)))
     np.testing.assert_allclose(paths.tau[rows], bare.tau[partner], rtol=1e-12)
@@ -273,11 +239,11 @@ def test_slab_before_or_behind_the_patch(behind: bool, device: str) -> None:
 
 def test_mirror_keeps_what_is_not_scattered(device: str) -> None:
     """The reflection of a rough surface is weaker by sqrt(1 - S^2), with or without its diffuse paths."""
-    config = channel(carriers_hz=(CARRIER_HZ,), los=False)
+    config = oracle.channel(carriers_hz=(CARRIER_HZ,), los=False)
     gains = []
     for scattering, diffuse in ((0.0, False), (0.5, False), (0.5, True)):
         arrays = scene({"rough": rough(scattering=scattering)}, [ground()])
-        _, paths = solve(arrays, config.model_copy(update={"diffuse": diffuse}), device)
+        _, paths = oracle.solve(arrays, config.model_copy(update={"diffuse_reflection": diffuse}), device)
         gains.append(paths.a["sunny"][paths.kind == PATH_SPECULAR, 0].item())
     np.testing.assert_allclose(gains[1:], np.sqrt(0.75) * gains[0], rtol=1e-14)
 
@@ -285,8 +251,8 @@ def test_mirror_keeps_what_is_not_scattered(device: str) -> None:
 def test_patch_scatters_to_its_lit_side_only(device: str) -> None:
     sheet, below = ground(), (6.0, -3.0, -4.0)
     for ends in ((TX, below), (below, TX)):
-        assert len(solve(scene({"rough": rough()}, [sheet], *ends), ALONE, device)[1]) == 0
-    dark = solve(scene({"rough": rough()}, [sheet], below, (0.0, 0.0, -2.0)), ALONE, device)[1]
+        assert len(oracle.solve(scene({"rough": rough()}, [sheet], *ends), ALONE, device)[1]) == 0
+    dark = oracle.solve(scene({"rough": rough()}, [sheet], below, (0.0, 0.0, -2.0)), ALONE, device)[1]
     assert len(dark) > 1000 and (dark.normal[:, 0, 2] == -1.0).all()
 
 
@@ -297,9 +263,8 @@ def test_doppler_of_patches_on_a_moving_body(device: str) -> None:
     body = [pose_from_ypr([3 + 0.02 * k, 6 - 0.03 * k, 0.0], 0.3 + 0.002 * k, 0.001 * k) for k in range(3)]
     ends = [[np.array(pose(-5, 0, 2)), np.array(pose(9 - 0.04 * k, 1, 1))] for k in range(3)]
     poses = np.array([[body[k], *ends[k]] for k in range(3)])
-    materials = {"rough": Material("rough", rough(), "none", 0.3, (0.5,) * 3)}
-    arrays = arrays_from_parts([], [model], actors, poses, materials=materials)
-    _, paths = solve(arrays, ALONE.model_copy(update={"diffuse_rays": 20_000}), device, [1])
+    arrays = arrays_from_parts([], [model], actors, poses, materials=oracle.radio_materials({"rough": rough()}))
+    _, paths = oracle.solve(arrays, ALONE.model_copy(update={"diffuse_samples": 20_000}), device, [1])
     local = transform_points(invert(body[1]), paths.vertex[:, 0])
     length = []
     for k in (0, 2):
@@ -312,17 +277,17 @@ def test_doppler_of_patches_on_a_moving_body(device: str) -> None:
 @pytest.mark.parametrize("height", [0.0, 0.005, 0.02])
 @pytest.mark.parametrize("swapped", [False, True])
 def test_antenna_near_rough_ground(swapped: bool, height: float, device: str) -> None:
-    """Every leg is longer than 1 cm and every gain a number, also with an antenna that lies on the surface."""
+    """Every segment is longer than 1 cm and every gain a number, also with an antenna that lies on the surface."""
     ends = (np.array([-4.0, 2.0, height]), RX)[:: -1 if swapped else 1]
-    config = channel(carriers_hz=(CARRIER_HZ,), diffuse=True, diffuse_rays=5000, max_depth=2)
-    _, paths = solve(scene({"rough": rough()}, [ground()], *ends), config, device)
+    config = oracle.channel(carriers_hz=(CARRIER_HZ,), diffuse_reflection=True, diffuse_samples=5000, max_depth=2)
+    _, paths = oracle.solve(scene({"rough": rough()}, [ground()], *ends), config, device)
     assert np.isfinite(paths.transfer["sunny"]).all() and np.isfinite(paths.theta_r).all()
     rows = paths.order == 1
     for end in ends:
         assert np.linalg.norm(paths.vertex[rows, 0] - end, axis=1).min(initial=1.0) > 0.01
 
 
-def test_reflection_seen_twice_among_diffuse_paths(device: str) -> None:
+def test_duplicate_reflection_among_diffuse_paths(device: str) -> None:
     """A sheet on a plate reflects once, also when rough patches fill the list of paths between the two."""
     far, lift = 1900.0, 5e-4
     corners = [(far - 9, -1, 0), (far + 9, -1, 0), (far + 9, 1, 0), (far - 9, 1, 0)]
@@ -332,8 +297,8 @@ def test_reflection_seen_twice_among_diffuse_paths(device: str) -> None:
     arrays = scene({"rough": rough()}, [plate, sheet, roof], (far - 9, 0, 6.0), (far + 9, 0, 1.6))
     counts = []
     for diffuse in (False, True):
-        config = channel(carriers_hz=(CARRIER_HZ,), diffuse=diffuse, diffuse_rays=200_000)
-        _, paths = solve(arrays, config, device)
+        config = oracle.channel(carriers_hz=(CARRIER_HZ,), diffuse_reflection=diffuse, diffuse_samples=200_000)
+        _, paths = oracle.solve(arrays, config, device)
         counts.append(int((paths.kind == PATH_SPECULAR).sum()))
     assert counts == [2, 2]
 
@@ -346,6 +311,6 @@ def test_patches_use_no_axis(device: str) -> None:
         move = (lambda p: p) if frame is None else (lambda p: transform_points(turn, p))
         part = ground()
         part = MeshPart(part.path, move(part.points), part.faces, part.material, part.label)
-        _, paths = solve(scene({"rough": rough("directive")}, [part], move(TX), move(RX)), ALONE, device)
+        _, paths = oracle.solve(scene({"rough": rough("directive")}, [part], move(TX), move(RX)), ALONE, device)
         sums.append(power(paths, DIFFUSE))
     np.testing.assert_allclose(sums[1], sums[0], rtol=0.01)

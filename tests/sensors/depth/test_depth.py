@@ -1,28 +1,19 @@
 """Depth camera: pinhole, planar depth, centimetres, and every pixel against a float64 brute-force oracle."""
 
-from collections import defaultdict
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
 import pytest
 
-from mmw.config import Config, MountConfig, load_config
-from mmw.core.kinematics import differentiate
-from mmw.core.timing import StageTimer
-from mmw.scene.device_scene import DeviceScene
+from mmw.config import MountConfig, load_config
 from mmw.scene.scene_data import SceneData
-from mmw.scene.table_rows import resolved
 from mmw.scene.views import make_views
 from mmw.sensors import DepthCamera
-from mmw.sensors.batch import Batch, TableRows
 from mmw.sensors.camera_group.capture import capture_cameras
-from mmw.sensors.depth.simulate import depth_to_metres, trace_depth
 from mmw.sensors.lidar.scan_pattern import pinhole, pinhole_directions
-from mmw.storage.arrow_tables import table_from_columns
 from mmw.storage.codecs.images import decode_depth, decode_instance, decode_semantic
+from tests.fixtures.depth_cameras import camera
 from tests.fixtures.scenes import (
     ABSENT,
     arrays_from_parts,
@@ -32,14 +23,13 @@ from tests.fixtures.scenes import (
     two_cars,
     wall_part,
 )
-from tests.oracles.tracing import cast_rays, sensor_rays
-from tests.sensors.lidar.test_lidar import is_ambiguous, loaded
+from tests.fixtures.sensor_runs import captured
+from tests.fixtures.traced_depth import traced_depth
+from tests.oracles.tracing import agreeing_rays, cast_rays, sensor_rays
 
-AT_ORIGIN = {"rsu": MountConfig(), "cav": MountConfig()}
 
-
-def camera(**changes) -> DepthCamera:
-    return DepthCamera(**{"width_px": 60, "height_px": 44, "mount": AT_ORIGIN} | changes)
+def depth_to_metres(depth: np.ndarray) -> np.ndarray:
+    return np.where(depth == 0, np.inf, depth * 0.01).astype(np.float32)
 
 
 def with_rsu(arrays: SceneData, pose) -> SceneData:
@@ -67,7 +57,7 @@ def test_paper_camera() -> None:
 def test_depth_is_planar_not_radial(device: str) -> None:
     arrays = with_rsu(closed_box(10.0), (0, 0, 0, 0, 0, 0, 1))
     config = camera(fov_deg=90.0, height_px=60)
-    batch = trace_depth(loaded(arrays, device), make_views(arrays, [0], config), config, with_details=True)
+    batch = traced_depth(arrays, device, config)
     # The front wall of the cube fills this image exactly: one depth everywhere, although corner rays are longer.
     np.testing.assert_array_equal(batch.depth, 500)
     np.testing.assert_allclose(batch.depth_m, 5.0, atol=1e-5)
@@ -78,14 +68,14 @@ def test_rows_run_down_and_columns_to_the_right(device: str) -> None:
     parts = [ground_part(), wall_part("left", (20.0, 1.0), (20.0, 30.0), 30.0)]
     arrays = arrays_from_parts(parts, actors=[("rsu_1", "rsu", -1)])
     config = camera(mount={"rsu": MountConfig(position_m=(0, 0, 2.0))})
-    image = trace_depth(loaded(arrays, device), make_views(arrays, [0], config), config).depth[0]
+    image = traced_depth(arrays, device, config).depth[0]
     assert image[-1, 30] > 0 and image[0, -1] == 0  # ground below, sky above on the right
     assert image[21, 0] == 2000 and image[21, -1] == 0  # wall on the left only
 
 
 def check_against_oracle(arrays: SceneData, device: str, config: DepthCamera, frames: list[int]) -> None:
     views = make_views(arrays, frames, config)
-    batch = trace_depth(loaded(arrays, device, frames), views, config, with_details=True)
+    batch = traced_depth(arrays, device, config, frames)
     through = pinhole_directions(pinhole(config.width_px, config.height_px, config.fov_deg)).reshape(-1, 3)
     stretch = np.linalg.norm(through, axis=1)
     ambiguous = 0
@@ -93,18 +83,11 @@ def check_against_oracle(arrays: SceneData, device: str, config: DepthCamera, fr
         frame = int(views.frame[view])
         origin, direction = sensor_rays(views.pose[view], through / stretch[:, None])
         hits = cast_rays(arrays, frame, origin, direction)
-        depth = hits.t / stretch
-        is_near = depth < config.range_m
-        depth, object_id = np.where(is_near, depth, np.inf), np.where(is_near, hits.object_id, -1)
-        found, found_object = batch.depth_m[view].ravel(), batch.object_id[view].ravel()
-        with np.errstate(invalid="ignore"):
-            is_same = (found_object == object_id) & ~(np.abs(found - depth) > 1e-3)
-        odd = np.flatnonzero(~is_same)
-        if len(odd):
-            clear = ~is_ambiguous(arrays, frame, origin[odd], direction[odd], np.inf)
-            clear &= np.abs(hits.t[odd] / stretch[odd] - config.range_m) > 1e-3
-            assert not clear.any(), (view, odd[clear], found[odd[clear]], depth[odd[clear]])
-        ambiguous += len(odd)
+        found = batch.depth_m[view].ravel(), batch.object_id[view].ravel()
+        wanted = hits.t / stretch, hits.object_id
+        is_same = agreeing_rays(arrays, frame, (origin, direction), found, wanted, config.range_m)
+        ambiguous += (~is_same).sum()
+        depth = np.where(wanted[0] < config.range_m, wanted[0], np.inf)
         stored = depth_to_metres(batch.depth[view].ravel()).astype(float)
         with np.errstate(invalid="ignore"):
             assert np.all((np.isinf(stored) & np.isinf(depth)) | (np.abs(stored - depth) < 0.006) | ~is_same)
@@ -133,52 +116,20 @@ def test_centimetres_round_to_nearest(device: str) -> None:
         below = replace(wall, points=wall.points - [0, 0, half / 2])
         arrays = arrays_from_parts([below], actors=[("rsu_1", "rsu", -1)])
         config = camera(width_px=8, height_px=8, fov_deg=20.0, range_m=655.35)
-        image = trace_depth(loaded(arrays, device), make_views(arrays, [0], config), config).depth
+        image = traced_depth(arrays, device, config).depth
         np.testing.assert_array_equal(image, expected)
-
-
-def test_depth_beyond_range_is_no_return(device: str) -> None:
-    arrays = with_rsu(closed_box(10.0), (0, 0, 0, 0, 0, 0, 1))
-    config = camera(fov_deg=90.0, range_m=4.99)
-    batch = trace_depth(loaded(arrays, device), make_views(arrays, [0], config), config, with_details=True)
-    np.testing.assert_array_equal(batch.depth, 0)
-    np.testing.assert_array_equal(batch.object_id, -1)
-    assert np.isinf(batch.depth_m).all() and np.isinf(depth_to_metres(batch.depth)).all()
-
-
-@pytest.mark.parametrize(("width", "height"), [(8, 8), (9, 15), (17, 8), (60, 44)])
-def test_image_size_need_not_be_whole_tiles(device: str, width: int, height: int) -> None:
-    arrays = with_rsu(closed_box(10.0), (0, 0, 0, 0, 0, 0, 1))
-    config = camera(width_px=width, height_px=height)
-    batch = trace_depth(loaded(arrays, device), make_views(arrays, [0], config), config)
-    assert batch.depth.shape == (1, height, width)
-    assert batch.depth.min() > 0 and batch.depth.max() <= 500
-    assert batch.object_id is None and batch.depth_m is None
-
-
-def test_batches_do_not_change_a_byte(device: str) -> None:
-    arrays = two_cars(4)
-    config = camera(
-        on=("cav", "rsu"), mount={"rsu": MountConfig(pitch_deg=10), "cav": MountConfig(position_m=(3, 0, 1))}
-    )
-    whole = trace_depth(loaded(arrays, device), make_views(arrays, range(4), config), config).depth
-    for frames in ([2], [3, 1]):
-        part = trace_depth(loaded(arrays, device, frames), make_views(arrays, frames, config), config).depth
-        np.testing.assert_array_equal(part.reshape(len(frames), 2, 44, 60), whole.reshape(4, 2, 44, 60)[frames])
 
 
 def test_frame_without_vehicles_and_no_views(device: str) -> None:
     arrays = two_cars(2)
     arrays.poses[1, :2] = ABSENT
     config = camera(mount={"rsu": MountConfig(pitch_deg=20)})
-    batch = trace_depth(loaded(arrays, device), make_views(arrays, [0, 1], config), config, with_details=True)
+    batch = traced_depth(arrays, device, config, [0, 1])
     vehicles = [actor.object_id for actor in arrays.actors[:2]]
     assert np.isin(batch.object_id[0], vehicles).sum() == 0 or not np.isin(batch.object_id[1], vehicles).any()
     assert not np.isin(batch.object_id[1], vehicles).any()
     nobody = camera(on=())
-    scene = DeviceScene(arrays, device, 1)
-    scene.load_batch([0])
-    assert trace_depth(scene, make_views(arrays, [0], nobody), nobody).depth.shape == (0, 44, 60)
+    assert traced_depth(arrays, device, nobody).depth.shape == (0, 44, 60)
 
 
 def test_float_format_reaches_beyond_the_image(device: str) -> None:
@@ -186,27 +137,9 @@ def test_float_format_reaches_beyond_the_image(device: str) -> None:
     below = replace(wall, points=wall.points - [0, 0, 1500.0])
     arrays = arrays_from_parts([below], actors=[("rsu_1", "rsu", -1)])
     config = camera(width_px=8, height_px=8, fov_deg=20.0, range_m=2000.0, format="float32")
-    batch = trace_depth(loaded(arrays, device), make_views(arrays, [0], config), config, with_details=True)
+    batch = traced_depth(arrays, device, config)
     np.testing.assert_allclose(batch.depth_m, 800.0, rtol=1e-6)
     np.testing.assert_array_equal(batch.depth, 0)  # 16 bits end at 655.35 m
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"fov_deg": 0}, "fov_deg"),
-        ({"fov_deg": 180}, "fov_deg"),
-        ({"format": "png8"}, "png16"),
-        ({"range_m": 655.36}, "format: float32"),
-        ({"range_m": 0}, "range_m"),
-        ({"width_px": 7}, "width_px"),
-        ({"segmentation": "perhaps"}, "segmentation"),
-        ({"boxes": True}, "boxes"),
-    ],
-)
-def test_bad_settings_are_refused(change: dict, words: str) -> None:
-    with pytest.raises(ValueError, match=words):
-        camera(**change)
 
 
 def test_defaults_are_the_papers() -> None:
@@ -225,33 +158,15 @@ sensors:
 """
 
 
-def record(config: Config, arrays: SceneData, device: str, frames: list[int]) -> TableRows:
-    with ThreadPoolExecutor(1) as pool:
-        scene, motion = loaded(arrays, device, frames), differentiate(arrays.poses)
-        job = Batch(config, config.scenarios[0], arrays, motion, scene, None, pool, StageTimer())
-        rows: TableRows = {weather: defaultdict(list) for weather in config.weathers}
-        capture_cameras(job, config.sensors, frames, rows)
-    return rows
-
-
-def tables_of(rows: TableRows, weather: str) -> dict[str, pa.Table]:
-    key = {"scenario": "street", "weather": weather}
-    ended = {
-        name: [b.result() if isinstance(b, Future) else b for b in batches] for name, batches in rows[weather].items()
-    }
-    return {name: table_from_columns(name, {**key, **resolved(batch)}) for name, (batch,) in ended.items()}
-
-
 def test_vehicle_carries_a_depth_camera_by_configuration(device: str, tmp_path: Path) -> None:
     (tmp_path / "c.yaml").write_text(CAV_CAMERA)
     config, arrays, frames = load_config(tmp_path / "c.yaml"), two_cars(4), [1, 3]
-    rows = record(config, arrays, device, frames)
-    found = {weather: tables_of(rows, weather) for weather in config.weathers}
+    found = captured(capture_cameras, config, arrays, device, [frames])
     tables = found["sunny"]
     assert set(tables) == {"depth", "segmentation", "boxes_2d", "box_visibility"}
     sensor = config.sensors[0]
     views = make_views(arrays, frames, sensor)
-    expected = trace_depth(loaded(arrays, device, frames), views, sensor, with_details=True)
+    expected = traced_depth(arrays, device, sensor, frames)
     depth = tables["depth"].to_pylist()
     assert [(row["frame"], row["agent"], row["sensor"]) for row in depth] == [
         (1, "cav_1", "front"),
@@ -284,7 +199,7 @@ def test_vehicle_carries_a_depth_camera_by_configuration(device: str, tmp_path: 
 
 def test_plain_camera_writes_images_alone(device: str, tmp_path: Path) -> None:
     (tmp_path / "c.yaml").write_text(CAV_CAMERA.replace("format: float32, segmentation: true", "boxes_2d: false"))
-    tables = tables_of(record(load_config(tmp_path / "c.yaml"), two_cars(2), device, [0]), "sunny")
+    tables = captured(capture_cameras, load_config(tmp_path / "c.yaml"), two_cars(2), device, [[0]])["sunny"]
     assert set(tables) == {"depth"}
     assert tables["depth"].column("depth_m").null_count == 1
 
@@ -294,4 +209,4 @@ def test_floats_that_no_column_holds_are_refused(tmp_path: Path) -> None:
     (tmp_path / "c.yaml").write_text(large)
     config = load_config(tmp_path / "c.yaml")
     with pytest.raises(ValueError, match=r"sensor 'front'.*output.shard_frames: 31 or less"):
-        record(config, two_cars(2), "cpu", [0])
+        captured(capture_cameras, config, two_cars(2), "cpu", [[0]])

@@ -3,27 +3,32 @@
 from dataclasses import replace
 
 import numpy as np
-import pyarrow as pa
 import pytest
 import warp as wp
 
 from mmw.config import MountConfig
+from mmw.config.lens import LensConfig
 from mmw.core.camera_models import Intrinsics
 from mmw.core.transforms import IDENTITY_POSE, compose, transform_points
 from mmw.scene.views import Views, make_views
 from mmw.sensors.camera_group.rows import box_2d_rows
-from mmw.sensors.depth.simulate import intrinsics_of, trace_depth, trace_depth_images
 from mmw.sensors.ground_truth import boxes_2d
 from mmw.sensors.ground_truth.boxes_2d import project_boxes, visible_pixels
 from mmw.sensors.ground_truth.boxes_3d import Boxes, make_boxes
 from mmw.sensors.ground_truth.visibility import boxed_actors
 from mmw.sensors.lidar.scan_pattern import pinhole
+from mmw.sensors.render.projection import unproject
+from tests.fixtures.depth_cameras import camera
 from tests.fixtures.scenes import ABSENT, box_mesh, two_cars
+from tests.fixtures.traced_depth import traced_depth
 from tests.oracles.tracing import triangle_hits
-from tests.sensors.depth.test_depth import camera
-from tests.sensors.lidar.test_lidar import loaded
 
 CAMERA = pinhole(60, 44, 110.0)
+LENSES = {
+    "pinhole": CAMERA,
+    "barrel": LensConfig(model="brown_conrady", k1=-0.12, k2=0.01, p1=0.004, p2=-0.003).intrinsics(60, 44, 90.0),
+    "fisheye": LensConfig(model="fisheye", k1=-0.03, cx_px=28.0, cy_px=24.0).intrinsics(60, 44, 200.0),
+}
 STREET = {"rsu": MountConfig(position_m=(0, 0, -1.0), pitch_deg=8), "cav": MountConfig(position_m=(2.31, 0.02, 1.23))}
 
 
@@ -53,48 +58,44 @@ def random_boxes(count: int, seed: int) -> Boxes:
     return boxes_at(pose, rng.uniform(0.3, 6.0, (count, 3)))
 
 
-def framed_by_rays(intrinsics: Intrinsics, to_camera: np.ndarray, size: np.ndarray, step: float) -> np.ndarray | None:
-    """Return the rectangle of those points of the image, `step` px apart, whose ray meets the box 1 cm deep or more."""
-    u, v = np.meshgrid(np.arange(0, intrinsics.width + step, step), np.arange(0, intrinsics.height + step, step))
+def framed_by_rays(camera: Intrinsics, to_camera: np.ndarray, size: np.ndarray, step: float) -> np.ndarray | None:
+    """Return the rectangle of those points of the image, `step` px apart, whose ray hits the box 1 cm deep or more."""
+    u, v = np.meshgrid(np.arange(0, camera.width + step, step), np.arange(0, camera.height + step, step))
     u, v = u.ravel(), v.ravel()
-    through = np.stack(
-        [np.ones(u.size), (intrinsics.cx - u) / intrinsics.fx, (intrinsics.cy - v) / intrinsics.fx], axis=1
-    )
+    through = unproject(camera, np.stack([u, v], axis=1))
+    if camera.distortion.model != "fisheye":
+        through /= through[:, :1]
     points, faces = box_mesh(size)
-    corners = transform_points(to_camera, points)[faces]
-    ray, _, depth = triangle_hits(np.zeros(through.shape), through, corners)
-    near, far = np.full(u.size, np.inf), np.full(u.size, -np.inf)
-    np.minimum.at(near, ray, depth)
-    np.maximum.at(far, ray, depth)
-    # One meeting only: the camera is inside the box, and the ray leaves it there.
-    meets = far >= 0.01
-    if not meets.any():
-        return None
-    return np.array([u[meets].min(), v[meets].min(), u[meets].max(), v[meets].max()])
+    ray, _, depth = triangle_hits(np.zeros(through.shape), through, transform_points(to_camera, points)[faces])
+    is_hit = np.zeros(u.size, dtype=bool)
+    is_hit[ray[depth >= 0.01]] = True
+    return np.array([u[is_hit].min(), v[is_hit].min(), u[is_hit].max(), v[is_hit].max()]) if is_hit.any() else None
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-def test_framed_boxes_equal_dense_rays(seed: int) -> None:
+@pytest.mark.parametrize(("lens", "seed"), [("pinhole", 0), ("pinhole", 1), ("barrel", 3), ("fisheye", 3)])
+def test_framed_boxes_equal_dense_rays(lens: str, seed: int) -> None:
     """The image of a box, of any pose, around and behind the camera: a rectangle no ray leaves, tight to one step."""
-    boxes = random_boxes(60, seed)
-    found = project_boxes(CAMERA, views_at(), boxes)
-    step, kinds = 0.5, set()
+    camera, boxes, step, kinds = LENSES[lens], random_boxes(60, seed), 0.5, []
+    found = project_boxes(camera, views_at(), boxes)
+    bent = lens != "pinhole"
     for row in range(60):
-        expected = framed_by_rays(CAMERA, boxes.pose[row], boxes.size[row], step)
+        expected = framed_by_rays(camera, boxes.pose[row], boxes.size[row], step)
         place = np.flatnonzero(found.box == row)
         if expected is None:  # nothing, or a corner that fell between the rays
             assert all(np.diff(found.amodal[place].reshape(-1, 2, 2), axis=1).min(axis=2) < step), row
-            kinds.add("nothing")
+            kinds.append("nothing")
             continue
         assert len(place) == 1, row
         corner_depth = transform_points(boxes.pose[row], box_mesh(boxes.size[row])[0])[:, 0]
-        kinds.add("before" if corner_depth.min() > 0.01 else "across")
+        kinds.append("before" if corner_depth.min() > 0.01 else "across")
         amodal = found.amodal[place[0]]
         outward = (expected - amodal) * [-1, -1, 1, 1]  # how far a ray reaches beyond the rectangle
-        assert outward.max() <= 1e-9, (row, amodal, expected)
+        assert outward.max() <= (0.02 if bent else 1e-9), (row, amodal, expected)
         # An acute corner may stick out between rays: tight to a step on most sides, to a few on all.
-        assert np.median(-outward) <= step and outward.min() > -6 * step, (row, amodal, expected)
-    assert kinds == {"nothing", "before", "across"}
+        most = (1.5 if bent else 1.0) * step
+        assert np.median(-outward) <= most and outward.min() > -6 * step, (row, amodal, expected)
+    assert len(kinds) - kinds.count("nothing") > 20 and set(kinds) >= {"before", "across"}
+    assert bent or "nothing" in kinds
 
 
 def test_boxes_before_the_camera_equal_their_sampled_surface() -> None:
@@ -230,12 +231,14 @@ def test_rows_of_a_street(device: str) -> None:
     frames = [3, 5, 12]
     config = camera(on=("cav", "rsu"), mount=STREET, width_px=120, height_px=90)
     views = make_views(arrays, frames, config)
-    images = trace_depth_images(loaded(arrays, device, frames), views, config, with_metres=False, with_objects=True)
+    object_id = traced_depth(arrays, device, config, frames).object_id
     wanted = [arrays.actors[i].object_id for i in boxed_actors(arrays.actors)]
-    visible = visible_pixels(images.object_id, wanted)
+    visible = visible_pixels(wp.array(object_id, dtype=int, device=device), wanted)
     boxes = make_boxes(arrays, frames)
-    rows = box_2d_rows(arrays, config.name, views, intrinsics_of(config), boxes, visible)
-    counts, bounds = numpy_boxes(images.object_id.numpy(), wanted)
+    rows = box_2d_rows(
+        arrays, config.name, views, pinhole(config.width_px, config.height_px, config.fov_deg), boxes, visible
+    )
+    counts, bounds = numpy_boxes(object_id, wanted)
     view_of = {
         (int(f), arrays.actors[a].name): i for i, (f, a) in enumerate(zip(views.frame, views.actor, strict=True))
     }
@@ -270,37 +273,20 @@ def test_hidden_box_has_no_visible_edges(device: str) -> None:
     arrays = replace(arrays, poses=poses)
     config = camera(mount={"rsu": MountConfig()})
     views = make_views(arrays, [0], config)
-    images = trace_depth_images(loaded(arrays, device), views, config, with_metres=False, with_objects=True)
+    object_id = traced_depth(arrays, device, config).object_id
     wanted = [arrays.actors[i].object_id for i in boxed_actors(arrays.actors)]
-    visible = visible_pixels(images.object_id, wanted)
-    rows = box_2d_rows(arrays, "depth", views, intrinsics_of(config), make_boxes(arrays, [0]), visible)
+    visible = visible_pixels(wp.array(object_id, dtype=int, device=device), wanted)
+    rows = box_2d_rows(
+        arrays,
+        "depth",
+        views,
+        pinhole(config.width_px, config.height_px, config.fov_deg),
+        make_boxes(arrays, [0]),
+        visible,
+    )
     assert rows["object_id"].tolist() == wanted and rows["pixels"][0] == 0 < rows["pixels"][1]
     assert rows["u_min"].null_count == 1 and rows["u_min"][0].as_py() is None
     np.testing.assert_allclose(rows["distance"], [30.0, 10.3], atol=0.3)
-
-
-def test_batches_do_not_change_a_byte(device: str) -> None:
-    arrays = two_cars(6)
-    config = camera(on=("cav", "rsu"), mount=STREET)
-
-    def rows_of(frames: list[int]) -> dict:
-        views = make_views(arrays, frames, config)
-        images = trace_depth(loaded(arrays, device, frames), views, config, with_details=True)
-        wanted = [arrays.actors[i].object_id for i in boxed_actors(arrays.actors)]
-        visible = visible_pixels(wp.array(images.object_id, dtype=int, device=device), wanted)
-        return box_2d_rows(arrays, "depth", views, intrinsics_of(config), make_boxes(arrays, frames), visible)
-
-    whole = rows_of(list(range(6)))
-    for frames in ([4], [5, 2]):
-        part = rows_of(frames)
-        for frame in frames:
-            mine, all_of = part["frame"] == frame, whole["frame"] == frame
-            assert mine.any()
-            for name, values in part.items():
-                if not isinstance(values, str):
-                    one, other = (np.asarray(v)[m] for v, m in ((values, mine), (whole[name], all_of)))
-                    kind = object if one.dtype == object else float
-                    assert pa.array(one.astype(kind)).equals(pa.array(other.astype(kind))), (frame, name)
 
 
 def test_boxes_beside_the_image_are_left_out_early_and_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -322,3 +308,16 @@ def test_boxes_beside_the_image_are_left_out_early_and_change_nothing(monkeypatc
     for name in ("view", "box", "amodal", "truncation", "distance"):
         np.testing.assert_array_equal(getattr(early, name), getattr(late, name))
     assert 500 < len(early.box) <= kept[0] < count // 2
+
+
+def test_a_fisheye_frames_what_is_behind_its_plane() -> None:
+    """A post 1 m behind and 4 m to the left of a lens of 200 deg: 104 deg from the axis, outside a pinhole's world."""
+    camera = LensConfig(model="fisheye").intrinsics(400, 400, 220.0)
+    boxes = boxes_at(np.array([level(-1.0, 4.0, 0.0)]), np.array([[0.2, 0.2, 0.2]]))
+    found = project_boxes(camera, views_at(), boxes)
+    angle = np.arctan2(4.0, -1.0)
+    middle = 200.0 - camera.fx * angle
+    assert found.amodal[0, 0] < middle < found.amodal[0, 2] and found.amodal[0, 2] - found.amodal[0, 0] < 12.0
+    assert found.truncation[0] == pytest.approx(0.0, abs=1e-9)
+    behind = boxes_at(np.array([level(-6.0, 0.0, 0.0)]), np.array([[1.0, 1.0, 1.0]]))
+    assert len(project_boxes(camera, views_at(), behind).box) == 0

@@ -4,13 +4,11 @@ import numpy as np
 
 from mmw.core.kinematics import differentiate
 from mmw.core.transforms import invert, pose_from_ypr, quaternion_from_ypr, transform_points
-from mmw.physics.weather.weather import Weather
-from mmw.scene.device_scene import DeviceScene
 from mmw.scene.views import make_views
 from mmw.sensors import Lidar
 from mmw.sensors.ground_truth.boxes_3d import make_boxes
 from mmw.sensors.ground_truth.visibility import count_returns
-from mmw.sensors.lidar.simulate import trace_lidar
+from tests.fixtures.lidar_sweeps import sweeps
 from tests.fixtures.scenes import ABSENT, box_model, street_canyon, two_cars
 
 
@@ -68,12 +66,8 @@ def test_returns_are_counted_per_view_and_object() -> None:
 
 def test_returns_on_a_vehicle_lie_in_its_box() -> None:
     arrays = two_cars(2)
-    scene = DeviceScene(arrays, "cpu", 2)
-    scene.load_batch([0, 1])
     config = Lidar(channels=16, points_per_channel=180, optics={"range_resolution_m": 0})
-    views = make_views(arrays, [0, 1], config)
-    keys = np.zeros((len(views), 2), np.uint32)
-    batch = trace_lidar(scene, views, config, arrays.materials["sunny"], Weather(), keys)
+    views, batch = make_views(arrays, [0, 1], config), sweeps(arrays, "cpu", [0, 1], config)
     boxes = make_boxes(arrays, [0, 1])
     ids = boxes.object_id[:2]
     counts = count_returns(batch.offsets, batch.object_id, ids)

@@ -8,15 +8,13 @@ import pytest
 from mmw.config import MountConfig
 from mmw.scene.scene_data import SceneData, SceneObject
 from mmw.scene.views import make_views
-from mmw.sensors.depth.simulate import trace_depth, trace_depth_images
 from mmw.sensors.ground_truth.segmentation import object_tags
 from mmw.sensors.lidar.scan_pattern import pinhole, pinhole_directions
 from mmw.storage.codecs.images import decode_instance, decode_semantic, encode_instance, encode_semantic
-from mmw.storage.codecs.segmentation import instance_image, semantic_image
+from tests.fixtures.depth_cameras import camera
 from tests.fixtures.scenes import random_triangles, two_cars
-from tests.oracles.tracing import cast_rays, sensor_rays
-from tests.sensors.depth.test_depth import camera
-from tests.sensors.lidar.test_lidar import is_ambiguous, loaded
+from tests.fixtures.traced_depth import traced_depth
+from tests.oracles.tracing import cast_rays, is_ambiguous, sensor_rays
 
 STREET_MOUNT = {
     "rsu": MountConfig(position_m=(0, 0, -1.0), pitch_deg=8),
@@ -42,9 +40,7 @@ def test_every_pixel_equals_the_oracle(device: str, kind: str, size: tuple[int, 
         arrays, frames = many_tags(5), [1, 0]
         config = camera(on=("cav",), width_px=size[0], height_px=size[1])
     views = make_views(arrays, frames, config)
-    images = trace_depth_images(loaded(arrays, device, frames), views, config, with_metres=False, with_objects=True)
-    assert images.depth_m.shape == (0, 0, 0)
-    object_id, tags = images.object_id.numpy(), object_tags(arrays)
+    object_id, tags = traced_depth(arrays, device, config, frames).object_id, object_tags(arrays)
     tag_of = {entry.object_id: entry.tag for entry in arrays.objects}
     through = pinhole_directions(pinhole(*size, config.fov_deg)).reshape(-1, 3)
     stretch = np.linalg.norm(through, axis=1)
@@ -68,11 +64,9 @@ def test_every_pixel_equals_the_oracle(device: str, kind: str, size: tuple[int, 
 
 def test_images_tell_the_highest_object_and_nothing() -> None:
     object_id = np.array([[-1, 0, 65_534]], dtype=np.int32)
-    image = instance_image(object_id)
-    assert image.dtype == np.uint16 and image.tolist() == [[0, 1, 65_535]]
     np.testing.assert_array_equal(decode_instance(encode_instance(object_id)), object_id)
     tags = np.array([7, 24, 11], dtype=np.uint8)
-    assert semantic_image(np.array([[-1, 0, 1]]), tags).tolist() == [[11, 7, 24]]
+    assert decode_semantic(encode_semantic(np.array([[-1, 0, 1]]), tags)).tolist() == [[11, 7, 24]]
 
 
 def test_too_many_objects_are_refused() -> None:
@@ -86,26 +80,3 @@ def test_too_many_objects_are_refused() -> None:
 
 def test_scene_without_objects_is_sky() -> None:
     assert object_tags(replace(two_cars(1), objects=())).tolist() == [11]
-
-
-def test_objects_do_not_change_the_depth(device: str) -> None:
-    arrays = two_cars(2)
-    config = camera(on=("cav", "rsu"), mount=STREET_MOUNT)
-    views, scene = make_views(arrays, [0, 1], config), loaded(arrays, device)
-    alone = trace_depth(scene, views, config).depth
-    np.testing.assert_array_equal(trace_depth(scene, views, config, with_details=True).depth, alone)
-
-
-def test_batches_do_not_change_a_byte(device: str) -> None:
-    arrays = two_cars(4)
-    config = camera(on=("cav", "rsu"), mount=STREET_MOUNT)
-
-    def trace(frames: list[int]) -> np.ndarray:
-        views = make_views(arrays, frames, config)
-        found = trace_depth(loaded(arrays, device, frames), views, config, with_details=True)
-        assert found.object_id is not None
-        return found.object_id.reshape(len(frames), 2, 44, 60)
-
-    whole = trace([0, 1, 2, 3])
-    for frames in ([2], [3, 1]):
-        np.testing.assert_array_equal(trace(frames), whole[frames])

@@ -4,10 +4,9 @@ import numpy as np
 
 from mmw.core.transforms import transform_points
 from mmw.scene.device_scene import DeviceScene
-from mmw.scene.scene_data import SceneData
 from mmw.scene.views import Views
 from mmw.sensors.ground_truth.visibility import boxed_actors, trace_line_of_sight, trace_sight
-from mmw.sensors.ground_truth.visibility_rows import point_rows, seen_rows, sight_rows
+from mmw.sensors.ground_truth.visibility_rows import point_rows, sight_rows, visible_rows
 from mmw.storage.arrow_tables import table_from_columns
 from tests.fixtures.scenes import (
     ABSENT,
@@ -19,28 +18,23 @@ from tests.fixtures.scenes import (
     random_triangles,
     two_cars,
 )
+from tests.fixtures.sensor_runs import loaded
 from tests.oracles.tracing import cast_rays
 
 ANTENNAS = {"cav": (0.0, 0.0, 2.5), "rsu": (0.0, 0.0, 4.0)}
-
-
-def loaded(arrays: SceneData, device: str) -> DeviceScene:
-    scene = DeviceScene(arrays, device, len(arrays.frames))
-    scene.load_batch(list(arrays.frames))
-    return scene
 
 
 def test_lines_in_triangle_soup_equal_brute_force(device: str) -> None:
     arrays = random_triangles(5, 1200, vehicles=4, frames=2)
     rng = np.random.default_rng(1)
     start, end = rng.uniform(-25, 25, (2, 200, 3))
-    slot = rng.integers(0, 2, 200)
-    found = trace_line_of_sight(loaded(arrays, device), slot, start, end, np.full(200, -1))
+    batch_index = rng.integers(0, 2, 200)
+    found = trace_line_of_sight(loaded(arrays, device), batch_index, start, end, np.full(200, -1))
     way = end - start
     length = np.linalg.norm(way, axis=1)
     different = 0
     for frame in (0, 1):
-        rows = slot == frame
+        rows = batch_index == frame
         hits = cast_rays(arrays, frame, start[rows], way[rows] / length[rows, None])
         expected = np.where(hits.t < length[rows], hits.object_id, -1)
         clear = np.abs(hits.t - length[rows]) > 1e-3
@@ -100,7 +94,7 @@ def test_rows_say_who_sees_what(device: str) -> None:
 
     views = Views(np.array([0, 2]), np.array([0, 1]), np.array([0, 2]), np.zeros((2, 7)), np.full(2, -1))
     counts = np.array([[0, 7], [2, 0]], dtype=np.int32)
-    rows = table_from_columns("box_visibility", {**fixed, **seen_rows(arrays, "cam", views, "pixels", counts)})
+    rows = table_from_columns("box_visibility", {**fixed, **visible_rows(arrays, "cam", views, "pixels", counts)})
     ids = [actor.object_id for actor in arrays.actors]
     assert rows.select(["frame", "agent", "object_id", "pixels"]).to_pylist() == [
         {"frame": 0, "agent": "cav_1", "object_id": ids[1], "pixels": 7},

@@ -18,11 +18,11 @@ from mmw.core.transforms import (
     quaternion_to_ypr,
     rotate,
 )
-from mmw.scene.scene_data import SceneData
 from mmw.sensors import Imu
 from mmw.sensors.imu.noise import imu_errors
-from mmw.sensors.imu.simulate import ImuBatch, integrate_imu, make_imu, measure
-from tests.fixtures.scenes import ABSENT, arrays_from_parts, ground_part, two_cars
+from mmw.sensors.imu.simulate import integrate_imu, make_imu, measure
+from tests.fixtures.driving_agents import assert_batches_do_not_matter, driving
+from tests.fixtures.scenes import ABSENT, two_cars
 
 G = np.array([0.0, 0.0, GRAVITY])
 
@@ -38,7 +38,7 @@ def circle(radius: float, speed: float, count: int = 1001) -> np.ndarray:
 
 
 def drive(count: int = 1001) -> np.ndarray:
-    """A hard drive: turns, braking, hills, nodding and rolling, with angular accelerations above 1 rad/s^2."""
+    """Return a hard drive: turns, braking, hills, nodding and rolling, with angular accelerations above 1 rad/s^2."""
     t = times(count)
     yaw = 1.2 * np.sin(0.7 * t) + 0.1 * t
     pitch = 0.05 * np.sin(1.1 * t) + 0.03 * np.sin(7.0 * t + 1.0)
@@ -210,7 +210,7 @@ def test_batch_rows_order_truth_and_errors() -> None:
     np.testing.assert_array_equal(silent.accel, silent.accel_true)
 
 
-@pytest.mark.parametrize("mode", ["compat", "physical"])
+@pytest.mark.parametrize("mode", ["carla", "physical"])
 @pytest.mark.parametrize("lag", [0, 1])
 @pytest.mark.parametrize("handedness", ["right", "left"])
 def test_rows_do_not_depend_on_the_batch(mode: str, lag: int, handedness: str) -> None:
@@ -220,26 +220,8 @@ def test_rows_do_not_depend_on_the_batch(mode: str, lag: int, handedness: str) -
         mode=mode, accel_lag_frames=lag, handedness=handedness, bias_correlation_s=None if lag else 5.0,
         accel_scale_std=0.01, misalignment_std_deg=0.5, mount={"cav": MountConfig(position_m=(1, 2, 3), yaw_deg=30)},
     )  # fmt: skip
-    whole = rows_of(make_imu(arrays, range(60), config, 1, "s"))
+    whole = assert_batches_do_not_matter(lambda *at: make_imu(*at, config, 1, "s"), arrays, 60)
     assert len(whole) == 117
-    parts = {}
-    for frames in ([40, 3], range(4, 40), [0], range(41, 60), [2, 1], []):
-        parts |= rows_of(make_imu(arrays, frames, config, 1, "s"))
-    assert parts.keys() == whole.keys()
-    for key, row in whole.items():
-        np.testing.assert_array_equal(parts[key], row)
-
-
-def rows_of(batch: ImuBatch) -> dict[tuple[int, int], np.ndarray]:
-    names = ("accel", "gyro", "accel_true", "gyro_true", "accel_bias", "gyro_bias", "compass")
-    values = np.column_stack([getattr(batch, name) for name in names])
-    return {(int(f), int(a)): row for f, a, row in zip(batch.frame, batch.actor, values, strict=True)}
-
-
-def driving(*poses: np.ndarray) -> SceneData:
-    """CAVs on the given poses, and nothing else."""
-    agents = [(f"cav_{i + 1}", "cav", -1) for i in range(len(poses))]
-    return arrays_from_parts([ground_part()], (), agents, np.stack(poses, axis=1))
 
 
 def carla_rates(poses: np.ndarray) -> np.ndarray:

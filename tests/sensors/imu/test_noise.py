@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
 
 from mmw.core.constants import FRAME_DT
 from mmw.sensors import Imu
@@ -24,7 +23,7 @@ def allan_deviation(rate: np.ndarray, tau: float, dt: float = FRAME_DT) -> np.nd
     return np.sqrt(np.mean(second**2, axis=0) / (2 * tau**2))
 
 
-@pytest.mark.parametrize("config", [Imu(), PHYSICAL, WANDERING], ids=["compat", "physical", "wandering"])
+@pytest.mark.parametrize("config", [Imu(), PHYSICAL, WANDERING], ids=["carla", "physical", "wandering"])
 def test_errors_do_not_depend_on_the_frames_or_agents_asked_for(config: Imu) -> None:
     agents = ["cav_1", "cav_2"]
     whole = imu_errors(config, range(600), 42, "town", agents)
@@ -126,25 +125,3 @@ def test_scale_and_alignment_have_the_spread_asked_for() -> None:
     turn = drawn / np.linalg.norm(drawn, axis=-1, keepdims=True)
     angles = np.stack([turn[..., 2, 1], turn[..., 0, 2], turn[..., 1, 0]])
     np.testing.assert_allclose(angles.std(axis=(0, 2)), np.radians(0.5), rtol=0.1)
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"accel_noise_density": -1e-3},
-        {"gyro_noise_density": -1e-9},
-        {"accel_random_walk": -1},
-        {"gyro_random_walk": float("nan")},
-        {"bias_correlation_s": 0},
-        {"accel_turn_on_std": -1},
-        {"gyro_scale_std": 0.5},
-        {"misalignment_std_deg": 45},
-        {"accel_lag_frames": 2},
-        {"handedness": "both"},
-        {"mode": "perfect"},
-        {"accel_noise_std": -0.1},
-    ],
-)
-def test_bad_values_are_refused(change: dict) -> None:
-    with pytest.raises(ValidationError, match=next(iter(change))):
-        Imu(**change)

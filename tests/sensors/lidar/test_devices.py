@@ -13,12 +13,12 @@ import pytest
 from mmw.config import MountConfig
 from mmw.core.constants import FRAME_DT
 from mmw.physics.weather.weather import PRESETS
-from mmw.scene.device_scene import DeviceScene
 from mmw.scene.scene_data import SceneData
 from mmw.scene.views import make_views, view_keys
 from mmw.sensors import Lidar
 from mmw.sensors.lidar.returns import LidarHits, find_returns
 from mmw.sensors.lidar.simulate import trace_lidar_hits
+from tests.fixtures.device_rays import loaded
 from tests.fixtures.scenes import random_triangles, two_cars
 
 STREET = Lidar(on=("cav",))
@@ -36,8 +36,7 @@ def soup(seed: int) -> SceneData:
 
 def traced(arrays: SceneData, config: Lidar, device: str) -> LidarHits:
     frames = list(arrays.frames)
-    scene = DeviceScene(arrays, device, len(frames), sweep_s=FRAME_DT)
-    scene.load_batch(frames)
+    scene = loaded(arrays, device, frames, sweep_s=FRAME_DT)
     return trace_lidar_hits(scene, make_views(arrays, frames, config), config)
 
 
@@ -67,7 +66,7 @@ def test_hits_of_a_rolling_sweep_are_those_of_a_cpu_but_for_its_turn(
     assert (off > 1e-4).sum() <= 1e-4 * is_same.size  # such a ray meets another face of the same object
 
 
-@pytest.mark.parametrize("mode", ["physical", "compat"])
+@pytest.mark.parametrize("mode", ["physical", "carla"])
 @pytest.mark.parametrize("weather", ["sunny", "rainy"])
 def test_returns_are_those_of_a_cpu_within_a_step(device: str, mode: str, weather: str) -> None:
     arrays, config = two_cars(2), STREET.model_copy(update={"mode": mode})

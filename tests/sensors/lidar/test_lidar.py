@@ -6,22 +6,20 @@ import numpy as np
 import pytest
 
 from mmw.config import MountConfig
-from mmw.core.constants import FRAME_DT
 from mmw.core.transforms import transform_points
 from mmw.physics.weather.weather import PRESETS, Weather
-from mmw.scene.device_scene import DeviceScene
 from mmw.scene.scene_data import SceneData
 from mmw.scene.views import Views, make_views, view_keys
 from mmw.sensors import Lidar
 from mmw.sensors.lidar.config_parts import LidarOpticsConfig
 from mmw.sensors.lidar.scan_pattern import (
-    carla_points_per_channel,
     lidar_azimuths,
     lidar_elevations,
     lidar_order,
     lidar_pattern,
 )
-from mmw.sensors.lidar.simulate import PointCloud, find_lidar_returns, trace_lidar, trace_lidar_hits
+from mmw.sensors.lidar.simulate import PointCloud, find_lidar_returns, trace_lidar_hits
+from tests.fixtures.lidar_sweeps import sweeps
 from tests.fixtures.scenes import (
     ABSENT,
     arrays_from_parts,
@@ -31,42 +29,10 @@ from tests.fixtures.scenes import (
     two_cars,
     wall_part,
 )
-from tests.oracles.tracing import cast_rays, sensor_rays
+from tests.fixtures.sensor_runs import loaded
+from tests.oracles.tracing import agreeing_rays, cast_rays, sensor_rays
 
 SMALL = Lidar(channels=16, points_per_channel=90)
-AMBIGUOUS_ANGLE = 1e-6
-"""A ray is ambiguous if the oracle's object changes when the ray turns by this [rad]."""
-
-
-def loaded(arrays: SceneData, device: str, frames=None) -> DeviceScene:
-    frames = list(arrays.frames) if frames is None else frames
-    scene = DeviceScene(arrays, device, len(frames), sweep_s=FRAME_DT)
-    scene.load_batch(frames)
-    return scene
-
-
-def sweeps(
-    arrays: SceneData, device: str, frames, config: Lidar, air: str | Weather = "sunny", seed: int = 1
-) -> PointCloud:
-    """Point clouds of some frames; the name of the weather, or `special`, is part of the key of the noise."""
-    name, weather = (air, PRESETS[air]) if isinstance(air, str) else ("special", air)
-    views = make_views(arrays, frames, config)
-    keys = view_keys(arrays, views, seed, "test", name, config.name)
-    return trace_lidar(loaded(arrays, device, frames), views, config, arrays.materials["sunny"], weather, keys)
-
-
-def is_ambiguous(arrays: SceneData, frame: int, origin: np.ndarray, direction: np.ndarray, t_max: float) -> np.ndarray:
-    """Whether the oracle meets another object when a ray turns by `AMBIGUOUS_ANGLE` in one of eight ways, shape [R]."""
-    here = cast_rays(arrays, frame, origin, direction, t_max).object_id
-    side = np.cross(direction, np.where(np.abs(direction[:, 2:]) < 0.9, [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]))
-    side /= np.linalg.norm(side, axis=1, keepdims=True)
-    other = np.cross(direction, side)
-    found = np.zeros(len(direction), dtype=bool)
-    for angle in np.arange(8) * np.pi / 4:
-        turned = direction + AMBIGUOUS_ANGLE * (np.cos(angle) * side + np.sin(angle) * other)
-        turned /= np.linalg.norm(turned, axis=1, keepdims=True)
-        found |= cast_rays(arrays, frame, origin, turned, t_max).object_id != here
-    return found
 
 
 def assert_equals_oracle(arrays: SceneData, device: str, config: Lidar, views: Views, most: float) -> None:
@@ -80,15 +46,10 @@ def assert_equals_oracle(arrays: SceneData, device: str, config: Lidar, views: V
     for view in range(len(views)):
         origin, direction = sensor_rays(views.pose[view], pattern)
         expected = cast_rays(arrays, int(views.frame[view]), origin, direction, config.range_m)
-        with np.errstate(invalid="ignore"):
-            is_same = (objects[view] == expected.object_id) & ~(np.abs(ranges[view] - expected.t) > 1e-3)
-        odd = np.flatnonzero(~is_same)
-        if len(odd):
-            clear = ~is_ambiguous(arrays, int(views.frame[view]), origin[odd], direction[odd], config.range_m)
-            # The end of the range is an edge like any other.
-            clear &= np.abs(expected.t[odd] - config.range_m) > 1e-3
-            assert not clear.any(), (view, odd[clear], ranges[view][odd[clear]], expected.t[odd[clear]])
-        ambiguous += len(odd)
+        found, wanted = (ranges[view], objects[view]), (expected.t, expected.object_id)
+        frame = int(views.frame[view])
+        is_same = agreeing_rays(arrays, frame, (origin, direction), found, wanted, config.range_m, config.range_m)
+        ambiguous += (~is_same).sum()
         here = np.flatnonzero(is_same & (objects[view] >= 0))
         cosine = -np.einsum("rx,rx->r", expected.normal, direction)[here]
         np.testing.assert_allclose(cosines[view][here], cosine, atol=1e-5)
@@ -115,14 +76,6 @@ def test_turn_starts_backwards_and_goes_by_the_left() -> None:
     np.testing.assert_allclose(np.degrees(lidar_azimuths(3, 90.0)), [45.0, 15.0, -15.0], atol=1e-12)
     np.testing.assert_allclose(np.degrees(lidar_elevations(1, 3.0, -20.0)), [3.0])
     np.testing.assert_allclose(np.degrees(lidar_elevations(2, 3.0, -20.0)), [3.0, -20.0])
-
-
-def test_points_of_a_turn_follow_from_carlas_numbers() -> None:
-    assert carla_points_per_channel(3_000_000, 64) == 469
-    assert carla_points_per_channel(56_000, 32, 0.1) == 175  # CARLA's default sensor at 10 Hz
-    assert carla_points_per_channel(150, 1) == 2  # 1.5 goes away from zero
-    with pytest.raises(ValueError, match="raise points_per_second"):
-        carla_points_per_channel(3_000, 64)
 
 
 def test_street_with_cars_equals_the_oracle(device: str) -> None:
@@ -153,7 +106,8 @@ def test_closed_room_returns_every_ray(device: str) -> None:
                   np.full(1, -1, np.int32))  # fmt: skip
     config = Lidar(optics={"range_resolution_m": 0})
     keys = np.zeros((1, 2), np.uint32)
-    batch = trace_lidar(loaded(arrays, device), views, config, arrays.materials["sunny"], PRESETS["sunny"], keys)
+    hits = trace_lidar_hits(loaded(arrays, device), views, config)
+    batch = find_lidar_returns(hits, arrays.materials["sunny"], PRESETS["sunny"], keys)
     np.testing.assert_array_equal(batch.offsets, [0, 64 * 469])
     np.testing.assert_array_equal(batch.ring, np.repeat(np.arange(64), 469))
     world = np.stack([batch.x, batch.y, batch.z], axis=1) + np.array([1.0, 2.0, 0.5])
@@ -190,18 +144,18 @@ def test_own_roof_is_seen(device: str) -> None:
 @pytest.mark.parametrize("config", [
     SMALL,
     SMALL.model_copy(update={"returns": "dual"}),
-    SMALL.model_copy(update={"mode": "compat"}),
+    SMALL.model_copy(update={"mode": "carla"}),
     SMALL.model_copy(update={"rolling": True, "deskew": True}),
-], ids=["physical", "dual", "compat", "rolling"])  # fmt: skip
+], ids=["physical", "dual", "carla", "rolling"])  # fmt: skip
 @pytest.mark.parametrize("air", [Weather(rain_mm_h=25, wetness=1), PRESETS["foggy"]], ids=["rain", "fog"])
 def test_batches_do_not_change_a_byte(device: str, air: Weather, config: Lidar) -> None:
     arrays = two_cars(5)
     whole = sweeps(arrays, device, range(5), config, air)
     for frames in ([3], [4, 0], [1, 2, 3]):
         part = sweeps(arrays, device, frames, config, air)
-        for slot, frame in enumerate(frames):
-            assert cloud(part, 2 * slot) == cloud(whole, 2 * frame)
-            assert cloud(part, 2 * slot + 1) == cloud(whole, 2 * frame + 1)
+        for batch_index, frame in enumerate(frames):
+            assert cloud(part, 2 * batch_index) == cloud(whole, 2 * frame)
+            assert cloud(part, 2 * batch_index + 1) == cloud(whole, 2 * frame + 1)
 
 
 def test_other_seeds_and_weathers_draw_other_noise(device: str) -> None:
@@ -266,7 +220,7 @@ def test_range_ends_where_the_config_says(device: str) -> None:
 def test_more_rays_than_can_be_counted_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     arrays = two_cars(1)
     views = make_views(arrays, [0], SMALL)
-    monkeypatch.setattr("mmw.sensors.lidar.simulate.MAX_RETURNS", 2 * 16 * 90 - 1)
+    monkeypatch.setattr("mmw.sensors.ray_batch.MAX_COUNT", 2 * 16 * 90 - 1)
     with pytest.raises(ValueError, match=r"lower compute\.batch_frames"):
         trace_lidar_hits(loaded(arrays, "cpu"), views, SMALL)
 

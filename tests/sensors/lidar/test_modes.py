@@ -19,7 +19,7 @@ from mmw.sensors.lidar import returns as lidar_returns
 from mmw.sensors.lidar.precipitation import RainTable, air_from_tables
 from mmw.sensors.lidar.simulate import trace_lidar_hits
 from tests.fixtures.scenes import arrays_from_parts, ground_part, two_cars, wall_part
-from tests.sensors.lidar.test_lidar import loaded
+from tests.fixtures.sensor_runs import loaded
 
 SOFT_ECHO = Path(__file__).parents[2] / "reference" / "weather" / "lidar_fog_soft_echo.csv"
 FREE = {"range_resolution_m": 0}
@@ -38,7 +38,7 @@ def found(arrays: SceneData, device: str, config: Lidar, weather: Weather, seed:
 
 
 def plain(arrays: SceneData, lidar_reflectance: float) -> SceneData:
-    """The scene with one reflectance everywhere."""
+    """Return the scene with one reflectance everywhere."""
     materials = tuple(dataclasses.replace(m, lidar_reflectance=lidar_reflectance) for m in arrays.materials["sunny"])
     return dataclasses.replace(arrays, materials={"sunny": materials})
 
@@ -49,8 +49,8 @@ def field() -> SceneData:
     return arrays_from_parts(parts, actors=[("rsu_1", "rsu", -1)])
 
 
-def test_compat_intensity_is_carlas(device: str) -> None:
-    config = Lidar(mode="compat", carla={"atmosphere_attenuation_rate": 0.01, "dropoff_zero_intensity": 0})
+def test_carla_intensity_is_carlas(device: str) -> None:
+    config = Lidar(mode="carla", carla={"atmosphere_attenuation_rate": 0.01, "dropoff_zero_intensity": 0})
     hits, returns, count = found(field(), device, config, PRESETS["foggy"])
     ranges = hits.rays.range.numpy()
     is_hit = np.isfinite(ranges)
@@ -62,9 +62,9 @@ def test_compat_intensity_is_carlas(device: str) -> None:
 
 
 @pytest.mark.parametrize(("limit", "zero", "general"), [(1.0, 0.4, 0.0), (0.8, 0.4, 0.45), (0.9, 1.0, 0.0)])
-def test_compat_keeps_carlas_share(device: str, limit: float, zero: float, general: float) -> None:
+def test_carla_keeps_carlas_share(device: str, limit: float, zero: float, general: float) -> None:
     carla = {"dropoff_intensity_limit": limit, "dropoff_zero_intensity": zero, "dropoff_general_rate": general}
-    config = Lidar(mode="compat", carla=carla)
+    config = Lidar(mode="carla", carla=carla)
     kept, ranges = [], []
     for seed in range(4):
         hits, _, count = found(field(), device, config, PRESETS["sunny"], seed)
@@ -80,8 +80,8 @@ def test_compat_keeps_carlas_share(device: str, limit: float, zero: float, gener
         assert abs(kept[part].sum() - keep[part].sum()) <= 4.0 * spread
 
 
-def test_compat_range_noise(device: str) -> None:
-    config = Lidar(mode="compat", carla={"noise_stddev": 0.05, "dropoff_zero_intensity": 0})
+def test_carla_range_noise(device: str) -> None:
+    config = Lidar(mode="carla", carla={"noise_stddev": 0.05, "dropoff_zero_intensity": 0})
     hits, returns, count = found(field(), device, config, PRESETS["sunny"])
     is_hit = count > 0
     assert_normal((returns["range"][is_hit][:, 0] - hits.rays.range.numpy()[is_hit]) / 0.05)
@@ -220,7 +220,7 @@ def with_echo(monkeypatch: pytest.MonkeyPatch, power: float, extinction_per_m: f
 
 
 def square_wall(distance: float) -> tuple[SceneData, dict]:
-    """A wall at a distance, and the pattern of one ray that meets it squarely, without range noise."""
+    """Return a wall at a distance, and the pattern of one ray that meets it squarely, without range noise."""
     half = 10.0 * distance
     parts = [wall_part("wall", (distance, half), (distance, -half), 10.0)]
     arrays = plain(arrays_from_parts(parts, actors=[("rsu_1", "rsu", -1)]), 0.5)

@@ -17,6 +17,7 @@ from mmw.physics.weather.weather import PRESETS as WEATHERS
 from mmw.physics.weather.weather import Weather
 from mmw.sensors.lidar.optics import PRESETS, LidarOptics
 from mmw.sensors.lidar.precipitation import air_from_tables, fog_power, fog_table, make_air, rain_table
+from tests.fixtures.kernels import launched
 
 REFERENCE = Path(__file__).parents[2] / "reference" / "weather"
 RANGE_M = 120.0
@@ -62,24 +63,15 @@ def echoes(
     ray = np.arange(count) if ray is None else ray
     shape = (len(ray), 3)
     inputs = [
-        (ray, wp.int32),
-        (np.broadcast_to(surface_range, len(ray)), wp.float32),
-        (np.zeros(shape) if origin is None else origin, wp.vec3),
-        (np.broadcast_to((1.0, 0.0, 0.0), shape) if direction is None else direction, wp.vec3),
+        air,
+        wp.vec2ui(key, 7),
+        ray,
+        np.broadcast_to(surface_range, len(ray)),
+        np.zeros(shape) if origin is None else origin,
+        np.broadcast_to((1.0, 0.0, 0.0), shape) if direction is None else direction,
+        time_s,
     ]
-    arrays = [
-        wp.array(np.ascontiguousarray(v, np.int32 if t is wp.int32 else np.float32), dtype=t, device=device)
-        for v, t in inputs
-    ]
-    out = wp.empty(len(ray), dtype=Echoes, device=device)
-    wp.launch(
-        echoes_kernel,
-        dim=len(ray),
-        inputs=[air, wp.vec2ui(key, 7), *arrays, time_s],
-        outputs=[out],
-        device=device,
-    )
-    return out.numpy()
+    return launched(echoes_kernel, len(ray), inputs, device)[0]
 
 
 def rain_air(rain_mm_h: float, optics: LidarOptics, device: str) -> Air:

@@ -10,23 +10,23 @@ from mmw.config import MountConfig
 from mmw.core.kinematics import differentiate
 from mmw.core.transforms import compose, invert, quaternion_exp, rotate, transform_points
 from mmw.scene.scene_data import SceneData
-from mmw.scene.view_motion import view_twists
-from mmw.scene.views import make_views
+from mmw.scene.views import make_views, view_twists
 from mmw.sensors import Lidar
-from mmw.sensors.lidar.rows import lidar_rows, seen_rows
+from mmw.sensors.ground_truth.visibility_rows import point_rows
+from mmw.sensors.lidar.rows import lidar_rows
 from mmw.sensors.lidar.scan_pattern import lidar_pattern
 from mmw.sensors.lidar.scene_flow import scene_flow
 from mmw.sensors.lidar.simulate import PointCloud
 from mmw.storage.arrow_tables import table_from_columns
+from tests.fixtures.lidar_sweeps import sweeps
 from tests.fixtures.scenes import arrays_from_parts, box_model, ground_part, pose, two_cars, wall_part
-from tests.sensors.lidar.test_lidar import sweeps
 
 EXACT = {"optics": {"range_resolution_m": 0}, "channels": 24, "points_per_channel": 240}
 """Few rays without range noise."""
 
 
 def turning_car(frames: int = 5) -> SceneData:
-    """A car that drives at 30 m/s and turns at 1 rad/s between ground and two walls; another drives ahead of it."""
+    """Return a car at 30 m/s that turns at 1 rad/s between ground and two walls; another drives ahead of it."""
     parts = [
         ground_part(100.0), wall_part("north", (-90.0, 12.0), (90.0, 12.0), 8.0),
         wall_part("south", (90.0, -12.0), (-90.0, -12.0), 8.0, "marble_facade"),
@@ -184,7 +184,7 @@ def test_only_surfaces_count_as_seen(device: str) -> None:
     views = make_views(arrays, [0, 1], config)
     batch = sweeps(arrays, device, [0, 1], config, "foggy")
     assert 0 < (batch.label > 0).sum() == (batch.object_id == -1).sum()
-    found = seen_rows(arrays, "lidar", views, batch)
+    found = point_rows(arrays, "lidar", views, "lidar_points", batch.offsets, batch.object_id)
     view = np.repeat(np.arange(len(views)), np.diff(batch.offsets))
     ids = [actor.object_id for actor in arrays.actors]
     counts = [((view == v) & (batch.label == 0) & (batch.object_id == i)).sum() for v in range(len(views)) for i in ids]

@@ -1,24 +1,17 @@
 """A radar from its configuration to rows: what it detects of traced targets, its maps and its samples."""
 
-from collections import defaultdict
-from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
 import pytest
 
 from mmw.config import Config, load_config
-from mmw.core.kinematics import differentiate
-from mmw.core.timing import StageTimer
-from mmw.scene.device_scene import DeviceScene
 from mmw.scene.scene_data import SceneData
-from mmw.sensors.batch import Batch, TableRows
 from mmw.sensors.radar.capture import capture_radar
-from mmw.storage.arrow_tables import table_from_columns
 from mmw.worlds.towns.mesh_part import MeshPart
 from tests.fixtures.radar_scenes import watched
 from tests.fixtures.scenes import quad_part
+from tests.fixtures.sensor_runs import captured
 
 RADAR = """
 scenarios: [{name: street, town: town03, traffic: {vehicle_count: 3, spawn_center_m: [0, 0, 0], cav_ranks: [1]}}]
@@ -49,26 +42,13 @@ def two_plates(apart: float, frames: int = 1) -> SceneData:
     return watched(parts, poses=np.zeros((frames, 0, 7)), weathers=("sunny", "heavy_rain"))
 
 
-def record(config: Config, arrays: SceneData, device: str, frames: list[int], batch: int, weathers) -> dict:
-    rows: TableRows = {weather: defaultdict(list) for weather in weathers}
-    with ThreadPoolExecutor(1) as pool:
-        scene, motion = DeviceScene(arrays, device, batch), differentiate(arrays.poses)
-        job = Batch(config, config.scenarios[0], arrays, motion, scene, None, pool, StageTimer())
-        for first in range(0, len(frames), batch):
-            scene.load_batch(frames[first : first + batch])
-            capture_radar(job, config.sensors[:1], frames[first : first + batch], rows)
+def record(config: Config, arrays: SceneData, device: str, batches: list[list[int]], weathers: list[str]) -> dict:
+    """Return (weather, table) -> rows of the radar's tables."""
+    found = captured(capture_radar, config, arrays, device, batches, weathers)
     return {
-        (weather, name): pa.concat_tables(
-            table_from_columns(
-                name,
-                {"scenario": "s", "weather": weather, **(part.result() if isinstance(part, Future) else part)},
-            )
-            for part in parts
-        )
-        .sort_by([(column, "ascending") for column in ("frame", "kind")[: 1 + (name == "radar_maps")]])
-        .to_pylist()
-        for weather, tables in rows.items()
-        for name, parts in tables.items()
+        (weather, name): table.to_pylist()
+        for weather, tables in found.items()
+        for name, table in tables.items()
         if name.startswith("radar")
     }
 
@@ -76,7 +56,7 @@ def record(config: Config, arrays: SceneData, device: str, frames: list[int], ba
 @pytest.mark.parametrize(("apart", "expected"), [(0.3, 1), (0.7, 2)])
 def test_traced_targets_resolve_in_range(device, config, apart, expected):
     """A cell is 0.5 m; the plates share a cell on the other axes."""
-    rows = record(config, two_plates(apart), device, [0], 1, ["sunny"])["sunny", "radar"]
+    rows = record(config, two_plates(apart), device, [[0]], ["sunny"])["sunny", "radar"]
     assert rows[0]["label"] == [0] * expected
     near, far = 20.0, 20.0 + apart
     if expected == 2:
@@ -88,7 +68,7 @@ def test_traced_targets_resolve_in_range(device, config, apart, expected):
 
 
 def test_maps_and_samples_show_the_targets_of_the_detections(device, config):
-    found = record(config, two_plates(3.0), device, [0], 1, ["sunny"])
+    found = record(config, two_plates(3.0), device, [[0]], ["sunny"])
     detections = found["sunny", "radar"][0]
     strongest = int(np.argmax(detections["power_db"]))
     for row in found["sunny", "radar_maps"]:
@@ -105,9 +85,9 @@ def test_maps_and_samples_show_the_targets_of_the_detections(device, config):
 
 
 def test_batches_and_weathers_do_not_matter(device, config):
-    arrays, frames = two_plates(3.0, 3), [0, 1, 2]
-    together = record(config, arrays, device, frames, 3, ["sunny", "heavy_rain"])
-    apart = record(config, arrays, device, frames, 1, ["heavy_rain"])
+    arrays = two_plates(3.0, 3)
+    together = record(config, arrays, device, [[0, 1, 2]], ["sunny", "heavy_rain"])
+    apart = record(config, arrays, device, [[0], [1], [2]], ["heavy_rain"])
     assert {name for _, name in together} == {"radar", "radar_maps", "radar_iq"}
     assert len(together["sunny", "radar_maps"]) == 6
     for name in ("radar", "radar_maps", "radar_iq"):

@@ -11,10 +11,10 @@ from mmw.physics.weather.weather import PRESETS
 from mmw.scene.views import make_views
 from mmw.sensors import Radar
 from mmw.sensors.radar.iq import radar_iq_samples
-from mmw.sensors.radar.map_rows import radar_iq_rows, radar_map_rows
 from mmw.sensors.radar.power_maps import hann_response, radar_maps
 from mmw.sensors.radar.rain_clutter import rain_clutter
 from mmw.sensors.radar.resolution_cells import angle_cells, cell_grid, centred
+from mmw.sensors.radar.rows import radar_iq_rows, radar_map_rows
 from mmw.storage.arrow_tables import table_from_columns
 from tests.fixtures.radar_points import detections, make_cells, make_keys, make_rays, target
 from tests.fixtures.radar_scenes import watched
@@ -101,11 +101,6 @@ def test_samples_do_not_depend_on_the_batch(device):
     for i in range(3):
         alone = radar_iq_samples(SMALL, make_rays(device, [views[i]]), keys[i : i + 1])
         assert alone.tobytes() == together[i : i + 1].tobytes()
-
-
-def test_too_many_samples_is_an_error():
-    with pytest.raises(ValueError, match=r"iq of 688 x 500 x 202 = \d+ samples .* set iq: false"):
-        Radar(iq=True)
 
 
 def test_hann_response_is_the_transform_of_the_window():

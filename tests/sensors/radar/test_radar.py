@@ -5,23 +5,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
-from pydantic import ValidationError
 
 from mmw.config import MountConfig
 from mmw.core.planar_surfaces import find_surfaces
-from mmw.dataset import RADAR_POINTS
+from mmw.dataset.sql import point_views
 from mmw.physics.weather.weather import PRESETS, Weather
-from mmw.scene.device_scene import DeviceScene
 from mmw.scene.scene_data import Prototype
 from mmw.scene.views import make_views
 from mmw.sensors import Radar
 from mmw.sensors.radar.points import RadarPoints
 from mmw.sensors.radar.reflectivity import reflectivity_table
 from mmw.sensors.radar.rows import radar_rows
-from mmw.sensors.radar.simulate import air_loss_db_per_km, compat_points, dense_points, shade_radar, trace_radar
+from mmw.sensors.radar.simulate import air_loss_db_per_km, carla_points, dense_points, shade_radar, trace_radar
 from mmw.storage.arrow_tables import table_from_columns
 from mmw.worlds.towns.mesh_part import MeshPart
-from tests.fixtures.radar_scenes import AT_ORIGIN, CLEAR, COMPAT, dense, traced, wall_ahead, watched, xyz
+from tests.fixtures.device_rays import loaded
+from tests.fixtures.radar_scenes import AT_ORIGIN, CARLA, CLEAR, dense, traced, wall_ahead, watched, xyz
 from tests.fixtures.scenes import arrays_from_parts, box_mesh, box_model, material, pose, quad_part, two_cars, wall_part
 
 VACUUM_AIR = Weather(relative_humidity=0.0, pressure_hpa=300.0)
@@ -30,11 +29,11 @@ VACUUM_AIR = Weather(relative_humidity=0.0, pressure_hpa=300.0)
 # CARLA's radar
 
 
-def test_compat_rays_fill_carlas_ellipse(device: str) -> None:
+def test_carla_rays_fill_carlas_ellipse(device: str) -> None:
     """A wall far behind the plane would be missed, one in the plane is met by all: range / cos(angle) up to 174 m."""
     arrays = watched([wall_ahead(99.999, 500.0)])
-    _, hits = traced(arrays, device, COMPAT)
-    points = compat_points(hits)
+    _, hits = traced(arrays, device, CARLA)
+    points = carla_points(hits)
     assert points.offsets.tolist() == [0, 2000]
     at = xyz(points)
     np.testing.assert_allclose(at[:, 0], 99.999, rtol=1e-5)
@@ -50,12 +49,12 @@ def test_compat_rays_fill_carlas_ellipse(device: str) -> None:
     assert points.power_db is None and points.snr_db is None and points.rcs_dbsm is None
 
 
-def test_compat_rays_end_at_the_plane(device: str) -> None:
-    _, hits = traced(watched([wall_ahead(100.01, 500.0)]), device, COMPAT)
-    assert compat_points(hits).offsets.tolist() == [0, 0]
+def test_carla_rays_end_at_the_plane(device: str) -> None:
+    _, hits = traced(watched([wall_ahead(100.01, 500.0)]), device, CARLA)
+    assert carla_points(hits).offsets.tolist() == [0, 0]
 
 
-def test_compat_velocity_is_that_of_the_origin_and_positive_while_receding(device: str) -> None:
+def test_carla_velocity_is_that_of_the_origin_and_positive_while_receding(device: str) -> None:
     """A car 30 m ahead that drives at 20 m/s and turns at 1 rad/s, seen from a radar that drives at 5 m/s."""
     frames, dt = 5, 0.01
     t = dt * (np.arange(frames) - 2)
@@ -66,23 +65,23 @@ def test_compat_velocity_is_that_of_the_origin_and_positive_while_receding(devic
             [], [box_model("sedan")], [("cav_1", "cav", -1), ("veh_001", "vehicle", 0)],
             np.array([[a, b] for a, b in zip(radar, car, strict=True)]),
         )  # fmt: skip
-        config = COMPAT.model_copy(update={"on": ("cav",)})
+        config = CARLA.model_copy(update={"on": ("cav",)})
         _, hits = traced(arrays, device, config, [2])
-        points = compat_points(hits)
+        points = carla_points(hits)
         assert points.offsets[1] > 20 and set(points.object_id) == {arrays.actors[1].object_id}
         expected = (sign * 20.0 - 5.0) * xyz(points)[:, 0] / points.range
         np.testing.assert_allclose(points.velocity, expected, rtol=1e-5)
         assert np.all(np.sign(points.velocity) == sign)
 
 
-def test_compat_keeps_the_town_at_rest_and_is_mirrored(device: str) -> None:
+def test_carla_keeps_the_town_at_rest_and_is_mirrored(device: str) -> None:
     """A wall on the left has positive azimuth; the radar drives away from it."""
     arrays = arrays_from_parts(
         [quad_part("Buildings/left", [(20, 1, -5), (60, 1, -5), (60, 1, 5), (20, 1, 5)], "wood", "building")],
         [], [("cav_1", "cav", -1)], np.array([[pose(-0.1 * (k - 1), 0.0)] for k in range(3)]),
     )  # fmt: skip
-    _, hits = traced(arrays, device, COMPAT.model_copy(update={"on": ("cav",)}), [1])
-    points = compat_points(hits)
+    _, hits = traced(arrays, device, CARLA.model_copy(update={"on": ("cav",)}), [1])
+    points = carla_points(hits)
     assert points.offsets[1] > 10 and np.all(points.azimuth > 0.0)
     np.testing.assert_allclose(points.velocity, 10.0 * xyz(points)[:, 0] / points.range, rtol=1e-5)
 
@@ -197,15 +196,15 @@ def test_turning_radar_sees_the_world_turn(device: str) -> None:
 # Sameness, rows, bad input
 
 
-@pytest.mark.parametrize("mode", ["compat", "physical"])
+@pytest.mark.parametrize("mode", ["carla", "physical"])
 def test_batches_do_not_change_a_byte(device: str, mode: str) -> None:
     arrays = two_cars(4)
     config = Radar(mode=mode, on=("cav", "rsu"), azimuth_rays=60, elevation_rays=20, points=500)
 
     def points(frames: list[int]) -> RadarPoints:
         _, hits = traced(arrays, device, config, frames)
-        if mode == "compat":
-            return compat_points(hits)
+        if mode == "carla":
+            return carla_points(hits)
         return dense_points(shade_radar(hits, arrays.materials["sunny"], PRESETS["rainy"], config), config)
 
     whole, single = points([0, 1, 2, 3]), [points([frame]) for frame in (3, 1, 0, 2)]
@@ -229,50 +228,27 @@ def test_weathers_share_the_rays(device: str) -> None:
     assert again.power_db.tobytes() == sunny.power_db.tobytes()
 
 
-@pytest.mark.parametrize("mode", ["compat", "physical"])
+@pytest.mark.parametrize("mode", ["carla", "physical"])
 def test_rows_fit_the_table(device: str, mode: str) -> None:
     arrays = two_cars(2)
     config = Radar(mode=mode, azimuth_rays=60, elevation_rays=20, points=500)
     views, hits = traced(arrays, device, config)
-    points = compat_points(hits)
+    points = carla_points(hits)
     if mode == "physical":
         points = dense_points(shade_radar(hits, arrays.materials["sunny"], CLEAR, config), config)
     table = table_from_columns("radar", {"scenario": "a", "weather": "b", **radar_rows(arrays, "radar", views, points)})
     assert table.num_rows == 2 and table["point_count"].to_pylist() == np.diff(points.offsets).tolist()
-    assert table["power_db"].null_count == (2 if mode == "compat" else 0)
+    assert table["power_db"].null_count == (2 if mode == "carla" else 0)
     np.testing.assert_array_equal(table["range"].combine_chunks().flatten().to_numpy(), points.range)
     duckdb = pytest.importorskip("duckdb")  # GPU machines may lack it; what is above ran there
     connection = duckdb.connect()
     connection.register("radar", table)
-    connection.execute(RADAR_POINTS)
+    connection.execute(point_views()["radar_points"][1])
     rows = connection.execute(
         "SELECT count(*), count(power_db), sum(range), max(object_id) FROM radar_points"
     ).fetchone()
-    assert rows is not None and rows[0] == len(points.range) and rows[1] == (0 if mode == "compat" else rows[0])
+    assert rows is not None and rows[0] == len(points.range) and rows[1] == (0 if mode == "carla" else rows[0])
     assert rows[2] == pytest.approx(points.range.sum(dtype=float)) and rows[3] == points.object_id.max()
-
-
-@pytest.mark.parametrize(
-    ("values", "words"),
-    [
-        ({"horizontal_fov_deg": 0.0}, "horizontal_fov_deg"),
-        ({"vertical_fov_deg": 180.0}, "vertical_fov_deg"),
-        ({"range_m": -1.0}, "range_m"),
-        ({"points": 0}, "points"),
-        ({"azimuth_rays": 0}, "azimuth_rays"),
-        ({"frame_time_s": 0.02}, "frame_time_s"),
-        ({"false_alarm_probability": 0.0}, "false_alarm_probability"),
-        ({"chirp_time_s": 2e-3, "frame_time_s": 1e-3}, "longer than frame_time_s"),
-        ({"bandwidth_hz": 1e5}, "raise bandwidth_hz"),
-        ({"carrier_hz": 1e9, "bandwidth_hz": 9e8}, "half of carrier_hz"),
-        ({"mode": "compat", "iq": True}, "mode: physical"),
-        ({"mode": "compat", "output": "dense"}, "mode: physical"),
-        ({"maps": ["range_azimuth", "range_azimuth"]}, "names one twice"),
-    ],
-)  # fmt: skip
-def test_bad_configuration_is_refused(values: dict, words: str) -> None:
-    with pytest.raises(ValidationError, match=words):
-        Radar(**values)
 
 
 def test_derived_values_are_those_of_the_textbook() -> None:
@@ -286,13 +262,12 @@ def test_derived_values_are_those_of_the_textbook() -> None:
 
 def test_bad_arguments_are_refused(device: str) -> None:
     arrays = two_cars(1)
-    scene = DeviceScene(arrays, device, 1)
-    scene.load_batch([0])
-    views = make_views(arrays, [0], COMPAT)
+    scene = loaded(arrays, device, [0])
+    views = make_views(arrays, [0], CARLA)
     with pytest.raises(ValueError, match="keys has shape"):
-        trace_radar(scene, views, np.zeros((1, 3)), COMPAT, np.zeros((2, 2), dtype=np.uint32))
+        trace_radar(scene, views, np.zeros((1, 3)), CARLA, np.zeros((2, 2), dtype=np.uint32))
     with pytest.raises(ValueError, match="velocity has shape"):
-        trace_radar(scene, views, np.zeros((2, 3)), COMPAT, np.zeros((1, 2), dtype=np.uint32))
+        trace_radar(scene, views, np.zeros((2, 3)), CARLA, np.zeros((1, 2), dtype=np.uint32))
     with pytest.raises(ValueError, match="no materials"):
         reflectivity_table((), Weather(), 76.5e9)
     with pytest.raises(ValueError, match="has no radar row"):

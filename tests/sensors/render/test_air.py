@@ -45,7 +45,7 @@ def see(
     ground_z: float = 0.0,
     rows: int = 128,
 ) -> np.ndarray:
-    """What a camera sees, airlight, transmittance and the sky, shape [4, N, 3]."""
+    """Return light at a camera, airlight, transmittance and the sky, shape [4, N, 3]."""
     at = wp.array(directions.astype(np.float32), dtype=wp.vec3, device=device)
     far = np.broadcast_to(np.asarray(distance, dtype=np.float32), len(directions)).copy()
     out = wp.zeros((4, len(directions)), dtype=wp.vec3, device=device)

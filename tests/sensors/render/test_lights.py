@@ -1,4 +1,4 @@
-"""Lamps: test points of the regulation, inverse squares, a grid against all lamps, and brakes of known motions."""
+"""Lights: test points of the regulation, inverse squares, a grid against all lights, and brakes of known motions."""
 
 from dataclasses import replace
 
@@ -8,20 +8,21 @@ import warp as wp
 
 from mmw.kernels.core.structs import Scene as SceneStruct
 from mmw.kernels.shading import lights as kernels
-from mmw.kernels.shading.lights import Lamps, beam_kcd, lamp_emission, lamp_light
-from mmw.kernels.shading.structs import Look, Surfel
+from mmw.kernels.shading.lights import Lights, beam_kcd, light_emission, reflected_lights
+from mmw.kernels.shading.structs import Appearance, SurfacePoint
 from mmw.kernels.shading.wet_surfaces import Wet, wetted
 from mmw.physics.weather.weather import PRESETS, Weather
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.scene_data import SceneData
 from mmw.sensors.render.lights import (
     brake_levels,
-    find_street_lamps,
-    lamps_on,
+    find_street_lights,
     load_brakes,
-    make_lamps,
-    street_lamps_on,
+    make_lights,
+    street_lights_on,
+    vehicle_lights_on,
 )
+from tests.fixtures.kernels import launched
 from tests.fixtures.scenes import arrays_from_parts, box_model, box_part, ground_part, material, pose
 
 wp.set_module_options({"enable_backward": False, "fast_math": True})
@@ -40,33 +41,35 @@ def beam_kernel(away: wp.array[wp.vec3], value_out: wp.array[float]):
 
 @wp.kernel
 def light_kernel(
-    lamps: Lamps, scene: SceneStruct, slot: int, look: Look, normal: wp.vec3, to_viewer: wp.vec3,
+    lights: Lights, scene: SceneStruct, batch_index: int, appearance: Appearance, normal: wp.vec3, to_viewer: wp.vec3,
     point: wp.array[wp.vec3], wet: Wet, value_out: wp.array[wp.vec3],
 ):  # fmt: skip
-    """Light of lamps on a white plane. Launch: dim=N."""
+    """Light of lights on a white plane. Launch: dim=N."""
     k = wp.tid()
-    surfel = Surfel()
-    surfel.point = point[k]
-    surfel.normal = normal
-    surfel.shading_normal = normal
-    surfel.color = wp.vec3(1.0, 1.0, 1.0)
-    surfel.roughness = 1.0
-    surfel.opacity = 1.0
-    value_out[k] = lamp_light(lamps, scene, slot, wetted(wet, look, surfel, 0.0, 0.0), look, to_viewer)
+    surface_point = SurfacePoint()
+    surface_point.point = point[k]
+    surface_point.normal = normal
+    surface_point.shading_normal = normal
+    surface_point.color = wp.vec3(1.0, 1.0, 1.0)
+    surface_point.roughness = 1.0
+    surface_point.opacity = 1.0
+    value_out[k] = reflected_lights(
+        lights, scene, batch_index, wetted(wet, appearance, surface_point, 0.0, 0.0), appearance, to_viewer
+    )
 
 
 @wp.kernel
 def emission_kernel(
-    lamps: Lamps, scene: SceneStruct, slot: int, instance: int, kind: int, to_viewer: wp.array[wp.vec3],
+    lights: Lights, scene: SceneStruct, batch_index: int, instance: int, kind: int, to_viewer: wp.array[wp.vec3],
     value_out: wp.array[wp.vec3],
 ):  # fmt: skip
     """Emission of a lamp of luminance 1. Launch: dim=N."""
     k = wp.tid()
-    look = Look()
-    look.lamp = kind
-    surfel = Surfel()
-    surfel.emission = wp.vec3(1.0, 0.5, 0.25)
-    value_out[k] = lamp_emission(lamps, scene, slot, instance, look, surfel, to_viewer[k])
+    appearance = Appearance()
+    appearance.lamp = kind
+    surface_point = SurfacePoint()
+    surface_point.emission = wp.vec3(1.0, 0.5, 0.25)
+    value_out[k] = light_emission(lights, scene, batch_index, instance, appearance, surface_point, to_viewer[k])
 
 
 def away(up_deg: float, left_deg: float) -> np.ndarray:
@@ -80,25 +83,27 @@ REGULATION_112 = {
     "50L": (-0.86, 3.43, 3.55, 13.2), "50V": (-0.86, 0.0, 5.1, None), "25L": (-1.72, 9.0, 1.7, None),
     "25R": (-1.72, -9.0, 1.7, None), "zone III": (2.0, 4.0, 0.0, 0.625), "peak": (-0.8, -0.5, 0.0, 44.1),
 }  # fmt: skip
-"""Point -> degrees up, degrees left, least and most intensity [kcd]; UNECE Regulation 112, class B, right-hand traffic
-(published in candela; the highest value allowed is 44.1 kcd)."""
+"""Point -> degrees up, degrees left, minimum and maximum intensity [kcd]; UNECE Regulation 112, class B, right-hand
+traffic (published in candela; the highest value allowed is 44.1 kcd)."""
 
 
 @pytest.mark.parametrize("name", REGULATION_112)
 def test_low_beam_meets_the_regulation(device: str, name: str) -> None:
     up, left, low, high = REGULATION_112[name]
-    out = wp.zeros(1, dtype=float, device=device)
-    at = wp.array([np.float32(away(up, left))], dtype=wp.vec3, device=device)
-    wp.launch(beam_kernel, dim=1, inputs=[at], outputs=[out], device=device)
-    assert out.numpy()[0] >= low
-    assert high is None or out.numpy()[0] <= high
+    (found,) = launched(beam_kernel, 1, [[away(up, left)]], device)[0]
+    assert found >= low
+    assert high is None or found <= high
 
 
-def test_when_lamps_burn() -> None:
-    assert not lamps_on(PRESETS["sunny"]) and not street_lamps_on(PRESETS["sunny"])
-    assert lamps_on(PRESETS["rainy"]) and lamps_on(PRESETS["foggy"]) and not street_lamps_on(PRESETS["rainy"])
-    assert lamps_on(Weather(sun_altitude_deg=3.0)) and not street_lamps_on(Weather(sun_altitude_deg=3.0))
-    assert lamps_on(NIGHT) and street_lamps_on(NIGHT)
+def test_when_lights_are_on() -> None:
+    assert not vehicle_lights_on(PRESETS["sunny"]) and not street_lights_on(PRESETS["sunny"])
+    assert (
+        vehicle_lights_on(PRESETS["rainy"])
+        and vehicle_lights_on(PRESETS["foggy"])
+        and not street_lights_on(PRESETS["rainy"])
+    )
+    assert vehicle_lights_on(Weather(sun_altitude_deg=3.0)) and not street_lights_on(Weather(sun_altitude_deg=3.0))
+    assert vehicle_lights_on(NIGHT) and street_lights_on(NIGHT)
 
 
 def car_on_a_road(poses: np.ndarray, label: str = "car") -> SceneData:
@@ -150,79 +155,73 @@ def test_brakes_do_not_depend_on_the_batch() -> None:
 
 
 def lit(
-    lamps: Lamps,
+    lights: Lights,
     scene: DeviceScene,
     points: np.ndarray,
     normal: tuple,
     to_viewer: tuple,
     wet: Wet = NO_WATER,
-    slot: int = 0,
+    batch_index: int = 0,
 ) -> np.ndarray:
-    out = wp.zeros(len(points), dtype=wp.vec3, device=scene.device)
-    look = Look()
-    look.holds_puddles = True
-    at = wp.array(np.float32(points), dtype=wp.vec3, device=scene.device)
-    inputs = [lamps, scene.struct, slot, look, wp.vec3(*normal), wp.vec3(*to_viewer), at, wet]
-    wp.launch(light_kernel, dim=len(points), inputs=inputs, outputs=[out], device=scene.device)
-    return out.numpy().astype(np.float64)
+    appearance = Appearance()
+    appearance.holds_puddles = True
+    inputs = [lights, scene.struct, batch_index, appearance, wp.vec3(*normal), wp.vec3(*to_viewer), points, wet]
+    return launched(light_kernel, len(points), inputs, scene.device)[0].astype(np.float64)
 
 
-def night_car(device: str) -> tuple[Lamps, DeviceScene]:
+def night_car(device: str) -> tuple[Lights, DeviceScene]:
     scene = DeviceScene(car_on_a_road(drive(np.arange(40) * 0.1)), device, 2)
     scene.load_batch([0, 20])
-    return make_lamps(scene, "sunny", NIGHT), scene
+    return make_lights(scene, "sunny", NIGHT), scene
 
 
 def luminance(color: np.ndarray) -> np.ndarray:
     return color @ [0.2126, 0.7152, 0.0722]
 
 
-def test_head_lamps_light_a_wall(device: str) -> None:
-    """In the middle of the beam a wall gets 2 I / d^2, from the front of the car, whose pose moves with its slot."""
-    lamps, scene = night_car(device)
-    for slot, start in ((0, 2.25), (1, 4.25)):
+def test_headlights_light_a_wall(device: str) -> None:
+    """In the middle of the beam a wall gets 2 I / d^2, from the front of the car, whose pose moves with its frame."""
+    lights, scene = night_car(device)
+    for batch_index, start in ((0, 2.25), (1, 4.25)):
         for distance in (5.0, 10.0, 20.0):
             point = np.array([[start + distance, 0.0, 0.65 - 0.02 * distance]])
-            found = luminance(lit(lamps, scene, point, (-1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), slot=slot))[0]
+            found = luminance(lit(lights, scene, point, (-1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), batch_index=batch_index))[0]
             deep = (0.02 - 0.01) / 0.03
             candela = kernels.BEAM_PEAK_KCD / (1.0 + deep**2) + kernels.BEAM_STRAY_KCD
             candela *= (1.0 - (distance / kernels.BEAM_REACH_M) ** 4) ** 2
             slant = 1.0 / np.sqrt(1.0 + 0.02**2)
             assert found == pytest.approx(2.0 * candela * slant**3 / distance**2 / np.pi, rel=5e-3)
-    above = luminance(lit(lamps, scene, np.array([[12.25, 0.0, 1.5]]), (-1.0, 0.0, 0.0), (-1.0, 0.0, 0.0)))[0]
+    above = luminance(lit(lights, scene, np.array([[12.25, 0.0, 1.5]]), (-1.0, 0.0, 0.0), (-1.0, 0.0, 0.0)))[0]
     assert above == pytest.approx(0.5 / 100.0 / np.pi, rel=0.03)
-    behind = lit(lamps, scene, np.array([[-5.0, 0.0, 0.5], [200.0, 0.0, 0.0]]), (1.0, 0.0, 0.0), (1.0, 0.0, 0.0))
+    behind = lit(lights, scene, np.array([[-5.0, 0.0, 0.5], [200.0, 0.0, 0.0]]), (1.0, 0.0, 0.0), (1.0, 0.0, 0.0))
     assert (behind == 0.0).all()
 
 
-def test_head_lamps_glint_on_water(device: str) -> None:
-    """Standing water between a viewer and a car mirrors its lamps; light that comes back from below gets less."""
-    lamps, scene = night_car(device)
+def test_headlights_glint_on_water(device: str) -> None:
+    """Standing water between a viewer and a car reflects its lights; light that comes back from below gets less."""
+    lights, scene = night_car(device)
     wet = Wet()
     wet.puddles = wet.wetness = 1.0
     middle = np.array([[12.25, 0.0, 0.0]])
     ahead = (0.995, 0.0, 0.0995)
-    dry = luminance(lit(lamps, scene, middle, (0.0, 0.0, 1.0), ahead))[0]
-    soaked = luminance(lit(lamps, scene, middle, (0.0, 0.0, 1.0), ahead, wet))[0]
+    dry = luminance(lit(lights, scene, middle, (0.0, 0.0, 1.0), ahead))[0]
+    soaked = luminance(lit(lights, scene, middle, (0.0, 0.0, 1.0), ahead, wet))[0]
     assert soaked > 3.0 * dry > 0.0
-    back = luminance(lit(lamps, scene, middle, (0.0, 0.0, 1.0), (-0.9, 0.0, 0.436), wet))[0]
-    assert back < luminance(lit(lamps, scene, middle, (0.0, 0.0, 1.0), (-0.9, 0.0, 0.436)))[0]
+    back = luminance(lit(lights, scene, middle, (0.0, 0.0, 1.0), (-0.9, 0.0, 0.436), wet))[0]
+    assert back < luminance(lit(lights, scene, middle, (0.0, 0.0, 1.0), (-0.9, 0.0, 0.436)))[0]
 
 
-def test_lamps_of_a_car_by_day_and_night(device: str) -> None:
-    """Head lamps glow in their beam, tail lamps when on, brake lights by day too; a third one while braking alone."""
+def test_lights_of_a_car_by_day_and_night(device: str) -> None:
+    """Headlights glow in their beam, taillights when on, brake lights by day too; a third one while braking alone."""
     views = np.float32([away(-1.0, 0.0), away(2.0, 0.0), [-1.0, 0.0, 0.0]])
-    at = wp.array(views, dtype=wp.vec3, device=device)
     for weather, moves in ((NIGHT, True), (PRESETS["sunny"], True), (PRESETS["sunny"], False)):
         scene = DeviceScene(car_on_a_road(drive(np.arange(20) * (0.1 if moves else 0.0))), device, 1)
         scene.load_batch([5])
-        lamps = make_lamps(scene, "sunny", weather)
-        out = {}
-        for kind in (0, kernels.HEADLIGHT, kernels.TAILLIGHT, kernels.BRAKE):
-            out[kind] = wp.zeros(3, dtype=wp.vec3, device=device)
-            inputs = [lamps, scene.struct, 0, 0, kind, at]
-            wp.launch(emission_kernel, dim=3, inputs=inputs, outputs=[out[kind]], device=device)
-        glow, head, tail, brake = (a.numpy()[:, 0] for a in out.values())
+        lights = make_lights(scene, "sunny", weather)
+        glow, head, tail, brake = (
+            launched(emission_kernel, 3, [lights, scene.struct, 0, 0, kind, views], device)[0][:, 0]
+            for kind in (0, kernels.HEADLIGHT, kernels.TAILLIGHT, kernels.BRAKE)
+        )
         assert (glow == 1.0).all()
         assert (brake == (0.0 if moves else kernels.BRAKE_GAIN)).all()
         if weather is NIGHT:
@@ -233,28 +232,28 @@ def test_lamps_of_a_car_by_day_and_night(device: str) -> None:
 
 
 def street(count: int) -> SceneData:
-    """Return a plane with street lamps at random places, each an object of its own."""
+    """Return a plane with street lights at random places, each an object of its own."""
     rng = np.random.default_rng(5)
     parts = [ground_part(150.0)]
     for k, (x, y) in enumerate(rng.uniform(-120.0, 120.0, (count, 2))):
         parts.append(box_part(f"Props/lamp_{k:03d}", (0.7, 0.3, 0.1), (x, y, 8.3), "lens", "pole"))
     lens = material("lens")
-    lens = replace(lens, look=replace(lens.look, lamp="street"))
+    lens = replace(lens, appearance=replace(lens.appearance, lamp="street"))
     return arrays_from_parts(parts, materials={"asphalt": material("asphalt"), "lens": lens})
 
 
-def test_street_lamps_by_grid_and_by_all(device: str) -> None:
-    """The grid leaves out no lamp: light on the ground is the float64 sum over all lamps."""
+def test_street_lights_by_grid_and_by_all(device: str) -> None:
+    """The grid holds every light: light on the ground is the float64 sum over all lights."""
     arrays = street(60)
-    positions = find_street_lamps(arrays, "sunny")
+    positions = find_street_lights(arrays, "sunny")
     assert len(positions) == 60 and positions[:, 2] == pytest.approx(8.3)
     scene = DeviceScene(arrays, device, 1)
     scene.load_batch([0])
-    lamps = make_lamps(scene, "sunny", NIGHT)
-    assert lamps.street_count == 60 and lamps.beam_count == 0
+    lights = make_lights(scene, "sunny", NIGHT)
+    assert lights.street_count == 60 and lights.beam_count == 0
     points = np.zeros((4000, 3))
     points[:, :2] = np.random.default_rng(6).uniform(-150.0, 150.0, (4000, 2))
-    found = luminance(lit(lamps, scene, points, (0.0, 0.0, 1.0), (0.0, 0.6, 0.8)))
+    found = luminance(lit(lights, scene, points, (0.0, 0.0, 1.0), (0.0, 0.6, 0.8)))
     offset = positions[None] - points[:, None]
     distance = np.linalg.norm(offset, axis=2)
     cosine = offset[..., 2] / distance
@@ -262,13 +261,13 @@ def test_street_lamps_by_grid_and_by_all(device: str) -> None:
     expected = (10.0 / np.pi * cosine**2 * window / distance**2).sum(axis=1) / np.pi
     assert found == pytest.approx(expected, rel=2e-3, abs=1e-7)
     assert (expected == 0.0).any() and (expected > 1e-3).any()
-    assert max(np.diff(lamps.grid_first.numpy())) < 30
+    assert max(np.diff(lights.grid_first.numpy())) < 30
 
 
-def test_no_lamps_by_day(device: str) -> None:
+def test_no_lights_by_day(device: str) -> None:
     scene = DeviceScene(street(3), device, 1)
     scene.load_batch([0])
-    lamps = make_lamps(scene, "sunny", PRESETS["sunny"])
-    assert lamps.beam_count == lamps.street_count == 0
-    assert (lit(lamps, scene, np.zeros((5, 3)), (0.0, 0.0, 1.0), (0.0, 0.0, 1.0)) == 0.0).all()
+    lights = make_lights(scene, "sunny", PRESETS["sunny"])
+    assert lights.beam_count == lights.street_count == 0
+    assert (lit(lights, scene, np.zeros((5, 3)), (0.0, 0.0, 1.0), (0.0, 0.0, 1.0)) == 0.0).all()
     assert load_brakes(scene).shape == (1, 0)

@@ -13,13 +13,13 @@ from mmw.core.kinematics import differentiate
 from mmw.core.transforms import compose, invert, make_pose, pose_from_ypr, transform_points
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.scene_data import SceneData
-from mmw.scene.view_motion import view_twists
-from mmw.scene.views import Views, make_views
+from mmw.scene.views import Views, make_views, view_twists
 from mmw.sensors import DepthCamera
 from mmw.sensors.lidar.scan_pattern import pinhole
 from mmw.sensors.render.optical_flow import device_twists, image_motion
 from mmw.sensors.render.projection import project, unproject
 from mmw.sensors.render.visibility_buffer import trace_samples
+from tests.fixtures.device_rays import loaded
 from tests.fixtures.scenes import arrays_from_parts, box_model, ground_part, moving_poses
 
 SIZE = (96, 72)
@@ -39,8 +39,7 @@ def scene_of(
     actors = [("cav_1", "cav", 0), *((f"veh_{k}", "vehicle", 1) for k in range(1, len(start)))]
     models = [box_model("mast", (0.01, 0.01, 0.01), (0.0, 0.0, -0.5)), box_model("car")]
     arrays = arrays_from_parts([ground_part(200.0)], models, actors, poses)
-    scene = DeviceScene(arrays, device, 1)
-    scene.load_batch([2])
+    scene = loaded(arrays, device, [2])
     views = make_views(arrays, [2], DepthCamera(on=("cav",), mount={"cav": MountConfig(position_m=(0.0, 0.0, 0.0))}))
     twists = device_twists(view_twists(arrays, differentiate(arrays.poses), views), device)
     return arrays, scene, views, twists

@@ -1,4 +1,4 @@
-"""Lamps of parked vehicles are dark; those of vehicles that stand in traffic are not. Which is which a stage says."""
+"""Lights of parked vehicles are dark; those of vehicles that stand in traffic are not. Which is which a stage says."""
 
 from pathlib import Path
 
@@ -8,16 +8,17 @@ from pxr import Gf, Sdf, Usd, UsdGeom
 
 from mmw.core.transforms import pose_from_ypr
 from mmw.physics.weather.weather import PRESETS, Weather
-from mmw.scene.device_scene import DeviceScene, read_stage
+from mmw.scene.device_scene import DeviceScene
+from mmw.scene.reader import read_stage
 from mmw.scene.scene_data import SceneData
 from mmw.sensors import RgbCamera
-from mmw.sensors.render.lights import brake_levels, make_lamps
+from mmw.sensors.render.lights import brake_levels, make_lights
 from mmw.usd.actors import PARKED, find_actors
 from mmw.usd.prim_specs import new_prim
 from mmw.usd.vehicle_catalog import load_catalog
 from mmw.worlds.towns.parked_prims import ParkedCar, write_parked
 from mmw.worlds.vehicles.actor_prims import describe_actor
-from tests.fixtures.rgb_scenes import at, shoot
+from tests.fixtures.rgb_scenes import at, render
 from tests.fixtures.stages import add_box, add_material, add_polygons, animate, new_stage
 
 FRAMES = 12
@@ -90,7 +91,7 @@ def road(tmp_path_factory: pytest.TempPathFactory) -> SceneData:
     return read_stage(path, range(FRAMES), dict.fromkeys(WEATHERS, ("",)))
 
 
-def test_no_lamp_of_a_parked_vehicle_burns(road: SceneData, device: str) -> None:
+def test_no_light_of_a_parked_vehicle_burns(road: SceneData, device: str) -> None:
     """By its numbers: no brake light in any frame, no beam in any weather, unlike the car beside it that waits."""
     names = [actor.name for actor in road.actors]
     assert {actor.name for actor in road.actors if actor.is_parked} == {"parked"}
@@ -101,22 +102,22 @@ def test_no_lamp_of_a_parked_vehicle_burns(road: SceneData, device: str) -> None
     scene = DeviceScene(road, device, 1)
     scene.load_batch([5])
     for name, weather in WEATHERS.items():
-        lamps = make_lamps(scene, name, weather)
-        lit = [names[scene.instance_actor[k]] for k in lamps.beam_instance.numpy()[: lamps.beam_count]]
+        lights = make_lights(scene, name, weather)
+        lit = [names[scene.instance_actor[k]] for k in lights.beam_instance.numpy()[: lights.beam_count]]
         assert lit == ([] if name == "day" else [name for name in names if name != "parked"])
 
 
 def test_a_parked_car_is_dark_in_a_picture(road: SceneData, device: str) -> None:
     """From behind and in front, by day, in fog and at night: lenses that nothing lights from within look like those of
     the car that rolls by day, and are black at night."""
-    x, y = road.poses[5, :, 0], road.poses[5, :, 1]  # the same places about each car, so that lamps alone differ
+    x, y = road.poses[5, :, 0], road.poses[5, :, 1]  # the same places about each car, so that lights alone differ
     behind = [(x[k] - 7.0, y[k], 1.0) for k in range(len(x))]
     before = [(x[k] + 9.0, y[k], 0.6, 180.0, 0.0, 0.0) for k in range(len(x))]
-    shot = shoot(road, device, at(*behind, *before, frame=5), config=CAMERA, weathers=WEATHERS)
-    own = shot.objects() == np.array([actor.object_id for actor in road.actors] * 2)[:, None, None]
+    rendering = render(road, device, at(*behind, *before, frame=5), config=CAMERA, weathers=WEATHERS)
+    own = rendering.objects() == np.array([actor.object_id for actor in road.actors] * 2)[:, None, None]
     assert own.sum(axis=(1, 2)).min() > 500
     peak = {}
-    for name, images in shot.light().items():
+    for name, images in rendering.light().items():
         values = np.where(own[..., None], images, 0.0).reshape(2, len(x), -1, 3)
         for actor, rear, front in zip(road.actors, *values, strict=True):
             peak[actor.name, name] = float((rear[:, 0] - rear[:, 1]).max()), float(front[:, 1].max())

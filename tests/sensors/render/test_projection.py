@@ -13,6 +13,7 @@ from mmw.core.camera_models import Distortion, Intrinsics
 from mmw.kernels.camera.camera import Camera, camera_ray, project_point
 from mmw.sensors.render.camera import device_camera
 from mmw.sensors.render.projection import project, unproject
+from tests.fixtures.kernels import launched
 
 SIZE = (640, 480)
 LENSES = {
@@ -80,14 +81,8 @@ def on_device(camera: Intrinsics, pixels: np.ndarray, device: str) -> tuple[np.n
     """Return the device's ray through each pixel [N, 3], and the pixel of a point on that ray [N, 2]."""
     count = len(pixels)
     distance = np.geomspace(0.2, 500.0, count).astype(np.float32)
-    rays, back = wp.zeros(count, dtype=wp.vec3, device=device), wp.zeros(count, dtype=wp.vec2, device=device)
-    inputs = [
-        device_camera(camera, 100.0),
-        wp.array(pixels.astype(np.float32), dtype=wp.vec2, device=device),
-        wp.array(distance, dtype=float, device=device),
-    ]
-    wp.launch(both_ways_kernel, dim=count, inputs=inputs, outputs=[rays, back], device=device)
-    return rays.numpy(), back.numpy()
+    rays, back = launched(both_ways_kernel, count, [device_camera(camera, 100.0), pixels, distance], device)
+    return rays, back
 
 
 def image_points(step: float = 7.3) -> np.ndarray:

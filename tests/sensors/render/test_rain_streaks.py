@@ -32,7 +32,7 @@ def cover(
     table = structs.Views()
     pose = np.tile(pose_from_ypr([5.0, 6.0, 7.0], 0.0, pitch), (views, 1)).astype(np.float32)
     table.pose = wp.array(pose, dtype=wp.transformf, device=device)
-    table.slot = wp.zeros(views, dtype=int, device=device)
+    table.batch_index = wp.zeros(views, dtype=int, device=device)
     table.ignore = wp.full(views, -1, dtype=int, device=device)
     twists = tuple(
         wp.array(np.tile(np.float32(part), (views, 1)), dtype=wp.vec3, device=device) for part in (velocity, rate)
@@ -141,7 +141,7 @@ def test_streak_is_as_long_as_the_drop_goes(device: str, velocity: tuple[float, 
 
 
 def test_one_drop_takes_its_area(device: str) -> None:
-    """What a drop covers does not depend on how far it falls; it goes by 1 / distance^2, 0.9 to 1.1 m."""
+    """The area of a drop does not depend on how far it falls; it goes by 1 / distance^2, 0.9 to 1.1 m."""
     drops = [single(device, view, config=ImageConfig(shutter_ms=5.0 + view % 3 * 7.0)) for view in range(60)]
     ratio = np.array([drop[1] for drop in drops if drop is not None])
     assert len(ratio) >= 10

@@ -224,19 +224,14 @@ def test_sun_disc_holds_the_direct_light(device: str) -> None:
 
 def test_exposure_is_that_of_an_incident_light_meter() -> None:
     assert 0.18 * 100.0 / math.pi * sky.exposure(100.0) == pytest.approx(0.18)
-    assert sky.ev100(100.0) == pytest.approx(math.log2(100e3 * 100.0 / 250.0))
-    # One step of exposure value is a factor of 2 in exposure, key included.
-    for klux in (20.0, 0.5, 2e-4):
-        steps = sky.ev100(100.0) - sky.ev100(klux)
-        assert sky.exposure(klux) / sky.exposure(100.0) == pytest.approx(2.0**steps)
     greys = [0.18 * e / math.pi * sky.exposure(e) for e in (100.0, 25.0, 4.0, 1.0, 2e-4)]
     assert greys == sorted(greys, reverse=True)
     assert greys[-1] > 0.015
 
 
-def test_exposure_counts_lamps(device: str) -> None:
+def test_exposure_counts_lights(device: str) -> None:
     night = Weather(sun_altitude_deg=-15.0)
-    dark, lit = (sky.make_sky(night, device, rows=ROWS, lamps_klux=klux) for klux in (0.0, 0.01))
+    dark, lit = (sky.make_sky(night, device, rows=ROWS, lights_klux=klux) for klux in (0.0, 0.01))
     assert dark.exposure == pytest.approx(sky.exposure(baked_sky(night).horizontal_klux))
     assert lit.exposure == pytest.approx(sky.exposure(baked_sky(night).horizontal_klux + 0.01))
     np.testing.assert_array_equal(lit.map.numpy(), dark.map.numpy())

@@ -8,7 +8,7 @@ from pydantic import ValidationError
 from mmw.core.constants import FRAME_DT
 from mmw.sensors.lidar.scan_pattern import pinhole
 from mmw.sensors.render.image_config import ExposureConfig, ImageConfig
-from mmw.sensors.render.tone_mapping import develop, exposure_of_ev100, lens_drops, make_exposure
+from mmw.sensors.render.tone_mapping import exposure_of_ev100, lens_drops, make_exposure, tone_map
 
 EXACT = ImageConfig(tone_map="none")
 
@@ -25,7 +25,7 @@ def picture(values: np.ndarray, config: ImageConfig, exposure: float = 1.0, devi
     radiance = light(values, device)
     views, height, width = radiance.shape
     factor = wp.full(views, exposure, dtype=float, device=device)
-    return develop(radiance, config, pinhole(width, height, 90.0), factor, **rest).numpy()
+    return tone_map(radiance, config, pinhole(width, height, 90.0), factor, **rest).numpy()
 
 
 def keys(count: int, device: str = "cpu", first: int = 0) -> wp.array:
@@ -118,7 +118,7 @@ def test_pictures_do_not_depend_on_the_batch(device: str) -> None:
         radiance = light(values[rows], device)
         own = wp.array(keys(5, device).numpy()[rows], dtype=wp.vec2ui, device=device)
         exposure = make_exposure(config.exposure, radiance, 1.0)
-        return develop(radiance, config, camera, exposure, keys=own, drops=lens_drops(own, 4, camera)).numpy()
+        return tone_map(radiance, config, camera, exposure, keys=own, drops=lens_drops(own, 4, camera)).numpy()
 
     whole = make(slice(None))
     np.testing.assert_array_equal(whole, np.concatenate([make(slice(0, 2)), make(slice(2, 5))]))

@@ -1,27 +1,20 @@
 """RGB cameras in a run: rows, what shares rays, independence of batches, launches and company, points on pixels."""
 
-from collections import defaultdict
 from collections.abc import Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
 import pytest
 
 from mmw.config import Config, MountConfig, load_config
 from mmw.config.lens import LensConfig
-from mmw.core.kinematics import differentiate
-from mmw.core.timing import StageTimer
 from mmw.core.transforms import compose, invert, transform_points
-from mmw.scene.device_scene import DeviceScene
 from mmw.scene.rows import static_rows
 from mmw.scene.scene_data import SceneData
-from mmw.scene.table_rows import resolved
 from mmw.scene.views import make_views
 from mmw.sensors import DepthCamera, RgbCamera
-from mmw.sensors.batch import Batch, TableRows
 from mmw.sensors.camera_group import capture as cameras
 from mmw.sensors.camera_group.launches import make_launches
 from mmw.sensors.image_encoder import MAX_WAITING_BYTES, Encoder
@@ -30,7 +23,7 @@ from mmw.sensors.render.projection import intrinsics_of, project
 from mmw.sensors.rgb import capture as recorded
 from mmw.sensors.rgb import simulate as rgb
 from mmw.sensors.rgb.config import paper_cameras
-from mmw.storage.arrow_tables import sort_rows, table_from_columns
+from mmw.storage.arrow_tables import table_from_columns
 from mmw.storage.codecs.images import (
     decode_depth,
     decode_flow,
@@ -40,9 +33,9 @@ from mmw.storage.codecs.images import (
     decode_semantic,
     encode_rgb,
 )
-from mmw.storage.schemas import table_spec
 from tests.conftest import DEVICES
 from tests.fixtures.scenes import two_cars
+from tests.fixtures.sensor_runs import captured
 
 MOUNT = "mount: {cav: {position_m: [2.31, 0.02, 1.23]}}"
 HEAD = """
@@ -76,30 +69,10 @@ def record(
     batches: Sequence[Sequence[int]],
     arrays: SceneData | None = None,
     weathers: Sequence[str] | None = None,
-) -> TableRows:
-    """Return the rows of batches of frames, as the pipeline makes them, in all or some of the weathers."""
-    arrays = street() if arrays is None else arrays
-    rows: TableRows = {weather: defaultdict(list) for weather in weathers or config.weathers}
-    with ThreadPoolExecutor(1) as pool:
-        scene = DeviceScene(arrays, device, max_slots=4)
-        job = Batch(config, config.scenarios[0], arrays, differentiate(arrays.poses), scene, None, pool, StageTimer())
-        for frames in batches:
-            scene.load_batch(frames)
-            cameras.capture_cameras(job, config.sensors, frames, rows)
-    return rows
-
-
-def tables_of(rows: TableRows, weather: str) -> dict[str, pa.Table]:
-    key, found = {"scenario": "street", "weather": weather}, {}
-    for name, batches in rows[weather].items():
-        ended = [b.result() if isinstance(b, Future) else b for b in batches]
-        parts = [table_from_columns(name, {**key, **resolved(columns)}) for columns in ended]
-        found[name] = sort_rows(table_spec(name), pa.concat_tables(parts).unify_dictionaries().combine_chunks())
-    return found
-
-
-def listed(rows: TableRows) -> dict[str, dict[str, list[dict]]]:
-    return {weather: {name: table.to_pylist() for name, table in tables_of(rows, weather).items()} for weather in rows}
+) -> dict[str, dict[str, list[dict]]]:
+    """Return the rows of batches of frames by weather and table, in all or some of the weathers."""
+    found = captured(cameras.capture_cameras, config, street() if arrays is None else arrays, device, batches, weathers)
+    return {weather: {name: table.to_pylist() for name, table in tables.items()} for weather, tables in found.items()}
 
 
 @pytest.fixture(scope="module", params=DEVICES)
@@ -111,7 +84,7 @@ def device(request: pytest.FixtureRequest) -> str:
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory, device: str) -> dict[str, dict[str, list[dict]]]:
     """Rows of frames 1 and 3 by weather and table: two RGB cameras in one launch, depth in the same."""
-    return listed(record(configured(tmp_path_factory.mktemp("c"), FRONT + MAST + DEPTH), device, [[1, 3]]))
+    return record(configured(tmp_path_factory.mktemp("c"), FRONT + MAST + DEPTH), device, [[1, 3]])
 
 
 def test_every_table_has_a_row_for_each_image(made: dict) -> None:
@@ -135,7 +108,7 @@ def test_jpeg_files_are_the_same(
     """Whether the device makes the files, as GPUs do, or threads."""
     monkeypatch.setattr(recorded, "makes_files", lambda _: is_made_there)
     sensors = (FRONT + MAST).replace("format: png", "format: jpeg")
-    tables = listed(record(configured(tmp_path, sensors + DEPTH), device, [[1, 3]]))
+    tables = record(configured(tmp_path, sensors + DEPTH), device, [[1, 3]])
     for weather in ("sunny", "rainy"):
         for row, exact in zip(tables[weather]["rgb"], made[weather]["rgb"], strict=True):
             assert row["image"]["path"] == exact["image"]["path"].replace(".png", ".jpg")
@@ -202,14 +175,14 @@ def test_flow_of_the_street_is_that_of_driving(made: dict) -> None:
 
 @pytest.mark.parametrize("frames", [[[1], [3]], [[3], [1]]])
 def test_batches_do_not_change_a_byte(device: str, made: dict, tmp_path: Path, frames: list) -> None:
-    assert listed(record(configured(tmp_path, FRONT + MAST + DEPTH), device, frames)) == made
+    assert record(configured(tmp_path, FRONT + MAST + DEPTH), device, frames) == made
 
 
 def test_launches_of_one_view_do_not_change_a_byte(
     device: str, made: dict, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(cameras, "most_pixels", lambda _: 1)
-    assert listed(record(configured(tmp_path, FRONT + MAST + DEPTH), device, [[1, 3]])) == made
+    monkeypatch.setattr(cameras, "max_pixels", lambda _: 1)
+    assert record(configured(tmp_path, FRONT + MAST + DEPTH), device, [[1, 3]]) == made
 
 
 @pytest.mark.parametrize("weather", ["sunny", "rainy"])
@@ -219,7 +192,7 @@ def test_a_run_that_goes_on_makes_the_missing_weather_alone(
     shaded = []
     monkeypatch.setattr(rgb, "shade_samples", lambda *args, **kw: shaded.append(args[1]) or shade_samples(*args, **kw))
     config = configured(tmp_path, FRONT + MAST + DEPTH)
-    assert listed(record(config, device, [[1, 3]], weathers=[weather])) == {weather: made[weather]}
+    assert record(config, device, [[1, 3]], weathers=[weather]) == {weather: made[weather]}
     assert len(shaded) > 0 and all(one.wet.wetness == shaded[0].wet.wetness for one in shaded)
     assert (shaded[0].wet.wetness > 0.0) == (weather == "rainy")
 
@@ -229,7 +202,7 @@ def test_a_camera_alone_has_the_rows_that_it_has_in_company(
     device: str, made: dict, tmp_path: Path, sensor: str
 ) -> None:
     config = configured(tmp_path, sensor)
-    alone = listed(record(config, device, [[1, 3]]))
+    alone = record(config, device, [[1, 3]])
     for weather, tables in alone.items():
         for name, rows in tables.items():
             own = [row for row in made[weather][name] if row["sensor"] == config.sensors[0].name]
@@ -244,7 +217,7 @@ def test_noise_is_each_cameras_own_and_each_frames(device: str, tmp_path: Path) 
 
     def images(*changes: str) -> list[np.ndarray]:
         config = configured(tmp_path, FRONT + twin, "weathers=[sunny]", *changes)
-        rows = listed(record(config, device, [[0, 1]], arrays))["sunny"]["rgb"]
+        rows = record(config, device, [[0, 1]], arrays)["sunny"]["rgb"]
         return [decode_rgb(row["image"]["bytes"]) for row in rows]
 
     clean = images()
@@ -257,11 +230,11 @@ def test_noise_is_each_cameras_own_and_each_frames(device: str, tmp_path: Path) 
 
 
 def test_an_image_each_few_frames(device: str, tmp_path: Path) -> None:
-    sensors = FRONT.replace("format", "every_frames: 2, format") + DEPTH
-    rows = listed(record(configured(tmp_path, sensors, "weathers=[sunny]"), device, [[0, 1], [2, 3]]))["sunny"]
+    sensors = FRONT.replace("format", "rate_hz: 50, format") + DEPTH
+    rows = record(configured(tmp_path, sensors, "weathers=[sunny]"), device, [[0, 1], [2, 3]])["sunny"]
     assert [row["frame"] for row in rows["rgb"]] == [row["frame"] for row in rows["flow"]] == [0, 2]
     assert [row["frame"] for row in rows["depth"]] == [0, 1, 2, 3]
-    none = listed(record(configured(tmp_path, sensors, "weathers=[sunny]"), device, [[1]]))["sunny"]
+    none = record(configured(tmp_path, sensors, "weathers=[sunny]"), device, [[1]])["sunny"]
     assert none["rgb"] == none["normals"] == none["flow"] == [] and len(none["depth"]) == 1
 
 
@@ -269,32 +242,32 @@ def test_which_cameras_share_a_launch() -> None:
     arrays, frames = street(), [0, 1, 2, 3]
     depth = DepthCamera()
     (shared,) = make_launches(arrays, [depth, *paper_cameras()], frames)
-    assert [shot.sensor.name for shot in shared.shots] == ["front", "back", "left", "right", "depth"]
+    assert [camera.sensor.name for camera in shared.cameras] == ["front", "back", "left", "right", "depth"]
     assert len(shared.views) == 4 * 5 and shared.range_m == 5000.0
-    for shot in shared.shots:
-        own = make_views(arrays, frames, shot.sensor)
-        np.testing.assert_array_equal(shared.views.pose[shot.rows], own.pose)
-        np.testing.assert_array_equal(shared.views.frame[shot.rows], own.frame)
-        np.testing.assert_array_equal(shared.views.actor[shot.rows], own.actor)
-    assert sorted(np.concatenate([shot.rows for shot in shared.rgb])) == list(range(20))
+    for camera in shared.cameras:
+        own = make_views(arrays, frames, camera.sensor)
+        np.testing.assert_array_equal(shared.views.pose[camera.rows], own.pose)
+        np.testing.assert_array_equal(shared.views.frame[camera.rows], own.frame)
+        np.testing.assert_array_equal(shared.views.actor[camera.rows], own.actor)
+    assert sorted(np.concatenate([camera.rows for camera in shared.rgb])) == list(range(20))
     np.testing.assert_array_equal(shared.depth[0].rows, np.arange(4))  # in one piece
     front = RgbCamera()
     for other in (DepthCamera(fov_deg=90.0), DepthCamera(mount={"rsu": MountConfig(position_m=(0, 0, 4.1))})):
-        assert [len(launch.shots) for launch in make_launches(arrays, [front, other], frames)] == [1, 1]
+        assert [len(launch.cameras) for launch in make_launches(arrays, [front, other], frames)] == [1, 1]
     others = [RgbCamera(name="b", samples=1), RgbCamera(name="c", lens=LensConfig(model="fisheye"))]
     assert [launch.name for launch in make_launches(arrays, [front, *others], frames)] == ["front", "b", "c"]
     # A camera that skips frames does not have every view of the depth camera.
-    assert len(make_launches(arrays, [RgbCamera(every_frames=2), depth], frames)) == 2
-    assert len(make_launches(arrays, [RgbCamera(every_frames=2), depth], [2])) == 1
+    assert len(make_launches(arrays, [RgbCamera(rate_hz=50), depth], frames)) == 2
+    assert len(make_launches(arrays, [RgbCamera(rate_hz=50), depth], [2])) == 1
 
 
 def test_pieces_of_a_launch_hold_every_row_once() -> None:
     (launch,) = make_launches(street(), [DepthCamera(), *paper_cameras()], [0, 1, 2])
     pieces = list(launch.pieces(4 * 640 * 480))
     assert [len(piece.views) for piece in pieces] == [4, 4, 4, 3]
-    for index, shot in enumerate(launch.shots):
-        rows = np.concatenate([4 * k + piece.shots[index].rows for k, piece in enumerate(pieces)])
-        np.testing.assert_array_equal(np.sort(rows), np.sort(shot.rows))
+    for index, camera in enumerate(launch.cameras):
+        rows = np.concatenate([4 * k + piece.cameras[index].rows for k, piece in enumerate(pieces)])
+        np.testing.assert_array_equal(np.sort(rows), np.sort(camera.rows))
     assert [len(piece.views) for piece in launch.pieces(1)] == [1] * 15
 
 
@@ -312,8 +285,8 @@ def test_corners_of_a_box_fall_on_its_pixels(device: str, tmp_path: Path, lens: 
     sensor = sensor.replace("width_px: 64, height_px: 48", "width_px: 160, height_px: 120")
     arrays, frame = street(15), 14  # the cars pass before the mast
     config = configured(tmp_path, sensor, "weathers=[sunny]")
-    rows = listed(record(config, device, [[frame]], arrays))["sunny"]
-    columns = static_rows(arrays, config, config.scenarios[0])["sensors"]
+    rows = record(config, device, [[frame]], arrays)["sunny"]
+    columns = static_rows(arrays, config)["sensors"]
     (mount,) = table_from_columns("sensors", {"scenario": "street", **columns}).to_pylist()
     assert mount["lens"] == config.sensors[0].lens.model and (mount["width"], mount["height"]) == (160, 120)
     names = {"pinhole": "", "brown_conrady": "k1 k2 p1 p2 k3 k4 k5 k6", "fisheye": "k1 k2 k3 k4"}[mount["lens"]].split()
@@ -361,24 +334,3 @@ def test_images_wait_for_threads_within_bounds() -> None:
             futures.append(encoder.submit(encode, image, number))
             assert len(done) >= number - 1
     assert [future.result() for future in futures] == [bytes([number]) for number in range(6)]
-
-
-@pytest.mark.parametrize(
-    ("keys", "words"),
-    [
-        ("fov_deg: 180", "fisheye"),
-        ("fov_deg: 230", "less than or equal to 220"),
-        ("samples: 2", "samples = 2"),
-        ("format: webp", "'jpeg' or 'png'"),
-        ("jpeg_quality: 0", "greater than or equal to 1"),
-        ("every_frames: 0", "greater than or equal to 1"),
-        ("lens: {model: brown_conrady, k1: -0.9}", "folds"),
-        ("lens: {k1: 0.1}", "choose another model"),
-        ("image: {exposure: {mode: auto, ev100: 12}}", "mode: fixed"),
-        ("image: {bloom: 1}", "unknown key"),
-        ("shutter_ms: 5", "unknown key"),
-    ],
-)
-def test_bad_settings_are_refused(tmp_path: Path, keys: str, words: str) -> None:
-    with pytest.raises(ValueError, match=words):
-        configured(tmp_path, f"  - {{type: rgb, {keys}}}\n")

@@ -16,7 +16,7 @@ from mmw.scene.scene_data import SceneData
 from mmw.sensors.render.projection import intrinsics_of, project
 from mmw.sensors.render.sky.sky import SUN_RADIUS, bake, sun_direction
 from mmw.worlds.towns.mesh_part import MeshPart
-from tests.fixtures.rgb_scenes import SMALL, at, even_sky, glowing, lambert, matter, shoot
+from tests.fixtures.rgb_scenes import SMALL, at, even_sky, glowing, lambert, matter, render
 from tests.fixtures.scenes import arrays_from_parts, box_model, box_part, ground_part, pose, quad_part
 
 WHITE = (1.0, 1.0, 1.0)
@@ -42,13 +42,13 @@ def sphere_part(center: tuple[float, float, float], radius: float) -> MeshPart:
 
 @pytest.mark.parametrize("name", FURNACE)
 def test_white_furnace(device: str, name: str) -> None:
-    """What absorbs nothing cannot be seen under a sky that is the same all round: every pixel is the sky."""
+    """A surface that absorbs nothing is invisible under a sky that is the same all round: every pixel is the sky."""
     box = box_part("Buildings/box", (1.0, 1.0, 1.0), (4.0, 0.0, 0.0), "m", "building")
     arrays = arrays_from_parts([box, sphere_part((4.0, 500.0, 0.0), 0.8)], materials={"m": FURNACE[name]})
     views = at((0.0, 0.0, 1.0, 5.0, 14.0, 0.0), (0.0, 500.0, 1.0, 5.0, 14.0, 0.0))
-    shot = shoot(arrays, device, views, sky=even_sky(device, 2.0))
-    assert ((shot.objects() >= 0).sum(axis=(1, 2)) > 200).all()
-    np.testing.assert_allclose(shot.light()["sunny"], 2.0, rtol=2e-3)
+    rendering = render(arrays, device, views, sky=even_sky(device, 2.0))
+    assert ((rendering.objects() >= 0).sum(axis=(1, 2)) > 200).all()
+    np.testing.assert_allclose(rendering.light()["sunny"], 2.0, rtol=2e-3)
 
 
 @pytest.mark.parametrize("altitude_deg", [2.0, 10.0, 35.0, 65.0, 90.0])
@@ -60,7 +60,7 @@ def test_lambert_plane_under_the_sun(device: str, altitude_deg: float) -> None:
     parts = [ground_part(60.0, -20.0, "m"), quad_part("Props/slope", slope[::-1], "m", "static")]
     arrays = arrays_from_parts(parts, materials={"m": lambert(albedo)})
     views = at((40.0, -40.0, 5.0, 0.0, 85.0, 0.0), (0.0, 0.0, 15.0, *DOWN))
-    light = shoot(arrays, device, views, sky=even_sky(device, 0.0, sun=sun, klux=klux)).light()["sunny"]
+    light = render(arrays, device, views, sky=even_sky(device, 0.0, sun=sun, klux=klux)).light()["sunny"]
     to_sun = sun_direction(sun)
     level, tilted = to_sun[2], float(np.dot(to_sun, (9.0, 0.0, 20.0))) / math.hypot(9.0, 20.0)
     assert tilted > 0.0
@@ -71,11 +71,11 @@ def test_lambert_plane_under_the_sun(device: str, altitude_deg: float) -> None:
 
 @pytest.mark.parametrize("ior", [1.3, 1.5])
 def test_gloss_of_a_dielectric_keeps_within_the_light(device: str, ior: float) -> None:
-    """A white dielectric seen beside the highlight sends on less than a Lambert one, by what it mirrors elsewhere."""
+    """A white dielectric seen beside the highlight sends on less than a Lambert one, by what it reflects elsewhere."""
     sun = Weather(sun_altitude_deg=40.0, sun_azimuth_deg=90.0)
     arrays = arrays_from_parts([ground_part(60.0, 0.0, "m")], materials={"m": matter(color=WHITE, ior=ior)})
     # The sun stands in the east, the camera too: its highlight lies on the other side.
-    image = shoot(
+    image = render(
         arrays, device, at((20.0, 0.0, 15.0, 180.0, 60.0, 0.0)), sky=even_sky(device, 0.0, sun=sun, klux=100.0)
     ).one()
     share = image * math.pi / (100.0 * math.sin(math.radians(40.0)))
@@ -87,13 +87,13 @@ def test_open_ground_is_as_bright_as_its_sky_says(device: str) -> None:
     """Sun and sky of a real weather: a white plane has the illuminance of the baked sky over pi."""
     weather = Weather(sun_altitude_deg=30.0, cloudiness=0.0)
     arrays = arrays_from_parts([ground_part(100.0, 0.0, "m")], materials={"m": lambert(1.0)})
-    shot = shoot(arrays, device, at((0.0, 0.0, 1.5, *DOWN)), weathers={"sunny": weather})
-    luminance = shot.one().mean(axis=(0, 1)) @ (0.2126, 0.7152, 0.0722)
+    rendering = render(arrays, device, at((0.0, 0.0, 1.5, *DOWN)), weathers={"sunny": weather})
+    luminance = rendering.one().mean(axis=(0, 1)) @ (0.2126, 0.7152, 0.0722)
     assert luminance * math.pi == pytest.approx(bake(weather).horizontal_klux, rel=0.01)
 
 
 def pane_reflectance(angle: np.ndarray, ior: float) -> np.ndarray:
-    """Return what a clear pane mirrors of unpolarised light, by Snell and Fresnel, all bounces between its faces."""
+    """Return what a clear pane reflects of unpolarised light, by Snell and Fresnel, all bounces between its faces."""
     inside = np.arcsin(np.sin(angle) / ior)
     s = (np.cos(angle) - ior * np.cos(inside)) / (np.cos(angle) + ior * np.cos(inside))
     p = (ior * np.cos(angle) - np.cos(inside)) / (ior * np.cos(angle) + np.cos(inside))
@@ -101,8 +101,8 @@ def pane_reflectance(angle: np.ndarray, ior: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize("of", ["wall", "sky", "sun-lit wall"])
-def test_pane_mirrors_by_fresnel(device: str, of: str) -> None:
-    """A pane in the plane y = 0, seen at 0, 30, 56 and 75 degrees: what it mirrors is a wall at y = 50, or the sky."""
+def test_pane_reflects_by_fresnel(device: str, of: str) -> None:
+    """A pane in the plane y = 0, seen at 0, 30, 56 and 75 degrees: what it reflects is a wall at y = 50, or the sky."""
     glass = matter("glass", "clear_glass", color=(0.0, 0.0, 0.0), opacity=0.3, roughness=0.02, ior=1.5)
     wall = glowing((3.0, 2.0, 1.0), "wall") if of == "wall" else lambert((0.9, 0.5, 0.3), "wall")
     corners = [(-400.0, 50.0, -300.0), (-400.0, 50.0, 300.0), (400.0, 50.0, 300.0), (400.0, 50.0, -300.0)]
@@ -124,11 +124,11 @@ def test_pane_mirrors_by_fresnel(device: str, of: str) -> None:
     if of == "sun-lit wall":  # seen through by nobody: the pane must not shade the wall
         parts[0] = quad_part("Buildings/pane", [(x, y, z / 40.0) for x, y, z in pane[::-1]], "glass", "building")
     for place, angle in zip(places, angles, strict=True):
-        shot = shoot(arrays_from_parts(parts, materials=materials), device, at(place), config=config, sky=sky)
-        incidence = np.arccos(np.clip(-shot.rays[..., 1], -1.0, 1.0))
+        rendering = render(arrays_from_parts(parts, materials=materials), device, at(place), config=config, sky=sky)
+        incidence = np.arccos(np.clip(-rendering.rays[..., 1], -1.0, 1.0))
         assert abs(math.degrees(incidence.mean()) - angle) < 1.5
         share = pane_reflectance(incidence, 1.5)
-        np.testing.assert_allclose(shot.one(), share[..., None] * expected, rtol=0.01)
+        np.testing.assert_allclose(rendering.one(), share[..., None] * expected, rtol=0.01)
 
 
 SUN_40 = Weather(sun_altitude_deg=40.0, sun_azimuth_deg=90.0, cloudiness=0.0)
@@ -136,7 +136,7 @@ SUN_40 = Weather(sun_altitude_deg=40.0, sun_azimuth_deg=90.0, cloudiness=0.0)
 ZOOM = SMALL.model_copy(update={"fov_deg": math.degrees(2.0 * math.atan(0.25 / 10.0))})
 """0.5 m across 64 pixels at 10 m: 7.8 mm a pixel."""
 EDGE_X = -1.0 - 2.0 / math.tan(math.radians(40.0))
-"""Where the shadow of the upper edge at x = -1, z = 2 ends."""
+"""End of the shadow of the upper edge at x = -1, z = 2."""
 
 
 def profile_of(image: np.ndarray) -> np.ndarray:
@@ -165,8 +165,8 @@ def test_edge_of_a_shadow(device: str) -> None:
     rms, in quadrature), and pixels that take the value on which their neighbours agree take from it."""
     sky = even_sky(device, 0.0, sun=SUN_40, klux=100.0)
     config = ZOOM.model_copy(update={"width_px": 48, "height_px": 64, "fov_deg": ZOOM.fov_deg * 0.75})
-    shot = shoot(box_on_ground(), device, at((EDGE_X, 0.0, 10.0, *DOWN)), config=config, sky=sky)
-    profile = profile_of(shot.one())
+    rendering = render(box_on_ground(), device, at((EDGE_X, 0.0, 10.0, *DOWN)), config=config, sky=sky)
+    profile = profile_of(rendering.one())
     place, spread = edge_of(profile)
     lens = intrinsics_of(config)
     assert abs(place - lens.cy) < 1.0
@@ -187,7 +187,7 @@ def test_shadow_of_a_vehicle_follows_it(device: str) -> None:
     )
     place = (EDGE_X + 0.05, 0.0, 10.0, *DOWN)
     config = ZOOM.model_copy(update={"width_px": 48, "height_px": 64, "fov_deg": ZOOM.fov_deg * 0.75})
-    light = shoot(arrays, device, at(place, place, frame=(0, 1)), config=config, sky=sky).light()["sunny"]
+    light = render(arrays, device, at(place, place, frame=(0, 1)), config=config, sky=sky).light()["sunny"]
     first, second = (edge_of(profile_of(image))[0] for image in light)
     points = np.array([(10.0, 0.0, EDGE_X + dx - place[0]) for dx in (0.0, moved)])
     expected = project(intrinsics_of(config), points)[:, 1]
@@ -198,7 +198,7 @@ def test_no_shadows_where_none_are_wanted(device: str) -> None:
     sky = even_sky(device, 0.0, sun=SUN_40, klux=100.0)
     config = SMALL.model_copy(update={"shadows": False})
     views = at((-8.0, 0.0, 6.0, 0.0, 45.0, 0.0))
-    images = [shoot(box_on_ground(), device, views, config=c, sky=sky) for c in (SMALL, config)]
+    images = [render(box_on_ground(), device, views, config=c, sky=sky) for c in (SMALL, config)]
     ground = images[0].objects()[0] == images[0].objects()[0][-1, 0]
     lit = 100.0 * math.sin(math.radians(40.0)) / math.pi
     shaded, plain = (image.one()[..., 1][ground] for image in images)
@@ -225,13 +225,13 @@ def test_corner_is_darker_by_what_the_wall_hides(device: str, glow: float) -> No
     arrays = arrays_from_parts([ground_part(300.0, 0.0, "m"), wall], materials=materials)
     config = SMALL.model_copy(update={"fov_deg": 12.0})
     for distance in (0.25, 2.0, 8.0, 30.0):
-        shot = shoot(
+        rendering = render(
             arrays, device, at((0.0, -distance, 2.0, *DOWN)), config=config, sky=even_sky(device, 3.0), glow=glow
         )
-        image = shot.one()
-        assert (shot.depth().depth_m.numpy() > 1.9).all()
-        x, y = shot.rays[..., 0], shot.rays[..., 1]
-        away = distance - 2.0 * y / -shot.rays[..., 2]
+        image = rendering.one()
+        assert (rendering.depth().depth_m.numpy() > 1.9).all()
+        x, y = rendering.rays[..., 0], rendering.rays[..., 1]
+        away = distance - 2.0 * y / -rendering.rays[..., 2]
         assert np.abs(x).max() < 1.0
         share = np.array([open_share(d, height) for d in away.ravel()]).reshape(away.shape)
         expected = 0.6 * (3.0 * share + 0.5 * glow * (1.0 - share))
@@ -245,7 +245,7 @@ def test_sky_light_without_rays(device: str) -> None:
     """The section says of `sky_light: false`: all of the sky everywhere."""
     arrays = arrays_from_parts([ground_part(300.0, 0.0, "m")], materials={"m": lambert(0.6)})
     config = SMALL.model_copy(update={"sky_light": False})
-    image = shoot(arrays, device, at((0.0, 0.0, 5.0, *DOWN)), config=config, sky=even_sky(device, 3.0)).one()
+    image = render(arrays, device, at((0.0, 0.0, 5.0, *DOWN)), config=config, sky=even_sky(device, 3.0)).one()
     np.testing.assert_allclose(image, 0.6 * 3.0, rtol=0.01)
 
 
@@ -257,10 +257,10 @@ def test_weathers_with_other_suns_have_their_own_shadows(device: str) -> None:
     parts = [ground_part(50.0, 0.0, "m"), box]
     arrays = arrays_from_parts(parts, materials={"m": lambert(1.0)}, weathers=tuple(weathers))
     views = at((0.0, 0.0, 20.0, *DOWN))
-    together = shoot(arrays, device, views, weathers=weathers).light()
+    together = render(arrays, device, views, weathers=weathers).light()
     rows = together["east"][0, :, 32, 1]
     # Up in the picture is east: the shadow of a sun in the east lies below the box, on row 29, its mirror on row 18.
     assert rows[29] < 0.6 * rows[18] and together["west"][0, 18, 32, 1] < 0.6 * together["west"][0, 29, 32, 1]
     for name, weather in weathers.items():
-        alone = shoot(arrays, device, views, weathers={name: weather}).light()[name]
+        alone = render(arrays, device, views, weathers={name: weather}).light()[name]
         np.testing.assert_array_equal(alone, together[name])

@@ -40,9 +40,8 @@ def test_24_bits_of_known_depths(depth_m: float, bgra: tuple[int, ...]) -> None:
 def test_24_bits_keep_a_sixteenth_of_a_millimetre() -> None:
     depth = np.random.default_rng(0).uniform(0.0, 1000.0, (60, 80))
     image = encode_bgra(depth)
-    assert image.shape == (60, 80, 4)
     step = 1000.0 / (2**24 - 1)
-    assert step == pytest.approx(0.06e-3, rel=0.01)
+    assert image.shape == (60, 80, 4) and step == pytest.approx(0.06e-3, rel=0.01)
     assert np.abs(decode_bgra(image) - depth).max() <= 0.5 * step * (1 + 1e-9)
     # The documented formula, written out for one pixel.
     blue, green, red = (int(image[7, 9, channel]) for channel in range(3))
@@ -100,10 +99,9 @@ def test_impossible_depths_are_refused(encode, bad: float) -> None:
 
 
 def test_images_of_another_kind_are_refused() -> None:
-    with pytest.raises(ValueError, match="blue, green, red"):
-        decode_bgra(np.zeros((2, 2, 2), dtype=np.uint8))
-    with pytest.raises(ValueError, match="blue, green, red"):
-        decode_bgra(np.zeros((2, 2, 4)))
+    for image in (np.zeros((2, 2, 2), dtype=np.uint8), np.zeros((2, 2, 4))):
+        with pytest.raises(ValueError, match="blue, green, red"):
+            decode_bgra(image)
     for decode in (decode_grey, decode_log_grey):
         with pytest.raises(ValueError, match="float64"):
             decode(np.zeros((2, 2)))

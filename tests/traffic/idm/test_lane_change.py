@@ -1,4 +1,4 @@
-"""Changes of lanes: who may, how the line runs, and that nobody feels a step."""
+"""Changes of lanes: decisions, lines, and motion without steps."""
 
 from dataclasses import replace
 from math import inf, sqrt
@@ -6,27 +6,27 @@ from math import inf, sqrt
 import numpy as np
 import pytest
 
-from mmw.traffic.ground_height import Ground
+from mmw.core.transforms import quaternion_to_ypr
+from mmw.traffic.demand import TrafficResult
 from mmw.traffic.idm.driver import follow_leader
-from mmw.traffic.idm.engine import Engine
+from mmw.traffic.idm.engine import IdmEngine
 from mmw.traffic.idm.fleet import Fleet
 from mmw.traffic.idm.lane_change import (
     LATERAL_ACCELERATION,
     POLITENESS,
     SAFE_BRAKING,
-    Beside,
+    AdjacentLanes,
+    DesiredChange,
     LaneChanges,
-    View,
-    Wanted,
     advantage,
     blend_share,
     blend_time,
 )
-from mmw.traffic.idm.run import TrafficResult, run_traffic
+from mmw.traffic.idm.run import record_steps, simulate_idm
 from mmw.traffic.idm.vehicle import Car, Plan
 from mmw.traffic.roads.lane_graph import Lane, LaneGraph
-from mmw.traffic.spawn import SpawnPoint
-from mmw.traffic.vehicle_pose import follow_line, make_shape, sample_poses, stand_on_ground
+from mmw.traffic.spawn import DRIVER_FACTOR, SpawnPoint, Start
+from mmw.traffic.vehicle_pose import follow_line, make_shape, place_on_ground, sample_poses
 from tests.fixtures.traffic_measures import measure
 from tests.fixtures.traffic_towns import CATALOG, demand, oval, surface
 
@@ -36,65 +36,60 @@ DT = 0.01
 
 @pytest.fixture(scope="module")
 def circuit() -> LaneGraph:
-    """A one-way circuit of two lanes."""
+    """Return a one-way circuit of two lanes."""
     return oval()
 
 
-@pytest.fixture(scope="module")
-def ground(circuit) -> Ground:
-    """Its surface."""
-    return Ground(*surface(circuit))
-
-
-def make_fleet(graph: LaneGraph, ground: Ground, seed: int = 0) -> Fleet:
+def make_fleet(graph: LaneGraph, seed: int = 0) -> Fleet:
     """Return a fleet of sedans for a minute."""
-    return Fleet(graph, ground, [SEDAN], 60.0, seed)
+    return Fleet(demand(graph, catalog={"sedan": CATALOG["sedan"]}, seed=seed), 60.0)
 
 
 def put(fleet: Fleet, lane: str, station: float, rank: int, top_speed: float = inf) -> Car:
     """Return a sedan on a lane that never goes faster than a speed."""
-    car = fleet.add(SpawnPoint(lane, station, (0.0, 0.0, 0.0)), rank, False, np.random.default_rng(rank))
+    point, generator = SpawnPoint(lane, station, (0.0, 0.0, 0.0)), np.random.default_rng(rank)
+    car = fleet.add(Start(rank, point, False, generator.uniform(*DRIVER_FACTOR), 1.2, generator))
     car.plan.limit = [min(value, top_speed) for value in car.plan.limit]
-    car.factor, car.headway = 1.0, 1.2
+    car.factor = 1.0
     return car
 
 
-def view_of(engine: Engine) -> View:
-    """Return what the engine would tell about its vehicles as they are now."""
-    engine.marks = engine._mark_lanes()
-    leaders = [engine._leader(index) for index in range(len(engine.cars))]
-    return View(engine.cars, engine.marks, leaders, [], 0.0, 0)
+def refreshed(engine: IdmEngine) -> IdmEngine:
+    """Return the engine after its cars were moved by hand."""
+    engine.spans = engine._find_spans()
+    engine.leaders = [engine._leader(index) for index in range(len(engine.cars))]
+    return engine
 
 
-def brute_follower(gap: float, speed: float, leader: float, wanted: float, headway: float, time: float) -> tuple:
+def brute_follower(gap: float, speed: float, leader: float, desired: float, headway: float, time: float) -> tuple:
     """Return hardest braking [m/s^2] and least gap [m] of a follower behind a constant speed, by small Euler steps."""
     hardest, least = 0.0, gap
     for _ in range(round(time / DT)):
         target = 2.0 + max(0.0, speed * headway + speed * (speed - leader) / (2 * sqrt(1.8 * 2.0)))
-        desired_acceleration = max(1.8 * (1 - (speed / wanted) ** 4), -2.0) - 1.8 * (target / gap) ** 2
+        desired_acceleration = max(1.8 * (1 - (speed / desired) ** 4), -2.0) - 1.8 * (target / gap) ** 2
         hardest, least = max(hardest, -desired_acceleration), min(least, gap)
         gap += (leader - speed) * DT
         speed = max(0.0, speed + desired_acceleration * DT)
     return hardest, least
 
 
-def test_safe_changes_never_make_the_follower_brake_hard(circuit, ground):
-    fleet = make_fleet(circuit, ground)
-    changes = LaneChanges(circuit, fleet.beside, fleet.change)
+def test_safe_changes_never_make_the_follower_brake_hard(circuit):
+    fleet = make_fleet(circuit)
+    changes = LaneChanges(circuit, fleet.adjacent, fleet.change)
     generator = np.random.default_rng(3)
     me, slow, behind = put(fleet, "r0_f0", 90.0, 0), put(fleet, "r0_f0", 130.0, 1), put(fleet, "r0_f1", 40.0, 2)
-    both, alone = Engine(circuit, [me, slow, behind]), Engine(circuit, [me, slow])
+    both, alone = IdmEngine(circuit, [me, slow, behind]), IdmEngine(circuit, [me, slow])
     lane, start = circuit.lanes["r0_f0"], behind.station
     accepted = refused = 0
     for _ in range(300):
         me.speed, slow.speed, behind.speed = generator.uniform((4, 0.5, 0), (12, 4, 13))
         behind.station = start + generator.uniform(0, 44)
-        if changes._consider(0, view_of(alone), lane, "r0_f1") is None:
+        if changes._consider(0, refreshed(alone), lane, "r0_f1") is None:
             continue  # it brings nothing, or does not fit
-        wanted = behind.wanted_speed(behind.station)
-        gap = me.tail - behind.nose
-        hardest, least = brute_follower(gap, behind.speed, me.speed, wanted, behind.headway, 12.0)
-        if changes._consider(0, view_of(both), lane, "r0_f1") is not None:
+        desired = behind.desired_speed(behind.station)
+        gap = me.rear - behind.front
+        hardest, least = brute_follower(gap, behind.speed, me.speed, desired, behind.headway, 12.0)
+        if changes._consider(0, refreshed(both), lane, "r0_f1") is not None:
             accepted += 1
             assert hardest < SAFE_BRAKING + 0.3 and least > 1.0
         else:
@@ -122,31 +117,32 @@ def test_place_beside_on_concentric_arcs():
     circle = np.column_stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)])
     graph = LaneGraph({name: Lane(name, r * circle, 3.5, 10.0) for name, r in (("in", 30.0), ("out", 33.5))})
     station = np.linspace(1.0, 45.0, 40)
-    np.testing.assert_allclose(Beside(graph).across("in", "out", station), station * 33.5 / 30.0, atol=0.06)  # chords
+    across = AdjacentLanes(graph).across("in", "out", station)
+    np.testing.assert_allclose(across, station * 33.5 / 30.0, atol=0.06)  # chords
 
 
-def test_no_change_to_a_lane_that_ends_before(circuit, ground):
+def test_no_change_to_a_lane_that_ends_before(circuit):
     whole = circuit.lanes["r0_f1"]
     short = LaneGraph(dict(circuit.lanes) | {"r0_f1": replace(whole, points=whole.points[whole.points[:, 0] < 120.0])})
     for graph, expected in ((circuit, True), (short, False)):
-        fleet = make_fleet(circuit, ground)
+        fleet = make_fleet(circuit)
         cars = [put(fleet, "r0_f0", 90.0, 0), put(fleet, "r0_f0", 130.0, 1)]
-        engine = Engine(graph, cars)
+        engine = IdmEngine(graph, cars)
         cars[0].speed, cars[1].speed = 9.0, 3.0
-        changes = LaneChanges(graph, Beside(graph), fleet.change)
-        found = changes._consider(0, view_of(engine), graph.lanes["r0_f0"], "r0_f1")
+        changes = LaneChanges(graph, AdjacentLanes(graph), fleet.change)
+        found = changes._consider(0, refreshed(engine), graph.lanes["r0_f0"], "r0_f1")
         assert (found is not None) == expected
 
 
 def change_of(fleet: Fleet, car: Car, row: int, length: float = 40.0) -> Plan:
-    """Return the way of a car that changes from r0_f0 to r0_f1 at a row."""
-    plan = fleet.change(0, car, Wanted("r0_f1", row, length, 10.0, 1.0, 0.0), 0.0)
+    """Return the plan of a car that changes from r0_f0 to r0_f1 at a row."""
+    plan = fleet.change(0, car, DesiredChange("r0_f1", row, length, 10.0, 1.0, 0.0), 0.0)
     assert plan is not None
     return plan
 
 
-def test_new_line_keeps_what_was_driven_and_ends_on_the_new_lane(circuit, ground):
-    fleet = make_fleet(circuit, ground)
+def test_new_line_keeps_what_was_driven_and_ends_on_the_new_lane(circuit):
+    fleet = make_fleet(circuit)
     car = put(fleet, "r0_f0", 60.0, 0)
     old, row = car.plan, 14 * 10 + 900  # station 90 m
     new = change_of(fleet, car, row)
@@ -163,8 +159,8 @@ def test_new_line_keeps_what_was_driven_and_ends_on_the_new_lane(circuit, ground
     assert line.lanes[:2] == ("r0_f0", "r0_f1") and line.lanes[2] in lane.successors
 
 
-def test_poses_have_no_step_at_replanning(circuit, ground):
-    fleet = make_fleet(circuit, ground)
+def test_poses_have_no_step_at_replanning(circuit):
+    fleet = make_fleet(circuit)
     car = put(fleet, "r0_f0", 60.0, 0)
     station = 80.0 + 0.09 * np.arange(800)  # 9 m/s, past the whole change
     before = sample_poses(car.plan.stance, station)
@@ -176,30 +172,28 @@ def test_poses_have_no_step_at_replanning(circuit, ground):
     position = after[:, :3]
     assert np.abs(np.diff(position, 3, axis=0) * 1e6).max() < 5.5
     assert np.abs(np.diff(position, 4, axis=0) * 1e8).max() < 100.0  # jerk is continuous: 1 m/s^3 a frame
-    x, y, z, w = after[:, 3:].T
-    heading = np.unwrap(np.arctan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z)))
+    heading = np.unwrap(quaternion_to_ypr(after[:, 3:])[:, 0])
     assert np.abs(np.diff(heading, 2) * 1e4).max() < 0.6  # yaw acceleration [rad/s^2]
-    fresh, _, why = stand_on_ground(
-        follow_line(change_of(fleet, car, row).stance.track.line, SEDAN), ground, car.station
-    )
+    track = follow_line(change_of(fleet, car, row).stance.track.line, SEDAN)
+    fresh, _, why = place_on_ground(track, fleet.demand.ground, car.station)
     assert fresh is not None, why
     np.testing.assert_allclose(sample_poses(fresh, station), after, atol=1e-6)  # as if planned in one piece
 
 
-def passing(graph: LaneGraph, ground: Ground, changes: bool) -> tuple[np.ndarray, Engine]:
+def passing(graph: LaneGraph, changes: bool) -> tuple[np.ndarray, IdmEngine]:
     """Return stations of a slow sedan and three behind it at every step of 25 s [m], and the engine."""
-    fleet = make_fleet(graph, ground)
+    fleet = make_fleet(graph)
     cars = [put(fleet, "r0_f0", 180.0, 0, top_speed=2.0)]
     cars += [put(fleet, "r0_f0", 90.0 - 35.0 * k, k + 1) for k in range(3)]
     for car in cars:
-        car.settled = 0.0  # nobody changes in the first seconds
-    engine = Engine(graph, cars, LaneChanges(graph, fleet.beside, fleet.change) if changes else None)
-    return engine.run(500)[0], engine
+        car.settled = 0.0  # no vehicle changes in the first seconds
+    engine = IdmEngine(graph, cars, LaneChanges(graph, fleet.adjacent, fleet.change) if changes else None)
+    return record_steps(engine, 500)[0], engine
 
 
-def test_a_slow_vehicle_is_overtaken(circuit, ground):
-    free, engine = passing(circuit, ground, True)
-    held, _ = passing(circuit, ground, False)
+def test_a_slow_vehicle_is_overtaken(circuit):
+    free, engine = passing(circuit, True)
+    held, _ = passing(circuit, False)
     assert engine.changes is not None and len(engine.changes.done) >= 2
     assert (free[-1] - free[0])[1:].sum() > 1.15 * (held[-1] - held[0])[1:].sum()
     assert (free[-1, 1:] > free[-1, 0]).any() and not (held[-1, 1:] > held[-1, 0]).any()
@@ -211,13 +205,7 @@ def test_a_slow_vehicle_is_overtaken(circuit, ground):
 
 
 def run(graph: LaneGraph, **options) -> TrafficResult:
-    """Return the outcome of traffic on the circuit."""
-    return run_traffic(
-        graph,
-        surface(graph),
-        CATALOG,
-        **demand(cav_ranks=(), warmup_s=1.0, spawn_center_m=(150.0, 0.0, 0.0), **options),
-    )
+    return simulate_idm(demand(graph, spawn_center_m=(150.0, 0.0, 0.0), **options))
 
 
 def test_traffic_with_changes_obeys_the_laws(circuit):

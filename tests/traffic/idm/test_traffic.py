@@ -1,4 +1,4 @@
-"""Traffic on small towns: spawn rule, junctions, and what every frame of every vehicle has to obey."""
+"""Traffic on small towns: spawn rule, junctions, and limits in every frame of every vehicle."""
 
 from dataclasses import replace
 
@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 from mmw.config import TrafficConfig
-from mmw.traffic import VehicleTrack, run_traffic
-from mmw.traffic.idm.junctions import ConflictTable, Held, Passage, Request, boxes_overlap, grant_requests
+from mmw.core.transforms import conjugate, rotate
+from mmw.traffic.demand import VehicleTrack
+from mmw.traffic.idm.junctions import ConflictTable, Passage, Request, Reservation, boxes_overlap, grant_requests
+from mmw.traffic.idm.run import simulate_idm
 from mmw.traffic.idm.wait_causes import find_causes
 from mmw.traffic.roads.lane_graph import Lane, LaneGraph
-from mmw.traffic.route import choose_lanes, living_lanes
+from mmw.traffic.route import choose_lanes, endless_lanes
 from mmw.traffic.spawn import connected_ranks, nearest_points, spawn_points
 from mmw.traffic.vehicle_pose import make_shape
 from tests.fixtures.traffic_measures import measure, min_gap
@@ -22,20 +24,12 @@ TRUCK = make_shape(CATALOG["box_truck"])
 
 def run(graph: LaneGraph, height=flat, **changes) -> list[VehicleTrack]:
     """Return the tracks of a short scenario."""
-    options = {
-        "frame_count": 400,
-        "vehicle_count": 14,
-        "spawn_center_m": (0.0, 0.0, 0.0),
-        "cav_ranks": (5, 2),
-        "warmup_s": 1.0,
-        "seed": 1,
-    }
-    return run_traffic(graph, surface(graph, height), CATALOG, **demand(**(options | changes))).tracks
+    return simulate_idm(demand(graph, surface(graph, height), **({"cav_ranks": (5, 2)} | changes))).tracks
 
 
 @pytest.fixture(scope="module")
 def cross() -> LaneGraph:
-    """A crossroad inside a ring road."""
+    """Return a crossroad inside a ring road."""
     return crossroad()
 
 
@@ -48,11 +42,11 @@ def queue_tracks(gap: float) -> list[VehicleTrack]:
 
 @pytest.mark.parametrize("gap", [1.0, 0.2, -0.3])
 def test_gap_measure_sees_distance_and_overlap(gap):
-    assert min_gap(queue_tracks(gap), CATALOG) == pytest.approx(gap, abs=1e-9)
+    assert min_gap(queue_tracks(gap), CATALOG) == pytest.approx(max(gap, 0.0), abs=1e-9)
 
 
 @pytest.mark.parametrize("town", ["crossroad", "hill", "roundabout", "grid"])
-def test_every_vehicle_obeys_the_laws_in_every_frame(town):
+def test_every_vehicle_is_within_limits_in_every_frame(town):
     graph, height, count = {
         "crossroad": (crossroad(), flat, 20),
         "hill": (crossroad(hill), hill, 16),
@@ -70,15 +64,9 @@ def test_every_vehicle_obeys_the_laws_in_every_frame(town):
         assert found.mean_speed > 2.5
 
 
-def test_nobody_waits_for_ever():
+def test_no_vehicle_waits_forever():
     graph = crossroad(hill)
-    outcome = run_traffic(
-        graph,
-        surface(graph, hill),
-        CATALOG,
-        **demand(frame_count=4000, vehicle_count=20, spawn_center_m=(0, 0, 0), cav_ranks=(), warmup_s=1.0, seed=2),
-    )
-    tracks = outcome.tracks
+    tracks = run(graph, hill, frame_count=4000, vehicle_count=20, cav_ranks=(), seed=2)
     found = measure(tracks, graph, surface(graph, hill), CATALOG)
     assert found.stuck == 0 and found.longest_stop < 20.0
     travelled = [np.linalg.norm(np.diff(track.poses[:, :2], axis=0), axis=1).sum() for track in tracks]
@@ -87,16 +75,8 @@ def test_nobody_waits_for_ever():
 
 def test_body_acceleration_has_no_steps(cross):
     for track in run(cross, vehicle_count=18, frame_count=500):
-        x, y, z, w = track.poses[1:-1, 3:].T
-        rows = np.array(
-            [
-                [1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)],
-                [2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)],
-                [2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)],
-            ]
-        )
         acceleration = np.diff(track.poses[:, :3], 2, axis=0) * 1e4 + [0.0, 0.0, 9.81]
-        force = np.einsum("ijf,fj->fi", rows, acceleration)
+        force = rotate(conjugate(track.poses[1:-1, 3:]), acceleration)
         jerk = np.diff(force, axis=0) * 100
         assert np.abs(jerk).max() < 10.0
         assert np.abs(np.diff(jerk, axis=0)).max() < 1.5  # jerk itself is continuous
@@ -138,13 +118,7 @@ def test_same_seed_same_motion_whatever_the_order_of_lanes_and_models(cross):
     tracks = run(cross)
     turned = LaneGraph(dict(reversed(cross.lanes.items())))
     catalog = dict(reversed(CATALOG.items()))
-    mesh = surface(cross)
-    again = run_traffic(
-        turned,
-        mesh,
-        catalog,
-        **demand(frame_count=400, vehicle_count=14, spawn_center_m=(0, 0, 0), cav_ranks=(5, 2), warmup_s=1.0, seed=1),
-    ).tracks
+    again = simulate_idm(demand(turned, surface(cross), catalog=catalog, cav_ranks=(5, 2))).tracks
     for one, two in zip(tracks, again, strict=True):
         assert (one.name, one.model, one.paint) == (two.name, two.model, two.paint)
         np.testing.assert_array_equal(one.poses, two.poses)
@@ -160,7 +134,7 @@ def test_more_frames_do_not_change_the_first_ones(cross):
 
 
 def test_spawn_points_lie_on_the_grid_and_the_nearest_are_taken(cross):
-    points = spawn_points(cross, living_lanes(cross))
+    points = spawn_points(cross, endless_lanes(cross))
     for point in points:
         lane = cross.lanes[point.lane]
         assert not lane.junction
@@ -184,48 +158,49 @@ def test_conflicts_follow_geometry(cross):
     assert table.last_conflict(east, SEDAN, east, SEDAN) == -np.inf  # one behind the other is car following
 
 
-def passage(table: ConflictTable, name: str, asked_at: float, priority: int = 0) -> Passage:
+def passage(table: ConflictTable, name: str, requested_at: float, priority: int = 0) -> Passage:
     """Return a passage over one connection that begins at station 20."""
     length = table.graph.lanes[name].length
     exit_lane = table.graph.lanes[name].successors[0]
-    return Passage(((name, 20.0, 20.0 + length),), 20.0, 18.8, 1, exit_lane, 20.0 + length, priority, asked_at)
+    return Passage(((name, 20.0, 20.0 + length),), 20.0, 18.8, 1, exit_lane, 20.0 + length, priority, requested_at)
 
 
 def test_grants_go_by_priority_then_by_waiting(cross):
     table = ConflictTable(cross)
     east, north = "X:r0_b0>r2_f0", "X:r3_b0>r1_f0"
 
-    def grant(requests, held, time=10.0):
-        return grant_requests(table, requests, held, [10.0, 10.0, 10.0], time, {})
+    def grant(requests, reservations, time=10.0):
+        return grant_requests(table, requests, reservations, [10.0, 10.0, 10.0], time, {})
 
     early = Request(0, SEDAN, passage(table, east, 9.0), True)
     major = Request(1, SEDAN, passage(table, north, 9.5, priority=50), True)
-    held: list[Held] = []
-    assert grant([early, major], held) == [1] and [hold.name for hold in held] == [north]
-    assert grant([early], held) == []
-    assert grant([early], [replace(held[0], start=-30.0)]) == [0]  # the other one is through
+    reservations: list[Reservation] = []
+    assert grant([early, major], reservations) == [1] and [reservation.name for reservation in reservations] == [north]
+    assert grant([early], reservations) == []
+    assert grant([early], [replace(reservations[0], start=-30.0)]) == [0]  # the other one is through
     waited = Request(0, SEDAN, passage(table, east, 5.0), True)
     assert grant([waited, major], []) == [0]
     blocked = replace(waited, has_room=False, will_have_room=False)
     assert grant([blocked, major], []) == [1]  # its exit stands still, perhaps because of the other one
     coming = replace(waited, has_room=False)
-    assert grant([coming, major], []) == []  # room will come, so the crossing is kept free
+    assert grant([coming, major], []) == []  # room will come, so the crossing stays free
     assert grant([blocked, major], [], time=25.0) == [0]  # after very long, in any case
 
 
-def test_who_waited_long_keeps_others_out(cross):
+def test_a_long_wait_blocks_later_requests(cross):
     table = ConflictTable(cross)
     east, west, north = "X:r0_b0>r2_f0", "X:r2_b0>r0_f0", "X:r3_b0>r1_f0"
-    held = [Held(2, SEDAN, north, 20.0, 44.0)]
+    reservations = [Reservation(2, SEDAN, north, 20.0, 44.0)]
     station = [10.0, 10.0, 22.0]
     old = Request(0, SEDAN, passage(table, east, 1.0), True)
     new = Request(1, SEDAN, passage(table, north, 10.0, priority=9), True)
     blockers: dict[int, list[int]] = {}
-    assert grant_requests(table, [old, new], held, station, 10.0, blockers) == []  # north would follow, but east is due
+    granted = grant_requests(table, [old, new], reservations, station, 10.0, blockers)
+    assert granted == []  # north would follow, but east is due
     assert blockers == {0: [2], 1: [0]}
-    assert grant_requests(table, [new], list(held), station, 10.0, {}) == [1]
-    beside = Request(1, SEDAN, passage(table, west, 10.0), True)
-    assert grant_requests(table, [old, beside], [], station, 10.0, {}) == [0, 1]
+    assert grant_requests(table, [new], list(reservations), station, 10.0, {}) == [1]
+    adjacent = Request(1, SEDAN, passage(table, west, 10.0), True)
+    assert grant_requests(table, [old, adjacent], [], station, 10.0, {}) == [0, 1]
 
 
 def test_green_comes_before_waiting_and_left_turns_come_last(cross):
@@ -247,7 +222,7 @@ def test_causes_follow_the_chain_to_its_head():
     blockers = {0: [1], 1: [2], 4: [5], 5: [4], 6: [4, 3]}
     assert find_causes(speed, blockers, {2}) == [True, True, True, False, False, False, True]
     assert find_causes(speed, blockers, set()) == [False] * 6 + [True]
-    assert find_causes([0.0], {}, set()) == [False]  # nobody is in the way
+    assert find_causes([0.0], {}, set()) == [False]  # nothing blocks it
 
 
 def test_boxes_overlap_as_sampled_points_say():
@@ -273,15 +248,15 @@ def test_routes_avoid_dead_ends_and_closed_lanes():
         return Lane(name, np.array([(0.0, 0, 0), (10.0, 0, 0)]), 3.5, 10.0, successors=successors)
 
     graph = LaneGraph({x.name: x for x in (lane("a", "b", "c"), lane("b", "a"), lane("c", "d"), lane("d"))})
-    alive = living_lanes(graph)
-    assert alive == {"a", "b"}
-    chain = choose_lanes(graph, "a", 55.0, np.random.Generator(np.random.PCG64(0)), alive.__contains__)
+    endless = endless_lanes(graph)
+    assert endless == {"a", "b"}
+    chain = choose_lanes(graph, "a", 55.0, np.random.Generator(np.random.PCG64(0)), endless.__contains__)
     assert chain == ["a", "b", "a", "b", "a", "b", "a"]
     stopped = choose_lanes(graph, "a", 55.0, np.random.Generator(np.random.PCG64(0)), lambda name: name == "a")
     assert stopped == ["a"]
 
 
-def test_bad_input_is_told(cross):
+def test_bad_input_is_refused(cross):
     with pytest.raises(ValueError, match="cav_ranks"):
         run(cross, cav_ranks=(3, 3))
     with pytest.raises(ValueError, match="cav_ranks"):
@@ -291,9 +266,4 @@ def test_bad_input_is_told(cross):
     points, faces = surface(cross)
     island = (points[faces].mean(axis=1)[:, 0]) < 20.0
     with pytest.raises(ValueError, match=r"spawn point on lane .* leaves the drivable surface for model"):
-        run_traffic(
-            cross,
-            (points, faces[island]),
-            CATALOG,
-            **demand(frame_count=10, vehicle_count=14, spawn_center_m=(60.0, 0, 0), cav_ranks=(), warmup_s=1.0, seed=0),
-        )
+        simulate_idm(demand(cross, (points, faces[island]), frame_count=10, spawn_center_m=(60.0, 0, 0), seed=0))

@@ -13,20 +13,22 @@ from pxr import Usd, UsdGeom, UsdSemantics
 
 from mmw.cli.run import main
 from mmw.config import TrafficConfig
+from mmw.core.transforms import quaternion_to_ypr
 from mmw.dataset import open_dataset
+from mmw.traffic.demand import TrafficDemand, VehicleTrack
 from mmw.traffic.engine import simulate_traffic
 from mmw.traffic.ground_height import Ground
-from mmw.traffic.replay.engine import choose_model, replay_file
+from mmw.traffic.replay.engine import choose_model, replay_table
 from mmw.traffic.replay.path_fit import fill_stations, fit_path
 from mmw.traffic.replay.poses import replay
 from mmw.traffic.replay.road_level import Decks
 from mmw.traffic.replay.trajectory_table import REFERENCES, Trajectory, read_trajectories
+from mmw.traffic.roads.lane_graph import LaneGraph
 from mmw.traffic.roads.town_asset import open_town
 from mmw.traffic.vehicle_pose import Shape, make_shape
 from tests.fixtures.traffic_towns import CATALOG, demand
 
 SEDAN = make_shape(CATALOG["sedan"])
-SHAPES = [make_shape(model) for model in CATALOG.values()]
 
 
 def plane(height=lambda x, y: 0.0 * x, half: float = 120.0, step: float = 2.0) -> tuple[np.ndarray, np.ndarray]:
@@ -51,8 +53,7 @@ FLAT = decks(plane())
 
 
 def yaw_of(poses: np.ndarray) -> np.ndarray:
-    x, y, z, w = poses[:, 3:].T
-    return np.arctan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z))
+    return quaternion_to_ypr(poses[:, 3:])[:, 0]
 
 
 def jerk_of(poses: np.ndarray) -> float:
@@ -65,9 +66,10 @@ def lead_of(reference: str, shape: Shape) -> float:
     return ahead.get(reference, 0.5 * shape.length - shape.rear)
 
 
-def straight(time: np.ndarray, way: np.ndarray, **changes) -> Trajectory:
+def straight(time: np.ndarray, distance: np.ndarray, **changes) -> Trajectory:
     """Return samples on the x axis, heading east."""
-    values = {"id": "a", "time": time, "points": np.column_stack([way, 0 * way]), "height": None, "heading": 0 * way}
+    points = np.column_stack([distance, 0 * distance])
+    values = {"id": "a", "time": time, "points": points, "height": None, "heading": 0 * distance}
     return Trajectory(**(values | changes))
 
 
@@ -110,7 +112,7 @@ def test_slope_is_stood_on():
 
 
 def start_stop(time: np.ndarray) -> np.ndarray:
-    """Return the way of a vehicle that brakes from 10 m/s at 2.5 m/s^2 until 4 s and starts again at 9 s."""
+    """Return the distance of a vehicle that brakes from 10 m/s at 2.5 m/s^2 until 4 s and starts again at 9 s."""
     brake = 10 * np.minimum(time, 4) - 1.25 * np.minimum(time, 4) ** 2
     return brake + 1.0 * np.maximum(time - 9, 0) ** 2
 
@@ -129,8 +131,8 @@ def test_a_stop_is_a_stop_and_smooth(rate):
 def test_irregular_noisy_doubled_samples():
     generator = np.random.Generator(np.random.PCG64(2))
     time = np.sort(np.concatenate([generator.uniform(0, 10, 220), [0.0, 10.0]]))
-    way = 6.0 * time + 10 * np.sin(0.4 * time)
-    clean = straight(time, way, heading=None)
+    distance = 6.0 * time + 10 * np.sin(0.4 * time)
+    clean = straight(time, distance, heading=None)
     noisy = replace(clean, points=clean.points + generator.normal(0, 0.03, clean.points.shape))
     poses = replay(noisy, SEDAN, FLAT, 1001)
     assert jerk_of(poses) < 10.0
@@ -164,26 +166,26 @@ def test_the_right_deck_is_taken():
     assert replay(through, SEDAN, ramp, 700)[:, 2] == pytest.approx(-1.0)
 
 
-def test_what_cannot_be_is_told():
+def test_impossible_motion_is_refused():
     time = np.arange(0, 4.01, 0.1)
-    way = 8 * time - 10
-    jump = way + np.where(time > 2.05, 30.0, 0.0)
+    distance = 8 * time - 10
+    jump = distance + np.where(time > 2.05, 30.0, 0.0)
     with pytest.raises(ValueError, match=r"vehicle 'a' at t = 2.00 s near .*jumps 30.8 m in 0.100 s, 308 m/s"):
         replay(straight(time, jump), SEDAN, FLAT, 401)
     with pytest.raises(ValueError, match=r"vehicle 'a' at t = .*turns back on itself"):
-        replay(straight(time, 10 - np.abs(way), heading=None), SEDAN, FLAT, 401)
+        replay(straight(time, 10 - np.abs(distance), heading=None), SEDAN, FLAT, 401)
     with pytest.raises(ValueError, match=r"vehicle 'a' at t = 0.00 s near \(3.0, 0.0\) m: stands still and has no hea"):
         replay(straight(time, 0 * time + 3, heading=None), SEDAN, FLAT, 401)
     with pytest.raises(ValueError, match=r"its heading is 180 deg where it moves towards 0 deg"):
-        replay(straight(time, way, heading=0 * time + np.pi), SEDAN, FLAT, 401)
+        replay(straight(time, distance, heading=0 * time + np.pi), SEDAN, FLAT, 401)
     with pytest.raises(ValueError, match=r"vehicle 'a' at t = (9|10)\.\d\d s near \(1\d\d\.\d, 0.0\) m: .*road"):
         far = np.arange(0, 20.01, 0.1)
         replay(straight(far, 12 * far), SEDAN, FLAT, 1600)
     with pytest.raises(ValueError, match=r"no drivable surface below, or none near its height 40.0 m"):
-        replay(straight(time, way, height=0 * time + 40), SEDAN, FLAT, 401)
-    zigzag = np.column_stack([way, np.where(np.arange(len(time)) % 2, 1.2, 0.0)])
+        replay(straight(time, distance, height=0 * time + 40), SEDAN, FLAT, 401)
+    zigzag = np.column_stack([distance, np.where(np.arange(len(time)) % 2, 1.2, 0.0)])
     with pytest.raises(ValueError, match=r"cannot be made smooth; a jerk of [\d.]+ m/s\^3 is left"):
-        replay(straight(time, way, points=zigzag, heading=None), SEDAN, FLAT, 401)
+        replay(straight(time, distance, points=zigzag, heading=None), SEDAN, FLAT, 401)
 
 
 def test_parked_vehicle_stands_where_it_was():
@@ -196,10 +198,10 @@ def test_parked_vehicle_stands_where_it_was():
 
 
 def test_monotone_filling():
-    time, way = np.array([0.0, 1.0, 1.5, 3.0, 4.0]), np.array([0.0, 4.0, 4.0, 4.0, 9.0])
-    fine = fill_stations(time, way, np.linspace(-1, 5, 601))
+    time, distance = np.array([0.0, 1.0, 1.5, 3.0, 4.0]), np.array([0.0, 4.0, 4.0, 4.0, 9.0])
+    fine = fill_stations(time, distance, np.linspace(-1, 5, 601))
     assert np.diff(fine).min() >= 0.0
-    assert fine[[100, 200, 250, 400, 500]] == pytest.approx(way)
+    assert fine[[100, 200, 250, 400, 500]] == pytest.approx(distance)
     assert np.ptp(fine[200:401]) == 0.0
     path = fit_path(np.column_stack([np.linspace(0, 20, 81), np.zeros(81)]), None)
     assert path.station == pytest.approx(np.linspace(0, 20, 81))
@@ -247,28 +249,30 @@ def test_formats_agree(tmp_path: Path):
         assert a.height is None
 
 
-def test_bad_tables_are_told(tmp_path: Path):
-    def told(text: str, match: str, name: str = "t.csv") -> None:
+def test_bad_tables_are_refused(tmp_path: Path):
+    def refused(text: str, match: str, name: str = "t.csv") -> None:
         (tmp_path / name).write_text(text)
         with pytest.raises(ValueError, match=match):
             read_trajectories(tmp_path / name)
 
-    told("t,id,x\n0,a,1\n", r"t.csv: no column y or vehicle_y; .* the file has t, id, x")
-    told("t,id,x,y\n", r"holds no row")
-    told("t,id,x,y\n0,a,1,2\n1,a,,2\n", r"column x: row 2 holds no number")
-    told("t,id,x,y\n0,a,one,2\n", r"column x: .*numbers are needed")
-    told("t,id,x,y\n0,,1,2\n", r"row 1 has no id")
-    told("t,id,x,y\n0,a,1,2\n0,a,9,2\n", r"vehicle 'a' is at two places 8.0 m apart at t = 0.00 s")
-    told("t,id,x,y,reference\n0,a,1,2,middle\n", r"reference = 'middle'; one of front_bumper, front_axle, center")
-    told("nonsense", r"is no .parquet, .csv or .xml file", "t.txt")
-    told("nonsense", r"cannot be read", "t.parquet")
-    told("<fcd-export><timestep time='0'>", r"cannot be read", "t.xml")
+    refused("t,id,x\n0,a,1\n", r"t.csv: no column y or vehicle_y; .* the file has t, id, x")
+    refused("t,id,x,y\n", r"holds no row")
+    refused("t,id,x,y\n0,a,1,2\n1,a,,2\n", r"column x: row 2 holds no number")
+    refused("t,id,x,y\n0,a,one,2\n", r"column x: .*numbers are needed")
+    refused("t,id,x,y\n0,,1,2\n", r"row 1 has no id")
+    refused("t,id,x,y\n0,a,1,2\n0,a,9,2\n", r"vehicle 'a' is at two places 8.0 m apart at t = 0.00 s")
+    refused("t,id,x,y,reference\n0,a,1,2,middle\n", r"reference = 'middle'; one of front_bumper, front_axle, center")
+    refused("nonsense", r"is no .parquet, .csv or .xml file", "t.txt")
+    refused("nonsense", r"cannot be read", "t.parquet")
+    refused("<fcd-export><timestep time='0'>", r"cannot be read", "t.xml")
 
 
 def test_models_by_type_and_length():
+    on_plane = demand(LaneGraph(), plane())
+
     def model(**changes) -> str:
         generator = np.random.Generator(np.random.PCG64(1))
-        return choose_model(straight(np.zeros(2), np.zeros(2), **changes), SHAPES, CATALOG, False, generator).name
+        return choose_model(straight(np.zeros(2), np.zeros(2), **changes), on_plane, False, generator).name
 
     assert model(type="van", length=4.0) == "van"
     assert model(length=7.0) == "box_truck"
@@ -288,27 +292,22 @@ def write_table(path: Path, rows: list[tuple[str, float, float, float]]) -> Path
 def test_ranks_ids_and_presence(tmp_path: Path):
     rows = [(name, t, 8 * t - 10 * k, 4.0 * k) for k, name in enumerate("abcd") for t in np.arange(0, 2.01, 0.1)]
     rows += [("late", t, 9 * t, -8.0) for t in np.arange(1.0, 2.01, 0.1)]
-    path = write_table(tmp_path / "t.csv", rows)
-    options = {
-        "engine": "file",
-        "trajectories": "t.csv",
-        "frame_count": 200,
-        "vehicle_count": 9,
-        "spawn_center_m": (-30.0, 12.0, 0.0),
-        "cav_ids": (),
-        "seed": 1,
-    }
-    tracks = replay_file(path, plane(), CATALOG, **demand(cav_ranks=(1,), **options))
+    write_table(tmp_path / "t.csv", rows)
+
+    def replayed(**changes) -> list[VehicleTrack]:
+        options = {"cav_ranks": (1,), "frame_count": 200, "vehicle_count": 9, "spawn_center_m": (-30.0, 12.0, 0.0)}
+        options |= {"engine": "replay", "trajectories": "t.csv"}
+        return replay_table(demand(LaneGraph(), plane(), base=tmp_path, **(options | changes))).tracks
+
+    tracks = replayed()
     assert [track.name for track in tracks] == ["cav_1", "veh_001", "veh_002", "veh_003", "veh_004"]
     assert tracks[0].role == "cav"
     assert tracks[0].poses[0, 1] == pytest.approx(8.0, abs=0.01)  # c is the second nearest, d the nearest
     assert tracks[1].poses[0, 1] == pytest.approx(12.0, abs=0.01)
     assert np.isnan(tracks[4].poses[:100]).all()
-    named = replay_file(
-        path, plane(), CATALOG, **demand(cav_ranks=(), **options | {"cav_ids": ("a", "d"), "vehicle_count": 3})
-    )
+    named = replayed(cav_ranks=(), cav_ids=("a", "d"), vehicle_count=3)
     assert [round(float(track.poses[0, 1])) for track in named] == [0, 12, 8]
-    fewer = replay_file(path, plane(), CATALOG, **demand(cav_ranks=(1,), **options | {"vehicle_count": 3}))
+    fewer = replayed(vehicle_count=3)
     for track, same in zip(fewer, tracks, strict=False):  # other vehicles change nothing
         assert (track.name, track.model, track.paint) == (same.name, same.model, same.paint)
         assert np.array_equal(track.poses, same.poses, equal_nan=True)
@@ -318,16 +317,16 @@ def test_ranks_ids_and_presence(tmp_path: Path):
         ({"frame_count": 300}, r"CAV 'c' is there from 0.00 to 2.00 s"),
     ):
         with pytest.raises(ValueError, match=match):
-            replay_file(path, plane(), CATALOG, **demand(cav_ranks=(1,), **options | changes))
+            replayed(**changes)
     with pytest.raises(ValueError, match=r"cav_ranks holds 7: the file has 5 vehicles"):
-        replay_file(path, plane(), CATALOG, **demand(cav_ranks=(7,), **options))
+        replayed(cav_ranks=(7,))
 
 
 CONFIG = """
 scenarios:
   - name: recorded
     town: town03
-    traffic: {engine: file, trajectories: drive.csv, spawn_center_m: [0, 0, 0], cav_ids: [ego]}
+    traffic: {engine: replay, trajectories: drive.csv, spawn_center_m: [0, 0, 0], cav_ids: [ego]}
     rsus: [{name: rsu_1, position_m: [13.5, -29.5, 0.0], yaw_deg: 115}]
 weathers: [sunny]
 frames: {start: 0, count: 1}
@@ -374,11 +373,9 @@ def test_a_town_without_lanes_will_do(tmp_path: Path):
     assert not town.lanes.lanes
     write_table(tmp_path / "t.csv", [("a", t, 8 * t - 5, 1.0) for t in np.arange(0, 1.01, 0.1)])
     center = {"spawn_center_m": (0.0, 0.0, 0.0)}
-    traffic = TrafficConfig(engine="file", trajectories="t.csv", cav_ids=("a",), **center)
-    (track,) = simulate_traffic(town, traffic, CATALOG, base=tmp_path, frame_count=101, seed=1)
+    traffic = TrafficConfig(engine="replay", trajectories="t.csv", cav_ids=("a",), **center)
+    (track,) = simulate_traffic(TrafficDemand(town, traffic, CATALOG, 101, 1, tmp_path)).tracks
     assert track.poses[:, 2] == pytest.approx(2.0, abs=1e-4)
     for engine in ("idm", "sumo"):
         with pytest.raises(ValueError, match=rf"engine = '{engine}': .*bare.usda has no lanes"):
-            simulate_traffic(
-                town, TrafficConfig(engine=engine, **center), CATALOG, base=tmp_path, frame_count=9, seed=1
-            )
+            simulate_traffic(TrafficDemand(town, TrafficConfig(engine=engine, **center), CATALOG, 9, 1))

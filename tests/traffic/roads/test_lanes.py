@@ -1,4 +1,4 @@
-"""Lanes: the graph, and its way through USD and back."""
+"""Lanes: the graph, and its round trip through USD."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from mmw.traffic.roads.lane_prims import read_lanes, write_lanes
 
 
 def make_graph() -> LaneGraph:
-    """Two roads joined by a left turn and by a way straight on."""
+    """Two roads joined by a left turn and by a connection straight on."""
     straight = np.array([[0.0, 0, 1], [1, 0, 1], [2, 0, 1.5]])
     arc = np.radians([0, 30, 60, 90])
     turn = np.stack([2 + np.sin(arc), 1 - np.cos(arc), np.full(4, 1.5)], axis=1)

@@ -1,4 +1,4 @@
-"""SUMO: the network says what the lanes say, and vehicles that it drives move as smoothly as those of mmw's engine."""
+"""SUMO: the network equals the lanes, and its vehicles move as smoothly as those of mmw's engine."""
 
 import subprocess
 import sys
@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mmw.config import ConfigError, load_config
+from mmw.config import ConfigError, TrafficConfig, load_config, traffic_engine
 from mmw.core.errors import MissingPackageError
 from mmw.generation.estimate import check_inputs
-from mmw.traffic import VehicleTrack
+from mmw.traffic.demand import TrafficDemand, VehicleTrack
 from mmw.traffic.roads.lane_graph import Lane, LaneGraph
 from mmw.traffic.roads.town_asset import open_town
 from mmw.traffic.sumo import engine as sumo
@@ -58,7 +58,7 @@ def with_neighbours(graph: LaneGraph) -> LaneGraph:
 
 @pytest.fixture(scope="module")
 def ring() -> LaneGraph:
-    """A two-lane roundabout whose lanes know their neighbours."""
+    """Return a two-lane roundabout whose lanes know their neighbours."""
     return with_neighbours(roundabout())
 
 
@@ -84,10 +84,10 @@ def test_every_lane_and_connection_is_there(make, tmp_path: Path):
         after = network.internal[f"{link.get('to')}_{link.get('toLane')}"]
         found.add((before, network.internal[link.get("via")], after))
     expected = {
-        (lane.name, way, graph.lanes[way].successors[0])
+        (lane.name, connection, graph.lanes[connection].successors[0])
         for lane in graph.lanes.values()
         if not lane.junction
-        for way in lane.successors
+        for connection in lane.successors
     }
     assert found == expected
 
@@ -101,32 +101,32 @@ def test_neighbours_share_an_edge_numbered_from_the_right(ring):
     edges = {edge.get("id"): edge for edge in network.root.iter("edge")}
     for name, spot in network.place.items():
         lengths = {lane.get("length") for lane in edges[spot.edge]}
-        assert len(lengths) == 1  # SUMO wants it
+        assert len(lengths) == 1  # SUMO needs it
         own = np.linalg.norm(np.diff(ring.lanes[name].points[:, :2], axis=0), axis=1).sum()
         assert float(lengths.pop()) == pytest.approx(own * spot.scale, abs=1e-3)
 
 
 @pytest.mark.parametrize("make", [crossroad, roundabout])
 def test_right_of_way(make):
-    """Links are numbered as incoming lanes list them; who crosses is a foe, who yields has no higher priority."""
+    """Links are numbered as incoming lanes list them; crossing links are foes, and those that yield rank lower."""
     graph = with_neighbours(make())
     network = network_of(graph)
     for junction in network.root.iter("junction"):
-        ways = [network.internal[name] for name in junction.get("intLanes").split()]
+        connections = [network.internal[name] for name in junction.get("intLanes").split()]
         coming = [network.internal[name] for name in junction.get("incLanes").split()]
-        assert ways == [way for lane in coming for way in graph.lanes[lane].successors]
+        assert connections == [connection for lane in coming for connection in graph.lanes[lane].successors]
         rows = junction.findall("request")
-        assert [int(row.get("index")) for row in rows] == list(range(len(ways)))
+        assert [int(row.get("index")) for row in rows] == list(range(len(connections)))
         foes = np.array([[c == "1" for c in row.get("foes")[::-1]] for row in rows])
         yields = np.array([[c == "1" for c in row.get("response")[::-1]] for row in rows])
         assert np.array_equal(foes, foes.T)
         assert np.array_equal(yields | yields.T, foes)
         assert not (yields & yields.T).any()
-        priority = np.array([graph.lanes[way].priority for way in ways])
+        priority = np.array([graph.lanes[connection].priority for connection in connections])
         i, j = np.nonzero(yields)
         assert (priority[i] <= priority[j]).all()
-        for i, one in enumerate(ways):
-            for j, other in enumerate(ways):
+        for i, one in enumerate(connections):
+            for j, other in enumerate(connections):
                 same_start = graph.predecessors[one] == graph.predecessors[other]
                 if i != j and not same_start and graph.lanes[one].successors == graph.lanes[other].successors:
                     assert foes[i, j]  # they merge
@@ -160,31 +160,24 @@ def test_bends_limit_the_speed():
     assert len(limits["c"]) == pytest.approx(20 * np.pi / 0.1, abs=3)
 
 
-def test_without_sumo_one_line_says_what_to_do(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+def test_without_sumo_one_line_names_the_cure(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     config = tmp_path / "mine.yaml"
     config.write_text(
         "scenarios:\n- {name: s, town: town03, traffic: {engine: sumo, spawn_center_m: [0, 0, 0]}}\n"
         "weathers: [sunny]\nframes: {start: 0, count: 1}\nchannel: {enabled: false}\n"
     )
-    monkeypatch.setattr(sumo, "find_spec", lambda name: None)
+    monkeypatch.setattr(traffic_engine, "find_spec", lambda name: None)
     with pytest.raises(
         ConfigError, match=r"scenario 's': traffic.engine = 'sumo': .*pip install 'multimodal-wireless\[sumo\]'$"
-    ) as told:
+    ) as caught:
         check_inputs(load_config(config), tmp_path)
-    assert len(told.value.problems) == 1
+    assert len(caught.value.problems) == 1
 
 
 def drive(graph: LaneGraph, height=None, **changes) -> tuple[list[VehicleTrack], tuple[np.ndarray, np.ndarray]]:
     drivable = surface(graph, height) if height else surface(graph)
-    options = {
-        "frame_count": 1000,
-        "vehicle_count": 14,
-        "spawn_center_m": (0.0, 0.0, 0.0),
-        "cav_ranks": (5, 2),
-        "warmup_s": 1.0,
-        "seed": 1,
-    }
-    return simulate_sumo(graph, drivable, CATALOG, **demand(**(options | changes))), drivable
+    options = {"frame_count": 1000, "cav_ranks": (5, 2)}
+    return simulate_sumo(demand(graph, drivable, **(options | changes))).tracks, drivable
 
 
 @pytest.mark.slow
@@ -232,21 +225,9 @@ def test_sumo_on_the_roundabout_of_town03():
     from mmw.usd.vehicle_catalog import load_catalog
 
     town, catalog = open_town(town_path("town03")), load_catalog()
-    drivable = (town.points, town.faces)
-    tracks = simulate_sumo(
-        town.lanes,
-        drivable,
-        catalog,
-        **demand(
-            frame_count=1001,
-            vehicle_count=40,
-            spawn_center_m=(-0.5, -0.5, 0.0),
-            cav_ranks=(1, 4, 8),
-            warmup_s=1.0,
-            seed=42,
-        ),
-    )
-    found = measure(tracks, town.lanes, drivable, catalog)
+    traffic = TrafficConfig(vehicle_count=40, spawn_center_m=(-0.5, -0.5, 0.0), cav_ranks=(1, 4, 8))
+    tracks = simulate_sumo(TrafficDemand(town, traffic, catalog, frame_count=1001, seed=42)).tracks
+    found = measure(tracks, town.lanes, (town.points, town.faces), catalog)
     assert found.max_jerk < 10.0
     assert found.max_lateral < 2.6
     assert found.min_gap > 0.2

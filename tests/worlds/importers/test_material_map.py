@@ -12,7 +12,7 @@ from mmw.config.material_map import MaterialEntry
 from mmw.physics.materials.material import RadioMaterial
 from mmw.scene.reader import read_stage
 from mmw.usd.material_library import LIBRARY
-from mmw.worlds.importers.imported_scene import ForeignMaterial, World
+from mmw.worlds.importers.imported_scene import ImportedMaterial, ImportedScene
 from mmw.worlds.importers.material_map import apply_material_map, load_material_map
 from mmw.worlds.importers.write_asset import material_spec
 from mmw.worlds.towns.mesh_part import MeshPart
@@ -27,16 +27,17 @@ def entries(text: str) -> dict[str, MaterialEntry]:
     return {key: MaterialEntry.model_validate(value) for key, value in data.items()}
 
 
-def world(*parts: tuple[str, str], **materials: ForeignMaterial) -> World:
+def world(*parts: tuple[str, str], **materials: ImportedMaterial) -> ImportedScene:
     found = [MeshPart(path, *TRIANGLE, material, "unlabeled") for path, material in parts]
-    return World(found, materials)
+    return ImportedScene(found, materials)
 
 
+MARBLE = RadioMaterial("itu", itu="itu_marble", thickness=0.5)
 MIXED = world(
     ("Model/ground", "grey"), ("Model/house/wall", "stone"), ("Model/house/roof", "stone"), ("Model/door", "wood"),
-    grey=ForeignMaterial("grey", "Grey 50%", color=(0.5, 0.5, 0.5)),
-    stone=ForeignMaterial("stone", "Stein", radio=RadioMaterial("itu", itu="itu_marble", thickness=0.5), base="marble"),
-    wood=ForeignMaterial("wood", "wood", radio=RadioMaterial("itu", itu="itu_wood")),
+    grey=ImportedMaterial("grey", "Grey 50%", color=(0.5, 0.5, 0.5)),
+    stone=ImportedMaterial("stone", "Stein", base="marble", radio=MARBLE),
+    wood=ImportedMaterial("wood", "wood", radio=RadioMaterial("itu", itu="itu_wood")),
 )  # fmt: skip
 
 
@@ -97,14 +98,14 @@ def test_a_library_material_can_be_changed() -> None:
 
 
 def test_a_material_that_is_called_after_a_row_is_that_row() -> None:
-    source = world(("Model/a", "m"), m=ForeignMaterial("m", "mat-itu_brick.001"))
+    source = world(("Model/a", "m"), m=ImportedMaterial("m", "mat-itu_brick.001"))
     assert apply_material_map("file", source, {}).materials["m"].radio == RadioMaterial("itu", itu="itu_brick")
 
 
 def test_everything_without_radio_material_is_listed_with_a_map_to_paste(tmp_path: Path) -> None:
     bare = world(
         ("Model/a", "odd"), ("Model/b", "odd"), ("Model/c", "none"), ("Model/d", "none"), ("Model/e", "stone"),
-        odd=ForeignMaterial("odd", 'a"b*[1]'), none=ForeignMaterial("none", ""), stone=MIXED.materials["stone"],
+        odd=ImportedMaterial("odd", 'a"b*[1]'), none=ImportedMaterial("none", ""), stone=MIXED.materials["stone"],
     )  # fmt: skip
     with pytest.raises(ValueError, match="file: 4 meshes have no radio material") as caught:
         apply_material_map("file", bare, {})
@@ -122,7 +123,7 @@ def test_everything_without_radio_material_is_listed_with_a_map_to_paste(tmp_pat
 
 
 def test_a_row_that_does_not_exist() -> None:
-    source = world(("Model/a", "m"), m=ForeignMaterial("m", "m", radio=RadioMaterial("itu", itu="itu_cheese")))
+    source = world(("Model/a", "m"), m=ImportedMaterial("m", "m", radio=RadioMaterial("itu", itu="itu_cheese")))
     with pytest.raises(ValueError, match="'itu_cheese' does not exist; use one of itu_brick"):
         apply_material_map("file", source, {}, ROWS)
 

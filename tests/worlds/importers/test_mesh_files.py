@@ -10,10 +10,8 @@ from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
 from mmw.core.planar_surfaces import find_surfaces
-from mmw.worlds.importers.imported_scene import World
-from mmw.worlds.importers.mesh_cleanup import PartsList, PrimNames, bounds, check_world, clean, identifier, linear
+from mmw.worlds.importers.mesh_cleanup import MeshCollector, PrimNames, bounds, check_scene, clean, identifier, linear
 from mmw.worlds.importers.mesh_files import read_meshes
-from mmw.worlds.towns.mesh_part import MeshPart
 from tests.fixtures.import_files import (
     HIGH,
     HOUSE,
@@ -25,22 +23,15 @@ from tests.fixtures.import_files import (
     write_obj,
     write_ply,
 )
+from tests.fixtures.meshes import part_at, volume
 from tests.fixtures.scenes import box_mesh
-
-
-def volume(part: MeshPart) -> float:
-    return float(trimesh.Trimesh(part.points, part.faces, process=False).volume)
-
-
-def part_of(world: World, path: str) -> MeshPart:
-    return next(part for part in world.parts if part.path == path)
 
 
 def test_glb_is_turned_up_and_keeps_names_and_materials(tmp_path: Path) -> None:
     world = read_meshes(write_glb(tmp_path / "world.glb"))
     assert [part.path for part in world.parts] == ["Model/ground", "Model/block/house"]
     assert np.allclose(bounds(world), (LOW, HIGH), atol=1e-5)
-    house = part_of(world, "Model/block/house")
+    house = part_at(world.parts, "Model/block/house")
     assert np.allclose((house.points.min(axis=0), house.points.max(axis=0)), (HOUSE_LOW, HOUSE_HIGH), atol=1e-5)
     assert volume(house) == pytest.approx(480)
     brick = world.materials[house.material]
@@ -90,7 +81,7 @@ def test_obj_objects_and_materials(tmp_path: Path) -> None:
     sources = {part.path: world.materials[part.material].source for part in world.parts}
     assert sources == {"Model/ground_stone": "stone", "Model/house_brick": "brick"}
     assert world.materials["brick"].color == pytest.approx((0.4, 0.1, 0.05), abs=0.004)
-    assert volume(part_of(world, "Model/house_brick")) == pytest.approx(480, rel=1e-5)
+    assert volume(part_at(world.parts, "Model/house_brick")) == pytest.approx(480, rel=1e-5)
     assert "neither unit nor up axis" in world.notes[0]
 
 
@@ -117,7 +108,7 @@ def test_up_unit_and_origin(tmp_path: Path) -> None:
 
 def test_an_origin_keeps_millimetres_of_map_coordinates() -> None:
     """Half a metre of float32 at 5,000 km would bend every plane."""
-    parts = PartsList(np.array([691_000.0, 5_335_000.0, 500.0]))
+    parts = MeshCollector(np.array([691_000.0, 5_335_000.0, 500.0]))
     parts.add("file", "Model/a", HOUSE[0] + (691_000.123, 5_335_000.456, 500), HOUSE[1], "m")
     assert np.allclose(parts.parts[0].points.min(axis=0), np.add(HOUSE_LOW, (0.123, 0.456, 0)), atol=1e-5)
 
@@ -126,7 +117,7 @@ def test_an_origin_keeps_millimetres_of_map_coordinates() -> None:
 def test_a_wrong_unit_is_an_error_that_names_the_size(tmp_path: Path, scale: float, part: str) -> None:
     world = read_meshes(write_obj(tmp_path / "w.obj", scale))
     with pytest.raises(ValueError, match=part) as caught:
-        check_world("w.obj", world)
+        check_scene("w.obj", world)
     assert f"{40 * scale:.4g} x {30 * scale:.4g}" in str(caught.value)
     assert "--unit" in str(caught.value)
 
@@ -134,7 +125,7 @@ def test_a_wrong_unit_is_an_error_that_names_the_size(tmp_path: Path, scale: flo
 def test_a_world_far_from_its_origin_is_an_error(tmp_path: Path) -> None:
     path = write_ply(tmp_path / "a.ply", HOUSE[0] + (691_000, 5_335_000, 500), HOUSE[1])
     with pytest.raises(ValueError, match="--origin 691012 5335009 500"):
-        check_world("a.ply", read_meshes(path))
+        check_scene("a.ply", read_meshes(path))
 
 
 def test_not_a_number_is_an_error(tmp_path: Path) -> None:
@@ -160,7 +151,7 @@ def test_not_a_number_is_an_error(tmp_path: Path) -> None:
 def test_files_without_a_mesh(tmp_path: Path, name: str, content: bytes, part: str) -> None:
     (tmp_path / name).write_bytes(content)
     with pytest.raises(ValueError, match=part or "cannot be read|holds no triangle"):
-        check_world(name, read_meshes(tmp_path / name))
+        check_scene(name, read_meshes(tmp_path / name))
 
 
 def test_a_missing_file() -> None:
@@ -173,12 +164,12 @@ def test_clean_merges_and_drops() -> None:
     first triangle again, seen from behind."""
     points = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0.0, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, 0], [-0.0, 0, 0]])
     faces = np.array([[0, 1, 2], [3, 4, 5], [0, 1, 6], [0, 7, 2], [4, 1, 7]])
-    kept, triangles, degenerate, repeated = clean(points, faces)
+    mesh, degenerate, repeated = clean(points, faces)
     assert (degenerate, repeated) == (2, 1)
-    assert len(kept) == 4
-    assert set(map(tuple, kept.tolist())) == {(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)}
-    assert np.allclose(kept[triangles].mean(axis=1), points[faces[:2]].mean(axis=1))
-    assert len(set(triangles[0]) & set(triangles[1])) == 2
+    assert len(mesh.points) == 4
+    assert set(map(tuple, mesh.points.tolist())) == {(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)}
+    assert np.allclose(mesh.corners.mean(axis=1), points[faces[:2]].mean(axis=1))
+    assert len(set(mesh.faces[0]) & set(mesh.faces[1])) == 2
 
 
 def test_prim_names_are_identifiers_of_their_own() -> None:

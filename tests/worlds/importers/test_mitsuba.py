@@ -8,26 +8,21 @@ import pytest
 import trimesh
 
 from mmw.physics.materials.material import RadioMaterial
-from mmw.worlds.importers.imported_scene import World
+from mmw.worlds.importers.imported_scene import ImportedScene
 from mmw.worlds.importers.mesh_cleanup import bounds
 from mmw.worlds.importers.mitsuba.reader import read_mitsuba
 from tests.fixtures.import_files import GROUND, HIGH, HOUSE, LOW, write_mitsuba, write_ply
+from tests.fixtures.meshes import volume
 
 
-def scene(folder: Path, body: str) -> World:
+def scene(folder: Path, body: str) -> ImportedScene:
     (folder / "scene.xml").write_text(f'<scene version="3.0.0">\n<bsdf type="diffuse" id="m"/>\n{body}\n</scene>')
     return read_mitsuba(folder / "scene.xml")
 
 
 def radio_with(name: str, value: float) -> str:
-    """A radio material with one number of a scene."""
+    """Return a radio material with one number of a scene."""
     return f'<bsdf type="radio-material" id="x"><float name="{name}" value="{value}"/></bsdf>'
-
-
-def volume(world: World, index: int = 0) -> float:
-    """Signed volume of a part: positive where its faces look outward."""
-    part = world.parts[index]
-    return float(trimesh.Trimesh(part.points, part.faces, process=False).volume)
 
 
 @pytest.mark.parametrize("dialect", ["new", "old"])
@@ -39,7 +34,7 @@ def test_both_dialects_name_the_same_materials(tmp_path: Path, dialect: str) -> 
         RadioMaterial("itu", itu="itu_concrete", thickness=0.1), RadioMaterial("itu", itu="itu_brick", thickness=0.3)
     ]  # fmt: skip
     assert np.allclose(bounds(world), (LOW, HIGH))
-    assert volume(world, 1) == pytest.approx(10 * 8 * 6)
+    assert volume(world.parts[1]) == pytest.approx(10 * 8 * 6)
     assert world.notes == ()
     brick = world.materials[world.parts[1].material]
     assert brick.color == ((0.4, 0.1, 0.05) if dialect == "old" else None)
@@ -99,12 +94,12 @@ def test_transforms_apply_in_the_order_of_the_file(tmp_path: Path, steps: str, i
     got, wanted = world.parts[0].points, image(points)
     order = [np.lexsort(a.round(4).T) for a in (got, wanted)]
     assert np.allclose(got[order[0]], wanted[order[1]], atol=1e-5)
-    assert volume(world) > 0
+    assert volume(world.parts[0]) > 0
 
 
 def test_a_mirrored_shape_still_looks_outward(tmp_path: Path) -> None:
     step = '<transform name="to_world"><scale x="-1" y="2"/></transform>'
-    assert volume(scene(tmp_path, f'<shape type="cube">{step}<ref id="m"/></shape>')) == pytest.approx(16)
+    assert volume(scene(tmp_path, f'<shape type="cube">{step}<ref id="m"/></shape>').parts[0]) == pytest.approx(16)
 
 
 def test_shapes_without_a_file(tmp_path: Path) -> None:
@@ -118,17 +113,17 @@ def test_shapes_without_a_file(tmp_path: Path) -> None:
     assert [part.path.split("/")[1] for part in world.parts] == [
         "rectangle", "rectangle_2", "cube", "sphere", "disk", "cylinder"
     ]  # fmt: skip
-    meshes = [trimesh.Trimesh(part.points, part.faces, process=False) for part in world.parts]
-    assert np.allclose(meshes[0].face_normals, (0, 0, 1))
-    assert np.allclose(meshes[1].face_normals, (0, 0, -1))
-    assert meshes[0].area == pytest.approx(4)
-    assert meshes[2].volume == pytest.approx(8)
-    assert meshes[3].volume == pytest.approx(4 / 3 * np.pi * 27, rel=0.02)
-    assert np.allclose(meshes[3].bounds, [[-2, -1, 0], [4, 5, 6]], atol=1e-4)
-    assert meshes[4].area == pytest.approx(np.pi, rel=0.01)
-    assert meshes[5].area == pytest.approx(2 * np.pi * 2 * 4, rel=0.01)
-    outward = meshes[5].triangles_center * (1, 1, 0)
-    assert (np.einsum("ij,ij->i", outward, meshes[5].face_normals) > 0).all()
+    shapes = [trimesh.Trimesh(part.points, part.faces, process=False) for part in world.parts]
+    assert np.allclose(shapes[0].face_normals, (0, 0, 1))
+    assert np.allclose(shapes[1].face_normals, (0, 0, -1))
+    assert shapes[0].area == pytest.approx(4)
+    assert shapes[2].volume == pytest.approx(8)
+    assert shapes[3].volume == pytest.approx(4 / 3 * np.pi * 27, rel=0.02)
+    assert np.allclose(shapes[3].bounds, [[-2, -1, 0], [4, 5, 6]], atol=1e-4)
+    assert shapes[4].area == pytest.approx(np.pi, rel=0.01)
+    assert shapes[5].area == pytest.approx(2 * np.pi * 2 * 4, rel=0.01)
+    outward = shapes[5].triangles_center * (1, 1, 0)
+    assert (np.einsum("ij,ij->i", outward, shapes[5].face_normals) > 0).all()
 
 
 def test_variables_includes_merges_and_instances(tmp_path: Path) -> None:
@@ -144,7 +139,7 @@ def test_variables_includes_merges_and_instances(tmp_path: Path) -> None:
       <shape type="instance"><ref id="g"/><transform name="to_world"><translate x="20"/></transform></shape>"""
     world = scene(tmp_path, body)
     assert [part.path for part in world.parts] == ["Shapes/inner", "Shapes/a", "Shapes/b", "Shapes/b_2"]
-    assert volume(world) == pytest.approx(4**3)
+    assert volume(world.parts[0]) == pytest.approx(4**3)
     assert [part.points[:, 0].min() for part in world.parts] == [-2, -1, 9, 19]
 
 

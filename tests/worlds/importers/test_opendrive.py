@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 import shapely
 
-from mmw.traffic import run_traffic
-from mmw.worlds.importers.imported_scene import World
+from mmw.core.mesh import TriangleMesh, merge
+from mmw.traffic.idm.run import simulate_idm
+from mmw.worlds.importers.imported_scene import ImportedScene
 from mmw.worlds.importers.opendrive.cross_section import make_shape
 from mmw.worlds.importers.opendrive.reader import read_opendrive
 from mmw.worlds.importers.opendrive.records import read_document
 from mmw.worlds.towns.mesh_part import MeshPart
-from tests.fixtures.traffic_towns import CATALOG, demand
+from tests.fixtures.meshes import corners_of, part_at, plumb, upward
+from tests.fixtures.traffic_towns import demand
 from tests.fixtures.xodr_files import (
     ARM,
     LANE,
@@ -34,53 +36,32 @@ from tests.fixtures.xodr_files import (
 
 
 @pytest.fixture(scope="module")
-def town(tmp_path_factory: pytest.TempPathFactory) -> World:
+def town(tmp_path_factory: pytest.TempPathFactory) -> ImportedScene:
     path = tmp_path_factory.mktemp("xodr") / "t_town.xodr"
     path.write_text(t_town())
     return read_opendrive(path)
 
 
-def read(tmp_path: Path, text: str) -> World:
+def read(tmp_path: Path, text: str) -> ImportedScene:
     path = tmp_path / "town.xodr"
     path.write_text(text)
     return read_opendrive(path)
 
 
-def of(world: World, *labels: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return vertices and triangles of all meshes with some labels."""
-    points, faces, count = [], [], 0
-    for part in world.parts:
-        if part.label in labels:
-            points.append(part.points)
-            faces.append(part.faces + count)
-            count += len(part.points)
-    return np.concatenate(points), np.concatenate(faces).astype(np.int32)
-
-
-def drops(points: np.ndarray, faces: np.ndarray, xy: np.ndarray) -> list[np.ndarray]:
-    """Return, for every point in plan, the heights of all upward triangles above it, by brute force."""
-    a, b, c = (points[faces[:, k]] for k in range(3))
-    normal = np.cross(b - a, c - a)
-    up = normal[:, 2] > 1e-9
-    a, b, c = a[up], b[up], c[up]
-    found = []
-    for p in xy:
-        u, v, w = b[:, :2] - a[:, :2], c[:, :2] - a[:, :2], p - a[:, :2]
-        area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
-        s, t = (w[:, 0] * v[:, 1] - w[:, 1] * v[:, 0]) / area, (u[:, 0] * w[:, 1] - u[:, 1] * w[:, 0]) / area
-        hit = (s >= -1e-5) & (t >= -1e-5) & (s + t <= 1 + 1e-5)
-        found.append((a[:, 2] + s * (b - a)[:, 2] + t * (c - a)[:, 2])[hit])
-    return found
+def of(world: ImportedScene, *labels: str) -> TriangleMesh:
+    """Return all meshes with some labels as one."""
+    return merge(part.mesh for part in world.parts if part.label in labels)
 
 
 def plan_area(parts: list[MeshPart], prefix: str) -> float:
     """Return the area in plan of the upward faces of some meshes [m2]."""
-    total = 0.0
-    for part in parts:
-        if part.path.startswith(prefix):
-            a, b, c = (part.points[part.faces[:, k]] for k in range(3))
-            total += float(np.maximum(np.cross(b - a, c - a)[:, 2], 0.0).sum() / 2)
-    return total
+    chosen = (part.mesh for part in parts if part.path.startswith(prefix))
+    return sum(float(np.maximum(mesh.crosses[:, 2], 0.0).sum() / 2) for mesh in chosen)
+
+
+def drops(mesh: TriangleMesh | MeshPart, xy: np.ndarray) -> list[np.ndarray]:
+    """Return, for every point in plan, the heights of all upward triangles above it, by brute force."""
+    return plumb(upward(corners_of([mesh])), xy, 1e-5)
 
 
 def shape_of(tmp_path: Path, text: str, name: str = "1"):
@@ -132,7 +113,7 @@ def test_cubic_by_arc_length_and_poly3(tmp_path: Path) -> None:
     assert (xy[0, 1], heading[0]) == (pytest.approx(0.01 * x * x), pytest.approx(np.arctan(q)))
 
 
-def test_areas_of_strips_in_closed_form(town: World) -> None:
+def test_areas_of_strips_in_closed_form(town: ImportedScene) -> None:
     first, second = loop_plans()
     # A strip from t0 to t1 beside a line of length L that turns by A covers (t1 - t0) L - A (t1^2 - t0^2) / 2;
     # strips that are symmetric about the reference line cover their width times L.
@@ -152,24 +133,24 @@ def test_areas_of_strips_in_closed_form(town: World) -> None:
     assert plan_area(town.parts, "Sidewalks/junction_9/walk") == pytest.approx(2 * ARM * WALK + 2 * quarter, rel=2e-3)
 
 
-def test_lanes_lie_on_one_surface(town: World) -> None:
-    road_points, road_faces = of(town, "road", "road_line")
+def test_lanes_lie_on_one_surface(town: ImportedScene) -> None:
+    roads = of(town, "road", "road_line")
     assert town.lanes is not None
     for lane_ in town.lanes.lanes.values():
         assert np.linalg.norm(np.diff(lane_.points, axis=0), axis=1).max() <= 2.0
-        for z, heights in zip(lane_.points[:, 2], drops(road_points, road_faces, lane_.points[:, :2]), strict=True):
+        for z, heights in zip(lane_.points[:, 2], drops(roads, lane_.points[:, :2]), strict=True):
             assert len(heights), lane_.name
             assert np.abs(heights - z).max() < 1e-3  # none missing, and no second sheet above or below
     top = max(lane_.points[:, 2].max() for lane_ in town.lanes.lanes.values())
     assert top == pytest.approx(LEVEL, abs=1e-3)
 
 
-def test_nothing_looks_through_and_nothing_is_stacked(town: World) -> None:
-    points, faces = of(town, "road", "road_line", "sidewalk", "terrain")
+def test_nothing_looks_through_and_nothing_is_stacked(town: ImportedScene) -> None:
+    ground = of(town, "road", "road_line", "sidewalk", "terrain")
     rng = np.random.default_rng(1)
-    low, high = points[:, :2].min(axis=0) + 0.01, points[:, :2].max(axis=0) - 0.01
+    low, high = ground.bounds[0, :2] + 0.01, ground.bounds[1, :2] - 0.01
     near = rng.uniform((-16, -8), (16, 16), (600, 2))
-    for heights in drops(points, faces, np.concatenate([rng.uniform(low, high, (600, 2)), near])):
+    for heights in drops(ground, np.concatenate([rng.uniform(low, high, (600, 2)), near])):
         assert len(heights)
         top = heights.max()
         others = np.unique(np.round(top - heights, 4))
@@ -183,10 +164,10 @@ def test_a_humped_way_bends_the_whole_junction(tmp_path: Path) -> None:
     head, tail = t_town().split('<road id="100"')
     world = read(tmp_path, head + '<road id="100"' + tail.replace("<elevationProfile>", f"<elevationProfile>{hump}", 1))
     assert world.lanes is not None
-    points, faces = of(world, "road", "road_line")
+    roads = of(world, "road", "road_line")
     for name in (f"road_{k}_s0_r1" for k in range(100, 106)):
         line = world.lanes.lanes[name].points
-        for z, heights in zip(line[:, 2], drops(points, faces, line[:, :2]), strict=True):
+        for z, heights in zip(line[:, 2], drops(roads, line[:, :2]), strict=True):
             assert len(heights) and np.abs(heights - z).max() < 1e-3
     # Its right half lies under no other way but the turn into the north arm, so it keeps nearly its own height there.
     middle = world.lanes.lanes["road_100_s0_r1"].points
@@ -194,11 +175,11 @@ def test_a_humped_way_bends_the_whole_junction(tmp_path: Path) -> None:
     # Seams stay closed: just inside and just outside the ends of the arms, the heights are the same.
     for x in (-ARM, ARM):
         for y in (-3.0, -1.0, 1.0, 3.0):
-            inner, outer = drops(points, faces, np.array([[0.9999 * x, y], [1.0001 * x, y]]))
+            inner, outer = drops(roads, np.array([[0.9999 * x, y], [1.0001 * x, y]]))
             assert abs(inner.max() - outer.max()) < 2e-3
 
 
-def test_heights_follow_the_profile(town: World) -> None:
+def test_heights_follow_the_profile(town: ImportedScene) -> None:
     first, _ = loop_plans()
     assert town.lanes is not None
     lane_ = town.lanes.lanes["road_1_s0_r1"]
@@ -207,13 +188,13 @@ def test_heights_follow_the_profile(town: World) -> None:
     expected = LEVEL * (3 * (s / first.station) ** 2 - 2 * (s / first.station) ** 3)
     found = np.interp(x, lane_.points[:, 0][:60], lane_.points[:, 2][:60])
     np.testing.assert_allclose(found[:-2], expected[:-2], atol=1e-3)
-    walk = next(part for part in town.parts if part.path == "Sidewalks/road_3/walk")
+    walk = part_at(town.parts, "Sidewalks/road_3/walk")
     np.testing.assert_allclose(walk.points[:, 2], 0.14, atol=1e-9)
-    curb = next(part for part in town.parts if part.path == "Sidewalks/junction_9/curb")
+    curb = part_at(town.parts, "Sidewalks/junction_9/curb")
     assert (curb.points[:, 2].min(), curb.points[:, 2].max()) == (pytest.approx(0.0, abs=1e-6), pytest.approx(0.14))
 
 
-def test_lane_graph_of_the_junction(town: World) -> None:
+def test_lane_graph_of_the_junction(town: ImportedScene) -> None:
     assert town.lanes is not None
     lanes = town.lanes.lanes
     assert len(lanes) == 12
@@ -238,22 +219,17 @@ def test_lane_graph_of_the_junction(town: World) -> None:
     assert RADIUS > LANE
 
 
-def test_vehicles_drive_on_it(town: World) -> None:
+def test_vehicles_drive_on_it(town: ImportedScene) -> None:
     assert town.lanes is not None
-    road_points, road_faces = of(town, "road", "road_line")
-    tracks = run_traffic(
-        town.lanes,
-        (road_points, road_faces),
-        CATALOG,
-        **demand(
-            frame_count=500, vehicle_count=4, spawn_center_m=(40.0, 0.0, 0.0), cav_ranks=[0, 1], warmup_s=1.0, seed=3
-        ),
-    ).tracks
+    roads = of(town, "road", "road_line")
+    options = {"frame_count": 500, "vehicle_count": 4, "spawn_center_m": (40.0, 0.0, 0.0), "seed": 3}
+    mesh = roads.points, roads.faces
+    tracks = simulate_idm(demand(town.lanes, mesh, cav_ranks=(0, 1), **options)).tracks
     graph = shapely.MultiLineString([lane_.points[:, :2] for lane_ in town.lanes.lanes.values()])
     for track in tracks:
         assert np.linalg.norm(track.poses[-1, :2] - track.poses[0, :2]) > 5.0
         assert shapely.distance(shapely.points(track.poses[::20, :2]), graph).max() < 0.6
-        heights = drops(road_points, road_faces, track.poses[::50, :2])
+        heights = drops(roads, track.poses[::50, :2])
         for z, found in zip(track.poses[::50, 2], heights, strict=True):
             assert np.abs(found - z).min() < 0.05
 
@@ -296,11 +272,11 @@ def test_superelevation_border_offset_and_lane_height(tmp_path: Path) -> None:
     text = road("1", Plan(0, 0, 0).line(30.0), one, lateral='<superelevation s="0" a="0.1" b="0" c="0" d="0"/>',
                 offset='<laneOffset s="0" a="0.5" b="0" c="0" d="0"/>')  # fmt: skip
     world = read(tmp_path, document(text))
-    asphalt = next(part for part in world.parts if part.path == "Roads/road_1/asphalt").points
+    asphalt = part_at(world.parts, "Roads/road_1/asphalt").points
     cos, sin = np.cos(0.1), np.sin(0.1)
     assert (asphalt[:, 1].max(), asphalt[:, 1].min()) == (pytest.approx(0.5 * cos), pytest.approx(-2.5 * cos))
     assert (asphalt[:, 2].max(), asphalt[:, 2].min()) == (pytest.approx(0.5 * sin), pytest.approx(-2.5 * sin))
-    walk = next(part for part in world.parts if part.path == "Sidewalks/road_1/walk").points
+    walk = part_at(world.parts, "Sidewalks/road_1/walk").points
     assert sorted(set(np.round(walk[:, 2], 6))) == [
         pytest.approx(-4 * sin + 0.2, abs=1e-6),
         pytest.approx(-2.5 * sin + 0.1, abs=1e-6),
@@ -328,16 +304,16 @@ def test_bridge_gets_a_deck_and_far_coordinates_an_origin(tmp_path: Path) -> Non
     high = road("2", Plan(x, y - 40, np.pi / 2).line(80.0), street(0.0, False, False),
                 elevation='<elevation s="0" a="6" b="0" c="0" d="0"/>')  # fmt: skip
     world = read(tmp_path, document(low, high))
-    deck = next(part for part in world.parts if part.path == "Bridges/road_2/deck")
+    deck = part_at(world.parts, "Bridges/road_2/deck")
     assert deck.points[:, 2].min() == pytest.approx(6 - 0.6, abs=0.15) and deck.label == "bridge"
     assert max(np.abs(part.points[:, :2]).max() for part in world.parts) < 200
     assert any("the origin was moved to x = 452000 m, y = 5411000 m" in note for note in world.notes)
-    ground = next(part for part in world.parts if part.path == "Terrain/ground")
-    under = [z.max() for z in drops(ground.points, ground.faces, np.array([[3.0, 7.5], [-3.0, -7.5]]))]
+    ground = part_at(world.parts, "Terrain/ground")
+    under = [z.max() for z in drops(ground, np.array([[3.0, 7.5], [-3.0, -7.5]]))]
     assert max(under) < 4.0  # the lower road keeps its height, and the ground rises only beyond the abutments
 
 
-def test_same_file_same_world(town: World, tmp_path: Path) -> None:
+def test_same_file_same_world(town: ImportedScene, tmp_path: Path) -> None:
     again = read(tmp_path, t_town())
     assert [part.path for part in again.parts] == [part.path for part in town.parts]
     for one, other in zip(again.parts, town.parts, strict=True):

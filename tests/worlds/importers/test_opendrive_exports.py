@@ -8,7 +8,7 @@ import shapely
 
 from mmw.cli.import_scene import main as import_main
 from mmw.cli.town import main as town_main
-from mmw.worlds.importers.imported_scene import World
+from mmw.worlds.importers.imported_scene import ImportedScene
 from mmw.worlds.importers.opendrive.reader import read_opendrive
 from tests.fixtures.xodr_files import LANE, Plan, document, lane, link, mark, road, section, street
 
@@ -35,7 +35,7 @@ def dead_end(turn: Plan) -> str:
     )
 
 
-def read(tmp_path: Path, text: str) -> World:
+def read(tmp_path: Path, text: str) -> ImportedScene:
     path = tmp_path / "town.xodr"
     path.write_text(text)
     return read_opendrive(path)
@@ -59,7 +59,7 @@ def test_a_way_back_that_does_not_fit_is_left_out(tmp_path: Path) -> None:
     assert world.lanes is not None
     assert set(world.lanes.lanes) == {"road_1_s0_l1", "road_1_s0_r1"}
     assert not any(found.successors for found in world.lanes.lanes.values())
-    assert "1 ways back left out, over 0.5 m from what they link: road_10_s0_r1" in world.notes
+    assert "1 U-turns left out, over 0.5 m from what they link: road_10_s0_r1" in world.notes
 
 
 def turning(side: float) -> str:

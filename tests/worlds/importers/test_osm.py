@@ -6,11 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mmw.core.geodesy import world_from_wgs84
+from mmw.core.mesh import merge
 from mmw.usd.material_library import LIBRARY
-from mmw.worlds.importers.imported_scene import World
+from mmw.worlds.importers.imported_scene import ImportedScene
 from mmw.worlds.importers.osm.reader import read_osm
-from mmw.worlds.importers.osm.xml import metres, to_plane
+from mmw.worlds.importers.osm.xml import length_m
 from mmw.worlds.towns.mesh_part import MeshPart
+from tests.fixtures.meshes import area, corners_of, is_closed, volume
 from tests.fixtures.osm_files import ORIGIN, Map, quarter, to_degrees
 from tests.oracles.tracing import trapezoid
 
@@ -18,55 +21,31 @@ FOOT = 0.5
 """How far solids reach into the ground [m]."""
 
 
-def read(tmp_path: Path, text: str, origin: tuple[float, float] | None = ORIGIN) -> World:
+def read(tmp_path: Path, text: str, origin: tuple[float, float] | None = ORIGIN) -> ImportedScene:
     path = tmp_path / "extract.osm"
     path.write_text(text)
     return read_osm(path, origin)
 
 
 @pytest.fixture(scope="module")
-def town(tmp_path_factory: pytest.TempPathFactory) -> World:
+def town(tmp_path_factory: pytest.TempPathFactory) -> ImportedScene:
     return read(tmp_path_factory.mktemp("osm"), quarter().text())
 
 
-def parts_of(world: World, prefix: str) -> list[MeshPart]:
+def to_plane(lat: float, lon: float) -> np.ndarray:
+    return world_from_wgs84((lat, lon, 0.0), (*ORIGIN, 0.0))[:2]
+
+
+def parts_of(world: ImportedScene, prefix: str) -> list[MeshPart]:
     found = [part for part in world.parts if part.path.startswith(prefix)]
     assert found, prefix
     return found
 
 
-def volume(parts: list[MeshPart]) -> float:
-    """Return the enclosed volume by the divergence theorem [m3]; positive for outward normals."""
-    total = 0.0
-    for part in parts:
-        a, b, c = (part.points[part.faces[:, k]] for k in range(3))
-        total += float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
-    return total
-
-
-def area(parts: list[MeshPart]) -> float:
-    triangles = [part.points[part.faces] for part in parts]
-    return sum(
-        float(np.linalg.norm(np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]), axis=1).sum() / 2) for t in triangles
-    )
-
-
-def is_closed(parts: list[MeshPart]) -> bool:
-    """Return whether every directed edge has its opposite, once each, over all parts together."""
-    edges: dict[tuple, int] = {}
-    for part in parts:
-        xyz = [tuple(p) for p in np.round(part.points, 5).tolist()]
-        for face in part.faces.tolist():
-            for k in range(3):
-                edge = (xyz[face[k]], xyz[face[(k + 1) % 3]])
-                edges[edge] = edges.get(edge, 0) + 1
-    return all(count == 1 and edges.get((b, a)) == 1 for (a, b), count in edges.items())
-
-
 @pytest.mark.parametrize(("x", "y"), [(0.0, 0.0), (4000.0, 3000.0), (-3500.0, 3500.0), (12.5, -4990.0)])
 def test_projection_is_the_tangent_plane(x: float, y: float) -> None:
     lat, lon = to_degrees(x, y)
-    np.testing.assert_allclose(to_plane(np.array([lat]), np.array([lon]), ORIGIN)[0], [x, y], atol=1e-6)
+    np.testing.assert_allclose(to_plane(lat, lon), [x, y], atol=1e-6)
 
 
 @pytest.mark.parametrize("bearing_deg", [0, 90, 37, 211])
@@ -86,11 +65,11 @@ def test_distances_within_5_km_to_a_centimetre(bearing_deg: float) -> None:
         phi = np.linspace(lat0, math.radians(lat), 20001)
         arc = trapezoid(a * (1 - e2) / (1 - e2 * np.sin(phi) ** 2) ** 1.5, phi)
         assert arc == pytest.approx(distance, abs=0.01)
-    xy = to_plane(np.array([lat]), np.array([lon]), ORIGIN)[0]
+    xy = to_plane(lat, lon)
     assert float(np.hypot(*xy)) == pytest.approx(distance, abs=0.01)
 
 
-def test_solids_have_the_volumes_of_their_tags(town: World) -> None:
+def test_solids_have_the_volumes_of_their_tags(town: ImportedScene) -> None:
     expected = {
         "b_w1": 16 * 12 * (6 + FOOT) + 0.5 * 12 * 4 * 16,  # two storeys, then a gable of 4 m along the longer side
         "b_w2": 20 * 15 * (18.5 + FOOT),
@@ -100,29 +79,29 @@ def test_solids_have_the_volumes_of_their_tags(town: World) -> None:
     }
     for name, cubic in expected.items():
         parts = parts_of(town, f"Buildings/{name}/")
-        assert volume(parts) == pytest.approx(cubic, rel=1e-5), name
-        assert is_closed(parts), name
+        assert volume(merge(parts)) == pytest.approx(cubic, rel=1e-5), name
+        assert is_closed(corners_of(parts)), name
         assert all(part.label == "building" for part in parts)
         low = min(part.points[:, 2].min() for part in parts)
         assert low == -FOOT
     assert max(part.points[:, 2].max() for part in parts_of(town, "Buildings/b_w1/")) == pytest.approx(10.0)
     glass = parts_of(town, "Buildings/b_w2/facade")
-    assert area(glass) == pytest.approx(70 * (18.5 + FOOT) + 20 * 15, rel=1e-5)
-    assert area(parts_of(town, "Buildings/b_r1/roof")) == pytest.approx(1000.0, rel=1e-5)
+    assert area(merge(glass)) == pytest.approx(70 * (18.5 + FOOT) + 20 * 15, rel=1e-5)
+    assert area(merge(parts_of(town, "Buildings/b_r1/roof"))) == pytest.approx(1000.0, rel=1e-5)
 
 
-def test_abutting_buildings_share_no_wall(town: World) -> None:
+def test_abutting_buildings_share_no_wall(town: ImportedScene) -> None:
     both = parts_of(town, "Buildings/b_w6/") + parts_of(town, "Buildings/b_w7/")
     # The left-out faces cancel, so the two enclose the sum of their volumes, with only the visible walls.
-    assert volume(both) == pytest.approx(12 * 12 * (9 + FOOT) + 8 * 12 * (6 + FOOT), rel=1e-5)
+    assert volume(merge(both)) == pytest.approx(12 * 12 * (9 + FOOT) + 8 * 12 * (6 + FOOT), rel=1e-5)
     outside = (3 * 12) * (9 + FOOT) + 12 * 3 + (2 * 8 + 12) * (6 + FOOT)
-    assert area(parts_of(town, "Buildings/b_w6/facade") + parts_of(town, "Buildings/b_w7/facade")) == pytest.approx(
-        outside + 144 + 96, rel=1e-5
-    )
+    assert area(
+        merge(parts_of(town, "Buildings/b_w6/facade") + parts_of(town, "Buildings/b_w7/facade"))
+    ) == pytest.approx(outside + 144 + 96, rel=1e-5)
     assert any("1 walls between buildings left out" in note for note in town.notes)
 
 
-def test_materials(town: World) -> None:
+def test_materials(town: ImportedScene) -> None:
     def material(path: str) -> str:
         return parts_of(town, path)[0].material
 
@@ -138,21 +117,21 @@ def test_materials(town: World) -> None:
     assert {part.label for part in town.parts} == {"road", "sidewalk", "terrain", "water", "building", "vegetation"}
 
 
-def test_ground_is_one_plane_without_gaps_or_overlaps(town: World) -> None:
+def test_ground_is_one_plane_without_gaps_or_overlaps(town: ImportedScene) -> None:
     ground = [part for part in town.parts if part.label in ("road", "sidewalk", "terrain", "water")]
     assert all(np.all(part.points[:, 2] == 0) for part in ground)
     low = np.min([part.points[:, :2].min(axis=0) for part in ground], axis=0)
     high = np.max([part.points[:, :2].max(axis=0) for part in ground], axis=0)
-    assert area(ground) == pytest.approx(float(np.prod(high - low)), rel=1e-6)
+    assert area(merge(ground)) == pytest.approx(float(np.prod(high - low)), rel=1e-6)
     np.testing.assert_allclose(low, [-100 - 30 - 3.5, -80 - 30 - 3.25], atol=3.0)
-    assert area(parts_of(town, "Terrain/water")) == pytest.approx(400.0, rel=1e-4)
+    assert area(merge(parts_of(town, "Terrain/water"))) == pytest.approx(400.0, rel=1e-4)
     # Two strips of 7 and 6.5 m with round ends; the cross counts once. A quarter circle has four chords.
     fan = 8 * math.sin(math.pi / 16) * math.cos(math.pi / 16) * 2
     caps = fan * (3.5**2 + 3.25**2)
-    assert area(parts_of(town, "Roads/")) == pytest.approx(200 * 7 + 160 * 6.5 - 7 * 6.5 + caps, rel=2e-3)
+    assert area(merge(parts_of(town, "Roads/"))) == pytest.approx(200 * 7 + 160 * 6.5 - 7 * 6.5 + caps, rel=2e-3)
 
 
-def test_trees_stand_outside_buildings(town: World) -> None:
+def test_trees_stand_outside_buildings(town: ImportedScene) -> None:
     trunks = [part for part in town.parts if part.path.startswith("Props/tree_") and part.path.endswith("trunk")]
     middles = sorted(tuple(np.round(part.points[:, :2].mean(axis=0), 1).tolist()) for part in trunks)
     np.testing.assert_allclose(middles, [(10.0, 10.0), (15.0, 10.0)], atol=0.15)
@@ -170,7 +149,7 @@ def test_default_origin_heights_and_parts(tmp_path: Path) -> None:
     lifted = parts_of(world, "Buildings/b_w3/")
     assert min(part.points[:, 2].min() for part in lifted) == 6.0
     assert any("1 outlines left out" in note for note in world.notes)
-    assert [metres(text) for text in ("12", "12,5 m", "40 ft", "7'4\"", "high", None)] == [
+    assert [length_m(text) for text in ("12", "12,5 m", "40 ft", "7'4\"", "high", None)] == [
         12.0, 12.5, pytest.approx(12.192), pytest.approx(2.2352), None, None]  # fmt: skip
 
 
@@ -197,7 +176,7 @@ def test_clipped_ways_and_multipolygons_are_told(tmp_path: Path) -> None:
     assert any("1 multipolygons reach beyond the extract" in note for note in world.notes)
 
 
-def test_same_file_same_world(town: World, tmp_path: Path) -> None:
+def test_same_file_same_world(town: ImportedScene, tmp_path: Path) -> None:
     again = read(tmp_path, quarter().text())
     assert again.notes == town.notes
     for one, other in zip(again.parts, town.parts, strict=True):

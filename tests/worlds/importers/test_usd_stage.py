@@ -4,40 +4,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import trimesh
 from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdShade
 
 from mmw.physics.materials.material import RadioMaterial
 from mmw.traffic.roads.lane_graph import Lane, LaneGraph
 from mmw.traffic.roads.lane_prims import write_lanes
-from mmw.worlds.importers.imported_scene import World
 from mmw.worlds.importers.mesh_cleanup import bounds
 from mmw.worlds.importers.usd_stage import read_usd
-from mmw.worlds.towns.mesh_part import MeshPart
-from tests.fixtures.import_files import GROUND, HIGH, HOUSE_HIGH, HOUSE_LOW, LOW
+from tests.fixtures.import_files import HIGH, HOUSE_HIGH, HOUSE_LOW, LOW, write_stage
+from tests.fixtures.meshes import part_at, volume
 from tests.fixtures.scenes import box_mesh
-from tests.fixtures.stages import add_box, add_material, add_polygons, bind, label, new_stage, write_town
-
-
-def volume(part: MeshPart) -> float:
-    return float(trimesh.Trimesh(part.points, part.faces, process=False).volume)
-
-
-def part_of(world: World, path: str) -> MeshPart:
-    return next(part for part in world.parts if part.path == path)
-
-
-def write_stage(path: Path, *, up: str = "Z", metres_per_unit: float = 1.0) -> Usd.Stage:
-    """Write ground and house in the stage's own axes and unit."""
-    stage = new_stage(path, up=up, metres_per_unit=metres_per_unit)
-    brick = add_material(stage, "/World/Looks/brick", "itu_brick", "brick")
-    turn = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]) if up == "Y" else np.eye(3)
-    add_polygons(stage, "/World/ground", GROUND[0] @ turn / metres_per_unit, [[0, 1, 2, 3]], brick)
-    points, faces = box_mesh((10, 8, 6), (12, 9, 3))
-    add_polygons(stage, "/World/house/walls", points @ turn / metres_per_unit, faces.tolist(), brick)
-    Usd.ModelAPI(UsdGeom.Xform.Define(stage, "/World/house").GetPrim()).SetKind("component")
-    label(stage.GetPrimAtPath("/World/house"), "building")
-    return stage
+from tests.fixtures.stages import add_box, add_material, add_polygons, bind, new_stage, write_town
 
 
 @pytest.mark.parametrize("up", ["Y", "Z"])
@@ -66,8 +43,8 @@ def test_left_handed_mirrored_and_sheared_meshes_look_outward(tmp_path: Path) ->
     UsdGeom.Xformable(mirrored).AddTransformOp().Set(Gf.Matrix4d(-1, 0, 0, 0, 0.5, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1))
     stage.Save()
     world = read_usd(tmp_path / "a.usda")
-    assert volume(part_of(world, "World/house/walls")) == pytest.approx(480)
-    twin = part_of(world, "World/twin")
+    assert volume(part_at(world.parts, "World/house/walls")) == pytest.approx(480)
+    twin = part_at(world.parts, "World/twin")
     assert volume(twin) == pytest.approx(480)
     assert np.allclose((twin.points[:, 0].min(), twin.points[:, 0].max()), (-17 + 2.5, -7 + 6.5))
 
@@ -91,7 +68,7 @@ def test_instances_and_point_instancers_are_made_real(tmp_path: Path) -> None:
         "World/copy_0/walls", "World/copy_1/walls", "World/ground", "World/house/walls",
         "World/posts/pole", "World/posts/pole_2", "World/posts/pole_3",
     ]  # fmt: skip
-    assert np.allclose(part_of(world, "World/copy_1/walls").points.min(axis=0), np.add(HOUSE_LOW, (-35, 0, 0)))
+    assert np.allclose(part_at(world.parts, "World/copy_1/walls").points.min(axis=0), np.add(HOUSE_LOW, (-35, 0, 0)))
     poles = [part.points.mean(axis=0) for part in world.parts if "posts" in part.path]
     assert np.allclose(poles, [(-10, -9, 2), (0, -9, 2), (10, -9, 2)], atol=1e-5)
     assert {"World/copy_0", "World/copy_1", "World/house"} == world.components
@@ -116,7 +93,7 @@ def test_subsets_meshes_above_meshes_and_components(tmp_path: Path) -> None:
         "World/house/walls/knob": (12, "glass"),
         "Materials_2/sphere": (12, "glass"),
     }
-    assert np.ptp(part_of(world, "World/house/walls/glass").points[:, 0]) == 0
+    assert np.ptp(part_at(world.parts, "World/house/walls/glass").points[:, 0]) == 0
     assert world.components == {"World/ground", "World/house"}
     assert world.materials["glass"].radio == RadioMaterial("itu", itu="itu_glass")  # of its SimReady base
 
@@ -154,12 +131,12 @@ def test_what_a_stage_says_about_looks_and_what_is_left_out(tmp_path: Path) -> N
     look = world.materials["brick"]
     assert (look.color, look.roughness, look.opacity) == ((0.25, 0.125, 0.0), 0.7, 0.5)
     assert (world.materials["plain"].radio, world.materials["plain"].color) == (None, None)
-    assert part_of(world, "World/bare").material == "no_material"
-    assert part_of(world, "World/bare").points[:, 0].mean() == pytest.approx(1)
+    assert part_at(world.parts, "World/bare").material == "no_material"
+    assert part_at(world.parts, "World/bare").points[:, 0].mean() == pytest.approx(1)
     assert [part.path for part in world.parts][-2:] == ["World/textured", "World/bare"]
     assert world.notes == (
         "/World: of variant set season only 'winter' is kept",
-        "1 prims move; they stand where they are at the start (to keep motion, use `stage:`)",
+        "1 prims move; they stay where they are at the start (to keep motion, use `stage:`)",
         "textures are not kept, these materials have a plain colour: plain",
     )
 

@@ -8,6 +8,7 @@ import pytest
 from PIL import Image
 from pxr import Usd, UsdShade
 
+from mmw.core.mesh import TriangleMesh
 from mmw.core.resources import assets_dir
 from mmw.usd.material_library import LIBRARY
 from mmw.usd.materials import MaterialUse, read_material
@@ -120,7 +121,7 @@ def random_rotation(rng: np.random.Generator) -> np.ndarray:
 
 
 def corner_coordinates(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    st, index = texture_coordinates(points, faces)
+    st, index = texture_coordinates(TriangleMesh(points, faces))
     return st[faces.reshape(-1) if index is None else index].reshape(-1, 3, 2).astype(float)
 
 
@@ -142,15 +143,15 @@ def test_coordinates_keep_lengths_on_any_plane() -> None:
 def test_walls_are_upright_and_read_from_left_to_right() -> None:
     """A wall that looks south, seen from the south: s grows to the east, t upward."""
     points = np.array([[0, 0, 0], [4, 0, 0], [4, 0, 3], [0, 0, 3.0]])
-    st, index = texture_coordinates(points, np.array([[0, 1, 2], [0, 2, 3]]))
+    st, index = texture_coordinates(TriangleMesh(points, np.array([[0, 1, 2], [0, 2, 3]])))
     assert index is None
     assert st - st[0] == pytest.approx(points[:, [0, 2]], abs=GRID_M)
 
 
 def test_a_vertex_of_two_walls_has_two_coordinates_and_level_ground_is_the_map() -> None:
     corner = np.array([[0, 0, 0], [4, 0, 0], [4, 0, 3], [4, 5, 0.0]])
-    st, index = texture_coordinates(corner, np.array([[0, 1, 2], [1, 3, 2]]))
+    st, index = texture_coordinates(TriangleMesh(corner, np.array([[0, 1, 2], [1, 3, 2]])))
     assert index is not None and len(index) == 6 and len(st) > 4
     ground = np.array([[0, 0, 1], [4, 0, 1], [4, 3, 1.0]])
-    st, index = texture_coordinates(ground, np.array([[0, 1, 2]]))
+    st, index = texture_coordinates(TriangleMesh(ground, np.array([[0, 1, 2]])))
     assert index is None and st == pytest.approx(ground[:, :2])

@@ -1,10 +1,11 @@
-"""What the camera sees of towns: crowns, their normals, and the texture coordinates of windows, signs and boards."""
+"""Towns in the camera: crowns, their normals, and the texture coordinates of windows, signs and boards."""
 
 import numpy as np
 import pytest
 from pxr import UsdGeom
 
-from mmw.worlds.materials.town_decals import ROOMS, SHOPS, SIGN_CELLS, SIGNS, cell
+from mmw.worlds.materials.town_decals import ROOMS, SHOPS, SIGN_CELLS, SIGNS
+from mmw.worlds.materials.vehicle_decals import cell
 from mmw.worlds.towns import primitives as solids
 from mmw.worlds.towns import trees
 from mmw.worlds.towns.mesh_part import MeshPart
@@ -12,6 +13,7 @@ from mmw.worlds.towns.picture_uv import picture_coordinates
 from mmw.worlds.towns.props import PROPS, build_prop
 from mmw.worlds.towns.smooth_normals import corner_normals, part_normals
 from tests.fixtures import town_checks as checks
+from tests.fixtures.meshes import volume
 
 
 @pytest.mark.parametrize("frequency", [1, 2, 3, 4])
@@ -21,7 +23,7 @@ def test_sphere_is_closed_round_and_looks_outward(frequency: int) -> None:
     assert np.linalg.norm(mesh.points, axis=1) == pytest.approx(1.0)
     edges = {tuple(edge) for face in mesh.faces.tolist() for edge in zip(face, np.roll(face, -1).tolist(), strict=True)}
     assert len(edges) == 3 * len(mesh.faces) and all((b, a) in edges for a, b in edges)
-    assert 0 < solids.volume(mesh) < 4 / 3 * np.pi
+    assert 0 < volume(mesh) < 4 / 3 * np.pi
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -29,7 +31,7 @@ def test_crown_keeps_its_bounds_and_no_face_is_turned_in(seed: int) -> None:
     mesh = trees.crown(np.random.default_rng(seed), 1.6, 2.0, 7.0, 10, 3)
     assert np.hypot(*mesh.points[:, :2].T).max() == pytest.approx(1.6)
     assert [mesh.points[:, 2].min(), mesh.points[:, 2].max()] == pytest.approx([2.0, 7.0])
-    assert solids.volume(mesh) > 0.25 * np.pi * 1.6**2 * 5.0 * 2 / 3
+    assert volume(mesh) > 0.25 * np.pi * 1.6**2 * 5.0 * 2 / 3
 
 
 def test_every_sign_of_a_prop_exists_and_differs_by_seed_in_trees() -> None:
@@ -42,11 +44,11 @@ def test_every_sign_of_a_prop_exists_and_differs_by_seed_in_trees() -> None:
 
 def test_normals_of_a_ball_are_its_radii_and_a_box_is_flat() -> None:
     ball = trees.sphere(4)
-    normals = corner_normals(ball.points, ball.faces, 80.0)
+    normals = corner_normals(ball, 80.0)
     assert normals is not None
     assert np.abs(np.einsum("fcx,fcx->fc", normals, ball.points[ball.faces]) - 1.0).max() < 0.01
     cube = solids.box((1, 2, 3), (0, 0, 0))
-    assert corner_normals(cube.points, cube.faces, 80.0) is None
+    assert corner_normals(cube, 80.0) is None
     part = MeshPart("Props/x_001/crown", ball.points, ball.faces, "foliage", "vegetation")
     found = part_normals(part)
     assert found is not None and found.shape == ball.points.shape
@@ -54,7 +56,7 @@ def test_normals_of_a_ball_are_its_radii_and_a_box_is_flat() -> None:
 
 def test_a_pole_is_round_and_its_end_is_flat() -> None:
     mesh = solids.lathe([(0.1, 0.0), (0.1, 3.0)], 5)
-    normals = corner_normals(mesh.points, mesh.faces, 75.0)
+    normals = corner_normals(mesh, 75.0)
     assert normals is not None
     upward = np.abs(normals[..., 2])
     assert ((upward < 1e-6) | (upward > 1 - 1e-6)).all()

@@ -7,7 +7,7 @@ from pxr import Usd, UsdShade
 
 from mmw.core.resources import assets_dir
 from mmw.usd.material_library import LIBRARY
-from mmw.worlds.materials.vehicle_decals import GLYPHS, PICTURES, PLATE_TEXTS, mean_color, plate_cell, write_text
+from mmw.worlds.materials.vehicle_decals import GLYPHS, PICTURES, PLATE_CELLS, PLATE_TEXTS, cell, mean_color, write_text
 
 FOLDER = assets_dir() / "materials"
 
@@ -38,7 +38,7 @@ def test_plates_do_not_overlap_and_differ() -> None:
     height, width = sheet.shape[:2]
     cut = []
     for index in range(len(PLATE_TEXTS)):
-        left, low, right, high = plate_cell(index)
+        left, low, right, high = cell(index, PLATE_CELLS)
         rows = slice(round((1 - high) * height), round((1 - low) * height))
         cut.append(sheet[rows, round(left * width) : round(right * width)])
     assert sum(one.size for one in cut) == sheet.size and len(set(PLATE_TEXTS)) == len(PLATE_TEXTS)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import shapely
 
+from mmw.core.mesh import TriangleMesh, merge
 from mmw.traffic.roads.lane_graph import Lane, LaneGraph
 from mmw.usd.material_library import LIBRARY
 from mmw.usd.semantics import CARLA_TAG
@@ -17,32 +18,9 @@ from mmw.worlds.towns.buildings import Site, build_building
 from mmw.worlds.towns.facades import GLASS, WALL, facade_cells, height_of
 from mmw.worlds.towns.ground_height import Ground
 from mmw.worlds.towns.mesh_part import MeshPart
-from mmw.worlds.towns.primitives import Mesh
-from mmw.worlds.towns.prop_placement import Furniture, add_at_approaches, approaches, place_props
+from mmw.worlds.towns.prop_placement import PropPlacer, add_at_approaches, approaches, place_props
 from mmw.worlds.towns.props import PROPS, build_prop
-
-
-def open_edges(mesh: Mesh) -> int:
-    """Return how many edges are not shared by two faces that run along them in opposite directions."""
-    faces = solids.weld(mesh).faces
-    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    count = Counter(map(tuple, edges.tolist()))
-    return sum(1 for (a, b), times in count.items() if count.get((b, a), 0) != times)
-
-
-def normals(mesh: Mesh) -> np.ndarray:
-    a, b, c = (mesh.points[mesh.faces[:, i]] for i in range(3))
-    cross = np.cross(b - a, c - a)
-    return cross / np.linalg.norm(cross, axis=1, keepdims=True)
-
-
-def mesh_of(part: MeshPart) -> Mesh:
-    return Mesh(part.points, part.faces)
-
-
-def by_name(parts: list[MeshPart]) -> dict[str, Mesh]:
-    return {part.path.split("/")[-1]: mesh_of(part) for part in parts}
-
+from tests.fixtures.meshes import area, by_name, open_edges, volume
 
 L_SHAPE = np.array([[0, 0], [4, 0], [4, 1], [1, 1], [1, 3], [0, 3]], float)
 
@@ -59,28 +37,28 @@ CLOSED = {
 
 @pytest.mark.parametrize("name", CLOSED)
 def test_solid_is_closed_and_encloses_its_volume(name):
-    mesh, volume = CLOSED[name]
+    mesh, enclosed = CLOSED[name]
     assert open_edges(mesh) == 0
-    assert solids.volume(mesh) == pytest.approx(volume, rel=1e-12)  # positive: normals point outward
+    assert volume(mesh) == pytest.approx(enclosed, rel=1e-12)  # positive: normals point outward
 
 
 def test_ball_is_closed_and_inside_its_ellipsoid():
     mesh = solids.ball((1, 2, 3), (5, 5, 5), 12, 8)
     assert open_edges(mesh) == 0
     full = 4 / 3 * np.pi * 6
-    assert 0.8 * full < solids.volume(mesh) < full
+    assert 0.8 * full < volume(mesh) < full
     assert np.all((((mesh.points - 5) / [1, 2, 3]) ** 2).sum(axis=1) <= 1 + 1e-9)
 
 
 def test_place_turns_then_moves():
     mesh = solids.place(solids.box((2, 0.2, 0.2), (1, 0, 0)), (10, 20, 30), math.pi / 2)
     assert mesh.points.mean(axis=0) == pytest.approx([10, 21, 30])
-    assert solids.volume(mesh) == pytest.approx(0.08)
+    assert volume(mesh) == pytest.approx(0.08)
 
 
 def test_weld_keeps_the_order_of_first_use():
     points = np.array([[2.0, 0, 0], [1, 0, 0], [2 + 1e-9, 0, 0], [0, 1, 0]])
-    mesh = solids.weld(Mesh(points, np.array([[0, 1, 3], [2, 3, 1]], np.int32)))
+    mesh = solids.weld(TriangleMesh(points, np.array([[0, 1, 3], [2, 3, 1]], np.int32)))
     assert mesh.points.tolist() == [[2, 0, 0], [1, 0, 0], [0, 1, 0]]
     assert mesh.faces.tolist() == [[0, 1, 2], [0, 2, 1]]
 
@@ -93,12 +71,12 @@ def test_facade_cells_fill_the_wall_exactly_and_share_their_edges(windows, door,
     grid = facade_cells(style, 23.0, 5, -1.5, 0.0, 0.9, door, True)
     meshes = solids.wall_cells((3, 1), (3 + 23 * 0.6, 1 + 23 * 0.8), *grid, is_plain=is_plain)
     top = height_of(style, 5) + 0.9
-    assert sum(solids.area(mesh) for mesh in meshes.values()) == pytest.approx(23.0 * (top + 1.5), rel=1e-12)
-    whole = solids.merge(meshes.values())
-    assert np.allclose(normals(whole), [0.8, -0.6, 0])
+    assert sum(area(mesh) for mesh in meshes.values()) == pytest.approx(23.0 * (top + 1.5), rel=1e-12)
+    whole = merge(meshes.values())
+    assert np.allclose(whole.normals, [0.8, -0.6, 0])
     outline = 4 if is_plain else 2 * (len(grid[0]) + len(grid[1]) - 2)
     assert open_edges(whole) == outline  # only the outline of the wall is open: no T-vertex, no gap
-    assert 0.1 < solids.area(meshes[GLASS]) / solids.area(whole) < 0.95
+    assert 0.1 < area(meshes[GLASS]) / area(whole) < 0.95
     assert meshes[WALL].points[:, 2].min() == -1.5
     assert set(meshes) == ({0, 1, 2} if door else {0, 1})
 
@@ -112,10 +90,10 @@ def test_building_stands_on_its_plan_and_looks_outward(form, podium):
     style = BuildingStyle(roof_form=form, podium_storeys=podium if form == "flat" else 0)
     parts = build_building("b", style, SITE, 4, np.random.default_rng(0))
     meshes = by_name(parts)
-    walls = solids.merge([meshes["facade"], meshes["glass"], meshes["door"]])
-    upright = np.abs(normals(walls)[:, 2]) < 1e-6
+    walls = merge([meshes["facade"], meshes["glass"], meshes["door"]])
+    upright = np.abs(walls.normals[:, 2]) < 1e-6
     middle = walls.points[walls.faces].mean(axis=1) - [*SITE.center, 0]
-    reach = (normals(walls) * middle)[upright].sum(axis=1)
+    reach = (walls.normals * middle)[upright].sum(axis=1)
     outward = reach > 0
     assert outward.mean() > 0.9  # the inner sides of parapets look inward
     plan = shapely.Polygon(SITE.ring).buffer(0.3, join_style="mitre")
@@ -126,7 +104,7 @@ def test_building_stands_on_its_plan_and_looks_outward(form, podium):
     assert meshes["roof"].points[:, 2].max() >= SITE.floor + height_of(style, 4) - 1e-9
     for part in parts:
         assert part.material in LIBRARY and part.label in CARLA_TAG
-        assert part.faces.max() < len(part.points) and solids.area(mesh_of(part)) > 0
+        assert part.faces.max() < len(part.points) and area(part.mesh) > 0
 
 
 def test_four_walls_have_the_area_of_perimeter_times_height():
@@ -134,7 +112,7 @@ def test_four_walls_have_the_area_of_perimeter_times_height():
     meshes = by_name(build_building("b", style, SITE, 3, np.random.default_rng(0)))
     top = SITE.floor + height_of(style, 3) + 0.5
     inner = 2 * (24 - 0.6 + 16 - 0.6) * 0.5 + (24 * 16 - 23.4 * 15.4)  # parapet: inner sides and top
-    total = sum(solids.area(meshes[name]) for name in ("facade", "glass", "door"))
+    total = sum(area(meshes[name]) for name in ("facade", "glass", "door"))
     assert total == pytest.approx(2 * (24 + 16) * (top - SITE.foot) + inner, rel=1e-9)
 
 
@@ -144,7 +122,7 @@ def test_pitched_roof_is_closed(form, size):
     style = BuildingStyle(roof_form=form)
     roof = by_name(build_building("b", style, Site((0, 0), 0.0, *size, -1, 0), 2, np.random.default_rng(0)))["roof"]
     assert open_edges(roof) == 0
-    assert solids.volume(roof) > 0
+    assert volume(roof) > 0
 
 
 def cross() -> tuple[shapely.Geometry, shapely.Geometry, Ground]:
@@ -241,8 +219,8 @@ def test_unknown_styles_are_refused():
 def test_prop_is_closed_rooted_and_described(kind):
     parts = build_prop("p", kind, (3, 4, 5), 0.3, np.random.default_rng(1))
     for part in parts:
-        assert solids.volume(mesh_of(part)) > 0
-        assert open_edges(mesh_of(part)) == 0
+        assert volume(part.mesh) > 0
+        assert open_edges(part.mesh) == 0
         assert part.material in LIBRARY and part.label in CARLA_TAG
     low = min(part.points[:, 2].min() for part in parts)
     assert low < 5.0 - 0.1  # reaches into the ground
@@ -279,9 +257,9 @@ def test_approaches_and_who_gives_way():
 
 def test_signs_stand_at_the_right_kerb_and_look_at_the_drivers():
     carriageway, _, ground = cross()
-    furniture = Furniture(carriageway, [], ground)
-    add_at_approaches(furniture, "give_way_sign", approaches(lane_graph(), ["X"]), 0.7, 2.0)
-    south, west = furniture.spots
+    placer = PropPlacer(carriageway, [], ground)
+    add_at_approaches(placer, "give_way_sign", approaches(lane_graph(), ["X"]), 0.7, 2.0)
+    south, west = placer.spots
     assert south.xy[0] > 7.5 and west.xy[1] < -7.5
     assert math.cos(south.yaw + math.pi / 2) == pytest.approx(1)  # looks south, at those who drive north
     assert math.cos(west.yaw - math.pi) == pytest.approx(1)

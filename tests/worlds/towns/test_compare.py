@@ -104,7 +104,7 @@ def flipped_texture(layer: Sdf.Layer) -> None:
 
 
 def exchanged_pictures(layer: Sdf.Layer) -> None:
-    """The corners of the first triangle of a sign or a window show each other's place: the values stay the same."""
+    """Swap the corners of the first triangle of a sign or a window; the values stay the same."""
 
     def exchange(indices: np.ndarray) -> np.ndarray:
         indices[:3] = indices[[1, 2, 0]]
@@ -119,7 +119,7 @@ def without_a_prim(layer: Sdf.Layer) -> None:
 
 
 def other_car(layer: Sdf.Layer) -> None:
-    """The first parked car becomes a van."""
+    """Turn the first parked car into a van."""
     car = next(iter(layer.GetPrimAtPath("/Town/Parked").nameChildren))
     (model,) = [child for child in car.nameChildren if child.referenceList.prependedItems]
     model.referenceList.prependedItems[0] = Sdf.Reference("../../vehicles/van/van.usda")

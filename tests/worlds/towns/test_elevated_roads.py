@@ -7,42 +7,17 @@ import numpy as np
 import pytest
 import shapely
 
-from mmw.traffic import run_traffic
+from mmw.core.mesh import merge, separate
+from mmw.traffic.idm.run import simulate_idm
 from mmw.worlds.towns.checks import overlap_gaps
-from mmw.worlds.towns.description import TownDescription
 from mmw.worlds.towns.mesh_part import MeshPart
-from mmw.worlds.towns.network import RoadNetwork, build_network
+from mmw.worlds.towns.network import RoadNetwork
+from tests.fixtures.meshes import corners_of, is_closed, top, volume
+from tests.fixtures.road_towns import build, flyover, ground_frame
 from tests.fixtures.traffic_measures import measure
 from tests.fixtures.traffic_towns import CATALOG, demand
 
 DECK, PARAPET, WALL = 1.2, 1.1, 0.3
-
-
-def flyover(top: float = 7.4, **bridge: Any) -> dict[str, Any]:
-    """Four blocks; a wide road with a raised median crosses over the street between them."""
-    slope = {"z": [[32, 0], [98, top], [162, top], [228, 0]], "bridge": {"from": 28, "to": 232, **bridge}}
-    pairs = ["AS", "SB", "BE", "EC", "CN", "ND", "DW", "WA", "SN"]
-    return {
-        "name": "flyover",
-        "vertical_curve": 20,
-        "terrain": {"spacing": 8, "margin": 30},
-        "profiles": {
-            "street": {"lanes": 1},
-            "deck": {"lanes": 2, "centre": 2.4, "median": "concrete", "walk": 1.5},
-        },
-        "nodes": {
-            "A": [0, 0, 0], "B": [260, 0, 0], "C": [260, 160, 0], "D": [0, 160, 0],
-            "W": [0, 80, 0], "E": [260, 80, 0], "S": [130, 0, 0], "N": [130, 160, 0],
-        },
-        "roads": [
-            *({"id": pair.lower(), "from": pair[0], "to": pair[1], "profile": "street"} for pair in pairs),
-            {"id": "over", "from": "W", "to": "E", "profile": "deck", "priority": 2, **slope},
-        ],
-    }  # fmt: skip
-
-
-def build(town: dict[str, Any]) -> RoadNetwork:
-    return build_network(TownDescription.model_validate(town))
 
 
 @pytest.fixture(scope="module")
@@ -50,46 +25,8 @@ def network() -> RoadNetwork:
     return build(flyover())
 
 
-def corners_of(parts: list[MeshPart]) -> np.ndarray:
-    return np.concatenate([part.points[part.faces] for part in parts])
-
-
 def drivable(network: RoadNetwork) -> list[MeshPart]:
     return [part for part in (*network.parts, *network.structure_parts) if part.label in ("road", "road_line")]
-
-
-def directed_edges(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Edges of welded triangles as pairs of vertices, and how often each occurs in this direction."""
-    _, index = np.unique(corners.astype(np.float32).reshape(-1, 3), axis=0, return_inverse=True)
-    edges = index.reshape(-1, 3)[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-    return np.unique(edges, axis=0, return_counts=True)
-
-
-def is_closed(corners: np.ndarray) -> bool:
-    """Whether every edge has one face on either side, and both look the same way."""
-    edges, count = directed_edges(corners)
-    pairs = {tuple(edge) for edge in edges.tolist()}
-    return bool(np.all(count == 1)) and all((b, a) in pairs for a, b in pairs)
-
-
-def volume(corners: np.ndarray) -> float:
-    return float(np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6)
-
-
-def drop(triangles: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Height of the highest triangle at each point that is at most 1 m above it; every triangle tried, NaN for none."""
-    a, b, c = (triangles[:, k] for k in range(3))
-    area = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
-    a, b, c, area = (values[area > 1e-9] for values in (a, b, c, area))
-    out = np.full(len(points), np.nan)
-    for k, (x, y, z0) in enumerate(points):
-        u = ((x - a[:, 0]) * (c[:, 1] - a[:, 1]) - (y - a[:, 1]) * (c[:, 0] - a[:, 0])) / area
-        v = ((b[:, 0] - a[:, 0]) * (y - a[:, 1]) - (b[:, 1] - a[:, 1]) * (x - a[:, 0])) / area
-        z = a[:, 2] + u * (b[:, 2] - a[:, 2]) + v * (c[:, 2] - a[:, 2])
-        hit = (u >= -1e-9) & (v >= -1e-9) & (u + v <= 1 + 1e-9) & (z <= z0 + 1)
-        if hit.any():
-            out[k] = z[hit].max()
-    return out
 
 
 def test_structure_and_every_pier_are_closed_solids(network: RoadNetwork) -> None:
@@ -97,9 +34,9 @@ def test_structure_and_every_pier_are_closed_solids(network: RoadNetwork) -> Non
     piers = [part for part in bridge.parts if part.path.endswith("piers")]
     solid = corners_of([part for part in bridge.parts if part not in piers])
     assert is_closed(solid)
-    assert volume(solid) > 0
+    assert volume(separate(solid)) > 0
     assert is_closed(corners_of(piers))
-    assert volume(corners_of(piers)) > 0
+    assert volume(separate(corners_of(piers))) > 0
     labels = {part.path.split("/")[2]: part.label for part in bridge.parts}
     assert labels["structure"] == labels["piers"] == "bridge"
     assert labels["parapet"] == "guard_rail" and labels["asphalt"] == "road"
@@ -142,7 +79,7 @@ def test_lanes_lie_on_the_mesh_across_both_ends(network: RoadNetwork) -> None:
     for lane in lanes:
         fine = np.concatenate([lane.station, np.linspace(10.0, 40.0, 61), lane.length - np.linspace(10.0, 40.0, 61)])
         points = np.column_stack([np.interp(np.sort(fine), lane.station, lane.points[:, k]) for k in range(3)])
-        np.testing.assert_allclose(drop(triangles, points), points[:, 2], atol=1e-6)
+        np.testing.assert_allclose(top(triangles, points[:, :2], points[:, 2] + 1), points[:, 2], atol=1e-6)
 
 
 def test_no_drop_falls_between_road_structure_and_terrain(network: RoadNetwork) -> None:
@@ -151,23 +88,18 @@ def test_no_drop_falls_between_road_structure_and_terrain(network: RoadNetwork) 
     rng = np.random.default_rng(3)
     for x in (28.0, 232.0):
         points = np.column_stack([rng.uniform(x - 1.5, x + 1.5, 400), rng.uniform(66, 94, 400), np.full(400, 5.0)])
-        z = drop(every, points)
+        z = top(every, points[:, :2], points[:, 2] + 1)
         assert z.min() > -1e-6 and z.max() < 0.5 + PARAPET  # NaN, a miss, fails too
         inner = points[np.abs(points[:, 1] - 80) < 8]
-        ground = drop(corners_of(drivable(network) + [p for p in network.parts if "median" in p.path]
-                                 + [p for p in network.structure_parts if p.label == "sidewalk"]), inner)  # fmt: skip
+        walks = [p for p in network.parts if "median" in p.path]
+        walks += [p for p in network.structure_parts if p.label == "sidewalk"]
+        ground = top(corners_of([*drivable(network), *walks]), inner[:, :2], inner[:, 2] + 1)
         assert not np.any(np.isnan(ground))
 
 
 def test_ground_closes_around_the_structure(network: RoadNetwork) -> None:
     """Every free edge of roads, sidewalks and terrain lies on the frame, at a wall, or across an end of the bridge."""
-    corners = corners_of([*network.parts, *network.terrain])
-    edges, _ = directed_edges(corners)
-    single = {tuple(edge) for edge in edges.tolist()}
-    free = np.array([edge for edge in single if edge[::-1] not in single])
-    points = np.unique(corners.astype(np.float32).reshape(-1, 3), axis=0)
-    low, high = points.min(axis=0)[:2], points.max(axis=0)[:2]
-    on_frame = (np.isclose(points[:, :2], low) | np.isclose(points[:, :2], high)).any(axis=1)
+    points, free, on_frame = ground_frame(network)
     ends = free[~on_frame[free].all(axis=1)]
     (bridge,) = network.structures
     fill = shapely.intersection(bridge.supports, bridge.plan).boundary
@@ -202,7 +134,7 @@ def test_piers_stand_clear_of_the_street(network: RoadNetwork) -> None:
 
 
 def along() -> dict[str, Any]:
-    """The street turns below a narrow bridge and runs along with it for a while."""
+    """Let the street turn below a narrow bridge and run along with it for a while."""
     town = flyover(top=8.4)
     town["profiles"]["deck"] = {"lanes": 1, "walk": 0}
     town["nodes"] |= {"S": [95, 0, 0], "N": [165, 160, 0]}
@@ -268,30 +200,12 @@ def test_what_cannot_be_built_is_refused(town: dict[str, Any], message: str) -> 
         build(town)
 
 
-def test_same_description_gives_the_same_bytes(network: RoadNetwork) -> None:
-    again = build(flyover())
-    one = [*network.parts, *network.structure_parts, *network.terrain]
-    two = [*again.parts, *again.structure_parts, *again.terrain]
-    assert [(p.path, p.points.tobytes(), p.faces.tobytes()) for p in one] == [
-        (p.path, p.points.tobytes(), p.faces.tobytes()) for p in two
-    ]
-    assert len({part.path for part in one}) == len(one)
-
-
 def drives(network: RoadNetwork) -> Iterator[Any]:
-    parts = drivable(network)
-    offset = np.cumsum([0, *(len(part.points) for part in parts)])
-    mesh = (
-        np.concatenate([part.points for part in parts]),
-        np.concatenate([part.faces + first for part, first in zip(parts, offset[:-1], strict=True)]),
-    )
+    whole = merge(part.mesh for part in drivable(network))
+    mesh = whole.points, whole.faces
     for seed, center in ((1, (130.0, 80.0, 7.4)), (2, (130.0, 80.0, 0.0))):
-        tracks = run_traffic(
-            network.lanes,
-            mesh,
-            CATALOG,
-            **demand(frame_count=1000, vehicle_count=20, spawn_center_m=center, cav_ranks=(), warmup_s=1.0, seed=seed),
-        ).tracks
+        options = {"frame_count": 1000, "vehicle_count": 20, "spawn_center_m": center, "seed": seed}
+        tracks = simulate_idm(demand(network.lanes, mesh, **options)).tracks
         yield tracks, measure(tracks, network.lanes, mesh, CATALOG)
 
 

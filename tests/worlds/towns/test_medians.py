@@ -8,7 +8,8 @@ import shapely
 
 from mmw.worlds.towns.description import Profile
 from mmw.worlds.towns.network import RoadNetwork
-from tests.worlds.towns.test_elevated_roads import build, corners_of, directed_edges, flyover
+from tests.fixtures.meshes import corners_of
+from tests.fixtures.road_towns import build, flyover, ground_frame
 
 
 def test_median_is_a_closed_kerbed_island_beside_the_lanes() -> None:
@@ -25,14 +26,8 @@ def test_median_is_a_closed_kerbed_island_beside_the_lanes() -> None:
     assert not shapely.intersects(network.carriageway, hole)
     assert shapely.contains_xy(network.corridor, 130, 80)
     # With its island the ground is closed again: only the frame has free edges.
-    corners = corners_of([*network.parts, *network.terrain])
-    edges, count = directed_edges(corners)
-    single = {tuple(edge) for edge in edges.tolist()}
-    points = np.unique(corners.astype(np.float32).reshape(-1, 3), axis=0)
-    free = np.array([edge for edge in single if edge[::-1] not in single])
-    low, high = points.min(axis=0)[:2], points.max(axis=0)[:2]
-    on_frame = (np.isclose(points[:, :2], low) | np.isclose(points[:, :2], high)).any(axis=1)
-    assert np.all(count == 1) and on_frame[free].all()
+    _, free, on_frame = ground_frame(network)
+    assert on_frame[free].all()
     kerb = network.carriageway.boundary
     lanes = [lane for name, lane in network.lanes.lanes.items() if name.startswith("over_")]
     assert min(shapely.distance(shapely.LineString(lane.points[:, :2]), kerb) for lane in lanes) == pytest.approx(2.05)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import shapely
 
+from mmw.core.mesh import merge
 from mmw.core.transforms import rotate
 from mmw.traffic.roads.lane_graph import Lane, LaneGraph
 from mmw.usd.vehicle_catalog import load_catalog
@@ -16,9 +17,8 @@ from mmw.worlds.towns.ground_height import Ground
 from mmw.worlds.towns.parking import LINE, Bay, block_of, choose_models, lay_out, line_area, park, street_bays
 from mmw.worlds.towns.paved_areas import Region, area_regions, cut, pave
 from mmw.worlds.towns.place_description import ParkingLot, PavedArea, StreetBays
-from mmw.worlds.towns.primitives import Mesh
+from tests.fixtures.meshes import open_edges
 from tests.fixtures.places_town import SLOPE, plan_area, sheet
-from tests.worlds.towns.test_buildings import normals, open_edges
 
 CATALOG = load_catalog()
 AREAS = {
@@ -35,13 +35,13 @@ def test_cut_keeps_the_surface_and_parts_it_along_the_border(name):
     within, rest = cut(part, area)
     assert plan_area(within) == pytest.approx(area.area, rel=1e-9)
     assert plan_area(rest) == pytest.approx(200.0**2 - area.area, rel=1e-9)
-    assert solids.area(within) + solids.area(rest) == pytest.approx(solids.area(Mesh(part.points, part.faces)))
+    assert within.areas.sum() + rest.areas.sum() == pytest.approx(part.mesh.areas.sum())
     ground = Ground([part])
     for mesh in (within, rest):
-        assert normals(mesh)[:, 2].min() > 0.5  # all faces up
+        assert mesh.normals[:, 2].min() > 0.5  # all faces up
         assert np.allclose(ground.height(*mesh.points[:, :2].T), mesh.points[:, 2], atol=1e-6)
-    whole = solids.weld(solids.merge([within, rest]))
-    assert open_edges(whole) == open_edges(Mesh(part.points, part.faces))  # only the outer border is open
+    whole = solids.weld(merge([within, rest]))
+    assert open_edges(whole) == open_edges(part.mesh)  # only the outer border is open
 
 
 def test_pave_gives_every_point_one_surface():

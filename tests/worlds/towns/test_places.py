@@ -10,17 +10,17 @@ import shapely
 import yaml
 from pxr import Usd
 
+from mmw.core.mesh import TriangleMesh, merge
 from mmw.core.transforms import make_pose, quaternion_from_ypr, rotate
 from mmw.scene.reader import read_stage
 from mmw.scene.stage.compose import compose_scenario
 from mmw.sensors.ground_truth.boxes_3d import make_boxes
-from mmw.traffic import VehicleTrack
+from mmw.traffic.demand import VehicleTrack
 from mmw.traffic.roads.lane_graph import LaneGraph
 from mmw.traffic.roads.town_asset import open_town
 from mmw.usd.material_library import PAINTS
 from mmw.usd.validate import validate_stage
 from mmw.usd.vehicle_catalog import load_catalog
-from mmw.worlds.towns import primitives as solids
 from mmw.worlds.towns.block_description import BlockDescription, BuildingStyle
 from mmw.worlds.towns.blocks import forecourt_bounds, place_by_hand
 from mmw.worlds.towns.build import build_town, town_parts
@@ -31,11 +31,10 @@ from mmw.worlds.towns.facades import GLASS, facade_cells
 from mmw.worlds.towns.gas_station import CLEAR, DRIVEWAY
 from mmw.worlds.towns.mesh_part import MeshPart
 from mmw.worlds.towns.parking import rectangle_at
-from mmw.worlds.towns.primitives import Mesh
 from mmw.worlds.towns.prop_placement import place_props
 from mmw.worlds.towns.props import build_prop
+from tests.fixtures.meshes import area, by_name, open_edges, volume
 from tests.fixtures.places_town import LEVEL, PLACES, plan_area
-from tests.worlds.towns.test_buildings import by_name, normals, open_edges
 
 CATALOG = load_catalog()
 
@@ -80,10 +79,10 @@ def test_plans_have_the_areas_of_their_forms(mirrored):
         "l_shape": w * d * (1 - NOTCH[0] * NOTCH[1]),
         "corner_cut": w * d - 0.5 * (CUT[0] * d) ** 2,
     }
-    for form, area in wanted.items():
+    for form, expected in wanted.items():
         plan = Plan(form, w, d, mirrored)
         ring = shapely.Polygon(plan.ring())
-        assert ring.area == pytest.approx(area) and shapely.is_ccw(ring.exterior)
+        assert ring.area == pytest.approx(expected) and shapely.is_ccw(ring.exterior)
         assert plan.ring()[0, 1] == plan.ring()[1, 1] == -9.0  # the first edge is the front
         inner = shapely.Polygon(plan.ring(0.5))
         assert inner.area == pytest.approx(shapely.buffer(ring, -0.5, join_style="mitre").area)
@@ -95,8 +94,8 @@ def test_plans_have_the_areas_of_their_forms(mirrored):
 def test_walls_of_other_plans_have_the_area_of_their_perimeter(form, podium):
     style = BuildingStyle(plans=(form,), windows="curtain", mullion_m=0.1, podium_storeys=podium, plant_room=True)
     meshes = by_name(build_building("b", style, Site((9, 9), 0.3, 24, 18, -1, 0), 6, np.random.default_rng(1)))
-    walls = solids.merge([meshes["facade"], meshes["glass"], meshes["door"]])
-    outward = np.abs(normals(walls)[:, 2]) < 1e-9
+    walls = merge([meshes["facade"], meshes["glass"], meshes["door"]])
+    outward = np.abs(walls.normals[:, 2]) < 1e-9
     perimeter = shapely.Polygon(Plan(form, 24, 18).ring()).length
     inner = shapely.Polygon(Plan(form, 24, 18).ring(0.3)).length
     low, high = style.ground_storey_m + 5 * style.storey_m, 0.0
@@ -105,7 +104,7 @@ def test_walls_of_other_plans_have_the_area_of_their_perimeter(form, podium):
         low, high = style.ground_storey_m + style.storey_m, 4 * style.storey_m + 0.3
         high = shapely.Polygon(tower.ring()).length * (high + 0.9) + shapely.Polygon(tower.ring(0.3)).length * 0.9
     wanted = perimeter * (1.0 + low + 0.9) + inner * 0.9 + high
-    assert solids.area(Mesh(walls.points, walls.faces[outward])) == pytest.approx(wanted, rel=1e-9)
+    assert area(TriangleMesh(walls.points, walls.faces[outward])) == pytest.approx(wanted, rel=1e-9)
 
 
 def test_curtain_wall_with_mullions_has_exact_glass():
@@ -122,8 +121,8 @@ def test_shop_front_is_glass_from_pier_to_pier_and_has_an_awning():
     plain = BuildingStyle(window_fraction=0.4)
     site = Site((0, 0), 0.0, 24, 16, -1, 0)
     ours, theirs = (by_name(build_building("b", s, site, 4, np.random.default_rng(0))) for s in (style, plain))
-    assert solids.area(ours["glass"]) > solids.area(theirs["glass"]) + 20
-    assert open_edges(ours["awning"]) == 0 and solids.volume(ours["awning"]) > 0
+    assert area(ours["glass"]) > area(theirs["glass"]) + 20
+    assert open_edges(ours["awning"]) == 0 and volume(ours["awning"]) > 0
     assert ours["awning"].points[:, 1].min() == pytest.approx(-8 - 1.3)
     assert open_edges(ours["sign"]) == 0 and ours["structure"].points[:, 1].min() == pytest.approx(-8 - 1.3)
     lowest = ours["awning"].points[:, 2].min()
@@ -268,18 +267,9 @@ def test_parked_cars_of_the_town_are_free_and_off_the_lanes(town, built):
     assert not any(plan.intersects(blocked) for plan in plans)
 
 
-def test_same_description_gives_the_same_places(town, built):
-    again = town_parts(town)
-    assert [part.path for part in again.meshes] == [part.path for part in built.meshes]
-    for a, b in zip(again.meshes, built.meshes, strict=True):
-        assert np.array_equal(a.points, b.points) and np.array_equal(a.faces, b.faces)
-    for a, b in zip(again.parked, built.parked, strict=True):
-        assert (a.name, a.model, a.paint) == (b.name, b.model, b.paint) and np.array_equal(a.pose, b.pose)
-
-
 @pytest.fixture(scope="module")
 def asset(tmp_path_factory) -> Path:
-    """The town of places as USD."""
+    """Write the town of places as USD."""
     folder = tmp_path_factory.mktemp("places")
     (folder / "places.yaml").write_text(PLACES)
     report = build_town(folder / "places.yaml", folder)

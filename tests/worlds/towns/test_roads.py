@@ -10,8 +10,9 @@ import yaml
 
 from mmw.core.resources import assets_dir
 from mmw.worlds.towns.description import TownDescription, load_town
-from mmw.worlds.towns.mesh_part import MeshPart
 from mmw.worlds.towns.network import RoadNetwork, build_network
+from tests.fixtures.meshes import corners_of, free_edges, top, welded
+from tests.fixtures.road_towns import small_town
 
 TOWN03 = assets_dir() / "towns" / "town03" / "town03.yaml"
 
@@ -26,46 +27,6 @@ def network(town03: TownDescription) -> RoadNetwork:
     return build_network(town03)
 
 
-def small_town() -> dict[str, Any]:
-    """A ladder of two blocks on a slope: six junctions, one profile."""
-    return {
-        "name": "small",
-        "profiles": {"street": {"lanes": 1}, "wide": {"lanes": 2}},
-        "nodes": {
-            "A": [0, 0, 0], "B": [80, 0, 0], "C": [80, 90, 4], "D": [0, 90, 4],
-        },
-        "roads": [
-            {"id": "ab", "from": "A", "to": "B", "profile": "street"},
-            {"id": "bc", "from": "B", "to": "C", "profile": "street", "priority": 2},
-            {"id": "cd", "from": "C", "to": "D", "profile": "street"},
-            {"id": "da", "from": "D", "to": "A", "profile": "street"},
-            {"id": "west", "from": "A", "to": "D", "profile": "street", "via": [[-60, 0, 20], [-60, 90, 20]]},
-            {"id": "east", "from": "B", "to": "C", "profile": "street", "via": [[150, 0, 20], [150, 90, 20]]},
-        ],
-    }  # fmt: skip
-
-
-def corners_of(parts: list[MeshPart]) -> np.ndarray:
-    return np.concatenate([part.points[part.faces] for part in parts])
-
-
-def brute_height(triangles: np.ndarray, xy: np.ndarray) -> np.ndarray:
-    """Height of the highest triangle above each point, every triangle tried; NaN where there is none."""
-    a, b, c = (triangles[:, k] for k in range(3))
-    area = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
-    keep = area > 1e-9
-    a, b, c, area = a[keep], b[keep], c[keep], area[keep]
-    out = np.full(len(xy), np.nan)
-    for k, (x, y) in enumerate(xy):
-        u = ((x - a[:, 0]) * (c[:, 1] - a[:, 1]) - (y - a[:, 1]) * (c[:, 0] - a[:, 0])) / area
-        v = ((b[:, 0] - a[:, 0]) * (y - a[:, 1]) - (b[:, 1] - a[:, 1]) * (x - a[:, 0])) / area
-        hit = (u >= -1e-9) & (v >= -1e-9) & (u + v <= 1 + 1e-9)
-        if hit.any():
-            z = a[hit, 2] + u[hit] * (b[hit, 2] - a[hit, 2]) + v[hit] * (c[hit, 2] - a[hit, 2])
-            out[k] = z.max()
-    return out
-
-
 # The shipped town
 
 
@@ -74,12 +35,8 @@ def test_surface_is_closed_and_lies_once_over_every_point(network: RoadNetwork) 
     parts = [*network.parts, *network.terrain]
     corners = corners_of(parts)
     low, high = corners.reshape(-1, 3).min(axis=0), corners.reshape(-1, 3).max(axis=0)
-    _, index = np.unique(corners.astype(np.float32).reshape(-1, 3), axis=0, return_inverse=True)  # exact, as stored
-    faces = index.reshape(-1, 3)
-    edges = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    edges, first, count = np.unique(edges, axis=0, return_index=True, return_counts=True)
-    assert count.max() == 2
-    ends = corners[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2, 3)[first[count == 1]][:, :, :2]
+    points, faces = welded(corners)
+    ends = points[free_edges(faces)][:, :, :2]
     on_frame = np.isclose(ends, low[:2]) | np.isclose(ends, high[:2])
     assert np.all(np.any(on_frame.all(axis=1), axis=1))
     u, v = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
@@ -107,7 +64,7 @@ def test_lane_points_lie_on_the_mesh(network: RoadNetwork) -> None:
     triangles = corners_of([part for part in network.parts if part.label in ("road", "road_line")])
     points = np.concatenate([lane.points for lane in network.lanes.lanes.values()])
     chosen = points[np.random.default_rng(1).choice(len(points), 1500, replace=False)]
-    z = brute_height(triangles, chosen[:, :2])
+    z = top(triangles, chosen[:, :2])
     assert np.max(np.abs(z - chosen[:, 2])) < 1e-3  # NaN, a miss, fails too
 
 
@@ -117,7 +74,7 @@ def test_random_drops_on_the_carriageway_all_hit(network: RoadNetwork) -> None:
     xy = np.random.default_rng(2).uniform(low, high, (4000, 2))
     xy = xy[shapely.contains_xy(network.carriageway, xy[:, 0], xy[:, 1])]
     assert len(xy) > 500
-    z = brute_height(triangles, xy)
+    z = top(triangles, xy)
     assert not np.any(np.isnan(z))
     np.testing.assert_allclose(network.height(xy[:, 0], xy[:, 1]), z, atol=1e-9)
 
@@ -240,17 +197,6 @@ def test_terrain_stays_outside_the_corridor_and_between_its_heights(network: Roa
     island = network.height(np.array([-0.5]), np.array([-0.5]))
     assert island[0] == pytest.approx(0.14)
     assert np.isnan(network.height(np.array([1e4]), np.array([0.0])))[0]
-
-
-@pytest.mark.slow
-def test_building_twice_gives_the_same_bytes(network: RoadNetwork, town03: TownDescription) -> None:
-    again = build_network(town03)
-    for first, second in zip([*network.parts, *network.terrain], [*again.parts, *again.terrain], strict=True):
-        assert first.path == second.path
-        np.testing.assert_array_equal(first.points, second.points)
-        np.testing.assert_array_equal(first.faces, second.faces)
-    paths = [part.path for part in (*network.parts, *network.terrain)]
-    assert len(set(paths)) == len(paths)
 
 
 # Small towns, good and bad

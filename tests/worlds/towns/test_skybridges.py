@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 import shapely
 
-from mmw.worlds.towns import primitives as solids
+from mmw.core.mesh import merge
 from mmw.worlds.towns.ground_height import Ground
 from mmw.worlds.towns.place_description import Skybridge
 from mmw.worlds.towns.skybridges import SUNK, Span, build_skybridge, find_span
+from tests.fixtures.meshes import area, by_name, open_edges, volume
 from tests.fixtures.places_town import LEVEL, sheet
-from tests.worlds.towns.test_buildings import by_name, normals, open_edges
 
 
 def bridge(**keys) -> Skybridge:
@@ -28,12 +28,12 @@ def test_skybridge_is_one_closed_shell_of_its_size(keys):
     found = span(**keys)
     meshes = by_name(build_skybridge(found, LEVEL))
     columns = meshes.pop("columns")
-    shell = solids.merge(meshes.values())
+    shell = merge(meshes.values())
     assert open_edges(shell) == 0 and open_edges(columns) == 0
     low, high = shell.points[:, 2].min(), shell.points[:, 2].max()
     assert low == pytest.approx(found.description.soffit)
-    assert solids.volume(shell) == pytest.approx(found.length * found.description.width * (high - low))
-    assert solids.volume(columns) > 0
+    assert volume(shell) == pytest.approx(found.length * found.description.width * (high - low))
+    assert volume(columns) > 0
     for plan in found.column_plans:
         assert plan.distance(ROAD) >= 0.3 and found.plan.buffer(1e-6).contains(plan)
     assert columns.points[:, 2].min() < -0.5 and columns.points[:, 2].max() == pytest.approx(low + SUNK)
@@ -42,9 +42,9 @@ def test_skybridge_is_one_closed_shell_of_its_size(keys):
 def test_glass_of_a_skybridge_is_exact_and_lies_in_two_planes():
     """Ten panes between eleven posts of 0.2 m on 30 m, 4 - 0.35 - 0.35 m high, in two storeys and two sides."""
     glass = by_name(build_skybridge(span(storeys=2, storey_m=4.0, mullion_m=0.2), LEVEL))["glass"]
-    assert solids.area(glass) == pytest.approx(2 * 2 * (30 - 11 * 0.2) * (4.0 - 0.7), rel=1e-9)
+    assert area(glass) == pytest.approx(2 * 2 * (30 - 11 * 0.2) * (4.0 - 0.7), rel=1e-9)
     assert sorted({round(float(y), 6) for y in glass.points[:, 1]}) == [-4.0, 4.0]
-    assert {tuple(np.round(n, 6) + 0.0) for n in normals(glass)} == {(0.0, 1.0, 0.0), (0.0, -1.0, 0.0)}
+    assert {tuple(np.round(n, 6) + 0.0) for n in glass.normals} == {(0.0, 1.0, 0.0), (0.0, -1.0, 0.0)}
 
 
 def test_buildings_carry_the_ends_that_they_touch():

@@ -6,26 +6,28 @@ import pytest
 from mmw.channel.links import make_links
 from mmw.channel.path_solver.solver import solve_paths
 from mmw.channel.paths import PATH_LOS
-from mmw.config import ChannelConfig, MountConfig
+from mmw.config import ChannelConfig, MountConfig, TrafficConfig
 from mmw.core.constants import GRAVITY
 from mmw.core.kinematics import differentiate
 from mmw.core.resources import town_path
 from mmw.core.transforms import angle_between, compose, pose_from_mount, pose_from_ypr
-from mmw.scene.device_scene import DeviceScene, SceneData, read_stage
+from mmw.scene.device_scene import DeviceScene
+from mmw.scene.reader import read_stage
+from mmw.scene.scene_data import SceneData
 from mmw.scene.stage.compose import compose_scenario
 from mmw.scene.views import Views, make_views
 from mmw.sensors import DepthCamera, Lidar
-from mmw.sensors.depth.simulate import trace_depth
 from mmw.sensors.imu.simulate import integrate_imu, measure
 from mmw.sensors.lidar.scan_pattern import lidar_pattern, pinhole, pinhole_directions
 from mmw.sensors.lidar.simulate import trace_lidar_hits
-from mmw.traffic import VehicleTrack, run_traffic
+from mmw.traffic.demand import TrafficDemand, VehicleTrack
+from mmw.traffic.idm.run import simulate_idm
 from mmw.traffic.roads.town_asset import open_town
 from mmw.usd.vehicle_catalog import load_catalog
-from tests.channel.test_paths import edge_distance
-from tests.fixtures.traffic_towns import demand
-from tests.oracles.tracing import OracleScene, cast_rays, oracle_scene, sensor_rays
-from tests.sensors.lidar.test_lidar import is_ambiguous
+from tests.fixtures.device_rays import loaded
+from tests.fixtures.meshes import edge_distance
+from tests.fixtures.traced_depth import traced_depth
+from tests.oracles.tracing import OracleScene, cast_rays, is_ambiguous, oracle_scene, sensor_rays
 
 FRAMES = [0, 250, 500, 1000]
 """Frames that are compared: the first and the last of ten seconds, and two between."""
@@ -38,24 +40,13 @@ TOUCH_M = 1e-3
 def tracks() -> list[VehicleTrack]:
     """Ten seconds of six vehicles at the roundabout, three of them connected."""
     town = open_town(town_path("town03"))
-    return run_traffic(
-        town.lanes,
-        (town.points, town.faces),
-        load_catalog(),
-        **demand(
-            frame_count=1001,
-            vehicle_count=6,
-            spawn_center_m=(-0.5, -0.5, 0.0),
-            cav_ranks=(0, 2, 4),
-            warmup_s=5.0,
-            seed=7,
-        ),
-    ).tracks
+    traffic = TrafficConfig(vehicle_count=6, spawn_center_m=(-0.5, -0.5, 0.0), cav_ranks=(0, 2, 4), warmup_s=5.0)
+    return simulate_idm(TrafficDemand(town, traffic, load_catalog(), frame_count=1001, seed=7)).tracks
 
 
 @pytest.fixture(scope="module")
 def arrays(tracks: list[VehicleTrack], tmp_path_factory: pytest.TempPathFactory) -> SceneData:
-    """The compared frames of the scenario's stage, written and read back, under their own numbers."""
+    """Return the compared frames of the scenario's stage, written and read back, under their own numbers."""
     path = compose_scenario(
         tmp_path_factory.mktemp("town03") / "stage.usdc",
         town_path=town_path("town03"), tracks=tracks, catalog=load_catalog(),
@@ -66,9 +57,7 @@ def arrays(tracks: list[VehicleTrack], tmp_path_factory: pytest.TempPathFactory)
 
 @pytest.fixture(scope="module")
 def scene(arrays: SceneData) -> DeviceScene:
-    scene = DeviceScene(arrays, "cpu", len(FRAMES))
-    scene.load_batch(FRAMES)
-    return scene
+    return loaded(arrays, "cpu", FRAMES)
 
 
 def assert_equals_oracle(
@@ -124,9 +113,7 @@ def test_depth_equals_the_oracle(arrays: SceneData, scene: DeviceScene) -> None:
     config = DepthCamera(
         on=("cav", "rsu"), width_px=160, height_px=120, mount={"cav": MountConfig(position_m=(1.5, 0, 2.6))}
     )
-    views = make_views(arrays, FRAMES, config)
-    images = trace_depth(scene, views, config, with_details=True)
-    assert images.depth_m is not None and images.object_id is not None
+    views, images = make_views(arrays, FRAMES, config), traced_depth(arrays, scene.device, config, FRAMES)
     through = pinhole_directions(pinhole(config.width_px, config.height_px, config.fov_deg)).reshape(-1, 3)
     stretch = np.linalg.norm(through, axis=1)
     assert_equals_oracle(

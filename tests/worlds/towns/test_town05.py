@@ -8,28 +8,19 @@ from pxr import Usd
 from mmw.config import load_config
 from mmw.core.resources import configs_dir
 from tests.fixtures import town_checks as checks
+from tests.fixtures.meshes import plumb
 
 NAME = "town05"
 
 
 def heights_above(prim: Usd.Prim, xy: tuple[float, float]) -> np.ndarray:
     """Return the heights at which a plumb line meets the meshes at or below a prim [m], ascending."""
-    found = []
+    corners = []
     for mesh in checks.meshes_below(prim):
-        points = np.array(mesh.GetPointsAttr().Get(), np.float64)
-        counts = np.array(mesh.GetFaceVertexCountsAttr().Get())
-        assert (counts == 3).all()
-        corners = points[np.array(mesh.GetFaceVertexIndicesAttr().Get()).reshape(-1, 3)]
-        a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
-        first, second, offset = b - a, c - a, np.array(xy) - a[:, :2]
-        area = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
-        level = np.abs(area) > 1e-9
-        first, second, offset, area, a = first[level], second[level], offset[level], area[level], a[level]
-        u = (offset[:, 0] * second[:, 1] - offset[:, 1] * second[:, 0]) / area
-        v = (first[:, 0] * offset[:, 1] - first[:, 1] * offset[:, 0]) / area
-        inside = (u >= 0) & (v >= 0) & (u + v <= 1)
-        found.append((a[:, 2] + u * first[:, 2] + v * second[:, 2])[inside])
-    return np.sort(np.concatenate(found))
+        assert (np.array(mesh.GetFaceVertexCountsAttr().Get()) == 3).all()
+        index = np.array(mesh.GetFaceVertexIndicesAttr().Get()).reshape(-1, 3)
+        corners.append(np.array(mesh.GetPointsAttr().Get(), np.float64)[index])
+    return plumb(np.concatenate(corners), np.array([xy]))[0]
 
 
 def test_extent_is_that_of_the_table(network):

@@ -8,6 +8,7 @@ import pytest
 import trimesh
 from pxr import Sdf, Usd, UsdGeom, UsdShade
 
+from mmw.core.mesh import TriangleMesh
 from mmw.core.resources import assets_dir
 from mmw.usd.material_library import PAINTS
 from mmw.usd.semantics import CARLA_TAG
@@ -230,9 +231,9 @@ def test_corner_normals_smooth_below_the_crease_only():
     cube = box((0, 0, 0), (1, 1, 1), "trim")
     faces = cube.points[cube.faces]
     flat = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
-    np.testing.assert_allclose(corner_normals(cube.points, cube.faces), np.repeat(flat[:, None], 3, axis=1), atol=1e-12)
+    np.testing.assert_allclose(corner_normals(cube), np.repeat(flat[:, None], 3, axis=1), atol=1e-12)
     fold = np.array([[0.0, -1, 0.1], [0, 1, 0.1], [1, 0, 0], [-1, 0, 0]])  # a roof of 0.2 rad along y
-    normals = corner_normals(fold, np.array([[0, 2, 1], [1, 3, 0]]))
+    normals = corner_normals(TriangleMesh(fold, np.array([[0, 2, 1], [1, 3, 0]])))
     np.testing.assert_allclose(normals[0, 0], [0, 0, 1], atol=1e-12)
 
 

@@ -4,7 +4,7 @@ Run Python in OUT: DeepMIMO looks for `deepmimo_scenarios/NAME` in the working d
 scenario, weather and carrier, in lower case, such as `town03_roundabout_sunny_28ghz`.
 
 packed   one static scenario: transmitters are the roadside units, receiver r is one CAV in one frame, frame by frame.
-         Exact, because roadside units stand still. V2V links are left out.
+         Exact, because roadside units do not move. V2V links are omitted.
 dynamic  one folder a frame (`deepmimo.DynamicDataset`); V2V links too. Set 0: roadside units; set 1: CAVs that receive;
          set 2: CAVs that send. A set that sends and receives would be skipped by `deepmimo.load`'s defaults.
 
@@ -13,14 +13,14 @@ edge of 123 MHz). `power` is 20 log10 |a| [dB] and `phase` [deg] is that of a ex
 adds no carrier phase. Angles [deg] are azimuths from +x and polar angles from +z, world frame; arrival points from the
 receiver back along the path.
 
-Beside them stand files that DeepMIMO does not read:
+DeepMIMO does not read these additional files:
 
     receivers_r001.npz            frame, time_s, agent, rotation_deg, velocity, of each row of the matrices
     transmitters_t000.npz         agent, rotation_deg, velocity, of each transmitter
     extra_t000_tx000_r001.npz     doppler [Hz] for `set_doppler`, path_id and inter_object (our object ids), -1 for none
 
-`rotation_deg` is what DeepMIMO takes as an antenna's `rotation` (about x, y, z). H of DeepMIMO is ours at the baseband
-frequencies k B / N, k = 0 ... N - 1, over sqrt(N); its first element sits where our array has its middle.
+`rotation_deg` is DeepMIMO's `rotation` of an antenna (about x, y, z). H of DeepMIMO is ours at the baseband
+frequencies k B / N, k = 0 ... N - 1, over sqrt(N); its first element is at the center of our array.
 
 Losses: those of `FORMAT` below.
 
@@ -40,12 +40,14 @@ import pyarrow.compute as pc
 
 from mmw.channel import LINK_COLUMNS, PATH_COLUMNS, Paths, PlanarArray, apply_arrays
 from mmw.channel.response import complex_gain
+from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.errors import InputError
 from mmw.core.transforms import quaternion_to_matrix, quaternion_to_ypr
 from mmw.dataset import Dataset
 from mmw.dataset.export.deepmimo.scene import material_list, write_actors, write_town
-from mmw.dataset.export.exporter import FRAME_RATE_HZ, Format, Option, Options, Part, Selection, Task, parts, require
-from mmw.dataset.export.read_radio import Antennas, read_antennas, read_part
+from mmw.dataset.export.exporter import Format, Option, Options, Part, Selection, Task, parts, require
+from mmw.dataset.export.read_radio import Antennas, read_antennas
+from mmw.dataset.export.read_sensors import Block
 from mmw.storage.manifest import DATASET
 
 FOLDER = "deepmimo_scenarios"
@@ -55,7 +57,7 @@ VERSION = "4.0.5"
 RSUS, RECEIVERS, SENDERS = 0, 1, 2
 """Sets of antennas: roadside units, CAVs that receive, CAVs that send."""
 DIGITS = {1: 1, 2: 3, 4: 4, 8: 2}
-"""Interaction of ours (specular, diffuse, transmission, diffraction) -> DeepMIMO's digit."""
+"""Interaction of the dataset (specular, diffuse, transmission, diffraction) -> DeepMIMO's digit."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +72,7 @@ class Radio:
     """`path_id`, `interactions`, `vertices` and `objects` of each path, P rows."""
 
     def at(self, frames: Sequence[int]) -> "Radio":
-        """Return what belongs to some frames."""
+        """Return links and paths of some frames."""
         paths = self.paths.take(np.isin(self.paths.keys["frame"], frames))
         rows = paths.row
         return Radio(replace(paths, row=np.arange(len(rows))), self.coefficient[rows], self.lists.take(pa.array(rows)))
@@ -79,8 +81,8 @@ class Radio:
 def read_radio(dataset: Dataset, part: Part, carrier_hz: float, antennas: Antennas, options: Options) -> Radio:
     """Return links and paths at one carrier, with the coefficients of the antenna that the options name."""
     lists = ["path_id", "interactions", "vertices", "objects"]
-    rows = read_part(dataset, "paths", part, [*PATH_COLUMNS, *lists])
-    links = read_part(dataset, "links", part, list(LINK_COLUMNS))
+    block = Block(dataset, part.scenario, part.weather, part.frames)
+    rows, links = block.table("paths", [*PATH_COLUMNS, *lists]), block.table("links", LINK_COLUMNS)
     paths = Paths.from_table(rows, carrier_hz, links)
     coefficient = paths.a
     if options["pattern"] != "stored":
@@ -94,15 +96,8 @@ def read_radio(dataset: Dataset, part: Part, carrier_hz: float, antennas: Antenn
     return Radio(replace(paths, row=np.arange(len(paths))), coefficient, table)
 
 
-def path_matrices(radio: Radio, peer: str, receivers: list[tuple[int, str]], most: int) -> dict[str, np.ndarray]:
-    """Return DeepMIMO's matrices of one transmitter, NaN where there is no path, and those of our own.
-
-    Args:
-        radio: Paths.
-        peer: Name of the transmitter.
-        receivers: (frame, agent) of each row; others are left out.
-        most: Paths of a receiver to keep, the strongest first.
-    """
+def path_matrices(radio: Radio, peer: str, receivers: list[tuple[int, str]], max_paths: int) -> dict[str, np.ndarray]:
+    """Return DeepMIMO's matrices of a transmitter, a row for each (frame, receiver), NaN without a path, and ours."""
     paths = radio.paths
     place = {key: row for row, key in enumerate(receivers)}
     keys = zip(paths.keys["frame"], paths.keys["agent"], paths.keys["peer"], strict=True)
@@ -110,13 +105,13 @@ def path_matrices(radio: Radio, peer: str, receivers: list[tuple[int, str]], mos
     power = 20.0 * np.log10(np.maximum(np.abs(radio.coefficient), 1e-30))
     order = np.lexsort((-power, paths.link))
     first = np.cumsum(paths.path_count) - paths.path_count
-    slot = np.arange(len(order)) - first[paths.link[order]]
+    column = np.arange(len(order)) - first[paths.link[order]]
     row = target[paths.link[order]]
-    is_kept = (slot < most) & (row >= 0)
-    order, slot, row = order[is_kept], slot[is_kept], row[is_kept]
+    is_written = (column < max_paths) & (row >= 0)
+    order, column, row = order[is_written], column[is_written], row[is_written]
     phase = np.degrees(np.angle(complex_gain(radio.coefficient, paths, paths.carrier_hz)))
     code, points, objects = _interactions(radio.lists.take(pa.array(order)))
-    shape = (len(receivers), int(slot.max(initial=0)) + 1)
+    shape = (len(receivers), int(column.max(initial=0)) + 1)
     values = {
         "power": power[order],
         "phase": phase[order],
@@ -135,7 +130,7 @@ def path_matrices(radio: Radio, peer: str, receivers: list[tuple[int, str]], mos
     for name, value in values.items():
         is_id = value.dtype.kind == "i"
         full = np.full((*shape, *value.shape[1:]), -1 if is_id else np.nan, dtype=value.dtype)
-        full[row, slot] = value
+        full[row, column] = value
         result[name] = full
     return result
 
@@ -144,14 +139,14 @@ def _interactions(lists: pa.Table) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return codes [P], points [P, I, 3] and object ids [P, I] of each path's interactions, at least one column."""
     kinds = lists["interactions"].combine_chunks()
     count = pc.list_value_length(kinds).to_numpy(zero_copy_only=False).astype(np.int64)
-    most = max(int(count.max(initial=0)), 1)
-    where = np.arange(most) < count[:, None]
-    digits = np.zeros((len(count), most))
+    width = max(int(count.max(initial=0)), 1)
+    where = np.arange(width) < count[:, None]
+    digits = np.zeros((len(count), width))
     digits[where] = [DIGITS[kind] for kind in kinds.flatten().to_pylist()]
-    weight = np.where(where, 10.0 ** np.maximum(count[:, None] - 1 - np.arange(most), 0), 0.0)
-    points = np.full((len(count), most, 3), np.nan)
+    weight = np.where(where, 10.0 ** np.maximum(count[:, None] - 1 - np.arange(width), 0), 0.0)
+    points = np.full((len(count), width, 3), np.nan)
     points[where] = lists["vertices"].combine_chunks().flatten().to_numpy().reshape(-1, 3)
-    objects = np.full((len(count), most), -1, dtype=np.int32)
+    objects = np.full((len(count), width), -1, dtype=np.int32)
     objects[where] = lists["objects"].combine_chunks().flatten().to_numpy()
     return (digits * weight).sum(axis=1), points, objects
 
@@ -172,7 +167,8 @@ def tasks(dataset: Dataset, selection: Selection, options: Options) -> list[Task
         raise InputError(f"deepmimo: {dataset.root} is no local folder, its stages cannot be read; give scene=off")
     planned = []
     for part in parts(dataset, selection):
-        rows = read_part(dataset, "links", part, ["frame", "carrier_hz", "link", "agent"])
+        block = Block(dataset, part.scenario, part.weather, part.frames)
+        rows = block.table("links", ["frame", "carrier_hz", "link", "agent"])
         kinds = set(rows.filter(pc.is_in(rows["agent"].cast(pa.string()), value_set=pa.array(part.agents)))["link"]
                     .to_pylist())  # fmt: skip
         if not kinds or (options["mode"] == "packed" and "v2i" not in kinds):
@@ -182,20 +178,18 @@ def tasks(dataset: Dataset, selection: Selection, options: Options) -> list[Task
             )
         for carrier in sorted(pc.unique(rows["carrier_hz"]).to_pylist()):
             name = scenario_name(part, carrier)
-            planned.append(Task(name, partial(write_scenario, dataset, part, carrier, dict(options), name=name)))
+            planned.append(Task(name, partial(write_scenario, dataset, part, carrier, dict(options))))
     return planned
 
 
 def scenario_name(part: Part, carrier_hz: float) -> str:
-    """Return the name that `deepmimo.load` takes; it turns names to lower case."""
+    """Return the name for `deepmimo.load`, which turns names to lower case."""
     return f"{part.scenario}_{part.weather}_{carrier_hz / 1e9:.9g}ghz".replace(".", "p").lower()
 
 
-def write_scenario(
-    dataset: Dataset, part: Part, carrier_hz: float, options: Options, out: Path, name: str = ""
-) -> None:
+def write_scenario(dataset: Dataset, part: Part, carrier_hz: float, options: Options, out: Path) -> None:
     """Write one DeepMIMO scenario below `out`."""
-    folder = out / FOLDER / (name or scenario_name(part, carrier_hz))
+    folder = out / FOLDER / scenario_name(part, carrier_hz)
     antennas = read_antennas(dataset, part)
     radio = read_radio(dataset, part, carrier_hz, antennas, options)
     roles = {agent: role for (_, agent), role in zip(antennas.row, antennas.role, strict=True)}
@@ -207,7 +201,7 @@ def write_scenario(
         senders[SENDERS] = []
     steps = [part.frames] if is_packed else [(frame,) for frame in part.frames]
     reached = np.zeros(len(cavs) * (len(part.frames) if is_packed else 1), dtype=bool)
-    # With one step DeepMIMO takes the scenario for static, and looks for its files in the scenario's own folder.
+    # With one step DeepMIMO treats the scenario as static, and looks for its files in the scenario's own folder.
     places = [folder] if len(steps) == 1 else [folder / f"frame_{frames[0]:06d}" for frames in steps]
     for frames, place in zip(steps, places, strict=True):
         place.mkdir(parents=True)
@@ -256,7 +250,7 @@ def _write_ends(path: Path, antennas: Antennas, keys: list[tuple[int, str]]) -> 
 
 
 def _write_pair(folder: Path, pair: str, matrices: dict[str, np.ndarray]) -> None:
-    """Write one file a matrix, as DeepMIMO reads them, and one file of our own."""
+    """Write one file a matrix, as DeepMIMO reads them, and one additional file."""
     own = {name: matrices.pop(name) for name in ("doppler", "path_id", "inter_object")}
     for name, matrix in matrices.items():
         np.savez_compressed(folder / f"{name}_{pair}.npz", **{name: matrix})
@@ -281,7 +275,7 @@ def _set(name: str, index: int, points: Any, is_tx: bool) -> dict[str, Any]:
 
 
 def _rt_params(dataset: Dataset, part: Part, carrier_hz: float, options: Options) -> dict[str, Any]:
-    """Return how the paths were found, in DeepMIMO's words."""
+    """Return the ray tracing parameters by DeepMIMO's names."""
     channel, info = dataset.info["config"]["channel"], dataset.info
     depth = int(channel["max_depth"])
     return {
@@ -289,11 +283,11 @@ def _rt_params(dataset: Dataset, part: Part, carrier_hz: float, options: Options
         "raytracer_version": info["versions"].get("mmw", ""),
         "frequency": carrier_hz,
         "max_path_depth": depth,
-        "max_reflections": depth if channel["specular"] else 0,
+        "max_reflections": depth if channel["specular_reflection"] else 0,
         "max_diffractions": int(channel["diffraction"]),
-        "max_scattering": int(channel["diffuse"]),
+        "max_scattering": int(channel["diffuse_reflection"]),
         "max_transmissions": depth if channel["refraction"] else 0,
-        "num_rays": int(channel["rays"]),
+        "num_rays": int(channel["samples_per_tx"]),
         "synthetic_array": True,
         "gps_bbox": [0, 0, 0, 0],
         "raw_params": {
@@ -310,10 +304,10 @@ FORMAT = Format(
     name="deepmimo",
     summary="DeepMIMO v4 scenarios: paths, angles, delays, interactions and positions; `deepmimo.load` opens them",
     losses=(
-        "one polarisation and one antenna pattern, of the options; the polarimetric transfers are left out",
+        "one polarisation and one antenna pattern, of the options; the polarimetric transfers are omitted",
         "DeepMIMO has no Doppler, path id, object or velocity matrix: they are in files beside, see doppler below",
         "at most max_paths paths of a receiver, the strongest",
-        "mode packed leaves out V2V links; mode dynamic has everything",
+        "mode packed omits V2V links; mode dynamic has everything",
         "weather is in the gains; the losses by rain, fog and gas that they hold are not separate",
         "no sensor but the radio",
         "DeepMIMO computes in complex64; the first element of its arrays is at the antenna, ours are centred on it",
@@ -324,11 +318,11 @@ FORMAT = Format(
         Option(
             "pattern",
             "iso",
-            "antenna of `power` and `phase`; iso lets DeepMIMO apply its own pattern; stored takes the dataset's",
+            "antenna of `power` and `phase`; iso: DeepMIMO applies its own pattern; stored: the dataset's",
             ("iso", "dipole", "hw_dipole", "tr38901", "stored"),
         ),
         Option("polarization", "V", "polarisation of both ends, unless pattern=stored", ("V", "H")),
-        Option("max_paths", "25", "paths of a receiver to keep; DeepMIMO loads 25 unless told otherwise"),
+        Option("max_paths", "25", "largest number of paths of a receiver; DeepMIMO loads 25 by default"),
         Option(
             "scene", "on", "geometry: the static town (packed), boxes of vehicles and people (dynamic)", ("on", "off")
         ),

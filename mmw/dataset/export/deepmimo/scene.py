@@ -19,7 +19,7 @@ from mmw.core.constants import VACUUM_PERMITTIVITY
 from mmw.core.transforms import transform_points
 from mmw.dataset import Dataset
 from mmw.dataset.export.exporter import Part
-from mmw.dataset.export.read_sensors import box_corners, box_pose, by_frame, rows_of
+from mmw.dataset.export.read_sensors import Block, box_corners, box_pose, by_frame
 from mmw.physics.materials.material import RadioMaterial
 from mmw.physics.materials.permittivity import relative_permittivity
 from mmw.storage.manifest import CONFIG
@@ -34,9 +34,9 @@ BOX_FACES = np.array(
 )  # fmt: skip
 """Outward triangles of a box with the corners of `mmw.dataset.export.read_sensors.box_corners`."""
 MARGIN = 50.0
-"""How far the ground reaches beyond the boxes [m]; design value."""
+"""Width of the ground beyond the boxes [m]; design value."""
 PERFECT_CONDUCTOR = 1e7
-"""Conductivity that stands for a perfect conductor, as in ITU-R P.2040's metal [S/m]."""
+"""Conductivity of a perfect conductor, as in ITU-R P.2040's metal [S/m]."""
 Mesh = tuple[str, str, np.ndarray, np.ndarray]
 """An object of a scene: label, name, triangles [T, 3] and their materials [T]."""
 SCATTERING = {"lambertian": "lambertian", "directive": "directive", "backscattering": "directive"}
@@ -78,17 +78,12 @@ def write_town(dataset: Dataset, part: Part, folder: Path) -> None:
 
 
 def write_actors(dataset: Dataset, part: Part, folders: Sequence[Path]) -> None:
-    """Write boxes of vehicles and people in each frame, and a plane of ground below them.
+    """Write boxes of vehicles and people in each frame into its folder, and a plane of ground below them.
 
     Objects are in the order of their ids, so that DeepMIMO can follow them from frame to frame while all are present.
-
-    Args:
-        dataset: The dataset.
-        part: Scenario, weather and frames.
-        folders: Folder of each frame.
     """
     names = ["object_id", "x", "y", "z", "yaw", "pitch", "roll", "length", "width", "height"]
-    rows = by_frame(rows_of(dataset, "boxes", part.scenario, part.weather, part.frames, names))
+    rows = by_frame(Block(dataset, part.scenario, part.weather, part.frames).rows("boxes", names))
     corners = {
         frame: np.array([transform_points(box_pose(row), box_corners(row)) for row in found])
         for frame, found in rows.items()
@@ -111,8 +106,8 @@ def write_actors(dataset: Dataset, part: Part, folders: Sequence[Path]) -> None:
 
 @lru_cache(maxsize=1)
 def _town(root: Path, name: str) -> tuple[np.ndarray, list[Mesh]]:
-    """Return vertices and objects of a scenario's static town; scenarios stand together in the order of tasks."""
-    from mmw.config import load_config  # USD and Warp take seconds to load, which no other format needs
+    """Return vertices and objects of a scenario's static town; tasks of one scenario follow each other."""
+    from mmw.config import load_config  # USD and Warp load for seconds, and no other format needs them
     from mmw.scene.prepare import stored_stage
     from mmw.scene.reader import read_stage
 
@@ -126,14 +121,14 @@ def _town(root: Path, name: str) -> tuple[np.ndarray, list[Mesh]]:
         roles=scenario.actor_roles,
         material_map=scenario.material_map,
     )
-    found = {thing.object_id: thing for thing in arrays.objects}
+    objects = {one.object_id: one for one in arrays.objects}
     faces: dict[tuple[str, str], list[np.ndarray]] = defaultdict(list)
     order = np.argsort(arrays.object_id, kind="stable")
     starts = np.flatnonzero(np.diff(arrays.object_id[order])) + 1
     for rows in np.split(order, starts):
-        thing = found[int(arrays.object_id[rows[0]])]
-        is_ground = thing.label in GROUND
-        key = ("terrain", "ground") if is_ground else (LABELS.get(thing.label, "objects"), thing.prim_path)
+        one = objects[int(arrays.object_id[rows[0]])]
+        is_ground = one.label in GROUND
+        key = ("terrain", "ground") if is_ground else (LABELS.get(one.label, "objects"), one.prim_path)
         faces[key].append(rows)
     joined = {key: np.concatenate(rows) for key, rows in faces.items()}
     meshes = [(label, path, arrays.faces[rows], arrays.material[rows]) for (label, path), rows in joined.items()]

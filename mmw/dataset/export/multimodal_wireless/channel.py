@@ -9,8 +9,8 @@ A link without any path has M = 1, gain 0, delay -1 and angles 0, which is how S
 at such a frame. Antennas are counted as Sionna counts them (`mmw.channel.PlanarArray`).
 
 The published files set the first path of each link to delay 0 before any phase is formed (`delays=normalized`): the
-time of flight is lost, and the phase of the link with it. With `delays=absolute` both are there. Their angles in the
-arrays' frames have pitch with the wrong sign and no roll; here they are right.
+time of flight is lost, and the phase of the link with it. `delays=absolute` has both. Their angles in the
+arrays' frames have pitch with the wrong sign and no roll; those written here are correct.
 
 Source: Multimodal-Wireless, `Sionna_channel_storage/channel_storage_v2i.py`, `channel_storage_v2v.py`, `data_utils.py`.
 """
@@ -26,7 +26,8 @@ from mmw.core.errors import InputError
 from mmw.core.transforms import quaternion_to_matrix
 from mmw.dataset import Dataset
 from mmw.dataset.export.exporter import Options, Part
-from mmw.dataset.export.read_radio import Antennas, read_antennas, read_part
+from mmw.dataset.export.read_radio import Antennas, read_antennas
+from mmw.dataset.export.read_sensors import Block
 
 ARRAYS = re.compile(r"([1-9]\d*)x([1-9]\d*)-([1-9]\d*)x([1-9]\d*)")
 """Rows x columns of the transmitter, then of the receiver."""
@@ -42,7 +43,8 @@ class ArrayPair:
     def folder(self, carrier_hz: float) -> str:
         """Return the name of the folder, `Nt_64_Nr_16_fc_28GHz` for linear and `Nt_8x8_...` for planar arrays."""
         sizes = [
-            f"{array.columns}" if array.rows == 1 else f"{array.rows}x{array.columns}" for array in (self.tx, self.rx)
+            f"{array.num_cols}" if array.num_rows == 1 else f"{array.num_rows}x{array.num_cols}"
+            for array in (self.tx, self.rx)
         ]
         return f"Nt_{sizes[0]}_Nr_{sizes[1]}_fc_{carrier_hz / 1e9:g}GHz"
 
@@ -71,18 +73,10 @@ def array_pairs(options: Options) -> list[ArrayPair]:
 
 
 def write_channels(dataset: Dataset, part: Part, folder: str, options: Options, out: Path) -> None:
-    """Write the files of every link and frame of a part, at every carrier and for every pair of arrays.
-
-    Args:
-        dataset: The dataset.
-        part: Scenario, weather, frames and receiving agents.
-        folder: Folder of the scenario below `out`.
-        options: The format's.
-        out: Where to write.
-    """
+    """Write the files of every link and frame of a part, at every carrier, for every pair of arrays."""
     antennas = read_antennas(dataset, part)
-    rows = read_part(dataset, "paths", part, list(PATH_COLUMNS))
-    links = read_part(dataset, "links", part, list(LINK_COLUMNS))
+    block = Block(dataset, part.scenario, part.weather, part.frames)
+    rows, links = block.table("paths", PATH_COLUMNS), block.table("links", LINK_COLUMNS)
     pairs = array_pairs(options)
     rsus = {agent for (_, agent), role in zip(antennas.row, antennas.role, strict=True) if role == "rsu"}
     for carrier in np.unique(links["carrier_hz"].to_numpy()):
@@ -102,14 +96,7 @@ def write_channels(dataset: Dataset, part: Part, folder: str, options: Options, 
 
 
 def link_arrays(link: Paths, antennas: Antennas, pair: ArrayPair, normalize: bool) -> dict[str, np.ndarray]:
-    """Return the arrays of one file.
-
-    Args:
-        link: Paths of one link.
-        antennas: Where the antennas are.
-        pair: Arrays of both ends.
-        normalize: Count delays from the first path, phases too.
-    """
+    """Return the arrays of the file of one link; `normalize` counts delays from the first path, phases too."""
     frame = int(link.keys["frame"][0])
     turns = [
         quaternion_to_matrix(antennas.at([(frame, str(link.keys[end][0]))])[0][0, 3:]) for end in ("peer", "agent")

@@ -10,8 +10,8 @@
 
 Frames are numbered as in the dataset. Coordinates are CARLA's: left-handed, y to the right, degrees. Point clouds are
 in the LiDAR's frame, intensity in the red channel. Points of radar JSON are CARLA's: azimuth to the right, altitude
-upwards, velocity positive while receding. `vehicles` of a CAV holds what is within 50 m, without itself; `location` is
-the middle of the box's floor and `center` the way from there to the box's middle, along the world's axes.
+upwards, velocity positive while receding. `vehicles` of a CAV lists those within 50 m, without itself; `location`
+is the center of the box's floor and `center` the offset from there to the box's center, along the world's axes.
 
 Losses: those of `FORMAT` below.
 
@@ -19,42 +19,41 @@ Source: Multimodal-Wireless, `CARLA_sensor_storage/data_utils/sim_utils.py` and 
 """
 
 import json
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from PIL import Image
 
-from mmw.core.geodesy import world_from_mercator, world_from_wgs84
 from mmw.core.transforms import quaternion_to_ypr, transform_points
 from mmw.dataset import Dataset
 from mmw.dataset.export.carla_frames import carla_point, carla_pose
 from mmw.dataset.export.exporter import Format, Option, Options, Part, Selection, Task, parts, require
-from mmw.dataset.export.image_files import png_of
 from mmw.dataset.export.multimodal_wireless.channel import array_pairs, write_channels
 from mmw.dataset.export.pcd import intensity_pcd
 from mmw.dataset.export.read_sensors import (
     PEOPLE,
+    Block,
     Sensor,
-    blocks,
     box_pose,
     by_frame,
+    gnss_position,
     pick_sensor,
     pose_of,
-    rows_of,
     sensor_to_world,
     sensors_of,
-    sweeps,
 )
+from mmw.dataset.export.write_files import png_of, write_yaml
 from mmw.storage.codecs.carla_depth import encode_bgra, encode_log_grey
 from mmw.storage.codecs.images import decode_depth
 
 CAMERA_YAW = (0.0, np.pi, np.pi / 2, -np.pi / 2)
 """Yaw of the published cameras 0 to 3 of a CAV [rad]: front, rear, left, right."""
 PERCEPTION_M = 50.0
-"""How far `vehicles` of a CAV reaches [m]."""
+"""Largest distance of an entry of `vehicles` from its CAV [m]."""
 NO_COLOR = "255,255,255"
 """Value of the published script for a vehicle without a color."""
 NO_IMU = {"accelerometer": dict.fromkeys("xyz", 0.0), "gyroscope": dict.fromkeys("xyz", 0.0), "compass": 0.0}
@@ -71,12 +70,12 @@ def tasks(dataset: Dataset, selection: Selection, options: Options) -> list[Task
     planned = []
     for part in parts(dataset, selection):
         folder = scenario_folder(dataset, part)
-        for frames in blocks(part.frames):
-            block = Part(part.scenario, part.weather, frames, part.agents)
-            name = f"{part.scenario}.{part.weather}.{frames[0]:06d}"
-            planned.append(Task(f"{name}.sensors", partial(write_sensors, dataset, block, folder, dict(options))))
+        for block in Block(dataset, part.scenario, part.weather, part.frames).split():
+            some = Part(part.scenario, part.weather, tuple(block.frames), part.agents)
+            name = f"{part.scenario}.{part.weather}.{some.frames[0]:06d}"
+            planned.append(Task(f"{name}.sensors", partial(write_sensors, block, part.agents, folder, dict(options))))
             if "links" in dataset.tables and "paths" in dataset.tables:
-                planned.append(Task(f"{name}.channels", partial(write_channels, dataset, block, folder, dict(options))))
+                planned.append(Task(f"{name}.channels", partial(write_channels, dataset, some, folder, dict(options))))
     return planned
 
 
@@ -89,19 +88,20 @@ def scenario_folder(dataset: Dataset, part: Part) -> str:
     return f"{part.weather}/{town}/{'_'.join(filter(None, (town, rest)))}_seed{config['seed']}"
 
 
-def write_sensors(dataset: Dataset, part: Part, folder: str, options: Options, out: Path) -> None:
+def write_sensors(block: Block, agents: Sequence[str], folder: str, options: Options, out: Path) -> None:
     """Write everything but the channels of a block of frames."""
     root = out / folder
-    sensors = sensors_of(dataset, part.scenario)
-    read = partial(rows_of, dataset, scenario=part.scenario, weather=part.weather, frames=part.frames)
-    poses = {(row["frame"], row["agent"]): row for row in read("poses")}
-    boxes = by_frame([row for row in read("boxes") if row["category"] not in PEOPLE])
-    imu = {(row["frame"], row["agent"]): row for row in read("imu")}
-    gnss = {(row["frame"], row["agent"]): row for row in read("gnss")}
+    sensors = sensors_of(block.dataset, block.scenario)
+    poses, imu, gnss = (
+        {(row["frame"], row["agent"]): row for row in block.rows(table)} for table in ("poses", "imu", "gnss")
+    )
+    boxes = by_frame([row for row in block.rows("boxes") if row["category"] not in PEOPLE])
     (root / "scenes").mkdir(parents=True)
-    for frame in part.frames:
-        _dump(root / "scenes" / f"{frame:06d}.yaml", {"frame": frame, "vehicles": _scene(boxes.get(frame, []), True)})
-    for agent in part.agents:
+    for frame in block.frames:
+        write_yaml(
+            root / "scenes" / f"{frame:06d}.yaml", {"frame": frame, "vehicles": _scene(boxes.get(frame, []), True)}
+        )
+    for agent in agents:
         (root / agent).mkdir()
         own = {name: sensor for (owner, name), sensor in sensors.items() if owner == agent}
         cameras = camera_numbers(own)
@@ -117,9 +117,10 @@ def write_sensors(dataset: Dataset, part: Part, folder: str, options: Options, o
                 content["vehicles"] = _near(row, seen, rsus)
             else:
                 content = head | _rsu(row, own, cameras, depths, options) | {"vehicles": _scene(seen, False)}
-            _dump(root / agent / f"{frame:06d}.yaml", content)
+            write_yaml(root / agent / f"{frame:06d}.yaml", content)
         is_rsu = bool(units) and units[0][1]["role"] == "rsu"
-        _write_files(dataset, part, agent, own, cameras, depths if is_rsu else {}, is_rsu, options, root / agent)
+        own_rows = replace(block, agent=agent)
+        _write_files(own_rows, own, cameras, depths if is_rsu else {}, is_rsu, options, root / agent)
 
 
 def camera_numbers(own: dict[str, Sensor]) -> dict[str, int]:
@@ -138,34 +139,26 @@ def camera_numbers(own: dict[str, Sensor]) -> dict[str, int]:
 
 
 def _write_files(
-    dataset: Dataset,
-    part: Part,
-    agent: str,
-    own: dict[str, Sensor],
-    cameras: dict[str, int],
-    depths: dict[str, int],
-    is_rsu: bool,
-    options: Options,
-    out: Path,
-) -> None:
+    block: Block, own: dict[str, Sensor], cameras: dict[str, int], depths: dict[str, int], is_rsu: bool,
+    options: Options, out: Path,
+) -> None:  # fmt: skip
     """Write the point clouds, images and radar samples of one agent."""
+    tables, agent = block.dataset.tables, str(block.agent)
     place = {(agent, name): sensor for name, sensor in own.items()}
-    read = partial(rows_of, dataset, scenario=part.scenario, weather=part.weather, frames=part.frames, agent=agent)
-    if "lidar" in dataset.tables and any(sensor.type == "lidar" for sensor in own.values()):
+    if "lidar" in tables and any(sensor.type == "lidar" for sensor in own.values()):
         lidar = pick_sensor(place, agent, "lidar", options["lidar"], "v1: lidar=")
-        for frame, sweep in sweeps(dataset, part.scenario, part.weather, part.frames, lidar):
+        for frame, sweep in block.sweeps(lidar):
             points = np.stack([sweep["x"], -sweep["y"], sweep["z"]], axis=-1)
             (out / f"{frame:06d}.pcd").write_bytes(intensity_pcd(points, sweep["intensity"]))
-    for row in read("rgb", columns=["sensor", "image"]):
+    for row in block.rows("rgb", ["sensor", "image"]):
         path = out / f"{row['frame']:06d}_camera{cameras[row['sensor']]}.png"
         path.write_bytes(png_of(row["image"]["bytes"]))
-    for row in read("depth", columns=["sensor", "image", "depth_m"]) if depths else []:
+    for row in block.rows("depth", ["sensor", "image", "depth_m"]) if depths else []:
         path = out / f"{row['frame']:06d}_depth_camera{depths[row['sensor']]}.png"
         _depth_image(row, own[row["sensor"]].size, options["depth"]).save(path)
-    if is_rsu and "radar" in dataset.tables and any(sensor.type == "radar" for sensor in own.values()):
+    if is_rsu and "radar" in tables and any(sensor.type == "radar" for sensor in own.values()):
         radar = pick_sensor(place, agent, "radar", options["radar"], "v1: radar=")
-        columns = ["sensor", "range", "azimuth", "elevation", "velocity"]
-        for row in read("radar", columns=columns):
+        for row in block.rows("radar", ["sensor", "range", "azimuth", "elevation", "velocity"]):
             if row["sensor"] == radar.name:
                 points = zip(row["velocity"], row["azimuth"], row["elevation"], row["range"], strict=True)
                 points = [{"velocity": v, "azimuth": -az, "altitude": el, "depth": d} for v, az, el, d in points]
@@ -191,10 +184,7 @@ def _cav(
             sensors["imu_pose"] = _transform(sensor_to_world(pose, sensor))
     sensors["imu_measurement"] = _imu(imu)
     if gnss is not None:
-        params = json.loads(own[gnss["sensor"]].params)
-        reference = [params[f"reference_{name}"] for name in ("latitude_deg", "longitude_deg", "altitude_m")]
-        world_from = world_from_mercator if params["mode"] == "compat" else world_from_wgs84
-        place = carla_point(world_from([gnss["latitude_deg"], gnss["longitude_deg"], gnss["altitude_m"]], reference))
+        place = carla_point(gnss_position(gnss, own[gnss["sensor"]]))
         yaw = float(np.degrees(np.angle(np.exp(1j * (gnss["heading"] - np.pi / 2)))))
         sensors["GPS"] = {"location": _xyz(place)}
         sensors["predicted_ego_pos"] = {"location": _xyz(place), "rotation": {"pitch": 0.0, "roll": 0.0, "yaw": yaw}}
@@ -220,7 +210,7 @@ def _rsu(
 
 
 def _lidar_pose(pose: np.ndarray, own: dict[str, Sensor], options: Options) -> np.ndarray:
-    """Return where the LiDAR is in the world; without one, the antenna, which the published arrays share."""
+    """Return the pose of the LiDAR in the world; without one, the antenna, which the published arrays share."""
     kinds = {sensor.type for sensor in own.values()}
     kind = "lidar" if "lidar" in kinds else "antenna"
     if kind not in kinds:
@@ -242,16 +232,16 @@ def _imu(row: dict[str, Any] | None) -> dict[str, Any]:
 
 
 def _near(row: dict[str, Any], boxes: list[dict[str, Any]], rsus: list[dict[str, Any]]) -> dict[int, Any]:
-    """Return what is around a CAV; roadside units are 0, -1, ..."""
-    here, found = np.array([row[axis] for axis in "xyz"]), {}
+    """Return the vehicles and roadside units around a CAV; roadside units are 0, -1, ..."""
+    place, found = np.array([row[axis] for axis in "xyz"]), {}
     for number, rsu in enumerate(rsus):
         pose = pose_of(rsu)
-        if np.linalg.norm(pose[:3] - here) <= PERCEPTION_M:
+        if np.linalg.norm(pose[:3] - place) <= PERCEPTION_M:
             found[-number] = _actor("mmw.rsu", "0,0,0", pose, pose[:3], (0.0, 0.0, 0.0), 0.0)
     for box in boxes:
         pose, size = box_pose(box), (box["length"], box["width"], box["height"])
         floor = _floor(box)
-        if box["agent"] != row["agent"] and np.linalg.norm(floor - here) <= PERCEPTION_M:
+        if box["agent"] != row["agent"] and np.linalg.norm(floor - place) <= PERCEPTION_M:
             at_floor = np.concatenate([floor, pose[3:]])
             found[box["object_id"]] = _actor(
                 f"mmw.{box['category']}", NO_COLOR, at_floor, pose[:3], np.array(size) / 2, _speed(box)
@@ -284,7 +274,7 @@ def _scene(boxes: list[dict[str, Any]], is_scene: bool) -> list[dict[str, Any]]:
 
 
 def _floor(box: dict[str, Any]) -> np.ndarray:
-    """Return the middle of the floor of a box, world frame [m], shape [3]."""
+    """Return the center of the floor of a box, world frame [m], shape [3]."""
     return transform_points(box_pose(box), [0.0, 0.0, -box["height"] / 2])
 
 
@@ -307,15 +297,10 @@ def _xyz(values: Any) -> dict[str, float]:
 
 
 def _depth_image(row: dict[str, Any], size: tuple[int, int], code: str) -> Image.Image:
-    """Return depth as an image: CARLA's logarithmic grey, or its 24 bits."""
+    """Return depth as an image: CARLA's logarithmic gray, or its 24 bits."""
     depth = np.reshape(row["depth_m"], size[::-1]) if row["depth_m"] else decode_depth(row["image"]["bytes"])
     depth = np.where(depth > 0, depth, np.inf)
     return Image.fromarray(encode_log_grey(depth) if code == "log8" else encode_bgra(depth)[..., 2::-1].copy())
-
-
-def _dump(path: Path, content: dict[str, Any]) -> None:
-    dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
-    path.write_text(yaml.dump(content, Dumper=dumper, sort_keys=False), encoding="utf-8")
 
 
 FORMAT = Format(
@@ -326,10 +311,10 @@ FORMAT = Format(
         "complex64 and float32; with delays=normalized the time of flight and the phase of a link are lost",
         "LiDAR intensity has 8 bits; ring, object, label, time and number of a return are dropped",
         "depth=log8 has 255 logarithmic steps, 3.4 m to 1000 m; images that were JPEG are no sharper as PNG",
-        "radar has no power, object or label; radars and depth cameras of CAVs are left out",
-        "people are left out; bp_id is our category, and colours are not known",
+        "radar has no power, object or label; radars and depth cameras of CAVs are omitted",
+        "people are omitted; bp_id is the dataset's category, and colours are unknown",
         "predicted_ego_pos is the GNSS fix with the measured heading: no filter ran",
-        "segmentation, normals, flow, 2-D boxes, visibility and the weather's losses are left out",
+        "segmentation, normals, flow, 2-D boxes, visibility and the weather's losses are omitted",
     ),
     tasks=tasks,
     options=(

@@ -4,7 +4,7 @@
     OUT/samples/LIDAR_TOP/SCENE__LIDAR_TOP__T.pcd.bin  float32 x, y, z, intensity (0 to 255), ring (0 the highest)
     OUT/samples/CAM_FRONT/SCENE__CAM_FRONT__T.jpg    the stored image; a camera NAME is CAM_NAME
     OUT/sweeps/...                                   the same between samples
-    OUT/maps/TOKEN.png                               black: the format asks for a map, and there is none
+    OUT/maps/TOKEN.png                               black: the format needs a map, and there is none
 
 A scene is one agent of a scenario in one weather: the ego vehicle, or a roadside unit. Samples come at `rate`, sweeps
 between them at `sweeps`. T is in microseconds. Every scenario in a weather begins a multiple of 10,000 s later than the
@@ -13,9 +13,9 @@ frame is the dataset's world (x east, y north, z up), the ego frame the agent's 
 midway between the axles), the LiDAR's the sensor's; a camera's is optical (x right, y down, z forward). Rotations are
 quaternions (w, x, y, z), sizes are (width, length, height).
 
-An annotation stands for a vehicle or person that a LiDAR, radar or camera of the agent has something of. Its visibility
-compares, in the camera that sees most, the rectangle of its visible pixels with the one that the image frames; level
-`unknown` (token 0, not in nuScenes) says that no camera frames it in that sample.
+A vehicle or person with a return in a LiDAR or radar of the agent, or a pixel in a camera, is annotated. Its visibility
+compares, in the camera that sees the largest share, the rectangle of its visible pixels with the one that the image
+frames; level `unknown` (token 0, not in nuScenes) says that no camera frames it in that sample.
 
 Keys that begin with `mmw_` are ours: they lead back to the dataset.
 
@@ -25,7 +25,6 @@ Source: H. Caesar et al., "nuScenes: A multimodal dataset for autonomous driving
 development kit.
 """
 
-from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
@@ -33,8 +32,9 @@ import numpy as np
 
 from mmw.dataset import Dataset
 from mmw.dataset.export.exporter import Format, Option, Options, Selection, Task, frame_step, parts, require
-from mmw.dataset.export.nuscenes.tables import LIDAR, Scene, channel_of, publish, suffix_of, write_tables
-from mmw.dataset.export.read_sensors import blocks, pick_sensor, rows_of, sensors_of, sweeps
+from mmw.dataset.export.nuscenes.tables import LIDAR, Scene, channel_of, suffix_of, write_tables
+from mmw.dataset.export.read_sensors import Block, pick_sensor, sensors_of
+from mmw.dataset.export.write_files import write_file
 
 LOSSES = (
     "no radio, radar points, depth, IMU, GNSS, segmentation, normals, flow and 2-D boxes",
@@ -42,7 +42,7 @@ LOSSES = (
     "one agent a scene: what agents see of each other joins by mmw_object_id and mmw_frame alone",
     "samples at `rate`, 2 Hz by default, sweeps at `sweeps`, 10 Hz by default, not 100 Hz",
     "object, label, time and number of a LiDAR return are dropped; one LiDAR an agent",
-    "what no sensor of the agent has anything of is not annotated",
+    "objects that no sensor of the agent has a sample of are not annotated",
     "a camera is a pinhole: lens distortion stays in the image, its coefficients are in mmw_coefficients alone",
     "velocities: readers difference the places of annotations",
 )
@@ -53,7 +53,6 @@ OPTIONS = (
     Option("sweeps", "10", "sweeps a second between the samples [Hz]; a divisor of 100"),
     Option("lidar", "", "LiDAR that becomes LIDAR_TOP, where an agent has several"),
 )
-
 
 SPACING_US = 10_000_000_000
 """From scenario to scenario [us], more than any lasts; design value."""
@@ -80,19 +79,18 @@ def plan(dataset: Dataset, selection: Selection, options: Options) -> list[Task]
                 part.scenario, part.weather, agent, part.frames, frames, lidar, cameras, number * SPACING_US + index
             )
             scenes.append(scene)
-            for some in blocks(frames):
-                tasks.append(Task(f"{scene.name}_{some[0]:06d}", partial(_write, dataset, scene, some)))
+            for block in scene.block(dataset, frames).split():
+                tasks.append(Task(f"{scene.name}_{block.frames[0]:06d}", partial(_write, block, scene)))
     return [*tasks, Task("tables", partial(write_tables, dataset, scenes))]
 
 
-def _write(dataset: Dataset, scene: Scene, frames: Sequence[int], out: Path) -> None:
+def _write(block: Block, scene: Scene, out: Path) -> None:
     """Write sweeps and images of some frames of a scene."""
-    for frame, cloud in sweeps(dataset, scene.scenario, scene.weather, frames, scene.lidar, ("ring",)):
+    for frame, cloud in block.sweeps(scene.lidar, ("ring",)):
         points = np.stack([cloud["x"], cloud["y"], cloud["z"], 255.0 * cloud["intensity"], cloud["ring"]], axis=-1)
-        publish(out / scene.file(LIDAR, frame, "pcd.bin"), points.astype("<f4").tobytes())
-    where = (scene.scenario, scene.weather, frames)
-    for row in rows_of(dataset, "rgb", *where, ["sensor", "image", "format"], scene.agent):
-        publish(out / scene.file(channel_of(row["sensor"]), row["frame"], suffix_of(row)), row["image"]["bytes"])
+        write_file(out / scene.file(LIDAR, frame, "pcd.bin"), points.astype("<f4").tobytes())
+    for row in block.rows("rgb", ["sensor", "image", "format"]):
+        write_file(out / scene.file(channel_of(row["sensor"]), row["frame"], suffix_of(row)), row["image"]["bytes"])
 
 
 FORMAT = Format("nuscenes", "nuScenes-style JSON tables, sweeps and images", LOSSES, plan, options=OPTIONS)

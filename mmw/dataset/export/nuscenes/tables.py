@@ -17,7 +17,8 @@ from mmw.core.errors import InputError
 from mmw.core.transforms import compose, quaternion_from_ypr
 from mmw.dataset import Dataset
 from mmw.dataset.export.pinhole import OPTICAL_POSE
-from mmw.dataset.export.read_sensors import Sensor, by_frame, recorded, rows_of
+from mmw.dataset.export.read_sensors import Block, Sensor
+from mmw.dataset.export.write_files import write_file
 
 VERSION = "v1.0-mmw"
 LIDAR = "LIDAR_TOP"
@@ -68,6 +69,10 @@ class Scene:
         folder = "samples" if frame in self.samples else "sweeps"
         return f"{folder}/{channel}/{self.name}__{channel}__{self.time_us(frame)}.{suffix}"
 
+    def block(self, dataset: Dataset, frames: Sequence[int]) -> Block:
+        """Return a reader of the agent's rows in some frames."""
+        return Block(dataset, self.scenario, self.weather, frames, self.agent)
+
     def time_us(self, frame: int) -> int:
         """Return the time of a frame [us]."""
         return self.begin_us + frame * FRAME_US
@@ -89,12 +94,6 @@ def suffix_of(row: dict[str, Any]) -> str:
     return {"jpeg": "jpg", "png": "png"}[row["format"]]
 
 
-def publish(path: Path, data: bytes) -> None:
-    """Write a file, and its folder."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(data)
-
-
 def write_tables(dataset: Dataset, scenes: Sequence[Scene], out: Path) -> None:
     """Write the JSON tables and the empty maps."""
     tables: Tables = defaultdict(dict)
@@ -108,9 +107,9 @@ def write_tables(dataset: Dataset, scenes: Sequence[Scene], out: Path) -> None:
     blank = io.BytesIO()
     Image.new("L", (8, 8)).save(blank, "PNG")
     for row in tables["map"].values():
-        publish(out / row["filename"], blank.getvalue())
+        write_file(out / row["filename"], blank.getvalue())
     for name in TABLES:
-        publish(out / VERSION / f"{name}.json", _json(tables[name].values()))
+        write_file(out / VERSION / f"{name}.json", _json(tables[name].values()))
 
 
 TABLES = (
@@ -157,7 +156,7 @@ def _add_samples(tables: Tables, dataset: Dataset, scene: Scene) -> None:
     for index, (frame, name) in enumerate(zip(scene.samples, names, strict=True)):
         _add(
             tables, "sample", name, timestamp=scene.time_us(frame), scene_token=token(dataset, "scene", scene.name),
-            **_neighbours(names, index), mmw_frame=frame,
+            **_neighbors(names, index), mmw_frame=frame,
         )  # fmt: skip
 
 
@@ -165,7 +164,7 @@ def _sample(dataset: Dataset, scene: Scene, frame: int) -> str:
     return token(dataset, "sample", scene.name, frame)
 
 
-def _neighbours(names: Sequence[str], index: int) -> dict[str, str]:
+def _neighbors(names: Sequence[str], index: int) -> dict[str, str]:
     return {
         "prev": names[index - 1] if index else "",
         "next": names[index + 1] if index + 1 < len(names) else "",
@@ -181,15 +180,15 @@ def _nearest(samples: Sequence[int], frame: int) -> int:
 
 def _add_sensor_data(tables: Tables, dataset: Dataset, scene: Scene) -> None:
     """Add the sensors of a scene, the poses of its agent, and one row a file."""
-    where = (scene.scenario, scene.weather, scene.frames)
-    for row in rows_of(dataset, "poses", *where, agent=scene.agent):
+    block = scene.block(dataset, scene.frames)
+    for row in block.rows("poses"):
         _add(
             tables, "ego_pose", token(dataset, "ego_pose", scene.name, row["frame"]),
             timestamp=scene.time_us(row["frame"]), rotation=[row[name] for name in ("qw", "qx", "qy", "qz")],
             translation=[row[name] for name in "xyz"],
         )  # fmt: skip
-    files = {LIDAR: dict.fromkeys(_swept(dataset, scene), "pcd.bin")}
-    for row in rows_of(dataset, "rgb", *where, ["sensor", "format"], scene.agent):
+    files = {LIDAR: dict.fromkeys(_swept(block, scene), "pcd.bin")}
+    for row in block.rows("rgb", ["sensor", "format"]):
         files.setdefault(channel_of(row["sensor"]), {})[row["frame"]] = suffix_of(row)
     channels = {LIDAR: scene.lidar, **{channel_of(name): camera for name, camera in scene.cameras.items()}}
     for channel, sensor in channels.items():
@@ -213,38 +212,37 @@ def _add_sensor_data(tables: Tables, dataset: Dataset, scene: Scene) -> None:
                 tables, "sample_data", name, sample_token=_sample(dataset, scene, _nearest(scene.samples, frame)),
                 ego_pose_token=token(dataset, "ego_pose", scene.name, frame), calibrated_sensor_token=calibration,
                 timestamp=scene.time_us(frame), fileformat=suffix.split(".")[0], is_key_frame=frame in scene.samples,
-                height=height, width=width, filename=scene.file(channel, frame, suffix), **_neighbours(names, index),
+                height=height, width=width, filename=scene.file(channel, frame, suffix), **_neighbors(names, index),
             )  # fmt: skip
 
 
-def _swept(dataset: Dataset, scene: Scene) -> set[int]:
+def _swept(block: Block, scene: Scene) -> set[int]:
     """Return the frames with a sweep; every sample needs one.
 
     Raises:
         InputError: If one has none.
     """
-    there = recorded(dataset, "lidar", scene.scenario, scene.weather, scene.frames, scene.agent)
-    frames = there.get(scene.lidar.name, set())
+    frames = block.recorded("lidar").get(scene.lidar.name, set())
     if missing := sorted(set(scene.samples) - frames):
         raise InputError(
-            f"{dataset.root}: {scene.name}, frame {missing[0]}: there is no sweep of {scene.lidar.name}; every sample "
-            "needs one; pick other frames"
+            f"{block.dataset.root}: {scene.name}, frame {missing[0]}: there is no sweep of {scene.lidar.name}; every "
+            "sample needs one; pick other frames"
         )
     return frames
 
 
 def _add_annotations(tables: Tables, dataset: Dataset, scene: Scene) -> None:
     """Add what the sensors of a scene's agent have something of in each sample, chained by object."""
-    where = (scene.scenario, scene.weather, scene.samples)
+    block = scene.block(dataset, scene.samples)
     points: dict[tuple[int, int], np.ndarray] = {}
     columns = ("lidar_points", "radar_points", "pixels")
-    for row in rows_of(dataset, "box_visibility", *where, ["object_id", *columns], scene.agent):
+    for row in block.rows("box_visibility", ["object_id", *columns]):
         counts = np.array([row[name] or 0 for name in columns])
         points[row["frame"], row["object_id"]] = points.get((row["frame"], row["object_id"]), 0) + counts
-    shares = _visible_shares(dataset, scene)
-    own = {row["object_id"] for row in rows_of(dataset, "poses", *where[:2], scene.samples[:1], agent=scene.agent)}
+    shares = _visible_shares(block, scene)
+    own = {row["object_id"] for row in scene.block(dataset, scene.samples[:1]).rows("poses")}
     chains: dict[int, list[str]] = defaultdict(list)
-    boxes = by_frame(rows_of(dataset, "boxes", *where))
+    boxes = block.boxes()
     for frame in scene.samples:
         for box in boxes.get(frame, ()):
             number = box["object_id"]
@@ -265,7 +263,7 @@ def _add_annotations(tables: Tables, dataset: Dataset, scene: Scene) -> None:
             chains[number].append(name)
     for number, names in chains.items():
         for index, name in enumerate(names):
-            tables["sample_annotation"][name].update(_neighbours(names, index))
+            tables["sample_annotation"][name].update(_neighbors(names, index))
         tables["instance"][_instance(dataset, scene, number)].update(
             nbr_annotations=len(names), first_annotation_token=names[0], last_annotation_token=names[-1]
         )
@@ -296,12 +294,12 @@ def _attributes(tables: Tables, dataset: Dataset, box: dict[str, Any]) -> list[s
     return [key]
 
 
-def _visible_shares(dataset: Dataset, scene: Scene) -> dict[tuple[int, int], float]:
+def _visible_shares(block: Block, scene: Scene) -> dict[tuple[int, int], float]:
     """Return the largest visible share of each (frame, object) over the cameras that frame it."""
     edges = ("u_min", "v_min", "u_max", "v_max")
     columns = ["sensor", "object_id", "pixels", *edges, *(f"amodal_{name}" for name in edges)]
     result: dict[tuple[int, int], float] = {}
-    for row in rows_of(dataset, "boxes_2d", scene.scenario, scene.weather, scene.samples, columns, scene.agent):
+    for row in block.rows("boxes_2d", columns):
         if row["sensor"] not in scene.cameras:
             continue
         share = 0.0
@@ -318,4 +316,4 @@ def _level(share: float | None) -> str:
     """Return the token of the visibility of a share; of None, the unknown one."""
     if share is None:
         return UNKNOWN
-    return next(name for name, _, least in reversed(VISIBILITY) if share >= least)
+    return next(name for name, _, minimum in reversed(VISIBILITY) if share >= minimum)

@@ -1,4 +1,4 @@
-"""The clear sky: sunlight scattered once and many times by the gas, the haze and the ozone of a round atmosphere.
+"""Compute the clear sky: sunlight scattered once and many times by the gas, haze and ozone of a round atmosphere.
 
 Light is followed at eleven wavelengths, the last axis of an array (K): with three, a twilight turns purple. What leaves
 this module is linear Rec. 709 red, green and blue. Angles are in rad, lengths in m, luminance in kcd/m2. Everything is
@@ -111,7 +111,7 @@ def densities(height: np.ndarray) -> np.ndarray:
 
 
 def to_top(radius: np.ndarray, cosine: np.ndarray) -> np.ndarray:
-    """Return the distance to the top of the atmosphere [m] from a radius, given the cosine of the way to the zenith."""
+    """Return the distance to the top of the atmosphere [m] from a radius, given the cosine of the zenith angle."""
     return -radius * cosine + np.sqrt(np.maximum(radius**2 * (cosine**2 - 1.0) + TOP_M**2, 0.0))
 
 
@@ -126,16 +126,16 @@ def column_table() -> np.ndarray:
     rho = np.linspace(0.0, 1.0, _HEIGHTS)[:, None] * longest
     radius = np.sqrt(rho**2 + EARTH_M**2)
     near, far = TOP_M - radius, rho + longest
-    way = near + (far - near) * np.linspace(0.0, 1.0, _COSINES)
+    length_m = near + (far - near) * np.linspace(0.0, 1.0, _COSINES)
     with np.errstate(invalid="ignore", divide="ignore"):
-        cosine = (longest**2 - rho**2 - way**2) / (2.0 * radius * way)
-    cosine = np.where(way > 0.0, np.clip(cosine, -1.0, 1.0), 1.0)
-    # Steps grow along the way, as the densities fall.
+        cosine = (longest**2 - rho**2 - length_m**2) / (2.0 * radius * length_m)
+    cosine = np.where(length_m > 0.0, np.clip(cosine, -1.0, 1.0), 1.0)
+    # Steps grow along the ray, as the densities fall.
     edges = np.linspace(0.0, 1.0, 2 * _STEPS + 1) ** 2
     at = 0.5 * (edges[1:] + edges[:-1])
-    s = way[..., None] * at
+    s = length_m[..., None] * at
     r = np.sqrt(radius[..., None] ** 2 + s**2 + 2.0 * radius[..., None] * s * cosine[..., None])
-    return np.einsum("abik,i,ab->abk", densities(r - EARTH_M), np.diff(edges), way)
+    return np.einsum("abik,i,ab->abk", densities(r - EARTH_M), np.diff(edges), length_m)
 
 
 def columns(radius: np.ndarray, cosine: np.ndarray) -> np.ndarray:
@@ -198,11 +198,13 @@ def haze_phase(cosine: np.ndarray) -> np.ndarray:
     return 3.0 / (8.0 * math.pi) * (1.0 - g**2) * (1.0 + cosine**2) / ((2.0 + g**2) * base**1.5)
 
 
-def _march(air: Air, radius: np.ndarray, cosine: np.ndarray, way: np.ndarray, steps: int) -> tuple[np.ndarray, ...]:
-    """Return heights' radii, distances, lengths, transmittances and densities at steps of a way, shape [..., steps]."""
+def _march(
+    air: Air, radius: np.ndarray, cosine: np.ndarray, length_m: np.ndarray, steps: int
+) -> tuple[np.ndarray, ...]:
+    """Return heights' radii, distances, lengths, transmittances and densities at steps of a ray, shape [..., steps]."""
     edges = np.linspace(0.0, 1.0, steps + 1) ** 2
-    s = way[..., None] * (0.5 * (edges[1:] + edges[:-1]))
-    length = way[..., None] * np.diff(edges)
+    s = length_m[..., None] * (0.5 * (edges[1:] + edges[:-1]))
+    length = length_m[..., None] * np.diff(edges)
     r = np.sqrt(radius[..., None] ** 2 + s**2 + 2.0 * radius[..., None] * s * cosine[..., None])
     density = densities(r - EARTH_M)
     depth = (density @ _extinctions(air)) * length[..., None]
@@ -228,10 +230,10 @@ def multiple_scattering(air: Air) -> np.ndarray:
     azimuths = (np.arange(4) + 0.5) / 4 * math.pi
     radius, cosine = np.broadcast_arrays((EARTH_M + heights)[:, None], nodes)
     below = radius**2 * (cosine**2 - 1.0) + EARTH_M**2
-    meets = (cosine < 0.0) & (below > 0.0)
+    hits_ground = (cosine < 0.0) & (below > 0.0)
     ground = -radius * cosine - np.sqrt(np.maximum(below, 0.0))
-    way = np.where(meets, ground, to_top(radius, cosine))
-    r, s, length, passed, density, through = _march(air, radius, cosine, way, 12)
+    length_m = np.where(hits_ground, ground, to_top(radius, cosine))
+    r, s, length, passed, density, through = _march(air, radius, cosine, length_m, 12)
     weight = passed * (density[..., :2] @ _scatterings(air)) * length[..., None]
     fraction = np.einsum("hnsk,n->hk", weight, weights) / 2.0
 
@@ -243,7 +245,7 @@ def multiple_scattering(air: Air) -> np.ndarray:
     )
     light = transmittance(air, r[..., None, None], sun_cosine).mean(axis=4)
     second = np.einsum("hnsk,hnsck,n->hck", weight, light, weights) / (8.0 * math.pi)
-    lit = np.where(meets[..., None], np.maximum(sun, 0.0) * GROUND_ALBEDO / math.pi, 0.0)
+    lit = np.where(hits_ground[..., None], np.maximum(sun, 0.0) * GROUND_ALBEDO / math.pi, 0.0)
     second += np.einsum("hnc,hnck,hnk,n->hck", lit, light[:, :, -1], through, weights) / 2.0
     return second / (1.0 - fraction[:, None])
 
@@ -287,7 +289,7 @@ def sky_radiance(air: Air, altitude: float, elevation: np.ndarray, azimuth: np.n
     cosine = np.sin(elevation)
     radius = np.full_like(cosine, EARTH_M + 2.0)
     r, s, length, passed, density, _ = _march(air, radius, cosine, to_top(radius, cosine), _STEPS)
-    # The sun's zenith angle changes along the way: that is what makes twilight.
+    # The sun's zenith angle changes along the ray: that is what makes twilight.
     toward = cosine[:, None] * math.sin(altitude) + (np.cos(elevation) * math.cos(altitude))[:, None] * np.cos(azimuth)
     sun_cosine = (radius[:, None, None] * math.sin(altitude) + s[:, None] * toward[..., None]) / r[:, None]
     light = transmittance(air, r[:, None], sun_cosine)

@@ -1,4 +1,4 @@
-"""The pattern of the clouds of a sky and their light: heaps for a broken sky, a soft sheet for an overcast one."""
+"""Compute the clouds of a sky and their light: heaps for a broken sky, a soft sheet for an overcast one."""
 
 # Warp's structs and small number types are objects, not classes, to a type checker.
 # pyright: reportGeneralTypeIssues=false, reportArgumentType=false
@@ -25,7 +25,7 @@ DETAIL_CELLS, DETAIL_M = 64, 2_000.0
 """The same of the pattern of their lumps."""
 
 OFFSETS = 64
-"""Places in the pattern where the viewer may stand; the first is taken from which the sun is freest of clouds."""
+"""Places in the pattern where the viewer may be; the first is used from which the sun is freest of clouds."""
 
 
 def ranks(values: np.ndarray) -> np.ndarray:
@@ -62,12 +62,7 @@ def fields(seed: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def viewpoint(cover: np.ndarray, to_sun: np.ndarray) -> tuple[float, float]:
-    """Return where the viewer stands in the pattern [m], so that no cloud stands before the sun if that can be.
-
-    Args:
-        cover: Pattern of the clouds.
-        to_sun: Unit vector to the sun.
-    """
+    """Return the place of the viewer in the pattern [m], where no cloud hides the sun if there is one."""
     if to_sun[2] < 0.05:
         return 0.0, 0.0
     places = (np.arange(OFFSETS) * 0.7548776662466927 % 1.0, np.arange(OFFSETS) * 0.5698402909980532 % 1.0)
@@ -97,7 +92,7 @@ def heaps(directions: np.ndarray, to_sun: np.ndarray, cover: float, seed: int) -
     clouds.detail = wp.array(detail, dtype=float, device="cpu")
     clouds.cover_size, clouds.detail_size = COVER_M, DETAIL_M
     clouds.offset = wp.vec2(*viewpoint(pattern, to_sun))
-    clouds.threshold = 1.0 - cover**0.85  # lumps take some away
+    clouds.threshold = 1.0 - cover**0.85  # lumps remove some
     clouds.bottom, clouds.depth, clouds.extinction = BOTTOM_M, DEPTH_M, EXTINCTION_PER_M
     highest = HEAP_HEIGHT * (1.0 - math.exp(-HEAP_GROWTH * (1.0 - clouds.threshold)))  # of the highest rank, 1
     clouds.highest = 1.0001 * highest  # float32 rounds

@@ -1,4 +1,4 @@
-"""The sky as rough surfaces and as planes see it: an equirectangular map under GGX lobes and under the cosine."""
+"""Prefilter the sky for rough surfaces and for planes: an equirectangular map under GGX lobes and under the cosine."""
 
 import functools
 import math
@@ -25,7 +25,7 @@ def solid_angles(rows: int) -> np.ndarray:
 
 
 def ggx_lobe(cosine: np.ndarray, roughness: float) -> np.ndarray:
-    """Return the weight of light from an angle off the mirrored direction, for view, normal and mirror in one.
+    """Return the weight of light at an angle from the view, which is the normal and the direction of reflection too.
 
     Source: B. Karis, "Real Shading in Unreal Engine 4", SIGGRAPH 2013 (D(h) l.n with l.h = sqrt((1 + l.n) / 2));
     D of Walter et al., EGSR 2007, alpha = roughness^2.

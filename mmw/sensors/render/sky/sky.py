@@ -1,4 +1,4 @@
-"""The sky of a weather: clear air, clouds, fog and rain, the sun and the night, baked into maps for the RGB camera."""
+"""Bake the sky of a weather into maps: clear air, clouds, fog and rain, the sun and the night."""
 
 # Warp's structs and small number types are objects, not classes, to a type checker.
 # pyright: reportGeneralTypeIssues=false, reportArgumentType=false
@@ -45,8 +45,8 @@ HAZE_COLOURS = (np.array([610.0, 550.0, 465.0]) / 550.0) ** -atmosphere.HAZE_EXP
 """Extinction of haze in red, green and blue over that at 550 nm: at the middles of the three colors."""
 
 NIGHT_KLUX = 0.2e-3
-"""Illuminance of level ground by a clear night sky over a town without moon [klux]: glow of lamps, more than the 0.05
-lux of Berlin's clear sky to stand for what lamps spill. Source: C. Kyba et al., PLoS ONE 6, 2011; design value."""
+"""Illuminance of level ground by a clear night sky over a town without moon [klux]: glow of lights, more than the 0.05
+lux of Berlin's clear sky to stand for what lights spill. Source: C. Kyba et al., PLoS ONE 6, 2011; design value."""
 
 NIGHT_CLOUD_GAIN = 4.0
 """Factor by which an overcast sky brightens the night of a town. Source: Kyba et al. 2011: 10 in the
@@ -148,17 +148,12 @@ def exposure(horizontal_klux: float) -> float:
     """Return the fixed exposure [m2/kcd] of a weather, as an incident-light meter on level ground sets it.
 
     A level gray of 18 % becomes 0.18 x key: exposure = pi key / E with the key (E / 100 klux)^0.17, which is 1 at a
-    clear noon, 0.8 under clouds, 0.6 in heavy rain, 0.2 under street lamps, and 0.11 at night without them. A meter
+    clear noon, 0.8 under clouds, 0.6 in heavy rain, 0.2 under street lights, and 0.11 at night without them. A meter
     without key would set EV100 = log2(100 E / C), E in lux, C = 250.
 
     Source of C: ISO 2720, flat receptor. Key: design.
     """
     return math.pi / horizontal_klux * (horizontal_klux / KEY_KLUX) ** KEY_POWER
-
-
-def ev100(horizontal_klux: float) -> float:
-    """Return the exposure value at ISO 100 of `exposure`, key included [EV]: log2(100 E / 250) - log2(key)."""
-    return math.log2(400.0 * horizontal_klux) - KEY_POWER * math.log2(horizontal_klux / KEY_KLUX)
 
 
 def on_ground(image: np.ndarray) -> np.ndarray:
@@ -169,13 +164,7 @@ def on_ground(image: np.ndarray) -> np.ndarray:
 
 
 def bake(weather: Weather, seed: int = 0, rows: int = ROWS) -> BakedSky:
-    """Return the sky of a weather; the last ones are kept.
-
-    Args:
-        weather: The weather.
-        seed: Of the clouds.
-        rows: Of the sharp map, a multiple of 128.
-    """
+    """Return the sky of a weather; the last ones are kept."""
     return _bake(weather, seed, rows)
 
 
@@ -319,7 +308,7 @@ def mean_radiance(weather: Weather, seed: int = 0) -> np.ndarray:
     return np.einsum("r,rck->k", solid_angles(small.shape[0]), small) / (4.0 * math.pi)
 
 
-def make_sky(weather: Weather, device: str, seed: int = 0, rows: int = ROWS, lamps_klux: float = 0.0) -> Sky:
+def make_sky(weather: Weather, device: str, seed: int = 0, rows: int = ROWS, lights_klux: float = 0.0) -> Sky:
     """Return the sky of a weather on a device; equal weathers share one.
 
     Args:
@@ -327,13 +316,13 @@ def make_sky(weather: Weather, device: str, seed: int = 0, rows: int = ROWS, lam
         device: Warp device.
         seed: Of the clouds.
         rows: Of the sharp map, a multiple of 128.
-        lamps_klux: Illuminance of level ground by lamps [klux]; the exposure counts it with that by sun and sky.
+        lights_klux: Illuminance of level ground by lights [klux]; the exposure counts it with that by sun and sky.
     """
-    return _make_sky(weather, str(device), seed, rows, lamps_klux)
+    return _make_sky(weather, str(device), seed, rows, lights_klux)
 
 
 @functools.lru_cache(maxsize=16)
-def _make_sky(weather: Weather, device: str, seed: int, rows: int, lamps_klux: float) -> Sky:
+def _make_sky(weather: Weather, device: str, seed: int, rows: int, lights_klux: float) -> Sky:
     baked = bake(weather, seed, rows)
     scale = float((baked.small @ LUMINANCE).mean())
     blurred = [blur(baked.small, (k + 1) / BLURS) for k in range(BLURS)] + [blur(baked.small, None)]
@@ -344,7 +333,7 @@ def _make_sky(weather: Weather, device: str, seed: int, rows: int, lamps_klux: f
     sky.sun_direction = wp.vec3(*sun_direction(weather))
     sky.sun_illuminance = wp.vec3(*baked.sun_illuminance)
     sky.sun_radius = SUN_RADIUS
-    sky.exposure = exposure(baked.horizontal_klux + lamps_klux)
+    sky.exposure = exposure(baked.horizontal_klux + lights_klux)
     return sky
 
 

@@ -12,8 +12,8 @@ from trimesh.exchange.ply import load_ply
 
 from mmw.core.errors import InputError
 from mmw.physics.materials.material import LOBE_EXPONENTS, RadioMaterial, wrong_radio_value
-from mmw.worlds.importers.imported_scene import ForeignMaterial, World
-from mmw.worlds.importers.mesh_cleanup import Y_UP, PartsList, PrimNames, identifier, transformed
+from mmw.worlds.importers.imported_scene import ImportedMaterial, ImportedScene
+from mmw.worlds.importers.mesh_cleanup import Y_UP, MeshCollector, PrimNames, identifier, transformed
 from mmw.worlds.importers.mitsuba import values as values
 from mmw.worlds.importers.xml_nodes import XmlNode
 
@@ -35,7 +35,7 @@ COLORS = ("color", "reflectance", "base_color", "diffuse_reflectance", "specular
 
 def read_mitsuba(
     path: str | Path, *, up: str = "z", unit_m: float = 1.0, origin: Sequence[float] = (0.0, 0.0, 0.0)
-) -> World:
+) -> ImportedScene:
     """Return the shapes of a Mitsuba or Sionna RT scene.
 
     Read are the shapes ply, obj, rectangle, cube, sphere, disk, cylinder, merge, shapegroup and instance; transforms,
@@ -54,7 +54,7 @@ def read_mitsuba(
     """
     path = Path(path)
     to_world = np.diag([unit_m, unit_m, unit_m, 1.0])
-    reader = _Reader(path.parent, Y_UP @ to_world if up == "y" else to_world, PartsList(np.asarray(origin, float)))
+    reader = _Reader(path.parent, Y_UP @ to_world if up == "y" else to_world, MeshCollector(np.asarray(origin, float)))
     elements = values.scene_elements(path)
     for node in elements:
         if node.tag == "bsdf":
@@ -64,16 +64,16 @@ def read_mitsuba(
     for node in elements:
         if node.tag == "shape":
             reader.add_shape(node, np.eye(4), None)
-    return World(reader.meshes.parts, reader.materials, None, (*reader.notes, *reader.meshes.notes()))
+    return ImportedScene(reader.meshes.parts, reader.materials, None, (*reader.notes, *reader.meshes.notes()))
 
 
 @dataclass
 class _Reader:
     folder: Path
     to_world: np.ndarray
-    meshes: PartsList
+    meshes: MeshCollector
     names: PrimNames = field(default_factory=PrimNames)
-    materials: dict[str, ForeignMaterial] = field(default_factory=dict)
+    materials: dict[str, ImportedMaterial] = field(default_factory=dict)
     bsdfs: dict[str, str] = field(default_factory=dict)  # id -> name of the Material prim
     groups: dict[str, XmlNode] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
@@ -136,11 +136,11 @@ class _Reader:
         return inherited
 
     def no_material(self) -> str:
-        self.materials.setdefault("no_material", ForeignMaterial("no_material", ""))
+        self.materials.setdefault("no_material", ImportedMaterial("no_material", ""))
         return "no_material"
 
     def path_of(self, node: XmlNode, kind: str) -> str:
-        """Return a prim path: `house-wall` is the part `wall` of `house`, anything else stands by itself."""
+        """Return a prim path: `house-wall` is the part `wall` of `house`, any other shape is a mesh of its own."""
         name = _shape_name(node) or kind
         head, _, tail = name.rpartition("-")
         above = self.names.folder("", GROUP)
@@ -161,7 +161,7 @@ def _with_inner(node: XmlNode) -> list[XmlNode]:
     return [below for child in node.children for below in (child, *_with_inner(child))]
 
 
-def _material(node: XmlNode, name: str, source: str) -> ForeignMaterial:
+def _material(node: XmlNode, name: str, source: str) -> ImportedMaterial:
     inner = node
     while inner.get("type") in ("twosided", "mask", "bumpmap", "normalmap") and list(inner.find("bsdf")):
         inner = next(inner.find("bsdf"))
@@ -169,7 +169,7 @@ def _material(node: XmlNode, name: str, source: str) -> ForeignMaterial:
     is_metal = kind in ("conductor", "roughconductor")
     alpha = values.number(inner, "alpha", 0.1)
     roughness = alpha**0.5 if kind in ("roughconductor", "roughdielectric", "roughplastic") else 0.8
-    return ForeignMaterial(
+    return ImportedMaterial(
         name,
         source,
         color=values.color(node, *COLORS),
@@ -181,7 +181,7 @@ def _material(node: XmlNode, name: str, source: str) -> ForeignMaterial:
 
 
 def _radio(node: XmlNode, source: str) -> RadioMaterial | None:
-    """Return what a material says about radio; None if it is only a look."""
+    """Return the radio material of a material; None for a visual one."""
     thickness = values.number(node, "thickness", DEFAULT_THICKNESS_M)
     named = re.match(r"(?:mat-)?itu[-_]([A-Za-z_]*[A-Za-z])", source)
     kind = node.get("type")
@@ -232,7 +232,7 @@ def _load(node: XmlNode, folder: Path) -> Mesh:
             return np.asarray(arrays["vertices"], np.float64), np.asarray(arrays.get("faces", ()), np.int64)
         mesh = trimesh.load_mesh(str(path), process=False)
         return np.array(mesh.vertices, np.float64), np.array(mesh.faces, np.int64)
-    except Exception as error:  # trimesh raises whatever its parsers meet
+    except Exception as error:  # trimesh raises any exception of its parsers
         reason = " ".join(str(error).split())[:120] or type(error).__name__
         raise InputError(f"{node.where}: {path}: cannot be read ({reason}); write the mesh again") from None
 

@@ -8,7 +8,7 @@ import numpy as np
 from mmw.core.errors import InputError
 from mmw.worlds.importers.xml_nodes import XmlNode, read_xml
 
-DEEPEST_INCLUDE = 15
+MAX_INCLUDE_DEPTH = 15
 """Files inside files. Source: Mitsuba 3's own limit."""
 
 
@@ -41,8 +41,8 @@ def _expanded(parent: XmlNode, variables: dict[str, str], folder: Path, depth: i
 
 
 def _included(node: XmlNode, variables: dict[str, str], folder: Path, depth: int) -> list[XmlNode]:
-    if depth >= DEEPEST_INCLUDE:
-        raise InputError(f"{node.where}: more than {DEEPEST_INCLUDE} files inside files; does one include itself?")
+    if depth >= MAX_INCLUDE_DEPTH:
+        raise InputError(f"{node.where}: more than {MAX_INCLUDE_DEPTH} files inside files; does one include itself?")
     root = read_xml(find_file(node, folder))
     if root.tag != "scene":  # a file may hold one bare element
         root = XmlNode("scene", {}, root.where, root.folder, [root])
@@ -110,8 +110,8 @@ def numbers(node: XmlNode, value: str, *counts: int) -> list[float]:
     except ValueError:
         found = []
     if len(found) not in counts or not all(map(math.isfinite, found)):
-        wish = " or ".join(map(str, counts))
-        raise InputError(f"{node.where}: {value!r}: {wish} finite number(s) are needed; correct the value")
+        needed = " or ".join(map(str, counts))
+        raise InputError(f"{node.where}: {value!r}: {needed} finite number(s) are needed; correct the value")
     return found
 
 

@@ -18,7 +18,7 @@ PLAN_ERROR = 0.005
 """Largest distance of a mesh edge from the curve that it stands for, in plan [m]; design value."""
 HEIGHT_ERROR = 0.0005
 """The same in height [m]: wheels roll on the mesh."""
-LONGEST_ROW = 10.0
+MAX_ROW = 10.0
 """Largest distance of two rows of vertices [m]; design value."""
 FINE = 0.25
 """Distance of the samples from which rows are chosen [m]; design value."""
@@ -101,16 +101,10 @@ def make_shape(road: RoadRecord, where: str, origin: np.ndarray) -> RoadShape:
 
 
 def choose_rows(shape: RoadShape, start: float, end: float, fixed: np.ndarray) -> np.ndarray:
-    """Return stations of rows of vertices, ascending from `start` to `end` [m].
+    """Return stations of rows of vertices, ascending from `start` to `end`, the stations `fixed` among them [m].
 
     Between neighbouring rows no edge of the road leaves its chord by more than `PLAN_ERROR` in plan and `HEIGHT_ERROR`
     in height.
-
-    Args:
-        shape: The road.
-        start: First station [m].
-        end: Last station [m].
-        fixed: Stations that become rows in any case [m].
     """
     fixed = fixed[(fixed > start + 1e-3) & (fixed < end - 1e-3)]
     fixed = np.unique(np.concatenate([[start, end], np.round(fixed, 4)]))
@@ -121,7 +115,7 @@ def choose_rows(shape: RoadShape, start: float, end: float, fixed: np.ndarray) -
         at = 0
         points = shape.edges(s)
         while at < count - 1:
-            reach = min(count - 1, at + int(LONGEST_ROW / FINE))
+            reach = min(count - 1, at + int(MAX_ROW / FINE))
             at = _farthest(points, s, at, reach)
             rows.append(float(s[at]))
     return np.array(rows)

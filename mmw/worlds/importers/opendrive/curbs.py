@@ -1,8 +1,9 @@
 """Closing the edges of imported sheets: kerb faces where something lower follows, the sides of roads otherwise."""
 
 import numpy as np
-import shapely
 
+from mmw.core.mesh import TriangleMesh
+from mmw.worlds.towns.plan_geometry import PlanFaces, twice_areas
 from mmw.worlds.towns.strip_mesh import Surface
 
 SLAB = 0.6
@@ -24,21 +25,12 @@ class Sheets:
             points = np.concatenate(surface.points)
             corners += [points[block] for blocks in surface.faces.values() for block in blocks]
         triangles = np.concatenate(corners)
-        a, b, c = (triangles[:, k] for k in range(3))
-        area = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
-        self._corners = triangles[area > 1e-7]
-        self._tree = shapely.STRtree(np.asarray(shapely.polygons(self._corners[:, [0, 1, 2, 0], :2])))
+        self._faces = PlanFaces(triangles[twice_areas(triangles) > 1e-7])
 
-    def hits(self, xy: np.ndarray, touch: float = TOUCH) -> tuple[np.ndarray, np.ndarray]:
+    def hits(self, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return all faces over points [N, 2]: index of the point, shape [H], and height of the face there, [H]."""
-        query, face = self._tree.query(shapely.points(xy), predicate="dwithin", distance=touch)
-        a, b, c = (self._corners[face, k] for k in range(3))
-        u, v, w = b[:, :2] - a[:, :2], c[:, :2] - a[:, :2], xy[query] - a[:, :2]
-        area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
-        p = (w[:, 0] * v[:, 1] - w[:, 1] * v[:, 0]) / area
-        q = (u[:, 0] * w[:, 1] - u[:, 1] * w[:, 0]) / area
+        query, (p, q), z = self._faces.hits(xy, TOUCH)
         inside = (p > -0.5) & (q > -0.5) & (p + q < 1.5)  # a sliver must not be extended to far heights
-        z = a[:, 2] + p * (b[:, 2] - a[:, 2]) + q * (c[:, 2] - a[:, 2])
         return query[inside], z[inside]
 
     def nearest(self, points: np.ndarray, reach: float = REACH) -> np.ndarray:
@@ -72,8 +64,7 @@ def open_edges(surface: Surface) -> np.ndarray:
     """Return the edges with one face, the outside on their right: pairs of vertex indices, shape [E, 2]."""
     points = np.concatenate(surface.points)
     faces = np.concatenate([block for blocks in surface.faces.values() for block in blocks])
-    a, b, c = (points[faces[:, k]] for k in range(3))
-    faces = faces[np.linalg.norm(np.cross(b - a, c - a), axis=1) > 2e-8]
+    faces = faces[2.0 * TriangleMesh(points, faces).areas > 2e-8]
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     key = np.unique(np.round(points, 5), axis=0, return_inverse=True)[1].reshape(-1)[edges]
     present = {tuple(edge) for edge in key.tolist()}
@@ -86,12 +77,6 @@ def close_edges(surface: Surface, sheets: Sheets, raised: str = "curb", side: st
 
     An edge next to a lower sheet gets a face down to it, of the material `raised`; an edge next to nothing gets one of
     depth `SLAB` below it, of the material `side`; an edge that goes on at the same height gets none.
-
-    Args:
-        surface: Top of a road or junction; receives the faces.
-        sheets: All tops.
-        raised: Material of kerbs.
-        side: Material of the sides of the road.
     """
     edges = open_edges(surface)
     if len(edges) == 0:

@@ -4,14 +4,14 @@ The ground ends a hand's breadth below the edges of the roads and reaches a litt
 """
 
 import numpy as np
-import scipy.sparse
-import scipy.sparse.linalg
 import scipy.spatial
 import shapely
 
+from mmw.core.mesh import compact
 from mmw.worlds.importers.opendrive.curbs import SLAB, Sheets
 from mmw.worlds.importers.opendrive.road_surface import Sheet
 from mmw.worlds.towns.mesh_part import MeshPart
+from mmw.worlds.towns.plan_geometry import harmonic_heights, triangular_lattice, twice_areas
 
 DROP = 0.06
 """Height of the edges of roads above the ground [m]; design value."""
@@ -45,12 +45,7 @@ def bridge_rows(sheet: Sheet, sheets: Sheets) -> np.ndarray:
 
 
 def add_deck(sheet: Sheet, over: np.ndarray) -> shapely.Geometry:
-    """Add undersides to the stretches of a road that are bridges, and return what they cover in plan.
-
-    Args:
-        sheet: The road; receives the faces.
-        over: Which rows lie on a bridge, shape [rows].
-    """
+    """Add undersides to the rows of a road that are on a bridge, `over` [rows], and return their plan."""
     covered = []
     for k in np.flatnonzero(over[:-1] | over[1:]):
         if sheet.stations[k + 1] - sheet.stations[k] < 1e-6:
@@ -63,12 +58,7 @@ def add_deck(sheet: Sheet, over: np.ndarray) -> shapely.Geometry:
 
 
 def build_ground(area: shapely.Geometry, sheets: Sheets) -> MeshPart:
-    """Return the ground.
-
-    Args:
-        area: What roads and junctions cover in plan, bridges left out.
-        sheets: Their surfaces.
-    """
+    """Return the ground around roads and junctions that cover an area in plan, bridges left out."""
     rings = [
         shapely.segmentize(shapely.simplify(area.buffer(d, join_style="mitre"), 0.02), EVERY) for d in (-TUCK, TUCK)
     ]
@@ -80,10 +70,7 @@ def build_ground(area: shapely.Geometry, sheets: Sheets) -> MeshPart:
     fixed, level = fixed[known], level[known]
     low, high = fixed.min(axis=0) - MARGIN, fixed.max(axis=0) + MARGIN
     count = np.maximum(np.ceil((high - low) / (SPACING * np.array([1.0, 0.866]))).astype(int), 2)
-    x, y = (np.linspace(low[k], high[k], count[k] + 1) for k in range(2))
-    grid = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
-    grid[1:-1, 1::2, 0] += 0.5 * (x[1] - x[0])  # a triangular lattice has one Delaunay triangulation
-    grid = grid.reshape(-1, 2)
+    grid = triangular_lattice(low, high, count, inner_only=True)
     near = area.buffer(TUCK + 0.4 * SPACING)
     shapely.prepare(near)
     grid = grid[~shapely.contains_xy(near, grid[:, 0], grid[:, 1])]
@@ -92,28 +79,8 @@ def build_ground(area: shapely.Geometry, sheets: Sheets) -> MeshPart:
     middle = xy[faces].mean(axis=1)
     under = area.buffer(-1.05 * TUCK, join_style="mitre")
     shapely.prepare(under)
-    a, b, c = (xy[faces[:, k]] for k in range(3))
-    twice = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
+    twice = twice_areas(xy[faces])
     faces = np.where((twice < 0)[:, None], faces[:, ::-1], faces)
-    z = np.concatenate([level, np.zeros(len(grid))])
-    z[len(level) :] = _harmonic(faces, len(xy), level)
+    z = harmonic_heights(faces, len(xy), level)
     faces = faces[(np.abs(twice) > 1e-6) & ~shapely.contains_xy(under, middle[:, 0], middle[:, 1])]
-    used, index = np.unique(faces, return_inverse=True)
-    points = np.column_stack([xy, z])[used]
-    return MeshPart("Terrain/ground", points, index.reshape(-1, 3).astype(np.int32), "grass", "terrain")
-
-
-def _harmonic(faces: np.ndarray, count: int, level: np.ndarray) -> np.ndarray:
-    """Return heights of the vertices after the first ones: each the mean of its neighbours [m].
-
-    Discrete harmonic interpolation: no bump or hollow between roads, and level ground between level roads.
-    """
-    i, j = faces[:, [0, 1, 2, 1, 2, 0]].ravel(), faces[:, [1, 2, 0, 0, 1, 2]].ravel()
-    link = scipy.sparse.coo_matrix((np.ones(len(i)), (i, j)), shape=(count, count)).tocsr()
-    link.data[:] = 1.0
-    known = len(level)
-    if known == count:
-        return np.zeros(0)
-    laplacian = (scipy.sparse.diags(np.asarray(link.sum(axis=1)).ravel()) - link).tocsr()[known:]
-    inner = scipy.sparse.linalg.spsolve(laplacian[:, known:].tocsc(), -laplacian[:, :known] @ level)
-    return np.round(np.atleast_1d(inner), 6)
+    return MeshPart.of("Terrain/ground", compact(np.column_stack([xy, z]), faces), "grass", "terrain")

@@ -12,25 +12,26 @@ import shapely
 
 from mmw.worlds.importers.opendrive.cross_section import KERB_HEIGHT, RoadShape, choose_rows, surface_of
 from mmw.worlds.importers.opendrive.road_surface import MATERIAL, Sheet, breaks
+from mmw.worlds.towns.plan_geometry import polygons_of, triangulate_polygons, twice_areas
 
 CELL = 4.0
 """Size of the triangles where a junction is not plane [m]; design value."""
 FLAT = 0.002
 """A junction whose heights lie within this of a plane needs no inner vertices [m]."""
-LARGEST_HOLE = 30.0
+MAX_HOLE = 30.0
 """Gaps between the roads of a junction below this area are paved [m^2]; design value, a small traffic island."""
 SNAP = 2e-3
-"""Vertices of the seams with the roads are taken over within this distance [m]."""
+"""Vertices of the seams with the roads are adopted within this distance [m]."""
 MIN_OVERLAP = 1e-3
 """Less than this of a junction lies on the roads outside by rounding only [m^2]; design value."""
 MIN_HEIGHT = 1e-4
-"""Triangles that are lower are left out [m]: in single precision, a kilometre from the origin, they have no area."""
+"""Triangles that are lower are left out [m]: in single precision, a kilometer from the origin, they have no area."""
 EVERY = 0.25
 """Distance of the samples that a point is related to a road by [m]."""
 
 
 @dataclass(frozen=True)
-class _Way:
+class _CrossingRoad:
     """A road of the junction, prepared for heights."""
 
     shape: RoadShape
@@ -67,10 +68,10 @@ def build_junction(name: str, shapes: list[RoadShape], seams: np.ndarray, outsid
         paved, walk, green = (shapely.difference(area, outside, grid_size=1e-4) for area in (paved, walk, green))
     walk = shapely.difference(walk, paved, grid_size=1e-4)
     green = shapely.difference(green, shapely.union(paved, walk), grid_size=1e-4)
-    ways = [_prepare(shape) for shape in shapes]
+    roads = [_prepare(shape) for shape in shapes]
     sheet = Sheet(name, outline=shapely.union_all([paved, walk, green], grid_size=1e-4))
     for kind, area in (("paved", paved), ("walk", walk), ("green", green)):
-        _add_area(sheet, MATERIAL[kind], area, ways, KERB_HEIGHT if kind == "walk" else 0.0)
+        _add_area(sheet, MATERIAL[kind], area, roads, KERB_HEIGHT if kind == "walk" else 0.0)
     return sheet
 
 
@@ -109,19 +110,19 @@ def _strip(low: np.ndarray, high: np.ndarray) -> shapely.Geometry:
 
 def _repair(area: shapely.Geometry) -> shapely.Geometry:
     """Return the valid areas of a geometry; a spike that snapping folds flat becomes a line, which has none."""
-    return shapely.union_all(polygons(shapely.make_valid(area), 0.0))
+    return shapely.union_all(polygons_of(shapely.make_valid(area), 0.0))
 
 
 def _fill(area: shapely.Geometry) -> shapely.Geometry:
     """Return an area without its small holes."""
     filled = []
-    for polygon in polygons(area, 0.0):
-        holes = [ring for ring in polygon.interiors if shapely.Polygon(ring).area >= LARGEST_HOLE]
+    for polygon in polygons_of(area, 0.0):
+        holes = [ring for ring in polygon.interiors if shapely.Polygon(ring).area >= MAX_HOLE]
         filled.append(shapely.Polygon(polygon.exterior, holes))
     return shapely.union_all(filled)
 
 
-def _prepare(shape: RoadShape) -> _Way:
+def _prepare(shape: RoadShape) -> _CrossingRoad:
     count = max(2, int(np.ceil(shape.road.length / EVERY)) + 1)
     s = np.linspace(0.0, shape.road.length, count)
     xy, heading = shape.line.at(s)
@@ -130,52 +131,48 @@ def _prepare(shape: RoadShape) -> _Way:
         mask = (s >= section.start - 1e-9) & (s <= section.end + 1e-9)
         borders = shape.borders(section, s[mask])
         right[mask], left[mask] = borders[min(borders)][1], borders[max(borders)][1]
-    return _Way(shape, scipy.spatial.cKDTree(xy), s, xy, heading, right, left)
+    return _CrossingRoad(shape, scipy.spatial.cKDTree(xy), s, xy, heading, right, left)
 
 
-def _blend(ways: list[_Way], xy: np.ndarray) -> np.ndarray:
+def _blend(roads: list[_CrossingRoad], xy: np.ndarray) -> np.ndarray:
     """Return the height of the junction at points in plan [N, 2], without kerbs [m], shape [N]."""
     total, weights = np.zeros(len(xy)), np.zeros(len(xy))
-    for way in ways:
-        _, k = way.tree.query(xy)
-        cos, sin = np.cos(way.heading[k]), np.sin(way.heading[k])
-        offset = xy - way.xy[k]
+    for road in roads:
+        _, k = road.tree.query(xy)
+        cos, sin = np.cos(road.heading[k]), np.sin(road.heading[k])
+        offset = xy - road.xy[k]
         along = offset[:, 0] * cos + offset[:, 1] * sin
-        s = np.clip(way.s[k] + along, 0.0, way.s[-1])
-        beyond = np.abs(way.s[k] + along - s)
+        s = np.clip(road.s[k] + along, 0.0, road.s[-1])
+        beyond = np.abs(road.s[k] + along - s)
         t = offset[:, 1] * cos - offset[:, 0] * sin
-        inside = np.minimum(t - way.right[k], way.left[k] - t)
-        clamped = np.clip(t, way.right[k], way.left[k])
+        inside = np.minimum(t - road.right[k], road.left[k] - t)
+        clamped = np.clip(t, road.right[k], road.left[k])
         away = np.maximum(-inside, 0.0) + beyond
         weight = np.where(away < 1e-3, np.maximum(inside, 0.0) + 1e-3, 1e-6 / (away + 1e-3) ** 2)
-        z = way.shape.road.elevation.at(s) + clamped * np.tan(way.shape.road.superelevation.at(s))
+        z = road.shape.road.elevation.at(s) + clamped * np.tan(road.shape.road.superelevation.at(s))
         total += weight * z
         weights += weight
     return total / weights
 
 
-def _add_area(sheet: Sheet, material: str, area: shapely.Geometry, ways: list[_Way], dz: float) -> None:
+def _add_area(sheet: Sheet, material: str, area: shapely.Geometry, roads: list[_CrossingRoad], dz: float) -> None:
     """Triangulate an area of one material into a sheet."""
-    parts = polygons(area, 1e-3)
+    parts = polygons_of(area, 1e-3)
     if not parts:
         return
     corners = shapely.get_coordinates(parts)
-    inner = np.concatenate([way.xy for way in ways])
+    inner = np.concatenate([road.xy for road in roads])
     probe = np.concatenate([corners, inner])
-    z = _blend(ways, probe)
+    z = _blend(roads, probe)
     plane = np.column_stack([probe, np.ones(len(probe))])
     off = z - plane @ np.linalg.lstsq(plane, z, rcond=None)[0]
     if np.abs(off).max() > FLAT:
         parts = _cut(parts)
-    triangles = shapely.get_coordinates(shapely.get_parts(shapely.constrained_delaunay_triangles(np.array(parts))))
-    triangles = triangles.reshape(-1, 4, 2)[:, :3]
-    a, b, c = (triangles[:, k] for k in range(3))
-    area2 = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
-    triangles = np.where((area2 < 0)[:, None, None], triangles[:, ::-1], triangles)
-    longest = np.sqrt(np.max([((p - q) ** 2).sum(axis=1) for p, q in ((a, b), (b, c), (c, a))], axis=0))
-    triangles = triangles[np.abs(area2) > MIN_HEIGHT * longest]
+    triangles = triangulate_polygons(parts)
+    longest = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2).max(axis=1)
+    triangles = triangles[twice_areas(triangles) > MIN_HEIGHT * longest]
     xy, faces = np.unique(triangles.reshape(-1, 2), axis=0, return_inverse=True)
-    index = sheet.surface.add_points(np.column_stack([xy, _blend(ways, xy) + dz]))
+    index = sheet.surface.add_points(np.column_stack([xy, _blend(roads, xy) + dz]))
     sheet.surface.add_faces(material, index[faces.reshape(-1)].reshape(-1, 3))
 
 
@@ -189,11 +186,5 @@ def _cut(parts: list[shapely.Polygon]) -> list[shapely.Polygon]:
     found = []
     for part in parts:
         pieces = shapely.intersection(part, cells, grid_size=1e-6)
-        found += [p for piece in pieces for p in polygons(piece, 1e-8)]
+        found += [p for piece in pieces for p in polygons_of(piece, 1e-8)]
     return found
-
-
-def polygons(area: shapely.Geometry, least: float) -> list[shapely.Polygon]:
-    """Return the polygons of a geometry that are larger than `least` [m^2]."""
-    flat = shapely.get_parts(shapely.get_parts([area]))
-    return [part for part in flat if part.geom_type == "Polygon" and part.area > least]

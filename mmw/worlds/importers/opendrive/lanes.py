@@ -17,16 +17,18 @@ from mmw.worlds.importers.opendrive.curbs import Sheets
 from mmw.worlds.importers.opendrive.lane_links import DRIVEN, End, find_joints, lost_junctions
 from mmw.worlds.importers.opendrive.records import Document, LaneRecord, Section
 from mmw.worlds.importers.opendrive.road_surface import mark_spans
+from mmw.worlds.lane_reach import ahead, behind, partition, reach
+from mmw.worlds.towns.plan_geometry import row_stations
 from mmw.worlds.towns.turn_lanes import RANK, STRAIGHT
 
 STEP = 1.0
 """Largest distance of the points of a lane on an ordinary road [m]; half of it in junctions; design value."""
 DEFAULT_SPEED = 50 / 3.6
 """Speed limit where the file gives none [m/s]; design value, the limit in towns of most countries."""
-LARGEST_GAP = 0.5
-"""Ends of lanes that meet are moved together over gaps up to this [m]."""
+MAX_GAP = 0.5
+"""Linked ends of lanes are moved together over gaps up to this [m]."""
 BACK = np.radians(150)
-"""A way through a junction that turns by more than this leads back [rad]; design value."""
+"""A lane through a junction that turns by more than this is a U-turn [rad]; design value."""
 FADE = 10.0
 """Length over which the end of a lane is moved [m]; design value."""
 
@@ -56,12 +58,6 @@ def build_lanes(
 ) -> tuple[LaneGraph | None, list[str]]:
     """Return the lane graph, None if the file has no driving lane, and notes for people.
 
-    Args:
-        document: The file.
-        shapes: Road id -> shape.
-        names: Road id -> name, an identifier.
-        sheets: All road surfaces; lanes lie on them.
-
     Raises:
         InputError: If a link names what does not exist, or lanes that are linked end more than 0.5 m apart.
     """
@@ -77,12 +73,12 @@ def build_lanes(
     links = {chain.name: _successors(chain, place, joints, last) for chain in chains}
     points = {chain.name: _points(chain) for chain in chains}
     junctions = {chain.name: chain.shape.road.junction for chain in chains}
-    loose = _loose_turns(points, links, junctions)
-    if loose:
-        chains = [chain for chain in chains if chain.name not in loose]
-        links = {chain.name: [other for other in links[chain.name] if other not in loose] for chain in chains}
-        notes.append(f"{len(loose)} ways back left out, over {LARGEST_GAP} m from what they link: {_list(loose)}")
-    dropped = _meet(document, points, links, junctions, {c.name: c for c in chains})
+    unfit = _unfit_u_turns(points, links, junctions)
+    if unfit:
+        chains = [chain for chain in chains if chain.name not in unfit]
+        links = {chain.name: [other for other in links[chain.name] if other not in unfit] for chain in chains}
+        notes.append(f"{len(unfit)} U-turns left out, over {MAX_GAP} m from what they link: {_list(unfit)}")
+    dropped = _join_ends(document, points, links, junctions, {c.name: c for c in chains})
     if dropped:
         notes.append(f"{dropped} links between lanes that lie side by side were left out")
     for name, line in points.items():
@@ -91,7 +87,7 @@ def build_lanes(
         points[name] = line
     for name, following in links.items():
         for other in following:
-            points[name][-1] = points[other][0]  # the same point in plan; heights differ by less than a micrometre
+            points[name][-1] = points[other][0]  # the same point in plan; heights differ by less than a micrometer
     limits = {chain.name: _speed(chain) for chain in chains}
     if any(limit == 0.0 for limit in limits.values()):
         count = sum(limit == 0.0 for limit in limits.values())
@@ -126,7 +122,7 @@ def _chains(shape: RoadShape, name: str) -> list[Chain]:
     for side in (1, -1):
         start = 0
         for k in range(1, len(sections) + 1):
-            if k < len(sections) and _goes_on(sections[k - 1], sections[k], side):
+            if k < len(sections) and _continues(sections[k - 1], sections[k], side):
                 continue
             for number in sorted(_driven(sections[start], side), key=abs):
                 numbers = [number]
@@ -144,7 +140,7 @@ def _driven(section: Section, side: int) -> set[int]:
     return {n for n, lane in section.lanes.items() if n * side > 0 and lane.kind in DRIVEN}
 
 
-def _goes_on(before: Section, after: Section, side: int) -> bool:
+def _continues(before: Section, after: Section, side: int) -> bool:
     """Whether the driving lanes of a side go on one to one from a lane section to the next."""
     onward = {number: before.lanes[number].successor for number in _driven(before, side)}
     targets = _driven(after, side)
@@ -213,7 +209,7 @@ def _speed(chain: Chain) -> float:
 
 
 def _rank(points: np.ndarray, is_left_hand: bool) -> int:
-    """Rank of a way through a junction: straight on before turns, the near turn before the one across traffic."""
+    """Rank of a lane through a junction: straight on before turns, the near turn before the one across traffic."""
     step = np.diff(points[:, :2], axis=0)
     heading = np.unwrap(np.arctan2(step[:, 1], step[:, 0]))
     turn = float(heading[-1] - heading[0]) * (-1 if is_left_hand else 1)
@@ -255,10 +251,10 @@ def _may_change(chain: Chain, step: int) -> bool:
     return allowed > 0.5 * total
 
 
-def _loose_turns(
+def _unfit_u_turns(
     points: Mapping[str, np.ndarray], links: Mapping[str, list[str]], junctions: Mapping[str, str]
 ) -> list[str]:
-    """Return the ways back through junctions that do not fit their links; SUMO gives these a shape of few corners."""
+    """Return the U-turns that do not fit their links; SUMO gives these a shape of few corners."""
     gaps: dict[str, float] = {}
     turns: dict[str, list[np.ndarray]] = {}
     for name, following in links.items():
@@ -272,12 +268,12 @@ def _loose_turns(
     found = []
     for name in sorted(gaps):
         steps = [step / np.linalg.norm(step) for step in turns[name]]
-        if gaps[name] > LARGEST_GAP and min(float(a @ b) for a in steps for b in steps) < np.cos(BACK):
+        if gaps[name] > MAX_GAP and min(float(a @ b) for a in steps for b in steps) < np.cos(BACK):
             found.append(name)
     return found
 
 
-def _meet(
+def _join_ends(
     document: Document,
     points: dict[str, np.ndarray],
     links: dict[str, list[str]],
@@ -290,14 +286,14 @@ def _meet(
         for other in list(links[name]):
             gap = points[other][0] - points[name][-1]
             size = float(np.linalg.norm(gap))
-            if size > LARGEST_GAP and chains[name].shape is chains[other].shape:
+            if size > MAX_GAP and chains[name].shape is chains[other].shape:
                 links[name].remove(other)
                 dropped += 1
-            elif size > LARGEST_GAP:
+            elif size > MAX_GAP:
                 x, y, z = points[name][-1]
                 raise InputError(
                     f"{document.path}: road {chains[name].shape.road.id!r}: lane {name} ends at ({x:.2f}, {y:.2f}, "
-                    f"{z:.2f}), {size:.2f} m from lane {other} that it is linked to; {LARGEST_GAP} m or less is "
+                    f"{z:.2f}), {size:.2f} m from lane {other} that it is linked to; {MAX_GAP} m or less is "
                     "needed; correct the link or the shape of the road"
                 )
             elif size > 0:
@@ -318,7 +314,7 @@ def _meet(
 
 def _move(points: np.ndarray, end: int, shift: np.ndarray) -> None:
     """Move one end of a line, in place, and the points near it less and less."""
-    station = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    station = row_stations(points)
     away = station if end == 0 else station[-1] - station
     part = np.clip(1 - away / min(FADE, 0.5 * station[-1]), 0.0, 1.0)
     points += (part * part * (3 - 2 * part))[:, None] * shift
@@ -328,24 +324,11 @@ def describe_graph(graph: LaneGraph) -> list[str]:
     """Return notes on lanes that lead nowhere, and on parts of the graph that hang together with no other."""
     notes = []
     ends = sorted(name for name, lane in graph.lanes.items() if not lane.successors)
-    if ends:
-        notes.append(f"{len(ends)} lanes lead nowhere: {_list(ends)}")
     starts = sorted(name for name, before in graph.predecessors.items() if not before)
-    if starts:
-        notes.append(f"{len(starts)} lanes come from nowhere: {_list(starts)}")
-    left, parts = set(graph.lanes), []
-    while left:
-        seen = {min(left)}
-        queue = list(seen)
-        while queue:
-            lane = graph.lanes[queue.pop()]
-            near = {*lane.successors, *graph.predecessors[lane.name], lane.left, lane.right} - {""}
-            queue += sorted(near - seen)
-            seen |= near
-        parts.append(sorted(seen))
-        left -= seen
+    for names, verb in ((ends, "lead nowhere"), (starts, "come from nowhere")):
+        notes += [f"{len(names)} lanes {verb}: {_list(names)}"] * bool(names)
+    parts = partition(graph, lambda name: reach(name, ahead(graph), behind(graph)))
     if len(parts) > 1:
-        parts.sort(key=lambda part: (-len(part), part[0]))
         rest = "; ".join(f"{len(part)} with {part[0]}" for part in parts[1:6])
         notes.append(f"the lane graph falls into {len(parts)} parts: {len(parts[0])} lanes with {parts[0][0]}; {rest}")
     return notes

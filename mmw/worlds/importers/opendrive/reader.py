@@ -3,13 +3,14 @@
 Source: ASAM OpenDRIVE 1.4 to 1.8, as CARLA, RoadRunner and esmini write it.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import shapely
 
-from mmw.usd.material_library import LIBRARY
-from mmw.worlds.importers.imported_scene import ForeignMaterial, World
+from mmw.worlds.importers.imported_scene import ImportedScene, library_material
+from mmw.worlds.importers.mesh_cleanup import free_name
 from mmw.worlds.importers.opendrive.cross_section import make_shape
 from mmw.worlds.importers.opendrive.curbs import Sheets, close_edges
 from mmw.worlds.importers.opendrive.ground import OVERPASS, add_deck, bridge_rows, build_ground
@@ -19,25 +20,17 @@ from mmw.worlds.importers.opendrive.records import Document, number, read_docume
 from mmw.worlds.importers.opendrive.road_surface import YELLOW, Sheet, build_sheet
 from mmw.worlds.towns.mesh_part import MeshPart
 
-FAR = 10e3
+MAX_OFFSET = 10e3
 """A town farther than this from the origin of its file gets an origin of its own [m]: meshes are single precision."""
-PAINT = ForeignMaterial(
-    YELLOW,
-    "yellow road mark",
-    (0.62, 0.42, 0.05),
-    roughness=LIBRARY["road_marking"].roughness,
-    radio=LIBRARY["road_marking"].radio,
-    base=LIBRARY["road_marking"].base,
-    coating="paint",
-)
+PAINT = replace(
+    library_material("road_marking"), name=YELLOW, source="yellow road mark", color=(0.62, 0.42, 0.05), coating="paint",
+    attributes=("none",),
+)  # fmt: skip
 """Yellow paint: the library's white paint but for its colour, design value. Weathers do not wet it."""
 
 
-def read_opendrive(path: str | Path) -> World:
+def read_opendrive(path: str | Path) -> ImportedScene:
     """Read an OpenDRIVE file.
-
-    Args:
-        path: The .xodr file.
 
     Returns:
         Roads, ground and lanes. Lanes are named `road_<id>_s<section>_<l|r><number>`; junctions `junction_<id>`.
@@ -73,7 +66,7 @@ def read_opendrive(path: str | Path) -> World:
     foreign = {YELLOW: PAINT} if any(part.material == YELLOW for part in parts) else {}
     if inside:
         notes.append(f"road marks in {len(inside)} junctions left out: the roads there overlap")
-    return World(parts, foreign, graph, tuple(notes))
+    return ImportedScene(parts, foreign, graph, tuple(notes))
 
 
 def _origin(document: Document) -> tuple[np.ndarray, list[str]]:
@@ -81,7 +74,7 @@ def _origin(document: Document) -> tuple[np.ndarray, list[str]]:
     pieces = [(f"{document.path}: road {key!r}", g) for key, road in document.roads.items() for g in road.geometry]
     xy = np.array([[number(piece, axis, where) for axis in "xy"] for where, piece in pieces])
     middle = 0.5 * (xy.min(axis=0) + xy.max(axis=0))
-    if np.abs(middle).max() < FAR:
+    if np.abs(middle).max() < MAX_OFFSET:
         return np.zeros(2), []
     origin = np.round(middle, -2)
     return origin, [f"the origin was moved to x = {origin[0]:.0f} m, y = {origin[1]:.0f} m of the file"]
@@ -91,10 +84,7 @@ def _names(document: Document) -> dict[str, str]:
     """Return road id -> identifier."""
     names: dict[str, str] = {}
     for key in document.roads:
-        name, count = f"road_{identifier(key)}", 2
-        while name in names.values():
-            name, count = f"road_{identifier(key)}_{count}", count + 1
-        names[key] = name
+        names[key] = free_name(f"road_{identifier(key)}", names.values())
     return names
 
 

@@ -1,4 +1,4 @@
-"""The records of an OpenDRIVE file: roads, lane sections, lanes, links and junctions, as the XML says them.
+"""The records of an OpenDRIVE file: roads, lane sections, lanes, links and junctions.
 
 Source: ASAM OpenDRIVE 1.4 to 1.8.
 """
@@ -11,9 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from mmw.core.errors import InputError
+from mmw.worlds.importers.xml_nodes import parse_xml
 
 SPEED_UNIT = {"m/s": 1.0, "km/h": 1 / 3.6, "mph": 0.44704, "": 1.0}
-"""Unit of a speed limit -> metres per second."""
+"""Unit of a speed limit -> meters per second."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +116,7 @@ class RoadRecord:
 
 @dataclass(frozen=True)
 class Connection:
-    """A way into a junction."""
+    """A connection of a junction."""
 
     incoming: str
     connecting: str
@@ -151,16 +152,7 @@ def read_document(path: Path) -> Document:
     Raises:
         InputError: If it is not OpenDRIVE, has no road, or a record lacks an attribute or has a wrong one.
     """
-    try:
-        root = ElementTree.parse(path).getroot()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); give the path of a .xodr file") from None
-    except ElementTree.ParseError as error:
-        raise InputError(f"{path}: broken XML ({error}); export the file again") from None
-    for element in root.iter():
-        element.tag = str(element.tag).rpartition("}")[2]  # 1.8 files may have a namespace
-    if root.tag != "OpenDRIVE":
-        raise InputError(f"{path}: root element <{root.tag}>; <OpenDRIVE> is needed; give an OpenDRIVE file")
+    root = parse_xml(path, "OpenDRIVE", "export the file again")
     document = Document(path)
     skipped = {"objects": 0, "signals": 0, "shape": 0, "crossfall": 0}
     for element in root.findall("road"):

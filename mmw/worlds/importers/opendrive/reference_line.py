@@ -140,15 +140,7 @@ def _param_poly3(element: ElementTree.Element, length: float, where: str) -> Cur
 
 
 def _parametric(u: np.ndarray, v: np.ndarray, last: float, length: float, *, is_whole: bool) -> Curve:
-    """Return the curve (u(p), v(p)), p from 0 to `last`, by arc length.
-
-    Args:
-        u: Coefficients of the first coordinate, shape [4].
-        v: Coefficients of the second coordinate, shape [4].
-        last: Largest parameter.
-        length: Length of the piece [m].
-        is_whole: Whether the piece ends at the largest parameter; its stations are then scaled to the real length.
-    """
+    """Return the curve (u(p), v(p)), p from 0 to `last`, by arc length."""
     powers = np.arange(4)
     du, dv = u[1:] * powers[1:], v[1:] * powers[1:]
 

@@ -44,12 +44,7 @@ class _Line:
 
 
 def build_sheet(name: str, shape: RoadShape) -> Sheet:
-    """Return the surface of a road outside junctions.
-
-    Args:
-        name: Name of the road, an identifier.
-        shape: Its shape.
-    """
+    """Return the surface of a road outside junctions."""
     sheet, polygons = Sheet(name), []
     for section in shape.road.sections:
         s = choose_rows(shape, section.start, section.end, breaks(shape, section))

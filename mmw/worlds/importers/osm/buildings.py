@@ -10,10 +10,12 @@ from itertools import pairwise
 import numpy as np
 import shapely
 
+from mmw.core.mesh import TriangleMesh, merge, separate
 from mmw.worlds.importers.osm.materials import Palette
-from mmw.worlds.importers.osm.xml import Extract, Feature, metres, number
+from mmw.worlds.importers.osm.xml import Extract, Feature, length_m, number
 from mmw.worlds.towns.mesh_part import MeshPart
-from mmw.worlds.towns.primitives import Mesh, merge, weld
+from mmw.worlds.towns.plan_geometry import triangulate_polygons
+from mmw.worlds.towns.primitives import weld
 
 LEVEL = 3.0
 """Height of a storey [m]; the wiki's rule of thumb."""
@@ -28,7 +30,7 @@ FOOT = 0.5
 """How far buildings reach below the ground [m], so that no underside lies in its plane; design value."""
 PITCH = 0.6
 """Rise of a roof of unknown height by half its span [-]: 31 degrees; design value."""
-SMALLEST = 1.0
+MIN_AREA = 1.0
 """Areas below this are no buildings [m^2]."""
 FORMS = ("flat", "gabled", "hipped", "pyramidal")
 """Roof shapes that are built; others become flat."""
@@ -62,7 +64,7 @@ def find_bodies(extract: Extract, palette: Palette) -> tuple[list[Body], list[st
         top, bottom, rise, is_guess = _heights(feature)
         guessed += is_guess
         pieces = [p for p in shapely.get_parts(shapely.make_valid(feature.area)) if p.geom_type == "Polygon"]
-        pieces = [p for p in pieces if p.area >= SMALLEST]
+        pieces = [p for p in pieces if p.area >= MIN_AREA]
         for k, piece in enumerate(pieces):
             plan = shapely.orient_polygons(shapely.remove_repeated_points(piece, 0.01))
             form = _form(tags.get("roof:shape", "flat"), plan)
@@ -90,7 +92,7 @@ def _areas(extract: Extract, key: str) -> list[Feature]:
 
 
 def _with_parts(outlines: list[Feature], parts: list[Feature]) -> set[int]:
-    """Indices of the outlines that parts stand in."""
+    """Return the indices of the outlines that contain parts."""
     if not outlines or not parts:
         return set()
     tree = shapely.STRtree([shapely.make_valid(f.area) for f in outlines])
@@ -101,13 +103,13 @@ def _with_parts(outlines: list[Feature], parts: list[Feature]) -> set[int]:
 def _heights(feature: Feature) -> tuple[float, float, float | None, bool]:
     """Top, bottom and height of the roof if it is given [m], and whether the top is a guess."""
     tags = feature.tags
-    rise, roof_levels = metres(tags.get("roof:height")), number(tags.get("roof:levels"))
+    rise, roof_levels = length_m(tags.get("roof:height")), number(tags.get("roof:levels"))
     if rise is None and roof_levels is not None and tags.get("roof:shape", "flat") != "flat":
         rise = roof_levels * LEVEL
-    bottom = metres(tags.get("min_height"))
+    bottom = length_m(tags.get("min_height"))
     below = number(tags.get("building:min_level"))
     bottom = bottom if bottom is not None else LEVEL * (below or 0.0)
-    top, levels = metres(tags.get("height")), number(tags.get("building:levels"))
+    top, levels = length_m(tags.get("height")), number(tags.get("building:levels"))
     is_guess = top is None and levels is None
     if top is None:
         kind = tags.get("building", tags.get("building:part", ""))
@@ -160,7 +162,7 @@ def build_body(body: Body, others: dict[tuple, list[Body]]) -> list[MeshPart]:
         body: The building.
         others: Wall -> other buildings with the same wall; what they cover is left out.
     """
-    out: dict[str, list[Mesh]] = {"facade": [], "roof": []}
+    out: dict[str, list[TriangleMesh]] = {"facade": [], "roof": []}
     ring = shapely.get_coordinates(body.plan.exterior)[:-1]
     ridge = _ridge(body, ring)
     for border in (body.plan.exterior, *body.plan.interiors):
@@ -170,7 +172,7 @@ def build_body(body: Body, others: dict[tuple, list[Body]]) -> list[MeshPart]:
             covered = [(other.bottom, other.eaves) for other in others.get(key, [])]
             for low, high in _uncovered(body.bottom, body.eaves, covered):
                 corners = np.array([[*a, low], [*b, low], [*b, high], [*a, high]])
-                out["facade"].append(Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]], np.int32)))
+                out["facade"].append(TriangleMesh(corners, np.array([[0, 1, 2], [0, 2, 3]], np.int32)))
     out["facade"].append(_cap(body.plan, body.bottom, up=False))
     if ridge is None:
         out["roof"].append(_cap(body.plan, body.eaves, up=True))
@@ -178,11 +180,10 @@ def build_body(body: Body, others: dict[tuple, list[Body]]) -> list[MeshPart]:
         gables, slopes = _pitched(body, ring, ridge)
         out["facade"] += gables
         out["roof"] += slopes
-    made = []
+    built = []
     for use, material in (("facade", body.facade), ("roof", body.roof)):
-        mesh = weld(merge(out[use]))
-        made.append(MeshPart(f"Buildings/b_{body.name}/{use}", mesh.points, mesh.faces, material, "building"))
-    return made
+        built.append(MeshPart.of(f"Buildings/b_{body.name}/{use}", weld(merge(out[use])), material, "building"))
+    return built
 
 
 def _uncovered(low: float, high: float, covered: list[tuple[float, float]]) -> list[tuple[float, float]]:
@@ -193,15 +194,10 @@ def _uncovered(low: float, high: float, covered: list[tuple[float, float]]) -> l
     return left
 
 
-def _cap(plan: shapely.Polygon, z: float, up: bool) -> Mesh:
+def _cap(plan: shapely.Polygon, z: float, up: bool) -> TriangleMesh:
     """Horizontal face over a plan."""
-    triangles = shapely.get_coordinates(shapely.get_parts(shapely.constrained_delaunay_triangles(plan)))
-    triangles = triangles.reshape(-1, 4, 2)[:, :3]
-    a, b, c = (triangles[:, k] for k in range(3))
-    twice = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
-    triangles = np.where(((twice > 0) != up)[:, None, None], triangles[:, ::-1], triangles)
-    points = np.column_stack([triangles.reshape(-1, 2), np.full(3 * len(triangles), z)])
-    return Mesh(points, np.arange(len(points), dtype=np.int32).reshape(-1, 3))
+    triangles = triangulate_polygons(plan)[:, :: 1 if up else -1]
+    return separate(np.column_stack([triangles.reshape(-1, 2), np.full(3 * len(triangles), z)]))
 
 
 def _ridge(body: Body, ring: np.ndarray) -> np.ndarray | None:
@@ -211,7 +207,7 @@ def _ridge(body: Body, ring: np.ndarray) -> np.ndarray | None:
     if body.form == "pyramidal":
         return shapely.get_coordinates(body.plan.centroid)
     sides = np.linalg.norm(np.roll(ring, -1, axis=0) - ring, axis=1)
-    first = 0 if sides[0] + sides[2] <= sides[1] + sides[3] else 1  # the gables stand on the shorter sides
+    first = 0 if sides[0] + sides[2] <= sides[1] + sides[3] else 1  # the gables are on the shorter sides
     ends = np.array([0.5 * (ring[k] + ring[(k + 1) % 4]) for k in (first, first + 2)])
     if body.form == "hipped":
         long = float(np.linalg.norm(ends[1] - ends[0]))
@@ -222,7 +218,7 @@ def _ridge(body: Body, ring: np.ndarray) -> np.ndarray | None:
     return ends
 
 
-def _pitched(body: Body, ring: np.ndarray, ridge: np.ndarray) -> tuple[list[Mesh], list[Mesh]]:
+def _pitched(body: Body, ring: np.ndarray, ridge: np.ndarray) -> tuple[list[TriangleMesh], list[TriangleMesh]]:
     """Return gable walls and slopes."""
     low = np.column_stack([ring, np.full(len(ring), body.eaves)])
     top = np.column_stack([ridge, np.full(len(ridge), body.eaves + body.rise)])
@@ -231,9 +227,9 @@ def _pitched(body: Body, ring: np.ndarray, ridge: np.ndarray) -> tuple[list[Mesh
         a, b = low[k], low[(k + 1) % len(ring)]
         near = [int(np.argmin(np.linalg.norm(top[:, :2] - p[:2], axis=1))) for p in (a, b)]
         if near[0] == near[1]:
-            mesh = Mesh(np.array([a, b, top[near[0]]]), np.array([[0, 1, 2]], np.int32))
+            mesh = TriangleMesh(np.array([a, b, top[near[0]]]), np.array([[0, 1, 2]], np.int32))
             (gables if body.form == "gabled" else slopes).append(mesh)
         else:
             corners = np.array([a, b, top[near[1]], top[near[0]]])
-            slopes.append(Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]], np.int32)))
+            slopes.append(TriangleMesh(corners, np.array([[0, 1, 2], [0, 2, 3]], np.int32)))
     return gables, slopes

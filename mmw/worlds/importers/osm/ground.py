@@ -3,9 +3,11 @@
 import numpy as np
 import shapely
 
-from mmw.worlds.importers.osm.xml import Extract, Feature, metres, number
+from mmw.core.mesh import EMPTY, TriangleMesh, separate
+from mmw.worlds.importers.osm.xml import Extract, Feature, length_m, number
 from mmw.worlds.towns.mesh_part import MeshPart
-from mmw.worlds.towns.primitives import Mesh, weld
+from mmw.worlds.towns.plan_geometry import polygons_of, triangulate_polygons, twice_areas
+from mmw.worlds.towns.primitives import weld
 
 WIDTH = {
     "motorway": 11.5, "trunk": 10.5, "primary": 9.0, "secondary": 8.0, "tertiary": 7.0, "unclassified": 6.0,
@@ -69,21 +71,21 @@ def _strips(way: Feature) -> list[tuple[str, shapely.Geometry]]:
     if len(way.xy) < 2 or way.tags.get("area") == "yes" or (kind not in WIDTH and kind not in WALK):
         return []
     line = shapely.LineString(way.xy)
-    given, lanes = metres(way.tags.get("width")), number(way.tags.get("lanes"))
+    given, lanes = length_m(way.tags.get("width")), number(way.tags.get("lanes"))
     width = given or (lanes * LANE if lanes and kind in WIDTH else None)
     if width is None:
         width = WIDTH.get(kind) or WALK[kind]
         if kind in WIDTH and way.tags.get("oneway") in ("yes", "1", "true", "-1"):
             width = min(width, max(0.6 * width, 4.0))
-    made: list[tuple[str, shapely.Geometry]] = [
+    built: list[tuple[str, shapely.Geometry]] = [
         ("walk" if kind in WALK else "road", line.buffer(0.5 * width, quad_segs=4))
     ]
     sides = {"both": (1, -1), "yes": (1, -1), "left": (1,), "right": (-1,)}.get(way.tags.get("sidewalk", ""), ())
     if kind in WIDTH:
         for side in sides:
             reach = side * (0.5 * width + SIDEWALK)
-            made.append(("walk", line.buffer(reach, single_sided=True, quad_segs=4, join_style="round")))
-    return made
+            built.append(("walk", line.buffer(reach, single_sided=True, quad_segs=4, join_style="round")))
+    return built
 
 
 def _area_kind(tags: dict[str, str]) -> str:
@@ -109,19 +111,15 @@ def build_ground(plan: dict[str, shapely.Geometry]) -> list[MeshPart]:
                 mesh = _flat(shapely.intersection(plan[kind], cell, grid_size=1e-3))
                 if len(mesh.faces):
                     name = f"{path}_{i - int(low[0]):02d}_{j - int(low[1]):02d}"
-                    parts.append(MeshPart(name, mesh.points, mesh.faces, material, label))
+                    parts.append(MeshPart.of(name, mesh, material, label))
     return parts
 
 
-def _flat(area: shapely.Geometry) -> Mesh:
+def _flat(area: shapely.Geometry) -> TriangleMesh:
     """Return an area as upward triangles at height 0."""
-    polygons = [p for p in shapely.get_parts(shapely.get_parts([area])) if p.geom_type == "Polygon" and p.area > 1e-4]
+    polygons = polygons_of(area, 1e-4)
     if not polygons:
-        return Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32))
-    triangles = shapely.get_coordinates(shapely.get_parts(shapely.constrained_delaunay_triangles(np.array(polygons))))
-    triangles = triangles.reshape(-1, 4, 2)[:, :3]
-    a, b, c = (triangles[:, k] for k in range(3))
-    twice = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
-    triangles = np.where((twice < 0)[:, None, None], triangles[:, ::-1], triangles)[np.abs(twice) > 1e-8]
-    points = np.column_stack([triangles.reshape(-1, 2), np.zeros(3 * len(triangles))])
-    return weld(Mesh(points, np.arange(len(points), dtype=np.int32).reshape(-1, 3)))
+        return EMPTY
+    triangles = triangulate_polygons(polygons)
+    triangles = triangles[twice_areas(triangles) > 1e-8]
+    return weld(separate(np.column_stack([triangles.reshape(-1, 2), np.zeros(3 * len(triangles))])))

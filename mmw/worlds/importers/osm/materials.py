@@ -1,10 +1,11 @@
 """Materials of OpenStreetMap tags: words for building materials and colours -> the library, or a tinted copy of it."""
 
-import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
-from mmw.usd.material_library import LIBRARY
-from mmw.worlds.importers.imported_scene import ForeignMaterial
+from PIL import ImageColor
+
+from mmw.worlds.importers.imported_scene import ImportedMaterial, library_material
+from mmw.worlds.importers.mesh_cleanup import linear
 
 FACADE = {
     "brick": "brick_facade", "clay": "brick_facade", "concrete": "concrete_facade", "cement_block": "concrete_facade",
@@ -23,20 +24,13 @@ ROOF = {
     "grass": "grass", "plants": "grass", "plastic": "plastic",
 }  # fmt: skip
 """roof:material -> library."""
-COLOURS = {
-    "white": "ffffff", "black": "000000", "grey": "808080", "gray": "808080", "silver": "c0c0c0", "red": "ff0000",
-    "maroon": "800000", "brown": "a52a2a", "beige": "f5f5dc", "yellow": "ffff00", "orange": "ffa500", "green": "008000",
-    "olive": "808000", "blue": "0000ff", "navy": "000080", "teal": "008080", "purple": "800080", "pink": "ffc0cb",
-    "tan": "d2b48c", "lightgrey": "d3d3d3", "lightgray": "d3d3d3", "darkgrey": "a9a9a9", "darkgray": "a9a9a9",
-}  # fmt: skip
-"""Colour name -> sRGB. Source: CSS Color Module Level 4; only names that are common in the data."""
 
 
 @dataclass
 class Palette:
-    """Hands out materials, and keeps the tinted ones that the library lacks."""
+    """Choose materials, and collect the tinted ones that the library lacks."""
 
-    foreign: dict[str, ForeignMaterial] = field(default_factory=dict)
+    foreign: dict[str, ImportedMaterial] = field(default_factory=dict)
     """Name -> material."""
     unknown: set[str] = field(default_factory=set)
     """Words for materials and colours that were not understood."""
@@ -60,31 +54,20 @@ class Palette:
     def _tint(self, material: str, colour: str) -> str:
         """Return a copy of a library material in another colour, or the material itself without one."""
         code = colour.strip().lower().replace(" ", "").replace("_", "")
-        code = COLOURS.get(code, code.removeprefix("#"))
-        if re.fullmatch("[0-9a-f]{3}", code):
-            code = "".join(2 * c for c in code)
-        if not re.fullmatch("[0-9a-f]{6}", code):
-            if code:
-                self.unknown.add(colour)
+        rgb = _rgb(code) or _rgb(f"#{code}")
+        if rgb is None:
+            self.unknown |= {colour} if code else set()
             return material
-        name = f"{material}_{code}"
-        spec = LIBRARY[material]
-        r, g, b = (_linear(int(code[k : k + 2], 16) / 255) for k in (0, 2, 4))
-        self.foreign[name] = ForeignMaterial(
-            name,
-            f"{material} #{code}",
-            (r, g, b),
-            spec.opacity,
-            spec.metallic,
-            spec.roughness,
-            spec.radio,
-            spec.base,
-            spec.coating,
-            spec.attributes,
-        )
+        name = f"{material}_{bytes(rgb).hex()}"
+        red, green, blue = (round(value, 5) for value in linear([value / 255 for value in rgb]))
+        source = f"{material} #{bytes(rgb).hex()}"
+        self.foreign[name] = replace(library_material(material), name=name, source=source, color=(red, green, blue))
         return name
 
 
-def _linear(value: float) -> float:
-    """Return an sRGB component as linear light. Source: IEC 61966-2-1."""
-    return round(value / 12.92 if value <= 0.04045 else ((value + 0.055) / 1.055) ** 2.4, 5)
+def _rgb(code: str) -> tuple[int, ...] | None:
+    """Return the sRGB bytes of a name or code of CSS, None if it is none."""
+    try:
+        return ImageColor.getrgb(code)[:3]
+    except ValueError:
+        return None

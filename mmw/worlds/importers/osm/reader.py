@@ -7,7 +7,7 @@ import shapely
 
 from mmw.core.errors import InputError
 from mmw.physics.materials.material import RadioMaterial
-from mmw.worlds.importers.imported_scene import ForeignMaterial, World
+from mmw.worlds.importers.imported_scene import ImportedMaterial, ImportedScene
 from mmw.worlds.importers.osm.buildings import Body, build_body, find_bodies, shared_walls
 from mmw.worlds.importers.osm.ground import build_ground, plan_ground
 from mmw.worlds.importers.osm.materials import Palette
@@ -15,15 +15,15 @@ from mmw.worlds.importers.osm.xml import Extract, read_extract
 from mmw.worlds.towns.mesh_part import MeshPart
 from mmw.worlds.towns.props import build_prop
 
-WATER = ForeignMaterial(
+WATER = ImportedMaterial(
     "water", "water", (0.02, 0.05, 0.06), roughness=0.05, radio=RadioMaterial("itu", itu="itu_wet_ground")
 )
-"""Open water; the wettest of the ground rows stands for it, design value."""
+"""Open water; the wettest of the ground rows replaces it, design value."""
 TREE_SPACING = 8.0
 """Distance of the trees of a row [m]; design value."""
 
 
-def read_osm(path: str | Path, origin: tuple[float, float] | None = None) -> World:
+def read_osm(path: str | Path, origin: tuple[float, float] | None = None) -> ImportedScene:
     """Read an OpenStreetMap extract.
 
     Args:
@@ -66,7 +66,7 @@ def read_osm(path: str | Path, origin: tuple[float, float] | None = None) -> Wor
         notes.append(f"materials and colours not understood: {', '.join(sorted(palette.unknown))}")
     every = [*ground, *parts, *trees]
     foreign = {WATER.name: WATER} if any(part.material == WATER.name for part in every) else {}
-    return World(every, {**palette.foreign, **foreign}, None, tuple(notes))
+    return ImportedScene(every, {**palette.foreign, **foreign}, None, tuple(notes))
 
 
 def _contacts(bodies: list[Body], shared: int) -> list[str]:

@@ -1,0 +1,97 @@
+"""Prepare a search for paths: links in the order of their transmitters, poses, and the surfaces of the scene."""
+
+from copy import copy
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+
+from mmw.channel.links import Links
+from mmw.channel.path_solver.surface_table import SurfaceTable
+from mmw.config import ChannelConfig
+from mmw.core.transforms import invert, make_pose, normalize, transform_points
+from mmw.kernels.channel.surfaces import LinkEnds
+from mmw.scene.device_scene import DeviceScene
+
+
+@dataclass(frozen=True)
+class Sources:
+    """The transmitters of a batch, one row a frame and actor, with their links one after the other."""
+
+    batch_index: np.ndarray
+    """Position of each source's frame in the batch, shape [A], int32."""
+    position: np.ndarray
+    """World frame [m], shape [A, 3]."""
+    first_link: np.ndarray
+    """First link of each source, and the number of links, shape [A + 1], int32."""
+
+    def __len__(self) -> int:
+        return len(self.batch_index)
+
+    def part(self, begin: int, end: int) -> "Sources":
+        """Return some of the sources; links keep their numbers."""
+        return Sources(self.batch_index[begin:end], self.position[begin:end], self.first_link[begin : end + 1])
+
+
+@dataclass(frozen=True)
+class SortedLinks:
+    """Links in the order of their sources."""
+
+    order: np.ndarray
+    """Row of each among the links that were sorted, shape [L]."""
+    sources: Sources
+    ends: LinkEnds
+    """Both ends of every link on the device; `tx` are the sources."""
+
+
+class Search:
+    """Input of every step of a search for paths.
+
+    Attributes:
+        scene: The scene with the batch of the links loaded.
+        links: The links.
+        config: Rays, candidate mode, depth, and which interactions are wanted.
+        table: Surfaces of the scene, with their wedges if diffraction is wanted.
+        host_pose: Instance-to-world poses with unit quaternions, shape [S, V, 7]; NaN for absent instances.
+        pose: The same on the device, shape [S, V].
+        forward: The links in the order of their transmitters.
+        rank: Place of each link in that order, shape [L], int32.
+    """
+
+    def __init__(self, scene: DeviceScene, links: Links, config: ChannelConfig, table: SurfaceTable):
+        """Sort the links and upload the poses; the arguments are the attributes of these names."""
+        self.scene, self.links, self.config, self.table = scene, links, config, table
+        rows = [scene.arrays.frame_row(frame) for frame in scene.batch_frames]
+        pose = scene.arrays.poses[rows][:, scene.instance_actor]
+        self.host_pose = make_pose(pose[..., :3], normalize(pose[..., 3:]))
+        self.pose = wp.array(self.host_pose, dtype=wp.transformd, device=scene.device)
+        self.forward = self.sort(links.batch_index, links.tx.position, links.rx.position)
+        self.rank = np.empty(len(links), dtype=np.int32)
+        self.rank[self.forward.order] = np.arange(len(links))
+
+    def with_rays(self, rays: int) -> "Search":
+        """Return the same search with another number of rays a transmitter."""
+        other = copy(self)
+        other.config = self.config.model_copy(update={"samples_per_tx": rays})
+        return other
+
+    def backward(self) -> tuple[SortedLinks, np.ndarray]:
+        """Return the reversed links, and the row of each in the order of the transmitters, shape [L]."""
+        links = self.sort(self.links.batch_index, self.links.rx.position, self.links.tx.position)
+        return links, self.rank[links.order]
+
+    def sort(self, batch_index: np.ndarray, tx: np.ndarray, rx: np.ndarray) -> SortedLinks:
+        """Return links, from `tx` to `rx` [m], in an order that brings those of one transmitter together."""
+        keys = np.concatenate([batch_index[:, None], tx], axis=1)
+        _, first_use, source = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+        source = source.reshape(-1).astype(np.int32)
+        order = np.argsort(source, kind="stable")
+        first_link = np.searchsorted(source[order], np.arange(len(first_use) + 1)).astype(np.int32)
+        sources = Sources(batch_index[first_use].astype(np.int32), tx[first_use], first_link)
+        ends, device, inverse = LinkEnds(), self.scene.device, invert(self.host_pose)[batch_index[order]]
+        ends.batch_index = wp.array(batch_index[order], dtype=wp.int32, device=device)
+        ends.source = wp.array(source[order], dtype=wp.int32, device=device)
+        for name, world in (("tx", tx[order, None]), ("rx", rx[order, None])):
+            local = np.concatenate([transform_points(inverse, world), world], axis=1)
+            setattr(ends, name, wp.array(local, dtype=wp.vec3d, device=device))
+        return SortedLinks(order, sources, ends)

@@ -1,0 +1,92 @@
+"""Capture one batch of frames: ground truth, every sensor and the radio channel, in all weathers."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from mmw.channel.links import make_links
+from mmw.channel.path_solver.solver import launched_rays, solve_paths
+from mmw.channel.path_solver.surface_table import SurfaceTable
+from mmw.channel.rows import link_rows, path_rows
+from mmw.config import SensorConfig
+from mmw.config.sensor_spec import SENSORS, SensorSpec
+from mmw.core.registry import load_reference
+from mmw.scene.rows import frame_rows, pose_rows
+from mmw.scene.table_rows import names
+from mmw.scene.views import sample_views
+from mmw.sensors.batch import Batch, TableRows, collect
+from mmw.sensors.ground_truth.boxes_3d import box_rows, make_boxes
+from mmw.sensors.ground_truth.visibility import trace_sight
+from mmw.sensors.ground_truth.visibility_rows import sight_rows
+from mmw.sensors.sensor_input import SensorInput
+
+
+def capture_frames(batch: Batch, frames: Sequence[int], collected: TableRows) -> None:
+    """Trace one batch of frames and add its rows in every weather of `collected`."""
+    with batch.clock.stage("batch set-up"):
+        batch.scene.load_batch(frames)
+    capture_ground_truth(batch, frames, collected)
+    capture_sensors(batch, frames, collected)
+    if batch.surfaces is not None:
+        capture_channel(batch, batch.surfaces, frames, collected)
+
+
+def capture_ground_truth(batch: Batch, frames: Sequence[int], collected: TableRows) -> None:
+    """Add frames, poses, boxes and, if there is a channel, lines of sight between antennas and actors."""
+    with batch.clock.stage("ground truth"):
+        tables = {
+            "frames": frame_rows(batch.arrays, frames, batch.config.seed),
+            "poses": pose_rows(batch.arrays, frames, batch.motion),
+            "boxes": box_rows(batch.arrays, make_boxes(batch.arrays, frames, batch.motion)),
+        }
+        if batch.config.channel.enabled:
+            sight = trace_sight(batch.scene, frames, dict(batch.config.channel.antenna_position_m))
+            tables["box_visibility"] = sight_rows(batch.arrays, "antenna", sight)
+        collect(collected, tables)
+
+
+def capture_sensors(batch: Batch, frames: Sequence[int], collected: TableRows) -> None:
+    """Add the rows of every sensor; those whose specs name the same `capture` are traced in one call."""
+    together: dict[str, list[SensorConfig]] = {}
+    for sensor in batch.config.sensors:
+        spec = SENSORS[sensor.type]
+        if spec.capture:
+            together.setdefault(spec.capture, []).append(sensor)
+        else:
+            _simulate(batch, spec, sensor, frames, collected)
+    for capture, sensors in together.items():
+        load_reference(capture)(batch, sensors, frames, collected)
+
+
+def _simulate(
+    batch: Batch, spec: SensorSpec, sensor: SensorConfig, frames: Sequence[int], collected: TableRows
+) -> None:
+    """Add the rows of a sensor that is simulated by itself."""
+    views = sample_views(batch.arrays, frames, sensor)
+    with batch.clock.stage(sensor.name, round(len(views) * spec.estimate(sensor).rays)):
+        weathers = {name: batch.weather(name) for name in collected}
+        data = SensorInput(batch.scene, batch.motion, views, weathers, batch.config.seed, batch.scenario.name)
+        samples = load_reference(spec.simulate)(data, sensor)
+        to_tables = load_reference(spec.to_tables)
+        key = {
+            "frame": views.frame.astype(np.int32),
+            "agent": names(batch.arrays, views.actor),
+            "sensor": sensor.name,
+        }
+        for weather, tables in collected.items():
+            for name, columns in to_tables(data, sensor, samples[weather]).items():
+                tables[name].append({**key, **columns})
+
+
+def capture_channel(batch: Batch, surfaces: SurfaceTable, frames: Sequence[int], collected: TableRows) -> None:
+    """Add links and paths: traced once, their field evaluated in every weather."""
+    config = batch.config.channel
+    with batch.clock.stage("channel"):
+        links = make_links(batch.arrays, frames, config)
+        materials = {weather: batch.arrays.materials[weather] for weather in collected}
+        air = {weather: batch.weather(weather) for weather in collected}
+        paths = solve_paths(batch.scene, links, config, materials, surfaces, air)
+        for weather, tables in collected.items():
+            tables["links"].append(link_rows(batch.arrays, links, paths, weather))
+            tables["paths"].append(path_rows(batch.arrays, links, paths, weather))
+    batch.clock.rays["channel"] += launched_rays(links, config)

@@ -1,1 +1,0 @@
-"""One batch of frames through every sensor: each module launches one kind and hands its rows over."""

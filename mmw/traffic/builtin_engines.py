@@ -1,0 +1,25 @@
+"""Specs of the traffic engines of mmw; imports none of them."""
+
+from mmw.config.traffic_engine import TrafficEngineSpec
+
+IDM = TrafficEngineSpec(
+    "intelligent driver model",
+    "mmw.traffic.idm.run:simulate_idm",
+    keys=("cav_pool", "warmup_s", "lane_changes", "signals"),
+    start="mmw.traffic.idm.run:start_idm",
+)
+
+SUMO = TrafficEngineSpec(
+    "SUMO",
+    "mmw.traffic.sumo.engine:simulate_sumo",
+    keys=("cav_pool", "warmup_s", "lane_changes"),
+    package="libsumo",
+)
+
+REPLAY = TrafficEngineSpec(
+    "table of trajectories",
+    "mmw.traffic.replay.engine:replay_table",
+    keys=("trajectories", "cav_ids"),
+    required=("trajectories",),
+    needs_lanes=False,
+)

@@ -1,0 +1,70 @@
+"""Hold what a traffic engine gets and what it returns."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mmw.config import TrafficConfig
+from mmw.traffic.ground_height import Ground
+from mmw.traffic.roads.town_asset import Town
+from mmw.traffic.vehicle_pose import Shape, make_shape
+
+
+@dataclass(frozen=True)
+class VehicleTrack:
+    """One vehicle or pedestrian of a scenario and its pose in every frame."""
+
+    name: str
+    role: str
+    """`cav`, `vehicle` or `pedestrian`."""
+    model: str
+    paint: str
+    poses: np.ndarray
+    """Body to world (x, y, z, qx, qy, qz, qw) at 100 Hz, shape [F, 7], float64; the body's origin is the ground point
+    midway between the axles. NaN in frames in which the vehicle is absent."""
+    waits: np.ndarray | None = None
+    """Whether it stands with a cause (`mmw.traffic.idm.wait_causes`), shape [F]; None if the engine does not tell."""
+
+
+@dataclass(frozen=True)
+class TrafficDemand:
+    """The traffic that a scenario needs."""
+
+    town: Town
+    traffic: TrafficConfig
+    catalog: Mapping[str, Any]
+    """Vehicle models by name, each with `name, label, paints, wheelbase, track, length, width, height, center`."""
+    frame_count: int
+    """F, frames at 100 Hz."""
+    seed: int
+    """Same seed, same motion."""
+    base: Path = Path()
+    """Folder that relative paths of `traffic` start from."""
+    device: str = "cpu"
+    """Warp device of the wheel drops."""
+
+    @cached_property
+    def shapes(self) -> list[Shape]:
+        """Dimensions of all models, sorted by name."""
+        return [make_shape(self.catalog[name]) for name in sorted(self.catalog)]
+
+    @cached_property
+    def ground(self) -> Ground:
+        """The drivable surface on the device."""
+        return Ground(self.town.points, self.town.faces, device=self.device)
+
+
+@dataclass(frozen=True)
+class TrafficResult:
+    """The motion of a scenario's vehicles, and the decisions behind it if the engine has any."""
+
+    tracks: list[VehicleTrack]
+    """`cav_1`, `cav_2`..., then `veh_001`, `veh_002`..."""
+    changes: list[tuple[float, str, str, str]] = field(default_factory=list)
+    """Changes of lanes: time of the decision since frame 0 [s], vehicle, lane before, lane after."""
+    routes: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    """Vehicle -> lanes of its path, those beyond the last frame included."""
