@@ -22,8 +22,9 @@ from mmw.kernels.channel.surfaces import (
     mirror_point,
     to_carrier,
 )
+from mmw.kernels.core.compiler import DOUBLE_PRECISION
 
-wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
+wp.set_module_options(DOUBLE_PRECISION)
 
 
 @wp.struct

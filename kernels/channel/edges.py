@@ -2,7 +2,9 @@
 
 import warp as wp
 
-wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
+from mmw.kernels.core.compiler import DOUBLE_PRECISION
+
+wp.set_module_options(DOUBLE_PRECISION)
 
 EDGE_SLACK = wp.constant(wp.float64(1e-9))
 """A point this close beyond an end of an edge is on it [m]: no gap opens between the edges of one line."""

@@ -26,9 +26,10 @@ from mmw.kernels.channel.surfaces import (
     triangle_at,
     triangle_plane,
 )
+from mmw.kernels.core.compiler import DOUBLE_PRECISION
 from mmw.kernels.core.structs import MISS_ID, Scene
 
-wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
+wp.set_module_options(DOUBLE_PRECISION)
 
 
 @wp.struct

@@ -8,11 +8,12 @@ import warp as wp
 
 from mmw.kernels.channel.surfaces import lift_at
 from mmw.kernels.core.bvh import Tree
+from mmw.kernels.core.compiler import DOUBLE_PRECISION
 from mmw.kernels.core.geometry import double, fibonacci_direction, single
 from mmw.kernels.core.structs import MISS_ID, Scene
 from mmw.kernels.core.trace import closest_hit, nearest_in_tree
 
-wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
+wp.set_module_options(DOUBLE_PRECISION)
 
 PATTERN_DIPOLE = wp.constant(1)
 """Code of the short dipole along z; 0 is isotropic."""

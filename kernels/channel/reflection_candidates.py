@@ -14,9 +14,10 @@ from mmw.kernels.channel.surfaces import (
     mirror_point,
     mirrored,
 )
+from mmw.kernels.core.compiler import DOUBLE_PRECISION
 from mmw.kernels.core.geometry import reflection_point
 
-wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
+wp.set_module_options(DOUBLE_PRECISION)
 
 LINKS_AT_ONCE = wp.constant(8)
 """Links that one thread tests against its surface: the plane is read once for them."""

@@ -12,11 +12,12 @@ from mmw.kernels.channel.segments import (
     trace_segment,
 )
 from mmw.kernels.channel.surfaces import LinkEnds, Surfaces, lift_at, plane_at
+from mmw.kernels.core.compiler import DOUBLE_PRECISION
 from mmw.kernels.core.geometry import fibonacci_direction_64, single
 from mmw.kernels.core.structs import MISS_ID, Scene
 from mmw.kernels.core.trace import closest_hit_raw, surface_of
 
-wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
+wp.set_module_options(DOUBLE_PRECISION)
 
 
 @wp.kernel

@@ -3,11 +3,12 @@
 import warp as wp
 
 from mmw.kernels.channel.surfaces import Surfaces, holds, lift_at, plane_at
+from mmw.kernels.core.compiler import DOUBLE_PRECISION
 from mmw.kernels.core.geometry import single
 from mmw.kernels.core.structs import MISS_ID, Scene
 from mmw.kernels.core.trace import closest_hit, occluded
 
-wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
+wp.set_module_options(DOUBLE_PRECISION)
 
 SPECULAR = wp.constant(1)
 """Interaction: mirror reflection. The numbers are those of Sionna RT."""

@@ -2,9 +2,10 @@
 
 import warp as wp
 
+from mmw.kernels.core.compiler import DOUBLE_PRECISION
 from mmw.kernels.core.geometry import is_inside, reflection_point
 
-wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
+wp.set_module_options(DOUBLE_PRECISION)
 
 EDGE_MARGIN = wp.constant(wp.float64(1e-9))
 """A point this close to a triangle's edge is in the triangle [m]: no gap opens between neighbors."""

@@ -2,7 +2,7 @@
 alone.
 
 The flags are those of Clang's front end, for the module option `cpu_compiler_flags`. They may change with Clang: with
-`compute.bvh: warp` no kernel has them, only Warp's own (`mmw.core.bvh_kind.select_bvh`).
+`compute.bvh: warp` kernels have only Warp's own and `NO_SLP` (`mmw.core.bvh_kind.select_bvh`).
 """
 
 import warp as wp
@@ -29,3 +29,15 @@ PICTURE_RAYS = {
 
 PICTURE_SHADING = {**PICTURE_RAYS, "cpu_compiler_flags": FAST}
 """Module options of kernels that shade the pixels of pictures and filter their light."""
+
+NO_SLP = "-fno-slp-vectorize"
+"""Single numbers are not combined to vectors. With its own flags, Warp 1.19's compiler loses a coordinate of points on
+slabs on processors with AVX2 and without AVX-512: `tests/channel/path_solver/test_refraction.py` fails there."""
+
+DOUBLE_PRECISION = {
+    "enable_backward": False,
+    "default_grid_stride": False,
+    "fast_math": False,
+    "cpu_compiler_flags": f"{HOST} {NO_SLP}",
+}
+"""Module options of kernels that compute paths in float64."""

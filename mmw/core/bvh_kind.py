@@ -9,6 +9,7 @@ import mmw.kernels
 from mmw.core.bvh_default import BVH_KINDS, BVH_VARIABLE, default_bvh
 from mmw.core.errors import InputError
 from mmw.kernels.core import bvh as tree
+from mmw.kernels.core.compiler import DOUBLE_PRECISION, NO_SLP
 
 
 class _Choice:
@@ -68,5 +69,8 @@ def _compile_for(kind: str) -> None:
         module = import_module(info.name)
         if kind == "warp":
             _flags[info.name] = wp.get_module(info.name).options["cpu_compiler_flags"]
+        flags = _flags[info.name]
+        if kind == "warp":
+            flags = DOUBLE_PRECISION["cpu_compiler_flags"] if NO_SLP in (flags or "") else None
         # Warp reads a constant and the flags again for a module whose options were set.
-        wp.set_module_options({"cpu_compiler_flags": _flags[info.name] if kind == "wide" else None}, module=module)
+        wp.set_module_options({"cpu_compiler_flags": flags}, module=module)
