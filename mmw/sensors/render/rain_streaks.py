@@ -54,7 +54,6 @@ def make_rain(weather: Weather, config: ImageConfig, intrinsics: Intrinsics) -> 
     rain.wind = wp.vec3(*weather.wind)
     rain.shutter = 0.001 * config.shutter_ms
     rain.aperture = APERTURE_M
-    rain.strength = config.streak_strength
     return rain
 
 

@@ -3,13 +3,9 @@
 # Warp's structs and small number types are objects, not classes, to a type checker.
 # pyright: reportGeneralTypeIssues=false, reportArgumentType=false
 
-import math
-
 import warp as wp
 
-from mmw.core.camera_models import Intrinsics
 from mmw.core.constants import FRAME_DT
-from mmw.kernels.camera import lens_drops as drop_kernels
 from mmw.kernels.camera import tone_mapping as kernels
 from mmw.sensors.render.image_config import ExposureConfig, ImageConfig
 
@@ -59,55 +55,30 @@ def make_exposure(config: ExposureConfig, radiance: wp.array, weather_exposure: 
     return exposure
 
 
-def lens_drops(keys: wp.array, count: int, intrinsics: Intrinsics) -> wp.array:
-    """Return drops on the lens of each view: column, row, radius [px], height over width; shape [A, count], vec4.
-
-    Args:
-        keys: Random numbers of each view, shape [A], vec2ui. Drops stay where they are: the key names the agent and the
-            camera and not the frame.
-        count: Drops on each lens.
-        intrinsics: Image size.
-    """
-    drops = wp.empty((len(keys), count), dtype=wp.vec4, device=keys.device)
-    if len(keys) and count:
-        wp.launch(
-            drop_kernels.lens_drops_kernel,
-            dim=(len(keys), count),
-            inputs=[keys, intrinsics.width, intrinsics.height],
-            outputs=[drops],
-            device=keys.device,
-        )
-    return drops
-
-
 def tone_map(
     radiance: wp.array,
     config: ImageConfig,
-    intrinsics: Intrinsics,
     exposure: wp.array,
     *,
     keys: wp.array | None = None,
     motion: wp.array | None = None,
     cover: wp.array | None = None,
     drop_light: wp.vec3 | None = None,
-    drops: wp.array | None = None,
 ) -> wp.array:
     """Return pictures, sRGB, shape [A, H, W, 3], uint8, on the device of the light.
 
-    In this order: motion blur, rain streaks, drops on the lens, exposure, vignette, sensor noise, tone map, sRGB,
-    rounding. What is None or off is left out.
+    In this order: motion blur, rain streaks, exposure, sensor noise, tone map, sRGB, rounding. What is None or off is
+    left out.
 
     Args:
         radiance: Light [kcd/m2], linear Rec. 709, shape [A, H, W], vec3.
         config: Image section.
-        intrinsics: Optical axis, for the vignette.
         exposure: Factor of each picture, shape [A]; see `make_exposure`.
         keys: Random numbers of each view, shape [A], vec2ui (`mmw.scene.views.view_keys`); for noise.
         motion: Image motion in one frame time [px], shape [A, H, W], vec2 (`mmw.sensors.render.optical_flow`), for
             blur.
         cover: Opacity of streaks, shape [A, H, W], int (`mmw.sensors.render.rain_streaks`).
         drop_light: Luminance of a falling drop [kcd/m2]; with `cover`.
-        drops: Drops on the lens, shape [A, N], vec4; see `lens_drops`.
 
     Raises:
         ValueError: If a step is on and what it needs is missing.
@@ -131,10 +102,6 @@ def tone_map(
     film.blur_share = 0.001 * config.shutter_ms / FRAME_DT
     film.cover = wp.empty((0, 0, 0), dtype=int, device=device) if cover is None else cover
     film.drop_light = wp.vec3() if drop_light is None else drop_light
-    film.drops = wp.empty((0, 0), dtype=wp.vec4, device=device) if drops is None else drops
-    film.center = wp.vec2(intrinsics.cx, intrinsics.cy)
-    film.vignette = config.vignette
-    film.corner = math.hypot(max(intrinsics.cx, width - intrinsics.cx), max(intrinsics.cy, height - intrinsics.cy))
     film.full_well = config.noise.full_well if config.noise.enabled else 0.0
     film.read_noise = config.noise.read_noise
     film.tone_map = kernels.TONE_ACES if config.tone_map == "aces" else kernels.TONE_NONE

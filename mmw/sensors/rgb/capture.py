@@ -5,7 +5,6 @@ from collections.abc import Callable
 import numpy as np
 import warp as wp
 
-from mmw.core.random_keys import random_keys
 from mmw.core.transfer import to_host
 from mmw.scene.views import view_keys
 from mmw.sensors.batch import Batch, TableRows
@@ -28,7 +27,7 @@ def record_rgb(batch: Batch, launch: Launch, buffer: SampleBuffer, collected: Ta
     if len(launch.views):
         with batch.clock.stage(launch.name):
             keys = {weather: _keys(batch, launch, weather) for weather in collected}
-            found = batch.rgb_camera(config.debug).render(buffer, config, keys, _lens_keys(batch, launch))
+            found = batch.rgb_camera(config.debug).render(buffer, config, keys)
             exposures = dict(zip(found, to_host([images.exposure for images in found.values()]), strict=True))
         if config.format == "jpeg" and makes_files(batch.scene.device):
             with batch.clock.stage("JPEG files"):
@@ -93,14 +92,4 @@ def _keys(batch: Batch, launch: Launch, weather: str) -> np.ndarray:
         keys[camera.rows] = view_keys(
             batch.arrays, views, batch.config.seed, batch.scenario.name, weather, camera.sensor.name
         )
-    return keys
-
-
-def _lens_keys(batch: Batch, launch: Launch) -> np.ndarray:
-    """Return the key of each view's lens, the same in every frame and weather, shape [A, 2], uint32."""
-    keys = np.zeros((len(launch.views), 2), dtype=np.uint32)
-    for camera in launch.rgb:
-        agents = [batch.arrays.actors[actor].name for actor in launch.views.actor[camera.rows]]
-        stream = (batch.config.seed, batch.scenario.name, camera.sensor.name, "lens")
-        keys[camera.rows] = random_keys((*stream, agent) for agent in agents)
     return keys

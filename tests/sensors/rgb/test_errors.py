@@ -185,14 +185,6 @@ def test_tiny_range_sees_the_sky(device: str) -> None:
         np.testing.assert_allclose(image, expected, atol=2e-3)
 
 
-def test_lens_drops_need_keys(device: str) -> None:
-    rendering = render(empty_town(), device, at((0.0, 0.0, 2.0)))
-    config = SMALL.model_copy(update={"image": SMALL.image.model_copy(update={"lens_drops": 3})})
-    keys = {"sunny": np.zeros((1, 2), dtype=np.uint32)}
-    with pytest.raises(ValueError, match="lens_drops: the lenses have no keys"):
-        rendering.camera.render(rendering.buffer, config, keys)
-
-
 def test_absent_actor_is_not_drawn(device: str) -> None:
     """A vehicle without a pose in a frame leaves ground, no shadow and no lamp there."""
     poses = np.array([[pose(6.0, 0.0)], [(np.nan,) * 7], [pose(6.0, 0.0)]])
