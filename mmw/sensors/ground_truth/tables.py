@@ -1,17 +1,12 @@
 """Define the tables of what cameras see of objects."""
 
-from mmw.storage.table_spec import F32, I32, OBJECT, OWNED, SENSOR, TableSpec, column, encoded_image
+from mmw.storage.table_spec import F32, I32, OBJECT, OWNED, SENSOR, TableSpec, column, encoded_image, sensor_table
 
-SEGMENTATION = TableSpec(
+SEGMENTATION = sensor_table(
     "segmentation",
     "What each pixel of one depth or RGB image shows, from the same rays.",
-    (
-        *OWNED,
-        SENSOR,
-        encoded_image("instance", "", "16-bit PNG; object_id = value - 1, a row of `objects`; 0 = nothing hit"),
-        encoded_image("semantic", "", "8-bit PNG of CARLA tags as in `objects`; 11 (sky) = nothing hit"),
-    ),
-    ("frame", "agent", "sensor"),
+    encoded_image("instance", "", "16-bit PNG; object_id = value - 1, a row of `objects`; 0 = nothing hit"),
+    encoded_image("semantic", "", "8-bit PNG of CARLA tags as in `objects`; 11 (sky) = nothing hit"),
     frames_per_group=4,
     level=1,
 )
