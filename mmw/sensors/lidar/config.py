@@ -6,7 +6,7 @@ from typing import Literal
 from pydantic import Field, field_validator, model_validator
 
 from mmw.config.section import Name
-from mmw.config.sensor import MountConfig, Role, SensorConfig
+from mmw.config.sensor import MountConfig, Role, SensorConfig, mounts_at
 from mmw.core.errors import InputError
 from mmw.sensors.lidar.config_parts import CarlaLidarConfig, LidarOpticsConfig, LidarPreset
 from mmw.sensors.lidar.optics import LidarOptics
@@ -21,13 +21,7 @@ class Lidar(SensorConfig):
     type: Literal["lidar"] = "lidar"
     name: Name = Field("lidar", description="sensor name (name)")
     on: tuple[Role, ...] = Field(("cav", "rsu"), description="agents that carry it (list)")
-    mount: dict[Role, MountConfig] = Field(
-        default_factory=lambda: {
-            "cav": MountConfig(position_m=(0, 0, 2.5)),
-            "rsu": MountConfig(position_m=(0, 0, 4.0)),
-        },
-        description="mount for each role; a role that is left out keeps its default (map)",
-    )
+    mount: dict[Role, MountConfig] = mounts_at(cav=(0, 0, 2.5), rsu=(0, 0, 4.0))
     mode: Literal["carla", "physical"] = Field(
         "physical", description="CARLA's LiDAR, or materials, weather and a link budget (name)"
     )

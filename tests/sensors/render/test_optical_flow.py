@@ -15,7 +15,6 @@ from mmw.scene.device_scene import DeviceScene
 from mmw.scene.scene_data import SceneData
 from mmw.scene.views import Views, make_views, view_twists
 from mmw.sensors import DepthCamera
-from mmw.sensors.lidar.scan_pattern import pinhole
 from mmw.sensors.render.optical_flow import device_twists, image_motion
 from mmw.sensors.render.projection import project, unproject
 from mmw.sensors.render.visibility_buffer import trace_samples
@@ -25,7 +24,7 @@ from tests.fixtures.scenes import arrays_from_parts, box_model, ground_part, mov
 SIZE = (96, 72)
 FRAMES = 5
 LENSES = {
-    "pinhole": pinhole(*SIZE, 100.0),
+    "pinhole": LensConfig().intrinsics(*SIZE, 100.0),
     "barrel": LensConfig(model="brown_conrady", k1=-0.2, k2=0.03, p1=0.001).intrinsics(*SIZE, 90.0),
     "fisheye": LensConfig(model="fisheye", k1=0.02).intrinsics(*SIZE, 170.0),
 }

@@ -13,13 +13,12 @@ from mmw.core.transforms import pose_from_ypr
 from mmw.kernels.camera.rain_streaks import COVER_SCALE
 from mmw.kernels.core import structs
 from mmw.physics.weather.weather import Weather
-from mmw.sensors.lidar.scan_pattern import pinhole
 from mmw.sensors.render import rain_streaks as streaks
 from mmw.sensors.render.camera import device_camera
 from mmw.sensors.render.image_config import ImageConfig
 from mmw.sensors.render.rain_streaks import make_rain, streak_cover
 
-CAMERA = pinhole(160, 120, 90.0)
+CAMERA = LensConfig().intrinsics(160, 120, 90.0)
 CALM = Weather(rain_mm_h=25.0, wind_m_s=0.0)
 
 
