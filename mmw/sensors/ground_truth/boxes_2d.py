@@ -87,13 +87,8 @@ def visible_pixels(object_id: wp.array, wanted: Sequence[int] | np.ndarray) -> V
     pixels = wp.zeros((views, count), dtype=int, device=device)
     lower = wp.full((views, count, 2), max(height, width), dtype=int, device=device)
     upper = wp.zeros((views, count, 2), dtype=int, device=device)
-    wp.launch(
-        kernels.visible_boxes_kernel,
-        dim=(views, -(-height // STRIP), width),
-        inputs=[object_id, wp.array(place_of, dtype=int, device=device)],
-        outputs=[pixels, lower, upper],
-        device=device,
-    )
+    inputs, strips = [object_id, wp.array(place_of, dtype=int, device=device)], -(-height // STRIP)
+    wp.launch(kernels.visible_boxes_kernel, (views, strips, width), inputs, [pixels, lower, upper], device=device)
     count_of, least, most = to_host([pixels, lower, upper])
     return VisiblePixels(count_of, np.concatenate([least, most], axis=2))
 

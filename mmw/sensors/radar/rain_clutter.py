@@ -202,13 +202,8 @@ def rain_clutter(
     shape = (len(pose), grid.ranges, len(gain))
     power, cell = wp.empty(shape, dtype=float, device=device), wp.empty(shape, dtype=int, device=device)
     arrays = [wp.array(a.astype(np.float32), dtype=float, device=device) for a in (gain, mean_velocity, spread)]
-    wp.launch(
-        radar_detection.rain_kernel,
-        dim=shape,
-        inputs=[wp.array(keys, dtype=wp.vec2ui, device=device), grid, rain, *arrays],
-        outputs=[power, cell],
-        device=device,
-    )
+    inputs = [wp.array(keys, dtype=wp.vec2ui, device=device), grid, rain, *arrays]
+    wp.launch(radar_detection.rain_kernel, shape, inputs, [power, cell], device=device)
     distance = np.maximum(np.arange(grid.ranges), 0.5)[:, None] * grid.range_step
     loss = np.exp(-rain.loss_per_m * distance)
     rcs_per_w = distance**4 / (link_constant * (gain / solid_angle)[None] * loss)

@@ -33,25 +33,17 @@ def make_exposure(config: ExposureConfig, radiance: wp.array, weather_exposure: 
         radiance: Light [kcd/m2], shape [A, H, W], vec3.
         weather_exposure: Fixed exposure of the weather (`kernels.sky.Sky.exposure`) [1/(kcd/m2)].
     """
-    views, height, width = radiance.shape
+    (views, height, width), device = radiance.shape, radiance.device
     brighter = 2.0**config.ev_compensation
     if config.mode == "fixed":
         own = weather_exposure if config.ev100 is None else exposure_of_ev100(config.ev100)
-        return wp.full(views, brighter * own, dtype=float, device=radiance.device)
-    exposure = wp.empty(views, dtype=float, device=radiance.device)
+        return wp.full(views, brighter * own, dtype=float, device=device)
+    exposure = wp.empty(views, dtype=float, device=device)
     if views:
-        log_sum = wp.empty((views, width), dtype=float, device=radiance.device)
-        wp.launch(
-            kernels.meter_kernel, dim=(views, width), inputs=[radiance], outputs=[log_sum], device=radiance.device
-        )
+        log_sum = wp.empty((views, width), dtype=float, device=device)
+        wp.launch(kernels.meter_kernel, (views, width), [radiance], [log_sum], device=device)
         limits = (exposure_of_ev100(config.max_ev100), exposure_of_ev100(config.min_ev100))
-        wp.launch(
-            kernels.auto_exposure_kernel,
-            dim=views,
-            inputs=[log_sum, height, brighter, *limits],
-            outputs=[exposure],
-            device=radiance.device,
-        )
+        wp.launch(kernels.auto_exposure_kernel, views, [log_sum, height, brighter, *limits], [exposure], device=device)
     return exposure
 
 
@@ -94,7 +86,6 @@ def tone_map(
                 f"tone_map: {key} is on and {name} is None; the step needs it; pass {name}, or turn it off"
             )
     device = radiance.device
-    views, height, width = radiance.shape
     film = kernels.Film()
     film.exposure = exposure
     film.key = keys if config.noise.enabled else wp.empty(0, dtype=wp.vec2ui, device=device)
@@ -105,13 +96,7 @@ def tone_map(
     film.full_well = config.noise.full_well if config.noise.enabled else 0.0
     film.read_noise = config.noise.read_noise
     film.tone_map = kernels.TONE_ACES if config.tone_map == "aces" else kernels.TONE_NONE
-    image = wp.empty((views, height, width, 3), dtype=wp.uint8, device=device)
+    image = wp.empty((*radiance.shape, 3), dtype=wp.uint8, device=device)
     if image.size:
-        wp.launch(
-            kernels.tone_mapping_kernel,
-            dim=(views, height, width),
-            inputs=[radiance, film],
-            outputs=[image],
-            device=device,
-        )
+        wp.launch(kernels.tone_mapping_kernel, radiance.shape, [radiance, film], [image], device=device)
     return image
