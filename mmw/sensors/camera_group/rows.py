@@ -1,7 +1,7 @@
 """Make rows of the tables of images and of 2-D boxes."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Future
 
 import numpy as np
@@ -25,46 +25,48 @@ SUFFIX = {"jpeg": "jpg", "png": "png"}
 """Format -> end of a file's name."""
 
 
-def rgb_rows(
+def image_rows(
     arrays: SceneData,
-    sensor: RgbCamera,
+    sensor: str,
     views: Views,
-    images: Images,
-    exposure: np.ndarray,
+    files: Mapping[str, tuple[str, Images]],
     scenario: str,
     weather: str,
+    suffix: str = "png",
 ) -> Columns:
-    """Return rows of the `rgb` table for one sensor.
+    """Return rows of a table of encoded images for one sensor: one view a row.
+
+    Args:
+        arrays: The scene on the host.
+        sensor: Name of the sensor.
+        views: Its views.
+        files: Column -> what follows the name of the sensor in the names of the files, and the files of the views.
+        scenario: Name of the scenario.
+        weather: Name of the weather.
+        suffix: End of the names of the files.
+    """
+    stems = [
+        f"{scenario}/{weather}/{agent}/{frame:06d}_{sensor}"
+        for agent, frame in zip(names(arrays, views.actor).to_pylist(), views.frame, strict=True)
+    ]
+    return {
+        **sample_columns(arrays, sensor, views.frame, views.actor),
+        **{
+            column: [(image, f"{stem}{kind}.{suffix}") for image, stem in zip(images, stems, strict=True)]
+            for column, (kind, images) in files.items()
+        },
+    }
+
+
+def rgb_columns(sensor: RgbCamera, exposure: np.ndarray) -> Columns:
+    """Return the columns of table `rgb` beside the images.
 
     `exposure` is the factor from luminance [kcd/m2] to display linear, where 1 is white, shape [A].
     """
     return {
-        **sample_columns(arrays, sensor.name, views.frame, views.actor),
-        "image": _files(arrays, sensor.name, views, images, scenario, weather, SUFFIX[sensor.format]),
         "format": sensor.format,
         "exposure": exposure.astype(np.float32),
         "ev100": np.log2(1000.0 / (SATURATION * exposure.astype(np.float64))).astype(np.float32),
-    }
-
-
-def file_rows(
-    arrays: SceneData, sensor: str, kind: str, views: Views, images: Images, scenario: str, weather: str
-) -> Columns:
-    """Return rows of a table of one PNG file a row, `normals` or `flow`, whose name `kind` is."""
-    return {
-        **sample_columns(arrays, sensor, views.frame, views.actor),
-        "image": _files(arrays, f"{sensor}_{kind}", views, images, scenario, weather),
-    }
-
-
-def depth_rows(
-    arrays: SceneData, sensor: str, views: Views, images: Images, metres: pa.Array, scenario: str, weather: str
-) -> Columns:
-    """Return rows of the `depth` table for one sensor: one image a row; `metres` is what `metre_lists` returns."""
-    return {
-        **sample_columns(arrays, sensor, views.frame, views.actor),
-        "image": _files(arrays, sensor, views, images, scenario, weather),
-        "depth_m": metres,
     }
 
 
@@ -77,23 +79,6 @@ def metre_lists(views: Views, depth_m: np.ndarray | None) -> pa.Array:
         return pa.nulls(len(views), list_of(F32))
     flat = np.where(np.isfinite(depth_m), depth_m, np.float32(0.0)).reshape(len(views), math.prod(depth_m.shape[1:]))
     return lists(np.arange(len(views) + 1, dtype=np.int32) * np.int32(flat.shape[1]), flat.reshape(-1))
-
-
-def segmentation_rows(
-    arrays: SceneData,
-    sensor: str,
-    views: Views,
-    instance: Images,
-    semantic: Images,
-    scenario: str,
-    weather: str,
-) -> Columns:
-    """Return rows of the `segmentation` table for one sensor."""
-    return {
-        **sample_columns(arrays, sensor, views.frame, views.actor),
-        "instance": _files(arrays, f"{sensor}_instance", views, instance, scenario, weather),
-        "semantic": _files(arrays, f"{sensor}_semantic", views, semantic, scenario, weather),
-    }
 
 
 def box_2d_rows(
@@ -116,13 +101,3 @@ def box_2d_rows(
         "truncation": found.truncation.astype(np.float32),
         "distance": found.distance.astype(np.float32),
     }
-
-
-def _files(
-    arrays: SceneData, stem: str, views: Views, images: Images, scenario: str, weather: str, suffix: str = "png"
-) -> list[tuple[Future[bytes] | bytes, str]]:
-    paths = [
-        f"{scenario}/{weather}/{agent}/{frame:06d}_{stem}.{suffix}"
-        for agent, frame in zip(names(arrays, views.actor).to_pylist(), views.frame, strict=True)
-    ]
-    return list(zip(images, paths, strict=True))

@@ -246,12 +246,8 @@ def _reflections(
 ) -> reflection_kernels.Reflections:
     """Return reflected rays with the light of one place of the sun on what they hit."""
     reflections = reflection_kernels.Reflections()
-    reflections.row, reflections.samples, reflections.surfaces = (
-        rays.reflections.row,
-        rays.reflections.samples,
-        rays.reflections.surfaces,
-    )
-    reflections.sun = rays.reflections.sun
+    for name in ("row", "samples", "surfaces", "sun"):
+        setattr(reflections, name, getattr(rays.reflections, name))
     if sun is not None:
         reflections.sun = trace_reflection_sun(buffer, found, rays, sun)
     return reflections
