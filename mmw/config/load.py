@@ -70,10 +70,7 @@ def json_schema() -> dict[str, Any]:
     items = schema["properties"]["scenarios"]
     path = {"type": "string", "description": "another configuration file, whose scenarios and frames are taken (path)"}
     items["items"] = {"anyOf": [items["items"], path]}
-    return schema | {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": "mmw configuration",
-    }
+    return schema | {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "mmw configuration"}
 
 
 def to_yaml(config: Config) -> str:

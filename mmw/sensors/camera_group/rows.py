@@ -13,6 +13,7 @@ from mmw.scene.table_rows import Columns, lists, names, sample_columns
 from mmw.scene.views import Views
 from mmw.sensors.ground_truth.boxes_2d import VisiblePixels, project_boxes
 from mmw.sensors.ground_truth.boxes_3d import Boxes
+from mmw.sensors.ground_truth.tables import EDGES
 from mmw.sensors.ground_truth.visibility import boxed_actors
 from mmw.sensors.render.tone_mapping import SATURATION
 from mmw.sensors.rgb.config import RgbCamera
@@ -91,13 +92,12 @@ def box_2d_rows(
     place_of[wanted] = np.arange(len(wanted))
     place = place_of[boxes.actor[found.box]]
     pixels, bounds = visible.pixels[found.view, place], visible.bounds[found.view, place]
-    edges = ("u_min", "v_min", "u_max", "v_max")
     return {
         **sample_columns(arrays, sensor, views.frame[found.view], views.actor[found.view]),
         "object_id": boxes.object_id[found.box],
         "pixels": pixels,
-        **{name: pa.array(bounds[:, i], mask=pixels == 0) for i, name in enumerate(edges)},
-        **{f"amodal_{name}": found.amodal[:, i].astype(np.float32) for i, name in enumerate(edges)},
+        **{name: pa.array(bounds[:, i], mask=pixels == 0) for i, name in enumerate(EDGES)},
+        **{f"amodal_{name}": found.amodal[:, i].astype(np.float32) for i, name in enumerate(EDGES)},
         "truncation": found.truncation.astype(np.float32),
         "distance": found.distance.astype(np.float32),
     }

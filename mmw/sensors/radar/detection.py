@@ -193,13 +193,7 @@ def _false_alarms(
 
 
 def _is_rain(
-    config: Radar,
-    clutter: RainClutter,
-    view: np.ndarray,
-    r: np.ndarray,
-    v: np.ndarray,
-    y: np.ndarray,
-    z: np.ndarray,
+    config: Radar, clutter: RainClutter, view: np.ndarray, r: np.ndarray, v: np.ndarray, y: np.ndarray, z: np.ndarray
 ) -> np.ndarray:
     """Return whether rain was drawn for cells: velocity cells within three standard deviations, as the kernel's."""
     step, count = config.velocity_resolution, config.chirps

@@ -15,19 +15,12 @@ RADAR = sensor_table(
     column("elevation", list_of(F32), "rad", "angle above the sensor's x-y plane, CARLA's altitude"),
     column("velocity", list_of(F32), "m/s", "radial velocity relative to the sensor, positive while receding"),
     column(
-        "power_db",
-        list_of(F32),
-        "dBm",
-        "received power, losses of the weather included; null in carla",
-        nullable=True,
+        "power_db", list_of(F32), "dBm", "received power, losses of the weather included; null in carla", nullable=True
     ),
     column("snr_db", list_of(F32), "dB", "power over the noise of a cell; null in carla", nullable=True),
     column("rcs_dbsm", list_of(F32), "dBsm", "radar cross section; null in carla", nullable=True),
     column(
-        "object_id",
-        list_of(I32),
-        "id",
-        "object that each point lies on, a row of `objects`; -1 for clutter and noise",
+        "object_id", list_of(I32), "id", "object that each point lies on, a row of `objects`; -1 for clutter and noise"
     ),
     column("label", list_of(pa.uint8()), "index", "what returned: 0 object, 1 rain clutter, 2 false alarm"),
     frames_per_group=4,

@@ -53,8 +53,5 @@ SPEC = SensorSpec(
     warm_up="mmw.sensors.render.sky.warm_up:bake_skies",
     decode="mmw.dataset.frame:camera_view",
     window=Modality("rgb", "rgb"),
-    views={
-        "plot": "mmw.viz.plots.samples:draw_rgb_sample",
-        "viewer": "mmw.viz.rerun.samples:log_rgb",
-    },
+    views={"plot": "mmw.viz.plots.samples:draw_rgb_sample", "viewer": "mmw.viz.rerun.samples:log_rgb"},
 )
