@@ -31,6 +31,7 @@ import warp as wp
 from bench import first_hit
 from bench.scenes import grid_town, shipped_town, with_vehicles
 from mmw import __version__
+from mmw.config.lens import LensConfig
 from mmw.core.bvh_default import BVH_VARIABLE
 from mmw.core.bvh_kind import kind_to_build, select_bvh
 from mmw.core.transforms import compose, pose_from_mount
@@ -38,7 +39,7 @@ from mmw.kernels.core import structs
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.scene_data import SceneData
 from mmw.sensors import Lidar
-from mmw.sensors.lidar.scan_pattern import lidar_order, lidar_pattern, pinhole
+from mmw.sensors.lidar.scan_pattern import lidar_order, lidar_pattern
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ class Result:
     """First launch, with compilation unless Warp's cache had the kernel."""
 
 
-CAMERA = pinhole(640, 480, 110.0)
+CAMERA = LensConfig().intrinsics(640, 480, 110.0)
 LIDAR_PATTERN = (64, 469)
 LIDAR = lidar_pattern(Lidar())
 PRESETS = (

@@ -53,8 +53,6 @@ class Rain:
     """Exposure time [s]."""
     aperture: float
     """Diameter of the lens's opening: drops near it are out of focus [m]."""
-    strength: float
-    """Factor on the opacity [-]; 1 is physical."""
 
 
 @wp.func
@@ -136,7 +134,7 @@ def streaks_kernel(
     last = project_point(camera, end)
     scale = pixels_per_metre(camera, point)
     size = scale * 0.001 * diameter
-    area = 0.25 * wp.PI * size * size * rain.strength
+    area = 0.25 * wp.PI * size * size
     blur = scale * rain.aperture
     width = wp.sqrt(size * size + blur * blur)
 

@@ -1,4 +1,4 @@
-"""Map light to an image: blur, rain before the lens, exposure, vignette, noise, tone map, sRGB, 8 bits.
+"""Map light to an image: blur, rain before the lens, exposure, noise, tone map, sRGB, 8 bits.
 
 All steps are one kernel, because a plain picture is read and written once. What is not asked for costs a comparison
 that is the same for all threads.
@@ -6,7 +6,6 @@ that is the same for all threads.
 
 import warp as wp
 
-from mmw.kernels.camera.lens_drops import between_pixels, through_drops
 from mmw.kernels.camera.rain_streaks import COVER_SCALE
 from mmw.kernels.core.compiler import FAST
 from mmw.kernels.core.noise import normal2, uniform4
@@ -54,14 +53,6 @@ class Film:
     """Opacity of rain streaks times `COVER_SCALE`, shape [A, H, W]."""
     drop_light: wp.vec3
     """Luminance of a rain drop [kcd/m2]."""
-    drops: wp.array2d[wp.vec4]
-    """Drops on the lens: column, row and radius [px], and height over width, shape [A, N]."""
-    center: wp.vec2
-    """Column and row of the optical axis [px]."""
-    vignette: float
-    """Share of light lost at the corner farthest from the axis [-]."""
-    corner: float
-    """Distance of that corner from the axis [px]."""
     full_well: float
     """Electrons of an exposed value of 1; 0 for no noise [e-]."""
     read_noise: float
@@ -104,6 +95,29 @@ def display(x: float, tone_map: int) -> wp.uint8:
 
 
 @wp.func
+def between_pixels(image: wp.array3d[wp.vec3], view: int, u: float, v: float) -> wp.vec3:
+    """Return an image at any place, by the four nearest pixels; the outermost pixels go on beyond the edges.
+
+    Args:
+        image: Shape [A, H, W].
+        view: View.
+        u: Column [px], pixel centers at +0.5.
+        v: Row [px].
+    """
+    x = wp.clamp(u - 0.5, 0.0, float(image.shape[2] - 1))
+    y = wp.clamp(v - 0.5, 0.0, float(image.shape[1] - 1))
+    left = wp.min(int(x), wp.max(image.shape[2] - 2, 0))
+    top = wp.min(int(y), wp.max(image.shape[1] - 2, 0))
+    right = wp.min(left + 1, image.shape[2] - 1)
+    low = wp.min(top + 1, image.shape[1] - 1)
+    a = x - float(left)
+    b = y - float(top)
+    upper = (1.0 - a) * image[view, top, left] + a * image[view, top, right]
+    lower = (1.0 - a) * image[view, low, left] + a * image[view, low, right]
+    return (1.0 - b) * upper + b * lower
+
+
+@wp.func
 def blurred(radiance: wp.array3d[wp.vec3], view: int, u: int, v: int, motion: wp.vec2) -> wp.vec3:
     """Return the mean radiance along the motion of a pixel.
 
@@ -135,23 +149,13 @@ def tone_mapping_kernel(
     Launch: dim=(A, H, W).
     """
     view, v, u = wp.tid()
-    sample = wp.vec4()
-    if film.drops.shape[1] > 0:
-        sample = through_drops(radiance, film.drops, view, u, v)
-    light = wp.vec3(sample[0], sample[1], sample[2])
-    if sample[3] < 0.5:
-        if film.motion.shape[0] > 0:
-            light = blurred(radiance, view, u, v, film.blur_share * film.motion[view, v, u])
-        else:
-            light = radiance[view, v, u]
-        if film.cover.shape[0] > 0:
-            cover = wp.min(float(film.cover[view, v, u]) / COVER_SCALE, 1.0)
-            light += cover * (film.drop_light - light)
-    factor = film.exposure[view]
-    if film.vignette > 0.0:
-        away = wp.length(wp.vec2(float(u) + 0.5, float(v) + 0.5) - film.center) / film.corner
-        factor *= 1.0 - film.vignette * away * away
-    value = factor * light
+    light = radiance[view, v, u]
+    if film.motion.shape[0] > 0:
+        light = blurred(radiance, view, u, v, film.blur_share * film.motion[view, v, u])
+    if film.cover.shape[0] > 0:
+        cover = wp.min(float(film.cover[view, v, u]) / COVER_SCALE, 1.0)
+        light += cover * (film.drop_light - light)
+    value = film.exposure[view] * light
     if film.full_well > 0.0:
         draw = uniform4(film.key[view], v * radiance.shape[2] + u, NOISE_DRAW)
         first = normal2(draw[0], draw[1])

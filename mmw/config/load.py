@@ -1,6 +1,7 @@
 """Load a configuration from a file and overrides; each problem is one line with file, key, value and remedy."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -25,12 +26,8 @@ def load_config(path: str | Path, overrides: Sequence[str] = (), patch: dict[str
     """
     path = config_path(path)
     data = _read(path)
-    try:
+    with _located(str(path)):
         data = include_scenarios(data, path, _read)
-    except ConfigError:
-        raise
-    except InputError as error:
-        raise ConfigError([f"{path}: {error}"]) from None
     for item in overrides:
         key, sign, text = item.partition("=")
         if not sign or not key:
@@ -42,16 +39,23 @@ def load_config(path: str | Path, overrides: Sequence[str] = (), patch: dict[str
             raise ConfigError(
                 [f"override {item!r}: the value is not valid YAML ({reason}); quote it, or close its brackets"]
             ) from None
-        try:
+        with _located(f"override {item!r}"):
             set_value(data, key, value)
-        except InputError as error:
-            raise ConfigError([f"override {item!r}: {error}"]) from None
     for key, value in (patch or {}).items():
-        try:
+        with _located(f"option for {key}"):
             set_value(data, key, value)
-        except InputError as error:
-            raise ConfigError([f"option for {key}: {error}"]) from None
     return validated(Config, data, path)
+
+
+@contextmanager
+def _located(where: str) -> Iterator[None]:
+    """Say where bad input was found; a problem of another file says so itself."""
+    try:
+        yield
+    except ConfigError:
+        raise
+    except InputError as error:
+        raise ConfigError([f"{where}: {error}"]) from None
 
 
 def _read(path: Path) -> dict[str, Any]:
@@ -66,10 +70,7 @@ def json_schema() -> dict[str, Any]:
     items = schema["properties"]["scenarios"]
     path = {"type": "string", "description": "another configuration file, whose scenarios and frames are taken (path)"}
     items["items"] = {"anyOf": [items["items"], path]}
-    return schema | {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": "mmw configuration",
-    }
+    return schema | {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "mmw configuration"}
 
 
 def to_yaml(config: Config) -> str:

@@ -1,7 +1,7 @@
 """Common section of all sensors: a name, the agents that carry it, and its mount on them."""
 
 from collections.abc import Iterable
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import Field, field_validator
 
@@ -39,6 +39,14 @@ class MountConfig(Section):
         return value
 
 
+def mounts_at(**position_m: Vec3) -> Any:
+    """Return the field `mount` of a kind of sensor, with the place of the sensor on each role by default [m]."""
+    return Field(
+        default_factory=lambda: {role: MountConfig(position_m=place) for role, place in position_m.items()},
+        description="mount for each role; a role that is left out keeps its default (map)",
+    )
+
+
 class SensorConfig(Section):
     """One sensor of an agent: the base of every sensor's section."""
 
@@ -51,9 +59,7 @@ class SensorConfig(Section):
         le=FRAME_RATE_HZ,
         description="samples a second, 100 / n; frame 0 has the first [Hz]",
     )
-    mount: dict[Role, MountConfig] = Field(
-        default_factory=dict, description="mount for each role; a role that is left out keeps its default (map)"
-    )
+    mount: dict[Role, MountConfig] = mounts_at()
 
     @field_validator("on")
     @classmethod

@@ -14,6 +14,7 @@ from mmw.core.errors import InputError
 from mmw.core.transforms import make_pose, normalize, transform_points
 from mmw.kernels.core import line_of_sight as sight
 from mmw.scene.device_scene import DeviceScene
+from mmw.sensors.ray_batch import BLOCK_DIM
 
 RAYS = 64
 """Rays that are sent out of each place; design value."""
@@ -84,23 +85,12 @@ def enclosing_objects(scene: DeviceScene, position: np.ndarray) -> np.ndarray:
     across = np.sqrt(1.0 - up**2)
     direction = np.stack([across * np.cos(turn), across * np.sin(turn), up], axis=1).astype(np.float32)
     device, shape = scene.device, (len(position), RAYS)
-    count = wp.empty(shape, dtype=int, device=device)
-    first = wp.empty(shape, dtype=int, device=device)
+    count, first = (wp.empty(shape, dtype=int, device=device) for _ in range(2))
+    frame = wp.zeros(len(position), dtype=int, device=device)
     origin = (np.asarray(position) - scene.origin).astype(np.float32)
-    wp.launch(
-        sight.count_hits_kernel,
-        dim=shape,
-        inputs=[
-            scene.struct,
-            wp.zeros(len(position), dtype=int, device=device),
-            wp.array(origin, dtype=wp.vec3, device=device),
-            wp.array(direction, dtype=wp.vec3, device=device),
-            REACH_M,
-        ],
-        outputs=[count, first],
-        device=device,
-        block_dim=64,
-    )
+    rays = (wp.array(vectors, dtype=wp.vec3, device=device) for vectors in (origin, direction))
+    inputs = [scene.struct, frame, *rays, REACH_M]
+    wp.launch(sight.count_hits_kernel, shape, inputs, [count, first], device=device, block_dim=BLOCK_DIM)
     is_odd, objects = count.numpy() % 2 == 1, first.numpy()
     around = [int(np.bincount(row[row >= 0]).argmax()) if (row >= 0).any() else -1 for row in objects]
     return np.where(is_odd.mean(axis=1) >= INSIDE_SHARE, around, -1).astype(np.int32)

@@ -9,12 +9,14 @@ import warp as wp
 from bench import first_hit
 from bench.rays import PRESETS, compare, make_views
 from bench.scenes import grid_town, with_vehicles
+from mmw.config.lens import LensConfig
 from mmw.kernels.core import structs
 from mmw.scene.device_scene import DeviceScene
 from mmw.sensors import Lidar
-from mmw.sensors.lidar.scan_pattern import lidar_pattern, pinhole, pinhole_directions
+from mmw.sensors.lidar.scan_pattern import lidar_pattern
 from tests.fixtures.device_rays import loaded
 from tests.fixtures.scenes import two_cars
+from tests.fixtures.traced_depth import pixel_rays
 
 pytestmark = pytest.mark.slow  # benchmarks are not part of the package
 
@@ -49,12 +51,10 @@ def test_spiral_order_changes_no_ray(device: str, arm: int) -> None:
 
 def test_tiled_pixels_look_where_the_camera_model_says(device: str) -> None:
     scene, views = small_scene(device)
-    camera = pinhole(48, 32, 80.0)
+    camera = LensConfig().intrinsics(48, 32, 80.0)
     rays = camera.width * camera.height
     tiled = trace(first_hit.camera_kernel, scene, views, rays, camera.width, camera.fx)
-    direction = pinhole_directions(camera).reshape(-1, 3)
-    direction = direction / np.linalg.norm(direction, axis=1, keepdims=True)
-    table = wp.array(direction.astype(np.float32), dtype=wp.vec3, device=device)
+    table = wp.array(pixel_rays(camera).astype(np.float32), dtype=wp.vec3, device=device)
     order = wp.array(np.arange(rays)[::-1].astype(np.int32), dtype=wp.int32, device=device)
     rows = trace(first_hit.lidar_kernel, scene, views, rays, table, order)
     assert (tiled[1] >= 0).mean() > 0.5

@@ -105,14 +105,7 @@ RADAR = [
 ]
 SENSORS = [
     (f"sensors=[{{type: {kind}, {keys}}}]", "sensors[0]", place, cure)
-    for kind, cases in (
-        ("lidar", LIDAR),
-        ("depth", DEPTH),
-        ("imu", IMU),
-        ("gnss", GNSS),
-        ("radar", RADAR),
-        ("rgb", RGB),
-    )
+    for kind, cases in {"lidar": LIDAR, "depth": DEPTH, "imu": IMU, "gnss": GNSS, "radar": RADAR, "rgb": RGB}.items()
     for keys, place, cure in cases
 ]
 OTHERS = [

@@ -11,8 +11,7 @@ from mmw.core.transfer import numpy_type, to_host
 from mmw.scene.scene_data import SceneData
 from mmw.scene.views import Views, join_views, sample_views
 from mmw.sensors.depth.config import DepthCamera
-from mmw.sensors.lidar.scan_pattern import pinhole
-from mmw.sensors.render import projection as lens
+from mmw.sensors.render.projection import intrinsics_of
 from mmw.sensors.rgb.config import RgbCamera
 
 OWN_KEYS = {"name", "on", "mount"}
@@ -117,7 +116,7 @@ def make_launches(arrays: SceneData, cameras: Sequence[Camera], frames: Sequence
             LaunchCamera(camera, np.arange(end - len(part), end))
             for camera, part, end in zip(group, parts, ends, strict=True)
         )
-        launches.append(Launch(join_views(parts), lens.intrinsics_of(group[0]), own))
+        launches.append(Launch(join_views(parts), intrinsics_of(group[0]), own))
     for camera in cameras:
         if isinstance(camera, DepthCamera):
             _join(launches, camera, sample_views(arrays, frames, camera))
@@ -134,7 +133,7 @@ def _groups(cameras: Sequence[RgbCamera]) -> list[list[RgbCamera]]:
 
 def _join(launches: list[Launch], camera: DepthCamera, views: Views) -> None:
     """Add a depth camera to the launch that sees what it sees, or to the list."""
-    intrinsics, wanted = pinhole(camera.width_px, camera.height_px, camera.fov_deg), _names(views)
+    intrinsics, wanted = intrinsics_of(camera), _names(views)
     for index, launch in enumerate(launches):
         row_of = {name: row for row, name in enumerate(_names(launch.views))}
         if launch.intrinsics == intrinsics and all(name in row_of for name in wanted):

@@ -7,7 +7,7 @@ import warp as wp
 
 from mmw.sensors.batch import Batch, TableRows, collect
 from mmw.sensors.camera_group.launches import Launch, LaunchCamera, images_of
-from mmw.sensors.camera_group.rows import box_2d_rows, segmentation_rows
+from mmw.sensors.camera_group.rows import box_2d_rows, image_rows
 from mmw.sensors.ground_truth.boxes_2d import VisiblePixels, visible_pixels
 from mmw.sensors.ground_truth.boxes_3d import Boxes
 from mmw.sensors.ground_truth.segmentation import object_tags
@@ -57,9 +57,9 @@ def record_objects(
         instance = [batch.encoder.submit(encode_instance, image) for image in objects]
         semantic = [batch.encoder.submit(encode_semantic, image, tags) for image in objects]
         for weather, tables in collected.items():
-            tables["segmentation"].append(
-                segmentation_rows(arrays, sensor.name, views, instance, semantic, batch.scenario.name, weather)
-            )
+            files = {"instance": ("_instance", instance), "semantic": ("_semantic", semantic)}
+            rows = image_rows(arrays, sensor.name, views, files, batch.scenario.name, weather)
+            tables["segmentation"].append(rows)
     if sensor.boxes_2d and visible.pixels is not None:
         own = VisiblePixels(visible.pixels.pixels[camera.rows], visible.pixels.bounds[camera.rows])
         rows = batch.pool.submit(box_2d_rows, arrays, sensor.name, views, launch.intrinsics, boxes, own)

@@ -1,7 +1,7 @@
 """Make rows of the tables of images and of 2-D boxes."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Future
 
 import numpy as np
@@ -13,6 +13,7 @@ from mmw.scene.table_rows import Columns, lists, names, sample_columns
 from mmw.scene.views import Views
 from mmw.sensors.ground_truth.boxes_2d import VisiblePixels, project_boxes
 from mmw.sensors.ground_truth.boxes_3d import Boxes
+from mmw.sensors.ground_truth.tables import EDGES
 from mmw.sensors.ground_truth.visibility import boxed_actors
 from mmw.sensors.render.tone_mapping import SATURATION
 from mmw.sensors.rgb.config import RgbCamera
@@ -25,46 +26,48 @@ SUFFIX = {"jpeg": "jpg", "png": "png"}
 """Format -> end of a file's name."""
 
 
-def rgb_rows(
+def image_rows(
     arrays: SceneData,
-    sensor: RgbCamera,
+    sensor: str,
     views: Views,
-    images: Images,
-    exposure: np.ndarray,
+    files: Mapping[str, tuple[str, Images]],
     scenario: str,
     weather: str,
+    suffix: str = "png",
 ) -> Columns:
-    """Return rows of the `rgb` table for one sensor.
+    """Return rows of a table of encoded images for one sensor: one view a row.
+
+    Args:
+        arrays: The scene on the host.
+        sensor: Name of the sensor.
+        views: Its views.
+        files: Column -> what follows the name of the sensor in the names of the files, and the files of the views.
+        scenario: Name of the scenario.
+        weather: Name of the weather.
+        suffix: End of the names of the files.
+    """
+    stems = [
+        f"{scenario}/{weather}/{agent}/{frame:06d}_{sensor}"
+        for agent, frame in zip(names(arrays, views.actor).to_pylist(), views.frame, strict=True)
+    ]
+    return {
+        **sample_columns(arrays, sensor, views.frame, views.actor),
+        **{
+            column: [(image, f"{stem}{kind}.{suffix}") for image, stem in zip(images, stems, strict=True)]
+            for column, (kind, images) in files.items()
+        },
+    }
+
+
+def rgb_columns(sensor: RgbCamera, exposure: np.ndarray) -> Columns:
+    """Return the columns of table `rgb` beside the images.
 
     `exposure` is the factor from luminance [kcd/m2] to display linear, where 1 is white, shape [A].
     """
     return {
-        **sample_columns(arrays, sensor.name, views.frame, views.actor),
-        "image": _files(arrays, sensor.name, views, images, scenario, weather, SUFFIX[sensor.format]),
         "format": sensor.format,
         "exposure": exposure.astype(np.float32),
         "ev100": np.log2(1000.0 / (SATURATION * exposure.astype(np.float64))).astype(np.float32),
-    }
-
-
-def file_rows(
-    arrays: SceneData, sensor: str, kind: str, views: Views, images: Images, scenario: str, weather: str
-) -> Columns:
-    """Return rows of a table of one PNG file a row, `normals` or `flow`, whose name `kind` is."""
-    return {
-        **sample_columns(arrays, sensor, views.frame, views.actor),
-        "image": _files(arrays, f"{sensor}_{kind}", views, images, scenario, weather),
-    }
-
-
-def depth_rows(
-    arrays: SceneData, sensor: str, views: Views, images: Images, metres: pa.Array, scenario: str, weather: str
-) -> Columns:
-    """Return rows of the `depth` table for one sensor: one image a row; `metres` is what `metre_lists` returns."""
-    return {
-        **sample_columns(arrays, sensor, views.frame, views.actor),
-        "image": _files(arrays, sensor, views, images, scenario, weather),
-        "depth_m": metres,
     }
 
 
@@ -79,23 +82,6 @@ def metre_lists(views: Views, depth_m: np.ndarray | None) -> pa.Array:
     return lists(np.arange(len(views) + 1, dtype=np.int32) * np.int32(flat.shape[1]), flat.reshape(-1))
 
 
-def segmentation_rows(
-    arrays: SceneData,
-    sensor: str,
-    views: Views,
-    instance: Images,
-    semantic: Images,
-    scenario: str,
-    weather: str,
-) -> Columns:
-    """Return rows of the `segmentation` table for one sensor."""
-    return {
-        **sample_columns(arrays, sensor, views.frame, views.actor),
-        "instance": _files(arrays, f"{sensor}_instance", views, instance, scenario, weather),
-        "semantic": _files(arrays, f"{sensor}_semantic", views, semantic, scenario, weather),
-    }
-
-
 def box_2d_rows(
     arrays: SceneData, sensor: str, views: Views, camera: Intrinsics, boxes: Boxes, visible: VisiblePixels
 ) -> Columns:
@@ -106,23 +92,12 @@ def box_2d_rows(
     place_of[wanted] = np.arange(len(wanted))
     place = place_of[boxes.actor[found.box]]
     pixels, bounds = visible.pixels[found.view, place], visible.bounds[found.view, place]
-    edges = ("u_min", "v_min", "u_max", "v_max")
     return {
         **sample_columns(arrays, sensor, views.frame[found.view], views.actor[found.view]),
         "object_id": boxes.object_id[found.box],
         "pixels": pixels,
-        **{name: pa.array(bounds[:, i], mask=pixels == 0) for i, name in enumerate(edges)},
-        **{f"amodal_{name}": found.amodal[:, i].astype(np.float32) for i, name in enumerate(edges)},
+        **{name: pa.array(bounds[:, i], mask=pixels == 0) for i, name in enumerate(EDGES)},
+        **{f"amodal_{name}": found.amodal[:, i].astype(np.float32) for i, name in enumerate(EDGES)},
         "truncation": found.truncation.astype(np.float32),
         "distance": found.distance.astype(np.float32),
     }
-
-
-def _files(
-    arrays: SceneData, stem: str, views: Views, images: Images, scenario: str, weather: str, suffix: str = "png"
-) -> list[tuple[Future[bytes] | bytes, str]]:
-    paths = [
-        f"{scenario}/{weather}/{agent}/{frame:06d}_{stem}.{suffix}"
-        for agent, frame in zip(names(arrays, views.actor).to_pylist(), views.frame, strict=True)
-    ]
-    return list(zip(images, paths, strict=True))

@@ -7,7 +7,7 @@ from mmw.kernels.camera.depth import DepthImages
 from mmw.scene.views import Views, sensor_actors
 from mmw.sensors.batch import Batch, TableRows
 from mmw.sensors.camera_group.launches import LaunchCamera, images_of
-from mmw.sensors.camera_group.rows import depth_rows, metre_lists
+from mmw.sensors.camera_group.rows import image_rows, metre_lists
 from mmw.sensors.depth.config import DepthCamera
 from mmw.storage.codecs.images import encode_depth
 
@@ -25,7 +25,8 @@ def record_depth(
         metres = metre_lists(views, images_of(images.depth_m, camera) if sensor.format == "float32" else None)
     encoded = [batch.encoder.submit(encode_depth, image) for image in depth]
     for weather, tables in collected.items():
-        tables["depth"].append(depth_rows(batch.arrays, sensor.name, views, encoded, metres, scenario, weather))
+        rows = image_rows(batch.arrays, sensor.name, views, {"image": ("", encoded)}, scenario, weather)
+        tables["depth"].append({**rows, "depth_m": metres})
 
 
 def check_lists(batch: Batch, sensors: Sequence[DepthCamera]) -> None:

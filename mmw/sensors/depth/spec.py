@@ -1,10 +1,7 @@
 """Register the depth camera."""
 
-from collections.abc import Mapping
-
-from mmw.config.lens import LensConfig
-from mmw.config.sensor_spec import Camera, Estimate, Modality, SensorSpec
-from mmw.sensors.camera_group.estimate import KERNELS, camera_estimate
+from mmw.config.sensor_spec import Estimate, Modality, SensorSpec
+from mmw.sensors.camera_group.spec_parts import KERNELS, camera_estimate, camera_projection
 from mmw.sensors.depth.config import DepthCamera
 from mmw.sensors.depth.tables import DEPTH
 from mmw.sensors.ground_truth.tables import BOXES_2D, SEGMENTATION
@@ -18,18 +15,7 @@ FLOAT_BYTES_PER_PIXEL = 0.9
 
 def _estimate(config: DepthCamera) -> Estimate:
     size = BYTES_PER_PIXEL + (config.format == "float32") * FLOAT_BYTES_PER_PIXEL
-    return camera_estimate(
-        config.width_px, config.height_px, size, segmentation=config.segmentation, boxes_2d=config.boxes_2d
-    )
-
-
-def _kernels(config: DepthCamera, on_gpu: bool) -> Mapping[str, float]:
-    return KERNELS
-
-
-def _camera(config: DepthCamera) -> Camera:
-    lens = LensConfig()
-    return Camera(lens.intrinsics(config.width_px, config.height_px, config.fov_deg), lens, config.range_m)
+    return camera_estimate(config, size)
 
 
 SPEC = SensorSpec(
@@ -43,8 +29,8 @@ SPEC = SensorSpec(
     rows_per_sample=lambda config: {"depth": 1, "segmentation": int(config.segmentation)},
     estimate=_estimate,
     defaults=lambda: (DepthCamera(),),
-    kernels=_kernels,
-    camera=_camera,
+    kernels=lambda config, on_gpu: KERNELS,
+    camera=camera_projection,
     needs_clear_view=True,
     decode="mmw.dataset.frame:camera_view",
     window=Modality("depth", "depth"),

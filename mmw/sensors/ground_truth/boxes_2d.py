@@ -87,13 +87,8 @@ def visible_pixels(object_id: wp.array, wanted: Sequence[int] | np.ndarray) -> V
     pixels = wp.zeros((views, count), dtype=int, device=device)
     lower = wp.full((views, count, 2), max(height, width), dtype=int, device=device)
     upper = wp.zeros((views, count, 2), dtype=int, device=device)
-    wp.launch(
-        kernels.visible_boxes_kernel,
-        dim=(views, -(-height // STRIP), width),
-        inputs=[object_id, wp.array(place_of, dtype=int, device=device)],
-        outputs=[pixels, lower, upper],
-        device=device,
-    )
+    inputs, strips = [object_id, wp.array(place_of, dtype=int, device=device)], -(-height // STRIP)
+    wp.launch(kernels.visible_boxes_kernel, (views, strips, width), inputs, [pixels, lower, upper], device=device)
     count_of, least, most = to_host([pixels, lower, upper])
     return VisiblePixels(count_of, np.concatenate([least, most], axis=2))
 
@@ -185,19 +180,18 @@ def _rectangles(
         a, b = _project(camera, start), _project(camera, end)
     else:
         a, b, exists = _project_curves(camera, start, end, exists)
-    u0, v0, u1, v1, is_framed = _clip(camera, a, b, exists)
-    return _bounds(*a, *b, exists), _bounds(u0, v0, u1, v1, is_framed)
+    return _bounds(a, b, exists), _bounds(*_clip(camera, a, b, exists))
 
 
-def _project(camera: Intrinsics, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return column and row [px] of points in the sensor frame; no meaning behind the near plane."""
-    depth = np.maximum(points[..., 0], NEAR_M)
-    return camera.cx - camera.fx * points[..., 1] / depth, camera.cy - camera.fy * points[..., 2] / depth
+def _project(camera: Intrinsics, points: np.ndarray) -> np.ndarray:
+    """Return column and row [px] of points in the sensor frame, [..., 2]; no meaning behind the near plane."""
+    focal, depth = np.array([camera.fx, camera.fy]), np.maximum(points[..., :1], NEAR_M)
+    return np.array([camera.cx, camera.cy]) - focal * points[..., 1:] / depth
 
 
 def _project_curves(
     camera: Intrinsics, start: np.ndarray, end: np.ndarray, exists: np.ndarray
-) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray], np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return segments through a lens that bends them, in `STEPS` straight pieces: both ends, and whether they exist."""
     count, pieces = len(start), start.shape[1] * STEPS
     share = np.linspace(0.0, 1.0, STEPS + 1)[:, None]
@@ -207,46 +201,32 @@ def _project_curves(
     image = np.nan_to_num(project(camera, points), posinf=0.0, neginf=0.0)
     exists = exists[..., None] & is_seen[..., :-1] & is_seen[..., 1:]
     a, b = image[:, :, :-1].reshape(count, pieces, 2), image[:, :, 1:].reshape(count, pieces, 2)
-    return (a[..., 0], a[..., 1]), (b[..., 0], b[..., 1]), exists.reshape(count, pieces)
+    return a, b, exists.reshape(count, pieces)
 
 
 def _clip(
-    camera: Intrinsics, start: tuple[np.ndarray, np.ndarray], end: tuple[np.ndarray, np.ndarray], exists: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the part of each segment that lies in the image: u and v of both ends, and whether there is one.
+    camera: Intrinsics, start: np.ndarray, end: np.ndarray, exists: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the part of each segment that lies in the image: both ends [..., 2], and whether there is one.
 
     Source: Y.-D. Liang, B. A. Barsky, "A new concept and method for line clipping", ACM Trans. Graphics 3(1), 1984.
     """
-    (u, v), delta = start, (end[0] - start[0], end[1] - start[1])
-    enter, leave = np.zeros(u.shape), np.ones(u.shape)
-    for value, step, size in ((u, delta[0], camera.width), (v, delta[1], camera.height)):
-        with np.errstate(divide="ignore", invalid="ignore"):
-            low, high = -value / step, (size - value) / step
-        is_parallel = step == 0.0
-        enter = np.maximum(enter, np.where(is_parallel, 0.0, np.minimum(low, high)))
-        leave = np.minimum(leave, np.where(is_parallel, 1.0, np.maximum(low, high)))
-        exists = exists & ~(is_parallel & ((value < 0.0) | (value > size)))
-    exists = exists & (enter <= leave)
-    parts = [
-        np.clip(value + t * step, 0.0, size)
-        for t in (enter, leave)
-        for value, step, size in ((u, delta[0], camera.width), (v, delta[1], camera.height))
-    ]
-    return parts[0], parts[1], parts[2], parts[3], exists
+    size, step = np.array([camera.width, camera.height]), end - start
+    with np.errstate(divide="ignore", invalid="ignore"):
+        low, high = -start / step, (size - start) / step
+    is_parallel = step == 0.0
+    enter = np.where(is_parallel, 0.0, np.minimum(low, high)).max(axis=-1, initial=0.0)
+    leave = np.where(is_parallel, 1.0, np.maximum(low, high)).min(axis=-1, initial=1.0)
+    is_beside = (is_parallel & ((start < 0.0) | (start > size))).any(axis=-1)
+    first, last = (np.clip(start + t[..., None] * step, 0.0, size) for t in (enter, leave))
+    return first, last, exists & ~is_beside & (enter <= leave)
 
 
-def _bounds(u0: np.ndarray, v0: np.ndarray, u1: np.ndarray, v1: np.ndarray, exists: np.ndarray) -> np.ndarray:
+def _bounds(start: np.ndarray, end: np.ndarray, exists: np.ndarray) -> np.ndarray:
     """Return the rectangle around the segments that exist, shape [N, 4]; inf and -inf where none does."""
-    u = np.where(exists, [u0, u1], np.nan)
-    v = np.where(exists, [v0, v1], np.nan)
-    low, high = (np.fmin, np.inf), (np.fmax, -np.inf)
-    return np.stack(
-        [
-            function.reduce(values, axis=(0, 2), initial=initial)
-            for function, initial, values in ((*low, u), (*low, v), (*high, u), (*high, v))
-        ],
-        axis=1,
-    )
+    ends = np.where(exists[..., None], [start, end], np.nan)
+    low = np.fmin.reduce(ends, axis=(0, 2), initial=np.inf)
+    return np.concatenate([low, np.fmax.reduce(ends, axis=(0, 2), initial=-np.inf)], axis=1)
 
 
 def _with_image_corners(
@@ -256,8 +236,8 @@ def _with_image_corners(
 
     Only there can the image frame a part of a box beyond all its edges: a box that fills a corner, or everything.
     """
-    u, v = np.array([0.0, 1.0, 0.0, 1.0]) * camera.width, np.array([0.0, 0.0, 1.0, 1.0]) * camera.height
-    through = unproject(camera, np.stack([u, v], axis=1))
+    corners = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)]) * (camera.width, camera.height)
+    through = unproject(camera, corners)
     if camera.distortion.model != "fisheye":
         through /= through[:, :1]  # a ray's parameter is its depth
     to_box = compose(invert(box_pose), view_pose)
@@ -267,12 +247,9 @@ def _with_image_corners(
         a = (-0.5 * size - origin)[:, None] / direction
         b = (0.5 * size - origin)[:, None] / direction
     enter = np.maximum(np.minimum(a, b).max(axis=2), NEAR_M)
-    is_hit = enter <= np.maximum(a, b).min(axis=2)
-    grown = bounds.copy()
-    for column, values, fold in ((0, u, np.minimum), (1, v, np.minimum), (2, u, np.maximum), (3, v, np.maximum)):
-        nothing = np.inf if fold is np.minimum else -np.inf
-        grown[:, column] = fold(bounds[:, column], fold.reduce(np.where(is_hit, values, nothing), axis=1))
-    return grown
+    is_hit = (enter <= np.maximum(a, b).min(axis=2))[..., None]
+    low = np.minimum(bounds[:, :2], np.where(is_hit, corners, np.inf).min(axis=1))
+    return np.concatenate([low, np.maximum(bounds[:, 2:], np.where(is_hit, corners, -np.inf).max(axis=1))], axis=1)
 
 
 def _area(bounds: np.ndarray) -> np.ndarray:

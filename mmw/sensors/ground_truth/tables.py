@@ -1,22 +1,18 @@
 """Define the tables of what cameras see of objects."""
 
-from mmw.storage.table_spec import F32, I32, OBJECT, OWNED, SENSOR, TableSpec, column, encoded_image
+from mmw.storage.table_spec import F32, I32, OBJECT, OWNED, SENSOR, TableSpec, column, encoded_image, sensor_table
 
-SEGMENTATION = TableSpec(
+SEGMENTATION = sensor_table(
     "segmentation",
     "What each pixel of one depth or RGB image shows, from the same rays.",
-    (
-        *OWNED,
-        SENSOR,
-        encoded_image("instance", "", "16-bit PNG; object_id = value - 1, a row of `objects`; 0 = nothing hit"),
-        encoded_image("semantic", "", "8-bit PNG of CARLA tags as in `objects`; 11 (sky) = nothing hit"),
-    ),
-    ("frame", "agent", "sensor"),
+    encoded_image("instance", "", "16-bit PNG; object_id = value - 1, a row of `objects`; 0 = nothing hit"),
+    encoded_image("semantic", "", "8-bit PNG of CARLA tags as in `objects`; 11 (sky) = nothing hit"),
     frames_per_group=4,
     level=1,
 )
 
-HIDDEN = "; null if no pixel shows it"
+EDGES = {"u_min": "left", "v_min": "upper", "u_max": "right", "v_max": "lower"}
+"""Columns of a rectangle's edges."""
 
 BOXES_2D = TableSpec(
     "boxes_2d",
@@ -28,14 +24,20 @@ BOXES_2D = TableSpec(
         SENSOR,
         OBJECT,
         column("pixels", I32, "count", "pixels that show the actor"),
-        column("u_min", I32, "px", "left edge of the pixels that show the actor" + HIDDEN, nullable=True),
-        column("v_min", I32, "px", "upper edge of the pixels that show the actor" + HIDDEN, nullable=True),
-        column("u_max", I32, "px", "right edge of the pixels that show the actor" + HIDDEN, nullable=True),
-        column("v_max", I32, "px", "lower edge of the pixels that show the actor" + HIDDEN, nullable=True),
-        column("amodal_u_min", F32, "px", "left edge of the framed part of the 3-D box, hidden or not"),
-        column("amodal_v_min", F32, "px", "upper edge of the framed part of the 3-D box, hidden or not"),
-        column("amodal_u_max", F32, "px", "right edge of the framed part of the 3-D box, hidden or not"),
-        column("amodal_v_max", F32, "px", "lower edge of the framed part of the 3-D box, hidden or not"),
+        *(
+            column(
+                name,
+                I32,
+                "px",
+                f"{edge} edge of the pixels that show the actor; null if no pixel shows it",
+                nullable=True,
+            )
+            for name, edge in EDGES.items()
+        ),
+        *(
+            column(f"amodal_{name}", F32, "px", f"{edge} edge of the framed part of the 3-D box, hidden or not")
+            for name, edge in EDGES.items()
+        ),
         column(
             "truncation",
             F32,

@@ -102,22 +102,13 @@ def trace_line_of_sight(
         end: World frame [m], shape [L, 3].
         ignore: Instance that each line passes through, -1 for none, shape [L].
     """
-    found = wp.empty(len(batch_index), dtype=int, device=scene.device)
-    if len(batch_index):
-        lines = [
-            wp.array(batch_index.astype(np.int32), dtype=int, device=scene.device),
-            wp.array((start - scene.origin).astype(np.float32), dtype=wp.vec3, device=scene.device),
-            wp.array((end - scene.origin).astype(np.float32), dtype=wp.vec3, device=scene.device),
-            wp.array(ignore.astype(np.int32), dtype=int, device=scene.device),
-        ]
-        wp.launch(
-            sight.line_of_sight_kernel,
-            dim=len(batch_index),
-            inputs=[scene.struct, *lines],
-            outputs=[found],
-            device=scene.device,
-            block_dim=BLOCK_DIM,
-        )
+    count, device = len(batch_index), scene.device
+    found = wp.empty(count, dtype=int, device=device)
+    if count:
+        frames, passed = (wp.array(k.astype(np.int32), dtype=int, device=device) for k in (batch_index, ignore))
+        ends = (wp.array((p - scene.origin).astype(np.float32), dtype=wp.vec3, device=device) for p in (start, end))
+        inputs = [scene.struct, frames, *ends, passed]
+        wp.launch(sight.line_of_sight_kernel, count, inputs, [found], device=device, block_dim=BLOCK_DIM)
     return found.numpy()
 
 

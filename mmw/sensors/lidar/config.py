@@ -6,7 +6,7 @@ from typing import Literal
 from pydantic import Field, field_validator, model_validator
 
 from mmw.config.section import Name
-from mmw.config.sensor import MountConfig, Role, SensorConfig
+from mmw.config.sensor import MountConfig, Role, SensorConfig, mounts_at
 from mmw.core.errors import InputError
 from mmw.sensors.lidar.config_parts import CarlaLidarConfig, LidarOpticsConfig, LidarPreset
 from mmw.sensors.lidar.optics import LidarOptics
@@ -21,13 +21,7 @@ class Lidar(SensorConfig):
     type: Literal["lidar"] = "lidar"
     name: Name = Field("lidar", description="sensor name (name)")
     on: tuple[Role, ...] = Field(("cav", "rsu"), description="agents that carry it (list)")
-    mount: dict[Role, MountConfig] = Field(
-        default_factory=lambda: {
-            "cav": MountConfig(position_m=(0, 0, 2.5)),
-            "rsu": MountConfig(position_m=(0, 0, 4.0)),
-        },
-        description="mount for each role; a role that is left out keeps its default (map)",
-    )
+    mount: dict[Role, MountConfig] = mounts_at(cav=(0, 0, 2.5), rsu=(0, 0, 4.0))
     mode: Literal["carla", "physical"] = Field(
         "physical", description="CARLA's LiDAR, or materials, weather and a link budget (name)"
     )
@@ -70,9 +64,9 @@ class Lidar(SensorConfig):
             return None
         if not value:
             raise InputError("elevations_deg is empty; give one elevation a channel, or leave the key out")
-        if any(not -90 <= angle <= 90 for angle in value):
-            wrong = next(angle for angle in value if not -90 <= angle <= 90)
-            raise InputError(f"elevations_deg holds {wrong:g}; -90 to 90 is needed; correct it")
+        for angle in value:
+            if not -90 <= angle <= 90:
+                raise InputError(f"elevations_deg holds {angle:g}; -90 to 90 is needed; correct it")
         for above, below in itertools.pairwise(value):
             if below > above:
                 raise InputError(
@@ -83,11 +77,11 @@ class Lidar(SensorConfig):
 
     @model_validator(mode="after")
     def _fan(self) -> "Lidar":
-        if self.elevations_deg is not None:  # the table says the channels and limits that are not given
-            table = self.elevations_deg
+        table = self.elevations_deg
+        if table is not None:  # it says the channels and limits that are not given
             implied = {"channels": len(table), "upper_fov_deg": table[0], "lower_fov_deg": table[-1]}
             self.__dict__.update({key: value for key, value in implied.items() if key not in self.model_fields_set})
-        if self.elevations_deg is None and self.channels > 1 and self.lower_fov_deg == self.upper_fov_deg:
+        if table is None and self.channels > 1 and self.lower_fov_deg == self.upper_fov_deg:
             raise InputError(
                 f"upper_fov_deg = lower_fov_deg = {self.upper_fov_deg:g} with channels = {self.channels}; that is no "
                 "field of view; set them apart, or use channels: 1"
@@ -96,7 +90,6 @@ class Lidar(SensorConfig):
             raise InputError(
                 f"lower_fov_deg = {self.lower_fov_deg} lies above upper_fov_deg = {self.upper_fov_deg}; swap them"
             )
-        table = self.elevations_deg
         if table is not None and len(table) != self.channels:
             raise InputError(
                 f"elevations_deg holds {len(table)} elevations and channels = {self.channels}; they must agree; leave "

@@ -199,8 +199,7 @@ def make_air(
         range_m: Farthest echo [m].
         device: Warp device name.
         patch_key: Stream of the fog's patches, of `mmw.core.random_keys.random_key`; the same for all sensors and
-        frames of
-            a scenario, which then see the same fog.
+            frames of a scenario, which then see the same fog.
 
     Raises:
         InputError: If the range ends before the sensor's nearest echo.
@@ -243,13 +242,7 @@ def air_from_tables(
         air.fog_speckle = SPECKLE
         air.fog_patchiness = PATCHINESS
         air.fog_patches_per_m = 1.0 / PATCH_M
-        air.fog_patch = wp.empty((PATCHES, PATCHES, PATCHES), dtype=wp.vec2, device=device)
-        wp.launch(
-            patches_kernel,
-            dim=air.fog_patch.shape,
-            inputs=[wp.vec2ui(*patch_key)],
-            outputs=[air.fog_patch],
-            device=device,
-        )
+        air.fog_patch = wp.empty((PATCHES,) * 3, dtype=wp.vec2, device=device)
+        wp.launch(patches_kernel, air.fog_patch.shape, [wp.vec2ui(*patch_key)], [air.fog_patch], device=device)
         air.wind = wp.vec3(*wind)
     return air

@@ -86,30 +86,18 @@ def find_returns(
     count = wp.empty(hits.shape, dtype=int, device=hits.device)
     key = wp.array(keys, dtype=wp.vec2ui, device=hits.device)
     if hits.config.mode == "carla":
-        wp.launch(
-            lidar_returns.carla_kernel,
-            dim=hits.shape,
-            inputs=[hits.rays, _carla(hits.config), key],
-            outputs=[returns, count],
-            device=hits.device,
-        )
+        inputs = [hits.rays, _carla(hits.config), key]
+        wp.launch(lidar_returns.carla_kernel, hits.shape, inputs, [returns, count], device=hits.device)
     else:
         optics = hits.config.lidar_optics()
         air = make_air(weather, optics, hits.config.range_m, hits.device, patch_key)
         dry = [material.lidar_reflectance for material in materials]
         wet = [wet_reflectance(material, weather.wetness, optics.wavelength_nm) for material in materials]
         reflectance = wp.array(np.array([dry, wet], dtype=np.float32), dtype=float, device=hits.device)
-        wp.launch(
-            lidar_returns.physical_kernel,
-            dim=hits.shape,
-            inputs=[
-                hits.rays, hits.views, hits.sweep, hits.time_s, hits.direction_s, reflectance, air,
-                detector(hits.config), key,
-            ],
-            outputs=[returns, count],
-            device=hits.device,
-            block_dim=BLOCK_DIM,
-        )  # fmt: skip
+        traced = [hits.rays, hits.views, hits.sweep, hits.time_s, hits.direction_s]
+        inputs, outputs = [*traced, reflectance, air, detector(hits.config), key], [returns, count]
+        kernel = lidar_returns.physical_kernel
+        wp.launch(kernel, hits.shape, inputs, outputs, device=hits.device, block_dim=BLOCK_DIM)
     return returns, count
 
 
@@ -149,15 +137,9 @@ def _gather(hits: LidarHits, returns: wp.array, count: wp.array) -> tuple[np.nda
     ends = returns_up_to[:, hits.shape[1] - 1].contiguous().numpy()
     offsets = np.concatenate([np.zeros(1, dtype=np.int32), ends])
     points = _allocate_points(hits.config, int(offsets[-1]), hits.device)
-    wp.launch(
-        lidar_returns.gather_kernel,
-        dim=hits.shape,
-        inputs=[
-            hits.rays, returns, count, returns_up_to, hits.direction_s, hits.views, hits.sweep, hits.config.deskew,
-        ],
-        outputs=[points],
-        device=hits.device,
-    )  # fmt: skip
+    found = [hits.rays, returns, count, returns_up_to]
+    inputs = [*found, hits.direction_s, hits.views, hits.sweep, hits.config.deskew]
+    wp.launch(lidar_returns.gather_kernel, hits.shape, inputs, [points], device=hits.device)
     return offsets, points
 
 

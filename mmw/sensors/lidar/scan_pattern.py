@@ -5,7 +5,6 @@ import math
 
 import numpy as np
 
-from mmw.core.camera_models import Distortion, Intrinsics, focal_length
 from mmw.sensors.lidar.config import Lidar
 
 
@@ -70,25 +69,3 @@ def lidar_order(channels: int, points_per_channel: int) -> np.ndarray:
     order = np.lexsort((channel, firing, firing // 4, channel // 8)).astype(np.int32)
     order.flags.writeable = False
     return order
-
-
-def pinhole(width: int, height: int, fov_deg: float) -> Intrinsics:
-    """Return the pinhole with square pixels and the optical axis in the middle whose image edges span a field of view.
-
-    Args:
-        width: Image width [px].
-        height: Image height [px].
-        fov_deg: Horizontal field of view: fx = fy = W / (2 tan(fov / 2)) [deg].
-    """
-    focal = focal_length(Distortion(), width, fov_deg)
-    return Intrinsics(width, height, focal, focal, 0.5 * width, 0.5 * height)
-
-
-def pinhole_directions(camera: Intrinsics) -> np.ndarray:
-    """Return the direction through every pixel center of a pinhole, x (the optical axis) is 1, shape [H, W, 3]."""
-    y = -(np.arange(camera.width) + 0.5 - camera.cx) / camera.fx
-    z = -(np.arange(camera.height) + 0.5 - camera.cy) / camera.fy
-    directions = np.ones((camera.height, camera.width, 3))
-    directions[..., 1] = y[None, :]
-    directions[..., 2] = z[:, None]
-    return directions

@@ -82,14 +82,8 @@ def trace_lidar_hits(scene: DeviceScene, views: Views, config: Lidar, motion: Mo
     if len(views):
         order = wp.array(lidar_order(config.channels, config.points_per_channel), dtype=wp.int32, device=device)
         kernel, sweep = (lidar.rolling_kernel, [hits.sweep]) if config.rolling else (lidar.lidar_kernel, [])
-        wp.launch(
-            kernel,
-            dim=shape,
-            inputs=[scene.struct, hits.views, *sweep, hits.direction_s, order, config.range_m],
-            outputs=[rays],
-            device=device,
-            block_dim=BLOCK_DIM,
-        )
+        inputs = [scene.struct, hits.views, *sweep, hits.direction_s, order, config.range_m]
+        wp.launch(kernel, shape, inputs, [rays], device=device, block_dim=BLOCK_DIM)
     return hits
 
 

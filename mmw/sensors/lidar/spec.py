@@ -1,7 +1,5 @@
 """Register the LiDAR."""
 
-from collections.abc import Mapping
-
 from mmw.config.sensor_spec import Estimate, Modality, SensorSpec
 from mmw.core.constants import FRAME_DT
 from mmw.sensors.lidar.config import Lidar
@@ -17,10 +15,6 @@ def _estimate(config: Lidar) -> Estimate:
     return Estimate(rays, rays * BYTES_PER_RAY)
 
 
-def _kernels(config: Lidar, on_gpu: bool) -> Mapping[str, float]:
-    return {"lidar.trace": 4, "lidar.returns": 2}
-
-
 SPEC = SensorSpec(
     type="lidar",
     title="LiDAR",
@@ -31,7 +25,7 @@ SPEC = SensorSpec(
     capture="mmw.sensors.lidar.capture:capture_lidar",
     estimate=_estimate,
     defaults=lambda: (Lidar(),),
-    kernels=_kernels,
+    kernels=lambda config, on_gpu: {"lidar.trace": 4, "lidar.returns": 2},
     sweep_s=lambda config: FRAME_DT if config.rolling else 0.0,
     needs_clear_view=True,
     window=Modality("lidar", "points", ("x", "y", "z", "intensity")),

@@ -6,7 +6,7 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from mmw.config.section import Name
-from mmw.config.sensor import MountConfig, Role, SensorConfig
+from mmw.config.sensor import MountConfig, Role, SensorConfig, mounts_at
 from mmw.core.constants import FRAME_DT, SPEED_OF_LIGHT
 from mmw.core.errors import InputError
 
@@ -34,13 +34,7 @@ class Radar(SensorConfig):
     type: Literal["radar"] = "radar"
     name: Name = Field("radar", description="sensor name (name)")
     on: tuple[Role, ...] = Field(("rsu",), description="agents that carry it (list)")
-    mount: dict[Role, MountConfig] = Field(
-        default_factory=lambda: {
-            "rsu": MountConfig(position_m=(0, 0, 4.1)),
-            "cav": MountConfig(position_m=(2.5, 0, 0.6)),
-        },
-        description="mount for each role; a role that is left out keeps its default (map)",
-    )
+    mount: dict[Role, MountConfig] = mounts_at(rsu=(0, 0, 4.1), cav=(2.5, 0, 0.6))
     mode: Literal["carla", "physical"] = Field("physical", description="CARLA's radar, or a link budget (name)")
     output: Literal["detections", "dense"] = Field(
         "detections", description="in `physical`: what is detected, or every ray that hits something (name)"

@@ -23,7 +23,7 @@ from mmw.kernels.radar import resolution_cells as radar_cells
 from mmw.sensors.radar.config import Radar
 from mmw.sensors.radar.points import LABEL_FALSE_ALARM, LABEL_OBJECT, LABEL_RAIN, RadarPoints
 from mmw.sensors.radar.rain_clutter import RainClutter
-from mmw.sensors.radar.resolution_cells import RadarCells, angle_cells, cell_grid, number
+from mmw.sensors.radar.resolution_cells import RadarCells, angle_cells, cell_grid, centred, number
 from mmw.sensors.radar.simulate import decibels
 
 ECHO_DRAW, ERROR_DRAW, RAIN_PLACE_DRAW, ALARM_DRAW, ALARM_PLACE_DRAW = range(5)
@@ -90,13 +90,9 @@ def _draw(
     kernel: wp.Kernel, keys: np.ndarray, view: np.ndarray, item: np.ndarray, draw: int, device: str
 ) -> np.ndarray:
     out = wp.empty(len(view), dtype=wp.vec4, device=device)
-    inputs = [
-        wp.array(keys, dtype=wp.vec2ui, device=device),
-        wp.array(view.astype(np.int32), dtype=int, device=device),
-        wp.array(item.astype(np.int32), dtype=int, device=device),
-        draw,
-    ]
-    wp.launch(kernel, dim=len(view), inputs=inputs, outputs=[out], device=device)
+    rows = (wp.array(values.astype(np.int32), dtype=int, device=device) for values in (view, item))
+    inputs = [wp.array(keys, dtype=wp.vec2ui, device=device), *rows, draw]
+    wp.launch(kernel, len(view), inputs, [out], device=device)
     return out.numpy().astype(np.float64).reshape(-1, 4)
 
 
@@ -179,7 +175,7 @@ def _false_alarms(
     view, item, u, place = view[is_there], item[is_there], u[is_there], place[is_there].astype(np.int64)
     r, v, y, z = np.unravel_index(place, shape)
     y, z = y_cells[y], z_cells[z]
-    v = np.where(2 * v < grid.velocities, v, v - grid.velocities)
+    v = centred(v, grid.velocities)
     cell = number(grid, r, v, y, z)
     per_view = np.int64(2**31)
     occupied = np.append(cells.view * per_view + cells.cell, np.iinfo(np.int64).max)  # ascending
@@ -197,13 +193,7 @@ def _false_alarms(
 
 
 def _is_rain(
-    config: Radar,
-    clutter: RainClutter,
-    view: np.ndarray,
-    r: np.ndarray,
-    v: np.ndarray,
-    y: np.ndarray,
-    z: np.ndarray,
+    config: Radar, clutter: RainClutter, view: np.ndarray, r: np.ndarray, v: np.ndarray, y: np.ndarray, z: np.ndarray
 ) -> np.ndarray:
     """Return whether rain was drawn for cells: velocity cells within three standard deviations, as the kernel's."""
     step, count = config.velocity_resolution, config.chirps
@@ -222,14 +212,9 @@ def _is_peak(config: Radar, points: _Points, device: str) -> np.ndarray:
     candidates.view = wp.array(points.view.astype(np.int32), dtype=int, device=device)
     for name in ("range", "velocity", "y", "z", "power"):
         setattr(candidates, name, wp.array(getattr(points, name).astype(np.float32), dtype=float, device=device))
-    is_peak = wp.empty(len(points.view), dtype=int, device=device)
-    wp.launch(
-        radar_detection.peak_kernel,
-        dim=len(points.view),
-        inputs=[candidates, cell_grid(config)],
-        outputs=[is_peak],
-        device=device,
-    )
+    count = len(points.view)
+    is_peak = wp.empty(count, dtype=int, device=device)
+    wp.launch(radar_detection.peak_kernel, count, [candidates, cell_grid(config)], [is_peak], device=device)
     return is_peak.numpy() != 0
 
 

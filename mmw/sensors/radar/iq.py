@@ -46,16 +46,9 @@ def radar_iq_samples(config: Radar, rays: radar.RadarRays, keys: np.ndarray) -> 
     waveform.draw = IQ_DRAW
     turns = wp.empty(rays.range.shape, dtype=wp.vec4, device=device)
     start = wp.empty(rays.range.shape, dtype=wp.vec2, device=device)
-    wp.launch(
-        radar_iq.scatterer_kernel, rays.range.shape, inputs=[rays, waveform], outputs=[turns, start], device=device
-    )
+    wp.launch(radar_iq.scatterer_kernel, rays.range.shape, [rays, waveform], [turns, start], device=device)
     out = wp.empty((len(keys), antennas, chirps, samples), dtype=wp.vec2, device=device)
     blocks = math.ceil(samples / 16)
-    wp.launch(
-        radar_iq.sample_kernel,
-        dim=(len(keys), antennas, chirps, blocks),
-        inputs=[wp.array(keys, dtype=wp.vec2ui, device=device), turns, start, waveform],
-        outputs=[out],
-        device=device,
-    )
+    inputs = [wp.array(keys, dtype=wp.vec2ui, device=device), turns, start, waveform]
+    wp.launch(radar_iq.sample_kernel, (len(keys), antennas, chirps, blocks), inputs, [out], device=device)
     return np.ascontiguousarray(out.numpy()).view(np.complex64)[..., 0]

@@ -55,12 +55,7 @@ def hann_response(x: np.ndarray) -> np.ndarray:
 
 
 def radar_maps(
-    config: Radar,
-    kind: MapKind,
-    cells: RadarCells,
-    clutter: RainClutter | None,
-    keys: np.ndarray,
-    device: str,
+    config: Radar, kind: MapKind, cells: RadarCells, clutter: RainClutter | None, keys: np.ndarray, device: str
 ) -> RadarMaps:
     """Return maps of the strongest cell in each pixel: peak hold over velocity and z, or over y and z.
 
@@ -76,12 +71,8 @@ def radar_maps(
     if kind == "range_azimuth":
         columns, first, step, behind = len(y_cells), y_cells[0], grid.y_step, grid.velocities * z_count
     else:
-        columns, first, step, behind = (
-            grid.velocities,
-            -(grid.velocities // 2),
-            grid.velocity_step,
-            len(y_cells) * z_count,
-        )
+        columns, first = grid.velocities, -(grid.velocities // 2)
+        step, behind = grid.velocity_step, len(y_cells) * z_count
     shape = (len(keys), grid.ranges, columns)
     power = _noise(config, shape, behind, keys, MAP_DRAW[kind], device)
     _add_echoes(config, kind, grid, int(first), cells, cell_echoes(config, cells, keys, device), power)

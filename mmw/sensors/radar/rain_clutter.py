@@ -164,23 +164,18 @@ def rain_clutter(
     if weather.rain_mm_h <= 0.0:
         return None
     grid = cell_grid(config)
-    cells = [
-        angle_cells(count, fov)
-        for count, fov in ((grid.ys, config.horizontal_fov_deg), (grid.zs, config.vertical_fov_deg))
-    ]
+    axes = (
+        (grid.y_step, grid.ys, config.horizontal_fov_deg),
+        (grid.z_step, grid.zs, config.vertical_fov_deg),
+    )
+    cells = [angle_cells(count, fov) for _, count, fov in axes]
     y_cell, z_cell = (axis.reshape(-1) for axis in np.meshgrid(*cells, indexing="ij"))
     y, z = y_cell * grid.y_step, z_cell * grid.z_step
     is_forward = y**2 + z**2 < 0.999  # beyond lies no direction
     y_cell, z_cell, y, z = y_cell[is_forward], z_cell[is_forward], y[is_forward], z[is_forward]
     x = np.sqrt(1.0 - y**2 - z**2)
     # One antenna has no angle cells: it sees the whole field of view.
-    widths = [
-        step if count > 1 else 2.0 * math.sin(math.radians(fov) / 2.0)
-        for step, count, fov in (
-            (grid.y_step, grid.ys, config.horizontal_fov_deg),
-            (grid.z_step, grid.zs, config.vertical_fov_deg),
-        )
-    ]
+    widths = [step if count > 1 else 2.0 * math.sin(math.radians(fov) / 2.0) for step, count, fov in axes]
     solid_angle = widths[0] * widths[1] / x
     across = np.arctan2(y, x) / math.radians(config.horizontal_beam_deg or config.horizontal_fov_deg)
     upward = np.arcsin(z) / math.radians(config.vertical_beam_deg or config.vertical_fov_deg)
@@ -202,13 +197,8 @@ def rain_clutter(
     shape = (len(pose), grid.ranges, len(gain))
     power, cell = wp.empty(shape, dtype=float, device=device), wp.empty(shape, dtype=int, device=device)
     arrays = [wp.array(a.astype(np.float32), dtype=float, device=device) for a in (gain, mean_velocity, spread)]
-    wp.launch(
-        radar_detection.rain_kernel,
-        dim=shape,
-        inputs=[wp.array(keys, dtype=wp.vec2ui, device=device), grid, rain, *arrays],
-        outputs=[power, cell],
-        device=device,
-    )
+    inputs = [wp.array(keys, dtype=wp.vec2ui, device=device), grid, rain, *arrays]
+    wp.launch(radar_detection.rain_kernel, shape, inputs, [power, cell], device=device)
     distance = np.maximum(np.arange(grid.ranges), 0.5)[:, None] * grid.range_step
     loss = np.exp(-rain.loss_per_m * distance)
     rcs_per_w = distance**4 / (link_constant * (gain / solid_angle)[None] * loss)

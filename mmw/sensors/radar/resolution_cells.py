@@ -147,9 +147,7 @@ def bin_rays(config: Radar, rays: radar.RadarRays) -> SortedRays:
     ray = wp.empty(2 * max(count, 1), dtype=int, device=device)
     if count == 0:
         return SortedRays(grid, views, key[:0], ray[:0], wp.empty(0, dtype=int, device=device))
-    wp.launch(
-        radar_cells.cell_key_kernel, dim=(views, per_view), inputs=[rays, grid], outputs=[key, ray], device=device
-    )
+    wp.launch(radar_cells.cell_key_kernel, (views, per_view), [rays, grid], [key, ray], device=device)
     wp.utils.radix_sort_pairs(key, ray, count)
     key, ray = key[:count], ray[:count]
     is_first, first_up_to = wp.empty(count, dtype=int, device=device), wp.empty(count, dtype=int, device=device)
@@ -169,13 +167,8 @@ def sum_cells(order: SortedRays, rays: radar.RadarRays) -> RadarCells:
     """
     count, device = order.start.shape[0], rays.range.device
     sums = empty_struct(radar_cells.CellSums, count, device)
-    wp.launch(
-        radar_cells.cell_sum_kernel,
-        dim=count,
-        inputs=[rays, order.grid, order.key, order.ray, order.start],
-        outputs=[sums],
-        device=device,
-    )
+    inputs = [rays, order.grid, order.key, order.ray, order.start]
+    wp.launch(radar_cells.cell_sum_kernel, count, inputs, [sums], device=device)
     names = list(radar_cells.CellSums.vars)
     found = dict(zip(names, to_host([getattr(sums, name) for name in names]), strict=True))
     has_power = found["power"] > 0.0

@@ -45,7 +45,7 @@ def trace_radar(
         velocity: Velocity of each view's sensor, world frame [m/s], shape [A, 3] (`mmw.scene.views.view_twists`).
         config: Field of view, range and number of rays R.
         keys: Key of each view's random numbers, without the weather (`mmw.scene.views.view_keys`), shape [A, 2],
-        uint32.
+            uint32.
 
     Returns:
         Arrays of shape [A, R] on the scene's device.
@@ -141,10 +141,8 @@ def shade_radar(
     link.azimuth_beam = math.radians(config.horizontal_beam_deg or config.horizontal_fov_deg)
     link.elevation_beam = math.radians(config.vertical_beam_deg or config.vertical_fov_deg)
     surface = wp.array(reflectivity_table(materials, weather, config.carrier_hz), dtype=wp.vec3, device=device)
-    outputs = [rays.rcs, rays.power]
-    wp.launch(
-        radar.echo_kernel, shape, inputs=[hits, surface, link], outputs=outputs, device=device, block_dim=BLOCK_DIM
-    )
+    inputs, outputs = [hits, surface, link], [rays.rcs, rays.power]
+    wp.launch(radar.echo_kernel, shape, inputs, outputs, device=device, block_dim=BLOCK_DIM)
     return rays
 
 

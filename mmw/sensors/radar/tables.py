@@ -2,39 +2,27 @@
 
 import pyarrow as pa
 
-from mmw.storage.table_spec import F32, F64, I32, OWNED, SENSOR, TableSpec, column, list_of
+from mmw.storage.table_spec import F32, F64, I32, OWNED, SENSOR, TableSpec, column, list_of, sensor_table
 
-RADAR = TableSpec(
+RADAR = sensor_table(
     "radar",
     "One radar sample: its points, detections or rays as the sensor is configured; rays that hit nothing are left out.",
-    (
-        *OWNED,
-        SENSOR,
-        column("point_count", I32, "count", "points of the sample, the length of the lists"),
-        column("range", list_of(F32), "m", "distance of each point from the sensor"),
-        column(
-            "azimuth", list_of(F32), "rad", "angle in the sensor's x-y plane, positive to the left; CARLA's is minus it"
-        ),
-        column("elevation", list_of(F32), "rad", "angle above the sensor's x-y plane, CARLA's altitude"),
-        column("velocity", list_of(F32), "m/s", "radial velocity relative to the sensor, positive while receding"),
-        column(
-            "power_db",
-            list_of(F32),
-            "dBm",
-            "received power, losses of the weather included; null in carla",
-            nullable=True,
-        ),
-        column("snr_db", list_of(F32), "dB", "power over the noise of a cell; null in carla", nullable=True),
-        column("rcs_dbsm", list_of(F32), "dBsm", "radar cross section; null in carla", nullable=True),
-        column(
-            "object_id",
-            list_of(I32),
-            "id",
-            "object that each point lies on, a row of `objects`; -1 for clutter and noise",
-        ),
-        column("label", list_of(pa.uint8()), "index", "what returned: 0 object, 1 rain clutter, 2 false alarm"),
+    column("point_count", I32, "count", "points of the sample, the length of the lists"),
+    column("range", list_of(F32), "m", "distance of each point from the sensor"),
+    column(
+        "azimuth", list_of(F32), "rad", "angle in the sensor's x-y plane, positive to the left; CARLA's is minus it"
     ),
-    ("frame", "agent", "sensor"),
+    column("elevation", list_of(F32), "rad", "angle above the sensor's x-y plane, CARLA's altitude"),
+    column("velocity", list_of(F32), "m/s", "radial velocity relative to the sensor, positive while receding"),
+    column(
+        "power_db", list_of(F32), "dBm", "received power, losses of the weather included; null in carla", nullable=True
+    ),
+    column("snr_db", list_of(F32), "dB", "power over the noise of a cell; null in carla", nullable=True),
+    column("rcs_dbsm", list_of(F32), "dBsm", "radar cross section; null in carla", nullable=True),
+    column(
+        "object_id", list_of(I32), "id", "object that each point lies on, a row of `objects`; -1 for clutter and noise"
+    ),
+    column("label", list_of(pa.uint8()), "index", "what returned: 0 object, 1 rain clutter, 2 false alarm"),
     frames_per_group=4,
     level=1,
 )
@@ -64,19 +52,14 @@ RADAR_MAPS = TableSpec(
     level=1,
 )
 
-RADAR_IQ = TableSpec(
+RADAR_IQ = sensor_table(
     "radar_iq",
     "One sweep as the receivers digitise it; sample n of chirp m of antenna l is number (l chirps + m) samples + n.",
-    (
-        *OWNED,
-        SENSOR,
-        column("antennas", I32, "count", "virtual antennas, rows from below, in a row from right to left"),
-        column("chirps", I32, "count", "chirps of the sweep"),
-        column("samples", I32, "count", "samples of a chirp"),
-        column("i", list_of(F32), "W^0.5", "in-phase part of each sample, noise included"),
-        column("q", list_of(F32), "W^0.5", "quadrature part of each sample, noise included"),
-    ),
-    ("frame", "agent", "sensor"),
+    column("antennas", I32, "count", "virtual antennas, rows from below, in a row from right to left"),
+    column("chirps", I32, "count", "chirps of the sweep"),
+    column("samples", I32, "count", "samples of a chirp"),
+    column("i", list_of(F32), "W^0.5", "in-phase part of each sample, noise included"),
+    column("q", list_of(F32), "W^0.5", "quadrature part of each sample, noise included"),
     frames_per_group=1,
     level=1,
 )

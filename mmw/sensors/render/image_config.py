@@ -7,9 +7,6 @@ from pydantic import Field, model_validator
 from mmw.config.section import Section
 from mmw.core.errors import InputError
 
-MAX_LENS_DROPS = 64
-"""Most drops on a lens. Design value."""
-
 
 class ExposureConfig(Section):
     """Exposure of an image."""
@@ -67,11 +64,4 @@ class ImageConfig(Section):
         "aces", description="`aces`: filmic curve with soft highlights; `none`: clipped at white (name)"
     )
     noise: NoiseConfig = Field(default_factory=NoiseConfig, description="noise of the sensor (map)")
-    vignette: float = Field(0.0, ge=0, le=1, description="share of light lost at the corner farthest from the axis [-]")
     streaks: bool = Field(True, description="falling drops near the camera while it rains (true or false)")
-    streak_strength: float = Field(
-        1.0, ge=0, le=20, description="opacity of the drops' streaks over the physical one, a matter of style [-]"
-    )
-    lens_drops: int = Field(
-        0, ge=0, le=MAX_LENS_DROPS, description="drops that stick to the lens while it rains (count)"
-    )

@@ -179,12 +179,8 @@ def _blocks(
     device, count = images.device, len(images)
     total = count * layout.blocks
     rows, values = (wp.empty((total, 64), dtype=wp.int16, device=device) for _ in range(2))
-    wp.launch(
-        jpeg.rows_kernel, dim=(count, layout.blocks, 8), inputs=[images, layout, is_fast], outputs=[rows], device=device
-    )
-    wp.launch(
-        jpeg.columns_kernel, dim=(total, 8), inputs=[rows, layout, is_fast, *tables], outputs=[values], device=device
-    )
+    wp.launch(jpeg.rows_kernel, (count, layout.blocks, 8), [images, layout, is_fast], [rows], device=device)
+    wp.launch(jpeg.columns_kernel, (total, 8), [rows, layout, is_fast, *tables], [values], device=device)
     bits, words = wp.empty(total, dtype=wp.int64, device=device), wp.empty(count, dtype=int, device=device)
     nowhere = wp.empty(0, dtype=wp.uint32, device=device)
     wp.launch(jpeg.count_bits_kernel, dim=total, inputs=[values, layout, codes, nowhere], outputs=[bits], device=device)
@@ -197,28 +193,19 @@ def _blocks(
 def _bits(blocks: _Blocks, layout: "jpeg.Layout", codes: wp.array, word_count: int) -> _Bits:
     device = blocks.values.device
     words = wp.zeros(word_count, dtype=wp.uint32, device=device)
-    wp.launch(
-        jpeg.write_bits_kernel, dim=len(blocks.values),
-        inputs=[blocks.values, layout, codes, blocks.bits_up_to, blocks.words_up_to],
-        outputs=[words], device=device,
-    )  # fmt: skip
+    inputs = [blocks.values, layout, codes, blocks.bits_up_to, blocks.words_up_to]
+    wp.launch(jpeg.write_bits_kernel, len(blocks.values), inputs, [words], device=device)
     full = wp.empty(word_count, dtype=int, device=device)
     wp.launch(jpeg.count_full_kernel, dim=word_count, inputs=[words], outputs=[full], device=device)
     wp.utils.array_scan(full, full)
     count = len(blocks.words_up_to)
     spans = wp.empty((count, 2), dtype=int, device=device)
-    wp.launch(
-        jpeg.spans_kernel, dim=count, inputs=[blocks.bits_up_to, blocks.words_up_to, full, layout],
-        outputs=[spans], device=device,
-    )  # fmt: skip
+    wp.launch(jpeg.spans_kernel, count, [blocks.bits_up_to, blocks.words_up_to, full, layout], [spans], device=device)
     return _Bits(words, full, spans)
 
 
 def _bytes(bits: _Bits, end: int) -> wp.array:
     """Return the files' bytes; the last word may have three more than the last file."""
     body = wp.empty(end + 3, dtype=wp.uint8, device=bits.words.device)
-    wp.launch(
-        jpeg.write_bytes_kernel, dim=len(bits.words), inputs=[bits.words, bits.full_up_to],
-        outputs=[body], device=body.device,
-    )  # fmt: skip
+    wp.launch(jpeg.write_bytes_kernel, len(bits.words), [bits.words, bits.full_up_to], [body], device=body.device)
     return body

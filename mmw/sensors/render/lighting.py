@@ -69,11 +69,8 @@ def sun_over(scene: DeviceScene, sky: Sky) -> candidates.Sun:
         grid.columns, grid.rows = (int(n) for n in np.ceil((high - low) / SUN_CELL_M))
     instances = empty_candidates(scene.batch_size * grid.rows * grid.columns, scene)
     if grid.columns:
-        wp.launch(
-            candidates.sun_candidates_kernel, dim=(scene.batch_size, grid.rows, grid.columns),
-            inputs=[scene.struct, grid],
-            outputs=[instances], device=scene.device,
-        )  # fmt: skip
+        kernel, cells = candidates.sun_candidates_kernel, (scene.batch_size, grid.rows, grid.columns)
+        wp.launch(kernel, cells, [scene.struct, grid], [instances], device=scene.device)
     sun = candidates.Sun()
     sun.direction, sun.radius, sun.grid, sun.candidates = sky.sun_direction, sky.sun_radius, grid, instances
     return sun
@@ -120,10 +117,8 @@ def gather_light(buffer: SampleBuffer, sun: wp.array | None, sky: wp.array | Non
     smooth_sun = no_sun if sun is None else wp.clone(sun)
     smooth_sky = wp.empty(0 if sky is None else buffer.extras.first, dtype=wp.uint8, device=device)
     if sun is not None or sky is not None:
-        _shade(
-            buffer, light_filter.gather_kernel, buffer.launch,
-            [buffer.picture, no_sun if sun is None else sun, rays, sun is not None], [smooth_sun, smooth_sky],
-        )  # fmt: skip
+        inputs = [buffer.picture, no_sun if sun is None else sun, rays, sun is not None]
+        _shade(buffer, light_filter.gather_kernel, buffer.launch, inputs, [smooth_sun, smooth_sky])
     return smooth_sun, smooth_sky
 
 
@@ -204,13 +199,8 @@ def shade_samples(
     image = wp.empty(len(reflections.row), dtype=wp.vec3, device=device)
     radiance = wp.empty(buffer.count, dtype=wp.vec3, device=device)
     extras, picture, threads = buffer.extras, buffer.picture, buffer.shading_threads
-    _shade(
-        buffer,
-        shade.reflection_shade_kernel,
-        len(reflections.row),
-        [scene, weather, picture, found, reflections],
-        [image],
-    )
+    reflected = [scene, weather, picture, found, reflections]
+    _shade(buffer, shade.reflection_shade_kernel, len(reflections.row), reflected, [image])
     shared = [scene, weather, time, picture, found]
     _shade(buffer, shade.shade_kernel, threads, [*shared, light, image], [radiance])
     if with_lights:

@@ -155,13 +155,10 @@ def street_grid(
 
 def _beams(arrays: SceneData) -> tuple[np.ndarray, np.ndarray]:
     """Return the instances whose headlights can be on [B], and where in their frames the beams start [m] [B, 3]."""
-    instances, positions = [], []
-    for instance, index in enumerate(instance_actors(arrays)):
-        actor = arrays.actors[index]
-        if has_lights(actor):
-            instances.append(instance)
-            positions.append((actor.center[0] + 0.5 * actor.size[0], 0.0, BEAM_HEIGHT_M))
-    return np.array(instances, dtype=np.int32), np.array(positions, dtype=np.float32).reshape(-1, 3)
+    actors = [arrays.actors[index] for index in instance_actors(arrays)]
+    instances = [k for k, actor in enumerate(actors) if has_lights(actor)]
+    starts = [(actors[k].center[0] + 0.5 * actors[k].size[0], 0.0, BEAM_HEIGHT_M) for k in instances]
+    return np.array(instances, dtype=np.int32), np.array(starts, dtype=np.float32).reshape(-1, 3)
 
 
 def make_lights(scene: DeviceScene, name: str, weather: Weather) -> kernels.Lights:

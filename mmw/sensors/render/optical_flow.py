@@ -38,12 +38,6 @@ def image_motion(buffer: SampleBuffer, twists: tuple[wp.array, wp.array], time_s
     device = buffer.scene.device
     motion = wp.empty(buffer.shape, dtype=wp.vec2, device=device)
     if motion.size:
-        wp.launch(
-            kernels.image_motion_kernel,
-            dim=buffer.launch,
-            inputs=[buffer.scene.struct, buffer.on_device, *twists, buffer.camera, buffer.samples, time_s],
-            outputs=[motion],
-            device=device,
-            block_dim=BLOCK_DIM,
-        )
+        inputs = [buffer.scene.struct, buffer.on_device, *twists, buffer.camera, buffer.samples, time_s]
+        wp.launch(kernels.image_motion_kernel, buffer.launch, inputs, [motion], device=device, block_dim=BLOCK_DIM)
     return motion

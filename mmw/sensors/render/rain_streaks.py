@@ -54,7 +54,6 @@ def make_rain(weather: Weather, config: ImageConfig, intrinsics: Intrinsics) -> 
     rain.wind = wp.vec3(*weather.wind)
     rain.shutter = 0.001 * config.shutter_ms
     rain.aperture = APERTURE_M
-    rain.strength = config.streak_strength
     return rain
 
 
@@ -79,13 +78,8 @@ def streak_cover(
     cover = wp.zeros((len(keys), camera.height, camera.width), dtype=int, device=keys.device)
     most = math.ceil(rain.count + 6.0 * math.sqrt(rain.count))  # a Poisson number stays below, but once in 1e9
     if len(keys) and most:
-        wp.launch(
-            kernels.streaks_kernel,
-            dim=(len(keys), most),
-            inputs=[views, *twists, keys, camera, t, rain],
-            outputs=[cover],
-            device=keys.device,
-        )
+        inputs = [views, *twists, keys, camera, t, rain]
+        wp.launch(kernels.streaks_kernel, (len(keys), most), inputs, [cover], device=keys.device)
     return cover
 
 

@@ -3,13 +3,9 @@
 # Warp's structs and small number types are objects, not classes, to a type checker.
 # pyright: reportGeneralTypeIssues=false, reportArgumentType=false
 
-import math
-
 import warp as wp
 
-from mmw.core.camera_models import Intrinsics
 from mmw.core.constants import FRAME_DT
-from mmw.kernels.camera import lens_drops as drop_kernels
 from mmw.kernels.camera import tone_mapping as kernels
 from mmw.sensors.render.image_config import ExposureConfig, ImageConfig
 
@@ -37,77 +33,44 @@ def make_exposure(config: ExposureConfig, radiance: wp.array, weather_exposure: 
         radiance: Light [kcd/m2], shape [A, H, W], vec3.
         weather_exposure: Fixed exposure of the weather (`kernels.sky.Sky.exposure`) [1/(kcd/m2)].
     """
-    views, height, width = radiance.shape
+    (views, height, width), device = radiance.shape, radiance.device
     brighter = 2.0**config.ev_compensation
     if config.mode == "fixed":
         own = weather_exposure if config.ev100 is None else exposure_of_ev100(config.ev100)
-        return wp.full(views, brighter * own, dtype=float, device=radiance.device)
-    exposure = wp.empty(views, dtype=float, device=radiance.device)
+        return wp.full(views, brighter * own, dtype=float, device=device)
+    exposure = wp.empty(views, dtype=float, device=device)
     if views:
-        log_sum = wp.empty((views, width), dtype=float, device=radiance.device)
-        wp.launch(
-            kernels.meter_kernel, dim=(views, width), inputs=[radiance], outputs=[log_sum], device=radiance.device
-        )
+        log_sum = wp.empty((views, width), dtype=float, device=device)
+        wp.launch(kernels.meter_kernel, (views, width), [radiance], [log_sum], device=device)
         limits = (exposure_of_ev100(config.max_ev100), exposure_of_ev100(config.min_ev100))
-        wp.launch(
-            kernels.auto_exposure_kernel,
-            dim=views,
-            inputs=[log_sum, height, brighter, *limits],
-            outputs=[exposure],
-            device=radiance.device,
-        )
+        wp.launch(kernels.auto_exposure_kernel, views, [log_sum, height, brighter, *limits], [exposure], device=device)
     return exposure
-
-
-def lens_drops(keys: wp.array, count: int, intrinsics: Intrinsics) -> wp.array:
-    """Return drops on the lens of each view: column, row, radius [px], height over width; shape [A, count], vec4.
-
-    Args:
-        keys: Random numbers of each view, shape [A], vec2ui. Drops stay where they are: the key names the agent and the
-            camera and not the frame.
-        count: Drops on each lens.
-        intrinsics: Image size.
-    """
-    drops = wp.empty((len(keys), count), dtype=wp.vec4, device=keys.device)
-    if len(keys) and count:
-        wp.launch(
-            drop_kernels.lens_drops_kernel,
-            dim=(len(keys), count),
-            inputs=[keys, intrinsics.width, intrinsics.height],
-            outputs=[drops],
-            device=keys.device,
-        )
-    return drops
 
 
 def tone_map(
     radiance: wp.array,
     config: ImageConfig,
-    intrinsics: Intrinsics,
     exposure: wp.array,
     *,
     keys: wp.array | None = None,
     motion: wp.array | None = None,
     cover: wp.array | None = None,
     drop_light: wp.vec3 | None = None,
-    drops: wp.array | None = None,
 ) -> wp.array:
     """Return pictures, sRGB, shape [A, H, W, 3], uint8, on the device of the light.
 
-    In this order: motion blur, rain streaks, drops on the lens, exposure, vignette, sensor noise, tone map, sRGB,
-    rounding. What is None or off is left out.
+    In this order: motion blur, rain streaks, exposure, sensor noise, tone map, sRGB, rounding. What is None or off is
+    left out.
 
     Args:
         radiance: Light [kcd/m2], linear Rec. 709, shape [A, H, W], vec3.
         config: Image section.
-        intrinsics: Optical axis, for the vignette.
         exposure: Factor of each picture, shape [A]; see `make_exposure`.
         keys: Random numbers of each view, shape [A], vec2ui (`mmw.scene.views.view_keys`); for noise.
         motion: Image motion in one frame time [px], shape [A, H, W], vec2 (`mmw.sensors.render.optical_flow`), for
             blur.
         cover: Opacity of streaks, shape [A, H, W], int (`mmw.sensors.render.rain_streaks`).
         drop_light: Luminance of a falling drop [kcd/m2]; with `cover`.
-        drops: Drops on the lens, shape [A, N], vec4; see `lens_drops`.
 
     Raises:
         ValueError: If a step is on and what it needs is missing.
@@ -123,7 +86,6 @@ def tone_map(
                 f"tone_map: {key} is on and {name} is None; the step needs it; pass {name}, or turn it off"
             )
     device = radiance.device
-    views, height, width = radiance.shape
     film = kernels.Film()
     film.exposure = exposure
     film.key = keys if config.noise.enabled else wp.empty(0, dtype=wp.vec2ui, device=device)
@@ -131,20 +93,10 @@ def tone_map(
     film.blur_share = 0.001 * config.shutter_ms / FRAME_DT
     film.cover = wp.empty((0, 0, 0), dtype=int, device=device) if cover is None else cover
     film.drop_light = wp.vec3() if drop_light is None else drop_light
-    film.drops = wp.empty((0, 0), dtype=wp.vec4, device=device) if drops is None else drops
-    film.center = wp.vec2(intrinsics.cx, intrinsics.cy)
-    film.vignette = config.vignette
-    film.corner = math.hypot(max(intrinsics.cx, width - intrinsics.cx), max(intrinsics.cy, height - intrinsics.cy))
     film.full_well = config.noise.full_well if config.noise.enabled else 0.0
     film.read_noise = config.noise.read_noise
     film.tone_map = kernels.TONE_ACES if config.tone_map == "aces" else kernels.TONE_NONE
-    image = wp.empty((views, height, width, 3), dtype=wp.uint8, device=device)
+    image = wp.empty((*radiance.shape, 3), dtype=wp.uint8, device=device)
     if image.size:
-        wp.launch(
-            kernels.tone_mapping_kernel,
-            dim=(views, height, width),
-            inputs=[radiance, film],
-            outputs=[image],
-            device=device,
-        )
+        wp.launch(kernels.tone_mapping_kernel, radiance.shape, [radiance, film], [image], device=device)
     return image

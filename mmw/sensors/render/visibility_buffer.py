@@ -86,9 +86,8 @@ class SampleBuffer:
     def picture(self) -> picture.Picture:
         """Struct of it for kernels."""
         images = picture.Picture()
-        images.views, images.camera, images.extras, images.samples = (
-            self.on_device, self.camera, self.extras, self.samples,
-        )  # fmt: skip
+        images.views, images.camera = self.on_device, self.camera
+        images.extras, images.samples = self.extras, self.samples
         return images
 
     @property
@@ -151,10 +150,8 @@ def _tile_candidates(
     shape = tiles(count, intrinsics)[:3]
     candidates = empty_candidates(int(np.prod(shape)), scene)
     if count and scene.struct.instance_count:
-        wp.launch(
-            candidate_kernels.tile_candidates_kernel, dim=shape, inputs=[scene.struct, views, camera],
-            outputs=[candidates], device=scene.device,
-        )  # fmt: skip
+        kernel, inputs = candidate_kernels.tile_candidates_kernel, [scene.struct, views, camera]
+        wp.launch(kernel, shape, inputs, [candidates], device=scene.device)
     return candidates
 
 
@@ -173,13 +170,10 @@ def _trace(buffer: SampleBuffer, first: int, threads: int) -> None:
     """Trace the samples of some threads."""
     if threads:
         scene, device = buffer.scene.struct, buffer.scene.device
-        if buffer.alpha_cutouts is None:
-            kernel, inputs = kernels.visibility_kernel, [scene, buffer.picture, buffer.candidates, first]
-        else:
-            kernel, inputs = (
-                kernels.visibility_through_holes_kernel,
-                [scene, buffer.alpha_cutouts, buffer.picture, first],
-            )
+        kernel, inputs = kernels.visibility_kernel, [scene, buffer.picture, buffer.candidates, first]
+        if buffer.alpha_cutouts is not None:
+            kernel = kernels.visibility_through_holes_kernel
+            inputs = [scene, buffer.alpha_cutouts, buffer.picture, first]
         wp.launch(kernel, dim=threads, inputs=inputs, outputs=[buffer.samples], device=device, block_dim=BLOCK_DIM)
 
 
@@ -201,19 +195,9 @@ def depth_images(
     metres, objects = shape if with_metres else none, shape if with_objects else none
     images = empty_struct(depth_kernels.DepthImages, shape, device, depth_m=metres, object_id=objects)
     if len(buffer.views):
-        wp.launch(
-            depth_kernels.depth_kernel,
-            dim=buffer.launch,
-            inputs=[
-                buffer.scene.struct,
-                buffer.camera,
-                buffer.samples,
-                buffer.camera.range if range_m is None else range_m,
-            ],
-            outputs=[images],
-            device=device,
-            block_dim=BLOCK_DIM,
-        )
+        longest = buffer.camera.range if range_m is None else range_m
+        inputs = [buffer.scene.struct, buffer.camera, buffer.samples, longest]
+        wp.launch(depth_kernels.depth_kernel, buffer.launch, inputs, [images], device=device, block_dim=BLOCK_DIM)
     return images
 
 

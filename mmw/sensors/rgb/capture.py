@@ -5,12 +5,11 @@ from collections.abc import Callable
 import numpy as np
 import warp as wp
 
-from mmw.core.random_keys import random_keys
 from mmw.core.transfer import to_host
 from mmw.scene.views import view_keys
 from mmw.sensors.batch import Batch, TableRows
 from mmw.sensors.camera_group.launches import Launch, images_of
-from mmw.sensors.camera_group.rows import Images, file_rows, rgb_rows
+from mmw.sensors.camera_group.rows import SUFFIX, Images, image_rows, rgb_columns
 from mmw.sensors.render.jpeg import jpeg_files
 from mmw.sensors.render.visibility_buffer import SampleBuffer
 from mmw.sensors.rgb.config import RgbCamera
@@ -28,7 +27,7 @@ def record_rgb(batch: Batch, launch: Launch, buffer: SampleBuffer, collected: Ta
     if len(launch.views):
         with batch.clock.stage(launch.name):
             keys = {weather: _keys(batch, launch, weather) for weather in collected}
-            found = batch.rgb_camera(config.debug).render(buffer, config, keys, _lens_keys(batch, launch))
+            found = batch.rgb_camera(config.debug).render(buffer, config, keys)
             exposures = dict(zip(found, to_host([images.exposure for images in found.values()]), strict=True))
         if config.format == "jpeg" and makes_files(batch.scene.device):
             with batch.clock.stage("JPEG files"):
@@ -38,9 +37,10 @@ def record_rgb(batch: Batch, launch: Launch, buffer: SampleBuffer, collected: Ta
         if found and not files[weather]:  # one weather after the other: all at once need three times the memory
             files[weather] = _encoded(batch, launch, found[weather].rgb, config)
         for camera, sensor in cameras:
-            views = launch.views.take(camera.rows)
-            own, exposure = [files[weather][row] for row in camera.rows], exposures[weather][camera.rows]
-            tables["rgb"].append(rgb_rows(batch.arrays, sensor, views, own, exposure, batch.scenario.name, weather))
+            views, own = launch.views.take(camera.rows), {"image": ("", [files[weather][row] for row in camera.rows])}
+            suffix = SUFFIX[sensor.format]
+            rows = image_rows(batch.arrays, sensor.name, views, own, batch.scenario.name, weather, suffix)
+            tables["rgb"].append(rows | rgb_columns(sensor, exposures[weather][camera.rows]))
 
 
 def _encoded(batch: Batch, launch: Launch, images: wp.array, config: RgbCamera) -> Images:
@@ -78,7 +78,8 @@ def _record_files(
         views = launch.views.take(camera.rows)
         encoded = [batch.encoder.submit(encode, image) for image in images_of(images, camera)]
         for weather, tables in collected.items():
-            rows = file_rows(batch.arrays, camera.sensor.name, table, views, encoded, batch.scenario.name, weather)
+            files = {"image": (f"_{table}", encoded)}
+            rows = image_rows(batch.arrays, camera.sensor.name, views, files, batch.scenario.name, weather)
             tables[table].append(rows)
 
 
@@ -93,14 +94,4 @@ def _keys(batch: Batch, launch: Launch, weather: str) -> np.ndarray:
         keys[camera.rows] = view_keys(
             batch.arrays, views, batch.config.seed, batch.scenario.name, weather, camera.sensor.name
         )
-    return keys
-
-
-def _lens_keys(batch: Batch, launch: Launch) -> np.ndarray:
-    """Return the key of each view's lens, the same in every frame and weather, shape [A, 2], uint32."""
-    keys = np.zeros((len(launch.views), 2), dtype=np.uint32)
-    for camera in launch.rgb:
-        agents = [batch.arrays.actors[actor].name for actor in launch.views.actor[camera.rows]]
-        stream = (batch.config.seed, batch.scenario.name, camera.sensor.name, "lens")
-        keys[camera.rows] = random_keys((*stream, agent) for agent in agents)
     return keys

@@ -6,25 +6,17 @@ from pydantic import Field, model_validator
 
 from mmw.config.lens import WIDEST_DEG, LensConfig, check_lens
 from mmw.config.section import Name
-from mmw.config.sensor import MountConfig, Role, SensorConfig
+from mmw.config.sensor import MountConfig, Role
+from mmw.sensors.camera_group.camera_config import CameraConfig
 from mmw.sensors.render.image_config import ImageConfig
 
 
-class RgbCamera(SensorConfig):
+class RgbCamera(CameraConfig):
     """A color camera, and what the same rays show."""
 
     type: Literal["rgb"] = "rgb"
     name: Name = Field("front", description="sensor name (name)")
     on: tuple[Role, ...] = Field(("cav", "rsu"), description="agents that carry it (list)")
-    mount: dict[Role, MountConfig] = Field(
-        default_factory=lambda: {
-            "rsu": MountConfig(position_m=(0, 0, 3.9)),
-            "cav": MountConfig(position_m=(1.5, 0, 2.4)),
-        },
-        description="mount for each role; a role that is left out keeps its default (map)",
-    )
-    width_px: int = Field(640, ge=8, le=8192, description="image width [px]")
-    height_px: int = Field(480, ge=8, le=8192, description="image height [px]")
     fov_deg: float = Field(
         110.0, gt=0, le=WIDEST_DEG, description="horizontal field of view; below 180 but for a fisheye [deg]"
     )
@@ -47,12 +39,6 @@ class RgbCamera(SensorConfig):
     jpeg_quality: int = Field(95, ge=1, le=100, description="quality of `format: jpeg` (number)")
     jpeg_subsampling: Literal["4:2:0", "4:4:4"] = Field(
         "4:2:0", description="chroma of `format: jpeg`: a colour for four pixels, or for each, +20 % bytes (name)"
-    )
-    segmentation: bool = Field(
-        False, description="instance and semantic images from the same rays, table `segmentation` (true or false)"
-    )
-    boxes_2d: bool = Field(
-        True, description="2-D boxes of vehicles and people, table `boxes_2d`, and their visible pixels (true or false)"
     )
     normals: bool = Field(False, description="normals from the same rays, table `normals` (true or false)")
     flow: bool = Field(

@@ -44,7 +44,7 @@ from mmw.sensors.render.lights import STREET_KLUX, load_brakes, make_lights
 from mmw.sensors.render.optical_flow import device_twists, image_motion
 from mmw.sensors.render.rain_streaks import drop_light, make_rain, streak_cover
 from mmw.sensors.render.sky.sky import bake, ground_radiance, make_air, make_sky, mean_radiance
-from mmw.sensors.render.tone_mapping import lens_drops, make_exposure, tone_map
+from mmw.sensors.render.tone_mapping import make_exposure, tone_map
 from mmw.sensors.render.visibility_buffer import EXTRA_OFFSETS, SampleBuffer, find_edges, with_extras
 from mmw.sensors.render.wet_surfaces import make_wet
 from mmw.sensors.rgb.config import RgbCamera
@@ -108,33 +108,19 @@ class RgbRenderer:
         first = next(iter(self._shading.values())).appearance_table
         return first if first.has_holes else None
 
-    def render(
-        self,
-        buffer: SampleBuffer,
-        config: RgbCamera,
-        keys: Mapping[str, np.ndarray],
-        lens_keys: np.ndarray | None = None,
-    ) -> dict[str, RgbImages]:
+    def render(self, buffer: SampleBuffer, config: RgbCamera, keys: Mapping[str, np.ndarray]) -> dict[str, RgbImages]:
         """Return the pictures of the views in each weather that has keys.
 
         Args:
             buffer: What the pixels see.
             config: Rays to send, and how light becomes a picture.
-            keys: Weather -> random numbers of each view, shape [A, 2], uint32 (`mmw.scene.views.view_keys`): noise,
-            streaks.
-                Some or all of the camera's weathers; the others cost nothing.
-            lens_keys: Random numbers of each view's lens, shape [A, 2], uint32, the same in every frame; needed for
-                `lens_drops` alone.
+            keys: Weather -> random numbers of each view, shape [A, 2], uint32 (`mmw.scene.views.view_keys`), for noise
+                and streaks. Some or all of the camera's weathers; the others cost nothing.
         """
         device = self._scene.device
-        image, motion, drops = config.image, None, None
+        image = config.image
         twists = device_twists(self._twists(buffer), device)
-        if image.motion_blur:
-            motion = image_motion(buffer, twists)
-        if image.lens_drops:
-            if lens_keys is None:
-                raise ValueError("lens_drops: the lenses have no keys; every lens needs its own; pass lens_keys")
-            drops = lens_drops(wp.array(lens_keys, dtype=wp.vec2ui, device=device), image.lens_drops, buffer.intrinsics)
+        motion = image_motion(buffer, twists) if image.motion_blur else None
         images = {}
         for name, radiance in self.radiance(buffer, config, keys).items():
             weather, sky = self._weathers[name], self._shading[name].sky
@@ -145,11 +131,7 @@ class RgbRenderer:
                 rain = make_rain(weather, image, buffer.intrinsics)
                 cover = streak_cover(buffer.on_device, twists, key, buffer.camera, buffer.samples.t, rain)
                 of_drop = drop_light(wp.vec3(*mean_radiance(weather, self._seed)))
-            rgb = tone_map(
-                radiance, image, buffer.intrinsics, exposure,
-                keys=key, motion=motion, cover=cover, drop_light=of_drop,
-                drops=drops if weather.rain_mm_h > 0.0 else None,
-            )  # fmt: skip
+            rgb = tone_map(radiance, image, exposure, keys=key, motion=motion, cover=cover, drop_light=of_drop)
             images[name] = RgbImages(rgb, exposure)
         return images
 
@@ -264,12 +246,8 @@ def _reflections(
 ) -> reflection_kernels.Reflections:
     """Return reflected rays with the light of one place of the sun on what they hit."""
     reflections = reflection_kernels.Reflections()
-    reflections.row, reflections.samples, reflections.surfaces = (
-        rays.reflections.row,
-        rays.reflections.samples,
-        rays.reflections.surfaces,
-    )
-    reflections.sun = rays.reflections.sun
+    for name in ("row", "samples", "surfaces", "sun"):
+        setattr(reflections, name, getattr(rays.reflections, name))
     if sun is not None:
         reflections.sun = trace_reflection_sun(buffer, found, rays, sun)
     return reflections

@@ -2,8 +2,8 @@
 
 from collections.abc import Mapping
 
-from mmw.config.sensor_spec import Camera, Estimate, Modality, SensorSpec
-from mmw.sensors.camera_group.estimate import KERNELS, camera_estimate
+from mmw.config.sensor_spec import Estimate, Modality, SensorSpec
+from mmw.sensors.camera_group.spec_parts import KERNELS, camera_estimate, camera_projection
 from mmw.sensors.ground_truth.tables import BOXES_2D, SEGMENTATION
 from mmw.sensors.rgb.config import RgbCamera, paper_cameras
 from mmw.sensors.rgb.tables import FLOW, NORMALS, RGB
@@ -19,9 +19,7 @@ NORMALS_BYTES_PER_PIXEL, FLOW_BYTES_PER_PIXEL = 0.1, 0.6
 def _estimate(config: RgbCamera) -> Estimate:
     size = BYTES_PER_PIXEL[config.format]
     size += config.normals * NORMALS_BYTES_PER_PIXEL + config.flow * FLOW_BYTES_PER_PIXEL
-    return camera_estimate(
-        config.width_px, config.height_px, size, segmentation=config.segmentation, boxes_2d=config.boxes_2d
-    )
+    return camera_estimate(config, size)
 
 
 def _kernels(config: RgbCamera, on_gpu: bool) -> Mapping[str, float]:
@@ -30,11 +28,6 @@ def _kernels(config: RgbCamera, on_gpu: bool) -> Mapping[str, float]:
         "shading.denoise": 2, "camera.tone_mapping": 1, "shading.clouds": 1, "camera.image_samples": 1,
     }  # fmt: skip
     return {**KERNELS, **modules, **({"camera.jpeg": 2} if on_gpu and config.format == "jpeg" else {})}
-
-
-def _camera(config: RgbCamera) -> Camera:
-    intrinsics = config.lens.intrinsics(config.width_px, config.height_px, config.fov_deg)
-    return Camera(intrinsics, config.lens, config.range_m)
 
 
 def _rows(config: RgbCamera) -> dict[str, int]:
@@ -54,14 +47,11 @@ SPEC = SensorSpec(
     estimate=_estimate,
     defaults=paper_cameras,
     kernels=_kernels,
-    camera=_camera,
+    camera=camera_projection,
     needs_clear_view=True,
     needs_appearance=True,
     warm_up="mmw.sensors.render.sky.warm_up:bake_skies",
     decode="mmw.dataset.frame:camera_view",
     window=Modality("rgb", "rgb"),
-    views={
-        "plot": "mmw.viz.plots.samples:draw_rgb_sample",
-        "viewer": "mmw.viz.rerun.samples:log_rgb",
-    },
+    views={"plot": "mmw.viz.plots.samples:draw_rgb_sample", "viewer": "mmw.viz.rerun.samples:log_rgb"},
 )

@@ -175,11 +175,7 @@ class StillRenderer:
         return Image.fromarray(found[weather][0])
 
     def render(
-        self,
-        views: Views,
-        config: RgbCamera,
-        keys: Mapping[str, np.ndarray] | None = None,
-        lens_keys: np.ndarray | None = None,
+        self, views: Views, config: RgbCamera, keys: Mapping[str, np.ndarray] | None = None
     ) -> dict[str, np.ndarray]:
         """Return what a camera sees from several views, weather -> sRGB, shape [A, H, W, 3], uint8.
 
@@ -188,10 +184,9 @@ class StillRenderer:
             config: The camera.
             keys: Weather -> random numbers of each view, shape [A, 2], uint32; all weathers, by their name and the
                 frame alone, if absent.
-            lens_keys: Random numbers of each view's lens, shape [A, 2], uint32; the same for all if absent.
         """
         wanted = self._keys(views, self._weathers) if keys is None else keys
-        return self._render(self._camera, views, intrinsics_of(config), config.range_m, config, wanted, lens_keys)
+        return self._render(self._camera, views, intrinsics_of(config), config.range_m, config, wanted)
 
     def _keys(self, views: Views, weathers: Iterable[str]) -> dict[str, np.ndarray]:
         """Return random numbers of views by weather and frame alone."""
@@ -208,12 +203,9 @@ class StillRenderer:
         range_m: float,
         config: RgbCamera,
         keys: Mapping[str, np.ndarray],
-        lens_keys: np.ndarray | None = None,
     ) -> dict[str, np.ndarray]:
         buffer = trace_samples(self.scene, views, intrinsics, range_m, camera.alpha_cutouts)
-        if lens_keys is None:
-            lens_keys = random_keys((self._seed, "lens") for _ in range(len(views)))
-        return {name: images.rgb.numpy() for name, images in camera.render(buffer, config, keys, lens_keys).items()}
+        return {name: images.rgb.numpy() for name, images in camera.render(buffer, config, keys).items()}
 
     def _free_view(self, pose: np.ndarray, batch_index: int) -> Views:
         return Views(

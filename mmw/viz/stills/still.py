@@ -12,7 +12,6 @@ from pydantic import ValidationError
 from mmw.config import Config, ScenarioConfig, config_path, load_config
 from mmw.core.bvh_kind import select_bvh
 from mmw.core.errors import InputError
-from mmw.core.random_keys import random_keys
 from mmw.generation.estimate import check_inputs
 from mmw.physics.weather.weather import PRESETS, Weather
 from mmw.scene.prepare import prepare_scenario
@@ -142,8 +141,7 @@ def draw_scenario(
             )
         views = views.take(np.array([row.index(viewpoint.agent)]))
         keys = {weather: view_keys(arrays, views, config.seed, found.name, weather, camera.name)}
-        lens_keys = random_keys([(config.seed, found.name, camera.name, "lens", viewpoint.agent)])
-        return Image.fromarray(pictures.render(views, camera, keys, lens_keys)[weather][0]), pictures.notes
+        return Image.fromarray(pictures.render(views, camera, keys)[weather][0]), pictures.notes
 
 
 def draw_stage(

@@ -9,53 +9,30 @@ import warp as wp
 from mmw.config import MountConfig
 from mmw.config.lens import LensConfig
 from mmw.core.camera_models import Intrinsics
-from mmw.core.transforms import IDENTITY_POSE, compose, transform_points
-from mmw.scene.views import Views, make_views
+from mmw.core.transforms import compose, transform_points
+from mmw.scene.scene_data import SceneData
+from mmw.scene.table_rows import Columns
+from mmw.scene.views import make_views
+from mmw.sensors import DepthCamera
 from mmw.sensors.camera_group.rows import box_2d_rows
 from mmw.sensors.ground_truth import boxes_2d
 from mmw.sensors.ground_truth.boxes_2d import project_boxes, visible_pixels
-from mmw.sensors.ground_truth.boxes_3d import Boxes, make_boxes
+from mmw.sensors.ground_truth.boxes_3d import make_boxes
 from mmw.sensors.ground_truth.visibility import boxed_actors
-from mmw.sensors.lidar.scan_pattern import pinhole
-from mmw.sensors.render.projection import unproject
-from tests.fixtures.depth_cameras import camera
+from mmw.sensors.render.projection import intrinsics_of, unproject
+from tests.fixtures.depth_cameras import STREET, boxes_at, camera, level, random_boxes, views_at
 from tests.fixtures.scenes import ABSENT, box_mesh, two_cars
 from tests.fixtures.traced_depth import traced_depth
 from tests.oracles.tracing import triangle_hits
 
-CAMERA = pinhole(60, 44, 110.0)
+CAMERA = LensConfig().intrinsics(60, 44, 110.0)
 LENSES = {
     "pinhole": CAMERA,
     "barrel": LensConfig(model="brown_conrady", k1=-0.12, k2=0.01, p1=0.004, p2=-0.003).intrinsics(60, 44, 90.0),
     "fisheye": LensConfig(model="fisheye", k1=-0.03, cx_px=28.0, cy_px=24.0).intrinsics(60, 44, 200.0),
 }
-STREET = {"rsu": MountConfig(position_m=(0, 0, -1.0), pitch_deg=8), "cav": MountConfig(position_m=(2.31, 0.02, 1.23))}
-
-
-def boxes_at(pose: np.ndarray, size: np.ndarray) -> Boxes:
-    """Return 3-D boxes of frame 0; poses [N, 7], sizes [N, 3]."""
-    count = len(pose)
-    number, rest = np.arange(count, dtype=np.int32), np.zeros((count, 3))
-    return Boxes(
-        np.zeros(count, np.int64), number, number, np.asarray(pose, float), rest, np.asarray(size, float), rest
-    )
-
-
-def views_at(pose: np.ndarray = IDENTITY_POSE) -> Views:
-    one = np.zeros(1, dtype=np.int32)
-    return Views(one.astype(np.int64), one, one, np.asarray(pose, dtype=float).reshape(1, 7), one - 1)
-
-
-def level(x: float, y: float, z: float) -> list[float]:
-    return [x, y, z, 0, 0, 0, 1]
-
-
-def random_boxes(count: int, seed: int) -> Boxes:
-    rng = np.random.default_rng(seed)
-    turn = rng.normal(size=(count, 4))
-    pose = np.concatenate([rng.uniform((-4, -9, -5), (12, 9, 5), (count, 3)), turn], axis=1)
-    pose[:, 3:] /= np.linalg.norm(turn, axis=1, keepdims=True)
-    return boxes_at(pose, rng.uniform(0.3, 6.0, (count, 3)))
+EYE = Intrinsics(200, 100, 100.0, 100.0, 100.0, 50.0)
+"""A camera whose images are easy to work out by hand."""
 
 
 def framed_by_rays(camera: Intrinsics, to_camera: np.ndarray, size: np.ndarray, step: float) -> np.ndarray | None:
@@ -132,7 +109,6 @@ def test_boxes_before_the_camera_equal_their_sampled_surface() -> None:
 
 def test_known_boxes() -> None:
     """fx = 100 px, W = 200, H = 100: the numbers are by hand."""
-    intrinsics = Intrinsics(200, 100, 100.0, 100.0, 100.0, 50.0)
     pose = [
         level(10.5, 0.0, 0.0),  # front at 10 m, 2 m wide and high: 10 px to each side of the middle
         level(10.5, 10.0, 0.0),  # its left half is outside: front from u = -10 to 10
@@ -142,7 +118,7 @@ def test_known_boxes() -> None:
         level(1.0, 0.0, -20.0),  # below the image
     ]
     boxes = boxes_at(np.array(pose), np.array([[1.0, 2.0, 2.0]] * 6))
-    found = project_boxes(intrinsics, views_at(), boxes)
+    found = project_boxes(EYE, views_at(), boxes)
     assert found.box.tolist() == [0, 1, 4]
     np.testing.assert_allclose(found.amodal[0], [90, 40, 110, 60])
     # Back right corner at 11 m: u = 100 - 100 * 9 / 11.
@@ -156,21 +132,19 @@ def test_known_boxes() -> None:
 
 def test_box_partly_behind_the_camera() -> None:
     """A lorry that stands beside the camera, 2 m to its left, from 6 m behind to 4 m ahead, eyes at half its height."""
-    intrinsics = Intrinsics(200, 100, 100.0, 100.0, 100.0, 50.0)
-    found = project_boxes(intrinsics, views_at(), boxes_at(np.array([level(-1.0, 3.0, 0.0)]), np.array([[10, 2, 3.0]])))
+    found = project_boxes(EYE, views_at(), boxes_at(np.array([level(-1.0, 3.0, 0.0)]), np.array([[10, 2, 3.0]])))
     # Its near side, y = 2, ends 4 m ahead at u = 50, half a metre of image high: v = 50 -+ 37.5; at the left edge,
     # 2 m ahead, it is 75 px high to each side, more than the image.
     np.testing.assert_allclose(found.amodal, [[0, 0, 50, 100]])
     assert found.truncation[0] > 0.99
-    low = project_boxes(intrinsics, views_at(), boxes_at(np.array([level(-1.0, 3.0, -1.0)]), np.array([[10, 2, 1.0]])))
+    low = project_boxes(EYE, views_at(), boxes_at(np.array([level(-1.0, 3.0, -1.0)]), np.array([[10, 2, 1.0]])))
     # Half a metre to 1.5 m below the eyes: its top edge rises from v = 75 at the left edge to 62.5.
     np.testing.assert_allclose(low.amodal, [[0, 62.5, 50, 100]])
 
 
 def test_side_of_a_box_through_the_camera() -> None:
     """A box on the right, whose side lies 1 mm left of the eye: the near plane, 1 cm ahead, cuts it at u = 100 - 10."""
-    intrinsics = Intrinsics(200, 100, 100.0, 100.0, 100.0, 50.0)
-    found = project_boxes(intrinsics, views_at(), boxes_at(np.array([level(0, -0.999, 0)]), np.array([[2, 2, 2.0]])))
+    found = project_boxes(EYE, views_at(), boxes_at(np.array([level(0, -0.999, 0)]), np.array([[2, 2, 2.0]])))
     np.testing.assert_allclose(found.amodal, [[90, 0, 200, 100]])
 
 
@@ -224,20 +198,25 @@ def test_no_views_and_nothing_wanted(device: str) -> None:
     assert found.amodal.shape == (0, 4) and len(found.distance) == 0
 
 
+def rows_of(
+    arrays: SceneData, device: str, config: DepthCamera, frames: list[int]
+) -> tuple[Columns, np.ndarray, list[int]]:
+    """Return the rows of a camera, its instance images, and the objects that have boxes."""
+    object_id = traced_depth(arrays, device, config, frames).object_id
+    wanted = [arrays.actors[i].object_id for i in boxed_actors(arrays.actors)]
+    visible = visible_pixels(wp.array(object_id, dtype=int, device=device), wanted)
+    views, boxes = make_views(arrays, frames, config), make_boxes(arrays, frames)
+    return box_2d_rows(arrays, config.name, views, intrinsics_of(config), boxes, visible), object_id, wanted
+
+
 def test_rows_of_a_street(device: str) -> None:
     """Visible and amodal boxes of cars between houses, as the table gets them."""
     arrays = two_cars(30)
     arrays.poses[5, 1] = ABSENT
     frames = [3, 5, 12]
     config = camera(on=("cav", "rsu"), mount=STREET, width_px=120, height_px=90)
+    rows, object_id, wanted = rows_of(arrays, device, config, frames)
     views = make_views(arrays, frames, config)
-    object_id = traced_depth(arrays, device, config, frames).object_id
-    wanted = [arrays.actors[i].object_id for i in boxed_actors(arrays.actors)]
-    visible = visible_pixels(wp.array(object_id, dtype=int, device=device), wanted)
-    boxes = make_boxes(arrays, frames)
-    rows = box_2d_rows(
-        arrays, config.name, views, pinhole(config.width_px, config.height_px, config.fov_deg), boxes, visible
-    )
     counts, bounds = numpy_boxes(object_id, wanted)
     view_of = {
         (int(f), arrays.actors[a].name): i for i, (f, a) in enumerate(zip(views.frame, views.actor, strict=True))
@@ -265,25 +244,8 @@ def test_rows_of_a_street(device: str) -> None:
 
 def test_hidden_box_has_no_visible_edges(device: str) -> None:
     """A camera behind a van: the car before it has a row, but no pixel."""
-    arrays = two_cars(1)
-    poses = arrays.poses.copy()
-    poses[0, 0] = [30, 0, 0, 0, 0, 0, 1]
-    poses[0, 1] = [10, 0, 0, 0, 0, 0, 1]
-    poses[0, 2] = [0, 0, 1.0, 0, 0, 0, 1]
-    arrays = replace(arrays, poses=poses)
-    config = camera(mount={"rsu": MountConfig()})
-    views = make_views(arrays, [0], config)
-    object_id = traced_depth(arrays, device, config).object_id
-    wanted = [arrays.actors[i].object_id for i in boxed_actors(arrays.actors)]
-    visible = visible_pixels(wp.array(object_id, dtype=int, device=device), wanted)
-    rows = box_2d_rows(
-        arrays,
-        "depth",
-        views,
-        pinhole(config.width_px, config.height_px, config.fov_deg),
-        make_boxes(arrays, [0]),
-        visible,
-    )
+    arrays = replace(two_cars(1), poses=np.array([[level(30, 0, 0), level(10, 0, 0), level(0, 0, 1)]], dtype=float))
+    rows, _, wanted = rows_of(arrays, device, camera(mount={"rsu": MountConfig()}), [0])
     assert rows["object_id"].tolist() == wanted and rows["pixels"][0] == 0 < rows["pixels"][1]
     assert rows["u_min"].null_count == 1 and rows["u_min"][0].as_py() is None
     np.testing.assert_allclose(rows["distance"], [30.0, 10.3], atol=0.3)

@@ -299,10 +299,7 @@ def test_scale_and_misalignment_turn_and_stretch_the_true_reading() -> None:
         gyro_bias=0, accel_scale_std=0.02, gyro_scale_std=0.05, misalignment_std_deg=1.0,
     )  # fmt: skip
     batch = make_imu(driving(drive(30)), range(30), config, 3, "s")
-    for read, true, spread in (
-        (batch.accel, batch.accel_true, 0.02),
-        (batch.gyro, batch.gyro_true, 0.05),
-    ):
+    for read, true, spread in ((batch.accel, batch.accel_true, 0.02), (batch.gyro, batch.gyro_true, 0.05)):
         matrix, _, rank, _ = np.linalg.lstsq(true, read, rcond=None)
         np.testing.assert_allclose(true @ matrix, read, atol=1e-12)
         scale = np.linalg.norm(matrix.T, axis=1)  # rows of D = diag(1 + s) R

@@ -6,6 +6,7 @@ import pytest
 from mmw.core.constants import FRAME_DT
 from mmw.sensors import Imu
 from mmw.sensors.imu.noise import imu_errors
+from tests.fixtures.driving_agents import assert_white
 
 HOUR = 360_000
 PHYSICAL = Imu(mode="physical")
@@ -56,11 +57,7 @@ def test_the_papers_noise_is_the_default() -> None:
     np.testing.assert_array_equal(errors.bias[1], 0.001)
     np.testing.assert_array_equal(errors.distortion, np.tile(np.eye(3), (2, 1, 1, 1)))
     scaled = np.concatenate([errors.noise[0, 0] / 0.1, errors.noise[1, 0] / 0.002], axis=1)
-    # Five standard errors of mean, variance and correlation of independent normal numbers.
-    assert np.abs(scaled.mean(axis=0)).max() < 5 / np.sqrt(count)
-    assert np.abs(scaled.var(axis=0) - 1).max() < 5 * np.sqrt(2 / count)
-    assert np.abs(np.corrcoef(scaled.T) - np.eye(6)).max() < 5 / np.sqrt(count)
-    assert np.abs(np.mean(scaled[1:] * scaled[:-1], axis=0)).max() < 5 / np.sqrt(count)
+    assert_white(scaled)
     assert abs(np.mean(np.abs(scaled) > 1.959964) - 0.05) < 0.005
 
 

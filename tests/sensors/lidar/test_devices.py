@@ -5,46 +5,36 @@ from the library of each device and may differ in their last bits: they turn the
 the power and the noise of a return.
 """
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from mmw.config import MountConfig
-from mmw.core.constants import FRAME_DT
 from mmw.physics.weather.weather import PRESETS
 from mmw.scene.scene_data import SceneData
 from mmw.scene.views import make_views, view_keys
 from mmw.sensors import Lidar
 from mmw.sensors.lidar.returns import LidarHits, find_returns
 from mmw.sensors.lidar.simulate import trace_lidar_hits
-from tests.fixtures.device_rays import loaded
+from tests.fixtures.lidar_sweeps import TUMBLING
 from tests.fixtures.scenes import random_triangles, two_cars
+from tests.fixtures.sensor_runs import all_carriers, loaded
 
 STREET = Lidar(on=("cav",))
-TUMBLING = Lidar(
-    on=("cav",), channels=32, points_per_channel=180, upper_fov_deg=80, lower_fov_deg=-80, range_m=30,
-    mount={"cav": MountConfig(position_m=(0.3, -0.2, 0.4), yaw_deg=20, pitch_deg=30, roll_deg=-40)},
-)  # fmt: skip
-
-
-def soup(seed: int) -> SceneData:
-    """Random triangles, vehicles of them too; every vehicle carries a sensor."""
-    arrays = random_triangles(seed, 400, vehicles=6, frames=2)
-    return replace(arrays, actors=tuple(replace(actor, role="cav") for actor in arrays.actors))
+SOUP = all_carriers(random_triangles(3, 400, vehicles=6, frames=2))
+DENSE = TUMBLING.model_copy(update={"channels": 32, "points_per_channel": 180})
+both_scenes = pytest.mark.parametrize(
+    ("arrays", "config"), [(two_cars(2), STREET), (SOUP, DENSE)], ids=["street", "soup"]
+)
 
 
 def traced(arrays: SceneData, config: Lidar, device: str) -> LidarHits:
-    frames = list(arrays.frames)
-    scene = loaded(arrays, device, frames, sweep_s=FRAME_DT)
-    return trace_lidar_hits(scene, make_views(arrays, frames, config), config)
+    return trace_lidar_hits(loaded(arrays, device), make_views(arrays, list(arrays.frames), config), config)
 
 
 def values(hits: LidarHits) -> dict[str, np.ndarray]:
     return {name: getattr(hits.rays, name).numpy() for name in ("range", "cos_incidence", "object_id", "material_id")}
 
 
-@pytest.mark.parametrize(("arrays", "config"), [(two_cars(2), STREET), (soup(3), TUMBLING)], ids=["street", "soup"])
+@both_scenes
 def test_hits_are_those_of_a_cpu_to_the_last_bit(device: str, arrays: SceneData, config: Lidar) -> None:
     own, expected = (values(traced(arrays, config, where)) for where in (device, "cpu"))
     assert np.isfinite(expected["range"]).mean() > 0.2
@@ -52,7 +42,7 @@ def test_hits_are_those_of_a_cpu_to_the_last_bit(device: str, arrays: SceneData,
         np.testing.assert_array_equal(own[name], wanted, err_msg=name)
 
 
-@pytest.mark.parametrize(("arrays", "config"), [(two_cars(2), STREET), (soup(3), TUMBLING)], ids=["street", "soup"])
+@both_scenes
 def test_hits_of_a_rolling_sweep_are_those_of_a_cpu_but_for_its_turn(
     device: str, arrays: SceneData, config: Lidar
 ) -> None:

@@ -55,22 +55,14 @@ def echoes(
     key: int = 0,
     surface_range: float | np.ndarray = math.inf,
     ray: np.ndarray | None = None,
-    origin: np.ndarray | None = None,
-    direction: np.ndarray | None = None,
+    origin: np.ndarray | tuple[float, ...] = (0.0, 0.0, 0.0),
+    direction: np.ndarray | tuple[float, ...] = (1.0, 0.0, 0.0),
     time_s: float = 0.0,
 ) -> np.ndarray:
     """Return the echoes of rays as records; by default they leave the origin along x."""
     ray = np.arange(count) if ray is None else ray
-    shape = (len(ray), 3)
-    inputs = [
-        air,
-        wp.vec2ui(key, 7),
-        ray,
-        np.broadcast_to(surface_range, len(ray)),
-        np.zeros(shape) if origin is None else origin,
-        np.broadcast_to((1.0, 0.0, 0.0), shape) if direction is None else direction,
-        time_s,
-    ]
+    start, way = (np.broadcast_to(vectors, (len(ray), 3)) for vectors in (origin, direction))
+    inputs = [air, wp.vec2ui(key, 7), ray, np.broadcast_to(surface_range, len(ray)), start, way, time_s]
     return launched(echoes_kernel, len(ray), inputs, device)[0]
 
 
@@ -293,13 +285,8 @@ def test_fog_echoes_equal_a_simulation(name: str, device: str) -> None:
     count = 6_000
     expected = simulated_fog(optics, weather, count)
     origin = np.random.default_rng(4).uniform(-8e3, 8e3, (4 * count, 3))
-    found = echoes(
-        fog_air(device, optics, weather),
-        device,
-        ray=np.arange(4 * count),
-        origin=origin,
-        direction=directions(4 * count, 5),
-    )
+    air = fog_air(device, optics, weather)
+    found = echoes(air, device, 4 * count, origin=origin, direction=directions(4 * count, 5))
     hit, seen = found["strongest_label"] == FOG, expected[0] > 0.0
     assert abs(score(hit, seen)) < 4.0
     assert seen.all() if name == "foggy" else 0.1 < seen.mean() < 0.9
@@ -331,7 +318,7 @@ def test_patches_stand_in_the_scene_and_drift(device: str) -> None:
     moved = np.log(echoes(calm, device, key=1, time_s=30.0, **rays)["strongest_power"])
     assert np.corrcoef(one, other)[0, 1] > 0.95 and np.abs(one - other).max() < 0.4
     assert np.corrcoef(one, moved)[0, 1] < 0.5 and one.std() > 0.1
-    origin = np.broadcast_to(30.0 * np.array(weather.wind), (2000, 3))
+    origin = 30.0 * np.array(weather.wind)
     along = np.log(echoes(calm, device, key=1, time_s=30.0, origin=origin, **rays)["strongest_power"])
     np.testing.assert_allclose(along, one, atol=2e-3)
 

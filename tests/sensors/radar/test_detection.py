@@ -21,6 +21,8 @@ from tests.fixtures.radar_points import detections, make_cells, make_keys, targe
 RAIN_TABLE = Path(__file__).parents[2] / "reference" / "weather" / "radar_rain_77ghz.csv"
 QUIET = {"false_alarm_probability": 1e-12}
 SMALL = Radar(azimuth_antennas=16, elevation_antennas=4, frame_time_s=1e-3, **QUIET)
+PLACES = [(r, v, 0.0, 0.0) for r in range(2, 200, 2) for v in range(-24, 24, 2)]
+"""Cells ahead that are far apart from each other."""
 
 
 def objects(batch) -> np.ndarray:
@@ -30,29 +32,15 @@ def objects(batch) -> np.ndarray:
 def test_cells_equal_a_brute_force_grouping(device):
     rng = np.random.default_rng(5)
     count = 3000
-    rays = np.column_stack(
-        [
-            rng.uniform(0.0, 20.0, count),
-            rng.uniform(-0.8, 0.8, count),
-            rng.uniform(-0.2, 0.2, count),
-            rng.choice([0.0, 0.3, 120.0], count),
-            rng.exponential(1e-15, count),
-            rng.exponential(1.0, count),
-            rng.integers(-1, 6, count),
-        ]
-    )
+    place = rng.uniform((0.0, -0.8, -0.2), (20.0, 0.8, 0.2), (count, 3))
+    velocity, object_id = rng.choice([0.0, 0.3, 120.0], count), rng.integers(-1, 6, count)
+    rays = np.column_stack([place, velocity, rng.exponential(1e-15, count), rng.exponential(1.0, count), object_id])
     cells = make_cells(SMALL, device, [rays[:2000], rays[2000:]])
     grid = cell_grid(SMALL)
+    steps = (grid.range_step, grid.velocity_step, grid.y_step, grid.z_step)
     expected: dict[tuple, list] = {}
     for i, (r, azimuth, elevation, v, power, rcs, object_id) in enumerate(np.float32(rays).astype(np.float64)):
-        place = np.array(
-            [
-                r / grid.range_step,
-                v / grid.velocity_step,
-                math.sin(azimuth) * math.cos(elevation) / grid.y_step,
-                math.sin(elevation) / grid.z_step,
-            ]
-        )
+        place = np.array([r, v, math.sin(azimuth) * math.cos(elevation), math.sin(elevation)]) / steps
         if object_id >= 0:
             key = (i >= 2000, *(round(p) % n for p, n in zip(place, (10**6, 50, 16, 4), strict=True)))
             expected.setdefault(key, []).append((power, rcs, object_id, r, place[3] * grid.z_step))
@@ -73,16 +61,14 @@ def test_cells_equal_a_brute_force_grouping(device):
 @pytest.mark.parametrize("snr_db", [0.0, 2.5, 5.0, 7.5, 10.0, 12.5, 15.0, 20.0])
 def test_probability_of_detection(device, snr_db):
     config = SMALL.model_copy(update={"false_alarm_probability": 1e-4})
-    places = [(r, v, 0.0, 0.0) for r in range(2, 200, 2) for v in range(-24, 24, 2)]
-    batch = detections(config, device, [np.array([target(config, place, snr_db) for place in places])], f"pd {snr_db}")
+    batch = detections(config, device, [np.array([target(config, place, snr_db) for place in PLACES])], f"pd {snr_db}")
     chance = 1e-4 ** (1.0 / (1.0 + 10.0 ** (snr_db / 10.0)))
-    sigma = math.sqrt(len(places) * chance * (1.0 - chance))
-    assert objects(batch).sum() == pytest.approx(len(places) * chance, abs=4.0 * sigma)
+    sigma = math.sqrt(len(PLACES) * chance * (1.0 - chance))
+    assert objects(batch).sum() == pytest.approx(len(PLACES) * chance, abs=4.0 * sigma)
 
 
 def test_echoes_fluctuate_as_swerlings_first_case(device):
-    places = [(r, v, 0.0, 0.0) for r in range(2, 200, 2) for v in range(-24, 24, 2)]
-    cells = make_cells(SMALL, device, [np.array([target(SMALL, place, 6.0) for place in places])])
+    cells = make_cells(SMALL, device, [np.array([target(SMALL, place, 6.0) for place in PLACES])])
     echo = np.sort(cell_echoes(SMALL, cells, make_keys(1), device) / (SMALL.noise_w * (1.0 + 10.0**0.6)))
     steps = np.arange(1, len(echo) + 1) / len(echo)
     distance = np.abs(1.0 - np.exp(-echo) - steps).max()

@@ -9,8 +9,9 @@ import trimesh
 from mmw.config import MountConfig
 from mmw.core.planar_surfaces import find_surfaces
 from mmw.dataset.sql import point_views
+from mmw.kernels.radar.trace import RadarHits
 from mmw.physics.weather.weather import PRESETS, Weather
-from mmw.scene.scene_data import Prototype
+from mmw.scene.scene_data import Prototype, SceneData
 from mmw.scene.views import make_views
 from mmw.sensors import Radar
 from mmw.sensors.radar.points import RadarPoints
@@ -196,16 +197,20 @@ def test_turning_radar_sees_the_world_turn(device: str) -> None:
 # Sameness, rows, bad input
 
 
+def reported(hits: RadarHits, arrays: SceneData, config: Radar, weather: Weather) -> RadarPoints:
+    """Return the points of traced rays in one weather, by the mode of the radar."""
+    if config.mode == "carla":
+        return carla_points(hits)
+    return dense_points(shade_radar(hits, arrays.materials["sunny"], weather, config), config)
+
+
 @pytest.mark.parametrize("mode", ["carla", "physical"])
 def test_batches_do_not_change_a_byte(device: str, mode: str) -> None:
     arrays = two_cars(4)
     config = Radar(mode=mode, on=("cav", "rsu"), azimuth_rays=60, elevation_rays=20, points=500)
 
     def points(frames: list[int]) -> RadarPoints:
-        _, hits = traced(arrays, device, config, frames)
-        if mode == "carla":
-            return carla_points(hits)
-        return dense_points(shade_radar(hits, arrays.materials["sunny"], PRESETS["rainy"], config), config)
+        return reported(traced(arrays, device, config, frames)[1], arrays, config, PRESETS["rainy"])
 
     whole, single = points([0, 1, 2, 3]), [points([frame]) for frame in (3, 1, 0, 2)]
     single = [single[i] for i in (2, 1, 3, 0)]
@@ -219,10 +224,7 @@ def test_batches_do_not_change_a_byte(device: str, mode: str) -> None:
 def test_weathers_share_the_rays(device: str) -> None:
     arrays, config = two_cars(1), Radar(azimuth_rays=60, elevation_rays=20)
     _, hits = traced(arrays, device, config)
-    sunny, rainy, again = (
-        dense_points(shade_radar(hits, arrays.materials["sunny"], PRESETS[name], config), config)
-        for name in ("sunny", "rainy", "sunny")
-    )
+    sunny, rainy, again = (reported(hits, arrays, config, PRESETS[name]) for name in ("sunny", "rainy", "sunny"))
     np.testing.assert_array_equal(sunny.range, rainy.range)
     assert np.all(rainy.power_db < sunny.power_db + 3.0) and np.any(rainy.power_db < sunny.power_db)
     assert again.power_db.tobytes() == sunny.power_db.tobytes()
@@ -233,9 +235,7 @@ def test_rows_fit_the_table(device: str, mode: str) -> None:
     arrays = two_cars(2)
     config = Radar(mode=mode, azimuth_rays=60, elevation_rays=20, points=500)
     views, hits = traced(arrays, device, config)
-    points = carla_points(hits)
-    if mode == "physical":
-        points = dense_points(shade_radar(hits, arrays.materials["sunny"], CLEAR, config), config)
+    points = reported(hits, arrays, config, CLEAR)
     table = table_from_columns("radar", {"scenario": "a", "weather": "b", **radar_rows(arrays, "radar", views, points)})
     assert table.num_rows == 2 and table["point_count"].to_pylist() == np.diff(points.offsets).tolist()
     assert table["power_db"].null_count == (2 if mode == "carla" else 0)

@@ -13,6 +13,8 @@ from mmw.kernels.shading.sky import Sky, sky_radiance
 from mmw.physics.weather.optics import extinction, visibility
 from mmw.physics.weather.weather import PRESETS, Weather
 from mmw.sensors.render.sky import sky
+from tests.fixtures.kernels import launched
+from tests.fixtures.rgb_scenes import toward
 from tests.oracles.tracing import trapezoid
 
 
@@ -24,52 +26,29 @@ def air_kernel(
     origin: wp.vec3,
     direction: wp.array[wp.vec3],
     distance: wp.array[float],
-    light_out: wp.array2d[wp.vec3],
+    surface_out: wp.array[wp.vec3],
+    airlight_out: wp.array[wp.vec3],
+    passed_out: wp.array[wp.vec3],
+    sky_out: wp.array[wp.vec3],
 ):
-    """Surface through air, airlight, transmittance, the sky itself and with all. Launch: (N,)."""
+    """Surface through air, airlight, transmittance, and the sky itself. Launch: (N,)."""
     row = wp.tid()
     d = direction[row]
-    light_out[0, row] = kernel.through_air(air, sky, radiance, origin, d, distance[row])
-    light_out[1, row] = kernel.airlight(air, sky.sun_direction, d)
-    light_out[2, row] = kernel.transmittance(air, origin, d, distance[row])
-    light_out[3, row] = sky_radiance(sky, d, 0.0)
+    surface_out[row] = kernel.through_air(air, sky, radiance, origin, d, distance[row])
+    airlight_out[row] = kernel.airlight(air, sky.sun_direction, d)
+    passed_out[row] = kernel.transmittance(air, origin, d, distance[row])
+    sky_out[row] = sky_radiance(sky, d, 0.0)
 
 
 def see(
-    weather: Weather,
-    device: str,
-    directions: np.ndarray,
-    distance: np.ndarray | float,
-    radiance: float = 0.0,
-    height: float = 2.0,
-    ground_z: float = 0.0,
-    rows: int = 128,
-) -> np.ndarray:
-    """Return light at a camera, airlight, transmittance and the sky, shape [4, N, 3]."""
-    at = wp.array(directions.astype(np.float32), dtype=wp.vec3, device=device)
-    far = np.broadcast_to(np.asarray(distance, dtype=np.float32), len(directions)).copy()
-    out = wp.zeros((4, len(directions)), dtype=wp.vec3, device=device)
-    wp.launch(
-        air_kernel,
-        len(directions),
-        inputs=[
-            sky.make_air(weather, device, ground_z, rows=rows),
-            sky.make_sky(weather, device, rows=rows),
-            wp.vec3(radiance),
-            wp.vec3(0.0, 0.0, height),
-            at,
-            wp.array(far, dtype=float, device=device),
-        ],
-        outputs=[out],
-        device=device,
-    )
-    return out.numpy()
-
-
-def toward(azimuth_deg: np.ndarray | float, elevation_deg: np.ndarray | float) -> np.ndarray:
-    azimuth, elevation = np.broadcast_arrays(np.radians(azimuth_deg), np.radians(elevation_deg))
-    level = np.cos(elevation)
-    return np.atleast_2d(np.stack((level * np.sin(azimuth), level * np.cos(azimuth), np.sin(elevation)), axis=-1))
+    weather: Weather, device: str, directions: np.ndarray, distance: np.ndarray | float,
+    radiance: float = 0.0, height: float = 2.0, ground_z: float = 0.0, rows: int = 128,
+) -> list[np.ndarray]:  # fmt: skip
+    """Return light at a camera, airlight, transmittance and the sky, shape [N, 3] each."""
+    air, above = sky.make_air(weather, device, ground_z, rows=rows), sky.make_sky(weather, device, rows=rows)
+    far = np.broadcast_to(distance, len(directions))
+    inputs = [air, above, wp.vec3(radiance), wp.vec3(0.0, 0.0, height), directions, far]
+    return launched(air_kernel, len(directions), inputs, device)
 
 
 @pytest.mark.parametrize("name", ["light_fog", "foggy", "heavy_fog"])
@@ -92,9 +71,9 @@ def test_extinction_is_that_of_every_sensor(name: str, device: str) -> None:
 
 
 def test_haze_takes_more_blue_and_fog_is_grey(device: str) -> None:
-    red, green, blue = see(Weather(), device, toward(0.0, 0.0), 5_000.0)[2, 0]
+    red, green, blue = see(Weather(), device, toward(0.0, 0.0), 5_000.0)[2][0]
     assert red > green > blue
-    red, green, blue = see(Weather(visibility_m=900.0), device, toward(0.0, 0.0), 500.0)[2, 0]
+    red, green, blue = see(Weather(visibility_m=900.0), device, toward(0.0, 0.0), 500.0)[2][0]
     assert red == green == blue
 
 
@@ -109,14 +88,14 @@ def test_fog_begins_where_it_should_and_rain_at_once(device: str) -> None:
     np.testing.assert_allclose(passed[:, 1], (1.0, math.exp(-60.0 * math.log(20.0) / 100.0)), rtol=1e-4)
     wet = replace(weather, rain_mm_h=25.0)
     share = extinction(wet, 550) - extinction(weather, 550)
-    assert see(wet, device, toward(0.0, 0.0), 30.0)[2, 0, 1] == pytest.approx(math.exp(-share * 30.0), rel=1e-4)
+    assert see(wet, device, toward(0.0, 0.0), 30.0)[2][0, 1] == pytest.approx(math.exp(-share * 30.0), rel=1e-4)
 
 
 @pytest.mark.parametrize("elevation_deg", [-6.0, -0.3, 0.0, 0.3, 50.0, 90.0])
 @pytest.mark.parametrize("start", [0.0, 12.0])
 def test_density_that_falls_with_height_is_its_integral(elevation_deg: float, start: float, device: str) -> None:
     weather = Weather(visibility_m=50.0, fog_falloff_per_m=0.05, fog_start_m=start)
-    passed = see(weather, device, toward(33.0, elevation_deg), 60.0, height=17.0, ground_z=10.0)[2, 0, 1]
+    passed = see(weather, device, toward(33.0, elevation_deg), 60.0, height=17.0, ground_z=10.0)[2][0, 1]
     s = np.linspace(start, 60.0, 20_001)
     height = np.maximum(7.0 + s * math.sin(math.radians(elevation_deg)), 0.0)
     depth = extinction(weather, 550) * trapezoid(np.exp(-0.05 * height), s)
@@ -158,7 +137,7 @@ def test_sun_glows_through_thin_fog_only(device: str) -> None:
     thin = Weather(visibility_m=800.0, cloudiness=0.0, sun_altitude_deg=25.0, sun_azimuth_deg=90.0)
     to_sun, away = see(thin, device, toward(np.array([90.0, 270.0]), 5.0), 1.0)[1]
     assert to_sun[1] > 1.3 * away[1]
-    without = see(replace(thin, scattering_intensity=0.0), device, toward(90.0, 5.0), 1.0)[1, 0]
+    without = see(replace(thin, scattering_intensity=0.0), device, toward(90.0, 5.0), 1.0)[1][0]
     assert without[1] < to_sun[1]
     to_sun, away = see(replace(thin, visibility_m=50.0), device, toward(np.array([90.0, 270.0]), 5.0), 1.0)[1]
     np.testing.assert_allclose(to_sun, away, rtol=1e-3)

@@ -13,13 +13,12 @@ from mmw.core.transforms import pose_from_ypr
 from mmw.kernels.camera.rain_streaks import COVER_SCALE
 from mmw.kernels.core import structs
 from mmw.physics.weather.weather import Weather
-from mmw.sensors.lidar.scan_pattern import pinhole
 from mmw.sensors.render import rain_streaks as streaks
 from mmw.sensors.render.camera import device_camera
 from mmw.sensors.render.image_config import ImageConfig
 from mmw.sensors.render.rain_streaks import make_rain, streak_cover
 
-CAMERA = pinhole(160, 120, 90.0)
+CAMERA = LensConfig().intrinsics(160, 120, 90.0)
 CALM = Weather(rain_mm_h=25.0, wind_m_s=0.0)
 
 
@@ -155,8 +154,3 @@ def test_streaks_do_not_depend_on_the_batch(device: str) -> None:
     np.testing.assert_array_equal(whole, parts)
     np.testing.assert_array_equal(whole, cover(CALM, device, views=4))
     assert (whole[0] != whole[1]).any()
-
-
-def test_strength_scales_the_opacity(device: str) -> None:
-    weak, strong = cover(CALM, device), cover(CALM, device, config=ImageConfig(streak_strength=2.0))
-    assert strong.sum() == pytest.approx(2.0 * weak.sum(), rel=0.01)

@@ -12,6 +12,8 @@ from mmw.kernels.shading import sky as kernel
 from mmw.physics.weather.weather import PRESETS, Weather
 from mmw.sensors.render.sky import atmosphere, clouds, sky
 from mmw.sensors.render.sky import prefilter as sky_blur
+from tests.fixtures.kernels import launched
+from tests.fixtures.rgb_scenes import toward
 from tests.oracles.tracing import trapezoid
 
 CLEAR = Weather(cloudiness=0.0)
@@ -20,30 +22,24 @@ ROWS = 128
 
 
 @wp.kernel
-def radiance_kernel(sky: kernel.Sky, direction: wp.array[wp.vec3], roughness: float, light_out: wp.array2d[wp.vec3]):
+def radiance_kernel(
+    sky: kernel.Sky, direction: wp.array[wp.vec3], roughness: float,
+    radiance_out: wp.array[wp.vec3], irradiance_out: wp.array[wp.vec3], disc_out: wp.array[wp.vec3],
+):  # fmt: skip
     """Radiance, irradiance and the sun's disc in directions. Launch: (N,)."""
     row = wp.tid()
-    light_out[0, row] = kernel.sky_radiance(sky, direction[row], roughness)
-    light_out[1, row] = kernel.sky_irradiance(sky, direction[row])
-    light_out[2, row] = kernel.sun_disc(sky, direction[row])
+    radiance_out[row] = kernel.sky_radiance(sky, direction[row], roughness)
+    irradiance_out[row] = kernel.sky_irradiance(sky, direction[row])
+    disc_out[row] = kernel.sun_disc(sky, direction[row])
 
 
 def baked_sky(weather: Weather) -> sky.BakedSky:
     return sky.bake(weather, 0, ROWS)
 
 
-def look(baked: kernel.Sky, directions: np.ndarray, device: str, roughness: float = 0.0) -> np.ndarray:
-    """Radiance, irradiance and disc in directions, shape [3, N, 3]."""
-    out = wp.zeros((3, len(directions)), dtype=wp.vec3, device=device)
-    at = wp.array(directions.astype(np.float32), dtype=wp.vec3, device=device)
-    wp.launch(radiance_kernel, len(directions), inputs=[baked, at, roughness], outputs=[out], device=device)
-    return out.numpy()
-
-
-def toward(azimuth_deg: np.ndarray | float, elevation_deg: np.ndarray | float) -> np.ndarray:
-    azimuth, elevation = np.broadcast_arrays(np.radians(azimuth_deg), np.radians(elevation_deg))
-    level = np.cos(elevation)
-    return np.stack((level * np.sin(azimuth), level * np.cos(azimuth), np.sin(elevation)), axis=-1)
+def look(baked: kernel.Sky, directions: np.ndarray, device: str, roughness: float = 0.0) -> list[np.ndarray]:
+    """Return radiance, irradiance and disc in directions, shape [N, 3] each."""
+    return launched(radiance_kernel, len(directions), [baked, directions, roughness], device)
 
 
 def test_sun_stands_where_azimuth_and_altitude_say() -> None:

@@ -18,13 +18,11 @@ from pxr import Gf, Usd, UsdShade
 from mmw.physics.weather.weather import Weather
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.reader import read_stage
-from mmw.scene.scene_data import SceneData
-from mmw.scene.views import Views
 from mmw.sensors.render.projection import intrinsics_of
 from mmw.sensors.render.visibility_buffer import trace_samples
 from mmw.sensors.rgb.simulate import RgbRenderer
 from tests.fixtures.material_stages import KINDS, add_quad, connect, give_uv, preview, stage_in
-from tests.fixtures.rgb_scenes import SMALL, Rendering, at, even_sky, lambert, render
+from tests.fixtures.rgb_scenes import SMALL, Rendering, at, even_sky, lambert, on_ground, render
 from tests.fixtures.scenes import arrays_from_parts, box_model, box_part, ground_part, pose
 from tests.fixtures.stages import add_polygons
 
@@ -118,13 +116,10 @@ def test_faces_without_area_are_no_trouble(device: str, tmp_path: Path) -> None:
     assert np.isfinite(rendering.camera.normals(rendering.buffer).numpy()).all()
 
 
-def empty_town() -> SceneData:
-    return arrays_from_parts([], materials={"m": lambert(0.5)})
-
-
 def test_empty_scene_is_all_sky(device: str) -> None:
     """Radiance of a real sky, a picture, no normals, no flow, no depth."""
-    rendering = render(empty_town(), device, at((0.0, 0.0, 2.0, 30.0, -20.0, 0.0)))
+    empty = arrays_from_parts([], materials={"m": lambert(0.5)})
+    rendering = render(empty, device, at((0.0, 0.0, 2.0, 30.0, -20.0, 0.0)))
     image = rendering.one()
     assert image.min() > 0.1 and image[0, :, 2].min() > image[0, :, 0].max()  # blue at the top
     assert (rendering.objects() == -1).all() and not rendering.depth().depth.numpy().any()
@@ -139,10 +134,7 @@ def test_scene_without_materials_is_all_sky(device: str) -> None:
 
 
 def test_no_views_make_no_pictures(device: str) -> None:
-    arrays = arrays_from_parts([ground_part(50.0, 0.0, "m")], materials={"m": lambert(0.5)})
-    none = Views(*(np.zeros(0, dtype=kind) for kind in (np.int64, np.int32, np.int32)), np.zeros((0, 7)),
-                 np.zeros(0, dtype=np.int32))  # fmt: skip
-    rendering = render(arrays, device, none)
+    rendering = render(on_ground(), device, at((0.0, 0.0, 2.0)).take(slice(0)))
     assert rendering.light()["sunny"].shape == (0, 48, 64, 3)
     assert rendering.rgb()["sunny"].shape == (0, 48, 64, 3)
     assert rendering.camera.normals(rendering.buffer).shape == (0, 48, 64)
@@ -185,33 +177,14 @@ def test_tiny_range_sees_the_sky(device: str) -> None:
         np.testing.assert_allclose(image, expected, atol=2e-3)
 
 
-def test_lens_drops_need_keys(device: str) -> None:
-    rendering = render(empty_town(), device, at((0.0, 0.0, 2.0)))
-    config = SMALL.model_copy(update={"image": SMALL.image.model_copy(update={"lens_drops": 3})})
-    keys = {"sunny": np.zeros((1, 2), dtype=np.uint32)}
-    with pytest.raises(ValueError, match="lens_drops: the lenses have no keys"):
-        rendering.camera.render(rendering.buffer, config, keys)
-
-
 def test_absent_actor_is_not_drawn(device: str) -> None:
     """A vehicle without a pose in a frame leaves ground, no shadow and no lamp there."""
     poses = np.array([[pose(6.0, 0.0)], [(np.nan,) * 7], [pose(6.0, 0.0)]])
-    arrays = arrays_from_parts(
-        [ground_part(50.0, 0.0, "m")],
-        [box_model("car")],
-        [("veh_001", "vehicle", 0)],
-        poses,
-        materials={"m": lambert(0.5)},
-    )
-    place = (0.0, 0.0, 2.0, 0.0, 10.0, 0.0)
-    rendering = render(
-        arrays, device, at(place, place, frame=(1, 0)), weathers={"sunny": Weather(sun_altitude_deg=-20.0)}
-    )
+    arrays = on_ground(models=[box_model("car")], actors=[("veh_001", "vehicle", 0)], poses=poses)
+    place, dusk = (0.0, 0.0, 2.0, 0.0, 10.0, 0.0), {"sunny": Weather(sun_altitude_deg=-20.0)}
+    rendering = render(arrays, device, at(place, place, frame=(1, 0)), weathers=dusk)
     objects = rendering.objects()
     number = arrays.actors[0].object_id
     assert not (objects[0] == number).any() and (objects[1] == number).any()
-    empty = render(
-        arrays_from_parts([ground_part(50.0, 0.0, "m")], materials={"m": lambert(0.5)}), device, at(place),
-        weathers={"sunny": Weather(sun_altitude_deg=-20.0)},
-    ).one()  # fmt: skip
+    empty = render(on_ground(), device, at(place), weathers=dusk).one()
     np.testing.assert_array_equal(rendering.light()["sunny"][0], empty)

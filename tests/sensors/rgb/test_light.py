@@ -10,13 +10,12 @@ import numpy as np
 import pytest
 import trimesh
 
-from mmw.physics.materials.material import Material
 from mmw.physics.weather.weather import Weather
 from mmw.scene.scene_data import SceneData
 from mmw.sensors.render.projection import intrinsics_of, project
 from mmw.sensors.render.sky.sky import SUN_RADIUS, bake, sun_direction
 from mmw.worlds.towns.mesh_part import MeshPart
-from tests.fixtures.rgb_scenes import SMALL, at, even_sky, glowing, lambert, matter, render
+from tests.fixtures.rgb_scenes import SMALL, at, even_sky, glowing, lambert, matter, on_ground, render
 from tests.fixtures.scenes import arrays_from_parts, box_model, box_part, ground_part, pose, quad_part
 
 WHITE = (1.0, 1.0, 1.0)
@@ -57,8 +56,7 @@ def test_lambert_plane_under_the_sun(device: str, altitude_deg: float) -> None:
     sun = Weather(sun_altitude_deg=altitude_deg, sun_azimuth_deg=130.0)
     albedo, klux = np.array([0.8, 0.4, 0.1]), 100.0
     slope = np.array([(-20.0, -20.0, 9.0), (-20.0, 20.0, 9.0), (20.0, 20.0, -9.0), (20.0, -20.0, -9.0)])
-    parts = [ground_part(60.0, -20.0, "m"), quad_part("Props/slope", slope[::-1], "m", "static")]
-    arrays = arrays_from_parts(parts, materials={"m": lambert(albedo)})
+    arrays = on_ground(quad_part("Props/slope", slope[::-1], "m", "static"), albedo=albedo, half=60.0, z=-20.0)
     views = at((40.0, -40.0, 5.0, 0.0, 85.0, 0.0), (0.0, 0.0, 15.0, *DOWN))
     light = render(arrays, device, views, sky=even_sky(device, 0.0, sun=sun, klux=klux)).light()["sunny"]
     to_sun = sun_direction(sun)
@@ -86,8 +84,8 @@ def test_gloss_of_a_dielectric_keeps_within_the_light(device: str, ior: float) -
 def test_open_ground_is_as_bright_as_its_sky_says(device: str) -> None:
     """Sun and sky of a real weather: a white plane has the illuminance of the baked sky over pi."""
     weather = Weather(sun_altitude_deg=30.0, cloudiness=0.0)
-    arrays = arrays_from_parts([ground_part(100.0, 0.0, "m")], materials={"m": lambert(1.0)})
-    rendering = render(arrays, device, at((0.0, 0.0, 1.5, *DOWN)), weathers={"sunny": weather})
+    views = at((0.0, 0.0, 1.5, *DOWN))
+    rendering = render(on_ground(albedo=1.0, half=100.0), device, views, weathers={"sunny": weather})
     luminance = rendering.one().mean(axis=(0, 1)) @ (0.2126, 0.7152, 0.0722)
     assert luminance * math.pi == pytest.approx(bake(weather).horizontal_klux, rel=0.01)
 
@@ -133,8 +131,10 @@ def test_pane_reflects_by_fresnel(device: str, of: str) -> None:
 
 SUN_40 = Weather(sun_altitude_deg=40.0, sun_azimuth_deg=90.0, cloudiness=0.0)
 """In the east, so that shadows lie in the west."""
-ZOOM = SMALL.model_copy(update={"fov_deg": math.degrees(2.0 * math.atan(0.25 / 10.0))})
-"""0.5 m across 64 pixels at 10 m: 7.8 mm a pixel."""
+NARROW = SMALL.model_copy(
+    update={"width_px": 48, "height_px": 64, "fov_deg": 0.75 * math.degrees(2.0 * math.atan(0.25 / 10.0))}
+)
+"""0.375 m across 48 pixels at 10 m: 7.8 mm a pixel."""
 EDGE_X = -1.0 - 2.0 / math.tan(math.radians(40.0))
 """End of the shadow of the upper edge at x = -1, z = 2."""
 
@@ -153,10 +153,9 @@ def edge_of(profile: np.ndarray) -> tuple[float, float]:
     return float(middle), float(np.sqrt(np.average((place - middle) ** 2, weights=step)))
 
 
-def box_on_ground(*, materials: dict[str, Material] | None = None) -> SceneData:
+def box_on_ground(**rest) -> SceneData:
     """Return a box, 2 m each way, on white ground."""
-    box = box_part("Buildings/box", (2.0, 8.0, 2.0), (0.0, 0.0, 1.0), "m", "building")
-    return arrays_from_parts([ground_part(50.0, 0.0, "m"), box], materials=materials or {"m": lambert(1.0)})
+    return on_ground(box_part("Buildings/box", (2.0, 8.0, 2.0), (0.0, 0.0, 1.0), "m", "building"), albedo=1.0, **rest)
 
 
 def test_edge_of_a_shadow(device: str) -> None:
@@ -164,11 +163,10 @@ def test_edge_of_a_shadow(device: str) -> None:
     sun: a uniform disc of radius R spreads the edge by R / 2 rms. The filter adds to it (the mean over 3 pixels 0.82 px
     rms, in quadrature), and pixels that take the value on which their neighbours agree take from it."""
     sky = even_sky(device, 0.0, sun=SUN_40, klux=100.0)
-    config = ZOOM.model_copy(update={"width_px": 48, "height_px": 64, "fov_deg": ZOOM.fov_deg * 0.75})
-    rendering = render(box_on_ground(), device, at((EDGE_X, 0.0, 10.0, *DOWN)), config=config, sky=sky)
+    rendering = render(box_on_ground(), device, at((EDGE_X, 0.0, 10.0, *DOWN)), config=NARROW, sky=sky)
     profile = profile_of(rendering.one())
     place, spread = edge_of(profile)
-    lens = intrinsics_of(config)
+    lens = intrinsics_of(NARROW)
     assert abs(place - lens.cy) < 1.0
     way = 2.0 / math.sin(math.radians(40.0))
     radius_px = way * SUN_RADIUS / math.sin(math.radians(40.0)) / 10.0 * lens.fx
@@ -182,15 +180,12 @@ def test_shadow_of_a_vehicle_follows_it(device: str) -> None:
     moved = 0.1
     rows = np.array([[pose(0.0, 0.0)], [pose(moved, 0.0)]])
     model = box_model("car", (2.0, 4.0, 2.0), (0.0, 0.0, 1.0))
-    arrays = arrays_from_parts(
-        [ground_part(50.0, 0.0, "m")], [model], [("veh_001", "vehicle", 0)], rows, materials={"m": lambert(1.0)}
-    )
+    arrays = on_ground(albedo=1.0, models=[model], actors=[("veh_001", "vehicle", 0)], poses=rows)
     place = (EDGE_X + 0.05, 0.0, 10.0, *DOWN)
-    config = ZOOM.model_copy(update={"width_px": 48, "height_px": 64, "fov_deg": ZOOM.fov_deg * 0.75})
-    light = render(arrays, device, at(place, place, frame=(0, 1)), config=config, sky=sky).light()["sunny"]
+    light = render(arrays, device, at(place, place, frame=(0, 1)), config=NARROW, sky=sky).light()["sunny"]
     first, second = (edge_of(profile_of(image))[0] for image in light)
     points = np.array([(10.0, 0.0, EDGE_X + dx - place[0]) for dx in (0.0, moved)])
-    expected = project(intrinsics_of(config), points)[:, 1]
+    expected = project(intrinsics_of(NARROW), points)[:, 1]
     np.testing.assert_allclose([first, second], expected, atol=1.0)
 
 
@@ -207,9 +202,9 @@ def test_no_shadows_where_none_are_wanted(device: str) -> None:
     assert (np.abs(plain - lit) < 0.01 * lit).mean() > 0.97
 
 
-def open_share(distance: float, height: float) -> float:
+def open_share(distance: np.ndarray, height: float) -> np.ndarray:
     """Return the sky view factor of level ground before an endless wall: 1 - (1 - cos(elevation of its top)) / 2."""
-    return 0.5 + 0.5 * math.cos(math.atan2(height, distance))
+    return 0.5 + 0.5 * np.cos(np.arctan2(height, distance))
 
 
 @pytest.mark.parametrize("glow", [0.0, 2.0])
@@ -233,7 +228,7 @@ def test_corner_is_darker_by_what_the_wall_hides(device: str, glow: float) -> No
         x, y = rendering.rays[..., 0], rendering.rays[..., 1]
         away = distance - 2.0 * y / -rendering.rays[..., 2]
         assert np.abs(x).max() < 1.0
-        share = np.array([open_share(d, height) for d in away.ravel()]).reshape(away.shape)
+        share = open_share(away, height)
         expected = 0.6 * (3.0 * share + 0.5 * glow * (1.0 - share))
         off = (image[..., 1] - expected) / (0.6 * (3.0 - 0.5 * glow))  # error of the share
         assert abs(off.mean()) < 0.02, distance
@@ -243,20 +238,16 @@ def test_corner_is_darker_by_what_the_wall_hides(device: str, glow: float) -> No
 
 def test_sky_light_without_rays(device: str) -> None:
     """The section says of `sky_light: false`: all of the sky everywhere."""
-    arrays = arrays_from_parts([ground_part(300.0, 0.0, "m")], materials={"m": lambert(0.6)})
+    arrays, views = on_ground(albedo=0.6, half=300.0), at((0.0, 0.0, 5.0, *DOWN))
     config = SMALL.model_copy(update={"sky_light": False})
-    image = render(arrays, device, at((0.0, 0.0, 5.0, *DOWN)), config=config, sky=even_sky(device, 3.0)).one()
+    image = render(arrays, device, views, config=config, sky=even_sky(device, 3.0)).one()
     np.testing.assert_allclose(image, 0.6 * 3.0, rtol=0.01)
 
 
 def test_weathers_with_other_suns_have_their_own_shadows(device: str) -> None:
     """Two weathers of one camera, sun in the east and in the west: each has the shadow that it has alone."""
-    west = replace(SUN_40, sun_azimuth_deg=270.0)
-    weathers = {"east": SUN_40, "west": west}
-    box = box_part("Buildings/box", (2.0, 8.0, 2.0), (0.0, 0.0, 1.0), "m", "building")
-    parts = [ground_part(50.0, 0.0, "m"), box]
-    arrays = arrays_from_parts(parts, materials={"m": lambert(1.0)}, weathers=tuple(weathers))
-    views = at((0.0, 0.0, 20.0, *DOWN))
+    weathers = {"east": SUN_40, "west": replace(SUN_40, sun_azimuth_deg=270.0)}
+    arrays, views = box_on_ground(weathers=tuple(weathers)), at((0.0, 0.0, 20.0, *DOWN))
     together = render(arrays, device, views, weathers=weathers).light()
     rows = together["east"][0, :, 32, 1]
     # Up in the picture is east: the shadow of a sun in the east lies below the box, on row 29, its mirror on row 18.

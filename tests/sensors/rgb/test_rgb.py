@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from PIL import Image
 
 from mmw.config.lens import LensConfig
@@ -22,7 +23,7 @@ from mmw.sensors.render.projection import intrinsics_of, project, unproject
 from mmw.sensors.render.sky.sky import sun_direction
 from mmw.worlds.towns.mesh_part import MeshPart
 from tests.fixtures.material_stages import add_quad, connect, give_uv, preview, stage_in
-from tests.fixtures.rgb_scenes import SMALL, Rendering, at, even_sky, glowing, lambert, matter, render
+from tests.fixtures.rgb_scenes import SMALL, Rendering, at, even_sky, glowing, lambert, matter, on_ground, render
 from tests.fixtures.scenes import arrays_from_parts, box_model, box_part, ground_part, pose, quad_part, street_canyon
 
 MOUNT = (12.0, -7.0, 3.0, 40.0, -10.0, 5.0)
@@ -296,14 +297,10 @@ def test_holes_of_a_cut_out_are_passed_by_all_that_is_seen(device: str, tmp_path
 
 def test_normals_are_those_of_what_is_seen(device: str) -> None:
     """Sensor frame, unit length, towards the camera, zero for the sky; a ball's by geometry."""
-    import trimesh
-
     ball = trimesh.creation.icosphere(subdivisions=4, radius=2.0)
     center = np.array([6.0, 0.5, 0.2])
-    parts = [
-        MeshPart("Props/ball", np.array(ball.vertices) + center, np.array(ball.faces, dtype=np.int32), "m", "static"),
-        ground_part(30.0, -2.0, "m"),
-    ]
+    points, faces = np.array(ball.vertices) + center, np.array(ball.faces, dtype=np.int32)
+    parts = [MeshPart("Props/ball", points, faces, "m", "static"), ground_part(30.0, -2.0, "m")]
     arrays = arrays_from_parts(parts, materials={"m": lambert(0.5)})
     corners = np.zeros((len(arrays.faces), 3, 3), dtype=np.float32)
     corners[: len(ball.faces)] = ((arrays.points[arrays.faces[: len(ball.faces)]] - center) / 2.0).astype(np.float32)
@@ -330,9 +327,6 @@ def test_normals_are_those_of_what_is_seen(device: str) -> None:
 
 def test_flow_of_what_stands_still_is_zero(device: str) -> None:
     box = box_part("Buildings/box", (2.0, 2.0, 2.0), (8.0, 0.0, 1.0), "m", "building")
-    arrays = arrays_from_parts(
-        [ground_part(50.0, 0.0, "m"), box], (), (), np.zeros((3, 0, 7)), materials={"m": lambert(0.5)}
-    )
-    rendering = render(arrays, device, at((0.0, 0.0, 2.0), frame=1))
+    rendering = render(on_ground(box, poses=np.zeros((3, 0, 7))), device, at((0.0, 0.0, 2.0), frame=1))
     assert rendering.camera.flow(rendering.buffer).numpy().shape == (1, 48, 64, 2)
     assert np.abs(rendering.camera.flow(rendering.buffer).numpy()).max() < 1e-4

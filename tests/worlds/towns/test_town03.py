@@ -18,15 +18,16 @@ from mmw.scene.stage.compose import compose_scenario
 from mmw.scene.views import Views, make_views
 from mmw.sensors import DepthCamera, Lidar
 from mmw.sensors.imu.simulate import integrate_imu, measure
-from mmw.sensors.lidar.scan_pattern import lidar_pattern, pinhole, pinhole_directions
+from mmw.sensors.lidar.scan_pattern import lidar_pattern
 from mmw.sensors.lidar.simulate import trace_lidar_hits
+from mmw.sensors.render.projection import intrinsics_of
 from mmw.traffic.demand import TrafficDemand, VehicleTrack
 from mmw.traffic.idm.run import simulate_idm
 from mmw.traffic.roads.town_asset import open_town
 from mmw.usd.vehicle_catalog import load_catalog
 from tests.fixtures.device_rays import loaded
 from tests.fixtures.meshes import edge_distance
-from tests.fixtures.traced_depth import traced_depth
+from tests.fixtures.traced_depth import pixel_rays, traced_depth
 from tests.oracles.tracing import OracleScene, cast_rays, is_ambiguous, oracle_scene, sensor_rays
 
 FRAMES = [0, 250, 500, 1000]
@@ -114,10 +115,10 @@ def test_depth_equals_the_oracle(arrays: SceneData, scene: DeviceScene) -> None:
         on=("cav", "rsu"), width_px=160, height_px=120, mount={"cav": MountConfig(position_m=(1.5, 0, 2.6))}
     )
     views, images = make_views(arrays, FRAMES, config), traced_depth(arrays, scene.device, config, FRAMES)
-    through = pinhole_directions(pinhole(config.width_px, config.height_px, config.fov_deg)).reshape(-1, 3)
-    stretch = np.linalg.norm(through, axis=1)
+    rays = pixel_rays(intrinsics_of(config))
+    stretch = 1.0 / rays[:, 0]
     assert_equals_oracle(
-        arrays, views, through / stretch[:, None], config.range_m * stretch,
+        arrays, views, rays, config.range_m * stretch,
         images.depth_m.reshape(len(views), -1) * stretch, images.object_id.reshape(len(views), -1),
     )  # fmt: skip
 

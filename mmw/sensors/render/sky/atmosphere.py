@@ -151,12 +151,7 @@ def columns(radius: np.ndarray, cosine: np.ndarray) -> np.ndarray:
     rho = np.sqrt(np.maximum(radius**2 - EARTH_M**2, 0.0))
     near = TOP_M - radius
     x = (to_top(radius, cosine) - near) / np.maximum(rho + longest - near, 1.0)
-    row, i = _cell(rho / longest, _HEIGHTS)
-    column, j = _cell(x, _COSINES)
-    row, column = row[..., None], column[..., None]
-    upper = table[i, j] * (1.0 - column) + table[i, j + 1] * column
-    lower = table[i + 1, j] * (1.0 - column) + table[i + 1, j + 1] * column
-    return upper * (1.0 - row) + lower * row
+    return _bilinear(table, rho / longest, x)
 
 
 def transmittance(air: Air, radius: np.ndarray, cosine: np.ndarray) -> np.ndarray:
@@ -177,10 +172,14 @@ def _extinctions(air: Air) -> np.ndarray:
     return np.stack((np.array(air.rayleigh), np.array(air.haze), OZONE_PER_M))
 
 
-def _cell(x: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    x = np.clip(x, 0.0, 1.0) * (count - 1)
-    index = np.minimum(x.astype(int), count - 2)
-    return x - index, index
+def _bilinear(table: np.ndarray, down: np.ndarray, along: np.ndarray) -> np.ndarray:
+    """Return the values of a table [rows, columns, K] at places that are 0 to 1 down and along it, shape [..., K]."""
+    places = [np.clip(x, 0.0, 1.0) * (count - 1) for x, count in zip((down, along), table.shape[:2], strict=True)]
+    i, j = (np.minimum(x.astype(int), count - 2) for x, count in zip(places, table.shape[:2], strict=True))
+    row, column = (places[0] - i)[..., None], (places[1] - j)[..., None]
+    upper = table[i, j] * (1.0 - column) + table[i, j + 1] * column
+    lower = table[i + 1, j] * (1.0 - column) + table[i + 1, j + 1] * column
+    return upper * (1.0 - row) + lower * row
 
 
 def rayleigh_phase(cosine: np.ndarray) -> np.ndarray:
@@ -255,12 +254,7 @@ def scattered(air: Air, radius: np.ndarray, sun_cosine: np.ndarray) -> np.ndarra
     table = multiple_scattering(air)
     height = np.sqrt(np.clip((radius - EARTH_M) / (TOP_M - EARTH_M), 0.0, 1.0))
     signed = np.sign(sun_cosine) * np.sqrt(np.abs(sun_cosine))
-    row, i = _cell(height, _MANY_HEIGHTS)
-    column, j = _cell((signed - _MANY_FROM) / (1.0 - _MANY_FROM), _MANY_COSINES)
-    row, column = row[..., None], column[..., None]
-    upper = table[i, j] * (1.0 - column) + table[i, j + 1] * column
-    lower = table[i + 1, j] * (1.0 - column) + table[i + 1, j + 1] * column
-    return upper * (1.0 - row) + lower * row
+    return _bilinear(table, height, (signed - _MANY_FROM) / (1.0 - _MANY_FROM))
 
 
 def sun_illuminance(air: Air, altitude: float) -> np.ndarray:
