@@ -121,7 +121,6 @@ def channel_config(config: dict) -> ChannelConfig:
         refraction=solver.get("refraction", False),
         diffraction=solver.get("diffraction", False),
         diffraction_lit_region=solver.get("diffraction_lit_region", True),
-        diffraction_model="sionna",
         diffuse_reflection=solver.get("diffuse_reflection", False),
         diffuse_samples=solver.get("samples_per_src", 1000),
         pattern="iso",
@@ -232,12 +231,12 @@ def errors(name: str, device: str) -> Worst:
     channel = channel_config(config)
     wanted = reference["rx"].astype(int) * len(config["tx"]) + reference["tx"]
     if config["solver"].get("synthetic_array", True):
-        paths = solve_paths(scene, links, channel, scene.arrays.materials)
+        paths = solve_paths(scene, links, channel, scene.arrays.materials, diffraction_model="sionna")
         compare(paths, antenna_gains(paths, links, config, phased=True), wanted, reference, case, links, worst)
         return worst
     arrays = case_array(config["tx_array"]), case_array(config["rx_array"])
     expanded, link, rx_element, tx_element = per_element_links(links, *arrays, config["frequency"])
-    paths = solve_paths(scene, expanded, channel, scene.arrays.materials)
+    paths = solve_paths(scene, expanded, channel, scene.arrays.materials, diffraction_model="sionna")
     gains = antenna_gains(paths, expanded, config, phased=False)
     rx_part, rx_own = np.divmod(reference["rx_ant"].astype(int), arrays[1].element_count)
     tx_part, tx_own = np.divmod(reference["tx_ant"].astype(int), arrays[0].element_count)
