@@ -311,11 +311,3 @@ def test_errors() -> None:
     weather = ["sunny"] * (len(table) - 1) + ["rainy"]
     with pytest.raises(ValueError, match="town rainy, town sunny; tracks need one"):
         tracks_from_table(table.set_column(table.column_names.index("weather"), "weather", pa.array(weather)))
-
-
-def test_memory_needs_its_weather_and_carrier(device: str) -> None:
-    links, paths = trace(street(np.zeros(1)), device)
-    with pytest.raises(ValueError, match="the paths have sunny"):
-        tracks_from_paths(links, paths, "rainy", CARRIER)
-    with pytest.raises(ValueError, match=r"the paths have 2.8e\+10, 4.9e\+09 Hz"):
-        tracks_from_paths(links, paths, "sunny", 6e9)
