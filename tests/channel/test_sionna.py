@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import trimesh
 
 from mmw.channel.antennas.array_response import apply_arrays
 from mmw.channel.antennas.arrays import PlanarArray
@@ -30,17 +29,12 @@ from mmw.scene.device_scene import DeviceScene
 from mmw.scene.scene_data import Prototype
 from mmw.worlds.towns.mesh_part import MeshPart
 from tests.fixtures.device_rays import loaded
-from tests.fixtures.scenes import arrays_from_parts
+from tests.fixtures.scenes import arrays_from_parts, load_ply
 from tests.oracles.sionna import FOLDER, MANIFEST, read_case, used_material
 
 CASES = sorted(MANIFEST)
 BODY = pose_from_ypr([3.0, -2.0, 0.5], 0.4, 0.1, -0.2)
 """Frame that moving objects get, so that nothing about an instance is the identity."""
-
-
-def load_ply(name: str) -> tuple[np.ndarray, np.ndarray]:
-    mesh = trimesh.load_mesh(FOLDER / name, process=False)
-    return np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces, dtype=np.int32)
 
 
 def reference_scene(case: dict, device: str) -> DeviceScene:
@@ -52,7 +46,7 @@ def reference_scene(case: dict, device: str) -> DeviceScene:
     names, steps = list(materials), np.arange(-1, 2)[:, None] * 0.01
     parts, models, actors, poses = [], [], [], []
     for item in spec.get("objects", []):
-        name, (points, faces) = item["name"], load_ply(item["ply"])
+        name, (points, faces) = item["name"], load_ply(FOLDER / item["ply"])
         if name in velocity:
             ids = np.full(len(faces), names.index(item["material"]), dtype=np.int32)
             surface = find_surfaces(points, faces, np.zeros_like(ids), ids)

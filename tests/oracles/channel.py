@@ -19,7 +19,7 @@ from mmw.physics.materials.permittivity import relative_permittivity
 from mmw.scene.scene_data import SceneData
 from mmw.worlds.towns.mesh_part import MeshPart
 from tests.fixtures.device_rays import loaded
-from tests.fixtures.scenes import arrays_from_parts, pose
+from tests.fixtures.scenes import arrays_from_parts, box_model, pose, street_canyon
 from tests.oracles.tracing import OracleScene, oracle_scene, triangle_hits
 
 SPECULAR, DIFFUSE, TRANSMISSION, DIFFRACTION = 1, 2, 4, 8
@@ -70,6 +70,12 @@ def driving(times: np.ndarray, truck_y: float = 6.5) -> np.ndarray:
             ]
         )
     return np.array(rows)
+
+
+def traffic(poses: np.ndarray, paint: int = 3) -> SceneData:
+    """Return `DRIVING` in the street canyon; `paint` is the material of the truck."""
+    models = (box_model("sedan", material=3), box_model("truck", (8.0, 2.5, 3.5), (0.5, 0.0, 1.75), material=paint))
+    return street_canyon(models, DRIVING, poses)
 
 
 def solve(
