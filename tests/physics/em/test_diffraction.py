@@ -129,11 +129,7 @@ def at_the_edge(paths: PathSet) -> np.ndarray:
 
 def field_at(paths: PathSet, link: int, dipole: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the sum of all field vectors at a receiver [3], and that of the line of sight, for a short dipole."""
-    fields = {
-        PATH_LOS: np.zeros(3, complex),
-        PATH_SPECULAR: np.zeros(3, complex),
-        PATH_DIFFRACTION: np.zeros(3, complex),
-    }
+    fields = {kind: np.zeros(3, complex) for kind in (PATH_LOS, PATH_SPECULAR, PATH_DIFFRACTION)}
     for p in np.nonzero((paths.link == link) & at_the_edge(paths))[0]:
         sent, received = (
             oracle.sphere_axes(np.array([np.sin(t) * np.cos(f), np.sin(t) * np.sin(f), np.cos(t)]))
