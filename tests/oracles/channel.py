@@ -59,16 +59,15 @@ DRIVING = (("cav_1", "cav", 0), ("cav_2", "cav", 0), ("veh_001", "vehicle", 1), 
 
 def driving(times: np.ndarray, truck_y: float = 6.5) -> np.ndarray:
     """Return poses of two CAVs, a turning truck and a roadside unit in a street along x, shape [times, 4, 7]."""
-    rows = []
-    for t in times:
-        rows.append(
-            [
-                pose_from_ypr([-20 + 12 * t, -3 + 0.5 * t, 0.02 * t], 0.05 + 0.3 * t, 0.01, 0.02 * t),
-                pose_from_ypr([15 - 9 * t, 3.0, 0.0], np.pi - 0.2 * t),
-                pose_from_ypr([-2 + 5 * t, truck_y - t, 0.0], 0.15 + 0.6 * t),
-                np.array(pose(0.0, -9.0, 5.0)),
-            ]
-        )
+    rows = [
+        [
+            pose_from_ypr([-20 + 12 * t, -3 + 0.5 * t, 0.02 * t], 0.05 + 0.3 * t, 0.01, 0.02 * t),
+            pose_from_ypr([15 - 9 * t, 3.0, 0.0], np.pi - 0.2 * t),
+            pose_from_ypr([-2 + 5 * t, truck_y - t, 0.0], 0.15 + 0.6 * t),
+            np.array(pose(0.0, -9.0, 5.0)),
+        ]
+        for t in times
+    ]
     return np.array(rows)
 
 
