@@ -99,25 +99,3 @@ def surface_velocity(scene: Scene, batch_index: int, instance: int, face: int, p
     if instance >= 0:
         result = velocity_on(scene, batch_index, instance, face, scene.instance_pose[batch_index, instance], point)
     return result
-
-
-@wp.func
-def surface_velocity_at(
-    scene: Scene, batch_index: int, instance: int, face: int, point: wp.vec3, time_offset: float
-) -> wp.vec3:
-    """Return the velocity of a surface point some time after its frame, scene frame [m/s]; see `surface_velocity`.
-
-    Args:
-        scene: Town and vehicles.
-        batch_index: Position of the frame in the batch.
-        instance: Instance of the surface, -1 for the town.
-        face: Face of the instance's model; not read for the town.
-        point: Where the surface point is at that time, scene frame [m].
-        time_offset: Time after the frame [s], negative for before, as of `trace.closest_hit_at`.
-    """
-    result = wp.vec3()
-    if instance >= 0:
-        result = velocity_on(
-            scene, batch_index, instance, face, instance_pose_at(scene, batch_index, instance, time_offset), point
-        )
-    return result

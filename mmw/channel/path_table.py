@@ -227,10 +227,7 @@ def rows_from_paths(
         tau=paths.tau,
         transfer=paths.transfer[weather][:, column[0]],
         a=paths.a[weather][:, column[0]],
-        theta_t=paths.theta_t,
-        phi_t=paths.phi_t,
-        theta_r=paths.theta_r,
-        phi_r=paths.phi_r,
+        **{name: getattr(paths, name) for name in ("theta_t", "phi_t", "theta_r", "phi_r")},
         doppler_hz=paths.doppler_hz[:, column[0]],
     )
 

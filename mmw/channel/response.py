@@ -120,7 +120,7 @@ def frequency_response(
         weights /= len(frequencies)
     else:
         weights = np.exp(-2j * np.pi * tau[:, None] * frequencies)
-    response = _sum(a, paths, turn[..., None] * weights.reshape(len(paths), *(1,) * (turn.ndim - 1), weights.shape[1]))
+    response = _sum(a, paths, turn, weights)
     if normalize:
         axes = tuple(range(1, response.ndim))
         scale = np.sqrt(np.mean(np.abs(response) ** 2, axis=axes, keepdims=True))
@@ -163,7 +163,7 @@ def taps(
         raise InputError(f"taps: l_min = {l_min}, l_max = {l_max}, W = {bandwidth_hz:g} Hz; l_min <= l_max and W > 0")
     turn = _rotation(a, paths, carrier_hz, np.asarray(time_s, dtype=np.float64), carrier_phase, normalize_delays)
     shape = np.sinc(np.arange(l_min, l_max + 1) - bandwidth_hz * delays(paths, normalize_delays)[:, None])
-    return _sum(a, paths, turn[..., None] * shape.reshape(len(paths), *(1,) * (turn.ndim - 1), shape.shape[1]))
+    return _sum(a, paths, turn, shape)
 
 
 def impulse_response(
@@ -222,10 +222,11 @@ def _rotation(
     return np.exp(2j * np.pi * cycles)
 
 
-def _sum(a: np.ndarray, paths: Paths, weights: np.ndarray) -> np.ndarray:
-    """Return the sums over each link's paths of a [P, N_r, N_t] times weights [P, ..., K], [L, N_r, N_t, ..., K]."""
+def _sum(a: np.ndarray, paths: Paths, turn: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Return the sums over each link's paths of a [P, N_r, N_t] turn [P, ...] weights [P, K], [L, N_r, N_t, ..., K]."""
     if a.ndim != 3:
         raise InputError(f"a has shape {a.shape}; it is [P, N_r, N_t]")
+    weights = turn[..., None] * weights.reshape(len(paths), *(1,) * (turn.ndim - 1), weights.shape[1])
     flat = weights.reshape(len(paths), int(np.prod(weights.shape[1:])))
     out = np.zeros((paths.link_count, a.shape[1] * a.shape[2], flat.shape[1]), dtype=np.complex128)
     for links, path in _equal_links(paths):

@@ -36,14 +36,6 @@ class ChannelConfig(Section):
     diffraction_lit_region: bool = Field(
         True, description="diffracted paths also where the source or its reflection is seen (true or false)"
     )
-    diffraction_sheets: bool = Field(
-        False,
-        description="diffraction also at the edges of open sheets, such as a wall without thickness (true or false)",
-    )
-    diffraction_model: Literal["utd", "sionna"] = Field(
-        "utd",
-        description="field of a wedge: `utd`, right for conductors, or `sionna`, as Sionna RT 2.2 (name)",
-    )
     diffuse_reflection: bool = Field(
         False, description="scattering at one rough surface, materials with a scattering coefficient (true or false)"
     )

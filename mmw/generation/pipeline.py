@@ -51,9 +51,7 @@ def make_batch(
     check_mounts(scene, config)
     surfaces = None
     if config.channel.enabled and with_channel:
-        surfaces = make_surface_table(
-            scene, wedges=config.channel.diffraction, sheets=config.channel.diffraction_sheets
-        )
+        surfaces = make_surface_table(scene, wedges=config.channel.diffraction)
         check_channel_materials(arrays.materials, np.unique(surfaces.material_id), config.channel)
     return Batch(config, scenario, arrays, differentiate(arrays.poses), scene, surfaces, pool, timer)
 

@@ -14,9 +14,9 @@ from mmw.core.transforms import pose_from_ypr, transform_points
 from mmw.physics.materials.material import RadioMaterial
 from mmw.scene.scene_data import SceneData
 from tests.fixtures.device_rays import loaded
-from tests.fixtures.scenes import arrays_from_parts, box_model, ground_part, pose, quad_part, street_canyon, wall_part
+from tests.fixtures.scenes import arrays_from_parts, box_model, ground_part, pose, quad_part, wall_part
 from tests.oracles import channel as oracle
-from tests.oracles.channel import DIFFRACTION, DRIVING
+from tests.oracles.channel import DIFFRACTION
 
 CARRIERS = (28e9, 4.9e9)
 
@@ -69,15 +69,9 @@ def test_two_rays_over_ground(eps_r: float, sigma: float, polarization: str, dev
         np.testing.assert_allclose(paths.vertex[1, 0], [distance * 6.0 / 7.5, 0, 0], atol=1e-12)
 
 
-def traffic(frame_count: int = 5, paint: int = 3) -> SceneData:
-    """Two CAVs, a turning truck and a roadside unit in the canyon, at street speeds; material of the truck: `paint`."""
-    models = (box_model("sedan", material=3), box_model("truck", (8.0, 2.5, 3.5), (0.5, 0.0, 1.75), material=paint))
-    return street_canyon(models, DRIVING, oracle.driving(FRAME_DT * np.arange(frame_count)))
-
-
 def deep_traffic(frame_count: int = 5, paint: int = 4) -> SceneData:
-    """Return the same with panes that let waves through, and cars that conduct perfectly; the truck is of panes."""
-    arrays = traffic(frame_count, paint)
+    """Return traffic with panes that let waves through, and cars that conduct perfectly; the truck is of panes."""
+    arrays = oracle.traffic(oracle.driving(FRAME_DT * np.arange(frame_count)), paint)
     described = list(arrays.materials["sunny"])
     for index, change in ((2, {"thickness": 0.012}), (4, {"thickness": 0.006}), (3, {"itu": "itu_pec"})):
         described[index] = replace(described[index], radio=replace(described[index].radio, **change))

@@ -15,8 +15,8 @@ from mmw.core.constants import FRAME_DT, SPEED_OF_LIGHT
 from mmw.core.transforms import pose_from_ypr
 from mmw.scene.scene_data import SceneData
 from tests.fixtures.path_tables import CARRIER, path_table, sight
-from tests.fixtures.scenes import box_model, pose, street_canyon
-from tests.oracles.channel import channel, solve
+from tests.fixtures.scenes import pose
+from tests.oracles.channel import channel, solve, traffic
 
 FRAMES = 61
 EXACT = SAMPLE_COLUMNS[1:]
@@ -24,8 +24,6 @@ EXACT = SAMPLE_COLUMNS[1:]
 
 def street(times: np.ndarray) -> SceneData:
     """Two CAVs that brake, swerve and roll, a turning truck whose side becomes a mirror, and a roadside unit."""
-    models = (box_model("sedan", material=3), box_model("truck", (8.0, 2.5, 3.5), (0.5, 0.0, 1.75), material=3))
-    actors = [("cav_1", "cav", 0), ("cav_2", "cav", 0), ("veh_001", "vehicle", 1), ("rsu_1", "rsu", -1)]
     rows = []
     for t in times:
         x, swerve, tilt = -8 + 15 * t - 2 * t**2, np.sin(2 * t), 0.02 * np.sin(8 * t)
@@ -37,7 +35,7 @@ def street(times: np.ndarray) -> SceneData:
                 np.array(pose(0.0, -9.0, 5.0)),
             ]
         )
-    return street_canyon(models, actors, np.array(rows))
+    return traffic(np.array(rows))
 
 
 def trace(arrays: SceneData, device: str) -> tuple[Links, PathSet]:
@@ -311,11 +309,3 @@ def test_errors() -> None:
     weather = ["sunny"] * (len(table) - 1) + ["rainy"]
     with pytest.raises(ValueError, match="town rainy, town sunny; tracks need one"):
         tracks_from_table(table.set_column(table.column_names.index("weather"), "weather", pa.array(weather)))
-
-
-def test_memory_needs_its_weather_and_carrier(device: str) -> None:
-    links, paths = trace(street(np.zeros(1)), device)
-    with pytest.raises(ValueError, match="the paths have sunny"):
-        tracks_from_paths(links, paths, "rainy", CARRIER)
-    with pytest.raises(ValueError, match=r"the paths have 2.8e\+10, 4.9e\+09 Hz"):
-        tracks_from_paths(links, paths, "sunny", 6e9)

@@ -1,37 +1,20 @@
 """Frequency responses, taps and impulse responses against closed forms, sums written out, and Sionna RT."""
 
-from pathlib import Path
-
 import numpy as np
-import pyarrow as pa
-import pyarrow.compute as pc
-import pyarrow.parquet as pq
 import pytest
 
 from mmw.channel import (
-    LINK_COLUMNS,
     PATH_COLUMNS,
     Paths,
-    apply_arrays,
-    beam_gains,
-    best_beams,
     complex_gain,
-    dft_codebook,
     frequency_response,
     impulse_response,
-    rotations_from_poses,
     subcarrier_frequencies,
     taps,
-    ula,
 )
 from mmw.core.constants import SPEED_OF_LIGHT
-from mmw.dataset import open_dataset
-from mmw.storage.manifest import prepare_root
-from tests.fixtures.path_tables import CARRIER, link_table, path_table, pose_table, two_paths
-from tests.fixtures.shards import IDENTITY, META
+from tests.fixtures.path_tables import CARRIER, path_table, two_paths
 from tests.oracles.sionna import read_case
-
-ROOT = Path(__file__).resolve().parents[2]
 
 
 def random_rows() -> tuple[Paths, np.ndarray]:
@@ -221,46 +204,3 @@ def test_sionna_fun_cir_cfr_taps() -> None:
             assert worst < max(bound, 5e-4)  # single paths carry float32 phases of their own
         unit = frequency_response(a, paths, case["freqs"], CARRIER, [0.0], normalize_delays=True, normalize=True)
         assert error(unit, "cfr_unit_energy") < relative
-
-
-@pytest.fixture(scope="module")
-def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Write a folder with the columns of `paths`, `links` and `poses` that CSI needs: two scenarios, two carriers."""
-    root = tmp_path_factory.mktemp("csi") / "dataset"
-    prepare_root(root, IDENTITY, META["config_sha256"], {"mmw": "0.1.0"}, False)
-    paths = path_table(200)
-    paths = paths.append_column("path", pa.array(range(len(paths)), pa.int16()))
-    for name, table in (("paths", paths), ("links", link_table(paths)), ("poses", pose_table())):
-        for scenario in ("town_a", "town_b"):
-            folder = root / name / f"scenario={scenario}" / "weather=sunny"
-            folder.mkdir(parents=True)
-            rows = table.filter(pc.equal(table["scenario"].cast("string"), scenario))
-            pq.write_table(rows, folder / "part-000000.parquet")
-    return root
-
-
-def test_dataset_to_response_and_back(dataset: Path) -> None:
-    """Rows on disk -> Paths -> H equals a loop over the rows, and a link without a path is there with H = 0."""
-    data = open_dataset(dataset)
-    links = data.read("links", columns=LINK_COLUMNS)
-    paths = Paths.from_table(data.read("paths", columns=PATH_COLUMNS), 28e9, links)
-    f = subcarrier_frequencies(5, 1e6)
-    h = frequency_response(paths.a[:, None, None], paths, f, 28e9)[:, 0, 0]
-    expected = {}
-    for row in data.read("paths").to_pylist():
-        key = tuple(row[name] for name in LINK_COLUMNS)
-        value = (row["a_re"] + 1j * row["a_im"]) * np.exp(-2j * np.pi * (28e9 + f) * row["tau_s"])
-        expected[key] = expected.get(key, 0) + value
-    wanted = [row for row in links.to_pylist() if row["carrier_hz"] == 28e9]
-    assert len(wanted) == paths.link_count > 15
-    for link, row in enumerate(wanted):
-        key = tuple(row[name] for name in LINK_COLUMNS)
-        assert (paths.path_count[link] == 0) == (key not in expected)
-        np.testing.assert_allclose(h[link], expected.get(key, np.zeros(5)), atol=1e-9)
-    assert (paths.path_count == 0).sum() == 1
-    poses = data.read("poses")
-    turns = [rotations_from_poses(poses, paths, end) for end in ("tx", "rx")]
-    a = apply_arrays(paths, ula(8), ula(4), 28e9, *turns)
-    h = frequency_response(a, paths, f, 28e9, average=True)
-    best = best_beams(beam_gains(h, dft_codebook(ula(8), 16), dft_codebook(ula(4), 16)))
-    np.testing.assert_array_equal(best.tx_beam < 0, paths.path_count == 0)

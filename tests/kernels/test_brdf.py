@@ -52,12 +52,8 @@ def surface(
 ) -> tuple[SurfacePoint, Appearance]:
     surface_point, appearance = SurfacePoint(), Appearance()
     surface_point.normal = surface_point.shading_normal = wp.vec3(0.0, 0.0, 1.0)
-    surface_point.color, surface_point.roughness, surface_point.metallic, surface_point.opacity = (
-        wp.vec3(*color),
-        roughness,
-        metallic,
-        opacity,
-    )
+    surface_point.color, surface_point.opacity = wp.vec3(*color), opacity
+    surface_point.roughness, surface_point.metallic = roughness, metallic
     appearance.normal_reflectance, appearance.clearcoat, appearance.clearcoat_roughness = f0, coat, coat_roughness
     return surface_point, appearance
 

@@ -17,6 +17,7 @@ from mmw.scene.device_scene import DeviceScene
 from mmw.scene.reader import read_stage
 from mmw.scene.scene_data import SceneData
 from mmw.sensors.render.appearance_buffers import AppearanceArrays
+from tests.fixtures.kernels import launched
 from tests.fixtures.material_stages import add_quad, connect, corner_image, give_uv, preview, stage_in
 from tests.fixtures.stages import add_polygons, animate
 
@@ -58,11 +59,8 @@ class TracedPoints:
         origins = np.asarray(origins, dtype=np.float32).reshape(-1, 3) - scene.origin
         directions = np.broadcast_to(np.asarray(directions, dtype=np.float64), origins.shape)
         directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
-        rays = [wp.array(v.astype(np.float32), dtype=wp.vec3, device=device) for v in (origins, directions)]
-        out = [wp.zeros(len(origins), dtype=kind, device=device) for kind in (SurfacePoint, wp.vec3, wp.bool)]
-        inputs = [scene.struct, self.appearance.for_weather(weather), *rays, spread]
-        wp.launch(surface_point_kernel, dim=len(origins), inputs=inputs, outputs=out, device=device, block_dim=64)
-        self.surface_point, self.normal, self.is_hole = (array.numpy() for array in out)
+        inputs = [scene.struct, self.appearance.for_weather(weather), origins, directions, spread]
+        self.surface_point, self.normal, self.is_hole = launched(surface_point_kernel, len(origins), inputs, device)
         self.direction = directions
 
     def __getattr__(self, name: str) -> np.ndarray:

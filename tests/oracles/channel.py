@@ -19,7 +19,7 @@ from mmw.physics.materials.permittivity import relative_permittivity
 from mmw.scene.scene_data import SceneData
 from mmw.worlds.towns.mesh_part import MeshPart
 from tests.fixtures.device_rays import loaded
-from tests.fixtures.scenes import arrays_from_parts, pose
+from tests.fixtures.scenes import arrays_from_parts, box_model, pose, street_canyon
 from tests.oracles.tracing import OracleScene, oracle_scene, triangle_hits
 
 SPECULAR, DIFFUSE, TRANSMISSION, DIFFRACTION = 1, 2, 4, 8
@@ -59,17 +59,22 @@ DRIVING = (("cav_1", "cav", 0), ("cav_2", "cav", 0), ("veh_001", "vehicle", 1), 
 
 def driving(times: np.ndarray, truck_y: float = 6.5) -> np.ndarray:
     """Return poses of two CAVs, a turning truck and a roadside unit in a street along x, shape [times, 4, 7]."""
-    rows = []
-    for t in times:
-        rows.append(
-            [
-                pose_from_ypr([-20 + 12 * t, -3 + 0.5 * t, 0.02 * t], 0.05 + 0.3 * t, 0.01, 0.02 * t),
-                pose_from_ypr([15 - 9 * t, 3.0, 0.0], np.pi - 0.2 * t),
-                pose_from_ypr([-2 + 5 * t, truck_y - t, 0.0], 0.15 + 0.6 * t),
-                np.array(pose(0.0, -9.0, 5.0)),
-            ]
-        )
+    rows = [
+        [
+            pose_from_ypr([-20 + 12 * t, -3 + 0.5 * t, 0.02 * t], 0.05 + 0.3 * t, 0.01, 0.02 * t),
+            pose_from_ypr([15 - 9 * t, 3.0, 0.0], np.pi - 0.2 * t),
+            pose_from_ypr([-2 + 5 * t, truck_y - t, 0.0], 0.15 + 0.6 * t),
+            np.array(pose(0.0, -9.0, 5.0)),
+        ]
+        for t in times
+    ]
     return np.array(rows)
+
+
+def traffic(poses: np.ndarray, paint: int = 3) -> SceneData:
+    """Return `DRIVING` in the street canyon; `paint` is the material of the truck."""
+    models = (box_model("sedan", material=3), box_model("truck", (8.0, 2.5, 3.5), (0.5, 0.0, 1.75), material=paint))
+    return street_canyon(models, DRIVING, poses)
 
 
 def solve(

@@ -1,5 +1,7 @@
 """Expand links of arrays to a link for every pair of elements, for exact tracing."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from mmw.channel.antennas.arrays import PlanarArray
@@ -36,13 +38,5 @@ def per_element_links(
         moved = rotate(side.rotation[link], offset[element])
         return RadioDevices(side.position[link] + moved, side.rotation[link] @ array.rotation, side.velocity[link])
 
-    expanded = Links(
-        frame=links.frame[link],
-        batch_index=links.batch_index[link],
-        kind=links.kind[link],
-        tx_actor=links.tx_actor[link],
-        rx_actor=links.rx_actor[link],
-        tx=ends(links.tx, tx_array, tx_element),
-        rx=ends(links.rx, rx_array, rx_element),
-    )
-    return expanded, link, rx_element, tx_element
+    tx, rx = ends(links.tx, tx_array, tx_element), ends(links.rx, rx_array, rx_element)
+    return replace(links.take(link), tx=tx, rx=rx), link, rx_element, tx_element

@@ -165,12 +165,5 @@ def _joined(
     first = np.flatnonzero(is_new)
     last = np.append(first[1:], len(order)) - 1
     first_piece, last_piece = order[first], order[last]
-    return (
-        begin[first_piece],
-        end[last_piece],
-        n0[first_piece],
-        nn[first_piece],
-        away[first_piece],
-        s0[first_piece].astype(np.int32),
-        sn[first_piece].astype(np.int32),
-    )
+    vectors, ids = ([values[first_piece] for values in columns] for columns in ((n0, nn, away), (s0, sn)))
+    return (begin[first_piece], end[last_piece], *vectors, *(values.astype(np.int32) for values in ids))

@@ -52,8 +52,8 @@ def add_reversed_links(paths: PathSet, links: Links, traced: np.ndarray, reverse
     Args:
         paths: Paths of the traced links; `link` counts among them.
         links: All links.
-        traced: What `one_way` returns.
-        reverse_of: What `one_way` returns.
+        traced: Rows of the traced links, from `unique_links`.
+        reverse_of: Row of the traced link that each link is the reverse of, from `unique_links`.
     """
     backward = np.flatnonzero(reverse_of >= 0)
     begin = np.cumsum(paths.count) - paths.count

@@ -18,7 +18,7 @@ from mmw.core.errors import InputError
 from mmw.core.kinematics import differentiate_rows
 from mmw.core.transforms import rotate
 from mmw.physics.em.attenuation import path_loss_db
-from mmw.physics.em.diffraction import WedgeHits, is_lit
+from mmw.physics.em.diffraction import DiffractionModel, WedgeHits, is_lit
 from mmw.physics.em.field import PathGeometry, combine, path_geometry
 from mmw.physics.em.interaction import DIFFRACTION, DIFFUSE
 from mmw.physics.em.path_gain import Interactions, path_transfer
@@ -57,6 +57,8 @@ def solve_paths(
     materials: dict[str, tuple[Material, ...]],
     table: SurfaceTable | None = None,
     air: Mapping[str, Weather] | None = None,
+    *,
+    diffraction_model: DiffractionModel = "utd",
 ) -> PathSet:
     """Return the paths of the links, for every weather and carrier.
 
@@ -70,6 +72,7 @@ def solve_paths(
         materials: Weather -> materials by id, for the weathers that are wanted.
         table: Surfaces of the scene, from `make_surface_table`; made here when not given.
         air: Weather -> state of the air; a weather that is not there has air without losses.
+        diffraction_model: Field of a wedge; `sionna` is for comparisons with Sionna RT.
 
     Returns:
         The paths, sorted by (link, order, kinds, surfaces).
@@ -82,16 +85,16 @@ def solve_paths(
     """
     scene.check_loaded("link", links.batch_index, links.frame)
     if table is None:
-        table = make_surface_table(scene, wedges=config.diffraction, sheets=config.diffraction_sheets)
+        table = make_surface_table(scene, wedges=config.diffraction)
     if config.diffraction and not table.has_wedges:
         raise ValueError("channel.diffraction: the surface table has no wedges; make it with wedges=True")
     check_channel_materials(materials, np.unique(table.material_id), config)
     traced, reverse_of = unique_links(links) if config.is_reciprocal else (np.arange(len(links)), np.zeros(0))
     if len(traced) == len(links):
-        return _solve(Search(scene, links, config, table), materials, air)
+        return _solve(Search(scene, links, config, table), materials, air, diffraction_model)
     is_pair = np.zeros(len(traced), dtype=bool)
     is_pair[reverse_of[reverse_of >= 0]] = True
-    paths = _solve(Search(scene, links.take(traced), config, table), materials, air, is_pair)
+    paths = _solve(Search(scene, links.take(traced), config, table), materials, air, diffraction_model, is_pair)
     return add_reversed_links(paths, links, traced, reverse_of)
 
 
@@ -120,6 +123,7 @@ def _solve(
     search: Search,
     materials: dict[str, tuple[Material, ...]],
     air: Mapping[str, Weather] | None,
+    diffraction_model: DiffractionModel,
     is_pair: np.ndarray | None = None,
 ) -> PathSet:
     """Return the paths of links of which none is the reverse of another; those of `is_pair` stand for both."""
@@ -131,7 +135,7 @@ def _solve(
         keep[interactions.wedges.path[is_lit(geometry, interactions.wedges)]] = False
         found = found.take(np.nonzero(keep)[0])
         geometry, interactions = _geometry(search, found)
-    transfer, a, loss_db = _gains(search, materials, air, found, geometry, interactions)
+    transfer, a, loss_db = _gains(search, materials, air, diffraction_model, found, geometry, interactions)
     is_there = found.kind != 0
     return PathSet(
         carriers_hz=np.array(config.carriers_hz),
@@ -146,10 +150,7 @@ def _solve(
         vertex=found.vertex,
         normal=found.normal,
         tau=geometry.length / SPEED_OF_LIGHT,
-        theta_t=geometry.theta_t,
-        phi_t=geometry.phi_t,
-        theta_r=geometry.theta_r,
-        phi_r=geometry.phi_r,
+        **{name: getattr(geometry, name) for name in ("theta_t", "phi_t", "theta_r", "phi_r")},
         range_rate=_range_rate(search, found, geometry),
         count=np.bincount(found.link, minlength=len(links)).astype(np.int32),
         transfer=transfer,
@@ -221,6 +222,7 @@ def _gains(
     search: Search,
     materials: dict[str, tuple[Material, ...]],
     air: Mapping[str, Weather] | None,
+    diffraction_model: DiffractionModel,
     found: TracedPaths,
     geometry: PathGeometry,
     interactions: Interactions,
@@ -239,7 +241,7 @@ def _gains(
             loss_db[weather] = path_loss_db(air[weather], config.carriers_hz, geometry.length, elevation, tilt)
         remaining = 10.0 ** (-sum(loss_db[weather].values()) / 20.0)
         transfer[weather] = (
-            path_transfer(geometry, interactions, by_id, config.carriers_hz, config.diffraction_model)
+            path_transfer(geometry, interactions, by_id, config.carriers_hz, diffraction_model)
             * remaining[:, :, None, None]
         )
         columns = [

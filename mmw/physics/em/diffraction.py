@@ -117,13 +117,8 @@ def wedge_matrices(
     minus, plus = phi_out - phi_in, phi_out + phi_in
     d1, d2 = (scale * _term(minus, sign, n, reach) for sign in (1.0, -1.0))
     d3, d4 = (scale * _term(plus, sign, n, reach) for sign in (1.0, -1.0))
-    faces = []
-    for column, own in enumerate((hits.normal_0, hits.normal_n)):
-        faces.append(
-            _face(
-                k_in, hits.edge, own, permittivity[:, column], thickness[:, column], scattering[:, column], carrier_hz
-            )
-        )
+    described = zip((hits.normal_0, hits.normal_n), permittivity.T, thickness.T, scattering.T, strict=True)
+    faces = [_face(k_in, hits.edge, *face, carrier_hz) for face in described]
     swapped = swap[:, None, None]
     r_0, r_n = np.where(swapped, faces[1], faces[0]), np.where(swapped, faces[0], faces[1])
     d1, d2, d3, d4 = (d[:, None, None] for d in (d1, d2, d3, d4))

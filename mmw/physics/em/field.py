@@ -109,18 +109,8 @@ def path_geometry(
         turn[:, k] = np.where((k > order)[:, None, None], np.eye(2), _turn(into, outgoing))
         incoming[:, k], outgoing = into, np.where((kind == 0)[:, None, None], end_basis, out)
     turn[:, depth] = np.where((depth > order)[:, None, None], np.eye(2), _turn(end_basis, outgoing))
-    return PathGeometry(
-        interaction=interaction,
-        direction=direction,
-        segment_length=segment_length,
-        cosine=cosine,
-        incoming=incoming,
-        turn=turn,
-        theta_t=theta_t,
-        phi_t=phi_t,
-        theta_r=theta_r,
-        phi_r=phi_r,
-    )
+    angles = theta_t, phi_t, theta_r, phi_r
+    return PathGeometry(interaction, direction, segment_length, cosine, incoming, turn, *angles)
 
 
 def _turn(into: np.ndarray, out: np.ndarray) -> np.ndarray:

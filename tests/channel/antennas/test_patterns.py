@@ -169,3 +169,5 @@ def test_slants(model: str) -> None:
         antenna_field(away, turns, "iso", "Z", model)
     with pytest.raises(ValueError, match="finite"):
         antenna_field(away, turns, "iso", (np.inf,), model)
+    with pytest.raises(ValueError, match="'horn'; known patterns are iso"):
+        pattern_amplitude("horn", theta, phi)

@@ -1,5 +1,6 @@
 """Rain, fog and gas against ITU's own validation values, and what a path loses in a weather."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -61,8 +62,7 @@ def test_fog_coefficient() -> None:
         (lambda: path_loss_db(PRESETS["foggy"], [300e9], np.ones(1), np.zeros(1)), r"fog .* 300 GHz"),
     ],
 )
-def test_carriers_outside_the_range(call: object, message: str) -> None:
-    assert callable(call)
+def test_carriers_outside_the_range(call: Callable[[], object], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         call()
 

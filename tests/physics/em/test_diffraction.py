@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 from scipy.special import fresnel, hankel2, wofz
 
+from mmw.channel.links import make_links
 from mmw.channel.path_solver.edge_table import find_wedges
+from mmw.channel.path_solver.solver import solve_paths
 from mmw.channel.path_solver.surface_table import make_surface_table
 from mmw.channel.paths import PATH_DIFFRACTION, PATH_LOS, PATH_SPECULAR, PathSet
 from mmw.core.constants import SPEED_OF_LIGHT
@@ -127,11 +129,7 @@ def at_the_edge(paths: PathSet) -> np.ndarray:
 
 def field_at(paths: PathSet, link: int, dipole: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the sum of all field vectors at a receiver [3], and that of the line of sight, for a short dipole."""
-    fields = {
-        PATH_LOS: np.zeros(3, complex),
-        PATH_SPECULAR: np.zeros(3, complex),
-        PATH_DIFFRACTION: np.zeros(3, complex),
-    }
+    fields = {kind: np.zeros(3, complex) for kind in (PATH_LOS, PATH_SPECULAR, PATH_DIFFRACTION)}
     for p in np.nonzero((paths.link == link) & at_the_edge(paths))[0]:
         sent, received = (
             oracle.sphere_axes(np.array([np.sin(t) * np.cos(f), np.sin(t) * np.sin(f), np.cos(t)]))
@@ -261,7 +259,10 @@ def test_conducting_sheet_against_eigenfunctions(source_deg: float, polarization
     sheet = MeshPart("sheet", corners, np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32), "wall", "building")
     rx = (around(NEAR, angle) for angle in angles)
     arrays = oracle.link_scene([sheet], around(FAR, source), *rx, materials=oracle.radio_materials({"wall": CONDUCTOR}))
-    _, paths = oracle.solve(arrays, DIFFRACTED.model_copy(update={"diffraction_sheets": True}), device)
+    loaded_scene = loaded(arrays, device)
+    table = make_surface_table(loaded_scene, wedges=True, sheets=True)
+    links = make_links(arrays, [0], DIFFRACTED)
+    paths = solve_paths(loaded_scene, links, DIFFRACTED, arrays.materials, table)
     assert max(series_errors(paths, angles, 2.0, source, polarization)) < 0.005
 
 

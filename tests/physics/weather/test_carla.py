@@ -151,8 +151,8 @@ def test_the_resolved_section_reads_back(tmp_path: Path) -> None:
 def test_bad_entries_give_one_clear_line(tmp_path: Path, entry: str, part: str) -> None:
     with pytest.raises(ConfigError) as error:
         air(tmp_path, f"air.mine={{{entry}}}")
-    assert len(error.value.problems) == 1
-    assert part in error.value.problems[0] and "\n" not in error.value.problems[0]
+    (problem,) = error.value.problems
+    assert part in problem and "\n" not in problem
 
 
 def test_bad_values_from_code() -> None:

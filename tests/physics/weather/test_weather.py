@@ -206,6 +206,5 @@ def test_the_resolved_section_says_everything_and_reads_back(config_file: Path, 
 def test_bad_sections_give_one_clear_line(config_file: Path, changes: list[str], part: str) -> None:
     with pytest.raises(ConfigError) as error:
         load_config(config_file, changes)
-    assert len(error.value.problems) == 1
-    assert part in error.value.problems[0]
-    assert "\n" not in error.value.problems[0]
+    (problem,) = error.value.problems
+    assert part in problem and "\n" not in problem
