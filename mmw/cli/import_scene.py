@@ -8,10 +8,10 @@ from pathlib import Path
 from mmw.cli.command import run_command
 from mmw.core.errors import InputError
 from mmw.physics.materials.permittivity import RADIO_ROWS
+from mmw.worlds.importers.formats import IMPORTERS, UNITS, read_scene
 from mmw.worlds.importers.imported_scene import ImportedScene
 from mmw.worlds.importers.material_map import apply_material_map, load_material_map
 from mmw.worlds.importers.mesh_cleanup import bounds, check_scene, identifier
-from mmw.worlds.importers.registry import IMPORTERS, UNITS, read_scene
 from mmw.worlds.importers.write_asset import asset_files, write_scene
 
 MAX_HEIGHT_M = 500.0

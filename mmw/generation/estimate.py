@@ -17,7 +17,7 @@ from mmw.physics.weather.weather import choose_variant
 from mmw.scene.sources import scenario_source, trajectory_file, weather_variants
 from mmw.storage.schemas import TABLES
 from mmw.usd.actors import find_actors
-from mmw.usd.material_map import unknown_names
+from mmw.usd.material_entries import unknown_names
 
 PATH_BYTES = 134.0
 """Bytes of one radio path at one carrier, measured on town03."""

@@ -13,7 +13,7 @@ from mmw.physics.materials.material import Material
 from mmw.physics.weather.weather import choose_variant
 from mmw.scene.scene_data import MODEL_NONE, Actor, Prototype, SceneData, SceneObject
 from mmw.usd.actors import FoundActor, actor_poses, find_actors, model_matrix
-from mmw.usd.material_map import MaterialMap
+from mmw.usd.material_entries import MaterialMap
 from mmw.usd.materials import read_materials
 from mmw.usd.meshes import FoundMesh, MeshReader, to_metres
 from mmw.usd.open_stage import check_references, open_stage

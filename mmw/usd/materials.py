@@ -17,8 +17,8 @@ from mmw.physics.materials.material import (
     lidar_reflectance,
     wrong_radio_value,
 )
+from mmw.usd.material_entries import MaterialMap, find_entry, mapped_radio
 from mmw.usd.material_library import LIBRARY, NONVISUAL, ROOT
-from mmw.usd.material_map import MaterialMap, find_entry, mapped_radio
 from mmw.usd.preview_surface import Notes, read_appearance
 from mmw.usd.prim_values import attribute_value, decimal, decimals
 from mmw.usd.schema import RADIO_ATTRIBUTES

@@ -10,8 +10,8 @@ from mmw.config.material_map import MaterialEntry
 from mmw.config.yaml_file import read_yaml, validated
 from mmw.core.errors import InputError
 from mmw.physics.materials.material import RadioMaterial
+from mmw.usd.material_entries import find_pattern, mapped_radio, unknown_names
 from mmw.usd.material_library import LIBRARY
-from mmw.usd.material_map import find_pattern, mapped_radio, unknown_names
 from mmw.worlds.importers.imported_scene import ImportedMaterial, ImportedScene, library_material
 from mmw.worlds.importers.mesh_cleanup import free_name, identifier
 from mmw.worlds.towns.mesh_part import MeshPart

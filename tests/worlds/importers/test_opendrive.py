@@ -10,7 +10,7 @@ from mmw.core.mesh import TriangleMesh, merge
 from mmw.traffic.idm.run import simulate_idm
 from mmw.worlds.importers.imported_scene import ImportedScene
 from mmw.worlds.importers.opendrive.cross_section import make_shape
-from mmw.worlds.importers.opendrive.reader import read_opendrive
+from mmw.worlds.importers.opendrive.read_opendrive import read_opendrive
 from mmw.worlds.importers.opendrive.records import read_document
 from mmw.worlds.towns.mesh_part import MeshPart
 from tests.fixtures.meshes import corners_of, part_at, plumb, upward

@@ -9,7 +9,7 @@ import shapely
 from mmw.cli.import_scene import main as import_main
 from mmw.cli.town import main as town_main
 from mmw.worlds.importers.imported_scene import ImportedScene
-from mmw.worlds.importers.opendrive.reader import read_opendrive
+from mmw.worlds.importers.opendrive.read_opendrive import read_opendrive
 from tests.fixtures.xodr_files import LANE, Plan, document, lane, link, mark, road, section, street
 
 HALF = LANE / 2

@@ -10,7 +10,7 @@ from mmw.core.geodesy import world_from_wgs84
 from mmw.core.mesh import merge
 from mmw.usd.material_library import LIBRARY
 from mmw.worlds.importers.imported_scene import ImportedScene
-from mmw.worlds.importers.osm.reader import read_osm
+from mmw.worlds.importers.osm.read_osm import read_osm
 from mmw.worlds.importers.osm.xml import length_m
 from mmw.worlds.towns.mesh_part import MeshPart
 from tests.fixtures.meshes import area, corners_of, is_closed, volume
