@@ -24,8 +24,7 @@ def read(stage: Usd.Stage) -> dict[str, TriangleMesh]:
     reader = MeshReader(stage, Usd.TimeCode(0))
     found = {}
     for mesh in reader.meshes():
-        to_anchor = np.eye(4) if mesh.to_anchor is None else mesh.to_anchor
-        matrix = to_anchor @ reader.to_world(mesh.anchor) @ to_metres(stage)
+        matrix = reader.to_world(mesh) @ to_metres(stage)
         path = free_name(str(mesh.prim.GetPath()), found)
         found[path] = TriangleMesh(*place(reader.triangles(mesh.prim), matrix))
     return found

@@ -134,8 +134,7 @@ def _read_parts(stage: Usd.Stage, meters: np.ndarray) -> tuple[list[StageMesh], 
         owner = next((str(p) for p in mesh.anchor.GetPath().GetPrefixes() if str(p) in actors), "")
         if owner and owner not in moves:
             moves[owner] = _moves(actors[owner].prim)
-        to_anchor = np.eye(4) if mesh.to_anchor is None else mesh.to_anchor
-        points, faces = place(triangles, to_anchor @ reader.to_world(mesh.anchor) @ meters)
+        points, faces = place(triangles, reader.to_world(mesh) @ meters)
         source = mesh.prim.GetPrimInPrototype() if mesh.prim.IsInstanceProxy() else mesh.prim
         parts.append(
             StageMesh(

@@ -101,7 +101,12 @@ def apply_material_map(
     if missing:
         raise InputError(_missing(where, missing))
     for material in mapped.materials.values():
-        _check(where, material, radio_rows)
+        row = material.radio.itu if material.radio else ""
+        if row and radio_rows is not None and row not in radio_rows:
+            raise InputError(
+                f"{where}: material {material.source or material.name!r}: the radio material {row!r} does not exist; "
+                f"use one of {', '.join(sorted(radio_rows))}; correct the file, or name another with --materials"
+            )
     used = {pattern for _, pattern in found}
     idle = tuple(f"{name!r} of the material map decides nothing" for name in entries if name not in used)
     return replace(scene, parts=parts, materials=mapped.materials, notes=(*scene.notes, *idle))
@@ -154,15 +159,3 @@ def _quoted(name: str) -> str:
     """Return a name as a YAML key that matches nothing else."""
     literal = re.sub(r"([*?\[])", r"[\1]", name)
     return '"' + literal.replace("\\", "\\\\").replace('"', '\\"') + '"'
-
-
-def _check(where: str, material: ImportedMaterial, radio_rows: Collection[str] | None) -> None:
-    radio = material.radio
-    if radio is None:
-        return
-    named = f"{where}: material {material.source or material.name!r}"
-    if radio.model == "itu" and radio_rows is not None and radio.itu not in radio_rows:
-        raise InputError(
-            f"{named}: the radio material {radio.itu!r} does not exist; use one of {', '.join(sorted(radio_rows))}; "
-            "correct the file, or name another with --materials"
-        )

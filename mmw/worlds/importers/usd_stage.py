@@ -44,8 +44,7 @@ def read_usd(path: str | Path, *, unit_m: float = 0.0, origin: Sequence[float] =
     found = [mesh for mesh in meshes.meshes() if _is_visible(mesh.anchor, start)]
     reader.above = {str(prefix) for mesh in found for prefix in mesh.anchor.GetPath().GetParentPath().GetPrefixes()}
     for mesh in found:
-        to_anchor = np.eye(4) if mesh.to_anchor is None else mesh.to_anchor
-        reader.add(mesh, meshes, to_anchor @ meshes.to_world(mesh.anchor) @ meters, str(path))
+        reader.add(mesh, meshes, meshes.to_world(mesh) @ meters, str(path))
     stretch = unit_m / UsdGeom.GetStageMetersPerUnit(stage) if unit_m else 1.0
     lanes = _lanes(stage, stretch, np.asarray(origin, float))
     notes = (*_notes(stage), *reader.notes(), *reader.parts.notes())

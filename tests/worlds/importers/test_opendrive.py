@@ -9,8 +9,9 @@ import shapely
 from mmw.core.mesh import TriangleMesh, merge
 from mmw.traffic.idm.run import simulate_idm
 from mmw.worlds.importers.imported_scene import ImportedScene
-from mmw.worlds.importers.opendrive.cross_section import make_shape
+from mmw.worlds.importers.opendrive.cross_section import RoadShape
 from mmw.worlds.importers.opendrive.records import read_document
+from mmw.worlds.importers.opendrive.reference_line import make_line
 from mmw.worlds.towns.mesh_part import MeshPart
 from tests.fixtures.meshes import corners_of, part_at, plumb, upward
 from tests.fixtures.traffic_towns import demand
@@ -60,7 +61,8 @@ def drops(mesh: TriangleMesh | MeshPart, xy: np.ndarray) -> list[np.ndarray]:
 def shape_of(tmp_path: Path, text: str, name: str = "1"):
     path = tmp_path / "road.xodr"
     path.write_text(text)
-    return make_shape(read_document(path).roads[name], "road", np.zeros(2))
+    record = read_document(path).roads[name]
+    return RoadShape(record, make_line(record, "road", np.zeros(2)))
 
 
 def test_reference_lines_agree_with_quadrature(tmp_path: Path) -> None:

@@ -4,7 +4,6 @@ The lanes of one side of a road are joined across lane sections as long as they 
 or ends, all lanes of that side are cut. So lanes beside each other have the same extent.
 """
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -12,6 +11,7 @@ import numpy as np
 
 from mmw.core.errors import InputError
 from mmw.traffic.roads.lane_graph import Lane, LaneGraph
+from mmw.worlds.importers.mesh_cleanup import identifier
 from mmw.worlds.importers.opendrive.cross_section import RoadShape
 from mmw.worlds.importers.opendrive.curbs import Sheets
 from mmw.worlds.importers.opendrive.lane_links import DRIVEN, End, find_joints, lost_junctions
@@ -103,18 +103,13 @@ def build_lanes(
             points[chain.name],
             _width(chain),
             limits[chain.name] or DEFAULT_SPEED,
-            f"junction_{identifier(junction)}" if junction else "",
+            identifier(f"junction_{junction}") if junction else "",
             rank if junction else 0,
             tuple(sorted(links[chain.name])),
             "" if junction else left,
             "" if junction else right,
         )
     return LaneGraph(lanes), [*notes, *describe_graph(LaneGraph(lanes))]
-
-
-def identifier(text: str) -> str:
-    """Return a text with everything but letters and digits replaced by _."""
-    return re.sub(r"[^A-Za-z0-9_]", "_", text)
 
 
 def _chains(shape: RoadShape, name: str) -> list[Chain]:
