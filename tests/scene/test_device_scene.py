@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 from pxr import Gf, Sdf, Usd, UsdGeom
 
+from mmw.core.mesh import TriangleMesh
 from mmw.core.transforms import quaternion_to_matrix
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.reader import read_stage
 from mmw.scene.scene_data import SceneData
 from tests.fixtures.device_rays import loaded
+from tests.fixtures.meshes import volume
 from tests.fixtures.scenes import ABSENT, arrays_from_parts, box_model, ground_part, two_cars
 from tests.fixtures.stages import (
     add_box,
@@ -169,8 +171,7 @@ def test_y_up_centimetre_stage_gives_the_same_world(tmp_path: Path) -> None:
     add_box(stage, "/World/cart/box", (200, 100, 60), (0, 50, 0), concrete)
     arrays = read(stage)
     np.testing.assert_allclose(arrays.points.min(axis=0), [-9, -9, 0], atol=1e-6)
-    edge = np.diff(arrays.points[arrays.faces], axis=1)
-    np.testing.assert_allclose(np.cross(edge[:, 0], edge[:, 1])[:, 2], 324.0, rtol=1e-6)
+    np.testing.assert_allclose(TriangleMesh(arrays.points, arrays.faces).crosses[:, 2], 324.0, rtol=1e-6)
     assert arrays.actors[0].size == pytest.approx((2.0, 0.6, 1.0))
     np.testing.assert_allclose(arrays.poses[:, 0, :3], [[0, 3, 0], [1, 3, 0], [2, 3, 0]], atol=1e-9)
     yaw = np.radians([0.0, 30.0, 60.0])
@@ -182,25 +183,18 @@ def test_constant_scale_of_an_actor_goes_into_its_model(stage: Usd.Stage) -> Non
     UsdGeom.Xformable(stage.GetPrimAtPath("/World/cart")).AddScaleOp().Set(Gf.Vec3f(1.0, -2.0, 3.0))
     arrays = read(stage)
     assert arrays.actors[0].size == pytest.approx((2.0, 2.0, 3.0))
-    corners = arrays.models[0].points[arrays.models[0].faces]
-    volume = np.einsum("fx,fx->f", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6
-    assert volume == pytest.approx(12.0), "faces of a mirrored box look outward"
+    assert volume(arrays.models[0]) == pytest.approx(12.0), "faces of a mirrored box look outward"
     np.testing.assert_allclose(np.linalg.norm(arrays.poses[..., 3:], axis=-1), 1.0, atol=1e-12)
 
 
 def test_invisible_actor_is_absent(stage: Usd.Stage) -> None:
-    visibility = UsdGeom.Imageable(stage.GetPrimAtPath("/World/cart")).CreateVisibilityAttr()
+    visibility = UsdGeom.Imageable(stage.GetPrimAtPath("/World/cart")).CreateVisibilityAttr("invisible")
+    assert np.isnan(read(stage).poses).all()
     for frame, token in enumerate(("inherited", "invisible", "inherited")):
         visibility.Set(token, frame)
     arrays = read(stage)
     np.testing.assert_array_equal(np.isfinite(arrays.poses).all(axis=2)[:, 0], [True, False, True])
     assert arrays.actors[0].model == 0
-
-
-def test_actor_that_is_always_invisible_is_never_there(stage: Usd.Stage) -> None:
-    UsdGeom.Imageable(stage.GetPrimAtPath("/World/cart")).CreateVisibilityAttr("invisible")
-    arrays = read(stage)
-    assert np.isnan(arrays.poses).all()
 
 
 def test_frames_fall_exactly_on_their_time_codes(tmp_path: Path) -> None:

@@ -42,12 +42,6 @@ def parts_of(world: ImportedScene, prefix: str) -> list[MeshPart]:
     return found
 
 
-@pytest.mark.parametrize(("x", "y"), [(0.0, 0.0), (4000.0, 3000.0), (-3500.0, 3500.0), (12.5, -4990.0)])
-def test_projection_is_the_tangent_plane(x: float, y: float) -> None:
-    lat, lon = to_degrees(x, y)
-    np.testing.assert_allclose(to_plane(lat, lon), [x, y], atol=1e-6)
-
-
 @pytest.mark.parametrize("bearing_deg", [0, 90, 37, 211])
 def test_distances_within_5_km_to_a_centimetre(bearing_deg: float) -> None:
     """Against arcs integrated on the ellipsoid: the meridian for north, the normal section by Euler's radius else."""
