@@ -12,7 +12,6 @@ from mmw.config.sensor_spec import spec_of
 from mmw.config.traffic_engine import check_package
 from mmw.core.errors import InputError
 from mmw.generation.progress import si
-from mmw.physics.materials.permittivity import RADIO_ROWS
 from mmw.physics.weather.weather import choose_variant
 from mmw.scene.sources import scenario_source, trajectory_file, weather_variants
 from mmw.storage.schemas import TABLES
@@ -60,7 +59,7 @@ def check_inputs(config: Config, base: Path) -> None:
         if scenario.traffic is not None:
             attempt(check_package, scenario.traffic.engine, where=f"{where}: traffic.")
         for pattern, entry in scenario.material_map.items():
-            problems += unknown_names(f"{where}: material_map[{pattern!r}]", entry, RADIO_ROWS)
+            problems += unknown_names(f"{where}: material_map[{pattern!r}]", entry)
         if config.channel.enabled and "v2i" in config.channel.links and scenario.town and not scenario.rsus:
             problems.append(
                 f"{where}: channel.links = {list(config.channel.links)} has v2i but there are no rsus; add one, or use "

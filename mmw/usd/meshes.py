@@ -124,8 +124,17 @@ class MeshReader:
         return self._visible[path]
 
     def component(self, prim: Usd.Prim) -> Usd.Prim:
-        """Return what `component_of` does; ancestors are read once for all below them."""
-        return component_of(prim, self._components)
+        """Return the nearest component that holds a prim, or the prim itself; ancestors are read once."""
+        return self._component(prim) or prim
+
+    def _component(self, prim: Usd.Prim) -> Usd.Prim | None:
+        if not prim or prim.IsPseudoRoot():
+            return None
+        path = prim.GetPath()
+        if path not in self._components:
+            is_component = Kind.Registry.IsA(Usd.ModelAPI(prim).GetKind(), Kind.Tokens.component)
+            self._components[path] = prim if is_component else self._component(prim.GetParent())
+        return self._components[path]
 
     def triangles(self, prim: Usd.Prim) -> Triangles:
         """Return a mesh prim as triangles.
@@ -259,21 +268,6 @@ def materials_of(prims: Sequence[Usd.Prim]) -> list[Usd.Prim | None]:
     """Return the material that is bound to each prim as a whole, None for none; faster than one after the other."""
     found = UsdShade.MaterialBindingAPI.ComputeBoundMaterials(list(prims), _RADIO)[0]
     return [material.GetPrim() if material else None for material in found]
-
-
-def component_of(prim: Usd.Prim, known: dict[Sdf.Path, Usd.Prim | None] | None = None) -> Usd.Prim:
-    """Return the nearest component that holds a prim, or the prim itself; `known` remembers the answers."""
-    return _component(prim, {} if known is None else known) or prim
-
-
-def _component(prim: Usd.Prim, known: dict[Sdf.Path, Usd.Prim | None]) -> Usd.Prim | None:
-    if not prim or prim.IsPseudoRoot():
-        return None
-    path = prim.GetPath()
-    if path not in known:
-        is_component = Kind.Registry.IsA(Usd.ModelAPI(prim).GetKind(), Kind.Tokens.component)
-        known[path] = prim if is_component else _component(prim.GetParent(), known)
-    return known[path]
 
 
 def semantic_label(prim: Usd.Prim, known: dict[Sdf.Path, str] | None = None) -> str:

@@ -16,7 +16,7 @@ from mmw.traffic.roads.lane_graph import LaneGraph
 from mmw.traffic.roads.lane_prims import has_lanes, read_lanes
 from mmw.traffic.roads.town_asset import DRIVABLE_LABELS
 from mmw.usd.actors import find_actors
-from mmw.usd.meshes import MeshReader, bound_materials, component_of, place, semantic_label, to_metres
+from mmw.usd.meshes import MeshReader, bound_materials, place, to_metres
 from mmw.usd.open_stage import open_stage
 from mmw.worlds.checks.findings import Finding
 
@@ -141,8 +141,8 @@ def _read_parts(stage: Usd.Stage, meters: np.ndarray) -> tuple[list[StageMesh], 
                 prim=mesh.prim,
                 path=path,
                 source=str(source.GetPath()),
-                object_path=owner or str(component_of(mesh.anchor).GetPath()),
-                label=semantic_label(mesh.prim),
+                object_path=owner or str(reader.component(mesh.anchor).GetPath()),
+                label=reader.label(mesh.prim),
                 points=points,
                 faces=faces,
                 materials=tuple(bound_materials(mesh.prim, triangles.polygon)[0]),

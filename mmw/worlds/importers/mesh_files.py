@@ -121,11 +121,8 @@ class _Materials:
 
 
 def _texture(material: Any) -> Any:
-    for name in ("baseColorTexture", "image"):
-        image = getattr(material, name, None)
-        if image is not None:
-            return image
-    return None
+    images = (getattr(material, name, None) for name in ("baseColorTexture", "image"))
+    return next((image for image in images if image is not None), None)
 
 
 def _look(mesh: trimesh.Trimesh, material: Any) -> Mapping[str, Any]:

@@ -89,8 +89,7 @@ def build_lanes(
         for other in following:
             points[name][-1] = points[other][0]  # the same point in plan; heights differ by less than a micrometer
     limits = {chain.name: _speed(chain) for chain in chains}
-    if any(limit == 0.0 for limit in limits.values()):
-        count = sum(limit == 0.0 for limit in limits.values())
+    if count := sum(limit == 0.0 for limit in limits.values()):
         notes.append(f"{count} of {len(chains)} lanes have no speed limit; {DEFAULT_SPEED * 3.6:.0f} km/h assumed")
     first = {high for junction in document.junctions.values() for high, _ in junction.priorities}
     lanes = {}
