@@ -7,11 +7,10 @@ from pathlib import Path
 
 from mmw.cli.command import run_command
 from mmw.core.errors import InputError
-from mmw.physics.materials.permittivity import RADIO_ROWS
+from mmw.worlds.importers.formats import IMPORTERS, UNITS, read_scene
 from mmw.worlds.importers.imported_scene import ImportedScene
 from mmw.worlds.importers.material_map import apply_material_map, load_material_map
 from mmw.worlds.importers.mesh_cleanup import bounds, check_scene, identifier
-from mmw.worlds.importers.registry import IMPORTERS, UNITS, read_scene
 from mmw.worlds.importers.write_asset import asset_files, write_scene
 
 MAX_HEIGHT_M = 500.0
@@ -77,11 +76,11 @@ def import_file(arguments: argparse.Namespace) -> list[str]:
     name = identifier(source.name.split(".")[0])
     if source.resolve() in asset_files(arguments.out, name):
         raise InputError(f"{source}: --out would replace the file that is imported; give another --out")
-    entries = load_material_map(arguments.materials, RADIO_ROWS) if arguments.materials else {}
+    entries = load_material_map(arguments.materials) if arguments.materials else {}
     options = {option: getattr(arguments, option) for option in ("up", "unit", "origin")}
     scene = read_scene(source, arguments.importer, **options, **{option: value for option, _, value in pairs})
     check_scene(str(source), scene)
-    scene = apply_material_map(str(source), scene, entries, RADIO_ROWS)
+    scene = apply_material_map(str(source), scene, entries)
     path = write_scene(scene, arguments.out, name, overwrite=arguments.overwrite)
     return [*describe(scene), *next_step(scene, path)]
 

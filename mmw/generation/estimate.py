@@ -12,12 +12,11 @@ from mmw.config.sensor_spec import spec_of
 from mmw.config.traffic_engine import check_package
 from mmw.core.errors import InputError
 from mmw.generation.progress import si
-from mmw.physics.materials.permittivity import RADIO_ROWS
 from mmw.physics.weather.weather import choose_variant
 from mmw.scene.sources import scenario_source, trajectory_file, weather_variants
 from mmw.storage.schemas import TABLES
 from mmw.usd.actors import find_actors
-from mmw.usd.material_map import unknown_names
+from mmw.usd.material_entries import unknown_names
 
 PATH_BYTES = 134.0
 """Bytes of one radio path at one carrier, measured on town03."""
@@ -60,7 +59,7 @@ def check_inputs(config: Config, base: Path) -> None:
         if scenario.traffic is not None:
             attempt(check_package, scenario.traffic.engine, where=f"{where}: traffic.")
         for pattern, entry in scenario.material_map.items():
-            problems += unknown_names(f"{where}: material_map[{pattern!r}]", entry, RADIO_ROWS)
+            problems += unknown_names(f"{where}: material_map[{pattern!r}]", entry)
         if config.channel.enabled and "v2i" in config.channel.links and scenario.town and not scenario.rsus:
             problems.append(
                 f"{where}: channel.links = {list(config.channel.links)} has v2i but there are no rsus; add one, or use "

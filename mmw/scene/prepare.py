@@ -42,11 +42,10 @@ def cached_stage(config: Config, scenario: ScenarioConfig, base: Path, root: Sto
     own = f"{STAGES}/{scenario.name}"
     if scenario.stage is None:
         root.download((f"{own}.usdc", ASSETS), f"{own}.json")
-        stage = prepare_scenario(config, scenario, base, root.folder)
-        root.upload((f"{own}.usdc", ASSETS), f"{own}.json")
-        return stage
     stage = prepare_scenario(config, scenario, base, root.folder)
-    if scenario.rsus:
+    if scenario.stage is None:
+        root.upload((f"{own}.usdc", ASSETS), f"{own}.json")
+    elif scenario.rsus:
         root.upload((), f"{own}.usda")
     return stage
 

@@ -13,9 +13,9 @@ from mmw.physics.materials.material import Material
 from mmw.physics.weather.weather import choose_variant
 from mmw.scene.scene_data import MODEL_NONE, Actor, Prototype, SceneData, SceneObject
 from mmw.usd.actors import FoundActor, actor_poses, find_actors, model_matrix
-from mmw.usd.material_map import MaterialMap
+from mmw.usd.material_entries import MaterialMap
 from mmw.usd.materials import read_materials
-from mmw.usd.meshes import FoundMesh, MeshReader, to_metres
+from mmw.usd.meshes import MeshReader, to_metres
 from mmw.usd.open_stage import check_references, open_stage
 from mmw.usd.scene_parts import Part, PartReader
 from mmw.usd.semantics import CARLA_TAG
@@ -80,7 +80,7 @@ def read_stage(
     parts = reader.parts(
         meshes,
         [
-            _to_world(mesh, reader.meshes) @ metres
+            reader.meshes.to_world(mesh) @ metres
             if row is None
             else model_matrix(reader.meshes, mesh, actors[row].prim) @ metres @ stretches[row]
             for mesh, row in zip(meshes, owners, strict=True)
@@ -159,11 +159,6 @@ def _owner(prim: Usd.Prim, actor_of: Mapping[str, int]) -> int | None:
     return None
 
 
-def _to_world(mesh: FoundMesh, meshes: MeshReader) -> np.ndarray:
-    world = meshes.to_world(mesh.anchor)
-    return world if mesh.to_anchor is None else mesh.to_anchor @ world
-
-
 def _materials(
     stage: Usd.Stage, switches: list[Usd.Prim], reader: PartReader, variants: Mapping[str, Sequence[str]]
 ) -> tuple[dict[str, tuple[Material, ...]], np.ndarray]:
@@ -199,17 +194,15 @@ def _join(parts: list[Part], ids: np.ndarray) -> tuple[np.ndarray, np.ndarray, n
 
 def _join_corners(parts: list[Part]) -> tuple[np.ndarray, np.ndarray]:
     """Return texture coordinates and normals of the faces of several parts, zeros where a part has none."""
-    count = sum(len(part.faces) for part in parts)
-    uv, normals = np.zeros((count, 3, 2), dtype=np.float32), np.zeros((count, 3, 3), dtype=np.float32)
-    first = 0
-    for part in parts:
-        rows = slice(first, first + len(part.faces))
-        if part.corners.uv is not None:
-            uv[rows] = part.corners.uv
-        if part.corners.normals is not None:
-            normals[rows] = part.corners.normals
-        first = rows.stop
-    return uv, normals
+
+    def joined(name: str, width: int) -> np.ndarray:
+        values = [np.zeros((0, 3, width), dtype=np.float32)]
+        for part in parts:
+            own = getattr(part.corners, name)
+            values.append(np.zeros((len(part.faces), 3, width), dtype=np.float32) if own is None else own)
+        return np.concatenate(values)
+
+    return joined("uv", 2), joined("normals", 3)
 
 
 def _join_wheels(parts: list[Part]) -> tuple[np.ndarray, np.ndarray]:

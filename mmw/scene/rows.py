@@ -21,9 +21,6 @@ from mmw.scene.views import mount_pose
 from mmw.storage.schemas import table_spec
 from mmw.storage.table_spec import F64, list_of
 
-CAMERA_COLUMNS = ("fx", "fy", "cx", "cy", "width", "height", "lens", "coefficients")
-"""Columns of the table `sensors` that are null for what is no camera."""
-
 
 def frame_rows(arrays: SceneData, frames: Sequence[int], seed: int) -> Columns:
     """Return the `frames` table: one row a frame."""
@@ -107,7 +104,7 @@ def _sensor_rows(arrays: SceneData, config: Config) -> Columns:
             params = json.dumps({"pattern": config.channel.pattern, "polarization": config.channel.polarization})
             rows.append(_sensor_row(actor.name, "antenna", "antenna", pose, params, {}))
     keys = [column.name for column in table_spec("sensors").columns if column.name != "scenario"]
-    columns: Columns = {key: [row[key] for row in rows] for key in keys}
+    columns: Columns = {key: [row.get(key) for row in rows] for key in keys}  # those of cameras are null for others
     return {**columns, "coefficients": pa.array(columns["coefficients"], list_of(F64))}
 
 
@@ -124,5 +121,4 @@ def _camera(sensor: SensorConfig) -> Columns:
 
 def _sensor_row(agent: str, sensor: str, type_: str, pose: np.ndarray, params: str, camera: Columns) -> Columns:
     place = dict(zip(("x", "y", "z", "qx", "qy", "qz", "qw"), map(float, pose), strict=True))
-    image = {name: camera.get(name) for name in CAMERA_COLUMNS}
-    return {"agent": agent, "sensor": sensor, "type": type_, **place, **image, "params": params}
+    return {"agent": agent, "sensor": sensor, "type": type_, **place, **camera, "params": params}

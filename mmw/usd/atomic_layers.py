@@ -10,11 +10,6 @@ from pxr import Sdf, Tf
 from mmw.core.temp_files import temporary_path
 
 
-def save_layer(layer: Sdf.Layer, path: Path) -> None:
-    """Write a layer to a file as `save_layers` does."""
-    save_layers({path: layer})
-
-
 def save_layers(layers: Mapping[Path, Sdf.Layer]) -> None:
     """Write layers that belong together: no file is replaced before all of them are on the disk.
 

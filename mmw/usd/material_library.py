@@ -1,6 +1,6 @@
 """The material library: every surface of the shipped towns and vehicles, described once for radio, LiDAR and image."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from mmw.physics.materials.appearance import Lamp
 from mmw.physics.materials.material import RadioMaterial
@@ -35,7 +35,7 @@ class MaterialSpec:
     """Strength of a lacquer layer [-]."""
     coating: str = "none"
     """SimReady coating token: none, paint, clearcoat or paint_clearcoat."""
-    attributes: tuple[str, ...] = field(default=("none",))
+    attributes: tuple[str, ...] = ("none",)
     """SimReady attribute tokens: none, emissive, retroreflective, single_sided, visually_transparent."""
     emission: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Emitted linear colour, 1 for 1 kcd/m2; of a lamp, while it burns; of a picture that shines, where it is white."""
@@ -56,6 +56,11 @@ def _constant(relative_permittivity: float, conductivity: float) -> RadioMateria
 
 def _cloth(red: float, green: float, blue: float) -> MaterialSpec:
     return MaterialSpec(_SKIN, "none", (red, green, blue), 0.90)
+
+
+def _lens(color: tuple[float, float, float], roughness: float, **options) -> MaterialSpec:
+    """Return the cover of a lamp or a signal."""
+    return MaterialSpec(_GLASS, "plexiglass", color, roughness, **options)
 
 
 def _paint(color: tuple[float, float, float], metallic: float = 0.0) -> MaterialSpec:
@@ -126,11 +131,11 @@ LIBRARY: dict[str, MaterialSpec] = {
     "street_lamp_lens": MaterialSpec(
         _PLASTIC, "plexiglass", (0.55, 0.55, 0.53), 0.25, emission=(20.0, 17.5, 13.5), lamp="street"
     ),
-    "signal_red": MaterialSpec(_GLASS, "plexiglass", (0.30, 0.01, 0.01), 0.15, emission=(5.0, 0.0, 0.0)),
-    "signal_red_dark": MaterialSpec(_GLASS, "plexiglass", (0.10, 0.006, 0.006), 0.15),
-    "signal_amber": MaterialSpec(_GLASS, "plexiglass", (0.09, 0.05, 0.005), 0.15),
-    "signal_green": MaterialSpec(_GLASS, "plexiglass", (0.005, 0.05, 0.03), 0.15),
-    "signal_green_lit": MaterialSpec(_GLASS, "plexiglass", (0.01, 0.25, 0.15), 0.15, emission=(0.0, 3.5, 2.1)),
+    "signal_red": _lens((0.30, 0.01, 0.01), 0.15, emission=(5.0, 0.0, 0.0)),
+    "signal_red_dark": _lens((0.10, 0.006, 0.006), 0.15),
+    "signal_amber": _lens((0.09, 0.05, 0.005), 0.15),
+    "signal_green": _lens((0.005, 0.05, 0.03), 0.15),
+    "signal_green_lit": _lens((0.01, 0.25, 0.15), 0.15, emission=(0.0, 3.5, 2.1)),
     "traffic_light_metal": MaterialSpec(_METAL, "aluminum", (0.03, 0.035, 0.03), 0.50, 0.2, coating="paint"),
     # Vehicles.
     "car_paint_red": _paint((0.42, 0.015, 0.02)),
@@ -145,23 +150,13 @@ LIBRARY: dict[str, MaterialSpec] = {
         _CAR_WINDOW, "clear_glass", (0.02, 0.024, 0.028), 0.05, opacity=0.85, attributes=("visually_transparent",)
     ),
     "car_rubber": MaterialSpec(_RUBBER, "rubber", (0.018, 0.018, 0.019), 0.90),
-    "car_light_front": MaterialSpec(
-        _GLASS, "plexiglass", (0.62, 0.64, 0.66), 0.12, emission=(20.0, 18.5, 16.0), lamp="headlight"
+    "car_light_front": _lens((0.62, 0.64, 0.66), 0.12, emission=(20.0, 18.5, 16.0), lamp="headlight"),
+    "car_light_rear": _lens(
+        (0.22, 0.004, 0.006), 0.20, attributes=("retroreflective",), emission=(1.5, 0.0, 0.0), lamp="taillight"
     ),
-    "car_light_rear": MaterialSpec(
-        _GLASS,
-        "plexiglass",
-        (0.22, 0.004, 0.006),
-        0.20,
-        attributes=("retroreflective",),
-        emission=(1.5, 0.0, 0.0),
-        lamp="taillight",
-    ),
-    "car_light_brake": MaterialSpec(
-        _GLASS, "plexiglass", (0.16, 0.004, 0.006), 0.20, emission=(1.5, 0.0, 0.0), lamp="brake"
-    ),
-    "car_light_clear": MaterialSpec(_GLASS, "plexiglass", (0.60, 0.61, 0.62), 0.15),
-    "car_light_amber": MaterialSpec(_GLASS, "plexiglass", (0.62, 0.20, 0.01), 0.20, attributes=("retroreflective",)),
+    "car_light_brake": _lens((0.16, 0.004, 0.006), 0.20, emission=(1.5, 0.0, 0.0), lamp="brake"),
+    "car_light_clear": _lens((0.60, 0.61, 0.62), 0.15),
+    "car_light_amber": _lens((0.62, 0.20, 0.01), 0.20, attributes=("retroreflective",)),
     "car_trim": MaterialSpec(_METAL, "aluminum", (0.028, 0.028, 0.03), 0.55, coating="paint"),
     "car_gloss": MaterialSpec(_METAL, "aluminum", (0.010, 0.010, 0.011), 0.15, coating="paint"),
     "car_mirror": MaterialSpec(_METAL, "one_way_mirror", (0.80, 0.81, 0.82), 0.03, 1.0),

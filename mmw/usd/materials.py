@@ -17,17 +17,14 @@ from mmw.physics.materials.material import (
     lidar_reflectance,
     wrong_radio_value,
 )
+from mmw.usd.material_entries import MaterialMap, find_entry, mapped_radio
 from mmw.usd.material_library import LIBRARY, NONVISUAL, ROOT
-from mmw.usd.material_map import MaterialMap, find_entry, mapped_radio
 from mmw.usd.preview_surface import Notes, read_appearance
 from mmw.usd.prim_values import attribute_value, decimal, decimals
 from mmw.usd.schema import RADIO_ATTRIBUTES
 
 NO_COLOR = (0.5, 0.5, 0.5)
 """Diffuse colour of a material that gives none as a number [-]."""
-
-_PLASTIC = RadioMaterial("constant", relative_permittivity=2.5, conductivity=0.001)
-_RUBBER = RadioMaterial("constant", relative_permittivity=3.0, conductivity=0.0001)
 
 
 def _itu(*rows: str) -> dict[str, RadioMaterial]:
@@ -42,8 +39,8 @@ RADIO_OF_BASE = {
         "itu_glass: clear_glass one_way_mirror plexiglass fiberglass", "itu_wood: wood bark",
         "itu_metal: aluminum steel iron", "itu_medium_dry_ground: leaf_grass soil dirt grass",
     ),
-    "plastic": _PLASTIC,
-    "rubber": _RUBBER,
+    "plastic": LIBRARY["plastic"].radio,
+    "rubber": LIBRARY["car_rubber"].radio,
 }  # fmt: skip
 """SimReady non-visual base token -> radio description: the nearest row of ITU-R P.2040, by substance."""
 

@@ -104,9 +104,10 @@ class MeshReader:
             matrix = matrix * self.xforms.GetLocalToWorldTransform(ancestor).GetInverse()
         return np.array(matrix)
 
-    def to_world(self, prim: Usd.Prim) -> np.ndarray:
-        """Return prim space to the stage's world, row vectors, stage units, shape [4, 4]."""
-        return np.array(self.xforms.GetLocalToWorldTransform(prim))
+    def to_world(self, mesh: FoundMesh) -> np.ndarray:
+        """Return mesh space to the stage's world, row vectors, stage units, shape [4, 4]."""
+        world = np.array(self.xforms.GetLocalToWorldTransform(mesh.anchor))
+        return world if mesh.to_anchor is None else mesh.to_anchor @ world
 
     def label(self, prim: Usd.Prim) -> str:
         """Return what `semantic_label` does; ancestors are read once for all below them."""
@@ -123,8 +124,17 @@ class MeshReader:
         return self._visible[path]
 
     def component(self, prim: Usd.Prim) -> Usd.Prim:
-        """Return what `component_of` does; ancestors are read once for all below them."""
-        return component_of(prim, self._components)
+        """Return the nearest component that holds a prim, or the prim itself; ancestors are read once."""
+        return self._component(prim) or prim
+
+    def _component(self, prim: Usd.Prim) -> Usd.Prim | None:
+        if not prim or prim.IsPseudoRoot():
+            return None
+        path = prim.GetPath()
+        if path not in self._components:
+            is_component = Kind.Registry.IsA(Usd.ModelAPI(prim).GetKind(), Kind.Tokens.component)
+            self._components[path] = prim if is_component else self._component(prim.GetParent())
+        return self._components[path]
 
     def triangles(self, prim: Usd.Prim) -> Triangles:
         """Return a mesh prim as triangles.
@@ -240,7 +250,7 @@ def bound_materials(
         polygon: Polygon of each triangle, shape [M].
         bound: Result of `materials_of` for the prim, if it is known.
     """
-    materials: list[Usd.Prim | None] = [_bound(prim) if bound is ... else bound]
+    materials: list[Usd.Prim | None] = materials_of([prim]) if bound is ... else [bound]
     index = np.zeros(len(polygon), dtype=np.int32)
     subsets = UsdShade.MaterialBindingAPI(prim).GetMaterialBindSubsets()
     if not subsets:
@@ -249,7 +259,7 @@ def bound_materials(
         if subset.GetElementTypeAttr().Get() == UsdGeom.Tokens.face:
             inside = np.isin(polygon, _integers(subset.GetIndicesAttr().Get()))
             index[inside] = len(materials)
-            materials.append(_bound(subset.GetPrim()))
+            materials += materials_of([subset.GetPrim()])
     used, index = np.unique(index, return_inverse=True)
     return [materials[k] for k in used], index.astype(np.int32)
 
@@ -258,26 +268,6 @@ def materials_of(prims: Sequence[Usd.Prim]) -> list[Usd.Prim | None]:
     """Return the material that is bound to each prim as a whole, None for none; faster than one after the other."""
     found = UsdShade.MaterialBindingAPI.ComputeBoundMaterials(list(prims), _RADIO)[0]
     return [material.GetPrim() if material else None for material in found]
-
-
-def _bound(prim: Usd.Prim) -> Usd.Prim | None:
-    material = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial(_RADIO)[0]
-    return material.GetPrim() if material else None
-
-
-def component_of(prim: Usd.Prim, known: dict[Sdf.Path, Usd.Prim | None] | None = None) -> Usd.Prim:
-    """Return the nearest component that holds a prim, or the prim itself; `known` remembers the answers."""
-    return _component(prim, {} if known is None else known) or prim
-
-
-def _component(prim: Usd.Prim, known: dict[Sdf.Path, Usd.Prim | None]) -> Usd.Prim | None:
-    if not prim or prim.IsPseudoRoot():
-        return None
-    path = prim.GetPath()
-    if path not in known:
-        is_component = Kind.Registry.IsA(Usd.ModelAPI(prim).GetKind(), Kind.Tokens.component)
-        known[path] = prim if is_component else _component(prim.GetParent(), known)
-    return known[path]
 
 
 def semantic_label(prim: Usd.Prim, known: dict[Sdf.Path, str] | None = None) -> str:

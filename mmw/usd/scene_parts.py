@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from pxr import Sdf, Usd
 
-from mmw.usd.material_map import MaterialMap, find_entry
+from mmw.usd.material_entries import MaterialMap, find_entry
 from mmw.usd.materials import Copies, MaterialUse, resolve_material
 from mmw.usd.meshes import FoundMesh, MeshReader, bound_materials, materials_of, place
 from mmw.usd.preview_surface import DEFAULT_PRIMVAR, texture_primvar

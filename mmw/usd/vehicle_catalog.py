@@ -58,16 +58,14 @@ def load_catalog(directory: str | Path | None = None) -> dict[str, VehicleModel]
     return {path.stem: VehicleModel(**_read_model(path, "mmw:vehicle:", own)) for path in _assets(folder, "vehicles")}
 
 
-def load_figures(directory: str | Path | None = None) -> dict[str, ActorModel]:
-    """Read every figure `<name>/<name>.usda` of a folder, the shipped ones when left out, sorted by name.
+def load_figures() -> dict[str, ActorModel]:
+    """Read every shipped figure `<name>/<name>.usda`, sorted by name.
 
     Raises:
-        InputError: If the folder holds no figure, or an asset lacks its label, its paints or one of its dimensions.
+        InputError: If there is no figure, or an asset lacks its label, its paints or one of its dimensions.
     """
-    folder = assets_dir() / "pedestrians" if directory is None else Path(directory)
-    return {
-        path.stem: ActorModel(**_read_model(path, "mmw:pedestrian:", {})) for path in _assets(folder, "pedestrians")
-    }
+    paths = _assets(assets_dir() / "pedestrians", "pedestrians")
+    return {path.stem: ActorModel(**_read_model(path, "mmw:pedestrian:", {})) for path in paths}
 
 
 def _assets(folder: Path, what: str) -> list[Path]:

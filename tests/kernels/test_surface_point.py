@@ -170,8 +170,8 @@ def test_names_of_coordinates(device: str, tmp_path: Path) -> None:
 def test_mesh_without_coordinates_has_the_mean(device: str, tmp_path: Path) -> None:
     stage, material = textured(tmp_path)
     add_quad(stage, "/World/first", material)
-    add_quad(stage, "/World/second", material, [(10, 0, 0), (12, 0, 0), (12, 2, 0), (10, 2, 0)])
-    give_uv(add_quad(stage, "/World/third", material, [(20, 0, 0), (22, 0, 0), (22, 2, 0), (20, 2, 0)]))
+    add_quad(stage, "/World/second", material, x=10)
+    give_uv(add_quad(stage, "/World/third", material, x=20))
     arrays = read(stage)
     (note,) = arrays.look_notes
     assert "/World/Looks/four" in note and "/World/first" in note and "mean" in note
@@ -274,8 +274,8 @@ def test_normal_map(device: str, tmp_path: Path) -> None:
     turned, shader = preview(stage, "/World/Looks/turned")
     connect(stage, shader, "normal", "normal.png", transforms=[{"rotation": -90.0}], **options)
     give_uv(add_quad(stage, "/World/a", straight))
-    give_uv(add_quad(stage, "/World/b", turned, [(10, 0, 0), (12, 0, 0), (12, 2, 0), (10, 2, 0)]))
-    mirrored = add_quad(stage, "/World/c", straight, [(20, 0, 0), (22, 0, 0), (22, 2, 0), (20, 2, 0)])
+    give_uv(add_quad(stage, "/World/b", turned, x=10))
+    mirrored = add_quad(stage, "/World/c", straight, x=20)
     give_uv(mirrored, [(1, 0), (0, 0), (0, 1), (1, 1)])
     points_hit = TracedPoints(read(stage), device, above([(0.9, 0.7), (10.9, 0.7), (20.9, 0.7)]), (0, 0, -1))
     np.testing.assert_allclose(points_hit.shading_normal, [(0.6, 0, 0.8), (0, 0.6, 0.8), (-0.6, 0, 0.8)], atol=0.006)

@@ -206,9 +206,8 @@ def test_shipped_assets_keep_their_tree(tmp_path):
     source = load_catalog()["sedan"].asset
     copies = collect_assets([source, source], tmp_path)
     assert copies == {source: tmp_path / "vehicles/sedan/sedan.usda"}
-    assert (tmp_path / "materials/materials.usda").read_bytes() == (
-        assets_dir() / "materials/materials.usda"
-    ).read_bytes()
+    copied, shipped = (root / "materials/materials.usda" for root in (tmp_path, assets_dir()))
+    assert copied.read_bytes() == shipped.read_bytes()
     stamp = (tmp_path / "vehicles/sedan/geometry.usdc").stat().st_mtime_ns
     collect_assets([source], tmp_path)
     assert (tmp_path / "vehicles/sedan/geometry.usdc").stat().st_mtime_ns == stamp

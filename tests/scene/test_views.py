@@ -49,11 +49,6 @@ def test_absent_agent_has_no_view() -> None:
     np.testing.assert_array_equal(views.actor, [0, 2, 2, 0, 2])
 
 
-def test_frame_outside_the_scene_is_refused() -> None:
-    with pytest.raises(ValueError, match="frame 4 is not in the scene"):
-        make_views(two_cars(4), [3, 4], Lidar())
-
-
 def test_device_rows_are_relative_to_the_scene_origin() -> None:
     views = make_views(two_cars(), [1], Lidar())
     on_device = views.to_device("cpu", np.array([100.0, 0.0, -1.0]))

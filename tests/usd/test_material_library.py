@@ -35,20 +35,13 @@ PAPER_ROWS = {
 }  # fmt: skip
 
 
-def run_python(code: str) -> str:
-    """Run code in a process of its own: the table of USD schemas is built once a process."""
-    root = Path(mmw.__file__).parents[1]
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=root)
-    return done.stdout
-
-
 @pytest.fixture(scope="module")
 def shipped() -> Usd.Stage:
     return Usd.Stage.Open(str(SHIPPED))
 
 
 def test_schema_applies_to_materials_only_and_resolves_fallbacks():
-    output = run_python(
+    code = (  # in a process of its own: the table of USD schemas is built once a process
         "from mmw.usd.schema import RADIO_API, RADIO_ATTRIBUTES, register\n"
         "register(); register()\n"
         "from pxr import Usd, UsdShade\n"
@@ -62,7 +55,9 @@ def test_schema_applies_to_materials_only_and_resolves_fallbacks():
         "print(names <= set(material.GetPropertyNames()))\n"
         "print(material.GetAttribute('mmw:radio:relativePermittivity').Get())\n"
     )
-    assert output.split() == ["True", "False", "True", "True", "True", "1.0"]
+    root = Path(mmw.__file__).parents[1]
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=root)
+    assert done.stdout.split() == ["True", "False", "True", "True", "True", "1.0"]
 
 
 def test_library_holds_every_name_once_and_validates():
@@ -108,8 +103,7 @@ def test_authored_numbers_read_back(tmp_path):
     read = {name: material.GetPrim().GetAttribute(a.name).Get() for name, a in schema.RADIO_ATTRIBUTES.items()}
     assert RadioMaterial(**read) == radio
     assert material.GetPrim().GetAttribute("mmw:radio:model").GetVariability() == Sdf.VariabilityUniform
-    use = resolve_material("/mesh", "", material.GetPrim(), {})
-    assert use is not None and read_material(stage, use).radio == radio
+    assert read_material(stage, resolve_material("/mesh", "", material.GetPrim(), {})).radio == radio
 
 
 WRONG_RADIO = [
@@ -148,7 +142,6 @@ def test_wrong_radio_attributes_are_refused_with_their_place(changes: dict, need
         attribute = schema.RADIO_ATTRIBUTES[name]
         material.GetPrim().CreateAttribute(attribute.name, attribute.type_name).Set(value)
     use = resolve_material("/mesh", "", material.GetPrim(), {})
-    assert use is not None
     name, value = list(changes.items())[-1]
     message = f"/Wall: {schema.RADIO_ATTRIBUTES[name].name} = {value!r}; {needed} is needed; correct the attribute"
     with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):

@@ -4,27 +4,36 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pxr import Gf, Sdf, UsdGeom, UsdShade, UsdUtils, Vt
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade, UsdUtils, Vt
 
 from mmw.config.material_map import MaterialEntry
 from mmw.physics.materials.appearance import Appearance
-from mmw.physics.materials.material import Material
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.reader import read_stage
+from mmw.scene.scene_data import SceneData
 from mmw.sensors.render.appearance_buffers import AppearanceArrays
 from mmw.usd.material_library import LIBRARY
 from mmw.usd.materials import Copies, MaterialUse, read_material, read_materials
 from mmw.usd.preview_surface import metallic_workflow, read_appearance
 from tests.fixtures.material_stages import KINDS, add_quad, connect, corner_image, give_uv, preview, stage_in
-from tests.fixtures.stages import add_material, animate
+from tests.fixtures.stages import add_material, animate, saved
+
+
+@pytest.fixture
+def stage(tmp_path: Path) -> Usd.Stage:
+    return stage_in(tmp_path)
+
+
+def read(stage: Usd.Stage, *weathers: str, **options) -> SceneData:
+    """Return the first frame of a stage."""
+    return read_stage(saved(stage), range(1), weathers or ["sunny"], **options)
 
 
 def appearance_of(material: UsdShade.Material, notes: dict[str, None] | None = None) -> Appearance:
     return read_appearance(material.GetPrim(), {} if notes is None else notes)
 
 
-def test_numbers(tmp_path: Path) -> None:
-    stage = stage_in(tmp_path)
+def test_numbers(stage: Usd.Stage) -> None:
     given = {
         "diffuseColor": Gf.Vec3f(0.1, 0.2, 0.3), "emissiveColor": Gf.Vec3f(2, 3, 4), "roughness": 0.7, "metallic": 0.9,
         "ior": 1.4, "opacity": 0.3, "opacityThreshold": 0.1, "clearcoat": 0.8, "clearcoatRoughness": 0.05,
@@ -42,8 +51,7 @@ def test_numbers(tmp_path: Path) -> None:
         appearance_of(material)
 
 
-def test_copies_of_a_material_are_told_from_changed_ones(tmp_path: Path) -> None:
-    stage = stage_in(tmp_path)
+def test_copies_of_a_material_are_told_from_changed_ones(stage: Usd.Stage) -> None:
     preview(stage, "/World/library/paint", {"roughness": 0.7})
     preview(stage, "/World/library/odd", {"roughness": 0.7})[1].CreateIdAttr("MyShader")
     _, surface = preview(stage, "/World/library/shared")
@@ -66,15 +74,11 @@ def test_copies_of_a_material_are_told_from_changed_ones(tmp_path: Path) -> None
     specs = [copies.specs(stage.GetPrimAtPath(use.prim_path)) for use in uses]
     assert specs[0] == specs[2] != specs[1] and specs[3:6] == [None] * 3
     node.GetInput("fallback").Set(Gf.Vec4f(0.5, 0.5, 0.5, 1.0))  # as a weather would
-    assert [material.appearance.color[0] for material in read_materials(stage, uses, notes, copies)[3:6]] == [
-        0.5,
-        0.9,
-        0.5,
-    ]
+    found = read_materials(stage, uses, notes, copies)
+    assert [material.appearance.color[0] for material in found[3:6]] == [0.5, 0.9, 0.5]
 
 
-def test_values_through_a_material_interface(tmp_path: Path) -> None:
-    stage = stage_in(tmp_path)
+def test_values_through_a_material_interface(stage: Usd.Stage) -> None:
     material, shader = preview(stage, "/World/a")
     port = material.CreateInput("tint", KINDS.Color3f)
     port.Set(Gf.Vec3f(0.4, 0.5, 0.6))
@@ -82,8 +86,7 @@ def test_values_through_a_material_interface(tmp_path: Path) -> None:
     assert appearance_of(material).color == (0.4, 0.5, 0.6)
 
 
-def test_textures(tmp_path: Path) -> None:
-    stage = stage_in(tmp_path)
+def test_textures(stage: Usd.Stage, tmp_path: Path) -> None:
     material, shader = preview(stage, "/World/a")
     file = corner_image(tmp_path / "a.png")
     connect(stage, shader, "diffuseColor", file, wrapS="clamp", wrapT="mirror", scale=(1, 2, 3, 4), bias=(0.5, 0, 0, 1))
@@ -93,32 +96,19 @@ def test_textures(tmp_path: Path) -> None:
     connect(stage, shader, "opacity", file, output="a", sourceColorSpace="sRGB")
     shader.CreateInput("opacityThreshold", KINDS.Float).Set(0.25)
     appearance = appearance_of(material)
-    assert appearance.color_texture is not None and appearance.normal_texture is not None
-    assert (
-        appearance.roughness_texture is not None
-        and appearance.emission_texture is not None
-        and appearance.opacity_texture is not None
-    )
-    assert appearance.color_texture.file == str(tmp_path / "a.png")
-    assert appearance.color_texture.wrap == ("clamp", "mirror")
-    assert appearance.color_texture.scale == (1.0, 2.0, 3.0, 4.0)
-    assert appearance.color_texture.bias == (0.5, 0.0, 0.0, 1.0)
-    assert appearance.normal_texture.wrap == ("black", "repeat")
-    assert (appearance.roughness_texture.channel, appearance.opacity_texture.channel) == (1, 3)
-    spaces = [
-        appearance.color_texture,
-        appearance.roughness_texture,
-        appearance.normal_texture,
-        appearance.emission_texture,
-        appearance.opacity_texture,
-    ]
-    assert [use.is_srgb for use in spaces] == [None, False, False, False, True]
+    names = ("color", "roughness", "normal", "emission", "opacity")
+    color, roughness, normal, emission, opacity = (getattr(appearance, f"{name}_texture") for name in names)
+    assert (color.file, color.wrap) == (str(tmp_path / "a.png"), ("clamp", "mirror"))
+    assert (color.scale, color.bias) == ((1.0, 2.0, 3.0, 4.0), (0.5, 0.0, 0.0, 1.0))
+    assert normal.wrap == ("black", "repeat")
+    assert (roughness.channel, opacity.channel) == (1, 3)
+    uses = (color, roughness, normal, emission, opacity)
+    assert [use.is_srgb for use in uses] == [None, False, False, False, True]
     assert appearance.emission == (0.1, 0.2, 0.3)  # drawn where the file is missing
     assert (appearance.opacity_threshold, appearance.metallic_texture) == (0.25, None)
 
 
-def test_opacity_texture_without_threshold_is_noted(tmp_path: Path) -> None:
-    stage = stage_in(tmp_path)
+def test_opacity_texture_without_threshold_is_noted(stage: Usd.Stage, tmp_path: Path) -> None:
     material, shader = preview(stage, "/World/a")
     connect(stage, shader, "opacity", corner_image(tmp_path / "a.png"), output="r")
     notes: dict[str, None] = {}
@@ -126,9 +116,8 @@ def test_opacity_texture_without_threshold_is_noted(tmp_path: Path) -> None:
     assert [line for line in notes if "/World/a" in line and "0.5" in line]
 
 
-def test_transforms_of_coordinates(tmp_path: Path) -> None:
+def test_transforms_of_coordinates(stage: Usd.Stage, tmp_path: Path) -> None:
     """Each is out = turn(in * scale) + translation, counter-clockwise, one after the other, by Gf's own rotation."""
-    stage = stage_in(tmp_path)
     material, shader = preview(stage, "/World/a")
     chain = [
         {"scale": Gf.Vec2f(2, 3), "rotation": 30.0, "translation": Gf.Vec2f(0.1, -0.4)},
@@ -137,7 +126,6 @@ def test_transforms_of_coordinates(tmp_path: Path) -> None:
     ]
     connect(stage, shader, "diffuseColor", corner_image(tmp_path / "a.png"), transforms=chain)
     use = appearance_of(material).color_texture
-    assert use is not None
     for st in np.random.default_rng(0).normal(size=(5, 2)):
         point = Gf.Vec3d(*st, 0.0)
         for step in chain:
@@ -148,8 +136,7 @@ def test_transforms_of_coordinates(tmp_path: Path) -> None:
         np.testing.assert_allclose(found, tuple(point)[:2], atol=1e-5)
 
 
-def test_node_that_is_not_read_is_named(tmp_path: Path) -> None:
-    stage = stage_in(tmp_path)
+def test_node_that_is_not_read_is_named(stage: Usd.Stage) -> None:
     material, shader = preview(stage, "/World/a", {"diffuseColor": Gf.Vec3f(0.2, 0.3, 0.4)})
     node = UsdShade.Shader.Define(stage, "/World/a/Noise")
     node.CreateIdAttr("ND_fractal3d_color3")
@@ -175,16 +162,14 @@ def surface(stage, material, context: str, shader_id: str) -> None:
     ("context", "shader_id"),
     [("mtlx", "ND_standard_surface_surfaceshader"), ("mdl", "OmniPBR"), ("", "HwPtexTexture_1")],
 )
-def test_surface_that_is_not_read(tmp_path: Path, context: str, shader_id: str) -> None:
+def test_surface_that_is_not_read(stage: Usd.Stage, tmp_path: Path, context: str, shader_id: str) -> None:
     """One note a material, which names node, path and colour; the mesh's one displayColor is drawn, else grey."""
-    stage = stage_in(tmp_path)
     material = add_material(stage, "/World/Looks/foreign", "itu_wood")
     surface(stage, material, context, shader_id)
     quad = add_quad(stage, "/World/a", material)
     quad.CreateDisplayColorAttr([Gf.Vec3f(0.7, 0.6, 0.5)])
-    add_quad(stage, "/World/b", material, [(10, 0, 0), (12, 0, 0), (12, 2, 0), (10, 2, 0)])
-    stage.Save()
-    arrays = read_stage(tmp_path / "stage.usda", range(1), ["sunny"])
+    add_quad(stage, "/World/b", material, x=10)
+    arrays = read(stage)
     colors = [arrays.materials["sunny"][k].appearance.color for k in arrays.material[[0, -1]]]
     assert colors == [(0.7, 0.6, 0.5), (0.5, 0.5, 0.5)]
     assert len(arrays.look_notes) == 2  # one for each colour that is drawn
@@ -193,8 +178,7 @@ def test_surface_that_is_not_read(tmp_path: Path, context: str, shader_id: str) 
             assert text in note
 
 
-def test_preview_surface_beside_others_counts(tmp_path: Path) -> None:
-    stage = stage_in(tmp_path)
+def test_preview_surface_beside_others_counts(stage: Usd.Stage) -> None:
     material, _ = preview(stage, "/World/a", {"roughness": 0.25})
     surface(stage, material, "mtlx", "ND_standard_surface_surfaceshader")
     notes: dict[str, None] = {}
@@ -202,33 +186,26 @@ def test_preview_surface_beside_others_counts(tmp_path: Path) -> None:
     assert not notes
 
 
-def test_display_color_of_a_mesh_without_material(tmp_path: Path) -> None:
-    stage = stage_in(tmp_path)
+def test_display_color_of_a_mesh_without_material(stage: Usd.Stage, tmp_path: Path) -> None:
     UsdGeom.PrimvarsAPI(stage.GetPrimAtPath("/World")).CreatePrimvar(
         "displayColor", KINDS.Color3fArray, "constant"
     ).Set(Vt.Vec3fArray([Gf.Vec3f(0.1, 0.2, 0.3)]))
     add_quad(stage, "/World/own").CreateDisplayColorAttr([Gf.Vec3f(0.9, 0.8, 0.7)])
-    add_quad(stage, "/World/inherited", None, [(10, 0, 0), (12, 0, 0), (12, 2, 0), (10, 2, 0)])
-    stage.Save()
-    arrays = read_stage(
-        tmp_path / "stage.usda", range(1), ["sunny"], material_map={"/World/*": MaterialEntry(radio="itu_wood")}
-    )
+    add_quad(stage, "/World/inherited", None, x=10)
+    arrays = read(stage, material_map={"/World/*": MaterialEntry(radio="itu_wood")})
     colors = {arrays.materials["sunny"][k].appearance.color for k in arrays.material}
     assert colors == {(0.9, 0.8, 0.7), (0.1, 0.2, 0.3)}
 
 
-def test_material_of_the_library_has_its_look(device: str, tmp_path: Path) -> None:
+def test_material_of_the_library_has_its_look(device: str, stage: Usd.Stage, tmp_path: Path) -> None:
     """By the material map: colour and roughness of the library, and its tile where the mesh has coordinates."""
-    stage = stage_in(tmp_path)
     give_uv(add_quad(stage, "/World/with"))
-    add_quad(stage, "/World/without", None, [(10, 0, 0), (12, 0, 0), (12, 2, 0), (10, 2, 0)])
-    stage.Save()
-    mapped = {"/World/*": MaterialEntry(material="brick_facade")}
-    arrays = read_stage(tmp_path / "stage.usda", range(1), ["sunny"], material_map=mapped)
+    add_quad(stage, "/World/without", None, x=10)
+    arrays = read(stage, material_map={"/World/*": MaterialEntry(material="brick_facade")})
     spec = LIBRARY["brick_facade"]
     with_uv, without = (arrays.materials["sunny"][k].appearance for k in arrays.material[[0, -1]])
     assert with_uv.has_uv and not without.has_uv
-    assert with_uv.color_texture is not None and Path(with_uv.color_texture.file).is_file()
+    assert Path(with_uv.color_texture.file).is_file()
     np.testing.assert_allclose(with_uv.color, spec.color, rtol=1e-6)
     (note,) = arrays.look_notes
     assert "/World/without" in note
@@ -238,8 +215,7 @@ def test_material_of_the_library_has_its_look(device: str, tmp_path: Path) -> No
     np.testing.assert_allclose(plain["color"], spec.color, atol=0.01)
 
 
-def test_looks_follow_the_weather(device: str, tmp_path: Path) -> None:
-    stage = stage_in(tmp_path)
+def test_looks_follow_the_weather(device: str, stage: Usd.Stage, tmp_path: Path) -> None:
     material, shader = preview(stage, "/World/a", {"roughness": 0.9})
     add_quad(stage, "/World/quad", material)
     variants = stage.GetPrimAtPath("/World").GetVariantSets().AddVariantSet("weather")
@@ -249,8 +225,7 @@ def test_looks_follow_the_weather(device: str, tmp_path: Path) -> None:
         with variants.GetVariantEditContext():
             stage.OverridePrim(shader.GetPath()).CreateAttribute("inputs:roughness", KINDS.Float).Set(roughness)
     shader.GetInput("roughness").GetAttr().Clear()
-    stage.Save()
-    arrays = read_stage(tmp_path / "stage.usda", range(1), ["sunny", "rainy"])
+    arrays = read(stage, "sunny", "rainy")
     appearance = AppearanceArrays(DeviceScene(arrays, device, 1))
     sunny, rainy = (appearance.for_weather(name) for name in ("sunny", "rainy"))
     assert sunny.appearances.numpy()["roughness"][0] == pytest.approx(0.8)
@@ -258,8 +233,7 @@ def test_looks_follow_the_weather(device: str, tmp_path: Path) -> None:
     assert sunny.texels.ptr == rainy.texels.ptr and sunny.town_uv.ptr == rainy.town_uv.ptr
 
 
-def test_equal_shapes_with_different_looks_are_two_models(tmp_path: Path) -> None:
-    stage = stage_in(tmp_path)
+def test_equal_shapes_with_different_looks_are_two_models(stage: Usd.Stage, tmp_path: Path) -> None:
     quads = []
     for k, color in enumerate([(1, 0, 0), (0, 1, 0), (1, 0, 0), (1, 0, 0)]):
         material, _ = preview(stage, f"/World/Looks/m{k}/paint", {"diffuseColor": Gf.Vec3f(*color)})
@@ -267,8 +241,7 @@ def test_equal_shapes_with_different_looks_are_two_models(tmp_path: Path) -> Non
         quads.append(add_quad(stage, f"/World/car_{k}/body", material))
     quads[3].CreateNormalsAttr([Gf.Vec3f(0, 0.6, 0.8)] * 4)
     quads[3].SetNormalsInterpolation("vertex")
-    stage.Save()
-    arrays = read_stage(tmp_path / "stage.usda", range(1), ["sunny"])
+    arrays = read(stage)
     assert [actor.model for actor in arrays.actors] == [0, 1, 0, 2]
     np.testing.assert_allclose(arrays.models[2].normals, np.tile((0, 0.6, 0.8), (2, 3, 1)), atol=1e-6)
     assert not arrays.models[0].normals.any()
@@ -306,41 +279,34 @@ def test_textures_in_a_package(device: str, tmp_path: Path) -> None:
     assert UsdUtils.CreateNewUsdzPackage(Sdf.AssetPath(str(tmp_path / "loose" / "stage.usda")), str(package))
     arrays = read_stage(package, range(1), ["sunny"])
     use = arrays.materials["sunny"][0].appearance.color_texture
-    assert use is not None and use.file.startswith(str(package)) and use.file.endswith("four.png]")
+    assert use.file.startswith(str(package)) and use.file.endswith("four.png]")
     appearance = AppearanceArrays(DeviceScene(arrays, device, 1))
     assert not appearance.notes
     texels = appearance.for_weather("sunny").texels.numpy().view(np.float16).reshape(-1, 4)
     np.testing.assert_array_equal(texels[[0, 7, 56, 63], :3], [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1)])
 
 
-def test_broken_coordinates_are_noted(tmp_path: Path) -> None:
-    stage = stage_in(tmp_path)
+def test_broken_coordinates_are_noted(stage: Usd.Stage, tmp_path: Path) -> None:
     material, shader = preview(stage, "/World/a")
     connect(stage, shader, "diffuseColor", corner_image(tmp_path / "a.png"))
     give_uv(add_quad(stage, "/World/few", material), [(0, 0), (1, 1)])
-    quad = add_quad(stage, "/World/index", material, [(10, 0, 0), (12, 0, 0), (12, 2, 0), (10, 2, 0)])
-    give_uv(quad, indices=[0, 1, 2, 9])
-    quad = add_quad(stage, "/World/nan", material, [(20, 0, 0), (22, 0, 0), (22, 2, 0), (20, 2, 0)])
-    give_uv(quad, [(0, 0), (float("nan"), 0), (1, 1), (0, 1)])
-    stage.Save()
-    arrays = read_stage(tmp_path / "stage.usda", range(1), ["sunny"])
+    give_uv(add_quad(stage, "/World/index", material, x=10), indices=[0, 1, 2, 9])
+    give_uv(add_quad(stage, "/World/nan", material, x=20), [(0, 0), (float("nan"), 0), (1, 1), (0, 1)])
+    arrays = read(stage)
     assert np.isfinite(arrays.uv).all()
     for path in ("/World/few", "/World/index", "/World/nan"):
         assert [line for line in arrays.look_notes if line.startswith(f"{path}: primvars:st")], path
 
 
-def test_ground_that_holds_puddles_and_pores(device: str, tmp_path: Path) -> None:
-    stage = stage_in(tmp_path)
+def test_ground_that_holds_puddles_and_pores(device: str, stage: Usd.Stage, tmp_path: Path) -> None:
     for k, (base, coating) in enumerate(
         [("asphalt", "none"), ("asphalt", "paint"), ("leaf_grass", "none"), ("brick", "none"), ("steel", "none")]
     ):
         material = add_material(stage, f"/World/Looks/m{k}", "itu_wood", base)
         material.GetPrim().CreateAttribute("omni:simready:nonvisual:coating", KINDS.Token).Set(coating)
-        add_quad(stage, f"/World/q{k}", material, [(x + 10 * k, y, 0) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))])
-    stage.Save()
-    arrays = read_stage(tmp_path / "stage.usda", range(1), ["sunny"])
+        add_quad(stage, f"/World/q{k}", material, x=10 * k)
+    arrays = read(stage)
     appearances = AppearanceArrays(DeviceScene(arrays, device, 1)).for_weather("sunny").appearances.numpy()
     names = [material.name for material in arrays.materials["sunny"]]
     assert {names[k] for k in np.flatnonzero(appearances["is_porous"])} == {"m0", "m3"}
     assert {names[k] for k in np.flatnonzero(appearances["holds_puddles"])} == {"m0", "m1"}
-    assert isinstance(arrays.materials["sunny"][0], Material)

@@ -4,42 +4,36 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import trimesh
 from pxr import Gf, Usd, UsdGeom, UsdShade, Vt
 
 from mmw.core.mesh import TriangleMesh
 from mmw.usd.meshes import MeshReader, bound_materials, place, semantic_label, to_metres
 from mmw.usd.triangulate import triangulate
+from mmw.worlds.importers.mesh_cleanup import free_name
+from tests.fixtures.meshes import area, volume
 from tests.fixtures.stages import add_box, add_material, add_polygons, bind, label, new_stage
 
 
-def read(stage: Usd.Stage) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """World points and faces of every mesh, by path; several uses of one mesh get a number."""
+@pytest.fixture
+def stage(tmp_path: Path) -> Usd.Stage:
+    return new_stage(tmp_path / "a.usda")
+
+
+def read(stage: Usd.Stage) -> dict[str, TriangleMesh]:
+    """Return every mesh in the world, by its path; further uses of one mesh are numbered."""
     reader = MeshReader(stage, Usd.TimeCode(0))
     found = {}
     for mesh in reader.meshes():
-        to_anchor = np.eye(4) if mesh.to_anchor is None else mesh.to_anchor
-        matrix = to_anchor @ reader.to_world(mesh.anchor) @ to_metres(stage)
-        path = str(mesh.prim.GetPath())
-        while path in found:
-            path += "+"
-        found[path] = place(reader.triangles(mesh.prim), matrix)
+        matrix = reader.to_world(mesh) @ to_metres(stage)
+        path = free_name(str(mesh.prim.GetPath()), found)
+        found[path] = TriangleMesh(*place(reader.triangles(mesh.prim), matrix))
     return found
 
 
-def volume(points: np.ndarray, faces: np.ndarray) -> float:
-    """Return the volume of a closed mesh; positive if its faces look outward."""
-    return float(trimesh.Trimesh(points, faces, process=False).volume)
-
-
-def area(points: np.ndarray, faces: np.ndarray) -> float:
-    return float(TriangleMesh(points, faces).areas.sum())
-
-
-def cut(points: np.ndarray, polygons: list[list[int]], holes: tuple[int, ...] = ()) -> tuple[np.ndarray, np.ndarray]:
+def cut(points: np.ndarray, polygons: list[list[int]], holes: tuple[int, ...] = ()) -> tuple[TriangleMesh, np.ndarray]:
     counts, indices = np.array([len(polygon) for polygon in polygons]), np.concatenate(polygons).astype(int)
     corners, polygon = triangulate(points, counts, indices, np.array(holes, dtype=int))
-    return indices[corners], polygon
+    return TriangleMesh(points, indices[corners]), polygon
 
 
 def shoelace(flat: np.ndarray) -> float:
@@ -57,58 +51,41 @@ def test_concave_polygons_keep_area_and_winding(seed: int) -> None:
     frame = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     frame *= np.linalg.det(frame)  # a rotation, no mirror
     points = np.column_stack([flat, np.zeros(count)]) @ frame.T + rng.normal(size=3)
-    faces, polygon = cut(points, [list(range(count))])
-    assert len(faces) == count - 2
+    mesh, polygon = cut(points, [list(range(count))])
+    assert len(mesh.faces) == count - 2
     np.testing.assert_array_equal(polygon, 0)
-    assert area(points, faces) == pytest.approx(shoelace(flat), rel=1e-9)
-    assert (TriangleMesh(points, faces).crosses @ frame[:, 2] > 0.0).all()
+    assert area(mesh) == pytest.approx(shoelace(flat), rel=1e-9)
+    assert (mesh.crosses @ frame[:, 2] > 0.0).all()
 
 
 def test_concave_quad_is_cut_inside() -> None:
     points = np.array([[0, 0, 0], [4, 0, 0], [1, 1, 0], [0, 4, 0]], dtype=float)  # an arrow; corner 2 points inward
-    faces, _ = cut(points, [[1, 2, 3, 0]])
-    assert area(points, faces) == pytest.approx(shoelace(points[[1, 2, 3, 0], :2]))
+    mesh, _ = cut(points, [[1, 2, 3, 0]])
+    assert area(mesh) == pytest.approx(shoelace(points[[1, 2, 3, 0], :2]))
 
 
 def test_mixed_polygons_in_order_without_holes() -> None:
     points = np.array([[x, y, 0] for y in range(3) for x in range(3)], dtype=float)
     polygons = [[0, 1, 4, 3], [1, 2, 5], [3, 4, 7, 6], [4, 5, 8], [4, 8, 7], [0, 1]]
-    faces, polygon = cut(points, polygons, holes=(2,))
+    mesh, polygon = cut(points, polygons, holes=(2,))
     np.testing.assert_array_equal(polygon, [0, 0, 1, 3, 4])
-    assert area(points, faces) == pytest.approx(1.0 + 0.5 + 0.5 + 0.5)
-
-
-@pytest.mark.parametrize("up", ["Y", "Z"])
-@pytest.mark.parametrize("unit", [1.0, 0.01])
-def test_units_and_axes(tmp_path: Path, up: str, unit: float) -> None:
-    stage = new_stage(tmp_path / "a.usda", up=up, metres_per_unit=unit)
-    box = add_box(stage, "/World/box", np.array([2, 4, 6]) / unit, np.array([10, 20, 30]) / unit)
-    UsdGeom.Xformable(box).AddTranslateOp().Set(Gf.Vec3d(1.0 / unit, 0, 0))
-    ((points, faces),) = read(stage).values()
-    low, high = points.min(axis=0), points.max(axis=0)
-    if up == "Z":
-        np.testing.assert_allclose([low, high], [[10, 18, 27], [12, 22, 33]], rtol=1e-6)
-    else:  # (x, y, z) -> (x, -z, y)
-        np.testing.assert_allclose([low, high], [[10, -33, 18], [12, -27, 22]], rtol=1e-6)
-    assert volume(points - points.mean(axis=0), faces) == pytest.approx(48.0, rel=1e-5)
+    assert area(mesh) == pytest.approx(1.0 + 0.5 + 0.5 + 0.5)
 
 
 @pytest.mark.parametrize("scale", [(1, 1, 1), (-1, 1, 1), (-1, -1, 1), (-2, -3, -0.5)])
 @pytest.mark.parametrize("handed", ["rightHanded", "leftHanded"])
-def test_mirrors_and_handedness_keep_faces_outward(tmp_path: Path, scale: tuple[float, ...], handed: str) -> None:
-    stage = new_stage(tmp_path / "a.usda")
+def test_mirrors_and_handedness_keep_faces_outward(stage: Usd.Stage, scale: tuple[float, ...], handed: str) -> None:
     box = add_box(stage, "/World/box", (2, 2, 2))
     if handed == "leftHanded":
         box.GetOrientationAttr().Set(handed)
         indices = np.array(box.GetFaceVertexIndicesAttr().Get()).reshape(-1, 3)[:, ::-1]
         box.GetFaceVertexIndicesAttr().Set(indices.ravel().tolist())
     UsdGeom.Xformable(box).AddScaleOp().Set(Gf.Vec3f(*scale))
-    ((points, faces),) = read(stage).values()
-    assert volume(points, faces) == pytest.approx(8.0 * abs(np.prod(scale)))
+    (mesh,) = read(stage).values()
+    assert volume(mesh) == pytest.approx(8.0 * abs(np.prod(scale)))
 
 
-def test_what_is_no_geometry_is_left_out(tmp_path: Path) -> None:
-    stage = new_stage(tmp_path / "a.usda")
+def test_what_is_no_geometry_is_left_out(stage: Usd.Stage) -> None:
     for name in ("default", "render", "proxy", "guide"):
         UsdGeom.Imageable(add_box(stage, f"/World/{name}", (1, 1, 1))).CreatePurposeAttr(name)
     UsdGeom.Imageable(UsdGeom.Xform.Define(stage, "/World/aid")).CreatePurposeAttr("guide")
@@ -120,8 +97,7 @@ def test_what_is_no_geometry_is_left_out(tmp_path: Path) -> None:
     assert sorted(read(stage)) == ["/World/default", "/World/render"]
 
 
-def test_instances(tmp_path: Path) -> None:
-    stage = new_stage(tmp_path / "a.usda")
+def test_instances(stage: Usd.Stage) -> None:
     add_box(stage, "/Prototypes/crate/box", (2, 2, 2), (0, 0, 1))
     UsdGeom.Imageable(UsdGeom.Scope.Define(stage, "/Prototypes")).MakeInvisible()
     for k in range(3):
@@ -132,11 +108,10 @@ def test_instances(tmp_path: Path) -> None:
     found = read(stage)
     assert sorted(found) == [f"/World/crate_{k}/box" for k in range(3)]
     for k, path in enumerate(sorted(found)):
-        np.testing.assert_allclose(found[path][0].mean(axis=0), [10.0 * k, 0, 1], atol=1e-12)
+        np.testing.assert_allclose(found[path].points.mean(axis=0), [10.0 * k, 0, 1], atol=1e-12)
 
 
-def test_point_instancer(tmp_path: Path) -> None:
-    stage = new_stage(tmp_path / "a.usda")
+def test_point_instancer(stage: Usd.Stage) -> None:
     instancer = UsdGeom.PointInstancer.Define(stage, "/World/trees")
     instancer.AddTranslateOp().Set(Gf.Vec3d(100, 0, 0))
     add_box(stage, "/World/trees/protos/small", (1, 1, 1))
@@ -148,14 +123,13 @@ def test_point_instancer(tmp_path: Path) -> None:
     instancer.CreatePositionsAttr([Gf.Vec3f(0, 10.0 * k, 0) for k in range(4)])
     instancer.CreateScalesAttr([Gf.Vec3f(1 + k) for k in range(4)])
     instancer.CreateInvisibleIdsAttr([3])
-    found = read(stage)
-    means = sorted(tuple(np.round(points.mean(axis=0), 6)) for points, _ in found.values())
+    found = read(stage).values()
+    means = sorted(tuple(np.round(mesh.points.mean(axis=0), 6)) for mesh in found)
     assert means == [(100, 0, 0), (100, 10, 10), (100, 20, 15)]
-    assert sorted(round(volume(p - p.mean(axis=0), f), 3) for p, f in found.values()) == [1.0, 320.0, 1080.0]
+    assert sorted(round(volume(mesh), 3) for mesh in found) == [1.0, 320.0, 1080.0]
 
 
-def test_subsets_have_materials_of_their_own(tmp_path: Path) -> None:
-    stage = new_stage(tmp_path / "a.usda")
+def test_subsets_have_materials_of_their_own(stage: Usd.Stage) -> None:
     red, blue = add_material(stage, "/World/red"), add_material(stage, "/World/blue")
     points = np.array([[x, y, 0] for y in range(2) for x in range(4)], dtype=float)
     mesh = add_polygons(stage, "/World/strip", points, [[0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6]], red)
@@ -171,8 +145,7 @@ def test_subsets_have_materials_of_their_own(tmp_path: Path) -> None:
     assert not index.any()
 
 
-def test_deepest_label_wins(tmp_path: Path) -> None:
-    stage = new_stage(tmp_path / "a.usda")
+def test_deepest_label_wins(stage: Usd.Stage) -> None:
     label(stage.GetPrimAtPath("/World"), "building")
     plain, window = add_box(stage, "/World/plain", (1, 1, 1)), add_box(stage, "/World/window", (1, 1, 1))
     label(window.GetPrim(), "static")
@@ -193,28 +166,24 @@ def test_deepest_label_wins(tmp_path: Path) -> None:
     ],
 )
 @pytest.mark.parametrize("axis", ["X", "Y", "Z"])
-def test_shapes(tmp_path: Path, kind: str, size: tuple[float, ...], expected: float, axis: str) -> None:
-    stage = new_stage(tmp_path / "a.usda")
+def test_shapes(stage: Usd.Stage, kind: str, size: tuple[float, ...], expected: float, axis: str) -> None:
     prim = stage.DefinePrim("/World/shape", kind)
     for name, value in (("size", 3.0), ("radius", 1.0), ("height", 5.0), ("axis", axis)):
         if prim.HasAttribute(name):
             prim.GetAttribute(name).Set(value)
-    ((points, faces),) = read(stage).values()
+    (mesh,) = read(stage).values()
     shift = {"X": 1, "Y": 2, "Z": 0}[axis] if prim.HasAttribute("axis") else 0
-    low, high = points.min(axis=0), points.max(axis=0)
+    low, high = mesh.bounds
     np.testing.assert_allclose(high - low, np.roll(size, shift), rtol=0.01)
     np.testing.assert_allclose(high + low, 0.0, atol=0.02)
-    assert volume(points, faces) == pytest.approx(expected, rel=0.03)
+    assert volume(mesh) == pytest.approx(expected, rel=0.03)
 
 
 @pytest.mark.parametrize(("axis", "size"), [("X", (0, 4, 2)), ("Y", (2, 0, 4)), ("Z", (2, 4, 0))])
-def test_plane_faces_along_its_axis(tmp_path: Path, axis: str, size: tuple[float, ...]) -> None:
-    stage = new_stage(tmp_path / "a.usda")
+def test_plane_faces_along_its_axis(stage: Usd.Stage, axis: str, size: tuple[float, ...]) -> None:
     prim = stage.DefinePrim("/World/plane", "Plane")
     for name, value in (("width", 2.0), ("length", 4.0), ("axis", axis)):
         prim.GetAttribute(name).Set(value)
-    ((points, faces),) = read(stage).values()
-    np.testing.assert_allclose(np.ptp(points, axis=0), size)
-    np.testing.assert_allclose(
-        TriangleMesh(points, faces).crosses.sum(axis=0), 16.0 * (np.arange(3) == "XYZ".index(axis))
-    )
+    (mesh,) = read(stage).values()
+    np.testing.assert_allclose(np.ptp(mesh.points, axis=0), size)
+    np.testing.assert_allclose(mesh.crosses.sum(axis=0), 16.0 * (np.arange(3) == "XYZ".index(axis)))

@@ -24,7 +24,7 @@ from mmw.scene.stage.asset_copies import collect_assets
 from mmw.scene.stage.layer import animate, define, new_layer, place
 from mmw.scene.stage.sensor_prims import write_sensors
 from mmw.traffic.demand import VehicleTrack
-from mmw.usd.atomic_layers import save_layer
+from mmw.usd.atomic_layers import save_layers
 from mmw.usd.prim_specs import set_label, set_value
 from mmw.usd.vehicle_catalog import ActorModel
 from mmw.worlds.vehicles.actor_prims import describe_actor
@@ -95,7 +95,7 @@ def compose_scenario(
             set_value(prim, "mmw:actor:role", Sdf.ValueTypeNames.Token, "rsu")
             set_label(prim, "static")
             write_sensors(layer, f"/World/RSU/{name}", "rsu", sensors, antenna_position_m or {})
-    save_layer(layer, path)
+    save_layers({path: layer})
     return path
 
 

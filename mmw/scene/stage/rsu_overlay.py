@@ -9,7 +9,7 @@ from pxr import Gf, Sdf, Usd
 from mmw.core.errors import InputError
 from mmw.core.transforms import pose_to_matrix
 from mmw.scene.stage.layer import define
-from mmw.usd.atomic_layers import save_layer
+from mmw.usd.atomic_layers import save_layers
 from mmw.usd.meshes import to_metres
 from mmw.usd.prim_specs import set_op_order, set_value
 
@@ -57,5 +57,5 @@ def overlay_rsus(path: str | Path, source: str | Path, rsus: Sequence[tuple[str,
         set_value(prim, "xformOp:transform", kinds.Matrix4d, Gf.Matrix4d(matrix.tolist()))
         set_op_order(prim, "!resetXformStack!", "xformOp:transform")
         set_value(prim, "mmw:actor:role", kinds.Token, "rsu")
-    save_layer(layer, path)
+    save_layers({path: layer})
     return path

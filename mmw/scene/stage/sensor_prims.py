@@ -8,8 +8,9 @@ from pxr import Gf, Sdf
 
 from mmw.config import SensorConfig
 from mmw.config.sensor_spec import Camera, spec_of
-from mmw.core.transforms import IDENTITY_POSE, compose, pose_from_mount
+from mmw.core.transforms import IDENTITY_POSE, compose
 from mmw.scene.stage.layer import define, place
+from mmw.scene.views import mount_pose
 from mmw.usd.prim_specs import set_value
 
 SENSOR_TO_CAMERA = np.array([0.0, 0.0, 0.0, 0.5, -0.5, -0.5, 0.5])
@@ -39,8 +40,7 @@ def write_sensors(
     for sensor in sensors:
         if role not in sensor.on:
             continue
-        mount = sensor.mount_on(role)
-        pose = pose_from_mount(mount.position_m, mount.yaw_deg, mount.pitch_deg, mount.roll_deg)
+        pose = mount_pose(sensor, role)
         path = f"{agent_path}/Sensors/{prim_name(sensor.name)}"
         if (projection := spec_of(sensor).camera) is not None:
             prim = define(layer, path, "Camera")

@@ -48,12 +48,7 @@ def open_town(path: str | Path) -> Town:
     reader, metres = MeshReader(stage, Usd.TimeCode.Default()), to_metres(stage)
     drivable = [mesh for mesh in reader.meshes() if semantic_label(mesh.anchor) in DRIVABLE_LABELS]
     reader.read([mesh.prim for mesh in drivable])
-    parts = []
-    for mesh in drivable:
-        to_anchor = np.eye(4) if mesh.to_anchor is None else mesh.to_anchor
-        matrix = to_anchor @ reader.to_world(mesh.anchor) @ metres
-        parts.append(TriangleMesh(*place(reader.triangles(mesh.prim), matrix)))
-    road = merge(parts)
+    road = merge(TriangleMesh(*place(reader.triangles(mesh.prim), reader.to_world(mesh) @ metres)) for mesh in drivable)
     if not len(road.faces):
         raise InputError(
             f"{path}: no mesh has the class {' or '.join(DRIVABLE_LABELS)}; vehicles need a road to stand on; label it"

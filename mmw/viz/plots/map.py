@@ -78,8 +78,7 @@ def _read_stage(path: Path, changed_ns: int) -> TownPlan:
     buildings = []
     for mesh in reader.meshes():
         if semantic_label(mesh.anchor) == BUILDING:
-            to_anchor = np.eye(4) if mesh.to_anchor is None else mesh.to_anchor
-            matrix = to_anchor @ reader.to_world(mesh.anchor) @ metres
+            matrix = reader.to_world(mesh) @ metres
             points = reader.triangles(mesh.prim).points @ matrix[:3, :3] + matrix[3, :3]
             outline = convex_outline(points[:, :2])
             if len(outline) > 2:

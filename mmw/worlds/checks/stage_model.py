@@ -16,7 +16,7 @@ from mmw.traffic.roads.lane_graph import LaneGraph
 from mmw.traffic.roads.lane_prims import has_lanes, read_lanes
 from mmw.traffic.roads.town_asset import DRIVABLE_LABELS
 from mmw.usd.actors import find_actors
-from mmw.usd.meshes import MeshReader, bound_materials, component_of, place, semantic_label, to_metres
+from mmw.usd.meshes import MeshReader, bound_materials, place, to_metres
 from mmw.usd.open_stage import open_stage
 from mmw.worlds.checks.findings import Finding
 
@@ -134,16 +134,15 @@ def _read_parts(stage: Usd.Stage, meters: np.ndarray) -> tuple[list[StageMesh], 
         owner = next((str(p) for p in mesh.anchor.GetPath().GetPrefixes() if str(p) in actors), "")
         if owner and owner not in moves:
             moves[owner] = _moves(actors[owner].prim)
-        to_anchor = np.eye(4) if mesh.to_anchor is None else mesh.to_anchor
-        points, faces = place(triangles, to_anchor @ reader.to_world(mesh.anchor) @ meters)
+        points, faces = place(triangles, reader.to_world(mesh) @ meters)
         source = mesh.prim.GetPrimInPrototype() if mesh.prim.IsInstanceProxy() else mesh.prim
         parts.append(
             StageMesh(
                 prim=mesh.prim,
                 path=path,
                 source=str(source.GetPath()),
-                object_path=owner or str(component_of(mesh.anchor).GetPath()),
-                label=semantic_label(mesh.prim),
+                object_path=owner or str(reader.component(mesh.anchor).GetPath()),
+                label=reader.label(mesh.prim),
                 points=points,
                 faces=faces,
                 materials=tuple(bound_materials(mesh.prim, triangles.polygon)[0]),

@@ -1,8 +1,8 @@
 """The material map of an import: a YAML file with the materials of an imported scene."""
 
 import re
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from mmw.config import ConfigError
@@ -10,8 +10,9 @@ from mmw.config.material_map import MaterialEntry
 from mmw.config.yaml_file import read_yaml, validated
 from mmw.core.errors import InputError
 from mmw.physics.materials.material import RadioMaterial
+from mmw.physics.materials.permittivity import RADIO_ROWS
+from mmw.usd.material_entries import find_pattern, mapped_radio, unknown_names
 from mmw.usd.material_library import LIBRARY
-from mmw.usd.material_map import find_pattern, mapped_radio, unknown_names
 from mmw.worlds.importers.imported_scene import ImportedMaterial, ImportedScene, library_material
 from mmw.worlds.importers.mesh_cleanup import free_name, identifier
 from mmw.worlds.towns.mesh_part import MeshPart
@@ -20,7 +21,7 @@ NEEDED = 'a map of patterns, such as "*wall*": {radio: itu_brick}'
 """Content of a material map's file."""
 
 
-def load_material_map(path: str | Path, radio_rows: Collection[str]) -> dict[str, MaterialEntry]:
+def load_material_map(path: str | Path) -> dict[str, MaterialEntry]:
     """Return the entries of a material map, in the file's order.
 
     An entry is a map of keys, or only the name of a radio material (`"*wall*": itu_brick`).
@@ -40,32 +41,13 @@ def load_material_map(path: str | Path, radio_rows: Collection[str]) -> dict[str
             problems += error.problems
             continue
         entries[str(pattern)] = entry
-        problems += unknown_names(f"{path}: {str(pattern)!r}", entry, radio_rows)
+        problems += unknown_names(f"{path}: {str(pattern)!r}", entry)
     if problems:
         raise ConfigError(problems)
     return entries
 
 
-@dataclass
-class _MappedMaterials:
-    """Materials of the world after the map, by what made them."""
-
-    used_names: set[str]
-    names: dict[tuple[str, str], str] = field(default_factory=dict)  # (source material, pattern) -> name
-    materials: dict[str, ImportedMaterial] = field(default_factory=dict)
-
-    def name_for(self, key: tuple[str, str], imported: ImportedMaterial) -> str:
-        if key not in self.names:
-            name = free_name(imported.name, self.used_names)
-            self.used_names.add(name)
-            self.names[key] = name
-            self.materials[name] = replace(imported, name=name)
-        return self.names[key]
-
-
-def apply_material_map(
-    where: str, scene: ImportedScene, entries: Mapping[str, MaterialEntry], radio_rows: Collection[str] | None = None
-) -> ImportedScene:
+def apply_material_map(where: str, scene: ImportedScene, entries: Mapping[str, MaterialEntry]) -> ImportedScene:
     """Return a scene in which every material has a radio description.
 
     The first pattern that matches a mesh decides the keys that it has; all others are the source's. A pattern is
@@ -76,7 +58,6 @@ def apply_material_map(
         where: The source file, for errors.
         scene: The imported scene.
         entries: The material map.
-        radio_rows: Radio materials that exist; None to check them at the run only.
 
     Raises:
         InputError: If a mesh is left without radio material, with the list of all such meshes and a map to fill in, or
@@ -84,8 +65,10 @@ def apply_material_map(
     """
     found = [(part, _match(part, scene, entries)) for part in scene.parts]
     by_map = {entries[pattern].material for _, pattern in found if pattern}
-    used_names = {part.material for part in scene.parts if part.material not in scene.materials} | (by_map - {None})
-    mapped, parts, missing = _MappedMaterials({str(name) for name in used_names}), [], {}
+    taken = {part.material for part in scene.parts if part.material not in scene.materials} | (by_map - {None})
+    materials: dict[str, ImportedMaterial] = {}
+    name_of: dict[tuple[str, str], str] = {}  # material of the source, and the pattern that changes it
+    parts, missing = [], {}
     for part, pattern in found:
         entry = entries[pattern] if pattern else None
         label = entry.label if entry and entry.label else part.label
@@ -94,17 +77,26 @@ def apply_material_map(
         if entry and entry.material:
             name = entry.material
         elif imported is not None:
-            name = mapped.name_for((part.material, pattern if entry and entry.changes else ""), imported)
+            key = part.material, pattern if entry and entry.changes else ""
+            if key not in name_of:
+                name_of[key] = free_name(imported.name, taken | materials.keys())
+                materials[name_of[key]] = replace(imported, name=name_of[key])
+            name = name_of[key]
             if imported.radio is None:
                 missing.setdefault(imported.source, []).append(f"/Town/{part.path}")
         parts.append(replace(part, material=name, label=label))
     if missing:
         raise InputError(_missing(where, missing))
-    for material in mapped.materials.values():
-        _check(where, material, radio_rows)
+    for material in materials.values():
+        row = material.radio.itu if material.radio else ""
+        if row and row not in RADIO_ROWS:
+            raise InputError(
+                f"{where}: material {material.source or material.name!r}: the radio material {row!r} does not exist; "
+                f"use one of {', '.join(sorted(RADIO_ROWS))}; correct the file, or name another with --materials"
+            )
     used = {pattern for _, pattern in found}
     idle = tuple(f"{name!r} of the material map decides nothing" for name in entries if name not in used)
-    return replace(scene, parts=parts, materials=mapped.materials, notes=(*scene.notes, *idle))
+    return replace(scene, parts=parts, materials=materials, notes=(*scene.notes, *idle))
 
 
 def _match(part: MeshPart, scene: ImportedScene, entries: Mapping[str, MaterialEntry]) -> str:
@@ -154,15 +146,3 @@ def _quoted(name: str) -> str:
     """Return a name as a YAML key that matches nothing else."""
     literal = re.sub(r"([*?\[])", r"[\1]", name)
     return '"' + literal.replace("\\", "\\\\").replace('"', '\\"') + '"'
-
-
-def _check(where: str, material: ImportedMaterial, radio_rows: Collection[str] | None) -> None:
-    radio = material.radio
-    if radio is None:
-        return
-    named = f"{where}: material {material.source or material.name!r}"
-    if radio.model == "itu" and radio_rows is not None and radio.itu not in radio_rows:
-        raise InputError(
-            f"{named}: the radio material {radio.itu!r} does not exist; use one of {', '.join(sorted(radio_rows))}; "
-            "correct the file, or name another with --materials"
-        )

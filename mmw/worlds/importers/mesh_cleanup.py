@@ -8,8 +8,8 @@ import numpy as np
 
 from mmw.core.errors import InputError
 from mmw.core.mesh import TriangleMesh, compact
+from mmw.worlds.importers.formats import UNITS
 from mmw.worlds.importers.imported_scene import ImportedScene
-from mmw.worlds.importers.registry import UNITS
 from mmw.worlds.towns.mesh_part import MeshPart
 
 MIN_SIZE_M, MAX_SIZE_M = 1.0, 20_000.0

@@ -9,9 +9,9 @@ import numpy as np
 import trimesh
 
 from mmw.core.errors import InputError
+from mmw.worlds.importers.formats import MESHES
 from mmw.worlds.importers.imported_scene import ImportedMaterial, ImportedScene
 from mmw.worlds.importers.mesh_cleanup import Y_UP, MeshCollector, PrimNames, free_name, identifier, linear, transformed
-from mmw.worlds.importers.registry import MESHES
 
 GROUP = "Model"
 """Group below the town's root that holds the meshes."""
@@ -32,7 +32,7 @@ def read_meshes(
     their own; a mirroring transform turns the faces over. Textures are not read: a material has the mean colour.
 
     Args:
-        path: File of a format of `mmw.worlds.importers.registry.MESHES`.
+        path: File of a format of `mmw.worlds.importers.formats.MESHES`.
         up: Axis that points up in the file, `y` or `z`; the format's own if empty.
         unit_m: One unit of the file [m]; 1 if zero.
         origin: Point of the world [m] that becomes (0, 0, 0).
@@ -121,11 +121,8 @@ class _Materials:
 
 
 def _texture(material: Any) -> Any:
-    for name in ("baseColorTexture", "image"):
-        image = getattr(material, name, None)
-        if image is not None:
-            return image
-    return None
+    images = (getattr(material, name, None) for name in ("baseColorTexture", "image"))
+    return next((image for image in images if image is not None), None)
 
 
 def _look(mesh: trimesh.Trimesh, material: Any) -> Mapping[str, Any]:

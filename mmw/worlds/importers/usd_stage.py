@@ -16,8 +16,9 @@ from mmw.physics.materials.material import RadioMaterial
 from mmw.traffic.roads.lane_graph import LaneGraph
 from mmw.traffic.roads.lane_prims import has_lanes, read_lanes
 from mmw.usd.materials import NONVISUAL, MaterialUse, read_material, resolve_material
-from mmw.usd.meshes import FoundMesh, MeshReader, bound_materials, component_of, place, semantic_label, to_metres
+from mmw.usd.meshes import FoundMesh, MeshReader, bound_materials, place, to_metres
 from mmw.usd.open_stage import check_references, open_stage
+from mmw.usd.prim_values import attribute_value, decimal
 from mmw.worlds.importers.imported_scene import ImportedMaterial, ImportedScene
 from mmw.worlds.importers.mesh_cleanup import MeshCollector, PrimNames, free_name, identifier
 
@@ -38,22 +39,16 @@ def read_usd(path: str | Path, *, unit_m: float = 0.0, origin: Sequence[float] =
     check_references(stage, path)
     start = stage.GetStartTimeCode() if stage.HasAuthoredTimeCodeRange() else 0.0
     meshes, meters = MeshReader(stage, Usd.TimeCode(start)), to_metres(stage)
-    if unit_m:
-        meters[:3, :3] *= unit_m / UsdGeom.GetStageMetersPerUnit(stage)
+    stretch = unit_m / UsdGeom.GetStageMetersPerUnit(stage) if unit_m else 1.0
+    meters[:3, :3] *= stretch
     reader = _Reader(stage, MeshCollector(np.asarray(origin, float)))
-    found = [mesh for mesh in meshes.meshes() if _is_visible(mesh.anchor, start)]
+    found = [mesh for mesh in meshes.meshes() if meshes.is_visible(mesh.anchor)]
     reader.above = {str(prefix) for mesh in found for prefix in mesh.anchor.GetPath().GetParentPath().GetPrefixes()}
     for mesh in found:
-        to_anchor = np.eye(4) if mesh.to_anchor is None else mesh.to_anchor
-        reader.add(mesh, meshes, to_anchor @ meshes.to_world(mesh.anchor) @ meters, str(path))
-    stretch = unit_m / UsdGeom.GetStageMetersPerUnit(stage) if unit_m else 1.0
+        reader.add(mesh, meshes, meshes.to_world(mesh) @ meters, str(path))
     lanes = _lanes(stage, stretch, np.asarray(origin, float))
     notes = (*_notes(stage), *reader.notes(), *reader.parts.notes())
     return ImportedScene(reader.parts.parts, reader.materials, lanes, notes, frozenset(reader.components))
-
-
-def _is_visible(prim: Usd.Prim, time: float) -> bool:
-    return UsdGeom.Imageable(prim).ComputeVisibility(time) != UsdGeom.Tokens.invisible
 
 
 @dataclass
@@ -72,8 +67,8 @@ class _Reader:
         triangles = meshes.triangles(mesh.prim)
         points, faces = place(triangles, matrix)
         materials, index = bound_materials(mesh.prim, triangles.polygon)
-        label = semantic_label(mesh.prim)
-        component_prim, anchor = component_of(mesh.anchor), mesh.anchor
+        label = meshes.label(mesh.prim)
+        component_prim, anchor = meshes.component(mesh.anchor), mesh.anchor
         is_component = Kind.Registry.IsA(Usd.ModelAPI(component_prim).GetKind(), Kind.Tokens.component)
         is_folder = mesh.to_anchor is not None or len(materials) > 1 or str(anchor.GetPath()) in self.above
         parent = self.folder(anchor if is_folder else anchor.GetParent())
@@ -108,8 +103,8 @@ class _Reader:
                 prim.GetName(),
                 radio=radio,
                 base="" if known.nonvisual_base == "none" else known.nonvisual_base,
-                coating=str(_value(prim, NONVISUAL + "coating", "none")),
-                attributes=tuple(map(str, _value(prim, NONVISUAL + "attributes", ("none",)))),
+                coating=str(attribute_value(prim, NONVISUAL + "coating", "none")),
+                attributes=tuple(map(str, attribute_value(prim, NONVISUAL + "attributes", ("none",)))),
                 **self.look(prim, known.color),
             )
         return self._name_of[path, radio]
@@ -128,19 +123,13 @@ class _Reader:
             elif name == "diffuseColor" and value is not None:
                 look["color"] = color
             elif value is not None:
-                look[name] = float(f"{float(value):.7g}")
+                look[name] = decimal(value)
         return look
 
     def notes(self) -> list[str]:
         if not self.textured:
             return []
         return [f"textures are not kept, these materials have a plain colour: {', '.join(sorted(self.textured))}"]
-
-
-def _value(prim: Usd.Prim, name: str, default: object) -> object:
-    attribute = prim.GetAttribute(name)
-    value = attribute.Get() if attribute else None
-    return default if value is None else value
 
 
 def _lanes(stage: Usd.Stage, stretch: float, origin: np.ndarray) -> LaneGraph | None:

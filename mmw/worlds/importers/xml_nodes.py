@@ -35,6 +35,12 @@ class XmlNode:
         """Yield the children with one of some tags, in order."""
         return (child for child in self.children if child.tag in tags)
 
+    def below(self) -> Iterator["XmlNode"]:
+        """Yield all elements below, in order."""
+        for child in self.children:
+            yield child
+            yield from child.below()
+
 
 def read_xml(path: Path) -> XmlNode:
     """Return the root element of a file.

@@ -54,7 +54,7 @@ def test_missing_texture_is_noted_once_and_drawn_as_its_fallback(device: str, tm
     """Two squares and three weathers share one texture that is not there: one note; magenta in debug."""
     stage, shader = textured(tmp_path, "gone.png")
     material = UsdShade.Material.Get(stage, shader.GetPath().GetParentPath())
-    give_uv(add_quad(stage, "/World/second", material, [(3, 0, 0), (5, 0, 0), (5, 2, 0), (3, 2, 0)]))
+    give_uv(add_quad(stage, "/World/second", material, x=3))
     rendering = picture_of(stage, tmp_path, device, debug=debug)
     (note,) = rendering.camera.notes
     for text in ("/World/Looks/picture", "gone.png", "not there", "magenta" if debug else "fallback"):

@@ -18,7 +18,6 @@ from mmw.worlds.importers.write_asset import material_spec
 from mmw.worlds.towns.mesh_part import MeshPart
 from tests.fixtures.stages import add_box, add_material, new_stage
 
-ROWS = ("itu_brick", "itu_concrete", "itu_metal", "itu_marble", "itu_wood")
 TRIANGLE = (np.array([[0.0, 0, 0], [5, 0, 0], [0, 5, 0]]), np.array([[0, 1, 2]], np.int32))
 
 
@@ -113,7 +112,7 @@ def test_everything_without_radio_material_is_listed_with_a_map_to_paste(tmp_pat
     assert all(f"/Town/Model/{name}" in text for name in "abcd")
     assert "Model/e" not in text
     (tmp_path / "map.yaml").write_text("\n".join(text.splitlines()[1:]))
-    pasted = load_material_map(tmp_path / "map.yaml", ROWS)
+    pasted = load_material_map(tmp_path / "map.yaml")
     assert len(pasted) == 3
     found = apply_material_map("file", bare, pasted)
     assert found.notes == ()
@@ -124,13 +123,13 @@ def test_everything_without_radio_material_is_listed_with_a_map_to_paste(tmp_pat
 
 def test_a_row_that_does_not_exist() -> None:
     source = world(("Model/a", "m"), m=ImportedMaterial("m", "m", radio=RadioMaterial("itu", itu="itu_cheese")))
-    with pytest.raises(ValueError, match="'itu_cheese' does not exist; use one of itu_brick"):
-        apply_material_map("file", source, {}, ROWS)
+    with pytest.raises(ValueError, match="'itu_cheese' does not exist; use one of itu_asphalt_concrete, itu_brick"):
+        apply_material_map("file", source, {})
 
 
 def test_an_entry_may_be_only_a_name(tmp_path: Path) -> None:
     (tmp_path / "map.yaml").write_text('"*wall": itu_brick\n"*": {radio: itu_concrete, thickness: 0.2}\n')
-    found = load_material_map(tmp_path / "map.yaml", ROWS)
+    found = load_material_map(tmp_path / "map.yaml")
     assert list(found) == ["*wall", "*"]
     assert found["*wall"] == MaterialEntry(radio="itu_brick")
     assert found["*"].thickness == 0.2
@@ -145,7 +144,7 @@ def test_an_entry_may_be_only_a_name(tmp_path: Path) -> None:
         ('"*": {radio: itu_brick}\n"*": {radio: itu_wood}', "given twice"),
         ("a: 7", "a section of keys is needed"),
         ("a: {}", "says nothing"),
-        ("a: {radio: itu_cheese}", "radio = 'itu_cheese' is unknown; use one of itu_brick, itu_concrete"),
+        ("a: {radio: itu_cheese}", "radio = 'itu_cheese' is unknown; use one of itu_asphalt_concrete, itu_brick"),
         ("a: itu_cheese", "itu_cheese"),
         ("a: {material: gold}", "material = 'gold' is unknown; use one of asphalt"),
         ("a: {label: hous}", "label = 'hous' is unknown; use one of bicycle"),
@@ -160,10 +159,10 @@ def test_an_entry_may_be_only_a_name(tmp_path: Path) -> None:
 def test_a_wrong_map_is_an_error(tmp_path: Path, text: str, part: str) -> None:
     (tmp_path / "map.yaml").write_text(text)
     with pytest.raises(ValueError, match=r"map\.yaml") as caught:
-        load_material_map(tmp_path / "map.yaml", ROWS)
+        load_material_map(tmp_path / "map.yaml")
     assert part in str(caught.value)
     with pytest.raises(ValueError, match="no such file"):
-        load_material_map(tmp_path / "nowhere.yaml", ROWS)
+        load_material_map(tmp_path / "nowhere.yaml")
 
 
 def test_a_scenario_takes_the_same_entries(tmp_path: Path) -> None:

@@ -18,7 +18,6 @@ from tests.fixtures.import_files import (
     HOUSE_HIGH,
     HOUSE_LOW,
     LOW,
-    obj_text,
     write_glb,
     write_obj,
     write_ply,
@@ -128,13 +127,6 @@ def test_a_world_far_from_its_origin_is_an_error(tmp_path: Path) -> None:
         check_scene("a.ply", read_meshes(path))
 
 
-def test_not_a_number_is_an_error(tmp_path: Path) -> None:
-    (tmp_path / "world.mtl").write_text("")
-    (tmp_path / "a.obj").write_text(obj_text().replace("v 20 -15 0", "v nan -15 0"))
-    with pytest.raises(ValueError, match="vertices are not finite"):
-        read_meshes(tmp_path / "a.obj")
-
-
 @pytest.mark.parametrize(
     ("name", "content", "part"),
     [
@@ -154,11 +146,6 @@ def test_files_without_a_mesh(tmp_path: Path, name: str, content: bytes, part: s
         check_scene(name, read_meshes(tmp_path / name))
 
 
-def test_a_missing_file() -> None:
-    with pytest.raises(ValueError, match="no such file"):
-        read_meshes("/nowhere/a.glb")
-
-
 def test_clean_merges_and_drops() -> None:
     """Two triangles of a square that store their shared edge twice, a sliver, a repeated corner, and the
     first triangle again, seen from behind."""
@@ -176,9 +163,6 @@ def test_prim_names_are_identifiers_of_their_own() -> None:
     assert [identifier(name) for name in ("a b", "1st", "Größe", "", "a/b.c")] == ["a_b", "_1st", "Gr__e", "_", "a_b_c"]
     names = PrimNames()
     assert names.child("", "Materials") == "Materials_2"
-    assert [names.child("G", "x y"), names.child("G", "x.y"), names.folder("G", "x_y")] == [
-        "G/x_y",
-        "G/x_y_2",
-        "G/x_y_3",
-    ]
+    found = [names.child("G", "x y"), names.child("G", "x.y"), names.folder("G", "x_y")]
+    assert found == ["G/x_y", "G/x_y_2", "G/x_y_3"]
     assert names.folder("G", "x_y") == "G/x_y_3"

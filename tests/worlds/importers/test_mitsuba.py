@@ -10,7 +10,7 @@ import trimesh
 from mmw.physics.materials.material import RadioMaterial
 from mmw.worlds.importers.imported_scene import ImportedScene
 from mmw.worlds.importers.mesh_cleanup import bounds
-from mmw.worlds.importers.mitsuba.reader import read_mitsuba
+from mmw.worlds.importers.mitsuba.read_mitsuba import read_mitsuba
 from tests.fixtures.import_files import GROUND, HIGH, HOUSE, LOW, write_mitsuba, write_ply
 from tests.fixtures.meshes import volume
 

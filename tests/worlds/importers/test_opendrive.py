@@ -9,9 +9,9 @@ import shapely
 from mmw.core.mesh import TriangleMesh, merge
 from mmw.traffic.idm.run import simulate_idm
 from mmw.worlds.importers.imported_scene import ImportedScene
-from mmw.worlds.importers.opendrive.cross_section import make_shape
-from mmw.worlds.importers.opendrive.reader import read_opendrive
+from mmw.worlds.importers.opendrive.cross_section import RoadShape
 from mmw.worlds.importers.opendrive.records import read_document
+from mmw.worlds.importers.opendrive.reference_line import make_line
 from mmw.worlds.towns.mesh_part import MeshPart
 from tests.fixtures.meshes import corners_of, part_at, plumb, upward
 from tests.fixtures.traffic_towns import demand
@@ -22,12 +22,14 @@ from tests.fixtures.xodr_files import (
     RADIUS,
     WALK,
     Plan,
+    cubic,
     document,
     hermite,
     lane,
     link,
     loop_plans,
     mark,
+    read_xodr,
     road,
     section,
     street,
@@ -37,15 +39,7 @@ from tests.fixtures.xodr_files import (
 
 @pytest.fixture(scope="module")
 def town(tmp_path_factory: pytest.TempPathFactory) -> ImportedScene:
-    path = tmp_path_factory.mktemp("xodr") / "t_town.xodr"
-    path.write_text(t_town())
-    return read_opendrive(path)
-
-
-def read(tmp_path: Path, text: str) -> ImportedScene:
-    path = tmp_path / "town.xodr"
-    path.write_text(text)
-    return read_opendrive(path)
+    return read_xodr(tmp_path_factory.mktemp("xodr"), t_town())
 
 
 def of(world: ImportedScene, *labels: str) -> TriangleMesh:
@@ -67,7 +61,8 @@ def drops(mesh: TriangleMesh | MeshPart, xy: np.ndarray) -> list[np.ndarray]:
 def shape_of(tmp_path: Path, text: str, name: str = "1"):
     path = tmp_path / "road.xodr"
     path.write_text(text)
-    return make_shape(read_document(path).roads[name], "road", np.zeros(2))
+    record = read_document(path).roads[name]
+    return RoadShape(record, make_line(record, "road", np.zeros(2)))
 
 
 def test_reference_lines_agree_with_quadrature(tmp_path: Path) -> None:
@@ -99,10 +94,9 @@ def test_reference_lines_agree_with_quadrature(tmp_path: Path) -> None:
 def test_cubic_by_arc_length_and_poly3(tmp_path: Path) -> None:
     u, v, length = hermite(np.zeros(3), np.array([30.0, 5.0, 0.0]), 30.0)
     scale = length ** -np.arange(4)
-    names = [f'{n}U="{a}" {n}V="{b}"' for n, a, b in zip("abcd", u * scale, v * scale, strict=True)]
     head = f'<geometry s="0" x="0" y="0" hdg="0" length="{length}">'
     plan = Plan(0, 0, 0)
-    plan.station, plan.text = length, f'{head}<paramPoly3 pRange="arcLength" {" ".join(names)}/></geometry>'
+    plan.station, plan.text = length, f'{head}<paramPoly3 pRange="arcLength" {cubic(u * scale, v * scale)}/></geometry>'
     end, _ = shape_of(tmp_path, document(road("1", plan, street(0.0)))).line.at(np.array([length]))
     np.testing.assert_allclose(end[0], [30.0, 5.0], atol=1e-9)
     plan.text = f'{head}<poly3 a="0" b="0" c="0.01" d="0"/></geometry>'
@@ -135,7 +129,6 @@ def test_areas_of_strips_in_closed_form(town: ImportedScene) -> None:
 
 def test_lanes_lie_on_one_surface(town: ImportedScene) -> None:
     roads = of(town, "road", "road_line")
-    assert town.lanes is not None
     for lane_ in town.lanes.lanes.values():
         assert np.linalg.norm(np.diff(lane_.points, axis=0), axis=1).max() <= 2.0
         for z, heights in zip(lane_.points[:, 2], drops(roads, lane_.points[:, :2]), strict=True):
@@ -162,8 +155,9 @@ def test_a_humped_way_bends_the_whole_junction(tmp_path: Path) -> None:
     c, d = 3 * high / half**2, -2 * high / half**3
     hump = f'<elevation s="0" a="0" b="0" c="{c}" d="{d}"/><elevation s="{half}" a="{high}" b="0" c="{-c}" d="{-d}"/>'
     head, tail = t_town().split('<road id="100"')
-    world = read(tmp_path, head + '<road id="100"' + tail.replace("<elevationProfile>", f"<elevationProfile>{hump}", 1))
-    assert world.lanes is not None
+    world = read_xodr(
+        tmp_path, head + '<road id="100"' + tail.replace("<elevationProfile>", f"<elevationProfile>{hump}", 1)
+    )
     roads = of(world, "road", "road_line")
     for name in (f"road_{k}_s0_r1" for k in range(100, 106)):
         line = world.lanes.lanes[name].points
@@ -181,7 +175,6 @@ def test_a_humped_way_bends_the_whole_junction(tmp_path: Path) -> None:
 
 def test_heights_follow_the_profile(town: ImportedScene) -> None:
     first, _ = loop_plans()
-    assert town.lanes is not None
     lane_ = town.lanes.lanes["road_1_s0_r1"]
     x = np.arange(ARM, ARM + 60.0, 1.0)
     s = x - ARM
@@ -195,7 +188,6 @@ def test_heights_follow_the_profile(town: ImportedScene) -> None:
 
 
 def test_lane_graph_of_the_junction(town: ImportedScene) -> None:
-    assert town.lanes is not None
     lanes = town.lanes.lanes
     assert len(lanes) == 12
     ahead = {"road_100_s0_r1", "road_105_s0_r1"}
@@ -220,7 +212,6 @@ def test_lane_graph_of_the_junction(town: ImportedScene) -> None:
 
 
 def test_vehicles_drive_on_it(town: ImportedScene) -> None:
-    assert town.lanes is not None
     roads = of(town, "road", "road_line")
     options = {"frame_count": 500, "vehicle_count": 4, "spawn_center_m": (40.0, 0.0, 0.0), "seed": 3}
     mesh = roads.points, roads.faces
@@ -245,15 +236,13 @@ def test_lanes_beside_each_other_and_sections(tmp_path: Path) -> None:
     )
     three = section(80.0, [], mark("none"), [
         lane(-1, "driving", 3.5, mark("solid"), -1), lane(-2, "driving", 1.4, mark("none"), -2)])  # fmt: skip
-    world = read(tmp_path, document(road("a b", Plan(0, 0, 0).line(120.0), one + two + three)))
-    assert world.lanes is not None
+    world = read_xodr(tmp_path, document(road("a b", Plan(0, 0, 0).line(120.0), one + two + three)))
     lanes = world.lanes.lanes
     assert sorted(lanes) == ["road_a_b_s0_r1", "road_a_b_s1_r1", "road_a_b_s1_r2"]
     assert lanes["road_a_b_s0_r1"].successors == ("road_a_b_s1_r1",)
     # broken over 40 m and solid over 40 m: not more than half of the length may be crossed
     assert (lanes["road_a_b_s1_r1"].right, lanes["road_a_b_s1_r2"].left) == ("", "")
-    world = read(tmp_path, document(road("a b", Plan(0, 0, 0).line(110.0), one + two + three)))
-    assert world.lanes is not None
+    world = read_xodr(tmp_path, document(road("a b", Plan(0, 0, 0).line(110.0), one + two + three)))
     lanes = world.lanes.lanes
     assert (lanes["road_a_b_s1_r1"].right, lanes["road_a_b_s1_r2"].left) == ("road_a_b_s1_r2", "road_a_b_s1_r1")
     assert lanes["road_a_b_s1_r1"].left == ""
@@ -271,7 +260,7 @@ def test_superelevation_border_offset_and_lane_height(tmp_path: Path) -> None:
     )
     text = road("1", Plan(0, 0, 0).line(30.0), one, lateral='<superelevation s="0" a="0.1" b="0" c="0" d="0"/>',
                 offset='<laneOffset s="0" a="0.5" b="0" c="0" d="0"/>')  # fmt: skip
-    world = read(tmp_path, document(text))
+    world = read_xodr(tmp_path, document(text))
     asphalt = part_at(world.parts, "Roads/road_1/asphalt").points
     cos, sin = np.cos(0.1), np.sin(0.1)
     assert (asphalt[:, 1].max(), asphalt[:, 1].min()) == (pytest.approx(0.5 * cos), pytest.approx(-2.5 * cos))
@@ -285,11 +274,10 @@ def test_superelevation_border_offset_and_lane_height(tmp_path: Path) -> None:
 
 def test_left_hand_traffic_and_no_speed(tmp_path: Path) -> None:
     plan = Plan(0, 0, 0).line(40.0)
-    right = read(tmp_path, document(road("1", plan, street(0.0, False, False), speed="")))
-    left = read(
+    right = read_xodr(tmp_path, document(road("1", plan, street(0.0, False, False), speed="")))
+    left = read_xodr(
         tmp_path, document(road("1", plan, street(0.0, False, False), rule="LHT", speed='<speed max="30" unit="mph"/>'))
     )
-    assert right.lanes is not None and left.lanes is not None
     for name in ("road_1_s0_l1", "road_1_s0_r1"):
         np.testing.assert_allclose(left.lanes.lanes[name].points[::-1, :2], right.lanes.lanes[name].points[:, :2])
         assert left.lanes.lanes[name].speed == pytest.approx(13.4112)
@@ -303,7 +291,7 @@ def test_bridge_gets_a_deck_and_far_coordinates_an_origin(tmp_path: Path) -> Non
     low = road("1", Plan(x - 40, y, 0).line(80.0), street(0.0, False, False))
     high = road("2", Plan(x, y - 40, np.pi / 2).line(80.0), street(0.0, False, False),
                 elevation='<elevation s="0" a="6" b="0" c="0" d="0"/>')  # fmt: skip
-    world = read(tmp_path, document(low, high))
+    world = read_xodr(tmp_path, document(low, high))
     deck = part_at(world.parts, "Bridges/road_2/deck")
     assert deck.points[:, 2].min() == pytest.approx(6 - 0.6, abs=0.15) and deck.label == "bridge"
     assert max(np.abs(part.points[:, :2]).max() for part in world.parts) < 200
@@ -314,7 +302,7 @@ def test_bridge_gets_a_deck_and_far_coordinates_an_origin(tmp_path: Path) -> Non
 
 
 def test_same_file_same_world(town: ImportedScene, tmp_path: Path) -> None:
-    again = read(tmp_path, t_town())
+    again = read_xodr(tmp_path, t_town())
     assert [part.path for part in again.parts] == [part.path for part in town.parts]
     for one, other in zip(again.parts, town.parts, strict=True):
         assert np.array_equal(one.points, other.points) and np.array_equal(one.faces, other.faces)
@@ -341,7 +329,7 @@ LOST = GOOD.replace("<link>", "<link>" + link("successor", "road", "8", "start")
 )
 def test_messages(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(ValueError, match=message) as caught:
-        read(tmp_path, text)
+        read_xodr(tmp_path, text)
     assert "\n" not in str(caught.value)
 
 
@@ -355,10 +343,9 @@ def test_gaps_between_lanes(tmp_path: Path, gap: float, is_error: bool) -> None:
     )
     if is_error:
         with pytest.raises(ValueError, match=r"ends at \(40.00, -1.75, 0.00\), 0.80 m from lane road_2_s0_r1"):
-            read(tmp_path, document(first, second))
+            read_xodr(tmp_path, document(first, second))
         return
-    world = read(tmp_path, document(first, second))
-    assert world.lanes is not None
+    world = read_xodr(tmp_path, document(first, second))
     lanes = world.lanes.lanes
     np.testing.assert_allclose(lanes["road_2_s0_r1"].points[0], lanes["road_1_s0_r1"].points[-1], atol=1e-9)
     np.testing.assert_allclose(lanes["road_2_s0_r1"].points[20:, 1], gap - LANE / 2, atol=1e-9)

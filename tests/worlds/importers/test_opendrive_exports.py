@@ -8,9 +8,7 @@ import shapely
 
 from mmw.cli.import_scene import main as import_main
 from mmw.cli.town import main as town_main
-from mmw.worlds.importers.imported_scene import ImportedScene
-from mmw.worlds.importers.opendrive.reader import read_opendrive
-from tests.fixtures.xodr_files import LANE, Plan, document, lane, link, mark, road, section, street
+from tests.fixtures.xodr_files import LANE, Plan, document, lane, link, mark, read_xodr, road, section, street
 
 HALF = LANE / 2
 ON_LINE = f'<laneOffset s="0" a="{HALF}" b="0" c="0" d="0"/>'
@@ -35,15 +33,8 @@ def dead_end(turn: Plan) -> str:
     )
 
 
-def read(tmp_path: Path, text: str) -> ImportedScene:
-    path = tmp_path / "town.xodr"
-    path.write_text(text)
-    return read_opendrive(path)
-
-
 def test_a_way_back_that_fits_is_driven(tmp_path: Path) -> None:
-    world = read(tmp_path, dead_end(Plan(60, -HALF, 0).arc(1 / HALF, np.pi * HALF)))
-    assert world.lanes is not None
+    world = read_xodr(tmp_path, dead_end(Plan(60, -HALF, 0).arc(1 / HALF, np.pi * HALF)))
     assert world.lanes.lanes["road_1_s0_r1"].successors == ("road_10_s0_r1",)
     assert world.lanes.lanes["road_10_s0_r1"].successors == ("road_1_s0_l1",)
     assert "1 roads end at junctions that the file does not have, such as '77': dead ends" in world.notes
@@ -55,8 +46,7 @@ def test_a_way_back_that_does_not_fit_is_left_out(tmp_path: Path) -> None:
     crude.pose = np.array([x, y, np.radians(90)])
     crude.line(float(-2 * y))
     crude.pose[2] = np.radians(150)
-    world = read(tmp_path, dead_end(crude.line(1.0)))
-    assert world.lanes is not None
+    world = read_xodr(tmp_path, dead_end(crude.line(1.0)))
     assert set(world.lanes.lanes) == {"road_1_s0_l1", "road_1_s0_r1"}
     assert not any(found.successors for found in world.lanes.lanes.values())
     assert "1 U-turns left out, over 0.5 m from what they link: road_10_s0_r1" in world.notes
@@ -78,7 +68,7 @@ def turning(side: float) -> str:
 @pytest.mark.parametrize("side", [HALF, 2.5, 8.0])
 def test_a_turn_tighter_than_half_a_lane_is_paved(tmp_path: Path, side: float) -> None:
     """A lane covers what lies within half its width from its middle, also where its inner border folds."""
-    world = read(tmp_path, turning(side))
+    world = read_xodr(tmp_path, turning(side))
     (part,) = [part for part in world.parts if part.path == "Roads/junction_5/asphalt"]
     cells = shapely.polygons(part.points[part.faces][..., :2])
     t = np.linspace(0, 1, 2001)

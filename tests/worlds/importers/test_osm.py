@@ -10,7 +10,7 @@ from mmw.core.geodesy import world_from_wgs84
 from mmw.core.mesh import merge
 from mmw.usd.material_library import LIBRARY
 from mmw.worlds.importers.imported_scene import ImportedScene
-from mmw.worlds.importers.osm.reader import read_osm
+from mmw.worlds.importers.osm.read_osm import read_osm
 from mmw.worlds.importers.osm.xml import length_m
 from mmw.worlds.towns.mesh_part import MeshPart
 from tests.fixtures.meshes import area, corners_of, is_closed, volume
@@ -40,12 +40,6 @@ def parts_of(world: ImportedScene, prefix: str) -> list[MeshPart]:
     found = [part for part in world.parts if part.path.startswith(prefix)]
     assert found, prefix
     return found
-
-
-@pytest.mark.parametrize(("x", "y"), [(0.0, 0.0), (4000.0, 3000.0), (-3500.0, 3500.0), (12.5, -4990.0)])
-def test_projection_is_the_tangent_plane(x: float, y: float) -> None:
-    lat, lon = to_degrees(x, y)
-    np.testing.assert_allclose(to_plane(lat, lon), [x, y], atol=1e-6)
 
 
 @pytest.mark.parametrize("bearing_deg", [0, 90, 37, 211])

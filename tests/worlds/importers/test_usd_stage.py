@@ -9,23 +9,33 @@ from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdShade
 from mmw.physics.materials.material import RadioMaterial
 from mmw.traffic.roads.lane_graph import Lane, LaneGraph
 from mmw.traffic.roads.lane_prims import write_lanes
+from mmw.worlds.importers.imported_scene import ImportedScene
 from mmw.worlds.importers.mesh_cleanup import bounds
 from mmw.worlds.importers.usd_stage import read_usd
 from tests.fixtures.import_files import HIGH, HOUSE_HIGH, HOUSE_LOW, LOW, write_stage
 from tests.fixtures.meshes import part_at, volume
 from tests.fixtures.scenes import box_mesh
-from tests.fixtures.stages import add_box, add_material, add_polygons, bind, new_stage, write_town
+from tests.fixtures.stages import add_box, add_material, add_polygons, bind, new_stage, saved, write_town
+
+
+@pytest.fixture
+def stage(tmp_path: Path) -> Usd.Stage:
+    return write_stage(tmp_path / "a.usda")
+
+
+def read(stage: Usd.Stage, **options) -> ImportedScene:
+    return read_usd(saved(stage), **options)
 
 
 @pytest.mark.parametrize("up", ["Y", "Z"])
 @pytest.mark.parametrize("metres_per_unit", [1.0, 0.01, 0.0254])
 def test_axes_and_units(tmp_path: Path, up: str, metres_per_unit: float) -> None:
-    write_stage(tmp_path / "a.usda", up=up, metres_per_unit=metres_per_unit).Save()
-    world = read_usd(tmp_path / "a.usda")
+    world = read(write_stage(tmp_path / "a.usda", up=up, metres_per_unit=metres_per_unit))
     assert np.allclose(bounds(world), (LOW, HIGH), atol=1e-4)
     assert [(part.path, part.label) for part in world.parts] == [
         ("World/ground", "unlabeled"), ("World/house/walls", "building")
     ]  # fmt: skip
+    assert np.allclose(world.parts[1].mesh.bounds, (HOUSE_LOW, HOUSE_HIGH), atol=1e-4)
     assert volume(world.parts[1]) == pytest.approx(480, rel=1e-5)
     assert world.components == {"World/house"}
     assert world.lanes is None
@@ -34,23 +44,20 @@ def test_axes_and_units(tmp_path: Path, up: str, metres_per_unit: float) -> None
     assert (brick.base, brick.radio) == ("brick", RadioMaterial("itu", itu="itu_brick", thickness=0.1))
 
 
-def test_left_handed_mirrored_and_sheared_meshes_look_outward(tmp_path: Path) -> None:
-    stage = write_stage(tmp_path / "a.usda")
+def test_left_handed_mirrored_and_sheared_meshes_look_outward(stage: Usd.Stage) -> None:
     mesh = UsdGeom.Mesh(stage.GetPrimAtPath("/World/house/walls"))
     mesh.CreateOrientationAttr("leftHanded")
     mesh.GetFaceVertexIndicesAttr().Set([k for face in box_mesh((1, 1, 1))[1][:, ::-1].tolist() for k in face])
     mirrored = add_box(stage, "/World/twin", (10, 8, 6), (12, 9, 3))
     UsdGeom.Xformable(mirrored).AddTransformOp().Set(Gf.Matrix4d(-1, 0, 0, 0, 0.5, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1))
-    stage.Save()
-    world = read_usd(tmp_path / "a.usda")
+    world = read(stage)
     assert volume(part_at(world.parts, "World/house/walls")) == pytest.approx(480)
     twin = part_at(world.parts, "World/twin")
     assert volume(twin) == pytest.approx(480)
     assert np.allclose((twin.points[:, 0].min(), twin.points[:, 0].max()), (-17 + 2.5, -7 + 6.5))
 
 
-def test_instances_and_point_instancers_are_made_real(tmp_path: Path) -> None:
-    stage = write_stage(tmp_path / "a.usda")
+def test_instances_and_point_instancers_are_made_real(stage: Usd.Stage) -> None:
     for k in range(2):
         prim = stage.DefinePrim(f"/World/copy_{k}", "Xform")
         prim.GetReferences().AddInternalReference("/World/house")
@@ -62,8 +69,7 @@ def test_instances_and_point_instancers_are_made_real(tmp_path: Path) -> None:
     instancer.CreatePrototypesRel().AddTarget("/World/posts/proto")
     instancer.CreateProtoIndicesAttr([0, 0, 0])
     instancer.CreatePositionsAttr([Gf.Vec3f(-10, -9, 0), Gf.Vec3f(0, -9, 0), Gf.Vec3f(10, -9, 0)])
-    stage.Save()
-    world = read_usd(tmp_path / "a.usda")
+    world = read(stage)
     assert sorted(part.path for part in world.parts) == [
         "World/copy_0/walls", "World/copy_1/walls", "World/ground", "World/house/walls",
         "World/posts/pole", "World/posts/pole_2", "World/posts/pole_3",
@@ -74,8 +80,7 @@ def test_instances_and_point_instancers_are_made_real(tmp_path: Path) -> None:
     assert {"World/copy_0", "World/copy_1", "World/house"} == world.components
 
 
-def test_subsets_meshes_above_meshes_and_components(tmp_path: Path) -> None:
-    stage = write_stage(tmp_path / "a.usda")
+def test_subsets_meshes_above_meshes_and_components(stage: Usd.Stage) -> None:
     walls = stage.GetPrimAtPath("/World/house/walls")
     glass = add_material(stage, "/Materials/glass", base="clear_glass")
     subset = UsdGeom.Subset.CreateGeomSubset(UsdGeom.Mesh(walls), "pane", "face", [0, 1], "materialBind")
@@ -83,8 +88,7 @@ def test_subsets_meshes_above_meshes_and_components(tmp_path: Path) -> None:
     add_box(stage, "/World/house/walls/knob", (0.1, 0.1, 0.1), material=glass)
     add_box(stage, "/Materials/sphere", (1, 1, 1), material=glass)
     Usd.ModelAPI(stage.GetPrimAtPath("/World/ground")).SetKind(Kind.Tokens.component)
-    stage.Save()
-    world = read_usd(tmp_path / "a.usda")
+    world = read(stage)
     faces = {part.path: (len(part.faces), part.material) for part in world.parts}
     assert faces == {
         "World/ground": (2, "brick"),
@@ -98,8 +102,7 @@ def test_subsets_meshes_above_meshes_and_components(tmp_path: Path) -> None:
     assert world.materials["glass"].radio == RadioMaterial("itu", itu="itu_glass")  # of its SimReady base
 
 
-def test_what_a_stage_says_about_looks_and_what_is_left_out(tmp_path: Path) -> None:
-    stage = write_stage(tmp_path / "a.usda")
+def test_what_a_stage_says_about_looks_and_what_is_left_out(stage: Usd.Stage) -> None:
     shader = UsdShade.Shader.Define(stage, "/World/Looks/brick/Preview")
     shader.CreateIdAttr("UsdPreviewSurface")
     for name, kind, value in (
@@ -126,8 +129,7 @@ def test_what_a_stage_says_about_looks_and_what_is_left_out(tmp_path: Path) -> N
     for name in ("summer", "winter"):
         variants.AddVariant(name)
     variants.SetVariantSelection("winter")
-    stage.Save()
-    world = read_usd(tmp_path / "a.usda")
+    world = read(stage)
     look = world.materials["brick"]
     assert (look.color, look.roughness, look.opacity) == ((0.25, 0.125, 0.0), 0.7, 0.5)
     assert (world.materials["plain"].radio, world.materials["plain"].color) == (None, None)
@@ -145,9 +147,7 @@ def test_lanes_come_along_in_metres(tmp_path: Path) -> None:
     stage = write_stage(tmp_path / "a.usda", up="Y", metres_per_unit=0.01)
     ahead = np.array([[0.0, 0, 0], [0, 0, -1000]])
     write_lanes(stage, "/World/Lanes", LaneGraph({"a": Lane("a", ahead, 3.5, 8.0, successors=("a",))}))
-    stage.Save()
-    world = read_usd(tmp_path / "a.usda", origin=(1, 0, 0))
-    assert world.lanes is not None
+    world = read(stage, origin=(1, 0, 0))
     lane = world.lanes.lanes["a"]
     assert np.allclose(lane.points, [[-1, 0, 0], [-1, 10, 0]])
     assert (lane.width, lane.speed, lane.successors) == (pytest.approx(3.5), 8.0, ("a",))
@@ -167,25 +167,21 @@ def test_a_unit_that_is_not_said(tmp_path: Path) -> None:
     UsdGeom.SetStageUpAxis(stage, "Z")
     UsdGeom.Xform.Define(stage, "/World")
     add_box(stage, "/World/house", (10, 8, 6), (12, 9, 3))
-    stage.Save()
-    assert np.allclose(bounds(read_usd(tmp_path / "a.usda"))[1], np.multiply(HOUSE_HIGH, 0.01))
-    world = read_usd(tmp_path / "a.usda", unit_m=1.0)
+    assert np.allclose(bounds(read(stage))[1], np.multiply(HOUSE_HIGH, 0.01))
+    world = read(stage, unit_m=1.0)
     assert np.allclose(bounds(world)[1], HOUSE_HIGH)
     assert "does not say its unit" in world.notes[0]
 
 
 @pytest.mark.parametrize("arc", ["payload", "references", "subLayers"])
-def test_a_missing_layer_is_named(tmp_path: Path, arc: str) -> None:
-    stage = write_stage(tmp_path / "a.usda")
+def test_a_missing_layer_is_named(stage: Usd.Stage, arc: str) -> None:
     if arc == "subLayers":
         stage.GetRootLayer().subLayerPaths.append("./gone.usdc")
     else:
         prim = stage.DefinePrim("/World/annex")
         (prim.GetPayloads().AddPayload if arc == "payload" else prim.GetReferences().AddReference)("./gone.usdc")
-    stage.Save()
-    del stage
     with pytest.raises(ValueError, match=r"a\.usda: 1 references or payloads do not resolve") as caught:
-        read_usd(tmp_path / "a.usda")
+        read(stage)
     assert "gone.usdc" in str(caught.value)
     assert arc == "subLayers" or "/World/annex" in str(caught.value)
 
@@ -210,6 +206,5 @@ def test_broken_meshes(tmp_path: Path, attribute: str, value: list, part: str) -
     stage = new_stage(tmp_path / "a.usda")
     mesh = add_polygons(stage, "/World/t", np.eye(3), [[0, 1, 2]])
     mesh.GetPrim().GetAttribute(attribute).Set(value)
-    stage.Save()
     with pytest.raises(ValueError, match=f"/World/t: .*{part}"):
-        read_usd(tmp_path / "a.usda")
+        read(stage)

@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 
 from mmw.worlds.importers.opendrive.records import LaneRecord, RoadRecord, Section
-from mmw.worlds.importers.opendrive.reference_line import ReferenceLine, make_line
+from mmw.worlds.importers.opendrive.reference_line import ReferenceLine
 
 KERB_HEIGHT = 0.14
 """Height of sidewalks and kerbs above the carriageway where the file gives none [m]; design value."""
@@ -39,19 +39,18 @@ class RoadShape:
     line: ReferenceLine
 
     def place(self, s: np.ndarray, t: np.ndarray, dz: np.ndarray | float = 0.0) -> np.ndarray:
-        """Return points in the world [m], shape [N, 3].
+        """Return points in the world [m], shape [..., N, 3].
 
         Args:
             s: Stations [m], shape [N].
-            t: Lateral positions [m], shape [N].
+            t: Lateral positions [m], shape [..., N].
             dz: Height above the road surface [m], shape [N] or a number.
         """
         xy, heading = self.line.at(s)
         roll = self.road.superelevation.at(s)
-        across = t * np.cos(roll)
         left = np.column_stack([-np.sin(heading), np.cos(heading)])
         z = self.road.elevation.at(s) + t * np.sin(roll) + dz
-        return np.column_stack([xy + across[:, None] * left, z])
+        return np.concatenate([xy + (t * np.cos(roll))[..., None] * left, z[..., None]], axis=-1)
 
     def section_at(self, s: float) -> Section:
         """Return the lane section that holds at a station [m]."""
@@ -87,17 +86,7 @@ class RoadShape:
     def edges(self, s: np.ndarray) -> np.ndarray:
         """Return every lane border and the reference line at stations of one section [m], shape [B, N, 3]."""
         borders = self.borders(self.section_at(0.5 * (s[0] + s[-1])), s)
-        t = np.stack([np.zeros_like(s), *(outer for _, outer in borders.values())])
-        xy, heading = self.line.at(s)
-        roll = self.road.superelevation.at(s)
-        left = np.column_stack([-np.sin(heading), np.cos(heading)])
-        z = self.road.elevation.at(s) + t * np.sin(roll)
-        return np.concatenate([xy + (t * np.cos(roll))[..., None] * left, z[..., None]], axis=-1)
-
-
-def make_shape(road: RoadRecord, where: str, origin: np.ndarray) -> RoadShape:
-    """Return the shape of a road in the world whose origin lies at `origin` [m], shape [2], of the file."""
-    return RoadShape(road, make_line(road, where, origin))
+        return self.place(s, np.stack([np.zeros_like(s), *(outer for _, outer in borders.values())]))
 
 
 def choose_rows(shape: RoadShape, start: float, end: float, fixed: np.ndarray) -> np.ndarray:

@@ -103,8 +103,6 @@ def close_edges(surface: Surface, sheets: Sheets, raised: str = "curb", side: st
                 under = sheets.below(top, 0.5)
                 foot[:, 2] = np.where(np.isnan(under), top[:, 2] - drop[mask], under)
             feet.append(foot)
-        count = int(mask.sum())
-        index = surface.add_points(np.concatenate([*feet, *tops])).reshape(4, count)
-        low_a, low_b, top_a, top_b = index
+        low_a, low_b, top_a, top_b = surface.add_points(np.concatenate([*feet, *tops])).reshape(4, -1)
         surface.add_faces(material, np.column_stack([low_a, low_b, top_b]))
         surface.add_faces(material, np.column_stack([low_a, top_b, top_a]))

@@ -4,7 +4,6 @@ The lanes of one side of a road are joined across lane sections as long as they 
 or ends, all lanes of that side are cut. So lanes beside each other have the same extent.
 """
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -12,6 +11,7 @@ import numpy as np
 
 from mmw.core.errors import InputError
 from mmw.traffic.roads.lane_graph import Lane, LaneGraph
+from mmw.worlds.importers.mesh_cleanup import identifier
 from mmw.worlds.importers.opendrive.cross_section import RoadShape
 from mmw.worlds.importers.opendrive.curbs import Sheets
 from mmw.worlds.importers.opendrive.lane_links import DRIVEN, End, find_joints, lost_junctions
@@ -89,8 +89,7 @@ def build_lanes(
         for other in following:
             points[name][-1] = points[other][0]  # the same point in plan; heights differ by less than a micrometer
     limits = {chain.name: _speed(chain) for chain in chains}
-    if any(limit == 0.0 for limit in limits.values()):
-        count = sum(limit == 0.0 for limit in limits.values())
+    if count := sum(limit == 0.0 for limit in limits.values()):
         notes.append(f"{count} of {len(chains)} lanes have no speed limit; {DEFAULT_SPEED * 3.6:.0f} km/h assumed")
     first = {high for junction in document.junctions.values() for high, _ in junction.priorities}
     lanes = {}
@@ -103,18 +102,13 @@ def build_lanes(
             points[chain.name],
             _width(chain),
             limits[chain.name] or DEFAULT_SPEED,
-            f"junction_{identifier(junction)}" if junction else "",
+            identifier(f"junction_{junction}") if junction else "",
             rank if junction else 0,
             tuple(sorted(links[chain.name])),
             "" if junction else left,
             "" if junction else right,
         )
     return LaneGraph(lanes), [*notes, *describe_graph(LaneGraph(lanes))]
-
-
-def identifier(text: str) -> str:
-    """Return a text with everything but letters and digits replaced by _."""
-    return re.sub(r"[^A-Za-z0-9_]", "_", text)
 
 
 def _chains(shape: RoadShape, name: str) -> list[Chain]:

@@ -171,8 +171,7 @@ def build_body(body: Body, others: dict[tuple, list[Body]]) -> list[MeshPart]:
             key = tuple(sorted((tuple(np.round(a, 3).tolist()), tuple(np.round(b, 3).tolist()))))
             covered = [(other.bottom, other.eaves) for other in others.get(key, [])]
             for low, high in _uncovered(body.bottom, body.eaves, covered):
-                corners = np.array([[*a, low], [*b, low], [*b, high], [*a, high]])
-                out["facade"].append(TriangleMesh(corners, np.array([[0, 1, 2], [0, 2, 3]], np.int32)))
+                out["facade"].append(_fan(np.array([[*a, low], [*b, low], [*b, high], [*a, high]])))
     out["facade"].append(_cap(body.plan, body.bottom, up=False))
     if ridge is None:
         out["roof"].append(_cap(body.plan, body.eaves, up=True))
@@ -198,6 +197,11 @@ def _cap(plan: shapely.Polygon, z: float, up: bool) -> TriangleMesh:
     """Horizontal face over a plan."""
     triangles = triangulate_polygons(plan)[:, :: 1 if up else -1]
     return separate(np.column_stack([triangles.reshape(-1, 2), np.full(3 * len(triangles), z)]))
+
+
+def _fan(corners: np.ndarray) -> TriangleMesh:
+    """Return a triangle or a convex quadrilateral, corners [3 or 4, 3]."""
+    return TriangleMesh(corners, np.array([[0, 1, 2], [0, 2, 3]], np.int32)[: len(corners) - 2])
 
 
 def _ridge(body: Body, ring: np.ndarray) -> np.ndarray | None:
@@ -227,9 +231,7 @@ def _pitched(body: Body, ring: np.ndarray, ridge: np.ndarray) -> tuple[list[Tria
         a, b = low[k], low[(k + 1) % len(ring)]
         near = [int(np.argmin(np.linalg.norm(top[:, :2] - p[:2], axis=1))) for p in (a, b)]
         if near[0] == near[1]:
-            mesh = TriangleMesh(np.array([a, b, top[near[0]]]), np.array([[0, 1, 2]], np.int32))
-            (gables if body.form == "gabled" else slopes).append(mesh)
+            (gables if body.form == "gabled" else slopes).append(_fan(np.array([a, b, top[near[0]]])))
         else:
-            corners = np.array([a, b, top[near[1]], top[near[0]]])
-            slopes.append(TriangleMesh(corners, np.array([[0, 1, 2], [0, 2, 3]], np.int32)))
+            slopes.append(_fan(np.array([a, b, top[near[1]], top[near[0]]])))
     return gables, slopes

@@ -14,7 +14,7 @@ from mmw.core.errors import InputError
 from mmw.physics.materials.material import LOBE_EXPONENTS, RadioMaterial, wrong_radio_value
 from mmw.worlds.importers.imported_scene import ImportedMaterial, ImportedScene
 from mmw.worlds.importers.mesh_cleanup import Y_UP, MeshCollector, PrimNames, identifier, transformed
-from mmw.worlds.importers.mitsuba import values as values
+from mmw.worlds.importers.mitsuba import values
 from mmw.worlds.importers.xml_nodes import XmlNode
 
 DEFAULT_THICKNESS_M = 0.1
@@ -91,7 +91,7 @@ class _Reader:
         self.materials[name] = _material(node, name, source)
         if not owner:
             self.bsdfs[source] = name
-        if any(child.tag == "texture" for child in _with_inner(node)):
+        if any(below.tag == "texture" for below in node.below()):
             self.notes.append(f"material {source}: its texture is not read; give it a colour with a material map")
         return name
 
@@ -141,12 +141,11 @@ class _Reader:
 
     def path_of(self, node: XmlNode, kind: str) -> str:
         """Return a prim path: `house-wall` is the part `wall` of `house`, any other shape is a mesh of its own."""
-        name = _shape_name(node) or kind
+        name, above = _shape_name(node) or kind, self.names.folder("", GROUP)
         head, _, tail = name.rpartition("-")
-        above = self.names.folder("", GROUP)
-        return (
-            self.names.child(self.names.folder(above, head), tail) if head and tail else self.names.child(above, name)
-        )
+        if head and tail:
+            return self.names.child(self.names.folder(above, head), tail)
+        return self.names.child(above, name)
 
 
 def _shape_name(node: XmlNode) -> str:
@@ -154,11 +153,6 @@ def _shape_name(node: XmlNode) -> str:
     if name:
         return name.removeprefix("mesh-")
     return Path(values.text(node, "filename")).stem or node.attributes.get("type", "")
-
-
-def _with_inner(node: XmlNode) -> list[XmlNode]:
-    """Return everything below a material."""
-    return [below for child in node.children for below in (child, *_with_inner(child))]
 
 
 def _material(node: XmlNode, name: str, source: str) -> ImportedMaterial:
@@ -182,38 +176,21 @@ def _material(node: XmlNode, name: str, source: str) -> ImportedMaterial:
 
 def _radio(node: XmlNode, source: str) -> RadioMaterial | None:
     """Return the radio material of a material; None for a visual one."""
-    thickness = values.number(node, "thickness", DEFAULT_THICKNESS_M)
     named = re.match(r"(?:mat-)?itu[-_]([A-Za-z_]*[A-Za-z])", source)
     kind = node.get("type")
-    scattering = {
-        "scattering": values.number(node, "scattering_coefficient", 0.0),
-        "xpd": values.number(node, "xpd_coefficient", 0.0),
-        "scattering_pattern": values.text(node, "scattering_pattern", "lambertian"),
-        "alpha_r": values.number(node, "alpha_r", 4),
-        "alpha_i": values.number(node, "alpha_i", 4),
-        "lobe_share": values.number(node, "lambda_", 1.0),
-    }
+    fields: dict[str, Any] = {**asdict(RadioMaterial("constant")), "thickness": DEFAULT_THICKNESS_M}
+    numbers = [name for name, default in fields.items() if not isinstance(default, str)]
     if kind == "itu-radio-material" or named:
         row = values.text(node, "type") or (named[1] if named else "")
         if not row:
             raise InputError(f"{node.where}: the material {source!r} has no <string name='type'>; add a row of P.2040")
-        return _checked(node, model="itu", itu=f"itu_{row}", thickness=thickness, **scattering)
-    if kind == "radio-material":
-        return _checked(
-            node,
-            model="constant",
-            relative_permittivity=values.number(node, "relative_permittivity", 1.0),
-            conductivity=values.number(node, "conductivity", 0.0),
-            thickness=thickness,
-            **scattering,
-        )
-    return None
-
-
-def _checked(node: XmlNode, **given: Any) -> RadioMaterial:
-    """Return a radio material of the fields that are given; its errors name the node and the name in the file."""
-    exponents = {name: int(given[name]) for name in LOBE_EXPONENTS if given[name] == int(given[name])}
-    fields = {**asdict(RadioMaterial("constant")), **given, **exponents}
+        fields |= {"model": "itu", "itu": f"itu_{row}"}
+        numbers = [name for name in numbers if name not in ("relative_permittivity", "conductivity")]
+    elif kind != "radio-material":
+        return None
+    fields |= {name: values.number(node, XML_NAMES.get(name, name), fields[name]) for name in numbers}
+    fields |= {name: int(fields[name]) for name in LOBE_EXPONENTS if fields[name] == int(fields[name])}
+    fields["scattering_pattern"] = values.text(node, "scattering_pattern", "lambertian")
     wrong = wrong_radio_value(fields)
     if wrong is not None:
         name, needed = wrong

@@ -37,7 +37,7 @@ _PLACED = {
     "origin": "point of the scene, z up, in meters, that becomes the origin",
 }
 MITSUBA = Importer(
-    (".xml",), "mmw.worlds.importers.mitsuba.reader:read_mitsuba", "Mitsuba and Sionna RT scenes", _PLACED
+    (".xml",), "mmw.worlds.importers.mitsuba.read_mitsuba:read_mitsuba", "Mitsuba and Sionna RT scenes", _PLACED
 )
 MESHES = Importer(
     (".glb", ".gltf", ".obj", ".ply", ".stl", ".off"), "mmw.worlds.importers.mesh_files:read_meshes",
@@ -49,11 +49,11 @@ USD = Importer(
     {name: _PLACED[name] for name in ("unit", "origin")},
 )  # fmt: skip
 OPENDRIVE = Importer(
-    (".xodr",), "mmw.worlds.importers.opendrive.reader:read_opendrive",
+    (".xodr",), "mmw.worlds.importers.opendrive.read_opendrive:read_opendrive",
     "OpenDRIVE: roads, ground and lanes (needs the extra author)", {},
 )  # fmt: skip
 OPENSTREETMAP = Importer(
-    (".osm", ".osm.xml"), "mmw.worlds.importers.osm.reader:read_osm",
+    (".osm", ".osm.xml"), "mmw.worlds.importers.osm.read_osm:read_osm",
     "OpenStreetMap: buildings, streets, trees (needs the extra author)", {},
 )  # fmt: skip
 

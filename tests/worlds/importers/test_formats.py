@@ -9,7 +9,7 @@ import pytest
 
 from mmw.core.errors import InputError
 from mmw.core.registry import load_reference
-from mmw.worlds.importers.registry import IMPORTERS, Importer, find_importer, read_scene
+from mmw.worlds.importers.formats import IMPORTERS, Importer, find_importer, read_scene
 
 ROOT = Path(__file__).resolve().parents[3]
 MODULE = '''
@@ -17,7 +17,7 @@ import numpy as np
 from mmw.core.mesh import TriangleMesh
 from mmw.physics.materials.material import RadioMaterial
 from mmw.worlds.importers.imported_scene import ImportedMaterial, ImportedScene
-from mmw.worlds.importers.registry import Importer
+from mmw.worlds.importers.formats import Importer
 from mmw.worlds.towns.mesh_part import MeshPart
 from mmw.worlds.towns.primitives import box
 

@@ -1,11 +1,12 @@
 """Find the entry of a material map for a mesh, and apply it to a radio description."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from fnmatch import fnmatchcase
 
 from mmw.config.material_map import MaterialEntry
 from mmw.physics.materials.material import RadioMaterial
+from mmw.physics.materials.permittivity import RADIO_ROWS
 from mmw.usd.material_library import LIBRARY
 from mmw.usd.semantics import CARLA_TAG
 
@@ -37,11 +38,10 @@ def mapped_radio(entry: MaterialEntry, known: RadioMaterial | None) -> RadioMate
     return replace(known, **slab) if known is not None else None
 
 
-def unknown_names(where: str, entry: MaterialEntry, radio_rows: Collection[str]) -> list[str]:
+def unknown_names(where: str, entry: MaterialEntry) -> list[str]:
     """Return a line for each name of an entry that does not exist."""
-    known_names = (("material", LIBRARY), ("radio", radio_rows), ("label", CARLA_TAG))
     return [
         f"{where}: {key} = {value!r} is unknown; use one of {', '.join(sorted(known))}"
-        for key, known in known_names
+        for key, known in (("material", LIBRARY), ("radio", RADIO_ROWS), ("label", CARLA_TAG))
         if (value := getattr(entry, key)) is not None and value not in known
     ]

@@ -10,13 +10,14 @@ import numpy as np
 import shapely
 
 from mmw.worlds.importers.imported_scene import ImportedScene, library_material
-from mmw.worlds.importers.mesh_cleanup import free_name
-from mmw.worlds.importers.opendrive.cross_section import make_shape
+from mmw.worlds.importers.mesh_cleanup import free_name, identifier
+from mmw.worlds.importers.opendrive.cross_section import RoadShape
 from mmw.worlds.importers.opendrive.curbs import Sheets, close_edges
 from mmw.worlds.importers.opendrive.ground import OVERPASS, add_deck, bridge_rows, build_ground
 from mmw.worlds.importers.opendrive.junction import build_junction
-from mmw.worlds.importers.opendrive.lanes import build_lanes, identifier
+from mmw.worlds.importers.opendrive.lanes import build_lanes
 from mmw.worlds.importers.opendrive.records import Document, number, read_document
+from mmw.worlds.importers.opendrive.reference_line import make_line
 from mmw.worlds.importers.opendrive.road_surface import YELLOW, Sheet, build_sheet
 from mmw.worlds.towns.mesh_part import MeshPart
 
@@ -42,7 +43,9 @@ def read_opendrive(path: str | Path) -> ImportedScene:
     document = read_document(path)
     origin, notes = _origin(document)
     notes = [*document.notes, *notes]
-    shapes = {key: make_shape(r, f"{path}: road {key!r}", origin) for key, r in document.roads.items()}
+    shapes = {
+        key: RoadShape(road, make_line(road, f"{path}: road {key!r}", origin)) for key, road in document.roads.items()
+    }
     for key, shape in shapes.items():
         for station, gap in shape.line.jumps():
             if gap > 0.01:
@@ -55,7 +58,7 @@ def read_opendrive(path: str | Path) -> ImportedScene:
     inside = {}
     for key in sorted({road.junction for road in document.roads.values()} - {""}):
         members = [shapes[k] for k, road in document.roads.items() if road.junction == key]
-        inside[key] = build_junction(f"junction_{identifier(key)}", members, ends, covered)
+        inside[key] = build_junction(identifier(f"junction_{key}"), members, ends, covered)
     sheets = [sheet for sheet in (*outside.values(), *inside.values()) if sheet.surface.faces]
     tops = Sheets([sheet.surface for sheet in sheets])
     graph, more = build_lanes(document, shapes, names, tops)
@@ -84,7 +87,7 @@ def _names(document: Document) -> dict[str, str]:
     """Return road id -> identifier."""
     names: dict[str, str] = {}
     for key in document.roads:
-        names[key] = free_name(f"road_{identifier(key)}", names.values())
+        names[key] = free_name(identifier(f"road_{key}"), names.values())
     return names
 
 
