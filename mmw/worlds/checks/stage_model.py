@@ -156,17 +156,10 @@ def _read_parts(stage: Usd.Stage, meters: np.ndarray) -> tuple[list[StageMesh], 
 def _moves(prim: Usd.Prim) -> bool:
     return any(
         len(attribute.GetTimeSamples()) > 1
-        for here in (prim, *_ancestors(prim))
-        for attribute in here.GetAttributes()
+        for path in prim.GetPath().GetPrefixes()
+        for attribute in prim.GetStage().GetPrimAtPath(path).GetAttributes()
         if attribute.GetName().startswith("xformOp:")
     )
-
-
-def _ancestors(prim: Usd.Prim) -> Iterator[Usd.Prim]:
-    here = prim.GetParent()
-    while here and not here.IsPseudoRoot():
-        yield here
-        here = here.GetParent()
 
 
 def _read_lanes(stage: Usd.Stage) -> tuple[LaneGraph | None, list[Finding]]:

@@ -141,14 +141,6 @@ def tiled(images: Sequence[np.ndarray], columns: int) -> np.ndarray:
     return np.clip(np.rint(np.concatenate(rows)), 0, 255).astype(np.uint8)
 
 
-def mean_color(picture: Picture) -> tuple[float, float, float]:
-    """Return the mean linear colour of a picture, 0 to 1, rounded to a thousandth."""
-    encoded = picture.draw() / 255.0
-    linear = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)  # IEC 61966-2-1
-    red, green, blue = np.round(linear.reshape(-1, 3).mean(axis=0), 3).tolist()
-    return red, green, blue
-
-
 def write_picture(path: Path, picture: Picture) -> None:
     """Write a picture as PNG, and its light beside it as `<name>_light.png`."""
     path.parent.mkdir(parents=True, exist_ok=True)

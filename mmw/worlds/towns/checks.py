@@ -26,7 +26,7 @@ HALF_VEHICLE = 1.3
 def check_grade(name: str, elevation: Elevation) -> None:
     """Raise InputError if a road is steeper than 0.20."""
     if elevation.steepest > MAX_GRADE:
-        grade = np.abs(np.diff(elevation.height) / np.diff(elevation.station))
+        grade = np.abs(elevation.grades)
         k = int(np.argmax(grade))
         raise InputError(
             f"road {name!r}: grade {grade[k]:.3f} between stations {elevation.station[k]:.1f} and "

@@ -169,14 +169,19 @@ def _crown(part: MeshPart) -> np.ndarray:
     """Wrap leaves around the axis of a crown, and lay them from above where it is level; meters, as texture tiles."""
     mesh = TriangleMesh(part.points - part.points.mean(axis=0), part.faces)
     corners, normal = mesh.corners, mesh.normals
-    turns = max(1, round(2 * np.pi * 0.8 * float(np.hypot(*corners[:, :, :2].reshape(-1, 2).T).max()) / LEAF_TILE))
-    angle = np.arctan2(corners[:, :, 1], corners[:, :, 0])
-    middle = np.arctan2(corners[:, :, 1].mean(axis=1), corners[:, :, 0].mean(axis=1))[:, None]
-    angle = middle + (angle - middle + np.pi) % (2 * np.pi) - np.pi  # no face reaches around the back
-    st = np.stack([angle * turns * LEAF_TILE / (2 * np.pi), corners[:, :, 2]], axis=-1)
+    reach = 0.8 * float(np.hypot(*corners[:, :, :2].reshape(-1, 2).T).max())
+    st = _wrapped(corners[:, :, :2], corners[:, :, 2], reach, LEAF_TILE)
     level = np.abs(normal[:, 2]) > 0.6
     st[level] = corners[level][:, :, :2]
     return st
+
+
+def _wrapped(away: np.ndarray, height: np.ndarray, radius: float, tile: float) -> np.ndarray:
+    """Return coordinates [F, 3, 2] of corners `away` from an axis [m], [F, 3, 2], with whole tiles [m] around it."""
+    turns = max(1, round(2 * np.pi * radius / tile))
+    angle, middle = np.arctan2(away[..., 1], away[..., 0]), np.arctan2(*away.mean(axis=1).T[::-1])[:, None]
+    angle = middle + (angle - middle + np.pi) % (2 * np.pi) - np.pi  # no face reaches around the back
+    return np.stack([angle * turns * tile / (2 * np.pi), height], axis=-1)
 
 
 def _piers(part: MeshPart) -> np.ndarray:
@@ -198,8 +203,5 @@ def _piers(part: MeshPart) -> np.ndarray:
         radius = float(np.linalg.norm(away, axis=2).mean())
         if np.abs(np.linalg.norm(away, axis=2) - radius).max() > 0.01:
             continue
-        turns = max(1, round(2 * np.pi * radius / COLUMN_TILE))
-        angle, middle = np.arctan2(away[..., 1], away[..., 0]), np.arctan2(*away.mean(axis=1).T[::-1])[:, None]
-        angle = middle + (angle - middle + np.pi) % (2 * np.pi) - np.pi  # no face reaches around the back
-        result[own[sides]] = np.stack([angle * turns * COLUMN_TILE / (2 * np.pi), corners[sides][:, :, 2]], axis=-1)
+        result[own[sides]] = _wrapped(away, corners[sides][:, :, 2], radius, COLUMN_TILE)
     return result

@@ -42,13 +42,12 @@ def sidewalk_lines(tables: Sequence[np.ndarray], obstacles: Sequence[shapely.Geo
         lateral = _lateral(inner, outer, tree)
         points = inner + lateral[:, None] * (outer - inner)
         free = np.isfinite(lateral)
-        if free.all():
-            if STEP * len(points) >= MIN_LENGTH:
-                sidewalks.append(Sidewalk(f"walk_{len(sidewalks):03d}", _directed(points, len(sidewalks)), True))
-            continue
-        for run in _runs(free):
+        is_closed = bool(free.all())
+        for run in [np.arange(len(free))] if is_closed else _runs(free):
             if STEP * len(run) >= MIN_LENGTH:
-                sidewalks.append(Sidewalk(f"walk_{len(sidewalks):03d}", _directed(points[run], len(sidewalks)), False))
+                number = len(sidewalks)
+                way = points[run] if number % 2 == 0 else points[run[::-1]]  # every second line runs the other way
+                sidewalks.append(Sidewalk(f"walk_{number:03d}", way, is_closed))
     return sidewalks
 
 
@@ -60,11 +59,6 @@ def obstacle_plans(parts: Sequence[MeshPart], ground: Ground) -> list[shapely.Ge
         if len(low):
             plans.append(shapely.convex_hull(shapely.MultiPoint(low[:, :2])))
     return plans
-
-
-def _directed(points: np.ndarray, number: int) -> np.ndarray:
-    """Return the points in one of the two directions, every second line the other way."""
-    return points if number % 2 == 0 else points[::-1]
 
 
 def _resample(inner: np.ndarray, outer: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

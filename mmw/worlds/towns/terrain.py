@@ -64,18 +64,14 @@ def _mesh_block(path: str, loop: np.ndarray, frame: np.ndarray | None, spacing: 
     grid = grid[shapely.contains_xy(polygon, grid[:, 0], grid[:, 1])]
     grid = grid[np.asarray(shapely.distance(polygon.boundary, np.array(shapely.points(grid)))) > 0.55 * spacing]
     fixed = border if frame is None else np.concatenate([border, frame])
-    edges = _edges(len(border), 0 if frame is None else len(frame))
+    own = np.arange(len(border))
+    edges = np.stack([own, np.roll(own, -1)], axis=1)
+    if frame is not None:
+        outer = len(border) + np.arange(len(frame))
+        edges = np.concatenate([edges, np.stack([outer, np.roll(outer, -1)], axis=1)])
     faces, xy = _triangulate(polygon, fixed, edges, grid)
     z = harmonic_heights(faces, len(xy), loop[:, 2])
     return MeshPart(path, np.column_stack([xy, z]), faces, "grass", "terrain")
-
-
-def _edges(border: int, frame: int) -> np.ndarray:
-    """Edges of the closed borders as pairs of vertex indices, shape [border + frame, 2]."""
-    a = np.arange(border)
-    b = np.arange(frame)
-    first = np.stack([a, (a + 1) % border], axis=1)
-    return first if frame == 0 else np.concatenate([first, np.stack([b, (b + 1) % frame], axis=1) + border])
 
 
 def _triangulate(

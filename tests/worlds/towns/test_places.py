@@ -30,7 +30,7 @@ from mmw.worlds.towns.description import TownDescription
 from mmw.worlds.towns.facades import GLASS, facade_cells
 from mmw.worlds.towns.gas_station import CLEAR, DRIVEWAY
 from mmw.worlds.towns.mesh_part import MeshPart
-from mmw.worlds.towns.parking import rectangle_at
+from mmw.worlds.towns.plan_geometry import rectangle_at
 from mmw.worlds.towns.prop_placement import place_props
 from mmw.worlds.towns.props import build_prop
 from tests.fixtures.meshes import area, by_name, open_edges, volume
