@@ -26,6 +26,14 @@ def rectangle_at(center: Sequence[float], yaw: float, length: float, width: floa
     return shapely.Polygon(corners @ rotation(yaw).T + np.asarray(center))
 
 
+def samples(area: shapely.Geometry, step: float) -> np.ndarray:
+    """Return points over an area and along its border, about `step` apart [m], shape [N, 2]."""
+    west, south, east, north = area.bounds
+    grid = np.stack(np.meshgrid(np.arange(west, east, step), np.arange(south, north, step)), axis=-1).reshape(-1, 2)
+    border = shapely.get_coordinates(shapely.segmentize(area.boundary, step))
+    return np.concatenate([grid[shapely.contains_xy(area, *grid.T)], border])
+
+
 def polygons_of(area: shapely.Geometry, above: float) -> list[shapely.Polygon]:
     """Return the polygons of a geometry, or of the collections in it, of more than some area [m^2]."""
     parts = shapely.get_parts(shapely.get_parts([area]))

@@ -15,7 +15,7 @@ from mmw.core.mesh import TriangleMesh, merge
 from mmw.worlds.towns.ground_height import Ground
 from mmw.worlds.towns.mesh_part import MeshPart
 from mmw.worlds.towns.place_description import Skybridge
-from mmw.worlds.towns.plan_geometry import rectangle_at, rotation
+from mmw.worlds.towns.plan_geometry import rectangle_at, rotation, samples
 from mmw.worlds.towns.primitives import box, place, quads, wall_cells, weld
 
 FRAME, PANE = 0, 1
@@ -89,7 +89,7 @@ def find_span(
         raise InputError(f"{where}: a building placed by hand stands in its way; let the bridge end at the facade")
     below = shapely.intersection(plan, shapely.buffer(carriageway, -OFF_KERB, join_style="mitre"))
     area = plan if below.is_empty else below
-    heights = ground.height(*_samples(area).T)
+    heights = ground.height(*samples(area, 1.0).T)
     if np.isnan(heights).any() or np.isnan(ground.height(*shapely.get_coordinates(plan).T)).any():
         raise InputError(f"{where}: reaches beyond the terrain; move it into the town")
     edges = [shapely.LineString([p - left * 0.4 * bridge.width, p + left * 0.4 * bridge.width]) for p in (start, end)]
@@ -111,14 +111,6 @@ def find_span(
             x, y = column.centroid.x, column.centroid.y
             raise InputError(f"{where}: a column at ({x:.1f}, {y:.1f}) stands on a road; move it")
     return span
-
-
-def _samples(area: shapely.Geometry) -> np.ndarray:
-    """Return points over an area and along its border, about a meter apart, shape [N, 2]."""
-    west, south, east, north = area.bounds
-    grid = np.stack(np.meshgrid(np.arange(west, east), np.arange(south, north)), axis=-1).reshape(-1, 2)
-    border = shapely.get_coordinates(shapely.segmentize(area.boundary, 1.0))
-    return np.concatenate([grid[shapely.contains_xy(area, *grid.T)], border])
 
 
 def side_cells(bridge: Skybridge, length: float, soffit: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

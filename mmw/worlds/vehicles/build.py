@@ -62,20 +62,15 @@ def _pair(one: Shape, has_mirror_image: bool) -> list[Shape]:
 
 def _wheels(blueprint: Blueprint) -> list[tuple[Shape, str, tuple[float, float, float]]]:
     """Return shape, name and centre [m] of every wheel, all in the body frame."""
-    wheels = blueprint.wheels
-    front = wheel(wheels.radius, wheels.width, wheels.rim, wheels.spokes)
-    rear = wheel(wheels.radius, wheels.rear_width or wheels.width, wheels.rim, wheels.spokes)
-    inward = ((wheels.rear_width or wheels.width) - wheels.width) / 2
-    places = (
-        ("front", front, (blueprint.wheelbase / 2, wheels.track / 2, wheels.radius)),
-        ("rear", rear, (-blueprint.wheelbase / 2, wheels.track / 2 - inward, wheels.radius)),
-    )
-    left = [(shape.moved(center), f"wheel_{axle}_left", center) for axle, shape, center in places]
-    right = [
-        (shape.moved(center).mirrored(), f"wheel_{axle}_right", (center[0], -center[1], center[2]))
-        for axle, shape, center in places
-    ]
-    return left + right
+    wheels, found = blueprint.wheels, []
+    for side, sign in (("left", 1.0), ("right", -1.0)):
+        for axle, x, width in (("front", 0.5, wheels.width), ("rear", -0.5, wheels.rear_width or wheels.width)):
+            inward = (width - wheels.width) / 2
+            center = (x * blueprint.wheelbase, wheels.track / 2 - inward, wheels.radius)
+            shape = wheel(wheels.radius, width, wheels.rim, wheels.spokes).moved(center)
+            place = (center[0], sign * center[1], center[2])
+            found.append((shape if sign > 0.0 else shape.mirrored(), f"wheel_{axle}_{side}", place))
+    return found
 
 
 def _wheel_specs(blueprint: Blueprint, face_count: int) -> list[WheelSpec]:
