@@ -7,7 +7,7 @@ import numpy as np
 import shapely
 
 from mmw.core.errors import InputError
-from mmw.traffic.roads.lane_graph import Lane, LaneGraph
+from mmw.traffic.roads.lane_graph import LaneGraph
 from mmw.worlds.lane_reach import ahead, behind, reach
 from mmw.worlds.towns.alignment import Elevation
 from mmw.worlds.towns.elevated_roads import Structure
@@ -130,7 +130,8 @@ def check_lanes(graph: LaneGraph, kerb: shapely.Geometry, own: dict[str, shapely
                 f"lane {lane.name!r}: grade {grade:.3f} on the inside of a bend; {MAX_GRADE:.2f} or less is needed; "
                 "lengthen the slope or widen the bend"
             )
-        distance = _kerb_distance(lane, own.get(lane.name, kerb))
+        # A lane ends at the seam of a pad, which is no kerb: the border of the carriageway runs only along kerbs.
+        distance = shapely.distance(shapely.LineString(lane.points[:, :2]), own.get(lane.name, kerb))
         if distance < HALF_VEHICLE:
             raise InputError(
                 f"lane {lane.name!r} passes {distance:.2f} m from a kerb; {HALF_VEHICLE} m are needed; increase "
@@ -145,8 +146,3 @@ def check_connected(graph: LaneGraph) -> None:
         lost = sorted(set(graph.lanes) - reach(first, step))
         if lost:
             raise InputError(f"lane {lost[0]!r} cannot be {verb} lane {first!r}; join its road to the rest of the town")
-
-
-def _kerb_distance(lane: Lane, kerb: shapely.Geometry) -> float:
-    # A lane ends at the seam of a pad, which is no kerb: the border of the carriageway runs only along kerbs.
-    return float(shapely.distance(shapely.LineString(lane.points[:, :2]), kerb))

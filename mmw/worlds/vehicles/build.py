@@ -8,7 +8,7 @@ from mmw.core.errors import InputError
 from mmw.core.resources import assets_dir
 from mmw.worlds.vehicles.body_loft import build_skin
 from mmw.worlds.vehicles.models import BLUEPRINTS, Block, Blueprint
-from mmw.worlds.vehicles.pedestrian_models import FIGURES, Figure, build_figure
+from mmw.worlds.vehicles.pedestrian_models import FIGURES, build_figure
 from mmw.worlds.vehicles.primitives import Shape, box, join, pod
 from mmw.worlds.vehicles.surface_panels import build_panel
 from mmw.worlds.vehicles.wheel import wheel
@@ -39,14 +39,12 @@ def build_shape(model: str) -> Shape:
         raise InputError(f"vehicle model = {model!r}; needed is one of {', '.join(BLUEPRINTS)}; name one of them")
     blueprint = BLUEPRINTS[model]
     shapes = [build_skin(body) for body in blueprint.bodies]
-    for block in blueprint.blocks:
-        if not block.is_pod:
-            shapes += _block(block)
+    for block in (block for block in blueprint.blocks if not block.is_pod):
+        shapes += _block(block)
     for panel in blueprint.panels:
         shapes += _pair(build_panel(panel, join(shapes)), panel.mirror)
-    for block in blueprint.blocks:
-        if block.is_pod:
-            shapes += _block(block)
+    for block in (block for block in blueprint.blocks if block.is_pod):
+        shapes += _block(block)
     return join(shapes + [shape for shape, _, _ in _wheels(blueprint)])
 
 
@@ -115,15 +113,11 @@ def build_figures(out_dir: str | Path) -> list[Path]:
         low, high = shape.points.min(axis=0), shape.points.max(axis=0)
         dimensions = dict(zip(("length", "width", "height"), (high - low).tolist(), strict=True))
         center = (0.5 * (low + high)).tolist()
-        materials = {part: _figure_material(figure, material) for part, material in FIGURE_MATERIAL.items()}
+        own = {"<trousers>": figure.trousers, "<skin>": figure.skin, "<hair>": figure.hair}
+        materials = {part: own.get(material, material) for part, material in FIGURE_MATERIAL.items()}
         spec = AssetSpec("pedestrian", materials, figure.colors, "mmw:pedestrian:", dimensions, center)
         made.append(write_asset(name, shape, spec, Path(out_dir) / name))
     return made
-
-
-def _figure_material(figure: Figure, material: str) -> str:
-    chosen = {"<trousers>": figure.trousers, "<skin>": figure.skin, "<hair>": figure.hair}
-    return chosen.get(material, material)
 
 
 def declared_box(blueprint: Blueprint, shape: Shape) -> tuple[np.ndarray, np.ndarray]:

@@ -10,7 +10,7 @@ import shapely
 import yaml
 from pxr import Usd
 
-from mmw.core.mesh import TriangleMesh, merge
+from mmw.core.mesh import merge
 from mmw.core.transforms import make_pose, quaternion_from_ypr, rotate
 from mmw.scene.reader import read_stage
 from mmw.scene.stage.compose import compose_scenario
@@ -89,22 +89,26 @@ def test_plans_have_the_areas_of_their_forms(mirrored):
         assert shapely.hausdorff_distance(inner, shapely.buffer(ring, -0.5, join_style="mitre")) < 1e-9
 
 
-@pytest.mark.parametrize("form", ["l_shape", "corner_cut"])
+@pytest.mark.parametrize("form", ["rectangle", "l_shape", "corner_cut"])
+@pytest.mark.parametrize("windows", ["ribbon", "curtain"])
 @pytest.mark.parametrize("podium", [0, 2])
-def test_walls_of_other_plans_have_the_area_of_their_perimeter(form, podium):
-    style = BuildingStyle(plans=(form,), windows="curtain", mullion_m=0.1, podium_storeys=podium, plant_room=True)
+def test_walls_have_the_area_of_their_perimeter_and_parapets_of_their_top(form, windows, podium):
+    mullion = 0.1 if windows == "curtain" else 0.0
+    style = BuildingStyle(plans=(form,), windows=windows, mullion_m=mullion, podium_storeys=podium, plant_room=True)
     meshes = by_name(build_building("b", style, Site((9, 9), 0.3, 24, 18, -1, 0), 6, np.random.default_rng(1)))
     walls = merge([meshes["facade"], meshes["glass"], meshes["door"]])
     outward = np.abs(walls.normals[:, 2]) < 1e-9
-    perimeter = shapely.Polygon(Plan(form, 24, 18).ring()).length
-    inner = shapely.Polygon(Plan(form, 24, 18).ring(0.3)).length
-    low, high = style.ground_storey_m + 5 * style.storey_m, 0.0
+    blocks = [(Plan(form, 24, 18), 1.0 + style.ground_storey_m + 5 * style.storey_m)]  # plan, and walls to the ceiling
     if podium:
-        tower = Plan(form, 0.72 * 24, 0.72 * 18)
-        low, high = style.ground_storey_m + style.storey_m, 4 * style.storey_m + 0.3
-        high = shapely.Polygon(tower.ring()).length * (high + 0.9) + shapely.Polygon(tower.ring(0.3)).length * 0.9
-    wanted = perimeter * (1.0 + low + 0.9) + inner * 0.9 + high
-    assert area(TriangleMesh(walls.points, walls.faces[outward])) == pytest.approx(wanted, rel=1e-9)
+        blocks = [(Plan(form, 24, 18), 1.0 + style.ground_storey_m + style.storey_m)]
+        blocks += [(Plan(form, 0.72 * 24, 0.72 * 18), 4 * style.storey_m + 0.3)]
+    wanted = top = 0.0
+    for plan, height in blocks:
+        outer, inner = (shapely.Polygon(plan.ring(inset)) for inset in (0.0, 0.3))
+        wanted += outer.length * (height + 0.9) + inner.length * 0.9  # the inner side of the parapet too
+        top += outer.area - inner.area
+    assert area(walls.select(outward)) == pytest.approx(wanted, rel=1e-9)
+    assert area(walls.select(~outward)) == pytest.approx(top, rel=1e-9)
 
 
 def test_curtain_wall_with_mullions_has_exact_glass():
