@@ -46,7 +46,6 @@ class StageMesh(TriangleMesh):
 class StageModel:
     """A stage that was read for a check."""
 
-    path: Path
     stage: Usd.Stage
     open_s: float
     """Time that opening the stage took [s]."""
@@ -102,7 +101,7 @@ def open_stage_model(path: Path) -> StageModel:
     meters = to_metres(stage)
     parts, broken = _read_parts(stage, meters)
     lanes, bad_lanes = _read_lanes(stage)
-    return StageModel(path, stage, open_s, tuple(parts), lanes, (*problems, *broken, *bad_lanes))
+    return StageModel(stage, open_s, tuple(parts), lanes, (*problems, *broken, *bad_lanes))
 
 
 def _read_parts(stage: Usd.Stage, meters: np.ndarray) -> tuple[list[StageMesh], list[Finding]]:

@@ -177,7 +177,6 @@ def _line_arc_line(
 class Pad:
     """The level ground of a junction as built."""
 
-    node: str
     parts: tuple[MeshPart, ...]
     corners: tuple[Chain, ...]
     """Kerb chains; corner k joins arm k to arm k + 1."""
@@ -222,7 +221,7 @@ def build_pad(node: str, arms: list[Arm], trims: list[float], bodies: dict[str, 
         }
     )
     parts += chain_parts(f"junction_{node}", corners)
-    return Pad(node, tuple(parts), tuple(corners), border)
+    return Pad(tuple(parts), tuple(corners), border)
 
 
 def _through_lines(arms: list[Arm], trims: list[float], bodies: dict[str, RoadBody]) -> list[np.ndarray]:
