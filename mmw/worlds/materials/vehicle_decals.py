@@ -95,7 +95,7 @@ def _plates() -> np.ndarray:
 
 
 def _lettering() -> np.ndarray:
-    """Side of a lorry's box: white, two slanted stripes at the rear, and the word FREIGHT."""
+    """Draw the side of a lorry's box: white, two slanted stripes at the rear, and the word FREIGHT."""
     height, width = 192, 512
     canvas = np.full((height, width, 3), 232.0)
     rows, columns = np.mgrid[0:height, 0:width] + 0.5
@@ -110,7 +110,7 @@ def _lettering() -> np.ndarray:
 
 
 def _destination() -> np.ndarray:
-    """Destination sign of a bus: amber dots on black."""
+    """Draw the destination sign of a bus: amber dots on black."""
     height, width, dot = 48, 320, 4
     text = np.zeros((height // dot, width // dot, 3))
     write_text(text, "24 CENTRAL", (8, 2, 72, 10), (255, 255, 255), 0.9)

@@ -94,7 +94,7 @@ def overlap_gaps(lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def _plane(triangles: np.ndarray, xy: np.ndarray) -> np.ndarray:
-    """Heights of the planes of triangles [P, 3, 3] at points [P, 2]; shape [P]."""
+    """Return the heights of the planes of triangles [P, 3, 3] at points [P, 2]; shape [P]."""
     a, u, v = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     normal = np.cross(u, v)
     away = xy - a[:, :2]
@@ -102,7 +102,7 @@ def _plane(triangles: np.ndarray, xy: np.ndarray) -> np.ndarray:
 
 
 def _height_on(line: np.ndarray, x: float, y: float) -> float:
-    """Height of a polyline where it passes closest to a point in plan [m]."""
+    """Return the height of a polyline where it passes closest to a point in plan [m]."""
     station = row_stations(line[:, :2])
     at = shapely.line_locate_point(shapely.LineString(line[:, :2]), shapely.Point(x, y))
     return float(np.interp(at, station, line[:, 2]))

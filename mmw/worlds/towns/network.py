@@ -207,7 +207,7 @@ def _check_names(props: PropsSection, nodes: list[str]) -> None:
 
 
 def _end(arm: Arm, arms: list[Arm], trim: float, settings: Junction, is_signalled: bool) -> RoadEnd:
-    """Paint across the end of an arm: none where the road only bends or on a ring, no stop line on a main road.
+    """Return the paint across the end of an arm: none where it only bends or on a ring; no stop line on a main road.
 
     Where there are traffic lights, every arm has a stop line.
     """

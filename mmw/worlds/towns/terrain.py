@@ -41,7 +41,7 @@ def mesh_terrain(
 
 
 def _frame(inside: np.ndarray, spacing: float, margin: float) -> np.ndarray:
-    """Points on the rectangle round the town, counter-clockwise [m], shape [N, 2]."""
+    """Return points on the rectangle round the town, counter-clockwise [m], shape [N, 2]."""
     low, high = inside.min(axis=0) - margin, inside.max(axis=0) + margin
     corners = np.array([low, [high[0], low[1]], high, [low[0], high[1]], low])
     sides = []
@@ -52,7 +52,7 @@ def _frame(inside: np.ndarray, spacing: float, margin: float) -> np.ndarray:
 
 
 def _mesh_block(path: str, loop: np.ndarray, frame: np.ndarray | None, spacing: float) -> MeshPart:
-    """Ground inside a clockwise loop, or between a counter-clockwise one and the frame around it."""
+    """Return the ground inside a clockwise loop, or between a counter-clockwise one and the frame around it."""
     border = loop[:, :2]
     polygon = shapely.Polygon(border) if frame is None else shapely.Polygon(frame, [border])
     if not polygon.is_valid:
@@ -77,7 +77,7 @@ def _mesh_block(path: str, loop: np.ndarray, frame: np.ndarray | None, spacing: 
 def _triangulate(
     polygon: shapely.Polygon, fixed: np.ndarray, edges: np.ndarray, inner: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Triangles with every border edge among their edges, and no other vertex on it; faces [M, 3], points [N, 2]."""
+    """Return faces [M, 3] and points [N, 2] with every border edge among the edges, and no other vertex on it."""
     for _ in range(6):
         xy = np.concatenate([fixed, inner])
         faces = scipy.spatial.Delaunay(xy).simplices.astype(np.int64)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from pxr import Usd, UsdShade
+from scipy.spatial.transform import Rotation
 
 from mmw.core.mesh import TriangleMesh
 from mmw.core.resources import assets_dir
@@ -116,11 +117,6 @@ def test_materials_use_their_tiles_and_readers_see_the_mean() -> None:
         assert read_material(stage, MaterialUse(name, str(prim.GetPath()), None)).color == pytest.approx(spec.color)
 
 
-def random_rotation(rng: np.random.Generator) -> np.ndarray:
-    q, _ = np.linalg.qr(rng.standard_normal((3, 3)))
-    return q * np.sign(np.linalg.det(q))
-
-
 def corner_coordinates(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
     st, index = texture_coordinates(TriangleMesh(points, faces))
     return st[faces.reshape(-1) if index is None else index].reshape(-1, 3, 2).astype(float)
@@ -129,10 +125,11 @@ def corner_coordinates(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
 def test_coordinates_keep_lengths_on_any_plane() -> None:
     rng = np.random.default_rng(4)
     for _ in range(50):
-        points = rng.uniform(-5, 5, (3, 2)) @ random_rotation(rng)[:2] + rng.uniform(-300, 300, 3)
+        points = rng.uniform(-5, 5, (3, 2)) @ Rotation.random(random_state=rng).as_matrix()[:2] + rng.uniform(
+            -300, 300, 3
+        )
         faces = np.array([[0, 1, 2]])
-        normal = np.cross(points[1] - points[0], points[2] - points[0])
-        normal /= np.linalg.norm(normal)
+        (normal,) = TriangleMesh(points, faces).normals
         st = corner_coordinates(points, faces)[0]
         for a, b in ((0, 1), (1, 2), (2, 0)):
             length = np.linalg.norm(points[a] - points[b])

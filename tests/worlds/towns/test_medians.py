@@ -44,7 +44,7 @@ def test_median_needs_room_and_two_directions() -> None:
 
 
 def wide_town() -> dict[str, Any]:
-    """Four arms that meet in a box of 44 x 38 m, on a ring of roads with four lanes a direction."""
+    """Return four arms that meet in a box of 44 x 38 m, on a ring of roads with four lanes a direction."""
     wide = {"lanes": 2, "walk": 6.0}
     ends = [("S", "E", [150, -150]), ("E", "N", [150, 150]), ("N", "W", [-150, 150]), ("W", "S", [-150, -150])]
     return {

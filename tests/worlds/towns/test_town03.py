@@ -9,6 +9,7 @@ from mmw.channel.paths import PATH_LOS
 from mmw.config import ChannelConfig, MountConfig, TrafficConfig
 from mmw.core.constants import GRAVITY
 from mmw.core.kinematics import differentiate
+from mmw.core.mesh import separate
 from mmw.core.resources import town_path
 from mmw.core.transforms import angle_between, compose, pose_from_mount, pose_from_ypr
 from mmw.scene.device_scene import DeviceScene
@@ -38,7 +39,7 @@ TOUCH_M = 1e-3
 
 @pytest.fixture(scope="module")
 def tracks() -> list[VehicleTrack]:
-    """Ten seconds of six vehicles at the roundabout, three of them connected."""
+    """Drive six vehicles for ten seconds at the roundabout, three of them connected."""
     town = open_town(town_path("town03"))
     traffic = TrafficConfig(vehicle_count=6, spawn_center_m=(-0.5, -0.5, 0.0), cav_ranks=(0, 2, 4), warmup_s=5.0)
     return simulate_idm(TrafficDemand(town, traffic, load_catalog(), frame_count=1001, seed=7)).tracks
@@ -152,9 +153,8 @@ def mirror_points(
     arrays: SceneData, frame: int, oracle: OracleScene, tx: np.ndarray, rx: np.ndarray
 ) -> dict[int, np.ndarray]:
     """Return surface -> point of all reflections from tx to rx, by the image method on every triangle."""
-    normal = np.cross(oracle.corners[:, 1] - oracle.corners[:, 0], oracle.corners[:, 2] - oracle.corners[:, 0])
-    area = np.linalg.norm(normal, axis=1)
-    normal /= np.maximum(area, 1e-300)[:, None]
+    mesh = separate(oracle.corners)
+    normal, area = mesh.normals, mesh.areas
     heights = [np.einsum("mx,mx->m", normal, end - oracle.corners[:, 0]) for end in (tx, rx)]
     kept = np.flatnonzero((heights[0] * heights[1] > 0.0) & (area > 0.0))
     image = tx - 2.0 * heights[0][kept, None] * normal[kept]
