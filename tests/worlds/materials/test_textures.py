@@ -125,9 +125,8 @@ def corner_coordinates(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
 def test_coordinates_keep_lengths_on_any_plane() -> None:
     rng = np.random.default_rng(4)
     for _ in range(50):
-        points = rng.uniform(-5, 5, (3, 2)) @ Rotation.random(random_state=rng).as_matrix()[:2] + rng.uniform(
-            -300, 300, 3
-        )
+        turn = Rotation.random(random_state=rng).as_matrix()
+        points = rng.uniform(-5, 5, (3, 2)) @ turn[:2] + rng.uniform(-300, 300, 3)
         faces = np.array([[0, 1, 2]])
         (normal,) = TriangleMesh(points, faces).normals
         st = corner_coordinates(points, faces)[0]

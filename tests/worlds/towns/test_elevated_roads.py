@@ -11,10 +11,9 @@ import trimesh
 from mmw.core.mesh import merge, separate
 from mmw.traffic.idm.run import simulate_idm
 from mmw.worlds.towns.checks import overlap_gaps
-from mmw.worlds.towns.mesh_part import MeshPart
 from mmw.worlds.towns.network import RoadNetwork
 from tests.fixtures.meshes import corners_of, is_closed, top, volume, welded
-from tests.fixtures.road_towns import build, flyover, ground_frame
+from tests.fixtures.road_towns import build, drivable, flyover, ground_frame
 from tests.fixtures.traffic_measures import measure
 from tests.fixtures.traffic_towns import CATALOG, demand
 
@@ -24,10 +23,6 @@ DECK, PARAPET, WALL = 1.2, 1.1, 0.3
 @pytest.fixture(scope="module")
 def network() -> RoadNetwork:
     return build(flyover())
-
-
-def drivable(network: RoadNetwork) -> list[MeshPart]:
-    return [part for part in (*network.parts, *network.structure_parts) if part.label in ("road", "road_line")]
 
 
 def test_structure_and_every_pier_are_closed_solids(network: RoadNetwork) -> None:

@@ -30,11 +30,10 @@ from mmw.worlds.towns.description import TownDescription
 from mmw.worlds.towns.facades import GLASS, facade_cells
 from mmw.worlds.towns.gas_station import CLEAR, DRIVEWAY
 from mmw.worlds.towns.mesh_part import MeshPart
-from mmw.worlds.towns.plan_geometry import rectangle_at
 from mmw.worlds.towns.prop_placement import place_props
 from mmw.worlds.towns.props import build_prop
 from tests.fixtures.meshes import area, by_name, open_edges, volume
-from tests.fixtures.places_town import LEVEL, PLACES, plan_area
+from tests.fixtures.places_town import LEVEL, PLACES, plan_area, plan_of_car
 
 CATALOG = load_catalog()
 
@@ -255,13 +254,7 @@ def test_surface_of_the_lot_is_the_ground_once(built):
 
 def test_parked_cars_of_the_town_are_free_and_off_the_lanes(town, built):
     assert [car.name for car in built.parked] == [f"p_{k:03d}" for k in range(1, len(built.parked) + 1)]
-    plans = []
-    for car in built.parked:
-        model = CATALOG[car.model]
-        forward = rotate(car.pose[3:], (1.0, 0.0, 0.0))
-        yaw = math.atan2(forward[1], forward[0])
-        center = rotate(car.pose[3:], model.center) + car.pose[:3]
-        plans.append(rectangle_at(center[:2], yaw, model.length, model.width))
+    plans = [plan_of_car(car, CATALOG[car.model]) for car in built.parked]
     assert 60 < len(plans) < 80
     assert min(a.distance(b) for a, b in combinations(plans, 2)) > 0.03
     driven = [shapely.LineString(lane.points[:, :2]).buffer(0.5 * lane.width) for lane in built.lanes.lanes.values()]

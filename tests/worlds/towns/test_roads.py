@@ -14,7 +14,7 @@ from mmw.core.resources import assets_dir
 from mmw.worlds.towns.description import TownDescription, load_town
 from mmw.worlds.towns.network import RoadNetwork, build_network
 from tests.fixtures.meshes import corners_of, free_edges, top, welded
-from tests.fixtures.road_towns import small_town
+from tests.fixtures.road_towns import drivable, small_town
 
 TOWN03 = assets_dir() / "towns" / "town03" / "town03.yaml"
 
@@ -60,7 +60,7 @@ def test_no_face_is_degenerate_and_all_look_up_or_at_the_road(network: RoadNetwo
 
 
 def test_lane_points_lie_on_the_mesh(network: RoadNetwork) -> None:
-    triangles = corners_of([part for part in network.parts if part.label in ("road", "road_line")])
+    triangles = corners_of(drivable(network))
     points = np.concatenate([lane.points for lane in network.lanes.lanes.values()])
     chosen = points[np.random.default_rng(1).choice(len(points), 1500, replace=False)]
     z = top(triangles, chosen[:, :2])
@@ -68,7 +68,7 @@ def test_lane_points_lie_on_the_mesh(network: RoadNetwork) -> None:
 
 
 def test_random_drops_on_the_carriageway_all_hit(network: RoadNetwork) -> None:
-    triangles = corners_of([part for part in network.parts if part.label in ("road", "road_line")])
+    triangles = corners_of(drivable(network))
     low, high = np.array(network.carriageway.bounds).reshape(2, 2)
     xy = np.random.default_rng(2).uniform(low, high, (4000, 2))
     xy = xy[shapely.contains_xy(network.carriageway, xy[:, 0], xy[:, 1])]
