@@ -9,7 +9,7 @@ import shapely
 from shapely.geometry.polygon import orient
 
 from mmw.core.errors import InputError
-from mmw.worlds.towns.block_description import BlockDescription, BuildingStyle, District, PlacedBuilding
+from mmw.worlds.towns.block_description import BlockDescription, BuildingStyle, PlacedBuilding
 from mmw.worlds.towns.buildings import Site
 from mmw.worlds.towns.ground_height import Ground
 from mmw.worlds.towns.plan_geometry import samples
@@ -81,13 +81,6 @@ def _site(
     front = ground.height(*np.linspace(plan.ring[0], plan.ring[1], 5).T)
     floor = round(max(float(front.max()), float(heights.max()) - MAX_BURIED) + FLOOR_STEP, 2)
     return Site(center, yaw, width, depth, round(float(np.nanmin(around)) - FOOT_DEPTH, 2), floor)
-
-
-def _district_at(districts: Sequence[District], xy: Sequence[float]) -> District | None:
-    for district in districts:
-        if math.dist(district.center, xy) <= district.radius_m:
-            return district
-    return None
 
 
 class _Plots:
@@ -246,7 +239,8 @@ def _along(
     station = 0.0
     while station < ring.length:
         here = shapely.get_coordinates(ring.interpolate(station))[0]
-        district = _district_at(section.districts, here)
+        holding = (district for district in section.districts if math.dist(district.center, here) <= district.radius_m)
+        district = next(holding, None)
         near_road = shapely.dwithin(plots.corridor, shapely.Point(here), 0.5)
         if district is None or not near_road:
             station += STEP

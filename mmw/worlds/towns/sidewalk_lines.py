@@ -96,7 +96,8 @@ def _cheapest(free: np.ndarray, cost: np.ndarray, reach: int) -> np.ndarray:
     """
     rows, columns = free.shape
     lateral = np.full(rows, np.nan)
-    start = _clearest_row(free)
+    clear = free.sum(axis=1)  # begin where most of this row and of those four rows away is free
+    start = int(np.argmax(np.minimum(clear, np.minimum(np.roll(clear, 4), np.roll(clear, -4)))))
     order = (np.arange(rows) + start) % rows
     moves = 0.02 * np.arange(-reach, reach + 1) ** 2
     total = np.full((rows, columns), np.inf)
@@ -126,17 +127,7 @@ def _cheapest(free: np.ndarray, cost: np.ndarray, reach: int) -> np.ndarray:
     return lateral
 
 
-def _clearest_row(free: np.ndarray) -> int:
-    """Return a row whose middle is free and that is farthest from any obstacle, to begin at."""
-    clear = free.sum(axis=1)
-    return int(np.argmax(np.minimum(clear, np.minimum(np.roll(clear, 4), np.roll(clear, -4)))))
-
-
 def _runs(free: np.ndarray) -> list[np.ndarray]:
-    """Return the stretches of True of a closed row as index arrays, in order."""
-    if not free.any():
-        return []
-    first = int(np.flatnonzero(~free)[0])
-    order = (np.arange(len(free)) + first) % len(free)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], free[order].astype(np.int8), [0]])))
-    return [order[a:b] for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    """Return the stretches of True of a closed row, which is not all True, as index arrays, in order."""
+    order = np.roll(np.arange(len(free)), -int(np.argmin(free)))  # from a gap on
+    return [run for run in np.split(order, np.flatnonzero(np.diff(free[order])) + 1) if free[run[0]]]

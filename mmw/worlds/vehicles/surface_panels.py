@@ -59,7 +59,8 @@ def build_panel(panel: Panel, skin: Shape) -> Shape:
     at += t[..., None] * ((1 - s)[..., None] * d + s[..., None] * c)
     on, away = _on_skin(panel, at, skin)
     front = on + max(panel.rise, 0.5 * panel.rise + _bulge(panel, at, on, skin)) * away
-    if _facing(front, away) < 0.0:
+    outward = np.cross(front[-1, 0] - front[0, 0], front[0, -1] - front[0, 0])
+    if outward @ away.mean(axis=(0, 1)) < 0.0:
         front, s, t, at = (grid[::-1] for grid in (front, s, t, at))
     face = quads(front, lambda _, __: panel.part)
     loop = _loop(*s.shape)
@@ -154,12 +155,6 @@ def _rays(panel: Panel, at: np.ndarray, skin: Shape) -> tuple[np.ndarray, np.nda
     away = np.stack([sign * np.cos(turn), np.sin(turn), zero], axis=1)
     base = np.stack([(end - sign * radius) * one, np.minimum(at[:, 0], knee), at[:, 1]], axis=1)
     return base + FAR_M * away, away
-
-
-def _facing(front: np.ndarray, away: np.ndarray) -> float:
-    """Return the sign with which the lattice's own side faces away from the vehicle."""
-    first, second = front[-1, 0] - front[0, 0], front[0, -1] - front[0, 0]
-    return float(np.cross(first, second) @ away.mean(axis=(0, 1)))
 
 
 def _loop(columns: int, rows: int) -> np.ndarray:

@@ -297,10 +297,3 @@ def test_nothing_stands_below_the_canopy_of_a_gas_station():
     trunks = [part.points[:, :2].mean(axis=0) for part in parts if part.path.endswith("trunk")]
     distance = shapely.distance(shapely.points(np.array(trunks)), plan)
     assert len(trunks) > 20 and 1.0 <= distance.min() < 6.0  # the row would run across it
-
-
-def test_prop_on_the_road_is_refused():
-    carriageway, _, ground = cross()
-    description = describe(placed=[{"kind": "bench", "at": [0, 0]}])
-    with pytest.raises(ValueError, match=r"'bench' at \(0\.0, 0\.0\): on the carriageway"):
-        place_props(description, carriageway, LaneGraph(), [], [], ground)

@@ -205,16 +205,6 @@ def test_main_road_goes_before_side_road() -> None:
     assert main and side and min(main) > max(side)
 
 
-def test_uturn_is_made_where_it_is_asked_for() -> None:
-    town = small_town()
-    town["profiles"]["street"]["centre"] = 6.0  # room for the half circle
-    town["profiles"]["street"]["shoulder"] = 2.0
-    town["junctions"] = {"A": {"uturn": True}}
-    graph = build_network(TownDescription.model_validate(town)).lanes
-    assert "A_ab_b0_ab_f0" in graph.lanes
-    assert "B_ab_f0_ab_b0" not in graph.lanes
-
-
 def change(**parts: Any) -> dict[str, Any]:
     town = small_town()
     town["nodes"].update(parts.get("nodes", {}))
