@@ -1,6 +1,7 @@
 """Pairs of boxes that overlap, and convex pieces cut by planes: what the geometric checks have in common."""
 
 from collections.abc import Iterator
+from typing import Literal
 
 import numpy as np
 import warp as wp
@@ -14,43 +15,54 @@ Pairs = tuple[np.ndarray, np.ndarray]
 
 
 def box_pairs(low_a: np.ndarray, high_a: np.ndarray, low_b: np.ndarray, high_b: np.ndarray) -> Iterator[Pairs]:
-    """Yield every pair of a box of set a and another box of set b that overlap or touch, once, in chunks.
+    """Yield every pair of a box of set a and a box of set b that overlap or touch, once, in chunks.
+
+    Sweep and prune: along the first axis, of two boxes that overlap one begins within the other.
 
     Args:
-        low_a: Lower corners of set a, shape [A, D]; the first three axes are meters, further ones are compared alike.
+        low_a: Lower corners of set a, shape [A, D].
         high_a: Upper corners, shape [A, D].
         low_b: The same for set b, shape [B, D].
         high_b: Upper corners, shape [B, D].
     """
-    if not len(low_a) or not len(low_b):
-        return
-    tree = wp.Bvh(*_enclosing(low_b, high_b))
-    boxes = [_on_device(values, wp.float64) for values in (low_a, high_a, low_b, high_b)]
-    given = [tree.id, *_enclosing(low_a, high_a), *boxes]
-    is_own = low_a is low_b and high_a is high_b
+    for i, j in _begun_within(low_a, high_a, low_b, high_b, "left"):
+        yield i, j
+    for j, i in _begun_within(low_b, high_b, low_a, high_a, "right"):
+        yield i, j
+
+
+def own_pairs(low: np.ndarray, high: np.ndarray) -> Iterator[Pairs]:
+    """Yield every pair of two different boxes of one set that overlap or touch, once; see `box_pairs`."""
+    order = np.argsort(low[:, 0], kind="stable")
+    for i, j in _begun_within(low[order], high[order], low[order], high[order], None):
+        yield order[i], order[j]
+
+
+def _begun_within(
+    low_a: np.ndarray, high_a: np.ndarray, low_b: np.ndarray, high_b: np.ndarray, side: Literal["left", "right"] | None
+) -> Iterator[Pairs]:
+    """Yield the pairs in which b begins within a along the first axis.
+
+    At the begin of a, from the `left` or from the `right` of boxes that begin there too; None if both are the same
+    sorted set: behind a itself.
+    """
+    order = np.argsort(low_b[:, 0], kind="stable")
+    begins = low_b[order, 0]
+    first = np.arange(1, len(begins) + 1) if side is None else np.searchsorted(begins, low_a[:, 0], side)
+    span = np.stack([first, np.searchsorted(begins, high_a[:, 0], "right")], axis=1)
+    given = [_on_device(values, wp.float64) for values in (low_a, high_a, low_b, high_b)]
+    given += [_on_device(order, wp.int32), _on_device(span, wp.int32)]
     counts, none = (wp.empty(size, dtype=int, device="cpu") for size in (len(low_a), 0))
-    wp.launch(pairs_kernel, len(low_a), [*given, 0, is_own, False], [counts, none, none], device="cpu")
+    wp.launch(pairs_kernel, len(low_a), [*given, 0, False], [counts, none, none], device="cpu")
     ends = np.cumsum(counts.numpy(), dtype=np.int64)
     begin, done = 0, 0
     while begin < len(ends):
         end = max(int(np.searchsorted(ends, done + CHUNK, "right")), begin + 1)
         offset = _on_device(np.append(0, ends[begin : end - 1] - done), wp.int32)
         a, b = (wp.empty(int(ends[end - 1]) - done, dtype=int, device="cpu") for _ in range(2))
-        wp.launch(pairs_kernel, end - begin, [*given, begin, is_own, True], [offset, a, b], device="cpu")
+        wp.launch(pairs_kernel, end - begin, [*given, begin, True], [offset, a, b], device="cpu")
         yield a.numpy(), b.numpy()
         begin, done = end, int(ends[end - 1])
-
-
-def own_pairs(low: np.ndarray, high: np.ndarray) -> Iterator[Pairs]:
-    """Yield every pair of two different boxes of one set that overlap or touch, once; see `box_pairs`."""
-    return box_pairs(low, high, low, high)
-
-
-def _enclosing(low: np.ndarray, high: np.ndarray) -> tuple[wp.array, wp.array]:
-    """Return the corners of boxes in the first three axes, rounded outward to float32."""
-    lower = np.nextafter(low[:, :3].astype(np.float32), np.float32(-np.inf))
-    upper = np.nextafter(high[:, :3].astype(np.float32), np.float32(np.inf))
-    return _on_device(lower, wp.vec3), _on_device(upper, wp.vec3)
 
 
 def _on_device(values: np.ndarray, dtype: type) -> wp.array:
