@@ -1,4 +1,4 @@
-"""Overlapping boxes among the candidates that share a cell of a grid."""
+"""Overlapping boxes among candidates that are next to each other in a sorted list."""
 
 import warp as wp
 
@@ -11,43 +11,37 @@ def pairs_kernel(
     high_a: wp.array2d[wp.float64],
     low_b: wp.array2d[wp.float64],
     high_b: wp.array2d[wp.float64],
-    cell: wp.array[wp.float64],
-    box_a: wp.array[int],
-    cell_a: wp.array2d[int],
-    box_b: wp.array[int],
+    order_b: wp.array[int],
     span: wp.array2d[int],
+    first: int,
     is_filling: bool,
     # out
     offset_out: wp.array[int],
-    row_out: wp.array[int],
-    other_out: wp.array[int],
+    a_out: wp.array[int],
+    b_out: wp.array[int],
 ):
-    """Compare box `box_a[row]` with the boxes `box_b[span[row, 0] : span[row, 1]]`; touching boxes overlap.
+    """Compare box a = `first` + thread with the boxes `order_b[span[a, 0] : span[a, 1]]`; touching boxes overlap.
 
-    A pair counts only in the cell `cell_a[row]` that holds the lowest corner of what the two have in common: once.
-    Not filling, the number of overlaps goes to `offset_out[row]`; filling, every overlap is written from
-    `offset_out[row]` on, as the row and the box of set b. Launch: dim=rows, first to count and then to fill.
+    Not filling, the number of overlaps goes to `offset_out`; filling, every overlap is written from there on. Launch:
+    dim=boxes of set a, first to count and then to fill.
     """
     row = wp.tid()
-    a = box_a[row]
+    a = first + row
     count = wp.int32(0)
     at = wp.int32(0)
     if is_filling:
         at = offset_out[row]
-    for k in range(span[row, 0], span[row, 1]):
-        b = box_b[k]
+    for k in range(span[a, 0], span[a, 1]):
+        b = order_b[k]
         overlaps = wp.bool(True)
         axis = wp.int32(0)
         while overlaps and axis < low_a.shape[1]:
             overlaps = low_a[a, axis] <= high_b[b, axis] and low_b[b, axis] <= high_a[a, axis]
-            if overlaps:
-                lowest = wp.max(low_a[a, axis], low_b[b, axis])
-                overlaps = wp.int32(wp.floor(lowest / cell[axis])) == cell_a[row, axis]
             axis = axis + 1
         if overlaps:
             if is_filling:
-                row_out[at + count] = row
-                other_out[at + count] = b
+                a_out[at + count] = a
+                b_out[at + count] = b
             count = count + 1
     if not is_filling:
         offset_out[row] = count

@@ -1,111 +1,68 @@
 """Pairs of boxes that overlap, and convex pieces cut by planes: what the geometric checks have in common."""
 
 from collections.abc import Iterator
-from itertools import product
+from typing import Literal
 
 import numpy as np
 import warp as wp
 
 from mmw.kernels.core.box_pairs import pairs_kernel
 
-MIN_CELL = 0.25
-"""Side of the smallest cell of the grid [m]; smaller boxes share it."""
-
-CHUNK = 100_000_000
-"""Candidates that are looked at together; bounds the memory."""
-
-_HASH = np.uint64(0x9E3779B97F4A7C15)
-"""Odd multiplier near 2^64 divided by the golden ratio: spreads cells over 64 bits. Source: Knuth, TAOCP 3, 6.4."""
+CHUNK = 20_000_000
+"""Pairs that are looked at together; bounds the memory."""
 
 Pairs = tuple[np.ndarray, np.ndarray]
 
 
 def box_pairs(low_a: np.ndarray, high_a: np.ndarray, low_b: np.ndarray, high_b: np.ndarray) -> Iterator[Pairs]:
-    """Yield every pair of a box of set a and another box of set b that overlap or touch, once, in chunks.
+    """Yield every pair of a box of set a and a box of set b that overlap or touch, once, in chunks.
 
-    Boxes of one power of two in size share a grid with cells of that size, where each lies in few cells; a pair is
-    searched in the grid of its larger box and counted in the cell that holds the lowest corner of the intersection.
+    Sweep and prune: along the first axis, of two boxes that overlap one begins within the other.
 
     Args:
-        low_a: Lower corners of set a, shape [A, D]; the first three axes are meters, further ones are compared alike
-            and span at most `MIN_CELL`.
+        low_a: Lower corners of set a, shape [A, D].
         high_a: Upper corners, shape [A, D].
         low_b: The same for set b, shape [B, D].
         high_b: Upper corners, shape [B, D].
     """
-    level_a, level_b = _levels(low_a, high_a), _levels(low_b, high_b)
-    is_own = low_a is low_b and high_a is high_b
-    for a, b in product(np.unique(level_a), np.unique(level_b)):
-        if is_own and a > b:
-            continue
-        cell = np.full(low_a.shape[1], MIN_CELL)
-        cell[:3] = MIN_CELL * 2.0 ** max(a, b)
-        rows_a, rows_b = np.flatnonzero(level_a == a), np.flatnonzero(level_b == b)
-        for i, j in _join(low_a[rows_a], high_a[rows_a], low_b[rows_b], high_b[rows_b], cell):
-            kept = i < j if is_own and a == b else slice(None)
-            yield rows_a[i[kept]], rows_b[j[kept]]
+    for i, j in _begun_within(low_a, high_a, low_b, high_b, "left"):
+        yield i, j
+    for j, i in _begun_within(low_b, high_b, low_a, high_a, "right"):
+        yield i, j
 
 
 def own_pairs(low: np.ndarray, high: np.ndarray) -> Iterator[Pairs]:
     """Yield every pair of two different boxes of one set that overlap or touch, once; see `box_pairs`."""
-    return box_pairs(low, high, low, high)
+    order = np.argsort(low[:, 0], kind="stable")
+    for i, j in _begun_within(low[order], high[order], low[order], high[order], None):
+        yield order[i], order[j]
 
 
-def _levels(low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Return the power of two of the grid in which each box spans at most two cells an axis, shape [N]."""
-    size = (high - low)[:, :3].max(axis=1, initial=MIN_CELL)
-    return np.ceil(np.log2(size / MIN_CELL)).astype(np.int64)
-
-
-def _cells(low: np.ndarray, high: np.ndarray, cell: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return every (box, cell) where the box reaches into the cell: box [rows], cell [rows, D], and key [rows]."""
-    first, last = (np.floor(corner / cell).astype(np.int32) for corner in (low, high))
-    box, where = np.arange(len(low), dtype=np.int32), first
-    for axis in range(low.shape[1]):
-        wide = np.flatnonzero((last[:, axis] > first[:, axis])[box])
-        beside = where[wide]
-        beside[:, axis] += 1
-        box, where = np.concatenate([box, box[wide]]), np.concatenate([where, beside])
-    key = np.zeros(len(box), dtype=np.uint64)
-    for axis in range(low.shape[1]):
-        key = key * _HASH + where[:, axis].astype(np.uint64)
-    return box, where, key
-
-
-def _join(
-    low_a: np.ndarray, high_a: np.ndarray, low_b: np.ndarray, high_b: np.ndarray, cell: np.ndarray
+def _begun_within(
+    low_a: np.ndarray, high_a: np.ndarray, low_b: np.ndarray, high_b: np.ndarray, side: Literal["left", "right"] | None
 ) -> Iterator[Pairs]:
-    box_b, _, key_b = _cells(low_b, high_b, cell)
-    order = np.argsort(key_b, kind="stable")
-    box_b, key_b = box_b[order], key_b[order]
-    box_a, where, key_a = _cells(low_a, high_a, cell)
-    span = np.stack([np.searchsorted(key_b, key_a, side) for side in ("left", "right")], axis=1)
-    rows = np.flatnonzero(span[:, 1] > span[:, 0])
-    if not len(rows):
-        return
-    ends = np.cumsum(span[rows, 1] - span[rows, 0])
-    boxes = [_on_device(values, wp.float64) for values in (low_a, high_a, low_b, high_b, cell)]
-    on_device_b, begin = _on_device(box_b, wp.int32), 0
-    while begin < len(rows):
-        done = ends[begin - 1] if begin else 0
+    """Yield the pairs in which b begins within a along the first axis.
+
+    At the begin of a, from the `left` or from the `right` of boxes that begin there too; None if both are the same
+    sorted set: behind a itself.
+    """
+    order = np.argsort(low_b[:, 0], kind="stable")
+    begins = low_b[order, 0]
+    first = np.arange(1, len(begins) + 1) if side is None else np.searchsorted(begins, low_a[:, 0], side)
+    span = np.stack([first, np.searchsorted(begins, high_a[:, 0], "right")], axis=1)
+    given = [_on_device(values, wp.float64) for values in (low_a, high_a, low_b, high_b)]
+    given += [_on_device(order, wp.int32), _on_device(span, wp.int32)]
+    counts, none = (wp.empty(size, dtype=int, device="cpu") for size in (len(low_a), 0))
+    wp.launch(pairs_kernel, len(low_a), [*given, 0, False], [counts, none, none], device="cpu")
+    ends = np.cumsum(counts.numpy(), dtype=np.int64)
+    begin, done = 0, 0
+    while begin < len(ends):
         end = max(int(np.searchsorted(ends, done + CHUNK, "right")), begin + 1)
-        chunk = rows[begin:end]
-        cells = [_on_device(values[chunk], wp.int32) for values in (box_a, where)]
-        row, j = _overlapping([*boxes, *cells, on_device_b], span[chunk])
-        yield box_a[chunk[row]], j
-        begin = end
-
-
-def _overlapping(given: list[wp.array], span: np.ndarray) -> Pairs:
-    """Return (row, box of set b) of the candidates that overlap; see `pairs_kernel` for its inputs."""
-    given = [*given, _on_device(span, wp.int32)]
-    offset, none = wp.empty(len(span), dtype=int, device="cpu"), wp.empty(0, dtype=int, device="cpu")
-    wp.launch(pairs_kernel, len(span), inputs=[*given, False], outputs=[offset, none, none], device="cpu")
-    count = offset.numpy().astype(np.int64)
-    offset = _on_device(np.cumsum(count) - count, wp.int32)
-    row, other = (wp.empty(int(count.sum()), dtype=int, device="cpu") for _ in range(2))
-    wp.launch(pairs_kernel, len(span), inputs=[*given, True], outputs=[offset, row, other], device="cpu")
-    return row.numpy(), other.numpy()
+        offset = _on_device(np.append(0, ends[begin : end - 1] - done), wp.int32)
+        a, b = (wp.empty(int(ends[end - 1]) - done, dtype=int, device="cpu") for _ in range(2))
+        wp.launch(pairs_kernel, end - begin, [*given, begin, True], [offset, a, b], device="cpu")
+        yield a.numpy(), b.numpy()
+        begin, done = end, int(ends[end - 1])
 
 
 def _on_device(values: np.ndarray, dtype: type) -> wp.array:

@@ -12,7 +12,7 @@ from mmw.worlds.checks.components import find_components
 from mmw.worlds.checks.coplanar_faces import coplanar_findings
 from mmw.worlds.checks.findings import SEVERITIES, Finding, Severity
 from mmw.worlds.checks.lane_graph import lane_findings
-from mmw.worlds.checks.materials import material_findings
+from mmw.worlds.checks.missing_materials import material_findings
 from mmw.worlds.checks.road import road_findings
 from mmw.worlds.checks.scale import size_findings
 from mmw.worlds.checks.stage_model import StageModel, open_stage_model

@@ -40,14 +40,13 @@ def _islands(graph: LaneGraph) -> list[Finding]:
 def _ends(graph: LaneGraph) -> list[Finding]:
     found = []
     for lane in graph.lanes.values():
-        if not lane.successors:
-            cure = "give it a successor; vehicles cannot drive on here"
-            place = as_place(lane.points[-1])
-            found.append(Finding("warning", "dead_ends", f"lane {lane.name}", "leads nowhere", cure, place))
-        if not graph.predecessors[lane.name]:
-            cure = "make it a successor of another one"
-            place = as_place(lane.points[0])
-            found.append(Finding("warning", "dead_ends", f"lane {lane.name}", "no lane leads to it", cure, place))
+        for others, point, text, cure in (
+            (lane.successors, -1, "leads nowhere", "give it a successor; vehicles cannot drive on here"),
+            (graph.predecessors[lane.name], 0, "no lane leads to it", "make it a successor of another one"),
+        ):
+            if not others:
+                place = as_place(lane.points[point])
+                found.append(Finding("warning", "dead_ends", f"lane {lane.name}", text, cure, place))
     return found
 
 

@@ -46,7 +46,6 @@ class StageMesh(TriangleMesh):
 class StageModel:
     """A stage that was read for a check."""
 
-    path: Path
     stage: Usd.Stage
     open_s: float
     """Time that opening the stage took [s]."""
@@ -102,7 +101,7 @@ def open_stage_model(path: Path) -> StageModel:
     meters = to_metres(stage)
     parts, broken = _read_parts(stage, meters)
     lanes, bad_lanes = _read_lanes(stage)
-    return StageModel(path, stage, open_s, tuple(parts), lanes, (*problems, *broken, *bad_lanes))
+    return StageModel(stage, open_s, tuple(parts), lanes, (*problems, *broken, *bad_lanes))
 
 
 def _read_parts(stage: Usd.Stage, meters: np.ndarray) -> tuple[list[StageMesh], list[Finding]]:
@@ -155,17 +154,10 @@ def _read_parts(stage: Usd.Stage, meters: np.ndarray) -> tuple[list[StageMesh], 
 def _moves(prim: Usd.Prim) -> bool:
     return any(
         len(attribute.GetTimeSamples()) > 1
-        for here in (prim, *_ancestors(prim))
-        for attribute in here.GetAttributes()
+        for path in prim.GetPath().GetPrefixes()
+        for attribute in prim.GetStage().GetPrimAtPath(path).GetAttributes()
         if attribute.GetName().startswith("xformOp:")
     )
-
-
-def _ancestors(prim: Usd.Prim) -> Iterator[Usd.Prim]:
-    here = prim.GetParent()
-    while here and not here.IsPseudoRoot():
-        yield here
-        here = here.GetParent()
 
 
 def _read_lanes(stage: Usd.Stage) -> tuple[LaneGraph | None, list[Finding]]:

@@ -58,7 +58,7 @@ def _grey(dark: float, light: float) -> Tones:
 
 
 def _with_joints(joint: float, dark: float, light: float) -> Tones:
-    """Tones of joints, and of stones from dark to light."""
+    """Return the tones of joints, and of stones from dark to light."""
     steps = ((0.0, joint), (0.08, joint), (0.2, dark), (1.0, light))
     return tuple((position, (grey, grey, grey)) for position, grey in steps)
 

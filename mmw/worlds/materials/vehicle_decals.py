@@ -95,7 +95,7 @@ def _plates() -> np.ndarray:
 
 
 def _lettering() -> np.ndarray:
-    """Side of a lorry's box: white, two slanted stripes at the rear, and the word FREIGHT."""
+    """Draw the side of a lorry's box: white, two slanted stripes at the rear, and the word FREIGHT."""
     height, width = 192, 512
     canvas = np.full((height, width, 3), 232.0)
     rows, columns = np.mgrid[0:height, 0:width] + 0.5
@@ -110,7 +110,7 @@ def _lettering() -> np.ndarray:
 
 
 def _destination() -> np.ndarray:
-    """Destination sign of a bus: amber dots on black."""
+    """Draw the destination sign of a bus: amber dots on black."""
     height, width, dot = 48, 320, 4
     text = np.zeros((height // dot, width // dot, 3))
     write_text(text, "24 CENTRAL", (8, 2, 72, 10), (255, 255, 255), 0.9)
@@ -139,14 +139,6 @@ def tiled(images: Sequence[np.ndarray], columns: int) -> np.ndarray:
     """Return images of one size in rows of some columns, from the upper left, as bytes."""
     rows = [np.concatenate(images[k : k + columns], axis=1) for k in range(0, len(images), columns)]
     return np.clip(np.rint(np.concatenate(rows)), 0, 255).astype(np.uint8)
-
-
-def mean_color(picture: Picture) -> tuple[float, float, float]:
-    """Return the mean linear colour of a picture, 0 to 1, rounded to a thousandth."""
-    encoded = picture.draw() / 255.0
-    linear = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)  # IEC 61966-2-1
-    red, green, blue = np.round(linear.reshape(-1, 3).mean(axis=0), 3).tolist()
-    return red, green, blue
 
 
 def write_picture(path: Path, picture: Picture) -> None:

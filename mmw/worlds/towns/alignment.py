@@ -1,6 +1,7 @@
 """Reference lines: lines and arcs in plan, straight grades joined by parabolas in height."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -95,11 +96,15 @@ class Elevation:
     half: np.ndarray
     """Half the length of the parabola at each; 0 at the ends [m], shape [N]."""
 
+    @cached_property
+    def grades(self) -> np.ndarray:
+        """Grade between each two changes of it [-], shape [N - 1]."""
+        return np.diff(self.height) / np.diff(self.station)
+
     def at(self, s: np.ndarray) -> np.ndarray:
         """Return the height [m] at the stations `s` [m], shape [N]."""
-        s = np.asarray(s, dtype=np.float64)
+        s, grade = np.asarray(s, dtype=np.float64), self.grades
         z = np.interp(s, self.station, self.height)
-        grade = np.diff(self.height) / np.diff(self.station)
         for k in range(1, len(self.station) - 1):
             if self.half[k] > 0:
                 reach = np.clip(self.half[k] - np.abs(s - self.station[k]), 0.0, None)
@@ -108,17 +113,13 @@ class Elevation:
 
     def is_curved(self, s: np.ndarray) -> np.ndarray:
         """Return whether the grade changes at the stations `s` [m], shape [N]."""
-        grade = np.diff(self.height) / np.diff(self.station)
-        curved = np.zeros(len(s), dtype=bool)
-        for k in range(1, len(self.station) - 1):
-            if abs(grade[k] - grade[k - 1]) > 1e-9:
-                curved |= np.abs(np.asarray(s) - self.station[k]) < self.half[k]
-        return curved
+        bends = np.flatnonzero(np.abs(np.diff(self.grades)) > 1e-9) + 1
+        return (np.abs(np.asarray(s)[:, None] - self.station[bends]) < self.half[bends]).any(axis=1)
 
     @property
     def steepest(self) -> float:
         """Largest absolute grade; rounding never exceeds it."""
-        return float(np.max(np.abs(np.diff(self.height) / np.diff(self.station))))
+        return float(np.max(np.abs(self.grades)))
 
 
 def make_elevation(

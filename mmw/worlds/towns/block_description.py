@@ -10,9 +10,8 @@ from mmw.config.section import Name, Section
 from mmw.core.errors import InputError
 from mmw.physics.weather.optics import rain_visibility
 from mmw.physics.weather.weather import PRESETS, Weather
-from mmw.worlds.towns.place_description import ParkingLot, PavedArea, Skybridge, StreetBays
+from mmw.worlds.towns.place_description import ParkingLot, PavedArea, Skybridge, StreetBays, Vec2
 
-Vec2 = tuple[float, float]
 Span = tuple[float, float]
 
 

@@ -9,10 +9,12 @@ import shapely
 from shapely.geometry.polygon import orient
 
 from mmw.core.errors import InputError
-from mmw.worlds.towns.block_description import BlockDescription, BuildingStyle, District, PlacedBuilding
+from mmw.worlds.towns.block_description import BlockDescription, BuildingStyle, PlacedBuilding
 from mmw.worlds.towns.buildings import Site
 from mmw.worlds.towns.ground_height import Ground
+from mmw.worlds.towns.plan_geometry import samples
 
+SAMPLE_STEP = 2.0  # distance of the heights that are looked at under a building [m]
 STEP = 2.0  # how far the search for the next lot moves along the street [m]
 FLOOR_STEP = 0.15  # floor above the highest ground at the front [m]
 MAX_BURIED = 1.5  # how far the ground behind a building may lie above its floor [m]
@@ -61,14 +63,9 @@ def find_blocks(corridor: shapely.Geometry, land: shapely.Polygon, reach: float)
     return sorted(blocks, key=lambda block: tuple(np.round([block.centroid.x, block.centroid.y], 2)))
 
 
-def heights_under(ground: Ground, outline: shapely.Polygon, spacing: float = 2.0) -> np.ndarray:
+def heights_under(ground: Ground, outline: shapely.Polygon) -> np.ndarray:
     """Return heights of the ground [m] over a polygon and along its edge, shape [N]; NaN beside the ground."""
-    west, south, east, north = outline.bounds
-    x, y = np.meshgrid(np.arange(west, east, spacing), np.arange(south, north, spacing))
-    inner = np.column_stack([x.ravel(), y.ravel()])
-    inner = inner[shapely.contains_xy(outline, inner)]
-    edge = shapely.get_coordinates(shapely.segmentize(outline.exterior, spacing))
-    return ground.height(*np.concatenate([inner, edge]).T)
+    return ground.height(*samples(outline, SAMPLE_STEP).T)
 
 
 def _site(
@@ -84,13 +81,6 @@ def _site(
     front = ground.height(*np.linspace(plan.ring[0], plan.ring[1], 5).T)
     floor = round(max(float(front.max()), float(heights.max()) - MAX_BURIED) + FLOOR_STEP, 2)
     return Site(center, yaw, width, depth, round(float(np.nanmin(around)) - FOOT_DEPTH, 2), floor)
-
-
-def _district_at(districts: Sequence[District], xy: Sequence[float]) -> District | None:
-    for district in districts:
-        if math.dist(district.center, xy) <= district.radius_m:
-            return district
-    return None
 
 
 class _Plots:
@@ -249,7 +239,8 @@ def _along(
     station = 0.0
     while station < ring.length:
         here = shapely.get_coordinates(ring.interpolate(station))[0]
-        district = _district_at(section.districts, here)
+        holding = (district for district in section.districts if math.dist(district.center, here) <= district.radius_m)
+        district = next(holding, None)
         near_road = shapely.dwithin(plots.corridor, shapely.Point(here), 0.5)
         if district is None or not near_road:
             station += STEP

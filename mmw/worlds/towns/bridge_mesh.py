@@ -7,7 +7,7 @@ from mmw.worlds.towns.elevated_roads import PARAPET_WIDTH, Structure, Walls, bri
 from mmw.worlds.towns.junctions import triangulate
 from mmw.worlds.towns.mesh_part import MeshPart
 from mmw.worlds.towns.roads import RoadBody, add_carriageway
-from mmw.worlds.towns.strip_mesh import Surface
+from mmw.worlds.towns.strip_mesh import Surface, quads
 
 CONCRETE = "concrete_structure"
 """Material of everything but the carriageway, the kerbs and the sidewalks."""
@@ -95,13 +95,7 @@ def _across(body: RoadBody, carriageway: np.ndarray, row: int) -> np.ndarray:
 def _strip(surface: Surface, material: str, a: np.ndarray, b: np.ndarray, is_left: bool) -> np.ndarray:
     """Add the strip between two lines of points along the road, and return its triangles turned over, [M, 3, 3]."""
     low, high = surface.add_points(a), surface.add_points(b)
-    faces = np.stack(
-        [
-            np.stack([low[:-1], high[:-1], high[1:]], axis=1),
-            np.stack([low[:-1], high[1:], low[1:]], axis=1),
-        ],
-        axis=1,
-    ).reshape(-1, 3)
+    faces = quads(low, high)
     surface.add_faces(material, faces[:, ::-1] if is_left else faces)
     points = np.concatenate([a, b])
     return points[faces[:, ::-1] - low[0]]

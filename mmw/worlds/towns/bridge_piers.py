@@ -150,7 +150,7 @@ def _is_free(site: _Site, offset: np.ndarray, avoided: shapely.Geometry) -> np.n
 
 
 def _is_clear(site: _Site, columns: np.ndarray, carriageway: shapely.Geometry, ground: Ground) -> bool:
-    """Whether the cross-head leaves enough height above every carriageway below it."""
+    """Return whether the cross-head leaves enough height above every carriageway below it."""
     points = site.at(np.arange(columns.min() - 1.0, columns.max() + 1.0, TRY_STEP))
     points = points[shapely.intersects_xy(shapely.buffer(carriageway, 1.0), points[:, 0], points[:, 1])]
     z = ground.height(points[:, 0], points[:, 1])
@@ -158,7 +158,7 @@ def _is_clear(site: _Site, columns: np.ndarray, carriageway: shapely.Geometry, g
 
 
 def _ring(form: str, width: float) -> np.ndarray:
-    """Plan of a column about its axis [m], shape [K, 2]."""
+    """Return the plan of a column about its axis [m], shape [K, 2]."""
     return circle(0.5 * width, SIDES) if form == "round" else circle(width / np.sqrt(2), 4, np.pi / 4)
 
 

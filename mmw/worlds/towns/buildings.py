@@ -19,6 +19,7 @@ from mmw.worlds.towns.building_footprints import Plan, rectangle
 from mmw.worlds.towns.facade_details import balconies, belt, entrance, shop_front
 from mmw.worlds.towns.facades import DOOR, GLASS, WALL, facade_cells, height_of
 from mmw.worlds.towns.mesh_part import MeshPart
+from mmw.worlds.towns.plan_geometry import rotation
 from mmw.worlds.towns.primitives import box, place, prism, wall_cells, weld
 from mmw.worlds.towns.roofs import Meshes, add_chimney, add_equipment, add_plant_room, flat_roof, gable_roof, hip_roof
 
@@ -59,8 +60,7 @@ class Site:
         return self._in_town(corners + np.array([0.0, 0.5 * (side - front)]))
 
     def _in_town(self, local: np.ndarray) -> np.ndarray:
-        cos, sin = np.cos(self.yaw), np.sin(self.yaw)
-        return local @ np.array([[cos, sin], [-sin, cos]]) + np.asarray(self.center)
+        return local @ rotation(self.yaw).T + np.asarray(self.center)
 
 
 def _walls(

@@ -7,7 +7,7 @@ import numpy as np
 import shapely
 
 from mmw.core.errors import InputError
-from mmw.traffic.roads.lane_graph import Lane, LaneGraph
+from mmw.traffic.roads.lane_graph import LaneGraph
 from mmw.worlds.lane_reach import ahead, behind, reach
 from mmw.worlds.towns.alignment import Elevation
 from mmw.worlds.towns.elevated_roads import Structure
@@ -26,7 +26,7 @@ HALF_VEHICLE = 1.3
 def check_grade(name: str, elevation: Elevation) -> None:
     """Raise InputError if a road is steeper than 0.20."""
     if elevation.steepest > MAX_GRADE:
-        grade = np.abs(np.diff(elevation.height) / np.diff(elevation.station))
+        grade = np.abs(elevation.grades)
         k = int(np.argmax(grade))
         raise InputError(
             f"road {name!r}: grade {grade[k]:.3f} between stations {elevation.station[k]:.1f} and "
@@ -94,7 +94,7 @@ def overlap_gaps(lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def _plane(triangles: np.ndarray, xy: np.ndarray) -> np.ndarray:
-    """Heights of the planes of triangles [P, 3, 3] at points [P, 2]; shape [P]."""
+    """Return the heights of the planes of triangles [P, 3, 3] at points [P, 2]; shape [P]."""
     a, u, v = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     normal = np.cross(u, v)
     away = xy - a[:, :2]
@@ -102,7 +102,7 @@ def _plane(triangles: np.ndarray, xy: np.ndarray) -> np.ndarray:
 
 
 def _height_on(line: np.ndarray, x: float, y: float) -> float:
-    """Height of a polyline where it passes closest to a point in plan [m]."""
+    """Return the height of a polyline where it passes closest to a point in plan [m]."""
     station = row_stations(line[:, :2])
     at = shapely.line_locate_point(shapely.LineString(line[:, :2]), shapely.Point(x, y))
     return float(np.interp(at, station, line[:, 2]))
@@ -130,7 +130,8 @@ def check_lanes(graph: LaneGraph, kerb: shapely.Geometry, own: dict[str, shapely
                 f"lane {lane.name!r}: grade {grade:.3f} on the inside of a bend; {MAX_GRADE:.2f} or less is needed; "
                 "lengthen the slope or widen the bend"
             )
-        distance = _kerb_distance(lane, own.get(lane.name, kerb))
+        # A lane ends at the seam of a pad, which is no kerb: the border of the carriageway runs only along kerbs.
+        distance = shapely.distance(shapely.LineString(lane.points[:, :2]), own.get(lane.name, kerb))
         if distance < HALF_VEHICLE:
             raise InputError(
                 f"lane {lane.name!r} passes {distance:.2f} m from a kerb; {HALF_VEHICLE} m are needed; increase "
@@ -145,8 +146,3 @@ def check_connected(graph: LaneGraph) -> None:
         lost = sorted(set(graph.lanes) - reach(first, step))
         if lost:
             raise InputError(f"lane {lost[0]!r} cannot be {verb} lane {first!r}; join its road to the rest of the town")
-
-
-def _kerb_distance(lane: Lane, kerb: shapely.Geometry) -> float:
-    # A lane ends at the seam of a pad, which is no kerb: the border of the carriageway runs only along kerbs.
-    return float(shapely.distance(shapely.LineString(lane.points[:, :2]), kerb))

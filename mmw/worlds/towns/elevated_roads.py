@@ -203,7 +203,7 @@ def islands_of(body: RoadBody) -> list[shapely.Polygon]:
 
 
 def _island(body: RoadBody, rows: slice) -> np.ndarray:
-    """Outline of the raised median between two rows, both included [m], shape [K, 2]."""
+    """Return the outline of the raised median between two rows, both included [m], shape [K, 2]."""
     rows = slice(rows.start, rows.stop + 1)
     xy, left, half = body.rows.xy[rows], body.rows.left[rows], body.section.island[-1]
     return np.concatenate([xy - half * left, (xy + half * left)[::-1]])

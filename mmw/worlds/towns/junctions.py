@@ -173,21 +173,10 @@ def _line_arc_line(
     return Blend(xy, heading, float(radius))
 
 
-def arriving(body: RoadBody, is_start: bool) -> Chain:
-    """Return the edge of a road that runs towards the node at its start or at its end."""
-    return body.left if is_start else body.right
-
-
-def leaving(body: RoadBody, is_start: bool) -> Chain:
-    """Return the edge of a road that runs away from the node at its start or at its end."""
-    return body.right if is_start else body.left
-
-
 @dataclass(frozen=True)
 class Pad:
     """The level ground of a junction as built."""
 
-    node: str
     parts: tuple[MeshPart, ...]
     corners: tuple[Chain, ...]
     """Kerb chains; corner k joins arm k to arm k + 1."""
@@ -200,8 +189,9 @@ def build_pad(node: str, arms: list[Arm], trims: list[float], bodies: dict[str, 
     outline, corners = [], []
     for k, arm in enumerate(arms):
         other = arms[(k + 1) % len(arms)]
-        first = arriving(bodies[arm.road.id], arm.is_start).table[-1]
-        last = leaving(bodies[other.road.id], other.is_start).table[0]
+        here, there = bodies[arm.road.id], bodies[other.road.id]
+        first = (here.left if arm.is_start else here.right).table[-1]  # the edge that arrives at the node
+        last = (there.right if other.is_start else there.left).table[0]  # the edge that leaves it
         h0 = arm.outward(trims[k]) + np.pi
         h1 = other.outward(trims[(k + 1) % len(arms)])
         curve = blend(first[0, :2], h0, last[0, :2], h1, np.radians(9.5), 3.0)
@@ -231,7 +221,7 @@ def build_pad(node: str, arms: list[Arm], trims: list[float], bodies: dict[str, 
         }
     )
     parts += chain_parts(f"junction_{node}", corners)
-    return Pad(node, tuple(parts), tuple(corners), border)
+    return Pad(tuple(parts), tuple(corners), border)
 
 
 def _through_lines(arms: list[Arm], trims: list[float], bodies: dict[str, RoadBody]) -> list[np.ndarray]:

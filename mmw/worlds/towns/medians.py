@@ -40,7 +40,7 @@ def add_island(
 
 
 def _fan(row: np.ndarray) -> np.ndarray:
-    """Triangles of a section through the island that look against the direction of the road, shape [4, 3].
+    """Return the triangles of a section through the island that look against the road, shape [4, 3].
 
     The first and the last vertex are the feet; the outer ones of the top are straight above them.
     """

@@ -1,6 +1,6 @@
 """The road network: every road, junction and lane of a town, the ground between them, and what must hold for them."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -53,16 +53,12 @@ class RoadNetwork:
     """Carriageway, kerbs, sidewalks, verges and the fill of bridges in plan: nothing is built here."""
     centre_lines: dict[str, np.ndarray]
     """Road -> its reference line between the junctions [m], shape [N, 3]."""
-    kerbs: list[np.ndarray]
-    """Closed kerb lines on the ground, the carriageway on the left, not repeating the first point [m], each [N, 3]; at
-    the end of a bridge they run straight across the road."""
     terrain: list[MeshPart]
     """Ground outside the corridor."""
-    junction_outlines: dict[str, np.ndarray] = field(default_factory=dict)
-    """Node -> border of its carriageway, counter-clockwise [m], shape [N, 2]."""
-    edges: list[np.ndarray] = field(default_factory=list)
-    """Closed loops of kerb foot, kerb top, inner and outer edge of the sidewalk, and verge [m], each [N, 5, 3]."""
-    structures: tuple[Structure, ...] = ()
+    edges: list[np.ndarray]
+    """Closed loops of kerb foot, kerb top, inner and outer edge of the sidewalk, and verge, the carriageway on the left
+    [m], each [N, 5, 3]; at the end of a bridge the kerb runs straight across the road."""
+    structures: tuple[Structure, ...]
     """Bridges and elevated roads, in the order of the roads."""
 
     @property
@@ -122,12 +118,10 @@ def build_network(description: TownDescription) -> RoadNetwork:
     parts = [part for body in bodies.values() for part in body.parts]
     corners: list[Chain] = []
     lanes = {lane.name: lane for body in bodies.values() for lane in body.lanes}
-    outlines = {}
     for name in nodes:
         pad = build_pad(name, arms[name], trims[name], bodies)
         parts += pad.parts
         corners += pad.corners
-        outlines[name] = pad.outline
         is_signalled = is_named(name, description.props.signalled)
         for before, lane in build_turns(name, arms[name], trims[name], bodies, chosen[name], pad, is_signalled):
             lanes[lane.name] = lane
@@ -147,9 +141,8 @@ def build_network(description: TownDescription) -> RoadNetwork:
     structures = _build_bridges(bridges, walls, (carriageway, corridor), Ground([*parts, *terrain]))
     check_clearance(structures, _surfaces(parts))
     lines = {name: body.centre_line for name, body in bodies.items()}
-    kerbs = [loop[:, 0][np.any(loop[:, 0] != np.roll(loop[:, 0], 1, axis=0), axis=1)] for loop in loops]
     parts = add_road_details(parts, bodies, graph)
-    return RoadNetwork(parts, graph, carriageway, corridor, lines, kerbs, terrain, outlines, loops, structures)
+    return RoadNetwork(parts, graph, carriageway, corridor, lines, terrain, loops, structures)
 
 
 def _terrain(settings: Terrain, loops: list[np.ndarray], bridges: list[RoadBody]) -> list[MeshPart]:
@@ -214,7 +207,7 @@ def _check_names(props: PropsSection, nodes: list[str]) -> None:
 
 
 def _end(arm: Arm, arms: list[Arm], trim: float, settings: Junction, is_signalled: bool) -> RoadEnd:
-    """Paint across the end of an arm: none where the road only bends or on a ring, no stop line on a main road.
+    """Return the paint across the end of an arm: none where it only bends or on a ring; no stop line on a main road.
 
     Where there are traffic lights, every arm has a stop line.
     """

@@ -18,6 +18,7 @@ from mmw.worlds.towns.network import RoadNetwork
 from mmw.worlds.towns.parked_prims import ParkedCar
 from mmw.worlds.towns.paved_areas import Region, outline_of
 from mmw.worlds.towns.place_description import ParkingLot, StreetBays
+from mmw.worlds.towns.plan_geometry import rectangle_at, rotation
 
 LINE = 0.10
 """Width of a painted line between two bays [m]; design value."""
@@ -71,14 +72,6 @@ class Parking:
         return [bay for _, bays in self.groups for bay in bays]
 
 
-def rectangle_at(center: Sequence[float], yaw: float, length: float, width: float) -> shapely.Polygon:
-    """Return a rectangle with its length along `yaw` [rad]."""
-    along = np.array([math.cos(yaw), math.sin(yaw)]) * 0.5 * length
-    side = np.array([-math.sin(yaw), math.cos(yaw)]) * 0.5 * width
-    corners = np.array([-along - side, along - side, along + side, -along + side])
-    return shapely.Polygon(corners + np.asarray(center))
-
-
 def block_of(lot: ParkingLot, terrain: Sequence[MeshPart]) -> shapely.Polygon:
     """Return the plan of the block of terrain that a car park is to fill.
 
@@ -107,7 +100,7 @@ def lay_out(lot: ParkingLot, block: shapely.Polygon) -> list[Bay]:
     if not lot.rows:
         return []
     yaw = _long_side(block) if lot.yaw_deg is None else math.radians(lot.yaw_deg)
-    turn = np.array([[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]])  # town to rows
+    turn = rotation(-yaw)  # town to rows
     low, high = (f(shapely.get_coordinates(block) @ turn.T, axis=0) for f in (np.min, np.max))
     width, depth = lot.bay
     pairs = (lot.rows + 1) // 2
@@ -147,8 +140,7 @@ def line_area(bays: Sequence[Bay], block: shapely.Polygon) -> shapely.Geometry:
     """Return the plan of the painted lines: beside every bay and across its end, none where cars drive in."""
     strips = []
     for bay in bays:
-        along = np.array([math.cos(bay.yaw), math.sin(bay.yaw)])
-        side = np.array([-along[1], along[0]])
+        along, side = rotation(bay.yaw).T
         middle = np.asarray(bay.center)
         for sign in (-0.5, 0.5):
             strips.append(rectangle_at(middle + side * sign * bay.width, bay.yaw, bay.depth, LINE))
@@ -283,9 +275,8 @@ def park(
         room = 0.5 * np.array([bay.depth - deep, bay.width - across]) - MARGIN
         offset = deviation[:2] * np.clip(room, 0.0, [LENGTHWAYS, SIDEWAYS])
         yaw = bay.yaw + turn + (math.pi if backs_in else 0.0)
-        aim = np.array([[math.cos(bay.yaw), -math.sin(bay.yaw)], [math.sin(bay.yaw), math.cos(bay.yaw)]])
-        heading = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
-        origin = np.asarray(bay.center) + aim @ offset - heading @ np.array(model.center[:2])
+        heading = rotation(yaw)
+        origin = np.asarray(bay.center) + rotation(bay.yaw) @ offset - heading @ np.array(model.center[:2])
         cars.append(ParkedCar("", model.name, paint, _pose_on_ground(model, origin, heading, ground)))
     return cars
 

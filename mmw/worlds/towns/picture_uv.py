@@ -57,8 +57,8 @@ def picture_coordinates(part: MeshPart) -> np.ndarray | None:
     return None
 
 
-def _rectangles(part: MeshPart) -> tuple[np.ndarray, np.ndarray]:
-    """Return the corners of all rectangles, counter-clockwise from the lower left, [Q, 4, 3], and their normals.
+def _rectangles(part: MeshPart) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return width and height [m] of all rectangles, [Q] each, and their normals, [Q, 3].
 
     Raises:
         InputError: If the mesh does not consist of pairs of triangles that share a diagonal.
@@ -68,7 +68,8 @@ def _rectangles(part: MeshPart) -> tuple[np.ndarray, np.ndarray]:
         raise InputError(f"part {part.path!r}: {part.material} shows pictures on rectangles; make it of quads")
     corners = part.points[np.concatenate([pairs[:, 0], pairs[:, 1, 2:]], axis=1)]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 3] - corners[:, 0])
-    return corners, normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    wide, tall = (np.linalg.norm(corners[:, k] - corners[:, 0], axis=1) for k in (1, 3))
+    return wide, tall, normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
 
 
 def _as_corners(low: np.ndarray, high: np.ndarray) -> np.ndarray:
@@ -85,12 +86,10 @@ def _numbers(part: MeshPart, count: int, below: int) -> np.ndarray:
 
 def _rooms(part: MeshPart, width: float) -> np.ndarray:
     """Give every window the whole rooms that fit its width."""
-    corners, _ = _rectangles(part)
+    wide, tall, _ = _rectangles(part)
     columns, rows = ROOMS
-    wide = np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1)
-    tall = np.linalg.norm(corners[:, 3] - corners[:, 0], axis=1)
     count = np.maximum(1.0, np.round(wide / (width * np.maximum(1.0, tall / ROOM_HEIGHT))))
-    room = _numbers(part, len(corners), columns * rows)
+    room = _numbers(part, len(wide), columns * rows)
     low = np.column_stack([room % columns, room // columns]).astype(float)
     high = low + np.column_stack([count, np.ones(len(count))])
     return _as_corners(low / ROOMS, high / ROOMS)
@@ -123,11 +122,10 @@ def _share(values: np.ndarray) -> np.ndarray:
 
 def _boards(part: MeshPart) -> np.ndarray:
     """Write the name of a shop on the long upright sides of every board; its other sides have the board's colour."""
-    corners, normal = _rectangles(part)
-    wide = np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1)
-    tall = np.maximum(np.linalg.norm(corners[:, 3] - corners[:, 0], axis=1), 1e-6)
+    wide, tall, normal = _rectangles(part)
+    tall = np.maximum(tall, 1e-6)
     has_text = (np.abs(normal[:, 2]) < 0.5) & (wide / tall > MIN_TEXT)
-    shop = np.repeat(_numbers(part, len(corners) // 6 + 1, len(SHOPS)), 6)[: len(corners)]
+    shop = np.repeat(_numbers(part, len(wide) // 6 + 1, len(SHOPS)), 6)[: len(wide)]
     low = np.column_stack([np.full(len(shop), 0.01), 1.0 - (shop + 0.9) / len(SHOPS)])
     high = np.column_stack([np.full(len(shop), 0.02), 1.0 - (shop + 0.2) / len(SHOPS)])
     half = 0.5 * np.minimum(1.0, wide / tall / SHOP_ASPECT)
@@ -169,14 +167,19 @@ def _crown(part: MeshPart) -> np.ndarray:
     """Wrap leaves around the axis of a crown, and lay them from above where it is level; meters, as texture tiles."""
     mesh = TriangleMesh(part.points - part.points.mean(axis=0), part.faces)
     corners, normal = mesh.corners, mesh.normals
-    turns = max(1, round(2 * np.pi * 0.8 * float(np.hypot(*corners[:, :, :2].reshape(-1, 2).T).max()) / LEAF_TILE))
-    angle = np.arctan2(corners[:, :, 1], corners[:, :, 0])
-    middle = np.arctan2(corners[:, :, 1].mean(axis=1), corners[:, :, 0].mean(axis=1))[:, None]
-    angle = middle + (angle - middle + np.pi) % (2 * np.pi) - np.pi  # no face reaches around the back
-    st = np.stack([angle * turns * LEAF_TILE / (2 * np.pi), corners[:, :, 2]], axis=-1)
+    reach = 0.8 * float(np.hypot(*corners[:, :, :2].reshape(-1, 2).T).max())
+    st = _wrapped(corners[:, :, :2], corners[:, :, 2], reach, LEAF_TILE)
     level = np.abs(normal[:, 2]) > 0.6
     st[level] = corners[level][:, :, :2]
     return st
+
+
+def _wrapped(away: np.ndarray, height: np.ndarray, radius: float, tile: float) -> np.ndarray:
+    """Return coordinates [F, 3, 2] of corners `away` from an axis [m], [F, 3, 2], with whole tiles [m] around it."""
+    turns = max(1, round(2 * np.pi * radius / tile))
+    angle, middle = np.arctan2(away[..., 1], away[..., 0]), np.arctan2(*away.mean(axis=1).T[::-1])[:, None]
+    angle = middle + (angle - middle + np.pi) % (2 * np.pi) - np.pi  # no face reaches around the back
+    return np.stack([angle * turns * tile / (2 * np.pi), height], axis=-1)
 
 
 def _piers(part: MeshPart) -> np.ndarray:
@@ -198,8 +201,5 @@ def _piers(part: MeshPart) -> np.ndarray:
         radius = float(np.linalg.norm(away, axis=2).mean())
         if np.abs(np.linalg.norm(away, axis=2) - radius).max() > 0.01:
             continue
-        turns = max(1, round(2 * np.pi * radius / COLUMN_TILE))
-        angle, middle = np.arctan2(away[..., 1], away[..., 0]), np.arctan2(*away.mean(axis=1).T[::-1])[:, None]
-        angle = middle + (angle - middle + np.pi) % (2 * np.pi) - np.pi  # no face reaches around the back
-        result[own[sides]] = np.stack([angle * turns * COLUMN_TILE / (2 * np.pi), corners[sides][:, :, 2]], axis=-1)
+        result[own[sides]] = _wrapped(away, corners[sides][:, :, 2], radius, COLUMN_TILE)
     return result

@@ -7,7 +7,6 @@ from pydantic import Field
 from mmw.config.section import PrimName, Section
 
 Vec2 = tuple[float, float]
-Identifier = PrimName
 
 MIN_SOFFIT = 5.0
 """Least clear height above a carriageway [m]: 4.5 m of headroom that trucks are given, and half a meter to spare."""
@@ -16,7 +15,7 @@ MIN_SOFFIT = 5.0
 class Skybridge(Section):
     """A closed walkway of glass and metal between buildings, over a road."""
 
-    name: Identifier = Field(description="name of the prim (name)")
+    name: PrimName = Field(description="name of the prim (name)")
     start: Vec2 = Field(alias="from", description="middle of one end, x east, y north [m]")
     end: Vec2 = Field(alias="to", description="middle of the other end [m]")
     width: float = Field(8.0, ge=2, le=60, description="outer width [m]")
@@ -43,7 +42,7 @@ class Skybridge(Section):
 class ParkingLot(Section):
     """A block of land between roads that becomes a car park: asphalt, painted bays, parked cars."""
 
-    name: Identifier = Field(description="name of the lot (name)")
+    name: PrimName = Field(description="name of the lot (name)")
     at: Vec2 = Field(description="a point inside the block, x east, y north [m]")
     bay: Vec2 = Field((2.5, 5.0), description="width and depth of a bay [m]")
     rows: int = Field(2, ge=0, le=40, description="rows of bays, two and two back to back; 0 only paves (count)")
@@ -73,7 +72,7 @@ class StreetBays(Section):
 class PavedArea(Section):
     """A part of the terrain with another surface: a forecourt, a farmyard, a square. Its heights stay the terrain's."""
 
-    name: Identifier = Field(description="name of the area (name)")
+    name: PrimName = Field(description="name of the area (name)")
     outline: tuple[Vec2, ...] = Field(min_length=3, description="corners; what lies outside the terrain is cut off [m]")
     material: str = Field("concrete_sidewalk", description="material of the surface (material name)")
     label: Literal["ground", "terrain", "sidewalk"] = Field("ground", description="semantic class (token)")

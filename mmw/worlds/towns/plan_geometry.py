@@ -1,5 +1,6 @@
 """Compute in plan: areas and triangles of polygons, heights of faces above points, heights between known ones."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -12,6 +13,25 @@ def twice_areas(triangles: np.ndarray) -> np.ndarray:
     """Return twice the signed area in plan of triangles [M, 3, 2 or 3], positive when counter-clockwise, shape [M]."""
     a, b, c = (triangles[:, k] for k in range(3))
     return (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
+
+
+def rotation(yaw: float) -> np.ndarray:
+    """Return the matrix that turns column vectors in plan by `yaw` [rad]."""
+    return np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
+
+
+def rectangle_at(center: Sequence[float], yaw: float, length: float, width: float) -> shapely.Polygon:
+    """Return a rectangle with its length along `yaw` [rad]."""
+    corners = 0.5 * np.array([[-length, -width], [length, -width], [length, width], [-length, width]])
+    return shapely.Polygon(corners @ rotation(yaw).T + np.asarray(center))
+
+
+def samples(area: shapely.Geometry, step: float) -> np.ndarray:
+    """Return points over an area and along its border, about `step` apart [m], shape [N, 2]."""
+    west, south, east, north = area.bounds
+    grid = np.stack(np.meshgrid(np.arange(west, east, step), np.arange(south, north, step)), axis=-1).reshape(-1, 2)
+    border = shapely.get_coordinates(shapely.segmentize(area.boundary, step))
+    return np.concatenate([grid[shapely.contains_xy(area, *grid.T)], border])
 
 
 def polygons_of(area: shapely.Geometry, above: float) -> list[shapely.Polygon]:

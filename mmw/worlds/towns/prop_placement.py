@@ -159,11 +159,6 @@ def approaches(lanes: LaneGraph, patterns: Sequence[str], yielding: bool = False
     return [lane for _, lane in sorted(lanes.lanes.items()) if not lane.junction and enters(lane)]
 
 
-def is_green(lanes: LaneGraph, lane: Lane) -> bool:
-    """Return whether the signal of an approach is green, in the first phase of its junction."""
-    return any(lanes.lanes[name].signal == FIRST_PHASE for name in lane.successors)
-
-
 def add_at_approaches(placer: PropPlacer, kind: str, lanes: Sequence[Lane], aside: float, back: float) -> None:
     """Add a place `aside` of the right-hand kerb, `back` before the end of every approach [m], facing the drivers."""
     for lane in lanes:
@@ -279,7 +274,8 @@ def place_props(
     for number, line in enumerate(section.lines):
         add_line(placer, line, len(lots) + number)
     for lane in approaches(lanes, section.signalled):
-        kind = "traffic_light_green" if is_green(lanes, lane) else "traffic_light"
+        is_green = any(lanes.lanes[name].signal == FIRST_PHASE for name in lane.successors)
+        kind = "traffic_light_green" if is_green else "traffic_light"
         add_at_approaches(placer, kind, [lane], 0.6, 0.5)
     add_at_approaches(placer, "give_way_sign", approaches(lanes, section.give_way, True), 0.7, 1.5)
     for row in section.rows:

@@ -15,6 +15,7 @@ from mmw.traffic.roads.lane_graph import Lane, LaneGraph
 from mmw.worlds.towns.mesh_part import MeshPart
 from mmw.worlds.towns.paved_areas import Region, outline_of, pave
 from mmw.worlds.towns.plan_geometry import at_stations
+from mmw.worlds.towns.primitives import circle
 from mmw.worlds.towns.roads import MIN_WAITING, RoadBody
 from mmw.worlds.towns.turn_lanes import kind_of_turn
 
@@ -105,7 +106,6 @@ def arrow(kinds: Sequence[str]) -> shapely.Geometry:
     Args:
         kinds: Ways that it shows: `straight`, `left`, `right`.
     """
-    pieces = []
     neck = ARROW_LENGTH - HEAD[0]
     ways = [((0.0, 0.0), (neck, 0.0))] if "straight" in kinds else []
     heads = [(np.array([neck, 0.0]), 0.0, HEAD)] if "straight" in kinds else []
@@ -114,7 +114,7 @@ def arrow(kinds: Sequence[str]) -> shapely.Geometry:
             end = np.array([BRANCH[1][0], side * BRANCH[1][1]])
             ways.append(((0.0, 0.0), BRANCH[0], tuple(end)))
             heads.append((end, side * HEAD_TURN, BRANCH_HEAD))
-    pieces += [shapely.buffer(shapely.LineString(way), SHAFT, cap_style="flat", join_style="mitre") for way in ways]
+    pieces = [shapely.buffer(shapely.LineString(way), SHAFT, cap_style="flat", join_style="mitre") for way in ways]
     for base, turn, (long, half) in heads:
         ahead, aside = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
         pieces.append(shapely.Polygon([base - half * aside, base + long * ahead, base + half * aside]))
@@ -151,10 +151,9 @@ def _drains(body: RoadBody) -> Iterator[shapely.Polygon]:
 def _manholes(body: RoadBody, lanes: Sequence[Lane]) -> Iterator[shapely.Polygon]:
     """Yield the covers of a road, between the tracks of the wheels of a lane chosen at random."""
     rng = np.random.default_rng(zlib.crc32(body.road.id.encode()))
-    angle = 2.0 * np.pi * np.arange(MANHOLE_SIDES) / MANHOLE_SIDES
     station = rng.uniform(0.3, 0.7) * MANHOLE_EVERY
     while station < lanes[0].length - 1.0:
         lane = lanes[int(rng.integers(len(lanes)))]
-        shape = MANHOLE_RADIUS * np.column_stack([np.cos(angle), np.sin(angle)]) + [0.0, rng.uniform(-0.2, 0.2)]
+        shape = circle(MANHOLE_RADIUS, MANHOLE_SIDES) + np.array([0.0, rng.uniform(-0.2, 0.2)])
         yield shapely.Polygon(_rigid(lane.points, station, shape))
         station += MANHOLE_EVERY * rng.uniform(0.8, 1.2)

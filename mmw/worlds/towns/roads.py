@@ -107,7 +107,7 @@ def ground_slices(count: int, cut: tuple[int, int] | None) -> list[slice]:
 
 
 def _end_rows(end: RoadEnd, stop: str) -> list[tuple[float, str, str]]:
-    """Rows from the pad outward: distance, kind, and the cell that follows outward."""
+    """Return the rows from the pad outward: distance, kind, and the cell that follows outward."""
     rows = [(0.0, "pad", "plain")]
     d = PAD_GAP
     if end.zebra:
@@ -189,7 +189,7 @@ def _cut_rows(
 
 
 def _is_painted(section: CrossSection, cell: str) -> np.ndarray:
-    """Whether each strip of the main cross-section is paint in a cell, shape [K - 1]."""
+    """Return whether each strip of the main cross-section is paint in a cell, shape [K - 1]."""
     middle = 0.5 * (section.breaks[:-1] + section.breaks[1:])
     solid = np.array([kind == "solid" for kind in section.paint])
     dashed = np.array([kind == "dashed" for kind in section.paint])

@@ -42,13 +42,12 @@ def sidewalk_lines(tables: Sequence[np.ndarray], obstacles: Sequence[shapely.Geo
         lateral = _lateral(inner, outer, tree)
         points = inner + lateral[:, None] * (outer - inner)
         free = np.isfinite(lateral)
-        if free.all():
-            if STEP * len(points) >= MIN_LENGTH:
-                sidewalks.append(Sidewalk(f"walk_{len(sidewalks):03d}", _directed(points, len(sidewalks)), True))
-            continue
-        for run in _runs(free):
+        is_closed = bool(free.all())
+        for run in [np.arange(len(free))] if is_closed else _runs(free):
             if STEP * len(run) >= MIN_LENGTH:
-                sidewalks.append(Sidewalk(f"walk_{len(sidewalks):03d}", _directed(points[run], len(sidewalks)), False))
+                number = len(sidewalks)
+                way = points[run] if number % 2 == 0 else points[run[::-1]]  # every second line runs the other way
+                sidewalks.append(Sidewalk(f"walk_{number:03d}", way, is_closed))
     return sidewalks
 
 
@@ -60,11 +59,6 @@ def obstacle_plans(parts: Sequence[MeshPart], ground: Ground) -> list[shapely.Ge
         if len(low):
             plans.append(shapely.convex_hull(shapely.MultiPoint(low[:, :2])))
     return plans
-
-
-def _directed(points: np.ndarray, number: int) -> np.ndarray:
-    """Return the points in one of the two directions, every second line the other way."""
-    return points if number % 2 == 0 else points[::-1]
 
 
 def _resample(inner: np.ndarray, outer: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -102,7 +96,8 @@ def _cheapest(free: np.ndarray, cost: np.ndarray, reach: int) -> np.ndarray:
     """
     rows, columns = free.shape
     lateral = np.full(rows, np.nan)
-    start = _clearest_row(free)
+    clear = free.sum(axis=1)  # begin where most of this row and of those four rows away is free
+    start = int(np.argmax(np.minimum(clear, np.minimum(np.roll(clear, 4), np.roll(clear, -4)))))
     order = (np.arange(rows) + start) % rows
     moves = 0.02 * np.arange(-reach, reach + 1) ** 2
     total = np.full((rows, columns), np.inf)
@@ -132,17 +127,7 @@ def _cheapest(free: np.ndarray, cost: np.ndarray, reach: int) -> np.ndarray:
     return lateral
 
 
-def _clearest_row(free: np.ndarray) -> int:
-    """Return a row whose middle is free and that is farthest from any obstacle, to begin at."""
-    clear = free.sum(axis=1)
-    return int(np.argmax(np.minimum(clear, np.minimum(np.roll(clear, 4), np.roll(clear, -4)))))
-
-
 def _runs(free: np.ndarray) -> list[np.ndarray]:
-    """Return the stretches of True of a closed row as index arrays, in order."""
-    if not free.any():
-        return []
-    first = int(np.flatnonzero(~free)[0])
-    order = (np.arange(len(free)) + first) % len(free)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], free[order].astype(np.int8), [0]])))
-    return [order[a:b] for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    """Return the stretches of True of a closed row, which is not all True, as index arrays, in order."""
+    order = np.roll(np.arange(len(free)), -int(np.argmin(free)))  # from a gap on
+    return [run for run in np.split(order, np.flatnonzero(np.diff(free[order])) + 1) if free[run[0]]]

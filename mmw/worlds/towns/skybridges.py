@@ -15,6 +15,7 @@ from mmw.core.mesh import TriangleMesh, merge
 from mmw.worlds.towns.ground_height import Ground
 from mmw.worlds.towns.mesh_part import MeshPart
 from mmw.worlds.towns.place_description import Skybridge
+from mmw.worlds.towns.plan_geometry import rectangle_at, rotation, samples
 from mmw.worlds.towns.primitives import box, place, quads, wall_cells, weld
 
 FRAME, PANE = 0, 1
@@ -64,13 +65,7 @@ class Span:
     @property
     def column_plans(self) -> list[shapely.Polygon]:
         """Plans of the columns in the town frame."""
-        half = 0.5 * POST * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-        return [shapely.Polygon(half @ _turn(self.yaw).T + column) for column in self.columns]
-
-
-def _turn(yaw: float) -> np.ndarray:
-    """Return the matrix that turns column vectors by `yaw` [rad]."""
-    return np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
+        return [rectangle_at(column, self.yaw, POST, POST) for column in self.columns]
 
 
 def find_span(
@@ -87,15 +82,14 @@ def find_span(
     if length < 3.0:
         raise InputError(f"{where}: {length:.1f} m long; 3 m or more are needed; move its ends apart")
     yaw = math.atan2(*(end - start)[::-1])
-    along, left = _turn(yaw).T
-    corners = [start - left * 0.5 * bridge.width, end - left * 0.5 * bridge.width]
-    plan = shapely.Polygon([*corners, *(corner + left * bridge.width for corner in corners[::-1])])
+    along, left = rotation(yaw).T
+    plan = rectangle_at(0.5 * (start + end), yaw, length, bridge.width)
     inner = shapely.buffer(plan, -TOUCH, join_style="mitre")
     if any(shapely.intersects(inner, building) for building in buildings):
         raise InputError(f"{where}: a building placed by hand stands in its way; let the bridge end at the facade")
     below = shapely.intersection(plan, shapely.buffer(carriageway, -OFF_KERB, join_style="mitre"))
     area = plan if below.is_empty else below
-    heights = ground.height(*_samples(area).T)
+    heights = ground.height(*samples(area, 1.0).T)
     if np.isnan(heights).any() or np.isnan(ground.height(*shapely.get_coordinates(plan).T)).any():
         raise InputError(f"{where}: reaches beyond the terrain; move it into the town")
     edges = [shapely.LineString([p - left * 0.4 * bridge.width, p + left * 0.4 * bridge.width]) for p in (start, end)]
@@ -117,14 +111,6 @@ def find_span(
             x, y = column.centroid.x, column.centroid.y
             raise InputError(f"{where}: a column at ({x:.1f}, {y:.1f}) stands on a road; move it")
     return span
-
-
-def _samples(area: shapely.Geometry) -> np.ndarray:
-    """Return points over an area and along its border, about a meter apart, shape [N, 2]."""
-    west, south, east, north = area.bounds
-    grid = np.stack(np.meshgrid(np.arange(west, east), np.arange(south, north)), axis=-1).reshape(-1, 2)
-    border = shapely.get_coordinates(shapely.segmentize(area.boundary, 1.0))
-    return np.concatenate([grid[shapely.contains_xy(area, *grid.T)], border])
 
 
 def side_cells(bridge: Skybridge, length: float, soffit: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

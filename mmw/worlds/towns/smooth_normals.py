@@ -3,6 +3,7 @@
 import numpy as np
 
 from mmw.core.mesh import TriangleMesh
+from mmw.worlds.crease_normals import crease_normals
 from mmw.worlds.towns.mesh_part import MeshPart
 
 CREASE_DEG = {
@@ -56,19 +57,7 @@ def corner_normals(mesh: TriangleMesh, crease_deg: float) -> np.ndarray | None:
     lengths = np.linalg.norm(ahead, axis=2) * np.linalg.norm(behind, axis=2)
     angle = np.arccos(np.clip(np.einsum("fcx,fcx->fc", ahead, behind) / np.maximum(lengths, 1e-300), -1.0, 1.0))
     vertex = np.unique(np.round(mesh.points * 1e4).astype(np.int64), axis=0, return_inverse=True)[1]
-    vertex = vertex.reshape(-1)[mesh.faces]
-    order = np.argsort(vertex.reshape(-1), kind="stable")
-    ends = np.flatnonzero(np.diff(vertex.reshape(-1)[order], append=-1))
-    result = np.repeat(normal[:, None], 3, axis=1)
-    is_round, limit, start = False, np.cos(np.radians(crease_deg)), 0
-    for end in ends:
-        group = order[start : end + 1]
-        start = end + 1
-        face = group // 3
-        own = normal[face]
-        near = own @ own.T > limit
-        if (near & (own @ own.T < 1.0 - 1e-8)).any():
-            mean = near @ (own * angle.reshape(-1)[group, None])
-            result.reshape(-1, 3)[group] = mean / np.linalg.norm(mean, axis=1, keepdims=True)
-            is_round = True
-    return np.round(result, 4) if is_round else None
+    weighted = (normal[:, None] * angle[..., None]).reshape(-1, 3)
+    smooth = crease_normals(vertex.reshape(-1)[mesh.faces], normal, weighted, np.cos(np.radians(crease_deg)))
+    is_round = np.einsum("fcx,fx->fc", smooth, normal).min(initial=1.0) < 1.0 - 1e-8
+    return np.round(smooth, 4) if is_round else None

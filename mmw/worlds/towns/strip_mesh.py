@@ -103,12 +103,9 @@ def chain_parts(name: str, chains: Sequence[Chain]) -> list[MeshPart]:
     for chain in chains:
         rows, borders, _ = chain.table.shape
         index = surface.add_points(chain.table.reshape(-1, 3)).reshape(rows, borders)
-        a, b = index[:-1, :-1], index[1:, :-1]
-        c, d = index[1:, 1:], index[:-1, 1:]
-        # Outward lies to the right, so (a, d, c) faces up, and the kerb's face looks at the carriageway.
-        both = np.stack([np.stack([a, d, c], axis=-1), np.stack([a, c, b], axis=-1)], axis=2)
         for k, (_, material) in enumerate(EDGE_STRIPS):
-            surface.add_faces(material, both[:, k].reshape(-1, 3))
+            # Outward lies to the right, so these face up, and the kerb's face looks at the carriageway.
+            surface.add_faces(material, quads(index[:, k], index[:, k + 1]))
     return surface.parts(
         {
             "curb": (f"Sidewalks/{name}/curb", "sidewalk"),

@@ -41,7 +41,7 @@ def mesh_terrain(
 
 
 def _frame(inside: np.ndarray, spacing: float, margin: float) -> np.ndarray:
-    """Points on the rectangle round the town, counter-clockwise [m], shape [N, 2]."""
+    """Return points on the rectangle round the town, counter-clockwise [m], shape [N, 2]."""
     low, high = inside.min(axis=0) - margin, inside.max(axis=0) + margin
     corners = np.array([low, [high[0], low[1]], high, [low[0], high[1]], low])
     sides = []
@@ -52,7 +52,7 @@ def _frame(inside: np.ndarray, spacing: float, margin: float) -> np.ndarray:
 
 
 def _mesh_block(path: str, loop: np.ndarray, frame: np.ndarray | None, spacing: float) -> MeshPart:
-    """Ground inside a clockwise loop, or between a counter-clockwise one and the frame around it."""
+    """Return the ground inside a clockwise loop, or between a counter-clockwise one and the frame around it."""
     border = loop[:, :2]
     polygon = shapely.Polygon(border) if frame is None else shapely.Polygon(frame, [border])
     if not polygon.is_valid:
@@ -64,24 +64,20 @@ def _mesh_block(path: str, loop: np.ndarray, frame: np.ndarray | None, spacing: 
     grid = grid[shapely.contains_xy(polygon, grid[:, 0], grid[:, 1])]
     grid = grid[np.asarray(shapely.distance(polygon.boundary, np.array(shapely.points(grid)))) > 0.55 * spacing]
     fixed = border if frame is None else np.concatenate([border, frame])
-    edges = _edges(len(border), 0 if frame is None else len(frame))
+    own = np.arange(len(border))
+    edges = np.stack([own, np.roll(own, -1)], axis=1)
+    if frame is not None:
+        outer = len(border) + np.arange(len(frame))
+        edges = np.concatenate([edges, np.stack([outer, np.roll(outer, -1)], axis=1)])
     faces, xy = _triangulate(polygon, fixed, edges, grid)
     z = harmonic_heights(faces, len(xy), loop[:, 2])
     return MeshPart(path, np.column_stack([xy, z]), faces, "grass", "terrain")
 
 
-def _edges(border: int, frame: int) -> np.ndarray:
-    """Edges of the closed borders as pairs of vertex indices, shape [border + frame, 2]."""
-    a = np.arange(border)
-    b = np.arange(frame)
-    first = np.stack([a, (a + 1) % border], axis=1)
-    return first if frame == 0 else np.concatenate([first, np.stack([b, (b + 1) % frame], axis=1) + border])
-
-
 def _triangulate(
     polygon: shapely.Polygon, fixed: np.ndarray, edges: np.ndarray, inner: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Triangles with every border edge among their edges, and no other vertex on it; faces [M, 3], points [N, 2]."""
+    """Return faces [M, 3] and points [N, 2] with every border edge among the edges, and no other vertex on it."""
     for _ in range(6):
         xy = np.concatenate([fixed, inner])
         faces = scipy.spatial.Delaunay(xy).simplices.astype(np.int64)

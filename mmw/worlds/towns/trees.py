@@ -93,9 +93,9 @@ def crown(
     return TriangleMesh(points, unit.faces)
 
 
-def trunk(height: float, radius: float, sides: int = 5) -> TriangleMesh:
-    """Return a trunk that is wider at its foot."""
-    return lathe([(1.5 * radius, -ROOT), (radius, 0.6), (0.55 * radius, height)], sides)
+def trunk(height: float, radius: float) -> TriangleMesh:
+    """Return a trunk of five sides that is wider at its foot."""
+    return lathe([(1.5 * radius, -ROOT), (radius, 0.6), (0.55 * radius, height)], 5)
 
 
 def broadleaf_tree(rng: np.random.Generator, frequency: int = 3) -> list[Piece]:

@@ -37,11 +37,6 @@ def incoming(body: RoadBody, is_start: bool) -> list[Lane]:
     return list(body.lanes[count:] if is_start else body.lanes[:count])
 
 
-def outgoing(body: RoadBody, is_start: bool) -> list[Lane]:
-    """Return the lanes of a road that begin at its start or at its end, from the middle outward."""
-    return incoming(body, not is_start)
-
-
 def choose_turns(
     arms: list[Arm], lanes_in: list[int], lanes_out: list[int], settings: Junction
 ) -> list[tuple[int, int, int, int, str]]:
@@ -102,7 +97,7 @@ def build_turns(
         InputError: If a lane ends here without a turn, a turn is too tight for a car, or no arm has room for a U-turn.
     """
     before = [incoming(bodies[arm.road.id], arm.is_start) for arm in arms]
-    after = [outgoing(bodies[arm.road.id], arm.is_start) for arm in arms]
+    after = [incoming(bodies[arm.road.id], not arm.is_start) for arm in arms]  # they end at the other end
     ways = choose_turns(arms, [len(lanes) for lanes in before], [len(lanes) for lanes in after], settings)
     for i, lanes in enumerate(before):
         for k, lane in enumerate(lanes):

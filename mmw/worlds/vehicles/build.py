@@ -8,7 +8,7 @@ from mmw.core.errors import InputError
 from mmw.core.resources import assets_dir
 from mmw.worlds.vehicles.body_loft import build_skin
 from mmw.worlds.vehicles.models import BLUEPRINTS, Block, Blueprint
-from mmw.worlds.vehicles.pedestrian_models import FIGURES, Figure, build_figure
+from mmw.worlds.vehicles.pedestrian_models import FIGURES, build_figure
 from mmw.worlds.vehicles.primitives import Shape, box, join, pod
 from mmw.worlds.vehicles.surface_panels import build_panel
 from mmw.worlds.vehicles.wheel import wheel
@@ -39,14 +39,12 @@ def build_shape(model: str) -> Shape:
         raise InputError(f"vehicle model = {model!r}; needed is one of {', '.join(BLUEPRINTS)}; name one of them")
     blueprint = BLUEPRINTS[model]
     shapes = [build_skin(body) for body in blueprint.bodies]
-    for block in blueprint.blocks:
-        if not block.is_pod:
-            shapes += _block(block)
+    for block in (block for block in blueprint.blocks if not block.is_pod):
+        shapes += _block(block)
     for panel in blueprint.panels:
         shapes += _pair(build_panel(panel, join(shapes)), panel.mirror)
-    for block in blueprint.blocks:
-        if block.is_pod:
-            shapes += _block(block)
+    for block in (block for block in blueprint.blocks if block.is_pod):
+        shapes += _block(block)
     return join(shapes + [shape for shape, _, _ in _wheels(blueprint)])
 
 
@@ -62,20 +60,15 @@ def _pair(one: Shape, has_mirror_image: bool) -> list[Shape]:
 
 def _wheels(blueprint: Blueprint) -> list[tuple[Shape, str, tuple[float, float, float]]]:
     """Return shape, name and centre [m] of every wheel, all in the body frame."""
-    wheels = blueprint.wheels
-    front = wheel(wheels.radius, wheels.width, wheels.rim, wheels.spokes)
-    rear = wheel(wheels.radius, wheels.rear_width or wheels.width, wheels.rim, wheels.spokes)
-    inward = ((wheels.rear_width or wheels.width) - wheels.width) / 2
-    places = (
-        ("front", front, (blueprint.wheelbase / 2, wheels.track / 2, wheels.radius)),
-        ("rear", rear, (-blueprint.wheelbase / 2, wheels.track / 2 - inward, wheels.radius)),
-    )
-    left = [(shape.moved(center), f"wheel_{axle}_left", center) for axle, shape, center in places]
-    right = [
-        (shape.moved(center).mirrored(), f"wheel_{axle}_right", (center[0], -center[1], center[2]))
-        for axle, shape, center in places
-    ]
-    return left + right
+    wheels, found = blueprint.wheels, []
+    for side, sign in (("left", 1.0), ("right", -1.0)):
+        for axle, x, width in (("front", 0.5, wheels.width), ("rear", -0.5, wheels.rear_width or wheels.width)):
+            inward = (width - wheels.width) / 2
+            center = (x * blueprint.wheelbase, wheels.track / 2 - inward, wheels.radius)
+            shape = wheel(wheels.radius, width, wheels.rim, wheels.spokes).moved(center)
+            place = (center[0], sign * center[1], center[2])
+            found.append((shape if sign > 0.0 else shape.mirrored(), f"wheel_{axle}_{side}", place))
+    return found
 
 
 def _wheel_specs(blueprint: Blueprint, face_count: int) -> list[WheelSpec]:
@@ -120,15 +113,11 @@ def build_figures(out_dir: str | Path) -> list[Path]:
         low, high = shape.points.min(axis=0), shape.points.max(axis=0)
         dimensions = dict(zip(("length", "width", "height"), (high - low).tolist(), strict=True))
         center = (0.5 * (low + high)).tolist()
-        materials = {part: _figure_material(figure, material) for part, material in FIGURE_MATERIAL.items()}
+        own = {"<trousers>": figure.trousers, "<skin>": figure.skin, "<hair>": figure.hair}
+        materials = {part: own.get(material, material) for part, material in FIGURE_MATERIAL.items()}
         spec = AssetSpec("pedestrian", materials, figure.colors, "mmw:pedestrian:", dimensions, center)
         made.append(write_asset(name, shape, spec, Path(out_dir) / name))
     return made
-
-
-def _figure_material(figure: Figure, material: str) -> str:
-    chosen = {"<trousers>": figure.trousers, "<skin>": figure.skin, "<hair>": figure.hair}
-    return chosen.get(material, material)
 
 
 def declared_box(blueprint: Blueprint, shape: Shape) -> tuple[np.ndarray, np.ndarray]:

@@ -14,6 +14,9 @@ STRIDE = np.radians(18.0)
 SIDES = 12
 """Facets around a limb."""
 
+ANGLES = 2 * np.pi * np.append(np.arange(SIDES), 0) / SIDES
+"""Angles of the edges of the facets, the last one that of the first [rad]."""
+
 
 @dataclass(frozen=True)
 class Figure:
@@ -72,14 +75,9 @@ def limb(start, end, radii: tuple[tuple[float, float], ...], part: str, flatten:
     side = np.array([0.0, 1.0, 0.0])
     front = np.cross(side, axis)
     front /= np.linalg.norm(front)
-    angle = 2 * np.pi * np.arange(SIDES + 1) / SIDES
-    angle[-1] = angle[0]
-    profile = [(radii[0][0], 0.0), *radii, (radii[-1][0], 0.0)]
-    grid = np.empty((SIDES + 1, len(profile), 3))
-    for column, (share, radius) in enumerate(profile):
-        ring = flatten * np.cos(angle)[:, None] * front + np.sin(angle)[:, None] * side
-        grid[:, column] = start + share * (end - start) + radius * ring
-    return weld(quads(grid, lambda _, __: part))
+    share, radius = np.array([(radii[0][0], 0.0), *radii, (radii[-1][0], 0.0)]).T[:, :, None]
+    ring = flatten * np.cos(ANGLES)[:, None] * front + np.sin(ANGLES)[:, None] * side
+    return weld(quads(start + share * (end - start) + radius * ring[:, None], lambda _, __: part))
 
 
 def loft(rings: Sequence[tuple[float, float, float, float]], part: str) -> Shape:
@@ -89,12 +87,10 @@ def loft(rings: Sequence[tuple[float, float, float, float]], part: str) -> Shape
         rings: Height, middle along x, half depth along x, half width along y [m] of each section, from below.
         part: Part name of every face.
     """
-    angle = 2 * np.pi * np.arange(SIDES + 1) / SIDES
-    angle[-1] = angle[0]
     table = np.array([(*rings[0][:2], 0.0, 0.0), *rings, (*rings[-1][:2], 0.0, 0.0)])
     grid = np.empty((SIDES + 1, len(table), 3))
-    grid[..., 0] = table[:, 1] + np.cos(angle)[:, None] * table[:, 2]
-    grid[..., 1] = np.sin(angle)[:, None] * table[:, 3]
+    grid[..., 0] = table[:, 1] + np.cos(ANGLES)[:, None] * table[:, 2]
+    grid[..., 1] = np.sin(ANGLES)[:, None] * table[:, 3]
     grid[..., 2] = table[:, 0]
     return weld(quads(grid, lambda _, __: part))
 

@@ -3,11 +3,13 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import product
 
 import numpy as np
 
 from mmw.core.errors import InputError
 from mmw.core.mesh import TriangleMesh, merge
+from mmw.worlds.crease_normals import crease_normals
 
 WELD = 1e-6
 """Vertices closer than this become one [m]."""
@@ -116,33 +118,14 @@ def _box_points(half: np.ndarray, bevel: float) -> np.ndarray:
 @cache
 def _box_faces(is_bevelled: bool) -> np.ndarray:
     """Return the triangles of every box, in the order of `_box_points`, shape [M, 3]."""
-    return _hull_faces(_box_points(np.ones(3), 0.25 if is_bevelled else 0.0))
-
-
-def _hull_faces(points: np.ndarray) -> np.ndarray:
-    """Return the triangles of a convex point set whose points are all corners, turned outward, shape [M, 3]."""
-    centre = points.mean(axis=0)
-    count = len(points)
-    planes: dict[tuple[float, ...], np.ndarray] = {}
-    for a in range(count):
-        for b in range(a + 1, count):
-            for c in range(b + 1, count):
-                normal = np.cross(points[b] - points[a], points[c] - points[a])
-                length = np.linalg.norm(normal)
-                if length < 1e-12:
-                    continue
-                normal = normal / length
-                normal = normal if np.dot(normal, points[a] - centre) > 0 else -normal
-                offset = (points - points[a]) @ normal
-                if offset.max() < 1e-9:
-                    planes[tuple(np.round(normal, 6) + 0.0)] = normal
+    points = _box_points(np.ones(3), 0.25 if is_bevelled else 0.0)
+    directions = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=3) if is_bevelled or np.abs(d).sum() == 1.0])
+    directions = directions[directions.any(axis=1)]
     faces = []
-    for key in sorted(planes):
-        normal = planes[key]
+    for normal in sorted((directions / np.linalg.norm(directions, axis=1, keepdims=True)).tolist()):
         height = points @ normal
         ring = np.flatnonzero(height > height.max() - 1e-9)
         across = points[ring[1]] - points[ring[0]]
-        across = across / np.linalg.norm(across)
         middle = points[ring] - points[ring].mean(axis=0)
         order = ring[np.argsort(np.arctan2(middle @ np.cross(normal, across), middle @ across))]
         faces += [[order[0], order[i], order[i + 1]] for i in range(1, len(order) - 1)]
@@ -178,15 +161,4 @@ def pod(low: Sequence[float], high: Sequence[float], part: str, segments: int = 
 
 def corner_normals(mesh: TriangleMesh) -> np.ndarray:
     """Return the shading normal of every corner, shared by faces that touch below the crease angle, shape [M, 3, 3]."""
-    faces, area, unit = mesh.faces, mesh.crosses, mesh.normals
-    order = np.argsort(faces.reshape(-1), kind="stable")
-    owner = order // 3
-    starts = np.searchsorted(faces.reshape(-1)[order], np.arange(len(mesh.points) + 1))
-    normals = np.empty((len(faces), 3, 3))
-    for vertex in range(len(mesh.points)):
-        slots = order[starts[vertex] : starts[vertex + 1]]
-        around = owner[starts[vertex] : starts[vertex + 1]]
-        smooth = unit[around] @ unit[around].T > CREASE_COS
-        total = smooth.astype(np.float64) @ area[around]
-        normals[around, slots % 3] = total / np.linalg.norm(total, axis=1, keepdims=True)
-    return normals
+    return crease_normals(mesh.faces, mesh.normals, np.repeat(mesh.crosses, 3, axis=0), CREASE_COS)

@@ -59,7 +59,8 @@ def build_panel(panel: Panel, skin: Shape) -> Shape:
     at += t[..., None] * ((1 - s)[..., None] * d + s[..., None] * c)
     on, away = _on_skin(panel, at, skin)
     front = on + max(panel.rise, 0.5 * panel.rise + _bulge(panel, at, on, skin)) * away
-    if _facing(front, away) < 0.0:
+    outward = np.cross(front[-1, 0] - front[0, 0], front[0, -1] - front[0, 0])
+    if outward @ away.mean(axis=(0, 1)) < 0.0:
         front, s, t, at = (grid[::-1] for grid in (front, s, t, at))
     face = quads(front, lambda _, __: panel.part)
     loop = _loop(*s.shape)
@@ -107,20 +108,13 @@ def cast(skin: Shape, start: np.ndarray, direction: np.ndarray) -> np.ndarray:
     ends = np.concatenate([start, start + FAR_M * direction])
     is_near = (corners.max(axis=1) >= ends.min(axis=0) - 1e-6) & (corners.min(axis=1) <= ends.max(axis=0) + 1e-6)
     corners = corners[is_near.all(axis=1)]
-    edge1, edge2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    edges = corners[:, 1:] - corners[:, :1]
     nearest = np.full(len(start), np.inf)
     for row, (origin, along) in enumerate(zip(start, direction, strict=True)):
-        across = np.cross(along, edge2)
-        determinant = np.einsum("ij,ij->i", edge1, across)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            inverse = 1.0 / determinant
-            offset = origin - corners[:, 0]
-            u = np.einsum("ij,ij->i", offset, across) * inverse
-            turned = np.cross(offset, edge1)
-            v = turned @ along * inverse
-            t = np.einsum("ij,ij->i", edge2, turned) * inverse
-            is_hit = (np.abs(determinant) > 1e-12) & (u > -1e-9) & (v > -1e-9) & (u + v < 1.0 + 1e-9) & (t > 0.0)
-        nearest[row] = t[is_hit].min(initial=np.inf)
+        frame = np.concatenate([edges, np.broadcast_to(-along, (len(edges), 1, 3))], axis=1).swapaxes(1, 2)
+        faces_it = np.abs(np.linalg.det(frame)) > 1e-12
+        u, v, t = np.linalg.solve(frame[faces_it], (origin - corners[faces_it, 0])[..., None])[..., 0].T
+        nearest[row] = t[(u > -1e-9) & (v > -1e-9) & (u + v < 1.0 + 1e-9) & (t > 0.0)].min(initial=np.inf)
     return nearest
 
 
@@ -161,12 +155,6 @@ def _rays(panel: Panel, at: np.ndarray, skin: Shape) -> tuple[np.ndarray, np.nda
     away = np.stack([sign * np.cos(turn), np.sin(turn), zero], axis=1)
     base = np.stack([(end - sign * radius) * one, np.minimum(at[:, 0], knee), at[:, 1]], axis=1)
     return base + FAR_M * away, away
-
-
-def _facing(front: np.ndarray, away: np.ndarray) -> float:
-    """Return the sign with which the lattice's own side faces away from the vehicle."""
-    first, second = front[-1, 0] - front[0, 0], front[0, -1] - front[0, 0]
-    return float(np.cross(first, second) @ away.mean(axis=(0, 1)))
 
 
 def _loop(columns: int, rows: int) -> np.ndarray:

@@ -9,15 +9,14 @@ SEGMENTS = 30
 """Facets around the axis of every shipped wheel; design value."""
 
 
-def wheel(radius: float, width: float, rim: float, spokes: int, segments: int = SEGMENTS) -> Shape:
+def wheel(radius: float, width: float, rim: float, spokes: int) -> Shape:
     """Return one wheel about the y axis, outer side at +y, centred on the origin.
 
     Args:
         radius: Tyre radius [m]; a vertex lies exactly at the lowest point.
         width: Tyre width [m].
         rim: Rim radius [m].
-        spokes: Number of spokes; it divides `segments` into parts of at least two facets.
-        segments: Facets around the axis.
+        spokes: Number of spokes; it divides `SEGMENTS` into parts of at least two facets.
 
     Returns:
         A closed shape with parts `rubber`, `rims` and `trim` (behind the spokes, and the inner side).
@@ -25,9 +24,9 @@ def wheel(radius: float, width: float, rim: float, spokes: int, segments: int = 
     Raises:
         InputError: If the spokes do not divide the facets.
     """
-    if segments % spokes or segments < 2 * spokes:
+    if SEGMENTS % spokes or 2 * spokes > SEGMENTS:
         raise InputError(
-            f"wheel: {spokes} spokes on {segments} segments; needed is a multiple of 2 or more; change one"
+            f"wheel: {spokes} spokes on {SEGMENTS} segments; needed is a multiple of 2 or more; change one"
         )
     half, wall = width / 2, radius - rim
     # (radius, y, depth between the spokes) from the hub's outer centre over the tread to the inner centre.
@@ -37,12 +36,12 @@ def wheel(radius: float, width: float, rim: float, spokes: int, segments: int = 
         (rim + 0.4 * wall, half, 0.0), (rim + 0.8 * wall, half - 0.1 * wall, 0.0), (radius, half - 0.35 * wall, 0.0),
         (radius, -half + 0.35 * wall, 0.0), (rim + 0.5 * wall, -half, 0.0), (0.0, -half + 0.01, 0.0),
     ]  # fmt: skip
-    per_spoke = segments // spokes
-    angle = 2 * np.pi * np.arange(segments + 1) / segments - np.pi / 2
+    per_spoke = SEGMENTS // spokes
+    angle = 2 * np.pi * np.arange(SEGMENTS + 1) / SEGMENTS - np.pi / 2
     angle[-1] = angle[0]
-    is_gap = np.arange(segments + 1) % per_spoke >= (per_spoke + 1) // 2
+    is_gap = np.arange(SEGMENTS + 1) % per_spoke >= (per_spoke + 1) // 2
     ring, y, depth = (np.array(column) for column in zip(*profile, strict=True))
-    grid = np.empty((segments + 1, len(profile), 3))
+    grid = np.empty((SEGMENTS + 1, len(profile), 3))
     grid[..., 0] = np.cos(angle)[:, None] * ring
     grid[..., 1] = y - np.where(is_gap[:, None], depth, 0.0)
     grid[..., 2] = np.sin(angle)[:, None] * ring

@@ -67,13 +67,10 @@ def test_a_pole_is_round_and_its_end_is_flat() -> None:
 
 def front_of(part: MeshPart, toward: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return points [K, 3] and coordinates [K, 2] of the corners of faces that look a way."""
-    corners = part.points[part.faces]
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     st = picture_coordinates(part)
     assert st is not None
-    seen = normal @ toward > 0.99
-    return corners[seen].reshape(-1, 3), st[seen].reshape(-1, 2)
+    seen = part.mesh.normals @ toward > 0.99
+    return part.mesh.corners[seen].reshape(-1, 3), st[seen].reshape(-1, 2)
 
 
 @pytest.mark.parametrize("yaw", [0.0, 1.1, 4.0])

@@ -5,6 +5,7 @@ import pytest
 
 from mmw.worlds.towns.alignment import make_alignment, make_elevation
 from mmw.worlds.towns.description import Profile
+from mmw.worlds.towns.plan_geometry import twice_areas
 from mmw.worlds.towns.section import make_section
 from mmw.worlds.towns.strip_mesh import zipper
 
@@ -66,8 +67,7 @@ def test_zipper_fills_the_strip_with_every_vertex() -> None:
     t1 = np.concatenate([[-4], np.sort(rng.uniform(-4, 4, 3)), [4]])
     points = np.concatenate([np.stack([np.zeros(8), t0], axis=1), np.stack([np.full(5, 2.0), t1], axis=1)])
     faces = zipper(np.arange(8), t0, np.arange(8, 13), t1)
-    a, b, c = (points[faces[:, k]] for k in range(3))
-    area = 0.5 * ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
+    area = 0.5 * twice_areas(points[faces])
     assert np.all(area > 0)
     assert area.sum() == pytest.approx(16)
     assert sorted(set(faces.ravel())) == list(range(13))

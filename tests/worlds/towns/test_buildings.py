@@ -107,15 +107,6 @@ def test_building_stands_on_its_plan_and_looks_outward(form, podium):
         assert part.faces.max() < len(part.points) and area(part.mesh) > 0
 
 
-def test_four_walls_have_the_area_of_perimeter_times_height():
-    style = BuildingStyle(parapet_m=0.5, windows="ribbon")
-    meshes = by_name(build_building("b", style, SITE, 3, np.random.default_rng(0)))
-    top = SITE.floor + height_of(style, 3) + 0.5
-    inner = 2 * (24 - 0.6 + 16 - 0.6) * 0.5 + (24 * 16 - 23.4 * 15.4)  # parapet: inner sides and top
-    total = sum(area(meshes[name]) for name in ("facade", "glass", "door"))
-    assert total == pytest.approx(2 * (24 + 16) * (top - SITE.foot) + inner, rel=1e-9)
-
-
 @pytest.mark.parametrize("form", ["gable", "hip"])
 @pytest.mark.parametrize("size", [(10.0, 16.0), (16.0, 10.0)])
 def test_pitched_roof_is_closed(form, size):
@@ -306,10 +297,3 @@ def test_nothing_stands_below_the_canopy_of_a_gas_station():
     trunks = [part.points[:, :2].mean(axis=0) for part in parts if part.path.endswith("trunk")]
     distance = shapely.distance(shapely.points(np.array(trunks)), plan)
     assert len(trunks) > 20 and 1.0 <= distance.min() < 6.0  # the row would run across it
-
-
-def test_prop_on_the_road_is_refused():
-    carriageway, _, ground = cross()
-    description = describe(placed=[{"kind": "bench", "at": [0, 0]}])
-    with pytest.raises(ValueError, match=r"'bench' at \(0\.0, 0\.0\): on the carriageway"):
-        place_props(description, carriageway, LaneGraph(), [], [], ground)

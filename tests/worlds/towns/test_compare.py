@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -48,17 +49,19 @@ def a_mesh(layer: Sdf.Layer, below: str, has: str = "points") -> Sdf.PrimSpec:
     return found[0]
 
 
-def edit(mesh: Sdf.PrimSpec, name: str, change: Callable[[np.ndarray], np.ndarray]) -> None:
+def edit(mesh: Sdf.PrimSpec, name: str, change: Callable[[np.ndarray], np.ndarray], where: Any = slice(None)) -> None:
+    """Change some of the values of an attribute."""
     attribute = mesh.attributes[name]
-    attribute.default = type(attribute.default).FromNumpy(np.ascontiguousarray(change(np.array(attribute.default))))
+    values = np.array(attribute.default)
+    if where == slice(None):
+        values = np.ascontiguousarray(change(values))
+    else:
+        values[where] = change(values[where])
+    attribute.default = type(attribute.default).FromNumpy(values)
 
 
 def move(mesh: Sdf.PrimSpec, by: float, count: int | None = None) -> None:
-    def moved(points: np.ndarray) -> np.ndarray:
-        points[:count, 0] += by
-        return points
-
-    edit(mesh, "points", moved)
+    edit(mesh, "points", lambda x: x + by, (slice(count), 0))
 
 
 def of_faces(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[Sdf.Layer], None]:
@@ -89,28 +92,19 @@ def flipped_diagonal(faces: np.ndarray) -> np.ndarray:
 
 def other_diagonal_on_a_slope(layer: Sdf.Layer) -> None:
     def raised(points: np.ndarray) -> np.ndarray:
-        points[:, 2] = 0.1 * np.sin(points[:, 0]) * np.sin(points[:, 1])
-        return points
+        return np.column_stack([points[:, :2], 0.1 * np.sin(points[:, 0]) * np.sin(points[:, 1])])
 
     edit(layer.GetPrimAtPath(GRASS), "points", raised)
 
 
 def flipped_texture(layer: Sdf.Layer) -> None:
-    def flip(st: np.ndarray) -> np.ndarray:
-        st[0, 0] = -st[0, 0] - 1.0
-        return st
-
-    edit(a_mesh(layer, "/Town", "primvars:st"), "primvars:st", flip)
+    edit(a_mesh(layer, "/Town", "primvars:st"), "primvars:st", lambda s: -s - 1.0, (0, 0))
 
 
 def exchanged_pictures(layer: Sdf.Layer) -> None:
     """Swap the corners of the first triangle of a sign or a window; the values stay the same."""
-
-    def exchange(indices: np.ndarray) -> np.ndarray:
-        indices[:3] = indices[[1, 2, 0]]
-        return indices
-
-    edit(a_mesh(layer, "/Town/Buildings", "primvars:st:indices"), "primvars:st:indices", exchange)
+    indices = "primvars:st:indices"
+    edit(a_mesh(layer, "/Town/Buildings", indices), indices, lambda three: np.roll(three, -1), slice(3))
 
 
 def without_a_prim(layer: Sdf.Layer) -> None:

@@ -6,14 +6,14 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
+import trimesh
 
 from mmw.core.mesh import merge, separate
 from mmw.traffic.idm.run import simulate_idm
 from mmw.worlds.towns.checks import overlap_gaps
-from mmw.worlds.towns.mesh_part import MeshPart
 from mmw.worlds.towns.network import RoadNetwork
-from tests.fixtures.meshes import corners_of, is_closed, top, volume
-from tests.fixtures.road_towns import build, flyover, ground_frame
+from tests.fixtures.meshes import corners_of, is_closed, top, volume, welded
+from tests.fixtures.road_towns import build, drivable, flyover, ground_frame
 from tests.fixtures.traffic_measures import measure
 from tests.fixtures.traffic_towns import CATALOG, demand
 
@@ -23,10 +23,6 @@ DECK, PARAPET, WALL = 1.2, 1.1, 0.3
 @pytest.fixture(scope="module")
 def network() -> RoadNetwork:
     return build(flyover())
-
-
-def drivable(network: RoadNetwork) -> list[MeshPart]:
-    return [part for part in (*network.parts, *network.structure_parts) if part.label in ("road", "road_line")]
 
 
 def test_structure_and_every_pier_are_closed_solids(network: RoadNetwork) -> None:
@@ -58,18 +54,10 @@ def test_volume_of_a_straight_level_span_is_the_closed_form(form: str) -> None:
 
 
 def section_area(corners: np.ndarray, x: float) -> float:
-    """Area of the cut through a closed mesh at one x: half the sum of y dz - z dy over the cut's segments."""
-    x = x + 1e-4  # beside the rows of vertices
-    total = 0.0
-    for triangle in corners[(corners[:, :, 0].min(axis=1) < x) & (corners[:, :, 0].max(axis=1) > x)]:
-        cut = []
-        for p, q in zip(triangle, np.roll(triangle, -1, axis=0), strict=True):
-            if (p[0] < x) != (q[0] < x):
-                cut.append((p + (q - p) * (x - p[0]) / (q[0] - p[0]), p[0] < q[0]))
-        (one, into), (two, _) = cut
-        first, second = (one, two) if into else (two, one)
-        total += 0.5 * (first[1] * second[2] - second[1] * first[2])
-    return abs(total)
+    """Return the area of the cut through a closed mesh at one x, beside the rows of vertices."""
+    mesh = trimesh.Trimesh(*welded(corners), process=False)
+    cut = trimesh.intersections.mesh_plane(mesh, (1.0, 0.0, 0.0), (x + 1e-4, 0.0, 0.0))
+    return shapely.polygonize(shapely.set_precision(shapely.linestrings(cut[:, :, 1:]), 1e-6)).area
 
 
 def test_lanes_lie_on_the_mesh_across_both_ends(network: RoadNetwork) -> None:

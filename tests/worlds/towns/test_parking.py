@@ -18,7 +18,7 @@ from mmw.worlds.towns.parking import LINE, Bay, block_of, choose_models, lay_out
 from mmw.worlds.towns.paved_areas import Region, area_regions, cut, pave
 from mmw.worlds.towns.place_description import ParkingLot, PavedArea, StreetBays
 from tests.fixtures.meshes import open_edges
-from tests.fixtures.places_town import SLOPE, plan_area, sheet
+from tests.fixtures.places_town import SLOPE, plan_area, plan_of_car, sheet
 
 CATALOG = load_catalog()
 AREAS = {
@@ -134,11 +134,7 @@ def test_parked_cars_stand_inside_their_bays_on_their_wheels():
         wheels = [[x * model.wheelbase, y * model.track, 0.0] for x in (-0.5, 0.5) for y in (-0.5, 0.5)]
         world = rotate(car.pose[3:], np.array(wheels)) + car.pose[:3]
         assert np.allclose(world[:, 2], world[:, :2] @ SLOPE, atol=1e-5)
-        corners = [
-            [x * model.length, y * model.width, 0] for x, y in ((-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5))
-        ]
-        box = rotate(car.pose[3:], np.add(corners, (*model.center[:2], 0.0))) + car.pose[:3]
-        plans.append(shapely.Polygon(box[:, :2]))
+        plans.append(plan_of_car(car, model))
         headings.append(rotate(car.pose[3:], (1.0, 0.0, 0.0))[:2])
     owners = [next(bay for bay in bays if bay.outline.contains(plan.centroid)) for plan in plans]
     assert all(bay.outline.contains(plan) for bay, plan in zip(owners, plans, strict=True))

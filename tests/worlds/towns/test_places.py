@@ -10,7 +10,7 @@ import shapely
 import yaml
 from pxr import Usd
 
-from mmw.core.mesh import TriangleMesh, merge
+from mmw.core.mesh import merge
 from mmw.core.transforms import make_pose, quaternion_from_ypr, rotate
 from mmw.scene.reader import read_stage
 from mmw.scene.stage.compose import compose_scenario
@@ -30,11 +30,10 @@ from mmw.worlds.towns.description import TownDescription
 from mmw.worlds.towns.facades import GLASS, facade_cells
 from mmw.worlds.towns.gas_station import CLEAR, DRIVEWAY
 from mmw.worlds.towns.mesh_part import MeshPart
-from mmw.worlds.towns.parking import rectangle_at
 from mmw.worlds.towns.prop_placement import place_props
 from mmw.worlds.towns.props import build_prop
 from tests.fixtures.meshes import area, by_name, open_edges, volume
-from tests.fixtures.places_town import LEVEL, PLACES, plan_area
+from tests.fixtures.places_town import LEVEL, PLACES, plan_area, plan_of_car
 
 CATALOG = load_catalog()
 
@@ -89,22 +88,26 @@ def test_plans_have_the_areas_of_their_forms(mirrored):
         assert shapely.hausdorff_distance(inner, shapely.buffer(ring, -0.5, join_style="mitre")) < 1e-9
 
 
-@pytest.mark.parametrize("form", ["l_shape", "corner_cut"])
+@pytest.mark.parametrize("form", ["rectangle", "l_shape", "corner_cut"])
+@pytest.mark.parametrize("windows", ["ribbon", "curtain"])
 @pytest.mark.parametrize("podium", [0, 2])
-def test_walls_of_other_plans_have_the_area_of_their_perimeter(form, podium):
-    style = BuildingStyle(plans=(form,), windows="curtain", mullion_m=0.1, podium_storeys=podium, plant_room=True)
+def test_walls_have_the_area_of_their_perimeter_and_parapets_of_their_top(form, windows, podium):
+    mullion = 0.1 if windows == "curtain" else 0.0
+    style = BuildingStyle(plans=(form,), windows=windows, mullion_m=mullion, podium_storeys=podium, plant_room=True)
     meshes = by_name(build_building("b", style, Site((9, 9), 0.3, 24, 18, -1, 0), 6, np.random.default_rng(1)))
     walls = merge([meshes["facade"], meshes["glass"], meshes["door"]])
     outward = np.abs(walls.normals[:, 2]) < 1e-9
-    perimeter = shapely.Polygon(Plan(form, 24, 18).ring()).length
-    inner = shapely.Polygon(Plan(form, 24, 18).ring(0.3)).length
-    low, high = style.ground_storey_m + 5 * style.storey_m, 0.0
+    blocks = [(Plan(form, 24, 18), 1.0 + style.ground_storey_m + 5 * style.storey_m)]  # plan, and walls to the ceiling
     if podium:
-        tower = Plan(form, 0.72 * 24, 0.72 * 18)
-        low, high = style.ground_storey_m + style.storey_m, 4 * style.storey_m + 0.3
-        high = shapely.Polygon(tower.ring()).length * (high + 0.9) + shapely.Polygon(tower.ring(0.3)).length * 0.9
-    wanted = perimeter * (1.0 + low + 0.9) + inner * 0.9 + high
-    assert area(TriangleMesh(walls.points, walls.faces[outward])) == pytest.approx(wanted, rel=1e-9)
+        blocks = [(Plan(form, 24, 18), 1.0 + style.ground_storey_m + style.storey_m)]
+        blocks += [(Plan(form, 0.72 * 24, 0.72 * 18), 4 * style.storey_m + 0.3)]
+    wanted = top = 0.0
+    for plan, height in blocks:
+        outer, inner = (shapely.Polygon(plan.ring(inset)) for inset in (0.0, 0.3))
+        wanted += outer.length * (height + 0.9) + inner.length * 0.9  # the inner side of the parapet too
+        top += outer.area - inner.area
+    assert area(walls.select(outward)) == pytest.approx(wanted, rel=1e-9)
+    assert area(walls.select(~outward)) == pytest.approx(top, rel=1e-9)
 
 
 def test_curtain_wall_with_mullions_has_exact_glass():
@@ -251,13 +254,7 @@ def test_surface_of_the_lot_is_the_ground_once(built):
 
 def test_parked_cars_of_the_town_are_free_and_off_the_lanes(town, built):
     assert [car.name for car in built.parked] == [f"p_{k:03d}" for k in range(1, len(built.parked) + 1)]
-    plans = []
-    for car in built.parked:
-        model = CATALOG[car.model]
-        forward = rotate(car.pose[3:], (1.0, 0.0, 0.0))
-        yaw = math.atan2(forward[1], forward[0])
-        center = rotate(car.pose[3:], model.center) + car.pose[:3]
-        plans.append(rectangle_at(center[:2], yaw, model.length, model.width))
+    plans = [plan_of_car(car, CATALOG[car.model]) for car in built.parked]
     assert 60 < len(plans) < 80
     assert min(a.distance(b) for a, b in combinations(plans, 2)) > 0.03
     driven = [shapely.LineString(lane.points[:, :2]).buffer(0.5 * lane.width) for lane in built.lanes.lanes.values()]

@@ -23,13 +23,7 @@ def test_extent_and_junctions_are_those_of_the_table(network):
 
 def test_roads_are_narrow(network):
     """7.2 m between the edges of a rural road, no walk; one lane a direction everywhere."""
-    line = network.centre_lines["w2_w3"][:, :2]
-    k = len(line) // 2
-    along = line[k + 1] - line[k - 1]
-    across = np.array([-along[1], along[0]]) / np.linalg.norm(along)
-    cut = shapely.LineString([line[k] - 15 * across, line[k] + 15 * across])
-    assert shapely.intersection(cut, network.carriageway).length == pytest.approx(7.2, abs=0.05)
-    assert shapely.intersection(cut, network.corridor).length == pytest.approx(7.2 + 2 * 1.5, abs=0.05)
+    checks.assert_widths(network, network.centre_lines["w2_w3"], 7.2, 7.2 + 2 * 1.5)
     assert not any(lane.left or lane.right for lane in network.lanes.lanes.values())
 
 
@@ -50,8 +44,7 @@ def test_roads_wind(network):
     bent = whole = 0.0
     for line in network.centre_lines.values():
         step = np.diff(line[:, :2], axis=0)
-        length = np.linalg.norm(step, axis=1)
-        heading = np.unwrap(np.arctan2(step[:, 1], step[:, 0]))
+        length, heading = np.linalg.norm(step, axis=1), np.unwrap(np.arctan2(step[:, 1], step[:, 0]))
         bent += float(length[1:][np.abs(np.diff(heading)) > 0.005].sum())
         whole += float(length.sum())
     assert bent > whole / 3

@@ -6,6 +6,7 @@ import shapely
 
 from mmw.worlds.towns.description import load_town
 from tests.fixtures import town_checks as checks
+from tests.fixtures.meshes import part_at
 
 NAME = "town10"
 
@@ -25,18 +26,13 @@ def test_extent_and_junctions_are_those_of_the_table(network):
 def test_streets_are_wide(network):
     """Between the outer edges of the walks: 31.2 m for a street, 36.7 m with a median, and the kerbs."""
     for road, width, paved in (("x_a", 31.2, 19.2), ("n2_a", 36.7, 19.8)):
-        line = network.centre_lines[road][:, :2]
-        middle, along = line[len(line) // 2], line[-1] - line[0]
-        across = np.array([-along[1], along[0]]) / np.linalg.norm(along)
-        cut = shapely.LineString([middle - 24 * across, middle + 24 * across])
         verges = 2 * (0.5 + 0.15)  # of the profile: grass and kerb stone
-        assert shapely.intersection(cut, network.corridor).length == pytest.approx(width + verges, abs=0.01)
-        assert shapely.intersection(cut, network.carriageway).length == pytest.approx(paved, abs=0.01)
+        checks.assert_widths(network, network.centre_lines[road], paved, width + verges)
 
 
 def test_crossroad_is_a_box_of_38_by_44_m(network):
-    west, south, east, north = shapely.Polygon(network.junction_outlines["X"]).bounds
-    assert sorted((east - west, north - south)) == pytest.approx([38, 44], abs=2.5)
+    size = np.ptp(part_at(network.parts, "Roads/junction_X/asphalt").mesh.bounds, axis=0)
+    assert sorted(size[:2]) == pytest.approx([38, 44], abs=2.5)
 
 
 def test_curvy_road_winds(network):

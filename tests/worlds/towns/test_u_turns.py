@@ -7,6 +7,7 @@ import pytest
 import shapely
 
 from mmw.core.mesh import merge
+from mmw.core.transforms import quaternion_to_ypr
 from mmw.traffic.idm.run import simulate_idm
 from mmw.worlds.towns.description import TownDescription
 from mmw.worlds.towns.network import RoadNetwork, build_network
@@ -87,7 +88,7 @@ def test_built_ways_back_are_drivable(profile, target):
         assert lane.successors[0].endswith(target)
         assert arc_radii(lane.points[:, :2]).min() > MIN_U_TURN_RADIUS - 0.05
         line = shapely.LineString(lane.points[:, :2])
-        assert all(line.distance(shapely.LinearRing(kerb[:, :2])) > 1.3 for kerb in network.kerbs)
+        assert all(line.distance(shapely.LinearRing(edge[:, 0, :2])) > 1.3 for edge in network.edges)
 
 
 def test_no_room_to_turn_back_is_an_error():
@@ -106,8 +107,7 @@ def test_vehicles_turn_back():
         assert laws.min_gap > 0.4 and laws.max_jerk < 10.0 and laws.departed == 0 and laws.stuck == 0
         assert laws.max_wheel_error < 0.02 and laws.max_lateral < 2.5
         for track in result.tracks:
-            x, y, z, w = track.poses[:, 3:].T
-            heading = np.unwrap(np.arctan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z)))
+            heading = np.unwrap(quaternion_to_ypr(track.poses[:, 3:])[:, 0])
             for name in set(ways_back(network)) & set(result.routes[track.name]):
                 lane = network.lanes.lanes[name].points[:, :2]
                 near = [np.linalg.norm(track.poses[:, :2] - lane[k], axis=1) < 3.0 for k in (0, len(lane) // 2, -1)]

@@ -1,5 +1,6 @@
 """Town assets: the USD that is written, and the shipped Town03 against a rebuild from its description."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -128,9 +129,7 @@ def test_no_weather_changes_a_look(asset):
 )
 def test_bad_parts_are_refused(tmp_path, change, message):
     parts = small_town()
-    first = parts[0]
-    data = {"path": "Roads/more", "material": first.material, "label": first.label} | change
-    parts.append(MeshPart(data["path"], first.points, first.faces, data["material"], data["label"]))
+    parts.append(replace(parts[0], **{"path": "Roads/more"} | change))
     with pytest.raises(ValueError, match=message):
         write_town(tmp_path, "toy", parts, LaneGraph(), SHIPPED_WEATHER)
 
