@@ -12,7 +12,7 @@ from mmw.channel import PATH_COLUMNS, Paths, PlanarArray, apply_arrays, frequenc
 from mmw.channel.path_table import LINK_COLUMNS
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.dataset import open_dataset
-from mmw.dataset.export.deepmimo.exporter import FORMAT
+from mmw.dataset.export.deepmimo.scenarios import FORMAT
 from mmw.dataset.export.deepmimo.scene import GROUND
 from mmw.dataset.export.exporter import Selection, export
 from tests.fixtures.export_radio import BLOCKED, CAVS, SCENARIO, WEATHER, antenna, generate_dataset

@@ -5,7 +5,7 @@
         rsu_1/000000.yaml .pcd _camera0.png _depth_camera0.png .json (radar)
         scenes/000000.yaml                                      every vehicle
         Nt_64_Nr_16_fc_28GHz/cav_1/000000_paths.npz             from rsu_1; see
-        `mmw.dataset.export.multimodal_wireless.channel`
+        `mmw.dataset.export.multimodal_wireless.path_files`
         Nt_64_Nr_16_fc_28GHz/cav_1/cav_2/000000_paths.npz       V2V, cav_1 transmits
 
 Frames are numbered as in the dataset. Coordinates are CARLA's: left-handed, y to the right, degrees. Point clouds are
@@ -32,7 +32,7 @@ from mmw.core.transforms import quaternion_to_ypr, transform_points
 from mmw.dataset import Dataset
 from mmw.dataset.export.carla_frames import carla_point, carla_pose
 from mmw.dataset.export.exporter import Format, Option, Options, Part, Selection, Task, parts, require
-from mmw.dataset.export.multimodal_wireless.channel import array_pairs, write_channels
+from mmw.dataset.export.multimodal_wireless.path_files import array_pairs, write_channels
 from mmw.dataset.export.pcd import intensity_pcd
 from mmw.dataset.export.read_sensors import (
     PEOPLE,
