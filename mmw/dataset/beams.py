@@ -93,10 +93,9 @@ class BeamSearch:
         rx_beam, tx_beam, gain = np.full(len(carriers), -1), np.full(len(carriers), -1), np.zeros(len(carriers))
         for carrier in np.unique(carriers):
             rows = np.flatnonzero(carriers == carrier)
-            place = np.full(len(carriers), -1)
-            place[rows] = np.arange(len(rows))
             path = np.flatnonzero(carriers[link] == carrier)
-            one = plain_paths(float(carrier), len(rows), place[link[path]], tau[path], t[path], angle[path])
+            own = np.searchsorted(rows, link[path])
+            one = plain_paths(float(carrier), len(rows), own, tau[path], t[path], angle[path])
             pairs = self.best(one, turns[0][rows], turns[1][rows])
             rx_beam[rows], tx_beam[rows], gain[rows] = pairs.rx_beam, pairs.tx_beam, pairs.gain
         columns = [pa.array(rx_beam, pa.int32()), pa.array(tx_beam, pa.int32()), pa.array(gain)]
@@ -168,11 +167,9 @@ def csi_sql(
     found: list[np.ndarray] = [np.zeros(0, dtype=np.complex128)] * len(carriers)
     for number, (carrier, frequencies) in enumerate(kinds):
         rows = np.flatnonzero(kind == number)
-        place = np.full(len(carriers), -1)
-        place[rows] = np.arange(len(rows))
         path = np.flatnonzero(kind[link] == number)
-        zeros = np.zeros((len(path), 8))
-        paths = plain_paths(carrier, len(rows), place[link[path]], tau[path], zeros, zeros[:, :4])
+        own, zeros = np.searchsorted(rows, link[path]), np.zeros((len(path), 8))
+        paths = plain_paths(carrier, len(rows), own, tau[path], zeros, zeros[:, :4])
         h = frequency_response(a[path, None, None], paths, np.array(frequencies), carrier)[:, 0, 0]
         for row, values in zip(rows, h, strict=True):
             found[row] = values

@@ -1,9 +1,10 @@
 """Read the tables of a dataset as Arrow, pandas and NumPy; a filter skips folders and row groups."""
 
+import operator
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, reduce
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 from urllib.parse import unquote
@@ -15,7 +16,8 @@ import pyarrow.fs as pafs
 
 from mmw.core.errors import InputError
 from mmw.core.extras import needed_by
-from mmw.dataset.files import check_names, damage_of, has_files, list_files
+from mmw.dataset.column_arrays import arrays_of
+from mmw.dataset.files import damage_of, has_files, list_files
 from mmw.dataset.filesystem import find_storage, read_bytes
 from mmw.storage.file_checks import version_number
 from mmw.storage.manifest import DATASET, parse_dataset, read_dataset
@@ -112,9 +114,7 @@ class Dataset:
             conditions += [pds.field("frame") >= min(frames, default=0), pds.field("frame") <= max(frames, default=-1)]
             if abs(frames.step) != 1:
                 conditions.append(pds.field("frame").isin(list(frames)))
-        expression = None
-        for condition in conditions:
-            expression = condition if expression is None else expression & condition
+        expression = reduce(operator.and_, conditions) if conditions else None
         part = self._files(table, scenario, weather, frames)
         try:
             found = part.to_table(columns=list(columns) if columns else None, filter=expression)
@@ -170,7 +170,7 @@ class Dataset:
         Raises:
             InputError: As `read`.
         """
-        return {name: _to_numpy(column) for name, column in _named(self.read(table, **where))}
+        return arrays_of(self.read(table, **where))
 
     def frame(self, scenario: str, weather: str, frame: int) -> "Frame":
         """Return one frame: all agents with poses, sweeps, images, boxes, links and paths, read at their first use.
@@ -219,9 +219,7 @@ class Dataset:
         Raises:
             InputError: If its folder may not be read, or holds a file that is none of a dataset.
         """
-        paths = list_files(self.root, table, self.filesystem)
-        check_names(self.root, table, paths)
-        return paths
+        return list_files(self.root, table, self.filesystem)
 
     def damage(self, table: str, error: Exception) -> InputError:
         """Return an error that names the first file of a table that cannot be read."""
@@ -295,24 +293,3 @@ def connect(
 ) -> "duckdb.DuckDBPyConnection":
     """Return a DuckDB connection to the dataset in a folder, see `Dataset.connect` and `open_dataset`."""
     return open_dataset(root, filesystem).connect(search)
-
-
-def _named(table: pa.Table) -> list[tuple[str, pa.ChunkedArray]]:
-    return [(name, table.column(name)) for name in table.column_names]
-
-
-def _to_numpy(column: pa.ChunkedArray) -> np.ndarray:
-    """Return a column as an array, see `Dataset.numpy`."""
-    if pa.types.is_dictionary(column.type):
-        column = column.cast(pa.string())
-    if pa.types.is_list(column.type):
-        rows = np.empty(len(column), dtype=object)
-        for index, row in enumerate(column):
-            values = row.values
-            rows[index] = None if values is None else values.to_numpy(zero_copy_only=False)
-        return rows
-    if pa.types.is_struct(column.type):
-        rows = np.empty(len(column), dtype=object)
-        rows[:] = column.to_pylist()
-        return rows
-    return column.to_numpy()

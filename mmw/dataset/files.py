@@ -17,19 +17,18 @@ from mmw.storage.schemas import table_spec
 def list_files(root: PurePath, table: str, filesystem: pafs.FileSystem | None) -> list[str]:
     """Return the paths of a table's files, sorted; names with a leading . or _ are skipped, as by other readers.
 
-    Links to folders count as files, so that they are found to be foreign: a reader that follows one that leads back
-    would have every row many times.
-
     Raises:
-        InputError: If a folder may not be read.
+        InputError: If a folder may not be read, or a file has a name that no file of a dataset has, or is a link that
+            leads nowhere: readers would leave it out.
     """
-    if filesystem is None:
-        found = list(_walk(Path(root) / table))
-    else:
-        selector = pafs.FileSelector((root / table).as_posix(), recursive=True, allow_not_found=True)
-        found = [info.path for info in filesystem.get_file_info(selector) if info.type != pafs.FileType.Directory]
-    start = len((root / table).as_posix())
-    return sorted(path for path in found if not re.search(r"/[._]", path[start:]))
+    top = (root / table).as_posix()
+    paths = sorted(path for path in _walk(root, table, filesystem) if not re.search(r"/[._]", path[len(top) :]))
+    for path in paths:
+        if not SHARD_FILE.fullmatch(path[len(root.as_posix()) + 1 :]):
+            raise InputError(f"{path}: no file of a dataset has this name in table {table!r}; move it away")
+        if filesystem is None and Path(path).is_symlink() and not Path(path).exists():
+            raise InputError(f"{path}: cannot be read (it is a link that leads nowhere); put the file back")
+    return paths
 
 
 def has_files(root: PurePath, table: str, filesystem: pafs.FileSystem | None) -> bool:
@@ -38,36 +37,31 @@ def has_files(root: PurePath, table: str, filesystem: pafs.FileSystem | None) ->
     Raises:
         InputError: If a folder may not be read.
     """
-    if filesystem is None:
-        return any(path.endswith(".parquet") for path in _walk(Path(root) / table))
-    return any(path.endswith(".parquet") for path in list_files(root, table, filesystem))
+    return any(path.endswith(".parquet") for path in _walk(root, table, filesystem))
 
 
-def _walk(folder: Path) -> Iterator[str]:
+def _walk(root: PurePath, table: str, filesystem: pafs.FileSystem | None) -> Iterator[str]:
+    """Yield the paths of everything but folders below a table's folder.
+
+    Links to folders count as files, so that they are found to be foreign: a reader that follows one that leads back
+    would have every row many times.
+    """
+    if filesystem is not None:
+        selector = pafs.FileSelector((root / table).as_posix(), recursive=True, allow_not_found=True)
+        found = filesystem.get_file_info(selector)
+        yield from (info.path for info in found if info.type != pafs.FileType.Directory)
+        return
+
     def stop(error: OSError) -> None:
         if not isinstance(error, FileNotFoundError | NotADirectoryError):  # no such table
             raise InputError(f"{error.filename}: cannot be read ({error.strerror}); let yourself read it") from error
 
-    for parent, folders, names in os.walk(folder, onerror=stop):
+    for parent, folders, names in os.walk(Path(root) / table, onerror=stop):
         place = Path(parent).as_posix()
         yield from (f"{place}/{name}" for name in names)
         yield from (
             f"{place}/{name}" for name in folders if name.endswith(".parquet") or Path(parent, name).is_symlink()
         )
-
-
-def check_names(root: PurePath, table: str, paths: list[str]) -> None:
-    """Check that a table's folder holds its files alone.
-
-    Raises:
-        InputError: If a file has another name, or is a link that leads nowhere: readers would leave it out.
-    """
-    start = len(root.as_posix()) + 1
-    for path in paths:
-        if not SHARD_FILE.fullmatch(path[start:]):
-            raise InputError(f"{path}: no file of a dataset has this name in table {table!r}; move it away")
-        if isinstance(root, Path) and Path(path).is_symlink() and not Path(path).exists():
-            raise InputError(f"{path}: cannot be read (it is a link that leads nowhere); put the file back")
 
 
 def damage_of(root: PurePath, table: str, filesystem: pafs.FileSystem | None, error: Exception) -> InputError:
@@ -76,7 +70,6 @@ def damage_of(root: PurePath, table: str, filesystem: pafs.FileSystem | None, er
     key = table_spec(table).key
     try:
         paths = list_files(root, table, filesystem)
-        check_names(root, table, paths)
     except InputError as found:
         return found
     for is_whole in (False, True):

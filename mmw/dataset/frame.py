@@ -1,7 +1,7 @@
 """Read one frame of a dataset: agents with their samples, boxes and radio links, decoded at their first use."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
@@ -15,14 +15,16 @@ from mmw.core.errors import InputError
 from mmw.core.registry import load_reference
 from mmw.core.transforms import compose
 from mmw.dataset.camera_geometry import Camera, box_corners, intrinsics_from_row, pose_from_row, to_world
+from mmw.dataset.column_arrays import arrays_of, values_of
 from mmw.storage.codecs.images import (
-    decode_depth,
     decode_flow,
     decode_instance,
+    decode_metres,
     decode_normals,
     decode_rgb,
     decode_semantic,
 )
+from mmw.storage.parquet_schema import arrow_schema
 
 if TYPE_CHECKING:
     from mmw.dataset.dataset import Dataset
@@ -79,11 +81,7 @@ class View:
     def depth(self) -> np.ndarray | None:
         """Depth along the optical axis [m], inf for nothing, shape [H, W], float32; unrounded where that is stored."""
         row = self.frame.row_of("depth", self.agent, self.sensor)
-        if row is not None and row["depth_m"] is not None:
-            size = (self.camera.intrinsics.height, self.camera.intrinsics.width)
-            depth_m = np.asarray(row["depth_m"], dtype=np.float32).reshape(size)
-            return np.where(depth_m > 0.0, depth_m, np.float32(np.inf))
-        return self._image("depth", "image", decode_depth)
+        return None if row is None or row["image"] is None else decode_metres(row["image"]["bytes"], row["depth_m"])
 
     @property
     def instance(self) -> np.ndarray | None:
@@ -241,6 +239,7 @@ class Frame:
     scenario: str
     weather: str
     frame: int
+    _tables: dict[str, pa.Table] = field(default_factory=dict, compare=False, repr=False)
 
     @property
     def time_s(self) -> float:
@@ -272,20 +271,12 @@ class Frame:
         Raises:
             InputError: If the name is no table's, or a file is damaged.
         """
-        cache = self._tables
-        if name not in cache:
-            if name in self.data.tables:
-                frames = range(self.frame, self.frame + 1)
-                cache[name] = self.data.read(name, scenario=self.scenario, weather=self.weather, frames=frames)
-            else:
-                from mmw.storage.parquet_schema import arrow_schema
-
-                cache[name] = arrow_schema(name).empty_table()
-        return cache[name]
-
-    @cached_property
-    def _tables(self) -> dict[str, pa.Table]:
-        return {}
+        if name not in self.data.tables:
+            return arrow_schema(name).empty_table()
+        if name not in self._tables:
+            frames = range(self.frame, self.frame + 1)
+            self._tables[name] = self.data.read(name, scenario=self.scenario, weather=self.weather, frames=frames)
+        return self._tables[name]
 
     def rows(self, table: str) -> list[Row]:
         """Return the rows of a table as mappings; lists of numbers are arrays."""
@@ -317,12 +308,12 @@ class Frame:
     @cached_property
     def boxes(self) -> Boxes:
         """Boxes of all vehicles and people."""
-        return Boxes(_columns(self.table("boxes")))
+        return Boxes(arrays_of(self.table("boxes")))
 
     @cached_property
     def links(self) -> tuple[Link, ...]:
         """All links at all carriers, those without any path too."""
-        paths = _columns(self.table("paths"))
+        paths = arrays_of(self.table("paths"))
         found = []
         for row in self.rows("links"):
             is_own = np.ones(len(paths["frame"]), dtype=bool)
@@ -335,31 +326,8 @@ class Frame:
 
 
 def _rows(table: pa.Table) -> list[Row]:
-    columns = {name: _values(table.column(name)) for name in table.column_names}
+    columns = {name: values_of(table.column(name)) for name in table.column_names}
     return [{name: values[index] for name, values in columns.items()} for index in range(table.num_rows)]
-
-
-def _columns(table: pa.Table) -> dict[str, np.ndarray]:
-    found = {}
-    for name in table.column_names:
-        column = table.column(name)
-        if pa.types.is_list(column.type):
-            values = np.empty(len(column), dtype=object)
-            for index, value in enumerate(_values(column)):
-                values[index] = value
-            found[name] = values
-        elif pa.types.is_dictionary(column.type):
-            found[name] = np.array(column.to_pylist(), dtype=object)
-        else:
-            found[name] = column.to_numpy()
-    return found
-
-
-def _values(column: pa.ChunkedArray) -> list[Any]:
-    """Return the values of a column; lists of numbers as arrays, nulls as None."""
-    if pa.types.is_list(column.type) and not pa.types.is_string(column.type.value_type):
-        return [value.values.to_numpy(zero_copy_only=False) if value.is_valid else None for value in column]
-    return column.to_pylist()
 
 
 def sensor_spec(row: Row) -> SensorSpec:

@@ -53,11 +53,8 @@ def turned(axis: str, v: str, q: str, *, back: bool = False) -> str:
 
 
 def _agent_boxes() -> str:
-    turn, forward = (
-        "p.q{}",
-        "CASE '{}' WHEN 'x' THEN cos(b.yaw) * cos(b.pitch) WHEN 'y' THEN sin(b.yaw) * cos(b.pitch) ",
-    )
-    forward += "ELSE -sin(b.pitch) END"
+    turn, horizontal = "p.q{}", "cos(b.yaw) * cos(b.pitch) WHEN 'y' THEN sin(b.yaw) * cos(b.pitch)"
+    forward = f"CASE '{{}}' WHEN 'x' THEN {horizontal} ELSE -sin(b.pitch) END"
     place = ", ".join(f"{turned(axis, 'b.{0} - p.{0}', turn, back=True)} AS {axis}" for axis in "xyz")
     speed = ", ".join(f"{turned(axis, 'b.v{}', turn, back=True)} AS v{axis}" for axis in "xyz")
     ahead, left = (turned(axis, forward, turn, back=True) for axis in "xy")

@@ -121,7 +121,7 @@ class Bucket(Store):
     def check_writable(self) -> None:
         Store(self._staging).check_writable()
         try:
-            self._request("listed", "", lambda: self._list("", recursive=False), delays_s=())
+            self._list("", recursive=False, delays_s=())
         except StoreError as error:
             raise InputError(str(error)) from error
 
@@ -161,8 +161,7 @@ class Bucket(Store):
         return found
 
     def top_level_names(self) -> list[str]:
-        found = self._request("listed", "", lambda: self._list("", recursive=False))
-        return sorted(self._name(info) for info in found)
+        return sorted(self._name(info) for info in self._list("", recursive=False))
 
     def names(self, folder: str = "") -> list[str]:
         return sorted(self._sizes(folder))
@@ -274,12 +273,12 @@ class Bucket(Store):
             pool.submit(put).result()
 
     def _sizes(self, folder: str) -> dict[str, int]:
-        found = self._request("listed", folder, lambda: self._list(folder, recursive=True))
+        found = self._list(folder, recursive=True)
         return {self._name(info): info.size for info in found if info.type == pafs.FileType.File}
 
-    def _list(self, folder: str, *, recursive: bool) -> list[pafs.FileInfo]:
+    def _list(self, folder: str, *, recursive: bool, delays_s: tuple[float, ...] | None = None) -> list[pafs.FileInfo]:
         selector = pafs.FileSelector(self._path(folder), recursive=recursive, allow_not_found=True)
-        return self._system.get_file_info(selector)
+        return self._request("listed", folder, lambda: self._system.get_file_info(selector), delays_s)
 
     def _path(self, name: str) -> str:
         return f"{self._root}/{name}" if name else self._root

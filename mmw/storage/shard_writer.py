@@ -74,13 +74,16 @@ def key_of(marker: Mapping[str, Any]) -> ShardKey | str:
 class ShardWriter:
     """Shard that grows in memory batch by batch; `close` writes its files."""
 
-    def __init__(self, root: Root, key: ShardKey, meta: Mapping[str, Any]):
+    def __init__(self, root: Root, key: ShardKey | str, meta: Mapping[str, Any]):
         """Start an empty shard; `meta` has `config_sha256`, and `mmw_version`, `git_sha` and `device` if known.
+
+        With the name of a scenario as key, it takes the static tables instead.
 
         Raises:
             ValueError: If `meta` has no or unknown keys.
         """
         self._root, self.key, self._meta = store_of(root), key, meta
+        self._fixed = {"scenario": key} if isinstance(key, str) else {"scenario": key.scenario, "weather": key.weather}
         self._file_meta = _file_meta(meta)
         self._files: dict[str, ParquetFileBuilder] = {}
 
@@ -88,20 +91,24 @@ class ShardWriter:
         """Add the rows of the next frames.
 
         Args:
-            tables: Framed tables by name, as columns (see `table_from_columns`; `scenario` and `weather` may be left
-                out) or as Arrow tables.
+            tables: Tables by name, as columns (see `table_from_columns`; `scenario` and `weather` may be left out) or
+                as Arrow tables.
             frame_end: One past the last of these frames.
 
         Raises:
             ValueError: If a table does not fit its schema or holds a row of another shard.
         """
         for name, columns in tables.items():
-            if not table_spec(name).framed:
-                raise ValueError(f"table {name!r} is static; write it with write_scenario, once a scenario")
-            table = _to_table(name, columns, {"scenario": self.key.scenario, "weather": self.key.weather})
-            _check_key(name, table, self.key)
+            is_shard = isinstance(self.key, ShardKey)
+            if table_spec(name).framed != is_shard:
+                text = (
+                    "is static; write it with write_scenario" if is_shard else "has frames; write it with write_shard"
+                )
+                raise ValueError(f"table {name!r} {text}")
+            table = _to_table(name, columns, self._fixed)
+            self._check(name, table)
             if name not in self._files:
-                self._files[name] = ParquetFileBuilder(name, self.key.frame_begin, self._file_meta)
+                self._files[name] = ParquetFileBuilder(name, self.key.frame_begin if is_shard else 0, self._file_meta)
             self._files[name].add(table, frame_end)
 
     def close(self, seconds: float | None = None) -> dict[str, Any]:
@@ -119,6 +126,20 @@ class ShardWriter:
         encoded = ((name, file.rows, file.close()) for name, file in self._files.items())
         return _write_files(self._root, self.key, encoded, {**self._meta, "seconds": seconds})
 
+    def _check(self, name: str, table: pa.Table) -> None:
+        """Check that a table holds no row of another shard."""
+        for column, value in self._fixed.items():
+            found = table.column(column).cast(pa.string()).unique().to_pylist()
+            if found not in ([], [value]):
+                raise ValueError(f"table {name!r}: {column} = {found}; this file is for {value!r}; give each its rows")
+        if isinstance(self.key, ShardKey) and table.num_rows:
+            frame = table.column("frame").to_numpy()
+            if frame.min() < self.key.frame_begin or frame.max() >= self.key.frame_end:
+                raise ValueError(
+                    f"table {name!r}: frames {frame.min()} to {frame.max()}; shard {self.key} has only its own; "
+                    "give each shard its rows"
+                )
+
 
 def write_shard(root: Root, key: ShardKey, tables: Mapping[str, Columns], meta: Mapping[str, Any]) -> dict[str, Any]:
     """Write a complete shard and return its marker; see `ShardWriter`.
@@ -135,17 +156,9 @@ def write_scenario(root: Root, scenario: str, tables: Mapping[str, Columns], met
 
     Arguments, result and errors are those of `write_shard`; the marker has no weather and no frames.
     """
-    file_meta = _file_meta(meta)
-    encoded = []
-    for name, columns in tables.items():
-        if table_spec(name).framed:
-            raise ValueError(f"table {name!r} has frames; write it with write_shard")
-        table = _to_table(name, columns, {"scenario": scenario})
-        _check_names(name, table, "scenario", scenario)
-        file = ParquetFileBuilder(name, 0, file_meta)
-        file.add(table, 0)
-        encoded.append((name, file.rows, file.close()))
-    return _write_files(store_of(root), scenario, encoded, meta)
+    shard = ShardWriter(root, scenario, meta)
+    shard.add(tables, 0)
+    return shard.close(meta.get("seconds"))
 
 
 def _to_table(name: str, columns: Any, key: dict[str, str]) -> pa.Table:
@@ -154,24 +167,6 @@ def _to_table(name: str, columns: Any, key: dict[str, str]) -> pa.Table:
             return columns  # a result of table_from_columns
         return check_table(name, columns)
     return table_from_columns(name, {**key, **columns})
-
-
-def _check_key(name: str, table: pa.Table, key: ShardKey) -> None:
-    _check_names(name, table, "scenario", key.scenario)
-    _check_names(name, table, "weather", key.weather)
-    if table.num_rows:
-        frame = table.column("frame").to_numpy()
-        if frame.min() < key.frame_begin or frame.max() >= key.frame_end:
-            raise ValueError(
-                f"table {name!r}: frames {frame.min()} to {frame.max()}; shard {key} has only its own; "
-                "give each shard its rows"
-            )
-
-
-def _check_names(name: str, table: pa.Table, column: str, value: str) -> None:
-    found = table.column(column).cast(pa.string()).unique().to_pylist()
-    if found not in ([], [value]):
-        raise ValueError(f"table {name!r}: {column} = {found}; this file is for {value!r}; give each shard its rows")
 
 
 def _file_meta(meta: Mapping[str, Any]) -> dict[str, str]:

@@ -1,6 +1,5 @@
 """Truncated, half-written and foreign folders: every reader names the file in one line."""
 
-import json
 import os
 import shutil
 import tempfile
@@ -15,6 +14,7 @@ import pytest
 import mmw
 from mmw.__main__ import main
 from mmw.dataset.export.exporter import export
+from tests.fixtures.edit_files import edit_json
 from tests.fixtures.small_dataset import copy_of, part, small_dataset
 
 POSES, LIDAR = part("poses", "sunny", 2), part("lidar", "sunny", 2)
@@ -29,12 +29,6 @@ def root() -> Iterator[Path]:
     shutil.rmtree(folder)
 
 
-def edit_json(path: Path, change: Callable[[dict], None]) -> None:
-    content = json.loads(path.read_text())
-    change(content)
-    path.write_text(json.dumps(content))
-
-
 def message_of(work: Callable[[], object]) -> str:
     """Return the one line of the ValueError that some work ends with."""
     with pytest.raises(ValueError) as error:
@@ -47,44 +41,35 @@ def read_all(root: Path, table: str) -> None:
     mmw.open(root).read(table)
 
 
-def foreign_rows(root: Path) -> str:
+def foreign_rows(root: Path) -> None:
     (root / POSES).unlink()
     pq.write_table(pa.table({"a": [1, 2]}), root / POSES)
-    return f"{POSES}: has no column frame, agent"
 
 
-def link_to_nothing(root: Path) -> str:
-    (root / POSES).unlink()
-    (root / POSES).symlink_to(root / "gone.parquet")
-    return f"{POSES}: cannot be read (it is a link that leads nowhere)"
+def link(root: Path, name: str, to: str) -> None:
+    (root / name).unlink(missing_ok=True)
+    (root / name).symlink_to(root / to)
 
 
-def link_to_itself(root: Path) -> str:
-    (root / POSES).unlink()
-    (root / POSES).symlink_to(root / POSES)
-    return f"{POSES}: cannot be read (it is a link that leads nowhere)"
-
-
-def link_to_the_table(root: Path) -> str:
-    (root / "poses" / "again").symlink_to(root / "poses")
-    return "poses/again: no file of a dataset has this name"
-
-
-def foreign_text(root: Path) -> str:
-    (root / "poses" / "notes.txt").write_text("mine")
-    return "poses/notes.txt: no file of a dataset has this name"
-
-
-def foreign_parquet(root: Path) -> str:
-    shutil.copy(root / POSES, (root / POSES).with_name("mine.parquet"))
-    return "mine.parquet: no file of a dataset has this name"
+NO_PLACE = f"{POSES}: cannot be read (it is a link that leads nowhere)"
+FOREIGN = "no file of a dataset has this name"
+LINKED = (lambda root: link(root, "poses/again", "poses"), f"poses/again: {FOREIGN}")
+NOTES = (lambda root: (root / "poses" / "notes.txt").write_text("mine"), f"poses/notes.txt: {FOREIGN}")
 
 
 @pytest.mark.parametrize(
-    "damage", [foreign_rows, link_to_nothing, link_to_itself, link_to_the_table, foreign_text, foreign_parquet]
+    ("damage", "words"),
+    [
+        (foreign_rows, f"{POSES}: has no column frame, agent"),
+        (lambda root: link(root, POSES, "gone.parquet"), NO_PLACE),
+        (lambda root: link(root, POSES, POSES), NO_PLACE),
+        LINKED,
+        NOTES,
+        (lambda root: shutil.copy(root / POSES, (root / POSES).with_name("mine.parquet")), f"mine.parquet: {FOREIGN}"),
+    ],
 )
-def test_readers_and_exporters_name_the_file(root: Path, tmp_path: Path, damage: Callable[[Path], str]) -> None:
-    words = damage(root)
+def test_readers_and_exporters_name_the_file(root: Path, tmp_path: Path, damage: Callable, words: str) -> None:
+    damage(root)
     assert words in message_of(lambda: read_all(root, "poses"))
     assert words in message_of(lambda: export(root, "opv2v", tmp_path / "out"))
     if damage is not foreign_rows:  # DuckDB looks at the first file alone, and names the other when it gets there
@@ -99,9 +84,9 @@ def test_foreign_rows_in_the_first_file(root: Path) -> None:
         assert f"{part('poses')}: has no column frame, agent" in message_of(work)
 
 
-@pytest.mark.parametrize("damage", [link_to_the_table, foreign_text])
-def test_verify_calls_it_foreign(root: Path, damage: Callable[[Path], str], capsys: pytest.CaptureFixture) -> None:
-    words = damage(root)
+@pytest.mark.parametrize(("damage", "words"), [LINKED, NOTES])
+def test_verify_calls_it_foreign(root: Path, damage: Callable, words: str, capsys: pytest.CaptureFixture) -> None:
+    damage(root)
     assert main(["verify", str(root)]) == 1
     assert f"foreign: {words}" in capsys.readouterr().out
 

@@ -16,14 +16,9 @@ from mmw.dataset.sql import VIEWS, point_views
 from mmw.storage.manifest import prepare_root
 from mmw.storage.schemas import TABLES
 from mmw.storage.shard_writer import ShardKey
-from tests.fixtures.shards import IDENTITY, META, make_shard, write_made_up
+from tests.fixtures.shards import IDENTITY, META, keys_of, make_shard, write_made_up
 
-KEYS = [
-    ShardKey(scenario, weather, begin, begin + 4)
-    for scenario in ("town_a", "town_b")
-    for weather in ("rainy", "sunny")
-    for begin in (0, 4)
-]
+KEYS = keys_of("town_a", "town_b")
 
 
 @pytest.fixture(scope="module")

@@ -1,5 +1,6 @@
 """Readers that know nothing of mmw open a table's folder: pandas, pyarrow, polars, DuckDB, Hugging Face datasets."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import duckdb
@@ -8,10 +9,9 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
-from mmw.storage.shard_writer import ShardKey
-from tests.fixtures.shards import make_shard, write_made_up
+from tests.fixtures.shards import keys_of, make_shard, write_made_up
 
-KEYS = [ShardKey("town_a", weather, begin, begin + 4) for weather in ("rainy", "sunny") for begin in (0, 4)]
+KEYS = keys_of("town_a")
 ROWS = 2 * 8 * 4
 
 
@@ -27,32 +27,36 @@ def expected() -> np.ndarray:
     return np.array([sweep[0] for sweep in sweeps if len(sweep)])
 
 
-def test_pandas(root: Path, expected: np.ndarray) -> None:
-    rows = pd.read_parquet(root / "lidar")
-    assert len(rows) == ROWS and set(rows["weather"]) == {"rainy", "sunny"}
+def read_pandas(folder: Path) -> tuple[int, list]:
+    rows = pd.read_parquet(folder)
     own = rows[(rows["weather"] == "rainy") & (rows["agent"] == "cav_1")].sort_values("frame")
-    np.testing.assert_array_equal([x[0] for x in own["x"] if len(x)], expected)
+    return len(rows), [x[0] for x in own["x"] if len(x)]
 
 
-def test_pyarrow(root: Path, expected: np.ndarray) -> None:
-    rows = pq.read_table(root / "lidar")
-    assert rows.num_rows == ROWS
-    own = [row for row in rows.to_pylist() if row["weather"] == "rainy" and row["agent"] == "cav_1"]
-    np.testing.assert_array_equal([row["x"][0] for row in own if row["x"]], expected)
+def read_pyarrow(folder: Path) -> tuple[int, list]:
+    rows = pq.read_table(folder).to_pylist()
+    own = [row for row in rows if row["weather"] == "rainy" and row["agent"] == "cav_1"]
+    return len(rows), [row["x"][0] for row in own if row["x"]]
 
 
-def test_polars(root: Path, expected: np.ndarray) -> None:
+def read_polars(folder: Path) -> tuple[int, list]:
     polars = pytest.importorskip("polars", reason="polars is not installed: pip install 'multimodal-wireless[test]'")
-    rows = polars.scan_parquet(root / "lidar").filter(weather="rainy", agent="cav_1").sort("frame").collect()
-    assert polars.scan_parquet(root / "lidar").select(polars.len()).collect().item() == ROWS
-    np.testing.assert_array_equal([x[0] for x in rows["x"].to_list() if x], expected)
+    own = polars.scan_parquet(folder).filter(weather="rainy", agent="cav_1").sort("frame").collect()
+    count = polars.scan_parquet(folder).select(polars.len()).collect().item()
+    return count, [x[0] for x in own["x"].to_list() if x]
 
 
-def test_duckdb(root: Path, expected: np.ndarray) -> None:
-    files = f"read_parquet('{root}/lidar/**/*.parquet', hive_partitioning = true)"
+def read_duckdb(folder: Path) -> tuple[int, np.ndarray]:
+    files = f"read_parquet('{folder}/**/*.parquet', hive_partitioning = true)"
     query = f"SELECT x[1] AS x FROM {files} WHERE weather = 'rainy' AND agent = 'cav_1' AND len(x) > 0 ORDER BY frame"
-    np.testing.assert_array_equal(duckdb.sql(query).fetchnumpy()["x"], expected)
-    assert duckdb.sql(f"SELECT count(*) FROM {files}").fetchall()[0] == (ROWS,)
+    return duckdb.sql(f"SELECT count(*) FROM {files}").fetchall()[0][0], duckdb.sql(query).fetchnumpy()["x"]
+
+
+@pytest.mark.parametrize("read", [read_pandas, read_pyarrow, read_polars, read_duckdb])
+def test_a_reader_finds_every_row(root: Path, expected: np.ndarray, read: Callable[[Path], tuple]) -> None:
+    count, first_points = read(root / "lidar")
+    assert count == ROWS
+    np.testing.assert_array_equal(first_points, expected)
 
 
 def test_hugging_face_streams(root: Path, expected: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,5 +1,7 @@
 """Views and functions of a connection, against NumPy on the tables themselves."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import duckdb
@@ -36,14 +38,16 @@ def connection(data: Dataset) -> duckdb.DuckDBPyConnection:
     return data.connect()
 
 
+def rows_of(connection: duckdb.DuckDBPyConnection, query: str) -> list[dict]:
+    return connection.sql(query).to_arrow_table().to_pylist()
+
+
 def pose_of(row: dict) -> np.ndarray:
     return np.array([row[name] for name in POSE])
 
 
 def test_boxes_in_the_frame_of_an_agent(data: Dataset, connection: duckdb.DuckDBPyConnection) -> None:
-    found = (
-        connection.sql("SELECT * FROM agent_boxes WHERE weather = 'rainy' AND frame = 2").to_arrow_table().to_pylist()
-    )
+    found = rows_of(connection, "SELECT * FROM agent_boxes WHERE weather = 'rainy' AND frame = 2")
     boxes = {row["object_id"]: row for row in data.read("boxes", weather="rainy", frames=range(2, 3)).to_pylist()}
     poses = {row["agent"]: row for row in data.read("poses", weather="rainy", frames=range(2, 3)).to_pylist()}
     assert len(found) == len(boxes) * len(poses) > 50
@@ -60,9 +64,7 @@ def test_boxes_in_the_frame_of_an_agent(data: Dataset, connection: duckdb.DuckDB
 
 
 def test_poses_of_sensors(data: Dataset, connection: duckdb.DuckDBPyConnection) -> None:
-    found = (
-        connection.sql("SELECT * FROM sensor_poses WHERE weather = 'sunny' AND frame = 1").to_arrow_table().to_pylist()
-    )
+    found = rows_of(connection, "SELECT * FROM sensor_poses WHERE weather = 'sunny' AND frame = 1")
     mounts = data.read("sensors").to_pylist()
     poses = {row["agent"]: pose_of(row) for row in data.read("poses", weather="sunny", frames=range(1, 2)).to_pylist()}
     expected = {(row["agent"], row["sensor"]): compose(poses[row["agent"]], pose_of(row)) for row in mounts}
@@ -84,7 +86,7 @@ def test_paths_with_their_links(data: Dataset, connection: duckdb.DuckDBPyConnec
 @pytest.mark.parametrize("search", [None, BeamSearch(ula(8), ula(4), 16, 8, subcarriers=32, spacing_hz=1e6)])
 def test_best_beams_are_those_of_the_recipe(data: Dataset, search: BeamSearch | None) -> None:
     """Against the steps of docs/guides/csi.md, link by link."""
-    found = connect(data.root, search=search).sql("SELECT * FROM beams").to_arrow_table().to_pylist()
+    found = rows_of(connect(data.root, search=search), "SELECT * FROM beams")
     by_key = {tuple(row[n] for n in ("weather", "frame", "agent", "peer", "carrier_hz")): row for row in found}
     assert len(by_key) == len(found) == data.arrow("links").count_rows()
     search = search or BeamSearch()
@@ -126,8 +128,7 @@ def test_a_link_without_path_has_no_beam(connection: duckdb.DuckDBPyConnection) 
 
 def test_csi_is_the_sum_over_the_paths(data: Dataset, connection: duckdb.DuckDBPyConnection) -> None:
     frequencies = [-1e6, 0.0, 2.5e6]
-    query = f"SELECT *, csi(tau_s, a_re, a_im, carrier_hz, {frequencies}) AS h FROM beam_inputs"
-    rows = connection.sql(query).to_arrow_table().to_pylist()
+    rows = rows_of(connection, f"SELECT *, csi(tau_s, a_re, a_im, carrier_hz, {frequencies}) AS h FROM beam_inputs")
     assert len(rows) == data.arrow("links").count_rows()
     for row in rows:
         a, tau = np.array(row["a_re"]) + 1j * np.array(row["a_im"]), np.array(row["tau_s"])
@@ -138,9 +139,6 @@ def test_csi_is_the_sum_over_the_paths(data: Dataset, connection: duckdb.DuckDBP
 
 def test_a_connection_ends_without_output() -> None:
     """DuckDB reports a connection with Python functions that is open at the end as leaked; ours are closed before."""
-    import subprocess
-    import sys
-
     code = f"import mmw; connection = mmw.connect({str(small_dataset())!r}); connection.sql('SELECT 1').fetchall()"
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=Path(__file__).parents[2]

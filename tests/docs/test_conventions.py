@@ -15,7 +15,7 @@ from mmw.core.transforms import (
     transform_points,
 )
 from mmw.dataset.export.carla_frames import carla_angles, carla_matrix, carla_point, carla_pose
-from mmw.dataset.export.deepmimo import exporter as deepmimo
+from mmw.dataset.export.deepmimo import scenarios as deepmimo
 from mmw.dataset.export.kitti import label_line
 from mmw.dataset.export.pinhole import OPTICAL_POSE
 from mmw.dataset.export.read_radio import Antennas

@@ -1,6 +1,5 @@
 """Promises of `docs/concepts/determinism.md`: the kind of machine is recorded; another one is noted, not refused."""
 
-import json
 import shutil
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from mmw.core import cpu_kind as cpu
 from mmw.core.device import machine_kind
 from mmw.storage.file_checks import verify
 from mmw.storage.manifest import read_dataset, read_markers
+from tests.fixtures.edit_files import edit_json
 from tests.fixtures.own_world import assert_same_files, command
 
 OTHER = "Some CPU (family 6, model 85, AVX2)"
@@ -61,12 +61,9 @@ def test_every_shard_says_what_made_it(world: Path) -> None:
 
 def begun_elsewhere(dataset: Path) -> None:
     """Let a dataset say that another kind of machine began it and made its first shard, and lose its second."""
-    head = json.loads((dataset / "dataset.json").read_text())
-    head["versions"]["device"] = OTHER
-    (dataset / "dataset.json").write_text(json.dumps(head))
+    edit_json(dataset / "dataset.json", lambda head: head["versions"].update(device=OTHER))
     first, second, *_ = sorted((dataset / "_shards").glob("*.sunny.*.json"))
-    marker = json.loads(first.read_text())
-    first.write_text(json.dumps({**marker, "device": OTHER}))
+    edit_json(first, lambda marker: marker.update(device=OTHER))
     second.unlink()
 
 
@@ -84,15 +81,13 @@ def test_a_run_goes_on_on_another_kind_of_machine(world: Path, dataset: Path, ca
 
 
 def test_a_run_goes_on_with_the_other_kind_of_trees(world: Path, dataset: Path, capsys: pytest.CaptureFixture) -> None:
-    head = json.loads((dataset / "dataset.json").read_text())
-    own = head["versions"]["bvh"]
-    head["versions"]["bvh"] = {"wide": "warp", "warp": "wide"}[own]
-    (dataset / "dataset.json").write_text(json.dumps(head))
+    own = read_dataset(dataset)["versions"]["bvh"]
+    other = {"wide": "warp", "warp": "wide"}[own]
+    edit_json(dataset / "dataset.json", lambda head: head["versions"].update(bvh=other))
     assert main(command(world, dataset.name, "--workers", "1")) == 0
     (line,) = [line for line in capsys.readouterr().err.splitlines() if "compute.bvh" in line]
-    assert f"goes on with {own!r}" in line and f"set compute.bvh={head['versions']['bvh']}" in line
-    del head["versions"]["bvh"]  # as datasets of 0.1.0
-    (dataset / "dataset.json").write_text(json.dumps(head))
+    assert f"goes on with {own!r}" in line and f"set compute.bvh={other}" in line
+    edit_json(dataset / "dataset.json", lambda head: head["versions"].pop("bvh"))  # as datasets of 0.1.0
     assert main(command(world, dataset.name, "--workers", "1")) == 0
     assert "compute.bvh" not in capsys.readouterr().err
 

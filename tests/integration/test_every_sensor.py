@@ -65,11 +65,8 @@ def test_every_key_of_every_sensor_is_set(folder: Path) -> None:
             assert any(value != usual for value in values), (default.type, name)
             if isinstance(usual, Section):
                 for key in type(usual).model_fields:
-                    assert any(getattr(value, key) != getattr(usual, key) for value in values), (
-                        default.type,
-                        name,
-                        key,
-                    )
+                    where = (default.type, name, key)
+                    assert any(getattr(value, key) != getattr(usual, key) for value in values), where
 
 
 def test_every_table_has_its_rows(dataset: Path, capsys: pytest.CaptureFixture) -> None:

@@ -5,10 +5,10 @@ import re
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
 from itertools import count
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import mmw
@@ -24,9 +24,9 @@ from mmw.storage.file_checks import verify
 from mmw.storage.manifest import prepare_root
 from mmw.storage.s3_store import Bucket
 from tests.fixtures import own_world
-from tests.fixtures.s3_server import Answer, Server, puts, s3
+from tests.fixtures.s3_server import Answer, Server, puts, s3, server
 
-__all__ = ["s3"]
+__all__ = ["s3", "server"]
 
 ROOT = Path(__file__).parents[2]
 FRAMES = 2 * 4
@@ -57,13 +57,6 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def local(world: Path) -> dict[str, bytes]:
     return files_of(world / "local")
-
-
-@pytest.fixture
-def server(s3: Server) -> Iterator[Server]:
-    s3.reset()
-    yield s3
-    s3.reset()  # for tests without this fixture
 
 
 @pytest.fixture(scope="module")
@@ -113,9 +106,14 @@ def test_every_check_reads_a_bucket(server: Server, made: str, capsys: pytest.Ca
 def test_readers(server: Server, world: Path, made: str, capsys: pytest.CaptureFixture) -> None:
     """Buckets are read as docs/guides/running.md and docs/guides/query.md say."""
     one, other = mmw.open(world / "local"), mmw.open(made)
-    assert other.tables == one.tables and other.read("lidar").equals(one.read("lidar"))
-    query = "SELECT weather, frame, agent, gain_db FROM links ORDER BY ALL"
-    assert mmw.connect(made).sql(query).fetchall() == mmw.connect(world / "local").sql(query).fetchall() != []
+    assert (other.tables, other.info["config"]) == (one.tables, one.info["config"])
+    assert other.read("lidar").equals(one.read("lidar"))
+    clouds = [data.frame("mine", "sunny", 3).agents["Ego"].sweeps["lidar"].points for data in (one, other)]
+    np.testing.assert_array_equal(*clouds)
+    for query in ("SELECT * FROM beams ORDER BY ALL", "SELECT count(*), sum(x) FROM lidar_points WHERE frame = 1"):
+        assert other.connect().sql(query).fetchall() == one.connect().sql(query).fetchall() != []
+    with pytest.raises(ValueError, match=r"bucket/none: has no dataset\.json"):
+        mmw.open(server.address("none"))
     (block,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs/guides/running.md").read_text(), re.DOTALL)
     assert 's3://my-bucket/full?region=eu-central-1"' in block
     names: dict = {}
@@ -175,36 +173,30 @@ def test_parts_on_machines_of_their_own(server: Server, world: Path, local, tmp_
     assert [path for path in tmp_path.rglob("*") if path.is_file() and "_locks" not in path.parts] == []
 
 
-def test_another_configuration(server: Server, world: Path, made: str, capsys: pytest.CaptureFixture) -> None:
-    before = server.objects("made")
-    assert main(command(world, made, "seed=7")) == 2
-    assert "seed: 42 -> 7; use --overwrite" in capsys.readouterr().err
-    assert main(command(world, made, "seed=7", "--shard", "0/2", "--overwrite")) == 2
-    assert server.objects("made") == before and puts(server.requests) == []
-
-
-@pytest.mark.parametrize("why", ["no bucket", "no permission", "secrets", "another kind", "no folder"])
+@pytest.mark.parametrize(
+    ("out", "words"),
+    [
+        ("NO_BUCKET", "s3://nowhere/x/dataset.json: cannot be written: there is no such bucket"),
+        ("START", "s3://bucket/start/dataset.json: cannot be written: permission is denied"),
+        ("s3://me:secret@bucket/x", "credentials must not be in an address"),
+        ("gs://bucket/x", "gs://bucket/x: is not the address of a dataset"),
+    ],
+)
 def test_a_place_that_cannot_be_used_is_said_before_anything_is_made(
-    server: Server, world: Path, tmp_path: Path, capsys, monkeypatch: pytest.MonkeyPatch, why: str
+    server: Server, world: Path, capsys, monkeypatch: pytest.MonkeyPatch, out: str, words: str
 ) -> None:
     monkeypatch.setattr("mmw.generation.worker.Worker.__init__", lambda *_: pytest.fail("begun"))
-    out, extra, words = server.address("start"), [], ""
-    if why == "no bucket":
-        out = server.address("x", bucket="nowhere")
-        words = "s3://nowhere/x/dataset.json: cannot be written: there is no such bucket"
-    elif why == "no permission":
-        server.before = lambda method, path: (403, "AccessDenied") if method == "PUT" else None
-        words = "s3://bucket/start/dataset.json: cannot be written: permission is denied"
-    elif why == "secrets":
-        out, words = "s3://me:secret@bucket/x", "credentials must not be in an address"
-    elif why == "another kind":
-        out, words = "gs://bucket/x", "gs://bucket/x: is not the address of a dataset"
-    else:
-        (tmp_path / "file").write_text("")
-        extra, words = [f"output.staging={tmp_path / 'file'}"], "is a file; the dataset needs a folder"
-    assert main(command(world, out, *extra)) == 2
+    server.before = lambda method, path: (403, "AccessDenied") if method == "PUT" and "/bucket/" in path else None
+    places = {"NO_BUCKET": server.address("x", bucket="nowhere"), "START": server.address("start")}
+    assert main(command(world, places.get(out, out))) == 2
     error = capsys.readouterr().err
     assert words in error and "secret" not in error and error.count("\n") == 1
+
+
+def test_a_staging_folder_that_is_a_file_is_refused(server: Server, world: Path, tmp_path: Path, capsys) -> None:
+    (tmp_path / "file").write_text("")
+    assert main(command(world, server.address("start"), f"output.staging={tmp_path / 'file'}")) == 2
+    assert "is a file; the dataset needs a folder" in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -3,7 +3,7 @@
 import json
 import os
 import pickle
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from itertools import count
 from pathlib import Path
 
@@ -17,10 +17,10 @@ from mmw.storage.s3_store import MAX_SINGLE_PUT_BYTES, Bucket
 from mmw.storage.shard_writer import ShardKey, marker_path
 from mmw.storage.store import store_of
 from tests.fixtures.bucket_data import KEYS, PUTS, TABLES, make
-from tests.fixtures.s3_server import Answer, Server, puts, s3
+from tests.fixtures.s3_server import Answer, Server, puts, s3, server
 from tests.fixtures.shards import IDENTITY, META
 
-__all__ = ["s3"]
+__all__ = ["s3", "server"]
 
 
 def data_of(objects: dict[str, bytes]) -> dict[str, bytes]:
@@ -39,13 +39,6 @@ def local(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
 def refused(words: str) -> Callable[[str, str], Answer]:
     """Return what refuses to put objects whose keys hold some words."""
     return lambda method, path: (403, "AccessDenied") if method == "PUT" and words in path else None
-
-
-@pytest.fixture
-def server(s3: Server) -> Iterator[Server]:
-    s3.reset()
-    yield s3
-    s3.reset()  # tests that take the server as it is meet no refusals of this one
 
 
 def test_the_marker_goes_last(server: Server, tmp_path: Path) -> None:

@@ -1,6 +1,5 @@
 """Datasets of another schema version, as `docs/reference/schema-versions.md` describes them."""
 
-import hashlib
 import json
 import re
 from collections.abc import Callable
@@ -12,9 +11,10 @@ import pytest
 
 import mmw
 from mmw.storage.file_checks import verify, version_number
-from mmw.storage.manifest import finalize, prepare_root
+from mmw.storage.manifest import prepare_root
 from mmw.storage.schemas import SCHEMA_VERSION
 from mmw.storage.shard_writer import ShardKey
+from tests.fixtures.edit_files import agree, edit_json
 from tests.fixtures.shards import IDENTITY, META, write_made_up
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "reference" / "schema-versions.md").read_text()
@@ -29,20 +29,14 @@ def root(tmp_path: Path) -> Path:
 
 def make_other(root: Path, version: str, change: Callable[[pa.Table], pa.Table]) -> None:
     """Turn a dataset into one of another schema version, whose `poses` are changed."""
-    for name in [root / "dataset.json", *(root / "_shards").glob("*.json")]:
-        name.write_text(json.dumps({**json.loads(name.read_text()), "schema_version": version}))
+    for path in [root / "dataset.json", *(root / "_shards").glob("*.json")]:
+        edit_json(path, lambda content: content.update(schema_version=version))
     for path in root.glob("*/**/part-*.parquet"):
         table = pq.ParquetFile(path).read()
         table = change(table) if path.is_relative_to(root / "poses") else table
         table = table.replace_schema_metadata({**table.schema.metadata, b"mmw.schema_version": version.encode()})
         pq.write_table(table, path)
-    for name in (root / "_shards").glob("*.json"):
-        marker = json.loads(name.read_text())
-        for file in marker["files"]:
-            data = (root / file["path"]).read_bytes()
-            file.update(bytes=len(data), sha256=hashlib.sha256(data).hexdigest())
-        name.write_text(json.dumps(marker))
-    finalize(root)
+    agree(root)
 
 
 def assert_no_run(root: Path, version: str) -> None:

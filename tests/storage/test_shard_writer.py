@@ -19,6 +19,7 @@ from mmw.storage.manifest import finalize, pending_scenarios, pending_shards, pr
 from mmw.storage.parquet_schema import arrow_schema
 from mmw.storage.schemas import TABLES, table_spec
 from mmw.storage.shard_writer import OutOfSpaceError, ShardKey, marker_path, table_path, write_scenario, write_shard
+from tests.fixtures.edit_files import edit_bytes, edit_json
 from tests.fixtures.shards import IDENTITY, META, make_shard, make_statics
 
 FILES = 6 * sum(table.framed for table in TABLES.values()) + 3
@@ -117,24 +118,19 @@ def test_a_shard_takes_only_its_own_rows(root):
 
 
 @pytest.mark.parametrize(
-    "damage", ["no marker", "torn marker", "no file", "short file", "other config", "other frames"]
+    "damage",
+    [
+        lambda marker, file: marker.unlink(),
+        lambda marker, file: edit_bytes(marker, lambda data: data[:100]),
+        lambda marker, file: file.unlink(),
+        lambda marker, file: edit_bytes(file, lambda data: data[:-9]),
+        lambda marker, file: edit_json(marker, lambda content: content.update(config_sha256="d" * 64)),
+        lambda marker, file: edit_json(marker, lambda content: content.update(frame_end=4)),
+    ],
 )
 def test_damaged_shard_is_pending_and_repaired(root, damage):
-    key = KEYS[3]
-    marker = root / marker_path(key)
-    before = parquet_bytes(root)
-    file = root / table_path("poses", key)
-    if damage == "no marker":
-        marker.unlink()
-    elif damage == "torn marker":
-        marker.write_text(marker.read_text()[:100])
-    elif damage == "no file":
-        file.unlink()
-    elif damage == "short file":
-        file.write_bytes(file.read_bytes()[:-9])
-    else:
-        change = {"config_sha256": "d" * 64} if damage == "other config" else {"frame_end": 4}
-        marker.write_text(json.dumps(json.loads(marker.read_text()) | change))
+    key, before = KEYS[3], parquet_bytes(root)
+    damage(root / marker_path(key), root / table_path("poses", key))
     assert pending_shards(root, KEYS) == [key]
     write_all(root)
     assert verify(root) == [] and parquet_bytes(root) == before
@@ -145,17 +141,13 @@ def test_verify_finds_everything(root):
     assert verify(root) == []
     files = [root / table_path(name, KEYS[0]) for name in ("poses", "imu", "paths", "links", "frames")]
     files[0].unlink()
-    files[1].write_bytes(files[1].read_bytes()[:-1])
-    data = bytearray(files[2].read_bytes())
-    data[len(data) // 2] ^= 1
-    files[2].write_bytes(data)
+    edit_bytes(files[1], lambda data: data[:-1])
+    edit_bytes(files[2], lambda data: data[:999] + bytes([data[999] ^ 1]) + data[1000:])
     (root / "poses/scenario=town_a/weather=sunny/part-000099.parquet").write_bytes(files[4].read_bytes())
     (root / "poses/.part-000005.parquet.tmp").write_bytes(b"")
-    marker = root / marker_path(KEYS[0])
-    content = json.loads(marker.read_text())
-    for entry in content["files"]:
-        entry["rows"] += entry["table"] == "links"
-    marker.write_text(json.dumps(content))
+    edit_json(
+        root / marker_path(KEYS[0]), lambda marker: [f.update(rows=0) for f in marker["files"] if f["table"] == "links"]
+    )
     (root / "_shards/torn.json").write_text("{")
     findings = verify(root)
     kinds = {finding.kind: finding.path for finding in findings}

@@ -28,6 +28,15 @@ def columns(name: str) -> dict:
     )
 
 
+def assert_same_encoding(one: pa.Table, other: pa.Table) -> None:
+    """Check that two tables are equal, with equal dictionaries."""
+    assert one.equals(other)
+    for mine, own in zip(one.columns, other.columns, strict=True):
+        if pa.types.is_dictionary(mine.type):
+            assert mine.chunk(0).dictionary.equals(own.chunk(0).dictionary)
+            assert mine.chunk(0).indices.equals(own.chunk(0).indices)
+
+
 def is_number(type_: pa.DataType) -> bool:
     leaf = type_.value_type if pa.types.is_list(type_) else type_
     return pa.types.is_integer(leaf) or pa.types.is_floating(leaf)
@@ -145,11 +154,7 @@ def test_row_order_does_not_matter():
         name: values if isinstance(values, str) else [values[i] for i in order] for name, values in given.items()
     }
     again = table_from_columns("paths", shuffled)
-    assert again.equals(table)
-    for mine, other in zip(table.columns, again.columns, strict=True):
-        if pa.types.is_dictionary(mine.type):
-            assert mine.chunk(0).dictionary.equals(other.chunk(0).dictionary)
-            assert mine.chunk(0).indices.equals(other.chunk(0).indices)
+    assert_same_encoding(again, table)
     keys = list(zip(*(again.column(name).to_pylist() for name in TABLES["paths"].key), strict=True))
     assert keys == sorted(keys)
 
@@ -172,10 +177,7 @@ def test_names_by_number_are_names_by_text(with_null):
     )
     assert expected.column("agent").to_pylist() == forms[0]
     for found in others:
-        assert found.equals(expected)
-        for mine, other in zip(found.columns, expected.columns, strict=True):
-            if pa.types.is_dictionary(mine.type):
-                assert mine.chunk(0).dictionary.equals(other.chunk(0).dictionary)
+        assert_same_encoding(found, expected)
 
 
 def test_rows_with_one_key_are_named_wherever_they_stand():

@@ -1,1 +1,1 @@
-"""Exporters: a dataset as files of other people's tools. `base` has the frame that every format fills in."""
+"""Exporters: a dataset as files of other people's tools. `exporter` runs the tasks of every format."""

@@ -18,7 +18,7 @@ Source: Hugging Face documentation, "Repository cards" and "Manual configuration
 
 import json
 import shutil
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -66,8 +66,10 @@ def tasks(dataset: Dataset, selection: Selection, options: Options) -> list[Task
     for name in sorted({part.scenario for part in picked}):
         weathers = [part.weather for part in picked if part.scenario == name]
         files = {table: path for table, path in _files(dataset, f"scenario={name}/*.parquet") if path.is_file()}
-        planned.append(Task(name, partial(_write_static, files, name, weathers, selection)))
+        picks = {"weather": weathers if selection.weathers else None, "agent": selection.agents}
+        planned.append(Task(name, partial(_write, files, name, picks)))
     for part in picked:
+        picks = {"frame": part.frames if selection.frames is not None else None, "agent": selection.agents}
         shards: dict[str, dict[str, Path]] = {}
         for table, path in _files(dataset, f"scenario={part.scenario}/weather={part.weather}/*.parquet"):
             shards.setdefault(path.stem.removeprefix("part-"), {})[table] = path
@@ -75,7 +77,7 @@ def tasks(dataset: Dataset, selection: Selection, options: Options) -> list[Task
         for begin, after in zip(begins, [*begins[1:], None], strict=True):
             if any(int(begin) <= frame and (after is None or frame < int(after)) for frame in part.frames):
                 name = f"{part.scenario}.{part.weather}.{begin}"
-                planned.append(Task(name, partial(_write_shard, shards[begin], name, part, selection)))
+                planned.append(Task(name, partial(_write, shards[begin], name, picks)))
     return planned
 
 
@@ -92,30 +94,14 @@ def _write_provenance(dataset: Dataset, out: Path) -> None:
             shutil.copyfile(dataset.root / name, out / name)
 
 
-def _write_static(files: dict[str, Path], name: str, weathers: list[str], selection: Selection, out: Path) -> None:
-    """Write the static tables of a scenario; materials of the picked weathers, sensors of the picked agents."""
+def _write(files: dict[str, Path], name: str, picks: Mapping[str, Sequence[Any] | None], out: Path) -> None:
+    """Write tables; rows with the picked values of those columns that are in a table's key, all if none is picked."""
     for table, path in files.items():
-        columns = [field.name for field in table_spec(table).columns]
-        picks: dict[str, Iterable[Any]] = {}
-        if "weather" in columns and selection.weathers:
-            picks["weather"] = weathers
-        if "agent" in columns and selection.agents:
-            picks["agent"] = selection.agents
-        _copy(table, path, picks, out / table / f"{name}.parquet")
+        own = {column: values for column, values in picks.items() if values and column in table_spec(table).key}
+        _copy(table, path, own, out / table / f"{name}.parquet")
 
 
-def _write_shard(files: dict[str, Path], name: str, part: Part, selection: Selection, out: Path) -> None:
-    """Write the tables of a shard; rows of the picked frames, and where an agent owns the row, of the picked agents."""
-    for table, path in files.items():
-        picks: dict[str, Iterable[Any]] = {}
-        if selection.frames is not None:
-            picks["frame"] = part.frames
-        if "agent" in table_spec(table).key and selection.agents:
-            picks["agent"] = selection.agents
-        _copy(table, path, picks, out / table / f"{name}.parquet")
-
-
-def _copy(table: str, path: Path, picks: dict[str, Iterable[Any]], target: Path) -> None:
+def _copy(table: str, path: Path, picks: Mapping[str, Sequence[Any]], target: Path) -> None:
     """Copy a file, or the rows whose columns have one of the picked values; nothing if no row is left."""
     schema = _read(path, pq.read_schema)
     loose = _with_nullable_images(schema)

@@ -27,7 +27,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -38,6 +37,7 @@ from mmw.dataset.export.exporter import Format, Option, Options, Selection, Task
 from mmw.dataset.export.pinhole import OPTICAL_POSE, area, box_rectangle, clipped
 from mmw.dataset.export.read_sensors import (
     Block,
+    Row,
     Sensor,
     box_corners,
     box_pose,
@@ -100,8 +100,8 @@ def plan(dataset: Dataset, selection: Selection, options: Options) -> list[Task]
     for part in parts(dataset, selection, frame_step("kitti", "rate", options)):
         sensors = sensors_of(dataset, part.scenario)
         for agent in part.agents:
-            lidar = pick_sensor(sensors, agent, "lidar", options["lidar"], "kitti: lidar=")
-            camera = pick_sensor(sensors, agent, "rgb", options["camera"], "kitti: camera=")
+            lidar = pick_sensor(sensors[agent], agent, "lidar", options["lidar"], "kitti: lidar=")
+            camera = pick_sensor(sensors[agent], agent, "rgb", options["camera"], "kitti: camera=")
             if camera.lens != "pinhole":
                 raise InputError(
                     f"kitti: camera={camera.name}: agent {agent} has the lens {camera.lens}; calib holds a pinhole "
@@ -202,7 +202,7 @@ def calib_text(lidar: Sensor, camera: Sensor) -> str:
     )
 
 
-def label_line(box: dict[str, Any], to_camera: np.ndarray, camera: Sensor, visible: np.ndarray | None) -> str:
+def label_line(box: Row, to_camera: np.ndarray, camera: Sensor, visible: np.ndarray | None) -> str:
     """Return the label of a row of `boxes`, empty if it is not in the image.
 
     Args:

@@ -19,7 +19,7 @@ Source: layout and fields of OPV2V, R. Xu et al., "OPV2V: An open benchmark data
 with vehicle-to-vehicle communication", ICRA 2022, and what OpenCOOD's loader expects of them.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -35,6 +35,7 @@ from mmw.dataset.export.pcd import intensity_pcd
 from mmw.dataset.export.read_sensors import (
     PEOPLE,
     Block,
+    Row,
     Sensor,
     gnss_position,
     pick_sensor,
@@ -85,20 +86,20 @@ def plan(dataset: Dataset, selection: Selection, options: Options) -> list[Task]
     if options["images"] != "none":
         require(dataset, "opv2v", "rgb", hint="record RGB cameras, or give images=none")
     tasks = []
-    sensors: dict[str, dict[tuple[str, str], Sensor]] = {}
     for part in parts(dataset, selection, frame_step("opv2v", "rate", options)):
-        if part.scenario not in sensors:
-            sensors[part.scenario] = sensors_of(dataset, part.scenario)
-        known = sensors[part.scenario]
+        sensors = sensors_of(dataset, part.scenario)
         folder = f"{options['split']}/{part.scenario}_{part.weather}"
         ids = agent_folders(dataset, part)
+        lidars = {
+            one: pick_sensor(sensors[one], one, "lidar", options["lidar"], "opv2v: lidar=") for one in part.agents
+        }
+        cameras = {agent: cameras_of(sensors[agent], options) for agent in part.agents}
         name = f"{part.scenario}_{part.weather}"
-        tasks.append(Task(f"{name}_protocol", partial(_protocol, dataset, part, ids, known, folder, options)))
+        protocol = _protocol(dataset, part, ids, lidars, cameras, options)
+        tasks.append(Task(f"{name}_protocol", partial(_write_protocol, protocol, folder)))
         for agent in part.agents:
-            lidar = pick_sensor(known, agent, "lidar", options["lidar"], "opv2v: lidar=")
-            cameras = cameras_of(known, agent, options)
             for block in Block(dataset, part.scenario, part.weather, part.frames, agent).split():
-                work = partial(_write, block, lidar, cameras, f"{folder}/{ids[agent]}", options)
+                work = partial(_write, block, lidars[agent], cameras[agent], f"{folder}/{ids[agent]}", options)
                 tasks.append(Task(f"{name}_{agent}_{block.frames[0]:06d}", work))
     return tasks
 
@@ -124,10 +125,10 @@ def agent_folders(dataset: Dataset, part: Part) -> dict[str, str]:
     return {**{agent: number.zfill(digits) for agent, number in cavs.items()}, **dict.fromkeys(rsus, "-1")}
 
 
-def cameras_of(sensors: dict[tuple[str, str], Sensor], agent: str, options: Options) -> list[Sensor]:
-    """Return an agent's RGB cameras in the order of their numbers."""
+def cameras_of(sensors: Mapping[str, Sensor], options: Options) -> list[Sensor]:
+    """Return the RGB cameras among an agent's sensors in the order of their numbers."""
     first = options["cameras"].split(",")
-    found = [sensor for (owner, _), sensor in sensors.items() if owner == agent and sensor.type == "rgb"]
+    found = [sensor for sensor in sensors.values() if sensor.type == "rgb"]
     return sorted(
         found, key=lambda sensor: (first.index(sensor.name) if sensor.name in first else len(first), sensor.name)
     )
@@ -136,22 +137,20 @@ def cameras_of(sensors: dict[tuple[str, str], Sensor], agent: str, options: Opti
 def _protocol(
     dataset: Dataset,
     part: Part,
-    ids: dict[str, str],
-    sensors: dict[tuple[str, str], Sensor],
-    folder: str,
+    ids: Mapping[str, str],
+    lidars: Mapping[str, Sensor],
+    cameras: Mapping[str, list[Sensor]],
     options: Options,
-    out: Path,
-) -> None:
-    """Write the meaning of the names and numbers in a scenario's folder."""
+) -> dict[str, Any]:
+    """Return the meaning of the names and numbers in a scenario's folder."""
     agents = {}
     for agent in part.agents:
-        cameras = {
+        numbered = {
             f"camera{index}": {"sensor": camera.name, "lens": camera.lens, "coefficients": list(camera.coefficients)}
-            for index, camera in enumerate(cameras_of(sensors, agent, options))
+            for index, camera in enumerate(cameras[agent])
         }
-        lidar = pick_sensor(sensors, agent, "lidar", options["lidar"], "opv2v: lidar=")
-        agents[ids[agent]] = {"agent": agent, "lidar": lidar.name, "cameras": cameras}
-    protocol = {
+        agents[ids[agent]] = {"agent": agent, "lidar": lidars[agent].name, "cameras": numbered}
+    return {
         "mmw": {
             "config_sha256": dataset.info["config_sha256"],
             "scenario": part.scenario,
@@ -162,6 +161,9 @@ def _protocol(
             "agents": agents,
         }
     }
+
+
+def _write_protocol(protocol: dict[str, Any], folder: str, out: Path) -> None:
     write_yaml(out / folder / "data_protocol.yaml", protocol, flow=None)
 
 
@@ -198,9 +200,7 @@ def _write(block: Block, lidar: Sensor, cameras: Sequence[Sensor], folder: str, 
         _write_images(block, cameras, options["images"], target)
 
 
-def _agent_fields(
-    row: dict[str, Any], lidar: Sensor, cameras: Sequence[Sensor], fix: np.ndarray | None
-) -> dict[str, Any]:
+def _agent_fields(row: Row, lidar: Sensor, cameras: Sequence[Sensor], fix: np.ndarray | None) -> dict[str, Any]:
     """Return an agent's own fields of one frame."""
     pose = pose_of(row)
     true = numbers(carla_pose(pose))
@@ -221,7 +221,7 @@ def _agent_fields(
     return fields
 
 
-def _vehicle(box: dict[str, Any], points: int) -> dict[str, Any]:
+def _vehicle(box: Row, points: int) -> dict[str, Any]:
     """Return the fields of one vehicle; `category` and `lidar_points` are ours."""
     half = np.array([box["length"], box["width"], box["height"]]) / 2.0
     middle = carla_point([box["x"], box["y"], box["z"]])
@@ -236,13 +236,13 @@ def _vehicle(box: dict[str, Any], points: int) -> dict[str, Any]:
     }
 
 
-def _gnss_poses(block: Block, poses: dict[int, dict[str, Any]]) -> dict[int, np.ndarray]:
+def _gnss_poses(block: Block, poses: dict[int, Row]) -> dict[int, np.ndarray]:
     """Return the pose [7] of an agent by its GNSS in each frame that has a fix: place and heading are measured, pitch
     and roll true."""
     rows, result = block.rows("gnss"), {}
-    sensors = sensors_of(block.dataset, block.scenario) if rows else {}
+    sensors = sensors_of(block.dataset, block.scenario)[str(block.agent)] if rows else {}
     for row in rows:
-        sensor = sensors[str(block.agent), row["sensor"]]
+        sensor = sensors[row["sensor"]]
         place = gnss_position(row, sensor)
         true = pose_of(poses[row["frame"]])
         yaw, pitch, roll = quaternion_to_ypr(multiply(true[3:], sensor.mount[3:]))

@@ -2,7 +2,8 @@
 
 import json
 import math
-from collections.abc import Iterator, Sequence
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from typing import Any
@@ -22,6 +23,9 @@ BLOCK_FRAMES = 100
 
 PEOPLE = ("pedestrian",)
 """Categories that are no vehicle."""
+
+Row = dict[str, Any]
+"""Row of a table: column -> value."""
 
 
 @dataclass(frozen=True)
@@ -43,55 +47,52 @@ class Sensor:
     """JSON: the sensor's section of the configuration."""
 
 
-def sensors_of(dataset: Dataset, scenario: str) -> dict[tuple[str, str], Sensor]:
-    """Return the sensors of a scenario by agent and name."""
-    result = {}
+def sensors_of(dataset: Dataset, scenario: str) -> dict[str, dict[str, Sensor]]:
+    """Return the sensors of a scenario by agent, then by name; those of an agent without any are empty."""
+    result: dict[str, dict[str, Sensor]] = defaultdict(dict)
     for row in dataset.read("sensors", scenario=scenario).to_pylist():
         matrix = None
         if row["fx"] is not None:
             matrix = np.array([[row["fx"], 0.0, row["cx"]], [0.0, row["fy"], row["cy"]], [0.0, 0.0, 1.0]])
-        result[row["agent"], row["sensor"]] = Sensor(
+        result[row["agent"]][row["sensor"]] = Sensor(
             row["agent"], row["sensor"], row["type"], pose_of(row), matrix, (row["width"] or 0, row["height"] or 0),
             row["lens"] or "", tuple(row["coefficients"] or ()), row["params"],
         )  # fmt: skip
     return result
 
 
-def pick_sensor(sensors: dict[tuple[str, str], Sensor], agent: str, type_: str, name: str, where: str) -> Sensor:
-    """Return the sensor of a type on an agent: the named one, or the only one if no name is given.
+def pick_sensor(sensors: Mapping[str, Sensor], agent: str, type_: str, name: str, where: str) -> Sensor:
+    """Return the sensor of a type among those of an agent: the named one, or the only one if no name is given.
 
     Raises:
         InputError: If there is none, or several and no name; it begins with `where`, the format and option.
     """
-    own = sorted(
-        (sensor for (owner, _), sensor in sensors.items() if owner == agent and sensor.type == type_),
-        key=lambda sensor: sensor.name,
-    )
-    found = [sensor for sensor in own if name in ("", sensor.name)]
+    own = sorted(known for known, sensor in sensors.items() if sensor.type == type_)
+    found = [known for known in own if name in ("", known)]
     if len(found) == 1:
-        return found[0]
+        return sensors[found[0]]
     raise InputError(
-        f"{where}{name}: agent {agent} has {', '.join(sensor.name for sensor in own) or 'none'} of type {type_}; "
+        f"{where}{name}: agent {agent} has {', '.join(own) or 'none'} of type {type_}; "
         "exactly one is needed; name it, or leave the agent out by agent=..."
     )
 
 
-def pose_of(row: dict[str, Any]) -> np.ndarray:
+def pose_of(row: Row) -> np.ndarray:
     """Return the pose [7] that a row's x, y, z, qx, qy, qz, qw give."""
     return make_pose([row["x"], row["y"], row["z"]], [row["qx"], row["qy"], row["qz"], row["qw"]])
 
 
-def box_pose(row: dict[str, Any]) -> np.ndarray:
+def box_pose(row: Row) -> np.ndarray:
     """Return the pose [7] of a row of `boxes`: box (x forward, origin at the center) to world."""
     return pose_from_ypr([row["x"], row["y"], row["z"]], row["yaw"], row["pitch"], row["roll"])
 
 
-def box_corners(row: dict[str, Any]) -> np.ndarray:
+def box_corners(row: Row) -> np.ndarray:
     """Return the corners of a row of `boxes` in its own frame [m], shape [8, 3]."""
     return CORNERS * [row["length"], row["width"], row["height"]]
 
 
-def gnss_position(row: dict[str, Any], sensor: Sensor) -> np.ndarray:
+def gnss_position(row: Row, sensor: Sensor) -> np.ndarray:
     """Return the position of a row of `gnss` in the world [m], shape [3], by the reference point of its sensor."""
     params = json.loads(sensor.params)
     reference = [params[f"reference_{name}"] for name in ("latitude_deg", "longitude_deg", "altitude_m")]
@@ -99,9 +100,9 @@ def gnss_position(row: dict[str, Any], sensor: Sensor) -> np.ndarray:
     return to_world([row["latitude_deg"], row["longitude_deg"], row["altitude_m"]], reference)
 
 
-def by_frame(rows: Sequence[dict[str, Any]]) -> dict[int, list[dict[str, Any]]]:
+def by_frame(rows: Sequence[Row]) -> dict[int, list[Row]]:
     """Return rows grouped by their frame."""
-    result: dict[int, list[dict[str, Any]]] = {}
+    result: dict[int, list[Row]] = {}
     for row in rows:
         result.setdefault(row["frame"], []).append(row)
     return result
@@ -129,14 +130,14 @@ class Block:
         for number in sorted({frame // BLOCK_FRAMES for frame in self.frames}):
             yield replace(self, frames=tuple(frame for frame in self.frames if frame // BLOCK_FRAMES == number))
 
-    def rows(self, table: str, columns: Sequence[str] | None = None) -> list[dict[str, Any]]:
+    def rows(self, table: str, columns: Sequence[str] | None = None) -> list[Row]:
         """Return the rows of a table as dictionaries, sorted by frame; nothing if the table has no file."""
         if table not in self.dataset.tables or not self.frames:
             return []
         names = None if columns is None else [*dict.fromkeys(["frame", *columns])]
         return sorted(self.table(table, names).to_pylist(), key=lambda row: row["frame"])
 
-    def boxes(self) -> dict[int, list[dict[str, Any]]]:
+    def boxes(self) -> dict[int, list[Row]]:
         """Return the rows of table `boxes` of each frame, whatever the agent."""
         return by_frame(replace(self, agent=None).rows("boxes"))
 

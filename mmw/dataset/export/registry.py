@@ -17,10 +17,10 @@ EXPORTERS: "Registry[Format]" = Registry(
     "export format",
     "mmw.dataset.export.exporter:Format",
     {
-        "deepmimo": "mmw.dataset.export.deepmimo.exporter:FORMAT",
+        "deepmimo": "mmw.dataset.export.deepmimo.scenarios:FORMAT",
         "huggingface": "mmw.dataset.export.huggingface:FORMAT",
         "kitti": "mmw.dataset.export.kitti:FORMAT",
-        "nuscenes": "mmw.dataset.export.nuscenes.exporter:FORMAT",
+        "nuscenes": "mmw.dataset.export.nuscenes.scenes:FORMAT",
         "opv2v": "mmw.dataset.export.opv2v:FORMAT",
         "v1": "mmw.dataset.export.multimodal_wireless.layout:FORMAT",
     },

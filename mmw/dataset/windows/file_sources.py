@@ -27,7 +27,7 @@ from mmw.dataset.windows.memory_sources import (
 )
 from mmw.dataset.windows.tracks import LatestSamples, Track, find_latest
 from mmw.dataset.windows.window_spec import Feature
-from mmw.storage.codecs.images import decode_depth
+from mmw.storage.codecs.images import decode_metres
 
 if TYPE_CHECKING:
     from mmw.dataset import Dataset
@@ -146,7 +146,7 @@ def file_source(
     elif feature.kind == "rgb":
         columns, decode = ("image",), partial(decode_image, feature.shrink)
     else:
-        columns, decode = ("image", "depth_m"), decode_metres
+        columns, decode = ("image", "depth_m"), depth_image
     numbers = {track.name: number for number, track in enumerate(tracks)}
     wanted = {track.name[:2] for track in tracks}
     paths: list[str] = []
@@ -218,14 +218,10 @@ def decode_image(shrink: int, batch: pa.RecordBatch, index: int) -> np.ndarray:
     return np.asarray(image if image.size == size else image.resize(size, Image.Resampling.BOX))
 
 
-def decode_metres(batch: pa.RecordBatch, index: int) -> np.ndarray:
+def depth_image(batch: pa.RecordBatch, index: int) -> np.ndarray:
     """Return a depth image [m], inf for nothing, shape [H, W], float32; unrounded where that is stored."""
-    image = decode_depth(image_bytes(batch, index))
-    metres = batch.column("depth_m")[index]
-    if not metres.is_valid:
-        return image
-    value = metres.values.to_numpy(zero_copy_only=False).astype(np.float32).reshape(image.shape)
-    return np.where(value > 0.0, value, np.float32(np.inf))
+    metres = batch.column("depth_m")[index].values
+    return decode_metres(image_bytes(batch, index), None if metres is None else metres.to_numpy(zero_copy_only=False))
 
 
 def image_bytes(batch: pa.RecordBatch, index: int) -> bytes:

@@ -1,16 +1,16 @@
 """Check rows of some frames of each scenario and weather against physics and against each other."""
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from functools import cached_property, partial
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from mmw.core.constants import FRAME_DT, SPEED_OF_LIGHT
-from mmw.core.transforms import compose, invert, make_pose, quaternion_from_ypr, transform_points
-from mmw.dataset import Dataset, open_dataset
+from mmw.core.transforms import make_pose, quaternion_from_ypr
+from mmw.dataset import Dataset, Frame, open_dataset
+from mmw.dataset.camera_geometry import from_world, pose_from_row
 from mmw.storage.codecs.images import decode_depth
 from mmw.storage.file_checks import Finding
 
@@ -43,48 +43,6 @@ SIGHT_SHARE = 0.1
 between rays. Design value."""
 
 
-@dataclass(frozen=True)
-class Slice:
-    """The rows of one frame of one scenario in one weather."""
-
-    data: Dataset
-    scenario: str
-    weather: str
-    frame: int
-
-    def rows(self, table: str, columns: Sequence[str] | None = None) -> list[dict[str, Any]]:
-        """Return the rows of a table; none if it has no file."""
-        if table not in self.data.tables:
-            return []
-        frames = range(self.frame, self.frame + 1)
-        found = self.data.read(table, scenario=self.scenario, weather=self.weather, frames=frames, columns=columns)
-        return found.to_pylist()
-
-    @cached_property
-    def agents(self) -> dict[str, dict[str, Any]]:
-        """Agent -> row of `poses`."""
-        return {row["agent"]: row for row in self.rows("poses")}
-
-    @cached_property
-    def mounts(self) -> dict[tuple[str, str], dict[str, Any]]:
-        """Agent and sensor -> row of `sensors`."""
-        rows = self.data.read("sensors", scenario=self.scenario).to_pylist()
-        return {(row["agent"], row["sensor"]): row for row in rows}
-
-    def sensor(self, agent: str, sensor: str) -> np.ndarray:
-        """Return the pose of a sensor in the world, shape [7]."""
-        return compose(pose_of(self.agents[agent]), pose_of(self.mounts[agent, sensor]))
-
-    def path(self, table: str) -> str:
-        """Return where rows of a table come from, for people."""
-        return f"{table}/scenario={self.scenario}/weather={self.weather} frame {self.frame}"
-
-
-def pose_of(row: dict[str, Any]) -> np.ndarray:
-    """Return x, y, z, qx, qy, qz, qw of a row, shape [7]."""
-    return np.array([row[name] for name in ("x", "y", "z", "qx", "qy", "qz", "qw")])
-
-
 def speed_of(row: dict[str, Any]) -> float:
     """Return the length of vx, vy, vz of a row [m/s]."""
     return float(np.linalg.norm([row[f"v{axis}"] for axis in "xyz"]))
@@ -105,13 +63,18 @@ def check_physics(root: str | Path, frames_each: int = 5) -> list[Finding]:
     findings: list[Finding] = []
     judged: list[tuple[bool, str]] = []
     for scenario, weather, frame in _choose_frames(data, frames_each):
-        here = Slice(data, scenario, weather, frame)
+        here = data.frame(scenario, weather, frame)
         findings += [*check_friis(here), *check_boxes(here)]
         judged += judge_lines_of_sight(here)
     wrong = [text for is_right, text in judged if not is_right]
     if len(wrong) > max(SIGHT_SHARE * len(judged), 1):
         findings.append(Finding("sight", "links", f"{len(wrong)} of {len(judged)} links differ, the first: {wrong[0]}"))
     return findings
+
+
+def _place(here: Frame, table: str) -> str:
+    """Return where rows of a table come from, for people."""
+    return f"{table}/scenario={here.scenario}/weather={here.weather} frame {here.frame}"
 
 
 def _choose_frames(data: Dataset, frames_each: int) -> Iterator[tuple[str, str, int]]:
@@ -126,7 +89,7 @@ def _choose_frames(data: Dataset, frames_each: int) -> Iterator[tuple[str, str, 
             yield *key, numbers[place]
 
 
-def check_friis(here: Slice) -> Iterator[Finding]:
+def check_friis(here: Frame) -> Iterator[Finding]:
     """Yield lines of sight whose transfer or delay is not that of free space, and links that contradict their paths.
 
     The singular values of the 2x2 transfer, without the losses of the weather, are lambda / (4 pi d).
@@ -142,12 +105,12 @@ def check_friis(here: Slice) -> Iterator[Finding]:
         if row["order"] == 0:
             sights[key] = row
     for (agent, peer, carrier), row in sights.items():
-        ends = [here.sensor(name, "antenna")[:3] for name in (agent, peer)]
+        ends = [here.agents[name].sensor_pose("antenna")[:3] for name in (agent, peer)]
         distance = float(np.linalg.norm(ends[0] - ends[1]))
         where = f"{agent} from {peer} at {carrier / 1e9:g} GHz"
         if abs(row["tau_s"] - distance / SPEED_OF_LIGHT) > DELAY_S:
             text = f"{where}: line of sight of {row['tau_s']:.6e} s; the antennas are {distance:.3f} m apart"
-            yield Finding("friis", here.path("paths"), text)
+            yield Finding("friis", _place(here, "paths"), text)
         parts = [complex(row[f"t_{name}_re"], row[f"t_{name}_im"]) for name in ("tt", "tp", "pt", "pp")]
         values = np.linalg.svd(np.array(parts).reshape(2, 2), compute_uv=False)
         free = 20.0 * np.log10(SPEED_OF_LIGHT / carrier / (4.0 * np.pi * distance))
@@ -156,7 +119,7 @@ def check_friis(here: Slice) -> Iterator[Finding]:
             found = 20.0 * np.log10(values) + lost
         if np.abs(found - free).max() > GAIN_DB:
             text = f"{where}: line of sight of {found[0]:.3f} and {found[1]:.3f} dB; Friis gives {free:.3f} dB"
-            yield Finding("friis", here.path("paths"), text)
+            yield Finding("friis", _place(here, "paths"), text)
     for link in here.rows("links"):
         key = (link["agent"], link["peer"], link["carrier_hz"])
         where = f"{key[0]} from {key[1]} at {key[2] / 1e9:g} GHz"
@@ -164,60 +127,57 @@ def check_friis(here: Slice) -> Iterator[Finding]:
             text = (
                 f"{where}: is_los is {link['is_los']}, but paths {'have' if key in sights else 'lack'} a line of sight"
             )
-            yield Finding("sight", here.path("links"), text)
+            yield Finding("sight", _place(here, "links"), text)
         total = 10.0 * np.log10(power[key]) if power.get(key) else None
         stored = link["gain_db"]
         if not np.allclose(*np.array([total, stored], float), rtol=0.0, atol=GAIN_DB, equal_nan=True):  # None is NaN
-            yield Finding("friis", here.path("links"), f"{where}: gain_db is {stored}; its paths sum to {total}")
+            yield Finding("friis", _place(here, "links"), f"{where}: gain_db is {stored}; its paths sum to {total}")
 
 
-def check_boxes(here: Slice) -> Iterator[Finding]:
+def check_boxes(here: Frame) -> Iterator[Finding]:
     """Yield boxes that do not contain the LiDAR points of their objects."""
     boxes = {row["object_id"]: row for row in here.rows("boxes")}
     if not boxes:
         return
-    for sweep in here.rows("lidar", ["agent", "sensor", "x", "y", "z", "object_id"]):
-        hit = np.array(sweep["object_id"], dtype=np.int64)
-        points = np.array([sweep[axis] for axis in "xyz"], dtype=np.float64).T.reshape(-1, 3)
-        world = transform_points(here.sensor(sweep["agent"], sweep["sensor"]), points)
-        rolls = '"rolling": true' in here.mounts[sweep["agent"], sweep["sensor"]]["params"]
-        checked, stray = 0, dict[int, int]()
-        for object_id in np.intersect1d(hit, list(boxes)):
+    sweeps = [(agent, sweep) for agent in here.agents.values() for sweep in agent.sweeps.values()]
+    for agent, sweep in sweeps:
+        rolls = '"rolling": true' in agent.sensors[sweep.sensor]["params"]
+        world, checked, stray = sweep.world, 0, dict[int, int]()
+        for object_id in np.intersect1d(sweep["object_id"], list(boxes)):
             box = boxes[int(object_id)]
             turn = quaternion_from_ypr(box["yaw"], box["pitch"], box["roll"])
             middle = make_pose([box[axis] for axis in "xyz"], turn)
-            on_it = np.abs(transform_points(invert(middle), world[hit == object_id]))
+            on_it = np.abs(from_world(middle, world[sweep["object_id"] == object_id]))
             reach = 0.5 * np.array([box["length"], box["width"], box["height"]]) + MIRROR_M
             if rolls:  # a point of a sweep is where its object was up to a frame before
-                reach = reach + FRAME_DT * (speed_of(box) + speed_of(here.agents[sweep["agent"]]))
+                reach = reach + FRAME_DT * (speed_of(box) + speed_of(agent.row))
             outside = int((on_it > reach).any(axis=1).sum())
             checked += len(on_it)
             if outside:
                 stray[int(object_id)] = outside
         if sum(stray.values()) > STRAY_SHARE * checked:
             worst = max(stray, key=lambda name: stray[name])
-            text = f"{sum(stray.values())} of {checked} points of {sweep['agent']} {sweep['sensor']} lie outside"
-            yield Finding("box", here.path("lidar"), f"{text} the boxes of their objects, most of object {worst}")
+            text = f"{sum(stray.values())} of {checked} points of {agent.name} {sweep.sensor} lie outside"
+            yield Finding("box", _place(here, "lidar"), f"{text} the boxes of their objects, most of object {worst}")
 
 
-def judge_lines_of_sight(here: Slice) -> Iterator[tuple[bool, str]]:
+def judge_lines_of_sight(here: Frame) -> Iterator[tuple[bool, str]]:
     """Yield, for each link that a depth image or LiDAR of one of its ends can judge, whether `is_los` agrees."""
     links = {(row["agent"], row["peer"]): row["is_los"] for row in here.rows("links")}
     if not links:
         return
-    observers = [*_depth_observers(here), *_lidar_observers(here)]
-    for agent, sensor, is_free_in in observers:
-        antenna = here.mounts.get((agent, "antenna"))
-        mount = pose_of(here.mounts[agent, sensor])
-        if antenna is None or np.linalg.norm(mount[:3] - pose_of(antenna)[:3]) > PARALLAX_M:
+    for name, sensor, is_free_in in (*_depth_observers(here), *_lidar_observers(here)):
+        agent = here.agents[name]
+        mounts = [pose_from_row(agent.sensors[one])[:3] for one in (sensor, "antenna") if one in agent.sensors]
+        if len(mounts) < 2 or np.linalg.norm(mounts[0] - mounts[1]) > PARALLAX_M:
             continue
         for (rx, tx), is_los in links.items():
-            if agent not in (rx, tx):
+            if name not in (rx, tx):
                 continue
-            other = here.sensor(tx if agent == rx else rx, "antenna")[:3]
-            is_free = is_free_in(transform_points(invert(here.sensor(agent, sensor)), other))
+            other = here.agents[tx if name == rx else rx].sensor_pose("antenna")[:3]
+            is_free = is_free_in(from_world(agent.sensor_pose(sensor), other))
             if is_free is not None:
-                text = f"{rx} from {tx} in {here.path('links')}: is_los is {is_los}, but {sensor} of {agent} sees "
+                text = f"{rx} from {tx} in {_place(here, 'links')}: is_los is {is_los}, but {sensor} of {name} sees "
                 yield is_free == is_los, text + ("past its antenna" if is_free else "something before it")
 
 
@@ -225,11 +185,11 @@ Observer = Callable[[np.ndarray], bool | None]
 """Point in the sensor frame [m], shape [3] -> whether the line to it is free; None if that cannot be decided."""
 
 
-def _depth_observers(here: Slice) -> Iterator[tuple[str, str, Observer]]:
+def _depth_observers(here: Frame) -> Iterator[tuple[str, str, Observer]]:
     """Yield agent and name of each depth camera, and its judgement of lines."""
-    for row in here.rows("depth", ["agent", "sensor", "image"]):
+    for row in here.rows("depth"):
         if row["image"]:
-            mount = here.mounts[row["agent"], row["sensor"]]
+            mount = here.agents[row["agent"]].sensors[row["sensor"]]
             yield row["agent"], row["sensor"], partial(_in_depth, decode_depth(row["image"]["bytes"]), mount)
 
 
@@ -243,11 +203,11 @@ def _in_depth(depth: np.ndarray, mount: dict[str, Any], point: np.ndarray) -> bo
     return _agree(depth[v - around : v + around + 1, u - around : u + around + 1], point[0])
 
 
-def _lidar_observers(here: Slice) -> Iterator[tuple[str, str, Observer]]:
+def _lidar_observers(here: Frame) -> Iterator[tuple[str, str, Observer]]:
     """Yield agent and name of each LiDAR, and the judgement of its returns on surfaces."""
-    for row in here.rows("lidar", ["agent", "sensor", "x", "y", "z", "label"]):
-        points = np.array([row[axis] for axis in "xyz"], dtype=np.float64).T.reshape(-1, 3)
-        yield row["agent"], row["sensor"], partial(_in_sweep, points[np.array(row["label"], dtype=np.int64) == 0])
+    for agent in here.agents.values():
+        for name, sweep in agent.sweeps.items():
+            yield agent.name, name, partial(_in_sweep, sweep.points[sweep["label"] == 0].astype(np.float64))
 
 
 def _in_sweep(points: np.ndarray, point: np.ndarray) -> bool | None:

@@ -4,6 +4,7 @@ import io
 
 import numpy as np
 import simplejpeg
+from numpy.typing import ArrayLike
 from PIL import Image
 
 from mmw.storage.codecs.png16 import decode_png16, encode_png16
@@ -127,6 +128,15 @@ def decode_depth(data: bytes) -> np.ndarray:
     """Return a stored depth image in metres, float32 [H, W], inf where nothing was hit."""
     values = np.asarray(Image.open(io.BytesIO(data)), dtype=np.float32)
     return np.where(values > 0, values * np.float32(DEPTH_STEP_M), np.float32(np.inf))
+
+
+def decode_metres(data: bytes, depth_m: ArrayLike | None) -> np.ndarray:
+    """Return a depth image [m], inf for nothing, float32 [H, W]: unrounded where the column `depth_m` has it."""
+    image = decode_depth(data)
+    if depth_m is None:
+        return image
+    metres = np.asarray(depth_m, dtype=np.float32).reshape(image.shape)
+    return np.where(metres > 0.0, metres, np.float32(np.inf))
 
 
 def decode_instance(data: bytes) -> np.ndarray:

@@ -8,11 +8,10 @@ import pyarrow.fs as fs
 import pytest
 import trimesh
 
-from mmw.channel import PATH_COLUMNS, Paths, PlanarArray, apply_arrays, frequency_response, rotations_from_poses
-from mmw.channel.path_table import LINK_COLUMNS
+from mmw.channel import Paths, PlanarArray, apply_arrays, frequency_response, rotations_from_poses
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.dataset import open_dataset
-from mmw.dataset.export.deepmimo.exporter import FORMAT
+from mmw.dataset.export.deepmimo.scenarios import FORMAT
 from mmw.dataset.export.deepmimo.scene import GROUND
 from mmw.dataset.export.exporter import Selection, export
 from tests.fixtures.export_radio import BLOCKED, CAVS, SCENARIO, WEATHER, antenna, generate_dataset
@@ -57,35 +56,23 @@ def load(packed: Path, monkeypatch: pytest.MonkeyPatch):
 def our_paths(root: Path, peer: str = "rsu_1") -> tuple[Paths, np.ndarray, np.ndarray]:
     """Return paths of one transmitter, links frame by frame and CAV by CAV, and both ends' rotations."""
     data = open_dataset(root)
-    links, poses = data.read("links", columns=LINK_COLUMNS), data.read("poses")
-    paths = Paths.from_table(data.read("paths", columns=PATH_COLUMNS), CARRIER, links)
+    paths, poses = data.paths(CARRIER), data.read("poses")
     paths = paths.take(np.flatnonzero(paths.keys["peer"] == peer))
     return paths, rotations_from_poses(poses, paths, "tx"), rotations_from_poses(poses, paths, "rx")
 
 
 def channels(dataset, sides: dict, tx: tuple[int, int], rx: tuple[int, int], pattern: str = "isotropic", **options):
     """Return DeepMIMO's channels; shapes are (elements along y, elements along z)."""
-    return dataset.compute_channels(
-        dm.ChannelParameters(
-            bs_antenna={
-                "shape": np.array(tx),
-                "rotation": sides["transmitters_t000.npz"]["rotation_deg"][0],
-                "radiation_pattern": pattern,
-            },
-            ue_antenna={
-                "shape": np.array(rx),
-                "rotation": sides["receivers_r001.npz"]["rotation_deg"],
-                "radiation_pattern": pattern,
-            },
-            ofdm={
-                "subcarriers": SUBCARRIERS,
-                "bandwidth": SUBCARRIERS * SPACING,
-                "selected_subcarriers": np.arange(SUBCARRIERS),
-            },
-            **{name: value for name, value in options.items() if name != "times"},
-        ),
-        times=options.get("times"),
-    )
+    turns = sides["transmitters_t000.npz"]["rotation_deg"][0], sides["receivers_r001.npz"]["rotation_deg"]
+    antennas = [
+        {"shape": np.array(shape), "rotation": turn, "radiation_pattern": pattern}
+        for shape, turn in zip((tx, rx), turns, strict=True)
+    ]
+    every = np.arange(SUBCARRIERS)
+    ofdm = {"subcarriers": SUBCARRIERS, "bandwidth": SUBCARRIERS * SPACING, "selected_subcarriers": every}
+    times = options.pop("times", None)
+    parameters = dm.ChannelParameters(bs_antenna=antennas[0], ue_antenna=antennas[1], ofdm=ofdm, **options)
+    return dataset.compute_channels(parameters, times=times)
 
 
 def from_corner(shape: tuple[int, int], pattern: str) -> tuple[PlanarArray, np.ndarray]:
@@ -218,9 +205,8 @@ def test_every_channel_of_a_dynamic_scenario_is_ours(root, load, dynamic):
                     checked += 1
                 else:
                     assert (h[index] == 0).all()
-    assert (
-        checked == FRAMES * 5 - 1
-    )  # three links from the roadside unit, both directions between two vehicles; one blocked
+    # Three links from the roadside unit, both directions between two vehicles; one blocked.
+    assert checked == FRAMES * 5 - 1
 
 
 def test_max_paths_and_stored_antennas(root, tmp_path, load):

@@ -12,33 +12,14 @@ from mmw.dataset import open_dataset
 from mmw.dataset.export import exporter as base
 from mmw.dataset.export.exporter import Format, Option, Selection, Task, checked_options, export, frame_step, parts
 from mmw.dataset.export.registry import EXPORTERS, load_format
-from mmw.storage.manifest import finalize, prepare_root
-from mmw.storage.shard_writer import ShardKey, write_scenario, write_shard
-from tests.fixtures.shards import IDENTITY, META, make_shard, make_statics
+from tests.fixtures.shards import keys_of, write_made_up
 
-KEYS = [
-    ShardKey(scenario, weather, begin, begin + 4)
-    for scenario in ("town_a", "town_b")
-    for weather in ("rainy", "sunny")
-    for begin in (0, 4)
-]
-
-
-def make(root: Path, keys: list[ShardKey], config: str = META["config_sha256"], without: tuple[str, ...] = ()) -> Path:
-    prepare_root(root, {**IDENTITY, "hash": config}, config, {"mmw": "0.1.0"}, False)
-    meta = {**META, "config_sha256": config}
-    for name in sorted({key.scenario for key in keys}):
-        write_scenario(root, name, make_statics(), meta)
-    for key in keys:
-        shard = {table: rows for table, rows in make_shard(key).items() if table not in without}
-        write_shard(root, key, shard, meta)
-    finalize(root)
-    return root
+KEYS = keys_of("town_a", "town_b")
 
 
 @pytest.fixture(scope="module")
 def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return make(tmp_path_factory.mktemp("export") / "d", KEYS)
+    return write_made_up(tmp_path_factory.mktemp("export") / "d", KEYS)
 
 
 class Recorder:
@@ -123,7 +104,7 @@ def test_another_export_is_refused(root: Path, tmp_path: Path, toy: Recorder) ->
         export(root, "toy", out, Selection(weathers=("sunny",), frames=range(3)))
     with pytest.raises(ValueError, match=r'another options: \{"size": "small"\}, not \{"size": "large"\}'):
         export(root, "toy", out, Selection(weathers=("sunny",)), {"size": "large"})
-    other = make(tmp_path / "d2", KEYS[:1], "e" * 64)
+    other = write_made_up(tmp_path / "d2", KEYS[:1], "e" * 64)
     with pytest.raises(ValueError, match=r"another dataset: \"cccc.*, not \"eeee"):
         export(other, "toy", out, Selection(weathers=("sunny",)))
     assert {name: (out / name).read_bytes() for name in files(out)} == before
@@ -241,7 +222,7 @@ def test_wrong_commands_say_so_in_one_line(
     places = {"ROOT": root, "OUT": tmp_path / "o", "OUT2": tmp_path / "o2"}
     for name, table in (("NO_RGB", "rgb"), ("NO_LIDAR", "lidar")):
         if name in words:
-            places[name] = make(tmp_path / "d", KEYS[:1], without=(table,))
+            places[name] = write_made_up(tmp_path / "d", KEYS[:1], without=table)
     assert main(["export", *(str(places.get(word, word)) for word in words)]) == 2
     captured = capsys.readouterr()
     assert captured.out == "" and captured.err.count("\n") == 1 and captured.err.startswith("mmw: ")

@@ -16,16 +16,13 @@ from mmw.dataset.export.exporter import Selection, export
 from mmw.dataset.export.huggingface import FORMAT
 from mmw.storage.codecs.images import decode_depth
 from mmw.storage.schemas import TABLES
-from mmw.storage.shard_writer import ShardKey
 from mmw.storage.table_spec import IMAGE
-from tests.fixtures.shards import META, write_made_up
-
-KEYS = [ShardKey("town_a", weather, begin, begin + 3) for weather in ("rainy", "sunny") for begin in (0, 3)]
+from tests.fixtures.shards import META, keys_of, write_made_up
 
 
 @pytest.fixture(scope="module")
 def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_made_up(tmp_path_factory.mktemp("made") / "data", KEYS)
+    return write_made_up(tmp_path_factory.mktemp("made") / "data", keys_of("town_a", frames=3))
 
 
 @pytest.fixture(scope="module")

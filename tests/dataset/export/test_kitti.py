@@ -1,28 +1,13 @@
 """KITTI: calibrations, points and labels, read by the rules of its development kit, against the dataset's own."""
 
 import csv
-import io
 from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
 
-from mmw.dataset.export.exporter import Selection, export
-from tests.fixtures.export_data import (
-    IMAGE_FRAMES,
-    SIZE,
-    box_matrix,
-    cloud,
-    corners,
-    dataset,
-    move,
-    row,
-    rows,
-    sensor_matrix,
-)
+from tests.fixtures import export_data as source
 
-WEATHER = "rainy"
 OPTICAL = np.array([[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]])
 """A sensor's axes (x forward, y left, z up) to optical ones (x right, y down, z forward)."""
 
@@ -90,20 +75,20 @@ def test_every_number_has_its_files(out: Path, left: Path) -> None:
             files = sorted(path.name for path in (root / "training" / name).iterdir())
             assert files == [f"{number}.{endings[name]}" for number in numbers]
     assert {(entry["agent"], entry["frame"]) for entry in index_of(out)} == {
-        (agent, frame) for agent in ("cav_1", "cav_2", "cav_3", "rsu_1") for frame in IMAGE_FRAMES
+        (agent, frame) for agent in ("cav_1", "cav_2", "cav_3", "rsu_1") for frame in source.IMAGE_FRAMES
     }
 
 
 def test_points_and_images_are_the_datasets(out: Path) -> None:
     for entry in index_of(out):
         key = {name: entry[name] for name in ("weather", "agent", "frame")}
-        sweep = row("lidar", **key)
+        sweep = source.row("lidar", **key)
         points = np.fromfile(out / "training" / "velodyne" / f"{entry['number']}.bin", "<f4").reshape(-1, 4)
-        np.testing.assert_array_equal(points, np.column_stack([cloud(sweep), sweep["intensity"]]).astype(np.float32))
-        stored = row("rgb", sensor="front", **key)["image"]["bytes"]
-        with Image.open(out / "training" / "image_2" / f"{entry['number']}.png") as image:
-            assert image.format == "PNG" and image.size == SIZE
-            np.testing.assert_array_equal(image, Image.open(io.BytesIO(stored)))
+        np.testing.assert_array_equal(
+            points, np.column_stack([source.cloud(sweep), sweep["intensity"]]).astype(np.float32)
+        )
+        stored = source.row("rgb", sensor="front", **key)["image"]["bytes"]
+        source.assert_png_of(out / "training" / "image_2" / f"{entry['number']}.png", stored)
 
 
 @pytest.mark.parametrize("which", ["out", "left"])
@@ -111,17 +96,17 @@ def test_calibration_transforms_points_to_the_camera(which: str, request: pytest
     root, camera = request.getfixturevalue(which), "front" if which == "out" else "left"
     for entry in index_of(root)[::3]:
         calib = read_calib(root / "training" / "calib" / f"{entry['number']}.txt")
-        place = (WEATHER, entry["frame"], entry["agent"])
-        expected = OPTICAL @ np.linalg.inv(sensor_matrix(*place, camera)) @ sensor_matrix(*place, "lidar")
+        place = (entry["frame"], entry["agent"])
+        expected = OPTICAL @ np.linalg.inv(source.sensor_matrix(*place, camera)) @ source.sensor_matrix(*place, "lidar")
         np.testing.assert_allclose(calib["Tr_velo_to_cam"], expected, atol=1e-9)
-        mounted = row("sensors", agent=entry["agent"], sensor=camera)
+        mounted = source.row("sensors", agent=entry["agent"], sensor=camera)
         np.testing.assert_array_equal(calib["R0_rect"], np.eye(3))
         np.testing.assert_allclose(
             calib["P2"][:3], [[mounted["fx"], 0, 80, 0], [0, mounted["fy"], 60, 0], [0, 0, 1, 0]], atol=1e-8
         )
         agent_in_lidar = calib["Tr_imu_to_velo"] @ [0.0, 0.0, 0.0, 1.0]
-        pose = row("poses", weather=WEATHER, frame=entry["frame"], agent=entry["agent"])
-        back = sensor_matrix(*place, "lidar") @ agent_in_lidar
+        pose = source.row("poses", frame=entry["frame"], agent=entry["agent"])
+        back = source.sensor_matrix(*place, "lidar") @ agent_in_lidar
         np.testing.assert_allclose(back[:3], [pose[axis] for axis in "xyz"], atol=1e-9)
 
 
@@ -129,9 +114,9 @@ def matched(root: Path, camera: str) -> list[tuple[dict, dict, dict, np.ndarray]
     """Return index entry, label, box and transform box to camera of every label: the box whose middle is nearest."""
     result = []
     for entry in index_of(root):
-        to_camera = OPTICAL @ np.linalg.inv(sensor_matrix(WEATHER, entry["frame"], entry["agent"], camera))
-        boxes = rows("boxes", weather=WEATHER, frame=entry["frame"])
-        poses = [to_camera @ box_matrix(box) for box in boxes]
+        to_camera = OPTICAL @ np.linalg.inv(source.sensor_matrix(entry["frame"], entry["agent"], camera))
+        boxes = source.rows("boxes", frame=entry["frame"])
+        poses = [to_camera @ source.box_matrix(box) for box in boxes]
         for label in read_labels(root / "training" / "label_2" / f"{entry['number']}.txt"):
             middle = label["place"] - [0, label["hwl"][0] / 2, 0]
             off = [np.linalg.norm(pose[:3, 3] - middle) for pose in poses]
@@ -146,11 +131,10 @@ def test_labels_are_the_boxes_that_the_image_shows(out: Path) -> None:
     labelled = {(entry["agent"], entry["frame"], box["object_id"]) for entry, _, box, _ in found}
     shown = {
         (box["agent"], box["frame"], box["object_id"])
-        for box in rows("boxes_2d", sensor="front", weather=WEATHER)
+        for box in source.rows("boxes_2d", sensor="front")
         if box["pixels"]
     }
-    own = {(p["agent"], p["frame"], p["object_id"]) for p in rows("poses", weather=WEATHER)}
-    assert labelled == shown - own and len(labelled) > 20
+    assert labelled == shown - source.own_objects() and len(labelled) > 20
     kinds = {"car": "Car", "truck": "Truck", "pedestrian": "Pedestrian"}
     for entry, label, box, pose in found:
         assert label["kind"] == kinds[box["category"]]
@@ -160,17 +144,16 @@ def test_labels_are_the_boxes_that_the_image_shows(out: Path) -> None:
         assert np.cos(label["turn"]) * heading[0] - np.sin(label["turn"]) * heading[2] > 0.9
         ray = np.arctan2(label["place"][0], label["place"][2])
         assert np.cos(label["alpha"] + ray - label["turn"]) == pytest.approx(1.0, abs=1e-6)
-        framed = row(
-            "boxes_2d", sensor="front", weather=WEATHER, agent=entry["agent"], frame=entry["frame"],
+        framed = source.row(
+            "boxes_2d", sensor="front", agent=entry["agent"], frame=entry["frame"],
             object_id=box["object_id"],
         )  # fmt: skip
         assert abs(label["truncated"] - framed["truncation"]) < 0.2
         if framed["truncation"] == 0.0:
-            edges = [framed[f"amodal_{name}"] for name in ("u_min", "v_min", "u_max", "v_max")]
+            edges = source.framed_rectangle(framed)
             np.testing.assert_allclose(label["bbox"], edges, atol=0.01)
             assert label["truncated"] == 0.0
-            seen = (framed["u_max"] + 1 - framed["u_min"]) * (framed["v_max"] + 1 - framed["v_min"])
-            share = seen / ((edges[2] - edges[0]) * (edges[3] - edges[1]))
+            share = source.seen_area(framed) / ((edges[2] - edges[0]) * (edges[3] - edges[1]))
             assert label["occluded"] == (0 if share >= 0.8 else 1 if share >= 0.4 else 2)
 
 
@@ -179,15 +162,15 @@ def test_boxes_of_a_level_camera_hold_the_points_of_their_objects(left: Path) ->
     inside = 0
     for entry, label, box, pose in matched(left, "left"):
         assert label["occluded"] == 3
-        own = corners(box["length"], box["width"], box["height"])
+        own = source.corners(box["length"], box["width"], box["height"])
         np.testing.assert_allclose(
-            np.sort(label_corners(label), axis=0), np.sort(move(pose, own), axis=0), atol=0.05
+            np.sort(label_corners(label), axis=0), np.sort(source.move(pose, own), axis=0), atol=0.05
         )  # vehicles on this road pitch and roll by less than half a degree
         calib = read_calib(left / "training" / "calib" / f"{entry['number']}.txt")
         points = np.fromfile(left / "training" / "velodyne" / f"{entry['number']}.bin", "<f4").reshape(-1, 4)[:, :3]
-        sweep = row("lidar", weather=WEATHER, agent=entry["agent"], frame=entry["frame"])
+        sweep = source.row("lidar", agent=entry["agent"], frame=entry["frame"])
         points = points[np.array(sweep["object_id"]) == box["object_id"]]
-        local = move(calib["Tr_velo_to_cam"], points) - label["place"]
+        local = source.move(calib["Tr_velo_to_cam"], points) - label["place"]
         c, s = np.cos(label["turn"]), np.sin(label["turn"])
         local = local @ np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
         h, w, length = label["hwl"]
@@ -197,11 +180,14 @@ def test_boxes_of_a_level_camera_hold_the_points_of_their_objects(left: Path) ->
     assert inside > 200
 
 
-def test_errors(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="camera=back: agent cav_1 has front, left of type rgb"):
-        export(dataset().root, "kitti", tmp_path / "a", Selection(), {"camera": "back"})
-    with pytest.raises(ValueError, match="no frame that is picked has an image"):
-        export(dataset().root, "kitti", tmp_path / "a", Selection(frames=range(1, 2)), {"rate": "100"})
-    with pytest.raises(ValueError, match="rate=30: a rate that divides 100 Hz is needed"):
-        export(dataset().root, "kitti", tmp_path / "a", Selection(), {"rate": "30"})
-    assert not (tmp_path / "a").exists()
+@pytest.mark.parametrize(
+    ("options", "frames", "words"),
+    [
+        ({"camera": "back"}, None, "camera=back: agent cav_1 has front, left of type rgb"),
+        ({"rate": "100"}, range(1, 2), "no frame that is picked has an image"),
+        ({"rate": "30"}, None, "rate=30: a rate that divides 100 Hz is needed"),
+    ],
+)
+def test_errors(exported, options: dict, frames: range | None, words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        exported("kitti", options, frames=frames)

@@ -1,6 +1,5 @@
 """The published layout: keys, shapes and types of every file, and its numbers against the tables by other means."""
 
-import io
 import json
 from pathlib import Path
 
@@ -9,8 +8,7 @@ import pytest
 import yaml
 from PIL import Image
 
-from mmw.channel import PATH_COLUMNS, Paths, apply_arrays, frequency_response, rotations_from_poses, ula, upa
-from mmw.channel.path_table import LINK_COLUMNS
+from mmw.channel import Paths, PlanarArray, apply_arrays, frequency_response, rotations_from_poses, ula, upa
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.core.transforms import pose_from_ypr, quaternion_from_ypr, quaternion_to_matrix
 from mmw.dataset import open_dataset
@@ -18,8 +16,9 @@ from mmw.dataset.export.exporter import Selection, export
 from mmw.dataset.export.multimodal_wireless.layout import camera_numbers
 from mmw.dataset.export.read_sensors import Sensor
 from mmw.storage.codecs.carla_depth import decode_bgra, decode_log_grey
-from mmw.storage.codecs.images import decode_depth
-from tests.fixtures.export_radio import BLOCKED, CAVS, WEATHER, antenna, generate_dataset
+from mmw.storage.codecs.images import decode_depth, decode_metres
+from tests.fixtures.export_data import assert_png_of, carla_to_world
+from tests.fixtures.export_radio import BLOCKED, CAVS, WEATHER, antenna, attitude, generate_dataset
 
 FRAMES, PATHS, CARRIER = 3, 5, 28e9
 FLIP = np.diag([1.0, -1.0, 1.0])
@@ -44,30 +43,18 @@ def published(root: Path, exported) -> Path:
     return out / WEATHER / "Town03" / "Town03_made_up_seed42"
 
 
-def our_link(root: Path, frame: int, agent: str, peer: str = "rsu_1") -> Paths:
+def our_link(root: Path, frame: int, agent: str, *arrays: PlanarArray) -> tuple[Paths, np.ndarray]:
+    """Return the paths of a link from the roadside unit, and their coefficients between a pair of arrays."""
     data = open_dataset(root)
-    paths = Paths.from_table(
-        data.read("paths", columns=PATH_COLUMNS), CARRIER, data.read("links", columns=LINK_COLUMNS)
-    )
-    keys = paths.keys
-    return paths.take((keys["frame"] == frame) & (keys["agent"] == agent) & (keys["peer"] == peer))
+    paths = data.paths(CARRIER, frames=range(frame, frame + 1))
+    paths = paths.take((paths.keys["agent"] == agent) & (paths.keys["peer"] == "rsu_1"))
+    turns = (rotations_from_poses(data.read("poses"), paths, end) for end in ("tx", "rx"))
+    return paths, apply_arrays(paths, *arrays, CARRIER, *turns)
 
 
-def rotation(angles: dict) -> np.ndarray:
-    """Return the rotation of CARLA's angles [deg] between left-handed frames.
-
-    Source: Unreal's rotator, as OpenCOOD's `x_to_world` writes it.
-    """
-    (cy, sy), (cp, sp), (cr, sr) = (
-        (np.cos(a), np.sin(a)) for a in np.radians([angles["yaw"], angles["pitch"], angles["roll"]])
-    )
-    return np.array(
-        [
-            [cp * cy, cy * sp * sr - sy * cr, -cy * sp * cr - sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, -sy * sp * cr + cy * sr],
-            [sp, -cp * sr, cp * cr],
-        ]
-    )
+def rotation(roll: float, yaw: float, pitch: float) -> np.ndarray:
+    """Return the rotation of CARLA's angles [deg] between left-handed frames."""
+    return carla_to_world([0.0, 0.0, 0.0, roll, yaw, pitch])[:3, :3]
 
 
 def test_files_of_a_frame(out):
@@ -103,13 +90,9 @@ def test_files_give_our_channel(root, out, published, delays):
             a, tau = file["a"].astype(complex)[0, 0, :, 0, :, :, 0], file["tau"][0, 0, 0].astype(float)
         assert (tau.min() == 0.0) == (delays == "normalized")
         h = a @ np.exp(-2j * np.pi * frequencies * tau[:, None])
-        paths = our_link(root, frame, "cav_1")
-        poses = open_dataset(root).read("poses")
-        turns = [rotations_from_poses(poses, paths, end) for end in ("tx", "rx")]
-        coefficients = apply_arrays(paths, ula(64), ula(16), CARRIER, *turns)
-        expected = frequency_response(
-            coefficients, paths, frequencies, CARRIER, normalize_delays=delays == "normalized"
-        )[0]
+        paths, coefficients = our_link(root, frame, "cav_1", ula(64), ula(16))
+        is_normalized = delays == "normalized"
+        (expected,) = frequency_response(coefficients, paths, frequencies, CARRIER, normalize_delays=is_normalized)
         assert np.abs(h - expected).max() < 3e-5 * np.abs(expected).max()
 
 
@@ -122,10 +105,7 @@ def test_line_of_sight_in_closed_form(root, out):
         gap = antenna(poses, frame, "cav_1") - antenna(poses, frame, "cav_2")  # cav_2 transmits
         assert values["tau"] == pytest.approx(np.linalg.norm(gap) / SPEED_OF_LIGHT, rel=1e-6)
         for end, agent, line in (("t", "cav_2", gap), ("r", "cav_1", -gap)):
-            row = next(
-                k for k, key in enumerate(zip(poses["frame"], poses["agent"], strict=True)) if key == (frame, agent)
-            )
-            turn = quaternion_to_matrix([poses[name][row] for name in ("qx", "qy", "qz", "qw")])
+            turn = attitude(poses, frame, agent)
             for glob, local in (("glob_", line), ("", turn.T @ line)):
                 theta, phi = values[f"{glob}theta_{end}"], values[f"{glob}phi_{end}"]
                 found = [np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)]
@@ -135,11 +115,8 @@ def test_line_of_sight_in_closed_form(root, out):
 def test_planar_arrays_are_counted_as_ours(root, out):
     with np.load(out / "Nt_8x8_Nr_2x2_fc_28GHz" / "cav_3" / "000002_paths.npz") as file:
         a, tau = file["a"][0, 0, :, 0, :, :, 0], file["tau"][0, 0, 0]
-    paths = our_link(root, 2, "cav_3")
-    poses = open_dataset(root).read("poses")
-    turns = [rotations_from_poses(poses, paths, end) for end in ("tx", "rx")]
-    expected = np.moveaxis(apply_arrays(paths, upa(8, 8), upa(2, 2), CARRIER, *turns), 0, -1)
-    np.testing.assert_allclose(np.abs(a), np.abs(expected), rtol=1e-5, atol=1e-12)
+    paths, expected = our_link(root, 2, "cav_3", upa(8, 8), upa(2, 2))
+    np.testing.assert_allclose(np.abs(a), np.abs(np.moveaxis(expected, 0, -1)), rtol=1e-5, atol=1e-12)
     np.testing.assert_allclose(tau, paths.tau, rtol=1e-6)
 
 
@@ -159,12 +136,9 @@ def test_point_clouds_round_trip(root, out):
 def test_images_round_trip(root, out):
     data = open_dataset(root)
     for row in data.read("rgb").to_pylist():
-        image = Image.open(out / row["agent"] / f"{row['frame']:06d}_camera0.png")
-        assert (image.format, image.mode) == ("PNG", "RGB")
-        np.testing.assert_array_equal(np.asarray(image), np.asarray(Image.open(io.BytesIO(row["image"]["bytes"]))))
+        assert_png_of(out / row["agent"] / f"{row['frame']:06d}_camera0.png", row["image"]["bytes"])
     for row in data.read("depth").to_pylist():
-        depth = np.reshape(row["depth_m"], (6, 8)) if row["depth_m"] else decode_depth(row["image"]["bytes"])
-        depth = np.where(depth > 0, depth, np.inf)
+        depth = decode_metres(row["image"]["bytes"], row["depth_m"])
         grey = np.asarray(Image.open(out / "rsu_1" / f"{row['frame']:06d}_depth_camera0.png"))
         assert (grey.dtype, grey.shape) == (np.uint8, (6, 8))
         near = np.isfinite(depth) & (depth > 4)
@@ -191,7 +165,7 @@ def test_yaml_of_a_cav(root, out):
     ]  # fmt: skip
     (row,) = data.read("poses", frames=range(frame, frame + 1), agent="cav_2").to_pylist()
     turn = quaternion_to_matrix([row[name] for name in ("qx", "qy", "qz", "qw")])
-    np.testing.assert_allclose(rotation(sensors["vehicle_pose"]["rotation"]), FLIP @ turn @ FLIP, atol=1e-9)
+    np.testing.assert_allclose(rotation(**sensors["vehicle_pose"]["rotation"]), FLIP @ turn @ FLIP, atol=1e-9)
     assert list(sensors["vehicle_pose"]["location"].values()) == pytest.approx([row["x"], -row["y"], row["z"]])
     assert list(sensors["vehicle_speed"]["speed"].values()) == pytest.approx([row["vx"], -row["vy"], row["vz"]])
     lidar = turn @ [0.3, -0.2, 2.5] + [row["x"], row["y"], row["z"]]
@@ -217,10 +191,8 @@ def test_yaml_of_a_cav(root, out):
             middle = np.array(found["location"]) + found["center"]
             np.testing.assert_allclose(middle, [box["x"], -box["y"], box["z"]], atol=1e-6)
             assert found["extent"] == pytest.approx([box["length"] / 2, box["width"] / 2, box["height"] / 2])
-            roll, yaw, pitch = found["angle"]
             turn = quaternion_to_matrix(quaternion_from_ypr(box["yaw"], box["pitch"], box["roll"]))
-            angles = {"roll": roll, "yaw": yaw, "pitch": pitch}
-            np.testing.assert_allclose(rotation(angles), FLIP @ turn @ FLIP, atol=1e-9)
+            np.testing.assert_allclose(rotation(*found["angle"]), FLIP @ turn @ FLIP, atol=1e-9)
             assert np.linalg.norm(FLIP @ found["location"] - ego) <= 50
     far = [n for n, box in boxes.items() if np.linalg.norm(ego - [box["x"], box["y"], box["z"]]) < 45]
     assert set(far) - {row["object_id"]} <= content["vehicles"].keys()
@@ -233,30 +205,23 @@ def test_yaml_of_a_roadside_unit_and_scene(root, out):
     assert [entry["id"] for entry in content["vehicles"]] == [box["object_id"] for box in boxes]
     assert set(content["vehicles"][0]) == {"id", "name", "pose"}
     scene = yaml.safe_load((out / "scenes" / "000002.yaml").read_text())
-    assert (scene["frame"], len(scene["vehicles"]), list(scene["vehicles"][0])) == (
-        2,
-        5,
-        ["id", "bp_id", "speed", "pose"],
-    )
+    assert (scene["frame"], len(scene["vehicles"])) == (2, 5)
+    assert list(scene["vehicles"][0]) == ["id", "bp_id", "speed", "pose"]
     speed = np.linalg.norm([boxes[0][name] for name in ("vx", "vy", "vz")])
     assert scene["vehicles"][0]["speed"] == pytest.approx(speed)
 
 
 def test_radar_points(root, out):
-    (row,) = (
-        row
-        for row in open_dataset(root).read("radar", frames=range(1), agent="rsu_1").to_pylist()
-        if row["sensor"] == "radar"
-    )
+    (row,) = open_dataset(root).read("radar", frames=range(1), agent="rsu_1", sensor="radar").to_pylist()
     points = json.loads((out / "rsu_1" / "000000.json").read_text())
     assert len(points) == row["point_count"] > 0
-    columns = {
-        "velocity": ("velocity", 1),
-        "azimuth": ("azimuth", -1),
-        "altitude": ("elevation", 1),
-        "depth": ("range", 1),
-    }
-    for name, (column, sign) in columns.items():
+    signed = (
+        ("velocity", "velocity", 1),
+        ("azimuth", "azimuth", -1),
+        ("altitude", "elevation", 1),
+        ("depth", "range", 1),
+    )
+    for name, column, sign in signed:
         np.testing.assert_allclose([point[name] for point in points], sign * np.array(row[column]), rtol=1e-6)
 
 

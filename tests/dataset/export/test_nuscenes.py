@@ -1,37 +1,14 @@
 """nuScenes: every foreign key resolves, chains close, and its transforms lead back to the dataset's world."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh.transformations as tf
 
-from tests.fixtures.export_data import (
-    FRAMES,
-    IMAGE_FRAMES,
-    SIZE,
-    box_matrix,
-    cloud,
-    corners,
-    move,
-    row,
-    rows,
-    sensor_matrix,
-)
-
-WEATHER = "rainy"
-KEYS = {
-    "attribute": (), "category": (), "visibility": (), "sensor": (), "log": (), "ego_pose": (),
-    "calibrated_sensor": ("sensor",),
-    "instance": ("category", "first_annotation:sample_annotation", "last_annotation:sample_annotation"),
-    "scene": ("log", "first_sample:sample", "last_sample:sample"),
-    "sample": ("scene",),
-    "sample_data": ("sample", "ego_pose", "calibrated_sensor"),
-    "sample_annotation": ("sample", "instance", "visibility"),
-    "map": (),
-}  # fmt: skip
-"""Table -> its foreign keys: KEY_token names a row of KEY, or of the table after the colon."""
+from tests.fixtures import export_data as source
 
 FIELDS = {
     "attribute": "token name description",
@@ -92,7 +69,7 @@ def about(tables: dict, data: dict) -> tuple[str, int, str]:
 
 
 def test_thirteen_tables_with_their_fields(tables: dict) -> None:
-    assert set(tables) == set(KEYS) and len(KEYS) == 13
+    assert set(tables) == set(FIELDS) and len(FIELDS) == 13
     for name, entries in tables.items():
         assert entries, name
         for entry in entries.values():
@@ -101,11 +78,12 @@ def test_thirteen_tables_with_their_fields(tables: dict) -> None:
 
 
 def test_foreign_keys_resolve(tables: dict) -> None:
-    for name, keys in KEYS.items():
-        for entry in tables[name].values():
-            for key in keys:
-                column, _, table = key.partition(":")
-                assert entry[f"{column}_token"] in tables[table or column], (name, key)
+    """KEY_token names a row of KEY, of which it may be the first or the last."""
+    for name, fields in FIELDS.items():
+        for key in re.findall(r"(\w+)_token\b", fields):
+            table = re.sub("^(first|last)_", "", key).replace("annotation", "sample_annotation")
+            for entry in tables[name].values():
+                assert entry[f"{key}_token"] in tables[table], (name, key)
     for entry in tables["sample_annotation"].values():
         assert len(entry["attribute_tokens"]) == 1 and entry["attribute_tokens"][0] in tables["attribute"]
     mapped = [token for entry in tables["map"].values() for token in entry["log_tokens"]]
@@ -170,20 +148,22 @@ def test_transforms_lead_to_the_world(out: Path, tables: dict) -> None:
     frames = set()
     for data in tables["sample_data"].values():
         agent, frame, sensor = about(tables, data)
-        expected = sensor_matrix(WEATHER, frame, agent, sensor)
+        expected = source.sensor_matrix(frame, agent, sensor)
         if "CAM_" in data["filename"]:
             np.testing.assert_allclose(to_world(tables, data), expected @ optical, atol=1e-9)
-            assert (data["width"], data["height"]) == SIZE and frame in IMAGE_FRAMES
-            stored = row("rgb", weather=WEATHER, agent=agent, frame=frame, sensor=sensor)["image"]["bytes"]
+            assert (data["width"], data["height"]) == source.SIZE and frame in source.IMAGE_FRAMES
+            stored = source.row("rgb", agent=agent, frame=frame, sensor=sensor)["image"]["bytes"]
             assert (out / data["filename"]).read_bytes() == stored
             continue
-        sweep = row("lidar", weather=WEATHER, agent=agent, frame=frame)
+        sweep = source.row("lidar", agent=agent, frame=frame)
         points = np.fromfile(out / data["filename"], "<f4").reshape(-1, 5)
-        np.testing.assert_allclose(move(to_world(tables, data), points[:, :3]), move(expected, cloud(sweep)), atol=1e-6)
+        np.testing.assert_allclose(
+            source.move(to_world(tables, data), points[:, :3]), source.move(expected, source.cloud(sweep)), atol=1e-6
+        )
         np.testing.assert_allclose(points[:, 3], 255.0 * np.array(sweep["intensity"]), rtol=1e-6)
         np.testing.assert_array_equal(points[:, 4], sweep["ring"])
         frames.add(frame)
-    assert frames == set(FRAMES)
+    assert frames == set(source.FRAMES)
 
 
 def test_annotations_hold_their_points(out: Path, tables: dict) -> None:
@@ -192,17 +172,17 @@ def test_annotations_hold_their_points(out: Path, tables: dict) -> None:
     for entry in tables["sample_annotation"].values():
         sample = tables["sample"][entry["sample_token"]]
         agent = tables["scene"][sample["scene_token"]]["mmw_agent"]
-        key = {"weather": WEATHER, "frame": sample["mmw_frame"]}
+        key = {"frame": sample["mmw_frame"]}
         number = tables["instance"][entry["instance_token"]]["mmw_object_id"]
-        assert number != row("poses", agent=agent, **key)["object_id"]
-        box = row("boxes", object_id=number, **key)
-        np.testing.assert_allclose(transform(entry), box_matrix(box), atol=1e-9)
+        assert number != source.row("poses", agent=agent, **key)["object_id"]
+        box = source.row("boxes", object_id=number, **key)
+        np.testing.assert_allclose(transform(entry), source.box_matrix(box), atol=1e-9)
         assert entry["size"] == [box["width"], box["length"], box["height"]]
-        sweep = row("lidar", agent=agent, **key)
+        sweep = source.row("lidar", agent=agent, **key)
         mine = np.array(sweep["object_id"]) == number
         assert entry["num_lidar_pts"] == mine.sum() and entry["num_radar_pts"] == 0
-        local = move(
-            np.linalg.inv(transform(entry)) @ sensor_matrix(WEATHER, key["frame"], agent, "lidar"), cloud(sweep)
+        local = source.move(
+            np.linalg.inv(transform(entry)) @ source.sensor_matrix(key["frame"], agent, "lidar"), source.cloud(sweep)
         )
         width, length, height = entry["size"]
         beyond = np.abs(local[mine]) - np.array([length, width, height]) / 2.0
@@ -210,16 +190,15 @@ def test_annotations_hold_their_points(out: Path, tables: dict) -> None:
         inside += mine.sum()
         kind = tables["category"][tables["instance"][entry["instance_token"]]["category_token"]]["name"]
         assert kind == {"pedestrian": "human.pedestrian.adult"}.get(box["category"], f"vehicle.{box['category']}")
-        moves = np.linalg.norm([box[name] for name in ("vx", "vy", "vz")]) >= 0.2
+        moves = source.speed(box) >= 0.2
         assert tables["attribute"][entry["attribute_tokens"][0]]["name"].endswith(".moving") == moves
     assert inside > 1000
     seen = {
         (one["agent"], one["frame"], one["object_id"])
-        for one in rows("box_visibility", weather=WEATHER)
-        if one["frame"] in IMAGE_FRAMES and (one["lidar_points"] or one["pixels"])
+        for one in source.rows("box_visibility")
+        if one["frame"] in source.IMAGE_FRAMES and (one["lidar_points"] or one["pixels"])
     }
-    own = {(pose["agent"], pose["frame"], pose["object_id"]) for pose in rows("poses", weather=WEATHER)}
-    assert len(tables["sample_annotation"]) == len(seen - own)
+    assert len(tables["sample_annotation"]) == len(seen - source.own_objects())
 
 
 def test_cameras_project_annotations_to_where_the_dataset_frames_them(tables: dict) -> None:
@@ -231,21 +210,18 @@ def test_cameras_project_annotations_to_where_the_dataset_frames_them(tables: di
         agent, frame, sensor = about(tables, data)
         to_camera = np.linalg.inv(to_world(tables, data))
         intrinsic = np.array(tables["calibrated_sensor"][data["calibrated_sensor_token"]]["camera_intrinsic"])
-        framed = {
-            box["object_id"]: box for box in rows("boxes_2d", weather=WEATHER, frame=frame, agent=agent, sensor=sensor)
-        }
+        framed = {box["object_id"]: box for box in source.rows("boxes_2d", frame=frame, agent=agent, sensor=sensor)}
         for entry in boxes:
             number = tables["instance"][entry["instance_token"]]["mmw_object_id"]
             if entry["sample_token"] != data["sample_token"] or number not in framed:
                 continue
             width, length, height = entry["size"]
-            local = move(to_camera @ transform(entry), corners(length, width, height))
+            local = source.move(to_camera @ transform(entry), source.corners(length, width, height))
             if local[:, 2].min() < 0.1 or framed[number]["truncation"] > 0.0:
                 continue
-            pixels = local @ intrinsic.T
-            pixels = pixels[:, :2] / pixels[:, 2:]
-            edges = [framed[number][f"amodal_{name}"] for name in ("u_min", "v_min", "u_max", "v_max")]
-            np.testing.assert_allclose([*pixels.min(axis=0), *pixels.max(axis=0)], edges, atol=0.01)
+            np.testing.assert_allclose(
+                source.rectangle(local, intrinsic), source.framed_rectangle(framed[number]), atol=0.01
+            )
             checked += 1
     assert checked > 20
 
@@ -256,14 +232,13 @@ def test_visibility_compares_rectangles(tables: dict) -> None:
     for entry in tables["sample_annotation"].values():
         sample = tables["sample"][entry["sample_token"]]
         shares = []
-        for box in rows(
-            "boxes_2d", weather=WEATHER, frame=sample["mmw_frame"],
+        for box in source.rows(
+            "boxes_2d", frame=sample["mmw_frame"],
             agent=tables["scene"][sample["scene_token"]]["mmw_agent"],
             object_id=tables["instance"][entry["instance_token"]]["mmw_object_id"],
         ):  # fmt: skip
             area = (box["amodal_u_max"] - box["amodal_u_min"]) * (box["amodal_v_max"] - box["amodal_v_min"])
-            seen = (box["u_max"] + 1 - box["u_min"]) * (box["v_max"] + 1 - box["v_min"]) if box["pixels"] else 0
-            shares.append(seen / area)
+            shares.append(source.seen_area(box) / area)
         share = max(shares, default=None)
         level = "unknown" if share is None else ["v0-40", "v40-60", "v60-80", "v80-100"][
             int(np.searchsorted([0.4, 0.6, 0.8], share, side="right"))

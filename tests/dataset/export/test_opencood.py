@@ -12,22 +12,10 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from tests.fixtures.export_data import (
-    IMAGE_FRAMES,
-    box_matrix,
-    cloud,
-    corners,
-    matrix,
-    move,
-    row,
-    rows,
-    sensor_matrix,
-)
+from tests.fixtures import export_data as source
 
 pytestmark = pytest.mark.filterwarnings("ignore")  # OpenCOOD leaves its files open
 
-WEATHER = "rainy"
-FLIP = np.diag([1.0, -1.0, 1.0, 1.0])
 RANGE = [-140.8, -40.0, -3.0, 140.8, 40.0, 1.0]
 """Region in which OpenCOOD looks for vehicles by its configurations: two corners in the LiDAR's frame [m]."""
 NEAR_M = 70.0
@@ -67,13 +55,13 @@ def parameters(split: Path, fusion: str) -> dict:
 @pytest.fixture(scope="module")
 def split(exported) -> Path:
     opencood("data_utils.datasets")
-    return exported("opv2v", {"rate": "50"}, weathers=(WEATHER,)) / "train"
+    return exported("opv2v", {"rate": "50"}) / "train"
 
 
 @pytest.fixture(scope="module")
 def agents() -> dict[str, str]:
     """Folder that an agent is in -> agent, by the objects of the dataset; the roadside unit is -1."""
-    found = {str(pose["object_id"]): pose["agent"] for pose in rows("poses", weather=WEATHER, frame=0)}
+    found = {str(pose["object_id"]): pose["agent"] for pose in source.rows("poses", frame=0)}
     return {"-1" if agent == "rsu_1" else folder: agent for folder, agent in found.items()}
 
 
@@ -84,8 +72,8 @@ def build(split: Path, fusion: str, train: bool, visualize: bool = False):
 
 def to_ego(frame: int, agent: str, ego: str) -> np.ndarray:
     """Return the transform LiDAR of an agent to LiDAR of the ego by our tables, in CARLA's frames."""
-    ours = np.linalg.inv(sensor_matrix(WEATHER, frame, ego, "lidar")) @ sensor_matrix(WEATHER, frame, agent, "lidar")
-    return FLIP @ ours @ FLIP
+    ours = np.linalg.inv(source.sensor_matrix(frame, ego, "lidar")) @ source.sensor_matrix(frame, agent, "lidar")
+    return source.FLIP @ ours @ source.FLIP
 
 
 def boxes_in(frame: int, agent: str, reference: str) -> dict[int, tuple[np.ndarray, np.ndarray]]:
@@ -93,13 +81,13 @@ def boxes_in(frame: int, agent: str, reference: str) -> dict[int, tuple[np.ndarr
 
     Value: centre [3] and corners [8, 3] of the box.
     """
-    lidar = np.linalg.inv(sensor_matrix(WEATHER, frame, reference, "lidar"))
-    own = row("poses", weather=WEATHER, frame=frame, agent=agent)["object_id"]
-    hit = set(row("lidar", weather=WEATHER, frame=frame, agent=agent)["object_id"]) - {own}
+    lidar = np.linalg.inv(source.sensor_matrix(frame, reference, "lidar"))
+    own = source.row("poses", frame=frame, agent=agent)["object_id"]
+    hit = set(source.row("lidar", frame=frame, agent=agent)["object_id"]) - {own}
     found = {}
-    for box in rows("boxes", weather=WEATHER, frame=frame):
+    for box in source.rows("boxes", frame=frame):
         if box["object_id"] in hit and box["category"] != "pedestrian":
-            local = move(lidar @ box_matrix(box), corners(box["length"], box["width"], box["height"]))
+            local = source.move(lidar, source.box_corners(box))
             found[box["object_id"]] = (local.mean(axis=0) * [1, -1, 1], local * [1, -1, 1])
     return found
 
@@ -107,20 +95,20 @@ def boxes_in(frame: int, agent: str, reference: str) -> dict[int, tuple[np.ndarr
 def test_agents_ego_times_and_distances(split: Path, agents: dict[str, str]) -> None:
     """The ego is cav_1, the roadside unit comes last, every frame of the rate is there."""
     loader = build(split, "LateFusionDataset", train=True)
-    assert len(loader) == len(IMAGE_FRAMES) and len(loader.scenario_database) == 1
+    assert len(loader) == len(source.IMAGE_FRAMES) and len(loader.scenario_database) == 1
     database = loader.scenario_database[0]
     assert [agents[name] for name in database] == ["cav_1", "cav_2", "cav_3", "rsu_1"]
     assert [content["ego"] for content in database.values()] == [True, False, False, False]
     for content in database.values():
         stamps = [key for key in content if key not in ("ego", "distance_to_ego")]
-        assert stamps == [f"{frame:06d}" for frame in IMAGE_FRAMES]
+        assert stamps == [f"{frame:06d}" for frame in source.IMAGE_FRAMES]
         for stamp in stamps:
             assert all(Path(content[stamp][name]).is_file() for name in ("yaml", "lidar"))
             assert Path(content[stamp]["camera0"][0]).is_file()
     loader.retrieve_base_data(1)
     for name, content in database.items():
-        gap = sensor_matrix(WEATHER, IMAGE_FRAMES[1], agents[name], "lidar")[:2, 3]
-        gap = gap - sensor_matrix(WEATHER, IMAGE_FRAMES[1], "cav_1", "lidar")[:2, 3]
+        gap = source.sensor_matrix(source.IMAGE_FRAMES[1], agents[name], "lidar")[:2, 3]
+        gap = gap - source.sensor_matrix(source.IMAGE_FRAMES[1], "cav_1", "lidar")[:2, 3]
         assert content["distance_to_ego"] == pytest.approx(np.linalg.norm(gap), abs=1e-5)
 
 
@@ -128,25 +116,25 @@ def test_poses_speeds_and_points(split: Path, agents: dict[str, str]) -> None:
     """Each agent's transform to the ego, speed, cameras and points are those of our tables."""
     loader = build(split, "LateFusionDataset", train=False)
     to_world = opencood("utils.transformation_utils").x_to_world
-    for index, frame in enumerate(IMAGE_FRAMES):
+    for index, frame in enumerate(source.IMAGE_FRAMES):
         for name, content in loader.retrieve_base_data(index).items():
             agent, given = agents[name], content["params"]
             assert content["time_delay"] == 0
-            pose = row("poses", weather=WEATHER, frame=frame, agent=agent)
+            pose = source.row("poses", frame=frame, agent=agent)
             np.testing.assert_allclose(given["transformation_matrix"], to_ego(frame, agent, "cav_1"), atol=1e-5)
-            np.testing.assert_allclose(to_world(given["true_ego_pos"]), FLIP @ matrix(pose) @ FLIP, atol=1e-6)
-            speed = 3.6 * np.linalg.norm([pose[axis] for axis in ("vx", "vy", "vz")])
-            assert given["ego_speed"] == pytest.approx(speed, abs=1e-5)
-            camera = FLIP @ sensor_matrix(WEATHER, frame, agent, "front") @ FLIP
+            np.testing.assert_allclose(
+                to_world(given["true_ego_pos"]), source.FLIP @ source.matrix(pose) @ source.FLIP, atol=1e-6
+            )
+            assert given["ego_speed"] == pytest.approx(3.6 * source.speed(pose), abs=1e-5)
+            camera = source.FLIP @ source.sensor_matrix(frame, agent, "front") @ source.FLIP
             np.testing.assert_allclose(to_world(given["camera0"]["cords"]), camera, atol=1e-6)
-            sweep = row("lidar", weather=WEATHER, frame=frame, agent=agent)
+            sweep = source.row("lidar", frame=frame, agent=agent)
             points = content["lidar_np"]
-            np.testing.assert_allclose(points[:, :3], cloud(sweep) * [1, -1, 1], rtol=0, atol=1e-6)
+            np.testing.assert_allclose(points[:, :3], source.cloud(sweep) * [1, -1, 1], rtol=0, atol=1e-6)
             assert np.abs(points[:, 3] - sweep["intensity"]).max() <= 1 / 510 + 1e-6
-            boxes = {box["object_id"]: box for box in rows("boxes", weather=WEATHER, frame=frame)}
+            boxes = {box["object_id"]: box for box in source.rows("boxes", frame=frame)}
             for number, vehicle in given["vehicles"].items():
-                speed = 3.6 * np.linalg.norm([boxes[number][axis] for axis in ("vx", "vy", "vz")])
-                assert vehicle["speed"] == pytest.approx(speed, abs=1e-5)
+                assert vehicle["speed"] == pytest.approx(3.6 * source.speed(boxes[number]), abs=1e-5)
 
 
 def test_late_fusion_has_every_agents_own_boxes(split: Path, agents: dict[str, str]) -> None:
@@ -155,7 +143,7 @@ def test_late_fusion_has_every_agents_own_boxes(split: Path, agents: dict[str, s
     The roadside unit's LiDAR is more than 3 m above the road, so that OpenCOOD keeps nothing of it here.
     """
     loader, checked = build(split, "LateFusionDataset", train=False), 0
-    for index, frame in enumerate(IMAGE_FRAMES):
+    for index, frame in enumerate(source.IMAGE_FRAMES):
         items = loader[index]
         near = [agent for agent in agents.values() if np.linalg.norm(to_ego(frame, agent, "cav_1")[:2, 3]) < NEAR_M]
         assert {"cav_1" if name == "ego" else agents[name] for name in items} == set(near)
@@ -170,7 +158,7 @@ def test_late_fusion_has_every_agents_own_boxes(split: Path, agents: dict[str, s
 def test_intermediate_fusion_has_all_agents_boxes_once(split: Path, agents: dict[str, str]) -> None:
     """Boxes of all agents in the ego's frame, each once, and all points together in it, on them."""
     loader = build(split, "IntermediateFusionDataset", train=True, visualize=True)
-    for index, frame in enumerate(IMAGE_FRAMES):
+    for index, frame in enumerate(source.IMAGE_FRAMES):
         item, expected = loader[index]["ego"], {}
         near = [agent for agent in agents.values() if np.linalg.norm(to_ego(frame, agent, "cav_1")[:2, 3]) < NEAR_M]
         for agent in near:
@@ -178,7 +166,7 @@ def test_intermediate_fusion_has_all_agents_boxes_once(split: Path, agents: dict
         assert item["cav_num"] == len(near) > 1
         assert check_boxes(item, expected, frame) > 5
         ours = [
-            move(to_ego(frame, agent, "cav_1"), cloud(row("lidar", weather=WEATHER, frame=frame, agent=agent))
+            source.move(to_ego(frame, agent, "cav_1"), source.cloud(source.row("lidar", frame=frame, agent=agent))
                  * [1, -1, 1])
             for agent in near
         ]  # fmt: skip
@@ -203,7 +191,7 @@ def check_boxes(item: dict, expected: dict[int, tuple[np.ndarray, np.ndarray]], 
     OpenCOOD leaves out a vehicle of which a corner is outside of `RANGE`. Its boxes stand upright in the LiDAR's frame.
     """
     found = dict(zip(item["object_ids"], item["object_bbx_center"][item["object_bbx_mask"] == 1], strict=True))
-    boxes = {box["object_id"]: box for box in rows("boxes", weather=WEATHER, frame=frame)}
+    boxes = {box["object_id"]: box for box in source.rows("boxes", frame=frame)}
     for number, (_, points) in expected.items():
         margin = min((points - RANGE[:3]).min(), (RANGE[3:] - points).min())
         if abs(margin) > 0.5:  # an upright box reaches a little farther than a tilted one

@@ -50,6 +50,14 @@ def at(rows, track, frames, sensor=None) -> list[dict]:
     return [row_of(rows, agent=track.agent, frame=int(f), **({"sensor": sensor} if sensor else {})) for f in frames]
 
 
+def assert_same(one: dict, other: dict) -> None:
+    """Check that two samples hold equal arrays; those of point clouds and boxes are in lists."""
+    assert one.keys() == other.keys()
+    for key, value in one.items():
+        for mine, own in zip(value, other[key], strict=True) if isinstance(value, list) else [(value, other[key])]:
+            np.testing.assert_array_equal(mine, own)
+
+
 @pytest.mark.parametrize("index", [0, 13, 41, -1])
 def test_numbers_are_those_of_the_files(windows: Windows, index: int) -> None:
     sample = windows[index]
@@ -165,14 +173,10 @@ def test_beams_are_those_of_the_sql_view_and_are_cached(tmp_path, monkeypatch) -
 
 def test_samples_are_the_callers_own(windows: Windows) -> None:
     before = windows[0]
-    after = windows[0]
-    for value in after.values():
+    for value in windows[0].values():
         for one in value if isinstance(value, list) else [value]:
             one[...] = 0
-    again = windows[0]
-    for key, value in before.items():
-        for one, same in zip(value, again[key], strict=True) if isinstance(value, list) else [(value, again[key])]:
-            np.testing.assert_array_equal(one, same)
+    assert_same(windows[0], before)
     shared = windows.load(0)["lidar"][0]
     with pytest.raises(ValueError, match="read-only"):
         shared[0] = 0
@@ -188,10 +192,7 @@ def test_windows_travel_to_other_processes(windows: Windows) -> None:
 def test_windows_of_a_dataset_that_is_not_local(windows: Windows) -> None:
     tree = pafs.SubTreeFileSystem(str(window_data().parent), pafs.LocalFileSystem())
     other = open_windows(mmw.open("dataset", filesystem=tree), windows.spec)
-    for key, value in windows[9].items():
-        same = other[9][key]
-        for one, two in zip(value, same, strict=True) if isinstance(value, list) else [(value, same)]:
-            np.testing.assert_array_equal(one, two)
+    assert_same(windows[9], other[9])
 
 
 def test_the_cache_drops_the_least_recently_used() -> None:

@@ -27,10 +27,6 @@ from mmw.storage.store import Store
 from tests.fixtures.own_world import SMALL, assert_same_files, command
 
 
-def config_of(world: Path):
-    return load_config(world / "mine.yaml", SMALL)
-
-
 @pytest.mark.parametrize("count", [1, 2, 3, 5, 40])
 def test_parts_hold_everything_once(world: Path, count: int) -> None:
     work = all_work(load_config(world / "mine.yaml", SMALL))

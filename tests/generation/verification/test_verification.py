@@ -1,7 +1,5 @@
 """`mmw verify`: whatever is damaged, missing, foreign or wrong is found and named, in lines, never as a traceback."""
 
-import hashlib
-import json
 import shutil
 from collections.abc import Callable
 from itertools import product
@@ -19,6 +17,7 @@ from mmw.generation.verification.physics import _in_depth
 from mmw.generation.verification.reproducibility import choose_rows, rerender
 from mmw.storage.file_checks import verify, version_number
 from mmw.storage.manifest import finalize
+from tests.fixtures.edit_files import agree, edit_bytes, edit_json
 from tests.fixtures.small_dataset import SCENARIO, copy_of, one_scene, part, replace_column, rewrite, small_dataset
 
 __all__ = ["one_scene"]
@@ -38,12 +37,6 @@ def kinds(root: Path) -> set[str]:
     return {finding.kind for finding in check(root, 5)}
 
 
-def edit_json(path: Path, change: Callable[[dict], None]) -> None:
-    content = json.loads(path.read_text())
-    change(content)
-    path.write_text(json.dumps(content))
-
-
 def test_a_whole_dataset_has_nothing_wrong(whole: Path, capsys: pytest.CaptureFixture) -> None:
     assert check(whole, 5) == []
     assert mmw(["verify", str(whole)]) == 0
@@ -61,12 +54,9 @@ def change(root: Path, table: str, column: str, of: Callable[[Any], Any], *place
 
 SUNNY, LAST = f"_shards/{SCENARIO}.sunny.000000.json", f"_shards/{SCENARIO}.sunny.000002.json"
 """Markers of the first and the last shard in the sun."""
+STATIC = f"_shards/{SCENARIO}.json"
 RAINY, FOREIGN = f"_shards/{SCENARIO}.rainy.000002.json", f"_shards/{SCENARIO}.sunny.000099.json"
 MINE = part("poses").replace("part-000000", "mine")
-
-
-def edit_bytes(path: Path, change: Callable[[bytes], bytes]) -> None:
-    path.write_bytes(change(path.read_bytes()))
 
 
 def flip_byte(data: bytes) -> bytes:
@@ -87,94 +77,55 @@ def add_shard(root: Path) -> None:
     edit_json(root / FOREIGN, lambda content: content.update(frame_begin=99, frame_end=101, files=[]))
 
 
-def agree(root: Path, table: str) -> None:
-    """Make the marker of a file that was changed agree with it."""
-    data = (root / part(table)).read_bytes()
-
-    def change(content: dict) -> None:
-        (file,) = [file for file in content["files"] if file["path"] == part(table)]
-        file.update(bytes=len(data), sha256=hashlib.sha256(data).hexdigest())
-
-    edit_json(root / SUNNY, change)
-    finalize(root)
-
-
 def truncate(root: Path, is_agreed: bool) -> None:
     edit_bytes(root / part("depth"), lambda data: data[:1000])
     if is_agreed:
-        agree(root, "depth")
+        agree(root)
 
 
-def slice_rows(table: str, *span: int) -> Callable[[Path], None]:
-    return lambda root: rewrite(root, part(table), lambda rows: rows.slice(*span))
+def rewritten(table: str, of: Callable[[pa.Table], pa.Table], meta: dict | None = None) -> Callable[[Path], None]:
+    return lambda root: rewrite(root, part(table), of, meta)
+
+
+def edited(path: str, of: Callable[[bytes], bytes] | None = None, **values: Any) -> Callable[[Path], None]:
+    """Change the bytes of a file, or values of JSON."""
+    return lambda root: edit_bytes(root / path, of) if of else edit_json(root / path, lambda old: old.update(values))
 
 
 def drop_column(root: Path) -> None:
     """Write a file without a column that names its rows, whose marker agrees."""
     pq.write_table(pq.ParquetFile(root / part("imu")).read().drop_columns(["sensor"]), root / part("imu"))
-    agree(root, "imu")
+    agree(root)
 
 
 @pytest.mark.parametrize(
     ("damage", "kind", "named"),
     [
-        (lambda root: edit_bytes(root / part("lidar", "rainy"), flip_byte), "sha256", part("lidar", "rainy")),
+        (edited(part("lidar", "rainy"), flip_byte), "sha256", part("lidar", "rainy")),
         (lambda root: drop_files(root, "*/*/weather=rainy/part-000002.parquet", RAINY), "missing", RAINY),
-        (lambda root: drop_files(root, f"_shards/{SCENARIO}.json"), "missing", f"_shards/{SCENARIO}.json"),
-        (
-            lambda root: rewrite(root, part("poses"), lambda rows: pa.concat_tables([rows, rows.slice(3, 1)])),
-            "duplicate",
-            part("poses"),
-        ),
-        (lambda root: edit_json(root / SUNNY, lambda content: content.update(frame_end=3)), "duplicate", LAST),
+        (lambda root: drop_files(root, STATIC), "missing", STATIC),
+        (rewritten("poses", lambda rows: pa.concat_tables([rows, rows.slice(3, 1)])), "duplicate", part("poses")),
+        (edited(SUNNY, frame_end=3), "duplicate", LAST),
         (lambda root: shutil.copy(root / part("poses"), root / MINE), "foreign", MINE),
         (lambda root: (root / "lidar" / "notes.txt").write_text("mine"), "foreign", "lidar/notes.txt"),
         (add_shard, "foreign", FOREIGN),
-        (
-            lambda root: edit_json(root / "dataset.json", lambda content: content.update(schema_version="9.0")),
-            "schema",
-            "dataset.json",
-        ),
-        (
-            lambda root: rewrite(root, part("imu"), lambda rows: rows, {"mmw.schema_version": "9.0"}),
-            "schema",
-            part("imu"),
-        ),
-        (
-            lambda root: rewrite(root, part("imu"), lambda rows: rows.append_column("new", rows.column("ax"))),
-            "schema",
-            part("imu"),
-        ),
-        (
-            lambda root: edit_bytes(root / "config.yaml", lambda data: data.replace(b"seed: 42", b"seed: 43")),
-            "config",
-            "config.yaml",
-        ),
-        (
-            lambda root: edit_json(root / "dataset.json", lambda content: content["config"].update(seed=43)),
-            "config",
-            "dataset.json",
-        ),
+        (edited("dataset.json", schema_version="9.0"), "schema", "dataset.json"),
+        (rewritten("imu", lambda rows: rows, {"mmw.schema_version": "9.0"}), "schema", part("imu")),
+        (rewritten("imu", lambda rows: rows.append_column("new", rows.column("ax"))), "schema", part("imu")),
+        (edited("config.yaml", lambda data: data.replace(b"seed: 42", b"seed: 43")), "config", "config.yaml"),
+        (edited("dataset.json", lambda data: data.replace(b'"seed": 42', b'"seed": 43')), "config", "dataset.json"),
         (lambda root: (root / "config.yaml").unlink(), "config", "config.yaml"),
         (lambda root: truncate(root, is_agreed=False), "size", part("depth")),
         (lambda root: truncate(root, is_agreed=True), "parquet", part("depth")),
-        (lambda root: edit_bytes(root / LAST, lambda data: data[:300]), "marker", LAST),
-        (lambda root: (root / LAST).write_text('{"files": [{"name": "a"}]}'), "marker", LAST),
-        (
-            lambda root: edit_bytes(root / "_manifest.parquet", lambda data: data[:500]),
-            "manifest",
-            "_manifest.parquet",
-        ),
+        (edited(LAST, lambda data: data[:300]), "marker", LAST),
+        (edited(LAST, lambda data: b'{"files": [{"name": "a"}]}'), "marker", LAST),
+        (edited("_manifest.parquet", lambda data: data[:500]), "manifest", "_manifest.parquet"),
         (lambda root: change(root, "frames", "frame", lambda frame: frame + 2), "key", part("frames")),
-        (slice_rows("lidar", 1), "count", part("lidar")),
+        (rewritten("lidar", lambda rows: rows.slice(1)), "count", part("lidar")),
         (drop_column, "count", part("imu")),
         (lambda root: truncate(root, is_agreed=True), "count", part("depth")),
-        (
-            lambda root: rewrite(root, part("segmentation"), lambda rows: rows.slice(0, 1)),
-            "count",
-            part("segmentation"),
-        ),
-        (slice_rows("paths", 1), "count", part("paths")),
+        (rewritten("segmentation", lambda rows: rows.slice(0, 1)), "count", part("segmentation")),
+        (rewritten("paths", lambda rows: rows.slice(1)), "count", part("paths")),
     ],
 )
 def test_damage_is_found_and_named(
@@ -217,10 +168,8 @@ def block_lasers(root: Path) -> None:
 
 
 def test_what_a_depth_image_says_of_a_line() -> None:
-    depth, mount = (
-        np.full((120, 160), 50.0),
-        {"fx": 56.0, "fy": 56.0, "cx": 80.0, "cy": 60.0, "width": 160, "height": 120},
-    )
+    depth = np.full((120, 160), 50.0)
+    mount = {"fx": 56.0, "fy": 56.0, "cx": 80.0, "cy": 60.0, "width": 160, "height": 120}
     assert _in_depth(depth, mount, np.array([20.0, 5.0, 1.0])) is True
     assert _in_depth(depth, mount, np.array([80.0, 5.0, 1.0])) is False
     for untold in ([50.4, 0.0, 0.0], [20.0, 40.0, 0.0], [-20.0, 0.0, 0.0]):  # at the wall, beside, behind

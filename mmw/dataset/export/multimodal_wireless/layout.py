@@ -5,7 +5,7 @@
         rsu_1/000000.yaml .pcd _camera0.png _depth_camera0.png .json (radar)
         scenes/000000.yaml                                      every vehicle
         Nt_64_Nr_16_fc_28GHz/cav_1/000000_paths.npz             from rsu_1; see
-        `mmw.dataset.export.multimodal_wireless.channel`
+        `mmw.dataset.export.multimodal_wireless.path_files`
         Nt_64_Nr_16_fc_28GHz/cav_1/cav_2/000000_paths.npz       V2V, cav_1 transmits
 
 Frames are numbered as in the dataset. Coordinates are CARLA's: left-handed, y to the right, degrees. Point clouds are
@@ -32,11 +32,12 @@ from mmw.core.transforms import quaternion_to_ypr, transform_points
 from mmw.dataset import Dataset
 from mmw.dataset.export.carla_frames import carla_point, carla_pose
 from mmw.dataset.export.exporter import Format, Option, Options, Part, Selection, Task, parts, require
-from mmw.dataset.export.multimodal_wireless.channel import array_pairs, write_channels
+from mmw.dataset.export.multimodal_wireless.path_files import array_pairs, write_channels
 from mmw.dataset.export.pcd import intensity_pcd
 from mmw.dataset.export.read_sensors import (
     PEOPLE,
     Block,
+    Row,
     Sensor,
     box_pose,
     by_frame,
@@ -48,7 +49,7 @@ from mmw.dataset.export.read_sensors import (
 )
 from mmw.dataset.export.write_files import png_of, write_yaml
 from mmw.storage.codecs.carla_depth import encode_bgra, encode_log_grey
-from mmw.storage.codecs.images import decode_depth
+from mmw.storage.codecs.images import decode_metres
 
 CAMERA_YAW = (0.0, np.pi, np.pi / 2, -np.pi / 2)
 """Yaw of the published cameras 0 to 3 of a CAV [rad]: front, rear, left, right."""
@@ -103,7 +104,7 @@ def write_sensors(block: Block, agents: Sequence[str], folder: str, options: Opt
         )
     for agent in agents:
         (root / agent).mkdir()
-        own = {name: sensor for (owner, name), sensor in sensors.items() if owner == agent}
+        own = sensors[agent]
         cameras = camera_numbers(own)
         depths = {sensor.name: k for k, sensor in enumerate(s for s in own.values() if s.type == "depth")}
         units = [(frame, row) for (frame, name), row in poses.items() if name == agent]
@@ -144,9 +145,8 @@ def _write_files(
 ) -> None:  # fmt: skip
     """Write the point clouds, images and radar samples of one agent."""
     tables, agent = block.dataset.tables, str(block.agent)
-    place = {(agent, name): sensor for name, sensor in own.items()}
     if "lidar" in tables and any(sensor.type == "lidar" for sensor in own.values()):
-        lidar = pick_sensor(place, agent, "lidar", options["lidar"], "v1: lidar=")
+        lidar = pick_sensor(own, agent, "lidar", options["lidar"], "v1: lidar=")
         for frame, sweep in block.sweeps(lidar):
             points = np.stack([sweep["x"], -sweep["y"], sweep["z"]], axis=-1)
             (out / f"{frame:06d}.pcd").write_bytes(intensity_pcd(points, sweep["intensity"]))
@@ -155,9 +155,11 @@ def _write_files(
         path.write_bytes(png_of(row["image"]["bytes"]))
     for row in block.rows("depth", ["sensor", "image", "depth_m"]) if depths else []:
         path = out / f"{row['frame']:06d}_depth_camera{depths[row['sensor']]}.png"
-        _depth_image(row, own[row["sensor"]].size, options["depth"]).save(path)
+        depth = decode_metres(row["image"]["bytes"], row["depth_m"])
+        code = encode_log_grey(depth) if options["depth"] == "log8" else encode_bgra(depth)[..., 2::-1].copy()
+        Image.fromarray(code).save(path)
     if is_rsu and "radar" in tables and any(sensor.type == "radar" for sensor in own.values()):
-        radar = pick_sensor(place, agent, "radar", options["radar"], "v1: radar=")
+        radar = pick_sensor(own, agent, "radar", options["radar"], "v1: radar=")
         for row in block.rows("radar", ["sensor", "range", "azimuth", "elevation", "velocity"]):
             if row["sensor"] == radar.name:
                 points = zip(row["velocity"], row["azimuth"], row["elevation"], row["range"], strict=True)
@@ -166,12 +168,7 @@ def _write_files(
 
 
 def _cav(
-    row: dict[str, Any],
-    own: dict[str, Sensor],
-    cameras: dict[str, int],
-    options: Options,
-    imu: dict[str, Any] | None,
-    gnss: dict[str, Any] | None,
+    row: Row, own: dict[str, Sensor], cameras: dict[str, int], options: Options, imu: Row | None, gnss: Row | None
 ) -> dict[str, Any]:
     """Return `sensors` of a CAV."""
     pose = pose_of(row)
@@ -193,7 +190,7 @@ def _cav(
 
 
 def _rsu(
-    row: dict[str, Any], own: dict[str, Sensor], cameras: dict[str, int], depths: dict[str, int], options: Options
+    row: Row, own: dict[str, Sensor], cameras: dict[str, int], depths: dict[str, int], options: Options
 ) -> dict[str, Any]:
     """Return `sensors` of a roadside unit."""
     pose = pose_of(row)
@@ -211,17 +208,14 @@ def _rsu(
 
 def _lidar_pose(pose: np.ndarray, own: dict[str, Sensor], options: Options) -> np.ndarray:
     """Return the pose of the LiDAR in the world; without one, the antenna, which the published arrays share."""
-    kinds = {sensor.type for sensor in own.values()}
-    kind = "lidar" if "lidar" in kinds else "antenna"
-    if kind not in kinds:
-        return pose
-    place = {(sensor.agent, name): sensor for name, sensor in own.items()}
-    agent = next(iter(place))[0]
-    name = options["lidar"] if kind == "lidar" else ""
-    return sensor_to_world(pose, pick_sensor(place, agent, kind, name, f"v1: {kind}="))
+    agents = {sensor.type: sensor.agent for sensor in own.values()}
+    for kind, name in (("lidar", options["lidar"]), ("antenna", "")):
+        if kind in agents:
+            return sensor_to_world(pose, pick_sensor(own, agents[kind], kind, name, f"v1: {kind}="))
+    return pose
 
 
-def _imu(row: dict[str, Any] | None) -> dict[str, Any]:
+def _imu(row: Row | None) -> dict[str, Any]:
     """Return an IMU sample in CARLA's axes: y to the right, rates by the left hand."""
     if row is None:
         return NO_IMU | {"data_missing": True}
@@ -231,7 +225,7 @@ def _imu(row: dict[str, Any] | None) -> dict[str, Any]:
     return {"accelerometer": _xyz(force), "gyroscope": _xyz(rate), "compass": row["compass"]}
 
 
-def _near(row: dict[str, Any], boxes: list[dict[str, Any]], rsus: list[dict[str, Any]]) -> dict[int, Any]:
+def _near(row: Row, boxes: list[Row], rsus: list[Row]) -> dict[int, Any]:
     """Return the vehicles and roadside units around a CAV; roadside units are 0, -1, ..."""
     place, found = np.array([row[axis] for axis in "xyz"]), {}
     for number, rsu in enumerate(rsus):
@@ -262,7 +256,7 @@ def _actor(kind: str, color: str, pose: np.ndarray, center: np.ndarray, extent: 
     }
 
 
-def _scene(boxes: list[dict[str, Any]], is_scene: bool) -> list[dict[str, Any]]:
+def _scene(boxes: list[Row], is_scene: bool) -> list[dict[str, Any]]:
     """Return every vehicle as `scenes` lists it, or as a roadside unit does."""
     result = []
     for box in boxes:
@@ -273,12 +267,12 @@ def _scene(boxes: list[dict[str, Any]], is_scene: bool) -> list[dict[str, Any]]:
     return result
 
 
-def _floor(box: dict[str, Any]) -> np.ndarray:
+def _floor(box: Row) -> np.ndarray:
     """Return the center of the floor of a box, world frame [m], shape [3]."""
     return transform_points(box_pose(box), [0.0, 0.0, -box["height"] / 2])
 
 
-def _speed(box: dict[str, Any]) -> float:
+def _speed(box: Row) -> float:
     return float(np.linalg.norm([box["vx"], box["vy"], box["vz"]]))
 
 
@@ -294,13 +288,6 @@ def _transform(pose: np.ndarray) -> dict[str, dict[str, float]]:
 
 def _xyz(values: Any) -> dict[str, float]:
     return {axis: float(value) for axis, value in zip("xyz", values, strict=True)}
-
-
-def _depth_image(row: dict[str, Any], size: tuple[int, int], code: str) -> Image.Image:
-    """Return depth as an image: CARLA's logarithmic gray, or its 24 bits."""
-    depth = np.reshape(row["depth_m"], size[::-1]) if row["depth_m"] else decode_depth(row["image"]["bytes"])
-    depth = np.where(depth > 0, depth, np.inf)
-    return Image.fromarray(encode_log_grey(depth) if code == "log8" else encode_bgra(depth)[..., 2::-1].copy())
 
 
 FORMAT = Format(

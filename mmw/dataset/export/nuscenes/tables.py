@@ -17,7 +17,7 @@ from mmw.core.errors import InputError
 from mmw.core.transforms import compose, quaternion_from_ypr
 from mmw.dataset import Dataset
 from mmw.dataset.export.pinhole import OPTICAL_POSE
-from mmw.dataset.export.read_sensors import Block, Sensor
+from mmw.dataset.export.read_sensors import Block, Row, Sensor
 from mmw.dataset.export.write_files import write_file
 
 VERSION = "v1.0-mmw"
@@ -46,6 +46,7 @@ Tables = dict[str, dict[str, dict[str, Any]]]
 class Scene:
     """One agent of a scenario in one weather."""
 
+    dataset: Dataset
     scenario: str
     weather: str
     agent: str
@@ -69,13 +70,17 @@ class Scene:
         folder = "samples" if frame in self.samples else "sweeps"
         return f"{folder}/{channel}/{self.name}__{channel}__{self.time_us(frame)}.{suffix}"
 
-    def block(self, dataset: Dataset, frames: Sequence[int]) -> Block:
+    def block(self, frames: Sequence[int]) -> Block:
         """Return a reader of the agent's rows in some frames."""
-        return Block(dataset, self.scenario, self.weather, frames, self.agent)
+        return Block(self.dataset, self.scenario, self.weather, frames, self.agent)
 
     def time_us(self, frame: int) -> int:
         """Return the time of a frame [us]."""
         return self.begin_us + frame * FRAME_US
+
+    def token(self, kind: str, *keys: Any) -> str:
+        """Return the token of a row of the scene."""
+        return token(self.dataset, kind, self.name, *keys)
 
 
 def channel_of(camera: str) -> str:
@@ -89,21 +94,21 @@ def token(dataset: Dataset, *keys: Any) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:32]
 
 
-def suffix_of(row: dict[str, Any]) -> str:
+def suffix_of(row: Row) -> str:
     """Return the ending of the image of a row of `rgb`."""
     return {"jpeg": "jpg", "png": "png"}[row["format"]]
 
 
-def write_tables(dataset: Dataset, scenes: Sequence[Scene], out: Path) -> None:
+def write_tables(scenes: Sequence[Scene], out: Path) -> None:
     """Write the JSON tables and the empty maps."""
     tables: Tables = defaultdict(dict)
     for number, level, _ in (*VISIBILITY, (UNKNOWN, "unknown", 0.0)):
         tables["visibility"][number] = {"token": number, "level": level, "description": "share of the framed rectangle"}
     for scene in scenes:
-        _add_log(tables, dataset, scene)
-        _add_samples(tables, dataset, scene)
-        _add_sensor_data(tables, dataset, scene)
-        _add_annotations(tables, dataset, scene)
+        _add_log(tables, scene)
+        _add_samples(tables, scene)
+        _add_sensor_data(tables, scene)
+        _add_annotations(tables, scene)
     blank = io.BytesIO()
     Image.new("L", (8, 8)).save(blank, "PNG")
     for row in tables["map"].values():
@@ -119,7 +124,7 @@ TABLES = (
 """The thirteen tables."""
 
 
-def _json(rows: Iterable[dict[str, Any]]) -> bytes:
+def _json(rows: Iterable[Row]) -> bytes:
     """Return rows as a JSON list, one row a line."""
     return ("[\n" + ",\n".join(json.dumps(row) for row in rows) + "\n]\n").encode()
 
@@ -129,39 +134,35 @@ def _add(tables: Tables, table: str, key: str, /, **values: Any) -> dict[str, An
     return tables[table].setdefault(key, {"token": key, **values})
 
 
-def _add_log(tables: Tables, dataset: Dataset, scene: Scene) -> None:
+def _add_log(tables: Tables, scene: Scene) -> None:
     """Add the log of a scene, and the map of its town."""
-    configured = {entry["name"]: entry for entry in dataset.info["config"].get("scenarios", ())}
+    configured = {entry["name"]: entry for entry in scene.dataset.info["config"].get("scenarios", ())}
     entry = configured.get(scene.scenario, {})
     place = entry.get("town") or entry.get("stage") or scene.scenario
-    log = token(dataset, "log", scene.name)
+    log = scene.token("log")
     _add(
         tables, "log", log, logfile=scene.name, vehicle=scene.agent, location=place,
-        date_captured=dataset.info.get("created_utc", "")[:10],
+        date_captured=scene.dataset.info.get("created_utc", "")[:10],
     )  # fmt: skip
-    name = token(dataset, "map", place)
+    name = token(scene.dataset, "map", place)
     chart = _add(tables, "map", name, category="semantic_prior", filename=f"maps/{name}.png", log_tokens=[])
     chart["log_tokens"].append(log)
 
 
-def _add_samples(tables: Tables, dataset: Dataset, scene: Scene) -> None:
+def _add_samples(tables: Tables, scene: Scene) -> None:
     """Add a scene and its samples."""
-    names = [_sample(dataset, scene, frame) for frame in scene.samples]
+    names = [scene.token("sample", frame) for frame in scene.samples]
     _add(
-        tables, "scene", token(dataset, "scene", scene.name), log_token=token(dataset, "log", scene.name),
+        tables, "scene", scene.token("scene"), log_token=scene.token("log"),
         nbr_samples=len(names), first_sample_token=names[0], last_sample_token=names[-1], name=scene.name,
         description=f"{scene.scenario}, {scene.weather}, seen by {scene.agent}", mmw_scenario=scene.scenario,
         mmw_weather=scene.weather, mmw_agent=scene.agent,
     )  # fmt: skip
     for index, (frame, name) in enumerate(zip(scene.samples, names, strict=True)):
         _add(
-            tables, "sample", name, timestamp=scene.time_us(frame), scene_token=token(dataset, "scene", scene.name),
+            tables, "sample", name, timestamp=scene.time_us(frame), scene_token=scene.token("scene"),
             **_neighbors(names, index), mmw_frame=frame,
         )  # fmt: skip
-
-
-def _sample(dataset: Dataset, scene: Scene, frame: int) -> str:
-    return token(dataset, "sample", scene.name, frame)
 
 
 def _neighbors(names: Sequence[str], index: int) -> dict[str, str]:
@@ -178,12 +179,12 @@ def _nearest(samples: Sequence[int], frame: int) -> int:
     return samples[left] if abs(frame - samples[left]) < abs(samples[right] - frame) else samples[right]
 
 
-def _add_sensor_data(tables: Tables, dataset: Dataset, scene: Scene) -> None:
+def _add_sensor_data(tables: Tables, scene: Scene) -> None:
     """Add the sensors of a scene, the poses of its agent, and one row a file."""
-    block = scene.block(dataset, scene.frames)
+    block = scene.block(scene.frames)
     for row in block.rows("poses"):
         _add(
-            tables, "ego_pose", token(dataset, "ego_pose", scene.name, row["frame"]),
+            tables, "ego_pose", scene.token("ego_pose", row["frame"]),
             timestamp=scene.time_us(row["frame"]), rotation=[row[name] for name in ("qw", "qx", "qy", "qz")],
             translation=[row[name] for name in "xyz"],
         )  # fmt: skip
@@ -193,10 +194,10 @@ def _add_sensor_data(tables: Tables, dataset: Dataset, scene: Scene) -> None:
     channels = {LIDAR: scene.lidar, **{channel_of(name): camera for name, camera in scene.cameras.items()}}
     for channel, sensor in channels.items():
         modality = "camera" if sensor.intrinsic is not None else "lidar"
-        kind = token(dataset, "sensor", channel)
+        kind = token(scene.dataset, "sensor", channel)
         _add(tables, "sensor", kind, channel=channel, modality=modality)
         mount = compose(sensor.mount, OPTICAL_POSE) if modality == "camera" else sensor.mount
-        calibration = token(dataset, "calibrated_sensor", scene.scenario, scene.agent, sensor.name)
+        calibration = token(scene.dataset, "calibrated_sensor", scene.scenario, scene.agent, sensor.name)
         _add(
             tables, "calibrated_sensor", calibration, sensor_token=kind, translation=mount[:3].tolist(),
             rotation=mount[[6, 3, 4, 5]].tolist(),
@@ -204,13 +205,13 @@ def _add_sensor_data(tables: Tables, dataset: Dataset, scene: Scene) -> None:
             mmw_sensor=sensor.name, mmw_lens=sensor.lens, mmw_coefficients=list(sensor.coefficients),
         )  # fmt: skip
         there = sorted(files.get(channel, {}))
-        names = [token(dataset, "sample_data", scene.name, channel, frame) for frame in there]
+        names = [scene.token("sample_data", channel, frame) for frame in there]
         width, height = sensor.size
         for index, (frame, name) in enumerate(zip(there, names, strict=True)):
             suffix = files[channel][frame]
             _add(
-                tables, "sample_data", name, sample_token=_sample(dataset, scene, _nearest(scene.samples, frame)),
-                ego_pose_token=token(dataset, "ego_pose", scene.name, frame), calibrated_sensor_token=calibration,
+                tables, "sample_data", name, sample_token=scene.token("sample", _nearest(scene.samples, frame)),
+                ego_pose_token=scene.token("ego_pose", frame), calibrated_sensor_token=calibration,
                 timestamp=scene.time_us(frame), fileformat=suffix.split(".")[0], is_key_frame=frame in scene.samples,
                 height=height, width=width, filename=scene.file(channel, frame, suffix), **_neighbors(names, index),
             )  # fmt: skip
@@ -231,16 +232,16 @@ def _swept(block: Block, scene: Scene) -> set[int]:
     return frames
 
 
-def _add_annotations(tables: Tables, dataset: Dataset, scene: Scene) -> None:
+def _add_annotations(tables: Tables, scene: Scene) -> None:
     """Add what the sensors of a scene's agent have something of in each sample, chained by object."""
-    block = scene.block(dataset, scene.samples)
+    block = scene.block(scene.samples)
     points: dict[tuple[int, int], np.ndarray] = {}
     columns = ("lidar_points", "radar_points", "pixels")
     for row in block.rows("box_visibility", ["object_id", *columns]):
         counts = np.array([row[name] or 0 for name in columns])
         points[row["frame"], row["object_id"]] = points.get((row["frame"], row["object_id"]), 0) + counts
     shares = _visible_shares(block, scene)
-    own = {row["object_id"] for row in scene.block(dataset, scene.samples[:1]).rows("poses")}
+    own = {row["object_id"] for row in scene.block(scene.samples[:1]).rows("poses")}
     chains: dict[int, list[str]] = defaultdict(list)
     boxes = block.boxes()
     for frame in scene.samples:
@@ -249,42 +250,38 @@ def _add_annotations(tables: Tables, dataset: Dataset, scene: Scene) -> None:
             lidar, radar, pixels = points.get((frame, number), (0, 0, 0))
             if number in own or lidar + radar + pixels == 0:
                 continue
-            name = token(dataset, "sample_annotation", scene.name, frame, number)
+            name = scene.token("sample_annotation", frame, number)
             x, y, z, w = quaternion_from_ypr(box["yaw"], box["pitch"], box["roll"]).tolist()
             _add(
-                tables, "sample_annotation", name, sample_token=_sample(dataset, scene, frame),
-                instance_token=_instance(dataset, scene, number), visibility_token=_level(shares.get((frame, number))),
-                attribute_tokens=_attributes(tables, dataset, box), translation=[box["x"], box["y"], box["z"]],
+                tables, "sample_annotation", name, sample_token=scene.token("sample", frame),
+                instance_token=scene.token("instance", number), visibility_token=_level(shares.get((frame, number))),
+                attribute_tokens=_attributes(tables, scene.dataset, box), translation=[box["x"], box["y"], box["z"]],
                 size=[box["width"], box["length"], box["height"]], rotation=[w, x, y, z], prev="", next="",
                 num_lidar_pts=int(lidar), num_radar_pts=int(radar),
             )  # fmt: skip
             if not chains[number]:
-                _add_instance(tables, dataset, scene, box)
+                _add_instance(tables, scene, box)
             chains[number].append(name)
     for number, names in chains.items():
         for index, name in enumerate(names):
             tables["sample_annotation"][name].update(_neighbors(names, index))
-        tables["instance"][_instance(dataset, scene, number)].update(
+        tables["instance"][scene.token("instance", number)].update(
             nbr_annotations=len(names), first_annotation_token=names[0], last_annotation_token=names[-1]
         )
 
 
-def _instance(dataset: Dataset, scene: Scene, number: int) -> str:
-    return token(dataset, "instance", scene.name, number)
-
-
-def _add_instance(tables: Tables, dataset: Dataset, scene: Scene, box: dict[str, Any]) -> None:
+def _add_instance(tables: Tables, scene: Scene, box: Row) -> None:
     """Add an object of a scene, and its category."""
     name = CATEGORIES.get(box["category"], f"movable_object.{box['category']}")
-    category = token(dataset, "category", name)
+    category = token(scene.dataset, "category", name)
     _add(tables, "category", category, name=name, description=f"label {box['category']} of the dataset")
     _add(
-        tables, "instance", _instance(dataset, scene, box["object_id"]), category_token=category, nbr_annotations=0,
+        tables, "instance", scene.token("instance", box["object_id"]), category_token=category, nbr_annotations=0,
         first_annotation_token="", last_annotation_token="", mmw_object_id=box["object_id"],
     )  # fmt: skip
 
 
-def _attributes(tables: Tables, dataset: Dataset, box: dict[str, Any]) -> list[str]:
+def _attributes(tables: Tables, dataset: Dataset, box: Row) -> list[str]:
     """Return the attribute of a box: moving, or standing."""
     moves = np.linalg.norm([box["vx"], box["vy"], box["vz"]]) >= MOVING_M_S
     kind = "pedestrian" if box["category"] in ("pedestrian", "rider") else "vehicle"

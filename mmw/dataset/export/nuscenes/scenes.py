@@ -73,15 +73,16 @@ def plan(dataset: Dataset, selection: Selection, options: Options) -> list[Task]
         sensors = sensors_of(dataset, part.scenario)
         frames = tuple(sorted({*part.frames, *between.get((part.scenario, part.weather), ())}))
         for index, agent in enumerate(part.agents):
-            lidar = pick_sensor(sensors, agent, "lidar", options["lidar"], "nuscenes: lidar=")
-            cameras = {name: one for (owner, name), one in sensors.items() if owner == agent and one.type == "rgb"}
+            lidar = pick_sensor(sensors[agent], agent, "lidar", options["lidar"], "nuscenes: lidar=")
+            cameras = {name: sensor for name, sensor in sensors[agent].items() if sensor.type == "rgb"}
             scene = Scene(
-                part.scenario, part.weather, agent, part.frames, frames, lidar, cameras, number * SPACING_US + index
-            )
+                dataset, part.scenario, part.weather, agent, part.frames, frames, lidar, cameras,
+                number * SPACING_US + index,
+            )  # fmt: skip
             scenes.append(scene)
-            for block in scene.block(dataset, frames).split():
+            for block in scene.block(frames).split():
                 tasks.append(Task(f"{scene.name}_{block.frames[0]:06d}", partial(_write, block, scene)))
-    return [*tasks, Task("tables", partial(write_tables, dataset, scenes))]
+    return [*tasks, Task("tables", partial(write_tables, scenes))]
 
 
 def _write(block: Block, scene: Scene, out: Path) -> None:
