@@ -13,7 +13,7 @@ from mmw.core.errors import InputError
 from mmw.core.registry import load_reference
 from mmw.generation.estimate import check_inputs
 from mmw.traffic.engine import SteppedTraffic, simulate_traffic
-from mmw.traffic.idm.run import record_steps, start_idm
+from mmw.traffic.idm.simulation import record_steps, start_idm
 from tests.fixtures.traffic_towns import crossroad, demand
 
 CONVOY = '''

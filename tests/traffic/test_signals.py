@@ -9,7 +9,7 @@ import pytest
 from mmw.core.transforms import quaternion_to_ypr
 from mmw.traffic.demand import TrafficResult
 from mmw.traffic.idm.junctions import ConflictTable
-from mmw.traffic.idm.run import simulate_idm
+from mmw.traffic.idm.simulation import simulate_idm
 from mmw.traffic.roads.lane_graph import LaneGraph
 from mmw.traffic.signals import ALL_RED, GREEN, make_plans, must_stop, signal_states, turns_left
 from mmw.traffic.vehicle_pose import directions, make_shape

@@ -22,7 +22,7 @@ from mmw.traffic.idm.lane_change import (
     blend_share,
     blend_time,
 )
-from mmw.traffic.idm.run import record_steps, simulate_idm
+from mmw.traffic.idm.simulation import record_steps, simulate_idm
 from mmw.traffic.idm.vehicle import Car, Plan
 from mmw.traffic.roads.lane_graph import Lane, LaneGraph
 from mmw.traffic.spawn import DRIVER_FACTOR, SpawnPoint, Start

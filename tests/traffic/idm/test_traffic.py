@@ -9,7 +9,7 @@ from mmw.config import TrafficConfig
 from mmw.core.transforms import conjugate, rotate
 from mmw.traffic.demand import VehicleTrack
 from mmw.traffic.idm.junctions import ConflictTable, Passage, Request, Reservation, boxes_overlap, grant_requests
-from mmw.traffic.idm.run import simulate_idm
+from mmw.traffic.idm.simulation import simulate_idm
 from mmw.traffic.idm.wait_causes import find_causes
 from mmw.traffic.roads.lane_graph import Lane, LaneGraph
 from mmw.traffic.route import choose_lanes, endless_lanes

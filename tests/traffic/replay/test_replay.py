@@ -18,9 +18,9 @@ from mmw.dataset import open_dataset
 from mmw.traffic.demand import TrafficDemand, VehicleTrack
 from mmw.traffic.engine import simulate_traffic
 from mmw.traffic.ground_height import Ground
-from mmw.traffic.replay.engine import choose_model, replay_table
 from mmw.traffic.replay.path_fit import fill_stations, fit_path
 from mmw.traffic.replay.poses import replay
+from mmw.traffic.replay.recorded_vehicles import choose_model, replay_table
 from mmw.traffic.replay.road_level import Decks
 from mmw.traffic.replay.trajectory_table import REFERENCES, Trajectory, read_trajectories
 from mmw.traffic.roads.lane_graph import LaneGraph

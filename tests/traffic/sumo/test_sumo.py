@@ -16,10 +16,10 @@ from mmw.generation.estimate import check_inputs
 from mmw.traffic.demand import TrafficDemand, VehicleTrack
 from mmw.traffic.roads.lane_graph import Lane, LaneGraph
 from mmw.traffic.roads.town_asset import open_town
-from mmw.traffic.sumo import engine as sumo
-from mmw.traffic.sumo.engine import simulate_sumo
+from mmw.traffic.sumo import simulation as sumo
 from mmw.traffic.sumo.network import SumoNetwork, make_network
 from mmw.traffic.sumo.routes import lane_limits
+from mmw.traffic.sumo.simulation import simulate_sumo
 from tests.fixtures.traffic_measures import measure
 from tests.fixtures.traffic_towns import CATALOG, arc, crossroad, demand, hill, make_town, roundabout, surface
 

@@ -8,7 +8,7 @@ import pytest
 import shapely
 
 from mmw.core.mesh import merge, separate
-from mmw.traffic.idm.run import simulate_idm
+from mmw.traffic.idm.simulation import simulate_idm
 from mmw.worlds.towns.checks import overlap_gaps
 from mmw.worlds.towns.mesh_part import MeshPart
 from mmw.worlds.towns.network import RoadNetwork

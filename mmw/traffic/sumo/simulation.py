@@ -16,7 +16,7 @@ from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.errors import InputError, MissingPackageError
 from mmw.traffic.demand import TrafficDemand, TrafficResult
 from mmw.traffic.idm.driver import ACCELERATION, BRAKING, HARDEST_BRAKING, STANDSTILL_GAP, STEP
-from mmw.traffic.replay.engine import place_vehicles
+from mmw.traffic.replay.recorded_vehicles import place_vehicles
 from mmw.traffic.replay.trajectory_table import Trajectory
 from mmw.traffic.roads.lane_graph import LaneGraph
 from mmw.traffic.route import PATH_STEP
