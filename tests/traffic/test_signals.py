@@ -16,9 +16,8 @@ from mmw.traffic.vehicle_pose import directions, make_shape
 from mmw.worlds.towns.description import TownDescription
 from mmw.worlds.towns.signal_phases import assign_phases
 from tests.fixtures.traffic_measures import measure
-from tests.fixtures.traffic_towns import CATALOG, crossroad, demand, surface, with_lights
+from tests.fixtures.traffic_towns import CATALOG, SEDAN, crossroad, demand, surface, with_lights
 
-SEDAN = make_shape(CATALOG["sedan"])
 PHASES = {"r0": "a", "r2": "a", "r1": "b", "r3": "b"}
 
 

@@ -16,9 +16,8 @@ from mmw.traffic.route import choose_lanes, endless_lanes
 from mmw.traffic.spawn import connected_ranks, nearest_points, spawn_points
 from mmw.traffic.vehicle_pose import make_shape
 from tests.fixtures.traffic_measures import measure, min_gap
-from tests.fixtures.traffic_towns import CATALOG, crossroad, demand, flat, grid, hill, roundabout, surface
+from tests.fixtures.traffic_towns import CATALOG, SEDAN, crossroad, demand, flat, grid, hill, roundabout, surface
 
-SEDAN = make_shape(CATALOG["sedan"])
 TRUCK = make_shape(CATALOG["box_truck"])
 
 

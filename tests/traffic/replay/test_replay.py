@@ -25,20 +25,14 @@ from mmw.traffic.replay.road_level import Decks
 from mmw.traffic.replay.trajectory_table import REFERENCES, Trajectory, read_trajectories
 from mmw.traffic.roads.lane_graph import LaneGraph
 from mmw.traffic.roads.town_asset import open_town
-from mmw.traffic.vehicle_pose import Shape, make_shape
-from tests.fixtures.traffic_towns import CATALOG, demand
-
-SEDAN = make_shape(CATALOG["sedan"])
+from mmw.traffic.vehicle_pose import Shape
+from tests.fixtures.traffic_towns import CATALOG, SEDAN, Height, demand, flat, height_field
 
 
-def plane(height=lambda x, y: 0.0 * x, half: float = 120.0, step: float = 2.0) -> tuple[np.ndarray, np.ndarray]:
+def plane(height: Height = flat, half: float = 120.0) -> tuple[np.ndarray, np.ndarray]:
     """Return a square height field around the origin: vertices and triangles."""
-    side = np.arange(-half, half + step, step)
-    x, y = np.meshgrid(side, side, indexing="ij")
-    n = len(side)
-    a = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
-    faces = np.concatenate([np.stack([a, a + n, a + n + 1], 1), np.stack([a, a + n + 1, a + 1], 1)])
-    return np.column_stack([x.ravel(), y.ravel(), np.asarray(height(x, y)).ravel()]), faces
+    side = np.arange(-half, half + 2.0, 2.0)
+    return height_field(side, side, height)
 
 
 def decks(*surfaces: tuple[np.ndarray, np.ndarray]) -> Decks:
