@@ -8,7 +8,7 @@ from mmw.core.bvh import LEAF_FACES_CUDA, build_bvhs, build_tree
 from mmw.core.bvh_kind import kind_to_build
 from mmw.kernels.core import bvh as tree
 from tests.fixtures.device_rays import grid, soup
-from tests.fixtures.launches import launch, vectors
+from tests.fixtures.kernels import launched
 from tests.oracles.tracing import triangle_hits
 
 MISS = -1
@@ -36,8 +36,7 @@ def cast_kernel(
 def cast(device: str, trees: tree.Tree, root: int, origin, direction, t_max: float = 1e4):
     """Return distances, faces and whether anything is met, of rays that broadcast."""
     origin, direction = np.broadcast_arrays(np.atleast_2d(origin), np.atleast_2d(direction))
-    inputs = [trees, root, vectors(origin, device), vectors(direction, device), t_max]
-    t, face, is_met = launch(cast_kernel, len(origin), inputs, (float, int, wp.bool), device)
+    t, face, is_met = launched(cast_kernel, len(origin), [trees, root, origin, direction, t_max], device)
     np.testing.assert_array_equal(is_met, face >= 0)
     np.testing.assert_array_equal(t[face < 0], np.float32(t_max))
     return t, face

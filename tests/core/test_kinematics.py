@@ -26,7 +26,7 @@ from mmw.scene.scene_data import Prototype, SceneData
 from mmw.scene.views import make_views, view_twists
 from mmw.sensors import DepthCamera
 from tests.fixtures.device_rays import loaded
-from tests.fixtures.launches import launch, vectors
+from tests.fixtures.kernels import launched
 from tests.fixtures.scenes import ABSENT, IDENTITY_POSE, arrays_from_parts, box_model, ground_part, moving_poses
 
 FRAMES = 7
@@ -69,12 +69,9 @@ def surface_velocities(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the velocity of surface points at the frame, and at a time after it, each [N, 3]."""
     count = len(point)
-    integers = [
-        wp.array(np.broadcast_to(k, count).astype(np.int32), device=scene.device) for k in (batch_index, instance, face)
-    ]
-    offsets = wp.array(np.broadcast_to(time_offset, count).astype(np.float32), dtype=float, device=scene.device)
-    inputs = [scene.struct, *integers, vectors(point - scene.origin, scene.device), offsets]
-    return tuple(launch(velocity_kernel, count, inputs, (wp.vec3, wp.vec3), scene.device))
+    integers = [np.broadcast_to(k, count) for k in (batch_index, instance, face)]
+    inputs = [scene.struct, *integers, point - scene.origin, np.broadcast_to(time_offset, count)]
+    return tuple(launched(velocity_kernel, count, inputs, scene.device))
 
 
 def turning_boxes(seed: int = 0, count: int = 6) -> tuple[SceneData, np.ndarray, np.ndarray, np.ndarray]:
@@ -149,12 +146,7 @@ def test_moved_pose_is_the_exponential(device: str) -> None:
     rate[20:30] = 0.0
     time = rng.uniform(-0.1, 0.1, count)
     time[::7] = 0.0
-    inputs = [
-        wp.array(poses.astype(np.float32), dtype=wp.transformf, device=device),
-        *(vectors(values, device) for values in (velocity, rate)),
-        wp.array(time.astype(np.float32), dtype=float, device=device),
-    ]
-    (found,) = launch(moved_pose_kernel, count, inputs, [wp.transformf], device)
+    (found,) = launched(moved_pose_kernel, count, [poses, velocity, rate, time], device)
     turned = multiply(quaternion_exp(rate * time[:, None]), poses[:, 3:])
     np.testing.assert_allclose(found, make_pose(poses[:, :3] + velocity * time[:, None], turned), atol=1e-5)
     np.testing.assert_array_equal(found[::7], poses.astype(np.float32)[::7])

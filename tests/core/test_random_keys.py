@@ -5,7 +5,7 @@ import warp as wp
 
 from mmw.core.random_keys import random_key, random_keys
 from mmw.kernels.core import noise
-from tests.fixtures.launches import launch
+from tests.fixtures.kernels import launched
 
 COUNT = 1 << 18
 
@@ -26,7 +26,7 @@ def draw_kernel(
 
 
 def draws(device: str, key: tuple[int, int], draw: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    return tuple(launch(draw_kernel, COUNT, [wp.vec2ui(*key), draw], (wp.vec4ui, wp.vec4, wp.vec2), device))
+    return tuple(launched(draw_kernel, COUNT, [wp.vec2ui(*key), draw], device))
 
 
 def pcg4d(key: tuple[int, int], item: np.ndarray, draw: int) -> np.ndarray:
