@@ -130,7 +130,7 @@ def _write_routes(
     for rank, (vehicle, speed) in enumerate(zip(vehicles, speeds, strict=True)):
         spot = network.place[vehicle.start.point.lane]
         edges = [network.place[name].edge for name in vehicle.lanes if name in network.place]
-        depart = {"depart": "0", "departLane": str(spot.index), "departPos": f"{vehicle.front * spot.scale:.3f}"}
+        depart = {"depart": "0", "departLane": str(spot.index), "departPos": f"{vehicle.bumpers[1] * spot.scale:.3f}"}
         depart |= {"departSpeed": f"{speed:.3f}", "insertionChecks": "none"}
         element = ElementTree.SubElement(root, "vehicle", depart, id=str(rank), type=f"type_{rank}")
         ElementTree.SubElement(element, "route", edges=" ".join(edges))
