@@ -10,6 +10,7 @@ from mmw.config import MountConfig
 from mmw.core.constants import FRAME_DT
 from mmw.core.kinematics import differentiate
 from mmw.core.transforms import (
+    IDENTITY_POSE,
     invert,
     make_pose,
     multiply,
@@ -27,7 +28,7 @@ from mmw.scene.views import make_views, view_twists
 from mmw.sensors import DepthCamera
 from tests.fixtures.device_rays import loaded
 from tests.fixtures.kernels import launched
-from tests.fixtures.scenes import ABSENT, IDENTITY_POSE, arrays_from_parts, box_model, ground_part, moving_poses
+from tests.fixtures.scenes import ABSENT, arrays_from_parts, box_model, ground_part, moving_poses
 
 FRAMES = 7
 

@@ -96,9 +96,8 @@ def entries(graph: LaneGraph, result: TrafficResult) -> list[tuple[int, str, int
         for connection in connections:
             if connection.name not in route:
                 continue
-            along = np.array([np.cos(connection.headings[0]), np.sin(connection.headings[0])])
-            ahead = (bumper - connection.points[0, :2]) @ along
-            aside = np.abs((bumper - connection.points[0, :2]) @ np.array([-along[1], along[0]]))
+            (along,), way = directions(connection.headings[:1]), bumper - connection.points[0, :2]
+            ahead, aside = way @ along, np.abs(way @ [-along[1], along[0]])
             crossed = (ahead[:-1] < 0) & (ahead[1:] >= 0) & (aside[1:] < 1.0) & (forward[1:] @ along > 0.9)
             found += [(vehicle, connection.name, int(frame)) for frame in np.flatnonzero(crossed)[:1]]
     return found

@@ -36,9 +36,8 @@ def bend(radius: float, angle: np.ndarray) -> Lane:
 
 def stance_on(lane: Lane, *slopes: float) -> Stance:
     """Return a sedan on a lane of a tilted plane."""
-    stance, _, why = place_on_ground(
-        follow_line(join_lanes([lane]), SEDAN), Ground(*plane(*slopes or (0.0, 0.0))), 10.0
-    )
+    ground = Ground(*plane(*slopes or (0.0, 0.0)))
+    stance, _, why = place_on_ground(follow_line(join_lanes([lane]), SEDAN), ground, 10.0)
     assert stance is not None, why
     return stance
 

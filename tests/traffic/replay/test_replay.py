@@ -9,7 +9,6 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 import pytest
-from pxr import Usd, UsdGeom, UsdSemantics
 
 from mmw.cli.run import main
 from mmw.config import TrafficConfig
@@ -26,6 +25,7 @@ from mmw.traffic.replay.trajectory_table import REFERENCES, Trajectory, read_tra
 from mmw.traffic.roads.lane_graph import LaneGraph
 from mmw.traffic.roads.town_asset import open_town
 from mmw.traffic.vehicle_pose import Shape
+from tests.fixtures.stages import add_polygons, label, new_stage
 from tests.fixtures.traffic_towns import CATALOG, SEDAN, Height, demand, flat, height_field
 
 
@@ -353,15 +353,9 @@ def test_a_users_table_becomes_a_dataset(tmp_path: Path, capsys: pytest.CaptureF
 
 
 def test_a_town_without_lanes_will_do(tmp_path: Path):
-    stage = Usd.Stage.CreateNew(str(tmp_path / "bare.usda"))
-    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
-    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
-    stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/Town").GetPrim())
-    road = UsdGeom.Mesh.Define(stage, "/Town/Road")
-    road.CreatePointsAttr([(-90, -90, 2), (90, -90, 2), (90, 90, 2), (-90, 90, 2)])
-    road.CreateFaceVertexCountsAttr([4])
-    road.CreateFaceVertexIndicesAttr([0, 1, 2, 3])
-    UsdSemantics.LabelsAPI.Apply(road.GetPrim(), "class").CreateLabelsAttr(["road"])
+    stage = new_stage(tmp_path / "bare.usda", root="/Town")
+    corners = [(-90, -90, 2), (90, -90, 2), (90, 90, 2), (-90, 90, 2)]
+    label(add_polygons(stage, "/Town/Road", corners, [[0, 1, 2, 3]]).GetPrim(), "road")
     stage.Save()
     town = open_town(tmp_path / "bare.usda")
     assert not town.lanes.lanes
