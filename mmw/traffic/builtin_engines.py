@@ -4,21 +4,21 @@ from mmw.config.traffic_engine import TrafficEngineSpec
 
 IDM = TrafficEngineSpec(
     "intelligent driver model",
-    "mmw.traffic.idm.run:simulate_idm",
+    "mmw.traffic.idm.simulation:simulate_idm",
     keys=("cav_pool", "warmup_s", "lane_changes", "signals"),
-    start="mmw.traffic.idm.run:start_idm",
+    start="mmw.traffic.idm.simulation:start_idm",
 )
 
 SUMO = TrafficEngineSpec(
     "SUMO",
-    "mmw.traffic.sumo.engine:simulate_sumo",
+    "mmw.traffic.sumo.simulation:simulate_sumo",
     keys=("cav_pool", "warmup_s", "lane_changes"),
     package="libsumo",
 )
 
 REPLAY = TrafficEngineSpec(
     "table of trajectories",
-    "mmw.traffic.replay.engine:replay_table",
+    "mmw.traffic.replay.recorded_vehicles:replay_table",
     keys=("trajectories", "cav_ids"),
     required=("trajectories",),
     needs_lanes=False,

@@ -74,6 +74,11 @@ class SpawnPoint:
     position: tuple[float, float, float]
     """World frame [m]."""
 
+    def bumpers(self, shape: Shape) -> tuple[float, float]:
+        """Return the stations of the rear and the front bumper of a vehicle that stands here [m]."""
+        half = 0.5 * shape.wheelbase
+        return self.station - half - shape.rear, self.station + half + shape.front
+
 
 def spawn_points(graph: LaneGraph, usable: frozenset[str]) -> list[SpawnPoint]:
     """Return points every 12 m along the usable lanes outside junctions, in order of lane name and station."""
@@ -179,7 +184,7 @@ class Places:
         """
         point, reason = start.point, "no model has room between its neighbours"
         for shape in draw_models(shapes, start.is_cav, start.generator):
-            span = self._span(point, shape)
+            span = point.bumpers(shape)
             if not self._fits(point.lane, span):
                 continue
             route, why = find_route(shape)
@@ -192,11 +197,6 @@ class Places:
             f"spawn point on lane {point.lane!r} at ({x:.1f}, {y:.1f}, {z:.1f}) m: {reason}; every vehicle needs a "
             "route that keeps its wheels on the road; widen the road there, or add a shorter vehicle model"
         )
-
-    def _span(self, point: SpawnPoint, shape: Shape) -> tuple[float, float]:
-        """Return the stations of both bumpers of a vehicle at a point [m]."""
-        half = 0.5 * shape.wheelbase
-        return point.station - half - shape.rear, point.station + half + shape.front
 
     def _fits(self, lane: str, span: tuple[float, float]) -> bool:
         """Return whether a stretch is clear of junctions and of the vehicles that are there already."""

@@ -36,7 +36,7 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
 @pytest.fixture(scope="module")
 def dataset(installed: dict[str, str], tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("data") / "altimeter"
-    run(installed, "-m", "mmw.run", "--config", "quickstart", *CONFIG, SENSORS, "--out", str(out), "--device", "cpu")
+    mmw(installed, "run", "--config", "quickstart", *CONFIG, SENSORS, "--out", str(out), "--device", "cpu")
     return out
 
 
@@ -49,17 +49,18 @@ def run(environment: dict[str, str], *arguments: str, code: int = 0) -> str:
     return result.stdout + result.stderr
 
 
+def mmw(environment: dict[str, str], *arguments: str, code: int = 0) -> str:
+    """Run a command of mmw with the package installed."""
+    return run(environment, "-m", "mmw", *arguments, code=code)
+
+
 def test_the_configuration_knows_its_keys(installed: dict[str, str]) -> None:
-    text = run(
-        installed, "-m", "mmw.run", "--config", "quickstart", "sensors=[{type: altimeter, rangem: 3}]", "--dry-run",
-        code=2,
-    )  # fmt: skip
+    quickstart = ("run", "--config", "quickstart", "--dry-run")
+    text = mmw(installed, *quickstart, "sensors=[{type: altimeter, rangem: 3}]", code=2)
     assert "sensors[0].rangem = 3: unknown key; did you mean `range_m`?" in text
-    text = run(installed, "-m", "mmw.run", "--config", "quickstart", *CONFIG, SENSORS, "--dry-run")
-    assert "altimeter 3" in text  # one ray for each of three vehicles
-    text = run(
-        installed, "-c", "from mmw.config.load import json_schema; import json; print(json.dumps(json_schema()))"
-    )
+    assert "altimeter 3" in mmw(installed, *quickstart, *CONFIG, SENSORS)  # one ray for each of three vehicles
+    code = "from mmw.config.load import json_schema; import json; print(json.dumps(json_schema()))"
+    text = run(installed, "-c", code)
     assert "Altimeter" in json.loads(text.splitlines()[0])["$defs"]
 
 
@@ -87,7 +88,7 @@ def test_the_dataset_reads_it(dataset: Path, installed: dict[str, str]) -> None:
 
 
 def test_verify_finds_a_removed_row(dataset: Path, installed: dict[str, str], tmp_path: Path) -> None:
-    run(installed, "-m", "mmw", "verify", str(dataset), "--rerender", "5", "--device", "cpu")
+    mmw(installed, "verify", str(dataset), "--rerender", "5", "--device", "cpu")
     damaged = tmp_path / "damaged"
     shutil.copytree(dataset, damaged)
     path = next((damaged / "altimeter").rglob("part-000002.parquet"))
@@ -100,26 +101,24 @@ def test_verify_finds_a_removed_row(dataset: Path, installed: dict[str, str], tm
                 data = path.read_bytes()
                 file.update(bytes=len(data), rows=file["rows"] - 1, sha256=hashlib.sha256(data).hexdigest())
         marker.write_text(json.dumps(content))
-    run(installed, "-m", "mmw", "finalize", str(damaged))
-    text = run(installed, "-m", "mmw", "verify", str(damaged), code=1)
+    mmw(installed, "finalize", str(damaged))
+    text = mmw(installed, "verify", str(damaged), code=1)
     assert "altimeter" in text and "rows are missing, the first frame 2, agent cav_2, sensor altimeter" in text
 
 
 def test_rows_are_regenerated(dataset: Path, installed: dict[str, str]) -> None:
-    where = ("frame=3", "weather=rainy", "agent=cav_1")
-    assert "equal" in run(
-        installed, "-m", "mmw", "regenerate", "altimeter", str(dataset), *where, "--compare", "--device", "cpu"
-    )
+    options = ("frame=3", "weather=rainy", "agent=cav_1", "--compare", "--device", "cpu")
+    assert "equal" in mmw(installed, "regenerate", "altimeter", str(dataset), *options)
 
 
 def test_it_is_a_time_series_in_viewer_report_and_figures(
     dataset: Path, installed: dict[str, str], tmp_path: Path
 ) -> None:
     """The package gives no view: its kind, `scalar`, decides."""
-    run(installed, "-m", "mmw", "report", str(dataset), "--out", str(tmp_path / "report.html"))
+    mmw(installed, "report", str(dataset), "--out", str(tmp_path / "report.html"))
     page = (tmp_path / "report.html").read_text()
     assert "Radar altimeter samples" in page and "Radar altimeter altimeter: height [m] over time" in page
-    run(installed, "-m", "mmw", "view", str(dataset), "--weather", "sunny", "--save", str(tmp_path / "view.rrd"))
+    mmw(installed, "view", str(dataset), "--weather", "sunny", "--save", str(tmp_path / "view.rrd"))
     code = (
         "import mmw\n"
         "from mmw.viz.plots import plot_readings, plot_sensor\n"

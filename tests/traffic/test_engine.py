@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mmw.config import ConfigError, TrafficConfig, load_config
+from mmw.config import ConfigError, TrafficConfig, load_config, traffic_engine
 from mmw.config.load import json_schema
 from mmw.config.traffic_engine import ENGINES, TrafficEngineSpec, check_package
 from mmw.core.errors import InputError
 from mmw.core.registry import load_reference
 from mmw.generation.estimate import check_inputs
 from mmw.traffic.engine import SteppedTraffic, simulate_traffic
-from mmw.traffic.idm.run import record_steps, start_idm
+from mmw.traffic.idm.simulation import record_steps, start_idm
 from tests.fixtures.traffic_towns import crossroad, demand
 
 CONVOY = '''
@@ -24,7 +24,7 @@ from mmw.traffic.demand import TrafficResult, VehicleTrack
 from mmw.traffic.spawn import connected_ranks, name_vehicle
 
 SPEC = TrafficEngineSpec(
-    "convoy", "convoy:simulate", keys=("options",), required=("options",), needs_lanes=False, package="PACKAGE"
+    "convoy", "convoy:simulate", keys=("options",), required=("options",), needs_lanes=False, package="json"
 )
 
 def simulate(demand):
@@ -53,10 +53,9 @@ channel: {enabled: false}
 
 
 @pytest.fixture
-def convoy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> Path:
-    """Install a package with an engine into a folder for one test; its spec needs the package of the parameter."""
-    package = getattr(request, "param", "json")
-    (tmp_path / "convoy.py").write_text(CONVOY.replace("PACKAGE", package))
+def convoy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Install a package with an engine, which needs the package `json`, into a folder for one test."""
+    (tmp_path / "convoy.py").write_text(CONVOY)
     info = tmp_path / "convoy-1.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: convoy\nVersion: 1.0\n")
@@ -87,10 +86,17 @@ def test_an_engine_of_another_package_drives(convoy: Path) -> None:
         load_config(convoy / "mine.yaml", ["scenarios.0.traffic.signals=true"])
 
 
-@pytest.mark.parametrize("convoy", ["no_such_package"], indirect=True)
-def test_a_missing_package_is_named_before_the_run(convoy: Path) -> None:
-    with pytest.raises(ConfigError, match=r"'s': traffic.engine = 'convoy': .* run: pip install no_such_package$"):
-        check_inputs(load_config(convoy / "mine.yaml"), convoy)
+SUMO = ["scenarios.0.traffic.engine=sumo", "scenarios.0.traffic.options={}"]
+
+
+@pytest.mark.parametrize(("changes", "package"), [([], "json"), (SUMO, r"'multimodal-wireless\[sumo\]'")])
+def test_a_missing_package_is_named_before_the_run(
+    changes: list[str], package: str, convoy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(traffic_engine, "find_spec", lambda name: None)
+    with pytest.raises(ConfigError, match=rf"'s': traffic.engine = '\w+': .*pip install {package}$") as caught:
+        check_inputs(load_config(convoy / "mine.yaml", changes), convoy)
+    assert len(caught.value.problems) == 1
 
 
 def test_an_unknown_engine_is_refused(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import shapely
 import trimesh
-from pxr import Usd, UsdGeom
+from pxr import Usd
 from scipy.spatial import cKDTree
 
 from mmw.config import TrafficConfig, load_config
@@ -30,6 +30,7 @@ from mmw.usd.vehicle_catalog import load_figures
 from mmw.worlds.towns.sidewalk_lines import BODY_ROOM, KERB_ROOM, STEP, sidewalk_lines
 from mmw.worlds.vehicles.build import build_figures
 from mmw.worlds.vehicles.pedestrian_models import FIGURES, build_figure
+from tests.fixtures.stages import new_stage
 
 
 def circle(radius: float, z: float = 0.14) -> np.ndarray:
@@ -107,10 +108,8 @@ def test_walk_line_ends_at_a_wall() -> None:
     assert sidewalk_lines([sidewalk(20.0, 0.0)], []) == []  # no sidewalk
 
 
-def test_sidewalks_survive_usd() -> None:
-    stage = Usd.Stage.CreateInMemory()
-    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
-    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+def test_sidewalks_survive_usd(tmp_path: Path) -> None:
+    stage = new_stage(tmp_path / "sidewalks.usda")
     sidewalks = sidewalk_lines([sidewalk(20.0, 2.0)], [shapely.box(18.0, -1.0, 25.0, 1.0)])
     write_sidewalks(stage, "/Town/Walks", sidewalks)
     (read,) = read_sidewalks(stage, "/Town/Walks")
@@ -154,7 +153,7 @@ def test_people_move_smoothly_and_look_where_they_go(people: np.ndarray) -> None
     assert (ahead > 0.98 * np.linalg.norm(velocity, axis=2) - 1e-6).all()
 
 
-def test_same_seed_same_people_and_a_clear_word_about_too_many() -> None:
+def test_same_seed_same_people_and_too_many_are_refused() -> None:
     ring = [Sidewalk("ring", circle(12.0), True)]
     first, second = (pedestrians(ring, 5, seed=4) for _ in range(2))
     assert all(np.array_equal(a.poses, b.poses) and a.model == b.model for a, b in zip(first, second, strict=True))

@@ -9,16 +9,15 @@ import pytest
 from mmw.core.transforms import quaternion_to_ypr
 from mmw.traffic.demand import TrafficResult
 from mmw.traffic.idm.junctions import ConflictTable
-from mmw.traffic.idm.run import simulate_idm
+from mmw.traffic.idm.simulation import simulate_idm
 from mmw.traffic.roads.lane_graph import LaneGraph
 from mmw.traffic.signals import ALL_RED, GREEN, make_plans, must_stop, signal_states, turns_left
 from mmw.traffic.vehicle_pose import directions, make_shape
 from mmw.worlds.towns.description import TownDescription
 from mmw.worlds.towns.signal_phases import assign_phases
 from tests.fixtures.traffic_measures import measure
-from tests.fixtures.traffic_towns import CATALOG, crossroad, demand, surface, with_lights
+from tests.fixtures.traffic_towns import CATALOG, SEDAN, crossroad, demand, surface, with_lights
 
-SEDAN = make_shape(CATALOG["sedan"])
 PHASES = {"r0": "a", "r2": "a", "r1": "b", "r3": "b"}
 
 
@@ -97,9 +96,8 @@ def entries(graph: LaneGraph, result: TrafficResult) -> list[tuple[int, str, int
         for connection in connections:
             if connection.name not in route:
                 continue
-            along = np.array([np.cos(connection.headings[0]), np.sin(connection.headings[0])])
-            ahead = (bumper - connection.points[0, :2]) @ along
-            aside = np.abs((bumper - connection.points[0, :2]) @ np.array([-along[1], along[0]]))
+            (along,), way = directions(connection.headings[:1]), bumper - connection.points[0, :2]
+            ahead, aside = way @ along, np.abs(way @ [-along[1], along[0]])
             crossed = (ahead[:-1] < 0) & (ahead[1:] >= 0) & (aside[1:] < 1.0) & (forward[1:] @ along > 0.9)
             found += [(vehicle, connection.name, int(frame)) for frame in np.flatnonzero(crossed)[:1]]
     return found

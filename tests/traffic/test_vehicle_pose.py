@@ -15,14 +15,11 @@ from mmw.traffic.vehicle_pose import (
     PATH_STEP,
     Stance,
     follow_line,
-    make_shape,
     place_on_ground,
     sample_poses,
 )
 from tests.fixtures.traffic_measures import wheel_points
-from tests.fixtures.traffic_towns import CATALOG
-
-SEDAN = make_shape(CATALOG["sedan"])
+from tests.fixtures.traffic_towns import SEDAN, height_field
 
 
 def straight(length: float = 80.0, slope: float = 0.0) -> Lane:
@@ -39,18 +36,15 @@ def bend(radius: float, angle: np.ndarray) -> Lane:
 
 def stance_on(lane: Lane, *slopes: float) -> Stance:
     """Return a sedan on a lane of a tilted plane."""
-    stance, _, why = place_on_ground(
-        follow_line(join_lanes([lane]), SEDAN), Ground(*plane(*slopes or (0.0, 0.0))), 10.0
-    )
+    ground = Ground(*plane(*slopes or (0.0, 0.0)))
+    stance, _, why = place_on_ground(follow_line(join_lanes([lane]), SEDAN), ground, 10.0)
     assert stance is not None, why
     return stance
 
 
 def plane(slope_x: float, slope_y: float, half: float = 120.0) -> tuple[np.ndarray, np.ndarray]:
     """Return a tilted square of two triangles around the origin."""
-    xy = half * np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
-    z = slope_x * xy[:, 0] + slope_y * xy[:, 1]
-    return np.column_stack([xy, z]), np.array([(0, 1, 2), (0, 2, 3)], np.int32)
+    return height_field((-half, half), (-half, half), lambda x, y: slope_x * x + slope_y * y)
 
 
 def test_gaussian_keeps_lines_and_shrinks_a_wave_as_theory_says():

@@ -108,7 +108,7 @@ class IdmEngine:
         return spans
 
     def _leader(self, index: int) -> Leader:
-        """Return gap [m], speed [m/s] and mark of the next vehicle on the path; infinite gap if there is none.
+        """Return gap [m], speed [m/s] and span of the next vehicle on the path; infinite gap if there is none.
 
         During a change of lanes there may be one on each; the one that needs more braking counts, unless the vehicle
         leaves its lane before reaching it.
@@ -155,13 +155,17 @@ class IdmEngine:
                 for revoked in car.passages[number : car.granted]:
                     revoked.requested_at = np.nan
                 car.granted = number
-                self.reservations = [
-                    reservation
-                    for reservation in self.reservations
-                    if reservation.vehicle != index or reservation.start < passage.start
-                ]
+                self.cancel_reservations(index, passage.start)
                 car.stop_braking = max(STOP_BRAKING, car.speed**2 / (2 * max(away - PREVIEW * car.speed, 0.1)))
                 break
+
+    def cancel_reservations(self, vehicle: int, station: float) -> None:
+        """Give up what a vehicle has reserved from a station on [m]."""
+        self.reservations = [
+            reservation
+            for reservation in self.reservations
+            if reservation.vehicle != vehicle or reservation.start < station
+        ]
 
     def _grant(self, leaders: list[Leader]) -> None:
         self.reservations = [

@@ -83,10 +83,6 @@ class ConflictTable:
 
     def __init__(self, graph: LaneGraph) -> None:
         self.graph = graph
-        self.before: dict[str, str] = {}
-        for name in sorted(graph.lanes):
-            for successor in graph.lanes[name].successors:
-                self.before.setdefault(successor, name)
         self._sweeps: dict[tuple[str, Shape], Sweep] = {}
         self._last: dict[tuple[str, Shape, str, Shape], float] = {}
 
@@ -119,8 +115,8 @@ class ConflictTable:
         if key not in self._sweeps:
             lane = self.graph.lanes[name]
             chain = [lane, *(self.graph.lanes[s] for s in lane.successors[:1])]
-            if name in self.before:
-                chain.insert(0, self.graph.lanes[self.before[name]])
+            if before := self.graph.predecessors[name]:
+                chain.insert(0, self.graph.lanes[min(before)])
             line = join_lanes(chain)
             track = follow_line(line, shape)
             index = len(chain) - 1 - len(lane.successors[:1])

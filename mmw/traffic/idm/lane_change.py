@@ -62,7 +62,7 @@ LOOK_BACK = 60.0
 """New followers are looked for this far behind the beginning of the new lane [m]."""
 
 Leader = tuple[float, float, OccupiedSpan | None]
-"""Gap [m], inf if there is none; speed [m/s]; its mark."""
+"""Gap [m], inf if there is none; speed [m/s]; where it is."""
 
 
 def advantage(own: tuple[float, float], new: tuple[float, float], old: tuple[float, float]) -> float:
@@ -198,11 +198,7 @@ class LaneChanges:
                 continue
             car.follow(plan)
             car.granted = sum(passage.first_segment <= car.segment for passage in plan.passages)
-            engine.reservations[:] = [
-                reservation
-                for reservation in engine.reservations
-                if reservation.vehicle != index or reservation.start < car.front
-            ]
+            engine.cancel_reservations(index, car.front)
             car.changes += 1
             self.done.append((engine.time, index, lane.name, best.lane))
             span = OccupiedSpan(best.rear, best.rear + car.shape.length, index, car.segment + 1)

@@ -108,18 +108,19 @@ class Car:
     @property
     def ahead(self) -> tuple[int, int]:
         """First and last index of the lanes that the front of the vehicle is on; two during a change of lanes."""
-        if self.change is None:
-            return self.segment, self.segment
-        first = self.change.segment if self.station < self.change.clear else self.segment
-        return min(first, self.segment), max(self.change.segment + 1, self.segment)
+        return self._lanes_from(self.station, self.segment)
 
     @property
     def occupied(self) -> tuple[int, int]:
         """First and last index of the lanes that the vehicle is on, front to rear."""
+        return self._lanes_from(self.rear, self.rear_segment)
+
+    def _lanes_from(self, station: float, segment: int) -> tuple[int, int]:
+        """Return the first and last index of the lanes from a station on a lane to the front bumper."""
         if self.change is None:
-            return self.rear_segment, self.segment
-        first = self.change.segment if self.rear < self.change.clear else self.rear_segment
-        return min(first, self.rear_segment), max(self.change.segment + 1, self.segment)
+            return segment, self.segment
+        first = self.change.segment if station < self.change.clear else segment
+        return min(first, segment), max(self.change.segment + 1, self.segment)
 
     def index_of(self, lane: str, first: int = 0) -> int:
         """Return the index of a lane that lies on the path, at `first` or later, and not before the vehicle's rear."""

@@ -23,15 +23,11 @@ def find_causes(speed: Sequence[float], blockers: Mapping[int, Sequence[int]], a
         One value a vehicle; False for moving ones.
     """
     stands = [value < STANDING for value in speed]
-    found = [stands[index] and index in at_red for index in range(len(speed))]
-    waiting: dict[int, list[int]] = {}
-    fresh = [index for index in range(len(speed)) if found[index] or not stands[index]]
-    for index, others in blockers.items():
-        for other in others:
-            waiting.setdefault(other, []).append(index)
-    while fresh:
-        for index in waiting.get(fresh.pop(), ()):
-            if stands[index] and not found[index]:
-                found[index] = True
-                fresh.append(index)
+    found = [is_standing and index in at_red for index, is_standing in enumerate(stands)]
+    is_settled = False
+    while not is_settled:
+        is_settled = True
+        for index, others in blockers.items():
+            if stands[index] and not found[index] and any(found[other] or not stands[other] for other in others):
+                found[index], is_settled = True, False
     return found

@@ -100,7 +100,8 @@ def _open(path: Path) -> gzip.GzipFile | io.BufferedReader:
 
 def _read_fcd(path: Path) -> pa.Table:
     """Return SUMO's floating-car data as its own columns; people and containers are left out."""
-    rows: dict[str, list] = {name: [] for name in ("timestep_time", "id", "x", "y", "z", "angle", "type")}
+    names = ("id", "x", "y", "z", "angle", "type")
+    rows: dict[str, list] = {name: [] for name in ("timestep_time", *(f"vehicle_{name}" for name in names))}
     with _open(path) as file:
         now = None
         for event, element in ElementTree.iterparse(file, events=("start", "end")):
@@ -108,12 +109,11 @@ def _read_fcd(path: Path) -> pa.Table:
                 now = element.get("time")
             elif event == "end" and element.tag == "vehicle":
                 rows["timestep_time"].append(now)
-                for name in ("id", "x", "y", "z", "angle", "type"):
-                    rows[name].append(element.get(name))
+                for name in names:
+                    rows[f"vehicle_{name}"].append(element.get(name))
             elif event == "end" and element.tag == "timestep":
                 element.clear()
-    table = pa.table({name: pa.array(values, pa.string()) for name, values in rows.items()})
-    return table.rename_columns(["timestep_time", *(f"vehicle_{name}" for name in table.column_names[1:])])
+    return pa.table({name: pa.array(values, pa.string()) for name, values in rows.items()})
 
 
 def _columns(table: pa.Table, path: Path) -> dict[str, np.ndarray]:

@@ -1,12 +1,11 @@
 """Lanes in USD: one BasisCurves prim a lane, so that a stage alone is enough to drive on."""
 
-import numpy as np
 from pxr import Sdf, Usd, UsdGeom, Vt
 
 from mmw.core.errors import InputError
-from mmw.traffic.roads.guide_curves import define_guides, read_curves
+from mmw.traffic.roads.guide_curves import define_guides, read_curves, write_curve
 from mmw.traffic.roads.lane_graph import Lane, LaneGraph
-from mmw.usd.prim_specs import new_prim, set_value
+from mmw.usd.prim_specs import set_value
 
 WIDTH = "mmw:lane:width"
 SPEED = "mmw:lane:speed"
@@ -35,13 +34,7 @@ def write_lanes(stage: Usd.Stage, path: str, graph: LaneGraph) -> None:
 
 
 def _write_lane(layer: Sdf.Layer, path: str, lane: Lane) -> None:
-    spec, types = new_prim(layer, Sdf.Path(path), "BasisCurves"), Sdf.ValueTypeNames
-    points = np.ascontiguousarray(lane.points, dtype=np.float32)
-    extent = np.stack([points.min(axis=0), points.max(axis=0)])
-    set_value(spec, "type", types.Token, "linear", uniform=True)
-    set_value(spec, "curveVertexCounts", types.IntArray, Vt.IntArray([len(points)]))
-    set_value(spec, "points", types.Point3fArray, Vt.Vec3fArray.FromNumpy(points))
-    set_value(spec, "extent", types.Float3Array, Vt.Vec3fArray.FromNumpy(extent))
+    spec, types = write_curve(layer, path, lane.points), Sdf.ValueTypeNames
     set_value(spec, WIDTH, types.Float, lane.width)
     set_value(spec, SPEED, types.Float, lane.speed)
     set_value(spec, JUNCTION, types.String, lane.junction)

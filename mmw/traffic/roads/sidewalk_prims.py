@@ -4,9 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from pxr import Sdf, Usd, UsdGeom, Vt
+from pxr import Sdf, Usd
 
-from mmw.traffic.roads.guide_curves import define_guides, read_curves
+from mmw.traffic.roads.guide_curves import define_guides, read_curves, write_curve
+from mmw.usd.prim_specs import set_value
 
 CLOSED = "mmw:walk:closed"
 
@@ -24,14 +25,10 @@ class Sidewalk:
 def write_sidewalks(stage: Usd.Stage, path: str, sidewalks: Sequence[Sidewalk]) -> None:
     """Write every sidewalk as a linear curve of purpose `guide`."""
     define_guides(stage, path)
+    layer = stage.GetEditTarget().GetLayer()
     for sidewalk in sidewalks:
-        curve = UsdGeom.BasisCurves.Define(stage, f"{path}/{sidewalk.name}")
-        points = np.ascontiguousarray(sidewalk.points, dtype=np.float32)
-        curve.CreateTypeAttr(UsdGeom.Tokens.linear)
-        curve.CreateCurveVertexCountsAttr([len(points)])
-        curve.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(points))
-        curve.CreateExtentAttr(Vt.Vec3fArray.FromNumpy(np.stack([points.min(axis=0), points.max(axis=0)])))
-        curve.GetPrim().CreateAttribute(CLOSED, Sdf.ValueTypeNames.Bool).Set(sidewalk.is_closed)
+        spec = write_curve(layer, f"{path}/{sidewalk.name}", sidewalk.points)
+        set_value(spec, CLOSED, Sdf.ValueTypeNames.Bool, sidewalk.is_closed)
 
 
 def read_sidewalks(stage: Usd.Stage, root_path: str) -> list[Sidewalk]:

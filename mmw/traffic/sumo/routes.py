@@ -31,14 +31,9 @@ class SumoVehicle:
     """Lanes in driving order, those across junctions included."""
 
     @property
-    def front(self) -> float:
-        """Station of the front bumper on the first lane [m]."""
-        return self.start.point.station + 0.5 * self.shape.wheelbase + self.shape.front
-
-    @property
-    def rear(self) -> float:
-        """Station of the rear bumper on the first lane [m]."""
-        return self.start.point.station - 0.5 * self.shape.wheelbase - self.shape.rear
+    def bumpers(self) -> tuple[float, float]:
+        """Stations of the rear and the front bumper on the first lane [m]."""
+        return self.start.point.bumpers(self.shape)
 
 
 class RoutePlanner:
@@ -160,12 +155,12 @@ def entry_speeds(
     """Return speeds at the start from which every vehicle can stop at the end of its lane and behind its leader."""
     out = []
     for vehicle in vehicles:
-        lane = graph.lanes[vehicle.start.point.lane]
-        room = lane.plan_length - vehicle.front - 2.0
+        lane, (_, front) = graph.lanes[vehicle.start.point.lane], vehicle.bumpers
+        room = lane.plan_length - front - 2.0
         for other in vehicles:
             point = other.start.point
             if point.lane == lane.name and point.station > vehicle.start.point.station:
-                room = min(room, other.rear - vehicle.front - 2.0)
-        allowed = float(limit[lane.name][min(int(vehicle.front / PATH_STEP), len(limit[lane.name]) - 1)])
+                room = min(room, other.bumpers[0] - front - 2.0)
+        allowed = float(limit[lane.name][min(int(front / PATH_STEP), len(limit[lane.name]) - 1)])
         out.append(min(allowed, float(np.sqrt(2 * braking * max(room, 0.0)))))
     return out

@@ -22,15 +22,14 @@ from mmw.traffic.idm.lane_change import (
     blend_share,
     blend_time,
 )
-from mmw.traffic.idm.run import record_steps, simulate_idm
+from mmw.traffic.idm.simulation import record_steps, simulate_idm
 from mmw.traffic.idm.vehicle import Car, Plan
 from mmw.traffic.roads.lane_graph import Lane, LaneGraph
 from mmw.traffic.spawn import DRIVER_FACTOR, SpawnPoint, Start
-from mmw.traffic.vehicle_pose import follow_line, make_shape, place_on_ground, sample_poses
+from mmw.traffic.vehicle_pose import follow_line, place_on_ground, sample_poses
 from tests.fixtures.traffic_measures import measure
-from tests.fixtures.traffic_towns import CATALOG, demand, oval, surface
+from tests.fixtures.traffic_towns import CATALOG, SEDAN, demand, oval, surface
 
-SEDAN = make_shape(CATALOG["sedan"])
 DT = 0.01
 
 

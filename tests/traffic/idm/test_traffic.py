@@ -9,17 +9,18 @@ from mmw.config import TrafficConfig
 from mmw.core.transforms import conjugate, rotate
 from mmw.traffic.demand import VehicleTrack
 from mmw.traffic.idm.junctions import ConflictTable, Passage, Request, Reservation, boxes_overlap, grant_requests
-from mmw.traffic.idm.run import simulate_idm
+from mmw.traffic.idm.simulation import simulate_idm
 from mmw.traffic.idm.wait_causes import find_causes
 from mmw.traffic.roads.lane_graph import Lane, LaneGraph
 from mmw.traffic.route import choose_lanes, endless_lanes
 from mmw.traffic.spawn import connected_ranks, nearest_points, spawn_points
 from mmw.traffic.vehicle_pose import make_shape
 from tests.fixtures.traffic_measures import measure, min_gap
-from tests.fixtures.traffic_towns import CATALOG, crossroad, demand, flat, grid, hill, roundabout, surface
+from tests.fixtures.traffic_towns import CATALOG, SEDAN, crossroad, demand, flat, grid, hill, roundabout, surface
 
-SEDAN = make_shape(CATALOG["sedan"])
 TRUCK = make_shape(CATALOG["box_truck"])
+EAST, WEST, NORTH = "X:r0_b0>r2_f0", "X:r2_b0>r0_f0", "X:r3_b0>r1_f0"
+"""Connections straight on across the middle of `cross`."""
 
 
 def run(graph: LaneGraph, height=flat, **changes) -> list[VehicleTrack]:
@@ -148,14 +149,10 @@ def test_spawn_points_lie_on_the_grid_and_the_nearest_are_taken(cross):
 
 def test_conflicts_follow_geometry(cross):
     table = ConflictTable(cross)
-    east, west, north = (
-        next(name for name in cross.lanes if name.startswith(start))
-        for start in ("X:r0_b0>r2_f0", "X:r2_b0>r0_f0", "X:r3_b0>r1_f0")
-    )
-    assert table.last_conflict(east, SEDAN, west, SEDAN) == -np.inf  # opposite directions pass
-    assert 5.0 < table.last_conflict(east, SEDAN, north, SEDAN) < 30.0  # crossing ones do not
-    assert table.last_conflict(east, TRUCK, north, SEDAN) > table.last_conflict(east, SEDAN, north, SEDAN)
-    assert table.last_conflict(east, SEDAN, east, SEDAN) == -np.inf  # one behind the other is car following
+    assert table.last_conflict(EAST, SEDAN, WEST, SEDAN) == -np.inf  # opposite directions pass
+    assert 5.0 < table.last_conflict(EAST, SEDAN, NORTH, SEDAN) < 30.0  # crossing ones do not
+    assert table.last_conflict(EAST, TRUCK, NORTH, SEDAN) > table.last_conflict(EAST, SEDAN, NORTH, SEDAN)
+    assert table.last_conflict(EAST, SEDAN, EAST, SEDAN) == -np.inf  # one behind the other is car following
 
 
 def passage(table: ConflictTable, name: str, requested_at: float, priority: int = 0) -> Passage:
@@ -167,18 +164,17 @@ def passage(table: ConflictTable, name: str, requested_at: float, priority: int 
 
 def test_grants_go_by_priority_then_by_waiting(cross):
     table = ConflictTable(cross)
-    east, north = "X:r0_b0>r2_f0", "X:r3_b0>r1_f0"
 
     def grant(requests, reservations, time=10.0):
         return grant_requests(table, requests, reservations, [10.0, 10.0, 10.0], time, {})
 
-    early = Request(0, SEDAN, passage(table, east, 9.0), True)
-    major = Request(1, SEDAN, passage(table, north, 9.5, priority=50), True)
+    early = Request(0, SEDAN, passage(table, EAST, 9.0), True)
+    major = Request(1, SEDAN, passage(table, NORTH, 9.5, priority=50), True)
     reservations: list[Reservation] = []
-    assert grant([early, major], reservations) == [1] and [reservation.name for reservation in reservations] == [north]
+    assert grant([early, major], reservations) == [1] and [reservation.name for reservation in reservations] == [NORTH]
     assert grant([early], reservations) == []
     assert grant([early], [replace(reservations[0], start=-30.0)]) == [0]  # the other one is through
-    waited = Request(0, SEDAN, passage(table, east, 5.0), True)
+    waited = Request(0, SEDAN, passage(table, EAST, 5.0), True)
     assert grant([waited, major], []) == [0]
     blocked = replace(waited, has_room=False, will_have_room=False)
     assert grant([blocked, major], []) == [1]  # its exit stands still, perhaps because of the other one
@@ -189,32 +185,30 @@ def test_grants_go_by_priority_then_by_waiting(cross):
 
 def test_a_long_wait_blocks_later_requests(cross):
     table = ConflictTable(cross)
-    east, west, north = "X:r0_b0>r2_f0", "X:r2_b0>r0_f0", "X:r3_b0>r1_f0"
-    reservations = [Reservation(2, SEDAN, north, 20.0, 44.0)]
+    reservations = [Reservation(2, SEDAN, NORTH, 20.0, 44.0)]
     station = [10.0, 10.0, 22.0]
-    old = Request(0, SEDAN, passage(table, east, 1.0), True)
-    new = Request(1, SEDAN, passage(table, north, 10.0, priority=9), True)
+    old = Request(0, SEDAN, passage(table, EAST, 1.0), True)
+    new = Request(1, SEDAN, passage(table, NORTH, 10.0, priority=9), True)
     blockers: dict[int, list[int]] = {}
     granted = grant_requests(table, [old, new], reservations, station, 10.0, blockers)
     assert granted == []  # north would follow, but east is due
     assert blockers == {0: [2], 1: [0]}
     assert grant_requests(table, [new], list(reservations), station, 10.0, {}) == [1]
-    adjacent = Request(1, SEDAN, passage(table, west, 10.0), True)
+    adjacent = Request(1, SEDAN, passage(table, WEST, 10.0), True)
     assert grant_requests(table, [old, adjacent], [], station, 10.0, {}) == [0, 1]
 
 
 def test_green_comes_before_waiting_and_left_turns_come_last(cross):
     table = ConflictTable(cross)
-    left, straight = "X:r0_b0>r3_f0", "X:r2_b0>r0_f0"
+    left = "X:r0_b0>r3_f0"
     station = [10.0, 10.0]
     waits = Request(0, SEDAN, passage(table, left, 1.0), True, has_green=True, gives_way=True)
-    comes = Request(1, SEDAN, passage(table, straight, 9.9), True, has_green=True)
-    assert table.last_conflict(left, SEDAN, straight, SEDAN) > 0
+    comes = Request(1, SEDAN, passage(table, WEST, 9.9), True, has_green=True)
+    assert table.last_conflict(left, SEDAN, WEST, SEDAN) > 0
     assert grant_requests(table, [waits, comes], [], station, 10.0, {}) == [1]
     assert grant_requests(table, [waits], [], station, 10.0, {}) == [0]
-    assert grant_requests(table, [replace(waits, has_green=False, gives_way=False), comes], [], station, 10.0, {}) == [
-        0
-    ]
+    in_order = replace(waits, has_green=False, gives_way=False)
+    assert grant_requests(table, [in_order, comes], [], station, 10.0, {}) == [0]
 
 
 def test_causes_follow_the_chain_to_its_head():
@@ -257,12 +251,11 @@ def test_routes_avoid_dead_ends_and_closed_lanes():
 
 
 def test_bad_input_is_refused(cross):
-    with pytest.raises(ValueError, match="cav_ranks"):
-        run(cross, cav_ranks=(3, 3))
-    with pytest.raises(ValueError, match="cav_ranks"):
-        run(cross, cav_ranks=(14,))
-    with pytest.raises(ValueError, match="spawn points"):
-        run(cross, vehicle_count=400)
+    for key, value, match in (
+        ("cav_ranks", (3, 3), "cav_ranks"), ("cav_ranks", (14,), "cav_ranks"), ("vehicle_count", 400, "spawn points"),
+    ):  # fmt: skip
+        with pytest.raises(ValueError, match=match):
+            run(cross, **{key: value})
     points, faces = surface(cross)
     island = (points[faces].mean(axis=1)[:, 0]) < 20.0
     with pytest.raises(ValueError, match=r"spawn point on lane .* leaves the drivable surface for model"):

@@ -9,7 +9,6 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 import pytest
-from pxr import Usd, UsdGeom, UsdSemantics
 
 from mmw.cli.run import main
 from mmw.config import TrafficConfig
@@ -18,27 +17,22 @@ from mmw.dataset import open_dataset
 from mmw.traffic.demand import TrafficDemand, VehicleTrack
 from mmw.traffic.engine import simulate_traffic
 from mmw.traffic.ground_height import Ground
-from mmw.traffic.replay.engine import choose_model, replay_table
 from mmw.traffic.replay.path_fit import fill_stations, fit_path
 from mmw.traffic.replay.poses import replay
+from mmw.traffic.replay.recorded_vehicles import choose_model, replay_table
 from mmw.traffic.replay.road_level import Decks
 from mmw.traffic.replay.trajectory_table import REFERENCES, Trajectory, read_trajectories
 from mmw.traffic.roads.lane_graph import LaneGraph
 from mmw.traffic.roads.town_asset import open_town
-from mmw.traffic.vehicle_pose import Shape, make_shape
-from tests.fixtures.traffic_towns import CATALOG, demand
+from mmw.traffic.vehicle_pose import Shape
+from tests.fixtures.stages import add_polygons, label, new_stage
+from tests.fixtures.traffic_towns import CATALOG, SEDAN, Height, demand, flat, height_field
 
-SEDAN = make_shape(CATALOG["sedan"])
 
-
-def plane(height=lambda x, y: 0.0 * x, half: float = 120.0, step: float = 2.0) -> tuple[np.ndarray, np.ndarray]:
+def plane(height: Height = flat, half: float = 120.0) -> tuple[np.ndarray, np.ndarray]:
     """Return a square height field around the origin: vertices and triangles."""
-    side = np.arange(-half, half + step, step)
-    x, y = np.meshgrid(side, side, indexing="ij")
-    n = len(side)
-    a = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
-    faces = np.concatenate([np.stack([a, a + n, a + n + 1], 1), np.stack([a, a + n + 1, a + 1], 1)])
-    return np.column_stack([x.ravel(), y.ravel(), np.asarray(height(x, y)).ravel()]), faces
+    side = np.arange(-half, half + 2.0, 2.0)
+    return height_field(side, side, height)
 
 
 def decks(*surfaces: tuple[np.ndarray, np.ndarray]) -> Decks:
@@ -359,15 +353,9 @@ def test_a_users_table_becomes_a_dataset(tmp_path: Path, capsys: pytest.CaptureF
 
 
 def test_a_town_without_lanes_will_do(tmp_path: Path):
-    stage = Usd.Stage.CreateNew(str(tmp_path / "bare.usda"))
-    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
-    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
-    stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/Town").GetPrim())
-    road = UsdGeom.Mesh.Define(stage, "/Town/Road")
-    road.CreatePointsAttr([(-90, -90, 2), (90, -90, 2), (90, 90, 2), (-90, 90, 2)])
-    road.CreateFaceVertexCountsAttr([4])
-    road.CreateFaceVertexIndicesAttr([0, 1, 2, 3])
-    UsdSemantics.LabelsAPI.Apply(road.GetPrim(), "class").CreateLabelsAttr(["road"])
+    stage = new_stage(tmp_path / "bare.usda", root="/Town")
+    corners = [(-90, -90, 2), (90, -90, 2), (90, 90, 2), (-90, 90, 2)]
+    label(add_polygons(stage, "/Town/Road", corners, [[0, 1, 2, 3]]).GetPrim(), "road")
     stage.Save()
     town = open_town(tmp_path / "bare.usda")
     assert not town.lanes.lanes

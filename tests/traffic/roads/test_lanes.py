@@ -1,11 +1,14 @@
 """Lanes: the graph, and its round trip through USD."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from pxr import Gf, Usd, UsdGeom
 
 from mmw.traffic.roads.lane_graph import Lane, LaneGraph
 from mmw.traffic.roads.lane_prims import read_lanes, write_lanes
+from tests.fixtures.stages import new_stage
 
 
 def make_graph() -> LaneGraph:
@@ -21,13 +24,6 @@ def make_graph() -> LaneGraph:
             "b_f0": Lane("b_f0", np.array([[3.0, 1, 1.5], [3, 3, 1.5]]), 3.5, 11.1),
         }
     )
-
-
-def metric_stage() -> Usd.Stage:
-    stage = Usd.Stage.CreateInMemory()
-    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
-    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
-    return stage
 
 
 def test_station_is_arc_length() -> None:
@@ -53,8 +49,8 @@ def test_unknown_successor_is_an_error() -> None:
         LaneGraph({"a": Lane("a", np.zeros((2, 3)), 3.5, 10, successors=("nowhere",))})
 
 
-def test_usd_round_trip_keeps_everything() -> None:
-    graph, stage = make_graph(), metric_stage()
+def test_usd_round_trip_keeps_everything(tmp_path: Path) -> None:
+    graph, stage = make_graph(), new_stage(tmp_path / "lanes.usda")
     write_lanes(stage, "/Town/Lanes", graph)
     again = read_lanes(stage, "/Town")
     assert sorted(again.lanes) == sorted(graph.lanes)
@@ -77,8 +73,8 @@ def test_lane_prims_are_guides_with_extent() -> None:
     np.testing.assert_array_equal(high, points.max(axis=0))
 
 
-def test_lanes_follow_the_transform_of_the_town() -> None:
-    stage = metric_stage()
+def test_lanes_follow_the_transform_of_the_town(tmp_path: Path) -> None:
+    stage = new_stage(tmp_path / "lanes.usda")
     town = UsdGeom.Xform.Define(stage, "/World/Town")
     town.AddTranslateOp().Set(Gf.Vec3d(100, 0, 5))
     town.AddRotateZOp().Set(90)
@@ -87,10 +83,8 @@ def test_lanes_follow_the_transform_of_the_town() -> None:
     np.testing.assert_allclose(points, [[99, 3, 6.5], [97, 3, 6.5]], atol=1e-9)
 
 
-def test_lanes_of_a_stage_in_centimetres_with_y_up_are_in_metres_with_z_up() -> None:
-    stage = Usd.Stage.CreateInMemory()
-    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
-    UsdGeom.SetStageMetersPerUnit(stage, 0.01)
+def test_lanes_of_a_stage_in_centimetres_with_y_up_are_in_metres_with_z_up(tmp_path: Path) -> None:
+    stage = new_stage(tmp_path / "lanes.usda", up="Y", metres_per_unit=0.01)
     ahead = np.array([[100.0, 50, 0], [100, 50, -300]])
     write_lanes(stage, "/Town/Lanes", LaneGraph({"a": Lane("a", ahead, 3.5, 10.0, successors=("a",))}))
     np.testing.assert_allclose(read_lanes(stage, "/Town").lanes["a"].points, [[1, 0, 0.5], [1, 3, 0.5]], atol=1e-6)

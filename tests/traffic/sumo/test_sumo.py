@@ -3,25 +3,23 @@
 import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
-from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from mmw.config import ConfigError, TrafficConfig, load_config, traffic_engine
+from mmw.config import TrafficConfig
 from mmw.core.errors import MissingPackageError
-from mmw.generation.estimate import check_inputs
 from mmw.traffic.demand import TrafficDemand, VehicleTrack
 from mmw.traffic.roads.lane_graph import Lane, LaneGraph
 from mmw.traffic.roads.town_asset import open_town
-from mmw.traffic.sumo import engine as sumo
-from mmw.traffic.sumo.engine import simulate_sumo
+from mmw.traffic.sumo import simulation as sumo
 from mmw.traffic.sumo.network import SumoNetwork, make_network
 from mmw.traffic.sumo.routes import lane_limits
-from tests.fixtures.traffic_measures import measure
-from tests.fixtures.traffic_towns import CATALOG, arc, crossroad, demand, hill, make_town, roundabout, surface
+from mmw.traffic.sumo.simulation import simulate_sumo
+from tests.fixtures.traffic_measures import Measures, measure
+from tests.fixtures.traffic_towns import crossroad, demand, hill, oval, roundabout, surface
 
 
 def _why_no_sumo() -> str:
@@ -46,25 +44,9 @@ def network_of(graph: LaneGraph) -> SumoNetwork:
     return make_network(graph, {name: lane.speed for name, lane in graph.lanes.items()})
 
 
-def with_neighbours(graph: LaneGraph) -> LaneGraph:
-    """Return a graph whose lanes name the ones beside them: those of one road and direction, 0 is the left one."""
-    lanes = dict(graph.lanes)
-    for name, lane in graph.lanes.items():
-        left, right = name[:-1] + str(int(name[-1]) - 1) if name[-1] != "0" else "", name[:-1] + str(int(name[-1]) + 1)
-        if not lane.junction:
-            lanes[name] = replace(lane, left=left, right=right if right in lanes else "")
-    return LaneGraph(lanes)
-
-
-@pytest.fixture(scope="module")
-def ring() -> LaneGraph:
-    """Return a two-lane roundabout whose lanes know their neighbours."""
-    return with_neighbours(roundabout())
-
-
 @pytest.mark.parametrize("make", [crossroad, roundabout])
 def test_every_lane_and_connection_is_there(make, tmp_path: Path):
-    graph = with_neighbours(make())
+    graph = make()
     network = network_of(graph)
     network.write(tmp_path / "town.net.xml")
     root = ElementTree.parse(tmp_path / "town.net.xml").getroot()
@@ -92,7 +74,8 @@ def test_every_lane_and_connection_is_there(make, tmp_path: Path):
     assert found == expected
 
 
-def test_neighbours_share_an_edge_numbered_from_the_right(ring):
+def test_neighbours_share_an_edge_numbered_from_the_right():
+    ring = roundabout()
     network = network_of(ring)
     for name, lane in ring.lanes.items():
         if not lane.junction and lane.right:
@@ -109,7 +92,7 @@ def test_neighbours_share_an_edge_numbered_from_the_right(ring):
 @pytest.mark.parametrize("make", [crossroad, roundabout])
 def test_right_of_way(make):
     """Links are numbered as incoming lanes list them; crossing links are foes, and those that yield rank lower."""
-    graph = with_neighbours(make())
+    graph = make()
     network = network_of(graph)
     for junction in network.root.iter("junction"):
         connections = [network.internal[name] for name in junction.get("intLanes").split()]
@@ -160,61 +143,37 @@ def test_bends_limit_the_speed():
     assert len(limits["c"]) == pytest.approx(20 * np.pi / 0.1, abs=3)
 
 
-def test_without_sumo_one_line_names_the_cure(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
-    config = tmp_path / "mine.yaml"
-    config.write_text(
-        "scenarios:\n- {name: s, town: town03, traffic: {engine: sumo, spawn_center_m: [0, 0, 0]}}\n"
-        "weathers: [sunny]\nframes: {start: 0, count: 1}\nchannel: {enabled: false}\n"
-    )
-    monkeypatch.setattr(traffic_engine, "find_spec", lambda name: None)
-    with pytest.raises(
-        ConfigError, match=r"scenario 's': traffic.engine = 'sumo': .*pip install 'multimodal-wireless\[sumo\]'$"
-    ) as caught:
-        check_inputs(load_config(config), tmp_path)
-    assert len(caught.value.problems) == 1
-
-
-def drive(graph: LaneGraph, height=None, **changes) -> tuple[list[VehicleTrack], tuple[np.ndarray, np.ndarray]]:
-    drivable = surface(graph, height) if height else surface(graph)
-    options = {"frame_count": 1000, "cav_ranks": (5, 2)}
-    return simulate_sumo(demand(graph, drivable, **(options | changes))).tracks, drivable
+def drive(needed: TrafficDemand) -> tuple[list[VehicleTrack], Measures]:
+    """Return the tracks of a scenario and their measures, after a check that all vehicles move smoothly and apart."""
+    town, tracks = needed.town, simulate_sumo(needed).tracks
+    found = measure(tracks, town.lanes, (town.points, town.faces), needed.catalog)
+    assert found.max_jerk < 10.0
+    assert found.max_lateral < 2.6
+    assert found.min_gap > 0.2
+    return tracks, found
 
 
 @pytest.mark.slow
 @needs_sumo
 def test_sumo_drives_smoothly_over_a_hill():
     graph = crossroad(hill)
-    tracks, drivable = drive(graph, hill)
+    options = {"frame_count": 1000, "cav_ranks": (5, 2)}
+    scenario = demand(graph, surface(graph, hill), **options)
+    tracks, found = drive(scenario)
     assert [track.name for track in tracks[:3]] == ["cav_1", "cav_2", "veh_001"]
-    found = measure(tracks, graph, drivable, CATALOG)
-    assert found.max_jerk < 10.0
-    assert found.max_lateral < 2.6
-    assert found.min_gap > 0.2
     assert found.max_wheel_error < 0.02
     assert found.mean_speed > 2.0
-    again, _ = drive(graph, hill, cav_ranks=(0, 1), cav_pool=2)  # both are drawn
-    assert {track.role for track in again[:2]} == {"cav"}
-    again, _ = drive(graph, hill)
+    drawn = demand(graph, surface(graph, hill), **(options | {"cav_ranks": (0, 1), "cav_pool": 2}))
+    assert {track.role for track in simulate_sumo(drawn).tracks[:2]} == {"cav"}
+    again = simulate_sumo(scenario).tracks
     assert all(np.array_equal(one.poses, same.poses) for one, same in zip(tracks, again, strict=True))
 
 
 @needs_sumo
 @pytest.mark.parametrize("lane_changes", [True, False])
 def test_sumo_changes_lanes_where_it_may(lane_changes):
-    nodes = {
-        name: (80.0 * np.cos(a), 80.0 * np.sin(a))
-        for name, a in zip("ENWS", np.radians([0, 90, 180, 270]), strict=True)
-    }
-    roads = [
-        (start, end, 2, True, arc((0, 0), 80.0, 90 * k, 90 * k + 90), 1)
-        for k, (start, end) in enumerate(zip("ENWS", "NWSE", strict=True))
-    ]
-    graph = with_neighbours(make_town(nodes, roads))
-    tracks, drivable = drive(graph, vehicle_count=24, lane_changes=lane_changes)
-    found = measure(tracks, graph, drivable, CATALOG)
-    assert found.max_jerk < 10.0
-    assert found.max_lateral < 2.6
-    assert found.min_gap > 0.2
+    options = {"frame_count": 1000, "vehicle_count": 40, "cav_ranks": (5, 2), "lane_changes": lane_changes}
+    _, found = drive(demand(oval(), **options))
     assert (found.max_offset > 1.0) == lane_changes  # half a lane's width only between lanes
 
 
@@ -226,9 +185,5 @@ def test_sumo_on_the_roundabout_of_town03():
 
     town, catalog = open_town(town_path("town03")), load_catalog()
     traffic = TrafficConfig(vehicle_count=40, spawn_center_m=(-0.5, -0.5, 0.0), cav_ranks=(1, 4, 8))
-    tracks = simulate_sumo(TrafficDemand(town, traffic, catalog, frame_count=1001, seed=42)).tracks
-    found = measure(tracks, town.lanes, (town.points, town.faces), catalog)
-    assert found.max_jerk < 10.0
-    assert found.max_lateral < 2.6
-    assert found.min_gap > 0.2
+    _, found = drive(TrafficDemand(town, traffic, catalog, frame_count=1001, seed=42))
     assert found.stuck == 0

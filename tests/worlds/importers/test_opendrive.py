@@ -7,7 +7,7 @@ import pytest
 import shapely
 
 from mmw.core.mesh import TriangleMesh, merge
-from mmw.traffic.idm.run import simulate_idm
+from mmw.traffic.idm.simulation import simulate_idm
 from mmw.worlds.importers.imported_scene import ImportedScene
 from mmw.worlds.importers.opendrive.cross_section import RoadShape
 from mmw.worlds.importers.opendrive.records import read_document

@@ -9,7 +9,7 @@ import shapely
 import trimesh
 
 from mmw.core.mesh import merge, separate
-from mmw.traffic.idm.run import simulate_idm
+from mmw.traffic.idm.simulation import simulate_idm
 from mmw.worlds.towns.checks import overlap_gaps
 from mmw.worlds.towns.network import RoadNetwork
 from tests.fixtures.meshes import corners_of, is_closed, top, volume, welded

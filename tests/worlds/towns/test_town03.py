@@ -22,7 +22,7 @@ from mmw.sensors.lidar.scan_pattern import lidar_pattern
 from mmw.sensors.lidar.simulate import trace_lidar_hits
 from mmw.sensors.render.projection import intrinsics_of
 from mmw.traffic.demand import TrafficDemand, VehicleTrack
-from mmw.traffic.idm.run import simulate_idm
+from mmw.traffic.idm.simulation import simulate_idm
 from mmw.traffic.roads.town_asset import open_town
 from mmw.usd.vehicle_catalog import load_catalog
 from tests.fixtures.device_rays import loaded

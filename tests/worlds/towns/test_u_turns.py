@@ -8,7 +8,7 @@ import shapely
 
 from mmw.core.mesh import merge
 from mmw.core.transforms import quaternion_to_ypr
-from mmw.traffic.idm.run import simulate_idm
+from mmw.traffic.idm.simulation import simulate_idm
 from mmw.worlds.towns.description import TownDescription
 from mmw.worlds.towns.network import RoadNetwork, build_network
 from mmw.worlds.towns.u_turns import KERB_CLEARANCE, MIN_U_TURN_RADIUS, u_turn, u_turn_curve

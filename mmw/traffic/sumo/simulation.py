@@ -16,7 +16,7 @@ from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.errors import InputError, MissingPackageError
 from mmw.traffic.demand import TrafficDemand, TrafficResult
 from mmw.traffic.idm.driver import ACCELERATION, BRAKING, HARDEST_BRAKING, STANDSTILL_GAP, STEP
-from mmw.traffic.replay.engine import place_vehicles
+from mmw.traffic.replay.recorded_vehicles import place_vehicles
 from mmw.traffic.replay.trajectory_table import Trajectory
 from mmw.traffic.roads.lane_graph import LaneGraph
 from mmw.traffic.route import PATH_STEP
@@ -130,7 +130,7 @@ def _write_routes(
     for rank, (vehicle, speed) in enumerate(zip(vehicles, speeds, strict=True)):
         spot = network.place[vehicle.start.point.lane]
         edges = [network.place[name].edge for name in vehicle.lanes if name in network.place]
-        depart = {"depart": "0", "departLane": str(spot.index), "departPos": f"{vehicle.front * spot.scale:.3f}"}
+        depart = {"depart": "0", "departLane": str(spot.index), "departPos": f"{vehicle.bumpers[1] * spot.scale:.3f}"}
         depart |= {"departSpeed": f"{speed:.3f}", "insertionChecks": "none"}
         element = ElementTree.SubElement(root, "vehicle", depart, id=str(rank), type=f"type_{rank}")
         ElementTree.SubElement(element, "route", edges=" ".join(edges))
