@@ -178,7 +178,7 @@ def run(arguments: argparse.Namespace) -> None:
     print(write_radio_map(result, stem.with_suffix(".parquet"), meta))
     if not arguments.table_only:
         with needed_by("the picture of a radio map (--table-only leaves it out)"):
-            from mmw.viz.plots.radio_map import plot_radio_map
+            from mmw.viz.plots.radio_map_plot import plot_radio_map
 
         over = "plane at" if arguments.plane else "roads +"
         plot_radio_map(

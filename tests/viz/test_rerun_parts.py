@@ -21,7 +21,7 @@ from mmw.viz.rerun.frames import flat_boxes  # noqa: E402
 from mmw.viz.rerun.recording import Looks  # noqa: E402
 from mmw.viz.rerun.samples import depth_image  # noqa: E402
 from mmw.viz.rerun.selection import choose_scope  # noqa: E402
-from mmw.viz.rerun.sensors import sensor_notes  # noqa: E402
+from mmw.viz.rerun.sensor_mounts import sensor_notes  # noqa: E402
 from mmw.viz.rerun.town import town_meshes  # noqa: E402
 from mmw.viz.rerun.viewer import save  # noqa: E402
 from tests.fixtures.rrd_files import read_recording  # noqa: E402

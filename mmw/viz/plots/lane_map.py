@@ -9,7 +9,7 @@ from mmw.config import load_config
 from mmw.core.resources import configs_dir
 from mmw.scene.scene_data import SceneData
 from mmw.traffic.roads.lane_graph import LaneGraph
-from mmw.viz.plots.radio_map import draw_scene
+from mmw.viz.plots.radio_map_plot import draw_scene
 
 MARGIN_M = 20.0
 """Border around the lanes [m]."""

@@ -15,11 +15,11 @@ from mmw.core.errors import InputError
 from mmw.core.progress_bar import Progress
 from mmw.dataset import BeamSearch, Dataset
 from mmw.viz.rerun.blueprint import image_overlays, layout
-from mmw.viz.rerun.channel import RadioLogger
 from mmw.viz.rerun.entities import WORLD
 from mmw.viz.rerun.frames import LIDAR_COLORS, FrameLogger
+from mmw.viz.rerun.radio_links import RadioLogger
 from mmw.viz.rerun.selection import Scope
-from mmw.viz.rerun.sensors import (
+from mmw.viz.rerun.sensor_mounts import (
     log_sensors,
     missing_tables,
     reading_columns,

@@ -116,7 +116,7 @@ def draw_scenario(
     frame = config.frames_of(found).start if frame is None else frame
     weather = weather or config.weathers[0]
     values, variants = _configured_weather(config, weather)
-    cameras = {sensor.name: sensor for sensor in config.sensors if isinstance(sensor, RgbCamera)}
+    cameras = {sensor.name: sensor for sensor in config.sensors if sensor.type == "rgb"}
     if viewpoint.camera and viewpoint.camera not in cameras:
         listed = f"it has {', '.join(cameras)}" if cameras else "it has none"
         raise InputError(f"{path}: has no RGB camera {viewpoint.camera!r}; {listed}; name one, or use --eye")
