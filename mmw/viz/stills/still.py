@@ -9,7 +9,7 @@ import numpy as np
 from PIL import Image
 from pydantic import ValidationError
 
-from mmw.config import Config, ScenarioConfig, config_path, load_config
+from mmw.config import Config, config_path, load_config
 from mmw.core.bvh_kind import select_bvh
 from mmw.core.errors import InputError
 from mmw.core.random_keys import random_keys
@@ -112,7 +112,7 @@ def draw_scenario(
     path = config_path(path)
     config = load_config(path)
     select_bvh(config.compute.bvh)
-    found = _scenario(config, path, scenario)
+    found = config.scenario(scenario)
     frame = config.frames_of(found).start if frame is None else frame
     weather = weather or config.weathers[0]
     values, variants = _configured_weather(config, weather)
@@ -132,18 +132,39 @@ def draw_scenario(
             followed = viewpoint.follow or next((actor.name for actor in arrays.actors if actor.role == "cav"), "")
             image = _from_eye(pictures, frame, weather, viewpoint, followed, size)
             return image, pictures.notes
-        camera = size.of(cameras[viewpoint.camera])
-        views = make_views(arrays, [frame], camera)
-        row = [arrays.actors[actor].name for actor in views.actor]
-        if viewpoint.agent not in row:
-            raise InputError(
-                f"{path}: no agent {viewpoint.agent!r} carries camera {camera.name!r} in frame {frame}; those that do: "
-                f"{', '.join(row) or 'none'}; name one of them"
-            )
-        views = views.take(np.array([row.index(viewpoint.agent)]))
-        keys = {weather: view_keys(arrays, views, config.seed, found.name, weather, camera.name)}
-        lens_keys = random_keys([(config.seed, found.name, camera.name, "lens", viewpoint.agent)])
-        return Image.fromarray(pictures.render(views, camera, keys, lens_keys)[weather][0]), pictures.notes
+        camera, stream = size.of(cameras[viewpoint.camera]), (config.seed, found.name)
+        images = camera_images(pictures, frame, [weather], camera, viewpoint.agent, stream)
+        return Image.fromarray(images[weather]), pictures.notes
+
+
+def camera_images(
+    pictures: StillRenderer, frame: int, weathers: Sequence[str], camera: RgbCamera, agent: str, stream: tuple[int, str]
+) -> dict[str, np.ndarray]:
+    """Return what a camera of an agent sees in some weathers, as a run stores it: sRGB, shape [H, W, 3], uint8.
+
+    Args:
+        pictures: Renderer of the scene.
+        frame: Frame.
+        weathers: Weathers.
+        camera: The camera.
+        agent: Agent that carries it.
+        stream: Seed and scenario of the random numbers.
+
+    Raises:
+        InputError: If no such agent carries the camera in the frame.
+    """
+    arrays = pictures.scene.arrays
+    views = make_views(arrays, [frame], camera)
+    carriers = [arrays.actors[actor].name for actor in views.actor]
+    if agent not in carriers:
+        raise InputError(
+            f"no agent {agent!r} carries camera {camera.name!r} in frame {frame}; those that do: "
+            f"{', '.join(carriers) or 'none'}; name one of them"
+        )
+    views = views.take(np.array([carriers.index(agent)]))
+    keys = {weather: view_keys(arrays, views, *stream, weather, camera.name) for weather in weathers}
+    lens_keys = random_keys([(*stream, camera.name, "lens", agent)])
+    return {weather: images[0] for weather, images in pictures.render(views, camera, keys, lens_keys).items()}
 
 
 def draw_stage(
@@ -186,13 +207,6 @@ def _frames(frame: int) -> range:
     if frame < 0:
         raise InputError(f"--frame {frame}: frames count from 0; give 0 or more")
     return range(frame, frame + 1)
-
-
-def _scenario(config: Config, path: Path, name: str) -> ScenarioConfig:
-    names = [found.name for found in config.scenarios]
-    if name and name not in names:
-        raise InputError(f"{path}: has no scenario {name!r}; it has {', '.join(names)}; name one of them")
-    return config.scenarios[names.index(name) if name else 0]
 
 
 def _configured_weather(config: Config, name: str) -> tuple[Weather, tuple[str, ...]]:
