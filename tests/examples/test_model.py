@@ -333,14 +333,6 @@ def test_frames_without_path_have_no_loss() -> None:
         assert logits.grad is not None and not logits.grad.any()
 
 
-def test_a_sure_oracle_has_no_loss() -> None:
-    gains = torch.rand(4, 3, Q)
-    gains[..., 7] = 1.0
-    target = torch.full((4, 3), 7)
-    sure = torch.zeros(4, 3, Q).index_fill(2, torch.tensor([7]), 100.0)
-    assert float(gain_loss(sure, target, gains)) < 1e-6 and float(beam_loss(sure, target, gains)) < 1e-6
-
-
 def test_local_weights_are_used_and_may_be_frozen(tmp_path: Path) -> None:
     torch.manual_seed(5)
     saved = GPT2Model(GPT2Config(n_embd=32, n_layer=3, n_head=4, n_positions=32, vocab_size=11))

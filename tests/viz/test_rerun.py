@@ -8,7 +8,7 @@ import pytest
 rr = pytest.importorskip("rerun")
 
 from mmw.core.constants import SPEED_OF_LIGHT  # noqa: E402
-from mmw.dataset import BeamSearch, Dataset, open_dataset  # noqa: E402
+from mmw.dataset import BeamSearch, Dataset  # noqa: E402
 from mmw.sensors.render.projection import project  # noqa: E402
 from mmw.viz.rerun.entities import (  # noqa: E402
     agent_entity,
@@ -21,14 +21,9 @@ from mmw.viz.rerun.recording import Looks  # noqa: E402
 from mmw.viz.rerun.selection import choose_scope  # noqa: E402
 from mmw.viz.rerun.viewer import save  # noqa: E402
 from tests.fixtures.rrd_files import Recording, matrix, read_recording, rerun_pixels  # noqa: E402
-from tests.fixtures.small_dataset import SCENARIO, small_dataset  # noqa: E402
+from tests.fixtures.small_dataset import SCENARIO  # noqa: E402
 
 FRAMES = range(4)
-
-
-@pytest.fixture(scope="module")
-def data() -> Dataset:
-    return open_dataset(small_dataset())
 
 
 @pytest.fixture(scope="module")
