@@ -19,7 +19,7 @@ from mmw.scene.reader import read_stage
 from mmw.sensors.rgb.config import paper_cameras
 from mmw.viz.stills.image_files import join_tiles, save_jpeg
 from mmw.viz.stills.renderer import load_renderer
-from mmw.viz.stills.still import PictureSize, camera_images
+from mmw.viz.stills.still import camera_images, resized
 
 WEATHERS = ("sunny", "rainy", "foggy")
 """Rows of a picture."""
@@ -87,8 +87,9 @@ def draw_scenario(
     Raises:
         InputError: If the CAV or a roadside unit is absent in the frame.
     """
-    frame, size = config.frames_of(scenario).start, PictureSize(*TILE_PX, samples)
-    cameras = {camera.name: size.of(camera) for camera in paper_cameras()}
+    frame, (width, height) = config.frames_of(scenario).start, TILE_PX
+    size = {"width_px": width, "height_px": height, "samples": samples}
+    cameras = {camera.name: resized(camera, size) for camera in paper_cameras()}
     with tempfile.TemporaryDirectory() as folder:
         stage = prepare_scenario(config, scenario, base, Path(folder))
         arrays = read_stage(stage, range(frame, frame + 1), config.variants, margin=1)

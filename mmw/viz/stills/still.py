@@ -1,7 +1,7 @@
 """One picture of a scenario or a town by the RGB camera, straight from its configuration or stage, without a run."""
 
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -56,37 +56,26 @@ class Viewpoint:
             )
 
 
-@dataclass(frozen=True)
-class PictureSize:
-    """Image size and samples; None means those of the camera."""
+def resized(camera: RgbCamera, size: Mapping[str, int]) -> RgbCamera:
+    """Return a camera with some of `width_px`, `height_px` and `samples` replaced.
 
-    width: int | None = None
-    """Image width [px]."""
-    height: int | None = None
-    """Image height [px]."""
-    samples: int | None = None
-    """Rays in a pixel on an edge: 1, 4 or 9."""
-
-    def of(self, camera: RgbCamera) -> RgbCamera:
-        """Return a camera with this size.
-
-        Raises:
-            InputError: If the camera cannot have it.
-        """
-        wanted = {"width_px": self.width, "height_px": self.height, "samples": self.samples}
-        given = {key: value for key, value in wanted.items() if value is not None}
-        try:
-            return RgbCamera.model_validate({**camera.model_dump(), **given})
-        except ValidationError as error:
-            problem = error.errors()[0]
-            key = ".".join(map(str, problem["loc"])) or "lens"
-            raise InputError(f"camera {camera.name!r} with {given}: {key}: {problem['msg']}; change the size") from None
+    Raises:
+        InputError: If the camera cannot have this size.
+    """
+    try:
+        return RgbCamera.model_validate({**camera.model_dump(), **size})
+    except ValidationError as error:
+        problem = error.errors()[0]
+        key = ".".join(map(str, problem["loc"])) or "lens"
+        raise InputError(
+            f"camera {camera.name!r} with {dict(size)}: {key}: {problem['msg']}; change the size"
+        ) from None
 
 
 def draw_scenario(
     path: str | Path,
     viewpoint: Viewpoint,
-    size: PictureSize,
+    size: Mapping[str, int],
     *,
     scenario: str = "",
     frame: int | None = None,
@@ -100,7 +89,7 @@ def draw_scenario(
     Args:
         path: Configuration file, or the name of a shipped one.
         viewpoint: Viewpoint; the first CAV is followed if it is empty.
-        size: Image size and samples.
+        size: Values of `width_px`, `height_px` and `samples` instead of the camera's.
         scenario: Its name; the first if empty.
         frame: Frame; the first that the configuration makes if None.
         weather: One of the configuration's weathers or a preset; the first weather if empty.
@@ -132,7 +121,7 @@ def draw_scenario(
             followed = viewpoint.follow or next((actor.name for actor in arrays.actors if actor.role == "cav"), "")
             image = _from_eye(pictures, frame, weather, viewpoint, followed, size)
             return image, pictures.notes
-        camera, stream = size.of(cameras[viewpoint.camera]), (config.seed, found.name)
+        camera, stream = resized(cameras[viewpoint.camera], size), (config.seed, found.name)
         images = camera_images(pictures, frame, [weather], camera, viewpoint.agent, stream)
         return Image.fromarray(images[weather]), pictures.notes
 
@@ -168,14 +157,14 @@ def camera_images(
 
 
 def draw_stage(
-    name: str, viewpoint: Viewpoint, size: PictureSize, *, frame: int = 0, weather: str = "", device: str = "auto"
+    name: str, viewpoint: Viewpoint, size: Mapping[str, int], *, frame: int = 0, weather: str = "", device: str = "auto"
 ) -> tuple[Image.Image, tuple[str, ...]]:
     """Return a picture of a town or of any other stage, and notes on its textures.
 
     Args:
         name: A shipped town, or a USD file.
         viewpoint: Viewpoint; the street view that sees most if it is empty.
-        size: Image size and samples.
+        size: Values of `width_px`, `height_px` and `samples` instead of the camera's.
         frame: Frame of an animated stage.
         weather: A preset; the one that the stage has selected if empty.
         device: Warp device that renders: `auto`, `cpu` or `cuda:N`.
@@ -198,7 +187,7 @@ def draw_stage(
     if viewpoint.eye is None and not viewpoint.follow:
         view = choose_views(pictures.scene, open_stage_model(path).lanes)[0]
         eye = np.array(view[:3])
-        camera = size.of(street_camera(fov_deg=FOV_DEG))
+        camera = resized(street_camera(fov_deg=FOV_DEG), size)
         return pictures.look(weather, eye, eye + view_direction(view[3]), camera), pictures.notes
     return _from_eye(pictures, frame, weather, viewpoint, viewpoint.follow, size), pictures.notes
 
@@ -222,10 +211,10 @@ def _configured_weather(config: Config, name: str) -> tuple[Weather, tuple[str, 
 
 
 def _from_eye(
-    pictures: StillRenderer, frame: int, weather: str, viewpoint: Viewpoint, followed: str, size: PictureSize
+    pictures: StillRenderer, frame: int, weather: str, viewpoint: Viewpoint, followed: str, size: Mapping[str, int]
 ) -> Image.Image:
     """Return the picture from the given eye, or of the followed actor."""
-    camera = size.of(street_camera())
+    camera = resized(street_camera(), size)
     if viewpoint.eye is not None and viewpoint.target is not None:
         return pictures.look(weather, viewpoint.eye, viewpoint.target, camera)
     arrays = pictures.scene.arrays
