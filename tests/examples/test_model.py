@@ -296,7 +296,7 @@ def test_an_interval_over_drives_counts_drives_not_windows() -> None:
     assert drive_interval(gap, np.arange(400))[0] < np.nanmean(gap) < drive_interval(gap, np.arange(400))[1]
 
 
-def test_scores_are_those_of_the_channel(data: BeamData) -> None:
+def test_scores_are_those_of_the_channel() -> None:
     rng = np.random.default_rng(1)
     h = rng.standard_normal((30, 16, 64)) + 1j * rng.standard_normal((30, 16, 64))
     gains = beam_gains(h, dft_codebook(ula(64), Q), dft_codebook(ula(16), Q))

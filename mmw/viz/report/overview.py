@@ -4,7 +4,6 @@ import numpy as np
 
 from mmw.config.sensor_spec import SENSORS
 from mmw.core.constants import FRAME_DT
-from mmw.dataset import Dataset
 from mmw.storage.schemas import TABLES
 from mmw.viz.report.html import count, details, paragraph, plural, size, table, tiles
 from mmw.viz.report.inventory import LISTED, Inventory, quick_check
@@ -43,7 +42,7 @@ def state(inventory: Inventory, scenarios: list[str]) -> str:
     return "".join(parts) + "".join(paragraph(f"{note}.", "warning") for note in inventory.notes)
 
 
-def facts(inventory: Inventory, data: Dataset, scenarios: list[str]) -> str:
+def facts(inventory: Inventory, scenarios: list[str]) -> str:
     """Return the boxes on top of the page."""
     total = inventory.sizes(scenarios, "table")
     frames = sum(inventory.frame_count(s, w) for s in scenarios for w in inventory.weathers(s))
