@@ -181,7 +181,7 @@ class Curves:
 
     def images(self) -> list[FramePoint]:
         """Cameras over images a frame: four on each connected vehicle, one on the unit."""
-        each = sum("cav" in sensor.on for sensor in self._config.sensors if isinstance(sensor, RgbCamera))
+        each = sum("cav" in sensor.on for sensor in self._config.sensors if sensor.type == "rgb")
         return [
             self._point(replace(self._only(RgbCamera), arrays=connected(self._arrays, count)), each * count + 1)
             for count in self._sizes.cameras
@@ -201,7 +201,7 @@ class Curves:
 
     def points(self) -> list[FramePoint]:
         """LiDARs over the rays of a sweep."""
-        channels = next(each.channels for each in self._config.sensors if isinstance(each, Lidar))
+        channels = next(each.channels for each in self._config.sensors if each.type == "lidar")
         return [
             self._point(self._only(Lidar, points_per_channel=steps), channels * steps) for steps in self._sizes.steps
         ]

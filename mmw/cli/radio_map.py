@@ -29,8 +29,7 @@ from mmw.core.extras import needed_by
 from mmw.generation.estimate import check_inputs
 from mmw.generation.progress import si
 from mmw.scene.device_scene import DeviceScene
-from mmw.scene.prepare import prepare_scenario, stored_stage
-from mmw.scene.reader import read_stage
+from mmw.scene.prepare import prepare_scenario, read_frame, stored_stage
 from mmw.scene.scene_data import SceneData
 from mmw.storage.atomic_files import write_bytes_atomically
 from mmw.storage.manifest import DATASET
@@ -178,7 +177,7 @@ def run(arguments: argparse.Namespace) -> None:
     print(write_radio_map(result, stem.with_suffix(".parquet"), meta))
     if not arguments.table_only:
         with needed_by("the picture of a radio map (--table-only leaves it out)"):
-            from mmw.viz.plots.radio_map import plot_radio_map
+            from mmw.viz.plots.radio_map_plot import plot_radio_map
 
         over = "plane at" if arguments.plane else "roads +"
         plot_radio_map(
@@ -231,13 +230,7 @@ def _arrays(config: Config, scenario: ScenarioConfig, frame: int, base: Path) ->
     with tempfile.TemporaryDirectory(prefix="mmw_radio_map_") as folder:
         is_dataset = (base / DATASET).is_file()
         stage = stored_stage(base, scenario) if is_dataset else prepare_scenario(config, scenario, base, Path(folder))
-        return read_stage(
-            stage,
-            range(frame, frame + 1),
-            {weather: config.variants[weather] for weather in config.weathers[:1]},
-            roles=scenario.actor_roles,
-            material_map=scenario.material_map,
-        )
+        return read_frame(config, scenario, stage, frame, config.weathers[0])
 
 
 def _surface(arguments: argparse.Namespace, arrays: SceneData, transmitters: Transmitters) -> MeasurementSurface:

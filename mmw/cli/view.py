@@ -129,12 +129,13 @@ def _still(arguments: argparse.Namespace) -> None:
         raise InputError("view: exactly one of --config FILE and --town NAME is needed; give one")
     if arguments.town and arguments.scenario:
         raise InputError(f"--scenario {arguments.scenario}: goes with --config, not with --town; leave it out")
-    from mmw.viz.stills.still import PictureSize, Viewpoint, draw_scenario, draw_stage
+    from mmw.viz.stills.still import Viewpoint, draw_scenario, draw_stage
 
     viewpoint = Viewpoint(
         arguments.agent or "", arguments.camera or "", arguments.eye, arguments.look_at, arguments.follow or ""
     )
-    size = PictureSize(arguments.width, arguments.height, arguments.samples)
+    given = {"width_px": arguments.width, "height_px": arguments.height, "samples": arguments.samples}
+    size = {key: value for key, value in given.items() if value is not None}
     common = {"weather": arguments.weather, "device": arguments.device or "auto"}
     if arguments.town:
         image, notes = draw_stage(arguments.town, viewpoint, size, frame=arguments.frame or 0, **common)

@@ -110,8 +110,8 @@ class SensorSpec:
 
     `plot`: `(axes, Agent, name of the sensor, SampleStyle) -> SamplePlot` draws one sample, in figures and reports
     (`mmw.viz.plots.samples`). `figure`: `(Dataset, scenario, weathers, frame, agent, sensor, figure=) -> Figure`
-    compares weathers (`mmw.viz.plots.sensors`). `viewer`: `(FrameLogger, Agent, name of the sensor)` logs one sample to
-    Rerun (`mmw.viz.rerun.samples`).
+    compares weathers (`mmw.viz.plots.weather_comparison`). `viewer`: `(FrameLogger, Agent, name of the sensor)` logs
+    one sample to Rerun (`mmw.viz.rerun.samples`).
     """
 
     def __post_init__(self) -> None:

@@ -132,6 +132,21 @@ def make_tracks(
         raise InputError(f"{where}.{error}") from error
 
 
+def read_frame(config: Config, scenario: ScenarioConfig, stage: Path, frame: int, weather: str) -> SceneData:
+    """Return one frame of a scenario, with the materials of one weather of the configuration.
+
+    Raises:
+        InputError: If the stage cannot be used, or does not have the frame.
+    """
+    return read_stage(
+        stage,
+        range(frame, frame + 1),
+        {weather: config.variants[weather]},
+        roles=scenario.actor_roles,
+        material_map=scenario.material_map,
+    )
+
+
 def read_scenario(config: Config, scenario: ScenarioConfig, stage: Path) -> SceneData:
     """Return a scenario's arrays for the configured frames, and one frame on each side where the stage has it.
 

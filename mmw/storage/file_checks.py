@@ -79,7 +79,7 @@ def _find(store: Store) -> Iterator[Finding]:
         yield Finding("note", MARKERS, text)
     yield from _check_overlaps(markers)
     yield from _check_others(store, listed)
-    yield from _check_manifest(store, listed)
+    yield from check_manifest(store, listed)
 
 
 def version_number(text: str) -> tuple[int, int]:
@@ -198,7 +198,8 @@ def _check_others(store: Store, listed: dict[str, dict]) -> Iterator[Finding]:
             yield Finding("foreign", name, "no file of a dataset has this name; move it away")
 
 
-def _check_manifest(store: Store, listed: dict[str, dict]) -> Iterator[Finding]:
+def check_manifest(store: Store, listed: dict[str, dict]) -> Iterator[Finding]:
+    """Yield what is wrong with the manifest, if there is one: it lists the files that the markers list, by path."""
     data = store.read(MANIFEST)
     if data is None:
         return

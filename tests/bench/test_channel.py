@@ -188,27 +188,25 @@ def test_half_space_is_refused(tmp_path) -> None:
         scene_xml(arrays_from_parts([ground_part()]), 28e9, tmp_path)
 
 
-def without_sionna(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("options", "modes"),
+    [
+        (["--candidates", "exhaustive", "--format", "json"], ["frames", "one solve"]),  # only our side is measured
+        (["--scene", "munich"], []),  # Sionna's own scene
+    ],
+)
+def test_without_sionna_it_is_named(
+    options: list[str], modes: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     def version(name: str) -> str:
         raise metadata.PackageNotFoundError(name)
 
     monkeypatch.setattr(sionna_run.importlib.metadata, "version", version)
-
-
-def test_without_sionna_own_timing_goes_on(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    without_sionna(monkeypatch)
-    channel.main([*SMALL, "--against", "sionna", "--candidates", "exhaustive", "--format", "json"])
-    lines = capsys.readouterr().out.splitlines()
-    assert "pip install 'sionna-rt" in lines[0]
-    assert [r["mode"] for r in json.loads(lines[-1])["results"]] == ["frames", "one solve"]
-
-
-def test_without_sionna_there_is_no_munich(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    without_sionna(monkeypatch)
-    channel.main([*SMALL, "--against", "sionna", "--scene", "munich"])
-    lines = capsys.readouterr().out.splitlines()
-    assert len(lines) == 1
-    assert "pip install 'sionna-rt" in lines[0]
+    channel.main([*SMALL, "--against", "sionna", *options])
+    first, *others = capsys.readouterr().out.splitlines()
+    assert "pip install 'sionna-rt" in first
+    assert bool(others) == bool(modes)
+    assert not modes or [r["mode"] for r in json.loads(others[-1])["results"]] == modes
 
 
 def test_older_sionna_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -16,7 +16,7 @@ from mmw.core import log_files as log
 from mmw.core.errors import Error, InputError, MissingPackageError
 from mmw.core.extras import EXTRA_OF, needed_by
 from mmw.generation.worker import GenerationContext
-from tests.fixtures.own_world import SMALL, write_own_world
+from tests.fixtures.own_world import command
 
 RAISE = """
 import argparse, sys
@@ -28,10 +28,14 @@ sys.exit(run_command(argparse.ArgumentParser("mmw test"), work, []))
 """
 
 
-def outcome(error: str) -> tuple[int, str]:
-    code = RAISE.format(error=error)
+def run_python(code: str) -> tuple[int, str]:
+    """Return the exit code and the standard error of a program."""
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=600)
     return done.returncode, done.stderr
+
+
+def outcome(error: str) -> tuple[int, str]:
+    return run_python(RAISE.format(error=error))
 
 
 def broken(*arguments: object, **named: object) -> None:
@@ -79,40 +83,32 @@ def test_a_library_s_value_error_is_a_bug() -> None:
     assert err.count("\n") == 1
 
 
-def test_a_bug_in_a_sensor(tmp_path, logs, monkeypatch, capsys) -> None:
-    folder = write_own_world(tmp_path)
+def test_a_bug_in_a_sensor(own_world, logs, monkeypatch, capsys) -> None:
     monkeypatch.setattr("mmw.generation.capture.capture_sensors", broken)
-    arguments = ["--config", str(folder / "mine.yaml"), "--out", str(tmp_path / "out"), "--device", "cpu", *SMALL]
-    assert main([*arguments, "--workers", "1"]) == 1
+    arguments = command(own_world, "out", "--workers", "1")
+    assert main(arguments) == 1
     (line,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("mmw: ")]
     assert "internal error: ValueError: operands could not be broadcast" in line
     assert "every finished shard is kept" in line and str(logs) in line
     text = only_log(logs)
     assert "Traceback" in text and "in broken" in text and "mine.yaml" in text
-    assert main([*arguments, "--workers", "1", "--debug"]) == 1
+    assert main([*arguments, "--debug"]) == 1
     assert "Traceback" in capsys.readouterr().err
 
 
-def test_a_bug_in_a_worker_process(tmp_path, logs, monkeypatch, capsys) -> None:
-    folder = write_own_world(tmp_path)
+def test_a_bug_in_a_worker_process(own_world, logs, monkeypatch, capsys) -> None:
     monkeypatch.setattr("mmw.generation.generate.GenerationContext", BrokenContext)
     monkeypatch.setattr(BrokenContext, "__module__", "tests.cli.test_command")
     monkeypatch.setitem(sys.modules, "tests.cli.test_command", sys.modules[__name__])
-    arguments = ["--config", str(folder / "mine.yaml"), "--out", str(tmp_path / "out"), "--device", "cpu", *SMALL]
-    assert main([*arguments, "--workers", "2"]) == 1
+    assert main(command(own_world, "out", "--workers", "2")) == 1
     err = capsys.readouterr().err
     assert "internal error: IndexError: injected for mine" in err and "Traceback" not in err
-    text = only_log(logs)
-    assert (
-        "in a worker process" in text
-        and "in shared_name" in text
-        and "mmw.generation.executors.worker_protocol" in text
-    )
+    places = ("in a worker process", "in shared_name", "mmw.generation.executors.worker_protocol")
+    assert all(place in only_log(logs) for place in places)
 
 
-def test_bad_input_of_a_run_is_one_line(tmp_path, logs, capsys) -> None:
-    folder = write_own_world(tmp_path)
-    assert main(["--config", str(folder / "mine.yaml"), "--out", str(tmp_path / "out"), "frames.count=99"]) == 2
+def test_bad_input_of_a_run_is_one_line(own_world, logs, capsys) -> None:
+    assert main(command(own_world, "out", "frames.count=99")) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("mmw: ") and "frames" in line and "internal" not in line
     assert "Traceback" in only_log(logs)  # for whoever wonders where it comes from
@@ -139,9 +135,7 @@ def test_old_log_files_are_removed(logs) -> None:
 
 
 def test_library_users_hear_nothing_unasked() -> None:
-    code = "import mmw.core.log_files, logging; logging.getLogger('mmw').warning('quiet')"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=600)
-    assert (done.returncode, done.stderr) == (0, "")
+    assert run_python("import mmw.core.log_files, logging; logging.getLogger('mmw').warning('quiet')") == (0, "")
 
 
 def test_errors_can_go_to_another_process() -> None:

@@ -21,20 +21,8 @@ TWO_UNITS = (
 
 @pytest.mark.slow
 def test_table_and_picture_of_a_scenario(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
-    arguments = [
-        "radiomap",
-        "--config",
-        CONFIG,
-        "--samples-per-tx",
-        "4e4",
-        "--depth",
-        "1",
-        "--size",
-        "120",
-        "--frame",
-        "1",
-    ]
-    arguments += ["--carrier", "4.9e9", "--weather", "rainy", "--device", "cpu", "--out", str(tmp_path)]
+    arguments = f"--config {CONFIG} --samples-per-tx 4e4 --depth 1 --size 120 --frame 1 --carrier 4.9e9".split()
+    arguments = ["radiomap", *arguments, "--weather", "rainy", "--device", "cpu", "--out", str(tmp_path)]
     assert main([*arguments, "frames.count=2", TWO_UNITS]) == 0
     said, *files = capsys.readouterr().out.splitlines()
     assert "rainy, frame 1: 2 transmitter(s)" in said

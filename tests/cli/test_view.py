@@ -66,37 +66,25 @@ def family(process: int) -> set[int]:
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (["--still", "a.png"], "not of a dataset"),
-        (["--frame", "3"], "--frame goes with --still"),
-        (["--save", "a.rrd", "--web"], "give one"),
-        (["--port", "9000"], "goes with --web"),
-        (["--frames", "5"], "START:STOP"),
-    ],
-)
-def test_options_that_do_not_fit_are_one_line(
-    options: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    pytest.importorskip("rerun")
-    (tmp_path / "dataset.json").write_bytes((small_dataset() / "dataset.json").read_bytes())
-    assert main(["view", str(tmp_path), *options]) == 2
-    (line,) = lines_of(capsys)
-    assert message in line
-
-
-@pytest.mark.parametrize(
     ("arguments", "message"),
     [
+        (["d", "--still", "a.png"], "not of a dataset"),
+        (["d", "--frame", "3"], "--frame goes with --still"),
+        (["d", "--save", "a.rrd", "--web"], "give one"),
+        (["d", "--port", "9000"], "goes with --web"),
+        (["d", "--frames", "5"], "START:STOP"),
         ([], "a dataset folder or --still OUT.png is needed"),
         (["--still", "a.png", "--town", "town03", "--web"], "--web goes with a dataset folder"),
         (["no/such/folder"], "no/such/folder"),
     ],
 )
-def test_neither_a_dataset_nor_a_picture_is_one_line(
-    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
+def test_options_that_do_not_fit_are_one_line(
+    arguments: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("rerun")
+    (tmp_path / "d").mkdir()
+    (tmp_path / "d" / "dataset.json").write_bytes((small_dataset() / "dataset.json").read_bytes())
+    monkeypatch.chdir(tmp_path)
     assert main(["view", *arguments]) == 2
     (line,) = lines_of(capsys)
     assert message in line

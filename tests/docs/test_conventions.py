@@ -20,6 +20,7 @@ from mmw.dataset.export.kitti import label_line
 from mmw.dataset.export.pinhole import OPTICAL_POSE
 from mmw.dataset.export.read_radio import Antennas
 from mmw.dataset.export.read_sensors import Sensor
+from tests.fixtures.pages import markdown_rows
 
 PAGE = Path(__file__).parents[2] / "docs" / "concepts" / "conventions.md"
 YPR = (0.4, -0.3, 0.2)
@@ -28,14 +29,8 @@ POINT = (3.0, -2.0, 0.7)
 
 def rows(first: str) -> dict[str, dict[str, str]]:
     """Return the table whose first heading is `first`: first cell -> heading -> cell."""
-    lines = PAGE.read_text().splitlines()
-    start = next(i for i, line in enumerate(lines) if line.startswith(f"| {first} |"))
-    cells = []
-    for line in lines[start:]:
-        if not line.startswith("|"):
-            break
-        cells.append([cell.strip() for cell in line.strip("|").split("|")])
-    return {row[0]: dict(zip(cells[0], row, strict=True)) for row in cells[2:]}
+    head, *cells = markdown_rows(PAGE.read_text(), first)
+    return {row[0]: dict(zip(head, row, strict=True)) for row in cells}
 
 
 TOOLS = rows("tool")

@@ -14,6 +14,7 @@ from mmw.sensors.lidar.config_parts import CarlaLidarConfig, LidarOpticsConfig
 from mmw.sensors.lidar.optics import PRESETS
 from mmw.sensors.render.image_config import ExposureConfig, ImageConfig, NoiseConfig
 from mmw.storage.schemas import table_spec
+from tests.fixtures.pages import markdown_rows
 
 ROOT = Path(__file__).parents[2]
 PAGES = ROOT / "docs" / "sensors"
@@ -30,17 +31,6 @@ def page(name: str) -> str:
 
 def all_pages() -> str:
     return "\n".join(path.read_text() for path in sorted(PAGES.glob("*.md")))
-
-
-def table(text: str, title: str) -> list[list[str]]:
-    """Return the cells of the rows of the tables whose first column has a title."""
-    found, is_inside = [], False
-    for line in text.splitlines():
-        cells = [cell.strip() for cell in line.strip("|").split("|")] if line.startswith("|") else []
-        is_inside = bool(cells) and (is_inside or cells[0] == title)
-        if is_inside and cells[0] != title and not cells[0].startswith("---"):
-            found.append(cells)
-    return found
 
 
 def number(text: str) -> float | None:
@@ -91,7 +81,7 @@ def test_the_overview_names_the_keys_that_all_sensors_share() -> None:
 def test_the_defaults_of_the_guide_are_those_of_the_code(sensor: str, min_count: int) -> None:
     section: BaseModel = SECTIONS[sensor]()
     compared = 0
-    for cells in table(page(sensor), "key"):
+    for cells in markdown_rows(page(sensor), "key")[1:]:
         names = fields_of(cells[0])
         values = [part.strip() for part in cells[1].split(",")]
         if len(names) != len(values):
@@ -108,7 +98,7 @@ def test_the_defaults_of_the_guide_are_those_of_the_code(sensor: str, min_count:
 
 
 def test_the_presets_of_the_guide_are_those_of_the_code() -> None:
-    rows = table(page("lidar"), "`optics`")
+    rows = markdown_rows(page("lidar"), "`optics`")[1:]
     compared = set()
     for cells in rows:
         names = fields_of(cells[0])
@@ -131,7 +121,7 @@ def test_carla_defaults_of_the_guide() -> None:
 def test_columns_that_the_guide_names_exist() -> None:
     columns = {sensor: {field.name for field in table_spec(sensor).columns} for sensor in ("lidar", "radar")}
     for sensor, known in columns.items():
-        named = {name for cells in table(page(sensor), "column") for name in fields_of(cells[0])}
+        named = {name for cells in markdown_rows(page(sensor), "column") for name in fields_of(cells[0])}
         assert named <= known
         assert known - named <= {"scenario", "weather", "frame", "agent", "sensor", "point_count", "ring"}
 

@@ -9,8 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.fixtures.doc_pages import ROOT, blocks_of, run_page, says
+from tests.fixtures.doc_pages import ROOT, blocks_of, run_page, run_python, says
 from tests.fixtures.small_dataset import small_dataset
+from tests.fixtures.window_data import window_data
 
 DOCS = ROOT / "docs"
 QUICKSTART = "mmw run --config quickstart"
@@ -73,6 +74,23 @@ def test_tutorials_of_town_and_sensors(tmp_path: Path) -> None:
     """The second continues in the folder of the first."""
     run_page(DOCS / "guides" / "own-town.md", tmp_path)
     run_page(DOCS / "guides" / "own-sensor.md", tmp_path)
+
+
+@pytest.mark.filterwarnings(
+    "ignore:This DataLoader will create",
+    "ignore:.*fork:DeprecationWarning",  # one core; Python 3.12 and threads
+)
+def test_the_guide_of_pytorch(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("torch", reason="PyTorch is not installed: pip install 'multimodal-wireless[torch]'")
+    monkeypatch.chdir(tmp_path)
+    names = run_python(ROOT / "docs" / "guides" / "torch.md", "DATASET", window_data())
+    told = capsys.readouterr().out
+    assert "'train':" in told and "cav_1" in told and "torch.float32" in told
+    assert names["images"].shape[1:3] == (4, 3) and names["points"].shape[1:][0] == 4
+    assert names["target"].shape[1:] == (10,) and len(names["test"]) > 0 and len(names["sunny"]) > 0
+    assert any((tmp_path / "beams-cache").iterdir())
 
 
 @pytest.mark.parametrize(

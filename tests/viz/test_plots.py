@@ -1,6 +1,5 @@
 """Figures of a dataset: what is drawn is what the tables hold, and lands where geometry puts it."""
 
-import re
 import subprocess
 import sys
 from pathlib import Path
@@ -13,7 +12,7 @@ from matplotlib.figure import Figure
 from scipy.spatial import ConvexHull
 
 from mmw.core.camera_models import Distortion, Intrinsics
-from mmw.dataset import Dataset, open_dataset
+from mmw.dataset import Dataset
 from mmw.dataset.camera_geometry import Camera
 from mmw.viz.plots import (
     draw_camera,
@@ -31,16 +30,12 @@ from mmw.viz.plots.frame import choose_panels, sensors_of
 from mmw.viz.plots.images import box_lines, seen_objects
 from mmw.viz.plots.map import convex_outline
 from mmw.viz.plots.style import box_kind
+from tests.fixtures.doc_pages import ROOT, run_python
 from tests.fixtures.export_data import box_matrix, matrix
 from tests.fixtures.small_dataset import SCENARIO, small_dataset
 
 AT = (SCENARIO, "sunny")
 CARRIER = 28e9
-
-
-@pytest.fixture(scope="module")
-def data() -> Dataset:
-    return open_dataset(small_dataset())
 
 
 def axes_of(figure, text: str):
@@ -284,12 +279,8 @@ def test_errors_list_the_known_names(data, call, message) -> None:
 
 
 def test_the_examples_of_the_docs_run(tmp_path, monkeypatch) -> None:
-    text = (Path(__file__).parents[2] / "docs" / "guides" / "viewer.md").read_text()
-    blocks = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
     monkeypatch.chdir(tmp_path)
-    names: dict = {}
-    for block in blocks:
-        exec(compile(block.replace("out/quickstart", str(small_dataset())), "viewer.md", "exec"), names)
+    run_python(ROOT / "docs" / "guides" / "viewer.md", "out/quickstart", small_dataset())
     assert {file.name for file in tmp_path.iterdir()} == {"frame.png", "paths.png", "link.png", "panels.png"}
 
 
@@ -301,5 +292,5 @@ def test_no_window_is_needed(tmp_path: Path) -> None:
         f".savefig({str(tmp_path / 'link.png')!r})\n"
         "assert 'matplotlib.pyplot' not in sys.modules\n"
     )
-    subprocess.run([sys.executable, "-c", code], check=True, cwd=Path(__file__).parents[2])
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)
     assert (tmp_path / "link.png").stat().st_size > 10_000

@@ -5,8 +5,8 @@ import io
 import re
 import shutil
 import subprocess
-from html.parser import HTMLParser
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -14,69 +14,32 @@ import pytest
 from PIL import Image
 
 from mmw.cli.report import main
-from mmw.dataset import open_dataset
+from mmw.dataset.frame import PointCloud
 from mmw.viz.plots import read_town_plan
 from mmw.viz.plots.readings import draw_reading, read_readings
 from mmw.viz.report import make_report
 from mmw.viz.report.channel_statistics import AZIMUTH, BINS, draw_beams, draw_histogram
 from mmw.viz.report.contact_sheets import Budget, picture_frames
 from mmw.viz.report.css import COLORS
-from mmw.viz.report.figures import figure_style, new_chart, svg
+from mmw.viz.report.figures import EXTENT_M, figure_style, new_chart, svg, thumbnail
 from mmw.viz.report.inventory import take_inventory
 from mmw.viz.report.links import draw_gains, read_links
 from mmw.viz.report.maps import draw_trajectories
 from mmw.viz.report.page import MARKER
 from mmw.viz.report.sampling import sample_range, sampled
+from tests.fixtures.pages import HtmlPage
 from tests.fixtures.small_dataset import SCENARIO, copy_of, part, small_dataset
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 
 
-class Page(HTMLParser):
-    """Tables, charts, pictures and attributes of a page."""
-
-    def __init__(self, source: str) -> None:
-        super().__init__()
-        self.tables: list[list[list[str]]] = []
-        self.attributes: list[tuple[str, str, str]] = []
-        self.charts: list[str] = []
-        self.images: list[dict] = []
-        self.tags: list[str] = []
-        self.words, self._cell = "", False
-        self.feed(source)
-
-    def handle_starttag(self, tag: str, attributes: list) -> None:
-        values = {name: value or "" for name, value in attributes}
-        self.tags.append(tag)
-        self.attributes += [(tag, name, value) for name, value in values.items()]
-        if tag == "table":
-            self.tables.append([])
-        elif tag == "tr":
-            self.tables[-1].append([])
-        elif tag in ("td", "th"):
-            self.tables[-1][-1].append("")
-            self._cell = True
-        elif tag == "svg":
-            self.charts.append(values["aria-label"])
-        elif tag == "img":
-            self.images.append(values)
-
-    def handle_endtag(self, tag: str) -> None:
-        self._cell = self._cell and tag not in ("td", "th")
-
-    def handle_data(self, data: str) -> None:
-        self.words += data
-        if self._cell:
-            self.tables[-1][-1][-1] += data
-
-    def table(self, heading: str) -> list[list[str]]:
-        """Return the rows below the heading that begins a table."""
-        return next(rows[1:] for rows in self.tables if rows[0][0] == heading)
-
-
-def page_of(root: Path, out: Path, **options) -> Page:
+def page_of(root: Path, out: Path, **options) -> HtmlPage:
     make_report(root, out, **options)
-    return Page(out.read_text(encoding="utf-8"))
+    return HtmlPage(out.read_text(encoding="utf-8"))
+
+
+def charts_of(page: HtmlPage) -> list[str]:
+    return page.values("svg", "aria-label")
 
 
 @pytest.fixture(scope="module")
@@ -87,22 +50,20 @@ def path(tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def page(path) -> Page:
-    return Page(path.read_text(encoding="utf-8"))
+def page(path) -> HtmlPage:
+    return HtmlPage(path.read_text(encoding="utf-8"))
 
 
-def test_counts_and_sizes_are_those_of_the_files(page) -> None:
+def test_counts_and_sizes_are_those_of_the_files(data, page) -> None:
     rows = {row[0]: row[1:4] for row in page.table("table")}
     everything = [0, 0, 0]
-    for name in open_dataset(small_dataset()).tables:
+    for name in data.tables:
         files = list((small_dataset() / name).rglob("*.parquet"))
         numbers = len(files), sum(pq.read_metadata(f).num_rows for f in files), sum(f.stat().st_size for f in files)
         everything = [a + b for a, b in zip(everything, numbers, strict=True)]
         assert [cell.replace(",", "") for cell in rows[name][:2]] == [str(number) for number in numbers[:2]]
         assert size_of(rows[name][2]) == pytest.approx(numbers[2], rel=0.06)
-    assert rows["all"][1].replace(",", "") == str(everything[1]) and len(rows) == 1 + len(
-        open_dataset(small_dataset()).tables
-    )
+    assert rows["all"][1].replace(",", "") == str(everything[1]) and len(rows) == 1 + len(data.tables)
     matrix = {(row[0], row[1]): row for row in page.table("scenario")}
     names = next(rows[0] for rows in page.tables if rows[0][0] == "scenario")
     lidar = pq.read_metadata(small_dataset() / part("lidar")).num_rows * 2  # two shards
@@ -115,14 +76,12 @@ def size_of(words: str) -> float:
     return float(number.replace(",", "")) * {"B": 1, "kB": 1e3, "MB": 1e6, "GB": 1e9}[unit]
 
 
-def test_the_table_of_links_agrees_with_sql(page) -> None:
+def test_the_table_of_links_agrees_with_sql(data, page) -> None:
     query = (
         "SELECT peer || ' to ' || agent, link, weather, carrier_hz / 1e9, count(*), 100 * avg(is_los::int), "
         "avg(gain_db), min(gain_db), max(gain_db), avg(path_count), 1e9 * avg(rms_delay_s) FROM links GROUP BY ALL"
     )
-    wanted = {
-        (row[0], row[2], f"{row[3]:g}"): row for row in open_dataset(small_dataset()).connect().sql(query).fetchall()
-    }
+    wanted = {(row[0], row[2], f"{row[3]:g}"): row for row in data.connect().sql(query).fetchall()}
     rows = page.table("link")
     assert len(rows) == len(wanted) == 12
     for row in rows:
@@ -132,8 +91,7 @@ def test_the_table_of_links_agrees_with_sql(page) -> None:
             assert number is None if cell == "-" else abs(float(cell) - number) <= 0.051
 
 
-def test_a_line_is_the_gain_of_the_table_and_shade_where_it_is_blocked() -> None:
-    data = open_dataset(small_dataset())
+def test_a_line_is_the_gain_of_the_table_and_shade_where_it_is_blocked(data) -> None:
     rows = read_links(data, take_inventory(small_dataset()), SCENARIO)
     blocked = data.connect().sql("SELECT agent FROM links GROUP BY 1 HAVING NOT bool_or(is_los)").fetchall()
     for agent, carrier in (("cav_1", 28e9), (blocked[0][0], 4.9e9)):
@@ -150,8 +108,8 @@ def test_a_line_is_the_gain_of_the_table_and_shade_where_it_is_blocked() -> None
     assert len(axes.lines[0].get_xdata()) == 2
 
 
-def test_a_frame_that_is_missing_is_a_gap() -> None:
-    rows = read_links(open_dataset(small_dataset()), take_inventory(small_dataset()), SCENARIO)
+def test_a_frame_that_is_missing_is_a_gap(data) -> None:
+    rows = read_links(data, take_inventory(small_dataset()), SCENARIO)
     for own in rows.by_weather.values():
         kept = own["frame"] != 1
         own.update({name: values[kept] for name, values in own.items()})
@@ -159,10 +117,9 @@ def test_a_frame_that_is_missing_is_a_gap() -> None:
     assert np.isnan(line.get_ydata()).tolist() == [False, True, False, False]
 
 
-def test_histograms_count_every_path(page) -> None:
-    connection = open_dataset(small_dataset()).connect()
+def test_histograms_count_every_path(data, page) -> None:
     where = "WHERE weather = 'sunny' AND carrier_hz = 28e9"
-    rows = connection.sql(f"SELECT kind, degrees(aoa_az) FROM paths {where}").fetchall()
+    rows = data.connect().sql(f"SELECT kind, degrees(aoa_az) FROM paths {where}").fetchall()
     kind, angle = (np.array(column) for column in zip(*rows, strict=True))
     edges = np.linspace(*AZIMUTH, BINS + 1)
     parts = [angle[kind == name] for name in np.unique(kind)]
@@ -177,13 +134,15 @@ def test_histograms_count_every_path(page) -> None:
     assert f"{len(rows)} paths at 28 GHz in sunny, every frame" in page.words
     labels = ("delay [ns]", "RMS delay spread [ns]", "azimuth from the transmitter [deg]")
     labels += ("azimuth at the receiver [deg]", "zenith angle at the receiver [deg]")
-    assert {f"Histogram: {label}" for label in labels} <= set(page.charts)
+    assert {f"Histogram: {label}" for label in labels} <= set(charts_of(page))
 
 
-def test_the_heat_map_counts_the_best_beams(page) -> None:
+def test_the_heat_map_counts_the_best_beams(data, page) -> None:
     query = "SELECT tx_beam, rx_beam, count(*) FROM beams WHERE weather = 'sunny' AND carrier_hz = 28e9 GROUP BY ALL"
-    rows = np.array([row for row in open_dataset(small_dataset()).connect().sql(query).fetchall() if row[0] >= 0])
-    assert f"Best pairs of {rows[:, 2].sum()} links and frames" in page.words and "Best pairs of beams" in page.charts
+    rows = np.array([row for row in data.connect().sql(query).fetchall() if row[0] >= 0])
+    assert f"Best pairs of {rows[:, 2].sum()} links and frames" in page.words and "Best pairs of beams" in page.values(
+        "svg", "aria-label"
+    )
     assert f"{rows[:, 2].max()} times" in page.words
     (axes,) = draw_beams(rows[:, 0], rows[:, 1], rows[:, 2] / rows[:, 2].max(), (64, 16)).axes
     (cells,) = axes.collections
@@ -211,16 +170,54 @@ def test_every_sensor_has_its_pictures(page) -> None:
         for agent in ("cav_1", "cav_2", "cav_3", "rsu_1")
         for sensor in ("front", "lidar", *(("depth",) if agent == "rsu_1" else ()))
     }  # fmt: skip
-    assert {image["alt"] for image in page.images} == wanted and len(page.images) == len(wanted)
-    for image in page.images:
-        kind, data = re.fullmatch(r"data:image/(\w+);base64,(.*)", image["src"]).groups()
+    assert set(page.values("img", "alt")) == wanted and page.tags.count("img") == len(wanted)
+    for source in page.values("img", "src"):
+        kind, data = re.fullmatch(r"data:image/(\w+);base64,(.*)", source).groups()
         with Image.open(io.BytesIO(base64.b64decode(data))) as picture:
             assert picture.format.lower() == kind and min(picture.size) > 40
     assert "Shown: 2 frames of 4 frames" in page.words and "LiDAR: bright is a strong return." in page.words
 
 
-def test_scalar_sensors_are_lines_over_time(page) -> None:
-    data = open_dataset(small_dataset())
+def thumbnail_pixels(thumb) -> np.ndarray:
+    return np.asarray(Image.open(io.BytesIO(thumb[0][1])).convert("RGB"), dtype=int)
+
+
+def agent_with(type_: str, **samples) -> SimpleNamespace:
+    """Return an agent at the origin of the world with a sensor of a type and no boxes around."""
+    pose, frame = np.array([0.0, 0, 0, 0, 0, 0, 1]), SimpleNamespace(boxes=())
+    row = {"type": type_, "sensor": type_}
+    given = {"sweeps": {}, "radars": {}, "views": {}} | samples
+    return SimpleNamespace(name="cav", pose=pose, frame=frame, sensors={type_: row}, **given)
+
+
+def test_points_of_a_thumbnail_are_where_they_are() -> None:
+    pose, count, zero = np.array([0.0, 0, 0, 0, 0, 0, 1]), 40, np.zeros(40, dtype=int)
+    place = np.tile([22.5, -15.0, 0.0], (count, 1)) + np.random.default_rng(1).normal(0.0, 0.5, (count, 3))
+    columns = {"intensity": np.full(count, 0.5), "object_id": zero, "label": zero}
+    cloud = PointCloud("cav", "lidar", pose, place, columns)
+    image = thumbnail_pixels(thumbnail(agent_with("lidar", sweeps={"lidar": cloud}), "lidar"))
+    per_m = 320 / (2 * EXTENT_M)
+    yellow = np.argwhere((image[..., 0] > 200) & (image[..., 2] < 90))
+    np.testing.assert_allclose(yellow.mean(axis=0), [120 - 22.5 * per_m, 160 + 15.0 * per_m], atol=2.5)
+    place = np.array([[38.0, 12.0, 0.0], [38.0, -12.0, 0.0]])
+    columns = {"range": np.full(2, 40.0), "velocity": np.array([-8.0, 8.0]), "label": zero[:2], "snr_db": np.ones(2)}
+    cloud = PointCloud("cav", "radar", pose, place, columns)
+    image = thumbnail_pixels(thumbnail(agent_with("radar", radars={"radar": cloud}), "radar"))
+    blue, red = np.argwhere(image[..., 2] > image[..., 0] + 60), np.argwhere(image[..., 0] > image[..., 2] + 60)
+    assert 100 < blue[:, 1].mean() < 160 < red[red[:, 0] < 180, 1].mean()  # the one that approaches is on the left
+
+
+def test_near_is_bright_and_nothing_is_white() -> None:
+    depth = np.repeat([3.0, 100.0, np.inf], 80).reshape(3, 80).repeat(40, axis=0)
+    size = SimpleNamespace(intrinsics=SimpleNamespace(width=80, height=120))
+    view = SimpleNamespace(depth=depth, camera=size, frame=SimpleNamespace(boxes=()))
+    image = thumbnail_pixels(thumbnail(agent_with("depth", views={"depth": view}), "depth"))
+    assert image.shape == (480, 320, 3)
+    near, far, nothing = image[[80, 240, 400]].mean(axis=(1, 2))
+    assert nothing > 250 > near > 180 > 60 > far
+
+
+def test_scalar_sensors_are_lines_over_time(data, page) -> None:
     readings = read_readings(data, SCENARIO, "sunny", "gnss")
     column = next(column for column in readings.columns if column.name == "altitude_m")
     _, axes = new_chart("time [s]", "")
@@ -228,11 +225,10 @@ def test_scalar_sensors_are_lines_over_time(page) -> None:
     for line in axes.lines:
         rows = data.numpy("gnss", columns=["frame", "altitude_m"], weather="sunny", agent=line.get_label())
         np.testing.assert_allclose(line.get_xydata(), np.stack([rows["frame"] / 100, rows["altitude_m"]], axis=1))
-    assert {"GNSS gnss: altitude [m] over time", "IMU imu: az [m/s²] over time"} <= set(page.charts)
+    assert {"GNSS gnss: altitude [m] over time", "IMU imu: az [m/s²] over time"} <= set(charts_of(page))
 
 
-def test_the_map_shows_trajectories_and_units(page) -> None:
-    data = open_dataset(small_dataset())
+def test_the_map_shows_trajectories_and_units(data, page) -> None:
     rows = data.read("poses", weather="sunny").to_pylist()
     places = {
         agent: np.array([(row["x"], row["y"]) for row in rows if row["agent"] == agent])
@@ -248,7 +244,7 @@ def test_the_map_shows_trajectories_and_units(page) -> None:
     assert counts[0] == counts[1] > 20 and counts[2] > 5  # lanes with their middle lines, buildings
     low, high = np.array([axes.get_xlim(), axes.get_ylim()]).T
     assert all((place > low).all() and (place < high).all() for place in (*places.values(), units["rsu_1"]))
-    assert f"Trajectories of the agents of {SCENARIO}" in page.charts
+    assert f"Trajectories of the agents of {SCENARIO}" in charts_of(page)
     assert "Trajectories of 3 connected vehicles" in page.words and "Lanes and buildings from the stage." in page.words
 
 
@@ -268,8 +264,8 @@ def test_the_page_refers_to_no_other_file_or_host(path, page) -> None:
     assert all(value[1:] in targets for _, name, value in page.attributes if name == "href" and value[0] == "#")
 
 
-def test_provenance_and_check(page) -> None:
-    info = open_dataset(small_dataset()).info
+def test_provenance_and_check(data, page) -> None:
+    info = data.info
     rows = dict(next(rows for rows in page.tables if ["mmw", info["versions"]["mmw"]] in rows))
     assert rows["configuration SHA-256"] == info["config_sha256"] and rows["device"] == info["versions"]["device"]
     assert (small_dataset() / "config.yaml").read_text() in page.words
@@ -306,27 +302,27 @@ def test_a_dataset_without_tables_or_shards(tmp_path) -> None:
     (root / "config.yaml").unlink()
     page = page_of(root, tmp_path / "page.html")
     assert "The dataset has nothing for: radio links, radio paths." in page.words
-    assert "config.yaml cannot be read" in page.words and len(page.images) == 2 * 3 * 5  # LiDAR and depth alone
+    assert "config.yaml cannot be read" in page.words and page.tags.count("img") == 2 * 3 * 5  # LiDAR and depth alone
     shutil.rmtree(root / "poses")  # nothing has a place without them
     bare = page_of(root, tmp_path / "page.html")
     missing = "map, what the agents sense, radio links, radio paths"
-    assert f"The dataset has nothing for: {missing}." in bare.words and not bare.images
+    assert f"The dataset has nothing for: {missing}." in bare.words and "img" not in bare.tags
     for marker in (root / "_shards").glob("*.json"):
         marker.unlink()
     empty = page_of(root, tmp_path / "page.html")
-    assert "no shard is complete yet" in empty.words and not empty.images
+    assert "no shard is complete yet" in empty.words and "img" not in empty.tags
 
 
 def test_unusable_arguments_are_named(tmp_path, capsys) -> None:
-    out = tmp_path / "page.html"
-    assert main([str(tmp_path), "--out", str(out)]) == 2
-    assert "has no dataset.json" in capsys.readouterr().err and not out.exists()
-    assert main([str(small_dataset()), "--out", str(out), "--scenario", "town99"]) == 2
-    assert f"has no scenario 'town99'; it has {SCENARIO}; name one" in capsys.readouterr().err
-    assert main([str(small_dataset()), "--out", str(tmp_path)]) == 2
-    assert "is a folder; the name of an HTML file is needed" in capsys.readouterr().err
-    assert main(["s3://bucket/d", "--out", str(out)]) == 2
-    assert "a local folder is needed" in capsys.readouterr().err
+    out, here = tmp_path / "page.html", str(small_dataset())
+    for arguments, message in (
+        ([str(tmp_path), "--out", str(out)], "has no dataset.json"),
+        ([here, "--out", str(out), "--scenario", "town99"], f"has no scenario 'town99'; it has {SCENARIO}; name one"),
+        ([here, "--out", str(tmp_path)], "is a folder; the name of an HTML file is needed"),
+        (["s3://bucket/d", "--out", str(out)], "a local folder is needed"),
+    ):
+        assert main(arguments) == 2
+        assert message in capsys.readouterr().err and not out.exists()
     root = copy_of(small_dataset(), tmp_path / "d")
     (root / part("links")).write_bytes(b"PAR1 and no more")
     assert main([str(root), "--out", str(out)]) == 2

@@ -4,11 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from trimesh import transform_points
 
 rr = pytest.importorskip("rerun")
 
 from mmw.core.constants import SPEED_OF_LIGHT  # noqa: E402
-from mmw.dataset import BeamSearch, Dataset, open_dataset  # noqa: E402
+from mmw.dataset import BeamSearch, Dataset  # noqa: E402
 from mmw.sensors.render.projection import project  # noqa: E402
 from mmw.viz.rerun.entities import (  # noqa: E402
     agent_entity,
@@ -21,14 +22,9 @@ from mmw.viz.rerun.recording import Looks  # noqa: E402
 from mmw.viz.rerun.selection import choose_scope  # noqa: E402
 from mmw.viz.rerun.viewer import save  # noqa: E402
 from tests.fixtures.rrd_files import Recording, matrix, read_recording, rerun_pixels  # noqa: E402
-from tests.fixtures.small_dataset import SCENARIO, small_dataset  # noqa: E402
+from tests.fixtures.small_dataset import SCENARIO  # noqa: E402
 
 FRAMES = range(4)
-
-
-@pytest.fixture(scope="module")
-def data() -> Dataset:
-    return open_dataset(small_dataset())
 
 
 @pytest.fixture(scope="module")
@@ -37,10 +33,6 @@ def recording(data: Dataset, tmp_path_factory: pytest.TempPathFactory) -> Record
     notes = save(choose_scope(data, weather="rainy"), Looks(search=BeamSearch()), file)
     assert notes == []
     return read_recording(file)
-
-
-def apply(transform: np.ndarray, points: np.ndarray) -> np.ndarray:
-    return points @ transform[:3, :3].T + transform[:3, 3]
 
 
 def test_frames_and_seconds_are_the_only_timelines(recording: Recording) -> None:
@@ -55,9 +47,8 @@ def test_every_point_of_every_sweep_is_that_of_the_table(data: Dataset, recordin
         entity, frame = sensor_entity(row["agent"], row["sensor"]), row["frame"]
         points = recording.array(entity, frame, "Points3D:positions")
         np.testing.assert_array_equal(points, np.stack([row[axis] for axis in "xyz"], axis=1))
-        placed = apply(
-            matrix(recording, agent_entity(row["agent"]), frame), apply(matrix(recording, entity, None), points)
-        )
+        on_agent = transform_points(points, matrix(recording, entity, None))
+        placed = transform_points(on_agent, matrix(recording, agent_entity(row["agent"]), frame))
         world = data.frame(SCENARIO, "rainy", frame).agents[row["agent"]].sweeps[row["sensor"]].world
         np.testing.assert_allclose(placed, world, atol=2e-4)
 
@@ -123,8 +114,8 @@ def test_a_return_lies_in_reruns_camera_on_the_object_that_the_camera_sees(data:
             if view is None or view.instance is None or view.depth is None:
                 continue
             camera, lidar = sensor_entity(agent.name, "depth"), sensor_entity(agent.name, "lidar")
-            points = apply(matrix(recording, lidar, None), recording.array(lidar, number, "Points3D:positions"))
-            points = apply(np.linalg.inv(matrix(recording, camera, None)), points)
+            to_camera = np.linalg.inv(matrix(recording, camera, None)) @ matrix(recording, lidar, None)
+            points = transform_points(recording.array(lidar, number, "Points3D:positions"), to_camera)
             pixels = rerun_pixels(recording, camera, points)
             inside = view.camera.is_inside(pixels)
             np.testing.assert_allclose(pixels[inside], project(view.camera.intrinsics, points[inside]), atol=1e-2)
@@ -160,15 +151,12 @@ def test_paths_run_from_transmitter_to_receiver_with_the_delay_of_the_table(
             colors = recording.at(entity, number, "LineStrips3D:colors")
             assert len(strips) == len(link.a)
             ends = [
-                apply(
-                    matrix(recording, agent_entity(name), number),
-                    matrix(recording, sensor_entity(name, "antenna"), None)[:3, 3],
-                )
+                matrix(recording, agent_entity(name), number) @ matrix(recording, sensor_entity(name, "antenna"), None)
                 for name in (link.peer, link.agent)
             ]
             for strip, tau in zip(strips, link.paths["tau_s"], strict=True):
                 line = np.array(strip, dtype=np.float64)
-                np.testing.assert_allclose(line[[0, -1]], ends, atol=1e-3)
+                np.testing.assert_allclose(line[[0, -1]], [end[:3, 3] for end in ends], atol=1e-3)
                 length = np.linalg.norm(np.diff(line, axis=0), axis=1).sum()
                 assert length / SPEED_OF_LIGHT == pytest.approx(tau, abs=1e-11)
                 counted += 1

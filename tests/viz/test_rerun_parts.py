@@ -21,7 +21,7 @@ from mmw.viz.rerun.frames import flat_boxes  # noqa: E402
 from mmw.viz.rerun.recording import Looks  # noqa: E402
 from mmw.viz.rerun.samples import depth_image  # noqa: E402
 from mmw.viz.rerun.selection import choose_scope  # noqa: E402
-from mmw.viz.rerun.sensors import sensor_notes  # noqa: E402
+from mmw.viz.rerun.sensor_mounts import sensor_notes  # noqa: E402
 from mmw.viz.rerun.town import town_meshes  # noqa: E402
 from mmw.viz.rerun.viewer import save  # noqa: E402
 from tests.fixtures.rrd_files import read_recording  # noqa: E402
@@ -29,11 +29,6 @@ from tests.fixtures.scenes import two_cars  # noqa: E402
 from tests.fixtures.small_dataset import SCENARIO, copy_of, part, rewrite, small_dataset  # noqa: E402
 
 FLAT = Looks(with_town=False)
-
-
-@pytest.fixture(scope="module")
-def data() -> Dataset:
-    return open_dataset(small_dataset())
 
 
 def test_the_first_scenario_and_weather_and_all_frames_and_agents_are_shown(data: Dataset) -> None:
@@ -125,12 +120,9 @@ def test_a_damaged_file_is_named_and_gives_no_recording(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["bad"]
 
 
-def test_a_recording_has_its_ending(data: Dataset, tmp_path: Path) -> None:
+def test_a_recording_has_its_ending_and_colors_their_names(data: Dataset, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"must end in \.rrd"):
         save(choose_scope(data), FLAT, tmp_path / "out.mp4")
-
-
-def test_lidar_colors_are_known_by_name() -> None:
     with pytest.raises(ValueError, match="object, class, intensity, label"):
         Looks("height")
 

@@ -1,6 +1,5 @@
 """Sensors of a dataset with several weathers: `mmw render` draws each, and the guide's snippet reads them."""
 
-import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,6 +17,7 @@ from mmw.storage.codecs.images import decode_depth
 from mmw.viz.plots import plot_depth, plot_lidar, plot_radar, plot_sensor
 from mmw.viz.report.figures import thumbnail
 from mmw.viz.stills import dataset_gallery as gallery
+from tests.fixtures.doc_pages import ROOT, run_python
 
 
 @pytest.fixture(scope="module")
@@ -102,11 +102,7 @@ def test_rectangles_lie_over_depth_and_instances(dataset: Path) -> None:
 
 
 def test_the_snippet_of_the_guide_gives_carlas_arrays(dataset: Path) -> None:
-    guide = (Path(__file__).parents[2] / "docs" / "sensors" / "index.md").read_text()
-    blocks = re.findall(r"```python\n(.*?)```", guide, re.DOTALL)
-    assert len(blocks) == 1
-    found = {}
-    exec(blocks[0].replace('"DATASET"', repr(str(dataset))), found)
+    found = run_python(ROOT / "docs" / "sensors" / "index.md", "DATASET", dataset)
     agents = open_dataset(dataset).frame("town03_roundabout", "sunny", 0).agents
     y = agents["cav_1"].sweeps["lidar"].points[:, 1]
     azimuth = next(agent for agent in agents.values() if agent.radars).radars["radar"]["azimuth"]

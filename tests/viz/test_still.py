@@ -9,7 +9,6 @@ from PIL import Image
 from mmw.__main__ import main
 from mmw.cli.run import main as run
 from mmw.dataset import open_dataset
-from tests.fixtures.circuit import add_block, write_circuit
 from tests.fixtures.stages import write_scenario
 
 CONFIG = """
@@ -37,15 +36,6 @@ def config(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_scenario(folder)
     (folder / "c.yaml").write_text(CONFIG)
     return folder / "c.yaml"
-
-
-@pytest.fixture(scope="module")
-def town(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("still_town") / "circuit.usda"
-    stage = write_circuit(path)
-    add_block(stage, "/World/Tower", (6, 6, 20), (45, 20, 9))
-    stage.Save()
-    return path
 
 
 def test_an_agents_camera_gives_the_image_of_the_run(
@@ -105,7 +95,7 @@ def test_a_town_is_seen_from_its_best_view_and_any_eye(town: Path, tmp_path: Pat
         (["--still", "a.png", "--town", "town03", "--agent", "cav_1", "--camera", "front"], "--camera front"),
         (["--still", "a.png", "--town", "town03", "--weather", "snow"], "--weather snow"),
         (["--still", "a.png", "--config", "none.yaml"], "none.yaml"),
-        (["--still", "a.png", "--config", "c.yaml", "--scenario", "x"], "no scenario 'x'; it has street"),
+        (["--still", "a.png", "--config", "c.yaml", "--scenario", "x"], "scenario = x: there are street"),
         (["--still", "a.png", "--config", "c.yaml", "--weather", "snow"], "(rainy, mist)"),
         (["--still", "a.png", "--config", "c.yaml", "--agent", "cav_1"], "without --camera"),
         (["--still", "a.png", "--config", "c.yaml", "--eye", "0", "0", "1"], "without --look-at"),

@@ -26,15 +26,6 @@ def pixels(path: Path) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def town(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("town") / "circuit.usda"
-    stage = write_circuit(path)
-    add_block(stage, "/World/Tower", (6, 6, 20), (45, 20, 9))
-    stage.Save()
-    return path
-
-
-@pytest.fixture(scope="module")
 def pictures(town: Path, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     return draw_town(town, tmp_path_factory.mktemp("pictures"), samples=1, device="cpu")
 

@@ -36,7 +36,7 @@ SPEC = SensorSpec(
     window=Modality("depth", "depth"),
     views={
         "plot": "mmw.viz.plots.samples:draw_depth_sample",
-        "figure": "mmw.viz.plots.sensors:plot_depth",
+        "figure": "mmw.viz.plots.weather_comparison:plot_depth",
         "viewer": "mmw.viz.rerun.samples:log_depth",
     },
 )

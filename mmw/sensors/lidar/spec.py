@@ -31,7 +31,7 @@ SPEC = SensorSpec(
     window=Modality("lidar", "points", ("x", "y", "z", "intensity")),
     views={
         "plot": "mmw.viz.plots.samples:draw_lidar_sample",
-        "figure": "mmw.viz.plots.sensors:plot_lidar",
+        "figure": "mmw.viz.plots.weather_comparison:plot_lidar",
         "viewer": "mmw.viz.rerun.samples:log_lidar",
     },
 )

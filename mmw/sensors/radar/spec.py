@@ -48,7 +48,7 @@ SPEC = SensorSpec(
     window=Modality("radar", "points", ("range", "azimuth", "elevation", "velocity")),
     views={
         "plot": "mmw.viz.plots.samples:draw_radar_sample",
-        "figure": "mmw.viz.plots.sensors:plot_radar",
+        "figure": "mmw.viz.plots.weather_comparison:plot_radar",
         "viewer": "mmw.viz.rerun.samples:log_radar",
     },
 )

@@ -17,7 +17,7 @@ from mmw.viz.plots.map import TownPlan, read_town_plan
 from mmw.viz.plots.paths import draw_map, draw_paths_above, draw_paths_aside, plot_paths
 from mmw.viz.plots.readings import plot_readings
 from mmw.viz.plots.samples import SamplePlot, SampleStyle, draw_sample
-from mmw.viz.plots.sensors import plot_depth, plot_lidar, plot_radar, plot_sensor
+from mmw.viz.plots.weather_comparison import plot_depth, plot_lidar, plot_radar, plot_sensor
 
 __all__ = [
     "SamplePlot", "SampleStyle", "TownPlan", "draw_boxes_2d", "draw_camera", "draw_depth", "draw_instances",

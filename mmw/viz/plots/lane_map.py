@@ -9,7 +9,8 @@ from mmw.config import load_config
 from mmw.core.resources import configs_dir
 from mmw.scene.scene_data import SceneData
 from mmw.traffic.roads.lane_graph import LaneGraph
-from mmw.viz.plots.radio_map import draw_scene
+from mmw.viz.plots.radio_map_plot import draw_scene
+from mmw.viz.plots.style import label_place
 
 MARGIN_M = 20.0
 """Border around the lanes [m]."""
@@ -53,10 +54,7 @@ def plot_lanes(lanes: LaneGraph, arrays: SceneData, town: str, out: Path) -> Non
         axes.plot(*centre, "*", color="red", markersize=13, markeredgecolor="white", zorder=7)
         if len(rsus):
             axes.plot(rsus[:, 0], rsus[:, 1], "^", color="magenta", markersize=7, markeredgecolor="white", zorder=7)
-        axes.annotate(
-            name, centre, (7, 7), textcoords="offset points", color="red", fontsize="small", zorder=8,
-            bbox={"facecolor": "white", "alpha": 0.8, "edgecolor": "none", "pad": 1},
-        )  # fmt: skip
+        label_place(axes, name, centre, color="red")
     length = sum(lane.length for lane in roads) / 1000.0
     axes.set_title(
         f"{town}: {len(roads)} lanes of {length:.1f} km, {len(connections)} connections through junctions (orange)\n"

@@ -1,7 +1,6 @@
 """One radio link over time (gain, line of sight, delay spread, best beams), and its paths at one frame."""
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -48,28 +47,10 @@ SPAN_DB = 50.0
 """Gain below the strongest path that delay profile and angles show at least [dB]. Design value."""
 
 
-@dataclass(frozen=True)
-class LinkSeries:
-    """A link at one carrier over time, T frames."""
-
-    frame: np.ndarray
-    """Frames, growing, shape [T], int64."""
-    columns: dict[str, np.ndarray]
-    """Columns of `SERIES`, shape [T] each; NaN where the link has no path."""
-
-    @property
-    def time_s(self) -> np.ndarray:
-        """Time after the start of the scenario [s], shape [T]."""
-        return self.frame * FRAME_DT
-
-    def __getitem__(self, column: str) -> np.ndarray:
-        return self.columns[column]
-
-
 def read_link(
     data: Dataset, scenario: str, weather: str, tx: str, rx: str, carrier_hz: float | None, frames: range | None = None
-) -> LinkSeries:
-    """Return a link over time, at the first carrier if none is given.
+) -> dict[str, np.ndarray]:
+    """Return a link over time, at the first carrier if none is given: `SERIES` by frame, NaN where it has no path.
 
     Raises:
         InputError: If the dataset has no such link or carrier.
@@ -79,7 +60,7 @@ def read_link(
     carrier_hz = choose_carrier(f"{data.root}: {scenario} {weather}", links, tx, rx, carrier_hz)
     is_own = (rows["agent"] == rx) & (rows["peer"] == tx) & (rows["carrier_hz"] == carrier_hz)
     order = np.flatnonzero(is_own)[np.argsort(rows["frame"][is_own], kind="stable")]
-    return LinkSeries(rows["frame"][order].astype(np.int64), {name: values[order] for name, values in rows.items()})
+    return {name: rows[name][order] for name in SERIES}
 
 
 def best_beams_over_time(
@@ -142,7 +123,7 @@ def plot_link(
     """
     series = read_link(data, scenario, weather, tx, rx, carrier_hz, frames)
     carrier_hz = float(series["carrier_hz"][0])
-    at = int(series.frame[np.argmax(series["path_count"])]) if frame is None else frame
+    at = int(series["frame"][np.argmax(series["path_count"])]) if frame is None else frame
     found = data.frame(scenario, weather, at)
     link = find_link(found, tx, rx, carrier_hz)
     canvas = new_figure(figure, (14.0, 7.6))
@@ -151,8 +132,8 @@ def plot_link(
     _draw_gain(axes[0], series)
     _draw_spread(axes[1], series)
     if beam_frames:
-        stride = math.ceil(len(series.frame) / beam_frames)
-        searched = range(int(series.frame[0]), int(series.frame[-1]) + 1, stride)
+        stride = math.ceil(len(series["frame"]) / beam_frames)
+        searched = range(int(series["frame"][0]), int(series["frame"][-1]) + 1, stride)
         beams = best_beams_over_time(data, scenario, weather, tx, rx, carrier_hz, searched, search or BeamSearch())
         _draw_beams(axes[2], *beams, stride)
     for one in axes:
@@ -191,7 +172,7 @@ def plot_path_history(
     gain_db = 20.0 * np.log10(np.maximum(np.hypot(rows["a_re"], rows["a_im"]), 1e-30))
     order = np.argsort(gain_db, kind="stable")
     top = float(gain_db.max(initial=-300.0))
-    size = 5 if len(series.frame) > MARKED else 24
+    size = 5 if len(series["frame"]) > MARKED else 24
     style = {"c": gain_db[order], "s": size, "linewidths": 0, "cmap": gain_colors(), "vmin": top - SPAN_DB, "vmax": top}
     canvas = new_figure(figure, (10.0, 8.0))
     axes = list(canvas.subplots(3, 1, sharex=True))
@@ -210,17 +191,17 @@ def plot_path_history(
     return canvas
 
 
-def _draw_gain(axes: Any, series: LinkSeries) -> None:
-    axes.plot(series.time_s, series["gain_db"], color=BLUE, lw=1.4, label="path gain", zorder=3)
-    shade_blocked(axes, series.frame, series["is_los"].astype(bool))
+def _draw_gain(axes: Any, series: dict[str, np.ndarray]) -> None:
+    axes.plot(series["frame"] * FRAME_DT, series["gain_db"], color=BLUE, lw=1.4, label="path gain", zorder=3)
+    shade_blocked(axes, series["frame"], series["is_los"].astype(bool))
     axes.set(ylabel="path gain [dB]")
     at_least(axes, 6.0)
     plain_axes(axes)
     axes.legend(loc="best", fontsize="small", framealpha=0.9)
 
 
-def _draw_spread(axes: Any, series: LinkSeries) -> None:
-    axes.plot(series.time_s, series["rms_delay_s"] * 1e9, color=GREEN, lw=1.4)
+def _draw_spread(axes: Any, series: dict[str, np.ndarray]) -> None:
+    axes.plot(series["frame"] * FRAME_DT, series["rms_delay_s"] * 1e9, color=GREEN, lw=1.4)
     axes.set(ylabel="RMS delay spread [ns]")
     at_least(axes, 4.0)
     axes.set_ylim(bottom=0.0)
@@ -247,14 +228,18 @@ def _draw_profile(axes: Any, link: Link, frame: int) -> None:
         axes.text(0.5, 0.5, "no path", transform=axes.transAxes, ha="center", color="0.4")
         return
     floor = min(float(gain.min()) - 5.0, float(gain.max()) - SPAN_DB)
+    _draw_stems(axes, link, link.paths["tau_s"] * 1e9, gain, floor)
+    axes.set_ylim(floor, float(gain.max()) + 5.0)
+    axes.legend(loc="best", fontsize="small", framealpha=0.9)
+
+
+def _draw_stems(axes: Any, link: Link, along: np.ndarray, gain: np.ndarray, floor: float) -> None:
+    """Draw the gain of each path as a line up from a floor, with a mark for its kind."""
     for kind, (marker, color) in KINDS.items():
         is_it = link.paths["kind"] == kind
         if is_it.any():
-            delay = link.paths["tau_s"][is_it] * 1e9
-            axes.vlines(delay, floor, gain[is_it], color=color, lw=1.2, zorder=2)
-            axes.plot(delay, gain[is_it], ls="", marker=marker, color=color, markersize=6, label=kind, zorder=3)
-    axes.set_ylim(floor, float(gain.max()) + 5.0)
-    axes.legend(loc="best", fontsize="small", framealpha=0.9)
+            axes.vlines(along[is_it], floor, gain[is_it], color=color, lw=1.2, zorder=2)
+            axes.plot(along[is_it], gain[is_it], ls="", marker=marker, color=color, label=kind, zorder=3)
 
 
 def _draw_angles(axes: Any, link: Link, side: str) -> None:
@@ -264,12 +249,7 @@ def _draw_angles(axes: Any, link: Link, side: str) -> None:
     axes.set_title(f"azimuth of {end}", fontsize="small", pad=10)
     top = float(gain.max()) if len(gain) else 0.0
     floor = min(float(gain.min(initial=top)) - 5.0, top - SPAN_DB)
-    for kind, (marker, color) in KINDS.items():
-        is_it = link.paths["kind"] == kind
-        if is_it.any():
-            turn = link.paths[f"{side}_az"][is_it]
-            axes.vlines(turn, floor, gain[is_it], color=color, lw=1.2)
-            axes.plot(turn, gain[is_it], ls="", marker=marker, color=color, markersize=5)
+    _draw_stems(axes, link, link.paths[f"{side}_az"], gain, floor)
     axes.set_ylim(floor, top + 3.0)
     axes.set_rlabel_position(112.5)
     last = math.floor(top / 10.0) * 10.0

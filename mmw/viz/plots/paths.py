@@ -20,6 +20,7 @@ from mmw.viz.plots.style import (
     ROAD,
     box_kind,
     gain_colors,
+    label_place,
     new_figure,
     plain_axes,
 )  # fmt: skip
@@ -255,10 +256,7 @@ def _draw_ends(axes: Any, ends: np.ndarray, names: tuple[str, str]) -> None:
     for place, name, color, marker in zip(ends, names, (BLUE, ORANGE), ("^", "o"), strict=True):
         axes.scatter(*place, s=90, marker=marker, c=color, edgecolors="black", linewidths=1.0, zorder=6)
         if name:
-            axes.annotate(
-                name, place, (8, 8), textcoords="offset points", fontsize="small", zorder=7,
-                bbox={"facecolor": "white", "alpha": 0.85, "edgecolor": "none", "pad": 1.5},
-            )  # fmt: skip
+            label_place(axes, name, place, 8.0)
 
 
 def _legend(axes: Any, link: Link) -> None:

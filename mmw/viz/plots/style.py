@@ -142,6 +142,13 @@ def box_legend(axes: Any, kinds: set[str], **options: Any) -> None:
         axes.legend(handles=lines, fontsize="x-small", **options)
 
 
+def label_place(axes: Any, name: str, place: ArrayLike, offset: float = 6.0, **text: Any) -> None:
+    """Write a name on a white plate beside a place, `offset` points to the right and above."""
+    plate = {"facecolor": "white", "alpha": 0.8, "edgecolor": "none", "pad": 1.0}
+    style = {"textcoords": "offset points", "fontsize": "small", "zorder": 8, "bbox": plate}
+    axes.annotate(name, place, (offset, offset), **style | text)
+
+
 def plain_axes(axes: Any) -> None:
     """Remove the upper and right frame lines and add a faint grid."""
     axes.spines[["top", "right"]].set_visible(False)

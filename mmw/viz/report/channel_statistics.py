@@ -110,39 +110,24 @@ def _zenith(angle: np.ndarray) -> tuple[float, float]:
     return low, max(high, low + 10.0)
 
 
-def beam_counts(
-    data: Dataset, scenario: str, weather: str, carrier_hz: float, frames: range, search: BeamSearch
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
-    """Return how often each pair of beams is the best.
-
-    Returns:
-        Transmit beam, receive beam and count of every pair that is the best at least once, shape [N] each; and the
-        number of links without any path.
-    """
-    paths = data.paths(carrier_hz, scenario=scenario, weather=weather, frames=frames)
-    pairs = search_beams(data, paths, scenario, weather, frames, search)
-    is_found = pairs.tx_beam >= 0
-    found, counts = np.unique(
-        np.stack([pairs.tx_beam[is_found], pairs.rx_beam[is_found]], axis=1), axis=0, return_counts=True
-    )
-    return found[:, 0], found[:, 1], counts, int((~is_found).sum())
-
-
 def _beams(data: Dataset, scenario: str, weather: str, carrier: float, rows: LinkRows, max_links: int) -> str:
     own = rows.by_weather[weather]
     each = max(len(rows.ends), 1)
     frames = sample_range(range(int(own["frame"].min()), int(own["frame"].max()) + 1), max(1, max_links // each))
     search = BeamSearch()
-    tx_beam, rx_beam, counts, without = beam_counts(data, scenario, weather, carrier, frames, search)
+    paths = data.paths(carrier, scenario=scenario, weather=weather, frames=frames)
+    best = search_beams(data, paths, scenario, weather, frames, search)
+    pairs = np.stack([best.tx_beam, best.rx_beam], axis=1)[best.tx_beam >= 0]
+    pairs, counts = np.unique(pairs, axis=0, return_counts=True)
     if not len(counts):
         return card("Best pairs of beams", "", "No link has a path.")
     tx_count, rx_count = (book.shape[1] for book in search.codebooks)
-    figure = draw_beams(tx_beam, rx_beam, counts / counts.max(), (tx_count, rx_count))
+    figure = draw_beams(*pairs.T, counts / counts.max(), (tx_count, rx_count))
     note = (
         f"Best pairs of {plural(int(counts.sum()), 'link and frame', 'links and frames')} at {carrier / 1e9:g} GHz in "
-        f"{weather}, {sampled(frames)}; {without} without any path. {search.tx_array.antenna_count} transmit and "
-        f"{search.rx_array.antenna_count} receive antennas in line, DFT codebooks of {tx_count} and {rx_count} beams, "
-        f"mean of {search.subcarriers} subcarriers."
+        f"{weather}, {sampled(frames)}; {(best.tx_beam < 0).sum()} without any path. {search.tx_array.antenna_count} "
+        f"transmit and {search.rx_array.antenna_count} receive antennas in line, DFT codebooks of {tx_count} and "
+        f"{rx_count} beams, mean of {search.subcarriers} subcarriers."
     )
     entries = legend([("h1", "best once"), ("h2", plural(int(counts.max()), "time"))])
     return card("Best pairs of beams", svg(figure, "Best pairs of beams") + entries, note)
@@ -155,15 +140,7 @@ def draw_beams(tx_beam: np.ndarray, rx_beam: np.ndarray, share: np.ndarray, coun
     figure, axes = new_chart("transmit beam (index)", "receive beam (index)")
     corners = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
     cells = np.stack([tx_beam, rx_beam], axis=1)[:, None] + corners
-    axes.add_collection(
-        PolyCollection(
-            list(cells),
-            facecolors=COLORS["heat"],
-            alpha=0.15 + 0.85 * share,
-            edgecolors="face",
-            linewidths=1.5,
-            zorder=2,
-        )
-    )
+    style = {"facecolors": COLORS["heat"], "edgecolors": "face", "linewidths": 1.5, "zorder": 2}
+    axes.add_collection(PolyCollection(list(cells), alpha=0.15 + 0.85 * share, **style))
     axes.set(xlim=(-0.5, counts[0] - 0.5), ylim=(-0.5, counts[1] - 0.5))
     return figure

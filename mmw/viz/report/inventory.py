@@ -3,16 +3,17 @@
 import hashlib
 import json
 from collections import defaultdict
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import pyarrow as pa
-import pyarrow.parquet as pq
+import numpy as np
 
 from mmw.config import Config, load_config
 from mmw.core.errors import InputError
 from mmw.generation.shards import shard_keys
+from mmw.storage.file_checks import check_manifest
 from mmw.storage.manifest import (
     CONFIG,
     DATASET,
@@ -24,6 +25,7 @@ from mmw.storage.manifest import (
 )
 from mmw.storage.schemas import TABLES
 from mmw.storage.shard_writer import MARKERS
+from mmw.storage.store import store_of
 
 LISTED = 8
 """Problems that the page names."""
@@ -78,18 +80,20 @@ class Inventory:
             if marker["scenario"] == scenario and marker["weather"] == weather
         )  # fmt: skip
 
-    def sizes(self) -> dict[tuple[str, str, str | None], tuple[int, int, int]]:
-        """Return files, rows and bytes by table, scenario and weather (None for tables without frames)."""
-        found: dict[tuple[str, str, str | None], list[int]] = defaultdict(lambda: [0, 0, 0])
-        for marker in [*self.shards, *self.statics]:
-            for file in marker["files"]:
-                entry = found[file["table"], marker["scenario"], marker["weather"]]
-                entry[0] += 1
-                entry[1] += file["rows"]
-                entry[2] += file["bytes"]
+    def sizes(self, scenarios: Collection[str], *by: str) -> dict[tuple[str | None, ...], np.ndarray]:
+        """Return files, rows and bytes of scenarios, shape [3] each, in the order of the schema's tables.
+
+        Args:
+            scenarios: Scenarios that count.
+            by: Groups, some of `table`, `scenario` and `weather`, which is None for tables without frames.
+        """
         order = {name: index for index, name in enumerate(TABLES)}
-        keys = sorted(found, key=lambda key: (order.get(key[0], len(order)), key[0]))
-        return {key: (found[key][0], found[key][1], found[key][2]) for key in keys}
+        markers = [marker for marker in [*self.shards, *self.statics] if marker["scenario"] in scenarios]
+        files = [marker | file for marker in markers for file in marker["files"]]
+        found: dict[tuple[str | None, ...], np.ndarray] = defaultdict(lambda: np.zeros(3, dtype=np.int64))
+        for file in sorted(files, key=lambda one: (order.get(one["table"], len(order)), one["table"])):
+            found[tuple(file[name] for name in by)] += (1, file["rows"], file["bytes"])
+        return found
 
 
 def take_inventory(root: Path) -> Inventory:
@@ -124,25 +128,20 @@ def take_inventory(root: Path) -> Inventory:
 
 def quick_check(inventory: Inventory) -> tuple[list[str], list[str]]:
     """Return the checks made, and the problems found: existence, sizes, manifest, configuration; no data are read."""
-    root, wrong = inventory.root, []
+    store, wrong = store_of(inventory.root), []
     listed = {file["path"]: file for marker in [*inventory.shards, *inventory.statics] for file in marker["files"]}
+    sizes = store.sizes(listed)
     for path, file in sorted(listed.items()):
-        file_path = root / path
-        if not file_path.is_file():
+        if path not in sizes:
             wrong.append(f"{path}: is missing")
-        elif file_path.stat().st_size != file["bytes"]:
-            wrong.append(f"{path}: has {file_path.stat().st_size:,} bytes; its marker says {file['bytes']:,}")
+        elif sizes[path] != file["bytes"]:
+            wrong.append(f"{path}: has {sizes[path]:,} bytes; its marker says {file['bytes']:,}")
     checked = [f"{len(listed):,} files that the markers list are there and as long as listed"]
     text = json.dumps(inventory.head["config"], sort_keys=True, separators=(",", ":"))
     if hashlib.sha256(text.encode()).hexdigest() != inventory.head["config_sha256"]:
         wrong.append(f"{DATASET}: its configuration does not have its config_sha256")
     checked.append(f"the configuration in {DATASET} has its hash")
-    if (root / MANIFEST).is_file():
-        try:
-            rows = pq.read_table(root / MANIFEST, columns=["path", "sha256"]).to_pylist()
-            if {row["path"]: row["sha256"] for row in rows} != {path: f["sha256"] for path, f in listed.items()}:
-                wrong.append(f"{MANIFEST}: does not list what the markers list")
-        except (pa.ArrowException, OSError) as error:
-            wrong.append(f"{MANIFEST}: cannot be read ({' '.join(str(error).split())})")
+    if store.sizes([MANIFEST]):
+        wrong += [f"{finding.path}: {finding.text}" for finding in check_manifest(store, listed)]
         checked.append(f"{MANIFEST} lists the same files and hashes as the markers")
     return checked, wrong

@@ -7,7 +7,7 @@ import numpy as np
 from mmw.dataset import Dataset
 from mmw.viz.plots.map import TownPlan
 from mmw.viz.plots.paths import draw_town_plan
-from mmw.viz.plots.style import new_figure
+from mmw.viz.plots.style import label_place, new_figure
 from mmw.viz.report.css import COLORS, DASHES, SERIES_COUNT
 from mmw.viz.report.figures import svg
 from mmw.viz.report.html import legend, paragraph, plural
@@ -87,18 +87,14 @@ def draw_trajectories(
         if np.hypot(*step) > 0.05:
             turn = float(np.degrees(np.arctan2(step[1], step[0]))) - 90.0
             axes.plot(*line[-1], color=color, marker=(3, 0, turn), markersize=10, zorder=3)
-        _name(axes, name, line[-1])
+        label_place(axes, name, line[-1], fontweight="bold", bbox=None)
     for name, place in units.items():
         axes.plot(*place, color=COLORS["ink"], marker="^", markersize=10, ls="", label=name, zorder=4)
-        _name(axes, name, place)
+        label_place(axes, name, place, fontweight="bold", bbox=None)
     axes.set(
         xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel="x east [m]", ylabel="y north [m]",
     )  # fmt: skip
     return figure
-
-
-def _name(axes: Any, name: str, place: np.ndarray) -> None:
-    axes.annotate(name, place, (6, 6), textcoords="offset points", fontweight="bold", zorder=5)
 
 
 def _trajectories(rows: dict[str, np.ndarray], by: str) -> dict[str, np.ndarray]:

@@ -1,10 +1,9 @@
 """Summarize a dataset in numbers: counts and sizes of every table, for each scenario and weather."""
 
-from collections import defaultdict
+import numpy as np
 
 from mmw.config.sensor_spec import SENSORS
 from mmw.core.constants import FRAME_DT
-from mmw.dataset import Dataset
 from mmw.storage.schemas import TABLES
 from mmw.viz.report.html import count, details, paragraph, plural, size, table, tiles
 from mmw.viz.report.inventory import LISTED, Inventory, quick_check
@@ -43,14 +42,9 @@ def state(inventory: Inventory, scenarios: list[str]) -> str:
     return "".join(parts) + "".join(paragraph(f"{note}.", "warning") for note in inventory.notes)
 
 
-def facts(inventory: Inventory, data: Dataset, scenarios: list[str]) -> str:
+def facts(inventory: Inventory, scenarios: list[str]) -> str:
     """Return the boxes on top of the page."""
-    rows: dict[str, int] = defaultdict(int)
-    everything = 0
-    for (name, scenario, _), (_, some, length) in inventory.sizes().items():
-        if scenario in scenarios:
-            rows[name] += some
-            everything += length
+    total = inventory.sizes(scenarios, "table")
     frames = sum(inventory.frame_count(s, w) for s in scenarios for w in inventory.weathers(s))
     weathers = {weather for scenario in scenarios for weather in inventory.weathers(scenario)}
     seconds = sum(len(inventory.frames(scenario)) for scenario in scenarios) * FRAME_DT
@@ -58,23 +52,20 @@ def facts(inventory: Inventory, data: Dataset, scenarios: list[str]) -> str:
         ("scenarios", count(len(scenarios))), ("weathers", count(len(weathers))), ("frames", count(frames)),
         ("simulated time", f"{seconds:,.2f} s"),
     ]  # fmt: skip
-    found += [(name, count(rows[table_])) for table_, name in _tiles().items() if rows[table_]]
-    return tiles([*found, ("size", size(everything))])
+    found += [(name, count(total[table_,][1])) for table_, name in _tiles().items() if total[table_,][1]]
+    return tiles([*found, ("size", size(sum(length for _, _, length in total.values())))])
 
 
 def counts_section(inventory: Inventory, scenarios: list[str]) -> str:
     """Return counts and sizes of every table, and of every table in every scenario and weather."""
-    sizes = {key: value for key, value in inventory.sizes().items() if key[1] in scenarios}
-    total: dict[str, list[int]] = defaultdict(lambda: [0, 0, 0])
-    for (name, _, _), values in sizes.items():
-        total[name] = [a + b for a, b in zip(total[name], values, strict=True)]
+    total = inventory.sizes(scenarios, "table")
+    total[("all",)] = sum(total.values(), np.zeros(3, dtype=np.int64))
     rows = [
-        (name, count(files), count(some), size(length), _meaning(name)) for name, (files, some, length) in total.items()
+        (name, count(files), count(some), size(length), _meaning(name))
+        for (name,), (files, some, length) in total.items()
     ]
-    sums = [sum(values[k] for values in total.values()) for k in range(3)]
-    rows.append(("all", count(sums[0]), count(sums[1]), size(sums[2]), ""))
     parts = [table(("table", "files", "rows", "size", "one row is"), rows, numbers=range(1, 4))]
-    parts.append(details("Rows and sizes of each scenario and weather", _matrix(inventory, sizes, scenarios)))
+    parts.append(details("Rows and sizes of each scenario and weather", _matrix(inventory, scenarios)))
     return "".join(parts)
 
 
@@ -83,18 +74,17 @@ def _meaning(name: str) -> str:
     return TABLES[name].doc.split(".")[0].replace("`", "") if name in TABLES else ""
 
 
-def _matrix(
-    inventory: Inventory, sizes: dict[tuple[str, str, str | None], tuple[int, int, int]], scenarios: list[str]
-) -> str:
+def _matrix(inventory: Inventory, scenarios: list[str]) -> str:
+    sizes = inventory.sizes(scenarios, "table", "scenario", "weather")
     names = list(dict.fromkeys(name for name, _, _ in sizes))
     rows = []
     for scenario in scenarios:
         for weather in [*inventory.weathers(scenario), None]:
             own = [sizes.get((name, scenario, weather)) for name in names]
-            if any(own):
+            if any(one is not None for one in own):
                 frames = count(inventory.frame_count(scenario, weather)) if weather is not None else "-"
-                cells = [f"{count(one[1])} ({size(one[2])})" if one else "-" for one in own]
-                length = size(sum(one[2] for one in own if one))
+                cells = [f"{count(one[1])} ({size(one[2])})" if one is not None else "-" for one in own]
+                length = size(sum(one[2] for one in own if one is not None))
                 rows.append((scenario, weather if weather is not None else "all", frames, *cells, length))
     head = ("scenario", "weather", "frames", *names, "size")
     return table(head, rows, numbers=range(2, len(head)), caption="Rows, and bytes on disk.")

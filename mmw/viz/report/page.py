@@ -108,7 +108,7 @@ def build_page(
     cut = "Some pictures are missing to limit the size of the page; --scenario selects scenarios."
     parts = [
         f"<header><h1>{text(title)}</h1>{paragraph(lead, 'lead')}{state(inventory, scenarios)}</header><main>",
-        facts(inventory, data, scenarios),
+        facts(inventory, scenarios),
         f"<nav aria-label=Contents>{menu}</nav>",
         paragraph(cut, "note") if budget.bytes == 0 else "",
         *bodies,

@@ -7,9 +7,12 @@ import numpy as np
 import rerun.blueprint as rrb
 
 from mmw.config.sensor_spec import SENSORS
+from mmw.dataset import Dataset
 from mmw.dataset.frame import Row
 from mmw.viz.plots.samples import drawn_types, label_of
 from mmw.viz.rerun.entities import BOXES, PATHS, WORLD, paths_entity, reading_entity, sensor_entity
+from mmw.viz.rerun.selection import Scope
+from mmw.viz.rerun.sensor_mounts import reading_columns, sampled_rows, sensor_rows
 
 EYE = np.array([-0.45, -0.35, 0.82])
 """Direction of the eye from the point that it looks at, world frame. Design value."""
@@ -24,27 +27,19 @@ SERIES_NAMES = {"gain": "Path gain [dB]", "beam_gain": "Best-beam gain [dB]"}
 """Series -> name of its view."""
 
 
-def layout(
-    cameras: Sequence[Row],
-    carriers_hz: Sequence[float],
-    readings: Mapping[str, Sequence[Any]],
-    overlays: Sequence[str],
-    places: np.ndarray,
-    *,
-    with_beams: bool,
-) -> rrb.Blueprint:
-    """Return the blueprint.
-
-    Args:
-        cameras: Rows of table `sensors` of sensors of images.
-        carriers_hz: Carriers [Hz]; paths of the first are shown, those of the others can be switched on.
-        readings: Scalar sensor -> columns of its numbers.
-        overlays: Point clouds and other entities with a place that an image can show too, hidden until switched on.
-        places: Agents, which the eye looks at, world frame [m], shape [N, 3].
-        with_beams: Whether best beams were searched.
-    """
+def blueprint(scope: Scope, *, with_beams: bool) -> rrb.Blueprint:
+    """Return how the viewer is laid out for a part of a dataset; `with_beams` if best beams are searched."""
+    tables, rows = scope.data.tables, sampled_rows(scope, sensor_rows(scope))
+    cameras = [row for row in rows if SENSORS[row["type"]].kind == "image"]
+    # What has a place can be shown in an image too; it is hidden until it is switched on.
+    overlays = [_entity(row) for row in rows if SENSORS[row["type"]].kind == "points"]
+    overlays += [BOXES] * ("boxes" in tables) + [PATHS] * ("paths" in tables)
+    first = scope.data.frame(scope.scenario, scope.weather, scope.frames[0])
+    places = np.array([first.agents[name].pose[:3] for name in scope.agents if name in first.agents]).reshape(-1, 3)
+    carriers_hz = carriers(scope.data)
     left: list[rrb.View | rrb.Container] = [_world(cameras, carriers_hz, places)]
-    tabs = (_links(with_beams) if carriers_hz else []) + _readings(readings)
+    tabs = _links(with_beams and "paths" in tables) if carriers_hz else []
+    tabs += _readings({row["sensor"]: columns for row in rows if (columns := reading_columns(row))})
     if tabs:
         left.append(rrb.Tabs(*tabs, active_tab=0))
     parts: list[rrb.View | rrb.Container] = [rrb.Vertical(*left, row_shares=[5, 2][: len(left)])]
@@ -57,6 +52,16 @@ def layout(
         rrb.TimePanel(state="collapsed", timeline="frame", fps=RATE_HZ, play_state="paused", loop_mode="all"),
         auto_views=False,
     )
+
+
+def carriers(data: Dataset) -> list[float]:
+    """Return the carriers of a dataset [Hz], highest first; none without links.
+
+    Paths of the first are shown, those of the others can be switched on.
+    """
+    if "links" not in data.tables:
+        return []
+    return sorted((float(carrier) for carrier in data.info["config"]["channel"]["carriers_hz"]), reverse=True)
 
 
 def _world(cameras: Sequence[Row], carriers_hz: Sequence[float], places: np.ndarray) -> rrb.Spatial3DView:
@@ -126,8 +131,3 @@ def _image(row: Row, overlays: Sequence[str]) -> rrb.Spatial2DView:
 
 def _entity(row: Row) -> str:
     return sensor_entity(row["agent"], row["sensor"])
-
-
-def image_overlays(clouds: Sequence[tuple[str, str]], *, boxes: bool, paths: bool) -> list[str]:
-    """Return the entities with a place that images can show: point clouds by agent and name, boxes and radio paths."""
-    return [sensor_entity(*cloud) for cloud in clouds] + [BOXES] * boxes + [PATHS] * paths

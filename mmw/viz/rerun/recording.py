@@ -7,22 +7,19 @@ from typing import Any
 
 import numpy as np
 import rerun as rr
-import rerun.blueprint as rrb
 
-from mmw.config.sensor_spec import SENSORS
 from mmw.core.constants import FRAME_DT
 from mmw.core.errors import InputError
 from mmw.core.progress_bar import Progress
 from mmw.dataset import BeamSearch, Dataset
-from mmw.viz.rerun.blueprint import image_overlays, layout
-from mmw.viz.rerun.channel import RadioLogger
+from mmw.viz.rerun.blueprint import blueprint
 from mmw.viz.rerun.entities import WORLD
 from mmw.viz.rerun.frames import LIDAR_COLORS, FrameLogger
+from mmw.viz.rerun.radio_links import RadioLogger
 from mmw.viz.rerun.selection import Scope
-from mmw.viz.rerun.sensors import (
+from mmw.viz.rerun.sensor_mounts import (
     log_sensors,
     missing_tables,
-    reading_columns,
     sampled_rows,
     sensor_notes,
     sensor_rows,
@@ -52,30 +49,6 @@ class Looks:
             raise InputError(f"lidar color {self.lidar_color!r}: it is one of {', '.join(LIDAR_COLORS)}; name one")
 
 
-def blueprint(scope: Scope, looks: Looks) -> rrb.Blueprint:
-    """Return how the viewer is laid out for a part of a dataset."""
-    tables, rows = scope.data.tables, sampled_rows(scope, sensor_rows(scope))
-    images = [row for row in rows if SENSORS[row["type"]].kind == "image"]
-    clouds = [(row["agent"], row["sensor"]) for row in rows if SENSORS[row["type"]].kind == "points"]
-    first = scope.data.frame(scope.scenario, scope.weather, scope.frames[0])
-    places = np.array([first.agents[name].pose[:3] for name in scope.agents if name in first.agents]).reshape(-1, 3)
-    return layout(
-        images,
-        carriers(scope.data),
-        {row["sensor"]: columns for row in rows if (columns := reading_columns(row))},
-        image_overlays(clouds, boxes="boxes" in tables, paths="paths" in tables),
-        places,
-        with_beams=looks.search is not None and "paths" in tables,
-    )
-
-
-def carriers(data: Dataset) -> list[float]:
-    """Return the carriers of a dataset [Hz], highest first; none without links."""
-    if "links" not in data.tables:
-        return []
-    return sorted((float(carrier) for carrier in data.info["config"]["channel"]["carriers_hz"]), reverse=True)
-
-
 def record(stream: rr.RecordingStream, scope: Scope, looks: Looks) -> list[str]:
     """Log a part of a dataset to a stream with a connected sink; returns a line for each omission and its reason.
 
@@ -89,7 +62,7 @@ def record(stream: rr.RecordingStream, scope: Scope, looks: Looks) -> list[str]:
         notes.append(f"the dataset has no {', '.join(missing)}: not shown")
     notes += sensor_notes(rows)
     with strict():
-        stream.send_blueprint(blueprint(scope, looks))
+        stream.send_blueprint(blueprint(scope, with_beams=looks.search is not None))
         stream.send_recording_name(f"{scope.scenario} {scope.weather}")
         stream.log(WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         log_sensors(stream, scope, rows)

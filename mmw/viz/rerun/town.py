@@ -10,8 +10,7 @@ from mmw.config import load_config
 from mmw.core.errors import InputError
 from mmw.core.mesh import TriangleMesh
 from mmw.dataset.camera_geometry import POSE_COLUMNS
-from mmw.scene.prepare import stored_stage
-from mmw.scene.reader import read_stage
+from mmw.scene.prepare import read_frame, stored_stage
 from mmw.scene.scene_data import SceneData
 from mmw.storage.manifest import CONFIG
 from mmw.viz.rerun.entities import TOWN
@@ -75,15 +74,8 @@ def read_town(scope: Scope) -> list[TownMesh]:
         raise InputError(f"{data.root}: the stage of a dataset elsewhere is not read; copy `stages` and `assets` too")
     root = Path(data.root)
     config = load_config(root / CONFIG)
-    scenario = next(found for found in config.scenarios if found.name == scope.scenario)
-    first = scope.frames[0]
-    arrays = read_stage(
-        stored_stage(root, scenario),
-        range(first, first + 1),
-        {scope.weather: config.variants[scope.weather]},
-        roles=scenario.actor_roles,
-        material_map=scenario.material_map,
-    )
+    scenario = config.scenario(scope.scenario)
+    arrays = read_frame(config, scenario, stored_stage(root, scenario), scope.frames[0], scope.weather)
     rows = data.numpy(
         "poses", columns=["agent", *POSE_COLUMNS[:2]], scenario=scope.scenario, weather=scope.weather, frames=scope.span
     )

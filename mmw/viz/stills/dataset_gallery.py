@@ -9,8 +9,7 @@ from mmw.config.sensor_spec import SENSORS
 from mmw.core.errors import InputError
 from mmw.dataset import Dataset, open_dataset
 from mmw.dataset.frame import Frame
-from mmw.scene.prepare import stored_stage
-from mmw.scene.reader import read_stage
+from mmw.scene.prepare import read_frame, stored_stage
 from mmw.storage.manifest import CONFIG, read_dataset
 from mmw.viz.plots import plot_link, plot_path_history, plot_sensor
 from mmw.viz.plots.frame import sensors_of
@@ -64,19 +63,10 @@ def make_gallery(
     """
     read_dataset(root)
     config = load_config(root / CONFIG)
-    names = [found.name for found in config.scenarios]
-    if scenario and scenario not in names:
-        raise InputError(f"{root}: has no scenario {scenario!r}; it has {', '.join(names)}")
-    found = config.scenarios[names.index(scenario) if scenario else 0]
+    found = config.scenario(scenario)
     scenario, weather, carriers = found.name, config.weathers[0], config.channel.carriers_hz
     frame = config.frames_of(found).start if frame < 0 else frame
-    arrays = read_stage(
-        stored_stage(root, found),
-        range(frame, frame + 1),
-        {weather: config.variants[weather]},
-        roles=found.actor_roles,
-        material_map=found.material_map,
-    )
+    arrays = read_frame(config, found, stored_stage(root, found), frame, weather)
     names = [actor.name for actor in arrays.actors]
     agent = agent or next((actor.name for actor in arrays.actors if actor.role == "cav"), "")
     if agent not in names:

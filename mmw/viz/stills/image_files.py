@@ -27,14 +27,7 @@ def save_jpeg(image: Image.Image, path: Path, max_bytes: int) -> None:
 
 
 def join_tiles(rows: Sequence[Sequence[np.ndarray]]) -> Image.Image:
-    """Return images [H, W, 3], uint8, in rows from the top left as one picture, with `GAP_PX` of white between them."""
-    height = sum(max(image.shape[0] for image in row) + GAP_PX for row in rows) - GAP_PX
-    width = max(sum(image.shape[1] + GAP_PX for image in row) for row in rows) - GAP_PX
-    whole, top = np.full((height, width, 3), 255, dtype=np.uint8), 0
-    for row in rows:
-        left = 0
-        for image in row:
-            whole[top : top + image.shape[0], left : left + image.shape[1]] = image
-            left += image.shape[1] + GAP_PX
-        top += max(image.shape[0] for image in row) + GAP_PX
-    return Image.fromarray(whole)
+    """Return images [H, W, 3], uint8, all of one size, in rows from the top left, with `GAP_PX` of white between."""
+    space = ((0, GAP_PX), (0, GAP_PX), (0, 0))
+    whole = [np.concatenate([np.pad(tile, space, constant_values=255) for tile in row], axis=1) for row in rows]
+    return Image.fromarray(np.concatenate(whole)[:-GAP_PX, :-GAP_PX])

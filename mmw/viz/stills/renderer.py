@@ -1,6 +1,6 @@
 """Pictures of a scene for people, by the RGB camera: from an eye, from any camera, or from straight above."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -131,8 +131,6 @@ class StillRenderer:
         eye: Sequence[float] | np.ndarray,
         target: Sequence[float] | np.ndarray,
         config: RgbCamera,
-        *,
-        batch_index: int = 0,
     ) -> Image.Image:
         """Return a picture from an eye without an agent.
 
@@ -141,17 +139,16 @@ class StillRenderer:
             eye: Position in the world [m].
             target: Point in the middle of the picture [m]; not the eye itself.
             config: The camera, such as a `street_camera`.
-            batch_index: Index of the frame in the batch.
 
         Raises:
             InputError: If eye and target coincide.
         """
-        views = self._free_view(look_pose(eye, target), batch_index)
-        return Image.fromarray(self.render(views, config, self._keys(views, [weather]))[weather][0])
+        views = self._free_view(look_pose(eye, target))
+        return Image.fromarray(self.render(views, config, self._keys(views, weather))[weather][0])
 
     def map_view(
         self, weather: str, center: Sequence[float] | np.ndarray, size_m: float, *,
-        width: int = 1280, samples: int = 4, batch_index: int = 0,
+        width: int = 1280, samples: int = 4,
     ) -> Image.Image:  # fmt: skip
         """Return a square map: the scene from high above, north up, without fog and rain.
 
@@ -161,39 +158,31 @@ class StillRenderer:
             size_m: Side of the map at the ground [m].
             width: Side of the image [px].
             samples: Rays in a pixel on an edge: 1, 4 or 9.
-            batch_index: Index of the frame in the batch.
         """
         ground = float(self.scene.arrays.points[:, 2].min()) if len(self.scene.arrays.points) else 0.0
         height = MAP_HEIGHT * size_m
         eye = np.array([center[0], center[1], ground + height])
-        views = self._free_view(look_pose(eye, eye - (0.0, 0.0, 1.0)), batch_index)
+        views = self._free_view(look_pose(eye, eye - (0.0, 0.0, 1.0)))
         focal = width * MAP_HEIGHT
         intrinsics = Intrinsics(width, width, focal, focal, 0.5 * width, 0.5 * width)
         config = RgbCamera(width_px=width, height_px=width, samples=samples)
-        keys = self._keys(views, [weather])
+        keys = self._keys(views, weather)
         found = self._render(self._map_camera, views, intrinsics, 1.01 * height, config, keys)
         return Image.fromarray(found[weather][0])
 
-    def render(
-        self, views: Views, config: RgbCamera, keys: Mapping[str, np.ndarray] | None = None
-    ) -> dict[str, np.ndarray]:
+    def render(self, views: Views, config: RgbCamera, keys: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         """Return what a camera sees from several views, weather -> sRGB, shape [A, H, W, 3], uint8.
 
         Args:
             views: Poses of the camera.
             config: The camera.
-            keys: Weather -> random numbers of each view, shape [A, 2], uint32; all weathers, by their name and the
-                frame alone, if absent.
+            keys: Weather -> random numbers of each view, shape [A, 2], uint32.
         """
-        wanted = self._keys(views, self._weathers) if keys is None else keys
-        return self._render(self._camera, views, intrinsics_of(config), config.range_m, config, wanted)
+        return self._render(self._camera, views, intrinsics_of(config), config.range_m, config, keys)
 
-    def _keys(self, views: Views, weathers: Iterable[str]) -> dict[str, np.ndarray]:
+    def _keys(self, views: Views, weather: str) -> dict[str, np.ndarray]:
         """Return random numbers of views by weather and frame alone."""
-        return {
-            name: random_keys((self._seed, name, int(frame), row) for row, frame in enumerate(views.frame))
-            for name in weathers
-        }
+        return {weather: random_keys((self._seed, weather, int(frame), 0) for frame in views.frame)}
 
     def _render(
         self,
@@ -207,10 +196,11 @@ class StillRenderer:
         buffer = trace_samples(self.scene, views, intrinsics, range_m, camera.alpha_cutouts)
         return {name: images.rgb.numpy() for name, images in camera.render(buffer, config, keys).items()}
 
-    def _free_view(self, pose: np.ndarray, batch_index: int) -> Views:
+    def _free_view(self, pose: np.ndarray) -> Views:
+        """Return a view of the first frame of the batch, without an agent."""
         return Views(
-            frame=np.array([self.scene.batch_frames[batch_index]], dtype=np.int64),
-            batch_index=np.array([batch_index], dtype=np.int32),
+            frame=np.array([self.scene.batch_frames[0]], dtype=np.int64),
+            batch_index=np.zeros(1, dtype=np.int32),
             actor=np.array([-1], dtype=np.int32),
             pose=pose[None],
             ignore_instance=np.array([-1], dtype=np.int32),

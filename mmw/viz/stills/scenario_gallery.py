@@ -9,7 +9,6 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
 from PIL import Image
 
 from mmw.config import Config, ScenarioConfig, load_config
@@ -17,11 +16,10 @@ from mmw.core.errors import InputError
 from mmw.core.resources import configs_dir
 from mmw.scene.prepare import prepare_scenario
 from mmw.scene.reader import read_stage
-from mmw.scene.scene_data import SceneData
-from mmw.scene.views import Views, join_views, make_views, view_keys
-from mmw.sensors.rgb.config import RgbCamera, paper_cameras
+from mmw.sensors.rgb.config import paper_cameras
 from mmw.viz.stills.image_files import join_tiles, save_jpeg
 from mmw.viz.stills.renderer import load_renderer
+from mmw.viz.stills.still import camera_images, resized
 
 WEATHERS = ("sunny", "rainy", "foggy")
 """Rows of a picture."""
@@ -89,38 +87,18 @@ def draw_scenario(
     Raises:
         InputError: If the CAV or a roadside unit is absent in the frame.
     """
-    frame = config.frames_of(scenario).start
-    width, height = TILE_PX
-    cameras = {camera.name: camera for camera in paper_cameras()}
+    frame, (width, height) = config.frames_of(scenario).start, TILE_PX
+    size = {"width_px": width, "height_px": height, "samples": samples}
+    cameras = {camera.name: resized(camera, size) for camera in paper_cameras()}
     with tempfile.TemporaryDirectory() as folder:
         stage = prepare_scenario(config, scenario, base, Path(folder))
         arrays = read_stage(stage, range(frame, frame + 1), config.variants, margin=1)
         weathers = {name: config.air[name].weather(name) for name in config.weathers}
         pictures = load_renderer(arrays, frame, weathers, seed=config.seed, device=device)
-        parts = [view_of(arrays, frame, role, cameras[name], agent) for role, name in COLUMNS]
-        views = join_views(parts)
-        keys = {
-            weather: np.concatenate(
-                [
-                    view_keys(arrays, part, config.seed, scenario.name, weather, camera)
-                    for part, (_, camera) in zip(parts, COLUMNS, strict=True)
-                ]
-            )
-            for weather in weathers
-        }
-        tile = RgbCamera(width_px=width, height_px=height, samples=samples)
-        found = pictures.render(views, tile, keys)
-    return join_tiles([found[weather] for weather in config.weathers])
-
-
-def view_of(arrays: SceneData, frame: int, role: str, camera: RgbCamera, cav: str) -> Views:
-    """Return the view of a camera of the CAV, or of the first roadside unit."""
-    views = make_views(arrays, [frame], camera)
-    carriers = [arrays.actors[actor] for actor in views.actor]
-    for row, actor in enumerate(carriers):
-        if actor.role == role and (role == "rsu" or actor.name == cav):
-            return views.take(np.array([row]))
-    raise InputError(
-        f"no {cav if role == 'cav' else 'roadside unit'} in frame {frame}; the gallery shows one; choose another frame "
-        "or agent"
-    )
+        rsu = next((actor.name for actor in arrays.actors if actor.role == "rsu"), "rsu")
+        carriers, stream = {"cav": agent, "rsu": rsu}, (config.seed, scenario.name)
+        columns = [
+            camera_images(pictures, frame, config.weathers, cameras[name], carriers[role], stream)
+            for role, name in COLUMNS
+        ]
+    return join_tiles([[images[weather] for images in columns] for weather in config.weathers])

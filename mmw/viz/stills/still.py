@@ -1,7 +1,7 @@
 """One picture of a scenario or a town by the RGB camera, straight from its configuration or stage, without a run."""
 
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,7 +9,7 @@ import numpy as np
 from PIL import Image
 from pydantic import ValidationError
 
-from mmw.config import Config, ScenarioConfig, config_path, load_config
+from mmw.config import Config, config_path, load_config
 from mmw.core.bvh_kind import select_bvh
 from mmw.core.errors import InputError
 from mmw.generation.estimate import check_inputs
@@ -55,37 +55,26 @@ class Viewpoint:
             )
 
 
-@dataclass(frozen=True)
-class PictureSize:
-    """Image size and samples; None means those of the camera."""
+def resized(camera: RgbCamera, size: Mapping[str, int]) -> RgbCamera:
+    """Return a camera with some of `width_px`, `height_px` and `samples` replaced.
 
-    width: int | None = None
-    """Image width [px]."""
-    height: int | None = None
-    """Image height [px]."""
-    samples: int | None = None
-    """Rays in a pixel on an edge: 1, 4 or 9."""
-
-    def of(self, camera: RgbCamera) -> RgbCamera:
-        """Return a camera with this size.
-
-        Raises:
-            InputError: If the camera cannot have it.
-        """
-        wanted = {"width_px": self.width, "height_px": self.height, "samples": self.samples}
-        given = {key: value for key, value in wanted.items() if value is not None}
-        try:
-            return RgbCamera.model_validate({**camera.model_dump(), **given})
-        except ValidationError as error:
-            problem = error.errors()[0]
-            key = ".".join(map(str, problem["loc"])) or "lens"
-            raise InputError(f"camera {camera.name!r} with {given}: {key}: {problem['msg']}; change the size") from None
+    Raises:
+        InputError: If the camera cannot have this size.
+    """
+    try:
+        return RgbCamera.model_validate({**camera.model_dump(), **size})
+    except ValidationError as error:
+        problem = error.errors()[0]
+        key = ".".join(map(str, problem["loc"])) or "lens"
+        raise InputError(
+            f"camera {camera.name!r} with {dict(size)}: {key}: {problem['msg']}; change the size"
+        ) from None
 
 
 def draw_scenario(
     path: str | Path,
     viewpoint: Viewpoint,
-    size: PictureSize,
+    size: Mapping[str, int],
     *,
     scenario: str = "",
     frame: int | None = None,
@@ -99,7 +88,7 @@ def draw_scenario(
     Args:
         path: Configuration file, or the name of a shipped one.
         viewpoint: Viewpoint; the first CAV is followed if it is empty.
-        size: Image size and samples.
+        size: Values of `width_px`, `height_px` and `samples` instead of the camera's.
         scenario: Its name; the first if empty.
         frame: Frame; the first that the configuration makes if None.
         weather: One of the configuration's weathers or a preset; the first weather if empty.
@@ -111,11 +100,11 @@ def draw_scenario(
     path = config_path(path)
     config = load_config(path)
     select_bvh(config.compute.bvh)
-    found = _scenario(config, path, scenario)
+    found = config.scenario(scenario)
     frame = config.frames_of(found).start if frame is None else frame
     weather = weather or config.weathers[0]
     values, variants = _configured_weather(config, weather)
-    cameras = {sensor.name: sensor for sensor in config.sensors if isinstance(sensor, RgbCamera)}
+    cameras = {sensor.name: sensor for sensor in config.sensors if sensor.type == "rgb"}
     if viewpoint.camera and viewpoint.camera not in cameras:
         listed = f"it has {', '.join(cameras)}" if cameras else "it has none"
         raise InputError(f"{path}: has no RGB camera {viewpoint.camera!r}; {listed}; name one, or use --eye")
@@ -131,28 +120,49 @@ def draw_scenario(
             followed = viewpoint.follow or next((actor.name for actor in arrays.actors if actor.role == "cav"), "")
             image = _from_eye(pictures, frame, weather, viewpoint, followed, size)
             return image, pictures.notes
-        camera = size.of(cameras[viewpoint.camera])
-        views = make_views(arrays, [frame], camera)
-        row = [arrays.actors[actor].name for actor in views.actor]
-        if viewpoint.agent not in row:
-            raise InputError(
-                f"{path}: no agent {viewpoint.agent!r} carries camera {camera.name!r} in frame {frame}; those that do: "
-                f"{', '.join(row) or 'none'}; name one of them"
-            )
-        views = views.take(np.array([row.index(viewpoint.agent)]))
-        keys = {weather: view_keys(arrays, views, config.seed, found.name, weather, camera.name)}
-        return Image.fromarray(pictures.render(views, camera, keys)[weather][0]), pictures.notes
+        camera, stream = resized(cameras[viewpoint.camera], size), (config.seed, found.name)
+        images = camera_images(pictures, frame, [weather], camera, viewpoint.agent, stream)
+        return Image.fromarray(images[weather]), pictures.notes
+
+
+def camera_images(
+    pictures: StillRenderer, frame: int, weathers: Sequence[str], camera: RgbCamera, agent: str, stream: tuple[int, str]
+) -> dict[str, np.ndarray]:
+    """Return what a camera of an agent sees in some weathers, as a run stores it: sRGB, shape [H, W, 3], uint8.
+
+    Args:
+        pictures: Renderer of the scene.
+        frame: Frame.
+        weathers: Weathers.
+        camera: The camera.
+        agent: Agent that carries it.
+        stream: Seed and scenario of the random numbers.
+
+    Raises:
+        InputError: If no such agent carries the camera in the frame.
+    """
+    arrays = pictures.scene.arrays
+    views = make_views(arrays, [frame], camera)
+    carriers = [arrays.actors[actor].name for actor in views.actor]
+    if agent not in carriers:
+        raise InputError(
+            f"no agent {agent!r} carries camera {camera.name!r} in frame {frame}; those that do: "
+            f"{', '.join(carriers) or 'none'}; name one of them"
+        )
+    views = views.take(np.array([carriers.index(agent)]))
+    keys = {weather: view_keys(arrays, views, *stream, weather, camera.name) for weather in weathers}
+    return {weather: images[0] for weather, images in pictures.render(views, camera, keys).items()}
 
 
 def draw_stage(
-    name: str, viewpoint: Viewpoint, size: PictureSize, *, frame: int = 0, weather: str = "", device: str = "auto"
+    name: str, viewpoint: Viewpoint, size: Mapping[str, int], *, frame: int = 0, weather: str = "", device: str = "auto"
 ) -> tuple[Image.Image, tuple[str, ...]]:
     """Return a picture of a town or of any other stage, and notes on its textures.
 
     Args:
         name: A shipped town, or a USD file.
         viewpoint: Viewpoint; the street view that sees most if it is empty.
-        size: Image size and samples.
+        size: Values of `width_px`, `height_px` and `samples` instead of the camera's.
         frame: Frame of an animated stage.
         weather: A preset; the one that the stage has selected if empty.
         device: Warp device that renders: `auto`, `cpu` or `cuda:N`.
@@ -175,7 +185,7 @@ def draw_stage(
     if viewpoint.eye is None and not viewpoint.follow:
         view = choose_views(pictures.scene, open_stage_model(path).lanes)[0]
         eye = np.array(view[:3])
-        camera = size.of(street_camera(fov_deg=FOV_DEG))
+        camera = resized(street_camera(fov_deg=FOV_DEG), size)
         return pictures.look(weather, eye, eye + view_direction(view[3]), camera), pictures.notes
     return _from_eye(pictures, frame, weather, viewpoint, viewpoint.follow, size), pictures.notes
 
@@ -184,13 +194,6 @@ def _frames(frame: int) -> range:
     if frame < 0:
         raise InputError(f"--frame {frame}: frames count from 0; give 0 or more")
     return range(frame, frame + 1)
-
-
-def _scenario(config: Config, path: Path, name: str) -> ScenarioConfig:
-    names = [found.name for found in config.scenarios]
-    if name and name not in names:
-        raise InputError(f"{path}: has no scenario {name!r}; it has {', '.join(names)}; name one of them")
-    return config.scenarios[names.index(name) if name else 0]
 
 
 def _configured_weather(config: Config, name: str) -> tuple[Weather, tuple[str, ...]]:
@@ -206,10 +209,10 @@ def _configured_weather(config: Config, name: str) -> tuple[Weather, tuple[str, 
 
 
 def _from_eye(
-    pictures: StillRenderer, frame: int, weather: str, viewpoint: Viewpoint, followed: str, size: PictureSize
+    pictures: StillRenderer, frame: int, weather: str, viewpoint: Viewpoint, followed: str, size: Mapping[str, int]
 ) -> Image.Image:
     """Return the picture from the given eye, or of the followed actor."""
-    camera = size.of(street_camera())
+    camera = resized(street_camera(), size)
     if viewpoint.eye is not None and viewpoint.target is not None:
         return pictures.look(weather, viewpoint.eye, viewpoint.target, camera)
     arrays = pictures.scene.arrays

@@ -108,7 +108,7 @@ def choose_views(scene: DeviceScene, lanes: LaneGraph | None) -> list[View]:
 
     A view looks along a lane at the junction ahead; without lanes, from a ring about the middle to the middle.
     """
-    candidates = np.array(_along_lanes(lanes) if lanes is not None else _ring(scene))
+    candidates = _along_lanes(lanes) if lanes is not None else _ring(scene)
     candidates = candidates[:: max(len(candidates) // MAX_CANDIDATES, 1)]
     score = np.array([_score(scene, candidate) for candidate in candidates])
     span = scene.arrays.points[:, :2].max(axis=0) - scene.arrays.points[:, :2].min(axis=0)
@@ -121,29 +121,31 @@ def choose_views(scene: DeviceScene, lanes: LaneGraph | None) -> list[View]:
     return [(float(x), float(y), float(z), float(yaw)) for x, y, z, yaw in chosen]
 
 
-def _along_lanes(lanes: LaneGraph) -> list[View]:
+def _along_lanes(lanes: LaneGraph) -> np.ndarray:
+    """Return the views at the junctions ahead of lanes, shape [N, 4], see `View`."""
     views = []
     for name in sorted(lanes.lanes):
         lane = lanes.lanes[name]
         if not lane.junction:
             station = max(lane.length - BEFORE_M, 0.5 * lane.length)
-            x, y, z = (float(np.interp(station, lane.station, lane.points[:, k])) for k in range(3))
+            x, y, z = (np.interp(station, lane.station, lane.points[:, k]) for k in range(3))
             segment = min(int(np.searchsorted(lane.station, station, "right")) - 1, len(lane.headings) - 1)
-            views.append((x, y, z + EYE_M, float(np.degrees(lane.headings[segment]))))
-    return views
+            views.append((x, y, z + EYE_M, np.degrees(lane.headings[segment])))
+    return np.array(views)
 
 
-def _ring(scene: DeviceScene) -> list[View]:
+def _ring(scene: DeviceScene) -> np.ndarray:
+    """Return the views from a ring about the middle to it, shape [24, 4], see `View`."""
     points = scene.arrays.points
     middle, radius = points[:, :2].mean(axis=0), 0.35 * float(np.ptp(points[:, :2], axis=0).max())
     turns = np.linspace(0.0, 360.0, 24, endpoint=False)
     ring = middle + radius * np.stack([np.cos(np.radians(turns)), np.sin(np.radians(turns))], axis=1)
     top = float(points[:, 2].max()) + 1.0
-    start = np.concatenate([ring, np.full((len(ring), 1), top)], axis=1)
+    start = np.column_stack([ring, np.full(len(ring), top)])
     down = np.broadcast_to([0.0, 0.0, -1.0], start.shape)
     fall = cast_rays(scene, start, down, max_distance=1.0e4).distance.astype(np.float64)
     z = np.where(np.isfinite(fall), top - fall, float(points[:, 2].min())) + EYE_M
-    return [(float(x), float(y), float(h), float(t) + 180.0) for (x, y), h, t in zip(ring, z, turns, strict=True)]
+    return np.column_stack([ring, z, turns + 180.0])
 
 
 def _score(scene: DeviceScene, view: np.ndarray) -> float:

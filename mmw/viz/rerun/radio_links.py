@@ -7,7 +7,6 @@ import numpy as np
 import rerun as rr
 
 from mmw.channel.antennas.array_response import rotations_from_poses
-from mmw.channel.codebook import BeamPairs
 from mmw.channel.path_table import Paths
 from mmw.dataset import BeamSearch
 from mmw.dataset.frame import Frame, Link
@@ -103,18 +102,11 @@ def best_beams(frame: Frame, links: list[Link], search: BeamSearch) -> dict[Link
         paths = Paths.from_table(frame.table("paths"), carrier, frame.table("links"))
         keys = [(carrier, str(key["agent"]), str(key["peer"])) for key in paths.keys]
         own = np.array([index for index, key in enumerate(keys) if key in wanted], dtype=np.int64)
-        paths, keys = paths.take(own), [keys[index] for index in own]
-        turns = [rotations_from_poses(frame.table("poses"), paths, end) for end in ("tx", "rx")]
-        found.update(zip(keys, _numbers(search.best(paths, *turns)), strict=True))
+        paths = paths.take(own)
+        pairs = search.best(paths, *(rotations_from_poses(frame.table("poses"), paths, end) for end in ("tx", "rx")))
+        with np.errstate(divide="ignore"):
+            numbers = np.stack([10.0 * np.log10(pairs.gain), pairs.tx_beam, pairs.rx_beam], axis=1)
+        numbers[pairs.tx_beam < 0] = np.nan
+        for index, row in zip(own, numbers.tolist(), strict=True):
+            found[keys[index]] = dict(zip(("beam_gain", "tx_beam", "rx_beam"), row, strict=True))
     return found
-
-
-def _numbers(pairs: BeamPairs) -> list[dict[str, float]]:
-    with np.errstate(divide="ignore"):
-        gain_db = 10.0 * np.log10(pairs.gain)
-    return [
-        {"beam_gain": float(gain), "tx_beam": float(tx), "rx_beam": float(rx)}
-        if tx >= 0
-        else dict.fromkeys(("beam_gain", "tx_beam", "rx_beam"), np.nan)
-        for gain, tx, rx in zip(gain_db, pairs.tx_beam, pairs.rx_beam, strict=True)
-    ]

@@ -9,6 +9,7 @@ from mmw.channel.radio_map.solver import RadioMap
 from mmw.core.mesh import TriangleMesh
 from mmw.core.transforms import transform_points
 from mmw.scene.scene_data import MODEL_NONE, SceneData
+from mmw.viz.plots.style import label_place
 
 MARGIN_M = 5.0
 """Border around the cells in the picture [m]."""
@@ -52,10 +53,7 @@ def plot_radio_map(result: RadioMap, arrays: SceneData, frame: int, out: Path, t
         x, y = result.transmitters.position[:, 0], result.transmitters.position[:, 1]
         axes.plot(x, y, "^", color="red", markersize=8, markeredgecolor="white", zorder=5)
         for name, place in zip(result.transmitters.names, result.transmitters.position, strict=True):
-            axes.annotate(
-                name, place[:2], (5, 5), textcoords="offset points", color="red", zorder=6, fontsize="small",
-                bbox={"facecolor": "white", "alpha": 0.7, "edgecolor": "none", "pad": 1},
-            )  # fmt: skip
+            label_place(axes, name, place[:2], color="red")
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel="x [m]", ylabel="y [m]")
         axes.label_outer()
     figure.suptitle(title, fontsize="medium")
