@@ -7,9 +7,6 @@ import pyarrow as pa
 from mmw.storage.schemas import SCHEMA_VERSION, TABLES, column_text
 from mmw.storage.table_spec import TableSpec
 
-_NONE = pa.field("", pa.null())
-"""Field that equals no column."""
-
 
 def schema_markdown() -> str:
     """Return the documentation of every table and column."""
@@ -34,16 +31,14 @@ def schema_markdown() -> str:
         "|---|---|",
         *(f"| {', '.join(key)} | {', '.join(tables)} |" for key, tables in by_key.items()),
         "",
-        "Columns with the same meaning in several tables:",
+        "Key columns of several tables, not repeated below:",
         "",
         *_column_rows(list(shared.values())),
     ]
     for spec in TABLES.values():
-        own = [field for field in spec.columns if not field.equals(shared.get(field.name, _NONE), check_metadata=True)]
-        names = {field.name for field in own}
-        common = [field.name for field in spec.columns if field.name not in names]
-        lines += ["", f"## {spec.name}", "", f"{spec.doc} Shared columns: {', '.join(common)}."]
-        lines += ["", *_column_rows(own)]
+        in_keys = [shared[name] for name in _full_key(spec) if name in shared]
+        own = [f for f in spec.columns if not any(f.equals(key, check_metadata=True) for key in in_keys)]
+        lines += ["", f"## {spec.name}", "", spec.doc, "", *_column_rows(own)]
     return "\n".join(lines) + "\n"
 
 
