@@ -1,40 +1,95 @@
 """Generate the page `docs/reference/tables.md` from the schemas."""
 
+from collections.abc import Sequence
+
 import pyarrow as pa
 
 from mmw.storage.schemas import SCHEMA_VERSION, TABLES, column_text
+from mmw.storage.table_spec import TableSpec
 
 
 def schema_markdown() -> str:
     """Return the documentation of every table and column."""
+    by_key: dict[tuple[str, ...], list[str]] = {}
+    for spec in TABLES.values():
+        by_key.setdefault(_full_key(spec), []).append(f"[{spec.name}](#{spec.name})")
+    shared = _shared_columns()
     lines = [
         "# Tables",
         "",
-        "This page is made from `mmw/storage/schemas.py` by `mmw.storage.schema_docs.schema_markdown`; "
-        "`MMW_UPDATE_GOLDEN=1 pytest tests/storage/test_tables.py` writes it again.",
+        "Generated from `mmw/storage/schemas.py`: `MMW_UPDATE_GOLDEN=1 pytest tests/storage/test_tables.py`.",
         "",
-        f"Schema version {SCHEMA_VERSION}. World frame: x east, y north, z up; metres, seconds, radians. Zenith angles "
-        "are from +z, azimuths from +x counter-clockwise. An agent's and a sensor's frame is x forward, y left, z up. "
-        "`agent` owns a row and is the receiver of `links` and `paths`; `peer` is the transmitter. What each sensor's "
-        "columns mean: [Sensors](../sensors/index.md).",
+        f"- Schema version: {SCHEMA_VERSION} ([compatibility](schema-versions.md)).",
+        "- Units and frames: [Conventions](../concepts/conventions.md). Sensor models: [Sensors](../sensors/index.md).",
+        "- Files: `TABLE/scenario=S/weather=W/part-FFFFFF.parquet`, with F the first frame of the file; tables without "
+        "`frame` are in `TABLE/scenario=S/part-000000.parquet`.",
+        "- Rows are sorted by key. Tables join on shared key columns and on `object_id`.",
         "",
-        "Tables with frames are in `TABLE/scenario=S/weather=W/part-FFFFFF.parquet` (F = first frame of the file), the "
-        "others in `TABLE/scenario=S/part-000000.parquet`. Rows are sorted by the key. All tables join on the key "
-        "columns that they share, and on `object_id`.",
+        "## Keys",
         "",
-        "| table | one row is | key |",
-        "|---|---|---|",
+        "| key | tables |",
+        "|---|---|",
+        *(f"| {', '.join(key)} | {', '.join(tables)} |" for key, tables in by_key.items()),
+        "",
+        "Key columns of several tables, not repeated below:",
+        "",
+        *_column_rows(list(shared.values())),
     ]
     for spec in TABLES.values():
-        partition = ["scenario", "weather"] if spec.framed else ["scenario"]
-        lines.append(f"| [{spec.name}](#{spec.name}) | {spec.doc} | {', '.join([*partition, *spec.key])} |")
-    for spec in TABLES.values():
-        lines += ["", f"## {spec.name}", "", spec.doc, "", "| column | type | unit | meaning |", "|---|---|---|---|"]
-        for field in spec.columns:
-            text = column_text(field)
-            meaning = text["doc"].replace("|", "\\|")
-            lines.append(f"| {field.name} | {_type_name(field)} | {text.get('unit', '')} | {meaning} |")
+        in_keys = [shared[name] for name in _full_key(spec) if name in shared]
+        own = [f for f in spec.columns if not any(f.equals(key, check_metadata=True) for key in in_keys)]
+        lines += ["", f"## {spec.name}", "", spec.doc, "", *_column_rows(own)]
     return "\n".join(lines) + "\n"
+
+
+def _full_key(spec: TableSpec) -> tuple[str, ...]:
+    """Return the key of a table, with the columns that the folders of its files are named after."""
+    return ("scenario", *(("weather",) if spec.framed else ()), *spec.key)
+
+
+def _shared_columns() -> dict[str, pa.Field]:
+    """Return the key columns that are equal in several tables, by name."""
+    keys = [(spec.name, field) for spec in TABLES.values() for field in spec.columns if field.name in _full_key(spec)]
+    return {
+        field.name: field
+        for table, field in keys
+        if any(field.equals(other, check_metadata=True) for name, other in keys if name != table)
+    }
+
+
+def _column_rows(fields: Sequence[pa.Field]) -> list[str]:
+    """Return a table of columns; consecutive columns whose meanings differ in one word, such as x, share a row."""
+    groups: list[list[pa.Field]] = []
+    for field in fields:
+        if groups and _differing_word([*groups[-1], field]) is not None:
+            groups[-1].append(field)
+        else:
+            groups.append([field])
+    rows = [f"| {', '.join(f.name for f in group)} | {_type_name(group[0])} | {_meaning(group)} |" for group in groups]
+    return ["| column | type | unit | meaning |", "|---|---|---|---|", *rows]
+
+
+def _differing_word(group: Sequence[pa.Field]) -> int | None:
+    """Return the position of the only word in which the meanings of columns of one type and unit differ."""
+    if len({(_type_name(field), column_text(field).get("unit")) for field in group}) > 1:
+        return None
+    meanings = [column_text(field)["doc"].split() for field in group]
+    if len({len(words) for words in meanings}) > 1:
+        return None
+    differing = [place for place, words in enumerate(zip(*meanings, strict=True)) if len(set(words)) > 1]
+    return differing[0] if len(differing) == 1 else None
+
+
+def _meaning(group: Sequence[pa.Field]) -> str:
+    """Return unit and meaning of columns; the word in which they differ lists all of theirs."""
+    text = column_text(group[0])
+    words = text["doc"].split()
+    if len(group) > 1:
+        place = _differing_word(group)
+        each = [column_text(field)["doc"].split()[place] for field in group]
+        words[place] = "/".join([*(word.rstrip(",;") for word in each[:-1]), each[-1]])
+    meaning = " ".join(words).replace("|", "\\|")
+    return f"{text.get('unit', '')} | {meaning}"
 
 
 def _type_name(field: pa.Field) -> str:
