@@ -114,7 +114,7 @@ class Elevation:
     def is_curved(self, s: np.ndarray) -> np.ndarray:
         """Return whether the grade changes at the stations `s` [m], shape [N]."""
         bends = np.flatnonzero(np.abs(np.diff(self.grades)) > 1e-9) + 1
-        return (np.abs(np.asarray(s)[:, None] - self.station[bends]) < self.half[bends]).any(axis=1)
+        return np.any(np.abs(np.asarray(s)[:, None] - self.station[bends]) < self.half[bends], axis=1)
 
     @property
     def steepest(self) -> float:
