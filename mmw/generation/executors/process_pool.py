@@ -67,7 +67,7 @@ def _context() -> BaseContext:
     if not CAN_FORK:
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["mmw.generation.executors.local_processes"])
+    context.set_forkserver_preload(["mmw.generation.executors.preload"])
     return context
 
 

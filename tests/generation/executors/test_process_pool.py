@@ -96,7 +96,7 @@ def test_ctrl_c_leaves_a_server_alone_that_still_imports() -> None:
 def test_the_server_has_no_gpu_and_no_thread_of_a_library() -> None:
     """CUDA does not survive a fork, nor do threads."""
     code = (
-        "import os, mmw.generation.executors.local_processes\n"
+        "import os, mmw.generation.executors.preload\n"
         "maps = open('/proc/self/maps').read()\n"
         "tasks = [open(f'/proc/self/task/{task}/comm').read().strip() for task in os.listdir('/proc/self/task')]\n"
         "print('warp.so' in maps, 'libcuda' in maps, *sorted(tasks))\n"
