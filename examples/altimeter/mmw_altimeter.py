@@ -1,9 +1,10 @@
 """Radar altimeter: height of an agent above the first surface below it."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
+import pyarrow as pa
 from pydantic import Field
 
 from mmw.scene.ray_casting import cast_rays
@@ -40,9 +41,10 @@ def simulate(data: SensorInput, config: Altimeter) -> dict[str, AltimeterSamples
     return dict.fromkeys(data.weathers, AltimeterSamples(height, hits.object_id))
 
 
-def to_tables(data: SensorInput, config: Altimeter, samples: AltimeterSamples) -> dict[str, dict[str, np.ndarray]]:
+def to_tables(data: SensorInput, config: Altimeter, samples: AltimeterSamples) -> dict[str, dict[str, Any]]:
     """Return the columns of table `altimeter`; frame, agent and sensor are filled in."""
-    return {"altimeter": {"height": samples.height, "object_id": samples.object_id}}
+    height = pa.array(samples.height, mask=np.isnan(samples.height))  # tables have null, never NaN
+    return {"altimeter": {"height": height, "object_id": samples.object_id}}
 
 
 SPEC = SensorSpec(
@@ -54,7 +56,7 @@ SPEC = SensorSpec(
         sensor_table(
             "altimeter",
             "One altimeter sample.",
-            column("height", F32, "m", "height above the first surface below, NaN beyond the range"),
+            column("height", F32, "m", "height above the first surface below, null beyond the range", nullable=True),
             column("object_id", I32, "id", "object below, a row of `objects`; -1 for none"),
         ),
     ),

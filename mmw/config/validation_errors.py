@@ -64,7 +64,10 @@ def problem_line(path: Path, error: ErrorDetails, root: type[BaseModel]) -> str:
         tags = [str(tag) for tag in map(tag_of, models) if tag]
         message = f"`type` is missing; say which sensor it is: {', '.join(tags[:-1])} or {tags[-1]}"
     if error["type"] == "union_tag_invalid":
-        message = f"type = {_short(context.get('tag'))} is unknown; one of {context.get('expected_tags')} is needed"
+        message = (
+            f"type = {_short(context.get('tag'))} is unknown; one of {context.get('expected_tags')} is needed, or the "
+            "package that adds it (entry point group mmw.sensors)"
+        )
     found = "" if is_key or isinstance(error["input"], dict | list) else f" = {_short(error['input'])}"
     return f"{path}: {where}{found}: {message[0].lower() + message[1:]}" + (f"; {described}" if described else "")
 

@@ -128,7 +128,7 @@ def closing_summary(
             "",
             *_aligned(stages),
             "",
-            "query it (pip install duckdb):",
+            "query it (extra `query`):",
             example_query(root, config),
         ]
     )
@@ -154,5 +154,5 @@ def example_query(root: object, config: Config) -> str:
         )
     else:
         query = "SELECT frame, agent, x, y, z FROM poses ORDER BY ALL LIMIT 8"
-    code = f"from mmw.dataset import connect; print(connect({json.dumps(str(root))}).sql({json.dumps(query)}))"
+    code = f"import mmw; print(mmw.connect({json.dumps(str(root))}).sql({json.dumps(query)}))"
     return f"{shlex.quote(sys.executable)} -c {shlex.quote(code)}"

@@ -228,9 +228,9 @@ Made with {version}, schema {head["schema_version"]}, configuration `{sha256}` (
 Every column has its unit and meaning in the files' `mmw.columns` key. Read with any Parquet reader, or:
 
 ```python
-from mmw.dataset import connect
+import mmw
 
-connect(".").sql("SELECT * FROM {next(iter(tables), "frames")} LIMIT 5")
+mmw.connect(".").sql("SELECT * FROM {next(iter(tables), "frames")} LIMIT 5")
 ```
 """  # noqa: E501
 

@@ -73,6 +73,15 @@ def test_heights_are_those_of_a_ray_down(dataset: Path) -> None:
     assert set(rows["weather"]) == {"sunny", "rainy"}
 
 
+def test_nothing_in_range_is_null(installed: dict[str, str], tmp_path: Path) -> None:
+    out = tmp_path / "high"
+    sensor = "sensors=[{type: altimeter, range_m: 1, mount: {cav: {position_m: [0, 0, 30]}}}]"
+    mmw(installed, "run", "--config", "quickstart", *CONFIG, sensor, "--out", str(out), "--device", "cpu")
+    rows = pq.ParquetDataset(out / "altimeter").read(["height", "object_id"]).to_pydict()
+    assert set(rows["height"]) == {None} and set(rows["object_id"]) == {-1}
+    mmw(installed, "verify", str(out))
+
+
 def test_the_dataset_reads_it(dataset: Path, installed: dict[str, str]) -> None:
     code = (
         "import mmw\n"
