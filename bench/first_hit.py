@@ -24,7 +24,7 @@ def sphere_kernel(
 ):
     """Trace a Fibonacci lattice around each view's position.
 
-    With `arm` 1, neighbouring threads take neighbouring indices, which lie 137.5 deg apart. With `arm` a Fibonacci
+    With `arm` 1, neighboring threads take neighboring indices, which lie 137.5 deg apart. With `arm` a Fibonacci
     number they take every `arm`-th index, which lie side by side along a spiral. Launch: dim=(A, R).
     """
     view, thread = wp.tid()
@@ -57,7 +57,7 @@ def camera_kernel(
     t_out: wp.array2d[float],
     object_out: wp.array2d[int],
 ):
-    """Trace the pixel centres of a pinhole camera in 8 x 8 tiles. Launch: dim=(A, H * W), H and W multiples of 8."""
+    """Trace the pixel centers of a pinhole camera in 8 x 8 tiles. Launch: dim=(A, H * W), H and W multiples of 8."""
     view, thread = wp.tid()
     tile = thread // (TILE * TILE)
     lane = thread % (TILE * TILE)

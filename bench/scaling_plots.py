@@ -15,10 +15,10 @@ STAGES = {
     "cameras": (BLUE, "cameras"), "lidar": (ORANGE, "LiDARs"), "radar": (GREEN, "radar"), "channel": (RED, "channel"),
     "ground truth": (PURPLE, "ground truth"), "": (SKY, "everything else"),
 }  # fmt: skip
-"""Stage -> colour and name; what has none is summed up as the last."""
+"""Stage -> color and name; what has none is summed up as the last."""
 
 KINDS = {"sphere": (RED, "sphere"), "camera": (BLUE, "camera"), "lidar": (ORANGE, "LiDAR")}
-"""Kind of rays -> colour and name."""
+"""Kind of rays -> color and name."""
 
 METHODS = {"larger": ("-", "o", "more blocks"), "finer": ("--", "s", "finer triangles")}
 """Curve of towns -> line, marker and name."""

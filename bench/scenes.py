@@ -66,7 +66,7 @@ def shipped_town(name: str) -> SceneData:
 def with_vehicles(town: SceneData, frames: int) -> SceneData:
     """Return a town with 40 vehicles on its roads, 1,280 triangles each, which move 0.15 m a frame.
 
-    Spots are drawn from the faces of objects labelled `road`, by area.
+    Spots are drawn from the faces of objects labeled `road`, by area.
     """
     rng = np.random.default_rng(11)
     road = np.isin(town.object_id, [o.object_id for o in town.objects if o.label == "road"])

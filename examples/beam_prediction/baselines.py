@@ -33,7 +33,7 @@ def hold_last(past: Tensor, future: int, beams: int) -> Tensor:
 def extrapolate(past: Tensor, future: int, beams: int, angles: Tensor | None = None) -> Tensor:
     """Return the beams of a direction extrapolated in a straight line, shape [B, W].
 
-    What grows in a straight line is the electrical angle 2 pi q / Q between neighbouring antennas, the sine of the
+    What grows in a straight line is the electrical angle 2 pi q / Q between neighboring antennas, the sine of the
     azimuth. A least-squares line goes through all past frames since the beam last jumped; of fewer than two frames the
     last beam stays.
 

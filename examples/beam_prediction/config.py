@@ -76,7 +76,7 @@ class WindowConfig(Section):
     stride: int = Field(1, ge=1, description="frames from one window of a vehicle to the next (count)")
     split: Literal["track", "scenario", "town", "window"] = Field(
         "track", description="what goes to one part: stretches of time of every scenario, whole scenarios or towns; or"
-        " single windows at random, whose neighbours of a hundredth of a second are in the other part (name)"
+        " single windows at random, whose neighbors of a hundredth of a second are in the other part (name)"
     )  # fmt: skip
     train: float = Field(5.65, gt=0, description="share of training (ratio)")
     val: float = Field(1.0, gt=0, description="share of validation (ratio)")

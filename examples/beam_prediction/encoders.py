@@ -64,7 +64,7 @@ class SensorReader(nn.Module):
 
 
 def crop(samples: Tensor, center: Tensor, columns: int) -> Tensor:
-    """Return the columns around one of each window; the last column is a neighbour of the first, as beams are.
+    """Return the columns around one of each window; the last column is a neighbor of the first, as beams are.
 
     Args:
         samples: Shape [B, ..., rows, all columns].

@@ -21,7 +21,7 @@ from mmw.storage.codecs.images import decode_rgb, encode_rgb
 
 LOWEST_M, HEIGHT_STEP_M = -12.0, 0.0625
 """Height of value 1 over the LiDAR [m], and one step. The 16 m hold the foot of a mast and the cars around it, walls up
-to a few metres over the sensor, and streets that rise or fall by 10 %. Design values."""
+to a few meters over the sensor, and streets that rise or fall by 10 %. Design values."""
 
 SPAN_STEP_M = 4.0 / 255
 """Step of the span of a cell, from its lowest to its highest return [m]. A car spans 1.5 m, a street none: cars stand

@@ -20,7 +20,7 @@ from mmw.core.errors import InputError
 Backbone = Literal["gpt2", "gru"]
 
 HARMONICS = 8
-"""Waves by which a token knows that beam Q - 1 is a neighbour of beam 0. Design value."""
+"""Waves by which a token knows that beam Q - 1 is a neighbor of beam 0. Design value."""
 
 
 CERTAIN = 4.0

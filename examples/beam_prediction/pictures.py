@@ -88,6 +88,6 @@ def draw_track(axes: Any, window: int, methods: Mapping[str, Method], data: Beam
             style = {"marker": marker, "color": color, "ms": 4, "mfc": "none", "lw": 0}
             axes.plot(step[data.past :], named, label=LABELS[label], **style)
     axes.axvline(0.5, color="0.5", lw=0.8)
-    axes.set(xlabel="frames after now (grey: line of sight)", ylabel="transmit beam", ylim=(-1, data.beams))
+    axes.set(xlabel="frames after now (gray: line of sight)", ylabel="transmit beam", ylim=(-1, data.beams))
     axes.legend(fontsize="x-small", loc="best")
     plain_axes(axes)

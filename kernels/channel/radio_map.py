@@ -101,7 +101,7 @@ class MapLaunch:
 
 @wp.struct
 class SlabField:
-    """Coefficients of a slab for the two polarisations (real, imaginary)."""
+    """Coefficients of a slab for the two polarizations (real, imaginary)."""
 
     reflect_te: wp.vec2d
     reflect_tm: wp.vec2d
@@ -146,7 +146,7 @@ def complex_root(a: wp.vec2d) -> wp.vec2d:
 
 @wp.func
 def slab_pair(outside: wp.vec2d, inner: wp.vec2d, single_trip: wp.vec2d) -> wp.vec4d:
-    """Return (reflection, transmission) of a slab for one polarisation; `outside` is c for TE and eta c for TM."""
+    """Return (reflection, transmission) of a slab for one polarization; `outside` is c for TE and eta c for TM."""
     one = wp.vec2d(wp.float64(1.0), wp.float64(0.0))
     total = outside + inner
     r = complex_quotient(outside - inner, total)
@@ -218,7 +218,7 @@ def pattern_amplitude(pattern: int, theta: wp.float64, phi: wp.float64) -> wp.fl
 def transmitted_field(sources: MapSources, source: int, direction: wp.vec3d) -> RayField:
     """Return the far field of a transmitter's array in a direction, without spreading.
 
-    Source: 3GPP TR 38.901 section 7.3 for element and polarisation; the synthetic array h^T p with the phases
+    Source: 3GPP TR 38.901 section 7.3 for element and polarization; the synthetic array h^T p with the phases
     exp(+j 2 pi k . d / lambda), p not conjugated, as in Sionna RT 2.2.
     """
     rotation = sources.rotation[source]

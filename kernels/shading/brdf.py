@@ -99,7 +99,7 @@ def fresnel_dielectric(cosine: float, ior: float) -> float:
 def pane_reflectance(cosine: float, ior: float) -> float:
     """Return the reflectance of a clear pane in air for unpolarised light.
 
-    It is 2 R / (1 + R) for either polarisation: both faces, with all that bounces between them.
+    It is 2 R / (1 + R) for either polarization: both faces, with all that bounces between them.
 
     Source: G. Stokes, "On the intensity of the light reflected from or transmitted through a pile of plates", Proc. R.
     Soc. 11, 1862.

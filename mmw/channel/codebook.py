@@ -60,8 +60,8 @@ def dft_codebook(array: PlanarArray, beams: int | tuple[int, int] = 64) -> np.nd
         beams: Beams Q of a linear array; beams (down the columns, along the rows) of a planar one.
 
     Returns:
-        Unit columns, shape [antennas, beams]. An array of several polarisations has all beams for the first, then all
-        for the second: a beam feeds one polarisation.
+        Unit columns, shape [antennas, beams]. An array of several polarizations has all beams for the first, then all
+        for the second: a beam feeds one polarization.
 
     Raises:
         InputError: If a planar array gets one number.

@@ -63,7 +63,7 @@ PATHS = TableSpec(
         column("doppler_hz", F64, "Hz", "Doppler shift; positive while the path gets shorter"),
         *(
             column(f"{name}_db", F32, "dB", f"loss by {word} that a and t hold; 10^(dB/20) times them is without it")
-            for name, word in (("rain", "rain"), ("fog", "fog"), ("gas", "oxygen and water vapour"))
+            for name, word in (("rain", "rain"), ("fog", "fog"), ("gas", "oxygen and water vapor"))
         ),
         column(
             "interactions", list_of(I8), "-", "each interaction: 1 specular, 2 diffuse, 4 transmission, 8 diffraction"

@@ -47,7 +47,7 @@ class AirConfig(Section):
     )
     temperature_c: float | None = _value("temperature_c", "temperature of air and drops [C]")
     pressure_hpa: float | None = _value("pressure_hpa", "air pressure [hPa]")
-    relative_humidity: float | None = _value("relative_humidity", "water vapour over that of saturated air, 0 to 1 [-]")
+    relative_humidity: float | None = _value("relative_humidity", "water vapor over that of saturated air, 0 to 1 [-]")
 
     wetness: float | None = _value("wetness", "water in the pores of ground and walls, 0 dry to 1 soaked [-]")
     puddles: float | None = _value("puddles", "share of level ground under standing water, 0 to 1 [-]")

@@ -45,7 +45,7 @@ class ChannelConfig(Section):
     pattern: Literal["dipole", "iso", "hw_dipole", "tr38901"] = Field(
         "dipole", description="element pattern of both ends; tr38901 looks along the agent's x (name)"
     )
-    polarization: Literal["V", "H"] = Field("V", description="polarisation of both ends (name)")
+    polarization: Literal["V", "H"] = Field("V", description="polarization of both ends (name)")
     antenna_position_m: dict[Literal["cav", "rsu"], Vec3] = Field(
         default_factory=lambda: {"cav": (0.0, 0.0, 2.5), "rsu": (0.0, 0.0, 4.0)},
         description="antenna in the agent's frame, x forward, y left, z up; the LiDAR's place by default, also for a "

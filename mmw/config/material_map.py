@@ -30,7 +30,7 @@ class MaterialEntry(Section):
     scattering: float | None = Field(None, ge=0, le=1, description="scattering coefficient S (fraction)")
     xpd: float | None = Field(None, ge=0, le=1, description="cross-polarised share of the scattered power (fraction)")
     label: str | None = Field(None, description="semantic class (label)")
-    color: Vec3 | None = Field(None, description="linear diffuse colour, 0 to 1 (fraction)")
+    color: Vec3 | None = Field(None, description="linear diffuse color, 0 to 1 (fraction)")
     roughness: float | None = Field(None, ge=0, le=1, description="roughness of the picture (fraction)")
     metallic: float | None = Field(None, ge=0, le=1, description="0 dielectric, 1 bare metal (fraction)")
     opacity: float | None = Field(None, ge=0, le=1, description="1 for opaque (fraction)")

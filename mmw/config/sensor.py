@@ -34,7 +34,7 @@ class MountConfig(Section):
     def _near(cls, value: Vec3) -> Vec3:
         if any(abs(part) > MAX_OFFSET_M for part in value):
             raise InputError(
-                f"{list(value)} is more than {MAX_OFFSET_M:g} m from the agent; metres are needed; lower it"
+                f"{list(value)} is more than {MAX_OFFSET_M:g} m from the agent; meters are needed; lower it"
             )
         return value
 

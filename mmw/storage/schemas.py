@@ -4,7 +4,7 @@ A table is either *framed* (one file a shard, `TABLE/scenario=S/weather=W/part-F
 scenario, `TABLE/scenario=S/part-000000.parquet`). Key columns are stored in the files as well as in the folder names,
 as `dictionary<int32, string>`: a single file explains itself and every reader agrees on the type.
 
-Conventions of all columns: world frame x east, y north, z up; metres, seconds, radians; zenith angles from +z, azimuths
+Conventions of all columns: world frame x east, y north, z up; meters, seconds, radians; zenith angles from +z, azimuths
 from +x counter-clockwise; a quaternion rotates from the named frame to the world (mounts: to the agent). `agent` owns
 the row and is the receiver of `links` and `paths`; `peer` is the transmitter.
 """

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import pyarrow as pa
 
 DEPTH_STEP_M = 0.01
-"""Metres in one count of a stored depth image."""
+"""Meters in one count of a stored depth image."""
 
 TEXT = pa.string()
 NAME = pa.dictionary(pa.int32(), pa.string())

@@ -12,7 +12,7 @@ from mmw.traffic.demand import TrafficDemand, TrafficResult
 from mmw.traffic.pedestrians import simulate_pedestrians
 
 FAR_FROM_LANES = 500.0
-"""A spawn centre farther than this from every lane is a mistake [m]."""
+"""A spawn center farther than this from every lane is a mistake [m]."""
 
 
 class TrafficEngine(Protocol):
@@ -46,7 +46,7 @@ def simulate_traffic(demand: TrafficDemand) -> TrafficResult:
 
     Raises:
         InputError: If the engine is unknown, its package is not installed, the town has no lanes and the engine needs
-            them, the spawn centre is far from them, or the engine cannot meet the demand. The message starts with the
+            them, the spawn center is far from them, or the engine cannot meet the demand. The message starts with the
             key below `traffic`.
     """
     spec = engine_spec(demand.traffic.engine)

@@ -63,7 +63,7 @@ def simulate_pedestrians(demand: TrafficDemand) -> list[VehicleTrack]:
     """Return the motion of `pedestrian_count` pedestrians near `spawn_center_m`.
 
     Returns:
-        Tracks `ped_001`, `ped_002`... of role `pedestrian`, by distance to the centre.
+        Tracks `ped_001`, `ped_002`... of role `pedestrian`, by distance to the center.
 
     Raises:
         InputError: If the town's sidewalks have fewer places than people.

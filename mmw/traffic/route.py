@@ -17,7 +17,7 @@ EXTENSION = 14.0
 
 @dataclass(frozen=True)
 class Line:
-    """Joined centre lines, sampled every `PATH_STEP` of plan length; station 0 is the start of the first lane."""
+    """Joined center lines, sampled every `PATH_STEP` of plan length; station 0 is the start of the first lane."""
 
     lanes: tuple[str, ...]
     """Names in driving order."""
@@ -61,7 +61,7 @@ def choose_lanes(
 
 
 def join_lanes(lanes: Sequence[Lane]) -> Line:
-    """Return the centre lines of successive lanes as one line with equally spaced samples."""
+    """Return the center lines of successive lanes as one line with equally spaced samples."""
     points = np.concatenate([np.asarray(lane.points, np.float64) for lane in lanes])
     counts = np.cumsum([len(lane.points) for lane in lanes])
     along = arc_length(points[:, :2])

@@ -93,7 +93,7 @@ def spawn_points(graph: LaneGraph, usable: frozenset[str]) -> list[SpawnPoint]:
 
 
 def nearest_points(points: Sequence[SpawnPoint], center: Sequence[float], count: int) -> list[SpawnPoint]:
-    """Return the points nearest to a centre by 3-D distance, nearest first; ties by lane name and station.
+    """Return the points nearest to a center by 3-D distance, nearest first; ties by lane name and station.
 
     Raises:
         InputError: If there are fewer than `count` places.
@@ -113,7 +113,7 @@ def nearest_points(points: Sequence[SpawnPoint], center: Sequence[float], count:
 
 
 def connected_ranks(traffic: TrafficConfig, seed: int) -> tuple[int, ...]:
-    """Return which vehicles are CAVs: their ranks by distance to the spawn centre, `cav_1` first."""
+    """Return which vehicles are CAVs: their ranks by distance to the spawn center, `cav_1` first."""
     if traffic.cav_pool is None:
         return traffic.cav_ranks
     drawn = seeded(seed, 0, 3).choice(traffic.cav_pool, len(traffic.cav_ranks), replace=False)
@@ -137,7 +137,7 @@ class Start:
     """A vehicle before it has a model and a route."""
 
     rank: int
-    """By distance to the spawn centre."""
+    """By distance to the spawn center."""
     point: SpawnPoint
     is_cav: bool
     factor: float
@@ -149,7 +149,7 @@ class Start:
 
 
 def draw_starts(demand: TrafficDemand, usable: frozenset[str]) -> list[Start]:
-    """Return the vehicles of a scenario and their drivers, by distance to the spawn centre, on usable lanes.
+    """Return the vehicles of a scenario and their drivers, by distance to the spawn center, on usable lanes.
 
     Raises:
         InputError: If the town has too few places.
@@ -182,7 +182,7 @@ class Places:
         Raises:
             InputError: If no model has both.
         """
-        point, reason = start.point, "no model has room between its neighbours"
+        point, reason = start.point, "no model has room between its neighbors"
         for shape in draw_models(shapes, start.is_cav, start.generator):
             span = point.bumpers(shape)
             if not self._fits(point.lane, span):
@@ -201,7 +201,7 @@ class Places:
     def _fits(self, lane: str, span: tuple[float, float]) -> bool:
         """Return whether a stretch is clear of junctions and of the vehicles that are there already."""
         rear, front = span
-        slack = 0.5  # box centres may sit a little off the middle between the axles
+        slack = 0.5  # box centers may sit a little off the middle between the axles
         if rear < CLEARANCE - slack or front > self.graph.lanes[lane].plan_length - CLEARANCE + slack:
             return False
         others = self.occupied.get(lane, [])

@@ -15,7 +15,7 @@ from mmw.traffic.route import EXTENSION, PATH_STEP, Line
 from mmw.traffic.smoothing import gaussian_smooth, spline_at
 
 PATH_SIGMA = 1.0
-"""Gaussian on the path, standard deviation [m]: continuous curvature, at most some centimetres aside in tight bends."""
+"""Gaussian on the path, standard deviation [m]: continuous curvature, at most some centimeters aside in tight bends."""
 
 GROUND_SIGMA = 0.7
 """Gaussian on height and tilt along the path [m]: the suspension's low pass, fixed to the road instead of to time. The
@@ -45,7 +45,7 @@ TYRE_DEFLECTION = 0.015
 Vehicles, 4th ed., section 1.6 (about 250 kN/m under about 4 kN)."""
 
 MASS_HEIGHT = 0.38
-"""Height of the centre of mass as a share of the vehicle's height. Source: passenger cars 0.35-0.41, Heydinger et al.,
+"""Height of the center of mass as a share of the vehicle's height. Source: passenger cars 0.35-0.41, Heydinger et al.,
 Measured Vehicle Inertial Parameters, SAE 1999-01-1336."""
 
 REWORK = 60

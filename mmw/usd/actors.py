@@ -122,7 +122,7 @@ def _rigid_poses(actors: list[FoundActor], times: np.ndarray, metres: np.ndarray
         cache.SetTime(time)
         for column, actor in enumerate(actors):
             matrices[row, column] = cache.GetLocalToWorldTransform(actor.prim)
-    # Both sides change their frame: the actor's own axes become ours (z up, metres) too.
+    # Both sides change their frame: the actor's own axes become ours (z up, meters) too.
     matrices = np.linalg.inv(metres) @ matrices @ metres
     rigid = _orthonormal(matrices[..., :3, :3], actors)
     stretch = matrices[..., :3, :3] @ np.swapaxes(rigid, -1, -2)

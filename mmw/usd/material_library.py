@@ -24,7 +24,7 @@ class MaterialSpec:
     base: str
     """SimReady base token, a key of `mmw.physics.materials.material.LIDAR_REFLECTANCE_905NM`."""
     color: tuple[float, float, float]
-    """Linear diffuse colour, 0 to 1 [-]."""
+    """Linear diffuse color, 0 to 1 [-]."""
     roughness: float
     """GGX roughness of the picture, 0 to 1 [-]."""
     metallic: float = 0.0
@@ -38,7 +38,7 @@ class MaterialSpec:
     attributes: tuple[str, ...] = ("none",)
     """SimReady attribute tokens: none, emissive, retroreflective, single_sided, visually_transparent."""
     emission: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Emitted linear colour, 1 for 1 kcd/m2; of a lamp, while it burns; of a picture that shines, where it is white."""
+    """Emitted linear color, 1 for 1 kcd/m2; of a lamp, while it burns; of a picture that shines, where it is white."""
     lamp: Lamp = "none"
     """When it shines: none for always, or the kind of lamp."""
     ior: float = 1.5
@@ -183,7 +183,7 @@ LIBRARY: dict[str, MaterialSpec] = {
     "cloth_denim": _cloth(0.04, 0.075, 0.16),
     "cloth_beige": _cloth(0.36, 0.28, 0.18),
 }
-"""Material name -> description. Colours, roughness and the two constant permittivities (plastic 2.5, rubber 3.0) are
+"""Material name -> description. Colors, roughness and the two constant permittivities (plastic 2.5, rubber 3.0) are
 design values, as are the thicknesses of the three panes of glass, the only materials that let a wave through; all
 others are half-spaces. Radio rows: facades, roofs, ground, vehicles and traffic lights after the paper's table of
 materials."""

@@ -24,7 +24,7 @@ from mmw.usd.prim_values import attribute_value, decimal, decimals
 from mmw.usd.schema import RADIO_ATTRIBUTES
 
 NO_COLOR = (0.5, 0.5, 0.5)
-"""Diffuse colour of a material that gives none as a number [-]."""
+"""Diffuse color of a material that gives none as a number [-]."""
 
 
 def _itu(*rows: str) -> dict[str, RadioMaterial]:
@@ -64,9 +64,9 @@ class MaterialUse:
     library: str = ""
     """Material of the library that the material map names, for LiDAR and appearance too; empty if it names none."""
     color: tuple[float, float, float] | None = None
-    """Colour that the material map gives; None for the material's own."""
+    """Color that the material map gives; None for the material's own."""
     display_color: tuple[float, float, float] | None = None
-    """Colour of the mesh, drawn where no surface shader of a material is read; None for no such colour."""
+    """Color of the mesh, drawn where no surface shader of a material is read; None for no such color."""
     has_uv: bool = True
     """Whether the mesh has texture coordinates."""
 
@@ -208,7 +208,7 @@ def _read_radio(prim: Usd.Prim) -> RadioMaterial:
 
 
 def _diffuse_color(prim: Usd.Prim) -> tuple[float, float, float]:
-    """Return the diffuse colour where the surface shader has it as a number, else a middle grey.
+    """Return the diffuse color where the surface shader has it as a number, else a middle gray.
 
     Beside a texture the number is its mean in materials of mmw, which have the radio schema; elsewhere it is arbitrary.
     """

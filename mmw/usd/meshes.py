@@ -215,7 +215,7 @@ def is_hidden(prim: Usd.Prim) -> bool:
 
 
 def to_metres(stage: Usd.Stage) -> np.ndarray:
-    """Return the stage's world to ours (z up, metres), row vectors, shape [4, 4].
+    """Return the stage's world to ours (z up, meters), row vectors, shape [4, 4].
 
     Raises:
         InputError: If the stage's up axis is neither Y nor Z.

@@ -54,7 +54,7 @@ class _Shader:
         self.notes[f"material {self.prim.GetPath()}: {text}"] = None
 
     def read(self, name: str) -> tuple[object, TextureUse | None]:
-        """Return the number or colour that an input has, or would have without its texture; and the texture."""
+        """Return the number or color that an input has, or would have without its texture; and the texture."""
         port = self.shader.GetInput(name)
         if not port:
             return None, None
@@ -141,13 +141,13 @@ def read_appearance(prim: Usd.Prim, notes: Notes, display_color: Color | None = 
     """Return the appearance of a material in the selected weather.
 
     Textures whose path does not resolve stay in it; their loader reports them. Opacity textures cut holes, at 0.5 where
-    `opacityThreshold` is left out. With `useSpecularWorkflow`, a grey `specularColor` up to 0.2 becomes the
-    refractive index of a dielectric; a brighter or coloured one becomes a metal as `metallic_workflow` says.
+    `opacityThreshold` is left out. With `useSpecularWorkflow`, a gray `specularColor` up to 0.2 becomes the
+    refractive index of a dielectric; a brighter or colored one becomes a metal as `metallic_workflow` says.
 
     Args:
         prim: The Material prim.
         notes: Receives notes for the user.
-        display_color: Colour of the mesh, drawn where the material has no UsdPreviewSurface.
+        display_color: Color of the mesh, drawn where the material has no UsdPreviewSurface.
     """
     lamp = attribute_value(prim, LAMP) or "none"
     if lamp not in LAMPS:
@@ -199,12 +199,12 @@ def read_appearance(prim: Usd.Prim, notes: Notes, display_color: Color | None = 
 
 
 def metallic_workflow(diffuse: Color, specular: Color, is_textured: bool) -> tuple[Color, float, float]:
-    """Return base colour, metallic and refractive index of the diffuse and specular colours of the specular workflow.
+    """Return base color, metallic and refractive index of the diffuse and specular colors of the specular workflow.
 
-    A grey specular colour up to 0.2, or any beside a diffuse texture, is the reflectance F0 of a dielectric of index
+    A gray specular color up to 0.2, or any beside a diffuse texture, is the reflectance F0 of a dielectric of index
     (1 + sqrt F0) / (1 - sqrt F0). Otherwise metallic m solves, by brightness (largest channel) d and s,
-    0.04 (1 - m) + b m = s and b (1 - m) 0.96 = d (1 - s) with base colour b, which then goes from the diffuse to the
-    specular colour with m squared.
+    0.04 (1 - m) + b m = s and b (1 - m) 0.96 = d (1 - s) with base color b, which then goes from the diffuse to the
+    specular color with m squared.
 
     Source: Khronos glTF, "KHR_materials_pbrSpecularGlossiness", its conversion between the two workflows.
     """
@@ -279,5 +279,5 @@ def _color(value: object, default: Color) -> Color:
 
 
 def _text(value: object) -> str:
-    """Return a number or colour as a message shows it."""
+    """Return a number or color as a message shows it."""
     return f"{value:g}" if isinstance(value, (int, float)) else f"({', '.join(f'{v:g}' for v in tuple(value))})"  # pyright: ignore

@@ -131,7 +131,7 @@ def is_mirror(matrix: np.ndarray) -> bool:
 
 
 def display_color(prim: Usd.Prim) -> tuple[float, float, float] | None:
-    """Return the one colour that `primvars:displayColor` gives a mesh, its own or an ancestor's; None for several."""
+    """Return the one color that `primvars:displayColor` gives a mesh, its own or an ancestor's; None for several."""
     primvar = UsdGeom.PrimvarsAPI(prim).FindPrimvarWithInheritance("displayColor")
     if not primvar or not primvar.HasAuthoredValue():
         return None

@@ -1,4 +1,4 @@
-"""Read meshes of a stage as parts of a scene: placed, in metres, with materials, classes and corner primvars."""
+"""Read meshes of a stage as parts of a scene: placed, in meters, with materials, classes and corner primvars."""
 
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -16,7 +16,7 @@ from mmw.usd.wheels import mesh_wheels
 
 @dataclass
 class Part:
-    """Triangles of one mesh prim, in metres, in the world or in an actor's frame."""
+    """Triangles of one mesh prim, in meters, in the world or in an actor's frame."""
 
     points: np.ndarray
     """Vertices [m], shape [N, 3], float64."""
@@ -31,7 +31,7 @@ class Part:
     object_label: str
     """Semantic class of that component."""
     wheels: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))
-    """Of an actor's mesh: centre and radius of each wheel, see `mesh_wheels`."""
+    """Of an actor's mesh: center and radius of each wheel, see `mesh_wheels`."""
     wheel: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
     """Wheel of each face, -1 for none, shape [M], int32."""
     corners: Corners = NO_CORNERS
@@ -51,7 +51,7 @@ class PartReader:
     notes: dict[str, None] = field(default_factory=dict)
     """Notes for the user on looks, one line each."""
     first_mesh: dict[MaterialUse, str] = field(default_factory=dict)
-    """Material use -> the first mesh without texture coordinates, or with a colour of its own."""
+    """Material use -> the first mesh without texture coordinates, or with a color of its own."""
     copies: Copies = field(default_factory=Copies)
     _shading: dict[Sdf.Path, tuple[str, bool]] = field(default_factory=dict)
     _resolved: dict[tuple[Sdf.Path | None, str], MaterialUse | None] = field(default_factory=dict)

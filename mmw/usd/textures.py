@@ -109,7 +109,7 @@ def _content(file: str, where: str) -> bytes:
 def _pixels(image: PIL.Image.Image) -> tuple[np.ndarray, np.ndarray | None]:
     """Return the codes of an image, shape [H, W, 1 to 4], uint8 or uint16, rows downward, and no palette.
 
-    An image with a palette gives the row of each pixel, shape [H, W], and the codes of its colours, [256, 3 or 4].
+    An image with a palette gives the row of each pixel, shape [H, W], and the codes of its colors, [256, 3 or 4].
     """
     if image.mode.startswith("I"):  # one channel of 16 bits
         return np.asarray(image).astype(np.uint16)[..., None], None
@@ -126,7 +126,7 @@ def _pixels(image: PIL.Image.Image) -> tuple[np.ndarray, np.ndarray | None]:
 
 
 def _linear(codes: np.ndarray, table: np.ndarray, raw: np.ndarray) -> np.ndarray:
-    """Return codes [..., C] as linear r, g, b and a: colours by `table`, alpha by `raw`."""
+    """Return codes [..., C] as linear r, g, b and a: colors by `table`, alpha by `raw`."""
     values = np.ones((*codes.shape[:-1], 4), dtype=np.float32)
     for k, channel in enumerate(_CHANNELS[codes.shape[-1]]):
         values[..., k] = (raw if k == 3 else table)[codes[..., channel]]

@@ -32,7 +32,7 @@ class ActorModel:
     height: float
     """Height of the box above the ground [m]."""
     center: tuple[float, float, float]
-    """Centre of the box in the body frame [m]."""
+    """Center of the box in the body frame [m]."""
 
 
 @dataclass(frozen=True)
@@ -103,12 +103,12 @@ def _read_model(path: Path, prefix: str, own: Mapping[str, str]) -> dict[str, An
 
 
 def _metres(value: float) -> float:
-    """Return a float32 of the file as the decimal number that was meant, to the micrometre [m]."""
+    """Return a float32 of the file as the decimal number that was meant, to the micrometer [m]."""
     return round(float(value), 6)
 
 
 def _dimension(path: Path, root: Usd.Prim, name: str):
     value = attribute_value(root, name)
     if value is None:
-        raise InputError(f"{path}: no value of {name} on {root.GetPath()}; needed in metres; author it")
+        raise InputError(f"{path}: no value of {name} on {root.GetPath()}; needed in meters; author it")
     return value

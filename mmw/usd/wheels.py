@@ -1,7 +1,7 @@
-"""Read the wheels of a vehicle's meshes: the faces that turn, their centre and their radius.
+"""Read the wheels of a vehicle's meshes: the faces that turn, their center and their radius.
 
 A Mesh, or a GeomSubset of its faces, is (part of) a wheel where it has the attribute `mmw:wheel:radius`: the radius on
-which the wheel rolls, that of its tyre also on a rim. `mmw:wheel:center` is its centre; left out, the middle of the
+which the wheel rolls, that of its tyre also on a rim. `mmw:wheel:center` is its center; left out, the middle of the
 box around the faces. Both are in the space and units of the mesh's points.
 """
 
@@ -18,7 +18,7 @@ WHEEL_RADIUS = "mmw:wheel:radius"
 """Attribute that makes a Mesh or a GeomSubset a wheel."""
 
 WHEEL_CENTER = "mmw:wheel:center"
-"""Attribute with the centre of a wheel."""
+"""Attribute with the center of a wheel."""
 
 WHEEL_FAMILY = "wheel"
 """Family of the GeomSubsets that the shipped vehicles have; the reader accepts any family."""
@@ -33,7 +33,7 @@ def mesh_wheels(prim: Usd.Prim, triangles: Triangles, matrix: np.ndarray) -> tup
         matrix: Mesh space to the actor's frame, row vectors, shape [4, 4]; its scale is the same along all axes.
 
     Returns:
-        Wheels, centre x, y, z and radius [m], actor's frame, shape [W, 4]; and the wheel of each triangle, -1 for
+        Wheels, center x, y, z and radius [m], actor's frame, shape [W, 4]; and the wheel of each triangle, -1 for
         none, shape [M], int32. A triangle in two wheels belongs to the last.
 
     Raises:

@@ -178,7 +178,7 @@ def test_brewster(thickness: float, device: str) -> None:
 
 
 def test_no_path_gains(device: str) -> None:
-    """No polarisation comes out of any path stronger than through free space of the same length."""
+    """No polarization comes out of any path stronger than through free space of the same length."""
     _, paths = oracle.solve(deep_traffic(2), oracle.channel(**DEEP, **ROOF), device)
     free = 1.0 / (4 * np.pi * paths.tau[:, None] * np.array(CARRIERS))
     gain = np.linalg.norm(paths.transfer["sunny"], ord=2, axis=(2, 3)) / free

@@ -139,7 +139,7 @@ def test_moved_pose_is_the_exponential(device: str) -> None:
 
 
 WHEEL = (1.4, 0.79, 0.325, 0.325)
-"""Centre and radius of the wheel of the tests [m]."""
+"""Center and radius of the wheel of the tests [m]."""
 
 
 def wheeled(poses: np.ndarray, wheels=(WHEEL,)) -> SceneData:

@@ -61,7 +61,7 @@ def test_shipped_vehicles_have_their_wheels(tmp_path: Path, name: str) -> None:
 
 @pytest.mark.parametrize("up", ["Y", "Z"])
 def test_a_stage_of_ones_own_names_wheels_by_their_radius(tmp_path: Path, up: str) -> None:
-    """In centimetres, the wheel moved by its prim: the centre is the middle of the mesh, or what is given."""
+    """In centimeters, the wheel moved by its prim: the center is the middle of the mesh, or what is given."""
     stage = new_stage(tmp_path / "a.usda", up=up, metres_per_unit=0.01)
     steel = add_material(stage, "/World/steel", "itu_metal")
     role(UsdGeom.Xform.Define(stage, "/World/car").GetPrim())

@@ -65,7 +65,7 @@ def test_numbers_are_uniform_and_normal(device: str) -> None:
 
 
 def test_neighbours_are_independent() -> None:
-    """Neighbouring items, draws, frames and the words of one draw do not correlate."""
+    """Neighboring items, draws, frames and the words of one draw do not correlate."""
     _, here, _ = draws("cpu", random_key(1, "s", 10))
     others = [draws("cpu", random_key(1, "s", 10), 1)[1], draws("cpu", random_key(1, "s", 11))[1], np.roll(here, 1, 0)]
     for other in others:

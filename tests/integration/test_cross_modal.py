@@ -68,7 +68,7 @@ def project(view: View, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.
 
 
 def is_edge(ids: np.ndarray) -> np.ndarray:
-    """Return whether any of a pixel's eight neighbours shows another object."""
+    """Return whether any of a pixel's eight neighbors shows another object."""
     return maximum_filter(ids, 3) != minimum_filter(ids, 3)
 
 

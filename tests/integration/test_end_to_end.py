@@ -189,7 +189,7 @@ def test_nothing_but_ground_truth(own_world: Path) -> None:
 
 
 def test_roadside_units_of_the_file_stand_on_an_own_stage(own_world: Path) -> None:
-    """The same world, y up and in centimetres: the configured unit is where the file says, in metres and z up."""
+    """The same world, y up and in centimeters: the configured unit is where the file says, in meters and z up."""
     rsus = "scenarios.0.rsus=[{name: gate, position_m: [5, -8, 1], yaw_deg: 90}]"
     turned = STAGE.replace('upAxis = "Z"', 'upAxis = "Y"').replace("metersPerUnit = 1", "metersPerUnit = 0.01")
     flat = "(-5000, 0, 5000), (5000, 0, 5000), (5000, 0, -5000), (-5000, 0, -5000)"

@@ -105,7 +105,7 @@ def test_white_furnace(device: str, name: str) -> None:
 
 @pytest.mark.parametrize("roughness", [0.1, 0.3, 0.5, 0.7, 1.0])
 def test_ambient_weights_are_the_integral(device: str, roughness: float) -> None:
-    """Coloured surfaces: both ways of shading agree, and nothing sends on more than it gets."""
+    """Colored surfaces: both ways of shading agree, and nothing sends on more than it gets."""
     for metallic, coat in ((0.0, 0.0), (1.0, 0.0), (0.3, 0.5)):
         parts = surface((0.8, 0.4, 0.05), roughness, metallic, 0.06, coat)
         for angle in np.radians([10.0, 50.0, 80.0]):
@@ -189,7 +189,7 @@ def test_no_light_from_behind(device: str) -> None:
 
 
 def snell(cosine: np.ndarray, ior: float) -> tuple[np.ndarray, np.ndarray]:
-    """Fresnel's reflectances for both polarisations by the angle of refraction."""
+    """Fresnel's reflectances for both polarizations by the angle of refraction."""
     inside = np.sqrt(1.0 - (1.0 - cosine**2) / ior**2 + 0j)
     s = abs((cosine - ior * inside) / (cosine + ior * inside)) ** 2
     p = abs((ior * cosine - inside) / (ior * cosine + inside)) ** 2
@@ -220,7 +220,7 @@ def test_fresnel(device: str, ior: float) -> None:
 
 
 def test_pane(device: str) -> None:
-    """Window glass reflects by Fresnel's law at both faces; the rest is its own dark colour."""
+    """Window glass reflects by Fresnel's law at both faces; the rest is its own dark color."""
     dark = (0.02, 0.03, 0.04)
     parts = surface(dark, 0.05, f0=0.04, opacity=0.2)
     for angle in np.radians([0.0, 45.0, 70.0]):

@@ -1,4 +1,4 @@
-"""Points that a camera shades where its ray hits a face: colours at the right place, normals, footprints, holes."""
+"""Points that a camera shades where its ray hits a face: colors at the right place, normals, footprints, holes."""
 
 from pathlib import Path
 
@@ -77,7 +77,7 @@ def read(stage, **options) -> SceneData:
 
 
 def textured(folder: Path, **inputs):
-    """Write a stage and a material whose colour is the image of four corners."""
+    """Write a stage and a material whose color is the image of four corners."""
     stage = stage_in(folder)
     material, shader = preview(stage, "/World/Looks/four")
     connect(stage, shader, "diffuseColor", corner_image(folder / "four.png"), sourceColorSpace="sRGB", **inputs)

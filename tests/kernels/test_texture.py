@@ -1,4 +1,4 @@
-"""Filtering of textures on the device: texel places, wraps, mip levels, long footprints, colour spaces."""
+"""Filtering of textures on the device: texel places, wraps, mip levels, long footprints, color spaces."""
 
 from pathlib import Path
 
@@ -227,7 +227,7 @@ def test_scale_bias_and_coordinates(device: str, tmp_path: Path) -> None:
         file, scale=(2.0, 1.0, 0.5, 1.0), bias=(-1.0, 0.25, 0.0, 0.0), row_u=(0.0, -1.0, 1.0), row_v=(0.5, 0.0, 0.0)
     )
     st = np.random.default_rng(1).integers(0, 8, (20, 2))
-    u, v = 7 - st[:, 1], st[:, 0]  # u = 1 - t, v = s / 2 at texel centres
+    u, v = 7 - st[:, 1], st[:, 0]  # u = 1 - t, v = s / 2 at texel centers
     found = sample(device, use, np.stack([(st[:, 0] + 0.5) / 4, (st[:, 1] + 0.5) / 8], axis=1))
     np.testing.assert_allclose(found[:, :3], values[v, u] * [2.0, 1.0, 0.5] + [-1.0, 0.25, 0.0], atol=2e-3)
 

@@ -47,7 +47,7 @@ def wetted_kernel(
     color_out: wp.array[wp.vec3], film_out: wp.array[wp.vec4], normal_out: wp.array[wp.vec3],
     light_out: wp.array[float],
 ):  # fmt: skip
-    """Wet surface points: colour; roughness, film, its roughness and its share; its normal; its lobe. Launch: dim=N."""
+    """Wet surface points: color; roughness, film, its roughness and its share; its normal; its lobe. Launch: dim=N."""
     k = wp.tid()
     own = surface_point
     own.point = point[k]
@@ -120,7 +120,7 @@ def test_puddles_of_all_and_none(device: str) -> None:
 
 
 def test_size_of_puddles(device: str) -> None:
-    """Along a line puddles are decimetres to some metres long, and their rims are centimetres wide."""
+    """Along a line puddles are decimeters to some meters long, and their rims are centimeters wide."""
     line = np.zeros((400_000, 3), dtype=np.float32)
     line[:, 0] = np.arange(400_000) * 0.005
     mask = puddles_of(water(puddles=0.3), line, device)

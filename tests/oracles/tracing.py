@@ -65,7 +65,7 @@ def triangle_hits(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return ray, triangle and distance [m] of every hit of a ray and a triangle; both sides count.
 
-    Every ray is tried against every triangle whose bounding sphere it comes near; spheres of `GROUP` neighbours in the
+    Every ray is tried against every triangle whose bounding sphere it comes near; spheres of `GROUP` neighbors in the
     list are asked first.
 
     Source: T. Möller, B. Trumbore, "Fast, minimum storage ray/triangle intersection", J. Graphics Tools 2(1), 1997.

@@ -167,7 +167,7 @@ def test_same_seed_same_people_and_too_many_are_refused() -> None:
 
 @pytest.mark.parametrize("name", ["town03", "town05", "town07", "town10"])
 def test_people_of_a_shipped_town_walk_on_its_sidewalks_past_its_props(name: str) -> None:
-    """Every metre of the walk lines has a sidewalk under it, nothing that stands within a forearm, and no road."""
+    """Every meter of the walk lines has a sidewalk under it, nothing that stands within a forearm, and no road."""
     town = open_town(town_path(name))
     assert len(town.sidewalks) >= 4 and len({walk.name for walk in town.sidewalks}) == len(town.sidewalks)
     arrays = read_stage(town_path(name), range(1), ["sunny"])

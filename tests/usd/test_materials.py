@@ -1,4 +1,4 @@
-"""Surface shaders of a stage: every input, coordinate chains, what is not read, and where colours come from."""
+"""Surface shaders of a stage: every input, coordinate chains, what is not read, and where colors come from."""
 
 from pathlib import Path
 
@@ -163,7 +163,7 @@ def surface(stage, material, context: str, shader_id: str) -> None:
     [("mtlx", "ND_standard_surface_surfaceshader"), ("mdl", "OmniPBR"), ("", "HwPtexTexture_1")],
 )
 def test_surface_that_is_not_read(stage: Usd.Stage, tmp_path: Path, context: str, shader_id: str) -> None:
-    """One note a material, which names node, path and colour; the mesh's one displayColor is drawn, else grey."""
+    """One note a material, which names node, path and color; the mesh's one displayColor is drawn, else gray."""
     material = add_material(stage, "/World/Looks/foreign", "itu_wood")
     surface(stage, material, context, shader_id)
     quad = add_quad(stage, "/World/a", material)
@@ -172,7 +172,7 @@ def test_surface_that_is_not_read(stage: Usd.Stage, tmp_path: Path, context: str
     arrays = read(stage)
     colors = [arrays.materials["sunny"][k].appearance.color for k in arrays.material[[0, -1]]]
     assert colors == [(0.7, 0.6, 0.5), (0.5, 0.5, 0.5)]
-    assert len(arrays.look_notes) == 2  # one for each colour that is drawn
+    assert len(arrays.look_notes) == 2  # one for each color that is drawn
     for note, color in zip(sorted(arrays.look_notes), ("(0.5, 0.5, 0.5)", "(0.7, 0.6, 0.5)"), strict=True):
         for text in ("/World/Looks/foreign", shader_id, "/World/Looks/foreign/Other", color):
             assert text in note
@@ -198,7 +198,7 @@ def test_display_color_of_a_mesh_without_material(stage: Usd.Stage, tmp_path: Pa
 
 
 def test_material_of_the_library_has_its_look(device: str, stage: Usd.Stage, tmp_path: Path) -> None:
-    """By the material map: colour and roughness of the library, and its tile where the mesh has coordinates."""
+    """By the material map: color and roughness of the library, and its tile where the mesh has coordinates."""
     give_uv(add_quad(stage, "/World/with"))
     add_quad(stage, "/World/without", None, x=10)
     arrays = read(stage, material_map={"/World/*": MaterialEntry(material="brick_facade")})

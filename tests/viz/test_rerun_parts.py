@@ -157,7 +157,7 @@ def test_colors() -> None:
     assert np.ptp(rest) == 0
     assert away[0] > 200 > away[2]
     found = style.object_colors(np.arange(200)).astype(int)
-    assert np.abs(np.diff(found, axis=0)).sum(axis=1).min() > 100  # neighbours differ
+    assert np.abs(np.diff(found, axis=0)).sum(axis=1).min() > 100  # neighbors differ
     pale = style.object_colors([5], [False]).astype(int)
     assert np.ptp(pale) < np.ptp(found[5])
     assert set(style.CLASS_COLORS) == set(CARLA_TAG)

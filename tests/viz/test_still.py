@@ -80,7 +80,7 @@ def test_a_town_is_seen_from_its_best_view_and_any_eye(town: Path, tmp_path: Pat
     eye = ["--eye", "30", "20", "9", "--look-at", "45", "20", "9"]
     assert main(["view", "--still", str(tmp_path / "b.png"), "--town", str(town), *SMALL, *eye]) == 0
     middle, corner = pixels(tmp_path / "b.png")[20:28, 28:36], pixels(tmp_path / "b.png")[:4, :4]
-    assert middle[..., 2].mean() < corner[..., 2].mean() - 20  # a grey tower before a blue sky
+    assert middle[..., 2].mean() < corner[..., 2].mean() - 20  # a gray tower before a blue sky
 
 
 @pytest.mark.parametrize(

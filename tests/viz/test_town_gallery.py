@@ -20,7 +20,7 @@ MAX_BYTES = 200_000
 
 
 def pixels(path: Path) -> np.ndarray:
-    """Return the grey values of a picture, shape [height, width]."""
+    """Return the gray values of a picture, shape [height, width]."""
     with Image.open(path) as image:
         return np.asarray(image.convert("L"), dtype=float)
 

@@ -68,7 +68,7 @@ def apply_arrays(
 def _end(
     paths: Paths, array: PlanarArray, theta: np.ndarray, phi: np.ndarray, rotation: ArrayLike | None, name: str
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return element fields [P, polarisations, 2] and array phases [P, elements] of one end."""
+    """Return element fields [P, polarizations, 2] and array phases [P, elements] of one end."""
     turn = np.eye(3) if rotation is None else np.asarray(rotation, dtype=np.float64)
     if turn.shape not in ((3, 3), (paths.link_count, 3, 3)):
         raise InputError(

@@ -23,10 +23,10 @@ class PlanarArray:
     +y, rows downward. A linear array has one row and lies along y.
 
     Element e = j M + i: column by column, each from its top. Antenna n = p M N + e: all elements of the first
-    polarisation, then all of the second.
+    polarization, then all of the second.
 
     Raises:
-        InputError: If a count is below 1, a spacing is not above 0, or orientation, pattern or polarisation is not one.
+        InputError: If a count is below 1, a spacing is not above 0, or orientation, pattern or polarization is not one.
     """
 
     num_rows: int = 1
@@ -44,7 +44,7 @@ class PlanarArray:
     pattern: Pattern = "dipole"
     """Element pattern: a name, a `PatternTable` or a function, in the array's frame."""
     polarization: Polarization = "V"
-    """Polarisation name, or slant angles [rad]."""
+    """Polarization name, or slant angles [rad]."""
     polarization_model: PolarizationModel = "tr38901_2"
     """Polarization model of a slant (see `mmw.channel.antennas.patterns.polarization_components`)."""
     orientation: tuple[float, ...] = (0.0, 0.0, 0.0, 1.0)
@@ -81,17 +81,17 @@ class PlanarArray:
 
     @property
     def element_count(self) -> int:
-        """Number of elements, each with all polarisations: M N."""
+        """Number of elements, each with all polarizations: M N."""
         return self.num_rows * self.num_cols
 
     @property
     def polarization_count(self) -> int:
-        """Number of polarisations of each element."""
+        """Number of polarizations of each element."""
         return len(slant_angles(self.polarization))
 
     @property
     def antenna_count(self) -> int:
-        """Number of antennas (ports): elements times polarisations."""
+        """Number of antennas (ports): elements times polarizations."""
         return self.element_count * self.polarization_count
 
     @property
@@ -112,7 +112,7 @@ class PlanarArray:
     def element_positions(self, carrier_hz: float) -> np.ndarray:
         """Return the antennas' offsets from the phase center [m], the agent's axes, shape [antennas, 3].
 
-        Antennas of one element and different polarisations are at one place. Without an orientation the agent's axes
+        Antennas of one element and different polarizations are at one place. Without an orientation the agent's axes
         are the array's, and the offsets are Sionna RT's.
         """
         vertical, horizontal = self.spacing_m(carrier_hz)

@@ -1,4 +1,4 @@
-"""Compute element patterns and polarisation: the field vector of an antenna in any direction.
+"""Compute element patterns and polarization: the field vector of an antenna in any direction.
 
 Angles: zenith theta from +z, azimuth phi from +x. The local frame of an antenna is the agent's frame: x forward, y
 left, z up; a vertical dipole lies along local z, and turns with the agent's full attitude.
@@ -6,7 +6,7 @@ left, z up; a vertical dipole lies along local z, and turns with the agent's ful
 A pattern is one of the names below, a `PatternTable`, or a function of your own (see `pattern_components`). Fields are
 phasors of e^{+jwt}; a complex pattern receives by the transpose of its field, without conjugation (reciprocity).
 
-Source: patterns and polarisation models of 3GPP TR 38.901, section 7.3, and of Sionna RT 2.2, whose amplitudes these
+Source: patterns and polarization models of 3GPP TR 38.901, section 7.3, and of Sionna RT 2.2, whose amplitudes these
 equal.
 """
 
@@ -34,7 +34,7 @@ SLANTS: dict[str, tuple[float, ...]] = {
     "VH": (0.0, np.pi / 2),
     "cross": (-np.pi / 4, np.pi / 4),
 }
-"""Slant angle of each element of a polarisation [rad]."""
+"""Slant angle of each element of a polarization [rad]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -248,7 +248,7 @@ def polarization_components(
 
 
 def slant_angles(polarization: Polarization) -> tuple[float, ...]:
-    """Return the slant angle of each polarisation of an element [rad]: of a name, or of one or several angles.
+    """Return the slant angle of each polarization of an element [rad]: of a name, or of one or several angles.
 
     Raises:
         InputError: If the name is not known or an angle is not a finite number.
@@ -309,7 +309,7 @@ def antenna_field(
         rotation: Antenna-to-world rotations, shape [P, 3, 3].
         pattern: Element pattern: a name, a `PatternTable`, or a function (see `pattern_components`).
         polarization: One element for `V` and `H`, two for `VH` and `cross`; or the slant angle of each element [rad].
-        model: Polarisation model. It turns (C_theta, C_phi) of any pattern by the slant.
+        model: Polarization model. It turns (C_theta, C_phi) of any pattern by the slant.
 
     Returns:
         Field components (theta, phi), shape [P, elements, 2]; real, or complex for a complex pattern.

@@ -26,7 +26,7 @@ def per_element_links(
     Returns:
         The links, L x N_r x N_t rows (transmitter elements run fastest); and for each the row of `links`, the receiver
         element and the transmitter element, shape [L N_r N_t] each. Elements count as in `PlanarArray`, without
-        polarisations. The rotations of the ends are those of the arrays.
+        polarizations. The rotations of the ends are those of the arrays.
     """
     tx_count, rx_count = tx_array.element_count, rx_array.element_count
     link, rx_element, tx_element = (

@@ -68,7 +68,7 @@ def solve_paths(
     Args:
         scene: The scene with the batch of the links loaded.
         links: Links whose frames are loaded.
-        config: Carriers, rays, candidate mode, depth, interactions, pattern and polarisation.
+        config: Carriers, rays, candidate mode, depth, interactions, pattern and polarization.
         materials: Weather -> materials by id, for the weathers that are wanted.
         table: Surfaces of the scene, from `make_surface_table`; made here when not given.
         air: Weather -> state of the air; a weather that is not there has air without losses.

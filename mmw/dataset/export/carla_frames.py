@@ -4,7 +4,7 @@ With F = diag(1, -1, 1) a rotation R of our frames is F R F in CARLA's; in angle
 yaw is clockwise seen from above, pitch is nose up positive, roll is right side down positive.
 
 Source: formats of CARLA 0.9.15 (`carla.Rotation`, `carla.Transform`) and of OPV2V, whose poses are lists
-[x, y, z, roll, yaw, pitch] in metres and degrees.
+[x, y, z, roll, yaw, pitch] in meters and degrees.
 """
 
 import numpy as np

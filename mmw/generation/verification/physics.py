@@ -32,7 +32,7 @@ PARALLAX_M = 0.5
 """Maximum distance of a depth camera or LiDAR from an antenna whose line of sight it can judge [m]. Design value."""
 
 AROUND, MARGIN_M = 1 / 160, 1.0
-"""Share of the image's width around the other antenna that must agree, and metres by which depth must differ from its
+"""Share of the image's width around the other antenna that must agree, and meters by which depth must differ from its
 distance. Design values: 4 of 640 px, by which a parallax of 0.5 m shifts what is 30 m away at 110 deg."""
 
 NEAREST_RETURNS, WINDOW_DEG = 6, 2.5

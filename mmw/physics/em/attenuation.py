@@ -1,7 +1,7 @@
 """Compute the attenuation of paths by rain, fog and air: Recommendations ITU-R P.838-3, P.840-9 and P.676-13.
 
 Paths here are far shorter than a rain cell, so the specific attenuation is the same all along a path and no path
-reduction factor is used; rain turns no polarisation noticeably at these lengths. The air's phase delay (300 ppm of the
+reduction factor is used; rain turns no polarization noticeably at these lengths. The air's phase delay (300 ppm of the
 length) and dispersion are neglected.
 """
 
@@ -19,7 +19,7 @@ FOG_GHZ = (1.0, 200.0)
 """Frequencies of P.840-9 here [GHz]: its droplets are small against the wave up to 200 GHz; 1 GHz is P.676's start."""
 
 VERTICAL_TILT = np.pi / 2
-"""Polarisation tilt of a vertical antenna: angle of the field against the horizontal [rad]."""
+"""Polarization tilt of a vertical antenna: angle of the field against the horizontal [rad]."""
 
 _LOG_K_H = (
     (-5.33980, -0.35351, -0.23789, -0.94158), (-0.10008, 1.26970, 0.86036, 0.64552),
@@ -41,7 +41,7 @@ _Fit = tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...], float, flo
 
 
 def rain_coefficients(carrier_hz: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return k and alpha of horizontal, then k and alpha of vertical polarisation, each of the shape of the carriers.
+    """Return k and alpha of horizontal, then k and alpha of vertical polarization, each of the shape of the carriers.
 
     Args:
         carrier_hz: Carrier frequencies, 1 to 1000 GHz [Hz].
@@ -73,7 +73,7 @@ def rain_attenuation(
         rain_mm_h: Rain rate [mm/h].
         carrier_hz: Carrier frequency, 1 to 1000 GHz [Hz].
         elevation: Angle of the path above the horizontal [rad]; its sign does not matter.
-        tilt: Polarisation tilt: 0 horizontal, pi/2 vertical, pi/4 circular [rad].
+        tilt: Polarization tilt: 0 horizontal, pi/2 vertical, pi/4 circular [rad].
 
     Raises:
         InputError: If a carrier is outside 1 to 1000 GHz.
@@ -125,7 +125,7 @@ def path_loss_db(
         carriers_hz: Carrier frequencies [Hz], shape [C].
         length_m: Whole length of each path [m], shape [P].
         elevation: Elevation of departure [rad], shape [P]; pi/2 minus the zenith angle.
-        tilt: Polarisation tilt of the antennas against the horizontal [rad]: pi/2 for V, 0 for H.
+        tilt: Polarization tilt of the antennas against the horizontal [rad]: pi/2 for V, 0 for H.
 
     Returns:
         `rain_db`, `fog_db` and `gas_db` [dB], shape [P, C] each, at least 0; the field gets 10^(-dB / 20). No rain or

@@ -1,10 +1,10 @@
-"""Compute the field along traced paths: angles, polarisation, interactions and spreading, all in float64.
+"""Compute the field along traced paths: angles, polarization, interactions and spreading, all in float64.
 
 Every interaction is a 2x2 matrix between a basis of the incoming and one of the outgoing wave; between interactions,
 and at both ends, real 2x2 matrices turn one basis into the next. So geometry is worked out once, and a weather or a
 carrier only changes the matrices of the interactions.
 
-Source: image theory for the spreading; ITU-R P.2040-4 for the coefficients; polarisation by ray-fixed TE and TM axes as
+Source: image theory for the spreading; ITU-R P.2040-4 for the coefficients; polarization by ray-fixed TE and TM axes as
 in C. A. Balanis, Advanced Engineering Electromagnetics, chapter 5.
 """
 
@@ -72,7 +72,7 @@ class PathGeometry:
 def path_geometry(
     tx: np.ndarray, rx: np.ndarray, interaction: np.ndarray, vertex: np.ndarray, normal: np.ndarray, edge: np.ndarray
 ) -> PathGeometry:
-    """Return directions, lengths and polarisation bases of paths.
+    """Return directions, lengths and polarization bases of paths.
 
     Args:
         tx: Transmitters [m], shape [P, 3].
@@ -193,7 +193,7 @@ def polarimetric_transfer(
             `mmw.physics.em.scattering.rough_columns`.
 
     Returns:
-        lambda / (4 pi) times spreading times the polarisation matrix, without carrier phase, [P, 2, 2], complex128.
+        lambda / (4 pi) times spreading times the polarization matrix, without carrier phase, [P, 2, 2], complex128.
     """
     total = geometry.turn[:, 0].astype(np.complex128)
     for k in range(matrices.shape[1]):

@@ -35,7 +35,7 @@ def reflection(
 def transmission(
     permittivity: np.ndarray, cosine: np.ndarray, thickness: np.ndarray, carrier_hz: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the transmission coefficients of a slab with air on both sides, for both polarisations.
+    """Return the transmission coefficients of a slab with air on both sides, for both polarizations.
 
     The wave goes on in its old direction. The coefficient holds the phase of the slab, e^{-jq}; the length of
     a straight ray through the slab is counted on top of it, as Sionna RT does.

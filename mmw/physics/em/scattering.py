@@ -114,7 +114,7 @@ def rough_columns(
 ) -> Callable[[int, np.ndarray], np.ndarray]:
     """Return the function that weakens a field as much as a mirror of the same material would.
 
-    Gamma = |E_reflected| / |E_incoming| follows from the polarisation that comes in, so it is worked out for each of
+    Gamma = |E_reflected| / |E_incoming| follows from the polarization that comes in, so it is worked out for each of
     the transmitter's two components: for a mixture of them the transfer is an approximation.
 
     Args:

@@ -26,14 +26,14 @@ class DepthCamera(CameraConfig):
     fov_deg: float = Field(110.0, gt=0, lt=180, description="horizontal field of view [deg]")
     range_m: float = Field(655.0, gt=0, le=10_000, description="longest depth; at most 655.35 with `format: png16` [m]")
     format: Literal["png16", "float32"] = Field(
-        "png16", description="`png16`: 16-bit centimetres; `float32`: these, and metres before rounding (name)"
+        "png16", description="`png16`: 16-bit centimeters; `float32`: these, and meters before rounding (name)"
     )
 
     @model_validator(mode="after")
     def _range(self) -> "DepthCamera":
         if self.format == "png16" and self.range_m > PNG16_RANGE_M:
             raise InputError(
-                f"range_m = {self.range_m}: 16-bit centimetres end at {PNG16_RANGE_M} m; lower it, "
+                f"range_m = {self.range_m}: 16-bit centimeters end at {PNG16_RANGE_M} m; lower it, "
                 "or use format: float32"
             )
         return self

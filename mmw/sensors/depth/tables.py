@@ -5,7 +5,7 @@ from mmw.storage.table_spec import F32, column, encoded_image, list_of, sensor_t
 DEPTH = sensor_table(
     "depth",
     "One depth image.",
-    encoded_image("image", "cm", "16-bit PNG of depth along the optical axis; metres = value * 0.01; 0 = no return"),
+    encoded_image("image", "cm", "16-bit PNG of depth along the optical axis; meters = value * 0.01; 0 = no return"),
     column(
         "depth_m",
         list_of(F32),

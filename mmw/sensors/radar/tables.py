@@ -54,7 +54,7 @@ RADAR_MAPS = TableSpec(
 
 RADAR_IQ = sensor_table(
     "radar_iq",
-    "One sweep as the receivers digitise it; sample n of chirp m of antenna l is number (l chirps + m) samples + n.",
+    "One sweep as the receivers digitize it; sample n of chirp m of antenna l is number (l chirps + m) samples + n.",
     column("antennas", I32, "count", "virtual antennas, rows from below, in a row from right to left"),
     column("chirps", I32, "count", "chirps of the sweep"),
     column("samples", I32, "count", "samples of a chirp"),

@@ -38,7 +38,7 @@ class RgbCamera(CameraConfig):
     )
     jpeg_quality: int = Field(95, ge=1, le=100, description="quality of `format: jpeg` (number)")
     jpeg_subsampling: Literal["4:2:0", "4:4:4"] = Field(
-        "4:2:0", description="chroma of `format: jpeg`: a colour for four pixels, or for each, +20 % bytes (name)"
+        "4:2:0", description="chroma of `format: jpeg`: a color for four pixels, or for each, +20 % bytes (name)"
     )
     normals: bool = Field(False, description="normals from the same rays, table `normals` (true or false)")
     flow: bool = Field(

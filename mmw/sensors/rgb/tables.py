@@ -5,7 +5,7 @@ from mmw.storage.table_spec import F32, NAME, column, encoded_image, sensor_tabl
 RGB = sensor_table(
     "rgb",
     "One image of an RGB camera.",
-    encoded_image("image", "", "8-bit sRGB colours, a JPEG or PNG file; row 0 is the top"),
+    encoded_image("image", "", "8-bit sRGB colors, a JPEG or PNG file; row 0 is the top"),
     column("format", NAME, "", "jpeg or png"),
     column("exposure", F32, "m2/kcd", "factor from luminance [kcd/m2] to display linear, where 1 is white"),
     column("ev100", F32, "-", "the same as exposure value at ISO 100: white = 1.2 * 2^EV100 cd/m2"),
@@ -15,7 +15,7 @@ RGB = sensor_table(
 
 NORMALS = sensor_table(
     "normals",
-    "Normals of the surfaces that the pixel centres of one RGB image show, from the same rays.",
+    "Normals of the surfaces that the pixel centers of one RGB image show, from the same rays.",
     encoded_image(
         "image",
         "",

@@ -1,13 +1,13 @@
-"""CARLA's encodings of depth, for tools that expect its files: 24-bit colour, linear grey and logarithmic grey.
+"""CARLA's encodings of depth, for tools that expect its files: 24-bit color, linear gray and logarithmic gray.
 
 All of them count to 1000 m, which means the sky or anything beyond. Depth is measured along the
 optical axis, as in the table `depth`: `mmw.storage.codecs.images.decode_depth` and the column `depth_m` give it in
-metres.
+meters.
 
     from PIL import Image
     Image.fromarray(encode_log_grey(decode_depth(cell["bytes"]))).save("000000_depth_camera0.png")
 
-Source: CARLA 0.9.15, `ref_sensors.md`, depth camera, and its colour converters `Depth` and `LogarithmicDepth`.
+Source: CARLA 0.9.15, `ref_sensors.md`, depth camera, and its color converters `Depth` and `LogarithmicDepth`.
 """
 
 import numpy as np
@@ -53,7 +53,7 @@ def decode_bgra(image: np.ndarray) -> np.ndarray:
     The image is blue, green, red and perhaps alpha, shape [..., 3 or 4], uint8.
 
     Raises:
-        InputError: If it is not an image of 8-bit colours.
+        InputError: If it is not an image of 8-bit colors.
     """
     image = np.asarray(image)
     if image.dtype != np.uint8 or image.ndim < 1 or image.shape[-1] not in (3, 4):
@@ -66,7 +66,7 @@ def decode_bgra(image: np.ndarray) -> np.ndarray:
 
 
 def encode_grey(depth_m: np.ndarray) -> np.ndarray:
-    """Return depth as CARLA's `Depth` converter saves it: grey = depth / 1000 m, in 255 steps of 3.92 m.
+    """Return depth as CARLA's `Depth` converter saves it: gray = depth / 1000 m, in 255 steps of 3.92 m.
 
     Args and Raises as `encode_bgra`; same shape, uint8, rounded to the nearest step; the sky is 255.
     """
@@ -74,7 +74,7 @@ def encode_grey(depth_m: np.ndarray) -> np.ndarray:
 
 
 def decode_grey(grey: np.ndarray) -> np.ndarray:
-    """Return depth of a linear grey image [m], same shape, float64; the sky comes back as 1000 m.
+    """Return depth of a linear gray image [m], same shape, float64; the sky comes back as 1000 m.
 
     Raises:
         InputError: If it is not an image of 8-bit numbers.
@@ -83,9 +83,9 @@ def decode_grey(grey: np.ndarray) -> np.ndarray:
 
 
 def encode_log_grey(depth_m: np.ndarray) -> np.ndarray:
-    """Return depth as CARLA's `LogarithmicDepth` converter saves it: grey = 1 + ln(depth / 1000 m) / 5.70378.
+    """Return depth as CARLA's `LogarithmicDepth` converter saves it: gray = 1 + ln(depth / 1000 m) / 5.70378.
 
-    Neighbouring steps differ by 2.26 %; everything nearer than 3.33 m is black, the sky is 255.
+    Neighboring steps differ by 2.26 %; everything nearer than 3.33 m is black, the sky is 255.
 
     Args and Raises as `encode_bgra`; same shape, uint8, rounded to the nearest step.
     """
@@ -95,7 +95,7 @@ def encode_log_grey(depth_m: np.ndarray) -> np.ndarray:
 
 
 def decode_log_grey(grey: np.ndarray) -> np.ndarray:
-    """Return depth of a logarithmic grey image, 1000 * exp((grey / 255 - 1) * 5.70378) [m], same shape, float64.
+    """Return depth of a logarithmic gray image, 1000 * exp((gray / 255 - 1) * 5.70378) [m], same shape, float64.
 
     Black comes back as 3.33 m, which means anything nearer; the sky as 1000 m.
 
@@ -117,5 +117,5 @@ def _share(depth_m: np.ndarray) -> np.ndarray:
 def _bytes(grey: np.ndarray) -> np.ndarray:
     grey = np.asarray(grey)
     if grey.dtype != np.uint8:
-        raise InputError(f"depth image: {grey.dtype} of shape {grey.shape}; a grey image is uint8; give such an array")
+        raise InputError(f"depth image: {grey.dtype} of shape {grey.shape}; a gray image is uint8; give such an array")
     return grey.astype(np.float64)

@@ -12,7 +12,7 @@ from mmw.storage.table_spec import DEPTH_STEP_M
 
 PNG_LEVEL = 1
 """zlib level of PNG images: half the time of level 6 for depth, half as large again; a quarter to a half of it for
-colours, a tenth larger."""
+colors, a tenth larger."""
 
 NORMAL_STEPS = 127
 """Steps of a unit normal's component from 0 to 1; 128 is 0. Design value: whole axes are exact, 0.4 deg."""
@@ -37,7 +37,7 @@ def encode_rgb(image: np.ndarray, format_: str, quality: int, subsampling: str =
         subsampling: Of a JPEG file's chroma: `4:2:0` or `4:4:4`.
 
     Raises:
-        ValueError: If the array is not an image of 8-bit colours.
+        ValueError: If the array is not an image of 8-bit colors.
     """
     if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
         raise ValueError(f"RGB image: {image.dtype} of shape {image.shape}; one image is uint8 [H, W, 3]; give that")
@@ -60,7 +60,7 @@ def encode_depth(depth: np.ndarray) -> bytes:
     """
     if depth.ndim != 2 or depth.dtype != np.uint16:
         raise ValueError(
-            f"depth image: {depth.dtype} of shape {depth.shape}; one image is uint16 [H, W] in centimetres"
+            f"depth image: {depth.dtype} of shape {depth.shape}; one image is uint16 [H, W] in centimeters"
         )
     return _png(depth)
 
@@ -125,7 +125,7 @@ def decode_flow(data: bytes) -> np.ndarray:
 
 
 def decode_depth(data: bytes) -> np.ndarray:
-    """Return a stored depth image in metres, float32 [H, W], inf where nothing was hit."""
+    """Return a stored depth image in meters, float32 [H, W], inf where nothing was hit."""
     values = np.asarray(Image.open(io.BytesIO(data)), dtype=np.float32)
     return np.where(values > 0, values * np.float32(DEPTH_STEP_M), np.float32(np.inf))
 

@@ -16,7 +16,7 @@ SIGNATURE = b"\x89PNG\r\n\x1a\n"
 UP = 2
 """Filter of every row: the difference to the row above, byte by byte."""
 FIXED = (16, 2, 0, 0, 0)
-"""Rest of the header: bits a channel, colour type RGB, compression, filter method, no interlacing."""
+"""Rest of the header: bits a channel, color type RGB, compression, filter method, no interlacing."""
 
 
 def encode_png16(image: np.ndarray, level: int) -> bytes:

@@ -29,7 +29,7 @@ BETWEEN_CHANGES = 6.0
 """Least time from one change, begun or found impossible, to the next [s]; design value."""
 
 DECIDE_EVERY = 10
-"""Engine steps from one look at the neighbour lanes to the next."""
+"""Engine steps from one look at the neighbor lanes to the next."""
 
 AHEAD = 6.0
 """A change begins this far ahead of the front axle [m]: what the low pass of the path already reads stays as it is."""

@@ -45,7 +45,7 @@ class BacktrackError(InputError):
 def fit_path(samples: np.ndarray, heading: np.ndarray | None) -> FittedPath:
     """Return a line through a vehicle's samples.
 
-    The line goes through nodes, the samples that are half a metre or more from the node before, as cubic Hermite pieces
+    The line goes through nodes, the samples that are half a meter or more from the node before, as cubic Hermite pieces
     over the chord length. Samples between two nodes are projected on the chord. Samples that do not get away from a
     node stay where it is.
 
@@ -138,7 +138,7 @@ def fill_stations(time: np.ndarray, station: np.ndarray, at: np.ndarray) -> np.n
         Distance [m], shape [F].
 
     Source: F. N. Fritsch, J. Butland, A method for constructing local monotone piecewise cubic interpolants, SIAM J.
-    Sci. Stat. Comput. 5 (1984), 300-304: weighted harmonic means of the neighbouring speeds.
+    Sci. Stat. Comput. 5 (1984), 300-304: weighted harmonic means of the neighboring speeds.
     """
     step = np.diff(time)
     speed = np.diff(station) / step

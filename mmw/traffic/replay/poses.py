@@ -31,7 +31,7 @@ TIME_SIGMAS = (0.12, 0.18, 0.27, 0.4, 0.6)
 """Gaussian on the distance over time, standard deviation; the first that is smooth enough is used [s]."""
 
 PATH_SIGMAS = (0.0, 1.0, 2.0, 3.0)
-"""The same for the line, in addition to the pose stage's own metre [m]."""
+"""The same for the line, in addition to the pose stage's own meter [m]."""
 
 STATION_JERK = 6.0
 """Largest third derivative of the distance over time that the choice aims at [m/s^3]."""

@@ -95,7 +95,7 @@ def choose_model(vehicle: Trajectory, demand: TrafficDemand, is_cav: bool, gener
 
 
 def _rank(found: Sequence[Trajectory], center: Sequence[float], frame_count: int) -> list[Trajectory]:
-    """Return the vehicles that are there in some frame by distance to a centre: at frame 0, then those that come later.
+    """Return the vehicles that are there in some frame by distance to a center: at frame 0, then those that come later.
 
     Equal distances are ordered by id.
     """

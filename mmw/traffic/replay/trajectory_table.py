@@ -46,7 +46,7 @@ class Trajectory:
     points: np.ndarray
     """Reference point, x east and y north [m], shape [N, 2]."""
     height: np.ndarray | None
-    """Height of the road there, to within a metre [m], shape [N]; None if the table does not say."""
+    """Height of the road there, to within a meter [m], shape [N]; None if the table does not say."""
     heading: np.ndarray | None
     """Heading of the body, counter-clockwise from east [rad], shape [N]; None if the table does not say."""
     type: str = ""

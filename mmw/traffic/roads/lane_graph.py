@@ -1,4 +1,4 @@
-"""Define the lane graph: centre lines that vehicles follow, and their successors."""
+"""Define the lane graph: center lines that vehicles follow, and their successors."""
 
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -15,7 +15,7 @@ class Lane:
 
     name: str
     points: np.ndarray
-    """Centre line on the road surface in the town frame [m], shape [N, 3], float64, at most 2 m apart."""
+    """Center line on the road surface in the town frame [m], shape [N, 3], float64, at most 2 m apart."""
     width: float
     """Lane width [m]."""
     speed: float

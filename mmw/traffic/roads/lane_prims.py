@@ -52,7 +52,7 @@ def has_lanes(stage: Usd.Stage) -> bool:
 
 
 def read_lanes(stage: Usd.Stage, root_path: str) -> LaneGraph:
-    """Return the lanes at or below a prim, in metres with z up, whatever the axes and units of the stage.
+    """Return the lanes at or below a prim, in meters with z up, whatever the axes and units of the stage.
 
     Raises:
         InputError: If the prim does not exist, holds no lane, or a lane lacks an attribute or its points.

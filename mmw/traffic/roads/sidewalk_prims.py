@@ -32,7 +32,7 @@ def write_sidewalks(stage: Usd.Stage, path: str, sidewalks: Sequence[Sidewalk]) 
 
 
 def read_sidewalks(stage: Usd.Stage, root_path: str) -> list[Sidewalk]:
-    """Return the sidewalks below a prim in metres with z up, sorted by name; none if the prim does not exist."""
+    """Return the sidewalks below a prim in meters with z up, sorted by name; none if the prim does not exist."""
     root = stage.GetPrimAtPath(root_path)
     found = read_curves(root, CLOSED) if root else ()
     sidewalks = [Sidewalk(prim.GetName(), points, bool(prim.GetAttribute(CLOSED).Get())) for prim, points in found]

@@ -16,7 +16,7 @@ import numpy as np
 from mmw.traffic.roads.lane_graph import Lane, LaneGraph
 
 CLOSE = 2.4
-"""Connections whose centre lines come nearer than this conflict [m]: the width of a lorry."""
+"""Connections whose center lines come nearer than this conflict [m]: the width of a lorry."""
 
 VISIBILITY = "50"
 """Drivers that have to give way see the others from this far before a junction [m]; SUMO's 4.5 m makes them stop."""
@@ -123,7 +123,7 @@ def _is_internal(graph: LaneGraph, lane: Lane) -> bool:
 
 
 def _group_edges(graph: LaneGraph, inside: set[str]) -> dict[str, list[str]]:
-    """Return edges with their lanes from the right: chains of lanes that name each other as neighbours."""
+    """Return edges with their lanes from the right: chains of lanes that name each other as neighbors."""
     edges, seen = {}, set(inside)
     for name in sorted(graph.lanes):
         if name in seen:

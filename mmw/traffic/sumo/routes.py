@@ -18,7 +18,7 @@ LEAD_IN = 25.0
 """A lane across a junction is tried out from this far before it to this far behind it [m]."""
 
 REACH = 12.0
-"""Neighbouring lanes count for the bend of a lane up to this far [m]."""
+"""Neighboring lanes count for the bend of a lane up to this far [m]."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ def _piece(lane: Lane, length: float) -> Lane:
 def lane_limits(graph: LaneGraph) -> dict[str, np.ndarray]:
     """Return the speed that comfort allows along every lane, every `PATH_STEP` of plan length [m/s].
 
-    The rules are those of `speed_limit` on the centre line: sideways and vertical acceleration and jerk, and braking
+    The rules are those of `speed_limit` on the center line: sideways and vertical acceleration and jerk, and braking
     ahead of a slower place on the same lane, or at the start of the only lane behind it. The lane's own limit counts
     too.
     """

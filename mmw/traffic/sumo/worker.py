@@ -21,7 +21,7 @@ def main(folder: Path) -> None:
     """Run the job of a folder.
 
     `job.json` holds `options` (SUMO's command line), `vehicles` (count; their ids are numbers), `steps` (count),
-    `limits` (SUMO lane -> speed limit every metre [m/s]) and `top_speed` [m/s]. `states.npy` gets float64
+    `limits` (SUMO lane -> speed limit every meter [m/s]) and `top_speed` [m/s]. `states.npy` gets float64
     [steps + 1, V, 4]: x, y, z of the front bumper [m] and the angle clockwise from north [deg]; NaN where a vehicle is
     not in the network.
     """

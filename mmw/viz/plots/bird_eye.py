@@ -53,8 +53,8 @@ def draw_lidar(
         axes: matplotlib axes to draw on.
         agent: From `frame.agents`.
         sensor: LiDAR; the agent's first if empty.
-        color: `intensity`; `object`: actors by number, the town grey; `height`: above the agent's origin; `label`:
-            surfaces grey by intensity, rain and fog in color.
+        color: `intensity`; `object`: actors by number, the town gray; `height`: above the agent's origin; `label`:
+            surfaces gray by intensity, rain and fog in color.
         extent_m: Half of the side of the square that is shown [m].
         boxes: Draw boxes of vehicles and people.
 
@@ -123,7 +123,7 @@ def draw_radar(
         sensor: Radar; the agent's first if empty.
         extent_m: Half of the width of what is shown [m]; it reaches `AHEAD` times as far ahead.
         boxes: Draw boxes of vehicles and people.
-        lidar: Draw the surfaces that the agent's first LiDAR sees, if it has one, in grey behind.
+        lidar: Draw the surfaces that the agent's first LiDAR sees, if it has one, in gray behind.
 
     Returns:
         Mappable for a color bar.

@@ -64,7 +64,7 @@ def plot_lanes(lanes: LaneGraph, arrays: SceneData, town: str, out: Path) -> Non
 
 
 def scenarios_of(town: str) -> list[tuple[str, tuple[float, float], np.ndarray]]:
-    """Return name, spawn centre (x, y) [m] and roadside units [N, 2] [m] of the shipped scenarios of a town."""
+    """Return name, spawn center (x, y) [m] and roadside units [N, 2] [m] of the shipped scenarios of a town."""
     found = {}
     for path in sorted([*configs_dir().glob("*.yaml"), *configs_dir().glob("scenarios/*.yaml")]):
         for scenario in load_config(path).scenarios:

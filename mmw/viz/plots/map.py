@@ -17,7 +17,7 @@ class TownPlan:
     """Lanes and buildings in the plan of the world; both may be empty."""
 
     lanes: tuple[np.ndarray, ...] = ()
-    """Centre lines [m], shape [N, 2] each."""
+    """Center lines [m], shape [N, 2] each."""
     widths: tuple[float, ...] = ()
     """Width of each lane [m]."""
     buildings: tuple[np.ndarray, ...] = ()
@@ -91,7 +91,7 @@ def convex_outline(points: np.ndarray) -> np.ndarray:
 
     Source: A. M. Andrew, "Another efficient algorithm for convex hulls in two dimensions", 1979 (monotone chain).
     """
-    points = np.unique(np.round(points, 2), axis=0)  # centimetres are enough for a map
+    points = np.unique(np.round(points, 2), axis=0)  # centimeters are enough for a map
     if len(points) < 3:
         return points
 

@@ -276,7 +276,7 @@ def _legend(axes: Any, link: Link) -> None:
 
 
 def _widened(line: np.ndarray, width: float) -> np.ndarray:
-    """Return the outline of a lane around its centre line, shape [2 N, 2]."""
+    """Return the outline of a lane around its center line, shape [2 N, 2]."""
     along = np.gradient(line, axis=0)
     left = np.stack([-along[:, 1], along[:, 0]], axis=1) / np.maximum(np.linalg.norm(along, axis=1), 1e-9)[:, None]
     return np.concatenate([line + left * width / 2.0, (line - left * width / 2.0)[::-1]])

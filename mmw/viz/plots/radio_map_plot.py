@@ -71,7 +71,7 @@ def _draw_cells(figure: Any, axes: Any, plan: np.ndarray, values: np.ndarray, la
 
 
 def draw_scene(axes: Any, arrays: SceneData, frame: int) -> None:
-    """Draw buildings as grey areas below the cells, and the vehicles of a frame as outlines over them."""
+    """Draw buildings as gray areas below the cells, and the vehicles of a frame as outlines over them."""
     from matplotlib.collections import PolyCollection
 
     is_building = np.array([one.label == "building" for one in arrays.objects], dtype=bool)

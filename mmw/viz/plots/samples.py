@@ -113,7 +113,7 @@ def draw_lidar_sample(axes: Any, agent: Agent, sensor: str, style: SampleStyle) 
 def draw_radar_sample(axes: Any, agent: Agent, sensor: str, style: SampleStyle) -> SamplePlot:
     """Draw a radar sample from above."""
     shown = draw_radar(axes, agent, sensor, extent_m=style.extent_m, boxes=style.boxes != "none")
-    note, legend = f"{len(agent.radars[sensor]):,} points", "blue approaches, red recedes, grey is what LiDAR sees"
+    note, legend = f"{len(agent.radars[sensor]):,} points", "blue approaches, red recedes, gray is what LiDAR sees"
     return SamplePlot(shown, "radial velocity, + receding [m/s]", note, legend)
 
 

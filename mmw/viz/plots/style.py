@@ -126,7 +126,7 @@ def scale_colors(values: ArrayLike, low: float, high: float) -> np.ndarray:
 
 
 def velocity_colors(velocity: ArrayLike) -> np.ndarray:
-    """Return colors of radial velocities [m/s], shape [..., 3], uint8: approaching blue, receding red, rest grey."""
+    """Return colors of radial velocities [m/s], shape [..., 3], uint8: approaching blue, receding red, rest gray."""
     share = np.clip(np.asarray(velocity, dtype=np.float64) / VELOCITY_M_S, -1.0, 1.0)[..., None]
     rest, away, near = np.array([[210.0, 210, 210], [255, 60, 40], [60, 110, 255]])
     return (rest + np.abs(share) * (np.where(share > 0.0, away, near) - rest)).astype(np.uint8)

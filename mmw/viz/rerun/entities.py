@@ -3,7 +3,7 @@
 import rerun as rr
 
 WORLD = "world"
-"""Everything with a place; right-handed, z up, metres."""
+"""Everything with a place; right-handed, z up, meters."""
 TOWN = "world/town"
 """The static town, one mesh a material."""
 BOXES = "world/boxes"

@@ -36,7 +36,7 @@ DENSE, SPARSE = 1.5, 5.0
 """Size of points of a sweep and of detections on the screen, in Rerun's points. Design values."""
 
 CENTIMETRES = 100.0
-"""Steps of a depth image in a metre."""
+"""Steps of a depth image in a meter."""
 
 DEPTH_M = 80.0
 """Depth at the end of the color scale [m]. Design value."""
@@ -90,7 +90,7 @@ def log_rgb(log: "FrameLogger", agent: Agent, sensor: str) -> None:
 
 
 def log_depth(log: "FrameLogger", agent: Agent, sensor: str) -> None:
-    """Log a depth image in metres."""
+    """Log a depth image in meters."""
     row = agent.frame.row_of("depth", agent.name, sensor)
     size = agent.views[sensor].camera.intrinsics
     image = None if row is None else depth_image(row, (size.height, size.width))
@@ -119,7 +119,7 @@ def log_readings(log: "FrameLogger", agent: Agent, sensor: str) -> None:
 
 
 def depth_image(row: Row, size: tuple[int, int]) -> rr.EncodedDepthImage | rr.DepthImage | None:
-    """Return a row of table `depth` in metres, None without image: the stored PNG, or depth before rounding."""
+    """Return a row of table `depth` in meters, None without image: the stored PNG, or depth before rounding."""
     if row["depth_m"] is not None:
         metres = np.asarray(row["depth_m"], dtype=np.float32).reshape(size)
         return rr.DepthImage(metres, meter=1.0, depth_range=(0.0, DEPTH_M))

@@ -23,7 +23,7 @@ from mmw.sensors.rgb.simulate import RgbRenderer
 
 MAP_HEIGHT = 10.0
 """Height of the eye of a map over its middle, in sides of the map [-]: at the edge of any map a roof 30 m up is drawn
-1.5 m too far out. Design value: float32 still resolves millimetres from the 5 to 10 km above a town."""
+1.5 m too far out. Design value: float32 still resolves millimeters from the 5 to 10 km above a town."""
 
 MAP_VISIBILITY_M = 20_000.0
 """Visibility of the air of a map, whose haze ends right over the ground besides [m]. Design value."""

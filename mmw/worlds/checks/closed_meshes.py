@@ -76,7 +76,7 @@ def _inside_out(model: StageModel, connected: ConnectedComponents) -> list[Findi
     for k in np.flatnonzero((~is_open & (volume < -MIN_VOLUME_M3)) | (bent > 0)):
         path, place = model.parts[connected.part[k]].path, as_place(middle[k])
         if bent[k]:
-            text = f"neighbouring faces disagree about their front at {int(bent[k])} edges"
+            text = f"neighboring faces disagree about their front at {int(bent[k])} edges"
             found.append(Finding("warning", "winding", path, text, "let all faces look outward", place))
         else:
             text = f"a closed piece of {-volume[k]:.3f} m3 is inside out"

@@ -14,11 +14,11 @@ KINK_RAD = np.radians(5.0)
 """Largest change of heading there [rad]; design value, ten times what a lane of 1 m segments bends in a junction."""
 
 PARALLEL_RAD = np.radians(5.0)
-"""Largest angle between neighbours [rad]; design value."""
+"""Largest angle between neighbors [rad]; design value."""
 
 
 def lane_findings(model: StageModel) -> list[Finding]:
-    """Return islands, dead ends, gaps, kinks and neighbours that are none."""
+    """Return islands, dead ends, gaps, kinks and neighbors that are none."""
     graph = model.lanes
     if graph is None:
         return [does_not_apply("lanes", "no lanes")]
@@ -90,11 +90,11 @@ def _misfit(lane: Lane, other: Lane, side: str) -> str:
     turn = lane.headings[segment] - other.headings[min(near, len(other.headings) - 1)]
     turn = abs(float((turn + np.pi) % (2.0 * np.pi) - np.pi))
     if turn > PARALLEL_RAD:
-        return f"neighbours, but {np.degrees(turn):.1f} deg apart in heading"
+        return f"neighbors, but {np.degrees(turn):.1f} deg apart in heading"
     forward = np.array([np.cos(lane.headings[segment]), np.sin(lane.headings[segment])])
     to_left = float(forward[0] * away[near, 1] - forward[1] * away[near, 0])
     if (to_left > 0.0) != (side == "left"):
-        return f"the second is called the {side} neighbour, but lies on the other side"
+        return f"the second is called the {side} neighbor, but lies on the other side"
     widest = lane.width + other.width
     distance = float(np.linalg.norm(away[near]))
-    return f"neighbours, but {distance:.1f} m apart" if distance > widest else ""
+    return f"neighbors, but {distance:.1f} m apart" if distance > widest else ""

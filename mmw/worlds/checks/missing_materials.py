@@ -57,7 +57,7 @@ def _missing_properties(
                 found.append(("error", "radio_material", f"radio material {radio.itu!r} does not exist", cure))
     general = UsdShade.MaterialBindingAPI(part.prim).ComputeBoundMaterial()[0]
     if not any(_is_shown(shown) for shown in (UsdShade.Material(material) if material else None, general)):
-        cure = "bind a material with a UsdPreviewSurface; pictures show it grey otherwise"
+        cure = "bind a material with a UsdPreviewSurface; pictures show it gray otherwise"
         found.append(("warning", "visual_material", "no UsdPreviewSurface", cure))
     return found
 

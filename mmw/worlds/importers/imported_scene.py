@@ -18,7 +18,7 @@ class ImportedMaterial:
     """Name in the source file, which the patterns of a material map are matched against too; empty for a mesh that has
     no material."""
     color: tuple[float, float, float] | None = None
-    """Diffuse colour, linear sRGB, 0 to 1; None where the source gives none."""
+    """Diffuse color, linear sRGB, 0 to 1; None where the source gives none."""
     opacity: float = 1.0
     """1 for opaque [-]."""
     metallic: float = 0.0

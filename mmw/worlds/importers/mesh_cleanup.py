@@ -160,7 +160,7 @@ def transformed(points: np.ndarray, faces: np.ndarray, matrix: np.ndarray) -> tu
 
 
 def linear(srgb: Sequence[float]) -> tuple[float, float, float]:
-    """Return an sRGB colour, 0 to 1, as linear numbers.
+    """Return an sRGB color, 0 to 1, as linear numbers.
 
     Source: IEC 61966-2-1.
     """

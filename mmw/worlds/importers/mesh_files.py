@@ -29,7 +29,7 @@ def read_meshes(
     """Return the meshes of a file.
 
     Every node that has a mesh becomes a prim below `Model`, with its ancestors above it. Instances become meshes of
-    their own; a mirroring transform turns the faces over. Textures are not read: a material has the mean colour.
+    their own; a mirroring transform turns the faces over. Textures are not read: a material has the mean color.
 
     Args:
         path: File of a format of `mmw.worlds.importers.formats.MESHES`.
@@ -116,7 +116,7 @@ class _Materials:
             self.found[name] = ImportedMaterial(name, source, **look)
             self._name_of[key] = name
             if _texture(material) is not None:
-                self.notes.append(f"material {source or 'without a name'}: of its texture the mean colour is kept")
+                self.notes.append(f"material {source or 'without a name'}: of its texture the mean color is kept")
         return self._name_of[key]
 
 
@@ -126,7 +126,7 @@ def _texture(material: Any) -> Any:
 
 
 def _look(mesh: trimesh.Trimesh, material: Any) -> Mapping[str, Any]:
-    """Return colour, opacity, metallic and roughness of a mesh, as fields of `ImportedMaterial`."""
+    """Return color, opacity, metallic and roughness of a mesh, as fields of `ImportedMaterial`."""
     if material is None:
         visual: Any = mesh.visual
         if getattr(visual, "kind", None) not in ("face", "vertex"):

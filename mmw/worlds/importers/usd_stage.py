@@ -129,7 +129,7 @@ class _Reader:
     def notes(self) -> list[str]:
         if not self.textured:
             return []
-        return [f"textures are not kept, these materials have a plain colour: {', '.join(sorted(self.textured))}"]
+        return [f"textures are not kept, these materials have a plain color: {', '.join(sorted(self.textured))}"]
 
 
 def _lanes(stage: Usd.Stage, stretch: float, origin: np.ndarray) -> LaneGraph | None:

@@ -32,7 +32,7 @@ LOOK_OF_ROW = {
     "itu_metal": "metal_fascia", "itu_pec": "metal_fascia", "itu_very_dry_ground": "asphalt",
     "itu_medium_dry_ground": "soil", "itu_wet_ground": "soil", "itu_asphalt_concrete": "asphalt",
 }  # fmt: skip
-"""Radio row -> library material that lends its colour, where the source has none, and its SimReady base. Design
+"""Radio row -> library material that lends its color, where the source has none, and its SimReady base. Design
 values."""
 
 

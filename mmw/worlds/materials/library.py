@@ -24,7 +24,7 @@ def write_material(
         stage: Stage to write to, at its edit target.
         path: Path of the Material prim; an existing prim is overwritten.
         spec: The description.
-        tile: Textures of colour, normal and roughness, `textures/<name>*.png` beside the layer; none without one.
+        tile: Textures of color, normal and roughness, `textures/<name>*.png` beside the layer; none without one.
         picture: Picture in place of a tile, `textures/<name>.png`, which fills `st` from 0 to 1.
 
     Returns:

@@ -14,10 +14,10 @@ _KINDS = Sdf.ValueTypeNames
 def write_tile_nodes(
     stage: Usd.Stage, shader: UsdShade.Shader, tile: Tile, color: tuple[float, float, float], roughness: float
 ) -> None:
-    """Connect a tile to colour, normal and roughness, repeated every `size_m` of `st`: meters on town meshes.
+    """Connect a tile to color, normal and roughness, repeated every `size_m` of `st`: meters on town meshes.
 
     The inputs also have their own values, the means of the textures, for readers that draw none. Roughness is read from
-    the red channel of the colours' file, through a scale.
+    the red channel of the colors' file, through a scale.
     """
     path = shader.GetPath().GetParentPath()
     st = _write_repeat(stage, path.AppendChild("Repeat"), _write_reader(stage, path), tile.size_m)
@@ -42,7 +42,7 @@ def write_tile_nodes(
 def write_picture_nodes(
     stage: Usd.Stage, shader: UsdShade.Shader, picture: Picture, emission: tuple[float, float, float]
 ) -> None:
-    """Connect a picture, which fills `st` from 0 to 1, to the colour, and to the emission if it shines."""
+    """Connect a picture, which fills `st` from 0 to 1, to the color, and to the emission if it shines."""
     path = shader.GetPath().GetParentPath()
     st = _write_reader(stage, path)
     colors = _write_texture(stage, path.AppendChild("Texture"), f"{path.name}.png", st, True, (1.0,) * 4, (0.0,) * 4)

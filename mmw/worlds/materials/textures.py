@@ -1,7 +1,7 @@
 """Texture tiles of the material library: small, seamless, made from noise and patterns by this file.
 
-A tile is painted with a tone and a hue, 0 to 1, over a square of ground or wall, and colours along both. Its mean is
-exactly the material's colour, so that a reader without textures sees the same material from afar. A relief gives the
+A tile is painted with a tone and a hue, 0 to 1, over a square of ground or wall, and colors along both. Its mean is
+exactly the material's color, so that a reader without textures sees the same material from afar. A relief gives the
 normals of the same surface.
 """
 
@@ -17,13 +17,13 @@ from mmw.core.errors import InputError
 from mmw.worlds.materials.noise_fields import by_stone, grid, joints, leaves, lines, noise, slopes, spread
 
 LEVELS = (32, 8)
-"""Colours of a tile along its tone and along its hue."""
+"""Colors of a tile along its tone and along its hue."""
 
 SLOPE_STEP = 4
 """Normals are rounded to this many of the 255 steps between -1 and 1, for small files."""
 
 Tones = tuple[tuple[float, tuple[float, float, float]], ...]
-"""Colours along a field: position and relative linear colour, in any scale; linear in between."""
+"""Colors along a field: position and relative linear color, in any scale; linear in between."""
 
 Painting = tuple[np.ndarray, np.ndarray]
 """Tone and hue of every pixel, 0 to 1, each [N, N], rows upward."""
@@ -36,7 +36,7 @@ class Tile:
     painting: Callable[[], Painting]
     """Makes tone and hue."""
     tones: Tones
-    """Colour along the tone."""
+    """Color along the tone."""
     hues: Tones
     """Factor of the color, along the hue."""
     size_m: float
@@ -317,7 +317,7 @@ TILES: Mapping[str, Tile] = {
 
 
 def _along(tones: Tones, levels: int) -> np.ndarray:
-    """Return the colours of the middles of `levels` steps along tones, shape [levels, 3]."""
+    """Return the colors of the middles of `levels` steps along tones, shape [levels, 3]."""
     where, positions = (np.arange(levels) + 0.5) / levels, [position for position, _ in tones]
     return np.stack([np.interp(where, positions, [tone[k] for _, tone in tones]) for k in range(3)], axis=1)
 
@@ -327,7 +327,7 @@ def tile_pixels(tile: Tile, color: tuple[float, float, float]) -> tuple[np.ndarr
     """Return a tile as palette image; the same arrays every time.
 
     Returns:
-        Palette index of every pixel, rows downward, shape [N, N], uint8, and sRGB colours, shape [256, 3].
+        Palette index of every pixel, rows downward, shape [N, N], uint8, and sRGB colors, shape [256, 3].
     """
     count, hues = LEVELS
     steps = [np.clip(np.floor(f[::-1] * n), 0, n - 1) for f, n in zip(tile.painting(), LEVELS, strict=True)]
@@ -335,13 +335,13 @@ def tile_pixels(tile: Tile, color: tuple[float, float, float]) -> tuple[np.ndarr
     mixed = (_along(tile.tones, count)[:, None] * _along(tile.hues, hues)[None]).reshape(-1, 3)
     share = np.bincount(index.ravel(), minlength=count * hues) / index.size
     linear = mixed
-    for _ in range(8):  # what is lost where a colour is too bright comes back to all others
+    for _ in range(8):  # what is lost where a color is too bright comes back to all others
         linear = np.clip(linear / (share @ linear) * np.asarray(color), 0.0, 1.0)
     return index, srgb(linear)
 
 
 def srgb(linear: np.ndarray) -> np.ndarray:
-    """Return linear colours, 0 to 1, as sRGB bytes. Source: IEC 61966-2-1."""
+    """Return linear colors, 0 to 1, as sRGB bytes. Source: IEC 61966-2-1."""
     encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-9) ** (1 / 2.4) - 0.055)
     return np.rint(255.0 * encoded).astype(np.uint8)
 

@@ -48,7 +48,7 @@ def make_alignment(points: np.ndarray, radii: np.ndarray, name: str) -> Alignmen
         name: Name of the road, for messages.
 
     Raises:
-        InputError: If two points coincide, a corner turns back, or the arcs of neighbouring corners overlap.
+        InputError: If two points coincide, a corner turns back, or the arcs of neighboring corners overlap.
     """
     leg = np.diff(points, axis=0)
     length = np.linalg.norm(leg, axis=1)
@@ -84,7 +84,7 @@ def make_alignment(points: np.ndarray, radii: np.ndarray, name: str) -> Alignmen
 
 @dataclass(frozen=True)
 class Elevation:
-    """Height along a road: straight grades, with a parabola centred on every change of grade.
+    """Height along a road: straight grades, with a parabola centered on every change of grade.
 
     Source: symmetrical parabolic vertical curve, AASHTO, A Policy on Geometric Design of Highways and Streets, 3.4.6.
     """

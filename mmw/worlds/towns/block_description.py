@@ -66,7 +66,7 @@ class District(Section):
     """A disc of the town with its own mix of styles; the first district that holds a lot decides."""
 
     name: Name = Field(description="name of the district (name)")
-    center: Vec2 = Field(description="centre of the disc, x east, y north [m]")
+    center: Vec2 = Field(description="center of the disc, x east, y north [m]")
     radius_m: float = Field(gt=0, description="radius of the disc [m]")
     styles: dict[str, float] = Field(description="style -> weight (fraction)")
     coverage: float = Field(1.0, ge=0, le=1, description="part of the possible lots that are built on (fraction)")
@@ -75,7 +75,7 @@ class District(Section):
 class OpenSpace(Section):
     """A disc that no building is put on; trees may be scattered over it."""
 
-    center: Vec2 = Field(description="centre of the disc, x east, y north [m]")
+    center: Vec2 = Field(description="center of the disc, x east, y north [m]")
     radius_m: float = Field(gt=0, description="radius of the disc [m]")
     trees: int = Field(0, ge=0, description="trees scattered over the disc (count)")
 
@@ -105,7 +105,7 @@ class PlacedBuilding(Section):
 
     name: Name = Field(description="name of the prim (name)")
     style: str = Field(description="one of `blocks.styles` (name)")
-    center: Vec2 = Field(description="centre of the plan, x east, y north [m]")
+    center: Vec2 = Field(description="center of the plan, x east, y north [m]")
     size_m: Vec2 = Field(description="street front and depth [m]")
     yaw_deg: float = Field(
         0.0, description="direction of the front's outward normal, counter-clockwise from east [deg]"

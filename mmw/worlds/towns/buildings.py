@@ -126,7 +126,7 @@ def build_building(
         storeys: Storeys above the ground floor level, the ground storey included, >= 1.
         rng: Chooses the form of the plan, roof equipment, chimneys, balconies and awnings.
         avoided: Areas that its forecourt leaves free, in the town frame.
-        is_joined: Whether it shares an edge with a neighbour, so that belts and cornices have no room.
+        is_joined: Whether it shares an edge with a neighbor, so that belts and cornices have no room.
     """
     out: Meshes = defaultdict(list)
     plan, floor = _plan(style, site, rng), site.floor

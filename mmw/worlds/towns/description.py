@@ -35,8 +35,8 @@ class Profile(Section):
         least = 1.0 + 2 * self.kerb_width
         if self.median != "painted" and (self.oneway or self.centre < least or self.kerb_height == 0):
             raise InputError(
-                f"median: {self.median} with centre {self.centre} m, kerb_height {self.kerb_height} m, oneway "
-                f"{self.oneway}; an island needs two directions, centre of {least} m or more and a kerb; correct one"
+                f"median: {self.median} with center {self.centre} m, kerb_height {self.kerb_height} m, oneway "
+                f"{self.oneway}; an island needs two directions, center of {least} m or more and a kerb; correct one"
             )
         return self
 
@@ -96,7 +96,7 @@ class Roundabout(Section):
     radius: float = Field(27.75, ge=12, le=200, description="radius of the ring's reference line [m]")
     profile: Identifier = Field(description="cross-section of the ring, oneway (name)")
     arms: dict[Identifier, float] = Field(
-        description="arm -> direction from the centre, counter-clockwise from east [deg]"
+        description="arm -> direction from the center, counter-clockwise from east [deg]"
     )
     corner_radius: float = Field(8.0, ge=3, le=40, description="radius of the kerb at entries and exits [m]")
     speed: float = Field(9.0, gt=1, lt=50, description="speed limit on the ring [m/s]")

@@ -11,7 +11,7 @@ from mmw.worlds.towns.prop_parts import Piece, block, piece
 CANOPY = (14.0, 22.0, 0.9)
 """Canopy across and along the driveway, and its thickness [m]; design values."""
 CLEAR = 5.0
-"""Clear height below the canopy [m]; design value, 4.5 m of headroom that trucks are given and half a metre."""
+"""Clear height below the canopy [m]; design value, 4.5 m of headroom that trucks are given and half a meter."""
 DRIVEWAY = 6.0
 """Free width between the two rows of islands [m]; design value."""
 ISLAND = (1.2, 6.6, 0.2)

@@ -21,7 +21,7 @@ MARGIN = 1.0
 MIN_TRIM = 4.0
 """Least distance from a node to the border of its pad [m]; design value."""
 NEARLY_STRAIGHT = np.radians(150)
-"""Neighbouring arms that open wider than this have no corner to round [rad]."""
+"""Neighboring arms that open wider than this have no corner to round [rad]."""
 MIN_OPENING = np.radians(30)
 """Arms closer together than this make no junction [rad]: their corner would lie far away."""
 

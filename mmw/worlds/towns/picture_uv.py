@@ -121,7 +121,7 @@ def _share(values: np.ndarray) -> np.ndarray:
 
 
 def _boards(part: MeshPart) -> np.ndarray:
-    """Write the name of a shop on the long upright sides of every board; its other sides have the board's colour."""
+    """Write the name of a shop on the long upright sides of every board; its other sides have the board's color."""
     wide, tall, normal = _rectangles(part)
     tall = np.maximum(tall, 1e-6)
     has_text = (np.abs(normal[:, 2]) < 0.5) & (wide / tall > MIN_TEXT)

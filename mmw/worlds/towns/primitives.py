@@ -18,7 +18,7 @@ def place(mesh: TriangleMesh, at: Sequence[float], yaw: float = 0.0) -> Triangle
 
 
 def weld(mesh: TriangleMesh) -> TriangleMesh:
-    """Return the mesh with vertices closer than a micrometer joined, so that neighbouring faces share their edges."""
+    """Return the mesh with vertices closer than a micrometer joined, so that neighboring faces share their edges."""
     if not len(mesh.faces):
         return mesh
     _, first, joined = np.unique(np.round(mesh.points * 1e6), axis=0, return_index=True, return_inverse=True)

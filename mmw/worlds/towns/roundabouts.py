@@ -15,7 +15,7 @@ def expand_roundabouts(
     """Return all nodes, roads and junction settings, with those that roundabouts stand for.
 
     Raises:
-        InputError: If two neighbouring arms of a roundabout are less than 30 or more than 150 deg apart.
+        InputError: If two neighboring arms of a roundabout are less than 30 or more than 150 deg apart.
     """
     nodes, roads, junctions = dict(description.nodes), list(description.roads), dict(description.junctions)
     for ring in description.roundabouts:

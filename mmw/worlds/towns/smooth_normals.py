@@ -11,7 +11,7 @@ CREASE_DEG = {
     "marble_facade": 50.0, "brick_facade": 40.0, "concrete_structure": 50.0, "metal_fascia": 50.0,
     "traffic_light_metal": 50.0, "wood": 40.0,
 }  # fmt: skip
-"""Material of a prop -> angle between neighbouring faces up to which their edge looks round [deg]; design values.
+"""Material of a prop -> angle between neighboring faces up to which their edge looks round [deg]; design values.
 
 A pole of five sides turns by 72 degrees at each edge, a box by 90."""
 

@@ -27,7 +27,7 @@ def texture_coordinates(mesh: TriangleMesh) -> tuple[np.ndarray, np.ndarray | No
         Coordinates (s, t) [m], float32: one a vertex, shape [N, 2], and None; or, where a vertex needs several, the
         different ones, shape [K, 2], and the index of each corner into them, shape [3 M], int32.
     """
-    normal = np.round(mesh.normals, 5)  # neighbouring faces of one plane agree
+    normal = np.round(mesh.normals, 5)  # neighboring faces of one plane agree
     flat = (np.abs(normal[:, 2]) > LEVEL) | ~normal.any(axis=1)  # a face without area has no slope
     across = np.stack([-normal[:, 1], normal[:, 0], np.zeros(len(normal))], axis=1)
     across = np.where(flat[:, None], (1.0, 0.0, 0.0), across)

@@ -63,7 +63,7 @@ def u_turn_curve(aside: float, radius: float, step: float) -> np.ndarray:
     """Return a turn by 180 deg to the left from the origin, heading along x, to (0, aside).
 
     Where the way aside is less than two radii, it first swings out to the right, turns left by more than 180 deg, and
-    swings back: three arcs of the same radius, whose angle follows from the distance of their centres.
+    swings back: three arcs of the same radius, whose angle follows from the distance of their centers.
 
     Args:
         aside: Distance between the two lanes [m], > 0.

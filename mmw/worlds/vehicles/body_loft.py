@@ -14,7 +14,7 @@ _SEAM = 0.004
 _COWL = 0.07
 """Width of the dark strip at the foot of the windshield [m]."""
 _STEP = 0.2
-"""Curved stretches of the centre line get a cross-section at least this often [m]."""
+"""Curved stretches of the center line get a cross-section at least this often [m]."""
 _FADE = 0.5
 """Length over which the bow and the lean of nose and tail fade out [m]."""
 
@@ -22,7 +22,7 @@ _FADE = 0.5
 def build_skin(body: Body) -> Shape:
     """Return the skin of a vehicle: closed, outward, with parts body, glass, gloss and trim.
 
-    A half section (y >= 0) runs from the bottom centre outward along the floor, up the side and inward over the top.
+    A half section (y >= 0) runs from the bottom center outward along the floor, up the side and inward over the top.
     The sections are joined along x, mirrored, and closed by a lattice at the nose and one at the tail. Everything
     between two seams, and between two rows, lies in one plane where the body has no taper, so that doors and windows
     are flat.
@@ -59,7 +59,7 @@ def _stations(body: Body) -> np.ndarray:
 
 
 def _curved(body: Body) -> list[float]:
-    """Return the x of further cross-sections where the centre line bends: between its points, but not in a screen."""
+    """Return the x of further cross-sections where the center line bends: between its points, but not in a screen."""
     values: list[float] = []
     keys = sorted(x for x, _ in body.top)
     for start, end in pairwise(keys):
@@ -76,10 +76,10 @@ def _at(table: tuple[tuple[float, float], ...], x: float) -> float:
 
 
 def _height(body: Body, x: float) -> float:
-    """Return the height of the centre line [m]: straight in the screens and the load bed, a smooth curve elsewhere.
+    """Return the height of the center line [m]: straight in the screens and the load bed, a smooth curve elsewhere.
 
     Source: Fritsch and Carlson, Monotone Piecewise Cubic Interpolation, SIAM J. Numer. Anal. 17 (1980), 238-246, with
-    the harmonic mean of the neighbours as slope: it never overshoots.
+    the harmonic mean of the neighbors as slope: it never overshoots.
     """
     keys, heights = (np.array(column) for column in zip(*sorted(body.top), strict=True))
     if _inside(x, body.screens) or body.bed or not keys[0] < x < keys[-1]:
@@ -109,7 +109,7 @@ def _low_edge(body: Body, x: float) -> float:
 
 
 def _section(body: Body, x: float, is_end: bool) -> np.ndarray:
-    """Return the half section at x, bottom centre to top centre [m], shape [K, 3]."""
+    """Return the half section at x, bottom center to top center [m], shape [K, 3]."""
     top = _height(body, x)
     shoulder = min(_at(body.belt, x), top - body.crown)
     low, floor = _low_edge(body, x), _at(body.floor, x)
@@ -154,7 +154,7 @@ def _section(body: Body, x: float, is_end: bool) -> np.ndarray:
 
 
 def _cap(body: Body, section: np.ndarray) -> np.ndarray:
-    """Return the lattice that closes an end, columns from the centre outward, rows upward [m], shape [C, R, 3]."""
+    """Return the lattice that closes an end, columns from the center outward, rows upward [m], shape [C, R, 3]."""
     columns = len(body.columns)
     bottom, side, top = section[:columns], section[columns - 1 : columns - 1 + _ROWS], section[-columns:][::-1]
     height = side[-1, 2] - side[0, 2]

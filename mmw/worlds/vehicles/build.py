@@ -59,7 +59,7 @@ def _pair(one: Shape, has_mirror_image: bool) -> list[Shape]:
 
 
 def _wheels(blueprint: Blueprint) -> list[tuple[Shape, str, tuple[float, float, float]]]:
-    """Return shape, name and centre [m] of every wheel, all in the body frame."""
+    """Return shape, name and center [m] of every wheel, all in the body frame."""
     wheels, found = blueprint.wheels, []
     for side, sign in (("left", 1.0), ("right", -1.0)):
         for axle, x, width in (("front", 0.5, wheels.width), ("rear", -0.5, wheels.rear_width or wheels.width)):

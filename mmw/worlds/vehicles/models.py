@@ -50,7 +50,7 @@ class Body:
     well_y: float
     """y of the inner wall of the wheel wells."""
     top: Table
-    """Height of the centre line by x: hood, windshield, roof, tail."""
+    """Height of the center line by x: hood, windshield, roof, tail."""
     belt: Table
     """Height of the shoulder below the side windows by x."""
     floor: Table

@@ -10,7 +10,7 @@ SEGMENTS = 30
 
 
 def wheel(radius: float, width: float, rim: float, spokes: int) -> Shape:
-    """Return one wheel about the y axis, outer side at +y, centred on the origin.
+    """Return one wheel about the y axis, outer side at +y, centered on the origin.
 
     Args:
         radius: Tyre radius [m]; a vertex lies exactly at the lowest point.
@@ -29,7 +29,7 @@ def wheel(radius: float, width: float, rim: float, spokes: int) -> Shape:
             f"wheel: {spokes} spokes on {SEGMENTS} segments; needed is a multiple of 2 or more; change one"
         )
     half, wall = width / 2, radius - rim
-    # (radius, y, depth between the spokes) from the hub's outer centre over the tread to the inner centre.
+    # (radius, y, depth between the spokes) from the hub's outer center over the tread to the inner center.
     profile = [
         (0.0, half - 0.028, 0.0), (0.24 * rim, half - 0.034, 0.0), (0.30 * rim, half - 0.042, 0.07),
         (0.86 * rim, half - 0.020, 0.07), (0.90 * rim, half - 0.014, 0.0), (rim, half - 0.016, 0.0),

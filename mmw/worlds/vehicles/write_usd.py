@@ -22,7 +22,7 @@ class WheelSpec:
     name: str
     """Name of its GeomSubset in every mesh that has faces of it."""
     center: Sequence[float]
-    """Centre in the body frame [m], shape [3]."""
+    """Center in the body frame [m], shape [3]."""
     radius: float
     """Radius of the tyre [m]."""
     faces: range

@@ -44,7 +44,7 @@ def row(paths: PathSet, link: int, *steps: tuple[int, int]) -> int:
 
 @pytest.mark.parametrize("names", [("glass",), ("board",), ("glass", "board")])
 def test_through_slabs(names: tuple[str, ...], device: str) -> None:
-    """T of every slab times free space, at any angle, in both polarisations; the delay is that of the straight line."""
+    """T of every slab times free space, at any angle, in both polarizations; the delay is that of the straight line."""
     tx, rx = (-5.0, 0.3, 1.0), [(9.0, 0.31, 1.0), (6.0, 12.0, 1.0), (5.0, -14.0, 9.0), (1.5, 50.0, -20.0)]
     arrays = scene([wall(name, float(k), name) for k, name in enumerate(names)], tx, rx)
     _, paths = oracle.solve(arrays, OPEN, device)

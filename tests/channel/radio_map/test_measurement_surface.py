@@ -35,7 +35,7 @@ def test_road_grid_follows_a_slope_at_its_height() -> None:
 
 
 def test_road_grid_has_no_gaps_where_the_slope_changes() -> None:
-    """Neighbours share their corners on a road that bends upwards between two cells' middles."""
+    """Neighbors share their corners on a road that bends upwards between two cells' middles."""
     flat = quad_part("Roads/flat", [(-8, -4, 0), (0, -4, 0), (0, 4, 0), (-8, 4, 0)])
     ramp = quad_part("Roads/ramp", [(0, -4, 0), (8, -4, 1.6), (8, 4, 1.6), (0, 4, 0)])
     surface = road_grid(arrays_from_parts([flat, ramp]), 2.5, 1.0)

@@ -89,7 +89,7 @@ def check(result: RadioMap, expected: np.ndarray, most: float | np.ndarray, sum_
 
 
 def sionna_map(name: str, device: str) -> tuple[RadioMap, np.ndarray, np.ndarray]:
-    """Return our map of a reference case with 1e6 rays, and Sionna's gain [T, C] and cell centres [C, 3]."""
+    """Return our map of a reference case with 1e6 rays, and Sionna's gain [T, C] and cell centers [C, 3]."""
     case, reference = CASES[name], read_case(name)
     config, solver = case["config"], case["config"]["solver"]
     used = {key: used_material(key, values, {}) for key, values in case["materials"].items()}

@@ -76,7 +76,7 @@ def channels(dataset, sides: dict, tx: tuple[int, int], rx: tuple[int, int], pat
 
 
 def from_corner(shape: tuple[int, int], pattern: str) -> tuple[PlanarArray, np.ndarray]:
-    """Return an array of ours with an element at its centre, and the elements that start there, in DeepMIMO's order.
+    """Return an array of ours with an element at its center, and the elements that start there, in DeepMIMO's order.
 
     DeepMIMO counts along y first, then upwards, from the element at the antenna's place.
     """
@@ -154,7 +154,7 @@ def test_geometry_and_interactions(root, load, packed):
     length = np.linalg.norm(gap, axis=1)
     np.testing.assert_allclose(dataset.delay[los], length / SPEED_OF_LIGHT, rtol=1e-12)
     friis = 20 * np.log10(SPEED_OF_LIGHT / CARRIER / (4 * np.pi * length))
-    assert (dataset.power[los] <= friis + 1e-9).all()  # the rest is polarisation
+    assert (dataset.power[los] <= friis + 1e-9).all()  # the rest is polarization
     np.testing.assert_allclose(dataset.aod_az[los], np.degrees(np.arctan2(gap[:, 1], gap[:, 0])), atol=1e-9)
     np.testing.assert_allclose(dataset.aoa_az[los], np.degrees(np.arctan2(-gap[:, 1], -gap[:, 0])), atol=1e-9)
     np.testing.assert_allclose(dataset.aod_el[los], np.degrees(np.arccos(gap[:, 2] / length)), atol=1e-6)

@@ -79,7 +79,7 @@ def to_ego(frame: int, agent: str, ego: str) -> np.ndarray:
 def boxes_in(frame: int, agent: str, reference: str) -> dict[int, tuple[np.ndarray, np.ndarray]]:
     """Return what the LiDAR of an agent hits, vehicles but itself, as the reference LiDAR sees it in CARLA's frame.
 
-    Value: centre [3] and corners [8, 3] of the box.
+    Value: center [3] and corners [8, 3] of the box.
     """
     lidar = np.linalg.inv(source.sensor_matrix(frame, reference, "lidar"))
     own = source.row("poses", frame=frame, agent=agent)["object_id"]
@@ -138,7 +138,7 @@ def test_poses_speeds_and_points(split: Path, agents: dict[str, str]) -> None:
 
 
 def test_late_fusion_has_every_agents_own_boxes(split: Path, agents: dict[str, str]) -> None:
-    """Centre, size and heading of every vehicle in the frame of the agent whose LiDAR hits it.
+    """Center, size and heading of every vehicle in the frame of the agent whose LiDAR hits it.
 
     The roadside unit's LiDAR is more than 3 m above the road, so that OpenCOOD keeps nothing of it here.
     """

@@ -93,7 +93,7 @@ def test_patterns_integrate_to_one(
 def patch_power(
     radio: RadioMaterial, tx: np.ndarray, rx: np.ndarray, count: int = 160
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the power that pieces of the ground scatter, whatever its polarisation, and where they are.
+    """Return the power that pieces of the ground scatter, whatever its polarization, and where they are.
 
     The integrand is (lambda / 4 pi)^2 S^2 Gamma^2 f_s cos(theta_i) / (r_1^2 r_2^2); the ground is z = 0.
 
@@ -171,7 +171,7 @@ CASES = [f"dif_{name}_f28" for name in sorted(LOBES)]
 
 @pytest.mark.parametrize("name", CASES)
 def test_sionna_diffuse_power(name: str, device: str, record_property) -> None:
-    """Summed power of each pair of polarisations against Sionna RT with 10^5 and 10^6 rays."""
+    """Summed power of each pair of polarizations against Sionna RT with 10^5 and 10^6 rays."""
     config, used = MANIFEST[name]["config"], MANIFEST[name]["materials"]["m_g"]
     spec = config["scene"]["materials"]["m_g"]
     tx, rx = (config[end][0]["pos"] for end in ("tx", "rx"))
@@ -304,7 +304,7 @@ def test_duplicate_reflection_among_diffuse_paths(device: str) -> None:
 
 
 def test_patches_use_no_axis(device: str) -> None:
-    """Turning the whole scene turns the paths' vectors and changes no power of all polarisations together."""
+    """Turning the whole scene turns the paths' vectors and changes no power of all polarizations together."""
     turn = pose_from_ypr([0.0, 0.0, 0.0], 0.7, 0.0, 0.0)
     sums = []
     for frame in (None, turn):

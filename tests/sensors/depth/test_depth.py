@@ -1,4 +1,4 @@
-"""Depth camera: pinhole, planar depth, centimetres, and every pixel against a float64 brute-force oracle."""
+"""Depth camera: pinhole, planar depth, centimeters, and every pixel against a float64 brute-force oracle."""
 
 from dataclasses import replace
 from pathlib import Path

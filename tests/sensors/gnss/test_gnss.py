@@ -48,13 +48,13 @@ def still(count: int, yaw: float = 0.5) -> np.ndarray:
 
 
 def test_published_wgs84_values() -> None:
-    """Source: examples of GeographicLib's CartConvert(1), given to the centimetre."""
+    """Source: examples of GeographicLib's CartConvert(1), given to the centimeter."""
     place = (33.3, 44.4, 6000.0)
     np.testing.assert_allclose(ecef_from_geodetic(place), (3816209.60, 3737108.55, 3485109.57), atol=0.0051)
     local = world_from_wgs84(place, (33.0, 44.0, 20.0))
     np.testing.assert_allclose(local, (37288.97, 33374.29, 5783.64), atol=0.01)  # 5783.6466: printed cut, not rounded
     np.testing.assert_allclose(wgs84_from_world(local, (33.0, 44.0, 20.0)), place, rtol=1e-12)
-    # Source: brahe's documentation of geodetic transformations, given to the millimetre.
+    # Source: brahe's documentation of geodetic transformations, given to the millimeter.
     found = ecef_from_geodetic((37.7749, -122.4194, 16.0))
     np.testing.assert_allclose(found, (-2706181.627, -4261070.165, 3885735.291), atol=0.00051)
 
@@ -106,7 +106,7 @@ def test_world_axes_point_east_north_and_up() -> None:
 
 
 def test_carlas_map_is_mercator_with_true_scale_at_the_reference() -> None:
-    """The map by its definition: metres on the map per radian of latitude are a cos(reference) / cos(latitude)."""
+    """The map by its definition: meters on the map per radian of latitude are a cos(reference) / cos(latitude)."""
     latitude = np.radians(np.linspace(49.0, 49.3, 30_001))
     metres = SEMI_MAJOR_AXIS * np.cos(np.radians(49.0)) / np.cos(latitude)
     north = np.concatenate([[0.0], np.cumsum(0.5 * (metres[1:] + metres[:-1]) * np.diff(latitude))])
@@ -195,7 +195,7 @@ def test_the_published_noise() -> None:
 
 
 def test_drift_of_the_physical_mode() -> None:
-    """250 receivers at rest: spread and correlation of the error in metres; the standard error is about 4.5 %."""
+    """250 receivers at rest: spread and correlation of the error in meters; the standard error is about 4.5 %."""
     config = Gnss(
         mode="physical", horizontal_drift_std_m=1.5, vertical_drift_std_m=3.0, drift_correlation_s=2.0,
         horizontal_noise_std_m=0.5, vertical_noise_std_m=0.8, velocity_noise_std_m_s=0.07,
@@ -204,7 +204,7 @@ def test_drift_of_the_physical_mode() -> None:
     batch = make_gnss(arrays, [0, 1, 200, 800], config, 5, "s")
     world = world_from_wgs84(batch.geodetic, config.reference).reshape(4, 250, 3) - (120.0, -340.0, 2.0)
     np.testing.assert_allclose(world.std(axis=(0, 1)), np.hypot([1.5, 1.5, 3.0], [0.5, 0.5, 0.8]), rtol=0.1)
-    # Neighbouring samples share the drift and not the white noise; the drift forgets with its correlation time.
+    # Neighboring samples share the drift and not the white noise; the drift forgets with its correlation time.
     for frame, share in ((1, 1.0), (2, np.exp(-1.0)), (3, np.exp(-4.0))):
         product = (world[0] * world[frame]).mean(axis=0) / [1.5**2, 1.5**2, 3.0**2]
         np.testing.assert_allclose(product, share, atol=0.3)

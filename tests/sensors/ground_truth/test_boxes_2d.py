@@ -133,12 +133,12 @@ def test_known_boxes() -> None:
 def test_box_partly_behind_the_camera() -> None:
     """A lorry that stands beside the camera, 2 m to its left, from 6 m behind to 4 m ahead, eyes at half its height."""
     found = project_boxes(EYE, views_at(), boxes_at(np.array([level(-1.0, 3.0, 0.0)]), np.array([[10, 2, 3.0]])))
-    # Its near side, y = 2, ends 4 m ahead at u = 50, half a metre of image high: v = 50 -+ 37.5; at the left edge,
+    # Its near side, y = 2, ends 4 m ahead at u = 50, half a meter of image high: v = 50 -+ 37.5; at the left edge,
     # 2 m ahead, it is 75 px high to each side, more than the image.
     np.testing.assert_allclose(found.amodal, [[0, 0, 50, 100]])
     assert found.truncation[0] > 0.99
     low = project_boxes(EYE, views_at(), boxes_at(np.array([level(-1.0, 3.0, -1.0)]), np.array([[10, 2, 1.0]])))
-    # Half a metre to 1.5 m below the eyes: its top edge rises from v = 75 at the left edge to 62.5.
+    # Half a meter to 1.5 m below the eyes: its top edge rises from v = 75 at the left edge to 62.5.
     np.testing.assert_allclose(low.amodal, [[0, 62.5, 50, 100]])
 
 
@@ -233,7 +233,7 @@ def test_rows_of_a_street(device: str) -> None:
             continue
         assert edges == bounds[view, place]
         amodal = [rows[f"amodal_{name}"][row] for name in ("u_min", "v_min", "u_max", "v_max")]
-        # Bodies are boxes here, so pixels lie in the amodal rectangle; a pixel shows what is at its centre.
+        # Bodies are boxes here, so pixels lie in the amodal rectangle; a pixel shows what is at its center.
         assert amodal[0] <= edges[0] + 0.5 and amodal[1] <= edges[1] + 0.5
         assert amodal[2] >= edges[2] - 0.5 and amodal[3] >= edges[3] - 0.5
         # Nothing stands before the cars of this street: the visible box is the amodal one, to a pixel.

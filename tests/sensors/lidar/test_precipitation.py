@@ -225,7 +225,7 @@ def test_mean_fog_equals_the_table() -> None:
 def test_soft_and_hard_targets_are_on_one_scale() -> None:
     """A layer of fog thinner than the pulse returns what its backscatter says: pi beta thickness / r^2 at the peak."""
     optics = replace(PRESETS["hdl64"], overlap_start_m=20.0, overlap_full_m=20.0, pulse_s=200e-9)
-    alpha, beta = 10.0, 0.5  # light reaches a few centimetres beyond the 20 m where the receiver begins to see
+    alpha, beta = 10.0, 0.5  # light reaches a few centimeters beyond the 20 m where the receiver begins to see
     power = fog_power(np.array([20.0]), alpha, beta, optics, points=200_000)
     assert power[0] == pytest.approx(math.pi * beta / (2 * alpha) * math.exp(-2 * alpha * 20.0) / 20.0**2, rel=0.01)
 

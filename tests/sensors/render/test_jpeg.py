@@ -19,7 +19,7 @@ SUBSAMPLING = {"4:4:4": 0, "4:2:0": 2}
 
 
 def pictures(height: int, width: int) -> np.ndarray:
-    """Return smooth colours, noise, black and white pixels, and one colour, shape [4, H, W, 3], uint8."""
+    """Return smooth colors, noise, black and white pixels, and one color, shape [4, H, W, 3], uint8."""
     rng = np.random.default_rng(height * width)
     v, u = np.mgrid[0:height, 0:width] / max(height, width)
     smooth = np.stack([255 * u, 255 * v, 128 + 127 * np.sin(9.0 * u * v)], axis=2)

@@ -36,7 +36,7 @@ def lens(name: str) -> Intrinsics:
 
 
 def opencv(name: str, points: np.ndarray) -> np.ndarray:
-    """Return pixels of points [N, 3], centres at +0.5, written after OpenCV's documentation, in its axes and order."""
+    """Return pixels of points [N, 3], centers at +0.5, written after OpenCV's documentation, in its axes and order."""
     keys, _ = LENSES[name]
     camera = lens(name)
     k = {f"k{i}": keys.get(f"k{i}", 0.0) for i in range(1, 7)} | {p: keys.get(p, 0.0) for p in ("p1", "p2")}
@@ -57,7 +57,7 @@ def opencv(name: str, points: np.ndarray) -> np.ndarray:
         )
         x = a * radial + 2 * k["p1"] * a * b + k["p2"] * (r2 + 2 * a * a)
         y = b * radial + k["p1"] * (r2 + 2 * b * b) + 2 * k["p2"] * a * b
-    cx, cy = camera.cx - 0.5, camera.cy - 0.5  # OpenCV's pixel centres are at whole numbers
+    cx, cy = camera.cx - 0.5, camera.cy - 0.5  # OpenCV's pixel centers are at whole numbers
     return np.stack([camera.fx * x + cx, camera.fy * y + cy], axis=1) + 0.5
 
 

@@ -84,7 +84,7 @@ def test_no_rain_and_no_views(device: str) -> None:
 
 
 def moments(image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the centre (u, v) of an opacity and its 2 x 2 second moments [px^2]."""
+    """Return the center (u, v) of an opacity and its 2 x 2 second moments [px^2]."""
     v, u = np.mgrid[: image.shape[0], : image.shape[1]] + 0.5
     place = np.stack([u.ravel(), v.ravel()], axis=1)
     share = image.ravel() / image.sum()

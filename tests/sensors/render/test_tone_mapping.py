@@ -13,7 +13,7 @@ EXACT = ImageConfig(tone_map="none")
 
 
 def light(values: np.ndarray, device: str = "cpu") -> wp.array:
-    """Return radiance on a device of values [A, H, W] (grey) or [A, H, W, 3]."""
+    """Return radiance on a device of values [A, H, W] (gray) or [A, H, W, 3]."""
     values = np.asarray(values, dtype=np.float32)
     if values.ndim == 3:
         values = np.repeat(values[..., None], 3, axis=-1)
@@ -121,7 +121,7 @@ def test_pictures_do_not_depend_on_the_batch(device: str) -> None:
 
 
 def test_blurred_step_is_a_ramp_as_long_as_the_motion(device: str) -> None:
-    """16 px a frame and a shutter of 5 ms: 8 px, centred where the step is."""
+    """16 px a frame and a shutter of 5 ms: 8 px, centered where the step is."""
     height, width, way = 10, 64, 16.0
     values = np.zeros((1, height, width))
     values[..., width // 2 :] = 1.0

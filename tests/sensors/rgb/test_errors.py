@@ -39,7 +39,7 @@ def picture_of(stage: Usd.Stage, folder: Path, device: str, **options) -> Render
 
 
 def textured(folder: Path, file: str, *, with_uv: bool = True) -> tuple[Usd.Stage, UsdShade.Shader]:
-    """Return a stage with a Lambert square whose colour is a texture file, with a fallback."""
+    """Return a stage with a Lambert square whose color is a texture file, with a fallback."""
     stage = stage_in(folder)
     material, shader = preview(stage, "/World/Looks/picture", {"ior": 1.0, "roughness": 1.0})
     connect(stage, shader, "diffuseColor", file, fallback=(*FALLBACK, 1.0))

@@ -161,7 +161,7 @@ def box_on_ground(**rest) -> SceneData:
 def test_edge_of_a_shadow(device: str) -> None:
     """The edge of a box's shadow lies where the sun's direction says, within a pixel of 8 mm, and is as wide as the
     sun: a uniform disc of radius R spreads the edge by R / 2 rms. The filter adds to it (the mean over 3 pixels 0.82 px
-    rms, in quadrature), and pixels that take the value on which their neighbours agree take from it."""
+    rms, in quadrature), and pixels that take the value on which their neighbors agree take from it."""
     sky = even_sky(device, 0.0, sun=SUN_40, klux=100.0)
     rendering = render(box_on_ground(), device, at((EDGE_X, 0.0, 10.0, *DOWN)), config=NARROW, sky=sky)
     profile = profile_of(rendering.one())

@@ -256,7 +256,7 @@ def test_samples_that_find_no_room_move(device: str, monkeypatch: pytest.MonkeyP
 
 
 def test_holes_of_a_cut_out_are_passed_by_all_that_is_seen(device: str, tmp_path: Path) -> None:
-    """A pane whose left half an alpha texture cuts away: colour, depth and objects show the wall behind there."""
+    """A pane whose left half an alpha texture cuts away: color, depth and objects show the wall behind there."""
     codes = np.zeros((16, 16, 4), dtype=np.uint8)
     codes[:, 8:, 3] = 255
     Image.fromarray(codes).save(tmp_path / "mask.png")

@@ -69,7 +69,7 @@ def test_log_grey_of_known_depths() -> None:
     np.testing.assert_array_equal(encode_log_grey(depth), [0, 0, 0, 0, 49, 152, 255, 255, 255])
     assert decode_log_grey(np.uint8(255)) == pytest.approx(1000.0)
     assert decode_log_grey(np.uint8(0)) == pytest.approx(3.333, abs=0.002)
-    # Everything nearer than 3.33 m is black, half a step more too; then grey begins.
+    # Everything nearer than 3.33 m is black, half a step more too; then gray begins.
     assert encode_log_grey(np.array([3.335, 3.37, 3.38])).tolist() == [0, 0, 1]
 
 

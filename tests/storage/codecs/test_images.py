@@ -1,4 +1,4 @@
-"""Images of RGB cameras as files: colours, normals, flow, read back by ourselves and by Pillow."""
+"""Images of RGB cameras as files: colors, normals, flow, read back by ourselves and by Pillow."""
 
 import io
 

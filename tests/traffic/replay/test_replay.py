@@ -70,7 +70,7 @@ def straight(time: np.ndarray, distance: np.ndarray, **changes) -> Trajectory:
 @pytest.mark.parametrize("reference", REFERENCES)
 @pytest.mark.parametrize("rate", [5, 10, 25, 1000])
 def test_circle_is_driven_as_geometry_says(reference, rate):
-    """Closed form: all points of a body on a steady turn go round one centre, the rear axle along its heading."""
+    """Closed form: all points of a body on a steady turn go round one center, the rear axle along its heading."""
     rear, speed = 30.0, 7.0
     lead = lead_of(reference, SEDAN)
     if reference == "front_bumper":  # the front axle takes the line of the bumper

@@ -34,7 +34,7 @@ def world(*parts: tuple[str, str], **materials: ImportedMaterial) -> ImportedSce
 MARBLE = RadioMaterial("itu", itu="itu_marble", thickness=0.5)
 MIXED = world(
     ("Model/ground", "grey"), ("Model/house/wall", "stone"), ("Model/house/roof", "stone"), ("Model/door", "wood"),
-    grey=ImportedMaterial("grey", "Grey 50%", color=(0.5, 0.5, 0.5)),
+    grey=ImportedMaterial("grey", "Gray 50%", color=(0.5, 0.5, 0.5)),
     stone=ImportedMaterial("stone", "Stein", base="marble", radio=MARBLE),
     wood=ImportedMaterial("wood", "wood", radio=RadioMaterial("itu", itu="itu_wood")),
 )  # fmt: skip
@@ -62,7 +62,7 @@ def test_the_first_pattern_decides() -> None:
 
 
 def test_paths_and_names_all_match_and_what_matches_nothing_is_reported() -> None:
-    text = '{"/Model/ground": {radio: itu_brick}, "ston?": {radio: itu_brick}, "Grey*": {radio: itu_brick}}'
+    text = '{"/Model/ground": {radio: itu_brick}, "ston?": {radio: itu_brick}, "Gray*": {radio: itu_brick}}'
     found = apply_material_map("file", MIXED, entries(text))
     assert found.materials["grey"].radio == RadioMaterial("itu", itu="itu_brick")
     assert [note.split(" of ")[0] for note in found.notes] == ["'ston?'", "'Grey*'"]
@@ -166,7 +166,7 @@ def test_a_wrong_map_is_an_error(tmp_path: Path, text: str, part: str) -> None:
 
 
 def test_a_scenario_takes_the_same_entries(tmp_path: Path) -> None:
-    """For a stage as it is: radio where prims say nothing, the library's look and class, and colours."""
+    """For a stage as it is: radio where prims say nothing, the library's look and class, and colors."""
     stage = new_stage(tmp_path / "a.usda")
     said = add_material(stage, "/World/Looks/said", "itu_marble")
     plain = add_material(stage, "/World/Looks/plain_stuff")

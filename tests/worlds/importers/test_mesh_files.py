@@ -71,7 +71,7 @@ def test_a_texture_leaves_its_mean_colour(tmp_path: Path) -> None:
     (tmp_path / "a.glb").write_bytes(trimesh.Scene(mesh).export(file_type="glb"))
     world = read_meshes(tmp_path / "a.glb")
     assert world.materials["tiles"].color == pytest.approx(linear((0.5, 0, 0)), abs=0.002)
-    assert "its texture the mean colour" in world.notes[0]
+    assert "its texture the mean color" in world.notes[0]
 
 
 def test_obj_objects_and_materials(tmp_path: Path) -> None:
@@ -106,7 +106,7 @@ def test_up_unit_and_origin(tmp_path: Path) -> None:
 
 
 def test_an_origin_keeps_millimetres_of_map_coordinates() -> None:
-    """Half a metre of float32 at 5,000 km would bend every plane."""
+    """Half a meter of float32 at 5,000 km would bend every plane."""
     parts = MeshCollector(np.array([691_000.0, 5_335_000.0, 500.0]))
     parts.add("file", "Model/a", HOUSE[0] + (691_000.123, 5_335_000.456, 500), HOUSE[1], "m")
     assert np.allclose(parts.parts[0].points.min(axis=0), np.add(HOUSE_LOW, (0.123, 0.456, 0)), atol=1e-5)

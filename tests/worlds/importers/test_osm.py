@@ -51,7 +51,7 @@ def test_distances_within_5_km_to_a_centimetre(bearing_deg: float) -> None:
     meridian, normal = a * (1 - e2) / w**3, a / w
     azimuth, distance = math.radians(bearing_deg), 5000.0
     radius = 1 / (math.cos(azimuth) ** 2 / meridian + math.sin(azimuth) ** 2 / normal)
-    # A plane point at R sin(d / R) lies d away along the ellipsoid; the next term of the series is below a millimetre.
+    # A plane point at R sin(d / R) lies d away along the ellipsoid; the next term of the series is below a millimeter.
     flat = radius * math.sin(distance / radius)
     assert abs(flat - distance) < 0.001
     lat, lon = to_degrees(flat * math.sin(azimuth), flat * math.cos(azimuth))

@@ -139,7 +139,7 @@ def test_what_a_stage_says_about_looks_and_what_is_left_out(stage: Usd.Stage) ->
     assert world.notes == (
         "/World: of variant set season only 'winter' is kept",
         "1 prims move; they stay where they are at the start (to keep motion, use `stage:`)",
-        "textures are not kept, these materials have a plain colour: plain",
+        "textures are not kept, these materials have a plain color: plain",
     )
 
 

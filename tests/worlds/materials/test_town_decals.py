@@ -107,7 +107,7 @@ def test_windows_show_whole_rooms_and_boards_one_name() -> None:
 
 
 def test_texture_wraps_around_a_round_pier_without_a_seam_and_a_square_one_is_a_wall() -> None:
-    """Side by side faces of a round column meet at whole tiles; a metre of either kind is about one of texture."""
+    """Side by side faces of a round column meet at whole tiles; a meter of either kind is about one of texture."""
     for sides, radius in ((12, 0.7), (4, 0.7)):
         column = solids.place(solids.prism(solids.circle(radius, sides), -0.5, 8.0), (30.0, -70.0, 0.0), 0.3)
         part = MeshPart("Bridges/r/piers", column.points, column.faces, "concrete_structure", "bridge")

@@ -157,7 +157,7 @@ def test_a_pier_without_a_place_is_refused() -> None:
 
 
 def test_clearance_is_measured_everywhere_not_on_the_centre_lines() -> None:
-    """A street beside the centre line, below the edge of a bridge that is lower there, is found by its overlap."""
+    """A street beside the center line, below the edge of a bridge that is lower there, is found by its overlap."""
     low = np.array([[[0, 0, 0], [4, 0, 0], [0, 4, 0.4]]], float)
     high = np.array([[[1, 1, 6], [9, 1, 6], [1, 9, 4]]], float)
     gap, xy = overlap_gaps(low, high)

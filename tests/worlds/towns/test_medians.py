@@ -34,7 +34,7 @@ def test_median_is_a_closed_kerbed_island_beside_the_lanes() -> None:
 
 
 def test_median_needs_room_and_two_directions() -> None:
-    with pytest.raises(ValueError, match=r"centre of 1\.3 m or more"):
+    with pytest.raises(ValueError, match=r"center of 1\.3 m or more"):
         Profile(lanes=2, centre=1.0, median="grass")
     with pytest.raises(ValueError, match="two directions"):
         Profile(lanes=2, centre=3.0, median="concrete", oneway=True)

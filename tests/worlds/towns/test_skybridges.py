@@ -69,7 +69,7 @@ def test_piers_stand_on_a_median():
 
 def test_soffit_counts_from_the_highest_point_of_the_road():
     found = find_span(bridge(), ROAD, (), Ground([sheet()]))
-    highest = 0.03 * 7.75 + 0.02 * 4  # a quarter of a metre off the kerbs, whose top is no road
+    highest = 0.03 * 7.75 + 0.02 * 4  # a quarter of a meter off the kerbs, whose top is no road
     assert found.soffit == pytest.approx(highest + 6.5, abs=1e-3)
 
 

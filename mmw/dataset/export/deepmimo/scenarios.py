@@ -304,13 +304,13 @@ FORMAT = Format(
     name="deepmimo",
     summary="DeepMIMO v4 scenarios: paths, angles, delays, interactions and positions; `deepmimo.load` opens them",
     losses=(
-        "one polarisation and one antenna pattern, of the options; the polarimetric transfers are omitted",
+        "one polarization and one antenna pattern, of the options; the polarimetric transfers are omitted",
         "DeepMIMO has no Doppler, path id, object or velocity matrix: they are in files beside, see doppler below",
         "at most max_paths paths of a receiver, the strongest",
         "mode packed omits V2V links; mode dynamic has everything",
         "weather is in the gains; the losses by rain, fog and gas that they hold are not separate",
         "no sensor but the radio",
-        "DeepMIMO computes in complex64; the first element of its arrays is at the antenna, ours are centred on it",
+        "DeepMIMO computes in complex64; the first element of its arrays is at the antenna, ours are centered on it",
     ),
     tasks=tasks,
     options=(
@@ -321,7 +321,7 @@ FORMAT = Format(
             "antenna of `power` and `phase`; iso: DeepMIMO applies its own pattern; stored: the dataset's",
             ("iso", "dipole", "hw_dipole", "tr38901", "stored"),
         ),
-        Option("polarization", "V", "polarisation of both ends, unless pattern=stored", ("V", "H")),
+        Option("polarization", "V", "polarization of both ends, unless pattern=stored", ("V", "H")),
         Option("max_paths", "25", "largest number of paths of a receiver; DeepMIMO loads 25 by default"),
         Option(
             "scene", "on", "geometry: the static town (packed), boxes of vehicles and people (dynamic)", ("on", "off")

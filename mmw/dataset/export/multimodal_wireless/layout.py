@@ -294,12 +294,12 @@ FORMAT = Format(
     name="v1",
     summary="files of the published Multimodal-Wireless dataset: npz channels, PCD, PNG, YAML, radar JSON",
     losses=(
-        "channels hold one antenna pattern and polarisation; kinds, objects, vertices and Doppler of paths are dropped",
+        "channels hold one antenna pattern and polarization; kinds, objects, vertices and Doppler of paths are dropped",
         "complex64 and float32; with delays=normalized the time of flight and the phase of a link are lost",
         "LiDAR intensity has 8 bits; ring, object, label, time and number of a return are dropped",
         "depth=log8 has 255 logarithmic steps, 3.4 m to 1000 m; images that were JPEG are no sharper as PNG",
         "radar has no power, object or label; radars and depth cameras of CAVs are omitted",
-        "people are omitted; bp_id is the dataset's category, and colours are unknown",
+        "people are omitted; bp_id is the dataset's category, and colors are unknown",
         "predicted_ego_pos is the GNSS fix with the measured heading: no filter ran",
         "segmentation, normals, flow, 2-D boxes, visibility and the weather's losses are omitted",
     ),
@@ -313,7 +313,7 @@ FORMAT = Format(
             ("absolute", "normalized"),
         ),
         Option("pattern", "dipole", "element pattern", ("dipole", "hw_dipole", "iso", "tr38901")),
-        Option("polarization", "V", "polarisation of the elements", ("V", "H")),
+        Option("polarization", "V", "polarization of the elements", ("V", "H")),
         Option(
             "depth", "log8", "log8: CARLA's LogarithmicDepth, as published; raw24: CARLA's 24 bits", ("log8", "raw24")
         ),

@@ -40,7 +40,7 @@ def read_mitsuba(
 
     Read are the shapes ply, obj, rectangle, cube, sphere, disk, cylinder, merge, shapegroup and instance; transforms,
     variables and included files; the materials `itu-radio-material` and `radio-material`, materials whose id starts
-    with `itu_` or `mat-itu_`, and the colours of others. A shape called `house-wall` becomes `wall` of the component
+    with `itu_` or `mat-itu_`, and the colors of others. A shape called `house-wall` becomes `wall` of the component
     `house`.
 
     Args:
@@ -92,7 +92,7 @@ class _Reader:
         if not owner:
             self.bsdfs[source] = name
         if any(below.tag == "texture" for below in node.below()):
-            self.notes.append(f"material {source}: its texture is not read; give it a colour with a material map")
+            self.notes.append(f"material {source}: its texture is not read; give it a color with a material map")
         return name
 
     def add_shape(self, node: XmlNode, outer: np.ndarray, inherited: str | None) -> None:

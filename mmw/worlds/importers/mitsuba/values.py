@@ -1,4 +1,4 @@
-"""Values of Mitsuba XML: variables, included files, numbers, colours and transforms."""
+"""Values of Mitsuba XML: variables, included files, numbers, colors and transforms."""
 
 import math
 from pathlib import Path
@@ -130,7 +130,7 @@ def point(node: XmlNode, name: str, default: tuple[float, float, float]) -> np.n
 
 
 def color(node: XmlNode, *names: str) -> tuple[float, float, float] | None:
-    """Return the first colour of some names at or below a node, linear; None if there is none as a number."""
+    """Return the first color of some names at or below a node, linear; None if there is none as a number."""
     for child in node.children:
         if child.attributes.get("name") in names and child.tag in ("rgb", "srgb", "spectrum", "float"):
             value = child.attributes.get("value", "")
@@ -138,7 +138,7 @@ def color(node: XmlNode, *names: str) -> tuple[float, float, float] | None:
                 red, green, blue = (int(value[k : k + 2], 16) / 255.0 for k in (1, 3, 5))
                 return red, green, blue
             if ":" in value:
-                continue  # a spectrum by wavelength is no colour
+                continue  # a spectrum by wavelength is no color
             red, green, blue = np.clip(triple(child, 0.0), 0.0, 1.0).tolist()
             return red, green, blue
         deeper = color(child, *names) if child.tag == "bsdf" else None

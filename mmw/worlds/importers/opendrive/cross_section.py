@@ -92,7 +92,7 @@ class RoadShape:
 def choose_rows(shape: RoadShape, start: float, end: float, fixed: np.ndarray) -> np.ndarray:
     """Return stations of rows of vertices, ascending from `start` to `end`, the stations `fixed` among them [m].
 
-    Between neighbouring rows no edge of the road leaves its chord by more than `PLAN_ERROR` in plan and `HEIGHT_ERROR`
+    Between neighboring rows no edge of the road leaves its chord by more than `PLAN_ERROR` in plan and `HEIGHT_ERROR`
     in height.
     """
     fixed = fixed[(fixed > start + 1e-3) & (fixed < end - 1e-3)]

@@ -11,7 +11,7 @@ SLAB = 0.6
 TOUCH = 1e-3
 """Faces within this distance in plan count as touching a point [m]."""
 STEP = 0.02
-"""Smaller steps between neighbouring sheets stay open [m]."""
+"""Smaller steps between neighboring sheets stay open [m]."""
 REACH = 1.0
 """Sheets farther above or below an edge have nothing to do with it [m]."""
 

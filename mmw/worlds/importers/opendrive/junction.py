@@ -76,7 +76,7 @@ def build_junction(name: str, shapes: list[RoadShape], seams: np.ndarray, outsid
 
 
 def _areas(shape: RoadShape) -> list[tuple[str, shapely.Geometry]]:
-    """Kind of surface and area in plan of every stretch of neighbouring lanes of one kind."""
+    """Kind of surface and area in plan of every stretch of neighboring lanes of one kind."""
     found = []
     for section in shape.road.sections:
         s = choose_rows(shape, section.start, section.end, breaks(shape, section, with_paint=False))

@@ -171,7 +171,7 @@ def _successors(
 
 
 def _points(chain: Chain) -> np.ndarray:
-    """Centre line in driving direction [m], shape [N, 3]."""
+    """Center line in driving direction [m], shape [N, 3]."""
     step = STEP * (0.5 if chain.shape.road.junction else 1.0)
     rows = []
     for k, (section, lane) in enumerate(chain.stretch):

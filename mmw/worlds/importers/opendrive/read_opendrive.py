@@ -27,7 +27,7 @@ PAINT = replace(
     library_material("road_marking"), name=YELLOW, source="yellow road mark", color=(0.62, 0.42, 0.05), coating="paint",
     attributes=("none",),
 )  # fmt: skip
-"""Yellow paint: the library's white paint but for its colour, design value. Weathers do not wet it."""
+"""Yellow paint: the library's white paint but for its color, design value. Weathers do not wet it."""
 
 
 def read_opendrive(path: str | Path) -> ImportedScene:

@@ -59,7 +59,7 @@ class LaneRecord:
     """One lane of one lane section."""
 
     number: int
-    """Lane id: 0 is the centre line, left lanes are positive."""
+    """Lane id: 0 is the center line, left lanes are positive."""
     kind: str
     width: Cubics | None
     border: Cubics | None

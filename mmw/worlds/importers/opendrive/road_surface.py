@@ -155,6 +155,6 @@ def _across(mark: Mark, owner: int, side: int, alone: bool) -> list[tuple[float,
     words, w = mark.kind.split(), mark.width
     if len(words) == 1:
         return [(0.0, w if alone else 0.5 * w, words[0])]
-    left, right = (words[1], words[0]) if owner > 0 else (words[0], words[1])  # inside first; centre: left to right
+    left, right = (words[1], words[0]) if owner > 0 else (words[0], words[1])  # inside first; center: left to right
     near, far = (left, right) if side < 0 else (right, left)
     return [(0.0, w, far), (2 * w, 3 * w, near)] if alone else [(0.5 * w, 1.5 * w, near)]

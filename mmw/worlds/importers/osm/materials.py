@@ -1,4 +1,4 @@
-"""Materials of OpenStreetMap tags: words for building materials and colours -> the library, or a tinted copy of it."""
+"""Materials of OpenStreetMap tags: words for building materials and colors -> the library, or a tinted copy of it."""
 
 from dataclasses import dataclass, field, replace
 
@@ -33,7 +33,7 @@ class Palette:
     foreign: dict[str, ImportedMaterial] = field(default_factory=dict)
     """Name -> material."""
     unknown: set[str] = field(default_factory=set)
-    """Words for materials and colours that were not understood."""
+    """Words for materials and colors that were not understood."""
 
     def facade(self, tags: dict[str, str]) -> str:
         """Return the material of the walls; concrete where none is given."""
@@ -52,7 +52,7 @@ class Palette:
         return table.get(word, default)
 
     def _tint(self, material: str, colour: str) -> str:
-        """Return a copy of a library material in another colour, or the material itself without one."""
+        """Return a copy of a library material in another color, or the material itself without one."""
         code = colour.strip().lower().replace(" ", "").replace("_", "")
         rgb = _rgb(code) or _rgb(f"#{code}")
         if rgb is None:

@@ -63,7 +63,7 @@ def read_osm(path: str | Path, origin: tuple[float, float] | None = None) -> Imp
         "and import that",
     ]
     if palette.unknown:
-        notes.append(f"materials and colours not understood: {', '.join(sorted(palette.unknown))}")
+        notes.append(f"materials and colors not understood: {', '.join(sorted(palette.unknown))}")
     every = [*ground, *parts, *trees]
     foreign = {WATER.name: WATER} if any(part.material == WATER.name for part in every) else {}
     return ImportedScene(every, {**palette.foreign, **foreign}, None, tuple(notes))
