@@ -13,6 +13,7 @@ from mmw.physics.weather.weather import choose_variant
 from mmw.scene.reader import read_stage
 from mmw.scene.scene_data import SceneData
 from mmw.scene.sources import scenario_source, weather_variants
+from mmw.scene.stage.asset_copies import asset_digests
 from mmw.scene.stage.compose import compose_scenario
 from mmw.scene.stage.rsu_overlay import overlay_rsus
 from mmw.storage.atomic_files import write_bytes_atomically
@@ -46,7 +47,7 @@ def cached_stage(config: Config, scenario: ScenarioConfig, base: Path, root: Sto
     if scenario.stage is None:
         root.upload((f"{own}.usdc", ASSETS), f"{own}.json")
     elif scenario.rsus:
-        root.upload((), f"{own}.usda")
+        root.upload((f"{own}.usda",), f"{own}.json")
     return stage
 
 
@@ -63,9 +64,14 @@ def prepare_scenario(config: Config, scenario: ScenarioConfig, base: Path, root:
     """
     source = scenario_source(scenario, base)
     rsus = [(rsu.name, pose_from_mount(rsu.position_m, rsu.yaw_deg)) for rsu in scenario.rsus]
+    note = root / STAGES / f"{scenario.name}.json"
     if scenario.stage is not None:
-        return overlay_rsus(root / STAGES / f"{scenario.name}.usda", source, rsus) if rsus else source
-    path, note = root / STAGES / f"{scenario.name}.usdc", root / STAGES / f"{scenario.name}.json"
+        if not rsus:
+            return source
+        path = overlay_rsus(root / STAGES / f"{scenario.name}.usda", source, rsus)
+        _write_digests(note, path, root, str(source))
+        return path
+    path = root / STAGES / f"{scenario.name}.usdc"
     if note.is_file() and path.is_file() and json.loads(note.read_text())["sha256"] == sha256(path):
         return path
     names = config.variants[config.weathers[0]]
@@ -84,8 +90,15 @@ def prepare_scenario(config: Config, scenario: ScenarioConfig, base: Path, root:
         antenna_position_m=config.channel.antenna_position_m if config.channel.enabled else None,
         assets=root / ASSETS,
     )
-    write_bytes_atomically(note, json.dumps({"sha256": sha256(path), "town": str(scenario.town)}).encode())
+    _write_digests(note, path, root, str(scenario.town))
     return path
+
+
+def _write_digests(note: Path, stage: Path, root: Path, source: str) -> None:
+    """Write the hashes of a stage and of the copies that it refers to, by which `mmw verify` checks them."""
+    assets = asset_digests(stage, root)
+    content = {"sha256": sha256(stage), "source": source, "assets": dict(sorted(assets.items()))}
+    write_bytes_atomically(note, json.dumps(content, indent=1).encode())
 
 
 def stored_stage(root: Path, scenario: ScenarioConfig) -> Path:

@@ -2,23 +2,26 @@
 
 import hashlib
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import PurePosixPath
 
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from mmw.core.errors import InputError
 from mmw.core.temp_files import is_temporary
-from mmw.storage.manifest import DATASET, MANIFEST, read_dataset, read_markers
+from mmw.storage.manifest import DATASET, MANIFEST, manifest_rows, named_markers, read_dataset
 from mmw.storage.parquet_schema import arrow_schema
+from mmw.storage.parquet_writer import ROWS
 from mmw.storage.schemas import SCHEMA_VERSION, TABLES, table_spec
-from mmw.storage.shard_writer import MARKERS, key_of, marker_path
+from mmw.storage.shard_writer import MARKERS, key_of, marker_path, table_path
 from mmw.storage.store import Root, Store, store_of
 
-HARMLESS = ("orphan", "temporary", "note")
+HARMLESS = ("temporary", "note")
 """Kinds of findings that are no error."""
 
 SHARD_FILE = re.compile(r"[^/]+/scenario=[^/]+(/weather=[^/]+)?/part-\d{6,}\.parquet")
@@ -30,9 +33,9 @@ class Finding:
     """Problem of a dataset, or a note."""
 
     kind: str
-    """missing, size, sha256, parquet, rows, schema, key, duplicate, foreign, config, marker, manifest, count, friis,
-    sight, box, regenerated: the data is incomplete or wrong. orphan, temporary: harmless files of a killed run, which
-    a rerun replaces. note: anything that could not be checked."""
+    """missing, size, sha256, parquet, rows, schema, key, duplicate, value, orphan, foreign, config, marker, manifest,
+    count, friis, sight, box, regenerated: the data is incomplete or wrong. temporary: a file of a killed run that no
+    reader takes and a rerun removes. note: anything that could not be checked."""
     path: str
     """File, relative to the dataset folder."""
     text: str
@@ -59,14 +62,21 @@ def verify(root: Root) -> list[Finding]:
 def _find(store: Store) -> Iterator[Finding]:
     head = read_dataset(store)
     yield from _check_version(DATASET, head["schema_version"])
-    markers = {marker_path(key_of(marker)).as_posix(): marker for marker in read_markers(store)}
+    markers = named_markers(store)
     for name in store.names(MARKERS):
         if name.endswith(".json") and name not in markers:
             yield Finding("marker", name, "cannot be read; run the configuration again")
     listed: dict[str, dict] = {}
     for name, marker in markers.items():
         yield from _check_version(name, marker["schema_version"])
+        key = key_of(marker)
+        if marker_path(key).as_posix() != name:
+            yield Finding("marker", name, f"is the marker of {key}; put its own back, or run the configuration again")
+            continue
         for file in marker["files"]:
+            if file["path"] != table_path(file["table"], key).as_posix():
+                yield Finding("marker", name, f"lists {file['path']}, which is no file of {key}")
+                continue
             if file["path"] in listed:
                 yield Finding("marker", file["path"], "two markers list the file")
             listed[file["path"]] = file
@@ -79,7 +89,7 @@ def _find(store: Store) -> Iterator[Finding]:
         yield Finding("note", MARKERS, text)
     yield from _check_overlaps(markers)
     yield from _check_others(store, listed)
-    yield from check_manifest(store, listed)
+    yield from check_manifest(store, markers)
 
 
 def version_number(text: str) -> tuple[int, int]:
@@ -132,21 +142,26 @@ def _check_content(parquet: pq.ParquetFile, file: dict, marker: dict) -> Iterato
     name, table = file["path"], file["table"]
     if parquet.metadata.num_rows != file["rows"]:
         yield Finding("rows", name, f"{parquet.metadata.num_rows} rows; the marker has {file['rows']}")
+    meta = parquet.metadata.metadata or {}
+    written = meta.get(ROWS.encode(), b"").decode()
+    if written and written != str(parquet.metadata.num_rows):
+        yield Finding("rows", name, f"{parquet.metadata.num_rows} rows; {written} were written; it was changed since")
     if table not in TABLES:
         yield Finding("schema", name, f"table {table!r} is not known to this mmw (schema {SCHEMA_VERSION})")
         return
-    written = (parquet.metadata.metadata or {}).get(b"mmw.schema_version", b"none").decode()
-    yield from _check_version(name, written)
+    version = meta.get(b"mmw.schema_version", b"none").decode()
+    yield from _check_version(name, version)
     own, found = arrow_schema(table), parquet.schema_arrow
-    if written == SCHEMA_VERSION:
+    if version == SCHEMA_VERSION:
         if not found.equals(own):
             yield Finding("schema", name, f"columns are not those of table {table!r}")
     elif any(field.name not in own.names or not own.field(field.name).equals(field) for field in found):
-        yield Finding("schema", name, f"columns of schema {written} are not among those of table {table!r}")
+        yield Finding("schema", name, f"columns of schema {version} are not among those of table {table!r}")
     spec = table_spec(table)
     fixed = {"scenario": marker["scenario"], **({"weather": marker["weather"]} if spec.framed else {})}
     if not set(found.names) >= {*spec.key, *fixed}:
         return  # the schema was found wrong already
+    yield from _check_values(parquet, name)
     rows = parquet.read(columns=[*fixed, *spec.key])
     for column, value in fixed.items():
         others = [text for text in rows.column(column).cast(pa.string()).unique().to_pylist() if text != value]
@@ -160,6 +175,29 @@ def _check_content(parquet: pq.ParquetFile, file: dict, marker: dict) -> Iterato
     count = _repeated(rows.select(list(spec.key)))
     if count:
         yield Finding("duplicate", name, f"{count} rows repeat the key {', '.join(spec.key)} of another")
+
+
+def _check_values(parquet: pq.ParquetFile, name: str) -> Iterator[Finding]:
+    """Yield the columns that hold NaN or infinity, which no run writes: a missing value is null."""
+    numbers = [field.name for field in parquet.schema_arrow if pa.types.is_floating(_element(field.type))]
+    if not numbers:
+        return
+    wrong: Counter[str] = Counter()
+    for batch in parquet.iter_batches(columns=numbers):
+        for field, values in zip(batch.schema, batch.columns, strict=True):
+            while pa.types.is_nested(values.type):
+                values = values.flatten()
+            wrong[field.name] += len(values) - values.null_count - (pc.sum(pc.is_finite(values)).as_py() or 0)
+    for column, count in sorted(wrong.items()):
+        if count:
+            yield Finding("value", name, f"{count} values of {column} are NaN or infinite; run the configuration again")
+
+
+def _element(type_: pa.DataType) -> pa.DataType:
+    """Return the type of the elements of a list, of whatever depth; other types as they are."""
+    while pa.types.is_list(type_):
+        type_ = type_.value_type
+    return type_
 
 
 def _repeated(keys: pa.Table) -> int:
@@ -188,7 +226,8 @@ def _check_others(store: Store, listed: dict[str, dict]) -> Iterator[Finding]:
             yield Finding("temporary", name, "left by a killed run")
         elif path.parts[0] in TABLES and name not in listed:
             if SHARD_FILE.fullmatch(name) and store.sizes([name]):
-                yield Finding("orphan", name, "no marker lists the file; its shard was not finished")
+                text = "no marker lists the file, but readers take its rows; finish the run, or move it away"
+                yield Finding("orphan", name, text)
             else:
                 yield Finding("foreign", name, "no file of a dataset has this name; move it away")
         elif path.parts[0] == MARKERS and path.suffix != ".json":
@@ -198,15 +237,15 @@ def _check_others(store: Store, listed: dict[str, dict]) -> Iterator[Finding]:
             yield Finding("foreign", name, "no file of a dataset has this name; move it away")
 
 
-def check_manifest(store: Store, listed: dict[str, dict]) -> Iterator[Finding]:
-    """Yield what is wrong with the manifest, if there is one: it lists the files that the markers list, by path."""
+def check_manifest(store: Store, markers: Mapping[str, dict]) -> Iterator[Finding]:
+    """Yield what is wrong with the manifest, if there is one: it has one row for each file that the markers list."""
     data = store.read(MANIFEST)
     if data is None:
         return
     try:
-        manifest = pq.read_table(pa.BufferReader(data), columns=["path", "sha256"]).to_pylist()
+        manifest = pq.read_table(pa.BufferReader(data)).to_pylist()
     except (pa.ArrowException, OSError) as error:
         yield Finding("manifest", MANIFEST, f"cannot be read: {one_line(error)}; run the configuration again")
         return
-    if {row["path"]: row["sha256"] for row in manifest} != {path: file["sha256"] for path, file in listed.items()}:
+    if manifest != manifest_rows(markers.values()).to_pylist():
         yield Finding("manifest", MANIFEST, "does not list what the markers list; run the configuration again")

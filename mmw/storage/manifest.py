@@ -125,7 +125,7 @@ def parse_dataset(data: bytes | None, root: object) -> dict[str, Any]:
     path = f"{root}/{DATASET}"
     try:
         head = json.loads(data.decode("utf-8"))
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: {error}; the file is damaged; make the dataset again with --overwrite") from error
     missing = [key for key in HEAD_TYPES if not isinstance(head, dict) or key not in head]
     if missing:
@@ -138,9 +138,12 @@ def parse_dataset(data: bytes | None, root: object) -> dict[str, Any]:
 
 def read_markers(root: Root) -> list[dict[str, Any]]:
     """Return every readable marker of a dataset, sorted by name; damaged ones are skipped."""
-    store = store_of(root)
-    names = [name for name in store.names(MARKERS) if name.endswith(".json")]
-    return list(_markers(store, names).values())
+    return list(named_markers(store_of(root)).values())
+
+
+def named_markers(store: Store) -> dict[str, dict[str, Any]]:
+    """Return every readable marker of a dataset by the name of its file, sorted; damaged ones are skipped."""
+    return _markers(store, [name for name in store.names(MARKERS) if name.endswith(".json")])
 
 
 def pending(root: Root, keys: Iterable[ShardKey | str]) -> list[ShardKey | str]:
@@ -186,18 +189,12 @@ def finalize(root: Root) -> dict[str, Any]:
         `tables`: name -> {files, rows, bytes}; and the totals `files`, `rows`, `bytes`.
     """
     store = store_of(root)
-    head = read_dataset(store)
-    rows = []
-    for marker in read_markers(store):
-        common = {name: marker.get(name) for name in _MANIFEST_SCHEMA.names if name in marker}
-        rows += [{**common, **file} for file in marker["files"]]
-    order = {name: index for index, name in enumerate(TABLES)}
-    rows.sort(key=lambda row: (order[row["table"]], row["path"]))
+    head, manifest = read_dataset(store), manifest_rows(read_markers(store))
     buffer = io.BytesIO()
-    pq.write_table(pa.Table.from_pylist(rows, schema=_MANIFEST_SCHEMA), buffer, compression="zstd")
+    pq.write_table(manifest, buffer, compression="zstd")
     store.write_atomically(MANIFEST, buffer.getvalue())
     tables: dict[str, dict[str, int]] = defaultdict(lambda: {"files": 0, "rows": 0, "bytes": 0})
-    for row in rows:
+    for row in manifest.to_pylist():
         entry = tables[row["table"]]
         entry["files"] += 1
         entry["rows"] += row["rows"]
@@ -207,11 +204,26 @@ def finalize(root: Root) -> dict[str, Any]:
     return {"tables": dict(tables), **totals}
 
 
+def manifest_rows(markers: Iterable[Mapping[str, Any]]) -> pa.Table:
+    """Return the rows of the manifest, one for each file that markers list, by table and path.
+
+    Tables that this mmw does not know, such as those of a sensor package that is not installed, come last.
+    """
+    rows = []
+    for marker in markers:
+        common = {name: marker.get(name) for name in _MANIFEST_SCHEMA.names if name in marker}
+        rows += [{**common, **file} for file in marker["files"]]
+    order = {name: index for index, name in enumerate(TABLES)}
+    rows.sort(key=lambda row: (order.get(row["table"], len(order)), row["table"], row["path"]))
+    return pa.Table.from_pylist(rows, schema=_MANIFEST_SCHEMA)
+
+
 def dataset_card(head: Mapping[str, Any], tables: Mapping[str, Mapping[str, int]]) -> str:
     """Return the text of the dataset card: one Hugging Face configuration per table, and a list of the tables."""
     configs = "".join(f"- config_name: {name}\n  data_files: {name}/**/*.parquet\n" for name in tables)
     rows = "".join(
-        f"| {name} | {TABLES[name].doc} | {t['rows']:,} | {t['bytes'] / 1e6:,.1f} |\n" for name, t in tables.items()
+        f"| {name} | {TABLES[name].doc if name in TABLES else ''} | {t['rows']:,} | {t['bytes'] / 1e6:,.1f} |\n"
+        for name, t in tables.items()
     )
     version, sha256 = f"mmw {head['versions'].get('mmw', '')}".rstrip(), head["config_sha256"][:12]
     return f"""---
@@ -244,7 +256,7 @@ def _markers(store: Store, names: Iterable[str]) -> dict[str, dict[str, Any]]:
 def _parse_marker(data: bytes) -> dict[str, Any] | None:
     try:
         marker = json.loads(data.decode("utf-8"))
-    except ValueError:
+    except (ValueError, RecursionError):
         return None
     if not isinstance(marker, dict) or not isinstance(marker.get("files"), list):
         return None

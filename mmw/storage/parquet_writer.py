@@ -14,6 +14,10 @@ ROWS_PER_GROUP = 65_536
 """Rows of a row group in tables without `frames_per_group`. Design value."""
 
 
+ROWS = "mmw.rows"
+"""File-level key: number of rows as written. Tools that filter a file keep the key, so that `mmw verify` sees it."""
+
+
 class ParquetFileBuilder:
     """File of one table of a shard. Complete row groups are encoded at once; other rows wait for their frames."""
 
@@ -46,6 +50,7 @@ class ParquetFileBuilder:
             if rest.num_rows or not self.rows:
                 rest = sort_rows(self._spec, rest)
                 self._write(rest, max(rest.num_rows, 1) if self._spec.frames_per_group else ROWS_PER_GROUP)
+        self._writer.add_key_value_metadata({ROWS: str(self.rows)})
         self._writer.close()
         return memoryview(self._sink.getvalue())
 

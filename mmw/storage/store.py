@@ -84,7 +84,8 @@ class Store:
         found = {}
         for name in names:
             with suppress(OSError):
-                found[name] = (self._root / name).read_bytes()
+                if (data := self.read(name)) is not None:
+                    found[name] = data
         return found
 
     def read_columns(self, name: str, columns: Sequence[str]) -> pa.Table:
@@ -102,8 +103,8 @@ class Store:
         return sorted(path.name for path in self._root.iterdir()) if self._root.is_dir() else []
 
     def names(self, folder: str = "") -> list[str]:
-        """Return the names of all files below a folder, sorted; links count as files, whatever they point to."""
-        found = (path for path in (self._root / folder).rglob("*") if path.is_file() or path.is_symlink())
+        """Return the names of all files below a folder, sorted; links and special files, such as pipes, are files."""
+        found = (path for path in (self._root / folder).rglob("*") if path.is_symlink() or not path.is_dir())
         return sorted(path.relative_to(self._root).as_posix() for path in found)
 
     def sizes(self, names: Collection[str]) -> dict[str, int]:

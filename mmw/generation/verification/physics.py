@@ -108,7 +108,7 @@ def check_friis(here: Frame) -> Iterator[Finding]:
         ends = [here.agents[name].sensor_pose("antenna")[:3] for name in (agent, peer)]
         distance = float(np.linalg.norm(ends[0] - ends[1]))
         where = f"{agent} from {peer} at {carrier / 1e9:g} GHz"
-        if abs(row["tau_s"] - distance / SPEED_OF_LIGHT) > DELAY_S:
+        if not abs(row["tau_s"] - distance / SPEED_OF_LIGHT) <= DELAY_S:  # NaN is wrong too
             text = f"{where}: line of sight of {row['tau_s']:.6e} s; the antennas are {distance:.3f} m apart"
             yield Finding("friis", _place(here, "paths"), text)
         parts = [complex(row[f"t_{name}_re"], row[f"t_{name}_im"]) for name in ("tt", "tp", "pt", "pp")]
@@ -117,7 +117,7 @@ def check_friis(here: Frame) -> Iterator[Finding]:
         lost = row["rain_db"] + row["fog_db"] + row["gas_db"]
         with np.errstate(divide="ignore"):
             found = 20.0 * np.log10(values) + lost
-        if np.abs(found - free).max() > GAIN_DB:
+        if not np.abs(found - free).max() <= GAIN_DB:
             text = f"{where}: line of sight of {found[0]:.3f} and {found[1]:.3f} dB; Friis gives {free:.3f} dB"
             yield Finding("friis", _place(here, "paths"), text)
     for link in here.rows("links"):
@@ -151,7 +151,7 @@ def check_boxes(here: Frame) -> Iterator[Finding]:
             reach = 0.5 * np.array([box["length"], box["width"], box["height"]]) + MIRROR_M
             if rolls:  # a point of a sweep is where its object was up to a frame before
                 reach = reach + FRAME_DT * (speed_of(box) + speed_of(agent.row))
-            outside = int((on_it > reach).any(axis=1).sum())
+            outside = int((~(on_it <= reach)).any(axis=1).sum())
             checked += len(on_it)
             if outside:
                 stray[int(object_id)] = outside

@@ -7,6 +7,7 @@ from pathlib import Path
 from pxr import UsdUtils
 
 from mmw.core.errors import InputError
+from mmw.core.hashing import sha256
 from mmw.core.resources import assets_dir
 from mmw.storage.atomic_files import write_bytes_atomically
 from mmw.usd.atomic_layers import reload_layer
@@ -42,6 +43,17 @@ def collect_assets(sources: Iterable[Path], folder: Path) -> dict[Path, Path]:
             _copy(file, below / file.relative_to(tree))
         places[source] = below / source.relative_to(tree)
     return places
+
+
+def asset_digests(stage: Path, root: Path) -> dict[str, str]:
+    """Return the files that a stage refers to, other than itself, and that are below `root`: relative path -> SHA-256.
+
+    Raises:
+        InputError: If a file that the stage refers to is missing.
+    """
+    root, stage = root.resolve(), stage.resolve()
+    files = (file for file in _dependencies(stage)[0] if file != stage and file.is_relative_to(root))
+    return {file.relative_to(root).as_posix(): sha256(file) for file in files}
 
 
 def _dependencies(source: Path) -> tuple[list[Path], bool]:

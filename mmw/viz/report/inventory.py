@@ -18,6 +18,7 @@ from mmw.storage.manifest import (
     CONFIG,
     DATASET,
     MANIFEST,
+    named_markers,
     pending_scenarios,
     pending_shards,
     read_dataset,
@@ -142,6 +143,6 @@ def quick_check(inventory: Inventory) -> tuple[list[str], list[str]]:
         wrong.append(f"{DATASET}: its configuration does not have its config_sha256")
     checked.append(f"the configuration in {DATASET} has its hash")
     if store.sizes([MANIFEST]):
-        wrong += [f"{finding.path}: {finding.text}" for finding in check_manifest(store, listed)]
+        wrong += [f"{finding.path}: {finding.text}" for finding in check_manifest(store, named_markers(store))]
         checked.append(f"{MANIFEST} lists the same files and hashes as the markers")
     return checked, wrong

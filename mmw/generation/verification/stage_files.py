@@ -1,0 +1,54 @@
+"""Check that the USD stages of a dataset and the copies that they refer to are those that were traced."""
+
+import hashlib
+import json
+from collections.abc import Iterator
+from pathlib import PurePosixPath
+from typing import Any
+
+from mmw.config import Config
+from mmw.core.temp_files import is_temporary
+from mmw.scene.prepare import ASSETS, STAGES
+from mmw.storage.file_checks import Finding
+from mmw.storage.store import Store
+
+CURE = "run the same configuration again"
+
+
+def check_stages(root: Store, config: Config) -> Iterator[Finding]:
+    """Yield stages and assets that are missing, changed, or of no scenario."""
+    known: set[str] = set()
+    for scenario in config.scenarios:
+        if scenario.stage is not None and not scenario.rsus:
+            continue  # it is read where the user has it
+        name = f"{STAGES}/{scenario.name}.json"
+        stage = f"{STAGES}/{scenario.name}.{'usdc' if scenario.stage is None else 'usda'}"
+        known |= {name, stage}
+        digests = _digests(root.read(name))
+        if digests is None:
+            yield Finding("missing", name, f"the hashes of the stage are not there or cannot be read; {CURE}")
+            continue
+        for file, digest in {stage: digests["sha256"], **digests["assets"]}.items():
+            if file not in known or file == stage:
+                known.add(file)
+                yield from _check_file(root, file, digest)
+    for name in (*root.names(STAGES), *root.names(ASSETS)):
+        if name not in known and not is_temporary(PurePosixPath(name)):
+            yield Finding("foreign", name, "no scenario of the configuration has this file; move it away")
+
+
+def _digests(data: bytes | None) -> dict[str, Any] | None:
+    try:
+        found = json.loads(data or b"")
+    except (ValueError, RecursionError):
+        return None
+    is_complete = isinstance(found, dict) and isinstance(found.get("sha256"), str)
+    return found if is_complete and isinstance(found.get("assets"), dict) else None
+
+
+def _check_file(root: Store, name: str, digest: str) -> Iterator[Finding]:
+    data = root.read(name)
+    if data is None:
+        yield Finding("missing", name, f"a stage refers to it, but it does not exist; {CURE}")
+    elif hashlib.sha256(data).hexdigest() != digest:
+        yield Finding("sha256", name, "the content is not what was traced")
