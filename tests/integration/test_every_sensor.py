@@ -92,7 +92,7 @@ def test_every_mode_leaves_its_mark(dataset: Path) -> None:
     assert one("SELECT DISTINCT sensor FROM lidar WHERE flow_x IS NULL") == ["carla_lidar"]
     assert one("SELECT DISTINCT sensor FROM depth WHERE depth_m IS NULL") == ["plain"]
     assert one("SELECT DISTINCT sensor FROM rgb WHERE format = 'png'") == ["colour"]
-    assert one("SELECT frame FROM rgb WHERE sensor = 'color' AND weather = 'mine'") == [4]
+    assert one("SELECT frame FROM rgb WHERE sensor = 'colour' AND weather = 'mine'") == [4]
     assert one("SELECT DISTINCT round(ev100, 3) FROM rgb WHERE sensor = 'still'") == [13.0]
     assert one("SELECT DISTINCT sensor FROM sensors WHERE lens = 'brown_conrady'") == ["colour"]
     assert one("SELECT DISTINCT sensor FROM imu WHERE handedness = 'left'") == ["physical_imu"]

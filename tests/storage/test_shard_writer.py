@@ -151,9 +151,9 @@ def test_verify_finds_everything(root):
     (root / "_shards/torn.json").write_text("{")
     findings = verify(root)
     kinds = {finding.kind: finding.path for finding in findings}
-    assert set(kinds) == {"missing", "size", "sha256", "rows", "marker", "orphan", "temporary"}
+    assert set(kinds) == {"missing", "size", "sha256", "rows", "marker", "manifest", "orphan", "temporary"}
     assert kinds["missing"].startswith("poses/") and kinds["sha256"].startswith("paths/")
-    assert {finding.kind for finding in findings if not finding.is_error} == {"orphan", "temporary"}
+    assert {finding.kind for finding in findings if not finding.is_error} == {"temporary"}
 
 
 def test_finalize_lists_and_counts(root):
