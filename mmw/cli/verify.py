@@ -46,7 +46,8 @@ def _verify(arguments: argparse.Namespace) -> int:
         print(f"and {len(findings) - MAX_LINES} more")
     if errors:
         skipped = ", no row was generated again" if arguments.rerender and errors[-1].kind != "regenerated" else ""
-        print(f"mmw: {root}: {len(errors)} errors{skipped}", file=sys.stderr)
+        count = f"{len(errors)} error{'s' if len(errors) > 1 else ''}"
+        print(f"mmw: {root}: {count}{skipped}", file=sys.stderr)
         return 1
     print(f"{root}: every file is there and unchanged; counts, keys and physics are right")
     return 0

@@ -12,6 +12,7 @@ import pyarrow.compute as pc
 
 from mmw.config import Config
 from mmw.config.sensor_spec import spec_of
+from mmw.core.errors import InputError
 from mmw.generation.provenance import stored_config
 from mmw.generation.shards import shard_keys
 from mmw.generation.verification.stage_files import check_stages
@@ -41,14 +42,17 @@ def check_plan(root: Root) -> list[Finding]:
         that were not finished, files of shards that the configuration does not have, and tables of a shard whose keys
         differ from those of its frames, agents, sensors and links.
 
+    A configuration that cannot be read, as one with a sensor of a package that is not installed, is a finding.
+
     Raises:
-        InputError: If the folder is not a dataset or its configuration cannot be read.
+        InputError: If the folder is not a dataset.
     """
     root = store_of(root)
     head = read_dataset(root)
-    if not root.sizes([CONFIG]):
-        return [Finding("config", CONFIG, "is missing; counts cannot be compared; run the same configuration again")]
-    config = stored_config(root)
+    try:
+        config = stored_config(root)
+    except InputError as error:
+        return [Finding("config", CONFIG, f"{one_line(error)}; no rows were counted")]
     findings = _check_config(config, head)
     if findings:
         return findings  # counts of another configuration have no meaning

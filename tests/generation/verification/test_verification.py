@@ -115,6 +115,7 @@ def drop_column(root: Path) -> None:
         (edited("config.yaml", lambda data: data.replace(b"seed: 42", b"seed: 43")), "config", "config.yaml"),
         (edited("dataset.json", lambda data: data.replace(b'"seed": 42', b'"seed": 43')), "config", "dataset.json"),
         (lambda root: (root / "config.yaml").unlink(), "config", "config.yaml"),
+        (edited("config.yaml", lambda data: data.replace(b"type: imu", b"type: sonar")), "config", "config.yaml"),
         (lambda root: truncate(root, is_agreed=False), "size", part("depth")),
         (lambda root: truncate(root, is_agreed=True), "parquet", part("depth")),
         (edited(LAST, lambda data: data[:300]), "marker", LAST),
@@ -134,7 +135,7 @@ def test_damage_is_found_and_named(
     damage(root)
     assert mmw(["verify", str(root)]) == 1
     told = capsys.readouterr()
-    assert f"{kind}: {named}: " in told.out and "errors" in told.err and "Traceback" not in told.out + told.err
+    assert f"{kind}: {named}: " in told.out and " error" in told.err and "Traceback" not in told.out + told.err
 
 
 @pytest.mark.parametrize("content", [b"", b"{", b"[]", b"{}", b"\xff\xfe", b'{"schema_version": "2.1"}'])
