@@ -48,7 +48,8 @@ def _verify(arguments: argparse.Namespace) -> int:
         skipped = ", no row was generated again" if arguments.rerender and errors[-1].kind != "regenerated" else ""
         print(f"mmw: {root}: {len(errors)} errors{skipped}", file=sys.stderr)
         return 1
-    print(f"{root}: every file is there and unchanged; counts, keys and physics are right")
+    mixed = "; see above what its shards are mixed of" if any(one.kind == "mixed" for one in findings) else ""
+    print(f"{root}: every file is there and unchanged; counts, keys and physics are right{mixed}")
     return 0
 
 
