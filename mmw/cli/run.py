@@ -5,7 +5,7 @@ Exit codes: 0 done, 2 bad configuration or input (one line a problem), 1 failure
 
 import argparse
 import json
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from mmw.cli.command import run_command
@@ -47,6 +47,14 @@ def parser(prog: str = "python -m mmw.run") -> argparse.ArgumentParser:
         help="generate part i of N, counted from 0: for N runs of a scheduler's array into one folder",
     )
     result.add_argument("--overwrite", action="store_true", help="remove the data in the folder and generate it again")
+    result.add_argument(
+        "--accept",
+        action="append",
+        default=[],
+        choices=("versions", "machine"),
+        help="resume although the shards that are there were made with other versions of mmw or its packages "
+        "(versions), or on another kind of machine (machine); may be repeated",
+    )
     result.add_argument("--dry-run", action="store_true", help="print frames, rays and bytes of the dataset and stop")
     result.add_argument(
         "--print-config", action="store_true", help="print the resolved configuration with every default and stop"
@@ -83,10 +91,19 @@ def _run(arguments: argparse.Namespace) -> None:
     if arguments.print_config:
         print(to_yaml(config), end="")
     else:
-        execute(config, path, dry_run=arguments.dry_run, overwrite=arguments.overwrite, shard=arguments.shard)
+        how = {name: getattr(arguments, name) for name in ("dry_run", "overwrite", "shard", "accept")}
+        execute(config, path, **how)
 
 
-def execute(config: Config, path: Path, *, dry_run: bool = False, overwrite: bool = False, shard: str = "0/1") -> None:
+def execute(
+    config: Config,
+    path: Path,
+    *,
+    dry_run: bool = False,
+    overwrite: bool = False,
+    shard: str = "0/1",
+    accept: Collection[str] = (),
+) -> None:
     """Generate the dataset of a configuration, or describe it if `dry_run`.
 
     Relative `town` and `stage` paths start from the folder of the configuration file `path`.
@@ -116,6 +133,14 @@ def execute(config: Config, path: Path, *, dry_run: bool = False, overwrite: boo
             print(describe_plan(config, base, where))
             return
         with Console() as console, open_executor(config.compute, console) as executor:
-            generate_dataset(config, base=base, executor=executor, part=part, overwrite=overwrite, console=console)
+            generate_dataset(
+                config,
+                base=base,
+                executor=executor,
+                part=part,
+                overwrite=overwrite,
+                console=console,
+                accepted=frozenset(accept),
+            )
     except ConfigError as error:
         raise ConfigError([f"{path}: {problem}" for problem in error.problems]) from error

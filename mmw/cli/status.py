@@ -8,6 +8,7 @@ from mmw.cli.command import run_command
 from mmw.generation.progress import si
 from mmw.generation.provenance import stored_config
 from mmw.generation.shards import all_work, pending_work
+from mmw.storage.identity import mixtures
 from mmw.storage.lock import temporaries, writers
 from mmw.storage.manifest import MANIFEST, read_markers
 from mmw.storage.store import store_of
@@ -32,7 +33,8 @@ def _status(arguments: argparse.Namespace) -> int:
         for item in work:
             counts[item.scenario] += item.frames
     size: dict[str, int] = defaultdict(int)
-    for marker in read_markers(root):
+    markers = read_markers(root)
+    for marker in markers:
         size[marker["scenario"]] += sum(file["bytes"] for file in marker["files"])
     print(f"{'scenario':<32} {'frames':>17} {'bytes':>10}")
     for name, frames in wanted.items():
@@ -41,6 +43,8 @@ def _status(arguments: argparse.Namespace) -> int:
     total = wanted.total()
     done = total - missing.total()
     print(f"{'all':<32} {f'{done:,}/{total:,}':>17} {si(sum(size.values())):>9}B")
+    for line in mixtures(markers):
+        print(f"mixed: {line}")
     running = writers(root)
     for line in running:
         print(f"being written: {line}")

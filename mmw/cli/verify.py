@@ -49,7 +49,8 @@ def _verify(arguments: argparse.Namespace) -> int:
         count = f"{len(errors)} error{'s' if len(errors) > 1 else ''}"
         print(f"mmw: {root}: {count}{skipped}", file=sys.stderr)
         return 1
-    print(f"{root}: every file is there and unchanged; counts, keys and physics are right")
+    mixed = "; see above what its shards are mixed of" if any(one.kind == "mixed" for one in findings) else ""
+    print(f"{root}: every file is there and unchanged; counts, keys and physics are right{mixed}")
     return 0
 
 

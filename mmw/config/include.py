@@ -1,11 +1,13 @@
 """Include scenarios of other files: a path under `scenarios` is replaced by the scenarios of that configuration."""
 
+import copy
 import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from mmw.config.scenario import TOWN_SUFFIXES
+from mmw.config.input_paths import input_places
+from mmw.config.scenario import ScenarioConfig
 from mmw.core.errors import InputError
 
 
@@ -41,17 +43,8 @@ def _included(entry: str, path: Path, read: Callable[[Path], dict[str, Any]]) ->
 
 def _moved(scenario: dict[str, Any], folder: Path) -> dict[str, Any]:
     """Return a scenario whose relative paths start one folder further out."""
-    moved = dict(scenario)
-
-    def move(owner: dict[str, Any], key: str) -> None:
-        value = owner.get(key)
-        if isinstance(value, str) and not Path(value).is_absolute():
-            owner[key] = Path(os.path.normpath(folder / value)).as_posix()
-
-    move(moved, "stage")
-    if str(moved.get("town", "")).endswith(TOWN_SUFFIXES):
-        move(moved, "town")
-    if isinstance(moved.get("traffic"), dict):
-        moved["traffic"] = dict(moved["traffic"])
-        move(moved["traffic"], "trajectories")
+    moved = copy.deepcopy(scenario)
+    for place in input_places(moved, ScenarioConfig):
+        if place.is_declared and not Path(place.value).is_absolute():
+            place.replace(Path(os.path.normpath(folder / place.value)).as_posix())
     return moved

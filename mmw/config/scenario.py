@@ -1,12 +1,12 @@
 """`scenarios`: world, traffic, connected vehicles, roadside units."""
 
 import re
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
 from mmw.config.material_map import MaterialEntry
-from mmw.config.section import Name, PrimName, Section, Vec3
+from mmw.config.section import InputFile, InputPath, Name, PrimName, Section, Vec3
 from mmw.config.traffic_engine import ENGINE_KEYS, ENGINES, engine_spec
 from mmw.core.errors import InputError
 
@@ -60,7 +60,7 @@ class TrafficConfig(Section):
         False, description="whether traffic lights work; the paper's traffic ignores them; engine idm (flag)"
     )
     pedestrian_count: int = Field(0, ge=0, le=500, description="people walking on the sidewalks (count)")
-    trajectories: str | None = Field(
+    trajectories: InputPath | None = Field(
         None, description="engine replay: Parquet, CSV or SUMO FCD table of who is where when (path)"
     )
     cav_ids: tuple[str, ...] = Field(
@@ -112,10 +112,10 @@ class ScenarioConfig(Section):
     """One scenario: either a shipped town with generated traffic, or an animated USD stage of the user's own."""
 
     name: Name = Field(description="the `scenario` key of every row (name)")
-    town: str | None = Field(
+    town: Annotated[str, InputFile(TOWN_SUFFIXES)] | None = Field(
         None, description="a shipped town, such as `town03`, or the path of a town asset (name or path)"
     )
-    stage: str | None = Field(
+    stage: InputPath | None = Field(
         None, description="an animated USD stage to trace as it is, instead of `town` and `traffic` (path)"
     )
     traffic: TrafficConfig | None = Field(None, description="moving vehicles; needed with `town` (section)")

@@ -1,5 +1,6 @@
 """The base of every section: unknown keys are errors, values never change after validation."""
 
+from dataclasses import dataclass
 from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -12,6 +13,19 @@ PrimName = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$", max_length=6
 
 Vec3 = tuple[float, float, float]
 """Three numbers: x, y, z."""
+
+
+@dataclass(frozen=True)
+class InputFile:
+    """Mark of a text field that is the path of a file which a run reads; see `mmw.config.input_paths`."""
+
+    suffixes: tuple[str, ...] = ()
+    """Endings by which a path is told from a name; every value is a path if empty."""
+
+
+InputPath = Annotated[str, InputFile()]
+"""Path of a file or folder that a run reads, relative to the configuration file's folder. Its content is a part of the
+identity of the dataset."""
 
 
 class Section(BaseModel):

@@ -1,31 +1,42 @@
 """Generate a dataset: divide missing frames into work, run it on an executor, write the manifest."""
 
+from collections.abc import Collection
 from pathlib import Path
 
 from mmw.config import Config
 from mmw.core.device import writer_threads
 from mmw.core.errors import InputError
+from mmw.generation.continuation import MACHINE, check_continuation, is_outdated, makers_of
 from mmw.generation.executors.executor import Executor
 from mmw.generation.executors.process_pool import MIN_FRAMES_PER_WORKER
 from mmw.generation.progress import Console, closing_summary
-from mmw.generation.provenance import check_continuation, versions, write_config
+from mmw.generation.provenance import versions, write_config
 from mmw.generation.shards import Partition, all_work, part_of, pending_work
 from mmw.generation.worker import GenerationContext
-from mmw.storage.lock import clean_other_parts, writing
-from mmw.storage.manifest import finalize, prepare_root, upload_finished
+from mmw.scene.input_files import hash_inputs
+from mmw.storage.lock import clean_other_parts, exclusive_lock, writing
+from mmw.storage.manifest import finalize, prepare_root, read_dataset, upload_finished
 from mmw.storage.store import Store, store_of
 
 
 def generate_dataset(
-    config: Config, *, base: Path, executor: Executor, part: Partition, overwrite: bool, console: Console
+    config: Config,
+    *,
+    base: Path,
+    executor: Executor,
+    part: Partition,
+    overwrite: bool,
+    console: Console,
+    accepted: Collection[str] = (),
 ) -> None:
     """Generate the missing frames of a dataset, or of a part of it; the run that completes it writes the manifest.
 
     Relative paths in the configuration start from `base`. `overwrite` replaces a dataset of another configuration.
+    `accepted` names what may differ from the shards that are there, see `mmw.generation.continuation`.
 
     Raises:
-        InputError: If the folder belongs to another configuration, is being written or cannot be, or a scenario cannot
-            be prepared or read.
+        InputError: If the folder belongs to another configuration or other input files, has shards of other software
+            or another machine, is being written or cannot be, or a scenario cannot be prepared or read.
         OutOfSpaceError: If the disk is full; the same command resumes.
         StoreError: If a store cannot be reached any more; the same command resumes.
         WorkerLostError: If worker processes die again and again.
@@ -36,23 +47,36 @@ def generate_dataset(
     root.check_writable()
     with writing(root, part.index, part.count, console.say) as owner:
         now, sha256 = versions(config, base, executor.machine), config.sha256()
-        for line in [] if overwrite else check_continuation(root, config, now):
-            console.warn_once(line)
-        prepare_root(root, config.identity(), sha256, now, overwrite)
+        inputs = hash_inputs(config, base)
+        with exclusive_lock(root.staging, "begin"):  # of several parts, one begins the dataset
+            anew = overwrite or (part.count == 1 and is_outdated(root, sha256, inputs, now))
+            prepare_root(root, config.identity(), sha256, now, anew, inputs)
         write_config(config, base, root)
-        meta = {"config_sha256": sha256, "mmw_version": now["mmw"], "git_sha": now["git"]}
         everything = all_work(config)
         wanted = part_of(everything, part)
         work = pending_work(root, wanted)
         if upload_finished(root, [key for item in work for key in item.keys]):
             work = pending_work(root, wanted)
+        is_part = part.count > 1
+        makers = makers_of(root)
+        for line in check_continuation(root, makers, now, accepted, has_work=bool(work), is_part=is_part):
+            console.warn_once(line)
+        meta = {
+            "config_sha256": sha256,
+            "inputs_sha256": read_dataset(root).get("inputs_sha256"),
+            "mmw_version": now["mmw"],
+            "git_sha": now["git"],
+            "software": now["software"],
+            "accepted": " ".join(sorted(accepted)) or None,
+        }
         total, frames = (sum(item.frames for item in some) for some in (wanted, work))
         most = len(work)
         if config.compute.workers == "auto":
             most = min(most, frames // MIN_FRAMES_PER_WORKER[executor.devices[0].partition(":")[0]])
         workers = max(min(len(executor.devices), most), 1)
         threads = writer_threads(config.compute.writer_threads, workers)
-        context = GenerationContext(config, base, root, meta, threads, owner)
+        machines = None if MACHINE in accepted else makers.machines
+        context = GenerationContext(config, base, root, meta, threads, owner, inputs=inputs, machines=machines)
         console.begin(total, total - frames, workers)
         if console.done:
             rest = "making the rest" if console.done < total else "nothing to make"

@@ -14,6 +14,7 @@ from mmw.config import Config, ScenarioConfig
 from mmw.config.sensor_spec import spec_of
 from mmw.core.cuda import retain_memory, use_blocking_sync
 from mmw.core.device import GPU_BYTES_PER_WORKER, machine_kind
+from mmw.core.errors import InputError
 from mmw.core.registry import load_reference
 from mmw.core.temp_files import Owner
 from mmw.generation.configuration_warnings import configuration_warnings
@@ -22,7 +23,7 @@ from mmw.generation.precompile import compiled_ahead
 from mmw.generation.progress import Reporter
 from mmw.generation.shards import Work
 from mmw.scene.prepare import cached_stage, read_scenario
-from mmw.scene.rows import static_rows
+from mmw.scene.rows import actor_presence, static_rows
 from mmw.scene.scene_data import SceneData
 from mmw.sensors.batch import Batch, TableRows
 from mmw.storage.atomic_files import write_bytes_atomically
@@ -51,6 +52,10 @@ class GenerationContext:
     """Threads of each worker that encode and write."""
     owner: Owner = field(default_factory=Owner)
     """Mark of this run, or of one of its workers, in the names of unfinished files."""
+    inputs: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    """Hashes of the input files, see `mmw.scene.input_files`."""
+    machines: tuple[str, ...] | None = None
+    """Kinds of machine that may make shards; None for any."""
     log_level: int = field(default_factory=lambda: logging.getLogger("mmw").getEffectiveLevel())
     """Lowest level of log records that workers send to the run."""
 
@@ -67,13 +72,23 @@ class Worker:
     """Generates shards on one device; a scenario stays on the device until work of another one comes."""
 
     def __init__(self, context: GenerationContext, device: str, reporter: Reporter):
-        """Start the threads."""
+        """Start the threads.
+
+        Raises:
+            InputError: If the device is of a kind that may not make shards.
+        """
         if not use_blocking_sync(device):
             reporter.warn_once(f"threads that wait for {device} keep a core busy: its driver does not let them sleep")
         retain_memory(device, GPU_BYTES_PER_WORKER)
         self._context = context
         self._device = device
-        self._meta = {**context.meta, "device": machine_kind(device)}
+        kind = machine_kind(device)
+        if context.machines is not None and kind not in context.machines:
+            raise InputError(
+                f"{device}: is another kind of machine than the dataset has: {'; '.join(context.machines)} -> {kind}, "
+                "between which last bits may differ (docs/concepts/determinism.md); use one kind, or --accept machine"
+            )
+        self._meta = {**context.meta, "device": kind}
         self._reporter = reporter
         self._pool = ThreadPoolExecutor(context.threads, thread_name_prefix="mmw-writer")
         self._scenarios = {scenario.name: scenario for scenario in context.config.scenarios}
@@ -137,13 +152,16 @@ class Worker:
         """Write a scenario's static tables, and load the scenario onto the device if `on_device`."""
         context, timer = self._context, self._reporter.timer
         with timer.stage("traffic and stage"), exclusive_lock(context.root.folder, f"stage-{scenario.name}"):
-            stage = cached_stage(context.config, scenario, context.base, context.root)
+            inputs = context.inputs.get(scenario.name, {})
+            stage = cached_stage(context.config, scenario, context.base, context.root, inputs)
         with timer.stage("scene"):
             arrays = self._read(scenario, stage)
             for line in configuration_warnings(arrays, context.config, scenario):
                 self._reporter.warn_once(line)
             if pending_scenarios(context.root, [scenario.name]):
-                write_scenario(context.root, scenario.name, static_rows(arrays, context.config), self._meta)
+                frames = context.config.frames_of(scenario)
+                actors = actor_presence(arrays, range(frames.start, frames.stop))
+                write_scenario(context.root, scenario.name, static_rows(arrays, context.config), self._meta, actors)
         if not on_device:
             return None
         with timer.stage("kernels"):

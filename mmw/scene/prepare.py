@@ -30,7 +30,9 @@ ASSETS = "assets"
 """Folder of the copies that they refer to."""
 
 
-def cached_stage(config: Config, scenario: ScenarioConfig, base: Path, root: Store) -> Path:
+def cached_stage(
+    config: Config, scenario: ScenarioConfig, base: Path, root: Store, inputs: Mapping[str, str] | None = None
+) -> Path:
     """Return the scenario's USD stage, see `prepare_scenario`, stored with the dataset.
 
     If the store has the stage already, made on another machine, it is downloaded.
@@ -43,7 +45,7 @@ def cached_stage(config: Config, scenario: ScenarioConfig, base: Path, root: Sto
     own = f"{STAGES}/{scenario.name}"
     if scenario.stage is None:
         root.download((f"{own}.usdc", ASSETS), f"{own}.json")
-    stage = prepare_scenario(config, scenario, base, root.folder)
+    stage = prepare_scenario(config, scenario, base, root.folder, inputs)
     if scenario.stage is None:
         root.upload((f"{own}.usdc", ASSETS), f"{own}.json")
     elif scenario.rsus:
@@ -51,17 +53,27 @@ def cached_stage(config: Config, scenario: ScenarioConfig, base: Path, root: Sto
     return stage
 
 
-def prepare_scenario(config: Config, scenario: ScenarioConfig, base: Path, root: Path) -> Path:
+def prepare_scenario(
+    config: Config, scenario: ScenarioConfig, base: Path, root: Path, inputs: Mapping[str, str] | None = None
+) -> Path:
     """Return the scenario's USD stage; with generated traffic it is made on the first run and reused afterwards.
 
     A made stage covers the frames 0 to `frames.stop`, one more than asked for, so that velocities are central
     differences up to the last frame. Its hash is written last, into `<scenario>.json`; a stage without it is remade.
     A user's own stage is read where it is; configured roadside units go into a layer over it.
 
+    Args:
+        config: The configuration.
+        scenario: One of its scenarios.
+        base: Folder that relative paths start from.
+        root: Folder of the dataset.
+        inputs: Hashes of the scenario's input files, see `mmw.scene.input_files`. A stage of others is made again.
+
     Raises:
         InputError: If town, traffic or stage cannot be used.
         OutOfSpaceError: If the disk is full.
     """
+    inputs = dict(inputs or {})
     source = scenario_source(scenario, base)
     rsus = [(rsu.name, pose_from_mount(rsu.position_m, rsu.yaw_deg)) for rsu in scenario.rsus]
     note = root / STAGES / f"{scenario.name}.json"
@@ -69,11 +81,13 @@ def prepare_scenario(config: Config, scenario: ScenarioConfig, base: Path, root:
         if not rsus:
             return source
         path = overlay_rsus(root / STAGES / f"{scenario.name}.usda", source, rsus)
-        _write_digests(note, path, root, str(source))
+        _write_digests(note, path, root, str(source), inputs)
         return path
     path = root / STAGES / f"{scenario.name}.usdc"
-    if note.is_file() and path.is_file() and json.loads(note.read_text())["sha256"] == sha256(path):
-        return path
+    if note.is_file() and path.is_file():
+        made = json.loads(note.read_text())
+        if made["sha256"] == sha256(path) and made.get("inputs", inputs) == inputs:
+            return path
     names = config.variants[config.weathers[0]]
     catalog = load_catalog()
     tracks = make_tracks(config, scenario, source, catalog, base)
@@ -90,14 +104,14 @@ def prepare_scenario(config: Config, scenario: ScenarioConfig, base: Path, root:
         antenna_position_m=config.channel.antenna_position_m if config.channel.enabled else None,
         assets=root / ASSETS,
     )
-    _write_digests(note, path, root, str(scenario.town))
+    _write_digests(note, path, root, str(scenario.town), inputs)
     return path
 
 
-def _write_digests(note: Path, stage: Path, root: Path, source: str) -> None:
-    """Write the hashes of a stage and of the copies that it refers to, by which `mmw verify` checks them."""
-    assets = asset_digests(stage, root)
-    content = {"sha256": sha256(stage), "source": source, "assets": dict(sorted(assets.items()))}
+def _write_digests(note: Path, stage: Path, root: Path, source: str, inputs: Mapping[str, str]) -> None:
+    """Write the hashes of a stage, of the copies that it refers to and of its inputs, which `mmw verify` checks."""
+    assets = dict(sorted(asset_digests(stage, root).items()))
+    content = {"sha256": sha256(stage), "source": source, "assets": assets, "inputs": dict(sorted(inputs.items()))}
     write_bytes_atomically(note, json.dumps(content, indent=1).encode())
 
 

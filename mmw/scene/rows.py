@@ -3,6 +3,7 @@
 import json
 from collections.abc import Sequence
 from dataclasses import fields
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -58,6 +59,17 @@ def pose_rows(arrays: SceneData, frames: Sequence[int], motion: Motion) -> Colum
         **split(("vx", "vy", "vz"), motion.velocity[row, actor]),
         **split(("wx", "wy", "wz"), motion.body_rate[row, actor]),
     }
+
+
+def actor_presence(arrays: SceneData, frames: range) -> dict[str, dict[str, Any]]:
+    """Return role and frames of each actor: stretches of frames in which it is there, first and one past the last."""
+    rows = [arrays.frame_row(frame) for frame in frames]
+    found = {}
+    for column, actor in enumerate(arrays.actors):
+        is_there = np.isfinite(arrays.poses[rows, column]).all(axis=1)
+        ends = np.flatnonzero(np.diff(np.concatenate([[False], is_there, [False]]).astype(np.int8))) + frames.start
+        found[actor.name] = {"role": actor.role, "frames": ends.reshape(-1, 2).tolist()}
+    return found
 
 
 def static_rows(arrays: SceneData, config: Config) -> dict[str, Columns]:

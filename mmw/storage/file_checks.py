@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import PurePosixPath
+from typing import Any
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -14,14 +15,15 @@ import pyarrow.parquet as pq
 
 from mmw.core.errors import InputError
 from mmw.core.temp_files import is_temporary
+from mmw.storage.identity import inputs_sha256, is_of, mixtures
 from mmw.storage.manifest import DATASET, MANIFEST, manifest_rows, named_markers, read_dataset
 from mmw.storage.parquet_schema import arrow_schema
 from mmw.storage.parquet_writer import ROWS
 from mmw.storage.schemas import SCHEMA_VERSION, TABLES, table_spec
-from mmw.storage.shard_writer import MARKERS, key_of, marker_path, table_path
+from mmw.storage.shard_writer import FILE_META, MARKERS, key_of, marker_path, table_path
 from mmw.storage.store import Root, Store, store_of
 
-HARMLESS = ("temporary", "note")
+HARMLESS = ("temporary", "note", "mixed")
 """Kinds of findings that are no error."""
 
 SHARD_FILE = re.compile(r"[^/]+/scenario=[^/]+(/weather=[^/]+)?/part-\d{6,}\.parquet")
@@ -33,9 +35,10 @@ class Finding:
     """Problem of a dataset, or a note."""
 
     kind: str
-    """missing, size, sha256, parquet, rows, schema, key, duplicate, value, orphan, foreign, config, marker, manifest,
-    count, friis, sight, box, regenerated: the data is incomplete or wrong. temporary: a file of a killed run that no
-    reader takes and a rerun removes. note: anything that could not be checked."""
+    """missing, size, sha256, parquet, rows, schema, key, duplicate, value, orphan, foreign, config, inputs, versions,
+    marker, manifest, count, friis, sight, box, regenerated: the data is incomplete or wrong. temporary: a file of a
+    killed run that no reader takes and a rerun removes. mixed: shards of several versions or kinds of machine, which
+    the one who ran them accepted. note: anything that could not be checked."""
     path: str
     """File, relative to the dataset folder."""
     text: str
@@ -62,6 +65,8 @@ def verify(root: Root) -> list[Finding]:
 def _find(store: Store) -> Iterator[Finding]:
     head = read_dataset(store)
     yield from _check_version(DATASET, head["schema_version"])
+    if "inputs" in head and inputs_sha256(head["inputs"]) != head["inputs_sha256"]:
+        yield Finding("inputs", DATASET, "its inputs do not have its inputs_sha256; the file was changed")
     markers = named_markers(store)
     for name in store.names(MARKERS):
         if name.endswith(".json") and name not in markers:
@@ -82,14 +87,37 @@ def _find(store: Store) -> Iterator[Finding]:
             listed[file["path"]] = file
             if marker["config_sha256"] != head["config_sha256"]:
                 yield Finding("config", file["path"], f"made by configuration {marker['config_sha256'][:12]}")
+            elif not is_of(marker, head):
+                yield Finding("inputs", file["path"], "made from other input files than the dataset was begun with")
             yield from _check_file(store, file, marker)
-    made_on = sorted({str(marker["device"]) for marker in markers.values() if marker.get("device")})
-    if len(made_on) > 1:
-        text = f"made on {len(made_on)} kinds of machine, between which last bits may differ: {'; '.join(made_on)}"
-        yield Finding("note", MARKERS, text)
+    yield from check_makers(head, markers)
     yield from _check_overlaps(markers)
     yield from _check_others(store, listed)
     yield from check_manifest(store, markers)
+
+
+def check_makers(head: Mapping[str, Any], markers: Mapping[str, dict]) -> Iterator[Finding]:
+    """Yield shards of other software or another machine than the dataset was begun with, and mixtures of them.
+
+    A difference is an error if the run that made a shard was not told to accept it: someone has copied the shard.
+    """
+    for text in mixtures(markers.values()):
+        yield Finding("mixed", MARKERS, text)
+    for key, kind in (("software", "versions"), ("device", "machine")):
+        first = head["versions"].get(key)
+        wrong = [
+            (name, marker[key])
+            for name, marker in markers.items()
+            if first and marker.get("software") and marker.get(key) and marker[key] != first
+            and kind not in str(marker.get("accepted")).split()
+        ]  # fmt: skip
+        if wrong:
+            name, made = wrong[0]
+            more = f" and {len(wrong) - 1} more markers" if len(wrong) > 1 else ""
+            yield Finding(
+                "versions", name, f"{key} {made}{more}; the dataset was begun with {first}, and no run was told to "
+                f"--accept {kind}; the shards are of another dataset; run the configuration again with --overwrite"
+            )  # fmt: skip
 
 
 def version_number(text: str) -> tuple[int, int]:
@@ -149,6 +177,10 @@ def _check_content(parquet: pq.ParquetFile, file: dict, marker: dict) -> Iterato
     if table not in TABLES:
         yield Finding("schema", name, f"table {table!r} is not known to this mmw (schema {SCHEMA_VERSION})")
         return
+    for key, label in FILE_META.items():
+        text = meta.get(label.encode())
+        if text is not None and text.decode(errors="replace") != str(marker.get(key)):
+            yield Finding("marker", name, f"{key} is {text.decode(errors='replace')[:80]}; the marker has another")
     version = meta.get(b"mmw.schema_version", b"none").decode()
     yield from _check_version(name, version)
     own, found = arrow_schema(table), parquet.schema_arrow
@@ -247,5 +279,10 @@ def check_manifest(store: Store, markers: Mapping[str, dict]) -> Iterator[Findin
     except (pa.ArrowException, OSError) as error:
         yield Finding("manifest", MANIFEST, f"cannot be read: {one_line(error)}; run the configuration again")
         return
-    if manifest != manifest_rows(markers.values()).to_pylist():
+    expected = manifest_rows(markers.values()).to_pylist()
+    known = manifest[0].keys() if manifest else ()
+    for row in expected:  # older manifests have fewer columns, which their markers do not fill
+        for name in [name for name, value in row.items() if value is None and name not in known]:
+            del row[name]
+    if manifest != expected:
         yield Finding("manifest", MANIFEST, "does not list what the markers list; run the configuration again")

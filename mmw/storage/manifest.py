@@ -5,7 +5,7 @@ import json
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import pyarrow as pa
@@ -14,8 +14,9 @@ import pyarrow.parquet as pq
 from mmw.core.errors import InputError
 from mmw.core.temp_files import is_temporary
 from mmw.storage.atomic_files import StoreError
+from mmw.storage.identity import changed_inputs, check_same, inputs_sha256, is_hashes, is_of
 from mmw.storage.schemas import SCHEMA_VERSION, TABLES
-from mmw.storage.shard_writer import MARKERS, META_KEYS, ShardKey, key_of, marker_path
+from mmw.storage.shard_writer import MARKERS, META_KEYS, SHARD_DOTS, ShardKey, key_of, marker_path
 from mmw.storage.store import DATASET, LOCKS, Root, Store, store_of
 
 HEAD_TYPES = {"schema_version": str, "config_sha256": str, "versions": dict, "config": dict}
@@ -48,16 +49,29 @@ def folders() -> tuple[str, ...]:
 
 
 def prepare_root(
-    root: Root, config_identity: Mapping[str, Any], config_sha256: str, versions: Mapping[str, Any], overwrite: bool
+    root: Root,
+    config_identity: Mapping[str, Any],
+    config_sha256: str,
+    versions: Mapping[str, Any],
+    overwrite: bool,
+    inputs: Mapping[str, Mapping[str, str]] | None = None,
 ) -> None:
-    """Start a dataset, or resume an unfinished one of the same configuration.
+    """Start a dataset, or resume an unfinished one of the same configuration and input files.
 
-    A dataset of another configuration without a finished shard, such as after a failed first run, is replaced. Versions
-    are stored, not compared.
+    A dataset of another configuration or other input files without a finished shard, such as after a failed first run,
+    is replaced. Versions are stored, not compared.
+
+    Args:
+        root: Dataset.
+        config_identity: What decides the data, see `Config.identity`.
+        config_sha256: Its hash.
+        versions: Versions of the software.
+        overwrite: Whether data of another configuration is removed.
+        inputs: Hashes of the input files, see `mmw.scene.input_files`; not compared if absent here or in the dataset.
 
     Raises:
-        InputError: If the store has data of another configuration or schema version, contains other files, or cannot be
-            created, reached or written.
+        InputError: If the store has data of another configuration, of other input files or of another schema version,
+            contains other files, or cannot be created, reached or written.
         OutOfSpaceError: If the disk is full.
     """
     store = store_of(root)
@@ -70,15 +84,16 @@ def prepare_root(
                 f"{store}: has {', '.join(foreign[:5])}{' and more' if len(foreign) > 5 else ''} but no {DATASET}; "
                 "a dataset needs an empty or new folder; give another --out"
             )
-    elif overwrite or _is_other_and_empty(store, config_sha256):
+    elif overwrite or _is_other_and_empty(store, config_sha256, inputs):
         store.remove((*folders(), MANIFEST, CARD, CONFIG))  # markers first, so that a kill leaves no false marker
     else:
-        _check_same(store, config_identity, config_sha256)
+        check_same(store, read_dataset(store), config_identity, config_sha256, inputs)
         _start_writing(store, None)
         return
     content = {
         "schema_version": SCHEMA_VERSION,
         "config_sha256": config_sha256,
+        **({} if inputs is None else {"inputs_sha256": inputs_sha256(inputs), "inputs": inputs}),
         "versions": dict(versions),
         "created_utc": datetime.now(UTC).isoformat(timespec="seconds"),
         "config": dict(config_identity),
@@ -131,6 +146,8 @@ def parse_dataset(data: bytes | None, root: object) -> dict[str, Any]:
     if missing:
         raise InputError(f"{path}: has no {', '.join(missing)}; it is no mmw dataset's; give the folder of one")
     wrong = [key for key, type_ in HEAD_TYPES.items() if not isinstance(head[key], type_)]
+    if "inputs" in head and not (is_hashes(head["inputs"]) and isinstance(head.get("inputs_sha256"), str)):
+        wrong.append("inputs")
     if wrong:
         raise InputError(f"{path}: {', '.join(wrong)} cannot be understood; the file was changed; put the old one back")
     return head
@@ -141,9 +158,11 @@ def read_markers(root: Root) -> list[dict[str, Any]]:
     return list(named_markers(store_of(root)).values())
 
 
-def named_markers(store: Store) -> dict[str, dict[str, Any]]:
-    """Return every readable marker of a dataset by the name of its file, sorted; damaged ones are skipped."""
-    return _markers(store, [name for name in store.names(MARKERS) if name.endswith(".json")])
+def named_markers(store: Store, names: Iterable[str] | None = None) -> dict[str, dict[str, Any]]:
+    """Return readable markers of a dataset by the names of their files, all of them, sorted, if no names are given."""
+    if names is None:
+        names = [name for name in store.names(MARKERS) if name.endswith(".json")]
+    return _markers(store, names)
 
 
 def pending(root: Root, keys: Iterable[ShardKey | str]) -> list[ShardKey | str]:
@@ -152,7 +171,7 @@ def pending(root: Root, keys: Iterable[ShardKey | str]) -> list[ShardKey | str]:
     A marker is valid if its files exist with their sizes; `verify` also reads them.
     """
     store, keys = store_of(root), list(keys)
-    done = _finished(store, keys, read_dataset(store)["config_sha256"])
+    done = _finished(store, keys, read_dataset(store))
     return [key for key in keys if key not in done]
 
 
@@ -176,7 +195,7 @@ def upload_finished(root: Root, keys: Iterable[ShardKey]) -> int:
         StoreError: If the store cannot be reached or refuses.
     """
     store = store_of(root)
-    found = _finished(Store(store.folder), list(keys), read_dataset(store)["config_sha256"])
+    found = _finished(Store(store.folder), list(keys), read_dataset(store))
     for key, marker in found.items():
         store.upload([file["path"] for file in marker["files"]], marker_path(key).as_posix(), remove_local=True)
     return len(found)
@@ -276,13 +295,15 @@ def _fits(content: Any, types: Mapping[str, Any]) -> bool:
     )
 
 
-def _finished(store: Store, keys: Iterable[ShardKey | str], sha256: str) -> dict[ShardKey | str, dict[str, Any]]:
-    """Return the valid markers of this configuration, of shards and static tables."""
+def _finished(
+    store: Store, keys: Iterable[ShardKey | str], head: Mapping[str, Any]
+) -> dict[ShardKey | str, dict[str, Any]]:
+    """Return the valid markers of a dataset's configuration and input files, of shards and static tables."""
     names = {marker_path(key).as_posix(): key for key in keys}
     found = {
         names[name]: marker
         for name, marker in _markers(store, names).items()
-        if (key_of(marker), marker["config_sha256"], marker["schema_version"]) == (names[name], sha256, SCHEMA_VERSION)
+        if key_of(marker) == names[name] and marker["schema_version"] == SCHEMA_VERSION and is_of(marker, head)
     }
     sizes = store.sizes({file["path"] for marker in found.values() for file in marker["files"]})
     return {
@@ -291,44 +312,14 @@ def _finished(store: Store, keys: Iterable[ShardKey | str], sha256: str) -> dict
     }  # fmt: skip
 
 
-def _is_other_and_empty(store: Store, sha256: str) -> bool:
-    if read_dataset(store)["config_sha256"] == sha256:
+def _is_other_and_empty(store: Store, sha256: str, inputs: Mapping[str, Mapping[str, str]] | None) -> bool:
+    head = read_dataset(store)
+    if head["config_sha256"] == sha256 and not changed_inputs(head, inputs):
         return False
-    return not any(marker["frame_begin"] is not None for marker in read_markers(store))
+    return not has_shards(store)
 
 
-def _check_same(store: Store, identity: Mapping[str, Any], sha256: str) -> None:
-    found = read_dataset(store)
-    if found["schema_version"] != SCHEMA_VERSION:
-        raise InputError(
-            f"{store}: has schema {found['schema_version']}; this version writes {SCHEMA_VERSION}; "
-            "use --overwrite to replace the data, or another --out"
-        )
-    if found["config_sha256"] == sha256:
-        return
-    differences = config_differences(found["config"], identity)
-    shown = "; ".join(differences[:6]) + (f"; and {len(differences) - 6} more" if len(differences) > 6 else "")
-    raise InputError(
-        f"{store}: belongs to configuration {found['config_sha256'][:12]}, this one is {sha256[:12]}: {shown}; "
-        "use --overwrite to replace the data, or another --out"
-    )
-
-
-def config_differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
-    """Return `key: old -> new` for every value in which two identities of configurations differ, sorted."""
-    return sorted(_differences("", dict(old), json.loads(json.dumps(new))))
-
-
-def _differences(where: str, old: Any, new: Any) -> list[str]:
-    """Return `key: old -> new` for every leaf that differs, recursively."""
-    if isinstance(old, dict) and isinstance(new, dict):
-        keys = sorted(set(old) | set(new))
-        return [text for key in keys for text in _differences(f"{where}.{key}", old.get(key), new.get(key))]
-    if isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
-        return [text for i in range(len(old)) for text in _differences(f"{where}.{i}", old[i], new[i])]
-    return [] if old == new else [f"{where.lstrip('.')}: {_short(old)} -> {_short(new)}"]
-
-
-def _short(value: Any) -> str:
-    text = json.dumps(value)
-    return text if len(text) <= 40 else text[:37] + "..."
+def has_shards(root: Root) -> bool:
+    """Return whether a dataset has a marker of a shard, of whatever configuration, readable or not."""
+    names = (PurePosixPath(name).name for name in store_of(root).names(MARKERS))
+    return any(name.endswith(".json") and name.count(".") == SHARD_DOTS for name in names)

@@ -26,10 +26,16 @@ __all__ = ["OutOfSpaceError", "ShardKey", "ShardWriter", "marker_path", "table_p
 MARKERS = "_shards"
 """Folder of the markers; readers skip folders with an underscore."""
 
-META_KEYS = ("config_sha256", "mmw_version", "git_sha", "device", "seconds")
-"""Metadata of a marker, besides the list of its files."""
+META_KEYS = (
+    "config_sha256", "inputs_sha256", "mmw_version", "git_sha", "software", "device", "accepted", "seconds"
+)  # fmt: skip
+"""Metadata of a marker, besides the list of its files. `software` and `device` name what made the shard; `accepted`,
+which differences from the rest of the dataset its run was told to accept (`versions`, `machine`)."""
 
-_FILE_META = {"config_sha256": "mmw.config_sha256", "mmw_version": "mmw.version", "git_sha": "mmw.git"}
+FILE_META = {
+    "config_sha256": "mmw.config_sha256", "inputs_sha256": "mmw.inputs_sha256", "mmw_version": "mmw.version",
+    "git_sha": "mmw.git", "software": "mmw.software",
+}  # fmt: skip
 """Marker key -> file-level key; only values that are equal in two runs of a configuration, so that files are equal."""
 
 Columns = Mapping[str, Any] | pa.Table
@@ -62,6 +68,10 @@ def marker_path(key: ShardKey | str) -> Path:
     if isinstance(key, str):
         return Path(MARKERS, f"{key}.json")
     return Path(MARKERS, f"{key.scenario}.{key.weather}.{key.frame_begin:06d}.json")
+
+
+SHARD_DOTS = 3
+"""Dots in the name of a shard's marker; that of static tables has one."""
 
 
 def key_of(marker: Mapping[str, Any]) -> ShardKey | str:
@@ -111,8 +121,12 @@ class ShardWriter:
                 self._files[name] = ParquetFileBuilder(name, self.key.frame_begin if is_shard else 0, self._file_meta)
             self._files[name].add(table, frame_end)
 
-    def close(self, seconds: float | None = None) -> dict[str, Any]:
-        """Write every table, then the marker with the duration [s]; an existing shard of the same key is replaced.
+    def close(self, seconds: float | None = None, more: Mapping[str, Any] | None = None) -> dict[str, Any]:
+        """Write every table, then the marker; an existing shard of the same key is replaced.
+
+        Args:
+            seconds: Duration [s].
+            more: Further content of the marker.
 
         Returns:
             The marker: the key, `meta`, `seconds`, `schema_version`, `created_utc` and `files` with path, rows, bytes
@@ -124,7 +138,7 @@ class ShardWriter:
             StoreError: If the store cannot be reached or refuses; the shard stays in its staging folder.
         """
         encoded = ((name, file.rows, file.close()) for name, file in self._files.items())
-        return _write_files(self._root, self.key, encoded, {**self._meta, "seconds": seconds})
+        return _write_files(self._root, self.key, encoded, {**self._meta, "seconds": seconds}, more or {})
 
     def _check(self, name: str, table: pa.Table) -> None:
         """Check that a table holds no row of another shard."""
@@ -151,14 +165,21 @@ def write_shard(root: Root, key: ShardKey, tables: Mapping[str, Columns], meta: 
     return shard.close()
 
 
-def write_scenario(root: Root, scenario: str, tables: Mapping[str, Columns], meta: Mapping[str, Any]) -> dict[str, Any]:
+def write_scenario(
+    root: Root,
+    scenario: str,
+    tables: Mapping[str, Columns],
+    meta: Mapping[str, Any],
+    actors: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
     """Write the static tables of a scenario (`objects`, `sensors`, `materials`), then their marker.
 
-    Arguments, result and errors are those of `write_shard`; the marker has no weather and no frames.
+    Arguments, result and errors are those of `write_shard`; the marker has no weather and no frames. `actors` says who
+    is there when, see `mmw.scene.rows.actor_presence`; `mmw verify` takes its counts from it.
     """
     shard = ShardWriter(root, scenario, meta)
     shard.add(tables, 0)
-    return shard.close(meta.get("seconds"))
+    return shard.close(meta.get("seconds"), None if actors is None else {"actors": actors})
 
 
 def _to_table(name: str, columns: Any, key: dict[str, str]) -> pa.Table:
@@ -174,11 +195,15 @@ def _file_meta(meta: Mapping[str, Any]) -> dict[str, str]:
     unknown = sorted(set(meta) - set(META_KEYS))
     if unknown or "config_sha256" not in meta:
         raise ValueError(f"meta has unknown keys {unknown}; give config_sha256 and any of {', '.join(META_KEYS[1:])}")
-    return {text: str(meta[name]) for name, text in _FILE_META.items() if name in meta}
+    return {text: str(meta[name]) for name, text in FILE_META.items() if meta.get(name) is not None}
 
 
 def _write_files(
-    root: Store, key: ShardKey | str, encoded: Iterable[tuple[str, int, memoryview]], meta: Mapping[str, Any]
+    root: Store,
+    key: ShardKey | str,
+    encoded: Iterable[tuple[str, int, memoryview]],
+    meta: Mapping[str, Any],
+    more: Mapping[str, Any],
 ) -> dict[str, Any]:
     """Write files given by table, number of rows and content, then their marker."""
     files = []
@@ -193,6 +218,7 @@ def _write_files(
         "schema_version": SCHEMA_VERSION,
         **{name: meta.get(name) for name in META_KEYS},
         "created_utc": datetime.now(UTC).isoformat(timespec="seconds"),
+        **more,
         "files": files,
     }
     last = marker_path(key)

@@ -22,6 +22,7 @@ from mmw.core.device import choose_device, device_name, gpu_bytes, machine_kind,
 from mmw.core.errors import InputError
 from mmw.core.extras import install
 from mmw.core.temp_files import Owner, temporary_path
+from mmw.generation.continuation import VERSIONS
 from mmw.generation.executors.ray_cluster import ClusterResources, connect_cluster, node_resources, plan_workers
 from mmw.generation.executors.supervisor import Supervisor, WorkerDiedError
 from mmw.generation.executors.work_queue import WorkerLostError
@@ -29,7 +30,10 @@ from mmw.generation.executors.worker_protocol import NOTE, Message, serve
 from mmw.generation.progress import Console
 from mmw.generation.provenance import versions
 from mmw.generation.shards import Work, pending_work
+from mmw.generation.software import own_software, software_differences, software_of
 from mmw.generation.worker import GenerationContext
+from mmw.scene.input_files import hash_inputs
+from mmw.storage.identity import changed_inputs
 from mmw.storage.store import LOCKS, Store
 
 SLOW_START_S = 30.0
@@ -157,7 +161,8 @@ class Actor:
         own = ray.get_runtime_context().get_node_id()
         node = next(node["Resources"] for node in ray.nodes() if node["NodeID"] == own)
         threads = writer_threads(task.context.config.compute.writer_threads, task.resources.workers_on(node))
-        context = replace(task.context, threads=threads, owner=owner)
+        meta = {**task.context.meta, "software": software_of(own_software(task.context.config))}
+        context = replace(task.context, threads=threads, owner=owner, meta=meta)
         arguments = (context, device, self._work.get, self._messages.put, lambda: self._check(task))
         threading.Thread(target=serve, args=arguments, daemon=True).start()
         return self._node, []
@@ -185,18 +190,22 @@ class Actor:
         context.root.folder.mkdir(parents=True, exist_ok=True)  # each machine has its own if the root is a bucket
         try:
             found = versions(context.config, context.base, wanted["device"])
+            changes = changed_inputs({"inputs": context.inputs}, hash_inputs(context.config, context.base))
         except InputError as error:
             raise InputError(f"{where}: {error}; all nodes need the files of the configuration") from error
-        for scenario, files in wanted["sources"].items():
-            if found["sources"][scenario] != files:
-                raise InputError(
-                    f"{where}: scenario {scenario!r}: {', '.join(files)}: other content than where the run is; all "
-                    "nodes need the same files"
-                )
-        own = {"git": found["git"], **found["packages"]}
-        for name, value in {"git": wanted["git"], **wanted["packages"]}.items():
-            if own[name] != value:
-                self._messages.put((NOTE, f"{where} has {name} {own[name]!r}, the run {value!r}"))
+        if changes:
+            raise InputError(
+                f"{where}: {'; '.join(changes)}: other content than where the run is; all nodes need the same files"
+            )
+        towns = changed_inputs({"inputs": wanted["sources"]}, found["sources"])
+        differences = ", ".join(filter(None, [software_differences(wanted["software"], found["software"]), *towns]))
+        if differences and VERSIONS not in str(context.meta.get("accepted")).split():
+            raise InputError(
+                f"{where} has other versions than the run: {differences}; install the same on all nodes, or use "
+                f"--accept {VERSIONS}"
+            )
+        if differences:
+            self._messages.put((NOTE, f"{where} has other versions than the run: {differences}"))
 
 
 class _ActorConnection:

@@ -11,27 +11,27 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from mmw.config import Config
+from mmw.config.input_paths import input_places
 from mmw.config.sensor_spec import spec_of
 from mmw.core.errors import InputError
 from mmw.generation.provenance import stored_config
 from mmw.generation.shards import shard_keys
-from mmw.generation.verification.stage_files import check_stages
+from mmw.generation.verification.actor_counts import COUNTED, Counts, check_counts, expected_counts
+from mmw.generation.verification.stage_files import CURE, check_stages
 from mmw.storage.file_checks import Finding, one_line
+from mmw.storage.identity import config_differences
 from mmw.storage.manifest import (
     CARD,
     CONFIG,
     DATASET,
     MANIFEST,
-    config_differences,
+    named_markers,
     pending_scenarios,
     pending_shards,
     read_dataset,
 )
 from mmw.storage.shard_writer import ShardKey, marker_path, table_path
 from mmw.storage.store import Root, Store, store_of
-
-PATH_KEYS = ("town", "stage")
-"""Keys of a scenario with a path: absolute in `config.yaml`, as it was written in `dataset.json`."""
 
 
 def check_plan(root: Root) -> list[Finding]:
@@ -61,16 +61,26 @@ def check_plan(root: Root) -> list[Finding]:
         findings.append(Finding("missing", marker_path(name).as_posix(), f"static tables of {name} are not finished"))
     keys = [key for scenario in config.scenarios for key in shard_keys(config, scenario)]
     pending = set(pending_shards(root, keys))
+    counts: dict[str, Counts] = {}
+    for scenario in config.scenarios:
+        name = marker_path(scenario.name).as_posix()
+        marker = named_markers(root, [name]).get(name, {})
+        try:
+            counts[scenario.name] = expected_counts(config, scenario, marker.get("actors"))
+        except ValueError as error:
+            findings.append(Finding("marker", name, f"its actors are not those of the scenario ({error})"))
+        if marker.get("software") and "actors" not in marker:
+            findings.append(Finding("marker", name, f"does not say which actors are there; {CURE}"))
     for key in keys:
         name = marker_path(key).as_posix()
         if key not in pending:
-            findings += _check_shard(root, config, key)
+            findings += _check_shard(root, config, key, counts.get(key.scenario, {}))
         elif not root.sizes([name]):  # else a file of the shard is wrong, which the check of files says
             findings.append(Finding("missing", name, f"shard {key} is not finished; run the same configuration again"))
     for name in config.scenarios:
         findings += _check_static(root, config, name.name, [key for key in keys if key.scenario == name.name])
     if not pending:
-        findings += check_stages(root, config)
+        findings += check_stages(root, config, head.get("inputs"))
     for name in (MANIFEST, CARD):
         if not pending and not root.sizes([name]):
             findings.append(Finding("missing", name, "the dataset is complete without it; run mmw finalize"))
@@ -86,26 +96,25 @@ def _check_config(config: Config, head: dict[str, Any]) -> list[Finding]:
     if hashlib.sha256(text.encode()).hexdigest() != head["config_sha256"]:
         return [Finding("config", DATASET, "its configuration does not have its config_sha256; the file was changed")]
     stored, current = json.loads(text), config.identity()
-    if len(stored["scenarios"]) == len(current["scenarios"]):
-        for one, other in zip(stored["scenarios"], current["scenarios"], strict=True):
-            _align_paths(one, other)
+    before = {place.keys: place.value for place in input_places(stored, Config)}
+    for place in list(input_places(current, Config)):  # absolute in `config.yaml`, as written in `dataset.json`
+        if place.keys in before and Path(before[place.keys]).name == Path(place.value).name:
+            place.replace(before[place.keys])
     differences = config_differences(stored, current)
     if differences:
         return [Finding("config", CONFIG, f"is not what made the data: {'; '.join(differences[:3])}")]
+    recorded = {name for files in head.get("inputs", {}).values() for name in files}
+    lacking = sorted(
+        place.value
+        for place in input_places(stored, Config)
+        if place.is_declared and not any(name.partition("/")[0] == Path(place.value).name for name in recorded)
+    )
+    if "inputs" in head and lacking:
+        return [Finding("inputs", DATASET, f"has no hash of {lacking[0]}, which the configuration names")]
     return []
 
 
-def _align_paths(stored: dict[str, Any], current: dict[str, Any]) -> None:
-    """Give a scenario the paths of the other where both name the same file."""
-    pairs = [(stored, current, key) for key in PATH_KEYS]
-    if stored.get("traffic") and current.get("traffic"):
-        pairs.append((stored["traffic"], current["traffic"], "trajectories"))
-    for one, other, key in pairs:
-        if one.get(key) and other.get(key) and Path(one[key]).name == Path(other[key]).name:
-            other[key] = one[key]
-
-
-def _check_shard(root: Store, config: Config, key: ShardKey) -> Iterator[Finding]:
+def _check_shard(root: Store, config: Config, key: ShardKey, counts: Counts) -> Iterator[Finding]:
     """Yield the tables of a shard whose keys are not the expected ones."""
 
     def keys(table: str, columns: tuple[str, ...]) -> list[tuple]:
@@ -115,6 +124,8 @@ def _check_shard(root: Store, config: Config, key: ShardKey) -> Iterator[Finding
         return _objects(root, table_path(table, key).as_posix())
 
     try:
+        path, start = table_path("frames", key).as_posix(), config.frames_of(config.scenario(key.scenario)).start
+        yield from check_counts(counts, start, keys("frames", ("frame", *COUNTED)), path)
         expected = dict(_expected(config, range(key.frame_begin, key.frame_end), keys, objects))
     except _UnreadableError as error:
         yield Finding("count", error.path, f"{error}; no rows of this shard were counted")
@@ -239,7 +250,7 @@ def _expected(
 ) -> Iterator[tuple[str, Counter]]:
     """Yield tables and how many rows of each key they must have, from frames, poses and links."""
     yield "frames", Counter((frame,) for frame in frames)
-    counts = keys("frames", ("frame", "cav_count", "rsu_count", "vehicle_count", "pedestrian_count"))
+    counts = keys("frames", ("frame", *COUNTED))
     yield "poses", Counter({(row[0], role): row[i] for row in counts for i, role in ((1, "cav"), (2, "rsu")) if row[i]})
     yield "boxes", Counter({(row[0],): row[3] + row[4] for row in counts if row[3] + row[4]})
     poses = keys("poses", ("frame", "agent", "role"))

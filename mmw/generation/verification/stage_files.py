@@ -10,13 +10,14 @@ from mmw.config import Config
 from mmw.core.temp_files import is_temporary
 from mmw.scene.prepare import ASSETS, STAGES
 from mmw.storage.file_checks import Finding
+from mmw.storage.identity import Hashes
 from mmw.storage.store import Store
 
 CURE = "run the same configuration again"
 
 
-def check_stages(root: Store, config: Config) -> Iterator[Finding]:
-    """Yield stages and assets that are missing, changed, or of no scenario."""
+def check_stages(root: Store, config: Config, inputs: Hashes | None) -> Iterator[Finding]:
+    """Yield stages and assets that are missing, changed, of no scenario, or of other input files than the dataset."""
     known: set[str] = set()
     for scenario in config.scenarios:
         if scenario.stage is not None and not scenario.rsus:
@@ -28,6 +29,9 @@ def check_stages(root: Store, config: Config) -> Iterator[Finding]:
         if digests is None:
             yield Finding("missing", name, f"the hashes of the stage are not there or cannot be read; {CURE}")
             continue
+        made_from = digests.get("inputs")
+        if inputs is not None and made_from != inputs.get(scenario.name, {}):
+            yield Finding("inputs", name, f"the stage was made from other input files than the dataset; {CURE}")
         for file, digest in {stage: digests["sha256"], **digests["assets"]}.items():
             if file not in known or file == stage:
                 known.add(file)

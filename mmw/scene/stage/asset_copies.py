@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
 
 from pxr import UsdUtils
@@ -33,9 +34,9 @@ def collect_assets(sources: Iterable[Path], folder: Path) -> dict[Path, Path]:
     """
     places: dict[Path, Path] = {}
     for source in dict.fromkeys(Path(source).resolve() for source in sources):
-        files, is_movable = _dependencies(source)
-        tree = _tree(source, files)
-        if not is_movable or not all(file.is_relative_to(tree) for file in files):
+        found = _whole(source)
+        files, tree = found.files, _tree(source, found.files)
+        if not found.is_movable or not all(file.is_relative_to(tree) for file in files):
             places[source] = source
             continue
         below = folder if tree == assets_dir().resolve() else folder / source.stem
@@ -52,20 +53,49 @@ def asset_digests(stage: Path, root: Path) -> dict[str, str]:
         InputError: If a file that the stage refers to is missing.
     """
     root, stage = root.resolve(), stage.resolve()
-    files = (file for file in _dependencies(stage)[0] if file != stage and file.is_relative_to(root))
+    files = (file for file in _whole(stage).files if file != stage and file.is_relative_to(root))
     return {file.relative_to(root).as_posix(): sha256(file) for file in files}
 
 
-def _dependencies(source: Path) -> tuple[list[Path], bool]:
-    """Return the files of an asset, itself included, and whether all are named by relative paths."""
-    layers, assets, unresolved = UsdUtils.ComputeAllDependencies(str(source))
-    if unresolved or not layers:
-        missing = ", ".join(map(str, unresolved)) or str(source)
-        raise InputError(f"{source}: cannot find {missing}; every file that an asset refers to is needed; restore it")
+@dataclass(frozen=True)
+class Dependencies:
+    """Files of an asset: layers, payloads and textures, those of all variants."""
+
+    files: list[Path]
+    """Existing files, the asset itself included, resolved and sorted."""
+    missing: list[str]
+    """Paths of those that do not exist, as USD reports them, sorted."""
+    is_movable: bool
+    """Whether all are named by relative paths."""
+
+
+def dependencies(source: Path) -> Dependencies:
+    """Return all files that an asset refers to.
+
+    Raises:
+        Tf.ErrorException: If USD cannot read the file.
+    """
+    diagnostics = UsdUtils.CoalescingDiagnosticDelegate()  # keeps USD's own lines about missing files from the screen
+    try:
+        layers, assets, unresolved = UsdUtils.ComputeAllDependencies(str(source))
+    finally:
+        diagnostics.TakeUncoalescedDiagnostics()
     names = [layer.realPath for layer in layers] + list(assets)
     files = sorted({Path(name.split("[")[0]).resolve() for name in names})  # a.usdz[b.usd] is a file inside a.usdz
     authored = [name for layer in layers for name in layer.GetCompositionAssetDependencies()]
-    return files, not any(Path(name).is_absolute() for name in authored)
+    missing = sorted(map(str, unresolved)) or ([] if layers else [str(source)])
+    return Dependencies(files, missing, not any(Path(name).is_absolute() for name in authored))
+
+
+def _whole(source: Path) -> Dependencies:
+    """Return the files of an asset of which none is missing."""
+    found = dependencies(source)
+    if found.missing:
+        raise InputError(
+            f"{source}: cannot find {', '.join(found.missing)}; every file that an asset refers to is needed; restore "
+            "it"
+        )
+    return found
 
 
 def _tree(source: Path, files: list[Path]) -> Path:

@@ -19,7 +19,9 @@ from mmw.generation.executors.work_queue import WorkerLostError  # noqa: E402
 from mmw.generation.progress import Console  # noqa: E402
 from mmw.generation.provenance import versions  # noqa: E402
 from mmw.generation.shards import all_work  # noqa: E402
+from mmw.generation.software import software_of  # noqa: E402
 from mmw.generation.worker import GenerationContext  # noqa: E402
+from mmw.scene.input_files import hash_inputs  # noqa: E402
 from mmw.storage.file_checks import verify  # noqa: E402
 from mmw.storage.lock import temporaries  # noqa: E402
 from mmw.storage.manifest import read_dataset  # noqa: E402
@@ -103,7 +105,8 @@ def test_a_node_without_mmw(
 
 @pytest.fixture
 def context(world: Path) -> GenerationContext:
-    return GenerationContext(load_config(world / "mine.yaml", SMALL), world, Store(world / "single"), {}, threads=1)
+    config = load_config(world / "mine.yaml", SMALL)
+    return GenerationContext(config, world, Store(world / "single"), {}, threads=1, inputs=hash_inputs(config, world))
 
 
 def test_a_node_that_differs_is_refused(context: GenerationContext, tmp_path: Path) -> None:
@@ -116,11 +119,16 @@ def test_a_node_that_differs_is_refused(context: GenerationContext, tmp_path: Pa
             actor._check(replace(task, versions={**own, "mmw": "9.9"}))
         with pytest.raises(ValueError, match=r"mine\.usda.*no such file .*; all nodes need the files"):
             actor._check(replace(task, context=replace(context, base=tmp_path)))
-        with pytest.raises(ValueError, match=r"scenario 'mine': mine\.usda: other content than where the run is"):
-            actor._check(replace(task, versions={**own, "sources": {"mine": {"mine.usda": "0"}}}))
-        actor._check(replace(task, versions={**own, "packages": {**own["packages"], "numpy": "0.1"}}))
+        other = replace(context, inputs={"mine": {"mine.usda": "0"}})
+        with pytest.raises(ValueError, match=r"mine: mine\.usda has changed: other content than where the run is"):
+            actor._check(replace(task, context=other))
+        old = software_of({**own, "packages": {**own["packages"], "numpy": "0.1"}})
+        task = replace(task, versions={**own, "software": old})
+        with pytest.raises(ValueError, match=r"other versions than the run: numpy 0\.1 -> .*; install the same"):
+            actor._check(task)
+        actor._check(replace(task, context=replace(context, meta={"accepted": "machine versions"})))
         kind, line = actor._messages.get_nowait()
-        assert kind == "note" and "has numpy" in line and "the run '0.1'" in line
+        assert kind == "note" and "other versions than the run: numpy 0.1 -> " in line
     with pytest.raises(ValueError, match=r"single: Ray node .* does not see what this run wrote there; give an --out"):
         actor._check(task)
 
