@@ -11,6 +11,7 @@ from typing import Any
 from mmw import __version__
 from mmw.config import Config
 from mmw.config.load import load_config, to_yaml
+from mmw.config.sensor_spec import SENSORS
 from mmw.config.traffic_engine import engine_spec
 from mmw.core.errors import InputError
 from mmw.core.hashing import sha256
@@ -103,7 +104,9 @@ def check_continuation(root: Root, config: Config, now: Mapping[str, Any]) -> li
 
 
 def versions(config: Config, base: Path, machine: str) -> dict[str, Any]:
-    """Return versions, revision, device, and the hashes of towns, stages and trajectories.
+    """Return versions, revision, device, the hashes of towns, stages and trajectories, and the packages of sensors.
+
+    `sensors` names the distribution of each type of sensor that is not mmw's, for readers that do not have it.
 
     Raises:
         InputError: If a file of the configuration does not exist.
@@ -117,6 +120,8 @@ def versions(config: Config, base: Path, machine: str) -> dict[str, Any]:
             packages[name] = version(name)
         except PackageNotFoundError:
             packages[name] = "unknown"
+    owners = {sensor.type: SENSORS.owner(sensor.type) for sensor in config.sensors}
+    plugins = {type_: owner for type_, owner in sorted(owners.items()) if owner != "mmw"}
     sources, sha256_of = {}, functools.cache(sha256)  # scenarios share towns
     for scenario in config.scenarios:
         source = scenario_source(scenario, base)
@@ -131,6 +136,7 @@ def versions(config: Config, base: Path, machine: str) -> dict[str, Any]:
         "device": machine,
         "bvh": config.compute.bvh,
         "sources": sources,
+        **({"sensors": plugins} if plugins else {}),
     }
 
 
