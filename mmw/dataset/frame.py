@@ -349,7 +349,13 @@ def sensor_spec(row: Row) -> SensorSpec:
 
 
 def camera_view(agent: Agent, sensor: str) -> View:
-    """Return the images and the projection of a camera."""
+    """Return the images and the projection of a camera.
+
+    Raises:
+        InputError: If table `sensors` has no intrinsic parameters of it.
+    """
+    if sensor not in agent.views:
+        raise InputError(f"sensor {sensor!r}: fx of {agent.name} is null in table sensors; a camera needs a number")
     return agent.views[sensor]
 
 

@@ -149,8 +149,8 @@ def point_views() -> dict[str, tuple[tuple[str, ...], str]]:
     return found
 
 
-_FILE = re.compile(r"/scenario=([^/]+)/weather=[^/]+/part-(\d+)\.parquet$")
-"""Scenario and first frame in a file's path."""
+_FILE = re.compile(r"/(scenario=[^/]+/weather=[^/]+)/part-(\d+)\.parquet$")
+"""Folder and first frame in a file's path."""
 
 _OPEN: "weakref.WeakSet[Any]" = weakref.WeakSet()
 """Open connections."""
@@ -226,13 +226,17 @@ def frame_macro(table: str, root: str, files: Sequence[str]) -> str:
         if found:
             begins[found[1]].add(int(found[2]))
     cases = ""
-    for scenario, numbers in sorted(begins.items()):
-        first = min(numbers)
+    for folder, numbers in sorted(begins.items()):
+        first, last = min(numbers), max(numbers)
         step = math.gcd(*(number - first for number in numbers)) or 1 << 30  # one file has all frames
-        cases += f" WHEN {_quoted(scenario)} THEN {first} + (in_frame - {first}) // {step} * {step}"
+        number = f"{first} + (in_frame - {first}) // {step} * {step}"
+        if len(numbers) != (last - first) // step + 1:  # files in between are not published
+            number = f"list_max(list_filter({sorted(numbers)}, lambda number: number <= in_frame))"
+        cases += f" WHEN {_quoted(folder)} THEN {number}"
     path = (
-        f"{_quoted(glob.escape(root))} || '/{table}/scenario=' || in_scenario || '/weather=' || in_weather || "
-        f"'/part-' || printf('%06d', CASE in_scenario{cases} ELSE 0 END) || '.parquet'"
+        f"{_quoted(glob.escape(root))} || '/{table}/scenario=' || in_scenario || '/weather=' || in_weather || '/part-' "
+        f"|| printf('%06d', CASE 'scenario=' || in_scenario || '/weather=' || in_weather{cases} ELSE -1 END)"
+        " || '.parquet'"
     )
     return (
         f"CREATE MACRO {table}_at(in_scenario, in_weather, in_frame) AS TABLE SELECT * FROM "

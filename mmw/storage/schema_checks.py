@@ -1,5 +1,7 @@
 """Compare the columns of a file with those of its table, as readers need them."""
 
+from collections.abc import Sequence
+
 import pyarrow as pa
 
 from mmw.storage.schemas import SCHEMA_VERSION
@@ -9,11 +11,16 @@ MAX_NAMES = 6
 """Columns that a message names."""
 
 
-def schema_problem(found: pa.Schema, spec: TableSpec) -> str:
+def schema_problem(found: pa.Schema, spec: TableSpec, columns: Sequence[str] | None = None) -> str:
     """Return why rows of a file cannot be read as those of a table, empty if they can.
 
     Columns that are not of the key may be missing from a file of another schema version, and types may differ in width:
     `mmw verify` is stricter.
+
+    Args:
+        found: Schema of the file.
+        spec: The table.
+        columns: Columns that are needed; None: those that the table has.
     """
     names = found.names
     twice = sorted({name for name in names if names.count(name) > 1})
@@ -21,7 +28,7 @@ def schema_problem(found: pa.Schema, spec: TableSpec) -> str:
         return f"has the column {_listed(twice)} twice"
     version = (found.metadata or {}).get(b"mmw.schema_version", b"").decode(errors="replace")
     known = {field.name: field.type for field in spec.columns}
-    needed = dict.fromkeys([*spec.key, *(known if version in ("", SCHEMA_VERSION) else ())])
+    needed = columns or dict.fromkeys([*spec.key, *(known if version in ("", SCHEMA_VERSION) else ())])
     missing = [name for name in needed if name not in names]
     if missing:
         return f"has no column {_listed(missing)}"

@@ -55,11 +55,17 @@ def sensors_of(dataset: Dataset, scenario: str) -> dict[str, dict[str, Sensor]]:
     """Return the sensors of a scenario by agent, then by name; those of an agent without any are empty.
 
     Raises:
-        InputError: If a name cannot be that of a file.
+        InputError: If a name cannot be that of a file, or an RGB camera has no intrinsic parameters.
     """
     result: dict[str, dict[str, Sensor]] = defaultdict(dict)
     for row in dataset.read("sensors", scenario=scenario).to_pylist():
         check_file_name(row["sensor"], "sensor", dataset.root)
+        lost = [name for name in ("fx", "fy", "cx", "cy") if row[name] is None]
+        if lost and (row["type"] == "rgb" or len(lost) < 4):
+            raise InputError(
+                f"{dataset.root}: table 'sensors': {', '.join(lost)} of {row['agent']} {row['sensor']} is null; a "
+                "camera needs a number; put the old table back"
+            )
         matrix = None
         if row["fx"] is not None:
             matrix = np.array([[row["fx"], 0.0, row["cx"]], [0.0, row["fy"], row["cy"]], [0.0, 0.0, 1.0]])
